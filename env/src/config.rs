@@ -1,0 +1,254 @@
+//! What a user can ask for, and the checks on it. Effects are looked up in the registry; nothing here knows any of them.
+
+use std::collections::BTreeMap;
+
+use rand::RngExt;
+use rand_distr::{Distribution, Normal};
+use rand_pcg::Pcg64Mcg;
+use serde::{Deserialize, Serialize};
+
+use crate::effects::{self, Entry, Param};
+use crate::error::{Error, Result, unknown};
+use crate::model::VerticalInput;
+
+/// Effects by name, each with its parameters by name.
+pub type EffectTable = BTreeMap<String, EffectParams>;
+
+/// The parameters of one effect: by name, or a bare number for the first.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum EffectParams {
+    First(Number),
+    Named(BTreeMap<String, Number>),
+}
+
+/// A number, or a distribution from which one is drawn at the start of every episode (domain randomisation).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Number {
+    Fixed(f64),
+    Drawn(Drawn),
+    /// As a model file says it.
+    Sourced(Sourced),
+}
+
+/// A value with its provenance.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Sourced {
+    pub value: f64,
+    pub unit: String,
+    #[serde(default)]
+    pub source: String,
+}
+
+/// A distribution.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Drawn {
+    /// Between two bounds.
+    Uniform([f64; 2]),
+    /// Uniform in the logarithm, between two positive bounds.
+    LogUniform([f64; 2]),
+    /// Mean and standard deviation; cut off at the parameter's range.
+    Normal([f64; 2]),
+    /// One of these.
+    Choice(Vec<f64>),
+}
+
+impl Number {
+    /// The value that holds for every drone and episode, if it is not drawn.
+    pub fn fixed(&self) -> Option<f64> {
+        match self {
+            Number::Fixed(value) | Number::Sourced(Sourced { value, .. }) => Some(*value),
+            Number::Drawn(_) => None,
+        }
+    }
+
+    fn draw(&self, rng: &mut Pcg64Mcg) -> f64 {
+        match self {
+            Number::Fixed(value) | Number::Sourced(Sourced { value, .. }) => *value,
+            Number::Drawn(Drawn::Uniform([a, b])) => a + (b - a) * rng.random::<f64>(),
+            Number::Drawn(Drawn::LogUniform([a, b])) => libm::exp(libm::log(*a) + (libm::log(*b) - libm::log(*a)) * rng.random::<f64>()),
+            // the deviation was checked to be finite and not negative
+            Number::Drawn(Drawn::Normal([mean, sd])) => Normal::new(*mean, *sd).map_or(*mean, |n| n.sample(rng)),
+            Number::Drawn(Drawn::Choice(of)) => of[rng.random_range(0..of.len())],
+        }
+    }
+
+    fn check(&self, effect: &str, param: &Param) -> Result<()> {
+        let name = || format!("{effect}.{}", param.name);
+        let within = |value: f64| {
+            if (param.low..=param.high).contains(&value) {
+                return Ok(());
+            }
+            Err(Error::Range { name: name(), value, want: format!("{} to {} {}", param.low, param.high, param.unit) })
+        };
+        match self {
+            Number::Fixed(value) => within(*value),
+            Number::Sourced(q) if q.unit != param.unit => {
+                Err(Error::Config(format!("{} has the unit {:?}, expected {:?}", name(), q.unit, param.unit)))
+            }
+            Number::Sourced(q) => within(q.value),
+            Number::Drawn(Drawn::Uniform([a, b]) | Drawn::LogUniform([a, b])) if a > b => {
+                Err(Error::Config(format!("{}: the lower bound {a} is above the upper bound {b}", name())))
+            }
+            Number::Drawn(Drawn::LogUniform([a, _])) if *a <= 0.0 => {
+                Err(Error::Range { name: name(), value: *a, want: "a positive lower bound for log_uniform".into() })
+            }
+            Number::Drawn(Drawn::Uniform([a, b]) | Drawn::LogUniform([a, b])) => within(*a).and_then(|()| within(*b)),
+            Number::Drawn(Drawn::Normal([mean, sd])) => {
+                if !(*sd >= 0.0 && sd.is_finite()) {
+                    return Err(Error::Range { name: name(), value: *sd, want: "a standard deviation of at least 0".into() });
+                }
+                within(*mean)
+            }
+            Number::Drawn(Drawn::Choice(of)) => {
+                if of.is_empty() {
+                    return Err(Error::Config(format!("{}: choice needs at least one value", name())));
+                }
+                of.iter().try_for_each(|v| within(*v))
+            }
+        }
+    }
+}
+
+/// A number with the parameter that it is for.
+#[derive(Debug, Clone)]
+pub(crate) struct Ranged {
+    pub number: Number,
+    pub param: &'static Param,
+}
+
+impl Ranged {
+    /// A value for one episode, within the parameter's range.
+    pub fn draw(&self, rng: &mut Pcg64Mcg) -> f64 {
+        self.number.draw(rng).clamp(self.param.low, self.param.high)
+    }
+}
+
+/// The parameters of an effect in the order of its registry entry, defaults filled in.
+pub(crate) fn numbers(entry: &Entry, given: &EffectParams) -> Vec<Number> {
+    entry
+        .params
+        .iter()
+        .enumerate()
+        .map(|(i, p)| match given {
+            EffectParams::First(number) if i == 0 => number.clone(),
+            EffectParams::First(_) => Number::Fixed(p.off),
+            EffectParams::Named(map) => map.get(p.name).cloned().unwrap_or(Number::Fixed(p.off)),
+        })
+        .collect()
+}
+
+/// Check names, units and ranges against the registry.
+///
+/// # Errors
+/// [`Error::Unknown`] with a proposal, [`Error::Range`], [`Error::Config`].
+pub fn check_effects(table: &EffectTable) -> Result<()> {
+    for (name, given) in table {
+        let (_, entry) = effects::find(name)?;
+        if let EffectParams::Named(map) = given {
+            for param in map.keys() {
+                if !entry.params.iter().any(|p| p.name == param) {
+                    return Err(unknown("parameter of this effect", &format!("{name}.{param}"), entry.params.iter().map(|p| p.name)));
+                }
+            }
+        }
+        for (number, param) in numbers(entry, given).iter().zip(entry.params) {
+            number.check(name, param)?;
+        }
+    }
+    Ok(())
+}
+
+/// What happens to an environment whose episode has ended (Gymnasium's `AutoresetMode`).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Autoreset {
+    /// The next step resets it and ignores its action.
+    #[default]
+    NextStep,
+    /// It is reset in the same step; the last observation is kept aside.
+    SameStep,
+    /// It stays ended until it is reset by name.
+    Disabled,
+}
+
+/// Everything that can be chosen about a batch of environments, besides the model.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Options {
+    pub task: String,
+    /// The task's own options.
+    pub task_options: serde_json::Value,
+    /// Which of the model's height inputs is commanded; the model's first unless given.
+    pub vertical: Option<VerticalInput>,
+    pub effects: EffectTable,
+    /// Physics steps per second while effects push; the IMU's rate unless given. Without pushes the model is stepped exactly, once a tick.
+    pub physics_hz: Option<u32>,
+    pub autoreset: Autoreset,
+    /// Episodes are truncated after so many steps; 0 for never.
+    pub max_episode_steps: u32,
+    pub threads: usize,
+    /// "baseline" or "avx2"; the machine's best unless given. The results are the same.
+    pub isa: Option<String>,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Options {
+            task: "hover".into(),
+            task_options: serde_json::Value::Null,
+            vertical: None,
+            effects: EffectTable::new(),
+            physics_hz: None,
+            autoreset: Autoreset::NextStep,
+            max_episode_steps: 0,
+            threads: 1,
+            isa: None,
+        }
+    }
+}
+
+impl Options {
+    /// From JSON.
+    ///
+    /// # Errors
+    /// [`Error::Config`] for bad JSON or unknown fields; see also [`check_effects`].
+    pub fn parse(text: &str) -> Result<Options> {
+        let options: Options = serde_json::from_str(text).map_err(|e| Error::Config(e.to_string()))?;
+        check_effects(&options.effects)?;
+        Ok(options)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn effects(json: &str) -> Result<Options> {
+        Options::parse(&format!("{{\"effects\": {json}}}"))
+    }
+
+    #[test]
+    fn numbers_distributions_and_bare_numbers_are_read() {
+        effects(r#"{"drag_linear": 0.3, "wind": {"x_mps2": {"uniform": [-1, 1]}, "y_mps2": 0.1}, "gust": {"sigma_mps2": {"log_uniform": [0.1, 1]}},
+            "mass_change": {"normal": [0.001, 0.001]}, "thrust_scale": {"scale": {"choice": [0.9, 1.1]}}}"#).unwrap();
+    }
+
+    #[test]
+    fn mistakes_are_named_with_a_proposal() {
+        for (json, words) in [
+            (r#"{"drag_lineer": 0.3}"#, vec!["drag_lineer", "did you mean \"drag_linear\""]),
+            (r#"{"wind": {"x_mps": 0.3}}"#, vec!["wind.x_mps", "did you mean \"x_mps2\""]),
+            (r#"{"wind": {"x_mps2": 30}}"#, vec!["wind.x_mps2 is 30", "-5 to 5 m/s^2"]),
+            (r#"{"wind": {"x_mps2": {"uniform": [1, -1]}}}"#, vec!["lower bound"]),
+            (r#"{"wind": {"x_mps2": {"value": 1, "unit": "m/s"}}}"#, vec!["unit", "m/s^2"]),
+            (r#"{"thrust_scale": {"choice": []}}"#, vec!["at least one"]),
+        ] {
+            let error = effects(json).unwrap_err().to_string();
+            assert!(words.iter().all(|w| error.contains(w)), "{json} gave: {error}");
+        }
+    }
+}

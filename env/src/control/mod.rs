@@ -1,0 +1,3 @@
+//! Controllers are clients of the environment: they read the observation an agent gets and answer with an action.
+
+pub mod pid;

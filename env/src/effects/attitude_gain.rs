@@ -1,0 +1,23 @@
+//! Angles that come out smaller or larger than commanded.
+
+use super::{Cx, Effect, Hooks, Param, param};
+use crate::plant::{Command, State};
+use crate::real::Real;
+
+pub struct AttitudeGain;
+
+impl Effect<1, 0> for AttitudeGain {
+    const NAME: &'static str = "attitude_gain";
+    const ABOUT: &'static str = "Commanded roll and pitch act scaled by this gain";
+    const SOURCE: &'static str = "Gain of 5.1 differs between vehicles; the roll fit of 5.1.1 differs from the pitch fit";
+    const PARAMS: [Param; 1] = [
+        param("gain", "1", 1.0, [0.2, 3.0], "angle obeyed over angle commanded"),
+    ];
+    const HOOKS: Hooks = Hooks::COMMAND;
+
+    #[inline(always)]
+    fn command<R: Real>(&[gain]: &[R; 1], _: &mut [R; 0], _: &Cx<R>, _: &State<R>, u: &mut Command<R>) {
+        u.roll_rad = gain * u.roll_rad;
+        u.pitch_rad = gain * u.pitch_rad;
+    }
+}

@@ -1,0 +1,21 @@
+//! The camera instead of an ideal localisation.
+
+use super::{Cx, Effect, Frame, Hooks, Param, param};
+use crate::plant::State;
+use crate::real::Real;
+
+pub struct Camera;
+
+impl Effect<1, 0> for Camera {
+    const NAME: &'static str = "camera";
+    const ABOUT: &'static str = "Positions come from camera frames at the rig's 30 Hz instead of at every control tick; any other camera effect implies it";
+    const SOURCE: &'static str = "Thesis 3.1.2: 30 frames per second; frames do not fall on the 50 Hz control ticks";
+    const PARAMS: [Param; 1] = [
+        param("on", "1", 0.0, [0.0, 1.0], "1 to fly by camera"),
+    ];
+    const HOOKS: Hooks = Hooks::FRAME;
+
+    // frames flow as soon as any effect has the frame hook: nothing is left to do
+    #[inline(always)]
+    fn frame<R: Real>(_: &[R; 1], _: &mut [R; 0], _: &Cx<R>, _: &State<R>, _: &mut Frame<R>) {}
+}

@@ -1,0 +1,35 @@
+//! A slow error of the marker pose.
+
+use super::{Cx, Effect, Frame, Hooks, Param, param};
+use crate::plant::{Command, State};
+use crate::real::Real;
+
+pub struct CameraDrift;
+
+impl Effect<2, 3> for CameraDrift {
+    const NAME: &'static str = "camera_drift";
+    const ABOUT: &'static str = "An error of the marker position that comes and goes slowly";
+    const SOURCE: &'static str = "First-order Gauss-Markov error per axis: lens calibration, light, marker edges (thesis 5.1.3 sees errors that one does not notice)";
+    const PARAMS: [Param; 2] = [
+        param("sigma_m", "m", 0.0, [0.0, 0.2], "standard deviation of each axis"),
+        param("tau_s", "s", 2.0, [0.1, 60.0], "correlation time"),
+    ];
+    const HOOKS: Hooks = Hooks::FRAME;
+
+    #[inline(always)]
+    fn start<R: Real>(&[sigma_m, _]: &[R; 2], cx: &Cx<R>, _: &State<R>, _: &Command<R>) -> [R; 3] {
+        let ([a, b], [c, _]) = (cx.normals(10), cx.normals(11));
+        [sigma_m * a, sigma_m * b, sigma_m * c]
+    }
+
+    #[inline(always)]
+    fn frame<R: Real>(&[sigma_m, tau_s]: &[R; 2], error: &mut [R; 3], cx: &Cx<R>, _: &State<R>, f: &mut Frame<R>) {
+        let keep = (-cx.h_s / tau_s).exp();
+        let spread = sigma_m * (R::of(1.0) - keep * keep).sqrt();
+        let ([a, b], [c, _]) = (cx.normals(0), cx.normals(1));
+        for (i, n) in [a, b, c].into_iter().enumerate() {
+            error[i] = R::select(f.captured, keep * error[i] + spread * n, error[i]);
+            f.pos_m[i] += error[i];
+        }
+    }
+}

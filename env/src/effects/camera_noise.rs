@@ -1,0 +1,35 @@
+//! Noise of the marker pose.
+
+use super::{Cx, Effect, Frame, Hooks, Param, param};
+use crate::plant::State;
+use crate::real::Real;
+
+pub struct CameraNoise;
+
+impl Effect<3, 0> for CameraNoise {
+    const NAME: &'static str = "camera_noise";
+    const ABOUT: &'static str = "White noise of the marker pose, growing with distance and view angle, shrinking with the number of markers";
+    const SOURCE: &'static str = "Pixel noise through the pinhole: sideways as distance, along the line of sight as distance squared, both over cos(view angle); given at 70 cm straight above";
+    const PARAMS: [Param; 3] = [
+        param("xy_m", "m", 0.0, [0.0, 0.2], "standard deviation of x and y at 70 cm"),
+        param("z_m", "m", 0.0, [0.0, 0.2], "standard deviation of z at 70 cm"),
+        param("yaw_deg", "deg", 0.0, [0.0, 20.0], "standard deviation of the heading at 70 cm"),
+    ];
+    const HOOKS: Hooks = Hooks::FRAME;
+
+    #[inline(always)]
+    fn frame<R: Real>(&[xy_m, z_m, yaw_deg]: &[R; 3], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, f: &mut Frame<R>) {
+        let [dx, dy] = [x.pos_m[0] - f.nearest_m[0], x.pos_m[1] - f.nearest_m[1]];
+        let height = x.pos_m[2].max(R::of(0.02));
+        let distance = (dx * dx + dy * dy + height * height).sqrt();
+        // grazing views are lost, not infinitely noisy
+        let slant = (distance / height).min(R::of(5.0));
+        let far = distance * R::of(1.0 / 0.7);
+        let sideways = far * slant / f.markers.max(R::of(1.0)).sqrt();
+        let ([a, b], [c, d]) = (cx.normals(0), cx.normals(1));
+        f.pos_m[0] += sideways * xy_m * a;
+        f.pos_m[1] += sideways * xy_m * b;
+        f.pos_m[2] += sideways * far * z_m * c;
+        f.yaw_rad += sideways * yaw_deg * R::of(std::f64::consts::PI / 180.0) * d;
+    }
+}

@@ -1,0 +1,22 @@
+//! A wrong marker size or focal length.
+
+use super::{Cx, Effect, Frame, Hooks, Param, param};
+use crate::plant::State;
+use crate::real::Real;
+
+pub struct CameraScale;
+
+impl Effect<1, 0> for CameraScale {
+    const NAME: &'static str = "camera_scale";
+    const ABOUT: &'static str = "Reported positions are scaled";
+    const SOURCE: &'static str = "A marker of another size than declared scales every distance";
+    const PARAMS: [Param; 1] = [
+        param("scale", "1", 1.0, [0.5, 2.0], "reported over true"),
+    ];
+    const HOOKS: Hooks = Hooks::FRAME;
+
+    #[inline(always)]
+    fn frame<R: Real>(&[scale]: &[R; 1], _: &mut [R; 0], _: &Cx<R>, _: &State<R>, f: &mut Frame<R>) {
+        f.pos_m = f.pos_m.map(|p| scale * p);
+    }
+}

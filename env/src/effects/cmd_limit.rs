@@ -1,0 +1,31 @@
+//! Commands cut off at a limit.
+
+use super::{Cx, Effect, Hooks, Param, param};
+use crate::plant::{Command, State};
+use crate::real::Real;
+
+pub struct CmdLimit;
+
+impl Effect<4, 0> for CmdLimit {
+    const NAME: &'static str = "cmd_limit";
+    const ABOUT: &'static str = "The vehicle obeys commands only up to a limit";
+    const SOURCE: &'static str = "Saturation in the firmware; table 7.1 has the limits of the thesis's own loops";
+    const PARAMS: [Param; 4] = [
+        param("tilt_deg", "deg", 90.0, [0.0, 90.0], "largest roll or pitch"),
+        param("yaw_rate_degps", "deg/s", 2000.0, [0.0, 2000.0], "largest yaw rate"),
+        param("pwm_min", "1", 0.0, [0.0, 65535.0], "smallest thrust PWM"),
+        param("pwm_max", "1", 65535.0, [0.0, 65535.0], "largest thrust PWM"),
+    ];
+    const HOOKS: Hooks = Hooks::COMMAND;
+
+    #[inline(always)]
+    fn command<R: Real>(&[tilt_deg, yaw_rate_degps, pwm_min, pwm_max]: &[R; 4], _: &mut [R; 0], cx: &Cx<R>, _: &State<R>, u: &mut Command<R>) {
+        let per_deg = R::of(std::f64::consts::PI / 180.0);
+        let (tilt, turn) = (tilt_deg * per_deg, yaw_rate_degps * per_deg);
+        u.roll_rad = u.roll_rad.clamp(-tilt, tilt);
+        u.pitch_rad = u.pitch_rad.clamp(-tilt, tilt);
+        u.yaw_rate_radps = u.yaw_rate_radps.clamp(-turn, turn);
+        let pwm = cx.body.height_command.lt(R::of(0.5));
+        u.lift = R::select(pwm, u.lift.clamp(pwm_min, pwm_max), u.lift);
+    }
+}

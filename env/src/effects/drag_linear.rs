@@ -1,0 +1,24 @@
+//! Air drag in proportion to speed.
+
+use super::{Cx, Effect, Hooks, Param, param};
+use crate::plant::{Command, Push, State};
+use crate::real::Real;
+
+pub struct DragLinear;
+
+impl Effect<1, 0> for DragLinear {
+    const NAME: &'static str = "drag_linear";
+    const ABOUT: &'static str = "Horizontal drag in proportion to speed: acc = -rate v";
+    const SOURCE: &'static str = "The -k1/m of thesis 4.15; rotor drag (Mahony, Kumar, Corke 2012)";
+    const PARAMS: [Param; 1] = [
+        param("rate_ps", "1/s", 0.0, [0.0, 3.0], "drag per mass and speed"),
+    ];
+    const HOOKS: Hooks = Hooks::PUSH;
+
+    #[inline(always)]
+    fn push<R: Real>(&[rate_ps]: &[R; 1], _: &mut [R; 0], _: &Cx<R>, x: &State<R>, _: &Command<R>, out: &mut Push<R>) {
+        for i in 0..2 {
+            out.acc_mps2[i] -= rate_ps * x.vel_mps[i];
+        }
+    }
+}

@@ -1,0 +1,26 @@
+//! Speed that tilts the vehicle back.
+
+use super::{Cx, Effect, Hooks, Param, param};
+use crate::plant::{Command, Push, State};
+use crate::real::Real;
+
+pub struct Flap;
+
+impl Effect<1, 0> for Flap {
+    const NAME: &'static str = "flap";
+    const ABOUT: &'static str = "Torque against the motion in proportion to speed";
+    const SOURCE: &'static str = "Blade flapping (Hoffmann, Huang, Waslander, Tomlin 2007)";
+    const PARAMS: [Param; 1] = [
+        param("torque_radpms", "rad/(m s)", 0.0, [-20.0, 20.0], "angular acceleration per speed"),
+    ];
+    const HOOKS: Hooks = Hooks::PUSH;
+
+    #[inline(always)]
+    fn push<R: Real>(&[torque_radpms]: &[R; 1], _: &mut [R; 0], _: &Cx<R>, x: &State<R>, _: &Command<R>, out: &mut Push<R>) {
+        let (sin, cos) = x.att_rad[2].sin_cos();
+        let front = cos * x.vel_mps[0] + sin * x.vel_mps[1];
+        let left = cos * x.vel_mps[1] - sin * x.vel_mps[0];
+        out.ang_radps2[0] += torque_radpms * left;
+        out.ang_radps2[1] -= torque_radpms * front;
+    }
+}

@@ -1,0 +1,24 @@
+//! More thrust near the floor, exponential law.
+
+use super::{Cx, Effect, Hooks, Param, param};
+use crate::plant::{Command, Push, State};
+use crate::real::Real;
+
+pub struct GroundEffectExp;
+
+impl Effect<2, 0> for GroundEffectExp {
+    const NAME: &'static str = "ground_effect_exp";
+    const ABOUT: &'static str = "Thrust grows near the floor as 1 / (1 - amount exp(-decay z / R))";
+    const SOURCE: &'static str = "He, Kou, Calaf and Leang 2019, J. Dyn. Sys. Meas. Control 141(7): exponential in-ground-effect model";
+    const PARAMS: [Param; 2] = [
+        param("amount", "1", 0.0, [0.0, 0.5], "share at the floor"),
+        param("decay", "1", 0.5, [0.05, 5.0], "per rotor radius of height"),
+    ];
+    const HOOKS: Hooks = Hooks::PUSH;
+
+    #[inline(always)]
+    fn push<R: Real>(&[amount, decay]: &[R; 2], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
+        let share = amount * (-decay * x.pos_m[2].max(R::zero()) / cx.body.rotor_radius_m).exp();
+        out.acc_mps2[2] += cx.body.thrust_mps2(u) * share / (R::of(1.0) - share);
+    }
+}

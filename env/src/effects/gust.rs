@@ -1,0 +1,38 @@
+//! Turbulence.
+
+use super::{Cx, Effect, Hooks, Param, param};
+use crate::plant::{Command, Push, State};
+use crate::real::Real;
+
+pub struct Gust;
+
+impl Effect<2, 2> for Gust {
+    const NAME: &'static str = "gust";
+    const ABOUT: &'static str = "Random horizontal force with a correlation time";
+    const SOURCE: &'static str = "First-order Gauss-Markov gusts, the longitudinal Dryden spectrum (MIL-F-8785C) at fixed length over speed";
+    const PARAMS: [Param; 2] = [
+        param("sigma_mps2", "m/s^2", 0.0, [0.0, 3.0], "standard deviation on each axis"),
+        param("tau_s", "s", 1.0, [0.05, 20.0], "correlation time"),
+    ];
+    const HOOKS: Hooks = Hooks::PUSH;
+
+    #[inline(always)]
+    fn start<R: Real>(&[sigma_mps2, _]: &[R; 2], cx: &Cx<R>, _: &State<R>, _: &Command<R>) -> [R; 2] {
+        // the stationary distribution; other channels than the first tick's
+        cx.normals(1).map(|n| sigma_mps2 * n)
+    }
+
+    #[inline(always)]
+    fn push<R: Real>(&[sigma_mps2, tau_s]: &[R; 2], acc: &mut [R; 2], cx: &Cx<R>, _: &State<R>, _: &Command<R>, out: &mut Push<R>) {
+        if cx.first {
+            let keep = (-cx.tick_s / tau_s).exp();
+            let spread = sigma_mps2 * (R::of(1.0) - keep * keep).sqrt();
+            for (acc, n) in acc.iter_mut().zip(cx.normals(0)) {
+                *acc = keep * *acc + spread * n;
+            }
+        }
+        for i in 0..2 {
+            out.acc_mps2[i] += acc[i];
+        }
+    }
+}

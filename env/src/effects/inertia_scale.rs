@@ -1,0 +1,27 @@
+//! More inertia than thought.
+
+use super::{Cx, Effect, Hooks, Param, param};
+use crate::plant::{Command, Push, State};
+use crate::real::Real;
+
+pub struct InertiaScale;
+
+impl Effect<1, 0> for InertiaScale {
+    const NAME: &'static str = "inertia_scale";
+    const ABOUT: &'static str = "Roll and pitch accelerate as if the inertia were this many times the declared";
+    const SOURCE: &'static str = "Euler: the same torque on a larger inertia; torque as in 5.1";
+    const PARAMS: [Param; 1] = [
+        param("scale", "1", 1.0, [0.3, 3.0], "inertia over declared inertia"),
+    ];
+    const HOOKS: Hooks = Hooks::PUSH;
+
+    #[inline(always)]
+    fn push<R: Real>(&[scale]: &[R; 1], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
+        let more = R::of(1.0) / scale - R::of(1.0);
+        for (i, command) in [u.roll_rad, u.pitch_rad].into_iter().enumerate() {
+            let b = cx.body;
+            let declared = b.tilt_gain_ps2[i] * command - b.tilt_damping_ps[i] * x.rate_radps[i] - b.tilt_stiffness_ps2[i] * x.att_rad[i];
+            out.ang_radps2[i] += more * declared;
+        }
+    }
+}

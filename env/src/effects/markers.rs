@@ -1,0 +1,24 @@
+//! A field of markers instead of one.
+
+use super::{Cx, Effect, Frame, Hooks, Param, param};
+use crate::plant::State;
+use crate::real::Real;
+
+pub struct Markers;
+
+impl Effect<3, 0> for Markers {
+    const NAME: &'static str = "markers";
+    const ABOUT: &'static str = "Columns and rows of markers centred on the origin, for the field of view and the noise";
+    const SOURCE: &'static str = "Thesis chapter 8, future work 1: combined markers";
+    const PARAMS: [Param; 3] = [
+        param("columns", "1", 1.0, [1.0, 9.0], "along x"),
+        param("rows", "1", 1.0, [1.0, 9.0], "along y"),
+        param("pitch_m", "m", 0.5, [0.2, 5.0], "from centre to centre"),
+    ];
+    const HOOKS: Hooks = Hooks::FRAME;
+
+    #[inline(always)]
+    fn frame<R: Real>(field: &[R; 3], _: &mut [R; 0], _: &Cx<R>, _: &State<R>, f: &mut Frame<R>) {
+        f.field = *field;
+    }
+}

@@ -1,0 +1,23 @@
+//! A payload.
+
+use super::{Cx, Effect, Hooks, Param, param};
+use crate::plant::{Command, Push, State};
+use crate::real::Real;
+
+pub struct MassChange;
+
+impl Effect<1, 0> for MassChange {
+    const NAME: &'static str = "mass_change";
+    const ABOUT: &'static str = "Extra mass that the declared model does not know";
+    const SOURCE: &'static str = "Newton: the same thrust on a larger mass";
+    const PARAMS: [Param; 1] = [
+        param("added_kg", "kg", 0.0, [-0.02, 0.05], "payload"),
+    ];
+    const HOOKS: Hooks = Hooks::PUSH;
+
+    #[inline(always)]
+    fn push<R: Real>(&[added_kg]: &[R; 1], _: &mut [R; 0], cx: &Cx<R>, _: &State<R>, u: &Command<R>, out: &mut Push<R>) {
+        let thrust = cx.body.thrust_mps2(u);
+        out.acc_mps2[2] -= thrust * added_kg / (cx.body.mass_kg + added_kg);
+    }
+}

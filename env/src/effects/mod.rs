@@ -1,0 +1,296 @@
+//! Effects: what the identified linear model lacks. One effect is one small file here plus one line in [`registry`]; everything else
+//! (configuration, command line, Python, docs, fitting) reads the registry.
+
+mod stage;
+
+use crate::noise::Draw;
+use crate::plant::{Command, Push, State};
+use crate::real::{Lanes, Real};
+
+pub(crate) use stage::{Build, Stage};
+
+/// One parameter of an effect.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Param {
+    pub name: &'static str,
+    pub unit: &'static str,
+    /// The value with which the parameter has no effect.
+    pub off: f64,
+    pub low: f64,
+    pub high: f64,
+    pub about: &'static str,
+}
+
+/// A parameter of an effect, for its [`Effect::PARAMS`].
+pub const fn param(name: &'static str, unit: &'static str, off: f64, range: [f64; 2], about: &'static str) -> Param {
+    Param { name, unit, off, low: range[0], high: range[1], about }
+}
+
+/// Where an effect enters the loop.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Hooks {
+    /// On the command, before the vehicle obeys it.
+    pub command: bool,
+    /// On the motion, as an acceleration.
+    pub push: bool,
+    /// On a camera frame when it is captured.
+    pub frame: bool,
+    /// On what is read at the end of a control tick.
+    pub sense: bool,
+}
+
+impl Hooks {
+    pub const COMMAND: Hooks = Hooks { command: true, push: false, frame: false, sense: false };
+    pub const PUSH: Hooks = Hooks { command: false, push: true, frame: false, sense: false };
+    pub const FRAME: Hooks = Hooks { command: false, push: false, frame: true, sense: false };
+    pub const SENSE: Hooks = Hooks { command: false, push: false, frame: false, sense: true };
+    pub const PUSH_AND_SENSE: Hooks = Hooks { push: true, ..Hooks::SENSE };
+    pub const FRAME_AND_SENSE: Hooks = Hooks { frame: true, ..Hooks::SENSE };
+}
+
+/// Constants of the vehicle that effects need.
+#[derive(Debug, Clone, Copy)]
+pub struct Body<R> {
+    pub gravity_mps2: R,
+    pub mass_kg: R,
+    pub rotor_radius_m: R,
+    pub battery_capacity_c: R,
+    pub hover_current_a: R,
+    /// 1 / (PWM that carries the weight); zero where the command is a height.
+    pub per_hover_pwm: R,
+    /// 1 where the command is a height (then the thrust is taken as the weight), 0 where it is a PWM.
+    pub height_command: R,
+    /// Centre to motor.
+    pub arm_m: R,
+    /// +1 or -1: the sign with which a commanded yaw rate turns the vehicle.
+    pub yaw_sign: R,
+    /// Roll and pitch dynamics (5.1): angle'' = gain command - damping angle' - stiffness angle.
+    pub tilt_gain_ps2: [R; 2],
+    pub tilt_damping_ps: [R; 2],
+    pub tilt_stiffness_ps2: [R; 2],
+}
+
+impl<R: Real> Body<R> {
+    /// Thrust over weight.
+    #[inline(always)]
+    pub fn thrust_ratio(&self, u: &Command<R>) -> R {
+        self.height_command + u.lift * self.per_hover_pwm
+    }
+    /// Thrust per mass.
+    #[inline(always)]
+    pub fn thrust_mps2(&self, u: &Command<R>) -> R {
+        self.gravity_mps2 * self.thrust_ratio(u)
+    }
+}
+
+/// Where and when a hook is called.
+#[derive(Debug, Clone, Copy)]
+pub struct Cx<'a, R: Real> {
+    pub body: &'a Body<R>,
+    /// Length of the physics step for `command` and `push`, of the control tick for `sense`, since the last frame for `frame`.
+    pub h_s: R,
+    /// Length of a control tick.
+    pub tick_s: R,
+    /// From the start of the control tick to the start of this physics step.
+    pub since_tick_s: R,
+    /// Time since the episode began.
+    pub t_s: R,
+    /// First physics step of a control tick: a new command is here.
+    pub first: bool,
+    /// This tick's noise; channels are the effect's own.
+    pub draw: Draw<R>,
+    pub(crate) channel: u32,
+}
+
+impl<R: Real> Cx<'_, R> {
+    /// Two standard normals, the same all through a control tick.
+    #[inline(always)]
+    pub fn normals(&self, which: u32) -> [R; 2] {
+        self.draw.normals(self.channel.wrapping_add(which))
+    }
+    /// Uniform in (0, 1), the same all through a control tick.
+    #[inline(always)]
+    pub fn uniform(&self, which: u32) -> R {
+        self.draw.uniform(self.channel.wrapping_add(which))
+    }
+}
+
+/// A camera frame: the pose that the marker detection reports.
+#[derive(Debug, Clone, Copy)]
+pub struct Frame<R: Real> {
+    /// Lanes for which a frame was captured in this tick and is on its way.
+    pub captured: R::Mask,
+    /// How many markers were found in it; none means a lost marker.
+    pub markers: R,
+    pub pos_m: [R; 3],
+    pub yaw_rad: R,
+    /// Capture time.
+    pub t_s: R,
+    /// The field of markers: columns, rows and pitch; one marker at the origin unless an effect says otherwise.
+    pub field: [R; 3],
+    /// Horizontal offset of the nearest marker centre that is in view.
+    pub nearest_m: [R; 2],
+}
+
+/// The last marker pose that arrived.
+#[derive(Debug, Clone, Copy)]
+pub struct Fix<R> {
+    pub pos_m: [R; 3],
+    pub yaw_rad: R,
+    pub t_s: R,
+    /// 1 while the newest frame showed a marker, 0 after a frame without.
+    pub valid: R,
+}
+
+impl<R: Real> Fix<R> {
+    /// Take a frame for the lanes of `arrived`; one without markers keeps the last pose and only says that it is no longer valid.
+    #[inline(always)]
+    pub fn deliver(&mut self, arrived: R::Mask, pos_m: [R; 3], yaw_rad: R, t_s: R, markers: R) {
+        let found = arrived & markers.gt(R::zero());
+        for i in 0..3 {
+            self.pos_m[i] = R::select(found, pos_m[i], self.pos_m[i]);
+        }
+        self.yaw_rad = R::select(found, yaw_rad, self.yaw_rad);
+        self.t_s = R::select(found, t_s, self.t_s);
+        self.valid = R::select(found, R::of(1.0), R::select(arrived, R::zero(), self.valid));
+    }
+}
+
+/// What the rig can measure at a control tick.
+#[derive(Debug, Clone, Copy)]
+pub struct Reading<R> {
+    pub marker: Fix<R>,
+    /// Roll, pitch, yaw by the IMU.
+    pub att_rad: [R; 3],
+    pub gyro_radps: [R; 3],
+    /// Specific force along the body axes.
+    pub acc_mps2: [R; 3],
+    pub vbat_v: R,
+}
+
+/// An effect with `P` parameters and `S` numbers of state, generic over the number type. Only the hooks named in `HOOKS` are called.
+pub trait Effect<const P: usize, const S: usize>: Send + 'static {
+    const NAME: &'static str;
+    const ABOUT: &'static str;
+    /// Equation, paper or derivation.
+    const SOURCE: &'static str;
+    const PARAMS: [Param; P];
+    const HOOKS: Hooks;
+
+    /// The state at the start of an episode.
+    #[inline(always)]
+    fn start<R: Real>(_p: &[R; P], _cx: &Cx<R>, _x: &State<R>, _u: &Command<R>) -> [R; S] {
+        [R::zero(); S]
+    }
+    /// Change the command for the coming physics step.
+    #[inline(always)]
+    fn command<R: Real>(_p: &[R; P], _s: &mut [R; S], _cx: &Cx<R>, _x: &State<R>, _u: &mut Command<R>) {}
+    /// Add accelerations for the coming physics step.
+    #[inline(always)]
+    fn push<R: Real>(_p: &[R; P], _s: &mut [R; S], _cx: &Cx<R>, _x: &State<R>, _u: &Command<R>, _out: &mut Push<R>) {}
+    /// Change a camera frame; `x` is the true state at capture. Called only when some lane captured one: change state under `f.captured`.
+    #[inline(always)]
+    fn frame<R: Real>(_p: &[R; P], _s: &mut [R; S], _cx: &Cx<R>, _x: &State<R>, _f: &mut Frame<R>) {}
+    /// Change the reading at the end of a control tick.
+    #[inline(always)]
+    fn sense<R: Real>(_p: &[R; P], _s: &mut [R; S], _cx: &Cx<R>, _x: &State<R>, _u: &Command<R>, _y: &mut Reading<R>) {}
+}
+
+/// An effect as the rest of the program sees it.
+pub struct Entry {
+    pub name: &'static str,
+    pub about: &'static str,
+    pub source: &'static str,
+    pub params: &'static [Param],
+    pub hooks: Hooks,
+    pub(crate) lanes: fn(stage::Build) -> Box<dyn Stage<Lanes>>,
+    pub(crate) double: fn(stage::Build) -> Box<dyn Stage<f64>>,
+}
+
+/// Number types that the simulator is compiled for.
+pub trait Simulated: Real {
+    /// Drones per tile.
+    const WIDTH: usize;
+    #[doc(hidden)]
+    fn stage(entry: &Entry, build: stage::Build) -> Box<dyn Stage<Self>>;
+}
+
+impl Simulated for Lanes {
+    const WIDTH: usize = crate::real::LANES;
+    fn stage(entry: &Entry, build: stage::Build) -> Box<dyn Stage<Self>> {
+        (entry.lanes)(build)
+    }
+}
+
+impl Simulated for f64 {
+    const WIDTH: usize = 1;
+    fn stage(entry: &Entry, build: stage::Build) -> Box<dyn Stage<Self>> {
+        (entry.double)(build)
+    }
+}
+
+macro_rules! registry {
+    ($($module:ident :: $effect:ident),* $(,)?) => {
+        $(mod $module;)*
+        /// Every effect, in the order in which they are applied.
+        pub fn registry() -> &'static [Entry] {
+            static REGISTRY: &[Entry] = &[$(stage::entry(&$module::$effect)),*];
+            REGISTRY
+        }
+    };
+}
+
+// Command effects stand in the order in which a command passes them: ground station, radio, firmware, motors. Frame effects: what is in
+// view, then what the detection makes of it, then the way to the controller.
+registry![
+    cmd_deadband::CmdDeadband,
+    packet_loss::PacketLoss,
+    cmd_delay::CmdDelay,
+    cmd_limit::CmdLimit,
+    attitude_gain::AttitudeGain,
+    alloc_cross::AllocCross,
+    com_offset::ComOffset,
+    motor_lag::MotorLag,
+    drag_linear::DragLinear,
+    drag_quadratic::DragQuadratic,
+    wind::Wind,
+    gust::Gust,
+    ground_effect::GroundEffect,
+    ground_effect_exp::GroundEffectExp,
+    battery_sag::BatterySag,
+    mass_change::MassChange,
+    thrust_scale::ThrustScale,
+    thrust_slope::ThrustSlope,
+    weak_motor::WeakMotor,
+    tilt_loss::TiltLoss,
+    exact_tan::ExactTan,
+    heave_damping::HeaveDamping,
+    inertia_scale::InertiaScale,
+    flap::Flap,
+    euler_kinematics::EulerKinematics,
+    yaw_drift::YawDrift,
+    imu_tilt::ImuTilt,
+    gyro_bias::GyroBias,
+    camera::Camera,
+    markers::Markers,
+    camera_fov::CameraFov,
+    camera_vibration::CameraVibration,
+    frame_yaw::FrameYaw,
+    camera_mount::CameraMount,
+    camera_lever::CameraLever,
+    camera_scale::CameraScale,
+    camera_noise::CameraNoise,
+    camera_drift::CameraDrift,
+    camera_outliers::CameraOutliers,
+    camera_flip::CameraFlip,
+    camera_latency::CameraLatency,
+];
+
+/// The entry of an effect and its place in the registry.
+///
+/// # Errors
+/// [`crate::Error::Unknown`] with a proposal.
+pub fn find(name: &str) -> crate::Result<(usize, &'static Entry)> {
+    let found = registry().iter().enumerate().find(|(_, e)| e.name == name);
+    found.ok_or_else(|| crate::error::unknown("effect", name, registry().iter().map(|e| e.name)))
+}

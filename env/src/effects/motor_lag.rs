@@ -1,0 +1,41 @@
+//! Motors that take time.
+
+use super::{Cx, Effect, Hooks, Param, param};
+use crate::plant::{Command, State};
+use crate::real::Real;
+
+pub struct MotorLag;
+
+impl Effect<1, 4> for MotorLag {
+    const NAME: &'static str = "motor_lag";
+    const ABOUT: &'static str = "First-order lag between command and force, beyond the identified attitude dynamics";
+    const SOURCE: &'static str = "First-order motor model (Foerster, System Identification of the Crazyflie 2.0, ETH 2015); exact mean over the physics step";
+    const PARAMS: [Param; 1] = [
+        param("lag_s", "s", 0.0, [0.0, 0.3], "time constant"),
+    ];
+    const HOOKS: Hooks = Hooks::COMMAND;
+
+    #[inline(always)]
+    fn start<R: Real>(_: &[R; 1], _: &Cx<R>, _: &State<R>, u: &Command<R>) -> [R; 4] {
+        [u.roll_rad, u.pitch_rad, u.yaw_rate_radps, u.lift]
+    }
+
+    #[inline(always)]
+    fn command<R: Real>(&[lag_s]: &[R; 1], motor: &mut [R; 4], cx: &Cx<R>, _: &State<R>, u: &mut Command<R>) {
+        // no lag at all would divide zero by zero; a microsecond is none
+        let tau = lag_s.max(R::of(1e-6));
+        let left = (-cx.h_s / tau).exp();
+        let mean = tau / cx.h_s * (R::of(1.0) - left);
+        for (motor, field) in motor.iter_mut().zip([&mut u.roll_rad, &mut u.pitch_rad, &mut u.yaw_rate_radps, &mut u.lift]) {
+            let behind = *motor - *field;
+            *motor = *field + behind * left;
+            *field += behind * mean;
+        }
+        for (motor, field) in motor.iter_mut().zip([&mut u.roll_rad, &mut u.pitch_rad, &mut u.yaw_rate_radps, &mut u.lift]) {
+            // exactly nothing when off, also in rounding
+            let off = lag_s.le(R::zero());
+            let target = *field;
+            *motor = R::select(off, target, *motor);
+        }
+    }
+}

@@ -1,0 +1,131 @@
+//! An effect with its parameters and states for all tiles of a world.
+
+use std::marker::PhantomData;
+
+use super::{Cx, Effect, Entry, Frame, Reading};
+use crate::isa::{Baseline, Isa, Kind, Level};
+use crate::noise;
+use crate::plant::{Command, Push, State};
+use crate::real::{Lanes, Real};
+
+/// How to build a stage.
+#[derive(Debug, Clone, Copy)]
+pub struct Build {
+    pub tiles: usize,
+    /// Parameters differ between drones (domain randomisation); otherwise they are stored once.
+    pub per_drone: bool,
+    pub level: Level,
+}
+
+/// A built effect: one virtual call per tile of drones, none per drone.
+pub trait Stage<R: Real>: Send {
+    /// Set a lane's parameters.
+    fn set(&mut self, tile: usize, lane: usize, params: &[f64]);
+    /// Begin an episode in the lanes of `mask`.
+    fn start(&mut self, tile: usize, mask: R::Mask, cx: &Cx<R>, x: &State<R>, u: &Command<R>);
+    fn command(&mut self, tile: usize, cx: &Cx<R>, x: &State<R>, u: &mut Command<R>);
+    fn push(&mut self, tile: usize, cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>);
+    fn frame(&mut self, tile: usize, cx: &Cx<R>, x: &State<R>, frame: &mut Frame<R>);
+    fn sense(&mut self, tile: usize, cx: &Cx<R>, x: &State<R>, u: &Command<R>, y: &mut Reading<R>);
+    /// As `sense`, but no state moves on: for the first reading of an episode, while the tile's other lanes are under way.
+    fn peek(&self, tile: usize, cx: &Cx<R>, x: &State<R>, u: &Command<R>, y: &mut Reading<R>);
+}
+
+pub struct StageOf<E, R, I, const P: usize, const S: usize> {
+    params: Vec<[R; P]>,
+    states: Vec<[R; S]>,
+    /// 1 where each tile has parameters of its own, 0 where all share the first.
+    stride: usize,
+    channel: u32,
+    effect: PhantomData<fn() -> (E, I)>,
+}
+
+impl<E: Effect<P, S>, R: Real, I: Isa, const P: usize, const S: usize> StageOf<E, R, I, P, S> {
+    fn boxed(build: Build) -> Box<dyn Stage<R>> {
+        let off = E::PARAMS.map(|p| R::of(p.off));
+        Box::new(Self {
+            params: vec![off; if build.per_drone { build.tiles } else { 1 }],
+            states: vec![[R::zero(); S]; build.tiles],
+            stride: usize::from(build.per_drone),
+            channel: noise::channel(E::NAME),
+            effect: PhantomData,
+        })
+    }
+}
+
+impl<E: Effect<P, S>, R: Real, I: Isa, const P: usize, const S: usize> Stage<R> for StageOf<E, R, I, P, S> {
+    fn set(&mut self, tile: usize, lane: usize, params: &[f64]) {
+        for (slot, value) in self.params[tile * self.stride].iter_mut().zip(params) {
+            if self.stride == 1 { slot.set_lane(lane, *value) } else { *slot = R::of(*value) }
+        }
+    }
+
+    fn start(&mut self, tile: usize, mask: R::Mask, cx: &Cx<R>, x: &State<R>, u: &Command<R>) {
+        let cx = Cx { channel: self.channel, ..*cx };
+        let fresh = E::start(&self.params[tile * self.stride], &cx, x, u);
+        for (slot, value) in self.states[tile].iter_mut().zip(fresh) {
+            *slot = R::select(mask, value, *slot);
+        }
+    }
+
+    fn command(&mut self, tile: usize, cx: &Cx<R>, x: &State<R>, u: &mut Command<R>) {
+        let cx = Cx { channel: self.channel, ..*cx };
+        I::run(
+            #[inline(always)]
+            || E::command(&self.params[tile * self.stride], &mut self.states[tile], &cx, x, u),
+        );
+    }
+
+    fn push(&mut self, tile: usize, cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
+        let cx = Cx { channel: self.channel, ..*cx };
+        I::run(
+            #[inline(always)]
+            || E::push(&self.params[tile * self.stride], &mut self.states[tile], &cx, x, u, out),
+        );
+    }
+
+    fn frame(&mut self, tile: usize, cx: &Cx<R>, x: &State<R>, frame: &mut Frame<R>) {
+        let cx = Cx { channel: self.channel, ..*cx };
+        I::run(
+            #[inline(always)]
+            || E::frame(&self.params[tile * self.stride], &mut self.states[tile], &cx, x, frame),
+        );
+    }
+
+    fn sense(&mut self, tile: usize, cx: &Cx<R>, x: &State<R>, u: &Command<R>, y: &mut Reading<R>) {
+        let cx = Cx { channel: self.channel, ..*cx };
+        I::run(
+            #[inline(always)]
+            || E::sense(&self.params[tile * self.stride], &mut self.states[tile], &cx, x, u, y),
+        );
+    }
+
+    fn peek(&self, tile: usize, cx: &Cx<R>, x: &State<R>, u: &Command<R>, y: &mut Reading<R>) {
+        let cx = Cx { channel: self.channel, ..*cx };
+        let mut state = self.states[tile];
+        E::sense(&self.params[tile * self.stride], &mut state, &cx, x, u, y);
+    }
+}
+
+/// The registry entry of an effect. Takes a reference so that `P` and `S` are inferred from the one impl.
+pub(super) const fn entry<E: Effect<P, S>, const P: usize, const S: usize>(_effect: &E) -> Entry {
+    Entry {
+        name: E::NAME,
+        about: E::ABOUT,
+        source: E::SOURCE,
+        params: const { &E::PARAMS },
+        hooks: E::HOOKS,
+        lanes: |build| build.level.build::<E, Lanes, P, S>(build),
+        double: StageOf::<E, f64, Baseline, P, S>::boxed,
+    }
+}
+
+impl Level {
+    fn build<E: Effect<P, S>, R: Real, const P: usize, const S: usize>(self, build: Build) -> Box<dyn Stage<R>> {
+        match self.kind() {
+            Kind::Baseline => StageOf::<E, R, Baseline, P, S>::boxed(build),
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx2 => StageOf::<E, R, crate::isa::Avx2, P, S>::boxed(build),
+        }
+    }
+}

@@ -1,0 +1,22 @@
+//! Thrust that answers the PWM more or less steeply.
+
+use super::{Cx, Effect, Hooks, Param, param};
+use crate::plant::{Command, Push, State};
+use crate::real::Real;
+
+pub struct ThrustSlope;
+
+impl Effect<1, 0> for ThrustSlope {
+    const NAME: &'static str = "thrust_slope";
+    const ABOUT: &'static str = "Gain of thrust about hover";
+    const SOURCE: &'static str = "Thrust over PWM is not a line through the origin (Foerster 2015): its slope at hover differs from thrust over PWM";
+    const PARAMS: [Param; 1] = [
+        param("slope", "1", 1.0, [0.2, 3.0], "slope at hover over that of a line through the origin"),
+    ];
+    const HOOKS: Hooks = Hooks::PUSH;
+
+    #[inline(always)]
+    fn push<R: Real>(&[slope]: &[R; 1], _: &mut [R; 0], cx: &Cx<R>, _: &State<R>, u: &Command<R>, out: &mut Push<R>) {
+        out.acc_mps2[2] += cx.body.gravity_mps2 * (cx.body.thrust_ratio(u) - R::of(1.0)) * (slope - R::of(1.0));
+    }
+}

@@ -1,0 +1,26 @@
+//! A steady wind.
+
+use super::{Cx, Effect, Hooks, Param, param};
+use crate::plant::{Command, Push, State};
+use crate::real::Real;
+
+pub struct Wind;
+
+impl Effect<3, 0> for Wind {
+    const NAME: &'static str = "wind";
+    const ABOUT: &'static str = "A constant force per mass";
+    const SOURCE: &'static str = "Steady wind on a rotor with linear drag is a constant acceleration";
+    const PARAMS: [Param; 3] = [
+        param("x_mps2", "m/s^2", 0.0, [-5.0, 5.0], "along world x"),
+        param("y_mps2", "m/s^2", 0.0, [-5.0, 5.0], "along world y"),
+        param("z_mps2", "m/s^2", 0.0, [-5.0, 5.0], "along world z"),
+    ];
+    const HOOKS: Hooks = Hooks::PUSH;
+
+    #[inline(always)]
+    fn push<R: Real>(acc_mps2: &[R; 3], _: &mut [R; 0], _: &Cx<R>, _: &State<R>, _: &Command<R>, out: &mut Push<R>) {
+        for i in 0..3 {
+            out.acc_mps2[i] += acc_mps2[i];
+        }
+    }
+}

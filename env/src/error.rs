@@ -1,0 +1,36 @@
+//! What can go wrong, said so that the reader can mend it.
+
+/// Every error of the simulator names the value, the place and what was expected.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Error {
+    #[error("{what}: expected {want}, got {got}")]
+    Shape { what: &'static str, want: String, got: String },
+    #[error("actions[{env}][{axis}] is {value}, expected a number from -1 to 1")]
+    Action { env: usize, axis: usize, value: f32 },
+    #[error("unknown {what} {name:?}{hint}; known: {known}")]
+    Unknown { what: &'static str, name: String, hint: String, known: String },
+    #[error("{name} is {value}, expected {want}")]
+    Range { name: String, value: f64, want: String },
+    #[error("model {name}: {problem}")]
+    Model { name: String, problem: String },
+    #[error("configuration: {0}")]
+    Config(String),
+    #[error("environment {env} has ended: reset it before the next step (options={{\"reset_mask\": ...}})")]
+    Ended { env: usize },
+    #[error("call reset() before step()")]
+    NotReset,
+}
+
+/// Results of this crate.
+pub type Result<T> = std::result::Result<T, Error>;
+
+/// An [`Error::Unknown`] that proposes the nearest known name.
+pub fn unknown<'a>(what: &'static str, name: &str, known: impl IntoIterator<Item = &'a str>) -> Error {
+    let known: Vec<&str> = known.into_iter().collect();
+    let nearest = known.iter().map(|k| (strsim::damerau_levenshtein(k, name), *k)).min();
+    let hint = match nearest {
+        Some((distance, k)) if distance <= 1 + name.len() / 3 => format!(" (did you mean {k:?}?)"),
+        _ => String::new(),
+    };
+    Error::Unknown { what, name: name.to_owned(), hint, known: known.join(", ") }
+}

@@ -1,0 +1,21 @@
+//! The Crazyflie that the TU Darmstadt thesis identified, as a fast, vectorised environment.
+//!
+//! One way for data: [`model`] -> [`effects`] -> [`world`] -> [`task`] -> [`vector`]. No input or output, no clock, no Python here.
+
+pub mod config;
+pub mod control;
+pub mod effects;
+pub mod error;
+pub mod isa;
+pub mod model;
+pub mod noise;
+pub mod observation;
+pub mod plant;
+pub mod real;
+mod rows;
+pub mod schedule;
+pub mod task;
+pub mod vector;
+pub mod world;
+
+pub use error::{Error, Result};

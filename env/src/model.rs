@@ -1,0 +1,421 @@
+//! A model is data: transfer functions with units and provenance, read from one TOML or JSON text. The thesis's is built in.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{SMatrix, SVector};
+use serde::{Deserialize, Serialize};
+
+use crate::config::EffectTable;
+use crate::error::{Error, Result, unknown};
+
+/// The text of the model that the thesis identified.
+pub const THESIS_TOML: &str = include_str!("../models/thesis.toml");
+
+/// A number with its unit and where it comes from.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Quantity {
+    pub value: f64,
+    pub unit: String,
+    pub source: String,
+}
+
+/// angle / commanded angle = gain / (s^2 + damping s + stiffness)   (thesis 4.4, 5.1)
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Tilt {
+    pub gain: Quantity,
+    pub damping: Quantity,
+    pub stiffness: Quantity,
+}
+
+/// yaw / commanded yaw rate
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "form", rename_all = "snake_case", deny_unknown_fields)]
+pub enum Yaw {
+    /// gain / s   (thesis 5.2)
+    Integrator { gain: Quantity },
+    /// gain * bandwidth / (s (s + bandwidth)): a first-order loop on the yaw rate
+    Rate { gain: Quantity, bandwidth: Quantity },
+    /// gain / (s^2 + damping s + stiffness)   (thesis 4.15)
+    SecondOrder { gain: Quantity, damping: Quantity, stiffness: Quantity },
+}
+
+/// velocity / angle = gravity / (s + drag)   (thesis 4.10; drag is k1/m of 4.15)
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Lateral {
+    pub gravity: Quantity,
+    pub drag: Quantity,
+}
+
+/// height / command
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "form", rename_all = "snake_case", deny_unknown_fields)]
+pub enum Vertical {
+    /// z' = gain (u - offset) - pole z + w, w' = push - push_damping w   (thesis 5.3, 5.4). The identified form has velocity for
+    /// its input, so a push (an acceleration) needs a lag of its own, `w`, which is zero without effects.
+    FirstOrder { gain: Quantity, pole: Quantity, offset: Option<Quantity>, hover: Option<Quantity>, push_damping: Quantity },
+    /// z'' = gain (u - offset) - damping z' - stiffness z + push   (thesis 4.15)
+    SecondOrder { gain: Quantity, damping: Quantity, stiffness: Quantity, offset: Option<Quantity>, hover: Option<Quantity> },
+    /// z'' = gravity (u / hover - 1) - heave z' + push
+    Thrust { hover: Quantity, heave: Quantity },
+}
+
+/// The height inputs that the model has; at least one.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Verticals {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub height: Option<Vertical>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pwm: Option<Vertical>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub thrust: Option<Vertical>,
+}
+
+/// What the command interface accepts: the range that an action of -1..1 is mapped to.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CommandLimits {
+    pub tilt_max: Quantity,
+    pub yaw_rate_max: Quantity,
+    pub height_max: Quantity,
+    pub pwm_max: Quantity,
+}
+
+/// Constants of the airframe that effects need.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Airframe {
+    pub mass: Quantity,
+    pub rotor_radius: Quantity,
+    pub arm: Quantity,
+    pub battery_capacity: Quantity,
+    pub hover_current: Quantity,
+}
+
+/// The clocks of the rig, which are part of the model: 30 Hz frames do not fall on 50 Hz ticks.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Rig {
+    pub control: Quantity,
+    pub imu: Quantity,
+    pub camera: Quantity,
+}
+
+/// A quadrotor as identified.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Model {
+    pub schema: u32,
+    pub name: String,
+    #[serde(default)]
+    pub description: String,
+    pub roll: Tilt,
+    pub pitch: Tilt,
+    pub yaw: Yaw,
+    pub lateral: Lateral,
+    pub vertical: Verticals,
+    pub command: CommandLimits,
+    pub vehicle: Airframe,
+    pub rig: Rig,
+    /// Effects that belong to this vehicle and are on unless the configuration says otherwise.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub effects: EffectTable,
+}
+
+/// Which of the model's height inputs is commanded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum VerticalInput {
+    /// The height, in metres (thesis 5.3).
+    Height,
+    /// The thrust PWM, on the first-order form (thesis 5.4).
+    Pwm,
+    /// The thrust PWM, on the acceleration form.
+    Thrust,
+}
+
+impl VerticalInput {
+    /// Whether the command is a thrust PWM (counts) rather than a height (metres).
+    pub fn is_pwm(self) -> bool {
+        self != VerticalInput::Height
+    }
+}
+
+/// One axis as z'' or z' = ... in the two states (x, w): x' = a_xx x + a_xw w + b_x u + e_x push, likewise w; rate = x'.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct AxisForm {
+    pub a: [[f64; 2]; 2],
+    pub u: [f64; 2],
+    pub push: [f64; 2],
+    pub offset: f64,
+}
+
+impl AxisForm {
+    /// x'' = gain (u - offset) - damping x' - stiffness x + push
+    fn second_order(gain: f64, damping: f64, stiffness: f64, offset: f64) -> Self {
+        AxisForm { a: [[0.0, 1.0], [-stiffness, -damping]], u: [0.0, gain], push: [0.0, 1.0], offset }
+    }
+    /// x' = gain (u - offset) - pole x + w, w' = push - push_damping w
+    fn first_order(gain: f64, pole: f64, offset: f64, push_damping: f64) -> Self {
+        AxisForm { a: [[-pole, 1.0], [0.0, -push_damping]], u: [gain, 0.0], push: [0.0, 1.0], offset }
+    }
+}
+
+/// Push damping of the yaw integrator (thesis 5.2): a torque acts through the rate loop that the integrator idealises; 25 1/s is the
+/// bandwidth of the Crazyflie's yaw-rate loop used by the declared models of the simulated flights.
+const YAW_PUSH_DAMPING: f64 = 25.0;
+
+fn or_zero(q: &Option<Quantity>) -> f64 {
+    q.as_ref().map_or(0.0, |q| q.value)
+}
+
+impl Yaw {
+    pub(crate) fn form(&self) -> AxisForm {
+        match self {
+            Yaw::Integrator { gain } => AxisForm::first_order(gain.value, 0.0, 0.0, YAW_PUSH_DAMPING),
+            Yaw::Rate { gain, bandwidth } => AxisForm::second_order(gain.value * bandwidth.value, bandwidth.value, 0.0, 0.0),
+            Yaw::SecondOrder { gain, damping, stiffness } => AxisForm::second_order(gain.value, damping.value, stiffness.value, 0.0),
+        }
+    }
+    /// +1 or -1: the sign with which a commanded yaw rate turns the vehicle in the right-handed frame.
+    pub fn sign(&self) -> f64 {
+        let (Yaw::Integrator { gain } | Yaw::Rate { gain, .. } | Yaw::SecondOrder { gain, .. }) = self;
+        if gain.value < 0.0 { -1.0 } else { 1.0 }
+    }
+}
+
+impl Vertical {
+    pub(crate) fn form(&self, gravity: f64) -> AxisForm {
+        match self {
+            Vertical::FirstOrder { gain, pole, offset, push_damping, .. } => {
+                AxisForm::first_order(gain.value, pole.value, or_zero(offset), push_damping.value)
+            }
+            Vertical::SecondOrder { gain, damping, stiffness, offset, .. } => {
+                AxisForm::second_order(gain.value, damping.value, stiffness.value, or_zero(offset))
+            }
+            Vertical::Thrust { hover, heave } => AxisForm::second_order(gravity / hover.value, heave.value, 0.0, hover.value),
+        }
+    }
+    /// The PWM that carries the weight; infinite where the command is a height.
+    pub(crate) fn hover_pwm(&self) -> Option<f64> {
+        match self {
+            Vertical::FirstOrder { hover, .. } | Vertical::SecondOrder { hover, .. } => hover.as_ref().map(|q| q.value),
+            Vertical::Thrust { hover, .. } => Some(hover.value),
+        }
+    }
+}
+
+impl Model {
+    /// The thesis's model.
+    pub fn thesis() -> Model {
+        // the built-in text is covered by a test
+        Model::parse(THESIS_TOML).unwrap_or_else(|error| unreachable!("built-in model: {error}"))
+    }
+
+    /// Read a model from TOML or JSON (told apart by the first character).
+    ///
+    /// # Errors
+    /// [`Error::Model`] with line and column for a syntax error, or naming the quantity whose unit or value is wrong.
+    pub fn parse(text: &str) -> Result<Model> {
+        let bad = |problem: String| Error::Model { name: "text".into(), problem };
+        let model: Model = if text.trim_start().starts_with('{') {
+            serde_json::from_str(text).map_err(|e| bad(e.to_string()))?
+        } else {
+            toml::from_str(text).map_err(|e| bad(e.to_string()))?
+        };
+        model.check()?;
+        Ok(model)
+    }
+
+    /// As TOML.
+    ///
+    /// # Errors
+    /// [`Error::Model`] if a value cannot be written.
+    pub fn to_toml(&self) -> Result<String> {
+        toml::to_string_pretty(self).map_err(|e| self.problem(e.to_string()))
+    }
+
+    fn problem(&self, problem: String) -> Error {
+        Error::Model { name: self.name.clone(), problem }
+    }
+
+    /// Every quantity with its path, the unit it must have and the interval it must lie in.
+    fn quantities(&self) -> Vec<(String, &Quantity, &'static str, [f64; 2])> {
+        const POSITIVE: [f64; 2] = [f64::MIN_POSITIVE, 1e6];
+        const NOT_NEGATIVE: [f64; 2] = [0.0, 1e6];
+        const ANY: [f64; 2] = [-1e6, 1e6];
+        let mut all = Vec::new();
+        for (name, tilt) in [("roll", &self.roll), ("pitch", &self.pitch)] {
+            all.push((format!("{name}.gain"), &tilt.gain, "1/s^2", POSITIVE));
+            all.push((format!("{name}.damping"), &tilt.damping, "1/s", NOT_NEGATIVE));
+            all.push((format!("{name}.stiffness"), &tilt.stiffness, "1/s^2", NOT_NEGATIVE));
+        }
+        match &self.yaw {
+            Yaw::Integrator { gain } => all.push(("yaw.gain".into(), gain, "1", ANY)),
+            Yaw::Rate { gain, bandwidth } => {
+                all.push(("yaw.gain".into(), gain, "1", ANY));
+                all.push(("yaw.bandwidth".into(), bandwidth, "1/s", POSITIVE));
+            }
+            Yaw::SecondOrder { gain, damping, stiffness } => {
+                all.push(("yaw.gain".into(), gain, "1/s", ANY));
+                all.push(("yaw.damping".into(), damping, "1/s", NOT_NEGATIVE));
+                all.push(("yaw.stiffness".into(), stiffness, "1/s^2", NOT_NEGATIVE));
+            }
+        }
+        all.push(("lateral.gravity".into(), &self.lateral.gravity, "m/s^2", POSITIVE));
+        all.push(("lateral.drag".into(), &self.lateral.drag, "1/s", NOT_NEGATIVE));
+        let verticals = [
+            ("height", &self.vertical.height, "1/s", "1/s^2", "m"),
+            ("pwm", &self.vertical.pwm, "m/s", "m/s^2", "1"),
+            ("thrust", &self.vertical.thrust, "", "", "1"),
+        ];
+        for (name, vertical, first, second, input) in verticals {
+            let path = |field: &str| format!("vertical.{name}.{field}");
+            match vertical {
+                None => {}
+                Some(Vertical::FirstOrder { gain, pole, offset, hover, push_damping }) => {
+                    all.push((path("gain"), gain, first, POSITIVE));
+                    all.push((path("pole"), pole, "1/s", NOT_NEGATIVE));
+                    all.push((path("push_damping"), push_damping, "1/s", POSITIVE));
+                    all.extend(offset.iter().map(|q| (path("offset"), q, input, ANY)));
+                    all.extend(hover.iter().map(|q| (path("hover"), q, input, POSITIVE)));
+                }
+                Some(Vertical::SecondOrder { gain, damping, stiffness, offset, hover }) => {
+                    all.push((path("gain"), gain, second, POSITIVE));
+                    all.push((path("damping"), damping, "1/s", NOT_NEGATIVE));
+                    all.push((path("stiffness"), stiffness, "1/s^2", NOT_NEGATIVE));
+                    all.extend(offset.iter().map(|q| (path("offset"), q, input, ANY)));
+                    all.extend(hover.iter().map(|q| (path("hover"), q, input, POSITIVE)));
+                }
+                Some(Vertical::Thrust { hover, heave }) => {
+                    all.push((path("hover"), hover, "1", POSITIVE));
+                    all.push((path("heave"), heave, "1/s", NOT_NEGATIVE));
+                }
+            }
+        }
+        all.push(("command.tilt_max".into(), &self.command.tilt_max, "deg", [0.1, 80.0]));
+        all.push(("command.yaw_rate_max".into(), &self.command.yaw_rate_max, "deg/s", [0.1, 2000.0]));
+        all.push(("command.height_max".into(), &self.command.height_max, "m", [0.1, 1000.0]));
+        all.push(("command.pwm_max".into(), &self.command.pwm_max, "1", [1.0, 65535.0]));
+        all.push(("vehicle.mass".into(), &self.vehicle.mass, "kg", POSITIVE));
+        all.push(("vehicle.rotor_radius".into(), &self.vehicle.rotor_radius, "m", POSITIVE));
+        all.push(("vehicle.arm".into(), &self.vehicle.arm, "m", POSITIVE));
+        all.push(("vehicle.battery_capacity".into(), &self.vehicle.battery_capacity, "C", POSITIVE));
+        all.push(("vehicle.hover_current".into(), &self.vehicle.hover_current, "A", POSITIVE));
+        for (name, q) in [("control", &self.rig.control), ("imu", &self.rig.imu), ("camera", &self.rig.camera)] {
+            all.push((format!("rig.{name}"), q, "Hz", [1.0, 2000.0]));
+        }
+        all
+    }
+
+    fn check(&self) -> Result<()> {
+        if self.schema != 1 {
+            return Err(self.problem(format!("schema is {}, this program reads schema 1", self.schema)));
+        }
+        for (path, q, unit, [low, high]) in self.quantities() {
+            if q.unit != unit {
+                return Err(self.problem(format!("{path} has the unit {:?}, expected {unit:?}", q.unit)));
+            }
+            if !(low..=high).contains(&q.value) {
+                return Err(self.problem(format!("{path} is {}, expected {low} to {high}", q.value)));
+            }
+        }
+        if matches!(self.vertical.height, Some(Vertical::Thrust { .. })) {
+            return Err(self.problem("vertical.height has the form \"thrust\", whose input is a PWM: name it vertical.thrust".into()));
+        }
+        for (name, vertical) in [("pwm", &self.vertical.pwm), ("thrust", &self.vertical.thrust)] {
+            if vertical.as_ref().is_some_and(|v| v.hover_pwm().is_none()) {
+                return Err(self.problem(format!("vertical.{name} needs hover, the PWM that carries the weight")));
+            }
+        }
+        if self.inputs().is_empty() {
+            return Err(self.problem("vertical has no form: give height, pwm or thrust".into()));
+        }
+        crate::schedule::Schedule::of(self)?;
+        crate::config::check_effects(&self.effects)
+    }
+
+    /// The height inputs that this model has, the default first.
+    pub fn inputs(&self) -> Vec<VerticalInput> {
+        let v = &self.vertical;
+        [(VerticalInput::Height, &v.height), (VerticalInput::Pwm, &v.pwm), (VerticalInput::Thrust, &v.thrust)]
+            .into_iter()
+            .filter_map(|(input, form)| form.as_ref().map(|_| input))
+            .collect()
+    }
+
+    /// The vertical form for an input.
+    ///
+    /// # Errors
+    /// [`Error::Unknown`] if the model has no such form.
+    pub fn vertical(&self, input: VerticalInput) -> Result<&Vertical> {
+        let v = &self.vertical;
+        let (form, name) = match input {
+            VerticalInput::Height => (&v.height, "height"),
+            VerticalInput::Pwm => (&v.pwm, "pwm"),
+            VerticalInput::Thrust => (&v.thrust, "thrust"),
+        };
+        let known = [("height", &v.height), ("pwm", &v.pwm), ("thrust", &v.thrust)];
+        form.as_ref().ok_or_else(|| unknown("vertical form of this model", name, known.iter().filter(|k| k.1.is_some()).map(|k| k.0)))
+    }
+
+    /// The 12-state form (thesis 4.14, 4.15): A, B and C for the states (x y z, roll pitch yaw, their rates), the inputs (roll, pitch,
+    /// yaw rate, height or PWM above its offset), the outputs (z, roll, pitch, yaw, vx, vy, vz). The drag terms stand on the diagonal
+    /// and roll accelerates to -y, as in a right-handed frame. A first-order vertical or yaw form has its pole on the position itself.
+    ///
+    /// # Errors
+    /// [`Error::Unknown`] if the model has no such vertical form.
+    pub fn state_space(&self, input: VerticalInput) -> Result<StateSpace> {
+        let mut a = SMatrix::<f64, 12, 12>::zeros();
+        let mut b = SMatrix::<f64, 12, 4>::zeros();
+        let (g, k) = (self.lateral.gravity.value, self.lateral.drag.value);
+        for i in 0..2 {
+            a[(i, 6 + i)] = 1.0;
+            a[(3 + i, 9 + i)] = 1.0;
+            a[(6 + i, 6 + i)] = -k;
+        }
+        a[(6, 4)] = g;
+        a[(7, 3)] = -g;
+        for (i, tilt) in [&self.roll, &self.pitch].into_iter().enumerate() {
+            a[(9 + i, 3 + i)] = -tilt.stiffness.value;
+            a[(9 + i, 9 + i)] = -tilt.damping.value;
+            b[(9 + i, i)] = tilt.gain.value;
+        }
+        for (x, w, u, form) in [(5, 11, 2, self.yaw.form()), (2, 8, 3, self.vertical(input)?.form(g))] {
+            for (row, i) in [(x, 0), (w, 1)] {
+                a[(row, x)] = form.a[i][0];
+                a[(row, w)] = form.a[i][1];
+                b[(row, u)] = form.u[i];
+            }
+        }
+        let mut c = SMatrix::<f64, 7, 12>::zeros();
+        for (row, state) in [2, 3, 4, 5, 6, 7, 8].into_iter().enumerate() {
+            c[(row, state)] = 1.0;
+        }
+        // a first-order form has no state for the velocity: the measured vz is the derivative of z
+        c.set_row(6, &a.row(2));
+        Ok(StateSpace { a, b, c })
+    }
+}
+
+/// x' = A x + B u, y = C x   (thesis 4.14)
+#[derive(Debug, Clone, PartialEq)]
+pub struct StateSpace {
+    pub a: SMatrix<f64, 12, 12>,
+    pub b: SMatrix<f64, 12, 4>,
+    pub c: SMatrix<f64, 7, 12>,
+}
+
+impl StateSpace {
+    /// The state after `duration_s` with the input held: exact, by the matrix exponential of the augmented system.
+    pub fn advance(&self, x: &SVector<f64, 12>, u: &SVector<f64, 4>, duration_s: f64) -> SVector<f64, 12> {
+        let mut augmented = SMatrix::<f64, 16, 16>::zeros();
+        augmented.fixed_view_mut::<12, 12>(0, 0).copy_from(&self.a);
+        augmented.fixed_view_mut::<12, 4>(0, 12).copy_from(&self.b);
+        let e = (augmented * duration_s).exp();
+        e.fixed_view::<12, 12>(0, 0) * x + e.fixed_view::<12, 4>(0, 12) * u
+    }
+}

@@ -1,0 +1,140 @@
+//! Counter-based noise: a draw is a pure function of (episode key, tick, channel), so it does not depend on the batch size, the
+//! number of threads, or on which other effects draw.
+
+use crate::real::{Real, Word};
+
+/// Bijective 32-bit mixing with low bias; constants from the search of C. Wellons, "Prospecting for hash functions" (2018).
+#[inline(always)]
+fn mix<W: Word>(x: W) -> W {
+    let x = (x ^ x.shr(16)).mul(W::of(0x7feb_352d));
+    let x = (x ^ x.shr(15)).mul(W::of(0x846c_a68b));
+    x ^ x.shr(16)
+}
+
+/// 64-bit finaliser of splitmix64 (Steele, Lea, Flood 2014): seeds that differ by one bit give unrelated keys.
+pub fn scramble(x: u64) -> u64 {
+    let x = x.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    x ^ (x >> 31)
+}
+
+/// The key of one episode of one environment.
+pub fn episode_key(seed: u64, episode: u64) -> u64 {
+    scramble(scramble(seed) ^ episode.wrapping_mul(0xd1b5_4a32_d192_ed03))
+}
+
+/// A name as a channel number (FNV-1a): an effect keeps its noise whatever else is in the registry.
+pub const fn channel(name: &str) -> u32 {
+    let (bytes, mut hash, mut i) = (name.as_bytes(), 0x811c_9dc5_u32, 0);
+    while i < bytes.len() {
+        hash = (hash ^ bytes[i] as u32).wrapping_mul(0x0100_0193);
+        i += 1;
+    }
+    hash
+}
+
+/// The episode keys of a tile's lanes.
+#[derive(Clone, Copy, Debug)]
+pub struct Keys<R: Real> {
+    low: R::Word,
+    high: R::Word,
+}
+
+impl<R: Real> Keys<R> {
+    pub fn new() -> Self {
+        Keys { low: R::Word::of(0), high: R::Word::of(0) }
+    }
+    pub fn set_lane(&mut self, lane: usize, key: u64) {
+        self.low.set_lane(lane, key as u32);
+        self.high.set_lane(lane, (key >> 32) as u32);
+    }
+    /// What can be drawn at one tick.
+    #[inline(always)]
+    pub fn at(&self, tick: R::Word) -> Draw<R> {
+        Draw { base: mix(tick.mul(R::Word::of(0x9e37_79b9)).add(self.low)) ^ self.high }
+    }
+}
+
+impl<R: Real> Default for Keys<R> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// The draws of one tick. The same channel gives the same number; take a new channel for a new number.
+#[derive(Clone, Copy, Debug)]
+pub struct Draw<R: Real> {
+    base: R::Word,
+}
+
+impl<R: Real> Draw<R> {
+    /// Uniform in (0, 1).
+    #[inline(always)]
+    pub fn uniform(&self, channel: u32) -> R {
+        R::unit(self.word(channel))
+    }
+    /// Two independent standard normals (Box and Muller 1958); reaches 5.6 standard deviations.
+    #[inline(always)]
+    pub fn normals(&self, channel: u32) -> [R; 2] {
+        let radius = (R::of(-2.0) * self.uniform(channel).ln()).sqrt();
+        let (s, c) = (R::of(std::f64::consts::TAU) * (self.uniform(channel ^ 0x8000_0000) - R::of(0.5))).sin_cos();
+        [radius * c, radius * s]
+    }
+    #[inline(always)]
+    fn word(&self, channel: u32) -> R::Word {
+        mix(self.base.add(R::Word::of(channel.wrapping_mul(0x85eb_ca6b))))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sample(n: u32, channel: u32) -> Vec<f64> {
+        let mut keys = Keys::<f64>::new();
+        (0..n)
+            .flat_map(|i| {
+                keys.set_lane(0, episode_key(u64::from(i / 500), 3));
+                keys.at(i % 500).normals(channel)
+            })
+            .collect()
+    }
+
+    fn mean(x: impl IntoIterator<Item = f64>, n: usize) -> f64 {
+        x.into_iter().sum::<f64>() / n as f64
+    }
+
+    #[test]
+    fn normals_have_the_moments_of_a_normal() {
+        let x = sample(200_000, 7);
+        let n = x.len();
+        let m = |p: i32| mean(x.iter().map(|v| v.powi(p)), n);
+        assert!(
+            m(1).abs() < 0.01 && (m(2) - 1.0).abs() < 0.015 && m(3).abs() < 0.03 && (m(4) - 3.0).abs() < 0.08,
+            "{} {} {} {}",
+            m(1),
+            m(2),
+            m(3),
+            m(4)
+        );
+    }
+
+    #[test]
+    fn neighbouring_ticks_channels_and_episodes_are_uncorrelated() {
+        let (a, b) = (sample(100_000, 7), sample(100_000, 8));
+        let n = a.len();
+        let cross = mean(a.iter().zip(&b).map(|(x, y)| x * y), n);
+        let lag = mean(a.iter().zip(&a[2..]).map(|(x, y)| x * y), n - 2);
+        let pair = mean(a.chunks(2).map(|p| p[0] * p[1]), n / 2);
+        assert!(cross.abs() < 0.01 && lag.abs() < 0.01 && pair.abs() < 0.012, "{cross} {lag} {pair}");
+    }
+
+    #[test]
+    fn keys_spread() {
+        let mut seen: Vec<u64> = (0..1000).flat_map(|s| (0..20).map(move |e| episode_key(s, e))).collect();
+        seen.sort_unstable();
+        seen.dedup();
+        assert_eq!(seen.len(), 20_000);
+    }
+}

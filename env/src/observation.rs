@@ -1,0 +1,135 @@
+//! What an agent and a controller see: what the rig could measure, as one row of numbers, and the commands they give.
+
+use crate::effects::Reading;
+use crate::error::Result;
+use crate::model::{Model, VerticalInput};
+use crate::plant::Command;
+use crate::real::Real;
+
+/// Numbers per observation.
+pub const OBSERVATION: usize = 24;
+/// Numbers per action: roll, pitch, yaw rate, height or PWM.
+pub const ACTION: usize = 4;
+
+/// One block of an observation row.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Field {
+    pub name: &'static str,
+    pub first: usize,
+    pub length: usize,
+    pub unit: &'static str,
+    /// Bounds; a reading outside is cut off, as the sensor's range or the clock's display would.
+    pub low: f64,
+    pub high: f64,
+    pub about: &'static str,
+}
+
+const PI: f64 = std::f64::consts::PI;
+
+/// The layout of an observation row.
+pub const FIELDS: [Field; 10] = [
+    field("marker_pos_m", 0, 3, "m", [-10.0, 10.0], "position over the marker, from the last camera frame that showed it"),
+    field("marker_yaw_rad", 3, 1, "rad", [-PI, PI], "heading from the same frame"),
+    field("marker_age_s", 4, 1, "s", [0.0, 60.0], "time since that frame was captured"),
+    field("marker_valid", 5, 1, "1", [0.0, 1.0], "1 while the newest frame showed the marker"),
+    field("attitude_rad", 6, 3, "rad", [-PI, PI], "roll, pitch, yaw by the IMU"),
+    field("gyro_radps", 9, 3, "rad/s", [-34.9, 34.9], "rates by the IMU; range of the MPU-9250, 2000 deg/s"),
+    field("acc_mps2", 12, 3, "m/s^2", [-157.0, 157.0], "specific force along the body axes; range of the MPU-9250, 16 g"),
+    field("vbat_v", 15, 1, "V", [0.0, 5.0], "battery voltage"),
+    field("setpoint", 16, 4, "m, rad", [-10.0, 10.0], "where to be now: x, y, z, yaw"),
+    field("last_action", 20, 4, "1", [-1.0, 1.0], "the previous action"),
+];
+
+const fn field(name: &'static str, first: usize, length: usize, unit: &'static str, range: [f64; 2], about: &'static str) -> Field {
+    Field { name, first, length, unit, low: range[0], high: range[1], about }
+}
+
+/// Where to be: position and yaw.
+#[derive(Debug, Clone, Copy)]
+pub struct Setpoint<R> {
+    pub pos_m: [R; 3],
+    pub yaw_rad: R,
+}
+
+/// An angle within [-pi, pi].
+#[inline(always)]
+pub fn wrap<R: Real>(angle: R) -> R {
+    angle - R::of(2.0 * PI) * (angle * R::of(0.5 / PI)).round()
+}
+
+/// The observation row of a reading.
+#[inline(always)]
+pub fn observe<R: Real>(y: &Reading<R>, now_s: R, setpoint: &Setpoint<R>, action: &[R; ACTION]) -> [R; OBSERVATION] {
+    let cut = |v: R, limit: f64| v.clamp(R::of(-limit), R::of(limit));
+    let m = &y.marker;
+    let [px, py, pz] = m.pos_m.map(|p| cut(p, 10.0));
+    // f32 rounding of a wrapped angle may pass pi by one step
+    let angle = |a: R| cut(wrap(a), PI as f32 as f64);
+    let age = (now_s - m.t_s).clamp(R::zero(), R::of(60.0));
+    let [ar, ap, ay] = y.att_rad.map(angle);
+    let [gx, gy, gz] = y.gyro_radps.map(|g| cut(g, 34.9));
+    let [ax, ay_, az] = y.acc_mps2.map(|a| cut(a, 157.0));
+    let vbat = y.vbat_v.clamp(R::zero(), R::of(5.0));
+    let [sx, sy, sz] = setpoint.pos_m.map(|p| cut(p, 10.0));
+    let [a0, a1, a2, a3] = *action;
+    let (m_yaw, s_yaw) = (angle(m.yaw_rad), angle(setpoint.yaw_rad));
+    [px, py, pz, m_yaw, age, m.valid, ar, ap, ay, gx, gy, gz, ax, ay_, az, vbat, sx, sy, sz, s_yaw, a0, a1, a2, a3]
+}
+
+/// The command interface: what an action of -1..1 means.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Interface {
+    pub input: VerticalInput,
+    pub tilt_max_rad: f64,
+    /// In the vehicle's own sign (5.2): +1 turns clockwise on the thesis's Crazyflie.
+    pub yaw_rate_max_radps: f64,
+    /// -1 is 0, +1 is this: metres or PWM counts.
+    pub lift_max: f64,
+    /// What carries the weight: a PWM; zero for a height command.
+    pub hover_lift: f64,
+    /// +1 or -1: the direction in which a positive yaw-rate command turns, right-handed.
+    pub yaw_sign: f64,
+}
+
+impl Interface {
+    /// Of a model, for one of its height inputs.
+    ///
+    /// # Errors
+    /// [`crate::Error::Unknown`] if the model lacks that input.
+    pub fn of(model: &Model, input: VerticalInput) -> Result<Self> {
+        let hover = model.vertical(input)?.hover_pwm().filter(|_| input.is_pwm());
+        let c = &model.command;
+        Ok(Interface {
+            input,
+            tilt_max_rad: c.tilt_max.value.to_radians(),
+            yaw_rate_max_radps: c.yaw_rate_max.value.to_radians(),
+            lift_max: if input.is_pwm() { c.pwm_max.value } else { c.height_max.value },
+            hover_lift: hover.unwrap_or(0.0),
+            yaw_sign: model.yaw.sign(),
+        })
+    }
+
+    /// The command of an action row.
+    #[inline(always)]
+    pub fn command<R: Real>(&self, a: &[R; ACTION]) -> Command<R> {
+        let tilt = R::of(self.tilt_max_rad);
+        Command {
+            roll_rad: a[0] * tilt,
+            pitch_rad: a[1] * tilt,
+            yaw_rate_radps: a[2] * R::of(self.yaw_rate_max_radps),
+            lift: (a[3] + R::of(1.0)) * R::of(0.5 * self.lift_max),
+        }
+    }
+
+    /// The action row of a command, cut off at -1..1.
+    #[inline(always)]
+    pub fn action<R: Real>(&self, u: &Command<R>) -> [R; ACTION] {
+        let unit = |v: R| v.clamp(R::of(-1.0), R::of(1.0));
+        [
+            unit(u.roll_rad * R::of(1.0 / self.tilt_max_rad)),
+            unit(u.pitch_rad * R::of(1.0 / self.tilt_max_rad)),
+            unit(u.yaw_rate_radps * R::of(1.0 / self.yaw_rate_max_radps)),
+            unit(u.lift * R::of(2.0 / self.lift_max) - R::of(1.0)),
+        ]
+    }
+}

@@ -1,0 +1,194 @@
+//! The identified linear model, stepped exactly: zero-order hold of commands and pushes, by the matrix exponential.
+
+use nalgebra::SMatrix;
+
+use crate::error::Result;
+use crate::model::{AxisForm, Model, Tilt, VerticalInput};
+use crate::real::Real;
+
+/// What moves. World frame: x right, y forward, z up; right-handed angles; +pitch accelerates to +x, +roll to -y at zero yaw.
+#[derive(Debug, Clone, Copy)]
+pub struct State<R> {
+    pub pos_m: [R; 3],
+    pub vel_mps: [R; 3],
+    /// Roll, pitch, yaw.
+    pub att_rad: [R; 3],
+    /// Their rates.
+    pub rate_radps: [R; 3],
+    /// Second state of the vertical and of the yaw form: the rate itself for a second-order form, the lagged push for a first-order one.
+    pub aux: [R; 2],
+}
+
+/// What is commanded, held over a control tick.
+#[derive(Debug, Clone, Copy)]
+pub struct Command<R> {
+    pub roll_rad: R,
+    pub pitch_rad: R,
+    /// In the vehicle's own sign: positive turns clockwise on the thesis's Crazyflie (5.2).
+    pub yaw_rate_radps: R,
+    /// Height in metres or thrust in PWM counts, as the model's vertical input says.
+    pub lift: R,
+}
+
+/// What effects add to the motion: accelerations in the world frame, angular accelerations about the body axes.
+#[derive(Debug, Clone, Copy)]
+pub struct Push<R> {
+    pub acc_mps2: [R; 3],
+    pub ang_radps2: [R; 3],
+}
+
+impl<R: Real> State<R> {
+    /// At rest at the origin.
+    #[inline(always)]
+    pub fn rest() -> Self {
+        let o = [R::zero(); 3];
+        State { pos_m: o, vel_mps: o, att_rad: o, rate_radps: o, aux: [R::zero(); 2] }
+    }
+}
+
+impl<R: Real> Push<R> {
+    #[inline(always)]
+    pub fn none() -> Self {
+        Push { acc_mps2: [R::zero(); 3], ang_radps2: [R::zero(); 3] }
+    }
+}
+
+impl<R: Real> Command<R> {
+    /// Level, no turn, and the given height or PWM.
+    #[inline(always)]
+    pub fn level(lift: R) -> Self {
+        Command { roll_rad: R::zero(), pitch_rad: R::zero(), yaw_rate_radps: R::zero(), lift }
+    }
+}
+
+/// One axis over one step: new (x, w) and the rate x' at the end, each linear in (x, w, input, push).
+#[derive(Debug, Clone, Copy)]
+struct AxisStep<R> {
+    x: [R; 4],
+    w: [R; 4],
+    rate: [R; 3],
+    offset: R,
+}
+
+impl<R: Real> AxisStep<R> {
+    fn new(form: &AxisForm, h_s: f64) -> Self {
+        let mut m = SMatrix::<f64, 4, 4>::zeros();
+        for i in 0..2 {
+            for j in 0..2 {
+                m[(i, j)] = form.a[i][j];
+            }
+            m[(i, 2)] = form.u[i];
+            m[(i, 3)] = form.push[i];
+        }
+        let e = (m * h_s).exp();
+        let row = |i: usize| std::array::from_fn(|j| R::of(e[(i, j)]));
+        AxisStep { x: row(0), w: row(1), rate: [form.a[0][0], form.a[0][1], form.u[0]].map(R::of), offset: R::of(form.offset) }
+    }
+
+    #[inline(always)]
+    fn step(&self, x: R, w: R, u: R, push: R) -> (R, R, R) {
+        let u = u - self.offset;
+        let dot = |c: &[R; 4]| c[0] * x + c[1] * w + c[2] * u + c[3] * push;
+        let (x1, w1) = (dot(&self.x), dot(&self.w));
+        (x1, w1, self.rate[0] * x1 + self.rate[1] * w1 + self.rate[2] * u)
+    }
+}
+
+/// One tilt axis with the sideways motion that it causes: rows for angle, rate, velocity and distance gained along the body axis.
+#[derive(Debug, Clone, Copy)]
+struct TiltStep<R> {
+    angle: [R; 3],
+    rate: [R; 3],
+    gained_mps: [R; 3],
+    gained_m: [R; 3],
+    /// A push on the angle is a command of push / gain.
+    per_push: R,
+}
+
+impl<R: Real> TiltStep<R> {
+    #[inline(always)]
+    fn step(&self, angle: R, rate: R, command: R, push: R) -> [R; 4] {
+        let u = command + push * self.per_push;
+        let dot = |c: &[R; 3]| c[0] * angle + c[1] * rate + c[2] * u;
+        [dot(&self.angle), dot(&self.rate), dot(&self.gained_mps), dot(&self.gained_m)]
+    }
+}
+
+/// The model over one step of fixed length.
+#[derive(Debug, Clone, Copy)]
+pub struct Plant<R> {
+    roll: TiltStep<R>,
+    pitch: TiltStep<R>,
+    yaw: AxisStep<R>,
+    vertical: AxisStep<R>,
+    /// What is left of a velocity, how far it carries, and both for a held acceleration (drag of 4.15; none in the thesis).
+    keep: R,
+    carry_s: R,
+    acc_s: R,
+    acc_s2: R,
+}
+
+impl<R: Real> Plant<R> {
+    /// Discretise for steps of `h_s` seconds.
+    ///
+    /// # Errors
+    /// [`crate::Error::Unknown`] if the model lacks the vertical input.
+    pub fn new(model: &Model, input: VerticalInput, h_s: f64) -> Result<Self> {
+        let (g, drag) = (model.lateral.gravity.value, model.lateral.drag.value);
+        // Matrices of static size: nalgebra multiplies dynamic ones with a kernel that picks fused multiply-add at run time, and the
+        // last bits would depend on the machine.
+        let tilt_step = |tilt: &Tilt| {
+            // states: distance, velocity, angle, rate; input: commanded angle
+            let mut m = SMatrix::<f64, 5, 5>::zeros();
+            m[(0, 1)] = 1.0;
+            m[(1, 1)] = -drag;
+            m[(1, 2)] = g;
+            m[(2, 3)] = 1.0;
+            m[(3, 2)] = -tilt.stiffness.value;
+            m[(3, 3)] = -tilt.damping.value;
+            m[(3, 4)] = tilt.gain.value;
+            let e = (m * h_s).exp();
+            let row = |i: usize| [2, 3, 4].map(|j| R::of(e[(i, j)]));
+            TiltStep { angle: row(2), rate: row(3), gained_mps: row(1), gained_m: row(0), per_push: R::of(1.0 / tilt.gain.value) }
+        };
+        // states: distance, velocity; input: acceleration
+        let e = (SMatrix::<f64, 3, 3>::new(0.0, 1.0, 0.0, 0.0, -drag, 1.0, 0.0, 0.0, 0.0) * h_s).exp();
+        let form = model.vertical(input)?.form(g);
+        Ok(Plant {
+            roll: tilt_step(&model.roll),
+            pitch: tilt_step(&model.pitch),
+            yaw: AxisStep::new(&model.yaw.form(), h_s),
+            vertical: AxisStep::new(&form, h_s),
+            keep: R::of(e[(1, 1)]),
+            carry_s: R::of(e[(0, 1)]),
+            acc_s: R::of(e[(1, 2)]),
+            acc_s2: R::of(e[(0, 2)]),
+        })
+    }
+
+    /// The state one step later, command and push held. Exact for the linear model; a turning vehicle's sideways acceleration is
+    /// taken along its heading at mid-step.
+    #[inline(always)]
+    pub fn advance(&self, x: &State<R>, u: &Command<R>, push: &Push<R>) -> State<R> {
+        let [roll, roll_rate, right_mps, right_m] = self.roll.step(x.att_rad[0], x.rate_radps[0], u.roll_rad, push.ang_radps2[0]);
+        let [pitch, pitch_rate, front_mps, front_m] = self.pitch.step(x.att_rad[1], x.rate_radps[1], u.pitch_rad, push.ang_radps2[1]);
+        let (yaw, yaw_aux, yaw_rate) = self.yaw.step(x.att_rad[2], x.aux[1], u.yaw_rate_radps, push.ang_radps2[2]);
+        let (z, z_aux, z_rate) = self.vertical.step(x.pos_m[2], x.aux[0], u.lift, push.acc_mps2[2]);
+        let (sin, cos) = (R::of(0.5) * (x.att_rad[2] + yaw)).sin_cos();
+        // body x gains from pitch, body y loses from roll
+        let turn = |front: R, right: R| [cos * front + sin * right, sin * front - cos * right];
+        let (dv, dp) = (turn(front_mps, right_mps), turn(front_m, right_m));
+        let mut next = State {
+            pos_m: [R::zero(), R::zero(), z],
+            vel_mps: [R::zero(), R::zero(), z_rate],
+            att_rad: [roll, pitch, yaw],
+            rate_radps: [roll_rate, pitch_rate, yaw_rate],
+            aux: [z_aux, yaw_aux],
+        };
+        for i in 0..2 {
+            next.pos_m[i] = x.pos_m[i] + self.carry_s * x.vel_mps[i] + dp[i] + self.acc_s2 * push.acc_mps2[i];
+            next.vel_mps[i] = self.keep * x.vel_mps[i] + dv[i] + self.acc_s * push.acc_mps2[i];
+        }
+        next
+    }
+}

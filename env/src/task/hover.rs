@@ -1,0 +1,73 @@
+//! The thesis's own task: fly to the marker and hover over it (7.3).
+
+use rand::RngExt;
+use rand_pcg::Pcg64Mcg;
+use serde::Deserialize;
+
+use super::{GOAL, HEIGHT_M, Situation, Start, Task, Verdict, closeness, crashed, in_disc, jerk, outside, within};
+use crate::error::Result;
+use crate::noise::Draw;
+use crate::observation::Setpoint;
+use crate::real::Real;
+
+/// Options of the hover task.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Options {
+    /// Start within this of the marker, at the set-point's height.
+    pub start_radius_m: f64,
+    /// Start exactly here instead.
+    pub start_m: Option<[f64; 3]>,
+    /// Heading at the start is within this of the set-point's.
+    pub start_yaw_deg: f64,
+    /// Where to hover.
+    pub setpoint_m: [f64; 3],
+    pub setpoint_yaw_deg: f64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Options { start_radius_m: 0.8, start_m: None, start_yaw_deg: 0.0, setpoint_m: [0.0, 0.0, HEIGHT_M], setpoint_yaw_deg: 0.0 }
+    }
+}
+
+pub struct Hover(Options);
+
+impl Task for Hover {
+    const NAME: &'static str = "hover";
+    const ID: &'static str = "Crazyflie-v0";
+    const ABOUT: &'static str = "Fly to the marker from up to 80 cm away and hover 70 cm over it";
+    const REWARD: &'static str = "closeness - 0.05 jerk; closeness = (0.8 + 0.2 / (1 + yaw_error^2)) / (1 + (distance / 0.3 m)^2), jerk = mean square change of the action; ends in a crash (floor at over 1 m/s) or outside the room (5 x 5 x 2.8 m)";
+    const MAX_EPISODE_STEPS: u32 = 500;
+    type Options = Options;
+
+    fn new(o: Options) -> Result<Self> {
+        within("start_radius_m", o.start_radius_m, 0.0, 2.0)?;
+        within("start_yaw_deg", o.start_yaw_deg, 0.0, 180.0)?;
+        for (p, high) in o.start_m.iter().chain([&o.setpoint_m]).flat_map(|p| p.iter().zip([2.4, 2.4, 2.6])) {
+            within("a coordinate of start_m or setpoint_m", *p, if high > 2.5 { 0.0 } else { -high }, high)?;
+        }
+        within("setpoint_yaw_deg", o.setpoint_yaw_deg, -180.0, 180.0)?;
+        Ok(Hover(o))
+    }
+
+    fn start(&self, rng: &mut Pcg64Mcg) -> Start {
+        let o = &self.0;
+        let [x, y] = in_disc(o.start_radius_m, rng);
+        let turned = o.start_yaw_deg * (2.0 * rng.random::<f64>() - 1.0);
+        let [gx, gy, gz] = o.setpoint_m;
+        let yaw_rad = o.setpoint_yaw_deg.to_radians();
+        let pos_m = o.start_m.unwrap_or([gx + x, gy + y, gz]);
+        Start { pos_m, yaw_rad: yaw_rad + turned.to_radians(), goal: [gx, gy, gz, yaw_rad, 0.0, 0.0, 0.0, 0.0] }
+    }
+
+    #[inline(always)]
+    fn setpoint<R: Real>(&self, goal: &mut [R; GOAL], _: R, _: &Draw<R>) -> Setpoint<R> {
+        Setpoint { pos_m: [goal[0], goal[1], goal[2]], yaw_rad: goal[3] }
+    }
+
+    #[inline(always)]
+    fn judge<R: Real>(&self, s: &Situation<R>) -> Verdict<R> {
+        Verdict { reward: closeness(s) - R::of(0.05) * jerk(s), terminated: outside(s.x) | crashed(s.contact) }
+    }
+}

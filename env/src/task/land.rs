@@ -1,0 +1,62 @@
+//! Land softly on the marker.
+
+use rand_pcg::Pcg64Mcg;
+use serde::Deserialize;
+
+use super::{GOAL, HEIGHT_M, Situation, Start, Task, Verdict, closeness, in_disc, jerk, outside, within};
+use crate::error::Result;
+use crate::noise::Draw;
+use crate::observation::Setpoint;
+use crate::real::Real;
+
+/// Options of the landing task.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Options {
+    pub start_radius_m: f64,
+    pub start_height_m: f64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Options { start_radius_m: 0.3, start_height_m: HEIGHT_M }
+    }
+}
+
+pub struct Land(Options);
+
+impl Task for Land {
+    const NAME: &'static str = "land";
+    const ID: &'static str = "CrazyflieLand-v0";
+    const ABOUT: &'static str = "Land on the marker from 70 cm: softly, and in its middle";
+    const REWARD: &'static str = "0.1 (closeness - 1) - 0.005 jerk per step towards the marker on the floor; at touch-down once 10 / (1 + (off / 0.1 m)^2) / (1 + (impact / 0.3 m/s)^2); ends there or outside the room";
+    const MAX_EPISODE_STEPS: u32 = 500;
+    type Options = Options;
+
+    fn new(o: Options) -> Result<Self> {
+        within("start_radius_m", o.start_radius_m, 0.0, 2.0)?;
+        within("start_height_m", o.start_height_m, 0.1, 2.5)?;
+        Ok(Land(o))
+    }
+
+    fn start(&self, rng: &mut Pcg64Mcg) -> Start {
+        let [x, y] = in_disc(self.0.start_radius_m, rng);
+        Start { pos_m: [x, y, self.0.start_height_m], yaw_rad: 0.0, goal: [0.0; GOAL] }
+    }
+
+    #[inline(always)]
+    fn setpoint<R: Real>(&self, goal: &mut [R; GOAL], _: R, _: &Draw<R>) -> Setpoint<R> {
+        Setpoint { pos_m: [goal[0], goal[1], goal[2]], yaw_rad: goal[3] }
+    }
+
+    #[inline(always)]
+    fn judge<R: Real>(&self, s: &Situation<R>) -> Verdict<R> {
+        let one = R::of(1.0);
+        let approach = R::of(0.1) * (closeness(s) - one) - R::of(0.005) * jerk(s);
+        let off2 = s.x.pos_m[0] * s.x.pos_m[0] + s.x.pos_m[1] * s.x.pos_m[1];
+        let impact2 = s.contact.impact_mps * s.contact.impact_mps;
+        let touch = R::of(10.0) / ((one + R::of(1.0 / 0.01) * off2) * (one + R::of(1.0 / 0.09) * impact2));
+        let down = s.contact.standing;
+        Verdict { reward: approach + R::select(down, touch, R::zero()), terminated: down | outside(s.x) }
+    }
+}

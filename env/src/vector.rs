@@ -1,0 +1,414 @@
+//! A batch of environments: caller-owned buffers in and out, automatic resets, nothing allocated per step.
+//!
+//! Environment `i` is the same whatever the size of the batch: an episode is a function of its seed, its number and its actions.
+
+use rand::SeedableRng;
+use rand_pcg::Pcg64Mcg;
+use rayon::prelude::*;
+
+use crate::config::{Autoreset, Options};
+use crate::effects::Reading;
+use crate::error::{Error, Result};
+use crate::isa::{Baseline, Isa, Kind, Level};
+use crate::model::Model;
+use crate::noise::episode_key;
+use crate::observation::{ACTION, Interface, OBSERVATION, observe};
+use crate::plant::{Command, State};
+use crate::real::{LANES, LaneMask, Lanes, Real};
+use crate::rows;
+use crate::task::{self, GOAL, Judge, Situation};
+use crate::world::{Settings, World};
+
+/// Numbers per true state: position, velocity, attitude, rates.
+pub const STATE: usize = 12;
+
+/// # Errors
+/// [`Error::Shape`] unless `got == want`.
+pub(crate) fn shape(what: &'static str, want: usize, got: usize) -> Result<()> {
+    if want == got { Ok(()) } else { Err(Error::Shape { what, want: format!("{want} numbers"), got: got.to_string() }) }
+}
+
+/// The caller's buffers for the results of a step, one row per environment.
+#[derive(Debug)]
+pub struct Out<'a> {
+    /// Rows of [`OBSERVATION`].
+    pub observations: &'a mut [f32],
+    pub rewards: &'a mut [f32],
+    pub terminated: &'a mut [bool],
+    pub truncated: &'a mut [bool],
+}
+
+/// What the vector environment remembers of a tile besides its world.
+#[derive(Debug, Clone)]
+struct Slot {
+    goal: [Lanes; GOAL],
+    last_action: [Lanes; ACTION],
+    seed: [u64; LANES],
+    episode: [u64; LANES],
+    /// Bit per lane: the episode has ended.
+    ended: u32,
+    /// Bit per lane: an environment of the batch (the last tile may have fewer than sixteen).
+    used: u32,
+}
+
+/// A contiguous part of the batch with a world of its own, stepped by one thread.
+struct Shard {
+    world: World<Lanes>,
+    judge: Box<dyn Judge>,
+    slots: Vec<Slot>,
+    /// Last observation and true state of episodes that ended in the last step, kept when the environment was reset in that step.
+    final_observations: Vec<f32>,
+    final_states: Vec<f32>,
+}
+
+/// What is the same for all shards.
+#[derive(Debug, Clone, Copy)]
+struct Rules {
+    interface: Interface,
+    autoreset: Autoreset,
+    max_episode_steps: u32,
+    level: Level,
+}
+
+/// A batch of environments.
+pub struct VectorEnv {
+    shards: Vec<Shard>,
+    rules: Rules,
+    envs: usize,
+    /// Environments per shard but the last.
+    share: usize,
+    pool: Option<rayon::ThreadPool>,
+    ready: bool,
+    tick_s: f64,
+}
+
+impl VectorEnv {
+    /// A batch of `envs` environments. Call [`VectorEnv::reset`] before the first step.
+    ///
+    /// # Errors
+    /// [`Error::Range`] for no environments, [`Error::Unknown`], [`Error::Range`] or [`Error::Config`] for what `options` asks.
+    pub fn new(model: &Model, options: &Options, envs: usize) -> Result<Self> {
+        if envs == 0 {
+            return Err(Error::Range { name: "num_envs".into(), value: 0.0, want: "at least 1".into() });
+        }
+        let level = Level::named(options.isa.as_deref())?;
+        // a checked model has at least one input
+        let input =
+            options.vertical.or(model.inputs().first().copied()).ok_or_else(|| Error::Config("the model has no vertical form".into()))?;
+        let entry = task::find(&options.task)?;
+        let tiles = envs.div_ceil(LANES);
+        let threads = options.threads.clamp(1, tiles);
+        let tiles_per_shard = tiles.div_ceil(threads);
+        let settings = Settings { input, physics_hz: options.physics_hz, level };
+        let mut shards = Vec::new();
+        for first in (0..tiles).step_by(tiles_per_shard) {
+            let count = tiles_per_shard.min(tiles - first);
+            let world = World::new(model, &options.effects, settings, count)?;
+            let slots: Vec<Slot> = (first..first + count).map(|tile| Slot::new(envs - tile * LANES)).collect();
+            let here: usize = slots.iter().map(|s| s.used.count_ones() as usize).sum();
+            let kept = if options.autoreset == Autoreset::SameStep { here } else { 0 };
+            shards.push(Shard {
+                world,
+                judge: (entry.build)(&options.task_options, level)?,
+                slots,
+                final_observations: vec![0.0; kept * OBSERVATION],
+                final_states: vec![0.0; kept * STATE],
+            });
+        }
+        let pool = match shards.len() {
+            1 => None,
+            n => Some(rayon::ThreadPoolBuilder::new().num_threads(n).build().map_err(|e| Error::Config(e.to_string()))?),
+        };
+        let interface = Interface::of(model, input)?;
+        let rules = Rules { interface, autoreset: options.autoreset, max_episode_steps: options.max_episode_steps, level };
+        let tick_s = shards[0].world.tick_s();
+        Ok(VectorEnv { shards, rules, envs, share: tiles_per_shard * LANES, pool, ready: false, tick_s })
+    }
+
+    pub fn num_envs(&self) -> usize {
+        self.envs
+    }
+
+    /// The command interface that actions are mapped to.
+    pub fn interface(&self) -> Interface {
+        self.rules.interface
+    }
+
+    /// Seconds per step.
+    pub fn tick_s(&self) -> f64 {
+        self.tick_s
+    }
+
+    /// The instruction set in use.
+    pub fn level(&self) -> Level {
+        self.rules.level
+    }
+
+    /// Begin episodes in the environments of `mask` (all, if `None`) and write their first observations; other rows are left alone.
+    /// With `seeds` (one per environment) the first episode of that seed begins, without them the next one.
+    ///
+    /// # Errors
+    /// [`Error::Shape`] for buffers of the wrong length; [`Error::NotReset`] if the very first reset leaves some environments out.
+    pub fn reset(&mut self, seeds: Option<&[u64]>, mask: Option<&[bool]>, observations: &mut [f32]) -> Result<()> {
+        shape("observations", self.envs * OBSERVATION, observations.len())?;
+        shape("seeds", self.envs, seeds.map_or(self.envs, <[u64]>::len))?;
+        shape("reset_mask", self.envs, mask.map_or(self.envs, <[bool]>::len))?;
+        if !self.ready && mask.is_some_and(|m| m.iter().any(|on| !on)) {
+            return Err(Error::NotReset);
+        }
+        let (share, interface) = (self.share, self.rules.interface);
+        for (i, (shard, rows)) in self.shards.iter_mut().zip(observations.chunks_mut(share * OBSERVATION)).enumerate() {
+            shard.reset(&interface, i * share, seeds, mask, rows);
+        }
+        self.ready = true;
+        Ok(())
+    }
+
+    /// One step of every environment.
+    ///
+    /// # Errors
+    /// Before anything moves: [`Error::NotReset`], [`Error::Shape`], [`Error::Action`], and [`Error::Ended`] if an environment has ended
+    /// and automatic resets are disabled.
+    pub fn step(&mut self, actions: &[f32], out: Out<'_>) -> Result<()> {
+        if !self.ready {
+            return Err(Error::NotReset);
+        }
+        shape("actions", self.envs * ACTION, actions.len())?;
+        shape("observations", self.envs * OBSERVATION, out.observations.len())?;
+        shape("rewards", self.envs, out.rewards.len())?;
+        shape("terminated", self.envs, out.terminated.len())?;
+        shape("truncated", self.envs, out.truncated.len())?;
+        check_actions(actions)?;
+        if self.rules.autoreset == Autoreset::Disabled {
+            self.check_running()?;
+        }
+        let (share, rules) = (self.share, self.rules);
+        let Some(pool) = &self.pool else {
+            self.shards[0].run(&rules, actions, out);
+            return Ok(());
+        };
+        let shards = &mut self.shards;
+        pool.install(|| {
+            shards
+                .par_iter_mut()
+                .zip(actions.par_chunks(share * ACTION))
+                .zip(out.observations.par_chunks_mut(share * OBSERVATION))
+                .zip(out.rewards.par_chunks_mut(share))
+                .zip(out.terminated.par_chunks_mut(share).zip(out.truncated.par_chunks_mut(share)))
+                .for_each(|((((shard, actions), observations), rewards), (terminated, truncated))| {
+                    shard.run(&rules, actions, Out { observations, rewards, terminated, truncated });
+                });
+        });
+        Ok(())
+    }
+
+    fn check_running(&self) -> Result<()> {
+        for (i, slot) in self.shards.iter().flat_map(|s| &s.slots).enumerate() {
+            if slot.ended != 0 {
+                return Err(Error::Ended { env: i * LANES + slot.ended.trailing_zeros() as usize });
+            }
+        }
+        Ok(())
+    }
+
+    /// The true states, rows of [`STATE`]: position, velocity, roll pitch yaw, their rates.
+    ///
+    /// # Errors
+    /// [`Error::Shape`].
+    pub fn states(&self, out: &mut [f32]) -> Result<()> {
+        shape("states", self.envs * STATE, out.len())?;
+        for (shard, rows) in self.shards.iter().zip(out.chunks_mut(self.share * STATE)) {
+            for (tile, rows) in rows.chunks_mut(LANES * STATE).enumerate() {
+                rows::write(&state_row(shard.world.state(tile)), rows);
+            }
+        }
+        Ok(())
+    }
+
+    /// With [`Autoreset::SameStep`]: last observation and true state of the episode that ended in the last step in environment `env`.
+    pub fn last_of_episode(&self, env: usize) -> Option<(&[f32], &[f32])> {
+        let shard = self.shards.get(env / self.share)?;
+        let i = env % self.share;
+        Some((shard.final_observations.get(i * OBSERVATION..(i + 1) * OBSERVATION)?, shard.final_states.get(i * STATE..(i + 1) * STATE)?))
+    }
+}
+
+fn state_row(x: &State<Lanes>) -> [Lanes; STATE] {
+    let ([a, b, c], [d, e, f], [g, h, i], [j, k, l]) = (x.pos_m, x.vel_mps, x.att_rad, x.rate_radps);
+    [a, b, c, d, e, f, g, h, i, j, k, l]
+}
+
+/// Every action is a number from -1 to 1; one pass over all of them, before anything moves.
+fn check_actions(actions: &[f32]) -> Result<()> {
+    let good = |a: &f32| a.abs() <= 1.0;
+    // without an early exit the pass is vectorised
+    if actions.iter().fold(true, |all, a| all & good(a)) {
+        return Ok(());
+    }
+    let at = actions.iter().position(|a| !good(a)).unwrap_or(0);
+    Err(Error::Action { env: at / ACTION, axis: at % ACTION, value: actions[at] })
+}
+
+impl Slot {
+    fn new(left: usize) -> Self {
+        let used = if left >= LANES { u32::from(u16::MAX) } else { (1 << left) - 1 };
+        Slot { goal: [Lanes::zero(); GOAL], last_action: [Lanes::zero(); ACTION], seed: [0; LANES], episode: [0; LANES], ended: 0, used }
+    }
+}
+
+fn lane_mask(bits: u32) -> LaneMask {
+    LaneMask::from_bools(std::array::from_fn(|lane| bits >> lane & 1 == 1))
+}
+
+impl Shard {
+    fn reset(&mut self, interface: &Interface, first: usize, seeds: Option<&[u64]>, mask: Option<&[bool]>, observations: &mut [f32]) {
+        for (tile, rows) in observations.chunks_mut(LANES * OBSERVATION).enumerate() {
+            let env = first + tile * LANES;
+            let slot = &mut self.slots[tile];
+            let mut bits = 0;
+            for lane in (0..LANES).filter(|lane| slot.used >> lane & 1 == 1 && mask.is_none_or(|m| m[env + lane])) {
+                bits |= 1 << lane;
+                if let Some(seeds) = seeds {
+                    (slot.seed[lane], slot.episode[lane]) = (seeds[env + lane], 0);
+                }
+            }
+            self.begin(interface, tile, bits, rows);
+        }
+    }
+
+    /// Begin the next episode in the lanes of `bits` and write their observations.
+    fn begin(&mut self, interface: &Interface, tile: usize, bits: u32, rows: &mut [f32]) {
+        let slot = &mut self.slots[tile];
+        let mut x = State::<Lanes>::rest();
+        let mut u = Command::level(Lanes::zero());
+        for lane in (0..LANES).filter(|lane| bits >> lane & 1 == 1) {
+            let key = episode_key(slot.seed[lane], slot.episode[lane]);
+            slot.episode[lane] += 1;
+            let mut rng = Pcg64Mcg::seed_from_u64(key);
+            self.world.draw_lane(tile, lane, key, &mut rng);
+            let start = self.judge.start(&mut rng);
+            for i in 0..3 {
+                x.pos_m[i].set_lane(lane, start.pos_m[i]);
+            }
+            x.att_rad[2].set_lane(lane, start.yaw_rad);
+            for (slot, value) in slot.goal.iter_mut().zip(start.goal) {
+                slot.set_lane(lane, value);
+            }
+            // in the air it has been hovering, on the floor the motors stand still
+            let flying = if start.pos_m[2] > 0.0 { 1.0 } else { 0.0 };
+            u.lift.set_lane(lane, if interface.input.is_pwm() { flying * interface.hover_lift } else { start.pos_m[2] });
+        }
+        slot.ended &= !bits;
+        let mask = lane_mask(bits);
+        for (last, new) in slot.last_action.iter_mut().zip(interface.action(&u)) {
+            *last = Lanes::select(mask, new, *last);
+        }
+        let y = self.world.start(tile, mask, &x, &u);
+        let now_s = self.world.time_s(tile);
+        // the goals of lanes under way must not move on here
+        let mut goal = slot.goal;
+        let setpoint = self.judge.setpoint(&mut goal, now_s, &self.world.draw(tile));
+        for (kept, new) in slot.goal.iter_mut().zip(goal) {
+            *kept = Lanes::select(mask, new, *kept);
+        }
+        let row = observe(&y, now_s, &setpoint, &slot.last_action);
+        for lane in (0..LANES).filter(|lane| bits >> lane & 1 == 1) {
+            rows::write_lane(&row, lane, &mut rows[lane * OBSERVATION..(lane + 1) * OBSERVATION]);
+        }
+    }
+
+    /// One step of the whole shard on the chosen instruction set.
+    fn run(&mut self, rules: &Rules, actions: &[f32], out: Out<'_>) {
+        match rules.level.kind() {
+            Kind::Baseline => self.run_on::<Baseline>(rules, actions, out),
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx2 => self.run_on::<crate::isa::Avx2>(rules, actions, out),
+        }
+    }
+
+    fn run_on<I: Isa>(&mut self, rules: &Rules, actions: &[f32], out: Out<'_>) {
+        let rows = actions.chunks(LANES * ACTION).zip(out.observations.chunks_mut(LANES * OBSERVATION));
+        let flags = out.terminated.chunks_mut(LANES).zip(out.truncated.chunks_mut(LANES));
+        for (tile, (((actions, observations), rewards), (terminated, truncated))) in
+            rows.zip(out.rewards.chunks_mut(LANES)).zip(flags).enumerate()
+        {
+            let out = Out { observations, rewards, terminated, truncated };
+            I::run(
+                #[inline(always)]
+                || self.step(rules, tile, actions, out),
+            );
+        }
+    }
+
+    /// One step of one tile.
+    #[inline(always)]
+    fn step(&mut self, rules: &Rules, tile: usize, actions: &[f32], out: Out<'_>) {
+        let action: [Lanes; ACTION] = rows::read(actions);
+        let (y, contact) = self.world.step(tile, &rules.interface.command(&action));
+        let now_s = self.world.time_s(tile);
+        let slot = &mut self.slots[tile];
+        let setpoint = self.judge.setpoint(&mut slot.goal, now_s, &self.world.draw(tile));
+        let situation = Situation {
+            x: self.world.state(tile),
+            setpoint: &setpoint,
+            action: &action,
+            last_action: &slot.last_action,
+            contact: &contact,
+            t_s: now_s,
+        };
+        let verdict = self.judge.judge(&situation);
+        // half a step of margin: the clock is in f32
+        let last_s = (f64::from(rules.max_episode_steps) - 0.5) * self.world.tick_s();
+        let over = if rules.max_episode_steps == 0 { Lanes::nothing() } else { now_s.gt(Lanes::of(last_s)) };
+        slot.last_action = action;
+        observe_rows(&y, now_s, &setpoint, &action, out.observations);
+        let (terminated, truncated) = (verdict.terminated.bits(), over.bits());
+        for (lane, ((reward, t), o)) in out.rewards.iter_mut().zip(out.terminated.iter_mut()).zip(out.truncated.iter_mut()).enumerate() {
+            *reward = verdict.reward.0[lane];
+            *t = terminated >> lane & 1 == 1;
+            *o = truncated >> lane & 1 == 1;
+        }
+        let before = slot.ended;
+        slot.ended = (terminated | truncated) & slot.used;
+        if (before | slot.ended) != 0 {
+            self.turn_over(rules, tile, before, out);
+        }
+    }
+
+    /// Episodes that ended: reset them as the mode says.
+    #[cold]
+    #[inline(never)]
+    fn turn_over(&mut self, rules: &Rules, tile: usize, before: u32, out: Out<'_>) {
+        match rules.autoreset {
+            Autoreset::Disabled => {}
+            Autoreset::NextStep => {
+                for lane in (0..LANES).filter(|lane| before >> lane & 1 == 1) {
+                    (out.rewards[lane], out.terminated[lane], out.truncated[lane]) = (0.0, false, false);
+                }
+                self.begin(&rules.interface, tile, before, out.observations);
+            }
+            Autoreset::SameStep => {
+                let ended = self.slots[tile].ended;
+                let states = state_row(self.world.state(tile));
+                for lane in (0..LANES).filter(|lane| ended >> lane & 1 == 1) {
+                    let env = tile * LANES + lane;
+                    let row = &out.observations[lane * OBSERVATION..(lane + 1) * OBSERVATION];
+                    self.final_observations[env * OBSERVATION..(env + 1) * OBSERVATION].copy_from_slice(row);
+                    rows::write_lane(&states, lane, &mut self.final_states[env * STATE..(env + 1) * STATE]);
+                }
+                self.begin(&rules.interface, tile, ended, out.observations);
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn observe_rows(
+    y: &Reading<Lanes>,
+    now_s: Lanes,
+    setpoint: &crate::observation::Setpoint<Lanes>,
+    action: &[Lanes; ACTION],
+    rows: &mut [f32],
+) {
+    rows::write(&observe(y, now_s, setpoint, action), rows);
+}

@@ -1,0 +1,11 @@
+//! Reads Crazyflie flight logs and measures how well a model fits them.
+//!
+//! [`FlightLog`] is the one shape every later step reads, whatever file the flight came from: SI units and
+//! radians, a right-handed frame with z up, +pitch accelerating to +x and +roll to -y.
+//! [`metrics`] compares a measured signal with a model's.
+#![forbid(unsafe_code)]
+
+pub mod log;
+pub mod metrics;
+
+pub use log::{FlightLog, LogError, Note};

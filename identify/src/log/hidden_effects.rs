@@ -1,0 +1,67 @@
+//! Simulated flights with an undeclared effect: degrees, thesis signs, a 30 Hz camera.
+
+use super::signal::{check_capture, radians, time_gaps, unwrap};
+use super::table::{NUMBER, PWM, Table};
+use super::{Fixes, FlightLog, Format, LogError, Note};
+
+/// Every column of the format.
+pub(super) const REQUIRED: [&str; 17] = [
+    "t",
+    "ref_x",
+    "ref_y",
+    "ref_z",
+    "ref_yaw",
+    "cmd_roll",
+    "cmd_pitch",
+    "cmd_yawrate",
+    "cmd_thrust_pwm",
+    "x",
+    "y",
+    "z",
+    "t_cam",
+    "roll",
+    "pitch",
+    "yaw",
+    "vbat",
+];
+
+pub(super) fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
+    let t_s = table.time("t")?;
+    time_gaps(&t_s, &mut notes);
+    let angle = |column| table.column(column, NUMBER).map(radians);
+    let fixes = read_fixes(table)?;
+    check_capture(&t_s, &fixes, &mut notes);
+    let mut yaw_rad = angle("yaw")?;
+    unwrap(&mut yaw_rad, "yaw", &mut notes);
+    Ok(FlightLog {
+        format: Format::HiddenEffects,
+        // These flights start and end in the air. Height cannot say so: some hover at 0.1 m with a biased sensor.
+        airborne: 0..t_s.len(),
+        cmd_roll_rad: Some(angle("cmd_roll")?),
+        cmd_pitch_rad: Some(angle("cmd_pitch")?),
+        cmd_yaw_rate_radps: Some(angle("cmd_yawrate")?),
+        cmd_thrust_pwm: Some(table.column("cmd_thrust_pwm", PWM)?),
+        cmd_height_m: None,
+        setpoint_m: Some(table.triple(["ref_x", "ref_y", "ref_z"])?),
+        setpoint_yaw_rad: Some(angle("ref_yaw")?),
+        fixes,
+        vel_mps: None,
+        roll_rad: angle("roll")?,
+        pitch_rad: angle("pitch")?,
+        yaw_rad,
+        gyro_radps: None,
+        acc_mps2: None,
+        vbat_v: Some(table.column("vbat", NUMBER)?),
+        onboard: None,
+        truth: None,
+        t_s,
+        notes,
+    })
+}
+
+fn read_fixes(table: &Table) -> Result<Fixes, LogError> {
+    let (row, values) = table.sparse(&["x", "y", "z", "t_cam"])?;
+    let mut values = values.into_iter();
+    let mut next = || values.next().unwrap_or_default();
+    Ok(Fixes { row, pos_m: [next(), next(), next()], capture_t_s: next(), yaw_rad: None })
+}
