@@ -1,4 +1,4 @@
-//! The instruction set is chosen at run time; the results are the same bits on each. The only `unsafe` of the crate is here.
+//! The instruction set is chosen at run time; the results are the same bits on each.
 
 use crate::error::{Result, unknown};
 
@@ -21,7 +21,7 @@ impl Level {
         *Level::available().last().unwrap_or(&Level(Kind::Baseline))
     }
 
-    /// All that this machine has, narrowest first.
+    /// All that this machine has, narrowest first. The one place where a level is made.
     pub fn available() -> Vec<Level> {
         let mut levels = vec![Level(Kind::Baseline)];
         #[cfg(target_arch = "x86_64")]
@@ -55,35 +55,18 @@ impl Level {
     }
 }
 
-/// Runs a piece of code compiled for an instruction set. No fused multiply-add is ever enabled: it would change the bits.
-pub(crate) trait Isa: Send + 'static {
-    fn run<T>(code: impl FnOnce() -> T) -> T;
-}
-
-pub(crate) struct Baseline;
-
-impl Isa for Baseline {
-    #[inline(always)]
-    fn run<T>(code: impl FnOnce() -> T) -> T {
+/// Runs a piece of code compiled for AVX2. No fused multiply-add is ever enabled: it would change the bits.
+///
+/// # Safety
+/// The processor must have AVX2.
+#[cfg(target_arch = "x86_64")]
+#[allow(unsafe_code)]
+#[inline(always)]
+pub(crate) unsafe fn with_avx2<T>(code: impl FnOnce() -> T) -> T {
+    #[target_feature(enable = "avx2")]
+    fn compiled<T>(code: impl FnOnce() -> T) -> T {
         code()
     }
-}
-
-#[cfg(target_arch = "x86_64")]
-pub(crate) struct Avx2;
-
-#[cfg(target_arch = "x86_64")]
-impl Isa for Avx2 {
-    #[inline(always)]
-    #[allow(unsafe_code)]
-    fn run<T>(code: impl FnOnce() -> T) -> T {
-        #[target_feature(enable = "avx2")]
-        fn with_avx2<T>(code: impl FnOnce() -> T) -> T {
-            code()
-        }
-        // SAFETY: calling a function that enables AVX2 needs a processor that has it. `Avx2::run` is reached only through
-        // a `Level` of `Kind::Avx2`; the field is private to this file, and the one place that makes such a value,
-        // `Level::available`, does so only after `is_x86_feature_detected!("avx2")` said yes.
-        unsafe { with_avx2(code) }
-    }
+    // SAFETY: the caller's promise
+    unsafe { compiled(code) }
 }

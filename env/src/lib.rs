@@ -7,13 +7,16 @@ pub mod control;
 pub mod effects;
 pub mod error;
 pub mod isa;
+pub mod lanes;
+#[cfg(target_arch = "x86_64")]
+mod lanes_avx2;
 pub mod model;
 pub mod noise;
 pub mod observation;
 pub mod plant;
 pub mod real;
-mod rows;
 pub mod schedule;
+pub mod simulated;
 pub mod task;
 pub mod vector;
 pub mod world;

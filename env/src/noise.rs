@@ -52,7 +52,7 @@ impl<R: Real> Keys<R> {
     /// What can be drawn at one tick.
     #[inline(always)]
     pub fn at(&self, tick: R::Word) -> Draw<R> {
-        Draw { base: mix(tick.mul(R::Word::of(0x9e37_79b9)).add(self.low)) ^ self.high }
+        Draw { keys: *self, tick }
     }
 }
 
@@ -65,7 +65,8 @@ impl<R: Real> Default for Keys<R> {
 /// The draws of one tick. The same channel gives the same number; take a new channel for a new number.
 #[derive(Clone, Copy, Debug)]
 pub struct Draw<R: Real> {
-    base: R::Word,
+    keys: Keys<R>,
+    tick: R::Word,
 }
 
 impl<R: Real> Draw<R> {
@@ -83,7 +84,8 @@ impl<R: Real> Draw<R> {
     }
     #[inline(always)]
     fn word(&self, channel: u32) -> R::Word {
-        mix(self.base.add(R::Word::of(channel.wrapping_mul(0x85eb_ca6b))))
+        let base = mix(self.tick.mul(R::Word::of(0x9e37_79b9)).add(self.keys.low)) ^ self.keys.high;
+        mix(base.add(R::Word::of(channel.wrapping_mul(0x85eb_ca6b))))
     }
 }
 

@@ -4,7 +4,7 @@ use crate::effects::Reading;
 use crate::error::Result;
 use crate::model::{Model, VerticalInput};
 use crate::plant::Command;
-use crate::real::Real;
+use crate::real::{Real, each};
 
 /// Numbers per observation.
 pub const OBSERVATION: usize = 24;
@@ -44,7 +44,7 @@ const fn field(name: &'static str, first: usize, length: usize, unit: &'static s
     Field { name, first, length, unit, low: range[0], high: range[1], about }
 }
 
-/// Where to be: position and yaw.
+/// Where to be: position within the room and yaw within [-pi, pi], as the tasks see to.
 #[derive(Debug, Clone, Copy)]
 pub struct Setpoint<R> {
     pub pos_m: [R; 3],
@@ -57,22 +57,43 @@ pub fn wrap<R: Real>(angle: R) -> R {
     angle - R::of(2.0 * PI) * (angle * R::of(0.5 / PI)).round()
 }
 
+#[inline(always)]
+fn cut<R: Real>(v: R, limit: f64) -> R {
+    v.clamp(R::of(-limit), R::of(limit))
+}
+
+/// As `f32` pi is a little more than pi, and a wrapped angle may pass even that by a rounding.
+#[inline(always)]
+fn angle<R: Real>(a: R) -> R {
+    cut(wrap(a), PI as f32 as f64)
+}
+
 /// The observation row of a reading.
 #[inline(always)]
 pub fn observe<R: Real>(y: &Reading<R>, now_s: R, setpoint: &Setpoint<R>, action: &[R; ACTION]) -> [R; OBSERVATION] {
-    let cut = |v: R, limit: f64| v.clamp(R::of(-limit), R::of(limit));
     let m = &y.marker;
-    let [px, py, pz] = m.pos_m.map(|p| cut(p, 10.0));
-    // f32 rounding of a wrapped angle may pass pi by one step
-    let angle = |a: R| cut(wrap(a), PI as f32 as f64);
-    let age = (now_s - m.t_s).clamp(R::zero(), R::of(60.0));
-    let [ar, ap, ay] = y.att_rad.map(angle);
-    let [gx, gy, gz] = y.gyro_radps.map(|g| cut(g, 34.9));
-    let [ax, ay_, az] = y.acc_mps2.map(|a| cut(a, 157.0));
+    let [px, py, pz] = each(
+        m.pos_m,
+        #[inline(always)]
+        |p| cut(p, 10.0),
+    );
+    let age = (now_s - m.t_s).min(R::of(60.0));
+    let [ar, ap, ay] = [cut(y.att_rad[0], PI as f32 as f64), cut(y.att_rad[1], PI as f32 as f64), angle(y.att_rad[2])];
+    let [gx, gy, gz] = each(
+        y.gyro_radps,
+        #[inline(always)]
+        |g| cut(g, 34.9),
+    );
+    let [ax, ay_, az] = each(
+        y.acc_mps2,
+        #[inline(always)]
+        |a| cut(a, 157.0),
+    );
     let vbat = y.vbat_v.clamp(R::zero(), R::of(5.0));
-    let [sx, sy, sz] = setpoint.pos_m.map(|p| cut(p, 10.0));
+    let [sx, sy, sz] = setpoint.pos_m;
     let [a0, a1, a2, a3] = *action;
-    let (m_yaw, s_yaw) = (angle(m.yaw_rad), angle(setpoint.yaw_rad));
+    let m_yaw = angle(m.yaw_rad);
+    let s_yaw = setpoint.yaw_rad;
     [px, py, pz, m_yaw, age, m.valid, ar, ap, ay, gx, gy, gz, ax, ay_, az, vbat, sx, sy, sz, s_yaw, a0, a1, a2, a3]
 }
 
@@ -124,12 +145,11 @@ impl Interface {
     /// The action row of a command, cut off at -1..1.
     #[inline(always)]
     pub fn action<R: Real>(&self, u: &Command<R>) -> [R; ACTION] {
-        let unit = |v: R| v.clamp(R::of(-1.0), R::of(1.0));
         [
-            unit(u.roll_rad * R::of(1.0 / self.tilt_max_rad)),
-            unit(u.pitch_rad * R::of(1.0 / self.tilt_max_rad)),
-            unit(u.yaw_rate_radps * R::of(1.0 / self.yaw_rate_max_radps)),
-            unit(u.lift * R::of(2.0 / self.lift_max) - R::of(1.0)),
+            cut(u.roll_rad * R::of(1.0 / self.tilt_max_rad), 1.0),
+            cut(u.pitch_rad * R::of(1.0 / self.tilt_max_rad), 1.0),
+            cut(u.yaw_rate_radps * R::of(1.0 / self.yaw_rate_max_radps), 1.0),
+            cut(u.lift * R::of(2.0 / self.lift_max) - R::of(1.0), 1.0),
         ]
     }
 }

@@ -4,7 +4,7 @@ use nalgebra::SMatrix;
 
 use crate::error::Result;
 use crate::model::{AxisForm, Model, Tilt, VerticalInput};
-use crate::real::Real;
+use crate::real::{Real, dot};
 
 /// What moves. World frame: x right, y forward, z up; right-handed angles; +pitch accelerates to +x, +roll to -y at zero yaw.
 #[derive(Debug, Clone, Copy)]
@@ -88,8 +88,8 @@ impl<R: Real> AxisStep<R> {
     #[inline(always)]
     fn step(&self, x: R, w: R, u: R, push: R) -> (R, R, R) {
         let u = u - self.offset;
-        let dot = |c: &[R; 4]| c[0] * x + c[1] * w + c[2] * u + c[3] * push;
-        let (x1, w1) = (dot(&self.x), dot(&self.w));
+        let held = [x, w, u, push];
+        let (x1, w1) = (dot(&self.x, held), dot(&self.w, held));
         (x1, w1, self.rate[0] * x1 + self.rate[1] * w1 + self.rate[2] * u)
     }
 }
@@ -109,8 +109,8 @@ impl<R: Real> TiltStep<R> {
     #[inline(always)]
     fn step(&self, angle: R, rate: R, command: R, push: R) -> [R; 4] {
         let u = command + push * self.per_push;
-        let dot = |c: &[R; 3]| c[0] * angle + c[1] * rate + c[2] * u;
-        [dot(&self.angle), dot(&self.rate), dot(&self.gained_mps), dot(&self.gained_m)]
+        let held = [angle, rate, u];
+        [dot(&self.angle, held), dot(&self.rate, held), dot(&self.gained_mps, held), dot(&self.gained_m, held)]
     }
 }
 
@@ -176,8 +176,8 @@ impl<R: Real> Plant<R> {
         let (z, z_aux, z_rate) = self.vertical.step(x.pos_m[2], x.aux[0], u.lift, push.acc_mps2[2]);
         let (sin, cos) = (R::of(0.5) * (x.att_rad[2] + yaw)).sin_cos();
         // body x gains from pitch, body y loses from roll
-        let turn = |front: R, right: R| [cos * front + sin * right, sin * front - cos * right];
-        let (dv, dp) = (turn(front_mps, right_mps), turn(front_m, right_m));
+        let dv = [cos * front_mps + sin * right_mps, sin * front_mps - cos * right_mps];
+        let dp = [cos * front_m + sin * right_m, sin * front_m - cos * right_m];
         let mut next = State {
             pos_m: [R::zero(), R::zero(), z],
             vel_mps: [R::zero(), R::zero(), z_rate],

@@ -1,12 +1,9 @@
-//! Number types. Every formula of the simulator is written once, generic over [`Real`], and runs on [`Lanes`] (16 drones at
-//! once, `f32`) in the simulator and on `f64` as the reference. Only IEEE basic operations are used, never a fused
-//! multiply-add or a system maths library, so that one formula gives the same bits on every machine.
+//! What a formula may ask of a number. Every formula of the simulator is written once, generic over [`Real`], and runs on
+//! [`crate::lanes::Lanes`] (16 drones at once, `f32`) in the simulator and on `f64` as the reference. Only IEEE basic operations are
+//! used, never a fused multiply-add or a system maths library, so that one formula gives the same bits on every machine.
 
 use std::fmt::Debug;
 use std::ops::{Add, AddAssign, BitAnd, BitOr, BitXor, Div, Mul, Neg, Not, Sub, SubAssign};
-
-/// Drones per tile: one AVX-512 or two AVX2 registers of `f32`.
-pub const LANES: usize = 16;
 
 /// A real number, or several side by side.
 pub trait Real:
@@ -27,6 +24,9 @@ pub trait Real:
     type Mask: Copy + Debug + Send + Sync + BitAnd<Output = Self::Mask> + BitOr<Output = Self::Mask> + Not<Output = Self::Mask>;
     /// One 32-bit word per lane: what the noise generator computes with.
     type Word: Word;
+
+    /// Single precision: polynomials may stop at 1e-7.
+    const SINGLE: bool;
 
     /// The same number in every lane.
     fn of(value: f64) -> Self;
@@ -79,8 +79,9 @@ pub trait Real:
             - quarter * Self::of(4.837_512_969_970_703e-4)
             - quarter * Self::of(7.549_789_948_768_648e-8);
         let r2 = r * r;
-        let sin = r + r * r2 * poly(r2, &[-1.0 / 6.0, 1.0 / 120.0, -1.0 / 5040.0, 1.0 / 362_880.0, -1.0 / 39_916_800.0]);
-        let cos = Self::of(1.0) + r2 * poly(r2, &[-0.5, 1.0 / 24.0, -1.0 / 720.0, 1.0 / 40_320.0, -1.0 / 3_628_800.0, 1.0 / 479_001_600.0]);
+        let sin = r + r * r2 * poly(r2, 4, &[-1.0 / 6.0, 1.0 / 120.0, -1.0 / 5040.0, 1.0 / 362_880.0, -1.0 / 39_916_800.0]);
+        let cos =
+            Self::of(1.0) + r2 * poly(r2, 4, &[-0.5, 1.0 / 24.0, -1.0 / 720.0, 1.0 / 40_320.0, -1.0 / 3_628_800.0, 1.0 / 479_001_600.0]);
         // quarter modulo 4 in {-2, -1, 0, 1, 2} decides which of the two and the signs
         let turn = quarter - Self::of(4.0) * (quarter * Self::of(0.25)).round();
         let odd = turn.abs().lt(Self::of(1.5)) & turn.abs().gt(Self::of(0.5));
@@ -107,6 +108,7 @@ pub trait Real:
         let e = Self::of(1.0)
             + r * poly(
                 r,
+                7,
                 &[
                     1.0,
                     0.5,
@@ -130,7 +132,7 @@ pub trait Real:
         // ln m = 2 atanh(t), t = (m-1)/(m+1), |t| < 0.172
         let t = (m - Self::of(1.0)) / (m + Self::of(1.0));
         let t2 = t * t;
-        n * Self::of(std::f64::consts::LN_2) + t * poly(t2, &[2.0, 2.0 / 3.0, 2.0 / 5.0, 2.0 / 7.0, 2.0 / 9.0, 2.0 / 11.0])
+        n * Self::of(std::f64::consts::LN_2) + t * poly(t2, 4, &[2.0, 2.0 / 3.0, 2.0 / 5.0, 2.0 / 7.0, 2.0 / 9.0, 2.0 / 11.0])
     }
 
     /// `self^exponent` for positive `self`.
@@ -140,11 +142,42 @@ pub trait Real:
     }
 }
 
-/// Horner's scheme, lowest coefficient first.
+/// `values` through `f`. Unlike `[T; N]::map` it is inlined always, which a caller compiled for wider registers needs.
 #[inline(always)]
-fn poly<R: Real, const N: usize>(x: R, coefficients: &[f64; N]) -> R {
-    let mut sum = R::of(coefficients[N - 1]);
-    for i in (0..N - 1).rev() {
+pub fn each<R: Real, const N: usize>(values: [R; N], f: impl Fn(R) -> R) -> [R; N] {
+    let mut out = values;
+    for i in 0..N {
+        out[i] = f(values[i]);
+    }
+    out
+}
+
+/// Sum of products.
+#[inline(always)]
+pub fn dot<R: Real, const N: usize>(a: &[R; N], b: [R; N]) -> R {
+    let mut sum = a[0] * b[0];
+    for i in 1..N {
+        sum += a[i] * b[i];
+    }
+    sum
+}
+
+/// `[f(0), f(1), ...]`, inlined always.
+#[inline(always)]
+pub fn tabulate<R: Real, const N: usize>(f: impl Fn(usize) -> R) -> [R; N] {
+    let mut out = [R::zero(); N];
+    for i in 0..N {
+        out[i] = f(i);
+    }
+    out
+}
+
+/// Horner's scheme, lowest coefficient first; only the first few where single precision cannot tell the rest.
+#[inline(always)]
+fn poly<R: Real, const N: usize>(x: R, single: usize, coefficients: &[f64; N]) -> R {
+    let n = if R::SINGLE { single } else { N };
+    let mut sum = R::of(coefficients[n - 1]);
+    for i in (0..n - 1).rev() {
         sum = sum * x + R::of(coefficients[i]);
     }
     sum
@@ -157,229 +190,6 @@ pub trait Word: Copy + Debug + Send + Sync + BitXor<Output = Self> {
     fn mul(self, other: Self) -> Self;
     fn shr(self, bits: u32) -> Self;
     fn set_lane(&mut self, lane: usize, value: u32);
-}
-
-/// Sixteen drones side by side, in single precision.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[repr(C, align(64))]
-pub struct Lanes(pub [f32; LANES]);
-
-/// A truth value per lane: all bits set, or none.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(C, align(64))]
-pub struct LaneMask(pub [u32; LANES]);
-
-/// A word per lane.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(C, align(64))]
-pub struct LaneWord(pub [u32; LANES]);
-
-#[inline(always)]
-fn zip<A: Copy, B: Copy, C: Copy + Default>(a: [A; LANES], b: [B; LANES], f: impl Fn(A, B) -> C) -> [C; LANES] {
-    let mut out = [C::default(); LANES];
-    for i in 0..LANES {
-        out[i] = f(a[i], b[i]);
-    }
-    out
-}
-
-#[inline(always)]
-fn map<A: Copy, C: Copy + Default>(a: [A; LANES], f: impl Fn(A) -> C) -> [C; LANES] {
-    let mut out = [C::default(); LANES];
-    for i in 0..LANES {
-        out[i] = f(a[i]);
-    }
-    out
-}
-
-macro_rules! lane_operator {
-    ($trait:ident, $method:ident, $op:tt) => {
-        impl $trait for Lanes {
-            type Output = Lanes;
-            #[inline(always)]
-            fn $method(self, other: Lanes) -> Lanes {
-                Lanes(zip(self.0, other.0, |a, b| a $op b))
-            }
-        }
-    };
-}
-lane_operator!(Add, add, +);
-lane_operator!(Sub, sub, -);
-lane_operator!(Mul, mul, *);
-lane_operator!(Div, div, /);
-
-impl Neg for Lanes {
-    type Output = Lanes;
-    #[inline(always)]
-    fn neg(self) -> Lanes {
-        Lanes(map(self.0, |a| -a))
-    }
-}
-impl AddAssign for Lanes {
-    #[inline(always)]
-    fn add_assign(&mut self, other: Lanes) {
-        *self = *self + other;
-    }
-}
-impl SubAssign for Lanes {
-    #[inline(always)]
-    fn sub_assign(&mut self, other: Lanes) {
-        *self = *self - other;
-    }
-}
-impl BitAnd for LaneMask {
-    type Output = LaneMask;
-    #[inline(always)]
-    fn bitand(self, other: LaneMask) -> LaneMask {
-        LaneMask(zip(self.0, other.0, |a, b| a & b))
-    }
-}
-impl BitOr for LaneMask {
-    type Output = LaneMask;
-    #[inline(always)]
-    fn bitor(self, other: LaneMask) -> LaneMask {
-        LaneMask(zip(self.0, other.0, |a, b| a | b))
-    }
-}
-impl Not for LaneMask {
-    type Output = LaneMask;
-    #[inline(always)]
-    fn not(self) -> LaneMask {
-        LaneMask(map(self.0, |a| !a))
-    }
-}
-impl LaneMask {
-    /// From one truth value per lane.
-    #[inline(always)]
-    pub fn from_bools(flags: [bool; LANES]) -> LaneMask {
-        LaneMask(map(flags, |f| if f { u32::MAX } else { 0 }))
-    }
-    /// Bit `i` set where lane `i` is true.
-    #[inline(always)]
-    pub fn bits(self) -> u32 {
-        let mut bits = 0;
-        for i in 0..LANES {
-            bits |= (self.0[i] & 1) << i;
-        }
-        bits
-    }
-}
-impl BitXor for LaneWord {
-    type Output = LaneWord;
-    #[inline(always)]
-    fn bitxor(self, other: LaneWord) -> LaneWord {
-        LaneWord(zip(self.0, other.0, |a, b| a ^ b))
-    }
-}
-impl Word for LaneWord {
-    #[inline(always)]
-    fn of(value: u32) -> Self {
-        LaneWord([value; LANES])
-    }
-    #[inline(always)]
-    fn add(self, other: Self) -> Self {
-        LaneWord(zip(self.0, other.0, |a, b| a.wrapping_add(b)))
-    }
-    #[inline(always)]
-    fn mul(self, other: Self) -> Self {
-        LaneWord(zip(self.0, other.0, |a, b| a.wrapping_mul(b)))
-    }
-    #[inline(always)]
-    fn shr(self, bits: u32) -> Self {
-        LaneWord(map(self.0, |a| a >> bits))
-    }
-    #[inline(always)]
-    fn set_lane(&mut self, lane: usize, value: u32) {
-        self.0[lane] = value;
-    }
-}
-
-/// Adding and subtracting 1.5 * 2^23 leaves the nearest integer of an `f32`: a rounding that every instruction set has.
-const ROUND_F32: f32 = 12_582_912.0;
-
-impl Real for Lanes {
-    type Mask = LaneMask;
-    type Word = LaneWord;
-
-    #[inline(always)]
-    fn of(value: f64) -> Self {
-        Lanes([value as f32; LANES])
-    }
-    #[inline(always)]
-    fn sqrt(self) -> Self {
-        Lanes(map(self.0, f32::sqrt))
-    }
-    #[inline(always)]
-    fn abs(self) -> Self {
-        Lanes(map(self.0, f32::abs))
-    }
-    #[inline(always)]
-    fn min(self, other: Self) -> Self {
-        Lanes(zip(self.0, other.0, |a, b| if b < a { b } else { a }))
-    }
-    #[inline(always)]
-    fn max(self, other: Self) -> Self {
-        Lanes(zip(self.0, other.0, |a, b| if b > a { b } else { a }))
-    }
-    #[inline(always)]
-    fn round(self) -> Self {
-        Lanes(map(self.0, |a| (a + ROUND_F32) - ROUND_F32))
-    }
-    #[inline(always)]
-    fn lt(self, other: Self) -> LaneMask {
-        LaneMask(zip(self.0, other.0, |a, b| if a < b { u32::MAX } else { 0 }))
-    }
-    #[inline(always)]
-    fn le(self, other: Self) -> LaneMask {
-        LaneMask(zip(self.0, other.0, |a, b| if a <= b { u32::MAX } else { 0 }))
-    }
-    #[inline(always)]
-    fn select(mask: LaneMask, yes: Self, no: Self) -> Self {
-        let mut out = [0.0; LANES];
-        for i in 0..LANES {
-            out[i] = f32::from_bits((mask.0[i] & yes.0[i].to_bits()) | (!mask.0[i] & no.0[i].to_bits()));
-        }
-        Lanes(out)
-    }
-    #[inline(always)]
-    fn any(mask: LaneMask) -> bool {
-        mask.0.iter().fold(0, |a, b| a | b) != 0
-    }
-    #[inline(always)]
-    fn all(mask: LaneMask) -> bool {
-        mask.0.iter().fold(u32::MAX, |a, b| a & b) != 0
-    }
-    #[inline(always)]
-    fn nothing() -> LaneMask {
-        LaneMask([0; LANES])
-    }
-    #[inline(always)]
-    fn unit(word: LaneWord) -> Self {
-        // 23 bits and a half are exact in f32: never 0, never 1
-        Lanes(map(word.0, |w| ((w >> 9) as i32 as f32 + 0.5) * (1.0 / 8_388_608.0)))
-    }
-    #[inline(always)]
-    fn split_exponent(self) -> (Self, Self) {
-        // offset so that the mantissa comes out in [sqrt(1/2), sqrt(2))
-        const SQRT_HALF_BITS: u32 = 0x3f35_04f3;
-        let shifted = map(self.0, |a| a.to_bits().wrapping_sub(SQRT_HALF_BITS));
-        let exponent = map(shifted, |b| ((b as i32) >> 23) as f32);
-        let mantissa = map(shifted, |b| f32::from_bits((b & 0x007f_ffff).wrapping_add(SQRT_HALF_BITS)));
-        (Lanes(mantissa), Lanes(exponent))
-    }
-    #[inline(always)]
-    fn scale_exponent(self, exponent: Self) -> Self {
-        // 2^n from the low bits of n + 1.5 * 2^23, which hold the integer n
-        Lanes(zip(self.0, exponent.0, |a, n| a * f32::from_bits((n + ROUND_F32).to_bits().wrapping_add(127) << 23)))
-    }
-    #[inline(always)]
-    fn lane(self, lane: usize) -> f64 {
-        f64::from(self.0[lane])
-    }
-    #[inline(always)]
-    fn set_lane(&mut self, lane: usize, value: f64) {
-        self.0[lane] = value as f32;
-    }
 }
 
 impl Word for u32 {
@@ -403,6 +213,7 @@ impl Word for u32 {
 impl Real for f64 {
     type Mask = bool;
     type Word = u32;
+    const SINGLE: bool = false;
 
     fn of(value: f64) -> Self {
         value
@@ -463,6 +274,7 @@ impl Real for f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::lanes::{LANES, LaneWord, Lanes};
 
     fn worst(low: f64, high: f64, ours: impl Fn(Lanes) -> Lanes, ours64: impl Fn(f64) -> f64, truth: impl Fn(f64) -> f64) -> (f64, f64) {
         let (mut e32, mut e64) = (0.0_f64, 0.0_f64);

@@ -55,6 +55,11 @@ impl Schedule {
         Ok(Schedule { base_hz, control: base_hz / control, imu: base_hz / imu, camera: base_hz / camera })
     }
 
+    /// Seconds per control tick.
+    pub fn tick_s(&self) -> f64 {
+        self.seconds(self.control)
+    }
+
     /// Seconds of so many counts.
     pub fn seconds(&self, counts: u32) -> f64 {
         f64::from(counts) / f64::from(self.base_hz)

@@ -7,15 +7,16 @@ use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 
 use crate::config::{Autoreset, Options};
-use crate::effects::Reading;
 use crate::error::{Error, Result};
-use crate::isa::{Baseline, Isa, Kind, Level};
-use crate::model::Model;
+use crate::isa::{Kind, Level};
+use crate::lanes::{LANES, Lanes};
+use crate::model::{Model, VerticalInput};
 use crate::noise::episode_key;
 use crate::observation::{ACTION, Interface, OBSERVATION, observe};
 use crate::plant::{Command, State};
-use crate::real::{LANES, LaneMask, Lanes, Real};
-use crate::rows;
+use crate::real::Real;
+use crate::schedule::Schedule;
+use crate::simulated::Batched;
 use crate::task::{self, GOAL, Judge, Situation};
 use crate::world::{Settings, World};
 
@@ -40,9 +41,9 @@ pub struct Out<'a> {
 
 /// What the vector environment remembers of a tile besides its world.
 #[derive(Debug, Clone)]
-struct Slot {
-    goal: [Lanes; GOAL],
-    last_action: [Lanes; ACTION],
+struct Slot<R> {
+    goal: [R; GOAL],
+    last_action: [R; ACTION],
     seed: [u64; LANES],
     episode: [u64; LANES],
     /// Bit per lane: the episode has ended.
@@ -52,10 +53,10 @@ struct Slot {
 }
 
 /// A contiguous part of the batch with a world of its own, stepped by one thread.
-struct Shard {
-    world: World<Lanes>,
-    judge: Box<dyn Judge>,
-    slots: Vec<Slot>,
+struct Shard<R: Batched> {
+    world: World<R>,
+    judge: Box<dyn Judge<R>>,
+    slots: Vec<Slot<R>>,
     /// Last observation and true state of episodes that ended in the last step, kept when the environment was reset in that step.
     final_observations: Vec<f32>,
     final_states: Vec<f32>,
@@ -72,7 +73,7 @@ struct Rules {
 
 /// A batch of environments.
 pub struct VectorEnv {
-    shards: Vec<Shard>,
+    shards: Vec<Box<dyn Part>>,
     rules: Rules,
     envs: usize,
     /// Environments per shard but the last.
@@ -95,34 +96,24 @@ impl VectorEnv {
         // a checked model has at least one input
         let input =
             options.vertical.or(model.inputs().first().copied()).ok_or_else(|| Error::Config("the model has no vertical form".into()))?;
-        let entry = task::find(&options.task)?;
         let tiles = envs.div_ceil(LANES);
         let threads = options.threads.clamp(1, tiles);
-        let tiles_per_shard = tiles.div_ceil(threads);
-        let settings = Settings { input, physics_hz: options.physics_hz, level };
-        let mut shards = Vec::new();
-        for first in (0..tiles).step_by(tiles_per_shard) {
-            let count = tiles_per_shard.min(tiles - first);
-            let world = World::new(model, &options.effects, settings, count)?;
-            let slots: Vec<Slot> = (first..first + count).map(|tile| Slot::new(envs - tile * LANES)).collect();
-            let here: usize = slots.iter().map(|s| s.used.count_ones() as usize).sum();
-            let kept = if options.autoreset == Autoreset::SameStep { here } else { 0 };
-            shards.push(Shard {
-                world,
-                judge: (entry.build)(&options.task_options, level)?,
-                slots,
-                final_observations: vec![0.0; kept * OBSERVATION],
-                final_states: vec![0.0; kept * STATE],
-            });
-        }
+        let share = tiles.div_ceil(threads) * LANES;
+        let build = match level.kind() {
+            Kind::Baseline => Shard::<Lanes>::boxed,
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx2 => Shard::<crate::lanes_avx2::Lanes>::boxed,
+        };
+        let starts = (0..envs).step_by(share);
+        let shards = starts.map(|first| build(model, options, input, share.min(envs - first))).collect::<Result<Vec<_>>>()?;
         let pool = match shards.len() {
             1 => None,
             n => Some(rayon::ThreadPoolBuilder::new().num_threads(n).build().map_err(|e| Error::Config(e.to_string()))?),
         };
         let interface = Interface::of(model, input)?;
         let rules = Rules { interface, autoreset: options.autoreset, max_episode_steps: options.max_episode_steps, level };
-        let tick_s = shards[0].world.tick_s();
-        Ok(VectorEnv { shards, rules, envs, share: tiles_per_shard * LANES, pool, ready: false, tick_s })
+        let tick_s = Schedule::of(model)?.tick_s();
+        Ok(VectorEnv { shards, rules, envs, share, pool, ready: false, tick_s })
     }
 
     pub fn num_envs(&self) -> usize {
@@ -203,12 +194,8 @@ impl VectorEnv {
     }
 
     fn check_running(&self) -> Result<()> {
-        for (i, slot) in self.shards.iter().flat_map(|s| &s.slots).enumerate() {
-            if slot.ended != 0 {
-                return Err(Error::Ended { env: i * LANES + slot.ended.trailing_zeros() as usize });
-            }
-        }
-        Ok(())
+        let ended = self.shards.iter().enumerate().find_map(|(i, shard)| Some(i * self.share + shard.first_ended()?));
+        ended.map_or(Ok(()), |env| Err(Error::Ended { env }))
     }
 
     /// The true states, rows of [`STATE`]: position, velocity, roll pitch yaw, their rates.
@@ -218,9 +205,7 @@ impl VectorEnv {
     pub fn states(&self, out: &mut [f32]) -> Result<()> {
         shape("states", self.envs * STATE, out.len())?;
         for (shard, rows) in self.shards.iter().zip(out.chunks_mut(self.share * STATE)) {
-            for (tile, rows) in rows.chunks_mut(LANES * STATE).enumerate() {
-                rows::write(&state_row(shard.world.state(tile)), rows);
-            }
+            shard.states(rows);
         }
         Ok(())
     }
@@ -228,12 +213,21 @@ impl VectorEnv {
     /// With [`Autoreset::SameStep`]: last observation and true state of the episode that ended in the last step in environment `env`.
     pub fn last_of_episode(&self, env: usize) -> Option<(&[f32], &[f32])> {
         let shard = self.shards.get(env / self.share)?;
-        let i = env % self.share;
-        Some((shard.final_observations.get(i * OBSERVATION..(i + 1) * OBSERVATION)?, shard.final_states.get(i * STATE..(i + 1) * STATE)?))
+        shard.last_of_episode(env % self.share)
     }
 }
 
-fn state_row(x: &State<Lanes>) -> [Lanes; STATE] {
+/// A shard, whatever its number type.
+trait Part: Send {
+    fn reset(&mut self, interface: &Interface, first: usize, seeds: Option<&[u64]>, mask: Option<&[bool]>, observations: &mut [f32]);
+    fn run(&mut self, rules: &Rules, actions: &[f32], out: Out<'_>);
+    fn first_ended(&self) -> Option<usize>;
+    fn states(&self, rows: &mut [f32]);
+    fn last_of_episode(&self, env: usize) -> Option<(&[f32], &[f32])>;
+}
+
+#[inline(always)]
+fn state_row<R: Real>(x: &State<R>) -> [R; STATE] {
     let ([a, b, c], [d, e, f], [g, h, i], [j, k, l]) = (x.pos_m, x.vel_mps, x.att_rad, x.rate_radps);
     [a, b, c, d, e, f, g, h, i, j, k, l]
 }
@@ -249,39 +243,133 @@ fn check_actions(actions: &[f32]) -> Result<()> {
     Err(Error::Action { env: at / ACTION, axis: at % ACTION, value: actions[at] })
 }
 
-impl Slot {
+impl<R: Real> Slot<R> {
     fn new(left: usize) -> Self {
         let used = if left >= LANES { u32::from(u16::MAX) } else { (1 << left) - 1 };
-        Slot { goal: [Lanes::zero(); GOAL], last_action: [Lanes::zero(); ACTION], seed: [0; LANES], episode: [0; LANES], ended: 0, used }
+        Slot { goal: [R::zero(); GOAL], last_action: [R::zero(); ACTION], seed: [0; LANES], episode: [0; LANES], ended: 0, used }
     }
 }
 
-fn lane_mask(bits: u32) -> LaneMask {
-    LaneMask::from_bools(std::array::from_fn(|lane| bits >> lane & 1 == 1))
+/// Lanes as rows: as many as `rows` has room for.
+#[inline(always)]
+fn write<R: Batched, const N: usize>(values: &[R; N], rows: &mut [f32]) {
+    if rows.len() == LANES * N {
+        return R::write(values, rows);
+    }
+    for (lane, row) in rows.chunks_exact_mut(N).enumerate() {
+        write_lane(values, lane, row);
+    }
 }
 
-impl Shard {
+/// One lane as a row.
+#[inline(always)]
+fn write_lane<R: Batched, const N: usize>(values: &[R; N], lane: usize, row: &mut [f32]) {
+    for (slot, value) in row.iter_mut().zip(values) {
+        *slot = value.array()[lane];
+    }
+}
+
+/// Rows of actions as lanes; those that a last tile lacks are zero.
+#[inline(always)]
+fn read<R: Batched>(rows: &[f32]) -> [R; ACTION] {
+    if rows.len() == LANES * ACTION {
+        return R::read4(rows);
+    }
+    let mut whole = [0.0; LANES * ACTION];
+    whole[..rows.len()].copy_from_slice(rows);
+    R::read4(&whole)
+}
+
+/// Bits as truth values; mostly there are none.
+#[inline(always)]
+fn flags(bits: u32, out: &mut [bool]) {
+    out.fill(false);
+    if bits != 0 {
+        for (lane, flag) in out.iter_mut().enumerate() {
+            *flag = bits >> lane & 1 == 1;
+        }
+    }
+}
+
+/// The lanes whose bit is set.
+fn lanes_of(bits: u32) -> impl Iterator<Item = usize> {
+    (0..LANES).filter(move |lane| bits >> lane & 1 == 1)
+}
+
+impl<R: Batched> Part for Shard<R> {
     fn reset(&mut self, interface: &Interface, first: usize, seeds: Option<&[u64]>, mask: Option<&[bool]>, observations: &mut [f32]) {
         for (tile, rows) in observations.chunks_mut(LANES * OBSERVATION).enumerate() {
             let env = first + tile * LANES;
             let slot = &mut self.slots[tile];
             let mut bits = 0;
-            for lane in (0..LANES).filter(|lane| slot.used >> lane & 1 == 1 && mask.is_none_or(|m| m[env + lane])) {
+            for lane in lanes_of(slot.used).filter(|lane| mask.is_none_or(|m| m[env + lane])) {
                 bits |= 1 << lane;
                 if let Some(seeds) = seeds {
                     (slot.seed[lane], slot.episode[lane]) = (seeds[env + lane], 0);
                 }
             }
-            self.begin(interface, tile, bits, rows);
+            R::run(
+                #[inline(always)]
+                || self.begin(interface, tile, bits, rows),
+            );
         }
     }
 
+    fn run(&mut self, rules: &Rules, actions: &[f32], out: Out<'_>) {
+        let rows = actions.chunks(LANES * ACTION).zip(out.observations.chunks_mut(LANES * OBSERVATION));
+        let flags = out.terminated.chunks_mut(LANES).zip(out.truncated.chunks_mut(LANES));
+        for (tile, (((actions, observations), rewards), (terminated, truncated))) in
+            rows.zip(out.rewards.chunks_mut(LANES)).zip(flags).enumerate()
+        {
+            let out = Out { observations, rewards, terminated, truncated };
+            R::run(
+                #[inline(always)]
+                || self.step(rules, tile, actions, out),
+            );
+        }
+    }
+
+    fn first_ended(&self) -> Option<usize> {
+        let tile = self.slots.iter().position(|slot| slot.ended != 0)?;
+        Some(tile * LANES + self.slots[tile].ended.trailing_zeros() as usize)
+    }
+
+    fn states(&self, rows: &mut [f32]) {
+        for (tile, rows) in rows.chunks_mut(LANES * STATE).enumerate() {
+            R::run(
+                #[inline(always)]
+                || write(&state_row(self.world.state(tile)), rows),
+            );
+        }
+    }
+
+    fn last_of_episode(&self, env: usize) -> Option<(&[f32], &[f32])> {
+        let observation = self.final_observations.get(env * OBSERVATION..(env + 1) * OBSERVATION)?;
+        Some((observation, self.final_states.get(env * STATE..(env + 1) * STATE)?))
+    }
+}
+
+impl<R: Batched> Shard<R> {
+    fn boxed(model: &Model, options: &Options, input: VerticalInput, envs: usize) -> Result<Box<dyn Part>> {
+        let tiles = envs.div_ceil(LANES);
+        let settings = Settings { input, physics_hz: options.physics_hz };
+        let kept = if options.autoreset == Autoreset::SameStep { envs } else { 0 };
+        Ok(Box::new(Shard::<R> {
+            world: World::new(model, &options.effects, settings, tiles)?,
+            judge: R::judge(task::find(&options.task)?, &options.task_options)?,
+            slots: (0..tiles).map(|tile| Slot::new(envs - tile * LANES)).collect(),
+            final_observations: vec![0.0; kept * OBSERVATION],
+            final_states: vec![0.0; kept * STATE],
+        }))
+    }
+
     /// Begin the next episode in the lanes of `bits` and write their observations.
+    #[inline(always)]
     fn begin(&mut self, interface: &Interface, tile: usize, bits: u32, rows: &mut [f32]) {
         let slot = &mut self.slots[tile];
-        let mut x = State::<Lanes>::rest();
-        let mut u = Command::level(Lanes::zero());
-        for lane in (0..LANES).filter(|lane| bits >> lane & 1 == 1) {
+        let mut x = State::<R>::rest();
+        let mut u = Command::level(R::zero());
+        for lane in lanes_of(bits) {
             let key = episode_key(slot.seed[lane], slot.episode[lane]);
             slot.episode[lane] += 1;
             let mut rng = Pcg64Mcg::seed_from_u64(key);
@@ -299,52 +387,29 @@ impl Shard {
             u.lift.set_lane(lane, if interface.input.is_pwm() { flying * interface.hover_lift } else { start.pos_m[2] });
         }
         slot.ended &= !bits;
-        let mask = lane_mask(bits);
+        let mask = R::mask(bits);
         for (last, new) in slot.last_action.iter_mut().zip(interface.action(&u)) {
-            *last = Lanes::select(mask, new, *last);
+            *last = R::select(mask, new, *last);
         }
-        let y = self.world.start(tile, mask, &x, &u);
+        self.world.start(tile, mask, &x, &u);
         let now_s = self.world.time_s(tile);
         // the goals of lanes under way must not move on here
         let mut goal = slot.goal;
         let setpoint = self.judge.setpoint(&mut goal, now_s, &self.world.draw(tile));
         for (kept, new) in slot.goal.iter_mut().zip(goal) {
-            *kept = Lanes::select(mask, new, *kept);
+            *kept = R::select(mask, new, *kept);
         }
-        let row = observe(&y, now_s, &setpoint, &slot.last_action);
-        for lane in (0..LANES).filter(|lane| bits >> lane & 1 == 1) {
-            rows::write_lane(&row, lane, &mut rows[lane * OBSERVATION..(lane + 1) * OBSERVATION]);
-        }
-    }
-
-    /// One step of the whole shard on the chosen instruction set.
-    fn run(&mut self, rules: &Rules, actions: &[f32], out: Out<'_>) {
-        match rules.level.kind() {
-            Kind::Baseline => self.run_on::<Baseline>(rules, actions, out),
-            #[cfg(target_arch = "x86_64")]
-            Kind::Avx2 => self.run_on::<crate::isa::Avx2>(rules, actions, out),
-        }
-    }
-
-    fn run_on<I: Isa>(&mut self, rules: &Rules, actions: &[f32], out: Out<'_>) {
-        let rows = actions.chunks(LANES * ACTION).zip(out.observations.chunks_mut(LANES * OBSERVATION));
-        let flags = out.terminated.chunks_mut(LANES).zip(out.truncated.chunks_mut(LANES));
-        for (tile, (((actions, observations), rewards), (terminated, truncated))) in
-            rows.zip(out.rewards.chunks_mut(LANES)).zip(flags).enumerate()
-        {
-            let out = Out { observations, rewards, terminated, truncated };
-            I::run(
-                #[inline(always)]
-                || self.step(rules, tile, actions, out),
-            );
+        let row = observe(self.world.reading(tile), now_s, &setpoint, &slot.last_action);
+        for lane in lanes_of(bits) {
+            write_lane(&row, lane, &mut rows[lane * OBSERVATION..(lane + 1) * OBSERVATION]);
         }
     }
 
     /// One step of one tile.
     #[inline(always)]
     fn step(&mut self, rules: &Rules, tile: usize, actions: &[f32], out: Out<'_>) {
-        let action: [Lanes; ACTION] = rows::read(actions);
-        let (y, contact) = self.world.step(tile, &rules.interface.command(&action));
+        let action: [R; ACTION] = read(actions);
+        let contact = self.world.step(tile, &rules.interface.command(&action));
         let now_s = self.world.time_s(tile);
         let slot = &mut self.slots[tile];
         let setpoint = self.judge.setpoint(&mut slot.goal, now_s, &self.world.draw(tile));
@@ -359,15 +424,18 @@ impl Shard {
         let verdict = self.judge.judge(&situation);
         // half a step of margin: the clock is in f32
         let last_s = (f64::from(rules.max_episode_steps) - 0.5) * self.world.tick_s();
-        let over = if rules.max_episode_steps == 0 { Lanes::nothing() } else { now_s.gt(Lanes::of(last_s)) };
+        let over = if rules.max_episode_steps == 0 { R::nothing() } else { now_s.gt(R::of(last_s)) };
         slot.last_action = action;
-        observe_rows(&y, now_s, &setpoint, &action, out.observations);
-        let (terminated, truncated) = (verdict.terminated.bits(), over.bits());
-        for (lane, ((reward, t), o)) in out.rewards.iter_mut().zip(out.terminated.iter_mut()).zip(out.truncated.iter_mut()).enumerate() {
-            *reward = verdict.reward.0[lane];
-            *t = terminated >> lane & 1 == 1;
-            *o = truncated >> lane & 1 == 1;
+        write(&observe(self.world.reading(tile), now_s, &setpoint, &action), out.observations);
+        let (terminated, truncated) = (R::bits(verdict.terminated), R::bits(over));
+        let rewards = verdict.reward.array();
+        if out.rewards.len() == LANES {
+            out.rewards.copy_from_slice(rewards)
+        } else {
+            out.rewards.copy_from_slice(&rewards[..out.rewards.len()])
         }
+        flags(terminated, out.terminated);
+        flags(truncated, out.truncated);
         let before = slot.ended;
         slot.ended = (terminated | truncated) & slot.used;
         if (before | slot.ended) != 0 {
@@ -379,10 +447,18 @@ impl Shard {
     #[cold]
     #[inline(never)]
     fn turn_over(&mut self, rules: &Rules, tile: usize, before: u32, out: Out<'_>) {
+        R::run(
+            #[inline(always)]
+            || self.turn_over_now(rules, tile, before, out),
+        );
+    }
+
+    #[inline(always)]
+    fn turn_over_now(&mut self, rules: &Rules, tile: usize, before: u32, out: Out<'_>) {
         match rules.autoreset {
             Autoreset::Disabled => {}
             Autoreset::NextStep => {
-                for lane in (0..LANES).filter(|lane| before >> lane & 1 == 1) {
+                for lane in lanes_of(before) {
                     (out.rewards[lane], out.terminated[lane], out.truncated[lane]) = (0.0, false, false);
                 }
                 self.begin(&rules.interface, tile, before, out.observations);
@@ -390,25 +466,14 @@ impl Shard {
             Autoreset::SameStep => {
                 let ended = self.slots[tile].ended;
                 let states = state_row(self.world.state(tile));
-                for lane in (0..LANES).filter(|lane| ended >> lane & 1 == 1) {
+                for lane in lanes_of(ended) {
                     let env = tile * LANES + lane;
                     let row = &out.observations[lane * OBSERVATION..(lane + 1) * OBSERVATION];
                     self.final_observations[env * OBSERVATION..(env + 1) * OBSERVATION].copy_from_slice(row);
-                    rows::write_lane(&states, lane, &mut self.final_states[env * STATE..(env + 1) * STATE]);
+                    write_lane(&states, lane, &mut self.final_states[env * STATE..(env + 1) * STATE]);
                 }
                 self.begin(&rules.interface, tile, ended, out.observations);
             }
         }
     }
-}
-
-#[inline(always)]
-fn observe_rows(
-    y: &Reading<Lanes>,
-    now_s: Lanes,
-    setpoint: &crate::observation::Setpoint<Lanes>,
-    action: &[Lanes; ACTION],
-    rows: &mut [f32],
-) {
-    rows::write(&observe(y, now_s, setpoint, action), rows);
 }

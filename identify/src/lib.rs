@@ -7,5 +7,6 @@
 
 pub mod log;
 pub mod metrics;
+pub mod replay;
 
 pub use log::{FlightLog, LogError, Note};

@@ -4,9 +4,10 @@
 //! of 5.2) are applied to the output, which makes table 7.1's negative gains. Written once, for one drone or for lanes.
 
 use crate::error::{Result, unknown};
+use crate::lanes::{LANES, LaneMask, Lanes};
 use crate::observation::{ACTION, Interface, OBSERVATION, wrap};
 use crate::plant::Command;
-use crate::real::{LANES, Lanes, Real};
+use crate::real::{Real, tabulate};
 
 /// One loop: output = kp e + ki clamp(sum e dt) + kd de/dt, clamped.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -158,6 +159,11 @@ impl<R: Real> Pid<R> {
         pid
     }
 
+    /// Go on in another state, as the package's take-off and landing services do: the loops keep what they remember.
+    pub fn set_mode(&mut self, mode: Mode) {
+        self.mode = mode;
+    }
+
     /// Forget the flight in the lanes of `mask`.
     pub fn reset(&mut self, mask: R::Mask) {
         self.fresh = self.fresh | mask;
@@ -221,8 +227,11 @@ impl<R: Real> Pid<R> {
     /// The state Automatic: the target in the vehicle's frame, then four loops.
     #[inline(always)]
     fn fly(&mut self, o: &[R; OBSERVATION], target: [R; 3], on: R::Mask) -> Command<R> {
-        let e: [R; 3] = std::array::from_fn(|i| target[i] - o[i]);
-        let [(sr, cr), (sp, cp), (sy, cy)] = [o[6], o[7], o[3]].map(R::sin_cos);
+        let e: [R; 3] = tabulate(
+            #[inline(always)]
+            |i| target[i] - o[i],
+        );
+        let [(sr, cr), (sp, cp), (sy, cy)] = [o[6].sin_cos(), o[7].sin_cos(), o[3].sin_cos()];
         let (front, left) = (cy * e[0] + sy * e[1], cy * e[1] - sy * e[0]);
         // world to body: yaw, then pitch, then roll
         let (bx, down) = (cp * front - sp * e[2], sp * front + cp * e[2]);
@@ -255,10 +264,15 @@ impl PidBatch {
         PidBatch { tiles: vec![Pid::new(gains, interface, dt_s, mode); envs.div_ceil(LANES)], envs }
     }
 
+    /// See [`Pid::set_mode`].
+    pub fn set_mode(&mut self, mode: Mode) {
+        self.tiles.iter_mut().for_each(|pid| pid.set_mode(mode));
+    }
+
     /// Forget the flights of the environments that `of` names.
     pub fn reset(&mut self, of: impl Fn(usize) -> bool) {
         for (tile, pid) in self.tiles.iter_mut().enumerate() {
-            pid.reset(crate::real::LaneMask::from_bools(std::array::from_fn(|lane| of(tile * LANES + lane))));
+            pid.reset(LaneMask::from_bools(std::array::from_fn(|lane| of(tile * LANES + lane))));
         }
     }
 

@@ -24,7 +24,7 @@ impl Effect<2, 3> for CameraDrift {
 
     #[inline(always)]
     fn frame<R: Real>(&[sigma_m, tau_s]: &[R; 2], error: &mut [R; 3], cx: &Cx<R>, _: &State<R>, f: &mut Frame<R>) {
-        let keep = (-cx.h_s / tau_s).exp();
+        let keep = (R::of(-cx.h_s) / tau_s).exp();
         let spread = sigma_m * (R::of(1.0) - keep * keep).sqrt();
         let ([a, b], [c, _]) = (cx.normals(0), cx.normals(1));
         for (i, n) in [a, b, c].into_iter().enumerate() {

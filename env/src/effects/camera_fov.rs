@@ -2,7 +2,7 @@
 
 use super::{Cx, Effect, Frame, Hooks, Param, param};
 use crate::plant::State;
-use crate::real::Real;
+use crate::real::{Real, dot, tabulate};
 
 pub struct CameraFov;
 
@@ -25,7 +25,7 @@ impl Effect<5, 1> for CameraFov {
         let limited = diagonal_deg.gt(R::zero());
         let (found, nearest_m) = look(p, x, &f.field);
         let lost = found.lt(R::of(0.5));
-        let waited = R::select(lost, reacquire_s, (wait[0] - cx.h_s).max(R::zero()));
+        let waited = R::select(lost, reacquire_s, (wait[0] - R::of(cx.h_s)).max(R::zero()));
         wait[0] = R::select(f.captured & limited, waited, wait[0]);
         let counted = R::select(wait[0].gt(R::zero()), R::zero(), found);
         f.markers = R::select(limited, counted, f.markers);
@@ -83,13 +83,14 @@ struct Camera<R> {
 impl<R: Real> Camera<R> {
     #[inline(always)]
     fn new(x: &State<R>, below_m: R) -> Self {
-        let [(sr, cr), (sp, cp), (sy, cy)] = x.att_rad.map(R::sin_cos);
+        let [roll, pitch, yaw] = x.att_rad;
+        let ((sr, cr), (sp, cp), (sy, cy)) = (roll.sin_cos(), pitch.sin_cos(), yaw.sin_cos());
         let axes = [
             [cy * cp, sy * cp, -sp],
             [cy * sp * sr - sy * cr, sy * sp * sr + cy * cr, cp * sr],
             [cy * sp * cr + sy * sr, sy * sp * cr - cy * sr, cp * cr],
         ];
-        let lens_m = std::array::from_fn(|i| x.pos_m[i] - below_m * axes[2][i]);
+        let lens_m = tabulate(#[inline(always)] |i| x.pos_m[i] - below_m * axes[2][i]);
         Camera { lens_m, axes }
     }
 
@@ -97,7 +98,6 @@ impl<R: Real> Camera<R> {
     #[inline(always)]
     fn project(&self, x: R, y: R) -> [R; 3] {
         let d = [x - self.lens_m[0], y - self.lens_m[1], -self.lens_m[2]];
-        let along = |axis: &[R; 3]| axis[0] * d[0] + axis[1] * d[1] + axis[2] * d[2];
-        [along(&self.axes[0]), along(&self.axes[1]), -along(&self.axes[2])]
+        [dot(&self.axes[0], d), dot(&self.axes[1], d), -dot(&self.axes[2], d)]
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{Cx, Effect, Frame, Hooks, Param, param};
 use crate::plant::State;
-use crate::real::Real;
+use crate::real::{Real, each};
 
 pub struct CameraScale;
 
@@ -17,6 +17,6 @@ impl Effect<1, 0> for CameraScale {
 
     #[inline(always)]
     fn frame<R: Real>(&[scale]: &[R; 1], _: &mut [R; 0], _: &Cx<R>, _: &State<R>, f: &mut Frame<R>) {
-        f.pos_m = f.pos_m.map(|p| scale * p);
+        f.pos_m = each(f.pos_m, #[inline(always)] |p| scale * p);
     }
 }

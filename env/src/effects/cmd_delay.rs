@@ -28,16 +28,16 @@ impl Effect<1, 32> for CmdDelay {
             [past[0], past[1], past[2], past[3]] = [u.roll_rad, u.pitch_rad, u.yaw_rate_radps, u.lift];
         }
         // command k (0 is the newest) was given from -k ticks to -k + 1 ticks; this step sees the span [begin, begin + h)
-        let begin = cx.since_tick_s - delay_s;
-        let end = begin + cx.h_s;
+        let begin = R::of(cx.since_tick_s) - delay_s;
+        let end = begin + R::of(cx.h_s);
         let mut sum = [R::zero(); 4];
         for k in 0..8 {
-            let given = R::of(-(k as f64)) * cx.tick_s;
-            let overlap = (end.min(given + cx.tick_s) - begin.max(given)).max(R::zero());
+            let given = R::of(-(k as f64)) * R::of(cx.tick_s);
+            let overlap = (end.min(given + R::of(cx.tick_s)) - begin.max(given)).max(R::zero());
             if !R::any(overlap.gt(R::zero())) {
                 continue;
             }
-            let share = overlap / cx.h_s;
+            let share = overlap / R::of(cx.h_s);
             for i in 0..4 {
                 sum[i] += share * past[4 * k + i];
             }

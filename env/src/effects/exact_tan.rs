@@ -17,12 +17,17 @@ impl Effect<1, 0> for ExactTan {
 
     #[inline(always)]
     fn push<R: Real>(&[amount]: &[R; 1], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, _: &Command<R>, out: &mut Push<R>) {
-        let limit = R::of(1.4);
-        let more = |angle: R| angle.clamp(-limit, limit).tan() - angle.clamp(-limit, limit);
-        let (front, right) = (more(x.att_rad[1]), more(x.att_rad[0]));
+                let (front, right) = (excess(x.att_rad[1]), excess(x.att_rad[0]));
         let (sin, cos) = x.att_rad[2].sin_cos();
         let strength = amount * cx.body.gravity_mps2;
         out.acc_mps2[0] += strength * (cos * front + sin * right);
         out.acc_mps2[1] += strength * (sin * front - cos * right);
     }
+}
+
+/// tan(a) - a, for angles on this side of 80 degrees.
+#[inline(always)]
+fn excess<R: Real>(angle: R) -> R {
+    let angle = angle.clamp(R::of(-1.4), R::of(1.4));
+    angle.tan() - angle
 }

@@ -2,7 +2,7 @@
 
 use super::{Cx, Effect, Hooks, Param, param};
 use crate::plant::{Command, Push, State};
-use crate::real::Real;
+use crate::real::{Real, each};
 
 pub struct Gust;
 
@@ -19,13 +19,13 @@ impl Effect<2, 2> for Gust {
     #[inline(always)]
     fn start<R: Real>(&[sigma_mps2, _]: &[R; 2], cx: &Cx<R>, _: &State<R>, _: &Command<R>) -> [R; 2] {
         // the stationary distribution; other channels than the first tick's
-        cx.normals(1).map(|n| sigma_mps2 * n)
+        each(cx.normals(1), |n| sigma_mps2 * n)
     }
 
     #[inline(always)]
     fn push<R: Real>(&[sigma_mps2, tau_s]: &[R; 2], acc: &mut [R; 2], cx: &Cx<R>, _: &State<R>, _: &Command<R>, out: &mut Push<R>) {
         if cx.first {
-            let keep = (-cx.tick_s / tau_s).exp();
+            let keep = (R::of(-cx.tick_s) / tau_s).exp();
             let spread = sigma_mps2 * (R::of(1.0) - keep * keep).sqrt();
             for (acc, n) in acc.iter_mut().zip(cx.normals(0)) {
                 *acc = keep * *acc + spread * n;

@@ -30,13 +30,13 @@ impl Effect<4, 4> for GyroBias {
         let ([a, b], [c, d], [e, f]) = (cx.normals(0), cx.normals(1), cx.normals(2));
         let ([g, h], [i, _]) = (cx.normals(3), cx.normals(4));
         let per_deg = R::of(std::f64::consts::PI / 180.0);
-        let step = walk_degps_sqrts * cx.h_s.sqrt();
+        let step = walk_degps_sqrts * R::of(cx.h_s).sqrt();
         for (axis, (walk, white, angle)) in [(a, d, g), (b, e, h), (c, f, i)].into_iter().enumerate() {
             s[axis] += step * walk;
             y.gyro_radps[axis] += per_deg * (s[axis] + rate_noise_degps * white);
             y.att_rad[axis] += per_deg * angle_noise_deg * angle;
         }
-        s[3] += s[2] * cx.h_s;
+        s[3] += s[2] * R::of(cx.h_s);
         y.att_rad[2] += per_deg * s[3];
     }
 }

@@ -3,9 +3,10 @@
 
 mod stage;
 
+use crate::lanes::Lanes;
 use crate::noise::Draw;
 use crate::plant::{Command, Push, State};
-use crate::real::{Lanes, Real};
+use crate::real::Real;
 
 pub(crate) use stage::{Build, Stage};
 
@@ -88,17 +89,17 @@ impl<R: Real> Body<R> {
 pub struct Cx<'a, R: Real> {
     pub body: &'a Body<R>,
     /// Length of the physics step for `command` and `push`, of the control tick for `sense`, since the last frame for `frame`.
-    pub h_s: R,
+    pub h_s: f64,
     /// Length of a control tick.
-    pub tick_s: R,
+    pub tick_s: f64,
     /// From the start of the control tick to the start of this physics step.
-    pub since_tick_s: R,
+    pub since_tick_s: f64,
     /// Time since the episode began.
     pub t_s: R,
     /// First physics step of a control tick: a new command is here.
     pub first: bool,
     /// This tick's noise; channels are the effect's own.
-    pub draw: Draw<R>,
+    pub draw: &'a Draw<R>,
     pub(crate) channel: u32,
 }
 
@@ -203,30 +204,10 @@ pub struct Entry {
     pub source: &'static str,
     pub params: &'static [Param],
     pub hooks: Hooks,
-    pub(crate) lanes: fn(stage::Build) -> Box<dyn Stage<Lanes>>,
-    pub(crate) double: fn(stage::Build) -> Box<dyn Stage<f64>>,
-}
-
-/// Number types that the simulator is compiled for.
-pub trait Simulated: Real {
-    /// Drones per tile.
-    const WIDTH: usize;
-    #[doc(hidden)]
-    fn stage(entry: &Entry, build: stage::Build) -> Box<dyn Stage<Self>>;
-}
-
-impl Simulated for Lanes {
-    const WIDTH: usize = crate::real::LANES;
-    fn stage(entry: &Entry, build: stage::Build) -> Box<dyn Stage<Self>> {
-        (entry.lanes)(build)
-    }
-}
-
-impl Simulated for f64 {
-    const WIDTH: usize = 1;
-    fn stage(entry: &Entry, build: stage::Build) -> Box<dyn Stage<Self>> {
-        (entry.double)(build)
-    }
+    pub(crate) lanes: fn(Build) -> Box<dyn Stage<Lanes>>,
+    #[cfg(target_arch = "x86_64")]
+    pub(crate) avx2: fn(Build) -> Box<dyn Stage<crate::lanes_avx2::Lanes>>,
+    pub(crate) double: fn(Build) -> Box<dyn Stage<f64>>,
 }
 
 macro_rules! registry {

@@ -24,8 +24,8 @@ impl Effect<1, 4> for MotorLag {
     fn command<R: Real>(&[lag_s]: &[R; 1], motor: &mut [R; 4], cx: &Cx<R>, _: &State<R>, u: &mut Command<R>) {
         // no lag at all would divide zero by zero; a microsecond is none
         let tau = lag_s.max(R::of(1e-6));
-        let left = (-cx.h_s / tau).exp();
-        let mean = tau / cx.h_s * (R::of(1.0) - left);
+        let left = (R::of(-cx.h_s) / tau).exp();
+        let mean = tau / R::of(cx.h_s) * (R::of(1.0) - left);
         for (motor, field) in motor.iter_mut().zip([&mut u.roll_rad, &mut u.pitch_rad, &mut u.yaw_rate_radps, &mut u.lift]) {
             let behind = *motor - *field;
             *motor = *field + behind * left;

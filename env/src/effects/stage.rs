@@ -3,10 +3,10 @@
 use std::marker::PhantomData;
 
 use super::{Cx, Effect, Entry, Frame, Reading};
-use crate::isa::{Baseline, Isa, Kind, Level};
 use crate::noise;
 use crate::plant::{Command, Push, State};
-use crate::real::{Lanes, Real};
+use crate::real::Real;
+use crate::simulated::Simulated;
 
 /// How to build a stage.
 #[derive(Debug, Clone, Copy)]
@@ -14,7 +14,6 @@ pub struct Build {
     pub tiles: usize,
     /// Parameters differ between drones (domain randomisation); otherwise they are stored once.
     pub per_drone: bool,
-    pub level: Level,
 }
 
 /// A built effect: one virtual call per tile of drones, none per drone.
@@ -31,16 +30,16 @@ pub trait Stage<R: Real>: Send {
     fn peek(&self, tile: usize, cx: &Cx<R>, x: &State<R>, u: &Command<R>, y: &mut Reading<R>);
 }
 
-pub struct StageOf<E, R, I, const P: usize, const S: usize> {
+pub struct StageOf<E, R, const P: usize, const S: usize> {
     params: Vec<[R; P]>,
     states: Vec<[R; S]>,
     /// 1 where each tile has parameters of its own, 0 where all share the first.
     stride: usize,
     channel: u32,
-    effect: PhantomData<fn() -> (E, I)>,
+    effect: PhantomData<fn() -> E>,
 }
 
-impl<E: Effect<P, S>, R: Real, I: Isa, const P: usize, const S: usize> StageOf<E, R, I, P, S> {
+impl<E: Effect<P, S>, R: Simulated, const P: usize, const S: usize> StageOf<E, R, P, S> {
     fn boxed(build: Build) -> Box<dyn Stage<R>> {
         let off = E::PARAMS.map(|p| R::of(p.off));
         Box::new(Self {
@@ -53,7 +52,7 @@ impl<E: Effect<P, S>, R: Real, I: Isa, const P: usize, const S: usize> StageOf<E
     }
 }
 
-impl<E: Effect<P, S>, R: Real, I: Isa, const P: usize, const S: usize> Stage<R> for StageOf<E, R, I, P, S> {
+impl<E: Effect<P, S>, R: Simulated, const P: usize, const S: usize> Stage<R> for StageOf<E, R, P, S> {
     fn set(&mut self, tile: usize, lane: usize, params: &[f64]) {
         for (slot, value) in self.params[tile * self.stride].iter_mut().zip(params) {
             if self.stride == 1 { slot.set_lane(lane, *value) } else { *slot = R::of(*value) }
@@ -62,15 +61,21 @@ impl<E: Effect<P, S>, R: Real, I: Isa, const P: usize, const S: usize> Stage<R> 
 
     fn start(&mut self, tile: usize, mask: R::Mask, cx: &Cx<R>, x: &State<R>, u: &Command<R>) {
         let cx = Cx { channel: self.channel, ..*cx };
-        let fresh = E::start(&self.params[tile * self.stride], &cx, x, u);
-        for (slot, value) in self.states[tile].iter_mut().zip(fresh) {
-            *slot = R::select(mask, value, *slot);
-        }
+        let (params, states) = (&self.params[tile * self.stride], &mut self.states[tile]);
+        R::run(
+            #[inline(always)]
+            || {
+                let fresh = E::start(params, &cx, x, u);
+                for i in 0..S {
+                    states[i] = R::select(mask, fresh[i], states[i]);
+                }
+            },
+        );
     }
 
     fn command(&mut self, tile: usize, cx: &Cx<R>, x: &State<R>, u: &mut Command<R>) {
         let cx = Cx { channel: self.channel, ..*cx };
-        I::run(
+        R::run(
             #[inline(always)]
             || E::command(&self.params[tile * self.stride], &mut self.states[tile], &cx, x, u),
         );
@@ -78,7 +83,7 @@ impl<E: Effect<P, S>, R: Real, I: Isa, const P: usize, const S: usize> Stage<R> 
 
     fn push(&mut self, tile: usize, cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
         let cx = Cx { channel: self.channel, ..*cx };
-        I::run(
+        R::run(
             #[inline(always)]
             || E::push(&self.params[tile * self.stride], &mut self.states[tile], &cx, x, u, out),
         );
@@ -86,7 +91,7 @@ impl<E: Effect<P, S>, R: Real, I: Isa, const P: usize, const S: usize> Stage<R> 
 
     fn frame(&mut self, tile: usize, cx: &Cx<R>, x: &State<R>, frame: &mut Frame<R>) {
         let cx = Cx { channel: self.channel, ..*cx };
-        I::run(
+        R::run(
             #[inline(always)]
             || E::frame(&self.params[tile * self.stride], &mut self.states[tile], &cx, x, frame),
         );
@@ -94,7 +99,7 @@ impl<E: Effect<P, S>, R: Real, I: Isa, const P: usize, const S: usize> Stage<R> 
 
     fn sense(&mut self, tile: usize, cx: &Cx<R>, x: &State<R>, u: &Command<R>, y: &mut Reading<R>) {
         let cx = Cx { channel: self.channel, ..*cx };
-        I::run(
+        R::run(
             #[inline(always)]
             || E::sense(&self.params[tile * self.stride], &mut self.states[tile], &cx, x, u, y),
         );
@@ -103,7 +108,10 @@ impl<E: Effect<P, S>, R: Real, I: Isa, const P: usize, const S: usize> Stage<R> 
     fn peek(&self, tile: usize, cx: &Cx<R>, x: &State<R>, u: &Command<R>, y: &mut Reading<R>) {
         let cx = Cx { channel: self.channel, ..*cx };
         let mut state = self.states[tile];
-        E::sense(&self.params[tile * self.stride], &mut state, &cx, x, u, y);
+        R::run(
+            #[inline(always)]
+            || E::sense(&self.params[tile * self.stride], &mut state, &cx, x, u, y),
+        );
     }
 }
 
@@ -115,17 +123,9 @@ pub(super) const fn entry<E: Effect<P, S>, const P: usize, const S: usize>(_effe
         source: E::SOURCE,
         params: const { &E::PARAMS },
         hooks: E::HOOKS,
-        lanes: |build| build.level.build::<E, Lanes, P, S>(build),
-        double: StageOf::<E, f64, Baseline, P, S>::boxed,
-    }
-}
-
-impl Level {
-    fn build<E: Effect<P, S>, R: Real, const P: usize, const S: usize>(self, build: Build) -> Box<dyn Stage<R>> {
-        match self.kind() {
-            Kind::Baseline => StageOf::<E, R, Baseline, P, S>::boxed(build),
-            #[cfg(target_arch = "x86_64")]
-            Kind::Avx2 => StageOf::<E, R, crate::isa::Avx2, P, S>::boxed(build),
-        }
+        lanes: StageOf::<E, _, P, S>::boxed,
+        #[cfg(target_arch = "x86_64")]
+        avx2: StageOf::<E, _, P, S>::boxed,
+        double: StageOf::<E, _, P, S>::boxed,
     }
 }

@@ -2,19 +2,23 @@
 
 mod hover;
 mod land;
+mod path;
 mod takeoff;
 mod track;
+
+pub use path::path;
 
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use serde::de::DeserializeOwned;
 
 use crate::error::{Error, Result, unknown};
-use crate::isa::{Baseline, Isa, Kind, Level};
+use crate::lanes::Lanes;
 use crate::noise::Draw;
 use crate::observation::{ACTION, Setpoint, wrap};
 use crate::plant::State;
-use crate::real::{Lanes, Real};
+use crate::real::{Real, tabulate};
+use crate::simulated::Simulated;
 use crate::world::Contact;
 
 /// Numbers that a task remembers per episode.
@@ -74,26 +78,26 @@ pub trait Task: Send + Sync + Sized + 'static {
 }
 
 /// A task as the batch of environments calls it: once per tile.
-pub(crate) trait Judge: Send + Sync {
+pub(crate) trait Judge<R: Real>: Send + Sync {
     fn start(&self, rng: &mut Pcg64Mcg) -> Start;
-    fn setpoint(&self, goal: &mut [Lanes; GOAL], t_s: Lanes, draw: &Draw<Lanes>) -> Setpoint<Lanes>;
-    fn judge(&self, s: &Situation<Lanes>) -> Verdict<Lanes>;
+    fn setpoint(&self, goal: &mut [R; GOAL], t_s: R, draw: &Draw<R>) -> Setpoint<R>;
+    fn judge(&self, s: &Situation<R>) -> Verdict<R>;
 }
 
-struct JudgeOf<T, I>(T, std::marker::PhantomData<fn() -> I>);
+struct JudgeOf<T>(T);
 
-impl<T: Task, I: Isa> Judge for JudgeOf<T, I> {
+impl<T: Task, R: Simulated> Judge<R> for JudgeOf<T> {
     fn start(&self, rng: &mut Pcg64Mcg) -> Start {
         self.0.start(rng)
     }
-    fn setpoint(&self, goal: &mut [Lanes; GOAL], t_s: Lanes, draw: &Draw<Lanes>) -> Setpoint<Lanes> {
-        I::run(
+    fn setpoint(&self, goal: &mut [R; GOAL], t_s: R, draw: &Draw<R>) -> Setpoint<R> {
+        R::run(
             #[inline(always)]
             || self.0.setpoint(goal, t_s, draw),
         )
     }
-    fn judge(&self, s: &Situation<Lanes>) -> Verdict<Lanes> {
-        I::run(
+    fn judge(&self, s: &Situation<R>) -> Verdict<R> {
+        R::run(
             #[inline(always)]
             || self.0.judge(s),
         )
@@ -109,7 +113,9 @@ pub struct Entry {
     /// The reward of one step, in words and formula.
     pub reward: &'static str,
     pub max_episode_steps: u32,
-    pub(crate) build: fn(&serde_json::Value, Level) -> Result<Box<dyn Judge>>,
+    pub(crate) lanes: fn(&serde_json::Value) -> Result<Box<dyn Judge<Lanes>>>,
+    #[cfg(target_arch = "x86_64")]
+    pub(crate) avx2: fn(&serde_json::Value) -> Result<Box<dyn Judge<crate::lanes_avx2::Lanes>>>,
 }
 
 const fn entry<T: Task>() -> Entry {
@@ -119,21 +125,17 @@ const fn entry<T: Task>() -> Entry {
         about: T::ABOUT,
         reward: T::REWARD,
         max_episode_steps: T::MAX_EPISODE_STEPS,
-        build: |options, level| {
-            let options: T::Options = match options {
-                serde_json::Value::Null => T::Options::default(),
-                given => {
-                    serde_json::from_value(given.clone()).map_err(|e| Error::Config(format!("options of the task {}: {e}", T::NAME)))?
-                }
-            };
-            let task = T::new(options)?;
-            Ok(match level.kind() {
-                Kind::Baseline => Box::new(JudgeOf::<T, Baseline>(task, std::marker::PhantomData)),
-                #[cfg(target_arch = "x86_64")]
-                Kind::Avx2 => Box::new(JudgeOf::<T, crate::isa::Avx2>(task, std::marker::PhantomData)),
-            })
-        },
+        lanes: |options| Ok(Box::new(JudgeOf(build::<T>(options)?))),
+        #[cfg(target_arch = "x86_64")]
+        avx2: |options| Ok(Box::new(JudgeOf(build::<T>(options)?))),
     }
+}
+
+fn build<T: Task>(options: &serde_json::Value) -> Result<T> {
+    T::new(match options {
+        serde_json::Value::Null => T::Options::default(),
+        given => serde_json::from_value(given.clone()).map_err(|e| Error::Config(format!("options of the task {}: {e}", T::NAME)))?,
+    })
 }
 
 /// Every task.
@@ -165,7 +167,10 @@ pub(crate) fn within(name: &str, value: f64, low: f64, high: f64) -> Result<f64>
 /// 1 at the set-point, 1/2 at 30 cm: near enough to feel, far enough to be found from across the room.
 #[inline(always)]
 pub(crate) fn closeness<R: Real>(s: &Situation<R>) -> R {
-    let [dx, dy, dz] = std::array::from_fn(|i| s.x.pos_m[i] - s.setpoint.pos_m[i]);
+    let [dx, dy, dz] = tabulate(
+        #[inline(always)]
+        |i| s.x.pos_m[i] - s.setpoint.pos_m[i],
+    );
     let turned = wrap(s.x.att_rad[2] - s.setpoint.yaw_rad);
     let near = R::of(1.0) / (R::of(1.0) + (dx * dx + dy * dy + dz * dz) * R::of(1.0 / 0.09));
     let facing = R::of(1.0) / (R::of(1.0) + turned * turned);

@@ -7,7 +7,7 @@ use super::{GOAL, HEIGHT_M, Situation, Start, Task, Verdict, closeness, crashed,
 use crate::error::{Error, Result};
 use crate::noise::{Draw, channel};
 use crate::observation::Setpoint;
-use crate::real::Real;
+use crate::real::{Real, tabulate};
 
 /// What to fly.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
@@ -97,7 +97,13 @@ impl Task for Track {
         }
         goal[SINCE] = R::select(arrived, t_s, goal[SINCE]);
         let done = ((t_s - goal[SINCE]) / period).clamp(R::zero(), R::of(1.0));
-        Setpoint { pos_m: std::array::from_fn(|i| goal[FROM + i] + done * (goal[TO + i] - goal[FROM + i])), yaw_rad: R::zero() }
+        Setpoint {
+            pos_m: tabulate(
+                #[inline(always)]
+                |i| goal[FROM + i] + done * (goal[TO + i] - goal[FROM + i]),
+            ),
+            yaw_rad: R::zero(),
+        }
     }
 
     #[inline(always)]
@@ -122,13 +128,17 @@ impl Track {
             Shape::Helix => [a * cos, a * sin, z + R::of(o.rise_m) * (R::of(std::f64::consts::FRAC_PI_2) * turns).sin_cos().0],
             Shape::Square => {
                 // both coordinates are clipped triangle waves of the same round, a quarter apart
-                let edge = |phase: f64| {
-                    let p = turns + R::of(phase);
-                    let saw = p - p.round();
-                    (R::of(8.0 * o.size_m) * (saw.abs() - R::of(0.25))).clamp(-a, a)
-                };
-                [edge(0.125), edge(0.375), z]
+                [self.edge(turns, 0.125), self.edge(turns, 0.375), z]
             }
         }
+    }
+
+    /// A triangle wave of twice the size, clipped: a quarter of a round across, a quarter waiting.
+    #[inline(always)]
+    fn edge<R: Real>(&self, turns: R, phase: f64) -> R {
+        let a = R::of(self.0.size_m);
+        let p = turns + R::of(phase);
+        let saw = p - p.round();
+        (R::of(8.0 * self.0.size_m) * (saw.abs() - R::of(0.25))).clamp(-a, a)
     }
 }

@@ -1,0 +1,120 @@
+//! The number types that the simulator is compiled for, and what a tile of each must be able to do.
+
+use crate::effects::{Build, Entry, Stage};
+use crate::error::Result;
+use crate::lanes::{LANES, LaneMask, Lanes};
+use crate::real::Real;
+use crate::task::{self, Judge};
+
+/// A number type that a world can be made of.
+pub trait Simulated: Real {
+    #[doc(hidden)]
+    fn stage(entry: &Entry, build: Build) -> Box<dyn Stage<Self>>;
+    /// Runs `code` compiled for the instruction set that this type is written for.
+    #[inline(always)]
+    fn run<T>(code: impl FnOnce() -> T) -> T {
+        code()
+    }
+}
+
+/// A number type of sixteen lanes, which a batch of environments can be made of.
+pub(crate) trait Batched: Simulated {
+    fn judge(entry: &task::Entry, options: &serde_json::Value) -> Result<Box<dyn Judge<Self>>>;
+    fn bits(mask: Self::Mask) -> u32;
+    fn mask(bits: u32) -> Self::Mask;
+    fn array(&self) -> &[f32; LANES];
+    /// Sixteen rows of four numbers.
+    fn read4(rows: &[f32]) -> [Self; 4];
+    /// Sixteen rows of `N` numbers.
+    fn write<const N: usize>(values: &[Self; N], rows: &mut [f32]);
+}
+
+impl Simulated for f64 {
+    fn stage(entry: &Entry, build: Build) -> Box<dyn Stage<Self>> {
+        (entry.double)(build)
+    }
+}
+
+impl Simulated for Lanes {
+    fn stage(entry: &Entry, build: Build) -> Box<dyn Stage<Self>> {
+        (entry.lanes)(build)
+    }
+}
+
+impl Batched for Lanes {
+    fn judge(entry: &task::Entry, options: &serde_json::Value) -> Result<Box<dyn Judge<Self>>> {
+        (entry.lanes)(options)
+    }
+    #[inline(always)]
+    fn bits(mask: LaneMask) -> u32 {
+        mask.bits()
+    }
+    fn mask(bits: u32) -> LaneMask {
+        LaneMask::from_bools(std::array::from_fn(|lane| bits >> lane & 1 == 1))
+    }
+    #[inline(always)]
+    fn array(&self) -> &[f32; LANES] {
+        &self.0
+    }
+    #[inline(always)]
+    fn read4(rows: &[f32]) -> [Self; 4] {
+        let mut out = [Lanes::zero(); 4];
+        for (lane, row) in rows.chunks_exact(4).enumerate() {
+            for (slot, value) in out.iter_mut().zip(row) {
+                slot.0[lane] = *value;
+            }
+        }
+        out
+    }
+    #[inline(always)]
+    fn write<const N: usize>(values: &[Self; N], rows: &mut [f32]) {
+        for (lane, row) in rows.chunks_exact_mut(N).enumerate() {
+            for (slot, value) in row.iter_mut().zip(values) {
+                *slot = value.0[lane];
+            }
+        }
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+mod avx2 {
+    use super::{Batched, Build, Entry, Judge, LANES, Result, Simulated, Stage, task};
+    use crate::lanes_avx2::{self, Lanes, Mask};
+
+    impl Simulated for Lanes {
+        fn stage(entry: &Entry, build: Build) -> Box<dyn Stage<Self>> {
+            (entry.avx2)(build)
+        }
+        #[inline(always)]
+        #[allow(unsafe_code)]
+        fn run<T>(code: impl FnOnce() -> T) -> T {
+            // SAFETY: this type is used only on a processor with AVX2, see the head of lanes_avx2.rs
+            unsafe { crate::isa::with_avx2(code) }
+        }
+    }
+
+    impl Batched for Lanes {
+        fn judge(entry: &task::Entry, options: &serde_json::Value) -> Result<Box<dyn Judge<Self>>> {
+            (entry.avx2)(options)
+        }
+        #[inline(always)]
+        fn bits(mask: Mask) -> u32 {
+            mask.bits()
+        }
+        fn mask(bits: u32) -> Mask {
+            Mask::from_bits(bits)
+        }
+        #[inline(always)]
+        fn array(&self) -> &[f32; LANES] {
+            Lanes::array(self)
+        }
+        #[inline(always)]
+        fn read4(rows: &[f32]) -> [Self; 4] {
+            lanes_avx2::read4(rows)
+        }
+        #[inline(always)]
+        fn write<const N: usize>(values: &[Self; N], rows: &mut [f32]) {
+            lanes_avx2::write(values, rows);
+        }
+    }
+}

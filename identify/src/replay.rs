@@ -1,0 +1,349 @@
+//! The thesis's first simulation block (7.1.1): the commands of a recorded flight drive the model open loop, and what it predicts is
+//! compared with what was measured.
+
+mod error;
+mod measured;
+
+use std::fmt;
+use std::ops::Range;
+
+use crazyflie_env::config::{EffectParams, EffectTable};
+use crazyflie_env::model::{Model, Vertical, VerticalInput, Yaw};
+use crazyflie_env::plant::{Command, State};
+use crazyflie_env::world::{Settings, World};
+
+use crate::FlightLog;
+use crate::metrics::Fit;
+
+pub use error::ReplayError;
+use measured::{Measured, median};
+
+/// The clock on which the model is replayed: that of the recordings.
+const TICK_HZ: f64 = 100.0;
+const TICK_S: f64 = 1.0 / TICK_HZ;
+/// A command whose time differs from a tick's only by rounding belongs to it.
+const ROUNDING_S: f64 = 1e-6;
+
+/// One of the outputs of the thesis's first block.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Signal {
+    pub name: &'static str,
+    /// Unit for people; values inside are SI and radians.
+    pub unit: &'static str,
+    pub is_angle: bool,
+}
+
+impl Signal {
+    /// A value of this signal in [`Signal::unit`].
+    pub fn shown(&self, si: f64) -> f64 {
+        if self.is_angle { si.to_degrees() } else { si }
+    }
+}
+
+const fn signal(name: &'static str, unit: &'static str) -> Signal {
+    Signal { name, unit, is_angle: matches!(unit.as_bytes(), b"deg") }
+}
+
+/// Outputs of the thesis's first block, in the order of its figure 7.1.
+pub const SIGNALS: [Signal; 8] = [
+    signal("roll", "deg"),
+    signal("pitch", "deg"),
+    signal("yaw", "deg"),
+    signal("z", "m"),
+    signal("vx", "m/s"),
+    signal("vy", "m/s"),
+    signal("x", "m"),
+    signal("y", "m"),
+];
+
+/// Where the hover PWM of the `thrust` form comes from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Hover {
+    OfModel,
+    /// The median thrust command of the flight: what carried this vehicle.
+    MedianThrust,
+    Given(f64),
+}
+
+/// How to replay.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Plan {
+    /// Which vertical form is driven; the one whose command the log holds unless given.
+    pub vertical: Option<VerticalInput>,
+    /// Start again from the measurement after so many seconds; `None` runs free from the start to the end.
+    pub horizon_s: Option<f64>,
+    pub hover: Hover,
+    /// Give the model the measured yaw rate for a command, where the log holds none, so that its heading is right.
+    pub measured_yaw_rate: bool,
+}
+
+impl Default for Plan {
+    fn default() -> Self {
+        Plan { vertical: None, horizon_s: None, hover: Hover::OfModel, measured_yaw_rate: false }
+    }
+}
+
+/// What was assumed or derived on the way.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Remark {
+    /// Velocities are derivatives of the position measurements.
+    VelocityDerived { half_window_s: f64 },
+    /// Velocities are the simulator's truth, which the log holds.
+    VelocityOfTruth,
+    /// The log has no yaw-rate command.
+    YawCommandZero,
+    /// The measured yaw rate was the yaw command.
+    YawCommandMeasured,
+    /// The flight's median thrust command beside the PWM at which the model hovers.
+    HoverPwm { flight: f64, model: f64 },
+    /// The hover PWM of the `thrust` form was replaced.
+    HoverTaken { pwm: f64, instead_of: f64 },
+}
+
+impl fmt::Display for Remark {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::VelocityDerived { half_window_s } => {
+                write!(f, "velocity is not measured: derived from the position by local cubics over +-{half_window_s} s")
+            }
+            Self::VelocityOfTruth => write!(f, "velocity is not measured: taken from the simulator's truth in the log"),
+            Self::YawCommandZero => write!(f, "no yaw-rate command in the log: taken as 0"),
+            Self::YawCommandMeasured => {
+                write!(f, "no yaw-rate command in the log: the measured yaw rate is given instead, so the fit of yaw says nothing")
+            }
+            Self::HoverPwm { flight, model } => {
+                write!(f, "median thrust command of the flight {flight:.0} PWM; the model hovers at {model:.0} PWM")
+            }
+            Self::HoverTaken { pwm, instead_of } => write!(f, "hover PWM taken as {pwm:.0} instead of the model's {instead_of:.0}"),
+        }
+    }
+}
+
+/// One signal, measured and predicted at the same times.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Compared {
+    pub t_s: Vec<f64>,
+    pub measured: Vec<f64>,
+    pub predicted: Vec<f64>,
+    pub fit: Fit,
+}
+
+/// A flight replayed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Replay {
+    pub input: VerticalInput,
+    /// From the first measured state to the end of the flight.
+    pub start_s: f64,
+    pub end_s: f64,
+    /// In the order of [`SIGNALS`], SI and radians.
+    pub signals: [Compared; 8],
+    pub remarks: Vec<Remark>,
+}
+
+/// Replays a recorded flight on a model.
+///
+/// # Errors
+/// [`ReplayError`]: the log lacks commands or never flies, the model lacks the vertical form, or its effects are drawn at random.
+pub fn replay(model: &Model, log: &FlightLog, plan: &Plan) -> Result<Replay, ReplayError> {
+    let horizon_ticks = horizon_ticks(plan.horizon_s)?;
+    refuse_drawn(&model.effects)?;
+    let (input, lift) = vertical_command(model, log, plan)?;
+    let mut remarks = Vec::new();
+    let model = on_replay_clock(model, log, lift, input, plan, &mut remarks)?;
+    let measured = Measured::of(log, &mut remarks)?;
+    let commands = Commands::of(log, lift, &measured, model.yaw.sign(), plan, &mut remarks)?;
+    let (start_s, ticks) = measured.interval(log, TICK_S)?;
+    let end_s = start_s + ticks as f64 * TICK_S;
+    let settings = Settings { input, physics_hz: None };
+    let mut world = World::<f64>::new(&model, &EffectTable::new(), settings, 1)?.without_floor();
+    let each = horizon_ticks.unwrap_or(ticks).min(ticks);
+    let mut runs = Vec::new();
+    for first in (0..ticks).step_by(each) {
+        let begin_s = start_s + first as f64 * TICK_S;
+        let start = with_lags(&model, input, measured.state(begin_s))?;
+        runs.push(run(&mut world, &start, begin_s, each.min(ticks - first), &commands));
+    }
+    let prediction = Prediction { start_s, each, runs };
+    let signals = compare(&measured, &prediction, start_s, end_s)?;
+    Ok(Replay { input, start_s, end_s, signals, remarks })
+}
+
+fn horizon_ticks(horizon_s: Option<f64>) -> Result<Option<usize>, ReplayError> {
+    match horizon_s {
+        None => Ok(None),
+        Some(s) if s >= TICK_S && s.is_finite() => Ok(Some((s * TICK_HZ).round() as usize)),
+        Some(value_s) => Err(ReplayError::Horizon { value_s, least_s: TICK_S }),
+    }
+}
+
+/// A replay has no seed: effects of the model must be numbers.
+fn refuse_drawn(effects: &EffectTable) -> Result<(), ReplayError> {
+    let drawn = effects.iter().find(|(_, params)| match params {
+        EffectParams::First(number) => number.fixed().is_none(),
+        EffectParams::Named(map) => map.values().any(|number| number.fixed().is_none()),
+    });
+    drawn.map_or(Ok(()), |(name, _)| Err(ReplayError::DrawnEffect { name: name.clone() }))
+}
+
+/// Which vertical form, and the log's command for it.
+fn vertical_command<'a>(model: &Model, log: &'a FlightLog, plan: &Plan) -> Result<(VerticalInput, &'a [f64]), ReplayError> {
+    let of = |input: VerticalInput| if input.is_pwm() { &log.cmd_thrust_pwm } else { &log.cmd_height_m };
+    let wanted = match (plan.vertical, plan.hover) {
+        (Some(input), _) => input,
+        (None, Hover::OfModel) => model.inputs().into_iter().find(|input| of(*input).is_some()).unwrap_or(VerticalInput::Pwm),
+        (None, _) => VerticalInput::Thrust,
+    };
+    model.vertical(wanted)?;
+    let Some(lift) = of(wanted) else {
+        let what = if wanted.is_pwm() { "thrust command" } else { "height command" };
+        return Err(ReplayError::NoCommands { what });
+    };
+    Ok((wanted, lift))
+}
+
+/// A copy of the model whose control tick is the replay's, with the hover PWM that was asked for.
+fn on_replay_clock(
+    model: &Model,
+    log: &FlightLog,
+    lift: &[f64],
+    input: VerticalInput,
+    plan: &Plan,
+    remarks: &mut Vec<Remark>,
+) -> Result<Model, ReplayError> {
+    let mut model = model.clone();
+    model.rig.control.value = TICK_HZ;
+    model.rig.imu.value = TICK_HZ;
+    model.rig.camera.value = model.rig.camera.value.min(TICK_HZ);
+    if !input.is_pwm() {
+        return Ok(model);
+    }
+    let flight = median(lift.get(log.airborne.clone()).unwrap_or(lift));
+    if plan.hover == Hover::OfModel {
+        let hover = match model.vertical(input)? {
+            Vertical::Thrust { hover, .. } => Some(hover.value),
+            Vertical::FirstOrder { hover, .. } | Vertical::SecondOrder { hover, .. } => hover.as_ref().map(|q| q.value),
+        };
+        remarks.extend(hover.map(|model| Remark::HoverPwm { flight, model }));
+        return Ok(model);
+    }
+    let (VerticalInput::Thrust, Some(Vertical::Thrust { hover, .. })) = (input, &mut model.vertical.thrust) else {
+        return Err(ReplayError::HoverWithoutThrustForm);
+    };
+    let pwm = if let Hover::Given(pwm) = plan.hover { pwm } else { flight };
+    if !(pwm > 0.0 && pwm.is_finite()) {
+        return Err(ReplayError::HoverPwm { value: pwm });
+    }
+    remarks.push(Remark::HoverTaken { pwm, instead_of: hover.value });
+    hover.value = pwm;
+    Ok(model)
+}
+
+/// The commands of a log, held between its rows.
+struct Commands<'a> {
+    t_s: &'a [f64],
+    roll_rad: &'a [f64],
+    pitch_rad: &'a [f64],
+    yaw_rate_radps: Option<Vec<f64>>,
+    lift: &'a [f64],
+}
+
+impl<'a> Commands<'a> {
+    fn of(
+        log: &'a FlightLog,
+        lift: &'a [f64],
+        measured: &Measured,
+        yaw_sign: f64,
+        plan: &Plan,
+        remarks: &mut Vec<Remark>,
+    ) -> Result<Self, ReplayError> {
+        let (Some(roll_rad), Some(pitch_rad)) = (&log.cmd_roll_rad, &log.cmd_pitch_rad) else {
+            return Err(ReplayError::NoCommands { what: "roll and pitch commands" });
+        };
+        let yaw_rate_radps = match &log.cmd_yaw_rate_radps {
+            Some(logged) => Some(logged.clone()),
+            None if plan.measured_yaw_rate => {
+                remarks.push(Remark::YawCommandMeasured);
+                Some(log.t_s.iter().map(|t| yaw_sign * measured.yaw_rate(*t)).collect())
+            }
+            None => {
+                remarks.push(Remark::YawCommandZero);
+                None
+            }
+        };
+        Ok(Commands { t_s: &log.t_s, roll_rad, pitch_rad, yaw_rate_radps, lift })
+    }
+
+    /// The command in force at a time: that of the last row before it.
+    fn at(&self, t_s: f64) -> Command<f64> {
+        let row = self.t_s.partition_point(|t| *t <= t_s + ROUNDING_S).saturating_sub(1);
+        Command {
+            roll_rad: self.roll_rad[row],
+            pitch_rad: self.pitch_rad[row],
+            yaw_rate_radps: self.yaw_rate_radps.as_ref().map_or(0.0, |rate| rate[row]),
+            lift: self.lift[row],
+        }
+    }
+}
+
+/// A measured state with the second states of the model's forms: the rate itself where the form has it for a state.
+fn with_lags(model: &Model, input: VerticalInput, mut x: State<f64>) -> Result<State<f64>, ReplayError> {
+    let climbs = !matches!(model.vertical(input)?, Vertical::FirstOrder { .. });
+    let turns = !matches!(model.yaw, Yaw::Integrator { .. });
+    x.aux = [if climbs { x.vel_mps[2] } else { 0.0 }, if turns { x.rate_radps[2] } else { 0.0 }];
+    Ok(x)
+}
+
+/// The eight signals over one open-loop run, one row per tick, the start included.
+fn run(world: &mut World<f64>, start: &State<f64>, begin_s: f64, ticks: usize, commands: &Commands<'_>) -> Vec<[f64; 8]> {
+    world.start(0, true, start, &commands.at(begin_s - TICK_S));
+    let mut rows = Vec::with_capacity(ticks + 1);
+    rows.push(outputs(start));
+    for tick in 0..ticks {
+        world.step(0, &commands.at(begin_s + tick as f64 * TICK_S));
+        rows.push(outputs(world.state(0)));
+    }
+    rows
+}
+
+/// A state in the order of [`SIGNALS`].
+fn outputs(x: &State<f64>) -> [f64; 8] {
+    let ([roll, pitch, yaw], [px, py, z], [vx, vy, _]) = (x.att_rad, x.pos_m, x.vel_mps);
+    [roll, pitch, yaw, z, vx, vy, px, py]
+}
+
+/// Open-loop runs, one after the other.
+struct Prediction {
+    start_s: f64,
+    /// Ticks per run.
+    each: usize,
+    runs: Vec<Vec<[f64; 8]>>,
+}
+
+impl Prediction {
+    /// A signal at a time after the start. At the moment of a new start the run before it is asked: its prediction is the older one.
+    fn at(&self, signal: usize, t_s: f64) -> f64 {
+        let tick = ((t_s - self.start_s) * TICK_HZ).max(0.0);
+        let run = ((tick - ROUNDING_S).max(0.0) / self.each as f64) as usize;
+        let run = run.min(self.runs.len() - 1);
+        let rows = &self.runs[run];
+        let within = (tick - (run * self.each) as f64).clamp(0.0, (rows.len() - 1) as f64);
+        let (before, part) = (within.floor() as usize, within.fract());
+        let after = (before + 1).min(rows.len() - 1);
+        rows[before][signal] + part * (rows[after][signal] - rows[before][signal])
+    }
+}
+
+fn compare(measured: &Measured, prediction: &Prediction, start_s: f64, end_s: f64) -> Result<[Compared; 8], ReplayError> {
+    let mut all = Vec::with_capacity(SIGNALS.len());
+    for at in 0..SIGNALS.len() {
+        let track = measured.track(at);
+        let Range { start, end } = track.between(start_s + ROUNDING_S, end_s + ROUNDING_S);
+        let t_s = track.t_s[start..end].to_vec();
+        let measured = track.values[start..end].to_vec();
+        let predicted: Vec<f64> = t_s.iter().map(|t| prediction.at(at, *t)).collect();
+        let fit = Fit::of(&measured, &predicted).map_err(|source| ReplayError::Compare { signal: SIGNALS[at].name, source })?;
+        all.push(Compared { t_s, measured, predicted, fit });
+    }
+    // one per signal
+    all.try_into().map_err(|_| ReplayError::NoCommands { what: "signals" })
+}

@@ -1,0 +1,86 @@
+//! The one error type of the crate.
+
+use thiserror::Error;
+
+/// Why a picture could not be drawn. Nothing is written to the output in that case.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum PictureError {
+    /// Width, height or the number of columns is zero.
+    #[error("a picture needs at least one pixel and one column, got {width} x {height}")]
+    ZeroSize {
+        /// Width in pixels or columns.
+        width: usize,
+        /// Height in pixels or rows.
+        height: usize,
+    },
+    /// The frame is larger than the renderer is willing to allocate.
+    #[error("{width} x {height} is too large, the limit is {limit} on each side")]
+    TooLarge {
+        /// Width asked for.
+        width: usize,
+        /// Height asked for.
+        height: usize,
+        /// Largest accepted side.
+        limit: usize,
+    },
+    /// The pixel buffer does not hold `height * width * 3` bytes.
+    #[error("the RGB buffer holds {actual} bytes, {expected} were expected")]
+    BufferLength {
+        /// `height * width * 3`.
+        expected: usize,
+        /// Length of the buffer handed over.
+        actual: usize,
+    },
+    /// A number is NaN or infinite.
+    #[error("{what}, element {index}, is not a finite number")]
+    NonFinite {
+        /// Which input, for example `series "height": y` or `drone position`.
+        what: String,
+        /// Index of the offending element within that input.
+        index: usize,
+    },
+    /// A finite number is outside what can be drawn.
+    #[error("{what}, element {index}, is out of range: {value} is not in {low} to {high}")]
+    OutOfRange {
+        /// Which input.
+        what: String,
+        /// Index of the offending element within that input.
+        index: usize,
+        /// The value.
+        value: f64,
+        /// Smallest accepted value.
+        low: f64,
+        /// Largest accepted value.
+        high: f64,
+    },
+    /// A series has a different number of x and y values.
+    #[error("series \"{label}\" has {x} x values and {y} y values")]
+    LengthMismatch {
+        /// Label of the series.
+        label: String,
+        /// Number of x values.
+        x: usize,
+        /// Number of y values.
+        y: usize,
+    },
+    /// There is nothing to draw: no panel, no series in a panel, or no point in a series.
+    #[error("{what} is empty")]
+    Empty {
+        /// What is empty, by its title or label.
+        what: String,
+    },
+    /// The SVG writer failed.
+    #[error("the SVG writer failed: {0}")]
+    Svg(String),
+}
+
+impl PictureError {
+    /// The same error for an element of a list of points rather than for a coordinate of one point.
+    pub(crate) fn at(self, element: usize) -> Self {
+        match self {
+            Self::NonFinite { what, .. } => Self::NonFinite { what, index: element },
+            Self::OutOfRange { what, value, low, high, .. } => Self::OutOfRange { what, index: element, value, low, high },
+            other => other,
+        }
+    }
+}

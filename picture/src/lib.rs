@@ -1,0 +1,34 @@
+//! Pictures of a flight, without a display server and without fonts.
+//!
+//! - [`render`] draws a [`Scene`] (drones, marker, trail, setpoint, camera cone) into an RGB buffer,
+//! - [`chart`] and [`path3d`] write SVG documents,
+//! - [`ansi`] turns such a buffer into text for a terminal.
+
+#![forbid(unsafe_code)]
+#![warn(missing_docs)]
+
+mod ansi;
+mod axis;
+mod chart;
+mod draw;
+mod error;
+mod floor;
+mod legend;
+mod panel;
+mod path3d;
+mod props;
+mod scene;
+mod sheet;
+mod thin;
+mod vector;
+mod vehicle;
+mod view;
+
+pub use ansi::ansi;
+pub use chart::chart;
+pub use error::PictureError;
+pub use panel::{Band, HLine, Panel, Series};
+pub use path3d::{Path3, path3d};
+pub use scene::{Drone, Marker, Scene, render};
+pub use sheet::{PALETTE, Style};
+pub use view::View;

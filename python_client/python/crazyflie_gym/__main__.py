@@ -1,0 +1,14 @@
+"""The command line: `crazyflie` or `python -m crazyflie_gym`."""
+
+import sys
+
+from crazyflie_gym._native import cli
+
+
+def main() -> int:
+    """Run the command line with the arguments of this process and return the exit status."""
+    return cli(sys.argv[1:])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

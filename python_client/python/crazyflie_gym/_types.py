@@ -1,0 +1,56 @@
+"""Types shared by the package and the stubs of the native module."""
+
+from __future__ import annotations
+
+from typing import TypedDict
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float32]
+BoolArray = NDArray[np.bool_]
+Observation = FloatArray | dict[str, FloatArray]
+"""A row of 24 numbers (or rows of them), or the same by field."""
+
+
+class ParamEntry(TypedDict):
+    """A parameter of an effect."""
+
+    name: str
+    unit: str
+    about: str
+    off: float
+    low: float
+    high: float
+
+
+class EffectEntry(TypedDict):
+    """An effect."""
+
+    name: str
+    about: str
+    source: str
+    hooks: list[str]
+    params: list[ParamEntry]
+
+
+class TaskEntry(TypedDict):
+    """A task."""
+
+    name: str
+    id: str
+    about: str
+    reward: str
+    max_episode_steps: int
+
+
+class FieldEntry(TypedDict):
+    """A block of an observation row."""
+
+    name: str
+    unit: str
+    about: str
+    first: int
+    length: int
+    low: float
+    high: float

@@ -1,0 +1,52 @@
+"""From keyword arguments to a simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from gymnasium.vector import AutoresetMode
+
+from crazyflie_gym._native import Sim, check_model
+from crazyflie_gym.options import Model, model_source, native_autoreset, to_json
+
+
+def build(
+    num_envs: int,
+    *,
+    task: str,
+    model: Model,
+    vertical: str | None,
+    effects: Mapping[str, Any] | None,
+    task_options: Mapping[str, Any] | None,
+    physics_hz: int | None,
+    threads: int,
+    isa: str | None,
+    autoreset: AutoresetMode,
+    max_episode_steps: int,
+) -> Sim:
+    """Return the simulation that the arguments of an environment ask for.
+
+    Raises:
+        ValueError: naming the argument that is wrong, with a proposal where a name is unknown.
+        FileNotFoundError: if there is no such model file.
+        TypeError: for a number of environments that is not an integer, and a model of a strange type.
+    """
+    text, name = model_source(model)
+    if text is not None:
+        try:
+            check_model(text)
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}") from None
+    options = to_json(
+        task=task,
+        task_options=task_options,
+        vertical=vertical,
+        effects=effects,
+        physics_hz=physics_hz,
+        threads=threads,
+        isa=isa,
+        autoreset=native_autoreset(autoreset),
+        max_episode_steps=max_episode_steps,
+    )
+    return Sim(num_envs, options, text)

@@ -1,0 +1,154 @@
+"""One drone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+
+from crazyflie_gym._native import Interface, Pid, Sim
+from crazyflie_gym._types import FloatArray, Observation
+from crazyflie_gym.build import build
+from crazyflie_gym.options import Model
+from crazyflie_gym.screen import RENDER_MODES, Screen, check_render_mode
+from crazyflie_gym.seeds import draw, seeds
+from crazyflie_gym.spaces import action_space, observation_space, split
+
+
+class CrazyflieEnv(gym.Env[Observation, FloatArray]):
+    """One Crazyflie with a task; what the tasks are, `crazyflie_gym.tasks()` says.
+
+    Actions are float32 (4,) from -1 to 1: roll, pitch, yaw rate, and height or PWM, as `interface` says. Observations
+    are what the rig could measure, `crazyflie_gym.observation_fields()`.
+
+    Args:
+        task: which task, such as "hover".
+        model: None or "thesis", the path of a model file, its text, or its content as a dict.
+        vertical: the height input that is commanded: "height", "pwm" or "thrust"; by default the model's first.
+        effects: what the linear model lacks, by name (`crazyflie_gym.effects()`): a number for the first parameter or
+            a dict of parameters, each a number or a distribution such as {"uniform": [0.1, 0.3]}, drawn per episode.
+        task_options: the task's own options.
+        physics_hz: physics steps per second while effects push; by default the rate of the IMU.
+        observation: "flat" for Box(24), "dict" for a Dict by field.
+        true_state: give the true state, float32 (12,), as info["true_state"]; its layout is STATE_FIELDS.
+        render_mode: None, "rgb_array", or "human" for the terminal.
+        isa: "baseline" or "avx2"; by default the best of the machine. The results are the same.
+
+    Raises:
+        ValueError: naming the argument that is wrong, with a proposal where a name is unknown.
+        FileNotFoundError: if there is no such model file.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": RENDER_MODES, "render_fps": 50}
+
+    def __init__(
+        self,
+        task: str = "hover",
+        *,
+        model: Model = None,
+        vertical: str | None = None,
+        effects: Mapping[str, Any] | None = None,
+        task_options: Mapping[str, Any] | None = None,
+        physics_hz: int | None = None,
+        observation: str = "flat",
+        true_state: bool = False,
+        render_mode: str | None = None,
+        isa: str | None = None,
+    ) -> None:
+        self.observation_space = observation_space(observation)
+        self.action_space = action_space()
+        self.render_mode = check_render_mode(render_mode)
+        self.sim: Sim = build(
+            1,
+            task=task,
+            model=model,
+            vertical=vertical,
+            effects=effects,
+            task_options=task_options,
+            physics_hz=physics_hz,
+            threads=1,
+            isa=isa,
+            autoreset=AutoresetMode.DISABLED,
+            max_episode_steps=0,
+        )
+        self.metadata = {**self.metadata, "render_fps": round(1.0 / self.sim.tick_s)}
+        self._screen = None if render_mode is None else Screen(self.sim, task, task_options, effects)
+        self._by_field = observation == "dict"
+        self._true_state = true_state
+        self._plain = not (self._by_field or true_state or self._screen)
+        self._seeded = False
+
+    @property
+    def interface(self) -> Interface:
+        """What an action means."""
+        return self.sim.interface
+
+    def pid(self, gains: str = "thesis", mode: str = "automatic") -> Pid:
+        """Return the thesis's controller for this environment; it acts on flat observations."""
+        return Pid(1, self.sim, gains, mode)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin the first episode of a seed, or without one the next episode; there are no options.
+
+        Raises:
+            ValueError: for a seed that is not from 0 to 2**64 - 1.
+        """
+        super().reset(seed=seed)
+        if seed is not None:
+            row = self.sim.reset(seeds([seed]))[0]
+        elif self._seeded:
+            row = self.sim.reset()[0]
+        else:
+            row = self.sim.reset(draw(self.np_random, 1))[0]
+        self._seeded = True
+        if self._screen:
+            self._screen.begin(row[np.newaxis])
+        return self._dress(row, {})
+
+    def step(self, action: FloatArray) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Fly one control tick, `interface.tick_s`, with an action, float32 (4,) from -1 to 1.
+
+        Raises:
+            ValueError: for another shape, and for numbers that are not from -1 to 1; nothing has moved then.
+            TypeError: for another dtype.
+            RuntimeError: before the first reset, and after the end of an episode.
+        """
+        result = self.sim.step_one(action)
+        if self._plain:
+            return result
+        row, reward, terminated, truncated, info = result
+        if self._screen:
+            self._screen.record(row[np.newaxis], reward)
+            if self.render_mode == "human":
+                self._screen.show()
+        return *self._dress(row, info)[:1], reward, terminated, truncated, info
+
+    def _dress(self, row: FloatArray, info: dict[str, Any]) -> tuple[Observation, dict[str, Any]]:
+        if self._true_state:
+            info["true_state"] = self.sim.states()[0]
+        return (split(row) if self._by_field else row), info
+
+    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+        """Return a picture, uint8 (360, 480, 3), in the mode "rgb_array"; "human" draws as it flies.
+
+        Raises:
+            gymnasium.error.ResetNeeded: before the first reset.
+        """
+        if self._screen is None:
+            gym.logger.warn('render() needs a mode: gymnasium.make(..., render_mode="rgb_array")')
+            return None
+        if self.render_mode == "human":
+            self._screen.show()
+            return None
+        return self._screen.picture(0)
+
+    def close(self) -> None:
+        """End the pictures; may be called twice."""
+        if self._screen:
+            self._screen.close()

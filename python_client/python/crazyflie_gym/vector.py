@@ -1,0 +1,269 @@
+"""Many drones, stepped together in Rust."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from crazyflie_gym._native import Interface, Pid, Sim, tasks
+from crazyflie_gym._types import BoolArray, FloatArray, Observation
+from crazyflie_gym.build import build
+from crazyflie_gym.options import Model, autoreset_mode
+from crazyflie_gym.screen import RENDER_MODES, Screen, check_render_mode
+from crazyflie_gym.seeds import Seeds, consecutive, draw, seeds
+from crazyflie_gym.spaces import WIDTH, action_space, observation_space, split
+
+_Step = tuple[Observation, FloatArray, BoolArray, BoolArray, dict[str, Any]]
+
+
+class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
+    """A batch of Crazyflies with a task. Environment i of seed s is `CrazyflieEnv` of seed s + i, bit for bit.
+
+    Args:
+        num_envs: how many.
+        autoreset_mode: what happens at the end of an episode, an `AutoresetMode` or its name: the next step resets
+            (the default), the same step resets (info["final_obs"], info["final_info"]), or nothing does until
+            `reset(options={"reset_mask": ...})`.
+        max_episode_steps: truncate episodes after so many steps; -1 for never, by default the task's own number.
+        threads: how many to step with. The results are the same.
+        copy: return new arrays; with False two sets of arrays take turns, so that what a step returned is overwritten
+            by the step after the next.
+
+    The other arguments, and the errors, are those of `CrazyflieEnv`. Rewards are float32.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": RENDER_MODES, "render_fps": 50, "autoreset_mode": AutoresetMode.NEXT_STEP}
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        task: str = "hover",
+        *,
+        model: Model = None,
+        vertical: str | None = None,
+        effects: Mapping[str, Any] | None = None,
+        task_options: Mapping[str, Any] | None = None,
+        physics_hz: int | None = None,
+        observation: str = "flat",
+        true_state: bool = False,
+        render_mode: str | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        max_episode_steps: int | None = None,
+        threads: int = 1,
+        isa: str | None = None,
+        copy: bool = True,
+    ) -> None:
+        mode = _mode(autoreset_mode)
+        self.single_observation_space = observation_space(observation)
+        self.single_action_space = action_space()
+        self.render_mode = check_render_mode(render_mode)
+        if max_episode_steps is None:
+            max_episode_steps = next((t["max_episode_steps"] for t in tasks() if t["name"] == task), 0)
+        self.sim: Sim = build(
+            num_envs,
+            task=task,
+            model=model,
+            vertical=vertical,
+            effects=effects,
+            task_options=task_options,
+            physics_hz=physics_hz,
+            threads=threads,
+            isa=isa,
+            autoreset=mode,
+            max_episode_steps=0 if max_episode_steps == -1 else max_episode_steps,
+        )
+        self.num_envs = self.sim.num_envs
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self.metadata = {**self.metadata, "render_fps": round(1.0 / self.sim.tick_s), "autoreset_mode": mode}
+        self._mode = mode
+        self._screen = None if render_mode is None else Screen(self.sim, task, task_options, effects)
+        self._by_field = observation == "dict"
+        self._true_state = true_state
+        self._plain = mode is AutoresetMode.NEXT_STEP and not (self._by_field or true_state or self._screen)
+        self._sets = None if copy else [_set(self.num_envs) for _ in range(2)]
+        self._rows: FloatArray | None = None
+        self._ended = np.zeros(self.num_envs, np.bool_)
+        self._seeded = False
+
+    @property
+    def interface(self) -> Interface:
+        """What an action means."""
+        return self.sim.interface
+
+    def pid(self, gains: str = "thesis", mode: str = "automatic") -> Pid:
+        """Return the thesis's controller for this batch; it acts on flat observations."""
+        return Pid(self.num_envs, self.sim, gains, mode)
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin episodes: the first of each seed, or without seeds the next.
+
+        Args:
+            seed: a number s for the seeds s, s + 1, and so on, or one number (or None) per environment.
+            options: {"reset_mask": bool array (num_envs,)} resets only these environments; the other rows of the
+                returned observations stay as they were.
+
+        Raises:
+            ValueError: for seeds that are not from 0 to 2**64 - 1, a wrong number of them, and masks of another shape
+                or without any True.
+            TypeError: for masks that are not bool arrays.
+            RuntimeError: if the first reset leaves some environments out.
+        """
+        mask = _reset_mask(options, self.num_envs)
+        self._seed(seed)
+        rows = np.empty((self.num_envs, WIDTH), np.float32) if self._rows is None else self._rows.copy()
+        if seed is None:
+            fresh = None if self._seeded else draw(self.np_random, self.num_envs)
+            self.sim.reset(fresh, mask, rows)
+        elif isinstance(seed, int | np.integer):
+            self.sim.reset(consecutive(int(seed), self.num_envs), mask, rows)
+        else:
+            self._reset_each(seed, mask, rows)
+        self._seeded = True
+        self._ended = np.zeros(self.num_envs, np.bool_)
+        self._keep(rows)
+        if self._screen:
+            self._screen.begin(rows.copy(), mask)
+        infos: dict[str, Any] = {}
+        if self._true_state:
+            self._add_states(infos, np.ones(self.num_envs, np.bool_) if mask is None else mask.copy())
+        return self._form(rows), infos
+
+    def _seed(self, seed: int | Sequence[int | None] | None) -> None:
+        """Seed `np_random`, which gives the seeds of environments that have none."""
+        first = next((s for s in seed if s is not None), None) if isinstance(seed, Sequence) else seed
+        if first is not None:
+            self._np_random, self._np_random_seed = seeding.np_random(int(first))
+
+    def _reset_each(self, seed: Sequence[int | None], mask: BoolArray | None, rows: FloatArray) -> None:
+        """Reset with a list of seeds; where it says None, the next episode begins."""
+        if len(seed) != self.num_envs:
+            raise ValueError(f"seed: expected a list of {self.num_envs}, got {len(seed)}")
+        given = np.array([s is not None for s in seed])
+        numbers: Seeds = seeds([0 if s is None else int(s) for s in seed])
+        if given.all() or not self._seeded:
+            drawn = draw(self.np_random, self.num_envs)
+            self.sim.reset(np.where(given, numbers, drawn), mask, rows)
+            return
+        chosen = np.ones(self.num_envs, np.bool_) if mask is None else mask
+        self.sim.reset(numbers, chosen & given, rows)
+        self.sim.reset(None, chosen & ~given, rows)
+
+    def step(self, actions: FloatArray) -> _Step:
+        """Fly one control tick with actions, float32 (num_envs, 4) from -1 to 1, C-contiguous.
+
+        Returns:
+            Observations (num_envs, 24) or by field; rewards, terminations and truncations (num_envs,); infos.
+
+        Raises:
+            ValueError: for another shape or layout, and for numbers that are not from -1 to 1; nothing has moved then.
+            TypeError: for another dtype.
+            RuntimeError: before the first reset, and for ended environments when automatic resets are disabled.
+        """
+        if self._sets is None:
+            rows, rewards, terminated, truncated, ended = self.sim.step(actions)
+        else:
+            self._sets.reverse()
+            rows, rewards, terminated, truncated = self._sets[0]
+            ended = self.sim.step_into(actions, rows, rewards, terminated, truncated)
+        infos: dict[str, Any] = {}
+        if self._plain:
+            self._rows = rows
+            return rows, rewards, terminated, truncated, infos
+        self._keep(rows)
+        if self._mode is AutoresetMode.SAME_STEP and ended:
+            self._add_finals(infos, terminated | truncated)
+        if self._true_state:
+            self._add_states(infos, np.ones(self.num_envs, np.bool_))
+        if self._screen:
+            self._draw(rows, rewards, terminated | truncated)
+        return self._form(rows), rewards, terminated, truncated, infos
+
+    def _keep(self, rows: FloatArray) -> None:
+        """Remember the observations for a reset with a mask; where such resets are the rule, out of the user's reach."""
+        self._rows = rows.copy() if self._mode is AutoresetMode.DISABLED else rows
+
+    def _form(self, rows: FloatArray) -> Observation:
+        return split(rows) if self._by_field else rows
+
+    def _add_states(self, infos: dict[str, Any], mask: BoolArray) -> None:
+        infos["true_state"], infos["_true_state"] = self.sim.states(), mask
+
+    def _add_finals(self, infos: dict[str, Any], mask: BoolArray) -> None:
+        """Add the last observation and info of the episodes that ended, laid out as Gymnasium's own vector envs do."""
+        finals = np.full(self.num_envs, None, dtype=object)
+        final_info: dict[str, Any] = {}
+        states = np.zeros((self.num_envs, 12), np.float32) if self._true_state else None
+        for env in np.flatnonzero(mask):
+            last = self.sim.last_of_episode(env)
+            if last is not None:
+                finals[env] = self._form(last[0])
+                if states is not None:
+                    states[env] = last[1]
+        if states is not None:
+            final_info["true_state"], final_info["_true_state"] = states, mask.copy()
+        infos["final_obs"], infos["_final_obs"] = finals, mask
+        infos["final_info"], infos["_final_info"] = final_info, mask.copy()
+
+    def _draw(self, rows: FloatArray, rewards: FloatArray, ended: BoolArray) -> None:
+        if self._screen:
+            begun = {AutoresetMode.NEXT_STEP: self._ended, AutoresetMode.SAME_STEP: ended}.get(self._mode)
+            self._screen.record(rows.copy(), float(rewards[0]), begun)
+            self._ended = ended
+            if self.render_mode == "human":
+                self._screen.show()
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:  # type: ignore[override]
+        """Return a picture of each environment, uint8 (360, 480, 3), in the mode "rgb_array"; "human" draws the first.
+
+        Raises:
+            gymnasium.error.ResetNeeded: before the first reset.
+        """
+        if self._screen is None:
+            gym.logger.warn('render() needs a mode: gymnasium.make_vec(..., render_mode="rgb_array")')
+            return None
+        if self.render_mode == "human":
+            self._screen.show()
+            return None
+        return tuple(self._screen.picture(env) for env in range(self.num_envs))
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """End the pictures."""
+        if self._screen:
+            self._screen.close()
+
+
+# the name of the argument hides that of the function
+_mode = autoreset_mode
+
+
+def _set(envs: int) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray]:
+    """Return the arrays that a step writes."""
+    rows, rewards = np.zeros((envs, WIDTH), np.float32), np.zeros(envs, np.float32)
+    return rows, rewards, np.zeros(envs, np.bool_), np.zeros(envs, np.bool_)
+
+
+def _reset_mask(options: dict[str, Any] | None, envs: int) -> BoolArray | None:
+    mask = None if options is None else options.get("reset_mask")
+    if mask is None:
+        return None
+    if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
+        got = f"dtype {mask.dtype}" if isinstance(mask, np.ndarray) else type(mask).__name__
+        raise TypeError(f"options['reset_mask']: expected a numpy array of bool, got {got}")
+    if mask.shape != (envs,):
+        raise ValueError(f"options['reset_mask']: expected shape ({envs},), got {mask.shape}")
+    if not mask.any():
+        raise ValueError("options['reset_mask']: expected at least one True")
+    return np.ascontiguousarray(mask)

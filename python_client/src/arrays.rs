@@ -1,0 +1,89 @@
+//! Borrowing NumPy arrays: the dtype, the shape and the layout are checked, and what is wrong is said with what was expected.
+
+use numpy::{Element, PyArray1, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyReadwriteArrayDyn};
+use numpy::{PyUntypedArray, PyUntypedArrayMethods};
+use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
+use pyo3::types::PyTuple;
+
+/// A shape as Python prints it.
+fn tuple(shape: &[usize]) -> String {
+    match shape {
+        [one] => format!("({one},)"),
+        _ => format!("({})", shape.iter().map(usize::to_string).collect::<Vec<_>>().join(", ")),
+    }
+}
+
+fn dtype_name<T: Element>(py: Python<'_>) -> String {
+    numpy::dtype::<T>(py).typeobj().name().map_or_else(|_| "another dtype".into(), |name| name.to_string())
+}
+
+#[cold]
+fn wrong_type<T: Element>(what: &str, shape: &[usize], got: &Bound<'_, PyAny>) -> PyErr {
+    let found = match got.cast::<PyUntypedArray>() {
+        Ok(array) => format!("dtype {}", array.dtype()),
+        Err(_) => got.get_type().name().map_or_else(|_| "another type".into(), |name| name.to_string()),
+    };
+    PyTypeError::new_err(format!(
+        "{what}: expected a numpy array of {} with shape {}, got {found}",
+        dtype_name::<T>(got.py()),
+        tuple(shape)
+    ))
+}
+
+fn checked<'a, 'py, T: Element>(what: &str, shape: &[usize], object: &'a Bound<'py, PyAny>) -> PyResult<&'a Bound<'py, PyArrayDyn<T>>> {
+    let Ok(array) = object.cast::<PyArrayDyn<T>>() else { return Err(wrong_type::<T>(what, shape, object)) };
+    if array.shape() != shape {
+        return Err(PyValueError::new_err(format!("{what}: expected shape {}, got {}", tuple(shape), tuple(array.shape()))));
+    }
+    if !array.is_c_contiguous() {
+        let hint = "expected a C-contiguous array, got one with other strides; numpy.ascontiguousarray makes one";
+        return Err(PyValueError::new_err(format!("{what}: {hint}")));
+    }
+    if !array.is_aligned() {
+        return Err(PyValueError::new_err(format!("{what}: expected an aligned array, got one that is not; numpy.copy makes one")));
+    }
+    Ok(array)
+}
+
+/// An array to read.
+///
+/// # Errors
+/// `TypeError` for another type or dtype, `ValueError` for another shape or layout, or while it is being written to.
+pub fn input<'py, T: Element>(what: &str, shape: &[usize], object: &Bound<'py, PyAny>) -> PyResult<PyReadonlyArrayDyn<'py, T>> {
+    let array = checked::<T>(what, shape, object)?;
+    array.try_readonly().map_err(|e| PyValueError::new_err(format!("{what}: {e}")))
+}
+
+/// An array to write.
+///
+/// # Errors
+/// As [`input`]; also if it is read-only or passed twice.
+pub fn output<'py, T: Element>(what: &str, shape: &[usize], object: &Bound<'py, PyAny>) -> PyResult<PyReadwriteArrayDyn<'py, T>> {
+    let array = checked::<T>(what, shape, object)?;
+    array.try_readwrite().map_err(|e| PyValueError::new_err(format!("{what}: {e}")))
+}
+
+/// A mask as a list. NumPy lets the bytes of a bool array be other than 0 and 1, which a Rust `bool` must not be.
+///
+/// # Errors
+/// As [`input`].
+pub fn mask(what: &str, shape: &[usize], object: &Bound<'_, PyAny>) -> PyResult<Vec<bool>> {
+    let bytes = checked::<bool>(what, shape, object)?.call_method1("view", ("uint8",))?;
+    Ok(input::<u8>(what, shape, &bytes)?.as_slice()?.iter().map(|byte| *byte != 0).collect())
+}
+
+/// A new array whose content is not set yet: `numpy.empty`, which unlike zeros costs no pass over the memory.
+///
+/// # Errors
+/// What NumPy raises.
+pub fn empty<'py, T: Element>(py: Python<'py>, shape: impl IntoPyObject<'py, Target = PyTuple>) -> PyResult<Bound<'py, PyAny>> {
+    static EMPTY: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
+    EMPTY.import(py, "numpy", "empty")?.call1((shape, numpy::dtype::<T>(py)))
+}
+
+/// A copy as a new array.
+pub fn row<'py>(py: Python<'py>, values: &[f32]) -> Bound<'py, PyArray1<f32>> {
+    PyArray1::from_slice(py, values)
+}

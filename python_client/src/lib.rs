@@ -1,0 +1,21 @@
+//! The native half of the Python package: borrow the arrays, let go of the interpreter, translate the error. No logic lives here.
+
+mod arrays;
+mod errors;
+mod picture;
+mod pid;
+mod registry;
+mod sim;
+
+/// The simulator in Rust. Use it through the package `crazyflie_gym`.
+#[pyo3::pymodule]
+mod _native {
+    #[pymodule_export]
+    use crate::picture::{ansi, path, render};
+    #[pymodule_export]
+    use crate::pid::Pid;
+    #[pymodule_export]
+    use crate::registry::{check_model, cli, effects, model_text, observation_fields, tasks};
+    #[pymodule_export]
+    use crate::sim::{Interface, Sim};
+}

@@ -1,0 +1,103 @@
+//! Pictures of a flight.
+
+use crazyflie_picture as draw;
+use numpy::{PyArray3, PyArrayMethods, PyUntypedArray, PyUntypedArrayMethods};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+use crate::arrays::{input, output};
+use crate::errors::{Failure, guarded};
+
+/// Rows of an array of `N` columns.
+fn rows<const N: usize>(what: &str, object: Option<&Bound<'_, PyAny>>) -> PyResult<Vec<[f32; N]>> {
+    let Some(object) = object else { return Ok(Vec::new()) };
+    let count = object.cast::<PyUntypedArray>().ok().and_then(|array| array.shape().first().copied()).unwrap_or(0);
+    let array = input::<f32>(what, &[count, N], object)?;
+    Ok(array.as_slice()?.as_chunks::<N>().0.to_vec())
+}
+
+fn point(what: &str, object: Option<&Bound<'_, PyAny>>) -> PyResult<Option<[f32; 3]>> {
+    let Some(object) = object else { return Ok(None) };
+    let array = input::<f32>(what, &[3], object)?;
+    Ok(array.as_slice()?.first_chunk().copied())
+}
+
+/// A picture as a new uint8 array (height, width, 3). All lengths in metres, angles in radians, arrays float32: `drones` (n, 6) with
+/// position and roll, pitch, yaw; `trail` and `path` (n, 3); `markers` (n, 3) with x, y, yaw; `setpoint` and `fix` (3,). The camera's
+/// view is drawn where `camera_fov_rad`, the angle over the picture's diagonal, is given.
+#[pyfunction]
+#[pyo3(signature = (width, height, *, drones = None, trail = None, setpoint = None, path = None, markers = None, marker_side_m = 0.197, fix = None, camera_fov_rad = None))]
+#[allow(clippy::too_many_arguments)]
+pub fn render<'py>(
+    py: Python<'py>,
+    width: i64,
+    height: i64,
+    drones: Option<&Bound<'py, PyAny>>,
+    trail: Option<&Bound<'py, PyAny>>,
+    setpoint: Option<&Bound<'py, PyAny>>,
+    path: Option<&Bound<'py, PyAny>>,
+    markers: Option<&Bound<'py, PyAny>>,
+    marker_side_m: f32,
+    fix: Option<&Bound<'py, PyAny>>,
+    camera_fov_rad: Option<f32>,
+) -> PyResult<Bound<'py, PyArray3<u8>>> {
+    for (name, side) in [("width", width), ("height", height)] {
+        if !(1..=8192).contains(&side) {
+            return Err(PyValueError::new_err(format!("{name} is {side}, expected 1 to 8192 pixels")));
+        }
+    }
+    let colors = draw::PALETTE.iter().cycle();
+    let drones: Vec<draw::Drone> = rows::<6>("drones", drones)?
+        .into_iter()
+        .zip(colors)
+        .map(|([x, y, z, roll_rad, pitch_rad, yaw_rad], color)| draw::Drone {
+            pos_m: [x, y, z],
+            roll_rad,
+            pitch_rad,
+            yaw_rad,
+            color: *color,
+        })
+        .collect();
+    let markers: Vec<draw::Marker> = rows::<3>("markers", markers)?
+        .into_iter()
+        .map(|[x_m, y_m, yaw_rad]| draw::Marker { x_m, y_m, yaw_rad, side_m: marker_side_m })
+        .collect();
+    let (trail, path) = (rows::<3>("trail", trail)?, rows::<3>("path", path)?);
+    let (setpoint_m, fix_m) = (point("setpoint", setpoint)?, point("fix", fix)?);
+    let picture = PyArray3::<u8>::zeros(py, [height as usize, width as usize, 3], false);
+    let mut pixels = picture.try_readwrite()?;
+    let out = pixels.as_slice_mut()?;
+    py.detach(|| {
+        let scene = draw::Scene { drones: &drones, trail_m: &trail, setpoint_m, path_m: &path, markers: &markers, fix_m, camera_fov_rad };
+        guarded(|| draw::render(&scene, width as u32, height as u32, out))
+    })?;
+    drop(pixels);
+    Ok(picture)
+}
+
+/// A picture (uint8, height x width x 3) as text for a terminal with 24-bit colour, at most `columns` characters wide.
+#[pyfunction]
+#[pyo3(signature = (picture, columns = 80))]
+pub fn ansi(picture: &Bound<'_, PyAny>, columns: i64) -> PyResult<String> {
+    let columns = usize::try_from(columns).map_err(|_| PyValueError::new_err(format!("columns is {columns}, expected at least 1")))?;
+    let (height, width) = match picture.cast::<PyUntypedArray>().ok().map(|array| array.shape().to_vec()) {
+        Some(shape) if shape.len() == 3 => (shape[0], shape[1]),
+        _ => (0, 0),
+    };
+    let pixels = input::<u8>("picture", &[height, width, 3], picture)?;
+    let pixels = pixels.as_slice()?;
+    guarded(|| draw::ansi(pixels, width, height, columns))
+}
+
+/// Where the set-point of a task goes in the first `ticks` steps of `tick_s` seconds, (n, 3) float32; no rows where it stands still or
+/// differs from episode to episode. `options` is JSON.
+#[pyfunction]
+pub fn path<'py>(py: Python<'py>, task: &str, options: &str, tick_s: f64, ticks: u32) -> PyResult<Bound<'py, PyAny>> {
+    let points = guarded(|| -> Result<_, Failure> {
+        let options = serde_json::from_str(options).map_err(|error| Failure::Argument(format!("task_options: {error}")))?;
+        Ok(crazyflie_env::task::path(task, &options, tick_s, ticks)?)
+    })?;
+    let rows = crate::arrays::empty::<f32>(py, (points.len(), 3))?;
+    output::<f32>("path", &[points.len(), 3], &rows)?.as_slice_mut()?.copy_from_slice(points.as_flattened());
+    Ok(rows)
+}

@@ -1,0 +1,90 @@
+//! What there is to choose from, as the registries know it.
+
+use crazyflie_env::model::{Model, THESIS_TOML};
+use crazyflie_env::observation::FIELDS;
+use crazyflie_env::{effects as effect, task};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::errors::guarded;
+
+/// Every effect in the order of application, as a dict: name, about, source, hooks, params (name, unit, off, low, high, about).
+#[pyfunction]
+pub fn effects(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
+    let one = |entry: &effect::Entry| {
+        let params: PyResult<Vec<_>> = entry.params.iter().map(|param| param_dict(py, param)).collect();
+        let h = entry.hooks;
+        let hooks = [("command", h.command), ("push", h.push), ("frame", h.frame), ("sense", h.sense)];
+        let dict = PyDict::new(py);
+        dict.set_item("name", entry.name)?;
+        dict.set_item("about", entry.about)?;
+        dict.set_item("source", entry.source)?;
+        dict.set_item("hooks", hooks.iter().filter(|hook| hook.1).map(|hook| hook.0).collect::<Vec<_>>())?;
+        dict.set_item("params", params?)?;
+        Ok(dict)
+    };
+    effect::registry().iter().map(one).collect()
+}
+
+fn param_dict<'py>(py: Python<'py>, param: &effect::Param) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    for (key, text) in [("name", param.name), ("unit", param.unit), ("about", param.about)] {
+        dict.set_item(key, text)?;
+    }
+    for (key, value) in [("off", param.off), ("low", param.low), ("high", param.high)] {
+        dict.set_item(key, value)?;
+    }
+    Ok(dict)
+}
+
+/// Every task, as a dict: name, id (Gymnasium's), about, reward, max_episode_steps.
+#[pyfunction]
+pub fn tasks(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
+    let one = |entry: &task::Entry| {
+        let dict = PyDict::new(py);
+        for (key, text) in [("name", entry.name), ("id", entry.id), ("about", entry.about), ("reward", entry.reward)] {
+            dict.set_item(key, text)?;
+        }
+        dict.set_item("max_episode_steps", entry.max_episode_steps)?;
+        Ok(dict)
+    };
+    task::registry().iter().map(one).collect()
+}
+
+/// The layout of an observation row, as dicts: name, first, length, unit, low, high, about.
+#[pyfunction]
+pub fn observation_fields(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
+    let one = |field: &crazyflie_env::observation::Field| {
+        let dict = PyDict::new(py);
+        for (key, text) in [("name", field.name), ("unit", field.unit), ("about", field.about)] {
+            dict.set_item(key, text)?;
+        }
+        for (key, count) in [("first", field.first), ("length", field.length)] {
+            dict.set_item(key, count)?;
+        }
+        for (key, value) in [("low", field.low), ("high", field.high)] {
+            dict.set_item(key, value)?;
+        }
+        Ok(dict)
+    };
+    FIELDS.iter().map(one).collect()
+}
+
+/// The text of the built-in model, TOML: a start for a model of another vehicle.
+#[pyfunction]
+pub fn model_text() -> &'static str {
+    THESIS_TOML
+}
+
+/// Read a model (TOML or JSON) and return its name; `ValueError` says what is wrong and where.
+#[pyfunction]
+pub fn check_model(text: &str) -> PyResult<String> {
+    guarded(|| Model::parse(text).map(|model| model.name))
+}
+
+/// The command line `crazyflie` with these arguments (the program's name is not one of them); returns the exit status.
+#[pyfunction]
+pub fn cli(py: Python<'_>, argv: Vec<String>) -> PyResult<i32> {
+    let argv = std::iter::once("crazyflie".to_owned()).chain(argv);
+    py.detach(|| guarded(|| crazyflie_env::Result::Ok(crazyflie_server::main_from(argv))))
+}

@@ -1,0 +1,240 @@
+//! A batch of environments.
+
+use std::sync::Mutex;
+
+use crazyflie_env::config::Options;
+use crazyflie_env::model::{Model, VerticalInput};
+use crazyflie_env::observation::{self, ACTION, OBSERVATION};
+use crazyflie_env::vector::{Out, STATE, VectorEnv};
+use crazyflie_env::{Error, Result};
+use numpy::PyArray1;
+use pyo3::exceptions::{PyRuntimeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::arrays::{empty, input, mask as read_mask, output, row};
+use crate::errors::guarded;
+
+/// Beyond this the buffers of a step alone take gigabytes.
+pub const MOST_ENVS: i64 = 1 << 22;
+
+/// Letting go of the interpreter costs more than stepping this many.
+pub const FEW_ENVS: usize = 16;
+
+/// Observations, rewards, terminated, truncated, number of episodes that ended.
+type Step<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, usize);
+/// Observation, reward, terminated, truncated, info.
+type StepOne<'py> = (Bound<'py, PyArray1<f32>>, f64, bool, bool, Bound<'py, PyDict>);
+
+/// What an action means: the ranges that -1..1 is mapped to.
+#[pyclass(frozen, module = "crazyflie_gym._native")]
+pub struct Interface {
+    pub inner: observation::Interface,
+    /// Seconds per step.
+    #[pyo3(get)]
+    pub tick_s: f64,
+}
+
+#[pymethods]
+impl Interface {
+    /// Which height input is commanded: "height", "pwm" or "thrust".
+    #[getter]
+    fn vertical(&self) -> &'static str {
+        match self.inner.input {
+            VerticalInput::Height => "height",
+            VerticalInput::Pwm => "pwm",
+            VerticalInput::Thrust => "thrust",
+        }
+    }
+    /// Roll and pitch of an action of 1, in radians.
+    #[getter]
+    fn tilt_max_rad(&self) -> f64 {
+        self.inner.tilt_max_rad
+    }
+    /// Yaw rate of an action of 1, in the vehicle's own sign, in rad/s.
+    #[getter]
+    fn yaw_rate_max_radps(&self) -> f64 {
+        self.inner.yaw_rate_max_radps
+    }
+    /// Height in metres, or PWM, of an action of 1; an action of -1 is zero.
+    #[getter]
+    fn lift_max(&self) -> f64 {
+        self.inner.lift_max
+    }
+    /// The PWM that carries the weight; zero where the command is a height.
+    #[getter]
+    fn hover_lift(&self) -> f64 {
+        self.inner.hover_lift
+    }
+    /// +1 or -1: the direction in which a positive yaw-rate command turns, right-handed.
+    #[getter]
+    fn yaw_sign(&self) -> f64 {
+        self.inner.yaw_sign
+    }
+}
+
+/// A batch of `num_envs` environments. `options` is JSON (see `crazyflie_gym.options`), `model` the text of a model file.
+#[pyclass(module = "crazyflie_gym._native")]
+pub struct Sim {
+    // only ever reached through `&mut self`, where a mutex costs nothing; it makes the class `Sync`, as pyo3 demands
+    env: Mutex<VectorEnv>,
+    envs: usize,
+    first_row: [f32; OBSERVATION],
+}
+
+/// Run a call without holding the interpreter, if it is long enough to be worth it.
+pub fn detached<T: Send>(py: Python<'_>, envs: usize, call: impl FnOnce() -> Result<T> + Send) -> PyResult<T> {
+    if envs <= FEW_ENVS { guarded(call) } else { py.detach(|| guarded(call)) }
+}
+
+impl Sim {
+    fn env(&mut self) -> PyResult<&mut VectorEnv> {
+        self.env.get_mut().map_err(|_| PyRuntimeError::new_err("the simulation is broken by an earlier bug"))
+    }
+
+    fn shared<T>(&self, get: impl FnOnce(&VectorEnv) -> T) -> PyResult<T> {
+        self.env.lock().map(|env| get(&env)).map_err(|_| PyRuntimeError::new_err("the simulation is broken by an earlier bug"))
+    }
+}
+
+#[pymethods]
+impl Sim {
+    #[new]
+    #[pyo3(signature = (num_envs, options = "{}", model = None))]
+    fn new(py: Python<'_>, num_envs: i64, options: &str, model: Option<&str>) -> PyResult<Self> {
+        if !(1..=MOST_ENVS).contains(&num_envs) {
+            return Err(PyValueError::new_err(format!("num_envs is {num_envs}, expected 1 to {MOST_ENVS}")));
+        }
+        let envs = num_envs as usize;
+        let env = py.detach(|| {
+            guarded(|| {
+                let model = model.map_or_else(|| Ok(Model::thesis()), Model::parse)?;
+                VectorEnv::new(&model, &Options::parse(options)?, envs)
+            })
+        })?;
+        Ok(Sim { env: Mutex::new(env), envs, first_row: [0.0; OBSERVATION] })
+    }
+
+    /// Environments in the batch.
+    #[getter]
+    fn num_envs(&self) -> usize {
+        self.envs
+    }
+
+    /// Seconds per step.
+    #[getter]
+    fn tick_s(&self) -> PyResult<f64> {
+        self.shared(VectorEnv::tick_s)
+    }
+
+    /// The instruction set in use: "baseline" or "avx2". The results are the same.
+    #[getter]
+    fn isa(&self) -> PyResult<&'static str> {
+        self.shared(|env| env.level().name())
+    }
+
+    /// What an action means.
+    #[getter]
+    fn interface(&self) -> PyResult<Interface> {
+        self.shared(|env| Interface { inner: env.interface(), tick_s: env.tick_s() })
+    }
+
+    /// Begin episodes: in all environments, or in those of `mask`. With `seeds` the first episode of each seed, without them the next.
+    /// Writes the rows of `observations` (num_envs, 24) that begin, or makes a new array, and returns it.
+    #[pyo3(signature = (seeds = None, mask = None, observations = None))]
+    fn reset<'py>(
+        &mut self,
+        py: Python<'py>,
+        seeds: Option<&Bound<'py, PyAny>>,
+        mask: Option<&Bound<'py, PyAny>>,
+        observations: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let n = self.envs;
+        let seeds = seeds.map(|seeds| input::<u64>("seeds", &[n], seeds)).transpose()?;
+        let seeds = seeds.as_ref().map(|seeds| seeds.as_slice()).transpose()?;
+        let mask = mask.map(|mask| read_mask("reset_mask", &[n], mask)).transpose()?;
+        let rows = match observations {
+            Some(given) => given,
+            // rows outside the mask stay as they are, so a new array must begin as something
+            None => numpy::PyArray2::<f32>::zeros(py, [n, OBSERVATION], false).into_any(),
+        };
+        let mut out = output::<f32>("observations", &[n, OBSERVATION], &rows)?;
+        let (env, out) = (self.env()?, out.as_slice_mut()?);
+        detached(py, n, || env.reset(seeds, mask.as_deref(), out))?;
+        Ok(rows)
+    }
+
+    /// One step of every environment: float32 actions (num_envs, 4) from -1 to 1. Returns new arrays: observations (num_envs, 24),
+    /// rewards, terminated, truncated (num_envs,), and the number of episodes that ended.
+    fn step<'py>(&mut self, py: Python<'py>, actions: &Bound<'py, PyAny>) -> PyResult<Step<'py>> {
+        let n = self.envs;
+        let (observations, rewards) = (empty::<f32>(py, (n, OBSERVATION))?, empty::<f32>(py, (n,))?);
+        let (terminated, truncated) = (empty::<bool>(py, (n,))?, empty::<bool>(py, (n,))?);
+        let ended = self.step_into(py, actions, &observations, &rewards, &terminated, &truncated)?;
+        Ok((observations, rewards, terminated, truncated, ended))
+    }
+
+    /// As `step`, into arrays of the caller; returns the number of episodes that ended.
+    fn step_into<'py>(
+        &mut self,
+        py: Python<'py>,
+        actions: &Bound<'py, PyAny>,
+        observations: &Bound<'py, PyAny>,
+        rewards: &Bound<'py, PyAny>,
+        terminated: &Bound<'py, PyAny>,
+        truncated: &Bound<'py, PyAny>,
+    ) -> PyResult<usize> {
+        let n = self.envs;
+        let actions = input::<f32>("actions", &[n, ACTION], actions)?;
+        let mut observations = output::<f32>("observations", &[n, OBSERVATION], observations)?;
+        let mut rewards = output::<f32>("rewards", &[n], rewards)?;
+        let mut terminated = output::<bool>("terminated", &[n], terminated)?;
+        let mut truncated = output::<bool>("truncated", &[n], truncated)?;
+        let (env, actions) = (self.env()?, actions.as_slice()?);
+        let (observations, rewards) = (observations.as_slice_mut()?, rewards.as_slice_mut()?);
+        let (terminated, truncated) = (terminated.as_slice_mut()?, truncated.as_slice_mut()?);
+        detached(py, n, || {
+            env.step(actions, Out { observations, rewards, terminated: &mut *terminated, truncated: &mut *truncated })?;
+            Ok(terminated.iter().zip(&*truncated).map(|(t, o)| usize::from(t | o)).sum())
+        })
+    }
+
+    /// The step of a batch of one, as `gymnasium.Env.step` returns it: float32 action (4,), observation (24,), empty info.
+    fn step_one<'py>(&mut self, py: Python<'py>, action: &Bound<'py, PyAny>) -> PyResult<StepOne<'py>> {
+        let action = input::<f32>("action", &[ACTION], action)?;
+        let (mut reward, mut terminated, mut truncated) = ([0.0], [false], [false]);
+        let mut row_of_one = self.first_row;
+        let env = self.env()?;
+        let out = Out { observations: &mut row_of_one, rewards: &mut reward, terminated: &mut terminated, truncated: &mut truncated };
+        let actions = action.as_slice()?;
+        guarded(|| match env.step(actions, out) {
+            // there is only one: no mask to name it by
+            Err(Error::Ended { .. }) => Err(Error::Config("the episode has ended: call reset() before the next step()".into())),
+            other => other,
+        })?;
+        Ok((row(py, &row_of_one), f64::from(reward[0]), terminated[0], truncated[0], PyDict::new(py)))
+    }
+
+    /// The true states, float32 (num_envs, 12): position, velocity, roll pitch yaw, their rates; metres, seconds, radians.
+    fn states<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let n = self.envs;
+        let states = empty::<f32>(py, (n, STATE))?;
+        let mut out = output::<f32>("states", &[n, STATE], &states)?;
+        let (env, out) = (self.env()?, out.as_slice_mut()?);
+        detached(py, n, move || env.states(out))?;
+        Ok(states)
+    }
+
+    /// Of an episode that ended in the last step of environment `env`, when automatic resets happen in the same step: the last
+    /// observation (24,) and the last true state (12,). `None` in the other modes and out of range.
+    fn last_of_episode<'py>(
+        &mut self,
+        py: Python<'py>,
+        env: usize,
+    ) -> PyResult<Option<(Bound<'py, PyArray1<f32>>, Bound<'py, PyArray1<f32>>)>> {
+        if env >= self.envs {
+            return Ok(None);
+        }
+        Ok(self.env()?.last_of_episode(env).map(|(observation, state)| (row(py, observation), row(py, state))))
+    }
+}

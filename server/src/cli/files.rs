@@ -1,0 +1,49 @@
+//! Reading and writing the files that are named on the command line.
+
+use std::fs;
+use std::path::Path;
+
+use crazyflie_env::model::{Model, VerticalInput};
+
+use super::{Failure, Outcome};
+
+/// The model of a file, or the thesis's.
+pub(crate) fn model(path: Option<&Path>) -> Outcome<Model> {
+    let Some(path) = path else { return Ok(Model::thesis()) };
+    let text = fs::read_to_string(path).map_err(|e| Failure::about(path.display(), e))?;
+    Model::parse(&text).map_err(|e| Failure::about(path.display(), e))
+}
+
+/// Writes a file, and the folder it is in if there is none yet.
+pub(crate) fn write(path: &Path, bytes: &[u8]) -> Outcome {
+    let failed = |e| Failure::about(path.display(), e);
+    if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        fs::create_dir_all(folder).map_err(failed)?;
+    }
+    fs::write(path, bytes).map_err(failed)
+}
+
+/// The vertical input of that name.
+pub(crate) fn vertical(name: &str) -> Result<VerticalInput, String> {
+    match name {
+        "height" => Ok(VerticalInput::Height),
+        "pwm" => Ok(VerticalInput::Pwm),
+        "thrust" => Ok(VerticalInput::Thrust),
+        _ => Err("expected height, pwm or thrust".into()),
+    }
+}
+
+pub(crate) fn vertical_name(input: VerticalInput) -> &'static str {
+    match input {
+        VerticalInput::Height => "height",
+        VerticalInput::Pwm => "pwm",
+        VerticalInput::Thrust => "thrust",
+    }
+}
+
+/// A finite number of seconds between bounds, for clap.
+pub(crate) fn seconds(text: &str, low: f64, high: f64) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| format!("expected a number of seconds from {low} to {high}"))?;
+    // NaN is in no range
+    if (low..=high).contains(&value) { Ok(value) } else { Err(format!("expected {low} to {high} seconds")) }
+}

@@ -1,0 +1,77 @@
+//! Commands, one file each. A command writes to `out` and returns what went wrong; only [`main_from`] talks to the process.
+
+mod effects;
+mod failure;
+mod files;
+mod fly;
+mod fly_table;
+mod model;
+mod replay;
+mod replay_table;
+mod scorecard;
+mod tasks;
+mod text;
+
+use std::io::{self, Write};
+
+use clap::{Parser, Subcommand};
+
+pub(crate) use failure::{Failure, Outcome};
+pub(crate) use text::{Table, number};
+
+const EXAMPLES: &str = "\
+Examples:
+  crazyflie fly --task fly-80cm --picture flight.svg
+  crazyflie replay flight.csv
+  crazyflie scorecard
+  crazyflie effects";
+
+/// Flies, replays and measures the Crazyflie that the TU Darmstadt thesis identified.
+#[derive(Debug, Parser)]
+#[command(name = "crazyflie", version, after_help = EXAMPLES, max_term_width = 110)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Fly(fly::Args),
+    Replay(replay::Args),
+    Scorecard(scorecard::Args),
+    Effects(effects::Args),
+    Tasks(tasks::Args),
+    Model(model::Args),
+}
+
+/// Runs the command line; `args` begin with the program's name. Returns the exit code: 0, 2 for usage, 1 for failures.
+pub fn main_from(args: impl IntoIterator<Item = String>) -> i32 {
+    let cli = match Cli::try_parse_from(args) {
+        Ok(cli) => cli,
+        Err(message) => {
+            // nobody is left to be told that a pipe is closed
+            let _ = message.print();
+            return message.exit_code();
+        }
+    };
+    let mut out = io::BufWriter::new(io::stdout().lock());
+    let outcome = run(&cli.command, &mut out).and_then(|()| Ok(out.flush()?));
+    match outcome {
+        Ok(()) | Err(Failure::Closed) => 0,
+        Err(failure) => {
+            let _ = writeln!(io::stderr(), "crazyflie: {failure}");
+            failure.exit_code()
+        }
+    }
+}
+
+fn run(command: &Command, out: &mut dyn Write) -> Outcome {
+    match command {
+        Command::Fly(args) => fly::run(args, out),
+        Command::Replay(args) => replay::run(args, out),
+        Command::Scorecard(args) => scorecard::run(args, out),
+        Command::Effects(args) => effects::run(args, out),
+        Command::Tasks(args) => tasks::run(args, out),
+        Command::Model(args) => model::run(args, out),
+    }
+}

@@ -1,0 +1,61 @@
+//! A flight as a log, which the project's CSV is written from.
+
+use crazyflie_identify::FlightLog;
+use crazyflie_identify::log::{Fixes, Format, Truth};
+
+use super::Trace;
+
+/// Capture times are known to the rounding of a 32-bit clock.
+const ROUNDING_S: f64 = 1e-5;
+
+/// The log that a recorder beside the controller would have written, and the truth. Marker fixes stand where a new frame arrived.
+pub(crate) fn log(trace: &Trace) -> FlightLog {
+    let rows = 0..trace.rows.len();
+    let commands: Vec<_> = rows.clone().map(|row| trace.command(row)).collect();
+    let lift = |pwm: bool| (trace.interface.input.is_pwm() == pwm).then(|| commands.iter().map(|u| u.lift).collect());
+    let triple = |first: usize| [0, 1, 2].map(|i| trace.observed(first + i));
+    let truth = |first: usize| [0, 1, 2].map(|i| trace.state(first + i));
+    let [roll_rad, pitch_rad, yaw_rad] = triple(6);
+    let [true_roll, true_pitch, true_yaw] = truth(6);
+    FlightLog {
+        format: Format::Project,
+        t_s: rows.clone().map(|row| trace.t_s(row)).collect(),
+        airborne: rows,
+        cmd_roll_rad: Some(commands.iter().map(|u| u.roll_rad).collect()),
+        cmd_pitch_rad: Some(commands.iter().map(|u| u.pitch_rad).collect()),
+        cmd_yaw_rate_radps: Some(commands.iter().map(|u| u.yaw_rate_radps).collect()),
+        cmd_thrust_pwm: lift(true),
+        cmd_height_m: lift(false),
+        setpoint_m: Some(triple(16)),
+        setpoint_yaw_rad: Some(trace.observed(19)),
+        fixes: fixes(trace),
+        vel_mps: None,
+        roll_rad,
+        pitch_rad,
+        yaw_rad,
+        gyro_radps: Some(triple(9)),
+        acc_mps2: Some(triple(12)),
+        vbat_v: Some(trace.observed(15)),
+        onboard: None,
+        truth: Some(Truth { pos_m: truth(0), vel_mps: truth(3), roll_rad: true_roll, pitch_rad: true_pitch, yaw_rad: true_yaw }),
+        notes: Vec::new(),
+    }
+}
+
+fn fixes(trace: &Trace) -> Fixes {
+    let mut fixes = Fixes { yaw_rad: Some(Vec::new()), ..Fixes::default() };
+    let mut newest_s = f64::NEG_INFINITY;
+    for (i, row) in trace.rows.iter().enumerate() {
+        let o = row.observation.map(f64::from);
+        let captured_s = (((trace.t_s(i) - o[4]) / ROUNDING_S).round() * ROUNDING_S).min(trace.t_s(i));
+        if captured_s < newest_s + 10.0 * ROUNDING_S {
+            continue;
+        }
+        newest_s = captured_s;
+        fixes.row.push(i);
+        fixes.capture_t_s.push(captured_s);
+        fixes.pos_m.iter_mut().zip(&o[0..3]).for_each(|(list, value)| list.push(*value));
+        fixes.yaw_rad.iter_mut().for_each(|list| list.push(o[3]));
+    }
+    fixes
+}

@@ -1,0 +1,194 @@
+//! The figures of a flight: how fast, how far over, how exact, with how much effort.
+
+use super::{End, Row, Scenario, Trace, touch_down_mps};
+
+/// Settled within this of the set-point, for positions and for the heading.
+const BAND_M: f64 = 0.05;
+const BAND_RAD: f64 = 5.0 * std::f64::consts::PI / 180.0;
+/// Above this the vehicle has left the floor: time counts from there in flights that begin on it.
+const LIFT_OFF_M: f32 = 0.01;
+/// The final error is the mean of the last second.
+const FINAL_S: f64 = 1.0;
+/// The floor at over 1 m/s is a crash, as in the tasks.
+const CRASH_MPS: f64 = 1.0;
+
+/// One controlled axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Axis {
+    pub name: &'static str,
+    /// Unit for people of errors, and how many make one SI unit.
+    pub unit: &'static str,
+    pub per_si: f64,
+    state: usize,
+    setpoint: usize,
+    band: f64,
+}
+
+const DEG: f64 = 180.0 / std::f64::consts::PI;
+
+pub(crate) const AXES: [Axis; 4] = [
+    Axis { name: "x", unit: "cm", per_si: 100.0, state: 0, setpoint: 16, band: BAND_M },
+    Axis { name: "y", unit: "cm", per_si: 100.0, state: 1, setpoint: 17, band: BAND_M },
+    Axis { name: "z", unit: "cm", per_si: 100.0, state: 2, setpoint: 18, band: BAND_M },
+    Axis { name: "yaw", unit: "deg", per_si: DEG, state: 8, setpoint: 19, band: BAND_RAD },
+];
+
+/// When an axis came to stay within the band.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Settling {
+    /// The set-point moves: the question makes no sense.
+    Moving,
+    Never,
+    At(f64),
+}
+
+/// One axis over one phase, SI and radians.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct AxisFigures {
+    pub settling: Settling,
+    /// Beyond the set-point, seen from the start; from a start at the set-point the largest deviation.
+    pub overshoot: Option<f64>,
+    pub rmse: f64,
+    pub final_error: f64,
+    /// Root mean square of the command that serves the axis: degrees of pitch for x, of roll for y, percent of the hover PWM about it
+    /// (or cm about the set-point) for z, deg/s for yaw.
+    pub effort: f64,
+    /// How far that command travels per second.
+    pub travel_per_s: f64,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct PhaseFigures {
+    pub name: &'static str,
+    pub from_s: f64,
+    pub to_s: f64,
+    pub axes: [AxisFigures; 4],
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Figures {
+    pub phases: Vec<PhaseFigures>,
+    pub end: End,
+    pub end_s: f64,
+    /// How often the newest frame turned out to show no marker, and for how long in all.
+    pub marker_losses: usize,
+    pub marker_lost_s: f64,
+    /// Time and sinking speed of the last touch-down after flying.
+    pub touch_down: Option<(f64, f64)>,
+}
+
+impl Figures {
+    /// Whether the vehicle broke, and how.
+    pub(crate) fn crash(&self) -> Option<String> {
+        match self.end {
+            End::LeftRoom => Some("left the room".into()),
+            End::Floor { impact_mps } if impact_mps > CRASH_MPS => Some(format!("hit the floor at {impact_mps:.1} m/s")),
+            _ => None,
+        }
+    }
+}
+
+pub(crate) fn figures(scenario: &Scenario, trace: &Trace) -> Figures {
+    let rows = &trace.rows;
+    let valid: Vec<bool> = rows.iter().map(|r| r.observation[5] > 0.5).collect();
+    let lost = valid.iter().filter(|valid| !**valid).count();
+    let touched = (1..rows.len()).rev().find(|&i| rows[i].state[2] <= 0.0 && rows[i - 1].state[2] > 0.0);
+    let starts: Vec<usize> = scenario.phases.iter().map(|p| (p.from_s / trace.tick_s).round() as usize).collect();
+    let mut phases = Vec::new();
+    for (i, phase) in scenario.phases.iter().enumerate() {
+        let end = starts.get(i + 1).copied().unwrap_or(rows.len()).min(rows.len());
+        let first = lift_off(&rows[..end], starts[i]);
+        if first < end {
+            let axes = AXES.map(|axis| axis_figures(trace, &axis, first, end));
+            phases.push(PhaseFigures { name: phase.name, from_s: trace.t_s(first), to_s: trace.t_s(end - 1), axes });
+        }
+    }
+    Figures {
+        phases,
+        end: trace.end,
+        end_s: trace.t_s(rows.len().saturating_sub(1)),
+        marker_losses: valid.windows(2).filter(|pair| pair[0] && !pair[1]).count(),
+        marker_lost_s: lost as f64 * trace.tick_s,
+        touch_down: touched.map(|i| (trace.t_s(i), touch_down_mps(rows, i))),
+    }
+}
+
+/// The first row from `start` on in which the vehicle is in the air; `start` if it never is.
+fn lift_off(rows: &[Row], start: usize) -> usize {
+    (start..rows.len()).find(|&i| rows[i].state[2] > LIFT_OFF_M).unwrap_or(start)
+}
+
+fn axis_figures(trace: &Trace, axis: &Axis, first: usize, end: usize) -> AxisFigures {
+    let rows = &trace.rows[first..end];
+    let setpoint = |row: &Row| f64::from(row.observation[axis.setpoint]);
+    let errors: Vec<f64> = rows.iter().map(|row| wrap(axis, f64::from(row.state[axis.state]) - setpoint(row))).collect();
+    let moving = rows.iter().any(|row| (setpoint(row) - setpoint(&rows[0])).abs() > 1e-6);
+    let last = (FINAL_S / trace.tick_s).round() as usize;
+    let tail = &errors[errors.len().saturating_sub(last.max(1))..];
+    let commands: Vec<f64> = (first..end).map(|row| effort(trace, axis, row)).collect();
+    let travel: f64 = commands.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum();
+    AxisFigures {
+        settling: if moving { Settling::Moving } else { settling(&errors, axis.band, trace.tick_s) },
+        overshoot: (!moving).then(|| overshoot(&errors, axis.band)),
+        rmse: rms(&errors),
+        final_error: tail.iter().map(|e| e.abs()).sum::<f64>() / tail.len() as f64,
+        effort: rms(&commands),
+        travel_per_s: travel / ((end - first) as f64 * trace.tick_s),
+    }
+}
+
+/// A heading error is the short way round.
+fn wrap(axis: &Axis, error: f64) -> f64 {
+    if axis.state == 8 { error.sin().atan2(error.cos()) } else { error }
+}
+
+fn settling(errors: &[f64], band: f64, tick_s: f64) -> Settling {
+    match errors.iter().rposition(|e| e.abs() > band) {
+        None => Settling::At(0.0),
+        Some(last) if last + 1 == errors.len() => Settling::Never,
+        Some(last) => Settling::At((last + 1) as f64 * tick_s),
+    }
+}
+
+fn overshoot(errors: &[f64], band: f64) -> f64 {
+    let start = errors[0];
+    let beyond = |e: &f64| if start.abs() > band { -e * start.signum() } else { e.abs() };
+    errors.iter().map(beyond).fold(0.0, f64::max)
+}
+
+/// The command that serves an axis, see [`AxisFigures::effort`].
+fn effort(trace: &Trace, axis: &Axis, row: usize) -> f64 {
+    let u = trace.command(row);
+    let hover = trace.interface.hover_lift;
+    match axis.name {
+        "x" => u.pitch_rad.to_degrees(),
+        "y" => u.roll_rad.to_degrees(),
+        "z" if hover > 0.0 => 100.0 * (u.lift / hover - 1.0),
+        "z" => 100.0 * (u.lift - f64::from(trace.rows[row].observation[axis.setpoint])),
+        _ => u.yaw_rate_radps.to_degrees(),
+    }
+}
+
+fn rms(values: &[f64]) -> f64 {
+    (values.iter().map(|v| v * v).sum::<f64>() / values.len().max(1) as f64).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settling_is_the_last_time_outside() {
+        let errors = [1.0, 0.5, -0.2, 0.04, -0.06, 0.01, 0.0];
+        assert_eq!(settling(&errors, 0.05, 0.5), Settling::At(2.5));
+        assert_eq!(settling(&errors[..2], 0.05, 0.5), Settling::Never);
+        assert_eq!(settling(&[0.0, 0.01], 0.05, 0.5), Settling::At(0.0));
+    }
+
+    #[test]
+    fn overshoot_is_beyond_the_set_point_seen_from_the_start() {
+        assert_eq!(overshoot(&[-1.0, -0.5, 0.2, -0.1], 0.05), 0.2);
+        assert_eq!(overshoot(&[1.0, 0.5, 0.2], 0.05), 0.0);
+        assert_eq!(overshoot(&[0.0, 0.1, -0.3], 0.05), 0.3);
+    }
+}

@@ -1,0 +1,151 @@
+//! Closed-loop flights: a scenario, a controller and effects, flown for many seeds at once, and what comes out of them.
+
+mod csv;
+mod figures;
+mod picture;
+mod scenario;
+
+use crazyflie_env::Error;
+use crazyflie_env::config::{Autoreset, EffectTable, Options};
+use crazyflie_env::control::pid::{Gains, PidBatch};
+use crazyflie_env::model::{Model, VerticalInput};
+use crazyflie_env::observation::{ACTION, Interface, OBSERVATION};
+use crazyflie_env::plant::Command;
+use crazyflie_env::vector::{Out, STATE, VectorEnv};
+
+pub(crate) use csv::log;
+pub(crate) use figures::{AXES, Axis, Figures, PhaseFigures, Settling, figures};
+pub(crate) use picture::{path, picture};
+pub(crate) use scenario::{SCENARIOS, Scenario, lab_rig};
+
+/// Everything that decides a flight, besides its seed.
+#[derive(Debug, Clone)]
+pub(crate) struct Setup {
+    pub model: Model,
+    pub scenario: &'static Scenario,
+    /// In place of the scenario's own, if given.
+    pub task_options: Option<serde_json::Value>,
+    pub gains: Gains,
+    pub effects: EffectTable,
+    pub vertical: VerticalInput,
+    pub seconds: f64,
+}
+
+/// What there was at one control tick.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Row {
+    pub observation: [f32; OBSERVATION],
+    pub state: [f32; STATE],
+    /// What the controller answered; in force until the next row.
+    pub action: [f32; ACTION],
+}
+
+/// How a flight ended.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum End {
+    Time,
+    LeftRoom,
+    /// On the floor, at this speed, where the task ends there.
+    Floor { impact_mps: f64 },
+}
+
+/// One flight.
+#[derive(Debug, Clone)]
+pub(crate) struct Trace {
+    pub tick_s: f64,
+    pub interface: Interface,
+    pub rows: Vec<Row>,
+    pub end: End,
+}
+
+impl Trace {
+    pub(crate) fn t_s(&self, row: usize) -> f64 {
+        row as f64 * self.tick_s
+    }
+
+    pub(crate) fn command(&self, row: usize) -> Command<f64> {
+        self.interface.command(&self.rows[row].action.map(f64::from))
+    }
+
+    /// One number of the true state over the flight.
+    pub(crate) fn state(&self, at: usize) -> Vec<f64> {
+        self.rows.iter().map(|r| f64::from(r.state[at])).collect()
+    }
+
+    /// One number of the observation over the flight.
+    pub(crate) fn observed(&self, at: usize) -> Vec<f64> {
+        self.rows.iter().map(|r| f64::from(r.observation[at])).collect()
+    }
+}
+
+/// Half the side of the room and its height, as the tasks have them (thesis 2.1).
+const ROOM_M: [f32; 2] = [2.5, 2.8];
+
+/// Flies the setup once per seed.
+pub(crate) fn fly(setup: &Setup, seeds: &[u64]) -> Result<Vec<Trace>, Error> {
+    let options = Options {
+        task: setup.scenario.task.into(),
+        task_options: setup.task_options.clone().unwrap_or_else(|| setup.scenario.task_options()),
+        vertical: Some(setup.vertical),
+        effects: setup.effects.clone(),
+        autoreset: Autoreset::NextStep,
+        ..Options::default()
+    };
+    let envs = seeds.len();
+    let mut env = VectorEnv::new(&setup.model, &options, envs)?;
+    let (tick_s, interface) = (env.tick_s(), env.interface());
+    let mut pid = PidBatch::new(envs, setup.gains, interface, tick_s, setup.scenario.phases[0].mode);
+    let mut observations = vec![0.0; envs * OBSERVATION];
+    let (mut actions, mut states) = (vec![0.0; envs * ACTION], vec![0.0; envs * STATE]);
+    let (mut rewards, mut truncated, mut terminated) = (vec![0.0; envs], vec![false; envs], vec![false; envs]);
+    let mut traces = vec![Trace { tick_s, interface, rows: Vec::new(), end: End::Time }; envs];
+    let mut over = vec![false; envs];
+    env.reset(Some(seeds), None, &mut observations)?;
+    let ticks = (setup.seconds / tick_s).round() as usize;
+    for tick in 0..=ticks {
+        let phase = setup.scenario.phase_at(tick as f64 * tick_s);
+        if let Some(setpoint_m) = phase.setpoint_m {
+            observations.chunks_exact_mut(OBSERVATION).for_each(|row| row[16..19].copy_from_slice(&setpoint_m));
+        }
+        pid.set_mode(phase.mode);
+        pid.act(&observations, &mut actions)?;
+        env.states(&mut states)?;
+        for (i, (trace, over)) in traces.iter_mut().zip(&mut over).enumerate().filter(|(_, (_, over))| !**over) {
+            trace.rows.push(row(i, &observations, &states, &actions));
+            if terminated[i] {
+                trace.end = end(&trace.rows);
+                *over = true;
+            }
+        }
+        if tick == ticks || over.iter().all(|over| *over) {
+            break;
+        }
+        let out = Out { observations: &mut observations, rewards: &mut rewards, terminated: &mut terminated, truncated: &mut truncated };
+        env.step(&actions, out)?;
+    }
+    Ok(traces)
+}
+
+fn row(i: usize, observations: &[f32], states: &[f32], actions: &[f32]) -> Row {
+    Row {
+        observation: std::array::from_fn(|k| observations[i * OBSERVATION + k]),
+        state: std::array::from_fn(|k| states[i * STATE + k]),
+        action: std::array::from_fn(|k| actions[i * ACTION + k]),
+    }
+}
+
+/// Why a task ended the flight of these rows.
+fn end(rows: &[Row]) -> End {
+    let Some(last) = rows.last() else { return End::Time };
+    let [x, y, z] = [0, 1, 2].map(|i| last.state[i]);
+    if x.abs() > ROOM_M[0] || y.abs() > ROOM_M[0] || z > ROOM_M[1] {
+        return End::LeftRoom;
+    }
+    End::Floor { impact_mps: touch_down_mps(rows, rows.len() - 1) }
+}
+
+/// Sinking speed with which the floor was met between the row before `at` and that row.
+pub(crate) fn touch_down_mps(rows: &[Row], at: usize) -> f64 {
+    let before = &rows[at.saturating_sub(1)];
+    f64::from(-before.state[5]).max(0.0)
+}

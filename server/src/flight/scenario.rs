@@ -1,0 +1,151 @@
+//! What can be flown: the tasks, and the thesis's flights by name.
+
+use crazyflie_env::config::{EffectParams, EffectTable, Number};
+use crazyflie_env::control::pid::Mode;
+use serde_json::Value;
+
+/// A part of a flight with one set-point and one state of the controller.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Phase {
+    pub name: &'static str,
+    pub from_s: f64,
+    /// In place of the task's.
+    pub setpoint_m: Option<[f32; 3]>,
+    pub mode: Mode,
+}
+
+#[derive(Debug)]
+pub(crate) struct Scenario {
+    pub name: &'static str,
+    pub about: &'static str,
+    /// Section and figure of the thesis; empty for a plain task.
+    pub source: &'static str,
+    pub task: &'static str,
+    options: &'static str,
+    pub seconds: f64,
+    pub phases: &'static [Phase],
+}
+
+impl Scenario {
+    /// # Errors
+    /// With a proposal, if there is no such task or flight.
+    pub(crate) fn named(name: &str) -> crazyflie_env::Result<&'static Scenario> {
+        let known = || SCENARIOS.iter().map(|s| s.name);
+        SCENARIOS.iter().find(|s| s.name == name).ok_or_else(|| crazyflie_env::error::unknown("task or flight", name, known()))
+    }
+
+    /// Options of the task.
+    pub(crate) fn task_options(&self) -> Value {
+        // a test reads them all
+        serde_json::from_str(self.options).unwrap_or(Value::Null)
+    }
+
+    /// The phase in force; half a millisecond of margin for the clock's rounding.
+    pub(crate) fn phase_at(&self, t_s: f64) -> &'static Phase {
+        self.phases.iter().rev().find(|p| p.from_s <= t_s + 5e-4).unwrap_or(&self.phases[0])
+    }
+}
+
+const fn phase(name: &'static str, from_s: f64, setpoint_m: Option<[f32; 3]>, mode: Mode) -> Phase {
+    Phase { name, from_s, setpoint_m, mode }
+}
+
+const HOLD: &[Phase] = &[phase("", 0.0, None, Mode::Automatic)];
+const TAKEOFF: &[Phase] = &[phase("", 0.0, None, Mode::Takeoff)];
+const LAND: &[Phase] = &[phase("", 0.0, None, Mode::Landing)];
+const STEP: &[Phase] =
+    &[phase("hover", 0.0, Some([0.0, 0.0, 0.7]), Mode::Automatic), phase("step", 5.0, Some([0.0, 0.0, 0.8]), Mode::Automatic)];
+const WHOLE: &[Phase] = &[
+    phase("take off", 0.0, Some([0.8, 0.0, 0.7]), Mode::Takeoff),
+    phase("fly 80 cm", 15.0, Some([0.0, 0.0, 0.7]), Mode::Takeoff),
+    phase("land", 30.0, Some([0.0, 0.0, 0.05]), Mode::Landing),
+];
+
+const fn task(name: &'static str, about: &'static str, seconds: f64, phases: &'static [Phase]) -> Scenario {
+    Scenario { name, about, source: "", task: name, options: "null", seconds, phases }
+}
+
+/// The tasks, then the thesis's flights.
+pub(crate) static SCENARIOS: &[Scenario] = &[
+    task("hover", "fly to the marker from up to 80 cm away", 10.0, HOLD),
+    task("takeoff", "take off to 70 cm", 15.0, TAKEOFF),
+    task("land", "land on the marker", 10.0, LAND),
+    task("track", "follow a moving set-point", 20.0, HOLD),
+    Scenario {
+        name: "fly-80cm",
+        about: "from hovering 80 cm away in x, fly to the marker and hold 70 cm over it",
+        source: "7.3, fig. 7.4-7.8",
+        task: "hover",
+        options: r#"{"start_m": [0.8, 0, 0.7]}"#,
+        seconds: 15.0,
+        phases: HOLD,
+    },
+    Scenario {
+        name: "takeoff-70cm",
+        about: "take off from the marker to 70 cm",
+        source: "7.3, fig. 7.9",
+        task: "takeoff",
+        options: "null",
+        seconds: 20.0,
+        phases: TAKEOFF,
+    },
+    Scenario {
+        name: "hover-70cm",
+        about: "hold 70 cm over the marker",
+        source: "7.3, fig. 7.10-7.14",
+        task: "hover",
+        options: r#"{"start_m": [0, 0, 0.7]}"#,
+        seconds: 20.0,
+        phases: HOLD,
+    },
+    Scenario {
+        name: "height-step",
+        about: "hold 70 cm, then 80 cm",
+        source: "5.1.3, fig. 5.10",
+        task: "hover",
+        options: r#"{"start_m": [0, 0, 0.7]}"#,
+        seconds: 15.0,
+        phases: STEP,
+    },
+    Scenario {
+        name: "whole-flight",
+        about: "take off 80 cm away, hold 70 cm, fly to the marker, hold, land",
+        source: "7.3",
+        task: "hover",
+        options: r#"{"start_m": [0.8, 0, 0]}"#,
+        seconds: 40.0,
+        phases: WHOLE,
+    },
+];
+
+/// The camera rig of the lab as effects: 30 Hz frames that arrive 50 ms after capture (77 ms in all with the mean age of a held frame and of
+/// a held command, the delay for which the digest of the thesis computes its margins), with the noise of a good ArUco pose at 70 cm.
+pub(crate) fn lab_rig() -> EffectTable {
+    let named = |params: &[(&str, f64)]| {
+        EffectParams::Named(params.iter().map(|(name, value)| ((*name).to_owned(), Number::Fixed(*value))).collect())
+    };
+    EffectTable::from([
+        ("camera".to_owned(), named(&[("on", 1.0)])),
+        ("camera_latency".to_owned(), named(&[("latency_s", 0.05)])),
+        ("camera_noise".to_owned(), named(&[("xy_m", 0.005), ("z_m", 0.01), ("yaw_deg", 1.0)])),
+    ])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_scenario_is_a_task_with_good_options() {
+        for s in SCENARIOS {
+            crazyflie_env::task::find(s.task).unwrap();
+            serde_json::from_str::<Value>(s.options).unwrap();
+            assert!(s.phases[0].from_s == 0.0 && s.phases.is_sorted_by_key(|p| p.from_s), "{}", s.name);
+        }
+    }
+
+    #[test]
+    fn the_lab_rig_is_in_range() {
+        crazyflie_env::config::check_effects(&lab_rig()).unwrap();
+    }
+}

@@ -1,0 +1,8 @@
+//! The command line of the simulator. The bin and the Python package both call [`main_from`].
+#![forbid(unsafe_code)]
+
+mod cli;
+mod flight;
+mod scorecard;
+
+pub use cli::main_from;
