@@ -151,7 +151,8 @@ pub fn check_effects(table: &EffectTable) -> Result<()> {
         if let EffectParams::Named(map) = given {
             for param in map.keys() {
                 if !entry.params.iter().any(|p| p.name == param) {
-                    return Err(unknown("parameter of this effect", &format!("{name}.{param}"), entry.params.iter().map(|p| p.name)));
+                    let known: Vec<String> = entry.params.iter().map(|p| format!("{name}.{}", p.name)).collect();
+                    return Err(unknown("parameter of this effect", &format!("{name}.{param}"), known.iter().map(String::as_str)));
                 }
             }
         }
@@ -241,7 +242,7 @@ mod tests {
     fn mistakes_are_named_with_a_proposal() {
         for (json, words) in [
             (r#"{"drag_lineer": 0.3}"#, vec!["drag_lineer", "did you mean \"drag_linear\""]),
-            (r#"{"wind": {"x_mps": 0.3}}"#, vec!["wind.x_mps", "did you mean \"x_mps2\""]),
+            (r#"{"wind": {"x_mps": 0.3}}"#, vec!["wind.x_mps", "did you mean \"wind.x_mps2\""]),
             (r#"{"wind": {"x_mps2": 30}}"#, vec!["wind.x_mps2 is 30", "-5 to 5 m/s^2"]),
             (r#"{"wind": {"x_mps2": {"uniform": [1, -1]}}}"#, vec!["lower bound"]),
             (r#"{"wind": {"x_mps2": {"value": 1, "unit": "m/s"}}}"#, vec!["unit", "m/s^2"]),

@@ -217,8 +217,10 @@ impl Real for Lanes {
     }
     #[inline(always)]
     fn select(mask: Mask, yes: Self, no: Self) -> Self {
+        // Bit by bit: of a blend LLVM makes masked stores, which are slow on AMD's processors.
         // SAFETY: see the head of this file
-        Lanes(unsafe { [_mm256_blendv_ps(no.0[0], yes.0[0], mask.0[0]), _mm256_blendv_ps(no.0[1], yes.0[1], mask.0[1])] })
+        let pick = |m, y, n| unsafe { _mm256_or_ps(_mm256_and_ps(m, y), _mm256_andnot_ps(m, n)) };
+        Lanes([pick(mask.0[0], yes.0[0], no.0[0]), pick(mask.0[1], yes.0[1], no.0[1])])
     }
     #[inline(always)]
     fn any(mask: Mask) -> bool {

@@ -51,8 +51,8 @@ impl<R: Real> Keys<R> {
     }
     /// What can be drawn at one tick.
     #[inline(always)]
-    pub fn at(&self, tick: R::Word) -> Draw<R> {
-        Draw { keys: *self, tick }
+    pub fn at<'a>(&'a self, tick: &'a R::Word) -> Draw<'a, R> {
+        Draw { keys: self, tick }
     }
 }
 
@@ -64,12 +64,12 @@ impl<R: Real> Default for Keys<R> {
 
 /// The draws of one tick. The same channel gives the same number; take a new channel for a new number.
 #[derive(Clone, Copy, Debug)]
-pub struct Draw<R: Real> {
-    keys: Keys<R>,
-    tick: R::Word,
+pub struct Draw<'a, R: Real> {
+    keys: &'a Keys<R>,
+    tick: &'a R::Word,
 }
 
-impl<R: Real> Draw<R> {
+impl<R: Real> Draw<'_, R> {
     /// Uniform in (0, 1).
     #[inline(always)]
     pub fn uniform(&self, channel: u32) -> R {
@@ -79,7 +79,12 @@ impl<R: Real> Draw<R> {
     #[inline(always)]
     pub fn normals(&self, channel: u32) -> [R; 2] {
         let radius = (R::of(-2.0) * self.uniform(channel).ln()).sqrt();
-        let (s, c) = (R::of(std::f64::consts::TAU) * (self.uniform(channel ^ 0x8000_0000) - R::of(0.5))).sin_cos();
+        let turn = self.uniform(channel ^ 0x8000_0000) - R::of(0.5);
+        // of the angle 2 pi turn, by way of the angle from the upright, which lies within a quarter turn
+        let a = R::of(std::f64::consts::TAU) * (turn.abs() - R::of(0.25));
+        let (sin_a, cos_a) = a.sin_cos_quarter();
+        let s = R::select(turn.lt(R::zero()), -cos_a, cos_a);
+        let c = -sin_a;
         [radius * c, radius * s]
     }
     #[inline(always)]
@@ -98,7 +103,7 @@ mod tests {
         (0..n)
             .flat_map(|i| {
                 keys.set_lane(0, episode_key(u64::from(i / 500), 3));
-                keys.at(i % 500).normals(channel)
+                keys.at(&(i % 500)).normals(channel)
             })
             .collect()
     }

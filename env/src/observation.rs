@@ -51,6 +51,13 @@ pub struct Setpoint<R> {
     pub yaw_rad: R,
 }
 
+impl<R: Real> Setpoint<R> {
+    /// The origin.
+    pub fn origin() -> Self {
+        Setpoint { pos_m: [R::zero(); 3], yaw_rad: R::zero() }
+    }
+}
+
 /// An angle within [-pi, pi].
 #[inline(always)]
 pub fn wrap<R: Real>(angle: R) -> R {

@@ -37,6 +37,13 @@ pub struct Push<R> {
     pub ang_radps2: [R; 3],
 }
 
+/// Sine and cosine of a yaw.
+#[derive(Debug, Clone, Copy)]
+pub struct Heading<R> {
+    pub sin: R,
+    pub cos: R,
+}
+
 impl<R: Real> State<R> {
     /// At rest at the origin.
     #[inline(always)]
@@ -166,10 +173,10 @@ impl<R: Real> Plant<R> {
         })
     }
 
-    /// The state one step later, command and push held. Exact for the linear model; a turning vehicle's sideways acceleration is
+    /// The state one step later, and the heading at mid-step, command and push held. Exact for the linear model; a turning vehicle's sideways acceleration is
     /// taken along its heading at mid-step.
     #[inline(always)]
-    pub fn advance(&self, x: &State<R>, u: &Command<R>, push: &Push<R>) -> State<R> {
+    pub fn advance(&self, x: &State<R>, u: &Command<R>, push: &Push<R>) -> (State<R>, Heading<R>) {
         let [roll, roll_rate, right_mps, right_m] = self.roll.step(x.att_rad[0], x.rate_radps[0], u.roll_rad, push.ang_radps2[0]);
         let [pitch, pitch_rate, front_mps, front_m] = self.pitch.step(x.att_rad[1], x.rate_radps[1], u.pitch_rad, push.ang_radps2[1]);
         let (yaw, yaw_aux, yaw_rate) = self.yaw.step(x.att_rad[2], x.aux[1], u.yaw_rate_radps, push.ang_radps2[2]);
@@ -189,6 +196,6 @@ impl<R: Real> Plant<R> {
             next.pos_m[i] = x.pos_m[i] + self.carry_s * x.vel_mps[i] + dp[i] + self.acc_s2 * push.acc_mps2[i];
             next.vel_mps[i] = self.keep * x.vel_mps[i] + dv[i] + self.acc_s * push.acc_mps2[i];
         }
-        next
+        (next, Heading { sin, cos })
     }
 }

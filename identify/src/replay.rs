@@ -146,6 +146,9 @@ pub struct Replay {
 /// [`ReplayError`]: the log lacks commands or never flies, the model lacks the vertical form, or its effects are drawn at random.
 pub fn replay(model: &Model, log: &FlightLog, plan: &Plan) -> Result<Replay, ReplayError> {
     let horizon_ticks = horizon_ticks(plan.horizon_s)?;
+    if log.cmd_roll_rad.is_none() && log.cmd_thrust_pwm.is_none() && log.cmd_height_m.is_none() {
+        return Err(ReplayError::NoCommands { what: "commands" });
+    }
     refuse_drawn(&model.effects)?;
     let (input, lift) = vertical_command(model, log, plan)?;
     let mut remarks = Vec::new();
@@ -335,13 +338,13 @@ impl Prediction {
 
 fn compare(measured: &Measured, prediction: &Prediction, start_s: f64, end_s: f64) -> Result<[Compared; 8], ReplayError> {
     let mut all = Vec::with_capacity(SIGNALS.len());
-    for at in 0..SIGNALS.len() {
+    for (at, signal) in SIGNALS.iter().enumerate() {
         let track = measured.track(at);
         let Range { start, end } = track.between(start_s + ROUNDING_S, end_s + ROUNDING_S);
         let t_s = track.t_s[start..end].to_vec();
         let measured = track.values[start..end].to_vec();
         let predicted: Vec<f64> = t_s.iter().map(|t| prediction.at(at, *t)).collect();
-        let fit = Fit::of(&measured, &predicted).map_err(|source| ReplayError::Compare { signal: SIGNALS[at].name, source })?;
+        let fit = Fit::of(&measured, &predicted).map_err(|source| ReplayError::Compare { signal: signal.name, source })?;
         all.push(Compared { t_s, measured, predicted, fit });
     }
     // one per signal

@@ -6,7 +6,7 @@ use crate::real::Real;
 
 pub struct BatterySag;
 
-impl Effect<3, 2> for BatterySag {
+impl Effect<3, 3> for BatterySag {
     const NAME: &'static str = "battery_sag";
     const ABOUT: &'static str = "The voltage falls with charge and current; thrust goes with a power of it";
     const SOURCE: &'static str = "Discharge curve of Tremblay, Dessaint and Dekkiche 2007 with 4.2 V full; current as thrust^1.5 (momentum theory)";
@@ -18,26 +18,26 @@ impl Effect<3, 2> for BatterySag {
     const HOOKS: Hooks = Hooks::PUSH_AND_SENSE;
 
     #[inline(always)]
-    fn start<R: Real>(&[_, charge, _]: &[R; 3], _: &Cx<R>, _: &State<R>, _: &Command<R>) -> [R; 2] {
-        [charge, R::zero()]
+    fn start<R: Real>(&[_, charge, _]: &[R; 3], _: &Cx<R>, _: &State<R>, _: &Command<R>) -> [R; 3] {
+        [charge, R::zero(), open_circuit_v(charge)]
     }
 
     #[inline(always)]
-    fn push<R: Real>(&[exponent, _, resistance_ohm]: &[R; 3], s: &mut [R; 2], cx: &Cx<R>, _: &State<R>, u: &Command<R>, out: &mut Push<R>) {
+    fn push<R: Real>(&[exponent, _, resistance_ohm]: &[R; 3], s: &mut [R; 3], cx: &Cx<R>, _: &State<R>, u: &Command<R>, out: &mut Push<R>) {
         // the charge moves slowly: once per control tick is enough
         if cx.first {
             let current = current_a(cx, u);
             s[0] = (s[0] - current * R::of(cx.tick_s) / cx.body.battery_capacity_c).max(R::zero());
             let full = R::of(FULL_V) - resistance_ohm * cx.body.hover_current_a;
-            let voltage = (open_circuit_v(s[0]) - resistance_ohm * current).max(R::of(1.0));
-            s[1] = (voltage / full).powf(exponent) - R::of(1.0);
+            s[2] = (open_circuit_v(s[0]) - resistance_ohm * current).max(R::of(1.0));
+            s[1] = (s[2] / full).powf(exponent) - R::of(1.0);
         }
         out.acc_mps2[2] += cx.body.thrust_mps2(u) * s[1];
     }
 
     #[inline(always)]
-    fn sense<R: Real>(&[_, _, resistance_ohm]: &[R; 3], s: &mut [R; 2], cx: &Cx<R>, _: &State<R>, u: &Command<R>, y: &mut Reading<R>) {
-        y.vbat_v = open_circuit_v(s[0]) - resistance_ohm * current_a(cx, u);
+    fn sense<R: Real>(_: &[R; 3], s: &mut [R; 3], _: &Cx<R>, _: &State<R>, _: &Command<R>, y: &mut Reading<R>) {
+        y.vbat_v = s[2];
     }
 }
 

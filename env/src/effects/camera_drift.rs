@@ -18,7 +18,7 @@ impl Effect<2, 3> for CameraDrift {
 
     #[inline(always)]
     fn start<R: Real>(&[sigma_m, _]: &[R; 2], cx: &Cx<R>, _: &State<R>, _: &Command<R>) -> [R; 3] {
-        let ([a, b], [c, _]) = (cx.normals(10), cx.normals(11));
+        let ([a, b], [c, _]) = (cx.draw.normals(Self::NOISE.wrapping_add(10)), cx.draw.normals(Self::NOISE.wrapping_add(11)));
         [sigma_m * a, sigma_m * b, sigma_m * c]
     }
 
@@ -26,7 +26,7 @@ impl Effect<2, 3> for CameraDrift {
     fn frame<R: Real>(&[sigma_m, tau_s]: &[R; 2], error: &mut [R; 3], cx: &Cx<R>, _: &State<R>, f: &mut Frame<R>) {
         let keep = (R::of(-cx.h_s) / tau_s).exp();
         let spread = sigma_m * (R::of(1.0) - keep * keep).sqrt();
-        let ([a, b], [c, _]) = (cx.normals(0), cx.normals(1));
+        let ([a, b], [c, _]) = (cx.draw.normals(Self::NOISE), cx.draw.normals(Self::NOISE.wrapping_add(1)));
         for (i, n) in [a, b, c].into_iter().enumerate() {
             error[i] = R::select(f.captured, keep * error[i] + spread * n, error[i]);
             f.pos_m[i] += error[i];

@@ -17,7 +17,7 @@ impl Effect<1, 0> for CameraFlip {
 
     #[inline(always)]
     fn frame<R: Real>(&[probability]: &[R; 1], _: &mut [R; 0], cx: &Cx<R>, _: &State<R>, f: &mut Frame<R>) {
-        let flipped = cx.uniform(0).lt(probability);
+        let flipped = cx.draw.uniform(Self::NOISE).lt(probability);
         for i in 0..2 {
             f.pos_m[i] = R::select(flipped, R::of(2.0) * f.nearest_m[i] - f.pos_m[i], f.pos_m[i]);
         }

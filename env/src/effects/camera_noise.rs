@@ -26,7 +26,7 @@ impl Effect<3, 0> for CameraNoise {
         let slant = (distance / height).min(R::of(5.0));
         let far = distance * R::of(1.0 / 0.7);
         let sideways = far * slant / f.markers.max(R::of(1.0)).sqrt();
-        let ([a, b], [c, d]) = (cx.normals(0), cx.normals(1));
+        let ([a, b], [c, d]) = (cx.draw.normals(Self::NOISE), cx.draw.normals(Self::NOISE.wrapping_add(1)));
         f.pos_m[0] += sideways * xy_m * a;
         f.pos_m[1] += sideways * xy_m * b;
         f.pos_m[2] += sideways * far * z_m * c;

@@ -22,8 +22,8 @@ impl Effect<4, 0> for CameraOutliers {
     fn frame<R: Real>(&[probability, size_m, near_m, far_m]: &[R; 4], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, f: &mut Frame<R>) {
         let [dx, dy] = [x.pos_m[0] - f.nearest_m[0], x.pos_m[1] - f.nearest_m[1]];
         let distance = (dx * dx + dy * dy + x.pos_m[2] * x.pos_m[2]).sqrt();
-        let hit = cx.uniform(0).lt(probability) & near_m.le(distance) & distance.le(far_m);
-        let ([a, b], [c, _]) = (cx.normals(1), cx.normals(2));
+        let hit = cx.draw.uniform(Self::NOISE).lt(probability) & near_m.le(distance) & distance.le(far_m);
+        let ([a, b], [c, _]) = (cx.draw.normals(Self::NOISE.wrapping_add(1)), cx.draw.normals(Self::NOISE.wrapping_add(2)));
         let length = (a * a + b * b + c * c + R::of(1e-12)).sqrt();
         let reach = R::select(hit, size_m / length, R::zero());
         for (i, n) in [a, b, c].into_iter().enumerate() {

@@ -18,7 +18,7 @@ impl Effect<1, 0> for CameraVibration {
     #[inline(always)]
     fn frame<R: Real>(&[angle_deg]: &[R; 1], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, f: &mut Frame<R>) {
         let reach = x.pos_m[2] * angle_deg * R::of(std::f64::consts::PI / 180.0);
-        for (i, n) in cx.normals(0).into_iter().enumerate() {
+        for (i, n) in cx.draw.normals(Self::NOISE).into_iter().enumerate() {
             f.pos_m[i] += reach * n;
         }
     }

@@ -23,23 +23,25 @@ impl Effect<1, 32> for CmdDelay {
 
     #[inline(always)]
     fn command<R: Real>(&[delay_s]: &[R; 1], past: &mut [R; 32], cx: &Cx<R>, _: &State<R>, u: &mut Command<R>) {
+        // a ring of eight commands; all lanes tick together
+        let slot = |k: usize| 4 * ((cx.clock + 8 - k) % 8);
         if cx.first {
-            past.copy_within(0..28, 4);
-            [past[0], past[1], past[2], past[3]] = [u.roll_rad, u.pitch_rad, u.yaw_rate_radps, u.lift];
+            past[slot(0)..slot(0) + 4].copy_from_slice(&[u.roll_rad, u.pitch_rad, u.yaw_rate_radps, u.lift]);
         }
         // command k (0 is the newest) was given from -k ticks to -k + 1 ticks; this step sees the span [begin, begin + h)
         let begin = R::of(cx.since_tick_s) - delay_s;
         let end = begin + R::of(cx.h_s);
         let mut sum = [R::zero(); 4];
         for k in 0..8 {
-            let given = R::of(-(k as f64)) * R::of(cx.tick_s);
+            let given = R::of(-(k as f64) * cx.tick_s);
             let overlap = (end.min(given + R::of(cx.tick_s)) - begin.max(given)).max(R::zero());
-            if !R::any(overlap.gt(R::zero())) {
-                continue;
+            let share = overlap * R::of(1.0 / cx.h_s);
+            for (sum, past) in sum.iter_mut().zip(&past[slot(k)..slot(k) + 4]) {
+                *sum += share * *past;
             }
-            let share = overlap / R::of(cx.h_s);
-            for i in 0..4 {
-                sum[i] += share * past[4 * k + i];
+            // rounding may leave the begin of a delay of whole ticks a little early
+            if R::all(given.le(begin + R::of(1e-6))) {
+                break;
             }
         }
         [u.roll_rad, u.pitch_rad, u.yaw_rate_radps, u.lift] = sum;

@@ -14,6 +14,7 @@ impl Effect<1, 0> for EulerKinematics {
         param("amount", "1", 0.0, [0.0, 1.0], "1 for the true kinematics"),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
+    const PHYSICS_HZ: u32 = 300;
 
     #[inline(always)]
     fn push<R: Real>(&[amount]: &[R; 1], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, _: &Command<R>, out: &mut Push<R>) {

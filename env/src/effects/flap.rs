@@ -14,6 +14,7 @@ impl Effect<1, 0> for Flap {
         param("torque_radpms", "rad/(m s)", 0.0, [-20.0, 20.0], "angular acceleration per speed"),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
+    const PHYSICS_HZ: u32 = 300;
 
     #[inline(always)]
     fn push<R: Real>(&[torque_radpms]: &[R; 1], _: &mut [R; 0], _: &Cx<R>, x: &State<R>, _: &Command<R>, out: &mut Push<R>) {

@@ -19,7 +19,7 @@ impl Effect<2, 2> for Gust {
     #[inline(always)]
     fn start<R: Real>(&[sigma_mps2, _]: &[R; 2], cx: &Cx<R>, _: &State<R>, _: &Command<R>) -> [R; 2] {
         // the stationary distribution; other channels than the first tick's
-        each(cx.normals(1), |n| sigma_mps2 * n)
+        each(cx.draw.normals(Self::NOISE.wrapping_add(1)), |n| sigma_mps2 * n)
     }
 
     #[inline(always)]
@@ -27,7 +27,7 @@ impl Effect<2, 2> for Gust {
         if cx.first {
             let keep = (R::of(-cx.tick_s) / tau_s).exp();
             let spread = sigma_mps2 * (R::of(1.0) - keep * keep).sqrt();
-            for (acc, n) in acc.iter_mut().zip(cx.normals(0)) {
+            for (acc, n) in acc.iter_mut().zip(cx.draw.normals(Self::NOISE)) {
                 *acc = keep * *acc + spread * n;
             }
         }

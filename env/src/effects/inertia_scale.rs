@@ -14,6 +14,7 @@ impl Effect<1, 0> for InertiaScale {
         param("scale", "1", 1.0, [0.3, 3.0], "inertia over declared inertia"),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
+    const PHYSICS_HZ: u32 = 300;
 
     #[inline(always)]
     fn push<R: Real>(&[scale]: &[R; 1], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {

@@ -4,7 +4,7 @@
 mod stage;
 
 use crate::lanes::Lanes;
-use crate::noise::Draw;
+use crate::noise::{Draw, channel};
 use crate::plant::{Command, Push, State};
 use crate::real::Real;
 
@@ -88,7 +88,7 @@ impl<R: Real> Body<R> {
 #[derive(Debug, Clone, Copy)]
 pub struct Cx<'a, R: Real> {
     pub body: &'a Body<R>,
-    /// Length of the physics step for `command` and `push`, of the control tick for `sense`, since the last frame for `frame`.
+    /// Length of the physics step for `command` and `push`, of the control tick for `sense`, from frame to frame for `frame`.
     pub h_s: f64,
     /// Length of a control tick.
     pub tick_s: f64,
@@ -99,21 +99,9 @@ pub struct Cx<'a, R: Real> {
     /// First physics step of a control tick: a new command is here.
     pub first: bool,
     /// This tick's noise; channels are the effect's own.
-    pub draw: &'a Draw<R>,
-    pub(crate) channel: u32,
-}
-
-impl<R: Real> Cx<'_, R> {
-    /// Two standard normals, the same all through a control tick.
-    #[inline(always)]
-    pub fn normals(&self, which: u32) -> [R; 2] {
-        self.draw.normals(self.channel.wrapping_add(which))
-    }
-    /// Uniform in (0, 1), the same all through a control tick.
-    #[inline(always)]
-    pub fn uniform(&self, which: u32) -> R {
-        self.draw.uniform(self.channel.wrapping_add(which))
-    }
+    pub draw: &'a Draw<'a, R>,
+    /// Control ticks of this tile since the world was made; the same for all its lanes.
+    pub clock: usize,
 }
 
 /// A camera frame: the pose that the marker detection reports.
@@ -177,6 +165,11 @@ pub trait Effect<const P: usize, const S: usize>: Send + 'static {
     const SOURCE: &'static str;
     const PARAMS: [Param; P];
     const HOOKS: Hooks;
+    /// Physics steps per second that the effect needs. Pushes are held over a step and see the state at its middle, which is good to second
+    /// order; only what feeds back on the fast attitude dynamics (5.1 has a pole at -28.8 1/s) needs more than the control rate.
+    const PHYSICS_HZ: u32 = 50;
+    /// First noise channel; an effect's own channels count on from here.
+    const NOISE: u32 = channel(Self::NAME);
 
     /// The state at the start of an episode.
     #[inline(always)]
@@ -186,7 +179,7 @@ pub trait Effect<const P: usize, const S: usize>: Send + 'static {
     /// Change the command for the coming physics step.
     #[inline(always)]
     fn command<R: Real>(_p: &[R; P], _s: &mut [R; S], _cx: &Cx<R>, _x: &State<R>, _u: &mut Command<R>) {}
-    /// Add accelerations for the coming physics step.
+    /// Add accelerations for the coming physics step; `x` is the state expected at its middle.
     #[inline(always)]
     fn push<R: Real>(_p: &[R; P], _s: &mut [R; S], _cx: &Cx<R>, _x: &State<R>, _u: &Command<R>, _out: &mut Push<R>) {}
     /// Change a camera frame; `x` is the true state at capture. Called only when some lane captured one: change state under `f.captured`.
@@ -204,6 +197,7 @@ pub struct Entry {
     pub source: &'static str,
     pub params: &'static [Param],
     pub hooks: Hooks,
+    pub physics_hz: u32,
     pub(crate) lanes: fn(Build) -> Box<dyn Stage<Lanes>>,
     #[cfg(target_arch = "x86_64")]
     pub(crate) avx2: fn(Build) -> Box<dyn Stage<crate::lanes_avx2::Lanes>>,

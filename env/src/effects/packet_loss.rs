@@ -24,7 +24,7 @@ impl Effect<1, 4> for PacketLoss {
     fn command<R: Real>(&[probability]: &[R; 1], held: &mut [R; 4], cx: &Cx<R>, _: &State<R>, u: &mut Command<R>) {
         let fields = [&mut u.roll_rad, &mut u.pitch_rad, &mut u.yaw_rate_radps, &mut u.lift];
         if cx.first {
-            let lost = cx.uniform(0).lt(probability);
+            let lost = cx.draw.uniform(Self::NOISE).lt(probability);
             for (held, new) in held.iter_mut().zip(&fields) {
                 *held = R::select(lost, *held, **new);
             }

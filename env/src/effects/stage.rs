@@ -3,7 +3,6 @@
 use std::marker::PhantomData;
 
 use super::{Cx, Effect, Entry, Frame, Reading};
-use crate::noise;
 use crate::plant::{Command, Push, State};
 use crate::real::Real;
 use crate::simulated::Simulated;
@@ -35,7 +34,6 @@ pub struct StageOf<E, R, const P: usize, const S: usize> {
     states: Vec<[R; S]>,
     /// 1 where each tile has parameters of its own, 0 where all share the first.
     stride: usize,
-    channel: u32,
     effect: PhantomData<fn() -> E>,
 }
 
@@ -46,7 +44,6 @@ impl<E: Effect<P, S>, R: Simulated, const P: usize, const S: usize> StageOf<E, R
             params: vec![off; if build.per_drone { build.tiles } else { 1 }],
             states: vec![[R::zero(); S]; build.tiles],
             stride: usize::from(build.per_drone),
-            channel: noise::channel(E::NAME),
             effect: PhantomData,
         })
     }
@@ -60,12 +57,11 @@ impl<E: Effect<P, S>, R: Simulated, const P: usize, const S: usize> Stage<R> for
     }
 
     fn start(&mut self, tile: usize, mask: R::Mask, cx: &Cx<R>, x: &State<R>, u: &Command<R>) {
-        let cx = Cx { channel: self.channel, ..*cx };
         let (params, states) = (&self.params[tile * self.stride], &mut self.states[tile]);
         R::run(
             #[inline(always)]
             || {
-                let fresh = E::start(params, &cx, x, u);
+                let fresh = E::start(params, cx, x, u);
                 for i in 0..S {
                     states[i] = R::select(mask, fresh[i], states[i]);
                 }
@@ -74,43 +70,38 @@ impl<E: Effect<P, S>, R: Simulated, const P: usize, const S: usize> Stage<R> for
     }
 
     fn command(&mut self, tile: usize, cx: &Cx<R>, x: &State<R>, u: &mut Command<R>) {
-        let cx = Cx { channel: self.channel, ..*cx };
         R::run(
             #[inline(always)]
-            || E::command(&self.params[tile * self.stride], &mut self.states[tile], &cx, x, u),
+            || E::command(&self.params[tile * self.stride], &mut self.states[tile], cx, x, u),
         );
     }
 
     fn push(&mut self, tile: usize, cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
-        let cx = Cx { channel: self.channel, ..*cx };
         R::run(
             #[inline(always)]
-            || E::push(&self.params[tile * self.stride], &mut self.states[tile], &cx, x, u, out),
+            || E::push(&self.params[tile * self.stride], &mut self.states[tile], cx, x, u, out),
         );
     }
 
     fn frame(&mut self, tile: usize, cx: &Cx<R>, x: &State<R>, frame: &mut Frame<R>) {
-        let cx = Cx { channel: self.channel, ..*cx };
         R::run(
             #[inline(always)]
-            || E::frame(&self.params[tile * self.stride], &mut self.states[tile], &cx, x, frame),
+            || E::frame(&self.params[tile * self.stride], &mut self.states[tile], cx, x, frame),
         );
     }
 
     fn sense(&mut self, tile: usize, cx: &Cx<R>, x: &State<R>, u: &Command<R>, y: &mut Reading<R>) {
-        let cx = Cx { channel: self.channel, ..*cx };
         R::run(
             #[inline(always)]
-            || E::sense(&self.params[tile * self.stride], &mut self.states[tile], &cx, x, u, y),
+            || E::sense(&self.params[tile * self.stride], &mut self.states[tile], cx, x, u, y),
         );
     }
 
     fn peek(&self, tile: usize, cx: &Cx<R>, x: &State<R>, u: &Command<R>, y: &mut Reading<R>) {
-        let cx = Cx { channel: self.channel, ..*cx };
         let mut state = self.states[tile];
         R::run(
             #[inline(always)]
-            || E::sense(&self.params[tile * self.stride], &mut state, &cx, x, u, y),
+            || E::sense(&self.params[tile * self.stride], &mut state, cx, x, u, y),
         );
     }
 }
@@ -123,6 +114,7 @@ pub(super) const fn entry<E: Effect<P, S>, const P: usize, const S: usize>(_effe
         source: E::SOURCE,
         params: const { &E::PARAMS },
         hooks: E::HOOKS,
+        physics_hz: E::PHYSICS_HZ,
         lanes: StageOf::<E, _, P, S>::boxed,
         #[cfg(target_arch = "x86_64")]
         avx2: StageOf::<E, _, P, S>::boxed,

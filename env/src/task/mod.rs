@@ -42,7 +42,7 @@ pub struct Start {
 #[derive(Debug, Clone, Copy)]
 pub struct Situation<'a, R: Real> {
     pub x: &'a State<R>,
-    pub setpoint: &'a Setpoint<R>,
+    pub setpoint: Setpoint<R>,
     pub action: &'a [R; ACTION],
     pub last_action: &'a [R; ACTION],
     pub contact: &'a Contact<R>,
@@ -72,16 +72,16 @@ pub trait Task: Send + Sync + Sized + 'static {
     /// Draw the start of an episode.
     fn start(&self, rng: &mut Pcg64Mcg) -> Start;
     /// Where to be at a time; may move the goal on.
-    fn setpoint<R: Real>(&self, goal: &mut [R; GOAL], t_s: R, draw: &Draw<R>) -> Setpoint<R>;
-    /// Reward and end.
+    fn setpoint<R: Real>(&self, goal: &mut [R; GOAL], t_s: R, draw: &Draw<'_, R>) -> Setpoint<R>;
+    /// Reward and end; `s` has the set-point of now.
     fn judge<R: Real>(&self, s: &Situation<R>) -> Verdict<R>;
 }
 
 /// A task as the batch of environments calls it: once per tile.
 pub(crate) trait Judge<R: Real>: Send + Sync {
     fn start(&self, rng: &mut Pcg64Mcg) -> Start;
-    fn setpoint(&self, goal: &mut [R; GOAL], t_s: R, draw: &Draw<R>) -> Setpoint<R>;
-    fn judge(&self, s: &Situation<R>) -> Verdict<R>;
+    fn setpoint(&self, goal: &mut [R; GOAL], t_s: R, draw: &Draw<'_, R>) -> Setpoint<R>;
+    fn judge(&self, goal: &mut [R; GOAL], draw: &Draw<'_, R>, s: &mut Situation<R>) -> Verdict<R>;
 }
 
 struct JudgeOf<T>(T);
@@ -90,16 +90,19 @@ impl<T: Task, R: Simulated> Judge<R> for JudgeOf<T> {
     fn start(&self, rng: &mut Pcg64Mcg) -> Start {
         self.0.start(rng)
     }
-    fn setpoint(&self, goal: &mut [R; GOAL], t_s: R, draw: &Draw<R>) -> Setpoint<R> {
+    fn setpoint(&self, goal: &mut [R; GOAL], t_s: R, draw: &Draw<'_, R>) -> Setpoint<R> {
         R::run(
             #[inline(always)]
             || self.0.setpoint(goal, t_s, draw),
         )
     }
-    fn judge(&self, s: &Situation<R>) -> Verdict<R> {
+    fn judge(&self, goal: &mut [R; GOAL], draw: &Draw<'_, R>, s: &mut Situation<R>) -> Verdict<R> {
         R::run(
             #[inline(always)]
-            || self.0.judge(s),
+            || {
+                s.setpoint = self.0.setpoint(goal, s.t_s, draw);
+                self.0.judge(s)
+            },
         )
     }
 }

@@ -21,7 +21,8 @@ pub fn path(name: &str, options: &serde_json::Value, tick_s: f64, ticks: u32) ->
         keys.set_lane(0, key);
         let mut goal = judge.start(&mut Pcg64Mcg::seed_from_u64(key)).goal.map(Lanes::of);
         let at = |tick: u32| {
-            let draw = keys.at(<Lanes as Real>::Word::of(tick));
+            let word = <Lanes as Real>::Word::of(tick);
+            let draw = keys.at(&word);
             judge.setpoint(&mut goal, Lanes::of(f64::from(tick) * tick_s), &draw).pos_m.map(|p| p.lane(0) as f32)
         };
         (0..ticks).map(at).collect()

@@ -43,7 +43,7 @@ impl Task for Takeoff {
     }
 
     #[inline(always)]
-    fn setpoint<R: Real>(&self, goal: &mut [R; GOAL], _: R, _: &Draw<R>) -> Setpoint<R> {
+    fn setpoint<R: Real>(&self, goal: &mut [R; GOAL], _: R, _: &Draw<'_, R>) -> Setpoint<R> {
         Setpoint { pos_m: [goal[0], goal[1], goal[2]], yaw_rad: goal[3] }
     }
 

@@ -81,7 +81,7 @@ impl Task for Track {
     }
 
     #[inline(always)]
-    fn setpoint<R: Real>(&self, goal: &mut [R; GOAL], t_s: R, draw: &Draw<R>) -> Setpoint<R> {
+    fn setpoint<R: Real>(&self, goal: &mut [R; GOAL], t_s: R, draw: &Draw<'_, R>) -> Setpoint<R> {
         let o = &self.0;
         if o.shape != Shape::Waypoints {
             return Setpoint { pos_m: self.round(t_s), yaw_rad: R::zero() };
