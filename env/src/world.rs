@@ -205,7 +205,8 @@ impl<R: Simulated> World<R> {
             self.stages[i].frame(tile, &cx, &x, &mut frame);
         }
         // whatever its latency, the pose from before the episode is known when it begins
-        let mut y = t.y;
+        let none = [R::zero(); 3];
+        let mut y = Reading { marker: Fix { pos_m: none, yaw_rad: R::zero(), t_s: cx.t_s, valid: R::zero() }, ..t.y };
         y.marker.deliver(mask, frame.pos_m, frame.yaw_rad, frame.t_s, frame.markers);
         let rest = [R::zero(), R::zero(), self.gravity_mps2];
         t.acc_mps2 = merge(mask, t.acc_mps2, [R::zero(); 3]);

@@ -13,7 +13,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::arrays::{empty, input, mask as read_mask, output, row};
-use crate::errors::guarded;
+use crate::errors::{Failure, guarded};
 
 /// Beyond this the buffers of a step alone take gigabytes.
 pub const MOST_ENVS: i64 = 1 << 22;
@@ -23,6 +23,8 @@ pub const FEW_ENVS: usize = 16;
 
 /// Observations, rewards, terminated, truncated, number of episodes that ended.
 type Step<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, usize);
+/// The last observation and true state of an episode.
+type Last<'py> = (Bound<'py, PyArray1<f32>>, Bound<'py, PyArray1<f32>>);
 /// Observation, reward, terminated, truncated, info.
 type StepOne<'py> = (Bound<'py, PyArray1<f32>>, f64, bool, bool, Bound<'py, PyDict>);
 
@@ -79,7 +81,6 @@ pub struct Sim {
     // only ever reached through `&mut self`, where a mutex costs nothing; it makes the class `Sync`, as pyo3 demands
     env: Mutex<VectorEnv>,
     envs: usize,
-    first_row: [f32; OBSERVATION],
 }
 
 /// Run a call without holding the interpreter, if it is long enough to be worth it.
@@ -112,7 +113,7 @@ impl Sim {
                 VectorEnv::new(&model, &Options::parse(options)?, envs)
             })
         })?;
-        Ok(Sim { env: Mutex::new(env), envs, first_row: [0.0; OBSERVATION] })
+        Ok(Sim { env: Mutex::new(env), envs })
     }
 
     /// Environments in the batch.
@@ -202,17 +203,18 @@ impl Sim {
     /// The step of a batch of one, as `gymnasium.Env.step` returns it: float32 action (4,), observation (24,), empty info.
     fn step_one<'py>(&mut self, py: Python<'py>, action: &Bound<'py, PyAny>) -> PyResult<StepOne<'py>> {
         let action = input::<f32>("action", &[ACTION], action)?;
-        let (mut reward, mut terminated, mut truncated) = ([0.0], [false], [false]);
-        let mut row_of_one = self.first_row;
+        let (mut observation, mut reward, mut terminated, mut truncated) = ([0.0; OBSERVATION], [0.0], [false], [false]);
         let env = self.env()?;
-        let out = Out { observations: &mut row_of_one, rewards: &mut reward, terminated: &mut terminated, truncated: &mut truncated };
+        let out = Out { observations: &mut observation, rewards: &mut reward, terminated: &mut terminated, truncated: &mut truncated };
         let actions = action.as_slice()?;
-        guarded(|| match env.step(actions, out) {
-            // there is only one: no mask to name it by
-            Err(Error::Ended { .. }) => Err(Error::Config("the episode has ended: call reset() before the next step()".into())),
-            other => other,
+        guarded(|| {
+            env.step(actions, out).map_err(|error| match error {
+                // there is only one: no number and no mask to name it by
+                Error::Ended { .. } => Failure::Moment("the episode has ended: call reset() before the next step()".into()),
+                other => other.into(),
+            })
         })?;
-        Ok((row(py, &row_of_one), f64::from(reward[0]), terminated[0], truncated[0], PyDict::new(py)))
+        Ok((row(py, &observation), f64::from(reward[0]), terminated[0], truncated[0], PyDict::new(py)))
     }
 
     /// The true states, float32 (num_envs, 12): position, velocity, roll pitch yaw, their rates; metres, seconds, radians.
@@ -227,11 +229,7 @@ impl Sim {
 
     /// Of an episode that ended in the last step of environment `env`, when automatic resets happen in the same step: the last
     /// observation (24,) and the last true state (12,). `None` in the other modes and out of range.
-    fn last_of_episode<'py>(
-        &mut self,
-        py: Python<'py>,
-        env: usize,
-    ) -> PyResult<Option<(Bound<'py, PyArray1<f32>>, Bound<'py, PyArray1<f32>>)>> {
+    fn last_of_episode<'py>(&mut self, py: Python<'py>, env: usize) -> PyResult<Option<Last<'py>>> {
         if env >= self.envs {
             return Ok(None);
         }

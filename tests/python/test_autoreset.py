@@ -1,8 +1,9 @@
-"""Lane i of a batch with seed s is the single environment with seed s + i, bit for bit, over automatic resets in each mode."""
+"""Lane i of a batch with seed s is the single environment with seed s + i, bit for bit, whatever the autoreset mode."""
 
 import gymnasium as gym
 import numpy as np
 import pytest
+
 from conftest import random_actions, single_env
 
 LIMIT, ENVS, STEPS, SEED = 12, 19, 40, 100

@@ -25,7 +25,9 @@ def test_check_env_has_nothing_to_say(env_id, observation, extra):
         # and the passive checker of gymnasium.make
         env.reset(seed=1)
         for _ in range(3):
-            env.step(env.action_space.sample())
+            *_, terminated, truncated, _ = env.step(env.action_space.sample())
+            if terminated or truncated:
+                env.reset()
 
 
 def test_the_time_limit_is_the_tasks(env_id):

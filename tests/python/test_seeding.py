@@ -3,9 +3,9 @@
 import gymnasium as gym
 import numpy as np
 import pytest
-from conftest import FIVE, random_actions
 
 import crazyflie_gym
+from conftest import FIVE, random_actions
 
 KWARGS = {"effects": FIVE, "vertical": "pwm", "max_episode_steps": 60}
 
@@ -25,7 +25,9 @@ def test_the_same_seed_is_the_same_flight():
     assert not np.array_equal(flight()[0], flight(seed=5)[0])
 
 
-@pytest.mark.parametrize("kwargs", [{"threads": 2}, {"threads": 7}, {"isa": "baseline"}, {"isa": "baseline", "threads": 2}])
+@pytest.mark.parametrize(
+    "kwargs", [{"threads": 2}, {"threads": 7}, {"isa": "baseline"}, {"isa": "baseline", "threads": 2}]
+)
 def test_threads_and_instruction_sets_change_nothing(kwargs):
     best = crazyflie_gym.CrazyflieVectorEnv(1).sim.isa
     assert best in ("baseline", "avx2")

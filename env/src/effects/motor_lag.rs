@@ -22,20 +22,13 @@ impl Effect<1, 4> for MotorLag {
 
     #[inline(always)]
     fn command<R: Real>(&[lag_s]: &[R; 1], motor: &mut [R; 4], cx: &Cx<R>, _: &State<R>, u: &mut Command<R>) {
-        // no lag at all would divide zero by zero; a microsecond is none
-        let tau = lag_s.max(R::of(1e-6));
-        let left = (R::of(-cx.h_s) / tau).exp();
-        let mean = tau / R::of(cx.h_s) * (R::of(1.0) - left);
+        // no lag at all would divide by zero; a microsecond leaves nothing of the past
+        let left = (R::of(-cx.h_s) / lag_s.max(R::of(1e-6))).exp();
+        let mean = lag_s * R::of(1.0 / cx.h_s) * (R::of(1.0) - left);
         for (motor, field) in motor.iter_mut().zip([&mut u.roll_rad, &mut u.pitch_rad, &mut u.yaw_rate_radps, &mut u.lift]) {
             let behind = *motor - *field;
             *motor = *field + behind * left;
             *field += behind * mean;
-        }
-        for (motor, field) in motor.iter_mut().zip([&mut u.roll_rad, &mut u.pitch_rad, &mut u.yaw_rate_radps, &mut u.lift]) {
-            // exactly nothing when off, also in rounding
-            let off = lag_s.le(R::zero());
-            let target = *field;
-            *motor = R::select(off, target, *motor);
         }
     }
 }

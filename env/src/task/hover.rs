@@ -37,7 +37,7 @@ impl Task for Hover {
     const NAME: &'static str = "hover";
     const ID: &'static str = "Crazyflie-v0";
     const ABOUT: &'static str = "Fly to the marker from up to 80 cm away and hover 70 cm over it";
-    const REWARD: &'static str = "closeness - 0.05 jerk; closeness = (0.8 + 0.2 / (1 + yaw_error^2)) / (1 + (distance / 0.3 m)^2), jerk = mean square change of the action; ends in a crash (floor at over 1 m/s) or outside the room (5 x 5 x 2.8 m)";
+    const REWARD: &'static str = "closeness - 0.05 jerk; closeness = (0.8 + 0.2 / (1 + yaw_error^2)) / (1 + (distance / 0.3 m)^2), jerk = mean square change of the action; ends in a crash (floor at over 1.5 m/s) or outside the room (5 x 5 x 2.8 m)";
     const MAX_EPISODE_STEPS: u32 = 500;
     type Options = Options;
 

@@ -1,5 +1,6 @@
 """The command line: `crazyflie` or `python -m crazyflie_gym`."""
 
+import signal
 import sys
 
 from crazyflie_gym._native import cli
@@ -7,6 +8,8 @@ from crazyflie_gym._native import cli
 
 def main() -> int:
     """Run the command line with the arguments of this process and return the exit status."""
+    # Python would only note an interrupt, and act on it after the native call
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     return cli(sys.argv[1:])
 
 

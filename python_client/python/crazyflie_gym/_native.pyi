@@ -7,7 +7,20 @@ from numpy.typing import NDArray
 
 from crazyflie_gym._types import BoolArray, EffectEntry, FieldEntry, FloatArray, TaskEntry
 
-__all__: list[str]
+__all__ = [
+    "Interface",
+    "Pid",
+    "Sim",
+    "ansi",
+    "check_model",
+    "cli",
+    "effects",
+    "model_text",
+    "observation_fields",
+    "path",
+    "render",
+    "tasks",
+]
 
 @final
 class Interface:

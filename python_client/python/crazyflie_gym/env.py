@@ -134,7 +134,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
             info["true_state"] = self.sim.states()[0]
         return (split(row) if self._by_field else row), info
 
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+    def render(self) -> NDArray[np.uint8] | None:
         """Return a picture, uint8 (360, 480, 3), in the mode "rgb_array"; "human" draws as it flies.
 
         Raises:

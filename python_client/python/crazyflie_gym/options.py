@@ -86,6 +86,8 @@ def model_source(model: Model) -> tuple[str | None, str]:
     try:
         return path.read_text(encoding="utf-8"), str(path)
     except FileNotFoundError:
-        raise FileNotFoundError(f'model: there is no file {str(path)!r}, and the only built-in model is "thesis"') from None
+        raise FileNotFoundError(
+            f'model: there is no file {str(path)!r}, and the only built-in model is "thesis"'
+        ) from None
     except (OSError, UnicodeDecodeError) as error:
         raise ValueError(f"model: cannot read {str(path)!r}: {error}") from None

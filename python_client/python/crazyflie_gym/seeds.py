@@ -29,8 +29,8 @@ def consecutive(seed: int, count: int) -> Seeds:
     Raises:
         ValueError: if one is not from 0 to 2**64 - 1.
     """
-    first, _ = seeds([seed, seed + count - 1])
-    return first + np.arange(count, dtype=np.uint64)
+    first = np.uint64(seeds([seed, seed + count - 1])[0])
+    return np.arange(count, dtype=np.uint64) + first
 
 
 def draw(generator: np.random.Generator, count: int) -> Seeds:

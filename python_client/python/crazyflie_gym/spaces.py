@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import cast
 
 import numpy as np
 from gymnasium import spaces
@@ -23,9 +24,13 @@ STATE_FIELDS = {
 """The layout of a true state: position and velocity in the room; roll, pitch, yaw and their rates."""
 
 
-def action_space() -> spaces.Box:
+def _box(low: FloatArray, high: FloatArray) -> spaces.Space[FloatArray]:
+    return cast("spaces.Space[FloatArray]", spaces.Box(low, high, dtype=np.float32))
+
+
+def action_space() -> spaces.Space[FloatArray]:
     """Return the space of roll, pitch, yaw rate and height (or PWM), each from -1 to 1."""
-    return spaces.Box(-1.0, 1.0, (4,), np.float32)
+    return _box(np.full(4, -1.0, np.float32), np.full(4, 1.0, np.float32))
 
 
 def observation_space(form: str) -> spaces.Space[Observation]:
@@ -34,17 +39,18 @@ def observation_space(form: str) -> spaces.Space[Observation]:
     Raises:
         ValueError: for another form.
     """
-    boxes = {}
+    boxes: dict[str, spaces.Space[FloatArray]] = {}
+    lows, highs = [], []
     for field in FIELDS:
-        boxes[field["name"]] = spaces.Box(
-            np.float32(field["low"]), np.float32(field["high"]), (field["length"],), np.float32
-        )
+        low = np.full(field["length"], field["low"], np.float32)
+        high = np.full(field["length"], field["high"], np.float32)
+        boxes[field["name"]] = _box(low, high)
+        lows.append(low)
+        highs.append(high)
     if form == "dict":
-        return spaces.Dict(boxes)  # type: ignore[return-value]
+        return cast("spaces.Space[Observation]", spaces.Dict(boxes))
     if form == "flat":
-        low = np.concatenate([box.low for box in boxes.values()])
-        high = np.concatenate([box.high for box in boxes.values()])
-        return spaces.Box(low, high, dtype=np.float32)  # type: ignore[return-value]
+        return cast("spaces.Space[Observation]", _box(np.concatenate(lows), np.concatenate(highs)))
     raise ValueError(f'observation is {form!r}, expected "flat" or "dict"')
 
 

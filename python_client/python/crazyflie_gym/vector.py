@@ -39,7 +39,11 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
     The other arguments, and the errors, are those of `CrazyflieEnv`. Rewards are float32.
     """
 
-    metadata: dict[str, Any] = {"render_modes": RENDER_MODES, "render_fps": 50, "autoreset_mode": AutoresetMode.NEXT_STEP}
+    metadata: dict[str, Any] = {
+        "render_modes": RENDER_MODES,
+        "render_fps": 50,
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
 
     def __init__(
         self,
@@ -162,7 +166,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         self.sim.reset(None, chosen & ~given, rows)
 
     def step(self, actions: FloatArray) -> _Step:
-        """Fly one control tick with actions, float32 (num_envs, 4) from -1 to 1, C-contiguous.
+        """Fly one control tick with actions from -1 to 1, float32 (num_envs, 4), C-contiguous; or a list of such rows.
 
         Returns:
             Observations (num_envs, 24) or by field; rewards, terminations and truncations (num_envs,); infos.
@@ -172,6 +176,9 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
             TypeError: for another dtype.
             RuntimeError: before the first reset, and for ended environments when automatic resets are disabled.
         """
+        if not isinstance(actions, np.ndarray):
+            # RLlib hands over a list of rows
+            actions = np.asarray(actions)
         if self._sets is None:
             rows, rewards, terminated, truncated, ended = self.sim.step(actions)
         else:
@@ -192,7 +199,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         return self._form(rows), rewards, terminated, truncated, infos
 
     def _keep(self, rows: FloatArray) -> None:
-        """Remember the observations for a reset with a mask; where such resets are the rule, out of the user's reach."""
+        """Remember the observations for a reset with a mask; where that is the rule, out of the user's reach."""
         self._rows = rows.copy() if self._mode is AutoresetMode.DISABLED else rows
 
     def _form(self, rows: FloatArray) -> Observation:
@@ -207,7 +214,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         final_info: dict[str, Any] = {}
         states = np.zeros((self.num_envs, 12), np.float32) if self._true_state else None
         for env in np.flatnonzero(mask):
-            last = self.sim.last_of_episode(env)
+            last = self.sim.last_of_episode(int(env))
             if last is not None:
                 finals[env] = self._form(last[0])
                 if states is not None:
@@ -225,7 +232,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
             if self.render_mode == "human":
                 self._screen.show()
 
-    def render(self) -> tuple[NDArray[np.uint8], ...] | None:  # type: ignore[override]
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Return a picture of each environment, uint8 (360, 480, 3), in the mode "rgb_array"; "human" draws the first.
 
         Raises:

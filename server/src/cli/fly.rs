@@ -152,7 +152,8 @@ fn default_vertical(model: &Model) -> VerticalInput {
 /// Adds the effects of one `--effects`.
 fn add_effects(table: &mut EffectTable, text: &str) -> Outcome {
     if text.trim_start().starts_with('{') {
-        let more: EffectTable = serde_json::from_str(text).map_err(|e| Failure::Usage(format!("--effects is not a JSON object of effects: {e}")))?;
+        let more: EffectTable =
+            serde_json::from_str(text).map_err(|e| Failure::Usage(format!("--effects is not a JSON object of effects: {e}")))?;
         table.extend(more);
         return Ok(());
     }

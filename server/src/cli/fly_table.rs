@@ -75,7 +75,10 @@ fn title(phase: &PhaseFigures, out: &mut dyn Write) -> Outcome {
 }
 
 fn explain(out: &mut dyn Write) -> Outcome {
-    writeln!(out, "settled: within 5 cm (5 deg) for good, counted from the phase's start or lift-off; final error: mean of the last second;")?;
+    writeln!(
+        out,
+        "settled: within 5 cm (5 deg) for good, counted from the phase's start or lift-off; final error: mean of the last second;"
+    )?;
     Ok(writeln!(out, "effort and travel: of the command that serves the axis (x: pitch, y: roll, z: lift about hover)")?)
 }
 
@@ -128,9 +131,10 @@ fn ended(figures: &Figures) -> String {
     if let Some(crash) = figures.crash() {
         return format!("CRASH after {:.2} s: {crash}", figures.end_s);
     }
-    let landed = match (figures.end, figures.touch_down) {
-        (End::Floor { impact_mps }, _) => format!(", touched down at {impact_mps:.2} m/s"),
-        (_, Some((t_s, mps))) => format!(", last touch-down at {t_s:.2} s with {mps:.2} m/s"),
+    let landed = match (figures.end, figures.not_landed_m, figures.touch_down) {
+        (End::Floor { impact_mps }, ..) => format!(", touched down at {impact_mps:.2} m/s"),
+        (_, Some(m), _) => format!(", NOT LANDED: still {:.1} cm up (the controller stops the motors at 5 cm)", 100.0 * m),
+        (_, _, Some((t_s, mps))) => format!(", last touch-down at {t_s:.2} s with {mps:.2} m/s"),
         _ => String::new(),
     };
     format!("{:.2} s, no crash{landed}", figures.end_s)
@@ -156,6 +160,7 @@ pub(super) fn as_json(figures: &Figures) -> Value {
         .collect();
     let touch_down = figures.touch_down.map(|(t_s, mps)| json!({"t_s": t_s, "mps": mps}));
     json!({"phases": phases, "end_s": figures.end_s, "crash": figures.crash(), "touch_down": touch_down,
+        "not_landed_m": figures.not_landed_m,
         "marker_losses": figures.marker_losses, "marker_lost_s": figures.marker_lost_s})
 }
 

@@ -28,7 +28,7 @@ Examples:
 
 /// Flies, replays and measures the Crazyflie that the TU Darmstadt thesis identified.
 #[derive(Debug, Parser)]
-#[command(name = "crazyflie", version, after_help = EXAMPLES, max_term_width = 110)]
+#[command(name = "crazyflie", bin_name = "crazyflie", version, after_help = EXAMPLES, max_term_width = 110)]
 struct Cli {
     #[command(subcommand)]
     command: Command,

@@ -145,7 +145,8 @@ fn draw(args: &Args, flown: &[Flown]) -> Outcome {
     let Some(target) = &args.picture else { return Ok(()) };
     for one in flown {
         let svg = replay_table::picture(one)?;
-        let file = if target.extension().is_some_and(|e| e == "svg") { target.clone() } else { target.join(format!("{}.svg", stem(&one.file))) };
+        let file =
+            if target.extension().is_some_and(|e| e == "svg") { target.clone() } else { target.join(format!("{}.svg", stem(&one.file))) };
         files::write(&file, svg.as_bytes())?;
     }
     Ok(())

@@ -158,7 +158,8 @@ fn curves(flown: &Flown, at: usize, signal: &Signal) -> Vec<Curve> {
         let compared = &run.signals[at];
         let within = within(&compared.t_s, &scale(&compared.predicted), low - room, high + room);
         for (i, (x, y)) in within.into_iter().enumerate() {
-            let label = if i == 0 { horizon_s.map_or("predicted, free run".into(), |s| format!("predicted, {s} s")) } else { String::new() };
+            let label =
+                if i == 0 { horizon_s.map_or("predicted, free run".into(), |s| format!("predicted, {s} s")) } else { String::new() };
             all.push(Curve { label, x, y, style: Style::Solid, color });
         }
     }

@@ -40,7 +40,13 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     if args.markdown {
         let mut table = Table::new(&["task", "Gymnasium id", "what", "reward and end", "steps"]).left(&[1, 2, 3]);
         for t in registry() {
-            table.row(vec![format!("`{}`", t.name), format!("`{}`", t.id), t.about.into(), t.reward.into(), t.max_episode_steps.to_string()]);
+            table.row(vec![
+                format!("`{}`", t.name),
+                format!("`{}`", t.id),
+                t.about.into(),
+                t.reward.into(),
+                t.max_episode_steps.to_string(),
+            ]);
         }
         let mut flights = Table::new(&["flight", "what", "thesis", "seconds"]).left(&[1, 2]);
         for s in thesis_flights() {

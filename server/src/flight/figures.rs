@@ -1,5 +1,7 @@
 //! The figures of a flight: how fast, how far over, how exact, with how much effort.
 
+use crazyflie_env::control::pid::Mode;
+
 use super::{End, Row, Scenario, Trace, touch_down_mps};
 
 /// Settled within this of the set-point, for positions and for the heading.
@@ -9,8 +11,8 @@ const BAND_RAD: f64 = 5.0 * std::f64::consts::PI / 180.0;
 const LIFT_OFF_M: f32 = 0.01;
 /// The final error is the mean of the last second.
 const FINAL_S: f64 = 1.0;
-/// The floor at over 1 m/s is a crash, as in the tasks.
-const CRASH_MPS: f64 = 1.0;
+/// The floor at over 1.5 m/s is a crash, as in the tasks.
+const CRASH_MPS: f64 = 1.5;
 
 /// One controlled axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -73,6 +75,8 @@ pub(crate) struct Figures {
     /// How often the newest frame turned out to show no marker, and for how long in all.
     pub marker_losses: usize,
     pub marker_lost_s: f64,
+    /// The height at the end of a flight that was to land and did not.
+    pub not_landed_m: Option<f64>,
     /// Time and sinking speed of the last touch-down after flying.
     pub touch_down: Option<(f64, f64)>,
 }
@@ -109,8 +113,16 @@ pub(crate) fn figures(scenario: &Scenario, trace: &Trace) -> Figures {
         end_s: trace.t_s(rows.len().saturating_sub(1)),
         marker_losses: valid.windows(2).filter(|pair| pair[0] && !pair[1]).count(),
         marker_lost_s: lost as f64 * trace.tick_s,
+        not_landed_m: not_landed(scenario, trace),
         touch_down: touched.map(|i| (trace.t_s(i), touch_down_mps(rows, i))),
     }
+}
+
+/// The height of a vehicle that is still in the air though the last phase is a landing.
+fn not_landed(scenario: &Scenario, trace: &Trace) -> Option<f64> {
+    let landing = scenario.phases.last().is_some_and(|phase| phase.mode == Mode::Landing);
+    let height = trace.rows.last().map(|row| f64::from(row.state[2]));
+    height.filter(|z| landing && trace.end == End::Time && *z > 0.0)
 }
 
 /// The first row from `start` on in which the vehicle is in the air; `start` if it never is.

@@ -46,7 +46,9 @@ pub(crate) enum End {
     Time,
     LeftRoom,
     /// On the floor, at this speed, where the task ends there.
-    Floor { impact_mps: f64 },
+    Floor {
+        impact_mps: f64,
+    },
 }
 
 /// One flight.
@@ -81,8 +83,36 @@ impl Trace {
 /// Half the side of the room and its height, as the tasks have them (thesis 2.1).
 const ROOM_M: [f32; 2] = [2.5, 2.8];
 
-/// Flies the setup once per seed.
+/// Fills in the actions of a tick from the observations, which it may change (a set-point of its own).
+type Pilot<'a> = dyn FnMut(f64, &mut [f32], &mut [f32]) -> Result<(), Error> + 'a;
+
+/// Flies the setup once per seed, by the PID.
 pub(crate) fn fly(setup: &Setup, seeds: &[u64]) -> Result<Vec<Trace>, Error> {
+    let mut env = env(setup, seeds.len())?;
+    let phases = setup.scenario;
+    let mut pid = PidBatch::new(seeds.len(), setup.gains, env.interface(), env.tick_s(), phases.phases[0].mode);
+    fly_by(&mut env, setup.seconds, seeds, &mut |t_s, observations, actions| {
+        let phase = phases.phase_at(t_s);
+        if let Some(setpoint_m) = phase.setpoint_m {
+            observations.chunks_exact_mut(OBSERVATION).for_each(|row| row[16..19].copy_from_slice(&setpoint_m));
+        }
+        pid.set_mode(phase.mode);
+        pid.act(observations, actions)
+    })
+}
+
+/// Flies the setup once per seed with commands that depend on time alone, as in the identification flights.
+pub(crate) fn fly_open_loop(setup: &Setup, seeds: &[u64], command: &dyn Fn(f64) -> Command<f64>) -> Result<Vec<Trace>, Error> {
+    let mut env = env(setup, seeds.len())?;
+    let interface = env.interface();
+    fly_by(&mut env, setup.seconds, seeds, &mut |t_s, _, actions| {
+        let action = interface.action(&command(t_s)).map(|a| a as f32);
+        actions.chunks_exact_mut(ACTION).for_each(|row| row.copy_from_slice(&action));
+        Ok(())
+    })
+}
+
+fn env(setup: &Setup, envs: usize) -> Result<VectorEnv, Error> {
     let options = Options {
         task: setup.scenario.task.into(),
         task_options: setup.task_options.clone().unwrap_or_else(|| setup.scenario.task_options()),
@@ -91,24 +121,20 @@ pub(crate) fn fly(setup: &Setup, seeds: &[u64]) -> Result<Vec<Trace>, Error> {
         autoreset: Autoreset::NextStep,
         ..Options::default()
     };
-    let envs = seeds.len();
-    let mut env = VectorEnv::new(&setup.model, &options, envs)?;
-    let (tick_s, interface) = (env.tick_s(), env.interface());
-    let mut pid = PidBatch::new(envs, setup.gains, interface, tick_s, setup.scenario.phases[0].mode);
+    VectorEnv::new(&setup.model, &options, envs)
+}
+
+fn fly_by(env: &mut VectorEnv, seconds: f64, seeds: &[u64], pilot: &mut Pilot<'_>) -> Result<Vec<Trace>, Error> {
+    let (envs, tick_s, interface) = (seeds.len(), env.tick_s(), env.interface());
     let mut observations = vec![0.0; envs * OBSERVATION];
     let (mut actions, mut states) = (vec![0.0; envs * ACTION], vec![0.0; envs * STATE]);
     let (mut rewards, mut truncated, mut terminated) = (vec![0.0; envs], vec![false; envs], vec![false; envs]);
     let mut traces = vec![Trace { tick_s, interface, rows: Vec::new(), end: End::Time }; envs];
     let mut over = vec![false; envs];
     env.reset(Some(seeds), None, &mut observations)?;
-    let ticks = (setup.seconds / tick_s).round() as usize;
+    let ticks = (seconds / tick_s).round() as usize;
     for tick in 0..=ticks {
-        let phase = setup.scenario.phase_at(tick as f64 * tick_s);
-        if let Some(setpoint_m) = phase.setpoint_m {
-            observations.chunks_exact_mut(OBSERVATION).for_each(|row| row[16..19].copy_from_slice(&setpoint_m));
-        }
-        pid.set_mode(phase.mode);
-        pid.act(&observations, &mut actions)?;
+        pilot(tick as f64 * tick_s, &mut observations, &mut actions)?;
         env.states(&mut states)?;
         for (i, (trace, over)) in traces.iter_mut().zip(&mut over).enumerate().filter(|(_, (_, over))| !**over) {
             trace.rows.push(row(i, &observations, &states, &actions));

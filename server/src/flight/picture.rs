@@ -28,7 +28,13 @@ pub(crate) fn picture(trace: &Trace, title: &str) -> Result<String, PictureError
         }
         series.push(line("vehicle", t, &pos[i], Style::Solid, 0));
         let marker = Band { label: "over the marker", low: -MARKER_M, high: MARKER_M, color: PALETTE[2] };
-        panels.push(Panel { x_label: "time (s)", y_label: label, series, bands: if i < 2 { vec![marker] } else { Vec::new() }, ..Panel::default() });
+        panels.push(Panel {
+            x_label: "time (s)",
+            y_label: label,
+            series,
+            bands: if i < 2 { vec![marker] } else { Vec::new() },
+            ..Panel::default()
+        });
     }
     panels.push(panel("yaw (deg)", vec![line("set-point", t, &yaw_set, Style::Dashed, 4), line("vehicle", t, &yaw, Style::Solid, 0)]));
     for (label, (angle, command)) in ["pitch (deg)", "roll (deg)"].into_iter().zip(tilts.iter().zip(&commanded)) {
@@ -36,8 +42,9 @@ pub(crate) fn picture(trace: &Trace, title: &str) -> Result<String, PictureError
     }
     let label = if trace.interface.input.is_pwm() { "thrust (PWM counts)" } else { "commanded height (m)" };
     panels.push(panel(label, vec![line("command", t, &lift, Style::Step, 1)]));
-    let age = trace.observed(4).iter().map(|age| 1e3 * age).collect::<Vec<_>>();
-    panels.push(panel("age of the newest fix (ms)", vec![line("", t, &age, Style::Step, 3)]));
+    let speeds = [3, 4, 5].map(|i| trace.state(i));
+    let named = ["vx", "vy", "vz"].iter().zip(&speeds).zip([0, 1, 2]);
+    panels.push(panel("velocity (m/s)", named.map(|((name, v), color)| line(name, t, v, Style::Solid, color)).collect()));
     chart(&panels, 2, title)
 }
 

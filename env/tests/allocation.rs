@@ -1,0 +1,52 @@
+//! A step allocates nothing: counted by the allocator itself.
+#![allow(unsafe_code)]
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use crazyflie_env::config::Options;
+use crazyflie_env::model::Model;
+use crazyflie_env::observation::{ACTION, OBSERVATION};
+use crazyflie_env::vector::{Out, VectorEnv};
+
+struct Counting;
+
+static CALLS: AtomicUsize = AtomicUsize::new(0);
+
+// SAFETY: every call goes to the system's allocator unchanged
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        CALLS.fetch_add(1, Ordering::Relaxed);
+        // SAFETY: the caller's promise
+        unsafe { System.alloc(layout) }
+    }
+    unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {
+        // SAFETY: the caller's promise
+        unsafe { System.dealloc(at, layout) }
+    }
+}
+
+#[global_allocator]
+static COUNTING: Counting = Counting;
+
+#[test]
+fn a_step_allocates_nothing_also_where_episodes_end() {
+    let text = r#"{"max_episode_steps": 20, "vertical": "pwm", "autoreset": "same_step", "effects": {"camera_noise": {"xy_m": 0.004}, "camera_latency": 0.05,
+        "cmd_delay": 0.03, "battery_sag": {"exponent": 1}, "drag_linear": {"uniform": [0, 1]}, "gust": 0.2}}"#;
+    let n = 100;
+    let mut env = VectorEnv::new(&Model::thesis(), &Options::parse(text).unwrap(), n).unwrap();
+    let mut observations = vec![0.0; n * OBSERVATION];
+    let seeds: Vec<u64> = (0..n as u64).collect();
+    env.reset(Some(&seeds), None, &mut observations).unwrap();
+    let actions = vec![0.1; n * ACTION];
+    let (mut rewards, mut terminated, mut truncated) = (vec![0.0; n], vec![false; n], vec![false; n]);
+    let before = CALLS.load(Ordering::Relaxed);
+    let mut ended = 0;
+    for _ in 0..200 {
+        let out = Out { observations: &mut observations, rewards: &mut rewards, terminated: &mut terminated, truncated: &mut truncated };
+        env.step(&actions, out).unwrap();
+        ended += truncated.iter().filter(|t| **t).count();
+    }
+    assert_eq!(CALLS.load(Ordering::Relaxed) - before, 0);
+    assert_eq!(ended, 1000);
+}

@@ -1,0 +1,320 @@
+//! Every effect of the registry: off means nothing, on means something, and what it means.
+
+use crazyflie_env::config::{EffectTable, Options};
+use crazyflie_env::effects::registry;
+use crazyflie_env::lanes::Lanes;
+use crazyflie_env::model::{Model, VerticalInput};
+use crazyflie_env::noise::episode_key;
+use crazyflie_env::plant::{Command, State};
+use crazyflie_env::simulated::Simulated;
+use crazyflie_env::world::{Settings, World};
+use rand::SeedableRng;
+use rand_pcg::Pcg64Mcg;
+
+fn table(json: &str) -> EffectTable {
+    Options::parse(&format!("{{\"effects\": {json}}}")).unwrap().effects
+}
+
+/// What a flight with lively commands showed at every tick: true state, then reading.
+fn fly<R: Simulated>(effects: &EffectTable, physics_hz: Option<u32>, seconds: f64) -> Vec<Vec<f64>> {
+    let settings = Settings { input: VerticalInput::Thrust, physics_hz };
+    let mut world = World::<R>::new(&Model::thesis(), effects, settings, 1).unwrap();
+    world.draw_lane(0, 0, episode_key(5, 0), &mut Pcg64Mcg::seed_from_u64(5));
+    let mut x = State::<R>::rest();
+    x.pos_m[2] = R::of(0.3);
+    world.start(0, !R::nothing(), &x, &Command::level(R::of(39_342.5)));
+    (0..(seconds * 50.0) as usize)
+        .map(|tick| {
+            let t = 0.02 * tick as f64;
+            let u = Command {
+                roll_rad: R::of(0.10 * libm::sin(3.1 * t)),
+                pitch_rad: R::of(0.12 * libm::sin(2.3 * t)),
+                yaw_rate_radps: R::of(0.8 * libm::sin(0.9 * t)),
+                lift: R::of(39_500.0 + 1500.0 * libm::sin(1.7 * t)),
+            };
+            world.step(0, &u);
+            let x = world.state(0);
+            let mut row: Vec<f64> = [x.pos_m, x.vel_mps, x.att_rad, x.rate_radps].iter().flatten().map(|v| v.lane(0)).collect();
+            world.reading(0, |y| {
+                let m = &y.marker;
+                let flat = [m.pos_m, y.att_rad, y.gyro_radps, y.acc_mps2];
+                row.extend(flat.iter().flatten().chain([&m.yaw_rad, &m.t_s, &m.valid, &y.vbat_v]).map(|v| v.lane(0)));
+            });
+            row
+        })
+        .collect()
+}
+
+fn difference(a: &[Vec<f64>], b: &[Vec<f64>]) -> f64 {
+    a.iter().zip(b).flat_map(|(a, b)| a.iter().zip(b)).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+}
+
+/// An effect with every parameter drawn from a choice of one: it runs although it is off.
+fn forced(entry: &crazyflie_env::effects::Entry, value: impl Fn(usize) -> f64) -> String {
+    let params: Vec<String> =
+        entry.params.iter().enumerate().map(|(i, p)| format!("\"{}\": {{\"choice\": [{}]}}", p.name, value(i))).collect();
+    format!("\"{}\": {{{}}}", entry.name, params.join(", "))
+}
+
+#[test]
+fn off_changes_nothing() {
+    for entry in registry() {
+        // a camera is there as soon as anything films: compare with the camera alone
+        let base = if entry.hooks.frame { "\"camera\": 1".to_owned() } else { String::new() };
+        let with = format!(
+            "{{{}}}",
+            [base.clone(), forced(entry, |i| entry.params[i].off)].iter().filter(|s| !s.is_empty()).cloned().collect::<Vec<_>>().join(", ")
+        );
+        let hz = Some(300);
+        let with = if entry.name == "camera" { "{\"camera\": {\"choice\": [0]}}".to_owned() } else { with };
+        let (off, none) = (fly::<f64>(&table(&with), hz, 3.0), fly::<f64>(&table(&format!("{{{base}}}")), hz, 3.0));
+        let d = difference(&off, &none);
+        // the battery shows its voltage also where it does not sag
+        let battery = entry.name == "battery_sag";
+        let rows = |f: &[Vec<f64>]| f.iter().map(|r| r[..r.len() - usize::from(battery)].to_vec()).collect::<Vec<_>>();
+        let d = if battery { difference(&rows(&off), &rows(&none)) } else { d };
+        assert!(d < 1e-12, "{} off changes something by {d:e}", entry.name);
+    }
+}
+
+/// More markers in view make less noise.
+const NOISY_VIEW: &str = "\"camera_fov\": {\"diagonal_deg\": 120}, \"camera_noise\": {\"xy_m\": 0.01}";
+
+#[test]
+fn on_changes_something() {
+    for entry in registry() {
+        let base = if entry.hooks.frame && entry.name != "camera" { "\"camera\": 1" } else { "" };
+        let on = |i: usize| {
+            let p = &entry.params[i];
+            match entry.name {
+                // the one that must not be at the end of its range to be felt
+                "cmd_limit" => [2.0, 10.0, 39_000.0, 40_000.0][i],
+                // reaches from the floor to the flight
+                "ground_effect_exp" => [0.3, 0.2][i],
+                "camera_outliers" => [0.5, 0.1, 0.0, 5.0][i],
+                "camera_fov" => [60.0, 0.02, 0.197, 5.0, 0.1][i],
+                "markers" => [3.0, 3.0, 0.2][i],
+                _ if p.high.is_finite() => p.off + 0.5 * (p.high - p.off) + if p.high == p.off { 0.5 * (p.low - p.off) } else { 0.0 },
+                _ => p.off + 1.0,
+            }
+        };
+        let mut with = forced(entry, on);
+        if entry.name == "markers" {
+            with += &format!(", {NOISY_VIEW}");
+        }
+        let without = if entry.name == "markers" { NOISY_VIEW } else { base };
+        let join = |a: &str, b: &str| format!("{{{a}{}{b}}}", if a.is_empty() || b.is_empty() { "" } else { ", " });
+        let (changed, plain) = (fly::<f64>(&table(&join(base, &with)), None, 3.0), fly::<f64>(&table(&join(without, "")), None, 3.0));
+        assert!(changed.iter().flatten().all(|v| v.is_finite()), "{} gives a number that is none", entry.name);
+        let d = difference(&changed, &plain);
+        assert!(d > 1e-4, "{} on changes nothing ({d:e})", entry.name);
+    }
+}
+
+#[test]
+fn lanes_agree_with_the_double_precision_reference() {
+    for entry in registry().iter().filter(|e| e.name != "camera_fov" && e.name != "cmd_deadband") {
+        let middle = |i: usize| {
+            let p = &entry.params[i];
+            p.off + 0.2 * (p.high - p.off)
+        };
+        let effects = table(&format!("{{{}}}", forced(entry, middle)));
+        let (double, single) = (fly::<f64>(&effects, None, 3.0), fly::<Lanes>(&effects, None, 3.0));
+        let d = difference(&double, &single);
+        assert!(d < 5e-3, "{}: f32 is off by {d:e}", entry.name);
+    }
+}
+
+#[test]
+fn held_pushes_converge_to_second_order() {
+    let effects = table(r#"{"drag_linear": 0.8, "ground_effect": 8.0, "drag_quadratic": 0.5, "tilt_loss": 1, "exact_tan": 1}"#);
+    // the true state; the IMU's force is a mean over the last step, whose length differs
+    let at = |hz| fly::<f64>(&effects, Some(hz), 4.0).into_iter().map(|row| row[..12].to_vec()).collect::<Vec<_>>();
+    let truth = at(300);
+    let (coarse, fine) = (difference(&at(50), &truth), difference(&at(100), &truth));
+    println!("largest deviation from 300 Hz physics after 4 s: {coarse:.1e} at 50 Hz, {fine:.1e} at 100 Hz");
+    assert!(coarse < 5e-3 && fine < coarse / 2.5, "{coarse:e} {fine:e}");
+}
+
+/// Last row of a flight with a held level command after `seconds`.
+fn hover(effects: &str, input: VerticalInput, lift: f64, z: f64, seconds: f64) -> State<f64> {
+    let mut world = World::<f64>::new(&Model::thesis(), &table(effects), Settings { input, physics_hz: Some(300) }, 1).unwrap();
+    let mut x = State::rest();
+    x.pos_m[2] = z;
+    let u = Command::level(lift);
+    world.start(0, true, &x, &u);
+    for _ in 0..(seconds * 50.0) as usize {
+        world.step(0, &u);
+    }
+    *world.state(0)
+}
+
+#[test]
+fn forces_have_the_size_that_their_formula_says() {
+    let thrust = |effects: &str| hover(effects, VerticalInput::Thrust, 39_342.5, 1.0, 0.1).vel_mps[2] / 0.1;
+    // over a tenth of a second heave damping takes about 6 % of a speed
+    let mean = (1.0 - (-0.12_f64).exp()) / 0.12;
+    for (effects, acc) in [
+        (r#"{"mass_change": 0.0046}"#, 9.81 * (0.0368 / 0.0414 - 1.0)),
+        (r#"{"thrust_scale": 0.9}"#, -0.981),
+        (r#"{"wind": {"z_mps2": 0.4}}"#, 0.4),
+        (r#"{"weak_motor": {"motor": 2, "loss": 0.2}}"#, -9.81 * 0.05),
+    ] {
+        let got = thrust(effects);
+        assert!((got - acc * mean).abs() < 0.01 * acc.abs() + 2e-3, "{effects}: {got} instead of {}", acc * mean);
+    }
+    // drag: exponential decay
+    let mut world = World::<f64>::new(
+        &Model::thesis(),
+        &table(r#"{"drag_linear": 0.5}"#),
+        Settings { input: VerticalInput::Height, physics_hz: None },
+        1,
+    )
+    .unwrap();
+    let mut x = State::rest();
+    (x.pos_m[2], x.vel_mps[0]) = (0.7, 1.0);
+    world.start(0, true, &x, &Command::level(0.7));
+    for _ in 0..100 {
+        world.step(0, &Command::level(0.7));
+    }
+    assert!((world.state(0).vel_mps[0] - (-1.0_f64).exp()).abs() < 1e-4);
+}
+
+#[test]
+fn ground_effect_carries_more_near_the_floor() {
+    let climb = |effects: &str, z: f64| hover(effects, VerticalInput::Thrust, 39_342.5, z, 0.02).vel_mps[2] / 0.02;
+    for z in [0.05, 0.1, 0.2] {
+        let near: f64 = 0.0225 / (4.0 * (z + 0.03));
+        let expected = 9.81 * (1.0 / (1.0 - 8.0 * near * near) - 1.0);
+        let got = climb(r#"{"ground_effect": 8.0}"#, z);
+        assert!((got / expected - 1.0).abs() < 0.03, "at {z} m: {got} instead of {expected}");
+        let expected = 9.81 * (1.0 / (1.0 - 0.2 * (-0.5 * z / 0.0225_f64).exp()) - 1.0);
+        let got = climb(r#"{"ground_effect_exp": 0.2}"#, z);
+        assert!((got / expected - 1.0).abs() < 0.03, "at {z} m: {got} instead of {expected}");
+    }
+}
+
+#[test]
+fn a_delayed_command_is_the_same_command_later() {
+    let response = |delay: f64| {
+        let mut world = World::<f64>::new(
+            &Model::thesis(),
+            &table(&format!("{{\"cmd_delay\": {delay}}}")),
+            Settings { input: VerticalInput::Height, physics_hz: Some(300) },
+            1,
+        )
+        .unwrap();
+        let mut x = State::rest();
+        x.pos_m[2] = 0.7;
+        world.start(0, true, &x, &Command::level(0.7));
+        let u = Command { pitch_rad: 0.1, ..Command::level(0.7) };
+        (0..50)
+            .map(|_| {
+                world.step(0, &u);
+                world.state(0).att_rad[1]
+            })
+            .collect::<Vec<_>>()
+    };
+    let (now, later, between) = (response(0.0), response(0.06), response(0.05));
+    for i in 3..50 {
+        assert!((now[i - 3] - later[i]).abs() < 1e-9, "tick {i}: {} then {}", now[i - 3], later[i]);
+        assert!(between[i] > later[i] && between[i] < now[i - 2]);
+    }
+    assert!(later[..3].iter().all(|a| a.abs() < 1e-12));
+}
+
+/// Age and validity of the marker at every tick of a hover.
+fn marker(effects: &str, pitch: f64, seconds: f64) -> Vec<(f64, f64, [f64; 3])> {
+    let mut world =
+        World::<f64>::new(&Model::thesis(), &table(effects), Settings { input: VerticalInput::Height, physics_hz: None }, 1).unwrap();
+    world.draw_lane(0, 0, 77, &mut Pcg64Mcg::seed_from_u64(1));
+    let mut x = State::rest();
+    x.pos_m[2] = 0.7;
+    world.start(0, true, &x, &Command::level(0.7));
+    let u = Command { pitch_rad: pitch, ..Command::level(0.7 * 1.592 / 1.615) };
+    (0..(50.0 * seconds) as usize)
+        .map(|tick| {
+            world.step(0, &u);
+            let now = 0.02 * (tick + 1) as f64;
+            world.reading(0, |y| (now - y.marker.t_s, y.marker.valid, y.marker.pos_m))
+        })
+        .collect()
+}
+
+#[test]
+fn frames_come_at_30_hz_between_ticks_and_late() {
+    let ages: Vec<i64> = marker(r#"{"camera": 1}"#, 0.0, 0.2).iter().map(|m| (m.0 * 300.0).round() as i64).collect();
+    // frames at 0, 10, 20, 30 ... counts of 300 Hz, ticks at 6, 12, 18 ...
+    assert_eq!(ages, [6, 2, 8, 4, 0, 6, 2, 8, 4, 0]);
+    let late: Vec<i64> = marker(r#"{"camera_latency": 0.05}"#, 0.0, 0.4).iter().map(|m| (m.0 * 300.0).round() as i64).collect();
+    // 15 counts later: the newest frame that is at least 15 counts old
+    let expected: Vec<i64> = (1..=20).map(|tick| 6 * tick - (6 * tick - 15).max(0) / 10 * 10).collect();
+    assert_eq!(late, expected);
+}
+
+#[test]
+fn a_frame_shows_where_the_vehicle_was_when_it_was_taken() {
+    // 5.5 for a step of 0.1 rad, evaluated where the frames fall
+    let truth = |t: f64| {
+        let space = Model::thesis().state_space(VerticalInput::Height).unwrap();
+        let u = nalgebra::SVector::<f64, 4>::new(0.0, 0.1, 0.0, 0.7);
+        space.advance(&nalgebra::SVector::<f64, 12>::zeros(), &u, t)[0]
+    };
+    for (i, (age, _, pos)) in marker(r#"{"camera": 1}"#, 0.1, 1.0).iter().enumerate() {
+        let taken = 0.02 * (i + 1) as f64 - age;
+        assert!((pos[0] - truth(taken)).abs() < 5e-6, "frame of {taken}: {} instead of {}", pos[0], truth(taken));
+    }
+}
+
+#[test]
+fn the_marker_is_lost_at_the_edge_of_the_view_and_kept_in_mind() {
+    let seen = marker(r#"{"camera_fov": {"diagonal_deg": 120}}"#, 7.5_f64.to_radians(), 3.0);
+    let lost = seen.iter().position(|m| m.1 < 0.5).expect("flying away loses the marker");
+    let x = seen[lost - 1].2[0];
+    // Nose down by 11.3 degrees the camera looks back: the far corners leave 55.2 + 11.3 degrees behind, seen from 0.68 m.
+    let expected = 0.68 * (55.2_f64 + 11.3).to_radians().tan() - 0.0985;
+    assert!((x - expected).abs() < 0.06, "lost at {x} m, expected about {expected}");
+    assert!(seen[lost..].iter().all(|m| m.1 < 0.5 && (m.2[0] - x).abs() < 1e-12), "the last pose is kept");
+    let age = seen.last().unwrap().0;
+    assert!(age > 1.0, "its age grows: {age}");
+    let field = marker(r#"{"camera_fov": {"diagonal_deg": 120}, "markers": {"columns": 9, "pitch_m": 0.5}}"#, 7.5_f64.to_radians(), 2.0);
+    assert!(field.iter().all(|m| m.1 > 0.5), "a field of markers carries farther");
+}
+
+#[test]
+fn noise_has_its_size_and_grows_with_distance() {
+    let spread = |effects: &str| {
+        let fixes: Vec<f64> = marker(effects, 0.0, 60.0).iter().map(|m| m.2[2]).collect();
+        let mean = fixes.iter().sum::<f64>() / fixes.len() as f64;
+        (fixes.iter().map(|z| (z - mean).powi(2)).sum::<f64>() / fixes.len() as f64).sqrt()
+    };
+    let sigma = spread(r#"{"camera_noise": {"z_m": 0.01}}"#);
+    assert!((sigma / 0.01 - 1.0).abs() < 0.06, "{sigma}");
+    let vertical: Vec<f64> = marker(r#"{"camera_outliers": {"probability": 0.1}}"#, 0.0, 60.0)
+        .iter()
+        .map(|m| ((m.2[0]).powi(2) + m.2[1].powi(2) + (m.2[2] - 0.7).powi(2)).sqrt())
+        .collect();
+    let hits = vertical.iter().filter(|d| **d > 0.05).count() as f64 / vertical.len() as f64;
+    assert!((hits - 0.1).abs() < 0.03 && vertical.iter().all(|d| *d < 0.01 || (d - 0.1).abs() < 0.01), "{hits}");
+}
+
+#[test]
+fn every_parameter_says_what_it_is() {
+    let units = ["1", "s", "deg", "deg/s", "1/s", "1/m", "m", "m/s^2", "kg", "ohm", "rad/(m s)", "deg/s/sqrt(s)"];
+    for entry in registry() {
+        assert!(!entry.about.is_empty() && entry.source.len() > 5 && !entry.params.is_empty(), "{}", entry.name);
+        for p in entry.params {
+            assert!(
+                p.low <= p.off && p.off <= p.high && p.low < p.high,
+                "{}.{}: {} not in {}..{}",
+                entry.name,
+                p.name,
+                p.off,
+                p.low,
+                p.high
+            );
+            assert!(units.contains(&p.unit), "{}.{} has the unit {:?}", entry.name, p.name, p.unit);
+            assert!(!p.about.is_empty());
+        }
+    }
+}

@@ -1,0 +1,110 @@
+"""The batch as a vector environment of Stable-Baselines3, which has an interface of its own.
+
+    from crazyflie_gym.sb3 import Sb3VecEnv
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.vec_env import VecMonitor
+
+    PPO("MlpPolicy", VecMonitor(Sb3VecEnv("Crazyflie-v0", num_envs=64))).learn(100_000)
+
+Needs the extra `sb3`. Observations must be flat, or by field with Stable-Baselines3's "MultiInputPolicy".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any, cast
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from stable_baselines3.common.vec_env import VecEnv
+
+from crazyflie_gym._types import FloatArray
+from crazyflie_gym.vector import CrazyflieVectorEnv
+
+
+class Sb3VecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
+    """A `CrazyflieVectorEnv` for Stable-Baselines3.
+
+    Args:
+        id: the Gymnasium id.
+        num_envs: how many.
+        kwargs: for `gymnasium.make_vec`; the autoreset mode is given.
+    """
+
+    def __init__(self, id: str = "Crazyflie-v0", num_envs: int = 1, **kwargs: Any) -> None:
+        if gym.spec(id).vector_entry_point != "crazyflie_gym.vector:CrazyflieVectorEnv":
+            raise TypeError(f"id: expected one of crazyflie_gym's environments, got {id!r}")
+        envs = gym.make_vec(id, num_envs=num_envs, autoreset_mode=AutoresetMode.SAME_STEP.value, **kwargs)
+        self.envs = cast("CrazyflieVectorEnv", envs)
+        self.render_mode = envs.render_mode
+        self._actions: FloatArray | None = None
+        super().__init__(num_envs, envs.single_observation_space, envs.single_action_space)
+
+    def reset(self) -> Any:
+        """Begin episodes: the first of the seeds that `seed` set, or the next; returns the observations."""
+        # the base class hands out seed, seed + 1, ...
+        seeds = self._seeds if any(seed is not None for seed in self._seeds) else None
+        obs, infos = self.envs.reset(seed=seeds)
+        self.reset_infos = self._infos(infos)
+        self._reset_seeds()
+        self._reset_options()
+        return obs
+
+    def step_async(self, actions: FloatArray) -> None:
+        """Take the actions of the next `step_wait`."""
+        self._actions = np.ascontiguousarray(actions, np.float32)
+
+    def step_wait(self) -> tuple[Any, FloatArray, Any, list[dict[str, Any]]]:
+        """Fly one control tick; returns observations, rewards, dones and infos."""
+        if self._actions is None:
+            raise RuntimeError("call step_async() before step_wait()")
+        actions, self._actions = self._actions, None
+        obs, rewards, terminated, truncated, infos = self.envs.step(actions)
+        dones = terminated | truncated
+        listed = self._infos(infos)
+        for env in np.flatnonzero(dones):
+            info = listed[env]
+            if "true_state" in infos:
+                info["true_state"] = infos["final_info"]["true_state"][env]
+            info["terminal_observation"] = infos["final_obs"][env]
+            info["TimeLimit.truncated"] = bool(truncated[env] and not terminated[env])
+        return obs, rewards, dones, listed
+
+    def _infos(self, infos: dict[str, Any]) -> list[dict[str, Any]]:
+        if "true_state" in infos:
+            return [{"true_state": state} for state in infos["true_state"]]
+        return [{} for _ in range(self.num_envs)]
+
+    def close(self) -> None:
+        """Close the batch."""
+        self.envs.close()
+
+    def get_images(self) -> Sequence[Any]:
+        """Return a picture of each environment, in the mode "rgb_array"."""
+        return self.envs.render() or ()
+
+    def get_attr(self, attr_name: str, indices: int | Iterable[int] | None = None) -> list[Any]:
+        """Return an attribute of the batch, once per environment asked for."""
+        return [getattr(self.envs, attr_name) for _ in self._get_indices(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: int | Iterable[int] | None = None) -> None:
+        """Set an attribute of the batch.
+
+        Raises:
+            ValueError: for some environments only: they share their attributes.
+        """
+        if len(list(self._get_indices(indices))) != self.num_envs:
+            raise ValueError("the environments of a batch share their attributes: set them for all")
+        setattr(self.envs, attr_name, value)
+
+    def env_method(
+        self, method_name: str, *args: Any, indices: int | Iterable[int] | None = None, **kwargs: Any
+    ) -> list[Any]:
+        """Call a method of the batch once, and return its result once per environment asked for."""
+        result = getattr(self.envs, method_name)(*args, **kwargs)
+        return [result for _ in self._get_indices(indices)]
+
+    def env_is_wrapped(self, wrapper_class: Any, indices: int | Iterable[int] | None = None) -> list[bool]:
+        """Return False for each environment asked for: those of a batch are not wrapped one by one."""
+        return [False for _ in self._get_indices(indices)]

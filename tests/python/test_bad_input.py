@@ -1,0 +1,261 @@
+"""Mistakes are named with what was expected, as ordinary exceptions, and nothing has moved."""
+
+import json
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import crazyflie_gym
+from crazyflie_gym import Pid, Sim, ansi, check_model, render
+
+
+def good(n=4):
+    return np.zeros((n, 4), np.float32)
+
+
+BAD_ACTIONS = [
+    (
+        good().astype(np.float64),
+        TypeError,
+        r"actions: expected a numpy array of float32 with shape \(4, 4\), got dtype float64",
+    ),
+    (good().astype(np.int64), TypeError, "got dtype int64"),
+    (good().astype(">f4"), TypeError, "actions: expected a numpy array of float32"),
+    ([[0.0] * 4] * 4, TypeError, "got dtype float64"),
+    (None, TypeError, "got dtype object"),
+    (good(3), ValueError, r"actions: expected shape \(4, 4\), got \(3, 4\)"),
+    (good().ravel(), ValueError, r"got \(16,\)"),
+    (np.zeros((4, 3), np.float32), ValueError, r"got \(4, 3\)"),
+    (np.asfortranarray(good()), ValueError, "actions: expected a C-contiguous array"),
+    (np.zeros((4, 8), np.float32)[:, ::2], ValueError, "numpy.ascontiguousarray"),
+    (np.frombuffer(bytes(65), np.uint8)[1:].view(np.float32).reshape(4, 4), ValueError, "expected an aligned array"),
+]
+
+
+@pytest.mark.parametrize(("actions", "error", "words"), BAD_ACTIONS)
+def test_wrong_arrays(actions, error, words):
+    envs, untouched = (gym.make_vec("Crazyflie-v0", num_envs=4) for _ in range(2))
+    envs.reset(seed=1)
+    untouched.reset(seed=1)
+    with pytest.raises(error, match=words):
+        envs.step(actions)
+    assert np.array_equal(envs.step(good())[0], untouched.step(good())[0])
+
+
+@pytest.mark.parametrize("value", [1.5, -1.0001, np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("mode", ["next_step", "same_step", "disabled"])
+def test_wrong_numbers(value, mode):
+    envs, untouched = (gym.make_vec("Crazyflie-v0", num_envs=20, autoreset_mode=mode) for _ in range(2))
+    envs.reset(seed=1)
+    untouched.reset(seed=1)
+    actions = good(20)
+    actions[17, 1] = value
+    with pytest.raises(
+        ValueError, match=r"actions\[17\]\[1\] is (1\.5|-1\.0001|NaN|inf|-inf), expected a number from -1 to 1"
+    ):
+        envs.step(actions)
+    assert np.array_equal(envs.step(good(20))[0], untouched.step(good(20))[0])
+
+
+def test_a_single_environment_says_the_same():
+    env = crazyflie_gym.CrazyflieEnv()
+    with pytest.raises(RuntimeError, match=r"call reset\(\) before step\(\)"):
+        env.step(np.zeros(4, np.float32))
+    env.reset(seed=1)
+    for action, error, words in [
+        (np.zeros(4), TypeError, r"action: expected a numpy array of float32 with shape \(4,\), got dtype float64"),
+        (np.zeros(3, np.float32), ValueError, r"action: expected shape \(4,\), got \(3,\)"),
+        ([0, 0, 0, 0], TypeError, "got list"),
+        (np.full(4, np.nan, np.float32), ValueError, r"actions\[0\]\[0\] is NaN"),
+    ]:
+        with pytest.raises(error, match=words):
+            env.step(action)
+    down = np.array([0, 0, 0, -1], np.float32)
+    far = crazyflie_gym.CrazyflieEnv(task_options={"start_m": [2.4, 0, 0.7]})
+    far.reset(seed=0)
+    with pytest.raises(RuntimeError, match=r"the episode has ended: call reset\(\) before the next step\(\)"):
+        for _ in range(500):
+            far.step(np.array([0, 1, 0, 0], np.float32))
+    far.reset()
+    far.step(down)
+
+
+BAD_KWARGS = [
+    ({"effects": {"drag_lineer": 0.3}}, r'unknown effect "drag_lineer" \(did you mean "drag_linear"\?\)'),
+    ({"effects": {"wind": {"x_mps": 1}}}, r'did you mean "wind.x_mps2"'),
+    ({"effects": {"wind": {"x_mps2": 30}}}, r"wind.x_mps2 is 30, expected -5 to 5 m/s\^2"),
+    ({"effects": {"wind": {"x_mps2": {"uniform": [1, -1]}}}}, "lower bound"),
+    ({"effects": {"wind": float("nan")}}, "effects: Out of range float"),
+    ({"effects": {"wind": object()}}, "effects: expected numbers, strings, lists and dicts, got object"),
+    ({"effects": {"wind": "strong"}}, "EffectParams"),
+    ({"effects": 3}, "invalid type"),
+    ({"vertical": "hight"}, "hight"),
+    ({"task_options": {"start_radius": 1}}, "start_radius_m"),
+    ({"task_options": {"start_radius_m": -1}}, "start_radius_m is -1, expected 0 to 2"),
+    ({"physics_hz": 77}, "physics_hz is 77, expected one of"),
+    ({"isa": "avx9"}, "avx9"),
+    ({"observation": "image"}, 'observation is \'image\', expected "flat" or "dict"'),
+    ({"render_mode": "depth"}, "render_mode is 'depth', expected None, 'rgb_array', 'human'"),
+    ({"model": {"schema": 1}}, "model: "),
+    ({"model": "schema = 1\nname = 'x'\n"}, "missing field"),
+    ({"model": {}}, "missing field"),
+]
+
+
+@pytest.mark.parametrize(("kwargs", "words"), BAD_KWARGS)
+@pytest.mark.parametrize("make", [crazyflie_gym.CrazyflieEnv, crazyflie_gym.CrazyflieVectorEnv])
+def test_wrong_arguments(make, kwargs, words):
+    with pytest.raises(ValueError, match=words):
+        make(**kwargs)
+
+
+def test_wrong_arguments_of_the_batch():
+    for count in (0, -1, 2**40):
+        with pytest.raises(ValueError, match=f"num_envs is {count}, expected 1 to"):
+            crazyflie_gym.CrazyflieVectorEnv(count)
+    with pytest.raises(TypeError):
+        crazyflie_gym.CrazyflieVectorEnv(2.5)
+    with pytest.raises(
+        ValueError, match="autoreset_mode is 'sometimes', expected one of next_step, same_step, disabled"
+    ):
+        crazyflie_gym.CrazyflieVectorEnv(2, autoreset_mode="sometimes")
+    with pytest.raises(ValueError, match=r'unknown task "hoover" \(did you mean "hover"\?\)'):
+        crazyflie_gym.CrazyflieVectorEnv(2, task="hoover")
+    for threads in (-1, 1.5, "two"):
+        with pytest.raises(ValueError, match="invalid"):
+            crazyflie_gym.CrazyflieVectorEnv(2, threads=threads)
+
+
+def test_wrong_masks():
+    envs = crazyflie_gym.CrazyflieVectorEnv(3, autoreset_mode="disabled")
+    with pytest.raises(RuntimeError, match="call reset"):
+        envs.reset(options={"reset_mask": np.array([True, False, True])})
+    envs.reset(seed=0)
+    for mask, error, words in [
+        ([True, False, True], TypeError, "expected a numpy array of bool, got list"),
+        (np.ones(3), TypeError, "got dtype float64"),
+        (np.ones(4, bool), ValueError, r"expected shape \(3,\), got \(4,\)"),
+        (np.zeros(3, bool), ValueError, "at least one True"),
+    ]:
+        with pytest.raises(error, match=words):
+            envs.reset(options={"reset_mask": mask})
+    # a bool array may hold other bytes than 0 and 1
+    assert envs.reset(options={"reset_mask": np.array([2, 0, 255], np.uint8).view(bool)})[0].shape == (3, 24)
+
+
+def test_wrong_model_files(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"there is no file .*nowhere\.toml"):
+        crazyflie_gym.CrazyflieEnv(model=str(tmp_path / "nowhere.toml"))
+    broken = tmp_path / "broken.toml"
+    broken.write_text(crazyflie_gym.model_text().replace("123.2", "none", 1))
+    with pytest.raises(ValueError, match=r"broken\.toml: .*line [0-9]+"):
+        crazyflie_gym.CrazyflieEnv(model=broken)
+    unit = crazyflie_gym.model_text().replace('unit = "1/s^2"', 'unit = "1/s"', 1)
+    with pytest.raises(ValueError, match=r'roll\.gain has the unit "1/s", expected "1/s\^2"'):
+        check_model(unit)
+    (tmp_path / "binary").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ValueError, match="cannot read"):
+        crazyflie_gym.CrazyflieEnv(model=tmp_path / "binary")
+    with pytest.raises(ValueError, match="cannot read"):
+        crazyflie_gym.CrazyflieEnv(model=tmp_path)
+    with pytest.raises(TypeError, match="got int"):
+        crazyflie_gym.CrazyflieEnv(model=3)
+
+
+def test_the_native_classes_check_as_well():
+    sim = Sim(3)
+    obs, rewards, flags = np.zeros((3, 24), np.float32), np.zeros(3, np.float32), np.zeros(3, bool)
+    sim.reset(observations=obs)
+    with pytest.raises(ValueError, match="truncated: "):
+        sim.step_into(good(3), obs, rewards, flags, flags)
+    locked = np.zeros((3, 24), np.float32)
+    locked.flags.writeable = False
+    with pytest.raises(ValueError, match="observations: "):
+        sim.step_into(good(3), locked, rewards, flags, flags.copy())
+    with pytest.raises(
+        TypeError, match=r"terminated: expected a numpy array of bool with shape \(3,\), got dtype uint8"
+    ):
+        sim.step_into(good(3), obs, rewards, flags.view(np.uint8), flags.copy())
+    with pytest.raises(TypeError, match="seeds: expected a numpy array of uint64"):
+        sim.reset(seeds=np.arange(3))
+    assert sim.last_of_episode(0) is None and sim.last_of_episode(10**9) is None
+    with pytest.raises(OverflowError):
+        sim.last_of_episode(-1)
+    with pytest.raises(ValueError, match="line 1 column 1"):
+        Sim(3, "{")
+    with pytest.raises(ValueError, match=r'unknown gains "thesys" \(did you mean "thesis"\?\)'):
+        Pid(3, sim, gains="thesys")
+    with pytest.raises(ValueError, match="unknown controller mode"):
+        Pid(3, sim, mode="fly")
+    with pytest.raises(TypeError, match="of: expected a Sim or an Interface, got str"):
+        Pid(3, "sim")
+    with pytest.raises(ValueError, match=r"observations: expected shape \(3, 24\), got \(2, 24\)"):
+        Pid(3, sim).act(obs[:2])
+
+
+def test_pictures_check_as_well():
+    with pytest.raises(ValueError, match="width is 0, expected 1 to 8192"):
+        render(0, 100)
+    with pytest.raises(ValueError, match="trail: expected shape"):
+        render(64, 48, trail=np.zeros((5, 2), np.float32))
+    with pytest.raises(ValueError, match="position"):
+        render(64, 48, drones=np.full((1, 6), np.nan, np.float32))
+    with pytest.raises(ValueError, match="columns"):
+        ansi(render(64, 48), -1)
+    with pytest.raises(TypeError, match="picture"):
+        ansi(np.zeros((4, 4, 3)), 4)
+
+
+NUMBER = st.one_of(st.floats(-10, 10), st.integers(-5, 500), st.none(), st.booleans(), st.text(max_size=3))
+DRAWN = st.dictionaries(
+    st.sampled_from(["uniform", "normal", "log_uniform", "choice", "value"]), st.lists(NUMBER, max_size=3), max_size=2
+)
+PARAMS = sorted({p["name"] for e in crazyflie_gym.effects() for p in e["params"]})
+EFFECT = st.one_of(NUMBER, st.dictionaries(st.sampled_from(PARAMS), st.one_of(NUMBER, DRAWN), max_size=3))
+NAMES = [e["name"] for e in crazyflie_gym.effects()]
+OPTIONS = st.fixed_dictionaries(
+    {},
+    optional={
+        "task": st.sampled_from([t["name"] for t in crazyflie_gym.tasks()]),
+        "task_options": st.dictionaries(
+            st.sampled_from(["height_m", "size_m", "shape", "start_m", "period_s", "rise_m"]), NUMBER
+        ),
+        "effects": st.dictionaries(st.sampled_from(NAMES), EFFECT, max_size=4),
+        "vertical": st.sampled_from(["height", "pwm", "thrust"]),
+        "physics_hz": st.sampled_from([50, 100, 150, 300, 0, 77, -1]),
+        "autoreset": st.sampled_from(["next_step", "same_step", "disabled", "never"]),
+        "max_episode_steps": st.integers(0, 5),
+        "threads": st.integers(0, 3),
+    },
+)
+
+
+@settings(max_examples=400, deadline=None)
+@given(OPTIONS, st.integers(1, 18), st.randoms(use_true_random=False))
+def test_any_options_fly_or_are_refused(options, num_envs, random):
+    try:
+        sim = Sim(num_envs, json.dumps(options))
+    except ValueError as error:
+        assert str(error)
+        return
+    seeds = np.array([random.getrandbits(64) for _ in range(num_envs)], np.uint64)
+    obs = sim.reset(seeds)
+    assert np.isfinite(obs).all()
+    for _ in range(12):
+        try:
+            obs, rewards, _, _, _ = sim.step(np.random.default_rng(0).uniform(-1, 1, (num_envs, 4)).astype(np.float32))
+        except RuntimeError as error:
+            assert "has ended" in str(error)
+            break
+        assert np.isfinite(obs).all() and np.isfinite(rewards).all()
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.text(max_size=40))
+def test_any_text_is_refused_as_options_and_as_model(text):
+    for refuse in (lambda: Sim(1, text), lambda: check_model(text), lambda: Sim(1, "{}", text)):
+        with pytest.raises(ValueError, match=r"."):
+            refuse()

@@ -1,0 +1,74 @@
+"""The package as it is installed: types, stubs, command line, files."""
+
+import importlib.metadata
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import crazyflie_gym
+from crazyflie_gym import _native
+
+ROOT = Path(__file__).parents[2]
+
+
+def run(*args, **kwargs):
+    return subprocess.run([sys.executable, *args], capture_output=True, text=True, timeout=600, check=False, **kwargs)
+
+
+def test_the_stubs_are_those_of_the_binary():
+    pytest.importorskip("mypy")
+    done = run("-m", "mypy.stubtest", "crazyflie_gym._native", "--mypy-config-file", ROOT / "pyproject.toml")
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_the_package_is_strictly_typed(tmp_path):
+    pytest.importorskip("mypy")
+    package = Path(crazyflie_gym.__file__).parent
+    assert (package / "py.typed").exists()
+    done = run("-m", "mypy", "--config-file", ROOT / "pyproject.toml", cwd=tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_everything_in_the_native_module_is_documented():
+    for name in (
+        "Interface",
+        "Sim",
+        "Pid",
+        "effects",
+        "tasks",
+        "render",
+        "ansi",
+        "path",
+        "cli",
+        "check_model",
+        "model_text",
+    ):
+        assert getattr(_native, name).__doc__, name
+
+
+def test_only_numpy_and_gymnasium_are_required():
+    required = [r for r in importlib.metadata.requires("crazyflie-gym") or [] if "extra ==" not in r]
+    assert sorted(r.split(">")[0].split("=")[0] for r in required) == ["gymnasium", "numpy"]
+    loaded = run("-c", "import sys, crazyflie_gym; print('torch' in sys.modules, 'stable_baselines3' in sys.modules)")
+    assert loaded.stdout.split() == ["False", "False"], loaded.stderr
+
+
+def test_the_command_line_runs():
+    done = run("-m", "crazyflie_gym", "--help")
+    assert done.returncode == 0 and "Usage" in done.stdout, done.stdout + done.stderr
+    assert run("-m", "crazyflie_gym", "no-such-command").returncode != 0
+
+
+EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.name)
+def test_examples_run(example, tmp_path):
+    assert len(example.read_text().splitlines()) < 60
+    done = run(str(example), cwd=tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    if "SKIPPED" in done.stdout:
+        pytest.skip(f"{example.name}: {done.stdout.strip()}")
+    assert done.stdout

@@ -1,0 +1,71 @@
+"""Stable-Baselines3 flies the batch. Needs the extra `sb3`."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip(
+    "stable_baselines3", reason="Stable-Baselines3 is not installed (extra sb3): its adapter is not tested"
+)
+
+from stable_baselines3 import PPO
+from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
+
+import crazyflie_gym
+from crazyflie_gym.sb3 import Sb3VecEnv
+
+
+@pytest.mark.parametrize("observation", ["flat", "dict"])
+def test_the_adapter_is_what_dummy_vec_env_would_be(observation):
+    kwargs = {"observation": observation, "task_options": {"start_radius_m": 2.0}, "true_state": True}
+    ours = Sb3VecEnv("Crazyflie-v0", num_envs=5, max_episode_steps=30, **kwargs)
+    theirs = make_vec_env("Crazyflie-v0", n_envs=5, env_kwargs={**kwargs, "max_episode_steps": 30}, monitor_kwargs={})
+    for envs in (ours, theirs):
+        envs.seed(3)
+    a, b = ours.reset(), theirs.reset()
+    actions = np.random.default_rng(0).uniform(-1, 1, (70, 5, 4)).astype(np.float32)
+    ends = 0
+
+    def equal(x, y):
+        return all(np.array_equal(x[k], y[k]) for k in x) if isinstance(x, dict) else np.array_equal(x, y)
+
+    assert equal(a, b)
+    for action in actions:
+        (a, ra, da, ia), (b, rb, db, ib) = ours.step(action), theirs.step(action)
+        assert equal(a, b) and np.array_equal(ra, rb) and np.array_equal(da, db) and ra.dtype == rb.dtype
+        for x, y in zip(ia, ib, strict=True):
+            y.pop("episode", None)
+            # Gymnasium tells it for every step, this adapter at the ends
+            y.pop("TimeLimit.truncated") if "terminal_observation" not in y else None
+            assert x.keys() == y.keys()
+            assert equal(x["true_state"], y["true_state"])
+            if "terminal_observation" in x:
+                ends += 1
+                assert equal(x["terminal_observation"], y["terminal_observation"])
+                assert x["TimeLimit.truncated"] == y["TimeLimit.truncated"]
+    assert ends >= 10
+
+
+def test_ppo_learns():
+    envs = VecNormalize(VecMonitor(Sb3VecEnv("Crazyflie-v0", num_envs=32, max_episode_steps=100)))
+    model = PPO("MlpPolicy", envs, n_steps=64, batch_size=512, n_epochs=2, seed=0, device="cpu")
+    model.learn(3 * 32 * 64)
+    assert model.num_timesteps == 3 * 32 * 64 and len(model.ep_info_buffer) > 0
+    assert model.predict(envs.reset())[0].shape == (32, 4)
+
+
+def test_attributes_and_methods():
+    envs = Sb3VecEnv("Crazyflie-v0", num_envs=3, render_mode="rgb_array")
+    assert envs.get_attr("num_envs") == [3, 3, 3] and envs.get_attr("num_envs", indices=1) == [3]
+    assert envs.env_is_wrapped(VecMonitor) == [False] * 3
+    envs.set_attr("note", 1)
+    assert envs.get_attr("note") == [1] * 3
+    with pytest.raises(ValueError, match="share"):
+        envs.set_attr("note", 1, indices=[0])
+    assert isinstance(envs.env_method("pid", indices=0)[0], crazyflie_gym.Pid)
+    with pytest.raises(RuntimeError, match="step_async"):
+        envs.step_wait()
+    envs.reset()
+    assert len(list(envs.get_images())) == 3
+    with pytest.raises(TypeError, match="expected one of crazyflie_gym's"):
+        Sb3VecEnv("CartPole-v1", num_envs=2)
