@@ -14,6 +14,18 @@ use crate::model::VerticalInput;
 /// Effects by name, each with its parameters by name.
 pub type EffectTable = BTreeMap<String, EffectParams>;
 
+/// Reads a table of effects; an error names the effect, which an untagged enum alone would not.
+pub(crate) fn effect_table<'de, D: serde::Deserializer<'de>>(from: D) -> std::result::Result<EffectTable, D::Error> {
+    let table = BTreeMap::<String, serde_json::Value>::deserialize(from)?;
+    let read = |(name, value): (String, serde_json::Value)| match serde_json::from_value(value.clone()) {
+        Ok(params) => Ok((name, params)),
+        Err(_) => Err(serde::de::Error::custom(format!(
+            "effect {name:?} is {value}, expected a number, a distribution such as {{\"uniform\": [0, 1]}}, or an object with such a value for each parameter"
+        ))),
+    };
+    table.into_iter().map(read).collect()
+}
+
 /// The parameters of one effect: by name, or a bare number for the first.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
@@ -185,8 +197,9 @@ pub struct Options {
     pub task_options: serde_json::Value,
     /// Which of the model's height inputs is commanded; the model's first unless given.
     pub vertical: Option<VerticalInput>,
+    #[serde(deserialize_with = "effect_table")]
     pub effects: EffectTable,
-    /// Physics steps per second while effects push; the IMU's rate unless given. Without pushes the model is stepped exactly, once a tick.
+    /// Physics steps per second; what the active effects need unless given. The linear model itself is exact at any rate.
     pub physics_hz: Option<u32>,
     pub autoreset: Autoreset,
     /// Episodes are truncated after so many steps; 0 for never.
@@ -247,6 +260,8 @@ mod tests {
             (r#"{"wind": {"x_mps2": {"uniform": [1, -1]}}}"#, vec!["lower bound"]),
             (r#"{"wind": {"x_mps2": {"value": 1, "unit": "m/s"}}}"#, vec!["unit", "m/s^2"]),
             (r#"{"thrust_scale": {"choice": []}}"#, vec!["at least one"]),
+            (r#"{"wind": "strong"}"#, vec!["wind", "strong", "expected a number"]),
+            (r#"{"wind": {"x_mps2": {"normal": 1}}}"#, vec!["wind", "expected"]),
         ] {
             let error = effects(json).unwrap_err().to_string();
             assert!(words.iter().all(|w| error.contains(w)), "{json} gave: {error}");

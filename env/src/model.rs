@@ -121,7 +121,7 @@ pub struct Model {
     pub vehicle: Airframe,
     pub rig: Rig,
     /// Effects that belong to this vehicle and are on unless the configuration says otherwise.
-    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty", deserialize_with = "crate::config::effect_table")]
     pub effects: EffectTable,
 }
 

@@ -351,7 +351,7 @@ fn counts_per_step(schedule: &Schedule, physics_hz: Option<u32>, needed_hz: u32)
         let longest = (schedule.base_hz / needed_hz.max(1)).clamp(1, schedule.control);
         return Ok((1..=longest).rev().find(good).unwrap_or(1));
     };
-    let counts = if hz == 0 { 0 } else { schedule.base_hz / hz };
+    let counts = schedule.base_hz.checked_div(hz).unwrap_or(0);
     if counts == 0 || !schedule.base_hz.is_multiple_of(hz) || !good(&counts) {
         let rates: Vec<String> = (1..=schedule.control).filter(good).map(|c| (schedule.base_hz / c).to_string()).collect();
         return Err(Error::Range { name: "physics_hz".into(), value: f64::from(hz), want: format!("one of {}", rates.join(", ")) });

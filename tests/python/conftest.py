@@ -3,8 +3,13 @@
 import gymnasium as gym
 import numpy as np
 import pytest
+from hypothesis import settings
 
 import crazyflie_gym
+
+# the same cases in every run, and no folder of past cases
+settings.register_profile("repository", database=None, derandomize=True)
+settings.load_profile("repository")
 
 IDS = [task["id"] for task in crazyflie_gym.tasks()]
 

@@ -1,0 +1,59 @@
+# Two commands do everything on a fresh machine with Rust and Python: `make demo` and `make test`.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+CARGO ?= cargo
+.PHONY: demo test bench docs format clean
+
+demo: $(VENV)/.demo
+	mkdir -p out
+	$(BIN)/crazyflie fly --task fly-80cm --rig lab --picture out/flight.svg --picture3d out/path.svg --csv out/flight.csv
+	$(BIN)/crazyflie replay out/flight.csv --picture out/replay.svg
+	$(BIN)/crazyflie scorecard > out/scorecard.txt
+	cd out && ../$(BIN)/python ../examples/fly_pid.py
+	@echo "pictures and tables are in out/"
+
+test: $(VENV)/.test
+	$(CARGO) fmt --all --check
+	sh tests/deny.sh
+	$(CARGO) clippy --workspace --all-targets --quiet -- -D warnings
+	$(CARGO) test --workspace --quiet
+	$(BIN)/crazyflie effects --markdown | diff docs/effects.md - || { echo "docs/effects.md is stale: make docs"; exit 1; }
+	$(BIN)/crazyflie model --schema | diff docs/model.schema.json - || { echo "docs/model.schema.json is stale: make docs"; exit 1; }
+	$(BIN)/ruff check python_client tests examples
+	$(BIN)/ruff format --check python_client tests examples
+	$(BIN)/python -m pytest -q
+
+bench: $(VENV)/.bench
+	$(CARGO) bench -p crazyflie-env
+	$(BIN)/python python_client/bench.py
+
+docs: $(VENV)/.demo
+	$(BIN)/crazyflie effects --markdown > docs/effects.md
+	$(BIN)/crazyflie model --schema > docs/model.schema.json
+	$(BIN)/python tests/readme.py
+
+# Everything that the wheel is made of.
+SOURCES := $(shell git ls-files 'env/src/*' 'env/models/*' 'identify/src/*' 'picture/src/*' 'server/src/*' 'python_client/*' '*.toml' Cargo.lock)
+
+$(BIN)/python:
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.demo: $(BIN)/python $(SOURCES)
+	$(BIN)/python -m pip install --quiet .
+	touch $@
+
+$(VENV)/.test: $(BIN)/python $(SOURCES)
+	$(BIN)/python -m pip install --quiet ".[test]"
+	touch $@ $(VENV)/.demo
+
+$(VENV)/.bench: $(BIN)/python $(SOURCES)
+	$(BIN)/python -m pip install --quiet ".[bench]"
+	touch $@ $(VENV)/.demo
+
+format:
+	$(CARGO) fmt --all
+	$(BIN)/ruff format python_client tests examples
+
+clean:
+	rm -rf target $(VENV) out
