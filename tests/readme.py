@@ -8,6 +8,7 @@ MARK = "<!-- scorecard -->"
 
 
 def main():
+    """Replace the block between the two marks."""
     readme = pathlib.Path(__file__).parent.parent / "README.md"
     before, _, after = readme.read_text().split(MARK)
     program = pathlib.Path(sys.executable).parent / "crazyflie"

@@ -90,7 +90,7 @@ BAD_KWARGS = [
     ({"effects": {"wind": {"x_mps2": {"uniform": [1, -1]}}}}, "lower bound"),
     ({"effects": {"wind": float("nan")}}, "effects: Out of range float"),
     ({"effects": {"wind": object()}}, "effects: expected numbers, strings, lists and dicts, got object"),
-    ({"effects": {"wind": "strong"}}, "EffectParams"),
+    ({"effects": {"wind": "strong"}}, "expected a number, a distribution"),
     ({"effects": 3}, "invalid type"),
     ({"vertical": "hight"}, "hight"),
     ({"task_options": {"start_radius": 1}}, "start_radius_m"),
