@@ -36,7 +36,7 @@ impl Rig {
         let hover = env.interface();
         let lift = if effects { (2.0 * hover.hover_lift / hover.lift_max - 1.0) as f32 } else { 0.0 };
         let actions =
-            (0..envs * ACTION).map(|i| if i % ACTION == 3 { lift } else { 0.1 * ((i * 7919 % 199) as f32 / 99.0 - 1.0) }).collect();
+            (0..envs * ACTION).map(|i| if i % ACTION == 3 { lift } else { 0.02 * ((i * 7919 % 199) as f32 / 99.0 - 1.0) }).collect();
         Rig { env, actions, observations, rewards: vec![0.0; envs], terminated: vec![false; envs], truncated: vec![false; envs] }
     }
 

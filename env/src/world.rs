@@ -366,7 +366,7 @@ fn body<R: Real>(model: &Model, input: VerticalInput) -> Result<Body<R>> {
         gravity_mps2: R::of(model.lateral.gravity.value),
         mass_kg: R::of(model.vehicle.mass.value),
         rotor_radius_m: R::of(model.vehicle.rotor_radius.value),
-        battery_capacity_c: R::of(model.vehicle.battery_capacity.value),
+        per_battery_capacity_pc: R::of(1.0 / model.vehicle.battery_capacity.value),
         hover_current_a: R::of(model.vehicle.hover_current.value),
         per_hover_pwm: R::of(hover.map_or(0.0, |h| 1.0 / h)),
         height_command: R::of(if hover.is_some() { 0.0 } else { 1.0 }),

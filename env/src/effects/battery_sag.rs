@@ -6,7 +6,7 @@ use crate::real::Real;
 
 pub struct BatterySag;
 
-impl Effect<3, 3> for BatterySag {
+impl Effect<3, 4> for BatterySag {
     const NAME: &'static str = "battery_sag";
     const ABOUT: &'static str = "The voltage falls with charge and current; thrust goes with a power of it";
     const SOURCE: &'static str = "Discharge curve of Tremblay, Dessaint and Dekkiche 2007 with 4.2 V full; current as thrust^1.5 (momentum theory)";
@@ -18,25 +18,30 @@ impl Effect<3, 3> for BatterySag {
     const HOOKS: Hooks = Hooks::PUSH_AND_SENSE;
 
     #[inline(always)]
-    fn start<R: Real>(&[_, charge, _]: &[R; 3], _: &Cx<R>, _: &State<R>, _: &Command<R>) -> [R; 3] {
-        [charge, R::zero(), open_circuit_v(charge)]
+    fn start<R: Real>(&[_, charge, _]: &[R; 3], _: &Cx<R>, _: &State<R>, _: &Command<R>) -> [R; 4] {
+        let bulge = (R::of(DECAY) * (charge - R::of(1.0))).exp();
+        [charge, R::zero(), open_circuit_v(charge, bulge), bulge]
     }
 
     #[inline(always)]
-    fn push<R: Real>(&[exponent, _, resistance_ohm]: &[R; 3], s: &mut [R; 3], cx: &Cx<R>, _: &State<R>, u: &Command<R>, out: &mut Push<R>) {
+    fn push<R: Real>(&[exponent, _, resistance_ohm]: &[R; 3], s: &mut [R; 4], cx: &Cx<R>, _: &State<R>, u: &Command<R>, out: &mut Push<R>) {
         // the charge moves slowly: once per control tick is enough
         if cx.first {
             let current = current_a(cx, u);
-            s[0] = (s[0] - current * R::of(cx.tick_s) / cx.body.battery_capacity_c).max(R::zero());
+            let used = (current * R::of(cx.tick_s) * cx.body.per_battery_capacity_pc).min(s[0]);
+            s[0] -= used;
+            // exp(-decay used) for the ten-thousandth part of a charge that a tick uses
+            let fall = R::of(DECAY) * used;
+            s[3] -= s[3] * fall * (R::of(1.0) - R::of(0.5) * fall);
             let full = R::of(FULL_V) - resistance_ohm * cx.body.hover_current_a;
-            s[2] = (open_circuit_v(s[0]) - resistance_ohm * current).max(R::of(1.0));
+            s[2] = (open_circuit_v(s[0], s[3]) - resistance_ohm * current).max(R::of(1.0));
             s[1] = (s[2] / full).powf(exponent) - R::of(1.0);
         }
         out.acc_mps2[2] += cx.body.thrust_mps2(u) * s[1];
     }
 
     #[inline(always)]
-    fn sense<R: Real>(_: &[R; 3], s: &mut [R; 3], _: &Cx<R>, _: &State<R>, _: &Command<R>, y: &mut Reading<R>) {
+    fn sense<R: Real>(_: &[R; 3], s: &mut [R; 4], _: &Cx<R>, _: &State<R>, _: &Command<R>, y: &mut Reading<R>) {
         y.vbat_v = s[2];
     }
 }
@@ -44,13 +49,15 @@ impl Effect<3, 3> for BatterySag {
 /// Of a full lithium-polymer cell.
 const FULL_V: f64 = 4.2;
 
-/// E0 - K / charge + A exp(-B (1 - charge)), with A and K from the full (4.2 V), nominal (3.7 V) and empty points of a 240 mAh cell.
+/// E0 - K / charge + A exp(-DECAY (1 - charge)), with A and K from the full (4.2 V), nominal (3.7 V) and empty points of a 240 mAh cell;
+/// `bulge` is the exponential.
 #[inline(always)]
-fn open_circuit_v<R: Real>(charge: R) -> R {
-    let (knee, a, b) = (0.01, 0.45, 3.0);
-    let plateau = FULL_V + knee - a;
-    R::of(plateau) - R::of(knee) / charge.max(R::of(0.01)) + R::of(a) * (R::of(b) * (charge - R::of(1.0))).exp()
+fn open_circuit_v<R: Real>(charge: R, bulge: R) -> R {
+    let (knee, a) = (0.01, 0.45);
+    R::of(FULL_V + knee - a) - R::of(knee) / charge.max(R::of(0.01)) + R::of(a) * bulge
 }
+
+const DECAY: f64 = 3.0;
 
 /// Power goes as thrust^1.5 in hover; the thesis's 240 mAh last 4 minutes at thrust ratio 1.
 #[inline(always)]

@@ -55,7 +55,8 @@ pub struct Body<R> {
     pub gravity_mps2: R,
     pub mass_kg: R,
     pub rotor_radius_m: R,
-    pub battery_capacity_c: R,
+    /// 1 / (charge of the full battery in coulombs).
+    pub per_battery_capacity_pc: R,
     pub hover_current_a: R,
     /// 1 / (PWM that carries the weight); zero where the command is a height.
     pub per_hover_pwm: R,
