@@ -4,6 +4,7 @@
 
 pub mod config;
 pub mod control;
+pub mod dual;
 pub mod effects;
 pub mod error;
 pub mod isa;

@@ -93,6 +93,9 @@ pub struct Airframe {
     pub arm: Quantity,
     pub battery_capacity: Quantity,
     pub hover_current: Quantity,
+    /// Voltage at which the model's thrust holds; that of a full cell, 4.2 V, unless given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub battery_reference: Option<Quantity>,
 }
 
 /// The clocks of the rig, which are part of the model: 30 Hz frames do not fall on 50 Hz ticks.
@@ -305,10 +308,43 @@ impl Model {
         all.push(("vehicle.arm".into(), &self.vehicle.arm, "m", POSITIVE));
         all.push(("vehicle.battery_capacity".into(), &self.vehicle.battery_capacity, "C", POSITIVE));
         all.push(("vehicle.hover_current".into(), &self.vehicle.hover_current, "A", POSITIVE));
+        all.extend(self.vehicle.battery_reference.iter().map(|q| ("vehicle.battery_reference".into(), q, "V", [1.0, 100.0])));
         for (name, q) in [("control", &self.rig.control), ("imu", &self.rig.imu), ("camera", &self.rig.camera)] {
             all.push((format!("rig.{name}"), q, "Hz", [1.0, 2000.0]));
         }
         all
+    }
+
+    /// The numbers of the model by path ("roll.gain", "vertical.thrust.hover"), each with value and unit.
+    pub fn parameters(&self) -> Vec<(String, f64, &'static str)> {
+        self.quantities().into_iter().map(|(path, q, unit, _)| (path, q.value, unit)).collect()
+    }
+
+    /// One of [`Model::parameters`].
+    ///
+    /// # Errors
+    /// [`Error::Unknown`] with a proposal.
+    pub fn parameter(&self, path: &str) -> Result<f64> {
+        let all = self.quantities();
+        let found = all.iter().find(|(name, ..)| name == path);
+        found.map(|(_, q, ..)| q.value).ok_or_else(|| unknown("parameter of the model", path, all.iter().map(|(name, ..)| name.as_str())))
+    }
+
+    /// A copy with another value for one of [`Model::parameters`].
+    ///
+    /// # Errors
+    /// [`Error::Unknown`] with a proposal; [`Error::Model`] for a value outside its interval.
+    pub fn with_parameter(&self, path: &str, value: f64) -> Result<Model> {
+        self.parameter(path)?;
+        let bad = |e: serde_json::Error| self.problem(e.to_string());
+        let mut tree = serde_json::to_value(self).map_err(bad)?;
+        let pointer = format!("/{}/value", path.replace('.', "/"));
+        if let Some(slot) = tree.pointer_mut(&pointer) {
+            *slot = value.into();
+        }
+        let model: Model = serde_json::from_value(tree).map_err(bad)?;
+        model.check()?;
+        Ok(model)
     }
 
     fn check(&self) -> Result<()> {

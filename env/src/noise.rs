@@ -73,11 +73,17 @@ impl<R: Real> Draw<'_, R> {
     /// Uniform in (0, 1).
     #[inline(always)]
     pub fn uniform(&self, channel: u32) -> R {
+        if R::MEAN {
+            return R::of(0.5);
+        }
         R::unit(self.word(channel))
     }
     /// Two independent standard normals (Box and Muller 1958); reaches 5.6 standard deviations.
     #[inline(always)]
     pub fn normals(&self, channel: u32) -> [R; 2] {
+        if R::MEAN {
+            return [R::zero(); 2];
+        }
         let radius = (R::of(-2.0) * self.uniform(channel).ln()).sqrt();
         let turn = self.uniform(channel ^ 0x8000_0000) - R::of(0.5);
         // of the angle 2 pi turn, by way of the angle from the upright, which lies within a quarter turn

@@ -121,6 +121,69 @@ impl<R: Real> TiltStep<R> {
     }
 }
 
+/// A structure of numbers as a list and back, for derivatives of all of them at once.
+macro_rules! listed {
+    ($type:ident, $count:expr, $($field:ident $([$n:expr])?),*) => {
+        impl<R: Real> $type<R> {
+            pub(crate) const NUMBERS: usize = $count;
+            pub(crate) fn numbers(&self) -> Vec<R> {
+                let mut all = Vec::with_capacity(Self::NUMBERS);
+                $($crate::plant::listed!(@put all, self.$field $(, $n)?);)*
+                all
+            }
+            /// `None` unless there are as many as the structure has.
+            pub(crate) fn from_numbers(numbers: &[R]) -> Option<Self> {
+                let mut rest = numbers.iter().copied();
+                let made = $type { $($field: $crate::plant::listed!(@take rest $(, $n)?)),* };
+                rest.next().is_none().then_some(made)
+            }
+        }
+    };
+    (@put $all:ident, $value:expr) => { $all.push($value) };
+    (@put $all:ident, $value:expr, $n:expr) => { $all.extend($value) };
+    (@take $rest:ident) => { $rest.next()? };
+    (@take $rest:ident, $n:expr) => {{
+        let mut array = [R::zero(); $n];
+        for slot in &mut array {
+            *slot = $rest.next()?;
+        }
+        array
+    }};
+}
+pub(crate) use listed;
+
+listed!(AxisStep, 12, x[4], w[4], rate[3], offset);
+listed!(TiltStep, 13, angle[3], rate[3], gained_mps[3], gained_m[3], per_push);
+
+impl<R: Real> Plant<R> {
+    pub(crate) const NUMBERS: usize = 2 * TiltStep::<R>::NUMBERS + 2 * AxisStep::<R>::NUMBERS + 4;
+
+    pub(crate) fn numbers(&self) -> Vec<R> {
+        let mut all = self.roll.numbers();
+        all.extend(self.pitch.numbers());
+        all.extend(self.yaw.numbers());
+        all.extend(self.vertical.numbers());
+        all.extend([self.keep, self.carry_s, self.acc_s, self.acc_s2]);
+        all
+    }
+
+    /// `None` unless there are as many as a plant has.
+    pub(crate) fn from_numbers(numbers: &[R]) -> Option<Self> {
+        let (t, a) = (TiltStep::<R>::NUMBERS, AxisStep::<R>::NUMBERS);
+        let &[keep, carry_s, acc_s, acc_s2] = numbers.get(2 * t + 2 * a..)? else { return None };
+        Some(Plant {
+            roll: TiltStep::from_numbers(&numbers[..t])?,
+            pitch: TiltStep::from_numbers(&numbers[t..2 * t])?,
+            yaw: AxisStep::from_numbers(&numbers[2 * t..2 * t + a])?,
+            vertical: AxisStep::from_numbers(&numbers[2 * t + a..2 * t + 2 * a])?,
+            keep,
+            carry_s,
+            acc_s,
+            acc_s2,
+        })
+    }
+}
+
 /// The model over one step of fixed length.
 #[derive(Debug, Clone, Copy)]
 pub struct Plant<R> {

@@ -27,6 +27,8 @@ pub trait Real:
 
     /// Single precision: polynomials may stop at 1e-7.
     const SINGLE: bool;
+    /// Noise is replaced by its mean: for predicting, not simulating.
+    const MEAN: bool = false;
 
     /// The same number in every lane.
     fn of(value: f64) -> Self;

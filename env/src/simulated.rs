@@ -1,5 +1,6 @@
 //! The number types that the simulator is compiled for, and what a tile of each must be able to do.
 
+use crate::dual::Dual;
 use crate::effects::{Build, Entry, Stage};
 use crate::error::Result;
 use crate::lanes::{LANES, LaneMask, Lanes};
@@ -32,6 +33,22 @@ pub(crate) trait Batched: Simulated {
 impl Simulated for f64 {
     fn stage(entry: &Entry, build: Build) -> Box<dyn Stage<Self>> {
         (entry.double)(build)
+    }
+}
+
+impl Simulated for Dual {
+    fn stage(entry: &Entry, build: Build) -> Box<dyn Stage<Self>> {
+        (entry.dual)(build)
+    }
+    #[inline(always)]
+    #[allow(unsafe_code)]
+    fn run<T>(code: impl FnOnce() -> T) -> T {
+        #[cfg(target_arch = "x86_64")]
+        if std::arch::is_x86_feature_detected!("avx2") {
+            // SAFETY: just asked
+            return unsafe { crate::isa::with_avx2(code) };
+        }
+        code()
     }
 }
 

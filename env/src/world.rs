@@ -1,5 +1,7 @@
 //! The data path: command -> effects on it -> pushes -> exact step -> camera frame -> reading. Reads like one drone; a tile is sixteen.
 
+mod fitting;
+
 use crate::config::{EffectTable, Number, Ranged, numbers};
 use crate::effects::{self, Body, Cx, Fix, Frame, Reading, Stage};
 use crate::error::{Error, Result};
@@ -12,6 +14,8 @@ use crate::simulated::Simulated;
 
 /// Nominal cell voltage (thesis 3.1.1): what is read without a battery effect.
 const NOMINAL_V: f64 = 3.7;
+/// Of a full lithium-polymer cell.
+const FULL_CELL_V: f64 = 4.2;
 
 /// The drones of one tile.
 #[derive(Debug, Clone)]
@@ -58,8 +62,12 @@ pub struct World<R: Simulated> {
     tick_s: f64,
     gravity_mps2: R,
     floor: bool,
+    /// See [`Cx::voltage_v`].
+    voltage_v: Option<R>,
     /// Active effects, in registry order, with what their parameters are drawn from.
     stages: Vec<Box<dyn Stage<R>>>,
+    /// Their names, where a fit asks for them.
+    names: Vec<&'static str>,
     order: Order,
     drawn: Vec<(usize, Vec<Ranged>)>,
     tiles: Vec<Tile<R>>,
@@ -80,8 +88,11 @@ impl<R: Simulated> World<R> {
     /// [`Error::Unknown`] or [`Error::Range`] for effects; [`Error::Range`] if `physics_hz` does not divide the tick into whole base counts.
     pub fn new(model: &Model, effects: &EffectTable, settings: Settings, tiles: usize) -> Result<Self> {
         crate::config::check_effects(effects)?;
+        Self::assemble(model, active(&model.effects, effects)?, settings, tiles)
+    }
+
+    fn assemble(model: &Model, active: Vec<Active>, settings: Settings, tiles: usize) -> Result<Self> {
         let schedule = Schedule::of(model)?;
-        let active = active(&model.effects, effects)?;
         let needed_hz = active.iter().map(|(_, entry, _)| entry.physics_hz).max().unwrap_or(0);
         let counts_per_step = counts_per_step(&schedule, settings.physics_hz, needed_hz)?;
         let mut order = Order::default();
@@ -117,7 +128,9 @@ impl<R: Simulated> World<R> {
             tick_s: schedule.seconds(schedule.control),
             gravity_mps2: R::of(model.lateral.gravity.value),
             floor: true,
+            voltage_v: None,
             drawn: drawn.into_iter().map(|(i, values)| (i, with_ranges(entries[i], values))).collect(),
+            names: Vec::new(),
             stages: stages.into_iter().map(|(_, stage)| stage).collect(),
             order,
             tiles: vec![Tile::new(); tiles],
@@ -196,7 +209,7 @@ impl<R: Simulated> World<R> {
         let (draw, tick_s) = (t.keys.at(&t.tick), self.tick_s);
         let x = t.x;
         let t_s = t.ticks * R::of(tick_s);
-        let cx = Cx { body: &self.body, h_s: tick_s, tick_s, since_tick_s: 0.0, t_s, first: true, draw: &draw, clock: t.clock };
+        let cx = Cx { body: &self.body, h_s: tick_s, tick_s, since_tick_s: 0.0, t_s, first: true, draw: &draw, clock: t.clock, voltage_v: self.voltage_v };
         for stage in &mut self.stages {
             stage.start(tile, mask, &cx, &x, u);
         }
@@ -248,7 +261,7 @@ impl<R: Simulated> World<R> {
         let (tick_s, h_s) = (self.tick_s, self.tick_s / f64::from(self.steps_per_tick));
         let draw = t.keys.at(&t.tick);
         let mut cx =
-            Cx { body: &self.body, h_s, tick_s, since_tick_s: 0.0, t_s: t.ticks * R::of(tick_s), first: true, draw: &draw, clock: t.clock };
+            Cx { body: &self.body, h_s, tick_s, since_tick_s: 0.0, t_s: t.ticks * R::of(tick_s), first: true, draw: &draw, clock: t.clock, voltage_v: self.voltage_v };
         let mut contact = Contact::none();
         let mut at_frame = None;
         let (mut u, mut push) = (*command, Push::none());
@@ -368,6 +381,7 @@ fn body<R: Real>(model: &Model, input: VerticalInput) -> Result<Body<R>> {
         rotor_radius_m: R::of(model.vehicle.rotor_radius.value),
         per_battery_capacity_pc: R::of(1.0 / model.vehicle.battery_capacity.value),
         hover_current_a: R::of(model.vehicle.hover_current.value),
+        battery_reference_v: R::of(model.vehicle.battery_reference.as_ref().map_or(FULL_CELL_V, |q| q.value)),
         per_hover_pwm: R::of(hover.map_or(0.0, |h| 1.0 / h)),
         height_command: R::of(if hover.is_some() { 0.0 } else { 1.0 }),
         arm_m: R::of(model.vehicle.arm.value),

@@ -11,9 +11,9 @@ impl Effect<3, 4> for BatterySag {
     const ABOUT: &'static str = "The voltage falls with charge and current; thrust goes with a power of it";
     const SOURCE: &'static str = "Discharge curve of Tremblay, Dessaint and Dekkiche 2007 with 4.2 V full; current as thrust^1.5 (momentum theory)";
     const PARAMS: [Param; 3] = [
-        param("exponent", "1", 0.0, [0.0, 4.0], "thrust goes as (voltage / full voltage)^exponent; 2 without compensation"),
-        param("charge", "1", 1.0, [0.05, 1.0], "at the start of the episode"),
-        param("resistance_ohm", "ohm", 0.0, [0.0, 0.5], "inner resistance; about 0.1 measured on a Crazyflie"),
+        param("exponent", "1", 0.0, [0.0, 4.0], "thrust goes as (voltage / reference voltage)^exponent; 2 without compensation"),
+        param("charge", "1", 1.0, [0.05, 1.0], "at the start of the episode").constant(),
+        param("resistance_ohm", "ohm", 0.0, [0.0, 0.5], "inner resistance; about 0.1 measured on a Crazyflie").constant(),
     ];
     const HOOKS: Hooks = Hooks::PUSH_AND_SENSE;
 
@@ -33,8 +33,12 @@ impl Effect<3, 4> for BatterySag {
             // exp(-decay used) for the ten-thousandth part of a charge that a tick uses
             let fall = R::of(DECAY) * used;
             s[3] -= s[3] * fall * (R::of(1.0) - R::of(0.5) * fall);
-            let full = R::of(FULL_V) - resistance_ohm * cx.body.hover_current_a;
-            s[2] = (open_circuit_v(s[0], s[3]) - resistance_ohm * current).max(R::of(1.0));
+            let reference = cx.body.battery_reference_v;
+            let (voltage, full) = match cx.voltage_v {
+                Some(measured) => (measured, reference),
+                None => (open_circuit_v(s[0], s[3]) - resistance_ohm * current, reference - resistance_ohm * cx.body.hover_current_a),
+            };
+            s[2] = voltage.max(R::of(1.0));
             s[1] = (s[2] / full).powf(exponent) - R::of(1.0);
         }
         out.acc_mps2[2] += cx.body.thrust_mps2(u) * s[1];

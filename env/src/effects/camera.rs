@@ -1,6 +1,6 @@
 //! The camera instead of an ideal localisation.
 
-use super::{Cx, Effect, Frame, Hooks, Param, param};
+use super::{Cx, Effect, Frame, Hooks, Param, Trace, param};
 use crate::plant::State;
 use crate::real::Real;
 
@@ -14,6 +14,7 @@ impl Effect<1, 0> for Camera {
         param("on", "1", 0.0, [0.0, 1.0], "1 to fly by camera"),
     ];
     const HOOKS: Hooks = Hooks::FRAME;
+    const TRACE: Trace = Trace::Sight;
 
     // frames flow as soon as any effect has the frame hook: nothing is left to do
     #[inline(always)]

@@ -1,6 +1,6 @@
 //! The second solution of a flat marker.
 
-use super::{Cx, Effect, Frame, Hooks, Param, param};
+use super::{Cx, Effect, Frame, Hooks, Param, Trace, param};
 use crate::plant::State;
 use crate::real::Real;
 
@@ -14,6 +14,7 @@ impl Effect<1, 0> for CameraFlip {
         param("probability", "1", 0.0, [0.0, 1.0], "per frame"),
     ];
     const HOOKS: Hooks = Hooks::FRAME;
+    const TRACE: Trace = Trace::Spread;
 
     #[inline(always)]
     fn frame<R: Real>(&[probability]: &[R; 1], _: &mut [R; 0], cx: &Cx<R>, _: &State<R>, f: &mut Frame<R>) {

@@ -1,6 +1,6 @@
 //! What the camera can see: markers leave the picture and come back.
 
-use super::{Cx, Effect, Frame, Hooks, Param, param};
+use super::{Cx, Effect, Frame, Hooks, Param, Trace, param};
 use crate::plant::State;
 use crate::real::{Real, dot, tabulate};
 
@@ -18,6 +18,7 @@ impl Effect<5, 1> for CameraFov {
         param("reacquire_s", "s", 0.0, [0.0, 2.0], "time for which a lost marker must be in view again before it counts"),
     ];
     const HOOKS: Hooks = Hooks::FRAME;
+    const TRACE: Trace = Trace::Sight;
 
     #[inline(always)]
     fn frame<R: Real>(p: &[R; 5], wait: &mut [R; 1], cx: &Cx<R>, x: &State<R>, f: &mut Frame<R>) {

@@ -1,6 +1,6 @@
 //! Noise of the marker pose.
 
-use super::{Cx, Effect, Frame, Hooks, Param, param};
+use super::{Cx, Effect, Frame, Hooks, Param, Trace, param};
 use crate::plant::State;
 use crate::real::Real;
 
@@ -16,6 +16,7 @@ impl Effect<3, 0> for CameraNoise {
         param("yaw_deg", "deg", 0.0, [0.0, 20.0], "standard deviation of the heading at 70 cm"),
     ];
     const HOOKS: Hooks = Hooks::FRAME;
+    const TRACE: Trace = Trace::Spread;
 
     #[inline(always)]
     fn frame<R: Real>(&[xy_m, z_m, yaw_deg]: &[R; 3], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, f: &mut Frame<R>) {

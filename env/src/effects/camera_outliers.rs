@@ -1,6 +1,6 @@
 //! Marker poses that are plainly wrong.
 
-use super::{Cx, Effect, Frame, Hooks, Param, param};
+use super::{Cx, Effect, Frame, Hooks, Param, Trace, param};
 use crate::plant::State;
 use crate::real::Real;
 
@@ -17,6 +17,7 @@ impl Effect<4, 0> for CameraOutliers {
         param("far_m", "m", 1.0, [0.0, 10.0], "farthest distance at which they occur"),
     ];
     const HOOKS: Hooks = Hooks::FRAME;
+    const TRACE: Trace = Trace::Spread;
 
     #[inline(always)]
     fn frame<R: Real>(&[probability, size_m, near_m, far_m]: &[R; 4], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, f: &mut Frame<R>) {

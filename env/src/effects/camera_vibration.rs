@@ -1,6 +1,6 @@
 //! A camera that shakes.
 
-use super::{Cx, Effect, Frame, Hooks, Param, param};
+use super::{Cx, Effect, Frame, Hooks, Param, Trace, param};
 use crate::plant::State;
 use crate::real::Real;
 
@@ -14,6 +14,7 @@ impl Effect<1, 0> for CameraVibration {
         param("angle_deg", "deg", 0.0, [0.0, 5.0], "standard deviation of the angle about each axis"),
     ];
     const HOOKS: Hooks = Hooks::FRAME;
+    const TRACE: Trace = Trace::Spread;
 
     #[inline(always)]
     fn frame<R: Real>(&[angle_deg]: &[R; 1], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, f: &mut Frame<R>) {

@@ -1,6 +1,6 @@
 //! A gyro that drifts, and IMU noise.
 
-use super::{Cx, Effect, Hooks, Param, Reading, param};
+use super::{Cx, Effect, Hooks, Param, Reading, Trace, param};
 use crate::plant::{Command, State};
 use crate::real::Real;
 
@@ -17,6 +17,7 @@ impl Effect<4, 4> for GyroBias {
         param("angle_noise_deg", "deg", 0.0, [0.0, 5.0], "white noise of each angle"),
     ];
     const HOOKS: Hooks = Hooks::SENSE;
+    const TRACE: Trace = Trace::Spread;
 
     #[inline(always)]
     fn start<R: Real>(&[bias_degps, ..]: &[R; 4], cx: &Cx<R>, _: &State<R>, _: &Command<R>) -> [R; 4] {

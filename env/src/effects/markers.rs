@@ -1,6 +1,6 @@
 //! A field of markers instead of one.
 
-use super::{Cx, Effect, Frame, Hooks, Param, param};
+use super::{Cx, Effect, Frame, Hooks, Param, Trace, param};
 use crate::plant::State;
 use crate::real::Real;
 
@@ -16,6 +16,7 @@ impl Effect<3, 0> for Markers {
         param("pitch_m", "m", 0.5, [0.2, 5.0], "from centre to centre"),
     ];
     const HOOKS: Hooks = Hooks::FRAME;
+    const TRACE: Trace = Trace::Sight;
 
     #[inline(always)]
     fn frame<R: Real>(field: &[R; 3], _: &mut [R; 0], _: &Cx<R>, _: &State<R>, f: &mut Frame<R>) {

@@ -3,6 +3,7 @@
 
 mod stage;
 
+use crate::dual::Dual;
 use crate::lanes::Lanes;
 use crate::noise::{Draw, channel};
 use crate::plant::{Command, Push, State};
@@ -20,11 +21,43 @@ pub struct Param {
     pub low: f64,
     pub high: f64,
     pub about: &'static str,
+    pub role: Role,
+}
+
+/// What fitting does with a parameter.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// It is estimated.
+    Free,
+    /// A constant of the law, or a thing that a log of commands and motion does not show: it keeps its value.
+    Constant,
+    /// A whole number that selects a variant: each is tried.
+    Choice,
 }
 
 /// A parameter of an effect, for its [`Effect::PARAMS`].
 pub const fn param(name: &'static str, unit: &'static str, off: f64, range: [f64; 2], about: &'static str) -> Param {
-    Param { name, unit, off, low: range[0], high: range[1], about }
+    Param { name, unit, off, low: range[0], high: range[1], about, role: Role::Free }
+}
+
+impl Param {
+    const fn constant(self) -> Param {
+        Param { role: Role::Constant, ..self }
+    }
+    const fn choice(self) -> Param {
+        Param { role: Role::Choice, ..self }
+    }
+}
+
+/// How an effect shows in the log of a flight.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Trace {
+    /// It changes what is expected.
+    Mean,
+    /// It is random: it changes how far off the expectation is.
+    Spread,
+    /// It decides what is seen at all.
+    Sight,
 }
 
 /// Where an effect enters the loop.
@@ -58,6 +91,8 @@ pub struct Body<R> {
     /// 1 / (charge of the full battery in coulombs).
     pub per_battery_capacity_pc: R,
     pub hover_current_a: R,
+    /// Voltage at which the model's thrust holds.
+    pub battery_reference_v: R,
     /// 1 / (PWM that carries the weight); zero where the command is a height.
     pub per_hover_pwm: R,
     /// 1 where the command is a height (then the thrust is taken as the weight), 0 where it is a PWM.
@@ -71,6 +106,11 @@ pub struct Body<R> {
     pub tilt_damping_ps: [R; 2],
     pub tilt_stiffness_ps2: [R; 2],
 }
+
+crate::plant::listed!(
+    Body, 18, gravity_mps2, mass_kg, rotor_radius_m, per_battery_capacity_pc, hover_current_a, battery_reference_v, per_hover_pwm,
+    height_command, arm_m, yaw_sign, tilt_gain_ps2[2], tilt_damping_ps[2], tilt_stiffness_ps2[2]
+);
 
 impl<R: Real> Body<R> {
     /// Thrust over weight.
@@ -103,6 +143,8 @@ pub struct Cx<'a, R: Real> {
     pub draw: &'a Draw<'a, R>,
     /// Control ticks of this tile since the world was made; the same for all its lanes.
     pub clock: usize,
+    /// Battery voltage where a log holds it; otherwise the battery is simulated.
+    pub voltage_v: Option<R>,
 }
 
 /// A camera frame: the pose that the marker detection reports.
@@ -169,6 +211,7 @@ pub trait Effect<const P: usize, const S: usize>: Send + 'static {
     /// Physics steps per second that the effect needs. Pushes are held over a step and see the state at its middle, which is good to second
     /// order; only what feeds back on the fast attitude dynamics (5.1 has a pole at -28.8 1/s) needs more than the control rate.
     const PHYSICS_HZ: u32 = 50;
+    const TRACE: Trace = Trace::Mean;
     /// First noise channel; an effect's own channels count on from here.
     const NOISE: u32 = channel(Self::NAME);
 
@@ -199,10 +242,12 @@ pub struct Entry {
     pub params: &'static [Param],
     pub hooks: Hooks,
     pub physics_hz: u32,
+    pub trace: Trace,
     pub(crate) lanes: fn(Build) -> Box<dyn Stage<Lanes>>,
     #[cfg(target_arch = "x86_64")]
     pub(crate) avx2: fn(Build) -> Box<dyn Stage<crate::lanes_avx2::Lanes>>,
     pub(crate) double: fn(Build) -> Box<dyn Stage<f64>>,
+    pub(crate) dual: fn(Build) -> Box<dyn Stage<Dual>>,
 }
 
 macro_rules! registry {

@@ -19,6 +19,8 @@ pub struct Build {
 pub trait Stage<R: Real>: Send {
     /// Set a lane's parameters.
     fn set(&mut self, tile: usize, lane: usize, params: &[f64]);
+    /// Set the parameters that all lanes share, with whatever the number type carries.
+    fn put(&mut self, params: &[R]);
     /// Begin an episode in the lanes of `mask`.
     fn start(&mut self, tile: usize, mask: R::Mask, cx: &Cx<R>, x: &State<R>, u: &Command<R>);
     fn command(&mut self, tile: usize, cx: &Cx<R>, x: &State<R>, u: &mut Command<R>);
@@ -54,6 +56,10 @@ impl<E: Effect<P, S>, R: Simulated, const P: usize, const S: usize> Stage<R> for
         for (slot, value) in self.params[tile * self.stride].iter_mut().zip(params) {
             if self.stride == 1 { slot.set_lane(lane, *value) } else { *slot = R::of(*value) }
         }
+    }
+
+    fn put(&mut self, params: &[R]) {
+        self.params[0].copy_from_slice(params);
     }
 
     fn start(&mut self, tile: usize, mask: R::Mask, cx: &Cx<R>, x: &State<R>, u: &Command<R>) {
@@ -115,9 +121,11 @@ pub(super) const fn entry<E: Effect<P, S>, const P: usize, const S: usize>(_effe
         params: const { &E::PARAMS },
         hooks: E::HOOKS,
         physics_hz: E::PHYSICS_HZ,
+        trace: E::TRACE,
         lanes: StageOf::<E, _, P, S>::boxed,
         #[cfg(target_arch = "x86_64")]
         avx2: StageOf::<E, _, P, S>::boxed,
         double: StageOf::<E, _, P, S>::boxed,
+        dual: StageOf::<E, _, P, S>::boxed,
     }
 }

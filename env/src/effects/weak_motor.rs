@@ -11,7 +11,7 @@ impl Effect<2, 0> for WeakMotor {
     const ABOUT: &'static str = "One motor (1 front right, 2 back right, 3 back left, 4 front left) loses a share of its thrust";
     const SOURCE: &'static str = "X configuration of thesis 4.1; inertia 1.657e-5 and 2.926e-5 kg m^2, torque per thrust 5.96 mm: Foerster 2015";
     const PARAMS: [Param; 2] = [
-        param("motor", "1", 1.0, [1.0, 4.0], "which; front is where +pitch leads"),
+        param("motor", "1", 1.0, [1.0, 4.0], "which; front is where +pitch leads").choice(),
         param("loss", "1", 0.0, [0.0, 1.0], "share of its thrust that is lost"),
     ];
     const HOOKS: Hooks = Hooks::PUSH;

@@ -13,7 +13,7 @@ impl Effect<3, 0> for Wind {
     const PARAMS: [Param; 3] = [
         param("x_mps2", "m/s^2", 0.0, [-5.0, 5.0], "along world x"),
         param("y_mps2", "m/s^2", 0.0, [-5.0, 5.0], "along world y"),
-        param("z_mps2", "m/s^2", 0.0, [-5.0, 5.0], "along world z"),
+        param("z_mps2", "m/s^2", 0.0, [-5.0, 5.0], "along world z").constant(),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
 

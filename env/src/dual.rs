@@ -1,0 +1,227 @@
+//! A number with its derivatives in [`DIRECTIONS`] directions (forward-mode automatic differentiation): fitting runs the simulator's own
+//! formulas on it. Draws of noise are their means, so that a world of duals predicts what is expected.
+
+use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
+
+use crate::real::Real;
+
+/// Derivatives carried along: the twelve states of a window's start and four parameters fit in one pass.
+pub const DIRECTIONS: usize = 16;
+
+/// A value and its derivatives.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Dual {
+    pub value: f64,
+    pub slope: [f64; DIRECTIONS],
+}
+
+impl Dual {
+    /// The variable of one direction.
+    pub fn variable(value: f64, direction: usize) -> Self {
+        let mut slope = [0.0; DIRECTIONS];
+        slope[direction] = 1.0;
+        Dual { value, slope }
+    }
+
+    /// f(self), given the value of f and its derivative.
+    #[inline(always)]
+    fn chain(self, value: f64, derivative: f64) -> Self {
+        let mut slope = self.slope;
+        for s in &mut slope {
+            *s *= derivative;
+        }
+        Dual { value, slope }
+    }
+
+    /// `p` of the slope of `a` and `q` of that of `b`.
+    #[inline(always)]
+    fn mix(value: f64, a: &Self, p: f64, b: &Self, q: f64) -> Self {
+        let mut slope = [0.0; DIRECTIONS];
+        for i in 0..DIRECTIONS {
+            slope[i] = p * a.slope[i] + q * b.slope[i];
+        }
+        Dual { value, slope }
+    }
+}
+
+impl Add for Dual {
+    type Output = Self;
+    #[inline(always)]
+    fn add(mut self, other: Self) -> Self {
+        self += other;
+        self
+    }
+}
+
+impl Sub for Dual {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(mut self, other: Self) -> Self {
+        self -= other;
+        self
+    }
+}
+
+impl Mul for Dual {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, other: Self) -> Self {
+        Self::mix(self.value * other.value, &self, other.value, &other, self.value)
+    }
+}
+
+impl Div for Dual {
+    type Output = Self;
+    #[inline(always)]
+    fn div(self, other: Self) -> Self {
+        let (value, per) = (self.value / other.value, 1.0 / other.value);
+        Self::mix(value, &self, per, &other, -value * per)
+    }
+}
+
+impl Neg for Dual {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        self.chain(-self.value, -1.0)
+    }
+}
+
+impl AddAssign for Dual {
+    #[inline(always)]
+    fn add_assign(&mut self, other: Self) {
+        self.value += other.value;
+        for i in 0..DIRECTIONS {
+            self.slope[i] += other.slope[i];
+        }
+    }
+}
+
+impl SubAssign for Dual {
+    #[inline(always)]
+    fn sub_assign(&mut self, other: Self) {
+        self.value -= other.value;
+        for i in 0..DIRECTIONS {
+            self.slope[i] -= other.slope[i];
+        }
+    }
+}
+
+impl Real for Dual {
+    type Mask = bool;
+    type Word = u32;
+    const SINGLE: bool = false;
+    const MEAN: bool = true;
+
+    #[inline(always)]
+    fn of(value: f64) -> Self {
+        Dual { value, slope: [0.0; DIRECTIONS] }
+    }
+    /// At zero the derivative is taken as zero, not infinite.
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        let root = self.value.sqrt();
+        self.chain(root, if root > 0.0 { 0.5 / root } else { 0.0 })
+    }
+    #[inline(always)]
+    fn abs(self) -> Self {
+        if self.value < 0.0 { -self } else { self }
+    }
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        if other.value < self.value { other } else { self }
+    }
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        if other.value > self.value { other } else { self }
+    }
+    fn round(self) -> Self {
+        Self::of(Real::round(self.value))
+    }
+    #[inline(always)]
+    fn lt(self, other: Self) -> bool {
+        self.value < other.value
+    }
+    #[inline(always)]
+    fn le(self, other: Self) -> bool {
+        self.value <= other.value
+    }
+    #[inline(always)]
+    fn select(mask: bool, yes: Self, no: Self) -> Self {
+        if mask { yes } else { no }
+    }
+    fn any(mask: bool) -> bool {
+        mask
+    }
+    fn all(mask: bool) -> bool {
+        mask
+    }
+    fn nothing() -> bool {
+        false
+    }
+    fn unit(word: u32) -> Self {
+        Self::of(f64::unit(word))
+    }
+    fn split_exponent(self) -> (Self, Self) {
+        let (mantissa, exponent) = Real::split_exponent(self.value);
+        let derivative = mantissa / self.value;
+        (self.chain(mantissa, derivative), Self::of(exponent))
+    }
+    fn scale_exponent(self, exponent: Self) -> Self {
+        let factor = Real::scale_exponent(1.0, exponent.value);
+        self.chain(self.value * factor, factor)
+    }
+    fn lane(self, _: usize) -> f64 {
+        self.value
+    }
+    fn set_lane(&mut self, _: usize, value: f64) {
+        *self = Self::of(value);
+    }
+    // The same values as from the general formulas; the derivatives in closed form.
+    fn sin_cos(self) -> (Self, Self) {
+        let (sin, cos) = Real::sin_cos(self.value);
+        (self.chain(sin, cos), self.chain(cos, -sin))
+    }
+    fn sin_cos_quarter(self) -> (Self, Self) {
+        let (sin, cos) = Real::sin_cos_quarter(self.value);
+        (self.chain(sin, cos), self.chain(cos, -sin))
+    }
+    fn exp(self) -> Self {
+        let value = Real::exp(self.value);
+        self.chain(value, value)
+    }
+    fn ln(self) -> Self {
+        self.chain(Real::ln(self.value), 1.0 / self.value)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// One formula through everything a formula may ask of a number.
+    fn formula<R: Real>(x: R, y: R) -> R {
+        let (s, c) = (x * y).sin_cos();
+        let bent = R::select(x.lt(y), x.max(y).sqrt(), x.min(y)) + (x - y).abs();
+        (s / (R::of(2.0) + c)).exp() * bent.powf(y) - x.tan() + (-y).clamp(R::of(-0.9), R::of(0.9))
+    }
+
+    #[test]
+    fn slopes_are_the_derivatives_and_values_those_of_f64() {
+        for (x, y) in [(0.3, 0.7), (0.9, 0.2), (-0.4, 1.3)] {
+            let dual = formula(Dual::variable(x, 3), Dual::variable(y, 9));
+            assert_eq!(dual.value, formula(x, y));
+            let h = 1e-6;
+            let by_difference = [(formula(x + h, y) - formula(x - h, y)) / (2.0 * h), (formula(x, y + h) - formula(x, y - h)) / (2.0 * h)];
+            for (slope, difference) in [dual.slope[3], dual.slope[9]].into_iter().zip(by_difference) {
+                assert!((slope - difference).abs() < 1e-7 * (1.0 + difference.abs()), "{x} {y}: {slope} against {difference}");
+            }
+            assert_eq!(dual.slope[0], 0.0);
+        }
+    }
+
+    #[test]
+    fn a_root_of_zero_has_no_infinite_slope() {
+        assert_eq!(Dual::variable(0.0, 0).sqrt(), Dual::of(0.0));
+    }
+}

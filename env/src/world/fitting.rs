@@ -1,0 +1,112 @@
+//! What fitting needs of a world beyond stepping it: effects that stay in the loop at whatever value, parameters and states that carry
+//! derivatives, and a camera frame at any time.
+
+use super::{Settings, State, World, active, body};
+use crate::config::{EffectTable, Number};
+use crate::dual::Dual;
+use crate::effects::{self, Body, Cx, Entry, Frame};
+use crate::error::{Error, Result};
+use crate::model::Model;
+use crate::plant::Plant;
+use crate::simulated::Simulated;
+
+/// How far a model parameter is moved to each side, relative to its value, for the derivatives of the discretised model.
+const NUDGE: f64 = 1e-5;
+
+impl<R: Simulated> World<R> {
+    /// One drone without a floor, with the model's own effects and `tried` in the loop, whatever the values of their parameters. A voltage
+    /// given later by [`World::set_voltage`] takes the place of the simulated battery.
+    ///
+    /// # Errors
+    /// As [`World::new`].
+    pub fn for_fitting(model: &Model, tried: &[&'static Entry], settings: Settings) -> Result<Self> {
+        let mut all = active(&model.effects, &EffectTable::new())?;
+        for entry in tried {
+            let (place, _) = effects::find(entry.name)?;
+            all.retain(|(other, ..)| *other != place);
+            all.push((place, entry, entry.params.iter().map(|p| Number::Fixed(p.off)).collect()));
+        }
+        all.sort_by_key(|(place, ..)| *place);
+        let names = all.iter().map(|(_, entry, _)| entry.name).collect();
+        Ok(World { names, ..Self::assemble(model, all, settings, 1)?.without_floor() })
+    }
+
+    /// Give an effect its parameters, in the order of its registry entry.
+    ///
+    /// # Errors
+    /// [`Error::Unknown`] for an effect that is not in the loop.
+    pub fn put(&mut self, effect: &str, params: &[R]) -> Result<()> {
+        let found = self.names.iter().position(|name| *name == effect);
+        let stage = found.ok_or_else(|| crate::error::unknown("effect of this world", effect, self.names.iter().copied()))?;
+        self.stages[stage].put(params);
+        Ok(())
+    }
+
+    /// Take another state and leave what effects remember (of past commands, say) as it is.
+    pub fn set_state(&mut self, x: &State<R>) {
+        self.tiles[0].x = *x;
+        self.tiles[0].acc_mps2 = [R::zero(); 3];
+    }
+
+    /// The measured battery voltage of the coming tick.
+    pub fn set_voltage(&mut self, measured_v: Option<R>) {
+        self.voltage_v = measured_v;
+    }
+
+    /// The state `share` of a control tick before its end, between the states at its ends.
+    pub fn between(&self, before: &State<R>, after: &State<R>, share: R) -> State<R> {
+        before.look_back(after, share, self.tick_s)
+    }
+
+    /// The frame that the marker detection would report of the state `x`, captured at `t_s`; its time is the stamp that it would carry.
+    pub fn film(&mut self, x: &State<R>, t_s: R) -> Frame<R> {
+        let all = R::zero().le(R::zero());
+        let mut frame = Frame::of(x, all, t_s);
+        let t = &self.tiles[0];
+        let draw = t.keys.at(&t.tick);
+        let h_s = self.schedule.seconds(self.schedule.camera);
+        let cx = Cx {
+            body: &self.body,
+            h_s,
+            tick_s: self.tick_s,
+            since_tick_s: 0.0,
+            t_s,
+            first: true,
+            draw: &draw,
+            clock: t.clock,
+            voltage_v: self.voltage_v,
+        };
+        for &i in &self.order.frame {
+            self.stages[i].frame(0, &cx, x, &mut frame);
+        }
+        frame
+    }
+}
+
+impl World<Dual> {
+    /// Carry the derivatives of the model itself: `seeds` names parameters by path (see [`Model::parameters`]) and the direction of each.
+    ///
+    /// # Errors
+    /// [`Error::Unknown`] for a path that the model lacks.
+    pub fn seed_model(&mut self, model: &Model, settings: Settings, seeds: &[(&str, usize)]) -> Result<()> {
+        let h_s = self.tick_s / f64::from(self.steps_per_tick);
+        let of = |m: &Model| -> Result<Vec<f64>> {
+            let (plant, body) = (Plant::<f64>::new(m, settings.input, h_s)?, body::<f64>(m, settings.input)?);
+            Ok(plant.numbers().into_iter().chain(body.numbers()).collect())
+        };
+        let mut numbers: Vec<Dual> = of(model)?.into_iter().map(crate::real::Real::of).collect();
+        for (path, direction) in seeds {
+            let value = model.parameter(path)?;
+            let step = NUDGE * value.abs().max(NUDGE);
+            let (up, down) = (of(&model.with_parameter(path, value + step)?)?, of(&model.with_parameter(path, value - step)?)?);
+            for (number, (up, down)) in numbers.iter_mut().zip(up.into_iter().zip(down)) {
+                number.slope[*direction] = (up - down) / (2.0 * step);
+            }
+        }
+        let (plant, body) = numbers.split_at(Plant::<Dual>::NUMBERS);
+        let broken = || Error::Config("a world's constants do not add up".into());
+        self.plant = Plant::from_numbers(plant).ok_or_else(broken)?;
+        self.body = Body::from_numbers(body).ok_or_else(broken)?;
+        Ok(())
+    }
+}
