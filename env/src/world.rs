@@ -64,6 +64,8 @@ pub struct World<R: Simulated> {
     floor: bool,
     /// See [`Cx::voltage_v`].
     voltage_v: Option<R>,
+    /// What a filter pushes with besides the effects.
+    disturbance: Option<Push<R>>,
     /// Active effects, in registry order, with what their parameters are drawn from.
     stages: Vec<Box<dyn Stage<R>>>,
     /// Their names, where a fit asks for them.
@@ -129,6 +131,7 @@ impl<R: Simulated> World<R> {
             gravity_mps2: R::of(model.lateral.gravity.value),
             floor: true,
             voltage_v: None,
+            disturbance: None,
             drawn: drawn.into_iter().map(|(i, values)| (i, with_ranges(entries[i], values))).collect(),
             names: Vec::new(),
             stages: stages.into_iter().map(|(_, stage)| stage).collect(),
@@ -209,7 +212,17 @@ impl<R: Simulated> World<R> {
         let (draw, tick_s) = (t.keys.at(&t.tick), self.tick_s);
         let x = t.x;
         let t_s = t.ticks * R::of(tick_s);
-        let cx = Cx { body: &self.body, h_s: tick_s, tick_s, since_tick_s: 0.0, t_s, first: true, draw: &draw, clock: t.clock, voltage_v: self.voltage_v };
+        let cx = Cx {
+            body: &self.body,
+            h_s: tick_s,
+            tick_s,
+            since_tick_s: 0.0,
+            t_s,
+            first: true,
+            draw: &draw,
+            clock: t.clock,
+            voltage_v: self.voltage_v,
+        };
         for stage in &mut self.stages {
             stage.start(tile, mask, &cx, &x, u);
         }
@@ -234,7 +247,7 @@ impl<R: Simulated> World<R> {
     /// One control tick of one tile; read the outcome from [`World::state`] and [`World::reading`].
     #[inline(always)]
     pub fn step(&mut self, tile: usize, command: &Command<R>) -> Contact<R> {
-        if !self.stages.is_empty() || self.steps_per_tick != 1 {
+        if !self.stages.is_empty() || self.steps_per_tick != 1 || self.disturbance.is_some() {
             return self.step_with_effects(tile, command);
         }
         // The same with nothing to call: everything stays in registers.
@@ -260,11 +273,21 @@ impl<R: Simulated> World<R> {
         let filming = !self.order.frame.is_empty();
         let (tick_s, h_s) = (self.tick_s, self.tick_s / f64::from(self.steps_per_tick));
         let draw = t.keys.at(&t.tick);
-        let mut cx =
-            Cx { body: &self.body, h_s, tick_s, since_tick_s: 0.0, t_s: t.ticks * R::of(tick_s), first: true, draw: &draw, clock: t.clock, voltage_v: self.voltage_v };
+        let mut cx = Cx {
+            body: &self.body,
+            h_s,
+            tick_s,
+            since_tick_s: 0.0,
+            t_s: t.ticks * R::of(tick_s),
+            first: true,
+            draw: &draw,
+            clock: t.clock,
+            voltage_v: self.voltage_v,
+        };
         let mut contact = Contact::none();
         let mut at_frame = None;
-        let (mut u, mut push) = (*command, Push::none());
+        let undisturbed = self.disturbance.unwrap_or(Push::none());
+        let (mut u, mut push) = (*command, undisturbed);
         for step in 1..=self.steps_per_tick {
             if !self.order.command.is_empty() {
                 u = *command;
@@ -273,7 +296,7 @@ impl<R: Simulated> World<R> {
                 }
             }
             if !self.order.push.is_empty() {
-                push = Push::none();
+                push = undisturbed;
                 let middle = t.x.ahead(&t.acc_mps2, 0.5 * h_s);
                 for &i in &self.order.push {
                     self.stages[i].push(tile, &cx, &middle, &u, &mut push);

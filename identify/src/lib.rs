@@ -5,6 +5,8 @@
 //! [`metrics`] compares a measured signal with a model's.
 #![forbid(unsafe_code)]
 
+pub mod case;
+pub mod fit;
 pub mod log;
 pub mod metrics;
 pub mod replay;

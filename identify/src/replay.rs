@@ -2,7 +2,7 @@
 //! compared with what was measured.
 
 mod error;
-mod measured;
+pub(crate) mod measured;
 
 use std::fmt;
 use std::ops::Range;

@@ -1,6 +1,6 @@
 //! A slow error of the marker pose.
 
-use super::{Cx, Effect, Frame, Hooks, Param, Trace, param};
+use super::{Cx, Disturbance, Effect, Frame, Hooks, Param, Trace, param};
 use crate::plant::{Command, State};
 use crate::real::Real;
 
@@ -15,7 +15,7 @@ impl Effect<2, 3> for CameraDrift {
         param("tau_s", "s", 2.0, [0.1, 60.0], "correlation time"),
     ];
     const HOOKS: Hooks = Hooks::FRAME;
-    const TRACE: Trace = Trace::Spread;
+    const TRACE: Trace = Trace::Wander(Disturbance::Marker);
 
     #[inline(always)]
     fn start<R: Real>(&[sigma_m, _]: &[R; 2], cx: &Cx<R>, _: &State<R>, _: &Command<R>) -> [R; 3] {

@@ -8,7 +8,7 @@ pub struct CmdDeadband;
 
 impl Effect<1, 0> for CmdDeadband {
     const NAME: &'static str = "cmd_deadband";
-    const ABOUT: &'static str = "Roll and pitch commands smaller than this do nothing";
+    const ABOUT: &'static str = "Roll and pitch commands smaller than this do nothing, larger ones act by what they exceed it";
     const SOURCE: &'static str = "Static friction of the trim and quantisation of the radio link; the dead zone of control textbooks";
     const PARAMS: [Param; 1] = [
         param("tilt_deg", "deg", 0.0, [0.0, 10.0], "width of the dead band to each side"),
@@ -19,7 +19,7 @@ impl Effect<1, 0> for CmdDeadband {
     fn command<R: Real>(&[tilt_deg]: &[R; 1], _: &mut [R; 0], _: &Cx<R>, _: &State<R>, u: &mut Command<R>) {
         let width = tilt_deg * R::of(std::f64::consts::PI / 180.0);
         for angle in [&mut u.roll_rad, &mut u.pitch_rad] {
-            *angle = R::select(angle.abs().lt(width), R::zero(), *angle);
+            *angle -= angle.clamp(-width, width);
         }
     }
 }

@@ -11,13 +11,13 @@ impl Effect<1, 0> for FrameYaw {
     const ABOUT: &'static str = "Marker positions and heading are reported in a frame turned about z";
     const SOURCE: &'static str = "A marker laid down by hand";
     const PARAMS: [Param; 1] = [
-        param("angle_deg", "deg", 0.0, [-180.0, 180.0], "right-handed, added to the heading"),
+        param("angle_deg", "deg", 0.0, [-180.0, 180.0], "of the marker frame against the world, right-handed; what is reported turns the other way"),
     ];
     const HOOKS: Hooks = Hooks::FRAME;
 
     #[inline(always)]
     fn frame<R: Real>(&[angle_deg]: &[R; 1], _: &mut [R; 0], _: &Cx<R>, _: &State<R>, f: &mut Frame<R>) {
-        let angle = angle_deg * R::of(std::f64::consts::PI / 180.0);
+        let angle = -angle_deg * R::of(std::f64::consts::PI / 180.0);
         let (sin, cos) = angle.sin_cos();
         let [x, y, z] = f.pos_m;
         f.pos_m = [cos * x - sin * y, sin * x + cos * y, z];

@@ -1,6 +1,6 @@
 //! Turbulence.
 
-use super::{Cx, Effect, Hooks, Param, Trace, param};
+use super::{Cx, Disturbance, Effect, Hooks, Param, Trace, param};
 use crate::plant::{Command, Push, State};
 use crate::real::{Real, each};
 
@@ -15,7 +15,7 @@ impl Effect<2, 2> for Gust {
         param("tau_s", "s", 1.0, [0.05, 20.0], "correlation time"),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
-    const TRACE: Trace = Trace::Spread;
+    const TRACE: Trace = Trace::Wander(Disturbance::Force);
 
     #[inline(always)]
     fn start<R: Real>(&[sigma_mps2, _]: &[R; 2], cx: &Cx<R>, _: &State<R>, _: &Command<R>) -> [R; 2] {

@@ -49,6 +49,15 @@ impl Param {
     }
 }
 
+/// What can wander.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Disturbance {
+    /// A horizontal force.
+    Force,
+    /// The marker's position.
+    Marker,
+}
+
 /// How an effect shows in the log of a flight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Trace {
@@ -56,6 +65,8 @@ pub enum Trace {
     Mean,
     /// It is random: it changes how far off the expectation is.
     Spread,
+    /// It is random and slow, a first-order Gauss-Markov process on this; its parameters are standard deviation and correlation time.
+    Wander(Disturbance),
     /// It decides what is seen at all.
     Sight,
 }
@@ -108,8 +119,21 @@ pub struct Body<R> {
 }
 
 crate::plant::listed!(
-    Body, 18, gravity_mps2, mass_kg, rotor_radius_m, per_battery_capacity_pc, hover_current_a, battery_reference_v, per_hover_pwm,
-    height_command, arm_m, yaw_sign, tilt_gain_ps2[2], tilt_damping_ps[2], tilt_stiffness_ps2[2]
+    Body,
+    18,
+    gravity_mps2,
+    mass_kg,
+    rotor_radius_m,
+    per_battery_capacity_pc,
+    hover_current_a,
+    battery_reference_v,
+    per_hover_pwm,
+    height_command,
+    arm_m,
+    yaw_sign,
+    tilt_gain_ps2[2],
+    tilt_damping_ps[2],
+    tilt_stiffness_ps2[2]
 );
 
 impl<R: Real> Body<R> {

@@ -1,6 +1,6 @@
 //! A heading that creeps.
 
-use super::{Cx, Effect, Hooks, Param, param};
+use super::{Cx, Effect, Hooks, Param, Reading, param};
 use crate::plant::{Command, State};
 use crate::real::Real;
 
@@ -8,15 +8,15 @@ pub struct YawDrift;
 
 impl Effect<1, 0> for YawDrift {
     const NAME: &'static str = "yaw_drift";
-    const ABOUT: &'static str = "The vehicle turns slowly although no turn is commanded";
-    const SOURCE: &'static str = "Gyro bias in the yaw-rate loop";
+    const ABOUT: &'static str = "The heading that the IMU reports creeps away from the true one";
+    const SOURCE: &'static str = "Gyro bias, integrated; the thesis's vehicle has no compass";
     const PARAMS: [Param; 1] = [
-        param("rate_degps", "deg/s", 0.0, [-20.0, 20.0], "right-handed"),
+        param("rate_degps", "deg/s", 0.0, [-20.0, 20.0], "reported minus true, right-handed, growing from zero at the start"),
     ];
-    const HOOKS: Hooks = Hooks::COMMAND;
+    const HOOKS: Hooks = Hooks::SENSE;
 
     #[inline(always)]
-    fn command<R: Real>(&[rate_degps]: &[R; 1], _: &mut [R; 0], cx: &Cx<R>, _: &State<R>, u: &mut Command<R>) {
-        u.yaw_rate_radps += cx.body.yaw_sign * rate_degps * R::of(std::f64::consts::PI / 180.0);
+    fn sense<R: Real>(&[rate_degps]: &[R; 1], _: &mut [R; 0], cx: &Cx<R>, _: &State<R>, _: &Command<R>, y: &mut Reading<R>) {
+        y.att_rad[2] += rate_degps * R::of(std::f64::consts::PI / 180.0) * cx.t_s;
     }
 }

@@ -7,7 +7,7 @@ use crate::dual::Dual;
 use crate::effects::{self, Body, Cx, Entry, Frame};
 use crate::error::{Error, Result};
 use crate::model::Model;
-use crate::plant::Plant;
+use crate::plant::{Plant, Push};
 use crate::simulated::Simulated;
 
 /// How far a model parameter is moved to each side, relative to its value, for the derivatives of the discretised model.
@@ -46,6 +46,16 @@ impl<R: Simulated> World<R> {
     pub fn set_state(&mut self, x: &State<R>) {
         self.tiles[0].x = *x;
         self.tiles[0].acc_mps2 = [R::zero(); 3];
+    }
+
+    /// Say how long the flight has lasted, for effects that grow with time.
+    pub fn set_time(&mut self, t_s: f64) {
+        self.tiles[0].ticks = R::of(t_s / self.tick_s);
+    }
+
+    /// Push the vehicle, from now on, besides what effects do.
+    pub fn disturb(&mut self, push: Push<R>) {
+        self.disturbance = Some(push);
     }
 
     /// The measured battery voltage of the coming tick.

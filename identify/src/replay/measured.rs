@@ -17,9 +17,9 @@ const SHORTEST_S: f64 = 0.5;
 
 /// Values at increasing times.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Track {
-    pub(super) t_s: Vec<f64>,
-    pub(super) values: Vec<f64>,
+pub(crate) struct Track {
+    pub(crate) t_s: Vec<f64>,
+    pub(crate) values: Vec<f64>,
 }
 
 impl Track {
@@ -28,7 +28,7 @@ impl Track {
     }
 
     /// The samples after `after_s` up to and including `to_s`.
-    pub(super) fn between(&self, after_s: f64, to_s: f64) -> Range<usize> {
+    pub(crate) fn between(&self, after_s: f64, to_s: f64) -> Range<usize> {
         let start = self.t_s.partition_point(|t| *t <= after_s);
         start..self.t_s.partition_point(|t| *t <= to_s).max(start)
     }
@@ -82,7 +82,7 @@ fn cubic_at_zero(x: &[f64], y: &[f64]) -> (f64, f64) {
 }
 
 /// What was measured, on the clock of the log.
-pub(super) struct Measured {
+pub(crate) struct Measured {
     attitude: [Track; 3],
     rates: [Track; 3],
     position: [Track; 3],
@@ -92,7 +92,7 @@ pub(super) struct Measured {
 }
 
 impl Measured {
-    pub(super) fn of(log: &FlightLog, remarks: &mut Vec<Remark>) -> Result<Self, ReplayError> {
+    pub(crate) fn of(log: &FlightLog, remarks: &mut Vec<Remark>) -> Result<Self, ReplayError> {
         let attitude = [&log.roll_rad, &log.pitch_rad, &log.yaw_rad].map(|v| Track::new(&log.t_s, v));
         // NanoBench's gyro is on another clock than its motion capture: there, rates are derivatives of the measured angles
         let rates = match &log.gyro_radps {
@@ -115,7 +115,7 @@ impl Measured {
     }
 
     /// A signal by its place in [`super::SIGNALS`].
-    pub(super) fn track(&self, signal: usize) -> &Track {
+    pub(crate) fn track(&self, signal: usize) -> &Track {
         match signal {
             0..3 => &self.attitude[signal],
             3 => &self.position[2],
@@ -124,12 +124,12 @@ impl Measured {
         }
     }
 
-    pub(super) fn yaw_rate(&self, t_s: f64) -> f64 {
+    pub(crate) fn yaw_rate(&self, t_s: f64) -> f64 {
         self.rates[2].at(t_s)
     }
 
     /// The state at a time; the second states of the model's forms are left at zero.
-    pub(super) fn state(&self, t_s: f64) -> State<f64> {
+    pub(crate) fn state(&self, t_s: f64) -> State<f64> {
         let position = |track: &Track| if self.derived { track.local(t_s, POSITION_WINDOW_S).0 } else { track.at(t_s) };
         State {
             pos_m: self.position.each_ref().map(position),
@@ -141,7 +141,7 @@ impl Measured {
     }
 
     /// Where the replay starts, and how many ticks it has: the flight, less what the windows of derivatives need before it.
-    pub(super) fn interval(&self, log: &FlightLog, tick_s: f64) -> Result<(f64, usize), ReplayError> {
+    pub(crate) fn interval(&self, log: &FlightLog, tick_s: f64) -> Result<(f64, usize), ReplayError> {
         if log.airborne.is_empty() {
             return Err(ReplayError::NeverAirborne);
         }
@@ -172,7 +172,7 @@ fn position(log: &FlightLog) -> Result<[Track; 3], ReplayError> {
 }
 
 /// 0 without values.
-pub(super) fn median(values: &[f64]) -> f64 {
+pub(crate) fn median(values: &[f64]) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
     sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)

@@ -1,0 +1,113 @@
+//! A case file: the vehicle, sensors and controller that a user declares, with the flights of it.
+
+use std::path::{Path, PathBuf};
+
+use crazyflie_env::model::{Model, Quantity, Vertical, Verticals, Yaw};
+use serde::Deserialize;
+use thiserror::Error;
+
+/// What is declared of a vehicle, as `dNN.json` of the simulated flights with hidden effects says it.
+#[derive(Debug, Clone, Deserialize)]
+pub struct Case {
+    pub id: String,
+    /// The flight to work on, and the one to judge with; paths beside the case file.
+    pub identify_on: PathBuf,
+    pub held_out: PathBuf,
+    declared_model: Declared,
+    mass_kg: f64,
+    vbat_ref: Option<f64>,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+struct Declared {
+    attitude: Attitude,
+    height: Height,
+    yaw: YawLoop,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+struct Attitude {
+    n0: f64,
+    d1: f64,
+    d0: f64,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+struct Height {
+    hover_pwm: f64,
+    heave: f64,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+struct YawLoop {
+    k: f64,
+}
+
+/// Why a case file cannot be used.
+#[derive(Debug, Error)]
+pub enum CaseError {
+    #[error("{file}: cannot be read")]
+    Io {
+        file: String,
+        #[source]
+        source: std::io::Error,
+    },
+    #[error("{file}, line {line}, column {column}: not a case file: {reason}")]
+    Malformed { file: String, line: usize, column: usize, reason: String },
+    #[error("{file}: the declared model is not one")]
+    Model {
+        file: String,
+        #[source]
+        source: crazyflie_env::Error,
+    },
+}
+
+impl Case {
+    /// Reads a case file; the paths of its flights are made relative to it.
+    ///
+    /// # Errors
+    /// [`CaseError`] names the file, and line and column of what is malformed.
+    pub fn read(path: &Path) -> Result<Self, CaseError> {
+        let file = path.display().to_string();
+        let text = std::fs::read_to_string(path).map_err(|source| CaseError::Io { file: file.clone(), source })?;
+        let mut case: Case = serde_json::from_str(&text).map_err(|e| CaseError::Malformed {
+            file,
+            line: e.line(),
+            column: e.column(),
+            reason: e.to_string(),
+        })?;
+        let beside = path.parent().unwrap_or(Path::new(""));
+        (case.identify_on, case.held_out) = (beside.join(&case.identify_on), beside.join(&case.held_out));
+        Ok(case)
+    }
+
+    /// Whether a text is a case file rather than a model file.
+    pub fn is_case(text: &str) -> bool {
+        serde_json::from_str::<serde_json::Value>(text).is_ok_and(|v| v.get("declared_model").is_some())
+    }
+
+    /// The declared model; what a case does not declare (airframe, limits) is the thesis's.
+    ///
+    /// # Errors
+    /// [`CaseError::Model`] for values that a model cannot have.
+    pub fn model(&self) -> Result<Model, CaseError> {
+        let Declared { attitude, height, yaw } = &self.declared_model;
+        let of = |value: f64, unit: &str| Quantity { value, unit: unit.into(), source: format!("declared in case {}", self.id) };
+        let mut model = Model::thesis();
+        model.name = format!("{}-declared", self.id);
+        model.description = format!("As declared in case {}", self.id);
+        for tilt in [&mut model.roll, &mut model.pitch] {
+            tilt.gain = of(attitude.n0, "1/s^2");
+            tilt.damping = of(attitude.d1, "1/s");
+            tilt.stiffness = of(attitude.d0, "1/s^2");
+        }
+        model.yaw = Yaw::Rate { gain: of(-1.0, "1"), bandwidth: of(yaw.k, "1/s") };
+        model.lateral.drag = of(0.0, "1/s");
+        let thrust = Vertical::Thrust { hover: of(height.hover_pwm, "1"), heave: of(height.heave, "1/s") };
+        model.vertical = Verticals { height: None, pwm: None, thrust: Some(thrust) };
+        model.vehicle.mass = of(self.mass_kg, "kg");
+        model.vehicle.battery_reference = self.vbat_ref.map(|v| of(v, "V"));
+        let written = model.to_toml().and_then(|text| Model::parse(&text));
+        written.map_err(|source| CaseError::Model { file: self.id.clone(), source })
+    }
+}

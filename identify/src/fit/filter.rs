@@ -1,0 +1,262 @@
+//! An extended Kalman filter around the simulator: its innovations tell whether anything is left, and its likelihood compares hypotheses.
+//! Besides the vehicle's state it follows slow disturbances, and parameters of the hypothesis as constants still to be learned.
+
+use super::flight::{Flight, Window};
+use super::hypothesis::Hypothesis;
+use super::predict::{PUSH, START, Worker};
+use super::solve::HUBER;
+
+/// How far off the measured start may be, in metres, metres per second, radians and radians per second.
+const START_SD: [f64; 4] = [0.05, 0.3, 0.05, 1.0];
+
+/// A first-order Gauss-Markov process.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Wander {
+    /// Standard deviation; 0 for none.
+    pub sigma: f64,
+    /// Correlation time.
+    pub tau_s: f64,
+}
+
+/// What is random about a flight beyond white measurement noise.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Disturbances {
+    /// Horizontal acceleration, m/s^2.
+    pub force: Wander,
+    /// Vertical acceleration, m/s^2.
+    pub lift: Wander,
+    /// Angular acceleration of roll and pitch, rad/s^2.
+    pub torque: Wander,
+    /// Angular acceleration of yaw, rad/s^2.
+    pub turn: Wander,
+    /// Position of the marker, m.
+    pub marker: Wander,
+}
+
+impl Disturbances {
+    pub const NONE: Disturbances = Disturbances {
+        force: Wander { sigma: 0.0, tau_s: 1.0 },
+        lift: Wander { sigma: 0.0, tau_s: 1.0 },
+        torque: Wander { sigma: 0.0, tau_s: 0.3 },
+        turn: Wander { sigma: 0.0, tau_s: 1.0 },
+        marker: Wander { sigma: 0.0, tau_s: 3.0 },
+    };
+
+    /// One per disturbed number: the push, then the marker.
+    fn all(&self) -> [Wander; PUSH + 3] {
+        let Disturbances { force, lift, torque, turn, marker } = *self;
+        [force, force, lift, torque, torque, turn, marker, marker, marker]
+    }
+
+    pub fn list_mut(&mut self) -> [&mut Wander; 5] {
+        [&mut self.force, &mut self.lift, &mut self.torque, &mut self.turn, &mut self.marker]
+    }
+}
+
+/// What is believed of the free parameters before a flight.
+#[derive(Debug, Clone)]
+pub struct Belief {
+    pub mean: Vec<f64>,
+    /// Covariance, row by row.
+    pub covariance: Vec<f64>,
+}
+
+impl Belief {
+    /// Independent parameters.
+    pub fn independent(mean: Vec<f64>, sd: &[f64]) -> Self {
+        let n = mean.len();
+        let mut covariance = vec![0.0; n * n];
+        for i in 0..n {
+            covariance[i * n + i] = sd[i] * sd[i];
+        }
+        Belief { mean, covariance }
+    }
+
+    pub fn sd(&self, i: usize) -> f64 {
+        self.covariance[i * self.mean.len() + i].max(0.0).sqrt()
+    }
+}
+
+/// A measured number less its prediction from all that came before, in standard deviations of that difference.
+#[derive(Debug, Clone, Copy)]
+pub struct Innovation {
+    pub t_s: f64,
+    /// See [`super::predict::Compared::channel`].
+    pub channel: usize,
+    pub normalised: f64,
+    /// Its share of the negative log-likelihood.
+    pub loss: f64,
+}
+
+/// A flight filtered.
+#[derive(Debug, Clone)]
+pub struct Filtered {
+    /// Negative log-likelihood of the measurements, robust as in the fits.
+    pub loss: f64,
+    pub innovations: Vec<Innovation>,
+    /// After the flight.
+    pub belief: Belief,
+    /// Estimated disturbance after each tick: push, then marker.
+    pub wandered: Vec<[f64; PUSH + 3]>,
+}
+
+/// A state of the filter beyond the vehicle's.
+struct Extra {
+    /// Its column among the worker's slopes; a marker's error has none: it moves one measured axis.
+    column: Option<usize>,
+    axis: usize,
+    keep: f64,
+    /// Variance in the long run, and gained per tick.
+    variance: f64,
+    gain: f64,
+}
+
+/// The extra states: constants still to be learned, then those disturbances that are not nothing.
+fn extras(flight: &Flight, learned: usize, disturbances: &Disturbances) -> Vec<Extra> {
+    let constant = |i: usize| Extra { column: Some(START + i), axis: 0, keep: 1.0, variance: 0.0, gain: 0.0 };
+    let wandering = |(i, w): (usize, Wander)| {
+        let (keep, variance) = ((-flight.tick_s / w.tau_s).exp(), w.sigma * w.sigma);
+        let column = (i < PUSH).then_some(START + learned + i);
+        Extra { column, axis: i, keep, variance, gain: variance * (1.0 - keep * keep) }
+    };
+    let disturbed = disturbances.all().into_iter().enumerate().filter(|(_, w)| w.sigma > 0.0);
+    (0..learned).map(constant).chain(disturbed.map(wandering)).collect()
+}
+
+/// Run the filter over the first `ticks` of a flight. The parameters that `hypothesis` has free are learned, starting from `belief`. `None` if
+/// the hypothesis cannot be simulated or the filter breaks down.
+pub fn filter(flight: &Flight, ticks: usize, hypothesis: &Hypothesis, belief: &Belief, disturbances: &Disturbances) -> Option<Filtered> {
+    let learned = belief.mean.len();
+    let at = hypothesis.at(&belief.mean);
+    let extras = extras(flight, learned, disturbances);
+    let mut worker = Worker::new(&at, flight, true, true).ok()?;
+    let unknowns = START + learned + PUSH;
+    let n = START + extras.len();
+    let (mut x, mut p) = begin(flight, belief, &extras);
+    let mut out = Filtered { loss: 0.0, innovations: Vec::new(), belief: belief.clone(), wandered: Vec::new() };
+    worker.run_up(flight, 0, &x[..START]);
+    let (mut h, mut ph, mut moved) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
+    for tick in 0..ticks.min(flight.ticks) {
+        worker.set_free(&x[START..START + learned]).ok()?;
+        let mut disturbed = [0.0; PUSH + 3];
+        for (extra, value) in extras[learned..].iter().zip(&x[START + learned..]) {
+            disturbed[extra.axis] = *value;
+        }
+        out.wandered.push(disturbed);
+        worker.set_push(std::array::from_fn(|i| disturbed[i]));
+        worker.go_on(flight, &Window { flight: 0, ticks: tick..tick + 1 }, &x[..START]);
+        moved.fill(0.0);
+        for (row, slopes) in worker.rows().iter().zip(worker.slopes()) {
+            h[..START].copy_from_slice(&slopes[..START]);
+            for (slot, extra) in h[START..].iter_mut().zip(&extras) {
+                let seen = || if extra.axis == PUSH + row.channel - 3 { 1.0 / row.sigma } else { 0.0 };
+                *slot = extra.column.map_or_else(|| if row.channel < 3 { 0.0 } else { seen() }, |column| slopes[column]);
+            }
+            let already: f64 = h.iter().zip(&moved).map(|(h, m)| h * m).sum();
+            let marker = if row.channel < 3 { 0.0 } else { disturbed[PUSH + row.channel - 3] };
+            // in standard deviations of the measurement, whose variance is then 1
+            let error = (row.measured - row.predicted - marker) / row.sigma - already;
+            for i in 0..n {
+                ph[i] = p[i * n..(i + 1) * n].iter().zip(&h).map(|(p, h)| p * h).sum();
+            }
+            let variance = 1.0 + h.iter().zip(&ph).map(|(h, p)| h * p).sum::<f64>();
+            let z = error / variance.sqrt();
+            if !z.is_finite() {
+                return None;
+            }
+            let weight = if z.abs() > HUBER { HUBER / z.abs() } else { 1.0 };
+            let loss = if weight < 1.0 { HUBER * (z.abs() - 0.5 * HUBER) } else { 0.5 * z * z };
+            out.loss += loss + 0.5 * variance.ln();
+            out.innovations.push(Innovation { t_s: row.t_s, channel: row.channel, normalised: z, loss: loss + 0.5 * variance.ln() });
+            for i in 0..n {
+                let gain = weight * ph[i] / variance;
+                moved[i] += gain * error;
+                for (entry, other) in p[i * n..(i + 1) * n].iter_mut().zip(&ph) {
+                    *entry -= gain * other;
+                }
+            }
+        }
+        propagate(&worker, &extras, unknowns, &mut x, &moved, &mut p);
+    }
+    out.belief.mean.copy_from_slice(&x[START..START + learned]);
+    for i in 0..learned {
+        for j in 0..learned {
+            out.belief.covariance[i * learned + j] = p[(START + i) * n + START + j];
+        }
+    }
+    Some(out)
+}
+
+/// The filter's state and covariance before the first measurement.
+fn begin(flight: &Flight, belief: &Belief, extras: &[Extra]) -> (Vec<f64>, Vec<f64>) {
+    let (n, learned) = (START + extras.len(), belief.mean.len());
+    let mut x = vec![0.0; n];
+    let start = flight.start(0);
+    x[..START].copy_from_slice([start.pos_m, start.vel_mps, start.att_rad, start.rate_radps].as_flattened());
+    x[START..START + learned].copy_from_slice(&belief.mean);
+    let mut p = vec![0.0; n * n];
+    for i in 0..START {
+        p[i * n + i] = START_SD[i / 3] * START_SD[i / 3];
+    }
+    for i in 0..learned {
+        for j in 0..learned {
+            p[(START + i) * n + START + j] = belief.covariance[i * learned + j];
+        }
+    }
+    for (i, extra) in (START..n).zip(extras).skip(learned) {
+        p[i * n + i] = extra.variance;
+    }
+    (x, p)
+}
+
+/// State and covariance one tick on.
+fn propagate(worker: &Worker, extras: &[Extra], unknowns: usize, x: &mut [f64], moved: &[f64], p: &mut [f64]) {
+    let n = x.len();
+    let (end, slopes) = worker.end();
+    // rows of the transition: the vehicle's from the slopes, the extras' own
+    let mut f = vec![0.0; START * n];
+    for i in 0..START {
+        let row = &slopes[i * unknowns..(i + 1) * unknowns];
+        f[i * n..i * n + START].copy_from_slice(&row[..START]);
+        for (j, extra) in extras.iter().enumerate() {
+            f[i * n + START + j] = extra.column.map_or(0.0, |column| row[column]);
+        }
+    }
+    for i in 0..START {
+        x[i] = end[i] + f[i * n..(i + 1) * n].iter().zip(moved).map(|(f, m)| f * m).sum::<f64>();
+    }
+    for (j, extra) in extras.iter().enumerate() {
+        x[START + j] = extra.keep * (x[START + j] + moved[START + j]);
+    }
+    // F P, then F P F^T
+    let mut fp = vec![0.0; n * n];
+    for i in 0..START {
+        for k in 0..n {
+            let by = f[i * n + k];
+            if by != 0.0 {
+                for j in 0..n {
+                    fp[i * n + j] += by * p[k * n + j];
+                }
+            }
+        }
+    }
+    for (i, extra) in extras.iter().enumerate() {
+        for j in 0..n {
+            fp[(START + i) * n + j] = extra.keep * p[(START + i) * n + j];
+        }
+    }
+    for i in 0..n {
+        for j in i..n {
+            let entry = if j < START {
+                fp[i * n..(i + 1) * n].iter().zip(&f[j * n..(j + 1) * n]).map(|(a, b)| a * b).sum()
+            } else {
+                fp[i * n + j] * extras[j - START].keep
+            };
+            p[i * n + j] = entry;
+            p[j * n + i] = entry;
+        }
+    }
+    for (j, extra) in extras.iter().enumerate() {
+        p[(START + j) * n + START + j] += extra.gain;
+    }
+}

@@ -1,0 +1,208 @@
+//! A flight made ready for fitting: commands per tick, measurements with their times and their noise, cut into windows.
+
+use std::ops::Range;
+
+use crazyflie_env::model::{Model, Vertical, VerticalInput, Yaw};
+use crazyflie_env::plant::{Command, State};
+
+use crate::FlightLog;
+use crate::log::Format;
+use crate::replay::ReplayError;
+use crate::replay::measured::{Measured, median};
+
+/// Long enough for a slow pole of 2.8 1/s and for drag to show, short enough that the small-angle plant has not run away.
+pub const WINDOW_S: f64 = 2.0;
+/// How far back effects may remember commands.
+pub const MEMORY_S: f64 = 0.3;
+/// Rows of a log and ticks of a world differ only by rounding.
+const ROUNDING_S: f64 = 1e-6;
+
+/// Standard deviation of a white measurement error, per axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Noise {
+    pub att_rad: [f64; 3],
+    pub pos_m: [f64; 3],
+}
+
+/// Three numbers measured at a time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample {
+    pub t_s: f64,
+    pub value: [f64; 3],
+}
+
+/// A flight on the world's clock: tick `k` lasts from `k tick_s` to `(k + 1) tick_s`, time counting from the first tick.
+#[derive(Debug, Clone)]
+pub struct Flight {
+    pub name: String,
+    pub tick_s: f64,
+    pub ticks: usize,
+    pub input: VerticalInput,
+    /// Time of the log at which the first tick begins.
+    pub start_s: f64,
+    /// From the start of the log to the first tick.
+    pub before_s: f64,
+    /// In force over each tick, the first `memory` of them before the first tick.
+    commands: Vec<Command<f64>>,
+    memory: usize,
+    voltage_v: Option<Vec<f64>>,
+    /// Attitude by the IMU, or by motion capture.
+    pub angles: Vec<Sample>,
+    /// Marker positions by capture time.
+    pub fixes: Vec<Sample>,
+    pub noise: Noise,
+    starts: Vec<State<f64>>,
+    /// Sampling interval of the attitude.
+    pub row_s: f64,
+}
+
+/// A stretch of a flight predicted from a start of its own.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Window {
+    pub flight: usize,
+    pub ticks: Range<usize>,
+}
+
+impl Flight {
+    /// Prepare a log for a model with these vertical inputs.
+    ///
+    /// # Errors
+    /// [`ReplayError`]: no commands, no position, never airborne, too short.
+    pub fn of(name: &str, log: &FlightLog, model: &Model) -> Result<Self, ReplayError> {
+        let measured = Measured::of(log, &mut Vec::new())?;
+        let row_s = median(&log.t_s.windows(2).map(|t| t[1] - t[0]).collect::<Vec<_>>());
+        let tick_s = if changes_every_second_row(log) && !model.rig.control.value.is_nan() { 2.0 * row_s } else { row_s };
+        let (first_s, _) = measured.interval(log, row_s)?;
+        // ticks begin where commands change
+        let start_s = log.t_s[0] + ((first_s - log.t_s[0]) / tick_s - ROUNDING_S).ceil() * tick_s;
+        let (_, rows) = measured.interval(log, row_s)?;
+        let ticks = ((first_s + rows as f64 * row_s - start_s) / tick_s + ROUNDING_S) as usize;
+        let memory = (((start_s - log.t_s[0]) / tick_s + ROUNDING_S) as usize).min((MEMORY_S / tick_s).ceil() as usize);
+        let (input, commands) = commands(log, model, &measured, start_s - memory as f64 * tick_s, tick_s, ticks + memory)?;
+        let row_at = |t: f64| log.t_s.partition_point(|row| *row <= t + ROUNDING_S).saturating_sub(1);
+        let voltage_v =
+            log.vbat_v.as_ref().map(|v| (0..ticks + memory).map(|k| v[row_at(start_s + (k as f64 - memory as f64) * tick_s)]).collect());
+        let end_s = ticks as f64 * tick_s;
+        let inside = |s: &Sample| s.t_s > ROUNDING_S && s.t_s <= end_s + ROUNDING_S;
+        let angles =
+            (0..log.len()).map(|i| Sample { t_s: log.t_s[i] - start_s, value: [log.roll_rad[i], log.pitch_rad[i], log.yaw_rad[i]] });
+        let angles: Vec<Sample> = angles.filter(inside).collect();
+        let mut fixes: Vec<Sample> = (0..log.fixes.row.len())
+            .map(|i| Sample { t_s: log.fixes.capture_t_s[i] - start_s, value: std::array::from_fn(|axis| log.fixes.pos_m[axis][i]) })
+            .filter(inside)
+            .collect();
+        fixes.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
+        let floor = if log.format == Format::NanoBench { FLOOR_MOCAP } else { FLOOR };
+        let noise = Noise { att_rad: white(&angles, floor.att_rad), pos_m: white(&fixes, floor.pos_m) };
+        let starts = (0..=ticks).map(|k| with_lags(model, input, measured.state(start_s + k as f64 * tick_s))).collect();
+        let before_s = start_s - log.t_s[0];
+        Ok(Flight {
+            name: name.to_owned(),
+            tick_s,
+            ticks,
+            input,
+            start_s,
+            before_s,
+            commands,
+            memory,
+            voltage_v,
+            angles,
+            fixes,
+            noise,
+            starts,
+            row_s,
+        })
+    }
+
+    /// The command in force over a tick, which may lie before the first one as far as the log goes.
+    pub fn command(&self, tick: isize) -> &Command<f64> {
+        let at = (tick + self.memory as isize).clamp(0, self.commands.len() as isize - 1);
+        &self.commands[at as usize]
+    }
+
+    /// The battery voltage at the start of a tick.
+    pub fn voltage_v(&self, tick: isize) -> Option<f64> {
+        let at = |v: &Vec<f64>| v[(tick + self.memory as isize).clamp(0, v.len() as isize - 1) as usize];
+        self.voltage_v.as_ref().map(at)
+    }
+
+    /// The measured state at the start of a tick, from local polynomials.
+    pub fn start(&self, tick: usize) -> &State<f64> {
+        &self.starts[tick]
+    }
+
+    /// Windows of about `length_s`, all of one length but the last, which takes what is left.
+    pub fn windows(&self, flight: usize, length_s: f64) -> Vec<Window> {
+        let each = ((length_s / self.tick_s).round() as usize).max(1);
+        let count = (self.ticks / each).max(1);
+        (0..count).map(|w| Window { flight, ticks: w * each..if w + 1 == count { self.ticks } else { (w + 1) * each } }).collect()
+    }
+
+    /// Measurements after the start of a window up to its end, whose last instant belongs to it.
+    pub fn within<'a>(&self, samples: &'a [Sample], ticks: &Range<usize>) -> &'a [Sample] {
+        let after = |tick: usize| samples.partition_point(|s| s.t_s <= tick as f64 * self.tick_s + ROUNDING_S);
+        &samples[after(ticks.start)..after(ticks.end)]
+    }
+}
+
+/// What no recording resolves, whatever its third differences say.
+const FLOOR: Noise = Noise { att_rad: [1e-4; 3], pos_m: [1e-4; 3] };
+/// Motion capture is filtered and its markers shake: differences of neighbours are smaller than its error.
+const FLOOR_MOCAP: Noise = Noise { att_rad: [0.01, 0.01, 0.01], pos_m: [0.002, 0.002, 0.002] };
+
+/// Commands of a 50 Hz controller in a 100 Hz log change only on every second row.
+fn changes_every_second_row(log: &FlightLog) -> bool {
+    let changed_on = |commands: &Option<Vec<f64>>, parity: usize| {
+        let differs = |v: &Vec<f64>| (1..v.len()).any(|i| i % 2 == parity && v[i] != v[i - 1]);
+        commands.as_ref().is_some_and(differs)
+    };
+    let all = [&log.cmd_roll_rad, &log.cmd_pitch_rad, &log.cmd_yaw_rate_radps, &log.cmd_thrust_pwm, &log.cmd_height_m];
+    all.iter().any(|c| changed_on(c, 0)) && !all.iter().any(|c| changed_on(c, 1))
+}
+
+fn commands(
+    log: &FlightLog,
+    model: &Model,
+    measured: &Measured,
+    from_s: f64,
+    tick_s: f64,
+    ticks: usize,
+) -> Result<(VerticalInput, Vec<Command<f64>>), ReplayError> {
+    let (Some(roll), Some(pitch)) = (&log.cmd_roll_rad, &log.cmd_pitch_rad) else {
+        return Err(ReplayError::NoCommands { what: "roll and pitch commands" });
+    };
+    let wanted = if log.cmd_thrust_pwm.is_some() { [VerticalInput::Thrust, VerticalInput::Pwm] } else { [VerticalInput::Height; 2] };
+    let input = wanted.into_iter().find(|input| model.vertical(*input).is_ok()).unwrap_or(wanted[0]);
+    model.vertical(input)?;
+    let lift = if input.is_pwm() { &log.cmd_thrust_pwm } else { &log.cmd_height_m };
+    let lift = lift.as_ref().ok_or(ReplayError::NoCommands { what: "thrust or height command" })?;
+    let sign = model.yaw.sign();
+    let at = |k: usize| {
+        let t_s = from_s + k as f64 * tick_s;
+        let row = log.t_s.partition_point(|t| *t <= t_s + ROUNDING_S).saturating_sub(1);
+        // without a logged command the heading follows what was measured: the fit of yaw then says nothing
+        let yaw_rate_radps = log.cmd_yaw_rate_radps.as_ref().map_or_else(|| sign * measured.yaw_rate(t_s), |v| v[row]);
+        Command { roll_rad: roll[row], pitch_rad: pitch[row], yaw_rate_radps, lift: lift[row] }
+    };
+    Ok((input, (0..ticks).map(at).collect()))
+}
+
+/// A measured state with the second states of the model's forms: the rate itself where the form has it for a state.
+pub fn with_lags<R: crazyflie_env::real::Real>(model: &Model, input: VerticalInput, mut x: State<R>) -> State<R> {
+    let climbs = !matches!(model.vertical(input), Ok(Vertical::FirstOrder { .. }));
+    let turns = !matches!(model.yaw, Yaw::Integrator { .. });
+    x.aux = [if climbs { x.vel_mps[2] } else { R::zero() }, if turns { x.rate_radps[2] } else { R::zero() }];
+    x
+}
+
+/// The white part of the error per axis: third differences of neighbours (20 times its variance), by the median against outliers.
+fn white(samples: &[Sample], floor: [f64; 3]) -> [f64; 3] {
+    let usual = median(&samples.windows(2).map(|s| s[1].t_s - s[0].t_s).collect::<Vec<_>>());
+    let whole = |four: &&[Sample]| four[3].t_s - four[0].t_s < 3.5 * usual;
+    std::array::from_fn(|axis| {
+        let third = |s: &[Sample]| (s[3].value[axis] - 3.0 * s[2].value[axis] + 3.0 * s[1].value[axis] - s[0].value[axis]).abs();
+        let all: Vec<f64> = samples.windows(4).filter(whole).map(third).collect();
+        // the median of |normal| is 0.6745 standard deviations
+        (median(&all) / 0.6745 / 20.0_f64.sqrt()).max(floor[axis])
+    })
+}

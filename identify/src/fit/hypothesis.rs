@@ -1,0 +1,143 @@
+//! What a fit may say of a vehicle: the model, some of its numbers free, and effects, some of their parameters free.
+
+use crazyflie_env::config::{EffectParams, Number, Sourced};
+use crazyflie_env::effects::{self, Entry, Role};
+use crazyflie_env::model::Model;
+
+/// An effect with values for all its parameters, some of them free.
+#[derive(Clone)]
+pub struct Term {
+    pub entry: &'static Entry,
+    pub values: Vec<f64>,
+    /// Indices of the free parameters.
+    pub free: Vec<usize>,
+}
+
+impl Term {
+    /// An effect that is off, its parameters free but for constants and choices.
+    pub fn off(entry: &'static Entry) -> Self {
+        let free = (0..entry.params.len()).filter(|i| entry.params[*i].role == Role::Free).collect();
+        Term { entry, values: entry.params.iter().map(|p| p.off).collect(), free }
+    }
+
+    /// The values of the free parameters.
+    pub fn free_values(&self) -> Vec<f64> {
+        self.free.iter().map(|i| self.values[*i]).collect()
+    }
+}
+
+impl std::fmt::Debug for Term {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} {:?}", self.entry.name, self.values)
+    }
+}
+
+/// A model with free numbers and effects.
+#[derive(Debug, Clone)]
+pub struct Hypothesis {
+    pub model: Model,
+    /// Paths of the model's free numbers.
+    pub free: Vec<String>,
+    pub terms: Vec<Term>,
+    /// See [`crazyflie_env::world::Settings::physics_hz`].
+    pub physics_hz: Option<u32>,
+}
+
+impl Hypothesis {
+    /// The model as it is.
+    pub fn of(model: &Model) -> Self {
+        Hypothesis { model: model.clone(), free: Vec::new(), terms: Vec::new(), physics_hz: None }
+    }
+
+    /// The same with one more effect, in registry order.
+    #[must_use]
+    pub fn with(&self, term: Term) -> Self {
+        let mut more = self.clone();
+        more.terms.push(term);
+        let place = |t: &Term| effects::find(t.entry.name).map_or(usize::MAX, |(place, _)| place);
+        more.terms.sort_by_key(place);
+        more
+    }
+
+    /// The same without an effect.
+    #[must_use]
+    pub fn without(&self, effect: &str) -> Self {
+        let mut less = self.clone();
+        less.terms.retain(|t| t.entry.name != effect);
+        less
+    }
+
+    pub fn has(&self, effect: &str) -> bool {
+        self.terms.iter().any(|t| t.entry.name == effect)
+    }
+
+    /// The free numbers: the model's, then the effects'.
+    pub fn shared(&self) -> Vec<f64> {
+        let of_model = self.free.iter().filter_map(|path| self.model.parameter(path).ok());
+        of_model.chain(self.terms.iter().flat_map(Term::free_values)).collect()
+    }
+
+    /// Where the free numbers of an effect lie among all.
+    pub fn place(&self, effect: &str) -> std::ops::Range<usize> {
+        let mut at = self.free.len();
+        for term in &self.terms {
+            if term.entry.name == effect {
+                return at..at + term.free.len();
+            }
+            at += term.free.len();
+        }
+        at..at
+    }
+
+    /// The same with other values for the free numbers. (Model numbers stay where the model would refuse the value.)
+    #[must_use]
+    pub fn at(&self, shared: &[f64]) -> Self {
+        let mut moved = self.clone();
+        let (of_model, mut rest) = shared.split_at(self.free.len());
+        for (path, value) in self.free.iter().zip(of_model) {
+            moved.model = moved.model.with_parameter(path, *value).unwrap_or(moved.model);
+        }
+        for term in &mut moved.terms {
+            for (i, value) in term.free.iter().zip(rest) {
+                term.values[*i] = *value;
+            }
+            rest = &rest[term.free.len()..];
+        }
+        moved
+    }
+
+    /// The same with nothing free.
+    #[must_use]
+    pub fn fixed(&self) -> Self {
+        let mut fixed = self.clone();
+        fixed.free.clear();
+        for term in &mut fixed.terms {
+            term.free.clear();
+        }
+        fixed
+    }
+
+    pub fn bounds(&self) -> Vec<[f64; 2]> {
+        let of_model = self.free.iter().map(|path| {
+            let value = self.model.parameter(path).unwrap_or(0.0);
+            // a number of a model keeps its sign, and what is nothing may become something
+            let reach = if value == 0.0 { 10.0 } else { 20.0 * value.abs() };
+            if value < 0.0 { [-reach, 0.0] } else { [0.0, reach] }
+        });
+        let of_terms = self.terms.iter().flat_map(|t| t.free.iter().map(|i| [t.entry.params[*i].low, t.entry.params[*i].high]));
+        of_model.chain(of_terms).collect()
+    }
+
+    /// The model with the effects written into it, which the simulator flies.
+    pub fn completed(&self, source: &str) -> Model {
+        let mut model = self.model.clone();
+        for term in &self.terms {
+            let sourced = |(p, value): (&effects::Param, &f64)| {
+                (p.name.to_owned(), Number::Sourced(Sourced { value: *value, unit: p.unit.to_owned(), source: source.to_owned() }))
+            };
+            let params = term.entry.params.iter().zip(&term.values).map(sourced).collect();
+            model.effects.insert(term.entry.name.to_owned(), EffectParams::Named(params));
+        }
+        model
+    }
+}

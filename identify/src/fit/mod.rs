@@ -1,0 +1,7 @@
+//! Fitting the simulator to flights.
+
+pub mod filter;
+pub mod flight;
+pub mod hypothesis;
+pub mod predict;
+pub mod solve;

@@ -1,0 +1,348 @@
+//! Windows of flights predicted by the simulator itself, on numbers with derivatives.
+
+use crazyflie_env::dual::{DIRECTIONS, Dual};
+use crazyflie_env::effects::Entry;
+use crazyflie_env::model::Model;
+use crazyflie_env::plant::{Command, Push, State};
+use crazyflie_env::real::Real;
+use crazyflie_env::simulated::Simulated;
+use crazyflie_env::world::{Settings, World};
+
+use super::flight::{Flight, MEMORY_S, Window, with_lags};
+use super::hypothesis::{Hypothesis, Term};
+use super::solve::{Normal, Problem};
+
+/// The numbers that a window starts from: position, velocity, attitude, rates.
+pub const START: usize = 12;
+/// The numbers of a push: accelerations in the world frame, angular accelerations about the body axes.
+pub const PUSH: usize = 6;
+
+/// A hypothesis on windows of flights.
+pub struct Prediction<'a> {
+    pub flights: &'a [Flight],
+    pub windows: &'a [Window],
+    pub hypothesis: &'a Hypothesis,
+    /// Standard deviations are taken this many times as large: for residuals that are not white.
+    pub inflation: f64,
+}
+
+/// A measured number and its prediction.
+#[derive(Debug, Clone, Copy)]
+pub struct Compared {
+    pub t_s: f64,
+    /// 0 to 2: roll, pitch, yaw; 3 to 5: x, y, z.
+    pub channel: usize,
+    pub measured: f64,
+    pub predicted: f64,
+    pub sigma: f64,
+}
+
+/// Directions of one pass: all unknowns do not fit one dual.
+struct Pass {
+    first: usize,
+    world: World<Dual>,
+}
+
+impl Pass {
+    fn variable(&self, value: f64, unknown: usize) -> Dual {
+        match unknown.checked_sub(self.first) {
+            Some(direction) if direction < DIRECTIONS => Dual::variable(value, direction),
+            _ => Dual::of(value),
+        }
+    }
+}
+
+/// A thread's worlds with the parameters in place.
+pub struct Worker {
+    model: Model,
+    passes: Vec<Pass>,
+    remembers: bool,
+    unknowns: usize,
+    states: Vec<State<Dual>>,
+    offsets: Vec<[Dual; 3]>,
+    rows: Vec<Compared>,
+    slopes: Vec<f64>,
+    end: [f64; START],
+    end_slopes: Vec<f64>,
+    /// Per effect: name, values, and which are free.
+    terms: Vec<Term>,
+    free_of_model: usize,
+    /// Acting during [`Worker::go_on`], with slopes behind those of the shared parameters.
+    push: Option<[f64; PUSH]>,
+}
+
+impl Worker {
+    /// # Errors
+    /// As [`World::new`].
+    pub fn new(at: &Hypothesis, flight: &Flight, with_slopes: bool, pushed: bool) -> crazyflie_env::Result<Self> {
+        let mut model = at.model.clone();
+        let hz = (1.0 / flight.tick_s).round();
+        // frames are filmed when the log has them, not by the rig's clock
+        (model.rig.control.value, model.rig.imu.value, model.rig.camera.value) = (hz, hz, 1.0);
+        let settings = Settings { input: flight.input, physics_hz: at.physics_hz };
+        let entries: Vec<&'static Entry> = at.terms.iter().map(|t| t.entry).collect();
+        let shared: usize = at.free.len() + at.terms.iter().map(|t| t.free.len()).sum::<usize>();
+        let unknowns = if with_slopes { START + shared + if pushed { PUSH } else { 0 } } else { 0 };
+        let mut passes = Vec::new();
+        for first in (0..unknowns.max(1)).step_by(DIRECTIONS) {
+            let mut pass = Pass { first, world: World::for_fitting(&model, &entries, settings)? };
+            let seeds: Vec<(&str, usize)> = at
+                .free
+                .iter()
+                .enumerate()
+                .filter_map(|(i, path)| Some((path.as_str(), (START + i).checked_sub(first).filter(|d| *d < DIRECTIONS)?)))
+                .collect();
+            if !seeds.is_empty() && with_slopes {
+                pass.world.seed_model(&model, settings, &seeds)?;
+            }
+            passes.push(pass);
+        }
+        let declared = at.model.effects.keys().filter_map(|name| crazyflie_env::effects::find(name).ok().map(|(_, entry)| entry));
+        let remembers = entries.iter().copied().chain(declared).any(|e| e.hooks.command);
+        let mut worker = Worker {
+            model,
+            passes,
+            remembers,
+            unknowns,
+            states: Vec::new(),
+            offsets: Vec::new(),
+            rows: Vec::new(),
+            slopes: Vec::new(),
+            end: [0.0; START],
+            end_slopes: Vec::new(),
+            terms: at.terms.clone(),
+            free_of_model: at.free.len(),
+            push: pushed.then_some([0.0; PUSH]),
+        };
+        let values: Vec<f64> = at.terms.iter().flat_map(Term::free_values).collect();
+        worker.set_free(&values)?;
+        Ok(worker)
+    }
+
+    /// Push the vehicle from now on.
+    pub fn set_push(&mut self, push: [f64; PUSH]) {
+        self.push = Some(push);
+    }
+
+    /// Other values for the free parameters of the effects.
+    ///
+    /// # Errors
+    /// None that [`Worker::new`] would not have had.
+    pub fn set_free(&mut self, values: &[f64]) -> crazyflie_env::Result<()> {
+        for pass in &mut self.passes {
+            let mut unknown = START + self.free_of_model;
+            for term in &self.terms {
+                let mut params: Vec<Dual> = term.values.iter().map(|v| Dual::of(*v)).collect();
+                for i in &term.free {
+                    params[*i] = pass.variable(values[unknown - START - self.free_of_model], unknown);
+                    unknown += 1;
+                }
+                pass.world.put(term.entry.name, &params)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Predict a window; rows and slopes are then in the worker.
+    pub fn predict(&mut self, flight: &Flight, window: &Window, own: &[f64]) {
+        self.run_up(flight, window.ticks.start, own);
+        self.go_on(flight, window, own);
+    }
+
+    /// What effects remember of the commands before a tick is run up; the vehicle itself will start anew.
+    pub fn run_up(&mut self, flight: &Flight, tick: usize, own: &[f64]) {
+        let first = tick as isize;
+        let back = if self.remembers { (MEMORY_S / flight.tick_s).ceil() as isize } else { 0 };
+        let mut passes = std::mem::take(&mut self.passes);
+        for pass in &mut passes {
+            let start = self.start(pass, flight, own);
+            let world = &mut pass.world;
+            Dual::run(
+                #[inline(always)]
+                || {
+                    world.start(0, true, &start, &dual(flight.command(first - back - 1)));
+                    world.set_time(flight.before_s + (first - back) as f64 * flight.tick_s);
+                    for tick in first - back..first {
+                        world.set_voltage(flight.voltage_v(tick).map(Dual::of));
+                        world.step(0, &dual(flight.command(tick)));
+                    }
+                },
+            );
+        }
+        self.passes = passes;
+    }
+
+    /// Predict a window from its start, effects remembering what came before.
+    pub fn go_on(&mut self, flight: &Flight, window: &Window, own: &[f64]) {
+        self.rows.clear();
+        let count = 3 * (flight.within(&flight.angles, &window.ticks).len() + flight.within(&flight.fixes, &window.ticks).len());
+        self.slopes.clear();
+        self.slopes.resize(count * self.unknowns, 0.0);
+        self.end_slopes.clear();
+        self.end_slopes.resize(START * self.unknowns, 0.0);
+        let mut passes = std::mem::take(&mut self.passes);
+        for pass in &mut passes {
+            Dual::run(
+                #[inline(always)]
+                || self.fly(pass, flight, window, own),
+            );
+            self.compare(pass, flight, window);
+            self.keep_end(pass.first);
+        }
+        self.passes = passes;
+    }
+
+    fn start(&self, pass: &Pass, flight: &Flight, own: &[f64]) -> State<Dual> {
+        let of = |from: usize| std::array::from_fn(|i| pass.variable(own[from + i], from + i));
+        let x = State { pos_m: of(0), vel_mps: of(3), att_rad: of(6), rate_radps: of(9), aux: [Dual::of(0.0); 2] };
+        with_lags(&self.model, flight.input, x)
+    }
+
+    /// The states at all ticks of the window.
+    #[inline(always)]
+    fn fly(&mut self, pass: &mut Pass, flight: &Flight, window: &Window, own: &[f64]) {
+        let start = self.start(pass, flight, own);
+        if let Some(push) = &self.push {
+            let from = self.unknowns.saturating_sub(PUSH);
+            let of = |i: usize| pass.variable(push[i], from + i);
+            pass.world.disturb(Push { acc_mps2: [of(0), of(1), of(2)], ang_radps2: [of(3), of(4), of(5)] });
+        }
+        let world = &mut pass.world;
+        world.set_state(&start);
+        self.states.clear();
+        self.offsets.clear();
+        self.states.push(start);
+        for tick in window.ticks.clone() {
+            world.set_voltage(flight.voltage_v(tick as isize).map(Dual::of));
+            world.step(0, &dual(flight.command(tick as isize)));
+            let x = world.state(0);
+            self.offsets.push(world.reading(0, |y| std::array::from_fn(|i| y.att_rad[i] - x.att_rad[i])));
+            self.states.push(*x);
+        }
+    }
+
+    fn keep_end(&mut self, first: usize) {
+        let Some(x) = self.states.last() else { return };
+        let here = first.min(self.unknowns)..(first + DIRECTIONS).min(self.unknowns);
+        for (i, number) in [x.pos_m, x.vel_mps, x.att_rad, x.rate_radps].as_flattened().iter().enumerate() {
+            self.end[i] = number.value;
+            self.end_slopes[i * self.unknowns..][here.clone()].copy_from_slice(&number.slope[..here.len()]);
+        }
+    }
+
+    /// The state at a time since the start of the window, and the tick that it lies in.
+    fn state_at(&self, world: &World<Dual>, tick_s: f64, t_s: Dual) -> (State<Dual>, usize) {
+        let ticks = self.states.len() - 1;
+        let tick = ((t_s.value / tick_s - 1e-6).max(0.0) as usize).min(ticks - 1);
+        let share = (Dual::of((tick + 1) as f64 * tick_s) - t_s) * Dual::of(1.0 / tick_s);
+        (world.between(&self.states[tick], &self.states[tick + 1], share), tick)
+    }
+
+    fn compare(&mut self, pass: &mut Pass, flight: &Flight, window: &Window) {
+        let begin_s = window.ticks.start as f64 * flight.tick_s;
+        let mut row = 0;
+        for sample in flight.within(&flight.angles, &window.ticks) {
+            let (x, tick) = self.state_at(&pass.world, flight.tick_s, Dual::of(sample.t_s - begin_s));
+            for axis in 0..3 {
+                let predicted = x.att_rad[axis] + self.offsets[tick][axis];
+                self.put(pass.first, row, sample.t_s, axis, sample.value[axis], predicted, flight.noise.att_rad[axis]);
+                row += 1;
+            }
+        }
+        for sample in flight.within(&flight.fixes, &window.ticks) {
+            // an effect may make the stamp wrong: what was captured earlier shows an earlier pose
+            let stamp = Dual::of(sample.t_s - begin_s);
+            let (x, _) = self.state_at(&pass.world, flight.tick_s, stamp);
+            let late = pass.world.film(&x, stamp).t_s - stamp;
+            let captured = stamp - late;
+            let x = if late.value == 0.0 && late.slope == [0.0; DIRECTIONS] {
+                x
+            } else {
+                self.state_at(&pass.world, flight.tick_s, captured).0
+            };
+            let seen = pass.world.film(&x, captured);
+            for axis in 0..3 {
+                self.put(pass.first, row, sample.t_s, 3 + axis, sample.value[axis], seen.pos_m[axis], flight.noise.pos_m[axis]);
+                row += 1;
+            }
+        }
+    }
+
+    #[allow(clippy::too_many_arguments)]
+    fn put(&mut self, first: usize, row: usize, t_s: f64, channel: usize, measured: f64, predicted: Dual, sigma: f64) {
+        if first == 0 {
+            self.rows.push(Compared { t_s, channel, measured, predicted: predicted.value, sigma });
+        }
+        let here = first.min(self.unknowns)..(first + DIRECTIONS).min(self.unknowns);
+        let slopes = &mut self.slopes[row * self.unknowns..][here];
+        for (slot, slope) in slopes.iter_mut().zip(&predicted.slope) {
+            *slot = slope / sigma;
+        }
+    }
+
+    /// What was predicted last.
+    pub fn rows(&self) -> &[Compared] {
+        &self.rows
+    }
+
+    /// Its slopes in standard deviations, a row of all unknowns for each.
+    pub fn slopes(&self) -> impl Iterator<Item = &[f64]> {
+        self.slopes.chunks_exact(self.unknowns.max(1))
+    }
+
+    /// The state at the end of the window and its slopes, a row of all unknowns for each number.
+    pub fn end(&self) -> (&[f64; START], &[f64]) {
+        (&self.end, &self.end_slopes)
+    }
+}
+
+fn dual(u: &Command<f64>) -> Command<Dual> {
+    let of = Dual::of;
+    Command { roll_rad: of(u.roll_rad), pitch_rad: of(u.pitch_rad), yaw_rate_radps: of(u.yaw_rate_radps), lift: of(u.lift) }
+}
+
+impl Prediction<'_> {
+    /// The windows' starts as measured.
+    pub fn starts(&self) -> Vec<Vec<f64>> {
+        let of = |w: &Window| {
+            let x = self.flights[w.flight].start(w.ticks.start);
+            [x.pos_m, x.vel_mps, x.att_rad, x.rate_radps].concat()
+        };
+        self.windows.iter().map(of).collect()
+    }
+}
+
+impl Problem for Prediction<'_> {
+    type Worker = Option<Worker>;
+
+    fn windows(&self) -> usize {
+        self.windows.len()
+    }
+    fn own(&self) -> usize {
+        START
+    }
+    fn bounds(&self) -> Vec<[f64; 2]> {
+        self.hypothesis.bounds()
+    }
+    fn worker(&self, shared: &[f64]) -> Option<Worker> {
+        // all flights of a fit share the clock and the inputs of the first
+        Worker::new(&self.hypothesis.at(shared), self.flights.first()?, true, false).ok()
+    }
+    fn normal(&self, worker: &mut Option<Worker>, window: usize, own: &[f64]) -> Normal {
+        let window = &self.windows[window];
+        let unknowns = START + self.hypothesis.shared().len();
+        let mut normal = Normal::new(unknowns);
+        normal.loss = f64::INFINITY;
+        let Some(worker) = worker else { return normal };
+        worker.predict(&self.flights[window.flight], window, own);
+        if worker.rows.iter().any(|r| !r.predicted.is_finite()) {
+            return normal;
+        }
+        normal.loss = 0.0;
+        for (row, slopes) in worker.rows.iter().zip(worker.slopes.chunks_exact(unknowns)) {
+            normal.add((row.measured - row.predicted) / (row.sigma * self.inflation), slopes);
+        }
+        normal.finish();
+        normal
+    }
+}

@@ -1,0 +1,309 @@
+//! Least squares over many windows: every window has unknowns of its own (the state it starts from), all share the parameters. The windows'
+//! unknowns are eliminated by a Schur complement, the step is Levenberg and Marquardt's, the loss is Huber's, and parameters stay in bounds.
+
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use rayon::prelude::*;
+
+/// Residuals beyond so many standard deviations count linearly: marker outliers.
+pub const HUBER: f64 = 3.0;
+/// The fit has converged when the loss, a negative log-likelihood, falls by less.
+const ENOUGH: f64 = 0.01;
+const MOST_STEPS: usize = 40;
+/// Below this, preparing a worker costs more than a second thread brings.
+const WINDOWS_PER_WORKER: usize = 6;
+
+/// The normal equations of one window: the loss, its gradient and its curvature (Gauss-Newton), in the window's own unknowns, then the shared.
+#[derive(Debug, Clone)]
+pub struct Normal {
+    pub loss: f64,
+    pub rows: usize,
+    pub gradient: DVector<f64>,
+    pub curvature: DMatrix<f64>,
+}
+
+impl Normal {
+    pub fn new(unknowns: usize) -> Self {
+        Normal { loss: 0.0, rows: 0, gradient: DVector::zeros(unknowns), curvature: DMatrix::zeros(unknowns, unknowns) }
+    }
+
+    /// Add a residual in standard deviations and the slopes of the prediction, in the same unit.
+    pub fn add(&mut self, residual: f64, slopes: &[f64]) {
+        let far = residual.abs() > HUBER;
+        let weight = if far { HUBER / residual.abs() } else { 1.0 };
+        self.loss += if far { HUBER * (residual.abs() - 0.5 * HUBER) } else { 0.5 * residual * residual };
+        self.rows += 1;
+        let n = slopes.len();
+        let curvature = self.curvature.as_mut_slice();
+        for (j, slope) in slopes.iter().enumerate() {
+            let by = weight * slope;
+            if by == 0.0 {
+                continue;
+            }
+            self.gradient[j] += by * residual;
+            for (entry, other) in curvature[j * n..=j * n + j].iter_mut().zip(slopes) {
+                *entry += by * other;
+            }
+        }
+    }
+
+    /// Only one triangle was added to.
+    pub fn finish(&mut self) {
+        self.curvature.fill_lower_triangle_with_upper_triangle();
+    }
+}
+
+/// A least-squares problem of windows.
+pub trait Problem: Sync {
+    /// What a thread prepares once for given shared parameters.
+    type Worker;
+    fn windows(&self) -> usize;
+    /// Unknowns of each window.
+    fn own(&self) -> usize;
+    /// Lower and upper bound of each shared parameter.
+    fn bounds(&self) -> Vec<[f64; 2]>;
+    fn worker(&self, shared: &[f64]) -> Self::Worker;
+    /// What cannot be computed (a state that is not finite) has an infinite loss.
+    fn normal(&self, worker: &mut Self::Worker, window: usize, own: &[f64]) -> Normal;
+}
+
+/// A window with its own unknowns eliminated: what it says about the shared parameters.
+#[derive(Debug, Clone)]
+pub struct Share {
+    pub loss: f64,
+    pub rows: usize,
+    pub gradient: DVector<f64>,
+    pub information: DMatrix<f64>,
+}
+
+/// Where the fit ended.
+#[derive(Debug, Clone)]
+pub struct Solution {
+    pub shared: Vec<f64>,
+    pub own: Vec<Vec<f64>>,
+    /// Negative log-likelihood, up to a constant.
+    pub loss: f64,
+    pub shares: Vec<Share>,
+    pub steps: usize,
+    pub converged: bool,
+}
+
+/// A window's equations with the factor of its own block.
+struct Eliminated {
+    factor: Cholesky<f64, Dyn>,
+    coupling: DMatrix<f64>,
+    own_gradient: DVector<f64>,
+    share: Share,
+}
+
+fn eliminate(normal: &Normal, own: usize, damping: f64) -> Option<Eliminated> {
+    let shared = normal.gradient.len() - own;
+    let mut block = normal.curvature.view((0, 0), (own, own)).into_owned();
+    for i in 0..own {
+        // an unknown that nothing depends on stays where it is
+        block[(i, i)] += damping * block[(i, i)] + 1e-9 * (1.0 + block[(i, i)]);
+    }
+    let factor = Cholesky::new(block)?;
+    let coupling = normal.curvature.view((0, own), (own, shared)).into_owned();
+    let own_gradient = normal.gradient.rows(0, own).into_owned();
+    let solved = factor.solve(&coupling);
+    let information = normal.curvature.view((own, own), (shared, shared)) - solved.tr_mul(&coupling);
+    let gradient = normal.gradient.rows(own, shared) - solved.tr_mul(&own_gradient);
+    let share = Share { loss: normal.loss, rows: normal.rows, gradient, information };
+    Some(Eliminated { factor, coupling, own_gradient, share })
+}
+
+/// The step in the shared parameters, those at a bound that it would leave held fast.
+fn shared_step(gradient: &DVector<f64>, information: &DMatrix<f64>, damping: f64, at: &[f64], bounds: &[[f64; 2]]) -> Option<DVector<f64>> {
+    let n = gradient.len();
+    let mut held = vec![false; n];
+    loop {
+        let mut system = information.clone();
+        let mut right = gradient.clone();
+        for i in 0..n {
+            system[(i, i)] += damping * information[(i, i)] + 1e-12 * (1.0 + information[(i, i)]);
+            if held[i] {
+                system.row_mut(i).fill(0.0);
+                system.column_mut(i).fill(0.0);
+                system[(i, i)] = 1.0;
+                right[i] = 0.0;
+            }
+        }
+        let step = Cholesky::new(system)?.solve(&right);
+        let leaves = |i: usize| (at[i] <= bounds[i][0] && step[i] < 0.0) || (at[i] >= bounds[i][1] && step[i] > 0.0);
+        match (0..n).find(|i| !held[*i] && leaves(*i)) {
+            Some(i) => held[i] = true,
+            None => return Some(step),
+        }
+    }
+}
+
+fn total(shares: impl Iterator<Item = Share>, n: usize) -> (DVector<f64>, DMatrix<f64>) {
+    shares.fold((DVector::zeros(n), DMatrix::zeros(n, n)), |(g, h), s| (g + s.gradient, h + s.information))
+}
+
+/// Minimise from a start: `own` per window, `shared` for all.
+pub fn solve(problem: &impl Problem, own: Vec<Vec<f64>>, shared: Vec<f64>) -> Solution {
+    let (mut own, mut shared) = (own, shared);
+    let (n, bounds) = (problem.own(), problem.bounds());
+    let evaluate = |own: &[Vec<f64>], shared: &[f64]| -> Vec<Normal> {
+        let windows = (0..problem.windows()).into_par_iter().with_min_len(WINDOWS_PER_WORKER);
+        windows.map_init(|| problem.worker(shared), |worker, w| problem.normal(worker, w, &own[w])).collect()
+    };
+    let loss_of = |normals: &[Normal]| normals.iter().map(|n| n.loss).sum::<f64>();
+    let mut normals = evaluate(&own, &shared);
+    let (mut loss, mut damping, mut steps, mut converged) = (loss_of(&normals), 1e-4, 0, false);
+    while steps < MOST_STEPS && !converged && damping < 1e9 {
+        steps += 1;
+        let eliminated: Option<Vec<Eliminated>> = normals.iter().map(|normal| eliminate(normal, n, damping)).collect();
+        let stepped = eliminated.and_then(|all| {
+            let (g, h) = total(all.iter().map(|e| e.share.clone()), shared.len());
+            let step = shared_step(&g, &h, damping, &shared, &bounds)?;
+            let next: Vec<f64> = (0..shared.len()).map(|i| (shared[i] + step[i]).clamp(bounds[i][0], bounds[i][1])).collect();
+            let moved = DVector::from_fn(shared.len(), |i, _| next[i] - shared[i]);
+            let next_own: Vec<Vec<f64>> = all
+                .iter()
+                .zip(&own)
+                .map(|(e, at)| {
+                    let step = e.factor.solve(&(&e.own_gradient - &e.coupling * &moved));
+                    at.iter().zip(step.iter()).map(|(a, s)| a + s).collect()
+                })
+                .collect();
+            Some((next_own, next))
+        });
+        let Some((next_own, next)) = stepped else {
+            damping *= 10.0;
+            continue;
+        };
+        let trial = evaluate(&next_own, &next);
+        let trial_loss = loss_of(&trial);
+        if trial_loss < loss {
+            converged = loss - trial_loss < ENOUGH;
+            (own, shared, normals, loss) = (next_own, next, trial, trial_loss);
+            damping = (damping * 0.1).max(1e-10);
+        } else {
+            converged = trial_loss - loss < 1e-9 * loss.abs() && damping <= 1e-4;
+            damping *= 10.0;
+        }
+    }
+    let shares = normals.iter().filter_map(|normal| eliminate(normal, n, 0.0)).map(|e| e.share).collect();
+    Solution { shared, own, loss, shares, steps, converged: converged || damping >= 1e9 }
+}
+
+impl Solution {
+    /// Covariance of the shared parameters by a sandwich clustered by `cluster` (one number per window): windows of one flight, and neighbours
+    /// under one gust, are not independent.
+    pub fn covariance(&self, cluster: &[usize]) -> Option<DMatrix<f64>> {
+        let n = self.shared.len();
+        let (_, information) = total(self.shares.iter().cloned(), n);
+        let bread = pseudo_inverse(&information)?;
+        let mut sums = std::collections::BTreeMap::new();
+        for (share, cluster) in self.shares.iter().zip(cluster) {
+            *sums.entry(cluster).or_insert_with(|| DVector::zeros(n)) += &share.gradient;
+        }
+        let count = sums.len() as f64;
+        let small = if count > 1.0 { count / (count - 1.0) } else { 1.0 };
+        let meat = sums.values().fold(DMatrix::zeros(n, n), |m, g| m + g * g.transpose()) * small;
+        let clustered = &bread * meat * &bread;
+        // with few clusters the sandwich can come out too small by chance: never below what white noise would give
+        Some(DMatrix::from_fn(n, n, |i, j| if i == j { clustered[(i, j)].max(bread[(i, j)]) } else { clustered[(i, j)] }))
+    }
+
+    /// The information of all windows.
+    pub fn information(&self) -> DMatrix<f64> {
+        total(self.shares.iter().cloned(), self.shared.len()).1
+    }
+}
+
+/// The inverse, after scaling to a unit diagonal; a parameter without any information gets an infinite variance.
+pub fn pseudo_inverse(information: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let n = information.nrows();
+    let scale: Vec<f64> = (0..n).map(|i| information[(i, i)].max(0.0).sqrt()).collect();
+    let known: Vec<usize> = (0..n).filter(|i| scale[*i] > 0.0).collect();
+    let scaled = DMatrix::from_fn(known.len(), known.len(), |i, j| {
+        let (a, b) = (known[i], known[j]);
+        information[(a, b)] / (scale[a] * scale[b]) + if i == j { 1e-10 } else { 0.0 }
+    });
+    let inverse = Cholesky::new(scaled)?.inverse();
+    let mut all = DMatrix::zeros(n, n);
+    for i in 0..n {
+        all[(i, i)] = f64::INFINITY;
+    }
+    for (i, a) in known.iter().enumerate() {
+        for (j, b) in known.iter().enumerate() {
+            all[(*a, *b)] = inverse[(i, j)] / (scale[*a] * scale[*b]);
+        }
+    }
+    Some(all)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// y = offset_w + slope x + curve x^2 with an outlier in each window.
+    struct Lines {
+        data: Vec<Vec<(f64, f64)>>,
+    }
+
+    impl Problem for Lines {
+        type Worker = Vec<f64>;
+        fn worker(&self, shared: &[f64]) -> Vec<f64> {
+            shared.to_vec()
+        }
+        fn windows(&self) -> usize {
+            self.data.len()
+        }
+        fn own(&self) -> usize {
+            1
+        }
+        fn bounds(&self) -> Vec<[f64; 2]> {
+            vec![[-10.0, 10.0], [-10.0, 0.2]]
+        }
+        fn normal(&self, shared: &mut Vec<f64>, window: usize, own: &[f64]) -> Normal {
+            let mut normal = Normal::new(3);
+            for (x, y) in &self.data[window] {
+                // exponential in the slope, so that one Gauss-Newton step does not do it
+                let (e, bent) = ((shared[0] * x).exp(), shared[1] * x * x);
+                normal.add((y - own[0] - e - bent) / 0.01, &[1.0 / 0.01, x * e / 0.01, x * x / 0.01]);
+            }
+            normal.finish();
+            normal
+        }
+    }
+
+    fn lines(curve: f64) -> Lines {
+        let window = |w: usize| {
+            let point = |i: usize| {
+                let x = i as f64 / 20.0;
+                let noise = 0.01 * ((w * 31 + i * 17) as f64 * 1.7).sin();
+                let outlier = if i == (w * 7) % 20 { 0.3 } else { 0.0 };
+                (x, w as f64 + (0.8 * x).exp() + curve * x * x + noise + outlier)
+            };
+            (0..20).map(point).collect()
+        };
+        Lines { data: (0..10).map(window).collect() }
+    }
+
+    #[test]
+    fn shared_parameters_are_found_beside_the_windows_own() {
+        let found = solve(&lines(0.1), vec![vec![0.0]; 10], vec![0.1, 0.0]);
+        assert!(found.converged);
+        assert!((found.shared[0] - 0.8).abs() < 0.02 && (found.shared[1] - 0.1).abs() < 0.03, "{:?}", found.shared);
+        assert!((found.own[4][0] - 4.0).abs() < 0.02, "{:?}", found.own[4]);
+        let sd = found.covariance(&(0..10).collect::<Vec<_>>()).unwrap();
+        assert!(sd[(0, 0)].sqrt() < 0.01 && sd[(0, 0)] > 0.0);
+    }
+
+    #[test]
+    fn bounds_hold() {
+        let found = solve(&lines(0.5), vec![vec![0.0]; 10], vec![0.1, 0.0]);
+        assert_eq!(found.shared[1], 0.2);
+        assert!(found.converged);
+    }
+
+    #[test]
+    fn a_parameter_without_information_has_an_infinite_variance() {
+        let inverse = pseudo_inverse(&DMatrix::from_row_slice(2, 2, &[4.0, 0.0, 0.0, 0.0])).unwrap();
+        assert!((inverse[(0, 0)] - 0.25).abs() < 1e-9 && inverse[(1, 1)].is_infinite());
+    }
+}
