@@ -5,7 +5,7 @@ mod fitting;
 use crate::config::{EffectTable, Number, Ranged, numbers};
 use crate::effects::{self, Body, Cx, Fix, Frame, Reading, Stage};
 use crate::error::{Error, Result};
-use crate::model::{Model, VerticalInput};
+use crate::model::{Model, Vertical, VerticalInput};
 use crate::noise::{Draw, Keys};
 use crate::plant::{Command, Heading, Plant, Push, State};
 use crate::real::{Real, Word, each, tabulate};
@@ -408,6 +408,7 @@ fn body<R: Real>(model: &Model, input: VerticalInput) -> Result<Body<R>> {
         per_hover_pwm: R::of(hover.map_or(0.0, |h| 1.0 / h)),
         height_command: R::of(if hover.is_some() { 0.0 } else { 1.0 }),
         arm_m: R::of(model.vehicle.arm.value),
+        heave_ps: R::of(if let Vertical::Thrust { heave, .. } = model.vertical(input)? { heave.value } else { 0.0 }),
         yaw_sign: R::of(model.yaw.sign()),
         tilt_gain_ps2: tilts.map(|t| R::of(t.gain.value)),
         tilt_damping_ps: tilts.map(|t| R::of(t.damping.value)),

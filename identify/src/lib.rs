@@ -6,6 +6,7 @@
 #![forbid(unsafe_code)]
 
 pub mod case;
+pub mod explain;
 pub mod fit;
 pub mod log;
 pub mod metrics;

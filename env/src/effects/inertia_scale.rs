@@ -19,9 +19,7 @@ impl Effect<1, 0> for InertiaScale {
     #[inline(always)]
     fn push<R: Real>(&[scale]: &[R; 1], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
         let more = R::of(1.0) / scale - R::of(1.0);
-        for (i, command) in [u.roll_rad, u.pitch_rad].into_iter().enumerate() {
-            let b = cx.body;
-            let declared = b.tilt_gain_ps2[i] * command - b.tilt_damping_ps[i] * x.rate_radps[i] - b.tilt_stiffness_ps2[i] * x.att_rad[i];
+        for (i, declared) in cx.body.tilt_torque_radps2(x, u).into_iter().enumerate() {
             out.ang_radps2[i] += more * declared;
         }
     }

@@ -9,15 +9,15 @@ pub struct MassChange;
 impl Effect<1, 0> for MassChange {
     const NAME: &'static str = "mass_change";
     const ABOUT: &'static str = "Extra mass that the declared model does not know";
-    const SOURCE: &'static str = "Newton: the same thrust on a larger mass";
+    const SOURCE: &'static str = "Newton: the same thrust and the same damping of climb on a larger mass";
     const PARAMS: [Param; 1] = [
         param("added_kg", "kg", 0.0, [-0.02, 0.05], "payload"),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
 
     #[inline(always)]
-    fn push<R: Real>(&[added_kg]: &[R; 1], _: &mut [R; 0], cx: &Cx<R>, _: &State<R>, u: &Command<R>, out: &mut Push<R>) {
-        let thrust = cx.body.thrust_mps2(u);
-        out.acc_mps2[2] -= thrust * added_kg / (cx.body.mass_kg + added_kg);
+    fn push<R: Real>(&[added_kg]: &[R; 1], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
+        let lift = cx.body.thrust_mps2(u) - cx.body.heave_ps * x.vel_mps[2];
+        out.acc_mps2[2] -= lift * added_kg / (cx.body.mass_kg + added_kg);
     }
 }

@@ -89,6 +89,7 @@ impl Hooks {
     pub const PUSH: Hooks = Hooks { command: false, push: true, frame: false, sense: false };
     pub const FRAME: Hooks = Hooks { command: false, push: false, frame: true, sense: false };
     pub const SENSE: Hooks = Hooks { command: false, push: false, frame: false, sense: true };
+    pub const COMMAND_AND_PUSH: Hooks = Hooks { command: true, ..Hooks::PUSH };
     pub const PUSH_AND_SENSE: Hooks = Hooks { push: true, ..Hooks::SENSE };
     pub const FRAME_AND_SENSE: Hooks = Hooks { frame: true, ..Hooks::SENSE };
 }
@@ -110,6 +111,8 @@ pub struct Body<R> {
     pub height_command: R,
     /// Centre to motor.
     pub arm_m: R,
+    /// Vertical damping per mass, where the model has it.
+    pub heave_ps: R,
     /// +1 or -1: the sign with which a commanded yaw rate turns the vehicle.
     pub yaw_sign: R,
     /// Roll and pitch dynamics (5.1): angle'' = gain command - damping angle' - stiffness angle.
@@ -120,7 +123,7 @@ pub struct Body<R> {
 
 crate::plant::listed!(
     Body,
-    18,
+    19,
     gravity_mps2,
     mass_kg,
     rotor_radius_m,
@@ -130,6 +133,7 @@ crate::plant::listed!(
     per_hover_pwm,
     height_command,
     arm_m,
+    heave_ps,
     yaw_sign,
     tilt_gain_ps2[2],
     tilt_damping_ps[2],
@@ -141,6 +145,14 @@ impl<R: Real> Body<R> {
     #[inline(always)]
     pub fn thrust_ratio(&self, u: &Command<R>) -> R {
         self.height_command + u.lift * self.per_hover_pwm
+    }
+    /// Angular acceleration of roll and pitch by the declared attitude dynamics (5.1).
+    #[inline(always)]
+    pub fn tilt_torque_radps2(&self, x: &State<R>, u: &Command<R>) -> [R; 2] {
+        let asked = |i: usize, command: R| {
+            self.tilt_gain_ps2[i] * command - self.tilt_damping_ps[i] * x.rate_radps[i] - self.tilt_stiffness_ps2[i] * x.att_rad[i]
+        };
+        [asked(0, u.roll_rad), asked(1, u.pitch_rad)]
     }
     /// Thrust per mass.
     #[inline(always)]
@@ -236,6 +248,9 @@ pub trait Effect<const P: usize, const S: usize>: Send + 'static {
     /// order; only what feeds back on the fast attitude dynamics (5.1 has a pole at -28.8 1/s) needs more than the control rate.
     const PHYSICS_HZ: u32 = 50;
     const TRACE: Trace = Trace::Mean;
+    /// How many of its numbers of state, the last ones, follow the vehicle's motion: a fit has to estimate them with it. (What follows the
+    /// commands alone it can run up.)
+    const LAGS: usize = 0;
     /// First noise channel; an effect's own channels count on from here.
     const NOISE: u32 = channel(Self::NAME);
 
@@ -267,6 +282,8 @@ pub struct Entry {
     pub hooks: Hooks,
     pub physics_hz: u32,
     pub trace: Trace,
+    /// See [`Effect::LAGS`].
+    pub lags: usize,
     pub(crate) lanes: fn(Build) -> Box<dyn Stage<Lanes>>,
     #[cfg(target_arch = "x86_64")]
     pub(crate) avx2: fn(Build) -> Box<dyn Stage<crate::lanes_avx2::Lanes>>,

@@ -1,32 +1,52 @@
 //! Motors that take time.
 
 use super::{Cx, Effect, Hooks, Param, param};
-use crate::plant::{Command, State};
+use crate::plant::{Command, Push, State};
 use crate::real::Real;
 
 pub struct MotorLag;
 
-impl Effect<1, 1> for MotorLag {
+impl Effect<2, 3> for MotorLag {
     const NAME: &'static str = "motor_lag";
-    const ABOUT: &'static str = "First-order lag between thrust command and thrust; what the motors do to the angles is part of the identified attitude dynamics";
-    const SOURCE: &'static str = "First-order motor model (Foerster, System Identification of the Crazyflie 2.0, ETH 2015); exact mean over the physics step";
-    const PARAMS: [Param; 1] = [
-        param("lag_s", "s", 0.0, [0.0, 0.3], "time constant"),
+    const ABOUT: &'static str = "Thrust and torques follow what is asked of the motors with a first-order lag";
+    const SOURCE: &'static str = "First-order motor model (Foerster, System Identification of the Crazyflie 2.0, ETH 2015); torque as in 5.1, feedback included";
+    const PARAMS: [Param; 2] = [
+        param("lag_s", "s", 0.0, [0.0, 0.3], "time constant of the thrust"),
+        param("torque_lag_s", "s", 0.0, [0.0, 0.3], "time constant of the torques, beyond what the identified attitude dynamics contain"),
     ];
-    const HOOKS: Hooks = Hooks::COMMAND;
+    const HOOKS: Hooks = Hooks::COMMAND_AND_PUSH;
+    const PHYSICS_HZ: u32 = 300;
+    const LAGS: usize = 2;
 
     #[inline(always)]
-    fn start<R: Real>(_: &[R; 1], _: &Cx<R>, _: &State<R>, u: &Command<R>) -> [R; 1] {
-        [u.lift]
+    fn start<R: Real>(_: &[R; 2], cx: &Cx<R>, x: &State<R>, u: &Command<R>) -> [R; 3] {
+        let [roll, pitch] = cx.body.tilt_torque_radps2(x, u);
+        [u.lift, roll, pitch]
     }
 
     #[inline(always)]
-    fn command<R: Real>(&[lag_s]: &[R; 1], [motor]: &mut [R; 1], cx: &Cx<R>, _: &State<R>, u: &mut Command<R>) {
-        // no lag at all would divide by zero; a microsecond leaves nothing of the past
-        let left = (R::of(-cx.h_s) / lag_s.max(R::of(1e-6))).exp();
-        let mean = lag_s * R::of(1.0 / cx.h_s) * (R::of(1.0) - left);
-        let behind = *motor - u.lift;
-        *motor = u.lift + behind * left;
+    fn command<R: Real>(&[lag_s, _]: &[R; 2], motor: &mut [R; 3], cx: &Cx<R>, _: &State<R>, u: &mut Command<R>) {
+        let [left, mean] = shares(lag_s, cx.h_s);
+        let behind = motor[0] - u.lift;
+        motor[0] = u.lift + behind * left;
         u.lift += behind * mean;
     }
+
+    #[inline(always)]
+    fn push<R: Real>(&[_, torque_lag_s]: &[R; 2], motor: &mut [R; 3], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
+        let [left, mean] = shares(torque_lag_s, cx.h_s);
+        for (i, asked) in cx.body.tilt_torque_radps2(x, u).into_iter().enumerate() {
+            let behind = motor[1 + i] - asked;
+            motor[1 + i] = asked + behind * left;
+            out.ang_radps2[i] += behind * mean;
+        }
+    }
+}
+
+/// Of what the motors are behind at the start of a step: what is left at its end, and its mean over the step.
+#[inline(always)]
+fn shares<R: Real>(lag_s: R, h_s: f64) -> [R; 2] {
+    // no lag at all would divide by zero; a microsecond leaves nothing of the past
+    let left = (R::of(-h_s) / lag_s.max(R::of(1e-6))).exp();
+    [left, lag_s * R::of(1.0 / h_s) * (R::of(1.0) - left)]
 }

@@ -21,6 +21,8 @@ pub trait Stage<R: Real>: Send {
     fn set(&mut self, tile: usize, lane: usize, params: &[f64]);
     /// Set the parameters that all lanes share, with whatever the number type carries.
     fn put(&mut self, params: &[R]);
+    /// Show all that the effect remembers, or of that only the lags (see [`Effect::LAGS`]).
+    fn visit(&mut self, only_lags: bool, see: &mut dyn FnMut(&mut R));
     /// Begin an episode in the lanes of `mask`.
     fn start(&mut self, tile: usize, mask: R::Mask, cx: &Cx<R>, x: &State<R>, u: &Command<R>);
     fn command(&mut self, tile: usize, cx: &Cx<R>, x: &State<R>, u: &mut Command<R>);
@@ -60,6 +62,11 @@ impl<E: Effect<P, S>, R: Simulated, const P: usize, const S: usize> Stage<R> for
 
     fn put(&mut self, params: &[R]) {
         self.params[0].copy_from_slice(params);
+    }
+
+    fn visit(&mut self, only_lags: bool, see: &mut dyn FnMut(&mut R)) {
+        let first = if only_lags { S - E::LAGS } else { 0 };
+        self.states.iter_mut().flat_map(|s| &mut s[first..]).for_each(see);
     }
 
     fn start(&mut self, tile: usize, mask: R::Mask, cx: &Cx<R>, x: &State<R>, u: &Command<R>) {
@@ -122,6 +129,7 @@ pub(super) const fn entry<E: Effect<P, S>, const P: usize, const S: usize>(_effe
         hooks: E::HOOKS,
         physics_hz: E::PHYSICS_HZ,
         trace: E::TRACE,
+        lags: E::LAGS,
         lanes: StageOf::<E, _, P, S>::boxed,
         #[cfg(target_arch = "x86_64")]
         avx2: StageOf::<E, _, P, S>::boxed,

@@ -48,6 +48,20 @@ impl<R: Simulated> World<R> {
         self.tiles[0].acc_mps2 = [R::zero(); 3];
     }
 
+    /// Show all that effects remember.
+    pub fn visit_memory(&mut self, see: &mut dyn FnMut(&mut R)) {
+        for stage in &mut self.stages {
+            stage.visit(false, see);
+        }
+    }
+
+    /// Show what effects remember of the motion (see [`effects::Effect::LAGS`]), effect by effect.
+    pub fn visit_lags(&mut self, see: &mut dyn FnMut(&mut R)) {
+        for stage in &mut self.stages {
+            stage.visit(true, see);
+        }
+    }
+
     /// Say how long the flight has lasted, for effects that grow with time.
     pub fn set_time(&mut self, t_s: f64) {
         self.tiles[0].ticks = R::of(t_s / self.tick_s);

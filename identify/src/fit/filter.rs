@@ -8,6 +8,8 @@ use super::solve::HUBER;
 
 /// How far off the measured start may be, in metres, metres per second, radians and radians per second.
 const START_SD: [f64; 4] = [0.05, 0.3, 0.05, 1.0];
+/// How far off what effects remember of the motion may be, in whatever unit (rad/s^2 for the motors).
+const LAG_SD: f64 = 20.0;
 
 /// A first-order Gauss-Markov process.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -112,11 +114,11 @@ struct Extra {
 }
 
 /// The extra states: constants still to be learned, then those disturbances that are not nothing.
-fn extras(flight: &Flight, learned: usize, disturbances: &Disturbances) -> Vec<Extra> {
-    let constant = |i: usize| Extra { column: Some(START + i), axis: 0, keep: 1.0, variance: 0.0, gain: 0.0 };
+fn extras(flight: &Flight, own: usize, learned: usize, disturbances: &Disturbances) -> Vec<Extra> {
+    let constant = |i: usize| Extra { column: Some(own + i), axis: 0, keep: 1.0, variance: 0.0, gain: 0.0 };
     let wandering = |(i, w): (usize, Wander)| {
         let (keep, variance) = ((-flight.tick_s / w.tau_s).exp(), w.sigma * w.sigma);
-        let column = (i < PUSH).then_some(START + learned + i);
+        let column = (i < PUSH).then_some(own + learned + i);
         Extra { column, axis: i, keep, variance, gain: variance * (1.0 - keep * keep) }
     };
     let disturbed = disturbances.all().into_iter().enumerate().filter(|(_, w)| w.sigma > 0.0);
@@ -128,27 +130,30 @@ fn extras(flight: &Flight, learned: usize, disturbances: &Disturbances) -> Vec<E
 pub fn filter(flight: &Flight, ticks: usize, hypothesis: &Hypothesis, belief: &Belief, disturbances: &Disturbances) -> Option<Filtered> {
     let learned = belief.mean.len();
     let at = hypothesis.at(&belief.mean);
-    let extras = extras(flight, learned, disturbances);
+    let own = START + at.lags();
+    let extras = extras(flight, own, learned, disturbances);
     let mut worker = Worker::new(&at, flight, true, true).ok()?;
-    let unknowns = START + learned + PUSH;
-    let n = START + extras.len();
-    let (mut x, mut p) = begin(flight, belief, &extras);
+    let n = own + extras.len();
+    let mut start = flight.start_numbers(0);
+    let lags = worker.lags(flight, 0, &start);
+    start.extend(lags);
+    let (mut x, mut p) = begin(start, belief, &extras);
     let mut out = Filtered { loss: 0.0, innovations: Vec::new(), belief: belief.clone(), wandered: Vec::new() };
-    worker.run_up(flight, 0, &x[..START]);
     let (mut h, mut ph, mut moved) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
     for tick in 0..ticks.min(flight.ticks) {
-        worker.set_free(&x[START..START + learned]).ok()?;
+        worker.set_free(&x[own..own + learned]).ok()?;
         let mut disturbed = [0.0; PUSH + 3];
-        for (extra, value) in extras[learned..].iter().zip(&x[START + learned..]) {
+        for (extra, value) in extras[learned..].iter().zip(&x[own + learned..]) {
             disturbed[extra.axis] = *value;
         }
         out.wandered.push(disturbed);
         worker.set_push(std::array::from_fn(|i| disturbed[i]));
-        worker.go_on(flight, &Window { flight: 0, ticks: tick..tick + 1 }, &x[..START]);
+        worker.cut_from_start();
+        worker.go_on(flight, &Window { flight: 0, ticks: tick..tick + 1 }, &x[..own]);
         moved.fill(0.0);
         for (row, slopes) in worker.rows().iter().zip(worker.slopes()) {
-            h[..START].copy_from_slice(&slopes[..START]);
-            for (slot, extra) in h[START..].iter_mut().zip(&extras) {
+            h[..own].copy_from_slice(&slopes[..own]);
+            for (slot, extra) in h[own..].iter_mut().zip(&extras) {
                 let seen = || if extra.axis == PUSH + row.channel - 3 { 1.0 / row.sigma } else { 0.0 };
                 *slot = extra.column.map_or_else(|| if row.channel < 3 { 0.0 } else { seen() }, |column| slopes[column]);
             }
@@ -176,61 +181,63 @@ pub fn filter(flight: &Flight, ticks: usize, hypothesis: &Hypothesis, belief: &B
                 }
             }
         }
-        propagate(&worker, &extras, unknowns, &mut x, &moved, &mut p);
+        propagate(&worker, &extras, own, &mut x, &moved, &mut p);
     }
-    out.belief.mean.copy_from_slice(&x[START..START + learned]);
+    out.belief.mean.copy_from_slice(&x[own..own + learned]);
     for i in 0..learned {
         for j in 0..learned {
-            out.belief.covariance[i * learned + j] = p[(START + i) * n + START + j];
+            out.belief.covariance[i * learned + j] = p[(own + i) * n + own + j];
         }
     }
     Some(out)
 }
 
 /// The filter's state and covariance before the first measurement.
-fn begin(flight: &Flight, belief: &Belief, extras: &[Extra]) -> (Vec<f64>, Vec<f64>) {
-    let (n, learned) = (START + extras.len(), belief.mean.len());
-    let mut x = vec![0.0; n];
-    let start = flight.start(0);
-    x[..START].copy_from_slice([start.pos_m, start.vel_mps, start.att_rad, start.rate_radps].as_flattened());
-    x[START..START + learned].copy_from_slice(&belief.mean);
+fn begin(start: Vec<f64>, belief: &Belief, extras: &[Extra]) -> (Vec<f64>, Vec<f64>) {
+    let (own, learned) = (start.len(), belief.mean.len());
+    let n = own + extras.len();
+    let mut x = start;
+    x.extend(&belief.mean);
+    x.resize(n, 0.0);
     let mut p = vec![0.0; n * n];
-    for i in 0..START {
-        p[i * n + i] = START_SD[i / 3] * START_SD[i / 3];
+    for i in 0..own {
+        let sd = START_SD.get(i / 3).copied().unwrap_or(LAG_SD);
+        p[i * n + i] = sd * sd;
     }
     for i in 0..learned {
         for j in 0..learned {
-            p[(START + i) * n + START + j] = belief.covariance[i * learned + j];
+            p[(own + i) * n + own + j] = belief.covariance[i * learned + j];
         }
     }
-    for (i, extra) in (START..n).zip(extras).skip(learned) {
+    for (i, extra) in (own..n).zip(extras).skip(learned) {
         p[i * n + i] = extra.variance;
     }
     (x, p)
 }
 
 /// State and covariance one tick on.
-fn propagate(worker: &Worker, extras: &[Extra], unknowns: usize, x: &mut [f64], moved: &[f64], p: &mut [f64]) {
+fn propagate(worker: &Worker, extras: &[Extra], own: usize, x: &mut [f64], moved: &[f64], p: &mut [f64]) {
     let n = x.len();
     let (end, slopes) = worker.end();
+    let unknowns = slopes.len() / own;
     // rows of the transition: the vehicle's from the slopes, the extras' own
-    let mut f = vec![0.0; START * n];
-    for i in 0..START {
+    let mut f = vec![0.0; own * n];
+    for i in 0..own {
         let row = &slopes[i * unknowns..(i + 1) * unknowns];
-        f[i * n..i * n + START].copy_from_slice(&row[..START]);
+        f[i * n..i * n + own].copy_from_slice(&row[..own]);
         for (j, extra) in extras.iter().enumerate() {
-            f[i * n + START + j] = extra.column.map_or(0.0, |column| row[column]);
+            f[i * n + own + j] = extra.column.map_or(0.0, |column| row[column]);
         }
     }
-    for i in 0..START {
+    for i in 0..own {
         x[i] = end[i] + f[i * n..(i + 1) * n].iter().zip(moved).map(|(f, m)| f * m).sum::<f64>();
     }
     for (j, extra) in extras.iter().enumerate() {
-        x[START + j] = extra.keep * (x[START + j] + moved[START + j]);
+        x[own + j] = extra.keep * (x[own + j] + moved[own + j]);
     }
     // F P, then F P F^T
     let mut fp = vec![0.0; n * n];
-    for i in 0..START {
+    for i in 0..own {
         for k in 0..n {
             let by = f[i * n + k];
             if by != 0.0 {
@@ -242,21 +249,21 @@ fn propagate(worker: &Worker, extras: &[Extra], unknowns: usize, x: &mut [f64], 
     }
     for (i, extra) in extras.iter().enumerate() {
         for j in 0..n {
-            fp[(START + i) * n + j] = extra.keep * p[(START + i) * n + j];
+            fp[(own + i) * n + j] = extra.keep * p[(own + i) * n + j];
         }
     }
     for i in 0..n {
         for j in i..n {
-            let entry = if j < START {
+            let entry = if j < own {
                 fp[i * n..(i + 1) * n].iter().zip(&f[j * n..(j + 1) * n]).map(|(a, b)| a * b).sum()
             } else {
-                fp[i * n + j] * extras[j - START].keep
+                fp[i * n + j] * extras[j - own].keep
             };
             p[i * n + j] = entry;
             p[j * n + i] = entry;
         }
     }
     for (j, extra) in extras.iter().enumerate() {
-        p[(START + j) * n + START + j] += extra.gain;
+        p[(own + j) * n + own + j] += extra.gain;
     }
 }

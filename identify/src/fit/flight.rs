@@ -131,6 +131,12 @@ impl Flight {
         &self.starts[tick]
     }
 
+    /// The measured position, velocity, attitude and rates at the start of a tick.
+    pub fn start_numbers(&self, tick: usize) -> Vec<f64> {
+        let x = &self.starts[tick];
+        [x.pos_m, x.vel_mps, x.att_rad, x.rate_radps].concat()
+    }
+
     /// Windows of about `length_s`, all of one length but the last, which takes what is left.
     pub fn windows(&self, flight: usize, length_s: f64) -> Vec<Window> {
         let each = ((length_s / self.tick_s).round() as usize).max(1);

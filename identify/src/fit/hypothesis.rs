@@ -71,6 +71,12 @@ impl Hypothesis {
         self.terms.iter().any(|t| t.entry.name == effect)
     }
 
+    /// What effects remember of the motion, estimated with it.
+    pub fn lags(&self) -> usize {
+        let declared = self.model.effects.keys().filter(|name| !self.has(name)).filter_map(|name| effects::find(name).ok());
+        declared.map(|(_, entry)| entry.lags).chain(self.terms.iter().map(|t| t.entry.lags)).sum()
+    }
+
     /// The free numbers: the model's, then the effects'.
     pub fn shared(&self) -> Vec<f64> {
         let of_model = self.free.iter().filter_map(|path| self.model.parameter(path).ok());

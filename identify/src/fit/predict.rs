@@ -45,10 +45,15 @@ struct Pass {
 
 impl Pass {
     fn variable(&self, value: f64, unknown: usize) -> Dual {
-        match unknown.checked_sub(self.first) {
-            Some(direction) if direction < DIRECTIONS => Dual::variable(value, direction),
-            _ => Dual::of(value),
-        }
+        variable(self.first, value, unknown)
+    }
+}
+
+/// A number of the pass whose directions begin with the unknown `first`.
+fn variable(first: usize, value: f64, unknown: usize) -> Dual {
+    match unknown.checked_sub(first) {
+        Some(direction) if direction < DIRECTIONS => Dual::variable(value, direction),
+        _ => Dual::of(value),
     }
 }
 
@@ -57,12 +62,14 @@ pub struct Worker {
     model: Model,
     passes: Vec<Pass>,
     remembers: bool,
+    /// The start and the lags of effects: what each window has of its own.
+    own: usize,
     unknowns: usize,
     states: Vec<State<Dual>>,
     offsets: Vec<[Dual; 3]>,
     rows: Vec<Compared>,
     slopes: Vec<f64>,
-    end: [f64; START],
+    end: Vec<f64>,
     end_slopes: Vec<f64>,
     /// Per effect: name, values, and which are free.
     terms: Vec<Term>,
@@ -81,8 +88,9 @@ impl Worker {
         (model.rig.control.value, model.rig.imu.value, model.rig.camera.value) = (hz, hz, 1.0);
         let settings = Settings { input: flight.input, physics_hz: at.physics_hz };
         let entries: Vec<&'static Entry> = at.terms.iter().map(|t| t.entry).collect();
+        let own = START + at.lags();
         let shared: usize = at.free.len() + at.terms.iter().map(|t| t.free.len()).sum::<usize>();
-        let unknowns = if with_slopes { START + shared + if pushed { PUSH } else { 0 } } else { 0 };
+        let unknowns = if with_slopes { own + shared + if pushed { PUSH } else { 0 } } else { 0 };
         let mut passes = Vec::new();
         for first in (0..unknowns.max(1)).step_by(DIRECTIONS) {
             let mut pass = Pass { first, world: World::for_fitting(&model, &entries, settings)? };
@@ -90,7 +98,7 @@ impl Worker {
                 .free
                 .iter()
                 .enumerate()
-                .filter_map(|(i, path)| Some((path.as_str(), (START + i).checked_sub(first).filter(|d| *d < DIRECTIONS)?)))
+                .filter_map(|(i, path)| Some((path.as_str(), (own + i).checked_sub(first).filter(|d| *d < DIRECTIONS)?)))
                 .collect();
             if !seeds.is_empty() && with_slopes {
                 pass.world.seed_model(&model, settings, &seeds)?;
@@ -100,6 +108,7 @@ impl Worker {
         let declared = at.model.effects.keys().filter_map(|name| crazyflie_env::effects::find(name).ok().map(|(_, entry)| entry));
         let remembers = entries.iter().copied().chain(declared).any(|e| e.hooks.command);
         let mut worker = Worker {
+            own,
             model,
             passes,
             remembers,
@@ -108,7 +117,7 @@ impl Worker {
             offsets: Vec::new(),
             rows: Vec::new(),
             slopes: Vec::new(),
-            end: [0.0; START],
+            end: vec![0.0; own],
             end_slopes: Vec::new(),
             terms: at.terms.clone(),
             free_of_model: at.free.len(),
@@ -117,6 +126,14 @@ impl Worker {
         let values: Vec<f64> = at.terms.iter().flat_map(Term::free_values).collect();
         worker.set_free(&values)?;
         Ok(worker)
+    }
+
+    /// What effects remember no longer depends on the start: it was another one.
+    pub fn cut_from_start(&mut self) {
+        for pass in &mut self.passes {
+            let own = self.own.saturating_sub(pass.first).min(DIRECTIONS);
+            pass.world.visit_memory(&mut |number| number.slope[..own].fill(0.0));
+        }
     }
 
     /// Push the vehicle from now on.
@@ -130,11 +147,12 @@ impl Worker {
     /// None that [`Worker::new`] would not have had.
     pub fn set_free(&mut self, values: &[f64]) -> crazyflie_env::Result<()> {
         for pass in &mut self.passes {
-            let mut unknown = START + self.free_of_model;
+            let first = self.own + self.free_of_model;
+            let mut unknown = first;
             for term in &self.terms {
                 let mut params: Vec<Dual> = term.values.iter().map(|v| Dual::of(*v)).collect();
                 for i in &term.free {
-                    params[*i] = pass.variable(values[unknown - START - self.free_of_model], unknown);
+                    params[*i] = pass.variable(values[unknown - first], unknown);
                     unknown += 1;
                 }
                 pass.world.put(term.entry.name, &params)?;
@@ -179,7 +197,7 @@ impl Worker {
         self.slopes.clear();
         self.slopes.resize(count * self.unknowns, 0.0);
         self.end_slopes.clear();
-        self.end_slopes.resize(START * self.unknowns, 0.0);
+        self.end_slopes.resize(self.own * self.unknowns, 0.0);
         let mut passes = std::mem::take(&mut self.passes);
         for pass in &mut passes {
             Dual::run(
@@ -187,7 +205,7 @@ impl Worker {
                 || self.fly(pass, flight, window, own),
             );
             self.compare(pass, flight, window);
-            self.keep_end(pass.first);
+            self.keep_end(pass);
         }
         self.passes = passes;
     }
@@ -209,6 +227,12 @@ impl Worker {
         }
         let world = &mut pass.world;
         world.set_state(&start);
+        let mut lag = START;
+        let first = pass.first;
+        world.visit_lags(&mut |slot| {
+            *slot = variable(first, own[lag], lag);
+            lag += 1;
+        });
         self.states.clear();
         self.offsets.clear();
         self.states.push(start);
@@ -221,13 +245,25 @@ impl Worker {
         }
     }
 
-    fn keep_end(&mut self, first: usize) {
+    fn keep_end(&mut self, pass: &mut Pass) {
         let Some(x) = self.states.last() else { return };
-        let here = first.min(self.unknowns)..(first + DIRECTIONS).min(self.unknowns);
-        for (i, number) in [x.pos_m, x.vel_mps, x.att_rad, x.rate_radps].as_flattened().iter().enumerate() {
+        let mut numbers = [x.pos_m, x.vel_mps, x.att_rad, x.rate_radps].as_flattened().to_vec();
+        pass.world.visit_lags(&mut |lag| numbers.push(*lag));
+        let here = pass.first.min(self.unknowns)..(pass.first + DIRECTIONS).min(self.unknowns);
+        for (i, number) in numbers.iter().enumerate() {
             self.end[i] = number.value;
             self.end_slopes[i * self.unknowns..][here.clone()].copy_from_slice(&number.slope[..here.len()]);
         }
+    }
+
+    /// What the lags are at a tick if the vehicle was at its start state before it too.
+    pub fn lags(&mut self, flight: &Flight, tick: usize, start: &[f64]) -> Vec<f64> {
+        self.run_up(flight, tick, start);
+        let mut lags = Vec::new();
+        if let Some(pass) = self.passes.first_mut() {
+            pass.world.visit_lags(&mut |lag| lags.push(lag.value));
+        }
+        lags
     }
 
     /// The state at a time since the start of the window, and the tick that it lies in.
@@ -285,13 +321,18 @@ impl Worker {
         &self.rows
     }
 
+    /// The predicted velocity at each tick of the window, the start included, three numbers each.
+    pub fn velocities(&self) -> Vec<f64> {
+        self.states.iter().flat_map(|x| x.vel_mps.map(|v| v.value)).collect()
+    }
+
     /// Its slopes in standard deviations, a row of all unknowns for each.
     pub fn slopes(&self) -> impl Iterator<Item = &[f64]> {
         self.slopes.chunks_exact(self.unknowns.max(1))
     }
 
     /// The state at the end of the window and its slopes, a row of all unknowns for each number.
-    pub fn end(&self) -> (&[f64; START], &[f64]) {
+    pub fn end(&self) -> (&[f64], &[f64]) {
         (&self.end, &self.end_slopes)
     }
 }
@@ -304,9 +345,13 @@ fn dual(u: &Command<f64>) -> Command<Dual> {
 impl Prediction<'_> {
     /// The windows' starts as measured.
     pub fn starts(&self) -> Vec<Vec<f64>> {
+        let mut worker = self.flights.first().and_then(|flight| Worker::new(self.hypothesis, flight, false, false).ok());
         let of = |w: &Window| {
-            let x = self.flights[w.flight].start(w.ticks.start);
-            [x.pos_m, x.vel_mps, x.att_rad, x.rate_radps].concat()
+            let flight = &self.flights[w.flight];
+            let mut own = flight.start_numbers(w.ticks.start);
+            let lags = worker.as_mut().map_or_else(Vec::new, |worker| worker.lags(flight, w.ticks.start, &own));
+            own.extend(lags);
+            own
         };
         self.windows.iter().map(of).collect()
     }
@@ -319,7 +364,7 @@ impl Problem for Prediction<'_> {
         self.windows.len()
     }
     fn own(&self) -> usize {
-        START
+        START + self.hypothesis.lags()
     }
     fn bounds(&self) -> Vec<[f64; 2]> {
         self.hypothesis.bounds()
@@ -330,7 +375,7 @@ impl Problem for Prediction<'_> {
     }
     fn normal(&self, worker: &mut Option<Worker>, window: usize, own: &[f64]) -> Normal {
         let window = &self.windows[window];
-        let unknowns = START + self.hypothesis.shared().len();
+        let unknowns = self.own() + self.hypothesis.shared().len();
         let mut normal = Normal::new(unknowns);
         normal.loss = f64::INFINITY;
         let Some(worker) = worker else { return normal };

@@ -143,6 +143,11 @@ fn total(shares: impl Iterator<Item = Share>, n: usize) -> (DVector<f64>, DMatri
 
 /// Minimise from a start: `own` per window, `shared` for all.
 pub fn solve(problem: &impl Problem, own: Vec<Vec<f64>>, shared: Vec<f64>) -> Solution {
+    solve_within(problem, own, shared, MOST_STEPS)
+}
+
+/// As [`solve`], stopping after so many steps, converged or not.
+pub fn solve_within(problem: &impl Problem, own: Vec<Vec<f64>>, shared: Vec<f64>, most_steps: usize) -> Solution {
     let (mut own, mut shared) = (own, shared);
     let (n, bounds) = (problem.own(), problem.bounds());
     let evaluate = |own: &[Vec<f64>], shared: &[f64]| -> Vec<Normal> {
@@ -152,7 +157,7 @@ pub fn solve(problem: &impl Problem, own: Vec<Vec<f64>>, shared: Vec<f64>) -> So
     let loss_of = |normals: &[Normal]| normals.iter().map(|n| n.loss).sum::<f64>();
     let mut normals = evaluate(&own, &shared);
     let (mut loss, mut damping, mut steps, mut converged) = (loss_of(&normals), 1e-4, 0, false);
-    while steps < MOST_STEPS && !converged && damping < 1e9 {
+    while steps < most_steps && !converged && damping < 1e9 {
         steps += 1;
         let eliminated: Option<Vec<Eliminated>> = normals.iter().map(|normal| eliminate(normal, n, damping)).collect();
         let stepped = eliminated.and_then(|all| {

@@ -1,0 +1,79 @@
+//! Which effects are tried, and from where.
+
+use crazyflie_env::effects::{Entry, Role, Trace, registry};
+
+use crate::fit::hypothesis::{Hypothesis, Term};
+
+/// Shares of a parameter's range, from "off", at which a search starts where "off" itself says nothing: a lag or a limit has no slope there.
+const STARTS: [f64; 4] = [0.03, 0.12, 0.3, 0.9];
+
+/// An effect to try, with the values to start from.
+pub struct Candidate {
+    pub entry: &'static Entry,
+    pub starts: Vec<Term>,
+    /// How many of the first starts are variants of the effect rather than other values.
+    pub variants: usize,
+}
+
+/// Every effect of the registry that changes what is expected and that the hypothesis does not have yet.
+pub fn candidates(hypothesis: &Hypothesis) -> Vec<Candidate> {
+    let absent = |e: &&Entry| e.trace == Trace::Mean && !hypothesis.has(e.name) && !hypothesis.model.effects.contains_key(e.name);
+    registry().iter().filter(absent).map(|entry| Candidate { entry, starts: starts(entry), variants: variants(entry).len() }).collect()
+}
+
+fn starts(entry: &'static Entry) -> Vec<Term> {
+    let variants = variants(entry);
+    // what acts on the command is the kind without a slope at "off"
+    if !entry.hooks.command {
+        return variants;
+    }
+    let mut all = variants.clone();
+    for variant in &variants {
+        for i in &variant.free {
+            let p = &entry.params[*i];
+            let far = if (p.high - p.off).abs() >= (p.low - p.off).abs() { p.high } else { p.low };
+            all.extend(STARTS.iter().map(|share| {
+                let mut term = variant.clone();
+                term.values[*i] = p.off + share * (far - p.off);
+                term
+            }));
+        }
+    }
+    all
+}
+
+/// One term per combination of the parameters that select a variant.
+fn variants(entry: &'static Entry) -> Vec<Term> {
+    let mut all = vec![Term::off(entry)];
+    for (i, p) in entry.params.iter().enumerate().filter(|(_, p)| p.role == Role::Choice) {
+        let choices = p.low.round() as i64..=p.high.round() as i64;
+        let with = |choice: i64| {
+            all.iter().map(move |term| {
+                let mut chosen = term.clone();
+                chosen.values[i] = choice as f64;
+                chosen
+            })
+        };
+        all = choices.flat_map(with).collect();
+    }
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crazyflie_env::model::Model;
+
+    #[test]
+    fn every_effect_on_the_mean_is_tried_once_and_variants_each() {
+        let model = Model::thesis();
+        let all = candidates(&Hypothesis::of(&model));
+        assert!(all.iter().all(|c| c.entry.trace == Trace::Mean && !c.starts.is_empty()));
+        let weak = all.iter().find(|c| c.entry.name == "weak_motor").unwrap();
+        assert_eq!(weak.starts.iter().map(|t| t.values[0]).collect::<Vec<_>>(), [1.0, 2.0, 3.0, 4.0]);
+        let delay = all.iter().find(|c| c.entry.name == "cmd_delay").unwrap();
+        assert!(delay.starts.len() > 2 && delay.starts[1].values[0] > 0.0);
+        let has = Hypothesis::of(&model).with(Term::off(delay.entry));
+        assert!(candidates(&has).iter().all(|c| c.entry.name != "cmd_delay"));
+    }
+}

@@ -1,0 +1,100 @@
+//! How large the disturbances of a flight are: the sizes and correlation times under which the filter's likelihood is highest.
+
+use rayon::prelude::*;
+
+use crate::fit::filter::{Belief, Disturbances, Wander, filter};
+use crate::fit::flight::Flight;
+use crate::fit::hypothesis::Hypothesis;
+
+/// Sizes are tuned on the start of a flight.
+const TUNE_S: f64 = 16.0;
+/// Where a search begins.
+const FIRST: Disturbances = Disturbances {
+    force: Wander { sigma: 0.1, tau_s: 1.0 },
+    lift: Wander { sigma: 0.05, tau_s: 1.0 },
+    torque: Wander { sigma: 0.3, tau_s: 0.3 },
+    turn: Wander { sigma: 0.2, tau_s: 1.0 },
+    marker: Wander { sigma: 0.003, tau_s: 3.0 },
+};
+/// What no flight is without: the models' own small errors. A size does not shrink below it.
+const FLOOR: Disturbances = Disturbances {
+    force: Wander { sigma: 0.012, tau_s: 1.0 },
+    lift: Wander { sigma: 0.008, tau_s: 1.0 },
+    torque: Wander { sigma: 0.05, tau_s: 0.3 },
+    turn: Wander { sigma: 0.02, tau_s: 1.0 },
+    marker: Wander { sigma: 0.0, tau_s: 3.0 },
+};
+/// A size of a disturbance without a floor that shrinks below this share of the first is none.
+const LEAST: f64 = 0.05;
+/// Correlation times stay within these.
+const TAU_S: [f64; 2] = [0.05, 10.0];
+/// A move must gain this much likelihood.
+const WORTH: f64 = 0.3;
+
+/// One change of one disturbance.
+#[derive(Debug, Clone, Copy)]
+enum Move {
+    Sigma(usize, f64),
+    Tau(usize, f64),
+    Off(usize),
+}
+
+fn moved(from: &Disturbances, change: Move) -> Option<Disturbances> {
+    let mut to = *from;
+    let (mut first, mut floor) = (FIRST, FLOOR);
+    let (first, floor) = (first.list_mut(), floor.list_mut());
+    let list = to.list_mut();
+    match change {
+        Move::Off(i) if list[i].sigma > floor[i].sigma => *list[i] = *floor[i],
+        Move::Sigma(i, by) if list[i].sigma > 0.0 && list[i].sigma * by >= (LEAST * first[i].sigma).max(floor[i].sigma) => {
+            list[i].sigma *= by
+        }
+        // what is off may come back, small
+        Move::Sigma(i, by) if list[i].sigma == 0.0 && by > 1.0 => list[i].sigma = 0.2 * first[i].sigma,
+        Move::Tau(i, by) if list[i].sigma > floor[i].sigma && (TAU_S[0]..=TAU_S[1]).contains(&(list[i].tau_s * by)) => list[i].tau_s *= by,
+        _ => return None,
+    }
+    Some(to)
+}
+
+/// The disturbances of a flight under a hypothesis, searched from those given, or from scratch.
+pub fn tune(flight: &Flight, hypothesis: &Hypothesis, from: Option<&Disturbances>) -> Disturbances {
+    let ticks = (TUNE_S / flight.tick_s) as usize;
+    let fixed = hypothesis.fixed();
+    let nothing = Belief::independent(Vec::new(), &[]);
+    let loss = |d: &Disturbances| filter(flight, ticks, &fixed, &nothing, d).map_or(f64::INFINITY, |f| f.loss);
+    let mut best = from.copied().unwrap_or(FIRST);
+    let mut least = loss(&best);
+    let (factors, sweeps): (&[f64], usize) = if from.is_some() { (&[2.0, 1.5], 2) } else { (&[4.0, 2.0, 1.5], 3) };
+    for by in factors {
+        for _ in 0..sweeps {
+            let groups = 0..5;
+            let moves = groups
+                .flat_map(|i| [Move::Sigma(i, *by), Move::Sigma(i, 1.0 / by), Move::Tau(i, *by), Move::Tau(i, 1.0 / by), Move::Off(i)]);
+            let moves: Vec<Move> = moves.collect();
+            let tried: Vec<(Move, f64)> =
+                moves.into_par_iter().filter_map(|m| Some((m, moved(&best, m)?))).map(|(m, d)| (m, loss(&d))).collect();
+            let mut better: Vec<(Move, f64)> =
+                tried.into_iter().filter(|(m, l)| *l < least - if matches!(m, Move::Off(_)) { -WORTH } else { WORTH }).collect();
+            better.sort_by(|a, b| a.1.total_cmp(&b.1));
+            let Some((first, alone)) = better.first().copied() else { break };
+            // all improvements at once, each disturbance changed at most once, or the best alone
+            let mut together = best;
+            let mut seen = Vec::new();
+            for (m, _) in &better {
+                let (Move::Sigma(i, _) | Move::Tau(i, _) | Move::Off(i)) = *m;
+                if !seen.contains(&i) {
+                    seen.push(i);
+                    together = moved(&together, *m).unwrap_or(together);
+                }
+            }
+            let joint = if seen.len() > 1 { loss(&together) } else { f64::INFINITY };
+            if joint < alone {
+                (best, least) = (together, joint);
+            } else if let Some(next) = moved(&best, first) {
+                (best, least) = (next, alone);
+            }
+        }
+    }
+    best
+}

@@ -1,0 +1,370 @@
+//! Which effects earn their place. Windows of flights, fitted by output error, propose; the Kalman filter, whose residuals are independent of each
+//! other whatever shakes the vehicle, decides.
+
+use crazyflie_env::effects::Entry;
+use nalgebra::{Cholesky, DMatrix, DVector};
+use rayon::prelude::*;
+
+use super::candidates::candidates;
+use super::noise::tune;
+use crate::fit::filter::{Belief, Disturbances, filter};
+use crate::fit::flight::{Flight, WINDOW_S, Window};
+use crate::fit::hypothesis::{Hypothesis, Term};
+use crate::fit::predict::Prediction;
+use crate::fit::solve::{Solution, pseudo_inverse, solve_within};
+
+/// So many windows are enough to propose.
+const WINDOWS_TO_PROPOSE: usize = 30;
+/// Steps of a fit that only proposes, and of one that chooses where to start.
+const STEPS: usize = 8;
+const STEPS_TO_START: usize = 2;
+/// How many proposals the filter looks at per round.
+const SHORTLIST: usize = 7;
+/// Most effects of a hypothesis.
+const MOST_EFFECTS: usize = 6;
+/// What the filter believes before the flight is as wide as so many standard errors of the proposal.
+const WIDEN: f64 = 10.0;
+/// How well the filter that scores knows a parameter beforehand, as a share of its range: enough for the slopes to hold.
+const TIGHT: f64 = 0.003;
+/// Less than this, in units of log-likelihood, is not worth a proposal.
+const LEAST_PROPOSAL: f64 = 4.0;
+
+/// A hypothesis with what the flights say of it.
+#[derive(Debug, Clone)]
+pub struct Judged {
+    /// Values as the windows have them.
+    pub hypothesis: Hypothesis,
+    /// As the filter has them after all flights of the fit.
+    pub belief: Belief,
+    pub disturbances: Disturbances,
+    /// Negative log-likelihood of the flights of the fit, the free parameters integrated out.
+    pub loss: f64,
+    /// The same with the parameters at the settled values.
+    pub plug_in: f64,
+}
+
+impl Judged {
+    /// The hypothesis at the filter's values.
+    pub fn settled(&self) -> Hypothesis {
+        let bounds = self.hypothesis.bounds();
+        let inside: Vec<f64> = self.belief.mean.iter().zip(bounds).map(|(v, [low, high])| v.clamp(low, high)).collect();
+        self.hypothesis.at(&inside)
+    }
+}
+
+/// The flights of a fit with the windows that propose.
+pub struct Search<'a> {
+    pub flights: &'a [Flight],
+    windows: Vec<Window>,
+}
+
+/// An effect proposed by the windows: the hypothesis with it, at the fitted values, and their standard errors.
+struct Proposal {
+    hypothesis: Hypothesis,
+    sd: Vec<f64>,
+}
+
+/// What an effect could gain.
+#[derive(Debug, Clone)]
+pub struct Score {
+    /// Where to start its fit.
+    pub start: Term,
+    /// In units of log-likelihood, the other parameters following.
+    pub gain: f64,
+    /// Standard error of each of its free parameters that these flights allow, the other parameters unknown too.
+    pub sd: Vec<f64>,
+}
+
+/// A likelihood to second order.
+struct Jet {
+    loss: f64,
+    gradient: DVector<f64>,
+    information: DMatrix<f64>,
+}
+
+impl Jet {
+    /// The gain of the parameters at `place`, those at `known` following.
+    fn score(&self, start: &Term, place: &[usize], known: &[usize]) -> Score {
+        let block =
+            |rows: &[usize], columns: &[usize]| DMatrix::from_fn(rows.len(), columns.len(), |i, j| self.information[(rows[i], columns[j])]);
+        let part = |rows: &[usize]| DVector::from_fn(rows.len(), |i, _| self.gradient[rows[i]]);
+        let across = block(place, known);
+        let inverse = pseudo_inverse(&block(known, known)).unwrap_or_else(|| DMatrix::zeros(known.len(), known.len()));
+        let inverse = inverse.map(|v| if v.is_finite() { v } else { 0.0 });
+        let information = block(place, place) - &across * &inverse * across.transpose();
+        let gradient = part(place) - &across * &inverse * part(known);
+        let covariance = pseudo_inverse(&information).unwrap_or_else(|| DMatrix::zeros(place.len(), place.len()));
+        let sd = (0..place.len()).map(|i| covariance[(i, i)].max(0.0).sqrt()).collect();
+        let usable = covariance.map(|v| if v.is_finite() { v } else { 0.0 });
+        let step = &usable * &gradient;
+        let entry = start.entry;
+        // a step out of the range, as of a drag below zero, gains nothing
+        let outward = |(k, i): (usize, &usize)| {
+            let p = &entry.params[*i];
+            (start.values[*i] <= p.low && step[k] < 0.0) || (start.values[*i] >= p.high && step[k] > 0.0)
+        };
+        let gains = !start.free.iter().enumerate().any(outward);
+        Score { start: start.clone(), gain: if gains { 0.5 * gradient.dot(&step) } else { 0.0 }, sd }
+    }
+}
+
+/// From the lowest to the highest value of a free parameter.
+fn joint_range(hypothesis: &Hypothesis, i: usize) -> f64 {
+    let [low, high] = hypothesis.bounds()[i];
+    high - low
+}
+
+impl<'a> Search<'a> {
+    pub fn new(flights: &'a [Flight]) -> Self {
+        let all: Vec<Window> = flights.iter().enumerate().flat_map(|(i, f)| f.windows(i, WINDOW_S)).collect();
+        let every = all.len().div_ceil(WINDOWS_TO_PROPOSE).max(1);
+        Search { flights, windows: all.into_iter().step_by(every).collect() }
+    }
+
+    pub fn fit(&self, hypothesis: &Hypothesis, own: Option<&[Vec<f64>]>, most_steps: usize) -> Solution {
+        let prediction = Prediction { flights: self.flights, windows: &self.windows, hypothesis, inflation: 1.0 };
+        let measured = prediction.starts();
+        // a lag that is new to the hypothesis has no value yet
+        let longer = |(known, start): (&Vec<f64>, &Vec<f64>)| [known, &start[known.len().min(start.len())..]].concat();
+        let own = own.map_or_else(|| measured.clone(), |own| own.iter().zip(&measured).map(longer).collect());
+        solve_within(&prediction, own, hypothesis.shared(), most_steps)
+    }
+
+    /// What the filter says of a hypothesis whose free parameters are known about as well as `sd`.
+    pub fn judge(&self, hypothesis: &Hypothesis, sd: &[f64], disturbances: &Disturbances) -> Option<Judged> {
+        let ranges = hypothesis.bounds();
+        let wide: Vec<f64> = sd.iter().zip(&ranges).map(|(sd, [low, high])| (WIDEN * sd).min(0.25 * (high - low))).collect();
+        let mut belief = Belief::independent(hypothesis.shared(), &wide);
+        let mut loss = 0.0;
+        for flight in self.flights {
+            let filtered = filter(flight, usize::MAX, hypothesis, &belief, disturbances)?;
+            loss += filtered.loss;
+            belief = filtered.belief;
+        }
+        let mut judged = Judged { hypothesis: hypothesis.clone(), belief, disturbances: *disturbances, loss, plug_in: loss };
+        if !sd.is_empty() {
+            judged.plug_in = self.plug_in(&judged.settled(), disturbances)?;
+        }
+        Some(judged)
+    }
+
+    /// Negative log-likelihood with all parameters as they are.
+    pub fn plug_in(&self, hypothesis: &Hypothesis, disturbances: &Disturbances) -> Option<f64> {
+        let nothing = Belief::independent(Vec::new(), &[]);
+        let fixed = hypothesis.fixed();
+        self.flights.iter().map(|f| filter(f, usize::MAX, &fixed, &nothing, disturbances).map(|f| f.loss)).sum()
+    }
+
+    /// The declared model, with what is random about the flight.
+    pub fn declared(&self, hypothesis: &Hypothesis) -> Option<Judged> {
+        let disturbances = tune(&self.flights[0], hypothesis, None);
+        self.judge(hypothesis, &[], &disturbances)
+    }
+
+    /// The hypothesis fitted anew, disturbances tuned, judged.
+    pub fn refit(&self, hypothesis: &Hypothesis, disturbances: &Disturbances) -> Option<Judged> {
+        let solution = self.fit(hypothesis, None, STEPS);
+        let (fitted, sd) = without_idle(&hypothesis.at(&solution.shared), &deviations(&solution));
+        let first = self.judge(&fitted, &sd, disturbances)?;
+        let disturbances = tune(&self.flights[0], &first.settled(), Some(disturbances));
+        self.judge(&fitted, &sd, &disturbances)
+    }
+
+    /// One more effect: the best by the filter of those that score highest.
+    pub fn extend(&self, now: &Judged) -> Option<Judged> {
+        let at = now.settled();
+        let base = self.fit(&at.fixed(), None, STEPS);
+        let scored = self.score(now, &base)?;
+        let proposals: Vec<Proposal> =
+            scored.iter().take(SHORTLIST).filter(|s| s.gain > LEAST_PROPOSAL).filter_map(|s| self.propose(&at, s, &base)).collect();
+        let judged: Vec<Judged> = proposals.par_iter().filter_map(|p| self.judge(&p.hypothesis, &p.sd, &now.disturbances)).collect();
+        if std::env::var("LAB").is_ok() {
+            for s in scored.iter().take(SHORTLIST) {
+                let j = judged.iter().find(|j| j.hypothesis.has(s.start.entry.name));
+                eprintln!(
+                    "      {:?} score {:.1} gain {:.1} {:?}",
+                    s.start,
+                    s.gain,
+                    j.map_or(f64::NAN, |j| now.loss - j.loss),
+                    j.map(|j| j.settled().terms)
+                );
+            }
+        }
+        let best = judged.into_iter().min_by(|a, b| a.loss.total_cmp(&b.loss))?;
+        self.tuned(&best)
+    }
+
+    /// The same hypothesis with the disturbances that suit it.
+    pub fn tuned(&self, judged: &Judged) -> Option<Judged> {
+        let disturbances = tune(&self.flights[0], &judged.settled(), Some(&judged.disturbances));
+        let again = self.again(judged, &disturbances)?;
+        // tuned on a part of a flight, judged on all
+        Some(if again.loss < judged.loss { again } else { judged.clone() })
+    }
+
+    /// Without one of its effects, the others and the disturbances settled anew.
+    pub fn reduced(&self, judged: &Judged, effect: &str) -> Option<Judged> {
+        let at = judged.settled();
+        let place = at.place(effect);
+        let sd: Vec<f64> = (0..judged.belief.mean.len()).filter(|i| !place.contains(i)).map(|i| judged.belief.sd(i)).collect();
+        let first = self.judge(&at.without(effect), &sd, &judged.disturbances)?;
+        self.tuned(&first)
+    }
+
+    /// Effects that do not earn their place at the end, when all others are there, are taken out again.
+    pub fn backward(&self, from: Judged, worth: f64) -> Judged {
+        let mut now = from;
+        loop {
+            let terms: Vec<&'static str> = now.hypothesis.terms.iter().map(|t| t.entry.name).collect();
+            let reduced: Vec<Judged> = terms.iter().filter_map(|name| self.reduced(&now, name)).collect();
+            let Some(least) = reduced.into_iter().min_by(|a, b| a.loss.total_cmp(&b.loss)) else { return now };
+            if least.loss - now.loss > worth {
+                return now;
+            }
+            now = least;
+        }
+    }
+
+    /// Other effects that would do as well as one of a hypothesis: each in its place, within `noise` of its likelihood.
+    pub fn rivals(&self, judged: &Judged, effect: &str, noise: f64) -> Vec<(&'static str, f64)> {
+        let Some(without) = self.reduced(judged, effect) else { return Vec::new() };
+        let base = self.fit(&without.settled().fixed(), None, STEPS);
+        let Some(scores) = self.score(&without, &base) else { return Vec::new() };
+        let others = scores.iter().filter(|s| s.start.entry.name != effect && s.gain > 0.3 * (without.loss - judged.loss)).take(SHORTLIST);
+        let at = without.settled();
+        let proposals: Vec<Proposal> = others.filter_map(|s| self.propose(&at, s, &base)).collect();
+        let replaced = proposals.par_iter().filter_map(|p| self.judge(&p.hypothesis, &p.sd, &judged.disturbances));
+        let names = |j: Judged| {
+            let new = j.hypothesis.terms.iter().find(|t| !judged.hypothesis.has(t.entry.name))?;
+            Some((new.entry.name, j.loss - judged.loss))
+        };
+        replaced.filter_map(names).filter(|(_, loss)| *loss < noise).collect()
+    }
+
+    /// The same hypothesis judged from where it settled, under other disturbances.
+    fn again(&self, judged: &Judged, disturbances: &Disturbances) -> Option<Judged> {
+        let sd: Vec<f64> = (0..judged.belief.mean.len()).map(|i| judged.belief.sd(i)).collect();
+        self.judge(&judged.settled(), &sd, disturbances)
+    }
+
+    /// What every effect could gain, from one run of the filter that carries the parameters of all of them, each known to be almost off. An
+    /// effect without a slope at "off" is tried from elsewhere, on the windows.
+    pub fn score(&self, now: &Judged, base: &Solution) -> Option<Vec<Score>> {
+        let at = now.settled();
+        let all = candidates(&at);
+        let mut joint = at.clone();
+        joint.physics_hz = Some((1.0 / self.flights[0].tick_s).round() as u32);
+        for candidate in &all {
+            joint = joint.with(candidate.starts[0].clone());
+        }
+        let jet = self.jet(&joint, now)?;
+        let known: Vec<usize> = at.terms.iter().flat_map(|t| joint.place(t.entry.name)).chain(0..at.free.len()).collect();
+        let mut scores = Vec::new();
+        for candidate in &all {
+            let place: Vec<usize> = joint.place(candidate.entry.name).collect();
+            let deaf = place.iter().all(|i| jet.information[(*i, *i)] * joint_range(&joint, *i).powi(2) < 1.0);
+            if !deaf {
+                scores.push(jet.score(&candidate.starts[0], &place, &known));
+            }
+            if deaf || candidate.variants > 1 {
+                let starts = if deaf { &candidate.starts[..] } else { &candidate.starts[..candidate.variants] };
+                scores.extend(self.start_elsewhere(&at.fixed(), starts, base));
+            }
+        }
+        scores.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+        // of one effect the best start
+        let mut seen = Vec::new();
+        scores.retain(|s| {
+            !seen.contains(&s.start.entry.name) && {
+                seen.push(s.start.entry.name);
+                true
+            }
+        });
+        Some(scores)
+    }
+
+    /// Of an effect without a slope at "off": the start from which the windows gain most, and what it gains there.
+    fn start_elsewhere(&self, at: &Hypothesis, starts: &[Term], base: &Solution) -> Option<Score> {
+        let tried = starts.iter().map(|start| {
+            let with = at.with(start.clone());
+            let solution = self.fit(&with, Some(&base.own), STEPS_TO_START);
+            (base.loss - solution.loss, with.at(&solution.shared))
+        });
+        let (gain, best) = tried.max_by(|a, b| a.0.total_cmp(&b.0))?;
+        let start = best.terms.into_iter().find(|t| t.entry.name == starts[0].entry.name)?;
+        Some(Score { sd: vec![f64::INFINITY; start.free.len()], start, gain })
+    }
+
+    /// Likelihood, gradient and information at a hypothesis, by the filter with parameters known to a hundredth of their range.
+    fn jet(&self, at: &Hypothesis, now: &Judged) -> Option<Jet> {
+        let ranges: Vec<f64> = (0..at.shared().len()).map(|i| TIGHT * joint_range(at, i)).collect();
+        let prior = Belief::independent(at.shared(), &ranges);
+        let mut jet = Jet { loss: 0.0, gradient: DVector::zeros(ranges.len()), information: DMatrix::zeros(ranges.len(), ranges.len()) };
+        for flight in self.flights {
+            let filtered = filter(flight, usize::MAX, at, &prior, &now.disturbances)?;
+            let n = ranges.len();
+            let covariance = DMatrix::from_row_slice(n, n, &filtered.belief.covariance);
+            // in units of the prior, for the sake of the inverse
+            let scaled = DMatrix::from_fn(n, n, |i, j| covariance[(i, j)] / (ranges[i] * ranges[j]));
+            let precision = Cholesky::new(scaled)?.inverse();
+            let step = DVector::from_fn(n, |i, _| (filtered.belief.mean[i] - prior.mean[i]) / ranges[i]);
+            let gradient = &precision * step;
+            for i in 0..n {
+                jet.gradient[i] += gradient[i] / ranges[i];
+                for j in 0..n {
+                    let own = if i == j { 1.0 } else { 0.0 };
+                    jet.information[(i, j)] += (precision[(i, j)] - own) / (ranges[i] * ranges[j]);
+                }
+            }
+            jet.loss += filtered.loss;
+        }
+        Some(jet)
+    }
+
+    fn propose(&self, at: &Hypothesis, score: &Score, base: &Solution) -> Option<Proposal> {
+        let hypothesis = at.with(score.start.clone());
+        let solution = self.fit(&hypothesis, Some(&base.own), STEPS);
+        let (fitted, sd) = without_idle(&hypothesis.at(&solution.shared), &deviations(&solution));
+        let useful = fitted.terms.iter().any(|t| t.entry.name == score.start.entry.name && !t.free.is_empty());
+        useful.then_some(Proposal { hypothesis: fitted, sd })
+    }
+
+    /// Forward, one effect at a time.
+    pub fn forward(&self, declared: Judged, progress: &dyn Fn(&str)) -> Vec<Judged> {
+        let mut path = vec![declared];
+        while path.len() <= MOST_EFFECTS {
+            let Some(now) = path.last() else { break };
+            let Some(next) = self.extend(now) else { break };
+            let gain = now.loss - next.loss;
+            progress(&format!("{:?} gains {gain:.1}", next.settled().terms));
+            if gain < 2.0 {
+                break;
+            }
+            path.push(next);
+        }
+        path
+    }
+}
+
+/// Standard errors of a fit by windows, each its own cluster.
+pub fn deviations(solution: &Solution) -> Vec<f64> {
+    let clusters: Vec<usize> = (0..solution.shares.len()).collect();
+    let covariance = solution.covariance(&clusters);
+    (0..solution.shared.len()).map(|i| covariance.as_ref().map_or(f64::INFINITY, |c| c[(i, i)].max(0.0).sqrt())).collect()
+}
+
+/// Parameters of which the windows say nothing are not free.
+fn without_idle(hypothesis: &Hypothesis, sd: &[f64]) -> (Hypothesis, Vec<f64>) {
+    let mut kept = hypothesis.clone();
+    let mut known = sd[..hypothesis.free.len()].to_vec();
+    let mut rest = sd[hypothesis.free.len()..].iter();
+    for term in &mut kept.terms {
+        let entry: &'static Entry = term.entry;
+        let free =
+            term.free.iter().zip(rest.by_ref()).filter(|(i, sd)| sd.is_finite() && **sd < entry.params[**i].high - entry.params[**i].low);
+        let free: Vec<(usize, f64)> = free.map(|(i, sd)| (*i, *sd)).collect();
+        term.free = free.iter().map(|(i, _)| *i).collect();
+        known.extend(free.iter().map(|(_, sd)| *sd));
+    }
+    (kept, known)
+}

@@ -1,0 +1,92 @@
+//! What is said in the end.
+
+use serde::Serialize;
+
+use super::errors::Errors;
+use crate::fit::filter::Disturbances;
+use crate::fit::hypothesis::Hypothesis;
+
+/// The four answers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// Named effects account for the residual.
+    Explained,
+    /// The declared model accounts for the flights.
+    NothingMissing,
+    /// There is structure that no effect of the library accounts for.
+    Unexplained,
+    /// There is structure, and too many effects would account for it on these flights.
+    NotDecidable,
+}
+
+/// A parameter as estimated.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Estimate {
+    pub name: &'static str,
+    pub value: f64,
+    pub stderr: f64,
+    pub unit: &'static str,
+}
+
+/// An effect that earned its place.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Named {
+    pub name: &'static str,
+    pub params: Vec<Estimate>,
+    /// Effects that these flights cannot tell from it.
+    pub confusable_with: Vec<&'static str>,
+    /// What to fly to tell them apart; empty if there is nothing to tell apart.
+    pub manoeuvre: String,
+    /// Log-likelihood lost without it, on the flights of the fit and on the test flights.
+    pub worth_fit: f64,
+    pub worth_test: f64,
+}
+
+/// How an effect scored when it was considered.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Ranked {
+    pub name: &'static str,
+    /// Expected gain of log-likelihood.
+    pub gain: f64,
+    /// Standard error of its free parameters on these flights.
+    pub stderr: Vec<f64>,
+}
+
+/// One step of the search: the effects then in the hypothesis, and the log-likelihood gained by the last.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Step {
+    pub effects: Vec<&'static str>,
+    pub gain: f64,
+    /// The candidates of the next step.
+    pub ranking: Vec<Ranked>,
+}
+
+/// One finding about structure that is left.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Leftover {
+    /// "x", "roll", ... or a disturbance: "force", "torque", "marker".
+    pub signal: String,
+    /// In words: frequency, correlation.
+    pub finding: String,
+    /// Test statistic in standard deviations or as a share, as `finding` says.
+    pub size: f64,
+}
+
+/// Everything that was found.
+#[derive(Debug, Clone)]
+pub struct Explanation {
+    pub verdict: Verdict,
+    pub effects: Vec<Named>,
+    /// The declared model with the effects at their values; what the simulator flies.
+    pub completed: Hypothesis,
+    pub declared: Hypothesis,
+    /// Disturbances under the declared and the completed model.
+    pub disturbances: [Disturbances; 2],
+    pub path: Vec<Step>,
+    pub leftover: Vec<Leftover>,
+    pub errors: Errors,
+    /// Effects that these flights could not have shown, with the standard error of the first parameter, in its unit.
+    pub not_excited: Vec<(&'static str, f64)>,
+    pub seconds: f64,
+}
