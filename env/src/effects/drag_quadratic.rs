@@ -8,7 +8,7 @@ pub struct DragQuadratic;
 
 impl Effect<1, 0> for DragQuadratic {
     const NAME: &'static str = "drag_quadratic";
-    const ABOUT: &'static str = "Horizontal drag in proportion to speed squared: acc = -coefficient |v| v";
+    const ABOUT: &'static str = "Drag in proportion to speed squared: acc = -coefficient |v| v, in all directions";
     const SOURCE: &'static str = "The second-order drag that thesis 4.2.3 neglects";
     const PARAMS: [Param; 1] = [
         param("coefficient_pm", "1/m", 0.0, [0.0, 3.0], "drag per mass and speed squared"),
@@ -18,8 +18,9 @@ impl Effect<1, 0> for DragQuadratic {
     #[inline(always)]
     fn push<R: Real>(&[coefficient_pm]: &[R; 1], _: &mut [R; 0], _: &Cx<R>, x: &State<R>, _: &Command<R>, out: &mut Push<R>) {
         // the small number keeps the derivative at rest finite
-        let speed = (x.vel_mps[0] * x.vel_mps[0] + x.vel_mps[1] * x.vel_mps[1] + R::of(1e-12)).sqrt();
-        for i in 0..2 {
+        let [vx, vy, vz] = x.vel_mps;
+        let speed = (vx * vx + vy * vy + vz * vz + R::of(1e-12)).sqrt();
+        for i in 0..3 {
             out.acc_mps2[i] -= coefficient_pm * speed * x.vel_mps[i];
         }
     }

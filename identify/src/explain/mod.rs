@@ -2,6 +2,271 @@
 
 pub mod candidates;
 pub mod errors;
+pub mod leftover;
 pub mod noise;
 pub mod search;
 pub mod verdict;
+
+use std::time::Instant;
+
+use crazyflie_env::effects::{Disturbance, Entry, Trace, registry};
+use crazyflie_env::model::Model;
+
+use crate::fit::filter::{Belief, Disturbances, filter};
+use crate::fit::flight::Flight;
+use crate::fit::hypothesis::{Hypothesis, Term};
+use search::{Judged, Score, Search};
+use verdict::{Estimate, Explanation, Leftover, Named, Ranked, Step, Verdict};
+
+/// Log-likelihood that an effect must be worth on the flights of the fit: three, and the logarithm of the number of candidates, and as much
+/// again for what the noise model does not cover.
+const WORTH_FIT: f64 = 10.0;
+/// And on the test flights, where nothing was fitted.
+const WORTH_TEST: f64 = 3.0;
+/// Hypotheses this close in log-likelihood cannot be told apart.
+const ALIKE: f64 = 5.0;
+/// A name with more rivals than this is no answer.
+const MOST_RIVALS: usize = 2;
+/// A torque that wanders by more than this (rad/s^2) is no small error of the attitude model.
+const UNEXPLAINED_TORQUE: f64 = 0.25;
+/// A force that wanders by more than this (m/s^2), for longer than this (s), is a gust.
+const GUST_MPS2: f64 = 0.1;
+const GUST_S: f64 = 0.3;
+/// Effects that do not account for the structure are kept if they lower the 2 s errors of position or velocity on the test flights by this share.
+const HELPS: f64 = 0.05;
+
+/// Explains what a model lacks: fitted on `fit`, judged on `test`. `progress` is told what is being done.
+///
+/// Returns `None` if the declared model cannot be run on the flights.
+pub fn explain(model: &Model, fit: &[Flight], test: &[Flight], progress: &dyn Fn(&str)) -> Option<Explanation> {
+    let began = Instant::now();
+    let (search, judge) = (Search::new(fit), Search::new(test));
+    progress("disturbances of the declared model");
+    let declared = search.declared(&Hypothesis::of(model))?;
+    let (path, steps) = forward(&search, &declared, progress);
+    progress("backward");
+    let mut last = search.backward(path, WORTH_FIT);
+    let mut rivals = Vec::new();
+    last = settle_rivals(&search, last, &mut rivals, progress);
+    let (kept, dropped) = gate(&search, &judge, &last)?;
+    last = kept;
+    progress("what is left");
+    let mut disturbances = last.disturbances;
+    let mut left = leftovers(test, &last.settled(), &disturbances);
+    let structured =
+        left.iter().any(|l| l.signal != "yaw" && l.size.abs() > leftover::FINDING) || disturbances.torque.sigma > UNEXPLAINED_TORQUE;
+    if disturbances.torque.sigma > UNEXPLAINED_TORQUE {
+        let finding = format!(
+            "roll and pitch are shaken by {:.2} rad/s^2, for {:.2} s at a time, whatever the commands",
+            disturbances.torque.sigma, disturbances.torque.tau_s
+        );
+        left.insert(0, Leftover { signal: "torque".into(), finding, size: disturbances.torque.sigma });
+    }
+    let mut effects = named(&search, &judge, &last, &rivals)?;
+    if !structured && disturbances.force.sigma > GUST_MPS2 && disturbances.force.tau_s > GUST_S {
+        let (finer, sd) = noise::force(fit, &last.settled(), &disturbances);
+        disturbances = finer;
+        effects.extend(gust(&judge, &last, &disturbances, sd));
+    }
+    let many = |e: &Named| e.confusable_with.len() > MOST_RIVALS;
+    let undecided = effects.iter().any(many) || (!dropped.is_empty() && effects.is_empty());
+    effects.retain(|e| !many(e));
+    let mut completed = last.settled();
+    completed.terms.retain(|t| effects.iter().any(|e| e.name == t.entry.name));
+    let mut errors = errors::compare(&declared.hypothesis, &completed, test);
+    let helps = (0..2).any(|q| errors.after[q][3] < (1.0 - HELPS) * errors.before[q][3]);
+    if structured && !helps && !effects.is_empty() {
+        effects.clear();
+        completed.terms.clear();
+        errors = errors::compare(&declared.hypothesis, &completed, test);
+    }
+    add_random(&mut completed, &effects);
+    let verdict = match (structured, effects.is_empty(), undecided) {
+        (true, ..) => Verdict::Unexplained,
+        (false, false, _) => Verdict::Explained,
+        (false, true, true) => Verdict::NotDecidable,
+        (false, true, false) => Verdict::NothingMissing,
+    };
+    let not_excited = not_excited(&steps);
+    Some(Explanation {
+        verdict,
+        effects,
+        completed,
+        declared: declared.hypothesis,
+        disturbances: [declared.disturbances, disturbances],
+        path: steps,
+        leftover: left,
+        errors,
+        not_excited,
+        seconds: began.elapsed().as_secs_f64(),
+    })
+}
+
+/// Forward, one effect at a time, while the filter gains anything.
+fn forward(search: &Search, declared: &Judged, progress: &dyn Fn(&str)) -> (Judged, Vec<Step>) {
+    let mut now = declared.clone();
+    let mut steps = Vec::new();
+    let mut gain = 0.0;
+    loop {
+        let names: Vec<&'static str> = now.hypothesis.terms.iter().map(|t| t.entry.name).collect();
+        progress(&format!("candidates besides {}", if names.is_empty() { "nothing".into() } else { names.join(", ") }));
+        let (scores, next) = search.extend(&now);
+        steps.push(Step { effects: names, gain, ranking: scores.iter().map(ranked).collect() });
+        let Some(next) =
+            next.filter(|next| now.loss - next.loss > search::LEAST_GAIN && next.hypothesis.terms.len() <= search::MOST_EFFECTS)
+        else {
+            return (now, steps);
+        };
+        gain = now.loss - next.loss;
+        now = next;
+    }
+}
+
+fn ranked(score: &Score) -> Ranked {
+    Ranked { name: score.start.entry.name, gain: score.gain, stderr: score.sd.clone() }
+}
+
+/// Looks for rivals of each effect. One that lets another effect go takes its place: what a mass does, a thrust scale and a damping do together.
+fn settle_rivals(search: &Search, from: Judged, rivals: &mut Vec<(&'static str, Vec<&'static str>)>, progress: &dyn Fn(&str)) -> Judged {
+    let price = |j: &Judged| j.loss + WORTH_FIT * j.hypothesis.terms.len() as f64;
+    let mut now = from;
+    let mut swaps = 0;
+    'again: loop {
+        rivals.clear();
+        for name in now.hypothesis.terms.iter().map(|t| t.entry.name).collect::<Vec<_>>() {
+            progress(&format!("rivals of {name}"));
+            let found = search.rivals(&now, name, ALIKE);
+            if now.hypothesis.terms.len() > 1 && swaps < 2 {
+                for (_, judged) in &found {
+                    let simpler = search.backward(judged.clone(), WORTH_FIT);
+                    if price(&simpler) < price(&now) - 0.5 * WORTH_FIT {
+                        now = simpler;
+                        swaps += 1;
+                        continue 'again;
+                    }
+                }
+            }
+            rivals.push((name, found.into_iter().map(|(name, _)| name).collect()));
+        }
+        return now;
+    }
+}
+
+/// Takes out what does not help on the test flights, one at a time, and says what that was.
+fn gate(search: &Search, judge: &Search, from: &Judged) -> Option<(Judged, Vec<&'static str>)> {
+    let (mut now, mut dropped) = (from.clone(), Vec::new());
+    loop {
+        let full = judge.plug_in(&now.settled(), &now.disturbances)?;
+        let without = |t: &Term| {
+            let reduced = search.reduced(&now, t.entry.name)?;
+            let worth = judge.plug_in(&reduced.settled(), &reduced.disturbances)? - full;
+            Some((t.entry.name, worth, reduced))
+        };
+        let worths: Vec<(&'static str, f64, Judged)> = now.hypothesis.terms.iter().filter_map(without).collect();
+        match worths.into_iter().min_by(|a, b| a.1.total_cmp(&b.1)) {
+            Some((name, worth, reduced)) if worth < WORTH_TEST => {
+                dropped.push(name);
+                now = reduced;
+            }
+            _ => return Some((now, dropped)),
+        }
+    }
+}
+
+fn named(search: &Search, judge: &Search, last: &Judged, rivals: &[(&'static str, Vec<&'static str>)]) -> Option<Vec<Named>> {
+    let settled = last.settled();
+    let full = judge.plug_in(&settled, &last.disturbances)?;
+    let of = |term: &Term| {
+        let place = settled.place(term.entry.name);
+        let params = term.free.iter().zip(place).map(|(i, at)| {
+            let p = &term.entry.params[*i];
+            Estimate { name: p.name, value: term.values[*i], stderr: last.belief.sd(at), unit: p.unit }
+        });
+        let params: Vec<Estimate> = params.collect();
+        let reduced = search.reduced(last, term.entry.name)?;
+        let confusable_with = rivals.iter().find(|(name, _)| *name == term.entry.name).map_or_else(Vec::new, |(_, r)| r.clone());
+        let manoeuvre = if confusable_with.is_empty() { String::new() } else { manoeuvre(term.entry, &confusable_with) };
+        Some(Named {
+            name: term.entry.name,
+            params,
+            confusable_with,
+            manoeuvre,
+            worth_fit: reduced.loss - last.loss,
+            worth_test: judge.plug_in(&reduced.settled(), &reduced.disturbances)? - full,
+        })
+    };
+    settled.terms.iter().map(of).collect()
+}
+
+/// What to fly so that effects part: where they enter decides what has to change.
+fn manoeuvre(effect: &Entry, others: &[&'static str]) -> String {
+    let lookup = |name: &&str| registry().iter().find(|e| e.name == *name);
+    let all: Vec<&Entry> = others.iter().filter_map(lookup).chain([effect]).collect();
+    if all.iter().all(|e| e.hooks.push) {
+        return "climb and descend fast between 0.1 m and 1.5 m, then fly on until the battery is low, with one full turn in yaw".into();
+    }
+    if all.iter().any(|e| e.hooks.frame) {
+        return "turn slowly through 360 degrees while translating at two heights".into();
+    }
+    "doublets of two sizes (2 and 8 degrees) on roll and pitch at two rates of change".into()
+}
+
+/// The wandering force as the effect of the registry that is one.
+fn gust(judge: &Search, last: &Judged, disturbances: &Disturbances, sd: [f64; 2]) -> Option<Named> {
+    let entry = registry().iter().find(|e| e.trace == Trace::Wander(Disturbance::Force))?;
+    let calm =
+        Disturbances { force: crate::fit::filter::Wander { sigma: noise::FLOOR.force.sigma, ..disturbances.force }, ..*disturbances };
+    let at = last.settled();
+    let worth = |search: &Search| Some(search.plug_in(&at, &calm)? - search.plug_in(&at, disturbances)?);
+    let values = [disturbances.force.sigma, disturbances.force.tau_s];
+    let params = entry
+        .params
+        .iter()
+        .zip(values)
+        .zip(sd)
+        .map(|((p, value), stderr)| Estimate { name: p.name, value, stderr, unit: p.unit })
+        .collect();
+    let worth_test = worth(judge)?;
+    (worth_test > WORTH_TEST).then_some(Named {
+        name: entry.name,
+        params,
+        confusable_with: Vec::new(),
+        manoeuvre: String::new(),
+        worth_fit: worth_test,
+        worth_test,
+    })
+}
+
+/// Effects that were named but are random, and so no part of what was fitted, belong to the completed model too.
+fn add_random(completed: &mut Hypothesis, effects: &[Named]) {
+    for effect in effects {
+        let Some(entry) = registry().iter().find(|e| e.name == effect.name && matches!(e.trace, Trace::Wander(_))) else { continue };
+        let mut term = Term::off(entry);
+        for (slot, estimate) in term.values.iter_mut().zip(&effect.params) {
+            *slot = estimate.value;
+        }
+        term.free.clear();
+        *completed = completed.with(term);
+    }
+}
+
+/// The strongest findings in the innovations of the test flights.
+fn leftovers(test: &[Flight], at: &Hypothesis, disturbances: &Disturbances) -> Vec<Leftover> {
+    let nothing = Belief::independent(Vec::new(), &[]);
+    let filtered = test.iter().filter_map(|f| Some((f, filter(f, f.all(), &at.fixed(), &nothing, disturbances)?)));
+    let mut all: Vec<Leftover> = filtered.flat_map(|(flight, filtered)| leftover::leftover(flight, &filtered)).collect();
+    all.sort_by(|a, b| b.size.abs().total_cmp(&a.size.abs()));
+    all.truncate(12);
+    all
+}
+
+/// Effects of which a tenth of their range would not have shown at four standard errors.
+fn not_excited(steps: &[Step]) -> Vec<(&'static str, f64)> {
+    let first = steps.first().map_or(&[][..], |s| &s.ranking);
+    let hidden = |r: &Ranked| {
+        let entry = registry().iter().find(|e| e.name == r.name)?;
+        let (param, sd) = (entry.params.first()?, *r.stderr.first()?);
+        (4.0 * sd > 0.1 * (param.high - param.low)).then_some((r.name, sd))
+    };
+    first.iter().filter_map(hidden).collect()
+}

@@ -1,13 +1,15 @@
 //! How large the disturbances of a flight are: the sizes and correlation times under which the filter's likelihood is highest.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use crate::fit::filter::{Belief, Disturbances, Wander, filter};
 use crate::fit::flight::Flight;
 use crate::fit::hypothesis::Hypothesis;
 
-/// Sizes are tuned on the start of a flight.
-const TUNE_S: f64 = 16.0;
+/// Sizes are tuned on a stretch at the start of a flight and one at its end.
+const TUNE_S: f64 = 9.0;
 /// Where a search begins.
 const FIRST: Disturbances = Disturbances {
     force: Wander { sigma: 0.1, tau_s: 1.0 },
@@ -17,7 +19,7 @@ const FIRST: Disturbances = Disturbances {
     marker: Wander { sigma: 0.003, tau_s: 3.0 },
 };
 /// What no flight is without: the models' own small errors. A size does not shrink below it.
-const FLOOR: Disturbances = Disturbances {
+pub const FLOOR: Disturbances = Disturbances {
     force: Wander { sigma: 0.012, tau_s: 1.0 },
     lift: Wander { sigma: 0.008, tau_s: 1.0 },
     torque: Wander { sigma: 0.05, tau_s: 0.3 },
@@ -59,10 +61,14 @@ fn moved(from: &Disturbances, change: Move) -> Option<Disturbances> {
 
 /// The disturbances of a flight under a hypothesis, searched from those given, or from scratch.
 pub fn tune(flight: &Flight, hypothesis: &Hypothesis, from: Option<&Disturbances>) -> Disturbances {
-    let ticks = (TUNE_S / flight.tick_s) as usize;
+    let ticks = ((TUNE_S / flight.tick_s) as usize).min(flight.ticks / 2);
+    let stretches = [0..ticks, flight.ticks - ticks..flight.ticks];
     let fixed = hypothesis.fixed();
     let nothing = Belief::independent(Vec::new(), &[]);
-    let loss = |d: &Disturbances| filter(flight, ticks, &fixed, &nothing, d).map_or(f64::INFINITY, |f| f.loss);
+    let loss = |d: &Disturbances| -> f64 {
+        let of = |ticks: &Range<usize>| filter(flight, ticks.clone(), &fixed, &nothing, d).map_or(f64::INFINITY, |f| f.loss);
+        stretches.iter().map(of).sum()
+    };
     let mut best = from.copied().unwrap_or(FIRST);
     let mut least = loss(&best);
     let (factors, sweeps): (&[f64], usize) = if from.is_some() { (&[2.0, 1.5], 2) } else { (&[4.0, 2.0, 1.5], 3) };
@@ -97,4 +103,38 @@ pub fn tune(flight: &Flight, hypothesis: &Hypothesis, from: Option<&Disturbances
         }
     }
     best
+}
+
+/// The horizontal force finely: size and correlation time where the likelihood of whole flights is highest, each with its standard error from
+/// the curvature there.
+pub fn force(flights: &[Flight], hypothesis: &Hypothesis, from: &Disturbances) -> (Disturbances, [f64; 2]) {
+    let fixed = hypothesis.fixed();
+    let nothing = Belief::independent(Vec::new(), &[]);
+    let loss = |log: [f64; 2]| -> f64 {
+        let force = Wander { sigma: log[0].exp(), tau_s: log[1].exp().clamp(TAU_S[0], 2.0 * TAU_S[1]) };
+        let d = Disturbances { force, ..*from };
+        flights.par_iter().map(|f| filter(f, f.all(), &fixed, &nothing, &d).map_or(f64::INFINITY, |f| f.loss)).sum()
+    };
+    let mut at = [from.force.sigma.ln(), from.force.tau_s.ln()];
+    let mut sd = [f64::INFINITY; 2];
+    for step in [0.5, 0.25, 0.15] {
+        for axis in [1, 0] {
+            let moved = |by: f64| {
+                let mut to = at;
+                to[axis] += by;
+                to
+            };
+            // the vertex of a parabola through three points
+            let (low, here, high) = (loss(moved(-step)), loss(at), loss(moved(step)));
+            let curvature = (low - 2.0 * here + high) / (step * step);
+            if curvature > 0.0 {
+                let to = ((low - high) / (2.0 * step * curvature)).clamp(-2.0 * step, 2.0 * step);
+                at[axis] += to;
+                sd[axis] = at[axis].exp() / curvature.sqrt();
+            } else {
+                at[axis] += if high < low { step } else { -step };
+            }
+        }
+    }
+    (Disturbances { force: Wander { sigma: at[0].exp(), tau_s: at[1].exp() }, ..*from }, sd)
 }

@@ -21,11 +21,13 @@ const STEPS_TO_START: usize = 2;
 /// How many proposals the filter looks at per round.
 const SHORTLIST: usize = 7;
 /// Most effects of a hypothesis.
-const MOST_EFFECTS: usize = 6;
+pub const MOST_EFFECTS: usize = 6;
 /// What the filter believes before the flight is as wide as so many standard errors of the proposal.
 const WIDEN: f64 = 10.0;
 /// How well the filter that scores knows a parameter beforehand, as a share of its range: enough for the slopes to hold.
 const TIGHT: f64 = 0.003;
+/// A step forward must gain this much; whether an effect earns its place is decided at the end.
+pub const LEAST_GAIN: f64 = 3.0;
 /// Less than this, in units of log-likelihood, is not worth a proposal.
 const LEAST_PROPOSAL: f64 = 4.0;
 
@@ -137,7 +139,7 @@ impl<'a> Search<'a> {
         let mut belief = Belief::independent(hypothesis.shared(), &wide);
         let mut loss = 0.0;
         for flight in self.flights {
-            let filtered = filter(flight, usize::MAX, hypothesis, &belief, disturbances)?;
+            let filtered = filter(flight, flight.all(), hypothesis, &belief, disturbances)?;
             loss += filtered.loss;
             belief = filtered.belief;
         }
@@ -152,7 +154,7 @@ impl<'a> Search<'a> {
     pub fn plug_in(&self, hypothesis: &Hypothesis, disturbances: &Disturbances) -> Option<f64> {
         let nothing = Belief::independent(Vec::new(), &[]);
         let fixed = hypothesis.fixed();
-        self.flights.iter().map(|f| filter(f, usize::MAX, &fixed, &nothing, disturbances).map(|f| f.loss)).sum()
+        self.flights.iter().map(|f| filter(f, f.all(), &fixed, &nothing, disturbances).map(|f| f.loss)).sum()
     }
 
     /// The declared model, with what is random about the flight.
@@ -170,28 +172,16 @@ impl<'a> Search<'a> {
         self.judge(&fitted, &sd, &disturbances)
     }
 
-    /// One more effect: the best by the filter of those that score highest.
-    pub fn extend(&self, now: &Judged) -> Option<Judged> {
+    /// One more effect: all scores, and the best by the filter of those that score highest.
+    pub fn extend(&self, now: &Judged) -> (Vec<Score>, Option<Judged>) {
         let at = now.settled();
         let base = self.fit(&at.fixed(), None, STEPS);
-        let scored = self.score(now, &base)?;
+        let scored = self.score(now, &base).unwrap_or_default();
         let proposals: Vec<Proposal> =
             scored.iter().take(SHORTLIST).filter(|s| s.gain > LEAST_PROPOSAL).filter_map(|s| self.propose(&at, s, &base)).collect();
-        let judged: Vec<Judged> = proposals.par_iter().filter_map(|p| self.judge(&p.hypothesis, &p.sd, &now.disturbances)).collect();
-        if std::env::var("LAB").is_ok() {
-            for s in scored.iter().take(SHORTLIST) {
-                let j = judged.iter().find(|j| j.hypothesis.has(s.start.entry.name));
-                eprintln!(
-                    "      {:?} score {:.1} gain {:.1} {:?}",
-                    s.start,
-                    s.gain,
-                    j.map_or(f64::NAN, |j| now.loss - j.loss),
-                    j.map(|j| j.settled().terms)
-                );
-            }
-        }
-        let best = judged.into_iter().min_by(|a, b| a.loss.total_cmp(&b.loss))?;
-        self.tuned(&best)
+        let judged: Vec<Judged> = proposals.par_iter().filter_map(|p| self.settle(p, &now.disturbances)).collect();
+        let best = judged.into_iter().min_by(|a, b| a.loss.total_cmp(&b.loss)).and_then(|best| self.tuned(&best));
+        (scored, best)
     }
 
     /// The same hypothesis with the disturbances that suit it.
@@ -225,20 +215,28 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Other effects that would do as well as one of a hypothesis: each in its place, within `noise` of its likelihood.
-    pub fn rivals(&self, judged: &Judged, effect: &str, noise: f64) -> Vec<(&'static str, f64)> {
-        let Some(without) = self.reduced(judged, effect) else { return Vec::new() };
-        let base = self.fit(&without.settled().fixed(), None, STEPS);
-        let Some(scores) = self.score(&without, &base) else { return Vec::new() };
-        let others = scores.iter().filter(|s| s.start.entry.name != effect && s.gain > 0.3 * (without.loss - judged.loss)).take(SHORTLIST);
+    /// Other effects in the place of one of a hypothesis: each as judged, within `noise` of the likelihood of the one that it replaces.
+    pub fn rivals(&self, judged: &Judged, effect: &str, noise: f64) -> Vec<(&'static str, Judged)> {
+        let at = judged.settled();
+        let place = at.place(effect);
+        let sd: Vec<f64> = (0..judged.belief.mean.len()).filter(|i| !place.contains(i)).map(|i| judged.belief.sd(i)).collect();
+        let Some(without) = self.judge(&at.without(effect), &sd, &judged.disturbances) else { return Vec::new() };
         let at = without.settled();
+        let base = self.fit(&at.fixed(), None, STEPS);
+        let Some(scores) = self.score(&without, &base) else { return Vec::new() };
+        let worth = without.loss - judged.loss;
+        let others = scores.iter().filter(|s| s.start.entry.name != effect && s.gain > 0.3 * worth).take(SHORTLIST);
         let proposals: Vec<Proposal> = others.filter_map(|s| self.propose(&at, s, &base)).collect();
-        let replaced = proposals.par_iter().filter_map(|p| self.judge(&p.hypothesis, &p.sd, &judged.disturbances));
-        let names = |j: Judged| {
-            let new = j.hypothesis.terms.iter().find(|t| !judged.hypothesis.has(t.entry.name))?;
-            Some((new.entry.name, j.loss - judged.loss))
-        };
-        replaced.filter_map(names).filter(|(_, loss)| *loss < noise).collect()
+        let replaced = proposals.par_iter().filter_map(|p| self.settle(p, &judged.disturbances));
+        let named = |j: Judged| Some((j.hypothesis.terms.iter().find(|t| !judged.hypothesis.has(t.entry.name))?.entry.name, j));
+        replaced.filter_map(named).filter(|(_, j)| j.loss - judged.loss < noise).collect()
+    }
+
+    /// A proposal judged, and judged again from where it settled: what is then believed beforehand is as wide for every hypothesis, in its own
+    /// standard errors, so that all pay the same for a parameter.
+    fn settle(&self, proposal: &Proposal, disturbances: &Disturbances) -> Option<Judged> {
+        let first = self.judge(&proposal.hypothesis, &proposal.sd, disturbances)?;
+        self.again(&first, disturbances)
     }
 
     /// The same hypothesis judged from where it settled, under other disturbances.
@@ -301,7 +299,7 @@ impl<'a> Search<'a> {
         let prior = Belief::independent(at.shared(), &ranges);
         let mut jet = Jet { loss: 0.0, gradient: DVector::zeros(ranges.len()), information: DMatrix::zeros(ranges.len(), ranges.len()) };
         for flight in self.flights {
-            let filtered = filter(flight, usize::MAX, at, &prior, &now.disturbances)?;
+            let filtered = filter(flight, flight.all(), at, &prior, &now.disturbances)?;
             let n = ranges.len();
             let covariance = DMatrix::from_row_slice(n, n, &filtered.belief.covariance);
             // in units of the prior, for the sake of the inverse
@@ -327,22 +325,6 @@ impl<'a> Search<'a> {
         let (fitted, sd) = without_idle(&hypothesis.at(&solution.shared), &deviations(&solution));
         let useful = fitted.terms.iter().any(|t| t.entry.name == score.start.entry.name && !t.free.is_empty());
         useful.then_some(Proposal { hypothesis: fitted, sd })
-    }
-
-    /// Forward, one effect at a time.
-    pub fn forward(&self, declared: Judged, progress: &dyn Fn(&str)) -> Vec<Judged> {
-        let mut path = vec![declared];
-        while path.len() <= MOST_EFFECTS {
-            let Some(now) = path.last() else { break };
-            let Some(next) = self.extend(now) else { break };
-            let gain = now.loss - next.loss;
-            progress(&format!("{:?} gains {gain:.1}", next.settled().terms));
-            if gain < 2.0 {
-                break;
-            }
-            path.push(next);
-        }
-        path
     }
 }
 

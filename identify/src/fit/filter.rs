@@ -1,6 +1,8 @@
 //! An extended Kalman filter around the simulator: its innovations tell whether anything is left, and its likelihood compares hypotheses.
 //! Besides the vehicle's state it follows slow disturbances, and parameters of the hypothesis as constants still to be learned.
 
+use std::ops::Range;
+
 use super::flight::{Flight, Window};
 use super::hypothesis::Hypothesis;
 use super::predict::{PUSH, START, Worker};
@@ -125,22 +127,28 @@ fn extras(flight: &Flight, own: usize, learned: usize, disturbances: &Disturbanc
     (0..learned).map(constant).chain(disturbed.map(wandering)).collect()
 }
 
-/// Run the filter over the first `ticks` of a flight. The parameters that `hypothesis` has free are learned, starting from `belief`. `None` if
+/// Run the filter over some ticks of a flight. The parameters that `hypothesis` has free are learned, starting from `belief`. `None` if
 /// the hypothesis cannot be simulated or the filter breaks down.
-pub fn filter(flight: &Flight, ticks: usize, hypothesis: &Hypothesis, belief: &Belief, disturbances: &Disturbances) -> Option<Filtered> {
+pub fn filter(
+    flight: &Flight,
+    ticks: Range<usize>,
+    hypothesis: &Hypothesis,
+    belief: &Belief,
+    disturbances: &Disturbances,
+) -> Option<Filtered> {
     let learned = belief.mean.len();
     let at = hypothesis.at(&belief.mean);
     let own = START + at.lags();
     let extras = extras(flight, own, learned, disturbances);
     let mut worker = Worker::new(&at, flight, true, true).ok()?;
     let n = own + extras.len();
-    let mut start = flight.start_numbers(0);
-    let lags = worker.lags(flight, 0, &start);
+    let mut start = flight.start_numbers(ticks.start);
+    let lags = worker.lags(flight, ticks.start, &start);
     start.extend(lags);
     let (mut x, mut p) = begin(start, belief, &extras);
     let mut out = Filtered { loss: 0.0, innovations: Vec::new(), belief: belief.clone(), wandered: Vec::new() };
     let (mut h, mut ph, mut moved) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
-    for tick in 0..ticks.min(flight.ticks) {
+    for tick in ticks {
         worker.set_free(&x[own..own + learned]).ok()?;
         let mut disturbed = [0.0; PUSH + 3];
         for (extra, value) in extras[learned..].iter().zip(&x[own + learned..]) {

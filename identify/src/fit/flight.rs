@@ -114,6 +114,11 @@ impl Flight {
         })
     }
 
+    /// All its ticks.
+    pub fn all(&self) -> Range<usize> {
+        0..self.ticks
+    }
+
     /// The command in force over a tick, which may lie before the first one as far as the log goes.
     pub fn command(&self, tick: isize) -> &Command<f64> {
         let at = (tick + self.memory as isize).clamp(0, self.commands.len() as isize - 1);

@@ -1,0 +1,104 @@
+//! Whether anything is left: the filter's innovations must be independent of each other and of past commands, and hold no line.
+
+use realfft::RealFftPlanner;
+
+use super::verdict::Leftover;
+use crate::fit::filter::Filtered;
+use crate::fit::flight::Flight;
+
+/// Channels by name, in the order of [`crate::fit::predict::Compared::channel`].
+pub const CHANNELS: [&str; 6] = ["roll", "pitch", "yaw", "x", "y", "z"];
+/// Lags up to so long.
+const LONGEST_S: f64 = 1.0;
+/// A test statistic beyond so many standard deviations is a finding. Outliers and rounding make small ones ordinary.
+pub const FINDING: f64 = 7.0;
+/// A line holds so much of the power of a channel, above this frequency: below it everything drifts.
+const LINE_SHARE: f64 = 0.04;
+const LINE_FROM_HZ: f64 = 0.2;
+
+/// One value per tick, the mean of what was measured in it.
+fn by_tick(flight: &Flight, filtered: &Filtered, channel: usize) -> Vec<Option<f64>> {
+    let mut sums = vec![(0.0, 0.0); flight.ticks];
+    for i in filtered.innovations.iter().filter(|i| i.channel == channel) {
+        let tick = ((i.t_s / flight.tick_s - 1e-6) as usize).min(flight.ticks - 1);
+        // outliers are not structure
+        sums[tick].0 += i.normalised.clamp(-3.0, 3.0);
+        sums[tick].1 += 1.0;
+    }
+    sums.into_iter().map(|(sum, n)| (n > 0.0).then(|| sum / n)).collect()
+}
+
+/// Largest correlation with a signal of the past, in standard deviations of that of independent series, and its lag.
+fn correlation(e: &[Option<f64>], past: &[Option<f64>], tick_s: f64) -> (f64, f64) {
+    let lags = 1..=(LONGEST_S / tick_s) as usize;
+    let of = |lag: usize| {
+        let pairs = e[lag..].iter().zip(past).filter_map(|(a, b)| Some((((*a)?), (*b)?)));
+        let (mut ab, mut aa, mut bb) = (0.0, 0.0, 0.0);
+        let mut n = 0.0;
+        for (a, b) in pairs {
+            (ab, aa, bb, n) = (ab + a * b, aa + a * a, bb + b * b, n + 1.0);
+        }
+        let z: f64 = if aa * bb > 0.0 { ab / f64::sqrt(aa * bb) * f64::sqrt(n) } else { 0.0 };
+        (z, lag as f64 * tick_s)
+    };
+    lags.map(of).fold((0.0, 0.0), |best: (f64, f64), now| if now.0.abs() > best.0.abs() { now } else { best })
+}
+
+/// Share of the power in the strongest line, and its frequency.
+pub fn line(series: &[f64], tick_s: f64) -> (f64, f64) {
+    let n = series.len();
+    let mean = series.iter().sum::<f64>() / n as f64;
+    let mut input: Vec<f64> =
+        series.iter().enumerate().map(|(i, v)| (v - mean) * (std::f64::consts::PI * i as f64 / n as f64).sin()).collect();
+    let plan = RealFftPlanner::<f64>::new().plan_fft_forward(n);
+    let mut spectrum = plan.make_output_vec();
+    if plan.process(&mut input, &mut spectrum).is_err() {
+        return (0.0, 0.0);
+    }
+    let power: Vec<f64> = spectrum.iter().map(|c| c.norm_sqr()).collect();
+    let per_bin_hz = 1.0 / (n as f64 * tick_s);
+    let first = (LINE_FROM_HZ / per_bin_hz).ceil() as usize;
+    let total: f64 = power.iter().sum();
+    // the window spreads a line over three bins
+    let strongest = (first.max(1)..power.len().saturating_sub(1)).map(|i| (power[i - 1..=i + 1].iter().sum::<f64>(), i));
+    let (most, at) = strongest.max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((0.0, 0));
+    (if total > 0.0 { most / total } else { 0.0 }, at as f64 * per_bin_hz)
+}
+
+/// What is left in a filtered flight.
+pub fn leftover(flight: &Flight, filtered: &Filtered) -> Vec<Leftover> {
+    let mut found = Vec::new();
+    let command = |of: &dyn Fn(usize) -> f64| {
+        let all: Vec<f64> = (0..flight.ticks).map(of).collect();
+        let mean = all.iter().sum::<f64>() / all.len() as f64;
+        all.into_iter().map(|v| Some(v - mean)).collect::<Vec<_>>()
+    };
+    let u = |k: usize| flight.command(k as isize);
+    let commands = [
+        ("roll command", command(&|k| u(k).roll_rad)),
+        ("pitch command", command(&|k| u(k).pitch_rad)),
+        ("yaw-rate command", command(&|k| u(k).yaw_rate_radps)),
+        ("thrust command", command(&|k| u(k).lift)),
+        ("change of roll command", command(&|k| u(k).roll_rad - flight.command(k as isize - 1).roll_rad)),
+        ("change of pitch command", command(&|k| u(k).pitch_rad - flight.command(k as isize - 1).pitch_rad)),
+    ];
+    for (channel, name) in CHANNELS.iter().enumerate() {
+        let e = by_tick(flight, filtered, channel);
+        let (z, lag_s) = correlation(&e, &e, flight.tick_s);
+        found.push(Leftover { signal: (*name).into(), finding: format!("correlated with itself {lag_s:.2} s before"), size: z });
+        for (input, past) in &commands {
+            let (z, lag_s) = correlation(&e, past, flight.tick_s);
+            found.push(Leftover { signal: (*name).into(), finding: format!("correlated with the {input} {lag_s:.2} s before"), size: z });
+        }
+        let series: Vec<f64> = e.iter().map(|v| v.unwrap_or(0.0)).collect();
+        let (share, hz) = line(&series, flight.tick_s);
+        // in units of what makes a finding
+        found.push(Leftover {
+            signal: (*name).into(),
+            finding: format!("a line at {hz:.2} Hz holds {:.1} % of its power", 100.0 * share),
+            size: FINDING * share / LINE_SHARE,
+        });
+    }
+    found.sort_by(|a, b| b.size.abs().total_cmp(&a.size.abs()));
+    found
+}
