@@ -122,9 +122,11 @@ impl World<Dual> {
         for (path, direction) in seeds {
             let value = model.parameter(path)?;
             let step = NUDGE * value.abs().max(NUDGE);
-            let (up, down) = (of(&model.with_parameter(path, value + step)?)?, of(&model.with_parameter(path, value - step)?)?);
+            // at the end of its interval a parameter moves to one side only
+            let below = model.with_parameter(path, value - step).map(|m| (m, 2.0 * step)).unwrap_or((model.clone(), step));
+            let (up, down) = (of(&model.with_parameter(path, value + step)?)?, of(&below.0)?);
             for (number, (up, down)) in numbers.iter_mut().zip(up.into_iter().zip(down)) {
-                number.slope[*direction] = (up - down) / (2.0 * step);
+                number.slope[*direction] = (up - down) / below.1;
             }
         }
         let (plant, body) = numbers.split_at(Plant::<Dual>::NUMBERS);

@@ -1,12 +1,15 @@
 //! Errors of prediction on flights that the fit never saw: from an estimated state, by the commands alone, so and so far ahead.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 use serde::Serialize;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
+use crate::fit::filter::{Belief, Disturbances, filter};
 use crate::fit::flight::{Flight, Window};
 use crate::fit::hypothesis::Hypothesis;
-use crate::fit::predict::Worker;
+use crate::fit::predict::{Compared, Worker};
 
 /// How far ahead, in seconds; the free run goes from the start to the end.
 pub const HORIZONS_S: [f64; 4] = [0.02, 0.1, 0.5, 2.0];
@@ -18,6 +21,8 @@ pub const QUANTITIES: [(&str, &str); 3] = [("position", "m"), ("velocity", "m/s"
 const EVERY_S: f64 = 0.25;
 /// Stretches of a flight that are taken as independent of each other.
 const STRETCH_S: f64 = 5.0;
+/// What the filter needs to find the state.
+const SETTLE_S: f64 = 2.0;
 /// A free run does not go on further than this from the start.
 const FREE_S: f64 = 20.0;
 
@@ -38,10 +43,11 @@ pub struct Errors {
 /// Squared errors of one prediction: per quantity and horizon; NaN where there is nothing to compare with.
 type Squares = [[f64; 5]; 3];
 
-/// Errors of two hypotheses on the same flights.
-pub fn compare(before: &Hypothesis, after: &Hypothesis, flights: &[Flight]) -> Errors {
-    let (b, a) = (squares(&before.fixed(), flights, false), squares(&after.fixed(), flights, false));
-    let n = squares(&before.fixed(), flights, true);
+/// Errors of two hypotheses, each with its disturbances, on the same flights. Predictions start from what the filter of each knows then; from there
+/// on the commands alone decide.
+pub fn compare(before: (&Hypothesis, &Disturbances), after: (&Hypothesis, &Disturbances), flights: &[Flight]) -> Errors {
+    let (b, a) = (squares(&before.0.fixed(), before.1, flights, false), squares(&after.0.fixed(), after.1, flights, false));
+    let n = squares(&before.0.fixed(), before.1, flights, true);
     let mut p_value = [[1.0; 5]; 3];
     for (quantity, row) in p_value.iter_mut().enumerate() {
         for (horizon, p) in row.iter_mut().enumerate() {
@@ -75,14 +81,20 @@ fn paired(differences: &[f64]) -> f64 {
 }
 
 /// Squared errors of all predictions, by stretches.
-fn squares(hypothesis: &Hypothesis, flights: &[Flight], naive: bool) -> Vec<Vec<Squares>> {
+fn squares(hypothesis: &Hypothesis, disturbances: &Disturbances, flights: &[Flight], naive: bool) -> Vec<Vec<Squares>> {
+    let nothing = Belief::independent(Vec::new(), &[]);
     let per_flight = |flight: &Flight| -> Vec<Vec<Squares>> {
-        let each = (STRETCH_S / flight.tick_s) as usize;
-        let stretches: Vec<usize> = (0..flight.ticks.saturating_sub(each / 2)).step_by(each).collect();
+        let Some(filtered) = filter(flight, flight.all(), hypothesis, &nothing, disturbances) else { return Vec::new() };
+        let ticks = |s: f64| (s / flight.tick_s).round() as usize;
+        // the filter has to find the state first
+        let stretches: Vec<usize> =
+            (ticks(SETTLE_S)..flight.ticks.saturating_sub(ticks(0.5 * STRETCH_S))).step_by(ticks(STRETCH_S)).collect();
         let of = |first: &usize| {
             let mut worker = Worker::new(hypothesis, flight, false, false).ok();
-            let starts = (*first..(first + each).min(flight.ticks)).step_by((EVERY_S / flight.tick_s) as usize);
-            starts.filter_map(|start| one(worker.as_mut()?, flight, start, start == 0, naive)).collect()
+            let starts = (*first..(first + ticks(STRETCH_S)).min(flight.ticks)).step_by(ticks(EVERY_S));
+            starts
+                .filter_map(|start| one(worker.as_mut()?, flight, &filtered.states[start], start, start == ticks(SETTLE_S), naive))
+                .collect()
         };
         stretches.par_iter().map(of).collect()
     };
@@ -90,58 +102,39 @@ fn squares(hypothesis: &Hypothesis, flights: &[Flight], naive: bool) -> Vec<Vec<
 }
 
 /// One prediction from a tick: at each horizon the error at its end, for the free run the mean over it.
-fn one(worker: &mut Worker, flight: &Flight, start: usize, free: bool, naive: bool) -> Option<Squares> {
+fn one(worker: &mut Worker, flight: &Flight, own: &[f64], start: usize, free: bool, naive: bool) -> Option<Squares> {
     let ahead = |s: f64| ((s / flight.tick_s).round() as usize).max(1);
-    let longest = if free { ahead(FREE_S) } else { ahead(HORIZONS_S[3]) };
-    let end = (start + longest).min(flight.ticks);
+    let end = (start + if free { ahead(FREE_S) } else { ahead(HORIZONS_S[3]) }).min(flight.ticks);
     if end <= start {
         return None;
     }
-    let mut own = flight.start_numbers(start);
-    let from = own.clone();
-    let lags = worker.lags(flight, start, &own);
-    own.extend(lags);
-    let window = Window { flight: 0, ticks: start..end };
-    worker.predict(flight, &window, &own);
-    let rows = worker.rows();
+    worker.predict(flight, &Window { flight: 0, ticks: start..end }, own);
+    let from = flight.start(start);
+    let held = |r: &Compared| if r.channel < 3 { from.att_rad[r.channel] } else { from.pos_m[r.channel - 3] };
+    let mean = |channels: Range<usize>, about_s: f64, reach_s: f64| -> f64 {
+        let near = worker.rows().iter().filter(|r| channels.contains(&r.channel) && (r.t_s - about_s).abs() <= reach_s);
+        let errors: Vec<f64> = near.map(|r| (r.measured - if naive { held(r) } else { r.predicted }).powi(2)).collect();
+        3.0 * errors.iter().sum::<f64>() / errors.len() as f64
+    };
     let mut out = [[f64::NAN; 5]; 3];
-    for (horizon, seconds) in HORIZONS_S.iter().enumerate() {
-        let tick = start + ahead(*seconds);
-        if tick > end {
-            continue;
-        }
-        // position where it was measured next to the horizon
-        let at_s = tick as f64 * flight.tick_s;
-        let near = |channels: std::ops::Range<usize>| -> f64 {
-            let reach = if channels.start == 0 { 0.6 * flight.tick_s } else { 0.02 };
-            let all = rows.iter().filter(|r| channels.contains(&r.channel) && (r.t_s - at_s).abs() <= reach);
-            let held = |r: &crate::fit::predict::Compared| if r.channel < 3 { from[6 + r.channel] } else { from[r.channel - 3] };
-            let errors: Vec<f64> = all.map(|r| (r.measured - if naive { held(r) } else { r.predicted }).powi(2)).collect();
-            if errors.is_empty() { f64::NAN } else { 3.0 * errors.iter().sum::<f64>() / errors.len() as f64 }
-        };
-        (out[0][horizon], out[2][horizon]) = (near(3..6), near(0..3));
-        let predicted = if naive { &from[3..6] } else { &worker.velocities()[3 * (tick - start)..3 * (tick - start) + 3] };
-        let measured = flight.start(tick).vel_mps;
-        out[1][horizon] = predicted.iter().zip(measured).map(|(p, m)| (p - m).powi(2)).sum();
+    for (horizon, seconds) in HORIZONS_S.iter().enumerate().filter(|(_, s)| start + ahead(**s) <= end) {
+        let about_s = (start + ahead(*seconds)) as f64 * flight.tick_s;
+        // frames do not fall on ticks
+        (out[0][horizon], out[2][horizon]) = (mean(3..6, about_s, 0.02), mean(0..3, about_s, 0.6 * flight.tick_s));
     }
     if free {
-        let mean = |channels: std::ops::Range<usize>| {
-            let held = |r: &crate::fit::predict::Compared| if r.channel < 3 { from[6 + r.channel] } else { from[r.channel - 3] };
-            let errors: Vec<f64> = rows
-                .iter()
-                .filter(|r| channels.contains(&r.channel))
-                .map(|r| (r.measured - if naive { held(r) } else { r.predicted }).powi(2))
-                .collect();
-            3.0 * errors.iter().sum::<f64>() / errors.len() as f64
-        };
-        (out[0][4], out[2][4]) = (mean(3..6), mean(0..3));
-        let v = worker.velocities();
-        let errors = (start + 1..=end).map(|tick| {
-            let measured = flight.start(tick).vel_mps;
-            let predicted = if naive { &from[3..6] } else { &v[3 * (tick - start)..3 * (tick - start) + 3] };
-            predicted.iter().zip(measured).map(|(p, m)| (p - m).powi(2)).sum::<f64>()
-        });
-        out[1][4] = errors.sum::<f64>() / (end - start) as f64;
+        let (about_s, reach_s) = (0.5 * (start + end) as f64 * flight.tick_s, 0.5 * (end - start) as f64 * flight.tick_s);
+        (out[0][4], out[2][4]) = (mean(3..6, about_s, reach_s), mean(0..3, about_s, reach_s));
+    }
+    let mut velocity = |tick: usize| -> f64 {
+        let predicted = if naive { Some(from.vel_mps) } else { worker.reported_velocity(flight, tick - start) };
+        predicted.map_or(f64::NAN, |v| v.iter().zip(flight.start(tick).vel_mps).map(|(p, m)| (p - m).powi(2)).sum())
+    };
+    for (horizon, seconds) in HORIZONS_S.iter().enumerate().filter(|(_, s)| start + ahead(**s) <= end) {
+        out[1][horizon] = velocity(start + ahead(*seconds));
+    }
+    if free {
+        out[1][4] = (start + 1..=end).map(velocity).sum::<f64>() / (end - start) as f64;
     }
     Some(out)
 }

@@ -15,7 +15,7 @@ use crazyflie_env::model::Model;
 use crate::fit::filter::{Belief, Disturbances, filter};
 use crate::fit::flight::Flight;
 use crate::fit::hypothesis::{Hypothesis, Term};
-use search::{Judged, Score, Search};
+use search::{Dissected, Judged, Score, Search};
 use verdict::{Estimate, Explanation, Leftover, Named, Ranked, Step, Verdict};
 
 /// Log-likelihood that an effect must be worth on the flights of the fit: three, and the logarithm of the number of candidates, and as much
@@ -23,6 +23,8 @@ use verdict::{Estimate, Explanation, Leftover, Named, Ranked, Step, Verdict};
 const WORTH_FIT: f64 = 10.0;
 /// And on the test flights, where nothing was fitted.
 const WORTH_TEST: f64 = 3.0;
+/// An effect worth this much whose size is unclear leaves the question open.
+const UNDECIDED: f64 = 25.0;
 /// Hypotheses this close in log-likelihood cannot be told apart.
 const ALIKE: f64 = 5.0;
 /// A name with more rivals than this is no answer.
@@ -45,11 +47,11 @@ pub fn explain(model: &Model, fit: &[Flight], test: &[Flight], progress: &dyn Fn
     let declared = search.declared(&Hypothesis::of(model))?;
     let (path, steps) = forward(&search, &declared, progress);
     progress("backward");
-    let mut last = search.backward(path, WORTH_FIT);
     let mut rivals = Vec::new();
-    last = settle_rivals(&search, last, &mut rivals, progress);
-    let (kept, dropped) = gate(&search, &judge, &last)?;
-    last = kept;
+    let settled = settle_rivals(&search, search.backward(path, WORTH_FIT), &mut rivals, progress);
+    progress("the test flights");
+    let (dissected, dropped) = gate(&search, &judge, settled)?;
+    let last = &dissected.judged;
     progress("what is left");
     let mut disturbances = last.disturbances;
     let mut left = leftovers(test, &last.settled(), &disturbances);
@@ -62,23 +64,23 @@ pub fn explain(model: &Model, fit: &[Flight], test: &[Flight], progress: &dyn Fn
         );
         left.insert(0, Leftover { signal: "torque".into(), finding, size: disturbances.torque.sigma });
     }
-    let mut effects = named(&search, &judge, &last, &rivals)?;
+    let mut effects = named(&judge, &dissected, &rivals)?;
     if !structured && disturbances.force.sigma > GUST_MPS2 && disturbances.force.tau_s > GUST_S {
         let (finer, sd) = noise::force(fit, &last.settled(), &disturbances);
         disturbances = finer;
-        effects.extend(gust(&judge, &last, &disturbances, sd));
+        effects.extend(gust(&judge, last, &disturbances, sd));
     }
     let many = |e: &Named| e.confusable_with.len() > MOST_RIVALS;
-    let undecided = effects.iter().any(many) || (!dropped.is_empty() && effects.is_empty());
+    let undecided = dissected.unclear > UNDECIDED || effects.iter().any(many) || (!dropped.is_empty() && effects.is_empty());
     effects.retain(|e| !many(e));
     let mut completed = last.settled();
     completed.terms.retain(|t| effects.iter().any(|e| e.name == t.entry.name));
-    let mut errors = errors::compare(&declared.hypothesis, &completed, test);
+    let mut errors = errors::compare((&declared.hypothesis, &declared.disturbances), (&completed, &disturbances), test);
     let helps = (0..2).any(|q| errors.after[q][3] < (1.0 - HELPS) * errors.before[q][3]);
     if structured && !helps && !effects.is_empty() {
         effects.clear();
         completed.terms.clear();
-        errors = errors::compare(&declared.hypothesis, &completed, test);
+        errors = errors::compare((&declared.hypothesis, &declared.disturbances), (&completed, &disturbances), test);
     }
     add_random(&mut completed, &effects);
     let verdict = match (structured, effects.is_empty(), undecided) {
@@ -127,16 +129,21 @@ fn ranked(score: &Score) -> Ranked {
 }
 
 /// Looks for rivals of each effect. One that lets another effect go takes its place: what a mass does, a thrust scale and a damping do together.
-fn settle_rivals(search: &Search, from: Judged, rivals: &mut Vec<(&'static str, Vec<&'static str>)>, progress: &dyn Fn(&str)) -> Judged {
-    let price = |j: &Judged| j.loss + WORTH_FIT * j.hypothesis.terms.len() as f64;
+fn settle_rivals(
+    search: &Search,
+    from: Dissected,
+    rivals: &mut Vec<(&'static str, Vec<&'static str>)>,
+    progress: &dyn Fn(&str),
+) -> Dissected {
+    let price = |d: &Dissected| d.judged.loss + WORTH_FIT * d.without.len() as f64;
     let mut now = from;
     let mut swaps = 0;
     'again: loop {
         rivals.clear();
-        for name in now.hypothesis.terms.iter().map(|t| t.entry.name).collect::<Vec<_>>() {
+        for (name, without) in &now.without {
             progress(&format!("rivals of {name}"));
-            let found = search.rivals(&now, name, ALIKE);
-            if now.hypothesis.terms.len() > 1 && swaps < 2 {
+            let found = search.rivals(&now.judged, name, without, ALIKE);
+            if now.without.len() > 1 && swaps < 2 {
                 for (_, judged) in &found {
                     let simpler = search.backward(judged.clone(), WORTH_FIT);
                     if price(&simpler) < price(&now) - 0.5 * WORTH_FIT {
@@ -146,56 +153,49 @@ fn settle_rivals(search: &Search, from: Judged, rivals: &mut Vec<(&'static str, 
                     }
                 }
             }
-            rivals.push((name, found.into_iter().map(|(name, _)| name).collect()));
+            rivals.push((*name, found.into_iter().map(|(name, _)| name).collect()));
         }
         return now;
     }
 }
 
 /// Takes out what does not help on the test flights, one at a time, and says what that was.
-fn gate(search: &Search, judge: &Search, from: &Judged) -> Option<(Judged, Vec<&'static str>)> {
-    let (mut now, mut dropped) = (from.clone(), Vec::new());
+fn gate(search: &Search, judge: &Search, from: Dissected) -> Option<(Dissected, Vec<&'static str>)> {
+    let (mut now, mut dropped) = (from, Vec::new());
     loop {
-        let full = judge.plug_in(&now.settled(), &now.disturbances)?;
-        let without = |t: &Term| {
-            let reduced = search.reduced(&now, t.entry.name)?;
-            let worth = judge.plug_in(&reduced.settled(), &reduced.disturbances)? - full;
-            Some((t.entry.name, worth, reduced))
-        };
-        let worths: Vec<(&'static str, f64, Judged)> = now.hypothesis.terms.iter().filter_map(without).collect();
-        match worths.into_iter().min_by(|a, b| a.1.total_cmp(&b.1)) {
-            Some((name, worth, reduced)) if worth < WORTH_TEST => {
+        let worths = worths(judge, &now)?;
+        match worths.into_iter().enumerate().min_by(|a, b| a.1.total_cmp(&b.1)) {
+            Some((least, worth)) if worth < WORTH_TEST => {
+                let (name, less) = now.without.swap_remove(least);
                 dropped.push(name);
-                now = reduced;
+                now = search.dissect(less);
             }
             _ => return Some((now, dropped)),
         }
     }
 }
 
-fn named(search: &Search, judge: &Search, last: &Judged, rivals: &[(&'static str, Vec<&'static str>)]) -> Option<Vec<Named>> {
-    let settled = last.settled();
-    let full = judge.plug_in(&settled, &last.disturbances)?;
-    let of = |term: &Term| {
-        let place = settled.place(term.entry.name);
-        let params = term.free.iter().zip(place).map(|(i, at)| {
+/// Log-likelihood of the test flights that each effect is worth.
+fn worths(judge: &Search, of: &Dissected) -> Option<Vec<f64>> {
+    let full = judge.plug_in(&of.judged.settled(), &of.judged.disturbances)?;
+    of.without.iter().map(|(_, less)| Some(judge.plug_in(&less.settled(), &less.disturbances)? - full)).collect()
+}
+
+fn named(judge: &Search, of: &Dissected, rivals: &[(&'static str, Vec<&'static str>)]) -> Option<Vec<Named>> {
+    let settled = of.judged.settled();
+    let worths = worths(judge, of)?;
+    let one = |((name, less), worth_test): (&(&'static str, Judged), f64)| {
+        let term = settled.terms.iter().find(|t| t.entry.name == *name)?;
+        let params = term.free.iter().zip(settled.place(name)).map(|(i, at)| {
             let p = &term.entry.params[*i];
-            Estimate { name: p.name, value: term.values[*i], stderr: last.belief.sd(at), unit: p.unit }
+            Estimate { name: p.name, value: term.values[*i], stderr: of.judged.belief.sd(at), unit: p.unit }
         });
         let params: Vec<Estimate> = params.collect();
-        let reduced = search.reduced(last, term.entry.name)?;
-        let confusable_with = rivals.iter().find(|(name, _)| *name == term.entry.name).map_or_else(Vec::new, |(_, r)| r.clone());
+        let confusable_with = rivals.iter().find(|(other, _)| other == name).map_or_else(Vec::new, |(_, r)| r.clone());
         let manoeuvre = if confusable_with.is_empty() { String::new() } else { manoeuvre(term.entry, &confusable_with) };
-        Some(Named {
-            name: term.entry.name,
-            params,
-            confusable_with,
-            manoeuvre,
-            worth_fit: reduced.loss - last.loss,
-            worth_test: judge.plug_in(&reduced.settled(), &reduced.disturbances)? - full,
-        })
+        Some(Named { name, params, confusable_with, manoeuvre, worth_fit: less.loss - of.judged.loss, worth_test })
     };
-    settled.terms.iter().map(of).collect()
+    of.without.iter().zip(worths).map(one).collect()
 }
 
 /// What to fly so that effects part: where they enter decides what has to change.

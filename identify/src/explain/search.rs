@@ -28,6 +28,12 @@ const WIDEN: f64 = 10.0;
 const TIGHT: f64 = 0.003;
 /// A step forward must gain this much; whether an effect earns its place is decided at the end.
 pub const LEAST_GAIN: f64 = 3.0;
+/// A rival scores at least so much of what the effect itself scores.
+const LEAST_SHARE: f64 = 0.3;
+/// Standard errors that a parameter must lie from "off".
+const CLEAR: f64 = 4.0;
+/// A loss beyond this is not going to be made good by other disturbances.
+const BEYOND: f64 = 300.0;
 /// Less than this, in units of log-likelihood, is not worth a proposal.
 const LEAST_PROPOSAL: f64 = 4.0;
 
@@ -45,7 +51,24 @@ pub struct Judged {
     pub plug_in: f64,
 }
 
+/// A hypothesis, and each that lacks one of its effects.
+#[derive(Debug, Clone)]
+pub struct Dissected {
+    pub judged: Judged,
+    pub without: Vec<(&'static str, Judged)>,
+    /// The most that an effect was worth which was taken out, because its size was unclear.
+    pub unclear: f64,
+}
+
 impl Judged {
+    /// How many standard errors lie between "off" and the value of an effect's clearest parameter.
+    fn clearance(&self, effect: &str) -> f64 {
+        let place = self.hypothesis.place(effect);
+        let Some(term) = self.hypothesis.terms.iter().find(|t| t.entry.name == effect) else { return 0.0 };
+        let of = |(i, at): (&usize, usize)| (self.belief.mean[at] - term.entry.params[*i].off).abs() / self.belief.sd(at);
+        term.free.iter().zip(place).map(of).fold(0.0, f64::max)
+    }
+
     /// The hypothesis at the filter's values.
     pub fn settled(&self) -> Hypothesis {
         let bounds = self.hypothesis.bounds();
@@ -198,34 +221,39 @@ impl<'a> Search<'a> {
         let place = at.place(effect);
         let sd: Vec<f64> = (0..judged.belief.mean.len()).filter(|i| !place.contains(i)).map(|i| judged.belief.sd(i)).collect();
         let first = self.judge(&at.without(effect), &sd, &judged.disturbances)?;
-        self.tuned(&first)
+        if first.loss - judged.loss > BEYOND { Some(first) } else { self.tuned(&first) }
     }
 
-    /// Effects that do not earn their place at the end, when all others are there, are taken out again.
-    pub fn backward(&self, from: Judged, worth: f64) -> Judged {
-        let mut now = from;
+    /// A hypothesis with what is left of it without each of its effects.
+    pub fn dissect(&self, judged: Judged) -> Dissected {
+        let names: Vec<&'static str> = judged.hypothesis.terms.iter().map(|t| t.entry.name).collect();
+        let without = names.into_iter().filter_map(|name| Some((name, self.reduced(&judged, name)?))).collect();
+        Dissected { judged, without, unclear: 0.0 }
+    }
+
+    /// Effects that do not earn their place at the end, when all others are there, are taken out again: each must be worth so much
+    /// log-likelihood, and one of its parameters must lie clear of "off".
+    pub fn backward(&self, from: Judged, worth: f64) -> Dissected {
+        let mut now = self.dissect(from);
+        let mut unclear: f64 = 0.0;
         loop {
-            let terms: Vec<&'static str> = now.hypothesis.terms.iter().map(|t| t.entry.name).collect();
-            let reduced: Vec<Judged> = terms.iter().filter_map(|name| self.reduced(&now, name)).collect();
-            let Some(least) = reduced.into_iter().min_by(|a, b| a.loss.total_cmp(&b.loss)) else { return now };
-            if least.loss - now.loss > worth {
-                return now;
-            }
-            now = least;
+            let idle = now.without.iter().filter(|(name, less)| less.loss - now.judged.loss < worth || now.judged.clearance(name) < CLEAR);
+            let Some((_, less)) = idle.min_by(|a, b| a.1.loss.total_cmp(&b.1.loss)) else { return Dissected { unclear, ..now } };
+            unclear = unclear.max(less.loss - now.judged.loss);
+            now = self.dissect(less.clone());
         }
     }
 
     /// Other effects in the place of one of a hypothesis: each as judged, within `noise` of the likelihood of the one that it replaces.
-    pub fn rivals(&self, judged: &Judged, effect: &str, noise: f64) -> Vec<(&'static str, Judged)> {
-        let at = judged.settled();
-        let place = at.place(effect);
-        let sd: Vec<f64> = (0..judged.belief.mean.len()).filter(|i| !place.contains(i)).map(|i| judged.belief.sd(i)).collect();
-        let Some(without) = self.judge(&at.without(effect), &sd, &judged.disturbances) else { return Vec::new() };
+    pub fn rivals(&self, judged: &Judged, effect: &str, without: &Judged, noise: f64) -> Vec<(&'static str, Judged)> {
+        // as the effects were settled with it, and as without it
+        let kept = Judged { disturbances: judged.disturbances, ..without.clone() };
+        let Some(without) = self.again(&kept, &judged.disturbances) else { return Vec::new() };
         let at = without.settled();
         let base = self.fit(&at.fixed(), None, STEPS);
         let Some(scores) = self.score(&without, &base) else { return Vec::new() };
-        let worth = without.loss - judged.loss;
-        let others = scores.iter().filter(|s| s.start.entry.name != effect && s.gain > 0.3 * worth).take(SHORTLIST);
+        let own = scores.iter().find(|s| s.start.entry.name == effect).map_or(0.0, |s| s.gain);
+        let others = scores.iter().filter(|s| s.start.entry.name != effect && s.gain > LEAST_SHARE * own).take(SHORTLIST);
         let proposals: Vec<Proposal> = others.filter_map(|s| self.propose(&at, s, &base)).collect();
         let replaced = proposals.par_iter().filter_map(|p| self.settle(p, &judged.disturbances));
         let named = |j: Judged| Some((j.hypothesis.terms.iter().find(|t| !judged.hypothesis.has(t.entry.name))?.entry.name, j));

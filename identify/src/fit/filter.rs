@@ -100,6 +100,8 @@ pub struct Filtered {
     pub innovations: Vec<Innovation>,
     /// After the flight.
     pub belief: Belief,
+    /// What the vehicle has of its own at the start of each tick (see [`Worker`]), from all measurements before it.
+    pub states: Vec<Vec<f64>>,
     /// Estimated disturbance after each tick: push, then marker.
     pub wandered: Vec<[f64; PUSH + 3]>,
 }
@@ -146,7 +148,7 @@ pub fn filter(
     let lags = worker.lags(flight, ticks.start, &start);
     start.extend(lags);
     let (mut x, mut p) = begin(start, belief, &extras);
-    let mut out = Filtered { loss: 0.0, innovations: Vec::new(), belief: belief.clone(), wandered: Vec::new() };
+    let mut out = Filtered { loss: 0.0, innovations: Vec::new(), belief: belief.clone(), states: Vec::new(), wandered: Vec::new() };
     let (mut h, mut ph, mut moved) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
     for tick in ticks {
         worker.set_free(&x[own..own + learned]).ok()?;
@@ -155,6 +157,7 @@ pub fn filter(
             disturbed[extra.axis] = *value;
         }
         out.wandered.push(disturbed);
+        out.states.push(x[..own].to_vec());
         worker.set_push(std::array::from_fn(|i| disturbed[i]));
         worker.cut_from_start();
         worker.go_on(flight, &Window { flight: 0, ticks: tick..tick + 1 }, &x[..own]);

@@ -6,7 +6,7 @@ use crazyflie_env::model::{Model, Vertical, VerticalInput, Yaw};
 use crazyflie_env::plant::{Command, State};
 
 use crate::FlightLog;
-use crate::log::Format;
+use crate::log::{Format, Note};
 use crate::replay::ReplayError;
 use crate::replay::measured::{Measured, median};
 
@@ -71,7 +71,9 @@ impl Flight {
     pub fn of(name: &str, log: &FlightLog, model: &Model) -> Result<Self, ReplayError> {
         let measured = Measured::of(log, &mut Vec::new())?;
         let row_s = median(&log.t_s.windows(2).map(|t| t[1] - t[0]).collect::<Vec<_>>());
-        let tick_s = if changes_every_second_row(log) && !model.rig.control.value.is_nan() { 2.0 * row_s } else { row_s };
+        // the controller of a 100 Hz log runs at 50 Hz, or its commands are interpolated from less
+        let interpolated = log.format == Format::NanoBench;
+        let tick_s = if interpolated || changes_every_second_row(log) { 2.0 * row_s } else { row_s };
         let (first_s, _) = measured.interval(log, row_s)?;
         // ticks begin where commands change
         let start_s = log.t_s[0] + ((first_s - log.t_s[0]) / tick_s - ROUNDING_S).ceil() * tick_s;
@@ -86,7 +88,10 @@ impl Flight {
         let inside = |s: &Sample| s.t_s > ROUNDING_S && s.t_s <= end_s + ROUNDING_S;
         let angles =
             (0..log.len()).map(|i| Sample { t_s: log.t_s[i] - start_s, value: [log.roll_rad[i], log.pitch_rad[i], log.yaw_rad[i]] });
-        let angles: Vec<Sample> = angles.filter(inside).collect();
+        let mut angles: Vec<Sample> = angles.filter(inside).collect();
+        if log.format == Format::NanoBench {
+            level(&mut angles);
+        }
         let mut fixes: Vec<Sample> = (0..log.fixes.row.len())
             .map(|i| Sample { t_s: log.fixes.capture_t_s[i] - start_s, value: std::array::from_fn(|axis| log.fixes.pos_m[axis][i]) })
             .filter(inside)
@@ -161,6 +166,17 @@ const FLOOR: Noise = Noise { att_rad: [1e-4; 3], pos_m: [1e-4; 3] };
 /// Motion capture is filtered and its markers shake: differences of neighbours are smaller than its error.
 const FLOOR_MOCAP: Noise = Noise { att_rad: [0.01, 0.01, 0.01], pos_m: [0.002, 0.002, 0.002] };
 
+/// The frame of motion-capture markers is tilted against the vehicle, differently in each session. Over a flight that begins and ends at rest
+/// the mean tilt is next to nothing, so the mean of what was measured is the frame's.
+fn level(angles: &mut [Sample]) {
+    for axis in 0..2 {
+        let mean = angles.iter().map(|s| s.value[axis]).sum::<f64>() / angles.len() as f64;
+        for sample in angles.iter_mut() {
+            sample.value[axis] -= mean;
+        }
+    }
+}
+
 /// Commands of a 50 Hz controller in a 100 Hz log change only on every second row.
 fn changes_every_second_row(log: &FlightLog) -> bool {
     let changed_on = |commands: &Option<Vec<f64>>, parity: usize| {
@@ -188,12 +204,17 @@ fn commands(
     let lift = if input.is_pwm() { &log.cmd_thrust_pwm } else { &log.cmd_height_m };
     let lift = lift.as_ref().ok_or(ReplayError::NoCommands { what: "thrust or height command" })?;
     let sign = model.yaw.sign();
+    let skew_s =
+        log.notes.iter().find_map(|n| if let Note::ClockSkew { median_s, .. } = n { Some(*median_s) } else { None }).unwrap_or(0.0);
     let at = |k: usize| {
-        let t_s = from_s + k as f64 * tick_s;
-        let row = log.t_s.partition_point(|t| *t <= t_s + ROUNDING_S).saturating_sub(1);
+        // commands are on the clock of the vehicle
+        let t_s = from_s + k as f64 * tick_s + skew_s;
+        let row_at = |t_s: f64| log.t_s.partition_point(|t| *t <= t_s + ROUNDING_S).saturating_sub(1);
+        let (row, last) = (row_at(t_s), row_at(t_s + tick_s - 2.0 * ROUNDING_S));
+        let mean = |v: &[f64]| v[row..=last].iter().sum::<f64>() / (last - row + 1) as f64;
         // without a logged command the heading follows what was measured: the fit of yaw then says nothing
-        let yaw_rate_radps = log.cmd_yaw_rate_radps.as_ref().map_or_else(|| sign * measured.yaw_rate(t_s), |v| v[row]);
-        Command { roll_rad: roll[row], pitch_rad: pitch[row], yaw_rate_radps, lift: lift[row] }
+        let yaw_rate_radps = log.cmd_yaw_rate_radps.as_ref().map_or_else(|| sign * measured.yaw_rate(t_s), |v| mean(v));
+        Command { roll_rad: mean(roll), pitch_rad: mean(pitch), yaw_rate_radps, lift: mean(lift) }
     };
     Ok((input, (0..ticks).map(at).collect()))
 }

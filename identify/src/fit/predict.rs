@@ -86,7 +86,10 @@ impl Worker {
         let hz = (1.0 / flight.tick_s).round();
         // frames are filmed when the log has them, not by the rig's clock
         (model.rig.control.value, model.rig.imu.value, model.rig.camera.value) = (hz, hz, 1.0);
-        let settings = Settings { input: flight.input, physics_hz: at.physics_hz };
+        let needed_hz = at.terms.iter().map(|t| t.entry.physics_hz).max().unwrap_or(0);
+        // pushes see the middle of a step: two steps per tick are enough to tell effects apart, where the simulator takes six
+        let twice = (needed_hz > hz as u32).then_some(2 * hz as u32);
+        let settings = Settings { input: flight.input, physics_hz: at.physics_hz.or(twice) };
         let entries: Vec<&'static Entry> = at.terms.iter().map(|t| t.entry).collect();
         let own = START + at.lags();
         let shared: usize = at.free.len() + at.terms.iter().map(|t| t.free.len()).sum::<usize>();
@@ -321,9 +324,13 @@ impl Worker {
         &self.rows
     }
 
-    /// The predicted velocity at each tick of the window, the start included, three numbers each.
-    pub fn velocities(&self) -> Vec<f64> {
-        self.states.iter().flat_map(|x| x.vel_mps.map(|v| v.value)).collect()
+    /// The velocity of the position that would be reported, at a tick of the window, from the ticks around it.
+    pub fn reported_velocity(&mut self, flight: &Flight, tick: usize) -> Option<[f64; 3]> {
+        let (before, after) = (tick.saturating_sub(1), (tick + 1).min(self.states.len() - 1));
+        let world = &mut self.passes.first_mut()?.world;
+        let [a, b] = [before, after].map(|k| world.film(&self.states[k], Dual::of(k as f64 * flight.tick_s)).pos_m);
+        let span_s = (after - before) as f64 * flight.tick_s;
+        Some(std::array::from_fn(|i| (b[i].value - a[i].value) / span_s))
     }
 
     /// Its slopes in standard deviations, a row of all unknowns for each.
