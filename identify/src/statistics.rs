@@ -61,7 +61,7 @@ pub struct Independence {
     /// An input that has nothing to do with the residuals stays within, at each lag with a probability of 99 %. Wider than for white
     /// signals where both are coloured.
     pub bound: f64,
-    /// As [`Independence::bound`], for all lags from 0 on together (Bonferroni).
+    /// As [`Independence::bound`], for all lags from 0 on together (Bonferroni, over as many lags as are independent).
     pub joint_bound: f64,
     /// Lags from 0 on outside [`Independence::bound`].
     pub outside: usize,
@@ -115,9 +115,12 @@ pub fn independence(input: &[&[f64]], residuals: &[&[f64]], lags: usize) -> Resu
         let taper = 1.0 - lag as f64 / (3 * lags + 1) as f64;
         taper * products(&e, &e, lag) / products(&e, &e, 0) * products(&u, &u, lag) / products(&u, &u, 0)
     });
-    let sd = ((1.0 + 2.0 * spread.sum::<f64>()).max(0.1) / samples as f64).sqrt();
+    let spread = (1.0 + 2.0 * spread.sum::<f64>()).max(0.1);
+    let sd = (spread / samples as f64).sqrt();
     let bound = quantile(0.5 * (1.0 + CONFIDENCE)) * sd;
-    let joint_bound = quantile(1.0 - 0.5 * (1.0 - CONFIDENCE) / (lags + 1) as f64) * sd;
+    // neighbouring lags of coloured signals say nearly the same: so many are left that do not
+    let tests = ((lags + 1) as f64 / spread).clamp(1.0, (lags + 1) as f64);
+    let joint_bound = quantile(1.0 - 0.5 * (1.0 - CONFIDENCE) / tests) * sd;
     let outside = |judged: bool| all.iter().zip(&correlation).filter(|(lag, r)| (**lag >= 0) == judged && r.abs() > bound).count();
     let (outside, feedback) = (outside(true), outside(false));
     Ok(Independence { lags: all, correlation, bound, joint_bound, outside, feedback, samples })

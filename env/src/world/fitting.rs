@@ -108,9 +108,11 @@ impl World<Dual> {
         for (path, direction) in seeds {
             let value = model.parameter(path)?;
             let step = NUDGE * value.abs().max(NUDGE);
-            let (up, down) = (of(&model.with_parameter(path, value + step)?)?, of(&model.with_parameter(path, value - step)?)?);
-            for (number, (up, down)) in numbers.iter_mut().zip(up.into_iter().zip(down)) {
-                number.slope[*direction] = (up - down) / (2.0 * step);
+            // at the edge of what a model may hold (no drag), to one side only
+            let moved = |to: f64| model.with_parameter(path, to).map_or_else(|_| (value, model.clone()), |model| (to, model));
+            let ((high, up), (low, down)) = (moved(value + step), moved(value - step));
+            for (number, (up, down)) in numbers.iter_mut().zip(of(&up)?.into_iter().zip(of(&down)?)) {
+                number.slope[*direction] = if high > low { (up - down) / (high - low) } else { 0.0 };
             }
         }
         let (plant, body) = numbers.split_at(Plant::<Dual>::NUMBERS);

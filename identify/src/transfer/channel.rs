@@ -29,6 +29,8 @@ struct About {
     output: &'static str,
     /// Units of output and input, SI and radians.
     units: [&'static str; 2],
+    /// Unit of output over input, as a unit (radians and PWM counts are none) and a power of the second.
+    ratio: (&'static str, i32),
     /// Degrees of numerator and denominator that the thesis has.
     order: (usize, usize),
     integrator: bool,
@@ -37,15 +39,15 @@ struct About {
 
 #[rustfmt::skip]
 const CHANNELS: [About; 9] = [
-    About { channel: Channel::Roll, name: "roll", input: "roll command", output: "roll", units: ["rad", "rad"], order: (0, 2), integrator: false, window_s: 2.0 },
-    About { channel: Channel::Pitch, name: "pitch", input: "pitch command", output: "pitch", units: ["rad", "rad"], order: (0, 2), integrator: false, window_s: 2.0 },
-    About { channel: Channel::Yaw, name: "yaw", input: "yaw-rate command", output: "yaw", units: ["rad", "rad/s"], order: (0, 1), integrator: true, window_s: 5.0 },
-    About { channel: Channel::Height, name: "height", input: "height command", output: "z", units: ["m", "m"], order: (0, 1), integrator: false, window_s: 10.0 },
-    About { channel: Channel::Pwm, name: "pwm", input: "thrust command", output: "z", units: ["m", "PWM"], order: (0, 1), integrator: false, window_s: 10.0 },
-    About { channel: Channel::Vx, name: "vx", input: "pitch angle", output: "vx", units: ["m/s", "rad"], order: (0, 1), integrator: true, window_s: 2.0 },
-    About { channel: Channel::Vy, name: "vy", input: "roll angle", output: "vy", units: ["m/s", "rad"], order: (0, 1), integrator: true, window_s: 2.0 },
-    About { channel: Channel::CommandVx, name: "command-vx", input: "pitch command", output: "vx", units: ["m/s", "rad"], order: (0, 3), integrator: true, window_s: 2.0 },
-    About { channel: Channel::CommandVy, name: "command-vy", input: "roll command", output: "vy", units: ["m/s", "rad"], order: (0, 3), integrator: true, window_s: 2.0 },
+    About { channel: Channel::Roll, name: "roll", input: "roll command", output: "roll", units: ["rad", "rad"], ratio: ("1", 0), order: (0, 2), integrator: false, window_s: 5.0 },
+    About { channel: Channel::Pitch, name: "pitch", input: "pitch command", output: "pitch", units: ["rad", "rad"], ratio: ("1", 0), order: (0, 2), integrator: false, window_s: 5.0 },
+    About { channel: Channel::Yaw, name: "yaw", input: "yaw-rate command", output: "yaw", units: ["rad", "rad/s"], ratio: ("1", 1), order: (0, 1), integrator: true, window_s: 5.0 },
+    About { channel: Channel::Height, name: "height", input: "height command", output: "z", units: ["m", "m"], ratio: ("1", 0), order: (0, 1), integrator: false, window_s: 10.0 },
+    About { channel: Channel::Pwm, name: "pwm", input: "thrust command", output: "z", units: ["m", "PWM"], ratio: ("m", 0), order: (0, 1), integrator: false, window_s: 10.0 },
+    About { channel: Channel::Vx, name: "vx", input: "pitch angle", output: "vx", units: ["m/s", "rad"], ratio: ("m", -1), order: (0, 1), integrator: true, window_s: 2.0 },
+    About { channel: Channel::Vy, name: "vy", input: "roll angle", output: "vy", units: ["m/s", "rad"], ratio: ("m", -1), order: (0, 1), integrator: true, window_s: 2.0 },
+    About { channel: Channel::CommandVx, name: "command-vx", input: "pitch command", output: "vx", units: ["m/s", "rad"], ratio: ("m", -1), order: (0, 3), integrator: true, window_s: 2.0 },
+    About { channel: Channel::CommandVy, name: "command-vy", input: "roll command", output: "vy", units: ["m/s", "rad"], ratio: ("m", -1), order: (0, 3), integrator: true, window_s: 2.0 },
 ];
 
 impl Channel {
@@ -87,6 +89,10 @@ impl Channel {
         self.about().units
     }
 
+    pub(super) fn ratio(self) -> (&'static str, i32) {
+        self.about().ratio
+    }
+
     /// The form that the thesis found for it.
     pub fn structure(self) -> Structure {
         let About { order: (numerator, denominator), integrator, .. } = *self.about();
@@ -94,7 +100,8 @@ impl Channel {
         Structure { numerator, denominator, integrator, delay: false, offset, stable: false }
     }
 
-    /// Long enough for the slowest pole of that form to show.
+    /// Long enough for the slowest pole of that form to show, and for the response to outweigh the free initial states, which would else take
+    /// slow errors for dynamics.
     pub fn window_s(self) -> f64 {
         self.about().window_s
     }

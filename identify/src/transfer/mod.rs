@@ -77,7 +77,7 @@ pub fn identify(records: &[Record], channel: Channel, structure: Structure, wind
     let what = || IdentifyError::NoStart { what: format!("{} to {} transfer function", channel.input(), channel.output()) };
     let (solution, noise) = best(records, &structure, &stretches, &candidates).ok_or_else(what)?;
     let flights: Vec<String> = records.iter().map(|r| r.name.clone()).collect();
-    let names = structure.names(channel.units(), &flights);
+    let names = structure.names(channel.ratio(), channel.units()[1], &flights);
     let bounds = structure.bounds(records.len());
     let flight_of: Vec<usize> = stretches.iter().map(|s| s.flight).collect();
     let labels: Vec<String> = names.iter().map(|(name, _)| name.clone()).collect();
@@ -114,8 +114,7 @@ pub fn identify(records: &[Record], channel: Channel, structure: Structure, wind
 }
 
 impl Identified {
-    /// Predicts records, which the fit need not have seen: only initial states are taken from them. The offset of a record that was not fitted is
-    /// the mean of those that were.
+    /// Predicts records, which the fit need not have seen: only initial states are taken from them, and the offset where each flight has its own.
     ///
     /// # Errors
     /// [`IdentifyError::TooShort`].
@@ -130,9 +129,11 @@ impl Identified {
         };
         let (dynamic, offsets) = self.numbers.split_at(structure.dynamic());
         let own = self.parameters.iter().find(|p| p.name == format!("offset {}", record.name)).map(|p| p.value);
-        let mean = offsets.iter().sum::<f64>() / offsets.len().max(1) as f64;
         let mut numbers = dynamic.to_vec();
-        numbers.extend((structure.offset != Offset::None).then(|| own.unwrap_or(mean)));
+        numbers.extend(own.or(offsets.first().copied()));
+        if own.is_none() && self.structure.offset == Offset::PerFlight {
+            own_offset(record, &structure, &mut numbers, self.window_s)?;
+        }
         let (windows, fit) = predict(record, &structure, &numbers, self.window_s)?;
         let (_, whole) = predict(record, &structure, &numbers, None)?;
         let t_s: Vec<f64> = record.output_t_s.iter().copied().filter(|t| *t > record.span_s[0] + 5e-6).collect();
@@ -153,6 +154,26 @@ impl Identified {
     pub fn window_s(&self) -> Option<f64> {
         self.window_s
     }
+}
+
+/// Puts the offset in its place, which is last, that fits a record best: the prediction is linear in it, the loss a parabola.
+fn own_offset(record: &Record, structure: &Structure, numbers: &mut [f64], window_s: Option<f64>) -> Result<(), IdentifyError> {
+    let (at, spread) = (numbers.len() - 1, spread(&record.input).max(1e-9));
+    let (here, mut losses) = (numbers[at], [0.0; 3]);
+    for (loss, by) in losses.iter_mut().zip([-spread, 0.0, spread]) {
+        numbers[at] = here + by;
+        let ((measured, predicted), _) = predict(record, structure, numbers, window_s)?;
+        *loss = measured.iter().zip(predicted).map(|(y, p)| (y - p).powi(2)).sum();
+    }
+    let [before, middle, after] = losses;
+    let bend = before - 2.0 * middle + after;
+    numbers[at] = here + if bend > 0.0 { 0.5 * spread * (before - after) / bend } else { 0.0 };
+    Ok(())
+}
+
+fn spread(values: &[f64]) -> f64 {
+    let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
+    (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / values.len().max(1) as f64).sqrt()
 }
 
 type Pair = (Vec<f64>, Vec<f64>);

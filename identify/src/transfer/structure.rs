@@ -105,20 +105,19 @@ impl Structure {
         roots.chunks(2).flat_map(pair).collect()
     }
 
-    /// Names and units of the coefficients that [`Structure::coefficients`] gives, then delay and offsets.
-    pub(super) fn names(&self, units: [&str; 2], flights: &[String]) -> Vec<(String, String)> {
-        let per = |power: usize, of: &str| match (power, of) {
+    /// Names and units of the coefficients that [`Structure::coefficients`] gives, then delay and offsets. `ratio` is the unit of output over
+    /// input and its power of the second.
+    pub(super) fn names(&self, ratio: (&str, i32), input: &str, flights: &[String]) -> Vec<(String, String)> {
+        let per = |power: usize, (of, seconds): (&str, i32)| match (seconds - power as i32, of) {
             (0, of) => of.to_owned(),
-            (1, "1") => "1/s".to_owned(),
-            (n, "1") => format!("1/s^{n}"),
-            (1, of) => format!("{of}/s"),
-            (n, of) => format!("{of}/s^{n}"),
+            (-1, of) => format!("{of}/s"),
+            (1, "1") => "s".to_owned(),
+            (1, of) => format!("{of} s"),
+            (n, of) => format!("{of}/s^{}", -n),
         };
-        let [output, input] = units;
-        let ratio = if output == input { "1".to_owned() } else { format!("({output})/({input})") };
-        let b = (0..=self.numerator).rev().map(|i| (format!("b{i}"), per(self.denominator - i, &ratio)));
+        let b = (0..=self.numerator).rev().map(|i| (format!("b{i}"), per(self.denominator - i, ratio)));
         let least = usize::from(self.integrator);
-        let a = (least..self.denominator).rev().map(|i| (format!("a{i}"), per(self.denominator - i, "1")));
+        let a = (least..self.denominator).rev().map(|i| (format!("a{i}"), per(self.denominator - i, ("1", 0))));
         let delay = self.delay.then(|| ("delay".to_owned(), "s".to_owned()));
         let offset = |name: String| (name, input.to_owned());
         let offsets = match self.offset {

@@ -3,12 +3,13 @@
 mod choice;
 mod predict;
 
+use crazyflie_env::effects;
 use crazyflie_env::model::{Model, VerticalInput};
 
 use crate::FlightLog;
 use crate::estimate::{Clusters, Comparison, Estimate, IdentifyError, at_bound, covariance};
 use crate::fit::flight::{Flight, Noise, WINDOW_S, Window};
-use crate::fit::hypothesis::Hypothesis;
+use crate::fit::hypothesis::{Hypothesis, Term};
 use crate::fit::predict::Prediction;
 use crate::fit::solve::{Solution, solve};
 use crate::statistics::{Criteria, criteria};
@@ -30,11 +31,17 @@ pub struct Plan {
     pub window_s: f64,
     /// Which vertical form is driven; the thrust form, if the logs hold a thrust command and the model has the form, unless given.
     pub vertical: Option<VerticalInput>,
+    /// Fit also what markers and vehicle are out of trim: a constant tilt of the measured attitude and one of the commands, the same for all
+    /// logs. A degree of it would move the vehicle by 34 cm in 2 s.
+    pub trims: bool,
 }
+
+/// The effects that say so.
+const TRIMS: [&str; 2] = ["com_offset", "imu_tilt"];
 
 impl Default for Plan {
     fn default() -> Self {
-        Plan { free: None, window_s: WINDOW_S, vertical: None }
+        Plan { free: None, window_s: WINDOW_S, vertical: None, trims: false }
     }
 }
 
@@ -70,32 +77,33 @@ pub fn identify(model: &Model, logs: &[(String, FlightLog)], plan: &Plan, done: 
     }
     let mut flights = prepare(&driven(model, plan.vertical)?, logs)?;
     let free = choice::check(model, logs, flights[0].input, plan.free.as_deref())?;
-    let hypothesis = Hypothesis { free: free.clone(), ..Hypothesis::of(model) };
+    let mut hypothesis = Hypothesis { free: free.clone(), ..Hypothesis::of(model) };
+    for name in TRIMS.iter().filter(|_| plan.trims) {
+        hypothesis = hypothesis.with(Term::off(effects::find(name)?.1));
+    }
     let windows = windows(&flights, plan.window_s);
     let (solution, noise) = fit(&mut flights, &windows, &hypothesis, done).ok_or(IdentifyError::NoStart { what: "model".into() })?;
     let flight_of: Vec<usize> = windows.iter().map(|w| w.flight).collect();
     let bounds = hypothesis.bounds();
-    let (of_numbers, clusters) = covariance(&solution, &flight_of, &free, &bounds)?;
-    let known = model.parameters();
-    let unit = |path: &String| known.iter().find(|(p, ..)| p == path).map_or(String::new(), |(_, _, unit)| (*unit).to_owned());
-    let parameters: Vec<Estimate> = free
-        .iter()
-        .enumerate()
-        .map(|(i, path)| Estimate {
-            name: path.clone(),
-            unit: unit(path),
-            value: solution.shared[i],
-            standard_error: of_numbers[(i, i)].max(0.0).sqrt(),
-            at_bound: at_bound(solution.shared[i], bounds[i]),
-        })
-        .collect();
+    let names = names(model, &hypothesis);
+    let labels: Vec<String> = names.iter().map(|(name, _)| name.clone()).collect();
+    let (of_numbers, clusters) = covariance(&solution, &flight_of, &labels, &bounds)?;
+    let estimate = |(i, (name, unit)): (usize, (String, String))| Estimate {
+        name,
+        unit,
+        value: solution.shared[i],
+        standard_error: of_numbers[(i, i)].max(0.0).sqrt(),
+        at_bound: at_bound(solution.shared[i], bounds[i]),
+    };
+    let parameters: Vec<Estimate> = names.into_iter().enumerate().map(estimate).collect();
     let found = hypothesis.at(&solution.shared);
-    let names: Vec<&str> = logs.iter().map(|(name, _)| name.as_str()).collect();
-    let model = choice::sourced(&found.model, &parameters, &format!("identified from {}", names.join(", ")), clusters)?;
-    let fixed = Hypothesis { model: model.clone(), ..found.fixed() };
+    let logs: Vec<&str> = logs.iter().map(|(name, _)| name.as_str()).collect();
+    let model = choice::sourced(&found.model, &parameters[..free.len()], &format!("identified from {}", logs.join(", ")), clusters)?;
+    // trims belong to a session: they stay free where other logs are compared, and out of the model
+    let fixed = Hypothesis { model: model.clone(), free: Vec::new(), ..found };
     let fit = compare(&fixed, &flights, plan.window_s);
     let sums = Rows::squares(&fit);
-    let unknowns = free.len() + windows.len() * crate::fit::predict::START;
+    let unknowns = parameters.len() + windows.len() * crate::fit::predict::START;
     let identified = Identified {
         model,
         before: hypothesis.shared(),
@@ -118,7 +126,7 @@ pub fn identify(model: &Model, logs: &[(String, FlightLog)], plan: &Plan, done: 
 pub const STAGES: usize = ROUNDS + 1;
 
 impl Identified {
-    /// Predicts logs that the fit has not seen: only initial states are taken from them.
+    /// Predicts logs that the fit has not seen: only initial states are taken from them, and trims if there are any.
     ///
     /// # Errors
     /// As [`identify`].
@@ -136,6 +144,17 @@ impl Identified {
         let hypothesis = Hypothesis { model: model.clone(), ..self.hypothesis.clone() };
         Ok(compare(&hypothesis, &flights, self.plan.window_s))
     }
+}
+
+/// Names and units of the free numbers: the model's, then the trims'.
+fn names(model: &Model, of: &Hypothesis) -> Vec<(String, String)> {
+    let known = model.parameters();
+    let unit = |path: &String| known.iter().find(|(p, ..)| p == path).map_or(String::new(), |(_, _, unit)| (*unit).to_owned());
+    let trims = of
+        .terms
+        .iter()
+        .flat_map(|t| t.free.iter().map(|i| (format!("{}.{}", t.entry.name, t.entry.params[*i].name), t.entry.params[*i].unit.to_owned())));
+    of.free.iter().map(|path| (path.clone(), unit(path))).chain(trims).collect()
 }
 
 /// A model whose only vertical forms are those that may be driven.

@@ -52,12 +52,13 @@ impl Rows {
     }
 }
 
-/// Every signal of every flight, in windows and in one run over the whole flight, from initial states that are fitted.
+/// Every signal of every flight, in windows and in one run over the whole flight, from initial states (and trims, if the hypothesis
+/// leaves them free) that are fitted.
 pub(super) fn compare(at: &Hypothesis, flights: &[Flight], window_s: f64) -> Vec<Comparison> {
     let settled = |windows: Vec<Window>| {
         let prediction = Prediction { flights, windows: &windows, hypothesis: at, inflation: 1.0 };
-        let solution = solve(&prediction, prediction.starts(), Vec::new());
-        rows(at, flights, &windows, &solution.own)
+        let solution = solve(&prediction, prediction.starts(), at.shared());
+        rows(&at.at(&solution.shared).fixed(), flights, &windows, &solution.own)
     };
     let windows = settled(super::windows(flights, window_s));
     let whole = settled(flights.iter().enumerate().map(|(flight, f)| Window { flight, ticks: 0..f.ticks }).collect());
