@@ -33,8 +33,25 @@ pub(super) fn candidates(structure: &Structure, records: &[Record]) -> Vec<Vec<f
                 filter = steadied(&denominator);
             }
         }
+        // poles from a grid: where derivatives drown in noise, gains alone can still be found
+        for (i, slow_ps) in FILTERS_PS.iter().enumerate() {
+            for fast_ps in &FILTERS_PS[i..] {
+                let poles = structure.denominator - usize::from(structure.integrator);
+                let factor = |k: usize| [1.0, if k == 0 { *slow_ps } else { *fast_ps }];
+                let denominator = (0..poles).fold(vec![1.0], |product, k| multiply(&product, &factor(k)));
+                found.extend(gains(structure, &signals, records, &denominator, *delay_s));
+            }
+        }
     }
     found
+}
+
+/// The numerator and offsets that fit best with these poles.
+fn gains(structure: &Structure, flights: &[Signals], records: &[Record], poles: &[f64], delay_s: f64) -> Option<Vec<f64>> {
+    let zeros = usize::from(structure.integrator) + usize::from(records.first().is_some_and(|r| r.integrated));
+    let whole: Vec<f64> = poles.iter().copied().chain(std::iter::repeat_n(0.0, zeros)).collect();
+    let equation = Equation::of(structure, flights, &whole, Poles::Known)?;
+    Some(equation.numbers(structure, poles, delay_s)).filter(|numbers| numbers.iter().all(|v| v.is_finite()))
 }
 
 /// Input and output on a fine grid, each the value at the middle of a step.
@@ -99,46 +116,80 @@ impl Filter {
 
 /// The numbers and the whole denominator that fit the filtered equation best.
 fn regress(structure: &Structure, flights: &[Signals], filter: &[f64], delay_s: f64) -> Option<(Vec<f64>, Vec<f64>)> {
-    let filtering = Filter::new(filter);
-    let n = filter.len() - 1;
-    // integrators within and behind the transfer function: the lowest coefficients are zero
-    let zeros = n - structure.denominator + usize::from(structure.integrator);
-    let (poles, gains) = (n - zeros, structure.numerator + 1);
-    // an offset of the input is a constant in the equation
-    let constants = structure.offsets(flights.len());
-    let own = poles + gains + constants;
-    let columns = own + n * flights.len();
-    let (mut h, mut g) = (DMatrix::zeros(columns, columns), DVector::zeros(columns));
-    for (flight, signals) in flights.iter().enumerate() {
-        let still = || DVector::zeros(n);
-        let y = filtering.through(signals.output.iter().copied(), still());
-        let u = filtering.through(signals.input.iter().copied(), still());
-        let one = filtering.through(signals.input.iter().map(|_| 1.0), still());
-        let mut kick = still();
-        kick[n - 1] = 1.0;
-        let free = filtering.through(signals.input.iter().map(|_| 0.0), kick);
-        for k in 0..y.len() {
-            let mut row = vec![0.0; columns];
-            (0..poles).for_each(|i| row[i] = -y[k][zeros + i]);
-            (0..gains).for_each(|i| row[poles + i] = u[k][i]);
-            if constants > 0 {
-                row[poles + gains + flight.min(constants - 1)] = one[k][0];
-            }
-            // y starts anywhere: the filter's own responses
-            (0..n).for_each(|i| row[own + n * flight + i] = free[k][i]);
-            accumulate(&mut h, &mut g, &row, y[k][n]);
-        }
-    }
-    let x = scaled_solve(h, &g)?;
-    let denominator: Vec<f64> = std::iter::once(1.0).chain((0..poles).rev().map(|i| x[i])).collect();
-    let whole: Vec<f64> = denominator.iter().copied().chain(std::iter::repeat_n(0.0, zeros)).collect();
-    let numerator: Vec<f64> = (0..gains).rev().map(|i| x[poles + i]).collect();
-    let mut numbers = numerator.clone();
-    numbers.extend(structure.numbers_of(&denominator));
-    numbers.extend(structure.delay.then_some(delay_s));
-    let offset = |i: usize| if x[poles] == 0.0 { 0.0 } else { -x[poles + gains + i] / x[poles] };
-    numbers.extend((0..constants).map(offset));
+    let equation = Equation::of(structure, flights, filter, Poles::Unknown)?;
+    let denominator: Vec<f64> = std::iter::once(1.0).chain(equation.poles.iter().rev().copied()).collect();
+    let zeros = filter.len() - denominator.len();
+    let whole = denominator.iter().copied().chain(std::iter::repeat_n(0.0, zeros)).collect();
+    let numbers = equation.numbers(structure, &denominator, delay_s);
     numbers.iter().all(|v| v.is_finite()).then_some((numbers, whole))
+}
+
+/// Whether the filter is the denominator, or only near it.
+#[derive(Clone, Copy, PartialEq)]
+enum Poles {
+    Known,
+    Unknown,
+}
+
+/// The filtered linear equation, solved; coefficients lowest first.
+struct Equation {
+    poles: Vec<f64>,
+    gains: Vec<f64>,
+    /// One per offset.
+    constants: Vec<f64>,
+}
+
+impl Equation {
+    fn of(structure: &Structure, flights: &[Signals], filter: &[f64], known: Poles) -> Option<Self> {
+        let n = filter.len() - 1;
+        if n < structure.denominator {
+            // roots that are no numbers were lost on the way
+            return None;
+        }
+        let filtering = Filter::new(filter);
+        // integrators within and behind the transfer function: the lowest coefficients are zero
+        let zeros = n - structure.denominator + usize::from(structure.integrator);
+        let (poles, gains) = (if known == Poles::Known { 0 } else { n - zeros }, structure.numerator + 1);
+        // an offset of the input is a constant in the equation
+        let constants = structure.offsets(flights.len());
+        let own = poles + gains + constants;
+        let columns = own + n * flights.len();
+        let (mut h, mut g) = (DMatrix::zeros(columns, columns), DVector::zeros(columns));
+        for (flight, signals) in flights.iter().enumerate() {
+            let still = || DVector::zeros(n);
+            let y = filtering.through(signals.output.iter().copied(), still());
+            let u = filtering.through(signals.input.iter().copied(), still());
+            let one = filtering.through(signals.input.iter().map(|_| 1.0), still());
+            let mut kick = still();
+            kick[n - 1] = 1.0;
+            let free = filtering.through(signals.input.iter().map(|_| 0.0), kick);
+            for k in 0..y.len() {
+                let mut row = vec![0.0; columns];
+                (0..poles).for_each(|i| row[i] = -y[k][zeros + i]);
+                (0..gains).for_each(|i| row[poles + i] = u[k][i]);
+                if constants > 0 {
+                    row[poles + gains + flight.min(constants - 1)] = one[k][0];
+                }
+                // y starts anywhere: the filter's own responses
+                (0..n).for_each(|i| row[own + n * flight + i] = free[k][i]);
+                let target = if known == Poles::Known { signals.output[k] } else { y[k][n] };
+                accumulate(&mut h, &mut g, &row, target);
+            }
+        }
+        let x = scaled_solve(h, &g)?;
+        let part = |from: usize, count: usize| x.rows(from, count).iter().copied().collect();
+        Some(Equation { poles: part(0, poles), gains: part(poles, gains), constants: part(poles + gains, constants) })
+    }
+
+    /// As [`Structure::function`] takes them.
+    fn numbers(&self, structure: &Structure, denominator: &[f64], delay_s: f64) -> Vec<f64> {
+        let mut numbers: Vec<f64> = self.gains.iter().rev().copied().collect();
+        numbers.extend(structure.numbers_of(denominator));
+        numbers.extend(structure.delay.then_some(delay_s));
+        let least = self.gains[0];
+        numbers.extend(self.constants.iter().map(|c| if least == 0.0 { 0.0 } else { -c / least }));
+        numbers
+    }
 }
 
 fn accumulate(h: &mut DMatrix<f64>, g: &mut DVector<f64>, row: &[f64], value: f64) {

@@ -139,20 +139,29 @@ fn transfer(args: &Args, channel: Channel, model: &Model, (fit, test): (&Logs, &
     let (fit, test) = (records(fit)?, records(test)?);
     let structures = structures(args, channel);
     let bar = if structures.len() > 1 { ProgressBar::new(structures.len() as u64) } else { ProgressBar::hidden() };
-    let mut found = Vec::new();
+    let (mut found, mut failed) = (Vec::new(), Vec::new());
     for structure in structures {
-        let one = transfer::identify(&fit, channel, structure, args.window.unwrap_or(Window::OfChannel))?;
-        let held_out = one.compare(&test)?;
-        found.push((one, held_out));
+        match transfer::identify(&fit, channel, structure, args.window.unwrap_or(Window::OfChannel)) {
+            Ok(one) => {
+                let held_out = one.compare(&test)?;
+                found.push((one, held_out));
+            }
+            Err(error) => failed.push((identify_table::order(&structure), error)),
+        }
         bar.inc(1);
     }
     bar.finish_and_clear();
+    // an order too high for the logs is worth saying, but the others are still worth printing
+    if found.is_empty() && !failed.is_empty() {
+        return Err(failed.remove(0).1.into());
+    }
+    let failed: Vec<String> = failed.into_iter().map(|(order, error)| format!("order {order}: {error}")).collect();
     // the first is the best
     found.sort_by(|(a, _), (b, _)| a.criteria.bic.total_cmp(&b.criteria.bic));
     if args.json {
-        identify_table::transfer_json(&found, out)?;
+        identify_table::transfer_json(&found, &failed, out)?;
     } else {
-        identify_table::transfer(&found, out)?;
+        identify_table::transfer(&found, &failed, out)?;
     }
     let Some((best, held_out)) = found.first() else { return Ok(()) };
     if let Some(file) = &args.out {

@@ -15,13 +15,16 @@ use super::{Outcome, Table, files, number};
 type Judged = (Identified, Vec<Comparison>);
 
 /// Transfer functions, the best first.
-pub(super) fn transfer(all: &[Judged], out: &mut dyn Write) -> Outcome {
+pub(super) fn transfer(all: &[Judged], failed: &[String], out: &mut dyn Write) -> Outcome {
     let Some((best, test)) = all.first() else { return Ok(()) };
     let windows = best.window_s().map_or("one window per flight".to_owned(), |s| format!("windows of about {s} s"));
     let (from, to) = (best.channel.input(), best.channel.output());
     writeln!(out, "{from} to {to}: {} logs, {} samples, {windows}\n", best.fit.len(), best.samples)?;
     if all.len() > 1 {
         orders(all, out)?;
+    }
+    for line in failed {
+        writeln!(out, "{line}\n")?;
     }
     writeln!(out, "{}", best.function)?;
     let poles: Vec<String> = best.function.poles().iter().map(|p| complex(p.re, p.im)).collect();
@@ -62,7 +65,7 @@ fn bound(p: &Estimate) -> &'static str {
     if p.at_bound { "at its bound" } else { "" }
 }
 
-fn order(s: &Structure) -> String {
+pub(super) fn order(s: &Structure) -> String {
     let delay = if s.delay { " with delay" } else { "" };
     format!("{},{}{}{delay}", s.numerator, s.denominator, if s.integrator { " with integrator" } else { "" })
 }
@@ -220,7 +223,7 @@ pub(super) fn by_signal(all: &[Comparison]) -> Vec<(&'static str, Vec<&Compariso
     groups
 }
 
-pub(super) fn transfer_json(all: &[Judged], out: &mut dyn Write) -> Outcome {
+pub(super) fn transfer_json(all: &[Judged], failed: &[String], out: &mut dyn Write) -> Outcome {
     let one = |(one, test): &Judged| {
         let poles: Vec<[f64; 2]> = one.function.poles().iter().map(|p| [p.re, p.im]).collect();
         json!({"channel": one.channel.name(), "numerator": one.function.numerator, "denominator": one.function.denominator,
@@ -230,7 +233,7 @@ pub(super) fn transfer_json(all: &[Judged], out: &mut dyn Write) -> Outcome {
             "fit": comparisons(&one.fit, one.parameters.len()), "test": comparisons(test, 0)})
     };
     let all: Vec<Value> = all.iter().map(one).collect();
-    serde_json::to_writer_pretty(&mut *out, &json!({"transfer_functions": all}))?;
+    serde_json::to_writer_pretty(&mut *out, &json!({"transfer_functions": all, "failed": failed}))?;
     Ok(writeln!(out)?)
 }
 
