@@ -6,10 +6,14 @@
 #![forbid(unsafe_code)]
 
 pub mod case;
+pub mod estimate;
 pub mod explain;
 pub mod fit;
 pub mod log;
 pub mod metrics;
 pub mod replay;
+pub mod statistics;
+pub mod transfer;
+pub mod vehicle;
 
 pub use log::{FlightLog, LogError, Note};

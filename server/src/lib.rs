@@ -3,6 +3,7 @@
 
 mod cli;
 mod flight;
+mod recovery;
 mod scorecard;
 
 pub use cli::main_from;

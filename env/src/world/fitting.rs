@@ -122,11 +122,11 @@ impl World<Dual> {
         for (path, direction) in seeds {
             let value = model.parameter(path)?;
             let step = NUDGE * value.abs().max(NUDGE);
-            // at the end of its interval a parameter moves to one side only
-            let below = model.with_parameter(path, value - step).map(|m| (m, 2.0 * step)).unwrap_or((model.clone(), step));
-            let (up, down) = (of(&model.with_parameter(path, value + step)?)?, of(&below.0)?);
-            for (number, (up, down)) in numbers.iter_mut().zip(up.into_iter().zip(down)) {
-                number.slope[*direction] = (up - down) / below.1;
+            // at the edge of what a model may hold (no drag), to one side only
+            let moved = |to: f64| model.with_parameter(path, to).map_or_else(|_| (value, model.clone()), |model| (to, model));
+            let ((high, up), (low, down)) = (moved(value + step), moved(value - step));
+            for (number, (up, down)) in numbers.iter_mut().zip(of(&up)?.into_iter().zip(of(&down)?)) {
+                number.slope[*direction] = if high > low { (up - down) / (high - low) } else { 0.0 };
             }
         }
         let (plant, body) = numbers.split_at(Plant::<Dual>::NUMBERS);

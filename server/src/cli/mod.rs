@@ -5,6 +5,10 @@ mod failure;
 mod files;
 mod fly;
 mod fly_table;
+mod identify;
+mod identify_picture;
+mod identify_table;
+mod identify_thesis;
 mod model;
 mod replay;
 mod replay_table;
@@ -23,10 +27,11 @@ const EXAMPLES: &str = "\
 Examples:
   crazyflie fly --task fly-80cm --picture flight.svg
   crazyflie replay flight.csv
+  crazyflie identify --fit flight.csv --out my.toml
   crazyflie scorecard
   crazyflie effects";
 
-/// Flies, replays and measures the Crazyflie that the TU Darmstadt thesis identified.
+/// Flies, replays, identifies and measures the Crazyflie that the TU Darmstadt thesis identified.
 #[derive(Debug, Parser)]
 #[command(name = "crazyflie", bin_name = "crazyflie", version, after_help = EXAMPLES, max_term_width = 110)]
 struct Cli {
@@ -38,6 +43,7 @@ struct Cli {
 enum Command {
     Fly(fly::Args),
     Replay(replay::Args),
+    Identify(identify::Args),
     Scorecard(scorecard::Args),
     Effects(effects::Args),
     Tasks(tasks::Args),
@@ -69,6 +75,7 @@ fn run(command: &Command, out: &mut dyn Write) -> Outcome {
     match command {
         Command::Fly(args) => fly::run(args, out),
         Command::Replay(args) => replay::run(args, out),
+        Command::Identify(args) => identify::run(args, out),
         Command::Scorecard(args) => scorecard::run(args, out),
         Command::Effects(args) => effects::run(args, out),
         Command::Tasks(args) => tasks::run(args, out),

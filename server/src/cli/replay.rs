@@ -134,7 +134,7 @@ fn fly_again(args: &Args, model: &Model, path: &Path) -> Outcome<Flown> {
 }
 
 /// An error with what caused it.
-fn with_cause(error: &dyn std::error::Error) -> String {
+pub(super) fn with_cause(error: &dyn std::error::Error) -> String {
     match error.source() {
         Some(cause) => format!("{error}: {cause}"),
         None => error.to_string(),

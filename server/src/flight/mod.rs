@@ -112,6 +112,29 @@ pub(crate) fn fly_open_loop(setup: &Setup, seeds: &[u64], command: &dyn Fn(f64) 
     })
 }
 
+/// Flies the setup once per seed by the PID towards a height that depends on time, its commands passed through `change`: the modified controllers
+/// of the thesis's identification flights (5.1).
+pub(crate) fn fly_overruled(
+    setup: &Setup,
+    seeds: &[u64],
+    height_m: &dyn Fn(f64) -> f32,
+    change: &dyn Fn(f64, Command<f64>) -> Command<f64>,
+) -> Result<Vec<Trace>, Error> {
+    let mut env = env(setup, seeds.len())?;
+    let interface = env.interface();
+    let mut pid = PidBatch::new(seeds.len(), setup.gains, interface, env.tick_s(), setup.scenario.phases[0].mode);
+    fly_by(&mut env, setup.seconds, seeds, &mut |t_s, observations, actions| {
+        observations.chunks_exact_mut(OBSERVATION).for_each(|row| row[18] = height_m(t_s));
+        pid.act(observations, actions)?;
+        for row in actions.chunks_exact_mut(ACTION) {
+            let action: [f64; ACTION] = std::array::from_fn(|i| f64::from(row[i]));
+            let changed = interface.action(&change(t_s, interface.command(&action)));
+            row.iter_mut().zip(changed).for_each(|(to, from)| *to = from as f32);
+        }
+        Ok(())
+    })
+}
+
 fn env(setup: &Setup, envs: usize) -> Result<VectorEnv, Error> {
     let options = Options {
         task: setup.scenario.task.into(),

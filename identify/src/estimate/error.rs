@@ -1,0 +1,31 @@
+//! Why something could not be identified.
+
+use thiserror::Error;
+
+use crate::replay::ReplayError;
+
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum IdentifyError {
+    #[error("there is no log to identify from")]
+    NoLogs,
+    #[error("{log}: no {what} in this log")]
+    MissingChannel { log: String, what: &'static str },
+    #[error("{log}: only {seconds:.2} s of flight with {samples} samples, expected at least {least_s:.1} s and {least} samples")]
+    TooShort { log: String, seconds: f64, samples: usize, least_s: f64, least: usize },
+    #[error("the {input} does not move in any of the logs, so it says nothing about {about}")]
+    NoExcitation { input: &'static str, about: String },
+    #[error("a transfer function of order {numerator},{denominator} is not supported: {reason}")]
+    Order { numerator: usize, denominator: usize, reason: &'static str },
+    #[error("{parameter} cannot be told from these logs: {reason}")]
+    Singular { parameter: String, reason: String },
+    #[error("the fit of the {what} found no start: no candidate of the linear method could be simulated")]
+    NoStart { what: String },
+    #[error("{first} and {second} have different clocks or vertical commands: fit them separately")]
+    Mixed { first: String, second: String },
+    #[error("a window of {value_s} s is not possible, expected at least {least_s} s")]
+    Window { value_s: f64, least_s: f64 },
+    #[error("{log}: {source}")]
+    Flight { log: String, source: ReplayError },
+    #[error(transparent)]
+    Model(#[from] crazyflie_env::Error),
+}

@@ -1,0 +1,133 @@
+//! What every identification gives, whether of a transfer function or of the whole vehicle: numbers with their errors, and predictions beside
+//! measurements.
+
+mod error;
+
+use nalgebra::{DMatrix, SymmetricEigen};
+
+use crate::fit::solve::Solution;
+use crate::metrics::Fit;
+use crate::statistics::{Independence, LAGS, StatisticsError, Whiteness, independence, whiteness};
+
+pub use error::IdentifyError;
+
+/// With fewer flights, clusters are too few for a variance, and windows take their place.
+const LEAST_FLIGHTS: usize = 8;
+/// Smallest eigenvalue of an information matrix with unit diagonal that is not rounding.
+const LEAST_INFORMATION: f64 = 1e-10;
+
+/// A number found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Estimate {
+    pub name: String,
+    pub unit: String,
+    pub value: f64,
+    pub standard_error: f64,
+    /// The fit would have gone on, but the number must not.
+    pub at_bound: bool,
+}
+
+/// What standard errors take for independent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Clusters {
+    Flights(usize),
+    Windows(usize),
+    /// One window: the errors are those of white noise.
+    None,
+}
+
+impl std::fmt::Display for Clusters {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Flights(n) => write!(f, "clustered by {n} flights"),
+            Self::Windows(n) => write!(f, "clustered by {n} windows"),
+            Self::None => write!(f, "those of white noise: one window cannot be clustered"),
+        }
+    }
+}
+
+/// One signal of one log, measured and predicted.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Comparison {
+    pub log: String,
+    pub signal: &'static str,
+    /// Of [`Comparison::measured`].
+    pub unit: &'static str,
+    pub t_s: Vec<f64>,
+    pub measured: Vec<f64>,
+    /// From free initial states, window by window.
+    pub predicted: Vec<f64>,
+    /// In force at the same times.
+    pub input: Vec<f64>,
+    /// Of the windows.
+    pub fit: Fit,
+    /// Of one run over the whole flight, its initial state fitted.
+    pub whole: Option<Fit>,
+}
+
+impl Comparison {
+    pub fn residuals(&self) -> Vec<f64> {
+        self.measured.iter().zip(&self.predicted).map(|(y, p)| y - p).collect()
+    }
+}
+
+/// What the residuals of some logs say together.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Residuals {
+    pub whiteness: Result<Whiteness, StatisticsError>,
+    pub independence: Result<Independence, StatisticsError>,
+}
+
+impl Residuals {
+    /// Of comparisons of one signal, after fitting so many parameters to it (none, to a held-out flight).
+    pub fn of(all: &[&Comparison], parameters: usize) -> Self {
+        let residuals: Vec<Vec<f64>> = all.iter().map(|c| c.residuals()).collect();
+        let residuals: Vec<&[f64]> = residuals.iter().map(Vec::as_slice).collect();
+        let input: Vec<&[f64]> = all.iter().map(|c| c.input.as_slice()).collect();
+        Residuals { whiteness: whiteness(&residuals, LAGS, parameters), independence: independence(&input, &residuals, LAGS) }
+    }
+}
+
+/// The covariance of the shared numbers, and by what it is clustered.
+///
+/// # Errors
+/// [`IdentifyError::Singular`] names a number, or a combination, about which the data says nothing.
+pub(crate) fn covariance(
+    solution: &Solution,
+    flight_of: &[usize],
+    names: &[String],
+    bounds: &[[f64; 2]],
+) -> Result<(DMatrix<f64>, Clusters), IdentifyError> {
+    let singular = |parameter: String, reason: &str| IdentifyError::Singular { parameter, reason: reason.to_owned() };
+    let h = solution.information();
+    let free: Vec<usize> = (0..names.len()).filter(|i| !at_bound(solution.shared[*i], bounds[*i])).collect();
+    if let Some(i) = free.iter().find(|i| h[(**i, **i)].is_nan() || h[(**i, **i)] <= 0.0) {
+        return Err(singular(names[*i].clone(), "the prediction does not depend on it"));
+    }
+    let scaled = DMatrix::from_fn(free.len(), free.len(), |i, j| {
+        let (a, b) = (free[i], free[j]);
+        h[(a, b)] / (h[(a, a)] * h[(b, b)]).sqrt()
+    });
+    let eigen = SymmetricEigen::new(scaled);
+    if let Some(least) = (0..free.len()).find(|i| eigen.eigenvalues[*i] < LEAST_INFORMATION) {
+        let direction = eigen.eigenvectors.column(least);
+        let largest = direction.iter().fold(0.0_f64, |a, v| a.max(v.abs()));
+        let part = free.iter().zip(direction.iter()).filter(|(_, v)| v.abs() > 0.3 * largest).map(|(i, _)| names[*i].as_str());
+        let part: Vec<&str> = part.collect();
+        let reason = if part.len() > 1 { "only a combination of them shows" } else { "the prediction hardly depends on it" };
+        return Err(singular(part.join(", "), reason));
+    }
+    let mut flights = flight_of.to_vec();
+    flights.dedup();
+    let (of, clusters) = match (flights.len(), flight_of.len()) {
+        (n, _) if n >= LEAST_FLIGHTS => (flight_of.to_vec(), Clusters::Flights(n)),
+        (_, 1) => (vec![0], Clusters::None),
+        (_, n) => ((0..n).collect(), Clusters::Windows(n)),
+    };
+    let covariance = solution.covariance(&of).ok_or_else(|| singular(names.join(", "), "their information cannot be inverted"))?;
+    Ok((covariance, clusters))
+}
+
+pub(crate) fn at_bound(value: f64, [low, high]: [f64; 2]) -> bool {
+    value <= low || value >= high
+}

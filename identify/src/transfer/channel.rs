@@ -1,0 +1,227 @@
+//! Which command moves which measurement, and both cut out of a log.
+
+use crate::FlightLog;
+use crate::replay::measured::{Measured, Track};
+
+use super::{IdentifyError, Offset, Structure};
+
+/// An input and an output of the vehicle, one for each experiment of the thesis (5.1).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Channel {
+    Roll,
+    Pitch,
+    Yaw,
+    Height,
+    Pwm,
+    /// Measured angles, turned into the world by the measured heading, to velocity (4.10).
+    Vx,
+    Vy,
+    /// Commanded angles to velocity (5.5).
+    CommandVx,
+    CommandVy,
+}
+
+/// What there is to know of a channel besides its name.
+struct About {
+    channel: Channel,
+    name: &'static str,
+    input: &'static str,
+    output: &'static str,
+    /// Units of output and input, SI and radians.
+    units: [&'static str; 2],
+    /// Unit of output over input, as a unit (radians and PWM counts are none) and a power of the second.
+    ratio: (&'static str, i32),
+    /// Degrees of numerator and denominator that the thesis has.
+    order: (usize, usize),
+    integrator: bool,
+    window_s: f64,
+}
+
+#[rustfmt::skip]
+const CHANNELS: [About; 9] = [
+    About { channel: Channel::Roll, name: "roll", input: "roll command", output: "roll", units: ["rad", "rad"], ratio: ("1", 0), order: (0, 2), integrator: false, window_s: 5.0 },
+    About { channel: Channel::Pitch, name: "pitch", input: "pitch command", output: "pitch", units: ["rad", "rad"], ratio: ("1", 0), order: (0, 2), integrator: false, window_s: 5.0 },
+    About { channel: Channel::Yaw, name: "yaw", input: "yaw-rate command", output: "yaw", units: ["rad", "rad/s"], ratio: ("1", 1), order: (0, 1), integrator: true, window_s: 5.0 },
+    About { channel: Channel::Height, name: "height", input: "height command", output: "z", units: ["m", "m"], ratio: ("1", 0), order: (0, 1), integrator: false, window_s: 10.0 },
+    About { channel: Channel::Pwm, name: "pwm", input: "thrust command", output: "z", units: ["m", "PWM"], ratio: ("m", 0), order: (0, 1), integrator: false, window_s: 10.0 },
+    About { channel: Channel::Vx, name: "vx", input: "pitch angle", output: "vx", units: ["m/s", "rad"], ratio: ("m", -1), order: (0, 1), integrator: true, window_s: 2.0 },
+    About { channel: Channel::Vy, name: "vy", input: "roll angle", output: "vy", units: ["m/s", "rad"], ratio: ("m", -1), order: (0, 1), integrator: true, window_s: 2.0 },
+    About { channel: Channel::CommandVx, name: "command-vx", input: "pitch command", output: "vx", units: ["m/s", "rad"], ratio: ("m", -1), order: (0, 3), integrator: true, window_s: 2.0 },
+    About { channel: Channel::CommandVy, name: "command-vy", input: "roll command", output: "vy", units: ["m/s", "rad"], ratio: ("m", -1), order: (0, 3), integrator: true, window_s: 2.0 },
+];
+
+impl Channel {
+    /// Every name, in the order of the thesis.
+    pub fn names() -> impl Iterator<Item = &'static str> {
+        CHANNELS.iter().map(|c| c.name)
+    }
+
+    /// The channel of that name.
+    ///
+    /// # Errors
+    /// With a proposal.
+    pub fn named(name: &str) -> crazyflie_env::Result<Self> {
+        let found = CHANNELS.iter().find(|c| c.name == name);
+        found.map(|c| c.channel).ok_or_else(|| crazyflie_env::error::unknown("channel", name, Self::names()))
+    }
+
+    fn about(self) -> &'static About {
+        // in the order of the enum; a test checks it
+        &CHANNELS[self as usize]
+    }
+
+    pub fn name(self) -> &'static str {
+        self.about().name
+    }
+
+    /// What is commanded.
+    pub fn input(self) -> &'static str {
+        self.about().input
+    }
+
+    /// What is measured.
+    pub fn output(self) -> &'static str {
+        self.about().output
+    }
+
+    /// Units of output and input.
+    pub fn units(self) -> [&'static str; 2] {
+        self.about().units
+    }
+
+    pub(super) fn ratio(self) -> (&'static str, i32) {
+        self.about().ratio
+    }
+
+    /// The form that the thesis found for it.
+    pub fn structure(self) -> Structure {
+        let About { order: (numerator, denominator), integrator, .. } = *self.about();
+        let offset = if self == Channel::Pwm { Offset::Shared } else { Offset::None };
+        Structure { numerator, denominator, integrator, delay: false, offset, stable: false }
+    }
+
+    /// Long enough for the slowest pole of that form to show, and for the response to outweigh the free initial states, which would else take
+    /// slow errors for dynamics.
+    pub fn window_s(self) -> f64 {
+        self.about().window_s
+    }
+}
+
+/// A held input and a sampled output, on one clock.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Record {
+    pub name: String,
+    /// The input holds from its time to the next one's.
+    pub input_t_s: Vec<f64>,
+    pub input: Vec<f64>,
+    pub output_t_s: Vec<f64>,
+    pub output: Vec<f64>,
+    /// Where to look.
+    pub span_s: [f64; 2],
+    /// The output is the integral of what the transfer function gives: a position in place of a velocity that nobody measured.
+    pub integrated: bool,
+}
+
+/// Shorter than this, there is nothing to see of a pole of 2.8 1/s.
+const LEAST_S: f64 = 1.0;
+const LEAST_SAMPLES: usize = 30;
+
+impl Record {
+    /// Cuts a channel out of the airborne part of a log.
+    ///
+    /// # Errors
+    /// [`IdentifyError`]: the channel is missing, the flight too short.
+    pub fn of(name: &str, log: &FlightLog, channel: Channel) -> Result<Self, IdentifyError> {
+        let missing = |what| IdentifyError::MissingChannel { log: name.to_owned(), what };
+        let input = input(log, channel).ok_or_else(|| missing(channel.input()))?;
+        let (track, integrated) = output(name, log, channel)?;
+        let flown = &log.t_s[log.airborne.clone()];
+        let span_s = [flown.first().copied().unwrap_or(0.0), flown.last().copied().unwrap_or(0.0)];
+        let inside = track.between(span_s[0], span_s[1]);
+        let (seconds, samples) = (span_s[1] - span_s[0], inside.len());
+        if seconds < LEAST_S || samples < LEAST_SAMPLES {
+            return Err(IdentifyError::TooShort { log: name.to_owned(), seconds, samples, least_s: LEAST_S, least: LEAST_SAMPLES });
+        }
+        let (output_t_s, output) = (track.t_s[inside.clone()].to_vec(), track.values[inside].to_vec());
+        Ok(Record { name: name.to_owned(), input_t_s: log.t_s.clone(), input, output_t_s, output, span_s, integrated })
+    }
+
+    /// Whether the input changes while the vehicle flies.
+    pub fn excited(&self) -> bool {
+        let rows = self.input_t_s.partition_point(|t| *t < self.span_s[0])..self.input_t_s.partition_point(|t| *t <= self.span_s[1]);
+        let flown = &self.input[rows];
+        let largest = flown.iter().fold(0.0_f64, |a, v| a.max(v.abs()));
+        flown.iter().any(|v| (v - flown[0]).abs() > 1e-6 * largest)
+    }
+
+    /// The input in force at a time.
+    pub fn input_at(&self, t_s: f64) -> f64 {
+        self.input[self.input_t_s.partition_point(|t| *t <= t_s).saturating_sub(1)]
+    }
+}
+
+fn input(log: &FlightLog, channel: Channel) -> Option<Vec<f64>> {
+    let (cos, sin): (Vec<f64>, Vec<f64>) = log.yaw_rad.iter().map(|yaw| (yaw.cos(), yaw.sin())).unzip();
+    // the tilt along world x and against world y, from tilts about the vehicle's axes
+    let along_x = |roll: &[f64], pitch: &[f64]| (0..log.len()).map(|i| pitch[i] * cos[i] + roll[i] * sin[i]).collect::<Vec<_>>();
+    let along_y = |roll: &[f64], pitch: &[f64]| (0..log.len()).map(|i| roll[i] * cos[i] - pitch[i] * sin[i]).collect::<Vec<_>>();
+    let commands = log.cmd_roll_rad.as_ref().zip(log.cmd_pitch_rad.as_ref());
+    match channel {
+        Channel::Roll => log.cmd_roll_rad.clone(),
+        Channel::Pitch => log.cmd_pitch_rad.clone(),
+        Channel::Yaw => log.cmd_yaw_rate_radps.clone(),
+        // the height that a controller was told is what the thesis takes for the command (5.1.3)
+        Channel::Height => log.cmd_height_m.clone().or_else(|| log.setpoint_m.as_ref().map(|[_, _, z]| z.clone())),
+        Channel::Pwm => log.cmd_thrust_pwm.clone(),
+        Channel::Vx => Some(between(along_x(&log.roll_rad, &log.pitch_rad))),
+        Channel::Vy => Some(between(along_y(&log.roll_rad, &log.pitch_rad))),
+        Channel::CommandVx => commands.map(|(roll, pitch)| along_x(roll, pitch)),
+        Channel::CommandVy => commands.map(|(roll, pitch)| along_y(roll, pitch)),
+    }
+}
+
+/// A sampled signal is no held one: between two samples their mean is held, which is right to second order.
+fn between(mut samples: Vec<f64>) -> Vec<f64> {
+    for i in 1..samples.len() {
+        samples[i - 1] = 0.5 * (samples[i - 1] + samples[i]);
+    }
+    samples
+}
+
+fn output(name: &str, log: &FlightLog, channel: Channel) -> Result<(Track, bool), IdentifyError> {
+    let of_rows = |values: &Vec<f64>| Track { t_s: log.t_s.clone(), values: values.clone() };
+    let axis = match channel {
+        Channel::Roll => return Ok((of_rows(&log.roll_rad), false)),
+        Channel::Pitch => return Ok((of_rows(&log.pitch_rad), false)),
+        Channel::Yaw => return Ok((of_rows(&log.yaw_rad), false)),
+        Channel::Vx | Channel::CommandVx => 0,
+        Channel::Vy | Channel::CommandVy => 1,
+        Channel::Height | Channel::Pwm => 2,
+    };
+    if let (Some(velocity), true) = (&log.vel_mps, axis < 2) {
+        return Ok((of_rows(&velocity[axis]), false));
+    }
+    let measured = Measured::of(log, &mut Vec::new()).map_err(|source| IdentifyError::Flight { log: name.to_owned(), source })?;
+    // by their places among the signals of a replay: z, x, y
+    let place = [6, 7, 3][axis];
+    Ok((measured.track(place).clone(), axis < 2))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn channels_stand_in_their_places() {
+        for (place, about) in CHANNELS.iter().enumerate() {
+            assert_eq!(about.channel as usize, place);
+            assert_eq!(Channel::named(about.name), Ok(about.channel));
+        }
+        assert!(Channel::named("rol").unwrap_err().to_string().contains("did you mean \"roll\""));
+    }
+
+    #[test]
+    fn a_sampled_signal_is_held_at_its_means() {
+        assert_eq!(between(vec![0.0, 2.0, 6.0]), [1.0, 4.0, 6.0]);
+    }
+}

@@ -1,0 +1,176 @@
+//! Output error with multiple shooting: the numbers that let the simulation from free initial states come closest to the measurement.
+
+use nalgebra::{Cholesky, DMatrix};
+
+use crate::fit::solve::{Normal, Problem, Solution, solve};
+
+use super::channel::Record;
+use super::response::{Simulator, Stretch};
+use super::structure::{Offset, Structure};
+
+/// Fits are started from so many of the best candidates.
+const STARTS: usize = 3;
+/// The noise level is found beside the numbers.
+const ROUNDS: usize = 8;
+
+/// Stretches of records, and the numbers of a structure.
+pub(super) struct Shooting<'a> {
+    pub(super) structure: &'a Structure,
+    pub(super) stretches: &'a [Stretch],
+    pub(super) flights: usize,
+    pub(super) integrated: bool,
+    /// Standard deviation of the measurement.
+    pub(super) sigma: f64,
+}
+
+impl Shooting<'_> {
+    fn states(&self) -> usize {
+        self.structure.denominator + usize::from(self.integrated)
+    }
+
+    /// Where the offset of a flight stands among the shared numbers.
+    fn offset(&self, flight: usize) -> Option<usize> {
+        let first = self.structure.dynamic();
+        match self.structure.offset {
+            Offset::None => None,
+            Offset::Shared => Some(first),
+            Offset::PerFlight => Some(first + flight),
+        }
+    }
+
+    /// The initial states that fit best with these numbers, and the loss: the output is linear in them.
+    pub(super) fn settle(&self, numbers: &[f64]) -> Option<(Vec<Vec<f64>>, f64)> {
+        let mut worker = self.worker(numbers);
+        let n = self.states();
+        let (mut all, mut loss) = (Vec::new(), 0.0);
+        for w in 0..self.stretches.len() {
+            let mut own = vec![0.0; n];
+            // outliers weigh less once the rest is in place
+            for _ in 0..3 {
+                let normal = self.normal(&mut worker, w, &own);
+                let step = own_step(&normal, n)?;
+                own.iter_mut().zip(step).for_each(|(x, by)| *x += by);
+            }
+            loss += self.normal(&mut worker, w, &own).loss;
+            all.push(own);
+        }
+        loss.is_finite().then_some((all, loss))
+    }
+
+    /// Predictions of every sample of every stretch.
+    pub(super) fn predicted(&self, numbers: &[f64], own: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        let (mut simulator, _) = self.worker(numbers);
+        let mut of = |stretch: &Stretch, own: &Vec<f64>| {
+            let mut all = Vec::with_capacity(stretch.len());
+            let offset = self.offset(stretch.flight).map_or(0.0, |i| numbers[i]);
+            simulator.run(stretch, own, offset, |_, y| all.push(y.value));
+            all
+        };
+        self.stretches.iter().zip(own).map(|(stretch, own)| of(stretch, own)).collect()
+    }
+
+    fn residuals(&self, numbers: &[f64], own: &[Vec<f64>]) -> Vec<f64> {
+        let predicted = self.predicted(numbers, own);
+        let of = |(s, p): (&Stretch, Vec<f64>)| s.samples().zip(p).map(|(y, p)| y - p).collect::<Vec<_>>();
+        self.stretches.iter().zip(predicted).flat_map(of).collect()
+    }
+}
+
+fn own_step(normal: &Normal, n: usize) -> Option<Vec<f64>> {
+    if !normal.loss.is_finite() {
+        return None;
+    }
+    let block = normal.curvature.view((0, 0), (n, n));
+    let size: Vec<f64> = (0..n).map(|i| block[(i, i)].sqrt().max(f64::MIN_POSITIVE)).collect();
+    // a state that leaves no trace in a short stretch stays where it is
+    let scaled = DMatrix::from_fn(n, n, |i, j| block[(i, j)] / (size[i] * size[j]) + if i == j { 1e-10 } else { 0.0 });
+    let right = nalgebra::DVector::from_fn(n, |i, _| normal.gradient[i] / size[i]);
+    let x = Cholesky::new(scaled)?.solve(&right);
+    Some((0..n).map(|i| x[i] / size[i]).collect())
+}
+
+impl Problem for Shooting<'_> {
+    type Worker = (Simulator, Vec<f64>);
+
+    fn windows(&self) -> usize {
+        self.stretches.len()
+    }
+    fn own(&self) -> usize {
+        self.states()
+    }
+    fn bounds(&self) -> Vec<[f64; 2]> {
+        self.structure.bounds(self.flights)
+    }
+    fn worker(&self, shared: &[f64]) -> Self::Worker {
+        (Simulator::new(self.structure, self.integrated, shared), shared.to_vec())
+    }
+    fn normal(&self, (simulator, shared): &mut Self::Worker, window: usize, own: &[f64]) -> Normal {
+        let stretch = &self.stretches[window];
+        let (states, dynamic) = (self.states(), self.structure.dynamic());
+        let place = self.offset(stretch.flight);
+        let mut normal = Normal::new(states + shared.len());
+        let mut slopes = vec![0.0; states + shared.len()];
+        let mut finite = true;
+        simulator.run(stretch, own, place.map_or(0.0, |i| shared[i]), |measured, y| {
+            let common = states + dynamic;
+            slopes[..common].iter_mut().zip(&y.slope).for_each(|(to, from)| *to = from / self.sigma);
+            if let Some(place) = place {
+                slopes[states + place] = y.slope[common] / self.sigma;
+            }
+            finite &= y.value.is_finite();
+            normal.add((measured - y.value) / self.sigma, &slopes);
+        });
+        normal.finish();
+        if !finite || !normal.loss.is_finite() {
+            normal.loss = f64::INFINITY;
+        }
+        normal
+    }
+}
+
+/// The best fit from the best candidates, and the noise level that goes with it. `None` without a candidate that can be simulated.
+pub(super) fn best(records: &[Record], structure: &Structure, stretches: &[Stretch], candidates: &[Vec<f64>]) -> Option<(Solution, f64)> {
+    let spread = spread(stretches);
+    let integrated = records.first().is_some_and(|r| r.integrated);
+    let mut shooting = Shooting { structure, stretches, flights: records.len(), integrated, sigma: 0.1 * spread };
+    let mut starts: Vec<(f64, Vec<f64>, Vec<Vec<f64>>)> = Vec::new();
+    for candidate in candidates {
+        let mut numbers = candidate.clone();
+        for (number, [low, high]) in numbers.iter_mut().zip(shooting.bounds()) {
+            *number = number.clamp(low, high);
+        }
+        starts.extend(shooting.settle(&numbers).map(|(own, loss)| (loss, numbers, own)));
+    }
+    starts.sort_by(|a, b| a.0.total_cmp(&b.0));
+    starts.truncate(STARTS);
+    let mut best: Option<Solution> = None;
+    for (_, numbers, own) in starts {
+        let found = solve(&shooting, own, numbers);
+        if found.loss.is_finite() && best.as_ref().is_none_or(|best| found.loss < best.loss) {
+            best = Some(found);
+        }
+    }
+    let mut found = best?;
+    for _ in 0..ROUNDS {
+        let sigma = typical(&shooting.residuals(&found.shared, &found.own)).max(1e-9 * spread);
+        let same = (sigma / shooting.sigma - 1.0).abs() < 0.02;
+        shooting.sigma = sigma;
+        found = solve(&shooting, found.own, found.shared);
+        if same {
+            break;
+        }
+    }
+    Some((found, shooting.sigma))
+}
+
+/// Standard deviation of what was measured, over all stretches.
+fn spread(stretches: &[Stretch]) -> f64 {
+    let all: Vec<f64> = stretches.iter().flat_map(Stretch::samples).collect();
+    let mean = all.iter().sum::<f64>() / all.len().max(1) as f64;
+    (all.iter().map(|y| (y - mean).powi(2)).sum::<f64>() / all.len().max(1) as f64).sqrt().max(1e-12)
+}
+
+/// The standard deviation, by the median against outliers: the median of |normal| is 0.6745 standard deviations.
+pub(crate) fn typical(residuals: &[f64]) -> f64 {
+    crate::replay::measured::median(&residuals.iter().map(|e| e.abs()).collect::<Vec<_>>()) / 0.6745
+}

@@ -1,0 +1,193 @@
+//! Transfer functions from flight logs, as the thesis found its own (5.1): of a given order, by output error.
+//!
+//! The thesis used MATLAB's `tfest` on one recording each; here every log of a list counts, windows start from states of their own, and the
+//! input is held as the vehicle held it, delayed by any fraction of a sample.
+
+mod channel;
+mod fit;
+mod response;
+mod start;
+mod structure;
+mod write;
+
+use crate::estimate::{Clusters, Comparison, Estimate, at_bound, covariance};
+use crate::metrics::Fit;
+use crate::statistics::{Criteria, criteria};
+
+pub use crate::estimate::IdentifyError;
+pub use channel::{Channel, Record};
+use fit::{Shooting, best};
+use response::Stretch;
+pub use structure::{DELAY_MAX_S, LARGEST, Offset, Structure, TransferFunction};
+
+/// Shorter windows hold fewer samples than they have unknowns.
+const WINDOW_MIN_S: f64 = 0.5;
+
+/// A transfer function found.
+#[derive(Debug, Clone)]
+pub struct Identified {
+    pub channel: Channel,
+    pub structure: Structure,
+    pub function: TransferFunction,
+    /// Coefficients, highest power first, then delay and offsets.
+    pub parameters: Vec<Estimate>,
+    /// Standard deviation of what the model leaves, in the unit of the output (of its integral, where velocity is not measured).
+    pub noise: f64,
+    pub criteria: Criteria,
+    pub clusters: Clusters,
+    pub converged: bool,
+    pub samples: usize,
+    /// Every log of the fit.
+    pub fit: Vec<Comparison>,
+    window_s: Option<f64>,
+    numbers: Vec<f64>,
+}
+
+/// Window length of a fit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Window {
+    /// [`Channel::window_s`].
+    OfChannel,
+    Seconds(f64),
+    /// Each flight is one window.
+    Whole,
+}
+
+/// Fits a transfer function to records of one channel.
+///
+/// # Errors
+/// [`IdentifyError`]: no records, no excitation, an order that is not supported, numbers that the records do not tell.
+pub fn identify(records: &[Record], channel: Channel, structure: Structure, window: Window) -> Result<Identified, IdentifyError> {
+    structure.check()?;
+    let window_s = match window {
+        Window::Whole => None,
+        Window::OfChannel => Some(channel.window_s()),
+        Window::Seconds(s) if s >= WINDOW_MIN_S && s.is_finite() => Some(s),
+        Window::Seconds(value_s) => return Err(IdentifyError::Window { value_s, least_s: WINDOW_MIN_S }),
+    };
+    let first = records.first().ok_or(IdentifyError::NoLogs)?;
+    if let Some(other) = records.iter().find(|r| r.integrated != first.integrated) {
+        return Err(IdentifyError::Mixed { first: first.name.clone(), second: other.name.clone() });
+    }
+    if !records.iter().any(Record::excited) {
+        return Err(IdentifyError::NoExcitation { input: channel.input(), about: format!("{}'s response to it", channel.output()) });
+    }
+    let stretches: Vec<Stretch> = records.iter().enumerate().flat_map(|(i, r)| Stretch::cut(i, r, window_s)).collect();
+    let candidates = start::candidates(&structure, records);
+    let what = || IdentifyError::NoStart { what: format!("{} to {} transfer function", channel.input(), channel.output()) };
+    let (solution, noise) = best(records, &structure, &stretches, &candidates).ok_or_else(what)?;
+    let flights: Vec<String> = records.iter().map(|r| r.name.clone()).collect();
+    let names = structure.names(channel.ratio(), channel.units()[1], &flights);
+    let bounds = structure.bounds(records.len());
+    let flight_of: Vec<usize> = stretches.iter().map(|s| s.flight).collect();
+    let labels: Vec<String> = names.iter().map(|(name, _)| name.clone()).collect();
+    let (of_numbers, clusters) = covariance(&solution, &flight_of, &labels, &bounds)?;
+    let (values, slopes) = structure.coefficients(&solution.shared);
+    let of_coefficients = &slopes * of_numbers * slopes.transpose();
+    let parameters = names.into_iter().enumerate().map(|(i, (name, unit))| Estimate {
+        name,
+        unit,
+        value: values[i],
+        standard_error: of_coefficients[(i, i)].max(0.0).sqrt(),
+        at_bound: at_bound(solution.shared[i], bounds[i]),
+    });
+    let mut identified = Identified {
+        channel,
+        structure,
+        function: structure.function(&solution.shared),
+        parameters: parameters.collect(),
+        noise,
+        criteria: Criteria { aic: 0.0, bic: 0.0 },
+        clusters,
+        converged: solution.converged,
+        samples: stretches.iter().map(Stretch::len).sum(),
+        fit: Vec::new(),
+        window_s,
+        numbers: solution.shared,
+    };
+    identified.fit = identified.compare(records)?;
+    let squares: f64 = identified.fit.iter().flat_map(Comparison::residuals).map(|e| e * e).sum();
+    // the windows' initial states are parameters too, and a larger order has more of them
+    let unknowns = identified.numbers.len() + stretches.len() * (structure.denominator + usize::from(first.integrated));
+    identified.criteria = criteria(&[(squares, identified.samples)], unknowns);
+    Ok(identified)
+}
+
+impl Identified {
+    /// Predicts records, which the fit need not have seen: only initial states are taken from them, and the offset where each flight has its own.
+    ///
+    /// # Errors
+    /// [`IdentifyError::TooShort`].
+    pub fn compare(&self, records: &[Record]) -> Result<Vec<Comparison>, IdentifyError> {
+        records.iter().map(|record| self.compare_one(record)).collect()
+    }
+
+    fn compare_one(&self, record: &Record) -> Result<Comparison, IdentifyError> {
+        let structure = match self.structure.offset {
+            Offset::None => self.structure,
+            _ => Structure { offset: Offset::Shared, ..self.structure },
+        };
+        let (dynamic, offsets) = self.numbers.split_at(structure.dynamic());
+        let own = self.parameters.iter().find(|p| p.name == format!("offset {}", record.name)).map(|p| p.value);
+        let mut numbers = dynamic.to_vec();
+        numbers.extend(own.or(offsets.first().copied()));
+        if own.is_none() && self.structure.offset == Offset::PerFlight {
+            own_offset(record, &structure, &mut numbers, self.window_s)?;
+        }
+        let (windows, fit) = predict(record, &structure, &numbers, self.window_s)?;
+        let (_, whole) = predict(record, &structure, &numbers, None)?;
+        let t_s: Vec<f64> = record.output_t_s.iter().copied().filter(|t| *t > record.span_s[0] + 5e-6).collect();
+        // what was filtered by time and what was counted by clock must be the same samples
+        let t_s = t_s[t_s.len() - windows.0.len()..].to_vec();
+        let input = t_s.iter().map(|t| record.input_at(*t)).collect();
+        let [unit, _] = self.channel.units();
+        let (signal, unit) = match (record.integrated, self.channel.output()) {
+            (true, "vx") => ("x", "m"),
+            (true, _) => ("y", "m"),
+            (false, name) => (name, unit),
+        };
+        let (measured, predicted) = windows;
+        Ok(Comparison { log: record.name.clone(), signal, unit, t_s, measured, predicted, input, fit, whole: Some(whole) })
+    }
+
+    /// Residual noise, the window length: what a reader needs to judge the errors.
+    pub fn window_s(&self) -> Option<f64> {
+        self.window_s
+    }
+}
+
+/// Puts the offset in its place, which is last, that fits a record best: the prediction is linear in it, the loss a parabola.
+fn own_offset(record: &Record, structure: &Structure, numbers: &mut [f64], window_s: Option<f64>) -> Result<(), IdentifyError> {
+    let (at, spread) = (numbers.len() - 1, spread(&record.input).max(1e-9));
+    let (here, mut losses) = (numbers[at], [0.0; 3]);
+    for (loss, by) in losses.iter_mut().zip([-spread, 0.0, spread]) {
+        numbers[at] = here + by;
+        let ((measured, predicted), _) = predict(record, structure, numbers, window_s)?;
+        *loss = measured.iter().zip(predicted).map(|(y, p)| (y - p).powi(2)).sum();
+    }
+    let [before, middle, after] = losses;
+    let bend = before - 2.0 * middle + after;
+    numbers[at] = here + if bend > 0.0 { 0.5 * spread * (before - after) / bend } else { 0.0 };
+    Ok(())
+}
+
+fn spread(values: &[f64]) -> f64 {
+    let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
+    (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / values.len().max(1) as f64).sqrt()
+}
+
+type Pair = (Vec<f64>, Vec<f64>);
+
+/// Measured and predicted samples of a record in windows whose initial states are fitted.
+fn predict(record: &Record, structure: &Structure, numbers: &[f64], window_s: Option<f64>) -> Result<(Pair, Fit), IdentifyError> {
+    let stretches = Stretch::cut(0, record, window_s);
+    // so wide that no sample is taken for an outlier: initial states as MATLAB's `compare` has them
+    let sigma = record.output.iter().fold(1e-9_f64, |a, y| a.max(y.abs()));
+    let shooting = Shooting { structure, stretches: &stretches, flights: 1, integrated: record.integrated, sigma };
+    let failed = || IdentifyError::NoStart { what: format!("prediction of {}", record.name) };
+    let (own, _) = shooting.settle(numbers).ok_or_else(failed)?;
+    let measured: Vec<f64> = stretches.iter().flat_map(Stretch::samples).collect();
+    let predicted: Vec<f64> = shooting.predicted(numbers, &own).concat();
+    let fit = Fit::of(&measured, &predicted).map_err(|_| failed())?;
+    Ok(((measured, predicted), fit))
+}

@@ -1,0 +1,102 @@
+//! Which numbers of a model logs can tell, and putting them back with their source.
+
+use crazyflie_env::model::{Model, VerticalInput};
+
+use crate::FlightLog;
+use crate::estimate::{Clusters, Estimate, IdentifyError};
+
+/// What must move for the numbers of a part of the model to show.
+struct Part {
+    prefix: String,
+    input: &'static str,
+    moves: bool,
+}
+
+fn parts(logs: &[(String, FlightLog)], input: VerticalInput) -> Vec<Part> {
+    let moves = |of: &dyn Fn(&FlightLog) -> Option<&Vec<f64>>| logs.iter().any(|(_, log)| of(log).is_some_and(|v| moving(log, v)));
+    let roll = moves(&|log| log.cmd_roll_rad.as_ref());
+    let pitch = moves(&|log| log.cmd_pitch_rad.as_ref());
+    let lift = moves(&|log| if input.is_pwm() { log.cmd_thrust_pwm.as_ref() } else { log.cmd_height_m.as_ref() });
+    let (form, lift_name) = form(input);
+    let part = |prefix: &str, input, moves| Part { prefix: prefix.to_owned(), input, moves };
+    vec![
+        part("roll.", "roll command", roll),
+        part("pitch.", "pitch command", pitch),
+        part("yaw.", "yaw-rate command", moves(&|log| log.cmd_yaw_rate_radps.as_ref())),
+        part("lateral.", "roll and pitch commands", roll || pitch),
+        part(&format!("vertical.{form}."), lift_name, lift),
+    ]
+}
+
+fn form(input: VerticalInput) -> (&'static str, &'static str) {
+    match input {
+        VerticalInput::Height => ("height", "height command"),
+        VerticalInput::Pwm => ("pwm", "thrust command"),
+        VerticalInput::Thrust => ("thrust", "thrust command"),
+    }
+}
+
+/// Whether a command changes in flight.
+fn moving(log: &FlightLog, values: &[f64]) -> bool {
+    let flown = values.get(log.airborne.clone()).unwrap_or_default();
+    let largest = flown.iter().fold(0.0_f64, |a, v| a.max(v.abs()));
+    flown.iter().any(|v| (v - flown[0]).abs() > 1e-6 * largest)
+}
+
+/// Numbers that no log of commands and poses tells: gravity is known, a hover PWM beside an offset and the damping of pushes do nothing in flight.
+fn usual(path: &str) -> bool {
+    let idle = path.ends_with(".push_damping") || (path.ends_with(".hover") && !path.starts_with("vertical.thrust."));
+    path != "lateral.gravity" && !idle
+}
+
+/// The numbers that are fitted unless others are named: those of the equations of motion whose input moves.
+pub fn visible(model: &Model, logs: &[(String, FlightLog)], input: VerticalInput) -> Vec<String> {
+    let parts = parts(logs, input);
+    let shows = |path: &String| usual(path) && parts.iter().any(|part| part.moves && path.starts_with(&part.prefix));
+    model.parameters().into_iter().map(|(path, ..)| path).filter(shows).collect()
+}
+
+/// The paths to fit: those that were asked for, if they can be told at all.
+pub(super) fn check(
+    model: &Model,
+    logs: &[(String, FlightLog)],
+    input: VerticalInput,
+    asked: Option<&[String]>,
+) -> Result<Vec<String>, IdentifyError> {
+    let Some(asked) = asked else {
+        let all = visible(model, logs, input);
+        let none = || IdentifyError::NoExcitation { input: "command", about: "any number of the model".into() };
+        return if all.is_empty() { Err(none()) } else { Ok(all) };
+    };
+    let parts = parts(logs, input);
+    let mut paths: Vec<String> = Vec::new();
+    for path in asked {
+        model.parameter(path)?;
+        let part = parts.iter().find(|part| path.starts_with(&part.prefix));
+        let singular = |reason: String| IdentifyError::Singular { parameter: path.clone(), reason };
+        match part {
+            None if path.starts_with("vertical.") => {
+                return Err(singular(format!("the logs drive the vertical form {}; choose another form, or its numbers", form(input).0)));
+            }
+            None => return Err(singular("it is no part of the equations of motion".into())),
+            Some(part) if !part.moves => return Err(IdentifyError::NoExcitation { input: part.input, about: path.clone() }),
+            Some(_) if !paths.contains(path) => paths.push(path.clone()),
+            Some(_) => {}
+        }
+    }
+    Ok(paths)
+}
+
+/// A copy of the model whose numbers say where they come from.
+pub(super) fn sourced(model: &Model, found: &[Estimate], source: &str, clusters: Clusters) -> Result<Model, IdentifyError> {
+    let bad = |e: serde_json::Error| crazyflie_env::Error::Model { name: model.name.clone(), problem: e.to_string() };
+    let mut tree = serde_json::to_value(model).map_err(bad)?;
+    for one in found {
+        let at_bound = if one.at_bound { ", at its bound" } else { "" };
+        let text = format!("{source}: standard error {:.3e}, {clusters}{at_bound}", one.standard_error);
+        if let Some(slot) = tree.pointer_mut(&format!("/{}", one.name.replace('.', "/"))) {
+            slot["source"] = text.into();
+        }
+    }
+    Ok(Model::parse(&tree.to_string())?)
+}

@@ -1,0 +1,232 @@
+//! `crazyflie identify`: transfer functions and the numbers of a model from flight logs.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use crazyflie_env::model::{Model, VerticalInput};
+use crazyflie_identify::FlightLog;
+use crazyflie_identify::estimate::{Comparison, IdentifyError};
+use crazyflie_identify::log::Format;
+use crazyflie_identify::transfer::{self, Channel, Offset, Record, Structure, Window};
+use crazyflie_identify::vehicle;
+use indicatif::ProgressBar;
+
+use super::{Failure, Outcome, files, identify_picture, identify_table, identify_thesis};
+
+const EXAMPLES: &str = "\
+Examples:
+  crazyflie identify --fit a.csv b.csv --test c.csv --out my.toml
+  crazyflie identify my.toml --fit a.csv --free roll.gain roll.damping roll.stiffness
+  crazyflie identify --transfer pitch --fit a.csv --test c.csv --picture pitch.svg
+  crazyflie identify --transfer roll --order 0,2 --order 1,2 --order 1,3 --delay --fit a.csv
+  crazyflie identify --transfer pwm --offset each --window whole --fit a.csv b.csv --json
+  crazyflie identify --thesis
+
+Standard errors are clustered by flight, or by window if there are fewer than eight flights. A fit is MATLAB's: 100 is perfect, 0 no better than
+the mean. Only initial states are taken from the logs of --test, and offsets and trims where every flight has its own.";
+
+/// Identify a vehicle from flight logs: the numbers of a model file, or a transfer function of a given order.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct Args {
+    /// Model file to start from; the thesis's model unless given
+    #[arg(value_name = "MODEL")]
+    model: Option<PathBuf>,
+    /// Logs to fit
+    #[arg(long, num_args = 1.., value_name = "LOG", required_unless_present = "thesis")]
+    fit: Vec<PathBuf>,
+    /// Logs to judge by, which the fit does not see
+    #[arg(long, num_args = 1.., value_name = "LOG")]
+    test: Vec<PathBuf>,
+    /// Numbers of the model to fit, such as roll.gain or vertical.thrust.hover [default: all that these logs can tell]
+    #[arg(long, num_args = 1.., value_name = "PATH", conflicts_with = "transfer")]
+    free: Vec<String>,
+    /// Fit a transfer function instead: roll, pitch, yaw, height, pwm, vx, vy (from the measured angle), command-vx, command-vy
+    #[arg(long, value_parser = |name: &str| Channel::named(name).map_err(|e| e.to_string()), value_name = "CHANNEL")]
+    transfer: Option<Channel>,
+    /// Degrees of numerator and denominator; repeat to compare orders [default: the thesis's]
+    #[arg(long, value_parser = order, value_name = "N,D", requires = "transfer")]
+    order: Vec<(usize, usize)>,
+    /// Whether one pole is at zero [default: as in the thesis]
+    #[arg(long, value_name = "BOOL", requires = "transfer")]
+    integrator: Option<bool>,
+    /// Fit a delay of the input as well
+    #[arg(long, requires = "transfer")]
+    delay: bool,
+    /// From what the input counts: none (zero), one for all flights, or each its own [default: one for pwm, else none]
+    #[arg(long, value_parser = offset, value_name = "none|one|each", requires = "transfer")]
+    offset: Option<Offset>,
+    /// Allow no pole to the right of zero
+    #[arg(long, requires = "transfer")]
+    stable: bool,
+    /// Windows of so many seconds start from states of their own; whole for one per flight [default: 2, for slow channels 5 or 10]
+    #[arg(long, value_parser = window, value_name = "SECONDS|whole")]
+    window: Option<Window>,
+    /// Which vertical form of the model is driven: height, pwm or thrust [default: as the logs command]
+    #[arg(long, value_parser = files::vertical, value_name = "FORM", conflicts_with = "transfer")]
+    vertical: Option<VerticalInput>,
+    /// Fit constant tilts of the measured attitude and of the commands as well [default: true under motion capture]
+    #[arg(long, value_name = "BOOL", conflicts_with = "transfer")]
+    trim: Option<bool>,
+    /// Write the model with what was found
+    #[arg(long, value_name = "FILE.toml")]
+    out: Option<PathBuf>,
+    /// Draw prediction, measurement and the correlations of the residuals
+    #[arg(long, value_name = "FILE.svg")]
+    picture: Option<PathBuf>,
+    /// Fly the thesis's identification flights, and recover its equations 5.1 to 5.5
+    #[arg(long, conflicts_with_all = ["fit", "test", "free", "transfer", "out", "picture", "window", "vertical", "trim"])]
+    thesis: bool,
+    /// Decides the noise of the thesis's flights
+    #[arg(long, default_value_t = 0, requires = "thesis")]
+    seed: u64,
+    /// For machines
+    #[arg(long)]
+    json: bool,
+}
+
+fn order(text: &str) -> Result<(usize, usize), String> {
+    let parsed = text.split_once(',').and_then(|(n, d)| Some((n.trim().parse().ok()?, d.trim().parse().ok()?)));
+    parsed.ok_or_else(|| "expected two degrees such as 0,2".into())
+}
+
+fn offset(text: &str) -> Result<Offset, String> {
+    match text {
+        "none" => Ok(Offset::None),
+        "one" => Ok(Offset::Shared),
+        "each" => Ok(Offset::PerFlight),
+        _ => Err("expected none, one or each".into()),
+    }
+}
+
+fn window(text: &str) -> Result<Window, String> {
+    if text == "whole" {
+        return Ok(Window::Whole);
+    }
+    files::seconds(text, 0.5, 3600.0).map(Window::Seconds).map_err(|e| format!("{e}, or whole"))
+}
+
+pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
+    let model = files::model(args.model.as_deref())?;
+    if args.thesis {
+        return identify_thesis::run(&model, args.seed, args.json, out);
+    }
+    let (fit, test) = (read(&args.fit)?, read(&args.test)?);
+    match args.transfer {
+        Some(channel) => transfer(args, channel, &model, (&fit, &test), out),
+        None => whole(args, &model, (&fit, &test), out),
+    }
+}
+
+type Logs = [(String, FlightLog)];
+
+/// Logs with short names; files of one name in two folders keep their paths.
+fn read(paths: &[PathBuf]) -> Outcome<Vec<(String, FlightLog)>> {
+    let short = |path: &Path| super::replay::stem(&path.display().to_string());
+    let name = |path: &PathBuf| {
+        let alone = paths.iter().filter(|other| short(other) == short(path)).count() == 1;
+        if alone { short(path) } else { path.display().to_string() }
+    };
+    let one = |path: &PathBuf| {
+        let log = FlightLog::read(path).map_err(|e| Failure::Failed(super::replay::with_cause(&e)))?;
+        Ok((name(path), log))
+    };
+    paths.iter().map(one).collect()
+}
+
+fn transfer(args: &Args, channel: Channel, model: &Model, (fit, test): (&Logs, &Logs), out: &mut dyn Write) -> Outcome {
+    let records = |logs: &Logs| logs.iter().map(|(name, log)| Record::of(name, log, channel)).collect::<Result<Vec<_>, _>>();
+    let (fit, test) = (records(fit)?, records(test)?);
+    let structures = structures(args, channel);
+    let bar = if structures.len() > 1 { ProgressBar::new(structures.len() as u64) } else { ProgressBar::hidden() };
+    let (mut found, mut failed) = (Vec::new(), Vec::new());
+    for structure in structures {
+        match transfer::identify(&fit, channel, structure, args.window.unwrap_or(Window::OfChannel)) {
+            Ok(one) => {
+                let held_out = one.compare(&test)?;
+                found.push((one, held_out));
+            }
+            Err(error) => failed.push((identify_table::order(&structure), error)),
+        }
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    // an order too high for the logs is worth saying, but the others are still worth printing
+    if found.is_empty() && !failed.is_empty() {
+        return Err(failed.remove(0).1.into());
+    }
+    let failed: Vec<String> = failed.into_iter().map(|(order, error)| format!("order {order}: {error}")).collect();
+    // the first is the best
+    found.sort_by(|(a, _), (b, _)| a.criteria.bic.total_cmp(&b.criteria.bic));
+    if args.json {
+        identify_table::transfer_json(&found, &failed, out)?;
+    } else {
+        identify_table::transfer(&found, &failed, out)?;
+    }
+    let Some((best, held_out)) = found.first() else { return Ok(()) };
+    if let Some(file) = &args.out {
+        let names: Vec<&str> = fit.iter().map(|r| r.name.as_str()).collect();
+        write_model(file, &best.in_model(model, &names.join(", "))?)?;
+    }
+    picture(args, &best.fit, held_out)
+}
+
+fn structures(args: &Args, channel: Channel) -> Vec<Structure> {
+    let usual = channel.structure();
+    let orders = if args.order.is_empty() { vec![(usual.numerator, usual.denominator)] } else { args.order.clone() };
+    let of = |(numerator, denominator): (usize, usize)| Structure {
+        numerator,
+        denominator,
+        integrator: args.integrator.unwrap_or(usual.integrator),
+        delay: args.delay,
+        offset: args.offset.unwrap_or(usual.offset),
+        stable: args.stable,
+    };
+    orders.into_iter().map(of).collect()
+}
+
+fn whole(args: &Args, model: &Model, (fit, test): (&Logs, &Logs), out: &mut dyn Write) -> Outcome {
+    let window_s = match args.window {
+        None | Some(Window::OfChannel) => vehicle::Plan::default().window_s,
+        Some(Window::Seconds(s)) => s,
+        Some(Window::Whole) => 3600.0,
+    };
+    let trims = args.trim.unwrap_or_else(|| fit.iter().any(|(_, log)| log.format == Format::NanoBench));
+    let plan = vehicle::Plan { free: (!args.free.is_empty()).then(|| args.free.clone()), window_s, vertical: args.vertical, trims };
+    let bar = ProgressBar::new(vehicle::STAGES as u64);
+    let found = vehicle::identify(model, fit, &plan, &|| bar.inc(1))?;
+    let judged = if test.is_empty() { Vec::new() } else { found.compare(test)? };
+    let before = if test.is_empty() { Vec::new() } else { found.compare_with(model, test)? };
+    bar.finish_and_clear();
+    let before_fit = found.compare_with(model, fit)?;
+    let shown = identify_table::Whole { found: &found, before_fit: &before_fit, test: &judged, before_test: &before };
+    if args.json {
+        identify_table::whole_json(&shown, out)?;
+    } else {
+        identify_table::whole(&shown, out)?;
+    }
+    if let Some(file) = &args.out {
+        write_model(file, &found.model)?;
+    }
+    picture(args, &found.fit, &judged)
+}
+
+fn write_model(file: &Path, model: &Model) -> Outcome {
+    files::write(file, model.to_toml()?.as_bytes())
+}
+
+fn picture(args: &Args, fit: &[Comparison], test: &[Comparison]) -> Outcome {
+    let Some(file) = &args.picture else { return Ok(()) };
+    files::write(file, identify_picture::draw(fit, test)?.as_bytes())
+}
+
+/// What the logs cannot tell is a failure; what cannot be asked is the user's.
+impl From<IdentifyError> for Failure {
+    fn from(error: IdentifyError) -> Self {
+        match error {
+            IdentifyError::Model(error) => error.into(),
+            IdentifyError::Order { .. } | IdentifyError::NoLogs | IdentifyError::Window { .. } => Failure::Usage(error.to_string()),
+            other => Failure::Failed(other.to_string()),
+        }
+    }
+}
