@@ -69,6 +69,8 @@ pub enum Trace {
     Wander(Disturbance),
     /// It decides what is seen at all.
     Sight,
+    /// It describes what no other effect explains, and names no cause.
+    StandIn,
 }
 
 /// Where an effect enters the loop.
@@ -331,6 +333,7 @@ registry![
     flap::Flap,
     euler_kinematics::EulerKinematics,
     yaw_drift::YawDrift,
+    learned::Learned,
     imu_tilt::ImuTilt,
     gyro_bias::GyroBias,
     camera::Camera,

@@ -78,9 +78,13 @@ pub struct Leftover {
 pub struct Explanation {
     pub verdict: Verdict,
     pub effects: Vec<Named>,
+    /// Beside structure that nothing explains: effects that lower the errors on the test flights but do not account for it.
+    pub partial: Vec<Named>,
     /// The declared model with the effects at their values; what the simulator flies.
     pub completed: Hypothesis,
     pub declared: Hypothesis,
+    /// The completed model holds a term learned from the residual, which describes what is left and names no cause.
+    pub learned: bool,
     /// Disturbances under the declared and the completed model.
     pub disturbances: [Disturbances; 2],
     pub path: Vec<Step>,

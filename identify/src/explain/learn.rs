@@ -1,0 +1,38 @@
+//! A residual without a name can still be described: a few terms of a library of functions, kept only if they help where they were not fitted.
+
+use crazyflie_env::effects::{Trace, registry};
+
+use super::search::{Judged, Search};
+use crate::fit::hypothesis::Term;
+
+/// Standard errors that a coefficient must lie from zero to stay.
+const CLEAR: f64 = 4.0;
+/// Log-likelihood that the term must be worth on the test flights.
+const WORTH_TEST: f64 = 10.0;
+
+/// The hypothesis with a sparse learned term, if there is one that helps on the test flights.
+pub fn learn(search: &Search, judge: &Search, from: &Judged) -> Option<Judged> {
+    let entry = registry().iter().find(|e| e.trace == Trace::StandIn)?;
+    let mut now = search.refit(&from.settled().with(Term::off(entry)), &from.disturbances)?;
+    loop {
+        let place = now.hypothesis.place(entry.name);
+        let clearance = |at: usize| now.belief.mean[at].abs() / now.belief.sd(at);
+        // the least certain goes first: its share falls to the others
+        let least = place.clone().min_by(|a, b| clearance(*a).total_cmp(&clearance(*b)))?;
+        if clearance(least) >= CLEAR {
+            break;
+        }
+        let mut fewer = now.settled();
+        let term = fewer.terms.iter_mut().find(|t| t.entry.name == entry.name)?;
+        let i = term.free.remove(least - place.start);
+        term.values[i] = 0.0;
+        if term.free.is_empty() {
+            return None;
+        }
+        let sd: Vec<f64> = (0..now.belief.mean.len()).filter(|at| *at != least).map(|at| now.belief.sd(at)).collect();
+        now = search.judge(&fewer, &sd, &now.disturbances)?;
+    }
+    let tuned = search.tuned(&now)?;
+    let gain = judge.plug_in(&from.settled(), &from.disturbances)? - judge.plug_in(&tuned.settled(), &tuned.disturbances)?;
+    (gain > WORTH_TEST).then_some(tuned)
+}
