@@ -17,6 +17,14 @@ const ACCELERATION: [&str; 3] = ["stateEstimate.ax", "stateEstimate.ay", "stateE
 const ANGLES: [&str; 3] = ["stateEstimate.roll", "stateEstimate.pitch", "stateEstimate.yaw"];
 const CONTROL: [&str; 4] = ["controller.cmd_thrust", "controller.cmd_roll", "controller.cmd_pitch", "controller.cmd_yaw"];
 const RATES: [&str; 3] = ["controller.r_roll", "controller.r_pitch", "controller.r_yaw"];
+const WANTED_RATES: [&str; 3] = ["controller.rollRate", "controller.pitchRate", "controller.yawRate"];
+const GYRO: [&str; 3] = ["gyro.x", "gyro.y", "gyro.z"];
+const FORCE: [&str; 3] = ["acc.x", "acc.y", "acc.z"];
+const FORCE_Z: &str = "controller.accelz";
+const WANTED_ANGLES: [&str; 2] = ["controller.roll", "controller.pitch"];
+const SETPOINT: [&str; 3] = ["ctrltarget.x", "ctrltarget.y", "ctrltarget.z"];
+const THRUST: &str = "stabilizer.thrust";
+const VBAT: [&str; 2] = ["pm.vbat", "pm.vbatMV"];
 const YAW_SETPOINT: &str = "controller.yaw";
 /// Estimates of vehicles that stand wander by up to 0.1 m.
 const AIRBORNE_M: f64 = 0.15;
@@ -46,13 +54,13 @@ pub(super) fn read(file: &str, data: &[u8], mut notes: Vec<Note>) -> Result<Flig
     let mut log = FlightLog {
         format: Format::MicroSd,
         airborne: 0..0,
-        cmd_roll_rad: variables.radians("controller.roll"),
-        cmd_pitch_rad: variables.radians("controller.pitch").map(negated),
-        // The rate setpoint is what the attitude loop commands: the same as the thesis's command, but right-handed.
-        cmd_yaw_rate_radps: variables.radians("controller.yawRate").map(negated),
+        cmd_roll_rad: variables.radians(WANTED_ANGLES[0]),
+        cmd_pitch_rad: variables.radians(WANTED_ANGLES[1]).map(negated),
+        // The attitude loop's rate is no command of the pilot, and holds a trim that the rate loop works off for seconds.
+        cmd_yaw_rate_radps: None,
         cmd_thrust_pwm: variables.thrust(&onboard, &mut notes)?,
         cmd_height_m: None,
-        setpoint_m: variables.all(["ctrltarget.x", "ctrltarget.y", "ctrltarget.z"]),
+        setpoint_m: variables.all(SETPOINT),
         setpoint_yaw_rad: variables.radians(YAW_SETPOINT),
         fixes,
         vel_mps: None,
@@ -60,13 +68,14 @@ pub(super) fn read(file: &str, data: &[u8], mut notes: Vec<Note>) -> Result<Flig
         pitch_rad,
         yaw_rad,
         gyro_radps: variables.gyro(),
-        acc_mps2: variables.all(["acc.x", "acc.y", "acc.z"]).map(in_mps2),
+        acc_mps2: variables.all(FORCE).map(in_mps2),
         vbat_v: variables.vbat(),
         onboard: Some(onboard),
         truth: None,
         t_s: t_s.clone(),
         notes: Vec::new(),
     };
+    notes.push(Note::NoYawRateCommand);
     log.find_flight(&mut notes);
     log.notes = notes;
     Ok(log)
@@ -112,8 +121,10 @@ impl Variables {
         let (mut late, mut odd) = (0, 0);
         let mut previous_s = f64::NEG_INFINITY;
         let mut keep = Vec::new();
+        let named = event.variables.iter().zip(&event.columns);
+        let used: Vec<&Vec<f64>> = named.filter(|(name, _)| is_used(name)).map(|(_, column)| column).collect();
         for (row, t_s) in event.t_s.iter().enumerate() {
-            let sound = event.columns.iter().all(|column| column[row].abs() <= LARGEST) && *t_s <= LARGEST;
+            let sound = used.iter().all(|column| column[row].abs() <= LARGEST) && *t_s <= LARGEST;
             let ordered = *t_s > previous_s;
             odd += usize::from(!sound);
             late += usize::from(sound && !ordered);
@@ -154,13 +165,13 @@ impl Variables {
 
     /// Body rates, right-handed. The controller's are those of the gyro with pitch inverted.
     fn gyro(&self) -> Option<[Vec<f64>; 3]> {
-        let own = self.all(["gyro.x", "gyro.y", "gyro.z"]).map(|rates| rates.map(radians));
+        let own = self.all(GYRO).map(|rates| rates.map(radians));
         own.or_else(|| self.all(RATES).map(|[roll, pitch, yaw]| [roll, negated(pitch), yaw]))
     }
 
     fn vbat(&self) -> Option<Vec<f64>> {
         let from_mv = |mv: Vec<f64>| mv.into_iter().map(|v| v * 1e-3).collect();
-        self.get("pm.vbat").or_else(|| self.get("pm.vbatMV").map(from_mv))
+        self.get(VBAT[0]).or_else(|| self.get(VBAT[1]).map(from_mv))
     }
 
     fn onboard(&self) -> Onboard {
@@ -174,15 +185,16 @@ impl Variables {
             attitude_rad: angles,
             motor_pwm: pwm.or_else(|| self.all(MOTOR)),
             setpoint_yaw_rate_radps: None,
+            cmd_rates_radps: self.all(WANTED_RATES).map(|[roll, pitch, yaw]| [radians(roll), negated(radians(pitch)), radians(yaw)]),
             motor_request_pwm: requests,
             acc_world_mps2: self.all(ACCELERATION).map(in_mps2),
-            acc_z_mps2: self.get("controller.accelz").or_else(|| self.get("acc.z")).map(|acc| in_mps2([acc])).map(|[acc]| acc),
+            acc_z_mps2: self.get(FORCE_Z).or_else(|| self.get(FORCE[2])).map(|acc| in_mps2([acc])).map(|[acc]| acc),
         }
     }
 
     /// The thrust command: logged, or the mean of the motors' requests, from which the mixer's moments cancel.
     fn thrust(&self, onboard: &Onboard, notes: &mut Vec<Note>) -> Result<Option<Vec<f64>>, LogError> {
-        for name in [CONTROL[0], "stabilizer.thrust"] {
+        for name in [CONTROL[0], THRUST] {
             if let Some(thrust) = self.get(name) {
                 let expected = "a PWM command from 0 to 65535";
                 let bad = thrust.iter().position(|pwm| !(0.0..=65_535.0).contains(pwm));
@@ -229,10 +241,22 @@ impl Variables {
     fn at_rest(&self, gyro: &[Vec<f64>; 3], row: usize) -> Option<[f64; 3]> {
         let off = self.event.column(CONTROL[0])?[row] == 0.0;
         let still = gyro.iter().all(|g| g[row].abs() < AT_REST_RADPS);
-        let upright = self.event.column("controller.accelz").is_none_or(|acc| acc[row] > 0.9);
+        let upright = self.event.column(FORCE_Z).is_none_or(|acc| acc[row] > 0.9);
         let yaw = self.event.column(YAW_SETPOINT).map_or(0.0, |yaw| yaw[row].to_radians());
         (off && still && upright).then_some([0.0, 0.0, yaw])
     }
+}
+
+/// Whether a variable has a place in a flight. Others may hold anything.
+fn is_used(name: &str) -> bool {
+    let threes = [POSITION, VELOCITY, ACCELERATION, ANGLES, RATES, WANTED_RATES, GYRO, FORCE, SETPOINT];
+    let fours = [MOTOR, MOTOR_PWM, CONTROL];
+    let single = [FORCE_Z, THRUST, YAW_SETPOINT];
+    threes.concat().contains(&name)
+        || fours.concat().contains(&name)
+        || single.contains(&name)
+        || WANTED_ANGLES.contains(&name)
+        || VBAT.contains(&name)
 }
 
 /// What the mixer sends to the four motors, before limits: thrust, and moments about roll, pitch (firmware) and yaw.

@@ -75,7 +75,7 @@ pub struct Fixes {
 }
 
 /// The vehicle's own estimates, one value per row. NanoBench has them on their own clock, see [`Note::ClockSkew`].
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Onboard {
     pub pos_m: Option<[Vec<f64>; 3]>,
     pub vel_mps: Option<[Vec<f64>; 3]>,
@@ -85,6 +85,8 @@ pub struct Onboard {
     pub motor_pwm: Option<[Vec<f64>; 4]>,
     /// Rate of the yaw setpoint, right-handed (yaw' = +rate). The firmware's yaw-rate command is not logged.
     pub setpoint_yaw_rate_radps: Option<Vec<f64>>,
+    /// Body rates that the attitude loop asks of the rate loop, right-handed.
+    pub cmd_rates_radps: Option<[Vec<f64>; 3]>,
     /// What the mixer asks of the four motors before battery compensation, counts: their mean is the thrust command, their
     /// differences are the moments that the rate controller needs to keep the vehicle straight.
     pub motor_request_pwm: Option<[Vec<f64>; 4]>,
