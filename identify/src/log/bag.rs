@@ -4,9 +4,8 @@
 //! killed (its index position is 0), and allocates what a damaged header asks for.
 
 use std::collections::HashMap;
-use std::io::Read;
 
-use super::bytes::Bytes;
+use super::bytes::{Bytes, unpack};
 use super::message::{Encoding, Kind};
 use super::topics::{Recorded, Topics};
 use super::{LogError, Note};
@@ -72,7 +71,10 @@ pub(super) fn read(file: &str, data: &[u8], notes: &mut Vec<Note>) -> Result<Top
     while bytes.left() > 0 {
         let start = bytes.at();
         let reason = match record(&mut bytes) {
-            None => Some("the last record is not whole"),
+            None => {
+                bag.cut_chunk(&data[start..])?;
+                Some("the last record is not whole")
+            }
             Some((header, data)) if header.op == OP_CHUNK => bag.chunk(&header, data)?,
             Some((header, data)) => bag.take(&header, data),
         };
@@ -94,16 +96,25 @@ struct Bag<'f> {
 }
 
 impl Bag<'_> {
+    /// Takes what there is of a chunk that is cut off.
+    fn cut_chunk(&mut self, data: &[u8]) -> Result<(), LogError> {
+        let mut bytes = Bytes::new(data);
+        let header = bytes.block().and_then(header).filter(|header| header.op == OP_CHUNK);
+        if let (Some(header), Some(_length)) = (header, bytes.u32()) {
+            self.chunk(&header, bytes.rest())?;
+        }
+        Ok(())
+    }
+
     /// Takes the records of a chunk. Returns why the reading has to end here, if so.
     fn chunk(&mut self, header: &Header<'_>, data: &[u8]) -> Result<Option<&'static str>, LogError> {
         let left = MOST_UNPACKED - self.unpacked;
-        let unpacked = match header.compression {
-            Some("none") => Ok(data.to_vec()),
-            Some("lz4") => lz4::Decoder::new(data).and_then(|decoder| unpack(decoder, left)),
-            Some("bz2") => unpack(bzip2::read::BzDecoder::new(data), left),
+        let (unpacked, is_whole) = match header.compression {
+            Some("none") => (data.to_vec(), true),
+            Some("lz4") => unpack(lz4::Decoder::new(data), left),
+            Some("bz2") => unpack(Ok(bzip2::read::BzDecoder::new(data)), left),
             _ => return Ok(Some("a chunk is compressed by something else than lz4 or bz2")),
         };
-        let Ok(unpacked) = unpacked else { return Ok(Some("a chunk cannot be unpacked")) };
         self.unpacked += unpacked.len() as u64;
         if self.unpacked >= MOST_UNPACKED {
             return Err(LogError::TooLarge { file: self.file.to_owned(), limit_mib: MOST_UNPACKED >> 20 });
@@ -115,7 +126,7 @@ impl Bag<'_> {
                 return Ok(Some(reason));
             }
         }
-        let short = header.size.is_some_and(|size| size as usize != unpacked.len());
+        let short = !is_whole || header.size.is_some_and(|size| size as usize != unpacked.len());
         Ok(short.then_some("a chunk is not as long as it says"))
     }
 
@@ -140,10 +151,4 @@ impl Bag<'_> {
         }
         None
     }
-}
-
-fn unpack(from: impl Read, most: u64) -> std::io::Result<Vec<u8>> {
-    let mut unpacked = Vec::new();
-    from.take(most).read_to_end(&mut unpacked)?;
-    Ok(unpacked)
 }

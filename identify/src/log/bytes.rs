@@ -1,5 +1,7 @@
 //! Reading numbers and text from bytes that may end anywhere.
 
+use std::io::Read;
+
 /// A position in a byte slice. Every read checks the length first; `None` means that the bytes end too soon.
 #[derive(Debug, Clone)]
 pub(super) struct Bytes<'a> {
@@ -29,6 +31,13 @@ impl<'a> Bytes<'a> {
 
     fn array<const N: usize>(&mut self) -> Option<[u8; N]> {
         self.take(N)?.try_into().ok()
+    }
+
+    /// All that is left.
+    pub(super) fn rest(&mut self) -> &'a [u8] {
+        let rest = &self.data[self.at..];
+        self.at = self.data.len();
+        rest
     }
 
     pub(super) fn u8(&mut self) -> Option<u8> {
@@ -72,6 +81,13 @@ impl<'a> Bytes<'a> {
         self.at += end + 1;
         Some(text)
     }
+}
+
+/// Unpacks up to `most` bytes, as far as it goes, and says whether that was to the end.
+pub(super) fn unpack(from: std::io::Result<impl Read>, most: u64) -> (Vec<u8>, bool) {
+    let mut unpacked = Vec::new();
+    let is_whole = from.and_then(|from| from.take(most).read_to_end(&mut unpacked)).is_ok();
+    (unpacked, is_whole)
 }
 
 #[cfg(test)]
