@@ -95,7 +95,7 @@ fn a_marker_seen_by_the_camera_gives_the_vehicles_position() {
 fn every_compression_and_mcap_read_alike() {
     let messages = messages(Rig { seconds: 5.0, ..RIG });
     let plain = read(&bag(&messages, "none")).unwrap();
-    for packed in [bag(&messages, "lz4"), bag(&messages, "bz2"), ros::mcap(&messages)] {
+    for packed in [bag(&messages, "lz4"), bag(&messages, "bz2"), ros::mcap(&messages, "ros1")] {
         assert_eq!(read(&packed).unwrap(), plain);
     }
 }
@@ -150,7 +150,7 @@ proptest! {
     fn damaged_recordings_give_an_answer(damages in prop::collection::vec(recording::damage(), 1..5), form in 0..4_usize) {
         let messages = messages(Rig { seconds: 2.5, ..RIG });
         let mut bytes = match form {
-            3 => ros::mcap(&messages),
+            3 => ros::mcap(&messages, "ros1"),
             _ => bag(&messages, ["none", "lz4", "bz2"][form]),
         };
         for damage in &damages {
@@ -159,6 +159,19 @@ proptest! {
         match read(&bytes) {
             Ok(log) => check(&log),
             Err(error) => prop_assert!(error.to_string().contains("flight.bag"), "{}", error),
+        }
+    }
+
+    #[test]
+    fn any_ros2_messages_give_an_answer(bodies in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..400), 1..8), order in 0..8_u8) {
+        let stored = |(at, mut data): (usize, Vec<u8>)| {
+            data.splice(0..0, [0, order, 0, 0]);
+            let (topic, kind) = [("cf/imu", "sensor_msgs/msg/Imu"), ("pose", "geometry_msgs/msg/PoseStamped")][at % 2];
+            Stored { topic, kind, recorded_ns: at as u64, data }
+        };
+        let messages: Vec<Stored> = bodies.into_iter().enumerate().map(stored).collect();
+        if let Ok(log) = read(&ros::mcap(&messages, "cdr")) {
+            check(&log);
         }
     }
 

@@ -65,7 +65,7 @@ pub(super) fn read(file: &str, data: &[u8], notes: &mut Vec<Note>) -> Result<Top
     let bad = |bytes: &Bytes<'_>, expected| LogError::BadBinary { file: file.to_owned(), byte: bytes.at(), expected };
     bytes.take(MAGIC.len());
     let mut bag = Bag { file, connections: HashMap::new(), topics: Topics::default(), unpacked: 0 };
-    if !record(&mut bytes).is_some_and(|(header, _)| header.op == OP_HEADER) {
+    if record(&mut bytes).is_none_or(|(header, _)| header.op != OP_HEADER) {
         return Err(bad(&bytes, "the header record of a bag"));
     }
     while bytes.left() > 0 {

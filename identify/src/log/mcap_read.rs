@@ -225,6 +225,6 @@ fn table(name: String, content: &Content<'_>) -> Result<Table, LogError> {
     }
     let cell = |value: Option<&&RawValue>| value.map(|raw| raw.get()).filter(|text| *text != "null").unwrap_or_default().to_owned();
     let records = rows.iter().map(|row| header.iter().map(|name| cell(row.get(*name))).collect::<Vec<String>>());
-    let records = records.map(|cells| ByteRecord::from(cells)).collect();
+    let records = records.map(ByteRecord::from).collect();
     Ok(Table::of_cells(name, header.into_iter().cloned().collect(), records))
 }

@@ -24,6 +24,8 @@ const G_MPS2: f64 = 9.80665;
 /// Enough of a standstill to tell the gyro's bias, and how still that is.
 const REST_ROWS: usize = 50;
 const REST_RADPS: f64 = 0.05;
+/// Three seconds of a camera: a marker's yaw is off by a degree or more, frame by frame.
+const YAW_FIXES: usize = 90;
 /// A lag known less well than this is not worth shifting by.
 const WORST_SIGMA_S: f64 = 0.015;
 
@@ -189,7 +191,7 @@ impl FlightLog {
     fn camera_lag(&self, marker: &Marker) -> Option<Lag> {
         let up = |row: usize| Rotation::from_angles([self.roll_rad[row], self.pitch_rad[row], self.yaw_rad[row]]).turn([0.0, 0.0, 1.0]);
         // A thrust that carries the weight; beyond 80 degrees of tilt nothing is known.
-        let push = |axis: usize| (0..self.len()).map(|row| up(row)).map(|up| G_MPS2 * up[axis] / up[2].max(0.2)).collect::<Vec<f64>>();
+        let push = |axis: usize| (0..self.len()).map(up).map(|up| G_MPS2 * up[axis] / up[2].max(0.2)).collect::<Vec<f64>>();
         let felt = [0, 1].map(|axis| twice_integrated(&self.t_s, &push(axis)));
         let seen_s = &marker.samples.t_s;
         let track = |values| Track { t_s: &self.t_s, values };
@@ -208,11 +210,11 @@ impl FlightLog {
         lag(&pairs)
     }
 
-    /// An integrated yaw counts from the take-off, the marker's from the marker: the first second's difference is added.
+    /// An integrated yaw counts from the take-off, the marker's from the marker: the first seconds' difference is added.
     fn turn_to_marker(&mut self, marker: &Marker, notes: &mut Vec<Note>) {
         let Some(yaw) = marker.yaw_rad.as_ref() else { return };
         let own = Track { t_s: &self.t_s, values: &self.yaw_rad };
-        let first = marker.samples.t_s.iter().zip(yaw).take(30);
+        let first = marker.samples.t_s.iter().zip(yaw).take(YAW_FIXES);
         let offsets: Vec<f64> = first.map(|(t, seen)| seen - own.at(*t)).map(|d| d.sin().atan2(d.cos())).collect();
         let offset_rad = median(&offsets);
         self.yaw_rad.iter_mut().for_each(|yaw| *yaw += offset_rad);

@@ -159,11 +159,11 @@ fn pack(data: &[u8], compression: &str) -> Vec<u8> {
 }
 
 /// The same messages as MCAP.
-pub fn mcap(messages: &[Stored]) -> Vec<u8> {
+pub fn mcap(messages: &[Stored], encoding: &str) -> Vec<u8> {
     let mut writer = mcap::Writer::new(std::io::Cursor::new(Vec::new())).unwrap();
     for message in messages {
-        let schema = writer.add_schema(message.kind, "ros1msg", b"").unwrap();
-        let channel_id = writer.add_channel(schema, message.topic, "ros1", &Default::default()).unwrap();
+        let schema = writer.add_schema(message.kind, "", b"").unwrap();
+        let channel_id = writer.add_channel(schema, message.topic, encoding, &Default::default()).unwrap();
         let time = message.recorded_ns;
         let header = mcap::records::MessageHeader { channel_id, sequence: 0, log_time: time, publish_time: time };
         writer.write_to_known_channel(&header, &message.data).unwrap();
