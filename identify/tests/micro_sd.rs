@@ -92,7 +92,7 @@ fn pitch_accelerates_forward() {
 #[test]
 fn motor_requests_show_the_planted_weight() {
     let logs = recorded("motor_requests_show_the_planted_weight");
-    let rear_left_heavier = |name: &str, kind: &str| {
+    let left_heavier = |name: &str, kind: &str| {
         let of = logs.iter().filter(|(n, log)| n.contains(name) && n.contains(kind) && n != CRASHED && log.onboard.is_some());
         let moments: Vec<f64> = of
             .map(|(_, log)| {
@@ -108,7 +108,7 @@ fn motor_requests_show_the_planted_weight() {
         return;
     }
     for kind in ["controller_data", "motor_data"] {
-        let (normal, loaded) = (rear_left_heavier("normal_flight", kind), rear_left_heavier("add_weight", kind));
+        let (normal, loaded) = (left_heavier("normal_flight", kind), left_heavier("add_weight", kind));
         assert!(loaded - normal > 3000.0, "{kind}: {normal} to {loaded}");
     }
 }

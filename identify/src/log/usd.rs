@@ -134,8 +134,8 @@ fn record(bytes: &mut Bytes<'_>, version: u16, events: &mut [Event]) -> Result<u
     let id = bytes.u16().ok_or(CUT)?;
     let event = events.iter_mut().find(|event| event.id == id).ok_or("a record is of no known event type")?;
     let t_s = match version {
-        1 => bytes.u32().map(|ms| f64::from(ms) * 1e-3),
-        _ => bytes.u64().map(|us| us as f64 * 1e-6),
+        1 => bytes.u32().map(|ms| f64::from(ms) / 1e3),
+        _ => bytes.u64().map(|us| us as f64 / 1e6),
     };
     let t_s = t_s.ok_or(CUT)?;
     let values: Option<Vec<f64>> = event.types.iter().map(|of| of.read(bytes)).collect();
