@@ -9,7 +9,7 @@ use std::arch::x86_64::*;
 use std::fmt;
 use std::ops::{Add, AddAssign, BitAnd, BitOr, BitXor, Div, Mul, Neg, Not, Sub, SubAssign};
 
-use crate::lanes::LANES;
+use crate::lanes::{LANES, in_registers};
 use crate::real::{Real, Word};
 
 /// As [`crate::lanes::Lanes`].
@@ -26,6 +26,8 @@ pub struct Mask([__m256; 2]);
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
 pub struct Words([__m256i; 2]);
+
+in_registers!(Lanes, Words, Mask);
 
 macro_rules! both {
     ($make:ident, $a:expr, $f:expr) => {
@@ -77,18 +79,6 @@ impl Neg for Lanes {
         both!(Lanes, self, ones(0x8000_0000), _mm256_xor_ps)
     }
 }
-impl AddAssign for Lanes {
-    #[inline(always)]
-    fn add_assign(&mut self, other: Lanes) {
-        *self = *self + other;
-    }
-}
-impl SubAssign for Lanes {
-    #[inline(always)]
-    fn sub_assign(&mut self, other: Lanes) {
-        *self = *self - other;
-    }
-}
 impl Not for Mask {
     type Output = Mask;
     #[inline(always)]
@@ -117,26 +107,11 @@ impl Word for Words {
         Words(unsafe { [_mm256_srl_epi32(self.0[0], _mm_cvtsi32_si128(count)), _mm256_srl_epi32(self.0[1], _mm_cvtsi32_si128(count))] })
     }
     fn set_lane(&mut self, lane: usize, value: u32) {
-        // SAFETY: the same size, and every bit pattern is a value of both types
-        let words: &mut [u32; LANES] = unsafe { &mut *std::ptr::from_mut(self).cast() };
-        words[lane] = value;
+        self.array_mut()[lane] = value;
     }
 }
 
 impl Lanes {
-    /// The lanes in order.
-    #[inline(always)]
-    pub fn array(&self) -> &[f32; LANES] {
-        // SAFETY: the same size, at least the alignment, and every bit pattern is a value of both types
-        unsafe { &*std::ptr::from_ref(self).cast() }
-    }
-
-    #[inline(always)]
-    fn array_mut(&mut self) -> &mut [f32; LANES] {
-        // SAFETY: as for `array`
-        unsafe { &mut *std::ptr::from_mut(self).cast() }
-    }
-
     #[inline(always)]
     fn words(self) -> Words {
         both!(Words, self, _mm256_castps_si256)
@@ -339,20 +314,4 @@ pub fn read4(rows: &[f32]) -> [Lanes; 4] {
         }
     }
     out
-}
-
-impl fmt::Debug for Lanes {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.array().fmt(f)
-    }
-}
-impl fmt::Debug for Mask {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{:016b}", self.bits())
-    }
-}
-impl fmt::Debug for Words {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.lanes().array().map(f32::to_bits).fmt(f)
-    }
 }

@@ -10,6 +10,8 @@ pub mod isa;
 pub mod lanes;
 #[cfg(target_arch = "x86_64")]
 mod lanes_avx2;
+#[cfg(target_arch = "x86_64")]
+mod lanes_avx512;
 pub mod model;
 pub mod noise;
 pub mod observation;

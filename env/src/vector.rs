@@ -103,6 +103,8 @@ impl VectorEnv {
             Kind::Baseline => Shard::<Lanes>::boxed,
             #[cfg(target_arch = "x86_64")]
             Kind::Avx2 => Shard::<crate::lanes_avx2::Lanes>::boxed,
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx512 => Shard::<crate::lanes_avx512::Lanes>::boxed,
         };
         let starts = (0..envs).step_by(share);
         let shards = starts.map(|first| build(model, options, input, share.min(envs - first))).collect::<Result<Vec<_>>>()?;

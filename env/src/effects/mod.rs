@@ -202,6 +202,8 @@ pub struct Entry {
     pub(crate) lanes: fn(Build) -> Box<dyn Stage<Lanes>>,
     #[cfg(target_arch = "x86_64")]
     pub(crate) avx2: fn(Build) -> Box<dyn Stage<crate::lanes_avx2::Lanes>>,
+    #[cfg(target_arch = "x86_64")]
+    pub(crate) avx512: fn(Build) -> Box<dyn Stage<crate::lanes_avx512::Lanes>>,
     pub(crate) double: fn(Build) -> Box<dyn Stage<f64>>,
 }
 

@@ -118,6 +118,8 @@ pub(super) const fn entry<E: Effect<P, S>, const P: usize, const S: usize>(_effe
         lanes: StageOf::<E, _, P, S>::boxed,
         #[cfg(target_arch = "x86_64")]
         avx2: StageOf::<E, _, P, S>::boxed,
+        #[cfg(target_arch = "x86_64")]
+        avx512: StageOf::<E, _, P, S>::boxed,
         double: StageOf::<E, _, P, S>::boxed,
     }
 }

@@ -119,6 +119,8 @@ pub struct Entry {
     pub(crate) lanes: fn(&serde_json::Value) -> Result<Box<dyn Judge<Lanes>>>,
     #[cfg(target_arch = "x86_64")]
     pub(crate) avx2: fn(&serde_json::Value) -> Result<Box<dyn Judge<crate::lanes_avx2::Lanes>>>,
+    #[cfg(target_arch = "x86_64")]
+    pub(crate) avx512: fn(&serde_json::Value) -> Result<Box<dyn Judge<crate::lanes_avx512::Lanes>>>,
 }
 
 const fn entry<T: Task>() -> Entry {
@@ -131,6 +133,8 @@ const fn entry<T: Task>() -> Entry {
         lanes: |options| Ok(Box::new(JudgeOf(build::<T>(options)?))),
         #[cfg(target_arch = "x86_64")]
         avx2: |options| Ok(Box::new(JudgeOf(build::<T>(options)?))),
+        #[cfg(target_arch = "x86_64")]
+        avx512: |options| Ok(Box::new(JudgeOf(build::<T>(options)?))),
     }
 }
 
