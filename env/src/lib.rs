@@ -20,6 +20,7 @@ pub mod real;
 pub mod schedule;
 pub mod simulated;
 pub mod task;
+mod team;
 pub mod vector;
 pub mod world;
 

@@ -1,10 +1,8 @@
 //! The number types that the simulator is compiled for, and what a tile of each must be able to do.
 
 use crate::effects::{Build, Entry, Stage};
-use crate::error::Result;
 use crate::lanes::{LANES, LaneMask, Lanes};
 use crate::real::Real;
-use crate::task::{self, Judge};
 
 /// A number type that a world can be made of.
 pub trait Simulated: Real {
@@ -19,7 +17,6 @@ pub trait Simulated: Real {
 
 /// A number type of sixteen lanes, which a batch of environments can be made of.
 pub(crate) trait Batched: Simulated {
-    fn judge(entry: &task::Entry, options: &serde_json::Value) -> Result<Box<dyn Judge<Self>>>;
     fn bits(mask: Self::Mask) -> u32;
     fn mask(bits: u32) -> Self::Mask;
     fn array(&self) -> &[f32; LANES];
@@ -42,9 +39,6 @@ impl Simulated for Lanes {
 }
 
 impl Batched for Lanes {
-    fn judge(entry: &task::Entry, options: &serde_json::Value) -> Result<Box<dyn Judge<Self>>> {
-        (entry.lanes)(options)
-    }
     #[inline(always)]
     fn bits(mask: LaneMask) -> u32 {
         mask.bits()
@@ -76,12 +70,12 @@ impl Batched for Lanes {
     }
 }
 
-/// Lanes in registers: `$level` names the module's level, the registries' builders for it and the function that compiles for it.
+/// Lanes in registers: `$level` names the module's level, the registry's builder for it and the function that compiles for it.
 #[cfg(target_arch = "x86_64")]
 macro_rules! in_registers {
     ($level:ident, $lanes:ident, $with:ident) => {
         mod $level {
-            use super::{Batched, Build, Entry, Judge, LANES, Result, Simulated, Stage, task};
+            use super::{Batched, Build, Entry, LANES, Simulated, Stage};
             use crate::$lanes::{self, Lanes, Mask};
 
             impl Simulated for Lanes {
@@ -97,9 +91,6 @@ macro_rules! in_registers {
             }
 
             impl Batched for Lanes {
-                fn judge(entry: &task::Entry, options: &serde_json::Value) -> Result<Box<dyn Judge<Self>>> {
-                    (entry.$level)(options)
-                }
                 #[inline(always)]
                 fn bits(mask: Mask) -> u32 {
                     mask.bits()

@@ -13,20 +13,21 @@ use crate::simulated::Simulated;
 /// Nominal cell voltage (thesis 3.1.1): what is read without a battery effect.
 const NOMINAL_V: f64 = 3.7;
 
-/// The drones of one tile.
+/// The drones of one tile: first what every world touches in a step, then what only effects need.
 #[derive(Debug, Clone)]
+#[repr(C)]
 struct Tile<R: Real> {
     x: State<R>,
-    keys: Keys<R>,
     /// Control ticks since the episode began, as a word for the noise and as a number for the time.
     tick: R::Word,
     ticks: R,
+    keys: Keys<R>,
+    /// Acceleration over the last physics step.
+    acc_mps2: [R; 3],
     /// Base-clock counts until the next camera frame.
     until_frame: R,
-    y: Reading<R>,
-    /// Acceleration over the last physics step, and the specific force that the IMU felt in it.
-    acc_mps2: [R; 3],
-    specific_mps2: [R; 3],
+    /// The last marker pose, where effects film it.
+    fix: Fix<R>,
     /// Control ticks since the world was made.
     clock: usize,
 }
@@ -36,6 +37,23 @@ struct Tile<R: Real> {
 pub struct Contact<R: Real> {
     pub impact_mps: R,
     pub standing: R::Mask,
+}
+
+/// What a tick brought: returned, not kept, because a large batch waits for memory.
+#[derive(Debug, Clone, Copy)]
+pub struct Tick<R: Real> {
+    pub contact: Contact<R>,
+    pub reading: Reading<R>,
+}
+
+/// Times as numbers of the lanes, ready for use.
+#[derive(Debug, Clone, Copy)]
+struct Times<R> {
+    tick_s: R,
+    per_tick: R,
+    /// A physics step.
+    h_s: R,
+    per_h: R,
 }
 
 /// Lists of stages by hook, so that a tick calls only what has something to do.
@@ -56,6 +74,7 @@ pub struct World<R: Simulated> {
     steps_per_tick: u32,
     counts_per_step: u32,
     tick_s: f64,
+    times: Times<R>,
     gravity_mps2: R,
     floor: bool,
     /// Active effects, in registry order, with what their parameters are drawn from.
@@ -107,14 +126,19 @@ impl<R: Simulated> World<R> {
             }
             stages.push((entry, stage));
         }
+        let tick_s = schedule.seconds(schedule.control);
+        let steps_per_tick = schedule.control / counts_per_step;
+        let h_s = tick_s / f64::from(steps_per_tick);
+        let times = Times { tick_s: R::of(tick_s), per_tick: R::of(1.0 / tick_s), h_s: R::of(h_s), per_h: R::of(1.0 / h_s) };
         let entries: Vec<_> = stages.iter().map(|(entry, _)| *entry).collect();
         Ok(World {
             schedule,
             body: body(model, settings.input)?,
             plant: Plant::new(model, settings.input, schedule.seconds(counts_per_step))?,
-            steps_per_tick: schedule.control / counts_per_step,
+            steps_per_tick,
             counts_per_step,
-            tick_s: schedule.seconds(schedule.control),
+            tick_s,
+            times,
             gravity_mps2: R::of(model.lateral.gravity.value),
             floor: true,
             drawn: drawn.into_iter().map(|(i, values)| (i, with_ranges(entries[i], values))).collect(),
@@ -141,26 +165,10 @@ impl<R: Simulated> World<R> {
         &self.tiles[tile].x
     }
 
-    /// What was read at the end of the last tick, given to `f`. (Given, not returned: without effects nothing of it need be in memory.)
-    #[inline(always)]
-    pub fn reading<T>(&self, tile: usize, mut f: impl FnMut(&Reading<R>) -> T) -> T {
-        let t = &self.tiles[tile];
-        if !self.stages.is_empty() {
-            return f(&t.y);
-        }
-        f(&Reading {
-            marker: Fix::ideal(&t.x, self.time_s(tile)),
-            att_rad: t.x.att_rad,
-            gyro_radps: t.x.rate_radps,
-            acc_mps2: t.specific_mps2,
-            vbat_v: R::of(NOMINAL_V),
-        })
-    }
-
     /// Time since each lane's episode began.
     #[inline(always)]
     pub fn time_s(&self, tile: usize) -> R {
-        self.tiles[tile].ticks * R::of(self.tick_s)
+        self.tiles[tile].ticks * self.times.tick_s
     }
 
     /// The noise of the current tick.
@@ -184,10 +192,10 @@ impl<R: Simulated> World<R> {
         }
     }
 
-    /// Begin episodes in the lanes of `mask` from the state `x`, with the command `u` in force until now. The reading of the other lanes
-    /// stays as it was.
+    /// Begin episodes in the lanes of `mask` from the state `x`, with the command `u` in force until now. The reading holds for those lanes
+    /// only.
     #[inline(always)]
-    pub fn start(&mut self, tile: usize, mask: R::Mask, x: &State<R>, u: &Command<R>) {
+    pub fn start(&mut self, tile: usize, mask: R::Mask, x: &State<R>, u: &Command<R>) -> Reading<R> {
         let t = &mut self.tiles[tile];
         t.x = t.x.merge(mask, x);
         t.ticks = R::select(mask, R::zero(), t.ticks);
@@ -206,21 +214,20 @@ impl<R: Simulated> World<R> {
         }
         // whatever its latency, the pose from before the episode is known when it begins
         let none = [R::zero(); 3];
-        let mut y = Reading { marker: Fix { pos_m: none, yaw_rad: R::zero(), t_s: cx.t_s, valid: R::zero() }, ..t.y };
-        y.marker.deliver(mask, frame.pos_m, frame.yaw_rad, frame.t_s, frame.markers);
-        let rest = [R::zero(), R::zero(), self.gravity_mps2];
-        t.acc_mps2 = merge(mask, t.acc_mps2, [R::zero(); 3]);
-        t.specific_mps2 = merge(mask, t.specific_mps2, rest);
-        y.imu(&x, rest);
+        let mut marker = Fix { pos_m: none, yaw_rad: R::zero(), t_s: cx.t_s, valid: R::zero() };
+        marker.deliver(mask, frame.pos_m, frame.yaw_rad, frame.t_s, frame.markers);
+        t.acc_mps2 = merge(mask, t.acc_mps2, none);
+        let mut y = Reading::of(&x, [R::zero(), R::zero(), self.gravity_mps2], marker);
         for &i in &self.order.sense {
             self.stages[i].peek(tile, &cx, &x, u, &mut y);
         }
-        t.y = t.y.merge(mask, &y);
+        t.fix = t.fix.merge(mask, &y.marker);
+        y
     }
 
-    /// One control tick of one tile; read the outcome from [`World::state`] and [`World::reading`].
+    /// One control tick of one tile; the state is in [`World::state`].
     #[inline(always)]
-    pub fn step(&mut self, tile: usize, command: &Command<R>) -> Contact<R> {
+    pub fn step(&mut self, tile: usize, command: &Command<R>) -> Tick<R> {
         if !self.stages.is_empty() || self.steps_per_tick != 1 {
             return self.step_with_effects(tile, command);
         }
@@ -233,25 +240,26 @@ impl<R: Simulated> World<R> {
         if self.floor {
             land(&mut next, t.x.pos_m[2], &mut contact);
         }
-        let climb_mps2 = (next.vel_mps[2] - t.x.vel_mps[2]) * R::of(1.0 / self.tick_s);
-        t.specific_mps2 = [R::zero(), R::zero(), climb_mps2 + self.gravity_mps2];
+        let climb_mps2 = (next.vel_mps[2] - t.x.vel_mps[2]) * self.times.per_tick;
+        let specific_mps2 = [R::zero(), R::zero(), climb_mps2 + self.gravity_mps2];
         t.x = next;
-        contact
+        Tick { contact, reading: Reading::of(&next, specific_mps2, Fix::ideal(&next, t.ticks * self.times.tick_s)) }
     }
 
     #[inline(always)]
-    fn step_with_effects(&mut self, tile: usize, command: &Command<R>) -> Contact<R> {
+    fn step_with_effects(&mut self, tile: usize, command: &Command<R>) -> Tick<R> {
         let t = &mut self.tiles[tile];
         t.tick = t.tick.add(R::Word::of(1));
         t.clock += 1;
         let filming = !self.order.frame.is_empty();
         let (tick_s, h_s) = (self.tick_s, self.tick_s / f64::from(self.steps_per_tick));
         let draw = t.keys.at(&t.tick);
-        let mut cx =
-            Cx { body: &self.body, h_s, tick_s, since_tick_s: 0.0, t_s: t.ticks * R::of(tick_s), first: true, draw: &draw, clock: t.clock };
+        let began_s = t.ticks * self.times.tick_s;
+        let mut cx = Cx { body: &self.body, h_s, tick_s, since_tick_s: 0.0, t_s: began_s, first: true, draw: &draw, clock: t.clock };
         let mut contact = Contact::none();
-        let mut at_frame = None;
+        let (mut at_frame, mut captured) = (t.x, R::nothing());
         let (mut u, mut push) = (*command, Push::none());
+        let mut specific_mps2 = [R::zero(); 3];
         for step in 1..=self.steps_per_tick {
             if !self.order.command.is_empty() {
                 u = *command;
@@ -277,47 +285,44 @@ impl<R: Simulated> World<R> {
                 let now = R::zero().le(left) & left.lt(counts);
                 if R::any(now) {
                     let seen = t.x.look_back(&next, left * R::of(1.0 / f64::from(self.counts_per_step)), h_s);
-                    at_frame = Some(at_frame.map_or(seen, |before: State<R>| before.merge(now, &seen)));
+                    at_frame = if R::any(captured) { at_frame.merge(now, &seen) } else { seen };
+                    captured = captured | now;
                 }
             }
-            let per_h = R::of(1.0 / h_s);
             t.acc_mps2 = tabulate(
                 #[inline(always)]
-                |i| (next.vel_mps[i] - t.x.vel_mps[i]) * per_h,
+                |i| (next.vel_mps[i] - t.x.vel_mps[i]) * self.times.per_h,
             );
-            t.specific_mps2 = heading.specific(&push, t.acc_mps2[2] + self.gravity_mps2);
+            specific_mps2 = heading.specific(&push, t.acc_mps2[2] + self.gravity_mps2);
             t.x = next;
             cx.first = false;
             cx.since_tick_s += h_s;
-            cx.t_s += R::of(h_s);
+            cx.t_s += self.times.h_s;
         }
-        let began_s = t.ticks * R::of(tick_s);
         t.ticks += R::of(1.0);
-        if self.stages.is_empty() {
-            return contact;
-        }
-        cx.t_s = t.ticks * R::of(tick_s);
-        t.y.imu(&t.x, t.specific_mps2);
+        cx.t_s = t.ticks * self.times.tick_s;
         if filming {
-            let captured = t.until_frame.le(R::of(f64::from(self.schedule.control)));
-            if let Some(x) = &at_frame {
-                let mut frame = Frame::of(x, captured, began_s + t.until_frame * R::of(self.schedule.seconds(1)));
+            if R::any(captured) {
+                let mut frame = Frame::of(&at_frame, captured, began_s + t.until_frame * R::of(self.schedule.seconds(1)));
                 cx.h_s = self.schedule.seconds(self.schedule.camera);
                 for &i in &self.order.frame {
-                    self.stages[i].frame(tile, &cx, x, &mut frame);
+                    self.stages[i].frame(tile, &cx, &at_frame, &mut frame);
                 }
-                t.y.marker.deliver(frame.captured, frame.pos_m, frame.yaw_rad, frame.t_s, frame.markers);
+                t.fix.deliver(frame.captured, frame.pos_m, frame.yaw_rad, frame.t_s, frame.markers);
             }
             let more = R::select(captured, R::of(f64::from(self.schedule.camera)), R::zero());
             t.until_frame = t.until_frame + more - R::of(f64::from(self.schedule.control));
-        } else {
-            t.y.marker = Fix::ideal(&t.x, cx.t_s);
         }
+        let marker = if filming { t.fix } else { Fix::ideal(&t.x, cx.t_s) };
+        let mut reading = Reading::of(&t.x, specific_mps2, marker);
         cx.h_s = tick_s;
         for &i in &self.order.sense {
-            self.stages[i].sense(tile, &cx, &t.x, &u, &mut t.y);
+            self.stages[i].sense(tile, &cx, &t.x, &u, &mut reading);
         }
-        contact
+        if filming {
+            t.fix = reading.marker;
+        }
+        Tick { contact, reading }
     }
 }
 
@@ -425,27 +430,10 @@ impl<R: Real> Contact<R> {
 }
 
 impl<R: Real> Reading<R> {
-    /// What the IMU and the battery show of a state, before any effect.
+    /// What the sensors show of a state, before any effect.
     #[inline(always)]
-    fn imu(&mut self, x: &State<R>, acc_mps2: [R; 3]) {
-        self.att_rad = x.att_rad;
-        self.gyro_radps = x.rate_radps;
-        self.acc_mps2 = acc_mps2;
-        self.vbat_v = R::of(NOMINAL_V);
-    }
-
-    /// `other` in the lanes of `mask`.
-    #[inline(always)]
-    fn merge(&self, mask: R::Mask, other: &Self) -> Self {
-        let (a, b) = (&self.marker, &other.marker);
-        let [yaw_rad, t_s, valid] = merge(mask, [a.yaw_rad, a.t_s, a.valid], [b.yaw_rad, b.t_s, b.valid]);
-        Reading {
-            marker: Fix { pos_m: merge(mask, a.pos_m, b.pos_m), yaw_rad, t_s, valid },
-            att_rad: merge(mask, self.att_rad, other.att_rad),
-            gyro_radps: merge(mask, self.gyro_radps, other.gyro_radps),
-            acc_mps2: merge(mask, self.acc_mps2, other.acc_mps2),
-            vbat_v: R::select(mask, other.vbat_v, self.vbat_v),
-        }
+    fn of(x: &State<R>, acc_mps2: [R; 3], marker: Fix<R>) -> Self {
+        Reading { marker, att_rad: x.att_rad, gyro_radps: x.rate_radps, acc_mps2, vbat_v: R::of(NOMINAL_V) }
     }
 }
 
@@ -499,6 +487,13 @@ impl<R: Real> State<R> {
 }
 
 impl<R: Real> Fix<R> {
+    /// `other` in the lanes of `mask`.
+    #[inline(always)]
+    fn merge(&self, mask: R::Mask, other: &Self) -> Self {
+        let [yaw_rad, t_s, valid] = merge(mask, [self.yaw_rad, self.t_s, self.valid], [other.yaw_rad, other.t_s, other.valid]);
+        Fix { pos_m: merge(mask, self.pos_m, other.pos_m), yaw_rad, t_s, valid }
+    }
+
     /// Ideal localisation: the true pose, now.
     #[inline(always)]
     fn ideal(x: &State<R>, now_s: R) -> Self {
@@ -518,17 +513,15 @@ impl<R: Real> Heading<R> {
 impl<R: Real> Tile<R> {
     fn new() -> Self {
         let (zero, none) = (R::zero(), [R::zero(); 3]);
-        let marker = Fix { pos_m: none, yaw_rad: zero, t_s: zero, valid: zero };
-        let y = Reading { marker, att_rad: none, gyro_radps: none, acc_mps2: none, vbat_v: zero };
+        let fix = Fix { pos_m: none, yaw_rad: zero, t_s: zero, valid: zero };
         Tile {
             x: State::rest(),
-            keys: Keys::new(),
             tick: R::Word::of(0),
             ticks: zero,
-            until_frame: R::of(1e9),
-            y,
+            keys: Keys::new(),
             acc_mps2: none,
-            specific_mps2: none,
+            until_frame: R::of(1e9),
+            fix,
             clock: 0,
         }
     }
