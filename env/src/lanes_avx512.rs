@@ -257,8 +257,8 @@ fn quarters(values: &[Lanes]) -> [Lanes; 4] {
     }
 }
 
-/// Lanes as sixteen rows of `N` numbers, four columns at a time. (Longer pieces of a row would need more shuffles, of which the
-/// processor does one per cycle; it has stores to spare.)
+/// Lanes as sixteen rows of `N` numbers: blocks of sixteen columns, then of eight, then of four, through registers. (Wide stores, because
+/// of narrow ones the compiler makes narrow shuffles, and of those the processor does one per cycle.)
 ///
 /// # Panics
 /// Unless `rows` has 16 * `N` numbers and `N` is divisible by four.
@@ -267,17 +267,74 @@ pub fn write<const N: usize>(values: &[Lanes; N], rows: &mut [f32]) {
     const { assert!(N.is_multiple_of(4)) };
     assert_eq!(rows.len(), LANES * N);
     let out = rows.as_mut_ptr();
-    for first in (0..N).step_by(4) {
-        let block = quarters(&values[first..first + 4]);
-        for i in 0..4 {
-            // SAFETY: the rows are at most i + 12 < 16 and first + 4 <= N, so four numbers each lie within the 16 * N of the assertion
-            unsafe {
-                let at = out.add(i * N + first);
-                _mm_storeu_ps(at, _mm512_extractf32x4_ps::<0>(block[i].0));
-                _mm_storeu_ps(at.add(4 * N), _mm512_extractf32x4_ps::<1>(block[i].0));
-                _mm_storeu_ps(at.add(8 * N), _mm512_extractf32x4_ps::<2>(block[i].0));
-                _mm_storeu_ps(at.add(12 * N), _mm512_extractf32x4_ps::<3>(block[i].0));
-            }
+    let mut first = 0;
+    // SAFETY: each call writes the columns from `first` on, of which there are as many as the condition says, in rows of N numbers, of
+    // which the assertion says that there are sixteen
+    unsafe {
+        while first + 16 <= N {
+            write16(&values[first..first + 16], out.add(first), N);
+            first += 16;
+        }
+        if first + 8 <= N {
+            write8(&values[first..first + 8], out.add(first), N);
+            first += 8;
+        }
+        if first + 4 <= N {
+            write4(&values[first..first + 4], out.add(first), N);
+        }
+    }
+}
+
+/// # Safety
+/// There must be 16 numbers in each of 16 rows at `out`, `stride` apart.
+#[inline(always)]
+unsafe fn write16(values: &[Lanes], out: *mut f32, stride: usize) {
+    let (a, b, c, d) = (quarters(&values[..4]), quarters(&values[4..8]), quarters(&values[8..12]), quarters(&values[12..]));
+    for i in 0..4 {
+        // SAFETY: row i + 12 is at most the last; and see the head of this file
+        unsafe {
+            // quarters of even and of odd rows, then row by row
+            let (ab, cd) = (_mm512_shuffle_f32x4::<0x88>(a[i].0, b[i].0), _mm512_shuffle_f32x4::<0x88>(c[i].0, d[i].0));
+            let (ef, gh) = (_mm512_shuffle_f32x4::<0xdd>(a[i].0, b[i].0), _mm512_shuffle_f32x4::<0xdd>(c[i].0, d[i].0));
+            _mm512_storeu_ps(out.add(i * stride), _mm512_shuffle_f32x4::<0x88>(ab, cd));
+            _mm512_storeu_ps(out.add((i + 4) * stride), _mm512_shuffle_f32x4::<0x88>(ef, gh));
+            _mm512_storeu_ps(out.add((i + 8) * stride), _mm512_shuffle_f32x4::<0xdd>(ab, cd));
+            _mm512_storeu_ps(out.add((i + 12) * stride), _mm512_shuffle_f32x4::<0xdd>(ef, gh));
+        }
+    }
+}
+
+/// # Safety
+/// As [`write16`], for 8 numbers.
+#[inline(always)]
+unsafe fn write8(values: &[Lanes], out: *mut f32, stride: usize) {
+    let (a, b) = (quarters(&values[..4]), quarters(&values[4..]));
+    for i in 0..4 {
+        // SAFETY: row i + 12 is at most the last; and see the head of this file
+        unsafe {
+            let (low, high) = (_mm512_setr_epi64(0, 1, 8, 9, 2, 3, 10, 11), _mm512_setr_epi64(4, 5, 12, 13, 6, 7, 14, 15));
+            let (x, y) = (_mm512_castps_pd(a[i].0), _mm512_castps_pd(b[i].0));
+            let (low, high) = (_mm512_permutex2var_pd(x, low, y), _mm512_permutex2var_pd(x, high, y));
+            _mm256_storeu_pd(out.add(i * stride).cast(), _mm512_castpd512_pd256(low));
+            _mm256_storeu_pd(out.add((i + 4) * stride).cast(), _mm512_extractf64x4_pd::<1>(low));
+            _mm256_storeu_pd(out.add((i + 8) * stride).cast(), _mm512_castpd512_pd256(high));
+            _mm256_storeu_pd(out.add((i + 12) * stride).cast(), _mm512_extractf64x4_pd::<1>(high));
+        }
+    }
+}
+
+/// # Safety
+/// As [`write16`], for 4 numbers.
+#[inline(always)]
+unsafe fn write4(values: &[Lanes], out: *mut f32, stride: usize) {
+    let a = quarters(values);
+    for i in 0..4 {
+        // SAFETY: row i + 12 is at most the last; and see the head of this file
+        unsafe {
+            _mm_storeu_ps(out.add(i * stride), _mm512_castps512_ps128(a[i].0));
+            _mm_storeu_ps(out.add((i + 4) * stride), _mm512_extractf32x4_ps::<1>(a[i].0));
+            _mm_storeu_ps(out.add((i + 8) * stride), _mm512_extractf32x4_ps::<2>(a[i].0));
+            _mm_storeu_ps(out.add((i + 12) * stride), _mm512_extractf32x4_ps::<3>(a[i].0));
         }
     }
 }

@@ -21,7 +21,7 @@ use crate::schedule::Schedule;
 use crate::simulated::Batched;
 use crate::task::{self, GOAL, Situation, Task, Visitor};
 use crate::team::Team;
-use crate::world::{Settings, Tick, World};
+use crate::world::{GROUP, Settings, Tick, World};
 
 /// Numbers per true state: position, velocity, attitude, rates.
 pub const STATE: usize = 12;
@@ -453,55 +453,56 @@ impl<R: Batched, T: Task> Shard<R, T> {
         }
     }
 
-    /// One step of every tile. A last tile of fewer than sixteen environments is stepped in buffers of its own.
+    /// One step of every tile.
     #[inline(always)]
     fn run_now(&mut self, rules: &Rules, actions: &[f32], out: Out<'_>) {
         let pace = Pace { reach: rules.interface.reach(), last_s: rules.last_s(self.world.tick_s()) };
-        let (action_tiles, action_rest) = actions.as_chunks();
-        let (observations, observation_rest) = out.observations.as_chunks_mut();
-        let (rewards, reward_rest) = out.rewards.as_chunks_mut();
-        let (terminated, terminated_rest) = out.terminated.as_chunks_mut();
-        let (truncated, truncated_rest) = out.truncated.as_chunks_mut();
-        let whole = action_tiles.iter().zip(observations).zip(rewards.iter_mut().zip(terminated.iter_mut().zip(truncated)));
-        let mut rest = Rest::new(action_rest);
-        let (rest_actions, rest_rows) = rest.parts();
-        let tiles = whole
-            .map(
-                #[inline(always)]
-                |((actions, observations), (rewards, (terminated, truncated)))| {
-                    (actions, Rows { observations, rewards, terminated, truncated })
-                },
-            )
-            .chain((!action_rest.is_empty()).then_some((rest_actions, rest_rows)));
-        for (tile, (actions, rows)) in tiles.enumerate() {
-            self.step(rules, &pace, tile, actions, rows);
+        let mut rest = Rest::new(actions);
+        let mut buffers = Buffers::new(actions, out, &mut rest);
+        let tiles = self.bits.len();
+        if self.world.is_plain() {
+            for tile in 0..tiles {
+                let action = R::read4(buffers.actions(tile));
+                let tick = self.world.step_plain(tile, &pace.reach.command(&action));
+                self.judge(rules, &pace, tile, &action, &tick, buffers.rows(tile));
+            }
+        } else {
+            let mut actions = [[R::zero(); ACTION]; GROUP];
+            let mut commands = [Command::level(R::zero()); GROUP];
+            let mut ticks = [Tick::none(); GROUP];
+            for first in (0..tiles).step_by(GROUP) {
+                let n = GROUP.min(tiles - first);
+                for i in 0..n {
+                    actions[i] = R::read4(buffers.actions(first + i));
+                    commands[i] = pace.reach.command(&actions[i]);
+                }
+                self.world.step_group(first, &commands[..n], &mut ticks[..n]);
+                for i in 0..n {
+                    self.judge(rules, &pace, first + i, &actions[i], &ticks[i], buffers.rows(first + i));
+                }
+            }
         }
-        observation_rest.copy_from_slice(&rest.observations[..observation_rest.len()]);
-        reward_rest.copy_from_slice(&rest.rewards[..reward_rest.len()]);
-        terminated_rest.copy_from_slice(&rest.terminated[..terminated_rest.len()]);
-        truncated_rest.copy_from_slice(&rest.truncated[..truncated_rest.len()]);
+        buffers.finish();
     }
 
-    /// One step of one tile.
+    /// What comes of a tick: observation, reward, end.
     #[inline(always)]
-    fn step(&mut self, rules: &Rules, pace: &Pace<R>, tile: usize, actions: &[f32; LANES * ACTION], out: Rows<'_>) {
-        let action = R::read4(actions);
-        let Tick { contact, reading } = self.world.step(tile, &pace.reach.command(&action));
+    fn judge(&mut self, rules: &Rules, pace: &Pace<R>, tile: usize, action: &[R; ACTION], tick: &Tick<R>, out: Rows<'_>) {
         let now_s = self.world.time_s(tile);
         let slot = &mut self.slots[tile];
         let setpoint = self.task.setpoint(&mut slot.goal, now_s, &self.world.draw(tile));
         let situation = Situation {
             x: self.world.state(tile),
             setpoint,
-            action: &action,
+            action,
             last_action: &slot.last_action,
-            contact: &contact,
+            contact: &tick.contact,
             t_s: now_s,
         };
         let verdict = self.task.judge(&situation);
         let over = now_s.gt(pace.last_s);
-        slot.last_action = action;
-        R::write(&observe(&reading, now_s, &setpoint, &action), out.observations);
+        slot.last_action = *action;
+        R::write(&observe(&tick.reading, now_s, &setpoint, action), out.observations);
         *out.rewards = *verdict.reward.array();
         let (terminated, truncated) = (R::bits(verdict.terminated), R::bits(over));
         flags(terminated, out.terminated);
@@ -563,7 +564,18 @@ struct Pace<R> {
     last_s: R,
 }
 
-/// Buffers for a last tile that is not full.
+/// A step's buffers by tiles. A last tile of fewer than sixteen environments is stepped in buffers of its own.
+struct Buffers<'a> {
+    actions: &'a [[f32; LANES * ACTION]],
+    observations: &'a mut [[f32; LANES * OBSERVATION]],
+    rewards: &'a mut [[f32; LANES]],
+    terminated: &'a mut [[bool; LANES]],
+    truncated: &'a mut [[bool; LANES]],
+    /// Where the last tile's results go.
+    last: Out<'a>,
+    rest: &'a mut Rest,
+}
+
 struct Rest {
     actions: [f32; LANES * ACTION],
     observations: [f32; LANES * OBSERVATION],
@@ -573,8 +585,8 @@ struct Rest {
 }
 
 impl Rest {
-    #[inline(always)]
     fn new(actions: &[f32]) -> Self {
+        let (_, actions) = actions.as_chunks::<{ LANES * ACTION }>();
         let mut rest = Rest {
             actions: [0.0; LANES * ACTION],
             observations: [0.0; LANES * OBSERVATION],
@@ -585,9 +597,43 @@ impl Rest {
         rest.actions[..actions.len()].copy_from_slice(actions);
         rest
     }
+}
+
+impl<'a> Buffers<'a> {
+    fn new(actions: &'a [f32], out: Out<'a>, rest: &'a mut Rest) -> Self {
+        let (observations, last_observations) = out.observations.as_chunks_mut();
+        let (rewards, last_rewards) = out.rewards.as_chunks_mut();
+        let (terminated, last_terminated) = out.terminated.as_chunks_mut();
+        let (truncated, last_truncated) = out.truncated.as_chunks_mut();
+        let last = Out { observations: last_observations, rewards: last_rewards, terminated: last_terminated, truncated: last_truncated };
+        Buffers { actions: actions.as_chunks().0, observations, rewards, terminated, truncated, last, rest }
+    }
+
     #[inline(always)]
-    fn parts(&mut self) -> (&[f32; LANES * ACTION], Rows<'_>) {
-        let Rest { actions, observations, rewards, terminated, truncated } = self;
-        (actions, Rows { observations, rewards, terminated, truncated })
+    fn actions(&self, tile: usize) -> &[f32; LANES * ACTION] {
+        self.actions.get(tile).unwrap_or(&self.rest.actions)
+    }
+
+    #[inline(always)]
+    fn rows(&mut self, tile: usize) -> Rows<'_> {
+        if tile == self.observations.len() {
+            let Rest { observations, rewards, terminated, truncated, .. } = &mut *self.rest;
+            return Rows { observations, rewards, terminated, truncated };
+        }
+        Rows {
+            observations: &mut self.observations[tile],
+            rewards: &mut self.rewards[tile],
+            terminated: &mut self.terminated[tile],
+            truncated: &mut self.truncated[tile],
+        }
+    }
+
+    /// Hands over the last tile's results.
+    fn finish(self) {
+        let Out { observations, rewards, terminated, truncated } = self.last;
+        observations.copy_from_slice(&self.rest.observations[..observations.len()]);
+        rewards.copy_from_slice(&self.rest.rewards[..rewards.len()]);
+        terminated.copy_from_slice(&self.rest.terminated[..terminated.len()]);
+        truncated.copy_from_slice(&self.rest.truncated[..truncated.len()]);
     }
 }

@@ -1,7 +1,9 @@
 //! The data path: command -> effects on it -> pushes -> exact step -> camera frame -> reading. Reads like one drone; a tile is sixteen.
 
+use std::slice::{from_mut, from_ref};
+
 use crate::config::{EffectTable, Number, Ranged, numbers};
-use crate::effects::{self, Body, Cx, Fix, Frame, Reading, Stage};
+use crate::effects::{self, Body, Cx, Fix, Frame, Reading, Stage, Tiles};
 use crate::error::{Error, Result};
 use crate::model::{Model, VerticalInput};
 use crate::noise::{Draw, Keys};
@@ -13,23 +15,40 @@ use crate::simulated::Simulated;
 /// Nominal cell voltage (thesis 3.1.1): what is read without a battery effect.
 const NOMINAL_V: f64 = 3.7;
 
-/// The drones of one tile: first what every world touches in a step, then what only effects need.
-#[derive(Debug, Clone)]
-#[repr(C)]
-struct Tile<R: Real> {
-    x: State<R>,
+/// Tiles that are stepped side by side: while one waits for a result, another computes.
+pub const GROUP: usize = 4;
+
+/// How far the episodes of a tile are.
+#[derive(Debug, Clone, Copy)]
+struct Age<R: Real> {
+    keys: Keys<R>,
     /// Control ticks since the episode began, as a word for the noise and as a number for the time.
     tick: R::Word,
     ticks: R,
-    keys: Keys<R>,
+}
+
+/// What the effects of a tile need besides the state.
+#[derive(Debug, Clone, Copy)]
+struct Tile<R: Real> {
     /// Acceleration over the last physics step.
     acc_mps2: [R; 3],
     /// Base-clock counts until the next camera frame.
     until_frame: R,
     /// The last marker pose, where effects film it.
     fix: Fix<R>,
-    /// Control ticks since the world was made.
-    clock: usize,
+}
+
+/// What the steps of a group of tiles hand to each other; kept because filling it anew costs more than a step of it.
+#[derive(Debug, Clone)]
+struct Group<R: Real> {
+    u: [Command<R>; GROUP],
+    push: [Push<R>; GROUP],
+    /// The states expected at the middle of a step.
+    middle: [State<R>; GROUP],
+    /// The states at which a camera frame of this tick was taken, in the lanes in which one was.
+    seen: [State<R>; GROUP],
+    captured: [R::Mask; GROUP],
+    frames: [Frame<R>; GROUP],
 }
 
 /// Speed at which the floor was hit, and whether the vehicle stands on it.
@@ -81,7 +100,13 @@ pub struct World<R: Simulated> {
     stages: Vec<Box<dyn Stage<R>>>,
     order: Order,
     drawn: Vec<(usize, Vec<Ranged>)>,
+    /// Of each tile: apart, because a step without effects needs no more than the first two.
+    states: Vec<State<R>>,
+    ages: Vec<Age<R>>,
     tiles: Vec<Tile<R>>,
+    /// Control ticks of each tile since the world was made.
+    clocks: Vec<usize>,
+    group: Group<R>,
 }
 
 /// Physics settings of a world.
@@ -144,7 +169,11 @@ impl<R: Simulated> World<R> {
             drawn: drawn.into_iter().map(|(i, values)| (i, with_ranges(entries[i], values))).collect(),
             stages: stages.into_iter().map(|(_, stage)| stage).collect(),
             order,
+            states: vec![State::rest(); tiles],
+            ages: vec![Age { keys: Keys::new(), tick: R::Word::of(0), ticks: R::zero() }; tiles],
             tiles: vec![Tile::new(); tiles],
+            clocks: vec![0; tiles],
+            group: Group::new(),
         })
     }
 
@@ -162,26 +191,25 @@ impl<R: Simulated> World<R> {
     /// The true state of a tile.
     #[inline(always)]
     pub fn state(&self, tile: usize) -> &State<R> {
-        &self.tiles[tile].x
+        &self.states[tile]
     }
 
     /// Time since each lane's episode began.
     #[inline(always)]
     pub fn time_s(&self, tile: usize) -> R {
-        self.tiles[tile].ticks * self.times.tick_s
+        self.ages[tile].ticks * self.times.tick_s
     }
 
     /// The noise of the current tick.
     #[inline(always)]
     pub fn draw(&self, tile: usize) -> Draw<'_, R> {
-        let t = &self.tiles[tile];
-        t.keys.at(&t.tick)
+        self.ages[tile].draw()
     }
 
     /// Prepare one lane for a new episode: its noise key and its drawn parameters. Call [`World::start`] for all such lanes after.
     pub fn draw_lane(&mut self, tile: usize, lane: usize, key: u64, rng: &mut rand_pcg::Pcg64Mcg) {
-        self.tiles[tile].keys.set_lane(lane, key);
-        self.tiles[tile].tick.set_lane(lane, 0);
+        self.ages[tile].keys.set_lane(lane, key);
+        self.ages[tile].tick.set_lane(lane, 0);
         let mut values = [0.0; 8];
         for (stage, numbers) in &self.drawn {
             let drawn = &mut values[..numbers.len()];
@@ -196,21 +224,22 @@ impl<R: Simulated> World<R> {
     /// only.
     #[inline(always)]
     pub fn start(&mut self, tile: usize, mask: R::Mask, x: &State<R>, u: &Command<R>) -> Reading<R> {
-        let t = &mut self.tiles[tile];
-        t.x = t.x.merge(mask, x);
-        t.ticks = R::select(mask, R::zero(), t.ticks);
+        let (t, age) = (&mut self.tiles[tile], &mut self.ages[tile]);
+        let x = self.states[tile].merge(mask, x);
+        self.states[tile] = x;
+        age.ticks = R::select(mask, R::zero(), age.ticks);
         // one frame is taken as the episode begins
         t.until_frame = R::select(mask, R::of(f64::from(self.schedule.camera)), t.until_frame);
-        let (draw, tick_s) = (t.keys.at(&t.tick), self.tick_s);
-        let x = t.x;
-        let t_s = t.ticks * R::of(tick_s);
-        let cx = Cx { body: &self.body, h_s: tick_s, tick_s, since_tick_s: 0.0, t_s, first: true, draw: &draw, clock: t.clock };
+        let (draw, tick_s) = (age.draw(), self.tick_s);
+        let t_s = age.ticks * self.times.tick_s;
+        let clock = self.clocks[tile];
+        let cx = Cx { body: &self.body, h_s: tick_s, tick_s, since_tick_s: 0.0, t_s, first: true, draw: &draw, clock };
         for stage in &mut self.stages {
             stage.start(tile, mask, &cx, &x, u);
         }
         let mut frame = Frame::of(&x, mask, cx.t_s);
         for &i in &self.order.frame {
-            self.stages[i].frame(tile, &cx, &x, &mut frame);
+            self.stages[i].frame(&Tiles { first: tile, cx: from_ref(&cx), x: from_ref(&x), u: &[] }, from_mut(&mut frame));
         }
         // whatever its latency, the pose from before the episode is known when it begins
         let none = [R::zero(); 3];
@@ -228,101 +257,181 @@ impl<R: Simulated> World<R> {
     /// One control tick of one tile; the state is in [`World::state`].
     #[inline(always)]
     pub fn step(&mut self, tile: usize, command: &Command<R>) -> Tick<R> {
-        if !self.stages.is_empty() || self.steps_per_tick != 1 {
-            return self.step_with_effects(tile, command);
+        if self.is_plain() {
+            return self.step_plain(tile, command);
         }
-        // The same with nothing to call: everything stays in registers.
-        let t = &mut self.tiles[tile];
-        t.tick = t.tick.add(R::Word::of(1));
-        t.ticks += R::of(1.0);
-        let mut contact = Contact::none();
-        let (mut next, _) = self.plant.advance(&t.x, command, &Push::none());
-        if self.floor {
-            land(&mut next, t.x.pos_m[2], &mut contact);
-        }
-        let climb_mps2 = (next.vel_mps[2] - t.x.vel_mps[2]) * self.times.per_tick;
-        let specific_mps2 = [R::zero(), R::zero(), climb_mps2 + self.gravity_mps2];
-        t.x = next;
-        Tick { contact, reading: Reading::of(&next, specific_mps2, Fix::ideal(&next, t.ticks * self.times.tick_s)) }
+        let mut tick = Tick::none();
+        self.step_group(tile, from_ref(command), from_mut(&mut tick));
+        tick
     }
 
+    /// Nothing is called in a step, and a tick is one step: [`World::step_plain`] will do.
     #[inline(always)]
-    fn step_with_effects(&mut self, tile: usize, command: &Command<R>) -> Tick<R> {
-        let t = &mut self.tiles[tile];
-        t.tick = t.tick.add(R::Word::of(1));
-        t.clock += 1;
-        let filming = !self.order.frame.is_empty();
-        let (tick_s, h_s) = (self.tick_s, self.tick_s / f64::from(self.steps_per_tick));
-        let draw = t.keys.at(&t.tick);
-        let began_s = t.ticks * self.times.tick_s;
-        let mut cx = Cx { body: &self.body, h_s, tick_s, since_tick_s: 0.0, t_s: began_s, first: true, draw: &draw, clock: t.clock };
+    pub fn is_plain(&self) -> bool {
+        self.stages.is_empty() && self.steps_per_tick == 1
+    }
+
+    /// A step of a plain world: everything stays in registers.
+    #[inline(always)]
+    pub fn step_plain(&mut self, tile: usize, command: &Command<R>) -> Tick<R> {
+        let (x, age) = (&mut self.states[tile], &mut self.ages[tile]);
+        age.count();
         let mut contact = Contact::none();
-        let (mut at_frame, mut captured) = (t.x, R::nothing());
-        let (mut u, mut push) = (*command, Push::none());
-        let mut specific_mps2 = [R::zero(); 3];
+        let (mut next, _) = self.plant.advance(x, command, &Push::none());
+        if self.floor {
+            land(&mut next, x.pos_m[2], &mut contact);
+        }
+        let climb_mps2 = (next.vel_mps[2] - x.vel_mps[2]) * self.times.per_tick;
+        let specific_mps2 = [R::zero(), R::zero(), climb_mps2 + self.gravity_mps2];
+        *x = next;
+        Tick { contact, reading: Reading::of(&next, specific_mps2, Fix::ideal(&next, age.ticks * self.times.tick_s)) }
+    }
+
+    /// One control tick of the tiles from `first` on, as many as there are commands, at most [`GROUP`].
+    ///
+    /// # Panics
+    /// Unless there are as many `ticks` as commands.
+    #[inline(always)]
+    pub fn step_group(&mut self, first: usize, commands: &[Command<R>], ticks: &mut [Tick<R>]) {
+        let n = commands.len().min(GROUP);
+        assert!(n > 0 && ticks.len() == n);
+        let World { body, plant, states, ages, tiles, clocks, stages, order, times, group, .. } = self;
+        let (states, tiles, ages) = (&mut states[first..first + n], &mut tiles[first..first + n], &mut ages[first..first + n]);
+        let (tick_s, h_s) = (self.tick_s, self.tick_s / f64::from(self.steps_per_tick));
+        let filming = Filming { counts_per_step: self.counts_per_step, schedule: self.schedule, h_s };
+        let (commanding, pushing, films) = (!order.command.is_empty(), !order.push.is_empty(), !order.frame.is_empty());
+
+        for i in 0..n {
+            ages[i].count();
+            clocks[first + i] += 1;
+            ticks[i].contact = Contact::none();
+            group.captured[i] = R::nothing();
+            group.push[i] = Push::none();
+            group.u[i] = commands[i];
+        }
+        // of the last tile where there are fewer
+        let (b, c, d) = (1.min(n - 1), 2.min(n - 1), 3.min(n - 1));
+        let draws = [ages[0].draw(), ages[b].draw(), ages[c].draw(), ages[d].draw()];
+        let now = Now { body, h_s, tick_s, times };
+        let mut cx = [
+            now.cx(&ages[0], &draws[0], clocks[first]),
+            now.cx(&ages[b], &draws[1], clocks[first + b]),
+            now.cx(&ages[c], &draws[2], clocks[first + c]),
+            now.cx(&ages[d], &draws[3], clocks[first + d]),
+        ];
         for step in 1..=self.steps_per_tick {
-            if !self.order.command.is_empty() {
-                u = *command;
-                for &i in &self.order.command {
-                    self.stages[i].command(tile, &cx, &t.x, &mut u);
+            if commanding {
+                group.u[..n].copy_from_slice(&commands[..n]);
+                let of = Tiles { first, cx: &cx[..n], x: states, u: &[] };
+                for &stage in &order.command {
+                    stages[stage].command(&of, &mut group.u[..n]);
                 }
             }
-            if !self.order.push.is_empty() {
-                push = Push::none();
-                let middle = t.x.ahead(&t.acc_mps2, 0.5 * h_s);
-                for &i in &self.order.push {
-                    self.stages[i].push(tile, &cx, &middle, &u, &mut push);
+            if pushing {
+                for i in 0..n {
+                    group.push[i] = Push::none();
+                    group.middle[i] = states[i].ahead(&tiles[i].acc_mps2, 0.5 * h_s);
+                }
+                let of = Tiles { first, cx: &cx[..n], x: &group.middle[..n], u: &group.u[..n] };
+                for &stage in &order.push {
+                    stages[stage].push(&of, &mut group.push[..n]);
                 }
             }
-            let (mut next, heading) = self.plant.advance(&t.x, &u, &push);
-            if self.floor {
-                land(&mut next, t.x.pos_m[2], &mut contact);
-            }
-            if filming {
-                let counts = R::of(f64::from(self.counts_per_step));
-                // counts from the frame to the end of this step: within it if 0 <= counts < counts_per_step
-                let left = R::of(f64::from(self.counts_per_step * step)) - t.until_frame;
-                let now = R::zero().le(left) & left.lt(counts);
-                if R::any(now) {
-                    let seen = t.x.look_back(&next, left * R::of(1.0 / f64::from(self.counts_per_step)), h_s);
-                    at_frame = if R::any(captured) { at_frame.merge(now, &seen) } else { seen };
-                    captured = captured | now;
+            for i in 0..n {
+                let (x, t, tick) = (&mut states[i], &mut tiles[i], &mut ticks[i]);
+                let (mut next, heading) = plant.advance(x, &group.u[i], &group.push[i]);
+                if self.floor {
+                    land(&mut next, x.pos_m[2], &mut tick.contact);
                 }
-            }
-            t.acc_mps2 = tabulate(
-                #[inline(always)]
-                |i| (next.vel_mps[i] - t.x.vel_mps[i]) * self.times.per_h,
-            );
-            specific_mps2 = heading.specific(&push, t.acc_mps2[2] + self.gravity_mps2);
-            t.x = next;
-            cx.first = false;
-            cx.since_tick_s += h_s;
-            cx.t_s += self.times.h_s;
-        }
-        t.ticks += R::of(1.0);
-        cx.t_s = t.ticks * self.times.tick_s;
-        if filming {
-            if R::any(captured) {
-                let mut frame = Frame::of(&at_frame, captured, began_s + t.until_frame * R::of(self.schedule.seconds(1)));
-                cx.h_s = self.schedule.seconds(self.schedule.camera);
-                for &i in &self.order.frame {
-                    self.stages[i].frame(tile, &cx, &at_frame, &mut frame);
+                if films {
+                    filming.look(step, t.until_frame, [x, &next], &mut group.seen[i], &mut group.captured[i]);
                 }
-                t.fix.deliver(frame.captured, frame.pos_m, frame.yaw_rad, frame.t_s, frame.markers);
+                t.acc_mps2 = tabulate(
+                    #[inline(always)]
+                    |k| (next.vel_mps[k] - x.vel_mps[k]) * times.per_h,
+                );
+                tick.reading.acc_mps2 = heading.specific(&group.push[i], t.acc_mps2[2] + self.gravity_mps2);
+                *x = next;
+                cx[i].first = false;
+                cx[i].since_tick_s += h_s;
+                cx[i].t_s += times.h_s;
             }
-            let more = R::select(captured, R::of(f64::from(self.schedule.camera)), R::zero());
-            t.until_frame = t.until_frame + more - R::of(f64::from(self.schedule.control));
         }
-        let marker = if filming { t.fix } else { Fix::ideal(&t.x, cx.t_s) };
-        let mut reading = Reading::of(&t.x, specific_mps2, marker);
-        cx.h_s = tick_s;
-        for &i in &self.order.sense {
-            self.stages[i].sense(tile, &cx, &t.x, &u, &mut reading);
+        if films {
+            for i in 0..n {
+                let t_s = ages[i].began_s(times) + tiles[i].until_frame * R::of(self.schedule.seconds(1));
+                group.frames[i] = Frame::of(&group.seen[i], group.captured[i], t_s);
+                cx[i].t_s = ages[i].ticks * times.tick_s;
+                cx[i].h_s = self.schedule.seconds(self.schedule.camera);
+            }
+            let of = Tiles { first, cx: &cx[..n], x: &group.seen[..n], u: &[] };
+            for &stage in &order.frame {
+                stages[stage].frame(&of, &mut group.frames[..n]);
+            }
         }
-        if filming {
-            t.fix = reading.marker;
+        for i in 0..n {
+            cx[i].t_s = ages[i].ticks * times.tick_s;
+            cx[i].h_s = tick_s;
+            let marker = if films { filming.deliver(group.captured[i], &group.frames[i], &mut tiles[i]) } else { Fix::ideal(&states[i], cx[i].t_s) };
+            ticks[i].reading = Reading::of(&states[i], ticks[i].reading.acc_mps2, marker);
         }
-        Tick { contact, reading }
+        let of = Tiles { first, cx: &cx[..n], x: states, u: &group.u[..n] };
+        for &stage in &order.sense {
+            stages[stage].sense(&of, ticks);
+        }
+        if films {
+            for i in 0..n {
+                tiles[i].fix = ticks[i].reading.marker;
+            }
+        }
+    }
+}
+
+/// What the hooks of a tick's first step are told about any tile.
+struct Now<'a, R> {
+    body: &'a Body<R>,
+    h_s: f64,
+    tick_s: f64,
+    times: &'a Times<R>,
+}
+
+impl<'a, R: Real> Now<'a, R> {
+    #[inline(always)]
+    fn cx(&self, age: &Age<R>, draw: &'a Draw<'a, R>, clock: usize) -> Cx<'a, R> {
+        let Now { body, h_s, tick_s, times } = *self;
+        Cx { body, h_s, tick_s, since_tick_s: 0.0, t_s: age.began_s(times), first: true, draw, clock }
+    }
+}
+
+/// When frames are taken.
+struct Filming {
+    counts_per_step: u32,
+    schedule: Schedule,
+    h_s: f64,
+}
+
+impl Filming {
+    /// Takes the frames that are due within a physics step.
+    #[inline(always)]
+    fn look<R: Real>(&self, step: u32, until_frame: R, [from, to]: [&State<R>; 2], seen: &mut State<R>, captured: &mut R::Mask) {
+        let counts = R::of(f64::from(self.counts_per_step));
+        // counts from the frame to the end of this step: within it if 0 <= counts < counts_per_step
+        let left = R::of(f64::from(self.counts_per_step * step)) - until_frame;
+        let now = R::zero().le(left) & left.lt(counts);
+        if R::any(now) {
+            let here = from.look_back(to, left * R::of(1.0 / f64::from(self.counts_per_step)), self.h_s);
+            *seen = if R::any(*captured) { seen.merge(now, &here) } else { here };
+            *captured = *captured | now;
+        }
+    }
+
+    /// Gives a tick's frame to the controller and says when the next one is due.
+    #[inline(always)]
+    fn deliver<R: Real>(&self, captured: R::Mask, frame: &Frame<R>, t: &mut Tile<R>) -> Fix<R> {
+        t.fix.deliver(frame.captured, frame.pos_m, frame.yaw_rad, frame.t_s, frame.markers);
+        let more = R::select(captured, R::of(f64::from(self.schedule.camera)), R::zero());
+        t.until_frame = t.until_frame + more - R::of(f64::from(self.schedule.control));
+        t.fix
     }
 }
 
@@ -429,6 +538,48 @@ impl<R: Real> Contact<R> {
     }
 }
 
+impl<R: Real> Age<R> {
+    /// One more tick.
+    #[inline(always)]
+    fn count(&mut self) {
+        self.tick = self.tick.add(R::Word::of(1));
+        self.ticks += R::of(1.0);
+    }
+    /// The time at which the tick began that has been counted.
+    #[inline(always)]
+    fn began_s(&self, times: &Times<R>) -> R {
+        (self.ticks - R::of(1.0)) * times.tick_s
+    }
+    #[inline(always)]
+    fn draw(&self) -> Draw<'_, R> {
+        self.keys.at(&self.tick)
+    }
+}
+
+impl<R: Real> Group<R> {
+    fn new() -> Self {
+        let (x, nothing) = (State::rest(), R::nothing());
+        Group {
+            u: [Command::level(R::zero()); GROUP],
+            push: [Push::none(); GROUP],
+            middle: [x; GROUP],
+            seen: [x; GROUP],
+            captured: [nothing; GROUP],
+            frames: [Frame::of(&x, nothing, R::zero()); GROUP],
+        }
+    }
+}
+
+impl<R: Real> Tick<R> {
+    /// To be written over.
+    #[inline(always)]
+    pub fn none() -> Self {
+        let (zero, none) = (R::zero(), [R::zero(); 3]);
+        let marker = Fix { pos_m: none, yaw_rad: zero, t_s: zero, valid: zero };
+        Tick { contact: Contact::none(), reading: Reading { marker, att_rad: none, gyro_radps: none, acc_mps2: none, vbat_v: zero } }
+    }
+}
+
 impl<R: Real> Reading<R> {
     /// What the sensors show of a state, before any effect.
     #[inline(always)]
@@ -514,15 +665,6 @@ impl<R: Real> Tile<R> {
     fn new() -> Self {
         let (zero, none) = (R::zero(), [R::zero(); 3]);
         let fix = Fix { pos_m: none, yaw_rad: zero, t_s: zero, valid: zero };
-        Tile {
-            x: State::rest(),
-            tick: R::Word::of(0),
-            ticks: zero,
-            keys: Keys::new(),
-            acc_mps2: none,
-            until_frame: R::of(1e9),
-            fix,
-            clock: 0,
-        }
+        Tile { acc_mps2: none, until_frame: R::of(1e9), fix }
     }
 }

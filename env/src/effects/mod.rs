@@ -8,7 +8,7 @@ use crate::noise::{Draw, channel};
 use crate::plant::{Command, Push, State};
 use crate::real::Real;
 
-pub(crate) use stage::{Build, Stage};
+pub(crate) use stage::{Build, Stage, Tiles};
 
 /// One parameter of an effect.
 #[derive(Debug, Clone, Copy, PartialEq)]
