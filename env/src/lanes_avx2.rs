@@ -229,6 +229,18 @@ impl Real for Lanes {
         self * power.lanes()
     }
     #[inline(always)]
+    fn turned(quarter: Self, sin: Self, cos: Self) -> (Self, Self) {
+        // the low bits of the integer say it: odd swaps the two, 2 and 3 flip the sine, 1 and 2 the cosine
+        let n = (quarter + Self::of(ROUND)).words();
+        let odd = Mask(both!(Words, n.and(word(1)), word(1), _mm256_cmpeq_epi32).lanes().0);
+        let flip = |v: Self, n: Words| {
+            // SAFETY: see the head of this file
+            let shifted = Words(unsafe { [_mm256_slli_epi32::<30>(n.0[0]), _mm256_slli_epi32::<30>(n.0[1])] });
+            (v.words() ^ shifted.and(word(0x8000_0000))).lanes()
+        };
+        (flip(Self::select(odd, cos, sin), n), flip(Self::select(odd, sin, cos), n.add(word(1))))
+    }
+    #[inline(always)]
     fn lane(self, lane: usize) -> f64 {
         f64::from(self.array()[lane])
     }

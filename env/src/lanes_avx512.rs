@@ -231,6 +231,19 @@ impl Real for Lanes {
         self * power.lanes()
     }
     #[inline(always)]
+    fn turned(quarter: Self, sin: Self, cos: Self) -> (Self, Self) {
+        // the low bits of the integer say it: odd swaps the two, 2 and 3 flip the sine, 1 and 2 the cosine
+        let n = (quarter + Self::of(ROUND)).words();
+        // SAFETY: see the head of this file
+        let odd = Mask(unsafe { _mm512_test_epi32_mask(n.0, word(1).0) });
+        let flip = |v: Self, n: Words| {
+            // SAFETY: see the head of this file
+            let sign = Words(unsafe { _mm512_slli_epi32::<30>(n.0) }).and(word(0x8000_0000));
+            (v.words() ^ sign).lanes()
+        };
+        (flip(Self::select(odd, cos, sin), n), flip(Self::select(odd, sin, cos), n.add(word(1))))
+    }
+    #[inline(always)]
     fn lane(self, lane: usize) -> f64 {
         f64::from(self.array()[lane])
     }

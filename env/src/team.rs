@@ -10,9 +10,10 @@ use std::thread::{self, JoinHandle, Thread};
 
 use crate::error::{Error, Result};
 
-/// How often to look for what is awaited before going to sleep: about 50 microseconds, longer than what is between two steps of a
-/// training loop's batch, shorter than anyone would notice.
-const LOOKS: u32 = 1000;
+/// How often to look for what is awaited before letting others have the processor for a moment, and how often to do that before going to
+/// sleep: some ten microseconds each on an idle machine, which is longer than what is between two steps of a loop that does little else.
+const LOOKS: u32 = 300;
+const YIELDS: u32 = 50;
 
 /// Threads beside the caller's.
 pub struct Team(Vec<Worker>);
@@ -99,6 +100,12 @@ fn wait(done: impl Fn() -> bool) {
             return;
         }
         std::hint::spin_loop();
+    }
+    for _ in 0..YIELDS {
+        if done() {
+            return;
+        }
+        thread::yield_now();
     }
     while !done() {
         thread::park();

@@ -16,7 +16,7 @@ use crate::simulated::Simulated;
 const NOMINAL_V: f64 = 3.7;
 
 /// Tiles that are stepped side by side: while one waits for a result, another computes.
-pub const GROUP: usize = 4;
+pub const GROUP: usize = 2;
 
 /// How far the episodes of a tile are.
 #[derive(Debug, Clone, Copy)]
@@ -310,14 +310,12 @@ impl<R: Simulated> World<R> {
             group.u[i] = commands[i];
         }
         // of the last tile where there are fewer
-        let (b, c, d) = (1.min(n - 1), 2.min(n - 1), 3.min(n - 1));
-        let draws = [ages[0].draw(), ages[b].draw(), ages[c].draw(), ages[d].draw()];
+        let b = n - 1;
+        let draws = [ages[0].draw(), ages[b].draw()];
         let now = Now { body, h_s, tick_s, times };
         let mut cx = [
             now.cx(&ages[0], &draws[0], clocks[first]),
             now.cx(&ages[b], &draws[1], clocks[first + b]),
-            now.cx(&ages[c], &draws[2], clocks[first + c]),
-            now.cx(&ages[d], &draws[3], clocks[first + d]),
         ];
         for step in 1..=self.steps_per_tick {
             if commanding {
