@@ -161,11 +161,7 @@ impl Interface {
     /// The factors of [`Reach::command`].
     #[inline(always)]
     pub fn reach<R: Real>(&self) -> Reach<R> {
-        Reach {
-            tilt_rad: R::of(self.tilt_max_rad),
-            yaw_rate_radps: R::of(self.yaw_rate_max_radps),
-            half_lift: R::of(0.5 * self.lift_max),
-        }
+        Reach { tilt_rad: R::of(self.tilt_max_rad), yaw_rate_radps: R::of(self.yaw_rate_max_radps), half_lift: R::of(0.5 * self.lift_max) }
     }
 
     /// The command of an action row.

@@ -313,10 +313,7 @@ impl<R: Simulated> World<R> {
         let b = n - 1;
         let draws = [ages[0].draw(), ages[b].draw()];
         let now = Now { body, h_s, tick_s, times };
-        let mut cx = [
-            now.cx(&ages[0], &draws[0], clocks[first]),
-            now.cx(&ages[b], &draws[1], clocks[first + b]),
-        ];
+        let mut cx = [now.cx(&ages[0], &draws[0], clocks[first]), now.cx(&ages[b], &draws[1], clocks[first + b])];
         for step in 1..=self.steps_per_tick {
             if commanding {
                 group.u[..n].copy_from_slice(&commands[..n]);
@@ -370,7 +367,8 @@ impl<R: Simulated> World<R> {
         for i in 0..n {
             cx[i].t_s = ages[i].ticks * times.tick_s;
             cx[i].h_s = tick_s;
-            let marker = if films { filming.deliver(group.captured[i], &group.frames[i], &mut tiles[i]) } else { Fix::ideal(&states[i], cx[i].t_s) };
+            let marker =
+                if films { filming.deliver(group.captured[i], &group.frames[i], &mut tiles[i]) } else { Fix::ideal(&states[i], cx[i].t_s) };
             ticks[i].reading = Reading::of(&states[i], ticks[i].reading.acc_mps2, marker);
         }
         let of = Tiles { first, cx: &cx[..n], x: states, u: &group.u[..n] };

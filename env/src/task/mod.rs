@@ -93,13 +93,7 @@ pub struct Entry {
 }
 
 const fn entry<T: Task>() -> Entry {
-    Entry {
-        name: T::NAME,
-        id: T::ID,
-        about: T::ABOUT,
-        reward: T::REWARD,
-        max_episode_steps: T::MAX_EPISODE_STEPS,
-    }
+    Entry { name: T::NAME, id: T::ID, about: T::ABOUT, reward: T::REWARD, max_episode_steps: T::MAX_EPISODE_STEPS }
 }
 
 fn build<T: Task>(options: &serde_json::Value) -> Result<T> {
