@@ -152,6 +152,14 @@ impl Mask {
 /// Adding and subtracting 1.5 * 2^23 leaves the nearest integer of an `f32`.
 const ROUND: f64 = 12_582_912.0;
 
+/// `v` with its sign flipped in the lanes in which bit 1 of `n` is set.
+#[inline(always)]
+fn flip(v: Lanes, n: Words) -> Lanes {
+    // SAFETY: see the head of this file
+    let sign = Words(unsafe { [_mm256_slli_epi32::<30>(n.0[0]), _mm256_slli_epi32::<30>(n.0[1])] });
+    (v.words() ^ sign.and(word(0x8000_0000))).lanes()
+}
+
 impl Real for Lanes {
     type Mask = Mask;
     type Word = Words;
@@ -233,11 +241,6 @@ impl Real for Lanes {
         // the low bits of the integer say it: odd swaps the two, 2 and 3 flip the sine, 1 and 2 the cosine
         let n = (quarter + Self::of(ROUND)).words();
         let odd = Mask(both!(Words, n.and(word(1)), word(1), _mm256_cmpeq_epi32).lanes().0);
-        let flip = |v: Self, n: Words| {
-            // SAFETY: see the head of this file
-            let shifted = Words(unsafe { [_mm256_slli_epi32::<30>(n.0[0]), _mm256_slli_epi32::<30>(n.0[1])] });
-            (v.words() ^ shifted.and(word(0x8000_0000))).lanes()
-        };
         (flip(Self::select(odd, cos, sin), n), flip(Self::select(odd, sin, cos), n.add(word(1))))
     }
     #[inline(always)]

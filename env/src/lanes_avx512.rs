@@ -150,6 +150,14 @@ impl Mask {
 /// Adding and subtracting 1.5 * 2^23 leaves the nearest integer of an `f32`.
 const ROUND: f64 = 12_582_912.0;
 
+/// `v` with its sign flipped in the lanes in which bit 1 of `n` is set.
+#[inline(always)]
+fn flip(v: Lanes, n: Words) -> Lanes {
+    // SAFETY: see the head of this file
+    let sign = Words(unsafe { _mm512_slli_epi32::<30>(n.0) });
+    (v.words() ^ sign.and(word(0x8000_0000))).lanes()
+}
+
 impl Real for Lanes {
     type Mask = Mask;
     type Word = Words;
@@ -236,11 +244,6 @@ impl Real for Lanes {
         let n = (quarter + Self::of(ROUND)).words();
         // SAFETY: see the head of this file
         let odd = Mask(unsafe { _mm512_test_epi32_mask(n.0, word(1).0) });
-        let flip = |v: Self, n: Words| {
-            // SAFETY: see the head of this file
-            let sign = Words(unsafe { _mm512_slli_epi32::<30>(n.0) }).and(word(0x8000_0000));
-            (v.words() ^ sign).lanes()
-        };
         (flip(Self::select(odd, cos, sin), n), flip(Self::select(odd, sin, cos), n.add(word(1))))
     }
     #[inline(always)]
