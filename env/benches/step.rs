@@ -1,9 +1,11 @@
-//! Drone-steps per second of the Rust core on one core: bare and with effects, each including action mapping, observation, reward,
-//! termination and automatic reset. `cargo bench -p crazyflie-env`.
+//! Drone-steps per second of the Rust core: bare and with effects, each including action mapping, observation, reward, termination and
+//! automatic reset; on one core with every instruction set of the machine, and on two. Criterion prints the median in the middle of its
+//! three figures. `cargo bench -p crazyflie-env`.
 
 use std::hint::black_box;
 
 use crazyflie_env::config::Options;
+use crazyflie_env::isa::Level;
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::{ACTION, OBSERVATION};
 use crazyflie_env::vector::{Out, VectorEnv};
@@ -15,34 +17,37 @@ const EFFECTS: &str = r#""vertical": "pwm", "effects": {"camera_noise": {"xy_m":
 struct Rig {
     env: VectorEnv,
     actions: Vec<f32>,
-    observations: Vec<f32>,
+    /// With room to begin the rows at a cache line, see [`Out`].
+    room: Vec<f32>,
+    skip: usize,
     rewards: Vec<f32>,
     terminated: Vec<bool>,
     truncated: Vec<bool>,
 }
 
 impl Rig {
-    fn new(envs: usize, threads: usize, effects: bool) -> Self {
+    fn new(envs: usize, threads: usize, isa: &str, effects: bool) -> Self {
         let text = format!(
-            "{{\"max_episode_steps\": 500, \"threads\": {threads}{}}}",
+            "{{\"max_episode_steps\": 500, \"threads\": {threads}, \"isa\": \"{isa}\"{}}}",
             if effects { format!(", {EFFECTS}") } else { String::new() }
         );
         let options = Options::parse(&text).expect("options of the benchmark");
         let mut env = VectorEnv::new(&Model::thesis(), &options, envs).expect("environments");
-        let mut observations = vec![0.0; envs * OBSERVATION];
+        let mut room = vec![0.0_f32; envs * OBSERVATION + 16];
+        let skip = room.as_ptr().align_offset(64);
         let seeds: Vec<u64> = (0..envs as u64).collect();
-        env.reset(Some(&seeds), None, &mut observations).expect("reset");
+        env.reset(Some(&seeds), None, &mut room[skip..skip + envs * OBSERVATION]).expect("reset");
         // small tilts to all sides, the weight carried: flights last, and still end at all times
         let hover = env.interface();
         let lift = if effects { (2.0 * hover.hover_lift / hover.lift_max - 1.0) as f32 } else { 0.0 };
         let actions =
             (0..envs * ACTION).map(|i| if i % ACTION == 3 { lift } else { 0.02 * ((i * 7919 % 199) as f32 / 99.0 - 1.0) }).collect();
-        Rig { env, actions, observations, rewards: vec![0.0; envs], terminated: vec![false; envs], truncated: vec![false; envs] }
+        Rig { env, actions, room, skip, rewards: vec![0.0; envs], terminated: vec![false; envs], truncated: vec![false; envs] }
     }
 
     fn step(&mut self) {
         let out = Out {
-            observations: &mut self.observations,
+            observations: &mut self.room[self.skip..self.skip + self.rewards.len() * OBSERVATION],
             rewards: &mut self.rewards,
             terminated: &mut self.terminated,
             truncated: &mut self.truncated,
@@ -52,19 +57,39 @@ impl Rig {
 }
 
 fn bench(c: &mut Criterion) {
-    let level = crazyflie_env::isa::Level::best().name();
+    println!("{}, {} logical cores, load {}", processor(), std::thread::available_parallelism().map_or(0, usize::from), load());
+    println!("hover, next-step resets, at most 500 steps per episode; five effects: {}", EFFECTS.replace("\n   ", ""));
     for (name, effects) in [("bare", false), ("five_effects", true)] {
-        let mut group = c.benchmark_group(format!("{name}/{level}"));
-        for (envs, threads) in [(1, 1), (256, 1), (1024, 1), (4096, 1), (16384, 1), (65536, 1), (65536, 2)] {
-            let mut rig = Rig::new(envs, threads, effects);
-            for _ in 0..600 {
-                rig.step();
+        for level in Level::available() {
+            let mut group = c.benchmark_group(format!("{name}/{}", level.name()));
+            let (best, sizes) = (level == Level::best(), [256, 1024, 4096, 16384, 65536]);
+            let one_core = sizes.into_iter().filter(|envs| best || *envs == 1024).map(|envs| (envs, 1));
+            let others = [(1, 1), (65536, 2)].into_iter().filter(|_| best);
+            for (envs, threads) in one_core.chain(others) {
+                let mut rig = Rig::new(envs, threads, level.name(), effects);
+                for _ in 0..600 {
+                    rig.step();
+                }
+                group.throughput(Throughput::Elements(envs as u64));
+                let cores = if threads == 1 { "one_core" } else { "two_cores" };
+                group.bench_function(BenchmarkId::from_parameter(format!("{envs}_envs_{cores}")), |b| b.iter(|| rig.step()));
             }
-            group.throughput(Throughput::Elements(envs as u64));
-            group.bench_function(BenchmarkId::from_parameter(format!("{envs}_envs_{threads}_threads")), |b| b.iter(|| rig.step()));
+            group.finish();
         }
-        group.finish();
     }
+}
+
+/// The processor's name, where the system says it.
+fn processor() -> String {
+    let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let name = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(": "));
+    name.map_or(std::env::consts::ARCH.into(), |(_, name)| name.into())
+}
+
+/// How busy the machine is.
+fn load() -> String {
+    let load = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
+    load.split(' ').next().filter(|l| !l.is_empty()).unwrap_or("unknown").into()
 }
 
 criterion_group! { name = steps; config = Criterion::default().sample_size(20).measurement_time(std::time::Duration::from_secs(2)); targets = bench }

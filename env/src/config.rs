@@ -205,7 +205,7 @@ pub struct Options {
     /// Episodes are truncated after so many steps; 0 for never.
     pub max_episode_steps: u32,
     pub threads: usize,
-    /// "baseline" or "avx2"; the machine's best unless given. The results are the same.
+    /// "baseline", "avx2" or "avx512"; the machine's best unless given. The results are the same.
     pub isa: Option<String>,
 }
 

@@ -13,6 +13,9 @@ pub(crate) enum Kind {
     /// 256-bit registers.
     #[cfg(target_arch = "x86_64")]
     Avx2,
+    /// 512-bit registers.
+    #[cfg(target_arch = "x86_64")]
+    Avx512,
 }
 
 impl Level {
@@ -28,10 +31,14 @@ impl Level {
         if std::arch::is_x86_feature_detected!("avx2") {
             levels.push(Level(Kind::Avx2));
         }
+        #[cfg(target_arch = "x86_64")]
+        if std::arch::is_x86_feature_detected!("avx512f") && std::arch::is_x86_feature_detected!("avx512dq") {
+            levels.push(Level(Kind::Avx512));
+        }
         levels
     }
 
-    /// "baseline", "avx2"; `None` asks for the best.
+    /// "baseline", "avx2", "avx512"; `None` asks for the best.
     ///
     /// # Errors
     /// [`crate::Error::Unknown`] for a name that this machine does not have.
@@ -47,6 +54,8 @@ impl Level {
             Kind::Baseline => "baseline",
             #[cfg(target_arch = "x86_64")]
             Kind::Avx2 => "avx2",
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx512 => "avx512",
         }
     }
 
@@ -55,18 +64,26 @@ impl Level {
     }
 }
 
-/// Runs a piece of code compiled for AVX2. No fused multiply-add is ever enabled: it would change the bits.
-///
-/// # Safety
-/// The processor must have AVX2.
+/// Functions that run a piece of code compiled for an instruction set. The compiler does not fuse multiplications with additions on its
+/// own, also where the instruction set would have it (AVX-512 does): that would change the bits.
 #[cfg(target_arch = "x86_64")]
-#[allow(unsafe_code)]
-#[inline(always)]
-pub(crate) unsafe fn with_avx2<T>(code: impl FnOnce() -> T) -> T {
-    #[target_feature(enable = "avx2")]
-    fn compiled<T>(code: impl FnOnce() -> T) -> T {
-        code()
-    }
-    // SAFETY: the caller's promise
-    unsafe { compiled(code) }
+macro_rules! compiled_for {
+    ($name:ident, $features:literal) => {
+        /// # Safety
+        /// The processor must have the instruction set.
+        #[allow(unsafe_code)]
+        #[inline(always)]
+        pub(crate) unsafe fn $name<T>(code: impl FnOnce() -> T) -> T {
+            #[target_feature(enable = $features)]
+            fn compiled<T>(code: impl FnOnce() -> T) -> T {
+                code()
+            }
+            // SAFETY: the caller's promise
+            unsafe { compiled(code) }
+        }
+    };
 }
+#[cfg(target_arch = "x86_64")]
+compiled_for!(with_avx2, "avx2");
+#[cfg(target_arch = "x86_64")]
+compiled_for!(with_avx512, "avx512f,avx512dq");

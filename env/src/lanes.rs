@@ -1,4 +1,5 @@
-//! Sixteen drones at once in plain arrays: what every target can compile. [`crate::lanes_avx2`] is the same, written for AVX2.
+//! Sixteen drones at once in plain arrays: what every target can compile. [`crate::lanes_avx2`] and [`crate::lanes_avx512`] are the same
+//! in registers.
 
 use std::ops::{Add, AddAssign, BitAnd, BitOr, BitXor, Div, Mul, Neg, Not, Sub, SubAssign};
 
@@ -39,6 +40,64 @@ fn map<A: Copy, C: Copy + Default>(a: [A; LANES], f: impl Fn(A) -> C) -> [C; LAN
     }
     out
 }
+
+/// What lanes in registers have in common: the numbers in their order, and what follows from the operators. The one that invokes it
+/// promises that the types are plain registers of 16 * 32 bits.
+#[cfg(target_arch = "x86_64")]
+macro_rules! in_registers {
+    ($lanes:ident, $words:ident, $mask:ident) => {
+        impl $lanes {
+            /// The lanes in order.
+            #[inline(always)]
+            pub fn array(&self) -> &[f32; LANES] {
+                // SAFETY: the same size, at least the alignment, and every bit pattern is a value of both types
+                unsafe { &*std::ptr::from_ref(self).cast() }
+            }
+            #[inline(always)]
+            fn array_mut(&mut self) -> &mut [f32; LANES] {
+                // SAFETY: as for `array`
+                unsafe { &mut *std::ptr::from_mut(self).cast() }
+            }
+        }
+        impl $words {
+            #[inline(always)]
+            fn array_mut(&mut self) -> &mut [u32; LANES] {
+                // SAFETY: as for `array`
+                unsafe { &mut *std::ptr::from_mut(self).cast() }
+            }
+        }
+        const _: () = assert!(size_of::<$lanes>() == 4 * LANES && size_of::<$words>() == 4 * LANES);
+        impl AddAssign for $lanes {
+            #[inline(always)]
+            fn add_assign(&mut self, other: $lanes) {
+                *self = *self + other;
+            }
+        }
+        impl SubAssign for $lanes {
+            #[inline(always)]
+            fn sub_assign(&mut self, other: $lanes) {
+                *self = *self - other;
+            }
+        }
+        impl fmt::Debug for $lanes {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                self.array().fmt(f)
+            }
+        }
+        impl fmt::Debug for $mask {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                write!(f, "{:016b}", self.bits())
+            }
+        }
+        impl fmt::Debug for $words {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                self.lanes().array().map(f32::to_bits).fmt(f)
+            }
+        }
+    };
+}
+#[cfg(target_arch = "x86_64")]
+pub(crate) use in_registers;
 
 macro_rules! lane_operator {
     ($trait:ident, $method:ident, $op:tt) => {

@@ -9,7 +9,7 @@ use std::arch::x86_64::*;
 use std::fmt;
 use std::ops::{Add, AddAssign, BitAnd, BitOr, BitXor, Div, Mul, Neg, Not, Sub, SubAssign};
 
-use crate::lanes::LANES;
+use crate::lanes::{LANES, in_registers};
 use crate::real::{Real, Word};
 
 /// As [`crate::lanes::Lanes`].
@@ -26,6 +26,8 @@ pub struct Mask([__m256; 2]);
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
 pub struct Words([__m256i; 2]);
+
+in_registers!(Lanes, Words, Mask);
 
 macro_rules! both {
     ($make:ident, $a:expr, $f:expr) => {
@@ -77,18 +79,6 @@ impl Neg for Lanes {
         both!(Lanes, self, ones(0x8000_0000), _mm256_xor_ps)
     }
 }
-impl AddAssign for Lanes {
-    #[inline(always)]
-    fn add_assign(&mut self, other: Lanes) {
-        *self = *self + other;
-    }
-}
-impl SubAssign for Lanes {
-    #[inline(always)]
-    fn sub_assign(&mut self, other: Lanes) {
-        *self = *self - other;
-    }
-}
 impl Not for Mask {
     type Output = Mask;
     #[inline(always)]
@@ -117,26 +107,11 @@ impl Word for Words {
         Words(unsafe { [_mm256_srl_epi32(self.0[0], _mm_cvtsi32_si128(count)), _mm256_srl_epi32(self.0[1], _mm_cvtsi32_si128(count))] })
     }
     fn set_lane(&mut self, lane: usize, value: u32) {
-        // SAFETY: the same size, and every bit pattern is a value of both types
-        let words: &mut [u32; LANES] = unsafe { &mut *std::ptr::from_mut(self).cast() };
-        words[lane] = value;
+        self.array_mut()[lane] = value;
     }
 }
 
 impl Lanes {
-    /// The lanes in order.
-    #[inline(always)]
-    pub fn array(&self) -> &[f32; LANES] {
-        // SAFETY: the same size, at least the alignment, and every bit pattern is a value of both types
-        unsafe { &*std::ptr::from_ref(self).cast() }
-    }
-
-    #[inline(always)]
-    fn array_mut(&mut self) -> &mut [f32; LANES] {
-        // SAFETY: as for `array`
-        unsafe { &mut *std::ptr::from_mut(self).cast() }
-    }
-
     #[inline(always)]
     fn words(self) -> Words {
         both!(Words, self, _mm256_castps_si256)
@@ -176,6 +151,14 @@ impl Mask {
 
 /// Adding and subtracting 1.5 * 2^23 leaves the nearest integer of an `f32`.
 const ROUND: f64 = 12_582_912.0;
+
+/// `v` with its sign flipped in the lanes in which bit 1 of `n` is set.
+#[inline(always)]
+fn flip(v: Lanes, n: Words) -> Lanes {
+    // SAFETY: see the head of this file
+    let sign = Words(unsafe { [_mm256_slli_epi32::<30>(n.0[0]), _mm256_slli_epi32::<30>(n.0[1])] });
+    (v.words() ^ sign.and(word(0x8000_0000))).lanes()
+}
 
 impl Real for Lanes {
     type Mask = Mask;
@@ -252,6 +235,13 @@ impl Real for Lanes {
         // SAFETY: see the head of this file
         let power = Words(unsafe { [_mm256_slli_epi32::<23>(integer.0[0]), _mm256_slli_epi32::<23>(integer.0[1])] });
         self * power.lanes()
+    }
+    #[inline(always)]
+    fn turned(quarter: Self, sin: Self, cos: Self) -> (Self, Self) {
+        // the low bits of the integer say it: odd swaps the two, 2 and 3 flip the sine, 1 and 2 the cosine
+        let n = (quarter + Self::of(ROUND)).words();
+        let odd = Mask(both!(Words, n.and(word(1)), word(1), _mm256_cmpeq_epi32).lanes().0);
+        (flip(Self::select(odd, cos, sin), n), flip(Self::select(odd, sin, cos), n.add(word(1))))
     }
     #[inline(always)]
     fn lane(self, lane: usize) -> f64 {
@@ -339,20 +329,4 @@ pub fn read4(rows: &[f32]) -> [Lanes; 4] {
         }
     }
     out
-}
-
-impl fmt::Debug for Lanes {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.array().fmt(f)
-    }
-}
-impl fmt::Debug for Mask {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{:016b}", self.bits())
-    }
-}
-impl fmt::Debug for Words {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.lanes().array().map(f32::to_bits).fmt(f)
-    }
 }

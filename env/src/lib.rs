@@ -11,6 +11,8 @@ pub mod isa;
 pub mod lanes;
 #[cfg(target_arch = "x86_64")]
 mod lanes_avx2;
+#[cfg(target_arch = "x86_64")]
+mod lanes_avx512;
 pub mod model;
 pub mod noise;
 pub mod observation;
@@ -19,6 +21,7 @@ pub mod real;
 pub mod schedule;
 pub mod simulated;
 pub mod task;
+mod team;
 pub mod vector;
 pub mod world;
 

@@ -104,6 +104,27 @@ pub fn observe<R: Real>(y: &Reading<R>, now_s: R, setpoint: &Setpoint<R>, action
     [px, py, pz, m_yaw, age, m.valid, ar, ap, ay, gx, gy, gz, ax, ay_, az, vbat, sx, sy, sz, s_yaw, a0, a1, a2, a3]
 }
 
+/// What an action of 1 commands, as numbers of the lanes.
+#[derive(Debug, Clone, Copy)]
+pub struct Reach<R> {
+    tilt_rad: R,
+    yaw_rate_radps: R,
+    half_lift: R,
+}
+
+impl<R: Real> Reach<R> {
+    /// The command of an action row.
+    #[inline(always)]
+    pub fn command(&self, a: &[R; ACTION]) -> Command<R> {
+        Command {
+            roll_rad: a[0] * self.tilt_rad,
+            pitch_rad: a[1] * self.tilt_rad,
+            yaw_rate_radps: a[2] * self.yaw_rate_radps,
+            lift: (a[3] + R::of(1.0)) * self.half_lift,
+        }
+    }
+}
+
 /// The command interface: what an action of -1..1 means.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Interface {
@@ -137,16 +158,15 @@ impl Interface {
         })
     }
 
-    /// The command of an action row.
+    /// The factors of [`Reach::command`].
     #[inline(always)]
+    pub fn reach<R: Real>(&self) -> Reach<R> {
+        Reach { tilt_rad: R::of(self.tilt_max_rad), yaw_rate_radps: R::of(self.yaw_rate_max_radps), half_lift: R::of(0.5 * self.lift_max) }
+    }
+
+    /// The command of an action row.
     pub fn command<R: Real>(&self, a: &[R; ACTION]) -> Command<R> {
-        let tilt = R::of(self.tilt_max_rad);
-        Command {
-            roll_rad: a[0] * tilt,
-            pitch_rad: a[1] * tilt,
-            yaw_rate_radps: a[2] * R::of(self.yaw_rate_max_radps),
-            lift: (a[3] + R::of(1.0)) * R::of(0.5 * self.lift_max),
-        }
+        self.reach().command(a)
     }
 
     /// The action row of a command, cut off at -1..1.

@@ -84,6 +84,12 @@ pub trait Real:
         let sin = r + r * r2 * poly(r2, 4, &[-1.0 / 6.0, 1.0 / 120.0, -1.0 / 5040.0, 1.0 / 362_880.0, -1.0 / 39_916_800.0]);
         let cos =
             Self::of(1.0) + r2 * poly(r2, 4, &[-0.5, 1.0 / 24.0, -1.0 / 720.0, 1.0 / 40_320.0, -1.0 / 3_628_800.0, 1.0 / 479_001_600.0]);
+        Self::turned(quarter, sin, cos)
+    }
+
+    /// Sine and cosine of an angle `quarter` (a whole number) quarter turns beyond the one whose sine and cosine are given.
+    #[inline(always)]
+    fn turned(quarter: Self, sin: Self, cos: Self) -> (Self, Self) {
         // quarter modulo 4 in {-2, -1, 0, 1, 2} decides which of the two and the signs
         let turn = quarter - Self::of(4.0) * (quarter * Self::of(0.25)).round();
         let odd = turn.abs().lt(Self::of(1.5)) & turn.abs().gt(Self::of(0.5));

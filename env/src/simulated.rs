@@ -2,10 +2,8 @@
 
 use crate::dual::Dual;
 use crate::effects::{Build, Entry, Stage};
-use crate::error::Result;
 use crate::lanes::{LANES, LaneMask, Lanes};
 use crate::real::Real;
-use crate::task::{self, Judge};
 
 /// A number type that a world can be made of.
 pub trait Simulated: Real {
@@ -20,7 +18,6 @@ pub trait Simulated: Real {
 
 /// A number type of sixteen lanes, which a batch of environments can be made of.
 pub(crate) trait Batched: Simulated {
-    fn judge(entry: &task::Entry, options: &serde_json::Value) -> Result<Box<dyn Judge<Self>>>;
     fn bits(mask: Self::Mask) -> u32;
     fn mask(bits: u32) -> Self::Mask;
     fn array(&self) -> &[f32; LANES];
@@ -59,9 +56,6 @@ impl Simulated for Lanes {
 }
 
 impl Batched for Lanes {
-    fn judge(entry: &task::Entry, options: &serde_json::Value) -> Result<Box<dyn Judge<Self>>> {
-        (entry.lanes)(options)
-    }
     #[inline(always)]
     fn bits(mask: LaneMask) -> u32 {
         mask.bits()
@@ -93,45 +87,51 @@ impl Batched for Lanes {
     }
 }
 
+/// Lanes in registers: `$level` names the module's level, the registry's builder for it and the function that compiles for it.
 #[cfg(target_arch = "x86_64")]
-mod avx2 {
-    use super::{Batched, Build, Entry, Judge, LANES, Result, Simulated, Stage, task};
-    use crate::lanes_avx2::{self, Lanes, Mask};
+macro_rules! in_registers {
+    ($level:ident, $lanes:ident, $with:ident) => {
+        mod $level {
+            use super::{Batched, Build, Entry, LANES, Simulated, Stage};
+            use crate::$lanes::{self, Lanes, Mask};
 
-    impl Simulated for Lanes {
-        fn stage(entry: &Entry, build: Build) -> Box<dyn Stage<Self>> {
-            (entry.avx2)(build)
-        }
-        #[inline(always)]
-        #[allow(unsafe_code)]
-        fn run<T>(code: impl FnOnce() -> T) -> T {
-            // SAFETY: this type is used only on a processor with AVX2, see the head of lanes_avx2.rs
-            unsafe { crate::isa::with_avx2(code) }
-        }
-    }
+            impl Simulated for Lanes {
+                fn stage(entry: &Entry, build: Build) -> Box<dyn Stage<Self>> {
+                    (entry.$level)(build)
+                }
+                #[inline(always)]
+                #[allow(unsafe_code)]
+                fn run<T>(code: impl FnOnce() -> T) -> T {
+                    // SAFETY: this type is used only on a processor with its instruction set, see the head of the file of the lanes
+                    unsafe { crate::isa::$with(code) }
+                }
+            }
 
-    impl Batched for Lanes {
-        fn judge(entry: &task::Entry, options: &serde_json::Value) -> Result<Box<dyn Judge<Self>>> {
-            (entry.avx2)(options)
+            impl Batched for Lanes {
+                #[inline(always)]
+                fn bits(mask: Mask) -> u32 {
+                    mask.bits()
+                }
+                fn mask(bits: u32) -> Mask {
+                    Mask::from_bits(bits)
+                }
+                #[inline(always)]
+                fn array(&self) -> &[f32; LANES] {
+                    Lanes::array(self)
+                }
+                #[inline(always)]
+                fn read4(rows: &[f32]) -> [Self; 4] {
+                    $lanes::read4(rows)
+                }
+                #[inline(always)]
+                fn write<const N: usize>(values: &[Self; N], rows: &mut [f32]) {
+                    $lanes::write(values, rows);
+                }
+            }
         }
-        #[inline(always)]
-        fn bits(mask: Mask) -> u32 {
-            mask.bits()
-        }
-        fn mask(bits: u32) -> Mask {
-            Mask::from_bits(bits)
-        }
-        #[inline(always)]
-        fn array(&self) -> &[f32; LANES] {
-            Lanes::array(self)
-        }
-        #[inline(always)]
-        fn read4(rows: &[f32]) -> [Self; 4] {
-            lanes_avx2::read4(rows)
-        }
-        #[inline(always)]
-        fn write<const N: usize>(values: &[Self; N], rows: &mut [f32]) {
-            lanes_avx2::write(values, rows);
-        }
-    }
+    };
 }
+#[cfg(target_arch = "x86_64")]
+in_registers!(avx2, lanes_avx2, with_avx2);
+#[cfg(target_arch = "x86_64")]
+in_registers!(avx512, lanes_avx512, with_avx512);

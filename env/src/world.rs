@@ -2,8 +2,10 @@
 
 mod fitting;
 
+use std::slice::{from_mut, from_ref};
+
 use crate::config::{EffectTable, Number, Ranged, numbers};
-use crate::effects::{self, Body, Cx, Fix, Frame, Reading, Stage};
+use crate::effects::{self, Body, Cx, Fix, Frame, Reading, Stage, Tiles};
 use crate::error::{Error, Result};
 use crate::model::{Model, Vertical, VerticalInput};
 use crate::noise::{Draw, Keys};
@@ -17,22 +19,40 @@ const NOMINAL_V: f64 = 3.7;
 /// Of a full lithium-polymer cell.
 const FULL_CELL_V: f64 = 4.2;
 
-/// The drones of one tile.
-#[derive(Debug, Clone)]
-struct Tile<R: Real> {
-    x: State<R>,
+/// Tiles that are stepped side by side: while one waits for a result, another computes.
+pub const GROUP: usize = 2;
+
+/// How far the episodes of a tile are.
+#[derive(Debug, Clone, Copy)]
+struct Age<R: Real> {
     keys: Keys<R>,
     /// Control ticks since the episode began, as a word for the noise and as a number for the time.
     tick: R::Word,
     ticks: R,
+}
+
+/// What the effects of a tile need besides the state.
+#[derive(Debug, Clone, Copy)]
+struct Tile<R: Real> {
+    /// Acceleration over the last physics step.
+    acc_mps2: [R; 3],
     /// Base-clock counts until the next camera frame.
     until_frame: R,
-    y: Reading<R>,
-    /// Acceleration over the last physics step, and the specific force that the IMU felt in it.
-    acc_mps2: [R; 3],
-    specific_mps2: [R; 3],
-    /// Control ticks since the world was made.
-    clock: usize,
+    /// The last marker pose, where effects film it.
+    fix: Fix<R>,
+}
+
+/// What the steps of a group of tiles hand to each other; kept because filling it anew costs more than a step of it.
+#[derive(Debug, Clone)]
+struct Group<R: Real> {
+    u: [Command<R>; GROUP],
+    push: [Push<R>; GROUP],
+    /// The states expected at the middle of a step.
+    middle: [State<R>; GROUP],
+    /// The states at which a camera frame of this tick was taken, in the lanes in which one was.
+    seen: [State<R>; GROUP],
+    captured: [R::Mask; GROUP],
+    frames: [Frame<R>; GROUP],
 }
 
 /// Speed at which the floor was hit, and whether the vehicle stands on it.
@@ -40,6 +60,23 @@ struct Tile<R: Real> {
 pub struct Contact<R: Real> {
     pub impact_mps: R,
     pub standing: R::Mask,
+}
+
+/// What a tick brought: returned, not kept, because a large batch waits for memory.
+#[derive(Debug, Clone, Copy)]
+pub struct Tick<R: Real> {
+    pub contact: Contact<R>,
+    pub reading: Reading<R>,
+}
+
+/// Times as numbers of the lanes, ready for use.
+#[derive(Debug, Clone, Copy)]
+struct Times<R> {
+    tick_s: R,
+    per_tick: R,
+    /// A physics step.
+    h_s: R,
+    per_h: R,
 }
 
 /// Lists of stages by hook, so that a tick calls only what has something to do.
@@ -60,6 +97,7 @@ pub struct World<R: Simulated> {
     steps_per_tick: u32,
     counts_per_step: u32,
     tick_s: f64,
+    times: Times<R>,
     gravity_mps2: R,
     floor: bool,
     /// See [`Cx::voltage_v`].
@@ -72,7 +110,13 @@ pub struct World<R: Simulated> {
     names: Vec<&'static str>,
     order: Order,
     drawn: Vec<(usize, Vec<Ranged>)>,
+    /// Of each tile: apart, because a step without effects needs no more than the first two.
+    states: Vec<State<R>>,
+    ages: Vec<Age<R>>,
     tiles: Vec<Tile<R>>,
+    /// Control ticks of each tile since the world was made.
+    clocks: Vec<usize>,
+    group: Group<R>,
 }
 
 /// Physics settings of a world.
@@ -120,14 +164,19 @@ impl<R: Simulated> World<R> {
             }
             stages.push((entry, stage));
         }
+        let tick_s = schedule.seconds(schedule.control);
+        let steps_per_tick = schedule.control / counts_per_step;
+        let h_s = tick_s / f64::from(steps_per_tick);
+        let times = Times { tick_s: R::of(tick_s), per_tick: R::of(1.0 / tick_s), h_s: R::of(h_s), per_h: R::of(1.0 / h_s) };
         let entries: Vec<_> = stages.iter().map(|(entry, _)| *entry).collect();
         Ok(World {
             schedule,
             body: body(model, settings.input)?,
             plant: Plant::new(model, settings.input, schedule.seconds(counts_per_step))?,
-            steps_per_tick: schedule.control / counts_per_step,
+            steps_per_tick,
             counts_per_step,
-            tick_s: schedule.seconds(schedule.control),
+            tick_s,
+            times,
             gravity_mps2: R::of(model.lateral.gravity.value),
             floor: true,
             voltage_v: None,
@@ -136,7 +185,11 @@ impl<R: Simulated> World<R> {
             names: Vec::new(),
             stages: stages.into_iter().map(|(_, stage)| stage).collect(),
             order,
+            states: vec![State::rest(); tiles],
+            ages: vec![Age { keys: Keys::new(), tick: R::Word::of(0), ticks: R::zero() }; tiles],
             tiles: vec![Tile::new(); tiles],
+            clocks: vec![0; tiles],
+            group: Group::new(),
         })
     }
 
@@ -154,42 +207,25 @@ impl<R: Simulated> World<R> {
     /// The true state of a tile.
     #[inline(always)]
     pub fn state(&self, tile: usize) -> &State<R> {
-        &self.tiles[tile].x
-    }
-
-    /// What was read at the end of the last tick, given to `f`. (Given, not returned: without effects nothing of it need be in memory.)
-    #[inline(always)]
-    pub fn reading<T>(&self, tile: usize, mut f: impl FnMut(&Reading<R>) -> T) -> T {
-        let t = &self.tiles[tile];
-        if !self.stages.is_empty() {
-            return f(&t.y);
-        }
-        f(&Reading {
-            marker: Fix::ideal(&t.x, self.time_s(tile)),
-            att_rad: t.x.att_rad,
-            gyro_radps: t.x.rate_radps,
-            acc_mps2: t.specific_mps2,
-            vbat_v: R::of(NOMINAL_V),
-        })
+        &self.states[tile]
     }
 
     /// Time since each lane's episode began.
     #[inline(always)]
     pub fn time_s(&self, tile: usize) -> R {
-        self.tiles[tile].ticks * R::of(self.tick_s)
+        self.ages[tile].ticks * self.times.tick_s
     }
 
     /// The noise of the current tick.
     #[inline(always)]
     pub fn draw(&self, tile: usize) -> Draw<'_, R> {
-        let t = &self.tiles[tile];
-        t.keys.at(&t.tick)
+        self.ages[tile].draw()
     }
 
     /// Prepare one lane for a new episode: its noise key and its drawn parameters. Call [`World::start`] for all such lanes after.
     pub fn draw_lane(&mut self, tile: usize, lane: usize, key: u64, rng: &mut rand_pcg::Pcg64Mcg) {
-        self.tiles[tile].keys.set_lane(lane, key);
-        self.tiles[tile].tick.set_lane(lane, 0);
+        self.ages[tile].keys.set_lane(lane, key);
+        self.ages[tile].tick.set_lane(lane, 0);
         let mut values = [0.0; 8];
         for (stage, numbers) in &self.drawn {
             let drawn = &mut values[..numbers.len()];
@@ -200,160 +236,216 @@ impl<R: Simulated> World<R> {
         }
     }
 
-    /// Begin episodes in the lanes of `mask` from the state `x`, with the command `u` in force until now. The reading of the other lanes
-    /// stays as it was.
+    /// Begin episodes in the lanes of `mask` from the state `x`, with the command `u` in force until now. The reading holds for those lanes
+    /// only.
     #[inline(always)]
-    pub fn start(&mut self, tile: usize, mask: R::Mask, x: &State<R>, u: &Command<R>) {
-        let t = &mut self.tiles[tile];
-        t.x = t.x.merge(mask, x);
-        t.ticks = R::select(mask, R::zero(), t.ticks);
+    pub fn start(&mut self, tile: usize, mask: R::Mask, x: &State<R>, u: &Command<R>) -> Reading<R> {
+        let (t, age) = (&mut self.tiles[tile], &mut self.ages[tile]);
+        let x = self.states[tile].merge(mask, x);
+        self.states[tile] = x;
+        age.ticks = R::select(mask, R::zero(), age.ticks);
         // one frame is taken as the episode begins
         t.until_frame = R::select(mask, R::of(f64::from(self.schedule.camera)), t.until_frame);
-        let (draw, tick_s) = (t.keys.at(&t.tick), self.tick_s);
-        let x = t.x;
-        let t_s = t.ticks * R::of(tick_s);
-        let cx = Cx {
-            body: &self.body,
-            h_s: tick_s,
-            tick_s,
-            since_tick_s: 0.0,
-            t_s,
-            first: true,
-            draw: &draw,
-            clock: t.clock,
-            voltage_v: self.voltage_v,
-        };
+        let (draw, tick_s) = (age.draw(), self.tick_s);
+        let t_s = age.ticks * self.times.tick_s;
+        let (clock, voltage_v) = (self.clocks[tile], self.voltage_v.as_ref());
+        let cx = Cx { body: &self.body, h_s: tick_s, tick_s, since_tick_s: 0.0, t_s, first: true, draw: &draw, clock, voltage_v };
         for stage in &mut self.stages {
             stage.start(tile, mask, &cx, &x, u);
         }
         let mut frame = Frame::of(&x, mask, cx.t_s);
         for &i in &self.order.frame {
-            self.stages[i].frame(tile, &cx, &x, &mut frame);
+            self.stages[i].frame(&Tiles { first: tile, cx: from_ref(&cx), x: from_ref(&x), u: &[] }, from_mut(&mut frame));
         }
         // whatever its latency, the pose from before the episode is known when it begins
         let none = [R::zero(); 3];
-        let mut y = Reading { marker: Fix { pos_m: none, yaw_rad: R::zero(), t_s: cx.t_s, valid: R::zero() }, ..t.y };
-        y.marker.deliver(mask, frame.pos_m, frame.yaw_rad, frame.t_s, frame.markers);
-        let rest = [R::zero(), R::zero(), self.gravity_mps2];
-        t.acc_mps2 = merge(mask, t.acc_mps2, [R::zero(); 3]);
-        t.specific_mps2 = merge(mask, t.specific_mps2, rest);
-        y.imu(&x, rest);
+        let mut marker = Fix { pos_m: none, yaw_rad: R::zero(), t_s: cx.t_s, valid: R::zero() };
+        marker.deliver(mask, frame.pos_m, frame.yaw_rad, frame.t_s, frame.markers);
+        t.acc_mps2 = merge(mask, t.acc_mps2, none);
+        let mut y = Reading::of(&x, [R::zero(), R::zero(), self.gravity_mps2], marker);
         for &i in &self.order.sense {
             self.stages[i].peek(tile, &cx, &x, u, &mut y);
         }
-        t.y = t.y.merge(mask, &y);
+        t.fix = t.fix.merge(mask, &y.marker);
+        y
     }
 
-    /// One control tick of one tile; read the outcome from [`World::state`] and [`World::reading`].
+    /// One control tick of one tile; the state is in [`World::state`].
     #[inline(always)]
-    pub fn step(&mut self, tile: usize, command: &Command<R>) -> Contact<R> {
-        if !self.stages.is_empty() || self.steps_per_tick != 1 || self.disturbance.is_some() {
-            return self.step_with_effects(tile, command);
+    pub fn step(&mut self, tile: usize, command: &Command<R>) -> Tick<R> {
+        if self.is_plain() {
+            return self.step_plain(tile, command);
         }
-        // The same with nothing to call: everything stays in registers.
-        let t = &mut self.tiles[tile];
-        t.tick = t.tick.add(R::Word::of(1));
-        t.ticks += R::of(1.0);
+        let mut tick = Tick::none();
+        self.step_group(tile, from_ref(command), from_mut(&mut tick));
+        tick
+    }
+
+    /// Nothing is called in a step, and a tick is one step: [`World::step_plain`] will do.
+    #[inline(always)]
+    pub fn is_plain(&self) -> bool {
+        self.stages.is_empty() && self.steps_per_tick == 1 && self.disturbance.is_none()
+    }
+
+    /// A step of a plain world: everything stays in registers.
+    #[inline(always)]
+    pub fn step_plain(&mut self, tile: usize, command: &Command<R>) -> Tick<R> {
+        let (x, age) = (&mut self.states[tile], &mut self.ages[tile]);
+        age.count();
         let mut contact = Contact::none();
-        let (mut next, _) = self.plant.advance(&t.x, command, &Push::none());
+        let (mut next, _) = self.plant.advance(x, command, &Push::none());
         if self.floor {
-            land(&mut next, t.x.pos_m[2], &mut contact);
+            land(&mut next, x.pos_m[2], &mut contact);
         }
-        let climb_mps2 = (next.vel_mps[2] - t.x.vel_mps[2]) * R::of(1.0 / self.tick_s);
-        t.specific_mps2 = [R::zero(), R::zero(), climb_mps2 + self.gravity_mps2];
-        t.x = next;
-        contact
+        let climb_mps2 = (next.vel_mps[2] - x.vel_mps[2]) * self.times.per_tick;
+        let specific_mps2 = [R::zero(), R::zero(), climb_mps2 + self.gravity_mps2];
+        *x = next;
+        Tick { contact, reading: Reading::of(&next, specific_mps2, Fix::ideal(&next, age.ticks * self.times.tick_s)) }
     }
 
+    /// One control tick of the tiles from `first` on, as many as there are commands, at most [`GROUP`].
+    ///
+    /// # Panics
+    /// Unless there are as many `ticks` as commands.
     #[inline(always)]
-    fn step_with_effects(&mut self, tile: usize, command: &Command<R>) -> Contact<R> {
-        let t = &mut self.tiles[tile];
-        t.tick = t.tick.add(R::Word::of(1));
-        t.clock += 1;
-        let filming = !self.order.frame.is_empty();
+    pub fn step_group(&mut self, first: usize, commands: &[Command<R>], ticks: &mut [Tick<R>]) {
+        let n = commands.len().min(GROUP);
+        assert!(n > 0 && ticks.len() == n);
+        let World { body, plant, states, ages, tiles, clocks, stages, order, times, group, voltage_v, disturbance, .. } = self;
+        let (states, tiles, ages) = (&mut states[first..first + n], &mut tiles[first..first + n], &mut ages[first..first + n]);
         let (tick_s, h_s) = (self.tick_s, self.tick_s / f64::from(self.steps_per_tick));
-        let draw = t.keys.at(&t.tick);
-        let mut cx = Cx {
-            body: &self.body,
-            h_s,
-            tick_s,
-            since_tick_s: 0.0,
-            t_s: t.ticks * R::of(tick_s),
-            first: true,
-            draw: &draw,
-            clock: t.clock,
-            voltage_v: self.voltage_v,
-        };
-        let mut contact = Contact::none();
-        let mut at_frame = None;
-        let undisturbed = self.disturbance.unwrap_or(Push::none());
-        let (mut u, mut push) = (*command, undisturbed);
+        let filming = Filming { counts_per_step: self.counts_per_step, schedule: self.schedule, h_s };
+        let (commanding, pushing, films) = (!order.command.is_empty(), !order.push.is_empty(), !order.frame.is_empty());
+        let undisturbed = disturbance.unwrap_or(Push::none());
+
+        for i in 0..n {
+            ages[i].count();
+            clocks[first + i] += 1;
+            ticks[i].contact = Contact::none();
+            group.captured[i] = R::nothing();
+            group.push[i] = undisturbed;
+            group.u[i] = commands[i];
+        }
+        // of the last tile where there are fewer
+        let b = n - 1;
+        let draws = [ages[0].draw(), ages[b].draw()];
+        let now = Now { body, h_s, tick_s, times, voltage_v: voltage_v.as_ref() };
+        let mut cx = [now.cx(&ages[0], &draws[0], clocks[first]), now.cx(&ages[b], &draws[1], clocks[first + b])];
         for step in 1..=self.steps_per_tick {
-            if !self.order.command.is_empty() {
-                u = *command;
-                for &i in &self.order.command {
-                    self.stages[i].command(tile, &cx, &t.x, &mut u);
+            if commanding {
+                group.u[..n].copy_from_slice(&commands[..n]);
+                let of = Tiles { first, cx: &cx[..n], x: states, u: &[] };
+                for &stage in &order.command {
+                    stages[stage].command(&of, &mut group.u[..n]);
                 }
             }
-            if !self.order.push.is_empty() {
-                push = undisturbed;
-                let middle = t.x.ahead(&t.acc_mps2, 0.5 * h_s);
-                for &i in &self.order.push {
-                    self.stages[i].push(tile, &cx, &middle, &u, &mut push);
+            if pushing {
+                for i in 0..n {
+                    group.push[i] = undisturbed;
+                    group.middle[i] = states[i].ahead(&tiles[i].acc_mps2, 0.5 * h_s);
+                }
+                let of = Tiles { first, cx: &cx[..n], x: &group.middle[..n], u: &group.u[..n] };
+                for &stage in &order.push {
+                    stages[stage].push(&of, &mut group.push[..n]);
                 }
             }
-            let (mut next, heading) = self.plant.advance(&t.x, &u, &push);
-            if self.floor {
-                land(&mut next, t.x.pos_m[2], &mut contact);
-            }
-            if filming {
-                let counts = R::of(f64::from(self.counts_per_step));
-                // counts from the frame to the end of this step: within it if 0 <= counts < counts_per_step
-                let left = R::of(f64::from(self.counts_per_step * step)) - t.until_frame;
-                let now = R::zero().le(left) & left.lt(counts);
-                if R::any(now) {
-                    let seen = t.x.look_back(&next, left * R::of(1.0 / f64::from(self.counts_per_step)), h_s);
-                    at_frame = Some(at_frame.map_or(seen, |before: State<R>| before.merge(now, &seen)));
+            for i in 0..n {
+                let (x, t, tick) = (&mut states[i], &mut tiles[i], &mut ticks[i]);
+                let (mut next, heading) = plant.advance(x, &group.u[i], &group.push[i]);
+                if self.floor {
+                    land(&mut next, x.pos_m[2], &mut tick.contact);
                 }
-            }
-            let per_h = R::of(1.0 / h_s);
-            t.acc_mps2 = tabulate(
-                #[inline(always)]
-                |i| (next.vel_mps[i] - t.x.vel_mps[i]) * per_h,
-            );
-            t.specific_mps2 = heading.specific(&push, t.acc_mps2[2] + self.gravity_mps2);
-            t.x = next;
-            cx.first = false;
-            cx.since_tick_s += h_s;
-            cx.t_s += R::of(h_s);
-        }
-        let began_s = t.ticks * R::of(tick_s);
-        t.ticks += R::of(1.0);
-        if self.stages.is_empty() {
-            return contact;
-        }
-        cx.t_s = t.ticks * R::of(tick_s);
-        t.y.imu(&t.x, t.specific_mps2);
-        if filming {
-            let captured = t.until_frame.le(R::of(f64::from(self.schedule.control)));
-            if let Some(x) = &at_frame {
-                let mut frame = Frame::of(x, captured, began_s + t.until_frame * R::of(self.schedule.seconds(1)));
-                cx.h_s = self.schedule.seconds(self.schedule.camera);
-                for &i in &self.order.frame {
-                    self.stages[i].frame(tile, &cx, x, &mut frame);
+                if films {
+                    filming.look(step, t.until_frame, [x, &next], &mut group.seen[i], &mut group.captured[i]);
                 }
-                t.y.marker.deliver(frame.captured, frame.pos_m, frame.yaw_rad, frame.t_s, frame.markers);
+                t.acc_mps2 = tabulate(
+                    #[inline(always)]
+                    |k| (next.vel_mps[k] - x.vel_mps[k]) * times.per_h,
+                );
+                tick.reading.acc_mps2 = heading.specific(&group.push[i], t.acc_mps2[2] + self.gravity_mps2);
+                *x = next;
+                cx[i].first = false;
+                cx[i].since_tick_s += h_s;
+                cx[i].t_s += times.h_s;
             }
-            let more = R::select(captured, R::of(f64::from(self.schedule.camera)), R::zero());
-            t.until_frame = t.until_frame + more - R::of(f64::from(self.schedule.control));
-        } else {
-            t.y.marker = Fix::ideal(&t.x, cx.t_s);
         }
-        cx.h_s = tick_s;
-        for &i in &self.order.sense {
-            self.stages[i].sense(tile, &cx, &t.x, &u, &mut t.y);
+        if films {
+            for i in 0..n {
+                let t_s = ages[i].began_s(times) + tiles[i].until_frame * R::of(self.schedule.seconds(1));
+                group.frames[i] = Frame::of(&group.seen[i], group.captured[i], t_s);
+                cx[i].t_s = ages[i].ticks * times.tick_s;
+                cx[i].h_s = self.schedule.seconds(self.schedule.camera);
+            }
+            let of = Tiles { first, cx: &cx[..n], x: &group.seen[..n], u: &[] };
+            for &stage in &order.frame {
+                stages[stage].frame(&of, &mut group.frames[..n]);
+            }
         }
-        contact
+        for i in 0..n {
+            cx[i].t_s = ages[i].ticks * times.tick_s;
+            cx[i].h_s = tick_s;
+            let marker =
+                if films { filming.deliver(group.captured[i], &group.frames[i], &mut tiles[i]) } else { Fix::ideal(&states[i], cx[i].t_s) };
+            ticks[i].reading = Reading::of(&states[i], ticks[i].reading.acc_mps2, marker);
+        }
+        let of = Tiles { first, cx: &cx[..n], x: states, u: &group.u[..n] };
+        for &stage in &order.sense {
+            stages[stage].sense(&of, ticks);
+        }
+        if films {
+            for i in 0..n {
+                tiles[i].fix = ticks[i].reading.marker;
+            }
+        }
+    }
+}
+
+/// What the hooks of a tick's first step are told about any tile.
+struct Now<'a, R> {
+    body: &'a Body<R>,
+    h_s: f64,
+    tick_s: f64,
+    times: &'a Times<R>,
+    voltage_v: Option<&'a R>,
+}
+
+impl<'a, R: Real> Now<'a, R> {
+    #[inline(always)]
+    fn cx(&self, age: &Age<R>, draw: &'a Draw<'a, R>, clock: usize) -> Cx<'a, R> {
+        let Now { body, h_s, tick_s, times, voltage_v } = *self;
+        Cx { body, h_s, tick_s, since_tick_s: 0.0, t_s: age.began_s(times), first: true, draw, clock, voltage_v }
+    }
+}
+
+/// When frames are taken.
+struct Filming {
+    counts_per_step: u32,
+    schedule: Schedule,
+    h_s: f64,
+}
+
+impl Filming {
+    /// Takes the frames that are due within a physics step.
+    #[inline(always)]
+    fn look<R: Real>(&self, step: u32, until_frame: R, [from, to]: [&State<R>; 2], seen: &mut State<R>, captured: &mut R::Mask) {
+        let counts = R::of(f64::from(self.counts_per_step));
+        // counts from the frame to the end of this step: within it if 0 <= counts < counts_per_step
+        let left = R::of(f64::from(self.counts_per_step * step)) - until_frame;
+        let now = R::zero().le(left) & left.lt(counts);
+        if R::any(now) {
+            let here = from.look_back(to, left * R::of(1.0 / f64::from(self.counts_per_step)), self.h_s);
+            *seen = if R::any(*captured) { seen.merge(now, &here) } else { here };
+            *captured = *captured | now;
+        }
+    }
+
+    /// Gives a tick's frame to the controller and says when the next one is due.
+    #[inline(always)]
+    fn deliver<R: Real>(&self, captured: R::Mask, frame: &Frame<R>, t: &mut Tile<R>) -> Fix<R> {
+        t.fix.deliver(frame.captured, frame.pos_m, frame.yaw_rad, frame.t_s, frame.markers);
+        let more = R::select(captured, R::of(f64::from(self.schedule.camera)), R::zero());
+        t.until_frame = t.until_frame + more - R::of(f64::from(self.schedule.control));
+        t.fix
     }
 }
 
@@ -462,28 +554,53 @@ impl<R: Real> Contact<R> {
     }
 }
 
-impl<R: Real> Reading<R> {
-    /// What the IMU and the battery show of a state, before any effect.
+impl<R: Real> Age<R> {
+    /// One more tick.
     #[inline(always)]
-    fn imu(&mut self, x: &State<R>, acc_mps2: [R; 3]) {
-        self.att_rad = x.att_rad;
-        self.gyro_radps = x.rate_radps;
-        self.acc_mps2 = acc_mps2;
-        self.vbat_v = R::of(NOMINAL_V);
+    fn count(&mut self) {
+        self.tick = self.tick.add(R::Word::of(1));
+        self.ticks += R::of(1.0);
     }
-
-    /// `other` in the lanes of `mask`.
+    /// The time at which the tick began that has been counted.
     #[inline(always)]
-    fn merge(&self, mask: R::Mask, other: &Self) -> Self {
-        let (a, b) = (&self.marker, &other.marker);
-        let [yaw_rad, t_s, valid] = merge(mask, [a.yaw_rad, a.t_s, a.valid], [b.yaw_rad, b.t_s, b.valid]);
-        Reading {
-            marker: Fix { pos_m: merge(mask, a.pos_m, b.pos_m), yaw_rad, t_s, valid },
-            att_rad: merge(mask, self.att_rad, other.att_rad),
-            gyro_radps: merge(mask, self.gyro_radps, other.gyro_radps),
-            acc_mps2: merge(mask, self.acc_mps2, other.acc_mps2),
-            vbat_v: R::select(mask, other.vbat_v, self.vbat_v),
+    fn began_s(&self, times: &Times<R>) -> R {
+        (self.ticks - R::of(1.0)) * times.tick_s
+    }
+    #[inline(always)]
+    fn draw(&self) -> Draw<'_, R> {
+        self.keys.at(&self.tick)
+    }
+}
+
+impl<R: Real> Group<R> {
+    fn new() -> Self {
+        let (x, nothing) = (State::rest(), R::nothing());
+        Group {
+            u: [Command::level(R::zero()); GROUP],
+            push: [Push::none(); GROUP],
+            middle: [x; GROUP],
+            seen: [x; GROUP],
+            captured: [nothing; GROUP],
+            frames: [Frame::of(&x, nothing, R::zero()); GROUP],
         }
+    }
+}
+
+impl<R: Real> Tick<R> {
+    /// To be written over.
+    #[inline(always)]
+    pub fn none() -> Self {
+        let (zero, none) = (R::zero(), [R::zero(); 3]);
+        let marker = Fix { pos_m: none, yaw_rad: zero, t_s: zero, valid: zero };
+        Tick { contact: Contact::none(), reading: Reading { marker, att_rad: none, gyro_radps: none, acc_mps2: none, vbat_v: zero } }
+    }
+}
+
+impl<R: Real> Reading<R> {
+    /// What the sensors show of a state, before any effect.
+    #[inline(always)]
+    fn of(x: &State<R>, acc_mps2: [R; 3], marker: Fix<R>) -> Self {
+        Reading { marker, att_rad: x.att_rad, gyro_radps: x.rate_radps, acc_mps2, vbat_v: R::of(NOMINAL_V) }
     }
 }
 
@@ -537,6 +654,13 @@ impl<R: Real> State<R> {
 }
 
 impl<R: Real> Fix<R> {
+    /// `other` in the lanes of `mask`.
+    #[inline(always)]
+    fn merge(&self, mask: R::Mask, other: &Self) -> Self {
+        let [yaw_rad, t_s, valid] = merge(mask, [self.yaw_rad, self.t_s, self.valid], [other.yaw_rad, other.t_s, other.valid]);
+        Fix { pos_m: merge(mask, self.pos_m, other.pos_m), yaw_rad, t_s, valid }
+    }
+
     /// Ideal localisation: the true pose, now.
     #[inline(always)]
     fn ideal(x: &State<R>, now_s: R) -> Self {
@@ -556,18 +680,7 @@ impl<R: Real> Heading<R> {
 impl<R: Real> Tile<R> {
     fn new() -> Self {
         let (zero, none) = (R::zero(), [R::zero(); 3]);
-        let marker = Fix { pos_m: none, yaw_rad: zero, t_s: zero, valid: zero };
-        let y = Reading { marker, att_rad: none, gyro_radps: none, acc_mps2: none, vbat_v: zero };
-        Tile {
-            x: State::rest(),
-            keys: Keys::new(),
-            tick: R::Word::of(0),
-            ticks: zero,
-            until_frame: R::of(1e9),
-            y,
-            acc_mps2: none,
-            specific_mps2: none,
-            clock: 0,
-        }
+        let fix = Fix { pos_m: none, yaw_rad: zero, t_s: zero, valid: zero };
+        Tile { acc_mps2: none, until_frame: R::of(1e9), fix }
     }
 }

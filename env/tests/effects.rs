@@ -32,14 +32,12 @@ fn fly<R: Simulated>(effects: &EffectTable, physics_hz: Option<u32>, seconds: f6
                 yaw_rate_radps: R::of(0.8 * libm::sin(0.9 * t)),
                 lift: R::of(39_500.0 + 1500.0 * libm::sin(1.7 * t)),
             };
-            world.step(0, &u);
+            let y = world.step(0, &u).reading;
             let x = world.state(0);
             let mut row: Vec<f64> = [x.pos_m, x.vel_mps, x.att_rad, x.rate_radps].iter().flatten().map(|v| v.lane(0)).collect();
-            world.reading(0, |y| {
-                let m = &y.marker;
-                let flat = [m.pos_m, y.att_rad, y.gyro_radps, y.acc_mps2];
-                row.extend(flat.iter().flatten().chain([&m.yaw_rad, &m.t_s, &m.valid, &y.vbat_v]).map(|v| v.lane(0)));
-            });
+            let m = &y.marker;
+            let flat = [m.pos_m, y.att_rad, y.gyro_radps, y.acc_mps2];
+            row.extend(flat.iter().flatten().chain([&m.yaw_rad, &m.t_s, &m.valid, &y.vbat_v]).map(|v| v.lane(0)));
             row
         })
         .collect()
@@ -184,10 +182,14 @@ fn forces_have_the_size_that_their_formula_says() {
 fn ground_effect_carries_more_near_the_floor() {
     let climb = |effects: &str, z: f64| hover(effects, VerticalInput::Thrust, 39_342.5, z, 0.02).vel_mps[2] / 0.02;
     for z in [0.05, 0.1, 0.2] {
-        let near: f64 = 0.0225 / (4.0 * (z + 0.03));
-        let expected = 9.81 * (1.0 / (1.0 - 8.0 * near * near) - 1.0);
-        let got = climb(r#"{"ground_effect": 8.0}"#, z);
-        assert!((got / expected - 1.0).abs() < 0.03, "at {z} m: {got} instead of {expected}");
+        for (rotors_m, effects) in
+            [(0.0, r#"{"ground_effect": 8.0}"#), (0.03, r#"{"ground_effect": {"coefficient": 8.0, "rotor_height_m": 0.03}}"#)]
+        {
+            let near: f64 = 0.0225 / (4.0 * (z + rotors_m));
+            let expected = 9.81 * (1.0 / (1.0 - 8.0 * near * near) - 1.0);
+            let got = climb(effects, z);
+            assert!((got / expected - 1.0).abs() < 0.03, "at {z} m: {got} instead of {expected}");
+        }
         let expected = 9.81 * (1.0 / (1.0 - 0.2 * (-0.5 * z / 0.0225_f64).exp()) - 1.0);
         let got = climb(r#"{"ground_effect_exp": 0.2}"#, z);
         assert!((got / expected - 1.0).abs() < 0.03, "at {z} m: {got} instead of {expected}");
@@ -234,9 +236,9 @@ fn marker(effects: &str, pitch: f64, seconds: f64) -> Vec<(f64, f64, [f64; 3])> 
     let u = Command { pitch_rad: pitch, ..Command::level(0.7 * 1.592 / 1.615) };
     (0..(50.0 * seconds) as usize)
         .map(|tick| {
-            world.step(0, &u);
+            let m = world.step(0, &u).reading.marker;
             let now = 0.02 * (tick + 1) as f64;
-            world.reading(0, |y| (now - y.marker.t_s, y.marker.valid, y.marker.pos_m))
+            (now - m.t_s, m.valid, m.pos_m)
         })
         .collect()
 }

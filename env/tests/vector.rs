@@ -94,7 +94,15 @@ fn the_same_bits_for_any_batch_threads_and_instruction_set() {
         };
         let reference = trajectory(1, 40, 40, &with(1, "baseline"), 200);
         assert!(reference.iter().any(|r| r[OBSERVATION + 1] == 1 || r[OBSERVATION + 2] == 1), "episodes end within the test");
+        let plain = |threads: usize, isa: &str| {
+            options(&format!(r#"{{"max_episode_steps": 70, "autoreset": "{mode}", "threads": {threads}, "isa": "{isa}"}}"#))
+        };
+        let bare = trajectory(1, 40, 40, &plain(1, "baseline"), 200);
         for level in Level::available() {
+            for (envs, first, threads) in [(1, 40, 1), (100, 0, 1), (100, 7, 3)] {
+                let same = trajectory(envs, first, 40, &plain(threads, level.name()), 200) == bare;
+                assert!(same, "{mode}, no effects: {envs} environments, {threads} threads, {} differ", level.name());
+            }
             for (envs, first, threads) in [(1, 40, 1), (3, 38, 1), (16, 40, 1), (17, 24, 1), (100, 0, 1), (100, 0, 2), (100, 7, 3)] {
                 let same = trajectory(envs, first, 40, &with(threads, level.name()), 200) == reference;
                 assert!(same, "{mode}: {envs} environments, {threads} threads, {} differ", level.name());
@@ -106,14 +114,17 @@ fn the_same_bits_for_any_batch_threads_and_instruction_set() {
 /// A change of this number is a change of the physics or of the noise: say so in the changelog.
 #[test]
 fn golden_hash() {
-    let o = options(&format!(r#"{{"effects": {EVERYTHING}, "vertical": "thrust", "max_episode_steps": 70}}"#));
-    let hash = trajectory(20, 0, 11, &o, 300)
-        .iter()
-        .flatten()
-        .fold(0xcbf2_9ce4_8422_2325_u64, |h, v| (h ^ u64::from(*v)).wrapping_mul(0x0100_0000_01b3));
-    assert_eq!(format!("{hash:016x}"), GOLDEN);
+    for level in Level::available() {
+        let isa = level.name();
+        let o = options(&format!(r#"{{"effects": {EVERYTHING}, "vertical": "thrust", "max_episode_steps": 70, "isa": "{isa}"}}"#));
+        let hash = trajectory(20, 0, 11, &o, 300)
+            .iter()
+            .flatten()
+            .fold(0xcbf2_9ce4_8422_2325_u64, |h, v| (h ^ u64::from(*v)).wrapping_mul(0x0100_0000_01b3));
+        assert_eq!(format!("{hash:016x}"), GOLDEN, "{isa}");
+    }
 }
-const GOLDEN: &str = "031b87789d4fc0d2";
+const GOLDEN: &str = "5187a9086b44fb18";
 
 #[test]
 fn a_seed_is_an_episode_and_the_next_one_differs() {

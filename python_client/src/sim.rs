@@ -128,7 +128,7 @@ impl Sim {
         self.shared(VectorEnv::tick_s)
     }
 
-    /// The instruction set in use: "baseline" or "avx2". The results are the same.
+    /// The instruction set in use: "baseline", "avx2" or "avx512". The results are the same.
     #[getter]
     fn isa(&self) -> PyResult<&'static str> {
         self.shared(|env| env.level().name())

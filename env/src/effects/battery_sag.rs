@@ -35,7 +35,7 @@ impl Effect<3, 4> for BatterySag {
             s[3] -= s[3] * fall * (R::of(1.0) - R::of(0.5) * fall);
             let reference = cx.body.battery_reference_v;
             let (voltage, full) = match cx.voltage_v {
-                Some(measured) => (measured, reference),
+                Some(measured) => (*measured, reference),
                 None => (open_circuit_v(s[0], s[3]) - resistance_ohm * current, reference - resistance_ohm * cx.body.hover_current_a),
             };
             s[2] = voltage.max(R::of(1.0));

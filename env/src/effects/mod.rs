@@ -9,7 +9,7 @@ use crate::noise::{Draw, channel};
 use crate::plant::{Command, Push, State};
 use crate::real::Real;
 
-pub(crate) use stage::{Build, Stage};
+pub(crate) use stage::{Build, Stage, Tiles};
 
 /// One parameter of an effect.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -182,7 +182,7 @@ pub struct Cx<'a, R: Real> {
     /// Control ticks of this tile since the world was made; the same for all its lanes.
     pub clock: usize,
     /// Battery voltage where a log holds it; otherwise the battery is simulated.
-    pub voltage_v: Option<R>,
+    pub voltage_v: Option<&'a R>,
 }
 
 /// A camera frame: the pose that the marker detection reports.
@@ -289,6 +289,8 @@ pub struct Entry {
     pub(crate) lanes: fn(Build) -> Box<dyn Stage<Lanes>>,
     #[cfg(target_arch = "x86_64")]
     pub(crate) avx2: fn(Build) -> Box<dyn Stage<crate::lanes_avx2::Lanes>>,
+    #[cfg(target_arch = "x86_64")]
+    pub(crate) avx512: fn(Build) -> Box<dyn Stage<crate::lanes_avx512::Lanes>>,
     pub(crate) double: fn(Build) -> Box<dyn Stage<f64>>,
     pub(crate) dual: fn(Build) -> Box<dyn Stage<Dual>>,
 }

@@ -6,6 +6,7 @@ use super::{Cx, Effect, Entry, Frame, Reading};
 use crate::plant::{Command, Push, State};
 use crate::real::Real;
 use crate::simulated::Simulated;
+use crate::world::Tick;
 
 /// How to build a stage.
 #[derive(Debug, Clone, Copy)]
@@ -15,7 +16,16 @@ pub struct Build {
     pub per_drone: bool,
 }
 
-/// A built effect: one virtual call per tile of drones, none per drone.
+/// The tiles for which a hook is called: those from `first` on, as many as the slices are long.
+pub struct Tiles<'a, R: Real> {
+    pub first: usize,
+    pub cx: &'a [Cx<'a, R>],
+    pub x: &'a [State<R>],
+    /// The commands in force; empty for hooks that have no use for them.
+    pub u: &'a [Command<R>],
+}
+
+/// A built effect: one virtual call per group of tiles, none per drone.
 pub trait Stage<R: Real>: Send {
     /// Set a lane's parameters.
     fn set(&mut self, tile: usize, lane: usize, params: &[f64]);
@@ -25,10 +35,10 @@ pub trait Stage<R: Real>: Send {
     fn visit(&mut self, only_lags: bool, see: &mut dyn FnMut(&mut R));
     /// Begin an episode in the lanes of `mask`.
     fn start(&mut self, tile: usize, mask: R::Mask, cx: &Cx<R>, x: &State<R>, u: &Command<R>);
-    fn command(&mut self, tile: usize, cx: &Cx<R>, x: &State<R>, u: &mut Command<R>);
-    fn push(&mut self, tile: usize, cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>);
-    fn frame(&mut self, tile: usize, cx: &Cx<R>, x: &State<R>, frame: &mut Frame<R>);
-    fn sense(&mut self, tile: usize, cx: &Cx<R>, x: &State<R>, u: &Command<R>, y: &mut Reading<R>);
+    fn command(&mut self, of: &Tiles<R>, u: &mut [Command<R>]);
+    fn push(&mut self, of: &Tiles<R>, out: &mut [Push<R>]);
+    fn frame(&mut self, of: &Tiles<R>, frames: &mut [Frame<R>]);
+    fn sense(&mut self, of: &Tiles<R>, ticks: &mut [Tick<R>]);
     /// As `sense`, but no state moves on: for the first reading of an episode, while the tile's other lanes are under way.
     fn peek(&self, tile: usize, cx: &Cx<R>, x: &State<R>, u: &Command<R>, y: &mut Reading<R>);
 }
@@ -50,6 +60,19 @@ impl<E: Effect<P, S>, R: Simulated, const P: usize, const S: usize> StageOf<E, R
             stride: usize::from(build.per_drone),
             effect: PhantomData,
         })
+    }
+}
+
+impl<E: Effect<P, S>, R: Simulated, const P: usize, const S: usize> StageOf<E, R, P, S> {
+    /// Calls `hook` with each tile's parameters and states.
+    #[inline(always)]
+    fn each(&mut self, of: &Tiles<R>, mut hook: impl FnMut(usize, &[R; P], &mut [R; S])) {
+        let (count, first) = (of.cx.len(), of.first);
+        let states = &mut self.states[first..first + count];
+        let params = if self.stride == 1 { &self.params[first..first + count] } else { &self.params[..1] };
+        for i in 0..count {
+            hook(i, &params[i * self.stride], &mut states[i]);
+        }
     }
 }
 
@@ -82,31 +105,59 @@ impl<E: Effect<P, S>, R: Simulated, const P: usize, const S: usize> Stage<R> for
         );
     }
 
-    fn command(&mut self, tile: usize, cx: &Cx<R>, x: &State<R>, u: &mut Command<R>) {
+    fn command(&mut self, of: &Tiles<R>, u: &mut [Command<R>]) {
         R::run(
             #[inline(always)]
-            || E::command(&self.params[tile * self.stride], &mut self.states[tile], cx, x, u),
+            || {
+                self.each(
+                    of,
+                    #[inline(always)]
+                    |i, p, s| E::command(p, s, &of.cx[i], &of.x[i], &mut u[i]),
+                );
+            },
         );
     }
 
-    fn push(&mut self, tile: usize, cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
+    fn push(&mut self, of: &Tiles<R>, out: &mut [Push<R>]) {
         R::run(
             #[inline(always)]
-            || E::push(&self.params[tile * self.stride], &mut self.states[tile], cx, x, u, out),
+            || {
+                self.each(
+                    of,
+                    #[inline(always)]
+                    |i, p, s| E::push(p, s, &of.cx[i], &of.x[i], &of.u[i], &mut out[i]),
+                );
+            },
         );
     }
 
-    fn frame(&mut self, tile: usize, cx: &Cx<R>, x: &State<R>, frame: &mut Frame<R>) {
+    fn frame(&mut self, of: &Tiles<R>, frames: &mut [Frame<R>]) {
         R::run(
             #[inline(always)]
-            || E::frame(&self.params[tile * self.stride], &mut self.states[tile], cx, x, frame),
+            || {
+                self.each(
+                    of,
+                    #[inline(always)]
+                    |i, p, s| {
+                        if R::any(frames[i].captured) {
+                            E::frame(p, s, &of.cx[i], &of.x[i], &mut frames[i]);
+                        }
+                    },
+                );
+            },
         );
     }
 
-    fn sense(&mut self, tile: usize, cx: &Cx<R>, x: &State<R>, u: &Command<R>, y: &mut Reading<R>) {
+    fn sense(&mut self, of: &Tiles<R>, ticks: &mut [Tick<R>]) {
         R::run(
             #[inline(always)]
-            || E::sense(&self.params[tile * self.stride], &mut self.states[tile], cx, x, u, y),
+            || {
+                self.each(
+                    of,
+                    #[inline(always)]
+                    |i, p, s| E::sense(p, s, &of.cx[i], &of.x[i], &of.u[i], &mut ticks[i].reading),
+                );
+            },
         );
     }
 
@@ -133,6 +184,8 @@ pub(super) const fn entry<E: Effect<P, S>, const P: usize, const S: usize>(_effe
         lanes: StageOf::<E, _, P, S>::boxed,
         #[cfg(target_arch = "x86_64")]
         avx2: StageOf::<E, _, P, S>::boxed,
+        #[cfg(target_arch = "x86_64")]
+        avx512: StageOf::<E, _, P, S>::boxed,
         double: StageOf::<E, _, P, S>::boxed,
         dual: StageOf::<E, _, P, S>::boxed,
     }

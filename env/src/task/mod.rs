@@ -13,12 +13,10 @@ use rand_pcg::Pcg64Mcg;
 use serde::de::DeserializeOwned;
 
 use crate::error::{Error, Result, unknown};
-use crate::lanes::Lanes;
 use crate::noise::Draw;
 use crate::observation::{ACTION, Setpoint, wrap};
 use crate::plant::State;
 use crate::real::{Real, tabulate};
-use crate::simulated::Simulated;
 use crate::world::Contact;
 
 /// Numbers that a task remembers per episode.
@@ -77,34 +75,10 @@ pub trait Task: Send + Sync + Sized + 'static {
     fn judge<R: Real>(&self, s: &Situation<R>) -> Verdict<R>;
 }
 
-/// A task as the batch of environments calls it: once per tile.
-pub(crate) trait Judge<R: Real>: Send + Sync {
-    fn start(&self, rng: &mut Pcg64Mcg) -> Start;
-    fn setpoint(&self, goal: &mut [R; GOAL], t_s: R, draw: &Draw<'_, R>) -> Setpoint<R>;
-    fn judge(&self, goal: &mut [R; GOAL], draw: &Draw<'_, R>, s: &mut Situation<R>) -> Verdict<R>;
-}
-
-struct JudgeOf<T>(T);
-
-impl<T: Task, R: Simulated> Judge<R> for JudgeOf<T> {
-    fn start(&self, rng: &mut Pcg64Mcg) -> Start {
-        self.0.start(rng)
-    }
-    fn setpoint(&self, goal: &mut [R; GOAL], t_s: R, draw: &Draw<'_, R>) -> Setpoint<R> {
-        R::run(
-            #[inline(always)]
-            || self.0.setpoint(goal, t_s, draw),
-        )
-    }
-    fn judge(&self, goal: &mut [R; GOAL], draw: &Draw<'_, R>, s: &mut Situation<R>) -> Verdict<R> {
-        R::run(
-            #[inline(always)]
-            || {
-                s.setpoint = self.0.setpoint(goal, s.t_s, draw);
-                self.0.judge(s)
-            },
-        )
-    }
+/// What is done with a task whose type is known only at run time.
+pub(crate) trait Visitor {
+    type Out;
+    fn visit<T: Task>(self, task: T) -> Result<Self::Out>;
 }
 
 /// A task as the rest of the program sees it.
@@ -116,22 +90,10 @@ pub struct Entry {
     /// The reward of one step, in words and formula.
     pub reward: &'static str,
     pub max_episode_steps: u32,
-    pub(crate) lanes: fn(&serde_json::Value) -> Result<Box<dyn Judge<Lanes>>>,
-    #[cfg(target_arch = "x86_64")]
-    pub(crate) avx2: fn(&serde_json::Value) -> Result<Box<dyn Judge<crate::lanes_avx2::Lanes>>>,
 }
 
 const fn entry<T: Task>() -> Entry {
-    Entry {
-        name: T::NAME,
-        id: T::ID,
-        about: T::ABOUT,
-        reward: T::REWARD,
-        max_episode_steps: T::MAX_EPISODE_STEPS,
-        lanes: |options| Ok(Box::new(JudgeOf(build::<T>(options)?))),
-        #[cfg(target_arch = "x86_64")]
-        avx2: |options| Ok(Box::new(JudgeOf(build::<T>(options)?))),
-    }
+    Entry { name: T::NAME, id: T::ID, about: T::ABOUT, reward: T::REWARD, max_episode_steps: T::MAX_EPISODE_STEPS }
 }
 
 fn build<T: Task>(options: &serde_json::Value) -> Result<T> {
@@ -141,11 +103,27 @@ fn build<T: Task>(options: &serde_json::Value) -> Result<T> {
     })
 }
 
-/// Every task.
-pub fn registry() -> &'static [Entry] {
-    static REGISTRY: &[Entry] = &[entry::<hover::Hover>(), entry::<takeoff::Takeoff>(), entry::<land::Land>(), entry::<track::Track>()];
-    REGISTRY
+macro_rules! registry {
+    ($($module:ident :: $task:ident),* $(,)?) => {
+        /// Every task.
+        pub fn registry() -> &'static [Entry] {
+            static REGISTRY: &[Entry] = &[$(entry::<$module::$task>()),*];
+            REGISTRY
+        }
+
+        /// The task `name`, made with `options`, given to `visitor`.
+        ///
+        /// # Errors
+        /// [`Error::Unknown`] with a proposal, [`Error::Config`] and [`Error::Range`] for the options, and what the visitor returns.
+        pub(crate) fn visit<V: Visitor>(name: &str, options: &serde_json::Value, visitor: V) -> Result<V::Out> {
+            match find(name)?.name {
+                $($module::$task::NAME => visitor.visit(build::<$module::$task>(options)?),)*
+                _ => Err(Error::Config(format!("the task {name} cannot be built"))),
+            }
+        }
+    };
 }
+registry![hover::Hover, takeoff::Takeoff, land::Land, track::Track];
 
 /// The entry of a task.
 ///

@@ -3,7 +3,7 @@
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 
-use super::find;
+use super::{Task, Visitor};
 use crate::error::Result;
 use crate::lanes::Lanes;
 use crate::noise::Keys;
@@ -15,21 +15,36 @@ use crate::real::{Real, Word};
 /// # Errors
 /// [`crate::Error::Unknown`] for the name of the task, [`crate::Error::Config`] and [`crate::Error::Range`] for its options.
 pub fn path(name: &str, options: &serde_json::Value, tick_s: f64, ticks: u32) -> Result<Vec<[f32; 3]>> {
-    let judge = (find(name)?.lanes)(options)?;
+    super::visit(name, options, Path { tick_s, ticks })
+}
+
+struct Path {
+    tick_s: f64,
+    ticks: u32,
+}
+
+impl Visitor for Path {
+    type Out = Vec<[f32; 3]>;
+    fn visit<T: Task>(self, task: T) -> Result<Self::Out> {
+        Ok(path_of(&task, self.tick_s, self.ticks))
+    }
+}
+
+fn path_of(task: &impl Task, tick_s: f64, ticks: u32) -> Vec<[f32; 3]> {
     let walk = |key: u64| -> Vec<[f32; 3]> {
         let mut keys = Keys::<Lanes>::new();
         keys.set_lane(0, key);
-        let mut goal = judge.start(&mut Pcg64Mcg::seed_from_u64(key)).goal.map(Lanes::of);
+        let mut goal = task.start(&mut Pcg64Mcg::seed_from_u64(key)).goal.map(Lanes::of);
         let at = |tick: u32| {
             let word = <Lanes as Real>::Word::of(tick);
             let draw = keys.at(&word);
-            judge.setpoint(&mut goal, Lanes::of(f64::from(tick) * tick_s), &draw).pos_m.map(|p| p.lane(0) as f32)
+            task.setpoint(&mut goal, Lanes::of(f64::from(tick) * tick_s), &draw).pos_m.map(|p| p.lane(0) as f32)
         };
         (0..ticks).map(at).collect()
     };
     let (path, other) = (walk(0), walk(1));
     let still = path.windows(2).all(|pair| pair[0] == pair[1]);
-    Ok(if still || path != other { Vec::new() } else { path })
+    if still || path != other { Vec::new() } else { path }
 }
 
 #[cfg(test)]

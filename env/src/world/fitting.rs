@@ -1,10 +1,12 @@
 //! What fitting needs of a world beyond stepping it: effects that stay in the loop at whatever value, parameters and states that carry
 //! derivatives, and a camera frame at any time.
 
+use std::slice::{from_mut, from_ref};
+
 use super::{Settings, State, World, active, body};
 use crate::config::{EffectTable, Number};
 use crate::dual::Dual;
-use crate::effects::{self, Body, Cx, Entry, Frame};
+use crate::effects::{self, Body, Cx, Entry, Frame, Tiles};
 use crate::error::{Error, Result};
 use crate::model::Model;
 use crate::plant::{Plant, Push};
@@ -44,7 +46,7 @@ impl<R: Simulated> World<R> {
 
     /// Take another state and leave what effects remember (of past commands, say) as it is.
     pub fn set_state(&mut self, x: &State<R>) {
-        self.tiles[0].x = *x;
+        self.states[0] = *x;
         self.tiles[0].acc_mps2 = [R::zero(); 3];
     }
 
@@ -64,7 +66,7 @@ impl<R: Simulated> World<R> {
 
     /// Say how long the flight has lasted, for effects that grow with time.
     pub fn set_time(&mut self, t_s: f64) {
-        self.tiles[0].ticks = R::of(t_s / self.tick_s);
+        self.ages[0].ticks = R::of(t_s / self.tick_s);
     }
 
     /// Push the vehicle, from now on, besides what effects do.
@@ -86,8 +88,7 @@ impl<R: Simulated> World<R> {
     pub fn film(&mut self, x: &State<R>, t_s: R) -> Frame<R> {
         let all = R::zero().le(R::zero());
         let mut frame = Frame::of(x, all, t_s);
-        let t = &self.tiles[0];
-        let draw = t.keys.at(&t.tick);
+        let draw = self.ages[0].draw();
         let h_s = self.schedule.seconds(self.schedule.camera);
         let cx = Cx {
             body: &self.body,
@@ -97,11 +98,11 @@ impl<R: Simulated> World<R> {
             t_s,
             first: true,
             draw: &draw,
-            clock: t.clock,
-            voltage_v: self.voltage_v,
+            clock: self.clocks[0],
+            voltage_v: self.voltage_v.as_ref(),
         };
         for &i in &self.order.frame {
-            self.stages[i].frame(0, &cx, x, &mut frame);
+            self.stages[i].frame(&Tiles { first: 0, cx: from_ref(&cx), x: from_ref(x), u: &[] }, from_mut(&mut frame));
         }
         frame
     }

@@ -241,9 +241,9 @@ impl Worker {
         self.states.push(start);
         for tick in window.ticks.clone() {
             world.set_voltage(flight.voltage_v(tick as isize).map(Dual::of));
-            world.step(0, &dual(flight.command(tick as isize)));
+            let y = world.step(0, &dual(flight.command(tick as isize))).reading;
             let x = world.state(0);
-            self.offsets.push(world.reading(0, |y| std::array::from_fn(|i| y.att_rad[i] - x.att_rad[i])));
+            self.offsets.push(std::array::from_fn(|i| y.att_rad[i] - x.att_rad[i]));
             self.states.push(*x);
         }
     }

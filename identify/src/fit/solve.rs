@@ -296,7 +296,8 @@ mod tests {
         assert!((found.shared[0] - 0.8).abs() < 0.02 && (found.shared[1] - 0.1).abs() < 0.03, "{:?}", found.shared);
         assert!((found.own[4][0] - 4.0).abs() < 0.02, "{:?}", found.own[4]);
         let sd = found.covariance(&(0..10).collect::<Vec<_>>()).unwrap();
-        assert!(sd[(0, 0)].sqrt() < 0.02 && sd[(0, 0)] > 0.0, "{sd}");
+        // the inverse of the information that 20 points, one of them an outlier of weight 0.1, give in each of 10 windows
+        assert!((sd[(0, 0)].sqrt() / 0.0128 - 1.0).abs() < 0.1, "{sd}");
     }
 
     #[test]

@@ -36,7 +36,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         observation: "flat" for Box(24), "dict" for a Dict by field.
         true_state: give the true state, float32 (12,), as info["true_state"]; its layout is STATE_FIELDS.
         render_mode: None, "rgb_array", or "human" for the terminal.
-        isa: "baseline" or "avx2"; by default the best of the machine. The results are the same.
+        isa: "baseline", "avx2" or "avx512"; by default the best of the machine. The results are the same.
 
     Raises:
         ValueError: naming the argument that is wrong, with a proposal where a name is unknown.

@@ -258,7 +258,10 @@ _mode = autoreset_mode
 
 def _set(envs: int) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray]:
     """Return the arrays that a step writes."""
-    rows, rewards = np.zeros((envs, WIDTH), np.float32), np.zeros(envs, np.float32)
+    # rows that begin at a cache line are written faster
+    room = np.zeros(envs * WIDTH + 16, np.float32)
+    skip = -room.ctypes.data % 64 // room.itemsize
+    rows, rewards = room[skip : skip + envs * WIDTH].reshape(envs, WIDTH), np.zeros(envs, np.float32)
     return rows, rewards, np.zeros(envs, np.bool_), np.zeros(envs, np.bool_)
 
 
