@@ -1,0 +1,146 @@
+//! The simulator on numbers with derivatives: the values of `f64`, and slopes that differences confirm, for every effect that changes what is
+//! expected.
+
+use crazyflie_env::dual::Dual;
+use crazyflie_env::effects::{Entry, Role, Trace, registry};
+use crazyflie_env::model::{Model, VerticalInput};
+use crazyflie_env::plant::{Command, State};
+use crazyflie_env::real::Real;
+use crazyflie_env::simulated::Simulated;
+use crazyflie_env::world::{Settings, World};
+
+const SETTINGS: Settings = Settings { input: VerticalInput::Thrust, physics_hz: None };
+const TICKS: usize = 40;
+
+fn model() -> Model {
+    let mut model = Model::thesis();
+    model.rig.camera.value = 1.0;
+    model
+}
+
+/// A lively flight: position, velocity, attitude reading, position in a frame with its stamp.
+fn fly<R: Simulated>(entry: &'static Entry, params: &[R], start: [R; 12]) -> Vec<R> {
+    let mut world = World::<R>::for_fitting(&model(), &[entry], SETTINGS).unwrap();
+    world.put(entry.name, params).unwrap();
+    let three = |i: usize| [start[i], start[i + 1], start[i + 2]];
+    let x = State { pos_m: three(0), vel_mps: three(3), att_rad: three(6), rate_radps: three(9), aux: [start[5], R::zero()] };
+    let command = |k: usize| {
+        let wave = |hz: f64, phase: f64| (k as f64 * 0.02 * hz * std::f64::consts::TAU + phase).sin();
+        Command {
+            roll_rad: R::of(0.15 * wave(1.1, 0.3)),
+            pitch_rad: R::of(0.2 * wave(0.7, 1.0)),
+            yaw_rate_radps: R::of(0.8 * wave(0.5, 0.1)),
+            lift: R::of(39_342.0 * (1.0 + 0.1 * wave(0.9, 0.5))),
+        }
+    };
+    world.start(0, R::zero().le(R::zero()), &x, &command(0));
+    world.set_voltage(Some(R::of(3.8)));
+    let mut attitude = [R::zero(); 3];
+    for k in 0..TICKS {
+        let reading = world.step(0, &command(k)).reading;
+        attitude = reading.att_rad;
+    }
+    let x = *world.state(0);
+    let frame = world.film(&x, R::of(1.0));
+    [x.pos_m.as_slice(), &x.vel_mps, &attitude, &frame.pos_m, &[frame.t_s]].concat()
+}
+
+fn start() -> [f64; 12] {
+    [0.1, -0.2, 0.25, 0.6, -0.4, 0.3, 0.05, -0.08, 0.4, 0.2, -0.1, 0.3]
+}
+
+/// Away from "off", where limits, dead bands and lags have slopes.
+fn lively(entry: &Entry) -> Vec<f64> {
+    let value = |p: &crazyflie_env::effects::Param| match p.role {
+        Role::Choice => 2.0,
+        _ if p.name == "tilt_deg" && p.off == 90.0 => 6.0,
+        _ => p.off + 0.13 * if p.high > p.off { p.high - p.off } else { p.low - p.off },
+    };
+    entry.params.iter().map(value).collect()
+}
+
+#[test]
+fn values_are_those_of_f64_and_slopes_those_of_differences() {
+    for entry in registry().iter().filter(|e| matches!(e.trace, Trace::Mean | Trace::StandIn)) {
+        let at = lively(entry);
+        let plain = fly(entry, &at, start());
+        for (i, param) in entry.params.iter().enumerate().filter(|(_, p)| p.role == Role::Free) {
+            let mut params: Vec<Dual> = at.iter().map(|v| Dual::of(*v)).collect();
+            params[i] = Dual::variable(at[i], 5);
+            let dual = fly(entry, &params, start().map(Dual::of));
+            let h = 1e-6 * (param.high - param.low);
+            let moved = |by: f64| {
+                let mut to = at.clone();
+                to[i] += by;
+                fly(entry, &to, start())
+            };
+            let (up, down) = (moved(h), moved(-h));
+            for (k, number) in dual.iter().enumerate() {
+                assert_eq!(number.value, plain[k], "{} output {k}", entry.name);
+                let difference = (up[k] - down[k]) / (2.0 * h);
+                let scale = 1e-3 / (param.high - param.low) + difference.abs();
+                assert!((number.slope[5] - difference).abs() < 2e-3 * scale, "{}.{} output {k}: {} against {difference}", entry.name, param.name, number.slope[5]);
+            }
+        }
+    }
+}
+
+#[test]
+fn the_start_has_slopes_too() {
+    let entry = registry().iter().find(|e| e.name == "drag_quadratic").unwrap();
+    for direction in 0..12 {
+        let mut x = start().map(Dual::of);
+        x[direction] = Dual::variable(x[direction].value, direction);
+        let dual = fly(entry, &[Dual::of(0.4)], x);
+        let moved = |by: f64| {
+            let mut x = start();
+            x[direction] += by;
+            fly(entry, &[0.4], x)
+        };
+        let (up, down) = (moved(1e-6), moved(-1e-6));
+        for (k, number) in dual.iter().enumerate() {
+            let difference = (up[k] - down[k]) / 2e-6;
+            assert!((number.slope[direction] - difference).abs() < 1e-5, "start {direction} output {k}: {} against {difference}", number.slope[direction]);
+        }
+    }
+}
+
+#[test]
+fn an_offset_of_the_centre_of_mass_settles_at_its_angle() {
+    let entry = registry().iter().find(|e| e.name == "com_offset").unwrap();
+    let mut world = World::<f64>::for_fitting(&model(), &[entry], SETTINGS).unwrap();
+    world.put("com_offset", &[2.0, -1.0]).unwrap();
+    world.start(0, true, &State::rest(), &Command::level(39_342.0));
+    for _ in 0..500 {
+        world.step(0, &Command::level(39_342.0));
+    }
+    let angles = world.state(0).att_rad.map(f64::to_degrees);
+    assert!((angles[0] - 2.0).abs() < 1e-6 && (angles[1] + 1.0).abs() < 1e-6, "{angles:?}");
+}
+
+#[test]
+fn a_drifting_heading_is_read_and_not_flown() {
+    let entry = registry().iter().find(|e| e.name == "yaw_drift").unwrap();
+    let mut world = World::<f64>::for_fitting(&model(), &[entry], SETTINGS).unwrap();
+    world.put("yaw_drift", &[3.0]).unwrap();
+    world.start(0, true, &State::rest(), &Command::level(39_342.0));
+    let mut read = 0.0;
+    for _ in 0..50 {
+        let reading = world.step(0, &Command::level(39_342.0)).reading;
+        read = reading.att_rad[2].to_degrees();
+    }
+    assert!((read - 3.0).abs() < 1e-9 && world.state(0).att_rad[2] == 0.0, "{read}");
+}
+
+#[test]
+fn a_late_stamp_and_a_turned_marker_frame_show_in_the_frame() {
+    let entries: Vec<&'static Entry> = registry().iter().filter(|e| e.name == "frame_yaw" || e.name == "camera_latency").collect();
+    let mut world = World::<f64>::for_fitting(&model(), &entries, SETTINGS).unwrap();
+    world.put("frame_yaw", &[90.0]).unwrap();
+    world.put("camera_latency", &[0.0, 0.04]).unwrap();
+    let x = State { pos_m: [1.0, 0.0, 0.5], ..State::rest() };
+    let frame = world.film(&x, 2.0);
+    // seen from a frame turned to the left, what lies ahead lies to the right
+    assert!((frame.pos_m[0]).abs() < 1e-9 && (frame.pos_m[1] + 1.0).abs() < 1e-9, "{:?}", frame.pos_m);
+    assert!((frame.t_s - 2.04).abs() < 1e-12 && (frame.yaw_rad + std::f64::consts::FRAC_PI_2).abs() < 1e-12);
+}
