@@ -2,7 +2,9 @@
 #![forbid(unsafe_code)]
 
 mod cli;
+mod explained;
 mod flight;
+mod score;
 mod scorecard;
 
 pub use cli::main_from;

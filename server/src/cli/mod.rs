@@ -1,6 +1,8 @@
 //! Commands, one file each. A command writes to `out` and returns what went wrong; only [`main_from`] talks to the process.
 
 mod effects;
+mod explain;
+mod explain_table;
 mod failure;
 mod files;
 mod fly;
@@ -8,6 +10,8 @@ mod fly_table;
 mod model;
 mod replay;
 mod replay_table;
+mod score;
+mod score_table;
 mod scorecard;
 mod tasks;
 mod text;
@@ -16,17 +20,18 @@ use std::io::{self, Write};
 
 use clap::{Parser, Subcommand};
 
-pub(crate) use failure::{Failure, Outcome};
+pub(crate) use failure::{Failure, Outcome, with_cause};
 pub(crate) use text::{Table, number};
 
 const EXAMPLES: &str = "\
 Examples:
   crazyflie fly --task fly-80cm --picture flight.svg
   crazyflie replay flight.csv
+  crazyflie explain my.toml --fit flight1.csv --test flight2.csv --out found/
   crazyflie scorecard
   crazyflie effects";
 
-/// Flies, replays and measures the Crazyflie that the TU Darmstadt thesis identified.
+/// Flies, replays, explains and measures the Crazyflie that the TU Darmstadt thesis identified.
 #[derive(Debug, Parser)]
 #[command(name = "crazyflie", bin_name = "crazyflie", version, after_help = EXAMPLES, max_term_width = 110)]
 struct Cli {
@@ -38,6 +43,8 @@ struct Cli {
 enum Command {
     Fly(fly::Args),
     Replay(replay::Args),
+    Explain(explain::Args),
+    Score(score::Args),
     Scorecard(scorecard::Args),
     Effects(effects::Args),
     Tasks(tasks::Args),
@@ -69,6 +76,8 @@ fn run(command: &Command, out: &mut dyn Write) -> Outcome {
     match command {
         Command::Fly(args) => fly::run(args, out),
         Command::Replay(args) => replay::run(args, out),
+        Command::Explain(args) => explain::run(args, out),
+        Command::Score(args) => score::run(args, out),
         Command::Scorecard(args) => scorecard::run(args, out),
         Command::Effects(args) => effects::run(args, out),
         Command::Tasks(args) => tasks::run(args, out),
