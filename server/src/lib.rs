@@ -2,8 +2,10 @@
 #![forbid(unsafe_code)]
 
 mod cli;
+mod explained;
 mod flight;
 mod recovery;
+mod score;
 mod scorecard;
 
 pub use cli::main_from;

@@ -43,6 +43,20 @@ impl fmt::Display for Failure {
     }
 }
 
+/// An error with all that caused it; what an error repeats of its cause is said once.
+pub(crate) fn with_cause(error: &dyn std::error::Error) -> String {
+    let mut text = error.to_string();
+    let mut cause = error.source();
+    while let Some(now) = cause {
+        let more = now.to_string();
+        if !text.contains(&more) {
+            text = format!("{text}: {more}");
+        }
+        cause = now.source();
+    }
+    text
+}
+
 /// Names, ranges and options come from the command line; a model comes from a file.
 impl From<EnvError> for Failure {
     fn from(error: EnvError) -> Self {

@@ -128,7 +128,7 @@ fn read(paths: &[PathBuf]) -> Outcome<Vec<(String, FlightLog)>> {
         if alone { short(path) } else { path.display().to_string() }
     };
     let one = |path: &PathBuf| {
-        let log = FlightLog::read(path).map_err(|e| Failure::Failed(super::replay::with_cause(&e)))?;
+        let log = FlightLog::read(path).map_err(|e| Failure::Failed(super::with_cause(&e)))?;
         Ok((name(path), log))
     };
     paths.iter().map(one).collect()

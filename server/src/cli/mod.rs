@@ -1,6 +1,8 @@
 //! Commands, one file each. A command writes to `out` and returns what went wrong; only [`main_from`] talks to the process.
 
 mod effects;
+mod explain;
+mod explain_table;
 mod failure;
 mod files;
 mod fly;
@@ -12,6 +14,8 @@ mod identify_thesis;
 mod model;
 mod replay;
 mod replay_table;
+mod score;
+mod score_table;
 mod scorecard;
 mod tasks;
 mod text;
@@ -20,7 +24,7 @@ use std::io::{self, Write};
 
 use clap::{Parser, Subcommand};
 
-pub(crate) use failure::{Failure, Outcome};
+pub(crate) use failure::{Failure, Outcome, with_cause};
 pub(crate) use text::{Table, number};
 
 const EXAMPLES: &str = "\
@@ -28,10 +32,11 @@ Examples:
   crazyflie fly --task fly-80cm --picture flight.svg
   crazyflie replay flight.csv
   crazyflie identify --fit flight.csv --out my.toml
+  crazyflie explain my.toml --fit flight1.csv --test flight2.csv --out found/
   crazyflie scorecard
   crazyflie effects";
 
-/// Flies, replays, identifies and measures the Crazyflie that the TU Darmstadt thesis identified.
+/// Flies, replays, identifies, explains and measures the Crazyflie that the TU Darmstadt thesis identified.
 #[derive(Debug, Parser)]
 #[command(name = "crazyflie", bin_name = "crazyflie", version, after_help = EXAMPLES, max_term_width = 110)]
 struct Cli {
@@ -44,6 +49,8 @@ enum Command {
     Fly(fly::Args),
     Replay(replay::Args),
     Identify(identify::Args),
+    Explain(explain::Args),
+    Score(score::Args),
     Scorecard(scorecard::Args),
     Effects(effects::Args),
     Tasks(tasks::Args),
@@ -76,6 +83,8 @@ fn run(command: &Command, out: &mut dyn Write) -> Outcome {
         Command::Fly(args) => fly::run(args, out),
         Command::Replay(args) => replay::run(args, out),
         Command::Identify(args) => identify::run(args, out),
+        Command::Explain(args) => explain::run(args, out),
+        Command::Score(args) => score::run(args, out),
         Command::Scorecard(args) => scorecard::run(args, out),
         Command::Effects(args) => effects::run(args, out),
         Command::Tasks(args) => tasks::run(args, out),

@@ -9,6 +9,7 @@ use crazyflie_identify::replay::{Hover, Plan, Replay, replay};
 use indicatif::ProgressBar;
 use serde_json::json;
 
+use super::failure::with_cause;
 use super::{Failure, Outcome, files, replay_table};
 
 const EXAMPLES: &str = "\
@@ -132,14 +133,6 @@ fn fly_again(args: &Args, model: &Model, path: &Path) -> Outcome<Flown> {
         runs.push((horizon_s, done));
     }
     Ok(Flown { file, log, runs })
-}
-
-/// An error with what caused it.
-pub(super) fn with_cause(error: &dyn std::error::Error) -> String {
-    match error.source() {
-        Some(cause) => format!("{error}: {cause}"),
-        None => error.to_string(),
-    }
 }
 
 fn draw(args: &Args, flown: &[Flown]) -> Outcome {

@@ -1,0 +1,80 @@
+//! What `crazyflie explain` prints.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use crazyflie_identify::explain::errors::{Errors, HORIZONS};
+use crazyflie_identify::explain::verdict::Explanation;
+
+use super::{Outcome, Table, number};
+use crate::explained::{Run, change_percent, confusable, findings, horizon, p_value, sentence, signed, significant, with_error};
+
+pub(super) fn print(run: &Run, written: &[PathBuf], out: &mut dyn Write) -> Outcome {
+    let found = &run.found;
+    writeln!(out, "{}\n", sentence(found))?;
+    if !(found.effects.is_empty() && found.partial.is_empty()) {
+        writeln!(
+            out,
+            "{}worth: log-likelihood lost without the effect, on the flights of the fit and of the test\n",
+            effects(found).plain()
+        )?;
+    }
+    for effect in found.effects.iter().filter(|e| !e.manoeuvre.is_empty()) {
+        writeln!(out, "to tell {} from {}: {}", effect.name, confusable(effect), effect.manoeuvre)?;
+    }
+    left(found, out)?;
+    writeln!(out, "\nerrors of prediction on the test flights, RMS\n{}", errors(&found.errors).plain())?;
+    let names: Vec<String> = written.iter().map(|p| p.display().to_string()).collect();
+    Ok(writeln!(out, "written in {} s: {}", number(found.seconds, 0), names.join(", "))?)
+}
+
+fn effects(found: &Explanation) -> Table {
+    let mut table = Table::new(&["effect", "parameter", "value", "unit", "worth, fit", "test", "or instead"]).left(&[1, 2, 3, 6]);
+    for effect in found.effects.iter().chain(&found.partial) {
+        for (i, e) in effect.params.iter().enumerate() {
+            // what concerns the effect stands in its first line only
+            let once = |text: String| if i == 0 { text } else { String::new() };
+            table.row(vec![
+                once(effect.name.into()),
+                e.name.into(),
+                with_error(e.value, e.stderr),
+                e.unit.into(),
+                once(number(effect.worth_fit, 0)),
+                once(number(effect.worth_test, 0)),
+                once(confusable(effect)),
+            ]);
+        }
+    }
+    table
+}
+
+fn left(found: &Explanation, out: &mut dyn Write) -> Outcome {
+    let all = findings(found);
+    if all.is_empty() {
+        return Ok(writeln!(out, "left: nothing beyond chance")?);
+    }
+    for one in all {
+        writeln!(out, "left: {}, {}", one.signal, one.finding)?;
+    }
+    Ok(())
+}
+
+fn errors(errors: &Errors) -> Table {
+    let mut table = Table::new(&["", "ahead", "declared", "completed", "no model", "change", "p"]).left(&[1]);
+    let quantities = [("position (m)", 1.0), ("velocity (m/s)", 1.0), ("attitude (deg)", 1.0_f64.to_radians())];
+    for (q, (name, one)) in quantities.into_iter().enumerate() {
+        for h in 0..HORIZONS.len() {
+            let [before, after, naive] = [&errors.before, &errors.after, &errors.naive].map(|t| t[q][h] / one);
+            table.row(vec![
+                if h == 0 { name.into() } else { String::new() },
+                horizon(h),
+                significant(before, 3),
+                significant(after, 3),
+                significant(naive, 3),
+                change_percent(before, after).map_or("-".into(), signed),
+                p_value(errors.p_value[q][h]),
+            ]);
+        }
+    }
+    table
+}

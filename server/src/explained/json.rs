@@ -1,0 +1,73 @@
+//! An explanation for machines. What is not a number is null.
+
+use crazyflie_env::effects::find;
+use crazyflie_identify::explain::errors::{HORIZONS, Table};
+use crazyflie_identify::explain::verdict::{Explanation, Named, Verdict};
+use crazyflie_identify::fit::filter::{Disturbances, Wander};
+use serde_json::{Map, Value, json};
+
+use super::{Run, sentence};
+
+/// Keys of the predicted quantities, in the order of the errors' tables.
+const QUANTITIES: [&str; 3] = ["position_m", "velocity_mps", "attitude_rad"];
+
+/// The object that is printed and stands beside the page; `files` are those written.
+pub(crate) fn as_json(run: &Run, files: &Value) -> Value {
+    let found = &run.found;
+    let errors = &found.errors;
+    let [before, after] = found.disturbances.map(|d| disturbances(&d));
+    let names = |flights: &super::Flights| flights.sources.iter().map(|s| s.file.clone()).collect::<Vec<_>>();
+    let mut written = json!({"fit": names(&run.fit), "test": names(&run.test)});
+    if let (Some(all), Some(more)) = (written.as_object_mut(), files.as_object()) {
+        all.extend(more.clone());
+    }
+    json!({
+        "verdict": verdict_name(found.verdict),
+        "sentence": sentence(found),
+        "model": run.model.name,
+        "effects": found.effects.iter().map(effect).collect::<Vec<_>>(),
+        "partial": found.partial.iter().map(effect).collect::<Vec<_>>(),
+        "learned": found.learned,
+        "error": {"before": table(&errors.before), "after": table(&errors.after), "naive": table(&errors.naive), "p_value": table(&errors.p_value)},
+        "leftover": found.leftover,
+        "not_excited": not_excited(found),
+        "disturbances": {"before": before, "after": after},
+        "path": found.path,
+        "files": written,
+        "seconds": found.seconds,
+    })
+}
+
+pub(crate) fn verdict_name(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Explained => "explained",
+        Verdict::NothingMissing => "nothing_missing",
+        Verdict::Unexplained => "unexplained",
+        Verdict::NotDecidable => "not_decidable",
+    }
+}
+
+fn effect(effect: &Named) -> Value {
+    let params = effect.params.iter().map(|p| (p.name.to_owned(), json!({"value": p.value, "stderr": p.stderr, "unit": p.unit})));
+    json!({"name": effect.name, "params": params.collect::<Map<_, _>>(), "confusable_with": effect.confusable_with,
+        "manoeuvre": effect.manoeuvre, "worth": {"fit": effect.worth_fit, "test": effect.worth_test}})
+}
+
+fn table(table: &Table) -> Value {
+    let row = |row: &[f64; 5]| HORIZONS.iter().zip(row).map(|(name, v)| ((*name).to_owned(), json!(v))).collect::<Map<_, _>>();
+    QUANTITIES.iter().zip(table).map(|(name, values)| ((*name).to_owned(), Value::Object(row(values)))).collect::<Map<_, _>>().into()
+}
+
+fn not_excited(found: &Explanation) -> Vec<Value> {
+    let one = |(name, stderr): &(&'static str, f64)| {
+        let param = find(name).ok().and_then(|(_, entry)| entry.params.first());
+        json!({"name": name, "param": param.map(|p| p.name), "stderr": stderr, "unit": param.map(|p| p.unit)})
+    };
+    found.not_excited.iter().map(one).collect()
+}
+
+fn disturbances(d: &Disturbances) -> Value {
+    let of = |w: Wander, unit: &str| json!({"sigma": w.sigma, "unit": unit, "tau_s": w.tau_s});
+    json!({"force": of(d.force, "m/s^2"), "lift": of(d.lift, "m/s^2"), "torque": of(d.torque, "rad/s^2"), "turn": of(d.turn, "rad/s^2"),
+        "marker": of(d.marker, "m")})
+}

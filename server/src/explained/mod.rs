@@ -1,0 +1,183 @@
+//! An explanation of flights from the files that are named to what is said of them: on the terminal, as JSON and as a page.
+
+mod bars;
+mod figures;
+mod json;
+mod report;
+mod series;
+mod view;
+mod words;
+
+use std::path::{Path, PathBuf};
+
+use crazyflie_env::config::EffectTable;
+use crazyflie_env::model::Model;
+use crazyflie_env::world::{Settings, World};
+use crazyflie_identify::case::{Case, CaseError};
+use crazyflie_identify::explain::explain;
+use crazyflie_identify::explain::verdict::Explanation;
+use crazyflie_identify::fit::flight::Flight;
+use crazyflie_identify::replay::ReplayError;
+use crazyflie_identify::{FlightLog, LogError};
+use thiserror::Error;
+
+pub(crate) use json::{as_json, verdict_name};
+pub(crate) use report::report;
+pub(crate) use view::{horizon, p_value, signed};
+pub(crate) use words::{change_percent, confusable, findings, sentence, significant, with_error};
+
+/// Place of the free run among the horizons.
+const FREE_RUN: usize = 4;
+
+/// Why flights could not be explained.
+#[derive(Debug, Error)]
+pub(crate) enum ExplainError {
+    #[error("{file}: cannot be read")]
+    Io {
+        file: String,
+        #[source]
+        source: std::io::Error,
+    },
+    #[error(transparent)]
+    Case(#[from] CaseError),
+    #[error("{file}: not a model")]
+    Model {
+        file: String,
+        #[source]
+        source: crazyflie_env::Error,
+    },
+    #[error(transparent)]
+    Log(Box<LogError>),
+    #[error("{file}: the model {model} cannot fly this log")]
+    Flight {
+        file: String,
+        model: String,
+        #[source]
+        source: ReplayError,
+    },
+    #[error("{first} and {other} differ in their clock or in what they command; explain them one at a time")]
+    Unlike { first: String, other: String },
+    #[error("{fit} and {test} hold the same flight; errors are only honest on flights that the fit never saw")]
+    Same { fit: String, test: String },
+    #[error("the model {model} breaks down on these flights: the filter finds no likelihood")]
+    Broken { model: String },
+    #[error("the completed model cannot be flown")]
+    Completed(#[source] crazyflie_env::Error),
+}
+
+impl From<LogError> for ExplainError {
+    fn from(error: LogError) -> Self {
+        ExplainError::Log(Box::new(error))
+    }
+}
+
+/// What is declared, with the flights that a case file names.
+pub(crate) struct Declared {
+    pub model: Model,
+    pub case: Option<Case>,
+}
+
+impl Declared {
+    /// From a model file or a case file.
+    pub(crate) fn read(path: &Path) -> Result<Self, ExplainError> {
+        let file = path.display().to_string();
+        let text = std::fs::read_to_string(path).map_err(|source| ExplainError::Io { file: file.clone(), source })?;
+        if Case::is_case(&text) {
+            let case = Case::read(path)?;
+            return Ok(Declared { model: case.model()?, case: Some(case) });
+        }
+        let model = Model::parse(&text).map_err(|source| ExplainError::Model { file, source })?;
+        Ok(Declared { model, case: None })
+    }
+}
+
+/// A flight and what the reader of its file has to say.
+pub(crate) struct Source {
+    pub file: String,
+    pub log: FlightLog,
+}
+
+/// Logs made ready for a model.
+pub(crate) struct Flights {
+    pub sources: Vec<Source>,
+    pub flights: Vec<Flight>,
+}
+
+impl Flights {
+    pub(crate) fn read(paths: &[PathBuf], model: &Model) -> Result<Self, ExplainError> {
+        let (mut sources, mut flights) = (Vec::new(), Vec::new());
+        for path in paths {
+            let file = path.display().to_string();
+            let log = FlightLog::read(path)?;
+            let name = path.file_name().map_or_else(|| file.clone(), |n| n.to_string_lossy().into_owned());
+            let flight = Flight::of(&name, &log, model).map_err(|source| ExplainError::Flight {
+                file: file.clone(),
+                model: model.name.clone(),
+                source,
+            })?;
+            sources.push(Source { file, log });
+            flights.push(flight);
+        }
+        Ok(Flights { sources, flights })
+    }
+
+    fn named(&self) -> impl Iterator<Item = (&Source, &Flight)> {
+        self.sources.iter().zip(&self.flights)
+    }
+}
+
+/// A model, the flights of the fit and of the test, and what was found.
+pub(crate) struct Run {
+    pub model: Model,
+    pub fit: Flights,
+    pub test: Flights,
+    pub found: Explanation,
+}
+
+impl Run {
+    /// Reads the flights and explains them.
+    pub(crate) fn of(model: Model, fit: &[PathBuf], test: &[PathBuf], progress: &dyn Fn(&str)) -> Result<Self, ExplainError> {
+        progress("reading the flights");
+        let (fit, test) = (Flights::read(fit, &model)?, Flights::read(test, &model)?);
+        alike(&fit, &test)?;
+        let found = explain(&model, &fit.flights, &test.flights, progress);
+        let mut found = found.ok_or_else(|| ExplainError::Broken { model: model.name.clone() })?;
+        if test.flights.len() < 2 {
+            // one free run is no sample to test with
+            found.errors.p_value.iter_mut().for_each(|p| p[FREE_RUN] = f64::NAN);
+        }
+        Ok(Run { model, fit, test, found })
+    }
+
+    /// The completed model, proven to fly: written, read and put into a world again.
+    pub(crate) fn completed(&self) -> Result<(Model, String), ExplainError> {
+        let names: Vec<&str> = self.fit.flights.iter().map(|f| f.name.as_str()).collect();
+        let mut model = self.found.completed.completed(&format!("estimated on {}", names.join(", ")));
+        model.name = format!("{}-completed", self.model.name.trim_end_matches("-declared"));
+        model.description = format!("{}, with what its flights showed to be missing", self.model.name);
+        let text = model.to_toml().map_err(ExplainError::Completed)?;
+        let model = Model::parse(&text).map_err(ExplainError::Completed)?;
+        let input = self.fit.flights.first().map_or(crazyflie_env::model::VerticalInput::Thrust, |f| f.input);
+        let settings = Settings { input, physics_hz: None };
+        World::<f64>::new(&model, &EffectTable::new(), settings, 1).map_err(ExplainError::Completed)?;
+        Ok((model, text))
+    }
+}
+
+/// The flights share a clock and an input, and none is in both lists, under whatever name.
+fn alike(fit: &Flights, test: &Flights) -> Result<(), ExplainError> {
+    let Some((first, like)) = fit.named().next() else { return Ok(()) };
+    for (source, flight) in fit.named().chain(test.named()) {
+        if (flight.tick_s - like.tick_s).abs() > 1e-6 || flight.input != like.input {
+            return Err(ExplainError::Unlike { first: first.file.clone(), other: source.file.clone() });
+        }
+    }
+    for fitted in &fit.sources {
+        for tested in &test.sources {
+            if fitted.log.fixes == tested.log.fixes && fitted.log.roll_rad == tested.log.roll_rad {
+                return Err(ExplainError::Same { fit: fitted.file.clone(), test: tested.file.clone() });
+            }
+        }
+    }
+    Ok(())
+}

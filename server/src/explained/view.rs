@@ -1,0 +1,287 @@
+//! What the page says, as texts and lengths of bars: the template only places them.
+
+use crazyflie_env::effects::{Entry, find};
+use crazyflie_identify::explain::errors::{Errors, HORIZONS};
+use crazyflie_identify::explain::verdict::{Explanation, Named, Step};
+use crazyflie_identify::fit::filter::Wander;
+use crazyflie_identify::fit::flight::Flight;
+use serde::Serialize;
+
+use super::bars::Log;
+use super::figures::White;
+use super::series::channel;
+use super::words::{change_percent, confusable, interval, significant, unit, with_error};
+use super::{Run, Source};
+use crate::cli::number;
+
+/// Candidates shown per step of the search.
+const MOST_BARS: usize = 10;
+/// A gain below this is no bar.
+const LEAST_BAR: f64 = 0.5;
+/// Differences of errors with a smaller p value are called one.
+const SURE: f64 = 0.05;
+
+#[derive(Serialize)]
+pub(super) struct Param {
+    effect: &'static str,
+    name: &'static str,
+    about: &'static str,
+    value: String,
+    interval: String,
+    unit: String,
+    range: String,
+    source: &'static str,
+}
+
+#[derive(Serialize)]
+pub(super) struct Effect {
+    name: &'static str,
+    about: &'static str,
+    params: Vec<Param>,
+    worth_fit: String,
+    worth_test: String,
+    confusable: String,
+    manoeuvre: String,
+}
+
+/// The registry's entry; what was named is in it.
+fn entry(name: &str) -> Option<&'static Entry> {
+    find(name).ok().map(|(_, entry)| entry)
+}
+
+pub(super) fn effects(found: &Explanation) -> Vec<Effect> {
+    let of = |effect: &Named| Effect {
+        name: effect.name,
+        about: entry(effect.name).map_or("", |e| e.about),
+        params: params(effect),
+        worth_fit: number(effect.worth_fit, 0),
+        worth_test: number(effect.worth_test, 0),
+        confusable: confusable(effect),
+        manoeuvre: effect.manoeuvre.clone(),
+    };
+    found.effects.iter().chain(&found.partial).map(of).collect()
+}
+
+fn params(effect: &Named) -> Vec<Param> {
+    let Some(entry) = entry(effect.name) else { return Vec::new() };
+    let of = |e: &crazyflie_identify::explain::verdict::Estimate| {
+        let param = entry.params.iter().find(|p| p.name == e.name)?;
+        Some(Param {
+            effect: effect.name,
+            name: e.name,
+            about: param.about,
+            value: with_error(e.value, e.stderr),
+            interval: interval(e),
+            unit: unit(e.unit).trim().into(),
+            range: format!("{} to {}", param.low, param.high),
+            source: entry.source,
+        })
+    };
+    effect.params.iter().filter_map(of).collect()
+}
+
+#[derive(Serialize)]
+pub(super) struct Bar {
+    name: &'static str,
+    gain: String,
+    length: f64,
+    chosen: bool,
+}
+
+#[derive(Serialize)]
+pub(super) struct Round {
+    with: String,
+    chosen: String,
+    gained: String,
+    bars: Vec<Bar>,
+}
+
+/// The steps of the search. What a step chose is what the next one has more.
+pub(super) fn rounds(path: &[Step]) -> Vec<Round> {
+    let of = |(i, step): (usize, &Step)| {
+        let next = path.get(i + 1);
+        let chosen = next.and_then(|n| n.effects.iter().find(|e| !step.effects.contains(e))).copied();
+        let log = Log::of(step.ranking.iter().map(|r| r.gain).chain([LEAST_BAR]).filter(|g| *g >= LEAST_BAR));
+        let bar = |r: &crazyflie_identify::explain::verdict::Ranked| Bar {
+            name: r.name,
+            gain: significant(r.gain, 3),
+            length: if r.gain > LEAST_BAR { log.length(r.gain) } else { 0.0 },
+            chosen: chosen == Some(r.name),
+        };
+        let shown = step.ranking.iter().enumerate().filter(|(i, r)| *i < MOST_BARS || chosen == Some(r.name));
+        Round {
+            with: if step.effects.is_empty() { "the declared model".into() } else { step.effects.join(", ") },
+            chosen: chosen.unwrap_or_default().into(),
+            gained: next.filter(|_| chosen.is_some()).map_or_else(String::new, |n| number(n.gain, 0)),
+            bars: shown.map(|(_, r)| bar(r)).collect(),
+        }
+    };
+    path.iter().enumerate().map(of).collect()
+}
+
+#[derive(Serialize)]
+pub(super) struct ErrorRow {
+    horizon: String,
+    before: String,
+    after: String,
+    naive: String,
+    change: String,
+    /// "better", "worse" or nothing, if chance would do as well.
+    class: &'static str,
+    p: String,
+    lengths: [f64; 3],
+}
+
+#[derive(Serialize)]
+pub(super) struct ErrorTable {
+    quantity: &'static str,
+    unit: &'static str,
+    rows: Vec<ErrorRow>,
+}
+
+/// A horizon in words.
+pub(crate) fn horizon(at: usize) -> String {
+    match HORIZONS[at] {
+        "one_step" => "one step".into(),
+        name => name.replace('_', " "),
+    }
+}
+
+/// Errors with their p values; those of free runs need more than one flight.
+pub(super) fn errors(errors: &Errors) -> Vec<ErrorTable> {
+    let quantities = [("Position", "m", 1.0), ("Velocity", "m/s", 1.0), ("Attitude", "deg", 1.0_f64.to_radians())];
+    let of = |(q, (quantity, unit, one)): (usize, (&'static str, &'static str, f64))| {
+        let all = [errors.before[q], errors.after[q], errors.naive[q]];
+        let log = Log::of(all.into_iter().flatten());
+        let row = |h: usize| {
+            let values = all.map(|table| table[h]);
+            let change = change_percent(values[0], values[1]);
+            let sure = errors.p_value[q][h] < SURE;
+            ErrorRow {
+                horizon: horizon(h),
+                before: significant(values[0] / one, 3),
+                after: significant(values[1] / one, 3),
+                naive: significant(values[2] / one, 3),
+                change: change.map_or("-".into(), signed),
+                class: change.filter(|_| sure).map_or("", |c| if c < 0.0 { "better" } else { "worse" }),
+                p: p_value(errors.p_value[q][h]),
+                lengths: values.map(|v| log.length(v)),
+            }
+        };
+        ErrorTable { quantity, unit, rows: (0..HORIZONS.len()).map(row).collect() }
+    };
+    quantities.into_iter().enumerate().map(of).collect()
+}
+
+/// A change in percent with its sign.
+pub(crate) fn signed(percent: f64) -> String {
+    let text = number(percent, if percent.abs() < 9.95 { 1 } else { 0 });
+    if percent > 0.0 && text.chars().any(|c| matches!(c, '1'..='9')) {
+        format!("+{text} %")
+    } else {
+        format!("{} %", text.replace('-', "−"))
+    }
+}
+
+pub(crate) fn p_value(p: f64) -> String {
+    if !p.is_finite() {
+        return "-".into();
+    }
+    if p < 0.001 { "< 0.001".into() } else { number(p, 3) }
+}
+
+#[derive(Serialize)]
+pub(super) struct Random {
+    what: &'static str,
+    before: String,
+    after: String,
+}
+
+pub(super) fn disturbances(found: &Explanation) -> Vec<Random> {
+    let [b, a] = &found.disturbances;
+    let of = |what, unit: &str, before: Wander, after: Wander| {
+        let text = |w: Wander| match w.sigma {
+            0.0 => "none".into(),
+            sigma => format!("{} {unit} for {} s", significant(sigma, 2), significant(w.tau_s, 2)),
+        };
+        Random { what, before: text(before), after: text(after) }
+    };
+    vec![
+        of("horizontal force", "m/s²", b.force, a.force),
+        of("vertical force", "m/s²", b.lift, a.lift),
+        of("torque on roll and pitch", "rad/s²", b.torque, a.torque),
+        of("torque on yaw", "rad/s²", b.turn, a.turn),
+        of("marker position", "m", b.marker, a.marker),
+    ]
+}
+
+#[derive(Serialize)]
+pub(super) struct Hidden {
+    name: &'static str,
+    about: &'static str,
+    param: &'static str,
+    stderr: String,
+    range: String,
+}
+
+/// Effects that the flights could not have shown.
+pub(super) fn hidden(found: &Explanation) -> Vec<Hidden> {
+    let of = |(name, stderr): &(&'static str, f64)| {
+        let entry = entry(name)?;
+        let param = entry.params.first()?;
+        let stderr = if stderr.is_finite() { format!("{}{}", significant(*stderr, 2), unit(param.unit)) } else { "unbounded".into() };
+        let range = format!("{} to {}{}", param.low, param.high, unit(param.unit));
+        Some(Hidden { name, about: entry.about, param: param.name, stderr, range })
+    };
+    found.not_excited.iter().filter_map(of).collect()
+}
+
+#[derive(Serialize)]
+pub(super) struct Recording {
+    file: String,
+    role: &'static str,
+    format: String,
+    duration: String,
+    noise: String,
+    notes: Vec<String>,
+}
+
+pub(super) fn logs(run: &Run) -> Vec<Recording> {
+    let of = |role: &'static str| {
+        move |(source, flight): (&Source, &Flight)| Recording {
+            file: flight.name.clone(),
+            role,
+            format: source.log.format.to_string(),
+            duration: format!("{} s", number(flight.ticks as f64 * flight.tick_s, 1)),
+            noise: noise(flight),
+            notes: source.log.notes.iter().map(ToString::to_string).collect(),
+        }
+    };
+    run.fit.named().map(of("fit")).chain(run.test.named().map(of("test"))).collect()
+}
+
+fn noise(flight: &Flight) -> String {
+    let three = |values: [f64; 3], one: f64| values.map(|v| significant(v / one, 2)).join(", ");
+    let angles = three(flight.noise.att_rad, 1.0_f64.to_radians());
+    format!("x, y, z {} mm; roll, pitch, yaw {angles} deg", three(flight.noise.pos_m, 1e-3))
+}
+
+#[derive(Serialize)]
+pub(super) struct WhiteRow {
+    channel: &'static str,
+    before: String,
+    after: String,
+    size_before: String,
+    size_after: String,
+}
+
+pub(super) fn whiteness(white: &White) -> Vec<WhiteRow> {
+    let of = |(at, before, after): &(usize, super::series::Whiteness, super::series::Whiteness)| WhiteRow {
+        channel: channel(*at).0,
+        before: number(before.beyond_percent, 0),
+        after: number(after.beyond_percent, 0),
+        size_before: number(before.size, 2),
+        size_after: number(after.size, 2),
+    };
+    white.rows.iter().map(of).collect()
+}

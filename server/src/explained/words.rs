@@ -1,0 +1,119 @@
+//! Numbers with their uncertainty, and findings in sentences.
+
+use crazyflie_identify::explain::leftover::FINDING;
+use crazyflie_identify::explain::verdict::{Estimate, Explanation, Leftover, Named, Verdict};
+
+use crate::cli::number;
+
+/// A number with so many significant digits, without an exponent where that reads well.
+pub(crate) fn significant(value: f64, digits: i32) -> String {
+    if !value.is_finite() {
+        return "-".into();
+    }
+    if value == 0.0 {
+        return "0".into();
+    }
+    let size = value.abs().log10().floor() as i32;
+    if !(-5..7).contains(&size) {
+        return format!("{value:.*e}", (digits - 1).max(0) as usize);
+    }
+    number(value, (digits - 1 - size).max(0) as usize)
+}
+
+/// Value and standard error, both to the second digit of the error.
+pub(crate) fn with_error(value: f64, stderr: f64) -> String {
+    if !(stderr.is_finite() && stderr > 0.0) {
+        return significant(value, 4);
+    }
+    let decimals = (1 - stderr.log10().floor() as i32).clamp(0, 7) as usize;
+    format!("{} ± {}", number(value, decimals), number(stderr, decimals))
+}
+
+/// The interval that holds the true value in 95 of 100 such flights.
+pub(crate) fn interval(estimate: &Estimate) -> String {
+    if !(estimate.stderr.is_finite() && estimate.stderr > 0.0) {
+        return "unknown".into();
+    }
+    let decimals = (1 - estimate.stderr.log10().floor() as i32).clamp(0, 7) as usize;
+    let bound = |by: f64| number(estimate.value + by * estimate.stderr, decimals);
+    format!("{} to {}", bound(-1.96), bound(1.96))
+}
+
+/// A unit as it follows a number; ratios have none.
+pub(crate) fn unit(unit: &str) -> String {
+    if unit == "1" { String::new() } else { format!(" {unit}") }
+}
+
+pub(crate) fn estimate(e: &Estimate) -> String {
+    format!("{} {}{}", e.name, with_error(e.value, e.stderr), unit(e.unit))
+}
+
+/// Words joined as in a sentence.
+pub(crate) fn listed<S: AsRef<str>>(words: &[S], last: &str) -> String {
+    match words {
+        [] => String::new(),
+        [only] => only.as_ref().into(),
+        [first @ .., end] => {
+            let first: Vec<&str> = first.iter().map(AsRef::as_ref).collect();
+            format!("{} {last} {}", first.join(", "), end.as_ref())
+        }
+    }
+}
+
+pub(crate) fn confusable(effect: &Named) -> String {
+    listed(&effect.confusable_with, "or")
+}
+
+/// An effect with its values, and what else it may be.
+fn told(effect: &Named) -> String {
+    let values: Vec<String> = effect.params.iter().map(estimate).collect();
+    let or = if effect.confusable_with.is_empty() { String::new() } else { format!(", or {} instead", confusable(effect)) };
+    format!("{} ({}{or})", effect.name, values.join(", "))
+}
+
+/// The verdict in one sentence.
+pub(crate) fn sentence(found: &Explanation) -> String {
+    let effects: Vec<String> = found.effects.iter().chain(&found.partial).map(told).collect();
+    let effects = listed(&effects, "and");
+    match found.verdict {
+        Verdict::Explained => format!("Explained: the declared model lacks {effects}."),
+        Verdict::NothingMissing => "Nothing is missing: the declared model accounts for these flights.".into(),
+        Verdict::NotDecidable => "Not decidable: something is missing, but these flights do not tell which effect it is.".into(),
+        Verdict::Unexplained => {
+            let what = findings(found).first().map_or_else(String::new, |l| format!(" ({}: {})", l.signal, l.finding));
+            let besides = if effects.is_empty() { String::new() } else { format!(" These lower the errors on the test flights but do not account for it: {effects}.") };
+            let besides = if found.learned { besides + " A term learned from the residual, which names no cause, is in the completed model." } else { besides };
+            format!("Unexplained: the flights hold a structure that no effect of the library accounts for{what}.{besides}")
+        }
+    }
+}
+
+/// What is left and too strong to be chance.
+pub(crate) fn findings(found: &Explanation) -> Vec<&Leftover> {
+    found.leftover.iter().filter(|l| l.signal == "torque" || l.size.abs() > FINDING).collect()
+}
+
+/// Change of an error in percent; below zero is better.
+pub(crate) fn change_percent(before: f64, after: f64) -> Option<f64> {
+    let change = 100.0 * (after / before - 1.0);
+    change.is_finite().then_some(change)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_show_what_is_known_of_them() {
+        assert_eq!(with_error(0.374_21, 0.004_13), "0.3742 ± 0.0041");
+        assert_eq!(with_error(39_342.0, 12.0), "39342 ± 12");
+        assert_eq!(with_error(0.5, f64::INFINITY), "0.5000");
+        assert_eq!([significant(0.012_34, 3), significant(123.4, 3), significant(0.0, 3)], ["0.0123", "123", "0"]);
+        assert_eq!(significant(f64::NAN, 3), "-");
+    }
+
+    #[test]
+    fn lists_read_as_sentences() {
+        assert_eq!([listed(&["a"], "or"), listed(&["a", "b", "c"], "or")], ["a", "a, b or c"]);
+    }
+}

@@ -1,0 +1,51 @@
+//! How much better a fit would predict that is told which effects are there.
+
+use crazyflie_env::effects::{Trace, find};
+use crazyflie_identify::explain::errors::{Errors, compare};
+use crazyflie_identify::explain::search::Search;
+use crazyflie_identify::fit::hypothesis::{Hypothesis, Term};
+
+use super::Truth;
+use crate::explained::Run;
+
+/// An explanation may be so much worse.
+pub(crate) const WORST_RATIO: f64 = 1.1;
+/// Horizons that are compared, of those of the errors: 0.5 s and 2 s. Shorter ones show noise, the free run chance.
+const HORIZONS: [usize; 2] = [2, 3];
+
+/// The largest error of the explanation over that of the told fit, over position, velocity and attitude. `None` where the library holds
+/// nothing to tell, or the told fit cannot be made.
+pub(super) fn ratio(run: &Run, truth: &Truth) -> Option<f64> {
+    let mut hypothesis = Hypothesis::of(&run.model);
+    for effect in &truth.effects {
+        hypothesis = hypothesis.with(term(&effect.name, &effect.ours())?);
+    }
+    for name in truth.benign() {
+        let Some(term) = term(name, &[]).filter(|_| !hypothesis.has(name)) else { continue };
+        hypothesis = hypothesis.with(term);
+    }
+    // what is random has no place among expectations
+    hypothesis.terms.retain(|t| t.entry.trace == Trace::Mean);
+    let search = Search::new(&run.fit.flights);
+    let [disturbances, _] = &run.found.disturbances;
+    let fitted = search.refit(&hypothesis, disturbances)?;
+    let declared = (&Hypothesis::of(&run.model), disturbances);
+    let told = compare(declared, (&fitted.settled(), &fitted.disturbances), &run.test.flights);
+    Some(largest(&run.found.errors, &told))
+}
+
+/// An effect that starts at the true values: a delay or a limit would not be found from "off".
+fn term(name: &str, params: &[(&str, f64)]) -> Option<Term> {
+    let (_, entry) = find(name).ok()?;
+    let mut term = Term::off(entry);
+    for (name, value) in params {
+        let at = entry.params.iter().position(|p| p.name == *name)?;
+        term.values[at] = *value;
+    }
+    Some(term)
+}
+
+fn largest(own: &Errors, told: &Errors) -> f64 {
+    let ratios = (0..3).flat_map(|q| HORIZONS.map(|h| own.after[q][h] / told.after[q][h]));
+    ratios.filter(|r| r.is_finite()).fold(0.0, f64::max)
+}

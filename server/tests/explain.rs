@@ -1,0 +1,122 @@
+//! Explanations from the command line: flights of our own simulator, the files that come out, and what is refused.
+
+mod common;
+
+use std::path::{Path, PathBuf};
+
+use common::{bad, folder, good, json, shared, text};
+use serde_json::Value;
+
+/// Two flights of a vehicle that the thesis's model declares but for some effects; through a camera that sees no outliers.
+fn fly(folder: &Path, effects: &[&str]) -> [PathBuf; 2] {
+    [("a", "1"), ("b", "2")].map(|(name, seed)| {
+        let log = folder.join(format!("{name}.csv"));
+        let options = "{\"shape\": \"figure_eight\"}";
+        let mut args = vec!["fly", "--task", "track", "--task-options", options, "--vertical", "thrust", "--rig", "lab", "--seconds", "16"];
+        args.extend(["--seed", seed, "--csv", text(&log)]);
+        args.extend(effects.iter().flat_map(|e| ["--effects", e]));
+        good(&args);
+        log
+    })
+}
+
+fn thesis(folder: &Path) -> PathBuf {
+    let model = folder.join("thesis.toml");
+    std::fs::write(&model, good(&["model", "--show"])).unwrap();
+    model
+}
+
+fn explain(folder: &Path, [fit, test]: &[PathBuf; 2]) -> Value {
+    let (model, out) = (thesis(folder), folder.join("out"));
+    json(&["explain", text(&model), "--fit", text(fit), "--test", text(test), "--out", text(&out), "--json"])
+}
+
+#[test]
+fn a_hidden_drag_is_found_and_written_down() {
+    let folder = folder("explain_drag");
+    let found = explain(&folder, &fly(&folder, &["drag_linear=0.4"]));
+    assert_eq!(found["verdict"], "explained", "{found}");
+    let drag = found["effects"].as_array().unwrap().iter().find(|e| e["name"] == "drag_linear").unwrap();
+    let rate = drag["params"]["rate_ps"]["value"].as_f64().unwrap();
+    assert!((rate - 0.4).abs() < 0.15 * 0.4 && drag["params"]["rate_ps"]["unit"] == "1/s", "{drag}");
+    let error = |when: &str| found["error"][when]["velocity_mps"]["2_s"].as_f64().unwrap();
+    assert!(error("after") < 0.7 * error("before"), "{}", found["error"]);
+    // one test flight has one free run: nothing to test
+    assert!(found["error"]["p_value"]["position_m"]["free_run"].is_null());
+    let out = folder.join("out");
+    let written: Value = serde_json::from_str(&std::fs::read_to_string(out.join("report.json")).unwrap()).unwrap();
+    assert_eq!(written, found);
+    let model = std::fs::read_to_string(out.join("model.toml")).unwrap();
+    assert!(model.contains("[effects.drag_linear") && model.contains("estimated on a.csv"), "{model}");
+    good(&["fly", "--model", text(&out.join("model.toml")), "--vertical", "thrust", "--seconds", "3"]);
+    page(&std::fs::read_to_string(out.join("report.html")).unwrap());
+}
+
+/// The page has its parts, and asks nobody for anything.
+fn page(html: &str) {
+    for part in
+        ["drag_linear", "rate_ps", "id=\"residual\"", "id=\"freerun\"", "id=\"white\"", "b.csv", "What these flights could not show"]
+    {
+        assert!(html.contains(part), "no {part}");
+    }
+    assert!(html.matches("<use href=\"#residual\"").count() == 6, "six signals");
+    for outside in ["http:", "https:", "src=", "<script", "@import", "url("] {
+        assert!(!html.contains(outside), "the page refers to {outside}");
+    }
+    assert!(!html.contains("NaN") && !html.contains("inf "), "numbers that are none");
+}
+
+#[test]
+fn where_nothing_is_hidden_nothing_is_found() {
+    let folder = folder("explain_null");
+    let found = explain(&folder, &fly(&folder, &[]));
+    assert_eq!(found["verdict"], "nothing_missing", "{found}");
+    assert_eq!(found["effects"], serde_json::json!([]));
+}
+
+#[test]
+fn what_cannot_be_explained_is_refused_with_a_reason() {
+    let folder = folder("explain_bad");
+    let model = thesis(&folder);
+    let log = folder.join("flight.csv");
+    good(&["fly", "--task", "track", "--seconds", "4", "--csv", text(&log)]);
+    let copy = folder.join("copy.csv");
+    std::fs::copy(&log, &copy).unwrap();
+    let junk = folder.join("junk.csv");
+    std::fs::write(&junk, "a,b\n1,2\n").unwrap();
+    let (m, l, out) = (text(&model), text(&log), folder.join("out"));
+    bad(2, &["explain", m, "--fit", l, "--out", text(&out)], &["--test", "errors are only honest on flights the fit never saw"]);
+    bad(2, &["explain", m, "--test", l, "--out", text(&out)], &["--fit"]);
+    bad(2, &["explain", m, "--fit", l, "--test", l], &["--out"]);
+    bad(1, &["explain", m, "--fit", l, "--test", text(&copy), "--out", text(&out)], &["flight.csv", "copy.csv", "the same flight"]);
+    bad(1, &["explain", m, "--fit", text(&junk), "--test", l, "--out", text(&out)], &["junk.csv", "no known log format"]);
+    bad(1, &["explain", m, "--fit", "no/such.csv", "--test", l, "--out", text(&out)], &["no/such.csv", "No such file"]);
+    bad(1, &["explain", l, "--fit", l, "--test", l, "--out", text(&out)], &["flight.csv", "not a model", "line 1"]);
+    bad(1, &["explain", "no/model.toml", "--fit", l, "--test", l, "--out", text(&out)], &["no/model.toml", "No such file"]);
+    let case = folder.join("d00.json");
+    std::fs::write(&case, "{\"declared_model\": 3}").unwrap();
+    bad(1, &["explain", text(&case), "--out", text(&out)], &["d00.json", "not a case file"]);
+    assert!(!out.exists(), "nothing is written before it is known");
+}
+
+#[test]
+fn scores_need_cases() {
+    let folder = folder("score_bad");
+    bad(1, &["score", text(&folder)], &["holds no case files"]);
+    bad(1, &["score", "no/such"], &["no/such"]);
+    std::fs::write(folder.join("d07.json"), "{}").unwrap();
+    bad(2, &["score", text(&folder), "--only", "d70"], &["unknown case \"d70\"", "did you mean \"d07\""]);
+    assert!(good(&["score", text(&folder)]).contains("not a model"), "a broken case is a line of the table");
+}
+
+#[test]
+fn two_cases_are_scored() {
+    let Some(folder) = shared("two_cases_are_scored", "hidden_effects") else { return };
+    let scored = json(&["score", text(&folder), "--only", "d00,d21", "--json"]);
+    let [null, deadband] = &scored["cases"].as_array().unwrap()[..] else { panic!("{scored}") };
+    assert_eq!((&null["case"], &null["score"]["group"]), (&"d00".into(), &"null".into()));
+    assert_eq!(null["score"]["criteria"]["named"], true, "{null}");
+    assert!(null["score"]["criteria"]["15 %"].is_null(), "{null}");
+    assert_eq!(deadband["score"]["criteria"]["named"], true, "{deadband}");
+    assert_eq!(scored["totals"]["all"]["named"]["of"], 2);
+}
