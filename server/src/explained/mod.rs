@@ -53,7 +53,7 @@ pub(crate) enum ExplainError {
         file: String,
         model: String,
         #[source]
-        source: ReplayError,
+        source: Box<ReplayError>,
     },
     #[error("{first} and {other} differ in their clock or in what they command; explain them one at a time")]
     Unlike { first: String, other: String },
@@ -107,7 +107,7 @@ impl Flights {
             let flight = Flight::of(&name, &log, model).map_err(|source| ExplainError::Flight {
                 file: file.clone(),
                 model: model.name.clone(),
-                source,
+                source: Box::new(source),
             })?;
             sources.push(Source { file, log });
             flights.push(flight);
