@@ -7,14 +7,17 @@ use std::path::{Path, PathBuf};
 use common::{bad, folder, good, json, shared, text};
 use serde_json::Value;
 
-/// Two flights of a vehicle that the thesis's model declares but for some effects; through a camera that sees no outliers.
+/// What makes a simulated flight like a measured one: sensors that are not perfect.
+const SENSORS: [&str; 3] = ["camera_noise.xy_m=0.004", "camera_noise.z_m=0.006", "gyro_bias.angle_noise_deg=0.2"];
+
+/// Two flights of a vehicle that the thesis's model declares but for some effects.
 fn fly(folder: &Path, effects: &[&str]) -> [PathBuf; 2] {
     [("a", "1"), ("b", "2")].map(|(name, seed)| {
         let log = folder.join(format!("{name}.csv"));
-        let options = "{\"shape\": \"figure_eight\"}";
-        let mut args = vec!["fly", "--task", "track", "--task-options", options, "--vertical", "thrust", "--rig", "lab", "--seconds", "16"];
+        let options = "{\"shape\": \"figure_eight\", \"period_s\": 6}";
+        let mut args = vec!["fly", "--task", "track", "--task-options", options, "--vertical", "thrust", "--seconds", "16"];
         args.extend(["--seed", seed, "--csv", text(&log)]);
-        args.extend(effects.iter().flat_map(|e| ["--effects", e]));
+        args.extend(SENSORS.iter().chain(effects).flat_map(|e| ["--effects", e]));
         good(&args);
         log
     })

@@ -10,7 +10,7 @@ use common::{BINARY, bad, folder, good, json, run, text};
 #[test]
 fn every_command_has_help_with_examples() {
     let all = good(&["--help"]);
-    for command in ["fly", "replay", "identify", "scorecard", "effects", "tasks", "model"] {
+    for command in ["fly", "replay", "identify", "explain", "score", "scorecard", "effects", "tasks", "model"] {
         assert!(all.contains(command), "{all}");
         let help = good(&[command, "--help"]);
         assert!(help.contains("Examples:") && help.contains("--json"), "{help}");

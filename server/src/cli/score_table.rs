@@ -91,11 +91,11 @@ fn truth(truth: &Truth) -> String {
     if all.is_empty() { "-".into() } else { all.join("; ") }
 }
 
-/// A group of cases, and of each criterion its name, in how many it is kept, and in how many it applies.
-type Counts = (String, Vec<(&'static str, usize, usize)>);
+/// A criterion: its name, how often it is kept, and how often it applies.
+type Count = (&'static str, usize, usize);
 
-/// Kept and applicable, per criterion and group.
-fn counts(all: &[Scored]) -> Vec<Counts> {
+/// Criteria per group of cases, and over all.
+fn counts(all: &[Scored]) -> Vec<(String, Vec<Count>)> {
     let mut groups: Vec<String> = Vec::new();
     for m in all.iter().filter_map(marks) {
         let name = m.truth.group.name().to_owned();
@@ -122,14 +122,14 @@ fn totals(all: &[Scored]) -> Table {
     header.extend(counts.last().iter().flat_map(|(_, c)| c.iter().map(|(name, ..)| *name)));
     let mut table = Table::new(&header);
     for (group, criteria) in &counts {
-        let cell = |(_, ok, of): &(&str, usize, usize)| if *of == 0 { "n/a".into() } else { format!("{ok} of {of}") };
+        let cell = |(_, ok, of): &Count| if *of == 0 { "n/a".into() } else { format!("{ok} of {of}") };
         table.row(std::iter::once(group.clone()).chain(criteria.iter().map(cell)).collect());
     }
     table
 }
 
 pub(super) fn totals_json(all: &[Scored]) -> Value {
-    let of = |criteria: Vec<(&str, usize, usize)>| {
+    let of = |criteria: Vec<Count>| {
         criteria.into_iter().map(|(name, ok, of)| (name.to_owned(), json!({"ok": ok, "of": of}))).collect::<Map<_, _>>()
     };
     counts(all).into_iter().map(|(group, criteria)| (group, Value::Object(of(criteria)))).collect::<Map<_, _>>().into()

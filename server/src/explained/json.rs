@@ -1,11 +1,11 @@
 //! An explanation for machines. What is not a number is null.
 
-use crazyflie_env::effects::find;
 use crazyflie_identify::explain::errors::{HORIZONS, Table};
 use crazyflie_identify::explain::verdict::{Explanation, Named, Verdict};
 use crazyflie_identify::fit::filter::{Disturbances, Wander};
 use serde_json::{Map, Value, json};
 
+use super::view::{self, measured};
 use super::{Run, sentence};
 
 /// Keys of the predicted quantities, in the order of the errors' tables.
@@ -58,12 +58,13 @@ fn table(table: &Table) -> Value {
     QUANTITIES.iter().zip(table).map(|(name, values)| ((*name).to_owned(), Value::Object(row(values)))).collect::<Map<_, _>>().into()
 }
 
+/// Effects that the flights could not have shown. No standard error: without a slope at "off", only trial fits spoke of it.
 fn not_excited(found: &Explanation) -> Vec<Value> {
-    let one = |(name, stderr): &(&'static str, f64)| {
-        let param = find(name).ok().and_then(|(_, entry)| entry.params.first());
+    let one = |(name, stderr): (&'static str, f64)| {
+        let param = measured(name).map(|(_, param)| param);
         json!({"name": name, "param": param.map(|p| p.name), "stderr": stderr, "unit": param.map(|p| p.unit)})
     };
-    found.not_excited.iter().map(one).collect()
+    view::not_excited(found).map(one).collect()
 }
 
 fn disturbances(d: &Disturbances) -> Value {

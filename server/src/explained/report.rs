@@ -41,6 +41,7 @@ struct Page<'a> {
     shown: Option<&'a str>,
     disturbances: Vec<view::Random>,
     hidden: Vec<view::Hidden>,
+    sloped_nowhere: String,
     logs: Vec<view::Recording>,
     seconds: String,
 }
@@ -66,6 +67,7 @@ pub(crate) fn report(run: &Run) -> Result<String, ReportError> {
         shown: shown.map(|f| f.name.as_str()),
         disturbances: view::disturbances(found),
         hidden: view::hidden(found),
+        sloped_nowhere: view::sloped_nowhere(found),
         logs: view::logs(run),
         seconds: number(found.seconds, 0),
     };

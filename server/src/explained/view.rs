@@ -1,6 +1,6 @@
 //! What the page says, as texts and lengths of bars: the template only places them.
 
-use crazyflie_env::effects::{Entry, find};
+use crazyflie_env::effects::{Entry, Param, Role, find};
 use crazyflie_identify::explain::errors::{Errors, HORIZONS};
 use crazyflie_identify::explain::verdict::{Explanation, Named, Step};
 use crazyflie_identify::fit::filter::Wander;
@@ -10,7 +10,7 @@ use serde::Serialize;
 use super::bars::Log;
 use super::figures::White;
 use super::series::channel;
-use super::words::{change_percent, confusable, interval, significant, unit, with_error};
+use super::words::{change_percent, confusable, interval, listed, significant, unit, with_error};
 use super::{Run, Source};
 use crate::cli::number;
 
@@ -22,7 +22,7 @@ const LEAST_BAR: f64 = 0.5;
 const SURE: f64 = 0.05;
 
 #[derive(Serialize)]
-pub(super) struct Param {
+pub(super) struct Value {
     effect: &'static str,
     name: &'static str,
     about: &'static str,
@@ -37,7 +37,7 @@ pub(super) struct Param {
 pub(super) struct Effect {
     name: &'static str,
     about: &'static str,
-    params: Vec<Param>,
+    params: Vec<Value>,
     worth_fit: String,
     worth_test: String,
     confusable: String,
@@ -62,22 +62,29 @@ pub(super) fn effects(found: &Explanation) -> Vec<Effect> {
     found.effects.iter().chain(&found.partial).map(of).collect()
 }
 
-fn params(effect: &Named) -> Vec<Param> {
+fn params(effect: &Named) -> Vec<Value> {
     let Some(entry) = entry(effect.name) else { return Vec::new() };
     let of = |e: &crazyflie_identify::explain::verdict::Estimate| {
         let param = entry.params.iter().find(|p| p.name == e.name)?;
-        Some(Param {
+        Some(Value {
             effect: effect.name,
             name: e.name,
             about: param.about,
             value: with_error(e.value, e.stderr),
             interval: interval(e),
             unit: unit(e.unit).trim().into(),
-            range: format!("{} to {}", param.low, param.high),
+            range: range(param, e.value),
             source: entry.source,
         })
     };
     effect.params.iter().filter_map(of).collect()
+}
+
+/// The range of a parameter, and whether the estimate was stopped by it.
+fn range(param: &Param, value: f64) -> String {
+    let room = 1e-3 * (param.high - param.low);
+    let stopped = value < param.low + room || value > param.high - room;
+    format!("{} to {}{}", param.low, param.high, if stopped { ": at its end" } else { "" })
 }
 
 #[derive(Serialize)]
@@ -224,16 +231,32 @@ pub(super) struct Hidden {
     range: String,
 }
 
-/// Effects that the flights could not have shown.
+/// Effects that the flights could not have shown, by what the filter's slopes say.
 pub(super) fn hidden(found: &Explanation) -> Vec<Hidden> {
-    let of = |(name, stderr): &(&'static str, f64)| {
-        let entry = entry(name)?;
-        let param = entry.params.first()?;
-        let stderr = if stderr.is_finite() { format!("{}{}", significant(*stderr, 2), unit(param.unit)) } else { "unbounded".into() };
+    let of = |(name, stderr): (&'static str, f64)| {
+        let (entry, param) = measured(name)?;
         let range = format!("{} to {}{}", param.low, param.high, unit(param.unit));
+        let stderr = format!("{}{}", significant(stderr, 2), unit(param.unit));
         Some(Hidden { name, about: entry.about, param: param.name, stderr, range })
     };
-    found.not_excited.iter().filter_map(of).collect()
+    not_excited(found).filter(|(_, stderr)| stderr.is_finite()).filter_map(of).collect()
+}
+
+/// Effects without a slope at "off", such as a delay: only trial fits spoke for or against them.
+pub(super) fn sloped_nowhere(found: &Explanation) -> String {
+    let names: Vec<&str> = not_excited(found).filter(|(_, stderr)| !stderr.is_finite()).map(|(name, _)| name).collect();
+    listed(&names, "and")
+}
+
+/// What was named was excited, whatever the first step of the search thought.
+pub(super) fn not_excited(found: &Explanation) -> impl Iterator<Item = (&'static str, f64)> {
+    found.not_excited.iter().copied().filter(|(name, _)| found.effects.iter().all(|e| e.name != *name))
+}
+
+/// The parameter that a standard error is of: the first that is estimated.
+pub(super) fn measured(name: &str) -> Option<(&'static Entry, &'static Param)> {
+    let entry = entry(name)?;
+    Some((entry, entry.params.iter().find(|p| p.role == Role::Free)?))
 }
 
 #[derive(Serialize)]
