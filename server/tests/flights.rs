@@ -60,6 +60,18 @@ fn a_flight_replayed_on_its_own_model_fits() {
 }
 
 #[test]
+fn a_flight_written_as_mcap_replays_as_its_csv() {
+    let folder = folder("mcap");
+    let logs = ["flight.csv", "flight.mcap"].map(|name| folder.join(name));
+    let [csv, mcap] = logs.each_ref().map(|log| {
+        good(&["fly", "--task", "fly-80cm", "--seconds", "5", "--rig", "lab", "--csv", text(log)]);
+        good(&["replay", text(log)])
+    });
+    assert!(std::fs::read(&logs[1]).unwrap().starts_with(b"\x89MCAP0"));
+    assert_eq!(mcap.replace("flight.mcap", "flight.csv"), csv);
+}
+
+#[test]
 fn the_csv_has_a_fix_only_where_a_frame_arrived() {
     let folder = folder("fixes");
     let log = folder.join("flight.csv");

@@ -18,9 +18,10 @@ struct Columns {
 impl Columns {
     fn of(format: Format, table: &Table) -> Self {
         let (mut required, optional) = match format {
-            Format::Project => (project::REQUIRED.to_vec(), project::OPTIONAL.to_vec()),
             Format::NanoBench => (nanobench::REQUIRED.to_vec(), nanobench::OPTIONAL.to_vec()),
             Format::HiddenEffects => (hidden_effects::REQUIRED.to_vec(), Vec::new()),
+            // The others are no tables.
+            _ => (project::REQUIRED.to_vec(), project::OPTIONAL.to_vec()),
         };
         // Part of the truth is a mistake, not a choice.
         if format == Format::Project && project::TRUTH.iter().any(|c| table.has(c)) {

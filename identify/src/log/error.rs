@@ -21,7 +21,7 @@ pub enum LogError {
     BadGzip { file: String, reason: String },
     #[error("{file}: is empty")]
     Empty { file: String },
-    #[error("{file}: is not a CSV text file (the first line holds binary data)")]
+    #[error("{file}: is no log: neither CSV text nor a ROS bag, an MCAP or a micro-SD log")]
     NotText { file: String },
     #[error("{file}, line {line}: is longer than {limit} bytes, more than any row of a flight log")]
     LineTooLong { file: String, line: u64, limit: usize },
@@ -39,10 +39,20 @@ pub enum LogError {
     BadValue { file: String, line: u64, column: String, value: String, expected: &'static str },
     #[error("{file}, line {line}, column \"{column}\": found {value} s after {previous} s, expected a later time")]
     TimeNotIncreasing { file: String, line: u64, column: String, value: f64, previous: f64 },
-    #[error("the log cannot be written as a project CSV: {channel} {reason}")]
+    #[error("{file}, byte {byte}: expected {expected}")]
+    BadBinary { file: String, byte: usize, expected: &'static str },
+    #[error("{file}, \"{source_name}\", record {index}: found {value}, expected {expected}")]
+    BadRecord { file: String, source_name: String, index: usize, value: String, expected: &'static str },
+    #[error("{file}, topic \"{topic}\", message {index}: expected {expected} ({reason})")]
+    BadMessage { file: String, topic: String, index: usize, expected: &'static str, reason: String },
+    #[error("{file}: holds no {missing} (found: {found})")]
+    MissingSignals { file: String, missing: &'static str, found: String },
+    #[error("the log cannot be written in the project's own form: {channel} {reason}")]
     CannotWrite { channel: String, reason: &'static str },
     #[error("writing the log failed")]
     Write(#[source] csv::Error),
+    #[error("writing the log failed")]
+    WriteMcap(#[source] std::io::Error),
 }
 
 /// A column that the format needs and the file lacks.

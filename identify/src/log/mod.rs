@@ -1,16 +1,29 @@
-//! Flight logs: one structure, three file formats.
+//! Flight logs: one structure, many file formats.
 
+mod align;
+mod attitude;
+mod bag;
+mod bytes;
 mod detect;
 mod error;
+mod firmware;
 mod hidden_effects;
+mod marker;
+mod mcap_read;
+mod mcap_write;
+mod message;
 mod nanobench;
 mod note;
 mod project;
 mod radio;
+mod ros;
+mod samples;
 mod signal;
 mod skew;
 mod table;
 mod text;
+mod topics;
+mod usd;
 mod write;
 
 use std::fmt;
@@ -20,15 +33,19 @@ use std::path::Path;
 pub use error::{LogError, MissingColumn};
 pub use note::Note;
 
-/// The file format a log came from, chosen by the column names of its header.
+/// The file format a log came from: known by the first bytes of binary files, by the column names of CSV.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Format {
-    /// This project's own CSV, written by [`FlightLog::write_csv`].
+    /// This project's own form, written by [`FlightLog::write_csv`] or [`FlightLog::write_mcap`].
     Project,
     /// NanoBench: a real Crazyflie 2.1 under motion capture, 100 Hz.
     NanoBench,
     /// Simulated closed-loop flights with an undeclared effect.
     HiddenEffects,
+    /// Messages of the thesis's rig (`crazyflie_ros` and a marker) in a ROS 1 bag or an MCAP.
+    Ros,
+    /// The firmware's variables on the Crazyflie's micro-SD card.
+    MicroSd,
 }
 
 impl fmt::Display for Format {
@@ -37,6 +54,8 @@ impl fmt::Display for Format {
             Self::Project => "a project CSV",
             Self::NanoBench => "a NanoBench CSV",
             Self::HiddenEffects => "a hidden-effects CSV",
+            Self::Ros => "a recording of ROS messages",
+            Self::MicroSd => "a micro-SD log",
         })
     }
 }
@@ -55,8 +74,8 @@ pub struct Fixes {
     pub yaw_rad: Option<Vec<f64>>,
 }
 
-/// The vehicle's own estimates (NanoBench), on its own clock, see [`Note::ClockSkew`]. One value per row.
-#[derive(Debug, Clone, PartialEq)]
+/// The vehicle's own estimates, one value per row. NanoBench has them on their own clock, see [`Note::ClockSkew`].
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Onboard {
     pub pos_m: Option<[Vec<f64>; 3]>,
     pub vel_mps: Option<[Vec<f64>; 3]>,
@@ -66,6 +85,15 @@ pub struct Onboard {
     pub motor_pwm: Option<[Vec<f64>; 4]>,
     /// Rate of the yaw setpoint, right-handed (yaw' = +rate). The firmware's yaw-rate command is not logged.
     pub setpoint_yaw_rate_radps: Option<Vec<f64>>,
+    /// Body rates that the attitude loop asks of the rate loop, right-handed.
+    pub cmd_rates_radps: Option<[Vec<f64>; 3]>,
+    /// What the mixer asks of the four motors before battery compensation, counts: their mean is the thrust command, their
+    /// differences are the moments that the rate controller needs to keep the vehicle straight.
+    pub motor_request_pwm: Option<[Vec<f64>; 4]>,
+    /// Acceleration in the world frame, gravity taken out.
+    pub acc_world_mps2: Option<[Vec<f64>; 3]>,
+    /// Specific force along the body's z axis, where the log holds no more of it than that.
+    pub acc_z_mps2: Option<Vec<f64>>,
 }
 
 /// What a simulator knows to be true. One value per row.
@@ -89,7 +117,8 @@ pub struct FlightLog {
     /// Time of each row, strictly increasing.
     pub t_s: Vec<f64>,
     /// Rows during which the vehicle flies, empty if it never does: above 0.1 m for NanoBench, whose vehicle
-    /// stands at up to 0.072 m, above 0.05 m in project files, and all rows of hidden-effects files, which hold
+    /// stands at up to 0.072 m and for ROS, above 0.05 m in project files, above 0.15 m with the motors on in micro-SD logs,
+    /// whose height is an estimate, and all rows of hidden-effects files, which hold
     /// neither take-off nor landing. The ends fly through ground effect: see [`FlightLog::interval_above`].
     pub airborne: Range<usize>,
 
@@ -105,7 +134,8 @@ pub struct FlightLog {
     /// As recorded (may wrap).
     pub setpoint_yaw_rad: Option<Vec<f64>>,
 
-    /// Camera fixes, or motion capture (one fix per row).
+    /// Camera fixes, or motion capture (one fix per row), or the vehicle's estimate where nothing else measured it, see
+    /// [`Note::PositionEstimated`].
     pub fixes: Fixes,
     /// Measured velocity in the world frame (motion capture only).
     pub vel_mps: Option<[Vec<f64>; 3]>,
@@ -144,11 +174,21 @@ impl FlightLog {
     pub fn from_bytes(file: &str, bytes: &[u8]) -> Result<Self, LogError> {
         let mut notes = Vec::new();
         let text = text::decompress(file, bytes, &mut notes)?;
+        if text.starts_with(bag::MAGIC) {
+            let topics = bag::read(file, &text, &mut notes)?;
+            return ros::read(file, &topics, notes);
+        }
+        if text.starts_with(mcap::MAGIC) {
+            return mcap_read::read(file, &text, notes);
+        }
+        if text.first() == Some(&usd::MAGIC) {
+            return firmware::read(file, &text, notes);
+        }
         let table = table::Table::parse(file, &text, &mut notes)?;
         match detect::format(&table, &mut notes)? {
-            Format::Project => project::read(&table, notes),
             Format::NanoBench => nanobench::read(&table, notes),
             Format::HiddenEffects => hidden_effects::read(&table, notes),
+            _ => project::read(&table, notes),
         }
     }
 

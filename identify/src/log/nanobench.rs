@@ -89,7 +89,7 @@ pub(super) fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, Log
     log.set_imu(imu);
     let (pos_m, vel_mps) = est.map(|[x, y, z, vx, vy, vz]| ([x, y, z], [vx, vy, vz])).unzip();
     let attitude_rad = att.map(|angles| right_handed(angles, &mut notes));
-    log.onboard = Some(Onboard { pos_m, vel_mps, attitude_rad, motor_pwm, setpoint_yaw_rate_radps });
+    log.onboard = Some(Onboard { pos_m, vel_mps, attitude_rad, motor_pwm, setpoint_yaw_rate_radps, ..Onboard::default() });
     log.compare_clocks(&mut notes);
     notes.push(Note::Negated { columns: &["pid_controller_pitch", "att_stateEstimate_pitch"] });
     notes.push(Note::ReadAs { columns: "pid_controller_yaw", unit: "the yaw setpoint in degrees" });

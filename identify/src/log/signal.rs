@@ -43,6 +43,31 @@ pub(super) fn median(values: &[f64]) -> f64 {
     sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
 }
 
+/// The value below which a `share` of `values` lies, 0 when there are none.
+pub(super) fn quantile(values: &[f64], share: f64) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let at = (share * sorted.len() as f64) as usize;
+    sorted.get(at.min(sorted.len().saturating_sub(1))).copied().unwrap_or(0.0)
+}
+
+/// The mean over `width_s` around each sample, less at the ends: nothing is delayed.
+pub(super) fn centred_mean(t_s: &[f64], values: &[f64], width_s: f64) -> Vec<f64> {
+    let (mut first, mut end, mut sum) = (0, 0, 0.0);
+    let mean = |row: usize| {
+        while end < t_s.len() && t_s[end] <= t_s[row] + 0.5 * width_s {
+            sum += values[end];
+            end += 1;
+        }
+        while t_s[first] < t_s[row] - 0.5 * width_s {
+            sum -= values[first];
+            first += 1;
+        }
+        sum / (end - first) as f64
+    };
+    (0..t_s.len()).map(mean).collect()
+}
+
 /// The usual time step, 0 for fewer than two rows.
 pub(super) fn usual_step(t_s: &[f64]) -> f64 {
     let steps: Vec<f64> = t_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
@@ -126,6 +151,20 @@ mod tests {
         z[50..53].fill(0.0);
         assert_eq!(longest_above(&t, &z, 0.1), 30..90);
         assert_eq!(longest_above(&t, &z, 2.0), 0..0);
+    }
+
+    #[test]
+    fn a_centred_mean_leaves_a_line_where_it_is() {
+        let t: Vec<f64> = (0..50).map(|i| f64::from(i) * 0.01).collect();
+        let smooth = centred_mean(&t, &t, 0.05);
+        assert!(smooth.iter().zip(&t).skip(3).take(44).all(|(a, b)| (a - b).abs() < 1e-12));
+        assert_eq!(centred_mean(&[0.0], &[2.0], 0.1), [2.0]);
+    }
+
+    #[test]
+    fn quantiles_are_values_that_occurred() {
+        assert_eq!([0.0, 0.5, 1.0].map(|share| quantile(&[3.0, 1.0, 2.0], share)), [1.0, 2.0, 3.0]);
+        assert_eq!(quantile(&[], 0.5), 0.0);
     }
 
     #[test]

@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use super::Note;
+use super::align::{self, correlation};
 use super::signal::{median, usual_step};
 
 /// Wider than any skew seen (79 ms), narrow enough not to find the next period of a manoeuvre.
@@ -56,14 +57,8 @@ fn lag(rates: &Rates<'_>, rows: &Range<usize>) -> Option<f64> {
             *sum += correlation(middle, &felt[shift..shift + middle.len()]) / 2.0;
         }
     }
-    let peak = (1..2 * reach).max_by(|a, b| by_lag[*a].total_cmp(&by_lag[*b]))?;
-    let [before, top, after] = [by_lag[peak - 1], by_lag[peak], by_lag[peak + 1]];
-    if top < LEAST_CORRELATION || before > top || after > top {
-        return None;
-    }
-    let curvature = before - 2.0 * top + after;
-    let refine = if curvature < 0.0 { 0.5 * (before - after) / curvature } else { 0.0 };
-    Some((peak as f64 - reach as f64 + refine) * step_s)
+    let (peak, _) = align::peak(&by_lag, LEAST_CORRELATION)?;
+    Some((peak - reach as f64) * step_s)
 }
 
 /// Central differences, the ends repeated.
@@ -79,19 +74,6 @@ fn derivative(t_s: &[f64], x: &[f64]) -> Vec<f64> {
 /// Moving average over `width` samples.
 fn average(x: &[f64], width: usize) -> Vec<f64> {
     x.windows(width).map(|w| w.iter().sum::<f64>() / width as f64).collect()
-}
-
-/// Pearson correlation, 0 when either side is constant.
-fn correlation(a: &[f64], b: &[f64]) -> f64 {
-    let count = a.len() as f64;
-    let (mean_a, mean_b) = (a.iter().sum::<f64>() / count, b.iter().sum::<f64>() / count);
-    let (mut ab, mut aa, mut bb) = (0.0, 0.0, 0.0);
-    for (x, y) in a.iter().zip(b) {
-        ab += (x - mean_a) * (y - mean_b);
-        aa += (x - mean_a).powi(2);
-        bb += (y - mean_b).powi(2);
-    }
-    if aa > 0.0 && bb > 0.0 { ab / (aa * bb).sqrt() } else { 0.0 }
 }
 
 #[cfg(test)]

@@ -66,6 +66,12 @@ impl Table {
         Ok(table)
     }
 
+    /// A table of cells that came in another form than text; `lines` count from 1 in errors.
+    pub(super) fn of_cells(file: String, header: Vec<String>, records: Vec<ByteRecord>) -> Self {
+        let lines = (1..=records.len() as u64).collect();
+        Self { file, header, records, lines }
+    }
+
     /// Takes the first record as the header, the others as rows.
     fn push(&mut self, record: &ByteRecord) -> Result<(), LogError> {
         if self.header.is_empty() {

@@ -9,8 +9,8 @@ use super::project::{
 use super::{Fixes, FlightLog, LogError};
 
 /// One column to write: its name and a way to turn the log's value into the column's unit.
-struct Column<'a> {
-    name: &'static str,
+pub(super) struct Column<'a> {
+    pub(super) name: &'static str,
     values: &'a [f64],
     convert: fn(f64) -> f64,
     /// For marker columns: the row each value belongs to.
@@ -29,9 +29,6 @@ impl FlightLog {
     /// value that is not finite; [`LogError::Write`] when `out` fails.
     pub fn write_csv(&self, out: impl Write) -> Result<(), LogError> {
         let columns = self.columns()?;
-        for column in &columns {
-            column.check(self.len())?;
-        }
         self.write_rows(&columns, out).map_err(LogError::Write)
     }
 
@@ -42,12 +39,7 @@ impl FlightLog {
         for row in 0..self.len() {
             let has_fix = self.fixes.row.get(next_fix) == Some(&row);
             for column in columns {
-                let at = match column.rows {
-                    None => Some(row),
-                    Some(_) => has_fix.then_some(next_fix),
-                };
-                let value = at.and_then(|at| column.values.get(at));
-                writer.write_field(value.map_or(String::new(), |v| (column.convert)(*v).to_string()))?;
+                writer.write_field(column.cell(row, has_fix.then_some(next_fix)).unwrap_or_default())?;
             }
             writer.write_record(None::<&[u8]>)?;
             next_fix += usize::from(has_fix);
@@ -55,7 +47,8 @@ impl FlightLog {
         Ok(writer.flush()?)
     }
 
-    fn columns(&self) -> Result<Vec<Column<'_>>, LogError> {
+    /// The columns of the project's form, checked.
+    pub(super) fn columns(&self) -> Result<Vec<Column<'_>>, LogError> {
         let mut columns = vec![plain(TIME, &self.t_s)];
         columns.extend(triple(SETPOINT, required(SETPOINT[0], &self.setpoint_m)?));
         columns.push(angle(SETPOINT_YAW, required(SETPOINT_YAW, &self.setpoint_yaw_rad)?));
@@ -83,11 +76,25 @@ impl FlightLog {
             columns.push(angle(pitch, &truth.pitch_rad));
             columns.push(angle(yaw, &truth.yaw_rad));
         }
+        for column in &columns {
+            column.check(self.len())?;
+        }
         Ok(columns)
     }
 }
 
 impl Column<'_> {
+    /// The number of a row as text, `None` for a marker column in a row without a fix.
+    pub(super) fn cell(&self, row: usize, fix: Option<usize>) -> Option<String> {
+        let at = if self.rows.is_some() { fix? } else { row };
+        self.values.get(at).map(|value| (self.convert)(*value).to_string())
+    }
+
+    /// Whether every row has a value.
+    pub(super) fn is_dense(&self) -> bool {
+        self.rows.is_none()
+    }
+
     fn check(&self, rows: usize) -> Result<(), LogError> {
         let expected = self.rows.map_or(rows, <[usize]>::len);
         if self.values.len() != expected {

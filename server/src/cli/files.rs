@@ -1,9 +1,11 @@
 //! Reading and writing the files that are named on the command line.
 
 use std::fs;
+use std::io::Cursor;
 use std::path::Path;
 
 use crazyflie_env::model::{Model, VerticalInput};
+use crazyflie_identify::FlightLog;
 
 use super::{Failure, Outcome};
 
@@ -21,6 +23,15 @@ pub(crate) fn write(path: &Path, bytes: &[u8]) -> Outcome {
         fs::create_dir_all(folder).map_err(failed)?;
     }
     fs::write(path, bytes).map_err(failed)
+}
+
+/// Writes a flight as CSV, or as MCAP if the file's name ends in that.
+pub(crate) fn write_log(path: &Path, log: &FlightLog) -> Outcome {
+    let mut bytes = Cursor::new(Vec::new());
+    let is_mcap = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("mcap"));
+    let written = if is_mcap { log.write_mcap(&mut bytes) } else { log.write_csv(&mut bytes) };
+    written.map_err(|e| Failure::about(path.display(), e))?;
+    write(path, bytes.get_ref())
 }
 
 /// The vertical input of that name.

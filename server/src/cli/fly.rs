@@ -55,8 +55,8 @@ pub(super) struct Args {
     /// Fly so many seeds, from --seed on, and print median and spread
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100_000), value_name = "N")]
     runs: u32,
-    /// Write the (first) flight as a log that `replay` reads
-    #[arg(long, value_name = "FILE")]
+    /// Write the (first) flight as a log that `replay` reads: CSV, or MCAP for a file ending in .mcap
+    #[arg(long, visible_alias = "log", value_name = "FILE")]
     csv: Option<PathBuf>,
     /// Draw the (first) flight over time
     #[arg(long, value_name = "FILE.svg")]
@@ -202,9 +202,7 @@ fn fly_all(args: &Args, setup: &Setup) -> Outcome<(Vec<Figures>, Trace)> {
 fn write_files(args: &Args, setup: &Setup, first: &Trace) -> Outcome {
     let title = format!("{}, gains {}, seed {}", setup.scenario.name, args.controller, args.seed);
     if let Some(file) = &args.csv {
-        let mut bytes = Vec::new();
-        flight::log(first).write_csv(&mut bytes).map_err(|e| Failure::about(file.display(), e))?;
-        files::write(file, &bytes)?;
+        files::write_log(file, &flight::log(first))?;
     }
     if let Some(file) = &args.picture {
         files::write(file, flight::picture(first, &title)?.as_bytes())?;

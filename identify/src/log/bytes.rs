@@ -1,0 +1,120 @@
+//! Reading numbers and text from bytes that may end anywhere.
+
+use std::io::Read;
+
+/// A position in a byte slice. Every read checks the length first; `None` means that the bytes end too soon.
+#[derive(Debug, Clone)]
+pub(super) struct Bytes<'a> {
+    data: &'a [u8],
+    at: usize,
+}
+
+impl<'a> Bytes<'a> {
+    pub(super) fn new(data: &'a [u8]) -> Self {
+        Self { data, at: 0 }
+    }
+
+    /// Offset of the next byte.
+    pub(super) fn at(&self) -> usize {
+        self.at
+    }
+
+    pub(super) fn left(&self) -> usize {
+        self.data.len() - self.at
+    }
+
+    pub(super) fn take(&mut self, count: usize) -> Option<&'a [u8]> {
+        let taken = self.data.get(self.at..self.at.checked_add(count)?)?;
+        self.at += count;
+        Some(taken)
+    }
+
+    fn array<const N: usize>(&mut self) -> Option<[u8; N]> {
+        self.take(N)?.try_into().ok()
+    }
+
+    /// All that is left.
+    pub(super) fn rest(&mut self) -> &'a [u8] {
+        let rest = &self.data[self.at..];
+        self.at = self.data.len();
+        rest
+    }
+
+    pub(super) fn u8(&mut self) -> Option<u8> {
+        self.array::<1>().map(|[byte]| byte)
+    }
+
+    pub(super) fn u16(&mut self) -> Option<u16> {
+        self.array().map(u16::from_le_bytes)
+    }
+
+    pub(super) fn u32(&mut self) -> Option<u32> {
+        self.array().map(u32::from_le_bytes)
+    }
+
+    pub(super) fn u64(&mut self) -> Option<u64> {
+        self.array().map(u64::from_le_bytes)
+    }
+
+    pub(super) fn f32(&mut self) -> Option<f32> {
+        self.array().map(f32::from_le_bytes)
+    }
+
+    pub(super) fn f64(&mut self) -> Option<f64> {
+        self.array().map(f64::from_le_bytes)
+    }
+
+    /// Bytes with their length in front, as ROS 1 writes strings and record parts.
+    pub(super) fn block(&mut self) -> Option<&'a [u8]> {
+        let mut ahead = self.clone();
+        let count = usize::try_from(ahead.u32()?).ok()?;
+        let block = ahead.take(count)?;
+        *self = ahead;
+        Some(block)
+    }
+
+    /// Text up to a zero byte, which is skipped; `None` if there is none within `longest` bytes or it is no text.
+    pub(super) fn zero_ended(&mut self, longest: usize) -> Option<&'a str> {
+        let rest = &self.data[self.at..];
+        let end = rest.iter().take(longest + 1).position(|byte| *byte == 0)?;
+        let text = std::str::from_utf8(&rest[..end]).ok()?;
+        self.at += end + 1;
+        Some(text)
+    }
+}
+
+/// Unpacks up to `most` bytes, as far as it goes, and says whether that was to the end.
+pub(super) fn unpack(from: std::io::Result<impl Read>, most: u64) -> (Vec<u8>, bool) {
+    let mut unpacked = Vec::new();
+    let is_whole = from.and_then(|from| from.take(most).read_to_end(&mut unpacked)).is_ok();
+    (unpacked, is_whole)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reads_stop_at_the_end() {
+        let mut bytes = Bytes::new(&[1, 0, 9]);
+        assert_eq!(bytes.u16(), Some(1));
+        assert_eq!((bytes.u16(), bytes.at()), (None, 2));
+        assert_eq!((bytes.u8(), bytes.left()), (Some(9), 0));
+        assert_eq!(bytes.take(usize::MAX), None);
+    }
+
+    #[test]
+    fn a_block_that_is_not_whole_is_left_in_place() {
+        let mut bytes = Bytes::new(&[2, 0, 0, 0, 7, 8, 9, 0, 0, 0, 1]);
+        assert_eq!(bytes.block(), Some(&[7, 8][..]));
+        assert_eq!((bytes.block(), bytes.at()), (None, 6));
+    }
+
+    #[test]
+    fn text_needs_its_end() {
+        let mut bytes = Bytes::new(b"ab\0cd");
+        assert_eq!(bytes.zero_ended(1), None);
+        assert_eq!(bytes.zero_ended(2), Some("ab"));
+        assert_eq!(bytes.zero_ended(9), None);
+    }
+}
