@@ -3,6 +3,7 @@
 
 mod cli;
 mod flight;
+mod measured;
 mod recovery;
 mod scorecard;
 

@@ -9,6 +9,7 @@ mod identify;
 mod identify_picture;
 mod identify_table;
 mod identify_thesis;
+mod measured;
 mod model;
 mod replay;
 mod replay_table;
@@ -45,6 +46,7 @@ enum Command {
     Replay(replay::Args),
     Identify(identify::Args),
     Scorecard(scorecard::Args),
+    Measured(measured::Args),
     Effects(effects::Args),
     Tasks(tasks::Args),
     Model(model::Args),
@@ -77,6 +79,7 @@ fn run(command: &Command, out: &mut dyn Write) -> Outcome {
         Command::Replay(args) => replay::run(args, out),
         Command::Identify(args) => identify::run(args, out),
         Command::Scorecard(args) => scorecard::run(args, out),
+        Command::Measured(args) => measured::run(args, out),
         Command::Effects(args) => effects::run(args, out),
         Command::Tasks(args) => tasks::run(args, out),
         Command::Model(args) => model::run(args, out),
