@@ -4,6 +4,7 @@
 mod cli;
 mod explained;
 mod flight;
+mod measured;
 mod recovery;
 mod score;
 mod scorecard;

@@ -11,6 +11,7 @@ mod identify;
 mod identify_picture;
 mod identify_table;
 mod identify_thesis;
+mod measured;
 mod model;
 mod replay;
 mod replay_table;
@@ -52,6 +53,7 @@ enum Command {
     Explain(explain::Args),
     Score(score::Args),
     Scorecard(scorecard::Args),
+    Measured(measured::Args),
     Effects(effects::Args),
     Tasks(tasks::Args),
     Model(model::Args),
@@ -86,6 +88,7 @@ fn run(command: &Command, out: &mut dyn Write) -> Outcome {
         Command::Explain(args) => explain::run(args, out),
         Command::Score(args) => score::run(args, out),
         Command::Scorecard(args) => scorecard::run(args, out),
+        Command::Measured(args) => measured::run(args, out),
         Command::Effects(args) => effects::run(args, out),
         Command::Tasks(args) => tasks::run(args, out),
         Command::Model(args) => model::run(args, out),

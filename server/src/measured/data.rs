@@ -1,0 +1,99 @@
+//! The recorded flights, and which of them may be fitted.
+
+use std::path::Path;
+
+use crazyflie_env::model::Model;
+use crazyflie_identify::FlightLog;
+use crazyflie_identify::fit::flight::Flight;
+
+/// What the recordings' own description of the split says: the first are fitted, the others only predicted.
+const FIT: [&str; 12] = [
+    "B2_circle_fast_rep2",
+    "B8_star_fast_rep1",
+    "B2_circle_medium_rep2",
+    "B3_figure8_fast_rep1",
+    "B3_figure8_medium_rep2",
+    "B5_helix_medium_rep1",
+    "B6_linear_ramp_rep2",
+    "B7_oval_fast_rep2",
+    "B8_star_slow_rep1",
+    "B9_trefoil_fast_rep14",
+    "B9_trefoil_slow_rep12",
+    "B10_lissajous_fast_rep1",
+];
+const TEST: [&str; 6] = [
+    "B7_oval_fast_rep3",
+    "B2_circle_slow_rep2",
+    "B3_figure8_slow_rep1",
+    "B8_star_medium_rep1",
+    "B9_trefoil_medium_rep10",
+    "B9_trefoil_slow_rep15",
+];
+
+/// A flight with the log that it is from.
+pub(super) struct Recorded {
+    pub(super) log: FlightLog,
+    pub(super) flight: Flight,
+}
+
+/// Flights of one side of the split.
+pub(super) struct Side {
+    pub(super) recorded: Vec<Recorded>,
+    /// Files that cannot drive a model, and why.
+    pub(super) left_out: Vec<(String, String)>,
+}
+
+impl Side {
+    /// The same flights, each with its thrust command in parts of its own median, times a common PWM. The vehicle hovers on the whole, so the
+    /// median command is the one that carries it: nothing but commands goes into this.
+    pub(super) fn trimmed(&self, model: &Model, common_pwm: f64) -> Vec<Flight> {
+        let of = |r: &Recorded| {
+            let mut log = r.log.clone();
+            let flown = log.airborne.clone();
+            let thrust = log.cmd_thrust_pwm.as_mut()?;
+            let median_pwm = median(thrust.get(flown)?);
+            thrust.iter_mut().for_each(|pwm| *pwm *= common_pwm / median_pwm);
+            Flight::of(&r.flight.name, &log, model).ok()
+        };
+        self.recorded.iter().filter_map(of).collect()
+    }
+
+    /// The median thrust command of each flight.
+    pub(super) fn hovers_pwm(&self) -> Vec<f64> {
+        let of = |r: &Recorded| Some(median(r.log.cmd_thrust_pwm.as_ref()?.get(r.log.airborne.clone())?));
+        self.recorded.iter().filter_map(of).collect()
+    }
+
+    pub(super) fn flights(&self) -> Vec<Flight> {
+        self.recorded.iter().map(|r| r.flight.clone()).collect()
+    }
+}
+
+/// Half of the values lie below.
+pub(super) fn median(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted.get(sorted.len() / 2).copied().unwrap_or(f64::NAN)
+}
+
+/// Both sides; when it has to be quick, two flights to fit and one to predict.
+pub(super) fn sides(folder: &Path, model: &Model, quick: bool) -> Result<[Side; 2], String> {
+    let (fit, test) = if quick { (&FIT[..2], &TEST[..1]) } else { (&FIT[..], &TEST[..]) };
+    let sides = [side(folder, fit, model)?, side(folder, test, model)?];
+    match sides.iter().any(|s| s.recorded.is_empty()) {
+        true => Err(format!("{}: no flight can be used", folder.display())),
+        false => Ok(sides),
+    }
+}
+
+fn side(folder: &Path, names: &[&str], model: &Model) -> Result<Side, String> {
+    let mut side = Side { recorded: Vec::new(), left_out: Vec::new() };
+    for name in names {
+        let log = FlightLog::read(&folder.join(format!("{name}.csv.gz"))).map_err(|e| e.to_string())?;
+        match Flight::of(name, &log, model) {
+            Ok(flight) => side.recorded.push(Recorded { log, flight }),
+            Err(why) => side.left_out.push(((*name).to_owned(), why.to_string())),
+        }
+    }
+    Ok(side)
+}

@@ -1,0 +1,75 @@
+//! Seconds near the floor: does the thrust grow there?
+
+use crazyflie_env::effects;
+use crazyflie_identify::fit::flight::{Flight, Window};
+use crazyflie_identify::fit::hypothesis::{Hypothesis, Term};
+use crazyflie_identify::fit::predict::Prediction;
+use crazyflie_identify::fit::solve::{Solution, solve_within};
+
+use super::ladder::Value;
+
+/// The vehicle flies lower than this in the first and the last seconds only.
+const LOW_M: f64 = 0.3;
+const WINDOW_S: f64 = 0.5;
+const STEPS: usize = 15;
+/// The floor's own effects, and what could be taken for them.
+const RIVALS: [&str; 4] = ["ground_effect", "ground_effect_exp", "thrust_scale", "heave_damping"];
+
+pub(super) struct Rival {
+    pub(super) effect: &'static str,
+    pub(super) values: Vec<Value>,
+    /// Negative log-likelihood that it saves on the low windows of the fit and of the test flights.
+    pub(super) gain_fit: f64,
+    pub(super) gain_test: f64,
+}
+
+pub(super) struct Ground {
+    pub(super) windows: [usize; 2],
+    pub(super) rivals: Vec<Rival>,
+}
+
+/// Each rival beside the completed model, whose thrust at hover may differ there.
+pub(super) fn ground(completed: &Hypothesis, fit: &[Flight], test: &[Flight]) -> Option<Ground> {
+    let (low, low_test) = (low_windows(fit), low_windows(test));
+    let base = Hypothesis { free: vec!["vertical.thrust.hover".into()], ..completed.fixed() };
+    let calm = solved(&base, fit, &low);
+    let settled = base.at(&calm.shared).fixed();
+    let calm_test = solved(&settled, test, &low_test).loss;
+    let mut rivals = Vec::new();
+    for effect in RIVALS.iter().filter(|e| !completed.has(e)) {
+        let (_, entry) = effects::find(effect).ok()?;
+        let mut term = Term::off(entry);
+        term.free.truncate(1);
+        let with = base.with(term);
+        let found = solved(&with, fit, &low);
+        let flight_of: Vec<usize> = low.iter().map(|w| w.flight).collect();
+        let covariance = found.covariance(&flight_of);
+        let i = found.shared.len() - 1;
+        let [least, most] = with.bounds()[i];
+        let value = Value {
+            name: format!("{effect}.{}", entry.params[0].name),
+            unit: entry.params[0].unit.to_owned(),
+            value: found.shared[i],
+            stderr: covariance.map_or(f64::INFINITY, |c| c[(i, i)].max(0.0).sqrt()),
+            at_bound: found.shared[i] <= least || found.shared[i] >= most,
+        };
+        let gain_test = calm_test - solved(&with.at(&found.shared).fixed(), test, &low_test).loss;
+        rivals.push(Rival { effect, values: vec![value], gain_fit: calm.loss - found.loss, gain_test });
+    }
+    Some(Ground { windows: [low.len(), low_test.len()], rivals })
+}
+
+fn solved(at: &Hypothesis, flights: &[Flight], windows: &[Window]) -> Solution {
+    let prediction = Prediction { flights, windows, hypothesis: at, inflation: 1.0 };
+    solve_within(&prediction, prediction.starts(), at.shared(), STEPS)
+}
+
+/// Windows that begin or end near the floor.
+fn low_windows(flights: &[Flight]) -> Vec<Window> {
+    let of = |(i, flight): (usize, &Flight)| {
+        let low = |tick: usize| flight.start(tick).pos_m[2] < LOW_M;
+        let near = move |w: &Window| low(w.ticks.start) || low(w.ticks.end - 1);
+        flight.windows(i, WINDOW_S).into_iter().filter(near).collect::<Vec<_>>()
+    };
+    flights.iter().enumerate().flat_map(of).collect()
+}

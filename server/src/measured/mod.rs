@@ -1,0 +1,166 @@
+//! What recorded flights say of the model: fitted on some, told on others.
+
+mod data;
+mod force;
+mod ground;
+mod ladder;
+mod pad;
+mod page;
+mod picture;
+mod words;
+
+use std::path::Path;
+use std::time::Instant;
+
+use crazyflie_env::model::Model;
+use crazyflie_identify::explain::errors::{self, Errors};
+use crazyflie_identify::explain::noise;
+use crazyflie_identify::fit::flight::Flight;
+use crazyflie_identify::fit::hypothesis::Hypothesis;
+
+use data::Side;
+use ladder::{Fit, Rung, Value};
+
+pub(crate) use page::{as_json, page};
+pub(crate) use picture::pictures;
+
+/// How many times `progress` is called at most.
+pub(crate) const STAGES: u64 = 15;
+
+/// Windows of the fits. Hover PWM differ from flight to flight, and over 5 s that is seen as damping rather than as a force; with the hover PWM of
+/// each flight known, 2 s tell the force.
+const LONG_S: f64 = 5.0;
+const SHORT_S: f64 = 2.0;
+/// Where a fit starts that is not told better.
+const THESIS_PWM: f64 = 39_342.5;
+
+/// The thesis model with some of its numbers fitted, on the test flights.
+pub(crate) struct Part {
+    what: &'static str,
+    /// Root mean square: attitude after 0.5 s (rad), velocity after 2 s (m/s).
+    attitude_rad: f64,
+    velocity_mps: f64,
+    /// Velocity against the thesis model unchanged.
+    p_value: f64,
+}
+
+/// Everything that the page tells.
+pub(crate) struct Story {
+    fit: Side,
+    test: Side,
+    thesis: Hypothesis,
+    /// The median thrust command of each flight, of both sides.
+    hovers_pwm: [Vec<f64>; 2],
+    /// Test flights with thrust in parts of their hover PWM.
+    judged_trim: Vec<Flight>,
+    again: Hypothesis,
+    explained: Hypothesis,
+    again_values: Vec<Value>,
+    values: Vec<Value>,
+    rungs: Vec<Rung>,
+    /// Thesis against re-identified; re-identified with the hover PWM of each flight against explained.
+    errors: [Errors; 2],
+    /// Thesis, re-identified, re-identified with the hover PWM of each flight, explained.
+    force_mps2: [f64; 4],
+    /// Of the constant g.
+    still_mps2: f64,
+    parts: Vec<Part>,
+    ground: Option<ground::Ground>,
+    pad: Option<pad::Pad>,
+    seconds: f64,
+}
+
+impl Story {
+    /// How many times smaller the 2 s velocity error is: re-identified, and explained.
+    fn factors(&self) -> [f64; 2] {
+        let thesis = self.errors[0].before[1][3];
+        [thesis / self.errors[0].after[1][3], thesis / self.errors[1].after[1][3]]
+    }
+}
+
+/// Fits and predicts. `data` holds the folders of the recordings.
+///
+/// # Errors
+/// Recordings that are missing or cannot be read, in words.
+pub(crate) fn tell(data: &Path, quick: bool, progress: &dyn Fn(&str)) -> Result<Story, String> {
+    let began = Instant::now();
+    let model = Model::thesis();
+    progress("reading");
+    let [fit, test] = data::sides(&data.join("nanobench"), &model, quick)?;
+    let (fitted, judged) = (fit.flights(), test.flights());
+    progress("the numbers again");
+    let thesis = Hypothesis::of(&model);
+    let first = Fit::new(&fitted, LONG_S).reidentified(&model, THESIS_PWM);
+    let again = Hypothesis::of(&first.hypothesis.model);
+    progress("what is random");
+    let d = noise::tune(&fitted[0], &again, None);
+    progress("the hover PWM of each flight");
+    let common_pwm = data::median(&fit.hovers_pwm());
+    let (fitted_trim, judged_trim) = (fit.trimmed(&model, common_pwm), test.trimmed(&model, common_pwm));
+    let all = Fit::new(&fitted_trim, SHORT_S);
+    let trim = all.reidentified(&model, common_pwm);
+    let trimmed = Hypothesis::of(&trim.hypothesis.model);
+    let (last, rungs) = all.climb(trim, &judged_trim, &d, progress);
+    let explained = last.hypothesis.fixed();
+    progress("the test flights");
+    let dx = noise::tune(&fitted_trim[0], &explained, Some(&d));
+    let errors = [errors::compare((&thesis, &d), (&again, &d), &judged), errors::compare((&trimmed, &d), (&explained, &dx), &judged_trim)];
+    let force_mps2 = [
+        force::error(&judged, &thesis),
+        force::error(&judged, &again),
+        force::error(&judged_trim, &trimmed),
+        force::error(&judged_trim, &explained),
+    ];
+    let still_mps2 = force::still(&judged);
+    let parts = if quick { Vec::new() } else { parts(&thesis, &again, &d, &judged) };
+    progress("near the floor");
+    let ground = if quick { None } else { ground::ground(&explained, &fitted_trim, &judged_trim) };
+    progress("planted defects");
+    let pad = if quick { None } else { pad::pad(&data.join("crazypad")) };
+    let seconds = began.elapsed().as_secs_f64();
+    let (values, again_values) = (last.values, first.values);
+    let hovers_pwm = [fit.hovers_pwm(), test.hovers_pwm()];
+    Ok(Story {
+        hovers_pwm,
+        judged_trim,
+        fit,
+        test,
+        thesis,
+        again,
+        explained,
+        again_values,
+        values,
+        rungs,
+        errors,
+        force_mps2,
+        still_mps2,
+        parts,
+        ground,
+        pad,
+        seconds,
+    })
+}
+
+/// The thesis model with the numbers of one of its equations taken from the fit.
+fn parts(thesis: &Hypothesis, again: &Hypothesis, d: &crazyflie_identify::fit::filter::Disturbances, test: &[Flight]) -> Vec<Part> {
+    let with = |prefixes: &[&str]| {
+        let mut model = thesis.model.clone();
+        for (path, value, _) in again.model.parameters() {
+            if prefixes.iter().any(|p| path.starts_with(p)) {
+                model = model.with_parameter(&path, value).unwrap_or(model);
+            }
+        }
+        Hypothesis::of(&model)
+    };
+    let which: [(&'static str, &[&str]); 4] = [
+        ("5.1, roll and pitch fitted", &["roll.", "pitch."]),
+        ("vertical: hover PWM fitted", &["vertical.thrust.hover"]),
+        ("vertical: hover PWM and heave fitted", &["vertical.thrust."]),
+        ("all but 5.1 fitted", &["vertical.thrust.", "lateral.drag"]),
+    ];
+    let part = |(what, prefixes): (&'static str, &[&str])| {
+        let e = errors::compare((thesis, d), (&with(prefixes), d), test);
+        Part { what, attitude_rad: e.after[2][2], velocity_mps: e.after[1][3], p_value: e.p_value[1][3] }
+    };
+    which.into_iter().map(part).collect()
+}

@@ -1,0 +1,71 @@
+//! Pictures of the page.
+
+use crazyflie_identify::explain::errors::{HORIZONS_S, QUANTITIES};
+use crazyflie_picture::{PALETTE, Panel, PictureError, Series, Style, chart};
+
+use super::{Story, force};
+
+/// So much of a flight shows every wave.
+const SHOWN_S: [f64; 2] = [5.0, 17.0];
+
+/// File names and SVG documents.
+///
+/// # Errors
+/// Numbers that cannot be drawn.
+pub(crate) fn pictures(story: &Story) -> Result<Vec<(&'static str, String)>, PictureError> {
+    Ok(vec![("errors.svg", errors(story)?), ("force.svg", specific_force(story)?)])
+}
+
+/// Error over horizon, the decimal logarithm of both: three orders of magnitude lie between the ends.
+fn errors(story: &Story) -> Result<String, PictureError> {
+    let x: Vec<f64> = HORIZONS_S.iter().map(|s| s.log10()).collect();
+    let of = |table: &[[f64; 5]; 3], q: usize| table[q][..4].iter().map(|e| e.log10()).collect::<Vec<f64>>();
+    let [a, b] = &story.errors;
+    let curves: Vec<[Vec<f64>; 4]> =
+        (0..QUANTITIES.len()).map(|q| [of(&a.before, q), of(&a.after, q), of(&b.after, q), of(&a.naive, q)]).collect();
+    let looks = [
+        ("thesis model", PALETTE[1], Style::Solid),
+        ("re-identified", PALETTE[0], Style::Solid),
+        ("explained", PALETTE[2], Style::Solid),
+        ("nothing moves on", PALETTE[3], Style::Dashed),
+    ];
+    let labels = ["log10 of the error (m)", "log10 of the error (m/s)", "log10 of the error (rad)"];
+    let panels: Vec<Panel> = (0..QUANTITIES.len())
+        .map(|q| Panel {
+            title: QUANTITIES[q].0,
+            x_label: "log10 of the horizon (s)",
+            y_label: labels[q],
+            series: curves[q].iter().zip(looks).map(|(y, (label, color, style))| Series { label, x: &x, y, style, color }).collect(),
+            ..Panel::default()
+        })
+        .collect();
+    chart(&panels, 3, "Test flights, from the commands alone")
+}
+
+fn specific_force(story: &Story) -> Result<String, PictureError> {
+    let recorded = &story.test.recorded[0];
+    let found: Vec<(&str, [u8; 3], force::Force)> =
+        [("re-identified", PALETTE[1], &story.again, &recorded.flight), ("explained", PALETTE[2], &story.explained, &story.judged_trim[0])]
+            .into_iter()
+            .filter_map(|(label, color, at, flight)| Some((label, color, cut(force::force(flight, at)?))))
+            .collect();
+    let mut panels = Vec::new();
+    for (label, color, force) in &found {
+        let measured = Series { label: "measured", x: &force.t_s, y: &force.measured_mps2, style: Style::Solid, color: PALETTE[0] };
+        let predicted = Series { label, x: &force.t_s, y: &force.predicted_mps2, style: Style::Solid, color: *color };
+        panels.push(Panel {
+            title: label,
+            x_label: "time (s)",
+            y_label: "vertical specific force (m/s^2)",
+            series: vec![measured, predicted],
+            ..Panel::default()
+        });
+    }
+    chart(&panels, 1, &format!("{}, a test flight", recorded.flight.name))
+}
+
+fn cut(force: force::Force) -> force::Force {
+    let kept: Vec<usize> = (0..force.t_s.len()).filter(|i| (SHOWN_S[0]..SHOWN_S[1]).contains(&force.t_s[*i])).collect();
+    let of = |v: &[f64]| kept.iter().map(|i| v[*i]).collect();
+    force::Force { t_s: of(&force.t_s), measured_mps2: of(&force.measured_mps2), predicted_mps2: of(&force.predicted_mps2) }
+}
