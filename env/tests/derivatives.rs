@@ -79,7 +79,13 @@ fn values_are_those_of_f64_and_slopes_those_of_differences() {
                 assert_eq!(number.value, plain[k], "{} output {k}", entry.name);
                 let difference = (up[k] - down[k]) / (2.0 * h);
                 let scale = 1e-3 / (param.high - param.low) + difference.abs();
-                assert!((number.slope[5] - difference).abs() < 2e-3 * scale, "{}.{} output {k}: {} against {difference}", entry.name, param.name, number.slope[5]);
+                assert!(
+                    (number.slope[5] - difference).abs() < 2e-3 * scale,
+                    "{}.{} output {k}: {} against {difference}",
+                    entry.name,
+                    param.name,
+                    number.slope[5]
+                );
             }
         }
     }
@@ -100,7 +106,11 @@ fn the_start_has_slopes_too() {
         let (up, down) = (moved(1e-6), moved(-1e-6));
         for (k, number) in dual.iter().enumerate() {
             let difference = (up[k] - down[k]) / 2e-6;
-            assert!((number.slope[direction] - difference).abs() < 1e-5, "start {direction} output {k}: {} against {difference}", number.slope[direction]);
+            assert!(
+                (number.slope[direction] - difference).abs() < 1e-5,
+                "start {direction} output {k}: {} against {difference}",
+                number.slope[direction]
+            );
         }
     }
 }

@@ -81,8 +81,16 @@ pub(crate) fn sentence(found: &Explanation) -> String {
         Verdict::NotDecidable => "Not decidable: something is missing, but these flights do not tell which effect it is.".into(),
         Verdict::Unexplained => {
             let what = findings(found).first().map_or_else(String::new, |l| format!(" ({}: {})", l.signal, l.finding));
-            let besides = if effects.is_empty() { String::new() } else { format!(" These lower the errors on the test flights but do not account for it: {effects}.") };
-            let besides = if found.learned { besides + " A term learned from the residual, which names no cause, is in the completed model." } else { besides };
+            let besides = if effects.is_empty() {
+                String::new()
+            } else {
+                format!(" These lower the errors on the test flights but do not account for it: {effects}.")
+            };
+            let besides = if found.learned {
+                besides + " A term learned from the residual, which names no cause, is in the completed model."
+            } else {
+                besides
+            };
             format!("Unexplained: the flights hold a structure that no effect of the library accounts for{what}.{besides}")
         }
     }

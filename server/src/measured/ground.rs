@@ -13,12 +13,14 @@ const LOW_M: f64 = 0.3;
 const WINDOW_S: f64 = 0.5;
 const STEPS: usize = 15;
 /// The floor's own effects, and what could be taken for them.
-const RIVALS: [&str; 4] = ["ground_effect", "ground_effect_exp", "thrust_scale", "heave_damping"];
+const RIVALS: [&str; 4] = ["ground_effect", "ground_effect_exp", "tilt_loss", "drag_linear"];
 
 pub(super) struct Rival {
     pub(super) effect: &'static str,
-    pub(super) values: Vec<Value>,
-    /// Negative log-likelihood that it saves on the low windows of the fit and of the test flights.
+    pub(super) value: Value,
+    /// The value at which it does nothing.
+    pub(super) off: f64,
+    /// Share of the loss that it saves on the low windows of the fit and of the test flights.
     pub(super) gain_fit: f64,
     pub(super) gain_test: f64,
 }
@@ -28,10 +30,13 @@ pub(super) struct Ground {
     pub(super) rivals: Vec<Rival>,
 }
 
-/// Each rival beside the completed model, whose thrust at hover may differ there.
+/// Each rival beside the completed model, whose thrust may differ there.
 pub(super) fn ground(completed: &Hypothesis, fit: &[Flight], test: &[Flight]) -> Option<Ground> {
     let (low, low_test) = (low_windows(fit), low_windows(test));
-    let base = Hypothesis { free: vec!["vertical.thrust.hover".into()], ..completed.fixed() };
+    let mut base = Hypothesis { free: vec!["vertical.thrust.hover".into(), "vertical.thrust.heave".into()], ..completed.fixed() };
+    if let Some(slope) = base.terms.iter_mut().find(|t| t.entry.name == "thrust_slope") {
+        slope.free = vec![0];
+    }
     let calm = solved(&base, fit, &low);
     let settled = base.at(&calm.shared).fixed();
     let calm_test = solved(&settled, test, &low_test).loss;
@@ -44,7 +49,7 @@ pub(super) fn ground(completed: &Hypothesis, fit: &[Flight], test: &[Flight]) ->
         let found = solved(&with, fit, &low);
         let flight_of: Vec<usize> = low.iter().map(|w| w.flight).collect();
         let covariance = found.covariance(&flight_of);
-        let i = found.shared.len() - 1;
+        let i = with.place(effect).start;
         let [least, most] = with.bounds()[i];
         let value = Value {
             name: format!("{effect}.{}", entry.params[0].name),
@@ -53,8 +58,8 @@ pub(super) fn ground(completed: &Hypothesis, fit: &[Flight], test: &[Flight]) ->
             stderr: covariance.map_or(f64::INFINITY, |c| c[(i, i)].max(0.0).sqrt()),
             at_bound: found.shared[i] <= least || found.shared[i] >= most,
         };
-        let gain_test = calm_test - solved(&with.at(&found.shared).fixed(), test, &low_test).loss;
-        rivals.push(Rival { effect, values: vec![value], gain_fit: calm.loss - found.loss, gain_test });
+        let gain_test = 1.0 - solved(&with.at(&found.shared).fixed(), test, &low_test).loss / calm_test;
+        rivals.push(Rival { effect, value, off: entry.params[0].off, gain_fit: 1.0 - found.loss / calm.loss, gain_test });
     }
     Some(Ground { windows: [low.len(), low_test.len()], rivals })
 }

@@ -25,7 +25,7 @@ pub(crate) use page::{as_json, page};
 pub(crate) use picture::pictures;
 
 /// How many times `progress` is called at most.
-pub(crate) const STAGES: u64 = 15;
+pub(crate) const STAGES: u64 = 14;
 
 /// Windows of the fits. Hover PWM differ from flight to flight, and over 5 s that is seen as damping rather than as a force; with the hover PWM of
 /// each flight known, 2 s tell the force.

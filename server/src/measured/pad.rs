@@ -13,11 +13,13 @@ const VEHICLE: &str = "E8_";
 const EDGE_S: f64 = 1.5;
 
 /// What hovering asks, the mean over a flight: collective thrust, then each motor's share above the mean, in counts.
-pub(super) const ASKED: [&str; 5] = ["thrust", "motor 1", "motor 2", "motor 3", "motor 4"];
+pub(super) const ASKED: [&str; 6] = ["thrust", "motor 1", "motor 2", "motor 3", "motor 4", "yaw moment"];
+/// The last of them: motors 1 and 3 turn against 2 and 4. A weight turns nothing; a propeller that drags less does.
+pub(super) const YAW: usize = 5;
 
 pub(super) struct Condition {
     pub(super) name: &'static str,
-    pub(super) flights: Vec<[f64; 5]>,
+    pub(super) flights: Vec<[f64; 6]>,
     pub(super) left_out: Vec<String>,
 }
 
@@ -26,7 +28,7 @@ pub(super) struct Pad {
 }
 
 /// Mean and standard error over flights.
-pub(super) fn mean(flights: &[[f64; 5]], of: usize) -> (f64, f64) {
+pub(super) fn mean(flights: &[[f64; 6]], of: usize) -> (f64, f64) {
     let n = flights.len() as f64;
     let mean = flights.iter().map(|f| f[of]).sum::<f64>() / n;
     let variance = flights.iter().map(|f| (f[of] - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
@@ -62,7 +64,7 @@ fn condition(folder: &Path, name: &'static str) -> Condition {
 }
 
 /// Means over the airborne seconds without take-off and landing.
-fn hover(log: &FlightLog) -> Option<[f64; 5]> {
+fn hover(log: &FlightLog) -> Option<[f64; 6]> {
     let flown = log.airborne.clone();
     let (first, last) = (*log.t_s.get(flown.start)? + EDGE_S, *log.t_s.get(flown.end.checked_sub(1)?)? - EDGE_S);
     let rows: Vec<usize> = flown.filter(|row| (first..last).contains(&log.t_s[*row])).collect();
@@ -73,5 +75,6 @@ fn hover(log: &FlightLog) -> Option<[f64; 5]> {
     let of = |v: &[f64]| rows.iter().map(|row| v[*row]).sum::<f64>() / rows.len() as f64;
     let motors: [f64; 4] = std::array::from_fn(|m| of(&asked[m]));
     let thrust = motors.iter().sum::<f64>() / 4.0;
-    Some([thrust, motors[0] - thrust, motors[1] - thrust, motors[2] - thrust, motors[3] - thrust])
+    let yaw = 0.25 * (motors[0] - motors[1] + motors[2] - motors[3]);
+    Some([thrust, motors[0] - thrust, motors[1] - thrust, motors[2] - thrust, motors[3] - thrust, yaw])
 }
