@@ -87,9 +87,7 @@ impl Worker {
         // frames are filmed when the log has them, not by the rig's clock
         (model.rig.control.value, model.rig.imu.value, model.rig.camera.value) = (hz, hz, 1.0);
         let needed_hz = at.terms.iter().map(|t| t.entry.physics_hz).max().unwrap_or(0);
-        // pushes see the middle of a step: two steps per tick are enough to tell effects apart, where the simulator takes six
-        let twice = (needed_hz > hz as u32).then_some(2 * hz as u32);
-        let settings = Settings { input: flight.input, physics_hz: at.physics_hz.or(twice) };
+        let settings = Settings { input: flight.input, physics_hz: at.physics_hz };
         let entries: Vec<&'static Entry> = at.terms.iter().map(|t| t.entry).collect();
         let own = START + at.lags();
         let shared: usize = at.free.len() + at.terms.iter().map(|t| t.free.len()).sum::<usize>();
