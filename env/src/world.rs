@@ -226,7 +226,7 @@ impl<R: Simulated> World<R> {
     pub fn draw_lane(&mut self, tile: usize, lane: usize, key: u64, rng: &mut rand_pcg::Pcg64Mcg) {
         self.ages[tile].keys.set_lane(lane, key);
         self.ages[tile].tick.set_lane(lane, 0);
-        let mut values = [0.0; 8];
+        let mut values = [0.0; 16];
         for (stage, numbers) in &self.drawn {
             let drawn = &mut values[..numbers.len()];
             for (slot, number) in drawn.iter_mut().zip(numbers) {

@@ -12,19 +12,19 @@ impl Effect<14, 0> for Learned {
     const SOURCE: &'static str = "Sparse regression on a library of functions (Brunton, Proctor, Kutz 2016); a description, not a cause";
     const PARAMS: [Param; 14] = [
         param("front_bias_mps2", "m/s^2", 0.0, [-5.0, 5.0], "forward, constant"),
-        param("front_speed_ps", "1/s", 0.0, [-5.0, 5.0], "forward, per forward speed"),
-        param("front_drag_pm", "1/m", 0.0, [-5.0, 5.0], "forward, per forward speed times speed"),
+        param("front_speed_ps", "1/s", 0.0, [-5.0, 0.5], "forward, per forward speed"),
+        param("front_drag_pm", "1/m", 0.0, [-5.0, 0.0], "forward, per forward speed times speed"),
         param("front_pitch_mps2", "m/s^2/rad", 0.0, [-20.0, 20.0], "forward, per pitch"),
         param("front_command_mps2", "m/s^2/rad", 0.0, [-20.0, 20.0], "forward, per pitch command"),
         param("left_bias_mps2", "m/s^2", 0.0, [-5.0, 5.0], "to the left, constant"),
-        param("left_speed_ps", "1/s", 0.0, [-5.0, 5.0], "to the left, per speed to the left"),
-        param("left_drag_pm", "1/m", 0.0, [-5.0, 5.0], "to the left, per speed to the left times speed"),
+        param("left_speed_ps", "1/s", 0.0, [-5.0, 0.5], "to the left, per speed to the left"),
+        param("left_drag_pm", "1/m", 0.0, [-5.0, 0.0], "to the left, per speed to the left times speed"),
         param("left_roll_mps2", "m/s^2/rad", 0.0, [-20.0, 20.0], "to the left, per roll"),
         param("left_command_mps2", "m/s^2/rad", 0.0, [-20.0, 20.0], "to the left, per roll command"),
         param("up_bias_mps2", "m/s^2", 0.0, [-5.0, 5.0], "up, constant"),
-        param("up_speed_ps", "1/s", 0.0, [-5.0, 5.0], "up, per climb"),
+        param("up_speed_ps", "1/s", 0.0, [-5.0, 0.5], "up, per climb"),
         param("up_thrust_mps2", "m/s^2", 0.0, [-20.0, 20.0], "up, per thrust over weight beyond one"),
-        param("up_sideways_pm", "1/m", 0.0, [-5.0, 5.0], "up, per horizontal speed squared"),
+        param("up_sideways_pm", "1/m", 0.0, [-1.0, 1.0], "up, per horizontal speed squared"),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
     const TRACE: Trace = Trace::StandIn;
