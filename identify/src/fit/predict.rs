@@ -86,7 +86,6 @@ impl Worker {
         let hz = (1.0 / flight.tick_s).round();
         // frames are filmed when the log has them, not by the rig's clock
         (model.rig.control.value, model.rig.imu.value, model.rig.camera.value) = (hz, hz, 1.0);
-        let needed_hz = at.terms.iter().map(|t| t.entry.physics_hz).max().unwrap_or(0);
         let settings = Settings { input: flight.input, physics_hz: at.physics_hz };
         let entries: Vec<&'static Entry> = at.terms.iter().map(|t| t.entry).collect();
         let own = START + at.lags();
