@@ -21,7 +21,7 @@ use verdict::{Estimate, Explanation, Leftover, Named, Ranked, Step, Verdict};
 
 /// Log-likelihood that an effect must be worth on the flights of the fit: three, and the logarithm of the number of candidates, and as much
 /// again for what the noise model does not cover.
-const WORTH_FIT: f64 = 10.0;
+const WORTH_FIT: f64 = 15.0;
 /// And on the test flights, where nothing was fitted.
 const WORTH_TEST: f64 = 3.0;
 /// An effect worth this much whose size is unclear leaves the question open.

@@ -44,7 +44,10 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let mut all: Vec<Scored> = Vec::new();
     for path in &chosen {
         let name = id(path);
-        all.push(score(path, args.told, &|what| bar.set_message(format!("{name}: {what}"))));
+        let scored = score(path, args.told, &|what| bar.set_message(format!("{name}: {what}")));
+        // a long run that is cut off has said what it found
+        bar.suspend(|| eprintln!("{}", score_table::line(&scored)));
+        all.push(scored);
         bar.inc(1);
     }
     bar.finish_and_clear();

@@ -28,6 +28,17 @@ pub(super) fn print(all: &[Scored], markdown: bool, out: &mut dyn Write) -> Outc
     Ok(())
 }
 
+/// One case in a line, while the others are still being explained.
+pub(super) fn line(scored: &Scored) -> String {
+    match &scored.outcome {
+        Err(problem) => format!("{}: {problem}", scored.id),
+        Ok(found) => {
+            let [.., said, named, name, near, within] = &row(found)[..] else { return scored.id.clone() };
+            format!("{}: {said}, {named} (name {name}, 15 % {near}, 3 stderr {within}, {:.1} s)", scored.id, found.explanation.seconds)
+        }
+    }
+}
+
 fn marks(scored: &Scored) -> Option<&Marks> {
     scored.outcome.as_ref().ok()?.marks.as_ref()
 }
