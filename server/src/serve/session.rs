@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
+use crazyflie_env::Error;
 use crazyflie_env::config::Autoreset;
 use crazyflie_env::observation::{ACTION, OBSERVATION};
 use crazyflie_env::vector::{Out, STATE, VectorEnv};
@@ -27,6 +28,8 @@ pub(crate) struct Session {
     terminated: Vec<bool>,
     truncated: Vec<bool>,
     most_bytes: usize,
+    /// The first reset was done.
+    ready: bool,
 }
 
 /// What a step leaves behind, before it is made a message.
@@ -41,7 +44,7 @@ impl Session {
     pub(crate) fn new(env: VectorEnv, autoreset: Autoreset, place: Place, limits: &Limits) -> Self {
         let (replies, most_bytes) = (Replies::new(limits), limits.batch_bytes);
         let (actions, terminated, truncated) = (Vec::new(), Vec::new(), Vec::new());
-        Session { env, autoreset, place, replies, actions, terminated, truncated, most_bytes }
+        Session { env, autoreset, place, replies, actions, terminated, truncated, most_bytes, ready: false }
     }
 
     pub(crate) fn listed(&self) -> &Arc<Listed> {
@@ -103,7 +106,7 @@ impl Session {
                 }
                 Kind::State => {
                     let mut frame = Frame::new(session.replies.spare(), envs * STATE);
-                    session.env.states(frame.numbers_mut())?;
+                    session.states(frame.numbers_mut())?;
                     session.headed(request, frame)
                 }
             };
@@ -158,9 +161,16 @@ impl Session {
     pub(crate) fn state(&mut self, id: u64) -> Result<Reply, Fault> {
         self.once(id, |session| {
             let mut states = vec![0.0; session.env.num_envs() * STATE];
-            session.env.states(&mut states)?;
+            session.states(&mut states)?;
             session.text(&Said::State { id, state: state_rows(&states), ticks: session.ticks() })
         })
+    }
+
+    fn states(&self, out: &mut [f32]) -> Result<(), Fault> {
+        if !self.ready {
+            return Err(Error::NotReset.into());
+        }
+        Ok(self.env.states(out)?)
     }
 
     fn outcome<'a>(&'a self, id: u64, stepped: &'a Stepped) -> Outcome<'a> {
@@ -207,6 +217,7 @@ impl Session {
         // rows that do not begin are nothing, not what was in the memory before
         observations.fill(0.0);
         self.env.reset(seeds, mask, observations)?;
+        self.ready = true;
         if states {
             self.env.states(rest)?;
         }
