@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from crazyflie_gym._native import Interface, Pid, Sim, tasks
 from crazyflie_gym._types import BoolArray, FloatArray, Observation
 from crazyflie_gym.build import build
+from crazyflie_gym.core import RemoteCore
 from crazyflie_gym.options import Model, autoreset_mode
 from crazyflie_gym.screen import RENDER_MODES, Screen, check_render_mode
 from crazyflie_gym.seeds import Seeds, consecutive, draw, seeds
@@ -32,7 +33,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
             (the default), the same step resets (info["final_obs"], info["final_info"]), or nothing does until
             `reset(options={"reset_mask": ...})`.
         max_episode_steps: truncate episodes after so many steps; -1 for never, by default the task's own number.
-        threads: how many to step with. The results are the same.
+        threads: how many to step with. The results are the same. A server chooses for itself.
         copy: return new arrays; with False two sets of arrays take turns, so that what a step returned is overwritten
             by the step after the next.
 
@@ -63,6 +64,8 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         threads: int = 1,
         isa: str | None = None,
         copy: bool = True,
+        remote: str | None = None,
+        remote_client: str = "native",
     ) -> None:
         mode = _mode(autoreset_mode)
         self.single_observation_space = observation_space(observation)
@@ -70,7 +73,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         self.render_mode = check_render_mode(render_mode)
         if max_episode_steps is None:
             max_episode_steps = next((t["max_episode_steps"] for t in tasks() if t["name"] == task), 0)
-        self.sim: Sim = build(
+        self.sim: Sim | RemoteCore = build(
             num_envs,
             task=task,
             model=model,
@@ -82,6 +85,9 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
             isa=isa,
             autoreset=mode,
             max_episode_steps=0 if max_episode_steps == -1 else max_episode_steps,
+            remote=remote,
+            remote_client=remote_client,
+            states=true_state or render_mode is not None,
         )
         self.num_envs = self.sim.num_envs
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
@@ -104,7 +110,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
 
     def pid(self, gains: str = "thesis", mode: str = "automatic") -> Pid:
         """Return the thesis's controller for this batch; it acts on flat observations."""
-        return Pid(self.num_envs, self.sim, gains, mode)
+        return Pid(self.num_envs, self.sim.interface, gains, mode)
 
     def reset(
         self,
@@ -217,7 +223,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
             last = self.sim.last_of_episode(int(env))
             if last is not None:
                 finals[env] = self._form(last[0])
-                if states is not None:
+                if states is not None and last[1] is not None:
                     states[env] = last[1]
         if states is not None:
             final_info["true_state"], final_info["_true_state"] = states, mask.copy()
@@ -247,9 +253,11 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         return tuple(self._screen.picture(env) for env in range(self.num_envs))
 
     def close_extras(self, **kwargs: Any) -> None:
-        """End the pictures."""
+        """End the pictures, and the session on a server."""
         if self._screen:
             self._screen.close()
+        if not isinstance(self.sim, Sim):
+            self.sim.close()
 
 
 # the name of the argument hides that of the function
