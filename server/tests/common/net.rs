@@ -165,10 +165,17 @@ pub struct Process {
 
 impl Process {
     pub fn start(args: &[&str]) -> Process {
+        Process::start_logging(args, std::process::Stdio::inherit())
+    }
+
+    pub fn start_logging(args: &[&str], log: std::process::Stdio) -> Process {
         use std::io::BufRead;
         use std::process::{Command, Stdio};
         let mut command = Command::new(env!("CARGO_BIN_EXE_crazyflie"));
-        command.args(["serve", "--listen", "127.0.0.1:0", "--log", "warn"]).args(args).stdout(Stdio::piped());
+        command.args(["serve", "--listen", "127.0.0.1:0"]).args(args).stdout(Stdio::piped()).stderr(log);
+        if !args.contains(&"--log") {
+            command.args(["--log", "warn"]);
+        }
         let mut child = command.spawn().unwrap();
         let mut out = std::io::BufReader::new(child.stdout.take().unwrap());
         let mut line = String::new();
