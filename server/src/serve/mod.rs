@@ -13,6 +13,7 @@ mod message;
 mod metrics;
 mod openenv;
 mod replies;
+mod requests;
 mod server;
 mod session;
 mod settings;
