@@ -227,7 +227,7 @@ impl<'a> Search<'a> {
     /// A hypothesis with what is left of it without each of its effects.
     pub fn dissect(&self, judged: Judged) -> Dissected {
         let names: Vec<&'static str> = judged.hypothesis.terms.iter().map(|t| t.entry.name).collect();
-        let without = names.into_iter().filter_map(|name| Some((name, self.reduced(&judged, name)?))).collect();
+        let without = names.into_par_iter().filter_map(|name| Some((name, self.reduced(&judged, name)?))).collect();
         Dissected { judged, without, unclear: 0.0 }
     }
 

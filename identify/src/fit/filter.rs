@@ -3,6 +3,9 @@
 
 use std::ops::Range;
 
+use crazyflie_env::dual::Dual;
+use crazyflie_env::simulated::Simulated;
+
 use super::flight::{Flight, Window};
 use super::hypothesis::Hypothesis;
 use super::predict::{PUSH, START, Worker};
@@ -150,6 +153,7 @@ pub fn filter(
     let (mut x, mut p) = begin(start, belief, &extras);
     let mut out = Filtered { loss: 0.0, innovations: Vec::new(), belief: belief.clone(), states: Vec::new(), wandered: Vec::new() };
     let (mut h, mut ph, mut moved) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
+    let mut room = Room::new(own, n);
     for tick in ticks {
         worker.set_free(&x[own..own + learned]).ok()?;
         let mut disturbed = [0.0; PUSH + 3];
@@ -172,9 +176,7 @@ pub fn filter(
             let marker = if row.channel < 3 { 0.0 } else { disturbed[PUSH + row.channel - 3] };
             // in standard deviations of the measurement, whose variance is then 1
             let error = (row.measured - row.predicted - marker) / row.sigma - already;
-            for i in 0..n {
-                ph[i] = p[i * n..(i + 1) * n].iter().zip(&h).map(|(p, h)| p * h).sum();
-            }
+            times(&p, &h, &mut ph);
             let variance = 1.0 + h.iter().zip(&ph).map(|(h, p)| h * p).sum::<f64>();
             let z = error / variance.sqrt();
             if !z.is_finite() {
@@ -184,15 +186,11 @@ pub fn filter(
             let loss = if weight < 1.0 { HUBER * (z.abs() - 0.5 * HUBER) } else { 0.5 * z * z };
             out.loss += loss + 0.5 * variance.ln();
             out.innovations.push(Innovation { t_s: row.t_s, channel: row.channel, normalised: z, loss: loss + 0.5 * variance.ln() });
-            for i in 0..n {
-                let gain = weight * ph[i] / variance;
-                moved[i] += gain * error;
-                for (entry, other) in p[i * n..(i + 1) * n].iter_mut().zip(&ph) {
-                    *entry -= gain * other;
-                }
-            }
+            let gain = weight / variance;
+            add(&mut moved, gain * error, &ph);
+            less(&mut p, gain, &ph);
         }
-        propagate(&worker, &extras, own, &mut x, &moved, &mut p);
+        propagate(&worker, &extras, own, &mut room, &mut x, &moved, &mut p);
     }
     out.belief.mean.copy_from_slice(&x[own..own + learned]);
     for i in 0..learned {
@@ -226,52 +224,111 @@ fn begin(start: Vec<f64>, belief: &Belief, extras: &[Extra]) -> (Vec<f64>, Vec<f
     (x, p)
 }
 
+/// `to += by * from`.
+#[inline(always)]
+fn add(to: &mut [f64], by: f64, from: &[f64]) {
+    let from = &from[..to.len()];
+    for i in 0..to.len() {
+        to[i] += by * from[i];
+    }
+}
+
+/// A symmetric matrix times a vector: row by row, so that the compiler can take several numbers at once.
+fn times(matrix: &[f64], by: &[f64], out: &mut [f64]) {
+    Dual::run(
+        #[inline(always)]
+        || {
+            let n = by.len();
+            out.fill(0.0);
+            for i in 0..n {
+                if by[i] != 0.0 {
+                    add(out, by[i], &matrix[i * n..(i + 1) * n]);
+                }
+            }
+        },
+    );
+}
+
+/// `matrix -= by * v v^T`.
+fn less(matrix: &mut [f64], by: f64, v: &[f64]) {
+    Dual::run(
+        #[inline(always)]
+        || {
+            let n = v.len();
+            for i in 0..n {
+                add(&mut matrix[i * n..(i + 1) * n], -(by * v[i]), v);
+            }
+        },
+    );
+}
+
+/// Matrices of [`propagate`].
+struct Room {
+    /// The vehicle's rows of the transition, and their transpose.
+    f: Vec<f64>,
+    ft: Vec<f64>,
+    fp: Vec<f64>,
+}
+
+impl Room {
+    fn new(own: usize, n: usize) -> Self {
+        Room { f: vec![0.0; own * n], ft: vec![0.0; own * n], fp: vec![0.0; n * n] }
+    }
+}
+
 /// State and covariance one tick on.
-fn propagate(worker: &Worker, extras: &[Extra], own: usize, x: &mut [f64], moved: &[f64], p: &mut [f64]) {
+fn propagate(worker: &Worker, extras: &[Extra], own: usize, room: &mut Room, x: &mut [f64], moved: &[f64], p: &mut [f64]) {
     let n = x.len();
+    let Room { f, ft, fp } = room;
     let (end, slopes) = worker.end();
     let unknowns = slopes.len() / own;
-    // rows of the transition: the vehicle's from the slopes, the extras' own
-    let mut f = vec![0.0; own * n];
     for i in 0..own {
         let row = &slopes[i * unknowns..(i + 1) * unknowns];
         f[i * n..i * n + own].copy_from_slice(&row[..own]);
         for (j, extra) in extras.iter().enumerate() {
             f[i * n + own + j] = extra.column.map_or(0.0, |column| row[column]);
         }
-    }
-    for i in 0..own {
         x[i] = end[i] + f[i * n..(i + 1) * n].iter().zip(moved).map(|(f, m)| f * m).sum::<f64>();
+        for k in 0..n {
+            ft[k * own + i] = f[i * n + k];
+        }
     }
     for (j, extra) in extras.iter().enumerate() {
         x[own + j] = extra.keep * (x[own + j] + moved[own + j]);
     }
-    // F P, then F P F^T
-    let mut fp = vec![0.0; n * n];
-    for i in 0..own {
-        for k in 0..n {
-            let by = f[i * n + k];
-            if by != 0.0 {
-                for j in 0..n {
-                    fp[i * n + j] += by * p[k * n + j];
+    Dual::run(
+        #[inline(always)]
+        || {
+            // F P: the extras' rows only shrink
+            fp.fill(0.0);
+            for i in 0..own {
+                for k in 0..n {
+                    if f[i * n + k] != 0.0 {
+                        add(&mut fp[i * n..(i + 1) * n], f[i * n + k], &p[k * n..(k + 1) * n]);
+                    }
                 }
             }
-        }
-    }
-    for (i, extra) in extras.iter().enumerate() {
-        for j in 0..n {
-            fp[(own + i) * n + j] = extra.keep * p[(own + i) * n + j];
-        }
-    }
+            for (j, extra) in extras.iter().enumerate() {
+                let row = (own + j) * n..(own + j + 1) * n;
+                add(&mut fp[row.clone()], extra.keep, &p[row]);
+            }
+            // and that times the transpose of F
+            for i in 0..n {
+                let (row, out) = (&fp[i * n..(i + 1) * n], &mut p[i * n..(i + 1) * n]);
+                out[..own].fill(0.0);
+                for k in 0..n {
+                    add(&mut out[..own], row[k], &ft[k * own..(k + 1) * own]);
+                }
+                for (j, extra) in extras.iter().enumerate() {
+                    out[own + j] = row[own + j] * extra.keep;
+                }
+            }
+        },
+    );
+    // symmetric but for rounding
     for i in 0..n {
-        for j in i..n {
-            let entry = if j < own {
-                fp[i * n..(i + 1) * n].iter().zip(&f[j * n..(j + 1) * n]).map(|(a, b)| a * b).sum()
-            } else {
-                fp[i * n + j] * extras[j - own].keep
-            };
-            p[i * n + j] = entry;
-            p[j * n + i] = entry;
+        for j in 0..i {
+            p[i * n + j] = p[j * n + i];
         }
     }
     for (j, extra) in extras.iter().enumerate() {
