@@ -79,8 +79,11 @@ pub(crate) struct Declared {
 }
 
 impl Declared {
-    /// From a model file or a case file.
+    /// From a model file, a case file, or "thesis" for the built-in model.
     pub(crate) fn read(path: &Path) -> Result<Self, ExplainError> {
+        if path == Path::new("thesis") && !path.exists() {
+            return Ok(Declared { model: Model::thesis(), case: None });
+        }
         let file = path.display().to_string();
         let text = std::fs::read_to_string(path).map_err(|source| ExplainError::Io { file: file.clone(), source })?;
         if Case::is_case(&text) {
