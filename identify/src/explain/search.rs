@@ -153,7 +153,7 @@ impl<'a> Search<'a> {
         // a lag that is new to the hypothesis has no value yet
         let longer = |(known, start): (&Vec<f64>, &Vec<f64>)| [known, &start[known.len().min(start.len())..]].concat();
         let own = own.map_or_else(|| measured.clone(), |own| own.iter().zip(&measured).map(longer).collect());
-        crate::fit::filter::timed(3, || solve_within(&prediction, own, hypothesis.shared(), most_steps))
+        solve_within(&prediction, own, hypothesis.shared(), most_steps)
     }
 
     /// What the filter says of a hypothesis whose free parameters are known about as well as `sd`.
