@@ -17,8 +17,8 @@ const FONT = "11px system-ui, sans-serif";
 function look({ run, kind }) {
   const name = "ab"[run];
   if (kind === "setpoint") return { stroke: colour("--setpoint"), width: 1.25, dash: [5, 4] };
-  if (kind === "command") return { stroke: colour(`--fix-${name}`), width: 1 };
-  if (kind === "fix") return { stroke: colour(`--fix-${name}`), width: 0, paths: () => null, points: { show: true, size: 3.5, width: 0, fill: colour(`--fix-${name}`) } };
+  if (kind === "command") return { stroke: colour(`--command-${name}`), width: 1 };
+  if (kind === "fix") return { width: 0, paths: () => null, points: { show: true, size: 3, width: 0, fill: colour(`--fix-${name}`) } };
   return { stroke: colour(`--run-${name}`), width: 1.75 };
 }
 
@@ -104,7 +104,7 @@ export class Charts {
       cursor: { show: false },
       padding: [4, 6, 0, 0],
       scales: { x: { time: false }, y: { range: range(panel.least) } },
-      axes: [{ ...axis, size: 20, gap: 2, space: 60 }, { ...axis, scale: "y", size: 44, gap: 4, space: 26 }],
+      axes: [{ ...axis, size: 20, gap: 2, space: 60 }, { ...axis, scale: "y", size: 46, gap: 4, space: 24, values: (/** @type {any} */ _plot, /** @type {number[]} */ ticks) => ticks.map(String) }],
       series: [{}, ...series],
     };
     const plot = new uPlot(options, data, box);
@@ -126,7 +126,7 @@ export class Charts {
 
   /** @param {HTMLElement} box */
   #size(box) {
-    return { width: Math.max(120, box.clientWidth), height: 96 };
+    return { width: Math.max(120, box.clientWidth), height: 90 };
   }
 
   #resize() {

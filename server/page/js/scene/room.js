@@ -16,7 +16,9 @@ function label(text, colour) {
   context.textBaseline = "middle";
   context.fillStyle = colour;
   context.fillText(text, 32, 32);
-  const sprite = new THREE.Sprite(new THREE.SpriteMaterial({ map: new THREE.CanvasTexture(canvas), depthWrite: false }));
+  const map = new THREE.CanvasTexture(canvas);
+  map.colorSpace = THREE.SRGBColorSpace;
+  const sprite = new THREE.Sprite(new THREE.SpriteMaterial({ map, depthWrite: false }));
   sprite.scale.setScalar(0.09);
   return sprite;
 }

@@ -8,7 +8,7 @@ import { FEET_M, Vehicle } from "./vehicle.js";
 import { ViewCone } from "./view_cone.js";
 
 /** @typedef {import("../flight.js").Flight} Flight */
-/** @typedef {{run: string, fix: string, setpoint: string, lost: string}} Colours */
+/** @typedef {{run: string, fix: string, setpoint: string, lost: string, sky: string}} Colours */
 
 export class RunView extends THREE.Group {
   /** @type {Flight | null} */
@@ -16,12 +16,12 @@ export class RunView extends THREE.Group {
   vehicle = new Vehicle();
   cone = new ViewCone();
   #plumb = new THREE.Line(new THREE.BufferGeometry().setFromPoints([new THREE.Vector3(), new THREE.Vector3(0, 0, 1)]), new THREE.LineBasicMaterial({ transparent: true, opacity: 0.55 }));
-  #trail = new Trail(["x", "y", "z"], { width: 3, past: 0.95, whole: 0.22 });
-  #asked = new Trail(["setpoint_x", "setpoint_y", "setpoint_z"], { width: 1.5, past: 0.6, whole: 0.2 });
+  #trail = new Trail(["x", "y", "z"], { width: 3.5, faded: 0.6 });
+  #asked = new Trail(["setpoint_x", "setpoint_y", "setpoint_z"], { width: 1.75, faded: 0.6 });
   #fixes = new Fixes();
   #setpoint = new Setpoint();
   /** @type {Colours} */
-  #colours = { run: "#888", fix: "#888", setpoint: "#888", lost: "#888" };
+  #colours = { run: "#888", fix: "#888", setpoint: "#888", lost: "#888", sky: "#888" };
 
   constructor() {
     super();
@@ -33,10 +33,10 @@ export class RunView extends THREE.Group {
   setColours(colours) {
     this.#colours = colours;
     this.vehicle.setColour(colours.run);
-    this.#trail.setColour(colours.run);
+    this.#trail.setColour(colours.run, colours.sky);
     this.#fixes.setColour(colours.fix);
     this.#setpoint.setColour(colours.setpoint);
-    this.#asked.setColour(colours.setpoint);
+    this.#asked.setColour(colours.setpoint, colours.sky);
     this.#plumb.material.color.set(colours.run);
   }
 

@@ -46,16 +46,16 @@ export class Stage {
 
   #lights() {
     // straight from above, so that the shadow lies below the vehicle and shows where it is
-    const sun = new THREE.DirectionalLight(0xffffff, 2);
+    const sun = new THREE.DirectionalLight(0xffffff, 1.7);
     sun.position.set(0, 0, LIGHT_Z_M);
     sun.castShadow = true;
     sun.shadow.mapSize.set(2048, 2048);
     Object.assign(sun.shadow.camera, { left: -ROOM_M.x / 2, right: ROOM_M.x / 2, top: ROOM_M.y / 2, bottom: -ROOM_M.y / 2, near: 1, far: LIGHT_Z_M + 1 });
     sun.shadow.camera.up.set(0, 1, 0);
     sun.shadow.radius = 2.5;
-    const side = new THREE.DirectionalLight(0xffffff, 0.9);
+    const side = new THREE.DirectionalLight(0xffffff, 0.8);
     side.position.set(3, -4, 3);
-    this.#scene.add(sun, side, new THREE.HemisphereLight(0xffffff, 0x8090a0, 1.5));
+    this.#scene.add(sun, side, new THREE.HemisphereLight(0xffffff, 0x8090a0, 1.15));
   }
 
   /** Takes its colours from the style sheet. */
@@ -66,7 +66,7 @@ export class Stage {
     this.#scene.add(this.#room);
     for (const [i, run] of this.runs.entries()) {
       const name = "ab"[i];
-      run.setColours({ run: colour(`--run-${name}`), fix: colour(`--fix-${name}`), setpoint: colour("--setpoint"), lost: colour("--bad") });
+      run.setColours({ run: colour(`--run-${name}`), fix: colour(`--fix-${name}`), setpoint: colour("--setpoint"), lost: colour("--bad"), sky: colour("--sky") });
     }
     this.request();
   }
@@ -96,9 +96,9 @@ export class Stage {
     this.request();
   }
 
-  /** A look at the whole flight from the front right. */
-  home() {
-    this.#aim(new THREE.Vector3(0.62, -0.68, 0.42));
+  /** From the front right, at most so far away as shows `reach_m` around the marker. @param {number} [reach_m] */
+  home(reach_m = ROOM_M.x / 2) {
+    this.#aim(new THREE.Vector3(0.62, -0.68, 0.42), reach_m);
   }
 
   top() {
@@ -109,19 +109,18 @@ export class Stage {
     this.#aim(new THREE.Vector3(0, -1, 0.06));
   }
 
-  /** From a direction, as far away as shows all. @param {THREE.Vector3} direction */
-  #aim(direction) {
+  /** From a direction, as far away as shows all. @param {THREE.Vector3} direction @param {number} [reach_m] */
+  #aim(direction, reach_m = ROOM_M.x / 2) {
     const box = new THREE.Box3(new THREE.Vector3(-0.35, -0.35, 0), new THREE.Vector3(0.35, 0.35, 0.75));
     for (const { flight } of this.runs) {
       for (let row = 0; flight && row < flight.rows; row += 5) {
         const point = new THREE.Vector3(...["x", "y", "z"].map((name) => flight.get(name, row)));
-        box.expandByPoint(point.clampScalar(-ROOM_M.x / 2, ROOM_M.x / 2));
+        box.expandByPoint(point.clampScalar(-reach_m, reach_m));
       }
     }
     const sphere = box.getBoundingSphere(new THREE.Sphere());
-    this.#camera.updateProjectionMatrix();
     const narrow = Math.min(1, this.#camera.aspect);
-    const distance = (0.95 * sphere.radius) / Math.sin((this.#camera.fov * Math.PI) / 360) / narrow;
+    const distance = (0.88 * sphere.radius) / Math.sin((this.#camera.fov * Math.PI) / 360) / narrow;
     this.controls.target.copy(sphere.center);
     this.#camera.position.copy(sphere.center).addScaledVector(direction.normalize(), distance);
     this.controls.update();

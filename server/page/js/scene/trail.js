@@ -15,24 +15,28 @@ export class Trail extends THREE.Group {
   #past;
   #whole;
   #names;
+  #faded;
 
-  /** @param {[string, string, string]} names Columns of the points. @param {{width: number, past: number, whole: number}} look Pixels, opacities. */
-  constructor(names, { width, past, whole }) {
+  /** @param {[string, string, string]} names Columns of the points. @param {{width: number, faded: number}} look Pixels; how much of the sky is in what is still to come. */
+  constructor(names, { width, faded }) {
     super();
     this.#names = names;
-    const line = (/** @type {number} */ linewidth, /** @type {number} */ opacity) => {
-      const made = new LineSegments2(new LineSegmentsGeometry(), new LineMaterial({ linewidth, opacity, transparent: true, depthWrite: false }));
+    this.#faded = faded;
+    const line = (/** @type {number} */ linewidth) => {
+      // opaque: the joints of transparent pieces would show as beads
+      const made = new LineSegments2(new LineSegmentsGeometry(), new LineMaterial({ linewidth }));
       made.frustumCulled = false;
       this.add(made);
       return made;
     };
-    this.#whole = line(Math.max(1, width - 1), whole);
-    this.#past = line(width, past);
+    this.#whole = line(Math.max(1, width - 1.5));
+    this.#past = line(width);
   }
 
-  /** @param {THREE.ColorRepresentation} colour */
-  setColour(colour) {
-    for (const line of [this.#past, this.#whole]) line.material.color.set(colour);
+  /** @param {THREE.ColorRepresentation} colour @param {THREE.ColorRepresentation} sky */
+  setColour(colour, sky) {
+    this.#past.material.color.set(colour);
+    this.#whole.material.color.set(colour).lerp(new THREE.Color(sky), this.#faded);
   }
 
   /** @param {Flight} flight @param {number} row The last row that has passed. */
@@ -46,7 +50,7 @@ export class Trail extends THREE.Group {
     this.#past.geometry.instanceCount = Math.max(0, Math.min(row, this.#written));
     this.#whole.geometry.instanceCount = this.#written;
     this.#past.visible = this.#past.geometry.instanceCount > 0;
-    this.#whole.visible = this.#whole.material.opacity > 0 && this.#written > 0;
+    this.#whole.visible = this.#written > this.#past.geometry.instanceCount;
   }
 
   /** @param {Flight} flight */

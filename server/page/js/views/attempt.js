@@ -8,16 +8,21 @@ import { number } from "../dom.js";
  * @property {string} scenario
  * @property {string} controller
  * @property {string} team
- * @property {string} status running, finished or abandoned
+ * @property {string} status running, finished, abandoned or damaged
  * @property {number | null} score
  * @property {number | null} low
  * @property {number | null} high
  * @property {number | null} rank
+ * @property {number} attempts Of the team with this controller, for which a row of the leaderboard stands.
  * @property {number} episodes
  * @property {number | null} failed
  * @property {Record<string, any>} metrics
- * @property {unknown} at
+ * @property {unknown} at Seconds since 1970.
  * @property {string} signature
+ * @property {EpisodeResult[]} flights Only of an attempt that was asked for by itself.
+ * @property {string} problem What is wrong with a row that was tampered with.
+ *
+ * @typedef {{score: number, failed: string | null}} EpisodeResult
  */
 
 /** What is worth a column: name, unit, factor, digits. @type {Record<string, [string, string, number, number]>} */
@@ -32,25 +37,34 @@ export const METRICS = {
   touch_off_m: ["off target", "cm", 100, 1],
 };
 
-/** @param {any} told @returns {Attempt} */
+/** A row of the leaderboard, or an attempt, whose score lies in its result. @param {any} told @returns {Attempt} */
 export function attempt(told) {
-  const score = told.score ?? null;
+  const judged = told.rank === undefined ? (told.result?.score ?? {}) : told;
   return {
     id: String(told.attempt ?? told.id),
-    scenario: String(told.scenario ?? ""),
+    scenario: told.scenario ?? "",
     controller: told.controller ?? "",
     team: told.team ?? "",
-    status: told.status ?? told.state ?? (score === null ? "unfinished" : "finished"),
-    score,
-    low: told.low ?? null,
-    high: told.high ?? null,
+    // a row without metrics stands for an attempt that was abandoned
+    status: told.status ?? (told.settled === undefined ? "abandoned" : "finished"),
+    score: judged.score ?? null,
+    low: judged.low ?? null,
+    high: judged.high ?? null,
     rank: told.rank ?? null,
-    episodes: Array.isArray(told.episodes) ? told.episodes.length : (told.episodes ?? 0),
-    failed: told.failed ?? null,
-    metrics: told.metrics ?? told,
-    at: told.at ?? told.begun_ms,
+    attempts: told.attempts ?? 1,
+    episodes: judged.episodes ?? 0,
+    failed: judged.failed ?? null,
+    metrics: told.result?.metrics ?? told,
+    at: told.at,
     signature: told.signature ?? "",
+    flights: told.result?.episodes ?? [],
+    problem: told.problem ?? "",
   };
+}
+
+/** Whether there are flights to replay. @param {Attempt} attempt */
+export function flown({ status }) {
+  return status === "finished";
 }
 
 /** @param {Attempt} attempt @param {string} key */

@@ -42,7 +42,7 @@ export class Board {
     this.#facts(found);
     const rows = (await getJson("leaderboard", { scenario: found.id })).map(attempt);
     if (load !== this.#loads) return;
-    this.#show("ranking", rows, "Leaderboard", "No attempt has been finished yet. The first comes with: crazyflie submit --controller thesis");
+    this.#show("ranking", rows, "Leaderboard", "No attempt is over yet. The first comes with: crazyflie submit --controller thesis");
     await this.#every();
     await this.#key();
   }
@@ -79,8 +79,7 @@ export class Board {
   /** The key against which signatures can be checked. */
   async #key() {
     const told = await getJson("key");
-    const hex = typeof told === "string" ? told : (told.public_key ?? told.key);
-    byId("key").replaceChildren("Rows are signed with Ed25519; the server's public key is ", make("code", {}, hex));
+    byId("key").replaceChildren(`Rows are signed with ${told.algorithm}; the server's public key is `, make("code", {}, told.public_key));
   }
 
   /** @param {string} host @param {Attempt[]} rows @param {string} caption @param {string} nothing */

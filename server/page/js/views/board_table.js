@@ -1,9 +1,9 @@
 // Attempts as a table; on a narrow screen each row becomes a card.
 
-import { getJson } from "../api.js";
 import { make, moment, number } from "../dom.js";
 import { address } from "../place.js";
-import { METRICS, metric } from "./attempt.js";
+import { METRICS, flown, metric } from "./attempt.js";
+import { check, unchecked } from "./signature.js";
 
 /** @typedef {import("./attempt.js").Attempt} Attempt */
 /** @typedef {{has: (id: string) => boolean, set: (id: string, on: boolean) => void}} Marked */
@@ -20,9 +20,15 @@ function svg(tag, attributes) {
   return element;
 }
 
+/** @param {Attempt} attempt */
+function who({ controller, team, attempts, id }) {
+  const many = attempts > 1 ? ` · the middle one of ${attempts} attempts` : "";
+  return [make("strong", { title: `Attempt ${id}` }, controller || "–"), make("span", { class: "muted" }, team + many)];
+}
+
 /** Score, and its interval as a bar. @param {Attempt} attempt */
-function score({ score, low, high, status }) {
-  if (score === null) return [make("span", { class: "muted" }, status)];
+function score({ score, low, high, status, problem }) {
+  if (score === null) return [make("span", { class: "muted" }, problem ? `${status}: ${problem}` : status)];
   const interval = low === null || high === null ? "" : `${number(low, 1)} to ${number(high, 1)}`;
   const bar = svg("svg", { viewBox: `0 0 ${FULL} 10`, preserveAspectRatio: "none", class: "interval", "aria-hidden": "true" });
   bar.append(svg("rect", { class: "track", x: 0, y: 4, width: FULL, height: 2 }));
@@ -37,31 +43,29 @@ function failures({ failed, episodes, score }) {
   return [make("span", { class: failed ? "bad" : "good" }, `${failed} of ${episodes}`)];
 }
 
-/** A button that has the server fly the attempt again and compare. @param {Attempt} attempt */
-function verify({ id, score, signature }) {
-  if (score === null) return [make("span", { class: "muted" }, signature ? "signed" : "–")];
+/** A button that has the attempt checked. @param {Attempt} attempt */
+function verify({ id, status, signature, problem }) {
+  if (status === "damaged") return [make("span", { class: "bad", title: problem }, "✗ damaged")];
+  if (status === "running") return ["–"];
+  const result = make("span", { class: "verdict", role: "status" });
   const button = make("button", { type: "button", class: "small", title: `Signature ${signature}` }, "Verify");
   button.addEventListener("click", async () => {
     button.disabled = true;
-    button.textContent = "flying again…";
-    button.className = "small";
-    try {
-      const found = await getJson(`attempts/${encodeURIComponent(id)}/verify`);
-      const good = found.ok ?? found.verified;
-      button.textContent = good ? "✓ same bits" : `✗ ${found.problem ?? "differs"}`;
-      button.classList.add(good ? "good" : "bad");
-    } catch (error) {
-      button.textContent = `✗ ${error instanceof Error ? error.message : error}`;
-      button.classList.add("bad");
-    }
+    result.className = "verdict muted";
+    result.textContent = "flying again…";
+    const { good, text, detail } = await check(id).catch(unchecked);
+    result.className = good ? "verdict good" : "verdict bad";
+    result.textContent = text;
+    result.title = detail;
     button.disabled = false;
   });
-  return [button];
+  return [button, result];
 }
 
 /** @param {Marked} marked @param {Attempt} attempt */
-function actions(marked, { id, score, controller, team }) {
-  if (score === null) return [];
+function actions(marked, attempt) {
+  const { id, controller, team } = attempt;
+  if (!flown(attempt)) return [];
   const mark = make("input", { type: "checkbox", class: "mark", value: id, checked: marked.has(id), "aria-label": `Compare ${controller} of ${team}` });
   mark.addEventListener("change", () => marked.set(id, mark.checked));
   return [make("a", { href: address("replay", { a: id }), "aria-label": `Replay ${controller} of ${team}` }, "Replay"), make("label", {}, mark, "compare")];
@@ -73,11 +77,11 @@ function columns(rows, marked) {
   const told = Object.keys(METRICS).filter((key) => rows.some(({ metrics }) => typeof metrics[key] === "number"));
   return [
     ranked ? { head: "rank", class: "number rank", cell: ({ rank }) => [rank === null ? "–" : String(rank)] } : { head: "when", cell: ({ at }) => [moment(at)] },
-    { head: "controller", class: "who", cell: ({ controller, team }) => [make("strong", {}, controller), make("span", { class: "muted" }, team)] },
+    { head: "controller", class: "who", cell: who },
     { head: "score", class: "score", cell: score },
     { head: "failed", class: "number", cell: failures },
     ...told.map((key) => ({ head: METRICS[key][1] ? `${METRICS[key][0]} [${METRICS[key][1]}]` : METRICS[key][0], class: "number", cell: (/** @type {Attempt} */ row) => [metric(row, key)] })),
-    { head: "signature", cell: verify },
+    { head: "verified", class: "verify", cell: verify },
     { head: "replay", class: "actions", cell: (row) => actions(marked, row) },
   ];
 }

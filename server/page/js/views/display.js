@@ -12,6 +12,8 @@ import { plainKey } from "./keys.js";
 /** Charts of a live flight are drawn so often; the 3D view as often as rows come. */
 const CHARTS_EVERY_MS = 120;
 const READOUT_EVERY_MS = 100;
+/** A flight that went astray does not make the first look one from far away. */
+const AT_FIRST_M = 1;
 
 export class Display {
   /** @type {(Flight | null)[]} */
@@ -39,7 +41,7 @@ export class Display {
   show(flights, { live = false, names = [], aim = true } = {}) {
     this.flights = flights;
     this.stage?.show(flights);
-    if (aim && flights.some(Boolean)) this.stage?.home();
+    if (aim && flights.some(Boolean)) this.stage?.home(AT_FIRST_M);
     this.charts.show(flights, live);
     this.#legend(names);
   }

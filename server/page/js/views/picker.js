@@ -2,7 +2,7 @@
 
 import { downloadUrl } from "../api.js";
 import { make, number } from "../dom.js";
-import { summary } from "./attempt.js";
+import { flown, summary } from "./attempt.js";
 
 /** @typedef {import("./attempt.js").Attempt} Attempt */
 
@@ -37,7 +37,7 @@ export class Picker {
   /** @param {Attempt[]} attempts */
   offer(attempts) {
     this.#attempts = attempts;
-    const options = attempts.map((each) => make("option", { value: each.id, disabled: each.score === null }, summary(each)));
+    const options = attempts.map((each) => make("option", { value: each.id, disabled: !flown(each) }, summary(each)));
     this.runs.replaceChildren(make("option", { value: "" }, "none"), ...options);
   }
 
@@ -47,17 +47,24 @@ export class Picker {
     this.runs.value = this.id;
     const count = Math.max(1, this.attempt?.episodes ?? 1);
     this.episode = Math.min(count - 1, Math.max(0, Math.trunc(episode)));
-    this.episodes.replaceChildren(...Array.from({ length: count }, (_, i) => make("option", { value: String(i) }, `Episode ${i + 1} of ${count}`)));
-    this.episodes.value = String(this.episode);
+    this.detail([]);
     this.episodes.hidden = this.downloads.hidden = this.facts.hidden = !this.attempt;
     this.#links();
     this.end(undefined);
   }
 
+  /** How each episode went. @param {import("./attempt.js").EpisodeResult[]} flights */
+  detail(flights) {
+    const count = Math.max(1, this.attempt?.episodes ?? 1);
+    const how = (/** @type {number} */ i) => (flights[i] ? ` · ${flights[i].failed ?? `score ${number(flights[i].score, 1)}`}` : "");
+    this.episodes.replaceChildren(...Array.from({ length: count }, (_, i) => make("option", { value: String(i) }, `Episode ${i + 1} of ${count}${how(i)}`)));
+    this.episodes.value = String(this.episode);
+  }
+
   #links() {
     const { id, episode } = this;
     const link = (/** @type {string} */ file, /** @type {string} */ text) => make("a", { href: downloadUrl(id, file), download: "" }, text);
-    this.downloads.replaceChildren(link(`log.csv?episode=${episode}`, "Log of this flight (CSV)"), link("actions.bin", "All actions"));
+    this.downloads.replaceChildren(link(`log.csv?episode=${episode}`, "Log of this flight"), link("actions.bin", "All actions"));
   }
 
   /** How the episode ended. @param {string | undefined} how */

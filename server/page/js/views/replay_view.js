@@ -4,7 +4,7 @@ import { getJson, getReplay } from "../api.js";
 import { Clock } from "../clock.js";
 import { byId, make } from "../dom.js";
 import { here, note } from "../place.js";
-import { attempt, summary } from "./attempt.js";
+import { attempt, flown, summary } from "./attempt.js";
 import { failure, notice } from "./notice.js";
 import { Picker } from "./picker.js";
 import { transport } from "./transport.js";
@@ -47,7 +47,7 @@ export class ReplayView {
     const asked = query.get("a") ?? query.get("b");
     const scenario = query.get("scenario") ?? (asked ? attempt(await getJson(`attempts/${encodeURIComponent(asked)}`)).scenario : null);
     await this.#setScenario(scenario ?? (await this.#firstWithAttempts()));
-    const first = asked ? null : this.#attempts.find(({ score }) => score !== null);
+    const first = asked ? null : this.#attempts.find(flown);
     this.pickers[0].choose(query.get("a") ?? first?.id ?? "", Number(query.get("ea")) || 0);
     this.pickers[1].choose(query.get("b") ?? "", Number(query.get("eb")) || 0);
     await this.#load(Number(query.get("t")) || 0);
@@ -65,8 +65,8 @@ export class ReplayView {
   /** The scenario to begin with, if nobody says which. */
   async #firstWithAttempts() {
     const all = (await getJson("attempts")).map(attempt);
-    const flown = all.find((/** @type {Attempt} */ each) => each.score !== null);
-    return flown?.scenario ?? this.#scenarios[0]?.id ?? "";
+    const first = all.find(flown);
+    return first?.scenario ?? this.#scenarios[0]?.id ?? "";
   }
 
   /** @param {string} scenario */
@@ -83,7 +83,7 @@ export class ReplayView {
   async #changeScenario(scenario) {
     try {
       await this.#setScenario(scenario);
-      const [first] = this.#attempts.filter(({ score }) => score !== null);
+      const first = this.#attempts.find(flown);
       this.pickers[0].choose(first?.id ?? "", 0);
       this.pickers[1].choose("", 0);
       this.#chosen();
@@ -120,7 +120,9 @@ export class ReplayView {
   async #flight(picker) {
     if (!picker.id) return null;
     try {
-      return await getReplay(picker.id, picker.episode);
+      const [flight, whole] = await Promise.all([getReplay(picker.id, picker.episode), getJson(`attempts/${encodeURIComponent(picker.id)}`)]);
+      picker.detail(attempt(whole).flights);
+      return flight;
     } catch (error) {
       failure("replay", error);
       return undefined;
