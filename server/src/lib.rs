@@ -8,5 +8,6 @@ mod measured;
 mod recovery;
 mod score;
 mod scorecard;
+pub mod serve;
 
 pub use cli::main_from;

@@ -18,6 +18,7 @@ mod replay_table;
 mod score;
 mod score_table;
 mod scorecard;
+mod serve;
 mod tasks;
 mod text;
 
@@ -35,6 +36,7 @@ Examples:
   crazyflie identify --fit flight.csv --out my.toml
   crazyflie explain my.toml --fit flight1.csv --test flight2.csv --out found/
   crazyflie scorecard
+  crazyflie serve
   crazyflie effects";
 
 /// Flies, replays, identifies, explains and measures the Crazyflie that the TU Darmstadt thesis identified.
@@ -53,6 +55,7 @@ enum Command {
     Explain(explain::Args),
     Score(score::Args),
     Scorecard(scorecard::Args),
+    Serve(serve::Args),
     Measured(measured::Args),
     Effects(effects::Args),
     Tasks(tasks::Args),
@@ -88,6 +91,7 @@ fn run(command: &Command, out: &mut dyn Write) -> Outcome {
         Command::Explain(args) => explain::run(args, out),
         Command::Score(args) => score::run(args, out),
         Command::Scorecard(args) => scorecard::run(args, out),
+        Command::Serve(args) => serve::run(args, out),
         Command::Measured(args) => measured::run(args, out),
         Command::Effects(args) => effects::run(args, out),
         Command::Tasks(args) => tasks::run(args, out),
