@@ -2,7 +2,7 @@
 
 import uPlot from "../../vendor/uplot/uPlot.esm.js";
 import { colour, make, number, onTheme } from "../dom.js";
-import { panels, tables } from "./panels.js";
+import { DEPTH, panels, tables } from "./panels.js";
 
 /** @typedef {import("../flight.js").Flight} Flight */
 /** @typedef {import("./panels.js").Panel} Panel */
@@ -86,7 +86,9 @@ export class Charts {
   #data(panel) {
     const newest = Math.max(...this.#flights.map((flight) => flight?.lastTime ?? 0));
     const { made, drawn } = tables(panel, this.#flights, this.#live ? newest - WINDOW_S : -Infinity);
-    return { data: made.length > 1 ? uPlot.join(made) : made[0], drawn };
+    const [times, ...columns] = made.length > 1 ? uPlot.join(made) : made[0];
+    const order = [...drawn.keys()].sort((a, b) => DEPTH[drawn[a].kind] - DEPTH[drawn[b].kind]);
+    return { data: [times, ...order.map((i) => columns[i])], drawn: order.map((i) => drawn[i]) };
   }
 
   /** @param {Panel} panel @returns {Strip} */

@@ -7,8 +7,8 @@
 /** @typedef {{run: number, kind: Kind}} Drawn */
 
 const DEG = 180 / Math.PI;
-/** What is drawn first lies below. */
-const DEPTH = { command: 0, fix: 1, setpoint: 2, state: 3 };
+/** What is drawn first lies below. @type {Record<Kind, number>} */
+export const DEPTH = { command: 0, fix: 1, setpoint: 2, state: 3 };
 
 /** @param {string} title @param {string} unit @param {number} factor @param {number} least Smallest span of the axis. @param {Partial<Record<Kind, string>>} columns @returns {Panel} */
 function panel(title, unit, factor, least, columns) {
@@ -57,13 +57,12 @@ function times(flight, from) {
  */
 export function tables(asked, flights, since_s) {
   const made = /** @type {any[][]} */ ([]);
-  const traces = [...asked.traces].sort((a, b) => DEPTH[a.kind] - DEPTH[b.kind]);
   const drawn = /** @type {Drawn[]} */ ([]);
   for (const [run, flight] of flights.entries()) {
     if (!flight) continue;
     const from = since_s > flight.firstTime ? flight.rowAt(since_s) : 0;
-    made.push([times(flight, from), ...traces.map((trace) => values(flight, trace, asked.factor, from))]);
-    drawn.push(...traces.map(({ kind }) => ({ run, kind })));
+    made.push([times(flight, from), ...asked.traces.map((trace) => values(flight, trace, asked.factor, from))]);
+    drawn.push(...asked.traces.map(({ kind }) => ({ run, kind })));
   }
   return { made, drawn };
 }

@@ -16,8 +16,8 @@ export class RunView extends THREE.Group {
   vehicle = new Vehicle();
   cone = new ViewCone();
   #plumb = new THREE.Line(new THREE.BufferGeometry().setFromPoints([new THREE.Vector3(), new THREE.Vector3(0, 0, 1)]), new THREE.LineBasicMaterial({ transparent: true, opacity: 0.55 }));
-  #trail = new Trail(["x", "y", "z"], { width: 3.5, faded: 0.6 });
-  #asked = new Trail(["setpoint_x", "setpoint_y", "setpoint_z"], { width: 1.75, faded: 0.6 });
+  #trail = new Trail(["x", "y", "z"], { width: 3.5, faded: 0.7 });
+  #asked = new Trail(["setpoint_x", "setpoint_y", "setpoint_z"], { width: 1.75, faded: 0.7 });
   #fixes = new Fixes();
   #setpoint = new Setpoint();
   /** @type {Colours} */

@@ -113,6 +113,6 @@ export class LiveView {
 
 /** @param {number} seconds */
 function duration(seconds) {
-  if (seconds < 60) return `for ${Math.round(seconds)} s`;
-  return seconds < 3600 ? `for ${Math.round(seconds / 60)} min` : `for ${(seconds / 3600).toFixed(1)} h`;
+  if (seconds < 60) return `${Math.round(seconds)} s`;
+  return seconds < 3600 ? `${Math.round(seconds / 60)} min` : `${(seconds / 3600).toFixed(1)} h`;
 }

@@ -71,7 +71,7 @@ export class Picker {
   end(how) {
     const { attempt } = this;
     if (!attempt) return;
-    const score = `score ${number(attempt.score, 1)}, ${attempt.failed ?? 0} of ${attempt.episodes} failed`;
-    this.facts.textContent = how ? `${score}; this flight ended: ${how}` : score;
+    const failed = `${attempt.failed ?? 0} of ${attempt.episodes} flights failed`;
+    this.facts.textContent = how ? `${failed}; this one ended: ${how}` : failed;
   }
 }
