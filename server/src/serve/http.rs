@@ -10,6 +10,7 @@ use axum::routing::get;
 use axum::{Json, Router};
 use serde::Serialize;
 
+use super::page;
 use super::server::Server;
 use super::upgrade;
 
@@ -20,6 +21,7 @@ pub(crate) fn router(server: &Arc<Server>) -> Router {
         .route("/healthz", get(|| async { "ok\n" }))
         .route("/metrics", get(metrics))
         .nest("/api/v1", api())
+        .fallback(page::page)
         .with_state(server.clone())
 }
 

@@ -9,6 +9,7 @@ mod listed;
 mod make;
 mod message;
 mod metrics;
+mod page;
 mod replies;
 mod server;
 mod session;

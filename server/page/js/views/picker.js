@@ -72,6 +72,7 @@ export class Picker {
     const { attempt } = this;
     if (!attempt) return;
     const failed = `${attempt.failed ?? 0} of ${attempt.episodes} flights failed`;
-    this.facts.textContent = how ? `${failed}; this one ended: ${how}` : failed;
+    const ended = how === "time" ? "this one flew to the end" : `this one: ${how}`;
+    this.facts.textContent = how ? `${failed}; ${ended}` : failed;
   }
 }
