@@ -43,7 +43,7 @@ fn check(client: &mut Client, want: &str) {
             assert_eq!(plain(got.clone()), plain(want), "the page is stale; the server says\n< {got}");
         }
         Message::Binary(bytes) => {
-            let (want, whole) = want.strip_suffix("...").map_or((hex(want), true), |start| (hex(start), false));
+            let (want, whole) = want.strip_suffix("...").map_or_else(|| (hex(want), true), |start| (hex(start), false));
             let got: String = bytes.iter().take(64).map(|b| format!("{b:02x}")).collect();
             assert!(bytes.starts_with(&want) && (!whole || bytes.len() == want.len()), "the page is stale; the server says\n< {got}...");
         }
