@@ -1,9 +1,11 @@
 //! The command line of the simulator. The bin and the Python package both call [`main_from`].
 #![forbid(unsafe_code)]
 
+mod bench;
 mod cli;
 mod explained;
 mod flight;
+mod frames;
 mod measured;
 mod recovery;
 mod score;
