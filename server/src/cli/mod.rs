@@ -1,5 +1,6 @@
 //! Commands, one file each. A command writes to `out` and returns what went wrong; only [`main_from`] talks to the process.
 
+mod attempts;
 mod effects;
 mod explain;
 mod explain_table;
@@ -42,7 +43,7 @@ Examples:
   crazyflie scorecard
   crazyflie effects
   crazyflie submit --controller thesis-pid
-  crazyflie leaderboard";
+  crazyflie leaderboard --scenario hover-aruco";
 
 /// Flies, replays, identifies, explains and measures the Crazyflie that the TU Darmstadt thesis identified.
 #[derive(Debug, Parser)]
@@ -67,6 +68,7 @@ enum Command {
     Scenarios(scenarios::Args),
     Submit(submit::Args),
     Leaderboard(leaderboard::Args),
+    Attempts(attempts::Args),
     Verify(verify::Args),
     Token(token::Args),
 }
@@ -107,6 +109,7 @@ fn run(command: &Command, out: &mut dyn Write) -> Outcome {
         Command::Scenarios(args) => scenarios::run(args, out),
         Command::Submit(args) => submit::run(args, out),
         Command::Leaderboard(args) => leaderboard::run(args, out),
+        Command::Attempts(args) => attempts::run(args, out),
         Command::Verify(args) => verify::run(args, out),
         Command::Token(args) => token::run(args, out),
     }
