@@ -33,7 +33,7 @@ fn main() -> io::Result<()> {
     Ok(())
 }
 
-/// Files under `path` with their names relative to the workspace, which are the same on every system.
+/// Files under `path`, but for tests, with their names relative to the workspace, which are the same on every system.
 fn collect(path: &Path, name: &str, files: &mut Vec<(String, PathBuf)>) -> io::Result<()> {
     if !path.is_dir() {
         files.push((name.to_owned(), path.to_owned()));
@@ -41,6 +41,9 @@ fn collect(path: &Path, name: &str, files: &mut Vec<(String, PathBuf)>) -> io::R
     }
     for entry in fs::read_dir(path)? {
         let entry = entry?;
+        if entry.file_name() == "tests" {
+            continue;
+        }
         let name = format!("{name}/{}", entry.file_name().to_string_lossy());
         collect(&entry.path(), &name, files)?;
     }

@@ -32,7 +32,7 @@ impl Baseline {
         }
     }
 
-    fn pilot(self, envs: usize, interface: Interface, tick_s: f64, mode: Mode) -> Pilot {
+    pub(super) fn pilot(self, envs: usize, interface: Interface, tick_s: f64, mode: Mode) -> Pilot {
         let pid = |gains| Pilot::Pid(Box::new(PidBatch::new(envs, gains, interface, tick_s, mode)));
         match self {
             Baseline::ThesisPid => pid(Gains::THESIS),
@@ -43,14 +43,14 @@ impl Baseline {
     }
 }
 
-enum Pilot {
+pub(super) enum Pilot {
     Pid(Box<PidBatch>),
     Hover(Interface),
     Random(Pcg64Mcg),
 }
 
 impl Pilot {
-    fn act(&mut self, mode: Mode, observations: &[f32], actions: &mut [f32]) -> Result<()> {
+    pub(super) fn act(&mut self, mode: Mode, observations: &[f32], actions: &mut [f32]) -> Result<()> {
         match self {
             Pilot::Pid(pid) => {
                 pid.set_mode(mode);

@@ -51,7 +51,7 @@ impl Bench {
         Ok((rows.iter().map(|row| self.verify_row(row)).collect::<Result<_>>()?, missing))
     }
 
-    fn verify_row(&self, row: &Stored) -> Result<Verification> {
+    pub(super) fn verify_row(&self, row: &Stored) -> Result<Verification> {
         let (verdict, findings) = match self.check(row) {
             Ok(found) => found,
             Err(Error::Damaged(problem)) => (Verdict::Wrong, vec![problem]),
