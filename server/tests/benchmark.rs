@@ -28,6 +28,11 @@ fn from_a_submission_to_a_log_that_replays() {
     assert_eq!(json(&["verify", id, "--data", data, "--json"])["attempts"][0]["verdict"], "confirmed");
     bad(2, &["submit", "--controller", "hover", "--scenario", "hoover", "--data", data], &["hoover", "hover-aruco@1.0.0"]);
     bad(2, &["verify", "0", "--data", data], &["no attempt \"0\""]);
+    let nowhere = folder.join("nowhere.sqlite");
+    for command in [&["leaderboard"][..], &["attempts"], &["verify"], &["token", "list"]] {
+        bad(1, &[command, &["--data", text(&nowhere)]].concat(), &["nowhere.sqlite", "no such file", "crazyflie submit"]);
+    }
+    assert!(!nowhere.exists());
     bad(1, &["attempts", id, "--data", data, "--episode", "24", "--csv", text(&log)], &["episodes 0 to 23"]);
 }
 
@@ -83,6 +88,27 @@ fn other_files_are_refused_and_left_alone() {
     assert_eq!(std::fs::read(folder.join("text.sqlite")).unwrap(), before);
     assert_eq!(foreign.query_row("SELECT count(*) FROM sqlite_schema", [], |row| row.get::<_, i64>(0)).unwrap(), 1);
     refused("no/such/folder.sqlite", &["no/such/folder.sqlite", "No such file"]);
+}
+
+#[test]
+fn several_processes_submit_at_once() {
+    let folder = folder("at_once");
+    let data = folder.join("bench.sqlite");
+    let args = ["submit", "--controller", "hover", "--scenario", "ground-landing", "--repeat", "15", "--json", "--data", text(&data)];
+    let spawn = |_| std::process::Command::new(common::BINARY).args(args).stdout(std::process::Stdio::piped()).spawn().unwrap();
+    let all: Vec<_> = (0..4).map(spawn).collect();
+    let lines: usize = all
+        .into_iter()
+        .map(|child| {
+            let done = child.wait_with_output().unwrap();
+            assert!(done.status.success());
+            String::from_utf8(done.stdout).unwrap().lines().count()
+        })
+        .sum();
+    assert_eq!(lines, 60);
+    let verified = json(&["verify", "--data", text(&data), "--json"]);
+    let confirmed = verified["attempts"].as_array().unwrap().iter().filter(|v| v["verdict"] == "confirmed").count();
+    assert_eq!((confirmed, verified["missing"].as_array().unwrap().len()), (60, 0));
 }
 
 #[test]

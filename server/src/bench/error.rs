@@ -29,6 +29,8 @@ pub(crate) enum Error {
     TooLate { limit_s: u64 },
     #[error("{}: schema {found} is newer than this program's ({known}): use a newer crazyflie", path.display())]
     Newer { path: PathBuf, found: i64, known: i64 },
+    #[error("{}: there is no such file; `crazyflie submit` makes one", path.display())]
+    Missing { path: PathBuf },
     #[error("{} is a database of another program", path.display())]
     Foreign { path: PathBuf },
     #[error("{} holds the signing key and can be read by others (mode {mode:03o}): chmod 600 it", path.display())]

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use jiff::Timestamp;
 
 use super::{Failure, Outcome, Table, files, number};
-use crate::bench::{Bench, Limits, Listed, api};
+use crate::bench::{Bench, Listed, api};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -39,7 +39,7 @@ pub(super) struct Args {
 }
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
-    let bench = Bench::open(&args.data, Limits::default())?;
+    let bench = Bench::open_existing(&args.data)?;
     let reply = match (&args.attempt, &args.csv) {
         (Some(id), Some(file)) => return files::write(file, &api::log_csv(&bench, id, args.episode)?.bytes),
         (Some(id), None) => api::attempt(&bench, id)?,

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use serde_json::json;
 
 use super::{Outcome, Table, number};
-use crate::bench::{Bench, Limits, Ranked};
+use crate::bench::{Bench, Ranked};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -30,7 +30,7 @@ pub(super) struct Args {
 }
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
-    let bench = Bench::open(&args.data, Limits::default())?;
+    let bench = Bench::open_existing(&args.data)?;
     let scenarios = match args.scenario.as_str() {
         "all" => bench.scenarios().iter().collect(),
         name => vec![bench.scenario(name)?],

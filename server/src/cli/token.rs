@@ -40,7 +40,10 @@ enum Command {
 }
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
-    let bench = Bench::open(&args.data, Limits::default())?;
+    let bench = match &args.command {
+        Command::Create { .. } => Bench::open(&args.data, Limits::default())?,
+        Command::List | Command::Revoke { .. } => Bench::open_existing(&args.data)?,
+    };
     match &args.command {
         Command::Create { team } => {
             let token = bench.create_token(team)?;

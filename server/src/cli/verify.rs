@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use serde_json::json;
 
 use super::{Failure, Outcome, Table};
-use crate::bench::{Bench, Limits, Verdict};
+use crate::bench::{Bench, Verdict};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -29,7 +29,7 @@ pub(super) struct Args {
 }
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
-    let bench = Bench::open(&args.data, Limits::default())?;
+    let bench = Bench::open_existing(&args.data)?;
     let (found, missing) = match args.attempt.as_str() {
         "all" => bench.verify_all()?,
         id => (vec![bench.verify(id)?], Vec::new()),

@@ -2,9 +2,9 @@
 
 use crazyflie_env::observation::{ACTION, OBSERVATION};
 
-use super::super::record::Stored;
+use super::super::record::{Status, Stored};
 use super::super::store::Filter;
-use super::super::{Document, Error, Status, Verdict, Who, now_ms};
+use super::super::{Document, Error, Verdict, Who, now_ms};
 use super::*;
 
 /// Actions under which some flights end early: full thrust and a tilt for some, calm for the others.

@@ -3,8 +3,9 @@
 use ed25519_dalek::{Signature, VerifyingKey};
 use serde_json::Value;
 
+use super::super::record::Status;
 use super::super::secrets::canonical;
-use super::super::{Status, Who, api};
+use super::super::{Who, api};
 use super::*;
 
 /// Everything that can be asked for about a database, with the question.
