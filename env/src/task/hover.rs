@@ -23,11 +23,30 @@ pub struct Options {
     /// Where to hover.
     pub setpoint_m: [f64; 3],
     pub setpoint_yaw_deg: f64,
+    /// Where to hover from later times on, in order.
+    pub steps: Vec<Step>,
+}
+
+/// A jump of the set-point.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Step {
+    pub from_s: f64,
+    pub setpoint_m: [f64; 3],
+    #[serde(default)]
+    pub setpoint_yaw_deg: f64,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Options { start_radius_m: 0.8, start_m: None, start_yaw_deg: 0.0, setpoint_m: [0.0, 0.0, HEIGHT_M], setpoint_yaw_deg: 0.0 }
+        Options {
+            start_radius_m: 0.8,
+            start_m: None,
+            start_yaw_deg: 0.0,
+            setpoint_m: [0.0, 0.0, HEIGHT_M],
+            setpoint_yaw_deg: 0.0,
+            steps: Vec::new(),
+        }
     }
 }
 
@@ -44,10 +63,16 @@ impl Task for Hover {
     fn new(o: Options) -> Result<Self> {
         within("start_radius_m", o.start_radius_m, 0.0, 2.0)?;
         within("start_yaw_deg", o.start_yaw_deg, 0.0, 180.0)?;
-        for (p, high) in o.start_m.iter().chain([&o.setpoint_m]).flat_map(|p| p.iter().zip([2.4, 2.4, 2.6])) {
+        let steps = o.steps.iter().map(|step| &step.setpoint_m);
+        for (p, high) in o.start_m.iter().chain([&o.setpoint_m]).chain(steps).flat_map(|p| p.iter().zip([2.4, 2.4, 2.6])) {
             within("a coordinate of start_m or setpoint_m", *p, if high > 2.5 { 0.0 } else { -high }, high)?;
         }
         within("setpoint_yaw_deg", o.setpoint_yaw_deg, -180.0, 180.0)?;
+        let mut earliest_s = 0.0;
+        for step in &o.steps {
+            within("setpoint_yaw_deg of a step", step.setpoint_yaw_deg, -180.0, 180.0)?;
+            earliest_s = within("from_s of a step, in order", step.from_s, earliest_s, 3600.0)?;
+        }
         Ok(Hover(o))
     }
 
@@ -62,12 +87,57 @@ impl Task for Hover {
     }
 
     #[inline(always)]
-    fn setpoint<R: Real>(&self, goal: &mut [R; GOAL], _: R, _: &Draw<'_, R>) -> Setpoint<R> {
+    fn setpoint<R: Real>(&self, goal: &mut [R; GOAL], t_s: R, _: &Draw<'_, R>) -> Setpoint<R> {
+        for step in &self.0.steps {
+            // half a millisecond of margin for the clock's rounding
+            let due = R::of(step.from_s - 5e-4).le(t_s);
+            let [x, y, z] = step.setpoint_m;
+            for (kept, new) in goal.iter_mut().zip([x, y, z, step.setpoint_yaw_deg.to_radians()]) {
+                *kept = R::select(due, R::of(new), *kept);
+            }
+        }
         Setpoint { pos_m: [goal[0], goal[1], goal[2]], yaw_rad: goal[3] }
     }
 
     #[inline(always)]
     fn judge<R: Real>(&self, s: &Situation<R>) -> Verdict<R> {
         Verdict { reward: closeness(s) - R::of(0.05) * jerk(s), terminated: outside(s.x) | crashed(s.contact) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::task::path;
+
+    #[test]
+    fn the_set_point_jumps_when_it_is_told_to() {
+        let steps = serde_json::json!({"steps": [{"from_s": 0.1, "setpoint_m": [0.5, 0, 0.7]}, {"from_s": 0.2, "setpoint_m": [0, 0, 1]}]});
+        let path = path("hover", &steps, 0.02, 15).unwrap();
+        let want = |tick: usize| {
+            if tick < 5 {
+                [0.0, 0.0, 0.7]
+            } else if tick < 10 {
+                [0.5, 0.0, 0.7]
+            } else {
+                [0.0, 0.0, 1.0]
+            }
+        };
+        assert_eq!(path, (0..15).map(want).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn steps_come_in_order_and_within_the_room() {
+        let step = |from_s, x| Step { from_s, setpoint_m: [x, 0.0, 0.7], setpoint_yaw_deg: 0.0 };
+        let made = |steps: Vec<Step>| Hover::new(Options { steps, ..Options::default() }).map(|_| ()).map_err(|e| e.to_string());
+        made(vec![step(1.0, 0.0), step(2.0, 0.1)]).unwrap();
+        for (steps, word) in [
+            (vec![step(2.0, 0.0), step(1.0, 0.0)], "from_s of a step, in order is 1"),
+            (vec![step(f64::NAN, 0.0)], "from_s of a step, in order is NaN"),
+            (vec![step(1.0, 3.0)], "setpoint_m is 3"),
+        ] {
+            let error = made(steps).unwrap_err();
+            assert!(error.contains(word), "{error}");
+        }
     }
 }

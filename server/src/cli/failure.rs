@@ -6,6 +6,8 @@ use std::io;
 use crazyflie_env::Error as EnvError;
 use crazyflie_picture::PictureError;
 
+use crate::bench::Error as BenchError;
+
 /// Result of a command.
 pub(crate) type Outcome<T = ()> = Result<T, Failure>;
 
@@ -62,6 +64,15 @@ impl From<EnvError> for Failure {
     fn from(error: EnvError) -> Self {
         match error {
             EnvError::Unknown { .. } | EnvError::Range { .. } | EnvError::Config(_) => Failure::Usage(error.to_string()),
+            other => Failure::Failed(other.to_string()),
+        }
+    }
+}
+
+impl From<BenchError> for Failure {
+    fn from(error: BenchError) -> Self {
+        match error {
+            BenchError::Scenario { .. } | BenchError::Attempt(_) | BenchError::Name { .. } => Failure::Usage(error.to_string()),
             other => Failure::Failed(other.to_string()),
         }
     }

@@ -190,7 +190,7 @@ fn fly_all(args: &Args, setup: &Setup) -> Outcome<(Vec<Figures>, Trace)> {
     let (mut all, mut kept) = (Vec::new(), None);
     for seeds in seeds.chunks(BATCH) {
         let traces = flight::fly(setup, seeds)?;
-        all.extend(traces.iter().map(|trace| flight::figures(setup.scenario, trace)));
+        all.extend(traces.iter().map(|trace| flight::figures(setup.scenario.phases, trace)));
         kept = kept.or_else(|| traces.into_iter().next());
         bar.inc(seeds.len() as u64);
     }

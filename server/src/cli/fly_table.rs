@@ -70,7 +70,7 @@ pub(super) fn many(all: &[Figures], trace: &Trace, out: &mut dyn Write) -> Outco
 }
 
 fn title(phase: &PhaseFigures, out: &mut dyn Write) -> Outcome {
-    let name = if phase.name.is_empty() { "in the air" } else { phase.name };
+    let name = if phase.name.is_empty() { "in the air" } else { &phase.name };
     Ok(writeln!(out, "{name}, {:.2} to {:.2} s", phase.from_s, phase.to_s)?)
 }
 

@@ -1,5 +1,6 @@
 //! Commands, one file each. A command writes to `out` and returns what went wrong; only [`main_from`] talks to the process.
 
+mod attempts;
 mod effects;
 mod explain;
 mod explain_table;
@@ -11,16 +12,21 @@ mod identify;
 mod identify_picture;
 mod identify_table;
 mod identify_thesis;
+mod leaderboard;
 mod measured;
 mod model;
 mod replay;
 mod replay_table;
+mod scenarios;
 mod score;
 mod score_table;
 mod scorecard;
 mod serve;
+mod submit;
 mod tasks;
 mod text;
+mod token;
+mod verify;
 
 use std::io::{self, Write};
 
@@ -36,8 +42,10 @@ Examples:
   crazyflie identify --fit flight.csv --out my.toml
   crazyflie explain my.toml --fit flight1.csv --test flight2.csv --out found/
   crazyflie scorecard
-  crazyflie serve
-  crazyflie effects";
+  crazyflie effects
+  crazyflie submit --controller thesis-pid
+  crazyflie leaderboard --scenario hover-aruco
+  crazyflie serve";
 
 /// Flies, replays, identifies, explains and measures the Crazyflie that the TU Darmstadt thesis identified.
 #[derive(Debug, Parser)]
@@ -60,6 +68,12 @@ enum Command {
     Effects(effects::Args),
     Tasks(tasks::Args),
     Model(model::Args),
+    Scenarios(scenarios::Args),
+    Submit(submit::Args),
+    Leaderboard(leaderboard::Args),
+    Attempts(attempts::Args),
+    Verify(verify::Args),
+    Token(token::Args),
 }
 
 /// Runs the command line; `args` begin with the program's name. Returns the exit code: 0, 2 for usage, 1 for failures.
@@ -96,5 +110,11 @@ fn run(command: &Command, out: &mut dyn Write) -> Outcome {
         Command::Effects(args) => effects::run(args, out),
         Command::Tasks(args) => tasks::run(args, out),
         Command::Model(args) => model::run(args, out),
+        Command::Scenarios(args) => scenarios::run(args, out),
+        Command::Submit(args) => submit::run(args, out),
+        Command::Leaderboard(args) => leaderboard::run(args, out),
+        Command::Attempts(args) => attempts::run(args, out),
+        Command::Verify(args) => verify::run(args, out),
+        Command::Token(args) => token::run(args, out),
     }
 }

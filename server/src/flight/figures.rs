@@ -2,7 +2,7 @@
 
 use crazyflie_env::control::pid::Mode;
 
-use super::{End, Row, Scenario, Trace, touch_down_mps};
+use super::{End, Phase, Row, Trace, touch_down_mps};
 
 /// Settled within this of the set-point, for positions and for the heading.
 const BAND_M: f64 = 0.05;
@@ -61,7 +61,7 @@ pub(crate) struct AxisFigures {
 
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct PhaseFigures {
-    pub name: &'static str,
+    pub name: String,
     pub from_s: f64,
     pub to_s: f64,
     pub axes: [AxisFigures; 4],
@@ -92,19 +92,19 @@ impl Figures {
     }
 }
 
-pub(crate) fn figures(scenario: &Scenario, trace: &Trace) -> Figures {
+pub(crate) fn figures(planned: &[Phase], trace: &Trace) -> Figures {
     let rows = &trace.rows;
     let valid: Vec<bool> = rows.iter().map(|r| r.observation[5] > 0.5).collect();
     let lost = valid.iter().filter(|valid| !**valid).count();
     let touched = (1..rows.len()).rev().find(|&i| rows[i].state[2] <= 0.0 && rows[i - 1].state[2] > 0.0);
-    let starts: Vec<usize> = scenario.phases.iter().map(|p| (p.from_s / trace.tick_s).round() as usize).collect();
+    let starts: Vec<usize> = planned.iter().map(|p| (p.from_s / trace.tick_s).round() as usize).collect();
     let mut phases = Vec::new();
-    for (i, phase) in scenario.phases.iter().enumerate() {
+    for (i, phase) in planned.iter().enumerate() {
         let end = starts.get(i + 1).copied().unwrap_or(rows.len()).min(rows.len());
         let first = lift_off(&rows[..end], starts[i]);
         if first < end {
             let axes = AXES.map(|axis| axis_figures(trace, &axis, first, end));
-            phases.push(PhaseFigures { name: phase.name, from_s: trace.t_s(first), to_s: trace.t_s(end - 1), axes });
+            phases.push(PhaseFigures { name: phase.name.to_string(), from_s: trace.t_s(first), to_s: trace.t_s(end - 1), axes });
         }
     }
     Figures {
@@ -113,14 +113,14 @@ pub(crate) fn figures(scenario: &Scenario, trace: &Trace) -> Figures {
         end_s: trace.t_s(rows.len().saturating_sub(1)),
         marker_losses: valid.windows(2).filter(|pair| pair[0] && !pair[1]).count(),
         marker_lost_s: lost as f64 * trace.tick_s,
-        not_landed_m: not_landed(scenario, trace),
+        not_landed_m: not_landed(planned, trace),
         touch_down: touched.map(|i| (trace.t_s(i), touch_down_mps(rows, i))),
     }
 }
 
 /// The height of a vehicle that is still in the air though the last phase is a landing.
-fn not_landed(scenario: &Scenario, trace: &Trace) -> Option<f64> {
-    let landing = scenario.phases.last().is_some_and(|phase| phase.mode == Mode::Landing);
+fn not_landed(planned: &[Phase], trace: &Trace) -> Option<f64> {
+    let landing = planned.last().is_some_and(|phase| phase.mode == Mode::Landing);
     let height = trace.rows.last().map(|row| f64::from(row.state[2]));
     height.filter(|z| landing && trace.end == End::Time && *z > 0.0)
 }

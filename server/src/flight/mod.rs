@@ -14,9 +14,9 @@ use crazyflie_env::plant::Command;
 use crazyflie_env::vector::{Out, STATE, VectorEnv};
 
 pub(crate) use csv::log;
-pub(crate) use figures::{AXES, Axis, Figures, PhaseFigures, Settling, figures};
+pub(crate) use figures::{AXES, Axis, AxisFigures, Figures, PhaseFigures, Settling, figures};
 pub(crate) use picture::{path, picture};
-pub(crate) use scenario::{SCENARIOS, Scenario, lab_rig};
+pub(crate) use scenario::{Phase, SCENARIOS, Scenario, lab_rig, phase_at};
 
 /// Everything that decides a flight, besides its seed.
 #[derive(Debug, Clone)]
@@ -89,10 +89,10 @@ type Pilot<'a> = dyn FnMut(f64, &mut [f32], &mut [f32]) -> Result<(), Error> + '
 /// Flies the setup once per seed, by the PID.
 pub(crate) fn fly(setup: &Setup, seeds: &[u64]) -> Result<Vec<Trace>, Error> {
     let mut env = env(setup, seeds.len())?;
-    let phases = setup.scenario;
-    let mut pid = PidBatch::new(seeds.len(), setup.gains, env.interface(), env.tick_s(), phases.phases[0].mode);
+    let phases = setup.scenario.phases;
+    let mut pid = PidBatch::new(seeds.len(), setup.gains, env.interface(), env.tick_s(), phases[0].mode);
     fly_by(&mut env, setup.seconds, seeds, &mut |t_s, observations, actions| {
-        let phase = phases.phase_at(t_s);
+        let phase = phase_at(phases, t_s);
         if let Some(setpoint_m) = phase.setpoint_m {
             observations.chunks_exact_mut(OBSERVATION).for_each(|row| row[16..19].copy_from_slice(&setpoint_m));
         }
@@ -184,7 +184,7 @@ fn row(i: usize, observations: &[f32], states: &[f32], actions: &[f32]) -> Row {
 }
 
 /// Why a task ended the flight of these rows.
-fn end(rows: &[Row]) -> End {
+pub(crate) fn end(rows: &[Row]) -> End {
     let Some(last) = rows.last() else { return End::Time };
     let [x, y, z] = [0, 1, 2].map(|i| last.state[i]);
     if x.abs() > ROOM_M[0] || y.abs() > ROOM_M[0] || z > ROOM_M[1] {

@@ -1,13 +1,15 @@
 //! What can be flown: the tasks, and the thesis's flights by name.
 
+use std::borrow::Cow;
+
 use crazyflie_env::config::{EffectParams, EffectTable, Number};
 use crazyflie_env::control::pid::Mode;
 use serde_json::Value;
 
 /// A part of a flight with one set-point and one state of the controller.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub(crate) struct Phase {
-    pub name: &'static str,
+    pub name: Cow<'static, str>,
     pub from_s: f64,
     /// In place of the task's.
     pub setpoint_m: Option<[f32; 3]>,
@@ -39,15 +41,15 @@ impl Scenario {
         // a test reads them all
         serde_json::from_str(self.options).unwrap_or(Value::Null)
     }
+}
 
-    /// The phase in force; half a millisecond of margin for the clock's rounding.
-    pub(crate) fn phase_at(&self, t_s: f64) -> &'static Phase {
-        self.phases.iter().rev().find(|p| p.from_s <= t_s + 5e-4).unwrap_or(&self.phases[0])
-    }
+/// The phase in force; half a millisecond of margin for the clock's rounding.
+pub(crate) fn phase_at(phases: &[Phase], t_s: f64) -> &Phase {
+    phases.iter().rev().find(|p| p.from_s <= t_s + 5e-4).unwrap_or(&phases[0])
 }
 
 const fn phase(name: &'static str, from_s: f64, setpoint_m: Option<[f32; 3]>, mode: Mode) -> Phase {
-    Phase { name, from_s, setpoint_m, mode }
+    Phase { name: Cow::Borrowed(name), from_s, setpoint_m, mode }
 }
 
 const HOLD: &[Phase] = &[phase("", 0.0, None, Mode::Automatic)];

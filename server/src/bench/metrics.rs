@@ -1,0 +1,149 @@
+//! What an episode is described by, and the same over an attempt.
+
+use serde::{Deserialize, Serialize};
+
+use super::episodes::Episode;
+use super::error::{Error, Result};
+use super::scenario::Scenario;
+use crate::flight::{self, Figures, Settling, Trace};
+
+/// Of one episode. Numbers are rounded to six decimals, so that the maths of the platform does not show.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct EpisodeMetrics {
+    /// Why the flight counts as a failure.
+    pub failed: Option<String>,
+    pub duration_s: f64,
+    /// From the start of a phase until x, y and z stay within 5 cm, in the slowest phase; none if the set-point moves or they never do.
+    pub settling_s: Option<f64>,
+    /// Beyond the set-point, largest of x, y, z and of all phases; none if the set-point moves.
+    pub overshoot_m: Option<f64>,
+    /// Root mean square of the distance to the set-point, from the start on.
+    pub rmse_m: f64,
+    pub yaw_rmse_deg: f64,
+    /// Root mean square of the commanded tilt, and how far the tilt commands travel per second.
+    pub effort_deg: f64,
+    pub travel_degps: f64,
+    pub marker_losses: usize,
+    pub marker_lost_s: f64,
+    /// How fast and how far from the set-point the vehicle touched down, where it was to land.
+    pub touch_mps: Option<f64>,
+    pub touch_off_m: Option<f64>,
+}
+
+/// Of an attempt: medians over the flights that did not fail, sums of losses over all.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Metrics {
+    /// Flights that settled.
+    pub settled: usize,
+    pub settling_s: Option<f64>,
+    pub overshoot_m: Option<f64>,
+    pub rmse_m: Option<f64>,
+    pub yaw_rmse_deg: Option<f64>,
+    pub effort_deg: Option<f64>,
+    pub travel_degps: Option<f64>,
+    pub marker_losses: usize,
+    pub marker_lost_s: f64,
+    pub touch_mps: Option<f64>,
+    pub touch_off_m: Option<f64>,
+    pub duration_s: Option<f64>,
+}
+
+pub(super) fn of_episode(scenario: &Scenario, episode: &Episode) -> Result<EpisodeMetrics> {
+    let trace = &episode.trace;
+    let figures = flight::figures(&scenario.phases, trace);
+    let last = trace.rows.last().ok_or_else(|| Error::Internal("an episode without rows".into()))?;
+    let off = |state: &[f32], observed: &[f32]| state.iter().zip(observed).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>();
+    let squares: Vec<f64> = trace.rows.iter().map(|row| off(&row.state[..3], &row.observation[16..19])).collect();
+    let yaw = trace.rows.iter().map(|row| wrapped(f64::from(row.state[8] - row.observation[19])).to_degrees().powi(2));
+    let touch = figures.touch_down.filter(|_| scenario.lands());
+    let metrics = EpisodeMetrics {
+        failed: failure(scenario, &figures, trace),
+        duration_s: rounded(figures.end_s)?,
+        settling_s: settling(&figures).map(rounded).transpose()?,
+        overshoot_m: overshoot(&figures).map(rounded).transpose()?,
+        rmse_m: rounded(mean(squares.into_iter()).sqrt())?,
+        yaw_rmse_deg: rounded(mean(yaw).sqrt())?,
+        effort_deg: rounded(over_phases(&figures, |[x, y, ..]| x.effort.powi(2) + y.effort.powi(2)).sqrt())?,
+        travel_degps: rounded(over_phases(&figures, |[x, y, ..]| x.travel_per_s + y.travel_per_s))?,
+        marker_losses: figures.marker_losses,
+        marker_lost_s: rounded(figures.marker_lost_s)?,
+        touch_mps: touch.map(|(_, mps)| rounded(mps)).transpose()?,
+        touch_off_m: touch.map(|_| rounded(off(&last.state[..2], &last.observation[16..18]).sqrt())).transpose()?,
+    };
+    Ok(metrics)
+}
+
+/// Breaking the vehicle, leaving the room, ending on the floor when flying was asked or in the air when landing was.
+fn failure(scenario: &Scenario, figures: &Figures, trace: &Trace) -> Option<String> {
+    let down = trace.rows.last().is_some_and(|row| row.state[2] <= 0.0);
+    let wrong_place = match scenario.lands() {
+        true => (!down).then(|| "did not land".to_owned()),
+        false => down.then(|| "ended on the floor".to_owned()),
+    };
+    figures.crash().or(wrong_place)
+}
+
+fn settling(figures: &Figures) -> Option<f64> {
+    let axes = figures.phases.iter().flat_map(|phase| &phase.axes[..3]);
+    axes.map(|axis| if let Settling::At(s) = axis.settling { Some(s) } else { None }).try_fold(0.0, |worst, s| Some(f64::max(worst, s?)))
+}
+
+fn overshoot(figures: &Figures) -> Option<f64> {
+    let axes = figures.phases.iter().flat_map(|phase| &phase.axes[..3]);
+    axes.map(|axis| axis.overshoot).try_fold(0.0, |worst, m| Some(f64::max(worst, m?)))
+}
+
+/// The mean of a quantity of phases, weighted by how long they were.
+fn over_phases(figures: &Figures, of: impl Fn(&[flight::AxisFigures; 4]) -> f64) -> f64 {
+    let seconds = |phase: &flight::PhaseFigures| (phase.to_s - phase.from_s).max(f64::MIN_POSITIVE);
+    let all: f64 = figures.phases.iter().map(seconds).sum();
+    figures.phases.iter().map(|phase| of(&phase.axes) * seconds(phase) / all).sum()
+}
+
+fn mean(values: impl ExactSizeIterator<Item = f64>) -> f64 {
+    let n = values.len().max(1);
+    values.sum::<f64>() / n as f64
+}
+
+fn wrapped(angle: f64) -> f64 {
+    angle.sin().atan2(angle.cos())
+}
+
+/// To six decimals.
+///
+/// # Errors
+/// [`Error::Internal`] for what is not a finite number: no score may come from it.
+pub(super) fn rounded(value: f64) -> Result<f64> {
+    if value.is_finite() { Ok((value * 1e6).round() / 1e6) } else { Err(Error::Internal(format!("a figure is {value}"))) }
+}
+
+/// The mean of the two middle ones where there are two.
+pub(super) fn median(values: &mut [f64]) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    let n = values.len();
+    let (low, high) = (values.get(n.checked_sub(1)? / 2)?, values.get(n / 2)?);
+    Some(0.5 * (low + high))
+}
+
+pub(super) fn of_attempt(episodes: &[EpisodeMetrics]) -> Result<Metrics> {
+    let flown = || episodes.iter().filter(|e| e.failed.is_none());
+    let of = |value: &dyn Fn(&EpisodeMetrics) -> Option<f64>| {
+        median(&mut flown().filter_map(value).collect::<Vec<_>>()).map(rounded).transpose()
+    };
+    Ok(Metrics {
+        settled: flown().filter(|e| e.settling_s.is_some()).count(),
+        settling_s: of(&|e| e.settling_s)?,
+        overshoot_m: of(&|e| e.overshoot_m)?,
+        rmse_m: of(&|e| Some(e.rmse_m))?,
+        yaw_rmse_deg: of(&|e| Some(e.yaw_rmse_deg))?,
+        effort_deg: of(&|e| Some(e.effort_deg))?,
+        travel_degps: of(&|e| Some(e.travel_degps))?,
+        marker_losses: episodes.iter().map(|e| e.marker_losses).sum(),
+        marker_lost_s: rounded(episodes.iter().map(|e| e.marker_lost_s).sum())?,
+        touch_mps: of(&|e| e.touch_mps)?,
+        touch_off_m: of(&|e| e.touch_off_m)?,
+        duration_s: of(&|e| Some(e.duration_s))?,
+    })
+}

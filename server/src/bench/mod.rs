@@ -1,0 +1,148 @@
+//! The benchmark: scenarios that are the same for everyone, attempts that can be checked, a leaderboard. No sockets and no clock but for
+//! dates; `serve` and the command line stand in front.
+
+pub(crate) mod api;
+mod attempt;
+pub(crate) mod baselines;
+mod episodes;
+mod error;
+mod leaderboard;
+mod metrics;
+mod mystery;
+mod record;
+mod replay;
+mod scenario;
+mod score;
+mod secrets;
+mod sqlite;
+mod store;
+mod teams;
+#[cfg(test)]
+mod tests;
+mod verify;
+
+use std::collections::HashMap;
+use std::path::Path;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+pub(crate) use attempt::Attempt;
+pub(crate) use error::{Error, Result};
+pub(crate) use leaderboard::Ranked;
+pub(crate) use record::Document;
+pub(crate) use scenario::Scenario;
+pub(crate) use sqlite::default_path;
+pub(crate) use teams::{Limits, Who};
+pub(crate) use verify::Verdict;
+
+use record::Stored;
+use secrets::Secrets;
+use sqlite::Sqlite;
+use store::{Filter, Store};
+
+/// Fingerprint of the sources that decide results, see `build.rs`.
+pub(crate) const BUILD: &str = env!("CRAZYFLIE_BUILD");
+
+/// A benchmark with its database. Clones are the same benchmark.
+#[derive(Clone)]
+pub(crate) struct Bench(Arc<Inner>);
+
+struct Inner {
+    store: Mutex<Box<dyn Store>>,
+    secrets: Secrets,
+    scenarios: Vec<Scenario>,
+    limits: Limits,
+    /// Attempts under way by team, of this process.
+    under_way: Mutex<HashMap<String, u32>>,
+}
+
+/// An attempt as it is listed.
+#[derive(Debug, Clone)]
+pub(crate) struct Listed {
+    pub id: String,
+    pub signature: Vec<u8>,
+    /// What is wrong with a row that was tampered with.
+    pub document: std::result::Result<Document, String>,
+}
+
+impl Bench {
+    /// Opens the database, made on first use.
+    ///
+    /// # Errors
+    /// [`Error::Newer`], [`Error::Foreign`], [`Error::Exposed`], [`Error::File`] and what SQLite says.
+    pub(crate) fn open(path: &Path, limits: Limits) -> Result<Bench> {
+        let mut store = Sqlite::open(path)?;
+        let secrets = store.secrets()?;
+        let scenarios = scenario::all(&secrets)?;
+        let (store, under_way) = (Mutex::new(Box::new(store) as Box<dyn Store>), Mutex::default());
+        let bench = Bench(Arc::new(Inner { store, secrets, scenarios, limits, under_way }));
+        bench.sweep()?;
+        Ok(bench)
+    }
+
+    /// Opens a database that must be there, for those who only look.
+    ///
+    /// # Errors
+    /// [`Error::Missing`], and as [`Bench::open`].
+    pub(crate) fn open_existing(path: &Path) -> Result<Bench> {
+        if !path.exists() {
+            return Err(Error::Missing { path: path.to_owned() });
+        }
+        Bench::open(path, Limits::default())
+    }
+
+    pub(crate) fn scenarios(&self) -> &[Scenario] {
+        &self.0.scenarios
+    }
+
+    /// By `name@version`, or by name alone.
+    ///
+    /// # Errors
+    /// [`Error::Scenario`] with the names that there are.
+    pub(crate) fn scenario(&self, name: &str) -> Result<&Scenario> {
+        let found = self.scenarios().iter().find(|s| s.id() == name || s.id().split('@').next() == Some(name));
+        found.ok_or_else(|| Error::Scenario {
+            name: name.into(),
+            known: self.scenarios().iter().map(Scenario::id).collect::<Vec<_>>().join(", "),
+        })
+    }
+
+    /// The key that signatures are checked with, in hex.
+    pub(crate) fn public_key(&self) -> String {
+        hex::encode(self.0.secrets.public_key().as_bytes())
+    }
+
+    /// Every attempt, of one scenario if asked, in the order in which they were begun.
+    pub(crate) fn attempts(&self, scenario: Option<&str>) -> Result<Vec<Listed>> {
+        let rows = self.store().attempts(Filter { scenario, id: None })?;
+        Ok(rows.into_iter().map(|row| self.listed(row)).collect())
+    }
+
+    /// One attempt.
+    ///
+    /// # Errors
+    /// [`Error::Attempt`] if there is none of this id.
+    pub(crate) fn attempt(&self, id: &str) -> Result<Listed> {
+        self.stored(id).map(|row| self.listed(row))
+    }
+
+    fn stored(&self, id: &str) -> Result<Stored> {
+        let rows = self.store().attempts(Filter { scenario: None, id: Some(id) })?;
+        rows.into_iter().next().ok_or_else(|| Error::Attempt(id.into()))
+    }
+
+    fn listed(&self, row: Stored) -> Listed {
+        let document = row.document(&self.0.secrets).map_err(|e| e.to_string());
+        Listed { id: row.id, signature: row.signature, document }
+    }
+
+    fn store(&self) -> MutexGuard<'_, Box<dyn Store>> {
+        // SQLite rolls a transaction back that a panic cut short
+        self.0.store.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Milliseconds since 1970, UTC.
+pub(crate) fn now_ms() -> i64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_millis() as i64)
+}

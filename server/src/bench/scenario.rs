@@ -1,0 +1,254 @@
+//! Scenarios: data files under `server/scenarios`, embedded, checked, and known by the hash of all that they say.
+
+use std::borrow::Cow;
+
+use crazyflie_env::config::{Autoreset, EffectTable, Options, check_effects};
+use crazyflie_env::control::pid::Mode;
+use crazyflie_env::model::{Model, VerticalInput};
+use crazyflie_env::vector::VectorEnv;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+
+use super::error::{Error, Result};
+use super::mystery::{Hidden, Pool};
+use super::score::Cost;
+use super::secrets::{Secrets, canonical, sha256_hex};
+use crate::flight::Phase;
+
+macro_rules! files {
+    ($($file:literal),* $(,)?) => {
+        const FILES: &[(&str, &str)] = &[$(($file, include_str!(concat!("../../scenarios/", $file)))),*];
+    };
+}
+files![
+    "hover-aruco.toml",
+    "fly-80cm.toml",
+    "takeoff.toml",
+    "steps.toml",
+    "figure-eight.toml",
+    "ground-landing.toml",
+    "wind.toml",
+    "battery-low.toml",
+    "packet-loss.toml",
+    "mystery.toml",
+];
+
+/// The fewest episodes from which an attempt may be judged.
+const EPISODES_MIN: usize = 20;
+
+/// A scenario file.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Plan {
+    pub name: String,
+    pub version: String,
+    pub title: String,
+    pub description: String,
+    /// Section and figure of the thesis, or where else it comes from.
+    pub source: String,
+    pub episodes: usize,
+    pub seconds: f64,
+    pub vertical: VerticalInput,
+    pub task: String,
+    #[serde(default)]
+    pub task_options: Value,
+    #[serde(default)]
+    pub effects: EffectTable,
+    pub phases: Vec<PlannedPhase>,
+    pub cost: Cost,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hidden: Option<Pool>,
+}
+
+/// A part of the flight with one set-point; `mode` is what the thesis's controller is told to do.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct PlannedPhase {
+    pub name: String,
+    pub from_s: f64,
+    pub mode: String,
+}
+
+/// A scenario as this server runs it.
+#[derive(Debug, Clone)]
+pub(crate) struct Scenario {
+    pub(super) plan: Plan,
+    pub(super) phases: Vec<Phase>,
+    pub(super) hidden: Option<Hidden>,
+    pub(super) hash: String,
+}
+
+/// Every scenario, with what this server's secret decides.
+pub(super) fn all(secrets: &Secrets) -> Result<Vec<Scenario>> {
+    FILES.iter().map(|(file, text)| Scenario::read(file, text, secrets)).collect()
+}
+
+impl Scenario {
+    fn read(file: &'static str, text: &str, secrets: &Secrets) -> Result<Scenario> {
+        let bad = |problem: String| Error::ScenarioFile { file, problem };
+        let plan: Plan = toml::from_str(text).map_err(|e| bad(e.to_string()))?;
+        check(&plan).map_err(bad)?;
+        let phase = |p: &PlannedPhase| {
+            let mode = Mode::named(&p.mode).map_err(|e| bad(e.to_string()))?;
+            Ok(Phase { name: Cow::Owned(p.name.clone()), from_s: p.from_s, setpoint_m: None, mode })
+        };
+        let phases = plan.phases.iter().map(phase).collect::<Result<Vec<_>>>()?;
+        let public = content_hash(&plan, None)?;
+        let hidden = plan.hidden.as_ref().map(|pool| pool.draw(secrets, &public)).transpose()?;
+        let hash = content_hash(&plan, hidden.as_ref().map(|h| h.commitment.as_str()))?;
+        let scenario = Scenario { plan, phases, hidden, hash };
+        scenario.env(1).map_err(|e| bad(e.to_string()))?;
+        Ok(scenario)
+    }
+
+    /// `name@version`.
+    pub(crate) fn id(&self) -> String {
+        format!("{}@{}", self.plan.name, self.plan.version)
+    }
+
+    pub(crate) fn hash(&self) -> &str {
+        &self.hash
+    }
+
+    pub(crate) fn title(&self) -> &str {
+        &self.plan.title
+    }
+
+    pub(crate) fn episodes(&self) -> usize {
+        self.plan.episodes
+    }
+
+    pub(crate) fn seconds(&self) -> f64 {
+        self.plan.seconds
+    }
+
+    /// The environments of an attempt. They reset on their own, because in lock-step those that have ended are stepped along; nothing after
+    /// an end is shown or counted.
+    pub(super) fn env(&self, envs: usize) -> Result<VectorEnv> {
+        let mut effects = self.plan.effects.clone();
+        effects.extend(self.hidden.iter().flat_map(|hidden| hidden.effects.clone()));
+        let options = Options {
+            task: self.plan.task.clone(),
+            task_options: self.plan.task_options.clone(),
+            vertical: Some(self.plan.vertical),
+            effects,
+            autoreset: Autoreset::NextStep,
+            ..Options::default()
+        };
+        Ok(VectorEnv::new(&Model::thesis(), &options, envs)?)
+    }
+
+    pub(super) fn lands(&self) -> bool {
+        self.phases.last().is_some_and(|phase| phase.mode == Mode::Landing)
+    }
+
+    /// One parameter of a declared effect, if it is the same in every episode.
+    pub(super) fn declared(&self, effect: &str, param: &str) -> Option<f64> {
+        let crazyflie_env::config::EffectParams::Named(params) = self.plan.effects.get(effect)? else { return None };
+        params.get(param)?.fixed()
+    }
+
+    /// What anyone may know.
+    pub(crate) fn public(&self) -> Value {
+        let p = &self.plan;
+        json!({
+            "id": self.id(), "name": p.name, "version": p.version, "hash": self.hash, "title": p.title, "description": p.description,
+            "source": p.source, "episodes": p.episodes, "seconds": p.seconds, "vertical": p.vertical, "task": p.task,
+            "task_options": p.task_options, "effects": p.effects, "phases": p.phases, "cost": p.cost,
+            "commitment": self.hidden.as_ref().map(|h| &h.commitment),
+        })
+    }
+}
+
+/// SHA-256 over the canonical JSON of the file's content, of the model's numbers, and of the commitment to what is hidden.
+pub(super) fn content_hash(plan: &Plan, commitment: Option<&str>) -> Result<String> {
+    let model = sha256_hex(&canonical(&Model::thesis().parameters())?);
+    Ok(sha256_hex(&canonical(&json!({"scenario": plan, "model": model, "commitment": commitment}))?))
+}
+
+fn check(plan: &Plan) -> std::result::Result<(), String> {
+    if plan.episodes < EPISODES_MIN {
+        return Err(format!("{} episodes, expected at least {EPISODES_MIN}", plan.episodes));
+    }
+    if !(1.0..=120.0).contains(&plan.seconds) {
+        return Err(format!("{} seconds, expected 1 to 120", plan.seconds));
+    }
+    let in_order = plan.phases.is_sorted_by(|a, b| a.from_s < b.from_s);
+    if plan.phases.first().is_none_or(|first| first.from_s != 0.0) || !in_order {
+        return Err("the phases must begin at 0 s and come in order".into());
+    }
+    plan.cost.check()?;
+    check_effects(&plan.effects).map_err(|e| e.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What is open of every scenario, by hash. A scenario that has been published does not change: give it a new version, and keep the old file.
+    const PINNED: &[(&str, &str)] = &[
+        ("hover-aruco@1.0.0", "51b43b62d495ab0239c5556d21dcd1a416ca51170720f80653765c910207b75c"),
+        ("fly-80cm@1.0.0", "1d5f0f57b63c1e5cc1a0231dd986d2a840d2d1b03918bdc28c29dbedd831c4c2"),
+        ("takeoff@1.0.0", "f1970153ceeea8ac22155eeda72f124498a647b3c0a913637cc288e356b2088b"),
+        ("steps@1.0.0", "fc52955eb4ea38ae540ea5106021a235d98fb46d265b418ed5de3bbf4d202abc"),
+        ("figure-eight@1.0.0", "a1804002395a07f48b514dbd5a087c5662d6be1609ed4f610ba726dd71995a09"),
+        ("ground-landing@1.0.0", "62de299a489d75e44c2e43e43a16d07c99c2274d6a6495ba812dd813194b0600"),
+        ("wind@1.0.0", "43cd51adc22a8c92d422daefdfd52ad6ffca58d0a4946de6b26ccdf3b9ac6542"),
+        ("battery-low@1.0.0", "26fdb39908645d410bf3a9ed6e64d97f6bdce9ec084305cadbd933d321a9f5f5"),
+        ("packet-loss@1.0.0", "3892124c7a2895667160931d69c81483dd61411e22e79eb37814db61c42b8c2a"),
+        ("mystery@1.0.0", "87fff59e34e8668f7070ee5addb8d3afca75ad215f941928f1113ff07b124974"),
+    ];
+
+    #[test]
+    fn no_scenario_changes_without_a_new_version() {
+        let hashes: Vec<(String, String)> = FILES
+            .iter()
+            .map(|(_, text)| toml::from_str::<Plan>(text).unwrap())
+            .map(|plan| (format!("{}@{}", plan.name, plan.version), content_hash(&plan, None).unwrap()))
+            .collect();
+        let found: Vec<(&str, &str)> = hashes.iter().map(|(id, hash)| (id.as_str(), hash.as_str())).collect();
+        assert_eq!(found, PINNED);
+    }
+
+    #[test]
+    fn a_hash_covers_every_line_of_a_scenario() {
+        let plan = |text: &str| toml::from_str::<Plan>(text).unwrap();
+        for (file, text) in FILES {
+            let hash = content_hash(&plan(text), None).unwrap();
+            let mut changed = 0;
+            for (at, digit) in text.match_indices(|c: char| c.is_ascii_digit()) {
+                // another digit in its place, where what comes of it can be read
+                let other = if digit == "5" { "6" } else { "5" };
+                let Ok(new) = toml::from_str::<Plan>(&format!("{}{other}{}", &text[..at], &text[at + 1..])) else { continue };
+                assert_ne!(content_hash(&new, None).unwrap(), hash, "{file} at byte {at}");
+                changed += 1;
+            }
+            assert!(changed > 20, "{file}: {changed}");
+            let commitment = content_hash(&plan(text), Some("0")).unwrap();
+            assert_ne!(commitment, hash);
+        }
+    }
+
+    #[test]
+    fn mistakes_in_a_file_are_named() {
+        let secrets = Secrets::new(&[1; 32], [2; 32]);
+        let (file, text) = FILES[0];
+        let read = |from: &str, to: &str| {
+            assert!(text.contains(from));
+            Scenario::read(file, &text.replace(from, to), &secrets).map(|_| ()).unwrap_err().to_string()
+        };
+        for (from, to, word) in [
+            ("episodes = 24", "episodes = 19", "at least 20"),
+            ("seconds = 15.0", "seconds = nan", "expected 1 to 120"),
+            ("from_s = 0.0", "from_s = 1.0", "begin at 0 s"),
+            ("mode = \"automatic\"", "mode = \"auto\"", "controller mode"),
+            ("rmse_m = 0.15", "rmse_m = -1.0", "positive"),
+            ("camera_noise", "camera_nois", "did you mean \"camera_noise\""),
+            ("start_radius_m = 0.3", "start_radius_m = 30.0", "start_radius_m is 30"),
+            ("title", "titel", "titel"),
+        ] {
+            let error = read(from, to);
+            assert!(error.contains(file) && error.contains(word), "{error}");
+        }
+    }
+}

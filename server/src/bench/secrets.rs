@@ -1,0 +1,69 @@
+//! The signing key, the secret that seeds are derived from, and what is made of them. Nothing here can be printed.
+
+use ed25519_dalek::{Signature, Signer, SigningKey, VerifyingKey};
+use hmac::{Hmac, KeyInit, Mac};
+use sha2::{Digest, Sha256};
+
+use super::error::{Error, Result};
+
+/// Secret numbers, 32 bytes each.
+pub(super) type Bytes = [u8; 32];
+
+pub(super) struct Secrets {
+    signing: SigningKey,
+    secret: Bytes,
+}
+
+impl Secrets {
+    pub(super) fn new(signing: &Bytes, secret: Bytes) -> Self {
+        Secrets { signing: SigningKey::from_bytes(signing), secret }
+    }
+
+    pub(super) fn public_key(&self) -> VerifyingKey {
+        self.signing.verifying_key()
+    }
+
+    pub(super) fn sign(&self, bytes: &[u8]) -> [u8; 64] {
+        self.signing.sign(bytes).to_bytes()
+    }
+
+    pub(super) fn signed(&self, bytes: &[u8], signature: &[u8]) -> bool {
+        Signature::from_slice(signature).is_ok_and(|signature| self.public_key().verify_strict(bytes, &signature).is_ok())
+    }
+
+    /// HMAC-SHA256 under the secret. The parts are told apart by their lengths.
+    pub(super) fn derive(&self, parts: &[&[u8]]) -> Result<Bytes> {
+        let mut mac = Hmac::<Sha256>::new_from_slice(&self.secret).map_err(|e| Error::Internal(e.to_string()))?;
+        for part in parts {
+            mac.update(&(part.len() as u64).to_le_bytes());
+            mac.update(part);
+        }
+        Ok(mac.finalize().into_bytes().into())
+    }
+
+    /// The seeds of an attempt's episodes.
+    pub(super) fn seeds(&self, attempt: &str, scenario_hash: &str, episodes: usize) -> Result<Vec<u64>> {
+        let seed = |episode: usize| {
+            let bytes = self.derive(&[b"seed", attempt.as_bytes(), scenario_hash.as_bytes(), &(episode as u64).to_le_bytes()])?;
+            Ok(u64::from_le_bytes(std::array::from_fn(|i| bytes[i])))
+        };
+        (0..episodes).map(seed).collect()
+    }
+}
+
+/// Random bytes of the operating system.
+pub(super) fn random<const N: usize>() -> Result<[u8; N]> {
+    let mut bytes = [0; N];
+    getrandom::fill(&mut bytes).map_err(|e| Error::Internal(format!("the operating system gives no random numbers: {e}")))?;
+    Ok(bytes)
+}
+
+/// SHA-256 in hex.
+pub(super) fn sha256_hex(bytes: &[u8]) -> String {
+    hex::encode(Sha256::digest(bytes))
+}
+
+/// RFC 8785: the one way to write a JSON value down, in any language.
+pub(super) fn canonical(value: &impl serde::Serialize) -> Result<Vec<u8>> {
+    serde_json_canonicalizer::to_vec(value).map_err(|e| Error::Internal(format!("canonical JSON: {e}")))
+}

@@ -1,0 +1,159 @@
+//! Attempts from beginning to end, and what is kept of those that have none.
+
+use crazyflie_env::observation::{ACTION, OBSERVATION};
+
+use super::super::record::{Status, Stored};
+use super::super::store::Filter;
+use super::super::{Document, Error, Verdict, Who, now_ms};
+use super::*;
+
+/// Actions under which some flights end early: full thrust and a tilt for some, calm for the others.
+fn uneven(n: usize, tick: usize) -> Vec<f32> {
+    (0..n).flat_map(|i| if i % 3 == 0 { [0.4, (tick % 7) as f32 * 0.1, 0.0, 1.0] } else { [0.0, 0.0, 0.0, 0.312] }).collect()
+}
+
+#[test]
+fn flights_that_are_over_hold_still_and_come_out_the_same_again() {
+    let bench = open("uneven");
+    let mut attempt = bench.begin("hover-aruco", Who::Local, "uneven").unwrap();
+    let (n, mut buffers) = (attempt.num_envs(), Buffers::new(&attempt));
+    let (mut tick, mut ended) = (0, vec![None; n]);
+    loop {
+        let mut actions = uneven(n, tick);
+        // of flights that are over nothing is asked, not even numbers
+        ended
+            .iter()
+            .enumerate()
+            .filter(|(_, e): &(usize, &Option<Vec<f32>>)| e.is_some())
+            .for_each(|(i, _)| actions[i * ACTION] = f32::NAN);
+        let over = buffers.step(&mut attempt, &actions).unwrap();
+        tick += 1;
+        for (i, ended) in ended.iter_mut().enumerate() {
+            let row = &buffers.observations[i * OBSERVATION..(i + 1) * OBSERVATION];
+            match ended {
+                Some(last) => {
+                    assert_eq!(row, last);
+                    assert!(buffers.rewards[i] == 0.0 && (buffers.terminated[i] || buffers.truncated[i]));
+                }
+                None if buffers.terminated[i] || buffers.truncated[i] => *ended = Some(row.to_vec()),
+                None => {}
+            }
+        }
+        if over {
+            break;
+        }
+    }
+    assert!(matches!(buffers.step(&mut attempt, &vec![0.0; n * ACTION]), Err(Error::Over)));
+    let document = attempt.finish().unwrap();
+    let result = document.result.unwrap();
+    let early = result.episodes.iter().filter(|e| e.metrics.duration_s < 14.9).count();
+    assert!(early >= n / 3 && early < n && result.score.failed >= early, "{early} of {n} ended early");
+    assert_eq!(result.ticks, tick);
+    assert_eq!(bench.verify(&document.id).unwrap().verdict, Verdict::Confirmed);
+    // alone, each flight is bit by bit what it was among the others
+    (0..n).for_each(|episode| drop(bench.replay(&document.id, episode).unwrap()));
+}
+
+#[test]
+fn bad_steps_are_refused_before_anything_moves() {
+    let bench = open("bad_steps");
+    let mut attempt = bench.begin("wind", Who::Local, "clumsy").unwrap();
+    let (n, mut buffers) = (attempt.num_envs(), Buffers::new(&attempt));
+    let first = attempt.observations().unwrap().to_vec();
+    for value in [f32::NAN, f32::INFINITY, 1.5] {
+        let mut actions = vec![0.0; n * ACTION];
+        actions[5] = value;
+        let error = buffers.step(&mut attempt, &actions).unwrap_err();
+        assert!(error.code() == "bad_action" && error.to_string().contains("actions[1][1]"), "{error}");
+    }
+    assert_eq!(buffers.step(&mut attempt, &[0.0; 3]).unwrap_err().code(), "bad_shape");
+    buffers.rewards.pop();
+    assert_eq!(buffers.step(&mut attempt, &vec![0.0; n * ACTION]).unwrap_err().code(), "bad_shape");
+    assert_eq!(attempt.observations().unwrap(), first);
+    let error = attempt.finish().unwrap_err();
+    assert_eq!(error.code(), "attempt_under_way");
+}
+
+#[test]
+fn who_goes_away_stays_listed_and_counts() {
+    let bench = open("abandoned");
+    let attempt = bench.begin("wind", Who::Local, "thesis-pid").unwrap();
+    let id = attempt.id().to_owned();
+    assert_eq!(bench.attempt(&id).unwrap().document.unwrap().status, Status::Running);
+    drop(attempt);
+    assert_eq!(bench.attempt(&id).unwrap().document.unwrap().status, Status::Abandoned);
+    assert_eq!(bench.verify(&id).unwrap().verdict, Verdict::Unfinished);
+    assert!(matches!(bench.replay(&id, 0), Err(Error::Unfinished { .. })));
+    let scenario = bench.scenario("wind").unwrap();
+    submit(&bench, "wind", Baseline::ThesisPid);
+    let row = bench.leaderboard(scenario).unwrap().remove(0);
+    assert_eq!((row.attempts, row.abandoned, row.score.score), (2, 1, 0.0));
+    submit(&bench, "wind", Baseline::ThesisPid);
+    let row = bench.leaderboard(scenario).unwrap().remove(0);
+    assert!(row.attempts == 3 && row.score.score > 20.0, "{row:?}");
+}
+
+#[test]
+fn the_leaderboard_takes_the_middle_attempt_not_the_luckiest() {
+    let bench = open("middle");
+    (0..5).for_each(|_| drop(submit(&bench, "packet-loss", Baseline::ThesisPid)));
+    submit(&bench, "packet-loss", Baseline::Hover);
+    let scenario = bench.scenario("packet-loss").unwrap();
+    let board = bench.leaderboard(scenario).unwrap();
+    let thesis = bench.attempts(Some(&scenario.id())).unwrap().into_iter().map(|listed| listed.document.unwrap());
+    let mut scores: Vec<f64> =
+        thesis.filter(|d| d.controller == "thesis-pid").map(|document| document.result.unwrap().score.score).collect();
+    scores.sort_by(f64::total_cmp);
+    assert!(scores[2] < scores[4], "{scores:?}");
+    assert_eq!((board[0].controller.as_str(), board[0].score.score, board[0].rank), ("thesis-pid", scores[2], 1));
+    assert_eq!((board[1].controller.as_str(), board[1].rank), ("hover", 2));
+}
+
+/// Puts a document in place of the stored one, signed by the server's own key.
+fn resign(bench: &Bench, change: impl Fn(&mut Document)) -> Stored {
+    let row = bench.store().attempts(Filter::default()).unwrap().remove(0);
+    let mut document = row.document(&bench.0.secrets).unwrap();
+    change(&mut document);
+    document.stored(&bench.0.secrets).unwrap()
+}
+
+#[test]
+fn an_attempt_of_another_build_is_told_from_a_wrong_one() {
+    let bench = open("other_build");
+    submit(&bench, "wind", Baseline::ThesisPid);
+    let worse = |document: &mut Document| document.result.as_mut().unwrap().episodes[3].states_sha256 = "0".repeat(64);
+    let other = |document: &mut Document| document.build = "another".into();
+    let verdict = |row: &Stored| bench.verify_row(row).unwrap();
+    assert_eq!(verdict(&resign(&bench, |_| {})).verdict, Verdict::Confirmed);
+    assert_eq!(verdict(&resign(&bench, other)).verdict, Verdict::Confirmed);
+    let both = verdict(&resign(&bench, |d| (worse(d), other(d)).0));
+    assert!(both.verdict == Verdict::OtherBuild && both.findings[0].contains("another"), "{both:?}");
+    let wrong = verdict(&resign(&bench, worse));
+    assert!(wrong.verdict == Verdict::Wrong && wrong.findings == ["episode 3: the states differ"], "{wrong:?}");
+    let better = verdict(&resign(&bench, |d| d.result.as_mut().unwrap().score.score += 1e-6));
+    assert!(better.verdict == Verdict::Wrong && better.findings[0].contains("the score is"), "{better:?}");
+    let gone = verdict(&resign(&bench, |d| d.scenario_hash = "0".repeat(64)));
+    assert_eq!(gone.verdict, Verdict::OtherBuild);
+}
+
+#[test]
+fn what_a_crash_left_behind_is_abandoned_when_its_time_is_over() {
+    let bench = open("stale");
+    let attempt = bench.begin("wind", Who::Local, "slow").unwrap();
+    let id = attempt.id().to_owned();
+    std::mem::forget(attempt);
+    bench.sweep().unwrap();
+    assert_eq!(bench.attempt(&id).unwrap().document.unwrap().status, Status::Running);
+    // the same row, begun an hour ago
+    let old = resign(&bench, |document| document.begun_ms = now_ms() - 3_600_000);
+    let db = rusqlite::Connection::open(path("stale")).unwrap();
+    let document = std::str::from_utf8(&old.document).unwrap();
+    db.execute(
+        "UPDATE attempts SET begun_ms = ?1, document = ?2, signature = ?3",
+        rusqlite::params![old.begun_ms, document, old.signature],
+    )
+    .unwrap();
+    let again = open("stale");
+    assert_eq!(again.attempt(&id).unwrap().document.unwrap().status, Status::Abandoned);
+    assert_eq!(again.verify(&id).unwrap().verdict, Verdict::Unfinished);
+}

@@ -1,0 +1,117 @@
+//! Whether a stored attempt is what it says: signature, actions, and the flights once more, bit by bit.
+
+use serde::Serialize;
+
+use super::attempt::{Judged, judge};
+use super::episodes::Episodes;
+use super::error::{Error, Result};
+use super::record::{Document, Outcome, Status, Stored, numbers, unpack};
+use super::secrets::sha256_hex;
+use super::store::Filter;
+use super::{BUILD, Bench, Scenario};
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Verdict {
+    /// Re-run, with the same states, score and metrics to the last bit.
+    Confirmed,
+    /// Intact, but made by another build of the program, which this one does not reproduce.
+    OtherBuild,
+    /// Intact; there are no flights to re-run.
+    Unfinished,
+    /// Not what was signed, or not what comes out.
+    Wrong,
+}
+
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct Verification {
+    pub id: String,
+    pub scenario: String,
+    pub controller: String,
+    pub verdict: Verdict,
+    /// What does not fit, or why it was not compared.
+    pub findings: Vec<String>,
+}
+
+impl Bench {
+    /// # Errors
+    /// [`Error::Attempt`] if there is none of this id. That a row is wrong is no error: see [`Verdict`].
+    pub(crate) fn verify(&self, id: &str) -> Result<Verification> {
+        let row = self.stored(id)?;
+        self.verify_row(&row)
+    }
+
+    /// Every attempt, and the numbers of rows that are missing.
+    pub(crate) fn verify_all(&self) -> Result<(Vec<Verification>, Vec<i64>)> {
+        let (rows, last) = {
+            let store = self.store();
+            (store.attempts(Filter::default())?, store.last_number()?)
+        };
+        let missing = (1..=last).filter(|number| rows.binary_search_by_key(number, |row| row.number).is_err()).collect();
+        Ok((rows.iter().map(|row| self.verify_row(row)).collect::<Result<_>>()?, missing))
+    }
+
+    pub(super) fn verify_row(&self, row: &Stored) -> Result<Verification> {
+        let (verdict, findings) = match self.check(row) {
+            Ok(found) => found,
+            Err(Error::Damaged(problem)) => (Verdict::Wrong, vec![problem]),
+            Err(other) => return Err(other),
+        };
+        Ok(Verification { id: row.id.clone(), scenario: row.scenario.clone(), controller: row.controller.clone(), verdict, findings })
+    }
+
+    fn check(&self, row: &Stored) -> Result<(Verdict, Vec<String>)> {
+        let document = row.document(&self.0.secrets)?;
+        let actions = self.store().actions(&row.id)?;
+        let (Some(result), Some(actions)) = (&document.result, &actions) else {
+            let consistent = document.result.is_none() && actions.is_none() && document.status != Status::Finished;
+            let lost = || Error::Damaged("the flights of a finished attempt are missing, or there are some of one that is not".into());
+            return if consistent { Ok((Verdict::Unfinished, Vec::new())) } else { Err(lost()) };
+        };
+        if sha256_hex(actions) != result.actions_sha256 {
+            return Err(Error::Damaged("the actions are not those that were signed".into()));
+        }
+        let Some(scenario) = self.scenarios().iter().find(|s| s.id() == document.scenario && s.hash() == document.scenario_hash) else {
+            return Ok((Verdict::OtherBuild, vec!["this build does not have the scenario with this hash".into()]));
+        };
+        let findings = differences(&self.run_again(scenario, &document, result, actions)?, result);
+        match (findings.is_empty(), document.build == BUILD) {
+            (true, _) => Ok((Verdict::Confirmed, findings)),
+            (false, false) => Ok((Verdict::OtherBuild, vec![format!("made by build {:.12}, this is {BUILD:.12}", document.build)])),
+            (false, true) => Ok((Verdict::Wrong, findings)),
+        }
+    }
+
+    fn run_again(&self, scenario: &Scenario, document: &Document, result: &Outcome, packed: &[u8]) -> Result<Judged> {
+        let seeds = self.0.secrets.seeds(&document.id, &document.scenario_hash, scenario.episodes())?;
+        let mut episodes = Episodes::begin(scenario, &seeds)?;
+        let width = episodes.obeyed().len();
+        let actions = numbers(&unpack(packed, result.ticks * width)?);
+        for row in actions.chunks_exact(width) {
+            episodes.step(row)?;
+        }
+        judge(scenario, &episodes.finish()?)
+    }
+}
+
+/// Where two outcomes differ.
+fn differences(again: &Judged, stored: &Outcome) -> Vec<String> {
+    let mut found = Vec::new();
+    if again.episodes.len() != stored.episodes.len() {
+        found.push(format!("{} episodes stored, {} flown", stored.episodes.len(), again.episodes.len()));
+    }
+    for (i, (new, old)) in again.episodes.iter().zip(&stored.episodes).enumerate() {
+        if new.states_sha256 != old.states_sha256 {
+            found.push(format!("episode {i}: the states differ"));
+        } else if new != old {
+            found.push(format!("episode {i}: the figures differ"));
+        }
+    }
+    if again.score != stored.score {
+        found.push(format!("the score is {}, stored is {}", again.score.score, stored.score.score));
+    }
+    if again.metrics != stored.metrics {
+        found.push("the metrics differ".into());
+    }
+    found
+}

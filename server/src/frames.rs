@@ -1,0 +1,84 @@
+//! Flights as the page draws them: a header, then rows of numbers. See docs for the layout; live and replayed flights share it.
+
+use crazyflie_env::observation::Interface;
+use serde::Serialize;
+
+use crate::flight::Row;
+
+/// What a row says, SI units and radians. `fix` is the vehicle as the camera says it, `u` the command in force from the row on.
+pub(crate) const COLUMNS: [&str; 25] = [
+    "t_s",
+    "x",
+    "y",
+    "z",
+    "roll",
+    "pitch",
+    "yaw",
+    "vx",
+    "vy",
+    "vz",
+    "setpoint_x",
+    "setpoint_y",
+    "setpoint_z",
+    "setpoint_yaw",
+    "fix_x",
+    "fix_y",
+    "fix_z",
+    "fix_yaw",
+    "fix_valid",
+    "fix_age_s",
+    "u_roll",
+    "u_pitch",
+    "u_yaw_rate",
+    "u_lift",
+    "reward",
+];
+
+/// The camera under the vehicle; no limit to its view is 0 degrees.
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct Camera {
+    /// Across the picture's diagonal.
+    pub fov_deg: f64,
+    /// Below the centre of mass.
+    pub offset_m: f64,
+}
+
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct Header {
+    pub columns: &'static [&'static str],
+    pub rows: usize,
+    pub tick_s: f64,
+    /// Centres of the markers on the floor.
+    pub marker: Vec<[f64; 3]>,
+    pub camera: Camera,
+    /// How the flight ended.
+    pub end: String,
+}
+
+impl Header {
+    /// Length as little-endian u32, JSON, padding with spaces so that the rows begin at a multiple of four bytes.
+    ///
+    /// # Errors
+    /// Of serde, for numbers that JSON cannot say.
+    pub(crate) fn bytes(&self) -> serde_json::Result<Vec<u8>> {
+        let mut json = serde_json::to_vec(self)?;
+        json.resize(json.len().next_multiple_of(4), b' ');
+        Ok([&(json.len() as u32).to_le_bytes()[..], &json].concat())
+    }
+}
+
+pub(crate) fn row(t_s: f64, row: &Row, interface: &Interface, reward: f32) -> [f32; COLUMNS.len()] {
+    let u = interface.command(&row.action.map(f64::from));
+    let (o, x) = (&row.observation, &row.state);
+    let mut out = [0.0; COLUMNS.len()];
+    out[0] = t_s as f32;
+    out[1..4].copy_from_slice(&x[0..3]);
+    out[4..7].copy_from_slice(&x[6..9]);
+    out[7..10].copy_from_slice(&x[3..6]);
+    out[10..14].copy_from_slice(&o[16..20]);
+    out[14..18].copy_from_slice(&o[0..4]);
+    out[18..20].copy_from_slice(&[o[5], o[4]]);
+    out[20..24].copy_from_slice(&[u.roll_rad, u.pitch_rad, u.yaw_rate_radps, u.lift].map(|v| v as f32));
+    out[24] = reward;
+    out
+}
