@@ -18,14 +18,15 @@ export class Live extends EventTarget {
   #session = null;
   /** @type {WebSocket | null} */
   #socket = null;
+  #env = 0;
   #headerDue = true;
   #wait_ms = FIRST_WAIT_MS;
   #timer = 0;
 
-  /** @param {string | null} session Nobody, if null. */
-  watch(session) {
-    if (session === this.#session) return;
+  /** @param {string | null} session Nobody, if null. @param {number} [env] Which of its environments. */
+  watch(session, env = 0) {
     this.#session = session;
+    this.#env = env;
     this.flight = null;
     clearTimeout(this.#timer);
     this.#socket?.close();
@@ -43,7 +44,7 @@ export class Live extends EventTarget {
     socket.onopen = () => {
       this.#wait_ms = FIRST_WAIT_MS;
       this.#headerDue = true;
-      socket.send(JSON.stringify({ watch: this.#session }));
+      socket.send(JSON.stringify({ watch: this.#session, env: this.#env }));
       this.#setConnected(true);
     };
     socket.onmessage = (message) => {

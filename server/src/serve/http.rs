@@ -10,6 +10,7 @@ use axum::routing::get;
 use axum::{Json, Router};
 use serde::Serialize;
 
+use super::board;
 use super::page;
 use super::server::Server;
 use super::upgrade;
@@ -27,7 +28,7 @@ pub(crate) fn router(server: &Arc<Server>) -> Router {
 
 /// JSON about what the server does and has.
 fn api() -> Router<Arc<Server>> {
-    Router::new().route("/sessions", get(sessions))
+    board::routes().route("/sessions", get(sessions))
 }
 
 async fn metrics(State(server): State<Arc<Server>>) -> Response {

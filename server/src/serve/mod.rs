@@ -1,5 +1,6 @@
 //! The network server: environments over WebSocket, and what it tells about itself over HTTP, on one port. `docs/protocol.md` is its contract.
 
+mod board;
 mod caps;
 mod connection;
 mod echo;

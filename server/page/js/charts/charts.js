@@ -59,8 +59,9 @@ export class Charts {
     this.setTime(this.#time_s);
   }
 
-  /** Takes in rows that came since. */
-  refresh() {
+  /** Takes in rows that came since, or the next episode of what is shown. @param {(Flight | null)[]} flights */
+  refresh(flights) {
+    this.#flights = flights;
     for (const { panel, plot } of this.#strips) plot.setData(this.#data(panel).data);
     this.setTime(this.#time_s);
   }

@@ -48,7 +48,7 @@ export class Fixes extends THREE.Points {
 
   /** @param {Flight} flight */
   #begin(flight) {
-    if (flight !== this.#flight) {
+    if (flight.capacity !== this.#flight?.capacity) {
       this.geometry.dispose();
       this.geometry = new THREE.BufferGeometry().setAttribute("position", new THREE.BufferAttribute(new Float32Array(3 * Math.max(1, flight.capacity)), 3));
     }

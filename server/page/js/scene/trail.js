@@ -55,9 +55,11 @@ export class Trail extends THREE.Group {
 
   /** @param {Flight} flight */
   #begin(flight) {
+    const fits = this.#flight?.capacity === flight.capacity;
     this.#flight = flight;
     this.#dropped = flight.dropped;
     this.#written = 0;
+    if (fits) return;
     for (const line of [this.#past, this.#whole]) line.geometry.dispose();
     this.#past.geometry = new LineSegmentsGeometry().setPositions(new Float32Array(6 * Math.max(1, flight.capacity)));
     this.#whole.geometry = new LineSegmentsGeometry();

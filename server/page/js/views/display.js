@@ -57,13 +57,18 @@ export class Display {
     this.settling = setTimeout(() => this.#readout(time_s, performance.now()), READOUT_EVERY_MS);
   }
 
-  /** Rows came to a live flight. @param {number} time_s */
-  grow(time_s) {
+  /** Rows came to a live flight, or its next episode began. @param {Flight} flight */
+  grow(flight) {
+    const time_s = flight.lastTime;
+    if (flight !== this.flights[0]) {
+      this.flights = [flight];
+      this.stage?.show(this.flights);
+    }
     this.stage?.setTime(time_s);
     const now_ms = performance.now();
     if (document.hidden || now_ms - this.#charts_ms < CHARTS_EVERY_MS) return;
     this.#charts_ms = now_ms;
-    this.charts.refresh();
+    this.charts.refresh(this.flights);
     this.charts.setTime(time_s);
     this.#readout(time_s, now_ms);
   }

@@ -3,10 +3,12 @@
 import { getJson } from "../api.js";
 import { byId, make } from "../dom.js";
 import { Live } from "../live.js";
-import { address, here, note } from "../place.js";
+import { address, go, here } from "../place.js";
 import { failure, notice } from "./notice.js";
 
 const POLL_MS = 2000;
+/** The server shows so many environments of a batch, the first ones. */
+const WATCHABLE = 16;
 const NOBODY = "No session is running. One appears here as soon as a program steps an environment of this server, for example\n"
   + "gymnasium.make(\"Crazyflie-v0\", remote=\"ws://…/ws\").";
 
@@ -14,11 +16,12 @@ export class LiveView {
   #live = new Live();
   /** @type {string | null} */
   #watched = null;
+  #env = 0;
   /** Chosen by a person or the address: not exchanged for another when it ends. */
   #chosen = false;
   #timer = 0;
   #active = false;
-  #shown = /** @type {object | null} */ (null);
+  #shown = false;
 
   /** @param {import("./display.js").Display} display */
   constructor(display) {
@@ -40,7 +43,7 @@ export class LiveView {
       this.display.setTime(0);
     }
     this.#active = true;
-    if (asked !== null) this.#watch(asked);
+    if (asked !== null) this.#watch(asked, Number(query.get("env")) || 0);
     await this.#poll();
   }
 
@@ -49,7 +52,7 @@ export class LiveView {
     clearTimeout(this.#timer);
     this.#live.watch(null);
     this.#watched = null;
-    this.#shown = null;
+    this.#shown = false;
     this.display.say("");
     notice("live", null);
     notice("sessions", null);
@@ -78,36 +81,48 @@ export class LiveView {
     if (!sessions.length && this.#watched === null) this.display.say(NOBODY);
     else if (gone) this.display.say(`Session ${this.#watched} has ended.`);
     else this.display.say(this.#live.flight ? "" : "Waiting for the first step of this session…");
+    // a list that is in use is not taken away
+    if (byId("sessions").contains(document.activeElement) && document.activeElement?.matches("select")) return;
+    const focused = document.activeElement?.getAttribute("href");
     byId("sessions").replaceChildren(...(sessions.length ? sessions.map((session) => this.#entry(session)) : [make("li", { class: "muted" }, "none")]));
+    if (focused) [...byId("sessions").querySelectorAll("a")].find((link) => link.getAttribute("href") === focused)?.focus();
   }
 
   /** @param {any} session */
   #entry({ session, env, num_envs, steps, since_s }) {
     const watched = String(session) === this.#watched;
-    const facts = `${num_envs === 1 ? "1 environment" : `${num_envs} environments, the first is shown`} · ${Number(steps).toLocaleString()} steps · ${duration(since_s)}`;
+    const facts = `${num_envs === 1 ? "1 environment" : `${num_envs} environments`} · ${Number(steps).toLocaleString()} steps · ${duration(since_s)}`;
     const link = make("a", { href: address("live", { session }), "aria-current": watched ? "true" : undefined }, make("strong", {}, env), make("span", { class: "muted" }, facts));
-    link.addEventListener("click", () => note({}));
-    return make("li", {}, link);
+    return make("li", {}, link, watched && num_envs > 1 ? this.#envs(session, num_envs) : null);
   }
 
-  /** @param {string} session */
-  #watch(session) {
-    if (session === this.#watched) return;
+  /** Which environment of a batch is watched. @param {string} session @param {number} count */
+  #envs(session, count) {
+    const choices = Array.from({ length: Math.min(count, WATCHABLE) }, (_, i) => make("option", { value: String(i), selected: i === this.#env }, `Environment ${i + 1}`));
+    const select = make("select", { "aria-label": "Environment that is watched" }, ...choices);
+    select.addEventListener("change", () => go("live", { session, env: select.value }));
+    return select;
+  }
+
+  /** @param {string} session @param {number} [env] Which of its environments. */
+  #watch(session, env = 0) {
+    if (session === this.#watched && env === this.#env) return;
     this.#watched = session;
-    this.#shown = null;
+    this.#env = env;
+    this.#shown = false;
     this.display.show([], { live: true });
-    this.#live.watch(session);
+    this.#live.watch(session, env);
   }
 
   #grow() {
     const { flight } = this.#live;
     if (!flight || here().view !== "live") return;
-    if (flight !== this.#shown) {
+    if (!this.#shown) {
       this.display.say("");
-      this.display.show([flight], { live: true, aim: this.#shown === null });
-      this.#shown = flight;
+      this.display.show([flight], { live: true });
+      this.#shown = true;
     }
-    this.display.grow(flight.lastTime);
+    this.display.grow(flight);
   }
 }
 
