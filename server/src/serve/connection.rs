@@ -44,7 +44,7 @@ pub(crate) async fn talk(server: Arc<Server>, peer: Arc<Peer>, mut socket: Socke
 impl Connection {
     async fn part(mut self, socket: Socket, parting: Parting) {
         let stopping = self.server.stop.is_cancelled();
-        info!(peer = %self.peer.address, parting = ?parting, "connection ended");
+        info!(peer = %self.peer.address, ?parting, "connection ended");
         // the session first: a client that comes back at once finds it
         if let Some(session) = self.session.take() {
             match parting {
@@ -53,14 +53,7 @@ impl Connection {
                 _ => self.server.park(session),
             }
         }
-        if matches!(parting, Parting::Broke(..) | Parting::Stalled | Parting::Silent) {
-            self.server.metrics.refused(match parting {
-                Parting::Stalled => "stalled",
-                Parting::Silent => "silent",
-                _ => "broke a rule",
-            });
-        }
-        socket.part(&parting, stopping).await;
+        socket.goodbye(&parting, &self.server).await;
     }
 
     fn binary(&mut self, bytes: &Bytes) -> Reply {

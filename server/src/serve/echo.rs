@@ -18,5 +18,5 @@ pub(crate) async fn talk(server: &Server, mut socket: Socket) {
             break parting;
         }
     };
-    socket.part(&parting, server.stop.is_cancelled()).await;
+    socket.goodbye(&parting, server).await;
 }

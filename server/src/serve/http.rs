@@ -19,6 +19,7 @@ use super::upgrade;
 pub(crate) fn router(server: &Arc<Server>) -> Router {
     Router::new()
         .route("/ws", get(ws))
+        .route("/live", get(live))
         .route("/healthz", get(|| async { "ok\n" }))
         .route("/metrics", get(metrics))
         .nest("/api/v1", api())
@@ -44,6 +45,7 @@ struct Row {
     num_envs: usize,
     steps: u64,
     since_s: f64,
+    watching: usize,
 }
 
 async fn sessions(State(server): State<Arc<Server>>) -> Response {
@@ -53,12 +55,21 @@ async fn sessions(State(server): State<Arc<Server>>) -> Response {
         num_envs: listed.num_envs,
         steps: listed.steps.load(Ordering::Relaxed),
         since_s: listed.since.elapsed().as_secs_f64(),
+        watching: listed.feed.watchers(),
     });
     ([(header::CACHE_CONTROL, "no-store")], Json(rows.collect::<Vec<_>>())).into_response()
 }
 
 async fn ws(State(server): State<Arc<Server>>, request: Request) -> Response {
-    upgrade::upgrade(&server, request).unwrap_or_else(|(status, why)| (status, format!("{why}\n")).into_response())
+    upgraded(&server, request, &upgrade::WS)
+}
+
+async fn live(State(server): State<Arc<Server>>, request: Request) -> Response {
+    upgraded(&server, request, &upgrade::LIVE)
+}
+
+fn upgraded(server: &Arc<Server>, request: Request, dialects: &upgrade::Dialects) -> Response {
+    upgrade::upgrade(server, request, dialects).unwrap_or_else(|(status, why)| (status, format!("{why}\n")).into_response())
 }
 
 /// A status and words for people.

@@ -11,6 +11,7 @@ use tokio_util::sync::CancellationToken;
 use tracing::info;
 
 use super::fault::{Code, Fault};
+use super::feed::Feed;
 use super::metrics::Metrics;
 use super::session::Session;
 
@@ -36,6 +37,7 @@ pub(crate) struct Listed {
     /// Steps so far.
     pub steps: AtomicU64,
     pub since: Instant,
+    pub feed: Feed,
     secret: [u8; 16],
     /// The connection that has it now, if one has.
     held_by: Mutex<Option<CancellationToken>>,
@@ -104,7 +106,7 @@ impl Sessions {
     ///
     /// # Errors
     /// `too_many` if all sessions together would have more environments than the server may carry.
-    pub(crate) fn enter(self: &Arc<Self>, env: String, num_envs: usize) -> Result<Place, Fault> {
+    pub(crate) fn enter(self: &Arc<Self>, env: String, num_envs: usize, feed: Feed) -> Result<Place, Fault> {
         let taken = self.envs.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |taken| {
             taken.checked_add(num_envs).filter(|taken| *taken <= self.most_envs)
         });
@@ -119,7 +121,7 @@ impl Sessions {
             return Err(Fault::new(Code::Unavailable, format!("no randomness for a token: {e}")));
         }
         let (steps, since) = (AtomicU64::new(0), Instant::now());
-        let listed = Arc::new(Listed { id, env, num_envs, steps, since, secret, held_by: Mutex::new(None), parked: Notify::new() });
+        let listed = Arc::new(Listed { id, env, num_envs, steps, since, feed, secret, held_by: Mutex::new(None), parked: Notify::new() });
         lock(&self.listed).insert(id, listed.clone());
         self.metrics.session_began();
         info!(session = id, env = listed.env, num_envs, "session began");

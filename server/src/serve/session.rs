@@ -10,6 +10,7 @@ use crazyflie_env::vector::{Out, STATE, VectorEnv};
 use tokio_tungstenite::tungstenite::Utf8Bytes;
 
 use super::fault::{Code, Fault};
+use super::feed::Clocks;
 use super::listed::{End, Listed, Place};
 use super::message::{Actions, Final, Numbers, Outcome, Reset, Rows, Said, Step, observations};
 use super::replies::{Replies, Reply};
@@ -30,6 +31,7 @@ pub(crate) struct Session {
     most_bytes: usize,
     /// The first reset was done.
     ready: bool,
+    clocks: Clocks,
 }
 
 /// What a step leaves behind, before it is made a message.
@@ -42,9 +44,10 @@ struct Stepped {
 
 impl Session {
     pub(crate) fn new(env: VectorEnv, autoreset: Autoreset, place: Place, limits: &Limits) -> Self {
+        let clocks = Clocks::new(autoreset, env.tick_s());
         let (replies, most_bytes) = (Replies::new(limits), limits.batch_bytes);
         let (actions, terminated, truncated) = (Vec::new(), Vec::new(), Vec::new());
-        Session { env, autoreset, place, replies, actions, terminated, truncated, most_bytes, ready: false }
+        Session { env, autoreset, place, replies, actions, terminated, truncated, most_bytes, ready: false, clocks }
     }
 
     pub(crate) fn listed(&self) -> &Arc<Listed> {
@@ -166,7 +169,9 @@ impl Session {
         })
     }
 
-    fn states(&self, out: &mut [f32]) -> Result<(), Fault> {
+    /// # Errors
+    /// `not_reset`.
+    pub(crate) fn states(&self, out: &mut [f32]) -> Result<(), Fault> {
         if !self.ready {
             return Err(Error::NotReset.into());
         }
@@ -210,7 +215,10 @@ impl Session {
     }
 
     /// Episodes begin; their observations, and the states if asked for.
-    fn begin(&mut self, seeds: Option<&[u64]>, mask: Option<&[bool]>, states: bool) -> Result<Frame, Fault> {
+    ///
+    /// # Errors
+    /// For seeds and masks that do not fit.
+    pub(crate) fn begin(&mut self, seeds: Option<&[u64]>, mask: Option<&[bool]>, states: bool) -> Result<Frame, Fault> {
         let n = self.env.num_envs();
         let mut frame = Frame::new(self.replies.spare(), n * (OBSERVATION + if states { STATE } else { 0 }));
         let (observations, rest) = frame.numbers_mut().split_at_mut(n * OBSERVATION);
@@ -218,10 +226,25 @@ impl Session {
         observations.fill(0.0);
         self.env.reset(seeds, mask, observations)?;
         self.ready = true;
+        self.clocks.begin(mask);
+        if self.place.listed.feed.watchers() > 0 && mask.is_none() {
+            self.clocks.show(&self.place.listed.feed, &self.env, observations, None);
+        }
         if states {
             self.env.states(rest)?;
         }
         Ok(frame)
+    }
+
+    /// One step of a single environment: observation and reward, terminated and truncated.
+    ///
+    /// # Errors
+    /// For an action that cannot be carried out, now or ever.
+    pub(crate) fn act(&mut self, action: &[f32; ACTION]) -> Result<(Frame, [bool; 2]), Fault> {
+        self.actions.clear();
+        self.actions.extend(action);
+        let stepped = self.advance(1, false)?;
+        Ok((stepped.frame, [self.terminated[0], self.truncated[0]]))
     }
 
     /// Carries out the actions that are in `self.actions`.
@@ -247,11 +270,16 @@ impl Session {
             if states {
                 self.env.states(&mut rest[k * n * STATE..(k + 1) * n * STATE])?;
             }
+            self.clocks.step(&self.terminated[part.clone()], &self.truncated[part]);
             if self.autoreset == Autoreset::SameStep {
                 finals += self.finals(&mut frame, k, states);
             }
         }
         self.place.stepped(steps);
+        if self.place.listed.feed.watchers() > 0 {
+            let (observations, rest) = frame.numbers()[(steps - 1) * n * OBSERVATION..].split_at(n * OBSERVATION);
+            self.clocks.show(&self.place.listed.feed, &self.env, observations, Some(&rest[(steps - 1) * n..]));
+        }
         Ok(Stepped { frame, steps, states, finals })
     }
 

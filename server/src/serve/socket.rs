@@ -16,6 +16,7 @@ use tokio_tungstenite::tungstenite::{Error, Message, Utf8Bytes, error::ProtocolE
 use tokio_util::either::Either;
 use tokio_util::sync::CancellationToken;
 
+use super::server::Server;
 use super::settings::Limits;
 
 pub(crate) type Stream = Either<TcpStream, Box<TlsStream<TcpStream>>>;
@@ -165,7 +166,11 @@ impl Socket {
     }
 
     /// Says goodbye as the parting demands and hears the peer out for a moment, so that the goodbye is not lost to a reset.
-    pub(crate) async fn part(mut self, parting: &Parting, stopping: bool) {
+    pub(crate) async fn goodbye(mut self, parting: &Parting, server: &Server) {
+        let stopping = server.stop.is_cancelled();
+        if let Some(rule) = parting.rule() {
+            server.metrics.refused(rule);
+        }
         let (code, reason) = match parting {
             Parting::Closed(_) => (None, ""),
             Parting::Broke(code, reason) => (Some(*code), *reason),
@@ -192,6 +197,18 @@ impl Socket {
         };
         // there is nobody to tell of a goodbye that fails
         let _ = timeout(LINGER, goodbye).await;
+    }
+}
+
+impl Parting {
+    /// The rule of ours that ended it.
+    fn rule(&self) -> Option<&'static str> {
+        match self {
+            Parting::Broke(_, _) => Some("broke a rule"),
+            Parting::Stalled => Some("stalled"),
+            Parting::Silent => Some("silent"),
+            Parting::Closed(_) | Parting::Lost(_) | Parting::Left => None,
+        }
     }
 }
 

@@ -16,30 +16,38 @@ use super::http::Refused;
 use super::make::PROTOCOL;
 use super::server::{Peer, Server};
 use super::socket::{Socket, Stream};
-use super::{connection, echo};
+use super::{connection, echo, live, openenv};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Dialect {
     Crazyflie,
     Echo,
+    OpenEnv,
+    Live,
 }
 
-impl Dialect {
-    const ALL: [(&'static str, Dialect); 2] = [(PROTOCOL, Dialect::Crazyflie), (echo::PROTOCOL, Dialect::Echo)];
+/// What is spoken at a path: with a subprotocol, and without one.
+pub(crate) struct Dialects {
+    named: &'static [(&'static str, Dialect)],
+    unnamed: Dialect,
 }
+
+pub(crate) const WS: Dialects =
+    Dialects { named: &[(PROTOCOL, Dialect::Crazyflie), (echo::PROTOCOL, Dialect::Echo)], unnamed: Dialect::OpenEnv };
+pub(crate) const LIVE: Dialects = Dialects { named: &[(live::PROTOCOL, Dialect::Live)], unnamed: Dialect::Live };
 
 /// Answers the request for a WebSocket and leaves the rest to a task.
 ///
 /// # Errors
 /// 403 for pages of strange origins, 400 for what is no WebSocket handshake or asks for protocols that are not spoken here.
-pub(crate) fn upgrade(server: &Arc<Server>, mut request: Request) -> Result<Response, Refused> {
+pub(crate) fn upgrade(server: &Arc<Server>, mut request: Request, dialects: &Dialects) -> Result<Response, Refused> {
     if let Some(origin) = request.headers().get(ORIGIN)
         && !welcome(origin, server.address, &server.settings.origins)
     {
         server.metrics.refused("origin");
         return Err((StatusCode::FORBIDDEN, format!("pages of {origin:?} may not connect: see --allow-origin")));
     }
-    let (dialect, protocol) = dialect(request.headers())?;
+    let (dialect, protocol) = dialects.choose(request.headers())?;
     let peer = request.extensions().get::<Arc<Peer>>().cloned();
     let peer = peer.ok_or((StatusCode::INTERNAL_SERVER_ERROR, "a request from nobody".into()))?;
     let upgrade = hyper::upgrade::on(&mut request);
@@ -60,22 +68,27 @@ pub(crate) fn upgrade(server: &Arc<Server>, mut request: Request) -> Result<Resp
         let socket = Socket::new(parts.io.into_inner(), parts.read_buf, &server.settings.limits, leave.clone()).await;
         match dialect {
             Dialect::Crazyflie => connection::talk(server, peer, socket, leave).await,
+            Dialect::OpenEnv => openenv::talk(server, socket, leave).await,
             Dialect::Echo => echo::talk(&server, socket).await,
+            Dialect::Live => live::talk(server, socket).await,
         }
     });
     Ok(response)
 }
 
-/// The first protocol of the client's list that is spoken here.
-fn dialect(headers: &HeaderMap) -> Result<(Dialect, Option<&'static str>), Refused> {
-    let mut asked = headers.get_all(SEC_WEBSOCKET_PROTOCOL).iter().filter_map(|v| v.to_str().ok()).flat_map(|v| v.split(',')).peekable();
-    if asked.peek().is_none() {
-        return Ok((Dialect::Crazyflie, None));
+impl Dialects {
+    /// The first protocol of the client's list that is spoken here.
+    fn choose(&self, headers: &HeaderMap) -> Result<(Dialect, Option<&'static str>), Refused> {
+        let asked = headers.get_all(SEC_WEBSOCKET_PROTOCOL).iter().filter_map(|value| value.to_str().ok());
+        let mut asked = asked.flat_map(|value| value.split(',')).map(str::trim).peekable();
+        if asked.peek().is_none() {
+            return Ok((self.unnamed, None));
+        }
+        let found = asked.find_map(|name| self.named.iter().find(|(known, _)| *known == name));
+        let known = || self.named.iter().map(|(known, _)| *known).collect::<Vec<_>>().join(", ");
+        let refused = || (StatusCode::BAD_REQUEST, format!("none of the subprotocols is spoken here; known: {}", known()));
+        found.map(|(name, dialect)| (*dialect, Some(*name))).ok_or_else(refused)
     }
-    let found = asked.find_map(|name| Dialect::ALL.into_iter().find(|(known, _)| *known == name.trim()));
-    let known = Dialect::ALL.map(|(known, _)| known).join(", ");
-    let (name, dialect) = found.ok_or((StatusCode::BAD_REQUEST, format!("none of the subprotocols is spoken here; known: {known}")))?;
-    Ok((dialect, Some(name)))
 }
 
 /// Whether a page of this origin may connect: the server's own at its port, and those of the list. The request's `Host` proves nothing:

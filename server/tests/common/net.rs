@@ -71,10 +71,14 @@ pub struct Client {
 
 impl Client {
     pub fn connect(address: SocketAddr, protocol: Option<&'static str>) -> Client {
+        Client::connect_at(address, "/ws", protocol)
+    }
+
+    pub fn connect_at(address: SocketAddr, path: &str, protocol: Option<&'static str>) -> Client {
         let stream = TcpStream::connect(address).unwrap();
         stream.set_nodelay(true).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
-        let mut request = format!("ws://{address}/ws").into_client_request().unwrap();
+        let mut request = format!("ws://{address}{path}").into_client_request().unwrap();
         if let Some(protocol) = protocol {
             request.headers_mut().insert("sec-websocket-protocol", HeaderValue::from_static(protocol));
         }
