@@ -1,4 +1,4 @@
-//! Flights as the page draws them: a header, then rows of numbers. See docs for the layout; live and replayed flights share it.
+//! Flights as the page draws them, live or replayed: a header once ([`Header::bytes`]), then rows of little-endian f32 ([`COLUMNS`]).
 
 use crazyflie_env::observation::Interface;
 use serde::Serialize;

@@ -145,15 +145,15 @@ impl Attempt {
 
     fn conclude(&mut self, episodes: Episodes, ticks: usize) -> Result<Document> {
         let finished_ms = now_ms();
+        let too_late = Error::TooLate { limit_s: LIMIT_MS.unsigned_abs() / 1000 };
         if finished_ms - self.document.begun_ms > LIMIT_MS {
-            return Err(Error::TooLate { limit_s: LIMIT_MS.unsigned_abs() / 1000 });
+            return Err(too_late);
         }
         let packed = pack(&self.actions)?;
         let result = judge(&self.scenario, &episodes.finish()?)?.outcome(finished_ms, ticks, &packed);
         let document = Document { status: Status::Finished, result: Some(result), ..self.document.clone() };
         let row = document.stored(&self.bench.0.secrets)?;
-        self.bench.store().conclude(&row, Some(&packed))?;
-        Ok(document)
+        if self.bench.store().conclude(&row, Some(&packed))? { Ok(document) } else { Err(too_late) }
     }
 
     /// Says in the database that nothing came of it. Where even that fails, it is said when its time is over.

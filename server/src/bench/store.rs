@@ -24,8 +24,8 @@ pub(super) struct Filter<'a> {
 pub(super) trait Store: Send {
     /// Adds the row that `make` says of the number it is given, and returns the number.
     fn begin(&mut self, make: &dyn Fn(i64) -> Result<Stored>) -> Result<i64>;
-    /// Puts another document, and the actions of a finished attempt, in place of those of a running one.
-    fn conclude(&mut self, row: &Stored, actions: Option<&[u8]>) -> Result<()>;
+    /// Puts another document, and the actions of a finished attempt, in place of those of a running one; false if it runs no more.
+    fn conclude(&mut self, row: &Stored, actions: Option<&[u8]>) -> Result<bool>;
     /// In the order in which they were begun.
     fn attempts(&self, filter: Filter<'_>) -> Result<Vec<Stored>>;
     fn running_since_before(&self, ms: i64) -> Result<Vec<Stored>>;

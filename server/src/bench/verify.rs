@@ -74,7 +74,11 @@ impl Bench {
         let Some(scenario) = self.scenarios().iter().find(|s| s.id() == document.scenario && s.hash() == document.scenario_hash) else {
             return Ok((Verdict::OtherBuild, vec!["this build does not have the scenario with this hash".into()]));
         };
-        let findings = differences(&self.run_again(scenario, &document, result, actions)?, result);
+        let findings = match self.run_again(scenario, &document, result, actions) {
+            Ok(again) => differences(&again, result),
+            Err(Error::Over | Error::NotOver { .. }) => vec!["the flights end at other ticks than stored".into()],
+            Err(other) => return Err(other),
+        };
         match (findings.is_empty(), document.build == BUILD) {
             (true, _) => Ok((Verdict::Confirmed, findings)),
             (false, false) => Ok((Verdict::OtherBuild, vec![format!("made by build {:.12}, this is {BUILD:.12}", document.build)])),

@@ -54,6 +54,22 @@ fn flights_that_are_over_hold_still_and_come_out_the_same_again() {
     (0..n).for_each(|episode| drop(bench.replay(&document.id, episode).unwrap()));
 }
 
+/// A server hands attempts from thread to thread.
+#[test]
+fn a_benchmark_is_shared_and_an_attempt_moves_between_threads() {
+    let bench = open("threads");
+    let fly = |baseline: Baseline| {
+        let bench = bench.clone();
+        move || submit(&bench, "ground-landing", baseline)
+    };
+    let threads = [Baseline::ThesisPid, Baseline::Hover, Baseline::Random].map(|baseline| std::thread::spawn(fly(baseline)));
+    let attempt = bench.begin("wind", Who::Local, "moved").unwrap();
+    std::thread::spawn(move || drop(attempt)).join().unwrap();
+    let ids = threads.map(|thread| thread.join().unwrap());
+    assert!(ids.iter().all(|id| bench.verify(id).unwrap().verdict == Verdict::Confirmed));
+    assert_eq!(bench.attempts(None).unwrap().len(), 4);
+}
+
 #[test]
 fn bad_steps_are_refused_before_anything_moves() {
     let bench = open("bad_steps");

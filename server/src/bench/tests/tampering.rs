@@ -67,8 +67,10 @@ fn flipped_keys_rows_that_are_gone_and_swapped_flights_are_found() {
     for name in ["signing key", "seed secret"] {
         let value: Vec<u8> = db.query_row("SELECT value FROM secrets WHERE name = ?1", [name], |row| row.get(0)).unwrap();
         let set = |bytes: &[u8]| db.execute("UPDATE secrets SET value = ?2 WHERE name = ?1", params![name, bytes]).unwrap();
-        set(&flipped(&value, 77));
-        assert!(!sound(&open("gone")), "{name}");
+        for bit in [0, 77, 128, 255] {
+            set(&flipped(&value, bit));
+            assert!(!sound(&open("gone")), "bit {bit} of the {name}");
+        }
         set(&value);
     }
     let bench = open("gone");
