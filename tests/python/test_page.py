@@ -228,6 +228,29 @@ def test_replay_moves(visit, attempts):
     assert abs(time_s(other) - time_s(page)) < 0.02 and position(other) == position(page)
 
 
+LEANING = """async (attempt) => {
+  const { getReplay } = await import(location.origin + "/js/api.js");
+  const { RunView } = await import(location.origin + "/js/scene/run_view.js");
+  const view = new RunView();
+  view.flight = await getReplay(attempt, 0);
+  return Array.from({ length: view.flight.rows }, (_, row) => {
+    view.update(view.flight.get("t_s", row), { vehicleScale: 2, cone: true, spin: false });
+    view.vehicle.updateMatrix();
+    const up = view.vehicle.matrix.elements.slice(8, 10).map((part) => part / view.vehicle.scale.z);
+    return [...up, view.flight.get("vx", row), view.flight.get("vy", row), view.flight.get("t_s", row)];
+  });
+}"""
+
+
+def test_the_vehicle_leans_where_it_accelerates(visit, attempts):
+    up_x, up_y, vx, vy, t = np.array(visit("#board").evaluate(LEANING, attempts[1])).T
+    for name, up, v in [("x", up_x, vx), ("y", up_y, vy)]:
+        # m/s^2 per radian of lean: gravity
+        slope, correlation = np.polyfit(up, np.gradient(v, t), 1)[0], np.corrcoef(up, np.gradient(v, t))[0, 1]
+        print(f"{name}: {slope:.2f} m/s^2 per unit of lean, correlation {correlation:.3f}")
+        assert 8.5 < slope < 11 and correlation > 0.95
+
+
 def test_speed_is_what_it_says(visit, attempts):
     page = loaded(visit(f"#replay?a={attempts[0]}"))
     for speed in ["0.5", "4"]:

@@ -111,7 +111,7 @@ export class Stage {
 
   /** From a direction, as far away as shows all. @param {THREE.Vector3} direction @param {number} [reach_m] */
   #aim(direction, reach_m = ROOM_M.x / 2) {
-    const box = new THREE.Box3(new THREE.Vector3(-0.35, -0.35, 0), new THREE.Vector3(0.35, 0.35, 0.75));
+    const box = new THREE.Box3(new THREE.Vector3(-0.5, -0.5, 0), new THREE.Vector3(0.5, 0.5, 0.8));
     for (const { flight } of this.runs) {
       for (let row = 0; flight && row < flight.rows; row += 5) {
         const point = new THREE.Vector3(...["x", "y", "z"].map((name) => flight.get(name, row)));
