@@ -1,4 +1,4 @@
-"""The page of `crazyflie serve` in a real browser: it draws, it moves, it can be used without a mouse and on a phone."""
+"""The page of `crazyflie serve` in a real browser: it draws, it moves, it needs no mouse and fits on a phone."""
 
 import io
 import os
@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -17,7 +18,7 @@ Image = pytest.importorskip("PIL.Image", reason="the page is not tested: pip ins
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 if CHROMIUM is None:
-    pytest.skip("the page is not tested: no chromium on this machine (apt-get install chromium)", allow_module_level=True)
+    pytest.skip("the page is not tested: no chromium here (apt-get install chromium)", allow_module_level=True)
 
 # software rendering gives WebGL on machines without a graphics card; nothing of the browser's own reaches the network
 FLAGS = [
@@ -109,7 +110,7 @@ def visit(browser, server):
             page.on("pageerror", lambda error: wrong.append(str(error)))
             page.on("requestfailed", lambda request: wrong.append(f"{request.url}: {request.failure}"))
             page.on("response", lambda r: wrong.append(f"{r.url}: {r.status}") if r.status >= 400 else None)
-            page.on("request", lambda r: None if r.url.startswith((url, "blob:")) else wrong.append(f"elsewhere: {r.url}"))
+            page.on("request", lambda r: None if r.url.startswith(url) else wrong.append(f"elsewhere: {r.url}"))
         page.goto(url + place)
         return page
 
@@ -132,10 +133,13 @@ def attempts(browser, server):
 
 def canvas(page):
     """The 3D view as pixels, without what lies over it."""
-    page.evaluate("document.querySelectorAll('#tools, #readout, #captions').forEach((e) => (e.style.visibility = 'hidden'))")
+    cover = (
+        "(seen) => document.querySelectorAll('#tools, #readout, #captions').forEach((e) => (e.style.visibility = seen))"
+    )
+    page.evaluate(cover, "hidden")
     page.wait_for_timeout(150)
     picture = page.locator("#stage canvas").screenshot()
-    page.evaluate("document.querySelectorAll('#tools, #readout, #captions').forEach((e) => (e.style.visibility = ''))")
+    page.evaluate(cover, "")
     return np.asarray(Image.open(io.BytesIO(picture)).convert("RGB")).astype(int)
 
 
@@ -160,7 +164,7 @@ def position(page):
 
 
 def loaded(page):
-    page.wait_for_function("!document.querySelector('#flight').hidden && document.querySelectorAll('.strip').length === 9")
+    page.wait_for_function("document.querySelectorAll('#flight:not([hidden]) .strip').length === 9")
     page.wait_for_function("document.querySelector('#empty').hidden")
     page.wait_for_timeout(400)
     return page
@@ -178,7 +182,9 @@ def test_served_with_a_strict_policy(visit, server):
     assert page.request.post(server.url).status == 405
     # the policy is in force: what it forbids does not run
     strange = visit("#board", faultless=False)
-    strange.evaluate("document.body.append(Object.assign(document.createElement('script'), { text: 'window.ran = 1' }))")
+    strange.evaluate(
+        "document.body.append(Object.assign(document.createElement('script'), { text: 'window.ran = 1' }))"
+    )
     assert strange.evaluate("window.ran") is None
 
 
@@ -194,7 +200,11 @@ def test_live_draws_what_flies(visit):
     assert (np.abs(before - after).max(axis=-1) > 24).sum() > 100, "the 3D view stands still"
     sky = close_to(after, rgb(page, "--sky"), 12)
     height, width = sky.shape
-    thirds = [after[y * height // 3 : (y + 1) * height // 3, x * width // 3 : (x + 1) * width // 3] for y in range(3) for x in range(3)]
+    thirds = [
+        after[y * height // 3 : (y + 1) * height // 3, x * width // 3 : (x + 1) * width // 3]
+        for y in range(3)
+        for x in range(3)
+    ]
     drawn = [len(np.unique(part.reshape(-1, 3), axis=0)) for part in thirds]
     print(f"colours in nine parts of the view: {drawn}; not sky: {1 - sky.mean():.0%}")
     assert sum(count > 20 for count in drawn) >= 5 and 0.2 < 1 - sky.mean() < 1.0
@@ -215,7 +225,11 @@ def test_nothing_to_show_is_said(visit):
 
 def test_replay_moves(visit, attempts):
     page = loaded(visit(f"#replay?a={attempts[0]}"))
-    start, at_start, line = canvas(page), position(page), page.locator(".now").first.evaluate("(e) => e.style.transform")
+    start, at_start, line = (
+        canvas(page),
+        position(page),
+        page.locator(".now").first.evaluate("(e) => e.style.transform"),
+    )
     page.get_by_role("button", name="Play", exact=True).click()
     page.wait_for_function("parseFloat(document.querySelector('#time').textContent) > 2")
     page.get_by_role("button", name="Pause").click()
@@ -290,10 +304,11 @@ def test_keys(visit, attempts):
     page.keyboard.press("Escape")
     # from the first link on, tab reaches everything, and where it is can be seen
     body.focus()
+    page.evaluate("window.outline = () => getComputedStyle(document.activeElement).outlineStyle")
     reached = set()
     for _ in range(40):
         page.keyboard.press("Tab")
-        at = page.evaluate("[document.activeElement.id || document.activeElement.tagName, getComputedStyle(document.activeElement).outlineStyle]")
+        at = page.evaluate("[document.activeElement.id || document.activeElement.tagName, outline()]")
         reached.add(at[0])
         assert at[0] == "BODY" or at[1] != "none", f"no focus to be seen on {at[0]}"
     assert {"CANVAS", "play", "scrub", "speed", "view-home", "toggle-cone", "replay-scenario"} <= reached
@@ -350,11 +365,11 @@ def test_downloads(visit, attempts):
     page = loaded(visit(f"#replay?a={attempts[0]}&ea=3"))
     with page.expect_download() as log:
         page.get_by_role("link", name="Log of this flight").click()
-    lines = open(log.value.path()).read().splitlines()
+    lines = Path(log.value.path()).read_text().splitlines()
     assert lines[0].startswith("t_s,") and len(lines) > 100
     with page.expect_download() as actions:
         page.get_by_role("link", name="All actions").click()
-    assert len(open(actions.value.path(), "rb").read()) % (4 * 4 * 20) == 0
+    assert len(Path(actions.value.path()).read_bytes()) % (4 * 4 * 20) == 0
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -369,8 +384,8 @@ def test_phone(visit, attempts, scheme):
             " !e.closest('.skip') && e.getBoundingClientRect().right > 361).map((e) => e.outerHTML.slice(0, 80))"
         )
         assert beyond == []
-        brightness = page.evaluate("getComputedStyle(document.body).backgroundColor.match(/\\d+/g).slice(0, 3).map(Number)")
-        assert (np.mean(brightness) > 128) == (scheme == "light")
+        brightness = page.evaluate("getComputedStyle(document.body).backgroundColor.match(/\\d+/g).map(Number)")
+        assert (np.mean(brightness[:3]) > 128) == (scheme == "light")
 
 
 def test_errors_are_shown_and_the_server_may_come_back(visit, data):
@@ -388,10 +403,14 @@ def test_errors_are_shown_and_the_server_may_come_back(visit, data):
 
 def test_draws_only_when_something_changes(visit, attempts):
     page = loaded(visit(f"#replay?a={attempts[0]}"))
-    page.evaluate(
-        "() => { window.frames_drawn = 0; const draw = WebGL2RenderingContext.prototype.clear;"
-        " WebGL2RenderingContext.prototype.clear = function (...a) { window.frames_drawn += 1; return draw.apply(this, a); }; }"
-    )
+    page.evaluate("""() => {
+      window.frames_drawn = 0;
+      const { clear } = WebGL2RenderingContext.prototype;
+      WebGL2RenderingContext.prototype.clear = function (...what) {
+        window.frames_drawn += 1;
+        return clear.apply(this, what);
+      };
+    }""")
     page.wait_for_timeout(300)
     idle = page.evaluate("window.frames_drawn")
     page.wait_for_timeout(700)
