@@ -243,6 +243,18 @@ impl VectorEnv {
         Ok(())
     }
 
+    /// The true states of the first environments, as many rows of [`STATE`] as `out` has room for.
+    ///
+    /// # Errors
+    /// [`Error::Shape`] unless `out` is whole rows of environments that exist.
+    pub fn first_states(&self, out: &mut [f32]) -> Result<()> {
+        shape("states", (out.len() / STATE).min(self.envs) * STATE, out.len())?;
+        for (shard, rows) in self.shards.iter().zip(out.chunks_mut(self.share * STATE)) {
+            shard.states(rows);
+        }
+        Ok(())
+    }
+
     /// With [`Autoreset::SameStep`]: last observation and true state of the episode that ended in the last step in environment `env`.
     pub fn last_of_episode(&self, env: usize) -> Option<(&[f32], &[f32])> {
         let shard = self.shards.get(env / self.share)?;

@@ -332,3 +332,20 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn the_first_states_are_those_of_all() {
+    let mut batch = Batch::new(70, &options(r#"{"threads": 3}"#));
+    batch.reset(5);
+    batch.step(&[0.3; 70 * ACTION]).unwrap();
+    let mut all = vec![0.0; 70 * STATE];
+    batch.env.states(&mut all).unwrap();
+    for n in [0, 1, 5, 16, 33, 70] {
+        let mut first = vec![f32::NAN; n * STATE];
+        batch.env.first_states(&mut first).unwrap();
+        assert_eq!(first, all[..n * STATE], "{n}");
+    }
+    for odd in [STATE - 1, STATE + 1, 71 * STATE] {
+        assert!(matches!(batch.env.first_states(&mut vec![0.0; odd]), Err(Error::Shape { .. })), "{odd}");
+    }
+}

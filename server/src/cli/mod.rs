@@ -21,6 +21,7 @@ mod scenarios;
 mod score;
 mod score_table;
 mod scorecard;
+mod serve;
 mod submit;
 mod tasks;
 mod text;
@@ -43,7 +44,8 @@ Examples:
   crazyflie scorecard
   crazyflie effects
   crazyflie submit --controller thesis-pid
-  crazyflie leaderboard --scenario hover-aruco";
+  crazyflie leaderboard --scenario hover-aruco
+  crazyflie serve";
 
 /// Flies, replays, identifies, explains and measures the Crazyflie that the TU Darmstadt thesis identified.
 #[derive(Debug, Parser)]
@@ -61,6 +63,7 @@ enum Command {
     Explain(explain::Args),
     Score(score::Args),
     Scorecard(scorecard::Args),
+    Serve(serve::Args),
     Measured(measured::Args),
     Effects(effects::Args),
     Tasks(tasks::Args),
@@ -102,6 +105,7 @@ fn run(command: &Command, out: &mut dyn Write) -> Outcome {
         Command::Explain(args) => explain::run(args, out),
         Command::Score(args) => score::run(args, out),
         Command::Scorecard(args) => scorecard::run(args, out),
+        Command::Serve(args) => serve::run(args, out),
         Command::Measured(args) => measured::run(args, out),
         Command::Effects(args) => effects::run(args, out),
         Command::Tasks(args) => tasks::run(args, out),

@@ -1,0 +1,22 @@
+//! `crazyflie.echo.v1`: every message comes back as it is. For conformance runners, and to tell the network's time from the simulator's.
+
+use tokio_tungstenite::tungstenite::Message;
+
+use super::server::Server;
+use super::socket::{Incoming, Socket};
+
+pub(crate) const PROTOCOL: &str = "crazyflie.echo.v1";
+
+pub(crate) async fn talk(server: &Server, mut socket: Socket) {
+    let parting = loop {
+        let message = match socket.next().await {
+            Ok(Incoming::Text(text)) => Message::Text(text),
+            Ok(Incoming::Binary(bytes)) => Message::Binary(bytes),
+            Err(parting) => break parting,
+        };
+        if let Err(parting) = socket.send(message).await {
+            break parting;
+        }
+    };
+    socket.goodbye(&parting, server).await;
+}

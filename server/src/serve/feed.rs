@@ -1,0 +1,181 @@
+//! What a session shows to those who watch it: the newest row of its first environments, written in place. A session never waits for a watcher
+//! and never wakes one.
+
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+
+use crazyflie_env::config::{Autoreset, EffectParams, Options};
+use crazyflie_env::observation::{Interface, OBSERVATION};
+use crazyflie_env::vector::{STATE, VectorEnv};
+use serde_json::{Value, json};
+
+use super::listed::lock;
+
+/// So many environments of a batch can be watched: the first ones.
+pub(crate) const WATCHABLE: usize = 16;
+
+pub(crate) const COLUMNS: [&str; 25] = [
+    "t_s",
+    "x",
+    "y",
+    "z",
+    "roll",
+    "pitch",
+    "yaw",
+    "vx",
+    "vy",
+    "vz",
+    "setpoint_x",
+    "setpoint_y",
+    "setpoint_z",
+    "setpoint_yaw",
+    "fix_x",
+    "fix_y",
+    "fix_z",
+    "fix_yaw",
+    "fix_valid",
+    "fix_age_s",
+    "u_roll",
+    "u_pitch",
+    "u_yaw_rate",
+    "u_lift",
+    "reward",
+];
+
+pub(crate) type Row = [f32; COLUMNS.len()];
+
+/// The place where session and watchers meet.
+pub(crate) struct Feed {
+    /// What the columns are, and what stands in the room.
+    pub header: Value,
+    watchers: AtomicUsize,
+    version: AtomicU64,
+    rows: Mutex<[Row; WATCHABLE]>,
+}
+
+/// A watcher, for as long as this lives.
+pub(crate) struct Watching<'a>(&'a Feed);
+
+impl Drop for Watching<'_> {
+    fn drop(&mut self) {
+        self.0.watchers.fetch_sub(1, Ordering::Relaxed);
+    }
+}
+
+impl Feed {
+    pub(crate) fn new(options: &Options, tick_s: f64) -> Self {
+        let (version, rows) = (AtomicU64::new(0), Mutex::new([[0.0; COLUMNS.len()]; WATCHABLE]));
+        Feed { header: header(options, tick_s), watchers: AtomicUsize::new(0), version, rows }
+    }
+
+    pub(crate) fn watch(&self) -> Watching<'_> {
+        self.watchers.fetch_add(1, Ordering::Relaxed);
+        Watching(self)
+    }
+
+    pub(crate) fn watchers(&self) -> usize {
+        self.watchers.load(Ordering::Relaxed)
+    }
+
+    /// The newest row of an environment, if it is newer than `seen`.
+    pub(crate) fn newer(&self, env: usize, seen: &mut u64) -> Option<Row> {
+        let version = self.version.load(Ordering::Acquire);
+        if version == *seen {
+            return None;
+        }
+        *seen = version;
+        lock(&self.rows).get(env).copied()
+    }
+}
+
+/// Where the watchable environments are in their episodes.
+pub(crate) struct Clocks {
+    steps: [u32; WATCHABLE],
+    over: [bool; WATCHABLE],
+    autoreset: Autoreset,
+    tick_s: f64,
+}
+
+impl Clocks {
+    pub(crate) fn new(autoreset: Autoreset, tick_s: f64) -> Self {
+        Clocks { steps: [0; WATCHABLE], over: [false; WATCHABLE], autoreset, tick_s }
+    }
+
+    pub(crate) fn begin(&mut self, mask: Option<&[bool]>) {
+        for (env, steps) in self.steps.iter_mut().enumerate() {
+            if mask.is_none_or(|mask| mask.get(env).copied().unwrap_or(false)) {
+                (*steps, self.over[env]) = (0, false);
+            }
+        }
+    }
+
+    /// A step after which these episodes are over.
+    pub(crate) fn step(&mut self, terminated: &[bool], truncated: &[bool]) {
+        for (env, (terminated, truncated)) in terminated.iter().zip(truncated).enumerate().take(WATCHABLE) {
+            let over = terminated | truncated;
+            let begins = match self.autoreset {
+                Autoreset::NextStep => self.over[env],
+                Autoreset::SameStep => over,
+                Autoreset::Disabled => false,
+            };
+            (self.steps[env], self.over[env]) = (if begins { 0 } else { self.steps[env] + 1 }, over);
+        }
+    }
+
+    /// Shows the newest observations and rewards, with the true states.
+    pub(crate) fn show(&self, feed: &Feed, env: &VectorEnv, observations: &[f32], rewards: Option<&[f32]>) {
+        let n = env.num_envs().min(WATCHABLE);
+        let mut states = [0.0; WATCHABLE * STATE];
+        // the buffer is whole rows of environments that exist
+        if env.first_states(&mut states[..n * STATE]).is_err() {
+            return;
+        }
+        let interface = env.interface();
+        let mut rows = lock(&feed.rows);
+        let given = observations.as_chunks::<OBSERVATION>().0.iter().zip(states.as_chunks::<STATE>().0);
+        for (env, (row, (observation, state))) in rows.iter_mut().zip(given).take(n).enumerate() {
+            let reward = rewards.map_or(0.0, |rewards| rewards[env]);
+            *row = shown((f64::from(self.steps[env]) * self.tick_s) as f32, observation, state, &interface, reward);
+        }
+        drop(rows);
+        feed.version.fetch_add(1, Ordering::Release);
+    }
+}
+
+/// A row in the order of [`COLUMNS`].
+fn shown(t_s: f32, observation: &[f32; OBSERVATION], state: &[f32; STATE], interface: &Interface, reward: f32) -> Row {
+    let mut row = [0.0; COLUMNS.len()];
+    let u = interface.command(&[20, 21, 22, 23].map(|i| f64::from(observation[i])));
+    row[0] = t_s;
+    row[1..4].copy_from_slice(&state[..3]);
+    row[4..7].copy_from_slice(&state[6..9]);
+    row[7..10].copy_from_slice(&state[3..6]);
+    row[10..14].copy_from_slice(&observation[16..20]);
+    row[14..18].copy_from_slice(&observation[..4]);
+    (row[18], row[19]) = (observation[5], observation[4]);
+    row[20..24].copy_from_slice(&[u.roll_rad, u.pitch_rad, u.yaw_rate_radps, u.lift].map(|v| v as f32));
+    row[24] = reward;
+    row
+}
+
+fn header(options: &Options, tick_s: f64) -> Value {
+    let effects = &options.effects;
+    // what is drawn anew for every episode has no one value to show
+    let number = |effect: &str, param: &str, first: bool, or: f64| {
+        let number = effects.get(effect).and_then(|given| match given {
+            EffectParams::First(number) => Some(number).filter(|_| first),
+            EffectParams::Named(map) => map.get(param),
+        });
+        number.and_then(|number| number.fixed()).unwrap_or(or)
+    };
+    let pitch_m = number("markers", "pitch_m", false, 0.5);
+    let side = |param, first| {
+        let count = number("markers", param, first, 1.0).round();
+        (0..count as usize).map(move |i| (i as f64 - 0.5 * (count - 1.0)) * pitch_m)
+    };
+    let marker: Vec<_> = side("columns", true).flat_map(|x| side("rows", false).map(move |y| [x, y, 0.0])).collect();
+    let (fov_deg, offset_m) = (number("camera_fov", "diagonal_deg", true, 0.0), number("camera_fov", "lens_below_m", false, 0.02));
+    let camera = json!({"fov_deg": if fov_deg > 0.0 { Some(fov_deg) } else { None }, "offset_m": offset_m});
+    let side_m = number("camera_fov", "side_m", false, 0.197);
+    json!({"columns": COLUMNS, "rows": null, "tick_s": tick_s, "marker": marker, "marker_side_m": side_m, "camera": camera, "end": null})
+}

@@ -1,0 +1,76 @@
+//! The paths of the server.
+
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+use axum::extract::{Request, State};
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use axum::routing::get;
+use axum::{Json, Router};
+use serde::Serialize;
+
+use super::board;
+use super::page;
+use super::server::Server;
+use super::upgrade;
+
+/// All paths. The benchmark's routes and the page join here.
+pub(crate) fn router(server: &Arc<Server>) -> Router {
+    Router::new()
+        .route("/ws", get(ws))
+        .route("/live", get(live))
+        .route("/healthz", get(|| async { "ok\n" }))
+        .route("/metrics", get(metrics))
+        .nest("/api/v1", api())
+        .fallback(page::page)
+        .with_state(server.clone())
+}
+
+/// JSON about what the server does and has.
+fn api() -> Router<Arc<Server>> {
+    board::routes().route("/sessions", get(sessions))
+}
+
+async fn metrics(State(server): State<Arc<Server>>) -> Response {
+    let kind = [(header::CONTENT_TYPE, "application/openmetrics-text; version=1.0.0; charset=utf-8")];
+    (kind, server.metrics.text()).into_response()
+}
+
+/// A session as `GET /api/v1/sessions` tells of it.
+#[derive(Serialize)]
+struct Row {
+    session: String,
+    env: String,
+    num_envs: usize,
+    steps: u64,
+    since_s: f64,
+    watching: usize,
+}
+
+async fn sessions(State(server): State<Arc<Server>>) -> Response {
+    let rows = server.sessions.all().into_iter().map(|listed| Row {
+        session: listed.name(),
+        env: listed.env.clone(),
+        num_envs: listed.num_envs,
+        steps: listed.steps.load(Ordering::Relaxed),
+        since_s: listed.since.elapsed().as_secs_f64(),
+        watching: listed.feed.watchers(),
+    });
+    ([(header::CACHE_CONTROL, "no-store")], Json(rows.collect::<Vec<_>>())).into_response()
+}
+
+async fn ws(State(server): State<Arc<Server>>, request: Request) -> Response {
+    upgraded(&server, request, &upgrade::WS)
+}
+
+async fn live(State(server): State<Arc<Server>>, request: Request) -> Response {
+    upgraded(&server, request, &upgrade::LIVE)
+}
+
+fn upgraded(server: &Arc<Server>, request: Request, dialects: &upgrade::Dialects) -> Response {
+    upgrade::upgrade(server, request, dialects).unwrap_or_else(|(status, why)| (status, format!("{why}\n")).into_response())
+}
+
+/// A status and words for people.
+pub(crate) type Refused = (StatusCode, String);

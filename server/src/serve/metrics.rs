@@ -1,0 +1,114 @@
+//! Counters for Prometheus.
+
+use prometheus_client::encoding::EncodeLabelSet;
+use prometheus_client::encoding::text::encode;
+use prometheus_client::metrics::counter::Counter;
+use prometheus_client::metrics::family::Family;
+use prometheus_client::metrics::gauge::Gauge;
+use prometheus_client::metrics::histogram::Histogram;
+use prometheus_client::registry::{Registry, Unit};
+
+use super::listed::End;
+
+#[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
+struct How {
+    end: End,
+}
+
+#[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
+struct Why {
+    reason: &'static str,
+}
+
+pub(crate) struct Metrics {
+    registry: Registry,
+    pub connections: Gauge,
+    pub connections_total: Counter,
+    refused: Family<Why, Counter>,
+    sessions: Gauge,
+    sessions_total: Counter,
+    ended: Family<How, Counter>,
+    pub requests: Counter,
+    pub faults: Counter,
+    pub env_steps: Counter,
+    pub request_s: Histogram,
+}
+
+impl Metrics {
+    pub(crate) fn new() -> Self {
+        let mut registry = Registry::with_prefix("crazyflie");
+        let r = &mut registry;
+        let metrics = Metrics {
+            connections: gauge(r, "connections", "Open connections"),
+            connections_total: counter(r, "connections_accepted", "Connections accepted"),
+            refused: family(r, "connections_refused", "Connections refused or closed by a limit"),
+            sessions: gauge(r, "sessions", "Sessions, those that wait for their clients included"),
+            sessions_total: counter(r, "sessions_begun", "Sessions begun"),
+            ended: family(r, "sessions_ended", "Sessions ended"),
+            requests: counter(r, "requests", "Requests answered"),
+            faults: counter(r, "requests_refused", "Requests answered with an error"),
+            env_steps: counter(r, "env_steps", "Environment steps"),
+            request_s: histogram(r),
+            registry: Registry::default(),
+        };
+        Metrics { registry, ..metrics }
+    }
+
+    pub(crate) fn refused(&self, reason: &'static str) {
+        self.refused.get_or_create(&Why { reason }).inc();
+    }
+
+    pub(crate) fn session_began(&self) {
+        self.sessions.inc();
+        self.sessions_total.inc();
+    }
+
+    pub(crate) fn session_ended(&self, end: End) {
+        self.sessions.dec();
+        self.ended.get_or_create(&How { end }).inc();
+    }
+
+    pub(crate) fn sessions_begun(&self) -> u64 {
+        self.sessions_total.get()
+    }
+
+    pub(crate) fn sessions_ended(&self, end: End) -> u64 {
+        self.ended.get_or_create(&How { end }).get()
+    }
+
+    /// In the text format that Prometheus reads.
+    pub(crate) fn text(&self) -> String {
+        let mut text = String::new();
+        // writing to a string does not fail
+        let _ = encode(&mut text, &self.registry);
+        text
+    }
+}
+
+fn gauge(registry: &mut Registry, name: &str, help: &str) -> Gauge {
+    let gauge = Gauge::default();
+    registry.register(name, help, gauge.clone());
+    gauge
+}
+
+fn counter(registry: &mut Registry, name: &str, help: &str) -> Counter {
+    let counter = Counter::default();
+    registry.register(name, help, counter.clone());
+    counter
+}
+
+fn family<L>(registry: &mut Registry, name: &str, help: &str) -> Family<L, Counter>
+where
+    L: Clone + std::hash::Hash + Eq + EncodeLabelSet + std::fmt::Debug + Send + Sync + 'static,
+{
+    let family = Family::<L, Counter>::default();
+    registry.register(name, help, family.clone());
+    family
+}
+
+fn histogram(registry: &mut Registry) -> Histogram {
+    let buckets = [1e-5, 2e-5, 5e-5, 1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2, 0.1, 1.0];
+    let histogram = Histogram::new(buckets);
+    registry.register_with_unit("request", "Time to carry out a request, without the network", Unit::Seconds, histogram.clone());
+    histogram
+}

@@ -1,0 +1,27 @@
+//! The network server: environments over WebSocket, and what it tells about itself over HTTP, on one port. `docs/protocol.md` is its contract.
+
+mod board;
+mod caps;
+mod connection;
+mod echo;
+mod fault;
+mod feed;
+mod http;
+mod listed;
+mod live;
+mod make;
+mod message;
+mod metrics;
+mod openenv;
+mod page;
+mod replies;
+mod server;
+mod session;
+mod settings;
+mod socket;
+mod upgrade;
+mod wire;
+
+pub use listed::End;
+pub use server::{Report, run};
+pub use settings::{Limits, ServeError, Settings, tls};

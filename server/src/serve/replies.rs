@@ -1,0 +1,95 @@
+//! The last replies of a session: a repeated request is answered from here and not carried out again.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use bytes::Bytes;
+use tokio_tungstenite::tungstenite::{Message, Utf8Bytes};
+
+use super::fault::{Code, Fault};
+use super::settings::Limits;
+use super::wire::{self, Frame};
+
+#[derive(Debug, Clone)]
+pub(crate) enum Reply {
+    Text(Utf8Bytes),
+    Binary(Arc<Frame>),
+}
+
+impl Reply {
+    fn bytes(&self) -> usize {
+        match self {
+            Reply::Text(text) => text.len(),
+            Reply::Binary(frame) => (**frame).as_ref().len(),
+        }
+    }
+}
+
+impl From<Reply> for Message {
+    fn from(reply: Reply) -> Message {
+        match reply {
+            Reply::Text(text) => Message::Text(text),
+            Reply::Binary(frame) => Message::Binary(Bytes::clone(&wire::bytes(&frame))),
+        }
+    }
+}
+
+#[derive(Debug)]
+pub(crate) struct Replies {
+    kept: VecDeque<(u64, Reply)>,
+    bytes: usize,
+    last: Option<u64>,
+    window: usize,
+    window_bytes: usize,
+    /// The memory of a reply that is kept no longer.
+    spare: Vec<f32>,
+}
+
+impl Replies {
+    pub(crate) fn new(limits: &Limits) -> Self {
+        let (window, window_bytes) = (limits.window, limits.window_bytes);
+        Replies { kept: VecDeque::new(), bytes: 0, last: None, window, window_bytes, spare: Vec::new() }
+    }
+
+    /// The newest request that was carried out.
+    pub(crate) fn last(&self) -> Option<u64> {
+        self.last
+    }
+
+    /// The reply to a request that was carried out before; `None` for a new one.
+    ///
+    /// # Errors
+    /// `stale_id` if it is too old to tell.
+    pub(crate) fn recall(&self, id: u64) -> Result<Option<Reply>, Fault> {
+        let Some(last) = self.last.filter(|last| id <= *last) else { return Ok(None) };
+        let found = self.kept.iter().rev().find(|(kept, _)| *kept == id);
+        found.map(|(_, reply)| Some(reply.clone())).ok_or_else(|| {
+            Fault::new(Code::StaleId, format!("the id {id} is not above {last}, the newest, and its reply is no longer kept"))
+        })
+    }
+
+    pub(crate) fn keep(&mut self, id: u64, reply: &Reply) {
+        self.bytes += reply.bytes();
+        self.kept.push_back((id, reply.clone()));
+        self.last = Some(id);
+        while self.kept.len() > 1 && (self.kept.len() > self.window || self.bytes > self.window_bytes) {
+            self.forget();
+        }
+    }
+
+    fn forget(&mut self) {
+        let Some((_, reply)) = self.kept.pop_front() else { return };
+        self.bytes -= reply.bytes();
+        if let Reply::Binary(frame) = reply {
+            // while it is still being sent, the memory is not ours
+            if let Ok(frame) = Arc::try_unwrap(frame) {
+                self.spare = frame.into_words();
+            }
+        }
+    }
+
+    /// Memory for the next reply.
+    pub(crate) fn spare(&mut self) -> Vec<f32> {
+        std::mem::take(&mut self.spare)
+    }
+}

@@ -1,0 +1,217 @@
+//! Accepting connections, within the limits, until told to stop; then letting them end in order.
+
+use std::collections::BTreeMap;
+use std::future::Future;
+use std::net::{IpAddr, SocketAddr};
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use axum::Router;
+use axum::body::Body;
+use hyper::body::Incoming;
+use hyper::server::conn::http1;
+use hyper_util::rt::{TokioIo, TokioTimer};
+use serde::Serialize;
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::Semaphore;
+use tokio::time::timeout;
+use tokio_rustls::TlsAcceptor;
+use tokio_util::either::Either;
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
+use tower_service::Service;
+use tracing::{debug, info, warn};
+
+use super::board::FLIGHTS_AT_ONCE;
+use super::caps::{Counts, Slot, digest, household};
+use super::fault::{Code, Fault};
+use super::http;
+use super::listed::{End, Sessions, lock};
+use super::metrics::Metrics;
+use super::session::Session;
+use super::settings::{ServeError, Settings};
+use super::socket::Stream;
+use crate::bench::Bench;
+
+/// A plain HTTP connection is closed after this time, whatever it does: a reader that stands still holds its place no longer.
+const HTTP_FOR: Duration = Duration::from_secs(600);
+
+/// What all connections share.
+pub(crate) struct Server {
+    pub settings: Settings,
+    pub address: SocketAddr,
+    pub bench: Option<Bench>,
+    /// Turns of simulating stored flights again.
+    pub flights: Arc<Semaphore>,
+    pub sessions: Arc<Sessions>,
+    pub metrics: Arc<Metrics>,
+    pub stop: CancellationToken,
+    pub tasks: TaskTracker,
+    addresses: Arc<Counts<IpAddr>>,
+    tokens: Arc<Counts<[u8; 32]>>,
+    all: Arc<Counts<()>>,
+}
+
+/// Whoever is at the other end, and the places that the connection takes.
+pub(crate) struct Peer {
+    pub address: SocketAddr,
+    tokens: Arc<Counts<[u8; 32]>>,
+    token: Mutex<Option<Slot<[u8; 32]>>>,
+    server: Arc<Server>,
+    _slots: (Slot<()>, Slot<IpAddr>),
+}
+
+/// What a server has done, when it has stopped.
+#[derive(Debug, Clone, Serialize)]
+pub struct Report {
+    pub connections: u64,
+    pub sessions: u64,
+    pub ended: BTreeMap<End, u64>,
+    /// Connections that had not ended when the time to stop was over.
+    pub cut: usize,
+}
+
+/// Serves on `listener` until `stop`. Wants a runtime of several threads: long steps take one of them.
+///
+/// # Errors
+/// [`ServeError`] before the first connection: settings that do not fit where the listener listens.
+pub async fn run(listener: TcpListener, settings: Settings, stop: impl Future<Output = ()>) -> Result<Report, ServeError> {
+    let address = listener.local_addr()?;
+    settings.check(address)?;
+    let server = Server::new(settings, address)?;
+    let router = http::router(&server);
+    info!(%address, tls = server.settings.tls.is_some(), "listening");
+    tokio::pin!(stop);
+    loop {
+        tokio::select! {
+            () = &mut stop => break,
+            accepted = listener.accept() => match accepted {
+                Ok((stream, peer)) => server.admit(stream, peer, &router),
+                Err(error) => {
+                    // out of descriptors, mostly: others will be closed
+                    warn!(%error, "cannot accept");
+                    tokio::time::sleep(Duration::from_millis(20)).await;
+                }
+            }
+        }
+    }
+    drop(listener);
+    Ok(server.drain().await)
+}
+
+impl Server {
+    fn new(settings: Settings, address: SocketAddr) -> Result<Arc<Self>, ServeError> {
+        let about = |path: &PathBuf, problem: crate::bench::Error| ServeError::Data { path: path.clone(), problem: problem.to_string() };
+        let open = |path: &PathBuf| Bench::open(path, crate::bench::Limits::default()).map_err(|e| about(path, e));
+        let bench = settings.data.as_ref().map(open).transpose()?;
+        let (limits, metrics) = (settings.limits.clone(), Arc::new(Metrics::new()));
+        let sessions = Arc::new(Sessions::new(limits.envs, metrics.clone()));
+        let (stop, tasks) = (CancellationToken::new(), TaskTracker::new());
+        let (addresses, tokens) = (Counts::new(limits.connections_per_address), Counts::new(limits.connections_per_token));
+        let (all, flights) = (Counts::new(limits.connections), Arc::new(Semaphore::new(FLIGHTS_AT_ONCE)));
+        Ok(Arc::new(Server { settings, address, bench, flights, sessions, metrics, stop, tasks, addresses, tokens, all }))
+    }
+
+    fn admit(self: &Arc<Self>, stream: TcpStream, address: SocketAddr, router: &Router) {
+        let Some(slots) = self.all.enter(()).zip(self.addresses.enter(household(address.ip()))) else {
+            self.metrics.refused("too many connections");
+            debug!(peer = %address, "too many connections");
+            if self.settings.tls.is_none() {
+                let _ = stream.try_write(b"HTTP/1.1 503 Service Unavailable\r\nconnection: close\r\ncontent-length: 0\r\n\r\n");
+            }
+            return;
+        };
+        self.metrics.connections_total.inc();
+        self.metrics.connections.inc();
+        let (tokens, token, server) = (self.tokens.clone(), Mutex::new(None), self.clone());
+        let peer = Arc::new(Peer { address, tokens, token, server, _slots: slots });
+        self.tasks.spawn(Box::pin(serve(self.clone(), stream, peer, router.clone())));
+    }
+
+    /// Keeps the session for its client, for as long as the limits say.
+    pub(crate) fn park(self: &Arc<Self>, session: Session) {
+        let (keep, stop) = (self.settings.limits.resume_for, self.stop.clone());
+        self.tasks.spawn(self.sessions.clone().park(session, keep, stop));
+    }
+
+    async fn drain(&self) -> Report {
+        info!(connections = self.metrics.connections.get(), "stopping");
+        self.stop.cancel();
+        self.tasks.close();
+        let cut = match timeout(self.settings.limits.drain_for, self.tasks.wait()).await {
+            Ok(()) => 0,
+            Err(_) => self.tasks.len(),
+        };
+        let ended = [End::Closed, End::Expired, End::Stopped, End::Broken].map(|end| (end, self.metrics.sessions_ended(end)));
+        let (connections, sessions) = (self.metrics.connections_total.get(), self.metrics.sessions_begun());
+        info!(connections, sessions, cut, "stopped");
+        Report { connections, sessions, ended: ended.into(), cut }
+    }
+}
+
+impl Peer {
+    /// Counts the connection among those of a token.
+    ///
+    /// # Errors
+    /// `too_many`.
+    pub(crate) fn show(&self, token: &str) -> Result<(), Fault> {
+        let mut mine = lock(&self.token);
+        // a second hello gives the first token's place back
+        *mine = None;
+        *mine = self.tokens.enter(digest(token));
+        match &*mine {
+            Some(_) => Ok(()),
+            None => Err(Fault::new(Code::TooMany, "this token has too many connections")),
+        }
+    }
+}
+
+impl Drop for Peer {
+    fn drop(&mut self) {
+        self.server.metrics.connections.dec();
+    }
+}
+
+/// Handshakes and HTTP; a WebSocket goes on in a task of its own.
+async fn serve(server: Arc<Server>, stream: TcpStream, peer: Arc<Peer>, router: Router) {
+    let patience = server.settings.limits.handshake_timeout;
+    // a reply must not wait for the acknowledgement of the one before
+    let _ = stream.set_nodelay(true);
+    let stream: Stream = match &server.settings.tls {
+        None => Either::Left(stream),
+        Some(tls) => match timeout(patience, TlsAcceptor::from(tls.clone()).accept(stream)).await {
+            Ok(Ok(stream)) => Either::Right(Box::new(stream)),
+            failed => {
+                server.metrics.refused("handshake");
+                debug!(peer = %peer.address, error = ?failed.map(|r| r.err()), "no TLS");
+                return;
+            }
+        },
+    };
+    let service = hyper::service::service_fn(|mut request: hyper::Request<Incoming>| {
+        request.extensions_mut().insert(peer.clone());
+        router.clone().call(request.map(Body::new))
+    });
+    let mut builder = http1::Builder::new();
+    builder.timer(TokioTimer::new()).header_read_timeout(patience).max_buf_size(16 << 10);
+    let connection = builder.serve_connection(TokioIo::new(stream), service).with_upgrades();
+    tokio::pin!(connection);
+    let ended = tokio::select! {
+        ended = timeout(HTTP_FOR, &mut connection) => ended,
+        () = server.stop.cancelled() => {
+            connection.as_mut().graceful_shutdown();
+            timeout(HTTP_FOR, &mut connection).await
+        }
+    };
+    match ended {
+        Ok(Ok(())) => {}
+        Ok(Err(error)) => {
+            if error.is_timeout() {
+                server.metrics.refused("handshake");
+            }
+            debug!(peer = %peer.address, %error, "HTTP ended");
+        }
+        Err(_) => server.metrics.refused("stalled"),
+    }
+}

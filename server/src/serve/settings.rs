@@ -1,0 +1,121 @@
+//! What the server may be told, and the limits that hold without being told anything.
+
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio_rustls::rustls::ServerConfig;
+use tokio_rustls::rustls::pki_types::pem::PemObject;
+use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer};
+
+/// Everything that can be chosen about a server, besides where it listens.
+#[derive(Clone, Debug, Default)]
+pub struct Settings {
+    pub limits: Limits,
+    /// Certificate and key; needed wherever others than this machine can connect.
+    pub tls: Option<Arc<ServerConfig>>,
+    /// Web origins whose pages may connect, besides the server's own.
+    pub origins: Vec<String>,
+    /// The benchmark's database, made on first use; without one there is no benchmark.
+    pub data: Option<PathBuf>,
+}
+
+/// What one client, and all of them together, may cost.
+#[derive(Clone, Debug)]
+pub struct Limits {
+    /// From the connection to the end of the request's head, TLS included.
+    pub handshake_timeout: Duration,
+    /// After so much silence the peer is pinged.
+    pub ping_after: Duration,
+    /// After so much silence, pings unanswered, the connection is closed.
+    pub idle_timeout: Duration,
+    /// A reply that the peer does not take within this time closes the connection.
+    pub write_timeout: Duration,
+    /// How long a session waits for its client to come back.
+    pub resume_for: Duration,
+    /// How long running requests and closing handshakes may take when the server stops.
+    pub drain_for: Duration,
+    /// Largest text message.
+    pub control_bytes: usize,
+    /// Largest binary message, in both directions.
+    pub batch_bytes: usize,
+    /// Replies kept per session, to be had again after a lost connection.
+    pub window: usize,
+    /// The same in bytes.
+    pub window_bytes: usize,
+    pub connections: usize,
+    pub connections_per_address: usize,
+    pub connections_per_token: usize,
+    pub envs_per_session: usize,
+    /// Environments of all sessions together: what bounds the memory.
+    pub envs: usize,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Limits {
+            handshake_timeout: Duration::from_secs(5),
+            ping_after: Duration::from_secs(20),
+            idle_timeout: Duration::from_secs(60),
+            write_timeout: Duration::from_secs(20),
+            resume_for: Duration::from_secs(30),
+            drain_for: Duration::from_secs(8),
+            control_bytes: 64 << 10,
+            batch_bytes: 2 << 20,
+            window: 32,
+            window_bytes: 2 << 20,
+            connections: 4096,
+            connections_per_address: 512,
+            connections_per_token: 16,
+            envs_per_session: 16384,
+            envs: 262_144,
+        }
+    }
+}
+
+/// Why a server did not start, or stopped otherwise than it was told to.
+#[derive(Debug, thiserror::Error)]
+pub enum ServeError {
+    #[error("{0} can be reached from other machines: give --tls-cert and --tls-key, or listen on 127.0.0.1")]
+    TlsRequired(SocketAddr),
+    #[error("{path}: {problem}")]
+    Tls { path: PathBuf, problem: String },
+    #[error("origin {0:?}: expected scheme and host, such as https://example.org or http://localhost:3000")]
+    Origin(String),
+    #[error("{path}: {problem}")]
+    Data { path: PathBuf, problem: String },
+    #[error("listening: {0}")]
+    Listen(#[from] std::io::Error),
+}
+
+impl Settings {
+    /// # Errors
+    /// [`ServeError::TlsRequired`] off loopback without TLS, [`ServeError::Origin`] for an origin that no browser would send.
+    pub fn check(&self, address: SocketAddr) -> Result<(), ServeError> {
+        if self.tls.is_none() && !address.ip().is_loopback() {
+            return Err(ServeError::TlsRequired(address));
+        }
+        let odd = self.origins.iter().find(|origin| {
+            let host = origin.strip_prefix("https://").or_else(|| origin.strip_prefix("http://"));
+            host.is_none_or(|host| host.is_empty() || host.contains(['/', '*', ' ']))
+        });
+        odd.map_or(Ok(()), |origin| Err(ServeError::Origin(origin.clone())))
+    }
+}
+
+/// Reads a certificate chain and its key, PEM files.
+///
+/// # Errors
+/// [`ServeError::Tls`] with the file and what is wrong with it.
+pub fn tls(cert: &Path, key: &Path) -> Result<Arc<ServerConfig>, ServeError> {
+    let about = |path: &Path, problem: String| ServeError::Tls { path: path.to_owned(), problem };
+    let certs = CertificateDer::pem_file_iter(cert).and_then(Iterator::collect::<Result<Vec<_>, _>>);
+    let certs = certs.map_err(|e| about(cert, format!("expected PEM certificates: {e}")))?;
+    let private = PrivateKeyDer::from_pem_file(key).map_err(|e| about(key, format!("expected a PEM private key: {e}")))?;
+    let provider = Arc::new(tokio_rustls::rustls::crypto::ring::default_provider());
+    let config = ServerConfig::builder_with_provider(provider)
+        .with_safe_default_protocol_versions()
+        .and_then(|builder| builder.with_no_client_auth().with_single_cert(certs, private));
+    Ok(Arc::new(config.map_err(|e| about(cert, e.to_string()))?))
+}

@@ -1,0 +1,132 @@
+//! From HTTP to WebSocket: who may, and which protocol is spoken then.
+
+use std::net::SocketAddr;
+use std::sync::Arc;
+
+use axum::body::Body;
+use axum::extract::Request;
+use axum::http::header::{ORIGIN, SEC_WEBSOCKET_PROTOCOL};
+use axum::http::{HeaderMap, HeaderValue, StatusCode};
+use axum::response::Response;
+use hyper_util::rt::TokioIo;
+use tokio_tungstenite::tungstenite::handshake::server::create_response_with_body;
+use tracing::{debug, info};
+
+use super::http::Refused;
+use super::make::PROTOCOL;
+use super::server::{Peer, Server};
+use super::socket::{Socket, Stream};
+use super::{connection, echo, live, openenv};
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Dialect {
+    Crazyflie,
+    Echo,
+    OpenEnv,
+    Live,
+}
+
+/// What is spoken at a path: with a subprotocol, and without one.
+pub(crate) struct Dialects {
+    named: &'static [(&'static str, Dialect)],
+    unnamed: Dialect,
+}
+
+pub(crate) const WS: Dialects =
+    Dialects { named: &[(PROTOCOL, Dialect::Crazyflie), (echo::PROTOCOL, Dialect::Echo)], unnamed: Dialect::OpenEnv };
+pub(crate) const LIVE: Dialects = Dialects { named: &[(live::PROTOCOL, Dialect::Live)], unnamed: Dialect::Live };
+
+/// Answers the request for a WebSocket and leaves the rest to a task.
+///
+/// # Errors
+/// 403 for pages of strange origins, 400 for what is no WebSocket handshake or asks for protocols that are not spoken here.
+pub(crate) fn upgrade(server: &Arc<Server>, mut request: Request, dialects: &Dialects) -> Result<Response, Refused> {
+    if let Some(origin) = request.headers().get(ORIGIN)
+        && !welcome(origin, server.address, &server.settings.origins)
+    {
+        server.metrics.refused("origin");
+        return Err((StatusCode::FORBIDDEN, format!("pages of {origin:?} may not connect: see --allow-origin")));
+    }
+    let (dialect, protocol) = dialects.choose(request.headers())?;
+    let peer = request.extensions().get::<Arc<Peer>>().cloned();
+    let peer = peer.ok_or((StatusCode::INTERNAL_SERVER_ERROR, "a request from nobody".into()))?;
+    let upgrade = hyper::upgrade::on(&mut request);
+    let (parts, _) = request.into_parts();
+    let mut response = create_response_with_body(&axum::http::Request::from_parts(parts, ()), Body::empty)
+        .map_err(|e| (StatusCode::BAD_REQUEST, format!("expected a WebSocket handshake: {e}")))?;
+    if let Some(protocol) = protocol {
+        response.headers_mut().insert(SEC_WEBSOCKET_PROTOCOL, HeaderValue::from_static(protocol));
+    }
+    let (server, tasks) = (server.clone(), server.tasks.clone());
+    tasks.spawn(async move {
+        let parts = match upgrade.await.map(|upgraded| upgraded.downcast::<TokioIo<Stream>>()) {
+            Ok(Ok(parts)) => parts,
+            other => return debug!(peer = %peer.address, error = ?other.err(), "no upgrade"),
+        };
+        info!(peer = %peer.address, ?dialect, "connected");
+        let leave = server.stop.child_token();
+        let socket = Socket::new(parts.io.into_inner(), parts.read_buf, &server.settings.limits, leave.clone()).await;
+        match dialect {
+            Dialect::Crazyflie => connection::talk(server, peer, socket, leave).await,
+            Dialect::OpenEnv => openenv::talk(server, socket, leave).await,
+            Dialect::Echo => echo::talk(&server, socket).await,
+            Dialect::Live => live::talk(server, socket).await,
+        }
+    });
+    Ok(response)
+}
+
+impl Dialects {
+    /// The first protocol of the client's list that is spoken here.
+    fn choose(&self, headers: &HeaderMap) -> Result<(Dialect, Option<&'static str>), Refused> {
+        let asked = headers.get_all(SEC_WEBSOCKET_PROTOCOL).iter().filter_map(|value| value.to_str().ok());
+        let mut asked = asked.flat_map(|value| value.split(',')).map(str::trim).peekable();
+        if asked.peek().is_none() {
+            return Ok((self.unnamed, None));
+        }
+        let found = asked.find_map(|name| self.named.iter().find(|(known, _)| *known == name));
+        let known = || self.named.iter().map(|(known, _)| *known).collect::<Vec<_>>().join(", ");
+        let refused = || (StatusCode::BAD_REQUEST, format!("none of the subprotocols is spoken here; known: {}", known()));
+        found.map(|(name, dialect)| (*dialect, Some(*name))).ok_or_else(refused)
+    }
+}
+
+/// Whether a page of this origin may connect: the server's own at its port, and those of the list. The request's `Host` proves nothing:
+/// a name of the attacker's may lead here.
+fn welcome(origin: &HeaderValue, address: SocketAddr, listed: &[String]) -> bool {
+    let Ok(origin) = origin.to_str() else { return false };
+    if listed.iter().any(|known| known.eq_ignore_ascii_case(origin)) {
+        return true;
+    }
+    let host = origin.strip_prefix("http://").or_else(|| origin.strip_prefix("https://"));
+    let own = [address.to_string(), format!("localhost:{}", address.port())];
+    host.is_some_and(|host| own.iter().any(|own| own.eq_ignore_ascii_case(host)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_own_and_listed_origins_are_welcome() {
+        let address: SocketAddr = "127.0.0.1:8765".parse().unwrap();
+        let listed = ["https://lab.example".to_owned()];
+        let welcome = |origin: &str| welcome(&HeaderValue::from_str(origin).unwrap(), address, &listed);
+        for good in
+            ["http://127.0.0.1:8765", "http://localhost:8765", "https://localhost:8765", "https://lab.example", "https://LAB.example"]
+        {
+            assert!(welcome(good), "{good}");
+        }
+        for bad in [
+            "null",
+            "",
+            "http://localhost",
+            "http://localhost:80",
+            "https://lab.example.evil.com",
+            "https://evil.com",
+            "http://127.0.0.1:8765.evil.com",
+        ] {
+            assert!(!welcome(bad), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,217 @@
+//! Binary messages: `docs/protocol.md` says what every byte means.
+
+use std::sync::Arc;
+
+use bytemuck::{cast_slice, cast_slice_mut};
+use bytes::Bytes;
+use crazyflie_env::observation::{ACTION, OBSERVATION};
+use crazyflie_env::vector::STATE;
+
+use super::fault::{Code, Fault};
+
+// replies are copied from memory as they are
+const _: () = assert!(cfg!(target_endian = "little"));
+
+pub(crate) const REQUEST_HEADER: usize = 16;
+/// In bytes and in words of four.
+pub(crate) const REPLY_HEADER: usize = 32;
+pub(crate) const REPLY_WORDS: usize = REPLY_HEADER / 4;
+
+/// Also send the true states.
+pub(crate) const STATES: u8 = 1;
+const SEEDS: u8 = 2;
+const MASK: u8 = 4;
+
+/// The largest id: JSON numbers are exact up to here in every language.
+pub(crate) const MAX_ID: u64 = (1 << 53) - 1;
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Kind {
+    Reset = 1,
+    Step = 2,
+    State = 3,
+}
+
+/// A request, its payload still as bytes.
+#[derive(Debug, PartialEq)]
+pub(crate) struct Request<'a> {
+    pub id: u64,
+    pub kind: Kind,
+    pub states: bool,
+    pub steps: usize,
+    pub envs: usize,
+    seeds: Option<&'a [u8]>,
+    mask: Option<&'a [u8]>,
+    actions: &'a [u8],
+}
+
+fn array<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
+    let mut out = [0; N];
+    out.copy_from_slice(&bytes[at..at + N]);
+    out
+}
+
+/// The id of a message that is otherwise beyond reading.
+pub(crate) fn id_of(bytes: &[u8]) -> Option<u64> {
+    (bytes.len() >= 8).then(|| u64::from_le_bytes(array(bytes, 0))).filter(|id| *id <= MAX_ID)
+}
+
+impl<'a> Request<'a> {
+    /// # Errors
+    /// `bad_frame` for a header that makes no sense, `wrong_length` for a payload that does not fit it.
+    pub(crate) fn parse(bytes: &'a [u8]) -> Result<Self, Fault> {
+        let bad = |message: String| Fault::new(Code::BadFrame, message);
+        if bytes.len() < REQUEST_HEADER {
+            return Err(bad(format!("a message of {} bytes, expected a header of {REQUEST_HEADER}", bytes.len())));
+        }
+        let (header, payload) = bytes.split_at(REQUEST_HEADER);
+        let id = id_of(header).ok_or_else(|| bad(format!("the id is above {MAX_ID}")))?;
+        let (kind, known) = match header[8] {
+            1 => (Kind::Reset, STATES | SEEDS | MASK),
+            2 => (Kind::Step, STATES),
+            3 => (Kind::State, 0),
+            other => return Err(bad(format!("kind {other}, expected 1 (reset), 2 (step) or 3 (state)"))),
+        };
+        let flags = header[9];
+        if flags & !known != 0 {
+            return Err(bad(format!("flags {flags:#04x}, expected only {known:#04x} with kind {}", header[8])));
+        }
+        let steps = usize::from(u16::from_le_bytes(array(header, 10)));
+        if (kind == Kind::Step) != (steps > 0) {
+            return Err(bad(format!("{steps} steps, expected at least 1 in a step and 0 elsewhere")));
+        }
+        let envs = u32::from_le_bytes(array(header, 12)) as usize;
+        let [seeds, mask, actions] = lengths(kind, flags, steps, envs);
+        if seeds + mask + actions != payload.len() as u128 {
+            let want = seeds + mask + actions;
+            return Err(Fault::new(Code::WrongLength, format!("{} bytes after the header, expected {want}", payload.len())));
+        }
+        // they add up to the payload's length, so they fit
+        let (seeds, rest) = payload.split_at(seeds as usize);
+        let (mask, actions) = rest.split_at(mask as usize);
+        let given = |flag, bytes| (flags & flag != 0).then_some(bytes);
+        Ok(Request { id, kind, states: flags & STATES != 0, steps, envs, seeds: given(SEEDS, seeds), mask: given(MASK, mask), actions })
+    }
+
+    pub(crate) fn seeds(&self) -> Option<Vec<u64>> {
+        Some(self.seeds?.as_chunks().0.iter().map(|seed| u64::from_le_bytes(*seed)).collect())
+    }
+
+    /// # Errors
+    /// `bad_frame` for bytes other than 0 and 1.
+    pub(crate) fn mask(&self) -> Result<Option<Vec<bool>>, Fault> {
+        let Some(mask) = self.mask else { return Ok(None) };
+        match mask.iter().position(|byte| *byte > 1) {
+            Some(at) => Err(Fault::new(Code::BadFrame, format!("mask[{at}] is {}, expected 0 or 1", mask[at]))),
+            None => Ok(Some(mask.iter().map(|byte| *byte == 1).collect())),
+        }
+    }
+
+    /// Into a buffer that is aligned, which a frame is not.
+    pub(crate) fn actions(&self, into: &mut Vec<f32>) {
+        into.clear();
+        into.extend(self.actions.as_chunks().0.iter().map(|number| f32::from_le_bytes(*number)));
+    }
+}
+
+/// Bytes of seeds, mask and actions; 128 bits, because the header may claim anything.
+fn lengths(kind: Kind, flags: u8, steps: usize, envs: usize) -> [u128; 3] {
+    let envs = envs as u128;
+    let seeds = if flags & SEEDS != 0 { 8 * envs } else { 0 };
+    let mask = if flags & MASK != 0 { envs } else { 0 };
+    [seeds, mask, if kind == Kind::Step { steps as u128 * envs * 4 * ACTION as u128 } else { 0 }]
+}
+
+/// Bytes of a step's reply if no episode ends; every end adds a final row.
+pub(crate) fn reply_bytes(steps: usize, envs: usize, states: bool) -> usize {
+    let row = 4 * (OBSERVATION + 1 + if states { STATE } else { 0 }) + 2;
+    REPLY_HEADER + steps.saturating_mul(envs).saturating_mul(row)
+}
+
+/// A reply in the form in which it is sent.
+#[derive(Debug, Default)]
+pub(crate) struct Frame {
+    words: Vec<f32>,
+    bytes: usize,
+}
+
+/// The numbers of a reply's header besides the id.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Head {
+    pub kind: Kind,
+    pub states: bool,
+    pub steps: usize,
+    pub envs: usize,
+    pub finals: usize,
+    /// Steps of the session so far.
+    pub ticks: u64,
+}
+
+impl Frame {
+    /// In the memory of `words`: `fill` is given the numbers after the header, as many as asked for.
+    pub(crate) fn new(words: Vec<f32>, numbers: usize) -> Self {
+        let mut frame = Frame { words, bytes: 0 };
+        frame.words.resize(REPLY_WORDS + numbers, 0.0);
+        frame.bytes = 4 * frame.words.len();
+        frame
+    }
+
+    pub(crate) fn numbers(&self) -> &[f32] {
+        &self.words[REPLY_WORDS..]
+    }
+
+    pub(crate) fn numbers_mut(&mut self) -> &mut [f32] {
+        &mut self.words[REPLY_WORDS..]
+    }
+
+    pub(crate) fn push(&mut self, row: &[f32]) {
+        self.words.extend_from_slice(row);
+        self.bytes = 4 * self.words.len();
+    }
+
+    /// Ends the frame with truth values, a byte each.
+    pub(crate) fn flags(&mut self, flags: [&[bool]; 2]) {
+        let (from, count) = (self.bytes, flags[0].len() + flags[1].len());
+        self.words.resize((from + count).div_ceil(4), 0.0);
+        self.bytes = from + count;
+        let bytes: &mut [u8] = cast_slice_mut(&mut self.words);
+        for (byte, flag) in bytes[from..].iter_mut().zip(flags[0].iter().chain(flags[1])) {
+            *byte = u8::from(*flag);
+        }
+    }
+
+    pub(crate) fn head(&mut self, id: u64, head: Head) {
+        let bytes: &mut [u8] = cast_slice_mut(&mut self.words[..REPLY_WORDS]);
+        bytes.fill(0);
+        bytes[..8].copy_from_slice(&id.to_le_bytes());
+        bytes[8] = head.kind as u8 | 0x80;
+        bytes[9] = if head.states { STATES } else { 0 };
+        bytes[10..12].copy_from_slice(&(head.steps as u16).to_le_bytes());
+        bytes[12..16].copy_from_slice(&(head.envs as u32).to_le_bytes());
+        bytes[16..20].copy_from_slice(&(head.finals as u32).to_le_bytes());
+        bytes[24..32].copy_from_slice(&head.ticks.to_le_bytes());
+    }
+
+    pub(crate) fn into_words(self) -> Vec<f32> {
+        self.words
+    }
+}
+
+impl AsRef<[u8]> for Frame {
+    fn as_ref(&self) -> &[u8] {
+        &cast_slice(&self.words)[..self.bytes]
+    }
+}
+
+struct Shared(Arc<Frame>);
+
+impl AsRef<[u8]> for Shared {
+    fn as_ref(&self) -> &[u8] {
+        (*self.0).as_ref()
+    }
+}
+
+/// To send a frame and keep it.
+pub(crate) fn bytes(frame: &Arc<Frame>) -> Bytes {
+    Bytes::from_owner(Shared(frame.clone()))
+}
