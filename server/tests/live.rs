@@ -28,7 +28,7 @@ fn watch(client: &mut Client, session: &str, env: usize) -> Value {
     client.send(&json!({"watch": session, "env": env}));
     let bytes = client.receive_binary();
     let length = u32::from_le_bytes(bytes[..4].try_into().unwrap()) as usize;
-    assert!(bytes.len() % 4 == 0 && bytes.len() - 4 - length < 4);
+    assert!(bytes.len().is_multiple_of(4) && bytes.len() - 4 - length < 4);
     serde_json::from_slice(&bytes[4..4 + length]).unwrap()
 }
 

@@ -12,8 +12,9 @@ use super::listed::End;
 use super::make;
 use super::message::{self, Asked, Hello, Resume, Said};
 use super::replies::Reply;
+use super::requests::{refusal, say};
 use super::server::{Peer, Server};
-use super::session::{Session, refusal, say};
+use super::session::Session;
 use super::socket::{Incoming, Parting, Socket};
 use super::wire::{self, Request};
 

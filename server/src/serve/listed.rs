@@ -58,26 +58,37 @@ impl Listed {
     }
 }
 
-/// A place among the sessions, given back when the session is over.
+/// Room for environments, given back when dropped.
+pub(crate) struct Room {
+    num_envs: usize,
+    sessions: Arc<Sessions>,
+}
+
+impl Drop for Room {
+    fn drop(&mut self) {
+        self.sessions.envs.fetch_sub(self.num_envs, Ordering::Relaxed);
+    }
+}
+
+/// A place among the sessions, until the session is over.
 pub(crate) struct Place {
     pub listed: Arc<Listed>,
     pub end: End,
-    sessions: Arc<Sessions>,
+    room: Room,
 }
 
 impl Place {
     pub(crate) fn stepped(&self, steps: usize) {
         self.listed.steps.fetch_add(steps as u64, Ordering::Relaxed);
-        self.sessions.metrics.env_steps.inc_by((steps * self.listed.num_envs) as u64);
+        self.room.sessions.metrics.env_steps.inc_by((steps * self.listed.num_envs) as u64);
     }
 }
 
 impl Drop for Place {
     fn drop(&mut self) {
-        let Listed { id, num_envs, steps, since, .. } = &*self.listed;
-        lock(&self.sessions.listed).remove(id);
-        self.sessions.envs.fetch_sub(*num_envs, Ordering::Relaxed);
-        self.sessions.metrics.session_ended(self.end);
+        let Listed { id, steps, since, .. } = &*self.listed;
+        lock(&self.room.sessions.listed).remove(id);
+        self.room.sessions.metrics.session_ended(self.end);
         info!(session = id, end = ?self.end, steps = steps.load(Ordering::Relaxed), lasted_s = since.elapsed().as_secs_f64(), "session ended");
     }
 }
@@ -102,30 +113,37 @@ impl Sessions {
         Sessions { listed, parked, next: AtomicU64::new(1), envs: AtomicUsize::new(0), most_envs, metrics }
     }
 
-    /// A place for a session of `num_envs` environments.
+    /// Room for `num_envs` more environments: what bounds the memory, so it is asked for before they are made.
     ///
     /// # Errors
     /// `too_many` if all sessions together would have more environments than the server may carry.
-    pub(crate) fn enter(self: &Arc<Self>, env: String, num_envs: usize, feed: Feed) -> Result<Place, Fault> {
+    pub(crate) fn room(self: &Arc<Self>, num_envs: usize) -> Result<Room, Fault> {
         let taken = self.envs.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |taken| {
             taken.checked_add(num_envs).filter(|taken| *taken <= self.most_envs)
         });
-        if let Err(taken) = taken {
-            let most = self.most_envs;
-            return Err(Fault::new(Code::TooMany, format!("{num_envs} environments on top of {taken} are more than the server's {most}")));
+        match taken {
+            Ok(_) => Ok(Room { num_envs, sessions: self.clone() }),
+            Err(taken) => {
+                let most = self.most_envs;
+                Err(Fault::new(Code::TooMany, format!("{num_envs} environments on top of {taken} are more than the server's {most}")))
+            }
         }
+    }
+
+    /// A place for a session in its room.
+    ///
+    /// # Errors
+    /// `unavailable` without randomness for a token.
+    pub(crate) fn enter(self: &Arc<Self>, env: String, room: Room, feed: Feed) -> Result<Place, Fault> {
         let mut secret = [0; 16];
-        let id = self.next.fetch_add(1, Ordering::Relaxed);
-        if let Err(e) = getrandom::fill(&mut secret) {
-            self.envs.fetch_sub(num_envs, Ordering::Relaxed);
-            return Err(Fault::new(Code::Unavailable, format!("no randomness for a token: {e}")));
-        }
+        getrandom::fill(&mut secret).map_err(|e| Fault::new(Code::Unavailable, format!("no randomness for a token: {e}")))?;
+        let (id, num_envs) = (self.next.fetch_add(1, Ordering::Relaxed), room.num_envs);
         let (steps, since) = (AtomicU64::new(0), Instant::now());
         let listed = Arc::new(Listed { id, env, num_envs, steps, since, feed, secret, held_by: Mutex::new(None), parked: Notify::new() });
         lock(&self.listed).insert(id, listed.clone());
         self.metrics.session_began();
         info!(session = id, env = listed.env, num_envs, "session began");
-        Ok(Place { listed, end: End::Broken, sessions: self.clone() })
+        Ok(Place { listed, end: End::Broken, room })
     }
 
     pub(crate) fn all(&self) -> Vec<Arc<Listed>> {

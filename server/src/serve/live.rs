@@ -12,8 +12,8 @@ use super::fault::{Code, Fault};
 use super::feed::WATCHABLE;
 use super::listed::Listed;
 use super::replies::Reply;
+use super::requests::refusal;
 use super::server::Server;
-use super::session::refusal;
 use super::socket::{Incoming, Parting, Socket};
 
 pub(crate) const PROTOCOL: &str = "crazyflie.live.v1";

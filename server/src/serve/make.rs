@@ -6,7 +6,6 @@ use crazyflie_env::config::Options;
 use crazyflie_env::error::unknown;
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::{ACTION, OBSERVATION};
-use crazyflie_env::schedule::Schedule;
 use crazyflie_env::task;
 use crazyflie_env::vector::VectorEnv;
 use serde_json::Value;
@@ -48,11 +47,10 @@ pub(crate) fn make(server: &Arc<Server>, id: u64, asked: &Make) -> Result<(Sessi
     }
     let (options, entry) = options(asked)?;
     let model = asked.model.as_deref().map_or_else(|| Ok(Model::thesis()), Model::parse)?;
-    let tick_s = Schedule::of(&model)?.tick_s();
-    // the place first: it bounds the memory that environments may take
-    let place = server.sessions.enter(entry.id.into(), asked.num_envs, Feed::new(&options, tick_s))?;
+    let room = server.sessions.room(asked.num_envs)?;
     let env = VectorEnv::new(&model, &options, asked.num_envs)?;
-    let interface = env.interface().into();
+    let (tick_s, interface) = (env.tick_s(), env.interface().into());
+    let place = server.sessions.enter(entry.id.into(), room, Feed::new(&options, tick_s))?;
     let (session, token) = (place.listed.name(), place.listed.token());
     let (autoreset, max_episode_steps, num_envs) = (options.autoreset, options.max_episode_steps, asked.num_envs);
     let made = Session::new(env, autoreset, place, limits);

@@ -15,6 +15,7 @@ mod metrics;
 mod openenv;
 mod page;
 mod replies;
+mod requests;
 mod server;
 mod session;
 mod settings;

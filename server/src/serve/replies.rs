@@ -3,7 +3,6 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use bytes::Bytes;
 use tokio_tungstenite::tungstenite::{Message, Utf8Bytes};
 
 use super::fault::{Code, Fault};
@@ -29,7 +28,7 @@ impl From<Reply> for Message {
     fn from(reply: Reply) -> Message {
         match reply {
             Reply::Text(text) => Message::Text(text),
-            Reply::Binary(frame) => Message::Binary(Bytes::clone(&wire::bytes(&frame))),
+            Reply::Binary(frame) => Message::Binary(wire::bytes(&frame)),
         }
     }
 }

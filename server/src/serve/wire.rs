@@ -148,7 +148,7 @@ pub(crate) struct Head {
 }
 
 impl Frame {
-    /// In the memory of `words`: `fill` is given the numbers after the header, as many as asked for.
+    /// In the memory of `words`, with so many numbers after the header; what they were before may still be there.
     pub(crate) fn new(words: Vec<f32>, numbers: usize) -> Self {
         let mut frame = Frame { words, bytes: 0 };
         frame.words.resize(REPLY_WORDS + numbers, 0.0);
