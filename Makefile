@@ -34,7 +34,7 @@ docs: $(VENV)/.demo
 	$(BIN)/python tests/readme.py
 
 # Everything that the wheel is made of.
-SOURCES := $(shell git ls-files 'env/src/*' 'env/models/*' 'identify/src/*' 'picture/src/*' 'server/src/*' 'server/scenarios/*' 'server/build.rs' 'python_client/*' '*.toml' Cargo.lock)
+SOURCES := $(shell git ls-files 'env/src/*' 'env/models/*' 'identify/src/*' 'picture/src/*' 'server/src/*' 'server/page/*' 'server/scenarios/*' 'server/build.rs' 'python_client/*' '*.toml' Cargo.lock)
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)

@@ -5,8 +5,8 @@ use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
 use crate::real::Real;
 
-/// Derivatives carried along: the twelve states of a window's start and four parameters fit in one pass.
-pub const DIRECTIONS: usize = 16;
+/// Derivatives carried along: twelve states, six disturbances and six parameters fit in one pass of a filter, and in three registers of AVX-512.
+pub const DIRECTIONS: usize = 24;
 
 /// A value and its derivatives.
 #[derive(Debug, Clone, Copy, PartialEq)]

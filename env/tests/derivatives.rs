@@ -20,7 +20,13 @@ fn model() -> Model {
 
 /// A lively flight: position, velocity, attitude reading, position in a frame with its stamp.
 fn fly<R: Simulated>(entry: &'static Entry, params: &[R], start: [R; 12]) -> Vec<R> {
+    fly_keyed(entry, params, start, 0)
+}
+
+/// The same with noise of its own.
+fn fly_keyed<R: Simulated>(entry: &'static Entry, params: &[R], start: [R; 12], key: u64) -> Vec<R> {
     let mut world = World::<R>::for_fitting(&model(), &[entry], SETTINGS).unwrap();
+    world.draw_lane(0, 0, key, &mut rand_pcg::Pcg64Mcg::new(1));
     world.put(entry.name, params).unwrap();
     let three = |i: usize| [start[i], start[i + 1], start[i + 2]];
     let x = State { pos_m: three(0), vel_mps: three(3), att_rad: three(6), rate_radps: three(9), aux: [start[5], R::zero()] };
@@ -63,7 +69,16 @@ fn lively(entry: &Entry) -> Vec<f64> {
 fn values_are_those_of_f64_and_slopes_those_of_differences() {
     for entry in registry().iter().filter(|e| matches!(e.trace, Trace::Mean | Trace::StandIn)) {
         let at = lively(entry);
-        let plain = fly(entry, &at, start());
+        // of what is random, numbers with derivatives carry what is expected
+        let random = fly_keyed(entry, &at, start(), 1) != fly_keyed(entry, &at, start(), 2);
+        let values = |at: &[f64]| -> Vec<f64> {
+            if !random {
+                return fly(entry, at, start());
+            }
+            let dual: Vec<Dual> = at.iter().map(|v| Dual::of(*v)).collect();
+            fly(entry, &dual, start().map(Dual::of)).iter().map(|d| d.value).collect()
+        };
+        let plain = values(&at);
         for (i, param) in entry.params.iter().enumerate().filter(|(_, p)| p.role == Role::Free) {
             let mut params: Vec<Dual> = at.iter().map(|v| Dual::of(*v)).collect();
             params[i] = Dual::variable(at[i], 5);
@@ -72,7 +87,7 @@ fn values_are_those_of_f64_and_slopes_those_of_differences() {
             let moved = |by: f64| {
                 let mut to = at.clone();
                 to[i] += by;
-                fly(entry, &to, start())
+                values(&to)
             };
             let (up, down) = (moved(h), moved(-h));
             for (k, number) in dual.iter().enumerate() {
@@ -88,6 +103,21 @@ fn values_are_those_of_f64_and_slopes_those_of_differences() {
                 );
             }
         }
+    }
+}
+
+#[test]
+fn what_is_expected_of_lost_packets_is_their_mean() {
+    const FLIGHTS: u64 = 4000;
+    let entry = registry().iter().find(|e| e.name == "packet_loss").unwrap();
+    let expected = fly(entry, &[Dual::of(0.4)], start().map(Dual::of));
+    let flights: Vec<Vec<f64>> = (0..FLIGHTS).map(|key| fly_keyed(entry, &[0.4], start(), key)).collect();
+    for (k, number) in expected.iter().enumerate() {
+        let mean = flights.iter().map(|f| f[k]).sum::<f64>() / FLIGHTS as f64;
+        let variance = flights.iter().map(|f| (f[k] - mean).powi(2)).sum::<f64>() / FLIGHTS as f64;
+        // the frame's stamp is not random; the path bends a little, so the mean is not quite that of the mean command
+        let within = 4.0 * (variance / FLIGHTS as f64).sqrt() + 0.02 * variance.sqrt() + 1e-12;
+        assert!((number.value - mean).abs() < within, "output {k}: {} against {mean} +- {within}", number.value);
     }
 }
 

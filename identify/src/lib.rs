@@ -6,6 +6,7 @@
 #![forbid(unsafe_code)]
 
 pub mod case;
+pub mod closed_loop;
 pub mod estimate;
 pub mod explain;
 pub mod fit;

@@ -8,11 +8,12 @@ use std::fmt;
 use std::ops::Range;
 
 use crazyflie_env::config::{EffectParams, EffectTable};
-use crazyflie_env::model::{Model, Vertical, VerticalInput, Yaw};
+use crazyflie_env::model::{Model, Vertical, VerticalInput};
 use crazyflie_env::plant::{Command, State};
 use crazyflie_env::world::{Settings, World};
 
 use crate::FlightLog;
+use crate::fit::flight::with_lags;
 use crate::metrics::Fit;
 
 pub use error::ReplayError;
@@ -163,7 +164,7 @@ pub fn replay(model: &Model, log: &FlightLog, plan: &Plan) -> Result<Replay, Rep
     let mut runs = Vec::new();
     for first in (0..ticks).step_by(each) {
         let begin_s = start_s + first as f64 * TICK_S;
-        let start = with_lags(&model, input, measured.state(begin_s))?;
+        let start = with_lags(&model, input, measured.state(begin_s));
         runs.push(run(&mut world, &start, begin_s, each.min(ticks - first), &commands));
     }
     let prediction = Prediction { start_s, each, runs };
@@ -286,14 +287,6 @@ impl<'a> Commands<'a> {
             lift: self.lift[row],
         }
     }
-}
-
-/// A measured state with the second states of the model's forms: the rate itself where the form has it for a state.
-fn with_lags(model: &Model, input: VerticalInput, mut x: State<f64>) -> Result<State<f64>, ReplayError> {
-    let climbs = !matches!(model.vertical(input)?, Vertical::FirstOrder { .. });
-    let turns = !matches!(model.yaw, Yaw::Integrator { .. });
-    x.aux = [if climbs { x.vel_mps[2] } else { 0.0 }, if turns { x.rate_radps[2] } else { 0.0 }];
-    Ok(x)
 }
 
 /// The eight signals over one open-loop run, one row per tick, the start included.

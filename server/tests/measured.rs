@@ -17,4 +17,9 @@ fn the_velocity_error_falls_seven_times() {
     }
     let force = |of: &str| story["specific_force_mps2"][of].as_f64().unwrap();
     assert!(force("explained") < 0.75 * force("thesis"), "{story}");
+    // flown by the controller of the recordings along their set-points
+    let distance = |of: &str| story["closed_loop"]["firmware"][of]["predicted_m"].as_f64().unwrap();
+    let (before, after) = (distance("thesis"), distance("explained"));
+    println!("closed loop: {before:.3} m from the measured flight on the thesis model, {after:.3} m explained");
+    assert!(after < 0.5 * before, "{before} {after}");
 }

@@ -50,6 +50,17 @@ impl Gains {
         yaw: gains(200.0, 0.0, 20.0, 0.0, [-200.0, 200.0]),
     };
 
+    /// The height loop in parts of the PWM that carries the vehicle: the same acceleration per metre on a vehicle with another hover PWM as on the
+    /// thesis's (39 342.5, read off 5.4).
+    #[must_use]
+    pub fn for_hover(mut self, hover_pwm: f64) -> Gains {
+        let by = hover_pwm / THESIS_HOVER_PWM;
+        let z = &mut self.z;
+        (z.kp, z.ki, z.kd) = (by * z.kp, by * z.ki, by * z.kd);
+        z.output = z.output.map(|limit| by * limit);
+        self
+    }
+
     /// "thesis" or "crazyflie_ros".
     ///
     /// # Errors
@@ -62,6 +73,9 @@ impl Gains {
         }
     }
 }
+
+/// What carries the thesis's vehicle by 5.4.
+const THESIS_HOVER_PWM: f64 = 39_342.5;
 
 /// What one loop remembers.
 #[derive(Debug, Clone, Copy)]

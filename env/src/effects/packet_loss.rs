@@ -1,6 +1,6 @@
 //! Radio packets that do not arrive.
 
-use super::{Cx, Effect, Hooks, Param, Trace, param};
+use super::{Cx, Effect, Hooks, Param, param};
 use crate::plant::{Command, State};
 use crate::real::Real;
 
@@ -14,7 +14,6 @@ impl Effect<1, 4> for PacketLoss {
         param("probability", "1", 0.0, [0.0, 1.0], "of losing one command"),
     ];
     const HOOKS: Hooks = Hooks::COMMAND;
-    const TRACE: Trace = Trace::Spread;
 
     #[inline(always)]
     fn start<R: Real>(_: &[R; 1], _: &Cx<R>, _: &State<R>, u: &Command<R>) -> [R; 4] {
@@ -27,7 +26,8 @@ impl Effect<1, 4> for PacketLoss {
         if cx.first {
             let lost = cx.draw.uniform(Self::NOISE).lt(probability);
             for (held, new) in held.iter_mut().zip(&fields) {
-                *held = R::select(lost, *held, **new);
+                // what is expected of a command that may be lost lies between the old one and the new one
+                *held = if R::MEAN { **new + probability * (*held - **new) } else { R::select(lost, *held, **new) };
             }
         }
         for (field, held) in fields.into_iter().zip(held) {

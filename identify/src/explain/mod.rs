@@ -10,7 +10,7 @@ pub mod verdict;
 
 use std::time::Instant;
 
-use crazyflie_env::effects::{Disturbance, Entry, Trace, registry};
+use crazyflie_env::effects::{Disturbance, Entry, Role, Trace, registry};
 use crazyflie_env::model::Model;
 
 use crate::fit::filter::{Belief, Disturbances, filter};
@@ -294,13 +294,15 @@ fn leftovers(test: &[Flight], at: &Hypothesis, disturbances: &Disturbances) -> V
     all
 }
 
-/// Effects of which a tenth of their range would not have shown at four standard errors.
+/// Effects of which a tenth of the range of every free parameter would not have shown at four standard errors.
 fn not_excited(steps: &[Step]) -> Vec<(&'static str, f64)> {
     let first = steps.first().map_or(&[][..], |s| &s.ranking);
     let hidden = |r: &Ranked| {
         let entry = registry().iter().find(|e| e.name == r.name)?;
-        let (param, sd) = (entry.params.first()?, *r.stderr.first()?);
-        (4.0 * sd > 0.1 * (param.high - param.low)).then_some((r.name, sd))
+        let free = entry.params.iter().filter(|p| p.role == Role::Free).zip(&r.stderr);
+        let shows = free.clone().any(|(p, sd)| 4.0 * sd <= 0.1 * (p.high - p.low));
+        let (_, sd) = free.into_iter().next()?;
+        (!shows).then_some((r.name, *sd))
     };
     first.iter().filter_map(hidden).collect()
 }

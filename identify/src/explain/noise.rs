@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use crate::fit::filter::{Belief, Disturbances, Wander, filter};
+use crate::fit::filter::{Disturbances, Track, Wander};
 use crate::fit::flight::Flight;
 use crate::fit::hypothesis::Hypothesis;
 
@@ -63,16 +63,15 @@ fn moved(from: &Disturbances, change: Move) -> Option<Disturbances> {
 pub fn tune(flight: &Flight, hypothesis: &Hypothesis, from: Option<&Disturbances>) -> Disturbances {
     let ticks = ((TUNE_S / flight.tick_s) as usize).min(flight.ticks / 2);
     let stretches = [0..ticks, flight.ticks - ticks..flight.ticks];
-    let fixed = hypothesis.fixed();
-    let nothing = Belief::independent(Vec::new(), &[]);
-    let loss = |d: &Disturbances| -> f64 {
-        let of = |ticks: &Range<usize>| filter(flight, ticks.clone(), &fixed, &nothing, d).map_or(f64::INFINITY, |f| f.loss);
-        stretches.iter().map(of).sum()
-    };
     let mut best = from.copied().unwrap_or(FIRST);
-    let mut least = loss(&best);
     let (factors, sweeps): (&[f64], usize) = if from.is_some() { (&[2.0, 1.5], 2) } else { (&[4.0, 2.0, 1.5], 3) };
     for by in factors {
+        // linear about what is best so far: hundreds of likelihoods without a simulation
+        let tracks: Option<Vec<Track>> =
+            stretches.par_iter().map(|ticks: &Range<usize>| Track::of(flight, ticks.clone(), hypothesis, &best)).collect();
+        let Some(tracks) = tracks else { return best };
+        let loss = |d: &Disturbances| -> f64 { tracks.iter().map(|track| track.loss(flight, d)).sum() };
+        let mut least = loss(&best);
         for _ in 0..sweeps {
             let groups = 0..5;
             let moves = groups
@@ -108,12 +107,12 @@ pub fn tune(flight: &Flight, hypothesis: &Hypothesis, from: Option<&Disturbances
 /// The horizontal force finely: size and correlation time where the likelihood of whole flights is highest, each with its standard error from
 /// the curvature there.
 pub fn force(flights: &[Flight], hypothesis: &Hypothesis, from: &Disturbances) -> (Disturbances, [f64; 2]) {
-    let fixed = hypothesis.fixed();
-    let nothing = Belief::independent(Vec::new(), &[]);
+    let tracks: Option<Vec<Track>> = flights.par_iter().map(|f| Track::of(f, f.all(), hypothesis, from)).collect();
+    let Some(tracks) = tracks else { return (*from, [f64::INFINITY; 2]) };
     let loss = |log: [f64; 2]| -> f64 {
         let force = Wander { sigma: log[0].exp(), tau_s: log[1].exp().clamp(TAU_S[0], 2.0 * TAU_S[1]) };
         let d = Disturbances { force, ..*from };
-        flights.par_iter().map(|f| filter(f, f.all(), &fixed, &nothing, &d).map_or(f64::INFINITY, |f| f.loss)).sum()
+        tracks.par_iter().zip(flights).map(|(track, flight)| track.loss(flight, &d)).sum()
     };
     let mut at = [from.force.sigma.ln(), from.force.tau_s.ln()];
     let mut sd = [f64::INFINITY; 2];

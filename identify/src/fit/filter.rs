@@ -3,9 +3,12 @@
 
 use std::ops::Range;
 
+use crazyflie_env::dual::Dual;
+use crazyflie_env::simulated::Simulated;
+
 use super::flight::{Flight, Window};
 use super::hypothesis::Hypothesis;
-use super::predict::{PUSH, START, Worker};
+use super::predict::{Compared, PUSH, START, Worker};
 use super::solve::HUBER;
 
 /// How far off the measured start may be, in metres, metres per second, radians and radians per second.
@@ -129,6 +132,70 @@ fn extras(flight: &Flight, own: usize, learned: usize, disturbances: &Disturbanc
     (0..learned).map(constant).chain(disturbed.map(wandering)).collect()
 }
 
+/// Estimate and covariance, with room to compute.
+struct Kalman {
+    own: usize,
+    learned: usize,
+    extras: Vec<Extra>,
+    x: Vec<f64>,
+    p: Vec<f64>,
+    h: Vec<f64>,
+    ph: Vec<f64>,
+    /// How far the measurements of a tick have moved the estimate.
+    moved: Vec<f64>,
+    room: Room,
+}
+
+impl Kalman {
+    fn new(flight: &Flight, start: Vec<f64>, belief: &Belief, disturbances: &Disturbances) -> Self {
+        let (own, learned) = (start.len(), belief.mean.len());
+        let extras = extras(flight, own, learned, disturbances);
+        let n = own + extras.len();
+        let (x, p) = begin(start, belief, &extras);
+        Kalman { own, learned, extras, x, p, h: vec![0.0; n], ph: vec![0.0; n], moved: vec![0.0; n], room: Room::new(own, n) }
+    }
+
+    /// The disturbances as they are estimated: push, then marker.
+    fn disturbed(&self) -> [f64; PUSH + 3] {
+        let mut all = [0.0; PUSH + 3];
+        for (extra, value) in self.extras[self.learned..].iter().zip(&self.x[self.own + self.learned..]) {
+            all[extra.axis] = *value;
+        }
+        all
+    }
+
+    /// Take in a measurement whose prediction at the estimate, and its slopes in standard deviations, are known. Returns the innovation in its own
+    /// standard deviations and its negative log-likelihood; `None` where the filter breaks down.
+    fn measure(&mut self, row: &Compared, predicted: f64, marker: f64, slopes: &[f64]) -> Option<(f64, f64)> {
+        let own = self.own;
+        self.h[..own].copy_from_slice(&slopes[..own]);
+        for (slot, extra) in self.h[own..].iter_mut().zip(&self.extras) {
+            let seen = || if extra.axis == PUSH + row.channel - 3 { 1.0 / row.sigma } else { 0.0 };
+            *slot = extra.column.map_or_else(|| if row.channel < 3 { 0.0 } else { seen() }, |column| slopes[column]);
+        }
+        let already: f64 = self.h.iter().zip(&self.moved).map(|(h, m)| h * m).sum();
+        // in standard deviations of the measurement, whose variance is then 1
+        let error = (row.measured - predicted - marker) / row.sigma - already;
+        times(&self.p, &self.h, &mut self.ph);
+        let variance = 1.0 + self.h.iter().zip(&self.ph).map(|(h, p)| h * p).sum::<f64>();
+        let z = error / variance.sqrt();
+        if !z.is_finite() {
+            return None;
+        }
+        let weight = if z.abs() > HUBER { HUBER / z.abs() } else { 1.0 };
+        let loss = if weight < 1.0 { HUBER * (z.abs() - 0.5 * HUBER) } else { 0.5 * z * z } + 0.5 * variance.ln();
+        let gain = weight / variance;
+        add(&mut self.moved, gain * error, &self.ph);
+        less(&mut self.p, gain, &self.ph);
+        Some((z, loss))
+    }
+}
+
+/// The marker's error in what a row measures.
+fn marker(row: &Compared, disturbed: &[f64; PUSH + 3]) -> f64 {
+    if row.channel < 3 { 0.0 } else { disturbed[PUSH + row.channel - 3] }
+}
+
 /// Run the filter over some ticks of a flight. The parameters that `hypothesis` has free are learned, starting from `belief`. `None` if
 /// the hypothesis cannot be simulated or the filter breaks down.
 pub fn filter(
@@ -138,69 +205,116 @@ pub fn filter(
     belief: &Belief,
     disturbances: &Disturbances,
 ) -> Option<Filtered> {
+    run(flight, ticks, hypothesis, belief, disturbances, &mut |_, _, _| ())
+}
+
+/// As [`filter`]; `see` is shown the worker after each tick, with the estimate and the disturbances from which it went on.
+fn run(
+    flight: &Flight,
+    ticks: Range<usize>,
+    hypothesis: &Hypothesis,
+    belief: &Belief,
+    disturbances: &Disturbances,
+    see: &mut dyn FnMut(&Worker, &[f64], &[f64; PUSH + 3]),
+) -> Option<Filtered> {
     let learned = belief.mean.len();
     let at = hypothesis.at(&belief.mean);
     let own = START + at.lags();
-    let extras = extras(flight, own, learned, disturbances);
     let mut worker = Worker::new(&at, flight, true, true).ok()?;
-    let n = own + extras.len();
     let mut start = flight.start_numbers(ticks.start);
     let lags = worker.lags(flight, ticks.start, &start);
     start.extend(lags);
-    let (mut x, mut p) = begin(start, belief, &extras);
+    let mut k = Kalman::new(flight, start, belief, disturbances);
     let mut out = Filtered { loss: 0.0, innovations: Vec::new(), belief: belief.clone(), states: Vec::new(), wandered: Vec::new() };
-    let (mut h, mut ph, mut moved) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
     for tick in ticks {
-        worker.set_free(&x[own..own + learned]).ok()?;
-        let mut disturbed = [0.0; PUSH + 3];
-        for (extra, value) in extras[learned..].iter().zip(&x[own + learned..]) {
-            disturbed[extra.axis] = *value;
-        }
+        worker.set_free(&k.x[own..own + learned]).ok()?;
+        let disturbed = k.disturbed();
         out.wandered.push(disturbed);
-        out.states.push(x[..own].to_vec());
+        out.states.push(k.x[..own].to_vec());
         worker.set_push(std::array::from_fn(|i| disturbed[i]));
         worker.cut_from_start();
-        worker.go_on(flight, &Window { flight: 0, ticks: tick..tick + 1 }, &x[..own]);
-        moved.fill(0.0);
+        worker.go_on(flight, &Window { flight: 0, ticks: tick..tick + 1 }, &k.x[..own]);
+        see(&worker, &k.x[..own], &disturbed);
+        k.moved.fill(0.0);
         for (row, slopes) in worker.rows().iter().zip(worker.slopes()) {
-            h[..own].copy_from_slice(&slopes[..own]);
-            for (slot, extra) in h[own..].iter_mut().zip(&extras) {
-                let seen = || if extra.axis == PUSH + row.channel - 3 { 1.0 / row.sigma } else { 0.0 };
-                *slot = extra.column.map_or_else(|| if row.channel < 3 { 0.0 } else { seen() }, |column| slopes[column]);
-            }
-            let already: f64 = h.iter().zip(&moved).map(|(h, m)| h * m).sum();
-            let marker = if row.channel < 3 { 0.0 } else { disturbed[PUSH + row.channel - 3] };
-            // in standard deviations of the measurement, whose variance is then 1
-            let error = (row.measured - row.predicted - marker) / row.sigma - already;
-            for i in 0..n {
-                ph[i] = p[i * n..(i + 1) * n].iter().zip(&h).map(|(p, h)| p * h).sum();
-            }
-            let variance = 1.0 + h.iter().zip(&ph).map(|(h, p)| h * p).sum::<f64>();
-            let z = error / variance.sqrt();
-            if !z.is_finite() {
-                return None;
-            }
-            let weight = if z.abs() > HUBER { HUBER / z.abs() } else { 1.0 };
-            let loss = if weight < 1.0 { HUBER * (z.abs() - 0.5 * HUBER) } else { 0.5 * z * z };
-            out.loss += loss + 0.5 * variance.ln();
-            out.innovations.push(Innovation { t_s: row.t_s, channel: row.channel, normalised: z, loss: loss + 0.5 * variance.ln() });
-            for i in 0..n {
-                let gain = weight * ph[i] / variance;
-                moved[i] += gain * error;
-                for (entry, other) in p[i * n..(i + 1) * n].iter_mut().zip(&ph) {
-                    *entry -= gain * other;
-                }
-            }
+            let (z, loss) = k.measure(row, row.predicted, marker(row, &disturbed), slopes)?;
+            out.loss += loss;
+            out.innovations.push(Innovation { t_s: row.t_s, channel: row.channel, normalised: z, loss });
         }
-        propagate(&worker, &extras, own, &mut x, &moved, &mut p);
+        let (end, slopes) = worker.end();
+        propagate(end, slopes, &mut k);
     }
-    out.belief.mean.copy_from_slice(&x[own..own + learned]);
+    let n = k.x.len();
+    out.belief.mean.copy_from_slice(&k.x[own..own + learned]);
     for i in 0..learned {
         for j in 0..learned {
-            out.belief.covariance[i * learned + j] = p[(own + i) * n + own + j];
+            out.belief.covariance[i * learned + j] = k.p[(own + i) * n + own + j];
         }
     }
     Some(out)
+}
+
+/// A tick of a filtered flight, linear about the estimate of then.
+struct Linear {
+    /// The vehicle's own numbers, then the push.
+    about: Vec<f64>,
+    rows: Vec<Compared>,
+    slopes: Vec<f64>,
+    end: Vec<f64>,
+    end_slopes: Vec<f64>,
+}
+
+/// A filtered stretch of a flight, linear about what was estimated: under other disturbances it is filtered again without the simulator, exactly to
+/// first order in how far the estimates then differ.
+pub struct Track {
+    start: Vec<f64>,
+    ticks: Vec<Linear>,
+}
+
+impl Track {
+    /// Filters a stretch and keeps it. Nothing is learned.
+    pub fn of(flight: &Flight, ticks: Range<usize>, hypothesis: &Hypothesis, disturbances: &Disturbances) -> Option<Self> {
+        let nothing = Belief::independent(Vec::new(), &[]);
+        let mut kept = Vec::with_capacity(ticks.len());
+        let mut keep = |worker: &Worker, x: &[f64], disturbed: &[f64; PUSH + 3]| {
+            let (end, end_slopes) = worker.end();
+            kept.push(Linear {
+                about: [x, &disturbed[..PUSH]].concat(),
+                rows: worker.rows().to_vec(),
+                slopes: worker.slopes().flatten().copied().collect(),
+                end: end.to_vec(),
+                end_slopes: end_slopes.to_vec(),
+            });
+        };
+        let filtered = run(flight, ticks, &hypothesis.fixed(), &nothing, disturbances, &mut keep)?;
+        Some(Track { start: filtered.states.into_iter().next()?, ticks: kept })
+    }
+
+    /// Negative log-likelihood under other disturbances.
+    pub fn loss(&self, flight: &Flight, disturbances: &Disturbances) -> f64 {
+        let nothing = Belief::independent(Vec::new(), &[]);
+        let mut k = Kalman::new(flight, self.start.clone(), &nothing, disturbances);
+        let (own, mut loss) = (k.own, 0.0);
+        let (mut off, mut end) = (vec![0.0; own + PUSH], vec![0.0; own]);
+        for tick in &self.ticks {
+            let disturbed = k.disturbed();
+            for (i, off) in off.iter_mut().enumerate() {
+                *off = if i < own { k.x[i] } else { disturbed[i - own] } - tick.about[i];
+            }
+            let by = |slopes: &[f64]| slopes.iter().zip(&off).map(|(s, o)| s * o).sum::<f64>();
+            k.moved.fill(0.0);
+            for (row, slopes) in tick.rows.iter().zip(tick.slopes.chunks_exact(own + PUSH)) {
+                let predicted = row.predicted + row.sigma * by(slopes);
+                let Some((_, of_row)) = k.measure(row, predicted, marker(row, &disturbed), slopes) else { return f64::INFINITY };
+                loss += of_row;
+            }
+            for ((end, at), slopes) in end.iter_mut().zip(&tick.end).zip(tick.end_slopes.chunks_exact(own + PUSH)) {
+                *end = at + by(slopes);
+            }
+            propagate(&end, &tick.end_slopes, &mut k);
+        }
+        loss
+    }
 }
 
 /// The filter's state and covariance before the first measurement.
@@ -226,52 +340,110 @@ fn begin(start: Vec<f64>, belief: &Belief, extras: &[Extra]) -> (Vec<f64>, Vec<f
     (x, p)
 }
 
+/// `to += by * from`.
+#[inline(always)]
+fn add(to: &mut [f64], by: f64, from: &[f64]) {
+    let from = &from[..to.len()];
+    for i in 0..to.len() {
+        to[i] += by * from[i];
+    }
+}
+
+/// A symmetric matrix times a vector: row by row, so that the compiler can take several numbers at once.
+fn times(matrix: &[f64], by: &[f64], out: &mut [f64]) {
+    Dual::run(
+        #[inline(always)]
+        || {
+            let n = by.len();
+            out.fill(0.0);
+            for i in 0..n {
+                if by[i] != 0.0 {
+                    add(out, by[i], &matrix[i * n..(i + 1) * n]);
+                }
+            }
+        },
+    );
+}
+
+/// `matrix -= by * v v^T`.
+fn less(matrix: &mut [f64], by: f64, v: &[f64]) {
+    Dual::run(
+        #[inline(always)]
+        || {
+            let n = v.len();
+            for i in 0..n {
+                add(&mut matrix[i * n..(i + 1) * n], -(by * v[i]), v);
+            }
+        },
+    );
+}
+
+/// Matrices of [`propagate`].
+struct Room {
+    /// The vehicle's rows of the transition, and their transpose.
+    f: Vec<f64>,
+    ft: Vec<f64>,
+    fp: Vec<f64>,
+}
+
+impl Room {
+    fn new(own: usize, n: usize) -> Self {
+        Room { f: vec![0.0; own * n], ft: vec![0.0; own * n], fp: vec![0.0; n * n] }
+    }
+}
+
 /// State and covariance one tick on.
-fn propagate(worker: &Worker, extras: &[Extra], own: usize, x: &mut [f64], moved: &[f64], p: &mut [f64]) {
-    let n = x.len();
-    let (end, slopes) = worker.end();
+fn propagate(end: &[f64], slopes: &[f64], k: &mut Kalman) {
+    let Kalman { own, extras, x, p, moved, room: Room { f, ft, fp }, .. } = k;
+    let (own, n) = (*own, x.len());
     let unknowns = slopes.len() / own;
-    // rows of the transition: the vehicle's from the slopes, the extras' own
-    let mut f = vec![0.0; own * n];
     for i in 0..own {
         let row = &slopes[i * unknowns..(i + 1) * unknowns];
         f[i * n..i * n + own].copy_from_slice(&row[..own]);
         for (j, extra) in extras.iter().enumerate() {
             f[i * n + own + j] = extra.column.map_or(0.0, |column| row[column]);
         }
-    }
-    for i in 0..own {
-        x[i] = end[i] + f[i * n..(i + 1) * n].iter().zip(moved).map(|(f, m)| f * m).sum::<f64>();
+        x[i] = end[i] + f[i * n..(i + 1) * n].iter().zip(&*moved).map(|(f, m)| f * m).sum::<f64>();
+        for k in 0..n {
+            ft[k * own + i] = f[i * n + k];
+        }
     }
     for (j, extra) in extras.iter().enumerate() {
         x[own + j] = extra.keep * (x[own + j] + moved[own + j]);
     }
-    // F P, then F P F^T
-    let mut fp = vec![0.0; n * n];
-    for i in 0..own {
-        for k in 0..n {
-            let by = f[i * n + k];
-            if by != 0.0 {
-                for j in 0..n {
-                    fp[i * n + j] += by * p[k * n + j];
+    Dual::run(
+        #[inline(always)]
+        || {
+            // F P: the extras' rows only shrink
+            fp.fill(0.0);
+            for i in 0..own {
+                for k in 0..n {
+                    if f[i * n + k] != 0.0 {
+                        add(&mut fp[i * n..(i + 1) * n], f[i * n + k], &p[k * n..(k + 1) * n]);
+                    }
                 }
             }
-        }
-    }
-    for (i, extra) in extras.iter().enumerate() {
-        for j in 0..n {
-            fp[(own + i) * n + j] = extra.keep * p[(own + i) * n + j];
-        }
-    }
+            for (j, extra) in extras.iter().enumerate() {
+                let row = (own + j) * n..(own + j + 1) * n;
+                add(&mut fp[row.clone()], extra.keep, &p[row]);
+            }
+            // and that times the transpose of F
+            for i in 0..n {
+                let (row, out) = (&fp[i * n..(i + 1) * n], &mut p[i * n..(i + 1) * n]);
+                out[..own].fill(0.0);
+                for k in 0..n {
+                    add(&mut out[..own], row[k], &ft[k * own..(k + 1) * own]);
+                }
+                for (j, extra) in extras.iter().enumerate() {
+                    out[own + j] = row[own + j] * extra.keep;
+                }
+            }
+        },
+    );
+    // symmetric but for rounding
     for i in 0..n {
-        for j in i..n {
-            let entry = if j < own {
-                fp[i * n..(i + 1) * n].iter().zip(&f[j * n..(j + 1) * n]).map(|(a, b)| a * b).sum()
-            } else {
-                fp[i * n + j] * extras[j - own].keep
-            };
-            p[i * n + j] = entry;
-            p[j * n + i] = entry;
+        for j in 0..i {
+            p[i * n + j] = p[j * n + i];
         }
     }
     for (j, extra) in extras.iter().enumerate() {

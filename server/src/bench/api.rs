@@ -73,6 +73,11 @@ pub(crate) fn actions(bench: &Bench, id: &str) -> Result<Reply> {
     Ok(Reply { content_type: "application/octet-stream", bytes: bench.actions(id)? })
 }
 
+/// `GET /api/v1/attempts/ID/verify`: the attempt, flown again.
+pub(crate) fn verification(bench: &Bench, id: &str) -> Result<Reply> {
+    reply(&bench.verify(id)?)
+}
+
 /// `GET /api/v1/key`: what signatures are checked with, and over which bytes.
 pub(crate) fn key(bench: &Bench) -> Result<Reply> {
     let over = "the canonical JSON (RFC 8785) of an attempt without \"signature\" and \"at\"";

@@ -20,7 +20,7 @@ Examples:
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {
-    /// Model file (TOML or JSON), or a case file that declares a vehicle and names its flights
+    /// Model file (TOML or JSON), "thesis" for the built-in one, or a case file that declares a vehicle and names its flights
     model: PathBuf,
     /// Logs to fit: NanoBench, the project's CSV, hidden-effects CSV; gzipped or not
     #[arg(long, num_args = 1.., value_name = "LOG")]

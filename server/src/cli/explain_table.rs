@@ -7,7 +7,9 @@ use crazyflie_identify::explain::errors::{Errors, HORIZONS};
 use crazyflie_identify::explain::verdict::Explanation;
 
 use super::{Outcome, Table, number};
-use crate::explained::{Run, change_percent, confusable, findings, horizon, p_value, sentence, signed, significant, with_error};
+use crate::explained::{
+    Run, change_percent, closed_loop_line, confusable, findings, horizon, p_value, sentence, signed, significant, with_error,
+};
 
 pub(super) fn print(run: &Run, written: &[PathBuf], out: &mut dyn Write) -> Outcome {
     let found = &run.found;
@@ -24,6 +26,9 @@ pub(super) fn print(run: &Run, written: &[PathBuf], out: &mut dyn Write) -> Outc
     }
     left(found, out)?;
     writeln!(out, "\nerrors of prediction on the test flights, RMS\n{}", errors(&found.errors).plain())?;
+    if let Some(line) = closed_loop_line(run) {
+        writeln!(out, "{line}")?;
+    }
     let names: Vec<String> = written.iter().map(|p| p.display().to_string()).collect();
     Ok(writeln!(out, "written in {} s: {}", number(found.seconds, 0), names.join(", "))?)
 }

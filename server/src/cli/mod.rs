@@ -42,10 +42,10 @@ Examples:
   crazyflie identify --fit flight.csv --out my.toml
   crazyflie explain my.toml --fit flight1.csv --test flight2.csv --out found/
   crazyflie scorecard
-  crazyflie serve
   crazyflie effects
   crazyflie submit --controller thesis-pid
-  crazyflie leaderboard --scenario hover-aruco";
+  crazyflie leaderboard --scenario hover-aruco
+  crazyflie serve";
 
 /// Flies, replays, identifies, explains and measures the Crazyflie that the TU Darmstadt thesis identified.
 #[derive(Debug, Parser)]

@@ -32,6 +32,9 @@ pub(super) struct Args {
     /// A web origin whose pages may connect, besides the server's own; may be repeated
     #[arg(long, value_name = "ORIGIN")]
     allow_origin: Vec<String>,
+    /// The benchmark's database, made on first use
+    #[arg(long, default_value_os_t = crate::bench::default_path(), value_name = "FILE")]
+    data: PathBuf,
     /// The most connections
     #[arg(long, default_value_t = Settings::default().limits.connections, value_name = "N")]
     connections: usize,
@@ -70,7 +73,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 }
 
 fn settings(args: &Args) -> Outcome<Settings> {
-    let mut settings = Settings { origins: args.allow_origin.clone(), ..Settings::default() };
+    let mut settings = Settings { origins: args.allow_origin.clone(), data: Some(args.data.clone()), ..Settings::default() };
     if let (Some(cert), Some(key)) = (&args.tls_cert, &args.tls_key) {
         settings.tls = Some(serve::tls(cert, key).map_err(|e| Failure::Failed(e.to_string()))?);
     }

@@ -29,6 +29,7 @@ pub(crate) fn as_json(run: &Run, files: &Value) -> Value {
         "partial": found.partial.iter().map(effect).collect::<Vec<_>>(),
         "learned": found.learned,
         "error": {"before": table(&errors.before), "after": table(&errors.after), "naive": table(&errors.naive), "p_value": table(&errors.p_value)},
+        "closed_loop": run.closed_loop.map(|[before, after]| json!({"controller": "thesis PID", "before": before, "after": after})),
         "leftover": found.leftover,
         "not_excited": not_excited(found),
         "disturbances": {"before": before, "after": after},

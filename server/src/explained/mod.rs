@@ -14,6 +14,7 @@ use crazyflie_env::config::EffectTable;
 use crazyflie_env::model::Model;
 use crazyflie_env::world::{Settings, World};
 use crazyflie_identify::case::{Case, CaseError};
+use crazyflie_identify::closed_loop::{Controller, Distances, Tracking, follow};
 use crazyflie_identify::explain::explain;
 use crazyflie_identify::explain::verdict::Explanation;
 use crazyflie_identify::fit::flight::Flight;
@@ -24,7 +25,7 @@ use thiserror::Error;
 pub(crate) use json::{as_json, verdict_name};
 pub(crate) use report::report;
 pub(crate) use view::{horizon, p_value, signed};
-pub(crate) use words::{change_percent, confusable, findings, sentence, significant, with_error};
+pub(crate) use words::{change_percent, closed_loop_line, confusable, findings, sentence, significant, with_error};
 
 /// Place of the free run among the horizons.
 const FREE_RUN: usize = 4;
@@ -78,8 +79,11 @@ pub(crate) struct Declared {
 }
 
 impl Declared {
-    /// From a model file or a case file.
+    /// From a model file, a case file, or "thesis" for the built-in model.
     pub(crate) fn read(path: &Path) -> Result<Self, ExplainError> {
+        if path == Path::new("thesis") && !path.exists() {
+            return Ok(Declared { model: Model::thesis(), case: None });
+        }
         let file = path.display().to_string();
         let text = std::fs::read_to_string(path).map_err(|source| ExplainError::Io { file: file.clone(), source })?;
         if Case::is_case(&text) {
@@ -132,6 +136,8 @@ pub(crate) struct Run {
     pub fit: Flights,
     pub test: Flights,
     pub found: Explanation,
+    /// The thesis PID along the set-points of the test flights, on the declared and on the completed model; `None` where no log holds any.
+    pub closed_loop: Option<[Distances; 2]>,
 }
 
 impl Run {
@@ -146,7 +152,21 @@ impl Run {
             // one free run is no sample to test with
             found.errors.p_value.iter_mut().for_each(|p| p[FREE_RUN] = f64::NAN);
         }
-        Ok(Run { model, fit, test, found })
+        let run = Run { model, fit, test, found, closed_loop: None };
+        Ok(Run { closed_loop: run.fly_closed_loop()?, ..run })
+    }
+
+    fn fly_closed_loop(&self) -> Result<Option<[Distances; 2]>, ExplainError> {
+        let (completed, _) = self.completed()?;
+        let of = |model: &Model| -> Result<Vec<Tracking>, ExplainError> {
+            let flown = self.test.named().map(|(source, flight)| {
+                let problem = |why| ExplainError::Flight { file: source.file.clone(), model: model.name.clone(), source: Box::new(why) };
+                follow(model, &source.log, flight, Controller::Thesis).map_err(problem)
+            });
+            flown.filter_map(Result::transpose).collect()
+        };
+        let (before, after) = (of(&self.model)?, of(&completed)?);
+        Ok((!before.is_empty()).then(|| [Distances::of(&before), Distances::of(&after)]))
     }
 
     /// The completed model, proven to fly: written, read and put into a world again.

@@ -8,7 +8,7 @@ use serde::Serialize;
 use thiserror::Error;
 
 use super::figures::{Figure, free_run, residual, white};
-use super::{Run, findings, sentence, verdict_name, view};
+use super::{Run, closed_loop_line, findings, sentence, verdict_name, view};
 use crate::cli::number;
 
 const TEMPLATE: &str = include_str!("../../templates/report.html");
@@ -33,6 +33,7 @@ struct Page<'a> {
     left: Vec<&'a Leftover>,
     rounds: Vec<view::Round>,
     errors: Vec<view::ErrorTable>,
+    closed_loop: Option<String>,
     residual: Option<Figure>,
     white: Option<Figure>,
     free: Option<Figure>,
@@ -60,6 +61,7 @@ pub(crate) fn report(run: &Run) -> Result<String, ReportError> {
         left: findings(found),
         rounds: view::rounds(&found.path),
         errors: view::errors(&found.errors),
+        closed_loop: closed_loop_line(run),
         residual: shown.map_or(Ok(None), |flight| residual(found, flight))?,
         whiteness: white.as_ref().map(view::whiteness).unwrap_or_default(),
         white: white.and_then(|w| w.figure),

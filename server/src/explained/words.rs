@@ -107,6 +107,22 @@ pub(crate) fn change_percent(before: f64, after: f64) -> Option<f64> {
     change.is_finite().then_some(change)
 }
 
+/// How well the closed loop is predicted, in words.
+pub(crate) fn closed_loop_line(run: &super::Run) -> Option<String> {
+    let [before, after] = run.closed_loop?;
+    let cm = |m: f64| significant(100.0 * m, 3);
+    Some(format!(
+        "closed loop: the thesis PID along the set-points of the test flights comes within {} cm of where they were flown on the declared model, {} cm on \
+         the completed one (the set-points themselves: {} cm); its tracking error is predicted as {} and {} cm, it was {} cm",
+        cm(before.predicted_m),
+        cm(after.predicted_m),
+        cm(before.measured_tracking_m),
+        cm(before.predicted_tracking_m),
+        cm(after.predicted_tracking_m),
+        cm(before.measured_tracking_m),
+    ))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -13,6 +13,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use crazyflie_env::model::Model;
+use crazyflie_identify::closed_loop::{Controller, Distances, Tracking, follow};
 use crazyflie_identify::explain::errors::{self, Errors};
 use crazyflie_identify::explain::noise;
 use crazyflie_identify::fit::flight::Flight;
@@ -25,7 +26,7 @@ pub(crate) use page::{as_json, page};
 pub(crate) use picture::pictures;
 
 /// How many times `progress` is called at most.
-pub(crate) const STAGES: u64 = 14;
+pub(crate) const STAGES: u64 = 15;
 
 /// Windows of the fits. Hover PWM differ from flight to flight, and over 5 s that is seen as damping rather than as a force; with the hover PWM of
 /// each flight known, 2 s tell the force.
@@ -42,6 +43,22 @@ pub(crate) struct Part {
     velocity_mps: f64,
     /// Velocity against the thesis model unchanged.
     p_value: f64,
+}
+
+/// A controller on one model.
+pub(crate) struct ClosedLoop {
+    distances: Distances,
+    /// Per test flight with set-points.
+    flights: Vec<(String, Tracking)>,
+}
+
+impl ClosedLoop {
+    fn of(model: &Model, test: &Side, controller: Controller) -> Self {
+        let fly = |r: &data::Recorded| Some((r.flight.name.clone(), follow(model, &r.log, &r.flight, controller).ok()??));
+        let flights: Vec<(String, Tracking)> = test.recorded.iter().filter_map(fly).collect();
+        let all: Vec<Tracking> = flights.iter().map(|(_, t)| t.clone()).collect();
+        ClosedLoop { distances: Distances::of(&all), flights }
+    }
 }
 
 /// Everything that the page tells.
@@ -64,6 +81,8 @@ pub(crate) struct Story {
     force_mps2: [f64; 4],
     /// Of the constant g.
     still_mps2: f64,
+    /// The thesis PID and the firmware's controller along the set-points of the test flights: on the thesis model, re-identified, explained.
+    closed_loop: [[ClosedLoop; 3]; 2],
     parts: Vec<Part>,
     ground: Option<ground::Ground>,
     pad: Option<pad::Pad>,
@@ -112,6 +131,9 @@ pub(crate) fn tell(data: &Path, quick: bool, progress: &dyn Fn(&str)) -> Result<
         force::error(&judged_trim, &explained),
     ];
     let still_mps2 = force::still(&judged);
+    progress("closed loop");
+    let models = [&thesis, &again, &explained].map(|h| h.completed("fitted"));
+    let closed_loop = [Controller::Thesis, Controller::Firmware].map(|c| models.each_ref().map(|m| ClosedLoop::of(m, &test, c)));
     let parts = if quick { Vec::new() } else { parts(&thesis, &again, &d, &judged) };
     progress("near the floor");
     let ground = if quick { None } else { ground::ground(&explained, &fitted_trim, &judged_trim) };
@@ -134,6 +156,7 @@ pub(crate) fn tell(data: &Path, quick: bool, progress: &dyn Fn(&str)) -> Result<
         errors,
         force_mps2,
         still_mps2,
+        closed_loop,
         parts,
         ground,
         pad,

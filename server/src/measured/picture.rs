@@ -13,7 +13,39 @@ const SHOWN_S: [f64; 2] = [5.0, 17.0];
 /// # Errors
 /// Numbers that cannot be drawn.
 pub(crate) fn pictures(story: &Story) -> Result<Vec<(&'static str, String)>, PictureError> {
-    Ok(vec![("errors.svg", errors(story)?), ("force.svg", specific_force(story)?)])
+    Ok(vec![("errors.svg", errors(story)?), ("force.svg", specific_force(story)?), ("closed_loop.svg", closed_loop(story)?)])
+}
+
+/// The first test flight as flown, and as the firmware's controller is predicted to fly it on two models.
+fn closed_loop(story: &Story) -> Result<String, PictureError> {
+    let [thesis, _, explained] = &story.closed_loop[1];
+    let (Some((name, before)), Some((_, after))) = (thesis.flights.first(), explained.flights.first()) else {
+        return chart(&[], 1, "no test flight holds set-points");
+    };
+    let axis = |of: &[[f64; 3]], i: usize| of.iter().map(|p| p[i]).collect::<Vec<f64>>();
+    let curves: Vec<[Vec<f64>; 4]> = (0..3)
+        .map(|i| [axis(&before.setpoint_m, i), axis(&before.measured_m, i), axis(&before.predicted_m, i), axis(&after.predicted_m, i)])
+        .collect();
+    let looks = [
+        ("set-point", PALETTE[3], Style::Dashed),
+        ("measured", PALETTE[0], Style::Solid),
+        ("thesis model", PALETTE[1], Style::Solid),
+        ("explained", PALETTE[2], Style::Solid),
+    ];
+    let panels: Vec<Panel> = (0..3)
+        .map(|i| Panel {
+            title: ["x", "y", "z"][i],
+            x_label: "time (s)",
+            y_label: "position (m)",
+            series: curves[i]
+                .iter()
+                .zip(looks)
+                .map(|(y, (label, color, style))| Series { label, x: &before.t_s, y, style, color })
+                .collect(),
+            ..Panel::default()
+        })
+        .collect();
+    chart(&panels, 1, &format!("{name}: the firmware's controller along the same set-points"))
 }
 
 /// Error over horizon, the decimal logarithm of both: three orders of magnitude lie between the ends.

@@ -48,6 +48,36 @@ pub(super) fn transfer(story: &Story, text: &mut String) {
     );
 }
 
+/// The models flown in closed loop along the set-points.
+pub(super) fn closed_loop(story: &Story, folder: &str, text: &mut String) {
+    let header = ["flown by", "on", "distance from the measured flight (m)", "predicted tracking error (m)"];
+    let mut table = Table::new(&header).left(&[1]);
+    for (controller, flown) in ["thesis PID", "firmware's controller"].into_iter().zip(&story.closed_loop) {
+        for (model, c) in ["thesis model", "re-identified", "explained"].into_iter().zip(flown) {
+            table.row(vec![
+                controller.into(),
+                model.into(),
+                number(c.distances.predicted_m, 3),
+                number(c.distances.predicted_tracking_m, 3),
+            ]);
+        }
+    }
+    let [one, _] = &story.closed_loop;
+    let measured = one[0].distances.measured_tracking_m;
+    table.row(vec!["nobody".into(), "the set-points themselves".into(), number(measured, 3), String::new()]);
+    let _ = writeln!(
+        text,
+        "### Closed loop\n\nEach model is flown along the logged set-points of the {} test flights, from the state in which the flight begins to its end: by the\n\
+         thesis PID (table 7.1, new gains; the height loop in parts of the PWM that carries the vehicle), and by the controller that flew these\n\
+         flights: the firmware's cascade of position and velocity with its default gains, which the logged commands confirm. RMS over all\n\
+         positions; the vehicle's own tracking error was {} m.\n\n{}\n\
+         ![One test flight in closed loop]({folder}/closed_loop.svg)\n",
+        one[0].flights.len(),
+        number(measured, 3),
+        table.markdown()
+    );
+}
+
 pub(super) fn ground(story: &Story, text: &mut String) {
     let Some(ground) = &story.ground else { return };
     let header = ["effect", "found", "misfit less by, fit (%)", "misfit less by, test (%)", "verdict"];

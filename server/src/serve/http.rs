@@ -10,6 +10,8 @@ use axum::routing::get;
 use axum::{Json, Router};
 use serde::Serialize;
 
+use super::board;
+use super::page;
 use super::server::Server;
 use super::upgrade;
 
@@ -21,12 +23,13 @@ pub(crate) fn router(server: &Arc<Server>) -> Router {
         .route("/healthz", get(|| async { "ok\n" }))
         .route("/metrics", get(metrics))
         .nest("/api/v1", api())
+        .fallback(page::page)
         .with_state(server.clone())
 }
 
 /// JSON about what the server does and has.
 fn api() -> Router<Arc<Server>> {
-    Router::new().route("/sessions", get(sessions))
+    board::routes().route("/sessions", get(sessions))
 }
 
 async fn metrics(State(server): State<Arc<Server>>) -> Response {

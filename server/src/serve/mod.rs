@@ -1,5 +1,6 @@
 //! The network server: environments over WebSocket, and what it tells about itself over HTTP, on one port. `docs/protocol.md` is its contract.
 
+mod board;
 mod caps;
 mod connection;
 mod echo;
@@ -12,6 +13,7 @@ mod make;
 mod message;
 mod metrics;
 mod openenv;
+mod page;
 mod replies;
 mod requests;
 mod server;

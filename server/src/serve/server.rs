@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::future::Future;
 use std::net::{IpAddr, SocketAddr};
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -13,6 +14,7 @@ use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use serde::Serialize;
 use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::Semaphore;
 use tokio::time::timeout;
 use tokio_rustls::TlsAcceptor;
 use tokio_util::either::Either;
@@ -21,6 +23,7 @@ use tokio_util::task::TaskTracker;
 use tower_service::Service;
 use tracing::{debug, info, warn};
 
+use super::board::FLIGHTS_AT_ONCE;
 use super::caps::{Counts, Slot, digest, household};
 use super::fault::{Code, Fault};
 use super::http;
@@ -29,6 +32,7 @@ use super::metrics::Metrics;
 use super::session::Session;
 use super::settings::{ServeError, Settings};
 use super::socket::Stream;
+use crate::bench::Bench;
 
 /// A plain HTTP connection is closed after this time, whatever it does: a reader that stands still holds its place no longer.
 const HTTP_FOR: Duration = Duration::from_secs(600);
@@ -37,6 +41,9 @@ const HTTP_FOR: Duration = Duration::from_secs(600);
 pub(crate) struct Server {
     pub settings: Settings,
     pub address: SocketAddr,
+    pub bench: Option<Bench>,
+    /// Turns of simulating stored flights again.
+    pub flights: Arc<Semaphore>,
     pub sessions: Arc<Sessions>,
     pub metrics: Arc<Metrics>,
     pub stop: CancellationToken,
@@ -72,7 +79,7 @@ pub struct Report {
 pub async fn run(listener: TcpListener, settings: Settings, stop: impl Future<Output = ()>) -> Result<Report, ServeError> {
     let address = listener.local_addr()?;
     settings.check(address)?;
-    let server = Server::new(settings, address);
+    let server = Server::new(settings, address)?;
     let router = http::router(&server);
     info!(%address, tls = server.settings.tls.is_some(), "listening");
     tokio::pin!(stop);
@@ -94,12 +101,16 @@ pub async fn run(listener: TcpListener, settings: Settings, stop: impl Future<Ou
 }
 
 impl Server {
-    fn new(settings: Settings, address: SocketAddr) -> Arc<Self> {
+    fn new(settings: Settings, address: SocketAddr) -> Result<Arc<Self>, ServeError> {
+        let about = |path: &PathBuf, problem: crate::bench::Error| ServeError::Data { path: path.clone(), problem: problem.to_string() };
+        let open = |path: &PathBuf| Bench::open(path, crate::bench::Limits::default()).map_err(|e| about(path, e));
+        let bench = settings.data.as_ref().map(open).transpose()?;
         let (limits, metrics) = (settings.limits.clone(), Arc::new(Metrics::new()));
         let sessions = Arc::new(Sessions::new(limits.envs, metrics.clone()));
         let (stop, tasks) = (CancellationToken::new(), TaskTracker::new());
         let (addresses, tokens) = (Counts::new(limits.connections_per_address), Counts::new(limits.connections_per_token));
-        Arc::new(Server { settings, address, sessions, metrics, stop, tasks, addresses, tokens, all: Counts::new(limits.connections) })
+        let (all, flights) = (Counts::new(limits.connections), Arc::new(Semaphore::new(FLIGHTS_AT_ONCE)));
+        Ok(Arc::new(Server { settings, address, bench, flights, sessions, metrics, stop, tasks, addresses, tokens, all }))
     }
 
     fn admit(self: &Arc<Self>, stream: TcpStream, address: SocketAddr, router: &Router) {

@@ -17,6 +17,8 @@ pub struct Settings {
     pub tls: Option<Arc<ServerConfig>>,
     /// Web origins whose pages may connect, besides the server's own.
     pub origins: Vec<String>,
+    /// The benchmark's database, made on first use; without one there is no benchmark.
+    pub data: Option<PathBuf>,
 }
 
 /// What one client, and all of them together, may cost.
@@ -81,6 +83,8 @@ pub enum ServeError {
     Tls { path: PathBuf, problem: String },
     #[error("origin {0:?}: expected scheme and host, such as https://example.org or http://localhost:3000")]
     Origin(String),
+    #[error("{path}: {problem}")]
+    Data { path: PathBuf, problem: String },
     #[error("listening: {0}")]
     Listen(#[from] std::io::Error),
 }

@@ -1,0 +1,168 @@
+//! The thesis's second simulation block (7.1.2): a controller flies the model along the set-points of a recorded flight, and the flight that comes
+//! out is compared with the recorded one.
+
+mod firmware;
+
+use crazyflie_env::config::{EffectParams, EffectTable, Number};
+use crazyflie_env::control::pid::{Gains, Mode, Pid};
+use crazyflie_env::model::Model;
+use crazyflie_env::observation::{Interface, Setpoint, observe};
+use crazyflie_env::plant::Command;
+use crazyflie_env::world::{Settings, World};
+use firmware::Firmware;
+use serde::Serialize;
+
+use crate::FlightLog;
+use crate::fit::flight::{Flight, with_lags};
+use crate::replay::ReplayError;
+
+/// Frames that arrive later than this after they were taken (s) came from a camera.
+const LATENCY_S: f64 = 0.005;
+const ROUNDING_S: f64 = 1e-6;
+
+/// A recorded flight and the one that a controller is predicted to fly along its set-points, at the times of the recorded positions.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Tracking {
+    pub t_s: Vec<f64>,
+    pub setpoint_m: Vec<[f64; 3]>,
+    pub measured_m: Vec<[f64; 3]>,
+    pub predicted_m: Vec<[f64; 3]>,
+}
+
+/// Root mean square distances in metres, over all samples of some flights.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Distances {
+    /// Of the predicted flight from the measured one.
+    pub predicted_m: f64,
+    /// Of the set-point from the measured flight: its tracking error, and the error of who predicts "where it is told to be".
+    pub measured_tracking_m: f64,
+    /// Of the set-point from the predicted flight: the predicted tracking error.
+    pub predicted_tracking_m: f64,
+}
+
+impl Distances {
+    pub fn of(flights: &[Tracking]) -> Self {
+        let rms = |pick: &dyn Fn(&Tracking, usize) -> ([f64; 3], [f64; 3])| {
+            let of = |f: &Tracking| -> f64 {
+                let square = |i| {
+                    let (a, b) = pick(f, i);
+                    a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>()
+                };
+                (0..f.t_s.len()).map(square).sum()
+            };
+            let samples: usize = flights.iter().map(|f| f.t_s.len()).sum();
+            (flights.iter().map(of).sum::<f64>() / samples as f64).sqrt()
+        };
+        Distances {
+            predicted_m: rms(&|f, i| (f.predicted_m[i], f.measured_m[i])),
+            measured_tracking_m: rms(&|f, i| (f.setpoint_m[i], f.measured_m[i])),
+            predicted_tracking_m: rms(&|f, i| (f.setpoint_m[i], f.predicted_m[i])),
+        }
+    }
+}
+
+/// Who flies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Controller {
+    /// The thesis PID with its new gains on what the rig measures. The height loop's gains are in parts of the PWM that carries the model, as table
+    /// 7.1's are of the thesis's vehicle.
+    Thesis,
+    /// The firmware's cascade with its default gains, on the true state.
+    Firmware,
+}
+
+/// Flies a controller on a model along the set-points of a log, from the state in which the recorded flight begins. Where positions came late, as
+/// from a camera, the thesis PID sees 30 frames a second that late. `None` if the log holds no set-points, or the firmware is asked for other commands
+/// than thrust.
+///
+/// # Errors
+/// [`ReplayError`] if the model cannot be flown.
+pub fn follow(model: &Model, log: &FlightLog, flight: &Flight, controller: Controller) -> Result<Option<Tracking>, ReplayError> {
+    let Some(targets) = Targets::of(log) else { return Ok(None) };
+    let mut world = World::<f64>::new(model, &sight(log, model), Settings { input: flight.input, physics_hz: None }, 1)?;
+    let interface = Interface::of(model, flight.input)?;
+    let (tick_s, hover) = (world.tick_s(), interface.hover_lift);
+    let first = ((targets.first_s - flight.start_s).max(0.0) / flight.tick_s).ceil() as usize;
+    if first >= flight.ticks || (controller == Controller::Firmware && !interface.input.is_pwm()) {
+        return Ok(None);
+    }
+    let start = with_lags(model, flight.input, *flight.start(first));
+    let offset_s = first as f64 * flight.tick_s;
+    let lift = if interface.input.is_pwm() { hover } else { start.pos_m[2] };
+    let mut reading = world.start(0, true, &start, &Command { roll_rad: 0.0, pitch_rad: 0.0, yaw_rate_radps: 0.0, lift });
+    let mut pid = Pid::<f64>::new(Gains::THESIS.for_hover(hover), interface, tick_s, Mode::Automatic);
+    let mut firmware = Firmware::new(tick_s, hover, interface.yaw_sign);
+    let (mut positions, mut action) = (vec![start.pos_m], [0.0; 4]);
+    for tick in 0..((flight.ticks as f64 * flight.tick_s - offset_s) / tick_s + ROUNDING_S) as usize {
+        let t_s = tick as f64 * tick_s;
+        let (pos_m, yaw_rad) = targets.at(flight.start_s + offset_s + t_s, start.att_rad[2]);
+        let setpoint = Setpoint { pos_m, yaw_rad };
+        let command = match controller {
+            Controller::Thesis => {
+                action = pid.act(&observe(&reading, t_s, &setpoint, &action));
+                interface.command(&action)
+            }
+            Controller::Firmware => firmware.command(world.state(0), &setpoint),
+        };
+        reading = world.step(0, &command).reading;
+        positions.push(world.state(0).pos_m);
+    }
+    Ok(Some(compare(flight, &targets, offset_s, tick_s, &positions)))
+}
+
+/// The predicted flight at the times of the measured positions.
+fn compare(flight: &Flight, targets: &Targets<'_>, offset_s: f64, tick_s: f64, positions: &[[f64; 3]]) -> Tracking {
+    let mut out = Tracking { t_s: Vec::new(), setpoint_m: Vec::new(), measured_m: Vec::new(), predicted_m: Vec::new() };
+    for fix in flight.fixes.iter().filter(|f| f.t_s > offset_s) {
+        let at = (fix.t_s - offset_s) / tick_s;
+        let (before, share) = (at as usize, at.fract());
+        let Some([a, b]) = positions.get(before..before + 2) else { break };
+        out.t_s.push(flight.start_s + fix.t_s);
+        out.setpoint_m.push(targets.at(flight.start_s + fix.t_s, 0.0).0);
+        out.measured_m.push(fix.value);
+        out.predicted_m.push(std::array::from_fn(|i| a[i] + share * (b[i] - a[i])));
+    }
+    out
+}
+
+/// The localisation that the log speaks of: a camera as late as its frames are, or none.
+fn sight(log: &FlightLog, model: &Model) -> EffectTable {
+    const LATENCY: &str = "camera_latency";
+    let late: Vec<f64> = log.fixes.row.iter().zip(&log.fixes.capture_t_s).map(|(row, captured)| log.t_s[*row] - captured).collect();
+    let latency_s = late.iter().sum::<f64>() / late.len().max(1) as f64;
+    if latency_s < LATENCY_S {
+        return EffectTable::new();
+    }
+    let mut params = match model.effects.get(LATENCY) {
+        Some(EffectParams::Named(params)) => params.clone(),
+        _ => Default::default(),
+    };
+    params.insert("latency_s".to_owned(), Number::Fixed(latency_s));
+    EffectTable::from([(LATENCY.to_owned(), EffectParams::Named(params))])
+}
+
+/// Set-points of a log, held between its rows.
+struct Targets<'a> {
+    t_s: &'a [f64],
+    pos_m: &'a [Vec<f64>; 3],
+    yaw_rad: Option<&'a [f64]>,
+    first_s: f64,
+    last_row: usize,
+}
+
+impl<'a> Targets<'a> {
+    fn of(log: &'a FlightLog) -> Option<Self> {
+        let pos_m = log.setpoint_m.as_ref()?;
+        // three zeros say "none"
+        let told = |row: &usize| pos_m.iter().any(|axis| axis[*row] != 0.0);
+        let first = (0..log.t_s.len()).find(told)?;
+        let last_row = (0..log.t_s.len()).rev().find(told)?;
+        Some(Targets { t_s: &log.t_s, pos_m, yaw_rad: log.setpoint_yaw_rad.as_deref(), first_s: log.t_s[first], last_row })
+    }
+
+    /// In force at a time of the log: position, and the heading unless the log has none.
+    fn at(&self, t_s: f64, yaw_rad: f64) -> ([f64; 3], f64) {
+        let row = self.t_s.partition_point(|t| *t <= t_s + ROUNDING_S).saturating_sub(1).min(self.last_row);
+        (std::array::from_fn(|axis| self.pos_m[axis][row]), self.yaw_rad.map_or(yaw_rad, |yaw| yaw[row]))
+    }
+}

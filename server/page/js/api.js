@@ -1,0 +1,62 @@
+// What the page asks of the server over HTTP.
+
+import { Flight, parseFrame } from "./flight.js";
+
+const BASE = "api/v1/";
+
+/** An answer that is none: its message is for people. */
+export class ApiError extends Error {
+  /** @param {string} message @param {number} status 0 if the server did not answer at all. */
+  constructor(message, status) {
+    super(message);
+    this.status = status;
+  }
+}
+
+/** @param {string} path Below api/v1/. */
+async function request(path) {
+  let response;
+  try {
+    response = await fetch(BASE + path, { cache: "no-store" });
+  } catch {
+    throw new ApiError("The server does not answer.", 0);
+  }
+  if (response.ok) return response;
+  throw new ApiError(await reason(response), response.status);
+}
+
+/** What the server says is wrong. @param {Response} response */
+async function reason(response) {
+  const text = await response.text().catch(() => "");
+  try {
+    const body = JSON.parse(text);
+    const said = body.message ?? body.error?.message ?? body.error;
+    if (typeof said === "string") return `The server says: ${said} (${response.status})`;
+  } catch {
+    // not JSON: shown as it is
+  }
+  return `The server says: ${text.trim().slice(0, 200) || response.statusText || "an error without words"} (${response.status})`;
+}
+
+/** @param {string} path @param {Record<string, string | number>} [query] */
+export async function getJson(path, query = {}) {
+  const asked = new URLSearchParams(Object.entries(query).map(([key, value]) => [key, String(value)])).toString();
+  const response = await request(asked ? `${path}?${asked}` : path);
+  try {
+    return await response.json();
+  } catch {
+    throw new ApiError(`The answer to ${path} is not JSON.`, response.status);
+  }
+}
+
+/** The flight of one episode of an attempt. @param {string} attempt @param {number} episode */
+export async function getReplay(attempt, episode) {
+  const response = await request(`attempts/${encodeURIComponent(attempt)}/replay?episode=${episode}`);
+  const { header, values } = parseFrame(await response.arrayBuffer());
+  return new Flight(header, values);
+}
+
+/** Where a download of an attempt lies. @param {string} attempt @param {string} file */
+export function downloadUrl(attempt, file) {
+  return `${BASE}attempts/${encodeURIComponent(attempt)}/${file}`;
+}

@@ -1,0 +1,68 @@
+// Which strip charts there are, and the numbers in them.
+
+/** @typedef {import("../flight.js").Flight} Flight */
+/** @typedef {"state" | "setpoint" | "fix" | "command"} Kind */
+/** @typedef {{kind: Kind, column: string}} Trace */
+/** @typedef {{key: string, title: string, unit: string, digits: number, factor: number, least: number, traces: Trace[]}} Panel */
+/** @typedef {{run: number, kind: Kind}} Drawn */
+
+const DEG = 180 / Math.PI;
+/** What is drawn first lies below. @type {Record<Kind, number>} */
+export const DEPTH = { command: 0, fix: 1, setpoint: 2, state: 3 };
+
+/** @param {string} title @param {string} unit @param {number} factor @param {number} least Smallest span of the axis. @param {Partial<Record<Kind, string>>} columns @returns {Panel} */
+function panel(title, unit, factor, least, columns) {
+  const traces = Object.entries(columns).map(([kind, column]) => ({ kind: /** @type {Kind} */ (kind), column }));
+  return { key: Object.values(columns)[0], title, unit, factor, least, digits: unit === "°" || unit === "°/s" ? 1 : unit === "PWM" ? 0 : 2, traces };
+}
+
+/** @param {string} axis */
+const position = (axis) => panel(axis, "m", 1, 0.1, { state: axis, setpoint: `setpoint_${axis}`, fix: `fix_${axis}` });
+
+/** @param {Flight | null | undefined} flight The lift is a height or a PWM count, as its size says. @returns {Panel[]} */
+export function panels(flight) {
+  const pwm = !flight || Math.max(...flight.series("u_lift").subarray(0, 500)) > 20;
+  return [
+    position("x"),
+    position("y"),
+    position("z"),
+    panel("roll", "°", DEG, 4, { state: "roll", command: "u_roll" }),
+    panel("pitch", "°", DEG, 4, { state: "pitch", command: "u_pitch" }),
+    panel("yaw", "°", DEG, 4, { state: "yaw", setpoint: "setpoint_yaw", fix: "fix_yaw" }),
+    panel("yaw rate command", "°/s", DEG, 4, { command: "u_yaw_rate" }),
+    pwm ? panel("lift command", "PWM", 1, 1000, { command: "u_lift" }) : panel("lift command", "m", 1, 0.1, { command: "u_lift" }),
+    panel("reward", "", 1, 0.1, { state: "reward" }),
+  ];
+}
+
+/** One trace: null where there is nothing to draw. @param {Flight} flight @param {Trace} trace @param {number} factor @param {number} from First row. */
+function values(flight, { kind, column }, factor, from) {
+  const list = /** @type {(number | null)[]} */ (new Array(flight.rows - from));
+  for (let row = from; row < flight.rows; row += 1) {
+    const value = flight.get(column, row);
+    list[row - from] = Number.isFinite(value) && (kind !== "fix" || flight.isNewFix(row)) ? value * factor : null;
+  }
+  return list;
+}
+
+/** @param {Flight} flight @param {number} from */
+function times(flight, from) {
+  // rounded: equal times of two flights become one point of the axis
+  return Array.from({ length: flight.rows - from }, (_, i) => Math.round(flight.get("t_s", from + i) * 1e4) / 1e4);
+}
+
+/**
+ * The tables of a panel, one per flight that is there: time, then one list per trace; and whose trace each list is.
+ * @param {Panel} asked @param {(Flight | null)[]} flights @param {number} since_s Older rows are left out.
+ */
+export function tables(asked, flights, since_s) {
+  const made = /** @type {any[][]} */ ([]);
+  const drawn = /** @type {Drawn[]} */ ([]);
+  for (const [run, flight] of flights.entries()) {
+    if (!flight) continue;
+    const from = since_s > flight.firstTime ? flight.rowAt(since_s) : 0;
+    made.push([times(flight, from), ...asked.traces.map((trace) => values(flight, trace, asked.factor, from))]);
+    drawn.push(...asked.traces.map(({ kind }) => ({ run, kind })));
+  }
+  return { made, drawn };
+}

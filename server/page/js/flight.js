@@ -1,0 +1,128 @@
+// A flight as rows of numbers: the frames that the server sends, and the state at a time.
+
+/**
+ * @typedef {object} Header
+ * @property {string[]} columns
+ * @property {number} rows
+ * @property {number} tick_s
+ * @property {number[][]} marker Centres of the plates on the floor.
+ * @property {{fov_deg: number, offset_m: number}} camera
+ * @property {string} [end] How the episode ended.
+ *
+ * @typedef {Record<string, number>} Row One value per column.
+ */
+
+/** Angles are interpolated the short way round. */
+const ANGLES = new Set(["roll", "pitch", "yaw", "setpoint_yaw", "fix_yaw"]);
+/** These hold until the next row. */
+const HELD = new Set(["fix_x", "fix_y", "fix_z", "fix_yaw", "fix_valid", "u_roll", "u_pitch", "u_yaw_rate", "u_lift", "reward"]);
+
+/** A difference of angles in [-pi, pi). @param {number} angle */
+export function wrapped(angle) {
+  return angle - 2 * Math.PI * Math.floor((angle + Math.PI) / (2 * Math.PI));
+}
+
+/**
+ * Splits a frame (u32 length, JSON header, padding to 4 bytes, rows of f32) into its parts.
+ * @param {ArrayBuffer} buffer
+ * @returns {{header: Header, values: Float32Array}}
+ */
+export function parseFrame(buffer) {
+  if (buffer.byteLength < 4) throw new Error("a frame of flight data is shorter than its length field");
+  const length = new DataView(buffer).getUint32(0, true);
+  const start = 4 + Math.ceil(length / 4) * 4;
+  if (start > buffer.byteLength) throw new Error("a frame of flight data ends within its header");
+  const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
+  if (!Array.isArray(header.columns)) throw new Error("the header of the flight data names no columns");
+  return { header, values: new Float32Array(buffer, start) };
+}
+
+/** Rows in time order. A live flight forgets its oldest rows; a stored one keeps all. */
+export class Flight {
+  /** @param {Header} header @param {Float32Array} values @param {number} [capacity] Rows to keep; all, unless given. */
+  constructor(header, values, capacity) {
+    this.header = header;
+    this.width = header.columns.length;
+    if (values.length % this.width !== 0) throw new Error(`flight data of ${values.length} numbers is not made of rows of ${this.width}`);
+    /** @type {Map<string, number>} */
+    this.column = new Map(header.columns.map((name, i) => [name, i]));
+    this.capacity = capacity ?? values.length / this.width;
+    this.values = new Float32Array(this.capacity * this.width);
+    this.rows = 0;
+    /** Rows ever forgotten: row i was the row `dropped + i` of the flight. */
+    this.dropped = 0;
+    this.append(values);
+  }
+
+  /** @param {Float32Array} values Whole rows. */
+  append(values) {
+    for (let from = 0; from + this.width <= values.length; from += this.width) {
+      if (this.rows === this.capacity) this.#forget();
+      this.values.set(values.subarray(from, from + this.width), this.rows * this.width);
+      this.rows += 1;
+    }
+  }
+
+  /** Makes room: a quarter at once, so that it is seldom. */
+  #forget() {
+    const gone = Math.max(1, this.capacity >> 2);
+    this.values.copyWithin(0, gone * this.width, this.rows * this.width);
+    this.rows -= gone;
+    this.dropped += gone;
+  }
+
+  /** @param {string} name @param {number} row */
+  get(name, row) {
+    const column = this.column.get(name);
+    return column === undefined ? NaN : this.values[row * this.width + column];
+  }
+
+  /** @param {string} name @returns {Float64Array} */
+  series(name) {
+    return Float64Array.from({ length: this.rows }, (_, row) => this.get(name, row));
+  }
+
+  get firstTime() {
+    return this.rows ? this.get("t_s", 0) : 0;
+  }
+
+  get lastTime() {
+    return this.rows ? this.get("t_s", this.rows - 1) : 0;
+  }
+
+  /** The last row that is not after `time_s`; 0 before the first. @param {number} time_s */
+  rowAt(time_s) {
+    let low = 0;
+    let high = this.rows - 1;
+    while (low < high) {
+      const middle = (low + high + 1) >> 1;
+      if (this.get("t_s", middle) <= time_s + 1e-6) low = middle;
+      else high = middle - 1;
+    }
+    return low;
+  }
+
+  /** The state at a time, between rows interpolated. @param {number} time_s @returns {Row | null} */
+  at(time_s) {
+    if (!this.rows) return null;
+    const row = this.rowAt(time_s);
+    const next = Math.min(row + 1, this.rows - 1);
+    const span = this.get("t_s", next) - this.get("t_s", row);
+    const share = span > 0 ? Math.min(1, Math.max(0, (time_s - this.get("t_s", row)) / span)) : 0;
+    /** @type {Row} */
+    const state = {};
+    for (const name of this.header.columns) {
+      const [a, b] = [this.get(name, row), this.get(name, next)];
+      const change = ANGLES.has(name) ? wrapped(b - a) : b - a;
+      state[name] = share === 0 || HELD.has(name) ? a : a + share * change;
+    }
+    return state;
+  }
+
+  /** Whether a row brings a camera fix that the row before did not have. @param {number} row */
+  isNewFix(row) {
+    if (!(this.get("fix_valid", row) > 0.5)) return false;
+    if (row === 0) return true;
+    return ["fix_x", "fix_y", "fix_z", "fix_yaw"].some((name) => this.get(name, row) !== this.get(name, row - 1));
+  }
+}

@@ -1,0 +1,49 @@
+// Puts the page together: one 3D view and one set of charts, shared by the live view and the replay; and the leaderboard.
+
+import { byId } from "./dom.js";
+import { Display } from "./views/display.js";
+import { Board } from "./views/board.js";
+import { LiveView } from "./views/live_view.js";
+import { ReplayView } from "./views/replay_view.js";
+import { failure } from "./views/notice.js";
+import { here } from "./place.js";
+
+const TITLES = { live: "Live", board: "Leaderboard", replay: "Replay" };
+
+const display = new Display();
+const views = { live: new LiveView(display), board: new Board(), replay: new ReplayView(display) };
+/** @type {import("./place.js").View | null} */
+let shown = null;
+
+async function route() {
+  const { view, query } = here();
+  if (shown && shown !== view) views[shown].leave();
+  shown = view;
+  document.title = `${TITLES[view]} – Crazyflie`;
+  document.body.dataset.view = view;
+  byId("flight").hidden = view === "board";
+  byId("board").hidden = view !== "board";
+  for (const link of document.querySelectorAll("nav a")) {
+    if (link instanceof HTMLElement && link.dataset.view === view) link.setAttribute("aria-current", "page");
+    else link.removeAttribute("aria-current");
+  }
+  try {
+    await views[view].enter(query);
+  } catch (error) {
+    failure(view, error);
+  }
+}
+
+/** @type {HTMLDialogElement} */
+const help = byId("help");
+byId("help-open").addEventListener("click", () => help.showModal());
+document.addEventListener("keydown", (event) => {
+  if (event.key === "?" && !help.open) help.showModal();
+});
+document.querySelector(".skip")?.addEventListener("click", (event) => {
+  // the address says what is shown: the link may not change it
+  event.preventDefault();
+  byId("main").focus();
+});
+window.addEventListener("hashchange", route);
+route();

@@ -1,0 +1,65 @@
+// One flight in the room: vehicle, plumb line, view cone, trails, fixes, set-point.
+
+import * as THREE from "../../vendor/three/three.module.min.js";
+import { Fixes } from "./fixes.js";
+import { Setpoint } from "./setpoint.js";
+import { Trail } from "./trail.js";
+import { FEET_M, Vehicle } from "./vehicle.js";
+import { ViewCone } from "./view_cone.js";
+
+/** @typedef {import("../flight.js").Flight} Flight */
+/** @typedef {{run: string, fix: string, setpoint: string, lost: string, sky: string}} Colours */
+
+export class RunView extends THREE.Group {
+  /** @type {Flight | null} */
+  flight = null;
+  vehicle = new Vehicle();
+  cone = new ViewCone();
+  #plumb = new THREE.Line(new THREE.BufferGeometry().setFromPoints([new THREE.Vector3(), new THREE.Vector3(0, 0, 1)]), new THREE.LineBasicMaterial({ transparent: true, opacity: 0.55 }));
+  #trail = new Trail(["x", "y", "z"], { width: 3.5, faded: 0.7 });
+  #asked = new Trail(["setpoint_x", "setpoint_y", "setpoint_z"], { width: 1.75, faded: 0.7 });
+  #fixes = new Fixes();
+  #setpoint = new Setpoint();
+  /** @type {Colours} */
+  #colours = { run: "#888", fix: "#888", setpoint: "#888", lost: "#888", sky: "#888" };
+
+  constructor() {
+    super();
+    this.add(this.vehicle, this.cone, this.#plumb, this.#trail, this.#asked, this.#fixes, this.#setpoint);
+    this.visible = false;
+  }
+
+  /** @param {Colours} colours */
+  setColours(colours) {
+    this.#colours = colours;
+    this.vehicle.setColour(colours.run);
+    this.#trail.setColour(colours.run, colours.sky);
+    this.#fixes.setColour(colours.fix);
+    this.#setpoint.setColour(colours.setpoint);
+    this.#asked.setColour(colours.setpoint, colours.sky);
+    this.#plumb.material.color.set(colours.run);
+  }
+
+  /** @param {number} time_s @param {{vehicleScale: number, cone: boolean, spin: boolean}} look */
+  update(time_s, { vehicleScale, cone, spin }) {
+    const state = this.flight?.at(time_s);
+    this.visible = Boolean(state);
+    if (!this.flight || !state) return;
+    const { vehicle } = this;
+    vehicle.scale.setScalar(vehicleScale);
+    // feet stay on the floor, also those of a vehicle drawn larger than it is
+    vehicle.position.set(state.x, state.y, Math.max(state.z, FEET_M * vehicleScale));
+    vehicle.rotation.set(state.roll, state.pitch, state.yaw, "ZYX");
+    if (spin) vehicle.turnRotors(time_s);
+    this.#plumb.position.set(state.x, state.y, 0);
+    this.#plumb.scale.z = Math.max(1e-6, state.z);
+    this.cone.visible = cone;
+    this.cone.setColour(state.fix_valid > 0.5 ? this.#colours.run : this.#colours.lost);
+    if (cone) this.cone.update(new THREE.Vector3(state.x, state.y, state.z), vehicle.quaternion, this.flight.header.camera ?? { fov_deg: 120, offset_m: 0.02 });
+    const row = this.flight.rowAt(time_s);
+    this.#trail.update(this.flight, row);
+    this.#asked.update(this.flight, row);
+    this.#fixes.update(this.flight, time_s);
+    this.#setpoint.update(state);
+  }
+}

@@ -1,0 +1,187 @@
+// The 3D view: up to two flights in one room, drawn when something changed, not otherwise.
+
+import * as THREE from "../../vendor/three/three.module.min.js";
+import { OrbitControls } from "../../vendor/three/OrbitControls.js";
+import { colour, lessMotion, onTheme } from "../dom.js";
+import { plate } from "./plate.js";
+import { ROOM_M, room } from "./room.js";
+import { RunView } from "./run_view.js";
+
+/** @typedef {import("../flight.js").Flight} Flight */
+
+const LIGHT_Z_M = 6;
+
+export class Stage {
+  look = { vehicleScale: 2, cone: true, spin: !lessMotion(), follow: false, split: false };
+  runs = [new RunView(), new RunView()];
+  #time_s = 0;
+  #due = false;
+  #scene = new THREE.Scene();
+  #camera = new THREE.PerspectiveCamera(38, 1, 0.02, 60);
+  #room = new THREE.Group();
+  #plates = new THREE.Group();
+  #followed = new THREE.Vector3(NaN);
+
+  /** Throws if the browser has no WebGL. @param {HTMLElement} host */
+  constructor(host) {
+    this.host = host;
+    this.renderer = new THREE.WebGLRenderer({ antialias: true });
+    this.renderer.setPixelRatio(Math.min(2, devicePixelRatio));
+    this.renderer.shadowMap.enabled = true;
+    this.renderer.autoClear = false;
+    this.canvas = this.renderer.domElement;
+    host.prepend(this.canvas);
+    this.#camera.up.set(0, 0, 1);
+    this.controls = new OrbitControls(this.#camera, this.canvas);
+    Object.assign(this.controls, { maxPolarAngle: Math.PI / 2 - 0.02, minDistance: 0.15, maxDistance: 12, enableDamping: false, zoomSpeed: 0.8 });
+    this.controls.addEventListener("change", () => this.request());
+    this.#lights();
+    this.#scene.add(this.#plates, ...this.runs);
+    this.paint();
+    onTheme(() => this.paint());
+    this.home();
+    new ResizeObserver(() => this.#resize()).observe(host);
+    this.#resize();
+  }
+
+  #lights() {
+    // straight from above, so that the shadow lies below the vehicle and shows where it is
+    const sun = new THREE.DirectionalLight(0xffffff, 1.7);
+    sun.position.set(0, 0, LIGHT_Z_M);
+    sun.castShadow = true;
+    sun.shadow.mapSize.set(2048, 2048);
+    Object.assign(sun.shadow.camera, { left: -ROOM_M.x / 2, right: ROOM_M.x / 2, top: ROOM_M.y / 2, bottom: -ROOM_M.y / 2, near: 1, far: LIGHT_Z_M + 1 });
+    sun.shadow.camera.up.set(0, 1, 0);
+    sun.shadow.radius = 2.5;
+    const side = new THREE.DirectionalLight(0xffffff, 0.8);
+    side.position.set(3, -4, 3);
+    this.#scene.add(sun, side, new THREE.HemisphereLight(0xffffff, 0x8090a0, 1.15));
+  }
+
+  /** Takes its colours from the style sheet. */
+  paint() {
+    this.#scene.background = new THREE.Color(colour("--sky"));
+    this.#room.removeFromParent();
+    this.#room = room({ floor: colour("--floor"), grid: colour("--grid"), edge: colour("--edge"), x: colour("--axis-x"), y: colour("--axis-y") });
+    this.#scene.add(this.#room);
+    for (const [i, run] of this.runs.entries()) {
+      const name = "ab"[i];
+      run.setColours({ run: colour(`--run-${name}`), fix: colour(`--fix-${name}`), setpoint: colour("--setpoint"), lost: colour("--bad"), sky: colour("--sky") });
+    }
+    this.request();
+  }
+
+  /** @param {(Flight | null)[]} flights */
+  show(flights) {
+    for (const [i, run] of this.runs.entries()) run.flight = flights[i] ?? null;
+    const centres = flights.find((flight) => flight)?.header.marker ?? [[0, 0, 0]];
+    if (JSON.stringify(centres) !== this.#plates.userData.centres) {
+      this.#plates.userData.centres = JSON.stringify(centres);
+      this.#plates.clear();
+      this.#plates.add(...centres.map(plate));
+    }
+    this.request();
+  }
+
+  /** @param {number} time_s */
+  setTime(time_s) {
+    this.#time_s = time_s;
+    this.request();
+  }
+
+  /** @param {Partial<Stage["look"]>} look */
+  setLook(look) {
+    Object.assign(this.look, look);
+    this.#followed.setScalar(NaN);
+    this.request();
+  }
+
+  /** From the front right, at most so far away as shows `reach_m` around the marker. @param {number} [reach_m] */
+  home(reach_m = ROOM_M.x / 2) {
+    this.#aim(new THREE.Vector3(0.62, -0.68, 0.42), reach_m);
+  }
+
+  top() {
+    this.#aim(new THREE.Vector3(0, -0.001, 1));
+  }
+
+  side() {
+    this.#aim(new THREE.Vector3(0, -1, 0.06));
+  }
+
+  /** From a direction, as far away as shows all. @param {THREE.Vector3} direction @param {number} [reach_m] */
+  #aim(direction, reach_m = ROOM_M.x / 2) {
+    const box = new THREE.Box3(new THREE.Vector3(-0.5, -0.5, 0), new THREE.Vector3(0.5, 0.5, 0.8));
+    for (const { flight } of this.runs) {
+      for (let row = 0; flight && row < flight.rows; row += 5) {
+        const point = new THREE.Vector3(...["x", "y", "z"].map((name) => flight.get(name, row)));
+        box.expandByPoint(point.clampScalar(-reach_m, reach_m));
+      }
+    }
+    const sphere = box.getBoundingSphere(new THREE.Sphere());
+    const narrow = Math.min(1, this.#camera.aspect);
+    const distance = (0.88 * sphere.radius) / Math.sin((this.#camera.fov * Math.PI) / 360) / narrow;
+    this.controls.target.copy(sphere.center);
+    this.#camera.position.copy(sphere.center).addScaledVector(direction.normalize(), distance);
+    this.controls.update();
+    this.request();
+  }
+
+  /** Draws in the browser's next frame, which does not come while the page is hidden. */
+  request() {
+    if (this.#due) return;
+    this.#due = true;
+    requestAnimationFrame(() => {
+      this.#due = false;
+      this.#draw();
+    });
+  }
+
+  #resize() {
+    const { clientWidth, clientHeight } = this.host;
+    if (!clientWidth || !clientHeight) return;
+    this.renderer.setSize(clientWidth, clientHeight);
+    this.#camera.aspect = clientWidth / clientHeight;
+    this.request();
+  }
+
+  #follow() {
+    const run = this.runs.find((candidate) => candidate.visible);
+    if (!this.look.follow || !run) return;
+    const now = run.vehicle.position;
+    if (Number.isFinite(this.#followed.x)) {
+      const moved = now.clone().sub(this.#followed);
+      this.#camera.position.add(moved);
+      this.controls.target.add(moved);
+    } else {
+      const offset = this.#camera.position.clone().sub(this.controls.target);
+      this.controls.target.copy(now);
+      this.#camera.position.copy(now).add(offset.setLength(Math.min(offset.length(), 1.1)));
+    }
+    this.#followed.copy(now);
+    this.#camera.lookAt(this.controls.target);
+  }
+
+  #draw() {
+    const { clientWidth: width, clientHeight: height } = this.host;
+    if (!width || !height) return;
+    for (const run of this.runs) run.update(this.#time_s, this.look);
+    this.#follow();
+    const shown = this.runs.filter((run) => run.visible);
+    const halves = this.look.split && shown.length === 2 ? shown.map((run) => [run]) : [shown];
+    this.renderer.setScissorTest(halves.length > 1);
+    this.renderer.setViewport(0, 0, width, height);
+    this.renderer.setScissor(0, 0, width, height);
+    for (const [i, half] of halves.entries()) {
+      const share = width / halves.length;
+      this.renderer.setViewport(i * share, 0, share, height);
+      this.renderer.setScissor(i * share, 0, share, height);
+      this.#camera.aspect = share / height;
+      this.#camera.updateProjectionMatrix();
+      for (const run of shown) run.visible = half.includes(run);
+      this.renderer.clear();
+      this.renderer.render(this.#scene, this.#camera);
+    }
+    for (const run of shown) run.visible = true;
+  }
+}

@@ -1,0 +1,109 @@
+// The leaderboard of a scenario, and every attempt at it.
+
+import { getJson } from "../api.js";
+import { byId, make } from "../dom.js";
+import { address, go, here, note } from "../place.js";
+import { attempt } from "./attempt.js";
+import { table } from "./board_table.js";
+import { failure, notice } from "./notice.js";
+
+/** @typedef {import("./attempt.js").Attempt} Attempt */
+
+export class Board {
+  /** @type {any[]} */
+  #scenarios = [];
+  #scenario = "";
+  #loads = 0;
+  /** Ids of the attempts to compare, the newest choice last. @type {string[]} */
+  #marked = [];
+
+  constructor() {
+    byId("board-scenario").addEventListener("change", () => go("board", { scenario: byId("board-scenario").value }));
+    byId("every").addEventListener("click", () => {
+      note({ all: here().query.get("all") ? null : 1 });
+      this.#every().catch((error) => failure("board", error));
+    });
+  }
+
+  /** @param {URLSearchParams} query */
+  async enter(query) {
+    const load = (this.#loads += 1);
+    this.#scenarios = await getJson("scenarios");
+    const asked = query.get("scenario");
+    const found = this.#scenarios.find(({ id }) => id === asked) ?? this.#scenarios[0];
+    if (asked !== null && found?.id !== asked) notice("board", `This server has no scenario ${asked}.`);
+    else notice("board", null);
+    if (!found) {
+      byId("ranking").replaceChildren(make("p", { class: "nothing" }, "This server offers no scenario."));
+      return;
+    }
+    if (found.id !== this.#scenario) this.#marked = [];
+    this.#scenario = found.id;
+    this.#facts(found);
+    const rows = (await getJson("leaderboard", { scenario: found.id })).map(attempt);
+    if (load !== this.#loads) return;
+    this.#show("ranking", rows, "Leaderboard", "No attempt is over yet. The first comes with: crazyflie submit --controller thesis");
+    await this.#every();
+    await this.#key();
+  }
+
+  leave() {
+    this.#loads += 1;
+    notice("board", null);
+  }
+
+  /** @param {any} scenario */
+  #facts(scenario) {
+    const select = byId("board-scenario");
+    select.replaceChildren(...this.#scenarios.map(({ id, title }) => make("option", { value: id }, title)));
+    select.value = scenario.id;
+    const { name, version, hash, description, episodes, seconds } = scenario;
+    byId("scenario-facts").replaceChildren(
+      make("p", {}, description),
+      make("p", { class: "muted" }, `${name}@${version} · ${episodes} episodes of ${seconds} s · content hash `, make("code", { title: hash }, String(hash).slice(0, 16))),
+    );
+  }
+
+  /** Every attempt, if the address asks for them. */
+  async #every() {
+    const shown = Boolean(here().query.get("all"));
+    const button = byId("every");
+    button.setAttribute("aria-expanded", String(shown));
+    button.textContent = shown ? "Hide the list of every attempt" : "Show every attempt";
+    byId("attempts").hidden = !shown;
+    if (!shown) return;
+    const rows = (await getJson("attempts", { scenario: this.#scenario })).map(attempt);
+    this.#show("attempts", rows, "Every attempt, the abandoned ones too", "Nobody has tried yet.");
+  }
+
+  /** The key against which signatures can be checked. */
+  async #key() {
+    const told = await getJson("key");
+    byId("key").replaceChildren(`Rows are signed with ${told.algorithm}; the server's public key is `, make("code", {}, told.public_key));
+  }
+
+  /** @param {string} host @param {Attempt[]} rows @param {string} caption @param {string} nothing */
+  #show(host, rows, caption, nothing) {
+    const marked = { has: (/** @type {string} */ id) => this.#marked.includes(id), set: (/** @type {string} */ id, /** @type {boolean} */ on) => this.#mark(id, on) };
+    byId(host).replaceChildren(rows.length ? table(rows, caption, marked) : make("p", { class: "nothing" }, nothing));
+    this.#compare();
+  }
+
+  /** @param {string} id @param {boolean} on */
+  #mark(id, on) {
+    this.#marked = this.#marked.filter((each) => each !== id);
+    // a third choice takes the place of the first
+    if (on) this.#marked = [...this.#marked, id].slice(-2);
+    for (const box of document.querySelectorAll("input.mark")) {
+      if (box instanceof HTMLInputElement) box.checked = this.#marked.includes(box.value);
+    }
+    this.#compare();
+  }
+
+  #compare() {
+    const link = byId("compare");
+    const [a, b] = this.#marked;
+    link.hidden = !b;
+    link.href = b ? address("replay", { a, b }) : "";
+  }
+}

@@ -1,0 +1,151 @@
+// A flight on the screen: 3D view, charts, numbers, and the buttons of the 3D view.
+
+import { Charts } from "../charts/charts.js";
+import { byId, make } from "../dom.js";
+import { Stage } from "../scene/stage.js";
+import { notice } from "./notice.js";
+import { showReadout } from "./readout.js";
+import { plainKey } from "./keys.js";
+
+/** @typedef {import("../flight.js").Flight} Flight */
+
+/** Charts of a live flight are drawn so often; the 3D view as often as rows come. */
+const CHARTS_EVERY_MS = 120;
+const READOUT_EVERY_MS = 100;
+/** A flight that went astray does not make the first look one from far away. */
+const AT_FIRST_M = 1;
+
+export class Display {
+  /** @type {(Flight | null)[]} */
+  flights = [];
+  /** @type {Stage | null} */
+  stage = null;
+  onSeek = (/** @type {number} */ _time_s) => {};
+  #charts_ms = 0;
+  #readout_ms = 0;
+
+  constructor() {
+    try {
+      this.stage = new Stage(byId("stage"));
+      this.#canvas(this.stage);
+    } catch (error) {
+      notice("webgl", `No 3D view: this browser offers no WebGL (${error instanceof Error ? error.message : error}). Charts and numbers are shown.`);
+      byId("tools").hidden = true;
+    }
+    this.charts = new Charts(byId("charts"), (time_s) => this.onSeek(time_s));
+    this.#tools();
+    this.say("");
+  }
+
+  /** @param {(Flight | null)[]} flights Run A and run B. @param {{live?: boolean, names?: string[], aim?: boolean}} [options] */
+  show(flights, { live = false, names = [], aim = true } = {}) {
+    this.flights = flights;
+    this.stage?.show(flights);
+    if (aim && flights.some(Boolean)) this.stage?.home(AT_FIRST_M);
+    this.charts.show(flights, live);
+    this.#legend(names);
+  }
+
+  /** @param {number} time_s */
+  setTime(time_s) {
+    this.stage?.setTime(time_s);
+    this.charts.setTime(time_s);
+    const now_ms = performance.now();
+    if (now_ms - this.#readout_ms < READOUT_EVERY_MS) clearTimeout(this.settling);
+    else this.#readout(time_s, now_ms);
+    // whatever was left out is shown once things stand still
+    this.settling = setTimeout(() => this.#readout(time_s, performance.now()), READOUT_EVERY_MS);
+  }
+
+  /** Rows came to a live flight, or its next episode began. @param {Flight} flight */
+  grow(flight) {
+    const time_s = flight.lastTime;
+    if (flight !== this.flights[0]) {
+      this.flights = [flight];
+      this.stage?.show(this.flights);
+    }
+    this.stage?.setTime(time_s);
+    const now_ms = performance.now();
+    if (document.hidden || now_ms - this.#charts_ms < CHARTS_EVERY_MS) return;
+    this.#charts_ms = now_ms;
+    this.charts.refresh(this.flights);
+    this.charts.setTime(time_s);
+    this.#readout(time_s, now_ms);
+  }
+
+  /** In place of a flight. @param {string} message Nothing, if empty. */
+  say(message) {
+    byId("empty").textContent = message;
+    byId("empty").hidden = !message;
+  }
+
+  /** @param {number} time_s @param {number} now_ms */
+  #readout(time_s, now_ms) {
+    this.#readout_ms = now_ms;
+    showReadout(byId("readout"), this.flights, time_s);
+  }
+
+  /** @param {string[]} names */
+  #legend(names) {
+    const entry = (/** @type {string} */ kind, /** @type {string} */ text) => make("span", { class: `key ${kind}` }, text);
+    const shown = this.flights.flatMap((flight, run) => (flight ? [run] : []));
+    const entries = shown.flatMap((run) => {
+      const name = "ab"[run];
+      const who = shown.length > 1 || names[run] ? (names[run] ?? "AB"[run]) : "vehicle";
+      return [entry(`run-${name}`, who), entry(`dot-${name}`, "camera fix"), entry(`command-${name}`, "command")];
+    });
+    byId("legend").replaceChildren(...entries, ...(shown.length ? [entry("asked", "set-point")] : []));
+    byId("captions").replaceChildren(...shown.map((run) => make("span", { class: `run-${"ab"[run]}` }, names[run] ?? "")));
+  }
+
+  #tools() {
+    const { stage } = this;
+    if (!stage) return;
+    byId("view-home").addEventListener("click", () => stage.home());
+    byId("view-top").addEventListener("click", () => stage.top());
+    byId("view-side").addEventListener("click", () => stage.side());
+    byId("toggle-follow").addEventListener("click", () => this.toggle("follow"));
+    byId("toggle-cone").addEventListener("click", () => this.toggle("cone"));
+    byId("vehicle-scale").addEventListener("change", () => stage.setLook({ vehicleScale: Number(byId("vehicle-scale").value) }));
+    document.addEventListener("keydown", (event) => {
+      if (!plainKey(event) || byId("flight").hidden) return;
+      if (event.key === "f") this.toggle("follow");
+      else if (event.key === "c") this.toggle("cone");
+      else if (event.key === "h") stage.home();
+    });
+  }
+
+  /** @param {"follow" | "cone" | "split"} what @param {boolean} [on] The other way round, unless given. */
+  toggle(what, on) {
+    if (!this.stage) return;
+    const now = on ?? !this.stage.look[what];
+    this.stage.setLook({ [what]: now });
+    byId(`toggle-${what}`).setAttribute("aria-pressed", String(now));
+    if (what === "split") byId("stage").classList.toggle("split", now);
+  }
+
+  /** @param {Stage} stage */
+  #canvas({ canvas, controls, request }) {
+    Object.assign(canvas, { tabIndex: 0 });
+    canvas.setAttribute("role", "img");
+    canvas.setAttribute("aria-label", "3D view of the flight; its numbers are in the table beside it");
+    const turn = 0.12;
+    /** @type {Record<string, () => void>} */
+    const keys = {
+      ArrowLeft: () => controls.rotateLeft(turn),
+      ArrowRight: () => controls.rotateLeft(-turn),
+      ArrowUp: () => controls.rotateUp(turn),
+      ArrowDown: () => controls.rotateUp(-turn),
+      "+": () => controls.dollyIn(1.15),
+      "-": () => controls.dollyOut(1.15),
+    };
+    canvas.addEventListener("keydown", (/** @type {KeyboardEvent} */ event) => {
+      const act = keys[event.key];
+      if (!act) return;
+      act();
+      controls.update();
+      event.preventDefault();
+      event.stopPropagation();
+    });
+  }
+}

@@ -1,0 +1,133 @@
+// Running sessions, and the one that is watched.
+
+import { getJson } from "../api.js";
+import { byId, make } from "../dom.js";
+import { Live } from "../live.js";
+import { address, go, here } from "../place.js";
+import { failure, notice } from "./notice.js";
+
+const POLL_MS = 2000;
+/** The server shows so many environments of a batch, the first ones. */
+const WATCHABLE = 16;
+const NOBODY = "No session is running. One appears here as soon as a program steps an environment of this server, for example\n"
+  + "gymnasium.make(\"Crazyflie-v0\", remote=\"ws://…/ws\").";
+
+export class LiveView {
+  #live = new Live();
+  /** @type {string | null} */
+  #watched = null;
+  #env = 0;
+  /** Chosen by a person or the address: not exchanged for another when it ends. */
+  #chosen = false;
+  #timer = 0;
+  #active = false;
+  #shown = false;
+
+  /** @param {import("./display.js").Display} display */
+  constructor(display) {
+    this.display = display;
+    this.#live.addEventListener("flight", () => this.#grow());
+    this.#live.addEventListener("state", () => notice("live", this.#live.connected ? null : "The connection to the server is lost. Trying again…"));
+    this.#live.addEventListener("trouble", (event) => failure("live-data", /** @type {CustomEvent} */ (event).detail));
+    document.addEventListener("visibilitychange", () => {
+      if (this.#active && !document.hidden) this.#poll();
+    });
+  }
+
+  /** @param {URLSearchParams} query */
+  async enter(query) {
+    const asked = query.get("session");
+    this.#chosen = asked !== null;
+    if (!this.#active) {
+      this.display.show([], { live: true });
+      this.display.setTime(0);
+    }
+    this.#active = true;
+    if (asked !== null) this.#watch(asked, Number(query.get("env")) || 0);
+    await this.#poll();
+  }
+
+  leave() {
+    this.#active = false;
+    clearTimeout(this.#timer);
+    this.#live.watch(null);
+    this.#watched = null;
+    this.#shown = false;
+    this.display.say("");
+    notice("live", null);
+    notice("sessions", null);
+  }
+
+  /** Asks who is there, again and again while the page can be seen. */
+  async #poll() {
+    clearTimeout(this.#timer);
+    if (document.hidden) return;
+    try {
+      const sessions = await getJson("sessions");
+      if (!this.#active) return;
+      notice("sessions", null);
+      this.#list(sessions);
+    } catch (error) {
+      if (this.#active) failure("sessions", error);
+    }
+    if (this.#active) this.#timer = window.setTimeout(() => this.#poll(), POLL_MS);
+  }
+
+  /** @param {any[]} sessions */
+  #list(sessions) {
+    const ids = sessions.map(({ session }) => String(session));
+    if (!this.#chosen && ids.length && !ids.includes(this.#watched ?? "")) this.#watch(ids[0]);
+    const gone = this.#watched !== null && !ids.includes(this.#watched);
+    if (!sessions.length && this.#watched === null) this.display.say(NOBODY);
+    else if (gone) this.display.say(`Session ${this.#watched} has ended.`);
+    else this.display.say(this.#live.flight ? "" : "Waiting for the first step of this session…");
+    // a list that is in use is not taken away
+    if (byId("sessions").contains(document.activeElement) && document.activeElement?.matches("select")) return;
+    const focused = document.activeElement?.getAttribute("href");
+    byId("sessions").replaceChildren(...(sessions.length ? sessions.map((session) => this.#entry(session)) : [make("li", { class: "muted" }, "none")]));
+    if (focused) [...byId("sessions").querySelectorAll("a")].find((link) => link.getAttribute("href") === focused)?.focus();
+  }
+
+  /** @param {any} session */
+  #entry({ session, env, num_envs, steps, since_s }) {
+    const watched = String(session) === this.#watched;
+    const facts = `${num_envs === 1 ? "1 environment" : `${num_envs} environments`} · ${Number(steps).toLocaleString()} steps · ${duration(since_s)}`;
+    const link = make("a", { href: address("live", { session }), "aria-current": watched ? "true" : undefined }, make("strong", {}, env), make("span", { class: "muted" }, facts));
+    return make("li", {}, link, watched && num_envs > 1 ? this.#envs(session, num_envs) : null);
+  }
+
+  /** Which environment of a batch is watched. @param {string} session @param {number} count */
+  #envs(session, count) {
+    const choices = Array.from({ length: Math.min(count, WATCHABLE) }, (_, i) => make("option", { value: String(i), selected: i === this.#env }, `Environment ${i + 1}`));
+    const select = make("select", { "aria-label": "Environment that is watched" }, ...choices);
+    select.addEventListener("change", () => go("live", { session, env: select.value }));
+    return select;
+  }
+
+  /** @param {string} session @param {number} [env] Which of its environments. */
+  #watch(session, env = 0) {
+    if (session === this.#watched && env === this.#env) return;
+    this.#watched = session;
+    this.#env = env;
+    this.#shown = false;
+    this.display.show([], { live: true });
+    this.#live.watch(session, env);
+  }
+
+  #grow() {
+    const { flight } = this.#live;
+    if (!flight || here().view !== "live") return;
+    if (!this.#shown) {
+      this.display.say("");
+      this.display.show([flight], { live: true });
+      this.#shown = true;
+    }
+    this.display.grow(flight);
+  }
+}
+
+/** @param {number} seconds */
+function duration(seconds) {
+  if (seconds < 60) return `${Math.round(seconds)} s`;
+  return seconds < 3600 ? `${Math.round(seconds / 60)} min` : `${(seconds / 3600).toFixed(1)} h`;
+}

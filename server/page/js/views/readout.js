@@ -1,0 +1,30 @@
+// The numbers of the moment, for people who read and for programs that read aloud.
+
+import { make, number } from "../dom.js";
+
+/** @typedef {import("../flight.js").Flight} Flight */
+
+const DEG = 180 / Math.PI;
+
+/** @type {[string, (s: import("../flight.js").Row) => string][]} */
+const LINES = [
+  ["time", (s) => `${number(s.t_s, 2)} s`],
+  ["x, y, z", (s) => `${number(s.x)}  ${number(s.y)}  ${number(s.z)} m`],
+  ["roll, pitch, yaw", (s) => `${[s.roll, s.pitch, s.yaw].map((angle) => number(angle * DEG, 1)).join("  ")} °`],
+  ["speed", (s) => `${number(Math.hypot(s.vx, s.vy, s.vz))} m/s`],
+  ["off the set-point", (s) => `${number(100 * Math.hypot(s.x - s.setpoint_x, s.y - s.setpoint_y, s.z - s.setpoint_z), 1)} cm`],
+  ["marker", (s) => (s.fix_valid > 0.5 ? `seen, ${number(1000 * s.fix_age_s, 0)} ms old` : `lost for ${number(s.fix_age_s, 1)} s`)],
+  ["reward", (s) => number(s.reward, 3)],
+];
+
+/** @param {HTMLTableElement} table @param {(Flight | null)[]} flights @param {number} time_s */
+export function showReadout(table, flights, time_s) {
+  const shown = flights.flatMap((flight, run) => {
+    const state = flight?.at(time_s);
+    return state ? [{ run, state }] : [];
+  });
+  table.hidden = !shown.length;
+  const head = make("tr", {}, make("th", { scope: "col" }, "now"), ...shown.map(({ run }) => make("th", { scope: "col", class: `run-${"ab"[run]}` }, "AB"[run])));
+  const rows = LINES.map(([name, say]) => make("tr", {}, make("th", { scope: "row" }, name), ...shown.map(({ state }) => make("td", {}, say(state)))));
+  table.replaceChildren(...(shown.length > 1 ? [head] : []), ...rows);
+}

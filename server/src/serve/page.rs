@@ -1,0 +1,88 @@
+//! The page: files of `server/page/`, built into the program.
+
+use axum::http::header::{
+    ALLOW, CACHE_CONTROL, CONTENT_SECURITY_POLICY, CONTENT_TYPE, ETAG, IF_NONE_MATCH, REFERRER_POLICY, X_CONTENT_TYPE_OPTIONS,
+};
+use axum::http::{HeaderMap, Method, StatusCode, Uri};
+use axum::response::{IntoResponse, Response};
+use rust_embed::{EmbeddedFile, RustEmbed};
+
+#[derive(RustEmbed)]
+#[folder = "page/"]
+struct Files;
+
+/// Nothing but the page's own files: no inline script, no eval, no other host, nobody's frame.
+const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; base-uri 'none'; \
+                      form-action 'none'; frame-ancestors 'none'";
+
+/// What a browser makes of a file. Others than these are not served.
+const TYPES: [(&str, &str); 5] = [
+    ("html", "text/html; charset=utf-8"),
+    ("css", "text/css; charset=utf-8"),
+    ("js", "text/javascript; charset=utf-8"),
+    ("svg", "image/svg+xml"),
+    ("LICENSE", "text/plain; charset=utf-8"),
+];
+
+fn content_type(path: &str) -> Option<&'static str> {
+    let ending = path.rsplit(['.', '/']).next()?;
+    TYPES.iter().find(|(known, _)| *known == ending).map(|(_, content_type)| *content_type)
+}
+
+/// Answers whatever no other route does. The page is new after every update of the program: browsers ask each time, and are told by the
+/// file's hash that nothing has changed.
+pub(crate) async fn page(method: Method, uri: Uri, headers: HeaderMap) -> Response {
+    if method != Method::GET && method != Method::HEAD {
+        return (StatusCode::METHOD_NOT_ALLOWED, [(ALLOW, "GET, HEAD")], "this path is only read\n").into_response();
+    }
+    let path = match uri.path().trim_start_matches('/') {
+        "" => "index.html",
+        path => path,
+    };
+    match (Files::get(path), content_type(path)) {
+        (Some(file), Some(content_type)) => answer(file, content_type, &headers),
+        _ => (StatusCode::NOT_FOUND, "there is nothing here\n").into_response(),
+    }
+}
+
+fn answer(file: EmbeddedFile, content_type: &'static str, asked: &HeaderMap) -> Response {
+    let tag = format!("\"{}\"", hex::encode(&file.metadata.sha256_hash()[..16]));
+    let known = asked.get(IF_NONE_MATCH).is_some_and(|known| known.to_str().is_ok_and(|known| known.contains(&tag)));
+    let headers = [
+        (CONTENT_TYPE, content_type.to_owned()),
+        (CONTENT_SECURITY_POLICY, POLICY.to_owned()),
+        (X_CONTENT_TYPE_OPTIONS, "nosniff".to_owned()),
+        (REFERRER_POLICY, "no-referrer".to_owned()),
+        (CACHE_CONTROL, "no-cache".to_owned()),
+        (ETAG, tag),
+    ];
+    if known { (StatusCode::NOT_MODIFIED, headers).into_response() } else { (headers, file.data).into_response() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_file_but_the_notes_has_a_type() {
+        let unknown: Vec<_> = Files::iter().filter(|path| content_type(path).is_none()).collect();
+        assert_eq!(unknown, ["vendor/README.md"]);
+    }
+
+    #[test]
+    fn nothing_is_inline_and_nothing_comes_from_elsewhere() {
+        let own = Files::iter().filter(|path| !path.starts_with("vendor/"));
+        let texts: Vec<_> =
+            own.map(|path| (path.to_string(), String::from_utf8(Files::get(&path).unwrap().data.into_owned()).unwrap())).collect();
+        assert!(texts.len() > 20, "{} files of our own", texts.len());
+        for (path, text) in texts {
+            // the name of a format, not a place
+            let text = text.replace("http://www.w3.org/2000/svg", "");
+            for banned in ["http://", "https://", " style=\"", "onclick=\"", "innerHTML", "eval("] {
+                assert!(!text.contains(banned), "{path} says {banned}");
+            }
+        }
+        let index = String::from_utf8(Files::get("index.html").unwrap().data.into_owned()).unwrap();
+        assert!(index.matches("<script").count() == 1 && index.contains("<script type=\"module\" src=\"js/main.js\">"));
+    }
+}
