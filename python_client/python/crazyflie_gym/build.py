@@ -30,7 +30,7 @@ def build(
     remote_client: str,
     states: bool,
 ) -> Sim | RemoteCore:
-    """Return the simulation that the arguments of an environment ask for; with `states` it is asked for them every step.
+    """Return the simulation that the arguments of an environment ask for; `states` will be read every step.
 
     Raises:
         ValueError: naming the argument that is wrong, with a proposal where a name is unknown.

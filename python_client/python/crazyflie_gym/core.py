@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from crazyflie_gym._native import Interface
 from crazyflie_gym._types import BoolArray, FloatArray, Steps
 
+
 class Core(Protocol):
     """A batch of environments, here or elsewhere; `_native.Sim` says what the methods do."""
 

@@ -38,7 +38,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         true_state: give the true state, float32 (12,), as info["true_state"]; its layout is STATE_FIELDS.
         render_mode: None, "rgb_array", or "human" for the terminal.
         isa: "baseline", "avx2" or "avx512"; by default the best of the machine. The results are the same.
-        remote: the address of a server, such as "ws://127.0.0.1:8765": the simulation runs there, with the same results.
+        remote: the address of a server, such as "ws://127.0.0.1:8765": it simulates there. The results are the same.
         remote_client: "native", or "python" for the client in pure Python.
 
     Raises:

@@ -4,170 +4,50 @@ from __future__ import annotations
 
 import json
 import struct
-import time
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from websockets.exceptions import ConnectionClosed, InvalidHandshake
-from websockets.sync.client import ClientConnection
-from websockets.sync.client import connect as dial
-from websockets.typing import Subprotocol
 
 from crazyflie_gym._native import Interface
 from crazyflie_gym._types import BoolArray, FloatArray, Steps
+from crazyflie_gym.remote_link import Link
 from crazyflie_gym.spaces import WIDTH
 
 ACTION, STATE = 4, 12
 _RESET, _STEP, _STATE = 1, 2, 3
 _STATES, _SEEDS, _MASK = 1, 2, 4
 _REQUEST, _REPLY = struct.Struct("<QBBHI"), struct.Struct("<QBBHIIIQ")
-_MOST_BYTES = 256 << 20
-_CONNECT_TIMEOUT_S = 10.0
-_CLOSE_TIMEOUT_S = 1.0
-_PAUSES_S = (0.05, 1.0)
-# close code of a server that got no answers to its pings; the session waits
-_SILENT = 4002
-# codes that are about what was asked for, as opposed to when; python_client/src/remote/trouble.rs has the same list
-_ARGUMENT = {
-    "bad_message",
-    "bad_frame",
-    "wrong_length",
-    "bad_action",
-    "bad_options",
-    "bad_model",
-    "too_large",
-    "unknown_scenario",
-    "bad_token",
-    "bad_name",
-}
-
-
-class LostError(ConnectionError):
-    """The connection is gone; the session may be waiting."""
 
 
 class Remote:
     """A connection to a server, and the batch that was begun over it, with the methods of `_native.Remote`."""
 
     def __init__(self, url: str, token: str | None = None) -> None:
-        self.resume_s = 0.0
-        self.resumed = 0
-        self._url = url
-        self._id = 0
-        self._session: tuple[str, str] | None = None
+        self._link = Link(url, token)
         self._made: dict[str, Any] = {}
         self._with_states = False
         self._states: FloatArray | None = None
         self._finals: FloatArray = np.empty((0, WIDTH), np.float32)
         self._ended: list[int] = []
-        self._hello = {"client": "crazyflie_gym (Python)"} | ({} if token is None else {"token": token})
-        self._welcome: dict[str, Any] = {"idle_s": 60.0, "max_text_bytes": 1 << 16}
-        self._ws = self._connect()
-        self._welcome = json.loads(self.ask("hello", json.dumps(self._hello)))
-        self.resume_s = self._welcome["resume_s"]
-
-    # the conversation
-
-    def _connect(self) -> ClientConnection:
-        try:
-            return dial(
-                self._url,
-                subprotocols=[Subprotocol("crazyflie.v1")],
-                compression=None,
-                max_size=_MOST_BYTES,
-                open_timeout=_CONNECT_TIMEOUT_S,
-                close_timeout=_CLOSE_TIMEOUT_S,
-                proxy=None,
-            )
-        except (OSError, InvalidHandshake, EOFError) as error:
-            raise LostError(f"the connection to {self._url} was lost: {error}") from None
 
     def ask(self, kind: str, fields: str = "{}") -> str:
         """Send a request in JSON and return its reply, JSON."""
-        self._id += 1
-        text = json.dumps({**json.loads(fields), "id": self._id, "type": kind})
-        most = self._welcome["max_text_bytes"]
-        if len(text.encode()) > most:
-            raise ValueError(f"{kind}: a message of {len(text.encode())} bytes, the server takes {most}")
-        reply = self._exchange(self._id, text)
-        if not isinstance(reply, str):
-            raise self._strange(f"a binary reply to {kind}")
-        return reply
+        return self._link.ask(kind, fields)
 
-    def _exchange(self, number: int, request: str | bytes) -> str | bytes:
-        try:
-            return self._attempt(number, request)
-        except LostError as lost:
-            self._resume(lost)
-        return self._attempt(number, request)
+    @property
+    def resume_s(self) -> float:
+        """For how long a lost session is looked for; at first as the server says."""
+        return self._link.resume_s
 
-    def _attempt(self, number: int, request: str | bytes) -> str | bytes:
-        try:
-            self._ws.send(request)
-            while True:
-                reply = self._ws.recv(timeout=self._welcome["idle_s"])
-                got, refused = self._head(reply)
-                if got in (number, None):
-                    if refused is not None:
-                        raise refused
-                    return reply
-                # a smaller one is of a request whose caller was interrupted
-                if got > number:
-                    raise self._strange(f"a reply with the id {got}, expected {number}")
-        except ConnectionClosed as closed:
-            raise self._parted(closed) from None
-        except TimeoutError:
-            raise LostError(f"the connection to {self._url} was lost: no reply in time") from None
+    @resume_s.setter
+    def resume_s(self, resume_s: float) -> None:
+        self._link.resume_s = resume_s
 
-    def _head(self, reply: str | bytes) -> tuple[Any, Exception | None]:
-        """Return the id of a reply, and the error that it may be."""
-        if isinstance(reply, bytes):
-            if len(reply) < _REPLY.size:
-                raise self._strange(f"a message of {len(reply)} bytes")
-            return _REPLY.unpack_from(reply)[0], None
-        message = json.loads(reply)
-        if message["type"] != "error":
-            return message["id"], None
-        kind = ValueError if message["code"] in _ARGUMENT else RuntimeError
-        return message["id"], kind(message["message"])
-
-    def _parted(self, closed: ConnectionClosed) -> ConnectionError:
-        frame = closed.rcvd
-        if frame is None:
-            return LostError(f"the connection to {self._url} was lost: {closed}")
-        why = f"{frame.reason} (close code {int(frame.code)})"
-        if frame.code in (1005, _SILENT):
-            return LostError(f"the connection to {self._url} was lost: {why}")
-        return ConnectionError(f"the connection to {self._url} has ended: {why}")
-
-    def _strange(self, why: str) -> ConnectionError:
-        return ConnectionError(f"{self._url} answers in a way that the protocol does not know: {why}")
-
-    def _resume(self, lost: LostError) -> None:
-        """Connect anew and take the session up again."""
-        began, pause_s = time.monotonic(), _PAUSES_S[0]
-        if self._session is None:
-            raise lost
-        name, token = self._session
-        while True:
-            try:
-                self._ws = self._connect()
-                # these two are the connection's, not the session's: their ids need not grow
-                self._attempt(0, json.dumps({**self._hello, "id": 0, "type": "hello"}))
-                self._attempt(0, json.dumps({"id": 0, "type": "resume", "session": name, "token": token}))
-            except LostError:
-                if time.monotonic() - began >= self.resume_s:
-                    raise lost from None
-            except (ValueError, RuntimeError) as refused:
-                raise ConnectionError(f"the connection to {self._url} has ended: {lost}; {refused}") from None
-            else:
-                self.resumed += 1
-                return
-            time.sleep(pause_s)
-            pause_s = min(2 * pause_s, _PAUSES_S[1])
-
-    # the session
+    @property
+    def resumed(self) -> int:
+        """How many lost connections were mended."""
+        return self._link.resumed
 
     def begin(self, kind: str, fields: str, states: bool = False) -> str:
         """Send the request that begins a session and return its reply, JSON."""
@@ -176,7 +56,7 @@ class Remote:
         reply = self.ask(kind, fields)
         self._made, self._with_states = json.loads(reply), states
         if "token" in self._made:
-            self._session = self._made["session"], self._made["token"]
+            self._link.session = self._made["session"], self._made["token"]
         return reply
 
     def _get(self, key: str) -> Any:
@@ -274,8 +154,7 @@ class Remote:
 
     def close(self) -> None:
         """End the session and the connection."""
-        self._session = None
-        self._ws.close()
+        self._link.close()
 
     def _fly(
         self, actions: FloatArray, lead: tuple[int, ...]
@@ -291,20 +170,20 @@ class Remote:
 
     def _talk(self, kind: int, flags: int, steps: int, payload: bytes) -> list[NDArray[Any]]:
         """Send a binary request and return the parts of its reply: as the protocol orders them, numbers and flags."""
-        n, self._id = self.num_envs, self._id + 1
+        n, number = self.num_envs, self._link.next_id()
         told = _STATES if self._with_states and kind != _STATE else 0
-        reply = self._exchange(self._id, _REQUEST.pack(self._id, kind, flags | told, steps, n) + payload)
+        reply = self._link.exchange(number, _REQUEST.pack(number, kind, flags | told, steps, n) + payload)
         if not isinstance(reply, bytes):
-            raise self._strange("a text for a binary request")
+            raise self._link.strange("a text for a binary request")
         _, got_kind, got_flags, got_steps, got_envs, finals, _, _ = _REPLY.unpack_from(reply)
         if (got_kind, got_flags, got_steps, got_envs) != (kind | 128, told, steps, n):
-            raise self._strange("a header that does not fit the request")
+            raise self._link.strange("a header that does not fit the request")
         rows, wide = max(1, steps) * n, STATE if told or kind == _STATE else 0
         step = int(kind == _STEP)
         numbers = [rows * WIDTH * int(kind != _STATE), rows * step, rows * wide, finals * (WIDTH + wide)]
         expected = _REPLY.size + 4 * sum(numbers) + 2 * rows * step
         if len(reply) != expected:
-            raise self._strange(f"{len(reply)} bytes, expected {expected}")
+            raise self._link.strange(f"{len(reply)} bytes, expected {expected}")
         parts: list[NDArray[Any]] = []
         at = _REPLY.size
         for count, dtype in [(count, np.dtype("<f4")) for count in numbers] + [(rows * step, np.dtype(np.uint8))] * 2:

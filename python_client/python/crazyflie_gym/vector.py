@@ -19,7 +19,7 @@ from crazyflie_gym.build import build
 from crazyflie_gym.core import RemoteCore
 from crazyflie_gym.options import Model, autoreset_mode
 from crazyflie_gym.screen import RENDER_MODES, Screen, check_render_mode
-from crazyflie_gym.seeds import Seeds, consecutive, draw, seeds
+from crazyflie_gym.seeds import Seeds, consecutive, draw, reset_mask, seeds
 from crazyflie_gym.spaces import WIDTH, action_space, observation_space, split
 
 _Step = tuple[Observation, FloatArray, BoolArray, BoolArray, dict[str, Any]]
@@ -132,7 +132,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
             TypeError: for masks that are not bool arrays.
             RuntimeError: if the first reset leaves some environments out.
         """
-        mask = _reset_mask(options, self.num_envs)
+        mask = reset_mask(options, self.num_envs)
         self._seed(seed)
         rows = np.empty((self.num_envs, WIDTH), np.float32) if self._rows is None else self._rows.copy()
         if seed is None:
@@ -206,7 +206,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         return self._form(rows), rewards, terminated, truncated, infos
 
     def step_many(self, actions: FloatArray) -> _Step:
-        """Fly several control ticks with actions from -1 to 1, float32 (ticks, num_envs, 4): on a server in one request.
+        """Fly several control ticks with actions from -1 to 1, float32 (ticks, num_envs, 4): one request to a server.
 
         Returns:
             As `step`, with an axis of ticks in front; infos are "true_state" (ticks, num_envs, 12) and, where resets
@@ -298,17 +298,3 @@ def _set(envs: int) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray]:
     skip = -room.ctypes.data % 64 // room.itemsize
     rows, rewards = room[skip : skip + envs * WIDTH].reshape(envs, WIDTH), np.zeros(envs, np.float32)
     return rows, rewards, np.zeros(envs, np.bool_), np.zeros(envs, np.bool_)
-
-
-def _reset_mask(options: dict[str, Any] | None, envs: int) -> BoolArray | None:
-    mask = None if options is None else options.get("reset_mask")
-    if mask is None:
-        return None
-    if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
-        got = f"dtype {mask.dtype}" if isinstance(mask, np.ndarray) else type(mask).__name__
-        raise TypeError(f"options['reset_mask']: expected a numpy array of bool, got {got}")
-    if mask.shape != (envs,):
-        raise ValueError(f"options['reset_mask']: expected shape ({envs},), got {mask.shape}")
-    if not mask.any():
-        raise ValueError("options['reset_mask']: expected at least one True")
-    return np.ascontiguousarray(mask)

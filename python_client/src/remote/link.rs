@@ -47,8 +47,7 @@ impl Link {
         }
         let socket = Socket::connect(url, reply_bytes)?;
         let welcome = Welcome { max_text_bytes: usize::MAX, resume_s: 0.0, ping_s: 20.0, idle_s: 60.0 };
-        let mut link =
-            Link { socket, url: url.into(), hello, reply_bytes, id: 0, session: None, welcome, resume_s: 0.0, resumed: 0 };
+        let mut link = Link { socket, url: url.into(), hello, reply_bytes, id: 0, session: None, welcome, resume_s: 0.0, resumed: 0 };
         let welcome = link.ask("hello", link.hello.clone())?;
         link.welcome = link.read(welcome)?;
         link.resume_s = link.welcome.resume_s;

@@ -7,7 +7,7 @@ mod trouble;
 mod wire;
 
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, Weak};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError, Weak};
 use std::time::Duration;
 
 use crazyflie_env::observation::{ACTION, OBSERVATION};
@@ -36,23 +36,29 @@ type Last<'py> = (Bound<'py, PyArray1<f32>>, Option<Bound<'py, PyArray1<f32>>>);
 #[pyclass(frozen, module = "crazyflie_gym._native")]
 pub struct Remote {
     session: Arc<Mutex<Session>>,
-    made: OnceLock<Made>,
+    begun: OnceLock<Begun>,
     /// Dropped with the connection, which ends the thread that keeps it alive.
     _alive: Mutex<Sender<()>>,
 }
 
+/// What does not change from there on.
+struct Begun {
+    made: Made,
+    with_states: bool,
+}
+
 impl Remote {
-    /// Talks to the server without holding the interpreter.
+    /// The session. Whoever holds it may want the interpreter, to look for signals: it must not be waited for with the interpreter held.
+    fn with<T: Send>(&self, py: Python<'_>, act: impl FnOnce(&mut Session) -> T + Send) -> T {
+        py.detach(|| act(&mut self.session.lock().unwrap_or_else(PoisonError::into_inner)))
+    }
+
     fn talk<T: Send>(&self, py: Python<'_>, talk: impl FnOnce(&mut Session) -> Result<T, Trouble> + Send) -> PyResult<T> {
-        py.detach(|| talk(&mut self.locked())).map_err(PyErr::from)
+        self.with(py, talk).map_err(PyErr::from)
     }
 
-    fn locked(&self) -> MutexGuard<'_, Session> {
-        self.session.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn made(&self) -> PyResult<&Made> {
-        self.made.get().ok_or_else(|| PyRuntimeError::new_err("nothing was made yet: call begin() first"))
+    fn begun(&self) -> PyResult<&Begun> {
+        self.begun.get().ok_or_else(|| PyRuntimeError::new_err("nothing was made yet: call begin() first"))
     }
 }
 
@@ -65,7 +71,7 @@ impl Remote {
         let pause = Duration::from_secs_f64((0.5 * link.welcome.ping_s).clamp(0.01, 3600.0));
         let session = Arc::new(Mutex::new(Session::new(link)));
         let alive = keep_alive(Arc::downgrade(&session), pause)?;
-        Ok(Remote { session, made: OnceLock::new(), _alive: Mutex::new(alive) })
+        Ok(Remote { session, begun: OnceLock::new(), _alive: Mutex::new(alive) })
     }
 
     /// Sends a request in JSON, such as "state", with the `fields` of a JSON object, and returns the reply, JSON.
@@ -86,50 +92,53 @@ impl Remote {
             session.link.session = made.session.clone().zip(made.token.clone());
             Ok((reply, made))
         })?;
-        self.made.set(made).map_err(|_| PyRuntimeError::new_err("this connection has a session already"))?;
+        self.begun
+            .set(Begun { made, with_states: states })
+            .map_err(|_| PyRuntimeError::new_err("this connection has a session already"))?;
         Ok(reply.to_string())
     }
 
     /// Environments in the batch.
     #[getter]
     fn num_envs(&self) -> PyResult<usize> {
-        self.made().map(|made| made.num_envs)
+        self.begun().map(|begun| begun.made.num_envs)
     }
 
     /// Seconds per step.
     #[getter]
     fn tick_s(&self) -> PyResult<f64> {
-        self.made().map(|made| made.tick_s)
+        self.begun().map(|begun| begun.made.tick_s)
     }
 
     /// What an action means.
     #[getter]
     fn interface(&self) -> PyResult<Interface> {
-        self.made().map(|made| Interface { inner: made.interface.into(), tick_s: made.tick_s })
+        self.begun().map(|Begun { made, .. }| Interface { inner: made.interface.into(), tick_s: made.tick_s })
     }
 
     /// The most steps that one request of `step_many` may ask for.
     #[getter]
     fn max_steps(&self) -> PyResult<usize> {
         // the server counts without true states, which make a reply half as long again
-        self.made().map(|made| if self.locked().with_states { usize::from(made.max_steps) * 2 / 3 } else { made.max_steps.into() }.max(1))
+        let Begun { made, with_states } = self.begun()?;
+        Ok(if *with_states { usize::from(made.max_steps) * 2 / 3 } else { made.max_steps.into() }.max(1))
     }
 
     /// For how long a lost session is looked for, in seconds; at first as the server says.
     #[getter]
-    fn resume_s(&self) -> f64 {
-        self.locked().link.resume_s
+    fn resume_s(&self, py: Python<'_>) -> f64 {
+        self.with(py, |session| session.link.resume_s)
     }
 
     #[setter]
-    fn set_resume_s(&self, resume_s: f64) {
-        self.locked().link.resume_s = resume_s;
+    fn set_resume_s(&self, py: Python<'_>, resume_s: f64) {
+        self.with(py, |session| session.link.resume_s = resume_s);
     }
 
     /// How many lost connections were mended.
     #[getter]
-    fn resumed(&self) -> u64 {
-        self.locked().link.resumed
+    fn resumed(&self, py: Python<'_>) -> u64 {
+        self.with(py, |session| session.link.resumed)
     }
 
     /// As of `Sim`.
@@ -198,16 +207,15 @@ impl Remote {
         let (observations, rewards) = (empty::<f32>(py, (steps, n, OBSERVATION))?, empty::<f32>(py, (steps, n))?);
         let (terminated, truncated) = (empty::<bool>(py, (steps, n))?, empty::<bool>(py, (steps, n))?);
         let ended = self.fly(py, actions, &[steps, n], [&observations, &rewards, &terminated, &truncated])?;
-        let session = self.locked();
-        let width = session.final_width();
+        let with_states = self.begun()?.with_states;
+        let (width, states, finals) = self.with(py, |session| (session.final_width(), session.states.clone(), session.finals.clone()));
         let rows = |from: std::ops::Range<usize>| {
-            let numbers: Vec<f32> = session.finals.chunks_exact(width).flat_map(|row| &row[from.clone()]).copied().collect();
-            PyArray1::from_vec(py, numbers).call_method1("reshape", ((session.finals.len() / width, from.len()),))
+            let numbers: Vec<f32> = finals.chunks_exact(width).flat_map(|row| &row[from.clone()]).copied().collect();
+            PyArray1::from_vec(py, numbers).call_method1("reshape", ((finals.len() / width, from.len()),))
         };
-        let states = session.with_states.then(|| PyArray1::from_slice(py, &session.states).call_method1("reshape", ((steps, n, STATE),)));
-        let final_states = session.with_states.then(|| rows(OBSERVATION..width)).transpose()?;
-        let step = (observations, rewards, terminated, truncated, ended);
-        Ok((step, states.transpose()?, rows(0..OBSERVATION)?, final_states))
+        let final_states = with_states.then(|| rows(OBSERVATION..width)).transpose()?;
+        let states = with_states.then(|| PyArray1::from_vec(py, states).call_method1("reshape", ((steps, n, STATE),))).transpose()?;
+        Ok(((observations, rewards, terminated, truncated, ended), states, rows(0..OBSERVATION)?, final_states))
     }
 
     /// As of `Sim`.
@@ -222,14 +230,14 @@ impl Remote {
 
     /// As of `Sim`; the true state is `None` unless the session was begun with `states`.
     fn last_of_episode<'py>(&self, py: Python<'py>, env: usize) -> Option<Last<'py>> {
-        let session = self.locked();
-        let (observation, state) = session.final_of(env)?.split_at(OBSERVATION);
-        Some((row(py, observation), session.with_states.then(|| row(py, state))))
+        let last = self.with(py, |session| session.final_of(env).map(<[f32]>::to_vec))?;
+        let (observation, state) = last.split_at(OBSERVATION);
+        Some((row(py, observation), (!state.is_empty()).then(|| row(py, state))))
     }
 
     /// End the session and the connection; may be called twice.
     fn close(&self, py: Python<'_>) {
-        py.detach(|| self.locked().link.close());
+        self.with(py, |session| session.link.close());
     }
 }
 

@@ -85,7 +85,14 @@ impl<'a> Reply<'a> {
         let rows = if kind == Kind::Step { usize::from(steps) * envs } else { envs };
         let wide = if states || kind == Kind::State { 4 * STATE } else { 0 };
         let (step, seen) = (usize::from(kind == Kind::Step), usize::from(kind != Kind::State));
-        let parts = [rows * 4 * OBSERVATION * seen, rows * 4 * step, rows * wide, finals as usize * (4 * OBSERVATION + wide), rows * step, rows * step];
+        let parts = [
+            rows * 4 * OBSERVATION * seen,
+            rows * 4 * step,
+            rows * wide,
+            finals as usize * (4 * OBSERVATION + wide),
+            rows * step,
+            rows * step,
+        ];
         let mut rest = bytes.get(HEADER..).unwrap_or_default();
         if parts.iter().sum::<usize>() != rest.len() {
             return Err(format!("{} bytes after the header, expected {}", rest.len(), parts.iter().sum::<usize>()));
