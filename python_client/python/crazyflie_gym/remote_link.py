@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 import time
 from typing import Any
 
@@ -10,6 +11,9 @@ from websockets.exceptions import ConnectionClosed, InvalidHandshake
 from websockets.sync.client import ClientConnection
 from websockets.sync.client import connect as dial
 from websockets.typing import Subprotocol
+
+REPLY = struct.Struct("<QBBHIIIQ")
+"""The header of a binary reply; its first number is the id."""
 
 _MOST_BYTES = 256 << 20
 _CONNECT_TIMEOUT_S = 10.0
@@ -117,9 +121,9 @@ class Link:
     def _head(self, reply: str | bytes) -> tuple[Any, Exception | None]:
         """Return the id of a reply, and the error that it may be."""
         if isinstance(reply, bytes):
-            if len(reply) < _REPLY.size:
+            if len(reply) < REPLY.size:
                 raise self.strange(f"a message of {len(reply)} bytes")
-            return _REPLY.unpack_from(reply)[0], None
+            return REPLY.unpack_from(reply)[0], None
         message = json.loads(reply)
         if message["type"] != "error":
             return message["id"], None

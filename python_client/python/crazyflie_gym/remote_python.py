@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from crazyflie_gym._native import Interface
 from crazyflie_gym._types import BoolArray, FloatArray, Steps
-from crazyflie_gym.remote_link import Link
+from crazyflie_gym.remote_link import REPLY, Link
 from crazyflie_gym.spaces import WIDTH
 
 ACTION, STATE = 4, 12
 _RESET, _STEP, _STATE = 1, 2, 3
 _STATES, _SEEDS, _MASK = 1, 2, 4
-_REQUEST, _REPLY = struct.Struct("<QBBHI"), struct.Struct("<QBBHIIIQ")
+_REQUEST = struct.Struct("<QBBHI")
 
 
 class Remote:
@@ -175,17 +175,17 @@ class Remote:
         reply = self._link.exchange(number, _REQUEST.pack(number, kind, flags | told, steps, n) + payload)
         if not isinstance(reply, bytes):
             raise self._link.strange("a text for a binary request")
-        _, got_kind, got_flags, got_steps, got_envs, finals, _, _ = _REPLY.unpack_from(reply)
+        _, got_kind, got_flags, got_steps, got_envs, finals, _, _ = REPLY.unpack_from(reply)
         if (got_kind, got_flags, got_steps, got_envs) != (kind | 128, told, steps, n):
             raise self._link.strange("a header that does not fit the request")
         rows, wide = max(1, steps) * n, STATE if told or kind == _STATE else 0
         step = int(kind == _STEP)
         numbers = [rows * WIDTH * int(kind != _STATE), rows * step, rows * wide, finals * (WIDTH + wide)]
-        expected = _REPLY.size + 4 * sum(numbers) + 2 * rows * step
+        expected = REPLY.size + 4 * sum(numbers) + 2 * rows * step
         if len(reply) != expected:
             raise self._link.strange(f"{len(reply)} bytes, expected {expected}")
         parts: list[NDArray[Any]] = []
-        at = _REPLY.size
+        at = REPLY.size
         for count, dtype in [(count, np.dtype("<f4")) for count in numbers] + [(rows * step, np.dtype(np.uint8))] * 2:
             parts.append(np.frombuffer(reply, dtype, count, at))
             at += count * dtype.itemsize

@@ -183,9 +183,8 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
             TypeError: for another dtype.
             RuntimeError: before the first reset, and for ended environments when automatic resets are disabled.
         """
-        if not isinstance(actions, np.ndarray):
-            # RLlib hands over a list of rows
-            actions = np.asarray(actions)
+        # RLlib hands over a list of rows
+        actions = actions if isinstance(actions, np.ndarray) else np.asarray(actions)
         if self._sets is None:
             rows, rewards, terminated, truncated, ended = self.sim.step(actions)
         else:
