@@ -5,7 +5,7 @@ use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
 use crate::real::Real;
 
-/// Derivatives carried along: twelve states, six disturbances and six parameters fit in one pass of a filter, and in three registers of AVX-512.
+/// Derivatives carried along: twelve states, six disturbances and six parameters fit in one pass of a filter.
 pub const DIRECTIONS: usize = 24;
 
 /// A value and its derivatives.

@@ -41,10 +41,7 @@ impl Simulated for Dual {
     #[allow(unsafe_code)]
     fn run<T>(code: impl FnOnce() -> T) -> T {
         #[cfg(target_arch = "x86_64")]
-        if std::arch::is_x86_feature_detected!("avx512f") && std::arch::is_x86_feature_detected!("avx512dq") {
-            // SAFETY: just asked
-            return unsafe { crate::isa::with_avx512(code) };
-        } else if std::arch::is_x86_feature_detected!("avx2") {
+        if std::arch::is_x86_feature_detected!("avx2") {
             // SAFETY: just asked
             return unsafe { crate::isa::with_avx2(code) };
         }

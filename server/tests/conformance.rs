@@ -276,3 +276,19 @@ fn every_case_of_the_suite() {
     assert!(failures.is_empty(), "{}", failures.join("\n"));
     assert!(count > 280, "{count} cases");
 }
+
+#[test]
+fn the_runner_notices_what_is_wrong() {
+    let server = Server::start(Settings::default());
+    let sent = || Case::new("wrong").send(frame(TEXT, b"a"));
+    for (case, problem) in [
+        (sent().hear(Heard::Text(b"b".to_vec())), "another echo"),
+        (sent(), "an echo that is not expected"),
+        (sent().hear(Heard::Binary(b"a".to_vec())), "another opcode"),
+        (sent().hear(Heard::Text(b"a".to_vec())).hear(Heard::Pong(vec![])), "a pong that does not come"),
+        (sent().hear(Heard::Text(b"a".to_vec())).send(close(1001, b"")).closes(Some(1000)), "another code"),
+        (Case::new("wrong").send(frame(TEXT, b"\xff")).fails(1002), "1007 where 1002 is expected"),
+    ] {
+        assert!(play(server.address, &case).is_err(), "{problem} was not noticed");
+    }
+}

@@ -113,24 +113,27 @@ fn a_watcher_who_does_not_look_slows_nothing() {
     let server = Server::start(Settings::default());
     let (mut client, name) = session(&server, 64);
     let mut id = 2;
-    let mut steps_in = |client: &mut Client, window: Duration| {
-        let began = Instant::now();
-        let mut steps = 0;
-        while began.elapsed() < window {
-            id += 1;
-            client.ask_binary(request(id, 2, 0, 1, 64, &le(&[0.0; 256])));
-            steps += 1;
-        }
-        steps
+    // the best of many short times: the machine has other work
+    let mut fastest = |client: &mut Client| {
+        let window = |_| {
+            let (began, mut steps) = (Instant::now(), 0);
+            while began.elapsed() < Duration::from_millis(60) {
+                id += 1;
+                client.ask_binary(request(id, 2, 0, 1, 64, &le(&[0.0; 256])));
+                steps += 1;
+            }
+            steps
+        };
+        (0..15).map(window).max().unwrap()
     };
-    let alone = steps_in(&mut client, Duration::from_millis(700));
+    let alone = fastest(&mut client);
     let mut sleepers: Vec<Client> = (0..20).map(|_| watcher(&server)).collect();
     for live in &mut sleepers {
         live.send(&json!({"watch": name}));
     }
     net::eventually("twenty watchers", 10.0, || watching(&server) == 20);
-    let watched = steps_in(&mut client, Duration::from_millis(700));
-    println!("{alone} steps alone, {watched} with twenty watchers who do not read");
+    let watched = fastest(&mut client);
+    println!("{alone} steps in 60 ms alone, {watched} with twenty watchers who do not read");
     assert!(watched * 2 > alone, "{watched} steps with watchers, {alone} without");
     // one cuts the line in the middle
     let mut cut = sleepers.remove(0);

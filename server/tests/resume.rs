@@ -102,7 +102,7 @@ fn who_comes_too_late_finds_nothing() {
     let mut polite = server.connect();
     let made = make(&mut polite);
     polite.ws.close(Some(tungstenite::protocol::CloseFrame { code: 1000.into(), reason: "".into() })).unwrap();
-    eventually("a goodbye ends it at once", 0.15, || server.metric("crazyflie_sessions") == 0.0);
+    eventually("a goodbye ends it", 5.0, || server.metric("crazyflie_sessions") == 0.0);
     assert_eq!(resume(&mut server.connect(), &made)["code"], "unknown_session");
     let report = server.stop();
     assert_eq!((report.ended[&End::Expired], report.ended[&End::Closed]), (1, 1));

@@ -143,6 +143,14 @@ def canvas(page):
     return np.asarray(Image.open(io.BytesIO(picture)).convert("RGB")).astype(int)
 
 
+def until(page, expression):
+    """Waits. Playwright's own way is forbidden by the page's policy: it evaluates a string within the page."""
+    end = time.monotonic() + PATIENCE_MS / 1000
+    while not page.evaluate(expression):
+        assert time.monotonic() < end, f"in vain: {expression}"
+        page.wait_for_timeout(50)
+
+
 def rgb(page, variable):
     value = page.evaluate(f"getComputedStyle(document.documentElement).getPropertyValue('{variable}').trim()")
     return np.array([int(value[i : i + 2], 16) for i in (1, 3, 5)])
@@ -164,8 +172,8 @@ def position(page):
 
 
 def loaded(page):
-    page.wait_for_function("document.querySelectorAll('#flight:not([hidden]) .strip').length === 9")
-    page.wait_for_function("document.querySelector('#empty').hidden")
+    until(page, "document.querySelectorAll('#flight:not([hidden]) .strip').length === 9")
+    until(page, "document.querySelector('#empty').hidden")
     page.wait_for_timeout(400)
     return page
 
@@ -198,7 +206,7 @@ def test_live_draws_what_flies(visit):
     after, later = canvas(page), position(page)
     assert seen != later, "the numbers of the moment stand still"
     assert (np.abs(before - after).max(axis=-1) > 24).sum() > 100, "the 3D view stands still"
-    sky = close_to(after, rgb(page, "--sky"), 12)
+    sky = close_to(after, rgb(page, "--sky"), 3)
     height, width = sky.shape
     thirds = [
         after[y * height // 3 : (y + 1) * height // 3, x * width // 3 : (x + 1) * width // 3]
@@ -207,20 +215,20 @@ def test_live_draws_what_flies(visit):
     ]
     drawn = [len(np.unique(part.reshape(-1, 3), axis=0)) for part in thirds]
     print(f"colours in nine parts of the view: {drawn}; not sky: {1 - sky.mean():.0%}")
-    assert sum(count > 20 for count in drawn) >= 5 and 0.2 < 1 - sky.mean() < 1.0
+    assert sum(count > 20 for count in drawn) >= 5 and 0.2 < 1 - sky.mean() < 0.98
     # another environment of the batch
     page.get_by_label("Environment that is watched").select_option("2")
-    page.wait_for_function("location.hash.includes('env=2')")
+    until(page, "location.hash.includes('env=2')")
     loaded(page)
     pilot.evaluate("window.flying = false")
-    page.wait_for_function("document.querySelector('#empty').textContent.includes('has ended')")
+    until(page, "document.querySelector('#empty').textContent.includes('has ended')")
 
 
 def test_nothing_to_show_is_said(visit):
     page = visit("#live")
-    page.wait_for_function("document.querySelector('#empty').textContent.includes('No session is running')")
+    until(page, "document.querySelector('#empty').textContent.includes('No session is running')")
     page.goto(page.url.split("#")[0] + "#replay?scenario=wind")
-    page.wait_for_function("document.querySelector('#empty').textContent.includes('No attempt')")
+    until(page, "document.querySelector('#empty').textContent.includes('No attempt')")
 
 
 def test_replay_moves(visit, attempts):
@@ -231,13 +239,13 @@ def test_replay_moves(visit, attempts):
         page.locator(".now").first.evaluate("(e) => e.style.transform"),
     )
     page.get_by_role("button", name="Play", exact=True).click()
-    page.wait_for_function("parseFloat(document.querySelector('#time').textContent) > 2")
+    until(page, "parseFloat(document.querySelector('#time').textContent) > 2")
     page.get_by_role("button", name="Pause").click()
     assert position(page) != at_start
     assert page.locator(".now").first.evaluate("(e) => e.style.transform") != line
     assert (np.abs(canvas(page) - start).max(axis=-1) > 24).sum() > 200
     # a link to this moment shows this moment
-    page.wait_for_function("location.hash.includes('t=')")
+    until(page, "location.hash.includes('t=')")
     other = loaded(visit(page.url.split("/")[-1]))
     assert abs(time_s(other) - time_s(page)) < 0.02 and position(other) == position(page)
 
@@ -291,10 +299,9 @@ def test_keys(visit, attempts):
     assert time_s(page) == pytest.approx(1.08)
     page.keyboard.press("Home")
     page.keyboard.press("Space")
-    page.wait_for_timeout(600)
+    until(page, "parseFloat(document.querySelector('#time').textContent) > 0.1")
     page.keyboard.press("Space")
     stopped = time_s(page)
-    assert stopped > 0.1
     page.wait_for_timeout(300)
     assert time_s(page) == stopped
     page.keyboard.press("]")
@@ -320,7 +327,7 @@ def test_keys(visit, attempts):
 
 
 def test_two_runs_side_by_side(visit, attempts):
-    page = loaded(visit(f"#replay?a={attempts[0]}&b={attempts[1]}&t=2"))
+    page = loaded(visit(f"#replay?a={attempts[0]}&b={attempts[1]}&t=4"))
     assert page.locator("#legend .run-a, #legend .run-b").count() == 2
     assert page.locator("#readout th.run-b").is_visible()
     a, b = rgb(page, "--run-a"), rgb(page, "--run-b")
@@ -338,7 +345,7 @@ def test_two_runs_side_by_side(visit, attempts):
     # one clock
     page.locator("#readout").get_by_text("time").wait_for()
     times = page.locator("#readout tr", has_text="time").locator("td").all_inner_texts()
-    assert times == ["2.00 s", "2.00 s"]
+    assert times == ["4.00 s", "4.00 s"]
 
 
 def test_leaderboard(visit):
@@ -393,7 +400,7 @@ def test_errors_are_shown_and_the_server_may_come_back(visit, data):
     page = visit("#replay?a=nobody", url=server.url, faultless=False)
     page.locator("#notices", has_text="The server says").wait_for()
     page.goto(server.url + "#live")
-    page.wait_for_function("document.querySelector('#empty').textContent.includes('No session is running')")
+    until(page, "document.querySelector('#empty').textContent.includes('No session is running')")
     server.stop()
     page.locator("#notices", has_text="does not answer").wait_for()
     server = Server(data, server.port)

@@ -2,6 +2,9 @@
 
 export const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4, 8, 16];
 
+/** A slow machine draws few frames, but keeps time; after a pause of the browser the clock goes on from where it was. */
+const LONGEST_FRAME_S = 0.5;
+
 /** Time that can be played, paused and set; says `change` whenever something about it is new. */
 export class Clock extends EventTarget {
   time_s = 0;
@@ -50,8 +53,7 @@ export class Clock extends EventTarget {
   /** The browser calls this while the page can be seen, and not otherwise: a hidden page stands still. */
   #frame = (/** @type {number} */ now_ms) => {
     if (!this.playing) return;
-    // after a pause of the browser the clock goes on from where it was
-    const passed_s = Math.min(0.1, Math.max(0, (now_ms - this.#last_ms) / 1000));
+    const passed_s = Math.min(LONGEST_FRAME_S, Math.max(0, (now_ms - this.#last_ms) / 1000));
     this.#last_ms = now_ms;
     this.time_s = Math.min(this.end_s, this.time_s + passed_s * this.speed);
     if (this.time_s >= this.end_s) this.playing = false;

@@ -94,7 +94,11 @@ fn failed(problem: &Error) -> Response {
     if status.is_server_error() {
         error!(%problem, "the benchmark failed");
     }
-    refused(status, problem.code(), &problem.to_string())
+    let mut response = refused(status, problem.code(), &problem.to_string());
+    if let Some(seconds) = problem.retry_after_s() {
+        response.headers_mut().insert(header::RETRY_AFTER, seconds.into());
+    }
+    response
 }
 
 fn refused(status: StatusCode, code: &str, message: &str) -> Response {

@@ -7,6 +7,7 @@ use bytes::Bytes;
 use tokio_util::sync::CancellationToken;
 use tracing::{debug, info};
 
+use super::contest::Contest;
 use super::fault::{Code, Fault};
 use super::listed::End;
 use super::make;
@@ -24,11 +25,13 @@ pub(crate) struct Connection {
     /// Cancelled when the server stops or another connection resumes the session.
     leave: CancellationToken,
     session: Option<Session>,
+    /// In place of a session.
+    contest: Option<Contest>,
 }
 
 /// Serves a connection to its end.
 pub(crate) async fn talk(server: Arc<Server>, peer: Arc<Peer>, mut socket: Socket, leave: CancellationToken) {
-    let mut connection = Connection { server, peer, leave, session: None };
+    let mut connection = Connection { server, peer, leave, session: None, contest: None };
     let parting = loop {
         let reply = match socket.next().await {
             Ok(Incoming::Text(text)) => connection.text(&text).await,
@@ -59,9 +62,9 @@ impl Connection {
 
     fn binary(&mut self, bytes: &Bytes) -> Reply {
         let began = Instant::now();
-        let answer = Request::parse(bytes).and_then(|request| {
-            let session = self.session.as_mut().ok_or_else(no_session)?;
-            session.binary(&request)
+        let answer = Request::parse(bytes).and_then(|request| match &mut self.contest {
+            Some(contest) => contest.binary(&request),
+            None => self.session.as_mut().ok_or_else(no_session)?.binary(&request),
         });
         self.answered(began, wire::id_of(bytes), answer)
     }
@@ -97,13 +100,28 @@ impl Connection {
                 Ok(say(&Said::Made(Box::new(made))))
             }
             Asked::Resume(resume) => self.resume(id, &resume).await,
-            Asked::Benchmark => Err(Fault::new(Code::Unavailable, "this server has no benchmark")),
+            Asked::Benchmark(asked) => {
+                let bench = self.server.bench.as_ref();
+                let bench = bench.ok_or_else(|| Fault::new(Code::Unavailable, "this server has no benchmark"))?;
+                let (contest, reply) = Contest::begin(bench, id, &asked)?;
+                if let Some(before) = self.session.take() {
+                    before.finish(End::Closed);
+                }
+                self.contest = Some(contest);
+                Ok(reply)
+            }
+            Asked::Finish => {
+                let none = || Fault::new(Code::NoSession, "this connection has no attempt: send benchmark first");
+                self.contest.take().ok_or_else(none)?.finish(id)
+            }
+            Asked::Close if self.contest.take().is_some() => Ok(say(&Said::Closed { id })),
             Asked::Close => {
                 let session = self.session.take().ok_or_else(no_session)?;
                 session.finish(End::Closed);
                 Ok(say(&Said::Closed { id }))
             }
             Asked::Reset(reset) => self.session.as_mut().ok_or_else(no_session)?.reset(id, &reset),
+            Asked::Step(step) if let Some(contest) = &mut self.contest => contest.step(id, &step),
             Asked::Step(step) => {
                 let session = self.session.as_mut().ok_or_else(no_session)?;
                 session.step(id, &step)
@@ -123,6 +141,7 @@ impl Connection {
     /// A connection has one session: the one before ends.
     fn take(&mut self, session: Session) {
         session.listed().hold(&self.leave);
+        self.contest = None;
         if let Some(before) = self.session.replace(session) {
             before.finish(End::Closed);
         }

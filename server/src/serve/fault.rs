@@ -8,6 +8,8 @@ use crazyflie_env::Error;
 pub(crate) struct Fault {
     pub code: Code,
     pub message: String,
+    /// When to come back, where that would help.
+    pub retry_after_s: Option<u64>,
 }
 
 /// The codes of `docs/protocol.md`.
@@ -30,11 +32,14 @@ pub(crate) enum Code {
     TooLarge,
     TooMany,
     Unavailable,
+    /// Of the benchmark, in its own words.
+    #[serde(untagged)]
+    Benchmark(&'static str),
 }
 
 impl Fault {
     pub(crate) fn new(code: Code, message: impl Into<String>) -> Self {
-        Fault { code, message: message.into() }
+        Fault { code, message: message.into(), retry_after_s: None }
     }
 }
 
@@ -54,6 +59,14 @@ impl From<Error> for Fault {
             Error::NotReset => "the first request of a session is a reset of all environments".into(),
             other => other.to_string(),
         };
-        Fault { code, message }
+        Fault::new(code, message)
+    }
+}
+
+impl From<crate::bench::Error> for Fault {
+    fn from(error: crate::bench::Error) -> Self {
+        let retry_after_s = error.retry_after_s();
+        let code = Code::Benchmark(error.code());
+        Fault { code, message: error.to_string(), retry_after_s }
     }
 }

@@ -28,7 +28,8 @@ pub(crate) enum Asked {
     State,
     Close,
     Resume(Resume),
-    Benchmark,
+    Benchmark(Benchmark),
+    Finish,
 }
 
 /// Of a message without further fields.
@@ -92,6 +93,23 @@ pub(crate) struct Resume {
     pub token: String,
 }
 
+/// An attempt at a scenario of the benchmark.
+#[derive(Deserialize)]
+pub(crate) struct Benchmark {
+    /// `name@version`, or a name alone.
+    pub scenario: String,
+    pub controller: String,
+    /// A team's.
+    pub token: String,
+}
+
+impl std::fmt::Debug for Benchmark {
+    // the token is not for logs
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Benchmark({:?}, {:?})", self.scenario, self.controller)
+    }
+}
+
 /// A message's id, if it can be told, and the message or what is wrong with it.
 pub(crate) fn parse(text: &str) -> (Option<u64>, Result<Asked, Fault>) {
     let envelope: Envelope = match serde_json::from_str(text) {
@@ -122,9 +140,10 @@ fn asked(kind: Option<Value>, text: &str) -> Result<Asked, Fault> {
         "state" => fields::<Empty>(&kind, text).map(|_| Asked::State)?,
         "close" => fields::<Empty>(&kind, text).map(|_| Asked::Close)?,
         "resume" => Asked::Resume(fields(&kind, text)?),
-        "benchmark" => Asked::Benchmark,
+        "benchmark" => Asked::Benchmark(fields(&kind, text)?),
+        "finish" => fields::<Empty>(&kind, text).map(|_| Asked::Finish)?,
         other => {
-            let known = "hello, make, reset, step, state, close, resume, benchmark";
+            let known = "hello, make, reset, step, state, close, resume, benchmark, finish";
             return Err(Fault::new(Code::UnknownType, format!("unknown type {other:?}; known: {known}")));
         }
     })
@@ -197,10 +216,18 @@ pub(crate) enum Said<'a> {
         last_id: Option<u64>,
         ticks: u64,
     },
+    Begun(Box<Begun<'a>>),
+    /// The stored row of an attempt.
+    Finished {
+        id: u64,
+        attempt: Value,
+    },
     Error {
         id: Option<u64>,
         code: Code,
         message: &'a str,
+        #[serde(skip_serializing_if = "Option::is_none")]
+        retry_after_s: Option<u64>,
     },
 }
 
@@ -216,6 +243,23 @@ pub(crate) struct Outcome<'a> {
     /// With same-step resets.
     #[serde(rename = "final", skip_serializing_if = "Vec::is_empty")]
     pub finals: Vec<Final<'a>>,
+    /// In an attempt: the last episode has ended.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub over: Option<bool>,
+}
+
+/// An attempt has begun.
+#[derive(Debug, Serialize)]
+pub(crate) struct Begun<'a> {
+    pub id: u64,
+    pub attempt: &'a str,
+    pub scenario: String,
+    pub scenario_hash: &'a str,
+    /// Episodes, all in lock-step.
+    pub num_envs: usize,
+    pub tick_s: f64,
+    pub interface: Command,
+    pub observation: Rows<'a>,
 }
 
 #[derive(Debug, Serialize)]

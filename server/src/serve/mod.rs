@@ -3,6 +3,7 @@
 mod board;
 mod caps;
 mod connection;
+mod contest;
 mod echo;
 mod fault;
 mod feed;

@@ -57,14 +57,14 @@ impl Session {
 
     fn headed(&self, request: &Request<'_>, mut frame: Frame) -> Frame {
         let (kind, states, envs) = (request.kind, request.states, request.envs);
-        frame.head(request.id, Head { kind, states, steps: 0, envs, finals: 0, ticks: self.ticks() });
+        frame.head(request.id, Head { kind, states, over: false, steps: 0, envs, finals: 0, ticks: self.ticks() });
         frame
     }
 
     fn finished(&self, id: u64, stepped: Stepped) -> Frame {
         let Stepped { mut frame, steps, states, finals } = stepped;
         frame.flags([&self.terminated, &self.truncated]);
-        frame.head(id, Head { kind: Kind::Step, states, steps, envs: self.env.num_envs(), finals, ticks: self.ticks() });
+        frame.head(id, Head { kind: Kind::Step, states, over: false, steps, envs: self.env.num_envs(), finals, ticks: self.ticks() });
         frame
     }
 
@@ -126,6 +126,7 @@ impl Session {
             truncated: &self.truncated,
             state: stepped.states.then_some(state_rows(states)),
             finals: finals.collect(),
+            over: None,
         }
     }
 
@@ -150,7 +151,7 @@ fn long<T>(steps: usize, work: impl FnOnce() -> T) -> T {
 }
 
 pub(crate) fn refusal(id: Option<u64>, fault: &Fault) -> Reply {
-    say(&Said::Error { id, code: fault.code, message: &fault.message })
+    say(&Said::Error { id, code: fault.code, message: &fault.message, retry_after_s: fault.retry_after_s })
 }
 
 /// A message as JSON text.

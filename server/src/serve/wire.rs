@@ -19,6 +19,8 @@ pub(crate) const REPLY_WORDS: usize = REPLY_HEADER / 4;
 
 /// Also send the true states.
 pub(crate) const STATES: u8 = 1;
+/// Of a reply: the attempt is over.
+const OVER: u8 = 2;
 const SEEDS: u8 = 2;
 const MASK: u8 = 4;
 
@@ -140,6 +142,7 @@ pub(crate) struct Frame {
 pub(crate) struct Head {
     pub kind: Kind,
     pub states: bool,
+    pub over: bool,
     pub steps: usize,
     pub envs: usize,
     pub finals: usize,
@@ -185,7 +188,7 @@ impl Frame {
         bytes.fill(0);
         bytes[..8].copy_from_slice(&id.to_le_bytes());
         bytes[8] = head.kind as u8 | 0x80;
-        bytes[9] = if head.states { STATES } else { 0 };
+        bytes[9] = if head.states { STATES } else { 0 } | if head.over { OVER } else { 0 };
         bytes[10..12].copy_from_slice(&(head.steps as u16).to_le_bytes());
         bytes[12..16].copy_from_slice(&(head.envs as u32).to_le_bytes());
         bytes[16..20].copy_from_slice(&(head.finals as u32).to_le_bytes());

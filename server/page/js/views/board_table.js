@@ -71,6 +71,14 @@ function actions(marked, attempt) {
   return [make("a", { href: address("replay", { a: id }), "aria-label": `Replay ${controller} of ${team}` }, "Replay"), make("label", {}, mark, "compare")];
 }
 
+/** @param {Attempt} attempt @param {string} key */
+function figure(attempt, key) {
+  const { settled } = attempt.metrics;
+  // the median of those that settled says little where few did
+  const few = key === "settling_s" && settled > 0 && settled < attempt.episodes;
+  return [metric(attempt, key), ...(few ? [make("span", { class: "muted" }, `${settled} of ${attempt.episodes}`)] : [])];
+}
+
 /** @param {Attempt[]} rows @param {Marked} marked @returns {Column[]} */
 function columns(rows, marked) {
   const ranked = rows.some(({ rank }) => rank !== null);
@@ -80,7 +88,7 @@ function columns(rows, marked) {
     { head: "controller", class: "who", cell: who },
     { head: "score", class: "score", cell: score },
     { head: "failed", class: "number", cell: failures },
-    ...told.map((key) => ({ head: METRICS[key][1] ? `${METRICS[key][0]} [${METRICS[key][1]}]` : METRICS[key][0], class: "number", cell: (/** @type {Attempt} */ row) => [metric(row, key)] })),
+    ...told.map((key) => ({ head: METRICS[key][1] ? `${METRICS[key][0]} [${METRICS[key][1]}]` : METRICS[key][0], class: "number", cell: (/** @type {Attempt} */ row) => figure(row, key) })),
     { head: "verified", class: "verify", cell: verify },
     { head: "replay", class: "actions", cell: (row) => actions(marked, row) },
   ];
