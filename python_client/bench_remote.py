@@ -34,7 +34,8 @@ class Server:
         """Start it and learn its port."""
         self.folder = tempfile.TemporaryDirectory()
         command = [sys.executable, "-m", "crazyflie_gym", "serve", "--listen", "127.0.0.1:0", "--log", "warn"]
-        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=self.folder.name)
+        command += ["--data", os.path.join(self.folder.name, "bench.sqlite")]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         return "ws://" + self.process.stdout.readline().split()[-1]
 
     def __exit__(self, *_):

@@ -2,13 +2,16 @@
 
 import contextlib
 import gc
+import json
 import os
+import pathlib
 import signal
 import socket
 import subprocess
 import sys
 import threading
 import time
+import urllib.request
 
 import gymnasium as gym
 import numpy as np
@@ -30,8 +33,10 @@ class Server:
     """A server of its own in a process of its own."""
 
     def __init__(self, folder):
-        command = [sys.executable, "-m", "crazyflie_gym", "serve", "--listen", "127.0.0.1:0", "--log", "warn"]
-        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=folder)
+        self.data = str(folder / "bench.sqlite")
+        options = ["--listen", "127.0.0.1:0", "--log", "warn", "--data", self.data]
+        command = [sys.executable, "-m", "crazyflie_gym", "serve", *options]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         line = self.process.stdout.readline()
         assert line.startswith("listening on 127.0.0.1:"), line
         self.port = int(line.rsplit(":", 1)[1])
@@ -423,3 +428,48 @@ def test_a_client_that_is_forgotten_goes_away(server):
         while len(os.listdir("/proc/self/task")) > threads and time.monotonic() < deadline:
             time.sleep(0.01)
         assert len(os.listdir("/proc/self/task")) <= threads
+
+
+@pytest.fixture(scope="module")
+def token(server):
+    command = [sys.executable, "-m", "crazyflie_gym", "token", "create", "team-a", "--json", "--data", server.data]
+    return json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)["token"]
+
+
+def test_an_attempt_at_the_benchmark(server, client, token):
+    with remote.Benchmark(server.url, "wind", controller="pid", token=token, client=client) as attempt:
+        assert attempt.observations.shape == (attempt.num_envs, 24) and attempt.num_envs >= 20
+        assert not hasattr(attempt, "states") and attempt.scenario.startswith("wind@")
+        with pytest.raises(ValueError, match="expected a number from -1 to 1"):
+            attempt.step(np.full((attempt.num_envs, 4), 2, np.float32))
+        with pytest.raises(ValueError, match="expected shape"):
+            attempt.step(np.zeros((1, 4), np.float32))
+        row = attempt.run(crazyflie_gym.Pid(attempt.num_envs, attempt.interface).act)
+        assert attempt.over
+    assert row["id"] == attempt.attempt and row["status"] == "finished" and row["team"] == "team-a"
+    score = row["result"]["score"]
+    assert score["episodes"] == attempt.num_envs and score["failed"] == 0 and 0.0 < score["score"] <= 1.0
+    assert score["low"] <= score["score"] <= score["high"]
+
+
+def test_an_attempt_that_is_refused_or_left(server, client, token):
+    for args, error, words in (
+        ({"scenario": "calm", "controller": "x", "token": token}, ValueError, "unknown scenario"),
+        ({"scenario": "wind", "controller": "x", "token": "cft_0"}, ValueError, "token"),
+        ({"scenario": "wind", "controller": "x" * 65, "token": token}, ValueError, "1 to 64 characters"),
+    ):
+        with pytest.raises(error, match=words):
+            remote.Benchmark(server.url, client=client, **args)
+    with remote.Benchmark(server.url, "wind", controller="early", token=token, client=client) as attempt:
+        attempt.step(np.zeros((attempt.num_envs, 4), np.float32))
+        with pytest.raises(RuntimeError, match="still under way"):
+            attempt.finish()
+    with urllib.request.urlopen(f"http://127.0.0.1:{server.port}/api/v1/attempts/{attempt.attempt}") as page:
+        assert json.load(page)["status"] == "abandoned"
+
+
+def test_the_example(server, token):
+    example = pathlib.Path(__file__).parents[2] / "examples" / "submit_own.py"
+    command = [sys.executable, str(example), server.url, "hover-aruco", token]
+    words = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert words.startswith("hover-aruco@") and float(words.split()[-1]) > 0.1, words

@@ -33,6 +33,7 @@ _ARGUMENT = {
     "unknown_scenario",
     "bad_token",
     "bad_name",
+    "bad_shape",
 }
 
 

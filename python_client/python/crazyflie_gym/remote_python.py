@@ -17,6 +17,8 @@ from crazyflie_gym.spaces import WIDTH
 ACTION, STATE = 4, 12
 _RESET, _STEP, _STATE = 1, 2, 3
 _STATES, _SEEDS, _MASK = 1, 2, 4
+# in the reply to the last step of an attempt; the rows say so as well
+_OVER = 2
 _REQUEST = struct.Struct("<QBBHI")
 
 
@@ -83,7 +85,7 @@ class Remote:
     def max_steps(self) -> int:
         """The most steps of one `step_many`."""
         # the server counts without true states, which make a reply half as long again
-        most = int(self._get("max_steps"))
+        most = int(self._get("max_steps")) if "max_steps" in self._made else 1
         return max(1, most * 2 // 3 if self._with_states else most)
 
     def reset(
@@ -176,7 +178,7 @@ class Remote:
         if not isinstance(reply, bytes):
             raise self._link.strange("a text for a binary request")
         _, got_kind, got_flags, got_steps, got_envs, finals, _, _ = REPLY.unpack_from(reply)
-        if (got_kind, got_flags, got_steps, got_envs) != (kind | 128, told, steps, n):
+        if (got_kind, got_flags & ~_OVER, got_steps, got_envs) != (kind | 128, told, steps, n):
             raise self._link.strange("a header that does not fit the request")
         rows, wide = max(1, steps) * n, STATE if told or kind == _STATE else 0
         step = int(kind == _STEP)

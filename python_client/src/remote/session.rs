@@ -16,10 +16,15 @@ pub struct Made {
     pub num_envs: usize,
     pub tick_s: f64,
     pub interface: Command,
-    /// Of one binary request.
+    /// Of one binary request; an attempt at the benchmark is flown tick by tick.
+    #[serde(default = "one")]
     pub max_steps: u16,
     pub session: Option<String>,
     pub token: Option<String>,
+}
+
+fn one() -> u16 {
+    1
 }
 
 #[derive(Debug, Clone, Copy, Deserialize)]

@@ -9,6 +9,8 @@ const _: () = assert!(cfg!(target_endian = "little"));
 
 const HEADER: usize = 32;
 const STATES: u8 = 1;
+/// In the reply to the last step of an attempt; the rows say so as well.
+const OVER: u8 = 2;
 const SEEDS: u8 = 2;
 const MASK: u8 = 4;
 
@@ -74,7 +76,7 @@ impl<'a> Reply<'a> {
     /// What does not fit the request.
     pub fn parse(bytes: &'a [u8], kind: Kind, states: bool, steps: u16, envs: usize) -> Result<Self, String> {
         let word = |at: usize| bytes.get(at..at + 4).and_then(|word| word.try_into().ok()).map(u32::from_le_bytes);
-        let (Some(head), Some(got_envs), Some(finals)) = (word(8), word(12), word(16)) else {
+        let (Some(head), Some(got_envs), Some(finals)) = (word(8).map(|head| head & !(u32::from(OVER) << 8)), word(12), word(16)) else {
             return Err(format!("a message of {} bytes", bytes.len()));
         };
         let flags = if states && kind != Kind::State { STATES } else { 0 };
