@@ -143,7 +143,7 @@ class Benchmark:
         return attempt
 
     def run(self, act: Callable[[FloatArray], FloatArray]) -> dict[str, Any]:
-        """Fly to the end: `act` is given observations (num_envs, 24) and returns actions; returns what `finish` does."""
+        """Fly to the end with `act`, from observations (num_envs, 24) to actions, and return what `finish` does."""
         while not self.over:
             self.step(np.ascontiguousarray(act(self.observations), np.float32))
         return self.finish()
