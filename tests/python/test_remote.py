@@ -408,6 +408,7 @@ def test_an_interrupt_is_noticed_while_waiting(tmp_path, client):
         assert process.stdout.readline() == "made\n"
         # from here on nobody answers
         server.process.send_signal(signal.SIGSTOP)
+        assert os.WIFSTOPPED(os.waitpid(server.process.pid, os.WUNTRACED)[1])
         process.stdin.write("go\n")
         process.stdin.flush()
         time.sleep(0.5)
