@@ -5,6 +5,7 @@ import gc
 import json
 import os
 import pathlib
+import shutil
 import signal
 import socket
 import subprocess
@@ -32,9 +33,9 @@ WALL = {"task_options": {"start_radius_m": 2.0, "start_yaw_deg": 90.0}, "max_epi
 class Server:
     """A server of its own in a process of its own."""
 
-    def __init__(self, folder):
+    def __init__(self, folder, *more):
         self.data = str(folder / "bench.sqlite")
-        options = ["--listen", "127.0.0.1:0", "--log", "warn", "--data", self.data]
+        options = ["--listen", "127.0.0.1:0", "--log", "warn", "--data", self.data, *more]
         command = [sys.executable, "-m", "crazyflie_gym", "serve", *options]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         line = self.process.stdout.readline()
@@ -258,6 +259,31 @@ def test_mistakes_are_the_same_exceptions(server, client):
         env.reset(seed=0)
         for _ in range(500):
             env.step(np.array([0, 1, 0, 0], np.float32))
+
+
+SECURE = """
+import sys
+import gymnasium as gym, crazyflie_gym
+print(gym.make("Crazyflie-v0", remote=sys.argv[1], remote_client=sys.argv[2]).reset(seed=5)[0].tobytes().hex())
+"""
+
+
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="there is no openssl to make a certificate with")
+def test_tls_is_trusted_as_the_machine_trusts(tmp_path, client):
+    key, cert = tmp_path / "key.pem", tmp_path / "cert.pem"
+    request = "req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -days 2 -subj /CN=lab"
+    names = ["-addext", "subjectAltName=IP:127.0.0.1", "-addext", "basicConstraints=critical,CA:FALSE"]
+    command = ["openssl", *request.split(), *names, "-keyout", str(key), "-out", str(cert)]
+    subprocess.run(command, check=True, capture_output=True)
+    server = Server(tmp_path, "--tls-cert", str(cert), "--tls-key", str(key))
+    url = server.url.replace("ws://", "wss://")
+    command = [sys.executable, "-c", SECURE, url, client]
+    trusting = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "SSL_CERT_FILE": str(cert)})
+    expected = gym.make("Crazyflie-v0").reset(seed=5)[0].tobytes().hex()
+    assert trusting.stdout.strip() == expected, trusting.stderr
+    with pytest.raises(ConnectionError, match=r"certificate|SSL"):
+        gym.make("Crazyflie-v0", remote=url, remote_client=client)
+    server.stop()
 
 
 def test_addresses(client):
