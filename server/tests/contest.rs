@@ -1,8 +1,10 @@
 //! An attempt at the benchmark from afar: lock-step, scored by the server, signed, verified by flying it again.
 
 mod common;
+#[path = "common/net.rs"]
+mod net;
 
-use common::net::{Client, Server, floats, le, request};
+use net::{Client, Server, floats, le, request};
 use common::{folder, good, json, text};
 use crazyflie_server::serve::Settings;
 use serde_json::{Value, json as object};
