@@ -5,6 +5,7 @@ mod errors;
 mod picture;
 mod pid;
 mod registry;
+mod remote;
 mod sim;
 
 /// The simulator in Rust. Use it through the package `crazyflie_gym`.
@@ -16,6 +17,8 @@ mod _native {
     use crate::pid::Pid;
     #[pymodule_export]
     use crate::registry::{check_model, cli, effects, model_text, observation_fields, tasks};
+    #[pymodule_export]
+    use crate::remote::Remote;
     #[pymodule_export]
     use crate::sim::{Interface, Sim};
 }

@@ -22,11 +22,19 @@ pub const MOST_ENVS: i64 = 1 << 22;
 pub const FEW_ENVS: usize = 16;
 
 /// Observations, rewards, terminated, truncated, number of episodes that ended.
-type Step<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, usize);
+pub type Step<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, usize);
 /// The last observation and true state of an episode.
 type Last<'py> = (Bound<'py, PyArray1<f32>>, Bound<'py, PyArray1<f32>>);
 /// Observation, reward, terminated, truncated, info.
-type StepOne<'py> = (Bound<'py, PyArray1<f32>>, f64, bool, bool, Bound<'py, PyDict>);
+pub type StepOne<'py> = (Bound<'py, PyArray1<f32>>, f64, bool, bool, Bound<'py, PyDict>);
+
+fn vertical_name(input: VerticalInput) -> &'static str {
+    match input {
+        VerticalInput::Height => "height",
+        VerticalInput::Pwm => "pwm",
+        VerticalInput::Thrust => "thrust",
+    }
+}
 
 /// What an action means: the ranges that -1..1 is mapped to.
 #[pyclass(frozen, module = "crazyflie_gym._native")]
@@ -39,14 +47,28 @@ pub struct Interface {
 
 #[pymethods]
 impl Interface {
+    /// As a server describes it.
+    #[new]
+    #[pyo3(signature = (*, tick_s, vertical, tilt_max_rad, yaw_rate_max_radps, lift_max, hover_lift, yaw_sign))]
+    fn new(
+        tick_s: f64,
+        vertical: &str,
+        tilt_max_rad: f64,
+        yaw_rate_max_radps: f64,
+        lift_max: f64,
+        hover_lift: f64,
+        yaw_sign: f64,
+    ) -> PyResult<Self> {
+        let known = [VerticalInput::Height, VerticalInput::Pwm, VerticalInput::Thrust];
+        let input = known.into_iter().find(|input| vertical_name(*input) == vertical);
+        let input = input.ok_or_else(|| PyValueError::new_err(format!("vertical is {vertical:?}, expected height, pwm or thrust")))?;
+        Ok(Interface { inner: observation::Interface { input, tilt_max_rad, yaw_rate_max_radps, lift_max, hover_lift, yaw_sign }, tick_s })
+    }
+
     /// Which height input is commanded: "height", "pwm" or "thrust".
     #[getter]
     fn vertical(&self) -> &'static str {
-        match self.inner.input {
-            VerticalInput::Height => "height",
-            VerticalInput::Pwm => "pwm",
-            VerticalInput::Thrust => "thrust",
-        }
+        vertical_name(self.inner.input)
     }
     /// Roll and pitch of an action of 1, in radians.
     #[getter]

@@ -5,11 +5,12 @@ from typing import Any, Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
-from crazyflie_gym._types import BoolArray, EffectEntry, FieldEntry, FloatArray, TaskEntry
+from crazyflie_gym._types import BoolArray, EffectEntry, FieldEntry, FloatArray, Steps, TaskEntry
 
 __all__ = [
     "Interface",
     "Pid",
+    "Remote",
     "Sim",
     "ansi",
     "check_model",
@@ -26,6 +27,17 @@ __all__ = [
 class Interface:
     """What an action means: the ranges that -1..1 is mapped to."""
 
+    def __new__(
+        cls,
+        *,
+        tick_s: float,
+        vertical: str,
+        tilt_max_rad: float,
+        yaw_rate_max_radps: float,
+        lift_max: float,
+        hover_lift: float,
+        yaw_sign: float,
+    ) -> Interface: ...
     @property
     def tick_s(self) -> float: ...
     @property
@@ -72,6 +84,46 @@ class Sim:
     def step_one(self, action: FloatArray) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]: ...
     def states(self) -> FloatArray: ...
     def last_of_episode(self, env: int) -> tuple[FloatArray, FloatArray] | None: ...
+
+@final
+class Remote:
+    """A connection to a server; once begun, a batch of environments there."""
+
+    resume_s: float
+
+    def __new__(cls, url: str, token: str | None = None, num_envs: int = 1) -> Remote: ...
+    def ask(self, kind: str, fields: str = "{}") -> str: ...
+    def begin(self, kind: str, fields: str, states: bool = False) -> str: ...
+    @property
+    def num_envs(self) -> int: ...
+    @property
+    def tick_s(self) -> float: ...
+    @property
+    def interface(self) -> Interface: ...
+    @property
+    def max_steps(self) -> int: ...
+    @property
+    def resumed(self) -> int: ...
+    def reset(
+        self,
+        seeds: NDArray[np.uint64] | None = None,
+        mask: BoolArray | None = None,
+        observations: FloatArray | None = None,
+    ) -> FloatArray: ...
+    def step(self, actions: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray, int]: ...
+    def step_into(
+        self,
+        actions: FloatArray,
+        observations: FloatArray,
+        rewards: FloatArray,
+        terminated: BoolArray,
+        truncated: BoolArray,
+    ) -> int: ...
+    def step_one(self, action: FloatArray) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]: ...
+    def step_many(self, actions: FloatArray) -> Steps: ...
+    def states(self) -> FloatArray: ...
+    def last_of_episode(self, env: int) -> tuple[FloatArray, FloatArray | None] | None: ...
+    def close(self) -> None: ...
 
 @final
 class Pid:

@@ -11,6 +11,10 @@ FloatArray = NDArray[np.float32]
 BoolArray = NDArray[np.bool_]
 Observation = FloatArray | dict[str, FloatArray]
 """A row of 24 numbers (or rows of them), or the same by field."""
+Steps = tuple[
+    tuple[FloatArray, FloatArray, BoolArray, BoolArray, int], FloatArray | None, FloatArray, FloatArray | None
+]
+"""What a step returns, with an axis of steps in front; true states; last observations and true states of episodes."""
 
 
 class ParamEntry(TypedDict):

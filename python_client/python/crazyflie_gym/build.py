@@ -7,7 +7,9 @@ from typing import Any
 
 from gymnasium.vector import AutoresetMode
 
+from crazyflie_gym import remote as servers
 from crazyflie_gym._native import Sim, check_model
+from crazyflie_gym.core import RemoteCore
 from crazyflie_gym.options import Model, model_source, native_autoreset, to_json
 
 
@@ -24,13 +26,17 @@ def build(
     isa: str | None,
     autoreset: AutoresetMode,
     max_episode_steps: int,
-) -> Sim:
-    """Return the simulation that the arguments of an environment ask for.
+    remote: str | None,
+    remote_client: str,
+    states: bool,
+) -> Sim | RemoteCore:
+    """Return the simulation that the arguments of an environment ask for; `states` will be read every step.
 
     Raises:
         ValueError: naming the argument that is wrong, with a proposal where a name is unknown.
         FileNotFoundError: if there is no such model file.
         TypeError: for a number of environments that is not an integer, and a model of a strange type.
+        ConnectionError: if no server answers at `remote`.
     """
     text, name = model_source(model)
     if text is not None:
@@ -49,4 +55,6 @@ def build(
         autoreset=native_autoreset(autoreset),
         max_episode_steps=max_episode_steps,
     )
-    return Sim(num_envs, options, text)
+    if remote is None:
+        return Sim(num_envs, options, text)
+    return servers.make(remote, remote_client, num_envs, options, text, states)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from crazyflie_gym._native import Interface, Pid, Sim
 from crazyflie_gym._types import FloatArray, Observation
 from crazyflie_gym.build import build
+from crazyflie_gym.core import RemoteCore
 from crazyflie_gym.options import Model
 from crazyflie_gym.screen import RENDER_MODES, Screen, check_render_mode
 from crazyflie_gym.seeds import draw, seeds
@@ -37,10 +38,13 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         true_state: give the true state, float32 (12,), as info["true_state"]; its layout is STATE_FIELDS.
         render_mode: None, "rgb_array", or "human" for the terminal.
         isa: "baseline", "avx2" or "avx512"; by default the best of the machine. The results are the same.
+        remote: the address of a server, such as "ws://127.0.0.1:8765": it simulates there. The results are the same.
+        remote_client: "native", or "python" for the client in pure Python.
 
     Raises:
         ValueError: naming the argument that is wrong, with a proposal where a name is unknown.
         FileNotFoundError: if there is no such model file.
+        ConnectionError: if no server answers at `remote`; from any method if one goes away and does not come back.
     """
 
     metadata: dict[str, Any] = {"render_modes": RENDER_MODES, "render_fps": 50}
@@ -58,11 +62,13 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         true_state: bool = False,
         render_mode: str | None = None,
         isa: str | None = None,
+        remote: str | None = None,
+        remote_client: str = "native",
     ) -> None:
         self.observation_space = observation_space(observation)
         self.action_space = action_space()
         self.render_mode = check_render_mode(render_mode)
-        self.sim: Sim = build(
+        self.sim: Sim | RemoteCore = build(
             1,
             task=task,
             model=model,
@@ -74,6 +80,9 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
             isa=isa,
             autoreset=AutoresetMode.DISABLED,
             max_episode_steps=0,
+            remote=remote,
+            remote_client=remote_client,
+            states=true_state or render_mode is not None,
         )
         self.metadata = {**self.metadata, "render_fps": round(1.0 / self.sim.tick_s)}
         self._screen = None if render_mode is None else Screen(self.sim, task, task_options, effects)
@@ -89,7 +98,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
 
     def pid(self, gains: str = "thesis", mode: str = "automatic") -> Pid:
         """Return the thesis's controller for this environment; it acts on flat observations."""
-        return Pid(1, self.sim, gains, mode)
+        return Pid(1, self.sim.interface, gains, mode)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -149,6 +158,8 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         return self._screen.picture(0)
 
     def close(self) -> None:
-        """End the pictures; may be called twice."""
+        """End the pictures, and the session on a server; may be called twice."""
         if self._screen:
             self._screen.close()
+        if not isinstance(self.sim, Sim):
+            self.sim.close()

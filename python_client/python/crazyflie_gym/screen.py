@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from crazyflie_gym import _native
 from crazyflie_gym._types import BoolArray, FloatArray
+from crazyflie_gym.core import Core
 from crazyflie_gym.options import to_json
 
 RENDER_MODES = ["rgb_array", "human"]
@@ -38,7 +39,7 @@ class Screen:
     """Remembers where the drones of a simulation were, and draws them."""
 
     def __init__(
-        self, sim: _native.Sim, task: str, task_options: Mapping[str, Any] | None, effects: Mapping[str, Any] | None
+        self, sim: Core, task: str, task_options: Mapping[str, Any] | None, effects: Mapping[str, Any] | None
     ) -> None:
         self._sim = sim
         effects = {} if effects is None else effects

@@ -12,12 +12,14 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from crazyflie_gym import many
 from crazyflie_gym._native import Interface, Pid, Sim, tasks
 from crazyflie_gym._types import BoolArray, FloatArray, Observation
 from crazyflie_gym.build import build
+from crazyflie_gym.core import RemoteCore
 from crazyflie_gym.options import Model, autoreset_mode
 from crazyflie_gym.screen import RENDER_MODES, Screen, check_render_mode
-from crazyflie_gym.seeds import Seeds, consecutive, draw, seeds
+from crazyflie_gym.seeds import Seeds, consecutive, draw, reset_mask, seeds
 from crazyflie_gym.spaces import WIDTH, action_space, observation_space, split
 
 _Step = tuple[Observation, FloatArray, BoolArray, BoolArray, dict[str, Any]]
@@ -32,7 +34,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
             (the default), the same step resets (info["final_obs"], info["final_info"]), or nothing does until
             `reset(options={"reset_mask": ...})`.
         max_episode_steps: truncate episodes after so many steps; -1 for never, by default the task's own number.
-        threads: how many to step with. The results are the same.
+        threads: how many to step with. The results are the same. A server chooses for itself.
         copy: return new arrays; with False two sets of arrays take turns, so that what a step returned is overwritten
             by the step after the next.
 
@@ -63,6 +65,8 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         threads: int = 1,
         isa: str | None = None,
         copy: bool = True,
+        remote: str | None = None,
+        remote_client: str = "native",
     ) -> None:
         mode = _mode(autoreset_mode)
         self.single_observation_space = observation_space(observation)
@@ -70,7 +74,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         self.render_mode = check_render_mode(render_mode)
         if max_episode_steps is None:
             max_episode_steps = next((t["max_episode_steps"] for t in tasks() if t["name"] == task), 0)
-        self.sim: Sim = build(
+        self.sim: Sim | RemoteCore = build(
             num_envs,
             task=task,
             model=model,
@@ -82,6 +86,9 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
             isa=isa,
             autoreset=mode,
             max_episode_steps=0 if max_episode_steps == -1 else max_episode_steps,
+            remote=remote,
+            remote_client=remote_client,
+            states=true_state or render_mode is not None,
         )
         self.num_envs = self.sim.num_envs
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
@@ -104,7 +111,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
 
     def pid(self, gains: str = "thesis", mode: str = "automatic") -> Pid:
         """Return the thesis's controller for this batch; it acts on flat observations."""
-        return Pid(self.num_envs, self.sim, gains, mode)
+        return Pid(self.num_envs, self.sim.interface, gains, mode)
 
     def reset(
         self,
@@ -125,7 +132,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
             TypeError: for masks that are not bool arrays.
             RuntimeError: if the first reset leaves some environments out.
         """
-        mask = _reset_mask(options, self.num_envs)
+        mask = reset_mask(options, self.num_envs)
         self._seed(seed)
         rows = np.empty((self.num_envs, WIDTH), np.float32) if self._rows is None else self._rows.copy()
         if seed is None:
@@ -176,9 +183,8 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
             TypeError: for another dtype.
             RuntimeError: before the first reset, and for ended environments when automatic resets are disabled.
         """
-        if not isinstance(actions, np.ndarray):
-            # RLlib hands over a list of rows
-            actions = np.asarray(actions)
+        # RLlib hands over a list of rows
+        actions = actions if isinstance(actions, np.ndarray) else np.asarray(actions)
         if self._sets is None:
             rows, rewards, terminated, truncated, ended = self.sim.step(actions)
         else:
@@ -196,6 +202,32 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
             self._add_states(infos, np.ones(self.num_envs, np.bool_))
         if self._screen:
             self._draw(rows, rewards, terminated | truncated)
+        return self._form(rows), rewards, terminated, truncated, infos
+
+    def step_many(self, actions: FloatArray) -> _Step:
+        """Fly several control ticks with actions from -1 to 1, float32 (ticks, num_envs, 4): one request to a server.
+
+        Returns:
+            As `step`, with an axis of ticks in front; infos are "true_state" (ticks, num_envs, 12) and, where resets
+            happen in the same step, "final_obs" (episodes, 24 or by field) and "final_true_state", by tick and
+            environment.
+
+        Raises:
+            ValueError: for another shape, and for numbers that are not from -1 to 1; nothing has moved then.
+            TypeError: for another dtype.
+            RuntimeError: before the first reset, when automatic resets are disabled, and with a `render_mode`.
+        """
+        if self._mode is AutoresetMode.DISABLED or self._screen:
+            raise RuntimeError("several ticks at once need automatic resets, and draw no pictures")
+        many.check(actions, self.num_envs)
+        step, states, finals, final_states = many.fly(self.sim, actions, self._true_state)
+        rows, rewards, terminated, truncated, ended = step
+        self._rows = rows[-1]
+        infos: dict[str, Any] = {} if states is None else {"true_state": states}
+        if self._mode is AutoresetMode.SAME_STEP and ended:
+            infos["final_obs"] = self._form(finals)
+            if final_states is not None:
+                infos["final_true_state"] = final_states
         return self._form(rows), rewards, terminated, truncated, infos
 
     def _keep(self, rows: FloatArray) -> None:
@@ -217,7 +249,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
             last = self.sim.last_of_episode(int(env))
             if last is not None:
                 finals[env] = self._form(last[0])
-                if states is not None:
+                if states is not None and last[1] is not None:
                     states[env] = last[1]
         if states is not None:
             final_info["true_state"], final_info["_true_state"] = states, mask.copy()
@@ -247,9 +279,11 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         return tuple(self._screen.picture(env) for env in range(self.num_envs))
 
     def close_extras(self, **kwargs: Any) -> None:
-        """End the pictures."""
+        """End the pictures, and the session on a server."""
         if self._screen:
             self._screen.close()
+        if not isinstance(self.sim, Sim):
+            self.sim.close()
 
 
 # the name of the argument hides that of the function
@@ -263,17 +297,3 @@ def _set(envs: int) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray]:
     skip = -room.ctypes.data % 64 // room.itemsize
     rows, rewards = room[skip : skip + envs * WIDTH].reshape(envs, WIDTH), np.zeros(envs, np.float32)
     return rows, rewards, np.zeros(envs, np.bool_), np.zeros(envs, np.bool_)
-
-
-def _reset_mask(options: dict[str, Any] | None, envs: int) -> BoolArray | None:
-    mask = None if options is None else options.get("reset_mask")
-    if mask is None:
-        return None
-    if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
-        got = f"dtype {mask.dtype}" if isinstance(mask, np.ndarray) else type(mask).__name__
-        raise TypeError(f"options['reset_mask']: expected a numpy array of bool, got {got}")
-    if mask.shape != (envs,):
-        raise ValueError(f"options['reset_mask']: expected shape ({envs},), got {mask.shape}")
-    if not mask.any():
-        raise ValueError("options['reset_mask']: expected at least one True")
-    return np.ascontiguousarray(mask)

@@ -1,0 +1,173 @@
+"""Environments and benchmark runs on a server, `crazyflie serve`; docs/protocol.md says what is sent.
+
+    env = gymnasium.make("Crazyflie-v0", remote="ws://127.0.0.1:8765")
+    envs = gymnasium.make_vec("Crazyflie-v0", num_envs=1024, remote="wss://lab.example", remote_client="python")
+
+    with Benchmark("ws://127.0.0.1:8765", "hover-aruco", controller="mine", token="cft_...") as attempt:
+        row = attempt.run(controller)
+
+The client "native" is the fast one, in Rust. The client "python" is written in Python and needs the extra `remote`.
+"""
+
+from __future__ import annotations
+
+import json
+import operator
+import os
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any
+from urllib.parse import urlsplit, urlunsplit
+
+import numpy as np
+
+from crazyflie_gym import _native
+from crazyflie_gym._native import Interface
+from crazyflie_gym._types import BoolArray, FloatArray
+from crazyflie_gym.core import RemoteCore
+from crazyflie_gym.options import to_json
+
+TOKEN = "CRAZYFLIE_TOKEN"
+"""The environment variable with a team's token, for servers that want one."""
+
+_MOST_ENVS = 16384
+
+
+def connect(url: str, client: str = "native", *, token: str | None = None, num_envs: int = 1) -> RemoteCore:
+    """Return a connection over which nothing was made yet.
+
+    Args:
+        url: ws://host:port or wss://host:port; the path is /ws unless another one is given.
+        client: "native" or "python".
+        token: a team's, by default from the environment variable `CRAZYFLIE_TOKEN`.
+        num_envs: how many environments it will be used for, which sizes its buffers.
+
+    Raises:
+        ValueError: for another kind of URL, and an unknown client.
+        ConnectionError: if nobody answers there.
+        ModuleNotFoundError: if the client "python" lacks its package.
+    """
+    url, token = _address(url), token or os.environ.get(TOKEN)
+    if client == "native":
+        return _native.Remote(url, token, min(max(num_envs, 1), _MOST_ENVS))
+    if client == "python":
+        try:
+            from crazyflie_gym.remote_python import Remote
+        except ModuleNotFoundError as error:
+            hint = 'pip install "crazyflie-gym[remote]" brings it'
+            raise ModuleNotFoundError(f'remote_client="python": {error}; {hint}', name=error.name) from None
+        return Remote(url, token)
+    raise ValueError(f'remote_client is {client!r}, expected "native" or "python"')
+
+
+def make(url: str, client: str, num_envs: int, options: str, model: str | None, states: bool) -> RemoteCore:
+    """Return a batch of environments on a server; `options` is JSON, `model` the text of a model file.
+
+    Raises:
+        ValueError: as `connect`, and for what the server refuses, in its words.
+        ConnectionError: if nobody answers there.
+        TypeError: for a number of environments that is not an integer.
+    """
+    num_envs = operator.index(num_envs)
+    if num_envs < 1:
+        raise ValueError(f"num_envs is {num_envs}, expected at least 1")
+    core = connect(url, client, num_envs=num_envs)
+    fields = to_json(num_envs=num_envs, model=model)[:-1] + f', "options": {options}}}'
+    try:
+        core.begin("make", fields, states)
+    except BaseException:
+        core.close()
+        raise
+    return core
+
+
+class Benchmark:
+    """An attempt at a scenario of the benchmark: all its episodes fly in lock-step, and the server scores them.
+
+    From the beginning on it is listed; one that is not finished is listed as abandoned.
+
+    Args:
+        url: as of `connect`.
+        scenario: its name, such as "hover-aruco", or "name@version"; `crazyflie scenarios` lists them.
+        controller: what the leaderboard calls what flies here.
+        token: the team's, by default from the environment variable `CRAZYFLIE_TOKEN`.
+        client: "native" or "python".
+
+    Raises:
+        ValueError: for an unknown scenario, a token that is not valid, a name that is no good.
+        RuntimeError: if the team has too many attempts, or the server no benchmark.
+        ConnectionError: if nobody answers, and from any method if the connection is lost.
+    """
+
+    def __init__(
+        self, url: str, scenario: str, *, controller: str, token: str | None = None, client: str = "native"
+    ) -> None:
+        token = token or os.environ.get(TOKEN, "")
+        self._core = connect(url, client, token=token)
+        try:
+            begun = self._core.begin("benchmark", to_json(scenario=scenario, controller=controller, token=token))
+        except BaseException:
+            self._core.close()
+            raise
+        told: dict[str, Any] = json.loads(begun)
+        self.attempt: str = told["attempt"]
+        self.scenario: str = told["scenario"]
+        self.num_envs: int = told["num_envs"]
+        self.interface: Interface = self._core.interface
+        self.observations: FloatArray = np.array(told["observation"], np.float32)
+        self.over = False
+
+    def step(self, actions: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray]:
+        """Fly one control tick of all episodes with actions from -1 to 1, float32 (num_envs, 4).
+
+        Returns:
+            Observations (num_envs, 24), rewards, terminations and truncations (num_envs,). An episode that has ended
+            stays as it is; when the last one has, `over` is true.
+
+        Raises:
+            ValueError: for another shape or layout, and for numbers that are not from -1 to 1; nothing has moved then.
+            TypeError: for another dtype.
+            RuntimeError: when all episodes are over.
+        """
+        rows, rewards, terminated, truncated, _ = self._core.step(actions)
+        self.observations, self.over = rows, bool((terminated | truncated).all())
+        return rows, rewards, terminated, truncated
+
+    def finish(self) -> dict[str, Any]:
+        """Return the attempt as the server has scored, signed and stored it.
+
+        Raises:
+            RuntimeError: if episodes are still under way (the attempt is then abandoned), or it took too long.
+        """
+        attempt: dict[str, Any] = json.loads(self._core.ask("finish"))["attempt"]
+        return attempt
+
+    def run(self, act: Callable[[FloatArray], FloatArray]) -> dict[str, Any]:
+        """Fly to the end with `act`, from observations (num_envs, 24) to actions, and return what `finish` does."""
+        while not self.over:
+            self.step(np.ascontiguousarray(act(self.observations), np.float32))
+        return self.finish()
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._core.close()
+
+    def __enter__(self) -> Benchmark:
+        """Return the attempt."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the connection."""
+        self.close()
+
+
+def _address(url: str) -> str:
+    parts = urlsplit(url)
+    if parts.scheme not in ("ws", "wss") or not parts.hostname:
+        raise ValueError(f"remote is {url!r}, expected ws://host:port or wss://host:port")
+    if parts.username or parts.password:
+        raise ValueError(f"remote: a URL gets into logs; give the token in the environment variable {TOKEN}")
+    path = "/ws" if parts.path in ("", "/") else parts.path
+    return urlunsplit((parts.scheme, parts.netloc, path, parts.query, ""))

@@ -1,0 +1,215 @@
+"""The client of `crazyflie serve` in Python, byte for byte as docs/protocol.md has it; needs the extra `remote`."""
+
+from __future__ import annotations
+
+import json
+import struct
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crazyflie_gym._native import Interface
+from crazyflie_gym._types import BoolArray, FloatArray, Steps
+from crazyflie_gym.remote_link import REPLY, Link
+from crazyflie_gym.spaces import WIDTH
+
+ACTION, STATE = 4, 12
+_RESET, _STEP, _STATE = 1, 2, 3
+_STATES, _SEEDS, _MASK = 1, 2, 4
+# in the reply to the last step of an attempt; the rows say so as well
+_OVER = 2
+_REQUEST = struct.Struct("<QBBHI")
+
+
+class Remote:
+    """A connection to a server, and the batch that was begun over it, with the methods of `_native.Remote`."""
+
+    def __init__(self, url: str, token: str | None = None) -> None:
+        self._link = Link(url, token)
+        self._made: dict[str, Any] = {}
+        self._with_states = False
+        self._states: FloatArray | None = None
+        self._finals: FloatArray = np.empty((0, WIDTH), np.float32)
+        self._ended: list[int] = []
+
+    def ask(self, kind: str, fields: str = "{}") -> str:
+        """Send a request in JSON and return its reply, JSON."""
+        return self._link.ask(kind, fields)
+
+    @property
+    def resume_s(self) -> float:
+        """For how long a lost session is looked for; at first as the server says."""
+        return self._link.resume_s
+
+    @resume_s.setter
+    def resume_s(self, resume_s: float) -> None:
+        self._link.resume_s = resume_s
+
+    @property
+    def resumed(self) -> int:
+        """How many lost connections were mended."""
+        return self._link.resumed
+
+    def begin(self, kind: str, fields: str, states: bool = False) -> str:
+        """Send the request that begins a session and return its reply, JSON."""
+        if self._made:
+            raise RuntimeError("this connection has a session already")
+        reply = self.ask(kind, fields)
+        self._made, self._with_states = json.loads(reply), states
+        if "token" in self._made:
+            self._link.session = self._made["session"], self._made["token"]
+        return reply
+
+    def _get(self, key: str) -> Any:
+        if not self._made:
+            raise RuntimeError("nothing was made yet: call begin() first")
+        return self._made[key]
+
+    @property
+    def num_envs(self) -> int:
+        """Environments in the batch."""
+        return int(self._get("num_envs"))
+
+    @property
+    def tick_s(self) -> float:
+        """Seconds per step."""
+        return float(self._get("tick_s"))
+
+    @property
+    def interface(self) -> Interface:
+        """What an action means."""
+        return Interface(tick_s=self.tick_s, **self._get("interface"))
+
+    @property
+    def max_steps(self) -> int:
+        """The most steps of one `step_many`."""
+        # the server counts without true states, which make a reply half as long again
+        most = int(self._get("max_steps")) if "max_steps" in self._made else 1
+        return max(1, most * 2 // 3 if self._with_states else most)
+
+    def reset(
+        self,
+        seeds: NDArray[np.uint64] | None = None,
+        mask: BoolArray | None = None,
+        observations: FloatArray | None = None,
+    ) -> FloatArray:
+        """Begin episodes."""
+        n = self.num_envs
+        payload = b""
+        for what, array, dtype in (("seeds", seeds, np.uint64), ("reset_mask", mask, np.bool_)):
+            if array is not None:
+                payload += (_checked(what, array, dtype, (n,)) != 0 if what == "reset_mask" else array).tobytes()
+        flags = (0 if seeds is None else _SEEDS) | (0 if mask is None else _MASK)
+        parts = self._talk(_RESET, flags, 0, payload)
+        rows = np.zeros((n, WIDTH), np.float32) if observations is None else observations
+        chosen = slice(None) if mask is None else mask != 0
+        rows[chosen] = parts[0].reshape(n, WIDTH)[chosen]
+        return rows
+
+    def step(self, actions: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray, int]:
+        """Fly one tick."""
+        return self._fly(actions, (self.num_envs,))
+
+    def step_into(
+        self,
+        actions: FloatArray,
+        observations: FloatArray,
+        rewards: FloatArray,
+        terminated: BoolArray,
+        truncated: BoolArray,
+    ) -> int:
+        """Fly one tick, into arrays of the caller."""
+        observations[:], rewards[:], terminated[:], truncated[:], ended = self.step(actions)
+        return ended
+
+    def step_one(self, action: FloatArray) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
+        """Fly one tick of a batch of one."""
+        action = _checked("action", action, np.float32, (ACTION,))
+        rows, rewards, terminated, truncated, _ = self._fly(action[np.newaxis], (1,))
+        return rows[0], float(rewards[0]), bool(terminated[0]), bool(truncated[0]), {}
+
+    def step_many(self, actions: FloatArray) -> Steps:
+        """Fly several ticks in one request."""
+        steps = len(actions)
+        if not 1 <= steps <= self.max_steps:
+            raise ValueError(f"actions: {steps} steps, expected 1 to {self.max_steps}")
+        result = self._fly(actions, (steps, self.num_envs))
+        finals = self._finals[:, :WIDTH].copy()
+        if not self._with_states or self._states is None:
+            return result, None, finals, None
+        states = self._states.reshape(steps, self.num_envs, STATE)
+        return result, states, finals, self._finals[:, WIDTH:].copy()
+
+    def states(self) -> FloatArray:
+        """Return the true states."""
+        if self._states is not None:
+            return self._states[-self.num_envs :].copy()
+        return self._talk(_STATE, 0, 0, b"")[2].reshape(self.num_envs, STATE).copy()
+
+    def last_of_episode(self, env: int) -> tuple[FloatArray, FloatArray | None] | None:
+        """Return the last observation and true state of an episode that the last step ended."""
+        if env not in self._ended:
+            return None
+        row = self._finals[self._ended.index(env)].copy()
+        return row[:WIDTH], row[WIDTH:] if self._with_states else None
+
+    def close(self) -> None:
+        """End the session and the connection."""
+        self._link.close()
+
+    def _fly(
+        self, actions: FloatArray, lead: tuple[int, ...]
+    ) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray, int]:
+        actions = _checked("actions", actions, np.float32, (*lead, ACTION))
+        parts = self._talk(_STEP, 0, 1 if len(lead) == 1 else lead[0], actions.tobytes())
+        rows, rewards = parts[0].reshape(*lead, WIDTH).copy(), parts[1].reshape(lead).copy()
+        terminated, truncated = ((part != 0).reshape(lead) for part in parts[4:])
+        ends = np.flatnonzero(terminated | truncated)
+        self._finals = parts[3].reshape(-1, WIDTH + (STATE if self._with_states else 0))
+        self._ended = ends.tolist() if len(self._finals) else []
+        return rows, rewards, terminated, truncated, len(ends)
+
+    def _talk(self, kind: int, flags: int, steps: int, payload: bytes) -> list[NDArray[Any]]:
+        """Send a binary request and return the parts of its reply: as the protocol orders them, numbers and flags."""
+        n, number = self.num_envs, self._link.next_id()
+        told = _STATES if self._with_states and kind != _STATE else 0
+        reply = self._link.exchange(number, _REQUEST.pack(number, kind, flags | told, steps, n) + payload)
+        if not isinstance(reply, bytes):
+            raise self._link.strange("a text for a binary request")
+        _, got_kind, got_flags, got_steps, got_envs, finals, _, _ = REPLY.unpack_from(reply)
+        if (got_kind, got_flags & ~_OVER, got_steps, got_envs) != (kind | 128, told, steps, n):
+            raise self._link.strange("a header that does not fit the request")
+        rows, wide = max(1, steps) * n, STATE if told or kind == _STATE else 0
+        step = int(kind == _STEP)
+        numbers = [rows * WIDTH * int(kind != _STATE), rows * step, rows * wide, finals * (WIDTH + wide)]
+        expected = REPLY.size + 4 * sum(numbers) + 2 * rows * step
+        if len(reply) != expected:
+            raise self._link.strange(f"{len(reply)} bytes, expected {expected}")
+        parts: list[NDArray[Any]] = []
+        at = REPLY.size
+        for count, dtype in [(count, np.dtype("<f4")) for count in numbers] + [(rows * step, np.dtype(np.uint8))] * 2:
+            parts.append(np.frombuffer(reply, dtype, count, at))
+            at += count * dtype.itemsize
+        if told:
+            self._states = parts[2].reshape(-1, STATE)
+        return parts
+
+
+def _checked(what: str, array: Any, dtype: Any, shape: tuple[int, ...]) -> Any:
+    """Return the array if it is what the native module would take.
+
+    Raises:
+        TypeError: for another type or dtype.
+        ValueError: for another shape or layout.
+    """
+    if not isinstance(array, np.ndarray) or array.dtype != dtype:
+        got = f"dtype {array.dtype}" if isinstance(array, np.ndarray) else type(array).__name__
+        raise TypeError(f"{what}: expected a numpy array of {np.dtype(dtype).name} with shape {shape}, got {got}")
+    if array.shape != shape:
+        raise ValueError(f"{what}: expected shape {shape}, got {array.shape}")
+    if not array.flags.c_contiguous:
+        raise ValueError(
+            f"{what}: expected a C-contiguous array, got one with other strides; numpy.ascontiguousarray makes one"
+        )
+    return array

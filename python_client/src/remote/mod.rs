@@ -1,0 +1,280 @@
+//! A batch of environments on a server, with the methods of [`crate::sim::Sim`].
+
+mod link;
+mod session;
+mod socket;
+mod trouble;
+mod wire;
+
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError, Weak};
+use std::time::Duration;
+
+use crazyflie_env::observation::{ACTION, OBSERVATION};
+use crazyflie_env::vector::{Out, STATE};
+use numpy::{PyArray1, PyUntypedArray, PyUntypedArrayMethods};
+use pyo3::exceptions::{PyRuntimeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use serde_json::{Map, Value};
+
+use crate::arrays::{empty, input, mask as read_mask, output, row};
+use crate::sim::{Interface, Step, StepOne};
+use link::Link;
+use session::{Made, Session};
+use trouble::Trouble;
+
+/// What little the thread does that keeps a connection alive.
+const STACK_BYTES: usize = 64 << 10;
+
+/// Observations, rewards, terminated, truncated; true states, final observations, final states where they were asked for.
+type Steps<'py> = (Step<'py>, Option<Bound<'py, PyAny>>, Bound<'py, PyAny>, Option<Bound<'py, PyAny>>);
+/// The last observation of an episode, and its last true state if such are sent.
+type Last<'py> = (Bound<'py, PyArray1<f32>>, Option<Bound<'py, PyArray1<f32>>>);
+
+/// A connection to a server at `url` (ws:// or wss://); `token` is a team's, `num_envs` how many environments it will be used for.
+#[pyclass(frozen, module = "crazyflie_gym._native")]
+pub struct Remote {
+    session: Arc<Mutex<Session>>,
+    begun: OnceLock<Begun>,
+    /// Dropped with the connection, which ends the thread that keeps it alive.
+    _alive: Mutex<Sender<()>>,
+}
+
+/// What does not change from there on.
+struct Begun {
+    made: Made,
+    with_states: bool,
+}
+
+impl Remote {
+    /// The session. Whoever holds it may want the interpreter, to look for signals: it must not be waited for with the interpreter held.
+    fn with<T: Send>(&self, py: Python<'_>, act: impl FnOnce(&mut Session) -> T + Send) -> T {
+        py.detach(|| act(&mut self.session.lock().unwrap_or_else(PoisonError::into_inner)))
+    }
+
+    fn talk<T: Send>(&self, py: Python<'_>, talk: impl FnOnce(&mut Session) -> Result<T, Trouble> + Send) -> PyResult<T> {
+        self.with(py, talk).map_err(PyErr::from)
+    }
+
+    fn begun(&self) -> PyResult<&Begun> {
+        self.begun.get().ok_or_else(|| PyRuntimeError::new_err("nothing was made yet: call begin() first"))
+    }
+}
+
+#[pymethods]
+impl Remote {
+    #[new]
+    #[pyo3(signature = (url, token = None, num_envs = 1))]
+    fn new(py: Python<'_>, url: &str, token: Option<&str>, num_envs: usize) -> PyResult<Self> {
+        let link = py.detach(|| Link::open(url, token, wire::reply_bytes(num_envs)))?;
+        let pause = Duration::from_secs_f64((0.5 * link.welcome.ping_s).clamp(0.01, 3600.0));
+        let session = Arc::new(Mutex::new(Session::new(link)));
+        let alive = keep_alive(Arc::downgrade(&session), pause)?;
+        Ok(Remote { session, begun: OnceLock::new(), _alive: Mutex::new(alive) })
+    }
+
+    /// Sends a request in JSON, such as "state", with the `fields` of a JSON object, and returns the reply, JSON.
+    #[pyo3(signature = (kind, fields = "{}"))]
+    fn ask(&self, py: Python<'_>, kind: &str, fields: &str) -> PyResult<String> {
+        let fields = object(fields)?;
+        self.talk(py, |session| session.link.ask(kind, fields)).map(|reply| reply.to_string())
+    }
+
+    /// As `ask`, for the requests that begin a session: "make" or "benchmark". With `states` every reply brings the true states along.
+    #[pyo3(signature = (kind, fields, states = false))]
+    fn begin(&self, py: Python<'_>, kind: &str, fields: &str, states: bool) -> PyResult<String> {
+        let fields = object(fields)?;
+        let (reply, made) = self.talk(py, |session| {
+            let reply = session.link.ask(kind, fields)?;
+            let made: Made = session.link.read(reply.clone())?;
+            (session.with_states, session.envs) = (states, made.num_envs);
+            session.link.session = made.session.clone().zip(made.token.clone());
+            Ok((reply, made))
+        })?;
+        self.begun
+            .set(Begun { made, with_states: states })
+            .map_err(|_| PyRuntimeError::new_err("this connection has a session already"))?;
+        Ok(reply.to_string())
+    }
+
+    /// Environments in the batch.
+    #[getter]
+    fn num_envs(&self) -> PyResult<usize> {
+        self.begun().map(|begun| begun.made.num_envs)
+    }
+
+    /// Seconds per step.
+    #[getter]
+    fn tick_s(&self) -> PyResult<f64> {
+        self.begun().map(|begun| begun.made.tick_s)
+    }
+
+    /// What an action means.
+    #[getter]
+    fn interface(&self) -> PyResult<Interface> {
+        self.begun().map(|Begun { made, .. }| Interface { inner: made.interface.into(), tick_s: made.tick_s })
+    }
+
+    /// The most steps that one request of `step_many` may ask for.
+    #[getter]
+    fn max_steps(&self) -> PyResult<usize> {
+        // the server counts without true states, which make a reply half as long again
+        let Begun { made, with_states } = self.begun()?;
+        Ok(if *with_states { usize::from(made.max_steps) * 2 / 3 } else { made.max_steps.into() }.max(1))
+    }
+
+    /// For how long a lost session is looked for, in seconds; at first as the server says.
+    #[getter]
+    fn resume_s(&self, py: Python<'_>) -> f64 {
+        self.with(py, |session| session.link.resume_s)
+    }
+
+    #[setter]
+    fn set_resume_s(&self, py: Python<'_>, resume_s: f64) {
+        self.with(py, |session| session.link.resume_s = resume_s);
+    }
+
+    /// How many lost connections were mended.
+    #[getter]
+    fn resumed(&self, py: Python<'_>) -> u64 {
+        self.with(py, |session| session.link.resumed)
+    }
+
+    /// As of `Sim`.
+    #[pyo3(signature = (seeds = None, mask = None, observations = None))]
+    fn reset<'py>(
+        &self,
+        py: Python<'py>,
+        seeds: Option<&Bound<'py, PyAny>>,
+        mask: Option<&Bound<'py, PyAny>>,
+        observations: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let n = self.num_envs()?;
+        let seeds = seeds.map(|seeds| input::<u64>("seeds", &[n], seeds)).transpose()?;
+        let seeds = seeds.as_ref().map(|seeds| seeds.as_slice()).transpose()?;
+        let mask = mask.map(|mask| read_mask("reset_mask", &[n], mask)).transpose()?;
+        let rows = observations.unwrap_or_else(|| numpy::PyArray2::<f32>::zeros(py, [n, OBSERVATION], false).into_any());
+        let mut out = output::<f32>("observations", &[n, OBSERVATION], &rows)?;
+        let out = out.as_slice_mut()?;
+        self.talk(py, |session| session.reset(seeds, mask.as_deref(), out))?;
+        Ok(rows)
+    }
+
+    /// As of `Sim`.
+    fn step<'py>(&self, py: Python<'py>, actions: &Bound<'py, PyAny>) -> PyResult<Step<'py>> {
+        let n = self.num_envs()?;
+        let (observations, rewards) = (empty::<f32>(py, (n, OBSERVATION))?, empty::<f32>(py, (n,))?);
+        let (terminated, truncated) = (empty::<bool>(py, (n,))?, empty::<bool>(py, (n,))?);
+        let ended = self.step_into(py, actions, &observations, &rewards, &terminated, &truncated)?;
+        Ok((observations, rewards, terminated, truncated, ended))
+    }
+
+    /// As of `Sim`.
+    fn step_into<'py>(
+        &self,
+        py: Python<'py>,
+        actions: &Bound<'py, PyAny>,
+        observations: &Bound<'py, PyAny>,
+        rewards: &Bound<'py, PyAny>,
+        terminated: &Bound<'py, PyAny>,
+        truncated: &Bound<'py, PyAny>,
+    ) -> PyResult<usize> {
+        let n = self.num_envs()?;
+        self.fly(py, actions, &[n], [observations, rewards, terminated, truncated])
+    }
+
+    /// As of `Sim`.
+    fn step_one<'py>(&self, py: Python<'py>, action: &Bound<'py, PyAny>) -> PyResult<StepOne<'py>> {
+        let action = input::<f32>("action", &[ACTION], action)?;
+        let action = action.as_slice()?;
+        if self.num_envs()? != 1 {
+            return Err(PyValueError::new_err("step_one is for a single environment"));
+        }
+        let (mut observations, mut reward, mut terminated, mut truncated) = ([0.0; OBSERVATION], [0.0], [false], [false]);
+        let (rows, rewards) = (&mut observations[..], &mut reward[..]);
+        let out = Out { observations: rows, rewards, terminated: &mut terminated[..], truncated: &mut truncated[..] };
+        self.talk(py, |session| session.step(1, action, out))?;
+        Ok((row(py, &observations), f64::from(reward[0]), terminated[0], truncated[0], PyDict::new(py)))
+    }
+
+    /// Several steps in one request: float32 actions (steps, num_envs, 4), at most `max_steps`. Returns what `step` returns, with an axis
+    /// of steps in front; true states (steps, num_envs, 12) or `None`; of the episodes that ended, when automatic resets happen in the
+    /// same step, the last observations (episodes, 24) and true states (episodes, 12) or `None`, by step and environment.
+    fn step_many<'py>(&self, py: Python<'py>, actions: &Bound<'py, PyAny>) -> PyResult<Steps<'py>> {
+        let n = self.num_envs()?;
+        let steps = actions.cast::<PyUntypedArray>().ok().and_then(|array| array.shape().first().copied()).unwrap_or(0);
+        let (observations, rewards) = (empty::<f32>(py, (steps, n, OBSERVATION))?, empty::<f32>(py, (steps, n))?);
+        let (terminated, truncated) = (empty::<bool>(py, (steps, n))?, empty::<bool>(py, (steps, n))?);
+        let ended = self.fly(py, actions, &[steps, n], [&observations, &rewards, &terminated, &truncated])?;
+        let with_states = self.begun()?.with_states;
+        let (width, states, finals) = self.with(py, |session| (session.final_width(), session.states.clone(), session.finals.clone()));
+        let rows = |from: std::ops::Range<usize>| {
+            let numbers: Vec<f32> = finals.chunks_exact(width).flat_map(|row| &row[from.clone()]).copied().collect();
+            PyArray1::from_vec(py, numbers).call_method1("reshape", ((finals.len() / width, from.len()),))
+        };
+        let final_states = with_states.then(|| rows(OBSERVATION..width)).transpose()?;
+        let states = with_states.then(|| PyArray1::from_vec(py, states).call_method1("reshape", ((steps, n, STATE),))).transpose()?;
+        Ok(((observations, rewards, terminated, truncated, ended), states, rows(0..OBSERVATION)?, final_states))
+    }
+
+    /// As of `Sim`.
+    fn states<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let n = self.num_envs()?;
+        let states = empty::<f32>(py, (n, STATE))?;
+        let mut out = output::<f32>("states", &[n, STATE], &states)?;
+        let out = out.as_slice_mut()?;
+        self.talk(py, |session| session.states(out))?;
+        Ok(states)
+    }
+
+    /// As of `Sim`; the true state is `None` unless the session was begun with `states`.
+    fn last_of_episode<'py>(&self, py: Python<'py>, env: usize) -> Option<Last<'py>> {
+        let last = self.with(py, |session| session.final_of(env).map(<[f32]>::to_vec))?;
+        let (observation, state) = last.split_at(OBSERVATION);
+        Some((row(py, observation), (!state.is_empty()).then(|| row(py, state))))
+    }
+
+    /// End the session and the connection; may be called twice.
+    fn close(&self, py: Python<'_>) {
+        self.with(py, |session| session.link.close());
+    }
+}
+
+impl Remote {
+    fn fly<'py>(&self, py: Python<'py>, actions: &Bound<'py, PyAny>, lead: &[usize], into: [&Bound<'py, PyAny>; 4]) -> PyResult<usize> {
+        let shape = |width: usize| [lead, &[width]].concat();
+        let steps = if let [steps, _] = lead { *steps } else { 1 };
+        let (Ok(count @ 1..), true) = (u16::try_from(steps), steps <= self.max_steps()?) else {
+            return Err(PyValueError::new_err(format!("actions: {steps} steps, expected 1 to {}", self.max_steps()?)));
+        };
+        let actions = input::<f32>("actions", &shape(ACTION), actions)?;
+        let mut observations = output::<f32>("observations", &shape(OBSERVATION), into[0])?;
+        let mut rewards = output::<f32>("rewards", lead, into[1])?;
+        let mut terminated = output::<bool>("terminated", lead, into[2])?;
+        let mut truncated = output::<bool>("truncated", lead, into[3])?;
+        let (actions, observations, rewards) = (actions.as_slice()?, observations.as_slice_mut()?, rewards.as_slice_mut()?);
+        let (terminated, truncated) = (terminated.as_slice_mut()?, truncated.as_slice_mut()?);
+        self.talk(py, |session| session.step(count, actions, Out { observations, rewards, terminated, truncated }))
+    }
+}
+
+fn object(fields: &str) -> PyResult<Map<String, Value>> {
+    serde_json::from_str(fields).map_err(|e| PyValueError::new_err(format!("fields: {e}")))
+}
+
+/// A server closes connections that are silent for long, and a learner may think for long.
+fn keep_alive(session: Weak<Mutex<Session>>, pause: Duration) -> PyResult<Sender<()>> {
+    let (alive, dropped) = channel::<()>();
+    let beat = move || {
+        while let Err(RecvTimeoutError::Timeout) = dropped.recv_timeout(pause) {
+            let Some(session) = session.upgrade() else { return };
+            // a connection in use needs no sign of life
+            if let Ok(mut session) = session.try_lock() {
+                session.link.beat();
+            }
+        }
+    };
+    std::thread::Builder::new().name("crazyflie-alive".into()).stack_size(STACK_BYTES).spawn(beat)?;
+    Ok(alive)
+}

@@ -1,0 +1,475 @@
+"""Environments on a real server are the environments of this process, bit for bit, through both clients."""
+
+import contextlib
+import gc
+import json
+import os
+import pathlib
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+import urllib.request
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import crazyflie_gym
+from conftest import FIVE, IDS, random_actions
+from crazyflie_gym import remote
+
+CLIENTS = ["native", "python"]
+DRAWN = {**FIVE, "wind": {"x_mps2": {"uniform": [-1, 1]}}, "camera_latency": 0.05}
+# so close to the wall that some episodes terminate, and others are truncated
+WALL = {"task_options": {"start_radius_m": 2.0, "start_yaw_deg": 90.0}, "max_episode_steps": 12, "vertical": "pwm"}
+
+
+class Server:
+    """A server of its own in a process of its own."""
+
+    def __init__(self, folder):
+        self.data = str(folder / "bench.sqlite")
+        options = ["--listen", "127.0.0.1:0", "--log", "warn", "--data", self.data]
+        command = [sys.executable, "-m", "crazyflie_gym", "serve", *options]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        line = self.process.stdout.readline()
+        assert line.startswith("listening on 127.0.0.1:"), line
+        self.port = int(line.rsplit(":", 1)[1])
+        self.url = f"ws://127.0.0.1:{self.port}"
+
+    def stop(self):
+        self.process.send_signal(signal.SIGTERM)
+        self.process.wait(timeout=15)
+        self.process.stdout.close()
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    server = Server(tmp_path_factory.mktemp("server"))
+    yield server
+    server.stop()
+
+
+@pytest.fixture(params=CLIENTS)
+def client(request):
+    if request.param == "python":
+        pytest.importorskip("websockets", reason='the extra "remote" is not installed')
+    return request.param
+
+
+def same(a, b, where="result"):
+    """Whether two results are the same in type, shape and every bit."""
+    if isinstance(a, dict):
+        assert a.keys() == b.keys(), where
+        for key in a:
+            same(a[key], b[key], f"{where}.{key}")
+    elif isinstance(a, tuple | list) or (isinstance(a, np.ndarray) and a.dtype.hasobject):
+        assert len(a) == len(b), where
+        for i, (x, y) in enumerate(zip(a, b, strict=True)):
+            same(x, y, f"{where}[{i}]")
+    elif isinstance(a, np.ndarray):
+        assert a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes(), where
+        assert a.flags.writeable and b.flags.writeable, where
+    else:
+        assert type(a) is type(b) and a == b, where
+
+
+def test_a_single_environment(server, client, env_id):
+    for kwargs in ({}, {"effects": DRAWN, "vertical": "pwm", "true_state": True, "observation": "dict"}):
+        here = gym.make(env_id, **kwargs)
+        there = gym.make(env_id, remote=server.url, remote_client=client, **kwargs)
+        assert there.observation_space == here.observation_space and there.action_space == here.action_space
+        assert there.spec.max_episode_steps == here.spec.max_episode_steps
+        for name in ("vertical", "tilt_max_rad", "yaw_rate_max_radps", "lift_max", "hover_lift", "yaw_sign", "tick_s"):
+            assert getattr(here.unwrapped.interface, name) == getattr(there.unwrapped.interface, name)
+        same(here.reset(seed=7), there.reset(seed=7))
+        for action in random_actions(60, 1, seed=1)[:, 0]:
+            a, b = here.step(action), there.step(action)
+            same(a, b)
+            if a[2] or a[3]:
+                same(here.reset(), there.reset())
+        there.close()
+        there.close()
+
+
+@pytest.mark.parametrize("mode", ["next_step", "same_step", "disabled"])
+def test_a_batch(server, client, mode):
+    count = 7
+    ends = 0
+    for kwargs in ({}, {"true_state": True, "observation": "dict", "effects": DRAWN}, {"copy": False}):
+        args = {"num_envs": count, "autoreset_mode": mode, **WALL, **kwargs}
+        here = gym.make_vec("Crazyflie-v0", **args)
+        there = gym.make_vec("Crazyflie-v0", remote=server.url, remote_client=client, **args)
+        assert there.observation_space == here.observation_space and there.action_space == here.action_space
+        assert there.metadata == here.metadata and there.num_envs == count
+        # none of them was given a seed: some are drawn
+        same(
+            here.reset(seed=[3, None, 5, None, None, 2**64 - 1, 0]),
+            there.reset(seed=[3, None, 5, None, None, 2**64 - 1, 0]),
+        )
+        for actions in random_actions(40, count):
+            a, b = here.step(actions), there.step(actions)
+            same(a, b)
+            done = a[2] | a[3]
+            ends += done.sum()
+            if mode == "disabled" and done.any():
+                options = {"reset_mask": done}
+                same(here.reset(options=options), there.reset(options=options))
+        same(here.reset(seed=[None, 1] + [None] * 5), there.reset(seed=[None, 1] + [None] * 5))
+        there.close()
+    assert ends >= 6 * count
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_several_ticks_in_one_request(server, client, env_id):
+    for mode in ("next_step", "same_step"):
+        # the last ones take more than one request
+        for count, ticks, true_state in ((5, 30, True), (5, 30, False), (2048, 9, True)):
+            args = {"num_envs": count, "autoreset_mode": mode, "max_episode_steps": 4, "true_state": true_state}
+            here = gym.make_vec(env_id, **args)
+            there = gym.make_vec(env_id, remote=server.url, remote_client=client, **args)
+            actions = random_actions(ticks, count)
+            same(here.reset(seed=1), there.reset(seed=1))
+            assert (ticks > there.unwrapped.sim.max_steps) == (count == 2048)
+            a, b = here.unwrapped.step_many(actions), there.unwrapped.step_many(actions)
+            same(a, b)
+            assert (a[2] | a[3]).sum() >= count and ("final_obs" in a[4]) == (mode == "same_step")
+            same(here.step(actions[0]), there.step(actions[0]))
+            there.close()
+
+
+def test_several_ticks_are_as_many_steps():
+    many, single = (gym.make_vec("Crazyflie-v0", num_envs=3, autoreset_mode="same_step", **WALL) for _ in range(2))
+    many.reset(seed=0), single.reset(seed=0)
+    actions = random_actions(30, 3)
+    rows, rewards, terminated, truncated, infos = many.unwrapped.step_many(actions)
+    finals = []
+    for k in range(30):
+        result = single.step(actions[k])
+        same((rows[k], rewards[k], terminated[k], truncated[k]), result[:4])
+        finals += [row for row in result[4].get("final_obs", []) if row is not None]
+    assert len(finals) >= 6
+    same(infos["final_obs"], np.array(finals))
+    actions[20, 2, 1] = np.nan
+    with pytest.raises(ValueError, match=r"step 20: actions\[2\]\[1\] is nan"):
+        many.unwrapped.step_many(actions)
+
+
+FINE = st.floats(0.0, 1.0).map(lambda x: x / 3.0)
+
+
+@settings(max_examples=15, deadline=None)
+@given(FINE, FINE, FINE)
+def test_numbers_of_options_arrive_with_every_digit(server, wind, drag, start):
+    kwargs = {
+        "effects": {"wind": wind, "drag_linear": drag},
+        "task_options": {"start_radius_m": start},
+        "true_state": True,
+    }
+    here = gym.make("Crazyflie-v0", **kwargs)
+    there = gym.make("Crazyflie-v0", remote=server.url, **kwargs)
+    same(here.reset(seed=1), there.reset(seed=1))
+    for action in random_actions(8, 1)[:, 0]:
+        same(here.step(action), there.step(action))
+    there.close()
+
+
+def test_a_model_of_ones_own(server, client):
+    text = crazyflie_gym.model_text().replace("123.2", "99.9", 1)
+    assert text != crazyflie_gym.model_text()
+    here = gym.make("Crazyflie-v0", model=text)
+    there = gym.make("Crazyflie-v0", model=text, remote=server.url, remote_client=client)
+    same(here.reset(seed=1), there.reset(seed=1))
+    for action in random_actions(20, 1)[:, 0]:
+        same(here.step(action), there.step(action))
+    there.close()
+
+
+def test_pictures_and_the_pid(server):
+    here = gym.make("Crazyflie-v0", render_mode="rgb_array")
+    there = gym.make("Crazyflie-v0", render_mode="rgb_array", remote=server.url)
+    pids = here.unwrapped.pid(), there.unwrapped.pid()
+    rows = here.reset(seed=3)[0], there.reset(seed=3)[0]
+    for _ in range(10):
+        rows = here.step(pids[0].act(rows[0]))[0], there.step(pids[1].act(rows[1]))[0]
+    same(here.render(), there.render())
+    there.close()
+
+
+def test_mistakes_are_the_same_exceptions(server, client):
+    def both(make, error):
+        words = []
+        for where in ({}, {"remote": server.url, "remote_client": client}):
+            with pytest.raises(error) as raised:
+                make(where)
+            words.append(str(raised.value))
+        return words
+
+    for kwargs in (
+        {"effects": {"drag_lineer": 0.3}},
+        {"effects": {"wind": {"x_mps2": 30}}},
+        {"task_options": {"start_radius": 1}},
+        {"vertical": "hight"},
+        {"physics_hz": 77},
+        {"model": "schema = 1\nname = 'x'\n"},
+    ):
+        here, there = both(lambda where, kwargs=kwargs: gym.make("Crazyflie-v0", **kwargs, **where), ValueError)
+        assert here.split(" at line")[0] in there
+    here, there = both(lambda where: crazyflie_gym.CrazyflieVectorEnv(2, task="hoover", **where), ValueError)
+    assert here == there
+    for count, error in ((0, ValueError), (-1, ValueError), (2.5, TypeError)):
+        both(lambda where, count=count: crazyflie_gym.CrazyflieVectorEnv(count, **where), error)
+
+    good = np.zeros((20, 4), np.float32)
+    for mode in ("next_step", "same_step", "disabled"):
+        envs = [
+            crazyflie_gym.CrazyflieVectorEnv(20, autoreset_mode=mode, **w)
+            for w in ({}, {"remote": server.url, "remote_client": client})
+        ]
+        for env in envs:
+            with pytest.raises(RuntimeError, match="reset"):
+                env.step(good)
+            env.reset(seed=1)
+        for bad, error in (
+            (np.full((20, 4), 1.5, np.float32), ValueError),
+            (np.full((20, 4), np.nan, np.float32), ValueError),
+            (np.zeros((19, 4), np.float32), ValueError),
+            (np.asfortranarray(np.zeros((20, 4), np.float32)), ValueError),
+            (np.zeros((20, 4)), TypeError),
+        ):
+            words = []
+            for env in envs:
+                with pytest.raises(error) as raised:
+                    env.step(bad)
+                words.append(str(raised.value))
+            assert words[0] == words[1]
+        # nothing has moved, and the session lives
+        same(envs[0].step(good), envs[1].step(good))
+        envs[1].close()
+    with pytest.raises(RuntimeError, match="ended"):
+        env = crazyflie_gym.CrazyflieEnv(
+            task_options={"start_m": [2.4, 0, 0.7]}, remote=server.url, remote_client=client
+        )
+        env.reset(seed=0)
+        for _ in range(500):
+            env.step(np.array([0, 1, 0, 0], np.float32))
+
+
+def test_addresses(client):
+    for url in ("http://127.0.0.1", "127.0.0.1:8765", "ws://", ""):
+        with pytest.raises(ValueError, match="expected ws://host:port"):
+            gym.make("Crazyflie-v0", remote=url, remote_client=client)
+    with pytest.raises(ValueError, match="logs"):
+        remote.connect("ws://me:secret@127.0.0.1", client)
+    with socket.create_server(("127.0.0.1", 0)) as closed:
+        port = closed.getsockname()[1]
+    with pytest.raises(ConnectionError, match=str(port)):
+        gym.make("Crazyflie-v0", remote=f"ws://127.0.0.1:{port}", remote_client=client)
+    with pytest.raises(ValueError, match='remote_client is \'fast\', expected "native" or "python"'):
+        gym.make("Crazyflie-v0", remote="ws://127.0.0.1", remote_client="fast")
+
+
+class Wire:
+    """A connection between client and server that can be cut, and cut short."""
+
+    def __init__(self, port):
+        self.listener = socket.create_server(("127.0.0.1", 0))
+        self.url = f"ws://127.0.0.1:{self.listener.getsockname()[1]}"
+        self.port = port
+        self.pairs = []
+        # bytes of replies that still get through; None for all
+        self.left = None
+        threading.Thread(target=self.accept, daemon=True).start()
+
+    def accept(self):
+        while True:
+            try:
+                near, _ = self.listener.accept()
+            except OSError:
+                return
+            far = socket.create_connection(("127.0.0.1", self.port))
+            self.left = None
+            self.pairs.append((near, far))
+            threading.Thread(target=self.copy, args=(near, far, False), daemon=True).start()
+            threading.Thread(target=self.copy, args=(far, near, True), daemon=True).start()
+
+    def copy(self, source, sink, replies):
+        try:
+            while data := source.recv(1 << 16):
+                if replies and self.left is not None:
+                    data, self.left = data[: self.left], max(0, self.left - len(data))
+                    sink.sendall(data)
+                    if self.left == 0:
+                        break
+                else:
+                    sink.sendall(data)
+        except OSError:
+            pass
+        for end in (source, sink):
+            # a close alone would not wake the other thread
+            with contextlib.suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+
+    def cut(self):
+        for near, far in self.pairs:
+            for end in (near, far):
+                with contextlib.suppress(OSError):
+                    end.shutdown(socket.SHUT_RDWR)
+
+    def close(self):
+        self.listener.close()
+        self.cut()
+
+
+def test_a_lost_connection_is_taken_up_again(server, client):
+    wire = Wire(server.port)
+    here = gym.make_vec("Crazyflie-v0", num_envs=5, autoreset_mode="same_step", **WALL)
+    there = gym.make_vec(
+        "Crazyflie-v0", num_envs=5, autoreset_mode="same_step", remote=wire.url, remote_client=client, **WALL
+    )
+    same(here.reset(seed=1), there.reset(seed=1))
+    for k, actions in enumerate(random_actions(40, 5)):
+        if k % 10 == 5:
+            wire.cut()
+        if k % 10 == 8:
+            # the request arrives, half of its reply comes back: it must not be stepped twice
+            wire.left = 100
+        same(here.step(actions), there.step(actions))
+    assert there.unwrapped.sim.resumed == 8
+    wire.close()
+    there.unwrapped.sim.resume_s = 0.2
+    with pytest.raises(ConnectionError, match="was lost"):
+        there.step(random_actions(1, 5)[0])
+
+
+def test_a_server_that_stops(tmp_path, client):
+    server = Server(tmp_path)
+    env = gym.make("Crazyflie-v0", remote=server.url, remote_client=client)
+    env.reset(seed=0)
+    env.step(np.zeros(4, np.float32))
+    server.stop()
+    began = time.monotonic()
+    with pytest.raises(ConnectionError, match="the server stops"):
+        env.step(np.zeros(4, np.float32))
+    assert time.monotonic() - began < 1.0
+
+
+def test_many_clients_at_once(server):
+    envs = [gym.make("Crazyflie-v0", remote=server.url).unwrapped for _ in range(200)]
+    reference = crazyflie_gym.CrazyflieVectorEnv(200, max_episode_steps=-1)
+    expected = reference.reset(seed=0)[0]
+    actions = random_actions(5, 200, size=0.1)
+    failures = []
+
+    def fly(mine):
+        try:
+            for i in mine:
+                same(envs[i].reset(seed=i)[0], expected[i])
+            for k in range(5):
+                for i in mine:
+                    same(envs[i].step(actions[k, i])[0], results[k][i])
+        except BaseException as error:
+            failures.append(error)
+
+    results = [reference.step(actions[k])[0] for k in range(5)]
+    threads = [threading.Thread(target=fly, args=(range(i, 200, 8),)) for i in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not failures
+    for env in envs:
+        env.close()
+
+
+WAITING = """
+import sys
+from crazyflie_gym import remote
+core = remote.connect(sys.argv[1], sys.argv[2])
+core.begin("make", "{}")
+print("made", flush=True)
+sys.stdin.readline()
+core.reset()
+"""
+
+
+def test_an_interrupt_is_noticed_while_waiting(tmp_path, client):
+    server = Server(tmp_path)
+    command = [sys.executable, "-c", WAITING, server.url, client]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, **pipes) as process:
+        assert process.stdout.readline() == "made\n"
+        # from here on nobody answers
+        server.process.send_signal(signal.SIGSTOP)
+        process.stdin.write("go\n")
+        process.stdin.flush()
+        time.sleep(0.5)
+        assert process.poll() is None
+        process.send_signal(signal.SIGINT)
+        _, words = process.communicate(timeout=5)
+    server.process.send_signal(signal.SIGCONT)
+    server.stop()
+    assert words.rstrip().endswith("KeyboardInterrupt")
+
+
+def test_a_client_that_is_forgotten_goes_away(server):
+    threads = len(os.listdir("/proc/self/task")) if os.path.isdir("/proc/self/task") else None
+    env = gym.make("Crazyflie-v0", remote=server.url)
+    env.reset(seed=0)
+    del env
+    gc.collect()
+    if threads is not None:
+        deadline = time.monotonic() + 5
+        while len(os.listdir("/proc/self/task")) > threads and time.monotonic() < deadline:
+            time.sleep(0.01)
+        assert len(os.listdir("/proc/self/task")) <= threads
+
+
+@pytest.fixture(scope="module")
+def token(server):
+    command = [sys.executable, "-m", "crazyflie_gym", "token", "create", "team-a", "--json", "--data", server.data]
+    return json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)["token"]
+
+
+def test_an_attempt_at_the_benchmark(server, client, token):
+    with remote.Benchmark(server.url, "wind", controller="pid", token=token, client=client) as attempt:
+        assert attempt.observations.shape == (attempt.num_envs, 24) and attempt.num_envs >= 20
+        assert not hasattr(attempt, "states") and attempt.scenario.startswith("wind@")
+        with pytest.raises(ValueError, match="expected a number from -1 to 1"):
+            attempt.step(np.full((attempt.num_envs, 4), 2, np.float32))
+        with pytest.raises(ValueError, match="expected shape"):
+            attempt.step(np.zeros((1, 4), np.float32))
+        row = attempt.run(crazyflie_gym.Pid(attempt.num_envs, attempt.interface).act)
+        assert attempt.over
+    assert row["id"] == attempt.attempt and row["status"] == "finished" and row["team"] == "team-a"
+    score = row["result"]["score"]
+    assert score["episodes"] == attempt.num_envs and score["failed"] == 0 and 0.0 < score["score"] <= 1.0
+    assert score["low"] <= score["score"] <= score["high"]
+
+
+def test_an_attempt_that_is_refused_or_left(server, client, token):
+    for args, error, words in (
+        ({"scenario": "calm", "controller": "x", "token": token}, ValueError, "unknown scenario"),
+        ({"scenario": "wind", "controller": "x", "token": "cft_0"}, ValueError, "token"),
+        ({"scenario": "wind", "controller": "x" * 65, "token": token}, ValueError, "1 to 64 characters"),
+    ):
+        with pytest.raises(error, match=words):
+            remote.Benchmark(server.url, client=client, **args)
+    with remote.Benchmark(server.url, "wind", controller="early", token=token, client=client) as attempt:
+        attempt.step(np.zeros((attempt.num_envs, 4), np.float32))
+        with pytest.raises(RuntimeError, match="still under way"):
+            attempt.finish()
+    with urllib.request.urlopen(f"http://127.0.0.1:{server.port}/api/v1/attempts/{attempt.attempt}") as page:
+        assert json.load(page)["status"] == "abandoned"
+
+
+def test_the_example(server, token):
+    example = pathlib.Path(__file__).parents[2] / "examples" / "submit_own.py"
+    command = [sys.executable, str(example), server.url, "hover-aruco", token]
+    words = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert words.startswith("hover-aruco@") and float(words.split()[-1]) > 0.1, words
