@@ -4,9 +4,9 @@ mod common;
 #[path = "common/net.rs"]
 mod net;
 
-use net::{Client, Server, floats, le, request};
 use common::{folder, good, json, text};
 use crazyflie_server::serve::Settings;
+use net::{Client, Server, floats, le, request};
 use serde_json::{Value, json as object};
 
 const ENVS: usize = 24;
