@@ -69,6 +69,7 @@ class Link:
 
     def _connect(self) -> ClientConnection:
         try:
+            # entered and never left: it is closed by hand, like the environment that has it
             return dial(
                 self._url,
                 subprotocols=[Subprotocol("crazyflie.v1")],
@@ -77,7 +78,7 @@ class Link:
                 open_timeout=_CONNECT_TIMEOUT_S,
                 close_timeout=_CLOSE_TIMEOUT_S,
                 proxy=None,
-            )
+            ).__enter__()
         except (OSError, InvalidHandshake, EOFError) as error:
             raise LostError(f"the connection to {self._url} was lost: {error}") from None
 

@@ -138,7 +138,7 @@ class Remote:
         finals = self._finals[:, :WIDTH].copy()
         if not self._with_states or self._states is None:
             return result, None, finals, None
-        states = self._states.reshape(steps, self.num_envs, STATE)
+        states = self._states.reshape(steps, self.num_envs, STATE).copy()
         return result, states, finals, self._finals[:, WIDTH:].copy()
 
     def states(self) -> FloatArray:
