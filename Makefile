@@ -22,6 +22,7 @@ test: $(VENV)/.test
 	$(BIN)/crazyflie model --schema | diff docs/model.schema.json - || { echo "docs/model.schema.json is stale: make docs"; exit 1; }
 	$(BIN)/ruff check python_client tests examples
 	$(BIN)/ruff format --check python_client tests examples
+	sh tests/chromium.sh
 	$(BIN)/python -m pytest -q
 
 bench: $(VENV)/.bench

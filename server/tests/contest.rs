@@ -1,10 +1,12 @@
 //! An attempt at the benchmark from afar: lock-step, scored by the server, signed, verified by flying it again.
 
 mod common;
+#[path = "common/net.rs"]
+mod net;
 
-use common::net::{Client, Server, floats, le, request};
 use common::{folder, good, json, text};
 use crazyflie_server::serve::Settings;
+use net::{Client, Server, floats, le, request};
 use serde_json::{Value, json as object};
 
 const ENVS: usize = 24;

@@ -1,75 +1,38 @@
 """The page of `crazyflie serve` in a real browser: it draws, it moves, it needs no mouse and fits on a phone."""
 
-import io
-import os
-import re
-import shlex
 import shutil
 import subprocess
-import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-np = pytest.importorskip("numpy")
+from browsing import (
+    CRAZYFLIE,
+    FLAGS,
+    LEANING,
+    PATIENCE_MS,
+    PILOT,
+    Server,
+    blue,
+    canvas,
+    close_to,
+    loaded,
+    orange,
+    position,
+    rgb,
+    time_s,
+    until,
+)
+
 sync_api = pytest.importorskip("playwright.sync_api", reason="the page is not tested: pip install playwright")
-Image = pytest.importorskip("PIL.Image", reason="the page is not tested: pip install pillow")
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 if CHROMIUM is None:
     pytest.skip("the page is not tested: no chromium here (apt-get install chromium)", allow_module_level=True)
 
-# software rendering gives WebGL on machines without a graphics card; nothing of the browser's own reaches the network
-FLAGS = [
-    "--no-sandbox",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--no-first-run",
-]
-CRAZYFLIE = shlex.split(os.environ.get("CRAZYFLIE", "")) or [sys.executable, "-m", "crazyflie_gym"]
 SCENARIO = "hover-aruco"
-PATIENCE_MS = 30_000
-# flies circles in a session of its own, as any client would
-PILOT = """async () => {
-  const socket = new WebSocket(location.origin.replace("http", "ws") + "/ws", "crazyflie.v1");
-  await new Promise((open) => (socket.onopen = open));
-  let id = 0;
-  const ask = (request) => new Promise((answered) => {
-    socket.onmessage = (message) => answered(JSON.parse(message.data));
-    socket.send(JSON.stringify({ id: ++id, ...request }));
-  });
-  await ask({ type: "make", env: "Crazyflie-v0", num_envs: 3, options: { autoreset: "same_step" } });
-  await ask({ type: "reset", seed: 5 });
-  window.flying = true;
-  (async () => {
-    while (window.flying) {
-      const [s, c] = [0.4 * Math.sin(id / 40), 0.4 * Math.cos(id / 40)];
-      await ask({ type: "step", action: [0, 1, 2].map(() => [s, c, 0, 0]) });
-      await new Promise((later) => setTimeout(later, 20));
-    }
-    await ask({ type: "close" });
-  })();
-}"""
-
-
-class Server:
-    """`crazyflie serve` on a port of its own, or on a given one."""
-
-    def __init__(self, data, port=0):
-        command = [*CRAZYFLIE, "serve", "--listen", f"127.0.0.1:{port}", "--data", data]
-        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
-        line = self.process.stdout.readline()
-        assert line.startswith("listening on "), f"{command} said {line!r}"
-        self.port = int(line.rsplit(":", 1)[1])
-        self.url = f"http://127.0.0.1:{self.port}/"
-
-    def stop(self):
-        self.process.terminate()
-        assert self.process.wait(15) == 0
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +65,7 @@ def visit(browser, server):
     wrong, pages = [], []
 
     def open_page(place="", url=server.url, faultless=True, **context):
-        page = browser.new_page(**{"viewport": {"width": 1280, "height": 860}, **context})
+        page = browser.new_page(**{"viewport": {"width": 1000, "height": 660}, **context})
         page.set_default_timeout(PATIENCE_MS)
         pages.append(page)
         if faultless:
@@ -129,53 +92,6 @@ def attempts(browser, server):
     listed = page.evaluate(f"fetch('api/v1/attempts?scenario={SCENARIO}').then((answer) => answer.json())")
     page.close()
     return [row["id"] for row in listed]
-
-
-def canvas(page):
-    """The 3D view as pixels, without what lies over it."""
-    cover = (
-        "(seen) => document.querySelectorAll('#tools, #readout, #captions').forEach((e) => (e.style.visibility = seen))"
-    )
-    page.evaluate(cover, "hidden")
-    page.wait_for_timeout(150)
-    picture = page.locator("#stage canvas").screenshot()
-    page.evaluate(cover, "")
-    return np.asarray(Image.open(io.BytesIO(picture)).convert("RGB")).astype(int)
-
-
-def until(page, expression):
-    """Waits. Playwright's own way is forbidden by the page's policy: it evaluates a string within the page."""
-    end = time.monotonic() + PATIENCE_MS / 1000
-    while not page.evaluate(expression):
-        assert time.monotonic() < end, f"in vain: {expression}"
-        page.wait_for_timeout(50)
-
-
-def rgb(page, variable):
-    value = page.evaluate(f"getComputedStyle(document.documentElement).getPropertyValue('{variable}').trim()")
-    return np.array([int(value[i : i + 2], 16) for i in (1, 3, 5)])
-
-
-def close_to(pixels, colour, within=40):
-    return np.abs(pixels - colour).max(axis=-1) <= within
-
-
-def time_s(page):
-    return float(page.locator("#time").inner_text().split("/")[0])
-
-
-def position(page):
-    """x, y, z as the table of the moment tells them."""
-    page.wait_for_timeout(250)
-    row = page.locator("#readout tr", has_text="x, y, z").locator("td").first.inner_text()
-    return [float(number.replace("\u2212", "-")) for number in re.findall("[\u2212-]?[0-9.]+", row)]
-
-
-def loaded(page):
-    until(page, "document.querySelectorAll('#flight:not([hidden]) .strip').length === 9")
-    until(page, "document.querySelector('#empty').hidden")
-    page.wait_for_timeout(400)
-    return page
 
 
 def test_served_with_a_strict_policy(visit, server):
@@ -250,20 +166,6 @@ def test_replay_moves(visit, attempts):
     assert abs(time_s(other) - time_s(page)) < 0.02 and position(other) == position(page)
 
 
-LEANING = """async (attempt) => {
-  const { getReplay } = await import(location.origin + "/js/api.js");
-  const { RunView } = await import(location.origin + "/js/scene/run_view.js");
-  const view = new RunView();
-  view.flight = await getReplay(attempt, 0);
-  return Array.from({ length: view.flight.rows }, (_, row) => {
-    view.update(view.flight.get("t_s", row), { vehicleScale: 2, cone: true, spin: false });
-    view.vehicle.updateMatrix();
-    const up = view.vehicle.matrix.elements.slice(8, 10).map((part) => part / view.vehicle.scale.z);
-    return [...up, view.flight.get("vx", row), view.flight.get("vy", row), view.flight.get("t_s", row)];
-  });
-}"""
-
-
 def test_the_vehicle_leans_where_it_accelerates(visit, attempts):
     up_x, up_y, vx, vy, t = np.array(visit("#board").evaluate(LEANING, attempts[1])).T
     for name, up, v in [("x", up_x, vx), ("y", up_y, vy)]:
@@ -330,22 +232,20 @@ def test_two_runs_side_by_side(visit, attempts):
     page = loaded(visit(f"#replay?a={attempts[0]}&b={attempts[1]}&t=4"))
     assert page.locator("#legend .run-a, #legend .run-b").count() == 2
     assert page.locator("#readout th.run-b").is_visible()
-    a, b = rgb(page, "--run-a"), rgb(page, "--run-b")
+    # one clock
+    times = page.locator("#readout tr", has_text="time").locator("td").all_inner_texts()
+    assert times == ["4.00 s", "4.00 s"]
     together = canvas(page)
-    assert close_to(together, a).sum() > 80 and close_to(together, b).sum() > 80
+    assert blue(together) > 80 and orange(together) > 80
     page.keyboard.press("v")
     page.wait_for_timeout(300)
     apart = canvas(page)
     half = apart.shape[1] // 2
     left, right = apart[:, :half], apart[:, half:]
-    counts = [close_to(part, colour).sum() for part in (left, right) for colour in (a, b)]
+    counts = [blue(left), orange(left), blue(right), orange(right)]
     print(f"pixels of run A and B: left {counts[:2]}, right {counts[2:]}")
     assert counts[0] > 80 and counts[1] < 20 and counts[2] < 20 and counts[3] > 80
     assert "view=split" in page.url
-    # one clock
-    page.locator("#readout").get_by_text("time").wait_for()
-    times = page.locator("#readout tr", has_text="time").locator("td").all_inner_texts()
-    assert times == ["4.00 s", "4.00 s"]
 
 
 def test_leaderboard(visit):
@@ -353,6 +253,7 @@ def test_leaderboard(visit):
     table = page.get_by_role("table", name="Leaderboard")
     rows = table.get_by_role("row")
     rows.nth(2).wait_for()
+    assert page.locator("#notices").inner_text() == ""
     assert rows.count() == 3 and "thesis-pid" in rows.nth(1).inner_text()
     scores = [float(rows.nth(i).locator("td.score strong").inner_text()) for i in (1, 2)]
     assert scores[0] > scores[1]
@@ -360,7 +261,9 @@ def test_leaderboard(visit):
     rows.nth(1).get_by_text("same bits").wait_for()
     assert "This browser checked the signature" in rows.nth(1).locator(".verdict").get_attribute("title")
     page.get_by_role("button", name="Show every attempt").click()
-    assert page.get_by_role("table", name="Every attempt").get_by_role("row").count() == 3
+    every = page.get_by_role("table", name="Every attempt").get_by_role("row")
+    every.nth(2).wait_for()
+    assert every.count() == 3
     for i in (1, 2):
         rows.nth(i).get_by_role("checkbox").check()
     page.get_by_role("link", name="Compare the two").click()

@@ -62,6 +62,11 @@ export function attempt(told) {
   };
 }
 
+/** The scenario that is meant by `name@version` or by its name alone. @param {any[]} scenarios @param {string | null} asked */
+export function meant(scenarios, asked) {
+  return scenarios.find(({ id, name }) => id === asked || name === asked);
+}
+
 /** Whether there are flights to replay. @param {Attempt} attempt */
 export function flown({ status }) {
   return status === "finished";

@@ -3,7 +3,7 @@
 import { getJson } from "../api.js";
 import { byId, make } from "../dom.js";
 import { address, go, here, note } from "../place.js";
-import { attempt } from "./attempt.js";
+import { attempt, meant } from "./attempt.js";
 import { table } from "./board_table.js";
 import { failure, notice } from "./notice.js";
 
@@ -30,8 +30,9 @@ export class Board {
     const load = (this.#loads += 1);
     this.#scenarios = await getJson("scenarios");
     const asked = query.get("scenario");
-    const found = this.#scenarios.find(({ id }) => id === asked) ?? this.#scenarios[0];
-    if (asked !== null && found?.id !== asked) notice("board", `This server has no scenario ${asked}.`);
+    const known = meant(this.#scenarios, asked);
+    const found = known ?? this.#scenarios[0];
+    if (asked !== null && !known) notice("board", `This server has no scenario ${asked}.`);
     else notice("board", null);
     if (!found) {
       byId("ranking").replaceChildren(make("p", { class: "nothing" }, "This server offers no scenario."));

@@ -4,7 +4,7 @@ import { getJson, getReplay } from "../api.js";
 import { Clock } from "../clock.js";
 import { byId, make } from "../dom.js";
 import { here, note } from "../place.js";
-import { attempt, flown, summary } from "./attempt.js";
+import { attempt, flown, meant, summary } from "./attempt.js";
 import { failure, notice } from "./notice.js";
 import { Picker } from "./picker.js";
 import { transport } from "./transport.js";
@@ -69,8 +69,9 @@ export class ReplayView {
     return first?.scenario ?? this.#scenarios[0]?.id ?? "";
   }
 
-  /** @param {string} scenario */
-  async #setScenario(scenario) {
+  /** @param {string} asked */
+  async #setScenario(asked) {
+    const scenario = meant(this.#scenarios, asked)?.id ?? asked;
     this.#scenario = scenario;
     const select = byId("replay-scenario");
     select.replaceChildren(...this.#scenarios.map(({ id, title }) => make("option", { value: id }, title)));

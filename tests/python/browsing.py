@@ -1,0 +1,139 @@
+"""A server for the page, and what is seen of the page in a browser."""
+
+import io
+import os
+import re
+import shlex
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+Image = pytest.importorskip("PIL.Image", reason="the page is not tested: pip install pillow")
+
+CRAZYFLIE = shlex.split(os.environ.get("CRAZYFLIE", "")) or [sys.executable, "-m", "crazyflie_gym"]
+PATIENCE_MS = 30_000
+
+
+# software rendering gives WebGL on machines without a graphics card; nothing of the browser's own reaches the network
+FLAGS = [
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+]
+# flies circles in a session of its own, as any client would
+PILOT = """async () => {
+  const socket = new WebSocket(location.origin.replace("http", "ws") + "/ws", "crazyflie.v1");
+  await new Promise((open) => (socket.onopen = open));
+  let id = 0;
+  const ask = (request) => new Promise((answered) => {
+    socket.onmessage = (message) => answered(JSON.parse(message.data));
+    socket.send(JSON.stringify({ id: ++id, ...request }));
+  });
+  await ask({ type: "make", env: "Crazyflie-v0", num_envs: 3, options: { autoreset: "same_step" } });
+  await ask({ type: "reset", seed: 5 });
+  window.flying = true;
+  (async () => {
+    while (window.flying) {
+      const [s, c] = [0.4 * Math.sin(id / 40), 0.4 * Math.cos(id / 40)];
+      await ask({ type: "step", action: [0, 1, 2].map(() => [s, c, 0, 0]) });
+      await new Promise((later) => setTimeout(later, 20));
+    }
+    await ask({ type: "close" });
+  })();
+}"""
+# which way is up for the vehicle, and how fast it flies, row by row
+LEANING = """async (attempt) => {
+  const { getReplay } = await import(location.origin + "/js/api.js");
+  const { RunView } = await import(location.origin + "/js/scene/run_view.js");
+  const view = new RunView();
+  view.flight = await getReplay(attempt, 0);
+  return Array.from({ length: view.flight.rows }, (_, row) => {
+    view.update(view.flight.get("t_s", row), { vehicleScale: 2, cone: true, spin: false });
+    view.vehicle.updateMatrix();
+    const up = view.vehicle.matrix.elements.slice(8, 10).map((part) => part / view.vehicle.scale.z);
+    return [...up, view.flight.get("vx", row), view.flight.get("vy", row), view.flight.get("t_s", row)];
+  });
+}"""
+
+
+class Server:
+    """`crazyflie serve` on a port of its own, or on a given one."""
+
+    def __init__(self, data, port=0):
+        command = [*CRAZYFLIE, "serve", "--listen", f"127.0.0.1:{port}", "--data", data]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+        line = self.process.stdout.readline()
+        assert line.startswith("listening on "), f"{command} said {line!r}"
+        self.port = int(line.rsplit(":", 1)[1])
+        self.url = f"http://127.0.0.1:{self.port}/"
+
+    def stop(self):
+        self.process.terminate()
+        assert self.process.wait(15) == 0
+
+
+def canvas(page):
+    """The 3D view as pixels, without what lies over it."""
+    cover = (
+        "(seen) => document.querySelectorAll('#tools, #readout, #captions').forEach((e) => (e.style.visibility = seen))"
+    )
+    page.evaluate(cover, "hidden")
+    page.wait_for_timeout(150)
+    picture = page.locator("#stage canvas").screenshot()
+    page.evaluate(cover, "")
+    return np.asarray(Image.open(io.BytesIO(picture)).convert("RGB")).astype(int)
+
+
+def until(page, expression):
+    """Waits. Playwright's own way is forbidden by the page's policy: it evaluates a string within the page."""
+    end = time.monotonic() + PATIENCE_MS / 1000
+    while not page.evaluate(expression):
+        assert time.monotonic() < end, f"in vain: {expression}"
+        page.wait_for_timeout(50)
+
+
+def rgb(page, variable):
+    value = page.evaluate(f"getComputedStyle(document.documentElement).getPropertyValue('{variable}').trim()")
+    return np.array([int(value[i : i + 2], 16) for i in (1, 3, 5)])
+
+
+def close_to(pixels, colour, within=40):
+    return np.abs(pixels - colour).max(axis=-1) <= within
+
+
+def blue(pixels):
+    """How many pixels are of run A's colour, whatever lies over or under it."""
+    red, green, blue = np.moveaxis(pixels, -1, 0)
+    return int(((blue - red > 80) & (blue - green > 40)).sum())
+
+
+def orange(pixels):
+    """The same of run B. Red, which is the x axis and a lost marker, is another colour; so is the yellow nose."""
+    red, green, blue = np.moveaxis(pixels, -1, 0)
+    return int(((red - green > 80) & (green - blue > 35)).sum())
+
+
+def time_s(page):
+    return float(page.locator("#time").inner_text().split("/")[0])
+
+
+def position(page):
+    """x, y, z as the table of the moment tells them."""
+    page.wait_for_timeout(250)
+    row = page.locator("#readout tr", has_text="x, y, z").locator("td").first.inner_text()
+    return [float(number.replace("\u2212", "-")) for number in re.findall("[\u2212-]?[0-9.]+", row)]
+
+
+def loaded(page):
+    until(page, "document.querySelectorAll('#flight:not([hidden]) .strip').length === 9")
+    until(page, "document.querySelector('#empty').hidden")
+    page.wait_for_timeout(400)
+    assert page.locator("#notices").inner_text() == ""
+    return page
