@@ -42,21 +42,18 @@ pub struct Distances {
 
 impl Distances {
     pub fn of(flights: &[Tracking]) -> Self {
-        let rms = |pick: &dyn Fn(&Tracking, usize) -> ([f64; 3], [f64; 3])| {
+        let rms = |pick: &dyn Fn(&Tracking) -> [&[[f64; 3]]; 2]| {
             let of = |f: &Tracking| -> f64 {
-                let square = |i| {
-                    let (a, b) = pick(f, i);
-                    a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>()
-                };
-                (0..f.t_s.len()).map(square).sum()
+                let [one, other] = pick(f);
+                one.as_flattened().iter().zip(other.as_flattened()).map(|(a, b)| (a - b).powi(2)).sum()
             };
             let samples: usize = flights.iter().map(|f| f.t_s.len()).sum();
             (flights.iter().map(of).sum::<f64>() / samples as f64).sqrt()
         };
         Distances {
-            predicted_m: rms(&|f, i| (f.predicted_m[i], f.measured_m[i])),
-            measured_tracking_m: rms(&|f, i| (f.setpoint_m[i], f.measured_m[i])),
-            predicted_tracking_m: rms(&|f, i| (f.setpoint_m[i], f.predicted_m[i])),
+            predicted_m: rms(&|f| [&f.predicted_m, &f.measured_m]),
+            measured_tracking_m: rms(&|f| [&f.setpoint_m, &f.measured_m]),
+            predicted_tracking_m: rms(&|f| [&f.setpoint_m, &f.predicted_m]),
         }
     }
 }

@@ -208,14 +208,17 @@ pub fn filter(
     run(flight, ticks, hypothesis, belief, disturbances, &mut |_, _, _| ())
 }
 
-/// As [`filter`]; `see` is shown the worker after each tick, with the estimate and the disturbances from which it went on.
+/// Shown the worker after a tick, with the estimate and the disturbances from which it went on.
+type See<'a> = dyn FnMut(&Worker, &[f64], &[f64; PUSH + 3]) + 'a;
+
+/// As [`filter`], seen after each tick.
 fn run(
     flight: &Flight,
     ticks: Range<usize>,
     hypothesis: &Hypothesis,
     belief: &Belief,
     disturbances: &Disturbances,
-    see: &mut dyn FnMut(&Worker, &[f64], &[f64; PUSH + 3]),
+    see: &mut See<'_>,
 ) -> Option<Filtered> {
     let learned = belief.mean.len();
     let at = hypothesis.at(&belief.mean);
