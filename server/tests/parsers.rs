@@ -37,7 +37,7 @@ fn nearly() -> impl Strategy<Value = String> {
         Just(json!("Crazyflie-v0")),
         Just(json!(1)),
     ];
-    let kinds = ["hello", "make", "reset", "step", "state", "close", "resume", "benchmark", "x"];
+    let kinds = ["hello", "make", "reset", "step", "state", "close", "resume", "benchmark", "finish", "x"];
     let names = [
         "id", "env", "options", "num_envs", "model", "seed", "seeds", "mask", "states", "action", "session", "token", "client", "watch",
         "data",
