@@ -8,7 +8,7 @@ use net::{Server, floats, le, request};
 use serde_json::json;
 use tungstenite::Message;
 
-const TEXTS: [(&str, &str); 31] = [
+const TEXTS: [(&str, &str); 33] = [
     ("", "bad_json"),
     ("{", "bad_json"),
     ("nonsense", "bad_json"),
