@@ -1,9 +1,8 @@
 //! Flights as the page draws them, live or replayed: a header once ([`Header::bytes`]), then rows of little-endian f32 ([`COLUMNS`]).
 
-use crazyflie_env::observation::Interface;
+use crazyflie_env::observation::{ACTION, Interface, OBSERVATION};
+use crazyflie_env::vector::STATE;
 use serde::Serialize;
-
-use crate::flight::Row;
 
 /// What a row says, SI units and radians. `fix` is the vehicle as the camera says it, `u` the command in force from the row on.
 pub(crate) const COLUMNS: [&str; 25] = [
@@ -67,9 +66,19 @@ impl Header {
     }
 }
 
-pub(crate) fn row(t_s: f64, row: &Row, interface: &Interface, reward: f32) -> [f32; COLUMNS.len()] {
-    let u = interface.command(&row.action.map(f64::from));
-    let (o, x) = (&row.observation, &row.state);
+/// Numbers in the order of [`COLUMNS`].
+pub(crate) type Numbers = [f32; COLUMNS.len()];
+
+/// A row from an observation, the true state, and the action in force from then on.
+pub(crate) fn row(
+    t_s: f64,
+    o: &[f32; OBSERVATION],
+    x: &[f32; STATE],
+    action: &[f32; ACTION],
+    interface: &Interface,
+    reward: f32,
+) -> Numbers {
+    let u = interface.command(&action.map(f64::from));
     let mut out = [0.0; COLUMNS.len()];
     out[0] = t_s as f32;
     out[1..4].copy_from_slice(&x[0..3]);

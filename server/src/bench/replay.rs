@@ -80,7 +80,7 @@ impl Replay {
         };
         let mut bytes = header.bytes().map_err(|e| Error::Internal(e.to_string()))?;
         for (i, (row, reward)) in trace.rows.iter().zip(&self.episode.rewards).enumerate() {
-            let row = frames::row(trace.t_s(i), row, &trace.interface, *reward);
+            let row = frames::row(trace.t_s(i), &row.observation, &row.state, &row.action, &trace.interface, *reward);
             bytes.extend(row.iter().flat_map(|number| number.to_le_bytes()));
         }
         Ok(bytes)

@@ -5,44 +5,15 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 
 use crazyflie_env::config::{Autoreset, EffectParams, Options};
-use crazyflie_env::observation::{Interface, OBSERVATION};
+use crazyflie_env::observation::OBSERVATION;
 use crazyflie_env::vector::{STATE, VectorEnv};
 use serde_json::{Value, json};
 
 use super::listed::lock;
+use crate::frames::{self, COLUMNS, Numbers};
 
 /// So many environments of a batch can be watched: the first ones.
 pub(crate) const WATCHABLE: usize = 16;
-
-pub(crate) const COLUMNS: [&str; 25] = [
-    "t_s",
-    "x",
-    "y",
-    "z",
-    "roll",
-    "pitch",
-    "yaw",
-    "vx",
-    "vy",
-    "vz",
-    "setpoint_x",
-    "setpoint_y",
-    "setpoint_z",
-    "setpoint_yaw",
-    "fix_x",
-    "fix_y",
-    "fix_z",
-    "fix_yaw",
-    "fix_valid",
-    "fix_age_s",
-    "u_roll",
-    "u_pitch",
-    "u_yaw_rate",
-    "u_lift",
-    "reward",
-];
-
-pub(crate) type Row = [f32; COLUMNS.len()];
 
 /// The place where session and watchers meet.
 pub(crate) struct Feed {
@@ -50,7 +21,7 @@ pub(crate) struct Feed {
     pub header: Value,
     watchers: AtomicUsize,
     version: AtomicU64,
-    rows: Mutex<[Row; WATCHABLE]>,
+    rows: Mutex<[Numbers; WATCHABLE]>,
 }
 
 /// A watcher, for as long as this lives.
@@ -78,7 +49,7 @@ impl Feed {
     }
 
     /// The newest row of an environment, if it is newer than `seen`.
-    pub(crate) fn newer(&self, env: usize, seen: &mut u64) -> Option<Row> {
+    pub(crate) fn newer(&self, env: usize, seen: &mut u64) -> Option<Numbers> {
         let version = self.version.load(Ordering::Acquire);
         if version == *seen {
             return None;
@@ -135,27 +106,12 @@ impl Clocks {
         let given = observations.as_chunks::<OBSERVATION>().0.iter().zip(states.as_chunks::<STATE>().0);
         for (env, (row, (observation, state))) in rows.iter_mut().zip(given).take(n).enumerate() {
             let reward = rewards.map_or(0.0, |rewards| rewards[env]);
-            *row = shown((f64::from(self.steps[env]) * self.tick_s) as f32, observation, state, &interface, reward);
+            let action = [20, 21, 22, 23].map(|i| observation[i]);
+            *row = frames::row(f64::from(self.steps[env]) * self.tick_s, observation, state, &action, &interface, reward);
         }
         drop(rows);
         feed.version.fetch_add(1, Ordering::Release);
     }
-}
-
-/// A row in the order of [`COLUMNS`].
-fn shown(t_s: f32, observation: &[f32; OBSERVATION], state: &[f32; STATE], interface: &Interface, reward: f32) -> Row {
-    let mut row = [0.0; COLUMNS.len()];
-    let u = interface.command(&[20, 21, 22, 23].map(|i| f64::from(observation[i])));
-    row[0] = t_s;
-    row[1..4].copy_from_slice(&state[..3]);
-    row[4..7].copy_from_slice(&state[6..9]);
-    row[7..10].copy_from_slice(&state[3..6]);
-    row[10..14].copy_from_slice(&observation[16..20]);
-    row[14..18].copy_from_slice(&observation[..4]);
-    (row[18], row[19]) = (observation[5], observation[4]);
-    row[20..24].copy_from_slice(&[u.roll_rad, u.pitch_rad, u.yaw_rate_radps, u.lift].map(|v| v as f32));
-    row[24] = reward;
-    row
 }
 
 fn header(options: &Options, tick_s: f64) -> Value {
