@@ -295,8 +295,8 @@ impl PidBatch {
     /// # Errors
     /// [`crate::Error::Shape`].
     pub fn act(&mut self, observations: &[f32], actions: &mut [f32]) -> Result<()> {
-        crate::vector::shape("observations", self.envs * OBSERVATION, observations.len())?;
-        crate::vector::shape("actions", self.envs * ACTION, actions.len())?;
+        crate::rows::shape("observations", self.envs * OBSERVATION, observations.len())?;
+        crate::rows::shape("actions", self.envs * ACTION, actions.len())?;
         let rows = observations.chunks(LANES * OBSERVATION).zip(actions.chunks_mut(LANES * ACTION));
         for (pid, (rows, out)) in self.tiles.iter_mut().zip(rows) {
             let mut o = [Lanes::zero(); OBSERVATION];
