@@ -110,8 +110,9 @@ pub struct Pid;
 impl Pid {
     #[new]
     #[pyo3(signature = (num_envs, of, gains = "thesis", mode = "automatic"))]
-    fn new(num_envs: i64, of: &Bound<'_, PyAny>, gains: &str, mode: &str) -> PyResult<(Self, Controller)> {
-        Ok((Pid, Controller::build(num_envs, of, None, mode, || Chosen::named(gains))?))
+    fn new(num_envs: i64, of: &Bound<'_, PyAny>, gains: &str, mode: &str) -> PyResult<PyClassInitializer<Self>> {
+        let controller = Controller::build(num_envs, of, None, mode, || Chosen::named(gains))?;
+        Ok(PyClassInitializer::from(controller).add_subclass(Pid))
     }
 }
 

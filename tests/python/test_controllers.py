@@ -49,5 +49,5 @@ def test_mistakes_are_named():
         env.controller("random", sed=1)
     with pytest.raises(ValueError, match="unknown controller mode"):
         env.controller(mode="hoover")
-    with pytest.raises(ValueError, match="gone.json"):
+    with pytest.raises(ValueError, match=r"gone\.json"):
         env.controller("pid:gone.json")
