@@ -446,12 +446,18 @@ pub struct StateSpace {
 }
 
 impl StateSpace {
-    /// The state after `duration_s` with the input held: exact, by the matrix exponential of the augmented system.
-    pub fn advance(&self, x: &SVector<f64, 12>, u: &SVector<f64, 4>, duration_s: f64) -> SVector<f64, 12> {
+    /// A and B over `duration_s` with the input held: exact, by the matrix exponential of the augmented system.
+    pub fn discrete(&self, duration_s: f64) -> (SMatrix<f64, 12, 12>, SMatrix<f64, 12, 4>) {
         let mut augmented = SMatrix::<f64, 16, 16>::zeros();
         augmented.fixed_view_mut::<12, 12>(0, 0).copy_from(&self.a);
         augmented.fixed_view_mut::<12, 4>(0, 12).copy_from(&self.b);
         let e = (augmented * duration_s).exp();
-        e.fixed_view::<12, 12>(0, 0) * x + e.fixed_view::<12, 4>(0, 12) * u
+        (e.fixed_view::<12, 12>(0, 0).into_owned(), e.fixed_view::<12, 4>(0, 12).into_owned())
+    }
+
+    /// The state after `duration_s` with the input held.
+    pub fn advance(&self, x: &SVector<f64, 12>, u: &SVector<f64, 4>, duration_s: f64) -> SVector<f64, 12> {
+        let (a, b) = self.discrete(duration_s);
+        a * x + b * u
     }
 }

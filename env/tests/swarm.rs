@@ -6,8 +6,7 @@ mod fleet;
 use crazyflie_env::Error;
 use crazyflie_env::config::Options;
 use crazyflie_env::control::avoid::Avoid;
-use crazyflie_env::control::crowd::Crowd;
-use crazyflie_env::control::pid::Gains;
+use crazyflie_env::control::{Chosen, Crowd, Mode, Site};
 use crazyflie_env::effects::Neighbour;
 use crazyflie_env::isa::Level;
 use crazyflie_env::model::{Model, VerticalInput};
@@ -18,9 +17,20 @@ use crazyflie_env::swarm::{METRICS, NEIGHBOUR, SwarmOptions, mission};
 use crazyflie_env::world::{Around, Settings, Tick, World};
 use fleet::Fleet;
 
+/// The thesis PID for every drone.
 fn crowd(fleet: &Fleet, avoid: Option<Avoid>) -> Crowd {
-    let interfaces: Vec<_> = (0..fleet.env.num_drones()).map(|j| fleet.env.interface(j).unwrap()).collect();
-    Crowd::new(fleet.env.num_worlds(), &interfaces, Gains::THESIS, avoid, fleet.env.tick_s()).unwrap()
+    let (env, model) = (&fleet.env, Model::thesis());
+    let one = |j: usize| {
+        let site = Site {
+            model: &model,
+            interface: env.interface(j).unwrap(),
+            tick_s: env.tick_s(),
+            envs: env.num_worlds(),
+            mode: Mode::Automatic,
+        };
+        Chosen::named("thesis-pid").unwrap().build(&site).unwrap()
+    };
+    Crowd::new((0..env.num_drones()).map(one).collect(), env.num_worlds(), avoid, env.tick_s()).unwrap()
 }
 
 /// The metrics of every world's first episode.
@@ -35,7 +45,7 @@ fn fly(fleet: &mut Fleet, avoid: Option<Avoid>) -> Vec<Vec<f32>> {
             if first[world].is_empty() {
                 first[world] = fleet.metrics[world * METRICS.len()..(world + 1) * METRICS.len()].to_vec();
             }
-            crowd.reset(|w| w == world);
+            crowd.reset(&|w| w == world);
         }
     }
     first

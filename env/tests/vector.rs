@@ -2,7 +2,8 @@
 
 use crazyflie_env::Error;
 use crazyflie_env::config::{Autoreset, Options};
-use crazyflie_env::control::pid::{Gains, Mode, PidBatch};
+use crazyflie_env::control::pid::{Gains, Pid};
+use crazyflie_env::control::{self, Controller, Mode};
 use crazyflie_env::isa::Level;
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::{ACTION, FIELDS, OBSERVATION};
@@ -170,7 +171,7 @@ fn fly_pid(task: &str, gains: Gains, mode: Mode, vertical: &str, effects: &str, 
     let n = 32;
     let mut batch = Batch::new(n, &options(&format!(r#"{{"task": "{task}", "vertical": "{vertical}", "effects": {effects}}}"#)));
     batch.reset(1);
-    let mut pid = PidBatch::new(n, gains, batch.env.interface(), batch.env.tick_s(), mode);
+    let mut pid = control::Batch::new(n, Pid::new(gains, batch.env.interface(), batch.env.tick_s(), mode));
     let mut actions = vec![0.0; n * ACTION];
     let mut sum = vec![0.0; n];
     let mut states = vec![0.0; n * STATE];
@@ -207,7 +208,7 @@ fn yaw_errors_to_both_sides_are_turned_back() {
             );
             let mut batch = Batch::new(4, &options(&o));
             batch.reset(3);
-            let mut pid = PidBatch::new(4, gains, batch.env.interface(), batch.env.tick_s(), Mode::Automatic);
+            let mut pid = control::Batch::new(4, Pid::new(gains, batch.env.interface(), batch.env.tick_s(), Mode::Automatic));
             let mut actions = [0.0; 16];
             for _ in 0..500 {
                 pid.act(&batch.observations, &mut actions).unwrap();

@@ -1,9 +1,9 @@
 //! The native half of the Python package: borrow the arrays, let go of the interpreter, translate the error. No logic lives here.
 
 mod arrays;
+mod controller;
 mod errors;
 mod picture;
-mod pid;
 mod registry;
 mod remote;
 mod sim;
@@ -12,9 +12,9 @@ mod sim;
 #[pyo3::pymodule]
 mod _native {
     #[pymodule_export]
-    use crate::picture::{ansi, path, render};
+    use crate::controller::{Controller, Pid, controllers};
     #[pymodule_export]
-    use crate::pid::Pid;
+    use crate::picture::{ansi, path, render};
     #[pymodule_export]
     use crate::registry::{check_model, cli, effects, model_text, observation_fields, tasks};
     #[pymodule_export]

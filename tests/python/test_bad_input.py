@@ -186,7 +186,7 @@ def test_the_native_classes_check_as_well():
         sim.last_of_episode(-1)
     with pytest.raises(ValueError, match="line 1 column 1"):
         Sim(3, "{")
-    with pytest.raises(ValueError, match=r'unknown gains "thesys" \(did you mean "thesis"\?\)'):
+    with pytest.raises(ValueError, match=r'unknown controller "thesys" \(did you mean "thesis"\?\)'):
         Pid(3, sim, gains="thesys")
     with pytest.raises(ValueError, match="unknown controller mode"):
         Pid(3, sim, mode="fly")

@@ -35,7 +35,9 @@ def test_everything_in_the_native_module_is_documented():
     for name in (
         "Interface",
         "Sim",
+        "Controller",
         "Pid",
+        "controllers",
         "effects",
         "tasks",
         "render",

@@ -1,5 +1,160 @@
-//! Controllers are clients of the environment: they read the observation an agent gets and answer with an action.
+//! Controllers are clients of the environment: they read the observation an agent gets and answer with an action. One controller is one small file
+//! here plus one line in [`registry`]; command line, benchmark and Python read the registry.
 
 pub mod avoid;
-pub mod crowd;
+mod batch;
+mod chosen;
+mod crowd;
+mod estimator;
+mod gains;
+mod horizon;
+mod hover;
+mod kalman;
+mod lqr;
+mod mpc;
+mod observer;
 pub mod pid;
+mod random;
+pub mod riccati;
+mod velocity;
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+
+use crate::error::{Error, Result, unknown};
+use crate::model::Model;
+use crate::observation::Interface;
+
+pub use batch::{Batch, Law};
+pub use chosen::{Chosen, choose};
+pub use crowd::Crowd;
+pub use estimator::{Belief, Estimate, Estimator};
+
+/// A controller of a batch of environments. What it answers to a row depends on that environment's rows alone: not on the others, nor on how many
+/// there are, to the bit.
+pub trait Controller: Send {
+    /// Go on in another state, keeping what is remembered.
+    fn set_mode(&mut self, _mode: Mode) {}
+
+    /// Forget the flights of the environments that `of` names: called for every one that begins an episode.
+    fn reset(&mut self, of: &dyn Fn(usize) -> bool);
+
+    /// Actions (`envs` rows of [`crate::observation::ACTION`]) for observations (`envs` rows of [`crate::observation::OBSERVATION`]).
+    ///
+    /// # Errors
+    /// [`Error::Shape`].
+    fn act(&mut self, observations: &[f32], actions: &mut [f32]) -> Result<()>;
+}
+
+/// What a controller is told to do: the states of `crazyflie_ros`, which the thesis flew.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Mode {
+    /// Hold the set-point from the first tick, as from a hover.
+    Automatic,
+    /// From the floor to the set-point.
+    Takeoff,
+    /// Hold the set-point, with the height 5 cm above the floor; below that, motors off.
+    Landing,
+}
+
+impl Mode {
+    /// "automatic", "takeoff" or "landing".
+    ///
+    /// # Errors
+    /// [`Error::Unknown`] with a proposal.
+    pub fn named(name: &str) -> Result<Mode> {
+        match name {
+            "automatic" => Ok(Mode::Automatic),
+            "takeoff" => Ok(Mode::Takeoff),
+            "landing" => Ok(Mode::Landing),
+            _ => Err(unknown("controller mode", name, ["automatic", "takeoff", "landing"])),
+        }
+    }
+}
+
+/// What a controller is made for.
+#[derive(Debug, Clone, Copy)]
+pub struct Site<'a> {
+    /// What it may believe of the vehicle: the declared model, which the effects of an environment depart from.
+    pub model: &'a Model,
+    pub interface: Interface,
+    /// Seconds from one observation to the next.
+    pub tick_s: f64,
+    pub envs: usize,
+    pub mode: Mode,
+}
+
+/// What a controller is made from, besides its site.
+#[derive(Debug, Clone, Copy)]
+pub struct Given<'a> {
+    name: &'static str,
+    options: &'a Value,
+    /// The content of the file named with it, where its entry has one.
+    pub file: Option<&'a [u8]>,
+}
+
+impl Given<'_> {
+    /// The options, defaults filled in.
+    ///
+    /// # Errors
+    /// [`Error::Config`] naming the controller and the option.
+    pub fn options<T: DeserializeOwned + Default>(&self) -> Result<T> {
+        match self.options {
+            Value::Null => Ok(T::default()),
+            given => serde_json::from_value(given.clone()).map_err(|e| self.problem(format!("options: {e}"))),
+        }
+    }
+
+    /// An error about this controller.
+    pub fn problem(&self, problem: impl std::fmt::Display) -> Error {
+        Error::Config(format!("controller {}: {problem}", self.name))
+    }
+}
+
+/// A controller as the rest of the program sees it.
+pub struct Entry {
+    pub name: &'static str,
+    /// Another name of it.
+    pub also: Option<&'static str>,
+    pub about: &'static str,
+    /// Equation, paper or derivation.
+    pub source: &'static str,
+    /// What is in the file that is named after the name and a colon (`NAME:FILE`); `None` where there is none.
+    pub file: Option<&'static str>,
+    /// Its options, and what each means.
+    pub options: &'static [(&'static str, &'static str)],
+    /// The options as they are unless given.
+    pub defaults: fn() -> Value,
+    /// # Errors
+    /// [`Error::Config`] and [`Error::Range`] for the options and the file; what the model lacks.
+    pub build: fn(&Given<'_>, &Site<'_>) -> Result<Box<dyn Controller>>,
+}
+
+impl std::fmt::Debug for Entry {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Entry({})", self.name)
+    }
+}
+
+/// The default options of a controller.
+fn defaults<T: Serialize + Default>() -> Value {
+    // options are plain structures of numbers
+    serde_json::to_value(T::default()).unwrap_or(Value::Null)
+}
+
+/// Every controller.
+pub fn registry() -> &'static [&'static Entry] {
+    static REGISTRY: &[&Entry] =
+        &[&pid::THESIS, &pid::STOCK, &pid::GIVEN, &lqr::ENTRY, &velocity::ENTRY, &mpc::ENTRY, &hover::ENTRY, &random::ENTRY];
+    REGISTRY
+}
+
+/// The entry of a controller.
+///
+/// # Errors
+/// [`Error::Unknown`] with a proposal.
+pub fn find(name: &str) -> Result<&'static Entry> {
+    let found = registry().iter().copied().find(|e| e.name == name || e.also == Some(name));
+    found.ok_or_else(|| unknown("controller", name, registry().iter().flat_map(|e| std::iter::once(e.name).chain(e.also))))
+}

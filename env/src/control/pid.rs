@@ -3,79 +3,86 @@
 //! Signs: error = reference - measured, gains positive, right-handed frames. The vehicle's own command signs (roll to -y, the yaw rate
 //! of 5.2) are applied to the output, which makes table 7.1's negative gains. Written once, for one drone or for lanes.
 
-use crate::error::{Result, unknown};
-use crate::lanes::{LANES, LaneMask, Lanes};
+use serde::{Deserialize, Serialize};
+
+pub use super::gains::{Gains, Loop};
+use super::{Batch, Controller, Entry, Given, Law, Mode, Site, defaults};
+use crate::error::Result;
 use crate::observation::{ACTION, Interface, OBSERVATION, wrap};
 use crate::plant::Command;
 use crate::real::{Real, tabulate};
 
-/// One loop: output = kp e + ki clamp(sum e dt) + kd de/dt, clamped.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Loop {
-    pub kp: f64,
-    pub ki: f64,
-    pub kd: f64,
-    /// Limits of the integral of the error.
-    pub integral: [f64; 2],
-    pub output: [f64; 2],
+/// A controller that flies these gains.
+fn batch(gains: Gains, site: &Site<'_>) -> Box<dyn Controller> {
+    Box::new(Batch::new(site.envs, Pid::new(gains, site.interface, site.tick_s, site.mode)))
 }
 
-/// The four loops. Pitch (x) and roll (y) give degrees per metre, yaw deg/s per radian, height PWM counts per metre.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Gains {
-    pub x: Loop,
-    pub y: Loop,
-    pub z: Loop,
-    pub yaw: Loop,
+const SOURCE: &str = "crazyflie_ros, package crazyflie_controller (W. Hoenig): P on the error, D on its change, I clamped, at 50 Hz";
+const OPTIONS: &[(&str, &str)] = &[
+    ("x", "the pitch loop, degrees per metre: kp, ki, kd, and the limits of integral and output"),
+    ("y", "the roll loop, likewise"),
+    ("yaw", "the yaw loop, deg/s per radian"),
+    ("z", "the height loop, PWM counts per metre"),
+];
+
+/// Some of the loops in place of a table's.
+#[derive(Debug, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct Options {
+    x: Option<Loop>,
+    y: Option<Loop>,
+    z: Option<Loop>,
+    yaw: Option<Loop>,
 }
 
-const fn gains(kp: f64, ki: f64, kd: f64, integral: f64, output: [f64; 2]) -> Loop {
-    Loop { kp, ki, kd, integral: [-integral, integral], output }
+/// These gains, but for the loops that the options give.
+fn with_options(gains: Gains, given: &Given<'_>, site: &Site<'_>) -> Result<Box<dyn Controller>> {
+    let Options { x, y, z, yaw } = given.options()?;
+    let gains = Gains { x: x.unwrap_or(gains.x), y: y.unwrap_or(gains.y), z: z.unwrap_or(gains.z), yaw: yaw.unwrap_or(gains.yaw) };
+    gains.check().map_err(|problem| given.problem(problem))?;
+    Ok(batch(gains, site))
 }
 
-impl Gains {
-    /// Table 7.1, "new": what the thesis's PID tuner found. The table has no integral clamps; the package's are used.
-    pub const THESIS: Gains = Gains {
-        x: gains(12.0, 0.06, 10.0, 0.1, [-10.0, 10.0]),
-        y: gains(12.0, 0.06, 10.0, 0.1, [-10.0, 10.0]),
-        z: gains(10781.90, 5196.65, 638.14, 1000.0, [0.0, 60000.0]),
-        yaw: gains(20.0, 0.0, 5.0, 0.0, [-200.0, 200.0]),
-    };
+pub(super) const THESIS: Entry = Entry {
+    name: "thesis-pid",
+    also: Some("thesis"),
+    about: "The thesis's PID with the gains that its tuner found (table 7.1, new)",
+    source: SOURCE,
+    file: None,
+    options: OPTIONS,
+    defaults: defaults::<Options>,
+    build: |given, site| with_options(Gains::THESIS, given, site),
+};
 
-    /// `crazyflie_ros` defaults (config/crazyflie2.yaml): the package that the thesis calls "old", which it does not print.
-    pub const CRAZYFLIE_ROS: Gains = Gains {
-        x: gains(40.0, 2.0, 20.0, 0.1, [-10.0, 10.0]),
-        y: gains(40.0, 2.0, 20.0, 0.1, [-10.0, 10.0]),
-        z: gains(5000.0, 3500.0, 6000.0, 1000.0, [10000.0, 60000.0]),
-        yaw: gains(200.0, 0.0, 20.0, 0.0, [-200.0, 200.0]),
-    };
+pub(super) const STOCK: Entry = Entry {
+    name: "stock-pid",
+    also: Some("crazyflie_ros"),
+    about: "The same PID with the package's defaults, which the thesis calls old",
+    source: SOURCE,
+    file: None,
+    options: OPTIONS,
+    defaults: defaults::<Options>,
+    build: |given, site| with_options(Gains::CRAZYFLIE_ROS, given, site),
+};
 
-    /// The height loop in parts of the PWM that carries the vehicle: the same acceleration per metre on a vehicle with another hover PWM as on the
-    /// thesis's (39 342.5, read off 5.4).
-    #[must_use]
-    pub fn for_hover(mut self, hover_pwm: f64) -> Gains {
-        let by = hover_pwm / THESIS_HOVER_PWM;
-        let z = &mut self.z;
-        (z.kp, z.ki, z.kd) = (by * z.kp, by * z.ki, by * z.kd);
-        z.output = z.output.map(|limit| by * limit);
-        self
-    }
+pub(super) const GIVEN: Entry = Entry {
+    name: "pid",
+    also: None,
+    about: "The same PID with the gains of a file, as `crazyflie tune` writes it",
+    source: SOURCE,
+    file: Some("the gains of the loops x, y, z and yaw, as JSON"),
+    options: OPTIONS,
+    defaults: defaults::<Options>,
+    build: |given, site| {
+        let gains = serde_json::from_slice(given.file.unwrap_or_default()).map_err(|e| given.problem(format!("the file of gains: {e}")))?;
+        with_options(gains, given, site)
+    },
+};
 
-    /// "thesis" or "crazyflie_ros".
-    ///
-    /// # Errors
-    /// [`crate::Error::Unknown`] with a proposal.
-    pub fn named(name: &str) -> Result<Gains> {
-        match name {
-            "thesis" => Ok(Gains::THESIS),
-            "crazyflie_ros" => Ok(Gains::CRAZYFLIE_ROS),
-            _ => Err(unknown("gains", name, ["thesis", "crazyflie_ros"])),
-        }
-    }
+/// The integral at which a loop gives so much; none does where it does not integrate.
+fn preset(output: f64, ki: f64) -> f64 {
+    if ki == 0.0 { 0.0 } else { output / ki }
 }
-
-/// What carries the thesis's vehicle by 5.4.
-const THESIS_HOVER_PWM: f64 = 39_342.5;
 
 /// What one loop remembers.
 #[derive(Debug, Clone, Copy)]
@@ -97,32 +104,6 @@ impl<R: Real> Memory<R> {
         self.integral = R::select(on, integral, self.integral);
         self.last = R::select(on, error, self.last);
         (R::of(l.kp) * error + R::of(l.kd) * slope + R::of(l.ki) * integral).clamp(R::of(l.output[0]), R::of(l.output[1]))
-    }
-}
-
-/// What the package's state machine is told to do.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Mode {
-    /// Hold the set-point from the first tick, as from a hover: the height integral is preset to what carries the weight.
-    Automatic,
-    /// From the floor: ramp the thrust by 10000 PWM/s until 5 cm above the start (or 50000 PWM), then hold the set-point.
-    Takeoff,
-    /// Hold the set-point, with the height 5 cm above the floor; below that, motors off.
-    Landing,
-}
-
-impl Mode {
-    /// "automatic", "takeoff" or "landing".
-    ///
-    /// # Errors
-    /// [`crate::Error::Unknown`] with a proposal.
-    pub fn named(name: &str) -> Result<Mode> {
-        match name {
-            "automatic" => Ok(Mode::Automatic),
-            "takeoff" => Ok(Mode::Takeoff),
-            "landing" => Ok(Mode::Landing),
-            _ => Err(unknown("controller mode", name, ["automatic", "takeoff", "landing"])),
-        }
     }
 }
 
@@ -173,38 +154,6 @@ impl<R: Real> Pid<R> {
         pid
     }
 
-    /// Go on in another state, as the package's take-off and landing services do: the loops keep what they remember.
-    pub fn set_mode(&mut self, mode: Mode) {
-        self.mode = mode;
-    }
-
-    /// Forget the flight in the lanes of `mask`.
-    pub fn reset(&mut self, mask: R::Mask) {
-        self.fresh = self.fresh | mask;
-    }
-
-    /// The action for an observation row.
-    #[inline(always)]
-    pub fn act(&mut self, o: &[R; OBSERVATION]) -> [R; ACTION] {
-        let height = o[2];
-        self.begin(height);
-        let climbed = (self.start_m + R::of(CLEAR_M)).lt(height) | R::of(RAMP_END_PWM).lt(self.ramp_pwm);
-        self.leave_ramp(self.ramping & climbed);
-        let mut target = [o[16], o[17], o[18]];
-        if self.mode == Mode::Landing {
-            target[2] = R::of(CLEAR_M);
-            self.idle = self.idle | height.le(target[2]);
-        }
-        let flying = !(self.ramping | self.idle);
-        let u = self.fly(o, target, flying);
-        self.ramp_pwm = R::select(self.ramping, self.ramp_pwm + R::of(RAMP_PWM_PER_S * self.dt_s), self.ramp_pwm);
-        let off = self.ramping | self.idle;
-        let still = |v: R| R::select(off, R::zero(), v);
-        let lift = R::select(self.idle, R::zero(), R::select(self.ramping, self.ramp_pwm, u.lift));
-        let u = Command { roll_rad: still(u.roll_rad), pitch_rad: still(u.pitch_rad), yaw_rate_radps: still(u.yaw_rate_radps), lift };
-        self.interface.action(&u)
-    }
-
     /// First call of an episode.
     #[inline(always)]
     fn begin(&mut self, height: R) {
@@ -216,7 +165,7 @@ impl<R: Real> Pid<R> {
         for m in [&mut self.x, &mut self.y, &mut self.z, &mut self.yaw] {
             *m = Memory { integral: zero(m.integral), last: zero(m.last) };
         }
-        let hover = R::of(self.interface.hover_lift / self.gains.z.ki);
+        let hover = R::of(preset(self.interface.hover_lift, self.gains.z.ki));
         self.z.integral = R::select(fresh, hover, self.z.integral);
         self.ramp_pwm = zero(self.ramp_pwm);
         self.start_m = R::select(fresh, height, self.start_m);
@@ -229,7 +178,7 @@ impl<R: Real> Pid<R> {
     /// Off the ground: as the package does, reset the loops and preset the height integral to the thrust that lifted.
     #[inline(always)]
     fn leave_ramp(&mut self, lifted: R::Mask) {
-        let per_ki = R::of(1.0 / self.gains.z.ki);
+        let per_ki = R::of(preset(1.0, self.gains.z.ki));
         let zero = |v: R| R::select(lifted, R::zero(), v);
         for m in [&mut self.x, &mut self.y, &mut self.z, &mut self.yaw] {
             *m = Memory { integral: zero(m.integral), last: zero(m.last) };
@@ -266,52 +215,34 @@ impl<R: Real> Pid<R> {
     }
 }
 
-/// The controller for a batch of environments, row by row as they observe.
-#[derive(Debug, Clone)]
-pub struct PidBatch {
-    tiles: Vec<Pid<Lanes>>,
-    envs: usize,
-}
-
-impl PidBatch {
-    pub fn new(envs: usize, gains: Gains, interface: Interface, dt_s: f64, mode: Mode) -> Self {
-        PidBatch { tiles: vec![Pid::new(gains, interface, dt_s, mode); envs.div_ceil(LANES)], envs }
+impl<R: Real> Law<R> for Pid<R> {
+    /// Go on in another state, as the package's take-off and landing services do: the loops keep what they remember.
+    fn set_mode(&mut self, mode: Mode) {
+        self.mode = mode;
     }
 
-    /// See [`Pid::set_mode`].
-    pub fn set_mode(&mut self, mode: Mode) {
-        self.tiles.iter_mut().for_each(|pid| pid.set_mode(mode));
+    fn reset(&mut self, mask: R::Mask) {
+        self.fresh = self.fresh | mask;
     }
 
-    /// Forget the flights of the environments that `of` names.
-    pub fn reset(&mut self, of: impl Fn(usize) -> bool) {
-        for (tile, pid) in self.tiles.iter_mut().enumerate() {
-            pid.reset(LaneMask::from_bools(std::array::from_fn(|lane| of(tile * LANES + lane))));
+    #[inline(always)]
+    fn act(&mut self, o: &[R; OBSERVATION]) -> [R; ACTION] {
+        let height = o[2];
+        self.begin(height);
+        let climbed = (self.start_m + R::of(CLEAR_M)).lt(height) | R::of(RAMP_END_PWM).lt(self.ramp_pwm);
+        self.leave_ramp(self.ramping & climbed);
+        let mut target = [o[16], o[17], o[18]];
+        if self.mode == Mode::Landing {
+            target[2] = R::of(CLEAR_M);
+            self.idle = self.idle | height.le(target[2]);
         }
-    }
-
-    /// Actions (`envs` rows of [`ACTION`]) for observations (`envs` rows of [`OBSERVATION`]).
-    ///
-    /// # Errors
-    /// [`crate::Error::Shape`].
-    pub fn act(&mut self, observations: &[f32], actions: &mut [f32]) -> Result<()> {
-        crate::rows::shape("observations", self.envs * OBSERVATION, observations.len())?;
-        crate::rows::shape("actions", self.envs * ACTION, actions.len())?;
-        let rows = observations.chunks(LANES * OBSERVATION).zip(actions.chunks_mut(LANES * ACTION));
-        for (pid, (rows, out)) in self.tiles.iter_mut().zip(rows) {
-            let mut o = [Lanes::zero(); OBSERVATION];
-            for (lane, row) in rows.chunks_exact(OBSERVATION).enumerate() {
-                for (slot, value) in o.iter_mut().zip(row) {
-                    slot.0[lane] = *value;
-                }
-            }
-            let a = pid.act(&o);
-            for (lane, row) in out.chunks_exact_mut(ACTION).enumerate() {
-                for (slot, value) in row.iter_mut().zip(&a) {
-                    *slot = value.0[lane];
-                }
-            }
-        }
-        Ok(())
+        let flying = !(self.ramping | self.idle);
+        let u = self.fly(o, target, flying);
+        self.ramp_pwm = R::select(self.ramping, self.ramp_pwm + R::of(RAMP_PWM_PER_S * self.dt_s), self.ramp_pwm);
+        let off = self.ramping | self.idle;
+        let still = |v: R| R::select(off, R::zero(), v);
+        let lift = R::select(self.idle, R::zero(), R::select(self.ramping, self.ramp_pwm, u.lift));
+        let u = Command { roll_rad: still(u.roll_rad), pitch_rad: still(u.pitch_rad), yaw_rate_radps: still(u.yaw_rate_radps), lift };
+        self.interface.action(&u)
     }
 }

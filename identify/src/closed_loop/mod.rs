@@ -4,7 +4,8 @@
 mod firmware;
 
 use crazyflie_env::config::{EffectParams, EffectTable, Number};
-use crazyflie_env::control::pid::{Gains, Mode, Pid};
+use crazyflie_env::control::pid::{Gains, Pid};
+use crazyflie_env::control::{Law, Mode};
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::{Interface, Setpoint, observe};
 use crazyflie_env::plant::Command;

@@ -6,17 +6,19 @@
     env = gymnasium.make("Crazyflie-v0")                      # one drone
     envs = gymnasium.make_vec("Crazyflie-v0", num_envs=1024)  # many, stepped in Rust
 
-What there is to choose from: `tasks()`, `effects()`, `observation_fields()`, `model_text()`.
+What there is to choose from: `tasks()`, `effects()`, `controllers()`, `observation_fields()`, `model_text()`.
 """
 
 import gymnasium
 
 from crazyflie_gym._native import (
+    Controller,
     Interface,
     Pid,
     Sim,
     ansi,
     check_model,
+    controllers,
     effects,
     model_text,
     observation_fields,
@@ -30,6 +32,7 @@ from crazyflie_gym.vector import CrazyflieVectorEnv
 
 __all__ = [
     "STATE_FIELDS",
+    "Controller",
     "CrazyflieEnv",
     "CrazyflieVectorEnv",
     "Interface",
@@ -37,6 +40,7 @@ __all__ = [
     "Sim",
     "ansi",
     "check_model",
+    "controllers",
     "effects",
     "flatten",
     "model_text",

@@ -5,9 +5,10 @@ from typing import Any, Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
-from crazyflie_gym._types import BoolArray, EffectEntry, FieldEntry, FloatArray, Steps, TaskEntry
+from crazyflie_gym._types import BoolArray, ControllerEntry, EffectEntry, FieldEntry, FloatArray, Steps, TaskEntry
 
 __all__ = [
+    "Controller",
     "Interface",
     "Pid",
     "Remote",
@@ -15,6 +16,7 @@ __all__ = [
     "ansi",
     "check_model",
     "cli",
+    "controllers",
     "effects",
     "model_text",
     "observation_fields",
@@ -125,9 +127,28 @@ class Remote:
     def last_of_episode(self, env: int) -> tuple[FloatArray, FloatArray | None] | None: ...
     def close(self) -> None: ...
 
+class Controller:
+    """The controller `name`, or `name:file`, for `num_envs` environments. It reads what an agent reads."""
+
+    def __new__(
+        cls,
+        name: str,
+        num_envs: int,
+        of: Sim | Interface,
+        *,
+        options: str = "null",
+        model: str | None = None,
+        mode: str = "automatic",
+    ) -> Controller: ...
+    @property
+    def num_envs(self) -> int: ...
+    def set_mode(self, mode: str) -> None: ...
+    def act(self, observations: FloatArray) -> FloatArray: ...
+    def reset(self, mask: BoolArray | None = None) -> None: ...
+
 @final
-class Pid:
-    """The PID of the thesis for `num_envs` environments. It reads what an agent reads."""
+class Pid(Controller):
+    """The PID of the thesis for `num_envs` environments."""
 
     def __new__(
         cls,
@@ -136,11 +157,8 @@ class Pid:
         gains: str = "thesis",
         mode: str = "automatic",
     ) -> Pid: ...
-    @property
-    def num_envs(self) -> int: ...
-    def act(self, observations: FloatArray) -> FloatArray: ...
-    def reset(self, mask: BoolArray | None = None) -> None: ...
 
+def controllers() -> list[ControllerEntry]: ...
 def effects() -> list[EffectEntry]: ...
 def tasks() -> list[TaskEntry]: ...
 def observation_fields() -> list[FieldEntry]: ...

@@ -58,3 +58,15 @@ class FieldEntry(TypedDict):
     length: int
     low: float
     high: float
+
+
+class ControllerEntry(TypedDict):
+    """A controller; `file` says what is in the file that is named with it, `defaults` is JSON."""
+
+    name: str
+    also: str | None
+    about: str
+    source: str
+    file: str | None
+    options: dict[str, str]
+    defaults: str

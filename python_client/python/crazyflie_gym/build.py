@@ -8,7 +8,7 @@ from typing import Any
 from gymnasium.vector import AutoresetMode
 
 from crazyflie_gym import remote as servers
-from crazyflie_gym._native import Sim, check_model
+from crazyflie_gym._native import Controller, Sim, check_model
 from crazyflie_gym.core import RemoteCore
 from crazyflie_gym.options import Model, model_source, native_autoreset, to_json
 
@@ -58,3 +58,13 @@ def build(
     if remote is None:
         return Sim(num_envs, options, text)
     return servers.make(remote, remote_client, num_envs, options, text, states)
+
+
+def controller(name: str, sim: Sim | RemoteCore, model: Model, mode: str, options: Mapping[str, Any]) -> Controller:
+    """Return the controller of that name for a simulation; it believes in `model`.
+
+    Raises:
+        ValueError: naming the controller, option or mode that is wrong, with a proposal where a name is unknown.
+    """
+    given = to_json(**options) if options else "null"
+    return Controller(name, sim.num_envs, sim.interface, options=given, model=model_source(model)[0], mode=mode)

@@ -10,9 +10,9 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from crazyflie_gym._native import Interface, Pid, Sim
+from crazyflie_gym._native import Controller, Interface, Pid, Sim
 from crazyflie_gym._types import FloatArray, Observation
-from crazyflie_gym.build import build
+from crazyflie_gym.build import build, controller
 from crazyflie_gym.core import RemoteCore
 from crazyflie_gym.options import Model
 from crazyflie_gym.screen import RENDER_MODES, Screen, check_render_mode
@@ -89,12 +89,23 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         self._by_field = observation == "dict"
         self._true_state = true_state
         self._plain = not (self._by_field or true_state or self._screen)
+        self._model = model
         self._seeded = False
 
     @property
     def interface(self) -> Interface:
         """What an action means."""
         return self.sim.interface
+
+    def controller(self, name: str = "thesis-pid", mode: str = "automatic", **options: Any) -> Controller:
+        """Return a controller of `crazyflie_gym.controllers()`, or `NAME:FILE`, for this environment.
+
+        It acts on flat observations, and believes in the model of the environment but knows none of its effects.
+
+        Raises:
+            ValueError: naming the controller, option or mode that is wrong, with a proposal where a name is unknown.
+        """
+        return controller(name, self.sim, self._model, mode, options)
 
     def pid(self, gains: str = "thesis", mode: str = "automatic") -> Pid:
         """Return the thesis's controller for this environment; it acts on flat observations."""

@@ -13,9 +13,9 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from crazyflie_gym import many
-from crazyflie_gym._native import Interface, Pid, Sim, tasks
+from crazyflie_gym._native import Controller, Interface, Pid, Sim, tasks
 from crazyflie_gym._types import BoolArray, FloatArray, Observation
-from crazyflie_gym.build import build
+from crazyflie_gym.build import build, controller
 from crazyflie_gym.core import RemoteCore
 from crazyflie_gym.options import Model, autoreset_mode
 from crazyflie_gym.screen import RENDER_MODES, Screen, check_render_mode
@@ -102,12 +102,23 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         self._sets = None if copy else [_set(self.num_envs) for _ in range(2)]
         self._rows: FloatArray | None = None
         self._ended = np.zeros(self.num_envs, np.bool_)
+        self._model = model
         self._seeded = False
 
     @property
     def interface(self) -> Interface:
         """What an action means."""
         return self.sim.interface
+
+    def controller(self, name: str = "thesis-pid", mode: str = "automatic", **options: Any) -> Controller:
+        """Return a controller of `crazyflie_gym.controllers()`, or `NAME:FILE`, for this batch.
+
+        It acts on flat observations, and believes in the model of the environment but knows none of its effects.
+
+        Raises:
+            ValueError: naming the controller, option or mode that is wrong, with a proposal where a name is unknown.
+        """
+        return controller(name, self.sim, self._model, mode, options)
 
     def pid(self, gains: str = "thesis", mode: str = "automatic") -> Pid:
         """Return the thesis's controller for this batch; it acts on flat observations."""

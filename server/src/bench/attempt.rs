@@ -173,7 +173,7 @@ impl Drop for Attempt {
 
 /// What came of flights, but for dates.
 #[derive(PartialEq)]
-pub(super) struct Judged {
+pub(crate) struct Judged {
     pub score: score::Score,
     pub metrics: metrics::Metrics,
     pub episodes: Vec<EpisodeResult>,

@@ -1,27 +1,26 @@
-//! `crazyflie fly`: a closed loop of model, effects and PID.
+//! `crazyflie fly`: a closed loop of model, effects and controller.
 
 use std::io::Write;
 use std::path::PathBuf;
 
 use crazyflie_env::config::{EffectParams, EffectTable, Number, check_effects};
-use crazyflie_env::control::pid::Gains;
 use crazyflie_env::effects::find;
 use crazyflie_env::model::{Model, VerticalInput};
 use indicatif::ProgressBar;
 use serde_json::json;
 
-use super::{Failure, Outcome, files, fly_table};
+use super::{Failure, Outcome, controllers, files, fly_table};
 use crate::flight::{self, Figures, Scenario, Setup, Trace};
 
 const EXAMPLES: &str = "\
 Examples:
   crazyflie fly
-  crazyflie fly --task fly-80cm --controller crazyflie_ros --picture old.svg
+  crazyflie fly --task fly-80cm --controller stock-pid --picture old.svg
   crazyflie fly --task whole-flight --rig lab --csv flight.csv --picture3d path.svg
   crazyflie fly --task track --task-options '{\"shape\": \"helix\"}' --effects drag_linear=0.3
   crazyflie fly --effects gust.sigma_mps2=0.5 --effects '{\"battery_sag\": {\"exponent\": 2}}' --runs 100";
 
-/// Fly a task or one of the thesis's flights with its PID, and print the figures of the flight.
+/// Fly a task or one of the thesis's flights with a controller, and print the figures of the flight.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {
@@ -31,9 +30,12 @@ pub(super) struct Args {
     /// The task's options, as JSON
     #[arg(long, value_name = "JSON")]
     task_options: Option<String>,
-    /// Gains: thesis (table 7.1) or crazyflie_ros (the package's defaults, which the thesis calls old)
-    #[arg(long, default_value = "thesis", value_name = "NAME")]
+    /// Which one, as NAME or NAME:FILE (see `crazyflie controllers`)
+    #[arg(long, default_value = "thesis-pid", value_name = "NAME")]
     controller: String,
+    /// The controller's options, as JSON
+    #[arg(long, value_name = "JSON")]
+    controller_options: Option<String>,
     /// An effect as NAME=VALUE or NAME.PARAMETER=VALUE, or several as JSON; may be repeated (see `crazyflie effects`)
     #[arg(long, value_name = "EFFECT")]
     effects: Vec<String>,
@@ -78,7 +80,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     write_files(args, &setup, &first)?;
     let about = About {
         flight: setup.scenario.name,
-        controller: &args.controller,
+        controller: &setup.controller.label,
         vertical: files::vertical_name(setup.vertical),
         model: &setup.model.name,
         seconds: setup.seconds,
@@ -116,7 +118,7 @@ impl About<'_> {
             effects => effects.to_string(),
         };
         format!(
-            "{}: {what}\nmodel {}, vertical form {}, gains {}, {} s, seed {}, effects {effects}\n",
+            "{}: {what}\nmodel {}, vertical form {}, controller {}, {} s, seed {}, effects {effects}\n",
             self.flight, self.model, self.vertical, self.controller, self.seconds, self.seed
         )
     }
@@ -124,7 +126,7 @@ impl About<'_> {
 
 fn setup(args: &Args) -> Outcome<Setup> {
     let scenario = Scenario::named(&args.task)?;
-    let gains = Gains::named(&args.controller)?;
+    let controller = controllers::chosen(&args.controller, args.controller_options.as_deref())?;
     let mut effects = match &args.rig[..] {
         "ideal" => EffectTable::new(),
         "lab" => flight::lab_rig(),
@@ -139,7 +141,7 @@ fn setup(args: &Args) -> Outcome<Setup> {
     let model = files::model(args.model.as_deref())?;
     let vertical = args.vertical.unwrap_or_else(|| default_vertical(&model));
     let seconds = args.seconds.unwrap_or(scenario.seconds);
-    Ok(Setup { model, scenario, task_options, gains, effects, vertical, seconds })
+    Ok(Setup { model, scenario, task_options, controller, effects, vertical, seconds })
 }
 
 /// The PID's height loop commands a PWM: that form, if the model has one.
@@ -200,7 +202,7 @@ fn fly_all(args: &Args, setup: &Setup) -> Outcome<(Vec<Figures>, Trace)> {
 }
 
 fn write_files(args: &Args, setup: &Setup, first: &Trace) -> Outcome {
-    let title = format!("{}, gains {}, seed {}", setup.scenario.name, args.controller, args.seed);
+    let title = format!("{}, {}, seed {}", setup.scenario.name, setup.controller.label, args.seed);
     if let Some(file) = &args.csv {
         files::write_log(file, &flight::log(first))?;
     }

@@ -1,6 +1,7 @@
 //! Commands, one file each. A command writes to `out` and returns what went wrong; only [`main_from`] talks to the process.
 
 mod attempts;
+mod controllers;
 mod effects;
 mod explain;
 mod explain_table;
@@ -67,6 +68,7 @@ enum Command {
     Measured(measured::Args),
     Effects(effects::Args),
     Tasks(tasks::Args),
+    Controllers(controllers::Args),
     Model(model::Args),
     Scenarios(scenarios::Args),
     Submit(submit::Args),
@@ -109,6 +111,7 @@ fn run(command: &Command, out: &mut dyn Write) -> Outcome {
         Command::Measured(args) => measured::run(args, out),
         Command::Effects(args) => effects::run(args, out),
         Command::Tasks(args) => tasks::run(args, out),
+        Command::Controllers(args) => controllers::run(args, out),
         Command::Model(args) => model::run(args, out),
         Command::Scenarios(args) => scenarios::run(args, out),
         Command::Submit(args) => submit::run(args, out),

@@ -1,10 +1,10 @@
-//! `crazyflie submit`: built-in controllers through the benchmark.
+//! `crazyflie submit`: the controllers of the registry through the benchmark.
 
 use std::io::Write;
 use std::path::PathBuf;
 
-use super::{Outcome, Table, number};
-use crate::bench::baselines::{self, Baseline};
+use super::{Outcome, Table, controllers, number};
+use crate::bench::baselines;
 use crate::bench::{Bench, Document, Limits};
 
 const EXAMPLES: &str = "\
@@ -17,8 +17,12 @@ Examples:
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {
-    #[arg(long, value_enum)]
-    controller: Baseline,
+    /// Which one, as NAME or NAME:FILE (see `crazyflie controllers`)
+    #[arg(long, value_name = "NAME")]
+    controller: String,
+    /// The controller's options, as JSON
+    #[arg(long, value_name = "JSON")]
+    controller_options: Option<String>,
     /// A scenario (see `crazyflie scenarios`), or all
     #[arg(long, default_value = "all", value_name = "ID")]
     scenario: String,
@@ -34,6 +38,7 @@ pub(super) struct Args {
 }
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
+    let controller = controllers::chosen(&args.controller, args.controller_options.as_deref())?;
     let bench = Bench::open(&args.data, Limits::default())?;
     let scenarios: Vec<String> = match args.scenario.as_str() {
         "all" => bench.scenarios().iter().map(|s| s.id()).collect(),
@@ -42,7 +47,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let mut done = Vec::new();
     for scenario in &scenarios {
         for _ in 0..args.repeat {
-            let document = baselines::submit(&bench, scenario, args.controller)?;
+            let document = baselines::submit(&bench, scenario, &controller)?;
             if args.json {
                 // said at once: whoever reads it may rely on it
                 serde_json::to_writer(&mut *out, &document)?;

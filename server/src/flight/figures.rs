@@ -1,6 +1,6 @@
 //! The figures of a flight: how fast, how far over, how exact, with how much effort.
 
-use crazyflie_env::control::pid::Mode;
+use crazyflie_env::control::Mode;
 
 use super::{End, Phase, Row, Trace, touch_down_mps};
 

@@ -7,7 +7,7 @@ mod scenario;
 
 use crazyflie_env::Error;
 use crazyflie_env::config::{Autoreset, EffectTable, Options};
-use crazyflie_env::control::pid::{Gains, PidBatch};
+use crazyflie_env::control::{Chosen, Controller, Site};
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::observation::{ACTION, Interface, OBSERVATION};
 use crazyflie_env::plant::Command;
@@ -25,7 +25,7 @@ pub(crate) struct Setup {
     pub scenario: &'static Scenario,
     /// In place of the scenario's own, if given.
     pub task_options: Option<serde_json::Value>,
-    pub gains: Gains,
+    pub controller: Chosen,
     pub effects: EffectTable,
     pub vertical: VerticalInput,
     pub seconds: f64,
@@ -84,20 +84,27 @@ impl Trace {
 const ROOM_M: [f32; 2] = [2.5, 2.8];
 
 /// Fills in the actions of a tick from the observations, which it may change (a set-point of its own).
-type Pilot<'a> = dyn FnMut(f64, &mut [f32], &mut [f32]) -> Result<(), Error> + 'a;
+type Answer<'a> = dyn FnMut(f64, &mut [f32], &mut [f32]) -> Result<(), Error> + 'a;
 
-/// Flies the setup once per seed, by the PID.
+/// The setup's controller for these environments.
+fn pilot(setup: &Setup, env: &VectorEnv) -> Result<Box<dyn Controller>, Error> {
+    let (interface, tick_s, envs) = (env.interface(), env.tick_s(), env.num_envs());
+    let site = Site { model: &setup.model, interface, tick_s, envs, mode: setup.scenario.phases[0].mode };
+    setup.controller.build(&site)
+}
+
+/// Flies the setup once per seed, by its controller.
 pub(crate) fn fly(setup: &Setup, seeds: &[u64]) -> Result<Vec<Trace>, Error> {
     let mut env = env(setup, seeds.len())?;
     let phases = setup.scenario.phases;
-    let mut pid = PidBatch::new(seeds.len(), setup.gains, env.interface(), env.tick_s(), phases[0].mode);
+    let mut pilot = pilot(setup, &env)?;
     fly_by(&mut env, setup.seconds, seeds, &mut |t_s, observations, actions| {
         let phase = phase_at(phases, t_s);
         if let Some(setpoint_m) = phase.setpoint_m {
             observations.chunks_exact_mut(OBSERVATION).for_each(|row| row[16..19].copy_from_slice(&setpoint_m));
         }
-        pid.set_mode(phase.mode);
-        pid.act(observations, actions)
+        pilot.set_mode(phase.mode);
+        pilot.act(observations, actions)
     })
 }
 
@@ -112,7 +119,7 @@ pub(crate) fn fly_open_loop(setup: &Setup, seeds: &[u64], command: &dyn Fn(f64) 
     })
 }
 
-/// Flies the setup once per seed by the PID towards a height that depends on time, its commands passed through `change`: the modified controllers
+/// Flies the setup once per seed by its controller towards a height that depends on time, its commands passed through `change`: the modified controllers
 /// of the thesis's identification flights (5.1).
 pub(crate) fn fly_overruled(
     setup: &Setup,
@@ -122,10 +129,10 @@ pub(crate) fn fly_overruled(
 ) -> Result<Vec<Trace>, Error> {
     let mut env = env(setup, seeds.len())?;
     let interface = env.interface();
-    let mut pid = PidBatch::new(seeds.len(), setup.gains, interface, env.tick_s(), setup.scenario.phases[0].mode);
+    let mut pilot = pilot(setup, &env)?;
     fly_by(&mut env, setup.seconds, seeds, &mut |t_s, observations, actions| {
         observations.chunks_exact_mut(OBSERVATION).for_each(|row| row[18] = height_m(t_s));
-        pid.act(observations, actions)?;
+        pilot.act(observations, actions)?;
         for row in actions.chunks_exact_mut(ACTION) {
             let action: [f64; ACTION] = std::array::from_fn(|i| f64::from(row[i]));
             let changed = interface.action(&change(t_s, interface.command(&action)));
@@ -147,7 +154,7 @@ fn env(setup: &Setup, envs: usize) -> Result<VectorEnv, Error> {
     VectorEnv::new(&setup.model, &options, envs)
 }
 
-fn fly_by(env: &mut VectorEnv, seconds: f64, seeds: &[u64], pilot: &mut Pilot<'_>) -> Result<Vec<Trace>, Error> {
+fn fly_by(env: &mut VectorEnv, seconds: f64, seeds: &[u64], answer: &mut Answer<'_>) -> Result<Vec<Trace>, Error> {
     let (envs, tick_s, interface) = (seeds.len(), env.tick_s(), env.interface());
     let mut observations = vec![0.0; envs * OBSERVATION];
     let (mut actions, mut states) = (vec![0.0; envs * ACTION], vec![0.0; envs * STATE]);
@@ -157,7 +164,7 @@ fn fly_by(env: &mut VectorEnv, seconds: f64, seeds: &[u64], pilot: &mut Pilot<'_
     env.reset(Some(seeds), None, &mut observations)?;
     let ticks = (seconds / tick_s).round() as usize;
     for tick in 0..=ticks {
-        pilot(tick as f64 * tick_s, &mut observations, &mut actions)?;
+        answer(tick as f64 * tick_s, &mut observations, &mut actions)?;
         env.states(&mut states)?;
         for (i, (trace, over)) in traces.iter_mut().zip(&mut over).enumerate().filter(|(_, (_, over))| !**over) {
             trace.rows.push(row(i, &observations, &states, &actions));

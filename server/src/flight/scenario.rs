@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use crazyflie_env::config::{EffectParams, EffectTable, Number};
-use crazyflie_env::control::pid::Mode;
+use crazyflie_env::control::Mode;
 use serde_json::Value;
 
 /// A part of a flight with one set-point and one state of the controller.

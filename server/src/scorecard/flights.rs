@@ -2,7 +2,7 @@
 
 use crazyflie_env::Error;
 use crazyflie_env::config::EffectTable;
-use crazyflie_env::control::pid::Gains;
+use crazyflie_env::control::Chosen;
 use crazyflie_env::model::{Model, VerticalInput};
 
 use super::{Claim, Line, about, figure, median};
@@ -13,7 +13,7 @@ type Experiment = fn(&Model) -> Result<Vec<Line>, Error>;
 pub(super) const EXPERIMENTS: &[Experiment] = &[fly_80_cm, takeoff, takeoff_by_thrust, hover];
 
 /// Old: `crazyflie_ros` defaults, which the thesis does not print. New: table 7.1.
-pub(super) const GAINS: [(&str, Gains); 2] = [("old", Gains::CRAZYFLIE_ROS), ("new", Gains::THESIS)];
+pub(super) const GAINS: [(&str, &str); 2] = [("old", "stock-pid"), ("new", "thesis-pid")];
 /// The rig's figures are medians over so many seeds.
 const SEEDS: u64 = 15;
 /// "Over the marker": within half its side of 197 mm.
@@ -27,13 +27,13 @@ pub(super) struct Pair {
     pub rig: Vec<Trace>,
 }
 
-pub(super) fn fly_pair(model: &Model, name: &str, gains: Gains, vertical: VerticalInput) -> Result<Pair, Error> {
+pub(super) fn fly_pair(model: &Model, name: &str, controller: &str, vertical: VerticalInput) -> Result<Pair, Error> {
     let scenario = Scenario::named(name)?;
     let ideal = Setup {
         model: model.clone(),
         scenario,
         task_options: None,
-        gains,
+        controller: Chosen::named(controller)?,
         effects: EffectTable::new(),
         vertical,
         seconds: scenario.seconds,

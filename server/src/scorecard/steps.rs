@@ -2,7 +2,7 @@
 
 use crazyflie_env::Error;
 use crazyflie_env::config::{EffectParams, EffectTable, Number};
-use crazyflie_env::control::pid::Gains;
+use crazyflie_env::control::Chosen;
 use crazyflie_env::model::{Model, Vertical, VerticalInput};
 use crazyflie_env::plant::Command;
 use crazyflie_identify::metrics::fit_percent;
@@ -31,7 +31,7 @@ pub(super) fn fly(
         model: model.clone(),
         scenario: Scenario::named("hover-70cm")?,
         task_options: None,
-        gains: Gains::THESIS,
+        controller: Chosen::named("thesis-pid")?,
         effects,
         vertical,
         seconds: HOVER_S + seconds,

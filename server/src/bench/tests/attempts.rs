@@ -58,11 +58,11 @@ fn flights_that_are_over_hold_still_and_come_out_the_same_again() {
 #[test]
 fn a_benchmark_is_shared_and_an_attempt_moves_between_threads() {
     let bench = open("threads");
-    let fly = |baseline: Baseline| {
+    let fly = |baseline: &'static str| {
         let bench = bench.clone();
         move || submit(&bench, "ground-landing", baseline)
     };
-    let threads = [Baseline::ThesisPid, Baseline::Hover, Baseline::Random].map(|baseline| std::thread::spawn(fly(baseline)));
+    let threads = ["thesis-pid", "hover", "random"].map(|baseline| std::thread::spawn(fly(baseline)));
     let attempt = bench.begin("wind", Who::Local, "moved").unwrap();
     std::thread::spawn(move || drop(attempt)).join().unwrap();
     let ids = threads.map(|thread| thread.join().unwrap());
@@ -101,10 +101,10 @@ fn who_goes_away_stays_listed_and_counts() {
     assert_eq!(bench.verify(&id).unwrap().verdict, Verdict::Unfinished);
     assert!(matches!(bench.replay(&id, 0), Err(Error::Unfinished { .. })));
     let scenario = bench.scenario("wind").unwrap();
-    submit(&bench, "wind", Baseline::ThesisPid);
+    submit(&bench, "wind", "thesis-pid");
     let row = bench.leaderboard(scenario).unwrap().remove(0);
     assert_eq!((row.attempts, row.abandoned, row.score.score), (2, 1, 0.0));
-    submit(&bench, "wind", Baseline::ThesisPid);
+    submit(&bench, "wind", "thesis-pid");
     let row = bench.leaderboard(scenario).unwrap().remove(0);
     assert!(row.attempts == 3 && row.score.score > 20.0, "{row:?}");
 }
@@ -112,8 +112,8 @@ fn who_goes_away_stays_listed_and_counts() {
 #[test]
 fn the_leaderboard_takes_the_middle_attempt_not_the_luckiest() {
     let bench = open("middle");
-    (0..5).for_each(|_| drop(submit(&bench, "packet-loss", Baseline::ThesisPid)));
-    submit(&bench, "packet-loss", Baseline::Hover);
+    (0..5).for_each(|_| drop(submit(&bench, "packet-loss", "thesis-pid")));
+    submit(&bench, "packet-loss", "hover");
     let scenario = bench.scenario("packet-loss").unwrap();
     let board = bench.leaderboard(scenario).unwrap();
     let thesis = bench.attempts(Some(&scenario.id())).unwrap().into_iter().map(|listed| listed.document.unwrap());
@@ -136,7 +136,7 @@ fn resign(bench: &Bench, change: impl Fn(&mut Document)) -> Stored {
 #[test]
 fn an_attempt_of_another_build_is_told_from_a_wrong_one() {
     let bench = open("other_build");
-    submit(&bench, "wind", Baseline::ThesisPid);
+    submit(&bench, "wind", "thesis-pid");
     let worse = |document: &mut Document| document.result.as_mut().unwrap().episodes[3].states_sha256 = "0".repeat(64);
     let other = |document: &mut Document| document.build = "another".into();
     let verdict = |row: &Stored| bench.verify_row(row).unwrap();

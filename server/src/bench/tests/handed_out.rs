@@ -74,8 +74,8 @@ fn secrets(bench: &Bench, test: &'static str) -> Vec<(String, Vec<u8>)> {
 fn no_secret_is_in_anything_that_is_handed_out() {
     let bench = open("handed_out");
     let token = bench.create_token("blue").unwrap();
-    submit(&bench, "mystery", Baseline::ThesisPid);
-    submit(&bench, "ground-landing", Baseline::Random);
+    submit(&bench, "mystery", "thesis-pid");
+    submit(&bench, "ground-landing", "random");
     drop(bench.begin("wind", Who::Token(&token), "quitter").unwrap());
     let mut forbidden = secrets(&bench, "handed_out");
     forbidden.push(("token".into(), hex::decode(&token[4..]).unwrap()));
@@ -99,7 +99,7 @@ fn no_secret_is_in_anything_that_is_handed_out() {
 #[test]
 fn what_the_mystery_hides_is_not_told() {
     let bench = open("not_told");
-    submit(&bench, "mystery", Baseline::ThesisPid);
+    submit(&bench, "mystery", "thesis-pid");
     let (name, params) = {
         let mystery = bench.scenarios().iter().find(|s| s.id().starts_with("mystery")).unwrap();
         let hidden = mystery.hidden.clone().unwrap();
@@ -121,7 +121,7 @@ fn what_the_mystery_hides_is_not_told() {
 #[test]
 fn anyone_can_check_a_signature() {
     let bench = open("signature");
-    let id = submit(&bench, "wind", Baseline::Hover);
+    let id = submit(&bench, "wind", "hover");
     let key: Value = serde_json::from_slice(&api::key(&bench).unwrap().bytes).unwrap();
     let public: [u8; 32] = hex::decode(key["public_key"].as_str().unwrap()).unwrap().try_into().unwrap();
     let mut attempt: Value = serde_json::from_slice(&api::attempt(&bench, &id).unwrap().bytes).unwrap();
@@ -140,7 +140,7 @@ fn anyone_can_check_a_signature() {
 #[test]
 fn a_replay_is_a_header_and_rows() {
     let bench = open("frames");
-    let id = submit(&bench, "ground-landing", Baseline::ThesisPid);
+    let id = submit(&bench, "ground-landing", "thesis-pid");
     let bytes = api::replay(&bench, &id, 5).unwrap().bytes;
     let length = u32::from_le_bytes(bytes[..4].try_into().unwrap()) as usize;
     let header: Value = serde_json::from_slice(&bytes[4..4 + length]).unwrap();

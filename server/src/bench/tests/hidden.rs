@@ -3,8 +3,7 @@
 use serde_json::json;
 use sha2::{Digest, Sha256};
 
-use super::super::attempt::judge;
-use super::super::episodes::Episodes;
+use super::super::baselines::evaluate;
 use super::super::mystery::Hidden;
 use super::super::scenario::{self, Scenario};
 use super::super::secrets::{Secrets, canonical};
@@ -38,18 +37,10 @@ fn each_server_hides_its_own_and_commits_to_it() {
     assert_eq!(hex::encode(Sha256::digest(opened)), hidden(&first).commitment);
 }
 
-/// The median score of a baseline on a scenario of any effects.
-fn score(scenario: &Scenario, baseline: Baseline) -> f64 {
+/// The score of a controller on a scenario of any effects.
+fn score(scenario: &Scenario, controller: &str) -> f64 {
     let seeds: Vec<u64> = (0..scenario.episodes() as u64).collect();
-    let mut episodes = Episodes::begin(scenario, &seeds).unwrap();
-    let mut pilot = baseline.pilot(episodes.len(), episodes.interface(), episodes.tick_s(), scenario.phases[0].mode);
-    let mut actions = vec![0.0; episodes.obeyed().len()];
-    loop {
-        pilot.act(scenario.phases[0].mode, episodes.observations(), &mut actions).unwrap();
-        if episodes.step(&actions).unwrap() {
-            return judge(scenario, &episodes.finish().unwrap()).unwrap().score.score;
-        }
-    }
+    evaluate(scenario, &Chosen::named(controller).unwrap(), &seeds).unwrap().score.score
 }
 
 #[test]
@@ -59,7 +50,7 @@ fn whatever_is_hidden_can_be_flown_and_leaves_room() {
     for effects in pool.corners() {
         let words = serde_json::to_string(&effects).unwrap();
         let scenario = Scenario { hidden: Some(Hidden { effects, commitment: String::new() }), ..scenario.clone() };
-        let (thesis, hover) = (score(&scenario, Baseline::ThesisPid), score(&scenario, Baseline::Hover));
+        let (thesis, hover) = (score(&scenario, "thesis-pid"), score(&scenario, "hover"));
         println!("thesis-pid {thesis:.1}, hover {hover:.1} with {words}");
         assert!((8.0..70.0).contains(&thesis) && hover < thesis, "{words}: thesis-pid {thesis}, hover {hover}");
     }

@@ -11,10 +11,11 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::Mutex;
 
+use crazyflie_env::control::Chosen;
 use crazyflie_env::observation::OBSERVATION;
 use crazyflie_env::vector::Out;
 
-use super::baselines::{Baseline, submit as submit_now};
+use super::baselines::submit as submit_now;
 use super::{Attempt, Bench, Limits, Result};
 
 /// A database of this test's own, beside the test's program. It stays until the next run, to be looked at.
@@ -32,8 +33,8 @@ fn open(test: &'static str) -> Bench {
     Bench::open(&path(test), Limits::default()).unwrap()
 }
 
-fn submit(bench: &Bench, scenario: &str, baseline: Baseline) -> String {
-    submit_now(bench, scenario, baseline).unwrap().id
+fn submit(bench: &Bench, scenario: &str, controller: &str) -> String {
+    submit_now(bench, scenario, &Chosen::named(controller).unwrap()).unwrap().id
 }
 
 /// A client's buffers.

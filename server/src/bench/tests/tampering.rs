@@ -27,7 +27,7 @@ fn sound(bench: &Bench) -> bool {
 #[test]
 fn a_flipped_bit_anywhere_is_found() {
     let bench = open("flipped");
-    submit(&bench, "ground-landing", Baseline::ThesisPid);
+    submit(&bench, "ground-landing", "thesis-pid");
     let db = Connection::open(path("flipped")).unwrap();
     // only this test's own writes, which need not survive a power cut
     db.pragma_update(None, "synchronous", "OFF").unwrap();
@@ -61,7 +61,7 @@ fn a_flipped_bit_anywhere_is_found() {
 #[test]
 fn flipped_keys_rows_that_are_gone_and_swapped_flights_are_found() {
     let bench = open("gone");
-    let ids: Vec<String> = (0..3).map(|_| submit(&bench, "ground-landing", Baseline::ThesisPid)).collect();
+    let ids: Vec<String> = (0..3).map(|_| submit(&bench, "ground-landing", "thesis-pid")).collect();
     drop(bench);
     let db = Connection::open(path("gone")).unwrap();
     for name in ["signing key", "seed secret"] {

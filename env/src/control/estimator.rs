@@ -1,0 +1,361 @@
+//! Where the vehicle is, by camera and IMU: a Kalman filter that knows how old a fix is.
+//!
+//! The filter's state stands at the capture of the last frame that it took in. A new fix moves it on to its own capture, along the accelerations that the
+//! IMU has shown since, and corrects it there; where the vehicle is now follows along the rest. So a fix that arrives 50 ms late is held against where the
+//! vehicle was, with no error from the delay (out-of-sequence measurements by re-running the history: Bar-Shalom, Li, Kirubarajan, Estimation with
+//! Applications to Tracking and Navigation, 2001, ch. 11). Per axis: position, velocity, and an acceleration that nothing explains, a random walk, which
+//! takes the error of a tilted IMU.
+
+use serde::{Deserialize, Serialize};
+
+use crate::model::{Model, Vertical, VerticalInput};
+use crate::observation::{OBSERVATION, wrap};
+use crate::real::{Real, tabulate};
+
+/// What the filter believes of its sensors: standard deviations.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Belief {
+    /// Of a fix from 70 cm: sideways, in height, in heading.
+    pub xy_m: f64,
+    pub z_m: f64,
+    pub yaw_deg: f64,
+    /// Of what the accelerations miss in a second: as white noise, in m/s after 1 s, and as a bias that wanders, in m/s^2 after 1 s.
+    pub white_mps: f64,
+    pub bias_mps2: f64,
+    /// Of the heading's drift after a second.
+    pub yaw_drift_deg: f64,
+    /// A fix that is so many standard deviations off, over its three axes together, is an outlier.
+    pub gate: f64,
+}
+
+impl Default for Belief {
+    fn default() -> Self {
+        Belief { xy_m: 0.005, z_m: 0.01, yaw_deg: 1.0, white_mps: 0.03, bias_mps2: 0.2, yaw_drift_deg: 1.0, gate: 4.5 }
+    }
+}
+
+/// What each number of a [`Belief`] means, for the registry.
+pub(super) const BELIEF: &str = "what the filter believes, as standard deviations: of a fix from 70 cm xy_m, z_m, yaw_deg; of the IMU over a second white_mps, \
+     bias_mps2, yaw_drift_deg; beyond gate of them a fix is an outlier";
+
+/// Ticks of history: a fix older than this is of no use. At 50 Hz 0.24 s, twice the longest latency that the simulator has.
+const HISTORY: usize = 12;
+/// So many outliers in a row are the truth.
+const RELOCK: f64 = 6.0;
+/// A fix is new if it is so much younger than the last one would be by now.
+const NEWER_S: f64 = 1e-3;
+
+/// Where the vehicle is, world frame.
+#[derive(Debug, Clone, Copy)]
+pub struct Estimate<R> {
+    pub pos_m: [R; 3],
+    pub vel_mps: [R; 3],
+    pub yaw_rad: R,
+    /// Acceleration that the attitude does not explain: what the accelerometer shows of pushes, and the filter's own.
+    pub push_mps2: [R; 3],
+}
+
+/// Of one axis: position, velocity, unexplained acceleration.
+type Axis<R> = [R; 3];
+
+/// Their covariance, upper triangle: pp, pv, pb, vv, vb, bb.
+type Spread<R> = [R; 6];
+
+/// The filter of one drone, or of lanes.
+#[derive(Debug, Clone)]
+pub struct Estimator<R: Real> {
+    noise: Noise,
+    tick_s: f64,
+    gravity_mps2: f64,
+    /// How far a held acceleration carries over a step dt, over dt^2, per axis.
+    carry: [f64; 3],
+    /// At the capture of the last frame taken in, `age_s` ago.
+    axes: [Axis<R>; 3],
+    spread: [Spread<R>; 2],
+    age_s: R,
+    outliers: R,
+    /// Accelerations of the last ticks in the world frame, the newest first, and the IMU's heading at their ends, unwrapped.
+    acc_mps2: [[R; 3]; HISTORY],
+    imu_yaw_rad: [R; HISTORY + 1],
+    /// By the attitude at the last tick.
+    last_mps2: [R; 2],
+    /// Heading over the marker minus the IMU's, and its variance.
+    turned_rad: R,
+    turned_spread: R,
+    /// Age of the last fix that was looked at.
+    seen_s: R,
+    fresh: R::Mask,
+}
+
+/// A [`Belief`] as variances.
+#[derive(Debug, Clone, Copy)]
+struct Noise {
+    fix: [f64; 2],
+    yaw: f64,
+    white: f64,
+    bias: f64,
+    drift: f64,
+    gate: f64,
+}
+
+impl<R: Real> Estimator<R> {
+    /// For the declared model, asked every `tick_s` seconds.
+    pub fn new(model: &Model, input: VerticalInput, tick_s: f64, belief: &Belief) -> Self {
+        let square = |v: f64| v * v;
+        let (zero, none) = (R::zero(), R::nothing());
+        // a first-order form's velocity jumps at the start of a tick and holds
+        let jumps = matches!(model.vertical(input), Ok(Vertical::FirstOrder { .. }));
+        Estimator {
+            noise: Noise {
+                fix: [square(belief.xy_m), square(belief.z_m)],
+                yaw: square(belief.yaw_deg.to_radians()),
+                white: square(belief.white_mps),
+                bias: square(belief.bias_mps2),
+                drift: square(belief.yaw_drift_deg.to_radians()),
+                gate: square(belief.gate),
+            },
+            tick_s,
+            gravity_mps2: model.lateral.gravity.value,
+            carry: [0.5, 0.5, if jumps { 1.0 } else { 0.5 }],
+            axes: [[zero; 3]; 3],
+            spread: [[zero; 6]; 2],
+            age_s: zero,
+            outliers: zero,
+            acc_mps2: [[zero; 3]; HISTORY],
+            imu_yaw_rad: [zero; HISTORY + 1],
+            last_mps2: [zero; 2],
+            turned_rad: zero,
+            turned_spread: zero,
+            seen_s: zero,
+            fresh: !none,
+        }
+    }
+
+    /// Forget the flight in the lanes of `mask`.
+    pub fn reset(&mut self, mask: R::Mask) {
+        self.fresh = self.fresh | mask;
+    }
+
+    /// Where the vehicle is at the time of this observation row, the next one since the last call.
+    #[inline(always)]
+    pub fn update(&mut self, o: &[R; OBSERVATION]) -> Estimate<R> {
+        let fresh = self.fresh;
+        if R::any(fresh) {
+            self.begin(fresh, o);
+            self.fresh = R::nothing();
+        }
+        let yaw = o[8] + self.turned_rad;
+        let push = self.push(o, yaw);
+        self.remember(!fresh, o, yaw, push);
+        self.look(!fresh, o);
+        self.now(o, push)
+    }
+
+    /// The first row of an episode: at rest where the fix says.
+    #[inline(always)]
+    fn begin(&mut self, fresh: R::Mask, o: &[R; OBSERVATION]) {
+        let set = |slot: &mut R, value: R| *slot = R::select(fresh, value, *slot);
+        let zero = R::zero();
+        for (i, axis) in self.axes.iter_mut().enumerate() {
+            axis.iter_mut().zip([o[i], zero, zero]).for_each(|(slot, value)| set(slot, value));
+        }
+        for (i, spread) in self.spread.iter_mut().enumerate() {
+            let start = START.map(R::of);
+            spread.iter_mut().zip(start).for_each(|(slot, value)| set(slot, value));
+            set(&mut spread[0], R::of(self.noise.fix[i]));
+        }
+        self.acc_mps2.iter_mut().flatten().for_each(|slot| set(slot, zero));
+        self.imu_yaw_rad.iter_mut().for_each(|slot| set(slot, o[8]));
+        let tilts = self.tilts(o, o[3]);
+        self.last_mps2.iter_mut().zip(tilts).for_each(|(slot, value)| set(slot, value));
+        set(&mut self.turned_rad, wrap(o[3] - o[8]));
+        set(&mut self.turned_spread, R::of(self.noise.yaw));
+        set(&mut self.outliers, zero);
+        set(&mut self.age_s, o[4]);
+        set(&mut self.seen_s, o[4]);
+    }
+
+    /// Acceleration by the tilt, world frame: +pitch to +x, +roll to -y (4.10).
+    #[inline(always)]
+    fn tilts(&self, o: &[R; OBSERVATION], yaw: R) -> [R; 2] {
+        turn([o[7] * R::of(self.gravity_mps2), -o[6] * R::of(self.gravity_mps2)], yaw)
+    }
+
+    /// What the accelerometer shows besides: it does not feel gravity, nor therefore the tilt.
+    #[inline(always)]
+    fn push(&self, o: &[R; OBSERVATION], yaw: R) -> [R; 3] {
+        let [x, y] = turn([o[12], o[13]], yaw);
+        [x, y, o[14] - R::of(self.gravity_mps2)]
+    }
+
+    /// One tick more of history.
+    #[inline(always)]
+    fn remember(&mut self, on: R::Mask, o: &[R; OBSERVATION], yaw: R, push: [R; 3]) {
+        let (h, keep) = (R::of(self.tick_s), |new: R, old: R| R::select(on, new, old));
+        // what is about to be forgotten is gone through first
+        let over = (self.age_s - R::of(self.tick_s * (HISTORY - 1) as f64)).max(R::zero());
+        let over = R::select(on, over, R::zero());
+        self.advance(HISTORY - 1, over);
+        self.widen(over);
+        self.age_s = keep(self.age_s - over + h, self.age_s);
+        self.seen_s = keep(self.seen_s + h, self.seen_s);
+        let tilts = self.tilts(o, yaw);
+        let mean: [R; 2] = tabulate(
+            #[inline(always)]
+            |i| R::of(0.5) * (tilts[i] + self.last_mps2[i]) + push[i],
+        );
+        for i in 0..2 {
+            self.last_mps2[i] = keep(tilts[i], self.last_mps2[i]);
+        }
+        for j in (1..HISTORY).rev() {
+            for i in 0..3 {
+                self.acc_mps2[j][i] = keep(self.acc_mps2[j - 1][i], self.acc_mps2[j][i]);
+            }
+        }
+        for (slot, value) in self.acc_mps2[0].iter_mut().zip([mean[0], mean[1], push[2]]) {
+            *slot = keep(value, *slot);
+        }
+        let newest = self.imu_yaw_rad[0] + wrap(o[8] - self.imu_yaw_rad[0]);
+        for j in (1..=HISTORY).rev() {
+            self.imu_yaw_rad[j] = keep(self.imu_yaw_rad[j - 1], self.imu_yaw_rad[j]);
+        }
+        self.imu_yaw_rad[0] = keep(newest, self.imu_yaw_rad[0]);
+        self.turned_spread += R::select(on, R::of(self.noise.drift * self.tick_s), R::zero());
+    }
+
+    /// Moves the state on by `dt_s` under the accelerations of tick `j`.
+    #[inline(always)]
+    fn advance(&mut self, j: usize, dt_s: R) {
+        for (i, axis) in self.axes.iter_mut().enumerate() {
+            *axis = glide(axis, self.acc_mps2[j][i], dt_s, self.carry[i]);
+        }
+    }
+
+    /// What `dt_s` adds to the uncertainty: P <- F P F' + Q.
+    #[inline(always)]
+    fn widen(&mut self, dt_s: R) {
+        let (white, bias) = (R::of(self.noise.white) * dt_s, R::of(self.noise.bias) * dt_s);
+        for spread in &mut self.spread {
+            let [pp, pv, pb, vv, vb, bb] = *spread;
+            let half = R::of(0.5) * dt_s * dt_s;
+            // F P, then (F P) F', with F = [1 dt dt^2/2; 0 1 dt; 0 0 1]
+            let (a, b, c) = (pp + dt_s * pv + half * pb, pv + dt_s * vv + half * vb, pb + dt_s * vb + half * bb);
+            let (d, e) = (vv + dt_s * vb, vb + dt_s * bb);
+            *spread = [a + dt_s * b + half * c, b + dt_s * c, c, d + dt_s * e + white, e, bb + bias];
+        }
+    }
+
+    /// Takes a new fix in.
+    #[inline(always)]
+    fn look(&mut self, on: R::Mask, o: &[R; OBSERVATION]) {
+        let age = o[4];
+        let newer = on & age.lt(self.seen_s - R::of(NEWER_S)) & age.le(self.age_s + R::of(NEWER_S));
+        if !R::any(newer) {
+            return;
+        }
+        let h = self.tick_s;
+        self.seen_s = R::select(newer, age, self.seen_s);
+        let to = R::select(newer, age, self.age_s);
+        for j in (0..HISTORY).rev() {
+            self.advance(j, overlap(self.age_s, to, j, h));
+        }
+        self.widen((self.age_s - to).max(R::zero()));
+        self.age_s = to;
+        self.correct(newer, o);
+    }
+
+    /// The Kalman update at the fix's capture, but for outliers.
+    #[inline(always)]
+    fn correct(&mut self, newer: R::Mask, o: &[R; OBSERVATION]) {
+        // pixel noise through a pinhole: sideways as the distance, along the line of sight as its square
+        let far = (self.axes[2][0] * R::of(1.0 / 0.7)).max(R::of(0.3));
+        let noise = [R::of(self.noise.fix[0]) * far * far, R::of(self.noise.fix[1]) * far * far * far * far];
+        let total = [self.spread[0][0] + noise[0], self.spread[1][0] + noise[1]];
+        let off: [R; 3] = tabulate(
+            #[inline(always)]
+            |i| o[i] - self.axes[i][0],
+        );
+        let distance = (off[0] * off[0] + off[1] * off[1]) / total[0] + off[2] * off[2] / total[1];
+        let outlier = newer & R::of(self.noise.gate).lt(distance);
+        let lost = outlier & R::of(RELOCK - 1.5).lt(self.outliers);
+        self.outliers = R::select(newer, R::select(outlier & !lost, self.outliers + R::of(1.0), R::zero()), self.outliers);
+        let good = newer & !outlier;
+        for (k, total) in total.into_iter().enumerate() {
+            let [pp, pv, pb, vv, vb, bb] = self.spread[k];
+            let gain = [pp / total, pv / total, pb / total];
+            for i in if k == 0 { 0..2 } else { 2..3 } {
+                for (slot, gain) in self.axes[i].iter_mut().zip(gain) {
+                    *slot += R::select(good, gain * off[i], R::zero());
+                }
+                // several in a row that agree against the filter: it begins again
+                let restart = [o[i], R::zero(), R::zero()];
+                self.axes[i].iter_mut().zip(restart).for_each(|(slot, value)| *slot = R::select(lost, value, *slot));
+            }
+            let [g, u, w] = gain;
+            let less = [pp - g * pp, pv - g * pv, pb - g * pb, vv - u * pv, vb - u * pb, bb - w * pb];
+            let start = START.map(R::of);
+            for i in 0..6 {
+                self.spread[k][i] = R::select(lost, start[i], R::select(good, less[i], self.spread[k][i]));
+            }
+        }
+        self.correct_yaw(good | lost, o);
+    }
+
+    /// The heading: the IMU's, turned by what the marker shows of it.
+    #[inline(always)]
+    fn correct_yaw(&mut self, good: R::Mask, o: &[R; OBSERVATION]) {
+        let ticks = o[4] * R::of(1.0 / self.tick_s);
+        let mut then = R::zero();
+        for (j, yaw) in self.imu_yaw_rad.iter().enumerate() {
+            let share = (R::of(1.0) - (ticks - R::of(j as f64)).abs()).max(R::zero());
+            then += share * *yaw;
+        }
+        let gain = self.turned_spread / (self.turned_spread + R::of(self.noise.yaw));
+        let off = wrap(o[3] - then - self.turned_rad);
+        self.turned_rad += R::select(good, gain * off, R::zero());
+        self.turned_spread = R::select(good, self.turned_spread - gain * self.turned_spread, self.turned_spread);
+    }
+
+    /// From the last capture to now.
+    #[inline(always)]
+    fn now(&self, o: &[R; OBSERVATION], push: [R; 3]) -> Estimate<R> {
+        let mut axes = self.axes;
+        for j in (0..HISTORY).rev() {
+            let dt_s = overlap(self.age_s, R::zero(), j, self.tick_s);
+            for (i, axis) in axes.iter_mut().enumerate() {
+                *axis = glide(axis, self.acc_mps2[j][i], dt_s, self.carry[i]);
+            }
+        }
+        let [x, y, z] = axes;
+        Estimate {
+            pos_m: [x[0], y[0], z[0].max(R::zero())],
+            vel_mps: [x[1], y[1], z[1]],
+            yaw_rad: wrap(o[8] + self.turned_rad),
+            push_mps2: [push[0] + x[2], push[1] + y[2], push[2] + z[2]],
+        }
+    }
+}
+
+/// Variances before anything was seen: 20 cm, 30 cm/s, 0.3 m/s^2.
+const START: Spread<f64> = [0.04, 0.0, 0.0, 0.09, 0.0, 0.09];
+
+/// A pair along the vehicle's heading, in the world frame.
+#[inline(always)]
+fn turn<R: Real>([front, left]: [R; 2], yaw: R) -> [R; 2] {
+    let (sin, cos) = yaw.sin_cos();
+    [cos * front - sin * left, sin * front + cos * left]
+}
+
+/// How much of tick `j` (which began j + 1 ticks of `h_s` ago) lies between the ages `from` and `to`.
+#[inline(always)]
+fn overlap<R: Real>(from: R, to: R, j: usize, h_s: f64) -> R {
+    (from.min(R::of(h_s * (j + 1) as f64)) - to.max(R::of(h_s * j as f64))).max(R::zero())
+}
+
+/// An axis `dt_s` later under a held acceleration.
+#[inline(always)]
+fn glide<R: Real>(&[p, v, b]: &Axis<R>, acc: R, dt_s: R, carry: f64) -> Axis<R> {
+    let gained = (acc + b) * dt_s;
+    [p + (v + R::of(carry) * gained) * dt_s, v + gained, b]
+}

@@ -1,0 +1,150 @@
+//! Linear-quadratic regulator on the identified model, with an observer over camera and IMU.
+
+use nalgebra::SVector;
+use serde::{Deserialize, Serialize};
+
+use super::estimator::{BELIEF, Belief};
+use super::observer::{Discrete, Observer, costs};
+use super::riccati::regulator;
+use super::{Batch, Entry, Law, Mode, Site, defaults};
+use crate::error::Result;
+use crate::observation::{ACTION, OBSERVATION};
+use crate::plant::Command;
+use crate::real::{Real, dot};
+
+/// What costs 1 in a tick (Bryson's rule), and how far it looks.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Options {
+    pub position_m: f64,
+    pub velocity_mps: f64,
+    pub height_m: f64,
+    pub yaw_deg: f64,
+    pub tilt_deg: f64,
+    pub yaw_rate_degps: f64,
+    /// Of the greatest command.
+    pub lift_share: f64,
+    pub reach_m: f64,
+    pub belief: Belief,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Options {
+            position_m: 0.1,
+            velocity_mps: 0.4,
+            height_m: 0.1,
+            yaw_deg: 10.0,
+            tilt_deg: 5.0,
+            yaw_rate_degps: 40.0,
+            lift_share: 0.1,
+            reach_m: 1.0,
+            belief: Belief::default(),
+        }
+    }
+}
+
+pub(super) const OPTIONS: &[(&str, &str)] = &[
+    ("position_m", "the position error that costs 1 in a tick; smaller is quicker"),
+    ("velocity_mps", "the velocity error that does"),
+    ("height_m", "the height error that does"),
+    ("yaw_deg", "the heading error that does"),
+    ("tilt_deg", "the tilt command that costs 1; larger is quicker"),
+    ("yaw_rate_degps", "the yaw-rate command that does"),
+    ("lift_share", "the lift command that does, as a share of the greatest"),
+    ("reach_m", "farther position errors are taken as this far"),
+    ("belief", BELIEF),
+];
+
+pub(super) const ENTRY: Entry = Entry {
+    name: "lqr",
+    also: None,
+    about: "Linear-quadratic regulator on the identified model, all states by a Kalman filter over camera and IMU, with trims for what the model lacks",
+    source: "Discrete algebraic Riccati equation of the twelve-state form (4.14, 4.15) over one tick, exact for held commands; Anderson and Moore, \
+             Optimal Control: Linear Quadratic Methods, 1990",
+    file: None,
+    options: OPTIONS,
+    defaults: defaults::<Options>,
+    build: |given, site| Ok(Box::new(Batch::new(site.envs, Lqr::new(given.options()?, site)?))),
+};
+
+#[derive(Debug, Clone)]
+struct Lqr<R: Real> {
+    observer: Observer<R>,
+    gain: [[R; 12]; 4],
+    reach_m: R,
+}
+
+impl<R: Real> Lqr<R> {
+    fn new(options: Options, site: &Site<'_>) -> Result<Self> {
+        let model = Discrete::of(site)?;
+        let (q, r) = options.costs(site);
+        let k = regulator(&model.a, &model.b, &q, &r)?;
+        Ok(Lqr {
+            observer: Observer::new(site, &model, &options.belief)?,
+            gain: std::array::from_fn(|i| std::array::from_fn(|j| R::of(k[(i, j)]))),
+            reach_m: R::of(options.reach_m),
+        })
+    }
+}
+
+impl Options {
+    /// Diagonals of Q and R.
+    pub(super) fn costs(&self, site: &Site<'_>) -> (SVector<f64, 12>, SVector<f64, 4>) {
+        let (p, v, free) = (self.position_m, self.velocity_mps, f64::INFINITY);
+        let q = costs([p, p, self.height_m, free, free, self.yaw_deg.to_radians(), v, v, free, free, free, free]);
+        let tilt = self.tilt_deg.to_radians();
+        (q, costs([tilt, tilt, self.yaw_rate_degps.to_radians(), self.lift_share * site.interface.lift_max]))
+    }
+}
+
+impl<R: Real> Law<R> for Lqr<R> {
+    fn set_mode(&mut self, mode: Mode) {
+        self.observer.set_mode(mode);
+    }
+
+    fn reset(&mut self, mask: R::Mask) {
+        self.observer.reset(mask);
+    }
+
+    #[inline(always)]
+    fn act(&mut self, o: &[R; OBSERVATION]) -> [R; ACTION] {
+        let seen = self.observer.see(o);
+        let mut off = seen.off;
+        for slot in &mut off[..3] {
+            *slot = slot.clamp(-self.reach_m, self.reach_m);
+        }
+        let still = seen.still;
+        let less = |i: usize| dot(&self.gain[i], off);
+        let u = Command {
+            roll_rad: still.roll_rad - less(0),
+            pitch_rad: still.pitch_rad - less(1),
+            yaw_rate_radps: still.yaw_rate_radps - less(2),
+            lift: still.lift - less(3),
+        };
+        self.observer.action(&u, seen.idle)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::Model;
+    use crate::observation::Interface;
+
+    /// The closed loop of every vertical form is stable on the model that it was made for.
+    #[test]
+    fn the_gain_stabilises_every_form() {
+        let model = Model::thesis();
+        for input in model.inputs() {
+            let site =
+                Site { model: &model, interface: Interface::of(&model, input).unwrap(), tick_s: 0.02, envs: 1, mode: Mode::Automatic };
+            let discrete = Discrete::of(&site).unwrap();
+            let (q, r) = Options::default().costs(&site);
+            let k = regulator(&discrete.a, &discrete.b, &q, &r).unwrap();
+            let closed = discrete.a - discrete.b * k;
+            let radius = closed.complex_eigenvalues().iter().map(|e| e.norm()).fold(0.0, f64::max);
+            assert!(radius < 0.995, "{input:?}: {radius}");
+        }
+    }
+}

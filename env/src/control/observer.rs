@@ -1,0 +1,213 @@
+//! All states of the declared model, and what the vehicle does that the model does not say, from observation rows alone.
+
+use nalgebra::{SMatrix, SVector};
+
+use super::estimator::{Belief, Estimate, Estimator};
+use super::{Mode, Site};
+use crate::error::Result;
+use crate::model::AxisForm;
+use crate::observation::{ACTION, Interface, OBSERVATION, wrap};
+use crate::plant::Command;
+use crate::real::{Real, dot, tabulate};
+
+/// Time in which what is unexplained comes to be believed.
+const TRIM_S: f64 = 0.4;
+/// Landed: as the package that the thesis flew has it.
+const CLEAR_M: f64 = 0.05;
+/// A set-point that moves faster than this has jumped.
+const JUMP_MPS: f64 = 2.0;
+
+/// The model over one tick, exact for held commands: x+ = A x + B u.
+#[derive(Debug, Clone)]
+pub(super) struct Discrete {
+    pub a: SMatrix<f64, 12, 12>,
+    pub b: SMatrix<f64, 12, 4>,
+}
+
+/// One row: where the vehicle is against where it should be.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Seen<R: Real> {
+    /// The model's twelve states (4.14) less those of a vehicle that flies along with the set-point; positions and velocities along the vehicle's heading.
+    pub off: [R; 12],
+    /// The command with which it would stay there.
+    pub still: Command<R>,
+    /// Motors off: it has landed.
+    pub idle: R::Mask,
+}
+
+/// Filter, trims and modes of one drone, or of lanes.
+#[derive(Debug, Clone)]
+pub(super) struct Observer<R: Real> {
+    estimator: Estimator<R>,
+    interface: Interface,
+    mode: Mode,
+    gravity_mps2: f64,
+    /// Angle, rate and command to the rate one tick later, and static gain, of roll and pitch.
+    tilt: [[R; 3]; 2],
+    per_tilt: [f64; 2],
+    vertical: AxisForm,
+    yaw: AxisForm,
+    tick_s: f64,
+    /// What is missing of the commands: roll and pitch in radians, lift in its unit.
+    trim: [R; 3],
+    /// Roll, pitch, their rates at the last tick; set-point of the last tick.
+    last: [R; 4],
+    target: [R; 3],
+    push_mps2: [R; 2],
+    idle: R::Mask,
+    fresh: R::Mask,
+}
+
+impl<R: Real> Observer<R> {
+    pub(super) fn new(site: &Site<'_>, model: &Discrete, belief: &Belief) -> Result<Self> {
+        let Site { interface, tick_s, mode, .. } = *site;
+        let (zero, none) = (R::zero(), R::nothing());
+        let tilts = [&site.model.roll, &site.model.pitch];
+        let gravity_mps2 = site.model.lateral.gravity.value;
+        Ok(Observer {
+            estimator: Estimator::new(site.model, interface.input, tick_s, belief),
+            interface,
+            mode,
+            gravity_mps2,
+            tilt: [0, 1].map(|i| [model.a[(9 + i, 3 + i)], model.a[(9 + i, 9 + i)], model.b[(9 + i, i)]].map(R::of)),
+            per_tilt: tilts.map(|t| t.stiffness.value / t.gain.value),
+            vertical: site.model.vertical(interface.input)?.form(gravity_mps2),
+            yaw: site.model.yaw.form(),
+            tick_s,
+            trim: [zero; 3],
+            last: [zero; 4],
+            target: [zero; 3],
+            push_mps2: [zero; 2],
+            idle: none,
+            fresh: !none,
+        })
+    }
+
+    pub(super) fn set_mode(&mut self, mode: Mode) {
+        self.mode = mode;
+    }
+
+    pub(super) fn reset(&mut self, mask: R::Mask) {
+        self.estimator.reset(mask);
+        self.fresh = self.fresh | mask;
+    }
+
+    #[inline(always)]
+    pub(super) fn see(&mut self, o: &[R; OBSERVATION]) -> Seen<R> {
+        let estimate = self.estimator.update(o);
+        let mut target = [o[16], o[17], o[18]];
+        if self.mode == Mode::Landing {
+            target[2] = R::of(CLEAR_M);
+            self.idle = self.idle | estimate.pos_m[2].le(target[2]);
+        }
+        self.learn(o, &estimate, &target);
+        let rates: [R; 3] = tabulate(
+            #[inline(always)]
+            |i| {
+                let rate = (target[i] - self.target[i]) * R::of(1.0 / self.tick_s);
+                R::select(rate.abs().lt(R::of(JUMP_MPS)), rate, R::zero())
+            },
+        );
+        self.target = target;
+        self.last = [o[6], o[7], o[9], o[10]];
+        let seen = self.against(o, &estimate, &target, &rates);
+        self.fresh = R::nothing();
+        Seen { idle: self.idle, ..seen }
+    }
+
+    /// What the last command did against what the model says it does: the difference, as a command.
+    #[inline(always)]
+    fn learn(&mut self, o: &[R; OBSERVATION], estimate: &Estimate<R>, target: &[R; 3]) {
+        let fresh = self.fresh;
+        let u = self.interface.command(&[o[20], o[21], o[22], o[23]]);
+        let slow = R::of(self.tick_s / TRIM_S);
+        let lift = u.lift - R::of(self.vertical.offset);
+        let [z, vz] = [estimate.pos_m[2], estimate.vel_mps[2]];
+        let f = &self.vertical;
+        let unexplained = if f.u[0] == 0.0 {
+            // the newest acceleration against that of the form
+            o[14] - R::of(self.gravity_mps2) - (R::of(f.a[1][0]) * z + R::of(f.a[1][1]) * vz + R::of(f.u[1]) * lift)
+        } else {
+            vz - (R::of(f.a[0][0]) * z + R::of(f.u[0]) * lift)
+        };
+        let asked = [u.roll_rad, u.pitch_rad];
+        let mut missing = [R::zero(), R::zero(), unexplained * R::of(1.0 / (f.u[0] + f.u[1]))];
+        for i in 0..2 {
+            let expected = dot(&self.tilt[i], [self.last[i], self.last[2 + i], asked[i] + self.trim[i]]);
+            missing[i] = self.trim[i] + (o[9 + i] - expected) / self.tilt[i][2];
+        }
+        let limits = [self.interface.tilt_max_rad, self.interface.tilt_max_rad, 0.4 * self.interface.lift_max];
+        for i in 0..3 {
+            let learned = self.trim[i] + slow * (missing[i] - self.trim[i]);
+            let limit = R::of(limits[i]);
+            self.trim[i] = R::select(fresh, R::zero(), learned.clamp(-limit, limit));
+        }
+        for i in 0..2 {
+            let learned = self.push_mps2[i] + slow * (estimate.push_mps2[i] - self.push_mps2[i]);
+            self.push_mps2[i] = R::select(fresh, R::zero(), learned);
+        }
+        for i in 0..3 {
+            self.target[i] = R::select(fresh, target[i], self.target[i]);
+        }
+        self.idle = self.idle & !fresh;
+    }
+
+    #[inline(always)]
+    fn against(&self, o: &[R; OBSERVATION], e: &Estimate<R>, target: &[R; 3], rates: &[R; 3]) -> Seen<R> {
+        let (sin, cos) = e.yaw_rad.sin_cos();
+        let along = |x: R, y: R| [cos * x + sin * y, cos * y - sin * x];
+        let [front, left] = along(e.pos_m[0] - target[0], e.pos_m[1] - target[1]);
+        let [front_mps, left_mps] = along(e.vel_mps[0] - rates[0], e.vel_mps[1] - rates[1]);
+        // against a push the vehicle leans
+        let [lean_x, lean_y] = along(self.push_mps2[0], self.push_mps2[1]);
+        let per_g = R::of(1.0 / self.gravity_mps2);
+        let (roll, pitch) = (lean_y * per_g, -lean_x * per_g);
+        let zero = R::zero();
+        let f = &self.vertical;
+        let (climb, lift) = if f.u[0] == 0.0 {
+            (e.vel_mps[2] - rates[2], (-R::of(f.a[1][0]) * target[2] - R::of(f.a[1][1]) * rates[2]) * R::of(1.0 / f.u[1]))
+        } else {
+            (zero, (rates[2] - R::of(f.a[0][0]) * target[2]) * R::of(1.0 / f.u[0]))
+        };
+        let turned = wrap(e.yaw_rad - o[19]);
+        let turning = if self.yaw.u[0] == 0.0 { o[11] } else { zero };
+        Seen {
+            off: [front, left, e.pos_m[2] - target[2], o[6] - roll, o[7] - pitch, turned, front_mps, left_mps, climb, o[9], o[10], turning],
+            still: Command {
+                roll_rad: roll * R::of(self.per_tilt[0]) - self.trim[0],
+                pitch_rad: pitch * R::of(self.per_tilt[1]) - self.trim[1],
+                yaw_rate_radps: zero,
+                lift: lift + R::of(f.offset) - self.trim[2],
+            },
+            idle: self.idle,
+        }
+    }
+
+    /// The action of a command: none where the vehicle has landed.
+    #[inline(always)]
+    pub(super) fn action(&self, u: &Command<R>, idle: R::Mask) -> [R; ACTION] {
+        let off = self.interface.action(&Command::level(R::zero()));
+        let on = self.interface.action(u);
+        tabulate(
+            #[inline(always)]
+            |i| R::select(idle, off[i], on[i]),
+        )
+    }
+}
+
+impl Discrete {
+    /// Of the declared model.
+    ///
+    /// # Errors
+    /// [`crate::Error::Unknown`] if it lacks the vertical form.
+    pub(super) fn of(site: &Site<'_>) -> Result<Self> {
+        let whole = site.model.state_space(site.interface.input)?;
+        let (a, b) = whole.discrete(site.tick_s);
+        Ok(Discrete { a, b })
+    }
+}
+
+/// 1 over the square of each size: what costs 1 (Bryson's rule).
+pub(super) fn costs<const N: usize>(sizes: [f64; N]) -> SVector<f64, N> {
+    SVector::from(sizes.map(|size| if size.is_finite() { 1.0 / (size * size) } else { 0.0 }))
+}

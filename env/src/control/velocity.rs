@@ -1,0 +1,179 @@
+//! The velocity controller that the thesis asks for (chapter 8): position to velocity to angle, each loop inside the one before.
+
+use serde::{Deserialize, Serialize};
+
+use super::estimator::{BELIEF, Belief, Estimate, Estimator};
+use super::{Batch, Entry, Law, Mode, Site, defaults};
+use crate::error::Result;
+use crate::observation::{ACTION, Interface, OBSERVATION, wrap};
+use crate::plant::Command;
+use crate::real::{Real, tabulate};
+
+/// Landed: as the package that the thesis flew has it.
+const CLEAR_M: f64 = 0.05;
+/// A set-point that moves faster than this has jumped.
+const JUMP_MPS: f64 = 2.0;
+
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct Options {
+    position_ps: f64,
+    speed_mps: f64,
+    velocity_ps: f64,
+    integral_ps2: f64,
+    angle: f64,
+    climb_ps: f64,
+    climb_integral_ps2: f64,
+    yaw_ps: f64,
+    belief: Belief,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Options {
+            position_ps: 2.0,
+            speed_mps: 1.0,
+            velocity_ps: 4.0,
+            integral_ps2: 1.0,
+            angle: 2.0,
+            climb_ps: 2.0,
+            climb_integral_ps2: 2.0,
+            yaw_ps: 2.0,
+            belief: Belief::default(),
+        }
+    }
+}
+
+pub(super) const ENTRY: Entry = Entry {
+    name: "velocity",
+    also: None,
+    about: "Cascade: position error to velocity (P, limited), velocity error to acceleration (PI), acceleration to angle, closed over the IMU (P)",
+    source: "thesis chapter 8, future work 4; the cascade of the Crazyflie's firmware (position_controller_pid.c), by a filtered velocity",
+    file: None,
+    options: &[
+        ("position_ps", "velocity asked for per metre of error, in all three directions"),
+        ("speed_mps", "the most velocity that is asked for"),
+        ("velocity_ps", "acceleration per m/s of error, sideways"),
+        ("integral_ps2", "acceleration per metre that the velocity error adds up to, sideways"),
+        ("angle", "how much of the angle error is added to the angle that is commanded"),
+        ("climb_ps", "acceleration per m/s of error, upwards"),
+        ("climb_integral_ps2", "acceleration per metre that the velocity error adds up to, upwards"),
+        ("yaw_ps", "yaw rate per radian of error"),
+        ("belief", BELIEF),
+    ],
+    defaults: defaults::<Options>,
+    build: |given, site| Ok(Box::new(Batch::new(site.envs, Velocity::new(given.options()?, site)?))),
+};
+
+#[derive(Debug, Clone)]
+struct Velocity<R: Real> {
+    options: Options,
+    interface: Interface,
+    mode: Mode,
+    gravity_mps2: f64,
+    /// Command per angle held, of roll and pitch.
+    per_tilt: [f64; 2],
+    tick_s: f64,
+    estimator: Estimator<R>,
+    /// Of the velocity error, in m/s^2.
+    integral_mps2: [R; 3],
+    target: [R; 3],
+    idle: R::Mask,
+    fresh: R::Mask,
+}
+
+impl<R: Real> Velocity<R> {
+    fn new(options: Options, site: &Site<'_>) -> Result<Self> {
+        let Site { model, interface, tick_s, mode, .. } = *site;
+        let zero = R::zero();
+        Ok(Velocity {
+            options,
+            interface,
+            mode,
+            gravity_mps2: model.lateral.gravity.value,
+            per_tilt: [&model.roll, &model.pitch].map(|t| t.stiffness.value / t.gain.value),
+            tick_s,
+            estimator: Estimator::new(model, interface.input, tick_s, &options.belief),
+            integral_mps2: [zero; 3],
+            target: [zero; 3],
+            idle: R::nothing(),
+            fresh: !R::nothing(),
+        })
+    }
+
+    /// The acceleration that the two outer loops ask for, world frame.
+    #[inline(always)]
+    fn acceleration(&mut self, e: &Estimate<R>, target: &[R; 3]) -> [R; 3] {
+        let o = self.options;
+        let (h, top) = (R::of(self.tick_s), R::of(o.speed_mps));
+        let stiff = [o.velocity_ps, o.velocity_ps, o.climb_ps];
+        let slow = [o.integral_ps2, o.integral_ps2, o.climb_integral_ps2];
+        // not more than the command can give, sideways; half the weight upwards
+        let sideways = self.gravity_mps2 * self.interface.tilt_max_rad / self.per_tilt[0].max(self.per_tilt[1]);
+        let most = [sideways, sideways, 0.5 * self.gravity_mps2];
+        let mut acceleration = [R::zero(); 3];
+        for i in 0..3 {
+            let moved = (target[i] - self.target[i]) * R::of(1.0 / self.tick_s);
+            let along = R::select(moved.abs().lt(R::of(JUMP_MPS)), moved, R::zero());
+            let wanted = (R::of(o.position_ps) * (target[i] - e.pos_m[i])).clamp(-top, top) + along;
+            let off = wanted - e.vel_mps[i];
+            let (asked, most) = (R::of(stiff[i]) * off + self.integral_mps2[i], R::of(most[i]));
+            // what is at its limit is not asked for more
+            let stuck = most.lt(asked.abs()) & R::zero().lt(asked * off);
+            let more = R::select(stuck, R::zero(), R::of(slow[i]) * off * h);
+            self.integral_mps2[i] = (self.integral_mps2[i] + more).clamp(-most, most);
+            acceleration[i] = asked.clamp(-most, most);
+        }
+        acceleration
+    }
+
+    #[inline(always)]
+    fn begin(&mut self, target: &[R; 3]) {
+        let fresh = self.fresh;
+        for i in 0..3 {
+            self.integral_mps2[i] = R::select(fresh, R::zero(), self.integral_mps2[i]);
+            self.target[i] = R::select(fresh, target[i], self.target[i]);
+        }
+        self.idle = self.idle & !fresh;
+        self.fresh = R::nothing();
+    }
+}
+
+impl<R: Real> Law<R> for Velocity<R> {
+    fn set_mode(&mut self, mode: Mode) {
+        self.mode = mode;
+    }
+
+    fn reset(&mut self, mask: R::Mask) {
+        self.estimator.reset(mask);
+        self.fresh = self.fresh | mask;
+    }
+
+    #[inline(always)]
+    fn act(&mut self, o: &[R; OBSERVATION]) -> [R; ACTION] {
+        let e = self.estimator.update(o);
+        let mut target = [o[16], o[17], o[18]];
+        if self.mode == Mode::Landing {
+            target[2] = R::of(CLEAR_M);
+        }
+        self.begin(&target);
+        if self.mode == Mode::Landing {
+            self.idle = self.idle | e.pos_m[2].le(target[2]);
+        }
+        let [ax, ay, az] = self.acceleration(&e, &target);
+        self.target = target;
+        let (sin, cos) = e.yaw_rad.sin_cos();
+        let per_g = R::of(1.0 / self.gravity_mps2);
+        let wanted = [(sin * ax - cos * ay) * per_g, (cos * ax + sin * ay) * per_g];
+        let [roll_rad, pitch_rad] = tabulate(
+            #[inline(always)]
+            |i| R::of(self.per_tilt[i]) * wanted[i] + R::of(self.options.angle) * (wanted[i] - o[6 + i]),
+        );
+        let turn = R::of(self.options.yaw_ps * self.interface.yaw_sign) * wrap(o[19] - e.yaw_rad);
+        let lift = if self.interface.input.is_pwm() { R::of(self.interface.hover_lift) * (R::of(1.0) + az * per_g) } else { target[2] };
+        let off = R::zero();
+        let still = |v: R| R::select(self.idle, off, v);
+        let u = Command { roll_rad: still(roll_rad), pitch_rad: still(pitch_rad), yaw_rate_radps: still(turn), lift: still(lift) };
+        self.interface.action(&u)
+    }
+}

@@ -1,0 +1,137 @@
+//! The controllers of the registry, for a batch.
+
+use std::sync::Mutex;
+
+use crazyflie_env::control::{self, Chosen, Mode, Site, choose};
+use crazyflie_env::model::Model;
+use crazyflie_env::observation::{ACTION, OBSERVATION};
+use crazyflie_env::{Error, Result};
+use numpy::{PyUntypedArray, PyUntypedArrayMethods};
+use pyo3::exceptions::{PyRuntimeError, PyTypeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use serde_json::Value;
+
+use crate::arrays::{empty, input, mask as read_mask, output};
+use crate::errors::guarded;
+use crate::sim::{Interface, MOST_ENVS, Sim, detached};
+
+/// The controller `name` (see `crazyflie_gym.controllers()`), or `name:file`, for `num_envs` environments with the command interface of `of` (a `Sim` or its
+/// `interface`). It reads what an agent reads. `options` is JSON; `model` the text of the model file that it believes in, the thesis's unless
+/// given; `mode`: "automatic", "takeoff" or "landing".
+#[pyclass(subclass, module = "crazyflie_gym._native")]
+pub struct Controller {
+    // only ever reached through `&mut self`, where a mutex costs nothing; it makes the class `Sync`, as pyo3 demands
+    inner: Mutex<Box<dyn control::Controller>>,
+    envs: usize,
+}
+
+impl Controller {
+    fn build(
+        num_envs: i64,
+        of: &Bound<'_, PyAny>,
+        model: Option<&str>,
+        mode: &str,
+        chosen: impl FnOnce() -> Result<Chosen>,
+    ) -> PyResult<Self> {
+        if !(1..=MOST_ENVS).contains(&num_envs) {
+            return Err(PyValueError::new_err(format!("num_envs is {num_envs}, expected 1 to {MOST_ENVS}")));
+        }
+        let of = if of.is_instance_of::<Sim>() { of.getattr("interface")? } else { of.clone() };
+        let Ok(interface) = of.cast::<Interface>() else {
+            return Err(PyTypeError::new_err(format!("of: expected a Sim or an Interface, got {}", of.get_type().name()?)));
+        };
+        let (interface, tick_s) = (interface.get().inner, interface.get().tick_s);
+        let envs = num_envs as usize;
+        let inner = guarded(|| {
+            let model = model.map_or_else(|| Ok(Model::thesis()), Model::parse)?;
+            chosen()?.build(&Site { model: &model, interface, tick_s, envs, mode: Mode::named(mode)? })
+        })?;
+        Ok(Controller { inner: Mutex::new(inner), envs })
+    }
+
+    fn inner(&mut self) -> PyResult<&mut Box<dyn control::Controller>> {
+        self.inner.get_mut().map_err(|_| PyRuntimeError::new_err("the controller is broken by an earlier bug"))
+    }
+}
+
+#[pymethods]
+impl Controller {
+    #[new]
+    #[pyo3(signature = (name, num_envs, of, *, options = "null", model = None, mode = "automatic"))]
+    fn new(name: &str, num_envs: i64, of: &Bound<'_, PyAny>, options: &str, model: Option<&str>, mode: &str) -> PyResult<Self> {
+        Self::build(num_envs, of, model, mode, || {
+            let options: Value = serde_json::from_str(options).map_err(|e| Error::Config(format!("options: {e}")))?;
+            choose(name, options, &|path| std::fs::read(path))
+        })
+    }
+
+    /// Environments that this controls.
+    #[getter]
+    fn num_envs(&self) -> usize {
+        self.envs
+    }
+
+    /// Go on in another state: "automatic", "takeoff" or "landing".
+    fn set_mode(&mut self, mode: &str) -> PyResult<()> {
+        let mode = guarded(|| Mode::named(mode))?;
+        self.inner()?.set_mode(mode);
+        Ok(())
+    }
+
+    /// New actions, float32 (num_envs, 4), for observations, float32 (num_envs, 24); for one environment also (4,) for (24,).
+    fn act<'py>(&mut self, py: Python<'py>, observations: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+        let flat = self.envs == 1 && observations.cast::<PyUntypedArray>().is_ok_and(|array| array.ndim() == 1);
+        let rows = [self.envs, OBSERVATION];
+        let rows = input::<f32>("observations", &rows[usize::from(flat)..], observations)?;
+        let actions = if flat { empty::<f32>(py, (ACTION,))? } else { empty::<f32>(py, (self.envs, ACTION))? };
+        let shape = [self.envs, ACTION];
+        let mut out = output::<f32>("actions", &shape[usize::from(flat)..], &actions)?;
+        let (envs, rows, out, inner) = (self.envs, rows.as_slice()?, out.as_slice_mut()?, self.inner()?);
+        detached(py, envs, || inner.act(rows, out))?;
+        Ok(actions)
+    }
+
+    /// Forget the flights: all, or those of `mask` (bool, num_envs). Call it for every environment that begins an episode.
+    #[pyo3(signature = (mask = None))]
+    fn reset(&mut self, mask: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
+        let mask = mask.map(|mask| read_mask("mask", &[self.envs], mask)).transpose()?;
+        let of = |env: usize| mask.as_ref().is_none_or(|mask| mask.get(env).copied().unwrap_or(false));
+        self.inner()?.reset(&of);
+        Ok(())
+    }
+}
+
+/// The PID of the thesis. `gains`: "thesis" (table 7.1) or "crazyflie_ros".
+#[pyclass(extends = Controller, module = "crazyflie_gym._native")]
+pub struct Pid;
+
+#[pymethods]
+impl Pid {
+    #[new]
+    #[pyo3(signature = (num_envs, of, gains = "thesis", mode = "automatic"))]
+    fn new(num_envs: i64, of: &Bound<'_, PyAny>, gains: &str, mode: &str) -> PyResult<PyClassInitializer<Self>> {
+        let controller = Controller::build(num_envs, of, None, mode, || Chosen::named(gains))?;
+        Ok(PyClassInitializer::from(controller).add_subclass(Pid))
+    }
+}
+
+/// Every controller, as a dict: name, also (another name, or None), about, source, file (what is in the file that is named with it, or None),
+/// options (name and meaning), defaults (JSON).
+#[pyfunction]
+pub fn controllers(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
+    let one = |entry: &&control::Entry| {
+        let dict = PyDict::new(py);
+        for (key, text) in [("name", entry.name), ("about", entry.about), ("source", entry.source)] {
+            dict.set_item(key, text)?;
+        }
+        dict.set_item("also", entry.also)?;
+        dict.set_item("file", entry.file)?;
+        let options = PyDict::new(py);
+        entry.options.iter().try_for_each(|(name, about)| options.set_item(name, about))?;
+        dict.set_item("options", options)?;
+        dict.set_item("defaults", (entry.defaults)().to_string())?;
+        Ok(dict)
+    };
+    control::registry().iter().map(one).collect()
+}
