@@ -186,7 +186,8 @@ fn every_mission_can_be_flown_by_the_thesis_pid() {
         println!("{:13} {}", entry.name, figures.join(", "));
         assert!(mean("collisions") == 0.0 && mean("crashes") == 0.0, "{}: {}", entry.name, figures.join(", "));
         let all = mean("done") == entry.drones as f32;
-        assert!(mean("rms_error_m") < 0.5 || all, "{}: {}", entry.name, figures.join(", "));
+        let ends = ["swap", "cover", "land_in_turn"].contains(&entry.name);
+        assert!(all || !ends && mean("rms_error_m") < 0.7, "{}: {}", entry.name, figures.join(", "));
     }
 }
 
