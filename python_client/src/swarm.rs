@@ -187,6 +187,10 @@ impl Swarm {
     }
 }
 
+fn bad(what: &'static str) -> impl Fn(serde_json::Error) -> Error {
+    move |e| Error::Config(format!("{what}: {e}"))
+}
+
 /// A controller of `crazyflie_gym.controllers()` for every drone of a `Swarm`, with a layer that avoids collisions (`avoid`: JSON of its
 /// parameters) or without it (`None`). `options` is JSON.
 #[pyclass(module = "crazyflie_gym._native")]
@@ -204,7 +208,6 @@ impl Crowd {
     fn new(name: &str, of: &Swarm, options: &str, avoid: Option<&str>) -> PyResult<Self> {
         let interfaces = of.shared(|env| (0..of.drones).filter_map(|j| env.interface(j)).collect::<Vec<_>>())?;
         let inner = guarded(|| {
-            let bad = |what: &str| move |e: serde_json::Error| Error::Config(format!("{what}: {e}"));
             let options: Value = serde_json::from_str(options).map_err(bad("options"))?;
             let avoid = avoid.map(serde_json::from_str::<Avoid>).transpose().map_err(bad("avoid"))?;
             let chosen = choose(name, options, &|path| std::fs::read(path))?;
