@@ -14,6 +14,7 @@ mod lqr;
 mod mpc;
 mod observer;
 pub mod pid;
+mod policy;
 mod random;
 pub mod riccati;
 mod velocity;
@@ -145,8 +146,17 @@ fn defaults<T: Serialize + Default>() -> Value {
 
 /// Every controller.
 pub fn registry() -> &'static [&'static Entry] {
-    static REGISTRY: &[&Entry] =
-        &[&pid::THESIS, &pid::STOCK, &pid::GIVEN, &lqr::ENTRY, &velocity::ENTRY, &mpc::ENTRY, &hover::ENTRY, &random::ENTRY];
+    static REGISTRY: &[&Entry] = &[
+        &pid::THESIS,
+        &pid::STOCK,
+        &pid::GIVEN,
+        &lqr::ENTRY,
+        &velocity::ENTRY,
+        &mpc::ENTRY,
+        &policy::ENTRY,
+        &hover::ENTRY,
+        &random::ENTRY,
+    ];
     REGISTRY
 }
 
