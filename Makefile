@@ -10,7 +10,7 @@ demo: $(VENV)/.demo
 	$(BIN)/crazyflie fly --task fly-80cm --rig lab --picture out/flight.svg --picture3d out/path.svg --csv out/flight.csv
 	$(BIN)/crazyflie replay out/flight.csv --picture out/replay.svg
 	$(BIN)/crazyflie scorecard > out/scorecard.txt
-	cd out && ../$(BIN)/python ../examples/fly_pid.py
+	cd out && ../$(BIN)/python ../examples/1_fly.py
 	@echo "pictures and tables are in out/"
 
 test: $(VENV)/.test

@@ -79,3 +79,5 @@ def test_examples_run(example, tmp_path):
     if "SKIPPED" in done.stdout:
         pytest.skip(f"{example.name}: {done.stdout.strip()}")
     assert done.stdout
+    if example.name[0].isdigit():
+        assert list(tmp_path.glob(f"{example.stem}.*"))

@@ -1,8 +1,9 @@
 """A policy as JAX sees it: what it makes of observations, its network, and its file, which Rust flies without Python.
 
-The network is a multi-layer perceptron over features that need no velocity sensor. Beside what is measured now there is, for a few signals and
-time constants, how far each signal is from its own moving average. For a position p and its acceleration a, low-passed with the same time
-constant tau, (p - average(p)) / tau + tau average(a) is the velocity exactly, so a linear layer can be the observer.
+The network is a multi-layer perceptron over features that need no velocity sensor. Beside what is measured now there
+is, for a few signals and time constants, how far each signal is from its own moving average. For a position p and its
+acceleration a, averaged with the same time constant tau, (p - average(p)) / tau + tau average(a) is exactly the velocity:
+a linear layer can be the observer.
 """
 
 from __future__ import annotations
@@ -81,7 +82,7 @@ def rotated(vectors: Array, yaw: Array) -> Array:
     return jnp.stack([c * x + s * y, c * y - s * x, z], -1)
 
 
-def features(o: Array, averages: Array, fresh: Array, gains: Array, rest: Array) -> tuple[Array, Array]:
+def features(o: Array, averages: Array, fresh: Array, gains: Any, rest: Any) -> tuple[Array, Array]:
     """Return features (n, width) and new averages (n, taus, SIGNALS) of observations (n, 24).
 
     Args:
@@ -121,7 +122,7 @@ def mlp(layers: Layers, x: Array) -> Array:
     for weight, bias in layers[:-1]:
         x = jnp.tanh(x @ weight + bias)
     weight, bias = layers[-1]
-    return x @ weight + bias
+    return jnp.add(x @ weight, bias)
 
 
 class Pilot:
