@@ -35,8 +35,10 @@ fn policy() -> (Tensors, About) {
 }
 
 fn file((tensors, about): &(Tensors, About)) -> Vec<u8> {
-    let bytes: Vec<_> =
-        tensors.iter().map(|(name, (values, shape))| (*name, shape, values.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>())).collect();
+    let bytes: Vec<_> = tensors
+        .iter()
+        .map(|(name, (values, shape))| (*name, shape, values.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>()))
+        .collect();
     let views = bytes.iter().map(|(name, shape, bytes)| (*name, TensorView::new(Dtype::F32, shape.to_vec(), bytes).unwrap()));
     safetensors::serialize(views, Some(about.clone())).unwrap()
 }
@@ -136,7 +138,10 @@ fn what_is_wrong_with_a_file_is_said() {
         (|p| p.0.get_mut("layer1.bias").unwrap().0[0] = f32::INFINITY, "layer1.bias holds inf"),
         (|p| drop(p.0.insert("taus_s", (vec![0.1], vec![1]))), "feature_mean has 38 numbers, expected 26"),
         (|p| drop(p.0.insert("taus_s", (vec![0.1, -1.0], vec![2]))), "taus_s is [0.1, -1.0], expected 1 to 8 positive times"),
-        (|p| p.0.get_mut("layer0.weight").unwrap().1 = vec![HIDDEN, FEATURES], "layer0 has weights [8, 38] and 8 biases, expected 38 inputs"),
+        (
+            |p| p.0.get_mut("layer0.weight").unwrap().1 = vec![HIDDEN, FEATURES],
+            "layer0 has weights [8, 38] and 8 biases, expected 38 inputs",
+        ),
         (|p| p.0.get_mut("layer0.weight").unwrap().1 = vec![HIDDEN * FEATURES], "expected F32 with 2 dimension(s)"),
         (|p| drop(p.0.remove("layer1.weight")), "1 layers end in 8 numbers, expected 1 to 8 that end in 4"),
         (|p| drop(p.0.remove("layer1.bias")), "it lacks layer1.bias"),

@@ -83,7 +83,8 @@ def test_rust_flies_what_python_trained(policy):
 def test_a_file_is_what_was_saved(policy, tmp_path):
     loaded = Policy.load(policy)
     loaded.save(tmp_path / "again.safetensors")
-    assert (tmp_path / "again.safetensors").read_bytes() == policy.read_bytes()
+    before, after = load_file(policy), load_file(tmp_path / "again.safetensors")
+    assert before.keys() == after.keys() and all(np.array_equal(before[name], after[name]) for name in before)
     assert loaded.taus_s == TASKS["hover"].taus_s and loaded.tick_s == 0.02
 
 

@@ -77,7 +77,7 @@ impl Network {
         }
         let tick_s: f64 = about("tick_s").and_then(|text| text.parse().ok()).unwrap_or(f64::NAN);
         // half a microsecond for the rounding of a decimal
-        if !((tick_s - site.tick_s).abs() < 5e-7) {
+        if tick_s.is_nan() || (tick_s - site.tick_s).abs() > 5e-7 {
             return Err(bad(format!("it was trained for ticks of {tick_s} s, expected {} s", site.tick_s)));
         }
         if !site.interface.input.is_pwm() {

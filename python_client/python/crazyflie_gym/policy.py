@@ -2,8 +2,8 @@
 
 The network is a multi-layer perceptron over features that need no velocity sensor. Beside what is measured now there
 is, for a few signals and time constants, how far each signal is from its own moving average. For a position p and its
-acceleration a, averaged with the same time constant tau, (p - average(p)) / tau + tau average(a) is exactly the velocity:
-a linear layer can be the observer.
+acceleration a, averaged with the same time constant tau, (p - average(p)) / tau + tau average(a) is the velocity, so a
+linear layer can be the observer.
 """
 
 from __future__ import annotations

@@ -81,7 +81,8 @@ def losses(params: Any, batch: Any, clip: float) -> jax.Array:
     ratio = jnp.exp(log_density(mlp(params["actor"], x), params["log_std"], drawn) - before)
     gain = (gain - gain.mean()) / (gain.std() + 1e-8)
     surrogate = jnp.minimum(ratio * gain, jnp.clip(ratio, 1 - clip, 1 + clip) * gain).mean()
-    return 0.5 * ((mlp(params["critic"], seen)[:, 0] - target) ** 2).mean() - surrogate
+    error: jax.Array = 0.5 * ((mlp(params["critic"], seen)[:, 0] - target) ** 2).mean() - surrogate
+    return error
 
 
 def learner(config: Config, optimiser: Any) -> Callable[..., Any]:
