@@ -24,7 +24,8 @@ RANDOMISED: dict[str, Any] = LAB | {
     "camera_latency": {"uniform": [0.03, 0.07]},
     "ground_effect": {"uniform": [0.0, 14.0]},
     "mass_change": {"uniform": [-0.002, 0.004]},
-    "thrust_scale": {"uniform": [0.9, 1.1]},
+    "thrust_scale": {"uniform": [0.85, 1.1]},
+    "battery_sag": {"exponent": {"uniform": [0.0, 2.0]}, "charge": {"uniform": [0.3, 1.0]}, "resistance_ohm": 0.1},
     "attitude_gain": {"uniform": [0.8, 1.2]},
     "drag_linear": {"uniform": [0.0, 0.6]},
     "gust": {"sigma_mps2": {"uniform": [0.0, 0.4]}, "tau_s": 1.0},
@@ -33,14 +34,32 @@ RANDOMISED: dict[str, Any] = LAB | {
 }
 """Another vehicle on another day in every flight, over nine markers that can be lost from sight."""
 
-HOVER = ("Crazyflie-v0", {"start_radius_m": 1.0, "start_yaw_deg": 20.0})
+Flown = tuple[str, dict[str, Any]]
+
+HOVER: Flown = ("Crazyflie-v0", {"task_options": {"start_radius_m": 1.0, "start_yaw_deg": 20.0}})
+
+
+def _track(**options: Any) -> Flown:
+    return "CrazyflieTrack-v0", {"task_options": options}
+
+
+# both forms of the model that are commanded a PWM: 5.4, and the one with inertia
+ANYWHERE: tuple[Flown, ...] = (
+    HOVER,
+    ("Crazyflie-v0", HOVER[1] | {"vertical": "thrust"}),
+    ("CrazyflieTakeoff-v0", {"vertical": "thrust"}),
+    _track(period_s=8.0),
+    _track(period_s=12.0),
+    _track(period_s=16.0),
+    _track(shape="waypoints", period_s=4.0),
+)
 
 
 @dataclass(frozen=True)
 class Config:
-    """What is flown (ids with task options, each in its share of the environments), and how it is learned."""
+    """What is flown (ids with arguments of `make_vec`, in equal shares of the environments), and how it is learned."""
 
-    flown: tuple[tuple[str, dict[str, Any]], ...] = (HOVER,)
+    flown: tuple[Flown, ...] = (HOVER,)
     effects: dict[str, Any] = field(default_factory=lambda: LAB)
     seed: int = 0
     iterations: int = 40
@@ -65,13 +84,7 @@ class Config:
 
 TASKS = {
     "hover": Config(),
-    "track": Config(
-        flown=(HOVER, *(("CrazyflieTrack-v0", {"period_s": period_s}) for period_s in (8.0, 12.0, 16.0))),
-        iterations=120,
-        rollouts=16.0,
-        per_metre=0.5,
-        per_radian=0.1,
-    ),
+    "track": Config(flown=ANYWHERE, iterations=150, rollouts=16.0, per_metre=0.5, per_radian=0.1),
 }
 
 
@@ -84,12 +97,13 @@ class Batches:
         given: dict[str, Any] = {
             "vertical": "pwm",
             "effects": config.effects,
+            "max_episode_steps": -1,
             "true_state": True,
             "autoreset_mode": "same_step",
         }
         self._parts = [
-            gym.make_vec(id, num_envs=count, task_options=options, max_episode_steps=-1, **given)
-            for (id, options), count in zip(config.flown, counts, strict=True)
+            gym.make_vec(id, num_envs=count, **given | arguments)
+            for (id, arguments), count in zip(config.flown, counts, strict=True)
         ]
         self._cuts = np.cumsum(counts)[:-1]
         self.sim: Any = self._parts[0].unwrapped.sim  # type: ignore[attr-defined]
