@@ -12,7 +12,8 @@ from crazyflie_gym.training import LAB
 
 # the "real" vehicle, which the model does not know: drag of the air and a wind
 HIDDEN = {"drag_linear": 0.5, "wind": {"x_mps2": 0.3}}
-FLIGHT = "fly --task track --rig lab --seconds 20 --task-options".split() + ['{"shape": "waypoints", "period_s": 4}']
+WAYPOINTS = '{"shape": "waypoints", "period_s": 4}'
+FLIGHT = ["fly", "--task", "track", "--task-options", WAYPOINTS, "--rig", "lab", "--seconds", "20"]
 
 
 def crazyflie(*args):
