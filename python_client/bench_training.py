@@ -31,7 +31,7 @@ FLOWN = {
     },
 }
 UNSEEN, FLIGHTS = 10**9, 128
-PARTS = ("compiling", "network", "simulation", "learning", "rest", "whole")
+PARTS = ("compiling", "network", "simulation", "learning", "rest", "whole", "processor")
 
 
 def figures(controller, scenario):
@@ -42,12 +42,17 @@ def figures(controller, scenario):
 
 
 def train(task, seed, out):
-    """The seconds of each part; the whole is that of a process of its own, from its start to its end."""
-    start = time.perf_counter()
+    """The seconds of each part, of a process of its own from its start to its end, and of the processor for it."""
+    start, before = time.perf_counter(), os.times()
     command = [sys.executable, "-m", "crazyflie_gym.ppo", task, "--seed", str(seed), "--out", out, "--json"]
     told = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
-    whole = time.perf_counter() - start
-    parts = told["seconds"] | {"rest": whole - sum(told["seconds"][part] for part in PARTS[:4]), "whole": whole}
+    whole, after = time.perf_counter() - start, os.times()
+    processor = after.children_user + after.children_system - before.children_user - before.children_system
+    parts = told["seconds"] | {
+        "rest": whole - sum(told["seconds"][part] for part in PARTS[:4]),
+        "whole": whole,
+        "processor": processor,
+    }
     return [parts[part] for part in PARTS]
 
 
@@ -64,7 +69,7 @@ def main():
         spent, won = [], 0
         print(f"\n{task}: seconds for {', '.join(PARTS)}; then reward, RMS error, failed of {FLIGHTS}")
         told = "; ".join(f"{name} {reward:.3f} {cm:.1f} cm {failed}" for name, (reward, cm, failed) in pid.items())
-        print(f"thesis PID                                     {told}")
+        print(f"thesis PID                                            {told}")
         for seed in range(args.seeds):
             with tempfile.TemporaryDirectory() as folder:
                 out = f"{folder}/policy.safetensors"
