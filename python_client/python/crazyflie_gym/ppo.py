@@ -242,7 +242,8 @@ def main() -> None:
     args = parser.parse_args()
     config = dataclasses.replace(TASKS[args.task], seed=args.seed)
     if args.randomised:
-        config = dataclasses.replace(config, effects=RANDOMISED)
+        # more to be learned takes longer
+        config = dataclasses.replace(config, effects=RANDOMISED, iterations=2 * config.iterations)
     trained = Trainer(config).train(progress=not args.json)
     trained.policy.save(args.out, json.dumps(dataclasses.asdict(config)))
     whole = time.perf_counter() - start
