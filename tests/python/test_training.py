@@ -85,7 +85,7 @@ def test_a_file_is_what_was_saved(policy, tmp_path):
     loaded.save(tmp_path / "again.safetensors")
     before, after = load_file(policy), load_file(tmp_path / "again.safetensors")
     assert before.keys() == after.keys() and all(np.array_equal(before[name], after[name]) for name in before)
-    assert loaded.taus_s == TASKS["hover"].taus_s and loaded.tick_s == 0.02
+    assert np.allclose(loaded.taus_s, TASKS["hover"].taus_s) and loaded.tick_s == 0.02
 
 
 def test_other_files_are_refused(policy, tmp_path):
