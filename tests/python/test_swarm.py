@@ -89,7 +89,7 @@ def test_who_crashes_leaves_and_the_others_fly_on():
         env.step({"drone_0": hold})
     with pytest.raises(ValueError, match="'drone_9': there is no such drone"):
         env.step({"drone_0": hold, "drone_2": hold, "drone_9": hold})
-    with pytest.raises(ValueError, match=r"actions\[0\]\[2\]\[1\] is nan"):
+    with pytest.raises(ValueError, match=r"actions\[0\]\[2\]\[1\] is NaN"):
         env.step({"drone_0": hold, "drone_2": np.array([0, np.nan, 0, 0], np.float32)})
     # after all of that the two fly on
     seen, *_ = env.step({"drone_0": hold, "drone_2": hold})
