@@ -4,6 +4,7 @@ from typing import Any, Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import disjoint_base
 
 from crazyflie_gym._types import (
     BoolArray,
@@ -140,6 +141,7 @@ class Remote:
     def last_of_episode(self, env: int) -> tuple[FloatArray, FloatArray | None] | None: ...
     def close(self) -> None: ...
 
+@disjoint_base
 class Controller:
     """The controller `name`, or `name:file`, for `num_envs` environments. It reads what an agent reads."""
 

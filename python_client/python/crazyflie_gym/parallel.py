@@ -20,7 +20,7 @@ from crazyflie_gym.swarm import METRICS, CrazyflieSwarm
 _Results = tuple[dict[str, FloatArray], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]
 
 
-class CrazyflieParallelEnv(ParallelEnv[str, FloatArray, FloatArray]):
+class CrazyflieParallelEnv(ParallelEnv[str, FloatArray, FloatArray]):  # type: ignore[misc]
     """One world of several Crazyflies, each an agent: "drone_0", "drone_1", and so on.
 
     A drone that collides, crashes or is done terminates and leaves; when the time is over the others are truncated.

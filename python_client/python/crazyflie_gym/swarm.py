@@ -15,7 +15,7 @@ from crazyflie_gym._native import Crowd, Swarm, metrics, missions
 from crazyflie_gym._types import BoolArray, FloatArray
 from crazyflie_gym.options import Model, model_source, native_autoreset, to_json
 from crazyflie_gym.options import autoreset_mode as mode_named
-from crazyflie_gym.seeds import consecutive, draw, reset_mask
+from crazyflie_gym.seeds import Seeds, consecutive, draw, reset_mask
 from crazyflie_gym.spaces import action_space, observation_space
 
 METRICS = tuple(name for name, _, _ in metrics())
@@ -140,7 +140,7 @@ class CrazyflieSwarm:
         mask = reset_mask(options, self.num_worlds)
         if seed is not None:
             self._np_random, _ = seeding.np_random(seed)
-            fresh = consecutive(seed, self.num_worlds)
+            fresh: Seeds | None = consecutive(seed, self.num_worlds)
         else:
             fresh = None if self._seeded else draw(self._generator(), self.num_worlds)
         rows = None if self._rows is None else self._rows.copy()

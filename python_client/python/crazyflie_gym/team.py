@@ -107,8 +107,8 @@ class CrazyflieTeamVectorEnv(VectorEnv[FloatArray, FloatArray, NDArray[Any]]):
     def step(self, actions: FloatArray) -> _Step:
         """Fly one control tick in every world; rewards are the drones' means, ends those of whole worlds."""
         rows, rewards, terminated, truncated, infos = self.swarm.step(actions)
-        over = truncated.any(axis=1)
-        ended = terminated.any(axis=1) & ~over
+        over: BoolArray = np.asarray(truncated.any(axis=1))
+        ended: BoolArray = np.asarray(terminated.any(axis=1) & ~over)
         if self.swarm.mode is AutoresetMode.SAME_STEP:
             last = infos.pop("final_obs")
             ended &= np.isin(np.arange(self.num_envs), list(last))
@@ -117,4 +117,4 @@ class CrazyflieTeamVectorEnv(VectorEnv[FloatArray, FloatArray, NDArray[Any]]):
         else:
             ended &= ~infos["flying"].any(axis=1)
         infos["drone_rewards"] = rewards
-        return rows, rewards.mean(axis=1), ended, over, infos
+        return rows, np.asarray(rewards.mean(axis=1)), ended, over, infos
