@@ -30,7 +30,7 @@ pub(crate) use attempt::Attempt;
 pub(crate) use error::{Error, Result};
 pub(crate) use leaderboard::Ranked;
 pub(crate) use record::Document;
-pub(crate) use scenario::Scenario;
+pub(crate) use scenario::{PlannedPhase, Scenario};
 pub(crate) use sqlite::default_path;
 pub(crate) use teams::{Limits, Who};
 pub(crate) use verify::Verdict;

@@ -17,6 +17,7 @@ mod openenv;
 mod page;
 mod replies;
 mod requests;
+mod said;
 mod server;
 mod session;
 mod settings;
@@ -25,5 +26,6 @@ mod upgrade;
 mod wire;
 
 pub use listed::End;
+pub(crate) use make::PROTOCOL;
 pub use server::{Report, run};
 pub use settings::{Limits, ServeError, Settings, tls};
