@@ -8,6 +8,8 @@ pub mod dial;
 mod explained;
 mod flight;
 mod frames;
+#[cfg(any(test, fuzzing))]
+pub mod fuzzed;
 mod measured;
 mod recovery;
 mod score;

@@ -6,6 +6,8 @@ mod attempt;
 pub(crate) mod baselines;
 mod episodes;
 mod error;
+#[cfg(any(test, fuzzing))]
+pub(crate) mod fuzzed;
 mod leaderboard;
 mod metrics;
 mod mystery;

@@ -7,6 +7,8 @@ mod contest;
 mod echo;
 mod fault;
 mod feed;
+#[cfg(any(test, fuzzing))]
+pub(crate) mod fuzzed;
 mod http;
 mod listed;
 mod live;
