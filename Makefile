@@ -36,6 +36,10 @@ docs: $(VENV)/.demo
 	$(BIN)/crazyflie model --schema > docs/model.schema.json
 	$(BIN)/python tests/readme.py
 
+# needs chromium: sh tests/chromium.sh
+docs/page.png: $(VENV)/.test
+	$(BIN)/python tests/python/page/picture.py $@
+
 # Everything that the wheel is made of.
 SOURCES := $(shell git ls-files 'env/src/*' 'env/models/*' 'identify/src/*' 'picture/src/*' 'server/src/*' 'server/page/*' 'server/scenarios/*' 'server/build.rs' 'python_client/*' '*.toml' Cargo.lock)
 
