@@ -16,7 +16,7 @@ from playwright.sync_api import sync_playwright
 
 from conftest import CHROMIUM
 
-SECONDS = 16.0
+SECONDS = 18.7
 TASK = {"shape": "figure_eight", "size_m": 0.4, "period_s": 12}
 EFFECTS = {
     "camera": 1,
@@ -56,7 +56,7 @@ def main(path):
         flight = fly(server.url)
         next(flight)
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        page = browser.new_page(viewport={"width": 1180, "height": 800}, color_scheme="light")
+        page = browser.new_page(viewport={"width": 1180, "height": 704}, color_scheme="light")
         page.goto(server.url + "#live")
         while page.locator("#empty").is_visible():
             next(flight)
