@@ -99,7 +99,7 @@ impl Scenario {
         check(&plan).map_err(bad)?;
         let phases = plan.phases.iter().map(|p| p.phase().map_err(|e| bad(e.to_string()))).collect::<Result<Vec<_>>>()?;
         let public = content_hash(&plan, None)?;
-        let hidden = plan.hidden.as_ref().map(|pool| pool.draw(secrets, &public)).transpose()?;
+        let hidden = plan.hidden.as_ref().map(|pool| pool.draw(secrets, &public).map_err(|e| bad(e.to_string()))).transpose()?;
         let hash = content_hash(&plan, hidden.as_ref().map(|h| h.commitment.as_str()))?;
         let scenario = Scenario { plan, phases, hidden, hash };
         scenario.env(1).map_err(|e| bad(e.to_string()))?;
