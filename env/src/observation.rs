@@ -1,5 +1,7 @@
 //! What an agent and a controller see: what the rig could measure, as one row of numbers, and the commands they give.
 
+use serde::{Deserialize, Serialize};
+
 use crate::effects::Reading;
 use crate::error::Result;
 use crate::model::{Model, VerticalInput};
@@ -126,8 +128,9 @@ impl<R: Real> Reach<R> {
 }
 
 /// The command interface: what an action of -1..1 means.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Interface {
+    #[serde(rename = "vertical")]
     pub input: VerticalInput,
     pub tilt_max_rad: f64,
     /// In the vehicle's own sign (5.2): +1 turns clockwise on the thesis's Crazyflie.

@@ -1,11 +1,15 @@
 //! The command line of the simulator. The bin and the Python package both call [`main_from`].
 #![forbid(unsafe_code)]
 
+mod afar;
 mod bench;
 mod cli;
+pub mod dial;
 mod explained;
 mod flight;
 mod frames;
+#[cfg(any(test, fuzzing))]
+pub mod fuzzed;
 mod measured;
 mod recovery;
 mod score;

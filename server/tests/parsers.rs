@@ -1,4 +1,4 @@
-//! Parsers on the wire under fire: anything may be sent, a session lives through all of it. What once mattered is kept in `corpus/` and sent first.
+//! Parsers on the wire under fire: anything may be sent, a session lives through all of it. What once mattered is kept in `fuzz/corpus` and sent first.
 
 #[path = "common/net.rs"]
 mod net;
@@ -12,7 +12,7 @@ use proptest::test_runner::{Config, TestRunner};
 use serde_json::json;
 use tungstenite::Message;
 
-const CORPUS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/corpus");
+const CORPUS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../fuzz/corpus");
 
 /// The files of a folder of the corpus, in the order of their names.
 fn corpus(folder: &str) -> Vec<Vec<u8>> {
@@ -94,7 +94,7 @@ fn anything_may_be_sent() {
     let mut live = Client::connect_at(server.address, "/live", Some("crazyflie.live.v1"));
     client.ask(&json!({"id": 1, "type": "make", "num_envs": 2, "options": {"autoreset": "same_step", "max_episode_steps": 3}}));
     client.ask_binary(request(1, 1, 0, 0, 2, &[]));
-    let (texts, binaries) = (corpus("json"), corpus("binary"));
+    let (texts, binaries) = (corpus("control_message"), corpus("step_frame"));
     for text in &texts {
         let text = String::from_utf8_lossy(text);
         for client in [&mut client, &mut plain] {

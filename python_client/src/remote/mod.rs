@@ -113,7 +113,7 @@ impl Remote {
     /// What an action means.
     #[getter]
     fn interface(&self) -> PyResult<Interface> {
-        self.begun().map(|Begun { made, .. }| Interface { inner: made.interface.into(), tick_s: made.tick_s })
+        self.begun().map(|Begun { made, .. }| Interface { inner: made.interface, tick_s: made.tick_s })
     }
 
     /// The most steps that one request of `step_many` may ask for.

@@ -1,7 +1,6 @@
 //! A session over a link: what was made, and what the last step left behind.
 
-use crazyflie_env::model::VerticalInput;
-use crazyflie_env::observation::{self, OBSERVATION};
+use crazyflie_env::observation::{Interface, OBSERVATION};
 use crazyflie_env::vector::{Out, STATE};
 use serde::Deserialize;
 use tungstenite::Message;
@@ -15,7 +14,7 @@ use super::wire::{self, Kind, Reply, Writer};
 pub struct Made {
     pub num_envs: usize,
     pub tick_s: f64,
-    pub interface: Command,
+    pub interface: Interface,
     /// Of one binary request; an attempt at the benchmark is flown tick by tick.
     #[serde(default = "one")]
     pub max_steps: u16,
@@ -25,23 +24,6 @@ pub struct Made {
 
 fn one() -> u16 {
     1
-}
-
-#[derive(Debug, Clone, Copy, Deserialize)]
-pub struct Command {
-    vertical: VerticalInput,
-    tilt_max_rad: f64,
-    yaw_rate_max_radps: f64,
-    lift_max: f64,
-    hover_lift: f64,
-    yaw_sign: f64,
-}
-
-impl From<Command> for observation::Interface {
-    fn from(c: Command) -> Self {
-        let Command { vertical: input, tilt_max_rad, yaw_rate_max_radps, lift_max, hover_lift, yaw_sign } = c;
-        observation::Interface { input, tilt_max_rad, yaw_rate_max_radps, lift_max, hover_lift, yaw_sign }
-    }
 }
 
 pub struct Session {

@@ -1,36 +1,23 @@
 //! A WebSocket that waits for one reply at a time.
 
-use std::io::{ErrorKind, Read, Write};
-use std::net::{TcpStream, ToSocketAddrs};
-use std::sync::Arc;
+use std::io::ErrorKind;
 use std::time::{Duration, Instant};
 
 use bytes::Bytes;
+use crazyflie_server::dial::{Dialled, Stream, dial};
 use pyo3::Python;
-use rustls::pki_types::ServerName;
-use rustls::{ClientConfig, ClientConnection, RootCertStore, StreamOwned};
-use tungstenite::client::IntoClientRequest;
-use tungstenite::http::{HeaderValue, Uri};
+use tungstenite::protocol::CloseFrame;
 use tungstenite::protocol::frame::coding::CloseCode;
-use tungstenite::protocol::{CloseFrame, WebSocketConfig};
 use tungstenite::{Error, Message, WebSocket};
 
 use super::trouble::Trouble;
 
-const PROTOCOL: &str = "crazyflie.v1";
-/// For the connection, and again for the handshakes.
-const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
 /// How long an interrupt of the user's may go unnoticed.
 const NOTICE: Duration = Duration::from_millis(250);
 /// A server that takes nothing for so long is gone.
 const WRITE_TIMEOUT: Duration = Duration::from_secs(20);
-/// Messages of a server are at most 2 MiB; another one's may be larger.
-const MOST_BYTES: usize = 256 << 20;
 /// No answer to pings; a server closes with this.
 const SILENT: u16 = 4002;
-
-trait Stream: Read + Write + Send + Sync {}
-impl<T: Read + Write + Send + Sync> Stream for T {}
 
 pub struct Socket {
     ws: WebSocket<Box<dyn Stream>>,
@@ -44,19 +31,9 @@ impl Socket {
     /// [`Trouble::Lost`] if nobody answers, or not in this protocol.
     pub fn connect(url: &str, reply_bytes: usize) -> Result<Socket, Trouble> {
         let lost = |why: String| Trouble::Lost { url: url.into(), why };
-        let mut request = url.into_client_request().map_err(|e| lost(e.to_string()))?;
-        request.headers_mut().insert("sec-websocket-protocol", HeaderValue::from_static(PROTOCOL));
-        let tcp = dial(request.uri()).map_err(lost)?;
-        let watched = tcp.try_clone().map_err(|e| lost(e.to_string()))?;
-        let stream: Box<dyn Stream> =
-            if request.uri().scheme_str() == Some("wss") { secured(tcp, request.uri()).map_err(lost)? } else { Box::new(tcp) };
-        let config = WebSocketConfig::default()
-            .read_buffer_size(reply_bytes.clamp(4 << 10, 1 << 20))
-            .max_message_size(Some(MOST_BYTES))
-            .max_frame_size(Some(MOST_BYTES));
-        let (ws, _) = tungstenite::client::client_with_config(request, stream, Some(config)).map_err(|e| lost(e.to_string()))?;
-        watched.set_read_timeout(Some(NOTICE)).map_err(|e| lost(e.to_string()))?;
-        watched.set_write_timeout(Some(WRITE_TIMEOUT)).map_err(|e| lost(e.to_string()))?;
+        let Dialled { ws, tcp } = dial(url, reply_bytes).map_err(|e| lost(e.to_string()))?;
+        tcp.set_read_timeout(Some(NOTICE)).map_err(|e| lost(e.to_string()))?;
+        tcp.set_write_timeout(Some(WRITE_TIMEOUT)).map_err(|e| lost(e.to_string()))?;
         Ok(Socket { ws, url: url.into() })
     }
 
@@ -119,34 +96,4 @@ impl Socket {
         // the session waits, though the server lost patience with the connection
         if code == SILENT { Trouble::Lost { url, why } } else { Trouble::Ended { url, why } }
     }
-}
-
-fn dial(uri: &Uri) -> Result<TcpStream, String> {
-    let host = uri.host().ok_or("the URL names no host")?;
-    let port = uri.port_u16().unwrap_or(if uri.scheme_str() == Some("wss") { 443 } else { 80 });
-    let plain = host.trim_start_matches('[').trim_end_matches(']');
-    let mut why = format!("no address is known for {host:?}");
-    for address in (plain, port).to_socket_addrs().map_err(|e| format!("{host}: {e}"))? {
-        match TcpStream::connect_timeout(&address, CONNECT_TIMEOUT) {
-            Ok(stream) => {
-                let set = stream.set_nodelay(true).and_then(|()| stream.set_read_timeout(Some(CONNECT_TIMEOUT)));
-                return set.map(|()| stream).map_err(|e| e.to_string());
-            }
-            Err(error) => why = format!("{address}: {error}"),
-        }
-    }
-    Err(why)
-}
-
-/// TLS with the roots that this machine trusts, `SSL_CERT_FILE` among them.
-fn secured(tcp: TcpStream, uri: &Uri) -> Result<Box<dyn Stream>, String> {
-    let host = uri.host().unwrap_or_default().trim_start_matches('[').trim_end_matches(']');
-    let name = ServerName::try_from(host.to_owned()).map_err(|e| e.to_string())?;
-    let mut roots = RootCertStore::empty();
-    roots.add_parsable_certificates(rustls_native_certs::load_native_certs().certs);
-    let provider = Arc::new(rustls::crypto::ring::default_provider());
-    let config = ClientConfig::builder_with_provider(provider).with_safe_default_protocol_versions().map_err(|e| e.to_string())?;
-    let config = config.with_root_certificates(roots).with_no_client_auth();
-    let connection = ClientConnection::new(Arc::new(config), name).map_err(|e| e.to_string())?;
-    Ok(Box::new(StreamOwned::new(connection, tcp)))
 }

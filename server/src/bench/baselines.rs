@@ -14,16 +14,25 @@ use crate::flight::phase_at;
 
 /// One attempt by a controller of the registry, from beginning to end.
 pub(crate) fn submit(bench: &Bench, scenario: &str, controller: &Chosen) -> Result<Document> {
-    // a long file name is no reason to refuse an attempt
-    let name: String = controller.label.chars().filter(|c| !c.is_control()).take(64).collect();
-    let mut attempt = bench.begin(scenario, Who::Local, &name)?;
+    let mut attempt = bench.begin(scenario, Who::Local, &name(controller))?;
     fly(&mut attempt, controller)?;
     attempt.finish()
 }
 
+/// What the leaderboard calls it: a long file name is no reason to refuse an attempt.
+pub(crate) fn name(controller: &Chosen) -> String {
+    controller.label.chars().filter(|c| !c.is_control()).take(64).collect()
+}
+
 /// Built for the scenarios' vehicle, which is the thesis's.
-fn pilot(controller: &Chosen, interface: Interface, tick_s: f64, envs: usize, mode: Mode) -> Result<Box<dyn Controller>> {
-    Ok(controller.build(&Site { model: &Model::thesis(), interface, tick_s, envs, mode })?)
+pub(crate) fn pilot(
+    controller: &Chosen,
+    interface: Interface,
+    tick_s: f64,
+    envs: usize,
+    mode: Mode,
+) -> crazyflie_env::Result<Box<dyn Controller>> {
+    controller.build(&Site { model: &Model::thesis(), interface, tick_s, envs, mode })
 }
 
 fn fly(attempt: &mut Attempt, controller: &Chosen) -> Result<()> {

@@ -6,6 +6,8 @@ mod attempt;
 pub(crate) mod baselines;
 mod episodes;
 mod error;
+#[cfg(any(test, fuzzing))]
+pub(crate) mod fuzzed;
 mod leaderboard;
 mod metrics;
 mod mystery;
@@ -30,7 +32,7 @@ pub(crate) use attempt::Attempt;
 pub(crate) use error::{Error, Result};
 pub(crate) use leaderboard::Ranked;
 pub(crate) use record::Document;
-pub(crate) use scenario::Scenario;
+pub(crate) use scenario::{PlannedPhase, Scenario};
 pub(crate) use sqlite::default_path;
 pub(crate) use teams::{Limits, Who};
 pub(crate) use verify::Verdict;

@@ -63,10 +63,19 @@ pub(super) struct Plan {
 /// A part of the flight with one set-point; `mode` is what the thesis's controller is told to do.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct PlannedPhase {
+pub(crate) struct PlannedPhase {
     pub name: String,
     pub from_s: f64,
     pub mode: String,
+}
+
+impl PlannedPhase {
+    /// # Errors
+    /// [`crazyflie_env::Error::Unknown`] for a mode that there is not.
+    pub(crate) fn phase(&self) -> crazyflie_env::Result<Phase> {
+        let (name, mode) = (Cow::Owned(self.name.clone()), Mode::named(&self.mode)?);
+        Ok(Phase { name, from_s: self.from_s, setpoint_m: None, mode })
+    }
 }
 
 /// A scenario as this server runs it.
@@ -84,17 +93,13 @@ pub(super) fn all(secrets: &Secrets) -> Result<Vec<Scenario>> {
 }
 
 impl Scenario {
-    fn read(file: &'static str, text: &str, secrets: &Secrets) -> Result<Scenario> {
+    pub(super) fn read(file: &'static str, text: &str, secrets: &Secrets) -> Result<Scenario> {
         let bad = |problem: String| Error::ScenarioFile { file, problem };
         let plan: Plan = toml::from_str(text).map_err(|e| bad(e.to_string()))?;
         check(&plan).map_err(bad)?;
-        let phase = |p: &PlannedPhase| {
-            let mode = Mode::named(&p.mode).map_err(|e| bad(e.to_string()))?;
-            Ok(Phase { name: Cow::Owned(p.name.clone()), from_s: p.from_s, setpoint_m: None, mode })
-        };
-        let phases = plan.phases.iter().map(phase).collect::<Result<Vec<_>>>()?;
+        let phases = plan.phases.iter().map(|p| p.phase().map_err(|e| bad(e.to_string()))).collect::<Result<Vec<_>>>()?;
         let public = content_hash(&plan, None)?;
-        let hidden = plan.hidden.as_ref().map(|pool| pool.draw(secrets, &public)).transpose()?;
+        let hidden = plan.hidden.as_ref().map(|pool| pool.draw(secrets, &public).map_err(|e| bad(e.to_string()))).transpose()?;
         let hash = content_hash(&plan, hidden.as_ref().map(|h| h.commitment.as_str()))?;
         let scenario = Scenario { plan, phases, hidden, hash };
         scenario.env(1).map_err(|e| bad(e.to_string()))?;
@@ -116,6 +121,10 @@ impl Scenario {
 
     pub(crate) fn episodes(&self) -> usize {
         self.plan.episodes
+    }
+
+    pub(crate) fn planned_phases(&self) -> &[PlannedPhase] {
+        &self.plan.phases
     }
 
     pub(crate) fn seconds(&self) -> f64 {

@@ -6,6 +6,7 @@ use std::io;
 use crazyflie_env::Error as EnvError;
 use crazyflie_picture::PictureError;
 
+use crate::afar::Error as AfarError;
 use crate::bench::Error as BenchError;
 
 /// Result of a command.
@@ -74,6 +75,16 @@ impl From<BenchError> for Failure {
         match error {
             BenchError::Scenario { .. } | BenchError::Attempt(_) | BenchError::Name { .. } => Failure::Usage(error.to_string()),
             other => Failure::Failed(other.to_string()),
+        }
+    }
+}
+
+impl From<AfarError> for Failure {
+    fn from(error: AfarError) -> Self {
+        match &error {
+            AfarError::Url => Failure::Usage(error.to_string()),
+            AfarError::Refused { code, .. } if matches!(&code[..], "unknown_scenario" | "bad_name") => Failure::Usage(error.to_string()),
+            _ => Failure::Failed(error.to_string()),
         }
     }
 }

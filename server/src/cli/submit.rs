@@ -3,15 +3,22 @@
 use std::io::Write;
 use std::path::PathBuf;
 
-use super::{Outcome, Table, controllers, number};
+use crazyflie_env::control::Chosen;
+
+use super::{Failure, Outcome, Table, controllers, number};
+use crate::afar::Afar;
 use crate::bench::baselines;
 use crate::bench::{Bench, Document, Limits};
+
+/// As in Python.
+const TOKEN: &str = "CRAZYFLIE_TOKEN";
 
 const EXAMPLES: &str = "\
 Examples:
   crazyflie submit --controller thesis-pid
   crazyflie submit --controller stock-pid --scenario hover-aruco@1.0.0
-  crazyflie submit --controller hover --scenario wind --repeat 3 --json";
+  crazyflie submit --controller hover --scenario wind --repeat 3 --json
+  crazyflie submit --controller thesis-pid --server wss://lab.example --token-file token.txt";
 
 /// Fly a built-in controller through the benchmark's scenarios, and store the attempts with their scores.
 #[derive(Debug, clap::Args)]
@@ -32,22 +39,89 @@ pub(super) struct Args {
     /// The benchmark's database, made on first use
     #[arg(long, default_value_os_t = crate::bench::default_path(), value_name = "FILE")]
     data: PathBuf,
+    /// Fly on this server instead of here, as any client would: ws://host:port or wss://host:port
+    #[arg(long, value_name = "URL", conflicts_with = "data")]
+    server: Option<String>,
+    /// The team's token there. Whoever lists processes sees it: better use --token-file, or set CRAZYFLIE_TOKEN
+    #[arg(long, value_name = "TOKEN", requires = "server", conflicts_with = "token_file")]
+    token: Option<Token>,
+    /// A file with the token
+    #[arg(long, value_name = "FILE", requires = "server")]
+    token_file: Option<PathBuf>,
     /// One JSON object per attempt, as it was signed, once it is on the disk
     #[arg(long)]
     json: bool,
 }
 
+/// Nothing prints it.
+#[derive(Clone)]
+struct Token(String);
+
+impl std::str::FromStr for Token {
+    type Err = std::convert::Infallible;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        Ok(Token(text.trim().into()))
+    }
+}
+
+impl std::fmt::Debug for Token {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Token")
+    }
+}
+
+/// Where attempts are flown and stored.
+enum Place {
+    Here(Bench),
+    Afar(Box<Afar>),
+}
+
+impl Place {
+    fn open(args: &Args) -> Outcome<Place> {
+        match &args.server {
+            None => Ok(Place::Here(Bench::open(&args.data, Limits::default())?)),
+            Some(url) => Ok(Place::Afar(Box::new(Afar::open(url, &token(args)?)?))),
+        }
+    }
+
+    /// Those of a name; a server elsewhere knows its own names, and finds versions.
+    fn scenarios(&self, name: &str) -> Outcome<Vec<String>> {
+        Ok(match (self, name) {
+            (Place::Here(bench), "all") => bench.scenarios().iter().map(|s| s.id()).collect(),
+            (Place::Here(bench), name) => vec![bench.scenario(name)?.id()],
+            (Place::Afar(afar), "all") => afar.scenarios().to_vec(),
+            (Place::Afar(_), name) => vec![name.into()],
+        })
+    }
+
+    fn submit(&mut self, scenario: &str, controller: &Chosen) -> Outcome<Document> {
+        match self {
+            Place::Here(bench) => Ok(baselines::submit(bench, scenario, controller)?),
+            Place::Afar(afar) => Ok(afar.submit(scenario, controller)?),
+        }
+    }
+}
+
+fn token(args: &Args) -> Outcome<String> {
+    if let Some(Token(token)) = &args.token {
+        return Ok(token.clone());
+    }
+    let missing = || Failure::Usage(format!("--server wants a team's token: give --token-file or --token, or set {TOKEN}"));
+    let text = match &args.token_file {
+        Some(path) => std::fs::read_to_string(path).map_err(|e| Failure::about(path.display(), e))?,
+        None => std::env::var(TOKEN).map_err(|_| missing())?,
+    };
+    Some(text.trim().to_owned()).filter(|token| !token.is_empty()).ok_or_else(missing)
+}
+
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let controller = controllers::chosen(&args.controller, args.controller_options.as_deref())?;
-    let bench = Bench::open(&args.data, Limits::default())?;
-    let scenarios: Vec<String> = match args.scenario.as_str() {
-        "all" => bench.scenarios().iter().map(|s| s.id()).collect(),
-        name => vec![bench.scenario(name)?.id()],
-    };
+    let mut place = Place::open(args)?;
     let mut done = Vec::new();
-    for scenario in &scenarios {
+    for scenario in place.scenarios(&args.scenario)? {
         for _ in 0..args.repeat {
-            let document = baselines::submit(&bench, scenario, &controller)?;
+            let document = place.submit(&scenario, &controller)?;
             if args.json {
                 // said at once: whoever reads it may rely on it
                 serde_json::to_writer(&mut *out, &document)?;

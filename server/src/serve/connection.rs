@@ -11,9 +11,10 @@ use super::contest::Contest;
 use super::fault::{Code, Fault};
 use super::listed::End;
 use super::make;
-use super::message::{self, Asked, Hello, Resume, Said};
+use super::message::{self, Asked, Hello, Resume};
 use super::replies::Reply;
 use super::requests::{refusal, say};
+use super::said::Said;
 use super::server::{Peer, Server};
 use super::session::Session;
 use super::socket::{Incoming, Parting, Socket};
@@ -135,7 +136,7 @@ impl Connection {
             self.peer.show(token)?;
         }
         info!(peer = %self.peer.address, client = ?hello.client.chars().take(80).collect::<String>(), "hello");
-        Ok(say(&Said::Welcome(make::welcome(&self.server.settings.limits, id))))
+        Ok(say(&Said::Welcome(make::welcome(&self.server, id))))
     }
 
     /// A connection has one session: the one before ends.

@@ -9,9 +9,10 @@ use serde_json::Value;
 use tokio::task::block_in_place;
 
 use super::fault::{Code, Fault};
-use super::message::{Actions, Begun, Benchmark, Numbers, Outcome, Said, Step, observations};
+use super::message::{Actions, Benchmark, Step};
 use super::replies::Reply;
 use super::requests::say;
+use super::said::{Begun, Numbers, Outcome, Said, observations};
 use super::wire::{Frame, Head, Kind, Request};
 use crate::bench::{Attempt, Bench, Who, api};
 
@@ -52,7 +53,8 @@ impl Contest {
             scenario_hash: scenario.hash(),
             num_envs: envs,
             tick_s,
-            interface: interface.into(),
+            interface,
+            phases: scenario.planned_phases(),
             observation: observations(attempt.observations()?),
         })));
         Ok((contest, reply))

@@ -20,7 +20,7 @@ pub(crate) const PROTOCOL: &str = "crazyflie.live.v1";
 const PERIOD: Duration = Duration::from_micros(33_334);
 
 #[derive(Debug, Deserialize)]
-struct Wish {
+pub(crate) struct Wish {
     /// Null to watch nothing.
     watch: Option<String>,
     #[serde(default)]
@@ -62,12 +62,18 @@ async fn choose(server: &Server, socket: &mut Socket, incoming: Incoming) -> Res
     }
 }
 
-fn wish(server: &Server, incoming: &Incoming) -> Result<Next, Fault> {
-    let Incoming::Text(text) = incoming else { return Err(Fault::new(Code::BadMessage, "expected {\"watch\": session}")) };
-    let wish: Wish = serde_json::from_str(text).map_err(|e| {
+/// # Errors
+/// What is not a message.
+pub(crate) fn parse(text: &str) -> Result<Wish, Fault> {
+    serde_json::from_str(text).map_err(|e| {
         let code = if e.is_data() { Code::BadMessage } else { Code::BadJson };
         Fault::new(code, format!("expected {{\"watch\": session, \"env\"?: number}}: {e}"))
-    })?;
+    })
+}
+
+fn wish(server: &Server, incoming: &Incoming) -> Result<Next, Fault> {
+    let Incoming::Text(text) = incoming else { return Err(Fault::new(Code::BadMessage, "expected {\"watch\": session}")) };
+    let wish = parse(text)?;
     let Some(name) = wish.watch else { return Ok(Next::Nothing) };
     let unknown = || Fault::new(Code::UnknownSession, format!("there is no session {name:?}"));
     let listed = server.sessions.find(&name).ok_or_else(unknown)?;

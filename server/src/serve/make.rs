@@ -12,14 +12,16 @@ use serde_json::Value;
 
 use super::fault::{Code, Fault};
 use super::feed::Feed;
-use super::message::{Known, Made, Make, Welcome};
+use super::message::Make;
+use super::said::{Known, Made, Welcome};
 use super::server::Server;
 use super::session::Session;
-use super::settings::Limits;
+use crate::bench::{Bench, Scenario};
 
 pub(crate) const PROTOCOL: &str = "crazyflie.v1";
 
-pub(crate) fn welcome(limits: &Limits, id: u64) -> Welcome {
+pub(crate) fn welcome(server: &Server, id: u64) -> Welcome {
+    let limits = &server.settings.limits;
     let known = |entry: &task::Entry| Known { env: entry.id, task: entry.name, max_episode_steps: entry.max_episode_steps };
     Welcome {
         id,
@@ -34,6 +36,7 @@ pub(crate) fn welcome(limits: &Limits, id: u64) -> Welcome {
         ping_s: limits.ping_after.as_secs_f64(),
         idle_s: limits.idle_timeout.as_secs_f64(),
         envs: task::registry().iter().map(known).collect(),
+        scenarios: server.bench.iter().flat_map(Bench::scenarios).map(Scenario::id).collect(),
     }
 }
 
@@ -49,7 +52,7 @@ pub(crate) fn make(server: &Arc<Server>, id: u64, asked: &Make) -> Result<(Sessi
     let model = asked.model.as_deref().map_or_else(|| Ok(Model::thesis()), Model::parse)?;
     let room = server.sessions.room(asked.num_envs)?;
     let env = VectorEnv::new(&model, &options, asked.num_envs)?;
-    let (tick_s, interface) = (env.tick_s(), env.interface().into());
+    let (tick_s, interface) = (env.tick_s(), env.interface());
     let place = server.sessions.enter(entry.id.into(), room, Feed::new(&options, tick_s))?;
     let (session, token) = (place.listed.name(), place.listed.token());
     let (autoreset, max_episode_steps, num_envs) = (options.autoreset, options.max_episode_steps, asked.num_envs);

@@ -7,6 +7,8 @@ mod contest;
 mod echo;
 mod fault;
 mod feed;
+#[cfg(any(test, fuzzing))]
+pub(crate) mod fuzzed;
 mod http;
 mod listed;
 mod live;
@@ -17,6 +19,7 @@ mod openenv;
 mod page;
 mod replies;
 mod requests;
+mod said;
 mod server;
 mod session;
 mod settings;
@@ -25,5 +28,6 @@ mod upgrade;
 mod wire;
 
 pub use listed::End;
+pub(crate) use make::PROTOCOL;
 pub use server::{Report, run};
 pub use settings::{Limits, ServeError, Settings, tls};

@@ -27,7 +27,7 @@ struct Request {
 }
 
 #[derive(Debug, Deserialize)]
-struct Reset {
+pub(crate) struct Reset {
     seed: Option<u64>,
     episode_id: Option<String>,
     /// A Gymnasium id; another environment from now on.
@@ -37,14 +37,14 @@ struct Reset {
 }
 
 #[derive(Debug, Deserialize)]
-struct Step {
+pub(crate) struct Step {
     action: [f32; ACTION],
 }
 
 /// OpenEnv's codes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "SCREAMING_SNAKE_CASE")]
-enum Failing {
+pub(crate) enum Failing {
     InvalidJson,
     UnknownType,
     ValidationError,
@@ -52,7 +52,32 @@ enum Failing {
     CapacityReached,
 }
 
-type Failed = (Failing, String);
+pub(crate) type Failed = (Failing, String);
+
+/// A message.
+#[derive(Debug)]
+pub(crate) enum Asked {
+    Reset(Reset),
+    Step(Step),
+    State,
+    Close,
+}
+
+/// # Errors
+/// What is not a message, with OpenEnv's code.
+pub(crate) fn parse(text: &str) -> Result<Asked, Failed> {
+    let request: Request = serde_json::from_str(text).map_err(|e| match e.is_data() {
+        true => (Failing::ValidationError, format!("expected an object: {e}")),
+        false => (Failing::InvalidJson, format!("Invalid JSON: {e}")),
+    })?;
+    match request.kind.as_str() {
+        Some("reset") => fields("reset", request.data).map(Asked::Reset),
+        Some("step") => fields("step", request.data).map(Asked::Step),
+        Some("state") => Ok(Asked::State),
+        Some("close") => Ok(Asked::Close),
+        _ => Err((Failing::UnknownType, format!("Unknown message type: {}", request.kind))),
+    }
+}
 
 struct Talk {
     server: Arc<Server>,
@@ -90,18 +115,13 @@ pub(crate) async fn talk(server: Arc<Server>, mut socket: Socket, leave: Cancell
 impl Talk {
     /// `None` for goodbye.
     fn answer(&mut self, text: &str) -> Option<Result<Value, Failed>> {
-        let request: Request = match serde_json::from_str(text) {
-            Ok(request) => request,
-            Err(e) if e.is_data() => return Some(Err((Failing::ValidationError, format!("expected an object: {e}")))),
-            Err(e) => return Some(Err((Failing::InvalidJson, format!("Invalid JSON: {e}")))),
-        };
-        Some(match request.kind.as_str() {
-            Some("reset") => fields("reset", request.data).and_then(|reset| self.reset(reset)),
-            Some("step") => fields("step", request.data).and_then(|step| self.step(&step)),
-            Some("state") => self.state(),
-            Some("close") => return None,
-            _ => Err((Failing::UnknownType, format!("Unknown message type: {}", request.kind))),
-        })
+        match parse(text) {
+            Ok(Asked::Reset(reset)) => Some(self.reset(reset)),
+            Ok(Asked::Step(step)) => Some(self.step(&step)),
+            Ok(Asked::State) => Some(self.state()),
+            Ok(Asked::Close) => None,
+            Err(failed) => Some(Err(failed)),
+        }
     }
 
     fn reset(&mut self, reset: Reset) -> Result<Value, Failed> {

@@ -7,8 +7,9 @@ use crazyflie_env::vector::STATE;
 use tokio_tungstenite::tungstenite::Utf8Bytes;
 
 use super::fault::{Code, Fault};
-use super::message::{Actions, Final, Numbers, Outcome, Reset, Rows, Said, Step, observations};
+use super::message::{Actions, Reset, Step};
 use super::replies::Reply;
+use super::said::{Final, Numbers, Outcome, Rows, Said, observations};
 use super::session::{Session, Stepped};
 use super::wire::{Frame, Head, Kind, Request};
 

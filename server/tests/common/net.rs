@@ -46,15 +46,9 @@ impl Server {
 
     /// The body of a page.
     pub fn get(&self, path: &str) -> String {
-        use std::io::{Read, Write};
-        let mut stream = TcpStream::connect(self.address).unwrap();
-        stream.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
-        write!(stream, "GET {path} HTTP/1.1\r\nhost: {}\r\nconnection: close\r\n\r\n", self.address).unwrap();
-        let mut text = String::new();
-        stream.read_to_string(&mut text).unwrap();
-        let (head, body) = text.split_once("\r\n\r\n").unwrap();
+        let (head, body) = get(self.address, path);
         assert!(head.starts_with("HTTP/1.1 200"), "{path}: {head}");
-        body.to_owned()
+        String::from_utf8(body).unwrap()
     }
 
     /// A number of `/metrics`.
@@ -127,6 +121,18 @@ impl Client {
             }
         }
     }
+}
+
+/// Head and body of an answer over HTTP.
+pub fn get(address: SocketAddr, path: &str) -> (String, Vec<u8>) {
+    use std::io::{Read, Write};
+    let mut stream = TcpStream::connect(address).unwrap();
+    stream.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
+    write!(stream, "GET {path} HTTP/1.1\r\nhost: {address}\r\nconnection: close\r\n\r\n").unwrap();
+    let mut bytes = Vec::new();
+    stream.read_to_end(&mut bytes).unwrap();
+    let end = bytes.windows(4).position(|four| four == b"\r\n\r\n").unwrap();
+    (String::from_utf8_lossy(&bytes[..end]).into_owned(), bytes.split_off(end + 4))
 }
 
 /// A binary request: kind 1 reset, 2 step, 3 state.

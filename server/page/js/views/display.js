@@ -39,6 +39,7 @@ export class Display {
 
   /** @param {(Flight | null)[]} flights Run A and run B. @param {{live?: boolean, names?: string[], aim?: boolean}} [options] */
   show(flights, { live = false, names = [], aim = true } = {}) {
+    clearTimeout(this.settling);
     this.flights = flights;
     this.stage?.show(flights);
     if (aim && flights.some(Boolean)) this.stage?.home(AT_FIRST_M);
@@ -65,12 +66,20 @@ export class Display {
       this.stage?.show(this.flights);
     }
     this.stage?.setTime(time_s);
-    const now_ms = performance.now();
-    if (document.hidden || now_ms - this.#charts_ms < CHARTS_EVERY_MS) return;
-    this.#charts_ms = now_ms;
-    this.charts.refresh(this.flights);
+    clearTimeout(this.settling);
+    if (document.hidden) return;
+    const wait_ms = this.#charts_ms + CHARTS_EVERY_MS - performance.now();
+    // the last row of all is shown as well
+    if (wait_ms > 0) this.settling = setTimeout(() => this.grow(flight), wait_ms);
+    else this.#details(flight, time_s);
+  }
+
+  /** @param {Flight} flight @param {number} time_s */
+  #details(flight, time_s) {
+    this.#charts_ms = performance.now();
+    this.charts.refresh([flight]);
     this.charts.setTime(time_s);
-    this.#readout(time_s, now_ms);
+    this.#readout(time_s, this.#charts_ms);
   }
 
   /** In place of a flight. @param {string} message Nothing, if empty. */

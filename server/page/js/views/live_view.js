@@ -30,7 +30,9 @@ export class LiveView {
     this.#live.addEventListener("state", () => notice("live", this.#live.connected ? null : "The connection to the server is lost. Trying again…"));
     this.#live.addEventListener("trouble", (event) => failure("live-data", /** @type {CustomEvent} */ (event).detail));
     document.addEventListener("visibilitychange", () => {
-      if (this.#active && !document.hidden) this.#poll();
+      if (!this.#active || document.hidden) return;
+      this.#poll();
+      this.#grow();
     });
   }
 

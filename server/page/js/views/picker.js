@@ -71,8 +71,8 @@ export class Picker {
   end(how) {
     const { attempt } = this;
     if (!attempt) return;
-    const failed = `${attempt.failed ?? 0} of ${attempt.episodes} flights failed`;
-    const ended = how === "time" ? "this one flew to the end" : `this one: ${how}`;
+    const failed = `${attempt.failed ?? 0} of ${attempt.episodes} failed`;
+    const ended = how === "time" ? "this one flew to the end" : `this one ${how}`;
     this.facts.textContent = how ? `${failed}; ${ended}` : failed;
   }
 }

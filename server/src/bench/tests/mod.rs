@@ -4,6 +4,8 @@ mod attempts;
 mod baselines;
 mod handed_out;
 mod hidden;
+#[path = "../../../tests/common/secrets.rs"]
+mod spelled;
 mod tampering;
 mod teams;
 

@@ -11,10 +11,9 @@ import time
 import numpy as np
 import pytest
 
-Image = pytest.importorskip("PIL.Image", reason="the page is not tested: pip install pillow")
-
 CRAZYFLIE = shlex.split(os.environ.get("CRAZYFLIE", "")) or [sys.executable, "-m", "crazyflie_gym"]
 PATIENCE_MS = 30_000
+SCENARIO = "hover-aruco"
 
 
 # software rendering gives WebGL on machines without a graphics card; nothing of the browser's own reaches the network
@@ -84,11 +83,12 @@ def canvas(page):
     cover = (
         "(seen) => document.querySelectorAll('#tools, #readout, #captions').forEach((e) => (e.style.visibility = seen))"
     )
+    image = pytest.importorskip("PIL.Image", reason="the picture is not looked at: pip install pillow")
     page.evaluate(cover, "hidden")
     page.wait_for_timeout(150)
     picture = page.locator("#stage canvas").screenshot()
     page.evaluate(cover, "")
-    return np.asarray(Image.open(io.BytesIO(picture)).convert("RGB")).astype(int)
+    return np.asarray(image.open(io.BytesIO(picture)).convert("RGB")).astype(int)
 
 
 def until(page, expression):

@@ -1,0 +1,75 @@
+//! The bodies of the fuzz targets in `fuzz/`: every parser, and what must hold of what it accepts. They are here, where the parsers are, so
+//! that nothing has to be public for them; only tests and cargo-fuzz compile them.
+
+mod logs;
+#[cfg(test)]
+mod tests;
+
+use crazyflie_env::config::Options;
+use crazyflie_env::model::Model;
+use crazyflie_env::observation::{ACTION, OBSERVATION};
+use crazyflie_env::vector::{Out, STATE, VectorEnv};
+
+/// A name, that of its binary and of the folder of its corpus, and what it does: whether the input was accepted.
+pub type Target = (&'static str, fn(&[u8]) -> bool);
+
+/// All of them.
+pub const TARGETS: [Target; 13] = [
+    ("control_message", crate::serve::fuzzed::control_message),
+    ("step_frame", crate::serve::fuzzed::step_frame),
+    ("openenv_message", crate::serve::fuzzed::openenv_message),
+    ("live_message", crate::serve::fuzzed::live_message),
+    ("scenario", crate::bench::fuzzed::scenario),
+    ("model", model),
+    ("options", options),
+    ("project_csv", logs::text),
+    ("nanobench_csv", logs::text),
+    ("hidden_effects_csv", logs::text),
+    ("ros_bag", logs::ros_bag),
+    ("mcap", logs::mcap),
+    ("micro_sd", logs::micro_sd),
+];
+
+/// Runs a target.
+///
+/// # Panics
+/// For a name that is none, and for what the target finds.
+pub fn run(name: &str, bytes: &[u8]) {
+    let (_, target) = TARGETS.iter().find(|(known, _)| *known == name).expect("a target of this name");
+    target(bytes);
+}
+
+fn model(bytes: &[u8]) -> bool {
+    let Ok(text) = std::str::from_utf8(bytes) else { return false };
+    let Ok(model) = Model::parse(text) else { return false };
+    let again = Model::parse(&model.to_toml().expect("what was read can be written")).expect("and read again");
+    assert_eq!(again.parameters(), model.parameters());
+    VectorEnv::new(&model, &Options::default(), 2).map(flown).is_ok()
+}
+
+fn options(bytes: &[u8]) -> bool {
+    let Ok(text) = std::str::from_utf8(bytes) else { return false };
+    let options = Options::parse(text).map_err(|error| assert!(!error.to_string().is_empty()));
+    // threads are a machine's to give
+    let env = options.map(|options| VectorEnv::new(&Model::thesis(), &Options { threads: 1, ..options }, 2));
+    env.is_ok_and(|env| env.map(flown).is_ok())
+}
+
+/// Whatever was accepted flies, in numbers that are numbers.
+pub(crate) fn flown(mut env: VectorEnv) {
+    let n = env.num_envs();
+    let (mut observations, mut states) = (vec![0.0; n * OBSERVATION], vec![0.0; n * STATE]);
+    let (mut rewards, mut terminated, mut truncated) = (vec![0.0; n], vec![false; n], vec![false; n]);
+    let seeds: Vec<u64> = (0..n as u64).collect();
+    env.reset(Some(&seeds), None, &mut observations).expect("a reset of all");
+    for action in [0.0, 1.0, -1.0] {
+        let out = Out { observations: &mut observations, rewards: &mut rewards, terminated: &mut terminated, truncated: &mut truncated };
+        match env.step(&vec![action; n * ACTION], out) {
+            Ok(()) | Err(crazyflie_env::Error::Ended { .. }) => {}
+            Err(error) => panic!("{error}"),
+        }
+        env.states(&mut states).expect("a buffer of the right length");
+        let all = observations.iter().chain(&rewards).chain(&states);
+        assert!(all.clone().all(|number| number.is_finite()), "{:?}", all.collect::<Vec<_>>());
+    }
+}

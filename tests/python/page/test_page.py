@@ -1,0 +1,110 @@
+"""The page of `crazyflie serve` in a real browser: it draws, it tells, and it fits on a phone."""
+
+import numpy as np
+import pytest
+from browsing import PILOT, SCENARIO, Server, canvas, close_to, loaded, position, rgb, until
+
+
+def test_served_with_a_strict_policy(visit, server):
+    page = visit("#board")
+    answer = page.request.get(server.url)
+    policy = answer.headers["content-security-policy"]
+    assert "default-src 'none'" in policy and "script-src 'self'" in policy and "unsafe" not in policy
+    assert answer.headers["x-content-type-options"] == "nosniff"
+    again = page.request.get(server.url, headers={"If-None-Match": answer.headers["etag"]})
+    assert again.status == 304 and again.body() == b""
+    assert page.request.get(server.url + "../Cargo.toml").status == 404
+    assert page.request.post(server.url).status == 405
+    # the policy is in force: what it forbids does not run
+    strange = visit("#board", faultless=False)
+    strange.evaluate(
+        "document.body.append(Object.assign(document.createElement('script'), { text: 'window.ran = 1' }))"
+    )
+    assert strange.evaluate("window.ran") is None
+
+
+def test_live_draws_what_flies(visit):
+    pilot = visit("#board")
+    pilot.evaluate(PILOT)
+    page = loaded(visit("#live"))
+    assert "Crazyflie-v0" in page.locator("#sessions a[aria-current]").inner_text()
+    before, seen = canvas(page), position(page)
+    page.wait_for_timeout(900)
+    after, later = canvas(page), position(page)
+    assert seen != later, "the numbers of the moment stand still"
+    assert (np.abs(before - after).max(axis=-1) > 24).sum() > 100, "the 3D view stands still"
+    sky = close_to(after, rgb(page, "--sky"), 3)
+    height, width = sky.shape
+    thirds = [
+        after[y * height // 3 : (y + 1) * height // 3, x * width // 3 : (x + 1) * width // 3]
+        for y in range(3)
+        for x in range(3)
+    ]
+    drawn = [len(np.unique(part.reshape(-1, 3), axis=0)) for part in thirds]
+    print(f"colours in nine parts of the view: {drawn}; not sky: {1 - sky.mean():.0%}")
+    assert sum(count > 20 for count in drawn) >= 5 and 0.2 < 1 - sky.mean() < 0.98
+    # another environment of the batch
+    page.get_by_label("Environment that is watched").select_option("2")
+    until(page, "location.hash.includes('env=2')")
+    loaded(page)
+    pilot.evaluate("window.flying = false")
+    until(page, "document.querySelector('#empty').textContent.includes('has ended')")
+
+
+def test_nothing_to_show_is_said(visit):
+    page = visit("#live")
+    until(page, "document.querySelector('#empty').textContent.includes('No session is running')")
+    page.goto(page.url.split("#")[0] + "#replay?scenario=wind")
+    until(page, "document.querySelector('#empty').textContent.includes('No attempt')")
+
+
+def test_leaderboard(visit):
+    page = visit(f"#board?scenario={SCENARIO}")
+    table = page.get_by_role("table", name="Leaderboard")
+    rows = table.get_by_role("row")
+    rows.nth(2).wait_for()
+    assert page.locator("#notices").inner_text() == ""
+    assert rows.count() == 3 and "thesis-pid" in rows.nth(1).inner_text()
+    scores = [float(rows.nth(i).locator("td.score strong").inner_text()) for i in (1, 2)]
+    assert scores[0] > scores[1]
+    rows.nth(1).get_by_role("button", name="Verify").click()
+    rows.nth(1).get_by_text("same bits").wait_for()
+    assert "This browser checked the signature" in rows.nth(1).locator(".verdict").get_attribute("title")
+    page.get_by_role("button", name="Show every attempt").click()
+    every = page.get_by_role("table", name="Every attempt").get_by_role("row")
+    every.nth(2).wait_for()
+    assert every.count() == 3
+    for i in (1, 2):
+        rows.nth(i).get_by_role("checkbox").check()
+    page.get_by_role("link", name="Compare the two").click()
+    loaded(page)
+    assert page.locator("#legend .run-b").count() == 1
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_phone(visit, attempts, scheme):
+    views = ["#live", f"#board?scenario={SCENARIO}&all=1", f"#replay?a={attempts[0]}&b={attempts[1]}"]
+    for view in views:
+        page = visit(view, viewport={"width": 360, "height": 740}, color_scheme=scheme, has_touch=True, is_mobile=True)
+        page.wait_for_timeout(1200)
+        assert page.evaluate("document.documentElement.scrollWidth") <= 360, f"{view} is wider than a phone"
+        beyond = page.evaluate(
+            "[...document.querySelectorAll('button, a, select, input, td, h1')].filter((e) => e.checkVisibility() &&"
+            " !e.closest('.skip') && e.getBoundingClientRect().right > 361).map((e) => e.outerHTML.slice(0, 80))"
+        )
+        assert beyond == []
+        brightness = page.evaluate("getComputedStyle(document.body).backgroundColor.match(/\\d+/g).map(Number)")
+        assert (np.mean(brightness[:3]) > 128) == (scheme == "light")
+
+
+def test_errors_are_shown_and_the_server_may_come_back(visit, data):
+    server = Server(data)
+    page = visit("#replay?a=nobody", url=server.url, faultless=False)
+    page.locator("#notices", has_text="The server says").wait_for()
+    page.goto(server.url + "#live")
+    until(page, "document.querySelector('#empty').textContent.includes('No session is running')")
+    server.stop()
+    page.locator("#notices", has_text="does not answer").wait_for()
+    server = Server(data, server.port)
+    page.locator("#notices", has_text="does not answer").wait_for(state="detached")
+    server.stop()

@@ -1,0 +1,139 @@
+"""Replays in a real browser: one run or two, by mouse and by keys."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from browsing import LEANING, blue, canvas, loaded, orange, position, time_s, until
+
+
+def test_replay_moves(visit, attempts):
+    page = loaded(visit(f"#replay?a={attempts[0]}"))
+    start, at_start, line = (
+        canvas(page),
+        position(page),
+        page.locator(".now").first.evaluate("(e) => e.style.transform"),
+    )
+    page.get_by_role("button", name="Play", exact=True).click()
+    until(page, "parseFloat(document.querySelector('#time').textContent) > 2")
+    page.get_by_role("button", name="Pause").click()
+    assert position(page) != at_start
+    assert page.locator(".now").first.evaluate("(e) => e.style.transform") != line
+    assert (np.abs(canvas(page) - start).max(axis=-1) > 24).sum() > 200
+    # a link to this moment shows this moment
+    until(page, "location.hash.includes('t=')")
+    other = loaded(visit(page.url.split("/")[-1]))
+    assert abs(time_s(other) - time_s(page)) < 0.02 and position(other) == position(page)
+
+
+def test_the_vehicle_leans_where_it_accelerates(visit, attempts):
+    up_x, up_y, vx, vy, t = np.array(visit("#board").evaluate(LEANING, attempts[1])).T
+    for name, up, v in [("x", up_x, vx), ("y", up_y, vy)]:
+        # m/s^2 per radian of lean: gravity
+        slope, correlation = np.polyfit(up, np.gradient(v, t), 1)[0], np.corrcoef(up, np.gradient(v, t))[0, 1]
+        print(f"{name}: {slope:.2f} m/s^2 per unit of lean, correlation {correlation:.3f}")
+        assert 8.5 < slope < 11 and correlation > 0.95
+
+
+def test_speed_is_what_it_says(visit, attempts):
+    page = loaded(visit(f"#replay?a={attempts[0]}"))
+    for speed in ["0.5", "4"]:
+        page.locator("#speed").select_option(speed)
+        page.keyboard.press("Home")
+        page.locator("#play").click()
+        page.wait_for_timeout(300)
+        begun, from_s = time.monotonic(), time_s(page)
+        page.wait_for_timeout(1200)
+        ratio = (time_s(page) - from_s) / (time.monotonic() - begun)
+        page.locator("#play").click()
+        print(f"at x{speed}: {ratio:.2f} seconds of flight per second")
+        assert 0.6 * float(speed) < ratio < 1.25 * float(speed)
+
+
+def test_keys(visit, attempts):
+    page = loaded(visit(f"#replay?a={attempts[0]}"))
+    body = page.locator("body")
+    page.keyboard.press("ArrowRight")
+    assert time_s(page) == pytest.approx(0.1)
+    page.keyboard.press("Shift+ArrowRight")
+    assert time_s(page) == pytest.approx(1.1)
+    page.keyboard.press(",")
+    assert time_s(page) == pytest.approx(1.08)
+    page.keyboard.press("Home")
+    page.keyboard.press("Space")
+    until(page, "parseFloat(document.querySelector('#time').textContent) > 0.1")
+    page.keyboard.press("Space")
+    stopped = time_s(page)
+    page.wait_for_timeout(300)
+    assert time_s(page) == stopped
+    page.keyboard.press("]")
+    assert page.locator("#speed").input_value() == "2"
+    page.keyboard.press("?")
+    assert page.get_by_role("dialog").is_visible()
+    page.keyboard.press("Escape")
+    # from the first link on, tab reaches everything, and where it is can be seen
+    body.focus()
+    page.evaluate("window.outline = () => getComputedStyle(document.activeElement).outlineStyle")
+    reached = set()
+    for _ in range(40):
+        page.keyboard.press("Tab")
+        at = page.evaluate("[document.activeElement.id || document.activeElement.tagName, outline()]")
+        reached.add(at[0])
+        assert at[0] == "BODY" or at[1] != "none", f"no focus to be seen on {at[0]}"
+    assert {"CANVAS", "play", "scrub", "speed", "view-home", "toggle-cone", "replay-scenario"} <= reached
+    # arrows turn the view that has the focus, and leave the time alone
+    before, at_s = canvas(page), time_s(page)
+    page.locator("#stage canvas").focus()
+    page.keyboard.press("ArrowLeft")
+    assert (np.abs(canvas(page) - before).max(axis=-1) > 24).mean() > 0.01 and time_s(page) == at_s
+
+
+def test_two_runs_side_by_side(visit, attempts):
+    page = loaded(visit(f"#replay?a={attempts[0]}&b={attempts[1]}&t=4"))
+    assert page.locator("#legend .run-a, #legend .run-b").count() == 2
+    assert page.locator("#readout th.run-b").is_visible()
+    # one clock
+    times = page.locator("#readout tr", has_text="time").locator("td").all_inner_texts()
+    assert times == ["4.00 s", "4.00 s"]
+    together = canvas(page)
+    assert blue(together) > 80 and orange(together) > 80
+    page.keyboard.press("v")
+    page.wait_for_timeout(300)
+    apart = canvas(page)
+    half = apart.shape[1] // 2
+    left, right = apart[:, :half], apart[:, half:]
+    counts = [blue(left), orange(left), blue(right), orange(right)]
+    print(f"pixels of run A and B: left {counts[:2]}, right {counts[2:]}")
+    assert counts[0] > 80 and counts[1] < 20 and counts[2] < 20 and counts[3] > 80
+    assert "view=split" in page.url
+
+
+def test_downloads(visit, attempts):
+    page = loaded(visit(f"#replay?a={attempts[0]}&ea=3"))
+    with page.expect_download() as log:
+        page.get_by_role("link", name="Log of this flight").click()
+    lines = Path(log.value.path()).read_text().splitlines()
+    assert lines[0].startswith("t_s,") and len(lines) > 100
+    with page.expect_download() as actions:
+        page.get_by_role("link", name="All actions").click()
+    assert len(Path(actions.value.path()).read_bytes()) % (4 * 4 * 20) == 0
+
+
+def test_draws_only_when_something_changes(visit, attempts):
+    page = loaded(visit(f"#replay?a={attempts[0]}"))
+    page.evaluate("""() => {
+      window.frames_drawn = 0;
+      const { clear } = WebGL2RenderingContext.prototype;
+      WebGL2RenderingContext.prototype.clear = function (...what) {
+        window.frames_drawn += 1;
+        return clear.apply(this, what);
+      };
+    }""")
+    page.wait_for_timeout(300)
+    idle = page.evaluate("window.frames_drawn")
+    page.wait_for_timeout(700)
+    assert page.evaluate("window.frames_drawn") == idle, "it draws though nothing changes"
+    page.locator("#play").click()
+    page.wait_for_timeout(700)
+    assert page.evaluate("window.frames_drawn") > idle
