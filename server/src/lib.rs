@@ -8,8 +8,10 @@ mod flight;
 mod frames;
 mod measured;
 mod recovery;
+mod robustness;
 mod score;
 mod scorecard;
 pub mod serve;
+mod tune;
 
 pub use cli::main_from;

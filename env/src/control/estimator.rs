@@ -31,7 +31,7 @@ pub struct Belief {
 
 impl Default for Belief {
     fn default() -> Self {
-        Belief { xy_m: 0.005, z_m: 0.01, yaw_deg: 1.0, white_mps: 0.03, bias_mps2: 0.2, yaw_drift_deg: 1.0, gate: 4.5 }
+        Belief { xy_m: 0.005, z_m: 0.01, yaw_deg: 1.0, white_mps: 0.03, bias_mps2: 0.1, yaw_drift_deg: 1.0, gate: 4.5 }
     }
 }
 

@@ -35,7 +35,7 @@ impl Default for Options {
             velocity_mps: 0.4,
             height_m: 0.1,
             yaw_deg: 10.0,
-            tilt_deg: 5.0,
+            tilt_deg: 8.0,
             yaw_rate_degps: 40.0,
             lift_share: 0.1,
             reach_m: 1.0,

@@ -8,6 +8,7 @@ mod gains;
 mod horizon;
 mod hover;
 mod kalman;
+mod landing;
 mod lqr;
 mod mpc;
 mod observer;
