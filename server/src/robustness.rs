@@ -6,6 +6,7 @@ use crazyflie_picture::{PALETTE, Panel, PictureError, Series, Style, chart};
 
 use crate::bench::baselines::evaluate;
 use crate::bench::{Error, Scenario};
+use crate::flight::{Row, Trace};
 
 /// What is added to a scenario's own effects.
 pub(crate) struct Condition {
@@ -52,6 +53,9 @@ pub(crate) struct Line {
     pub overshoot_m: Option<f64>,
     pub settled: usize,
     pub settling_s: Option<f64>,
+    /// Of the first flight, at every tick: time, and distance to the set-point.
+    #[serde(skip)]
+    pub first: [Vec<f64>; 2],
 }
 
 /// Flies every controller in every scenario under every condition, with the same seeds; `done` is called after each.
@@ -73,7 +77,7 @@ pub(crate) fn compare(controllers: &[Chosen], scenarios: &[String], seeds: &[u64
 }
 
 fn line(controller: &Chosen, scenario: &Scenario, condition: &'static str, seeds: &[u64]) -> Result<Line, Error> {
-    let judged = evaluate(scenario, controller, seeds)?;
+    let (judged, first) = evaluate(scenario, controller, seeds)?;
     let (s, m) = (judged.score, judged.metrics);
     Ok(Line {
         controller: controller.label.clone(),
@@ -88,7 +92,17 @@ fn line(controller: &Chosen, scenario: &Scenario, condition: &'static str, seeds
         overshoot_m: m.overshoot_m,
         settled: m.settled,
         settling_s: m.settling_s,
+        first: first.as_ref().map(distance).unwrap_or_default(),
     })
+}
+
+/// Farther away is drawn as this far, so that the others can be seen.
+const SHOWN_M: f64 = 1.2;
+
+fn distance(trace: &Trace) -> [Vec<f64>; 2] {
+    let off = |row: &Row| (0..3).map(|i| f64::from(row.state[i] - row.observation[16 + i]).powi(2)).sum::<f64>().sqrt();
+    let shown = |row: &Row| off(row).min(SHOWN_M);
+    [(0..trace.rows.len()).map(|row| trace.t_s(row)).collect(), trace.rows.iter().map(shown).collect()]
 }
 
 impl Condition {
@@ -98,17 +112,32 @@ impl Condition {
     }
 }
 
-/// Scores with their intervals: a panel per scenario, a colour per controller.
+/// Per scenario: scores with their intervals, and the first nominal flight; a colour per controller.
 ///
 /// # Errors
 /// Those of drawing.
 pub(crate) fn picture(lines: &[Line]) -> Result<String, PictureError> {
-    let scenarios = names(lines, |l| &l.scenario);
     let controllers = names(lines, |l| &l.controller);
-    let points: Vec<Vec<Curve>> =
-        scenarios.iter().map(|s| controllers.iter().enumerate().map(|(i, c)| curve(lines, s, c, i)).collect()).collect();
-    let panels: Vec<Panel> = scenarios.iter().zip(&points).map(|(scenario, curves)| panel(scenario, &controllers, curves)).collect();
-    chart(&panels, 2, "Score and 95 % interval: 1 nominal, 2 randomised, 3 undeclared effect")
+    let scenarios: Vec<(&str, Vec<Curve>)> = names(lines, |l| &l.scenario)
+        .into_iter()
+        .map(|scenario| (scenario, controllers.iter().enumerate().map(|(i, c)| curve(lines, scenario, c, i)).collect()))
+        .collect();
+    let panels: Vec<Panel> =
+        scenarios.iter().flat_map(|(scenario, curves)| [scores(scenario, &controllers, curves), flights(scenario, lines)]).collect();
+    chart(&panels, 2, "Score and 95 % interval: 1 nominal, 2 randomised, 3 undeclared effect; beside it the first nominal flight")
+}
+
+/// Distances over time.
+fn flights<'a>(scenario: &'a str, lines: &'a [Line]) -> Panel<'a> {
+    let nominal = lines.iter().filter(|l| l.scenario == scenario && l.condition == CONDITIONS[0].name && !l.first[0].is_empty());
+    let series = nominal.enumerate().map(|(i, l)| Series {
+        label: &l.controller,
+        x: &l.first[0],
+        y: &l.first[1],
+        style: Style::Solid,
+        color: PALETTE[i % PALETTE.len()],
+    });
+    Panel { title: scenario, x_label: "time (s)", y_label: "distance to the set-point (m)", series: series.collect(), ..Panel::default() }
 }
 
 /// Points of one controller, and its intervals from below to above.
@@ -136,7 +165,7 @@ fn curve(lines: &[Line], scenario: &str, controller: &str, place: usize) -> Curv
     Curve { y: of.iter().map(|l| l.score).collect(), x, intervals }
 }
 
-fn panel<'a>(scenario: &'a str, controllers: &[&'a str], curves: &'a [Curve]) -> Panel<'a> {
+fn scores<'a>(scenario: &'a str, controllers: &[&'a str], curves: &'a [Curve]) -> Panel<'a> {
     let mut series = Vec::new();
     for (i, (label, curve)) in controllers.iter().zip(curves).enumerate() {
         let color = PALETTE[i % PALETTE.len()];

@@ -115,7 +115,7 @@ pub(crate) fn margins(plant: &Plant, gains: &Loop, dead_time_s: f64) -> Margins 
     for omega in (0..=points).map(frequency) {
         let l = gain(omega);
         // phases are unwrapped along the way, the dead time added after
-        let raw = before.map_or(l.arg(), |(_, last, _)| last + wrap(l.arg() - last));
+        let raw = before.map_or_else(|| below(l.arg()), |(_, last, _)| last + wrap(l.arg() - last));
         let (db, phase) = (20.0 * l.norm().log10(), raw - omega * dead_time_s);
         if let Some((db_before, _, phase_before)) = before {
             if (db_before > 0.0) != (db > 0.0) {
@@ -132,6 +132,11 @@ pub(crate) fn margins(plant: &Plant, gains: &Loop, dead_time_s: f64) -> Margins 
         before = Some((db, raw, phase));
     }
     found
+}
+
+/// Where the frequencies begin, integrations have only taken phase, as many as there are.
+fn below(angle: f64) -> f64 {
+    if angle > 1e-6 { angle - std::f64::consts::TAU } else { angle }
 }
 
 fn wrap(angle: f64) -> f64 {
