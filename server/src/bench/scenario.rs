@@ -111,8 +111,8 @@ impl Scenario {
         let open = |plan: &Plan| plan.hidden.is_none();
         let found = plans.iter().find(|(.., plan)| open(plan) && (plan.name == name || format!("{}@{}", plan.name, plan.version) == name));
         let Some((file, text, _)) = found else {
-            let known = plans.iter().map(|(.., plan)| plan).filter(|plan| open(plan)).map(|plan| plan.name.as_str());
-            return Err(crazyflie_env::error::unknown("scenario", name, known).into());
+            let known: Vec<&str> = plans.iter().map(|(.., plan)| plan).filter(|plan| open(plan)).map(|plan| plan.name.as_str()).collect();
+            return Err(Error::Scenario { name: name.into(), known: known.join(", ") });
         };
         // nothing is hidden in it: no secret is asked
         let mut scenario = Scenario::read(file, text, &Secrets::new(&[0; 32], [0; 32]))?;

@@ -61,7 +61,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     if args.markdown {
         return Ok(write!(out, "{}", table.markdown())?);
     }
-    write!(out, "{}\n", table.plain())?;
+    writeln!(out, "{}", table.plain())?;
     for condition in &CONDITIONS {
         writeln!(out, "{}: {}", condition.name, condition.about)?;
     }

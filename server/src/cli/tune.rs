@@ -29,7 +29,7 @@ pub(super) struct Args {
     /// Which vertical form of the model is commanded: height, pwm or thrust [default: pwm, if the model has it]
     #[arg(long, value_parser = files::vertical, value_name = "FORM")]
     vertical: Option<VerticalInput>,
-    /// Tune on a task or flight (see `crazyflie tasks`) instead of steps of 50 cm, 30 cm of height and 30 degrees
+    /// Besides steps of 50 cm, 30 cm of height and 30 degrees, the error in this task or flight counts (see `crazyflie tasks`)
     #[arg(long, value_name = "NAME")]
     task: Option<String>,
     /// ideal, or lab: a 30 Hz camera with 50 ms latency and noise, whose dead time the margins contain
@@ -102,12 +102,13 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 }
 
 fn as_json(t: &Tuned) -> Value {
-    let one = |d: &Done| json!({"gains": d.gains, "margins": d.margins, "response": d.figures});
+    let one = |d: &Done| json!({"gains": d.gains, "margins": d.margins, "response": d.figures, "task_error_s": d.task_error_s});
     json!({"loop": t.axis.name(), "tried": t.tried, "crazyflie_ros": one(&t.stock), "table_7_1": one(&t.thesis), "tuned": one(&t.found)})
 }
 
 fn table(tuned: &[Tuned]) -> Table {
-    let header = ["loop", "gains", "Kp", "Ki", "Kd", "phase margin", "gain margin", "delay margin", "overshoot", "settled", "error"];
+    let header =
+        ["loop", "gains", "Kp", "Ki", "Kd", "phase margin", "gain margin", "delay margin", "overshoot", "settled", "error", "in the task"];
     let mut table = Table::new(&header).left(&[1]);
     let or_none = |value: f64, decimals: usize, unit: &str| {
         if value.is_finite() { format!("{} {unit}", number(value, decimals)) } else { "-".into() }
@@ -126,6 +127,7 @@ fn table(tuned: &[Tuned]) -> Table {
                 format!("{} %", number(100.0 * d.figures.overshoot, 1)),
                 d.figures.settling_s.map_or("never".into(), |s| format!("{} s", number(s, 2))),
                 format!("{} s", number(d.figures.error_s, 2)),
+                d.task_error_s.map_or("-".into(), |s| format!("{} s", number(s, 2))),
             ]);
         }
     }

@@ -87,7 +87,8 @@ fn product(a: &[f64], b: &[f64]) -> Vec<f64> {
 pub(crate) struct Margins {
     /// At the worst crossing; negative where the loop is unstable.
     pub phase_deg: f64,
-    /// Infinite where the phase never reaches -180 degrees; negative where the loop is unstable.
+    /// The least that the gain can grow by; negative for an unstable loop that less gain would help, infinite where the phase never falls through -180
+    /// degrees.
     pub gain_db: f64,
     /// More dead time than there is.
     pub delay_ms: f64,

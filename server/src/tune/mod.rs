@@ -34,6 +34,7 @@ pub(crate) struct Done {
     pub margins: Margins,
     pub figures: Figures,
     pub response: Response,
+    pub task_error_s: Option<f64>,
 }
 
 /// One loop with each of the gains that are compared.
@@ -69,7 +70,7 @@ pub(crate) fn tune(flown: &Flown<'_>, wanted: &Wanted, done: &dyn Fn(Axis)) -> R
             continue;
         }
         let (best, tried) = search(flown, wanted, &gains, axis)?;
-        *of_mut(&mut gains, axis) = best;
+        gains = with_loop(&gains, axis, best);
         // each loop of the others in the same company, so that loops are compared and nothing else
         let with = |table: &Gains| judge(flown, wanted, &with_loop(&gains, axis, *of(table, axis)), axis);
         all.push(Tuned { axis, stock: with(&stock)?, thesis: with(&thesis)?, found: with(&gains)?, tried });
@@ -87,26 +88,21 @@ fn of(gains: &Gains, axis: Axis) -> &Loop {
     }
 }
 
-fn of_mut(gains: &mut Gains, axis: Axis) -> &mut Loop {
-    match axis {
-        Axis::X => &mut gains.x,
-        Axis::Y => &mut gains.y,
-        Axis::Z => &mut gains.z,
-        Axis::Yaw => &mut gains.yaw,
-    }
-}
-
+/// With another loop. What is tried in x is tried in y as well, until y has its turn: a flight is no better than the worse of the two.
 fn with_loop(gains: &Gains, axis: Axis, new: Loop) -> Gains {
-    let mut changed = *gains;
-    *of_mut(&mut changed, axis) = new;
-    changed
+    match axis {
+        Axis::X => Gains { x: new, y: new, ..*gains },
+        Axis::Y => Gains { y: new, ..*gains },
+        Axis::Z => Gains { z: new, ..*gains },
+        Axis::Yaw => Gains { yaw: new, ..*gains },
+    }
 }
 
 fn judge(flown: &Flown<'_>, wanted: &Wanted, gains: &Gains, axis: Axis) -> Result<Done, Error> {
     let plant = Plant::of(flown.model, flown.vertical, axis)?;
     let response = flown.response(gains, axis)?;
-    let own = *of(gains, axis);
-    Ok(Done { gains: own, margins: margins(&plant, &own, wanted.dead_time_s), figures: response.figures(axis), response })
+    let (own, task_error_s) = (*of(gains, axis), flown.task_error_s(gains, axis)?);
+    Ok(Done { gains: own, margins: margins(&plant, &own, wanted.dead_time_s), figures: response.figures(axis), response, task_error_s })
 }
 
 /// The gains of one loop that cost least, and how many were tried.
@@ -121,11 +117,10 @@ fn search(flown: &Flown<'_>, wanted: &Wanted, gains: &Gains, axis: Axis) -> Resu
     let cost = |point: &DVector<f64>| {
         let own = at(point);
         let margins = margins(&plant, &own, wanted.dead_time_s);
-        match flown.response(&with_loop(gains, axis, own), axis) {
-            Ok(response) => price(wanted, &margins, &response, axis),
-            // gains that cannot be flown are the worst; the flight at the end says what is wrong
-            Err(_) => f64::MAX,
-        }
+        let gains = with_loop(gains, axis, own);
+        let flights = flown.response(&gains, axis).and_then(|response| Ok((response, flown.task_error_s(&gains, axis)?)));
+        // gains that cannot be flown are the worst; the flight at the end says what is wrong
+        flights.map_or(f64::MAX, |(response, task_error_s)| price(wanted, &margins, &response, axis) + task_error_s.unwrap_or(0.0))
     };
     let options = CMAESOptions::new(vec![0.0; 3], 0.35).population_size(POPULATION).max_generations(GENERATIONS).seed(SEED);
     let mut search = options.build(cost).map_err(|e| Error::Config(format!("the search cannot begin: {e:?}")))?;
@@ -138,8 +133,8 @@ fn search(flown: &Flown<'_>, wanted: &Wanted, gains: &Gains, axis: Axis) -> Resu
 fn price(wanted: &Wanted, margins: &Margins, response: &Response, axis: Axis) -> f64 {
     let f = response.figures(axis);
     let over = (f.overshoot - wanted.overshoot).max(0.0);
-    let phase = (wanted.phase_deg - margins.phase_deg).max(0.0).min(180.0);
-    let gain = (wanted.gain_db - margins.gain_db).max(0.0).min(40.0);
+    let phase = (wanted.phase_deg - margins.phase_deg).clamp(0.0, 180.0);
+    let gain = (wanted.gain_db - margins.gain_db).clamp(0.0, 40.0);
     f.error_s + 20.0 * over + 0.1 * phase + 0.2 * gain + 0.05 * response.travel_per_s
 }
 

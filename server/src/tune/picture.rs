@@ -8,7 +8,7 @@ use super::{Axis, Tuned};
 /// Those of drawing.
 pub(crate) fn picture(tuned: &[Tuned], title: &str) -> Result<String, PictureError> {
     let titles: Vec<String> = tuned.iter().map(heading).collect();
-    let scaled: Vec<Vec<Vec<f64>>> = tuned.iter().map(|t| curves(t)).collect();
+    let scaled: Vec<Vec<Vec<f64>>> = tuned.iter().map(curves).collect();
     let panels: Vec<Panel> = tuned
         .iter()
         .zip(&titles)

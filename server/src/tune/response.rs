@@ -22,7 +22,7 @@ pub(crate) struct Flown<'a> {
     pub model: &'a Model,
     pub vertical: VerticalInput,
     pub effects: EffectTable,
-    /// A task or flight, or a step of each axis.
+    /// A task or flight whose error counts besides that of a step of each axis.
     pub task: Option<&'static Scenario>,
     pub seeds: Vec<u64>,
 }
@@ -78,25 +78,44 @@ pub(crate) fn controller(gains: &Gains) -> Result<Chosen, Error> {
 }
 
 impl Flown<'_> {
-    fn setup(&self, gains: &Gains, axis: Axis) -> Result<Setup, Error> {
-        let scenario = self.task.map_or_else(|| Scenario::named("hover-70cm"), Ok)?;
+    fn setup(&self, gains: &Gains, scenario: &'static Scenario, steps: Option<Value>) -> Result<Setup, Error> {
         Ok(Setup {
             model: self.model.clone(),
             scenario,
-            task_options: self.task.is_none().then(|| step(axis).0),
+            seconds: if steps.is_some() { STEP_S + WATCHED_S } else { scenario.seconds },
+            task_options: steps,
             controller: controller(gains)?,
             effects: self.effects.clone(),
             vertical: self.vertical,
-            seconds: if self.task.is_some() { scenario.seconds } else { STEP_S + WATCHED_S },
         })
     }
 
-    /// Flies an axis.
+    /// The answer to a step of an axis.
     ///
     /// # Errors
     /// Those of the flight.
     pub(crate) fn response(&self, gains: &Gains, axis: Axis) -> Result<Response, Error> {
-        Ok(mean(&fly(&self.setup(gains, axis)?, &self.seeds)?, axis))
+        let setup = self.setup(gains, Scenario::named("hover-70cm")?, Some(step(axis).0))?;
+        Ok(mean(&fly(&setup, &self.seeds)?, axis))
+    }
+
+    /// Time integral of the absolute error of an axis in the task, in steps and per as many seconds as a step is watched; a flight that ends early goes on
+    /// as it ended.
+    ///
+    /// # Errors
+    /// Those of the flight.
+    pub(crate) fn task_error_s(&self, gains: &Gains, axis: Axis) -> Result<Option<f64>, Error> {
+        let Some(task) = self.task else { return Ok(None) };
+        let setup = self.setup(gains, task, None)?;
+        let ([state, setpoint, _], size) = (places(axis), step(axis).1);
+        let flights = fly(&setup, &self.seeds)?;
+        let of = |trace: &Trace| {
+            let errors: Vec<f64> = trace.rows.iter().map(|r| f64::from((r.state[state] - r.observation[setpoint]).abs())).collect();
+            let missing = setup.seconds - errors.len() as f64 * trace.tick_s;
+            errors.iter().sum::<f64>() * trace.tick_s + errors.last().copied().unwrap_or(0.0) * missing.max(0.0)
+        };
+        let all: f64 = flights.iter().map(of).sum();
+        Ok(Some(all / (flights.len().max(1) as f64 * size) * WATCHED_S / setup.seconds))
     }
 }
 
@@ -123,7 +142,7 @@ fn mean(traces: &[Trace], axis: Axis) -> Response {
 }
 
 impl Response {
-    /// Of the step of an axis, or of a task's flight in units of 50 cm (of 30 degrees for the heading).
+    /// Of the step of an axis.
     pub(crate) fn figures(&self, axis: Axis) -> Figures {
         let size = step(axis).1;
         let dt_s = self.t_s.get(1).copied().unwrap_or(1.0);
