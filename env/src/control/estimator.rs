@@ -6,38 +6,10 @@
 //! Applications to Tracking and Navigation, 2001, ch. 11). Per axis: position, velocity, and an acceleration that nothing explains, a random walk, which
 //! takes the error of a tilted IMU.
 
-use serde::{Deserialize, Serialize};
-
+use super::belief::{Belief, Noise};
 use crate::model::{Model, Vertical, VerticalInput};
 use crate::observation::{OBSERVATION, wrap};
 use crate::real::{Real, tabulate};
-
-/// What the filter believes of its sensors: standard deviations.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Belief {
-    /// Of a fix from 70 cm: sideways, in height, in heading.
-    pub xy_m: f64,
-    pub z_m: f64,
-    pub yaw_deg: f64,
-    /// Of what the accelerations miss in a second: as white noise, in m/s after 1 s, and as a bias that wanders, in m/s^2 after 1 s.
-    pub white_mps: f64,
-    pub bias_mps2: f64,
-    /// Of the heading's drift after a second.
-    pub yaw_drift_deg: f64,
-    /// A fix that is so many standard deviations off, over its three axes together, is an outlier.
-    pub gate: f64,
-}
-
-impl Default for Belief {
-    fn default() -> Self {
-        Belief { xy_m: 0.005, z_m: 0.01, yaw_deg: 1.0, white_mps: 0.03, bias_mps2: 0.1, yaw_drift_deg: 1.0, gate: 4.5 }
-    }
-}
-
-/// What each number of a [`Belief`] means, for the registry.
-pub(super) const BELIEF: &str = "what the filter believes, as standard deviations: of a fix from 70 cm xy_m, z_m, yaw_deg; of the IMU over a second white_mps, \
-     bias_mps2, yaw_drift_deg; beyond gate of them a fix is an outlier";
 
 /// Ticks of history: a fix older than this is of no use. At 50 Hz 0.24 s, twice the longest latency that the simulator has.
 const HISTORY: usize = 12;
@@ -88,33 +60,14 @@ pub struct Estimator<R: Real> {
     fresh: R::Mask,
 }
 
-/// A [`Belief`] as variances.
-#[derive(Debug, Clone, Copy)]
-struct Noise {
-    fix: [f64; 2],
-    yaw: f64,
-    white: f64,
-    bias: f64,
-    drift: f64,
-    gate: f64,
-}
-
 impl<R: Real> Estimator<R> {
     /// For the declared model, asked every `tick_s` seconds.
     pub fn new(model: &Model, input: VerticalInput, tick_s: f64, belief: &Belief) -> Self {
-        let square = |v: f64| v * v;
         let (zero, none) = (R::zero(), R::nothing());
         // a first-order form's velocity jumps at the start of a tick and holds
         let jumps = matches!(model.vertical(input), Ok(Vertical::FirstOrder { .. }));
         Estimator {
-            noise: Noise {
-                fix: [square(belief.xy_m), square(belief.z_m)],
-                yaw: square(belief.yaw_deg.to_radians()),
-                white: square(belief.white_mps),
-                bias: square(belief.bias_mps2),
-                drift: square(belief.yaw_drift_deg.to_radians()),
-                gate: square(belief.gate),
-            },
+            noise: Noise::of(belief),
             tick_s,
             gravity_mps2: model.lateral.gravity.value,
             carry: [0.5, 0.5, if jumps { 1.0 } else { 0.5 }],

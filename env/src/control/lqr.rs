@@ -3,7 +3,7 @@
 use nalgebra::SVector;
 use serde::{Deserialize, Serialize};
 
-use super::estimator::{BELIEF, Belief};
+use super::belief::{BELIEF, Belief};
 use super::observer::{Discrete, Observer, costs};
 use super::riccati::regulator;
 use super::{Batch, Entry, Law, Mode, Site, defaults};

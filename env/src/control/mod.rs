@@ -2,6 +2,7 @@
 //! here plus one line in [`registry`]; command line, benchmark and Python read the registry.
 
 mod batch;
+mod belief;
 mod chosen;
 mod estimator;
 mod gains;
@@ -26,8 +27,9 @@ use crate::model::Model;
 use crate::observation::Interface;
 
 pub use batch::{Batch, Law};
+pub use belief::Belief;
 pub use chosen::{Chosen, choose};
-pub use estimator::{Belief, Estimate, Estimator};
+pub use estimator::{Estimate, Estimator};
 
 /// A controller of a batch of environments. What it answers to a row depends on that environment's rows alone: not on the others, nor on how many
 /// there are, to the bit.

@@ -2,7 +2,8 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::estimator::{Belief, Estimate, Estimator};
+use super::belief::Belief;
+use super::estimator::{Estimate, Estimator};
 use super::landing::Landing;
 use super::{Mode, Site};
 use crate::error::Result;

@@ -2,7 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::estimator::{BELIEF, Belief, Estimate, Estimator};
+use super::belief::{BELIEF, Belief};
+use super::estimator::{Estimate, Estimator};
 use super::landing::Landing;
 use super::{Batch, Entry, Law, Mode, Site, defaults};
 use crate::error::Result;
