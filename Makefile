@@ -3,14 +3,14 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 CARGO ?= cargo
-.PHONY: demo test bench docs format clean
+.PHONY: demo test test-torch bench docs format clean
 
 demo: $(VENV)/.demo
 	mkdir -p out
 	$(BIN)/crazyflie fly --task fly-80cm --rig lab --picture out/flight.svg --picture3d out/path.svg --csv out/flight.csv
 	$(BIN)/crazyflie replay out/flight.csv --picture out/replay.svg
 	$(BIN)/crazyflie scorecard > out/scorecard.txt
-	cd out && ../$(BIN)/python ../examples/fly_pid.py
+	cd out && ../$(BIN)/python ../examples/1_fly.py
 	@echo "pictures and tables are in out/"
 
 test: $(VENV)/.test
@@ -25,9 +25,15 @@ test: $(VENV)/.test
 	sh tests/chromium.sh
 	$(BIN)/python -m pytest -q
 
+# torch comes with 5 GB of CUDA: what needs it is tested apart
+test-torch: $(VENV)/.test
+	$(BIN)/python -m pip install --quiet ".[test,sb3,rllib]"
+	$(BIN)/python -m pytest -q tests/python -k "sb3 or rllib"
+
 bench: $(VENV)/.bench
 	$(CARGO) bench -p crazyflie-env
 	$(BIN)/python python_client/bench.py
+	$(BIN)/python python_client/bench_training.py
 
 docs: $(VENV)/.demo
 	$(BIN)/crazyflie effects --markdown > docs/effects.md
@@ -49,7 +55,7 @@ $(VENV)/.test: $(BIN)/python $(SOURCES)
 	touch $@ $(VENV)/.demo
 
 $(VENV)/.bench: $(BIN)/python $(SOURCES)
-	$(BIN)/python -m pip install --quiet ".[bench]"
+	$(BIN)/python -m pip install --quiet ".[bench,train]"
 	touch $@ $(VENV)/.demo
 
 format:

@@ -7,6 +7,8 @@ pub enum Error {
     Shape { what: &'static str, want: String, got: String },
     #[error("actions[{env}][{axis}] is {value}, expected a number from -1 to 1")]
     Action { env: usize, axis: usize, value: f32 },
+    #[error("actions[{world}][{drone}][{axis}] is {value}, expected a number from -1 to 1")]
+    DroneAction { world: usize, drone: usize, axis: usize, value: f32 },
     #[error("unknown {what} {name:?}{hint}; known: {known}")]
     Unknown { what: &'static str, name: String, hint: String, known: String },
     #[error("{name} is {value}, expected {want}")]

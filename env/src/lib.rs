@@ -1,6 +1,7 @@
 //! The Crazyflie that the TU Darmstadt thesis identified, as a fast, vectorised environment.
 //!
-//! One way for data: [`model`] -> [`effects`] -> [`world`] -> [`task`] -> [`vector`]. No input or output, no clock, no Python here.
+//! One way for data: [`model`] -> [`effects`] -> [`world`] -> [`task`] -> [`vector`] for one drone each, or [`swarm`] for several that share
+//! the air. No input or output, no clock, no Python here.
 
 pub mod config;
 pub mod control;
@@ -18,8 +19,10 @@ pub mod noise;
 pub mod observation;
 pub mod plant;
 pub mod real;
+mod rows;
 pub mod schedule;
 pub mod simulated;
+pub mod swarm;
 pub mod task;
 mod team;
 pub mod vector;

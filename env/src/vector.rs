@@ -2,6 +2,8 @@
 //!
 //! Environment `i` is the same whatever the size of the batch: an episode is a function of its seed, its number and its actions.
 
+mod buffers;
+
 use std::marker::PhantomData;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -17,20 +19,16 @@ use crate::noise::episode_key;
 use crate::observation::{ACTION, Interface, OBSERVATION, Reach, observe};
 use crate::plant::{Command, State};
 use crate::real::Real;
+use crate::rows::{first_bad_action, flags, lanes_of, shape, state_row, write, write_lane};
 use crate::schedule::Schedule;
 use crate::simulated::Batched;
 use crate::task::{self, GOAL, Situation, Task, Visitor};
 use crate::team::Team;
 use crate::world::{GROUP, Settings, Tick, World};
 
-/// Numbers per true state: position, velocity, attitude, rates.
-pub const STATE: usize = 12;
+use buffers::{Buffers, Rest, Rows};
 
-/// # Errors
-/// [`Error::Shape`] unless `got == want`.
-pub(crate) fn shape(what: &'static str, want: usize, got: usize) -> Result<()> {
-    if want == got { Ok(()) } else { Err(Error::Shape { what, want: format!("{want} numbers"), got: got.to_string() }) }
-}
+pub use crate::rows::STATE;
 
 /// The caller's buffers for the results of a step, one row per environment.
 #[derive(Debug)]
@@ -40,14 +38,6 @@ pub struct Out<'a> {
     pub rewards: &'a mut [f32],
     pub terminated: &'a mut [bool],
     pub truncated: &'a mut [bool],
-}
-
-/// The same for a whole tile.
-struct Rows<'a> {
-    observations: &'a mut [f32; LANES * OBSERVATION],
-    rewards: &'a mut [f32; LANES],
-    terminated: &'a mut [bool; LANES],
-    truncated: &'a mut [bool; LANES],
 }
 
 /// What the vector environment remembers of a tile besides its world.
@@ -272,62 +262,10 @@ trait Part: Send {
     fn last_of_episode(&self, env: usize) -> Option<(&[f32], &[f32])>;
 }
 
-#[inline(always)]
-fn state_row<R: Real>(x: &State<R>) -> [R; STATE] {
-    let ([a, b, c], [d, e, f], [g, h, i], [j, k, l]) = (x.pos_m, x.vel_mps, x.att_rad, x.rate_radps);
-    [a, b, c, d, e, f, g, h, i, j, k, l]
-}
-
-/// The first action that is not a number from -1 to 1.
-#[inline(always)]
-fn first_bad_action(actions: &[f32]) -> Option<usize> {
-    // the larger of two sizes is the one of larger bits, and those of NaN are larger than any
-    let mut largest = 0;
-    for action in actions {
-        largest = largest.max(action.to_bits() & 0x7fff_ffff);
-    }
-    if largest <= 1.0_f32.to_bits() { None } else { actions.iter().position(|a| !(-1.0..=1.0).contains(a)) }
-}
-
 impl Bits {
     fn new(left: usize) -> Self {
         Bits { ended: 0, used: if left >= LANES { u16::MAX } else { (1 << left) - 1 } }
     }
-}
-
-/// Lanes as rows: as many as `rows` has room for.
-#[inline(always)]
-fn write<R: Batched, const N: usize>(values: &[R; N], rows: &mut [f32]) {
-    if rows.len() == LANES * N {
-        return R::write(values, rows);
-    }
-    for (lane, row) in rows.chunks_exact_mut(N).enumerate() {
-        write_lane(values, lane, row);
-    }
-}
-
-/// One lane as a row.
-#[inline(always)]
-fn write_lane<R: Batched, const N: usize>(values: &[R; N], lane: usize, row: &mut [f32]) {
-    for (slot, value) in row.iter_mut().zip(values) {
-        *slot = value.array()[lane];
-    }
-}
-
-/// Bits as truth values; mostly there are none.
-#[inline(always)]
-fn flags(bits: u32, out: &mut [bool; LANES]) {
-    *out = [false; LANES];
-    if bits != 0 {
-        for lane in lanes_of(bits) {
-            out[lane] = true;
-        }
-    }
-}
-
-/// The lanes whose bit is set.
-fn lanes_of(bits: u32) -> impl Iterator<Item = usize> {
-    (0..LANES).filter(move |lane| bits >> lane & 1 == 1)
 }
 
 /// What a shard is made of, for the task that is asked for.
@@ -488,7 +426,7 @@ impl<R: Batched, T: Task> Shard<R, T> {
                     actions[i] = R::read4(buffers.actions(first + i));
                     commands[i] = pace.reach.command(&actions[i]);
                 }
-                self.world.step_group(first, &commands[..n], &mut ticks[..n]);
+                self.world.step_group(first, &commands[..n], None, &mut ticks[..n]);
                 for i in 0..n {
                     self.judge(rules, &pace, first + i, &actions[i], &ticks[i], buffers.rows(first + i));
                 }
@@ -568,78 +506,4 @@ impl Rules {
 struct Pace<R> {
     reach: Reach<R>,
     last_s: R,
-}
-
-/// A step's buffers by tiles. A last tile of fewer than sixteen environments is stepped in buffers of its own.
-struct Buffers<'a> {
-    actions: &'a [[f32; LANES * ACTION]],
-    observations: &'a mut [[f32; LANES * OBSERVATION]],
-    rewards: &'a mut [[f32; LANES]],
-    terminated: &'a mut [[bool; LANES]],
-    truncated: &'a mut [[bool; LANES]],
-    /// Where the last tile's results go.
-    last: Out<'a>,
-    rest: &'a mut Rest,
-}
-
-struct Rest {
-    actions: [f32; LANES * ACTION],
-    observations: [f32; LANES * OBSERVATION],
-    rewards: [f32; LANES],
-    terminated: [bool; LANES],
-    truncated: [bool; LANES],
-}
-
-impl Rest {
-    fn new(actions: &[f32]) -> Self {
-        let (_, actions) = actions.as_chunks::<{ LANES * ACTION }>();
-        let mut rest = Rest {
-            actions: [0.0; LANES * ACTION],
-            observations: [0.0; LANES * OBSERVATION],
-            rewards: [0.0; LANES],
-            terminated: [false; LANES],
-            truncated: [false; LANES],
-        };
-        rest.actions[..actions.len()].copy_from_slice(actions);
-        rest
-    }
-}
-
-impl<'a> Buffers<'a> {
-    fn new(actions: &'a [f32], out: Out<'a>, rest: &'a mut Rest) -> Self {
-        let (observations, last_observations) = out.observations.as_chunks_mut();
-        let (rewards, last_rewards) = out.rewards.as_chunks_mut();
-        let (terminated, last_terminated) = out.terminated.as_chunks_mut();
-        let (truncated, last_truncated) = out.truncated.as_chunks_mut();
-        let last = Out { observations: last_observations, rewards: last_rewards, terminated: last_terminated, truncated: last_truncated };
-        Buffers { actions: actions.as_chunks().0, observations, rewards, terminated, truncated, last, rest }
-    }
-
-    #[inline(always)]
-    fn actions(&self, tile: usize) -> &[f32; LANES * ACTION] {
-        self.actions.get(tile).unwrap_or(&self.rest.actions)
-    }
-
-    #[inline(always)]
-    fn rows(&mut self, tile: usize) -> Rows<'_> {
-        if tile == self.observations.len() {
-            let Rest { observations, rewards, terminated, truncated, .. } = &mut *self.rest;
-            return Rows { observations, rewards, terminated, truncated };
-        }
-        Rows {
-            observations: &mut self.observations[tile],
-            rewards: &mut self.rewards[tile],
-            terminated: &mut self.terminated[tile],
-            truncated: &mut self.truncated[tile],
-        }
-    }
-
-    /// Hands over the last tile's results.
-    fn finish(self) {
-        let Out { observations, rewards, terminated, truncated } = self.last;
-        observations.copy_from_slice(&self.rest.observations[..observations.len()]);
-        rewards.copy_from_slice(&self.rest.rewards[..rewards.len()]);
-        terminated.copy_from_slice(&self.rest.terminated[..terminated.len()]);
-        truncated.copy_from_slice(&self.rest.truncated[..truncated.len()]);
-    }
 }

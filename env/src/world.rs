@@ -5,7 +5,7 @@ mod fitting;
 use std::slice::{from_mut, from_ref};
 
 use crate::config::{EffectTable, Number, Ranged, numbers};
-use crate::effects::{self, Body, Cx, Fix, Frame, Reading, Stage, Tiles};
+use crate::effects::{self, Body, Cx, Fix, Frame, Neighbour, Reading, Stage, Tiles};
 use crate::error::{Error, Result};
 use crate::model::{Model, Vertical, VerticalInput};
 use crate::noise::{Draw, Keys};
@@ -67,6 +67,15 @@ pub struct Contact<R: Real> {
 pub struct Tick<R: Real> {
     pub contact: Contact<R>,
     pub reading: Reading<R>,
+}
+
+/// What surrounds a drone that is not alone: who is near, and what pulls it besides its effects.
+#[derive(Debug, Clone, Copy)]
+pub struct Around<'a, R> {
+    /// See [`Cx::neighbours`] and [`Cx::own`].
+    pub neighbours: &'a [Neighbour<R>],
+    pub own: usize,
+    pub push: Push<R>,
 }
 
 /// Times as numbers of the lanes, ready for use.
@@ -210,6 +219,21 @@ impl<R: Simulated> World<R> {
         &self.states[tile]
     }
 
+    /// Acceleration of a tile over the last physics step.
+    #[inline(always)]
+    pub fn acc_mps2(&self, tile: usize) -> &[R; 3] {
+        &self.tiles[tile].acc_mps2
+    }
+
+    /// Put the lanes of `mask` at rest where they were in `x`: what is broken stays where it broke.
+    #[inline(always)]
+    pub fn halt(&mut self, tile: usize, mask: R::Mask, x: &State<R>) {
+        let none = [R::zero(); 3];
+        let still = State { vel_mps: none, rate_radps: none, aux: [x.aux[0], R::zero()], ..*x };
+        self.states[tile] = self.states[tile].merge(mask, &still);
+        self.tiles[tile].acc_mps2 = merge(mask, self.tiles[tile].acc_mps2, none);
+    }
+
     /// Time since each lane's episode began.
     #[inline(always)]
     pub fn time_s(&self, tile: usize) -> R {
@@ -238,8 +262,16 @@ impl<R: Simulated> World<R> {
 
     /// Begin episodes in the lanes of `mask` from the state `x`, with the command `u` in force until now. The reading holds for those lanes
     /// only.
-    #[inline(always)]
+    #[inline(never)]
     pub fn start(&mut self, tile: usize, mask: R::Mask, x: &State<R>, u: &Command<R>) -> Reading<R> {
+        R::run(
+            #[inline(always)]
+            || self.start_now(tile, mask, x, u),
+        )
+    }
+
+    #[inline(always)]
+    fn start_now(&mut self, tile: usize, mask: R::Mask, x: &State<R>, u: &Command<R>) -> Reading<R> {
         let (t, age) = (&mut self.tiles[tile], &mut self.ages[tile]);
         let x = self.states[tile].merge(mask, x);
         self.states[tile] = x;
@@ -249,7 +281,19 @@ impl<R: Simulated> World<R> {
         let (draw, tick_s) = (age.draw(), self.tick_s);
         let t_s = age.ticks * self.times.tick_s;
         let (clock, voltage_v) = (self.clocks[tile], self.voltage_v.as_ref());
-        let cx = Cx { body: &self.body, h_s: tick_s, tick_s, since_tick_s: 0.0, t_s, first: true, draw: &draw, clock, voltage_v };
+        let cx = Cx {
+            body: &self.body,
+            h_s: tick_s,
+            tick_s,
+            since_tick_s: 0.0,
+            t_s,
+            first: true,
+            draw: &draw,
+            clock,
+            voltage_v,
+            neighbours: &[],
+            own: 0,
+        };
         for stage in &mut self.stages {
             stage.start(tile, mask, &cx, &x, u);
         }
@@ -277,7 +321,7 @@ impl<R: Simulated> World<R> {
             return self.step_plain(tile, command);
         }
         let mut tick = Tick::none();
-        self.step_group(tile, from_ref(command), from_mut(&mut tick));
+        self.step_group(tile, from_ref(command), None, from_mut(&mut tick));
         tick
     }
 
@@ -303,12 +347,21 @@ impl<R: Simulated> World<R> {
         Tick { contact, reading: Reading::of(&next, specific_mps2, Fix::ideal(&next, age.ticks * self.times.tick_s)) }
     }
 
-    /// One control tick of the tiles from `first` on, as many as there are commands, at most [`GROUP`].
+    /// One control tick of the tiles from `first` on, as many as there are commands, at most [`GROUP`]; `around` says who is near.
     ///
     /// # Panics
     /// Unless there are as many `ticks` as commands.
+    // one copy for all tasks: a call is nothing beside what it does
+    #[inline(never)]
+    pub fn step_group(&mut self, first: usize, commands: &[Command<R>], around: Option<&[Around<'_, R>; GROUP]>, ticks: &mut [Tick<R>]) {
+        R::run(
+            #[inline(always)]
+            || self.step_group_now(first, commands, around, ticks),
+        );
+    }
+
     #[inline(always)]
-    pub fn step_group(&mut self, first: usize, commands: &[Command<R>], ticks: &mut [Tick<R>]) {
+    fn step_group_now(&mut self, first: usize, commands: &[Command<R>], around: Option<&[Around<'_, R>; GROUP]>, ticks: &mut [Tick<R>]) {
         let n = commands.len().min(GROUP);
         assert!(n > 0 && ticks.len() == n);
         let World { body, plant, states, ages, tiles, clocks, stages, order, times, group, voltage_v, disturbance, .. } = self;
@@ -323,7 +376,11 @@ impl<R: Simulated> World<R> {
             clocks[first + i] += 1;
             ticks[i].contact = Contact::none();
             group.captured[i] = R::nothing();
-            group.push[i] = undisturbed;
+            group.push[i] = around.map_or(
+                undisturbed,
+                #[inline(always)]
+                |a| a[i].push,
+            );
             group.u[i] = commands[i];
         }
         // of the last tile where there are fewer
@@ -331,6 +388,11 @@ impl<R: Simulated> World<R> {
         let draws = [ages[0].draw(), ages[b].draw()];
         let now = Now { body, h_s, tick_s, times, voltage_v: voltage_v.as_ref() };
         let mut cx = [now.cx(&ages[0], &draws[0], clocks[first]), now.cx(&ages[b], &draws[1], clocks[first + b])];
+        if let Some(around) = around {
+            for (cx, around) in cx.iter_mut().zip(around) {
+                (cx.neighbours, cx.own) = (around.neighbours, around.own);
+            }
+        }
         for step in 1..=self.steps_per_tick {
             if commanding {
                 group.u[..n].copy_from_slice(&commands[..n]);
@@ -341,7 +403,11 @@ impl<R: Simulated> World<R> {
             }
             if pushing {
                 for i in 0..n {
-                    group.push[i] = undisturbed;
+                    group.push[i] = around.map_or(
+                        undisturbed,
+                        #[inline(always)]
+                        |a| a[i].push,
+                    );
                     group.middle[i] = states[i].ahead(&tiles[i].acc_mps2, 0.5 * h_s);
                 }
                 let of = Tiles { first, cx: &cx[..n], x: &group.middle[..n], u: &group.u[..n] };
@@ -413,7 +479,7 @@ impl<'a, R: Real> Now<'a, R> {
     #[inline(always)]
     fn cx(&self, age: &Age<R>, draw: &'a Draw<'a, R>, clock: usize) -> Cx<'a, R> {
         let Now { body, h_s, tick_s, times, voltage_v } = *self;
-        Cx { body, h_s, tick_s, since_tick_s: 0.0, t_s: age.began_s(times), first: true, draw, clock, voltage_v }
+        Cx { body, h_s, tick_s, since_tick_s: 0.0, t_s: age.began_s(times), first: true, draw, clock, voltage_v, neighbours: &[], own: 0 }
     }
 }
 

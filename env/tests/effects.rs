@@ -1,13 +1,13 @@
 //! Every effect of the registry: off means nothing, on means something, and what it means.
 
 use crazyflie_env::config::{EffectTable, Options};
-use crazyflie_env::effects::registry;
+use crazyflie_env::effects::{Neighbour, registry};
 use crazyflie_env::lanes::Lanes;
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::noise::episode_key;
-use crazyflie_env::plant::{Command, State};
+use crazyflie_env::plant::{Command, Push, State};
 use crazyflie_env::simulated::Simulated;
-use crazyflie_env::world::{Settings, World};
+use crazyflie_env::world::{Around, GROUP, Settings, Tick, World};
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 
@@ -32,7 +32,7 @@ fn fly<R: Simulated>(effects: &EffectTable, physics_hz: Option<u32>, seconds: f6
                 yaw_rate_radps: R::of(0.8 * libm::sin(0.9 * t)),
                 lift: R::of(39_500.0 + 1500.0 * libm::sin(1.7 * t)),
             };
-            let y = world.step(0, &u).reading;
+            let y = step_below_another(&mut world, &u).reading;
             let x = world.state(0);
             let mut row: Vec<f64> = [x.pos_m, x.vel_mps, x.att_rad, x.rate_radps].iter().flatten().map(|v| v.lane(0)).collect();
             let m = &y.marker;
@@ -41,6 +41,18 @@ fn fly<R: Simulated>(effects: &EffectTable, physics_hz: Option<u32>, seconds: f6
             row
         })
         .collect()
+}
+
+/// A step with another drone a quarter of a metre above, for the effects that feel one.
+fn step_below_another<R: Simulated>(world: &mut World<R>, u: &Command<R>) -> Tick<R> {
+    let x = *world.state(0);
+    let own = Neighbour { pos_m: x.pos_m, vel_mps: x.vel_mps, here: R::of(1.0) };
+    let above = Neighbour { pos_m: [x.pos_m[0], x.pos_m[1], x.pos_m[2] + R::of(0.25)], ..own };
+    let drones = [own, above];
+    let around = Around { neighbours: &drones, own: 0, push: Push::none() };
+    let mut tick = Tick::none();
+    world.step_group(0, std::slice::from_ref(u), Some(&[around; GROUP]), std::slice::from_mut(&mut tick));
+    tick
 }
 
 fn difference(a: &[Vec<f64>], b: &[Vec<f64>]) -> f64 {
@@ -302,7 +314,7 @@ fn noise_has_its_size_and_grows_with_distance() {
 
 #[test]
 fn every_parameter_says_what_it_is() {
-    let units = ["1", "s", "deg", "deg/s", "1/s", "1/m", "m", "m/s^2", "kg", "ohm", "rad/(m s)", "deg/s/sqrt(s)", "m/s^2/rad"];
+    let units = ["N", "1", "s", "deg", "deg/s", "1/s", "1/m", "m", "m/s^2", "kg", "ohm", "rad/(m s)", "deg/s/sqrt(s)", "m/s^2/rad"];
     for entry in registry() {
         assert!(!entry.about.is_empty() && entry.source.len() > 5 && !entry.params.is_empty(), "{}", entry.name);
         for p in entry.params {

@@ -7,6 +7,7 @@ mod picture;
 mod registry;
 mod remote;
 mod sim;
+mod swarm;
 
 /// The simulator in Rust. Use it through the package `crazyflie_gym`.
 #[pyo3::pymodule]
@@ -21,4 +22,6 @@ mod _native {
     use crate::remote::Remote;
     #[pymodule_export]
     use crate::sim::{Interface, Sim};
+    #[pymodule_export]
+    use crate::swarm::{Crowd, Swarm, metrics, missions};
 }

@@ -56,8 +56,8 @@ impl<L: Law<Lanes>> Controller for Batch<L> {
 /// # Errors
 /// [`crate::Error::Shape`] unless both hold a row per environment.
 pub(super) fn check(envs: usize, observations: &[f32], actions: &[f32]) -> Result<()> {
-    crate::vector::shape("observations", envs * OBSERVATION, observations.len())?;
-    crate::vector::shape("actions", envs * ACTION, actions.len())
+    crate::rows::shape("observations", envs * OBSERVATION, observations.len())?;
+    crate::rows::shape("actions", envs * ACTION, actions.len())
 }
 
 /// The lanes of a tile whose environments `of` names.

@@ -7,6 +7,7 @@
 //! takes the error of a tilted IMU.
 
 use super::belief::{Belief, Noise};
+use super::glide::{Axis, START, Spread, glide, overlap, widened};
 use crate::model::{Model, Vertical, VerticalInput};
 use crate::observation::{OBSERVATION, wrap};
 use crate::real::{Real, tabulate};
@@ -27,12 +28,6 @@ pub struct Estimate<R> {
     /// Acceleration that the attitude does not explain: what the accelerometer shows of pushes, and the filter's own.
     pub push_mps2: [R; 3],
 }
-
-/// Of one axis: position, velocity, unexplained acceleration.
-type Axis<R> = [R; 3];
-
-/// Their covariance, upper triangle: pp, pv, pb, vv, vb, bb.
-type Spread<R> = [R; 6];
 
 /// The filter of one drone, or of lanes.
 #[derive(Debug, Clone)]
@@ -185,17 +180,11 @@ impl<R: Real> Estimator<R> {
         }
     }
 
-    /// What `dt_s` adds to the uncertainty: P <- F P F' + Q.
+    /// What `dt_s` adds to the uncertainty.
     #[inline(always)]
     fn widen(&mut self, dt_s: R) {
-        let (white, bias) = (R::of(self.noise.white) * dt_s, R::of(self.noise.bias) * dt_s);
         for spread in &mut self.spread {
-            let [pp, pv, pb, vv, vb, bb] = *spread;
-            let half = R::of(0.5) * dt_s * dt_s;
-            // F P, then (F P) F', with F = [1 dt dt^2/2; 0 1 dt; 0 0 1]
-            let (a, b, c) = (pp + dt_s * pv + half * pb, pv + dt_s * vv + half * vb, pb + dt_s * vb + half * bb);
-            let (d, e) = (vv + dt_s * vb, vb + dt_s * bb);
-            *spread = [a + dt_s * b + half * c, b + dt_s * c, c, d + dt_s * e + white, e, bb + bias];
+            *spread = widened(spread, dt_s, self.noise.white, self.noise.bias);
         }
     }
 
@@ -290,25 +279,9 @@ impl<R: Real> Estimator<R> {
     }
 }
 
-/// Variances before anything was seen: 20 cm, 30 cm/s, 0.3 m/s^2.
-const START: Spread<f64> = [0.04, 0.0, 0.0, 0.09, 0.0, 0.09];
-
 /// A pair along the vehicle's heading, in the world frame.
 #[inline(always)]
 fn turn<R: Real>([front, left]: [R; 2], yaw: R) -> [R; 2] {
     let (sin, cos) = yaw.sin_cos();
     [cos * front - sin * left, sin * front + cos * left]
-}
-
-/// How much of tick `j` (which began j + 1 ticks of `h_s` ago) lies between the ages `from` and `to`.
-#[inline(always)]
-fn overlap<R: Real>(from: R, to: R, j: usize, h_s: f64) -> R {
-    (from.min(R::of(h_s * (j + 1) as f64)) - to.max(R::of(h_s * j as f64))).max(R::zero())
-}
-
-/// An axis `dt_s` later under a held acceleration.
-#[inline(always)]
-fn glide<R: Real>(&[p, v, b]: &Axis<R>, acc: R, dt_s: R, carry: f64) -> Axis<R> {
-    let gained = (acc + b) * dt_s;
-    [p + (v + R::of(carry) * gained) * dt_s, v + gained, b]
 }

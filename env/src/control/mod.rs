@@ -1,11 +1,14 @@
 //! Controllers are clients of the environment: they read the observation an agent gets and answer with an action. One controller is one small file
 //! here plus one line in [`registry`]; command line, benchmark and Python read the registry.
 
+pub mod avoid;
 mod batch;
 mod belief;
 mod chosen;
+mod crowd;
 mod estimator;
 mod gains;
+mod glide;
 mod horizon;
 mod hover;
 mod kalman;
@@ -14,6 +17,7 @@ mod lqr;
 mod mpc;
 mod observer;
 pub mod pid;
+mod policy;
 mod random;
 pub mod riccati;
 mod velocity;
@@ -29,6 +33,7 @@ use crate::observation::Interface;
 pub use batch::{Batch, Law};
 pub use belief::Belief;
 pub use chosen::{Chosen, choose};
+pub use crowd::Crowd;
 pub use estimator::{Estimate, Estimator};
 
 /// A controller of a batch of environments. What it answers to a row depends on that environment's rows alone: not on the others, nor on how many
@@ -145,8 +150,17 @@ fn defaults<T: Serialize + Default>() -> Value {
 
 /// Every controller.
 pub fn registry() -> &'static [&'static Entry] {
-    static REGISTRY: &[&Entry] =
-        &[&pid::THESIS, &pid::STOCK, &pid::GIVEN, &lqr::ENTRY, &velocity::ENTRY, &mpc::ENTRY, &hover::ENTRY, &random::ENTRY];
+    static REGISTRY: &[&Entry] = &[
+        &pid::THESIS,
+        &pid::STOCK,
+        &pid::GIVEN,
+        &lqr::ENTRY,
+        &velocity::ENTRY,
+        &mpc::ENTRY,
+        &policy::ENTRY,
+        &hover::ENTRY,
+        &random::ENTRY,
+    ];
     REGISTRY
 }
 

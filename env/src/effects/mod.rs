@@ -71,6 +71,8 @@ pub enum Trace {
     Sight,
     /// It describes what no other effect explains, and names no cause.
     StandIn,
+    /// It needs other drones: the log of one flight does not show it.
+    Neighbours,
 }
 
 /// Where an effect enters the loop.
@@ -183,6 +185,27 @@ pub struct Cx<'a, R: Real> {
     pub clock: usize,
     /// Battery voltage where a log holds it; otherwise the battery is simulated.
     pub voltage_v: Option<&'a R>,
+    /// The drones of the same world, this one among them, where they are expected at the middle of the tick.
+    pub neighbours: &'a [Neighbour<R>],
+    /// The place of this drone among them.
+    pub own: usize,
+}
+
+/// A drone as the others of its world feel it.
+#[derive(Debug, Clone, Copy)]
+pub struct Neighbour<R> {
+    pub pos_m: [R; 3],
+    pub vel_mps: [R; 3],
+    /// 1 while it flies, 0 when it is gone.
+    pub here: R,
+}
+
+impl<R: Real> Neighbour<R> {
+    /// Nobody.
+    #[inline(always)]
+    pub fn gone() -> Self {
+        Neighbour { pos_m: [R::zero(); 3], vel_mps: [R::zero(); 3], here: R::zero() }
+    }
 }
 
 /// A camera frame: the pose that the marker detection reports.
@@ -335,6 +358,7 @@ registry![
     flap::Flap,
     euler_kinematics::EulerKinematics,
     yaw_drift::YawDrift,
+    downwash::Downwash,
     learned::Learned,
     imu_tilt::ImuTilt,
     gyro_bias::GyroBias,

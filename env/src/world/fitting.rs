@@ -100,6 +100,8 @@ impl<R: Simulated> World<R> {
             draw: &draw,
             clock: self.clocks[0],
             voltage_v: self.voltage_v.as_ref(),
+            neighbours: &[],
+            own: 0,
         };
         for &i in &self.order.frame {
             self.stages[i].frame(&Tiles { first: 0, cx: from_ref(&cx), x: from_ref(x), u: &[] }, from_mut(&mut frame));

@@ -5,19 +5,32 @@ from typing import Any, Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
-from crazyflie_gym._types import BoolArray, ControllerEntry, EffectEntry, FieldEntry, FloatArray, Steps, TaskEntry
+from crazyflie_gym._types import (
+    BoolArray,
+    ControllerEntry,
+    EffectEntry,
+    FieldEntry,
+    FloatArray,
+    MissionEntry,
+    Steps,
+    TaskEntry,
+)
 
 __all__ = [
     "Controller",
+    "Crowd",
     "Interface",
     "Pid",
     "Remote",
     "Sim",
+    "Swarm",
     "ansi",
     "check_model",
     "cli",
     "controllers",
     "effects",
+    "metrics",
+    "missions",
     "model_text",
     "observation_fields",
     "path",
@@ -180,3 +193,43 @@ def render(
 ) -> NDArray[np.uint8]: ...
 def ansi(picture: NDArray[np.uint8], columns: int = 80) -> str: ...
 def path(task: str, options: str, tick_s: float, ticks: int) -> FloatArray: ...
+
+@final
+class Swarm:
+    """A batch of `num_worlds` worlds of several drones."""
+
+    def __new__(cls, num_worlds: int, options: str = "{}", models: list[str] | None = None) -> Swarm: ...
+    @property
+    def num_worlds(self) -> int: ...
+    @property
+    def num_drones(self) -> int: ...
+    @property
+    def width(self) -> int: ...
+    @property
+    def tick_s(self) -> float: ...
+    @property
+    def isa(self) -> Literal["baseline", "avx2", "avx512"]: ...
+    def interface(self, drone: int) -> Interface: ...
+    def reset(
+        self,
+        seeds: NDArray[np.uint64] | None = None,
+        mask: BoolArray | None = None,
+        observations: FloatArray | None = None,
+    ) -> FloatArray: ...
+    def step(
+        self, actions: FloatArray
+    ) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray, BoolArray, FloatArray]: ...
+    def states(self) -> FloatArray: ...
+    def loads(self) -> FloatArray | None: ...
+    def last_of_episode(self, world: int) -> FloatArray | None: ...
+
+@final
+class Crowd:
+    """A controller for every drone of a `Swarm`."""
+
+    def __new__(cls, name: str, of: Swarm, *, options: str = "null", avoid: str | None = None) -> Crowd: ...
+    def act(self, observations: FloatArray) -> FloatArray: ...
+    def reset(self, mask: BoolArray | None = None) -> None: ...
+
+def missions() -> list[MissionEntry]: ...
+def metrics() -> list[tuple[str, str, str]]: ...

@@ -48,6 +48,12 @@ class TaskEntry(TypedDict):
     max_episode_steps: int
 
 
+class MissionEntry(TaskEntry):
+    """A mission of several drones."""
+
+    drones: int
+
+
 class FieldEntry(TypedDict):
     """A block of an observation row."""
 

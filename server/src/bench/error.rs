@@ -64,7 +64,7 @@ impl Error {
             Error::Over => "attempt_over",
             Error::NotOver { .. } => "attempt_under_way",
             Error::TooLate { .. } => "attempt_too_late",
-            Error::Env(crazyflie_env::Error::Action { .. }) => "bad_action",
+            Error::Env(crazyflie_env::Error::Action { .. } | crazyflie_env::Error::DroneAction { .. }) => "bad_action",
             Error::Env(crazyflie_env::Error::Shape { .. }) => "bad_shape",
             _ => "internal",
         }

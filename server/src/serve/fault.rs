@@ -47,7 +47,7 @@ impl From<Error> for Fault {
     fn from(error: Error) -> Self {
         let code = match error {
             Error::Shape { .. } => Code::WrongLength,
-            Error::Action { .. } => Code::BadAction,
+            Error::Action { .. } | Error::DroneAction { .. } => Code::BadAction,
             Error::Unknown { .. } | Error::Range { .. } | Error::Config(_) => Code::BadOptions,
             Error::Model { .. } => Code::BadModel,
             Error::Ended { .. } => Code::Ended,

@@ -1,4 +1,4 @@
-"""Fly the thesis's PID from 80 cm away to the marker, and leave a picture of the flight: fly_pid.png."""
+"""Fly the thesis's PID from 80 cm away to the marker, and leave a picture of the flight: 1_fly.png."""
 
 import gymnasium as gym
 import numpy as np
@@ -24,12 +24,12 @@ def main():
         observation, _, terminated, truncated, info = env.step(pid.act(observation))
         x, y, z = info["true_state"][:3]
         if step == 60:
-            crazyflie_gym.save_png("fly_pid.png", env.render())
+            crazyflie_gym.save_png("1_fly.png", env.render())
         if step % 50 == 0:
             print(f"{step / 50:4.1f} {x:6.2f} {y:6.2f} {z:6.2f} {np.linalg.norm([x, y, z - 0.7]):8.3f} m")
         if terminated or truncated:
             break
-    print("the picture is fly_pid.png")
+    print("the picture is 1_fly.png")
 
 
 if __name__ == "__main__":

@@ -1,0 +1,113 @@
+//! Any controller of the registry for worlds of several drones, with the layer that avoids collisions or without it.
+
+use super::Controller;
+use super::avoid::Avoid;
+use crate::error::Result;
+use crate::lanes::{LANES, LaneMask, Lanes};
+use crate::observation::{ACTION, OBSERVATION};
+use crate::real::{Real, tabulate};
+use crate::rows::shape;
+use crate::swarm::NEIGHBOUR;
+
+/// Numbers of an observation's set-point that the avoidance replaces.
+const SETPOINT: usize = 16;
+
+/// The set-point of a drone in sixteen worlds, where the avoidance has moved it.
+#[derive(Clone)]
+struct Moved {
+    at_m: [Lanes; 3],
+    fresh: LaneMask,
+}
+
+/// A controller for each drone of a batch of worlds.
+pub struct Crowd {
+    /// Each of them flies one drone in all worlds.
+    controllers: Vec<Box<dyn Controller>>,
+    avoid: Option<Avoid>,
+    /// By drone, then by sixteen worlds.
+    moved: Vec<Vec<Moved>>,
+    worlds: usize,
+    tick_s: f64,
+    /// One drone's rows in all worlds.
+    observations: Vec<f32>,
+    actions: Vec<f32>,
+}
+
+impl Crowd {
+    /// One controller for each drone, each made for `worlds` environments; `tick_s` between observations.
+    ///
+    /// # Errors
+    /// [`crate::Error::Range`] for `avoid`.
+    pub fn new(controllers: Vec<Box<dyn Controller>>, worlds: usize, avoid: Option<Avoid>, tick_s: f64) -> Result<Self> {
+        if let Some(avoid) = &avoid {
+            avoid.check()?;
+        }
+        let fresh = Moved { at_m: [Lanes::zero(); 3], fresh: !Lanes::nothing() };
+        let moved = vec![vec![fresh; worlds.div_ceil(LANES)]; controllers.len()];
+        let (observations, actions) = (vec![0.0; worlds * OBSERVATION], vec![0.0; worlds * ACTION]);
+        Ok(Crowd { controllers, avoid, moved, worlds, tick_s, observations, actions })
+    }
+
+    /// Forget the flights of the worlds that `of` names.
+    pub fn reset(&mut self, of: &dyn Fn(usize) -> bool) {
+        self.controllers.iter_mut().for_each(|controller| controller.reset(of));
+        for tiles in &mut self.moved {
+            for (tile, moved) in tiles.iter_mut().enumerate() {
+                moved.fresh = moved.fresh | LaneMask::from_bools(std::array::from_fn(|lane| of(tile * LANES + lane)));
+            }
+        }
+    }
+
+    /// Actions (worlds x drones rows of [`ACTION`]) for observations (worlds x drones rows of [`crate::swarm::SwarmEnv::width`]).
+    ///
+    /// # Errors
+    /// [`crate::Error::Shape`].
+    pub fn act(&mut self, observations: &[f32], actions: &mut [f32]) -> Result<()> {
+        let (n, worlds) = (self.controllers.len(), self.worlds);
+        let width = OBSERVATION + NEIGHBOUR * (n - 1);
+        shape("observations", worlds * n * width, observations.len())?;
+        shape("actions", worlds * n * ACTION, actions.len())?;
+        for drone in 0..n {
+            let rows = observations.chunks_exact(width).skip(drone).step_by(n);
+            for (own, row) in self.observations.chunks_exact_mut(OBSERVATION).zip(rows) {
+                own.copy_from_slice(&row[..OBSERVATION]);
+            }
+            if let Some(avoid) = self.avoid {
+                self.keep_out(&avoid, drone, observations);
+            }
+            self.controllers[drone].act(&self.observations, &mut self.actions)?;
+            let rows = actions.chunks_exact_mut(ACTION).skip(drone).step_by(n);
+            for (row, own) in rows.zip(self.actions.chunks_exact(ACTION)) {
+                row.copy_from_slice(own);
+            }
+        }
+        Ok(())
+    }
+
+    /// The avoidance's set-points in place of the mission's.
+    fn keep_out(&mut self, avoid: &Avoid, drone: usize, observations: &[f32]) {
+        let (n, worlds) = (self.controllers.len(), self.worlds);
+        let width = OBSERVATION + NEIGHBOUR * (n - 1);
+        for (tile, moved) in self.moved[drone].iter_mut().enumerate() {
+            let (first, lanes) = (tile * LANES, LANES.min(worlds - tile * LANES));
+            let read = |at: usize| {
+                let mut v = Lanes::zero();
+                for lane in 0..lanes {
+                    v.0[lane] = observations[((first + lane) * n + drone) * width + at];
+                }
+                v
+            };
+            let (own_m, target_m) = (tabulate(read), tabulate(|i| read(SETPOINT + i)));
+            moved.at_m = tabulate(|i| Lanes::select(moved.fresh, own_m[i], moved.at_m[i]));
+            moved.fresh = Lanes::nothing();
+            let others = (0..n - 1).map(|k| tabulate(|c| read(OBSERVATION + k * NEIGHBOUR + c)));
+            avoid.advance(&mut moved.at_m, own_m, target_m, self.tick_s, others);
+            for lane in 0..lanes {
+                let row = &mut self.observations[(first + lane) * OBSERVATION + SETPOINT..];
+                for (slot, at) in row.iter_mut().zip(&moved.at_m) {
+                    *slot = at.0[lane];
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,268 @@
+//! A trained policy from a file: a multi-layer perceptron over features that need no velocity sensor. The file (safetensors) holds the network, how
+//! its inputs are normalised and what it remembers; `crazyflie_gym.policy` writes it, and says the same in Python.
+
+use std::sync::Arc;
+
+use safetensors::{Dtype, SafeTensors};
+use serde::{Deserialize, Serialize};
+
+use super::{Batch, Entry, Given, Law, Mode, Site, defaults};
+use crate::error::Result;
+use crate::observation::{ACTION, Interface, OBSERVATION, wrap};
+use crate::plant::Command;
+use crate::real::{Real, tabulate};
+
+/// There are none: all is in the file.
+#[derive(Debug, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct Options {}
+
+pub(super) const ENTRY: Entry = Entry {
+    name: "policy",
+    also: None,
+    about: "A policy trained by reinforcement learning (`python -m crazyflie_gym.ppo`), flown without Python",
+    source: "Proximal policy optimisation (Schulman et al. 2017) with an asymmetric critic (Pinto et al. 2018)",
+    file: Some("network, normalisation and memory of a policy, as safetensors"),
+    options: &[],
+    defaults: defaults::<Options>,
+    build: |given, site| {
+        let Options {} = given.options()?;
+        let policy = Policy::new(Network::read(given, site)?, site);
+        Ok(Box::new(Batch::new(site.envs, policy)))
+    },
+};
+
+const FORMAT: &str = "crazyflie-policy-1";
+/// Signals with moving averages: position error (3), roll, pitch, last action from level (4), set-point (3).
+const SIGNALS: usize = 12;
+/// What is measured now: position error (3), yaw error, roll, pitch, gyro (3), last action from level (4), age of the marker.
+const PRESENT: usize = 14;
+/// Normalised features beyond so many standard deviations are cut off.
+const CLIP: f64 = 5.0;
+const AGE_MAX_S: f64 = 0.5;
+/// Landed: as the package that the thesis flew has it.
+const CLEAR_M: f64 = 0.05;
+/// More than these is another kind of file.
+const MOST_AVERAGES: usize = 8;
+const MOST_LAYERS: usize = 8;
+
+/// Weights (inputs rows of outputs) and biases.
+#[derive(Debug)]
+struct Layer {
+    weights: Vec<f32>,
+    bias: Vec<f32>,
+}
+
+/// What the file holds.
+#[derive(Debug)]
+struct Network {
+    layers: Vec<Layer>,
+    mean: Vec<f32>,
+    std: Vec<f32>,
+    /// Of the moving averages, per tick.
+    gains: Vec<f64>,
+}
+
+impl Network {
+    /// # Errors
+    /// [`crate::Error::Config`] saying which tensor is missing, has another shape or type or holds what is no number; or that the policy was trained for
+    /// another tick or cannot command this vertical form.
+    fn read(given: &Given<'_>, site: &Site<'_>) -> Result<Self> {
+        let bytes = given.file.unwrap_or_default();
+        let bad = |what: String| given.problem(format!("the file of the policy: {what}"));
+        let (_, header) = SafeTensors::read_metadata(bytes).map_err(|e| bad(e.to_string()))?;
+        let about = |key: &str| header.metadata().as_ref().and_then(|all| all.get(key)).map(String::as_str);
+        if about("format") != Some(FORMAT) {
+            return Err(bad(format!("its format is {:?}, expected {FORMAT:?}", about("format").unwrap_or("not said"))));
+        }
+        let tick_s: f64 = about("tick_s").and_then(|text| text.parse().ok()).unwrap_or(f64::NAN);
+        // half a microsecond for the rounding of a decimal
+        if tick_s.is_nan() || (tick_s - site.tick_s).abs() > 5e-7 {
+            return Err(bad(format!("it was trained for ticks of {tick_s} s, expected {} s", site.tick_s)));
+        }
+        if !site.interface.input.is_pwm() {
+            return Err(given.problem("it commands a thrust, and a height is asked for: expected the vertical form pwm or thrust"));
+        }
+        let tensors = SafeTensors::deserialize(bytes).map_err(|e| bad(e.to_string()))?;
+        let (taus, _) = tensor(&tensors, "taus_s", 1).map_err(bad)?;
+        if !(1..=MOST_AVERAGES).contains(&taus.len()) || taus.iter().any(|tau| *tau < 0.0) {
+            return Err(bad(format!("taus_s is {taus:?}, expected 1 to {MOST_AVERAGES} positive times")));
+        }
+        let width = PRESENT + SIGNALS * taus.len();
+        let of_features = |name: &str| match tensor(&tensors, name, 1) {
+            Ok((values, _)) if values.len() == width => Ok(values),
+            Ok((values, _)) => Err(bad(format!("{name} has {} numbers, expected {width}", values.len()))),
+            Err(problem) => Err(bad(problem)),
+        };
+        let (mean, std) = (of_features("feature_mean")?, of_features("feature_std")?);
+        if let Some(zero) = std.iter().find(|std| **std <= 0.0) {
+            return Err(bad(format!("feature_std holds {zero}, expected positive numbers")));
+        }
+        let layers = layers(&tensors, width).map_err(bad)?;
+        let gains = taus.iter().map(|tau| tick_s / (f64::from(*tau) + tick_s)).collect();
+        Ok(Network { layers, mean, std, gains })
+    }
+}
+
+/// A tensor of finite single-precision numbers with so many dimensions, and its shape.
+fn tensor(tensors: &SafeTensors<'_>, name: &str, dimensions: usize) -> std::result::Result<(Vec<f32>, Vec<usize>), String> {
+    let view = tensors.tensor(name).map_err(|_| format!("it lacks {name}"))?;
+    if view.dtype() != Dtype::F32 || view.shape().len() != dimensions {
+        return Err(format!("{name} is {:?} with shape {:?}, expected F32 with {dimensions} dimension(s)", view.dtype(), view.shape()));
+    }
+    let (words, _) = view.data().as_chunks::<4>();
+    let values: Vec<f32> = words.iter().map(|word| f32::from_le_bytes(*word)).collect();
+    match values.iter().find(|value| !value.is_finite()) {
+        Some(value) => Err(format!("{name} holds {value}, expected finite numbers")),
+        None => Ok((values, view.shape().to_vec())),
+    }
+}
+
+/// `layer0`, `layer1`, ... from so many features to the action.
+fn layers(tensors: &SafeTensors<'_>, features: usize) -> std::result::Result<Vec<Layer>, String> {
+    let (mut layers, mut inputs) = (Vec::new(), features);
+    let names = tensors.names();
+    while let name = format!("layer{}", layers.len())
+        && names.iter().any(|found| **found == format!("{name}.weight"))
+    {
+        let (weights, shape) = tensor(tensors, &format!("{name}.weight"), 2)?;
+        let (bias, _) = tensor(tensors, &format!("{name}.bias"), 1)?;
+        if shape[0] != inputs || shape[1] != bias.len() || bias.is_empty() {
+            return Err(format!(
+                "{name} has weights {shape:?} and {} biases, expected {inputs} inputs and as many biases as outputs",
+                bias.len()
+            ));
+        }
+        inputs = bias.len();
+        layers.push(Layer { weights, bias });
+    }
+    if !(1..=MOST_LAYERS).contains(&layers.len()) || inputs != ACTION {
+        let count = layers.len();
+        return Err(format!("{count} layers end in {inputs} numbers, expected 1 to {MOST_LAYERS} that end in {ACTION}"));
+    }
+    Ok(layers)
+}
+
+/// The policy of one drone, or of lanes.
+#[derive(Debug, Clone)]
+struct Policy<R: Real> {
+    network: Arc<Network>,
+    interface: Interface,
+    mode: Mode,
+    /// Moving averages, [`SIGNALS`] for each time constant.
+    averages: Vec<R>,
+    /// What goes into a layer, and what comes out.
+    layer: [Vec<R>; 2],
+    idle: R::Mask,
+    fresh: R::Mask,
+}
+
+impl<R: Real> Policy<R> {
+    fn new(network: Network, site: &Site<'_>) -> Self {
+        let widest = network.layers.iter().map(|layer| layer.bias.len()).max().unwrap_or(0).max(network.mean.len());
+        let none = R::nothing();
+        Policy {
+            averages: vec![R::zero(); SIGNALS * network.gains.len()],
+            layer: [0, 1].map(|_| Vec::with_capacity(widest)),
+            network: Arc::new(network),
+            interface: site.interface,
+            mode: site.mode,
+            idle: none,
+            fresh: !none,
+        }
+    }
+
+    /// The features of a row go into the first layer.
+    #[inline(always)]
+    fn see(&mut self, o: &[R; OBSERVATION], height: R, rest: &[R; ACTION]) {
+        let (fresh, x) = (self.fresh, &mut self.layer[0]);
+        let (sin, cos) = o[3].sin_cos();
+        let error = [o[16] - o[0], o[17] - o[1], height - o[2]];
+        let off: [R; ACTION] = tabulate(
+            #[inline(always)]
+            |i| o[20 + i] - rest[i],
+        );
+        let signals = [error[0], error[1], error[2], o[6], o[7], off[0], off[1], off[2], off[3], o[16], o[17], height];
+        x.clear();
+        x.extend(turned(sin, cos, [error[0], error[1], error[2]]));
+        x.extend([wrap(o[19] - o[3]), o[6], o[7], o[9], o[10], o[11], off[0], off[1], off[2], off[3], o[4].min(R::of(AGE_MAX_S))]);
+        for (averages, gain) in self.averages.chunks_exact_mut(SIGNALS).zip(&self.network.gains) {
+            let mut from = [R::zero(); SIGNALS];
+            for i in 0..SIGNALS {
+                let moved = averages[i] + R::of(*gain) * (signals[i] - averages[i]);
+                averages[i] = R::select(fresh, signals[i], moved);
+                from[i] = signals[i] - averages[i];
+            }
+            x.extend(turned(sin, cos, [from[0], from[1], from[2]]));
+            x.extend_from_slice(&from[3..9]);
+            x.extend(turned(sin, cos, [from[9], from[10], from[11]]));
+        }
+        self.fresh = R::nothing();
+    }
+
+    /// Through the network.
+    #[inline(always)]
+    fn think(&mut self) -> [R; ACTION] {
+        let Network { layers, mean, std, .. } = &*self.network;
+        let [x, y] = &mut self.layer;
+        for ((x, mean), std) in x.iter_mut().zip(mean).zip(std) {
+            *x = ((*x - R::of((*mean).into())) / R::of((*std).into())).clamp(R::of(-CLIP), R::of(CLIP));
+        }
+        for (i, layer) in layers.iter().enumerate() {
+            y.clear();
+            y.extend(layer.bias.iter().map(|bias| R::of((*bias).into())));
+            for (x, weights) in x.iter().zip(layer.weights.chunks_exact(layer.bias.len())) {
+                y.iter_mut().zip(weights).for_each(|(y, weight)| *y += *x * R::of((*weight).into()));
+            }
+            if i + 1 < layers.len() {
+                y.iter_mut().for_each(|y| *y = tanh(*y));
+            }
+            std::mem::swap(x, y);
+        }
+        tabulate(
+            #[inline(always)]
+            |i| x[i],
+        )
+    }
+}
+
+/// A world vector in the vehicle's heading.
+#[inline(always)]
+fn turned<R: Real>(sin: R, cos: R, [x, y, z]: [R; 3]) -> [R; 3] {
+    [cos * x + sin * y, cos * y - sin * x, z]
+}
+
+/// Absolute error below 3e-7 in `f32`.
+#[inline(always)]
+fn tanh<R: Real>(x: R) -> R {
+    R::of(1.0) - R::of(2.0) / ((x + x).exp() + R::of(1.0))
+}
+
+impl<R: Real> Law<R> for Policy<R> {
+    fn set_mode(&mut self, mode: Mode) {
+        self.mode = mode;
+    }
+
+    fn reset(&mut self, mask: R::Mask) {
+        self.fresh = self.fresh | mask;
+        self.idle = self.idle & !mask;
+    }
+
+    #[inline(always)]
+    fn act(&mut self, o: &[R; OBSERVATION]) -> [R; ACTION] {
+        let mut height = o[18];
+        if self.mode == Mode::Landing {
+            height = R::of(CLEAR_M);
+            self.idle = self.idle | o[2].le(height);
+        }
+        let rest = self.interface.action(&Command::level(R::of(self.interface.hover_lift)));
+        self.see(o, height, &rest);
+        let thought = self.think();
+        let off = self.interface.action(&Command::level(R::zero()));
+        let one = R::of(1.0);
+        tabulate(
+            #[inline(always)]
+            |i| R::select(self.idle, off[i], (rest[i] + thought[i]).clamp(-one, one)),
+        )
+    }
+}

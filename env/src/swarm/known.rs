@@ -1,0 +1,192 @@
+//! What a drone knows of the others: everything, what is in range, or what their radio last said.
+
+use serde::{Deserialize, Serialize};
+
+use crate::effects::{Fix, Neighbour};
+use crate::error::Result;
+use crate::noise::{Draw, channel};
+use crate::real::{Real, tabulate};
+use crate::task::within;
+
+/// Numbers that an observation has for each of the others: place and velocity relative to the own, age, validity.
+pub const NEIGHBOUR: usize = 8;
+
+/// How the others are known.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields, tag = "by")]
+pub enum Knowledge {
+    /// Where they truly are, now.
+    Ideal,
+    /// The same, of those within range.
+    Range { range_m: f64 },
+    /// Each says by radio where its camera says it is; that comes late, and sometimes not at all.
+    Radio {
+        #[serde(default)]
+        delay_s: f64,
+        /// Probability that one receiver misses one message.
+        #[serde(default)]
+        loss: f64,
+    },
+}
+
+/// Ticks for which messages are kept.
+const RING: usize = 32;
+/// A message: place, velocity, time.
+const MESSAGE: usize = 7;
+/// What is older says nothing.
+const STALE_S: f64 = 1.0;
+
+impl Knowledge {
+    /// # Errors
+    /// [`crate::Error::Range`].
+    pub fn check(&self, tick_s: f64) -> Result<()> {
+        match *self {
+            Knowledge::Ideal => {}
+            Knowledge::Range { range_m } => drop(within("neighbours.range_m", range_m, 0.0, 100.0)?),
+            Knowledge::Radio { delay_s, loss } => {
+                within("neighbours.delay_s", delay_s, 0.0, (RING - 1) as f64 * tick_s)?;
+                within("neighbours.loss", loss, 0.0, 1.0)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// What the drones of a tile of worlds know of each other.
+pub(super) struct Known<R> {
+    how: Knowledge,
+    drones: usize,
+    /// Ticks that a message takes.
+    late: usize,
+    /// Ticks so far.
+    clock: usize,
+    radio: Option<Radio<R>>,
+}
+
+struct Radio<R> {
+    /// By tick, then by sender.
+    said: Vec<[R; MESSAGE]>,
+    /// By receiver, then by sender.
+    heard: Vec<[R; MESSAGE]>,
+    /// The fix from which each drone told its velocity last.
+    fixes: Vec<Fix<R>>,
+}
+
+impl<R: Real> Known<R> {
+    pub(super) fn new(how: Knowledge, drones: usize, tick_s: f64) -> Self {
+        let none = [R::zero(); MESSAGE];
+        let fix = Fix { pos_m: [R::zero(); 3], yaw_rad: R::zero(), t_s: R::zero(), valid: R::zero() };
+        let (late, radio) = match how {
+            Knowledge::Radio { delay_s, .. } => {
+                let radio = Radio { said: vec![none; RING * drones], heard: vec![none; drones * drones], fixes: vec![fix; drones] };
+                ((delay_s / tick_s).round() as usize, Some(radio))
+            }
+            _ => (0, None),
+        };
+        Known { how, drones, late, clock: 0, radio }
+    }
+
+    /// Begin episodes in the lanes of `mask`: before the first flight everybody was heard.
+    #[inline(always)]
+    pub(super) fn start(&mut self, mask: R::Mask, drone: usize, fix: &Fix<R>) {
+        let n = self.drones;
+        let Some(radio) = &mut self.radio else { return };
+        let message = [fix.pos_m[0], fix.pos_m[1], fix.pos_m[2], R::zero(), R::zero(), R::zero(), fix.t_s];
+        let slots = radio.said.iter_mut().skip(drone).step_by(n);
+        for slot in slots.chain(radio.heard.iter_mut().skip(drone).step_by(n)) {
+            *slot = chosen(mask, &message, slot);
+        }
+        let f = &mut radio.fixes[drone];
+        *f = Fix { pos_m: chosen(mask, &fix.pos_m, &f.pos_m), t_s: R::select(mask, fix.t_s, f.t_s), ..*f };
+    }
+
+    /// One more tick.
+    #[inline(always)]
+    pub(super) fn tick(&mut self) {
+        self.clock += 1;
+    }
+
+    /// A drone says where it is, as of the fix that it has.
+    #[inline(always)]
+    pub(super) fn say(&mut self, drone: usize, fix: &Fix<R>) {
+        let Some(radio) = &mut self.radio else { return };
+        let last = &mut radio.fixes[drone];
+        let before = radio.said[(self.clock + RING - 1) % RING * self.drones + drone];
+        let newer = last.t_s.lt(fix.t_s);
+        let per_s = R::of(1.0) / (fix.t_s - last.t_s).max(R::of(1e-3));
+        let mut message = [fix.pos_m[0], fix.pos_m[1], fix.pos_m[2], R::zero(), R::zero(), R::zero(), fix.t_s];
+        for i in 0..3 {
+            // half of what is new: one outlier of a fix is not a velocity
+            let moved = (fix.pos_m[i] - last.pos_m[i]) * per_s;
+            message[3 + i] = R::select(newer, R::of(0.5) * (before[3 + i] + moved), before[3 + i]);
+        }
+        *last = Fix { pos_m: chosen(newer, &fix.pos_m, &last.pos_m), t_s: R::select(newer, fix.t_s, last.t_s), ..*last };
+        radio.said[self.clock % RING * self.drones + drone] = message;
+    }
+
+    /// Everybody listens: what was said `late` ticks ago arrives, or not. Who is gone is silent.
+    #[inline(always)]
+    pub(super) fn listen(&mut self, truth: &[Neighbour<R>], draw: &Draw<'_, R>) {
+        let (n, Knowledge::Radio { loss, .. }) = (self.drones, self.how) else { return };
+        let Some(radio) = &mut self.radio else { return };
+        let then = (self.clock + RING - self.late) % RING * n;
+        for to in 0..n {
+            for from in 0..n {
+                let mut arrives = truth[from].here.gt(R::zero());
+                if loss > 0.0 {
+                    let link = channel("broadcast").wrapping_add((to * n + from) as u32);
+                    arrives = arrives & R::of(loss).le(draw.uniform(link));
+                }
+                let slot = &mut radio.heard[to * n + from];
+                *slot = chosen(arrives, &radio.said[then + from], slot);
+            }
+        }
+    }
+
+    /// What `to` knows of `from`, relative to what it knows of itself.
+    #[inline(always)]
+    pub(super) fn of(&self, to: usize, from: usize, truth: &[Neighbour<R>], now_s: R) -> [R; NEIGHBOUR] {
+        let (mut row, valid, age) = match (&self.how, &self.radio) {
+            (Knowledge::Radio { .. }, Some(radio)) => {
+                let (own, other) = (&radio.said[self.clock % RING * self.drones + to], &radio.heard[to * self.drones + from]);
+                let age = now_s - other[6];
+                (between(own, other), age.lt(R::of(STALE_S)), age)
+            }
+            (how, _) => {
+                let (own, other) = (flat(&truth[to]), flat(&truth[from]));
+                let row = between(&own, &other);
+                let range_m = if let Knowledge::Range { range_m } = how { *range_m } else { 1e6 };
+                let far2 = row[0] * row[0] + row[1] * row[1] + row[2] * row[2];
+                (row, truth[from].here.gt(R::zero()) & far2.le(R::of(range_m * range_m)), R::zero())
+            }
+        };
+        for v in &mut row {
+            *v = R::select(valid, *v, R::zero());
+        }
+        let [x, y, z, vx, vy, vz] = row;
+        [x, y, z, vx, vy, vz, R::select(valid, age, R::zero()), R::select(valid, R::of(1.0), R::zero())]
+    }
+}
+
+#[inline(always)]
+fn chosen<R: Real, const N: usize>(mask: R::Mask, yes: &[R; N], no: &[R; N]) -> [R; N] {
+    tabulate(
+        #[inline(always)]
+        |i| R::select(mask, yes[i], no[i]),
+    )
+}
+
+#[inline(always)]
+fn flat<R: Real>(drone: &Neighbour<R>) -> [R; MESSAGE] {
+    let ([x, y, z], [vx, vy, vz]) = (drone.pos_m, drone.vel_mps);
+    [x, y, z, vx, vy, vz, R::zero()]
+}
+
+/// Place and velocity of `other` as seen from `own`.
+#[inline(always)]
+fn between<R: Real>(own: &[R; MESSAGE], other: &[R; MESSAGE]) -> [R; 6] {
+    tabulate(
+        #[inline(always)]
+        |i| other[i] - own[i],
+    )
+}

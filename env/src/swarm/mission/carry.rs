@@ -1,0 +1,110 @@
+//! Carry a load together, on ropes.
+
+use rand::RngExt;
+use rand_pcg::Pcg64Mcg;
+use serde::Deserialize;
+
+use super::{GOAL, Mission, Scene, Situation, Start, Verdict, distance, jerk, on_circle, start_at, within};
+use crate::error::{Error, Result};
+use crate::observation::Setpoint;
+use crate::real::Real;
+use crate::swarm::load::Load;
+
+/// Options of the carrying mission.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Options {
+    pub load_kg: f64,
+    pub rope_m: f64,
+    /// Of the circle on which they fly above the load.
+    pub ring_m: f64,
+    /// Height of the load.
+    pub height_m: f64,
+    /// Half the length of the load's oval way.
+    pub size_m: f64,
+    pub period_s: f64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Options { load_kg: 0.01, rope_m: 0.6, ring_m: 0.3, height_m: 0.5, size_m: 0.8, period_s: 16.0 }
+    }
+}
+
+pub struct Carry {
+    options: Options,
+    drones: usize,
+    /// From the load up to the drones.
+    above_m: f64,
+}
+
+impl Mission for Carry {
+    const NAME: &'static str = "carry";
+    const ID: &'static str = "CrazyflieCarry-v0";
+    const ABOUT: &'static str = "Carry a load on ropes along an oval; the ropes pull drones and load";
+    const REWARD: &'static str = "0.5 / (1 + (load's distance from its way / 0.15 m)^2) + 0.5 / (1 + (own distance from the set-point / 0.3 m)^2) - 0.05 jerk; -10 for a collision, a crash or leaving the room, which end a drone's flight";
+    const MAX_EPISODE_STEPS: u32 = 1000;
+    const DRONES: usize = 3;
+    type Options = Options;
+
+    fn new(o: Options, drones: usize) -> Result<Self> {
+        // what a Crazyflie lifts beside itself: 15 g (Bitcraze's data sheet)
+        within("load_kg", o.load_kg, 0.001, 0.015 * drones as f64)?;
+        within("rope_m", o.rope_m, 0.1, 1.5)?;
+        within("ring_m", o.ring_m, 0.0, 0.95 * o.rope_m)?;
+        within("size_m", o.size_m, 0.0, 1.5)?;
+        within("period_s", o.period_s, 4.0, 600.0)?;
+        let above_m = libm::sqrt(o.rope_m * o.rope_m - o.ring_m * o.ring_m);
+        within("height_m", o.height_m, 0.05, 2.5 - above_m)?;
+        let gap_m = 2.0 * o.ring_m * libm::sin(std::f64::consts::PI / drones.max(2) as f64);
+        if drones > 1 && gap_m < 0.2 {
+            return Err(Error::Range { name: "ring_m".into(), value: o.ring_m, want: format!("20 cm between {drones} drones") });
+        }
+        Ok(Carry { options: o, drones, above_m })
+    }
+
+    fn load(&self) -> Option<Load> {
+        Some(Load { mass_kg: self.options.load_kg, rope_m: self.options.rope_m })
+    }
+
+    fn start(&self, rng: &mut Pcg64Mcg, starts: &mut [Start], _: &mut [f64]) {
+        let [x, y] = self.way(0.0);
+        for (i, start) in starts.iter_mut().enumerate() {
+            let [dx, dy] = on_circle(i, self.drones, self.options.ring_m, 0.0);
+            let jitter: [f64; 2] = std::array::from_fn(|_| 0.02 * (2.0 * rng.random::<f64>() - 1.0));
+            *start = start_at([x + dx + jitter[0], y + dy + jitter[1], self.options.height_m + self.above_m], &[]);
+        }
+    }
+
+    #[inline(always)]
+    fn setpoint<R: Real>(&self, own: usize, _: &[R; GOAL], _: &[R], scene: &Scene<R>) -> Setpoint<R> {
+        let [x, y] = self.way(scene.t_s);
+        let [dx, dy] = on_circle(own, self.drones, self.options.ring_m, 0.0);
+        Setpoint { pos_m: [x + R::of(dx), y + R::of(dy), R::of(self.options.height_m + self.above_m)], yaw_rad: R::zero() }
+    }
+
+    #[inline(always)]
+    fn judge<R: Real>(&self, _: usize, s: &Situation<R>, _: &[R], scene: &Scene<R>) -> Verdict<R> {
+        let [x, y] = self.way(scene.t_s);
+        let place = [x, y, R::of(self.options.height_m)];
+        let error_m = scene.load.map_or(
+            R::zero(),
+            #[inline(always)]
+            |load| distance(&load.pos_m, &place),
+        );
+        let own_m = distance(&s.x.pos_m, &s.setpoint.pos_m);
+        let near = |d: R, half: f64| R::of(0.5) / (R::of(1.0) + d * d * R::of(1.0 / (half * half)));
+        let reward = near(error_m, 0.15) + near(own_m, 0.3) - R::of(0.05) * jerk(s);
+        Verdict { reward, error_m, arrived: error_m.lt(R::of(0.1)), done: R::nothing() }
+    }
+}
+
+impl Carry {
+    /// Where the load is to be.
+    #[inline(always)]
+    fn way<R: Real>(&self, t_s: R) -> [R; 2] {
+        let o = &self.options;
+        let (sin, cos) = (t_s * R::of(std::f64::consts::TAU / o.period_s)).sin_cos();
+        [R::of(o.size_m) * cos, R::of(0.5 * o.size_m) * sin]
+    }
+}

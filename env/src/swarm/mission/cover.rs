@@ -1,0 +1,146 @@
+//! Look at every marker of a field.
+
+use rand::RngExt;
+use rand_pcg::Pcg64Mcg;
+use serde::Deserialize;
+
+use super::{GOAL, Mission, Scene, Situation, Start, Verdict, distance, jerk, start_at, within};
+use crate::error::{Error, Result};
+use crate::observation::Setpoint;
+use crate::real::Real;
+
+/// Options of the coverage mission.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Options {
+    pub columns: usize,
+    pub rows: usize,
+    /// From marker to marker.
+    pub pitch_m: f64,
+    pub height_m: f64,
+    /// A marker has been looked at when a drone was this near to the place above it.
+    pub near_m: f64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Options { columns: 6, rows: 6, pitch_m: 0.6, height_m: 0.8, near_m: 0.15 }
+    }
+}
+
+pub struct Cover {
+    options: Options,
+    drones: usize,
+    /// The places above the markers, strip by strip, there and back.
+    places: Vec<[f64; 2]>,
+}
+
+/// Most markers in a field.
+const MOST: usize = 64;
+
+impl Mission for Cover {
+    const NAME: &'static str = "cover";
+    const ID: &'static str = "CrazyflieCover-v0";
+    const ABOUT: &'static str = "Look at every marker of a field; each drone has a share of them, and the set-point is the next one in it";
+    const REWARD: &'static str = "1 for every marker looked at for the first time, by whom; 0.01 / (1 + distance to the set-point / 1 m) - 0.005 jerk per step; -10 for a collision, a crash or leaving the room, which end a drone's flight";
+    const MAX_EPISODE_STEPS: u32 = 1500;
+    const DRONES: usize = 4;
+    type Options = Options;
+
+    fn new(o: Options, drones: usize) -> Result<Self> {
+        within("pitch_m", o.pitch_m, 0.1, 2.0)?;
+        within("height_m", o.height_m, 0.2, 2.5)?;
+        within("near_m", o.near_m, 0.02, 1.0)?;
+        let markers = o.columns * o.rows;
+        if !(drones..=MOST).contains(&markers) {
+            return Err(Error::Range {
+                name: "columns x rows".into(),
+                value: markers as f64,
+                want: format!("{drones} (one for each drone) to {MOST}"),
+            });
+        }
+        let half = |n: usize| 0.5 * (n as f64 - 1.0) * o.pitch_m;
+        within("half the field", half(o.columns).max(half(o.rows)), 0.0, 2.3)?;
+        let place = |i: usize| {
+            let (row, along) = (i / o.columns, i % o.columns);
+            let column = if row.is_multiple_of(2) { along } else { o.columns - 1 - along };
+            [column as f64 * o.pitch_m - half(o.columns), row as f64 * o.pitch_m - half(o.rows)]
+        };
+        Ok(Cover { places: (0..markers).map(place).collect(), drones, options: o })
+    }
+
+    /// For each marker 1 when it has been looked at, then for each drone which marker of its share is next.
+    fn board(&self) -> usize {
+        self.places.len() + self.drones
+    }
+
+    fn start(&self, rng: &mut Pcg64Mcg, starts: &mut [Start], board: &mut [f64]) {
+        board.fill(0.0);
+        for (i, start) in starts.iter_mut().enumerate() {
+            let [x, y] = self.places[self.share(i).start];
+            let jitter: [f64; 2] = std::array::from_fn(|_| 0.05 * (2.0 * rng.random::<f64>() - 1.0));
+            *start = start_at([x + jitter[0], y + jitter[1], self.options.height_m], &[]);
+        }
+    }
+
+    #[inline(always)]
+    fn turn<R: Real>(&self, board: &mut [R], scene: &Scene<R>) {
+        let (looked, next) = board.split_at_mut(self.places.len());
+        let (near, one) = (R::of(self.options.near_m), R::of(1.0));
+        for (looked, [x, y]) in looked.iter_mut().zip(&self.places) {
+            for drone in scene.drones {
+                let place = [R::of(*x), R::of(*y), R::of(self.options.height_m)];
+                let seen = distance(&drone.pos_m, &place).lt(near) & drone.here.gt(R::zero());
+                *looked = R::select(seen, one, *looked);
+            }
+        }
+        for (drone, next) in next.iter_mut().enumerate() {
+            for (i, marker) in self.share(drone).enumerate() {
+                let due = next.le(R::of(i as f64 + 0.5)) & R::of(i as f64 - 0.5).lt(*next);
+                *next = R::select(due & looked[marker].gt(R::zero()), R::of(i as f64 + 1.0), *next);
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn setpoint<R: Real>(&self, own: usize, _: &[R; GOAL], board: &[R], _: &Scene<R>) -> Setpoint<R> {
+        let next = board[self.places.len() + own];
+        let share = self.share(own);
+        let mut pos_m = [R::zero(), R::zero(), R::of(self.options.height_m)];
+        for (i, marker) in share.clone().enumerate() {
+            // past the last one it stays there
+            let due = if i == 0 { !R::nothing() } else { R::of(i as f64 - 0.5).lt(next) };
+            for (slot, place) in pos_m.iter_mut().zip(self.places[marker]) {
+                *slot = R::select(due, R::of(place), *slot);
+            }
+        }
+        Setpoint { pos_m, yaw_rad: R::zero() }
+    }
+
+    #[inline(always)]
+    fn judge<R: Real>(&self, own: usize, s: &Situation<R>, board: &[R], scene: &Scene<R>) -> Verdict<R> {
+        let error_m = distance(&s.x.pos_m, &s.setpoint.pos_m);
+        let markers = &self.places;
+        let (mut left, mut found) = (R::zero(), R::zero());
+        let near = R::of(self.options.near_m);
+        for (looked, [x, y]) in board.iter().zip(markers) {
+            left += R::of(1.0) - *looked;
+            // the board is of before this tick: what is near now and not yet on it is new
+            let place = [R::of(*x), R::of(*y), R::of(self.options.height_m)];
+            let new = distance(&scene.drones[own].pos_m, &place).lt(near) & looked.le(R::zero());
+            found += R::select(new, R::of(1.0), R::zero());
+        }
+        let way = R::of(0.01) / (R::of(1.0) + error_m);
+        let all = left.lt(R::of(0.5));
+        Verdict { reward: found + way - R::of(0.005) * jerk(s), error_m, arrived: all, done: all }
+    }
+}
+
+impl Cover {
+    /// The markers that a drone is to look at.
+    #[inline(always)]
+    fn share(&self, drone: usize) -> std::ops::Range<usize> {
+        let n = self.places.len();
+        drone * n / self.drones..(drone + 1) * n / self.drones
+    }
+}

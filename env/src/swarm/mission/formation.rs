@@ -1,0 +1,126 @@
+//! Hold a formation that moves and changes its shape.
+
+use rand::RngExt;
+use rand_pcg::Pcg64Mcg;
+use serde::Deserialize;
+
+use super::{GOAL, Mission, Scene, Start, on_circle, start_at, within};
+use crate::error::{Error, Result};
+use crate::observation::Setpoint;
+use crate::real::{Real, tabulate};
+
+/// Options of the formation mission.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Options {
+    /// Between neighbours, at least.
+    pub spacing_m: f64,
+    pub height_m: f64,
+    /// The formation's middle moves on a circle of this radius.
+    pub roam_m: f64,
+    /// Time for one round of it.
+    pub period_s: f64,
+    /// The shape changes this often, between ring and rows; 0 for never.
+    pub change_s: f64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Options { spacing_m: 0.5, height_m: 0.8, roam_m: 0.4, period_s: 16.0, change_s: 8.0 }
+    }
+}
+
+pub struct Formation {
+    options: Options,
+    /// Each drone's place in the ring and in the rows, about the middle.
+    places: Vec<[[f64; 2]; 2]>,
+}
+
+/// Time that a change of shape may take.
+const CHANGE_S: f64 = 3.0;
+
+impl Mission for Formation {
+    const NAME: &'static str = "formation";
+    const ID: &'static str = "CrazyflieFormation-v0";
+    const ABOUT: &'static str = "Hold a ring, then rows, then a ring again, while the middle of the formation moves on a circle";
+    const REWARD: &'static str = "closeness - 0.05 jerk to the own place, as for hover; -10 for a collision, a crash or leaving the room, which end a drone's flight";
+    const MAX_EPISODE_STEPS: u32 = 1000;
+    const DRONES: usize = 4;
+    type Options = Options;
+
+    fn new(o: Options, drones: usize) -> Result<Self> {
+        within("spacing_m", o.spacing_m, 0.1, 2.0)?;
+        within("height_m", o.height_m, 0.2, 2.5)?;
+        within("roam_m", o.roam_m, 0.0, 1.5)?;
+        within("period_s", o.period_s, 2.0, 600.0)?;
+        within("change_s", o.change_s, 0.0, 600.0)?;
+        if o.change_s != 0.0 && o.change_s < CHANGE_S {
+            return Err(Error::Range { name: "change_s".into(), value: o.change_s, want: format!("0 or at least {CHANGE_S}") });
+        }
+        let radius_m = if drones == 1 { 0.0 } else { o.spacing_m / (2.0 * libm::sin(std::f64::consts::PI / drones as f64)) };
+        let columns = libm::ceil(libm::sqrt(drones as f64)) as usize;
+        let rows = drones.div_ceil(columns);
+        let widest_m = radius_m.max(0.5 * o.spacing_m * (columns - 1) as f64) + o.roam_m;
+        // a ring of many would leave the room: they stay in their rows
+        let fits = widest_m < 2.3;
+        let square = |i: usize, n: usize| (i as f64 - 0.5 * (n as f64 - 1.0)) * o.spacing_m;
+        if square(columns, columns + 1) + o.roam_m > 2.4 {
+            return Err(Error::Range { name: "spacing_m".into(), value: o.spacing_m, want: format!("room for {drones} drones in 4.8 m") });
+        }
+        let place = |i: usize| {
+            let row = [square(i % columns, columns), square(i / columns, rows)];
+            [if fits { on_circle(i, drones, radius_m, 0.0) } else { row }, row]
+        };
+        Ok(Formation { places: assigned((0..drones).map(place).collect()), options: o })
+    }
+
+    fn start(&self, rng: &mut Pcg64Mcg, starts: &mut [Start], _: &mut [f64]) {
+        for (start, [ring, _]) in starts.iter_mut().zip(&self.places) {
+            let jitter: [f64; 2] = std::array::from_fn(|_| 0.05 * (2.0 * rng.random::<f64>() - 1.0));
+            *start = start_at([self.options.roam_m + ring[0] + jitter[0], ring[1] + jitter[1], self.options.height_m], &[]);
+        }
+    }
+
+    #[inline(always)]
+    fn setpoint<R: Real>(&self, own: usize, _: &[R; GOAL], _: &[R], scene: &Scene<R>) -> Setpoint<R> {
+        let o = &self.options;
+        let (sin, cos) = (scene.t_s * R::of(std::f64::consts::TAU / o.period_s)).sin_cos();
+        let shape = self.shape(scene.t_s);
+        let [ring, rows] = &self.places[own];
+        let middle = [cos * R::of(o.roam_m), sin * R::of(o.roam_m)];
+        let [x, y] = tabulate(
+            #[inline(always)]
+            |i| middle[i] + R::of(ring[i]) + shape * R::of(rows[i] - ring[i]),
+        );
+        Setpoint { pos_m: [x, y, R::of(o.height_m)], yaw_rad: R::zero() }
+    }
+}
+
+impl Formation {
+    /// 0 for the ring, 1 for the rows, in between during a change.
+    #[inline(always)]
+    fn shape<R: Real>(&self, t_s: R) -> R {
+        let period = self.options.change_s;
+        if period == 0.0 {
+            return R::zero();
+        }
+        // a triangle wave of two periods, cut off so that a change takes CHANGE_S
+        let turns = t_s * R::of(0.5 / period) - R::of(0.5 + 0.25 * (1.0 - CHANGE_S / period));
+        let saw = turns - turns.round();
+        let wave = (R::of(0.25) - saw.abs()) * R::of(2.0 * period / CHANGE_S);
+        R::of(1.0) - (wave + R::of(0.5)).clamp(R::zero(), R::of(1.0))
+    }
+}
+
+/// Ring and rows paired so that the ways between them are short: the same order around the middle.
+fn assigned(places: Vec<[[f64; 2]; 2]>) -> Vec<[[f64; 2]; 2]> {
+    let mut rows: Vec<[f64; 2]> = places.iter().map(|p| p[1]).collect();
+    places
+        .iter()
+        .map(|[ring, _]| {
+            let far = |p: &[f64; 2]| (p[0] - ring[0]).powi(2) + (p[1] - ring[1]).powi(2);
+            let nearest = (0..rows.len()).min_by(|a, b| far(&rows[*a]).total_cmp(&far(&rows[*b]))).unwrap_or(0);
+            [*ring, rows.remove(nearest)]
+        })
+        .collect()
+}

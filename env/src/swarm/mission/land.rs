@@ -1,0 +1,113 @@
+//! Land on one marker, one after another.
+
+use rand::RngExt;
+use rand_pcg::Pcg64Mcg;
+use serde::Deserialize;
+
+use super::{GOAL, Mission, Scene, Situation, Start, Verdict, closeness, distance, jerk, on_circle, start_at, within};
+use crate::error::{Error, Result};
+use crate::observation::Setpoint;
+use crate::real::{Real, tabulate};
+
+/// Options of the landing in turn.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Options {
+    /// Of the circle on which they wait.
+    pub radius_m: f64,
+    pub height_m: f64,
+    /// Speed at which the set-point of the one whose turn it is goes to the place above the marker, and down.
+    pub speed_mps: f64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Options { radius_m: 0.8, height_m: 0.7, speed_mps: 0.3 }
+    }
+}
+
+pub struct LandInTurn(Options);
+
+/// Board: whose turn it is, and since when.
+const TURN: usize = 0;
+const SINCE: usize = 1;
+
+/// The package that the thesis flew cuts the motors here: that is a landing.
+const CUT_M: f64 = 0.05;
+
+impl Mission for LandInTurn {
+    const NAME: &'static str = "land_in_turn";
+    const ID: &'static str = "CrazyflieLandInTurn-v0";
+    const ABOUT: &'static str =
+        "Drones wait on a circle and land on one marker, one after another: motors are cut 5 cm up, and who has landed is carried away";
+    const REWARD: &'static str = "0.1 (closeness - 1) - 0.005 jerk per step; at touch-down once 10 / (1 + (off / 0.1 m)^2) / (1 + (impact / 0.3 m/s)^2); -10 for a collision, a crash or leaving the room, which end a drone's flight";
+    const MAX_EPISODE_STEPS: u32 = 2000;
+    const DRONES: usize = 4;
+    type Options = Options;
+
+    fn new(o: Options, drones: usize) -> Result<Self> {
+        within("radius_m", o.radius_m, 0.2, 2.2)?;
+        within("height_m", o.height_m, 0.2, 2.5)?;
+        within("speed_mps", o.speed_mps, 0.05, 2.0)?;
+        let gap_m = 2.0 * o.radius_m * libm::sin(std::f64::consts::PI / drones.max(2) as f64) - 0.1;
+        if gap_m < 0.15 {
+            return Err(Error::Range { name: "radius_m".into(), value: o.radius_m, want: format!("15 cm between {drones} drones") });
+        }
+        Ok(LandInTurn(o))
+    }
+
+    fn board(&self) -> usize {
+        2
+    }
+
+    fn start(&self, rng: &mut Pcg64Mcg, starts: &mut [Start], board: &mut [f64]) {
+        board.fill(0.0);
+        let n = starts.len();
+        for (i, start) in starts.iter_mut().enumerate() {
+            let [x, y] = on_circle(i, n, self.0.radius_m, 0.0);
+            let jitter: [f64; 2] = std::array::from_fn(|_| 0.05 * (2.0 * rng.random::<f64>() - 1.0));
+            *start = start_at([x + jitter[0], y + jitter[1], self.0.height_m], &[x, y]);
+        }
+    }
+
+    #[inline(always)]
+    fn turn<R: Real>(&self, board: &mut [R], scene: &Scene<R>) {
+        for (i, drone) in scene.drones.iter().enumerate() {
+            let due = board[TURN].le(R::of(i as f64 + 0.5)) & R::of(i as f64 - 0.5).lt(board[TURN]);
+            let gone = due & drone.here.le(R::zero());
+            board[TURN] = R::select(gone, R::of(i as f64 + 1.0), board[TURN]);
+            board[SINCE] = R::select(gone, scene.t_s, board[SINCE]);
+        }
+    }
+
+    #[inline(always)]
+    fn setpoint<R: Real>(&self, own: usize, goal: &[R; GOAL], board: &[R], scene: &Scene<R>) -> Setpoint<R> {
+        let o = &self.0;
+        let mine = board[TURN].le(R::of(own as f64 + 0.5)) & R::of(own as f64 - 0.5).lt(board[TURN]);
+        let gone_m = (scene.t_s - board[SINCE]) * R::of(o.speed_mps);
+        let share = (gone_m * R::of(1.0 / o.radius_m)).clamp(R::zero(), R::of(1.0));
+        let inwards = R::select(mine, R::of(1.0) - share, R::of(1.0));
+        // a second's way above the marker, then down into the floor, so that it is reached
+        let sunk = (gone_m - R::of(o.radius_m + o.speed_mps)).clamp(R::zero(), R::of(o.height_m + 0.1));
+        let height = R::of(o.height_m) - R::select(mine, sunk, R::zero());
+        let [x, y] = tabulate(
+            #[inline(always)]
+            |i| inwards * goal[i],
+        );
+        Setpoint { pos_m: [x, y, height], yaw_rad: R::zero() }
+    }
+
+    #[inline(always)]
+    fn judge<R: Real>(&self, own: usize, s: &Situation<R>, board: &[R], _: &Scene<R>) -> Verdict<R> {
+        let one = R::of(1.0);
+        let off2 = s.x.pos_m[0] * s.x.pos_m[0] + s.x.pos_m[1] * s.x.pos_m[1];
+        let sinking_mps = s.contact.impact_mps.max(-s.x.vel_mps[2]);
+        let impact2 = sinking_mps * sinking_mps;
+        let touch = R::of(10.0) / ((one + R::of(1.0 / 0.01) * off2) * (one + R::of(1.0 / 0.09) * impact2));
+        let mine = R::of(own as f64 - 0.5).lt(board[TURN]);
+        let down = (s.contact.standing | s.x.pos_m[2].lt(R::of(CUT_M))) & mine;
+        let approach = R::of(0.1) * (closeness(s) - one) - R::of(0.005) * jerk(s);
+        let error_m = distance(&s.x.pos_m, &s.setpoint.pos_m);
+        Verdict { reward: approach + R::select(down, touch, R::zero()), error_m, arrived: down, done: down }
+    }
+}

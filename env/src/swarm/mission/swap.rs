@@ -1,0 +1,71 @@
+//! Everybody to the opposite side, through the middle.
+
+use rand::RngExt;
+use rand_pcg::Pcg64Mcg;
+use serde::Deserialize;
+
+use super::{GOAL, Mission, Scene, Start, on_circle, start_at, within};
+use crate::error::{Error, Result};
+use crate::observation::Setpoint;
+use crate::real::Real;
+
+/// Options of the swap.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Options {
+    /// Of the circle that they stand on.
+    pub radius_m: f64,
+    pub height_m: f64,
+    /// Wait in place before the swap begins.
+    pub wait_s: f64,
+    /// Each start is off its place by at most this, and the circle is turned at random.
+    pub jitter_m: f64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Options { radius_m: 1.2, height_m: 0.8, wait_s: 1.0, jitter_m: 0.05 }
+    }
+}
+
+pub struct Swap(Options);
+
+impl Mission for Swap {
+    const NAME: &'static str = "swap";
+    const ID: &'static str = "CrazyflieSwap-v0";
+    const ABOUT: &'static str =
+        "Drones on a circle change to the opposite places, all at once, straight through the middle unless they avoid each other";
+    const REWARD: &'static str = "closeness - 0.05 jerk to the new place, as for hover; -10 for a collision, a crash or leaving the room, which end a drone's flight";
+    const MAX_EPISODE_STEPS: u32 = 1000;
+    const DRONES: usize = 8;
+    type Options = Options;
+
+    fn new(o: Options, drones: usize) -> Result<Self> {
+        within("radius_m", o.radius_m, 0.2, 2.2)?;
+        within("height_m", o.height_m, 0.2, 2.5)?;
+        within("wait_s", o.wait_s, 0.0, 60.0)?;
+        within("jitter_m", o.jitter_m, 0.0, 0.2)?;
+        let gap_m = 2.0 * o.radius_m * libm::sin(std::f64::consts::PI / drones.max(2) as f64) - 2.0 * o.jitter_m;
+        if gap_m < 0.15 {
+            return Err(Error::Range { name: "radius_m".into(), value: o.radius_m, want: format!("15 cm between {drones} drones") });
+        }
+        Ok(Swap(o))
+    }
+
+    fn start(&self, rng: &mut Pcg64Mcg, starts: &mut [Start], _: &mut [f64]) {
+        let (o, n) = (&self.0, starts.len());
+        let turned = std::f64::consts::TAU * rng.random::<f64>();
+        for (i, start) in starts.iter_mut().enumerate() {
+            let [x, y] = on_circle(i, n, o.radius_m, turned);
+            let jitter: [f64; 3] = std::array::from_fn(|_| o.jitter_m * (2.0 * rng.random::<f64>() - 1.0));
+            *start = start_at([x + jitter[0], y + jitter[1], o.height_m + jitter[2]], &[x, y]);
+        }
+    }
+
+    #[inline(always)]
+    fn setpoint<R: Real>(&self, _: usize, goal: &[R; GOAL], _: &[R], scene: &Scene<R>) -> Setpoint<R> {
+        // half a millisecond of margin for the clock's rounding
+        let side = R::select(scene.t_s.lt(R::of(self.0.wait_s - 5e-4)), R::of(1.0), R::of(-1.0));
+        Setpoint { pos_m: [side * goal[0], side * goal[1], R::of(self.0.height_m)], yaw_rad: R::zero() }
+    }
+}

@@ -1,0 +1,196 @@
+//! What comes of a tick for a flock: collisions, what is known of whom, ends, rows.
+
+use super::flock::{Flock, neighbour};
+use crate::lanes::LANES;
+use crate::observation::{OBSERVATION, observe};
+use crate::real::Real;
+use crate::rows::{lanes_of, write_lane};
+use crate::simulated::Batched;
+use crate::swarm::{METRICS, NEIGHBOUR, Rules, SwarmOut};
+use crate::task::{crashed, outside};
+
+/// What a collision or a crash costs a drone.
+const PENALTY: f64 = 10.0;
+
+impl<R: Batched> Flock<R> {
+    /// Where everybody is now, who has hit whom, and what is said by radio.
+    #[inline(never)]
+    pub(super) fn regard(&mut self, rules: &Rules, tile: usize, place: usize) {
+        R::run(
+            #[inline(always)]
+            || {
+                self.collide(rules, tile, place);
+                self.talk(tile, place);
+            },
+        );
+    }
+
+    /// Who is nearer to another than two radii.
+    #[inline(always)]
+    fn collide(&mut self, rules: &Rules, tile: usize, place: usize) {
+        let n = self.drones.len();
+        let scene = &mut self.desk.scene[place * n..(place + 1) * n];
+        for (drone, seen) in scene.iter_mut().enumerate() {
+            *seen = neighbour(self.drones[drone].state(tile), self.pilots[tile * n + drone].flying);
+        }
+        let (near2, sums) = (R::of(4.0 * rules.radius_m * rules.radius_m), &mut self.tiles[tile].sums);
+        self.desk.hit.fill(R::nothing());
+        for a in 0..n {
+            for b in a + 1..n {
+                let (p, q) = (&scene[a], &scene[b]);
+                let [dx, dy, dz] = [p.pos_m[0] - q.pos_m[0], p.pos_m[1] - q.pos_m[1], p.pos_m[2] - q.pos_m[2]];
+                let both = R::zero().lt(p.here * q.here);
+                let far2 = R::select(both, dx * dx + dy * dy + dz * dz, sums.nearest2_m2);
+                sums.nearest2_m2 = sums.nearest2_m2.min(far2);
+                let hit = both & far2.lt(near2);
+                self.desk.hit[a] = self.desk.hit[a] | hit;
+                self.desk.hit[b] = self.desk.hit[b] | hit;
+            }
+        }
+    }
+
+    /// Everybody says where it is, and listens.
+    #[inline(always)]
+    fn talk(&mut self, tile: usize, place: usize) {
+        let n = self.drones.len();
+        let known = &mut self.tiles[tile].known;
+        known.tick();
+        for (drone, ticks) in self.desk.ticks.iter().enumerate() {
+            known.say(drone, &ticks[place].reading.marker);
+            self.desk.contacts[drone] = ticks[place].contact;
+        }
+        known.listen(&self.desk.scene[place * n..(place + 1) * n], &self.drones[0].draw(tile));
+    }
+
+    /// Ends, rows and metrics of a tick, from the mission's verdicts on the desk. Returns the worlds that had ended before.
+    #[inline(never)]
+    pub(super) fn settle(&mut self, rules: &Rules, tile: usize, place: usize, out: &mut SwarmOut<'_>) -> u16 {
+        R::run(
+            #[inline(always)]
+            || self.settle_now(rules, tile, place, out),
+        )
+    }
+
+    #[inline(always)]
+    fn settle_now(&mut self, rules: &Rules, tile: usize, place: usize, out: &mut SwarmOut<'_>) -> u16 {
+        let n = self.drones.len();
+        let now_s = self.drones[0].time_s(tile);
+        let over = R::bits(now_s.gt(R::of(rules.last_s))) as u16;
+        let (mut late, mut arrived, mut flying) = (R::nothing(), R::zero(), 0);
+        let lanes = self.used(tile);
+        for drone in 0..n {
+            let before = self.pilot(tile, drone).flying;
+            let end = self.end(tile, place, drone, over);
+            late = late | R::mask(before.into()) & !end.arrived;
+            arrived += R::select(R::mask(u32::from(before & !end.terminated)) & end.arrived, R::of(1.0), R::zero());
+            flying |= end.flying;
+            let rewards = *end.reward.array();
+            for lane in lanes_of(lanes) {
+                let row = (tile * LANES + lane) * n + drone;
+                out.rewards[row] = rewards[lane];
+                out.terminated[row] = end.terminated >> lane & 1 == 1;
+                out.truncated[row] = end.truncated >> lane & 1 == 1;
+                out.flying[row] = end.flying >> lane & 1 == 1;
+            }
+            self.write(tile, place, drone, lanes, before.into(), out.observations);
+        }
+        for (seen, pilot) in self.desk.scene[place * n..].iter_mut().zip(&self.pilots[tile * n..(tile + 1) * n]) {
+            seen.here = R::select(R::mask(pilot.flying.into()), R::of(1.0), R::zero());
+        }
+        let of = &mut self.tiles[tile];
+        of.sums.settled_s = R::select(late, now_s, of.sums.settled_s);
+        let metrics = of.sums.row(arrived);
+        for lane in lanes_of(lanes) {
+            let row = (tile * LANES + lane) * METRICS.len();
+            write_lane(&metrics, lane, &mut out.metrics[row..row + METRICS.len()]);
+        }
+        let before = of.ended;
+        of.ended = !flying & of.used;
+        before
+    }
+
+    /// Whether a drone's flight ends, and what the tick was worth.
+    #[inline(always)]
+    fn end(&mut self, tile: usize, place: usize, drone: usize, over: u16) -> End<R> {
+        let verdict = self.desk.verdicts[drone];
+        let (x, contact) = (self.drones[drone].state(tile), &self.desk.contacts[drone]);
+        let flies = R::mask(self.pilot(tile, drone).flying.into());
+        let hit = flies & self.desk.hit[drone];
+        let crash = flies & (outside(x) | crashed(contact)) & !hit;
+        let done = flies & verdict.done & !(hit | crash);
+        let one = |mask: R::Mask| R::select(mask, R::of(1.0), R::zero());
+        let sums = &mut self.tiles[tile].sums;
+        sums.collisions += one(hit);
+        sums.crashes += one(crash);
+        sums.done += one(done);
+        sums.error2_m2 += R::select(flies, verdict.error_m * verdict.error_m, R::zero());
+        sums.flown += one(flies);
+        let terminated = R::bits(hit | crash | done) as u16;
+        let action = self.desk.actions[drone][place];
+        let pilot = self.pilot_mut(tile, drone);
+        let truncated = pilot.flying & !terminated & over;
+        pilot.flying &= !(terminated | over);
+        pilot.last_action = action;
+        let cost = R::select(hit | crash, R::of(PENALTY), R::zero());
+        let reward = R::select(flies, verdict.reward, R::zero()) - cost;
+        End { reward, arrived: verdict.arrived, terminated, truncated, flying: pilot.flying }
+    }
+
+    /// The first observations of the worlds of `bits`.
+    #[inline(never)]
+    pub(super) fn show(&self, tile: usize, bits: u32, observations: &mut [f32]) {
+        R::run(
+            #[inline(always)]
+            || (0..self.len()).for_each(|drone| self.write(tile, 0, drone, bits, bits, observations)),
+        );
+    }
+
+    /// A drone's rows in the worlds of `lanes`: what it observes where it flew (`flew`), zeros elsewhere.
+    #[inline(always)]
+    fn write(&self, tile: usize, place: usize, drone: usize, lanes: u32, flew: u32, observations: &mut [f32]) {
+        let n = self.drones.len();
+        let width = OBSERVATION + NEIGHBOUR * (n - 1);
+        let now_s = self.drones[drone].time_s(tile);
+        let reading = &self.desk.ticks[drone][place].reading;
+        let to = Rows { first: (tile * LANES * n + drone) * width, stride: n * width, lanes, flew };
+        let own = observe(reading, now_s, &self.desk.setpoints[drone], &self.pilot(tile, drone).last_action);
+        to.write(&own, 0, observations);
+        let truth = &self.desk.scene[place * n..(place + 1) * n];
+        let mut at = OBSERVATION;
+        for other in (0..n).filter(|other| *other != drone) {
+            to.write(&self.tiles[tile].known.of(drone, other, truth, now_s), at, observations);
+            at += NEIGHBOUR;
+        }
+    }
+}
+
+/// How a tick ended for a drone, world by world.
+struct End<R: Real> {
+    reward: R,
+    arrived: R::Mask,
+    terminated: u16,
+    truncated: u16,
+    flying: u16,
+}
+
+/// Where a drone's rows are among all.
+struct Rows {
+    first: usize,
+    stride: usize,
+    lanes: u32,
+    flew: u32,
+}
+
+impl Rows {
+    #[inline(always)]
+    fn write<R: Batched, const N: usize>(&self, values: &[R; N], at: usize, rows: &mut [f32]) {
+        let mut block = [0.0; LANES * OBSERVATION];
+        let block = &mut block[..LANES * N];
+        R::write(values, block);
+        for lane in lanes_of(self.lanes) {
+            let from = self.first + lane * self.stride + at;
+            let row = &mut rows[from..from + N];
+            if self.flew >> lane & 1 == 1 { row.copy_from_slice(&block[lane * N..(lane + 1) * N]) } else { row.fill(0.0) }
+        }
+    }
+}

@@ -1,0 +1,104 @@
+"""Several drones as agents of PettingZoo. Needs the extra `swarm`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode
+
+try:
+    from pettingzoo import ParallelEnv
+except ImportError as error:
+    raise ImportError("PettingZoo is missing: pip install 'crazyflie-gym[swarm]'") from error
+
+from crazyflie_gym._types import FloatArray
+from crazyflie_gym.swarm import METRICS, CrazyflieSwarm
+
+_Results = tuple[dict[str, FloatArray], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]
+
+
+class CrazyflieParallelEnv(ParallelEnv[str, FloatArray, FloatArray]):
+    """One world of several Crazyflies, each an agent: "drone_0", "drone_1", and so on.
+
+    A drone that collides, crashes or is done terminates and leaves; when the time is over the others are truncated.
+    Infos hold the episode's "metrics" so far. The arguments are those of `crazyflie_gym.swarm.CrazyflieSwarm`.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": [], "name": "crazyflie_v0", "is_parallelizable": True}
+
+    def __init__(self, task: str = "formation", **options: Any) -> None:
+        self.swarm = CrazyflieSwarm(1, task, autoreset_mode=AutoresetMode.DISABLED, **options)
+        self.possible_agents = [f"drone_{j}" for j in range(self.swarm.num_drones)]
+        self.agents: list[str] = []
+        self.render_mode = None
+        # PettingZoo wants the same object each time
+        self.observation_spaces = {agent: self.swarm.single_observation_space for agent in self.possible_agents}
+        self.action_spaces = {agent: self._action_space() for agent in self.possible_agents}
+
+    def _action_space(self) -> spaces.Space[FloatArray]:
+        space: Any = spaces.Box(-1.0, 1.0, (4,), np.float32)
+        return space  # type: ignore[no-any-return]
+
+    def observation_space(self, agent: str) -> spaces.Space[FloatArray]:
+        """Return the space of an agent's observations."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> spaces.Space[FloatArray]:
+        """Return the space of an agent's actions."""
+        return self.action_spaces[agent]
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, FloatArray], dict[str, dict[str, Any]]]:
+        """Begin the first episode of a seed, or without one the next episode; there are no options."""
+        rows, _ = self.swarm.reset(seed=seed)
+        self.agents = list(self.possible_agents)
+        return {agent: rows[0, j] for j, agent in enumerate(self.agents)}, {agent: {} for agent in self.agents}
+
+    def step(self, actions: Mapping[str, FloatArray]) -> _Results:
+        """Fly one control tick with one action, float32 (4,) from -1 to 1, of every agent of `agents`.
+
+        Raises:
+            ValueError: for an agent that is missing, unknown, or no longer flies; and as `CrazyflieSwarm.step`. Nothing
+                has moved then.
+        """
+        self._check(actions)
+        rows = np.zeros((1, len(self.possible_agents), 4), np.float32)
+        places = {agent: j for j, agent in enumerate(self.possible_agents)}
+        for agent, action in actions.items():
+            if np.shape(action) != (4,):
+                raise ValueError(f"action of {agent}: expected shape (4,), got {np.shape(action)}")
+            rows[0, places[agent]] = action
+        if not self.agents:
+            return {}, {}, {}, {}, {}
+        seen, rewards, terminated, truncated, info = self.swarm.step(rows)
+        measured = dict(zip(METRICS, info["metrics"][0].tolist(), strict=True))
+        flew = [(agent, places[agent]) for agent in self.agents]
+        self.agents = [agent for agent, j in flew if info["flying"][0, j]]
+        return (
+            {agent: seen[0, j] for agent, j in flew},
+            {agent: float(rewards[0, j]) for agent, j in flew},
+            {agent: bool(terminated[0, j]) for agent, j in flew},
+            {agent: bool(truncated[0, j]) for agent, j in flew},
+            {agent: {"metrics": measured} for agent, _ in flew},
+        )
+
+    def _check(self, actions: Mapping[str, FloatArray]) -> None:
+        for agent in actions:
+            if agent not in self.possible_agents:
+                raise ValueError(f"action of {agent!r}: there is no such drone, expected {', '.join(self.agents)}")
+            if agent not in self.agents:
+                raise ValueError(
+                    f"action of {agent}: it no longer flies; those that do: {', '.join(self.agents) or 'none'}"
+                )
+        missing = [agent for agent in self.agents if agent not in actions]
+        if missing:
+            raise ValueError(f"no action of {', '.join(missing)}: every drone that flies needs one")
+
+
+def parallel_env(task: str = "formation", **options: Any) -> CrazyflieParallelEnv:
+    """Return a `CrazyflieParallelEnv`, as PettingZoo's own modules name it."""
+    return CrazyflieParallelEnv(task, **options)

@@ -1,0 +1,260 @@
+"""Proximal policy optimisation (Schulman et al. 2017) in one file.
+
+    python -m crazyflie_gym.ppo hover --out hover.safetensors
+
+Written for two processor cores: the simulator hardly costs anything, so batches are large, networks small, and all that
+learns is one compiled function per iteration. The critic is asymmetric (Pinto et al. 2018): it also sees the true
+state, which only the simulator knows. Needs the extra `train`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from crazyflie_gym.policy import SIGNALS, Layers, Policy, features, gains, level, mlp, normalised, rotated, width
+from crazyflie_gym.training import RANDOMISED, TASKS, Batches, Config
+
+
+class Rollout(NamedTuple):
+    """Ticks of all environments, arrays (ticks, envs, ...): features, critic's view, drawn outputs, rewards, ends."""
+
+    features: Any
+    seen: Any
+    drawn: Any
+    rewards: Any
+    ends: Any
+
+
+def critic_view(x: Any, observations: Any, states: Any) -> jax.Array:
+    """Return features and the true state: position error and velocity along the heading, attitude, rates."""
+    yaw = states[..., 8]
+    error, velocity = observations[..., 16:19] - states[..., 0:3], states[..., 3:6]
+    return jnp.concatenate([x, rotated(error, yaw), rotated(velocity, yaw), states[..., 6:12]], -1)
+
+
+def network(rng: np.random.Generator, sizes: list[int], last: float) -> Layers:
+    """Return orthogonal weights, those of the last layer scaled by `last`, and zero biases."""
+    layers: Layers = []
+    for i, (inputs, outputs) in enumerate(pairwise(sizes)):
+        square = np.linalg.qr(rng.standard_normal([max(inputs, outputs)] * 2))[0]
+        scale = last if i == len(sizes) - 2 else np.sqrt(2)
+        layers.append(((scale * square[:inputs, :outputs]).astype(np.float32), np.zeros(outputs, np.float32)))
+    return layers
+
+
+def log_density(mean: Any, log_std: Any, drawn: Any) -> jax.Array:
+    """Return the logarithm of a normal density, less a constant."""
+    return jnp.sum(-0.5 * ((drawn - mean) / jnp.exp(log_std)) ** 2 - log_std, -1)
+
+
+def advantages(values: Any, rewards: Any, ends: Any, config: Config) -> jax.Array:
+    """Generalised advantage estimation (Schulman et al. 2016): values (ticks + 1, envs) to advantages (ticks, envs)."""
+
+    def back(later: jax.Array, tick: tuple[Any, ...]) -> tuple[jax.Array, jax.Array]:
+        value, after, reward, end = tick
+        on = config.discount * (1 - end)
+        now = reward + on * after - value + config.trace * on * later
+        return now, now
+
+    zero = jnp.zeros_like(values[0])
+    return jax.lax.scan(back, zero, (values[:-1], values[1:], rewards, ends), reverse=True)[1]
+
+
+def losses(params: Any, batch: Any, clip: float) -> jax.Array:
+    """Return the clipped surrogate and the squared error of the critic, whose parameters are apart."""
+    x, seen, drawn, before, gain, target = batch
+    ratio = jnp.exp(log_density(mlp(params["actor"], x), params["log_std"], drawn) - before)
+    gain = (gain - gain.mean()) / (gain.std() + 1e-8)
+    surrogate = jnp.minimum(ratio * gain, jnp.clip(ratio, 1 - clip, 1 + clip) * gain).mean()
+    error: jax.Array = 0.5 * ((mlp(params["critic"], seen)[:, 0] - target) ** 2).mean() - surrogate
+    return error
+
+
+def learner(config: Config, optimiser: Any) -> Callable[..., Any]:
+    """Return one iteration, which gives new parameters and a new state of the optimiser."""
+
+    def learn(params: Any, state: Any, scales: Any, rollout: Rollout, last: Any, order: Any) -> Any:
+        count = config.envs * config.ticks
+        x = normalised(rollout.features, *scales["actor"])
+        seen = normalised(jnp.concatenate([rollout.seen, last[None]]), *scales["critic"])
+        values = mlp(params["critic"], seen)[..., 0]
+        gain = advantages(values, rollout.rewards, rollout.ends, config)
+        before = log_density(mlp(params["actor"], x), params["log_std"], rollout.drawn)
+        whole = (x, seen[:-1], rollout.drawn, before, gain, gain + values[:-1])
+        whole = jax.tree.map(lambda a: a.reshape(count, *a.shape[2:]), whole)
+
+        def minibatch(carry: Any, chosen: Any) -> Any:
+            params, state = carry
+            slopes = jax.grad(losses)(params, jax.tree.map(lambda a: a[chosen], whole), config.clip)
+            updates, state = optimiser.update(slopes, state, params)
+            return (optax.apply_updates(params, updates), state), None
+
+        return jax.lax.scan(minibatch, (params, state), order)[0]
+
+    return jax.jit(learn)
+
+
+def actor(config: Config, rest: Any, tick_s: float) -> Callable[..., Any]:
+    """Return one tick, which gives actions, outputs drawn, features, the critic's view and new averages."""
+    pull = gains(config.taus_s, tick_s)
+
+    def act(params: Any, scales: Any, o: Any, states: Any, averages: Any, fresh: Any, noise: Any) -> Any:
+        x, averages = features(o, averages, fresh, pull, rest)
+        drawn = mlp(params["actor"], normalised(x, *scales["actor"])) + jnp.exp(params["log_std"]) * noise
+        return jnp.clip(rest + drawn, -1, 1), drawn, x, critic_view(x, o, states), averages
+
+    return jax.jit(act)
+
+
+class Trained(NamedTuple):
+    """A policy, the seconds that went into each part of its training, and the reward per tick of each rollout."""
+
+    policy: Policy
+    seconds: dict[str, float]
+    rewards: list[float]
+
+
+class Trainer:
+    """Flies, collects, learns."""
+
+    def __init__(self, config: Config) -> None:
+        self.config = config
+        self.seconds: dict[str, float] = defaultdict(float)
+        self.batches = Batches(config)
+        self.rng = np.random.default_rng(config.seed)
+        self.rest, self.tick_s = level(self.batches.sim.interface), self.batches.sim.tick_s
+        inputs, w = width(len(config.taus_s)), config.width
+        self.params: Any = {
+            "actor": network(self.rng, [inputs, w, w, 4], 0.01),
+            "critic": network(self.rng, [inputs + 12, w, w, 1], 0.01),
+            "log_std": np.full(4, np.log(config.exploration), np.float32),
+        }
+        self.scales: Any = {
+            name: (np.zeros(size, np.float32), np.ones(size, np.float32))
+            for name, size in (("actor", inputs), ("critic", inputs + 12))
+        }
+        self.observations: Any
+        self.states: Any
+        self.observations, self.states = self.batches.reset(int(self.rng.integers(1 << 40)))
+        self.averages: Any = np.zeros((config.envs, len(config.taus_s), SIGNALS), np.float32)
+        self.fresh: Any = np.ones(config.envs, np.bool_)
+        with self.timed("compiling"):
+            act = actor(config, self.rest, self.tick_s)
+            self.act: Any = act.lower(*self.view(np.zeros((config.envs, 4), np.float32))).compile()  # type: ignore[attr-defined]
+
+    @contextmanager
+    def timed(self, part: str) -> Iterator[None]:
+        """Add the time of a block to that of a part."""
+        start = time.perf_counter()
+        yield
+        self.seconds[part] += time.perf_counter() - start
+
+    def view(self, noise: NDArray[np.float32]) -> tuple[Any, ...]:
+        """Return what `act` is called with."""
+        return self.params, self.scales, self.observations, self.states, self.averages, self.fresh, noise
+
+    def reward(self, rewards: NDArray[np.float32], ends: NDArray[np.bool_]) -> NDArray[np.float32]:
+        """Return what is learned from: the task's reward, less the shaping, as shares of a discounted return."""
+        c, off = self.config, self.states[:, 0:3] - self.observations[:, 16:19]
+        turn = np.abs(self.states[:, 8] - self.observations[:, 19])
+        shaping = c.per_metre * np.sqrt((off**2).sum(1)) + c.per_radian * turn
+        return (1 - c.discount) * (rewards - np.where(ends, 0, shaping))
+
+    def rollout(self) -> tuple[Rollout, Any, float]:
+        """Fly; returns the rollout, the critic's view of what came after it, and the mean reward of the task."""
+        c, ticks, paid = self.config, [], 0.0
+        noise = self.rng.standard_normal((c.ticks, c.envs, 4), np.float32)
+        for tick in range(c.ticks):
+            with self.timed("network"):
+                actions, drawn, x, seen, self.averages = self.act(*self.view(noise[tick]))
+                actions = np.asarray(actions)
+            with self.timed("simulation"):
+                self.observations, self.states, rewards, self.fresh = self.batches.step(actions)
+            ticks.append(Rollout(x, seen, drawn, self.reward(rewards, self.fresh), self.fresh))
+            paid += float(rewards.mean()) / c.ticks
+        with self.timed("network"):
+            last = np.asarray(self.act(*self.view(noise[0]))[3])
+            return Rollout(*(np.stack(part) for part in zip(*ticks, strict=True))), last, paid
+
+    def restart(self) -> None:
+        """Begin new flights here and there: a rollout ends with the critic's estimate, whatever comes after it."""
+        chosen = self.rng.random(self.config.envs) < 1 / self.config.rollouts
+        with self.timed("simulation"):
+            self.observations, self.states = self.batches.restart(chosen)
+        self.fresh = self.fresh | chosen
+
+    def order(self) -> NDArray[np.int32]:
+        """Return which samples make up each minibatch: every sample once in each epoch."""
+        c = self.config
+        epochs = [self.rng.permutation(c.envs * c.ticks).astype(np.int32) for _ in range(c.epochs)]
+        return np.stack(epochs).reshape(-1, c.minibatch)
+
+    def train(self, progress: bool = False) -> Trained:
+        """Train from scratch. The first rollout, by a policy that knows nothing, decides how features are scaled."""
+        c, rewards = self.config, []
+        rollout, last, _ = self.rollout()
+        pairs = {"actor": rollout.features, "critic": rollout.seen}
+        self.scales = {name: (x.mean((0, 1)), np.maximum(x.std((0, 1)), 1e-2)) for name, x in pairs.items()}
+        steps = (c.iterations - 1) * c.epochs * (c.envs * c.ticks // c.minibatch)
+        optimiser = optax.adam(optax.linear_schedule(c.learning_rate, 0.05 * c.learning_rate, steps), eps=1e-5)
+        state = optimiser.init(self.params)
+        with self.timed("compiling"):
+            made = (self.params, state, self.scales, rollout, last, self.order())
+            learn = learner(c, optimiser).lower(*made).compile()  # type: ignore[attr-defined]
+        for _ in tqdm(range(c.iterations - 1), unit="rollout", disable=not progress):
+            self.restart()
+            rollout, last, paid = self.rollout()
+            rewards.append(paid)
+            with self.timed("learning"):
+                made = learn(self.params, state, self.scales, rollout, last, self.order())
+                self.params, state = jax.block_until_ready(made)  # type: ignore[no-untyped-call, unused-ignore]
+        layers = [(np.asarray(w), np.asarray(b)) for w, b in self.params["actor"]]
+        mean, std = self.scales["actor"]
+        return Trained(Policy(layers, mean, std, c.taus_s, self.tick_s), dict(self.seconds), rewards)
+
+
+def main() -> None:
+    """Train, and say where the time went."""
+    start = time.perf_counter()
+    parser = argparse.ArgumentParser(
+        description="Train a policy from scratch: crazyflie fly --controller policy:FILE flies it."
+    )
+    parser.add_argument("task", choices=TASKS, help="hover over the marker, or follow moving set-points too")
+    parser.add_argument("--out", default="policy.safetensors", metavar="FILE")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--randomised", action="store_true", help="another vehicle on another day in every flight")
+    parser.add_argument("--json", action="store_true", help="for machines")
+    args = parser.parse_args()
+    config = dataclasses.replace(TASKS[args.task], seed=args.seed)
+    if args.randomised:
+        # more to be learned takes longer
+        config = dataclasses.replace(config, effects=RANDOMISED, iterations=2 * config.iterations)
+    trained = Trainer(config).train(progress=not args.json)
+    trained.policy.save(args.out, json.dumps(dataclasses.asdict(config)))
+    whole = time.perf_counter() - start
+    seconds = trained.seconds | {"rest": whole - sum(trained.seconds.values()), "whole": whole}
+    ticks = config.iterations * config.envs * config.ticks
+    if args.json:
+        print(json.dumps({"seconds": seconds, "ticks": ticks, "rewards": trained.rewards}))
+    else:
+        print(f"{ticks / 1e6:.1f} M ticks, reward {trained.rewards[0]:.2f} to {trained.rewards[-1]:.2f}: {args.out}")
+        print("seconds: " + ", ".join(f"{part} {spent:.1f}" for part, spent in seconds.items()))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,184 @@
+"""Several drones in one world: many worlds side by side, arrays shaped worlds x drones."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode
+
+from crazyflie_gym._native import Crowd, Swarm, metrics, missions
+from crazyflie_gym._types import BoolArray, FloatArray
+from crazyflie_gym.options import Model, model_source, native_autoreset, to_json
+from crazyflie_gym.options import autoreset_mode as mode_named
+from crazyflie_gym.seeds import consecutive, draw, reset_mask
+from crazyflie_gym.spaces import action_space, observation_space
+
+METRICS = tuple(name for name, _, _ in metrics())
+"""What is measured of a world's episode: the columns of info["metrics"]. `crazyflie_gym.metrics()` explains them."""
+
+_Step = tuple[FloatArray, FloatArray, BoolArray, BoolArray, dict[str, Any]]
+
+
+def drone_space(others: int) -> spaces.Space[FloatArray]:
+    """Return the space of a drone's observation: the 24 numbers of a single drone, then 8 for each of the others.
+
+    These are place and velocity relative to the own (metres, metres per second), age (seconds), and 1 where it is
+    known. (Observations are bounded only in their first 24 numbers.)
+    """
+    own = observation_space("flat")
+    assert isinstance(own, spaces.Box)
+    low = np.concatenate([own.low, np.full(8 * others, -np.inf, np.float32)])
+    high = np.concatenate([own.high, np.full(8 * others, np.inf, np.float32)])
+    space: Any = spaces.Box(low, high, dtype=np.float32)
+    return space  # type: ignore[no-any-return]
+
+
+class CrazyflieSwarm:
+    """A batch of worlds, each of several Crazyflies that feel each other's downwash, collide, and know of each other.
+
+    Everything is shaped (num_worlds, num_drones, ...), for training with shared parameters. World i of seed s is world
+    0 of seed s + i, bit for bit. A world's episode ends when none of its drones flies any more, or its time is over.
+
+    Args:
+        num_worlds: how many worlds.
+        task: which mission of `crazyflie_gym.missions()`.
+        drones: how many in each world, 1 to 64; by default the mission's own number.
+        neighbours: what they know of each other: {"by": "ideal"}, {"by": "range", "range_m": ...}, or {"by": "radio",
+            "delay_s": ..., "loss": ...}, where each says where its own camera believes it is.
+        each: for each drone, what it has in place of the others' effects: [{"effects": {...}}, ...].
+        radius_m: two drones nearer than twice this have collided.
+        model: one for all drones, or a list of one for each.
+        effects: as of `CrazyflieEnv`. Downwash is on as it was measured unless {"downwash": 0}.
+        autoreset_mode: as of `CrazyflieVectorEnv`, for whole worlds.
+        max_episode_steps: -1 for no end, by default the mission's own number.
+
+    The other arguments, and the errors, are those of `CrazyflieVectorEnv`.
+    """
+
+    def __init__(
+        self,
+        num_worlds: int = 1,
+        task: str = "formation",
+        *,
+        drones: int | None = None,
+        neighbours: Mapping[str, Any] | None = None,
+        each: Sequence[Mapping[str, Any]] | None = None,
+        radius_m: float | None = None,
+        model: Model | Sequence[Model] = None,
+        vertical: str | None = None,
+        effects: Mapping[str, Any] | None = None,
+        task_options: Mapping[str, Any] | None = None,
+        physics_hz: int | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        max_episode_steps: int | None = None,
+        threads: int = 1,
+        isa: str | None = None,
+    ) -> None:
+        self.mode = mode_named(autoreset_mode)
+        if max_episode_steps is None:
+            max_episode_steps = next((m["max_episode_steps"] for m in missions() if m["name"] == task), 0)
+        models = model if isinstance(model, Sequence) and not isinstance(model, str) else [model]
+        texts = [text for text, _ in map(model_source, models) if text is not None]
+        if texts and len(texts) != len(models):
+            raise ValueError("model: expected a model for each drone, or one for all, got some without a file")
+        options = to_json(
+            task=task,
+            drones=drones,
+            neighbours=neighbours,
+            each=None if each is None else list(each),
+            radius_m=radius_m,
+            task_options=task_options,
+            vertical=vertical,
+            effects=effects,
+            physics_hz=physics_hz,
+            threads=threads,
+            isa=isa,
+            autoreset=native_autoreset(self.mode),
+            max_episode_steps=0 if max_episode_steps == -1 else max_episode_steps,
+        )
+        self.swarm = Swarm(num_worlds, options, texts or None)
+        self.num_worlds, self.num_drones = self.swarm.num_worlds, self.swarm.num_drones
+        self.single_observation_space = drone_space(self.num_drones - 1)
+        self.single_action_space = action_space()
+        self._np_random: np.random.Generator | None = None
+        self._rows: FloatArray | None = None
+        self._seeded = False
+
+    def controller(self, name: str = "thesis-pid", avoid: bool | Mapping[str, float] = True, **options: Any) -> Crowd:
+        """Return a controller of `crazyflie_gym.controllers()` for every drone.
+
+        Args:
+            name: which.
+            avoid: keep out of each other's way: True, False, or a dict of the layer's parameters (speed_mps, leash_m,
+                range_m, push_mps, vortex_mps, horizon_s).
+            options: the controller's own.
+
+        Raises:
+            ValueError: naming what is wrong, with a proposal where a name is unknown.
+        """
+        layer = None if avoid is False else json.dumps({} if avoid is True else dict(avoid))
+        return Crowd(name, self.swarm, options=to_json(**options) if options else "null", avoid=layer)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[FloatArray, dict[str, Any]]:
+        """Begin episodes: with a seed s the first ones of the seeds s, s + 1, and so on, without it the next.
+
+        `options` may be {"reset_mask": bool array (num_worlds,)}: the other worlds, and their rows, stay as they are.
+        Returns observations, float32 (num_worlds, num_drones, width), and an empty info.
+
+        Raises:
+            ValueError: for seeds that are not from 0 to 2**64 - 1, and masks of another shape or without any True.
+            TypeError: for masks that are not bool arrays.
+            RuntimeError: if the first reset leaves some worlds out.
+        """
+        mask = reset_mask(options, self.num_worlds)
+        if seed is not None:
+            self._np_random, _ = seeding.np_random(seed)
+            fresh = consecutive(seed, self.num_worlds)
+        else:
+            fresh = None if self._seeded else draw(self._generator(), self.num_worlds)
+        rows = None if self._rows is None else self._rows.copy()
+        self._rows = self.swarm.reset(fresh, mask, rows)
+        self._seeded = True
+        return self._rows.copy(), {}
+
+    def _generator(self) -> np.random.Generator:
+        if self._np_random is None:
+            self._np_random, _ = seeding.np_random()
+        return self._np_random
+
+    def step(self, actions: FloatArray) -> _Step:
+        """Fly one control tick: actions from -1 to 1, float32 (num_worlds, num_drones, 4).
+
+        What drones do that no longer fly is ignored.
+
+        Returns:
+            Observations (num_worlds, num_drones, width), zeros of drones that did not fly; rewards, terminations and
+            truncations (num_worlds, num_drones), each flag set in the step in which a flight ends; an info of "flying"
+            (num_worlds, num_drones), whose next action counts, "metrics" (num_worlds, 6), and where resets happen in
+            the same step "final_obs", by world.
+
+        Raises:
+            ValueError: for another shape, and for numbers that are not from -1 to 1; nothing has moved then.
+            TypeError: for another dtype.
+            RuntimeError: before the first reset, and for ended worlds when automatic resets are disabled.
+        """
+        rows, rewards, terminated, truncated, flying, measured = self.swarm.step(actions)
+        self._rows = rows
+        infos: dict[str, Any] = {"flying": flying, "metrics": measured}
+        if self.mode is AutoresetMode.SAME_STEP:
+            ended = np.flatnonzero((terminated | truncated).any(axis=1))
+            last = {int(world): self.swarm.last_of_episode(int(world)) for world in ended}
+            shape = (self.num_drones, -1)
+            infos["final_obs"] = {w: rows.reshape(shape) for w, rows in last.items() if rows is not None}
+        return rows, rewards, terminated, truncated, infos
+
+    def states(self) -> FloatArray:
+        """Return the true states, float32 (num_worlds, num_drones, 12), laid out as `STATE_FIELDS` says."""
+        return self.swarm.states()

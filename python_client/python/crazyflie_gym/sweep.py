@@ -1,0 +1,118 @@
+"""Thousands of flights, here or on the machines of a Ray cluster; every result is in the store once.
+
+    from crazyflie_gym.evaluation import Scenario
+    from crazyflie_gym.sweep import Store, run, split
+
+    works = split(Scenario("Crazyflie-v0"), "thesis-pid", seeds=10_000)
+    with Store("results.sqlite") as store:
+        flights = run(works, store, ray_address="auto")  # or without: in this process
+
+A run that was cut short goes on where it was: what is in the store is not flown again. Needs the extra `ray`, also for
+its progress bar.
+"""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, cast
+
+from tqdm import tqdm
+
+from crazyflie_gym.evaluation import Flight, Scenario, Work, fly
+
+BATCH = 256
+"""Seeds per unit of work."""
+
+
+class Store:
+    """Results by the key of their work, in an SQLite file."""
+
+    def __init__(self, path: str | Path) -> None:
+        self._db = sqlite3.connect(path)
+        self._db.execute("CREATE TABLE IF NOT EXISTS result (key TEXT PRIMARY KEY, flights TEXT NOT NULL) STRICT")
+
+    def __enter__(self) -> Store:
+        """Return the store, which is closed in the end."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close the file."""
+        self._db.close()
+
+    def __len__(self) -> int:
+        """Return the number of results."""
+        return int(self._db.execute("SELECT count(*) FROM result").fetchone()[0])
+
+    def get(self, key: str) -> list[Flight] | None:
+        """Return a result, or None."""
+        row = self._db.execute("SELECT flights FROM result WHERE key = ?", (key,)).fetchone()
+        return None if row is None else cast("list[Flight]", json.loads(row[0]))
+
+    def add(self, key: str, flights: list[Flight]) -> bool:
+        """Keep a result, and say whether it is new.
+
+        Raises:
+            RuntimeError: if another result of the same work is there: the work was not a pure function.
+        """
+        text = json.dumps(flights)
+        with self._db:
+            done = self._db.execute("INSERT INTO result VALUES (?, ?) ON CONFLICT DO NOTHING", (key, text))
+        if done.rowcount == 1:
+            return True
+        if self._db.execute("SELECT flights FROM result WHERE key = ?", (key,)).fetchone()[0] != text:
+            raise RuntimeError(f"work {key} gave two results: two simulators of one build disagree")
+        return False
+
+
+def split(scenario: Scenario, controller: str, seeds: int, first_seed: int = 0, **options: Any) -> list[Work]:
+    """Return the work of `seeds` flights in units of `BATCH`."""
+    starts = range(first_seed, first_seed + seeds, BATCH)
+    end = first_seed + seeds
+    return [Work.of(scenario, controller, start, min(BATCH, end - start), **options) for start in starts]
+
+
+def run(works: Sequence[Work], store: Store, ray_address: str | None = None, progress: bool = True) -> list[Flight]:
+    """Do what is not in the store yet, and return the flights of all works in their order.
+
+    Args:
+        works: what to do; the same twice is done once.
+        store: where results are, and go as they come.
+        ray_address: of a Ray cluster ("auto", or "local" for one of this machine alone), or None for this process. Work
+            of a machine that dies is done by another.
+        progress: whether to show a bar.
+    """
+    keys = [work.key() for work in works]
+    missing = {key: work for key, work in zip(keys, works, strict=True) if store.get(key) is None}
+    results = _here(missing) if ray_address is None else _on_ray(missing, ray_address)
+    for key, flights in tqdm(results, total=len(missing), unit="batch", disable=not progress):
+        store.add(key, flights)
+    return [flight for key in keys for flight in store.get(key) or []]
+
+
+def _here(works: dict[str, Work]) -> Iterator[tuple[str, list[Flight]]]:
+    for key, work in works.items():
+        yield key, fly(work)
+
+
+def _on_ray(works: dict[str, Work], address: str) -> Iterator[tuple[str, list[Flight]]]:
+    import ray
+
+    if not ray.is_initialized():
+        ray.init(address=address)
+    # without end: what fails is the machine, not the work, whose own mistakes are raised here
+    remote = ray.remote(num_cpus=1, max_retries=-1)(fly)
+    waiting = list(works.items())[::-1]
+    # enough for no machine to wait, and few enough for a sweep of any size
+    cpus = ray.cluster_resources().get("CPU", 1)  # type: ignore[no-untyped-call, unused-ignore]
+    most = 4 * max(1, int(cpus))
+    under_way: dict[Any, str] = {}
+    while waiting or under_way:
+        while waiting and len(under_way) < most:
+            key, work = waiting.pop()
+            under_way[remote.remote(work)] = key
+        done, _ = ray.wait(list(under_way))
+        for result in done:
+            yield under_way.pop(result), ray.get(result)

@@ -1,0 +1,131 @@
+"""Several drones: PettingZoo's own tests, Gymnasium's, shapes, seeds, mistakes, and missions flown to the end."""
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import crazyflie_gym
+from crazyflie_gym.swarm import METRICS, CrazyflieSwarm
+
+MISSIONS = [mission["name"] for mission in crazyflie_gym.missions()]
+
+
+def column(metrics, name):
+    return metrics[..., METRICS.index(name)]
+
+
+@pytest.mark.parametrize("task", MISSIONS)
+def test_pettingzoo_accepts_every_mission(task):
+    testing = pytest.importorskip("pettingzoo.test")
+    from crazyflie_gym.parallel import parallel_env
+
+    testing.parallel_api_test(parallel_env(task), num_cycles=300)
+    testing.parallel_seed_test(lambda: parallel_env(task), num_cycles=50)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("mission", crazyflie_gym.missions(), ids=lambda mission: mission["name"])
+def test_gymnasium_accepts_every_team(mission):
+    # neighbours may be anywhere: the checker would only warn of that
+    with pytest.warns(UserWarning, match="observation space (min|max)imum value is"):
+        check_env(gymnasium.make(mission["id"]).unwrapped, skip_render_check=True)
+    envs = gymnasium.make_vec(mission["id"], num_envs=3, drones=3)
+    rows, _ = envs.reset(seed=1)
+    assert rows.shape == (3, 3, 24 + 2 * 8) and envs.observation_space.contains(rows)
+    rows, rewards, terminated, truncated, infos = envs.step(envs.action_space.sample())
+    assert rows.shape == (3, 3, 40) and rewards.shape == terminated.shape == truncated.shape == (3,)
+    assert np.allclose(rewards, infos["drone_rewards"].mean(axis=1))
+
+
+def test_a_world_is_the_same_in_every_batch_and_form():
+    from_parallel = pytest.importorskip("crazyflie_gym.parallel").parallel_env("formation", drones=3)
+    many, one = CrazyflieSwarm(5, "formation", drones=3), CrazyflieSwarm(1, "formation", drones=3)
+    team = gymnasium.make("CrazyflieFormation-v0", drones=3)
+    rows, _ = many.reset(seed=40)
+    single, _ = one.reset(seed=43)
+    alone, _ = team.reset(seed=43)
+    agents, _ = from_parallel.reset(seed=43)
+    rng = np.random.default_rng(0)
+    for _ in range(60):
+        for other in (single[0], alone, np.stack([agents[agent] for agent in from_parallel.possible_agents])):
+            np.testing.assert_array_equal(rows[3], other)
+        actions = rng.uniform(-0.1, 0.1, (5, 3, 4)).astype(np.float32)
+        rows, *_ = many.step(actions)
+        single, *_ = one.step(actions[3:4])
+        alone, *_ = team.step(actions[3])
+        agents, *_ = from_parallel.step(dict(zip(from_parallel.agents, actions[3], strict=True)))
+
+
+def test_eight_swap_places_and_nobody_is_hit():
+    worlds = CrazyflieSwarm(16, "swap", autoreset_mode="disabled", max_episode_steps=-1)
+    pid = worlds.controller()
+    rows, _ = worlds.reset(seed=7)
+    starts = worlds.states()[..., :2]
+    for _ in range(900):
+        rows, *_, info = worlds.step(pid.act(rows))
+    metrics = info["metrics"]
+    print("least separation", column(metrics, "min_separation_m").min(), "m; settled", column(metrics, "settled_s"))
+    assert column(metrics, "collisions").sum() == 0 and column(metrics, "done").tolist() == [8.0] * 16
+    np.testing.assert_allclose(worlds.states()[..., :2], -starts, atol=0.25)
+
+
+def test_who_crashes_leaves_and_the_others_fly_on():
+    env = pytest.importorskip("crazyflie_gym.parallel").parallel_env("formation", drones=3)
+    env.reset(seed=0)
+    hold = np.array([0, 0, 0, -0.2], np.float32)
+    away = np.array([0, 1, 0, -0.2], np.float32)
+    ended = {}
+    while len(env.agents) == 3:
+        actions = {agent: away if agent == "drone_1" else hold for agent in env.agents}
+        _, rewards, terminated, truncated, infos = env.step(actions)
+        ended = {agent for agent in terminated if terminated[agent]}
+    assert ended == {"drone_1"} and env.agents == ["drone_0", "drone_2"]
+    assert rewards["drone_1"] < -8 and not any(truncated.values())
+    assert infos["drone_0"]["metrics"]["crashes"] == 1
+    with pytest.raises(ValueError, match="drone_1: it no longer flies; those that do: drone_0, drone_2"):
+        env.step({agent: hold for agent in env.possible_agents})
+    with pytest.raises(ValueError, match="no action of drone_2"):
+        env.step({"drone_0": hold})
+    with pytest.raises(ValueError, match="'drone_9': there is no such drone"):
+        env.step({"drone_0": hold, "drone_2": hold, "drone_9": hold})
+    with pytest.raises(ValueError, match=r"actions\[0\]\[2\]\[1\] is nan"):
+        env.step({"drone_0": hold, "drone_2": np.array([0, np.nan, 0, 0], np.float32)})
+    # after all of that the two fly on
+    seen, *_ = env.step({"drone_0": hold, "drone_2": hold})
+    assert set(seen) == {"drone_0", "drone_2"}
+
+
+def test_same_step_resets_keep_the_last_observations():
+    worlds = CrazyflieSwarm(2, "formation", drones=2, autoreset_mode="same_step", max_episode_steps=5)
+    rows, _ = worlds.reset(seed=0)
+    hold = np.tile(np.array([0, 0, 0, -0.2], np.float32), (2, 2, 1))
+    for step in range(5):
+        rows, _, _, truncated, info = worlds.step(hold)
+        assert truncated.all() == (step == 4)
+    assert set(info["final_obs"]) == {0, 1} and info["flying"].all()
+    assert not np.array_equal(info["final_obs"][1], rows[1])
+
+
+def test_mistakes_are_named():
+    for options, words in [
+        ({"task": "swop"}, "did you mean"),
+        ({"drones": 65}, "1 to 64"),
+        ({"each": [{}]}, "0 or 4"),
+        ({"neighbours": {"by": "radio", "loss": 2}}, "neighbours.loss is 2"),
+        ({"effects": {"downwosh": 1}}, "downwash"),
+    ]:
+        with pytest.raises(ValueError, match=words):
+            CrazyflieSwarm(1, **options)
+    worlds = CrazyflieSwarm(2, drones=3)
+    with pytest.raises(RuntimeError, match="reset"):
+        worlds.step(np.zeros((2, 3, 4), np.float32))
+    worlds.reset(seed=1)
+    with pytest.raises(ValueError, match=r"expected shape \(2, 3, 4\)"):
+        worlds.step(np.zeros((2, 2, 4), np.float32))
+    with pytest.raises(TypeError, match="float32"):
+        worlds.step(np.zeros((2, 3, 4)))
+    with pytest.raises(ValueError, match="controller"):
+        worlds.controller("pidd")
+    with pytest.raises(ValueError, match="avoid"):
+        worlds.controller(avoid={"spead_mps": 1})
