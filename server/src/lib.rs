@@ -12,8 +12,10 @@ mod frames;
 pub mod fuzzed;
 mod measured;
 mod recovery;
+mod robustness;
 mod score;
 mod scorecard;
 pub mod serve;
+mod tune;
 
 pub use cli::main_from;

@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use super::estimator::Belief;
+use super::belief::Belief;
 use super::kalman::Filtered;
 use super::{Controller, Entry, Given, Site, find};
 use crate::error::{Error, Result};

@@ -6,38 +6,11 @@
 //! Applications to Tracking and Navigation, 2001, ch. 11). Per axis: position, velocity, and an acceleration that nothing explains, a random walk, which
 //! takes the error of a tilted IMU.
 
-use serde::{Deserialize, Serialize};
-
+use super::belief::{Belief, Noise};
+use super::glide::{Axis, START, Spread, glide, overlap, widened};
 use crate::model::{Model, Vertical, VerticalInput};
 use crate::observation::{OBSERVATION, wrap};
 use crate::real::{Real, tabulate};
-
-/// What the filter believes of its sensors: standard deviations.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Belief {
-    /// Of a fix from 70 cm: sideways, in height, in heading.
-    pub xy_m: f64,
-    pub z_m: f64,
-    pub yaw_deg: f64,
-    /// Of what the accelerations miss in a second: as white noise, in m/s after 1 s, and as a bias that wanders, in m/s^2 after 1 s.
-    pub white_mps: f64,
-    pub bias_mps2: f64,
-    /// Of the heading's drift after a second.
-    pub yaw_drift_deg: f64,
-    /// A fix that is so many standard deviations off, over its three axes together, is an outlier.
-    pub gate: f64,
-}
-
-impl Default for Belief {
-    fn default() -> Self {
-        Belief { xy_m: 0.005, z_m: 0.01, yaw_deg: 1.0, white_mps: 0.03, bias_mps2: 0.2, yaw_drift_deg: 1.0, gate: 4.5 }
-    }
-}
-
-/// What each number of a [`Belief`] means, for the registry.
-pub(super) const BELIEF: &str = "what the filter believes, as standard deviations: of a fix from 70 cm xy_m, z_m, yaw_deg; of the IMU over a second white_mps, \
-     bias_mps2, yaw_drift_deg; beyond gate of them a fix is an outlier";
 
 /// Ticks of history: a fix older than this is of no use. At 50 Hz 0.24 s, twice the longest latency that the simulator has.
 const HISTORY: usize = 12;
@@ -55,12 +28,6 @@ pub struct Estimate<R> {
     /// Acceleration that the attitude does not explain: what the accelerometer shows of pushes, and the filter's own.
     pub push_mps2: [R; 3],
 }
-
-/// Of one axis: position, velocity, unexplained acceleration.
-type Axis<R> = [R; 3];
-
-/// Their covariance, upper triangle: pp, pv, pb, vv, vb, bb.
-type Spread<R> = [R; 6];
 
 /// The filter of one drone, or of lanes.
 #[derive(Debug, Clone)]
@@ -88,33 +55,14 @@ pub struct Estimator<R: Real> {
     fresh: R::Mask,
 }
 
-/// A [`Belief`] as variances.
-#[derive(Debug, Clone, Copy)]
-struct Noise {
-    fix: [f64; 2],
-    yaw: f64,
-    white: f64,
-    bias: f64,
-    drift: f64,
-    gate: f64,
-}
-
 impl<R: Real> Estimator<R> {
     /// For the declared model, asked every `tick_s` seconds.
     pub fn new(model: &Model, input: VerticalInput, tick_s: f64, belief: &Belief) -> Self {
-        let square = |v: f64| v * v;
         let (zero, none) = (R::zero(), R::nothing());
         // a first-order form's velocity jumps at the start of a tick and holds
         let jumps = matches!(model.vertical(input), Ok(Vertical::FirstOrder { .. }));
         Estimator {
-            noise: Noise {
-                fix: [square(belief.xy_m), square(belief.z_m)],
-                yaw: square(belief.yaw_deg.to_radians()),
-                white: square(belief.white_mps),
-                bias: square(belief.bias_mps2),
-                drift: square(belief.yaw_drift_deg.to_radians()),
-                gate: square(belief.gate),
-            },
+            noise: Noise::of(belief),
             tick_s,
             gravity_mps2: model.lateral.gravity.value,
             carry: [0.5, 0.5, if jumps { 1.0 } else { 0.5 }],
@@ -232,17 +180,11 @@ impl<R: Real> Estimator<R> {
         }
     }
 
-    /// What `dt_s` adds to the uncertainty: P <- F P F' + Q.
+    /// What `dt_s` adds to the uncertainty.
     #[inline(always)]
     fn widen(&mut self, dt_s: R) {
-        let (white, bias) = (R::of(self.noise.white) * dt_s, R::of(self.noise.bias) * dt_s);
         for spread in &mut self.spread {
-            let [pp, pv, pb, vv, vb, bb] = *spread;
-            let half = R::of(0.5) * dt_s * dt_s;
-            // F P, then (F P) F', with F = [1 dt dt^2/2; 0 1 dt; 0 0 1]
-            let (a, b, c) = (pp + dt_s * pv + half * pb, pv + dt_s * vv + half * vb, pb + dt_s * vb + half * bb);
-            let (d, e) = (vv + dt_s * vb, vb + dt_s * bb);
-            *spread = [a + dt_s * b + half * c, b + dt_s * c, c, d + dt_s * e + white, e, bb + bias];
+            *spread = widened(spread, dt_s, self.noise.white, self.noise.bias);
         }
     }
 
@@ -337,25 +279,9 @@ impl<R: Real> Estimator<R> {
     }
 }
 
-/// Variances before anything was seen: 20 cm, 30 cm/s, 0.3 m/s^2.
-const START: Spread<f64> = [0.04, 0.0, 0.0, 0.09, 0.0, 0.09];
-
 /// A pair along the vehicle's heading, in the world frame.
 #[inline(always)]
 fn turn<R: Real>([front, left]: [R; 2], yaw: R) -> [R; 2] {
     let (sin, cos) = yaw.sin_cos();
     [cos * front - sin * left, sin * front + cos * left]
-}
-
-/// How much of tick `j` (which began j + 1 ticks of `h_s` ago) lies between the ages `from` and `to`.
-#[inline(always)]
-fn overlap<R: Real>(from: R, to: R, j: usize, h_s: f64) -> R {
-    (from.min(R::of(h_s * (j + 1) as f64)) - to.max(R::of(h_s * j as f64))).max(R::zero())
-}
-
-/// An axis `dt_s` later under a held acceleration.
-#[inline(always)]
-fn glide<R: Real>(&[p, v, b]: &Axis<R>, acc: R, dt_s: R, carry: f64) -> Axis<R> {
-    let gained = (acc + b) * dt_s;
-    [p + (v + R::of(carry) * gained) * dt_s, v + gained, b]
 }

@@ -1,7 +1,8 @@
 //! Better localisation for any controller: the marker's pose in its observation is replaced by the filter's.
 
 use super::batch::{check, mask, rows, write};
-use super::estimator::{Belief, Estimator};
+use super::belief::Belief;
+use super::estimator::Estimator;
 use super::{Controller, Mode, Site};
 use crate::error::Result;
 use crate::lanes::{LANES, Lanes};

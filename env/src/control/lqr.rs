@@ -3,7 +3,7 @@
 use nalgebra::SVector;
 use serde::{Deserialize, Serialize};
 
-use super::estimator::{BELIEF, Belief};
+use super::belief::{BELIEF, Belief};
 use super::observer::{Discrete, Observer, costs};
 use super::riccati::regulator;
 use super::{Batch, Entry, Law, Mode, Site, defaults};
@@ -35,7 +35,7 @@ impl Default for Options {
             velocity_mps: 0.4,
             height_m: 0.1,
             yaw_deg: 10.0,
-            tilt_deg: 5.0,
+            tilt_deg: 8.0,
             yaw_rate_degps: 40.0,
             lift_share: 0.1,
             reach_m: 1.0,

@@ -3,13 +3,16 @@
 
 pub mod avoid;
 mod batch;
+mod belief;
 mod chosen;
 mod crowd;
 mod estimator;
 mod gains;
+mod glide;
 mod horizon;
 mod hover;
 mod kalman;
+mod landing;
 mod lqr;
 mod mpc;
 mod observer;
@@ -28,9 +31,10 @@ use crate::model::Model;
 use crate::observation::Interface;
 
 pub use batch::{Batch, Law};
+pub use belief::Belief;
 pub use chosen::{Chosen, choose};
 pub use crowd::Crowd;
-pub use estimator::{Belief, Estimate, Estimator};
+pub use estimator::{Estimate, Estimator};
 
 /// A controller of a batch of environments. What it answers to a row depends on that environment's rows alone: not on the others, nor on how many
 /// there are, to the bit.

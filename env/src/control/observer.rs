@@ -2,7 +2,9 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::estimator::{Belief, Estimate, Estimator};
+use super::belief::Belief;
+use super::estimator::{Estimate, Estimator};
+use super::landing::Landing;
 use super::{Mode, Site};
 use crate::error::Result;
 use crate::model::AxisForm;
@@ -12,10 +14,9 @@ use crate::real::{Real, dot, tabulate};
 
 /// Time in which what is unexplained comes to be believed.
 const TRIM_S: f64 = 0.4;
-/// Landed: as the package that the thesis flew has it.
-const CLEAR_M: f64 = 0.05;
-/// A set-point that moves faster than this has jumped.
+/// A set-point that moves or turns away faster than this has jumped.
 const JUMP_MPS: f64 = 2.0;
+const JUMP_MPS2: f64 = 3.0;
 
 /// The model over one tick, exact for held commands: x+ = A x + B u.
 #[derive(Debug, Clone)]
@@ -40,7 +41,7 @@ pub(super) struct Seen<R: Real> {
 pub(super) struct Observer<R: Real> {
     estimator: Estimator<R>,
     interface: Interface,
-    mode: Mode,
+    landing: Landing<R>,
     gravity_mps2: f64,
     /// Angle, rate and command to the rate one tick later, and static gain, of roll and pitch.
     tilt: [[R; 3]; 2],
@@ -50,11 +51,11 @@ pub(super) struct Observer<R: Real> {
     tick_s: f64,
     /// What is missing of the commands: roll and pitch in radians, lift in its unit.
     trim: [R; 3],
-    /// Roll, pitch, their rates at the last tick; set-point of the last tick.
+    /// Roll, pitch, their rates at the last tick; set-point of the last tick and its velocity.
     last: [R; 4],
     target: [R; 3],
+    along_mps: [R; 3],
     push_mps2: [R; 2],
-    idle: R::Mask,
     fresh: R::Mask,
 }
 
@@ -67,7 +68,7 @@ impl<R: Real> Observer<R> {
         Ok(Observer {
             estimator: Estimator::new(site.model, interface.input, tick_s, belief),
             interface,
-            mode,
+            landing: Landing::new(mode, tick_s),
             gravity_mps2,
             tilt: [0, 1].map(|i| [model.a[(9 + i, 3 + i)], model.a[(9 + i, 9 + i)], model.b[(9 + i, i)]].map(R::of)),
             per_tilt: tilts.map(|t| t.stiffness.value / t.gain.value),
@@ -77,14 +78,14 @@ impl<R: Real> Observer<R> {
             trim: [zero; 3],
             last: [zero; 4],
             target: [zero; 3],
+            along_mps: [zero; 3],
             push_mps2: [zero; 2],
-            idle: none,
             fresh: !none,
         })
     }
 
     pub(super) fn set_mode(&mut self, mode: Mode) {
-        self.mode = mode;
+        self.landing.set_mode(mode);
     }
 
     pub(super) fn reset(&mut self, mask: R::Mask) {
@@ -95,24 +96,23 @@ impl<R: Real> Observer<R> {
     #[inline(always)]
     pub(super) fn see(&mut self, o: &[R; OBSERVATION]) -> Seen<R> {
         let estimate = self.estimator.update(o);
-        let mut target = [o[16], o[17], o[18]];
-        if self.mode == Mode::Landing {
-            target[2] = R::of(CLEAR_M);
-            self.idle = self.idle | estimate.pos_m[2].le(target[2]);
-        }
+        let height = self.landing.target(self.fresh, o[18], estimate.pos_m[2]);
+        let target = [o[16], o[17], height];
         self.learn(o, &estimate, &target);
+        let per_tick = R::of(1.0 / self.tick_s);
+        let small = |v: R, limit: f64| R::select(v.abs().lt(R::of(limit)), v, R::zero());
         let rates: [R; 3] = tabulate(
             #[inline(always)]
-            |i| {
-                let rate = (target[i] - self.target[i]) * R::of(1.0 / self.tick_s);
-                R::select(rate.abs().lt(R::of(JUMP_MPS)), rate, R::zero())
-            },
+            |i| small((target[i] - self.target[i]) * per_tick, JUMP_MPS),
         );
-        self.target = target;
+        let turns: [R; 2] = tabulate(
+            #[inline(always)]
+            |i| small((rates[i] - self.along_mps[i]) * per_tick, JUMP_MPS2),
+        );
+        (self.target, self.along_mps) = (target, rates);
         self.last = [o[6], o[7], o[9], o[10]];
-        let seen = self.against(o, &estimate, &target, &rates);
         self.fresh = R::nothing();
-        Seen { idle: self.idle, ..seen }
+        self.against(o, &estimate, &target, &rates, &turns)
     }
 
     /// What the last command did against what the model says it does: the difference, as a command.
@@ -148,18 +148,18 @@ impl<R: Real> Observer<R> {
         }
         for i in 0..3 {
             self.target[i] = R::select(fresh, target[i], self.target[i]);
+            self.along_mps[i] = R::select(fresh, R::zero(), self.along_mps[i]);
         }
-        self.idle = self.idle & !fresh;
     }
 
     #[inline(always)]
-    fn against(&self, o: &[R; OBSERVATION], e: &Estimate<R>, target: &[R; 3], rates: &[R; 3]) -> Seen<R> {
+    fn against(&self, o: &[R; OBSERVATION], e: &Estimate<R>, target: &[R; 3], rates: &[R; 3], turns: &[R; 2]) -> Seen<R> {
         let (sin, cos) = e.yaw_rad.sin_cos();
         let along = |x: R, y: R| [cos * x + sin * y, cos * y - sin * x];
         let [front, left] = along(e.pos_m[0] - target[0], e.pos_m[1] - target[1]);
         let [front_mps, left_mps] = along(e.vel_mps[0] - rates[0], e.vel_mps[1] - rates[1]);
-        // against a push the vehicle leans
-        let [lean_x, lean_y] = along(self.push_mps2[0], self.push_mps2[1]);
+        // against a push the vehicle leans, and into a turn of the set-point
+        let [lean_x, lean_y] = along(self.push_mps2[0] - turns[0], self.push_mps2[1] - turns[1]);
         let per_g = R::of(1.0 / self.gravity_mps2);
         let (roll, pitch) = (lean_y * per_g, -lean_x * per_g);
         let zero = R::zero();
@@ -179,7 +179,7 @@ impl<R: Real> Observer<R> {
                 yaw_rate_radps: zero,
                 lift: lift + R::of(f.offset) - self.trim[2],
             },
-            idle: self.idle,
+            idle: self.landing.idle,
         }
     }
 

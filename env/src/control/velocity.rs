@@ -2,15 +2,15 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::estimator::{BELIEF, Belief, Estimate, Estimator};
+use super::belief::{BELIEF, Belief};
+use super::estimator::{Estimate, Estimator};
+use super::landing::Landing;
 use super::{Batch, Entry, Law, Mode, Site, defaults};
 use crate::error::Result;
 use crate::observation::{ACTION, Interface, OBSERVATION, wrap};
 use crate::plant::Command;
 use crate::real::{Real, tabulate};
 
-/// Landed: as the package that the thesis flew has it.
-const CLEAR_M: f64 = 0.05;
 /// A set-point that moves faster than this has jumped.
 const JUMP_MPS: f64 = 2.0;
 
@@ -69,7 +69,7 @@ pub(super) const ENTRY: Entry = Entry {
 struct Velocity<R: Real> {
     options: Options,
     interface: Interface,
-    mode: Mode,
+    landing: Landing<R>,
     gravity_mps2: f64,
     /// Command per angle held, of roll and pitch.
     per_tilt: [f64; 2],
@@ -78,7 +78,6 @@ struct Velocity<R: Real> {
     /// Of the velocity error, in m/s^2.
     integral_mps2: [R; 3],
     target: [R; 3],
-    idle: R::Mask,
     fresh: R::Mask,
 }
 
@@ -89,14 +88,13 @@ impl<R: Real> Velocity<R> {
         Ok(Velocity {
             options,
             interface,
-            mode,
+            landing: Landing::new(mode, tick_s),
             gravity_mps2: model.lateral.gravity.value,
             per_tilt: [&model.roll, &model.pitch].map(|t| t.stiffness.value / t.gain.value),
             tick_s,
             estimator: Estimator::new(model, interface.input, tick_s, &options.belief),
             integral_mps2: [zero; 3],
             target: [zero; 3],
-            idle: R::nothing(),
             fresh: !R::nothing(),
         })
     }
@@ -134,14 +132,13 @@ impl<R: Real> Velocity<R> {
             self.integral_mps2[i] = R::select(fresh, R::zero(), self.integral_mps2[i]);
             self.target[i] = R::select(fresh, target[i], self.target[i]);
         }
-        self.idle = self.idle & !fresh;
         self.fresh = R::nothing();
     }
 }
 
 impl<R: Real> Law<R> for Velocity<R> {
     fn set_mode(&mut self, mode: Mode) {
-        self.mode = mode;
+        self.landing.set_mode(mode);
     }
 
     fn reset(&mut self, mask: R::Mask) {
@@ -152,14 +149,8 @@ impl<R: Real> Law<R> for Velocity<R> {
     #[inline(always)]
     fn act(&mut self, o: &[R; OBSERVATION]) -> [R; ACTION] {
         let e = self.estimator.update(o);
-        let mut target = [o[16], o[17], o[18]];
-        if self.mode == Mode::Landing {
-            target[2] = R::of(CLEAR_M);
-        }
+        let target = [o[16], o[17], self.landing.target(self.fresh, o[18], e.pos_m[2])];
         self.begin(&target);
-        if self.mode == Mode::Landing {
-            self.idle = self.idle | e.pos_m[2].le(target[2]);
-        }
         let [ax, ay, az] = self.acceleration(&e, &target);
         self.target = target;
         let (sin, cos) = e.yaw_rad.sin_cos();
@@ -172,7 +163,7 @@ impl<R: Real> Law<R> for Velocity<R> {
         let turn = R::of(self.options.yaw_ps * self.interface.yaw_sign) * wrap(o[19] - e.yaw_rad);
         let lift = if self.interface.input.is_pwm() { R::of(self.interface.hover_lift) * (R::of(1.0) + az * per_g) } else { target[2] };
         let off = R::zero();
-        let still = |v: R| R::select(self.idle, off, v);
+        let still = |v: R| R::select(self.landing.idle, off, v);
         let u = Command { roll_rad: still(roll_rad), pitch_rad: still(pitch_rad), yaw_rate_radps: still(turn), lift: still(lift) };
         self.interface.action(&u)
     }

@@ -10,7 +10,7 @@ use super::episodes::Episodes;
 use super::error::Result;
 use super::scenario::Scenario;
 use super::{Attempt, Bench, Document, Who};
-use crate::flight::phase_at;
+use crate::flight::{Trace, phase_at};
 
 /// One attempt by a controller of the registry, from beginning to end.
 pub(crate) fn submit(bench: &Bench, scenario: &str, controller: &Chosen) -> Result<Document> {
@@ -51,8 +51,8 @@ fn fly(attempt: &mut Attempt, controller: &Chosen) -> Result<()> {
     }
 }
 
-/// Flights of the same kind with seeds of one's own, scored as those of an attempt are, and kept nowhere.
-pub(crate) fn evaluate(scenario: &Scenario, controller: &Chosen, seeds: &[u64]) -> Result<Judged> {
+/// Flights of the same kind with seeds of one's own, scored as those of an attempt are, and kept nowhere; with the first of them.
+pub(crate) fn evaluate(scenario: &Scenario, controller: &Chosen, seeds: &[u64]) -> Result<(Judged, Option<Trace>)> {
     let mut episodes = Episodes::begin(scenario, seeds)?;
     let tick_s = episodes.tick_s();
     let mut pilot = pilot(controller, episodes.interface(), tick_s, seeds.len(), scenario.phases[0].mode)?;
@@ -61,7 +61,9 @@ pub(crate) fn evaluate(scenario: &Scenario, controller: &Chosen, seeds: &[u64]) 
         pilot.set_mode(phase_at(&scenario.phases, episodes.tick() as f64 * tick_s).mode);
         pilot.act(episodes.observations(), &mut actions)?;
         if episodes.step(&actions)? {
-            return judge(scenario, &episodes.finish()?);
+            let flights = episodes.finish()?;
+            let judged = judge(scenario, &flights)?;
+            return Ok((judged, flights.into_iter().next().map(|flight| flight.trace)));
         }
     }
 }

@@ -44,6 +44,13 @@ pub(crate) fn vertical(name: &str) -> Result<VerticalInput, String> {
     }
 }
 
+/// The controllers command a PWM: that form, if the model has one.
+pub(crate) fn default_vertical(model: &Model) -> VerticalInput {
+    let inputs = model.inputs();
+    let wanted = [VerticalInput::Pwm, VerticalInput::Thrust].into_iter().find(|v| inputs.contains(v));
+    wanted.unwrap_or(VerticalInput::Height)
+}
+
 pub(crate) fn vertical_name(input: VerticalInput) -> &'static str {
     match input {
         VerticalInput::Height => "height",

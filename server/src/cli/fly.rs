@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use crazyflie_env::config::{EffectParams, EffectTable, Number, check_effects};
 use crazyflie_env::effects::find;
-use crazyflie_env::model::{Model, VerticalInput};
+use crazyflie_env::model::VerticalInput;
 use indicatif::ProgressBar;
 use serde_json::json;
 
@@ -139,16 +139,9 @@ fn setup(args: &Args) -> Outcome<Setup> {
         Some(text) => Some(serde_json::from_str(text).map_err(|e| Failure::Usage(format!("--task-options is not JSON: {e}")))?),
     };
     let model = files::model(args.model.as_deref())?;
-    let vertical = args.vertical.unwrap_or_else(|| default_vertical(&model));
+    let vertical = args.vertical.unwrap_or_else(|| files::default_vertical(&model));
     let seconds = args.seconds.unwrap_or(scenario.seconds);
     Ok(Setup { model, scenario, task_options, controller, effects, vertical, seconds })
-}
-
-/// The PID's height loop commands a PWM: that form, if the model has one.
-fn default_vertical(model: &Model) -> VerticalInput {
-    let inputs = model.inputs();
-    let wanted = [VerticalInput::Pwm, VerticalInput::Thrust].into_iter().find(|v| inputs.contains(v));
-    wanted.unwrap_or(VerticalInput::Height)
 }
 
 /// Adds the effects of one `--effects`.

@@ -18,6 +18,7 @@ mod measured;
 mod model;
 mod replay;
 mod replay_table;
+mod robustness;
 mod scenarios;
 mod score;
 mod score_table;
@@ -27,6 +28,7 @@ mod submit;
 mod tasks;
 mod text;
 mod token;
+mod tune;
 mod verify;
 
 use std::io::{self, Write};
@@ -72,6 +74,8 @@ enum Command {
     Model(model::Args),
     Scenarios(scenarios::Args),
     Submit(submit::Args),
+    Tune(tune::Args),
+    Robustness(robustness::Args),
     Leaderboard(leaderboard::Args),
     Attempts(attempts::Args),
     Verify(verify::Args),
@@ -115,6 +119,8 @@ fn run(command: &Command, out: &mut dyn Write) -> Outcome {
         Command::Model(args) => model::run(args, out),
         Command::Scenarios(args) => scenarios::run(args, out),
         Command::Submit(args) => submit::run(args, out),
+        Command::Tune(args) => tune::run(args, out),
+        Command::Robustness(args) => robustness::run(args, out),
         Command::Leaderboard(args) => leaderboard::run(args, out),
         Command::Attempts(args) => attempts::run(args, out),
         Command::Verify(args) => verify::run(args, out),

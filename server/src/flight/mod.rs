@@ -16,7 +16,7 @@ use crazyflie_env::vector::{Out, STATE, VectorEnv};
 pub(crate) use csv::log;
 pub(crate) use figures::{AXES, Axis, AxisFigures, Figures, PhaseFigures, Settling, figures};
 pub(crate) use picture::{path, picture};
-pub(crate) use scenario::{Phase, SCENARIOS, Scenario, lab_rig, phase_at};
+pub(crate) use scenario::{LAB_LATENCY_S, Phase, SCENARIOS, Scenario, lab_rig, phase_at};
 
 /// Everything that decides a flight, besides its seed.
 #[derive(Debug, Clone)]

@@ -120,6 +120,9 @@ pub(crate) static SCENARIOS: &[Scenario] = &[
     },
 ];
 
+/// From the capture of a frame to its pose.
+pub(crate) const LAB_LATENCY_S: f64 = 0.05;
+
 /// The camera rig of the lab as effects: 30 Hz frames that arrive 50 ms after capture, with the noise of a good ArUco pose at 70 cm.
 /// With the mean age of a held frame (17 ms) and of a held command (10 ms) that is 77 ms of delay in all.
 pub(crate) fn lab_rig() -> EffectTable {
@@ -128,7 +131,7 @@ pub(crate) fn lab_rig() -> EffectTable {
     };
     EffectTable::from([
         ("camera".to_owned(), named(&[("on", 1.0)])),
-        ("camera_latency".to_owned(), named(&[("latency_s", 0.05)])),
+        ("camera_latency".to_owned(), named(&[("latency_s", LAB_LATENCY_S)])),
         ("camera_noise".to_owned(), named(&[("xy_m", 0.005), ("z_m", 0.01), ("yaw_deg", 1.0)])),
     ])
 }

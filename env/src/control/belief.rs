@@ -1,0 +1,55 @@
+//! What the Kalman filter believes of camera and IMU.
+
+use serde::{Deserialize, Serialize};
+
+/// What the filter believes of its sensors: standard deviations.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Belief {
+    /// Of a fix from 70 cm: sideways, in height, in heading.
+    pub xy_m: f64,
+    pub z_m: f64,
+    pub yaw_deg: f64,
+    /// Of what the accelerations miss in a second: as white noise, in m/s after 1 s, and as a bias that wanders, in m/s^2 after 1 s.
+    pub white_mps: f64,
+    pub bias_mps2: f64,
+    /// Of the heading's drift after a second.
+    pub yaw_drift_deg: f64,
+    /// A fix that is so many standard deviations off, over its three axes together, is an outlier.
+    pub gate: f64,
+}
+
+impl Default for Belief {
+    fn default() -> Self {
+        Belief { xy_m: 0.005, z_m: 0.01, yaw_deg: 1.0, white_mps: 0.03, bias_mps2: 0.1, yaw_drift_deg: 1.0, gate: 4.5 }
+    }
+}
+
+/// What each number of a [`Belief`] means, for the registry.
+pub(super) const BELIEF: &str = "what the filter believes, as standard deviations: of a fix from 70 cm xy_m, z_m, yaw_deg; of the IMU over a second white_mps, \
+     bias_mps2, yaw_drift_deg; beyond gate of them a fix is an outlier";
+
+/// A [`Belief`] as variances.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Noise {
+    pub fix: [f64; 2],
+    pub yaw: f64,
+    pub white: f64,
+    pub bias: f64,
+    pub drift: f64,
+    pub gate: f64,
+}
+
+impl Noise {
+    pub(super) fn of(belief: &Belief) -> Self {
+        let square = |v: f64| v * v;
+        Noise {
+            fix: [square(belief.xy_m), square(belief.z_m)],
+            yaw: square(belief.yaw_deg.to_radians()),
+            white: square(belief.white_mps),
+            bias: square(belief.bias_mps2),
+            drift: square(belief.yaw_drift_deg.to_radians()),
+            gate: square(belief.gate),
+        }
+    }
+}

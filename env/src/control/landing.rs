@@ -1,0 +1,51 @@
+//! Coming down: the set-point's height goes to the floor, slower the nearer, and the motors are cut where the legs touch.
+
+use super::Mode;
+use crate::real::Real;
+
+/// Sinking speed per metre of height, and its limits.
+const SINK_PS: f64 = 1.5;
+const SINK_MPS: [f64; 2] = [0.15, 0.7];
+/// Motors off below this.
+const TOUCH_M: f64 = 0.01;
+/// The set-point goes on this far below the floor: an estimate that hangs above it has to be brought down as well.
+const BELOW_M: f64 = 0.1;
+
+/// The landing of one drone, or of lanes.
+#[derive(Debug, Clone)]
+pub(super) struct Landing<R: Real> {
+    mode: Mode,
+    tick_s: f64,
+    /// The set-point's height while it comes down.
+    height_m: R,
+    sinking: R::Mask,
+    /// Landed: motors off.
+    pub idle: R::Mask,
+}
+
+impl<R: Real> Landing<R> {
+    pub(super) fn new(mode: Mode, tick_s: f64) -> Self {
+        Landing { mode, tick_s, height_m: R::zero(), sinking: R::nothing(), idle: R::nothing() }
+    }
+
+    pub(super) fn set_mode(&mut self, mode: Mode) {
+        self.mode = mode;
+    }
+
+    /// The height to be at, given the one that the set-point asks for; lanes of `fresh` begin an episode.
+    #[inline(always)]
+    pub(super) fn target(&mut self, fresh: R::Mask, wanted_m: R, height_m: R) -> R {
+        self.idle = self.idle & !fresh;
+        self.sinking = self.sinking & !fresh;
+        if self.mode != Mode::Landing {
+            self.sinking = R::nothing();
+            return wanted_m;
+        }
+        let from = R::select(self.sinking, self.height_m, height_m);
+        self.sinking = !R::nothing();
+        let sink = (R::of(SINK_PS) * from).clamp(R::of(SINK_MPS[0]), R::of(SINK_MPS[1]));
+        self.height_m = (from - sink * R::of(self.tick_s)).max(R::of(-BELOW_M));
+        self.idle = self.idle | height_m.le(R::of(TOUCH_M));
+        self.height_m
+    }
+}
