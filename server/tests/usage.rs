@@ -116,6 +116,7 @@ fn registries_are_listed_for_people_machines_and_docs() {
     assert!(good(&["effects"]).contains("source: ") && good(&["effects", "--markdown"]).starts_with("| effect |"));
     let tasks = json(&["tasks", "--json"]);
     assert_eq!(tasks["tasks"].as_array().unwrap().len(), 4);
+    assert_eq!(tasks["missions"].as_array().unwrap().len(), 6);
     assert!(good(&["tasks"]).contains("fly-80cm") && good(&["tasks", "--markdown"]).contains("`Crazyflie-v0`"));
     assert_eq!(json(&["model", "--json"])["name"], "thesis");
     assert_eq!(json(&["model", "--schema"])["properties"]["schema"]["const"], 1);
