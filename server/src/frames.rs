@@ -1,4 +1,5 @@
-//! Flights as the page draws them, live or replayed: a header once ([`Header::bytes`]), then rows of little-endian f32 ([`COLUMNS`]).
+//! Flights as the page draws them, live or replayed: a header once ([`Header::bytes`]), then rows of little-endian f32 ([`COLUMNS`]), for each
+//! moment as many as there are drones.
 
 use crazyflie_env::observation::{ACTION, Interface, OBSERVATION};
 use crazyflie_env::vector::STATE;
@@ -33,6 +34,10 @@ pub(crate) const COLUMNS: [&str; 25] = [
     "reward",
 ];
 
+/// What the rows of drones that share a world say besides: whether it flies, the distance to the nearest other one that does, and the smallest
+/// distance so far between any two.
+pub(crate) const SHARED: [&str; 3] = ["flying", "separation_m", "least_separation_m"];
+
 /// The camera under the vehicle; no limit to its view is 0 degrees.
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct Camera {
@@ -45,6 +50,8 @@ pub(crate) struct Camera {
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct Header {
     pub columns: &'static [&'static str],
+    /// Rows for each moment.
+    pub drones: usize,
     pub rows: usize,
     pub tick_s: f64,
     /// Centres of the markers on the floor.
@@ -90,4 +97,14 @@ pub(crate) fn row(
     out[20..24].copy_from_slice(&[u.roll_rad, u.pitch_rad, u.yaw_rate_radps, u.lift].map(|v| v as f32));
     out[24] = reward;
     out
+}
+
+/// The distance of each drone that flies to the nearest other one that does; infinite without one. `states` are rows of [`STATE`].
+pub(crate) fn separations_m(states: &[f32], flying: &[bool]) -> impl Iterator<Item = f32> {
+    let (states, _) = states.as_chunks::<STATE>();
+    (0..states.len()).map(move |own| {
+        let others = (0..states.len()).filter(|other| *other != own && flying[own] && flying[*other]);
+        let distance_m = |other: usize| (0..3).map(|i| (states[own][i] - states[other][i]).powi(2)).sum::<f32>().sqrt();
+        others.map(distance_m).fold(f32::INFINITY, f32::min)
+    })
 }

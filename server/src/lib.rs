@@ -10,6 +10,7 @@ mod flight;
 mod frames;
 #[cfg(any(test, fuzzing))]
 pub mod fuzzed;
+mod link;
 mod measured;
 mod recovery;
 mod robustness;
@@ -17,5 +18,6 @@ mod score;
 mod scorecard;
 pub mod serve;
 mod tune;
+mod worlds;
 
 pub use cli::main_from;

@@ -27,6 +27,8 @@ pub struct Crowd {
     /// By drone, then by sixteen worlds.
     moved: Vec<Vec<Moved>>,
     worlds: usize,
+    /// How many others a drone sees.
+    others: usize,
     tick_s: f64,
     /// One drone's rows in all worlds.
     observations: Vec<f32>,
@@ -39,13 +41,26 @@ impl Crowd {
     /// # Errors
     /// [`crate::Error::Range`] for `avoid`.
     pub fn new(controllers: Vec<Box<dyn Controller>>, worlds: usize, avoid: Option<Avoid>, tick_s: f64) -> Result<Self> {
+        let others = controllers.len().saturating_sub(1);
+        Crowd::among(controllers, others, worlds, avoid, tick_s)
+    }
+
+    /// For one drone of each world, which sees so many others: what flies one drone for itself.
+    ///
+    /// # Errors
+    /// As [`Crowd::new`].
+    pub fn lone(controller: Box<dyn Controller>, others: usize, worlds: usize, avoid: Option<Avoid>, tick_s: f64) -> Result<Self> {
+        Crowd::among(vec![controller], others, worlds, avoid, tick_s)
+    }
+
+    fn among(controllers: Vec<Box<dyn Controller>>, others: usize, worlds: usize, avoid: Option<Avoid>, tick_s: f64) -> Result<Self> {
         if let Some(avoid) = &avoid {
             avoid.check()?;
         }
         let fresh = Moved { at_m: [Lanes::zero(); 3], fresh: !Lanes::nothing() };
         let moved = vec![vec![fresh; worlds.div_ceil(LANES)]; controllers.len()];
         let (observations, actions) = (vec![0.0; worlds * OBSERVATION], vec![0.0; worlds * ACTION]);
-        Ok(Crowd { controllers, avoid, moved, worlds, tick_s, observations, actions })
+        Ok(Crowd { controllers, avoid, moved, worlds, others, tick_s, observations, actions })
     }
 
     /// Forget the flights of the worlds that `of` names.
@@ -58,13 +73,19 @@ impl Crowd {
         }
     }
 
+    /// Forget the flights of one drone in all worlds: it was flown by somebody else.
+    pub fn take_over(&mut self, drone: usize) {
+        self.controllers[drone].reset(&|_| true);
+        self.moved[drone].iter_mut().for_each(|moved| moved.fresh = !Lanes::nothing());
+    }
+
     /// Actions (worlds x drones rows of [`ACTION`]) for observations (worlds x drones rows of [`crate::swarm::SwarmEnv::width`]).
     ///
     /// # Errors
     /// [`crate::Error::Shape`].
     pub fn act(&mut self, observations: &[f32], actions: &mut [f32]) -> Result<()> {
         let (n, worlds) = (self.controllers.len(), self.worlds);
-        let width = OBSERVATION + NEIGHBOUR * (n - 1);
+        let width = OBSERVATION + NEIGHBOUR * self.others;
         shape("observations", worlds * n * width, observations.len())?;
         shape("actions", worlds * n * ACTION, actions.len())?;
         for drone in 0..n {
@@ -86,8 +107,8 @@ impl Crowd {
 
     /// The avoidance's set-points in place of the mission's.
     fn keep_out(&mut self, avoid: &Avoid, drone: usize, observations: &[f32]) {
-        let (n, worlds) = (self.controllers.len(), self.worlds);
-        let width = OBSERVATION + NEIGHBOUR * (n - 1);
+        let (n, others, worlds) = (self.controllers.len(), self.others, self.worlds);
+        let width = OBSERVATION + NEIGHBOUR * others;
         for (tile, moved) in self.moved[drone].iter_mut().enumerate() {
             let (first, lanes) = (tile * LANES, LANES.min(worlds - tile * LANES));
             let read = |at: usize| {
@@ -100,7 +121,7 @@ impl Crowd {
             let (own_m, target_m) = (tabulate(read), tabulate(|i| read(SETPOINT + i)));
             moved.at_m = tabulate(|i| Lanes::select(moved.fresh, own_m[i], moved.at_m[i]));
             moved.fresh = Lanes::nothing();
-            let others = (0..n - 1).map(|k| tabulate(|c| read(OBSERVATION + k * NEIGHBOUR + c)));
+            let others = (0..others).map(|k| tabulate(|c| read(OBSERVATION + k * NEIGHBOUR + c)));
             avoid.advance(&mut moved.at_m, own_m, target_m, self.tick_s, others);
             for lane in 0..lanes {
                 let row = &mut self.observations[(first + lane) * OBSERVATION + SETPOINT..];

@@ -6,6 +6,11 @@
     with Benchmark("ws://127.0.0.1:8765", "hover-aruco", controller="mine", token="cft_...") as attempt:
         row = attempt.run(controller)
 
+    found_world("ws://127.0.0.1:8765", "room", "swap", drones=2, pilots=2)
+    with Pilot("ws://127.0.0.1:8765", world="room") as pilot:
+        while pilot.flying:
+            pilot.fly(controller(pilot.observation))
+
 The client "native" is the fast one, in Rust. The client "python" is written in Python and needs the extra `remote`.
 """
 
@@ -160,6 +165,121 @@ class Benchmark:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Close the connection."""
+        self.close()
+
+
+def found_world(
+    url: str,
+    name: str,
+    mission: str,
+    *,
+    seed: int = 0,
+    deadline_s: float = 1.0,
+    pilots: int = 1,
+    autopilot: str = "thesis-pid",
+    model: str | None = None,
+    client: str = "native",
+    **options: Any,
+) -> dict[str, Any]:
+    """Found a world that several clients share, each flying one of its drones, and return what the server says of it.
+
+    Args:
+        url: as of `connect`.
+        name: what it is joined by: letters, digits, and -, _ or . but not at the beginning.
+        mission: such as "swap"; `crazyflie_gym.missions()` lists them.
+        seed: of the episode.
+        deadline_s: so long after it began, a tick is flown without those who are late.
+        pilots: so many must have joined before the first tick.
+        autopilot: the controller of drones without a pilot.
+        model: the text of a model file.
+        client: "native" or "python".
+        options: of the mission's environment, such as `drones` and `effects`.
+
+    Raises:
+        ValueError: for what cannot be flown, and a name that is no good.
+        RuntimeError: if there is a world of this name, or the server has too many.
+        ConnectionError: if nobody answers.
+    """
+    core = connect(url, client)
+    asked = {"name": name, "mission": mission, "seed": seed, "deadline_s": deadline_s, "pilots": pilots}
+    try:
+        told: dict[str, Any] = json.loads(
+            core.ask("world", to_json(**asked, autopilot=autopilot, model=model, options=options))
+        )
+    finally:
+        core.close()
+    return told
+
+
+class Pilot:
+    """A seat at the controls of one drone of a shared world. There is no reset: a world is one episode.
+
+    Who leaves or loses the connection leaves the drone to the autopilot, and may join again.
+
+    Args:
+        url: as of `connect`.
+        world: its name.
+        drone: which one; the first that is free unless given.
+        token: of the seat, to take it over from a connection that was lost.
+        client: "native" or "python".
+
+    Raises:
+        ValueError: for an unknown world or drone.
+        RuntimeError: if no drone is free, or this one has a pilot or has ended.
+        ConnectionError: if nobody answers, and from any method if the connection is lost.
+    """
+
+    def __init__(
+        self, url: str, world: str, drone: int | None = None, *, token: str | None = None, client: str = "native"
+    ) -> None:
+        self._core = connect(url, client)
+        try:
+            told: dict[str, Any] = json.loads(self._core.ask("join", to_json(name=world, drone=drone, token=token)))
+        except BaseException:
+            self._core.close()
+            raise
+        self.world: str = told["world"]
+        self.drone: int = told["drone"]
+        self.drones: int = told["drones"]
+        self.token: str = told["token"]
+        self.tick: int = told["tick"]
+        self.interface = Interface(tick_s=told["tick_s"], **told["interface"])
+        self.observation: FloatArray = np.array(told["observation"], np.float32)
+        self.flying, self.terminated, self.truncated = True, False, False
+        self.late = 0
+        """So many ticks were flown without this pilot's action."""
+
+    def fly(self, action: FloatArray) -> tuple[FloatArray, float, bool, bool]:
+        """Give the action of this tick, 4 numbers from -1 to 1, and wait until the tick is over.
+
+        Returns:
+            Observation (24 own numbers and 8 for each of the other drones), reward, terminated and truncated.
+
+        Raises:
+            ValueError: for another number of numbers, and for those that are not from -1 to 1; nothing has moved then.
+            RuntimeError: if the drone's flight has ended, or the seat was taken over.
+        """
+        numbers = np.asarray(action, np.float32).reshape(-1)
+        if not np.isfinite(numbers).all():
+            raise ValueError(f"action: expected numbers from -1 to 1, got {numbers.tolist()}")
+        told = json.loads(self._core.ask("fly", to_json(action=numbers.tolist())))
+        self.observation = np.array(told["observation"], np.float32)
+        self.tick, self.flying, self.late = told["tick"], told["flying"], told["late"]
+        self.terminated, self.truncated = told["terminated"], told["truncated"]
+        return self.observation, float(told["reward"]), self.terminated, self.truncated
+
+    def close(self) -> None:
+        """Leave the drone to the autopilot and close the connection."""
+        self._core.close()
+
+    def __enter__(self) -> Pilot:
+        """Return the pilot."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Leave."""
         self.close()
 
 

@@ -34,6 +34,8 @@ _ARGUMENT = {
     "bad_token",
     "bad_name",
     "bad_shape",
+    "unknown_world",
+    "unknown_drone",
 }
 
 

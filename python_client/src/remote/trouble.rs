@@ -35,5 +35,5 @@ impl From<Trouble> for PyErr {
 /// Whether a code of the protocol is about what was asked for, as opposed to when; `crazyflie_gym.remote` has the same list.
 fn is_argument(code: &str) -> bool {
     let codes = ["bad_message", "bad_frame", "wrong_length", "bad_action", "bad_options", "bad_model", "too_large"];
-    codes.contains(&code) || ["unknown_scenario", "bad_token", "bad_name", "bad_shape"].contains(&code)
+    codes.contains(&code) || ["unknown_scenario", "bad_token", "bad_name", "bad_shape", "unknown_world", "unknown_drone"].contains(&code)
 }

@@ -3,6 +3,7 @@
 /**
  * @typedef {object} Header
  * @property {string[]} columns
+ * @property {number} [drones] Rows for each moment: drones that share a world.
  * @property {number} rows
  * @property {number} tick_s
  * @property {number[][]} marker Centres of the plates on the floor.
@@ -15,7 +16,7 @@
 /** Angles are interpolated the short way round. */
 const ANGLES = new Set(["roll", "pitch", "yaw", "setpoint_yaw", "fix_yaw"]);
 /** These hold until the next row. */
-const HELD = new Set(["fix_x", "fix_y", "fix_z", "fix_yaw", "fix_valid", "u_roll", "u_pitch", "u_yaw_rate", "u_lift", "reward"]);
+const HELD = new Set(["fix_x", "fix_y", "fix_z", "fix_yaw", "fix_valid", "u_roll", "u_pitch", "u_yaw_rate", "u_lift", "reward", "flying"]);
 
 /** A difference of angles in [-pi, pi). @param {number} angle */
 export function wrapped(angle) {

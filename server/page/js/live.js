@@ -7,12 +7,17 @@ const CAPACITY = 3600;
 const FIRST_WAIT_MS = 500;
 const LONGEST_WAIT_MS = 8000;
 
+/** Flights without a row yet. @param {import("./flight.js").Header} header */
+function fresh(header) {
+  return Array.from({ length: header.drones ?? 1 }, () => new Flight(header, new Float32Array(0), CAPACITY));
+}
+
 /**
  * Says `flight` when rows came, `state` when the connection changed (see `connected`), `trouble` with a message in `detail`.
  */
 export class Live extends EventTarget {
-  /** @type {Flight | null} */
-  flight = null;
+  /** One for each drone of the world. @type {Flight[]} */
+  flights = [];
   connected = false;
   /** @type {string | null} */
   #session = null;
@@ -27,7 +32,7 @@ export class Live extends EventTarget {
   watch(session, env = 0) {
     this.#session = session;
     this.#env = env;
-    this.flight = null;
+    this.flights = [];
     clearTimeout(this.#timer);
     this.#socket?.close();
     this.#socket = null;
@@ -78,17 +83,20 @@ export class Live extends EventTarget {
   /** @param {ArrayBuffer} frame */
   #begin(frame) {
     const { header, values } = parseFrame(frame);
-    this.flight = new Flight(header, new Float32Array(0), CAPACITY);
+    this.flights = fresh(header);
     this.#headerDue = false;
     this.#rows(values);
   }
 
   /** @param {Float32Array} values */
   #rows(values) {
-    if (!this.flight || !values.length) return;
+    const [first] = this.flights;
+    if (!first || !values.length) return;
     // a new episode begins: its time starts again
-    if (this.flight.rows && values[0] < this.flight.lastTime) this.flight = new Flight(this.flight.header, new Float32Array(0), CAPACITY);
-    this.flight.append(values);
+    if (first.rows && values[0] < first.lastTime) this.flights = fresh(first.header);
+    for (let from = 0; from < values.length; from += first.width) {
+      this.flights[(from / first.width) % this.flights.length].append(values.subarray(from, from + first.width));
+    }
     this.dispatchEvent(new Event("flight"));
   }
 

@@ -69,6 +69,7 @@ impl Replay {
         let trace = &self.episode.trace;
         let header = Header {
             columns: &COLUMNS,
+            drones: 1,
             rows: trace.rows.len(),
             tick_s: trace.tick_s,
             marker: markers(&self.scenario),

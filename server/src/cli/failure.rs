@@ -6,8 +6,8 @@ use std::io;
 use crazyflie_env::Error as EnvError;
 use crazyflie_picture::PictureError;
 
-use crate::afar::Error as AfarError;
 use crate::bench::Error as BenchError;
+use crate::link::Error as LinkError;
 
 /// Result of a command.
 pub(crate) type Outcome<T = ()> = Result<T, Failure>;
@@ -79,11 +79,11 @@ impl From<BenchError> for Failure {
     }
 }
 
-impl From<AfarError> for Failure {
-    fn from(error: AfarError) -> Self {
+impl From<LinkError> for Failure {
+    fn from(error: LinkError) -> Self {
         match &error {
-            AfarError::Url => Failure::Usage(error.to_string()),
-            AfarError::Refused { code, .. } if matches!(&code[..], "unknown_scenario" | "bad_name") => Failure::Usage(error.to_string()),
+            LinkError::Url => Failure::Usage(error.to_string()),
+            LinkError::Refused { code, .. } if matches!(&code[..], "unknown_scenario" | "bad_name") => Failure::Usage(error.to_string()),
             _ => Failure::Failed(error.to_string()),
         }
     }

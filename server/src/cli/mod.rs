@@ -16,8 +16,10 @@ mod identify_thesis;
 mod leaderboard;
 mod measured;
 mod model;
+mod pilot;
 mod replay;
 mod replay_table;
+mod replay_world;
 mod robustness;
 mod scenarios;
 mod score;
@@ -62,6 +64,7 @@ struct Cli {
 enum Command {
     Fly(fly::Args),
     Replay(replay::Args),
+    ReplayWorld(replay_world::Args),
     Identify(identify::Args),
     Explain(explain::Args),
     Score(score::Args),
@@ -72,6 +75,7 @@ enum Command {
     Tasks(tasks::Args),
     Controllers(controllers::Args),
     Model(model::Args),
+    Pilot(pilot::Args),
     Scenarios(scenarios::Args),
     Submit(submit::Args),
     Tune(tune::Args),
@@ -107,6 +111,7 @@ fn run(command: &Command, out: &mut dyn Write) -> Outcome {
     match command {
         Command::Fly(args) => fly::run(args, out),
         Command::Replay(args) => replay::run(args, out),
+        Command::ReplayWorld(args) => replay_world::run(args, out),
         Command::Identify(args) => identify::run(args, out),
         Command::Explain(args) => explain::run(args, out),
         Command::Score(args) => score::run(args, out),
@@ -117,6 +122,7 @@ fn run(command: &Command, out: &mut dyn Write) -> Outcome {
         Command::Tasks(args) => tasks::run(args, out),
         Command::Controllers(args) => controllers::run(args, out),
         Command::Model(args) => model::run(args, out),
+        Command::Pilot(args) => pilot::run(args, out),
         Command::Scenarios(args) => scenarios::run(args, out),
         Command::Submit(args) => submit::run(args, out),
         Command::Tune(args) => tune::run(args, out),

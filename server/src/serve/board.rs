@@ -101,12 +101,12 @@ fn failed(problem: &Error) -> Response {
     response
 }
 
-fn refused(status: StatusCode, code: &str, message: &str) -> Response {
+pub(crate) fn refused(status: StatusCode, code: &str, message: &str) -> Response {
     (status, Json(json!({"type": "error", "code": code, "message": message}))).into_response()
 }
 
 /// A download under a name that only has what file systems take.
-fn saved_as(name: &str, mut response: Response) -> Response {
+pub(crate) fn saved_as(name: &str, mut response: Response) -> Response {
     let plain: String = name.chars().map(|c| if c.is_ascii_alphanumeric() || "-._".contains(c) { c } else { '_' }).collect();
     if response.status().is_success()
         && let Ok(value) = format!("attachment; filename=\"{plain}\"").parse()

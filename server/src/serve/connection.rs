@@ -12,13 +12,16 @@ use super::fault::{Code, Fault};
 use super::listed::End;
 use super::make;
 use super::message::{self, Asked, Hello, Resume};
+use super::pilot::Pilot;
 use super::replies::Reply;
 use super::requests::{refusal, say};
 use super::said::Said;
 use super::server::{Peer, Server};
 use super::session::Session;
+use super::shared::Join;
 use super::socket::{Incoming, Parting, Socket};
 use super::wire::{self, Request};
+use super::worlds;
 
 pub(crate) struct Connection {
     server: Arc<Server>,
@@ -28,11 +31,13 @@ pub(crate) struct Connection {
     session: Option<Session>,
     /// In place of a session.
     contest: Option<Contest>,
+    /// At the controls of one drone of a shared world; whoever is gone leaves it to the autopilot.
+    pilot: Option<Pilot>,
 }
 
 /// Serves a connection to its end.
 pub(crate) async fn talk(server: Arc<Server>, peer: Arc<Peer>, mut socket: Socket, leave: CancellationToken) {
-    let mut connection = Connection { server, peer, leave, session: None, contest: None };
+    let mut connection = Connection { server, peer, leave, session: None, contest: None, pilot: None };
     let parting = loop {
         let reply = match socket.next().await {
             Ok(Incoming::Text(text)) => connection.text(&text).await,
@@ -128,7 +133,20 @@ impl Connection {
                 session.step(id, &step)
             }
             Asked::State => self.session.as_mut().ok_or_else(no_session)?.state(id),
+            Asked::World(asked) => Ok(say(&Said::World(worlds::found(&self.server, id, &asked)?))),
+            Asked::Join(join) => self.join(id, join).await,
+            Asked::Fly(fly) => self.pilot.as_ref().ok_or_else(no_seat)?.fly(id, &fly).await,
+            Asked::Leave => self.pilot.take().map(|_| say(&Said::Left { id })).ok_or_else(no_seat),
         }
+    }
+
+    async fn join(&mut self, id: u64, asked: Join) -> Result<Reply, Fault> {
+        if let Some(pilot) = &self.pilot {
+            return Err(Fault::new(Code::BadMessage, format!("this connection flies {}: leave it first", pilot.place())));
+        }
+        let (pilot, reply) = Pilot::join(&self.server.worlds, id, asked).await?;
+        self.pilot = Some(pilot);
+        Ok(reply)
     }
 
     fn hello(&self, id: u64, hello: Hello) -> Result<Reply, Fault> {
@@ -162,4 +180,8 @@ impl Connection {
 
 fn no_session() -> Fault {
     Fault::new(Code::NoSession, "this connection has no session: send make (or resume) first")
+}
+
+fn no_seat() -> Fault {
+    Fault::new(Code::NoSeat, "this connection flies no drone: send join first")
 }

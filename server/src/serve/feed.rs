@@ -1,5 +1,5 @@
-//! What a session shows to those who watch it: the newest row of its first environments, written in place. A session never waits for a watcher
-//! and never wakes one.
+//! What a session shows to those who watch it: the newest rows of its first environments, or of all drones of a shared world, written in place.
+//! A session never waits for a watcher and never wakes one.
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
@@ -10,7 +10,8 @@ use crazyflie_env::vector::{STATE, VectorEnv};
 use serde_json::{Value, json};
 
 use super::listed::lock;
-use crate::frames::{self, COLUMNS, Numbers};
+use crate::frames::{self, COLUMNS, SHARED};
+use crate::worlds::Flight;
 
 /// So many environments of a batch can be watched: the first ones.
 pub(crate) const WATCHABLE: usize = 16;
@@ -19,9 +20,13 @@ pub(crate) const WATCHABLE: usize = 16;
 pub(crate) struct Feed {
     /// What the columns are, and what stands in the room.
     pub header: Value,
+    /// Rows for each environment.
+    pub drones: usize,
     watchers: AtomicUsize,
     version: AtomicU64,
-    rows: Mutex<[Numbers; WATCHABLE]>,
+    rows: Mutex<Vec<f32>>,
+    /// Numbers for each environment.
+    width: usize,
 }
 
 /// A watcher, for as long as this lives.
@@ -35,8 +40,21 @@ impl Drop for Watching<'_> {
 
 impl Feed {
     pub(crate) fn new(options: &Options, tick_s: f64) -> Self {
-        let (version, rows) = (AtomicU64::new(0), Mutex::new([[0.0; COLUMNS.len()]; WATCHABLE]));
-        Feed { header: header(options, tick_s), watchers: AtomicUsize::new(0), version, rows }
+        Feed::of(header(options, tick_s), WATCHABLE, 1, COLUMNS.len())
+    }
+
+    /// Of a shared world: all its drones are watched together.
+    pub(crate) fn shared(options: &Options, tick_s: f64, drones: usize, world: &str) -> Self {
+        let mut header = header(options, tick_s);
+        header["world"] = world.into();
+        header["drones"] = drones.into();
+        header["columns"] = json!([&COLUMNS[..], &SHARED].concat());
+        Feed::of(header, 1, drones, drones * (COLUMNS.len() + SHARED.len()))
+    }
+
+    fn of(header: Value, envs: usize, drones: usize, width: usize) -> Self {
+        let (watchers, version, rows) = (AtomicUsize::new(0), AtomicU64::new(0), Mutex::new(vec![0.0; envs * width]));
+        Feed { header, drones, watchers, version, rows, width }
     }
 
     pub(crate) fn watch(&self) -> Watching<'_> {
@@ -48,14 +66,36 @@ impl Feed {
         self.watchers.load(Ordering::Relaxed)
     }
 
-    /// The newest row of an environment, if it is newer than `seen`.
-    pub(crate) fn newer(&self, env: usize, seen: &mut u64) -> Option<Numbers> {
+    /// The newest rows of an environment, if they are newer than `seen`.
+    pub(crate) fn newer(&self, env: usize, seen: &mut u64) -> Option<Vec<f32>> {
         let version = self.version.load(Ordering::Acquire);
         if version == *seen {
             return None;
         }
         *seen = version;
-        lock(&self.rows).get(env).copied()
+        lock(&self.rows).chunks(self.width).nth(env).map(<[f32]>::to_vec)
+    }
+
+    /// Shows all drones of a shared world.
+    pub(crate) fn show_shared(&self, flight: &Flight) {
+        if self.watchers() == 0 {
+            return;
+        }
+        let t_s = flight.ticks as f64 * flight.tick_s();
+        let separations_m = frames::separations_m(&flight.states, &flight.flying);
+        let (states, actions) = (flight.states.as_chunks::<STATE>().0, flight.actions.as_chunks().0);
+        let mut rows = lock(&self.rows);
+        let slots = rows.chunks_mut(COLUMNS.len() + SHARED.len());
+        for (drone, (slot, separation_m)) in slots.zip(separations_m).enumerate() {
+            let Some(observation) = flight.observation(drone).first_chunk() else { return };
+            let (interface, reward) = (&flight.interfaces()[drone], flight.rewards[drone]);
+            let (own, shared) = slot.split_at_mut(COLUMNS.len());
+            own.copy_from_slice(&frames::row(t_s, observation, &states[drone], &actions[drone], interface, reward));
+            let flying = if flight.flying[drone] { 1.0 } else { 0.0 };
+            shared.copy_from_slice(&[flying, separation_m, flight.least_separation_m()]);
+        }
+        drop(rows);
+        self.version.fetch_add(1, Ordering::Release);
     }
 }
 
@@ -104,10 +144,11 @@ impl Clocks {
         let interface = env.interface();
         let mut rows = lock(&feed.rows);
         let given = observations.as_chunks::<OBSERVATION>().0.iter().zip(states.as_chunks::<STATE>().0);
-        for (env, (row, (observation, state))) in rows.iter_mut().zip(given).take(n).enumerate() {
+        for (env, (row, (observation, state))) in rows.chunks_mut(COLUMNS.len()).zip(given).take(n).enumerate() {
             let reward = rewards.map_or(0.0, |rewards| rewards[env]);
             let action = [20, 21, 22, 23].map(|i| observation[i]);
-            *row = frames::row(f64::from(self.steps[env]) * self.tick_s, observation, state, &action, &interface, reward);
+            let t_s = f64::from(self.steps[env]) * self.tick_s;
+            row.copy_from_slice(&frames::row(t_s, observation, state, &action, &interface, reward));
         }
         drop(rows);
         feed.version.fetch_add(1, Ordering::Release);
@@ -133,5 +174,5 @@ fn header(options: &Options, tick_s: f64) -> Value {
     let (fov_deg, offset_m) = (number("camera_fov", "diagonal_deg", true, 0.0), number("camera_fov", "lens_below_m", false, 0.02));
     let camera = json!({"fov_deg": if fov_deg > 0.0 { Some(fov_deg) } else { None }, "offset_m": offset_m});
     let side_m = number("camera_fov", "side_m", false, 0.197);
-    json!({"columns": COLUMNS, "rows": null, "tick_s": tick_s, "marker": marker, "marker_side_m": side_m, "camera": camera, "end": null})
+    json!({"columns": COLUMNS, "drones": 1, "rows": null, "tick_s": tick_s, "marker": marker, "marker_side_m": side_m, "camera": camera, "end": null})
 }

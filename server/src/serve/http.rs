@@ -3,12 +3,14 @@
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
-use axum::extract::{Request, State};
+use axum::extract::{Path, Request, State};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use axum::{Json, Router};
 use serde::Serialize;
+use serde_json::Value;
+use tokio::task::spawn_blocking;
 
 use super::board;
 use super::page;
@@ -29,7 +31,7 @@ pub(crate) fn router(server: &Arc<Server>) -> Router {
 
 /// JSON about what the server does and has.
 fn api() -> Router<Arc<Server>> {
-    board::routes().route("/sessions", get(sessions))
+    board::routes().route("/sessions", get(sessions)).route("/worlds", get(worlds)).route("/worlds/{name}/log", get(world_log))
 }
 
 async fn metrics(State(server): State<Arc<Server>>) -> Response {
@@ -43,6 +45,11 @@ struct Row {
     session: String,
     env: String,
     num_envs: usize,
+    /// In each environment.
+    drones: usize,
+    /// The name of the shared world that it is.
+    #[serde(skip_serializing_if = "Value::is_null")]
+    world: Value,
     steps: u64,
     since_s: f64,
     watching: usize,
@@ -52,12 +59,33 @@ async fn sessions(State(server): State<Arc<Server>>) -> Response {
     let rows = server.sessions.all().into_iter().map(|listed| Row {
         session: listed.name(),
         env: listed.env.clone(),
-        num_envs: listed.num_envs,
+        num_envs: listed.batch(),
+        drones: listed.feed.drones,
+        world: listed.feed.header["world"].clone(),
         steps: listed.steps.load(Ordering::Relaxed),
         since_s: listed.since.elapsed().as_secs_f64(),
         watching: listed.feed.watchers(),
     });
     ([(header::CACHE_CONTROL, "no-store")], Json(rows.collect::<Vec<_>>())).into_response()
+}
+
+async fn worlds(State(server): State<Arc<Server>>) -> Response {
+    let rows: Vec<_> = server.worlds.all().iter().map(|known| known.row()).collect();
+    ([(header::CACHE_CONTROL, "no-store")], Json(rows)).into_response()
+}
+
+async fn world_log(State(server): State<Arc<Server>>, Path(name): Path<String>) -> Response {
+    let known = match server.worlds.find(&name) {
+        Ok(known) => known,
+        Err(fault) => return board::refused(StatusCode::NOT_FOUND, "unknown_world", &fault.message),
+    };
+    match spawn_blocking(move || known.log()).await {
+        Ok(Ok(text)) => {
+            let kind = [(header::CONTENT_TYPE, "application/x-ndjson"), (header::CACHE_CONTROL, "no-store")];
+            board::saved_as(&format!("{name}.jsonl"), (kind, text).into_response())
+        }
+        _ => board::refused(StatusCode::INTERNAL_SERVER_ERROR, "internal", "the log cannot be written"),
+    }
 }
 
 async fn ws(State(server): State<Arc<Server>>, request: Request) -> Response {

@@ -49,6 +49,11 @@ impl Listed {
         self.id.to_string()
     }
 
+    /// What can be watched one by one: environments; the drones of a shared world are watched together.
+    pub(crate) fn batch(&self) -> usize {
+        self.num_envs / self.feed.drones
+    }
+
     pub(crate) fn token(&self) -> String {
         hex::encode(self.secret)
     }

@@ -77,7 +77,7 @@ fn wish(server: &Server, incoming: &Incoming) -> Result<Next, Fault> {
     let Some(name) = wish.watch else { return Ok(Next::Nothing) };
     let unknown = || Fault::new(Code::UnknownSession, format!("there is no session {name:?}"));
     let listed = server.sessions.find(&name).ok_or_else(unknown)?;
-    let most = listed.num_envs.min(WATCHABLE);
+    let most = listed.batch().min(WATCHABLE);
     if wish.env >= most {
         return Err(Fault::new(Code::BadMessage, format!("env is {}, of this session 0 to {} can be watched", wish.env, most - 1)));
     }

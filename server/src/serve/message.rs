@@ -6,6 +6,7 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use super::fault::{Code, Fault};
+use super::shared::{Fly, Founding, Join};
 use super::wire::MAX_ID;
 
 /// What every message has. The rest is read when the type is known.
@@ -28,6 +29,10 @@ pub(crate) enum Asked {
     Resume(Resume),
     Benchmark(Benchmark),
     Finish,
+    World(Box<Founding>),
+    Join(Join),
+    Fly(Fly),
+    Leave,
 }
 
 /// Of a message without further fields.
@@ -140,8 +145,12 @@ fn asked(kind: Option<Value>, text: &str) -> Result<Asked, Fault> {
         "resume" => Asked::Resume(fields(&kind, text)?),
         "benchmark" => Asked::Benchmark(fields(&kind, text)?),
         "finish" => fields::<Empty>(&kind, text).map(|_| Asked::Finish)?,
+        "world" => Asked::World(fields(&kind, text)?),
+        "join" => Asked::Join(fields(&kind, text)?),
+        "fly" => Asked::Fly(fields(&kind, text)?),
+        "leave" => fields::<Empty>(&kind, text).map(|_| Asked::Leave)?,
         other => {
-            let known = "hello, make, reset, step, state, close, resume, benchmark, finish";
+            let known = "hello, make, reset, step, state, close, resume, benchmark, finish, world, join, fly, leave";
             return Err(Fault::new(Code::UnknownType, format!("unknown type {other:?}; known: {known}")));
         }
     })

@@ -7,6 +7,7 @@ use serde::{Serialize, Serializer};
 use serde_json::Value;
 
 use super::fault::Code;
+use super::shared::{Founded, Joined};
 use crate::bench::PlannedPhase;
 
 /// Numbers of `f32` as rows; sent as the `f64` that they are, so that they come back bit for bit.
@@ -77,6 +78,25 @@ pub(crate) enum Said<'a> {
     Finished {
         id: u64,
         attempt: Value,
+    },
+    /// A shared world was founded.
+    World(Founded),
+    Joined(Box<Joined<'a>>),
+    /// A tick of a shared world is over.
+    Flown {
+        id: u64,
+        /// Ticks so far.
+        tick: u64,
+        observation: Numbers<'a>,
+        reward: f64,
+        terminated: bool,
+        truncated: bool,
+        flying: bool,
+        /// So many ticks were flown without this pilot's action.
+        late: u64,
+    },
+    Left {
+        id: u64,
     },
     Error {
         id: Option<u64>,

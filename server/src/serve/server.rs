@@ -32,6 +32,7 @@ use super::metrics::Metrics;
 use super::session::Session;
 use super::settings::{ServeError, Settings};
 use super::socket::Stream;
+use super::worlds::Worlds;
 use crate::bench::Bench;
 
 /// A plain HTTP connection is closed after this time, whatever it does: a reader that stands still holds its place no longer.
@@ -45,6 +46,7 @@ pub(crate) struct Server {
     /// Turns of simulating stored flights again.
     pub flights: Arc<Semaphore>,
     pub sessions: Arc<Sessions>,
+    pub worlds: Worlds,
     pub metrics: Arc<Metrics>,
     pub stop: CancellationToken,
     pub tasks: TaskTracker,
@@ -110,7 +112,20 @@ impl Server {
         let (stop, tasks) = (CancellationToken::new(), TaskTracker::new());
         let (addresses, tokens) = (Counts::new(limits.connections_per_address), Counts::new(limits.connections_per_token));
         let (all, flights) = (Counts::new(limits.connections), Arc::new(Semaphore::new(FLIGHTS_AT_ONCE)));
-        Ok(Arc::new(Server { settings, address, bench, flights, sessions, metrics, stop, tasks, addresses, tokens, all }))
+        Ok(Arc::new(Server {
+            settings,
+            address,
+            bench,
+            flights,
+            sessions,
+            worlds: Worlds::default(),
+            metrics,
+            stop,
+            tasks,
+            addresses,
+            tokens,
+            all,
+        }))
     }
 
     fn admit(self: &Arc<Self>, stream: TcpStream, address: SocketAddr, router: &Router) {

@@ -50,6 +50,12 @@ pub struct Limits {
     pub envs_per_session: usize,
     /// Environments of all sessions together: what bounds the memory.
     pub envs: usize,
+    /// Shared worlds that are flown; as many that are over are remembered.
+    pub worlds: usize,
+    /// The log of a shared world.
+    pub world_bytes: usize,
+    /// How long a shared world waits for its first tick.
+    pub world_waits: Duration,
 }
 
 impl Default for Limits {
@@ -70,6 +76,9 @@ impl Default for Limits {
             connections_per_token: 16,
             envs_per_session: 16384,
             envs: 262_144,
+            worlds: 32,
+            world_bytes: 8 << 20,
+            world_waits: Duration::from_secs(50),
         }
     }
 }

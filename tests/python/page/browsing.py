@@ -47,6 +47,21 @@ PILOT = """async () => {
     await ask({ type: "close" });
   })();
 }"""
+# a world of eight that its only pilot leaves to the autopilot
+CROWD = """async () => {
+  const socket = new WebSocket(location.origin.replace("http", "ws") + "/ws", "crazyflie.v1");
+  await new Promise((open) => (socket.onopen = open));
+  let id = 0;
+  const ask = (request) => new Promise((answered) => {
+    socket.onmessage = (message) => answered(JSON.parse(message.data));
+    socket.send(JSON.stringify({ id: ++id, ...request }));
+  });
+  const options = { drones: 8, max_episode_steps: 800 };
+  const { session } = await ask({ type: "world", name: "page", mission: "swap", seed: 2, options });
+  await ask({ type: "join", name: "page" });
+  await ask({ type: "leave" });
+  return session;
+}"""
 # which way is up for the vehicle, and how fast it flies, row by row
 LEANING = """async (attempt) => {
   const { getReplay } = await import(location.origin + "/js/api.js");

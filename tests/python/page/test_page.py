@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from browsing import PILOT, SCENARIO, Server, canvas, close_to, loaded, position, rgb, until
+from browsing import CROWD, PILOT, SCENARIO, Server, canvas, close_to, loaded, position, rgb, until
 
 
 def test_served_with_a_strict_policy(visit, server):
@@ -48,6 +48,39 @@ def test_live_draws_what_flies(visit):
     until(page, "location.hash.includes('env=2')")
     loaded(page)
     pilot.evaluate("window.flying = false")
+    until(page, "document.querySelector('#empty').textContent.includes('has ended')")
+
+
+def test_a_shared_world_is_drawn_with_all_its_drones(visit):
+    pilot = visit("#board")
+    session = pilot.evaluate(CROWD)
+    page = visit(f"#live?session={session}")
+    until(page, "document.querySelectorAll('#flight:not([hidden]) .strip').length === 6")
+    until(page, "document.querySelector('#empty').hidden")
+    assert "world page, 8 drones" in page.locator("#sessions a[aria-current]").inner_text()
+    told = page.locator("#readout").inner_text()
+    before = canvas(page)
+    page.wait_for_timeout(1500)
+    after = canvas(page)
+    later = page.locator("#readout").inner_text()
+    print(later, page.locator("#charts figcaption").first.inner_text())
+    assert told != later and "8 of 8" in later and "separation now" in later
+    assert "separation" in page.locator("#charts figcaption").first.inner_text()
+    numbers = [
+        float(row.split("\t")[1].split()[0]) for row in later.splitlines() if "separation" in row or "least" in row
+    ]
+    now_m, least_m = numbers
+    print(f"{now_m} m apart now, {least_m} m at least so far")
+    assert 0.1 < least_m <= now_m < 2.5
+    assert (np.abs(before - after).max(axis=-1) > 24).sum() > 100, "the 3D view stands still"
+    # each drone has a hue of its own: vehicles and trails
+    colours = page.evaluate(
+        "[...document.querySelectorAll('#legend .key')].slice(0, 8).map((e) => getComputedStyle(e).color)"
+    )
+    wanted = [np.array([int(part) for part in text[4:-1].split(",")]) for text in colours]
+    pixels = [int(close_to(after, colour, 30).sum()) for colour in wanted]
+    print(f"pixels of each drone's colour: {pixels}")
+    assert len(set(colours)) == 8 and min(pixels) > 20
     until(page, "document.querySelector('#empty').textContent.includes('has ended')")
 
 

@@ -1,6 +1,7 @@
 // Strip charts under the 3D view, with a line that shows the time.
 
 import uPlot from "../../vendor/uplot/uPlot.esm.js";
+import { runColours } from "../colours.js";
 import { colour, make, number, onTheme } from "../dom.js";
 import { DEPTH, panels, tables } from "./panels.js";
 
@@ -13,13 +14,13 @@ import { DEPTH, panels, tables } from "./panels.js";
 export const WINDOW_S = 20;
 const FONT = "11px system-ui, sans-serif";
 
-/** @param {Drawn} drawn */
-function look({ run, kind }) {
-  const name = "ab"[run];
+/** @param {Drawn} drawn @param {number} drones That share a world. */
+function look({ run, kind }, drones) {
+  const own = runColours(run, drones);
   if (kind === "setpoint") return { stroke: colour("--setpoint"), width: 1.25, dash: [5, 4] };
-  if (kind === "command") return { stroke: colour(`--command-${name}`), width: 1 };
-  if (kind === "fix") return { width: 0, paths: () => null, points: { show: true, size: 3, width: 0, fill: colour(`--fix-${name}`) } };
-  return { stroke: colour(`--run-${name}`), width: 1.75 };
+  if (kind === "command") return { stroke: own.command, width: 1 };
+  if (kind === "fix") return { width: 0, paths: () => null, points: { show: true, size: 3, width: 0, fill: own.fix } };
+  return { stroke: own.run, width: 1.75 };
 }
 
 /** Room above and below, and never a span so small that noise looks like motion. @param {number} least */
@@ -78,7 +79,8 @@ export class Charts {
   }
 
   /** The values at the time that is shown. @param {Panel} panel */
-  #reading({ traces, factor, digits }) {
+  #reading({ traces, factor, digits, told: say }) {
+    if (say) return say(this.#flights.flatMap((flight) => flight?.at(this.#time_s) ?? []));
     const told = this.#flights.map((flight) => flight && number(flight.get(traces[0].column, flight.rowAt(this.#time_s)) * factor, digits));
     return told.filter((text) => text !== null).join(" | ");
   }
@@ -100,7 +102,8 @@ export class Charts {
     const box = make("figure", { class: "strip" }, make("figcaption", {}, make("span", {}, panel.title + unit), readout));
     this.host.append(box);
     const axis = { stroke: colour("--muted"), grid: { stroke: colour("--grid"), width: 1 }, ticks: { show: false }, font: FONT };
-    const series = drawn.map((each) => ({ ...{ points: { show: false } }, ...look(each), scale: "y" }));
+    const drones = this.#flights.find((flight) => flight)?.header.drones ?? 1;
+    const series = drawn.map((each) => ({ ...{ points: { show: false } }, ...look(each, drones), scale: "y" }));
     const options = {
       ...this.#size(box),
       legend: { show: false },

@@ -1,9 +1,11 @@
 // Which strip charts there are, and the numbers in them.
 
+import { number } from "../dom.js";
+
 /** @typedef {import("../flight.js").Flight} Flight */
 /** @typedef {"state" | "setpoint" | "fix" | "command"} Kind */
 /** @typedef {{kind: Kind, column: string}} Trace */
-/** @typedef {{key: string, title: string, unit: string, digits: number, factor: number, least: number, traces: Trace[]}} Panel */
+/** @typedef {{key: string, title: string, unit: string, digits: number, factor: number, least: number, traces: Trace[], told?: (all: import("../flight.js").Row[]) => string}} Panel */
 /** @typedef {{run: number, kind: Kind}} Drawn */
 
 const DEG = 180 / Math.PI;
@@ -19,8 +21,17 @@ function panel(title, unit, factor, least, columns) {
 /** @param {string} axis */
 const position = (axis) => panel(axis, "m", 1, 0.1, { state: axis, setpoint: `setpoint_${axis}`, fix: `fix_${axis}` });
 
+/** Of drones that share a world: how near each is to the next one, and where they are. A reading for each would be too many. @type {Panel[]} */
+const SHARED = [
+  { ...panel("separation", "m", 1, 0.2, { state: "separation_m", setpoint: "least_separation_m" }), told: (all) => number(Math.min(...all.map((s) => s.separation_m))) },
+  ...["x", "y", "z"].map((axis) => ({ ...panel(axis, "m", 1, 0.1, { state: axis }), told: () => "" })),
+  { ...panel("yaw", "°", DEG, 4, { state: "yaw" }), told: () => "" },
+  { ...panel("reward", "", 1, 0.1, { state: "reward" }), told: () => "" },
+];
+
 /** @param {Flight | null | undefined} flight The lift is a height or a PWM count, as its size says. @returns {Panel[]} */
 export function panels(flight) {
+  if ((flight?.header.drones ?? 1) > 1) return SHARED;
   const pwm = !flight || Math.max(...flight.series("u_lift").subarray(0, 500)) > 20;
   return [
     position("x"),

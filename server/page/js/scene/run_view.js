@@ -13,6 +13,8 @@ import { ViewCone } from "./view_cone.js";
 export class RunView extends THREE.Group {
   /** @type {Flight | null} */
   flight = null;
+  /** One of many: without what would hide the others. */
+  crowded = false;
   vehicle = new Vehicle();
   cone = new ViewCone();
   #plumb = new THREE.Line(new THREE.BufferGeometry().setFromPoints([new THREE.Vector3(), new THREE.Vector3(0, 0, 1)]), new THREE.LineBasicMaterial({ transparent: true, opacity: 0.55 }));
@@ -50,16 +52,19 @@ export class RunView extends THREE.Group {
     // feet stay on the floor, also those of a vehicle drawn larger than it is
     vehicle.position.set(state.x, state.y, Math.max(state.z, FEET_M * vehicleScale));
     vehicle.rotation.set(state.roll, state.pitch, state.yaw, "ZYX");
-    if (spin) vehicle.turnRotors(time_s);
+    if (spin && !(state.flying < 0.5)) vehicle.turnRotors(time_s);
     this.#plumb.position.set(state.x, state.y, 0);
     this.#plumb.scale.z = Math.max(1e-6, state.z);
-    this.cone.visible = cone;
+    this.cone.visible = cone && !this.crowded;
     this.cone.setColour(state.fix_valid > 0.5 ? this.#colours.run : this.#colours.lost);
-    if (cone) this.cone.update(new THREE.Vector3(state.x, state.y, state.z), vehicle.quaternion, this.flight.header.camera ?? { fov_deg: 120, offset_m: 0.02 });
+    if (this.cone.visible) this.cone.update(new THREE.Vector3(state.x, state.y, state.z), vehicle.quaternion, this.flight.header.camera ?? { fov_deg: 120, offset_m: 0.02 });
     const row = this.flight.rowAt(time_s);
     this.#trail.update(this.flight, row);
+    this.#setpoint.update(state);
+    this.#asked.visible = !this.crowded;
+    this.#fixes.visible = !this.crowded;
+    if (this.crowded) return;
     this.#asked.update(this.flight, row);
     this.#fixes.update(this.flight, time_s);
-    this.#setpoint.update(state);
   }
 }

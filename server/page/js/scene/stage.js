@@ -1,7 +1,8 @@
-// The 3D view: up to two flights in one room, drawn when something changed, not otherwise.
+// The 3D view: two flights to compare or all drones of a world in one room, drawn when something changed, not otherwise.
 
 import * as THREE from "../../vendor/three/three.module.min.js";
 import { OrbitControls } from "../../vendor/three/OrbitControls.js";
+import { runColours } from "../colours.js";
 import { colour, lessMotion, onTheme } from "../dom.js";
 import { plate } from "./plate.js";
 import { ROOM_M, room } from "./room.js";
@@ -64,16 +65,29 @@ export class Stage {
     this.#room.removeFromParent();
     this.#room = room({ floor: colour("--floor"), grid: colour("--grid"), edge: colour("--edge"), x: colour("--axis-x"), y: colour("--axis-y") });
     this.#scene.add(this.#room);
-    for (const [i, run] of this.runs.entries()) {
-      const name = "ab"[i];
-      run.setColours({ run: colour(`--run-${name}`), fix: colour(`--fix-${name}`), setpoint: colour("--setpoint"), lost: colour("--bad"), sky: colour("--sky") });
-    }
+    this.#paintRuns();
     this.request();
+  }
+
+  #paintRuns() {
+    const drones = this.runs[0].flight?.header.drones ?? 1;
+    const shown = drones === 1 ? this.runs.slice(0, 2) : this.runs;
+    for (const [i, run] of shown.entries()) run.setColours({ ...runColours(i, drones), setpoint: colour("--setpoint"), lost: colour("--bad"), sky: colour("--sky") });
   }
 
   /** @param {(Flight | null)[]} flights */
   show(flights) {
-    for (const [i, run] of this.runs.entries()) run.flight = flights[i] ?? null;
+    while (this.runs.length < flights.length) {
+      const more = new RunView();
+      this.runs.push(more);
+      this.#scene.add(more);
+    }
+    const drones = flights[0]?.header.drones ?? 1;
+    for (const [i, run] of this.runs.entries()) {
+      run.flight = flights[i] ?? null;
+      run.crowded = drones > 1;
+    }
+    this.#paintRuns();
     const centres = flights.find((flight) => flight)?.header.marker ?? [[0, 0, 0]];
     if (JSON.stringify(centres) !== this.#plates.userData.centres) {
       this.#plates.userData.centres = JSON.stringify(centres);

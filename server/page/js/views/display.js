@@ -1,6 +1,7 @@
 // A flight on the screen: 3D view, charts, numbers, and the buttons of the 3D view.
 
 import { Charts } from "../charts/charts.js";
+import { runColours, shareWorld } from "../colours.js";
 import { byId, make } from "../dom.js";
 import { Stage } from "../scene/stage.js";
 import { notice } from "./notice.js";
@@ -14,6 +15,8 @@ const CHARTS_EVERY_MS = 120;
 const READOUT_EVERY_MS = 100;
 /** A flight that went astray does not make the first look one from far away. */
 const AT_FIRST_M = 1;
+/** More drones than these are not named one by one. */
+const NAMED = 8;
 
 export class Display {
   /** @type {(Flight | null)[]} */
@@ -37,12 +40,14 @@ export class Display {
     this.say("");
   }
 
-  /** @param {(Flight | null)[]} flights Run A and run B. @param {{live?: boolean, names?: string[], aim?: boolean}} [options] */
+  /** @param {(Flight | null)[]} flights Run A and run B, or the drones of a world. @param {{live?: boolean, names?: string[], aim?: boolean}} [options] */
   show(flights, { live = false, names = [], aim = true } = {}) {
     clearTimeout(this.settling);
     this.flights = flights;
     this.stage?.show(flights);
-    if (aim && flights.some(Boolean)) this.stage?.home(AT_FIRST_M);
+    if (aim && flights.some(Boolean)) this.stage?.home(shareWorld(flights) ? undefined : AT_FIRST_M);
+    // of many drones the cones would hide each other
+    byId("toggle-cone").hidden = shareWorld(flights);
     this.charts.show(flights, live);
     this.#legend(names);
   }
@@ -58,11 +63,11 @@ export class Display {
     this.settling = setTimeout(() => this.#readout(time_s, performance.now()), READOUT_EVERY_MS);
   }
 
-  /** Rows came to a live flight, or its next episode began. @param {Flight} flight */
-  grow(flight) {
-    const time_s = flight.lastTime;
-    if (flight !== this.flights[0]) {
-      this.flights = [flight];
+  /** Rows came to live flights, or their next episode began. @param {Flight[]} flights */
+  grow(flights) {
+    const time_s = flights[0].lastTime;
+    if (flights[0] !== this.flights[0]) {
+      this.flights = flights;
       this.stage?.show(this.flights);
     }
     this.stage?.setTime(time_s);
@@ -96,6 +101,10 @@ export class Display {
 
   /** @param {string[]} names */
   #legend(names) {
+    if (shareWorld(this.flights)) {
+      this.#drones();
+      return;
+    }
     const entry = (/** @type {string} */ kind, /** @type {string} */ text) => make("span", { class: `key ${kind}` }, text);
     const shown = this.flights.flatMap((flight, run) => (flight ? [run] : []));
     const entries = shown.flatMap((run) => {
@@ -105,6 +114,19 @@ export class Display {
     });
     byId("legend").replaceChildren(...entries, ...(shown.length ? [entry("asked", "set-point")] : []));
     byId("captions").replaceChildren(...shown.map((run) => make("span", { class: `run-${"ab"[run]}` }, names[run] ?? "")));
+  }
+
+  /** The legend of a shared world. */
+  #drones() {
+    const entry = (/** @type {string} */ kind, /** @type {string} */ text) => make("span", { class: `key ${kind}` }, text);
+    const { length } = this.flights;
+    const named = this.flights.slice(0, NAMED).map((_, drone) => {
+      const made = entry("", `drone ${drone}`);
+      made.style.color = runColours(drone, length).run;
+      return made;
+    });
+    byId("legend").replaceChildren(...named, ...(length > NAMED ? [`and ${length - NAMED} more`] : []), entry("asked", "least separation so far, set-points"));
+    byId("captions").replaceChildren();
   }
 
   #tools() {

@@ -82,7 +82,7 @@ export class LiveView {
     const gone = this.#watched !== null && !ids.includes(this.#watched);
     if (!sessions.length && this.#watched === null) this.display.say(NOBODY);
     else if (gone) this.display.say(`Session ${this.#watched} has ended.`);
-    else this.display.say(this.#live.flight ? "" : "Waiting for the first step of this session…");
+    else this.display.say(this.#live.flights.length ? "" : "Waiting for the first step of this session…");
     // a list that is in use is not taken away
     if (byId("sessions").contains(document.activeElement) && document.activeElement?.matches("select")) return;
     const focused = document.activeElement?.getAttribute("href");
@@ -91,9 +91,10 @@ export class LiveView {
   }
 
   /** @param {any} session */
-  #entry({ session, env, num_envs, steps, since_s }) {
+  #entry({ session, env, num_envs, drones, world, steps, since_s }) {
     const watched = String(session) === this.#watched;
-    const facts = `${num_envs === 1 ? "1 environment" : `${num_envs} environments`} · ${Number(steps).toLocaleString()} steps · ${duration(since_s)}`;
+    const shared = world === undefined ? null : `world ${world}, ${drones} drones`;
+    const facts = `${shared ?? (num_envs === 1 ? "1 environment" : `${num_envs} environments`)} · ${Number(steps).toLocaleString()} steps · ${duration(since_s)}`;
     const link = make("a", { href: address("live", { session }), "aria-current": watched ? "true" : undefined }, make("strong", {}, env), make("span", { class: "muted" }, facts));
     return make("li", {}, link, watched && num_envs > 1 ? this.#envs(session, num_envs) : null);
   }
@@ -117,14 +118,14 @@ export class LiveView {
   }
 
   #grow() {
-    const { flight } = this.#live;
-    if (!flight || here().view !== "live") return;
+    const { flights } = this.#live;
+    if (!flights.length || here().view !== "live") return;
     if (!this.#shown) {
       this.display.say("");
-      this.display.show([flight], { live: true });
+      this.display.show(flights, { live: true });
       this.#shown = true;
     }
-    this.display.grow(flight);
+    this.display.grow(flights);
   }
 }
 

@@ -1,5 +1,6 @@
 // The numbers of the moment, for people who read and for programs that read aloud.
 
+import { shareWorld } from "../colours.js";
 import { make, number } from "../dom.js";
 
 /** @typedef {import("../flight.js").Flight} Flight */
@@ -12,13 +13,38 @@ const LINES = [
   ["x, y, z", (s) => `${number(s.x)}  ${number(s.y)}  ${number(s.z)} m`],
   ["roll, pitch, yaw", (s) => `${[s.roll, s.pitch, s.yaw].map((angle) => number(angle * DEG, 1)).join("  ")} °`],
   ["speed", (s) => `${number(Math.hypot(s.vx, s.vy, s.vz))} m/s`],
-  ["off the set-point", (s) => `${number(100 * Math.hypot(s.x - s.setpoint_x, s.y - s.setpoint_y, s.z - s.setpoint_z), 1)} cm`],
+  ["off the set-point", (s) => `${number(100 * off_m(s), 1)} cm`],
   ["marker", (s) => (s.fix_valid > 0.5 ? `seen, ${number(1000 * s.fix_age_s, 0)} ms old` : `lost for ${number(s.fix_age_s, 1)} s`)],
   ["reward", (s) => number(s.reward, 3)],
 ];
 
+/** Of drones that share a world. @type {[string, (s: import("../flight.js").Row[]) => string][]} */
+const SHARED = [
+  ["time", ([first]) => `${number(first.t_s, 2)} s`],
+  ["flying", (all) => `${aloft(all).length} of ${all.length}`],
+  ["separation now", (all) => `${number(Math.min(...aloft(all).map((s) => s.separation_m)))} m`],
+  ["least since the start", ([first]) => `${number(first.least_separation_m)} m`],
+  ["farthest off the set-point", (all) => `${number(100 * Math.max(...aloft(all).map(off_m)), 1)} cm`],
+];
+
+/** @param {import("../flight.js").Row[]} all */
+function aloft(all) {
+  return all.filter((s) => s.flying > 0.5);
+}
+
+/** @param {import("../flight.js").Row} s */
+function off_m(s) {
+  return Math.hypot(s.x - s.setpoint_x, s.y - s.setpoint_y, s.z - s.setpoint_z);
+}
+
 /** @param {HTMLTableElement} table @param {(Flight | null)[]} flights @param {number} time_s */
 export function showReadout(table, flights, time_s) {
+  if (shareWorld(flights)) {
+    const all = flights.flatMap((flight) => flight?.at(time_s) ?? []);
+    table.hidden = !all.length;
+    if (all.length) table.replaceChildren(...SHARED.map(([name, say]) => make("tr", {}, make("th", { scope: "row" }, name), make("td", {}, say(all)))));
+    return;
+  }
   const shown = flights.flatMap((flight, run) => {
     const state = flight?.at(time_s);
     return state ? [{ run, state }] : [];

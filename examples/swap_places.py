@@ -1,0 +1,58 @@
+"""Two processes in two languages swap places: this one, and `crazyflie pilot`, which is written in Rust.
+
+crazyflie serve &
+python examples/swap_places.py ws://127.0.0.1:8765 swap &
+crazyflie pilot --server ws://127.0.0.1:8765 --world swap --drone 1 --avoid
+"""
+
+import sys
+
+import numpy as np
+
+from crazyflie_gym.remote import Pilot, found_world
+
+
+def limited(vector, most):
+    return vector * min(1.0, most / max(np.linalg.norm(vector), 1e-9))
+
+
+def aside(obs):
+    """How fast to go out of the way: from the other drone, and to its right, so that both pass on the same side."""
+    other, speed, valid = obs[24:27], obs[27:30], obs[31]
+    soon = other + np.clip(-other @ speed / (speed @ speed + 1e-4), 0.0, 1.0) * speed
+    near = valid * max(0.0, 1.0 - 0.5 * (np.linalg.norm(other) + np.linalg.norm(soon)))
+    right = np.array([other[1], -other[0], 0.0])
+    return near * (1.2 * right - other) / max(np.linalg.norm(other), 0.05)
+
+
+def controller(interface):
+    tick_s, goal, error, rate = interface.tick_s, None, None, np.zeros(3)
+
+    def act(obs):  # the PD of submit_own.py, after a goal that moves at half a metre per second
+        nonlocal goal, error, rate
+        own = obs[0:3]
+        goal = own if goal is None else goal
+        speed = limited(limited((obs[16:19] - goal) / tick_s, 0.5) + aside(obs), 0.5)
+        goal = own + limited(goal + tick_s * speed - own, 0.5)
+        before, error = error, goal - own
+        rate = rate + 0.2 * ((error - before) / tick_s - rate) if before is not None else rate
+        x, y, z = 0.6 * (error + rate)
+        yaw = -interface.yaw_sign * obs[3]
+        lift = interface.hover_lift * (1 + 0.4 * z) if interface.hover_lift else goal[2]
+        return np.clip([-y, x, yaw, 2 * lift / interface.lift_max - 1], -1, 1)
+
+    return act
+
+
+url, name = sys.argv[1:]
+found_world(url, name, "swap", drones=2, pilots=2, seed=3, deadline_s=5.0)
+with Pilot(url, name, drone=0) as pilot:
+    print(f"drone {pilot.drone} of {pilot.world} waits for the other pilot", flush=True)
+    act = controller(pilot.interface)
+    while pilot.flying:
+        pilot.fly(act(pilot.observation))
+    off_m = np.linalg.norm(pilot.observation[16:19] - pilot.observation[0:3])
+    how = "its flight ended" if pilot.terminated else "the time was over"
+    print(
+        f"drone {pilot.drone} of {pilot.world}: {pilot.tick} ticks, {how}; late {pilot.late} times; {off_m:.3f} m away"
+    )

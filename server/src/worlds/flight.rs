@@ -1,0 +1,157 @@
+//! One world in flight. What comes of it is a function of its plan and of the actions, to the bit.
+
+use crazyflie_env::control::avoid::Avoid;
+use crazyflie_env::control::{Chosen, Crowd, Mode, Site};
+use crazyflie_env::error::{Error, Result};
+use crazyflie_env::observation::{ACTION, Interface};
+use crazyflie_env::swarm::{METRICS, SwarmEnv, SwarmOut};
+use crazyflie_env::vector::STATE;
+use sha2::{Digest, Sha256};
+
+use super::Plan;
+
+pub(crate) struct Flight {
+    env: SwarmEnv,
+    autopilot: Crowd,
+    interfaces: Vec<Interface>,
+    /// Rows of [`SwarmEnv::width`], one for each drone; so are all that follow.
+    pub observations: Vec<f32>,
+    pub rewards: Vec<f32>,
+    pub terminated: Vec<bool>,
+    pub truncated: Vec<bool>,
+    pub flying: Vec<bool>,
+    pub states: Vec<f32>,
+    /// Those of the last tick.
+    pub actions: Vec<f32>,
+    metrics: Vec<f32>,
+    pub ticks: u64,
+    /// Of all states and observations so far.
+    digest: Sha256,
+}
+
+impl Flight {
+    /// # Errors
+    /// For a plan that cannot be flown.
+    pub(crate) fn new(plan: &Plan) -> Result<Flight> {
+        let (model, options) = (plan.model()?, plan.options()?);
+        let env = SwarmEnv::new(std::slice::from_ref(&model), &options, 1)?;
+        let (n, tick_s) = (env.num_drones(), env.tick_s());
+        let interfaces: Vec<Interface> = (0..n).filter_map(|drone| env.interface(drone)).collect();
+        let chosen = Chosen::named(&plan.autopilot)?;
+        let pilot =
+            |interface: &Interface| chosen.build(&Site { model: &model, interface: *interface, tick_s, envs: 1, mode: Mode::Automatic });
+        let autopilot = Crowd::new(interfaces.iter().map(pilot).collect::<Result<_>>()?, 1, Some(Avoid::default()), tick_s)?;
+        let mut flight = Flight {
+            autopilot,
+            interfaces,
+            observations: vec![0.0; n * env.width()],
+            rewards: vec![0.0; n],
+            terminated: vec![false; n],
+            truncated: vec![false; n],
+            flying: vec![true; n],
+            states: vec![0.0; n * STATE],
+            actions: vec![0.0; n * ACTION],
+            metrics: vec![0.0; METRICS.len()],
+            ticks: 0,
+            digest: Sha256::new(),
+            env,
+        };
+        flight.env.reset(Some(&[plan.seed]), None, &mut flight.observations)?;
+        flight.look()?;
+        Ok(flight)
+    }
+
+    pub(crate) fn drones(&self) -> usize {
+        self.interfaces.len()
+    }
+
+    /// Numbers in a drone's observation.
+    pub(crate) fn width(&self) -> usize {
+        self.env.width()
+    }
+
+    pub(crate) fn tick_s(&self) -> f64 {
+        self.env.tick_s()
+    }
+
+    /// What the actions of each drone mean.
+    pub(crate) fn interfaces(&self) -> &[Interface] {
+        &self.interfaces
+    }
+
+    /// A drone's observation; nothing for a drone that there is not.
+    pub(crate) fn observation(&self, drone: usize) -> &[f32] {
+        self.observations.chunks(self.width()).nth(drone).unwrap_or_default()
+    }
+
+    /// Nobody flies any more.
+    pub(crate) fn over(&self) -> bool {
+        !self.flying.contains(&true)
+    }
+
+    /// A drone that somebody else has flown goes to the autopilot.
+    pub(crate) fn take_over(&mut self, drone: usize) {
+        self.autopilot.take_over(drone);
+    }
+
+    /// A tick: by the autopilot where nothing is given.
+    ///
+    /// # Errors
+    /// Before anything moves, for an action that is not made of numbers from -1 to 1, and when nobody flies.
+    pub(crate) fn step(&mut self, given: &[Option<[f32; ACTION]>]) -> Result<()> {
+        self.autopilot.act(&self.observations, &mut self.actions)?;
+        for (row, given) in self.actions.as_chunks_mut().0.iter_mut().zip(given) {
+            *row = given.unwrap_or(*row);
+        }
+        self.go()
+    }
+
+    /// A tick with an action for each drone.
+    ///
+    /// # Errors
+    /// As [`Flight::step`], and for another number of actions.
+    pub(crate) fn step_with(&mut self, actions: &[[f32; ACTION]]) -> Result<()> {
+        if actions.len() != self.drones() {
+            return Err(Error::Config(format!("actions of {} drones, the world has {}", actions.len(), self.drones())));
+        }
+        self.actions.copy_from_slice(actions.as_flattened());
+        self.go()
+    }
+
+    fn go(&mut self) -> Result<()> {
+        let out = SwarmOut {
+            observations: &mut self.observations,
+            rewards: &mut self.rewards,
+            terminated: &mut self.terminated,
+            truncated: &mut self.truncated,
+            flying: &mut self.flying,
+            metrics: &mut self.metrics,
+        };
+        self.env.step(&self.actions, out)?;
+        self.ticks += 1;
+        self.look()
+    }
+
+    fn look(&mut self) -> Result<()> {
+        self.env.states(&mut self.states)?;
+        self.digest.update(bytemuck::cast_slice::<f32, u8>(&self.states));
+        self.digest.update(bytemuck::cast_slice::<f32, u8>(&self.observations));
+        Ok(())
+    }
+
+    /// SHA-256 of the true states and observations of all drones at every tick from the first on, as little-endian `f32`, in hexadecimal.
+    pub(crate) fn hash(&self) -> String {
+        hex::encode(self.digest.clone().finalize())
+    }
+
+    /// By name; none before the first tick.
+    pub(crate) fn metrics(&self) -> impl Iterator<Item = (&'static str, f32)> {
+        METRICS.iter().zip(&self.metrics).filter(|_| self.ticks > 0).map(|((name, _, _), value)| (*name, *value))
+    }
+
+    /// Smallest distance so far between two drones that flew.
+    pub(crate) fn least_separation_m(&self) -> f32 {
+        let found = METRICS.iter().position(|(name, _, _)| *name == "min_separation_m");
+        found.map_or(f32::INFINITY, |at| self.metrics[at])
+    }
+}

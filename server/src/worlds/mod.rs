@@ -1,0 +1,66 @@
+//! Worlds that several pilots share: what a world is made of, its flight, and the log that the flight can be had again from.
+
+mod flight;
+mod log;
+
+use crazyflie_env::config::Autoreset;
+use crazyflie_env::error::{Error, Result};
+use crazyflie_env::model::Model;
+use crazyflie_env::swarm::{SwarmOptions, mission};
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+
+pub(crate) use flight::Flight;
+pub(crate) use log::{By, End, Flown, Log, fly_again};
+
+/// Everything that a world's flight depends on, besides the actions of its pilots.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Plan {
+    pub mission: String,
+    /// As of [`SwarmOptions`].
+    #[serde(default)]
+    pub options: Map<String, Value>,
+    #[serde(default)]
+    pub seed: u64,
+    /// A controller of the registry; it flies the drones that have no pilot, and keeps them apart.
+    #[serde(default = "thesis_pid")]
+    pub autopilot: String,
+    /// The text of a model file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub model: Option<String>,
+}
+
+fn thesis_pid() -> String {
+    "thesis-pid".into()
+}
+
+impl Plan {
+    /// The options in full: one episode of the mission, on one thread.
+    ///
+    /// # Errors
+    /// [`Error::Config`], [`Error::Unknown`] and [`Error::Range`].
+    pub(crate) fn options(&self) -> Result<SwarmOptions> {
+        let (entry, mut map) = (mission::find(&self.mission)?, self.options.clone());
+        for fixed in ["task", "autoreset", "threads"] {
+            if map.contains_key(fixed) {
+                return Err(Error::Config(format!("options: {fixed} is not to be chosen in a shared world")));
+            }
+        }
+        map.insert("task".into(), entry.name.into());
+        map.entry("max_episode_steps").or_insert_with(|| entry.max_episode_steps.into());
+        let mut options = SwarmOptions::parse(&Value::Object(map).to_string())?;
+        if options.env.max_episode_steps == 0 {
+            return Err(Error::Range {
+                name: "max_episode_steps".into(),
+                value: 0.0,
+                want: "at least 1: a shared world has an end".into(),
+            });
+        }
+        options.env.autoreset = Autoreset::Disabled;
+        Ok(options)
+    }
+
+    fn model(&self) -> Result<Model> {
+        self.model.as_deref().map_or_else(|| Ok(Model::thesis()), Model::parse)
+    }
+}

@@ -1,0 +1,116 @@
+"""Worlds that several clients share, through both Python clients and beside a client in another language."""
+
+import json
+import os
+import pathlib
+import shlex
+import subprocess
+import sys
+import urllib.request
+
+import numpy as np
+import pytest
+
+from crazyflie_gym import remote
+from crazyflie_gym._native import Swarm
+
+# the program: the one that is named, or the one in the package
+CRAZYFLIE = shlex.split(os.environ.get("CRAZYFLIE", "")) or [sys.executable, "-m", "crazyflie_gym"]
+EXAMPLES = pathlib.Path(__file__).parents[2] / "examples"
+
+
+@pytest.fixture(scope="module")
+def url(tmp_path_factory):
+    data = tmp_path_factory.mktemp("shared") / "bench.sqlite"
+    command = [*CRAZYFLIE, "serve", "--listen", "127.0.0.1:0", "--log", "warn", "--data", str(data)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    line = process.stdout.readline()
+    assert line.startswith("listening on "), line
+    yield f"ws://{line.split()[-1]}"
+    process.terminate()
+    assert process.wait(15) == 0
+
+
+@pytest.fixture(params=["native", "python"])
+def client(request):
+    if request.param == "python":
+        pytest.importorskip("websockets", reason='the extra "remote" is not installed')
+    return request.param
+
+
+def get(url, path):
+    with urllib.request.urlopen(url.replace("ws", "http", 1) + path) as answer:
+        return answer.read()
+
+
+def world(url, name):
+    return next(row for row in json.loads(get(url, "/api/v1/worlds")) if row["world"] == name)
+
+
+def test_a_pilot_gets_the_bits_of_the_library(url, client):
+    options = {"drones": 1, "max_episode_steps": 60, "effects": {"camera_noise": 0.01}}
+    told = remote.found_world(url, f"bits-{client}", "formation", seed=5, client=client, **options)
+    local = Swarm(1, json.dumps({"task": "formation", "autoreset": "disabled", **options}))
+    assert told["width"] == local.width == 24
+    actions = np.random.default_rng(0).uniform(-0.2, 0.2, (60, 4)).astype(np.float32)
+    actions[:, 3] = 0.0
+    with remote.Pilot(url, f"bits-{client}", client=client) as pilot:
+        rows = local.reset(np.array([5], np.uint64))
+        assert pilot.observation.tobytes() == rows.tobytes()
+        for tick, action in enumerate(actions):
+            observation, reward, terminated, truncated = pilot.fly(action)
+            rows, rewards, ended, cut, *_ = local.step(action.reshape(1, 1, 4))
+            assert observation.tobytes() == rows.tobytes(), tick
+            assert np.float32(reward) == rewards.item() and (terminated, truncated) == (ended.item(), cut.item())
+            if not pilot.flying:
+                break
+        assert pilot.tick == tick + 1 >= 40
+        with pytest.raises(RuntimeError, match="over"):
+            pilot.fly(actions[0])
+    print(f"{client}: {pilot.tick} ticks, the same bits")
+
+
+def test_mistakes(url, client):
+    with pytest.raises(ValueError, match="no world"):
+        remote.Pilot(url, "nowhere", client=client)
+    with pytest.raises(ValueError, match="swop"):
+        remote.found_world(url, "x", "swop", client=client)
+    name = f"mistakes-{client}"
+    remote.found_world(url, name, "swap", drones=2, client=client)
+    with pytest.raises(RuntimeError, match="already"):
+        remote.found_world(url, name, "swap", client=client)
+    with remote.Pilot(url, name, 1, client=client) as pilot:
+        with pytest.raises(RuntimeError, match="has a pilot"):
+            remote.Pilot(url, name, 1, client=client)
+        with pytest.raises(ValueError, match="expected 4 numbers"):
+            pilot.fly(np.zeros(3, np.float32))
+        with pytest.raises(ValueError, match="from -1 to 1"):
+            pilot.fly(np.array([0, 0, 0, np.nan], np.float32))
+        assert pilot.fly(np.zeros(4, np.float32))[0].shape == (32,)
+        # a second connection of the same pilot takes the seat over
+        with remote.Pilot(url, name, 1, token=pilot.token, client=client) as again:
+            again.fly(np.zeros(4, np.float32))
+            with pytest.raises(RuntimeError, match="taken over"):
+                pilot.fly(np.zeros(4, np.float32))
+
+
+def test_two_processes_in_two_languages_swap_places(url, tmp_path):
+    here = subprocess.Popen(
+        [sys.executable, EXAMPLES / "swap_places.py", url, "places"], stdout=subprocess.PIPE, text=True
+    )
+    assert "waits" in here.stdout.readline()
+    command = [*CRAZYFLIE, "pilot", "--server", url, "--world", "places", "--drone", "1", "--avoid"]
+    there = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    said = here.communicate(timeout=60)[0]
+    print(said, there.stdout, there.stderr)
+    assert (here.returncode, there.returncode) == (0, 0)
+    row = world(url, "places")
+    print(row["metrics"])
+    assert row["over"] and row["metrics"]["collisions"] == 0 and row["metrics"]["crashes"] == 0
+    # both are where the other one began
+    assert row["metrics"]["done"] == 2 and row["metrics"]["min_separation_m"] > 0.14
+    log = tmp_path / "log.jsonl"
+    log.write_bytes(get(url, "/api/v1/worlds/places/log"))
+    again = subprocess.run([*CRAZYFLIE, "replay-world", str(log), "--json"], capture_output=True, text=True, timeout=60)
+    assert again.returncode == 0, again.stderr
+    assert json.loads(again.stdout)["flown"]["sha256"] == row["sha256"]
