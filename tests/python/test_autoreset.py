@@ -4,7 +4,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from conftest import random_actions, single_env
+from common import random_actions, single_env
 
 LIMIT, ENVS, STEPS, SEED = 12, 19, 40, 100
 KWARGS = {

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import crazyflie_gym
-from conftest import FIVE
+from common import FIVE
 from crazyflie_gym import STATE_FIELDS, flatten, split
 
 

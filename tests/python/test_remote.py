@@ -21,7 +21,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import crazyflie_gym
-from conftest import FIVE, IDS, random_actions
+from common import FIVE, IDS, random_actions
 from crazyflie_gym import remote
 
 CLIENTS = ["native", "python"]

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import crazyflie_gym
-from conftest import FIVE, random_actions
+from common import FIVE, random_actions
 
 KWARGS = {"effects": FIVE, "vertical": "pwm", "max_episode_steps": 60}
 

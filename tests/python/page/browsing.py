@@ -4,6 +4,7 @@ import io
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 import time
@@ -11,6 +12,7 @@ import time
 import numpy as np
 import pytest
 
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 CRAZYFLIE = shlex.split(os.environ.get("CRAZYFLIE", "")) or [sys.executable, "-m", "crazyflie_gym"]
 PATIENCE_MS = 30_000
 SCENARIO = "hover-aruco"

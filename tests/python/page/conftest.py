@@ -1,12 +1,9 @@
 """A server with two attempts, a browser, and pages in it that must be without fault."""
 
-import shutil
 import subprocess
 
 import pytest
-from browsing import CRAZYFLIE, FLAGS, PATIENCE_MS, SCENARIO, Server
-
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+from browsing import CHROMIUM, CRAZYFLIE, FLAGS, PATIENCE_MS, SCENARIO, Server
 
 
 @pytest.fixture(scope="module")

@@ -10,11 +10,9 @@ import time
 from pathlib import Path
 
 import gymnasium as gym
-from browsing import FLAGS, Server, loaded
+from browsing import CHROMIUM, FLAGS, Server, loaded
 from PIL import Image
 from playwright.sync_api import sync_playwright
-
-from conftest import CHROMIUM
 
 SECONDS = 18.7
 TASK = {"shape": "figure_eight", "size_m": 0.4, "period_s": 12}

@@ -10,9 +10,7 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 import pytest
-from browsing import Server
-
-from conftest import CHROMIUM
+from browsing import CHROMIUM, Server
 
 ENVS = 16
 WINDOW_S = 0.05

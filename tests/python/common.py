@@ -1,0 +1,28 @@
+"""What the tests share."""
+
+import gymnasium as gym
+import numpy as np
+
+import crazyflie_gym
+
+IDS = [task["id"] for task in crazyflie_gym.tasks()]
+
+# the five of env/benches/step.rs
+FIVE = {
+    "camera_noise": {"xy_m": 0.004, "z_m": 0.008, "yaw_deg": 0.5},
+    "ground_effect": 1.0,
+    "drag_linear": 0.3,
+    "cmd_delay": 0.03,
+    "battery_sag": {"exponent": 1.0, "resistance_ohm": 0.1},
+}
+
+
+def random_actions(steps, num_envs, seed=0, size=1.0):
+    """Random actions, float32 (steps, num_envs, 4)."""
+    return np.random.default_rng(seed).uniform(-size, size, (steps, num_envs, 4)).astype(np.float32)
+
+
+def single_env(**kwargs):
+    """A single environment with the time limit that the vector environment has."""
+    limit = kwargs.pop("max_episode_steps")
+    return gym.make("Crazyflie-v0", max_episode_steps=limit, disable_env_checker=True, **kwargs)
