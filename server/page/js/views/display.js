@@ -75,14 +75,14 @@ export class Display {
     if (document.hidden) return;
     const wait_ms = this.#charts_ms + CHARTS_EVERY_MS - performance.now();
     // the last row of all is shown as well
-    if (wait_ms > 0) this.settling = setTimeout(() => this.grow(flight), wait_ms);
-    else this.#details(flight, time_s);
+    if (wait_ms > 0) this.settling = setTimeout(() => this.grow(flights), wait_ms);
+    else this.#details(time_s);
   }
 
-  /** @param {Flight} flight @param {number} time_s */
-  #details(flight, time_s) {
+  /** What is drawn less often. @param {number} time_s */
+  #details(time_s) {
     this.#charts_ms = performance.now();
-    this.charts.refresh([flight]);
+    this.charts.refresh(this.flights);
     this.charts.setTime(time_s);
     this.#readout(time_s, this.#charts_ms);
   }
