@@ -22,7 +22,10 @@ def test_a_batch_is_flown_as_each_alone(name):
     for _ in range(100):
         actions, action = many.act(rows), single.act(row)
         np.testing.assert_array_equal(actions[place], action)
-        rows, row = envs.step(actions)[0], one.step(action)[0]
+        rows = envs.step(actions)[0]
+        row, _, terminated, truncated, _ = one.step(action)
+        if terminated or truncated:  # random flights are short
+            return
     np.testing.assert_array_equal(rows[place], row)
 
 

@@ -68,8 +68,9 @@ def test_the_command_line_runs():
     assert run("-m", "crazyflie_gym", "no-such-command").returncode != 0
 
 
-# submit_own.py needs a server: test_remote.py runs it against one
-EXAMPLES = sorted(path for path in (ROOT / "examples").glob("*.py") if path.name != "submit_own.py")
+# these need a server: test_remote.py and test_shared.py run them against one
+SERVED = {"submit_own.py", "swap_places.py"}
+EXAMPLES = sorted(path for path in (ROOT / "examples").glob("*.py") if path.name not in SERVED)
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.name)
