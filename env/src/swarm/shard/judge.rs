@@ -84,13 +84,17 @@ impl<R: Batched> Flock<R> {
             late = late | R::mask(before.into()) & !end.arrived;
             arrived += R::select(R::mask(u32::from(before & !end.terminated)) & end.arrived, R::of(1.0), R::zero());
             flying |= end.flying;
-            let rewards = *end.reward.array();
-            for lane in lanes_of(lanes) {
-                let row = (tile * LANES + lane) * n + drone;
-                out.rewards[row] = rewards[lane];
-                out.terminated[row] = end.terminated >> lane & 1 == 1;
-                out.truncated[row] = end.truncated >> lane & 1 == 1;
-                out.flying[row] = end.flying >> lane & 1 == 1;
+            let first = tile * LANES * n + drone;
+            let rewards = end.reward.array();
+            for (to, reward) in out.rewards.iter_mut().skip(first).step_by(n).zip(rewards) {
+                *to = *reward;
+            }
+            for (bits, flags) in
+                [(end.terminated, &mut *out.terminated), (end.truncated, &mut *out.truncated), (end.flying, &mut *out.flying)]
+            {
+                for (lane, flag) in flags.iter_mut().skip(first).step_by(n).take(LANES).enumerate() {
+                    *flag = bits >> lane & 1 == 1;
+                }
             }
             self.write(tile, place, drone, lanes, before.into(), out.observations);
         }
@@ -187,6 +191,14 @@ impl Rows {
         let mut block = [0.0; LANES * OBSERVATION];
         let block = &mut block[..LANES * N];
         R::write(values, block);
+        // mostly all sixteen worlds are there and fly
+        if self.lanes & self.flew == u32::from(u16::MAX) {
+            for (lane, row) in block.chunks_exact(N).enumerate() {
+                let from = self.first + lane * self.stride + at;
+                rows[from..from + N].copy_from_slice(row);
+            }
+            return;
+        }
         for lane in lanes_of(self.lanes) {
             let from = self.first + lane * self.stride + at;
             let row = &mut rows[from..from + N];
