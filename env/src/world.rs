@@ -1,23 +1,25 @@
 //! The data path: command -> effects on it -> pushes -> exact step -> camera frame -> reading. Reads like one drone; a tile is sixteen.
 
+mod filming;
 mod fitting;
+mod parts;
+mod setup;
 
 use std::slice::{from_mut, from_ref};
 
-use crate::config::{EffectTable, Number, Ranged, numbers};
+use crate::config::{EffectTable, Number, Ranged};
 use crate::effects::{self, Body, Cx, Fix, Frame, Neighbour, Reading, Stage, Tiles};
-use crate::error::{Error, Result};
-use crate::model::{Model, Vertical, VerticalInput};
+use crate::error::Result;
+use crate::model::{Model, VerticalInput};
 use crate::noise::{Draw, Keys};
-use crate::plant::{Command, Heading, Plant, Push, State};
-use crate::real::{Real, Word, each, tabulate};
+use crate::plant::{Command, Plant, Push, State};
+use crate::real::{Real, Word, tabulate};
 use crate::schedule::Schedule;
 use crate::simulated::Simulated;
 
-/// Nominal cell voltage (thesis 3.1.1): what is read without a battery effect.
-const NOMINAL_V: f64 = 3.7;
-/// Of a full lithium-polymer cell.
-const FULL_CELL_V: f64 = 4.2;
+use filming::Filming;
+use parts::{land, merge};
+use setup::{Active, active, body, counts_per_step, with_ranges};
 
 /// Tiles that are stepped side by side: while one waits for a result, another computes.
 pub const GROUP: usize = 2;
@@ -480,273 +482,5 @@ impl<'a, R: Real> Now<'a, R> {
     fn cx(&self, age: &Age<R>, draw: &'a Draw<'a, R>, clock: usize) -> Cx<'a, R> {
         let Now { body, h_s, tick_s, times, voltage_v } = *self;
         Cx { body, h_s, tick_s, since_tick_s: 0.0, t_s: age.began_s(times), first: true, draw, clock, voltage_v, neighbours: &[], own: 0 }
-    }
-}
-
-/// When frames are taken.
-struct Filming {
-    counts_per_step: u32,
-    schedule: Schedule,
-    h_s: f64,
-}
-
-impl Filming {
-    /// Takes the frames that are due within a physics step.
-    #[inline(always)]
-    fn look<R: Real>(&self, step: u32, until_frame: R, [from, to]: [&State<R>; 2], seen: &mut State<R>, captured: &mut R::Mask) {
-        let counts = R::of(f64::from(self.counts_per_step));
-        // counts from the frame to the end of this step: within it if 0 <= counts < counts_per_step
-        let left = R::of(f64::from(self.counts_per_step * step)) - until_frame;
-        let now = R::zero().le(left) & left.lt(counts);
-        if R::any(now) {
-            let here = from.look_back(to, left * R::of(1.0 / f64::from(self.counts_per_step)), self.h_s);
-            *seen = if R::any(*captured) { seen.merge(now, &here) } else { here };
-            *captured = *captured | now;
-        }
-    }
-
-    /// Gives a tick's frame to the controller and says when the next one is due.
-    #[inline(always)]
-    fn deliver<R: Real>(&self, captured: R::Mask, frame: &Frame<R>, t: &mut Tile<R>) -> Fix<R> {
-        t.fix.deliver(frame.captured, frame.pos_m, frame.yaw_rad, frame.t_s, frame.markers);
-        let more = R::select(captured, R::of(f64::from(self.schedule.camera)), R::zero());
-        t.until_frame = t.until_frame + more - R::of(f64::from(self.schedule.control));
-        t.fix
-    }
-}
-
-fn with_ranges(entry: &effects::Entry, values: Vec<Number>) -> Vec<Ranged> {
-    values.into_iter().zip(entry.params).map(|(number, param)| Ranged { number, param }).collect()
-}
-
-type Active = (usize, &'static effects::Entry, Vec<Number>);
-
-/// The effects of the model and of the configuration that are not off, the configuration's winning, in registry order.
-fn active(of_model: &EffectTable, of_config: &EffectTable) -> Result<Vec<Active>> {
-    let mut table = of_model.clone();
-    table.extend(of_config.iter().map(|(name, given)| (name.clone(), given.clone())));
-    let mut active = Vec::new();
-    for (name, given) in &table {
-        let (place, entry) = effects::find(name)?;
-        let values = numbers(entry, given);
-        let off = values.iter().zip(entry.params).all(|(v, p)| v.fixed() == Some(p.off));
-        if !off {
-            active.push((place, entry, values));
-        }
-    }
-    active.sort_by_key(|(place, ..)| *place);
-    Ok(active)
-}
-
-/// As often as the neediest active effect asks, unless the user says otherwise; the linear model itself is exact at any rate.
-fn counts_per_step(schedule: &Schedule, physics_hz: Option<u32>, needed_hz: u32) -> Result<u32> {
-    let good = |counts: &u32| schedule.control.is_multiple_of(*counts);
-    let Some(hz) = physics_hz else {
-        let longest = (schedule.base_hz / needed_hz.max(1)).clamp(1, schedule.control);
-        return Ok((1..=longest).rev().find(good).unwrap_or(1));
-    };
-    let counts = schedule.base_hz.checked_div(hz).unwrap_or(0);
-    if counts == 0 || !schedule.base_hz.is_multiple_of(hz) || !good(&counts) {
-        let rates: Vec<String> = (1..=schedule.control).filter(good).map(|c| (schedule.base_hz / c).to_string()).collect();
-        return Err(Error::Range { name: "physics_hz".into(), value: f64::from(hz), want: format!("one of {}", rates.join(", ")) });
-    }
-    Ok(counts)
-}
-
-fn body<R: Real>(model: &Model, input: VerticalInput) -> Result<Body<R>> {
-    let hover = model.vertical(input)?.hover_pwm().filter(|_| input.is_pwm());
-    let tilts = [&model.roll, &model.pitch];
-    Ok(Body {
-        gravity_mps2: R::of(model.lateral.gravity.value),
-        mass_kg: R::of(model.vehicle.mass.value),
-        rotor_radius_m: R::of(model.vehicle.rotor_radius.value),
-        per_battery_capacity_pc: R::of(1.0 / model.vehicle.battery_capacity.value),
-        hover_current_a: R::of(model.vehicle.hover_current.value),
-        battery_reference_v: R::of(model.vehicle.battery_reference.as_ref().map_or(FULL_CELL_V, |q| q.value)),
-        per_hover_pwm: R::of(hover.map_or(0.0, |h| 1.0 / h)),
-        height_command: R::of(if hover.is_some() { 0.0 } else { 1.0 }),
-        arm_m: R::of(model.vehicle.arm.value),
-        heave_ps: R::of(if let Vertical::Thrust { heave, .. } = model.vertical(input)? { heave.value } else { 0.0 }),
-        yaw_sign: R::of(model.yaw.sign()),
-        tilt_gain_ps2: tilts.map(|t| R::of(t.gain.value)),
-        tilt_damping_ps: tilts.map(|t| R::of(t.damping.value)),
-        tilt_stiffness_ps2: tilts.map(|t| R::of(t.stiffness.value)),
-    })
-}
-
-#[inline(always)]
-fn merge<R: Real, const N: usize>(mask: R::Mask, old: [R; N], new: [R; N]) -> [R; N] {
-    tabulate(
-        #[inline(always)]
-        |i| R::select(mask, new[i], old[i]),
-    )
-}
-
-#[inline(always)]
-fn at_rest<R: Real>(mask: R::Mask, v: R) -> R {
-    R::select(mask, R::zero(), v)
-}
-
-/// The floor carries: no sinking, and on its legs the vehicle neither slides nor tilts.
-#[inline(always)]
-fn land<R: Real>(x: &mut State<R>, from_m: R, contact: &mut Contact<R>) {
-    let below = x.pos_m[2].lt(R::zero());
-    contact.standing = below;
-    if !R::any(below) {
-        return;
-    }
-    // what stood on the floor before hits nothing, though a first-order form (5.4) gives a standing vehicle a sinking speed
-    let fell = below & from_m.gt(R::zero());
-    contact.impact_mps = contact.impact_mps.max(R::select(fell, -x.vel_mps[2], R::zero()));
-    x.pos_m[2] = at_rest(below, x.pos_m[2]);
-    x.vel_mps = each(
-        x.vel_mps,
-        #[inline(always)]
-        |v| at_rest(below, v),
-    );
-    x.att_rad = [at_rest(below, x.att_rad[0]), at_rest(below, x.att_rad[1]), x.att_rad[2]];
-    x.rate_radps = each(
-        x.rate_radps,
-        #[inline(always)]
-        |v| at_rest(below, v),
-    );
-    x.aux = [R::select(below, x.aux[0].max(R::zero()), x.aux[0]), at_rest(below, x.aux[1])];
-}
-
-impl<R: Real> Contact<R> {
-    #[inline(always)]
-    fn none() -> Self {
-        Contact { impact_mps: R::zero(), standing: R::nothing() }
-    }
-}
-
-impl<R: Real> Age<R> {
-    /// One more tick.
-    #[inline(always)]
-    fn count(&mut self) {
-        self.tick = self.tick.add(R::Word::of(1));
-        self.ticks += R::of(1.0);
-    }
-    /// The time at which the tick began that has been counted.
-    #[inline(always)]
-    fn began_s(&self, times: &Times<R>) -> R {
-        (self.ticks - R::of(1.0)) * times.tick_s
-    }
-    #[inline(always)]
-    fn draw(&self) -> Draw<'_, R> {
-        self.keys.at(&self.tick)
-    }
-}
-
-impl<R: Real> Group<R> {
-    fn new() -> Self {
-        let (x, nothing) = (State::rest(), R::nothing());
-        Group {
-            u: [Command::level(R::zero()); GROUP],
-            push: [Push::none(); GROUP],
-            middle: [x; GROUP],
-            seen: [x; GROUP],
-            captured: [nothing; GROUP],
-            frames: [Frame::of(&x, nothing, R::zero()); GROUP],
-        }
-    }
-}
-
-impl<R: Real> Tick<R> {
-    /// To be written over.
-    #[inline(always)]
-    pub fn none() -> Self {
-        let (zero, none) = (R::zero(), [R::zero(); 3]);
-        let marker = Fix { pos_m: none, yaw_rad: zero, t_s: zero, valid: zero };
-        Tick { contact: Contact::none(), reading: Reading { marker, att_rad: none, gyro_radps: none, acc_mps2: none, vbat_v: zero } }
-    }
-}
-
-impl<R: Real> Reading<R> {
-    /// What the sensors show of a state, before any effect.
-    #[inline(always)]
-    fn of(x: &State<R>, acc_mps2: [R; 3], marker: Fix<R>) -> Self {
-        Reading { marker, att_rad: x.att_rad, gyro_radps: x.rate_radps, acc_mps2, vbat_v: R::of(NOMINAL_V) }
-    }
-}
-
-impl<R: Real> Frame<R> {
-    #[inline(always)]
-    fn of(x: &State<R>, captured: R::Mask, t_s: R) -> Self {
-        let (one, zero) = (R::of(1.0), R::zero());
-        Frame { captured, markers: one, pos_m: x.pos_m, yaw_rad: x.att_rad[2], t_s, field: [one, one, one], nearest_m: [zero, zero] }
-    }
-}
-
-impl<R: Real> State<R> {
-    /// `other` in the lanes of `mask`.
-    #[inline(always)]
-    fn merge(&self, mask: R::Mask, other: &Self) -> Self {
-        State {
-            pos_m: merge(mask, self.pos_m, other.pos_m),
-            vel_mps: merge(mask, self.vel_mps, other.vel_mps),
-            att_rad: merge(mask, self.att_rad, other.att_rad),
-            rate_radps: merge(mask, self.rate_radps, other.rate_radps),
-            aux: merge(mask, self.aux, other.aux),
-        }
-    }
-
-    /// Where things will be after so short a time, to second order in the position: what a push held over twice that time should see.
-    #[inline(always)]
-    fn ahead(&self, acc_mps2: &[R; 3], time_s: f64) -> Self {
-        let t = R::of(time_s);
-        let mut x = *self;
-        for i in 0..3 {
-            x.pos_m[i] += t * self.vel_mps[i];
-            x.vel_mps[i] += t * acc_mps2[i];
-            x.att_rad[i] += t * self.rate_radps[i];
-        }
-        x
-    }
-
-    /// Position and attitude `share` of a step of `h_s` before its end, on the parabola through both ends with the velocity of the end. (A
-    /// first-order form's velocity jumps at the start of a step.) The third derivative makes an error of less than 3e-6 m at 50 Hz.
-    #[inline(always)]
-    fn look_back(&self, end: &Self, share: R, h_s: f64) -> Self {
-        let (h, square) = (R::of(h_s), share * share);
-        let mut x = *end;
-        for i in 0..3 {
-            let (dp, da) = (h * end.vel_mps[i], h * end.rate_radps[i]);
-            x.pos_m[i] = end.pos_m[i] - share * dp + square * (self.pos_m[i] - end.pos_m[i] + dp);
-            x.att_rad[i] = end.att_rad[i] - share * da + square * (self.att_rad[i] - end.att_rad[i] + da);
-        }
-        x
-    }
-}
-
-impl<R: Real> Fix<R> {
-    /// `other` in the lanes of `mask`.
-    #[inline(always)]
-    fn merge(&self, mask: R::Mask, other: &Self) -> Self {
-        let [yaw_rad, t_s, valid] = merge(mask, [self.yaw_rad, self.t_s, self.valid], [other.yaw_rad, other.t_s, other.valid]);
-        Fix { pos_m: merge(mask, self.pos_m, other.pos_m), yaw_rad, t_s, valid }
-    }
-
-    /// Ideal localisation: the true pose, now.
-    #[inline(always)]
-    fn ideal(x: &State<R>, now_s: R) -> Self {
-        Fix { pos_m: x.pos_m, yaw_rad: x.att_rad[2], t_s: now_s, valid: R::of(1.0) }
-    }
-}
-
-impl<R: Real> Heading<R> {
-    /// The specific force along the body axes: what pushes sideways, and what carries.
-    #[inline(always)]
-    fn specific(&self, push: &Push<R>, up_mps2: R) -> [R; 3] {
-        let [ax, ay, _] = push.acc_mps2;
-        [self.cos * ax + self.sin * ay, self.cos * ay - self.sin * ax, up_mps2]
-    }
-}
-
-impl<R: Real> Tile<R> {
-    fn new() -> Self {
-        let (zero, none) = (R::zero(), [R::zero(); 3]);
-        let fix = Fix { pos_m: none, yaw_rad: zero, t_s: zero, valid: zero };
-        Tile { acc_mps2: none, until_frame: R::of(1e9), fix }
     }
 }

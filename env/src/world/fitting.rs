@@ -3,7 +3,8 @@
 
 use std::slice::{from_mut, from_ref};
 
-use super::{Settings, State, World, active, body};
+use super::setup::{active, body};
+use super::{Settings, State, World};
 use crate::config::{EffectTable, Number};
 use crate::dual::Dual;
 use crate::effects::{self, Body, Cx, Entry, Frame, Tiles};

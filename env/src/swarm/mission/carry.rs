@@ -1,11 +1,10 @@
 //! Carry a load together, on ropes.
 
-use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use serde::Deserialize;
 
-use super::{GOAL, Mission, Scene, Situation, Start, Verdict, distance, jerk, on_circle, start_at, within};
-use crate::error::{Error, Result};
+use super::{GOAL, Mission, Scene, Situation, Start, Verdict, distance, jerk, jitter, on_circle, room_on_circle, start_at, within};
+use crate::error::Result;
 use crate::observation::Setpoint;
 use crate::real::Real;
 use crate::swarm::load::Load;
@@ -56,10 +55,7 @@ impl Mission for Carry {
         within("period_s", o.period_s, 4.0, 600.0)?;
         let above_m = libm::sqrt(o.rope_m * o.rope_m - o.ring_m * o.ring_m);
         within("height_m", o.height_m, 0.05, 2.5 - above_m)?;
-        let gap_m = 2.0 * o.ring_m * libm::sin(std::f64::consts::PI / drones.max(2) as f64);
-        if drones > 1 && gap_m < 0.2 {
-            return Err(Error::Range { name: "ring_m".into(), value: o.ring_m, want: format!("20 cm between {drones} drones") });
-        }
+        room_on_circle("ring_m", o.ring_m, drones, 0.2)?;
         Ok(Carry { options: o, drones, above_m })
     }
 
@@ -71,8 +67,8 @@ impl Mission for Carry {
         let [x, y] = self.way(0.0);
         for (i, start) in starts.iter_mut().enumerate() {
             let [dx, dy] = on_circle(i, self.drones, self.options.ring_m, 0.0);
-            let jitter: [f64; 2] = std::array::from_fn(|_| 0.02 * (2.0 * rng.random::<f64>() - 1.0));
-            *start = start_at([x + dx + jitter[0], y + dy + jitter[1], self.options.height_m + self.above_m], &[]);
+            let [off_x, off_y] = jitter(rng, 0.02);
+            *start = start_at([x + dx + off_x, y + dy + off_y, self.options.height_m + self.above_m], &[]);
         }
     }
 

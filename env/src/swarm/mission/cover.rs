@@ -1,10 +1,9 @@
 //! Look at every marker of a field.
 
-use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use serde::Deserialize;
 
-use super::{GOAL, Mission, Scene, Situation, Start, Verdict, distance, jerk, start_at, within};
+use super::{GOAL, Mission, Scene, Situation, Start, Verdict, distance, is, jerk, jitter, start_at, within};
 use crate::error::{Error, Result};
 use crate::observation::Setpoint;
 use crate::real::Real;
@@ -78,8 +77,8 @@ impl Mission for Cover {
         board.fill(0.0);
         for (i, start) in starts.iter_mut().enumerate() {
             let [x, y] = self.places[self.share(i).start];
-            let jitter: [f64; 2] = std::array::from_fn(|_| 0.05 * (2.0 * rng.random::<f64>() - 1.0));
-            *start = start_at([x + jitter[0], y + jitter[1], self.options.height_m], &[]);
+            let [dx, dy] = jitter(rng, 0.05);
+            *start = start_at([x + dx, y + dy, self.options.height_m], &[]);
         }
     }
 
@@ -96,8 +95,7 @@ impl Mission for Cover {
         }
         for (drone, next) in next.iter_mut().enumerate() {
             for (i, marker) in self.share(drone).enumerate() {
-                let due = next.le(R::of(i as f64 + 0.5)) & R::of(i as f64 - 0.5).lt(*next);
-                *next = R::select(due & looked[marker].gt(R::zero()), R::of(i as f64 + 1.0), *next);
+                *next = R::select(is(*next, i) & looked[marker].gt(R::zero()), R::of(i as f64 + 1.0), *next);
             }
         }
     }

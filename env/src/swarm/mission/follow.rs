@@ -1,10 +1,9 @@
 //! One leads, the others follow.
 
-use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use serde::Deserialize;
 
-use super::{GOAL, Mission, Scene, Start, start_at, within};
+use super::{GOAL, Mission, Scene, Start, jitter, start_at, within};
 use crate::error::Result;
 use crate::observation::Setpoint;
 use crate::real::Real;
@@ -50,8 +49,8 @@ impl Mission for Follow {
     fn start(&self, rng: &mut Pcg64Mcg, starts: &mut [Start], _: &mut [f64]) {
         for (i, start) in starts.iter_mut().enumerate() {
             let [x, y] = self.oval(-(i as f64) * self.0.behind_s);
-            let jitter: [f64; 2] = std::array::from_fn(|_| 0.05 * (2.0 * rng.random::<f64>() - 1.0));
-            *start = start_at([x + jitter[0], y + jitter[1], self.0.height_m], &[]);
+            let [dx, dy] = jitter(rng, 0.05);
+            *start = start_at([x + dx, y + dy, self.0.height_m], &[]);
         }
     }
 

@@ -1,10 +1,9 @@
 //! Hold a formation that moves and changes its shape.
 
-use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use serde::Deserialize;
 
-use super::{GOAL, Mission, Scene, Start, on_circle, start_at, within};
+use super::{GOAL, Mission, Scene, Start, jitter, on_circle, start_at, within};
 use crate::error::{Error, Result};
 use crate::observation::Setpoint;
 use crate::real::{Real, tabulate};
@@ -76,8 +75,8 @@ impl Mission for Formation {
 
     fn start(&self, rng: &mut Pcg64Mcg, starts: &mut [Start], _: &mut [f64]) {
         for (start, [ring, _]) in starts.iter_mut().zip(&self.places) {
-            let jitter: [f64; 2] = std::array::from_fn(|_| 0.05 * (2.0 * rng.random::<f64>() - 1.0));
-            *start = start_at([self.options.roam_m + ring[0] + jitter[0], ring[1] + jitter[1], self.options.height_m], &[]);
+            let [dx, dy] = jitter(rng, 0.05);
+            *start = start_at([self.options.roam_m + ring[0] + dx, ring[1] + dy, self.options.height_m], &[]);
         }
     }
 

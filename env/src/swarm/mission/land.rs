@@ -1,11 +1,12 @@
 //! Land on one marker, one after another.
 
-use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use serde::Deserialize;
 
-use super::{GOAL, Mission, Scene, Situation, Start, Verdict, closeness, distance, jerk, on_circle, start_at, within};
-use crate::error::{Error, Result};
+use super::{
+    GOAL, Mission, Scene, Situation, Start, Verdict, closeness, distance, is, jerk, jitter, on_circle, room_on_circle, start_at, within,
+};
+use crate::error::Result;
 use crate::observation::Setpoint;
 use crate::real::{Real, tabulate};
 
@@ -49,10 +50,8 @@ impl Mission for LandInTurn {
         within("radius_m", o.radius_m, 0.2, 2.2)?;
         within("height_m", o.height_m, 0.2, 2.5)?;
         within("speed_mps", o.speed_mps, 0.05, 2.0)?;
-        let gap_m = 2.0 * o.radius_m * libm::sin(std::f64::consts::PI / drones.max(2) as f64) - 0.1;
-        if gap_m < 0.15 {
-            return Err(Error::Range { name: "radius_m".into(), value: o.radius_m, want: format!("15 cm between {drones} drones") });
-        }
+        // they start up to 5 cm off their places
+        room_on_circle("radius_m", o.radius_m, drones, 0.25)?;
         Ok(LandInTurn(o))
     }
 
@@ -65,16 +64,15 @@ impl Mission for LandInTurn {
         let n = starts.len();
         for (i, start) in starts.iter_mut().enumerate() {
             let [x, y] = on_circle(i, n, self.0.radius_m, 0.0);
-            let jitter: [f64; 2] = std::array::from_fn(|_| 0.05 * (2.0 * rng.random::<f64>() - 1.0));
-            *start = start_at([x + jitter[0], y + jitter[1], self.0.height_m], &[x, y]);
+            let [dx, dy] = jitter(rng, 0.05);
+            *start = start_at([x + dx, y + dy, self.0.height_m], &[x, y]);
         }
     }
 
     #[inline(always)]
     fn turn<R: Real>(&self, board: &mut [R], scene: &Scene<R>) {
         for (i, drone) in scene.drones.iter().enumerate() {
-            let due = board[TURN].le(R::of(i as f64 + 0.5)) & R::of(i as f64 - 0.5).lt(board[TURN]);
-            let gone = due & drone.here.le(R::zero());
+            let gone = is(board[TURN], i) & drone.here.le(R::zero());
             board[TURN] = R::select(gone, R::of(i as f64 + 1.0), board[TURN]);
             board[SINCE] = R::select(gone, scene.t_s, board[SINCE]);
         }
@@ -83,7 +81,7 @@ impl Mission for LandInTurn {
     #[inline(always)]
     fn setpoint<R: Real>(&self, own: usize, goal: &[R; GOAL], board: &[R], scene: &Scene<R>) -> Setpoint<R> {
         let o = &self.0;
-        let mine = board[TURN].le(R::of(own as f64 + 0.5)) & R::of(own as f64 - 0.5).lt(board[TURN]);
+        let mine = is(board[TURN], own);
         let gone_m = (scene.t_s - board[SINCE]) * R::of(o.speed_mps);
         let share = (gone_m * R::of(1.0 / o.radius_m)).clamp(R::zero(), R::of(1.0));
         let inwards = R::select(mine, R::of(1.0) - share, R::of(1.0));
@@ -104,8 +102,8 @@ impl Mission for LandInTurn {
         let sinking_mps = s.contact.impact_mps.max(-s.x.vel_mps[2]);
         let impact2 = sinking_mps * sinking_mps;
         let touch = R::of(10.0) / ((one + R::of(1.0 / 0.01) * off2) * (one + R::of(1.0 / 0.09) * impact2));
-        let mine = R::of(own as f64 - 0.5).lt(board[TURN]);
-        let down = (s.contact.standing | s.x.pos_m[2].lt(R::of(CUT_M))) & mine;
+        let had_its_turn = R::of(own as f64 - 0.5).lt(board[TURN]);
+        let down = (s.contact.standing | s.x.pos_m[2].lt(R::of(CUT_M))) & had_its_turn;
         let approach = R::of(0.1) * (closeness(s) - one) - R::of(0.005) * jerk(s);
         let error_m = distance(&s.x.pos_m, &s.setpoint.pos_m);
         Verdict { reward: approach + R::select(down, touch, R::zero()), error_m, arrived: down, done: down }

@@ -7,29 +7,25 @@ mod formation;
 mod land;
 mod swap;
 
+use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use serde::de::DeserializeOwned;
 
 use crate::effects::Neighbour;
 use crate::error::{Error, Result, unknown};
-use crate::noise::Draw;
 use crate::observation::Setpoint;
 use crate::real::Real;
 use crate::swarm::{MOST_DRONES, load};
 pub(crate) use crate::task::{GOAL, Situation, Start, closeness, jerk, within};
-use crate::world::Contact;
 
 /// What a mission knows of a world at a tick.
 #[derive(Debug, Clone, Copy)]
 pub struct Scene<'a, R: Real> {
     /// The drones as they truly are.
     pub drones: &'a [Neighbour<R>],
-    pub contacts: &'a [Contact<R>],
     /// What hangs below them, where something does.
     pub load: Option<&'a load::State<R>>,
     pub t_s: R,
-    /// The noise of the first drone; a mission has channels of its own.
-    pub draw: Draw<'a, R>,
 }
 
 /// What comes of a tick for one drone.
@@ -107,6 +103,29 @@ pub(crate) fn start_at(pos_m: [f64; 3], first: &[f64]) -> Start {
 pub(crate) fn on_circle(i: usize, n: usize, radius_m: f64, turned_rad: f64) -> [f64; 2] {
     let angle = turned_rad + std::f64::consts::TAU * i as f64 / n as f64;
     [radius_m * libm::cos(angle), radius_m * libm::sin(angle)]
+}
+
+/// Drones on a circle have room.
+///
+/// # Errors
+/// [`Error::Range`] naming `name`, the circle's radius, if neighbours are less than `least_m` apart.
+pub(crate) fn room_on_circle(name: &str, radius_m: f64, n: usize, least_m: f64) -> Result<()> {
+    let gap_m = 2.0 * radius_m * libm::sin(std::f64::consts::PI / n.max(2) as f64);
+    if n < 2 || gap_m >= least_m {
+        return Ok(());
+    }
+    Err(Error::Range { name: name.into(), value: radius_m, want: format!("{:.0} cm between {n} drones", 100.0 * least_m) })
+}
+
+/// Uniform from `-size` to `size`.
+pub(crate) fn jitter<const N: usize>(rng: &mut Pcg64Mcg, size: f64) -> [f64; N] {
+    std::array::from_fn(|_| size * (2.0 * rng.random::<f64>() - 1.0))
+}
+
+/// Where a whole number that is kept as a number of the lanes is `i`.
+#[inline(always)]
+pub(crate) fn is<R: Real>(number: R, i: usize) -> R::Mask {
+    (number - R::of(i as f64)).abs().lt(R::of(0.5))
 }
 
 /// What is done with a mission whose type is known only at run time.

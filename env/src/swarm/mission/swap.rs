@@ -4,8 +4,8 @@ use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use serde::Deserialize;
 
-use super::{GOAL, Mission, Scene, Start, on_circle, start_at, within};
-use crate::error::{Error, Result};
+use super::{GOAL, Mission, Scene, Start, jitter, on_circle, room_on_circle, start_at, within};
+use crate::error::Result;
 use crate::observation::Setpoint;
 use crate::real::Real;
 
@@ -45,10 +45,7 @@ impl Mission for Swap {
         within("height_m", o.height_m, 0.2, 2.5)?;
         within("wait_s", o.wait_s, 0.0, 60.0)?;
         within("jitter_m", o.jitter_m, 0.0, 0.2)?;
-        let gap_m = 2.0 * o.radius_m * libm::sin(std::f64::consts::PI / drones.max(2) as f64) - 2.0 * o.jitter_m;
-        if gap_m < 0.15 {
-            return Err(Error::Range { name: "radius_m".into(), value: o.radius_m, want: format!("15 cm between {drones} drones") });
-        }
+        room_on_circle("radius_m", o.radius_m, drones, 0.15 + 2.0 * o.jitter_m)?;
         Ok(Swap(o))
     }
 
@@ -57,8 +54,8 @@ impl Mission for Swap {
         let turned = std::f64::consts::TAU * rng.random::<f64>();
         for (i, start) in starts.iter_mut().enumerate() {
             let [x, y] = on_circle(i, n, o.radius_m, turned);
-            let jitter: [f64; 3] = std::array::from_fn(|_| o.jitter_m * (2.0 * rng.random::<f64>() - 1.0));
-            *start = start_at([x + jitter[0], y + jitter[1], o.height_m + jitter[2]], &[x, y]);
+            let [dx, dy, dz] = jitter(rng, o.jitter_m);
+            *start = start_at([x + dx, y + dy, o.height_m + dz], &[x, y]);
         }
     }
 

@@ -163,10 +163,8 @@ impl<R: Batched> Flock<R> {
         let n = self.drones.len();
         Scene {
             drones: &self.desk.scene[place * n..(place + 1) * n],
-            contacts: &self.desk.contacts,
             load: self.load.is_some().then_some(&self.tiles[tile].load),
             t_s: self.drones[0].time_s(tile),
-            draw: self.drones[0].draw(tile),
         }
     }
 
@@ -195,14 +193,16 @@ impl<R: Batched> Flock<R> {
         let tick_s = drones[0].tick_s();
         let pilots = &mut pilots[tile * n..(tile + 1) * n];
         let scene = &mut desk.scene[place * n..(place + 1) * n];
-        for (((drone, pilot), seen), free) in drones.iter().zip(pilots.iter()).zip(scene.iter_mut()).zip(&mut desk.free_mps2) {
+        for ((drone, pilot), seen) in drones.iter().zip(pilots.iter()).zip(scene.iter_mut()) {
             *seen = neighbour(drone.state(tile), pilot.flying);
-            let acc_mps2 = drone.acc_mps2(tile);
-            for i in 0..3 {
-                free[i] = acc_mps2[i] - pilot.pull_mps2[i];
-            }
         }
         if let Some(load) = load {
+            for ((drone, pilot), free) in drones.iter().zip(pilots.iter()).zip(&mut desk.free_mps2) {
+                let acc_mps2 = drone.acc_mps2(tile);
+                for i in 0..3 {
+                    free[i] = acc_mps2[i] - pilot.pull_mps2[i];
+                }
+            }
             let ropes = Ropes { moving: &mut desk.moving, pulls_mps2: &mut desk.pulls_mps2, drone_kg };
             load.step(&mut tiles[tile].load, scene, &desk.free_mps2, ropes, [tick_s, *gravity_mps2]);
             for ((pilot, pull), push) in pilots.iter_mut().zip(&desk.pulls_mps2).zip(&mut desk.push[place * n..]) {
@@ -228,12 +228,14 @@ impl<R: Batched> Flock<R> {
         let world = &mut drones[drone];
         let reach = rules.interfaces[drone].reach();
         let mut commands = [Command::level(R::zero()); GROUP];
-        let mut before = [State::<R>::rest(); GROUP];
+        let flying = |i: usize| pilots[(first + i) * all + drone].flying;
+        // who no longer flies stays where it is
+        let halted = (0..n).any(|i| flying(i) != u16::MAX);
+        let before = halted.then(|| [*world.state(first), *world.state(first + n - 1)]);
         let row = &mut desk.actions[drone];
         for i in 0..n {
             row[i] = gather(actions, (first + i) * LANES, *worlds, drone, all);
             commands[i] = reach.command(&row[i]);
-            before[i] = *world.state(first + i);
         }
         if load.is_none() && world.is_plain() {
             for i in 0..n {
@@ -245,11 +247,8 @@ impl<R: Batched> Flock<R> {
             let around = [around(0), around(n - 1)];
             world.step_group(first, &commands[..n], Some(&around), &mut desk.ticks[drone][..n]);
         }
-        for i in 0..n {
-            let flying = pilots[(first + i) * all + drone].flying;
-            if flying != u16::MAX {
-                world.halt(first + i, R::mask(u32::from(!flying)), &before[i]);
-            }
+        for (i, before) in before.iter().flat_map(|both| &both[..n]).enumerate() {
+            world.halt(first + i, R::mask(u32::from(!flying(i))), before);
         }
     }
 

@@ -1,0 +1,70 @@
+//! What a world is made from: the effects that are on, the length of a physics step, the constants of the vehicle.
+
+use crate::config::{EffectTable, Number, Ranged, numbers};
+use crate::effects::{self, Body};
+use crate::error::{Error, Result};
+use crate::model::{Model, Vertical, VerticalInput};
+use crate::real::Real;
+use crate::schedule::Schedule;
+
+/// Of a full lithium-polymer cell.
+const FULL_CELL_V: f64 = 4.2;
+
+pub(super) fn with_ranges(entry: &effects::Entry, values: Vec<Number>) -> Vec<Ranged> {
+    values.into_iter().zip(entry.params).map(|(number, param)| Ranged { number, param }).collect()
+}
+
+pub(super) type Active = (usize, &'static effects::Entry, Vec<Number>);
+
+/// The effects of the model and of the configuration that are not off, the configuration's winning, in registry order.
+pub(super) fn active(of_model: &EffectTable, of_config: &EffectTable) -> Result<Vec<Active>> {
+    let mut table = of_model.clone();
+    table.extend(of_config.iter().map(|(name, given)| (name.clone(), given.clone())));
+    let mut active = Vec::new();
+    for (name, given) in &table {
+        let (place, entry) = effects::find(name)?;
+        let values = numbers(entry, given);
+        let off = values.iter().zip(entry.params).all(|(v, p)| v.fixed() == Some(p.off));
+        if !off {
+            active.push((place, entry, values));
+        }
+    }
+    active.sort_by_key(|(place, ..)| *place);
+    Ok(active)
+}
+
+/// As often as the neediest active effect asks, unless the user says otherwise; the linear model itself is exact at any rate.
+pub(super) fn counts_per_step(schedule: &Schedule, physics_hz: Option<u32>, needed_hz: u32) -> Result<u32> {
+    let good = |counts: &u32| schedule.control.is_multiple_of(*counts);
+    let Some(hz) = physics_hz else {
+        let longest = (schedule.base_hz / needed_hz.max(1)).clamp(1, schedule.control);
+        return Ok((1..=longest).rev().find(good).unwrap_or(1));
+    };
+    let counts = schedule.base_hz.checked_div(hz).unwrap_or(0);
+    if counts == 0 || !schedule.base_hz.is_multiple_of(hz) || !good(&counts) {
+        let rates: Vec<String> = (1..=schedule.control).filter(good).map(|c| (schedule.base_hz / c).to_string()).collect();
+        return Err(Error::Range { name: "physics_hz".into(), value: f64::from(hz), want: format!("one of {}", rates.join(", ")) });
+    }
+    Ok(counts)
+}
+
+pub(super) fn body<R: Real>(model: &Model, input: VerticalInput) -> Result<Body<R>> {
+    let hover = model.vertical(input)?.hover_pwm().filter(|_| input.is_pwm());
+    let tilts = [&model.roll, &model.pitch];
+    Ok(Body {
+        gravity_mps2: R::of(model.lateral.gravity.value),
+        mass_kg: R::of(model.vehicle.mass.value),
+        rotor_radius_m: R::of(model.vehicle.rotor_radius.value),
+        per_battery_capacity_pc: R::of(1.0 / model.vehicle.battery_capacity.value),
+        hover_current_a: R::of(model.vehicle.hover_current.value),
+        battery_reference_v: R::of(model.vehicle.battery_reference.as_ref().map_or(FULL_CELL_V, |q| q.value)),
+        per_hover_pwm: R::of(hover.map_or(0.0, |h| 1.0 / h)),
+        height_command: R::of(if hover.is_some() { 0.0 } else { 1.0 }),
+        arm_m: R::of(model.vehicle.arm.value),
+        heave_ps: R::of(if let Vertical::Thrust { heave, .. } = model.vertical(input)? { heave.value } else { 0.0 }),
+        yaw_sign: R::of(model.yaw.sign()),
+        tilt_gain_ps2: tilts.map(|t| R::of(t.gain.value)),
+        tilt_damping_ps: tilts.map(|t| R::of(t.damping.value)),
+        tilt_stiffness_ps2: tilts.map(|t| R::of(t.stiffness.value)),
+    })
+}
