@@ -1,19 +1,18 @@
 //! The controllers of the registry, for a batch.
 
-use std::sync::Mutex;
-
 use crazyflie_env::control::{self, Chosen, Mode, Site, choose};
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::{ACTION, OBSERVATION};
 use crazyflie_env::{Error, Result};
 use numpy::{PyUntypedArray, PyUntypedArrayMethods};
-use pyo3::exceptions::{PyRuntimeError, PyTypeError, PyValueError};
+use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use serde_json::Value;
 
 use crate::arrays::{empty, input, mask as read_mask, output};
 use crate::errors::guarded;
+use crate::held::Held;
 use crate::sim::{Interface, MOST_ENVS, Sim, detached};
 
 /// The controller `name` (see `crazyflie_gym.controllers()`), or `name:file`, for `num_envs` environments with the command interface of `of` (a `Sim` or its
@@ -21,8 +20,7 @@ use crate::sim::{Interface, MOST_ENVS, Sim, detached};
 /// given; `mode`: "automatic", "takeoff" or "landing".
 #[pyclass(subclass, module = "crazyflie_gym._native")]
 pub struct Controller {
-    // only ever reached through `&mut self`, where a mutex costs nothing; it makes the class `Sync`, as pyo3 demands
-    inner: Mutex<Box<dyn control::Controller>>,
+    inner: Held<Box<dyn control::Controller>>,
     envs: usize,
 }
 
@@ -47,11 +45,7 @@ impl Controller {
             let model = model.map_or_else(|| Ok(Model::thesis()), Model::parse)?;
             chosen()?.build(&Site { model: &model, interface, tick_s, envs, mode: Mode::named(mode)? })
         })?;
-        Ok(Controller { inner: Mutex::new(inner), envs })
-    }
-
-    fn inner(&mut self) -> PyResult<&mut Box<dyn control::Controller>> {
-        self.inner.get_mut().map_err(|_| PyRuntimeError::new_err("the controller is broken by an earlier bug"))
+        Ok(Controller { inner: Held::new(inner), envs })
     }
 }
 
@@ -75,7 +69,7 @@ impl Controller {
     /// Go on in another state: "automatic", "takeoff" or "landing".
     fn set_mode(&mut self, mode: &str) -> PyResult<()> {
         let mode = guarded(|| Mode::named(mode))?;
-        self.inner()?.set_mode(mode);
+        self.inner.get()?.set_mode(mode);
         Ok(())
     }
 
@@ -87,7 +81,7 @@ impl Controller {
         let actions = if flat { empty::<f32>(py, (ACTION,))? } else { empty::<f32>(py, (self.envs, ACTION))? };
         let shape = [self.envs, ACTION];
         let mut out = output::<f32>("actions", &shape[usize::from(flat)..], &actions)?;
-        let (envs, rows, out, inner) = (self.envs, rows.as_slice()?, out.as_slice_mut()?, self.inner()?);
+        let (envs, rows, out, inner) = (self.envs, rows.as_slice()?, out.as_slice_mut()?, self.inner.get()?);
         detached(py, envs, || inner.act(rows, out))?;
         Ok(actions)
     }
@@ -97,7 +91,7 @@ impl Controller {
     fn reset(&mut self, mask: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
         let mask = mask.map(|mask| read_mask("mask", &[self.envs], mask)).transpose()?;
         let of = |env: usize| mask.as_ref().is_none_or(|mask| mask.get(env).copied().unwrap_or(false));
-        self.inner()?.reset(&of);
+        self.inner.get()?.reset(&of);
         Ok(())
     }
 }

@@ -3,6 +3,7 @@
 mod arrays;
 mod controller;
 mod errors;
+mod held;
 mod picture;
 mod registry;
 mod remote;

@@ -1,19 +1,18 @@
 //! A batch of environments.
 
-use std::sync::Mutex;
-
 use crazyflie_env::config::Options;
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::observation::{self, ACTION, OBSERVATION};
 use crazyflie_env::vector::{Out, STATE, VectorEnv};
 use crazyflie_env::{Error, Result};
 use numpy::PyArray1;
-use pyo3::exceptions::{PyRuntimeError, PyValueError};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::arrays::{empty, input, mask as read_mask, output, row};
 use crate::errors::{Failure, guarded};
+use crate::held::Held;
 
 /// Beyond this the buffers of a step alone take gigabytes.
 pub const MOST_ENVS: i64 = 1 << 22;
@@ -100,24 +99,13 @@ impl Interface {
 /// A batch of `num_envs` environments. `options` is JSON (see `crazyflie_gym.options`), `model` the text of a model file.
 #[pyclass(module = "crazyflie_gym._native")]
 pub struct Sim {
-    // only ever reached through `&mut self`, where a mutex costs nothing; it makes the class `Sync`, as pyo3 demands
-    env: Mutex<VectorEnv>,
+    env: Held<VectorEnv>,
     envs: usize,
 }
 
 /// Run a call without holding the interpreter, if it is long enough to be worth it.
 pub fn detached<T: Send>(py: Python<'_>, envs: usize, call: impl FnOnce() -> Result<T> + Send) -> PyResult<T> {
     if envs <= FEW_ENVS { guarded(call) } else { py.detach(|| guarded(call)) }
-}
-
-impl Sim {
-    fn env(&mut self) -> PyResult<&mut VectorEnv> {
-        self.env.get_mut().map_err(|_| PyRuntimeError::new_err("the simulation is broken by an earlier bug"))
-    }
-
-    fn shared<T>(&self, get: impl FnOnce(&VectorEnv) -> T) -> PyResult<T> {
-        self.env.lock().map(|env| get(&env)).map_err(|_| PyRuntimeError::new_err("the simulation is broken by an earlier bug"))
-    }
 }
 
 #[pymethods]
@@ -135,7 +123,7 @@ impl Sim {
                 VectorEnv::new(&model, &Options::parse(options)?, envs)
             })
         })?;
-        Ok(Sim { env: Mutex::new(env), envs })
+        Ok(Sim { env: Held::new(env), envs })
     }
 
     /// Environments in the batch.
@@ -147,19 +135,19 @@ impl Sim {
     /// Seconds per step.
     #[getter]
     fn tick_s(&self) -> PyResult<f64> {
-        self.shared(VectorEnv::tick_s)
+        self.env.glance(VectorEnv::tick_s)
     }
 
     /// The instruction set in use: "baseline", "avx2" or "avx512". The results are the same.
     #[getter]
     fn isa(&self) -> PyResult<&'static str> {
-        self.shared(|env| env.level().name())
+        self.env.glance(|env| env.level().name())
     }
 
     /// What an action means.
     #[getter]
     fn interface(&self) -> PyResult<Interface> {
-        self.shared(|env| Interface { inner: env.interface(), tick_s: env.tick_s() })
+        self.env.glance(|env| Interface { inner: env.interface(), tick_s: env.tick_s() })
     }
 
     /// Begin episodes: in all environments, or in those of `mask`. With `seeds` the first episode of each seed, without them the next.
@@ -182,7 +170,7 @@ impl Sim {
             None => numpy::PyArray2::<f32>::zeros(py, [n, OBSERVATION], false).into_any(),
         };
         let mut out = output::<f32>("observations", &[n, OBSERVATION], &rows)?;
-        let (env, out) = (self.env()?, out.as_slice_mut()?);
+        let (env, out) = (self.env.get()?, out.as_slice_mut()?);
         detached(py, n, || env.reset(seeds, mask.as_deref(), out))?;
         Ok(rows)
     }
@@ -213,7 +201,7 @@ impl Sim {
         let mut rewards = output::<f32>("rewards", &[n], rewards)?;
         let mut terminated = output::<bool>("terminated", &[n], terminated)?;
         let mut truncated = output::<bool>("truncated", &[n], truncated)?;
-        let (env, actions) = (self.env()?, actions.as_slice()?);
+        let (env, actions) = (self.env.get()?, actions.as_slice()?);
         let (observations, rewards) = (observations.as_slice_mut()?, rewards.as_slice_mut()?);
         let (terminated, truncated) = (terminated.as_slice_mut()?, truncated.as_slice_mut()?);
         detached(py, n, || {
@@ -226,7 +214,7 @@ impl Sim {
     fn step_one<'py>(&mut self, py: Python<'py>, action: &Bound<'py, PyAny>) -> PyResult<StepOne<'py>> {
         let action = input::<f32>("action", &[ACTION], action)?;
         let (mut observation, mut reward, mut terminated, mut truncated) = ([0.0; OBSERVATION], [0.0], [false], [false]);
-        let env = self.env()?;
+        let env = self.env.get()?;
         let out = Out { observations: &mut observation, rewards: &mut reward, terminated: &mut terminated, truncated: &mut truncated };
         let actions = action.as_slice()?;
         guarded(|| {
@@ -244,7 +232,7 @@ impl Sim {
         let n = self.envs;
         let states = empty::<f32>(py, (n, STATE))?;
         let mut out = output::<f32>("states", &[n, STATE], &states)?;
-        let (env, out) = (self.env()?, out.as_slice_mut()?);
+        let (env, out) = (self.env.get()?, out.as_slice_mut()?);
         detached(py, n, move || env.states(out))?;
         Ok(states)
     }
@@ -255,6 +243,6 @@ impl Sim {
         if env >= self.envs {
             return Ok(None);
         }
-        Ok(self.env()?.last_of_episode(env).map(|(observation, state)| (row(py, observation), row(py, state))))
+        Ok(self.env.get()?.last_of_episode(env).map(|(observation, state)| (row(py, observation), row(py, state))))
     }
 }

@@ -1,7 +1,5 @@
 //! Worlds that several drones share.
 
-use std::sync::Mutex;
-
 use crazyflie_env::control::avoid::Avoid;
 use crazyflie_env::control::{self, Mode, Site, choose};
 use crazyflie_env::model::Model;
@@ -9,13 +7,14 @@ use crazyflie_env::observation::ACTION;
 use crazyflie_env::swarm::{METRICS, MOST_DRONES, SwarmEnv, SwarmOptions, SwarmOut, mission};
 use crazyflie_env::vector::STATE;
 use crazyflie_env::{Error, Result};
-use pyo3::exceptions::{PyIndexError, PyRuntimeError, PyValueError};
+use pyo3::exceptions::{PyIndexError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use serde_json::Value;
 
 use crate::arrays::{empty, input, mask as read_mask, output};
 use crate::errors::guarded;
+use crate::held::Held;
 use crate::sim::{Interface, MOST_ENVS, detached};
 
 /// Observations, rewards, terminated, truncated, flying, metrics.
@@ -25,23 +24,12 @@ type Step<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Bound
 /// the thesis's, one for all drones, or one for each.
 #[pyclass(module = "crazyflie_gym._native")]
 pub struct Swarm {
-    // only ever reached through `&mut self`, where a mutex costs nothing; it makes the class `Sync`, as pyo3 demands
-    env: Mutex<SwarmEnv>,
+    env: Held<SwarmEnv>,
     models: Vec<Model>,
     worlds: usize,
     drones: usize,
     width: usize,
     tick_s: f64,
-}
-
-impl Swarm {
-    fn env(&mut self) -> PyResult<&mut SwarmEnv> {
-        self.env.get_mut().map_err(|_| PyRuntimeError::new_err("the simulation is broken by an earlier bug"))
-    }
-
-    fn shared<T>(&self, get: impl FnOnce(&SwarmEnv) -> T) -> PyResult<T> {
-        self.env.lock().map(|env| get(&env)).map_err(|_| PyRuntimeError::new_err("the simulation is broken by an earlier bug"))
-    }
 }
 
 #[pymethods]
@@ -65,7 +53,7 @@ impl Swarm {
             })
         })?;
         let (drones, width, tick_s) = (env.num_drones(), env.width(), env.tick_s());
-        Ok(Swarm { env: Mutex::new(env), models, worlds, drones, width, tick_s })
+        Ok(Swarm { env: Held::new(env), models, worlds, drones, width, tick_s })
     }
 
     /// Worlds in the batch.
@@ -95,12 +83,12 @@ impl Swarm {
     /// The instruction set in use: "baseline", "avx2" or "avx512". The results are the same.
     #[getter]
     fn isa(&self) -> PyResult<&'static str> {
-        self.shared(|env| env.level().name())
+        self.env.glance(|env| env.level().name())
     }
 
     /// What an action of a drone means.
     fn interface(&self, drone: usize) -> PyResult<Interface> {
-        let inner = self.shared(|env| env.interface(drone))?;
+        let inner = self.env.glance(|env| env.interface(drone))?;
         let inner = inner.ok_or_else(|| PyIndexError::new_err(format!("drone is {drone}, expected 0 to {}", self.drones - 1)))?;
         Ok(Interface { inner, tick_s: self.tick_s })
     }
@@ -124,7 +112,7 @@ impl Swarm {
             None => numpy::PyArray3::<f32>::zeros(py, shape, false).into_any(),
         };
         let mut out = output::<f32>("observations", &shape, &rows)?;
-        let (env, out) = (self.env()?, out.as_slice_mut()?);
+        let (env, out) = (self.env.get()?, out.as_slice_mut()?);
         detached(py, worlds, || env.reset(seeds, mask.as_deref(), out))?;
         Ok(rows)
     }
@@ -152,7 +140,7 @@ impl Swarm {
                 flying: f.as_slice_mut()?,
                 metrics: m.as_slice_mut()?,
             };
-            let (env, actions) = (self.env()?, actions.as_slice()?);
+            let (env, actions) = (self.env.get()?, actions.as_slice()?);
             detached(py, w * n, || env.step(actions, out))?;
         }
         Ok((observations, rewards, terminated, truncated, flying, metrics))
@@ -163,7 +151,7 @@ impl Swarm {
         let shape = (self.worlds, self.drones, STATE);
         let states = empty::<f32>(py, shape)?;
         let mut out = output::<f32>("states", &[shape.0, shape.1, shape.2], &states)?;
-        let (env, rows) = (self.env()?, out.as_slice_mut()?);
+        let (env, rows) = (self.env.get()?, out.as_slice_mut()?);
         guarded(|| env.states(rows))?;
         Ok(states)
     }
@@ -172,7 +160,7 @@ impl Swarm {
     fn loads<'py>(&mut self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
         let loads = empty::<f32>(py, (self.worlds, 3))?;
         let mut out = output::<f32>("loads", &[self.worlds, 3], &loads)?;
-        let (env, rows) = (self.env()?, out.as_slice_mut()?);
+        let (env, rows) = (self.env.get()?, out.as_slice_mut()?);
         let carried = guarded(|| env.loads(rows))?;
         Ok(carried.then_some(loads))
     }
@@ -183,7 +171,7 @@ impl Swarm {
         if world >= self.worlds {
             return Ok(None);
         }
-        Ok(self.env()?.last_of_episode(world).map(|rows| crate::arrays::row(py, rows).into_any()))
+        Ok(self.env.get()?.last_of_episode(world).map(|rows| crate::arrays::row(py, rows).into_any()))
     }
 }
 
@@ -195,7 +183,7 @@ fn bad(what: &'static str) -> impl Fn(serde_json::Error) -> Error {
 /// parameters) or without it (`None`). `options` is JSON.
 #[pyclass(module = "crazyflie_gym._native")]
 pub struct Crowd {
-    inner: Mutex<control::Crowd>,
+    inner: Held<control::Crowd>,
     worlds: usize,
     drones: usize,
     width: usize,
@@ -206,7 +194,7 @@ impl Crowd {
     #[new]
     #[pyo3(signature = (name, of, *, options = "null", avoid = None))]
     fn new(name: &str, of: &Swarm, options: &str, avoid: Option<&str>) -> PyResult<Self> {
-        let interfaces = of.shared(|env| (0..of.drones).filter_map(|j| env.interface(j)).collect::<Vec<_>>())?;
+        let interfaces = of.env.glance(|env| (0..of.drones).filter_map(|j| env.interface(j)).collect::<Vec<_>>())?;
         let inner = guarded(|| {
             let options: Value = serde_json::from_str(options).map_err(bad("options"))?;
             let avoid = avoid.map(serde_json::from_str::<Avoid>).transpose().map_err(bad("avoid"))?;
@@ -218,7 +206,7 @@ impl Crowd {
             let controllers = interfaces.iter().enumerate().map(one).collect::<Result<_>>()?;
             control::Crowd::new(controllers, of.worlds, avoid, of.tick_s)
         })?;
-        Ok(Crowd { inner: Mutex::new(inner), worlds: of.worlds, drones: of.drones, width: of.width })
+        Ok(Crowd { inner: Held::new(inner), worlds: of.worlds, drones: of.drones, width: of.width })
     }
 
     /// New actions, float32 (num_worlds, num_drones, 4), for observations, float32 (num_worlds, num_drones, width).
@@ -228,7 +216,7 @@ impl Crowd {
         let actions = empty::<f32>(py, (w, n, ACTION))?;
         let mut out = output::<f32>("actions", &[w, n, ACTION], &actions)?;
         let (rows, out) = (rows.as_slice()?, out.as_slice_mut()?);
-        let inner = self.inner.get_mut().map_err(|_| PyRuntimeError::new_err("the controller is broken by an earlier bug"))?;
+        let inner = self.inner.get()?;
         detached(py, w * n, || inner.act(rows, out))?;
         Ok(actions)
     }
@@ -238,7 +226,7 @@ impl Crowd {
     fn reset(&mut self, mask: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
         let mask = mask.map(|mask| read_mask("mask", &[self.worlds], mask)).transpose()?;
         let of = |world: usize| mask.as_ref().is_none_or(|mask| mask.get(world).copied().unwrap_or(false));
-        self.inner.get_mut().map_err(|_| PyRuntimeError::new_err("the controller is broken by an earlier bug"))?.reset(&of);
+        self.inner.get()?.reset(&of);
         Ok(())
     }
 }
