@@ -1,7 +1,9 @@
-//! Sixteen drones at once in plain arrays: what every target can compile. [`crate::lanes_avx2`] and [`crate::lanes_avx512`] are the same
-//! in registers.
+//! Sixteen drones at once in four registers of four, which every target has (SSE2, NEON, or arrays where there are none).
+//! [`crate::lanes_avx2`] and [`crate::lanes_avx512`] are the same in wider registers.
 
 use std::ops::{Add, AddAssign, BitAnd, BitOr, BitXor, Div, Mul, Neg, Not, Sub, SubAssign};
+
+use wide::{bytemuck, f32x4, i32x4, u32x4};
 
 use crate::real::{Real, Word};
 
@@ -11,34 +13,28 @@ pub const LANES: usize = 16;
 /// Sixteen drones side by side, in single precision.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(C, align(64))]
-pub struct Lanes(pub [f32; LANES]);
+pub struct Lanes([f32x4; 4]);
 
 /// A truth value per lane: all bits set, or none.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(C, align(64))]
-pub struct LaneMask(pub [u32; LANES]);
+pub struct LaneMask([f32x4; 4]);
 
 /// A word per lane.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C, align(64))]
-pub struct LaneWord(pub [u32; LANES]);
+pub struct LaneWord([u32x4; 4]);
 
-#[inline(always)]
-fn zip<A: Copy, B: Copy, C: Copy + Default>(a: [A; LANES], b: [B; LANES], f: impl Fn(A, B) -> C) -> [C; LANES] {
-    let mut out = [C::default(); LANES];
-    for i in 0..LANES {
-        out[i] = f(a[i], b[i]);
-    }
-    out
-}
-
-#[inline(always)]
-fn map<A: Copy, C: Copy + Default>(a: [A; LANES], f: impl Fn(A) -> C) -> [C; LANES] {
-    let mut out = [C::default(); LANES];
-    for i in 0..LANES {
-        out[i] = f(a[i]);
-    }
-    out
+/// Register by register, written out: of loops over lanes a compiler makes the same, in five times the time.
+macro_rules! quads {
+    ($a:expr, $f:expr) => {{
+        let (a, f) = ($a.0, $f);
+        [f(a[0]), f(a[1]), f(a[2]), f(a[3])]
+    }};
+    ($a:expr, $b:expr, $f:expr) => {{
+        let (a, b, f) = ($a.0, $b.0, $f);
+        [f(a[0], b[0]), f(a[1], b[1]), f(a[2], b[2]), f(a[3], b[3])]
+    }};
 }
 
 /// What lanes in registers have in common: the numbers in their order, and what follows from the operators. The one that invokes it
@@ -100,26 +96,29 @@ macro_rules! in_registers {
 pub(crate) use in_registers;
 
 macro_rules! lane_operator {
-    ($trait:ident, $method:ident, $op:tt) => {
-        impl $trait for Lanes {
-            type Output = Lanes;
+    ($trait:ident, $method:ident, $type:ident) => {
+        impl $trait for $type {
+            type Output = $type;
             #[inline(always)]
-            fn $method(self, other: Lanes) -> Lanes {
-                Lanes(zip(self.0, other.0, |a, b| a $op b))
+            fn $method(self, other: $type) -> $type {
+                $type(quads!(self, other, $trait::$method))
             }
         }
     };
 }
-lane_operator!(Add, add, +);
-lane_operator!(Sub, sub, -);
-lane_operator!(Mul, mul, *);
-lane_operator!(Div, div, /);
+lane_operator!(Add, add, Lanes);
+lane_operator!(Sub, sub, Lanes);
+lane_operator!(Mul, mul, Lanes);
+lane_operator!(Div, div, Lanes);
+lane_operator!(BitAnd, bitand, LaneMask);
+lane_operator!(BitOr, bitor, LaneMask);
+lane_operator!(BitXor, bitxor, LaneWord);
 
 impl Neg for Lanes {
     type Output = Lanes;
     #[inline(always)]
     fn neg(self) -> Lanes {
-        Lanes(map(self.0, |a| -a))
+        Lanes(quads!(self, Neg::neg))
     }
 }
 impl AddAssign for Lanes {
@@ -134,75 +133,86 @@ impl SubAssign for Lanes {
         *self = *self - other;
     }
 }
-impl BitAnd for LaneMask {
-    type Output = LaneMask;
-    #[inline(always)]
-    fn bitand(self, other: LaneMask) -> LaneMask {
-        LaneMask(zip(self.0, other.0, |a, b| a & b))
-    }
-}
-impl BitOr for LaneMask {
-    type Output = LaneMask;
-    #[inline(always)]
-    fn bitor(self, other: LaneMask) -> LaneMask {
-        LaneMask(zip(self.0, other.0, |a, b| a | b))
-    }
-}
 impl Not for LaneMask {
     type Output = LaneMask;
     #[inline(always)]
     fn not(self) -> LaneMask {
-        LaneMask(map(self.0, |a| !a))
+        LaneMask(quads!(self, Not::not))
+    }
+}
+
+impl From<[f32; LANES]> for Lanes {
+    fn from(lanes: [f32; LANES]) -> Lanes {
+        Lanes(bytemuck::cast(lanes))
+    }
+}
+impl Lanes {
+    /// The lanes in order.
+    #[inline(always)]
+    pub fn array(&self) -> &[f32; LANES] {
+        bytemuck::cast_ref(&self.0)
+    }
+    #[inline(always)]
+    pub fn array_mut(&mut self) -> &mut [f32; LANES] {
+        bytemuck::cast_mut(&mut self.0)
+    }
+    /// The same number in every lane.
+    #[inline(always)]
+    fn splat(value: f32) -> Lanes {
+        Lanes([f32x4::splat(value); 4])
+    }
+}
+impl From<[u32; LANES]> for LaneWord {
+    fn from(words: [u32; LANES]) -> LaneWord {
+        LaneWord(bytemuck::cast(words))
+    }
+}
+impl From<[bool; LANES]> for LaneMask {
+    /// From one truth value per lane.
+    fn from(flags: [bool; LANES]) -> LaneMask {
+        LaneMask(bytemuck::cast(flags.map(|on| if on { u32::MAX } else { 0 })))
     }
 }
 impl LaneMask {
-    /// From one truth value per lane.
-    #[inline(always)]
-    pub fn from_bools(flags: [bool; LANES]) -> LaneMask {
-        LaneMask(map(flags, |f| if f { u32::MAX } else { 0 }))
-    }
     /// Bit `i` set where lane `i` is true.
     #[inline(always)]
     pub fn bits(self) -> u32 {
-        let mut bits = 0;
-        for i in 0..LANES {
-            bits |= (self.0[i] & 1) << i;
-        }
-        bits
+        let [a, b, c, d] = quads!(self, f32x4::to_bitmask);
+        a | b << 4 | c << 8 | d << 12
     }
 }
-impl BitXor for LaneWord {
-    type Output = LaneWord;
-    #[inline(always)]
-    fn bitxor(self, other: LaneWord) -> LaneWord {
-        LaneWord(zip(self.0, other.0, |a, b| a ^ b))
-    }
-}
+
 impl Word for LaneWord {
     #[inline(always)]
     fn of(value: u32) -> Self {
-        LaneWord([value; LANES])
+        LaneWord([u32x4::splat(value); 4])
     }
     #[inline(always)]
     fn add(self, other: Self) -> Self {
-        LaneWord(zip(self.0, other.0, |a, b| a.wrapping_add(b)))
+        LaneWord(quads!(self, other, Add::add))
     }
     #[inline(always)]
     fn mul(self, other: Self) -> Self {
-        LaneWord(zip(self.0, other.0, |a, b| a.wrapping_mul(b)))
+        LaneWord(quads!(self, other, Mul::mul))
     }
     #[inline(always)]
     fn shr(self, bits: u32) -> Self {
-        LaneWord(map(self.0, |a| a >> bits))
+        LaneWord(quads!(self, |a: u32x4| a >> bits))
     }
     #[inline(always)]
     fn set_lane(&mut self, lane: usize, value: u32) {
-        self.0[lane] = value;
+        bytemuck::cast_mut::<_, [u32; LANES]>(&mut self.0)[lane] = value;
     }
 }
 
 /// Adding and subtracting 1.5 * 2^23 leaves the nearest integer of an `f32`: a rounding that every instruction set has.
 const ROUND_F32: f32 = 12_582_912.0;
+
+/// Words as the signed integers that they are, as numbers.
+#[inline(always)]
+fn number(words: u32x4) -> f32x4 {
+    f32x4::from_i32x4(bytemuck::cast(words))
+}
 
 impl Real for Lanes {
     type Mask = LaneMask;
@@ -211,81 +221,81 @@ impl Real for Lanes {
 
     #[inline(always)]
     fn of(value: f64) -> Self {
-        Lanes([value as f32; LANES])
+        Lanes::splat(value as f32)
     }
     #[inline(always)]
     fn sqrt(self) -> Self {
-        Lanes(map(self.0, f32::sqrt))
+        Lanes(quads!(self, f32x4::sqrt))
     }
     #[inline(always)]
     fn abs(self) -> Self {
-        Lanes(map(self.0, f32::abs))
+        Lanes(quads!(self, f32x4::abs))
     }
     #[inline(always)]
     fn min(self, other: Self) -> Self {
-        Lanes(zip(self.0, other.0, |a, b| if b < a { b } else { a }))
+        Lanes(quads!(self, other, |a: f32x4, b: f32x4| b.simd_lt(a).bitselect(b, a)))
     }
     #[inline(always)]
     fn max(self, other: Self) -> Self {
-        Lanes(zip(self.0, other.0, |a, b| if b > a { b } else { a }))
+        Lanes(quads!(self, other, |a: f32x4, b: f32x4| a.simd_lt(b).bitselect(b, a)))
     }
     #[inline(always)]
     fn round(self) -> Self {
-        Lanes(map(self.0, |a| (a + ROUND_F32) - ROUND_F32))
+        (self + Lanes::splat(ROUND_F32)) - Lanes::splat(ROUND_F32)
     }
     #[inline(always)]
     fn lt(self, other: Self) -> LaneMask {
-        LaneMask(zip(self.0, other.0, |a, b| if a < b { u32::MAX } else { 0 }))
+        LaneMask(quads!(self, other, f32x4::simd_lt))
     }
     #[inline(always)]
     fn le(self, other: Self) -> LaneMask {
-        LaneMask(zip(self.0, other.0, |a, b| if a <= b { u32::MAX } else { 0 }))
+        LaneMask(quads!(self, other, f32x4::simd_le))
     }
     #[inline(always)]
     fn select(mask: LaneMask, yes: Self, no: Self) -> Self {
-        let mut out = [0.0; LANES];
-        for i in 0..LANES {
-            out[i] = f32::from_bits((mask.0[i] & yes.0[i].to_bits()) | (!mask.0[i] & no.0[i].to_bits()));
-        }
-        Lanes(out)
+        let (m, y, n) = (mask.0, yes.0, no.0);
+        Lanes([m[0].bitselect(y[0], n[0]), m[1].bitselect(y[1], n[1]), m[2].bitselect(y[2], n[2]), m[3].bitselect(y[3], n[3])])
     }
     #[inline(always)]
     fn any(mask: LaneMask) -> bool {
-        mask.0.iter().fold(0, |a, b| a | b) != 0
+        mask.bits() != 0
     }
     #[inline(always)]
     fn all(mask: LaneMask) -> bool {
-        mask.0.iter().fold(u32::MAX, |a, b| a & b) != 0
+        mask.bits() == u32::from(u16::MAX)
     }
     #[inline(always)]
     fn nothing() -> LaneMask {
-        LaneMask([0; LANES])
+        LaneMask([f32x4::splat(0.0); 4])
     }
     #[inline(always)]
     fn unit(word: LaneWord) -> Self {
         // 23 bits and a half are exact in f32: never 0, never 1
-        Lanes(map(word.0, |w| ((w >> 9) as i32 as f32 + 0.5) * (1.0 / 8_388_608.0)))
+        (Lanes(quads!(word.shr(9), number)) + Lanes::splat(0.5)) * Lanes::splat(1.0 / 8_388_608.0)
     }
     #[inline(always)]
     fn split_exponent(self) -> (Self, Self) {
         // offset so that the mantissa comes out in [sqrt(1/2), sqrt(2))
         const SQRT_HALF_BITS: u32 = 0x3f35_04f3;
-        let shifted = map(self.0, |a| a.to_bits().wrapping_sub(SQRT_HALF_BITS));
-        let exponent = map(shifted, |b| ((b as i32) >> 23) as f32);
-        let mantissa = map(shifted, |b| f32::from_bits((b & 0x007f_ffff).wrapping_add(SQRT_HALF_BITS)));
+        let offset = u32x4::splat(SQRT_HALF_BITS);
+        let shifted = LaneWord(quads!(self, |a: f32x4| bytemuck::cast::<_, u32x4>(a) - offset));
+        let exponent = quads!(shifted, |b| f32x4::from_i32x4(bytemuck::cast::<u32x4, i32x4>(b) >> 23_u32));
+        let mantissa = quads!(shifted, |b| bytemuck::cast((b & u32x4::splat(0x007f_ffff)) + offset));
         (Lanes(mantissa), Lanes(exponent))
     }
     #[inline(always)]
     fn scale_exponent(self, exponent: Self) -> Self {
         // 2^n from the low bits of n + 1.5 * 2^23, which hold the integer n
-        Lanes(zip(self.0, exponent.0, |a, n| a * f32::from_bits((n + ROUND_F32).to_bits().wrapping_add(127) << 23)))
+        let integer = exponent + Lanes::splat(ROUND_F32);
+        let power = quads!(integer, |n: f32x4| bytemuck::cast((bytemuck::cast::<_, u32x4>(n) + u32x4::splat(127)) << 23_u32));
+        self * Lanes(power)
     }
     #[inline(always)]
     fn lane(self, lane: usize) -> f64 {
-        f64::from(self.0[lane])
+        f64::from(self.array()[lane])
     }
     #[inline(always)]
     fn set_lane(&mut self, lane: usize, value: f64) {
-        self.0[lane] = value as f32;
+        self.array_mut()[lane] = value as f32;
     }
 }

@@ -311,7 +311,7 @@ mod tests {
         for i in 0..=20_000 {
             let x = low + (high - low) * f64::from(i) / 20_000.0;
             let x32 = x as f32;
-            e32 = e32.max((ours(Lanes([x32; LANES])).lane(3) - truth(f64::from(x32))).abs());
+            e32 = e32.max((ours(Lanes::from([x32; LANES])).lane(3) - truth(f64::from(x32))).abs());
             e64 = e64.max((ours64(x) - truth(x)).abs());
         }
         (e32, e64)
@@ -330,20 +330,21 @@ mod tests {
     #[test]
     fn unit_never_reaches_its_ends() {
         for w in [0, 1, u32::MAX, 0x8000_0000] {
-            let u = Lanes::unit(LaneWord([w; LANES])).lane(0);
+            let u = Lanes::unit(LaneWord::from([w; LANES])).lane(0);
             assert!(u > 0.0 && u < 1.0, "{w:x} gave {u}");
         }
     }
 
     #[test]
     fn min_max_select_and_masks_agree_with_scalars() {
-        let a = Lanes(std::array::from_fn(|i| i as f32 - 7.5));
-        let b = Lanes([0.25; LANES]);
+        let x: [f32; LANES] = std::array::from_fn(|i| i as f32 - 7.5);
+        let a = Lanes::from(x);
+        let b = Lanes::from([0.25; LANES]);
         for i in 0..LANES {
-            assert_eq!(a.min(b).0[i], a.0[i].min(0.25));
-            assert_eq!(a.max(b).0[i], a.0[i].max(0.25));
-            assert_eq!(Lanes::select(a.lt(b), a, b).0[i], a.0[i].min(0.25));
-            assert_eq!(a.lt(b).bits() >> i & 1 == 1, a.0[i] < 0.25);
+            assert_eq!(a.min(b).array()[i], x[i].min(0.25));
+            assert_eq!(a.max(b).array()[i], x[i].max(0.25));
+            assert_eq!(Lanes::select(a.lt(b), a, b).array()[i], x[i].min(0.25));
+            assert_eq!(a.lt(b).bits() >> i & 1 == 1, x[i] < 0.25);
         }
         assert!(Lanes::any(a.lt(b)) && !Lanes::all(a.lt(b)) && Lanes::all(a.lt(Lanes::of(100.0))));
     }

@@ -61,18 +61,18 @@ impl Batched for Lanes {
         mask.bits()
     }
     fn mask(bits: u32) -> LaneMask {
-        LaneMask::from_bools(std::array::from_fn(|lane| bits >> lane & 1 == 1))
+        LaneMask::from(std::array::from_fn(|lane| bits >> lane & 1 == 1))
     }
     #[inline(always)]
     fn array(&self) -> &[f32; LANES] {
-        &self.0
+        Lanes::array(self)
     }
     #[inline(always)]
     fn read4(rows: &[f32]) -> [Self; 4] {
         let mut out = [Lanes::zero(); 4];
         for (lane, row) in rows.chunks_exact(4).enumerate() {
             for (slot, value) in out.iter_mut().zip(row) {
-                slot.0[lane] = *value;
+                slot.array_mut()[lane] = *value;
             }
         }
         out
@@ -81,7 +81,7 @@ impl Batched for Lanes {
     fn write<const N: usize>(values: &[Self; N], rows: &mut [f32]) {
         for (lane, row) in rows.chunks_exact_mut(N).enumerate() {
             for (slot, value) in row.iter_mut().zip(values) {
-                *slot = value.0[lane];
+                *slot = value.array()[lane];
             }
         }
     }

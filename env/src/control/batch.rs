@@ -62,14 +62,14 @@ pub(super) fn check(envs: usize, observations: &[f32], actions: &[f32]) -> Resul
 
 /// The lanes of a tile whose environments `of` names.
 pub(super) fn mask(tile: usize, envs: usize, of: &dyn Fn(usize) -> bool) -> LaneMask {
-    LaneMask::from_bools(std::array::from_fn(|lane| tile * LANES + lane < envs && of(tile * LANES + lane)))
+    LaneMask::from(std::array::from_fn(|lane| tile * LANES + lane < envs && of(tile * LANES + lane)))
 }
 
 /// Up to sixteen observation rows as lanes.
 pub(super) fn rows(rows: &[f32]) -> [Lanes; OBSERVATION] {
     let mut o = [Lanes::zero(); OBSERVATION];
     for (lane, row) in rows.chunks_exact(OBSERVATION).enumerate() {
-        o.iter_mut().zip(row).for_each(|(slot, value)| slot.0[lane] = *value);
+        o.iter_mut().zip(row).for_each(|(slot, value)| slot.array_mut()[lane] = *value);
     }
     o
 }
@@ -77,6 +77,6 @@ pub(super) fn rows(rows: &[f32]) -> [Lanes; OBSERVATION] {
 /// Lanes as rows of so many numbers, or the first numbers of longer rows.
 pub(super) fn write<const N: usize>(values: &[Lanes; N], out: &mut [f32], width: usize) {
     for (lane, row) in out.chunks_exact_mut(width).enumerate() {
-        row.iter_mut().zip(values).for_each(|(slot, value)| *slot = value.0[lane]);
+        row.iter_mut().zip(values).for_each(|(slot, value)| *slot = value.array()[lane]);
     }
 }

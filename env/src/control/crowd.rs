@@ -68,7 +68,7 @@ impl Crowd {
         self.controllers.iter_mut().for_each(|controller| controller.reset(of));
         for tiles in &mut self.moved {
             for (tile, moved) in tiles.iter_mut().enumerate() {
-                moved.fresh = moved.fresh | LaneMask::from_bools(std::array::from_fn(|lane| of(tile * LANES + lane)));
+                moved.fresh = moved.fresh | LaneMask::from(std::array::from_fn(|lane| of(tile * LANES + lane)));
             }
         }
     }
@@ -114,7 +114,7 @@ impl Crowd {
             let read = |at: usize| {
                 let mut v = Lanes::zero();
                 for lane in 0..lanes {
-                    v.0[lane] = observations[((first + lane) * n + drone) * width + at];
+                    v.array_mut()[lane] = observations[((first + lane) * n + drone) * width + at];
                 }
                 v
             };
@@ -126,7 +126,7 @@ impl Crowd {
             for lane in 0..lanes {
                 let row = &mut self.observations[(first + lane) * OBSERVATION + SETPOINT..];
                 for (slot, at) in row.iter_mut().zip(&moved.at_m) {
-                    *slot = at.0[lane];
+                    *slot = at.array()[lane];
                 }
             }
         }

@@ -69,11 +69,11 @@ impl Mpc {
 
 /// One lane's first moves: pitch, roll, lift.
 fn plan(horizons: &mut [Horizon; 3], limits: [&[f64; 3]; 2], reach_m: f64, seen: &Seen<Lanes>, lane: usize) -> [f64; 3] {
-    let still = [seen.still.pitch_rad, seen.still.roll_rad, seen.still.lift].map(|u| f64::from(u.0[lane]));
+    let still = [seen.still.pitch_rad, seen.still.roll_rad, seen.still.lift].map(|u| u.lane(lane));
     std::array::from_fn(|axis| {
         let mut x = [0.0; 4];
         for (slot, state) in x.iter_mut().zip(AXES[axis].0) {
-            *slot = f64::from(seen.off[*state].0[lane]);
+            *slot = seen.off[*state].lane(lane);
         }
         x[0] = x[0].clamp(-reach_m, reach_m);
         let within = [limits[0][axis] - still[axis], limits[1][axis] - still[axis]];
@@ -100,7 +100,9 @@ impl Controller for Mpc {
             let mut u = Command { yaw_rate_radps: -dot(&self.yaw_gain, seen.off), ..seen.still };
             for lane in 0..out.len() / ACTION {
                 let [pitch, roll, lift] = plan(&mut self.horizons, [&self.least, &self.most], self.reach_m, &seen, lane);
-                (u.pitch_rad.0[lane], u.roll_rad.0[lane], u.lift.0[lane]) = (pitch as f32, roll as f32, lift as f32);
+                u.pitch_rad.set_lane(lane, pitch);
+                u.roll_rad.set_lane(lane, roll);
+                u.lift.set_lane(lane, lift);
             }
             write(&observer.action(&u, seen.idle), out, ACTION);
         }

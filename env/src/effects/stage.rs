@@ -53,7 +53,10 @@ pub struct StageOf<E, R, const P: usize, const S: usize> {
 
 impl<E: Effect<P, S>, R: Simulated, const P: usize, const S: usize> StageOf<E, R, P, S> {
     fn boxed(build: Build) -> Box<dyn Stage<R>> {
-        let off = E::PARAMS.map(|p| R::of(p.off));
+        let mut off = [R::zero(); P];
+        for i in 0..P {
+            off[i] = R::of(E::PARAMS[i].off);
+        }
         Box::new(Self {
             params: vec![off; if build.per_drone { build.tiles } else { 1 }],
             states: vec![[R::zero(); S]; build.tiles],
@@ -89,7 +92,11 @@ impl<E: Effect<P, S>, R: Simulated, const P: usize, const S: usize> Stage<R> for
 
     fn visit(&mut self, only_lags: bool, see: &mut dyn FnMut(&mut R)) {
         let first = if only_lags { S - E::LAGS } else { 0 };
-        self.states.iter_mut().flat_map(|s| &mut s[first..]).for_each(see);
+        for state in &mut self.states {
+            for number in &mut state[first..] {
+                see(number);
+            }
+        }
     }
 
     fn start(&mut self, tile: usize, mask: R::Mask, cx: &Cx<R>, x: &State<R>, u: &Command<R>) {
@@ -106,6 +113,9 @@ impl<E: Effect<P, S>, R: Simulated, const P: usize, const S: usize> Stage<R> for
     }
 
     fn command(&mut self, of: &Tiles<R>, u: &mut [Command<R>]) {
+        if const { !E::HOOKS.command } {
+            return;
+        }
         R::run(
             #[inline(always)]
             || {
@@ -119,6 +129,9 @@ impl<E: Effect<P, S>, R: Simulated, const P: usize, const S: usize> Stage<R> for
     }
 
     fn push(&mut self, of: &Tiles<R>, out: &mut [Push<R>]) {
+        if const { !E::HOOKS.push } {
+            return;
+        }
         R::run(
             #[inline(always)]
             || {
@@ -132,6 +145,9 @@ impl<E: Effect<P, S>, R: Simulated, const P: usize, const S: usize> Stage<R> for
     }
 
     fn frame(&mut self, of: &Tiles<R>, frames: &mut [Frame<R>]) {
+        if const { !E::HOOKS.frame } {
+            return;
+        }
         R::run(
             #[inline(always)]
             || {
@@ -149,6 +165,9 @@ impl<E: Effect<P, S>, R: Simulated, const P: usize, const S: usize> Stage<R> for
     }
 
     fn sense(&mut self, of: &Tiles<R>, ticks: &mut [Tick<R>]) {
+        if const { !E::HOOKS.sense } {
+            return;
+        }
         R::run(
             #[inline(always)]
             || {
@@ -162,6 +181,9 @@ impl<E: Effect<P, S>, R: Simulated, const P: usize, const S: usize> Stage<R> for
     }
 
     fn peek(&self, tile: usize, cx: &Cx<R>, x: &State<R>, u: &Command<R>, y: &mut Reading<R>) {
+        if const { !E::HOOKS.sense } {
+            return;
+        }
         let mut state = self.states[tile];
         R::run(
             #[inline(always)]
