@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 CARGO ?= cargo
-.PHONY: demo test test-torch bench docs format clean
+.PHONY: demo test bench docs format clean
 
 demo: $(VENV)/.demo
 	mkdir -p out
@@ -26,11 +26,6 @@ test: $(VENV)/.test
 	sh tests/chromium.sh
 	$(BIN)/python -m pytest -q
 
-# torch comes with 5 GB of CUDA: what needs it is tested apart
-test-torch: $(VENV)/.test
-	$(BIN)/python -m pip install --quiet ".[test,sb3,rllib]"
-	$(BIN)/python -m pytest -q tests/python -k "sb3 or rllib"
-
 bench: $(VENV)/.bench
 	$(CARGO) bench -p crazyflie-env
 	$(BIN)/python python_client/bench.py
@@ -49,19 +44,24 @@ docs/page.png: $(VENV)/.test
 # Everything that the wheel is made of.
 SOURCES := $(shell git ls-files 'env/src/*' 'env/models/*' 'identify/src/*' 'picture/src/*' 'server/src/*' 'server/page/*' 'server/scenarios/*' 'server/build.rs' 'python_client/*' '*.toml' Cargo.lock)
 
-$(BIN)/python:
-	$(PYTHON) -m venv $(VENV)
+# uv downloads side by side and links what it has: torch, which comes with 5 GB of CUDA, takes seconds. Built with the maturin of .venv,
+# because a place of its own for each build would compile the bindings again each time.
+INSTALL := $(BIN)/uv pip install --quiet --python $(BIN)/python --no-build-isolation-package crazyflie-gym --reinstall-package crazyflie-gym
 
-$(VENV)/.demo: $(BIN)/python $(SOURCES)
-	$(BIN)/python -m pip install --quiet .
+$(BIN)/uv:
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet "maturin>=1.16,<2" uv
+
+$(VENV)/.demo: $(BIN)/uv $(SOURCES)
+	$(INSTALL) .
 	touch $@
 
-$(VENV)/.test: $(BIN)/python $(SOURCES)
-	$(BIN)/python -m pip install --quiet ".[test]"
+$(VENV)/.test: $(BIN)/uv $(SOURCES)
+	$(INSTALL) ".[test]"
 	touch $@ $(VENV)/.demo
 
-$(VENV)/.bench: $(BIN)/python $(SOURCES)
-	$(BIN)/python -m pip install --quiet ".[bench,train]"
+$(VENV)/.bench: $(BIN)/uv $(SOURCES)
+	$(INSTALL) ".[bench,train]"
 	touch $@ $(VENV)/.demo
 
 format:
