@@ -1,12 +1,10 @@
 //! Built-in controllers in attempts on a server elsewhere: a client like anyone's own, which knows what `docs/protocol.md` tells it.
 
-use crazyflie_env::control::Chosen;
-use crazyflie_env::observation::{ACTION, Interface, OBSERVATION};
+use crazyflie_env::observation::{ACTION, Interface};
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
 
-use crate::bench::baselines;
-use crate::bench::{Document, PlannedPhase};
+use crate::bench::{Document, Entrant, PlannedPhase, Seat};
 use crate::flight::phase_at;
 use crate::link::{Error, Link};
 
@@ -16,7 +14,7 @@ use crate::link::{Error, Link};
 enum Said {
     Welcome { scenarios: Vec<String> },
     Begun(Begun),
-    Result { observation: Vec<[f32; OBSERVATION]>, over: bool },
+    Result { observation: Vec<Vec<f32>>, over: bool },
     Finished { attempt: Map<String, Value> },
 }
 
@@ -25,7 +23,8 @@ struct Begun {
     tick_s: f64,
     interface: Interface,
     phases: Vec<PlannedPhase>,
-    observation: Vec<[f32; OBSERVATION]>,
+    drones: usize,
+    observation: Vec<Vec<f32>>,
 }
 
 /// A connection to a server, for a team.
@@ -56,10 +55,10 @@ impl Afar {
     ///
     /// # Errors
     /// [`Error`] of most kinds.
-    pub(crate) fn submit(&mut self, scenario: &str, controller: &Chosen) -> Result<Document, Error> {
-        let asked = json!({"scenario": scenario, "controller": baselines::name(controller), "token": self.token});
+    pub(crate) fn submit(&mut self, scenario: &str, entrant: &Entrant) -> Result<Document, Error> {
+        let asked = json!({"scenario": scenario, "controller": entrant.name(), "token": self.token});
         match self.link.ask("benchmark", asked)? {
-            Said::Begun(begun) => self.fly(begun, controller)?,
+            Said::Begun(begun) => self.fly(begun, entrant)?,
             other => return Err(unexpected(&self.link, &other)),
         }
         let mut attempt = match self.link.ask("finish", json!({}))? {
@@ -72,24 +71,24 @@ impl Afar {
         serde_json::from_value(attempt.into()).map_err(|e| self.link.strange(e))
     }
 
-    fn fly(&mut self, begun: Begun, controller: &Chosen) -> Result<(), Error> {
-        let Begun { tick_s, interface, phases, mut observation } = begun;
-        let envs = observation.len();
+    fn fly(&mut self, begun: Begun, entrant: &Entrant) -> Result<(), Error> {
+        let Begun { tick_s, interface, phases, drones, mut observation } = begun;
+        let rows = observation.len();
         let phases = phases.iter().map(PlannedPhase::phase).collect::<Result<Vec<_>, _>>()?;
-        if phases.is_empty() || envs == 0 {
+        if phases.is_empty() || rows == 0 || drones == 0 || rows % drones != 0 {
             return Err(self.link.strange("an attempt without phases or episodes"));
         }
         let mode = |tick: u32| phase_at(&phases, f64::from(tick) * tick_s).mode;
-        let mut pilot = baselines::pilot(controller, interface, tick_s, envs, mode(0))?;
-        let mut actions = vec![0.0; envs * ACTION];
+        let mut pilot = entrant.pilot(Seat { interface, tick_s, episodes: rows / drones, drones }, mode(0))?;
+        let mut actions = vec![0.0; rows * ACTION];
         for tick in 0.. {
             pilot.set_mode(mode(tick));
-            pilot.act(observation.as_flattened(), &mut actions)?;
+            pilot.act(&observation.concat(), &mut actions)?;
             // as the f64 that they are: they come back bit for bit
-            let rows: Vec<[f64; ACTION]> = actions.as_chunks().0.iter().map(|row: &[f32; ACTION]| row.map(f64::from)).collect();
-            match self.link.ask("step", json!({"action": rows}))? {
+            let asked: Vec<[f64; ACTION]> = actions.as_chunks().0.iter().map(|row: &[f32; ACTION]| row.map(f64::from)).collect();
+            match self.link.ask("step", json!({"action": asked}))? {
                 Said::Result { observation: _, over: true } => break,
-                Said::Result { observation: rows, over: false } if rows.len() == envs => observation = rows,
+                Said::Result { observation: next, over: false } if next.len() == rows => observation = next,
                 other => return Err(unexpected(&self.link, &other)),
             }
         }

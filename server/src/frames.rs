@@ -38,6 +38,15 @@ pub(crate) const COLUMNS: [&str; 25] = [
 /// distance so far between any two.
 pub(crate) const SHARED: [&str; 3] = ["flying", "separation_m", "least_separation_m"];
 
+/// [`COLUMNS`] and [`SHARED`].
+pub(crate) const TOGETHER: [&str; COLUMNS.len() + SHARED.len()] = {
+    let mut all = [""; COLUMNS.len() + SHARED.len()];
+    let (own, shared) = all.split_at_mut(COLUMNS.len());
+    own.copy_from_slice(&COLUMNS);
+    shared.copy_from_slice(&SHARED);
+    all
+};
+
 /// The camera under the vehicle; no limit to its view is 0 degrees.
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct Camera {

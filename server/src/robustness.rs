@@ -77,7 +77,7 @@ pub(crate) fn compare(controllers: &[Chosen], scenarios: &[String], seeds: &[u64
 }
 
 fn line(controller: &Chosen, scenario: &Scenario, condition: &'static str, seeds: &[u64]) -> Result<Line, Error> {
-    let (judged, first) = evaluate(scenario, controller, seeds)?;
+    let (judged, first) = evaluate(scenario, &controller.clone().into(), seeds)?;
     let (s, m) = (judged.score, judged.metrics);
     Ok(Line {
         controller: controller.label.clone(),

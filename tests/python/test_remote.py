@@ -417,7 +417,10 @@ def test_many_clients_at_once(server):
 
 WAITING = """
 import sys
+import signal
 from crazyflie_gym import remote
+# what a shell has started in the background ignores it
+signal.signal(signal.SIGINT, signal.default_int_handler)
 core = remote.connect(sys.argv[1], sys.argv[2])
 core.begin("make", "{}")
 print("made", flush=True)

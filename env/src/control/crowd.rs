@@ -1,7 +1,7 @@
 //! Any controller of the registry for worlds of several drones, with the layer that avoids collisions or without it.
 
-use super::Controller;
 use super::avoid::Avoid;
+use super::{Controller, Mode};
 use crate::error::Result;
 use crate::lanes::{LANES, LaneMask, Lanes};
 use crate::observation::{ACTION, OBSERVATION};
@@ -61,6 +61,11 @@ impl Crowd {
         let moved = vec![vec![fresh; worlds.div_ceil(LANES)]; controllers.len()];
         let (observations, actions) = (vec![0.0; worlds * OBSERVATION], vec![0.0; worlds * ACTION]);
         Ok(Crowd { controllers, avoid, moved, worlds, others, tick_s, observations, actions })
+    }
+
+    /// As of [`Controller::set_mode`], for all drones.
+    pub fn set_mode(&mut self, mode: Mode) {
+        self.controllers.iter_mut().for_each(|controller| controller.set_mode(mode));
     }
 
     /// Forget the flights of the worlds that `of` names.

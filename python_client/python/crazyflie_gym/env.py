@@ -154,7 +154,8 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
             info["true_state"] = self.sim.states()[0]
         return (split(row) if self._by_field else row), info
 
-    def render(self) -> NDArray[np.uint8] | None:
+    # Any: Gymnasium 1.2 and 1.3 do not agree on its type
+    def render(self) -> Any:
         """Return a picture, uint8 (360, 480, 3), in the mode "rgb_array"; "human" draws as it flies.
 
         Raises:

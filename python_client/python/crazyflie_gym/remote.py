@@ -118,6 +118,9 @@ class Benchmark:
         self.attempt: str = told["attempt"]
         self.scenario: str = told["scenario"]
         self.num_envs: int = told["num_envs"]
+        """Rows of actions and observations: the drones of all episodes, episode by episode."""
+        self.drones: int = told["drones"]
+        """In each episode."""
         self.interface: Interface = self._core.interface
         self.observations: FloatArray = np.array(told["observation"], np.float32)
         self.over = False
@@ -126,7 +129,7 @@ class Benchmark:
         """Fly one control tick of all episodes with actions from -1 to 1, float32 (num_envs, 4).
 
         Returns:
-            Observations (num_envs, 24), rewards, terminations and truncations (num_envs,). An episode that has ended
+            Observations (num_envs, 24; where drones share the air, 8 more for each of the others), rewards, terminations and truncations (num_envs,). A flight that has ended
             stays as it is; when the last one has, `over` is true.
 
         Raises:
@@ -148,7 +151,7 @@ class Benchmark:
         return attempt
 
     def run(self, act: Callable[[FloatArray], FloatArray]) -> dict[str, Any]:
-        """Fly to the end with `act`, from observations (num_envs, 24) to actions, and return what `finish` does."""
+        """Fly to the end with `act`, from observations as `step` returns them to actions, and return what `finish` does."""
         while not self.over:
             self.step(np.ascontiguousarray(act(self.observations), np.float32))
         return self.finish()

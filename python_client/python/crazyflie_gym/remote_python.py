@@ -72,6 +72,11 @@ class Remote:
         return int(self._get("num_envs"))
 
     @property
+    def _width(self) -> int:
+        # of an attempt in which drones see each other more than usual
+        return int(self._made.get("width", WIDTH))
+
+    @property
     def tick_s(self) -> float:
         """Seconds per step."""
         return float(self._get("tick_s"))
@@ -102,9 +107,9 @@ class Remote:
                 payload += (_checked(what, array, dtype, (n,)) != 0 if what == "reset_mask" else array).tobytes()
         flags = (0 if seeds is None else _SEEDS) | (0 if mask is None else _MASK)
         parts = self._talk(_RESET, flags, 0, payload)
-        rows = np.zeros((n, WIDTH), np.float32) if observations is None else observations
+        rows = np.zeros((n, self._width), np.float32) if observations is None else observations
         chosen = slice(None) if mask is None else mask != 0
-        rows[chosen] = parts[0].reshape(n, WIDTH)[chosen]
+        rows[chosen] = parts[0].reshape(n, self._width)[chosen]
         return rows
 
     def step(self, actions: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray, int]:
@@ -135,11 +140,11 @@ class Remote:
         if not 1 <= steps <= self.max_steps:
             raise ValueError(f"actions: {steps} steps, expected 1 to {self.max_steps}")
         result = self._fly(actions, (steps, self.num_envs))
-        finals = self._finals[:, :WIDTH].copy()
+        finals = self._finals[:, : self._width].copy()
         if not self._with_states or self._states is None:
             return result, None, finals, None
         states = self._states.reshape(steps, self.num_envs, STATE).copy()
-        return result, states, finals, self._finals[:, WIDTH:].copy()
+        return result, states, finals, self._finals[:, self._width :].copy()
 
     def states(self) -> FloatArray:
         """Return the true states."""
@@ -152,7 +157,7 @@ class Remote:
         if env not in self._ended:
             return None
         row = self._finals[self._ended.index(env)].copy()
-        return row[:WIDTH], row[WIDTH:] if self._with_states else None
+        return row[: self._width], row[self._width :] if self._with_states else None
 
     def close(self) -> None:
         """End the session and the connection."""
@@ -163,10 +168,10 @@ class Remote:
     ) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray, int]:
         actions = _checked("actions", actions, np.float32, (*lead, ACTION))
         parts = self._talk(_STEP, 0, 1 if len(lead) == 1 else lead[0], actions.tobytes())
-        rows, rewards = parts[0].reshape(*lead, WIDTH).copy(), parts[1].reshape(lead).copy()
+        rows, rewards = parts[0].reshape(*lead, self._width).copy(), parts[1].reshape(lead).copy()
         terminated, truncated = ((part != 0).reshape(lead) for part in parts[4:])
         ends = np.flatnonzero(terminated | truncated)
-        self._finals = parts[3].reshape(-1, WIDTH + (STATE if self._with_states else 0))
+        self._finals = parts[3].reshape(-1, self._width + (STATE if self._with_states else 0))
         self._ended = ends.tolist() if len(self._finals) else []
         return rows, rewards, terminated, truncated, len(ends)
 
@@ -182,7 +187,7 @@ class Remote:
             raise self._link.strange("a header that does not fit the request")
         rows, wide = max(1, steps) * n, STATE if told or kind == _STATE else 0
         step = int(kind == _STEP)
-        numbers = [rows * WIDTH * int(kind != _STATE), rows * step, rows * wide, finals * (WIDTH + wide)]
+        numbers = [rows * self._width * int(kind != _STATE), rows * step, rows * wide, finals * (self._width + wide)]
         expected = REPLY.size + 4 * sum(numbers) + 2 * rows * step
         if len(reply) != expected:
             raise self._link.strange(f"{len(reply)} bytes, expected {expected}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, cast
 
 import gymnasium as gym
 import numpy as np
@@ -106,7 +106,7 @@ class Batches:
             for (id, arguments), count in zip(config.flown, counts, strict=True)
         ]
         self._cuts = np.cumsum(counts)[:-1]
-        self.sim: Any = self._parts[0].unwrapped.sim  # type: ignore[attr-defined]
+        self.sim: Any = cast(Any, self._parts[0].unwrapped).sim
 
     def reset(self, seed: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Begin the first flights; returns observations and true states."""

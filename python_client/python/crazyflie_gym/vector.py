@@ -41,6 +41,8 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
     The other arguments, and the errors, are those of `CrazyflieEnv`. Rewards are float32.
     """
 
+    # here for those that were refused: Gymnasium closes what it drops
+    _screen: Screen | None = None
     metadata: dict[str, Any] = {
         "render_modes": RENDER_MODES,
         "render_fps": 50,
@@ -275,7 +277,8 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
             if self.render_mode == "human":
                 self._screen.show()
 
-    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+    # Any: Gymnasium 1.2 and 1.3 do not agree on its type
+    def render(self) -> Any:
         """Return a picture of each environment, uint8 (360, 480, 3), in the mode "rgb_array"; "human" draws the first.
 
         Raises:

@@ -88,7 +88,7 @@ impl Remote {
         let (reply, made) = self.talk(py, |session| {
             let reply = session.link.ask(kind, fields)?;
             let made: Made = session.link.read(reply.clone())?;
-            (session.with_states, session.envs) = (states, made.num_envs);
+            (session.with_states, session.envs, session.width) = (states, made.num_envs, made.width);
             session.link.session = made.session.clone().zip(made.token.clone());
             Ok((reply, made))
         })?;
@@ -150,12 +150,12 @@ impl Remote {
         mask: Option<&Bound<'py, PyAny>>,
         observations: Option<Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let n = self.num_envs()?;
+        let (n, width) = (self.num_envs()?, self.width()?);
         let seeds = seeds.map(|seeds| input::<u64>("seeds", &[n], seeds)).transpose()?;
         let seeds = seeds.as_ref().map(|seeds| seeds.as_slice()).transpose()?;
         let mask = mask.map(|mask| read_mask("reset_mask", &[n], mask)).transpose()?;
-        let rows = observations.unwrap_or_else(|| numpy::PyArray2::<f32>::zeros(py, [n, OBSERVATION], false).into_any());
-        let mut out = output::<f32>("observations", &[n, OBSERVATION], &rows)?;
+        let rows = observations.unwrap_or_else(|| numpy::PyArray2::<f32>::zeros(py, [n, width], false).into_any());
+        let mut out = output::<f32>("observations", &[n, width], &rows)?;
         let out = out.as_slice_mut()?;
         self.talk(py, |session| session.reset(seeds, mask.as_deref(), out))?;
         Ok(rows)
@@ -164,7 +164,7 @@ impl Remote {
     /// As of `Sim`.
     fn step<'py>(&self, py: Python<'py>, actions: &Bound<'py, PyAny>) -> PyResult<Step<'py>> {
         let n = self.num_envs()?;
-        let (observations, rewards) = (empty::<f32>(py, (n, OBSERVATION))?, empty::<f32>(py, (n,))?);
+        let (observations, rewards) = (empty::<f32>(py, (n, self.width()?))?, empty::<f32>(py, (n,))?);
         let (terminated, truncated) = (empty::<bool>(py, (n,))?, empty::<bool>(py, (n,))?);
         let ended = self.step_into(py, actions, &observations, &rewards, &terminated, &truncated)?;
         Ok((observations, rewards, terminated, truncated, ended))
@@ -204,18 +204,18 @@ impl Remote {
     fn step_many<'py>(&self, py: Python<'py>, actions: &Bound<'py, PyAny>) -> PyResult<Steps<'py>> {
         let n = self.num_envs()?;
         let steps = actions.cast::<PyUntypedArray>().ok().and_then(|array| array.shape().first().copied()).unwrap_or(0);
-        let (observations, rewards) = (empty::<f32>(py, (steps, n, OBSERVATION))?, empty::<f32>(py, (steps, n))?);
+        let (observations, rewards) = (empty::<f32>(py, (steps, n, self.width()?))?, empty::<f32>(py, (steps, n))?);
         let (terminated, truncated) = (empty::<bool>(py, (steps, n))?, empty::<bool>(py, (steps, n))?);
         let ended = self.fly(py, actions, &[steps, n], [&observations, &rewards, &terminated, &truncated])?;
-        let with_states = self.begun()?.with_states;
+        let (with_states, own) = (self.begun()?.with_states, self.width()?);
         let (width, states, finals) = self.with(py, |session| (session.final_width(), session.states.clone(), session.finals.clone()));
         let rows = |from: std::ops::Range<usize>| {
             let numbers: Vec<f32> = finals.chunks_exact(width).flat_map(|row| &row[from.clone()]).copied().collect();
             PyArray1::from_vec(py, numbers).call_method1("reshape", ((finals.len() / width, from.len()),))
         };
-        let final_states = with_states.then(|| rows(OBSERVATION..width)).transpose()?;
+        let final_states = with_states.then(|| rows(own..width)).transpose()?;
         let states = with_states.then(|| PyArray1::from_vec(py, states).call_method1("reshape", ((steps, n, STATE),))).transpose()?;
-        Ok(((observations, rewards, terminated, truncated, ended), states, rows(0..OBSERVATION)?, final_states))
+        Ok(((observations, rewards, terminated, truncated, ended), states, rows(0..own)?, final_states))
     }
 
     /// As of `Sim`.
@@ -231,7 +231,7 @@ impl Remote {
     /// As of `Sim`; the true state is `None` unless the session was begun with `states`.
     fn last_of_episode<'py>(&self, py: Python<'py>, env: usize) -> Option<Last<'py>> {
         let last = self.with(py, |session| session.final_of(env).map(<[f32]>::to_vec))?;
-        let (observation, state) = last.split_at(OBSERVATION);
+        let (observation, state) = last.split_at(self.width().ok()?);
         Some((row(py, observation), (!state.is_empty()).then(|| row(py, state))))
     }
 
@@ -242,6 +242,11 @@ impl Remote {
 }
 
 impl Remote {
+    /// Numbers in a row of observations.
+    fn width(&self) -> PyResult<usize> {
+        self.begun().map(|begun| begun.made.width)
+    }
+
     fn fly<'py>(&self, py: Python<'py>, actions: &Bound<'py, PyAny>, lead: &[usize], into: [&Bound<'py, PyAny>; 4]) -> PyResult<usize> {
         let shape = |width: usize| [lead, &[width]].concat();
         let steps = if let [steps, _] = lead { *steps } else { 1 };
@@ -249,7 +254,7 @@ impl Remote {
             return Err(PyValueError::new_err(format!("actions: {steps} steps, expected 1 to {}", self.max_steps()?)));
         };
         let actions = input::<f32>("actions", &shape(ACTION), actions)?;
-        let mut observations = output::<f32>("observations", &shape(OBSERVATION), into[0])?;
+        let mut observations = output::<f32>("observations", &shape(self.width()?), into[0])?;
         let mut rewards = output::<f32>("rewards", lead, into[1])?;
         let mut terminated = output::<bool>("terminated", lead, into[2])?;
         let mut truncated = output::<bool>("truncated", lead, into[3])?;

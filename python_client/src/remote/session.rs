@@ -13,6 +13,9 @@ use super::wire::{self, Kind, Reply, Writer};
 #[derive(Debug, Clone, Deserialize)]
 pub struct Made {
     pub num_envs: usize,
+    /// Numbers in a row of observations; of an attempt in which drones see each other more than usual.
+    #[serde(default = "alone")]
+    pub width: usize,
     pub tick_s: f64,
     pub interface: Interface,
     /// Of one binary request; an attempt at the benchmark is flown tick by tick.
@@ -20,6 +23,10 @@ pub struct Made {
     pub max_steps: u16,
     pub session: Option<String>,
     pub token: Option<String>,
+}
+
+fn alone() -> usize {
+    OBSERVATION
 }
 
 fn one() -> u16 {
@@ -32,6 +39,7 @@ pub struct Session {
     /// True states come with every reply.
     pub with_states: bool,
     pub envs: usize,
+    pub width: usize,
     /// Those of the last reply, of all its steps.
     pub states: Vec<f32>,
     /// Final rows of the last reply, and of which of its steps x environments they are.
@@ -42,12 +50,12 @@ pub struct Session {
 impl Session {
     pub fn new(link: Link) -> Self {
         let (states, finals, ended) = (Vec::new(), Vec::new(), Vec::new());
-        Session { link, writer: Writer::default(), with_states: false, envs: 0, states, finals, ended }
+        Session { link, writer: Writer::default(), with_states: false, envs: 0, width: OBSERVATION, states, finals, ended }
     }
 
     /// Numbers of a final row.
     pub fn final_width(&self) -> usize {
-        OBSERVATION + if self.with_states { STATE } else { 0 }
+        self.width + if self.with_states { STATE } else { 0 }
     }
 
     /// # Errors
@@ -60,7 +68,7 @@ impl Session {
         match mask {
             None => wire::copy(reply.observations, rows),
             Some(mask) => {
-                let chosen = rows.chunks_exact_mut(OBSERVATION).zip(reply.observations.chunks_exact(4 * OBSERVATION)).zip(mask);
+                let chosen = rows.chunks_exact_mut(self.width).zip(reply.observations.chunks_exact(4 * self.width)).zip(mask);
                 chosen.filter(|(_, chosen)| **chosen).for_each(|((row, from), _)| wire::copy(from, row));
             }
         }
@@ -131,6 +139,6 @@ impl Session {
     }
 
     fn parsed<'a>(&self, bytes: &'a [u8], kind: Kind, steps: u16) -> Result<Reply<'a>, Trouble> {
-        Reply::parse(bytes, kind, self.with_states, steps, self.envs).map_err(|why| self.link.strange(why))
+        Reply::parse(bytes, kind, self.with_states, steps, self.envs, self.width).map_err(|why| self.link.strange(why))
     }
 }

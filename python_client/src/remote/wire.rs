@@ -74,7 +74,7 @@ pub fn reply_bytes(envs: usize) -> usize {
 impl<'a> Reply<'a> {
     /// # Errors
     /// What does not fit the request.
-    pub fn parse(bytes: &'a [u8], kind: Kind, states: bool, steps: u16, envs: usize) -> Result<Self, String> {
+    pub fn parse(bytes: &'a [u8], kind: Kind, states: bool, steps: u16, envs: usize, width: usize) -> Result<Self, String> {
         let word = |at: usize| bytes.get(at..at + 4).and_then(|word| word.try_into().ok()).map(u32::from_le_bytes);
         let (Some(head), Some(got_envs), Some(finals)) = (word(8).map(|head| head & !(u32::from(OVER) << 8)), word(12), word(16)) else {
             return Err(format!("a message of {} bytes", bytes.len()));
@@ -87,14 +87,7 @@ impl<'a> Reply<'a> {
         let rows = if kind == Kind::Step { usize::from(steps) * envs } else { envs };
         let wide = if states || kind == Kind::State { 4 * STATE } else { 0 };
         let (step, seen) = (usize::from(kind == Kind::Step), usize::from(kind != Kind::State));
-        let parts = [
-            rows * 4 * OBSERVATION * seen,
-            rows * 4 * step,
-            rows * wide,
-            finals as usize * (4 * OBSERVATION + wide),
-            rows * step,
-            rows * step,
-        ];
+        let parts = [rows * 4 * width * seen, rows * 4 * step, rows * wide, finals as usize * (4 * width + wide), rows * step, rows * step];
         let mut rest = bytes.get(HEADER..).unwrap_or_default();
         if parts.iter().sum::<usize>() != rest.len() {
             return Err(format!("{} bytes after the header, expected {}", rest.len(), parts.iter().sum::<usize>()));

@@ -1,6 +1,6 @@
 // What the page asks of the server over HTTP.
 
-import { Flight, parseFrame } from "./flight.js";
+import { parseFrame, perDrone } from "./flight.js";
 
 const BASE = "api/v1/";
 
@@ -49,11 +49,11 @@ export async function getJson(path, query = {}) {
   }
 }
 
-/** The flight of one episode of an attempt. @param {string} attempt @param {number} episode */
+/** The flights of one episode of an attempt, one for each drone. @param {string} attempt @param {number} episode */
 export async function getReplay(attempt, episode) {
   const response = await request(`attempts/${encodeURIComponent(attempt)}/replay?episode=${episode}`);
   const { header, values } = parseFrame(await response.arrayBuffer());
-  return new Flight(header, values);
+  return perDrone(header, values);
 }
 
 /** Where a download of an attempt lies. @param {string} attempt @param {string} file */

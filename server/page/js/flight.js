@@ -38,6 +38,24 @@ export function parseFrame(buffer) {
   return { header, values: new Float32Array(buffer, start) };
 }
 
+/**
+ * A flight for each drone of a header; of every moment there is a row of each.
+ * @param {Header} header @param {Float32Array} values @param {number} [capacity] Rows to keep of each; all, unless given.
+ */
+export function perDrone(header, values, capacity) {
+  const drones = header.drones ?? 1;
+  const width = header.columns.length;
+  if (drones === 1) return [new Flight(header, values, capacity)];
+  return Array.from({ length: drones }, (_, drone) => {
+    const own = new Float32Array(Math.floor(values.length / drones / width) * width);
+    for (let to = 0; to < own.length; to += width) {
+      const from = to * drones + drone * width;
+      own.set(values.subarray(from, from + width), to);
+    }
+    return new Flight(header, own, capacity);
+  });
+}
+
 /** Rows in time order. A live flight forgets its oldest rows; a stored one keeps all. */
 export class Flight {
   /** @param {Header} header @param {Float32Array} values @param {number} [capacity] Rows to keep; all, unless given. */

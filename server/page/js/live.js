@@ -1,6 +1,6 @@
 // The live socket: follows one session, and comes back by itself when the server was gone.
 
-import { Flight, parseFrame } from "./flight.js";
+import { parseFrame, perDrone } from "./flight.js";
 
 /** Rows that are kept: two minutes at the server's thirty per second. */
 const CAPACITY = 3600;
@@ -9,7 +9,7 @@ const LONGEST_WAIT_MS = 8000;
 
 /** Flights without a row yet. @param {import("./flight.js").Header} header */
 function fresh(header) {
-  return Array.from({ length: header.drones ?? 1 }, () => new Flight(header, new Float32Array(0), CAPACITY));
+  return perDrone(header, new Float32Array(0), CAPACITY);
 }
 
 /**

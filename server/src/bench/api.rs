@@ -63,9 +63,9 @@ pub(crate) fn replay(bench: &Bench, id: &str, episode: usize) -> Result<Reply> {
     Ok(Reply { content_type: "application/octet-stream", bytes: bench.replay(id, episode)?.frames()? })
 }
 
-/// `GET /api/v1/attempts/ID/log.csv?episode=N`
-pub(crate) fn log_csv(bench: &Bench, id: &str, episode: usize) -> Result<Reply> {
-    Ok(Reply { content_type: "text/csv; charset=utf-8", bytes: bench.replay(id, episode)?.csv()? })
+/// `GET /api/v1/attempts/ID/log.csv?episode=N&drone=M`
+pub(crate) fn log_csv(bench: &Bench, id: &str, episode: usize, drone: usize) -> Result<Reply> {
+    Ok(Reply { content_type: "text/csv; charset=utf-8", bytes: bench.replay(id, episode)?.csv(drone)? })
 }
 
 /// `GET /api/v1/attempts/ID/actions.bin`

@@ -1,8 +1,8 @@
 //! One attempt at a scenario, from its beginning to its signed row.
 
-use crazyflie_env::observation::Interface;
 use crazyflie_env::vector::Out;
 
+use super::baselines::Seat;
 use super::episodes::{Episode, Episodes};
 use super::error::{Error, Result};
 use super::metrics::{self, EpisodeMetrics};
@@ -85,16 +85,28 @@ impl Attempt {
         self.episodes.as_ref().ok_or(Error::Over)
     }
 
-    pub(crate) fn num_envs(&self) -> usize {
-        self.scenario.episodes()
-    }
-
-    /// What actions mean, and how often they are asked for.
+    /// Rows of actions and observations: the drones of all episodes.
     ///
     /// # Errors
     /// [`Error::Over`].
-    pub(crate) fn interface(&self) -> Result<(Interface, f64)> {
-        self.flying().map(|episodes| (episodes.interface(), episodes.tick_s()))
+    pub(crate) fn rows(&self) -> Result<usize> {
+        self.flying().map(Episodes::rows)
+    }
+
+    /// Numbers in a row of observations.
+    ///
+    /// # Errors
+    /// [`Error::Over`].
+    pub(crate) fn width(&self) -> Result<usize> {
+        self.flying().map(Episodes::width)
+    }
+
+    /// What actions mean, how often they are asked for, and of how many drones.
+    ///
+    /// # Errors
+    /// [`Error::Over`].
+    pub(crate) fn seat(&self) -> Result<Seat> {
+        self.flying().map(Episodes::seat)
     }
 
     /// The part of the flight that the next action is for.

@@ -1,6 +1,7 @@
 //! The controllers that come with the program fly attempts as anyone does: they see what anyone sees, and go the same way.
 
-use crazyflie_env::control::{Chosen, Controller, Mode, Site};
+use crazyflie_env::control::avoid::Avoid;
+use crazyflie_env::control::{Chosen, Crowd, Mode, Site};
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::{ACTION, Interface};
 use crazyflie_env::vector::Out;
@@ -12,35 +13,58 @@ use super::scenario::Scenario;
 use super::{Attempt, Bench, Document, Who};
 use crate::flight::{Trace, phase_at};
 
-/// One attempt by a controller of the registry, from beginning to end.
-pub(crate) fn submit(bench: &Bench, scenario: &str, controller: &Chosen) -> Result<Document> {
-    let mut attempt = bench.begin(scenario, Who::Local, &name(controller))?;
-    fly(&mut attempt, controller)?;
+/// Who flies an attempt.
+#[derive(Debug, Clone)]
+pub(crate) struct Entrant {
+    pub controller: Chosen,
+    /// Drones that share the air keep out of each other's way.
+    pub avoid: bool,
+}
+
+impl From<Chosen> for Entrant {
+    fn from(controller: Chosen) -> Entrant {
+        Entrant { controller, avoid: false }
+    }
+}
+
+/// What an attempt asks of who flies it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Seat {
+    pub interface: Interface,
+    pub tick_s: f64,
+    pub episodes: usize,
+    /// In each episode.
+    pub drones: usize,
+}
+
+impl Entrant {
+    /// What the leaderboard calls it: a long file name is no reason to refuse an attempt.
+    pub(crate) fn name(&self) -> String {
+        let how = if self.avoid { "avoid+" } else { "" };
+        how.chars().chain(self.controller.label.chars()).filter(|c| !c.is_control()).take(64).collect()
+    }
+
+    /// Built for the scenarios' vehicle, which is the thesis's.
+    pub(crate) fn pilot(&self, seat: Seat, mode: Mode) -> crazyflie_env::Result<Crowd> {
+        let Seat { interface, tick_s, episodes, drones } = seat;
+        let one = |_| self.controller.build(&Site { model: &Model::thesis(), interface, tick_s, envs: episodes, mode });
+        let avoid = (self.avoid && drones > 1).then(Avoid::default);
+        Crowd::new((0..drones).map(one).collect::<crazyflie_env::Result<_>>()?, episodes, avoid, tick_s)
+    }
+}
+
+/// One attempt from beginning to end.
+pub(crate) fn submit(bench: &Bench, scenario: &str, entrant: &Entrant) -> Result<Document> {
+    let mut attempt = bench.begin(scenario, Who::Local, &entrant.name())?;
+    fly(&mut attempt, entrant)?;
     attempt.finish()
 }
 
-/// What the leaderboard calls it: a long file name is no reason to refuse an attempt.
-pub(crate) fn name(controller: &Chosen) -> String {
-    controller.label.chars().filter(|c| !c.is_control()).take(64).collect()
-}
-
-/// Built for the scenarios' vehicle, which is the thesis's.
-pub(crate) fn pilot(
-    controller: &Chosen,
-    interface: Interface,
-    tick_s: f64,
-    envs: usize,
-    mode: Mode,
-) -> crazyflie_env::Result<Box<dyn Controller>> {
-    controller.build(&Site { model: &Model::thesis(), interface, tick_s, envs, mode })
-}
-
-fn fly(attempt: &mut Attempt, controller: &Chosen) -> Result<()> {
-    let envs = attempt.num_envs();
-    let (interface, tick_s) = attempt.interface()?;
-    let mut pilot = pilot(controller, interface, tick_s, envs, attempt.phase()?.mode)?;
-    let (mut observations, mut actions) = (attempt.observations()?.to_vec(), vec![0.0; envs * ACTION]);
-    let (mut rewards, mut terminated, mut truncated) = (vec![0.0; envs], vec![false; envs], vec![false; envs]);
+fn fly(attempt: &mut Attempt, entrant: &Entrant) -> Result<()> {
+    let rows = attempt.rows()?;
+    let mut pilot = entrant.pilot(attempt.seat()?, attempt.phase()?.mode)?;
+    let (mut observations, mut actions) = (attempt.observations()?.to_vec(), vec![0.0; rows * ACTION]);
+    let (mut rewards, mut terminated, mut truncated) = (vec![0.0; rows], vec![false; rows], vec![false; rows]);
     loop {
         pilot.set_mode(attempt.phase()?.mode);
         pilot.act(&observations, &mut actions)?;
@@ -52,18 +76,19 @@ fn fly(attempt: &mut Attempt, controller: &Chosen) -> Result<()> {
 }
 
 /// Flights of the same kind with seeds of one's own, scored as those of an attempt are, and kept nowhere; with the first of them.
-pub(crate) fn evaluate(scenario: &Scenario, controller: &Chosen, seeds: &[u64]) -> Result<(Judged, Option<Trace>)> {
+pub(crate) fn evaluate(scenario: &Scenario, entrant: &Entrant, seeds: &[u64]) -> Result<(Judged, Option<Trace>)> {
     let mut episodes = Episodes::begin(scenario, seeds)?;
-    let tick_s = episodes.tick_s();
-    let mut pilot = pilot(controller, episodes.interface(), tick_s, seeds.len(), scenario.phases[0].mode)?;
-    let mut actions = vec![0.0; seeds.len() * ACTION];
+    let seat = episodes.seat();
+    let mut pilot = entrant.pilot(seat, scenario.phases[0].mode)?;
+    let mut actions = vec![0.0; episodes.rows() * ACTION];
     loop {
-        pilot.set_mode(phase_at(&scenario.phases, episodes.tick() as f64 * tick_s).mode);
+        pilot.set_mode(phase_at(&scenario.phases, episodes.tick() as f64 * seat.tick_s).mode);
         pilot.act(episodes.observations(), &mut actions)?;
         if episodes.step(&actions)? {
             let flights = episodes.finish()?;
             let judged = judge(scenario, &flights)?;
-            return Ok((judged, flights.into_iter().next().map(|flight| flight.trace)));
+            let first = flights.into_iter().next().and_then(|flight| flight.paths.into_iter().next());
+            return Ok((judged, first.map(|path| path.trace)));
         }
     }
 }

@@ -1,64 +1,82 @@
 //! The flights of an attempt: environments in lock-step, and all that is kept of them.
 
-use crazyflie_env::observation::{ACTION, Interface, OBSERVATION};
-use crazyflie_env::vector::{Out, STATE, VectorEnv};
+use crazyflie_env::observation::{ACTION, OBSERVATION};
+use crazyflie_env::swarm::METRICS;
+use crazyflie_env::vector::{Out, STATE};
 use sha2::{Digest, Sha256};
 
+use super::baselines::Seat;
 use super::error::{Error, Result};
+use super::fleet::{Fleet, Given};
 use super::scenario::Scenario;
 use crate::flight::{self, End, Row, Trace};
 
-/// One flight, with the reward that each row but the first came with.
+/// The flight of one drone, with the reward that each row but the first came with.
 #[derive(Debug, Clone)]
-pub(super) struct Episode {
+pub(super) struct Path {
     pub trace: Trace,
     pub rewards: Vec<f32>,
     over: bool,
 }
 
+/// One episode: a drone, or several that share the air.
+#[derive(Debug, Clone)]
+pub(super) struct Episode {
+    pub paths: Vec<Path>,
+    /// Of worlds that several drones share.
+    pub team: Option<[f32; METRICS.len()]>,
+}
+
 pub(super) struct Episodes {
-    env: VectorEnv,
+    fleet: Fleet,
     all: Vec<Episode>,
     ticks: usize,
     tick: usize,
-    /// As the environments see and give them; what is shown is copied from here while an episode lasts.
-    inner: Buffers,
+    /// As the environments see and give them; what is shown is copied from here while a drone flies.
+    inner: Given,
     states: Vec<f32>,
     /// The actions as they were obeyed: zeros for flights that are over.
     obeyed: Vec<f32>,
-    shown: Buffers,
-}
-
-struct Buffers {
     observations: Vec<f32>,
     rewards: Vec<f32>,
     terminated: Vec<bool>,
     truncated: Vec<bool>,
 }
 
-impl Buffers {
-    fn new(envs: usize) -> Self {
-        let (rewards, flags) = (vec![0.0; envs], vec![false; envs]);
-        Buffers { observations: vec![0.0; envs * OBSERVATION], rewards, terminated: flags.clone(), truncated: flags }
-    }
-}
-
 impl Episodes {
     pub(super) fn begin(scenario: &Scenario, seeds: &[u64]) -> Result<Episodes> {
-        let (envs, mut env) = (seeds.len(), scenario.env(seeds.len())?);
-        let (mut inner, mut shown) = (Buffers::new(envs), Buffers::new(envs));
-        env.reset(Some(seeds), None, &mut inner.observations)?;
-        shown.observations.copy_from_slice(&inner.observations);
-        let trace = Trace { tick_s: env.tick_s(), interface: env.interface(), rows: Vec::new(), end: End::Time };
-        let all = vec![Episode { trace, rewards: vec![0.0], over: false }; envs];
-        let ticks = (scenario.seconds() / env.tick_s()).round() as usize;
-        let mut states = vec![0.0; envs * STATE];
-        env.states(&mut states)?;
-        Ok(Episodes { env, all, ticks, tick: 0, inner, states, obeyed: vec![0.0; envs * ACTION], shown })
+        let mut fleet = scenario.fleet(seeds.len())?;
+        let inner = fleet.begin(seeds)?;
+        let trace = Trace { tick_s: fleet.tick_s(), interface: fleet.interface(), rows: Vec::new(), end: End::Time };
+        let path = Path { trace, rewards: vec![0.0], over: false };
+        let team = matches!(fleet, Fleet::Shared(_)).then_some([0.0; METRICS.len()]);
+        let all = vec![Episode { paths: vec![path; fleet.drones()], team }; seeds.len()];
+        let ticks = (scenario.seconds() / fleet.tick_s()).round() as usize;
+        let (drones, states, observations) = (seeds.len() * fleet.drones(), fleet.states()?, inner.observations.clone());
+        let (obeyed, rewards, flags) = (vec![0.0; drones * ACTION], vec![0.0; drones], vec![false; drones]);
+        Ok(Episodes {
+            fleet,
+            all,
+            ticks,
+            tick: 0,
+            inner,
+            states,
+            obeyed,
+            observations,
+            rewards,
+            terminated: flags.clone(),
+            truncated: flags,
+        })
     }
 
-    pub(super) fn len(&self) -> usize {
-        self.all.len()
+    /// Drones of all episodes: so many rows go in and out.
+    pub(super) fn rows(&self) -> usize {
+        self.rewards.len()
+    }
+
+    /// Numbers in a row of observations.
+    pub(super) fn width(&self) -> usize {
+        self.fleet.width()
     }
 
     pub(super) fn tick(&self) -> usize {
@@ -66,25 +84,30 @@ impl Episodes {
     }
 
     pub(super) fn tick_s(&self) -> f64 {
-        self.env.tick_s()
+        self.fleet.tick_s()
     }
 
-    pub(super) fn interface(&self) -> Interface {
-        self.env.interface()
+    pub(super) fn seat(&self) -> Seat {
+        let (interface, tick_s) = (self.fleet.interface(), self.fleet.tick_s());
+        Seat { interface, tick_s, episodes: self.all.len(), drones: self.fleet.drones() }
     }
 
     pub(super) fn under_way(&self) -> usize {
-        self.all.iter().filter(|episode| !episode.over).count()
+        self.all.iter().filter(|episode| !episode.over()).count()
     }
 
-    /// The latest observation of each flight; the last one of those that are over.
+    /// The latest observation of each drone; the last one of those whose flight is over.
     pub(super) fn observations(&self) -> &[f32] {
-        &self.shown.observations
+        &self.observations
     }
 
     /// The actions of the last step as they were obeyed.
     pub(super) fn obeyed(&self) -> &[f32] {
         &self.obeyed
+    }
+
+    fn paths(&mut self) -> impl Iterator<Item = (usize, &mut Path)> {
+        self.all.iter_mut().flat_map(|episode| &mut episode.paths).enumerate().filter(|(_, path)| !path.over)
     }
 
     /// One tick of every flight; `actions` of flights that are over are ignored.
@@ -99,44 +122,58 @@ impl Episodes {
             let want = format!("{} numbers", self.obeyed.len());
             return Err(crazyflie_env::Error::Shape { what: "actions", want, got: actions.len().to_string() }.into());
         }
-        for (i, episode) in self.all.iter().enumerate() {
-            let row = i * ACTION..(i + 1) * ACTION;
-            if episode.over {
-                self.obeyed[row].fill(0.0);
-            } else {
-                self.obeyed[row.clone()].copy_from_slice(&actions[row]);
-            }
+        let mut obeyed = vec![0.0; actions.len()];
+        for (i, _) in self.paths() {
+            obeyed[i * ACTION..(i + 1) * ACTION].copy_from_slice(&actions[i * ACTION..(i + 1) * ACTION]);
         }
-        let Buffers { observations, rewards, terminated, truncated } = &mut self.inner;
-        let seen = observations.clone();
-        self.env.step(&self.obeyed, Out { observations, rewards, terminated, truncated })?;
-        for (i, episode) in self.all.iter_mut().enumerate().filter(|(_, episode)| !episode.over) {
-            episode.trace.rows.push(row(i, &seen, &self.states, &self.obeyed));
-        }
-        self.env.states(&mut self.states)?;
+        let seen = self.inner.observations.clone();
+        self.fleet.step(&obeyed, &mut self.inner)?;
+        self.obeyed = obeyed;
+        let now = self.row_of(&seen);
+        self.paths().for_each(|(i, path)| path.trace.rows.push(now[i]));
+        self.states = self.fleet.states()?;
         self.tick += 1;
         self.settle();
         Ok(self.under_way() == 0)
     }
 
+    /// What each drone's row is, if this is what they see.
+    fn row_of(&self, seen: &[f32]) -> Vec<Row> {
+        let width = self.width();
+        let part = |numbers: &[f32], i: usize, width: usize, k: usize| numbers[i * width + k];
+        let row = |i: usize| Row {
+            observation: std::array::from_fn::<_, OBSERVATION, _>(|k| part(seen, i, width, k)),
+            state: std::array::from_fn(|k| part(&self.states, i, STATE, k)),
+            action: std::array::from_fn(|k| part(&self.obeyed, i, ACTION, k)),
+        };
+        (0..self.rows()).map(row).collect()
+    }
+
     /// What came of the step: for the client, and for flights that end with it their last row.
     fn settle(&mut self) {
-        let out_of_time = self.tick >= self.ticks;
-        for (i, episode) in self.all.iter_mut().enumerate() {
-            if episode.over {
-                self.shown.rewards[i] = 0.0;
+        let (out_of_time, width, drones) = (self.tick >= self.ticks, self.width(), self.fleet.drones());
+        let now = self.row_of(&self.inner.observations);
+        let metrics = self.inner.metrics.as_chunks().0;
+        for (episode, metrics) in self.all.iter_mut().zip(metrics).filter(|(episode, _)| !episode.over()) {
+            episode.team = episode.team.map(|_| *metrics);
+        }
+        let paths = self.all.iter_mut().flat_map(|episode| &mut episode.paths);
+        for (i, path) in paths.enumerate() {
+            if path.over {
+                self.rewards[i] = 0.0;
                 continue;
             }
-            let observation = i * OBSERVATION..(i + 1) * OBSERVATION;
-            self.shown.observations[observation.clone()].copy_from_slice(&self.inner.observations[observation]);
-            self.shown.rewards[i] = self.inner.rewards[i];
-            self.shown.terminated[i] = self.inner.terminated[i];
-            self.shown.truncated[i] = out_of_time;
-            episode.rewards.push(self.inner.rewards[i]);
-            episode.over = self.inner.terminated[i] || out_of_time;
-            if episode.over {
-                episode.trace.rows.push(row(i, &self.inner.observations, &self.states, &self.obeyed));
-                episode.trace.end = if self.inner.terminated[i] { flight::end(&episode.trace.rows) } else { End::Time };
+            let row = i * width..(i + 1) * width;
+            self.observations[row.clone()].copy_from_slice(&self.inner.observations[row]);
+            self.rewards[i] = self.inner.rewards[i];
+            self.terminated[i] = !self.inner.flying[i];
+            self.truncated[i] = out_of_time;
+            path.rewards.push(self.inner.rewards[i]);
+            path.over = self.terminated[i] || out_of_time;
+            if path.over {
+                path.trace.rows.push(now[i]);
+                // why one of several ended is told by the figures of its world
+                path.trace.end = if self.terminated[i] && drones == 1 { flight::end(&path.trace.rows) } else { End::Time };
             }
         }
     }
@@ -144,7 +181,8 @@ impl Episodes {
     /// # Errors
     /// The environment's, for buffers of the wrong lengths.
     pub(super) fn check(&self, out: &Out<'_>) -> Result<()> {
-        let want = [self.len() * OBSERVATION, self.len(), self.len(), self.len()];
+        let rows = self.rows();
+        let want = [rows * self.width(), rows, rows, rows];
         let got = [out.observations.len(), out.rewards.len(), out.terminated.len(), out.truncated.len()];
         if want == got {
             return Ok(());
@@ -155,34 +193,31 @@ impl Episodes {
 
     /// Copies what the client is shown into buffers of the right lengths.
     pub(super) fn show(&self, out: Out<'_>) {
-        out.observations.copy_from_slice(&self.shown.observations);
-        out.rewards.copy_from_slice(&self.shown.rewards);
-        out.terminated.copy_from_slice(&self.shown.terminated);
-        out.truncated.copy_from_slice(&self.shown.truncated);
+        out.observations.copy_from_slice(&self.observations);
+        out.rewards.copy_from_slice(&self.rewards);
+        out.terminated.copy_from_slice(&self.terminated);
+        out.truncated.copy_from_slice(&self.truncated);
     }
 
     /// The flights, once all are over.
     pub(super) fn finish(self) -> Result<Vec<Episode>> {
         match self.under_way() {
             0 => Ok(self.all),
-            left => Err(Error::NotOver { left, all: self.len() }),
+            left => Err(Error::NotOver { left, all: self.all.len() }),
         }
     }
 }
 
 impl Episode {
-    /// SHA-256 over the true states of all ticks, as little-endian f32.
+    fn over(&self) -> bool {
+        self.paths.iter().all(|path| path.over)
+    }
+
+    /// SHA-256 over the true states of all ticks, drone by drone, as little-endian f32.
     pub(super) fn state_hash(&self) -> String {
         let mut hash = Sha256::new();
-        self.trace.rows.iter().flat_map(|row| row.state).for_each(|number| hash.update(number.to_le_bytes()));
+        let rows = self.paths.iter().flat_map(|path| &path.trace.rows);
+        rows.flat_map(|row| row.state).for_each(|number| hash.update(number.to_le_bytes()));
         hex::encode(hash.finalize())
-    }
-}
-
-fn row(i: usize, observations: &[f32], states: &[f32], actions: &[f32]) -> Row {
-    Row {
-        observation: std::array::from_fn(|k| observations[i * OBSERVATION + k]),
-        state: std::array::from_fn(|k| states[i * STATE + k]),
-        action: std::array::from_fn(|k| actions[i * ACTION + k]),
     }
 }

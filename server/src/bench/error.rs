@@ -13,6 +13,8 @@ pub(crate) enum Error {
     Unfinished { id: String, status: &'static str },
     #[error("attempt {id} has episodes 0 to {last}, not {episode}")]
     Episode { id: String, episode: usize, last: usize },
+    #[error("an episode has drones 0 to {last}, not {drone}")]
+    Drone { drone: usize, last: usize },
     #[error("this token is not valid (any more): ask whoever runs this server for one")]
     Token,
     #[error("the {what} {name:?} is no good: expected {want}")]
@@ -57,6 +59,7 @@ impl Error {
             Error::Attempt(_) => "unknown_attempt",
             Error::Unfinished { .. } => "unfinished_attempt",
             Error::Episode { .. } => "unknown_episode",
+            Error::Drone { .. } => "unknown_drone",
             Error::Token => "bad_token",
             Error::Name { .. } => "bad_name",
             Error::TooMany { .. } => "too_many_attempts",
@@ -73,7 +76,7 @@ impl Error {
     /// The HTTP status that says the same.
     pub(crate) fn status(&self) -> u16 {
         match self.code() {
-            "unknown_scenario" | "unknown_attempt" | "unknown_episode" => 404,
+            "unknown_scenario" | "unknown_attempt" | "unknown_episode" | "unknown_drone" => 404,
             "unfinished_attempt" | "attempt_over" | "attempt_under_way" | "attempt_too_late" => 409,
             "bad_token" => 401,
             "bad_name" | "bad_action" | "bad_shape" => 400,

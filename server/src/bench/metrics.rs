@@ -2,7 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::episodes::Episode;
+use crazyflie_env::swarm::METRICS;
+
+use super::episodes::{Episode, Path};
 use super::error::{Error, Result};
 use super::scenario::Scenario;
 use crate::flight::{self, Figures, Settling, Trace};
@@ -29,6 +31,11 @@ pub(crate) struct EpisodeMetrics {
     /// How fast and how far from the set-point the vehicle touched down, where it was to land.
     pub touch_mps: Option<f64>,
     pub touch_off_m: Option<f64>,
+    /// Where several drones share the air: drones that hit another, and the smallest distance between two that flew.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub collisions: Option<usize>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub min_separation_m: Option<f64>,
 }
 
 /// Of an attempt: medians over the flights that did not fail, sums of losses over all.
@@ -48,10 +55,56 @@ pub(crate) struct Metrics {
     pub touch_mps: Option<f64>,
     pub touch_off_m: Option<f64>,
     pub duration_s: Option<f64>,
+    /// The sum, and the smallest of all flights.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub collisions: Option<usize>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub min_separation_m: Option<f64>,
 }
 
 pub(super) fn of_episode(scenario: &Scenario, episode: &Episode) -> Result<EpisodeMetrics> {
-    let trace = &episode.trace;
+    let each = episode.paths.iter().map(|path| of_path(scenario, path)).collect::<Result<Vec<_>>>()?;
+    match &episode.team {
+        Some(team) => of_team(scenario, &each, team),
+        None => each.into_iter().next().ok_or_else(|| Error::Internal("an episode without a drone".into())),
+    }
+}
+
+/// What the world says of all of them together, and means over the drones.
+fn of_team(scenario: &Scenario, each: &[EpisodeMetrics], team: &[f32; METRICS.len()]) -> Result<EpisodeMetrics> {
+    let of = |name: &str| METRICS.iter().position(|(known, ..)| *known == name).map_or(f64::NAN, |at| f64::from(team[at]));
+    let over = |value: &dyn Fn(&EpisodeMetrics) -> f64| rounded(mean(each.iter().map(value)));
+    let squares = |value: &dyn Fn(&EpisodeMetrics) -> f64| rounded(mean(each.iter().map(|e| value(e).powi(2))).sqrt());
+    let (drones, collisions, crashes, done) = (each.len(), of("collisions"), of("crashes"), of("done"));
+    let all_done = done >= drones as f64;
+    // where it counts when they are done, they must be
+    let late = scenario.plan.cost.settling_s.is_some() && !all_done;
+    let failed = match (collisions > 0.0, crashes > 0.0, late) {
+        (true, ..) => Some(format!("{collisions} of {drones} drones collided")),
+        (_, true, _) => Some(format!("{crashes} of {drones} drones hit the floor or left the room")),
+        (.., true) => Some(format!("{} of {drones} drones were not where they should be in the end", drones as f64 - done)),
+        _ => None,
+    };
+    Ok(EpisodeMetrics {
+        failed,
+        duration_s: each.iter().map(|e| e.duration_s).fold(0.0, f64::max),
+        settling_s: all_done.then(|| rounded(of("settled_s"))).transpose()?,
+        overshoot_m: None,
+        rmse_m: rounded(of("rms_error_m"))?,
+        yaw_rmse_deg: squares(&|e| e.yaw_rmse_deg)?,
+        effort_deg: squares(&|e| e.effort_deg)?,
+        travel_degps: over(&|e| e.travel_degps)?,
+        marker_losses: each.iter().map(|e| e.marker_losses).sum(),
+        marker_lost_s: rounded(each.iter().map(|e| e.marker_lost_s).sum())?,
+        touch_mps: None,
+        touch_off_m: None,
+        collisions: Some(collisions as usize),
+        min_separation_m: Some(rounded(of("min_separation_m"))?),
+    })
+}
+
+fn of_path(scenario: &Scenario, path: &Path) -> Result<EpisodeMetrics> {
+    let trace = &path.trace;
     let figures = flight::figures(&scenario.phases, trace);
     let last = trace.rows.last().ok_or_else(|| Error::Internal("an episode without rows".into()))?;
     let off = |state: &[f32], observed: &[f32]| state.iter().zip(observed).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>();
@@ -71,6 +124,8 @@ pub(super) fn of_episode(scenario: &Scenario, episode: &Episode) -> Result<Episo
         marker_lost_s: rounded(figures.marker_lost_s)?,
         touch_mps: touch.map(|(_, mps)| rounded(mps)).transpose()?,
         touch_off_m: touch.map(|_| rounded(off(&last.state[..2], &last.observation[16..18]).sqrt())).transpose()?,
+        collisions: None,
+        min_separation_m: None,
     };
     Ok(metrics)
 }
@@ -145,5 +200,7 @@ pub(super) fn of_attempt(episodes: &[EpisodeMetrics]) -> Result<Metrics> {
         touch_mps: of(&|e| e.touch_mps)?,
         touch_off_m: of(&|e| e.touch_off_m)?,
         duration_s: of(&|e| Some(e.duration_s))?,
+        collisions: episodes.iter().map(|e| e.collisions).sum(),
+        min_separation_m: episodes.iter().filter_map(|e| e.min_separation_m).reduce(f64::min),
     })
 }

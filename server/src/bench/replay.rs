@@ -3,12 +3,12 @@
 use crazyflie_env::observation::ACTION;
 
 use super::Bench;
-use super::episodes::{Episode, Episodes};
+use super::episodes::{Episode, Episodes, Path};
 use super::error::{Error, Result};
 use super::record::{EpisodeResult, Outcome, numbers, unpack};
 use super::scenario::Scenario;
-use crate::flight;
-use crate::frames::{self, COLUMNS, Camera, Header};
+use crate::flight::{self, Trace};
+use crate::frames::{self, COLUMNS, Camera, Header, TOGETHER};
 
 /// One flight of an attempt.
 pub(crate) struct Replay {
@@ -28,8 +28,9 @@ impl Bench {
         };
         let seeds = self.0.secrets.seeds(id, scenario.hash(), all)?;
         let mut flight = Episodes::begin(&scenario, &seeds[episode..=episode])?;
-        for row in numbers(&actions).chunks_exact(all * ACTION) {
-            if flight.step(&row[episode * ACTION..(episode + 1) * ACTION])? {
+        let own = flight.rows() * ACTION;
+        for row in numbers(&actions).chunks_exact(all * own) {
+            if flight.step(&row[episode * own..(episode + 1) * own])? {
                 break;
             }
         }
@@ -58,7 +59,7 @@ impl Bench {
         let same = |s: &&Scenario| s.id() == document.scenario && s.hash() == document.scenario_hash;
         let lost = || Error::Damaged(format!("attempt {id}: this build does not have its scenario {}", document.scenario));
         let scenario = self.scenarios().iter().find(same).ok_or_else(lost)?.clone();
-        let actions = unpack(&packed, result.ticks * result.episodes.len() * ACTION)?;
+        let actions = unpack(&packed, result.ticks * result.episodes.len() * scenario.drones() * ACTION)?;
         Ok((scenario, result, actions))
     }
 }
@@ -66,12 +67,14 @@ impl Bench {
 impl Replay {
     /// For the page: header and rows.
     pub(crate) fn frames(&self) -> Result<Vec<u8>> {
-        let trace = &self.episode.trace;
+        let paths = &self.episode.paths;
+        let lead = longest(paths)?;
+        let columns: &[&str] = if self.episode.team.is_some() { &TOGETHER } else { &COLUMNS };
         let header = Header {
-            columns: &COLUMNS,
-            drones: 1,
-            rows: trace.rows.len(),
-            tick_s: trace.tick_s,
+            columns,
+            drones: paths.len(),
+            rows: lead.rows.len(),
+            tick_s: lead.tick_s,
             marker: markers(&self.scenario),
             camera: Camera {
                 fov_deg: self.scenario.declared("camera_fov", "diagonal_deg").unwrap_or(0.0),
@@ -80,19 +83,43 @@ impl Replay {
             end: self.result.metrics.failed.clone().unwrap_or_else(|| if self.scenario.lands() { "landed" } else { "time" }.into()),
         };
         let mut bytes = header.bytes().map_err(|e| Error::Internal(e.to_string()))?;
-        for (i, (row, reward)) in trace.rows.iter().zip(&self.episode.rewards).enumerate() {
-            let row = frames::row(trace.t_s(i), &row.observation, &row.state, &row.action, &trace.interface, *reward);
-            bytes.extend(row.iter().flat_map(|number| number.to_le_bytes()));
+        let mut least_m = f32::INFINITY;
+        for i in 0..lead.rows.len() {
+            // who is down stays as it ended
+            let now: Vec<usize> = paths.iter().map(|path| i.min(path.trace.rows.len() - 1)).collect();
+            let flying: Vec<bool> = paths.iter().map(|path| i < path.trace.rows.len()).collect();
+            let states: Vec<f32> = paths.iter().zip(&now).flat_map(|(path, at)| path.trace.rows[*at].state).collect();
+            let apart_m: Vec<f32> = frames::separations_m(&states, &flying).collect();
+            least_m = apart_m.iter().copied().fold(least_m, f32::min);
+            for (drone, (path, at)) in paths.iter().zip(&now).enumerate() {
+                let Path { trace, rewards, .. } = path;
+                let row = &trace.rows[*at];
+                let row = frames::row(lead.t_s(i), &row.observation, &row.state, &row.action, &trace.interface, rewards[*at]);
+                let shared = [f32::from(u8::from(flying[drone])), apart_m[drone], least_m];
+                let shared = if self.episode.team.is_some() { &shared[..] } else { &[] };
+                bytes.extend(row.iter().chain(shared).flat_map(|number| number.to_le_bytes()));
+            }
         }
         Ok(bytes)
     }
 
-    /// As a log that `crazyflie replay` reads.
-    pub(crate) fn csv(&self) -> Result<Vec<u8>> {
+    /// As a log that `crazyflie replay` reads, of one drone.
+    ///
+    /// # Errors
+    /// [`Error::Drone`].
+    pub(crate) fn csv(&self, drone: usize) -> Result<Vec<u8>> {
+        let paths = &self.episode.paths;
+        let path = paths.get(drone).ok_or_else(|| Error::Drone { drone, last: paths.len().saturating_sub(1) })?;
         let mut out = Vec::new();
-        flight::log(&self.episode.trace).write_csv(&mut out).map_err(|e| Error::Internal(e.to_string()))?;
+        flight::log(&path.trace).write_csv(&mut out).map_err(|e| Error::Internal(e.to_string()))?;
         Ok(out)
     }
+}
+
+/// The flight of the drone that flew to the end.
+fn longest(paths: &[Path]) -> Result<&Trace> {
+    let traces = paths.iter().map(|path| &path.trace).filter(|trace| !trace.rows.is_empty());
+    traces.max_by_key(|trace| trace.rows.len()).ok_or_else(|| Error::Internal("an episode without rows".into()))
 }
 
 /// As the effect `markers` lays them out: a grid about the origin.

@@ -5,11 +5,13 @@ use std::borrow::Cow;
 use crazyflie_env::config::{Autoreset, EffectTable, Options, check_effects};
 use crazyflie_env::control::Mode;
 use crazyflie_env::model::{Model, VerticalInput};
+use crazyflie_env::swarm::{Knowledge, MOST_DRONES, Shared, SwarmEnv, SwarmOptions};
 use crazyflie_env::vector::VectorEnv;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::error::{Error, Result};
+use super::fleet::Fleet;
 use super::mystery::{Hidden, Pool};
 use super::score::Cost;
 use super::secrets::{Secrets, canonical, sha256_hex};
@@ -31,6 +33,11 @@ files![
     "battery-low.toml",
     "packet-loss.toml",
     "mystery.toml",
+    "swap-eight.toml",
+    "formation-change.toml",
+    "follow-gusts.toml",
+    "land-in-turn.toml",
+    "carry-load.toml",
 ];
 
 /// The fewest episodes from which an attempt may be judged.
@@ -49,15 +56,28 @@ pub(super) struct Plan {
     pub episodes: usize,
     pub seconds: f64,
     pub vertical: VerticalInput,
+    /// The task, or for several drones the mission.
     pub task: String,
     #[serde(default)]
     pub task_options: Value,
+    /// What several drones share the air for; none flies alone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub team: Option<Team>,
     #[serde(default)]
     pub effects: EffectTable,
     pub phases: Vec<PlannedPhase>,
     pub cost: Cost,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub hidden: Option<Pool>,
+}
+
+/// Several drones in each episode.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Team {
+    pub drones: usize,
+    /// What they know of each other.
+    pub neighbours: Knowledge,
 }
 
 /// A part of the flight with one set-point; `mode` is what the thesis's controller is told to do.
@@ -102,7 +122,7 @@ impl Scenario {
         let hidden = plan.hidden.as_ref().map(|pool| pool.draw(secrets, &public).map_err(|e| bad(e.to_string()))).transpose()?;
         let hash = content_hash(&plan, hidden.as_ref().map(|h| h.commitment.as_str()))?;
         let scenario = Scenario { plan, phases, hidden, hash };
-        scenario.env(1).map_err(|e| bad(e.to_string()))?;
+        scenario.fleet(1).map_err(|e| bad(e.to_string()))?;
         Ok(scenario)
     }
 
@@ -122,7 +142,7 @@ impl Scenario {
         // nothing is hidden in it: no secret is asked
         let mut scenario = Scenario::read(file, text, &Secrets::new(&[0; 32], [0; 32]))?;
         scenario.plan.effects.extend(more);
-        scenario.env(1)?;
+        scenario.fleet(1)?;
         Ok(scenario)
     }
 
@@ -143,6 +163,11 @@ impl Scenario {
         self.plan.episodes
     }
 
+    /// In each episode.
+    pub(super) fn drones(&self) -> usize {
+        self.plan.team.as_ref().map_or(1, |team| team.drones)
+    }
+
     pub(crate) fn planned_phases(&self) -> &[PlannedPhase] {
         &self.plan.phases
     }
@@ -153,7 +178,7 @@ impl Scenario {
 
     /// The environments of an attempt. They reset on their own, because in lock-step those that have ended are stepped along; nothing after
     /// an end is shown or counted.
-    pub(super) fn env(&self, envs: usize) -> Result<VectorEnv> {
+    pub(super) fn fleet(&self, episodes: usize) -> Result<Fleet> {
         let mut effects = self.plan.effects.clone();
         effects.extend(self.hidden.iter().flat_map(|hidden| hidden.effects.clone()));
         let options = Options {
@@ -164,7 +189,14 @@ impl Scenario {
             autoreset: Autoreset::NextStep,
             ..Options::default()
         };
-        Ok(VectorEnv::new(&Model::thesis(), &options, envs)?)
+        let model = Model::thesis();
+        Ok(match &self.plan.team {
+            None => Fleet::Alone(VectorEnv::new(&model, &options, episodes)?),
+            Some(Team { drones, neighbours }) => {
+                let shared = Shared { drones: *drones, neighbours: neighbours.clone(), ..Shared::default() };
+                Fleet::Shared(SwarmEnv::new(&[model], &SwarmOptions { env: options, shared }, episodes)?)
+            }
+        })
     }
 
     pub(super) fn lands(&self) -> bool {
@@ -183,7 +215,7 @@ impl Scenario {
         json!({
             "id": self.id(), "name": p.name, "version": p.version, "hash": self.hash, "title": p.title, "description": p.description,
             "source": p.source, "episodes": p.episodes, "seconds": p.seconds, "vertical": p.vertical, "task": p.task,
-            "task_options": p.task_options, "effects": p.effects, "phases": p.phases, "cost": p.cost,
+            "task_options": p.task_options, "team": p.team, "effects": p.effects, "phases": p.phases, "cost": p.cost,
             "commitment": self.hidden.as_ref().map(|h| &h.commitment),
         })
     }
@@ -201,6 +233,9 @@ fn check(plan: &Plan) -> std::result::Result<(), String> {
     }
     if !(1.0..=120.0).contains(&plan.seconds) {
         return Err(format!("{} seconds, expected 1 to 120", plan.seconds));
+    }
+    if let Some(team) = plan.team.as_ref().filter(|team| !(2..=MOST_DRONES).contains(&team.drones)) {
+        return Err(format!("a team of {} drones, expected 2 to {MOST_DRONES}", team.drones));
     }
     let in_order = plan.phases.is_sorted_by(|a, b| a.from_s < b.from_s);
     if plan.phases.first().is_none_or(|first| first.from_s != 0.0) || !in_order {
@@ -226,6 +261,11 @@ mod tests {
         ("battery-low@1.0.0", "26fdb39908645d410bf3a9ed6e64d97f6bdce9ec084305cadbd933d321a9f5f5"),
         ("packet-loss@1.0.0", "3892124c7a2895667160931d69c81483dd61411e22e79eb37814db61c42b8c2a"),
         ("mystery@1.0.0", "87fff59e34e8668f7070ee5addb8d3afca75ad215f941928f1113ff07b124974"),
+        ("swap-eight@1.0.0", "b4d27dc94da07d0473c7912207e13b4f81b398a6249368aea8bddb0f6bd6005e"),
+        ("formation-change@1.0.0", "cec9ad30ea161468197113163ea48dcc9aae6861546eca82466693869af037d0"),
+        ("follow-gusts@1.0.0", "192cd2e325e0377dcaa5f7efb4bd5bee3939caba3c9c67f370b677fc6856ed55"),
+        ("land-in-turn@1.0.0", "4da45c855468bd3676c5b685824b585a7ddff040a17826eaa2c21ddd2e45a9e0"),
+        ("carry-load@1.0.0", "70bbef3e69f026d943bb8d16dc71a5dd277ecc186f18b1b4eccd1a1436dc435e"),
     ];
 
     #[test]

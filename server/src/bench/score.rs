@@ -30,15 +30,18 @@ pub(super) struct Cost {
     pub touch_mps: Option<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub duration_s: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub settling_s: Option<f64>,
 }
 
 impl Cost {
     pub(super) fn check(&self) -> std::result::Result<(), String> {
-        let terms = [self.rmse_m, self.yaw_rmse_deg, self.travel_degps, self.touch_off_m, self.touch_mps, self.duration_s];
-        if terms.iter().all(Option::is_none) {
+        let Cost { rmse_m, yaw_rmse_deg, travel_degps, touch_off_m, touch_mps, duration_s, settling_s } = self;
+        let terms = [rmse_m, yaw_rmse_deg, travel_degps, touch_off_m, touch_mps, duration_s, settling_s];
+        if terms.iter().all(|size| size.is_none()) {
             return Err("the cost has no terms".into());
         }
-        match terms.into_iter().flatten().find(|size| !(*size > 0.0 && size.is_finite())) {
+        match terms.into_iter().flatten().find(|size| !(**size > 0.0 && size.is_finite())) {
             Some(size) => Err(format!("a term of the cost has the size {size}, expected a positive number")),
             None => Ok(()),
         }
@@ -56,6 +59,7 @@ impl Cost {
             (self.touch_off_m, e.touch_off_m),
             (self.touch_mps, e.touch_mps),
             (self.duration_s, Some(e.duration_s)),
+            (self.settling_s, e.settling_s),
         ];
         let cost: f64 = terms.into_iter().filter_map(|(size, figure)| Some(figure? / size?)).sum();
         rounded(100.0 * (-cost).exp())
@@ -169,6 +173,8 @@ mod tests {
             marker_lost_s: 0.0,
             touch_mps: None,
             touch_off_m: None,
+            collisions: None,
+            min_separation_m: None,
         };
         let score = |flight: &EpisodeMetrics| cost.score(flight).unwrap();
         assert_eq!(score(&flight(0.0, 0.0)), 100.0);

@@ -30,6 +30,9 @@ pub(super) struct Args {
     /// Which of its flights
     #[arg(long, default_value_t = 0, value_name = "N")]
     episode: usize,
+    /// Which of the drones that share the air
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    drone: usize,
     /// The benchmark's database
     #[arg(long, default_value_os_t = crate::bench::default_path(), value_name = "FILE")]
     data: PathBuf,
@@ -41,7 +44,7 @@ pub(super) struct Args {
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let bench = Bench::open_existing(&args.data)?;
     let reply = match (&args.attempt, &args.csv) {
-        (Some(id), Some(file)) => return files::write(file, &api::log_csv(&bench, id, args.episode)?.bytes),
+        (Some(id), Some(file)) => return files::write(file, &api::log_csv(&bench, id, args.episode, args.drone)?.bytes),
         (Some(id), None) => api::attempt(&bench, id)?,
         (None, _) if args.json => api::attempts(&bench, args.scenario.as_deref())?,
         (None, _) => return list(&bench, args.scenario.as_deref(), out),

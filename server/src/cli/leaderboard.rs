@@ -53,10 +53,11 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 }
 
 fn table(rows: &[Ranked]) -> Table {
-    let mut table =
-        Table::new(&["rank", "controller", "team", "score", "95 %", "failed", "attempts", "RMS error", "attempt"]).left(&[1, 2, 8]);
+    let mut table = Table::new(&["rank", "controller", "team", "score", "95 %", "failed", "attempts", "RMS error", "nearest", "attempt"])
+        .left(&[1, 2, 9]);
     for row in rows {
-        let error = row.metrics.as_ref().and_then(|m| m.rmse_m);
+        let cm = |m: Option<f64>| m.map_or("-".into(), |m| format!("{} cm", number(100.0 * m, 1)));
+        let metrics = row.metrics.as_ref();
         table.row(vec![
             row.rank.to_string(),
             row.controller.clone(),
@@ -65,7 +66,8 @@ fn table(rows: &[Ranked]) -> Table {
             format!("{} to {}", number(row.score.low, 1), number(row.score.high, 1)),
             format!("{} of {}", row.score.failed, row.score.episodes),
             row.attempts.to_string(),
-            error.map_or("-".into(), |m| format!("{} cm", number(100.0 * m, 1))),
+            cm(metrics.and_then(|m| m.rmse_m)),
+            cm(metrics.and_then(|m| m.min_separation_m)),
             row.attempt.clone(),
         ]);
     }

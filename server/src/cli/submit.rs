@@ -3,12 +3,10 @@
 use std::io::Write;
 use std::path::PathBuf;
 
-use crazyflie_env::control::Chosen;
-
 use super::{Failure, Outcome, Table, controllers, number};
 use crate::afar::Afar;
 use crate::bench::baselines;
-use crate::bench::{Bench, Document, Limits};
+use crate::bench::{Bench, Document, Entrant, Limits};
 
 /// As in Python.
 const TOKEN: &str = "CRAZYFLIE_TOKEN";
@@ -18,6 +16,7 @@ Examples:
   crazyflie submit --controller thesis-pid
   crazyflie submit --controller stock-pid --scenario hover-aruco@1.0.0
   crazyflie submit --controller hover --scenario wind --repeat 3 --json
+  crazyflie submit --controller lqr --avoid --scenario swap-eight
   crazyflie submit --controller thesis-pid --server wss://lab.example --token-file token.txt";
 
 /// Fly a built-in controller through the benchmark's scenarios, and store the attempts with their scores.
@@ -30,6 +29,9 @@ pub(super) struct Args {
     /// The controller's options, as JSON
     #[arg(long, value_name = "JSON")]
     controller_options: Option<String>,
+    /// Where drones share the air, keep out of each other's way
+    #[arg(long)]
+    avoid: bool,
     /// A scenario (see `crazyflie scenarios`), or all
     #[arg(long, default_value = "all", value_name = "ID")]
     scenario: String,
@@ -95,10 +97,10 @@ impl Place {
         })
     }
 
-    fn submit(&mut self, scenario: &str, controller: &Chosen) -> Outcome<Document> {
+    fn submit(&mut self, scenario: &str, entrant: &Entrant) -> Outcome<Document> {
         match self {
-            Place::Here(bench) => Ok(baselines::submit(bench, scenario, controller)?),
-            Place::Afar(afar) => Ok(afar.submit(scenario, controller)?),
+            Place::Here(bench) => Ok(baselines::submit(bench, scenario, entrant)?),
+            Place::Afar(afar) => Ok(afar.submit(scenario, entrant)?),
         }
     }
 }
@@ -117,11 +119,12 @@ fn token(args: &Args) -> Outcome<String> {
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let controller = controllers::chosen(&args.controller, args.controller_options.as_deref())?;
+    let entrant = Entrant { controller, avoid: args.avoid };
     let mut place = Place::open(args)?;
     let mut done = Vec::new();
     for scenario in place.scenarios(&args.scenario)? {
         for _ in 0..args.repeat {
-            let document = place.submit(&scenario, &controller)?;
+            let document = place.submit(&scenario, &entrant)?;
             if args.json {
                 // said at once: whoever reads it may rely on it
                 serde_json::to_writer(&mut *out, &document)?;

@@ -7,8 +7,10 @@ mod tests;
 
 use crazyflie_env::config::Options;
 use crazyflie_env::model::Model;
-use crazyflie_env::observation::{ACTION, OBSERVATION};
-use crazyflie_env::vector::{Out, STATE, VectorEnv};
+use crazyflie_env::observation::ACTION;
+use crazyflie_env::vector::VectorEnv;
+
+use crate::bench::Fleet;
 
 /// A name, that of its binary and of the folder of its corpus, and what it does: whether the input was accepted.
 pub type Target = (&'static str, fn(&[u8]) -> bool);
@@ -44,7 +46,7 @@ fn model(bytes: &[u8]) -> bool {
     let Ok(model) = Model::parse(text) else { return false };
     let again = Model::parse(&model.to_toml().expect("what was read can be written")).expect("and read again");
     assert_eq!(again.parameters(), model.parameters());
-    VectorEnv::new(&model, &Options::default(), 2).map(flown).is_ok()
+    VectorEnv::new(&model, &Options::default(), 2).map(alone).is_ok()
 }
 
 fn options(bytes: &[u8]) -> bool {
@@ -52,24 +54,24 @@ fn options(bytes: &[u8]) -> bool {
     let options = Options::parse(text).map_err(|error| assert!(!error.to_string().is_empty()));
     // threads are a machine's to give
     let env = options.map(|options| VectorEnv::new(&Model::thesis(), &Options { threads: 1, ..options }, 2));
-    env.is_ok_and(|env| env.map(flown).is_ok())
+    env.is_ok_and(|env| env.map(alone).is_ok())
+}
+
+fn alone(env: VectorEnv) {
+    flown(Fleet::Alone(env));
 }
 
 /// Whatever was accepted flies, in numbers that are numbers.
-pub(crate) fn flown(mut env: VectorEnv) {
-    let n = env.num_envs();
-    let (mut observations, mut states) = (vec![0.0; n * OBSERVATION], vec![0.0; n * STATE]);
-    let (mut rewards, mut terminated, mut truncated) = (vec![0.0; n], vec![false; n], vec![false; n]);
-    let seeds: Vec<u64> = (0..n as u64).collect();
-    env.reset(Some(&seeds), None, &mut observations).expect("a reset of all");
+pub(crate) fn flown(mut fleet: Fleet) {
+    let seeds: Vec<u64> = (0..fleet.episodes() as u64).collect();
+    let mut given = fleet.begin(&seeds).expect("a reset of all");
     for action in [0.0, 1.0, -1.0] {
-        let out = Out { observations: &mut observations, rewards: &mut rewards, terminated: &mut terminated, truncated: &mut truncated };
-        match env.step(&vec![action; n * ACTION], out) {
-            Ok(()) | Err(crazyflie_env::Error::Ended { .. }) => {}
+        match fleet.step(&vec![action; given.rewards.len() * ACTION], &mut given) {
+            Ok(()) | Err(crate::bench::Error::Env(crazyflie_env::Error::Ended { .. })) => {}
             Err(error) => panic!("{error}"),
         }
-        env.states(&mut states).expect("a buffer of the right length");
-        let all = observations.iter().chain(&rewards).chain(&states);
+        let states = fleet.states().expect("states of all");
+        let all = given.observations.iter().chain(&given.rewards).chain(&states);
         assert!(all.clone().all(|number| number.is_finite()), "{:?}", all.collect::<Vec<_>>());
     }
 }

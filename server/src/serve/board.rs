@@ -25,6 +25,8 @@ struct Of {
     scenario: Option<String>,
     #[serde(default)]
     episode: usize,
+    #[serde(default)]
+    drone: usize,
 }
 
 pub(crate) fn routes() -> Router<Arc<Server>> {
@@ -58,8 +60,9 @@ async fn replay(State(server): State<Arc<Server>>, Path(id): Path<String>, Query
 }
 
 async fn log_csv(State(server): State<Arc<Server>>, Path(id): Path<String>, Query(of): Query<Of>) -> Response {
-    let name = format!("{id}-episode-{}.csv", of.episode);
-    saved_as(&name, flown(server, move |bench| api::log_csv(bench, &id, of.episode)).await)
+    let drone = if of.drone == 0 { String::new() } else { format!("-drone-{}", of.drone) };
+    let name = format!("{id}-episode-{}{drone}.csv", of.episode);
+    saved_as(&name, flown(server, move |bench| api::log_csv(bench, &id, of.episode, of.drone)).await)
 }
 
 async fn actions(State(server): State<Arc<Server>>, Path(id): Path<String>) -> Response {

@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use crazyflie_env::observation::{ACTION, OBSERVATION};
+use crazyflie_env::observation::ACTION;
 use crazyflie_env::vector::Out;
 use serde_json::Value;
 use tokio::task::block_in_place;
@@ -12,9 +12,9 @@ use super::fault::{Code, Fault};
 use super::message::{Actions, Benchmark, Step};
 use super::replies::Reply;
 use super::requests::say;
-use super::said::{Begun, Numbers, Outcome, Said, observations};
+use super::said::{Begun, Numbers, Outcome, Rows, Said};
 use super::wire::{Frame, Head, Kind, Request};
-use crate::bench::{Attempt, Bench, Who, api};
+use crate::bench::{Attempt, Bench, Seat, Who, api};
 
 pub(crate) struct Contest {
     bench: Bench,
@@ -34,7 +34,7 @@ impl Contest {
     /// Of the benchmark: its scenario, its token, its limits.
     pub(crate) fn begin(bench: &Bench, id: u64, asked: &Benchmark) -> Result<(Self, Reply), Fault> {
         let attempt = block_in_place(|| bench.begin(&asked.scenario, Who::Token(&asked.token), &asked.controller))?;
-        let envs = attempt.num_envs();
+        let envs = attempt.rows()?;
         let contest = Contest {
             bench: bench.clone(),
             attempt,
@@ -45,17 +45,19 @@ impl Contest {
             truncated: vec![false; envs],
         };
         let (attempt, scenario) = (&contest.attempt, contest.attempt.scenario());
-        let (interface, tick_s) = attempt.interface()?;
+        let Seat { interface, tick_s, drones, .. } = attempt.seat()?;
         let reply = say(&Said::Begun(Box::new(Begun {
             id,
             attempt: attempt.id(),
             scenario: scenario.id(),
             scenario_hash: scenario.hash(),
             num_envs: envs,
+            drones,
+            width: attempt.width()?,
             tick_s,
             interface,
             phases: scenario.planned_phases(),
-            observation: observations(attempt.observations()?),
+            observation: Rows { numbers: attempt.observations()?, width: attempt.width()? },
         })));
         Ok((contest, reply))
     }
@@ -69,7 +71,7 @@ impl Contest {
         request.actions(&mut self.actions);
         let mut frame = self.step_once()?;
         frame.flags([&self.terminated, &self.truncated]);
-        let envs = self.attempt.num_envs();
+        let envs = self.terminated.len();
         frame.head(request.id, Head { kind: Kind::Step, states: false, over: self.over, steps: 1, envs, finals: 0, ticks: self.ticks });
         Ok(Reply::Binary(Arc::new(frame)))
     }
@@ -86,10 +88,11 @@ impl Contest {
             Actions::Many(rows) => self.actions.extend(rows.iter().flatten()),
         }
         let frame = self.step_once()?;
-        let (rows, rewards) = frame.numbers().split_at(self.attempt.num_envs() * OBSERVATION);
+        let width = self.attempt.width()?;
+        let (rows, rewards) = frame.numbers().split_at(self.terminated.len() * width);
         Ok(say(&Said::Result(Box::new(Outcome {
             id,
-            observation: observations(rows),
+            observation: Rows { numbers: rows, width },
             reward: Numbers(rewards),
             terminated: &self.terminated,
             truncated: &self.truncated,
@@ -100,9 +103,9 @@ impl Contest {
     }
 
     fn step_once(&mut self) -> Result<Frame, Fault> {
-        let envs = self.attempt.num_envs();
-        let mut frame = Frame::new(Vec::new(), envs * (OBSERVATION + 1));
-        let (observations, rewards) = frame.numbers_mut().split_at_mut(envs * OBSERVATION);
+        let (envs, width) = (self.terminated.len(), self.attempt.width()?);
+        let mut frame = Frame::new(Vec::new(), envs * (width + 1));
+        let (observations, rewards) = frame.numbers_mut().split_at_mut(envs * width);
         let out = Out { observations, rewards, terminated: &mut self.terminated, truncated: &mut self.truncated };
         self.over = self.attempt.step(&self.actions, out)?;
         self.ticks += 1;

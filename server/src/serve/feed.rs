@@ -10,7 +10,7 @@ use crazyflie_env::vector::{STATE, VectorEnv};
 use serde_json::{Value, json};
 
 use super::listed::lock;
-use crate::frames::{self, COLUMNS, SHARED};
+use crate::frames::{self, COLUMNS, TOGETHER};
 use crate::worlds::Flight;
 
 /// So many environments of a batch can be watched: the first ones.
@@ -48,8 +48,8 @@ impl Feed {
         let mut header = header(options, tick_s);
         header["world"] = world.into();
         header["drones"] = drones.into();
-        header["columns"] = json!([&COLUMNS[..], &SHARED].concat());
-        Feed::of(header, 1, drones, drones * (COLUMNS.len() + SHARED.len()))
+        header["columns"] = json!(TOGETHER.as_slice());
+        Feed::of(header, 1, drones, drones * TOGETHER.len())
     }
 
     fn of(header: Value, envs: usize, drones: usize, width: usize) -> Self {
@@ -85,7 +85,7 @@ impl Feed {
         let separations_m = frames::separations_m(&flight.states, &flight.flying);
         let (states, actions) = (flight.states.as_chunks::<STATE>().0, flight.actions.as_chunks().0);
         let mut rows = lock(&self.rows);
-        let slots = rows.chunks_mut(COLUMNS.len() + SHARED.len());
+        let slots = rows.chunks_mut(TOGETHER.len());
         for (drone, (slot, separation_m)) in slots.zip(separations_m).enumerate() {
             let Some(observation) = flight.observation(drone).first_chunk() else { return };
             let (interface, reward) = (&flight.interfaces()[drone], flight.rewards[drone]);

@@ -131,8 +131,12 @@ pub(crate) struct Begun<'a> {
     pub attempt: &'a str,
     pub scenario: String,
     pub scenario_hash: &'a str,
-    /// Episodes, all in lock-step.
+    /// Rows in and out: the drones of all episodes, in lock-step.
     pub num_envs: usize,
+    /// In each episode.
+    pub drones: usize,
+    /// Numbers in a row of observations.
+    pub width: usize,
     pub tick_s: f64,
     pub interface: Interface,
     /// The parts of the flight, for controllers that want to be told when to take off and when to land.

@@ -35,6 +35,8 @@ export const METRICS = {
   marker_losses: ["marker losses", "", 1, 0],
   touch_mps: ["touch-down", "m/s", 1, 2],
   touch_off_m: ["off target", "cm", 100, 1],
+  collisions: ["collisions", "", 1, 0],
+  min_separation_m: ["least separation", "cm", 100, 1],
 };
 
 /** A row of the leaderboard, or an attempt, whose score lies in its result. @param {any} told @returns {Attempt} */

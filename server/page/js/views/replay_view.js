@@ -60,6 +60,7 @@ export class ReplayView {
     this.display.toggle("split", false);
     this.display.say("");
     notice("replay", null);
+    notice("team", null);
   }
 
   /** The scenario to begin with, if nobody says which. */
@@ -108,11 +109,15 @@ export class ReplayView {
     if (load !== this.#loads) return;
     if (flights.every((flight) => flight !== undefined)) notice("replay", null);
     const names = this.pickers.map(({ attempt: chosen }, run) => (chosen ? `${"AB"[run]} ${summary(chosen)}` : ""));
-    const shown = flights.map((flight) => flight ?? null);
-    this.pickers.forEach((picker, run) => picker.end(shown[run]?.header.end));
+    this.pickers.forEach((picker, run) => picker.end(flights[run]?.[0].header.end));
+    // drones that share the air fill the room: one run at a time
+    const team = flights.find((drones) => drones && drones.length > 1);
+    const shown = team ?? flights.map((drones) => drones?.[0] ?? null);
+    const hidden = team && flights.every(Boolean);
+    notice("team", hidden ? "Of runs of several drones one is shown at a time, this is run A." : null);
     this.clock.end_s = Math.max(0, ...shown.map((flight) => flight?.lastTime ?? 0));
     this.display.show(shown, { names });
-    byId("toggle-split").hidden = !(shown[0] && shown[1]);
+    byId("toggle-split").hidden = Boolean(team) || !(shown[0] && shown[1]);
     this.display.say(shown.some(Boolean) ? "" : this.#attempts.length ? "Choose a run to replay." : "No attempt at this scenario is stored yet.");
     this.clock.seek(time_s);
   }

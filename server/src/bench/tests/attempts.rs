@@ -16,7 +16,7 @@ fn uneven(n: usize, tick: usize) -> Vec<f32> {
 fn flights_that_are_over_hold_still_and_come_out_the_same_again() {
     let bench = open("uneven");
     let mut attempt = bench.begin("hover-aruco", Who::Local, "uneven").unwrap();
-    let (n, mut buffers) = (attempt.num_envs(), Buffers::new(&attempt));
+    let (n, mut buffers) = (attempt.rows().unwrap(), Buffers::new(&attempt));
     let (mut tick, mut ended) = (0, vec![None; n]);
     loop {
         let mut actions = uneven(n, tick);
@@ -74,7 +74,7 @@ fn a_benchmark_is_shared_and_an_attempt_moves_between_threads() {
 fn bad_steps_are_refused_before_anything_moves() {
     let bench = open("bad_steps");
     let mut attempt = bench.begin("wind", Who::Local, "clumsy").unwrap();
-    let (n, mut buffers) = (attempt.num_envs(), Buffers::new(&attempt));
+    let (n, mut buffers) = (attempt.rows().unwrap(), Buffers::new(&attempt));
     let first = attempt.observations().unwrap().to_vec();
     for value in [f32::NAN, f32::INFINITY, 1.5] {
         let mut actions = vec![0.0; n * ACTION];

@@ -29,7 +29,7 @@ fn everything(bench: &Bench) -> Vec<(String, Vec<u8>)> {
             all.push((format!("actions {id}"), api::actions(bench, &id).unwrap().bytes));
             for episode in 0..24 {
                 all.push((format!("replay {id} {episode}"), api::replay(bench, &id, episode).unwrap().bytes));
-                all.push((format!("log {id} {episode}"), api::log_csv(bench, &id, episode).unwrap().bytes));
+                all.push((format!("log {id} {episode}"), api::log_csv(bench, &id, episode, 0).unwrap().bytes));
             }
         }
     }
@@ -136,7 +136,7 @@ fn a_replay_is_a_header_and_rows() {
     assert!((number(0, "fix_z") - 0.7).abs() < 0.05 && number(0, "fix_valid") == 1.0);
     assert!(number(rows - 1, "reward") > 0.1 && number(1, "reward") < 0.0 && number(0, "reward") == 0.0);
     // the log tells the same flight
-    let log = String::from_utf8(api::log_csv(&bench, &id, 5).unwrap().bytes).unwrap();
+    let log = String::from_utf8(api::log_csv(&bench, &id, 5, 0).unwrap().bytes).unwrap();
     assert_eq!(log.lines().count(), rows + 1);
     assert!(api::replay(&bench, &id, 24).unwrap_err().to_string().contains("episodes 0 to 23"));
     assert_eq!(api::actions(&bench, &id).unwrap().bytes.len() % (24 * 4 * 4), 0);

@@ -8,13 +8,13 @@ mod hidden;
 mod spelled;
 mod tampering;
 mod teams;
+mod together;
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::Mutex;
 
 use crazyflie_env::control::Chosen;
-use crazyflie_env::observation::OBSERVATION;
 use crazyflie_env::vector::Out;
 
 use super::baselines::submit as submit_now;
@@ -36,7 +36,7 @@ fn open(test: &'static str) -> Bench {
 }
 
 fn submit(bench: &Bench, scenario: &str, controller: &str) -> String {
-    submit_now(bench, scenario, &Chosen::named(controller).unwrap()).unwrap().id
+    submit_now(bench, scenario, &Chosen::named(controller).unwrap().into()).unwrap().id
 }
 
 /// A client's buffers.
@@ -49,9 +49,9 @@ struct Buffers {
 
 impl Buffers {
     fn new(attempt: &Attempt) -> Buffers {
-        let n = attempt.num_envs();
+        let n = attempt.rows().unwrap();
         let (rewards, flags) = (vec![0.0; n], vec![false; n]);
-        Buffers { observations: vec![0.0; n * OBSERVATION], rewards, terminated: flags.clone(), truncated: flags }
+        Buffers { observations: vec![0.0; n * attempt.width().unwrap()], rewards, terminated: flags.clone(), truncated: flags }
     }
 
     fn step(&mut self, attempt: &mut Attempt, actions: &[f32]) -> Result<bool> {
