@@ -70,12 +70,18 @@ fn a_built_in_controller_competes_over_the_network() {
     // the same by the environment and by the command line, at every scenario that the server has
     let token = Path::new(&rig.token);
     let (code, said) = rig.submit(&url, &["--controller", "hover"], &[("CRAZYFLIE_TOKEN", token)]);
-    assert!(code == Some(0) && said.lines().filter(|line| line.contains("@1.0.0")).count() == 10, "{said}");
+    assert!(code == Some(0) && said.lines().filter(|line| line.contains("@1.0.0")).count() == 15, "{said}");
+    // a team, whose drones keep out of each other's way
+    let (code, said) =
+        rig.submit(&url, &["--controller", "lqr", "--avoid", "--scenario", "swap-eight", "--token-file", text(&file), "--json"], &[]);
+    assert_eq!(code, Some(0), "{said}");
+    let team: Value = serde_json::from_str(&said).unwrap();
+    assert_eq!((&team["controller"], &team["result"]["metrics"]["collisions"]), (&"avoid+lqr".into(), &0.into()));
     let (code, said) = rig.submit(&url, &["--controller", "random", "--scenario", "wind@1.0.0", "--token", &rig.token], &[]);
     assert!(code == Some(0) && said.contains("wind@1.0.0"), "{said}");
     let confirmed = good(&["verify", "--data", text(&rig.data)]).matches("confirmed").count();
     println!("{confirmed} attempts from afar confirmed");
-    assert_eq!(confirmed, 12);
+    assert_eq!(confirmed, 18);
     server.stop();
 }
 

@@ -484,6 +484,17 @@ def test_an_attempt_at_the_benchmark(server, client, token):
     assert score["low"] <= score["score"] <= score["high"]
 
 
+def test_an_attempt_of_drones_that_share_the_air(server, client, token):
+    with remote.Benchmark(server.url, "land-in-turn", controller="pids", token=token, client=client) as attempt:
+        assert (attempt.drones, attempt.observations.shape) == (4, (24 * 4, 24 + 3 * 8))
+        pid = crazyflie_gym.Pid(attempt.num_envs, attempt.interface)
+        row = attempt.run(lambda seen: pid.act(np.ascontiguousarray(seen[:, :24])))
+        assert attempt.observations.shape == (24 * 4, 24 + 3 * 8)
+    score, metrics = row["result"]["score"], row["result"]["metrics"]
+    assert score["episodes"] == 24 and score["failed"] == 0 and 10.0 < score["score"] <= 100.0
+    assert metrics["collisions"] == 0 and metrics["min_separation_m"] > 0.3
+
+
 def test_an_attempt_that_is_refused_or_left(server, client, token):
     for args, error, words in (
         ({"scenario": "calm", "controller": "x", "token": token}, ValueError, "unknown scenario"),

@@ -8,7 +8,6 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
-from numpy.typing import NDArray
 
 from crazyflie_gym._native import Controller, Interface, Pid, Sim
 from crazyflie_gym._types import FloatArray, Observation

@@ -129,8 +129,9 @@ class Benchmark:
         """Fly one control tick of all episodes with actions from -1 to 1, float32 (num_envs, 4).
 
         Returns:
-            Observations (num_envs, 24; where drones share the air, 8 more for each of the others), rewards, terminations and truncations (num_envs,). A flight that has ended
-            stays as it is; when the last one has, `over` is true.
+            Observations (num_envs, 24; where drones share the air, 8 more for each of the others), rewards,
+            terminations and truncations (num_envs,). A flight that has ended stays as it is; when the last one has,
+            `over` is true.
 
         Raises:
             ValueError: for another shape or layout, and for numbers that are not from -1 to 1; nothing has moved then.
@@ -151,7 +152,7 @@ class Benchmark:
         return attempt
 
     def run(self, act: Callable[[FloatArray], FloatArray]) -> dict[str, Any]:
-        """Fly to the end with `act`, from observations as `step` returns them to actions, and return what `finish` does."""
+        """Fly to the end with `act`, from observations of `step` to actions, and return what `finish` does."""
         while not self.over:
             self.step(np.ascontiguousarray(act(self.observations), np.float32))
         return self.finish()

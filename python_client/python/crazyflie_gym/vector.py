@@ -41,7 +41,6 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
     The other arguments, and the errors, are those of `CrazyflieEnv`. Rewards are float32.
     """
 
-    # here for those that were refused: Gymnasium closes what it drops
     _screen: Screen | None = None
     metadata: dict[str, Any] = {
         "render_modes": RENDER_MODES,
@@ -296,8 +295,10 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         """End the pictures, and the session on a server."""
         if self._screen:
             self._screen.close()
-        if not isinstance(self.sim, Sim):
-            self.sim.close()
+        # Gymnasium closes what it drops, also what was refused before it had a simulation
+        sim = getattr(self, "sim", None)
+        if sim is not None and not isinstance(sim, Sim):
+            sim.close()
 
 
 # the name of the argument hides that of the function

@@ -1,5 +1,9 @@
 """The page of `crazyflie serve` in a real browser: it draws, it tells, and it fits on a phone."""
 
+import json
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from browsing import CROWD, PILOT, SCENARIO, Server, canvas, close_to, loaded, position, rgb, until
@@ -112,6 +116,23 @@ def test_leaderboard(visit):
     page.get_by_role("link", name="Compare the two").click()
     loaded(page)
     assert page.locator("#legend .run-b").count() == 1
+
+
+def test_a_run_of_several_drones_is_replayed_whole(visit, data):
+    command = [sys.executable, "-m", "crazyflie_gym", "submit", "--data", data, "--json"]
+    flown = subprocess.run(
+        [*command, "--controller", "lqr", "--avoid", "--scenario", "swap-eight"], check=True, capture_output=True
+    )
+    attempt = json.loads(flown.stdout)["id"]
+    page = visit(f"#replay?scenario=swap-eight&a={attempt}&t=4.5")
+    until(page, "document.querySelector('#readout').innerText.includes('8 of 8')")
+    assert page.locator("#legend .key").count() == 9 and "separation" in page.locator("#charts").inner_text()
+    assert page.locator("#notices").inner_text() == ""
+    # of two runs one is shown, and that is said
+    page.goto(page.url.split("#")[0] + f"#replay?scenario=swap-eight&a={attempt}&b={attempt}&eb=1")
+    until(page, "document.querySelector('#notices').innerText.includes('run A')")
+    page.goto(page.url.split("#")[0] + f"#board?scenario={SCENARIO}")
+    until(page, "document.querySelector('#notices').innerText === ''")
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

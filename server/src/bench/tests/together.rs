@@ -16,13 +16,9 @@ fn fly(bench: &Bench, scenario: &str, controller: &str, avoid: bool) -> Document
 #[test]
 fn baselines_come_out_as_they_should() {
     let bench = open("together");
-    for (scenario, best) in [
-        ("swap-eight", "avoid+lqr"),
-        ("formation-change", "lqr"),
-        ("follow-gusts", "lqr"),
-        ("land-in-turn", "lqr"),
-        ("carry-load", "lqr"),
-    ] {
+    for (scenario, best) in
+        [("swap-eight", "avoid+lqr"), ("formation-change", "lqr"), ("follow-gusts", "lqr"), ("land-in-turn", "lqr"), ("carry-load", "lqr")]
+    {
         for (controller, avoid) in [("thesis-pid", false), ("thesis-pid", true), ("lqr", false), ("lqr", true)] {
             fly(&bench, scenario, controller, avoid);
         }
