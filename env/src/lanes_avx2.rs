@@ -268,13 +268,13 @@ fn transpose(r: [__m256; 8]) -> [__m256; 8] {
     }
 }
 
-/// Lanes as sixteen rows of `N` numbers: blocks of eight columns through registers, a rest one by one.
+/// Lanes as sixteen rows of `N` numbers, `stride` apart: blocks of eight columns through registers, a rest one by one.
 ///
 /// # Panics
-/// Unless `rows` has 16 * `N` numbers.
+/// If `rows` ends before the last of them does.
 #[inline(always)]
-pub fn write<const N: usize>(values: &[Lanes; N], rows: &mut [f32]) {
-    assert_eq!(rows.len(), LANES * N);
+pub fn write<const N: usize>(values: &[Lanes; N], rows: &mut [f32], stride: usize) {
+    assert!(rows.len() >= (LANES - 1) * stride + N);
     let (whole, out) = (N / 8 * 8, rows.as_mut_ptr());
     for first in (0..whole).step_by(8) {
         for half in 0..2 {
@@ -284,14 +284,14 @@ pub fn write<const N: usize>(values: &[Lanes; N], rows: &mut [f32]) {
             }
             let block = transpose(block);
             for i in 0..8 {
-                // SAFETY: lane 8 * half + i < 16 and first + 8 <= N, so the eight numbers lie within the 16 * N of the assertion
-                unsafe { _mm256_storeu_ps(out.add((8 * half + i) * N + first), block[i]) };
+                // SAFETY: lane 8 * half + i < 16 and first + 8 <= N, so the eight numbers lie within what the assertion says is there
+                unsafe { _mm256_storeu_ps(out.add((8 * half + i) * stride + first), block[i]) };
             }
         }
     }
     for i in whole..N {
         for lane in 0..LANES {
-            rows[lane * N + i] = values[i].array()[lane];
+            rows[lane * stride + i] = values[i].array()[lane];
         }
     }
 }

@@ -273,30 +273,30 @@ fn quarters(values: &[Lanes]) -> [Lanes; 4] {
     }
 }
 
-/// Lanes as sixteen rows of `N` numbers: blocks of sixteen columns, then of eight, then of four, through registers. (Wide stores, because
+/// Lanes as sixteen rows of `N` numbers, `stride` apart: blocks of sixteen columns, then of eight, then of four, through registers. (Wide stores, because
 /// of narrow ones the compiler makes narrow shuffles, and of those the processor does one per cycle.)
 ///
 /// # Panics
-/// Unless `rows` has 16 * `N` numbers and `N` is divisible by four.
+/// If `rows` ends before the last of them does. It does not compile unless `N` is divisible by four.
 #[inline(always)]
-pub fn write<const N: usize>(values: &[Lanes; N], rows: &mut [f32]) {
+pub fn write<const N: usize>(values: &[Lanes; N], rows: &mut [f32], stride: usize) {
     const { assert!(N.is_multiple_of(4)) };
-    assert_eq!(rows.len(), LANES * N);
+    assert!(rows.len() >= (LANES - 1) * stride + N);
     let out = rows.as_mut_ptr();
     let mut first = 0;
-    // SAFETY: each call writes the columns from `first` on, of which there are as many as the condition says, in rows of N numbers, of
-    // which the assertion says that there are sixteen
+    // SAFETY: each call writes the columns from `first` on, of which there are as many as the condition says, in sixteen rows of N numbers,
+    // of which the assertion says that they are there
     unsafe {
         while first + 16 <= N {
-            write16(&values[first..first + 16], out.add(first), N);
+            write16(&values[first..first + 16], out.add(first), stride);
             first += 16;
         }
         if first + 8 <= N {
-            write8(&values[first..first + 8], out.add(first), N);
+            write8(&values[first..first + 8], out.add(first), stride);
             first += 8;
         }
         if first + 4 <= N {
-            write4(&values[first..first + 4], out.add(first), N);
+            write4(&values[first..first + 4], out.add(first), stride);
         }
     }
 }

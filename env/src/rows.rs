@@ -36,7 +36,7 @@ pub(crate) fn first_bad_action(actions: &[f32]) -> Option<usize> {
 #[inline(always)]
 pub(crate) fn write<R: Batched, const N: usize>(values: &[R; N], rows: &mut [f32]) {
     if rows.len() == LANES * N {
-        return R::write(values, rows);
+        return R::write(values, rows, N);
     }
     for (lane, row) in rows.chunks_exact_mut(N).enumerate() {
         write_lane(values, lane, row);

@@ -23,8 +23,8 @@ pub(crate) trait Batched: Simulated {
     fn array(&self) -> &[f32; LANES];
     /// Sixteen rows of four numbers.
     fn read4(rows: &[f32]) -> [Self; 4];
-    /// Sixteen rows of `N` numbers.
-    fn write<const N: usize>(values: &[Self; N], rows: &mut [f32]);
+    /// Sixteen rows of `N` numbers, `stride` apart.
+    fn write<const N: usize>(values: &[Self; N], rows: &mut [f32], stride: usize);
 }
 
 impl Simulated for f64 {
@@ -78,8 +78,8 @@ impl Batched for Lanes {
         out
     }
     #[inline(always)]
-    fn write<const N: usize>(values: &[Self; N], rows: &mut [f32]) {
-        for (lane, row) in rows.chunks_exact_mut(N).enumerate() {
+    fn write<const N: usize>(values: &[Self; N], rows: &mut [f32], stride: usize) {
+        for (lane, row) in rows.chunks_mut(stride).enumerate() {
             for (slot, value) in row.iter_mut().zip(values) {
                 *slot = value.array()[lane];
             }
@@ -124,8 +124,8 @@ macro_rules! in_registers {
                     $lanes::read4(rows)
                 }
                 #[inline(always)]
-                fn write<const N: usize>(values: &[Self; N], rows: &mut [f32]) {
-                    $lanes::write(values, rows);
+                fn write<const N: usize>(values: &[Self; N], rows: &mut [f32], stride: usize) {
+                    $lanes::write(values, rows, stride);
                 }
             }
         }

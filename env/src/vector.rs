@@ -446,7 +446,7 @@ impl<R: Batched, T: Task> Shard<R, T> {
         let verdict = self.task.judge(&situation);
         let over = now_s.gt(pace.last_s);
         slot.last_action = *action;
-        R::write(&observe(&tick.reading, now_s, &setpoint, action), out.observations);
+        R::write(&observe(&tick.reading, now_s, &setpoint, action), out.observations, OBSERVATION);
         *out.rewards = *verdict.reward.array();
         let (terminated, truncated) = (R::bits(verdict.terminated), R::bits(over));
         flags(terminated, out.terminated);

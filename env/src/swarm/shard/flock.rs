@@ -73,6 +73,8 @@ pub(super) struct Desk<R: Batched> {
     pub(super) x: Vec<State<R>>,
     pub(super) u: Vec<Command<R>>,
     pub(super) hanging: load::State<R>,
+    /// Observations of one drone in a tile of worlds.
+    pub(super) rows: Vec<f32>,
 }
 
 pub(super) struct Flock<R: Batched> {
@@ -312,6 +314,7 @@ impl<R: Batched> Desk<R> {
             x: vec![State::rest(); drones],
             u: vec![Command::level(zero); drones],
             hanging: load::State::rest(),
+            rows: vec![0.0; LANES * (OBSERVATION + NEIGHBOUR * (drones - 1))],
         }
     }
 }

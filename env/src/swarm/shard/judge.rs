@@ -78,6 +78,7 @@ impl<R: Batched> Flock<R> {
         let over = R::bits(now_s.gt(R::of(rules.last_s))) as u16;
         let (mut late, mut arrived, mut flying) = (R::nothing(), R::zero(), 0);
         let lanes = self.used(tile);
+        let mut near = std::mem::take(&mut self.desk.rows);
         for drone in 0..n {
             let before = self.pilot(tile, drone).flying;
             let end = self.end(tile, place, drone, over);
@@ -96,8 +97,9 @@ impl<R: Batched> Flock<R> {
                     *flag = bits >> lane & 1 == 1;
                 }
             }
-            self.write(tile, place, drone, lanes, before.into(), out.observations);
+            self.write(tile, place, drone, &mut near, (lanes, before.into()), out.observations);
         }
+        self.desk.rows = near;
         for (seen, pilot) in self.desk.scene[place * n..].iter_mut().zip(&self.pilots[tile * n..(tile + 1) * n]) {
             seen.here = R::select(R::mask(pilot.flying.into()), R::of(1.0), R::zero());
         }
@@ -142,29 +144,45 @@ impl<R: Batched> Flock<R> {
 
     /// The first observations of the worlds of `bits`.
     #[inline(never)]
-    pub(super) fn show(&self, tile: usize, bits: u32, observations: &mut [f32]) {
+    pub(super) fn show(&mut self, tile: usize, bits: u32, observations: &mut [f32]) {
+        let mut near = std::mem::take(&mut self.desk.rows);
         R::run(
             #[inline(always)]
-            || (0..self.len()).for_each(|drone| self.write(tile, 0, drone, bits, bits, observations)),
+            || (0..self.len()).for_each(|drone| self.write(tile, 0, drone, &mut near, (bits, bits), observations)),
         );
+        self.desk.rows = near;
     }
 
-    /// A drone's rows in the worlds of `lanes`: what it observes where it flew (`flew`), zeros elsewhere.
+    /// A drone's rows in the worlds of `lanes`: what it observes where it flew (`flew`), zeros elsewhere. They are put together in `near`,
+    /// which stays in the cache, because the worlds of a tile are far from each other.
     #[inline(always)]
-    fn write(&self, tile: usize, place: usize, drone: usize, lanes: u32, flew: u32, observations: &mut [f32]) {
+    fn write(&self, tile: usize, place: usize, drone: usize, near: &mut [f32], (lanes, flew): (u32, u32), observations: &mut [f32]) {
         let n = self.drones.len();
         let width = OBSERVATION + NEIGHBOUR * (n - 1);
         let now_s = self.drones[drone].time_s(tile);
         let reading = &self.desk.ticks[drone][place].reading;
-        let to = Rows { first: (tile * LANES * n + drone) * width, stride: n * width, lanes, flew };
         let own = observe(reading, now_s, &self.desk.setpoints[drone], &self.pilot(tile, drone).last_action);
-        to.write(&own, 0, observations);
+        R::write(&own, near, width);
         let truth = &self.desk.scene[place * n..(place + 1) * n];
         let mut at = OBSERVATION;
         for other in (0..n).filter(|other| *other != drone) {
-            to.write(&self.tiles[tile].known.of(drone, other, truth, now_s), at, observations);
+            R::write(&self.tiles[tile].known.of(drone, other, truth, now_s), &mut near[at..], width);
             at += NEIGHBOUR;
         }
+        let first = (tile * LANES * n + drone) * width;
+        for lane in lanes_of(lanes) {
+            let row = &mut observations[first + lane * n * width..][..width];
+            if flew >> lane & 1 == 1 { copy(&near[lane * width..(lane + 1) * width], row) } else { row.fill(0.0) }
+        }
+    }
+}
+
+/// Rows are short: a call of the library's copy would take as long as the copying.
+#[inline(always)]
+fn copy(from: &[f32], to: &mut [f32]) {
+    const { assert!(OBSERVATION.is_multiple_of(8) && NEIGHBOUR.is_multiple_of(8)) };
+    for (to, from) in to.as_chunks_mut::<8>().0.iter_mut().zip(from.as_chunks::<8>().0) {
+        *to = *from;
     }
 }
 
@@ -175,34 +193,4 @@ struct End<R: Real> {
     terminated: u16,
     truncated: u16,
     flying: u16,
-}
-
-/// Where a drone's rows are among all.
-struct Rows {
-    first: usize,
-    stride: usize,
-    lanes: u32,
-    flew: u32,
-}
-
-impl Rows {
-    #[inline(always)]
-    fn write<R: Batched, const N: usize>(&self, values: &[R; N], at: usize, rows: &mut [f32]) {
-        let mut block = [0.0; LANES * OBSERVATION];
-        let block = &mut block[..LANES * N];
-        R::write(values, block);
-        // mostly all sixteen worlds are there and fly
-        if self.lanes & self.flew == u32::from(u16::MAX) {
-            for (lane, row) in block.chunks_exact(N).enumerate() {
-                let from = self.first + lane * self.stride + at;
-                rows[from..from + N].copy_from_slice(row);
-            }
-            return;
-        }
-        for lane in lanes_of(self.lanes) {
-            let from = self.first + lane * self.stride + at;
-            let row = &mut rows[from..from + N];
-            if self.flew >> lane & 1 == 1 { row.copy_from_slice(&block[lane * N..(lane + 1) * N]) } else { row.fill(0.0) }
-        }
-    }
 }
