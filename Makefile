@@ -24,7 +24,8 @@ test: $(VENV)/.test
 	$(BIN)/ruff check python_client tests examples
 	$(BIN)/ruff format --check python_client tests examples
 	sh tests/chromium.sh
-	$(BIN)/python -m pytest -q
+	$(BIN)/python -m pytest -q -n 2 --dist loadfile --ignore tests/python/page
+	$(BIN)/python -m pytest -q tests/python/page
 
 bench: $(VENV)/.bench
 	$(CARGO) bench -p crazyflie-env

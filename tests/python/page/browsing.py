@@ -69,7 +69,7 @@ LEANING = """async (attempt) => {
   const { getReplay } = await import(location.origin + "/js/api.js");
   const { RunView } = await import(location.origin + "/js/scene/run_view.js");
   const view = new RunView();
-  view.flight = await getReplay(attempt, 0);
+  [view.flight] = await getReplay(attempt, 0);
   return Array.from({ length: view.flight.rows }, (_, row) => {
     view.update(view.flight.get("t_s", row), { vehicleScale: 2, cone: true, spin: false });
     view.vehicle.updateMatrix();
