@@ -39,7 +39,7 @@ def main():
             print(f"{rig:6s} {name:26s} {cm:10.1f} cm {median(flights, 'reward'):11.3f} {failed:9d}")
             distances = path(name, effects)
             # narrower and narrower: LQR and MPC fly alike
-            panel.plot(np.arange(len(distances)) * 0.02, np.median(distances, axis=1), lw=4 - 0.7 * place, label=name)
+            panel.plot(np.arange(len(distances)) * 0.02, np.median(distances, axis=1), lw=2.8 - 0.5 * place, label=name)
         panel.set(title=f"{rig} rig", xlabel="s", ylim=(0, 1.2))
     panels[0].set_ylabel("distance to the set-point, m (median of 9)")
     panels[0].legend()
