@@ -137,5 +137,7 @@ def test_the_command_leaves_gains_that_fly(tmp_path):
     # from a file, and for people
     again = command("kalman+pid:gains.json", *short, "--gains", "x.kp", cwd=tmp_path)
     assert again.returncode == 0 and "8 candidates on 8 seeds, judged on 8 others" in again.stdout, again.stderr
-    refused = command("thesis-pid", "--gains", "kp", cwd=tmp_path)
-    assert refused.returncode == 2 and "has no gain 'kp'" in refused.stderr
+    for mistake, words in (("--gains=kp", "has no gain 'kp'"), ("--effects={", "{ is not JSON"), ("--id=X-v0", "X-v0")):
+        refused = command("thesis-pid", mistake, cwd=tmp_path)
+        assert refused.returncode == 2 and words in refused.stderr, refused.stderr
+    assert command("pid:gone.json", cwd=tmp_path).returncode == 2

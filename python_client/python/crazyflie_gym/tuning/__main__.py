@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from crazyflie_gym._native import tasks
 from crazyflie_gym.evaluation import Flight, Scenario, median
 from crazyflie_gym.sweep import Store
 from crazyflie_gym.training import LAB
@@ -100,7 +101,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--options", type=_object, default={}, metavar="JSON", help="where the search starts, else the defaults")
     add("--gains", nargs="+", default=[], metavar="GAIN", help="x.kp, or all of a group: x (default: all)")
     add("--figure", choices=FIGURES, default=start.figure, help="what counts (default: %(default)s)")
-    add("--id", default=flown.id, help="the task, by its Gymnasium id (default: %(default)s)")
+    add("--id", choices=[task["id"] for task in tasks()], default=flown.id, help="the task (default: %(default)s)")
     add("--task-options", type=_object, default={}, metavar="JSON")
     add("--effects", type=_object, default=LAB, metavar="JSON", help="(default: the lab's camera and the ground)")
     add("--vertical", default=flown.vertical, help="height, pwm or thrust (default: %(default)s)")
@@ -120,7 +121,7 @@ def _parser() -> argparse.ArgumentParser:
         "--store",
         default="tuning.sqlite",
         metavar="FILE",
-        help="flights, to go on from (default: %(default)s)",
+        help="keeps flights: none is flown twice (default: %(default)s)",
     )
     add("--ray", metavar="ADDRESS", help="of a Ray cluster: auto, or local for one of this machine (default: no Ray)")
     add("--out", metavar="FILE", help="write the options as JSON: all of a PID's are what pid:FILE reads")
@@ -141,7 +142,7 @@ def main() -> None:
     try:
         with Store(args.store) as store:
             tuned = tune(search, store, args.ray, progress=not args.json)
-    except ValueError as error:
+    except (OSError, ValueError) as error:
         parser.error(str(error))
     if args.out:
         Path(args.out).write_text(json.dumps(tuned.options, indent=2) + "\n")
