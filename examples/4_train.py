@@ -26,6 +26,7 @@ def main():
     print(f"trained in {time.perf_counter() - start:.1f} s:", end=" ")
     print(", ".join(f"{part} {seconds:.1f} s" for part, seconds in trained.seconds.items()))
     trained.policy.save(args.out)
+    figure, (left, middle, right) = plt.subplots(1, 3, figsize=(12, 4), layout="constrained")
     print("128 unseen seeds       RMS error    reward   failed")
     for name, scenario in FLOWN.items():
         for controller in ("thesis-pid", f"policy:{args.out}"):
@@ -33,12 +34,14 @@ def main():
             failed = sum(flight["failed"] for flight in flights)
             figures = f"{100 * median(flights, 'rmse_m'):8.1f} cm {median(flights, 'reward'):9.3f} {failed:8d}"
             print(f"{name} {controller.split(':')[0]:14s} {figures}")
-    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4))
+            errors_cm = [100 * flight["rmse_m"] for flight in flights]
+            right.ecdf(errors_cm, label=f"{name}, {controller.split(':')[0]}")
     left.plot(trained.rewards)
     left.set(xlabel="rollout", ylabel="reward per tick, exploration included")
-    right.barh(list(trained.seconds), list(trained.seconds.values()))
-    right.set(xlabel="s")
-    figure.tight_layout()
+    middle.barh(list(trained.seconds), list(trained.seconds.values()))
+    middle.set(xlabel="s", title="where the time went")
+    right.set(xlabel="RMS error, cm", ylabel="share of the unseen flights")
+    right.legend()
     figure.savefig("4_train.png", dpi=100)
     print(f"the policy is {args.out}: crazyflie fly --controller policy:{args.out}; the picture is 4_train.png")
 

@@ -24,7 +24,7 @@ def crazyflie(*args):
 
 def main():
     controllers = sys.argv[1:] or ["thesis-pid", "stock-pid", "lqr"]
-    figure, panels = plt.subplots(1, len(SCENARIOS), figsize=(10, 4), sharey=True)
+    figure, panels = plt.subplots(1, len(SCENARIOS), figsize=(10, 4), sharey=True, layout="constrained")
     for panel, scenario in zip(panels, SCENARIOS, strict=True):
         for controller in controllers:
             told = crazyflie(
@@ -33,13 +33,13 @@ def main():
             row = json.loads(told)
             score = row["result"]["score"]
             spread = [[score["score"] - score["low"]], [score["high"] - score["score"]]]
-            panel.bar(row["controller"], score["score"], yerr=spread, capsize=4)
+            bar = panel.bar(row["controller"], score["score"], yerr=spread, capsize=4)
+            panel.bar_label(bar, fmt="%.0f", padding=4)
             # flown again from the stored actions, compared to the bit
             print(crazyflie("verify", row["id"], "--data", "bench.sqlite").strip())
         panel.set(title=scenario, ylim=(0, 100))
         print(crazyflie("leaderboard", "--scenario", scenario, "--data", "bench.sqlite"))
     panels[0].set_ylabel("score with 95 % interval")
-    figure.autofmt_xdate()
     figure.savefig("5_submit.png", dpi=100)
     print("the picture is 5_submit.png")
 

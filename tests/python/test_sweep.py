@@ -1,13 +1,13 @@
 """Evaluation is a pure function; results are in the store once, whichever machine died meanwhile."""
 
 import sqlite3
-import time
 from collections import Counter
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
+from cluster import losing_a_node
 from crazyflie_gym.evaluation import Scenario, Work, fly, median
 from crazyflie_gym.sweep import Store, run, split
 
@@ -81,38 +81,11 @@ def test_a_run_goes_on_where_it_was(tmp_path):
 
 
 def test_a_cluster_that_loses_a_node_gives_what_one_process_gives(tmp_path):
-    ray = pytest.importorskip("ray", reason="Ray is not installed (extra ray): clusters are not tested")
-    from ray.cluster_utils import Cluster
-
     works = [Work.of(Scenario(ticks=4000), "thesis-pid", 1000 * i, 256) for i in range(24)]
     with Store(tmp_path / "serial.sqlite") as store:
         expected = run(works, store, progress=False)
-    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1})
-    try:
-        doomed = cluster.add_node(num_cpus=1)
-        cluster.add_node(num_cpus=1)
-        ray.init(address=cluster.address, log_to_driver=False)
-        assert sum(node["Alive"] for node in ray.nodes()) == 3
-        begun: Counter[str] = Counter()
-
-        class Watched(Store):
-            """A store that kills a node when the first results have come."""
-
-            def add(self, key, flights):
-                begun[key] += 1
-                if len(begun) == 4:
-                    cluster.remove_node(doomed, allow_graceful=False)
-                    deadline = time.monotonic() + 60
-                    while sum(node["Alive"] for node in ray.nodes()) != 2:
-                        assert time.monotonic() < deadline
-                        time.sleep(0.1)
-                return super().add(key, flights)
-
-        with Watched(tmp_path / "cluster.sqlite") as store:
-            flights = run(works, store, cluster.address, progress=False)
-            assert len(store) == len(works)
-    finally:
-        ray.shutdown()
-        cluster.shutdown()
+    with losing_a_node(tmp_path / "cluster.sqlite", after=4) as (address, store):
+        flights = run(works, store, address, progress=False)
+        assert len(store) == len(works)
     assert flights == expected and len(flights) == 24 * 256
-    assert begun == Counter(work.key() for work in works)
+    assert store.came == Counter(work.key() for work in works)

@@ -142,10 +142,15 @@ impl std::fmt::Debug for Entry {
     }
 }
 
+/// Options as the registry tells them.
+fn told(options: impl Serialize) -> Value {
+    // options are plain structures of numbers
+    serde_json::to_value(options).unwrap_or(Value::Null)
+}
+
 /// The default options of a controller.
 fn defaults<T: Serialize + Default>() -> Value {
-    // options are plain structures of numbers
-    serde_json::to_value(T::default()).unwrap_or(Value::Null)
+    told(T::default())
 }
 
 /// Every controller.

@@ -6,7 +6,7 @@
 use serde::{Deserialize, Serialize};
 
 pub use super::gains::{Gains, Loop};
-use super::{Batch, Controller, Entry, Given, Law, Mode, Site, defaults};
+use super::{Batch, Controller, Entry, Given, Law, Mode, Site, defaults, told};
 use crate::error::Result;
 use crate::observation::{ACTION, Interface, OBSERVATION, wrap};
 use crate::plant::Command;
@@ -50,7 +50,7 @@ pub(super) const THESIS: Entry = Entry {
     source: SOURCE,
     file: None,
     options: OPTIONS,
-    defaults: defaults::<Options>,
+    defaults: || told(Gains::THESIS),
     build: |given, site| with_options(Gains::THESIS, given, site),
 };
 
@@ -61,7 +61,7 @@ pub(super) const STOCK: Entry = Entry {
     source: SOURCE,
     file: None,
     options: OPTIONS,
-    defaults: defaults::<Options>,
+    defaults: || told(Gains::CRAZYFLIE_ROS),
     build: |given, site| with_options(Gains::CRAZYFLIE_ROS, given, site),
 };
 

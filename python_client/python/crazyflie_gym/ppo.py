@@ -216,7 +216,7 @@ class Trainer:
         with self.timed("compiling"):
             made = (self.params, state, self.scales, rollout, last, self.order())
             learn = learner(c, optimiser).lower(*made).compile()  # type: ignore[attr-defined]
-        for _ in tqdm(range(c.iterations - 1), unit="rollout", disable=not progress):
+        for _ in tqdm(range(c.iterations - 1), unit="rollout", disable=not progress or None):
             self.restart()
             rollout, last, paid = self.rollout()
             rewards.append(paid)

@@ -16,6 +16,7 @@ from __future__ import annotations
 import json
 import sqlite3
 from collections.abc import Iterator, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any, cast
 
@@ -82,12 +83,13 @@ def run(works: Sequence[Work], store: Store, ray_address: str | None = None, pro
         store: where results are, and go as they come.
         ray_address: of a Ray cluster ("auto", or "local" for one of this machine alone), or None for this process. Work
             of a machine that dies is done by another.
-        progress: whether to show a bar.
+        progress: whether to show a bar, on a terminal.
     """
     keys = [work.key() for work in works]
     missing = {key: work for key, work in zip(keys, works, strict=True) if store.get(key) is None}
     results = _here(missing) if ray_address is None else _on_ray(missing, ray_address)
-    for key, flights in tqdm(results, total=len(missing), unit="batch", disable=not progress):
+    # a bar below another's goes when it is done
+    for key, flights in tqdm(results, total=len(missing), unit="batch", leave=None, disable=not progress or None):
         store.add(key, flights)
     return [flight for key in keys for flight in store.get(key) or []]
 
@@ -97,13 +99,20 @@ def _here(works: dict[str, Work]) -> Iterator[tuple[str, list[Flight]]]:
         yield key, fly(work)
 
 
+@cache
+def _remote() -> Any:
+    import ray
+
+    # without end: what fails is the machine, not the work, whose own mistakes are raised by `ray.get`
+    return ray.remote(num_cpus=1, max_retries=-1)(fly)
+
+
 def _on_ray(works: dict[str, Work], address: str) -> Iterator[tuple[str, list[Flight]]]:
     import ray
 
     if not ray.is_initialized():
         ray.init(address=address)
-    # without end: what fails is the machine, not the work, whose own mistakes are raised here
-    remote = ray.remote(num_cpus=1, max_retries=-1)(fly)
+    remote = _remote()
     waiting = list(works.items())[::-1]
     # enough for no machine to wait, and few enough for a sweep of any size
     cpus = ray.cluster_resources().get("CPU", 1)  # type: ignore[no-untyped-call, unused-ignore]

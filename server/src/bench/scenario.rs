@@ -193,7 +193,7 @@ impl Scenario {
         Ok(match &self.plan.team {
             None => Fleet::Alone(VectorEnv::new(&model, &options, episodes)?),
             Some(Team { drones, neighbours }) => {
-                let shared = Shared { drones: *drones, neighbours: neighbours.clone(), ..Shared::default() };
+                let shared = Shared { drones: *drones, neighbours: *neighbours, ..Shared::default() };
                 Fleet::Shared(SwarmEnv::new(&[model], &SwarmOptions { env: options, shared }, episodes)?)
             }
         })

@@ -41,14 +41,18 @@ impl Bench {
         self.verify_row(&row)
     }
 
-    /// Every attempt, and the numbers of rows that are missing.
-    pub(crate) fn verify_all(&self) -> Result<(Vec<Verification>, Vec<i64>)> {
+    /// Every attempt, and the numbers of rows that are missing; `progress` is told how many of how many are done.
+    pub(crate) fn verify_all(&self, progress: &dyn Fn(usize, usize)) -> Result<(Vec<Verification>, Vec<i64>)> {
         let (rows, last) = {
             let store = self.store();
             (store.attempts(Filter::default())?, store.last_number()?)
         };
         let missing = (1..=last).filter(|number| rows.binary_search_by_key(number, |row| row.number).is_err()).collect();
-        Ok((rows.iter().map(|row| self.verify_row(row)).collect::<Result<_>>()?, missing))
+        let one = |(done, row)| {
+            progress(done, rows.len());
+            self.verify_row(row)
+        };
+        Ok((rows.iter().enumerate().map(one).collect::<Result<_>>()?, missing))
     }
 
     pub(super) fn verify_row(&self, row: &Stored) -> Result<Verification> {

@@ -3,6 +3,8 @@
 use std::io::Write;
 use std::path::PathBuf;
 
+use indicatif::ProgressBar;
+
 use super::{Failure, Outcome, Table, controllers, number};
 use crate::afar::Afar;
 use crate::bench::baselines;
@@ -121,23 +123,32 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let controller = controllers::chosen(&args.controller, args.controller_options.as_deref())?;
     let entrant = Entrant { controller, avoid: args.avoid };
     let mut place = Place::open(args)?;
+    let scenarios = place.scenarios(&args.scenario)?;
+    let bar = ProgressBar::new(scenarios.len() as u64 * u64::from(args.repeat));
+    bar.tick();
     let mut done = Vec::new();
-    for scenario in place.scenarios(&args.scenario)? {
+    for scenario in scenarios {
         for _ in 0..args.repeat {
             let document = place.submit(&scenario, &entrant)?;
             if args.json {
                 // said at once: whoever reads it may rely on it
-                serde_json::to_writer(&mut *out, &document)?;
-                writeln!(out)?;
-                out.flush()?;
+                bar.suspend(|| say(&document, out))?;
             }
             done.push(document);
+            bar.inc(1);
         }
     }
+    bar.finish_and_clear();
     if !args.json {
         write!(out, "{}", table(&done).plain())?;
     }
     Ok(())
+}
+
+fn say(document: &Document, out: &mut dyn Write) -> Outcome {
+    serde_json::to_writer(&mut *out, document)?;
+    writeln!(out)?;
+    Ok(out.flush()?)
 }
 
 fn table(documents: &[Document]) -> Table {

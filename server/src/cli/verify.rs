@@ -3,6 +3,7 @@
 use std::io::Write;
 use std::path::PathBuf;
 
+use indicatif::ProgressBar;
 use serde_json::json;
 
 use super::{Failure, Outcome, Table};
@@ -30,10 +31,15 @@ pub(super) struct Args {
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let bench = Bench::open_existing(&args.data)?;
+    let bar = ProgressBar::no_length();
     let (found, missing) = match args.attempt.as_str() {
-        "all" => bench.verify_all()?,
+        "all" => bench.verify_all(&|done, of| {
+            bar.set_length(of as u64);
+            bar.set_position(done as u64);
+        })?,
         id => (vec![bench.verify(id)?], Vec::new()),
     };
+    bar.finish_and_clear();
     if args.json {
         serde_json::to_writer_pretty(&mut *out, &json!({"attempts": found, "missing": missing, "public_key": bench.public_key()}))?;
         writeln!(out)?;

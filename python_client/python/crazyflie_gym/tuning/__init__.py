@@ -1,0 +1,197 @@
+"""Gains of a controller, tuned over many flights, here or on a Ray cluster.
+
+    python -m crazyflie_gym.tuning thesis-pid --out gains.json
+
+CMA-ES (Hansen 2016, "The CMA Evolution Strategy: A Tutorial") asks, flights answer. The candidates of a generation are
+work for `crazyflie_gym.sweep`, so a tuning that was cut short goes on where it was, and a cluster finds what one
+process finds. What is found is judged on seeds that the search has not seen. Needs the extra `ray`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from cmaes import CMA
+from tqdm import tqdm
+
+from crazyflie_gym._native import controllers
+from crazyflie_gym.evaluation import Flight, Scenario, Work, fly
+from crazyflie_gym.sweep import Store, run, split
+
+UNSEEN = 10**9
+"""The first seed that is judged on; the search flies those from 0 on."""
+FIGURES = {"reward": -1, "rmse_m": 1}
+"""What can be asked for, with the sign that makes it a cost."""
+SPAN = 2.5
+"""Gains may be exp(SPAN) times those of the start, up or down."""
+STEP = 0.35
+"""How far the first candidates are from the start: standard deviation of the logarithm of a gain."""
+
+
+@dataclass(frozen=True)
+class Search:
+    """What is tuned, on what, for how long. The same search finds the same gains.
+
+    Args:
+        scenario: what is flown.
+        controller: `NAME` or `NAME:FILE`, as `crazyflie_gym.controllers()` lists it.
+        names: gains by their place in the options ("position_m", "x.kp"), or groups of them ("x"); all unless given.
+        options: where the search starts, instead of the controller's defaults or what is in its file.
+        figure: one of `FIGURES`, whose mean over the flights counts. A failed flight costs 1 more: all its reward, or a
+            metre of error.
+        seeds: flights of each candidate.
+        judged_on: flights on unseen seeds, of the start and of what was found.
+        generations: of CMA-ES, fewer if it converges.
+        population: candidates of a generation.
+        seed: of CMA-ES.
+    """
+
+    scenario: Scenario = field(default_factory=Scenario)
+    controller: str = "thesis-pid"
+    names: Sequence[str] = ()
+    options: Mapping[str, Any] = field(default_factory=dict)
+    figure: str = "reward"
+    seeds: int = 64
+    judged_on: int = 256
+    generations: int = 24
+    population: int = 12
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Tuned:
+    """What was found.
+
+    Args:
+        options: of the controller: `env.controller(name, **options)` flies them.
+        gains: each tuned gain before and after.
+        costs: the least so far, after the start and after each generation, on the seeds of the search.
+        before: flights of the start on unseen seeds.
+        after: flights of what was found, on the same.
+    """
+
+    options: dict[str, Any]
+    gains: dict[str, tuple[float, float]]
+    costs: list[float]
+    before: list[Flight]
+    after: list[Flight]
+
+
+def tune(search: Search, store: Store, ray_address: str | None = None, progress: bool = True) -> Tuned:
+    """Search, and judge what was found.
+
+    Args:
+        search: what is tuned.
+        store: where flights are, and go as they come.
+        ray_address: as of `crazyflie_gym.sweep.run`.
+        progress: whether to show bars.
+
+    Raises:
+        ValueError: for what `crazyflie_gym.evaluation.fly` refuses, and for gains that the controller has not.
+    """
+    start = _checked(search)
+    before = _gains(search, start)
+    names, values = list(before), np.array(list(before.values()))
+    optimiser = CMA(
+        np.zeros(len(names)), STEP, np.tile([-SPAN, SPAN], (len(names), 1)),
+        seed=search.seed, population_size=search.population,
+    )  # fmt: skip
+    best, costs = start, _costs(search, [start], store, ray_address, progress)
+    bar = tqdm(range(search.generations), desc=search.controller, unit="generation", disable=not progress or None)
+    for _ in bar:
+        asked = [optimiser.ask() for _ in range(search.population)]
+        tried = [replaced(start, dict(zip(names, _plain(values * np.exp(point)), strict=True))) for point in asked]
+        answers = _costs(search, tried, store, ray_address, progress)
+        optimiser.tell(list(zip(asked, answers, strict=True)))
+        if min(answers) < costs[-1]:
+            best = tried[answers.index(min(answers))]
+        costs.append(min(costs[-1], *answers))
+        bar.set_postfix_str(f"cost {costs[0]:.4f} to {costs[-1]:.4f}")
+        if optimiser.should_stop():
+            break
+    before_and_after = [work for options in (start, best) for work in _works(search, options, search.judged_on, UNSEEN)]
+    flown = run(before_and_after, store, ray_address, progress)
+    after = numbers(best)
+    gains = {name: (value, after[name]) for name, value in before.items()}
+    return Tuned(best, gains, costs, flown[: search.judged_on], flown[search.judged_on :])
+
+
+def _checked(search: Search) -> dict[str, Any]:
+    """Return the options that the search starts from."""
+    for name in ("seeds", "judged_on", "generations", "population"):
+        if not 2 <= getattr(search, name) <= UNSEEN:
+            raise ValueError(f"{name} is {getattr(search, name)}, expected 2 to {UNSEEN}")
+    if search.figure not in FIGURES:
+        raise ValueError(f"unknown figure {search.figure!r}, expected one of {', '.join(FIGURES)}")
+    # one tick is enough for all that is wrong with a scenario, a controller or its options to be said
+    fly(Work.of(replace(search.scenario, ticks=1), search.controller, 0, 1, **search.options))
+    name, _, path = search.controller.partition(":")
+    entry = next(e for e in controllers() if name.rpartition("+")[2] in (e["name"], e["also"]))
+    start: dict[str, Any] = json.loads(entry["defaults"])
+    if start and path:
+        start |= json.loads(Path(path).read_bytes())
+    return start | dict(search.options)
+
+
+def _gains(search: Search, start: Mapping[str, Any]) -> dict[str, float]:
+    every = numbers(start)
+    for name in search.names:
+        if not any(_within(gain, name) for gain in every):
+            there = ", ".join(every) or "none"
+            raise ValueError(f"{search.controller} has no gain {name!r} that is not 0; those that it has: {there}")
+    chosen = {g: v for g, v in every.items() if not search.names or any(_within(g, name) for name in search.names)}
+    if not chosen:
+        raise ValueError(f"{search.controller} has no gains to tune")
+    return chosen
+
+
+def _within(gain: str, name: str) -> bool:
+    return f"{gain}.".startswith(f"{name}.")
+
+
+def numbers(options: Mapping[str, Any], above: str = "") -> dict[str, float]:
+    """Return the numbers among options that are not 0, by their place; limits, which are lists, are not among them."""
+    found: dict[str, float] = {}
+    for name, value in options.items():
+        if isinstance(value, Mapping):
+            found |= numbers(value, f"{above}{name}.")
+        elif isinstance(value, (int, float)) and value != 0:
+            found[above + name] = float(value)
+    return found
+
+
+def replaced(options: Mapping[str, Any], new: Mapping[str, float], above: str = "") -> dict[str, Any]:
+    """Return options with other numbers, which are given by their place."""
+    return {
+        name: replaced(value, new, f"{above}{name}.") if isinstance(value, Mapping) else new.get(above + name, value)
+        for name, value in options.items()
+    }
+
+
+def _plain(values: Any) -> list[float]:
+    # four digits are more than flights can tell apart; the last bits of another machine's exp are not among them
+    return [float(f"{value:.4g}") for value in values]
+
+
+def _works(search: Search, options: Mapping[str, Any], seeds: int, first_seed: int = 0) -> list[Work]:
+    return split(search.scenario, search.controller, seeds, first_seed, **options)
+
+
+def _costs(
+    search: Search, tried: Sequence[Mapping[str, Any]], store: Store, ray_address: str | None, progress: bool
+) -> list[float]:
+    works = [work for options in tried for work in _works(search, options, search.seeds)]
+    flights = iter(run(works, store, ray_address, progress))
+    return [cost(list(islice(flights, search.seeds)), search.figure) for _ in tried]
+
+
+def cost(flights: Sequence[Flight], figure: str) -> float:
+    """Return what flights cost: the mean of a figure with its sign, and 1 for each flight that failed."""
+    plain: Any = flights
+    return float(np.mean([FIGURES[figure] * flight[figure] + flight["failed"] for flight in plain]))
