@@ -4,7 +4,7 @@ use crazyflie_env::effects;
 use crazyflie_identify::fit::flight::{Flight, Window};
 use crazyflie_identify::fit::hypothesis::{Hypothesis, Term};
 use crazyflie_identify::fit::predict::Prediction;
-use crazyflie_identify::fit::solve::{Solution, solve_within};
+use crazyflie_identify::fit::solve::{ENOUGH, Solution, solve_within};
 
 use super::ladder::Value;
 
@@ -66,7 +66,7 @@ pub(super) fn ground(completed: &Hypothesis, fit: &[Flight], test: &[Flight]) ->
 
 fn solved(at: &Hypothesis, flights: &[Flight], windows: &[Window]) -> Solution {
     let prediction = Prediction { flights, windows, hypothesis: at, inflation: 1.0 };
-    solve_within(&prediction, prediction.starts(), at.shared(), STEPS)
+    solve_within(&prediction, prediction.starts(), at.shared(), STEPS, ENOUGH)
 }
 
 /// Windows that begin or end near the floor.
