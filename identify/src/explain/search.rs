@@ -92,6 +92,30 @@ struct Proposal {
     sd: Vec<f64>,
 }
 
+/// Some of the windows, with their starts and their loss.
+struct Sample<'a> {
+    search: Search<'a>,
+    own: Vec<Vec<f64>>,
+    before: f64,
+    /// How many times as many windows there are.
+    of_all: f64,
+}
+
+impl Sample<'_> {
+    /// Of an effect without a slope at "off": the start from which the windows gain most, and what it gains there.
+    fn start_elsewhere(&self, at: &Hypothesis, starts: &[Term]) -> Option<Score> {
+        let from = |start: &Term| {
+            let with = at.with(start.clone());
+            let solution = self.search.fit(&with, Some(&self.own), STEPS_TO_START);
+            (self.of_all * (self.before - solution.loss), with.at(&solution.shared))
+        };
+        let tried: Vec<(f64, Hypothesis)> = starts.par_iter().map(from).collect();
+        let (gain, best) = tried.into_iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
+        let start = best.terms.into_iter().find(|t| t.entry.name == starts[0].entry.name)?;
+        Some(Score { sd: vec![f64::INFINITY; start.free.len()], start, gain })
+    }
+}
+
 /// What an effect could gain.
 #[derive(Debug, Clone)]
 pub struct Score {
@@ -285,7 +309,7 @@ impl<'a> Search<'a> {
             joint = joint.with(candidate.starts[0].clone());
         }
         let (jet, base) = rayon::join(|| self.jet(&joint, now), || self.fit(&fixed, None, STEPS));
-        let jet = jet?;
+        let (jet, sample) = (jet?, self.sample(&fixed, &base));
         let known: Vec<usize> = at.terms.iter().flat_map(|t| joint.place(t.entry.name)).chain(0..at.free.len()).collect();
         let of = |candidate: &Candidate| {
             let place: Vec<usize> = joint.place(candidate.entry.name).collect();
@@ -293,7 +317,7 @@ impl<'a> Search<'a> {
             let here = (!deaf).then(|| jet.score(&candidate.starts[0], &place, &known));
             let elsewhere = if deaf { &candidate.starts[..] } else { &candidate.starts[..candidate.variants] };
             let tried = deaf || candidate.variants > 1;
-            let there = if tried { self.start_elsewhere(&fixed, elsewhere, &base) } else { None };
+            let there = if tried { sample.start_elsewhere(&fixed, elsewhere) } else { None };
             here.into_iter().chain(there).collect::<Vec<Score>>()
         };
         let mut scores: Vec<Score> = all.par_iter().flat_map_iter(of).collect();
@@ -309,25 +333,14 @@ impl<'a> Search<'a> {
         Some((scores, base))
     }
 
-    /// Of an effect without a slope at "off": the start from which the windows gain most, and what it gains there.
-    fn start_elsewhere(&self, at: &Hypothesis, starts: &[Term], base: &Solution) -> Option<Score> {
-        // a part of the windows will do to choose
+    /// A part of the windows, which will do to choose where to start.
+    fn sample(&self, at: &Hypothesis, base: &Solution) -> Sample<'_> {
         let some: Vec<usize> = (0..self.windows.len()).step_by(EVERY_TO_START).collect();
         let own: Vec<Vec<f64>> = some.iter().map(|i| base.own[*i].clone()).collect();
-        let part = Search { flights: self.flights, windows: some.iter().map(|i| self.windows[*i].clone()).collect() };
-        let before: f64 = some.iter().map(|i| base.shares[*i].loss).sum();
-        let all = self.windows.len() as f64 / some.len() as f64;
-        let tried: Vec<(f64, Hypothesis)> = starts
-            .par_iter()
-            .map(|start| {
-                let with = at.with(start.clone());
-                let solution = part.fit(&with, Some(&own), STEPS_TO_START);
-                (all * (before - solution.loss), with.at(&solution.shared))
-            })
-            .collect();
-        let (gain, best) = tried.into_iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
-        let start = best.terms.into_iter().find(|t| t.entry.name == starts[0].entry.name)?;
-        Some(Score { sd: vec![f64::INFINITY; start.free.len()], start, gain })
+        let search = Search { flights: self.flights, windows: some.iter().map(|i| self.windows[*i].clone()).collect() };
+        // as many steps as with an effect, or what they gain by themselves would be taken for its gain
+        let before = search.fit(at, Some(&own), STEPS_TO_START).loss;
+        Sample { search, own, before, of_all: self.windows.len() as f64 / some.len() as f64 }
     }
 
     /// Likelihood, gradient and information at a hypothesis, by the filter with parameters known to a hundredth of their range.

@@ -336,6 +336,19 @@ mod tests {
     }
 
     #[test]
+    fn of_a_mean_the_clustered_error_is_the_textbooks() {
+        let values = [2.0, 3.5, 1.0, 4.0, 2.5, 9.0];
+        let mean = values.iter().sum::<f64>() / 6.0;
+        // as if each were known to a tenth, which is far less than they scatter
+        let known = 100.0;
+        let of =
+            |v: f64| Cluster { gradient: DVector::from_element(1, known * (v - mean)), information: DMatrix::from_element(1, 1, known) };
+        let variance = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (6.0 * 5.0);
+        let found = clustered(&values.map(of)).unwrap()[(0, 0)];
+        assert!((found / variance - 1.0).abs() < 1e-6, "{found} {variance}");
+    }
+
+    #[test]
     fn a_parameter_without_information_has_an_infinite_variance() {
         let inverse = pseudo_inverse(&DMatrix::from_row_slice(2, 2, &[4.0, 0.0, 0.0, 0.0])).unwrap();
         assert!((inverse[(0, 0)] - 0.25).abs() < 1e-9 && inverse[(1, 1)].is_infinite());
