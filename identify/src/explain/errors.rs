@@ -46,8 +46,8 @@ type Squares = [[f64; 5]; 3];
 /// Errors of two hypotheses, each with its disturbances, on the same flights. Predictions start from what the filter of each knows then; from there
 /// on the commands alone decide.
 pub fn compare(before: (&Hypothesis, &Disturbances), after: (&Hypothesis, &Disturbances), flights: &[Flight]) -> Errors {
-    let (b, a) = (squares(&before.0.fixed(), before.1, flights, false), squares(&after.0.fixed(), after.1, flights, false));
-    let n = squares(&before.0.fixed(), before.1, flights, true);
+    let of = |(hypothesis, disturbances): (&Hypothesis, &Disturbances), naive| squares(&hypothesis.fixed(), disturbances, flights, naive);
+    let (b, (a, n)) = rayon::join(|| of(before, false), || rayon::join(|| of(after, false), || of(before, true)));
     let mut p_value = [[1.0; 5]; 3];
     for (quantity, row) in p_value.iter_mut().enumerate() {
         for (horizon, p) in row.iter_mut().enumerate() {

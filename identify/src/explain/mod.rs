@@ -5,6 +5,7 @@ pub mod errors;
 pub mod learn;
 pub mod leftover;
 pub mod noise;
+pub mod refine;
 pub mod search;
 pub mod verdict;
 
@@ -12,6 +13,7 @@ use std::time::Instant;
 
 use crazyflie_env::effects::{Disturbance, Entry, Role, Trace, registry};
 use crazyflie_env::model::Model;
+use rayon::prelude::*;
 
 use crate::fit::filter::{Belief, Disturbances, filter};
 use crate::fit::flight::Flight;
@@ -51,7 +53,10 @@ pub fn explain(model: &Model, fit: &[Flight], test: &[Flight], progress: &dyn Fn
     let mut rivals = Vec::new();
     let settled = settle_rivals(&search, search.backward(path, WORTH_FIT), &mut rivals, progress);
     progress("the test flights");
-    let (dissected, dropped) = gate(&search, &judge, settled)?;
+    let (mut dissected, dropped) = gate(&search, &judge, settled)?;
+    if let Some(belief) = refine::refine(fit, &dissected.judged) {
+        dissected.judged.belief = belief;
+    }
     let last = &dissected.judged;
     progress("what is left");
     let mut disturbances = last.disturbances;
@@ -174,9 +179,10 @@ fn settle_rivals(
     let mut swaps = 0;
     'again: loop {
         rivals.clear();
-        for (name, without) in &now.without {
-            progress(&format!("rivals of {name}"));
-            let found = search.rivals(&now.judged, name, without, ALIKE);
+        let names: Vec<&str> = now.without.iter().map(|(name, _)| *name).collect();
+        progress(&format!("rivals of {}", names.join(", ")));
+        let all: Vec<_> = now.without.par_iter().map(|(name, less)| (*name, search.rivals(&now.judged, name, less, ALIKE))).collect();
+        for (name, found) in all {
             if now.without.len() > 1 && swaps < 2 {
                 for (_, judged) in &found {
                     let simpler = search.backward(judged.clone(), WORTH_FIT);
@@ -187,7 +193,7 @@ fn settle_rivals(
                     }
                 }
             }
-            rivals.push((*name, found.into_iter().map(|(name, _)| name).collect()));
+            rivals.push((name, found.into_iter().map(|(name, _)| name).collect()));
         }
         return now;
     }
@@ -212,7 +218,7 @@ fn gate(search: &Search, judge: &Search, from: Dissected) -> Option<(Dissected, 
 /// Log-likelihood of the test flights that each effect is worth.
 fn worths(judge: &Search, of: &Dissected) -> Option<Vec<f64>> {
     let full = judge.plug_in(&of.judged.settled(), &of.judged.disturbances)?;
-    of.without.iter().map(|(_, less)| Some(judge.plug_in(&less.settled(), &less.disturbances)? - full)).collect()
+    of.without.par_iter().map(|(_, less)| Some(judge.plug_in(&less.settled(), &less.disturbances)? - full)).collect()
 }
 
 fn named(judge: &Search, of: &Dissected, rivals: &[(&'static str, Vec<&'static str>)]) -> Option<Vec<Named>> {

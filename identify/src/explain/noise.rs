@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use nalgebra::{Matrix2, Vector2};
 use rayon::prelude::*;
 
 use crate::fit::filter::{Disturbances, Track, Wander};
@@ -59,81 +60,103 @@ fn moved(from: &Disturbances, change: Move) -> Option<Disturbances> {
     Some(to)
 }
 
+/// Stretches of a flight, linear about one estimate: hundreds of likelihoods without a simulation.
+struct Stretches<'a> {
+    flight: &'a Flight,
+    tracks: Vec<Track>,
+}
+
+/// Disturbances with their loss, of each stretch and summed up to each tick.
+struct Weighed {
+    disturbances: Disturbances,
+    losses: Vec<Vec<f64>>,
+}
+
+impl Weighed {
+    fn loss(&self) -> f64 {
+        self.losses.iter().filter_map(|l| l.last()).sum()
+    }
+}
+
+impl Stretches<'_> {
+    /// `None` where the loss falls hopelessly behind that of `best`.
+    fn weigh(&self, disturbances: Disturbances, best: Option<&Weighed>) -> Option<Weighed> {
+        let least = |i: usize| best.map(|b| b.losses[i].as_slice());
+        let losses = self.tracks.iter().enumerate().map(|(i, track)| track.losses(self.flight, &disturbances, least(i)));
+        Some(Weighed { disturbances, losses: losses.collect::<Option<_>>()? })
+    }
+
+    /// The best of all moves by one factor, or of those that gain anything taken together. `None` if none does.
+    fn improve(&self, best: &Weighed, by: f64) -> Option<Weighed> {
+        let of = |i| [Move::Sigma(i, by), Move::Sigma(i, 1.0 / by), Move::Tau(i, by), Move::Tau(i, 1.0 / by), Move::Off(i)];
+        let moves: Vec<Move> = (0..5).flat_map(of).collect();
+        let weigh = |m: Move| Some((m, self.weigh(moved(&best.disturbances, m)?, Some(best))?));
+        let gains = |m: Move| if matches!(m, Move::Off(_)) { -WORTH } else { WORTH };
+        let tried = moves.into_par_iter().filter_map(weigh).filter(|(m, w)| w.loss() < best.loss() - gains(*m));
+        let mut better: Vec<(Move, Weighed)> = tried.collect();
+        better.sort_by(|a, b| a.1.loss().total_cmp(&b.1.loss()));
+        // each disturbance changed at most once
+        let (mut together, mut seen) = (best.disturbances, Vec::new());
+        for (m, _) in &better {
+            let (Move::Sigma(i, _) | Move::Tau(i, _) | Move::Off(i)) = *m;
+            if !seen.contains(&i) {
+                seen.push(i);
+                together = moved(&together, *m).unwrap_or(together);
+            }
+        }
+        let joint = if seen.len() > 1 { self.weigh(together, Some(best)) } else { None };
+        let alone = better.into_iter().next().map(|(_, w)| w);
+        joint.into_iter().chain(alone).min_by(|a, b| a.loss().total_cmp(&b.loss()))
+    }
+}
+
 /// The disturbances of a flight under a hypothesis, searched from those given, or from scratch.
 pub fn tune(flight: &Flight, hypothesis: &Hypothesis, from: Option<&Disturbances>) -> Disturbances {
     let ticks = ((TUNE_S / flight.tick_s) as usize).min(flight.ticks / 2);
-    let stretches = [0..ticks, flight.ticks - ticks..flight.ticks];
-    let mut best = from.copied().unwrap_or(FIRST);
+    let ends = [0..ticks, flight.ticks - ticks..flight.ticks];
+    let mut found = from.copied().unwrap_or(FIRST);
     let (factors, sweeps): (&[f64], usize) = if from.is_some() { (&[2.0, 1.5], 2) } else { (&[4.0, 2.0, 1.5], 3) };
     for by in factors {
-        // linear about what is best so far: hundreds of likelihoods without a simulation
-        let tracks: Option<Vec<Track>> =
-            stretches.par_iter().map(|ticks: &Range<usize>| Track::of(flight, ticks.clone(), hypothesis, &best)).collect();
-        let Some(tracks) = tracks else { return best };
-        let loss = |d: &Disturbances| -> f64 { tracks.iter().map(|track| track.loss(flight, d)).sum() };
-        let mut least = loss(&best);
+        let track = |ticks: &Range<usize>| Track::of(flight, ticks.clone(), hypothesis, &found);
+        let Some(tracks) = ends.par_iter().map(track).collect() else { return found };
+        let stretches = Stretches { flight, tracks };
+        let Some(mut best) = stretches.weigh(found, None) else { return found };
         for _ in 0..sweeps {
-            let groups = 0..5;
-            let moves = groups
-                .flat_map(|i| [Move::Sigma(i, *by), Move::Sigma(i, 1.0 / by), Move::Tau(i, *by), Move::Tau(i, 1.0 / by), Move::Off(i)]);
-            let moves: Vec<Move> = moves.collect();
-            let tried: Vec<(Move, f64)> =
-                moves.into_par_iter().filter_map(|m| Some((m, moved(&best, m)?))).map(|(m, d)| (m, loss(&d))).collect();
-            let mut better: Vec<(Move, f64)> =
-                tried.into_iter().filter(|(m, l)| *l < least - if matches!(m, Move::Off(_)) { -WORTH } else { WORTH }).collect();
-            better.sort_by(|a, b| a.1.total_cmp(&b.1));
-            let Some((first, alone)) = better.first().copied() else { break };
-            // all improvements at once, each disturbance changed at most once, or the best alone
-            let mut together = best;
-            let mut seen = Vec::new();
-            for (m, _) in &better {
-                let (Move::Sigma(i, _) | Move::Tau(i, _) | Move::Off(i)) = *m;
-                if !seen.contains(&i) {
-                    seen.push(i);
-                    together = moved(&together, *m).unwrap_or(together);
-                }
-            }
-            let joint = if seen.len() > 1 { loss(&together) } else { f64::INFINITY };
-            if joint < alone {
-                (best, least) = (together, joint);
-            } else if let Some(next) = moved(&best, first) {
-                (best, least) = (next, alone);
-            }
+            let Some(better) = stretches.improve(&best, *by) else { break };
+            best = better;
         }
+        found = best.disturbances;
     }
-    best
+    found
 }
 
 /// The horizontal force finely: size and correlation time where the likelihood of whole flights is highest, each with its standard error from
-/// the curvature there.
+/// the curvature there, the other unknown too.
 pub fn force(flights: &[Flight], hypothesis: &Hypothesis, from: &Disturbances) -> (Disturbances, [f64; 2]) {
     let tracks: Option<Vec<Track>> = flights.par_iter().map(|f| Track::of(f, f.all(), hypothesis, from)).collect();
     let Some(tracks) = tracks else { return (*from, [f64::INFINITY; 2]) };
-    let loss = |log: [f64; 2]| -> f64 {
+    let with = |log: [f64; 2]| {
         let force = Wander { sigma: log[0].exp(), tau_s: log[1].exp().clamp(TAU_S[0], 2.0 * TAU_S[1]) };
-        let d = Disturbances { force, ..*from };
-        tracks.par_iter().zip(flights).map(|(track, flight)| track.loss(flight, &d)).sum()
+        Disturbances { force, ..*from }
     };
+    let loss = |log: [f64; 2]| -> f64 { tracks.iter().zip(flights).map(|(track, flight)| track.loss(flight, &with(log))).sum() };
     let mut at = [from.force.sigma.ln(), from.force.tau_s.ln()];
     let mut sd = [f64::INFINITY; 2];
-    for step in [0.5, 0.25, 0.15] {
-        for axis in [1, 0] {
-            let moved = |by: f64| {
-                let mut to = at;
-                to[axis] += by;
-                to
-            };
-            // the vertex of a parabola through three points
-            let (low, here, high) = (loss(moved(-step)), loss(at), loss(moved(step)));
-            let curvature = (low - 2.0 * here + high) / (step * step);
-            if curvature > 0.0 {
-                let to = ((low - high) / (2.0 * step * curvature)).clamp(-2.0 * step, 2.0 * step);
-                at[axis] += to;
-                sd[axis] = at[axis].exp() / curvature.sqrt();
-            } else {
-                at[axis] += if high < low { step } else { -step };
-            }
+    for step in [0.5, 0.25, 0.15, 0.15] {
+        // nine points around, and the vertex of the paraboloid through them
+        let place = |i: usize| [at[0] + step * (i / 3) as f64 - step, at[1] + step * (i % 3) as f64 - step];
+        let near: Vec<f64> = (0..9).into_par_iter().map(|i| loss(place(i))).collect();
+        let gradient = Vector2::new(near[7] - near[1], near[5] - near[3]) / (2.0 * step);
+        let across = (near[8] - near[6] - near[2] + near[0]) / (4.0 * step * step);
+        let along = [near[7] + near[1], near[5] + near[3]].map(|sum| (sum - 2.0 * near[4]) / (step * step));
+        if let Some(factor) = Matrix2::new(along[0], across, across, along[1]).cholesky() {
+            let to = factor.solve(&gradient);
+            let covariance = factor.inverse();
+            at = std::array::from_fn(|i| at[i] - to[i].clamp(-2.0 * step, 2.0 * step));
+            sd = std::array::from_fn(|i| at[i].exp() * covariance[(i, i)].sqrt());
+        } else if let Some(lowest) = (0..9).min_by(|a, b| near[*a].total_cmp(&near[*b])) {
+            at = place(lowest);
         }
     }
-    (Disturbances { force: Wander { sigma: at[0].exp(), tau_s: at[1].exp() }, ..*from }, sd)
+    (with(at), sd)
 }

@@ -5,7 +5,7 @@ use crazyflie_env::effects::Entry;
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::candidates::candidates;
+use super::candidates::{Candidate, candidates};
 use super::noise::tune;
 use crate::fit::filter::{Belief, Disturbances, filter};
 use crate::fit::flight::{Flight, WINDOW_S, Window};
@@ -18,6 +18,8 @@ const WINDOWS_TO_PROPOSE: usize = 30;
 /// Steps of a fit that only proposes, and of one that chooses where to start.
 const STEPS: usize = 8;
 const STEPS_TO_START: usize = 2;
+/// A fit that only proposes is good enough when a step gains less than this.
+const ENOUGH: f64 = 0.5;
 const EVERY_TO_START: usize = 3;
 /// How many proposals the filter looks at per round.
 const SHORTLIST: usize = 7;
@@ -35,6 +37,8 @@ const LEAST_SHARE: f64 = 0.3;
 const CLEAR: f64 = 4.0;
 /// A loss beyond this is not going to be made good by other disturbances.
 const BEYOND: f64 = 300.0;
+/// More than judging again can make good.
+const FAR_BEHIND: f64 = 50.0;
 /// Less than this, in units of log-likelihood, is not worth a proposal.
 const LEAST_PROPOSAL: f64 = 4.0;
 
@@ -48,8 +52,6 @@ pub struct Judged {
     pub disturbances: Disturbances,
     /// Negative log-likelihood of the flights of the fit, the free parameters integrated out.
     pub loss: f64,
-    /// The same with the parameters at the settled values.
-    pub plug_in: f64,
 }
 
 /// A hypothesis, and each that lacks one of its effects.
@@ -88,6 +90,30 @@ pub struct Search<'a> {
 struct Proposal {
     hypothesis: Hypothesis,
     sd: Vec<f64>,
+}
+
+/// Some of the windows, with their starts and their loss.
+struct Sample<'a> {
+    search: Search<'a>,
+    own: Vec<Vec<f64>>,
+    before: f64,
+    /// How many times as many windows there are.
+    of_all: f64,
+}
+
+impl Sample<'_> {
+    /// Of an effect without a slope at "off": the start from which the windows gain most, and what it gains there.
+    fn start_elsewhere(&self, at: &Hypothesis, starts: &[Term]) -> Option<Score> {
+        let from = |start: &Term| {
+            let with = at.with(start.clone());
+            let solution = self.search.fit(&with, Some(&self.own), STEPS_TO_START);
+            (self.of_all * (self.before - solution.loss), with.at(&solution.shared))
+        };
+        let tried: Vec<(f64, Hypothesis)> = starts.par_iter().map(from).collect();
+        let (gain, best) = tried.into_iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
+        let start = best.terms.into_iter().find(|t| t.entry.name == starts[0].entry.name)?;
+        Some(Score { sd: vec![f64::INFINITY; start.free.len()], start, gain })
+    }
 }
 
 /// What an effect could gain.
@@ -153,7 +179,7 @@ impl<'a> Search<'a> {
         // a lag that is new to the hypothesis has no value yet
         let longer = |(known, start): (&Vec<f64>, &Vec<f64>)| [known, &start[known.len().min(start.len())..]].concat();
         let own = own.map_or_else(|| measured.clone(), |own| own.iter().zip(&measured).map(longer).collect());
-        solve_within(&prediction, own, hypothesis.shared(), most_steps)
+        solve_within(&prediction, own, hypothesis.shared(), most_steps, ENOUGH)
     }
 
     /// What the filter says of a hypothesis whose free parameters are known about as well as `sd`.
@@ -167,11 +193,7 @@ impl<'a> Search<'a> {
             loss += filtered.loss;
             belief = filtered.belief;
         }
-        let mut judged = Judged { hypothesis: hypothesis.clone(), belief, disturbances: *disturbances, loss, plug_in: loss };
-        if !sd.is_empty() {
-            judged.plug_in = self.plug_in(&judged.settled(), disturbances)?;
-        }
-        Some(judged)
+        Some(Judged { hypothesis: hypothesis.clone(), belief, disturbances: *disturbances, loss })
     }
 
     /// Negative log-likelihood with all parameters as they are.
@@ -198,12 +220,11 @@ impl<'a> Search<'a> {
 
     /// One more effect: all scores, and the best by the filter of those that score highest.
     pub fn extend(&self, now: &Judged) -> (Vec<Score>, Option<Judged>) {
+        let Some((scored, base)) = self.score(now) else { return (Vec::new(), None) };
         let at = now.settled();
-        let base = self.fit(&at.fixed(), None, STEPS);
-        let scored = self.score(now, &base).unwrap_or_default();
-        let proposals: Vec<Proposal> =
-            scored.iter().take(SHORTLIST).filter(|s| s.gain > LEAST_PROPOSAL).filter_map(|s| self.propose(&at, s, &base)).collect();
-        let judged: Vec<Judged> = proposals.par_iter().filter_map(|p| self.settle(p, &now.disturbances)).collect();
+        let worthy: Vec<&Score> = scored.iter().take(SHORTLIST).filter(|s| s.gain > LEAST_PROPOSAL).collect();
+        let proposals: Vec<Proposal> = worthy.par_iter().filter_map(|s| self.propose(&at, s, &base)).collect();
+        let judged = self.settle(&proposals, &now.disturbances, f64::INFINITY);
         let best = judged.into_iter().min_by(|a, b| a.loss.total_cmp(&b.loss)).and_then(|best| self.tuned(&best));
         (scored, best)
     }
@@ -251,21 +272,23 @@ impl<'a> Search<'a> {
         let kept = Judged { disturbances: judged.disturbances, ..without.clone() };
         let Some(without) = self.again(&kept, &judged.disturbances) else { return Vec::new() };
         let at = without.settled();
-        let base = self.fit(&at.fixed(), None, STEPS);
-        let Some(scores) = self.score(&without, &base) else { return Vec::new() };
+        let Some((scores, base)) = self.score(&without) else { return Vec::new() };
         let own = scores.iter().find(|s| s.start.entry.name == effect).map_or(0.0, |s| s.gain);
         let others = scores.iter().filter(|s| s.start.entry.name != effect && s.gain > LEAST_SHARE * own).take(SHORTLIST);
-        let proposals: Vec<Proposal> = others.filter_map(|s| self.propose(&at, s, &base)).collect();
-        let replaced = proposals.par_iter().filter_map(|p| self.settle(p, &judged.disturbances));
+        let others: Vec<&Score> = others.collect();
+        let proposals: Vec<Proposal> = others.par_iter().filter_map(|s| self.propose(&at, s, &base)).collect();
+        let replaced = self.settle(&proposals, &judged.disturbances, judged.loss + noise).into_iter();
         let named = |j: Judged| Some((j.hypothesis.terms.iter().find(|t| !judged.hypothesis.has(t.entry.name))?.entry.name, j));
         replaced.filter_map(named).filter(|(_, j)| j.loss - judged.loss < noise).collect()
     }
 
-    /// A proposal judged, and judged again from where it settled: what is then believed beforehand is as wide for every hypothesis, in its own
-    /// standard errors, so that all pay the same for a parameter.
-    fn settle(&self, proposal: &Proposal, disturbances: &Disturbances) -> Option<Judged> {
-        let first = self.judge(&proposal.hypothesis, &proposal.sd, disturbances)?;
-        self.again(&first, disturbances)
+    /// Proposals judged, and judged again from where they settled: what is then believed beforehand is as wide for every hypothesis, in its own
+    /// standard errors, so that all pay the same for a parameter. Those far behind the best, or the loss that is asked for, are left out.
+    fn settle(&self, proposals: &[Proposal], disturbances: &Disturbances, most: f64) -> Vec<Judged> {
+        let first: Vec<Judged> = proposals.par_iter().filter_map(|p| self.judge(&p.hypothesis, &p.sd, disturbances)).collect();
+        let least = first.iter().map(|j| j.loss).fold(f64::INFINITY, f64::min);
+        let near = first.par_iter().filter(|j| j.loss < if most.is_finite() { most } else { least } + FAR_BEHIND);
+        near.filter_map(|j| self.again(j, disturbances)).collect()
     }
 
     /// The same hypothesis judged from where it settled, under other disturbances.
@@ -275,29 +298,29 @@ impl<'a> Search<'a> {
     }
 
     /// What every effect could gain, from one run of the filter that carries the parameters of all of them, each known to be almost off. An
-    /// effect without a slope at "off" is tried from elsewhere, on the windows.
-    pub fn score(&self, now: &Judged, base: &Solution) -> Option<Vec<Score>> {
+    /// effect without a slope at "off" is tried from elsewhere, on the windows, whose fit comes along.
+    fn score(&self, now: &Judged) -> Option<(Vec<Score>, Solution)> {
         let at = now.settled();
+        let fixed = at.fixed();
         let all = candidates(&at);
         let mut joint = at.clone();
         joint.physics_hz = Some((1.0 / self.flights[0].tick_s).round() as u32);
         for candidate in &all {
             joint = joint.with(candidate.starts[0].clone());
         }
-        let jet = self.jet(&joint, now)?;
+        let (jet, base) = rayon::join(|| self.jet(&joint, now), || self.fit(&fixed, None, STEPS));
+        let (jet, sample) = (jet?, self.sample(&fixed, &base));
         let known: Vec<usize> = at.terms.iter().flat_map(|t| joint.place(t.entry.name)).chain(0..at.free.len()).collect();
-        let mut scores = Vec::new();
-        for candidate in &all {
+        let of = |candidate: &Candidate| {
             let place: Vec<usize> = joint.place(candidate.entry.name).collect();
             let deaf = place.iter().all(|i| jet.information[(*i, *i)] * joint_range(&joint, *i).powi(2) < 1.0);
-            if !deaf {
-                scores.push(jet.score(&candidate.starts[0], &place, &known));
-            }
-            if deaf || candidate.variants > 1 {
-                let starts = if deaf { &candidate.starts[..] } else { &candidate.starts[..candidate.variants] };
-                scores.extend(self.start_elsewhere(&at.fixed(), starts, base));
-            }
-        }
+            let here = (!deaf).then(|| jet.score(&candidate.starts[0], &place, &known));
+            let elsewhere = if deaf { &candidate.starts[..] } else { &candidate.starts[..candidate.variants] };
+            let tried = deaf || candidate.variants > 1;
+            let there = if tried { sample.start_elsewhere(&fixed, elsewhere) } else { None };
+            here.into_iter().chain(there).collect::<Vec<Score>>()
+        };
+        let mut scores: Vec<Score> = all.par_iter().flat_map_iter(of).collect();
         scores.sort_by(|a, b| b.gain.total_cmp(&a.gain));
         // of one effect the best start
         let mut seen = Vec::new();
@@ -307,25 +330,17 @@ impl<'a> Search<'a> {
                 true
             }
         });
-        Some(scores)
+        Some((scores, base))
     }
 
-    /// Of an effect without a slope at "off": the start from which the windows gain most, and what it gains there.
-    fn start_elsewhere(&self, at: &Hypothesis, starts: &[Term], base: &Solution) -> Option<Score> {
-        // a part of the windows will do to choose
+    /// A part of the windows, which will do to choose where to start.
+    fn sample(&self, at: &Hypothesis, base: &Solution) -> Sample<'_> {
         let some: Vec<usize> = (0..self.windows.len()).step_by(EVERY_TO_START).collect();
         let own: Vec<Vec<f64>> = some.iter().map(|i| base.own[*i].clone()).collect();
-        let part = Search { flights: self.flights, windows: some.iter().map(|i| self.windows[*i].clone()).collect() };
-        let before: f64 = some.iter().map(|i| base.shares[*i].loss).sum();
-        let all = self.windows.len() as f64 / some.len() as f64;
-        let tried = starts.iter().map(|start| {
-            let with = at.with(start.clone());
-            let solution = part.fit(&with, Some(&own), STEPS_TO_START);
-            (all * (before - solution.loss), with.at(&solution.shared))
-        });
-        let (gain, best) = tried.max_by(|a, b| a.0.total_cmp(&b.0))?;
-        let start = best.terms.into_iter().find(|t| t.entry.name == starts[0].entry.name)?;
-        Some(Score { sd: vec![f64::INFINITY; start.free.len()], start, gain })
+        let search = Search { flights: self.flights, windows: some.iter().map(|i| self.windows[*i].clone()).collect() };
+        // as many steps as with an effect, or what they gain by themselves would be taken for its gain
+        let before = search.fit(at, Some(&own), STEPS_TO_START).loss;
+        Sample { search, own, before, of_all: self.windows.len() as f64 / some.len() as f64 }
     }
 
     /// Likelihood, gradient and information at a hypothesis, by the filter with parameters known to a hundredth of their range.

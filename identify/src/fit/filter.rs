@@ -16,6 +16,9 @@ const START_SD: [f64; 4] = [0.05, 0.3, 0.05, 1.0];
 /// How far off what effects remember of the motion may be, in whatever unit (rad/s^2 for the motors).
 const LAG_SD: f64 = 20.0;
 
+/// So much log-likelihood is not caught up within a stretch.
+const HOPELESS: f64 = 40.0;
+
 /// A first-order Gauss-Markov process.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Wander {
@@ -293,13 +296,14 @@ impl Track {
         Some(Track { start: filtered.states.into_iter().next()?, ticks: kept })
     }
 
-    /// Negative log-likelihood under other disturbances.
-    pub fn loss(&self, flight: &Flight, disturbances: &Disturbances) -> f64 {
+    /// Negative log-likelihood under other disturbances, summed up to each tick. Ends early where it has fallen hopelessly behind `least`.
+    pub fn losses(&self, flight: &Flight, disturbances: &Disturbances, least: Option<&[f64]>) -> Option<Vec<f64>> {
         let nothing = Belief::independent(Vec::new(), &[]);
         let mut k = Kalman::new(flight, self.start.clone(), &nothing, disturbances);
         let (own, mut loss) = (k.own, 0.0);
         let (mut off, mut end) = (vec![0.0; own + PUSH], vec![0.0; own]);
-        for tick in &self.ticks {
+        let mut losses = Vec::with_capacity(self.ticks.len());
+        for (at, tick) in self.ticks.iter().enumerate() {
             let disturbed = k.disturbed();
             for (i, off) in off.iter_mut().enumerate() {
                 *off = if i < own { k.x[i] } else { disturbed[i - own] } - tick.about[i];
@@ -308,15 +312,23 @@ impl Track {
             k.moved.fill(0.0);
             for (row, slopes) in tick.rows.iter().zip(tick.slopes.chunks_exact(own + PUSH)) {
                 let predicted = row.predicted + row.sigma * by(slopes);
-                let Some((_, of_row)) = k.measure(row, predicted, marker(row, &disturbed), slopes) else { return f64::INFINITY };
-                loss += of_row;
+                loss += k.measure(row, predicted, marker(row, &disturbed), slopes)?.1;
+            }
+            losses.push(loss);
+            if least.is_some_and(|least| loss > least[at] + HOPELESS) {
+                return None;
             }
             for ((end, at), slopes) in end.iter_mut().zip(&tick.end).zip(tick.end_slopes.chunks_exact(own + PUSH)) {
                 *end = at + by(slopes);
             }
             propagate(&end, &tick.end_slopes, &mut k);
         }
-        loss
+        Some(losses)
+    }
+
+    /// Negative log-likelihood of the whole stretch.
+    pub fn loss(&self, flight: &Flight, disturbances: &Disturbances) -> f64 {
+        self.losses(flight, disturbances, None).and_then(|losses| losses.last().copied()).unwrap_or(f64::INFINITY)
     }
 }
 
@@ -391,7 +403,7 @@ struct Room {
 
 impl Room {
     fn new(own: usize, n: usize) -> Self {
-        Room { f: vec![0.0; own * n], ft: vec![0.0; own * n], fp: vec![0.0; n * n] }
+        Room { f: vec![0.0; own * n], ft: vec![0.0; own * n], fp: vec![0.0; own * n] }
     }
 }
 
@@ -417,7 +429,7 @@ fn propagate(end: &[f64], slopes: &[f64], k: &mut Kalman) {
     Dual::run(
         #[inline(always)]
         || {
-            // F P: the extras' rows only shrink
+            // the vehicle's rows of F P; those of the extras only shrink
             fp.fill(0.0);
             for i in 0..own {
                 for k in 0..n {
@@ -426,12 +438,8 @@ fn propagate(end: &[f64], slopes: &[f64], k: &mut Kalman) {
                     }
                 }
             }
-            for (j, extra) in extras.iter().enumerate() {
-                let row = (own + j) * n..(own + j + 1) * n;
-                add(&mut fp[row.clone()], extra.keep, &p[row]);
-            }
-            // and that times the transpose of F
-            for i in 0..n {
+            // and that times the transpose of F, above the diagonal
+            for i in 0..own {
                 let (row, out) = (&fp[i * n..(i + 1) * n], &mut p[i * n..(i + 1) * n]);
                 out[..own].fill(0.0);
                 for k in 0..n {
@@ -439,6 +447,12 @@ fn propagate(end: &[f64], slopes: &[f64], k: &mut Kalman) {
                 }
                 for (j, extra) in extras.iter().enumerate() {
                     out[own + j] = row[own + j] * extra.keep;
+                }
+            }
+            for (i, extra) in extras.iter().enumerate() {
+                let row = &mut p[(own + i) * n + own..(own + i + 1) * n];
+                for (out, other) in row.iter_mut().zip(extras.iter()) {
+                    *out *= extra.keep * other.keep;
                 }
             }
         },

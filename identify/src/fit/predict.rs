@@ -202,9 +202,11 @@ impl Worker {
         for pass in &mut passes {
             Dual::run(
                 #[inline(always)]
-                || self.fly(pass, flight, window, own),
+                || {
+                    self.fly(pass, flight, window, own);
+                    self.compare(pass, flight, window);
+                },
             );
-            self.compare(pass, flight, window);
             self.keep_end(pass);
         }
         self.passes = passes;
@@ -267,13 +269,18 @@ impl Worker {
     }
 
     /// The state at a time since the start of the window, and the tick that it lies in.
+    #[inline(always)]
     fn state_at(&self, world: &World<Dual>, tick_s: f64, t_s: Dual) -> (State<Dual>, usize) {
         let ticks = self.states.len() - 1;
         let tick = ((t_s.value / tick_s - 1e-6).max(0.0) as usize).min(ticks - 1);
         let share = (Dual::of((tick + 1) as f64 * tick_s) - t_s) * Dual::of(1.0 / tick_s);
-        (world.between(&self.states[tick], &self.states[tick + 1], share), tick)
+        let after = &self.states[tick + 1];
+        // half of the attitudes are measured as a tick ends
+        let ends = share.value.abs() < 1e-9 && share.slope == [0.0; DIRECTIONS];
+        (if ends { *after } else { world.between(&self.states[tick], after, share) }, tick)
     }
 
+    #[inline(always)]
     fn compare(&mut self, pass: &mut Pass, flight: &Flight, window: &Window) {
         let begin_s = window.ticks.start as f64 * flight.tick_s;
         let mut row = 0;
@@ -305,6 +312,7 @@ impl Worker {
     }
 
     #[allow(clippy::too_many_arguments)]
+    #[inline(always)]
     fn put(&mut self, first: usize, row: usize, t_s: f64, channel: usize, measured: f64, predicted: Dual, sigma: f64) {
         if first == 0 {
             self.rows.push(Compared { t_s, channel, measured, predicted: predicted.value, sigma });

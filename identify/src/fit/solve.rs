@@ -1,13 +1,15 @@
 //! Least squares over many windows: every window has unknowns of its own (the state it starts from), all share the parameters. The windows'
 //! unknowns are eliminated by a Schur complement, the step is Levenberg and Marquardt's, the loss is Huber's, and parameters stay in bounds.
 
+use std::collections::BTreeMap;
+
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use rayon::prelude::*;
 
 /// Residuals beyond so many standard deviations count linearly: marker outliers.
 pub const HUBER: f64 = 3.0;
 /// The fit has converged when the loss, a negative log-likelihood, falls by less.
-const ENOUGH: f64 = 0.01;
+pub const ENOUGH: f64 = 0.01;
 const MOST_STEPS: usize = 40;
 /// Below this, preparing a worker costs more than a second thread brings.
 const WINDOWS_PER_WORKER: usize = 6;
@@ -143,11 +145,11 @@ fn total(shares: impl Iterator<Item = Share>, n: usize) -> (DVector<f64>, DMatri
 
 /// Minimise from a start: `own` per window, `shared` for all.
 pub fn solve(problem: &impl Problem, own: Vec<Vec<f64>>, shared: Vec<f64>) -> Solution {
-    solve_within(problem, own, shared, MOST_STEPS)
+    solve_within(problem, own, shared, MOST_STEPS, ENOUGH)
 }
 
-/// As [`solve`], stopping after so many steps, converged or not.
-pub fn solve_within(problem: &impl Problem, own: Vec<Vec<f64>>, shared: Vec<f64>, most_steps: usize) -> Solution {
+/// As [`solve`], stopping after so many steps, converged or not, or when one gains less than `enough`.
+pub fn solve_within(problem: &impl Problem, own: Vec<Vec<f64>>, shared: Vec<f64>, most_steps: usize, enough: f64) -> Solution {
     let (mut own, mut shared) = (own, shared);
     let (n, bounds) = (problem.own(), problem.bounds());
     let evaluate = |own: &[Vec<f64>], shared: &[f64]| -> Vec<Normal> {
@@ -182,7 +184,7 @@ pub fn solve_within(problem: &impl Problem, own: Vec<Vec<f64>>, shared: Vec<f64>
         let trial = evaluate(&next_own, &next);
         let trial_loss = loss_of(&trial);
         if trial_loss < loss {
-            converged = loss - trial_loss < ENOUGH;
+            converged = loss - trial_loss < enough;
             (own, shared, normals, loss) = (next_own, next, trial, trial_loss);
             damping = (damping * 0.1).max(1e-10);
         } else {
@@ -195,28 +197,54 @@ pub fn solve_within(problem: &impl Problem, own: Vec<Vec<f64>>, shared: Vec<f64>
 }
 
 impl Solution {
-    /// Covariance of the shared parameters by a sandwich clustered by `cluster` (one number per window): windows of one flight, and neighbours
-    /// under one gust, are not independent.
+    /// Covariance of the shared parameters, clustered by `cluster` (one number per window): windows of one flight, and neighbours under one
+    /// gust, are not independent.
     pub fn covariance(&self, cluster: &[usize]) -> Option<DMatrix<f64>> {
         let n = self.shared.len();
-        let (_, information) = total(self.shares.iter().cloned(), n);
-        let bread = pseudo_inverse(&information)?;
-        let mut sums = std::collections::BTreeMap::new();
+        let mut clusters = BTreeMap::new();
         for (share, cluster) in self.shares.iter().zip(cluster) {
-            *sums.entry(cluster).or_insert_with(|| DVector::zeros(n)) += &share.gradient;
+            let sum: &mut Cluster = clusters.entry(cluster).or_insert_with(|| Cluster::new(n));
+            sum.gradient += &share.gradient;
+            sum.information += &share.information;
         }
-        let count = sums.len() as f64;
-        let small = if count > 1.0 { count / (count - 1.0) } else { 1.0 };
-        let meat = sums.values().fold(DMatrix::zeros(n, n), |m, g| m + g * g.transpose()) * small;
-        let clustered = &bread * meat * &bread;
-        // with few clusters the sandwich can come out too small by chance: never below what white noise would give
-        Some(DMatrix::from_fn(n, n, |i, j| if i == j { clustered[(i, j)].max(bread[(i, j)]) } else { clustered[(i, j)] }))
+        clustered(&clusters.into_values().collect::<Vec<_>>())
     }
 
     /// The information of all windows.
     pub fn information(&self) -> DMatrix<f64> {
         total(self.shares.iter().cloned(), self.shared.len()).1
     }
+}
+
+/// What some data, independent of the rest, say about parameters at their fitted values.
+#[derive(Debug, Clone)]
+pub struct Cluster {
+    pub gradient: DVector<f64>,
+    pub information: DMatrix<f64>,
+}
+
+impl Cluster {
+    pub fn new(parameters: usize) -> Self {
+        Cluster { gradient: DVector::zeros(parameters), information: DMatrix::zeros(parameters, parameters) }
+    }
+}
+
+/// Covariance of fitted parameters by a sandwich over clusters, as if each had been left out in turn (CR3; Bell and McCaffrey 2002, Survey
+/// Methodology 28): a cluster that decides a parameter nearly alone pulls the fit to itself and hides its own error.
+pub fn clustered(clusters: &[Cluster]) -> Option<DMatrix<f64>> {
+    let n = clusters.first()?.gradient.len();
+    let information = clusters.iter().fold(DMatrix::zeros(n, n), |sum, c| sum + &c.information);
+    let bread = pseudo_inverse(&information)?;
+    let count = clusters.len() as f64;
+    let mut sum = DMatrix::zeros(n, n);
+    for cluster in clusters {
+        let others = pseudo_inverse(&(&information - &cluster.information)).map(|inverse| inverse * &cluster.gradient);
+        // what one cluster alone knows has no spread between clusters
+        let moved = others.filter(|m| m.iter().all(|v| v.is_finite())).unwrap_or_else(|| &bread * &cluster.gradient);
+        sum.ger((count - 1.0).max(1.0) / count, &moved, &moved, 1.0);
+    }
+    // by chance it may come out too small: never below what white noise would give
+    Some(DMatrix::from_fn(n, n, |i, j| if i == j { sum[(i, j)].max(bread[(i, j)]) } else { sum[(i, j)] }))
 }
 
 /// The inverse, after scaling to a unit diagonal; a parameter without any information gets an infinite variance.
@@ -305,6 +333,19 @@ mod tests {
         let found = solve(&lines(0.5), vec![vec![0.0]; 10], vec![0.1, 0.0]);
         assert_eq!(found.shared[1], 0.2);
         assert!(found.converged);
+    }
+
+    #[test]
+    fn of_a_mean_the_clustered_error_is_the_textbooks() {
+        let values = [2.0, 3.5, 1.0, 4.0, 2.5, 9.0];
+        let mean = values.iter().sum::<f64>() / 6.0;
+        // as if each were known to a tenth, which is far less than they scatter
+        let known = 100.0;
+        let of =
+            |v: f64| Cluster { gradient: DVector::from_element(1, known * (v - mean)), information: DMatrix::from_element(1, 1, known) };
+        let variance = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (6.0 * 5.0);
+        let found = clustered(&values.map(of)).unwrap()[(0, 0)];
+        assert!((found / variance - 1.0).abs() < 1e-6, "{found} {variance}");
     }
 
     #[test]

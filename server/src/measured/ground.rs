@@ -4,7 +4,7 @@ use crazyflie_env::effects;
 use crazyflie_identify::fit::flight::{Flight, Window};
 use crazyflie_identify::fit::hypothesis::{Hypothesis, Term};
 use crazyflie_identify::fit::predict::Prediction;
-use crazyflie_identify::fit::solve::{Solution, solve_within};
+use crazyflie_identify::fit::solve::{ENOUGH, Solution, solve_within};
 
 use super::ladder::Value;
 
@@ -12,6 +12,8 @@ use super::ladder::Value;
 const LOW_M: f64 = 0.3;
 const WINDOW_S: f64 = 0.5;
 const STEPS: usize = 15;
+/// A standing vehicle is 29 mm high (Bitcraze's data sheet, with feet), its rotors on top; the marker frame then is at 55 mm in these files.
+pub(super) const ROTORS_FROM_MARKER_M: f64 = 0.029 - 0.055;
 /// The floor's own effects, and what could be taken for them.
 const RIVALS: [&str; 4] = ["ground_effect", "ground_effect_exp", "tilt_loss", "drag_linear"];
 
@@ -45,6 +47,9 @@ pub(super) fn ground(completed: &Hypothesis, fit: &[Flight], test: &[Flight]) ->
         let (_, entry) = effects::find(effect).ok()?;
         let mut term = Term::off(entry);
         term.free.truncate(1);
+        if let Some(at) = entry.params.iter().position(|p| p.name == "rotor_height_m") {
+            term.values[at] = ROTORS_FROM_MARKER_M;
+        }
         let with = base.with(term);
         let found = solved(&with, fit, &low);
         let flight_of: Vec<usize> = low.iter().map(|w| w.flight).collect();
@@ -66,7 +71,7 @@ pub(super) fn ground(completed: &Hypothesis, fit: &[Flight], test: &[Flight]) ->
 
 fn solved(at: &Hypothesis, flights: &[Flight], windows: &[Window]) -> Solution {
     let prediction = Prediction { flights, windows, hypothesis: at, inflation: 1.0 };
-    solve_within(&prediction, prediction.starts(), at.shared(), STEPS)
+    solve_within(&prediction, prediction.starts(), at.shared(), STEPS, ENOUGH)
 }
 
 /// Windows that begin or end near the floor.

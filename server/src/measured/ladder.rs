@@ -7,7 +7,7 @@ use crazyflie_identify::fit::filter::Disturbances;
 use crazyflie_identify::fit::flight::{Flight, Window};
 use crazyflie_identify::fit::hypothesis::{Hypothesis, Term};
 use crazyflie_identify::fit::predict::Prediction;
-use crazyflie_identify::fit::solve::{Solution, solve_within};
+use crazyflie_identify::fit::solve::{ENOUGH, Solution, solve_within};
 
 use super::force;
 
@@ -79,7 +79,7 @@ impl<'a> Fit<'a> {
     fn solved(&self, at: &Hypothesis, own: Option<&[Vec<f64>]>, steps: usize) -> Fitted {
         let prediction = Prediction { flights: self.flights, windows: &self.windows, hypothesis: at, inflation: 1.0 };
         let own = own.map_or_else(|| prediction.starts(), <[_]>::to_vec);
-        let solution = solve_within(&prediction, own, at.shared(), steps);
+        let solution = solve_within(&prediction, own, at.shared(), steps, ENOUGH);
         let values = self.values(at, &solution);
         Fitted { hypothesis: at.at(&solution.shared), values, own: solution.own }
     }

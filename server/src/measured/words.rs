@@ -3,6 +3,7 @@
 use std::fmt::Write;
 
 use super::Story;
+use super::ground::ROTORS_FROM_MARKER_M;
 use super::pad::{ASKED, CONDITIONS, Condition, Pad, YAW, mean, welch};
 use crate::cli::{Table, number};
 
@@ -104,11 +105,12 @@ pub(super) fn ground(story: &Story, text: &mut String) {
         text,
         "## Near the floor\n\nThe first and last seconds of each flight below 0.3 m: {} windows of 0.5 s to fit, {} to test. Beside each effect the hover PWM, the\n\
          damping and the slope of the thrust are free: low flight is also where the thrust command changes fastest. The misfit is the robust\n\
-         sum of squares of position and attitude.\n\n{}\n\
-         An effect counts if it lies three standard errors from none and helps on the test flights; one whose size runs to its bound (fits on\n\
-         small quadrotors give 4 to 14 for `ground_effect`) stands for more than a floor, and is not taken into the model.\n",
+         sum of squares of position and attitude. `ground_effect` is told that the rotors are {} mm below the marker, whose height is measured.\n\n{}\n\
+         An effect counts if it lies three standard errors from none and helps on the test flights; one whose size runs to its bound stands for\n\
+         more than a floor. Fits on small quadrotors give 4 to 14 for `ground_effect`; none is taken into the model, which flies above 0.3 m.\n",
         ground.windows[0],
         ground.windows[1],
+        number(-1e3 * ROTORS_FROM_MARKER_M, 0),
         table.markdown()
     );
 }

@@ -1,0 +1,103 @@
+//! The last word on the parameters: where the likelihood of the flights is highest with every parameter a constant, and how far off that may be.
+//! The filter that learns them on the way is linear about what it believed at each moment, and takes its own noise for the truth.
+
+use std::collections::BTreeMap;
+
+use nalgebra::DVector;
+use rayon::prelude::*;
+
+use super::search::Judged;
+use crate::fit::filter::{Belief, Disturbances, Innovation, filter};
+use crate::fit::flight::Flight;
+use crate::fit::hypothesis::Hypothesis;
+use crate::fit::solve::{Cluster, HUBER, clustered, pseudo_inverse};
+
+/// Innovations are taken as dependent within stretches of this length, and as independent between them.
+const STRETCH_S: f64 = 5.0;
+/// Slopes are differences over so many standard errors to each side.
+const STEP: f64 = 0.5;
+const ROUNDS: usize = 3;
+/// A step that gains less log-likelihood ends the search.
+const ENOUGH: f64 = 0.02;
+
+/// The innovations of all flights with the parameters at some values, one after the other.
+struct Run {
+    loss: f64,
+    /// Each with the stretch that it lies in.
+    innovations: Vec<(usize, Innovation)>,
+}
+
+fn run(flights: &[Flight], at: &Hypothesis, disturbances: &Disturbances) -> Option<Run> {
+    let nothing = Belief::independent(Vec::new(), &[]);
+    let (fixed, mut first) = (at.fixed(), 0);
+    let mut all = Run { loss: 0.0, innovations: Vec::new() };
+    for flight in flights {
+        let filtered = filter(flight, flight.all(), &fixed, &nothing, disturbances)?;
+        all.loss += filtered.loss;
+        let stretches = ((flight.ticks as f64 * flight.tick_s / STRETCH_S) as usize).max(1);
+        let of = |i: &Innovation| first + ((i.t_s / STRETCH_S) as usize).min(stretches - 1);
+        all.innovations.extend(filtered.innovations.iter().map(|i| (of(i), *i)));
+        first += stretches;
+    }
+    Some(all)
+}
+
+/// What each stretch says about the parameters, by differences.
+fn clusters(flights: &[Flight], at: &Hypothesis, here: &Run, sd: &[f64], disturbances: &Disturbances) -> Option<Vec<Cluster>> {
+    let (values, bounds) = (at.shared(), at.bounds());
+    let n = values.len();
+    let sides = |i: usize| [-STEP, STEP].map(|by| (values[i] + by * sd[i]).clamp(bounds[i][0], bounds[i][1]));
+    let moved = |k: usize| {
+        let mut to = values.clone();
+        to[k / 2] = sides(k / 2)[k % 2];
+        run(flights, &at.at(&to), disturbances)
+    };
+    let runs: Vec<Run> = (0..2 * n).into_par_iter().map(moved).collect::<Option<_>>()?;
+    let mut clusters = BTreeMap::new();
+    for (row, (stretch, innovation)) in here.innovations.iter().enumerate() {
+        let slope = |i: usize, of: fn(&Innovation) -> f64| {
+            let [low, high] = sides(i);
+            (of(&runs[2 * i + 1].innovations[row].1) - of(&runs[2 * i].innovations[row].1)) / (high - low)
+        };
+        let z = DVector::from_fn(n, |i, _| slope(i, |v| v.normalised));
+        let weight = (HUBER / innovation.normalised.abs()).min(1.0);
+        let cluster = clusters.entry(*stretch).or_insert_with(|| Cluster::new(n));
+        cluster.information.ger(weight, &z, &z, 1.0);
+        cluster.gradient += DVector::from_fn(n, |i, _| slope(i, |v| v.loss));
+    }
+    Some(clusters.into_values().collect())
+}
+
+/// The most likely values and their covariance, clustered by stretches of the flights: it holds although the innovations are not quite
+/// independent. `None` if nothing is free or the filter breaks down.
+pub fn refine(flights: &[Flight], judged: &Judged) -> Option<Belief> {
+    let mut at = judged.settled();
+    let (n, bounds) = (at.shared().len(), at.bounds());
+    if n == 0 {
+        return None;
+    }
+    // to differ by more than the range tells nothing
+    let inside = |sd: f64, i: usize| sd.min(bounds[i][1] - bounds[i][0]);
+    let mut sd: Vec<f64> = (0..n).map(|i| inside(judged.belief.sd(i), i)).collect();
+    let mut here = run(flights, &at, &judged.disturbances)?;
+    let mut known = clusters(flights, &at, &here, &sd, &judged.disturbances)?;
+    for _ in 0..ROUNDS {
+        let gradient: DVector<f64> = known.iter().map(|c| &c.gradient).sum();
+        let bread = pseudo_inverse(&known.iter().map(|c| &c.information).sum())?;
+        let step = &bread * gradient;
+        let to: Vec<f64> = at.shared().iter().enumerate().map(|(i, v)| (v - step[i]).clamp(bounds[i][0], bounds[i][1])).collect();
+        if to.iter().any(|v| v.is_nan()) {
+            return None;
+        }
+        let next = at.at(&to);
+        let there = run(flights, &next, &judged.disturbances)?;
+        let gain = here.loss - there.loss;
+        if gain < ENOUGH {
+            break;
+        }
+        (at, here) = (next, there);
+        sd = (0..n).map(|i| inside(bread[(i, i)].sqrt(), i)).collect();
+        known = clusters(flights, &at, &here, &sd, &judged.disturbances)?;
+    }
+    Some(Belief { mean: at.shared(), covariance: clustered(&known)?.as_slice().to_vec() })
+}
