@@ -18,7 +18,8 @@ use crate::bench::{Attempt, Bench, Seat, Who, api};
 
 pub(crate) struct Contest {
     bench: Bench,
-    attempt: Attempt,
+    /// Elsewhere than in the connection, of which thousands may idle.
+    attempt: Box<Attempt>,
     /// The last episode has ended.
     over: bool,
     ticks: u64,
@@ -33,7 +34,7 @@ impl Contest {
     /// # Errors
     /// Of the benchmark: its scenario, its token, its limits.
     pub(crate) fn begin(bench: &Bench, id: u64, asked: &Benchmark) -> Result<(Self, Reply), Fault> {
-        let attempt = block_in_place(|| bench.begin(&asked.scenario, Who::Token(&asked.token), &asked.controller))?;
+        let attempt = Box::new(block_in_place(|| bench.begin(&asked.scenario, Who::Token(&asked.token), &asked.controller))?);
         let envs = attempt.rows()?;
         let contest = Contest {
             bench: bench.clone(),
