@@ -1,15 +1,15 @@
 //! The flights of an attempt: environments in lock-step, and all that is kept of them.
 
-use crazyflie_env::observation::{ACTION, OBSERVATION};
+use crazyflie_env::observation::ACTION;
 use crazyflie_env::swarm::METRICS;
-use crazyflie_env::vector::{Out, STATE};
+use crazyflie_env::vector::Out;
 use sha2::{Digest, Sha256};
 
 use super::baselines::Seat;
 use super::error::{Error, Result};
 use super::fleet::{Fleet, Given};
 use super::scenario::Scenario;
-use crate::flight::{self, End, Row, Trace};
+use crate::flight::{self, End, Trace};
 
 /// The flight of one drone, with the reward that each row but the first came with.
 #[derive(Debug, Clone)]
@@ -49,7 +49,7 @@ impl Episodes {
         let inner = fleet.begin(seeds)?;
         let trace = Trace { tick_s: fleet.tick_s(), interface: fleet.interface(), rows: Vec::new(), end: End::Time };
         let path = Path { trace, rewards: vec![0.0], over: false };
-        let team = matches!(fleet, Fleet::Shared(_)).then_some([0.0; METRICS.len()]);
+        let team = matches!(fleet, Fleet::Shared(..)).then_some([0.0; METRICS.len()]);
         let all = vec![Episode { paths: vec![path; fleet.drones()], team }; seeds.len()];
         let ticks = (scenario.seconds() / fleet.tick_s()).round() as usize;
         let (drones, states, observations) = (seeds.len() * fleet.drones(), fleet.states()?, inner.observations.clone());
@@ -129,30 +129,17 @@ impl Episodes {
         let seen = self.inner.observations.clone();
         self.fleet.step(&obeyed, &mut self.inner)?;
         self.obeyed = obeyed;
-        let now = self.row_of(&seen);
-        self.paths().for_each(|(i, path)| path.trace.rows.push(now[i]));
+        let (width, before) = (self.width(), std::mem::take(&mut self.states));
+        self.paths().for_each(|(i, path)| path.trace.rows.push(flight::row(i, width, &seen, &before, actions)));
         self.states = self.fleet.states()?;
         self.tick += 1;
         self.settle();
         Ok(self.under_way() == 0)
     }
 
-    /// What each drone's row is, if this is what they see.
-    fn row_of(&self, seen: &[f32]) -> Vec<Row> {
-        let width = self.width();
-        let part = |numbers: &[f32], i: usize, width: usize, k: usize| numbers[i * width + k];
-        let row = |i: usize| Row {
-            observation: std::array::from_fn::<_, OBSERVATION, _>(|k| part(seen, i, width, k)),
-            state: std::array::from_fn(|k| part(&self.states, i, STATE, k)),
-            action: std::array::from_fn(|k| part(&self.obeyed, i, ACTION, k)),
-        };
-        (0..self.rows()).map(row).collect()
-    }
-
     /// What came of the step: for the client, and for flights that end with it their last row.
     fn settle(&mut self) {
         let (out_of_time, width, drones) = (self.tick >= self.ticks, self.width(), self.fleet.drones());
-        let now = self.row_of(&self.inner.observations);
         let metrics = self.inner.metrics.as_chunks().0;
         for (episode, metrics) in self.all.iter_mut().zip(metrics).filter(|(episode, _)| !episode.over()) {
             episode.team = episode.team.map(|_| *metrics);
@@ -171,7 +158,7 @@ impl Episodes {
             path.rewards.push(self.inner.rewards[i]);
             path.over = self.terminated[i] || out_of_time;
             if path.over {
-                path.trace.rows.push(now[i]);
+                path.trace.rows.push(flight::row(i, width, &self.inner.observations, &self.states, &self.obeyed));
                 // why one of several ended is told by the figures of its world
                 path.trace.end = if self.terminated[i] && drones == 1 { flight::end(&path.trace.rows) } else { End::Time };
             }

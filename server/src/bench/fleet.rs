@@ -9,7 +9,8 @@ use super::error::Result;
 
 pub(crate) enum Fleet {
     Alone(VectorEnv),
-    Shared(SwarmEnv),
+    /// With what the actions of each drone mean.
+    Shared(SwarmEnv, Interface),
 }
 
 /// What a step of a fleet gives.
@@ -30,7 +31,7 @@ impl Fleet {
     pub(crate) fn episodes(&self) -> usize {
         match self {
             Fleet::Alone(env) => env.num_envs(),
-            Fleet::Shared(env) => env.num_worlds(),
+            Fleet::Shared(env, _) => env.num_worlds(),
         }
     }
 
@@ -38,7 +39,7 @@ impl Fleet {
     pub(crate) fn drones(&self) -> usize {
         match self {
             Fleet::Alone(_) => 1,
-            Fleet::Shared(env) => env.num_drones(),
+            Fleet::Shared(env, _) => env.num_drones(),
         }
     }
 
@@ -46,14 +47,14 @@ impl Fleet {
     pub(crate) fn width(&self) -> usize {
         match self {
             Fleet::Alone(_) => OBSERVATION,
-            Fleet::Shared(env) => env.width(),
+            Fleet::Shared(env, _) => env.width(),
         }
     }
 
     pub(crate) fn tick_s(&self) -> f64 {
         match self {
             Fleet::Alone(env) => env.tick_s(),
-            Fleet::Shared(env) => env.tick_s(),
+            Fleet::Shared(env, _) => env.tick_s(),
         }
     }
 
@@ -61,8 +62,7 @@ impl Fleet {
     pub(crate) fn interface(&self) -> Interface {
         match self {
             Fleet::Alone(env) => env.interface(),
-            // there is one model, so one interface, and at least one drone
-            Fleet::Shared(env) => env.interface(0).unwrap_or_else(|| unreachable!("a world without drones")),
+            Fleet::Shared(_, interface) => *interface,
         }
     }
 
@@ -79,7 +79,7 @@ impl Fleet {
         };
         match self {
             Fleet::Alone(env) => env.reset(Some(seeds), None, &mut given.observations)?,
-            Fleet::Shared(env) => env.reset(Some(seeds), None, &mut given.observations)?,
+            Fleet::Shared(env, _) => env.reset(Some(seeds), None, &mut given.observations)?,
         }
         Ok(given)
     }
@@ -96,7 +96,7 @@ impl Fleet {
                 env.step(actions, Out { observations, rewards, terminated, truncated })?;
                 flying.iter_mut().zip(&*terminated).for_each(|(flying, terminated)| *flying = !terminated);
             }
-            Fleet::Shared(env) => env.step(actions, SwarmOut { observations, rewards, terminated, truncated, flying, metrics })?,
+            Fleet::Shared(env, _) => env.step(actions, SwarmOut { observations, rewards, terminated, truncated, flying, metrics })?,
         }
         Ok(())
     }
@@ -106,7 +106,7 @@ impl Fleet {
         let mut states = vec![0.0; self.episodes() * self.drones() * STATE];
         match self {
             Fleet::Alone(env) => env.states(&mut states)?,
-            Fleet::Shared(env) => env.states(&mut states)?,
+            Fleet::Shared(env, _) => env.states(&mut states)?,
         }
         Ok(states)
     }

@@ -5,6 +5,7 @@ use std::borrow::Cow;
 use crazyflie_env::config::{Autoreset, EffectTable, Options, check_effects};
 use crazyflie_env::control::Mode;
 use crazyflie_env::model::{Model, VerticalInput};
+use crazyflie_env::observation::Interface;
 use crazyflie_env::swarm::{Knowledge, MOST_DRONES, Shared, SwarmEnv, SwarmOptions};
 use crazyflie_env::vector::VectorEnv;
 use serde::{Deserialize, Serialize};
@@ -194,7 +195,8 @@ impl Scenario {
             None => Fleet::Alone(VectorEnv::new(&model, &options, episodes)?),
             Some(Team { drones, neighbours }) => {
                 let shared = Shared { drones: *drones, neighbours: *neighbours, ..Shared::default() };
-                Fleet::Shared(SwarmEnv::new(&[model], &SwarmOptions { env: options, shared }, episodes)?)
+                let interface = Interface::of(&model, self.plan.vertical)?;
+                Fleet::Shared(SwarmEnv::new(&[model], &SwarmOptions { env: options, shared }, episodes)?, interface)
             }
         })
     }

@@ -167,7 +167,7 @@ fn fly_by(env: &mut VectorEnv, seconds: f64, seeds: &[u64], answer: &mut Answer<
         answer(tick as f64 * tick_s, &mut observations, &mut actions)?;
         env.states(&mut states)?;
         for (i, (trace, over)) in traces.iter_mut().zip(&mut over).enumerate().filter(|(_, (_, over))| !**over) {
-            trace.rows.push(row(i, &observations, &states, &actions));
+            trace.rows.push(row(i, OBSERVATION, &observations, &states, &actions));
             if terminated[i] {
                 trace.end = end(&trace.rows);
                 *over = true;
@@ -182,9 +182,10 @@ fn fly_by(env: &mut VectorEnv, seconds: f64, seeds: &[u64], answer: &mut Answer<
     Ok(traces)
 }
 
-fn row(i: usize, observations: &[f32], states: &[f32], actions: &[f32]) -> Row {
+/// Of drone `i`, whose observation begins a row of `width` numbers.
+pub(crate) fn row(i: usize, width: usize, observations: &[f32], states: &[f32], actions: &[f32]) -> Row {
     Row {
-        observation: std::array::from_fn(|k| observations[i * OBSERVATION + k]),
+        observation: std::array::from_fn(|k| observations[i * width + k]),
         state: std::array::from_fn(|k| states[i * STATE + k]),
         action: std::array::from_fn(|k| actions[i * ACTION + k]),
     }
