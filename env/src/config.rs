@@ -140,7 +140,7 @@ impl Ranged {
 }
 
 /// The parameters of an effect in the order of its registry entry, defaults filled in.
-pub(crate) fn numbers(entry: &Entry, given: &EffectParams) -> Vec<Number> {
+pub fn numbers(entry: &Entry, given: &EffectParams) -> Vec<Number> {
     entry
         .params
         .iter()

@@ -203,7 +203,7 @@ impl Vertical {
         }
     }
     /// The PWM that carries the weight; infinite where the command is a height.
-    pub(crate) fn hover_pwm(&self) -> Option<f64> {
+    pub fn hover_pwm(&self) -> Option<f64> {
         match self {
             Vertical::FirstOrder { hover, .. } | Vertical::SecondOrder { hover, .. } => hover.as_ref().map(|q| q.value),
             Vertical::Thrust { hover, .. } => Some(hover.value),

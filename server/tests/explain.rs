@@ -78,6 +78,39 @@ fn where_nothing_is_hidden_nothing_is_found() {
 }
 
 #[test]
+fn lost_packets_are_told_from_a_delay_and_counted() {
+    let folder = folder("explain_loss");
+    let found = explain(&folder, &fly(&folder, &["packet_loss=0.3"]));
+    assert_eq!(found["verdict"], "explained", "{found}");
+    let names: Vec<&str> = found["effects"].as_array().unwrap().iter().map(|e| e["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["packet_loss"], "{}", found["effects"]);
+    let share = &found["effects"][0]["params"]["probability"];
+    let (value, stderr) = (share["value"].as_f64().unwrap(), share["stderr"].as_f64().unwrap());
+    assert!((value - 0.3).abs() < 3.0 * stderr && stderr < 0.06, "{share}");
+}
+
+#[test]
+fn an_inertia_comes_back_as_it_was_flown() {
+    let folder = folder("explain_inertia");
+    let found = explain(&folder, &fly(&folder, &["inertia_scale=1.4"]));
+    assert_eq!(found["effects"].as_array().map(Vec::len), Some(1), "{}", found["effects"]);
+    let scale = &found["effects"][0]["params"]["scale"];
+    let (value, stderr) = (scale["value"].as_f64().unwrap(), scale["stderr"].as_f64().unwrap());
+    assert!((value - 1.4).abs() < 3.0 * stderr && stderr < 0.03, "{scale}");
+}
+
+#[test]
+fn a_thrust_that_is_always_less_does_not_pass_for_a_draught() {
+    let folder = folder("explain_thrust");
+    // at one height, and for 16 s, nothing but its being there from the start tells it from air that sinks
+    let found = explain(&folder, &fly(&folder, &["thrust_scale=0.95", "gust.sigma_mps2=0.03"]));
+    let effects = found["effects"].as_array().unwrap();
+    let group = |e: &Value| [&[e["name"].clone()], e["confusable_with"].as_array().unwrap().as_slice()].concat();
+    let named: Vec<Value> = effects.iter().flat_map(group).collect();
+    assert!(effects.len() == 1 && named.contains(&"thrust_scale".into()) && named.len() <= 3, "{effects:?}");
+}
+
+#[test]
 fn what_cannot_be_explained_is_refused_with_a_reason() {
     let folder = folder("explain_bad");
     let model = thesis(&folder);

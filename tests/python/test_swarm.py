@@ -70,6 +70,17 @@ def test_eight_swap_places_and_nobody_is_hit():
     np.testing.assert_allclose(worlds.states()[..., :2], -starts, atol=0.25)
 
 
+def test_a_load_hangs_below_those_who_carry_it():
+    worlds = CrazyflieSwarm(3, "carry")
+    worlds.reset(seed=5)
+    carriers = worlds.states()[..., :3]
+    loads = worlds.loads()
+    assert loads is not None and loads.shape == (3, 3)
+    assert (loads[:, 2] < carriers[..., 2].min(axis=1)).all()
+    assert (np.abs(loads - carriers.mean(axis=1))[:, :2] < 0.3).all()
+    assert CrazyflieSwarm(1, "swap").loads() is None
+
+
 def test_who_crashes_leaves_and_the_others_fly_on():
     env = pytest.importorskip("crazyflie_gym.parallel").parallel_env("formation", drones=3)
     env.reset(seed=0)

@@ -63,6 +63,8 @@ pub enum Disturbance {
 pub enum Trace {
     /// It changes what is expected.
     Mean,
+    /// It holds on to the command before with a probability, its only parameter: it changes what is expected, and by how much commands miss it.
+    Held,
     /// It is random: it changes how far off the expectation is.
     Spread,
     /// It is random and slow, a first-order Gauss-Markov process on this; its parameters are standard deviation and correlation time.
@@ -73,6 +75,13 @@ pub enum Trace {
     StandIn,
     /// It needs other drones: the log of one flight does not show it.
     Neighbours,
+}
+
+impl Trace {
+    /// Whether what is expected of a flight depends on the effect.
+    pub fn is_expected(self) -> bool {
+        matches!(self, Trace::Mean | Trace::Held)
+    }
 }
 
 /// Where an effect enters the loop.

@@ -1,6 +1,6 @@
 //! Radio packets that do not arrive.
 
-use super::{Cx, Effect, Hooks, Param, param};
+use super::{Cx, Effect, Hooks, Param, Trace, param};
 use crate::plant::{Command, State};
 use crate::real::Real;
 
@@ -14,6 +14,7 @@ impl Effect<1, 4> for PacketLoss {
         param("probability", "1", 0.0, [0.0, 1.0], "of losing one command"),
     ];
     const HOOKS: Hooks = Hooks::COMMAND;
+    const TRACE: Trace = Trace::Held;
 
     #[inline(always)]
     fn start<R: Real>(_: &[R; 1], _: &Cx<R>, _: &State<R>, u: &Command<R>) -> [R; 4] {

@@ -1,11 +1,11 @@
 //! Which effects are tried, and from where.
 
-use crazyflie_env::effects::{Entry, Role, Trace, registry};
+use crazyflie_env::effects::{Entry, Role, registry};
 
 use crate::fit::hypothesis::{Hypothesis, Term};
 
 /// Shares of a parameter's range, from "off", at which a search starts where "off" itself says nothing: a lag or a limit has no slope there.
-const STARTS: [f64; 4] = [0.03, 0.12, 0.3, 0.9];
+const STARTS: [f64; 6] = [0.03, 0.12, 0.3, 0.9, 0.945, 0.97];
 
 /// An effect to try, with the values to start from.
 pub struct Candidate {
@@ -17,7 +17,7 @@ pub struct Candidate {
 
 /// Every effect of the registry that changes what is expected and that the hypothesis does not have yet.
 pub fn candidates(hypothesis: &Hypothesis) -> Vec<Candidate> {
-    let absent = |e: &&Entry| e.trace == Trace::Mean && !hypothesis.has(e.name) && !hypothesis.model.effects.contains_key(e.name);
+    let absent = |e: &&Entry| e.trace.is_expected() && !hypothesis.has(e.name) && !hypothesis.model.effects.contains_key(e.name);
     registry().iter().filter(absent).map(|entry| Candidate { entry, starts: starts(entry), variants: variants(entry).len() }).collect()
 }
 
@@ -68,7 +68,7 @@ mod tests {
     fn every_effect_on_the_mean_is_tried_once_and_variants_each() {
         let model = Model::thesis();
         let all = candidates(&Hypothesis::of(&model));
-        assert!(all.iter().all(|c| c.entry.trace == Trace::Mean && !c.starts.is_empty()));
+        assert!(all.iter().all(|c| c.entry.trace.is_expected() && !c.starts.is_empty()));
         let weak = all.iter().find(|c| c.entry.name == "weak_motor").unwrap();
         assert_eq!(weak.starts.iter().map(|t| t.values[0]).collect::<Vec<_>>(), [1.0, 2.0, 3.0, 4.0]);
         let delay = all.iter().find(|c| c.entry.name == "cmd_delay").unwrap();

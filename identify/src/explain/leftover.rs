@@ -12,6 +12,8 @@ pub const CHANNELS: [&str; 6] = ["roll", "pitch", "yaw", "x", "y", "z"];
 const LONGEST_S: f64 = 1.0;
 /// A test statistic beyond so many standard deviations is a finding. Outliers and rounding make small ones ordinary.
 pub const FINDING: f64 = 7.0;
+/// From one frame to the next marker positions tell how well their own white and slow errors are known, not what moves the vehicle.
+const WHITE_S: f64 = 0.1;
 /// A line holds so much of the power of a channel, above this frequency: below it everything drifts.
 const LINE_SHARE: f64 = 0.04;
 const LINE_FROM_HZ: f64 = 0.2;
@@ -33,8 +35,8 @@ fn by_tick(flight: &Flight, filtered: &Filtered, channel: usize) -> Vec<Option<f
 }
 
 /// Largest correlation with a signal of the past, in standard deviations of that of independent series, and its lag.
-fn correlation(e: &[Option<f64>], past: &[Option<f64>], tick_s: f64) -> (f64, f64) {
-    let lags = 1..=(LONGEST_S / tick_s) as usize;
+fn correlation(e: &[Option<f64>], past: &[Option<f64>], nearest_s: f64, tick_s: f64) -> (f64, f64) {
+    let lags = ((nearest_s / tick_s).ceil() as usize).max(1)..=(LONGEST_S / tick_s) as usize;
     let of = |lag: usize| {
         let pairs = e[lag..].iter().zip(past).filter_map(|(a, b)| Some((((*a)?), (*b)?)));
         let (mut ab, mut aa, mut bb) = (0.0, 0.0, 0.0);
@@ -92,10 +94,11 @@ pub fn leftover(flight: &Flight, filtered: &Filtered) -> Vec<Leftover> {
         if known.iter().map(|v| v * v).sum::<f64>() < TRUSTED * TRUSTED * known.len() as f64 {
             continue;
         }
-        let (z, lag_s) = correlation(&e, &e, flight.tick_s);
+        let nearest_s = if channel < 3 { 0.0 } else { WHITE_S };
+        let (z, lag_s) = correlation(&e, &e, nearest_s, flight.tick_s);
         found.push(Leftover { signal: (*name).into(), finding: format!("correlated with itself {lag_s:.2} s before"), size: z });
         for (input, past) in &commands {
-            let (z, lag_s) = correlation(&e, past, flight.tick_s);
+            let (z, lag_s) = correlation(&e, past, 0.0, flight.tick_s);
             found.push(Leftover { signal: (*name).into(), finding: format!("correlated with the {input} {lag_s:.2} s before"), size: z });
         }
         let series: Vec<f64> = e.iter().map(|v| v.unwrap_or(0.0)).collect();

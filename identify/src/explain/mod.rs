@@ -7,6 +7,7 @@ pub mod leftover;
 pub mod noise;
 pub mod refine;
 pub mod search;
+pub mod shape;
 pub mod verdict;
 
 use std::time::Instant;
@@ -34,6 +35,10 @@ const ALIKE: f64 = 5.0;
 const MOST_RIVALS: usize = 2;
 /// A torque that wanders by more than this (rad/s^2) is no small error of the attitude model.
 const UNEXPLAINED_TORQUE: f64 = 0.25;
+/// A lift that wanders by more than this (m/s^2) is no small error of the thrust.
+const UNEXPLAINED_LIFT: f64 = 0.2;
+/// And by more than this it may be commands that did not arrive.
+const SHAKEN_TORQUE: f64 = 0.1;
 /// A force that wanders by more than this (m/s^2), for longer than this (s), is a gust.
 const GUST_MPS2: f64 = 0.1;
 const GUST_S: f64 = 0.3;
@@ -53,23 +58,15 @@ pub fn explain(model: &Model, fit: &[Flight], test: &[Flight], progress: &dyn Fn
     let mut rivals = Vec::new();
     let settled = settle_rivals(&search, search.backward(path, WORTH_FIT), &mut rivals, progress);
     progress("the test flights");
-    let (mut dissected, dropped) = gate(&search, &judge, settled)?;
-    if let Some(belief) = refine::refine(fit, &dissected.judged) {
-        dissected.judged.belief = belief;
-    }
+    let (dissected, dropped) = gate(&search, &judge, settled)?;
+    let dissected = refined(&search, dissected);
     let last = &dissected.judged;
     progress("what is left");
     let mut disturbances = last.disturbances;
     let mut left = leftovers(test, &last.settled(), &disturbances);
-    let structured =
-        left.iter().any(|l| l.signal != "yaw" && l.size.abs() > leftover::FINDING) || disturbances.torque.sigma > UNEXPLAINED_TORQUE;
-    if disturbances.torque.sigma > UNEXPLAINED_TORQUE {
-        let finding = format!(
-            "roll and pitch are shaken by {:.2} rad/s^2, for {:.2} s at a time, whatever the commands",
-            disturbances.torque.sigma, disturbances.torque.tau_s
-        );
-        left.insert(0, Leftover { signal: "torque".into(), finding, size: disturbances.torque.sigma });
-    }
+    let shaken = shaken(&disturbances);
+    let structured = left.iter().any(|l| l.signal != "yaw" && l.size.abs() > leftover::FINDING) || !shaken.is_empty();
+    left.splice(0..0, shaken);
     let mut effects = named(&judge, &dissected, &rivals)?;
     if !structured && disturbances.force.sigma > GUST_MPS2 && disturbances.force.tau_s > GUST_S {
         let (finer, sd) = noise::force(fit, &last.settled(), &disturbances);
@@ -120,6 +117,23 @@ pub fn explain(model: &Model, fit: &[Flight], test: &[Flight], progress: &dyn Fn
     })
 }
 
+/// Disturbances too large for the small errors of a model.
+fn shaken(disturbances: &Disturbances) -> Vec<Leftover> {
+    let Disturbances { force, lift, torque, .. } = *disturbances;
+    let mut found = Vec::new();
+    if torque.sigma > UNEXPLAINED_TORQUE {
+        let finding =
+            format!("roll and pitch are shaken by {:.2} rad/s^2, for {:.2} s at a time, whatever the commands", torque.sigma, torque.tau_s);
+        found.push(Leftover { signal: "torque".into(), finding, size: torque.sigma });
+    }
+    // gusts shake sideways too
+    if lift.sigma > UNEXPLAINED_LIFT && lift.sigma > 2.0 * force.sigma {
+        let finding = format!("the thrust is shaken by {:.2} m/s^2, for {:.2} s at a time, whatever the commands", lift.sigma, lift.tau_s);
+        found.push(Leftover { signal: "lift".into(), finding, size: lift.sigma });
+    }
+    found
+}
+
 /// The completed hypothesis with a learned term, if it lowers the 2 s errors on the test flights.
 #[allow(clippy::too_many_arguments)]
 fn learned(
@@ -153,9 +167,9 @@ fn forward(search: &Search, declared: &Judged, progress: &dyn Fn(&str)) -> (Judg
         progress(&format!("candidates besides {}", if names.is_empty() { "nothing".into() } else { names.join(", ") }));
         let (scores, next) = search.extend(&now);
         steps.push(Step { effects: names, gain, ranking: scores.iter().map(ranked).collect() });
-        let Some(next) =
-            next.filter(|next| now.loss - next.loss > search::LEAST_GAIN && next.hypothesis.terms.len() <= search::MOST_EFFECTS)
-        else {
+        let gains = |next: &Judged| now.loss - next.loss > search::LEAST_GAIN && next.hypothesis.terms.len() <= search::MOST_EFFECTS;
+        let shaken = now.disturbances.torque.sigma > SHAKEN_TORQUE;
+        let Some(next) = next.filter(gains).or_else(|| if shaken { search.held(&now).filter(gains) } else { None }) else {
             return (now, steps);
         };
         gain = now.loss - next.loss;
@@ -215,10 +229,30 @@ fn gate(search: &Search, judge: &Search, from: Dissected) -> Option<(Dissected, 
     }
 }
 
-/// Log-likelihood of the test flights that each effect is worth.
+/// With the last word on the parameters, and without the effects that it leaves unclear.
+fn refined(search: &Search, from: Dissected) -> Dissected {
+    let mut now = from;
+    while let Some(belief) = refine::refine(search.flights, &now.judged) {
+        now.judged.belief = belief;
+        let clearances = now.without.iter().map(|(name, _)| now.judged.clearance(name)).enumerate();
+        match clearances.min_by(|a, b| a.1.total_cmp(&b.1)) {
+            Some((least, clearance)) if clearance < search::CLEAR => now = search.dissect(now.without.swap_remove(least).1),
+            _ => break,
+        }
+    }
+    now
+}
+
+/// Log-likelihood of the test flights that each effect is worth. Where nothing shakes a vehicle as much as the floor of the disturbances has it, a
+/// damping is worth something for that alone: an effect must be worth it in still air too.
 fn worths(judge: &Search, of: &Dissected) -> Option<Vec<f64>> {
-    let full = judge.plug_in(&of.judged.settled(), &of.judged.disturbances)?;
-    of.without.par_iter().map(|(_, less)| Some(judge.plug_in(&less.settled(), &less.disturbances)? - full)).collect()
+    let loss = |j: &Judged, air: fn(&Disturbances) -> Disturbances| judge.plug_in(&j.settled(), &air(&j.disturbances));
+    let worth = |air: fn(&Disturbances) -> Disturbances| -> Option<Vec<f64>> {
+        let full = loss(&of.judged, air)?;
+        of.without.par_iter().map(|(_, less)| Some(loss(less, air)? - full)).collect()
+    };
+    let (usual, still) = rayon::join(|| worth(|d| *d), || worth(noise::still));
+    Some(usual?.into_iter().zip(still?).map(|(a, b)| a.min(b)).collect())
 }
 
 fn named(judge: &Search, of: &Dissected, rivals: &[(&'static str, Vec<&'static str>)]) -> Option<Vec<Named>> {
@@ -294,7 +328,9 @@ fn add_random(completed: &mut Hypothesis, effects: &[Named]) {
 fn leftovers(test: &[Flight], at: &Hypothesis, disturbances: &Disturbances) -> Vec<Leftover> {
     let nothing = Belief::independent(Vec::new(), &[]);
     let filtered = test.iter().filter_map(|f| Some((f, filter(f, f.all(), &at.fixed(), &nothing, disturbances)?)));
-    let mut all: Vec<Leftover> = filtered.flat_map(|(flight, filtered)| leftover::leftover(flight, &filtered)).collect();
+    let mut all: Vec<Leftover> = filtered
+        .flat_map(|(flight, filtered)| [leftover::leftover(flight, &filtered), shape::shapes(flight, &filtered, disturbances)].concat())
+        .collect();
     all.sort_by(|a, b| b.size.abs().total_cmp(&a.size.abs()));
     all.truncate(12);
     all

@@ -27,6 +27,11 @@ pub const FLOOR: Disturbances = Disturbances {
     turn: Wander { sigma: 0.02, tau_s: 1.0 },
     marker: Wander { sigma: 0.0, tau_s: 3.0 },
 };
+/// Log-likelihood that a disturbance must be worth for each factor of e beyond its floor: without it, a constant in a short flight passes for
+/// a disturbance that began large and hardly changed.
+const DEAR: f64 = 3.0;
+/// In still air it is so many times smaller.
+const STILL: f64 = 5.0;
 /// A size of a disturbance without a floor that shrinks below this share of the first is none.
 const LEAST: f64 = 0.05;
 /// Correlation times stay within these.
@@ -74,7 +79,7 @@ struct Weighed {
 
 impl Weighed {
     fn loss(&self) -> f64 {
-        self.losses.iter().filter_map(|l| l.last()).sum()
+        self.losses.iter().filter_map(|l| l.last()).sum::<f64>() + price(&self.disturbances)
     }
 }
 
@@ -108,6 +113,22 @@ impl Stretches<'_> {
         let alone = better.into_iter().next().map(|(_, w)| w);
         joint.into_iter().chain(alone).min_by(|a, b| a.loss().total_cmp(&b.loss()))
     }
+}
+
+/// What disturbances cost beforehand, in units of log-likelihood: most flights are quiet.
+pub fn price(disturbances: &Disturbances) -> f64 {
+    let (mut sizes, mut floor) = (*disturbances, FLOOR);
+    let beyond = sizes.list_mut().into_iter().zip(floor.list_mut()).filter(|(w, floor)| w.sigma > floor.sigma && floor.sigma > 0.0);
+    beyond.map(|(wander, floor)| DEAR * (wander.sigma / floor.sigma).ln()).sum()
+}
+
+/// The same, but what stands at its floor is all but nothing.
+pub fn still(disturbances: &Disturbances) -> Disturbances {
+    let (mut still, mut floor) = (*disturbances, FLOOR);
+    for (wander, floor) in still.list_mut().into_iter().zip(floor.list_mut()).filter(|(w, floor)| w.sigma <= 1.01 * floor.sigma) {
+        wander.sigma = floor.sigma / STILL;
+    }
+    still
 }
 
 /// The disturbances of a flight under a hypothesis, searched from those given, or from scratch.

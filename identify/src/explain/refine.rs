@@ -60,9 +60,12 @@ fn clusters(flights: &[Flight], at: &Hypothesis, here: &Run, sd: &[f64], disturb
             (of(&runs[2 * i + 1].innovations[row].1) - of(&runs[2 * i].innovations[row].1)) / (high - low)
         };
         let z = DVector::from_fn(n, |i, _| slope(i, |v| v.normalised));
+        // a parameter that changes how far predictions miss is known by that too
+        let spread = DVector::from_fn(n, |i, _| slope(i, |v| v.spread));
         let weight = (HUBER / innovation.normalised.abs()).min(1.0);
         let cluster = clusters.entry(*stretch).or_insert_with(|| Cluster::new(n));
         cluster.information.ger(weight, &z, &z, 1.0);
+        cluster.information.ger(weight, &spread, &spread, 1.0);
         cluster.gradient += DVector::from_fn(n, |i, _| slope(i, |v| v.loss));
     }
     Some(clusters.into_values().collect())

@@ -1,12 +1,12 @@
 //! Which effects earn their place. Windows of flights, fitted by output error, propose; the Kalman filter, whose residuals are independent of each
 //! other whatever shakes the vehicle, decides.
 
-use crazyflie_env::effects::Entry;
+use crazyflie_env::effects::{Entry, Trace};
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::candidates::{Candidate, candidates};
-use super::noise::tune;
+use super::noise::{FLOOR, price, tune};
 use crate::fit::filter::{Belief, Disturbances, filter};
 use crate::fit::flight::{Flight, WINDOW_S, Window};
 use crate::fit::hypothesis::{Hypothesis, Term};
@@ -21,8 +21,13 @@ const STEPS_TO_START: usize = 2;
 /// A fit that only proposes is good enough when a step gains less than this.
 const ENOUGH: f64 = 0.5;
 const EVERY_TO_START: usize = 3;
-/// How many proposals the filter looks at per round.
+/// How many proposals the filter looks at per round, and how many more that would score highest if little were random.
 const SHORTLIST: usize = 7;
+const SHORTLIST_IN_CALM: usize = 3;
+/// So many times its floor, a disturbance can hide something.
+const LOUD: f64 = 2.5;
+/// Forces and torques are so many times smaller in a calm.
+const CALM: f64 = 10.0;
 /// Most effects of a hypothesis.
 pub const MOST_EFFECTS: usize = 6;
 /// What the filter believes before the flight is as wide as so many standard errors of the proposal.
@@ -34,11 +39,14 @@ pub const LEAST_GAIN: f64 = 3.0;
 /// A rival scores at least so much of what the effect itself scores.
 const LEAST_SHARE: f64 = 0.3;
 /// Standard errors that a parameter must lie from "off".
-const CLEAR: f64 = 4.0;
+pub const CLEAR: f64 = 4.0;
 /// A loss beyond this is not going to be made good by other disturbances.
 const BEYOND: f64 = 300.0;
 /// More than judging again can make good.
 const FAR_BEHIND: f64 = 50.0;
+/// Shares of lost commands that are tried, and how far off each may be.
+const PROBABILITIES: [f64; 5] = [0.05, 0.12, 0.22, 0.38, 0.65];
+const PROBABILITY_SD: f64 = 0.01;
 /// Less than this, in units of log-likelihood, is not worth a proposal.
 const LEAST_PROPOSAL: f64 = 4.0;
 
@@ -50,7 +58,7 @@ pub struct Judged {
     /// As the filter has them after all flights of the fit.
     pub belief: Belief,
     pub disturbances: Disturbances,
-    /// Negative log-likelihood of the flights of the fit, the free parameters integrated out.
+    /// Negative log-likelihood of the flights of the fit, the free parameters integrated out, and the price of the disturbances.
     pub loss: f64,
 }
 
@@ -65,7 +73,7 @@ pub struct Dissected {
 
 impl Judged {
     /// How many standard errors lie between "off" and the value of an effect's clearest parameter.
-    fn clearance(&self, effect: &str) -> f64 {
+    pub fn clearance(&self, effect: &str) -> f64 {
         let place = self.hypothesis.place(effect);
         let Some(term) = self.hypothesis.terms.iter().find(|t| t.entry.name == effect) else { return 0.0 };
         let of = |(i, at): (&usize, usize)| (self.belief.mean[at] - term.entry.params[*i].off).abs() / self.belief.sd(at);
@@ -127,6 +135,28 @@ pub struct Score {
     pub sd: Vec<f64>,
 }
 
+/// What all effects could gain, the best first.
+struct Scores {
+    usual: Vec<Score>,
+    /// Those with a slope at "off", if little were random.
+    in_calm: Vec<Score>,
+    /// The windows' fit without any of them.
+    base: Solution,
+}
+
+/// The best first, of one effect its best start.
+fn ranked(mut scores: Vec<Score>) -> Vec<Score> {
+    scores.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    let mut seen = Vec::new();
+    scores.retain(|s| {
+        !seen.contains(&s.start.entry.name) && {
+            seen.push(s.start.entry.name);
+            true
+        }
+    });
+    scores
+}
+
 /// A likelihood to second order.
 struct Jet {
     loss: f64,
@@ -160,6 +190,22 @@ impl Jet {
     }
 }
 
+/// Whether a disturbance is large enough to hide something.
+fn loud(disturbances: &Disturbances) -> bool {
+    let (mut sizes, mut floor) = (*disturbances, FLOOR);
+    sizes.list_mut().into_iter().zip(floor.list_mut()).any(|(w, floor)| floor.sigma > 0.0 && w.sigma > LOUD * floor.sigma)
+}
+
+/// The same with hardly any force and torque.
+fn calm(disturbances: &Disturbances) -> Disturbances {
+    let mut calm = *disturbances;
+    let mut floor = FLOOR;
+    for (wander, floor) in calm.list_mut().into_iter().zip(floor.list_mut()).filter(|(_, floor)| floor.sigma > 0.0) {
+        wander.sigma = (wander.sigma / CALM).max(floor.sigma);
+    }
+    calm
+}
+
 /// From the lowest to the highest value of a free parameter.
 fn joint_range(hypothesis: &Hypothesis, i: usize) -> f64 {
     let [low, high] = hypothesis.bounds()[i];
@@ -173,7 +219,13 @@ impl<'a> Search<'a> {
         Search { flights, windows: all.into_iter().step_by(every).collect() }
     }
 
+    /// Two steps per tick: what only proposes need not be exact.
+    fn coarse_hz(&self) -> u32 {
+        2 * (1.0 / self.flights[0].tick_s).round() as u32
+    }
+
     pub fn fit(&self, hypothesis: &Hypothesis, own: Option<&[Vec<f64>]>, most_steps: usize) -> Solution {
+        let hypothesis = &Hypothesis { physics_hz: hypothesis.physics_hz.or(Some(self.coarse_hz())), ..hypothesis.clone() };
         let prediction = Prediction { flights: self.flights, windows: &self.windows, hypothesis, inflation: 1.0 };
         let measured = prediction.starts();
         // a lag that is new to the hypothesis has no value yet
@@ -187,7 +239,7 @@ impl<'a> Search<'a> {
         let ranges = hypothesis.bounds();
         let wide: Vec<f64> = sd.iter().zip(&ranges).map(|(sd, [low, high])| (WIDEN * sd).min(0.25 * (high - low))).collect();
         let mut belief = Belief::independent(hypothesis.shared(), &wide);
-        let mut loss = 0.0;
+        let mut loss = price(disturbances);
         for flight in self.flights {
             let filtered = filter(flight, flight.all(), hypothesis, &belief, disturbances)?;
             loss += filtered.loss;
@@ -220,13 +272,39 @@ impl<'a> Search<'a> {
 
     /// One more effect: all scores, and the best by the filter of those that score highest.
     pub fn extend(&self, now: &Judged) -> (Vec<Score>, Option<Judged>) {
-        let Some((scored, base)) = self.score(now) else { return (Vec::new(), None) };
+        // what is missing for good may pass for a disturbance that wanders slowly: in a calm it would stand out
+        let calm = Some(calm(&now.disturbances)).filter(|_| loud(&now.disturbances));
+        let Some(Scores { usual: scored, in_calm, base }) = self.score(now, calm.as_ref()) else { return (Vec::new(), None) };
         let at = now.settled();
-        let worthy: Vec<&Score> = scored.iter().take(SHORTLIST).filter(|s| s.gain > LEAST_PROPOSAL).collect();
+        let mut worthy: Vec<&Score> = scored.iter().take(SHORTLIST).collect();
+        let seen = |worthy: &[&Score], s: &Score| worthy.iter().any(|w| w.start.entry.name == s.start.entry.name);
+        let more: Vec<&Score> = in_calm.iter().filter(|s| !seen(&worthy, s)).take(SHORTLIST_IN_CALM).collect();
+        worthy.extend(more);
+        worthy.retain(|s| s.gain > LEAST_PROPOSAL);
         let proposals: Vec<Proposal> = worthy.par_iter().filter_map(|s| self.propose(&at, s, &base)).collect();
-        let judged = self.settle(&proposals, &now.disturbances, f64::INFINITY);
+        let mut judged = self.settle(&proposals, &now.disturbances, f64::INFINITY);
+        judged.extend(calm.iter().flat_map(|calm| self.settle(&proposals, calm, now.loss)));
         let best = judged.into_iter().min_by(|a, b| a.loss.total_cmp(&b.loss)).and_then(|best| self.tuned(&best));
         (scored, best)
+    }
+
+    /// The best hypothesis with commands that may not arrive, if there is such an effect that it does not have. The windows see only what is
+    /// expected of it, a delay; that the vehicle is shaken just when commands change, the filter sees once its disturbances no longer stand for it.
+    pub fn held(&self, now: &Judged) -> Option<Judged> {
+        let at = now.settled();
+        let known: Vec<f64> = (0..now.belief.mean.len()).map(|i| now.belief.sd(i)).collect();
+        let with = |(entry, probability): (&'static Entry, f64)| {
+            let mut term = Term::off(entry);
+            *term.values.first_mut()? = probability;
+            let hypothesis = at.with(term);
+            let mut sd = known.clone();
+            let place = hypothesis.place(entry.name);
+            sd.splice(place.start..place.start, place.clone().map(|_| PROBABILITY_SD));
+            self.tuned(&self.judge(&hypothesis, &sd, &now.disturbances)?)
+        };
+        let absent = candidates(&at).into_iter().map(|c| c.entry).filter(|e| e.trace == Trace::Held);
+        let tried: Vec<_> = absent.flat_map(|entry| PROBABILITIES.map(|p| (entry, p))).collect();
+        tried.into_par_iter().filter_map(with).min_by(|a, b| a.loss.total_cmp(&b.loss))
     }
 
     /// The same hypothesis with the disturbances that suit it.
@@ -272,7 +350,7 @@ impl<'a> Search<'a> {
         let kept = Judged { disturbances: judged.disturbances, ..without.clone() };
         let Some(without) = self.again(&kept, &judged.disturbances) else { return Vec::new() };
         let at = without.settled();
-        let Some((scores, base)) = self.score(&without) else { return Vec::new() };
+        let Some(Scores { usual: scores, base, .. }) = self.score(&without, None) else { return Vec::new() };
         let own = scores.iter().find(|s| s.start.entry.name == effect).map_or(0.0, |s| s.gain);
         let others = scores.iter().filter(|s| s.start.entry.name != effect && s.gain > LEAST_SHARE * own).take(SHORTLIST);
         let others: Vec<&Score> = others.collect();
@@ -299,7 +377,7 @@ impl<'a> Search<'a> {
 
     /// What every effect could gain, from one run of the filter that carries the parameters of all of them, each known to be almost off. An
     /// effect without a slope at "off" is tried from elsewhere, on the windows, whose fit comes along.
-    fn score(&self, now: &Judged) -> Option<(Vec<Score>, Solution)> {
+    fn score(&self, now: &Judged, calm: Option<&Disturbances>) -> Option<Scores> {
         let at = now.settled();
         let fixed = at.fixed();
         let all = candidates(&at);
@@ -308,7 +386,10 @@ impl<'a> Search<'a> {
         for candidate in &all {
             joint = joint.with(candidate.starts[0].clone());
         }
-        let (jet, base) = rayon::join(|| self.jet(&joint, now), || self.fit(&fixed, None, STEPS));
+        let (jet, (calm, base)) = rayon::join(
+            || self.jet(&joint, &now.disturbances),
+            || rayon::join(|| calm.and_then(|calm| self.jet(&joint, calm)), || self.fit(&fixed, None, STEPS)),
+        );
         let (jet, sample) = (jet?, self.sample(&fixed, &base));
         let known: Vec<usize> = at.terms.iter().flat_map(|t| joint.place(t.entry.name)).chain(0..at.free.len()).collect();
         let of = |candidate: &Candidate| {
@@ -320,17 +401,12 @@ impl<'a> Search<'a> {
             let there = if tried { sample.start_elsewhere(&fixed, elsewhere) } else { None };
             here.into_iter().chain(there).collect::<Vec<Score>>()
         };
-        let mut scores: Vec<Score> = all.par_iter().flat_map_iter(of).collect();
-        scores.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-        // of one effect the best start
-        let mut seen = Vec::new();
-        scores.retain(|s| {
-            !seen.contains(&s.start.entry.name) && {
-                seen.push(s.start.entry.name);
-                true
-            }
-        });
-        Some((scores, base))
+        let usual = ranked(all.par_iter().flat_map_iter(of).collect());
+        let stands_out = |(candidate, jet): (&Candidate, &Jet)| {
+            jet.score(&candidate.starts[0], &joint.place(candidate.entry.name).collect::<Vec<usize>>(), &known)
+        };
+        let in_calm = ranked(all.iter().zip(calm.iter().cycle()).map(stands_out).collect());
+        Some(Scores { usual, in_calm, base })
     }
 
     /// A part of the windows, which will do to choose where to start.
@@ -344,12 +420,12 @@ impl<'a> Search<'a> {
     }
 
     /// Likelihood, gradient and information at a hypothesis, by the filter with parameters known to a hundredth of their range.
-    fn jet(&self, at: &Hypothesis, now: &Judged) -> Option<Jet> {
+    fn jet(&self, at: &Hypothesis, disturbances: &Disturbances) -> Option<Jet> {
         let ranges: Vec<f64> = (0..at.shared().len()).map(|i| TIGHT * joint_range(at, i)).collect();
         let prior = Belief::independent(at.shared(), &ranges);
         let mut jet = Jet { loss: 0.0, gradient: DVector::zeros(ranges.len()), information: DMatrix::zeros(ranges.len(), ranges.len()) };
         for flight in self.flights {
-            let filtered = filter(flight, flight.all(), at, &prior, &now.disturbances)?;
+            let filtered = filter(flight, flight.all(), at, &prior, disturbances)?;
             let n = ranges.len();
             let covariance = DMatrix::from_row_slice(n, n, &filtered.belief.covariance);
             // in units of the prior, for the sake of the inverse

@@ -4,9 +4,11 @@
 use std::ops::Range;
 
 use crazyflie_env::dual::Dual;
+use crazyflie_env::plant::Command;
 use crazyflie_env::simulated::Simulated;
 
 use super::flight::{Flight, Window};
+use super::held::{AXES, Held};
 use super::hypothesis::Hypothesis;
 use super::predict::{Compared, PUSH, START, Worker};
 use super::solve::HUBER;
@@ -94,6 +96,8 @@ pub struct Innovation {
     /// See [`super::predict::Compared::channel`].
     pub channel: usize,
     pub normalised: f64,
+    /// Logarithm of that standard deviation, over the measurement's own.
+    pub spread: f64,
     /// Its share of the negative log-likelihood.
     pub loss: f64,
 }
@@ -117,22 +121,32 @@ struct Extra {
     /// Its column among the worker's slopes; a marker's error has none: it moves one measured axis.
     column: Option<usize>,
     axis: usize,
+    /// What a unit of it is on that axis.
+    unit: f64,
     keep: f64,
     /// Variance in the long run, and gained per tick.
     variance: f64,
     gain: f64,
 }
 
-/// The extra states: constants still to be learned, then those disturbances that are not nothing.
-fn extras(flight: &Flight, own: usize, learned: usize, disturbances: &Disturbances) -> Vec<Extra> {
-    let constant = |i: usize| Extra { column: Some(own + i), axis: 0, keep: 1.0, variance: 0.0, gain: 0.0 };
+/// The extra states: constants still to be learned, then those disturbances that are not nothing, then how far what is obeyed is off.
+fn extras(flight: &Flight, own: usize, learned: usize, disturbances: &Disturbances, held: Option<&Held>) -> Vec<Extra> {
+    let constant = |i: usize| Extra { column: Some(own + i), axis: 0, unit: 1.0, keep: 1.0, variance: 0.0, gain: 0.0 };
     let wandering = |(i, w): (usize, Wander)| {
         let (keep, variance) = ((-flight.tick_s / w.tau_s).exp(), w.sigma * w.sigma);
         let column = (i < PUSH).then_some(own + learned + i);
-        Extra { column, axis: i, keep, variance, gain: variance * (1.0 - keep * keep) }
+        Extra { column, axis: i, unit: 1.0, keep, variance, gain: variance * (1.0 - keep * keep) }
     };
     let disturbed = disturbances.all().into_iter().enumerate().filter(|(_, w)| w.sigma > 0.0);
-    (0..learned).map(constant).chain(disturbed.map(wandering)).collect()
+    let obeyed = |held: &Held| {
+        let Held { probability, push, variance, .. } = *held;
+        let one = move |i: usize| {
+            let column = Some(own + learned + AXES[i]);
+            Extra { column, axis: AXES[i], unit: push[i], keep: probability, variance: variance[i], gain: 0.0 }
+        };
+        (0..AXES.len()).map(one)
+    };
+    (0..learned).map(constant).chain(disturbed.map(wandering)).chain(held.into_iter().flat_map(obeyed)).collect()
 }
 
 /// Estimate and covariance, with room to compute.
@@ -140,6 +154,7 @@ struct Kalman {
     own: usize,
     learned: usize,
     extras: Vec<Extra>,
+    held: Option<Held>,
     x: Vec<f64>,
     p: Vec<f64>,
     h: Vec<f64>,
@@ -150,31 +165,40 @@ struct Kalman {
 }
 
 impl Kalman {
-    fn new(flight: &Flight, start: Vec<f64>, belief: &Belief, disturbances: &Disturbances) -> Self {
+    fn new(flight: &Flight, start: Vec<f64>, belief: &Belief, disturbances: &Disturbances, held: Option<Held>) -> Self {
         let (own, learned) = (start.len(), belief.mean.len());
-        let extras = extras(flight, own, learned, disturbances);
+        let extras = extras(flight, own, learned, disturbances, held.as_ref());
         let n = own + extras.len();
         let (x, p) = begin(start, belief, &extras);
-        Kalman { own, learned, extras, x, p, h: vec![0.0; n], ph: vec![0.0; n], moved: vec![0.0; n], room: Room::new(own, n) }
+        Kalman { own, learned, extras, held, x, p, h: vec![0.0; n], ph: vec![0.0; n], moved: vec![0.0; n], room: Room::new(own, n) }
     }
 
     /// The disturbances as they are estimated: push, then marker.
     fn disturbed(&self) -> [f64; PUSH + 3] {
         let mut all = [0.0; PUSH + 3];
         for (extra, value) in self.extras[self.learned..].iter().zip(&self.x[self.own + self.learned..]) {
-            all[extra.axis] = *value;
+            all[extra.axis] += extra.unit * value;
         }
         all
     }
 
-    /// Take in a measurement whose prediction at the estimate, and its slopes in standard deviations, are known. Returns the innovation in its own
-    /// standard deviations and its negative log-likelihood; `None` where the filter breaks down.
-    fn measure(&mut self, row: &Compared, predicted: f64, marker: f64, slopes: &[f64]) -> Option<(f64, f64)> {
+    /// A new command is on its way.
+    fn command(&mut self, u: &Command<f64>) {
+        let Some(held) = &mut self.held else { return };
+        let first = self.extras.len() - AXES.len();
+        for (extra, gain) in self.extras[first..].iter_mut().zip(held.next(u)) {
+            extra.gain = gain;
+        }
+    }
+
+    /// Take in a measurement whose prediction at the estimate, and its slopes in standard deviations, are known. `None` where the filter breaks
+    /// down.
+    fn measure(&mut self, row: &Compared, predicted: f64, marker: f64, slopes: &[f64]) -> Option<Innovation> {
         let own = self.own;
         self.h[..own].copy_from_slice(&slopes[..own]);
         for (slot, extra) in self.h[own..].iter_mut().zip(&self.extras) {
             let seen = || if extra.axis == PUSH + row.channel - 3 { 1.0 / row.sigma } else { 0.0 };
-            *slot = extra.column.map_or_else(|| if row.channel < 3 { 0.0 } else { seen() }, |column| slopes[column]);
+            *slot = extra.column.map_or_else(|| if row.channel < 3 { 0.0 } else { seen() }, |column| slopes[column] * extra.unit);
         }
         let already: f64 = self.h.iter().zip(&self.moved).map(|(h, m)| h * m).sum();
         // in standard deviations of the measurement, whose variance is then 1
@@ -186,11 +210,12 @@ impl Kalman {
             return None;
         }
         let weight = if z.abs() > HUBER { HUBER / z.abs() } else { 1.0 };
-        let loss = if weight < 1.0 { HUBER * (z.abs() - 0.5 * HUBER) } else { 0.5 * z * z } + 0.5 * variance.ln();
+        let spread = 0.5 * variance.ln();
+        let loss = if weight < 1.0 { HUBER * (z.abs() - 0.5 * HUBER) } else { 0.5 * z * z } + spread;
         let gain = weight / variance;
         add(&mut self.moved, gain * error, &self.ph);
         less(&mut self.p, gain, &self.ph);
-        Some((z, loss))
+        Some(Innovation { t_s: row.t_s, channel: row.channel, normalised: z, spread, loss })
     }
 }
 
@@ -230,7 +255,7 @@ fn run(
     let mut start = flight.start_numbers(ticks.start);
     let lags = worker.lags(flight, ticks.start, &start);
     start.extend(lags);
-    let mut k = Kalman::new(flight, start, belief, disturbances);
+    let mut k = Kalman::new(flight, start, belief, disturbances, Held::of(&at, flight, ticks.start));
     let mut out = Filtered { loss: 0.0, innovations: Vec::new(), belief: belief.clone(), states: Vec::new(), wandered: Vec::new() };
     for tick in ticks {
         worker.set_free(&k.x[own..own + learned]).ok()?;
@@ -243,10 +268,11 @@ fn run(
         see(&worker, &k.x[..own], &disturbed);
         k.moved.fill(0.0);
         for (row, slopes) in worker.rows().iter().zip(worker.slopes()) {
-            let (z, loss) = k.measure(row, row.predicted, marker(row, &disturbed), slopes)?;
-            out.loss += loss;
-            out.innovations.push(Innovation { t_s: row.t_s, channel: row.channel, normalised: z, loss });
+            let innovation = k.measure(row, row.predicted, marker(row, &disturbed), slopes)?;
+            out.loss += innovation.loss;
+            out.innovations.push(innovation);
         }
+        k.command(flight.command(tick as isize + 1));
         let (end, slopes) = worker.end();
         propagate(end, slopes, &mut k);
     }
@@ -274,6 +300,8 @@ struct Linear {
 /// first order in how far the estimates then differ.
 pub struct Track {
     start: Vec<f64>,
+    first: isize,
+    held: Option<Held>,
     ticks: Vec<Linear>,
 }
 
@@ -282,6 +310,7 @@ impl Track {
     pub fn of(flight: &Flight, ticks: Range<usize>, hypothesis: &Hypothesis, disturbances: &Disturbances) -> Option<Self> {
         let nothing = Belief::independent(Vec::new(), &[]);
         let mut kept = Vec::with_capacity(ticks.len());
+        let (first, held) = (ticks.start as isize, Held::of(hypothesis, flight, ticks.start));
         let mut keep = |worker: &Worker, x: &[f64], disturbed: &[f64; PUSH + 3]| {
             let (end, end_slopes) = worker.end();
             kept.push(Linear {
@@ -293,13 +322,13 @@ impl Track {
             });
         };
         let filtered = run(flight, ticks, &hypothesis.fixed(), &nothing, disturbances, &mut keep)?;
-        Some(Track { start: filtered.states.into_iter().next()?, ticks: kept })
+        Some(Track { start: filtered.states.into_iter().next()?, first, held, ticks: kept })
     }
 
     /// Negative log-likelihood under other disturbances, summed up to each tick. Ends early where it has fallen hopelessly behind `least`.
     pub fn losses(&self, flight: &Flight, disturbances: &Disturbances, least: Option<&[f64]>) -> Option<Vec<f64>> {
         let nothing = Belief::independent(Vec::new(), &[]);
-        let mut k = Kalman::new(flight, self.start.clone(), &nothing, disturbances);
+        let mut k = Kalman::new(flight, self.start.clone(), &nothing, disturbances, self.held.clone());
         let (own, mut loss) = (k.own, 0.0);
         let (mut off, mut end) = (vec![0.0; own + PUSH], vec![0.0; own]);
         let mut losses = Vec::with_capacity(self.ticks.len());
@@ -312,8 +341,9 @@ impl Track {
             k.moved.fill(0.0);
             for (row, slopes) in tick.rows.iter().zip(tick.slopes.chunks_exact(own + PUSH)) {
                 let predicted = row.predicted + row.sigma * by(slopes);
-                loss += k.measure(row, predicted, marker(row, &disturbed), slopes)?.1;
+                loss += k.measure(row, predicted, marker(row, &disturbed), slopes)?.loss;
             }
+            k.command(flight.command(self.first + at as isize + 1));
             losses.push(loss);
             if least.is_some_and(|least| loss > least[at] + HOPELESS) {
                 return None;
@@ -416,7 +446,7 @@ fn propagate(end: &[f64], slopes: &[f64], k: &mut Kalman) {
         let row = &slopes[i * unknowns..(i + 1) * unknowns];
         f[i * n..i * n + own].copy_from_slice(&row[..own]);
         for (j, extra) in extras.iter().enumerate() {
-            f[i * n + own + j] = extra.column.map_or(0.0, |column| row[column]);
+            f[i * n + own + j] = extra.column.map_or(0.0, |column| row[column] * extra.unit);
         }
         x[i] = end[i] + f[i * n..(i + 1) * n].iter().zip(&*moved).map(|(f, m)| f * m).sum::<f64>();
         for k in 0..n {

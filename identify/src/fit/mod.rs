@@ -2,6 +2,7 @@
 
 pub mod filter;
 pub mod flight;
+pub mod held;
 pub mod hypothesis;
 pub mod predict;
 pub mod solve;

@@ -1,7 +1,7 @@
 //! Windows of flights predicted by the simulator itself, on numbers with derivatives.
 
 use crazyflie_env::dual::{DIRECTIONS, Dual};
-use crazyflie_env::effects::Entry;
+use crazyflie_env::effects::{Entry, registry};
 use crazyflie_env::model::Model;
 use crazyflie_env::plant::{Command, Push, State};
 use crazyflie_env::real::Real;
@@ -84,8 +84,10 @@ impl Worker {
     pub fn new(at: &Hypothesis, flight: &Flight, with_slopes: bool, pushed: bool) -> crazyflie_env::Result<Self> {
         let mut model = at.model.clone();
         let hz = (1.0 / flight.tick_s).round();
-        // frames are filmed when the log has them, not by the rig's clock
-        (model.rig.control.value, model.rig.imu.value, model.rig.camera.value) = (hz, hz, 1.0);
+        // the base clock is the IMU's here, fast enough for every effect and even; frames are filmed when the log has them, not by the rig's clock
+        let fastest_hz = registry().iter().map(|e| e.physics_hz).max().unwrap_or(1);
+        let base_hz = 2.0 * hz * (f64::from(fastest_hz) / (2.0 * hz)).ceil();
+        (model.rig.control.value, model.rig.imu.value, model.rig.camera.value) = (hz, base_hz, 1.0);
         let settings = Settings { input: flight.input, physics_hz: at.physics_hz };
         let entries: Vec<&'static Entry> = at.terms.iter().map(|t| t.entry).collect();
         let own = START + at.lags();

@@ -182,3 +182,7 @@ class CrazyflieSwarm:
     def states(self) -> FloatArray:
         """Return the true states, float32 (num_worlds, num_drones, 12), laid out as `STATE_FIELDS` says."""
         return self.swarm.states()
+
+    def loads(self) -> FloatArray | None:
+        """Return where the loads are, float32 (num_worlds, 3), in metres; `None` where the task carries nothing."""
+        return self.swarm.loads()

@@ -2,7 +2,6 @@
 
 use std::ops::Range;
 
-use crazyflie_env::effects::Trace;
 use crazyflie_identify::explain::leftover::CHANNELS;
 use crazyflie_identify::fit::filter::{Belief, Disturbances, Innovation, filter};
 use crazyflie_identify::fit::flight::{Flight, WINDOW_S, Window};
@@ -40,7 +39,7 @@ impl Curve {
 /// What is random has no expectation to predict with.
 pub(super) fn expected(hypothesis: &Hypothesis) -> Hypothesis {
     let mut mean = hypothesis.fixed();
-    mean.terms.retain(|t| t.entry.trace == Trace::Mean);
+    mean.terms.retain(|t| t.entry.trace.is_expected());
     mean
 }
 
@@ -137,7 +136,7 @@ mod tests {
     use super::*;
 
     fn innovations(of: impl Fn(usize) -> f64) -> Vec<Innovation> {
-        (0..3000).map(|i| Innovation { t_s: i as f64 * 0.01, channel: 0, normalised: of(i), loss: 0.0 }).collect()
+        (0..3000).map(|i| Innovation { t_s: i as f64 * 0.01, channel: 0, normalised: of(i), spread: 0.0, loss: 0.0 }).collect()
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! How much better a fit would predict that is told which effects are there.
 
-use crazyflie_env::effects::{Trace, find};
+use crazyflie_env::effects::find;
 use crazyflie_identify::explain::errors::{Errors, compare};
 use crazyflie_identify::explain::search::Search;
 use crazyflie_identify::fit::hypothesis::{Hypothesis, Term};
@@ -25,7 +25,7 @@ pub(super) fn ratio(run: &Run, truth: &Truth) -> Option<f64> {
         hypothesis = hypothesis.with(term);
     }
     // what is random has no place among expectations
-    hypothesis.terms.retain(|t| t.entry.trace == Trace::Mean);
+    hypothesis.terms.retain(|t| t.entry.trace.is_expected());
     let search = Search::new(&run.fit.flights);
     let [disturbances, _] = &run.found.disturbances;
     let fitted = search.refit(&hypothesis, disturbances)?;

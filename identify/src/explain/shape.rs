@@ -1,0 +1,96 @@
+//! What a wandering force goes with. Air that moves by itself knows nothing of where the vehicle is; a force that is there whenever the vehicle is in
+//! one place, or late in the flight, is structure.
+
+use super::leftover::FINDING;
+use super::verdict::Leftover;
+use crate::fit::filter::{Disturbances, Filtered};
+use crate::fit::flight::Flight;
+
+/// Forces smaller than this (m/s^2) are small errors of the model, which go with all sorts of things.
+const LEAST_MPS2: f64 = 0.1;
+/// Estimates are taken so far apart.
+const EVERY_S: f64 = 0.2;
+/// A correlation so many standard deviations from none is a finding.
+const CLEAR: f64 = 5.0;
+/// A vehicle that is pushed is elsewhere soon after: what grows within this time is a consequence, not a cause.
+const AFTER_S: f64 = 2.0;
+
+struct Series(Vec<f64>);
+
+impl Series {
+    /// Without its mean, as long as 1.
+    fn of(values: Vec<f64>) -> Option<Self> {
+        let mean = values.iter().sum::<f64>() / values.len() as f64;
+        let norm = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>().sqrt();
+        (norm > 1e-9).then(|| Series(values.iter().map(|v| (v - mean) / norm).collect()))
+    }
+
+    /// With another one that many samples later.
+    fn with(&self, other: &Series, later: usize) -> f64 {
+        self.0.iter().zip(other.0.get(later..).unwrap_or_default()).map(|(a, b)| a * b).sum()
+    }
+
+    /// Correlation with another one in standard deviations of that of independent series as slow as these (Bartlett). `None` if it is larger later.
+    fn clearly(&self, other: &Series) -> Option<f64> {
+        let (n, r) = (self.0.len(), self.with(other, 0));
+        let after = (1..=(AFTER_S / EVERY_S) as usize).map(|lag| self.with(other, lag).abs()).fold(0.0, f64::max);
+        let slow = 1.0 + 2.0 * (1..n / 4).map(|lag| self.with(self, lag) * other.with(other, lag)).sum::<f64>();
+        let independent = n as f64 / slow.max(1.0);
+        (r.abs() > after && independent > 4.0).then(|| r.clamp(-0.999, 0.999).atanh() * (independent - 3.0).sqrt())
+    }
+}
+
+/// Findings about the forces of a filtered flight, where they are large.
+pub fn shapes(flight: &Flight, filtered: &Filtered, disturbances: &Disturbances) -> Vec<Leftover> {
+    let every = ((EVERY_S / flight.tick_s).round() as usize).max(1);
+    let sample = |of: &dyn Fn(usize) -> f64| Series::of((0..filtered.states.len()).step_by(every).map(of).collect());
+    let state = |i: usize| sample(&|k| filtered.states[k][i]);
+    let with = [
+        ("x", state(0)),
+        ("y", state(1)),
+        ("height", state(2)),
+        ("speed", sample(&|k| filtered.states[k][3..6].iter().map(|v| v * v).sum::<f64>().sqrt())),
+        ("time", sample(&|k| k as f64)),
+        ("battery voltage", flight.voltage_v(0).and_then(|_| sample(&|k| flight.voltage_v(k as isize).unwrap_or(0.0)))),
+    ];
+    let forces = [("force in x", 0, disturbances.force), ("force in y", 1, disturbances.force), ("lift", 2, disturbances.lift)];
+    let mut found = Vec::new();
+    for (name, axis, _) in forces.into_iter().filter(|(.., wander)| wander.sigma > LEAST_MPS2) {
+        let Some(force) = sample(&|k| filtered.wandered[k][axis]) else { continue };
+        for (of, series) in with.iter().filter_map(|(of, series)| Some((of, series.as_ref()?))) {
+            let Some(z) = force.clearly(series) else { continue };
+            let finding = format!("goes with {of} (correlation {:.2})", force.with(series, 0));
+            found.push(Leftover { signal: name.into(), finding, size: FINDING * z / CLEAR });
+        }
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A slow walk that keeps to the middle.
+    fn wandering(seed: u64) -> Vec<f64> {
+        let (mut state, mut at) = (seed, 0.0);
+        let mut step = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            at = 0.9 * at + (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5;
+            at
+        };
+        (0..310).map(|_| step()).collect()
+    }
+
+    #[test]
+    fn a_cause_is_told_from_a_consequence_and_from_chance() {
+        let series = |walk: &[f64]| Series::of(walk[..300].to_vec()).unwrap();
+        let walk = wandering(1);
+        let place = series(&walk);
+        assert!(series(&walk).clearly(&place).unwrap() > CLEAR);
+        // the vehicle is there a second after it was pushed
+        assert!(series(&walk[5..]).clearly(&place).is_none());
+        for seed in 2..20 {
+            assert!(series(&wandering(seed)).clearly(&place).is_none_or(|z| z.abs() < CLEAR), "{seed}");
+        }
+    }
+}
