@@ -64,9 +64,8 @@ pub fn explain(model: &Model, fit: &[Flight], test: &[Flight], progress: &dyn Fn
     progress("what is left");
     let mut disturbances = last.disturbances;
     let mut left = leftovers(test, &last.settled(), &disturbances);
-    let shaken = shaken(&disturbances);
-    let structured = left.iter().any(|l| l.signal != "yaw" && l.size.abs() > leftover::FINDING) || !shaken.is_empty();
-    left.splice(0..0, shaken);
+    left.splice(0..0, shaken(&disturbances));
+    let structured = left.iter().any(|l| l.signal != "yaw" && l.size.abs() > leftover::FINDING);
     let mut effects = named(&judge, &dissected, &rivals)?;
     if !structured && disturbances.force.sigma > GUST_MPS2 && disturbances.force.tau_s > GUST_S {
         let (finer, sd) = noise::force(fit, &last.settled(), &disturbances);
@@ -117,19 +116,19 @@ pub fn explain(model: &Model, fit: &[Flight], test: &[Flight], progress: &dyn Fn
     })
 }
 
-/// Disturbances too large for the small errors of a model.
+/// Disturbances too large for the small errors of a model; their size in units of what makes a finding.
 fn shaken(disturbances: &Disturbances) -> Vec<Leftover> {
     let Disturbances { force, lift, torque, .. } = *disturbances;
     let mut found = Vec::new();
     if torque.sigma > UNEXPLAINED_TORQUE {
         let finding =
             format!("roll and pitch are shaken by {:.2} rad/s^2, for {:.2} s at a time, whatever the commands", torque.sigma, torque.tau_s);
-        found.push(Leftover { signal: "torque".into(), finding, size: torque.sigma });
+        found.push(Leftover { signal: "torque".into(), finding, size: leftover::FINDING * torque.sigma / UNEXPLAINED_TORQUE });
     }
     // gusts shake sideways too
     if lift.sigma > UNEXPLAINED_LIFT && lift.sigma > 2.0 * force.sigma {
         let finding = format!("the thrust is shaken by {:.2} m/s^2, for {:.2} s at a time, whatever the commands", lift.sigma, lift.tau_s);
-        found.push(Leftover { signal: "lift".into(), finding, size: lift.sigma });
+        found.push(Leftover { signal: "lift".into(), finding, size: leftover::FINDING * lift.sigma / UNEXPLAINED_LIFT });
     }
     found
 }

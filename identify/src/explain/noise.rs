@@ -30,6 +30,10 @@ pub const FLOOR: Disturbances = Disturbances {
 /// Log-likelihood that a disturbance must be worth for each factor of e beyond its floor: without it, a constant in a short flight passes for
 /// a disturbance that began large and hardly changed.
 const DEAR: f64 = 3.0;
+/// So many times its floor, a disturbance can hide something.
+const LOUD: f64 = 2.5;
+/// Forces and torques are so many times smaller in a calm.
+const CALM: f64 = 10.0;
 /// In still air it is so many times smaller.
 const STILL: f64 = 5.0;
 /// A size of a disturbance without a floor that shrinks below this share of the first is none.
@@ -117,18 +121,41 @@ impl Stretches<'_> {
 
 /// What disturbances cost beforehand, in units of log-likelihood: most flights are quiet.
 pub fn price(disturbances: &Disturbances) -> f64 {
-    let (mut sizes, mut floor) = (*disturbances, FLOOR);
-    let beyond = sizes.list_mut().into_iter().zip(floor.list_mut()).filter(|(w, floor)| w.sigma > floor.sigma && floor.sigma > 0.0);
-    beyond.map(|(wander, floor)| DEAR * (wander.sigma / floor.sigma).ln()).sum()
+    let mut price = 0.0;
+    resized(disturbances, |sigma, floor| {
+        price += DEAR * (sigma / floor).max(1.0).ln();
+        sigma
+    });
+    price
+}
+
+/// Whether a disturbance is large enough to hide something.
+pub fn loud(disturbances: &Disturbances) -> bool {
+    let mut loud = false;
+    resized(disturbances, |sigma, floor| {
+        loud |= sigma > LOUD * floor;
+        sigma
+    });
+    loud
+}
+
+/// The same with hardly any force and torque.
+pub fn calm(disturbances: &Disturbances) -> Disturbances {
+    resized(disturbances, |sigma, floor| (sigma / CALM).max(floor))
 }
 
 /// The same, but what stands at its floor is all but nothing.
 pub fn still(disturbances: &Disturbances) -> Disturbances {
-    let (mut still, mut floor) = (*disturbances, FLOOR);
-    for (wander, floor) in still.list_mut().into_iter().zip(floor.list_mut()).filter(|(w, floor)| w.sigma <= 1.01 * floor.sigma) {
-        wander.sigma = floor.sigma / STILL;
+    resized(disturbances, |sigma, floor| if sigma <= 1.01 * floor { floor / STILL } else { sigma })
+}
+
+/// Other sizes for the disturbances that have a floor, by size and floor.
+fn resized(disturbances: &Disturbances, mut to: impl FnMut(f64, f64) -> f64) -> Disturbances {
+    let (mut resized, mut floor) = (*disturbances, FLOOR);
+    for (wander, floor) in resized.list_mut().into_iter().zip(floor.list_mut()).filter(|(_, floor)| floor.sigma > 0.0) {
+        wander.sigma = to(wander.sigma, floor.sigma);
     }
-    still
+    resized
 }
 
 /// The disturbances of a flight under a hypothesis, searched from those given, or from scratch.

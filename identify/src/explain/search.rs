@@ -6,7 +6,7 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::candidates::{Candidate, candidates};
-use super::noise::{FLOOR, price, tune};
+use super::noise::{calm, loud, price, tune};
 use crate::fit::filter::{Belief, Disturbances, filter};
 use crate::fit::flight::{Flight, WINDOW_S, Window};
 use crate::fit::hypothesis::{Hypothesis, Term};
@@ -24,10 +24,6 @@ const EVERY_TO_START: usize = 3;
 /// How many proposals the filter looks at per round, and how many more that would score highest if little were random.
 const SHORTLIST: usize = 7;
 const SHORTLIST_IN_CALM: usize = 3;
-/// So many times its floor, a disturbance can hide something.
-const LOUD: f64 = 2.5;
-/// Forces and torques are so many times smaller in a calm.
-const CALM: f64 = 10.0;
 /// Most effects of a hypothesis.
 pub const MOST_EFFECTS: usize = 6;
 /// What the filter believes before the flight is as wide as so many standard errors of the proposal.
@@ -145,7 +141,7 @@ struct Scores {
 }
 
 /// The best first, of one effect its best start.
-fn ranked(mut scores: Vec<Score>) -> Vec<Score> {
+fn best_first(mut scores: Vec<Score>) -> Vec<Score> {
     scores.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     let mut seen = Vec::new();
     scores.retain(|s| {
@@ -188,22 +184,6 @@ impl Jet {
         let gains = !start.free.iter().enumerate().any(outward);
         Score { start: start.clone(), gain: if gains { 0.5 * gradient.dot(&step) } else { 0.0 }, sd }
     }
-}
-
-/// Whether a disturbance is large enough to hide something.
-fn loud(disturbances: &Disturbances) -> bool {
-    let (mut sizes, mut floor) = (*disturbances, FLOOR);
-    sizes.list_mut().into_iter().zip(floor.list_mut()).any(|(w, floor)| floor.sigma > 0.0 && w.sigma > LOUD * floor.sigma)
-}
-
-/// The same with hardly any force and torque.
-fn calm(disturbances: &Disturbances) -> Disturbances {
-    let mut calm = *disturbances;
-    let mut floor = FLOOR;
-    for (wander, floor) in calm.list_mut().into_iter().zip(floor.list_mut()).filter(|(_, floor)| floor.sigma > 0.0) {
-        wander.sigma = (wander.sigma / CALM).max(floor.sigma);
-    }
-    calm
 }
 
 /// From the lowest to the highest value of a free parameter.
@@ -401,11 +381,11 @@ impl<'a> Search<'a> {
             let there = if tried { sample.start_elsewhere(&fixed, elsewhere) } else { None };
             here.into_iter().chain(there).collect::<Vec<Score>>()
         };
-        let usual = ranked(all.par_iter().flat_map_iter(of).collect());
+        let usual = best_first(all.par_iter().flat_map_iter(of).collect());
         let stands_out = |(candidate, jet): (&Candidate, &Jet)| {
             jet.score(&candidate.starts[0], &joint.place(candidate.entry.name).collect::<Vec<usize>>(), &known)
         };
-        let in_calm = ranked(all.iter().zip(calm.iter().cycle()).map(stands_out).collect());
+        let in_calm = best_first(all.iter().zip(calm.iter().cycle()).map(stands_out).collect());
         Some(Scores { usual, in_calm, base })
     }
 

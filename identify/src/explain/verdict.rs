@@ -65,11 +65,11 @@ pub struct Step {
 /// One finding about structure that is left.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Leftover {
-    /// "x", "roll", ... or a disturbance: "force", "torque", "marker".
+    /// "x", "roll", ... or a disturbance: "torque", "lift", "force in x".
     pub signal: String,
     /// In words: frequency, correlation.
     pub finding: String,
-    /// Test statistic in standard deviations or as a share, as `finding` says.
+    /// Test statistic in standard deviations, or in units that make it one: beyond [`super::leftover::FINDING`] there is structure.
     pub size: f64,
 }
 

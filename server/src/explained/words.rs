@@ -98,7 +98,7 @@ pub(crate) fn sentence(found: &Explanation) -> String {
 
 /// What is left and too strong to be chance.
 pub(crate) fn findings(found: &Explanation) -> Vec<&Leftover> {
-    found.leftover.iter().filter(|l| l.signal == "torque" || l.size.abs() > FINDING).collect()
+    found.leftover.iter().filter(|l| l.size.abs() > FINDING).collect()
 }
 
 /// Change of an error in percent; below zero is better.
