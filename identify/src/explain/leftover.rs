@@ -10,6 +10,8 @@ use crate::fit::flight::Flight;
 pub const CHANNELS: [&str; 6] = ["roll", "pitch", "yaw", "x", "y", "z"];
 /// Lags up to so long.
 const LONGEST_S: f64 = 1.0;
+/// Lags whose correlations are taken together.
+const TOGETHER_S: f64 = 0.5;
 /// A test statistic beyond so many standard deviations is a finding. Outliers and rounding make small ones ordinary.
 pub const FINDING: f64 = 7.0;
 /// From one frame to the next marker positions tell how well their own white and slow errors are known, not what moves the vehicle.
@@ -34,20 +36,33 @@ fn by_tick(flight: &Flight, filtered: &Filtered, channel: usize) -> Vec<Option<f
     sums.into_iter().map(|(sum, n)| (n > 0.0).then(|| sum / n)).collect()
 }
 
+/// Correlation with a signal so many ticks before, and of how many pairs.
+fn at_lag(e: &[Option<f64>], past: &[Option<f64>], lag: usize) -> (f64, f64) {
+    let (mut ab, mut aa, mut bb, mut n) = (0.0, 0.0, 0.0, 0.0);
+    for (a, b) in e.get(lag..).unwrap_or_default().iter().zip(past).filter_map(|(a, b)| Some(((*a)?, (*b)?))) {
+        (ab, aa, bb, n) = (ab + a * b, aa + a * a, bb + b * b, n + 1.0);
+    }
+    if aa * bb > 0.0 { (ab / f64::sqrt(aa * bb), n) } else { (0.0, n) }
+}
+
 /// Largest correlation with a signal of the past, in standard deviations of that of independent series, and its lag.
 fn correlation(e: &[Option<f64>], past: &[Option<f64>], nearest_s: f64, tick_s: f64) -> (f64, f64) {
     let lags = ((nearest_s / tick_s).ceil() as usize).max(1)..=(LONGEST_S / tick_s) as usize;
     let of = |lag: usize| {
-        let pairs = e[lag..].iter().zip(past).filter_map(|(a, b)| Some((((*a)?), (*b)?)));
-        let (mut ab, mut aa, mut bb) = (0.0, 0.0, 0.0);
-        let mut n = 0.0;
-        for (a, b) in pairs {
-            (ab, aa, bb, n) = (ab + a * b, aa + a * a, bb + b * b, n + 1.0);
-        }
-        let z: f64 = if aa * bb > 0.0 { ab / f64::sqrt(aa * bb) * f64::sqrt(n) } else { 0.0 };
-        (z, lag as f64 * tick_s)
+        let (r, n) = at_lag(e, past, lag);
+        (r * n.sqrt(), lag as f64 * tick_s)
     };
     lags.map(of).fold((0.0, 0.0), |best: (f64, f64), now| if now.0.abs() > best.0.abs() { now } else { best })
+}
+
+/// The sum of the squared correlations with a signal of the past over many lags (Haugh 1976), in standard deviations from its mean: what a command does
+/// over a while, and never much at one time. The signal's own correlation makes the sum spread wider.
+fn together(e: &[Option<f64>], past: &[Option<f64>], tick_s: f64) -> f64 {
+    let lags = (TOGETHER_S / tick_s) as usize;
+    let sum: f64 = (0..lags).map(|lag| at_lag(e, past, lag)).map(|(r, n)| r * r * n).sum();
+    let own: Vec<f64> = (0..lags).map(|lag| at_lag(past, past, lag).0).collect();
+    let spread: f64 = (0..lags).flat_map(|i| (0..lags).map(move |j| i.abs_diff(j))).map(|lag| own[lag].powi(2)).sum();
+    (sum - lags as f64) / (2.0 * spread).sqrt()
 }
 
 /// Share of the power in the strongest line, and its frequency.
@@ -100,6 +115,11 @@ pub fn leftover(flight: &Flight, filtered: &Filtered) -> Vec<Leftover> {
         for (input, past) in &commands {
             let (z, lag_s) = correlation(&e, past, 0.0, flight.tick_s);
             found.push(Leftover { signal: (*name).into(), finding: format!("correlated with the {input} {lag_s:.2} s before"), size: z });
+        }
+        // a slow signal is much the same at all lags: only the changes tell more together than one by one
+        for (input, past) in commands.iter().filter(|(name, _)| name.starts_with("change")) {
+            let finding = format!("correlated with the {input}s of the last {TOGETHER_S} s, taken together");
+            found.push(Leftover { signal: (*name).into(), finding, size: together(&e, past, flight.tick_s) });
         }
         let series: Vec<f64> = e.iter().map(|v| v.unwrap_or(0.0)).collect();
         let (share, hz) = line(&series, flight.tick_s);

@@ -5,6 +5,7 @@ pub mod errors;
 pub mod learn;
 pub mod leftover;
 pub mod noise;
+mod place;
 pub mod refine;
 pub mod search;
 pub mod shape;
@@ -16,7 +17,7 @@ use crazyflie_env::effects::{Disturbance, Entry, Role, Trace, registry};
 use crazyflie_env::model::Model;
 use rayon::prelude::*;
 
-use crate::fit::filter::{Belief, Disturbances, filter};
+use crate::fit::filter::{Belief, Disturbances, Filtered, filter};
 use crate::fit::flight::Flight;
 use crate::fit::hypothesis::{Hypothesis, Term};
 use search::{Dissected, Judged, Score, Search};
@@ -53,17 +54,18 @@ pub fn explain(model: &Model, fit: &[Flight], test: &[Flight], progress: &dyn Fn
     let (search, judge) = (Search::new(fit), Search::new(test));
     progress("disturbances of the declared model");
     let declared = search.declared(&Hypothesis::of(model))?;
-    let (path, steps) = forward(&search, &declared, progress);
+    let (path, steps) = forward(&search, &search.again_at(&declared, true)?, progress);
     progress("backward");
     let mut rivals = Vec::new();
     let settled = settle_rivals(&search, search.backward(path, WORTH_FIT), &mut rivals, progress);
+    let exact = search.backward(search.again_at(&settled.judged, false)?, WORTH_FIT);
     progress("the test flights");
-    let (dissected, dropped) = gate(&search, &judge, settled)?;
+    let (dissected, dropped) = gate(&search, &judge, Dissected { unclear: exact.unclear.max(settled.unclear), ..exact })?;
     let dissected = refined(&search, dissected);
     let last = &dissected.judged;
     progress("what is left");
     let mut disturbances = last.disturbances;
-    let mut left = leftovers(test, &last.settled(), &disturbances);
+    let mut left = leftovers(fit, test, &last.settled(), &disturbances);
     left.splice(0..0, shaken(&disturbances));
     let structured = left.iter().any(|l| l.signal != "yaw" && l.size.abs() > leftover::FINDING);
     let mut effects = named(&judge, &dissected, &rivals)?;
@@ -323,13 +325,17 @@ fn add_random(completed: &mut Hypothesis, effects: &[Named]) {
     }
 }
 
-/// The strongest findings in the innovations of the test flights.
-fn leftovers(test: &[Flight], at: &Hypothesis, disturbances: &Disturbances) -> Vec<Leftover> {
+/// The strongest findings in the innovations of the test flights, and in the forces of all.
+fn leftovers(fit: &[Flight], test: &[Flight], at: &Hypothesis, disturbances: &Disturbances) -> Vec<Leftover> {
     let nothing = Belief::independent(Vec::new(), &[]);
-    let filtered = test.iter().filter_map(|f| Some((f, filter(f, f.all(), &at.fixed(), &nothing, disturbances)?)));
-    let mut all: Vec<Leftover> = filtered
-        .flat_map(|(flight, filtered)| [leftover::leftover(flight, &filtered), shape::shapes(flight, &filtered, disturbances)].concat())
-        .collect();
+    let filtered = |f: &Flight| filter(f, f.all(), &at.fixed(), &nothing, disturbances);
+    let known: Vec<_> = fit.par_iter().filter_map(filtered).collect();
+    let tested: Vec<_> = test.par_iter().filter_map(|f| Some((f, filtered(f)?))).collect();
+    let of = |(flight, filtered): &(&Flight, Filtered)| {
+        [leftover::leftover(flight, filtered), shape::shapes(flight, filtered, disturbances)].concat()
+    };
+    let mut all: Vec<Leftover> = tested.iter().flat_map(of).collect();
+    all.extend(place::belongs(known.iter().chain(tested.iter().map(|(_, f)| f)), test[0].tick_s, disturbances));
     all.sort_by(|a, b| b.size.abs().total_cmp(&a.size.abs()));
     all.truncate(12);
     all

@@ -6,7 +6,7 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::candidates::{Candidate, candidates};
-use super::noise::{calm, loud, price, tune};
+use super::noise::{FLOOR, calm, loud, price, tune};
 use crate::fit::filter::{Belief, Disturbances, filter};
 use crate::fit::flight::{Flight, WINDOW_S, Window};
 use crate::fit::hypothesis::{Hypothesis, Term};
@@ -31,7 +31,10 @@ const WIDEN: f64 = 10.0;
 /// How well the filter that scores knows a parameter beforehand, as a share of its range: enough for the slopes to hold.
 const TIGHT: f64 = 0.003;
 /// A step forward must gain this much; whether an effect earns its place is decided at the end.
-pub const LEAST_GAIN: f64 = 3.0;
+pub const LEAST_GAIN: f64 = 5.0;
+/// What joins the best of a round gained this much alone, and keeps this share of it.
+const LEAST_JOINED: f64 = 15.0;
+const KEPT: f64 = 0.5;
 /// A rival scores at least so much of what the effect itself scores.
 const LEAST_SHARE: f64 = 0.3;
 /// Standard errors that a parameter must lie from "off".
@@ -43,6 +46,8 @@ const FAR_BEHIND: f64 = 50.0;
 /// Shares of lost commands that are tried, and how far off each may be.
 const PROBABILITIES: [f64; 5] = [0.05, 0.12, 0.22, 0.38, 0.65];
 const PROBABILITY_SD: f64 = 0.01;
+/// Of these tries, the disturbances are tuned for so many.
+const TUNED: usize = 2;
 /// Less than this, in units of log-likelihood, is not worth a proposal.
 const LEAST_PROPOSAL: f64 = 4.0;
 
@@ -81,6 +86,15 @@ impl Judged {
         let bounds = self.hypothesis.bounds();
         let inside: Vec<f64> = self.belief.mean.iter().zip(bounds).map(|(v, [low, high])| v.clamp(low, high)).collect();
         self.hypothesis.at(&inside)
+    }
+
+    /// The settled hypothesis with one more effect, and how well the free parameters are known, those of the effect about as well as `sd`.
+    fn and(&self, term: &Term, sd: &[f64]) -> (Hypothesis, Vec<f64>) {
+        let hypothesis = self.settled().with(term.clone());
+        let mut known: Vec<f64> = (0..self.belief.mean.len()).map(|i| self.belief.sd(i)).collect();
+        let place = hypothesis.place(term.entry.name);
+        known.splice(place.start..place.start, sd.iter().copied());
+        (hypothesis, known)
     }
 }
 
@@ -199,13 +213,20 @@ impl<'a> Search<'a> {
         Search { flights, windows: all.into_iter().step_by(every).collect() }
     }
 
-    /// Two steps per tick: what only proposes need not be exact.
-    fn coarse_hz(&self) -> u32 {
-        2 * (1.0 / self.flights[0].tick_s).round() as u32
+    /// Physics steps per second of a search: so many per tick, what only chooses need not be exact.
+    fn rough_hz(&self, per_tick: u32) -> u32 {
+        per_tick * (1.0 / self.flights[0].tick_s).round() as u32
+    }
+
+    /// A hypothesis judged as a search judges, roughly, or as exactly as its effects ask for.
+    pub fn again_at(&self, judged: &Judged, roughly: bool) -> Option<Judged> {
+        let mut other = judged.clone();
+        other.hypothesis.most_hz = roughly.then(|| self.rough_hz(2));
+        self.again(&other, &judged.disturbances)
     }
 
     pub fn fit(&self, hypothesis: &Hypothesis, own: Option<&[Vec<f64>]>, most_steps: usize) -> Solution {
-        let hypothesis = &Hypothesis { physics_hz: hypothesis.physics_hz.or(Some(self.coarse_hz())), ..hypothesis.clone() };
+        let hypothesis = &Hypothesis { most_hz: hypothesis.most_hz.or(Some(self.rough_hz(2))), ..hypothesis.clone() };
         let prediction = Prediction { flights: self.flights, windows: &self.windows, hypothesis, inflation: 1.0 };
         let measured = prediction.starts();
         // a lag that is new to the hypothesis has no value yet
@@ -262,29 +283,47 @@ impl<'a> Search<'a> {
         worthy.extend(more);
         worthy.retain(|s| s.gain > LEAST_PROPOSAL);
         let proposals: Vec<Proposal> = worthy.par_iter().filter_map(|s| self.propose(&at, s, &base)).collect();
-        let mut judged = self.settle(&proposals, &now.disturbances, f64::INFINITY);
-        judged.extend(calm.iter().flat_map(|calm| self.settle(&proposals, calm, now.loss)));
-        let best = judged.into_iter().min_by(|a, b| a.loss.total_cmp(&b.loss)).and_then(|best| self.tuned(&best));
-        (scored, best)
+        let first = self.judge_all(&proposals, &now.disturbances);
+        let mut judged = self.settle(&first, f64::INFINITY);
+        judged.extend(calm.iter().flat_map(|calm| self.settle(&self.judge_all(&proposals, calm), now.loss)));
+        let best = judged.into_iter().min_by(|a, b| a.loss.total_cmp(&b.loss));
+        (scored, best.and_then(|best| self.tuned(&self.joined(best, first, now))))
+    }
+
+    /// The best hypothesis of a round, and besides what others of the round added, as long as it keeps half of what it gained alone: what is
+    /// missing in several ways takes one round, not several.
+    fn joined(&self, best: Judged, mut others: Vec<Judged>, before: &Judged) -> Judged {
+        others.retain(|other| before.loss - other.loss > LEAST_JOINED);
+        others.sort_by(|a, b| a.loss.total_cmp(&b.loss));
+        let mut now = best;
+        for other in others {
+            let alone = before.loss - other.loss;
+            let settled = other.settled();
+            let added = |t: &&Term| !before.hypothesis.has(t.entry.name) && !now.hypothesis.has(t.entry.name);
+            let Some(term) = settled.terms.iter().find(added) else { continue };
+            let sd: Vec<f64> = settled.place(term.entry.name).map(|i| other.belief.sd(i)).collect();
+            let (hypothesis, sd) = now.and(term, &sd);
+            let both = self.judge(&hypothesis, &sd, &now.disturbances);
+            now = both.filter(|both| now.loss - both.loss > KEPT * alone && both.hypothesis.terms.len() <= MOST_EFFECTS).unwrap_or(now);
+        }
+        now
     }
 
     /// The best hypothesis with commands that may not arrive, if there is such an effect that it does not have. The windows see only what is
     /// expected of it, a delay; that the vehicle is shaken just when commands change, the filter sees once its disturbances no longer stand for it.
     pub fn held(&self, now: &Judged) -> Option<Judged> {
-        let at = now.settled();
-        let known: Vec<f64> = (0..now.belief.mean.len()).map(|i| now.belief.sd(i)).collect();
+        let unshaken = Disturbances { torque: FLOOR.torque, ..now.disturbances };
         let with = |(entry, probability): (&'static Entry, f64)| {
             let mut term = Term::off(entry);
             *term.values.first_mut()? = probability;
-            let hypothesis = at.with(term);
-            let mut sd = known.clone();
-            let place = hypothesis.place(entry.name);
-            sd.splice(place.start..place.start, place.clone().map(|_| PROBABILITY_SD));
-            self.tuned(&self.judge(&hypothesis, &sd, &now.disturbances)?)
+            let (hypothesis, sd) = now.and(&term, &[PROBABILITY_SD]);
+            self.judge(&hypothesis, &sd, &unshaken)
         };
-        let absent = candidates(&at).into_iter().map(|c| c.entry).filter(|e| e.trace == Trace::Held);
+        let absent = candidates(&now.settled()).into_iter().map(|c| c.entry).filter(|e| e.trace == Trace::Held);
         let tried: Vec<_> = absent.flat_map(|entry| PROBABILITIES.map(|p| (entry, p))).collect();
-        tried.into_par_iter().filter_map(with).min_by(|a, b| a.loss.total_cmp(&b.loss))
+        let mut judged: Vec<Judged> = tried.into_par_iter().filter_map(with).collect();
+        judged.sort_by(|a, b| a.loss.total_cmp(&b.loss));
+        judged.par_iter().take(TUNED).filter_map(|j| self.tuned(j)).min_by(|a, b| a.loss.total_cmp(&b.loss))
     }
 
     /// The same hypothesis with the disturbances that suit it.
@@ -335,18 +374,21 @@ impl<'a> Search<'a> {
         let others = scores.iter().filter(|s| s.start.entry.name != effect && s.gain > LEAST_SHARE * own).take(SHORTLIST);
         let others: Vec<&Score> = others.collect();
         let proposals: Vec<Proposal> = others.par_iter().filter_map(|s| self.propose(&at, s, &base)).collect();
-        let replaced = self.settle(&proposals, &judged.disturbances, judged.loss + noise).into_iter();
+        let replaced = self.settle(&self.judge_all(&proposals, &judged.disturbances), judged.loss + noise).into_iter();
         let named = |j: Judged| Some((j.hypothesis.terms.iter().find(|t| !judged.hypothesis.has(t.entry.name))?.entry.name, j));
         replaced.filter_map(named).filter(|(_, j)| j.loss - judged.loss < noise).collect()
     }
 
-    /// Proposals judged, and judged again from where they settled: what is then believed beforehand is as wide for every hypothesis, in its own
-    /// standard errors, so that all pay the same for a parameter. Those far behind the best, or the loss that is asked for, are left out.
-    fn settle(&self, proposals: &[Proposal], disturbances: &Disturbances, most: f64) -> Vec<Judged> {
-        let first: Vec<Judged> = proposals.par_iter().filter_map(|p| self.judge(&p.hypothesis, &p.sd, disturbances)).collect();
+    fn judge_all(&self, proposals: &[Proposal], disturbances: &Disturbances) -> Vec<Judged> {
+        proposals.par_iter().filter_map(|p| self.judge(&p.hypothesis, &p.sd, disturbances)).collect()
+    }
+
+    /// Proposals judged again from where they settled: what is then believed beforehand is as wide for every hypothesis, in its own standard
+    /// errors, so that all pay the same for a parameter. Those far behind the best, or the loss that is asked for, are left out.
+    fn settle(&self, first: &[Judged], most: f64) -> Vec<Judged> {
         let least = first.iter().map(|j| j.loss).fold(f64::INFINITY, f64::min);
         let near = first.par_iter().filter(|j| j.loss < if most.is_finite() { most } else { least } + FAR_BEHIND);
-        near.filter_map(|j| self.again(j, disturbances)).collect()
+        near.filter_map(|j| self.again(j, &j.disturbances)).collect()
     }
 
     /// The same hypothesis judged from where it settled, under other disturbances.
@@ -362,7 +404,7 @@ impl<'a> Search<'a> {
         let fixed = at.fixed();
         let all = candidates(&at);
         let mut joint = at.clone();
-        joint.physics_hz = Some((1.0 / self.flights[0].tick_s).round() as u32);
+        joint.most_hz = Some(self.rough_hz(1));
         for candidate in &all {
             joint = joint.with(candidate.starts[0].clone());
         }

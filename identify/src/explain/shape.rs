@@ -7,13 +7,19 @@ use crate::fit::filter::{Disturbances, Filtered};
 use crate::fit::flight::Flight;
 
 /// Forces smaller than this (m/s^2) are small errors of the model, which go with all sorts of things.
-const LEAST_MPS2: f64 = 0.1;
+pub(super) const LEAST_MPS2: f64 = 0.1;
 /// Estimates are taken so far apart.
-const EVERY_S: f64 = 0.2;
+pub(super) const EVERY_S: f64 = 0.2;
 /// A correlation so many standard deviations from none is a finding.
-const CLEAR: f64 = 5.0;
+pub(super) const CLEAR: f64 = 5.0;
 /// A vehicle that is pushed is elsewhere soon after: what grows within this time is a consequence, not a cause.
 const AFTER_S: f64 = 2.0;
+
+/// Changes of a force are taken within this time, once the filter has settled.
+const CHANGE_S: f64 = 1.0;
+const SETTLED_S: f64 = 2.0;
+/// Changes more uneven than this are a finding.
+const UNEVEN: f64 = 8.0;
 
 struct Series(Vec<f64>);
 
@@ -40,6 +46,14 @@ impl Series {
     }
 }
 
+/// How unevenly a force changes: the fourth moment of what it changes by within [`CHANGE_S`], over the square of the second. 3 for air that moves by
+/// itself, as many as there are changes for one that comes at once.
+fn unevenness(axes: &[Vec<f64>]) -> f64 {
+    let changes = || axes.iter().flat_map(|force| force.windows(2).map(|w| w[1] - w[0]));
+    let mean = |power: i32| changes().map(|c| c.powi(power)).sum::<f64>() / changes().count() as f64;
+    mean(4) / mean(2).powi(2)
+}
+
 /// Findings about the forces of a filtered flight, where they are large.
 pub fn shapes(flight: &Flight, filtered: &Filtered, disturbances: &Disturbances) -> Vec<Leftover> {
     let every = ((EVERY_S / flight.tick_s).round() as usize).max(1);
@@ -61,6 +75,16 @@ pub fn shapes(flight: &Flight, filtered: &Filtered, disturbances: &Disturbances)
             let Some(z) = force.clearly(series) else { continue };
             let finding = format!("goes with {of} (correlation {:.2})", force.with(series, 0));
             found.push(Leftover { signal: name.into(), finding, size: FINDING * z / CLEAR });
+        }
+    }
+    let apart = ((CHANGE_S / flight.tick_s).round() as usize).max(1);
+    let settled = (SETTLED_S / flight.tick_s) as usize;
+    let axis = |i: usize| filtered.wandered.iter().skip(settled).step_by(apart).map(|w| w[i]).collect::<Vec<f64>>();
+    for (name, axes, wander) in [("force", vec![axis(0), axis(1)], disturbances.force), ("lift", vec![axis(2)], disturbances.lift)] {
+        let uneven = unevenness(&axes);
+        if wander.sigma > LEAST_MPS2 && uneven.is_finite() {
+            let finding = format!("comes and goes at once (fourth moment of its changes {uneven:.1}; of air that moves by itself 3)");
+            found.push(Leftover { signal: name.into(), finding, size: FINDING * (uneven - 3.0) / (UNEVEN - 3.0) });
         }
     }
     found

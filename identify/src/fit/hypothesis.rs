@@ -39,14 +39,14 @@ pub struct Hypothesis {
     /// Paths of the model's free numbers.
     pub free: Vec<String>,
     pub terms: Vec<Term>,
-    /// See [`crazyflie_env::world::Settings::physics_hz`].
-    pub physics_hz: Option<u32>,
+    /// Physics steps per second are at most so many, although an effect asks for more.
+    pub most_hz: Option<u32>,
 }
 
 impl Hypothesis {
     /// The model as it is.
     pub fn of(model: &Model) -> Self {
-        Hypothesis { model: model.clone(), free: Vec::new(), terms: Vec::new(), physics_hz: None }
+        Hypothesis { model: model.clone(), free: Vec::new(), terms: Vec::new(), most_hz: None }
     }
 
     /// The same with one more effect, in registry order.

@@ -1,7 +1,7 @@
 //! Windows of flights predicted by the simulator itself, on numbers with derivatives.
 
 use crazyflie_env::dual::{DIRECTIONS, Dual};
-use crazyflie_env::effects::{Entry, registry};
+use crazyflie_env::effects::{self, Entry, registry};
 use crazyflie_env::model::Model;
 use crazyflie_env::plant::{Command, Push, State};
 use crazyflie_env::real::Real;
@@ -88,8 +88,11 @@ impl Worker {
         let fastest_hz = registry().iter().map(|e| e.physics_hz).max().unwrap_or(1);
         let base_hz = 2.0 * hz * (f64::from(fastest_hz) / (2.0 * hz)).ceil();
         (model.rig.control.value, model.rig.imu.value, model.rig.camera.value) = (hz, base_hz, 1.0);
-        let settings = Settings { input: flight.input, physics_hz: at.physics_hz };
         let entries: Vec<&'static Entry> = at.terms.iter().map(|t| t.entry).collect();
+        let declared = at.model.effects.keys().filter_map(|name| effects::find(name).ok().map(|(_, entry)| entry));
+        let all: Vec<&'static Entry> = entries.iter().copied().chain(declared).collect();
+        let needed_hz = all.iter().map(|e| e.physics_hz).max().unwrap_or(1);
+        let settings = Settings { input: flight.input, physics_hz: at.most_hz.filter(|most| needed_hz > *most) };
         let own = START + at.lags();
         let shared: usize = at.free.len() + at.terms.iter().map(|t| t.free.len()).sum::<usize>();
         let unknowns = if with_slopes { own + shared + if pushed { PUSH } else { 0 } } else { 0 };
@@ -107,8 +110,7 @@ impl Worker {
             }
             passes.push(pass);
         }
-        let declared = at.model.effects.keys().filter_map(|name| crazyflie_env::effects::find(name).ok().map(|(_, entry)| entry));
-        let remembers = entries.iter().copied().chain(declared).any(|e| e.hooks.command);
+        let remembers = all.iter().any(|e| e.hooks.command);
         let mut worker = Worker {
             own,
             model,
