@@ -90,6 +90,20 @@ fn lost_packets_are_told_from_a_delay_and_counted() {
 }
 
 #[test]
+fn what_is_missing_in_two_ways_is_found_in_one_round() {
+    let folder = folder("explain_two");
+    let found = explain(&folder, &fly(&folder, &["drag_linear=0.5", "cmd_delay=0.05"]));
+    assert_eq!(found["verdict"], "explained", "{found}");
+    for (name, parameter, truth) in [("drag_linear", "rate_ps", 0.5), ("cmd_delay", "delay_s", 0.05)] {
+        let effect = found["effects"].as_array().unwrap().iter().find(|e| e["name"] == name).unwrap();
+        let value = effect["params"][parameter]["value"].as_f64().unwrap();
+        assert!((value / truth - 1.0).abs() < 0.1, "{effect}");
+    }
+    let path = found["path"].as_array().unwrap();
+    assert!(path[1]["effects"].as_array().unwrap().len() > 1, "{path:?}");
+}
+
+#[test]
 fn an_inertia_comes_back_as_it_was_flown() {
     let folder = folder("explain_inertia");
     let found = explain(&folder, &fly(&folder, &["inertia_scale=1.4"]));

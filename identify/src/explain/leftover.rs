@@ -10,8 +10,9 @@ use crate::fit::flight::Flight;
 pub const CHANNELS: [&str; 6] = ["roll", "pitch", "yaw", "x", "y", "z"];
 /// Lags up to so long.
 const LONGEST_S: f64 = 1.0;
-/// Lags whose correlations are taken together.
+/// Lags whose correlations are taken together, which are a finding beyond so many standard deviations.
 const TOGETHER_S: f64 = 0.5;
+const CLEAR: f64 = 5.0;
 /// A test statistic beyond so many standard deviations is a finding. Outliers and rounding make small ones ordinary.
 pub const FINDING: f64 = 7.0;
 /// From one frame to the next marker positions tell how well their own white and slow errors are known, not what moves the vehicle.
@@ -55,14 +56,17 @@ fn correlation(e: &[Option<f64>], past: &[Option<f64>], nearest_s: f64, tick_s: 
     lags.map(of).fold((0.0, 0.0), |best: (f64, f64), now| if now.0.abs() > best.0.abs() { now } else { best })
 }
 
-/// The sum of the squared correlations with a signal of the past over many lags (Haugh 1976), in standard deviations from its mean: what a command does
-/// over a while, and never much at one time. The signal's own correlation makes the sum spread wider.
+/// The sum of the squared correlations with a signal of the past over many lags (Haugh 1976), as standard deviations of a normal: what a command does
+/// over a while, and never much at one time. The signal's own correlation leaves fewer degrees of freedom than lags (Satterthwaite 1946); the cube
+/// root of a chi-square is all but normal (Wilson, Hilferty 1931).
 fn together(e: &[Option<f64>], past: &[Option<f64>], tick_s: f64) -> f64 {
     let lags = (TOGETHER_S / tick_s) as usize;
     let sum: f64 = (0..lags).map(|lag| at_lag(e, past, lag)).map(|(r, n)| r * r * n).sum();
     let own: Vec<f64> = (0..lags).map(|lag| at_lag(past, past, lag).0).collect();
     let spread: f64 = (0..lags).flat_map(|i| (0..lags).map(move |j| i.abs_diff(j))).map(|lag| own[lag].powi(2)).sum();
-    (sum - lags as f64) / (2.0 * spread).sqrt()
+    let lags = lags as f64;
+    let spread_of_root = 2.0 / (9.0 * lags * lags / spread);
+    ((sum / lags).cbrt() - (1.0 - spread_of_root)) / spread_of_root.sqrt()
 }
 
 /// Share of the power in the strongest line, and its frequency.
@@ -119,7 +123,7 @@ pub fn leftover(flight: &Flight, filtered: &Filtered) -> Vec<Leftover> {
         // a slow signal is much the same at all lags: only the changes tell more together than one by one
         for (input, past) in commands.iter().filter(|(name, _)| name.starts_with("change")) {
             let finding = format!("correlated with the {input}s of the last {TOGETHER_S} s, taken together");
-            found.push(Leftover { signal: (*name).into(), finding, size: together(&e, past, flight.tick_s) });
+            found.push(Leftover { signal: (*name).into(), finding, size: FINDING * together(&e, past, flight.tick_s) / CLEAR });
         }
         let series: Vec<f64> = e.iter().map(|v| v.unwrap_or(0.0)).collect();
         let (share, hz) = line(&series, flight.tick_s);
@@ -132,4 +136,44 @@ pub fn leftover(flight: &Flight, filtered: &Filtered) -> Vec<Leftover> {
     }
     found.sort_by(|a, b| b.size.abs().total_cmp(&a.size.abs()));
     found
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_distr::StandardNormal;
+    use rand_pcg::Pcg64Mcg;
+
+    use super::*;
+
+    const TICK_S: f64 = 0.02;
+
+    /// Changes of a command that is given anew now and then, and residuals that follow them by a little for a while.
+    fn series(seed: u64, follow: f64) -> [Vec<Option<f64>>; 2] {
+        let mut rng = Pcg64Mcg::seed_from_u64(seed);
+        let changes: Vec<f64> = (0..1500).map(|k| if k % 20 == 0 { rng.sample(StandardNormal) } else { 0.0 }).collect();
+        let shape = |lag: usize| if lag < 8 { -1.0 } else { 1.0 };
+        let residual = |k: usize| {
+            let followed: f64 = (0..16.min(k)).map(|lag| shape(lag) * changes[k - lag]).sum();
+            follow * followed + rng.sample::<f64, _>(StandardNormal)
+        };
+        let residuals = (0..1500).map(residual).map(Some).collect();
+        [residuals, changes.into_iter().map(Some).collect()]
+    }
+
+    #[test]
+    fn what_is_small_at_each_lag_is_clear_together() {
+        let [residuals, changes] = series(1, 0.5);
+        assert!(correlation(&residuals, &changes, 0.0, TICK_S).0.abs() < FINDING);
+        assert!(together(&residuals, &changes, TICK_S) > CLEAR);
+    }
+
+    #[test]
+    fn independent_series_are_no_finding() {
+        for seed in 0..100 {
+            let [residuals, changes] = series(seed, 0.0);
+            let z = together(&residuals, &changes, TICK_S);
+            assert!(z < 0.8 * CLEAR, "{seed}: {z}");
+        }
+    }
 }

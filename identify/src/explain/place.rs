@@ -16,6 +16,8 @@ const APART_S: f64 = 3.0;
 const FORGOTTEN: f64 = 2.0;
 /// A vehicle that is pushed is elsewhere soon after: if a force is more alike where it leads to within this time, the place is its consequence.
 const AFTER_S: f64 = 2.0;
+/// An estimate comes so much after what it estimates.
+const BEHIND_S: f64 = 0.4;
 /// Wandering forces that chance is judged by.
 const DRAWS: usize = 200;
 
@@ -69,14 +71,17 @@ impl Visits {
         if pairs.is_empty() {
             return None;
         }
-        let here = likeness(&self.force_mps2, &pairs, 0);
-        let after = (1..=(AFTER_S / self.every_s) as usize).map(|lag| likeness(&self.force_mps2, &pairs, lag));
-        if after.fold(f64::NEG_INFINITY, f64::max) > here {
+        let samples = |time_s: f64| (time_s / self.every_s) as isize;
+        let most = |force: &[[f64; 2]], shifts: std::ops::RangeInclusive<isize>| {
+            shifts.map(|shift| likeness(force, &pairs, shift)).fold(f64::NEG_INFINITY, f64::max)
+        };
+        let here = most(&self.force_mps2, 0..=samples(BEHIND_S));
+        if most(&self.force_mps2, -samples(AFTER_S)..=-1) > here {
             return None;
         }
         let mut rng = Pcg64Mcg::seed_from_u64(0);
         let keep = (-self.every_s / tau_s).exp();
-        let mut draws = || likeness(&wandering(self.force_mps2.len(), keep, &mut rng), &pairs, 0);
+        let mut draws = || most(&wandering(self.force_mps2.len(), keep, &mut rng), 0..=samples(BEHIND_S));
         let chance: Vec<f64> = (0..DRAWS).map(|_| draws()).collect();
         let mean = chance.iter().sum::<f64>() / DRAWS as f64;
         let sd = (chance.iter().map(|c| (c - mean).powi(2)).sum::<f64>() / DRAWS as f64).sqrt();
@@ -84,15 +89,16 @@ impl Visits {
     }
 }
 
-/// Mean product of the forces of two visits, over their mean square; the forces taken `before` samples before the visit.
-fn likeness(force: &[[f64; 2]], pairs: &[Pair], before: usize) -> f64 {
+/// Mean product of the forces of two visits, over their mean square; the forces taken `shift` samples after the visit.
+fn likeness(force: &[[f64; 2]], pairs: &[Pair], shift: isize) -> f64 {
     let n = force.len() as f64;
     let mean = [0, 1].map(|k| force.iter().map(|f| f[k]).sum::<f64>() / n);
     let off = |i: usize| [force[i][0] - mean[0], force[i][1] - mean[1]];
     let square = (0..force.len()).map(|i| off(i).iter().map(|v| v * v).sum::<f64>()).sum::<f64>() / n;
     let (mut sum, mut weight) = (0.0, 0.0);
-    for Pair(i, j, near) in pairs.iter().filter(|pair| pair.0 >= before) {
-        let (a, b) = (off(i - before), off(j - before));
+    for Pair(i, j, near) in pairs {
+        let (Some(i), Some(j)) = (i.checked_add_signed(shift), j.checked_add_signed(shift).filter(|j| *j < force.len())) else { continue };
+        let (a, b) = (off(i), off(j));
         sum += near * (a[0] * b[0] + a[1] * b[1]);
         weight += near;
     }
@@ -109,4 +115,57 @@ fn wandering(n: usize, keep: f64, rng: &mut Pcg64Mcg) -> Vec<[f64; 2]> {
         now
     };
     (0..n).map(|_| step()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TAU_S: f64 = 1.0;
+    const SAMPLES: usize = 250;
+
+    fn gusts(seed: u64) -> Vec<[f64; 2]> {
+        wandering(SAMPLES, (-EVERY_S / TAU_S).exp(), &mut Pcg64Mcg::seed_from_u64(seed))
+    }
+
+    /// A track that comes to most places more than once, never after the same time.
+    fn track() -> Vec<[f64; 3]> {
+        let at = |k: usize| k as f64 * EVERY_S;
+        (0..SAMPLES).map(|k| [(0.9 * at(k)).sin(), (1.27 * at(k)).sin(), 1.0]).collect()
+    }
+
+    #[test]
+    fn a_fan_blows_where_it_stands() {
+        let fan = |p: &[f64; 3]| [0.5 * (-((p[0] - 0.5).powi(2) + p[1] * p[1]) / 0.1).exp(), 0.0];
+        // as late as the filter's estimate of it
+        let late = |places: &[[f64; 3]]| (0..SAMPLES).map(|k| fan(&places[k.saturating_sub(1)])).collect();
+        let visits = Visits { force_mps2: late(&track()), pos_m: track(), every_s: EVERY_S };
+        let z = visits.alike(TAU_S).unwrap();
+        assert!(z > CLEAR, "{z}");
+    }
+
+    #[test]
+    fn gusts_know_no_places() {
+        for seed in 1..40 {
+            let z = Visits { force_mps2: gusts(seed), pos_m: track(), every_s: EVERY_S }.alike(TAU_S);
+            assert!(z.is_none_or(|z| z < CLEAR), "{seed}: {z:?}");
+        }
+    }
+
+    /// Blown about over one spot, the vehicle is in the same place because the same force has brought it there.
+    #[test]
+    fn a_place_may_be_the_consequence() {
+        for seed in 1..10 {
+            let force_mps2 = gusts(seed);
+            let pushed = |k: usize| force_mps2[k.saturating_sub(5)].map(|f| 0.1 * f);
+            let pos_m = (0..SAMPLES).map(|k| [pushed(k)[0], pushed(k)[1], 1.0]).collect();
+            assert_eq!(Visits { force_mps2: force_mps2.clone(), pos_m, every_s: EVERY_S }.alike(TAU_S), None, "{seed}");
+        }
+    }
+
+    #[test]
+    fn a_place_never_visited_again_says_nothing() {
+        let pos_m = (0..SAMPLES).map(|k| [k as f64, 0.0, 1.0]).collect();
+        assert_eq!(Visits { force_mps2: gusts(1), pos_m, every_s: EVERY_S }.alike(TAU_S), None);
+    }
 }

@@ -117,4 +117,16 @@ mod tests {
             assert!(series(&wandering(seed)).clearly(&place).is_none_or(|z| z.abs() < CLEAR), "{seed}");
         }
     }
+
+    #[test]
+    fn what_comes_at_once_is_told_from_what_wanders() {
+        for seed in 1..40 {
+            // five steps are a second, of which there are sixty
+            let by_second = |seed: u64| wandering(seed).into_iter().step_by(5).collect();
+            assert!(unevenness(&[by_second(seed), by_second(100 + seed)]) < UNEVEN, "{seed}");
+        }
+        let fan: Vec<f64> = wandering(1).iter().take(60).enumerate().map(|(k, v)| 0.02 * v + if k > 25 { 0.5 } else { 0.0 }).collect();
+        assert!(unevenness(&[fan]) > UNEVEN);
+        assert!(unevenness(&[Vec::new()]).is_nan());
+    }
 }
