@@ -32,6 +32,8 @@ const WORTH_TEST: f64 = 3.0;
 const UNDECIDED: f64 = 25.0;
 /// Hypotheses this close in log-likelihood cannot be told apart.
 const ALIKE: f64 = 5.0;
+/// A rival this much more likely takes the place of what was found first.
+const MORE_LIKELY: f64 = 1.0;
 /// A name with more rivals than this is no answer.
 const MOST_RIVALS: usize = 2;
 /// A torque that wanders by more than this (rad/s^2) is no small error of the attitude model.
@@ -182,7 +184,8 @@ fn ranked(score: &Score) -> Ranked {
     Ranked { name: score.start.entry.name, gain: score.gain, stderr: score.sd.clone() }
 }
 
-/// Looks for rivals of each effect. One that lets another effect go takes its place: what a mass does, a thrust scale and a damping do together.
+/// Looks for rivals of each effect. One that is likelier takes its place, and one that lets another effect go: what a mass does, a thrust scale and a
+/// damping do together.
 fn settle_rivals(
     search: &Search,
     from: Dissected,
@@ -197,6 +200,13 @@ fn settle_rivals(
         let names: Vec<&str> = now.without.iter().map(|(name, _)| *name).collect();
         progress(&format!("rivals of {}", names.join(", ")));
         let all: Vec<_> = now.without.par_iter().map(|(name, less)| (*name, search.rivals(&now.judged, name, less, ALIKE))).collect();
+        let found = all.iter().flat_map(|(_, found)| found).map(|(_, judged)| judged);
+        let likelier = found.filter(|judged| swaps < 2 && judged.loss < now.judged.loss - MORE_LIKELY);
+        if let Some(best) = likelier.min_by(|a, b| a.loss.total_cmp(&b.loss)) {
+            now = search.backward(best.clone(), WORTH_FIT);
+            swaps += 1;
+            continue;
+        }
         for (name, found) in all {
             if now.without.len() > 1 && swaps < 2 {
                 for (_, judged) in &found {
