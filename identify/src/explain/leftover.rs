@@ -10,9 +10,10 @@ use crate::fit::flight::Flight;
 pub const CHANNELS: [&str; 6] = ["roll", "pitch", "yaw", "x", "y", "z"];
 /// Lags up to so long.
 const LONGEST_S: f64 = 1.0;
-/// Lags whose correlations are taken together, which are a finding beyond so many standard deviations.
+/// Lags whose correlations are taken together.
 const TOGETHER_S: f64 = 0.5;
-const CLEAR: f64 = 5.0;
+/// A statistic of which there are few, and whose spread is known, is a finding beyond so many standard deviations.
+pub(super) const CLEAR: f64 = 5.0;
 /// A test statistic beyond so many standard deviations is a finding. Outliers and rounding make small ones ordinary.
 pub const FINDING: f64 = 7.0;
 /// From one frame to the next marker positions tell how well their own white and slow errors are known, not what moves the vehicle.
@@ -58,15 +59,18 @@ fn correlation(e: &[Option<f64>], past: &[Option<f64>], nearest_s: f64, tick_s: 
 
 /// The sum of the squared correlations with a signal of the past over many lags (Haugh 1976), as standard deviations of a normal: what a command does
 /// over a while, and never much at one time. The signal's own correlation leaves fewer degrees of freedom than lags (Satterthwaite 1946); the cube
-/// root of a chi-square is all but normal (Wilson, Hilferty 1931).
+/// root of a chi-square is all but normal (Wilson, Hilferty 1931). None for less than chance would have, or a signal that never moves.
 fn together(e: &[Option<f64>], past: &[Option<f64>], tick_s: f64) -> f64 {
     let lags = (TOGETHER_S / tick_s) as usize;
     let sum: f64 = (0..lags).map(|lag| at_lag(e, past, lag)).map(|(r, n)| r * r * n).sum();
     let own: Vec<f64> = (0..lags).map(|lag| at_lag(past, past, lag).0).collect();
     let spread: f64 = (0..lags).flat_map(|i| (0..lags).map(move |j| i.abs_diff(j))).map(|lag| own[lag].powi(2)).sum();
+    if spread == 0.0 {
+        return 0.0;
+    }
     let lags = lags as f64;
     let spread_of_root = 2.0 / (9.0 * lags * lags / spread);
-    ((sum / lags).cbrt() - (1.0 - spread_of_root)) / spread_of_root.sqrt()
+    (((sum / lags).cbrt() - (1.0 - spread_of_root)) / spread_of_root.sqrt()).max(0.0)
 }
 
 /// Share of the power in the strongest line, and its frequency.
@@ -104,6 +108,8 @@ pub fn leftover(flight: &Flight, filtered: &Filtered) -> Vec<Leftover> {
         ("pitch command", command(&|k| u(k).pitch_rad)),
         ("yaw-rate command", command(&|k| u(k).yaw_rate_radps)),
         ("thrust command", command(&|k| u(k).lift)),
+    ];
+    let changes = [
         ("change of roll command", command(&|k| u(k).roll_rad - flight.command(k as isize - 1).roll_rad)),
         ("change of pitch command", command(&|k| u(k).pitch_rad - flight.command(k as isize - 1).pitch_rad)),
     ];
@@ -116,12 +122,12 @@ pub fn leftover(flight: &Flight, filtered: &Filtered) -> Vec<Leftover> {
         let nearest_s = if channel < 3 { 0.0 } else { WHITE_S };
         let (z, lag_s) = correlation(&e, &e, nearest_s, flight.tick_s);
         found.push(Leftover { signal: (*name).into(), finding: format!("correlated with itself {lag_s:.2} s before"), size: z });
-        for (input, past) in &commands {
+        for (input, past) in commands.iter().chain(&changes) {
             let (z, lag_s) = correlation(&e, past, 0.0, flight.tick_s);
             found.push(Leftover { signal: (*name).into(), finding: format!("correlated with the {input} {lag_s:.2} s before"), size: z });
         }
         // a slow signal is much the same at all lags: only the changes tell more together than one by one
-        for (input, past) in commands.iter().filter(|(name, _)| name.starts_with("change")) {
+        for (input, past) in &changes {
             let finding = format!("correlated with the {input}s of the last {TOGETHER_S} s, taken together");
             found.push(Leftover { signal: (*name).into(), finding, size: FINDING * together(&e, past, flight.tick_s) / CLEAR });
         }
@@ -166,6 +172,12 @@ mod tests {
         let [residuals, changes] = series(1, 0.5);
         assert!(correlation(&residuals, &changes, 0.0, TICK_S).0.abs() < FINDING);
         assert!(together(&residuals, &changes, TICK_S) > CLEAR);
+    }
+
+    #[test]
+    fn a_command_that_never_moves_is_no_finding() {
+        let [residuals, _] = series(1, 0.5);
+        assert_eq!(together(&residuals, &vec![Some(0.0); residuals.len()], TICK_S), 0.0);
     }
 
     #[test]

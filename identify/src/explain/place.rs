@@ -4,8 +4,8 @@ use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use rand_pcg::Pcg64Mcg;
 
-use super::leftover::FINDING;
-use super::shape::{CLEAR, EVERY_S, LEAST_MPS2};
+use super::leftover::{CLEAR, FINDING};
+use super::shape::{EVERY_S, LEAST_MPS2};
 use super::verdict::Leftover;
 use crate::fit::filter::{Disturbances, Filtered};
 
@@ -36,7 +36,8 @@ pub fn belongs<'a>(flights: impl Iterator<Item = &'a Filtered>, tick_s: f64, dis
     let clear: Vec<f64> = flights.filter_map(|filtered| Visits::of(filtered, tick_s).alike(disturbances.force.tau_s)).collect();
     let z = clear.iter().sum::<f64>() / (clear.len() as f64).sqrt();
     let finding = format!("is the same again in the same place ({z:.1} standard deviations)");
-    (!clear.is_empty()).then(|| Leftover { signal: "force".into(), finding, size: FINDING * z / CLEAR })
+    // less alike than by chance is nothing that a place does
+    (z > 0.0).then(|| Leftover { signal: "force".into(), finding, size: FINDING * z / CLEAR })
 }
 
 /// Two visits of a place, by index, and how near they were.

@@ -1,7 +1,7 @@
 //! What a wandering force goes with. Air that moves by itself knows nothing of where the vehicle is; a force that is there whenever the vehicle is in
 //! one place, or late in the flight, is structure.
 
-use super::leftover::FINDING;
+use super::leftover::{CLEAR, FINDING};
 use super::verdict::Leftover;
 use crate::fit::filter::{Disturbances, Filtered};
 use crate::fit::flight::Flight;
@@ -10,8 +10,6 @@ use crate::fit::flight::Flight;
 pub(super) const LEAST_MPS2: f64 = 0.1;
 /// Estimates are taken so far apart.
 pub(super) const EVERY_S: f64 = 0.2;
-/// A correlation so many standard deviations from none is a finding.
-pub(super) const CLEAR: f64 = 5.0;
 /// A vehicle that is pushed is elsewhere soon after: what grows within this time is a consequence, not a cause.
 const AFTER_S: f64 = 2.0;
 
