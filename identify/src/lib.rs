@@ -10,6 +10,7 @@ pub mod closed_loop;
 pub mod estimate;
 pub mod explain;
 pub mod fit;
+pub mod hover;
 pub mod log;
 pub mod metrics;
 pub mod replay;

@@ -7,6 +7,8 @@ mod recording;
 use std::path::PathBuf;
 
 use common::{correlation, data, derivative};
+use crazyflie_env::model::Model;
+use crazyflie_identify::hover::{Normal, asked};
 use crazyflie_identify::log::{FlightLog, Format, LogError, Note};
 use proptest::prelude::*;
 use recording::{Card, check};
@@ -190,4 +192,30 @@ proptest! {
             check(&log);
         }
     }
+}
+
+/// Which effect accounts for what a planted defect asks of the motors.
+#[test]
+fn planted_defects_get_their_names() {
+    let all = recorded("planted_defects_get_their_names");
+    if all.is_empty() {
+        return;
+    }
+    let of = |condition: &str| -> Vec<_> {
+        let mine = |name: &str| name.contains(condition) && name.contains("/E8_") && name != CRASHED;
+        all.iter().filter(|(name, _)| mine(name)).filter_map(|(_, log)| asked(log)).collect()
+    };
+    let [normal, weight, cut, string] = CONDITIONS.map(of);
+    let normal = Normal::of(&Model::thesis(), &normal, &[&weight, &cut, &string]).unwrap();
+    let named = |flights| normal.explain(flights).unwrap().found;
+    let weight = named(&weight);
+    let mass = weight.iter().find(|f| f.name == "mass_change").unwrap();
+    assert!(mass.params[0].value > 3.0 * mass.params[0].stderr && mass.confusable_with == ["thrust_scale"], "{mass:?}");
+    // motors 3 and 4 are the left ones
+    let balance = weight.iter().find(|f| f.name == "com_offset").unwrap();
+    assert!(weight.len() == 2 && balance.asks[1] > 2000.0 && balance.asks[2].abs() < 500.0, "{balance:?}");
+    let cut = named(&cut);
+    assert!(cut.len() == 1 && cut[0].name == "weak_motor", "{cut:?}");
+    assert!(cut[0].choice[0].value == 1.0 && cut[0].confusable_with == ["weak_motor motor 3"], "{cut:?}");
+    assert_eq!(named(&string), []);
 }

@@ -1,52 +1,53 @@
-//! Flights with a planted defect: what hovering needs with it and without.
+//! Flights with a planted defect: what hovering asks of the motors with it and without, and which effect accounts for the difference.
 
 use std::path::{Path, PathBuf};
 
+use crazyflie_env::model::Model;
 use crazyflie_identify::FlightLog;
+use crazyflie_identify::hover::{Change, Found, Normal, asked};
+use nalgebra::Vector4;
 
 /// Folders of the conditions; the first is the vehicle as it should be.
-pub(super) const CONDITIONS: [&str; 4] =
-    ["normal_flight", "add_weight_W1_near_M3_M4", "cut_propeller_M3_2mm", "weight_on_string_W2_near_M3"];
+const CONDITIONS: [&str; 4] = ["normal_flight", "add_weight_W1_near_M3_M4", "cut_propeller_M3_2mm", "weight_on_string_W2_near_M3"];
 /// One vehicle flew all conditions; files of the other are left out.
 const VEHICLE: &str = "E8_";
-/// Take-off and landing are cut away.
-const EDGE_S: f64 = 1.5;
-
-/// What hovering asks, the mean over a flight: collective thrust, then each motor's share above the mean, in counts.
-pub(super) const ASKED: [&str; 6] = ["thrust", "motor 1", "motor 2", "motor 3", "motor 4", "yaw moment"];
-/// The last of them: motors 1 and 3 turn against 2 and 4. A weight turns nothing; a propeller that drags less does.
-pub(super) const YAW: usize = 5;
 
 pub(super) struct Condition {
     pub(super) name: &'static str,
-    pub(super) flights: Vec<[f64; 6]>,
+    pub(super) flights: Vec<Vector4<f64>>,
     pub(super) left_out: Vec<String>,
+    /// What is wrong with the vehicle; of the normal condition, nothing is asked.
+    pub(super) change: Option<Change>,
 }
 
 pub(super) struct Pad {
+    pub(super) normal: Normal,
     pub(super) conditions: Vec<Condition>,
+    /// Normal flights that get a name when they are taken as a condition, against the others.
+    pub(super) false_alarms: Vec<Found>,
 }
 
-/// Mean and standard error over flights.
-pub(super) fn mean(flights: &[[f64; 6]], of: usize) -> (f64, f64) {
-    let n = flights.len() as f64;
-    let mean = flights.iter().map(|f| f[of]).sum::<f64>() / n;
-    let variance = flights.iter().map(|f| (f[of] - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
-    (mean, (variance / n).sqrt())
-}
-
-/// The difference of two means in its own standard errors (Welch).
-pub(super) fn welch(a: (f64, f64), b: (f64, f64)) -> f64 {
-    (a.0 - b.0) / a.1.hypot(b.1)
-}
-
-pub(super) fn pad(folder: &Path) -> Option<Pad> {
-    let conditions: Vec<Condition> = CONDITIONS.iter().map(|name| condition(folder, name)).collect();
-    conditions.iter().all(|c| c.flights.len() > 1).then_some(Pad { conditions })
+/// `None` where the recordings are absent, or the model cannot hover by a thrust command.
+pub(super) fn pad(model: &Model, folder: &Path) -> Option<Pad> {
+    let mut conditions: Vec<Condition> = CONDITIONS.iter().map(|name| condition(folder, name)).collect();
+    let (first, altered) = conditions.split_first_mut()?;
+    let others: Vec<&[Vector4<f64>]> = altered.iter().map(|c| &c.flights[..]).collect();
+    if first.flights.len() < 3 || others.iter().any(|flights| flights.len() < 2) {
+        return None;
+    }
+    let normal = Normal::of(model, &first.flights, &others).ok()?;
+    let alarm = |i: usize| {
+        let rest: Vec<Vector4<f64>> = first.flights.iter().enumerate().filter(|(j, _)| *j != i).map(|(_, f)| *f).collect();
+        let change = Normal::of(model, &rest, &others).ok()?.explain(&first.flights[i..=i])?;
+        change.found.into_iter().next()
+    };
+    let false_alarms = (0..first.flights.len()).filter_map(alarm).collect();
+    altered.iter_mut().for_each(|c| c.change = normal.explain(&c.flights));
+    Some(Pad { normal, conditions, false_alarms })
 }
 
 fn condition(folder: &Path, name: &'static str) -> Condition {
-    let mut out = Condition { name, flights: Vec::new(), left_out: Vec::new() };
+    let mut out = Condition { name, flights: Vec::new(), left_out: Vec::new(), change: None };
     for kind in ["controller_data", "motor_data"] {
         let mut files: Vec<PathBuf> =
             std::fs::read_dir(folder.join(kind).join(name)).into_iter().flatten().filter_map(|e| Some(e.ok()?.path())).collect();
@@ -54,27 +55,11 @@ fn condition(folder: &Path, name: &'static str) -> Condition {
         for path in files {
             let file = path.file_name().map_or(String::new(), |n| n.to_string_lossy().into_owned());
             let of_vehicle = file.starts_with(VEHICLE);
-            match FlightLog::read(&path).ok().filter(|_| of_vehicle).and_then(|log| hover(&log)) {
+            match FlightLog::read(&path).ok().filter(|_| of_vehicle).and_then(|log| asked(&log)) {
                 Some(asked) => out.flights.push(asked),
                 None => out.left_out.push(format!("{kind}/{name}/{file}")),
             }
         }
     }
     out
-}
-
-/// Means over the airborne seconds without take-off and landing.
-fn hover(log: &FlightLog) -> Option<[f64; 6]> {
-    let flown = log.airborne.clone();
-    let (first, last) = (*log.t_s.get(flown.start)? + EDGE_S, *log.t_s.get(flown.end.checked_sub(1)?)? - EDGE_S);
-    let rows: Vec<usize> = flown.filter(|row| (first..last).contains(&log.t_s[*row])).collect();
-    if rows.len() < 100 {
-        return None;
-    }
-    let asked = log.onboard.as_ref()?.motor_request_pwm.as_ref()?;
-    let of = |v: &[f64]| rows.iter().map(|row| v[*row]).sum::<f64>() / rows.len() as f64;
-    let motors: [f64; 4] = std::array::from_fn(|m| of(&asked[m]));
-    let thrust = motors.iter().sum::<f64>() / 4.0;
-    let yaw = 0.25 * (motors[0] - motors[1] + motors[2] - motors[3]);
-    Some([thrust, motors[0] - thrust, motors[1] - thrust, motors[2] - thrust, motors[3] - thrust, yaw])
 }
