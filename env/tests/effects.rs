@@ -332,3 +332,42 @@ fn every_parameter_says_what_it_is() {
         }
     }
 }
+
+/// The exact kinematics of a turning rigid body whose rates obey 5.1 and 5.2, by Runge-Kutta: roll, pitch and yaw under the commands of [`fly`].
+fn exact_attitude(seconds: f64) -> [f64; 3] {
+    let (model, h) = (Model::thesis(), 0.0005);
+    let of = |path: &str| model.parameter(path).unwrap();
+    let tilt = ["roll", "pitch"].map(|axis| ["gain", "damping", "stiffness"].map(|n| of(&format!("{axis}.{n}"))));
+    let mut x = [0.0; 5];
+    for step in 0..(seconds / h) as usize {
+        let t = 0.02 * ((step as f64 * h + 1e-9) / 0.02).floor();
+        let (u, r) = ([0.10 * libm::sin(3.1 * t), 0.12 * libm::sin(2.3 * t)], -0.8 * libm::sin(0.9 * t));
+        let slope = |[roll, pitch, _, p, q]: [f64; 5]| {
+            let turned = q * roll.sin() + r * roll.cos();
+            let torque = |i: usize, angle: f64, rate: f64| tilt[i][0] * u[i] - tilt[i][1] * rate - tilt[i][2] * angle;
+            [p + pitch.tan() * turned, q * roll.cos() - r * roll.sin(), turned / pitch.cos(), torque(0, roll, p), torque(1, pitch, q)]
+        };
+        let moved = |k: [f64; 5], by: f64| std::array::from_fn(|i| x[i] + by * k[i]);
+        let a = slope(x);
+        let b = slope(moved(a, 0.5 * h));
+        let c = slope(moved(b, 0.5 * h));
+        let d = slope(moved(c, h));
+        x = std::array::from_fn(|i| x[i] + h / 6.0 * (a[i] + 2.0 * b[i] + 2.0 * c[i] + d[i]));
+    }
+    [x[0], x[1], x[2]]
+}
+
+#[test]
+fn euler_kinematics_are_those_of_a_rigid_body() {
+    let attitude = |effects: &str, seconds: f64| fly::<f64>(&table(effects), Some(300), seconds).last().unwrap()[6..9].to_vec();
+    for seconds in [1.0, 2.5, 4.0] {
+        let exact = exact_attitude(seconds);
+        let off = |effects: &str| attitude(effects, seconds).iter().zip(exact).map(|(a, e)| (a - e).abs()).collect::<Vec<f64>>();
+        let (small, turned) = (off("{}"), off(r#"{"euler_kinematics": 1}"#));
+        for axis in 0..3 {
+            assert!(turned[axis] < 0.2 * small[axis] + 2e-4, "{seconds} s: {turned:?} against {small:?}");
+        }
+        let kept = attitude(r#"{"euler_kinematics": {"amount": 1, "heading_kept": 1}}"#, seconds);
+        assert!((kept[2] - attitude("{}", seconds)[2]).abs() < 1e-12);
+    }
+}

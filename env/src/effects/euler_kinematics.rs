@@ -6,21 +6,29 @@ use crate::real::Real;
 
 pub struct EulerKinematics;
 
-impl Effect<1, 0> for EulerKinematics {
+impl Effect<2, 0> for EulerKinematics {
     const NAME: &'static str = "euler_kinematics";
-    const ABOUT: &'static str = "A turning, tilted vehicle trades roll for pitch";
-    const SOURCE: &'static str = "Euler angle kinematics to first order (roll' = p + r pitch, pitch' = q - r roll), as the torque that has the same result in 5.1";
-    const PARAMS: [Param; 1] = [
+    const ABOUT: &'static str = "A turning, tilted vehicle trades roll for pitch, and a rolled one that pitches turns";
+    const SOURCE: &'static str = "Euler angle kinematics (roll' = p + r pitch, pitch' = q - r roll, yaw' = r + q roll + r (pitch^2 - roll^2) / 2), as the torque that has \
+                                  the same result in 5.1 and 5.2";
+    const PARAMS: [Param; 2] = [
         param("amount", "1", 0.0, [0.0, 1.0], "1 for the true kinematics"),
+        param("heading_kept", "1", 0.0, [0.0, 1.0], "1 leaves yaw' = r").choice(),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
+    const GEOMETRY: bool = true;
     const PHYSICS_HZ: u32 = 300;
 
     #[inline(always)]
-    fn push<R: Real>(&[amount]: &[R; 1], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, _: &Command<R>, out: &mut Push<R>) {
-        let turn = amount * x.rate_radps[2];
+    fn push<R: Real>(&[amount, heading_kept]: &[R; 2], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
+        let ([roll, pitch, _], [p, q, r]) = (x.att_rad, x.rate_radps);
+        let turn = amount * r;
         // with angle' = rate + d the rate of the angle obeys 5.1 with the push damping d + d'
-        out.ang_radps2[0] += turn * (cx.body.tilt_damping_ps[0] * x.att_rad[1] + x.rate_radps[1]);
-        out.ang_radps2[1] -= turn * (cx.body.tilt_damping_ps[1] * x.att_rad[0] + x.rate_radps[0]);
+        out.ang_radps2[0] += turn * (cx.body.tilt_damping_ps[0] * pitch + q);
+        out.ang_radps2[1] -= turn * (cx.body.tilt_damping_ps[1] * roll + p);
+        let [_, q_dot] = cx.body.tilt_torque_radps2(x, u);
+        let d = q * roll + R::of(0.5) * r * (pitch * pitch - roll * roll);
+        let d_dot = q_dot * roll + q * p + r * (pitch * q - roll * p);
+        out.ang_radps2[2] += amount * (R::of(1.0) - heading_kept) * (cx.body.yaw_damping_ps * d + d_dot);
     }
 }

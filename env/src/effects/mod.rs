@@ -128,6 +128,8 @@ pub struct Body<R> {
     pub heave_ps: R,
     /// +1 or -1: the sign with which a commanded yaw rate turns the vehicle.
     pub yaw_sign: R,
+    /// With what a push on yaw dies away.
+    pub yaw_damping_ps: R,
     /// Roll and pitch dynamics (5.1): angle'' = gain command - damping angle' - stiffness angle.
     pub tilt_gain_ps2: [R; 2],
     pub tilt_damping_ps: [R; 2],
@@ -136,7 +138,7 @@ pub struct Body<R> {
 
 crate::plant::listed!(
     Body,
-    19,
+    20,
     gravity_mps2,
     mass_kg,
     rotor_radius_m,
@@ -148,6 +150,7 @@ crate::plant::listed!(
     arm_m,
     heave_ps,
     yaw_sign,
+    yaw_damping_ps,
     tilt_gain_ps2[2],
     tilt_damping_ps[2],
     tilt_stiffness_ps2[2]
@@ -282,6 +285,8 @@ pub trait Effect<const P: usize, const S: usize>: Send + 'static {
     /// order; only what feeds back on the fast attitude dynamics (5.1 has a pole at -28.8 1/s) needs more than the control rate.
     const PHYSICS_HZ: u32 = 50;
     const TRACE: Trace = Trace::Mean;
+    /// What a small-angle model leaves out by its form, whatever the vehicle: all effects of this kind are one finding, the first of them named.
+    const GEOMETRY: bool = false;
     /// How many of its numbers of state, the last ones, follow the vehicle's motion: a fit has to estimate them with it. (What follows the
     /// commands alone it can run up.)
     const LAGS: usize = 0;
@@ -316,6 +321,8 @@ pub struct Entry {
     pub hooks: Hooks,
     pub physics_hz: u32,
     pub trace: Trace,
+    /// See [`Effect::GEOMETRY`].
+    pub geometry: bool,
     /// See [`Effect::LAGS`].
     pub lags: usize,
     pub(crate) lanes: fn(Build) -> Box<dyn Stage<Lanes>>,

@@ -202,6 +202,7 @@ pub(super) const fn entry<E: Effect<P, S>, const P: usize, const S: usize>(_effe
         hooks: E::HOOKS,
         physics_hz: E::PHYSICS_HZ,
         trace: E::TRACE,
+        geometry: E::GEOMETRY,
         lags: E::LAGS,
         lanes: StageOf::<E, _, P, S>::boxed,
         #[cfg(target_arch = "x86_64")]

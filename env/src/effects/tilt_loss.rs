@@ -14,6 +14,7 @@ impl Effect<1, 0> for TiltLoss {
         param("amount", "1", 0.0, [0.0, 1.0], "1 for the exact cosine"),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
+    const GEOMETRY: bool = true;
 
     #[inline(always)]
     fn push<R: Real>(&[amount]: &[R; 1], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {

@@ -63,6 +63,7 @@ pub(super) fn body<R: Real>(model: &Model, input: VerticalInput) -> Result<Body<
         arm_m: R::of(model.vehicle.arm.value),
         heave_ps: R::of(if let Vertical::Thrust { heave, .. } = model.vertical(input)? { heave.value } else { 0.0 }),
         yaw_sign: R::of(model.yaw.sign()),
+        yaw_damping_ps: R::of(-model.yaw.form().a[1][1]),
         tilt_gain_ps2: tilts.map(|t| R::of(t.gain.value)),
         tilt_damping_ps: tilts.map(|t| R::of(t.damping.value)),
         tilt_stiffness_ps2: tilts.map(|t| R::of(t.stiffness.value)),

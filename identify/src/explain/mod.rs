@@ -17,7 +17,7 @@ use crazyflie_env::effects::{Disturbance, Entry, Role, Trace, registry};
 use crazyflie_env::model::Model;
 use rayon::prelude::*;
 
-use crate::fit::filter::{Belief, Disturbances, Filtered, filter};
+use crate::fit::filter::{Belief, Disturbances, Filtered, Wander, filter};
 use crate::fit::flight::Flight;
 use crate::fit::hypothesis::{Hypothesis, Term};
 use search::{Dissected, Judged, Score, Search};
@@ -56,108 +56,158 @@ pub fn explain(model: &Model, fit: &[Flight], test: &[Flight], progress: &dyn Fn
     let (search, judge) = (Search::new(fit), Search::new(test));
     progress("disturbances of the declared model");
     let declared = search.declared(&Hypothesis::of(model))?;
-    let (path, steps) = forward(&search, &search.again_at(&declared, true)?, progress);
-    progress("backward");
-    let mut rivals = Vec::new();
-    let settled = settle_rivals(&search, search.backward(path, WORTH_FIT), &mut rivals, progress);
-    let exact = search.backward(search.again_at(&settled.judged, false)?, WORTH_FIT);
-    progress("the test flights");
-    let (dissected, dropped) = gate(&search, &judge, Dissected { unclear: exact.unclear.max(settled.unclear), ..exact })?;
-    let dissected = refined(&search, dissected);
-    let last = &dissected.judged;
+    let (path, steps) = forward(&search, &search.roughly(&declared)?, progress);
+    let settled = settle(&search, &judge, path, progress)?;
+    let last = &settled.dissected.judged;
     progress("what is left");
+    let blown = blown(fit, last);
+    let leftover = leftovers(fit, test, last, blown.as_ref());
+    let structured = leftover.iter().any(Leftover::is_structure);
+    let mut effects = named(&judge, &settled)?;
     let mut disturbances = last.disturbances;
-    let mut left = leftovers(fit, test, &last.settled(), &disturbances);
-    left.splice(0..0, shaken(&disturbances));
-    let structured = left.iter().any(|l| l.signal != "yaw" && l.size.abs() > leftover::FINDING);
-    let mut effects = named(&judge, &dissected, &rivals)?;
-    if !structured && disturbances.force.sigma > GUST_MPS2 && disturbances.force.tau_s > GUST_S {
-        let (finer, sd) = noise::force(fit, &last.settled(), &disturbances);
-        disturbances = finer;
-        effects.extend(gust(&judge, last, &disturbances, sd));
+    if let Some(blown) = blown.filter(|_| !structured) {
+        effects.extend(gust(&judge, last, &blown));
+        disturbances = blown.disturbances;
     }
     let many = |e: &Named| e.confusable_with.len() > MOST_RIVALS;
-    let undecided = dissected.unclear > UNDECIDED || effects.iter().any(many) || (!dropped.is_empty() && effects.is_empty());
+    let dropped = settled.dropped && effects.is_empty();
+    let undecided = settled.dissected.unclear > UNDECIDED || effects.iter().any(many) || dropped;
     effects.retain(|e| !many(e));
-    let mut completed = last.settled();
-    completed.terms.retain(|t| effects.iter().any(|e| e.name == t.entry.name));
-    let mut errors = errors::compare((&declared.hypothesis, &declared.disturbances), (&completed, &disturbances), test);
-    let helps = (0..2).any(|q| errors.after[q][3] < (1.0 - HELPS) * errors.before[q][3]);
-    // names that do not account for the structure are not the cause: at most they help
-    let mut partial = Vec::new();
-    if structured && helps {
-        partial = std::mem::take(&mut effects);
-    } else if structured && !effects.is_empty() {
-        effects.clear();
-        completed.terms.clear();
-        errors = errors::compare((&declared.hypothesis, &declared.disturbances), (&completed, &disturbances), test);
+    let mut completed = Completed::of(&declared, last, told_together(effects), disturbances, test);
+    if structured {
+        completed = completed.beside_structure(&declared, test);
+        progress("a term learned from the residual");
+        completed = completed.learned(&search, &judge, last, &declared, test);
     }
-    let learned = structured.then(|| learned(&search, &judge, last, &completed, &mut errors, &declared, test, progress)).flatten();
-    if let Some((described, its_disturbances)) = &learned {
-        (completed, disturbances) = (described.clone(), *its_disturbances);
-    }
-    add_random(&mut completed, &effects);
-    let verdict = match (structured, effects.is_empty(), undecided) {
+    let verdict = match (structured, completed.effects.is_empty(), undecided) {
         (true, ..) => Verdict::Unexplained,
         (false, false, _) => Verdict::Explained,
         (false, true, true) => Verdict::NotDecidable,
         (false, true, false) => Verdict::NothingMissing,
     };
-    let not_excited = not_excited(&steps);
     Some(Explanation {
         verdict,
-        effects,
-        partial,
-        learned: learned.is_some(),
-        completed,
+        completed: completed.with_random(),
+        effects: completed.effects,
+        partial: completed.partial,
+        learned: completed.learned,
+        disturbances: [declared.disturbances, completed.disturbances],
         declared: declared.hypothesis,
-        disturbances: [declared.disturbances, disturbances],
+        not_excited: not_excited(&steps),
         path: steps,
-        leftover: left,
-        errors,
-        not_excited,
+        leftover,
+        errors: completed.errors,
         seconds: began.elapsed().as_secs_f64(),
     })
 }
 
+/// What the search came to.
+struct Settled {
+    dissected: Dissected,
+    /// By effect, what these flights cannot tell from it.
+    rivals: Vec<(&'static str, Vec<&'static str>)>,
+    /// An effect was worth nothing on the test flights.
+    dropped: bool,
+}
+
+/// Takes out what did not earn its place: on the flights of the fit, beside rivals, on the test flights, and by the last word on the parameters.
+fn settle(search: &Search, judge: &Search, path: Judged, progress: &dyn Fn(&str)) -> Option<Settled> {
+    progress("backward");
+    let mut rivals = Vec::new();
+    let settled = settle_rivals(search, search.backward(path, WORTH_FIT), &mut rivals, progress);
+    let exact = search.backward(search.exactly(&settled.judged)?, WORTH_FIT);
+    progress("the test flights");
+    let (dissected, dropped) = gate(search, judge, Dissected { unclear: exact.unclear.max(settled.unclear), ..exact })?;
+    Some(Settled { dissected: refined(search, dissected), rivals, dropped })
+}
+
+/// The declared model with what was found, and what that is worth on the test flights.
+struct Completed {
+    effects: Vec<Named>,
+    partial: Vec<Named>,
+    learned: bool,
+    hypothesis: Hypothesis,
+    disturbances: Disturbances,
+    errors: errors::Errors,
+}
+
+/// A hypothesis with its disturbances.
+type Told<'a> = (&'a Hypothesis, &'a Disturbances);
+
+impl Completed {
+    fn of(declared: &Judged, last: &Judged, effects: Vec<Named>, disturbances: Disturbances, test: &[Flight]) -> Self {
+        let mut hypothesis = last.settled();
+        hypothesis.terms.retain(|t| effects.iter().flat_map(Named::all).any(|e| e.name == t.entry.name));
+        let errors = errors::compare(told(declared), (&hypothesis, &disturbances), test);
+        Completed { effects, partial: Vec::new(), learned: false, hypothesis, disturbances, errors }
+    }
+
+    /// Names that do not account for the structure are not the cause: at most they help.
+    fn beside_structure(mut self, declared: &Judged, test: &[Flight]) -> Self {
+        if self.effects.is_empty() {
+            return self;
+        }
+        let effects = std::mem::take(&mut self.effects);
+        if (0..2).any(|q| self.errors.after[q][3] < (1.0 - HELPS) * self.errors.before[q][3]) {
+            return Completed { partial: effects, ..self };
+        }
+        self.hypothesis.terms.clear();
+        self.errors = errors::compare(told(declared), (&self.hypothesis, &self.disturbances), test);
+        self
+    }
+
+    /// With a term learned from the residual, if it lowers the 2 s errors on the test flights.
+    fn learned(self, search: &Search, judge: &Search, last: &Judged, declared: &Judged, test: &[Flight]) -> Self {
+        let described = search.refit(&self.hypothesis, &last.disturbances).and_then(|named| learn::learn(search, judge, &named));
+        let Some(described) = described else { return self };
+        let (hypothesis, disturbances) = (described.settled(), described.disturbances);
+        let errors = errors::compare(told(declared), (&hypothesis, &disturbances), test);
+        let better = errors.after[0][3] < (1.0 - HELPS) * self.errors.after[0][3] && errors.after[1][3] < self.errors.after[1][3];
+        if better { Completed { learned: true, hypothesis, disturbances, errors, ..self } } else { self }
+    }
+
+    /// Effects that were named but are random, and so no part of what was fitted, belong to the model that is flown too.
+    fn with_random(&self) -> Hypothesis {
+        let mut all = self.hypothesis.clone();
+        for effect in &self.effects {
+            let Some(entry) = registry().iter().find(|e| e.name == effect.name && matches!(e.trace, Trace::Wander(_))) else { continue };
+            let mut term = Term::off(entry);
+            for (slot, estimate) in term.values.iter_mut().zip(&effect.params) {
+                *slot = estimate.value;
+            }
+            term.free.clear();
+            all = all.with(term);
+        }
+        all
+    }
+}
+
+fn told(declared: &Judged) -> Told<'_> {
+    (&declared.hypothesis, &declared.disturbances)
+}
+
 /// Disturbances too large for the small errors of a model; their size in units of what makes a finding.
-fn shaken(disturbances: &Disturbances) -> Vec<Leftover> {
+fn shaken(disturbances: &Disturbances, blown: Option<&Blown>) -> Vec<Leftover> {
     let Disturbances { force, lift, torque, .. } = *disturbances;
+    let finding = |signal: &str, finding: String, size: f64| Leftover::new(signal, finding, leftover::FINDING * size);
     let mut found = Vec::new();
+    let shaken = |what: &str, by: f64, unit: &str, tau_s: f64| {
+        format!("{what} shaken by {by:.2} {unit}, for {tau_s:.2} s at a time, whatever the commands")
+    };
     if torque.sigma > UNEXPLAINED_TORQUE {
-        let finding =
-            format!("roll and pitch are shaken by {:.2} rad/s^2, for {:.2} s at a time, whatever the commands", torque.sigma, torque.tau_s);
-        found.push(Leftover { signal: "torque".into(), finding, size: leftover::FINDING * torque.sigma / UNEXPLAINED_TORQUE });
+        let words = shaken("roll and pitch are", torque.sigma, "rad/s^2", torque.tau_s);
+        found.push(finding("torque", words, torque.sigma / UNEXPLAINED_TORQUE));
     }
     // gusts shake sideways too
     if lift.sigma > UNEXPLAINED_LIFT && lift.sigma > 2.0 * force.sigma {
-        let finding = format!("the thrust is shaken by {:.2} m/s^2, for {:.2} s at a time, whatever the commands", lift.sigma, lift.tau_s);
-        found.push(Leftover { signal: "lift".into(), finding, size: leftover::FINDING * lift.sigma / UNEXPLAINED_LIFT });
+        let words = shaken("the thrust is", lift.sigma, "m/s^2", lift.tau_s);
+        found.push(finding("lift", words, lift.sigma / UNEXPLAINED_LIFT));
+    }
+    if let Some(blown) = blown.filter(|b| b.disturbances.force.tau_s >= noise::LONGEST_S) {
+        let words = format!("wanders by {:.2} m/s^2, for longer than gusts do", blown.disturbances.force.sigma);
+        found.push(finding("force", words, blown.disturbances.force.sigma / GUST_MPS2));
     }
     found
-}
-
-/// The completed hypothesis with a learned term, if it lowers the 2 s errors on the test flights.
-#[allow(clippy::too_many_arguments)]
-fn learned(
-    search: &Search,
-    judge: &Search,
-    last: &Judged,
-    completed: &Hypothesis,
-    errors: &mut errors::Errors,
-    declared: &Judged,
-    test: &[Flight],
-    progress: &dyn Fn(&str),
-) -> Option<(Hypothesis, Disturbances)> {
-    progress("a term learned from the residual");
-    let named = search.refit(completed, &last.disturbances)?;
-    let described = learn::learn(search, judge, &named)?;
-    let with = errors::compare((&declared.hypothesis, &declared.disturbances), (&described.settled(), &described.disturbances), test);
-    let better = with.after[0][3] < (1.0 - HELPS) * errors.after[0][3] && with.after[1][3] < errors.after[1][3];
-    better.then(|| {
-        *errors = with;
-        (described.settled(), described.disturbances)
-    })
 }
 
 /// Forward, one effect at a time, while the filter gains anything.
@@ -224,16 +274,15 @@ fn settle_rivals(
     }
 }
 
-/// Takes out what does not help on the test flights, one at a time, and says what that was.
-fn gate(search: &Search, judge: &Search, from: Dissected) -> Option<(Dissected, Vec<&'static str>)> {
-    let (mut now, mut dropped) = (from, Vec::new());
+/// Takes out what does not help on the test flights, one at a time, and says whether there was any.
+fn gate(search: &Search, judge: &Search, from: Dissected) -> Option<(Dissected, bool)> {
+    let (mut now, mut dropped) = (from, false);
     loop {
         let worths = worths(judge, &now)?;
         match worths.into_iter().enumerate().min_by(|a, b| a.1.total_cmp(&b.1)) {
             Some((least, worth)) if worth < WORTH_TEST => {
-                let (name, less) = now.without.swap_remove(least);
-                dropped.push(name);
-                now = search.dissect(less);
+                dropped = true;
+                now = search.dissect(now.without.swap_remove(least).1);
             }
             _ => return Some((now, dropped)),
         }
@@ -266,7 +315,7 @@ fn worths(judge: &Search, of: &Dissected) -> Option<Vec<f64>> {
     Some(usual?.into_iter().zip(still?).map(|(a, b)| a.min(b)).collect())
 }
 
-fn named(judge: &Search, of: &Dissected, rivals: &[(&'static str, Vec<&'static str>)]) -> Option<Vec<Named>> {
+fn named(judge: &Search, Settled { dissected: of, rivals, .. }: &Settled) -> Option<Vec<Named>> {
     let settled = of.judged.settled();
     let worths = worths(judge, of)?;
     let one = |((name, less), worth_test): (&(&'static str, Judged), f64)| {
@@ -278,9 +327,21 @@ fn named(judge: &Search, of: &Dissected, rivals: &[(&'static str, Vec<&'static s
         let params: Vec<Estimate> = params.collect();
         let confusable_with = rivals.iter().find(|(other, _)| other == name).map_or_else(Vec::new, |(_, r)| r.clone());
         let manoeuvre = if confusable_with.is_empty() { String::new() } else { manoeuvre(term.entry, &confusable_with) };
-        Some(Named { name, params, confusable_with, manoeuvre, worth_fit: less.loss - of.judged.loss, worth_test })
+        let worth_fit = less.loss - of.judged.loss;
+        Some(Named { name, params, confusable_with, manoeuvre, worth_fit, worth_test, with: Vec::new() })
     };
     of.without.iter().zip(worths).map(one).collect()
+}
+
+/// What the declared model leaves out by its form is one finding.
+fn told_together(effects: Vec<Named>) -> Vec<Named> {
+    let is_geometry = |e: &Named| registry().iter().any(|entry| entry.name == e.name && entry.geometry);
+    let (mut geometry, mut others): (Vec<Named>, Vec<Named>) = effects.into_iter().partition(is_geometry);
+    if !geometry.is_empty() {
+        let with = geometry.split_off(1);
+        others.extend(geometry.pop().map(|first| Named { with, ..first }));
+    }
+    others
 }
 
 /// What to fly so that effects part: where they enter decides what has to change.
@@ -296,22 +357,28 @@ fn manoeuvre(effect: &Entry, others: &[&'static str]) -> String {
     "doublets of two sizes (2 and 8 degrees) on roll and pitch at two rates of change".into()
 }
 
+/// A wandering force, as it may be a gust: disturbances with its size and correlation time finely, and the standard errors of these.
+struct Blown {
+    disturbances: Disturbances,
+    sd: [f64; 2],
+}
+
+fn blown(fit: &[Flight], last: &Judged) -> Option<Blown> {
+    let force = last.disturbances.force;
+    let (disturbances, sd) =
+        (force.sigma > GUST_MPS2 && force.tau_s > GUST_S).then(|| noise::force(fit, &last.settled(), &last.disturbances))?;
+    Some(Blown { disturbances, sd })
+}
+
 /// The wandering force as the effect of the registry that is one.
-fn gust(judge: &Search, last: &Judged, disturbances: &Disturbances, sd: [f64; 2]) -> Option<Named> {
+fn gust(judge: &Search, last: &Judged, blown: &Blown) -> Option<Named> {
     let entry = registry().iter().find(|e| e.trace == Trace::Wander(Disturbance::Force))?;
-    let calm =
-        Disturbances { force: crate::fit::filter::Wander { sigma: noise::FLOOR.force.sigma, ..disturbances.force }, ..*disturbances };
+    let force = blown.disturbances.force;
+    let calm = Disturbances { force: Wander { sigma: noise::FLOOR.force.sigma, ..force }, ..blown.disturbances };
     let at = last.settled();
-    let worth = |search: &Search| Some(search.plug_in(&at, &calm)? - search.plug_in(&at, disturbances)?);
-    let values = [disturbances.force.sigma, disturbances.force.tau_s];
-    let params = entry
-        .params
-        .iter()
-        .zip(values)
-        .zip(sd)
-        .map(|((p, value), stderr)| Estimate { name: p.name, value, stderr, unit: p.unit })
-        .collect();
-    let worth_test = worth(judge)?;
+    let worth_test = judge.plug_in(&at, &calm)? - judge.plug_in(&at, &blown.disturbances)?;
+    let estimates = entry.params.iter().zip([force.sigma, force.tau_s]).zip(blown.sd);
+    let params = estimates.map(|((p, value), stderr)| Estimate { name: p.name, value, stderr, unit: p.unit }).collect();
     (worth_test > WORTH_TEST).then_some(Named {
         name: entry.name,
         params,
@@ -319,36 +386,24 @@ fn gust(judge: &Search, last: &Judged, disturbances: &Disturbances, sd: [f64; 2]
         manoeuvre: String::new(),
         worth_fit: worth_test,
         worth_test,
+        with: Vec::new(),
     })
 }
 
-/// Effects that were named but are random, and so no part of what was fitted, belong to the completed model too.
-fn add_random(completed: &mut Hypothesis, effects: &[Named]) {
-    for effect in effects {
-        let Some(entry) = registry().iter().find(|e| e.name == effect.name && matches!(e.trace, Trace::Wander(_))) else { continue };
-        let mut term = Term::off(entry);
-        for (slot, estimate) in term.values.iter_mut().zip(&effect.params) {
-            *slot = estimate.value;
-        }
-        term.free.clear();
-        *completed = completed.with(term);
-    }
-}
-
 /// The strongest findings in the innovations of the test flights, and in the forces of all.
-fn leftovers(fit: &[Flight], test: &[Flight], at: &Hypothesis, disturbances: &Disturbances) -> Vec<Leftover> {
-    let nothing = Belief::independent(Vec::new(), &[]);
-    let filtered = |f: &Flight| filter(f, f.all(), &at.fixed(), &nothing, disturbances);
-    let known: Vec<_> = fit.par_iter().filter_map(filtered).collect();
+fn leftovers(fit: &[Flight], test: &[Flight], last: &Judged, blown: Option<&Blown>) -> Vec<Leftover> {
+    let (at, disturbances, nothing) = (last.settled().fixed(), &last.disturbances, Belief::independent(Vec::new(), &[]));
+    let filtered = |f: &Flight| filter(f, f.all(), &at, &nothing, disturbances);
+    let known: Vec<_> = fit.par_iter().filter_map(|f| Some((f, filtered(f)?))).collect();
     let tested: Vec<_> = test.par_iter().filter_map(|f| Some((f, filtered(f)?))).collect();
     let of = |(flight, filtered): &(&Flight, Filtered)| {
         [leftover::leftover(flight, filtered), shape::shapes(flight, filtered, disturbances)].concat()
     };
     let mut all: Vec<Leftover> = tested.iter().flat_map(of).collect();
-    all.extend(place::belongs(known.iter().chain(tested.iter().map(|(_, f)| f)), test[0].tick_s, disturbances));
+    all.extend(place::belongs(known.iter().chain(&tested).map(|(flight, filtered)| (*flight, filtered)), disturbances));
     all.sort_by(|a, b| b.size.abs().total_cmp(&a.size.abs()));
     all.truncate(12);
-    all
+    [shaken(disturbances, blown), all].concat()
 }
 
 /// Effects of which a tenth of the range of every free parameter would not have shown at four standard errors.

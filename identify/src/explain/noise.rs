@@ -40,6 +40,8 @@ const STILL: f64 = 5.0;
 const LEAST: f64 = 0.05;
 /// Correlation times stay within these.
 const TAU_S: [f64; 2] = [0.05, 10.0];
+/// A force may wander for longer, and up to this.
+pub const LONGEST_S: f64 = 20.0;
 /// A move must gain this much likelihood.
 const WORTH: f64 = 0.3;
 
@@ -184,7 +186,7 @@ pub fn force(flights: &[Flight], hypothesis: &Hypothesis, from: &Disturbances) -
     let tracks: Option<Vec<Track>> = flights.par_iter().map(|f| Track::of(f, f.all(), hypothesis, from)).collect();
     let Some(tracks) = tracks else { return (*from, [f64::INFINITY; 2]) };
     let with = |log: [f64; 2]| {
-        let force = Wander { sigma: log[0].exp(), tau_s: log[1].exp().clamp(TAU_S[0], 2.0 * TAU_S[1]) };
+        let force = Wander { sigma: log[0].exp(), tau_s: log[1].exp().clamp(TAU_S[0], LONGEST_S) };
         Disturbances { force, ..*from }
     };
     let loss = |log: [f64; 2]| -> f64 { tracks.iter().zip(flights).map(|(track, flight)| track.loss(flight, &with(log))).sum() };

@@ -7,7 +7,8 @@ use rand_pcg::Pcg64Mcg;
 use super::leftover::{CLEAR, FINDING};
 use super::shape::{EVERY_S, LEAST_MPS2};
 use super::verdict::Leftover;
-use crate::fit::filter::{Disturbances, Filtered};
+use crate::fit::filter::{Disturbances, Filtered, Wander};
+use crate::fit::flight::Flight;
 
 /// Places so far apart are the same place.
 const NEAR_M: f64 = 0.2;
@@ -28,30 +29,49 @@ struct Visits {
     every_s: f64,
 }
 
-/// A finding if the horizontal force of some flights, where it is large, is alike wherever they come again: each flight by itself, all together.
-pub fn belongs<'a>(flights: impl Iterator<Item = &'a Filtered>, tick_s: f64, disturbances: &Disturbances) -> Option<Leftover> {
-    if disturbances.force.sigma < LEAST_MPS2 {
+/// A finding if the horizontal force of some flights, where it is large, is alike wherever they come again: each flight by itself, all together. Where
+/// the vehicle is may be what the force has done; where it was told to be is not.
+pub fn belongs<'a>(flights: impl Iterator<Item = (&'a Flight, &'a Filtered)> + Clone, disturbances: &Disturbances) -> Option<Leftover> {
+    let Wander { sigma, tau_s } = disturbances.force;
+    if sigma < LEAST_MPS2 {
         return None;
     }
-    let clear: Vec<f64> = flights.filter_map(|filtered| Visits::of(filtered, tick_s).alike(disturbances.force.tau_s)).collect();
-    let z = clear.iter().sum::<f64>() / (clear.len() as f64).sqrt();
+    let alike = |(flight, filtered): (&Flight, &Filtered)| {
+        let flown = Visits::of(flight, filtered, |k| Some([0, 1, 2].map(|i| filtered.states[k][i])));
+        let told = Visits::of(flight, filtered, |k| flight.setpoint_m(k));
+        [flown.and_then(|v| v.alike(tau_s, Cause::Either)), told.and_then(|v| v.alike(tau_s, Cause::Place))]
+    };
+    let found: Vec<[Option<f64>; 2]> = flights.map(alike).collect();
+    let together = |which: usize| {
+        let clear: Vec<f64> = found.iter().filter_map(|f| f[which]).collect();
+        clear.iter().sum::<f64>() / (clear.len() as f64).sqrt()
+    };
+    let z = together(0).max(together(1));
     let finding = format!("is the same again in the same place ({z:.1} standard deviations)");
     // less alike than by chance is nothing that a place does
-    (z > 0.0).then(|| Leftover { signal: "force".into(), finding, size: FINDING * z / CLEAR })
+    (z > 0.0).then(|| Leftover::new("force", finding, FINDING * z / CLEAR))
+}
+
+/// What comes first.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Cause {
+    Place,
+    /// The place, or the force, which brings the vehicle there.
+    Either,
 }
 
 /// Two visits of a place, by index, and how near they were.
 struct Pair(usize, usize, f64);
 
 impl Visits {
-    fn of(filtered: &Filtered, tick_s: f64) -> Self {
-        let every = ((EVERY_S / tick_s).round() as usize).max(1);
+    fn of(flight: &Flight, filtered: &Filtered, place: impl Fn(usize) -> Option<[f64; 3]>) -> Option<Self> {
+        let every = ((EVERY_S / flight.tick_s).round() as usize).max(1);
         let some = (0..filtered.states.len()).step_by(every);
-        Visits {
+        Some(Visits {
             force_mps2: some.clone().map(|k| [filtered.wandered[k][0], filtered.wandered[k][1]]).collect(),
-            pos_m: some.map(|k| [0, 1, 2].map(|i| filtered.states[k][i])).collect(),
-            every_s: every as f64 * tick_s,
-        }
+            pos_m: some.map(place).collect::<Option<_>>()?,
+            every_s: every as f64 * flight.tick_s,
+        })
     }
 
     fn pairs(&self, tau_s: f64) -> Vec<Pair> {
@@ -67,7 +87,7 @@ impl Visits {
 
     /// How much more alike the forces of different visits are than chance would have it, in standard deviations of the same for forces that
     /// wander with that correlation time. `None` if the places are the consequence, or none was visited again.
-    fn alike(&self, tau_s: f64) -> Option<f64> {
+    fn alike(&self, tau_s: f64, cause: Cause) -> Option<f64> {
         let pairs = self.pairs(tau_s);
         if pairs.is_empty() {
             return None;
@@ -77,7 +97,7 @@ impl Visits {
             shifts.map(|shift| likeness(force, &pairs, shift)).fold(f64::NEG_INFINITY, f64::max)
         };
         let here = most(&self.force_mps2, 0..=samples(BEHIND_S));
-        if most(&self.force_mps2, -samples(AFTER_S)..=-1) > here {
+        if cause == Cause::Either && most(&self.force_mps2, -samples(AFTER_S)..=-1) > here {
             return None;
         }
         let mut rng = Pcg64Mcg::seed_from_u64(0);
@@ -141,14 +161,14 @@ mod tests {
         // as late as the filter's estimate of it
         let late = |places: &[[f64; 3]]| (0..SAMPLES).map(|k| fan(&places[k.saturating_sub(1)])).collect();
         let visits = Visits { force_mps2: late(&track()), pos_m: track(), every_s: EVERY_S };
-        let z = visits.alike(TAU_S).unwrap();
+        let z = visits.alike(TAU_S, Cause::Either).unwrap();
         assert!(z > CLEAR, "{z}");
     }
 
     #[test]
     fn gusts_know_no_places() {
         for seed in 1..40 {
-            let z = Visits { force_mps2: gusts(seed), pos_m: track(), every_s: EVERY_S }.alike(TAU_S);
+            let z = Visits { force_mps2: gusts(seed), pos_m: track(), every_s: EVERY_S }.alike(TAU_S, Cause::Either);
             assert!(z.is_none_or(|z| z < CLEAR), "{seed}: {z:?}");
         }
     }
@@ -160,13 +180,27 @@ mod tests {
             let force_mps2 = gusts(seed);
             let pushed = |k: usize| force_mps2[k.saturating_sub(5)].map(|f| 0.1 * f);
             let pos_m = (0..SAMPLES).map(|k| [pushed(k)[0], pushed(k)[1], 1.0]).collect();
-            assert_eq!(Visits { force_mps2: force_mps2.clone(), pos_m, every_s: EVERY_S }.alike(TAU_S), None, "{seed}");
+            assert_eq!(Visits { force_mps2: force_mps2.clone(), pos_m, every_s: EVERY_S }.alike(TAU_S, Cause::Either), None, "{seed}");
+        }
+    }
+
+    /// Round after round, a force that belongs to places is as much alike later as at once; where the vehicle was told to be, nothing blew it.
+    #[test]
+    fn rounds_of_one_track_need_to_be_told() {
+        let at = |k: usize| (0.8 * k as f64 * EVERY_S).sin_cos();
+        let pos_m: Vec<[f64; 3]> = (0..SAMPLES).map(|k| [at(k).0, at(k).1, 1.0]).collect();
+        let spot = |k: usize| [0.5 * (-((at(k).0 - 0.5).powi(2)) / 0.1).exp() * at(k).1, 0.0];
+        let of = |force_mps2: Vec<[f64; 2]>| Visits { force_mps2, pos_m: pos_m.clone(), every_s: EVERY_S }.alike(TAU_S, Cause::Place);
+        assert!(of((0..SAMPLES).map(|k| spot(k.saturating_sub(3))).collect()).unwrap() > CLEAR);
+        for seed in 1..40 {
+            let z = of(gusts(seed)).unwrap();
+            assert!(z < CLEAR, "{seed}: {z}");
         }
     }
 
     #[test]
     fn a_place_never_visited_again_says_nothing() {
         let pos_m = (0..SAMPLES).map(|k| [k as f64, 0.0, 1.0]).collect();
-        assert_eq!(Visits { force_mps2: gusts(1), pos_m, every_s: EVERY_S }.alike(TAU_S), None);
+        assert_eq!(Visits { force_mps2: gusts(1), pos_m, every_s: EVERY_S }.alike(TAU_S, Cause::Either), None);
     }
 }

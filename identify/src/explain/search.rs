@@ -218,10 +218,19 @@ impl<'a> Search<'a> {
         per_tick * (1.0 / self.flights[0].tick_s).round() as u32
     }
 
-    /// A hypothesis judged as a search judges, roughly, or as exactly as its effects ask for.
-    pub fn again_at(&self, judged: &Judged, roughly: bool) -> Option<Judged> {
+    /// A hypothesis judged as a search judges.
+    pub fn roughly(&self, judged: &Judged) -> Option<Judged> {
+        self.at_most(judged, Some(self.rough_hz(2)))
+    }
+
+    /// And as exactly as its effects ask for.
+    pub fn exactly(&self, judged: &Judged) -> Option<Judged> {
+        self.at_most(judged, None)
+    }
+
+    fn at_most(&self, judged: &Judged, most_hz: Option<u32>) -> Option<Judged> {
         let mut other = judged.clone();
-        other.hypothesis.most_hz = roughly.then(|| self.rough_hz(2));
+        other.hypothesis.most_hz = most_hz;
         self.again(&other, &judged.disturbances)
     }
 

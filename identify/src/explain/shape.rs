@@ -72,7 +72,7 @@ pub fn shapes(flight: &Flight, filtered: &Filtered, disturbances: &Disturbances)
         for (of, series) in with.iter().filter_map(|(of, series)| Some((of, series.as_ref()?))) {
             let Some(z) = force.clearly(series) else { continue };
             let finding = format!("goes with {of} (correlation {:.2})", force.with(series, 0));
-            found.push(Leftover { signal: name.into(), finding, size: FINDING * z / CLEAR });
+            found.push(Leftover::new(name, finding, FINDING * z / CLEAR));
         }
     }
     let apart = ((CHANGE_S / flight.tick_s).round() as usize).max(1);
@@ -82,7 +82,7 @@ pub fn shapes(flight: &Flight, filtered: &Filtered, disturbances: &Disturbances)
         let uneven = unevenness(&axes);
         if wander.sigma > LEAST_MPS2 && uneven.is_finite() {
             let finding = format!("comes and goes at once (fourth moment of its changes {uneven:.1}; of air that moves by itself 3)");
-            found.push(Leftover { signal: name.into(), finding, size: FINDING * (uneven - 3.0) / (UNEVEN - 3.0) });
+            found.push(Leftover::new(name, finding, FINDING * (uneven - 3.0) / (UNEVEN - 3.0)));
         }
     }
     found

@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use super::errors::Errors;
+use super::leftover::FINDING;
 use crate::fit::filter::Disturbances;
 use crate::fit::hypothesis::Hypothesis;
 
@@ -41,6 +42,15 @@ pub struct Named {
     /// Log-likelihood lost without it, on the flights of the fit and on the test flights.
     pub worth_fit: f64,
     pub worth_test: f64,
+    /// Effects of the same kind that come with it: the exact geometry of a tilted vehicle is one finding.
+    pub with: Vec<Named>,
+}
+
+impl Named {
+    /// The effect and those that come with it.
+    pub fn all(&self) -> impl Iterator<Item = &Named> {
+        std::iter::once(self).chain(&self.with)
+    }
 }
 
 /// How an effect scored when it was considered.
@@ -69,8 +79,19 @@ pub struct Leftover {
     pub signal: String,
     /// In words: frequency, correlation.
     pub finding: String,
-    /// Test statistic in standard deviations, or in units that make it one: beyond [`super::leftover::FINDING`] there is structure.
+    /// Test statistic in standard deviations, or in units that make it one.
     pub size: f64,
+}
+
+impl Leftover {
+    pub fn new(signal: &str, finding: String, size: f64) -> Self {
+        Leftover { signal: signal.to_owned(), finding, size }
+    }
+
+    /// Whether it is too strong to be chance.
+    pub fn is_structure(&self) -> bool {
+        self.size.abs() > FINDING
+    }
 }
 
 /// Everything that was found.

@@ -46,6 +46,7 @@ pub struct Flight {
     commands: Vec<Command<f64>>,
     memory: usize,
     voltage_v: Option<Vec<f64>>,
+    setpoints_m: Option<Vec<[f64; 3]>>,
     /// Attitude by the IMU, or by motion capture.
     pub angles: Vec<Sample>,
     /// Marker positions by capture time.
@@ -84,6 +85,8 @@ impl Flight {
         let row_at = |t: f64| log.t_s.partition_point(|row| *row <= t + ROUNDING_S).saturating_sub(1);
         let voltage_v =
             log.vbat_v.as_ref().map(|v| (0..ticks + memory).map(|k| v[row_at(start_s + (k as f64 - memory as f64) * tick_s)]).collect());
+        let setpoint = |axes: &[Vec<f64>; 3], k: usize| axes.each_ref().map(|axis| axis[row_at(start_s + k as f64 * tick_s)]);
+        let setpoints_m = log.setpoint_m.as_ref().map(|axes| (0..=ticks).map(|k| setpoint(axes, k)).collect());
         let end_s = ticks as f64 * tick_s;
         let inside = |s: &Sample| s.t_s > ROUNDING_S && s.t_s <= end_s + ROUNDING_S;
         let angles =
@@ -111,6 +114,7 @@ impl Flight {
             commands,
             memory,
             voltage_v,
+            setpoints_m,
             angles,
             fixes,
             noise,
@@ -134,6 +138,11 @@ impl Flight {
     pub fn voltage_v(&self, tick: isize) -> Option<f64> {
         let at = |v: &Vec<f64>| v[(tick + self.memory as isize).clamp(0, v.len() as isize - 1) as usize];
         self.voltage_v.as_ref().map(at)
+    }
+
+    /// Where the vehicle was to be at the start of a tick, if the log says so.
+    pub fn setpoint_m(&self, tick: usize) -> Option<[f64; 3]> {
+        self.setpoints_m.as_ref().map(|all| all[tick])
     }
 
     /// The measured state at the start of a tick, from local polynomials.

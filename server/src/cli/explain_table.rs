@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use crazyflie_identify::explain::errors::{Errors, HORIZONS};
-use crazyflie_identify::explain::verdict::Explanation;
+use crazyflie_identify::explain::verdict::{Explanation, Named};
 
 use super::{Outcome, Table, number};
 use crate::explained::{
@@ -35,7 +35,7 @@ pub(super) fn print(run: &Run, written: &[PathBuf], out: &mut dyn Write) -> Outc
 
 fn effects(found: &Explanation) -> Table {
     let mut table = Table::new(&["effect", "parameter", "value", "unit", "worth, fit", "test", "or instead"]).left(&[1, 2, 3, 6]);
-    for effect in found.effects.iter().chain(&found.partial) {
+    for effect in found.effects.iter().chain(&found.partial).flat_map(Named::all) {
         for (i, e) in effect.params.iter().enumerate() {
             // what concerns the effect stands in its first line only
             let once = |text: String| if i == 0 { text } else { String::new() };

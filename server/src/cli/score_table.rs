@@ -66,7 +66,7 @@ fn cases(all: &[Scored], told: bool) -> Table {
 /// Group to the marks on the parameters.
 fn row(found: &Found) -> Vec<String> {
     let explanation = &found.explanation;
-    let named: Vec<String> = explanation.effects.iter().map(brief).collect();
+    let named: Vec<String> = explanation.effects.iter().flat_map(Named::all).map(brief).collect();
     let said = [verdict_name(explanation.verdict).to_owned(), if named.is_empty() { "-".into() } else { named.join("; ") }];
     match &found.marks {
         None => [vec![String::new(); 3], said.to_vec(), vec!["?".into(); 3]].concat(),

@@ -51,7 +51,8 @@ pub(crate) fn verdict_name(verdict: Verdict) -> &'static str {
 fn effect(effect: &Named) -> Value {
     let params = effect.params.iter().map(|p| (p.name.to_owned(), json!({"value": p.value, "stderr": p.stderr, "unit": p.unit})));
     json!({"name": effect.name, "params": params.collect::<Map<_, _>>(), "confusable_with": effect.confusable_with,
-        "manoeuvre": effect.manoeuvre, "worth": {"fit": effect.worth_fit, "test": effect.worth_test}})
+        "manoeuvre": effect.manoeuvre, "worth": {"fit": effect.worth_fit, "test": effect.worth_test},
+        "with": effect.with.iter().map(self::effect).collect::<Vec<_>>()})
 }
 
 fn table(table: &Table) -> Value {

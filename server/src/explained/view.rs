@@ -59,7 +59,7 @@ pub(super) fn effects(found: &Explanation) -> Vec<Effect> {
         confusable: confusable(effect),
         manoeuvre: effect.manoeuvre.clone(),
     };
-    found.effects.iter().chain(&found.partial).map(of).collect()
+    found.effects.iter().chain(&found.partial).flat_map(Named::all).map(of).collect()
 }
 
 fn params(effect: &Named) -> Vec<Value> {
@@ -250,7 +250,7 @@ pub(super) fn sloped_nowhere(found: &Explanation) -> String {
 
 /// What was named was excited, whatever the first step of the search thought.
 pub(super) fn not_excited(found: &Explanation) -> impl Iterator<Item = (&'static str, f64)> {
-    found.not_excited.iter().copied().filter(|(name, _)| found.effects.iter().all(|e| e.name != *name))
+    found.not_excited.iter().copied().filter(|(name, _)| found.effects.iter().flat_map(Named::all).all(|e| e.name != *name))
 }
 
 /// The parameter that a standard error is of: the first that is estimated.

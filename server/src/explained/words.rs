@@ -1,6 +1,5 @@
 //! Numbers with their uncertainty, and findings in sentences.
 
-use crazyflie_identify::explain::leftover::FINDING;
 use crazyflie_identify::explain::verdict::{Estimate, Explanation, Leftover, Named, Verdict};
 
 use crate::cli::number;
@@ -73,7 +72,7 @@ fn told(effect: &Named) -> String {
 
 /// The verdict in one sentence.
 pub(crate) fn sentence(found: &Explanation) -> String {
-    let effects: Vec<String> = found.effects.iter().chain(&found.partial).map(told).collect();
+    let effects: Vec<String> = found.effects.iter().chain(&found.partial).flat_map(Named::all).map(told).collect();
     let effects = listed(&effects, "and");
     match found.verdict {
         Verdict::Explained => format!("Explained: the declared model lacks {effects}."),
@@ -98,7 +97,7 @@ pub(crate) fn sentence(found: &Explanation) -> String {
 
 /// What is left and too strong to be chance.
 pub(crate) fn findings(found: &Explanation) -> Vec<&Leftover> {
-    found.leftover.iter().filter(|l| l.size.abs() > FINDING).collect()
+    found.leftover.iter().filter(|l| l.is_structure()).collect()
 }
 
 /// Change of an error in percent; below zero is better.

@@ -135,7 +135,7 @@ impl Truth {
 
     /// Each hidden effect with what names it, and whether anything else is named.
     fn matched<'a>(&'a self, effects: &'a [Named]) -> (Vec<(&'a HiddenEffect, &'a Named)>, bool) {
-        let mut free: Vec<&Named> = effects.iter().collect();
+        let mut free: Vec<&Named> = effects.iter().flat_map(Named::all).collect();
         let mut matched = Vec::new();
         // by its own name first: a rival's group is for what is then still to be found
         for exact in [true, false] {
@@ -187,7 +187,7 @@ mod tests {
     use super::*;
 
     fn named(name: &'static str, confusable_with: Vec<&'static str>) -> Named {
-        Named { name, params: Vec::new(), confusable_with, manoeuvre: String::new(), worth_fit: 0.0, worth_test: 0.0 }
+        Named { name, params: Vec::new(), confusable_with, manoeuvre: String::new(), worth_fit: 0.0, worth_test: 0.0, with: Vec::new() }
     }
 
     fn truth(group: Group, names: &[&str]) -> Truth {
