@@ -17,7 +17,7 @@ impl Effect<2, 0> for EulerKinematics {
     ];
     const HOOKS: Hooks = Hooks::PUSH;
     const GEOMETRY: bool = true;
-    const PHYSICS_HZ: u32 = 300;
+    const PHYSICS_HZ: u32 = 150;
 
     #[inline(always)]
     fn push<R: Real>(&[amount, heading_kept]: &[R; 2], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {

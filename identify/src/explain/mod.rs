@@ -57,12 +57,19 @@ pub fn explain(model: &Model, fit: &[Flight], test: &[Flight], progress: &dyn Fn
     progress("disturbances of the declared model");
     let declared = search.declared(&Hypothesis::of(model))?;
     let (path, steps) = forward(&search, &search.roughly(&declared)?, progress);
-    let settled = settle(&search, &judge, path, progress)?;
-    let last = &settled.dissected.judged;
+    let mut settled = settle(&search, &judge, path, progress)?;
     progress("what is left");
-    let blown = blown(fit, last);
-    let leftover = leftovers(fit, test, last, blown.as_ref());
-    let structured = leftover.iter().any(Leftover::is_structure);
+    let mut left = Left::of(fit, test, &settled);
+    // what nearly earned its place has earned it if it accounts for the structure
+    if let Some(nearly) = settled.dissected.nearly.take().filter(|_| left.structured) {
+        let other = last_word(&search, &judge, search.dissect(nearly), settled.rivals.clone())?;
+        let left_by_it = Left::of(fit, test, &other);
+        if !left_by_it.structured {
+            (settled, left) = (other, left_by_it);
+        }
+    }
+    let Left { blown, leftover, structured } = left;
+    let last = &settled.dissected.judged;
     let mut effects = named(&judge, &settled)?;
     let mut disturbances = last.disturbances;
     if let Some(blown) = blown.filter(|_| !structured) {
@@ -101,11 +108,13 @@ pub fn explain(model: &Model, fit: &[Flight], test: &[Flight], progress: &dyn Fn
     })
 }
 
+/// By effect, what these flights cannot tell from it.
+type Rivals = Vec<(&'static str, Vec<&'static str>)>;
+
 /// What the search came to.
 struct Settled {
     dissected: Dissected,
-    /// By effect, what these flights cannot tell from it.
-    rivals: Vec<(&'static str, Vec<&'static str>)>,
+    rivals: Rivals,
     /// An effect was worth nothing on the test flights.
     dropped: bool,
 }
@@ -117,8 +126,29 @@ fn settle(search: &Search, judge: &Search, path: Judged, progress: &dyn Fn(&str)
     let settled = settle_rivals(search, search.backward(path, WORTH_FIT), &mut rivals, progress);
     let exact = search.backward(search.exactly(&settled.judged)?, WORTH_FIT);
     progress("the test flights");
-    let (dissected, dropped) = gate(search, judge, Dissected { unclear: exact.unclear.max(settled.unclear), ..exact })?;
+    last_word(search, judge, Dissected { unclear: exact.unclear.max(settled.unclear), ..exact }, rivals)
+}
+
+fn last_word(search: &Search, judge: &Search, from: Dissected, rivals: Rivals) -> Option<Settled> {
+    let (dissected, dropped) = gate(search, judge, from)?;
     Some(Settled { dissected: refined(search, dissected), rivals, dropped })
+}
+
+/// What is left when an explanation is taken for true.
+struct Left {
+    blown: Option<Blown>,
+    leftover: Vec<Leftover>,
+    structured: bool,
+}
+
+impl Left {
+    fn of(fit: &[Flight], test: &[Flight], settled: &Settled) -> Self {
+        let last = &settled.dissected.judged;
+        let blown = blown(fit, last);
+        let leftover = leftovers(fit, test, last, blown.as_ref());
+        let structured = leftover.iter().any(Leftover::is_structure);
+        Left { blown, leftover, structured }
+    }
 }
 
 /// The declared model with what was found, and what that is worth on the test flights.
@@ -236,12 +266,7 @@ fn ranked(score: &Score) -> Ranked {
 
 /// Looks for rivals of each effect. One that is likelier takes its place, and one that lets another effect go: what a mass does, a thrust scale and a
 /// damping do together.
-fn settle_rivals(
-    search: &Search,
-    from: Dissected,
-    rivals: &mut Vec<(&'static str, Vec<&'static str>)>,
-    progress: &dyn Fn(&str),
-) -> Dissected {
+fn settle_rivals(search: &Search, from: Dissected, rivals: &mut Rivals, progress: &dyn Fn(&str)) -> Dissected {
     let price = |d: &Dissected| d.judged.loss + WORTH_FIT * d.without.len() as f64;
     let mut now = from;
     let mut swaps = 0;

@@ -37,6 +37,8 @@ const LEAST_JOINED: f64 = 15.0;
 const KEPT: f64 = 0.5;
 /// A rival scores at least so much of what the effect itself scores.
 const LEAST_SHARE: f64 = 0.3;
+/// This share of what an effect must be worth is most of it.
+const NEARLY: f64 = 0.6;
 /// Standard errors that a parameter must lie from "off".
 pub const CLEAR: f64 = 4.0;
 /// A loss beyond this is not going to be made good by other disturbances.
@@ -70,6 +72,8 @@ pub struct Dissected {
     pub without: Vec<(&'static str, Judged)>,
     /// The most that an effect was worth which was taken out, because its size was unclear.
     pub unclear: f64,
+    /// As it was before the last effect was taken out whose size was clear, and that was worth most of what it must be.
+    pub nearly: Option<Judged>,
 }
 
 impl Judged {
@@ -356,18 +360,24 @@ impl<'a> Search<'a> {
     pub fn dissect(&self, judged: Judged) -> Dissected {
         let names: Vec<&'static str> = judged.hypothesis.terms.iter().map(|t| t.entry.name).collect();
         let without = names.into_par_iter().filter_map(|name| Some((name, self.reduced(&judged, name)?))).collect();
-        Dissected { judged, without, unclear: 0.0 }
+        Dissected { judged, without, unclear: 0.0, nearly: None }
     }
 
     /// Effects that do not earn their place at the end, when all others are there, are taken out again: each must be worth so much
     /// log-likelihood, and one of its parameters must lie clear of "off".
     pub fn backward(&self, from: Judged, worth: f64) -> Dissected {
         let mut now = self.dissect(from);
-        let mut unclear: f64 = 0.0;
+        let (mut unclear, mut nearly) = (0.0_f64, None);
         loop {
             let idle = now.without.iter().filter(|(name, less)| less.loss - now.judged.loss < worth || now.judged.clearance(name) < CLEAR);
-            let Some((_, less)) = idle.min_by(|a, b| a.1.loss.total_cmp(&b.1.loss)) else { return Dissected { unclear, ..now } };
-            unclear = unclear.max(less.loss - now.judged.loss);
+            let Some((name, less)) = idle.min_by(|a, b| a.1.loss.total_cmp(&b.1.loss)) else {
+                return Dissected { unclear, nearly, ..now };
+            };
+            let is_worth = less.loss - now.judged.loss;
+            unclear = unclear.max(is_worth);
+            if is_worth > NEARLY * worth && now.judged.clearance(name) >= CLEAR {
+                nearly = Some(now.judged.clone());
+            }
             now = self.dissect(less.clone());
         }
     }
