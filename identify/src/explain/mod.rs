@@ -443,3 +443,32 @@ fn not_excited(steps: &[Step]) -> Vec<(&'static str, f64)> {
     };
     first.iter().filter_map(hidden).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn named(name: &'static str) -> Named {
+        let (params, confusable_with, manoeuvre) = (Vec::new(), Vec::new(), String::new());
+        Named { name, params, confusable_with, manoeuvre, worth_fit: 20.0, worth_test: 20.0, with: Vec::new() }
+    }
+
+    #[test]
+    fn exact_geometry_is_one_finding() {
+        let told = told_together(["wind", "tilt_loss", "euler_kinematics"].map(named).to_vec());
+        assert_eq!(told.iter().map(|e| e.name).collect::<Vec<_>>(), ["wind", "tilt_loss"]);
+        assert_eq!(told[1].all().map(|e| e.name).collect::<Vec<_>>(), ["tilt_loss", "euler_kinematics"]);
+        assert_eq!(told_together(vec![named("euler_kinematics")])[0].name, "euler_kinematics");
+        assert!(told_together(Vec::new()).is_empty());
+    }
+
+    #[test]
+    fn a_force_that_wanders_on_and_on_is_structure() {
+        let of = |tau_s: f64| {
+            let disturbances = Disturbances { force: Wander { sigma: 0.4, tau_s }, ..Disturbances::NONE };
+            shaken(&disturbances, Some(&Blown { disturbances, sd: [0.1; 2] }))
+        };
+        assert!(of(3.0).is_empty());
+        assert!(of(noise::LONGEST_S).iter().all(Leftover::is_structure) && of(noise::LONGEST_S).len() == 1);
+    }
+}
