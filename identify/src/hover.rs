@@ -1,6 +1,8 @@
 //! What hovering asks of the four motors, and which effect accounts for a change of it: a controller with an integral makes up for whatever is wrong
 //! with a vehicle, so in the mean over a flight its requests say what that is.
 
+use std::f64::consts::FRAC_1_SQRT_2;
+
 use crazyflie_env::effects::{self, Entry};
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::plant::{Command, State};
@@ -12,6 +14,7 @@ use crate::FlightLog;
 use crate::explain::candidates::candidates;
 use crate::explain::verdict::Estimate;
 use crate::fit::hypothesis::{Hypothesis, Term};
+use crate::fit::solve::pseudo_inverse;
 
 /// The requests of the mixer, in counts: the mean of all motors, then a quarter of left less right, of front less back, and of motors 1 and 3
 /// less 2 and 4, which turn the other way.
@@ -28,7 +31,7 @@ const STEP: f64 = 1e-3;
 /// An effect that over its whole range asks for less than this share of the hover thrust asks for nothing.
 const NOTHING: f64 = 1e-3;
 /// The balance of a vehicle differs whenever its battery is put in: it is left open beside whatever else is tried.
-const BALANCE: &str = "com_offset";
+pub const BALANCE: &str = "com_offset";
 /// What a motor gives is what the vehicle lacks without it.
 const MOTOR: &str = "weak_motor";
 /// Chance that a vehicle without a fault gets a name.
@@ -93,6 +96,8 @@ pub struct Normal {
     /// Flights behind it, less the means that they were taken about.
     freedom: f64,
     flights: f64,
+    /// Half the distance between two motors of a side.
+    side_m: f64,
     asks: Vec<Asks>,
 }
 
@@ -118,7 +123,14 @@ impl Normal {
         }
         let mean = mean(normal);
         let model = model.with_parameter("vertical.thrust.hover", mean[0])?;
-        Ok(Normal { mean, spread: squares / freedom, freedom, flights: normal.len() as f64, asks: asks(&model)? })
+        // motors stand on the diagonals
+        let side_m = FRAC_1_SQRT_2 * model.vehicle.arm.value;
+        Ok(Normal { mean, spread: squares / freedom, freedom, flights: normal.len() as f64, side_m, asks: asks(&model)? })
+    }
+
+    /// How far to the left and to the front the centre of mass lies of which so much is asked, in the order of [`ASKED`].
+    pub fn off_centre_m(&self, asks: &[f64; 4]) -> [f64; 2] {
+        [asks[1], asks[2]].map(|moment| self.side_m * moment / self.mean[0])
     }
 
     /// What is wrong with the vehicle in another condition. All its flights are of one set-up, so that their mean is known no better than one.
@@ -156,8 +168,8 @@ impl Normal {
         }
         let z = std::array::from_fn(|i| by[i] / (self.spread[(i, i)] * (1.0 + 1.0 / self.flights)).sqrt());
         let named: Vec<&Asks> = terms.iter().filter(|t| found.iter().any(|f| f.name == t.term.entry.name)).copied().collect();
-        let free = 4 - named.iter().map(|t| t.slopes.ncols()).sum::<usize>();
-        let left_p_value = self.chance(fit.of(&named)?.left, free)?;
+        let free = ASKED.len().saturating_sub(named.iter().map(|t| t.slopes.ncols()).sum());
+        let left_p_value = if free > 0 { self.chance(fit.of(&named)?.left, free)? } else { 1.0 };
         Some(Change { by: by.into(), z, found, left_p_value })
     }
 
@@ -233,7 +245,8 @@ impl Fit {
             if !free.is_empty() {
                 let x = DMatrix::from_columns(&free.iter().map(|i| columns[*i].clone()).collect::<Vec<_>>());
                 let information = x.transpose() * &precision * &x;
-                let inverse = information.try_inverse()?;
+                // effects that do the same share what they account for
+                let inverse = pseudo_inverse(&information)?;
                 let gradient = x.transpose() * &precision * &open;
                 let step = &inverse * &gradient;
                 left -= gradient.dot(&step);
@@ -284,9 +297,8 @@ fn asks(model: &Model) -> crazyflie_env::Result<Vec<Asks>> {
     let none = after_a_tick(&Hypothesis::of(model))?;
     // what each motor adds to the motion when it gives so much more
     let mut gives = Matrix4::zeros();
-    for term in all.iter().filter(|t| std::ptr::eq::<Entry>(t.entry, motors)) {
-        let motor = choices(term).first().map_or(0.0, |c| c.value) as usize;
-        gives.set_column(motor - 1, &-slope(model, term, *term.free.first().unwrap_or(&0), &none)?);
+    for (motor, term) in all.iter().filter(|t| std::ptr::eq::<Entry>(t.entry, motors)).take(4).enumerate() {
+        gives.set_column(motor, &-slope(model, term, *term.free.first().unwrap_or(&0), &none)?);
     }
     let Some(needed) = gives.try_inverse() else { return Ok(Vec::new()) };
     let mut found = Vec::new();
@@ -312,10 +324,9 @@ fn asks(model: &Model) -> crazyflie_env::Result<Vec<Asks>> {
 /// What a parameter adds per unit to the climb and to the turn rates, a tick after hover.
 fn slope(model: &Model, term: &Term, i: usize, none: &Vector4<f64>) -> crazyflie_env::Result<Vector4<f64>> {
     let p = &term.entry.params[i];
-    let far = if (p.high - p.off).abs() >= (p.low - p.off).abs() { p.high } else { p.low };
     let mut moved = term.clone();
-    moved.values[i] = p.off + STEP * (far - p.off);
-    Ok((after_a_tick(&Hypothesis::of(model).with(moved.clone()))? - none) / (moved.values[i] - p.off))
+    moved.values[i] = p.off + STEP * (p.far() - p.off);
+    Ok((after_a_tick(&Hypothesis::of(model).with(moved))? - none) / (STEP * (p.far() - p.off)))
 }
 
 fn after_a_tick(hypothesis: &Hypothesis) -> crazyflie_env::Result<Vector4<f64>> {
@@ -398,6 +409,18 @@ mod tests {
             ("weak_motor", 2.0, &["weak_motor motor 4".to_owned()][..])
         );
         assert!((found.params[0].value - 0.3).abs() < 3.0 * found.params[0].stderr, "{found:?}");
+    }
+
+    #[test]
+    fn a_change_that_takes_all_four_numbers_to_explain_is_explained() {
+        let mut random = Pcg64::seed_from_u64(3);
+        let normal = normal(&mut random);
+        let (heavier, weak) = (asks(&normal, "mass_change") * 0.01, asks(&normal, "weak_motor motor 1") * 0.8);
+        let by = std::array::from_fn(|i| heavier[i] + weak[i] + [0.0, 9000.0, 9000.0, 0.0][i]);
+        let change = normal.explain(&flights(&mut random, 6, by)).unwrap();
+        assert_eq!(change.found.iter().map(|f| f.params.len()).sum::<usize>(), 4, "{change:?}");
+        assert_eq!(change.left_p_value, 1.0);
+        assert!(change.found.iter().flat_map(|f| &f.params).all(|p| p.value.is_finite() && p.stderr.is_finite()), "{change:?}");
     }
 
     #[test]

@@ -13,7 +13,7 @@ impl Effect<2, 0> for EulerKinematics {
                                   the same result in 5.1 and 5.2";
     const PARAMS: [Param; 2] = [
         param("amount", "1", 0.0, [0.0, 1.0], "1 for the true kinematics"),
-        param("heading_kept", "1", 0.0, [0.0, 1.0], "1 leaves yaw' = r").choice(),
+        param("heading_kept", "1", 0.0, [0.0, 1.0], "1 leaves yaw' = r, as models of roll and pitch alone do").choice(),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
     const GEOMETRY: bool = true;

@@ -47,6 +47,10 @@ impl Param {
     const fn choice(self) -> Param {
         Param { role: Role::Choice, ..self }
     }
+    /// The end of the range that lies farther from "off".
+    pub fn far(&self) -> f64 {
+        if (self.high - self.off).abs() >= (self.low - self.off).abs() { self.high } else { self.low }
+    }
 }
 
 /// What can wander.

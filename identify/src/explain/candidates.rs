@@ -31,10 +31,9 @@ fn starts(entry: &'static Entry) -> Vec<Term> {
     for variant in &variants {
         for i in &variant.free {
             let p = &entry.params[*i];
-            let far = if (p.high - p.off).abs() >= (p.low - p.off).abs() { p.high } else { p.low };
             all.extend(STARTS.iter().map(|share| {
                 let mut term = variant.clone();
-                term.values[*i] = p.off + share * (far - p.off);
+                term.values[*i] = p.off + share * (p.far() - p.off);
                 term
             }));
         }

@@ -57,17 +57,9 @@ pub fn explain(model: &Model, fit: &[Flight], test: &[Flight], progress: &dyn Fn
     progress("disturbances of the declared model");
     let declared = search.declared(&Hypothesis::of(model))?;
     let (path, steps) = forward(&search, &search.roughly(&declared)?, progress);
-    let mut settled = settle(&search, &judge, path, progress)?;
+    let settled = settle(&search, &judge, path, progress)?;
     progress("what is left");
-    let mut left = Left::of(fit, test, &settled);
-    // what nearly earned its place has earned it if it accounts for the structure
-    if let Some(nearly) = settled.dissected.nearly.take().filter(|_| left.structured) {
-        let other = last_word(&search, &judge, search.dissect(nearly), settled.rivals.clone())?;
-        let left_by_it = Left::of(fit, test, &other);
-        if !left_by_it.structured {
-            (settled, left) = (other, left_by_it);
-        }
-    }
+    let (settled, left) = accounted(&search, &judge, settled, fit, test);
     let Left { blown, leftover, structured } = left;
     let last = &settled.dissected.judged;
     let mut effects = named(&judge, &settled)?;
@@ -149,6 +141,15 @@ impl Left {
         let structured = leftover.iter().any(Leftover::is_structure);
         Left { blown, leftover, structured }
     }
+}
+
+/// What nearly earned its place has earned it if it accounts for the structure that is left without.
+fn accounted(search: &Search, judge: &Search, mut settled: Settled, fit: &[Flight], test: &[Flight]) -> (Settled, Left) {
+    let left = Left::of(fit, test, &settled);
+    let nearly = settled.dissected.nearly.take().filter(|_| left.structured);
+    let other = nearly.and_then(|nearly| last_word(search, judge, search.dissect(nearly), settled.rivals.clone()));
+    let other = other.map(|other| (Left::of(fit, test, &other), other)).filter(|(left, _)| !left.structured);
+    other.map_or((settled, left), |(left, other)| (other, left))
 }
 
 /// The declared model with what was found, and what that is worth on the test flights.

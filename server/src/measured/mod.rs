@@ -138,7 +138,7 @@ pub(crate) fn tell(data: &Path, quick: bool, progress: &dyn Fn(&str)) -> Result<
     progress("near the floor");
     let ground = if quick { None } else { ground::ground(&explained, &fitted_trim, &judged_trim) };
     progress("planted defects");
-    let pad = if quick { None } else { pad::pad(&model, &data.join("crazypad")) };
+    let pad = pad::pad(&model, &data.join("crazypad"));
     let seconds = began.elapsed().as_secs_f64();
     let (values, again_values) = (last.values, first.values);
     let hovers_pwm = [fit.hovers_pwm(), test.hovers_pwm()];

@@ -7,7 +7,7 @@ use super::ground::ROTORS_FROM_MARKER_M;
 use super::pad::{Condition, Pad};
 use crate::cli::{Table, number};
 use crazyflie_identify::explain::verdict::Estimate;
-use crazyflie_identify::hover::{ASKED, Change, Found};
+use crazyflie_identify::hover::{ASKED, BALANCE, Change, Found};
 
 /// Standard errors beyond which a difference is one.
 const CLEAR: f64 = 3.0;
@@ -142,11 +142,9 @@ pub(super) fn pad(story: &Story, text: &mut String) {
         number(1e3 * story.thesis.model.parameter("vehicle.mass").unwrap_or(f64::NAN), 0),
         table.markdown()
     );
-    // motors stand on the diagonals
-    let side_m = std::f64::consts::FRAC_1_SQRT_2 * story.thesis.model.parameter("vehicle.arm").unwrap_or(f64::NAN);
     for c in &pad.conditions {
         if let Some(change) = &c.change {
-            let _ = writeln!(text, "- `{}`: {}. {}", c.name, verdict(pad, side_m, change), truth(c));
+            let _ = writeln!(text, "- `{}`: {}. {}", c.name, verdict(pad, change), truth(c));
         }
     }
     let _ = writeln!(text, "\n{}", alarms(pad));
@@ -163,7 +161,7 @@ fn p_value(p: f64) -> String {
     if p < 0.001 { "< 0.001".into() } else { number(p, 3) }
 }
 
-fn verdict(pad: &Pad, side_m: f64, change: &Change) -> String {
+fn verdict(pad: &Pad, change: &Change) -> String {
     if change.found.is_empty() {
         return "nothing beyond what set-ups differ by".into();
     }
@@ -172,18 +170,17 @@ fn verdict(pad: &Pad, side_m: f64, change: &Change) -> String {
         let unit = |unit: &str| if unit == "1" { String::new() } else { format!(" {unit}") };
         let of = |e: &Estimate| format!("{} {} +- {}{}", e.name, number(e.value, 4), number(e.stderr, 4), unit(e.unit));
         // degrees of a loop without an integral say nothing here
-        let lever = |i: usize, sides: [&str; 2]| {
-            let off_mm = 1e3 * side_m * f.asks[i] / pad.normal.mean[0];
-            format!("{} mm to the {}", number(off_mm.abs(), 1), sides[usize::from(off_mm < 0.0)])
-        };
-        let params: Vec<String> = match f.name {
-            "com_offset" => vec![format!("the centre of mass {}, {}", lever(1, ["left", "right"]), lever(2, ["front", "back"]))],
-            _ => f.params.iter().map(of).collect(),
-        };
+        let params = if f.name == BALANCE { vec![off_centre(pad, f)] } else { f.params.iter().map(of).collect() };
         let alike = if f.confusable_with.is_empty() { String::new() } else { format!(", or as well {}", f.confusable_with.join(", ")) };
         format!("`{}`{}: {} (p {}){alike}", f.name, choice.concat(), params.join(", "), p_value(f.p_value))
     };
     change.found.iter().map(name).collect::<Vec<_>>().join("; ")
+}
+
+fn off_centre(pad: &Pad, f: &Found) -> String {
+    let [left, front] = pad.normal.off_centre_m(&f.asks).map(|m| 1e3 * m);
+    let to = |mm: f64, sides: [&str; 2]| format!("{} mm to the {}", number(mm.abs(), 1), sides[usize::from(mm < 0.0)]);
+    format!("the centre of mass {}, {}", to(left, ["left", "right"]), to(front, ["front", "back"]))
 }
 
 /// What is known to have been planted, told after the figures have spoken.
