@@ -165,6 +165,9 @@ impl AxisForm {
     fn first_order(gain: f64, pole: f64, offset: f64, push_damping: f64) -> Self {
         AxisForm { a: [[-pole, 1.0], [0.0, -push_damping]], u: [gain, 0.0], push: [0.0, 1.0], offset }
     }
+    fn lags_push(&self) -> bool {
+        self.a[0] != [0.0, 1.0] || self.u[0] != 0.0
+    }
 }
 
 /// Push damping of the yaw integrator (thesis 5.2): a torque acts through the rate loop that the integrator idealises; 25 1/s is the
@@ -313,6 +316,16 @@ impl Model {
             all.push((format!("rig.{name}"), q, "Hz", [1.0, 2000.0]));
         }
         all
+    }
+
+    /// Whether the second state of the vertical and of the yaw form is a lagged push, and not the rate itself: a state of its own, that no
+    /// measured rate tells.
+    ///
+    /// # Errors
+    /// [`Error::Unknown`] if the model lacks the vertical input.
+    pub fn lags_push(&self, input: VerticalInput) -> Result<[bool; 2]> {
+        let form = self.vertical(input)?.form(self.lateral.gravity.value);
+        Ok([form, self.yaw.form()].map(|form| form.lags_push()))
     }
 
     /// The numbers of the model by path ("roll.gain", "vertical.thrust.hover"), each with value and unit.

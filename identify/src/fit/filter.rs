@@ -15,8 +15,6 @@ use super::solve::HUBER;
 
 /// How far off the measured start may be, in metres, metres per second, radians and radians per second.
 const START_SD: [f64; 4] = [0.05, 0.3, 0.05, 1.0];
-/// How far off what effects remember of the motion may be, in whatever unit (rad/s^2 for the motors).
-const LAG_SD: f64 = 20.0;
 
 /// So much log-likelihood is not caught up within a stretch.
 const HOPELESS: f64 = 40.0;
@@ -165,11 +163,18 @@ struct Kalman {
 }
 
 impl Kalman {
-    fn new(flight: &Flight, start: Vec<f64>, belief: &Belief, disturbances: &Disturbances, held: Option<Held>) -> Self {
+    fn new(
+        flight: &Flight,
+        start: Vec<f64>,
+        lags_sd: &[f64],
+        belief: &Belief,
+        disturbances: &Disturbances,
+        held: Option<Held>,
+    ) -> Self {
         let (own, learned) = (start.len(), belief.mean.len());
         let extras = extras(flight, own, learned, disturbances, held.as_ref());
         let n = own + extras.len();
-        let (x, p) = begin(start, belief, &extras);
+        let (x, p) = begin(start, lags_sd, belief, &extras);
         Kalman { own, learned, extras, held, x, p, h: vec![0.0; n], ph: vec![0.0; n], moved: vec![0.0; n], room: Room::new(own, n) }
     }
 
@@ -250,12 +255,13 @@ fn run(
 ) -> Option<Filtered> {
     let learned = belief.mean.len();
     let at = hypothesis.at(&belief.mean);
-    let own = START + at.lags();
+    let lags_sd = at.lags_sd(flight.input);
+    let own = START + lags_sd.len();
     let mut worker = Worker::new(&at, flight, true, true).ok()?;
     let mut start = flight.start_numbers(ticks.start);
     let lags = worker.lags(flight, ticks.start, &start);
     start.extend(lags);
-    let mut k = Kalman::new(flight, start, belief, disturbances, Held::of(&at, flight, ticks.start));
+    let mut k = Kalman::new(flight, start, &lags_sd, belief, disturbances, Held::of(&at, flight, ticks.start));
     let mut out = Filtered { loss: 0.0, innovations: Vec::new(), belief: belief.clone(), states: Vec::new(), wandered: Vec::new() };
     for tick in ticks {
         worker.set_free(&k.x[own..own + learned]).ok()?;
@@ -300,6 +306,7 @@ struct Linear {
 /// first order in how far the estimates then differ.
 pub struct Track {
     start: Vec<f64>,
+    lags_sd: Vec<f64>,
     first: isize,
     held: Option<Held>,
     ticks: Vec<Linear>,
@@ -322,13 +329,13 @@ impl Track {
             });
         };
         let filtered = run(flight, ticks, &hypothesis.fixed(), &nothing, disturbances, &mut keep)?;
-        Some(Track { start: filtered.states.into_iter().next()?, first, held, ticks: kept })
+        Some(Track { start: filtered.states.into_iter().next()?, lags_sd: hypothesis.lags_sd(flight.input), first, held, ticks: kept })
     }
 
     /// Negative log-likelihood under other disturbances, summed up to each tick. Ends early where it has fallen hopelessly behind `least`.
     pub fn losses(&self, flight: &Flight, disturbances: &Disturbances, least: Option<&[f64]>) -> Option<Vec<f64>> {
         let nothing = Belief::independent(Vec::new(), &[]);
-        let mut k = Kalman::new(flight, self.start.clone(), &nothing, disturbances, self.held.clone());
+        let mut k = Kalman::new(flight, self.start.clone(), &self.lags_sd, &nothing, disturbances, self.held.clone());
         let (own, mut loss) = (k.own, 0.0);
         let (mut off, mut end) = (vec![0.0; own + PUSH], vec![0.0; own]);
         let mut losses = Vec::with_capacity(self.ticks.len());
@@ -363,7 +370,7 @@ impl Track {
 }
 
 /// The filter's state and covariance before the first measurement.
-fn begin(start: Vec<f64>, belief: &Belief, extras: &[Extra]) -> (Vec<f64>, Vec<f64>) {
+fn begin(start: Vec<f64>, lags_sd: &[f64], belief: &Belief, extras: &[Extra]) -> (Vec<f64>, Vec<f64>) {
     let (own, learned) = (start.len(), belief.mean.len());
     let n = own + extras.len();
     let mut x = start;
@@ -371,7 +378,7 @@ fn begin(start: Vec<f64>, belief: &Belief, extras: &[Extra]) -> (Vec<f64>, Vec<f
     x.resize(n, 0.0);
     let mut p = vec![0.0; n * n];
     for i in 0..own {
-        let sd = START_SD.get(i / 3).copied().unwrap_or(LAG_SD);
+        let sd = if i < START { START_SD[i / 3] } else { lags_sd[i - START] };
         p[i * n + i] = sd * sd;
     }
     for i in 0..learned {

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use crazyflie_env::model::{Model, Vertical, VerticalInput, Yaw};
+use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::plant::{Command, State};
 
 use crate::FlightLog;
@@ -228,11 +228,10 @@ fn commands(
     Ok((input, (0..ticks).map(at).collect()))
 }
 
-/// A measured state with the second states of the model's forms: the rate itself where the form has it for a state.
+/// A measured state with the second states of the model's forms: the rate itself, or no lagged push (see [`Model::lags_push`]).
 pub fn with_lags<R: crazyflie_env::real::Real>(model: &Model, input: VerticalInput, mut x: State<R>) -> State<R> {
-    let climbs = !matches!(model.vertical(input), Ok(Vertical::FirstOrder { .. }));
-    let turns = !matches!(model.yaw, Yaw::Integrator { .. });
-    x.aux = [if climbs { x.vel_mps[2] } else { R::zero() }, if turns { x.rate_radps[2] } else { R::zero() }];
+    let [climb, turn] = model.lags_push(input).unwrap_or_default();
+    x.aux = [if climb { R::zero() } else { x.vel_mps[2] }, if turn { R::zero() } else { x.rate_radps[2] }];
     x
 }
 

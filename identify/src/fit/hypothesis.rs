@@ -2,7 +2,12 @@
 
 use crazyflie_env::config::{EffectParams, Number, Sourced};
 use crazyflie_env::effects::{self, Entry, Role};
-use crazyflie_env::model::Model;
+use crazyflie_env::model::{Model, VerticalInput};
+
+/// How far off what effects remember of the motion may be, in whatever unit (rad/s^2 for the motors).
+const LAG_SD: f64 = 20.0;
+/// How far off lagged pushes may be: a climb in metres per second, a turn in radians per second.
+const PUSHED_SD: [f64; 2] = [0.3, 1.0];
 
 /// An effect with values for all its parameters, some of them free.
 #[derive(Clone)]
@@ -71,10 +76,13 @@ impl Hypothesis {
         self.terms.iter().any(|t| t.entry.name == effect)
     }
 
-    /// What effects remember of the motion, estimated with it.
-    pub fn lags(&self) -> usize {
+    /// What is remembered of the motion besides velocities and rates, estimated with it: lagged pushes of the model's forms, then what effects
+    /// remember. How far off each is at first, in its own unit.
+    pub fn lags_sd(&self, input: VerticalInput) -> Vec<f64> {
+        let of_model = self.model.lags_push(input).unwrap_or_default().into_iter().zip(PUSHED_SD).filter(|(lags, _)| *lags);
         let declared = self.model.effects.keys().filter(|name| !self.has(name)).filter_map(|name| effects::find(name).ok());
-        declared.map(|(_, entry)| entry.lags).chain(self.terms.iter().map(|t| t.entry.lags)).sum()
+        let of_effects: usize = declared.map(|(_, entry)| entry.lags).chain(self.terms.iter().map(|t| t.entry.lags)).sum();
+        of_model.map(|(_, sd)| sd).chain(std::iter::repeat_n(LAG_SD, of_effects)).collect()
     }
 
     /// The free numbers: the model's, then the effects'.

@@ -2,7 +2,7 @@
 
 use crazyflie_env::dual::{DIRECTIONS, Dual};
 use crazyflie_env::effects::{self, Entry, registry};
-use crazyflie_env::model::Model;
+use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::plant::{Command, Push, State};
 use crazyflie_env::real::Real;
 use crazyflie_env::simulated::Simulated;
@@ -62,8 +62,9 @@ pub struct Worker {
     model: Model,
     passes: Vec<Pass>,
     remembers: bool,
-    /// The start and the lags of effects: what each window has of its own.
+    /// The start and the lags: what each window has of its own.
     own: usize,
+    lags_push: [bool; 2],
     unknowns: usize,
     states: Vec<State<Dual>>,
     offsets: Vec<[Dual; 3]>,
@@ -93,7 +94,8 @@ impl Worker {
         let all: Vec<&'static Entry> = entries.iter().copied().chain(declared).collect();
         let needed_hz = all.iter().map(|e| e.physics_hz).max().unwrap_or(1);
         let settings = Settings { input: flight.input, physics_hz: at.most_hz.filter(|most| needed_hz > *most) };
-        let own = START + at.lags();
+        let lags_push = at.model.lags_push(flight.input)?;
+        let own = START + at.lags_sd(flight.input).len();
         let shared: usize = at.free.len() + at.terms.iter().map(|t| t.free.len()).sum::<usize>();
         let unknowns = if with_slopes { own + shared + if pushed { PUSH } else { 0 } } else { 0 };
         let mut passes = Vec::new();
@@ -113,6 +115,7 @@ impl Worker {
         let remembers = all.iter().any(|e| e.hooks.command);
         let mut worker = Worker {
             own,
+            lags_push,
             model,
             passes,
             remembers,
@@ -235,13 +238,13 @@ impl Worker {
         world.set_state(&start);
         let mut lag = START;
         let first = pass.first;
-        world.visit_lags(&mut |slot| {
+        world.visit_lags(self.lags_push, &mut |slot| {
             *slot = variable(first, own[lag], lag);
             lag += 1;
         });
         self.states.clear();
         self.offsets.clear();
-        self.states.push(start);
+        self.states.push(*world.state(0));
         for tick in window.ticks.clone() {
             world.set_voltage(flight.voltage_v(tick as isize).map(Dual::of));
             let y = world.step(0, &dual(flight.command(tick as isize))).reading;
@@ -254,7 +257,7 @@ impl Worker {
     fn keep_end(&mut self, pass: &mut Pass) {
         let Some(x) = self.states.last() else { return };
         let mut numbers = [x.pos_m, x.vel_mps, x.att_rad, x.rate_radps].as_flattened().to_vec();
-        pass.world.visit_lags(&mut |lag| numbers.push(*lag));
+        pass.world.visit_lags(self.lags_push, &mut |lag| numbers.push(*lag));
         let here = pass.first.min(self.unknowns)..(pass.first + DIRECTIONS).min(self.unknowns);
         for (i, number) in numbers.iter().enumerate() {
             self.end[i] = number.value;
@@ -267,7 +270,7 @@ impl Worker {
         self.run_up(flight, tick, start);
         let mut lags = Vec::new();
         if let Some(pass) = self.passes.first_mut() {
-            pass.world.visit_lags(&mut |lag| lags.push(lag.value));
+            pass.world.visit_lags(self.lags_push, &mut |lag| lags.push(lag.value));
         }
         lags
     }
@@ -380,7 +383,7 @@ impl Problem for Prediction<'_> {
         self.windows.len()
     }
     fn own(&self) -> usize {
-        START + self.hypothesis.lags()
+        START + self.hypothesis.lags_sd(self.flights.first().map_or(VerticalInput::Height, |f| f.input)).len()
     }
     fn bounds(&self) -> Vec<[f64; 2]> {
         self.hypothesis.bounds()

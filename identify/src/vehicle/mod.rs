@@ -103,7 +103,8 @@ pub fn identify(model: &Model, logs: &[(String, FlightLog)], plan: &Plan, done: 
     let fixed = Hypothesis { model: model.clone(), free: Vec::new(), ..found };
     let fit = compare(&fixed, &flights, plan.window_s);
     let sums = Rows::squares(&fit);
-    let unknowns = parameters.len() + windows.len() * crate::fit::predict::START;
+    let own = crate::fit::predict::START + fixed.lags_sd(flights[0].input).len();
+    let unknowns = parameters.len() + windows.len() * own;
     let identified = Identified {
         model,
         before: hypothesis.shared(),
