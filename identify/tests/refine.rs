@@ -18,7 +18,7 @@ fn values_settle_where_the_likelihood_is_highest() {
     // a quadratic drag of 0.465 1/m
     let case = Case::read(&folder.join("d06.json")).unwrap();
     let model = case.model().unwrap();
-    let flights = [Flight::of("d06_a", &FlightLog::read(&case.identify_on).unwrap(), &model).unwrap()];
+    let flights = [Flight::of("d06_a", &FlightLog::read(&case.identify_on).unwrap(), &model, None).unwrap()];
     let hypothesis = Hypothesis::of(&model).with(Term::off(find("drag_quadratic").unwrap().1));
     let search = Search::new(&flights);
     let mut judged = search.judge(&hypothesis, &[0.05], &FLOOR).unwrap();

@@ -100,6 +100,11 @@ pub fn explain(model: &Model, fit: &[Flight], test: &[Flight], progress: &dyn Fn
     })
 }
 
+/// How badly a model predicts flights as it is: the negative log-likelihood, with what is random about them. `None` if it cannot be run on them.
+pub fn declared_loss(model: &Model, flights: &[Flight]) -> Option<f64> {
+    Some(Search::new(flights).declared(&Hypothesis::of(model))?.loss)
+}
+
 /// By effect, what these flights cannot tell from it.
 type Rivals = Vec<(&'static str, Vec<&'static str>)>;
 

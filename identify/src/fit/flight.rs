@@ -5,6 +5,7 @@ use std::ops::Range;
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::plant::{Command, State};
 
+use super::spread::spread;
 use crate::FlightLog;
 use crate::log::{Format, Note};
 use crate::replay::ReplayError;
@@ -17,7 +18,7 @@ pub const MEMORY_S: f64 = 0.3;
 /// Rows of a log and ticks of a world differ only by rounding.
 const ROUNDING_S: f64 = 1e-6;
 
-/// Standard deviation of a white measurement error, per axis.
+/// Standard deviation of a white measurement error, per axis; of a measurement that scatters as usual.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Noise {
     pub att_rad: [f64; 3],
@@ -29,6 +30,8 @@ pub struct Noise {
 pub struct Sample {
     pub t_s: f64,
     pub value: [f64; 3],
+    /// How many times as much as usual it scatters.
+    pub spread: [f64; 3],
 }
 
 /// A flight on the world's clock: tick `k` lasts from `k tick_s` to `(k + 1) tick_s`, time counting from the first tick.
@@ -65,11 +68,12 @@ pub struct Window {
 }
 
 impl Flight {
-    /// Prepare a log for a model with these vertical inputs.
+    /// Prepare a log for a model. The vertical form that is driven is the thrust form, if the log holds a thrust command and the model has the
+    /// form, unless given.
     ///
     /// # Errors
     /// [`ReplayError`]: no commands, no position, never airborne, too short.
-    pub fn of(name: &str, log: &FlightLog, model: &Model) -> Result<Self, ReplayError> {
+    pub fn of(name: &str, log: &FlightLog, model: &Model, vertical: Option<VerticalInput>) -> Result<Self, ReplayError> {
         let measured = Measured::of(log, &mut Vec::new())?;
         let row_s = median(&log.t_s.windows(2).map(|t| t[1] - t[0]).collect::<Vec<_>>());
         // the controller of a 100 Hz log runs at 50 Hz, or its commands are interpolated from less
@@ -81,7 +85,7 @@ impl Flight {
         let (_, rows) = measured.interval(log, row_s)?;
         let ticks = ((first_s + rows as f64 * row_s - start_s) / tick_s + ROUNDING_S) as usize;
         let memory = (((start_s - log.t_s[0]) / tick_s + ROUNDING_S) as usize).min((MEMORY_S / tick_s).ceil() as usize);
-        let (input, commands) = commands(log, model, &measured, start_s - memory as f64 * tick_s, tick_s, ticks + memory)?;
+        let (input, commands) = commands(log, model, vertical, &measured, start_s - memory as f64 * tick_s, tick_s, ticks + memory)?;
         let row_at = |t: f64| log.t_s.partition_point(|row| *row <= t + ROUNDING_S).saturating_sub(1);
         let voltage_v =
             log.vbat_v.as_ref().map(|v| (0..ticks + memory).map(|k| v[row_at(start_s + (k as f64 - memory as f64) * tick_s)]).collect());
@@ -90,16 +94,32 @@ impl Flight {
         let end_s = ticks as f64 * tick_s;
         let inside = |s: &Sample| s.t_s > ROUNDING_S && s.t_s <= end_s + ROUNDING_S;
         let angles =
-            (0..log.len()).map(|i| Sample { t_s: log.t_s[i] - start_s, value: [log.roll_rad[i], log.pitch_rad[i], log.yaw_rad[i]] });
+            (0..log.len()).map(|i| Sample {
+            t_s: log.t_s[i] - start_s,
+            value: [log.roll_rad[i], log.pitch_rad[i], log.yaw_rad[i]],
+            spread: [1.0; 3],
+        });
         let mut angles: Vec<Sample> = angles.filter(inside).collect();
         if log.format == Format::NanoBench {
             level(&mut angles);
         }
         let mut fixes: Vec<Sample> = (0..log.fixes.row.len())
-            .map(|i| Sample { t_s: log.fixes.capture_t_s[i] - start_s, value: std::array::from_fn(|axis| log.fixes.pos_m[axis][i]) })
+            .map(|i| Sample {
+                t_s: log.fixes.capture_t_s[i] - start_s,
+                value: std::array::from_fn(|axis| log.fixes.pos_m[axis][i]),
+                spread: [1.0; 3],
+            })
             .filter(inside)
             .collect();
         fixes.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
+        // the noise of motion capture is not in the differences of neighbours
+        if log.format != Format::NanoBench {
+            let places: Vec<[f64; 3]> = fixes.iter().map(|f| measured.state(start_s + f.t_s).pos_m).collect();
+            for axis in 0..3 {
+                let spread = spread(&places, &thirds(&fixes, axis));
+                fixes.iter_mut().zip(spread).for_each(|(fix, spread)| fix.spread[axis] = spread);
+            }
+        }
         let floor = if log.format == Format::NanoBench { FLOOR_MOCAP } else { FLOOR };
         let noise = Noise { att_rad: white(&angles, floor.att_rad), pos_m: white(&fixes, floor.pos_m) };
         let starts = (0..=ticks).map(|k| with_lags(model, input, measured.state(start_s + k as f64 * tick_s))).collect();
@@ -199,6 +219,7 @@ fn changes_every_second_row(log: &FlightLog) -> bool {
 fn commands(
     log: &FlightLog,
     model: &Model,
+    vertical: Option<VerticalInput>,
     measured: &Measured,
     from_s: f64,
     tick_s: f64,
@@ -208,7 +229,7 @@ fn commands(
         return Err(ReplayError::NoCommands { what: "roll and pitch commands" });
     };
     let wanted = if log.cmd_thrust_pwm.is_some() { [VerticalInput::Thrust, VerticalInput::Pwm] } else { [VerticalInput::Height; 2] };
-    let input = wanted.into_iter().find(|input| model.vertical(*input).is_ok()).unwrap_or(wanted[0]);
+    let input = vertical.or_else(|| wanted.into_iter().find(|input| model.vertical(*input).is_ok())).unwrap_or(wanted[0]);
     model.vertical(input)?;
     let lift = if input.is_pwm() { &log.cmd_thrust_pwm } else { &log.cmd_height_m };
     let lift = lift.as_ref().ok_or(ReplayError::NoCommands { what: "thrust or height command" })?;
@@ -237,12 +258,17 @@ pub fn with_lags<R: crazyflie_env::real::Real>(model: &Model, input: VerticalInp
 
 /// The white part of the error per axis: third differences of neighbours (20 times its variance), by the median against outliers.
 fn white(samples: &[Sample], floor: [f64; 3]) -> [f64; 3] {
-    let usual = median(&samples.windows(2).map(|s| s[1].t_s - s[0].t_s).collect::<Vec<_>>());
-    let whole = |four: &&[Sample]| four[3].t_s - four[0].t_s < 3.5 * usual;
     std::array::from_fn(|axis| {
-        let third = |s: &[Sample]| (s[3].value[axis] - 3.0 * s[2].value[axis] + 3.0 * s[1].value[axis] - s[0].value[axis]).abs();
-        let all: Vec<f64> = samples.windows(4).filter(whole).map(third).collect();
+        let all: Vec<f64> = thirds(samples, axis).iter().map(|(i, third)| third.abs() / samples[i + 1].spread[axis]).collect();
         // the median of |normal| is 0.6745 standard deviations
         (median(&all) / 0.6745 / 20.0_f64.sqrt()).max(floor[axis])
     })
+}
+
+/// Third differences of four neighbours none of which is missing, with the index of the first.
+fn thirds(samples: &[Sample], axis: usize) -> Vec<(usize, f64)> {
+    let usual = median(&samples.windows(2).map(|s| s[1].t_s - s[0].t_s).collect::<Vec<_>>());
+    let whole = |four: &[Sample]| four[3].t_s - four[0].t_s < 3.5 * usual;
+    let third = |s: &[Sample]| s[3].value[axis] - 3.0 * s[2].value[axis] + 3.0 * s[1].value[axis] - s[0].value[axis];
+    samples.windows(4).enumerate().filter(|(_, four)| whole(four)).map(|(i, four)| (i, third(four))).collect()
 }

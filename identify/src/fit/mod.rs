@@ -6,3 +6,4 @@ pub mod held;
 pub mod hypothesis;
 pub mod predict;
 pub mod solve;
+pub mod spread;

@@ -35,6 +35,8 @@ pub struct Compared {
     pub measured: f64,
     pub predicted: f64,
     pub sigma: f64,
+    /// See [`super::flight::Sample::spread`].
+    pub spread: f64,
 }
 
 /// Directions of one pass: all unknowns do not fit one dual.
@@ -295,7 +297,7 @@ impl Worker {
             let (x, tick) = self.state_at(&pass.world, flight.tick_s, Dual::of(sample.t_s - begin_s));
             for axis in 0..3 {
                 let predicted = x.att_rad[axis] + self.offsets[tick][axis];
-                self.put(pass.first, row, sample.t_s, axis, sample.value[axis], predicted, flight.noise.att_rad[axis]);
+                self.put(pass.first, row, sample.t_s, axis, sample.value[axis], predicted, [flight.noise.att_rad[axis], 1.0]);
                 row += 1;
             }
         }
@@ -312,7 +314,7 @@ impl Worker {
             };
             let seen = pass.world.film(&x, captured);
             for axis in 0..3 {
-                self.put(pass.first, row, sample.t_s, 3 + axis, sample.value[axis], seen.pos_m[axis], flight.noise.pos_m[axis]);
+                self.put(pass.first, row, sample.t_s, 3 + axis, sample.value[axis], seen.pos_m[axis], [flight.noise.pos_m[axis], sample.spread[axis]]);
                 row += 1;
             }
         }
@@ -320,9 +322,10 @@ impl Worker {
 
     #[allow(clippy::too_many_arguments)]
     #[inline(always)]
-    fn put(&mut self, first: usize, row: usize, t_s: f64, channel: usize, measured: f64, predicted: Dual, sigma: f64) {
+    fn put(&mut self, first: usize, row: usize, t_s: f64, channel: usize, measured: f64, predicted: Dual, [usual, spread]: [f64; 2]) {
+        let sigma = usual * spread;
         if first == 0 {
-            self.rows.push(Compared { t_s, channel, measured, predicted: predicted.value, sigma });
+            self.rows.push(Compared { t_s, channel, measured, predicted: predicted.value, sigma, spread });
         }
         let here = first.min(self.unknowns)..(first + DIRECTIONS).min(self.unknowns);
         let slopes = &mut self.slopes[row * self.unknowns..][here];

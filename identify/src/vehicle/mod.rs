@@ -75,7 +75,7 @@ pub fn identify(model: &Model, logs: &[(String, FlightLog)], plan: &Plan, done: 
     if !(plan.window_s >= WINDOW_MIN_S && plan.window_s.is_finite()) {
         return Err(IdentifyError::Window { value_s: plan.window_s, least_s: WINDOW_MIN_S });
     }
-    let mut flights = prepare(&driven(model, plan.vertical)?, logs)?;
+    let mut flights = prepare(model, plan.vertical, logs)?;
     let free = choice::check(model, logs, flights[0].input, plan.free.as_deref())?;
     let mut hypothesis = Hypothesis { free: free.clone(), ..Hypothesis::of(model) };
     for name in TRIMS.iter().filter(|_| plan.trims) {
@@ -140,7 +140,7 @@ impl Identified {
     /// # Errors
     /// As [`identify`].
     pub fn compare_with(&self, model: &Model, logs: &[(String, FlightLog)]) -> Result<Vec<Comparison>, IdentifyError> {
-        let mut flights = prepare(&driven(model, self.plan.vertical)?, logs)?;
+        let mut flights = prepare(model, self.plan.vertical, logs)?;
         flights.iter_mut().for_each(|f| f.noise = of_six(&self.noise));
         let hypothesis = Hypothesis { model: model.clone(), ..self.hypothesis.clone() };
         Ok(compare(&hypothesis, &flights, self.plan.window_s))
@@ -158,23 +158,9 @@ fn names(model: &Model, of: &Hypothesis) -> Vec<(String, String)> {
     of.free.iter().map(|path| (path.clone(), unit(path))).chain(trims).collect()
 }
 
-/// A model whose only vertical forms are those that may be driven.
-fn driven(model: &Model, vertical: Option<VerticalInput>) -> Result<Model, IdentifyError> {
-    let mut model = model.clone();
-    if let Some(input) = vertical {
-        model.vertical(input)?;
-        let forms = &mut model.vertical;
-        let all =
-            [(VerticalInput::Height, &mut forms.height), (VerticalInput::Pwm, &mut forms.pwm), (VerticalInput::Thrust, &mut forms.thrust)];
-        all.into_iter().filter(|(of, _)| *of != input).for_each(|(_, form)| *form = None);
-    }
-    Ok(model)
-}
-
-fn prepare(model: &Model, logs: &[(String, FlightLog)]) -> Result<Vec<Flight>, IdentifyError> {
+fn prepare(model: &Model, vertical: Option<VerticalInput>, logs: &[(String, FlightLog)]) -> Result<Vec<Flight>, IdentifyError> {
     let of = |(name, log): &(String, FlightLog)| {
-        // a log without the command of the one form that was asked for
-        Flight::of(name, log, model).map_err(|source| IdentifyError::Flight { log: name.clone(), source })
+        Flight::of(name, log, model, vertical).map_err(|source| IdentifyError::Flight { log: name.clone(), source })
     };
     let flights: Vec<Flight> = logs.iter().map(of).collect::<Result<_, _>>()?;
     let first = flights.first().ok_or(IdentifyError::NoLogs)?;

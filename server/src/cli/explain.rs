@@ -4,6 +4,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use crazyflie_env::model::VerticalInput;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 
@@ -28,6 +29,10 @@ pub(super) struct Args {
     /// Logs to judge with, which the fit does not see
     #[arg(long, num_args = 1.., value_name = "LOG")]
     test: Vec<PathBuf>,
+    /// Which vertical form of the model is driven: height, pwm or thrust [default: of those that the logs command, the one that predicts the
+    /// logs of --fit better]
+    #[arg(long, value_parser = files::vertical, value_name = "FORM")]
+    vertical: Option<VerticalInput>,
     /// Folder for model.toml, report.html and report.json
     #[arg(long, value_name = "FOLDER")]
     out: PathBuf,
@@ -50,7 +55,8 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         ));
     }
     let bar = spinner(args.json);
-    let run = Run::of(declared.model, &fit, &test, &|what| bar.set_message(what.to_owned())).map_err(|e| failed(&e))?;
+    let run = Run::of(declared.model, args.vertical, [&fit, &test], &|what| bar.set_message(what.to_owned()));
+    let run = run.map_err(|e| failed(&e))?;
     bar.set_message("the report");
     let (object, written) = write_all(&run, &args.out)?;
     bar.finish_and_clear();

@@ -6,14 +6,14 @@ use std::path::PathBuf;
 use crazyflie_identify::explain::errors::{Errors, HORIZONS};
 use crazyflie_identify::explain::verdict::{Explanation, Named};
 
-use super::{Outcome, Table, number};
+use super::{Outcome, Table, files::vertical_name, number};
 use crate::explained::{
     Run, change_percent, closed_loop_line, confusable, findings, horizon, p_value, sentence, signed, significant, with_error,
 };
 
 pub(super) fn print(run: &Run, written: &[PathBuf], out: &mut dyn Write) -> Outcome {
     let found = &run.found;
-    writeln!(out, "{}\n", sentence(found))?;
+    writeln!(out, "model {}, vertical form {}\n{}\n", run.model.name, vertical_name(run.vertical()), sentence(found))?;
     if !(found.effects.is_empty() && found.partial.is_empty()) {
         writeln!(
             out,

@@ -38,6 +38,7 @@ use std::io::{self, Write};
 use clap::{Parser, Subcommand};
 
 pub(crate) use failure::{Failure, Outcome, with_cause};
+pub(crate) use files::vertical_name;
 pub(crate) use text::{Table, number};
 
 const EXAMPLES: &str = "\

@@ -7,6 +7,7 @@ use serde_json::{Map, Value, json};
 
 use super::view::{self, measured};
 use super::{Run, sentence};
+use crate::cli::vertical_name;
 
 /// Keys of the predicted quantities, in the order of the errors' tables.
 const QUANTITIES: [&str; 3] = ["position_m", "velocity_mps", "attitude_rad"];
@@ -25,6 +26,7 @@ pub(crate) fn as_json(run: &Run, files: &Value) -> Value {
         "verdict": verdict_name(found.verdict),
         "sentence": sentence(found),
         "model": run.model.name,
+        "vertical": vertical_name(run.vertical()),
         "effects": found.effects.iter().map(effect).collect::<Vec<_>>(),
         "partial": found.partial.iter().map(effect).collect::<Vec<_>>(),
         "learned": found.learned,

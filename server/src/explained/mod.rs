@@ -11,11 +11,11 @@ mod words;
 use std::path::{Path, PathBuf};
 
 use crazyflie_env::config::EffectTable;
-use crazyflie_env::model::Model;
+use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::world::{Settings, World};
 use crazyflie_identify::case::{Case, CaseError};
 use crazyflie_identify::closed_loop::{Controller, Distances, Tracking, follow};
-use crazyflie_identify::explain::explain;
+use crazyflie_identify::explain::{declared_loss, explain};
 use crazyflie_identify::explain::verdict::Explanation;
 use crazyflie_identify::fit::flight::Flight;
 use crazyflie_identify::replay::ReplayError;
@@ -101,6 +101,34 @@ pub(crate) struct Source {
     pub log: FlightLog,
 }
 
+impl Source {
+    fn read(path: &Path) -> Result<Self, ExplainError> {
+        Ok(Source { file: path.display().to_string(), log: FlightLog::read(path)? })
+    }
+}
+
+fn flights(sources: &[Source], model: &Model, vertical: Option<VerticalInput>) -> Result<Vec<Flight>, ExplainError> {
+    let one = |Source { file, log }: &Source| {
+        let name = Path::new(file).file_name().map_or_else(|| file.clone(), |n| n.to_string_lossy().into_owned());
+        let problem = |why| ExplainError::Flight { file: file.clone(), model: model.name.clone(), source: Box::new(why) };
+        Flight::of(&name, log, model, vertical).map_err(problem)
+    };
+    sources.iter().map(one).collect()
+}
+
+/// A thrust command does not say which of two forms of the model flew it: of these, the one that predicts the flights better as it is.
+fn likelier(model: &Model, fit: &[Source]) -> Result<Option<VerticalInput>, ExplainError> {
+    let forms: Vec<VerticalInput> = model.inputs().into_iter().filter(|input| input.is_pwm()).collect();
+    if forms.len() < 2 || fit.iter().any(|source| source.log.cmd_thrust_pwm.is_none()) {
+        return Ok(None);
+    }
+    let mut losses = Vec::new();
+    for form in forms {
+        losses.extend(declared_loss(model, &flights(fit, model, Some(form))?).map(|loss| (form, loss)));
+    }
+    Ok(losses.into_iter().min_by(|(_, a), (_, b)| a.total_cmp(b)).map(|(form, _)| form))
+}
+
 /// Logs made ready for a model.
 pub(crate) struct Flights {
     pub sources: Vec<Source>,
@@ -108,21 +136,8 @@ pub(crate) struct Flights {
 }
 
 impl Flights {
-    pub(crate) fn read(paths: &[PathBuf], model: &Model) -> Result<Self, ExplainError> {
-        let (mut sources, mut flights) = (Vec::new(), Vec::new());
-        for path in paths {
-            let file = path.display().to_string();
-            let log = FlightLog::read(path)?;
-            let name = path.file_name().map_or_else(|| file.clone(), |n| n.to_string_lossy().into_owned());
-            let flight = Flight::of(&name, &log, model).map_err(|source| ExplainError::Flight {
-                file: file.clone(),
-                model: model.name.clone(),
-                source: Box::new(source),
-            })?;
-            sources.push(Source { file, log });
-            flights.push(flight);
-        }
-        Ok(Flights { sources, flights })
+    fn of(sources: Vec<Source>, model: &Model, vertical: Option<VerticalInput>) -> Result<Self, ExplainError> {
+        Ok(Flights { flights: flights(&sources, model, vertical)?, sources })
     }
 
     fn named(&self) -> impl Iterator<Item = (&Source, &Flight)> {
@@ -141,10 +156,19 @@ pub(crate) struct Run {
 }
 
 impl Run {
-    /// Reads the flights and explains them.
-    pub(crate) fn of(model: Model, fit: &[PathBuf], test: &[PathBuf], progress: &dyn Fn(&str)) -> Result<Self, ExplainError> {
+    /// Reads the flights and explains them, by this vertical form of the model or the one that predicts them better.
+    pub(crate) fn of(
+        model: Model,
+        vertical: Option<VerticalInput>,
+        [fit, test]: [&[PathBuf]; 2],
+        progress: &dyn Fn(&str),
+    ) -> Result<Self, ExplainError> {
         progress("reading the flights");
-        let (fit, test) = (Flights::read(fit, &model)?, Flights::read(test, &model)?);
+        let read = |paths: &[PathBuf]| paths.iter().map(|path| Source::read(path)).collect::<Result<Vec<_>, _>>();
+        let (fit, test) = (read(fit)?, read(test)?);
+        progress("the vertical form");
+        let vertical = vertical.map_or_else(|| likelier(&model, &fit), |given| Ok(Some(given)))?;
+        let (fit, test) = (Flights::of(fit, &model, vertical)?, Flights::of(test, &model, vertical)?);
         alike(&fit, &test)?;
         let found = explain(&model, &fit.flights, &test.flights, progress);
         let mut found = found.ok_or_else(|| ExplainError::Broken { model: model.name.clone() })?;
@@ -169,6 +193,11 @@ impl Run {
         Ok((!before.is_empty()).then(|| [Distances::of(&before), Distances::of(&after)]))
     }
 
+    /// The form of the model that the flights were taken to obey.
+    pub(crate) fn vertical(&self) -> VerticalInput {
+        self.fit.flights.first().map_or(VerticalInput::Thrust, |f| f.input)
+    }
+
     /// The completed model, proven to fly: written, read and put into a world again.
     pub(crate) fn completed(&self) -> Result<(Model, String), ExplainError> {
         let names: Vec<&str> = self.fit.flights.iter().map(|f| f.name.as_str()).collect();
@@ -177,8 +206,7 @@ impl Run {
         model.description = format!("{}, with what its flights showed to be missing", self.model.name);
         let text = model.to_toml().map_err(ExplainError::Completed)?;
         let model = Model::parse(&text).map_err(ExplainError::Completed)?;
-        let input = self.fit.flights.first().map_or(crazyflie_env::model::VerticalInput::Thrust, |f| f.input);
-        let settings = Settings { input, physics_hz: None };
+        let settings = Settings { input: self.vertical(), physics_hz: None };
         World::<f64>::new(&model, &EffectTable::new(), settings, 1).map_err(ExplainError::Completed)?;
         Ok((model, text))
     }

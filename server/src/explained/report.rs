@@ -9,7 +9,7 @@ use thiserror::Error;
 
 use super::figures::{Figure, free_run, residual, white};
 use super::{Run, closed_loop_line, findings, sentence, verdict_name, view};
-use crate::cli::number;
+use crate::cli::{number, vertical_name};
 
 const TEMPLATE: &str = include_str!("../../templates/report.html");
 
@@ -26,6 +26,7 @@ pub(crate) enum ReportError {
 #[derive(Serialize)]
 struct Page<'a> {
     model: &'a str,
+    vertical: &'static str,
     version: &'static str,
     verdict: &'static str,
     sentence: String,
@@ -54,6 +55,7 @@ pub(crate) fn report(run: &Run) -> Result<String, ReportError> {
     let white = shown.map(|flight| white(found, flight)).transpose()?;
     let page = Page {
         model: &run.model.name,
+        vertical: vertical_name(run.vertical()),
         version: env!("CARGO_PKG_VERSION"),
         verdict: verdict_name(found.verdict),
         sentence: sentence(found),

@@ -78,7 +78,7 @@ fn found(path: &Path, told: bool, progress: &dyn Fn(&str)) -> Result<Found, Stri
     let explained = |e: ExplainError| crate::cli::with_cause(&e);
     let declared = Declared::read(path).map_err(explained)?;
     let case = declared.case.ok_or_else(|| format!("{}: not a case file", path.display()))?;
-    let run = Run::of(declared.model, &[case.identify_on], &[case.held_out], progress).map_err(explained)?;
+    let run = Run::of(declared.model, None, [&[case.identify_on], &[case.held_out]], progress).map_err(explained)?;
     let truth = Truth::beside(path).map_err(|e: TruthError| crate::cli::with_cause(&e))?;
     let marks = truth.map(|truth| {
         progress("a fit that is told the answer");
