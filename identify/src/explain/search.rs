@@ -290,11 +290,11 @@ impl<'a> Search<'a> {
         let calm = Some(calm(&now.disturbances)).filter(|_| loud(&now.disturbances));
         let Some(Scores { usual: scored, in_calm, base }) = self.score(now, calm.as_ref()) else { return (Vec::new(), None) };
         let at = now.settled();
-        let mut worthy: Vec<&Score> = scored.iter().take(SHORTLIST).collect();
+        let worth = |s: &&Score| s.gain > LEAST_PROPOSAL;
+        let mut worthy: Vec<&Score> = scored.iter().filter(worth).take(SHORTLIST).collect();
         let seen = |worthy: &[&Score], s: &Score| worthy.iter().any(|w| w.start.entry.name == s.start.entry.name);
-        let more: Vec<&Score> = in_calm.iter().filter(|s| !seen(&worthy, s)).take(SHORTLIST_IN_CALM).collect();
+        let more: Vec<&Score> = in_calm.iter().filter(worth).filter(|s| !seen(&worthy, s)).take(SHORTLIST_IN_CALM).collect();
         worthy.extend(more);
-        worthy.retain(|s| s.gain > LEAST_PROPOSAL);
         let proposals: Vec<Proposal> = worthy.par_iter().filter_map(|s| self.propose(&at, s, &base)).collect();
         let first = self.judge_all(&proposals, &now.disturbances);
         let mut judged = self.settle(&first, f64::INFINITY);
