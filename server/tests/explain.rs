@@ -12,10 +12,14 @@ const SENSORS: [&str; 3] = ["camera_noise.xy_m=0.004", "camera_noise.z_m=0.006",
 
 /// Two flights of a vehicle that the thesis's model declares but for some effects.
 fn fly(folder: &Path, effects: &[&str]) -> [PathBuf; 2] {
+    fly_by(folder, "thrust", 6, effects)
+}
+
+fn fly_by(folder: &Path, vertical: &str, period_s: u32, effects: &[&str]) -> [PathBuf; 2] {
     [("a", "1"), ("b", "2")].map(|(name, seed)| {
         let log = folder.join(format!("{name}.csv"));
-        let options = "{\"shape\": \"figure_eight\", \"period_s\": 6}";
-        let mut args = vec!["fly", "--task", "track", "--task-options", options, "--vertical", "thrust", "--seconds", "16"];
+        let options = format!("{{\"shape\": \"figure_eight\", \"period_s\": {period_s}}}");
+        let mut args = vec!["fly", "--task", "track", "--task-options", &options, "--vertical", vertical, "--seconds", "16"];
         args.extend(["--seed", seed, "--csv", text(&log)]);
         args.extend(SENSORS.iter().chain(effects).flat_map(|e| ["--effects", e]));
         good(&args);
@@ -122,6 +126,49 @@ fn a_thrust_that_is_always_less_does_not_pass_for_a_draught() {
     let group = |e: &Value| [&[e["name"].clone()], e["confusable_with"].as_array().unwrap().as_slice()].concat();
     let named: Vec<Value> = effects.iter().flat_map(group).collect();
     assert!(effects.len() == 1 && named.contains(&"thrust_scale".into()) && named.len() <= 3, "{effects:?}");
+}
+
+#[test]
+fn a_load_is_found_although_the_air_could_sink_as_much() {
+    let folder = folder("explain_load");
+    let found = explain(&folder, &fly_by(&folder, "thrust", 4, &["mass_change=0.002"]));
+    let added = &found["effects"][0]["params"]["added_kg"]["value"];
+    assert!(found["verdict"] == "explained" && (added.as_f64().unwrap() - 0.002).abs() < 1e-4, "{}", found["effects"]);
+}
+
+/// The thesis's yaw and PWM forms are of first order: what pushes them is lagged, and the lagged push is not to be forgotten from tick to tick.
+#[test]
+fn true_kinematics_are_found_on_the_forms_of_the_thesis() {
+    for vertical in ["thrust", "pwm"] {
+        let folder = folder(&format!("explain_true_{vertical}"));
+        let found = explain(&folder, &fly_by(&folder, vertical, 4, &["euler_kinematics=1"]));
+        assert_eq!((&found["verdict"], &found["vertical"]), (&"explained".into(), &vertical.into()), "{found}");
+        let amount = &found["effects"][0]["params"]["amount"]["value"];
+        assert!((amount.as_f64().unwrap() - 1.0).abs() < 0.05, "{}", found["effects"]);
+    }
+}
+
+/// The log of a PWM does not say which form flew it.
+#[test]
+fn of_two_forms_for_the_pwm_the_one_that_flew_is_taken() {
+    let folder = folder("explain_form");
+    let flights = fly_by(&folder, "pwm", 6, &[]);
+    let found = explain(&folder, &flights);
+    assert_eq!((&found["verdict"], &found["vertical"]), (&"nothing_missing".into(), &"pwm".into()), "{found}");
+    let [fit, test] = flights.each_ref().map(|f| text(f));
+    let out = folder.join("other");
+    let other = json(&["explain", "thesis", "--vertical", "thrust", "--fit", fit, "--test", test, "--out", text(&out), "--json"]);
+    assert_eq!((&other["verdict"], &other["vertical"]), (&"unexplained".into(), &"thrust".into()), "{other}");
+    bad(1, &["explain", "thesis", "--vertical", "height", "--fit", fit, "--test", test, "--out", text(&out)], &["a.csv", "height command"]);
+}
+
+/// Far from the marker fixes scatter ten times as much as over it: no structure of the vehicle.
+#[test]
+fn fixes_that_scatter_far_from_the_marker_do_not_hide_a_gust() {
+    let folder = folder("explain_far");
+    let found = explain(&folder, &fly_by(&folder, "thrust", 4, &["gust.sigma_mps2=0.4"]));
+    let names: Vec<&Value> = found["effects"].as_array().unwrap().iter().map(|e| &e["name"]).collect();
+    assert_eq!((found["verdict"].as_str(), &names[..]), (Some("explained"), &[&"gust".into()][..]), "{found}");
 }
 
 #[test]
