@@ -46,12 +46,14 @@ pub struct Hypothesis {
     pub terms: Vec<Term>,
     /// Physics steps per second are at most so many, although an effect asks for more.
     pub most_hz: Option<u32>,
+    /// Something may have pushed the vehicle before a window began: what forms of first order lag of it is estimated as well.
+    pub pushed: bool,
 }
 
 impl Hypothesis {
     /// The model as it is.
     pub fn of(model: &Model) -> Self {
-        Hypothesis { model: model.clone(), free: Vec::new(), terms: Vec::new(), most_hz: None }
+        Hypothesis { model: model.clone(), free: Vec::new(), terms: Vec::new(), most_hz: None, pushed: true }
     }
 
     /// The same with one more effect, in registry order.
@@ -76,10 +78,15 @@ impl Hypothesis {
         self.terms.iter().any(|t| t.entry.name == effect)
     }
 
+    /// Which lagged pushes of the model's forms are estimated (see [`Model::lags_push`]).
+    pub fn lags_push(&self, input: VerticalInput) -> [bool; 2] {
+        if self.pushed { self.model.lags_push(input).unwrap_or_default() } else { [false; 2] }
+    }
+
     /// What is remembered of the motion besides velocities and rates, estimated with it: lagged pushes of the model's forms, then what effects
     /// remember. How far off each is at first, in its own unit.
     pub fn lags_sd(&self, input: VerticalInput) -> Vec<f64> {
-        let of_model = self.model.lags_push(input).unwrap_or_default().into_iter().zip(PUSHED_SD).filter(|(lags, _)| *lags);
+        let of_model = self.lags_push(input).into_iter().zip(PUSHED_SD).filter(|(lags, _)| *lags);
         let declared = self.model.effects.keys().filter(|name| !self.has(name)).filter_map(|name| effects::find(name).ok());
         let of_effects: usize = declared.map(|(_, entry)| entry.lags).chain(self.terms.iter().map(|t| t.entry.lags)).sum();
         of_model.map(|(_, sd)| sd).chain(std::iter::repeat_n(LAG_SD, of_effects)).collect()

@@ -96,7 +96,7 @@ impl Worker {
         let all: Vec<&'static Entry> = entries.iter().copied().chain(declared).collect();
         let needed_hz = all.iter().map(|e| e.physics_hz).max().unwrap_or(1);
         let settings = Settings { input: flight.input, physics_hz: at.most_hz.filter(|most| needed_hz > *most) };
-        let lags_push = at.model.lags_push(flight.input)?;
+        let lags_push = at.lags_push(flight.input);
         let own = START + at.lags_sd(flight.input).len();
         let shared: usize = at.free.len() + at.terms.iter().map(|t| t.free.len()).sum::<usize>();
         let unknowns = if with_slopes { own + shared + if pushed { PUSH } else { 0 } } else { 0 };

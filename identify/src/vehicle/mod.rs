@@ -77,7 +77,7 @@ pub fn identify(model: &Model, logs: &[(String, FlightLog)], plan: &Plan, done: 
     }
     let mut flights = prepare(model, plan.vertical, logs)?;
     let free = choice::check(model, logs, flights[0].input, plan.free.as_deref())?;
-    let mut hypothesis = Hypothesis { free: free.clone(), ..Hypothesis::of(model) };
+    let mut hypothesis = Hypothesis { free: free.clone(), pushed: false, ..Hypothesis::of(model) };
     for name in TRIMS.iter().filter(|_| plan.trims) {
         hypothesis = hypothesis.with(Term::off(effects::find(name)?.1));
     }
