@@ -163,14 +163,7 @@ struct Kalman {
 }
 
 impl Kalman {
-    fn new(
-        flight: &Flight,
-        start: Vec<f64>,
-        lags_sd: &[f64],
-        belief: &Belief,
-        disturbances: &Disturbances,
-        held: Option<Held>,
-    ) -> Self {
+    fn new(flight: &Flight, start: Vec<f64>, lags_sd: &[f64], belief: &Belief, disturbances: &Disturbances, held: Option<Held>) -> Self {
         let (own, learned) = (start.len(), belief.mean.len());
         let extras = extras(flight, own, learned, disturbances, held.as_ref());
         let n = own + extras.len();

@@ -93,8 +93,7 @@ impl Flight {
         let setpoints_m = log.setpoint_m.as_ref().map(|axes| (0..=ticks).map(|k| setpoint(axes, k)).collect());
         let end_s = ticks as f64 * tick_s;
         let inside = |s: &Sample| s.t_s > ROUNDING_S && s.t_s <= end_s + ROUNDING_S;
-        let angles =
-            (0..log.len()).map(|i| Sample {
+        let angles = (0..log.len()).map(|i| Sample {
             t_s: log.t_s[i] - start_s,
             value: [log.roll_rad[i], log.pitch_rad[i], log.yaw_rad[i]],
             spread: [1.0; 3],

@@ -314,7 +314,15 @@ impl Worker {
             };
             let seen = pass.world.film(&x, captured);
             for axis in 0..3 {
-                self.put(pass.first, row, sample.t_s, 3 + axis, sample.value[axis], seen.pos_m[axis], [flight.noise.pos_m[axis], sample.spread[axis]]);
+                self.put(
+                    pass.first,
+                    row,
+                    sample.t_s,
+                    3 + axis,
+                    sample.value[axis],
+                    seen.pos_m[axis],
+                    [flight.noise.pos_m[axis], sample.spread[axis]],
+                );
                 row += 1;
             }
         }

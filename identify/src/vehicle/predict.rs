@@ -32,7 +32,8 @@ impl Rows {
     pub(super) fn noise(&self, floor: &Noise) -> [f64; 6] {
         let least = [floor.att_rad, floor.pos_m].concat();
         std::array::from_fn(|channel| {
-            let of = self.0.iter().filter(|(_, row)| row.channel == channel).map(|(_, row)| (row.measured - row.predicted).abs() / row.spread);
+            let of =
+                self.0.iter().filter(|(_, row)| row.channel == channel).map(|(_, row)| (row.measured - row.predicted).abs() / row.spread);
             // the median of |normal| is 0.6745 standard deviations
             (median(&of.collect::<Vec<_>>()) / 0.6745).max(least[channel])
         })
