@@ -58,10 +58,15 @@ fn fitted(places_m: &[[f64; 3]], thirds: &[(usize, f64)]) -> Option<Vec<f64>> {
     let (slopes, varied) = (at.rows(1, 5).into_owned(), &design * &at);
     let of_slopes = information.inverse().view((1, 1), (5, 5)).into_owned() * (2.0 * SHARED);
     let surprise = slopes.dot(&Cholesky::new(of_slopes)?.solve(&slopes));
-    let logs: Vec<f64> = places_m.iter().map(|p| 0.5 * of(&features(p)).iter().zip(&at).map(|(f, a)| f * a).sum::<f64>()).collect();
-    let usual = varied.mean() / 2.0;
-    let varies = (varied.variance() / 4.0).sqrt();
-    (surprise > CHANCE && varies > LEAST && logs.iter().all(|l| l.is_finite())).then(|| logs.iter().map(|l| (l - usual).exp()).collect())
+    if !(surprise > CHANCE && 0.5 * varied.variance().sqrt() > LEAST) {
+        return None;
+    }
+    let factor = |place_m: &[f64; 3]| {
+        let log_variance: f64 = of(&features(place_m)).iter().zip(&at).map(|(f, a)| f * a).sum();
+        // nothing is known beyond the places that differences were taken at
+        (0.5 * (log_variance.clamp(varied.min(), varied.max()) - varied.mean())).exp()
+    };
+    Some(places_m.iter().map(factor).collect())
 }
 
 /// Mean and standard deviation by which to scale each feature; the constant stays.
