@@ -18,8 +18,10 @@ pub(super) const CLEAR: f64 = 5.0;
 pub const FINDING: f64 = 7.0;
 /// From one frame to the next marker positions tell how well their own white and slow errors are known, not what moves the vehicle.
 const WHITE_S: f64 = 0.1;
-/// A line holds so much of the power of a channel, above this frequency: below it everything drifts.
+/// A line holds so much of the power of a channel, and so much that chance would give it to one white series in ten thousand, above this frequency:
+/// below it everything drifts.
 const LINE_SHARE: f64 = 0.04;
+const LINE_CHANCE: f64 = 1e-4;
 const LINE_FROM_HZ: f64 = 0.2;
 
 /// Innovations this much smaller than the measurement is trusted to be right (in standard deviations, RMS) hold nothing that a measurement could show:
@@ -94,6 +96,15 @@ pub fn line(series: &[f64], tick_s: f64) -> (f64, f64) {
     (if total > 0.0 { most / total } else { 0.0 }, at as f64 * per_bin_hz)
 }
 
+/// The share that makes a finding of a line in a series of so many samples: the shorter, the more of a white one lies in three neighbouring bins by
+/// chance. Behind the sine window their powers are together distributed as exponentials with means of 1 and 1 +- 1/sqrt 2.
+fn line_share(samples: usize) -> f64 {
+    let bins = samples as f64 / 2.0;
+    let widest = 1.0 + std::f64::consts::FRAC_1_SQRT_2;
+    let often = widest / (widest - 1.0) * widest / (2.0 * (widest - 1.0));
+    LINE_SHARE.max(widest * (often * bins / LINE_CHANCE).ln() / bins)
+}
+
 /// What is left in a filtered flight.
 pub fn leftover(flight: &Flight, filtered: &Filtered) -> Vec<Leftover> {
     let mut found = Vec::new();
@@ -126,7 +137,7 @@ pub fn leftover(flight: &Flight, filtered: &Filtered) -> Vec<Leftover> {
         let (share, hz) = line(&series, flight.tick_s);
         // in units of what makes a finding
         let line = format!("a line at {hz:.2} Hz holds {:.1} % of its power", 100.0 * share);
-        let line = Leftover::new(name, line, FINDING * share / LINE_SHARE);
+        let line = Leftover::new(name, line, FINDING * share / line_share(series.len()));
         found.extend([itself, line]);
         for (input, past) in commands.iter().chain(&changes) {
             let (z, lag_s) = correlation(&e, past, 0.0, flight.tick_s);
@@ -176,6 +187,20 @@ mod tests {
     fn a_command_that_never_moves_is_no_finding() {
         let [residuals, _] = series(1, 0.5);
         assert_eq!(together(&residuals, &vec![Some(0.0); residuals.len()], TICK_S), 0.0);
+    }
+
+    /// However short the flight; and a line is found in each.
+    #[test]
+    fn white_series_hold_no_line() {
+        for samples in [150, 250, 500, 1500, 3000] {
+            let mut rng = Pcg64Mcg::seed_from_u64(samples as u64);
+            for _ in 0..200 {
+                let white: Vec<f64> = (0..samples).map(|_| rng.sample(StandardNormal)).collect();
+                assert!(line(&white, TICK_S).0 < line_share(samples), "{samples}");
+                let lined: Vec<f64> = white.iter().enumerate().map(|(i, w)| w + 2.0 * (i as f64 * 0.7).sin()).collect();
+                assert!(line(&lined, TICK_S).0 > line_share(samples), "{samples}");
+            }
+        }
     }
 
     #[test]
