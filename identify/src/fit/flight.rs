@@ -111,15 +111,16 @@ impl Flight {
             .filter(inside)
             .collect();
         fixes.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
+        let floor = if log.format == Format::NanoBench { FLOOR_MOCAP } else { FLOOR };
         // the noise of motion capture is not in the differences of neighbours
         if log.format != Format::NanoBench {
             let places: Vec<[f64; 3]> = fixes.iter().map(|f| measured.state(start_s + f.t_s).pos_m).collect();
-            for axis in 0..3 {
+            let noise_m = white(&fixes, floor.pos_m);
+            for axis in (0..3).filter(|axis| noise_m[*axis] > LEAST_SEEN_M) {
                 let spread = spread(&places, &thirds(&fixes, axis));
                 fixes.iter_mut().zip(spread).for_each(|(fix, spread)| fix.spread[axis] = spread);
             }
         }
-        let floor = if log.format == Format::NanoBench { FLOOR_MOCAP } else { FLOOR };
         let noise = Noise { att_rad: white(&angles, floor.att_rad), pos_m: white(&fixes, floor.pos_m) };
         let starts = (0..=ticks).map(|k| with_lags(model, input, measured.state(start_s + k as f64 * tick_s))).collect();
         let before_s = start_s - log.t_s[0];
@@ -189,6 +190,8 @@ impl Flight {
     }
 }
 
+/// Third differences of a vehicle that moves hard are as large as those of noise of a quarter of this.
+const LEAST_SEEN_M: f64 = 1e-3;
 /// What no recording resolves, whatever its third differences say.
 const FLOOR: Noise = Noise { att_rad: [1e-4; 3], pos_m: [1e-4; 3] };
 /// Motion capture is filtered and its markers shake: differences of neighbours are smaller than its error.
