@@ -34,6 +34,12 @@ pub struct Sample {
     pub spread: [f64; 3],
 }
 
+impl Sample {
+    fn usual(t_s: f64, value: [f64; 3]) -> Self {
+        Sample { t_s, value, spread: [1.0; 3] }
+    }
+}
+
 /// A flight on the world's clock: tick `k` lasts from `k tick_s` to `(k + 1) tick_s`, time counting from the first tick.
 #[derive(Debug, Clone)]
 pub struct Flight {
@@ -93,33 +99,19 @@ impl Flight {
         let setpoints_m = log.setpoint_m.as_ref().map(|axes| (0..=ticks).map(|k| setpoint(axes, k)).collect());
         let end_s = ticks as f64 * tick_s;
         let inside = |s: &Sample| s.t_s > ROUNDING_S && s.t_s <= end_s + ROUNDING_S;
-        let angles = (0..log.len()).map(|i| Sample {
-            t_s: log.t_s[i] - start_s,
-            value: [log.roll_rad[i], log.pitch_rad[i], log.yaw_rad[i]],
-            spread: [1.0; 3],
-        });
-        let mut angles: Vec<Sample> = angles.filter(inside).collect();
+        let attitude = |i: usize| [log.roll_rad[i], log.pitch_rad[i], log.yaw_rad[i]];
+        let mut angles: Vec<Sample> = (0..log.len()).map(|i| Sample::usual(log.t_s[i] - start_s, attitude(i))).filter(inside).collect();
         if log.format == Format::NanoBench {
             level(&mut angles);
         }
-        let mut fixes: Vec<Sample> = (0..log.fixes.row.len())
-            .map(|i| Sample {
-                t_s: log.fixes.capture_t_s[i] - start_s,
-                value: std::array::from_fn(|axis| log.fixes.pos_m[axis][i]),
-                spread: [1.0; 3],
-            })
-            .filter(inside)
-            .collect();
+        let place = |i: usize| log.fixes.pos_m.each_ref().map(|axis| axis[i]);
+        let fixes = (0..log.fixes.row.len()).map(|i| Sample::usual(log.fixes.capture_t_s[i] - start_s, place(i)));
+        let mut fixes: Vec<Sample> = fixes.filter(inside).collect();
         fixes.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
         let floor = if log.format == Format::NanoBench { FLOOR_MOCAP } else { FLOOR };
         // the noise of motion capture is not in the differences of neighbours
         if log.format != Format::NanoBench {
-            let places: Vec<[f64; 3]> = fixes.iter().map(|f| measured.state(start_s + f.t_s).pos_m).collect();
-            let noise_m = white(&fixes, floor.pos_m);
-            for axis in (0..3).filter(|axis| noise_m[*axis] > LEAST_SEEN_M) {
-                let spread = spread(&places, &thirds(&fixes, axis));
-                fixes.iter_mut().zip(spread).for_each(|(fix, spread)| fix.spread[axis] = spread);
-            }
+            scattered(&mut fixes, &|t_s| measured.state(start_s + t_s).pos_m);
         }
         let noise = Noise { att_rad: white(&angles, floor.att_rad), pos_m: white(&fixes, floor.pos_m) };
         let starts = (0..=ticks).map(|k| with_lags(model, input, measured.state(start_s + k as f64 * tick_s))).collect();
@@ -258,19 +250,30 @@ pub fn with_lags<R: crazyflie_env::real::Real>(model: &Model, input: VerticalInp
     x
 }
 
-/// The white part of the error per axis: third differences of neighbours (20 times its variance), by the median against outliers.
+/// Fixes scatter more where the camera sees worse: how much more, by the place at a time.
+fn scattered(fixes: &mut [Sample], place_m: &dyn Fn(f64) -> [f64; 3]) {
+    let places: Vec<[f64; 3]> = fixes.iter().map(|f| place_m(f.t_s)).collect();
+    let noise_m = white(fixes, FLOOR.pos_m);
+    for axis in (0..3).filter(|axis| noise_m[*axis] > LEAST_SEEN_M) {
+        let spread = spread(&places, &thirds(fixes, axis));
+        fixes.iter_mut().zip(spread).for_each(|(fix, spread)| fix.spread[axis] = spread);
+    }
+}
+
+/// The white part of the error per axis, by the median against outliers.
 fn white(samples: &[Sample], floor: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|axis| {
         let all: Vec<f64> = thirds(samples, axis).iter().map(|(i, third)| third.abs() / samples[i + 1].spread[axis]).collect();
         // the median of |normal| is 0.6745 standard deviations
-        (median(&all) / 0.6745 / 20.0_f64.sqrt()).max(floor[axis])
+        (median(&all) / 0.6745).max(floor[axis])
     })
 }
 
-/// Third differences of four neighbours none of which is missing, with the index of the first.
+/// Third differences of four neighbours none of which is missing, with the index of the first, scaled to the variance of one white error: the
+/// squares of 1, 3, 3 and 1 are 20 together.
 fn thirds(samples: &[Sample], axis: usize) -> Vec<(usize, f64)> {
     let usual = median(&samples.windows(2).map(|s| s[1].t_s - s[0].t_s).collect::<Vec<_>>());
     let whole = |four: &[Sample]| four[3].t_s - four[0].t_s < 3.5 * usual;
-    let third = |s: &[Sample]| s[3].value[axis] - 3.0 * s[2].value[axis] + 3.0 * s[1].value[axis] - s[0].value[axis];
+    let third = |s: &[Sample]| (s[3].value[axis] - 3.0 * (s[2].value[axis] - s[1].value[axis]) - s[0].value[axis]) / 20.0_f64.sqrt();
     samples.windows(4).enumerate().filter(|(_, four)| whole(four)).map(|(i, four)| (i, third(four))).collect()
 }

@@ -8,7 +8,7 @@ use crazyflie_env::real::Real;
 use crazyflie_env::simulated::Simulated;
 use crazyflie_env::world::{Settings, World};
 
-use super::flight::{Flight, MEMORY_S, Window, with_lags};
+use super::flight::{Flight, MEMORY_S, Sample, Window, with_lags};
 use super::hypothesis::{Hypothesis, Term};
 use super::solve::{Normal, Problem};
 
@@ -297,7 +297,7 @@ impl Worker {
             let (x, tick) = self.state_at(&pass.world, flight.tick_s, Dual::of(sample.t_s - begin_s));
             for axis in 0..3 {
                 let predicted = x.att_rad[axis] + self.offsets[tick][axis];
-                self.put(pass.first, row, sample.t_s, axis, sample.value[axis], predicted, [flight.noise.att_rad[axis], 1.0]);
+                self.put(pass.first, row, sample, axis, predicted, flight.noise.att_rad[axis]);
                 row += 1;
             }
         }
@@ -314,26 +314,18 @@ impl Worker {
             };
             let seen = pass.world.film(&x, captured);
             for axis in 0..3 {
-                self.put(
-                    pass.first,
-                    row,
-                    sample.t_s,
-                    3 + axis,
-                    sample.value[axis],
-                    seen.pos_m[axis],
-                    [flight.noise.pos_m[axis], sample.spread[axis]],
-                );
+                self.put(pass.first, row, sample, 3 + axis, seen.pos_m[axis], flight.noise.pos_m[axis]);
                 row += 1;
             }
         }
     }
 
-    #[allow(clippy::too_many_arguments)]
     #[inline(always)]
-    fn put(&mut self, first: usize, row: usize, t_s: f64, channel: usize, measured: f64, predicted: Dual, [usual, spread]: [f64; 2]) {
+    fn put(&mut self, first: usize, row: usize, sample: &Sample, channel: usize, predicted: Dual, usual: f64) {
+        let (measured, spread) = (sample.value[channel % 3], sample.spread[channel % 3]);
         let sigma = usual * spread;
         if first == 0 {
-            self.rows.push(Compared { t_s, channel, measured, predicted: predicted.value, sigma, spread });
+            self.rows.push(Compared { t_s: sample.t_s, channel, measured, predicted: predicted.value, sigma, spread });
         }
         let here = first.min(self.unknowns)..(first + DIRECTIONS).min(self.unknowns);
         let slopes = &mut self.slopes[row * self.unknowns..][here];

@@ -2,9 +2,7 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 
-/// Differences of the third order, squared, hold 20 times the variance of one measurement.
-const THIRD: f64 = 20.0;
-/// Neighbouring ones share measurements: their squares correlate by 0.75^2, 0.3^2 and 0.05^2, to both sides.
+/// Neighbouring third differences share measurements: their squares correlate by 0.75^2, 0.3^2 and 0.05^2, to both sides.
 const SHARED: f64 = 2.3;
 /// A square beyond this many times its expectation (one in a hundred) counts as that.
 const MOST: f64 = 6.6;
@@ -28,7 +26,7 @@ fn features(place_m: &[f64; 3]) -> [f64; 6] {
 }
 
 /// How the scatter of fixes varies with the place: a factor for each, 1 throughout where it does not vary beyond chance. `thirds` holds the third
-/// differences that begin with the fix of that index.
+/// differences that begin with the fix of that index, scaled to the variance of one fix.
 pub fn spread(places_m: &[[f64; 3]], thirds: &[(usize, f64)]) -> Vec<f64> {
     fitted(places_m, thirds).unwrap_or_else(|| vec![1.0; places_m.len()])
 }
@@ -38,13 +36,13 @@ fn fitted(places_m: &[[f64; 3]], thirds: &[(usize, f64)]) -> Option<Vec<f64>> {
     if n < FEWEST {
         return None;
     }
-    // of the two fixes in the middle of four
+    // one of the two fixes in the middle of four
     let rows: Vec<[f64; 6]> = thirds.iter().map(|(i, _)| features(&places_m[i + 1])).collect();
     let scale = standardised(&rows);
     let of = |row: &[f64; 6]| std::array::from_fn::<f64, 6, _>(|j| (row[j] - scale[j].0) / scale[j].1);
     let design = DMatrix::from_fn(n, 6, |i, j| of(&rows[i])[j]);
     let information = Cholesky::new(design.transpose() * &design + DMatrix::identity(6, 6) * 1e-3)?;
-    let squares: Vec<f64> = thirds.iter().map(|(_, d)| d * d / THIRD).collect();
+    let squares: Vec<f64> = thirds.iter().map(|(_, d)| d * d).collect();
     let mut at = DVector::zeros(6);
     at[0] = crate::replay::measured::median(&squares).max(1e-12).ln();
     // Fisher scoring: squares are gamma distributed about their expectation, whose logarithm is linear in the features
@@ -86,6 +84,11 @@ mod tests {
     use rand_distr::StandardNormal;
     use rand_pcg::Pcg64Mcg;
 
+    /// A scaled third difference.
+    fn third(s: &[f64]) -> f64 {
+        (s[3] - 3.0 * s[2] + 3.0 * s[1] - s[0]) / 20.0_f64.sqrt()
+    }
+
     /// A flight around a marker, with noise that grows by a power of the distance, and how its fixes scatter by the estimate.
     fn flown(power: f64, seed: u64) -> (Vec<f64>, Vec<f64>) {
         let mut rng = Pcg64Mcg::seed_from_u64(seed);
@@ -96,7 +99,7 @@ mod tests {
         let places: Vec<[f64; 3]> = (0..600).map(place).collect();
         let truth: Vec<f64> = places.iter().map(|p| (p.iter().map(|x| x * x).sum::<f64>().sqrt() / 0.7).powf(power)).collect();
         let seen: Vec<f64> = truth.iter().map(|s| 0.005 * s * rng.sample::<f64, _>(StandardNormal)).collect();
-        let thirds: Vec<(usize, f64)> = (0..597).map(|i| (i, seen[i + 3] - 3.0 * seen[i + 2] + 3.0 * seen[i + 1] - seen[i])).collect();
+        let thirds: Vec<(usize, f64)> = seen.windows(4).map(third).enumerate().collect();
         (truth, spread(&places, &thirds))
     }
 
