@@ -95,7 +95,7 @@ fn values_are_those_of_f64_and_slopes_those_of_differences() {
                 let difference = (up[k] - down[k]) / (2.0 * h);
                 let scale = 1e-3 / (param.high - param.low) + difference.abs();
                 assert!(
-                    (number.slope[5] - difference).abs() < 2e-3 * scale,
+                    (f64::from(number.slope[5]) - difference).abs() < 2e-3 * scale,
                     "{}.{} output {k}: {} against {difference}",
                     entry.name,
                     param.name,
@@ -137,7 +137,7 @@ fn the_start_has_slopes_too() {
         for (k, number) in dual.iter().enumerate() {
             let difference = (up[k] - down[k]) / 2e-6;
             assert!(
-                (number.slope[direction] - difference).abs() < 1e-5,
+                (f64::from(number.slope[direction]) - difference).abs() < 1e-5,
                 "start {direction} output {k}: {} against {difference}",
                 number.slope[direction]
             );

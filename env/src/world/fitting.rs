@@ -133,7 +133,7 @@ impl World<Dual> {
             let moved = |to: f64| model.with_parameter(path, to).map_or_else(|_| (value, model.clone()), |model| (to, model));
             let ((high, up), (low, down)) = (moved(value + step), moved(value - step));
             for (number, (up, down)) in numbers.iter_mut().zip(of(&up)?.into_iter().zip(of(&down)?)) {
-                number.slope[*direction] = if high > low { (up - down) / (high - low) } else { 0.0 };
+                number.slope[*direction] = if high > low { ((up - down) / (high - low)) as f32 } else { 0.0 };
             }
         }
         let (plant, body) = numbers.split_at(Plant::<Dual>::NUMBERS);

@@ -263,7 +263,8 @@ impl Worker {
         let here = pass.first.min(self.unknowns)..(pass.first + DIRECTIONS).min(self.unknowns);
         for (i, number) in numbers.iter().enumerate() {
             self.end[i] = number.value;
-            self.end_slopes[i * self.unknowns..][here.clone()].copy_from_slice(&number.slope[..here.len()]);
+            let to = &mut self.end_slopes[i * self.unknowns..][here.clone()];
+            to.iter_mut().zip(&number.slope).for_each(|(to, slope)| *to = f64::from(*slope));
         }
     }
 
@@ -328,9 +329,9 @@ impl Worker {
             self.rows.push(Compared { t_s: sample.t_s, channel, measured, predicted: predicted.value, sigma, spread });
         }
         let here = first.min(self.unknowns)..(first + DIRECTIONS).min(self.unknowns);
-        let slopes = &mut self.slopes[row * self.unknowns..][here];
+        let (slopes, per_sigma) = (&mut self.slopes[row * self.unknowns..][here], 1.0 / sigma);
         for (slot, slope) in slopes.iter_mut().zip(&predicted.slope) {
-            *slot = slope / sigma;
+            *slot = f64::from(*slope) * per_sigma;
         }
     }
 

@@ -113,9 +113,9 @@ impl Problem for Shooting<'_> {
         let mut finite = true;
         simulator.run(stretch, own, place.map_or(0.0, |i| shared[i]), |measured, y| {
             let common = states + dynamic;
-            slopes[..common].iter_mut().zip(&y.slope).for_each(|(to, from)| *to = from / self.sigma);
+            slopes[..common].iter_mut().zip(&y.slope).for_each(|(to, from)| *to = f64::from(*from) / self.sigma);
             if let Some(place) = place {
-                slopes[states + place] = y.slope[common] / self.sigma;
+                slopes[states + place] = f64::from(y.slope[common]) / self.sigma;
             }
             finite &= y.value.is_finite();
             normal.add((measured - y.value) / self.sigma, &slopes);

@@ -266,7 +266,7 @@ mod tests {
                     *number += h;
                 }
                 for (i, (after, before)) in at(&moved, offset).iter().zip(&here).enumerate() {
-                    let (slope, difference) = (before.slope[states + p], (after.value - before.value) / h);
+                    let (slope, difference) = (f64::from(before.slope[states + p]), (after.value - before.value) / h);
                     assert!((slope - difference).abs() < 2e-5 * (1.0 + difference.abs()), "{p} {i}: {slope} {difference}");
                 }
             }
