@@ -58,6 +58,14 @@ impl<R: Real> Push<R> {
     pub fn none() -> Self {
         Push { acc_mps2: [R::zero(); 3], ang_radps2: [R::zero(); 3] }
     }
+
+    #[inline(always)]
+    pub(crate) fn add(&mut self, other: &Self) {
+        for i in 0..3 {
+            self.acc_mps2[i] += other.acc_mps2[i];
+            self.ang_radps2[i] += other.ang_radps2[i];
+        }
+    }
 }
 
 impl<R: Real> Command<R> {

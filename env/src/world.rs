@@ -372,17 +372,13 @@ impl<R: Simulated> World<R> {
         let filming = Filming { counts_per_step: self.counts_per_step, schedule: self.schedule, h_s };
         let (commanding, pushing, films) = (!order.command.is_empty(), !order.push.is_empty(), !order.frame.is_empty());
         let undisturbed = disturbance.unwrap_or(Push::none());
-
+        let from_outside = around.is_some() || disturbance.is_some();
         for i in 0..n {
             ages[i].count();
             clocks[first + i] += 1;
             ticks[i].contact = Contact::none();
             group.captured[i] = R::nothing();
-            group.push[i] = around.map_or(
-                undisturbed,
-                #[inline(always)]
-                |a| a[i].push,
-            );
+            group.push[i] = outside(around, i, undisturbed);
             group.u[i] = commands[i];
         }
         // of the last tile where there are fewer
@@ -405,16 +401,18 @@ impl<R: Simulated> World<R> {
             }
             if pushing {
                 for i in 0..n {
-                    group.push[i] = around.map_or(
-                        undisturbed,
-                        #[inline(always)]
-                        |a| a[i].push,
-                    );
+                    // what pushes from outside comes last: effects on the thrust take what is there for thrust
+                    group.push[i] = Push::none();
                     group.middle[i] = states[i].ahead(&tiles[i].acc_mps2, 0.5 * h_s);
                 }
                 let of = Tiles { first, cx: &cx[..n], x: &group.middle[..n], u: &group.u[..n] };
                 for &stage in &order.push {
                     stages[stage].push(&of, &mut group.push[..n]);
+                }
+                if from_outside {
+                    for i in 0..n {
+                        group.push[i].add(&outside(around, i, undisturbed));
+                    }
                 }
             }
             for i in 0..n {
@@ -482,5 +480,14 @@ impl<'a, R: Real> Now<'a, R> {
     fn cx(&self, age: &Age<R>, draw: &'a Draw<'a, R>, clock: usize) -> Cx<'a, R> {
         let Now { body, h_s, tick_s, times, voltage_v } = *self;
         Cx { body, h_s, tick_s, since_tick_s: 0.0, t_s: age.began_s(times), first: true, draw, clock, voltage_v, neighbours: &[], own: 0 }
+    }
+}
+
+/// What pushes a tile besides the effects: what its neighbours do, or a filter's disturbance.
+#[inline(always)]
+fn outside<R: Real>(around: Option<&[Around<'_, R>; GROUP]>, tile: usize, undisturbed: Push<R>) -> Push<R> {
+    match around {
+        Some(around) => around[tile].push,
+        None => undisturbed,
     }
 }

@@ -169,6 +169,9 @@ fn forces_have_the_size_that_their_formula_says() {
         (r#"{"thrust_scale": 0.9}"#, -0.981),
         (r#"{"wind": {"z_mps2": 0.4}}"#, 0.4),
         (r#"{"weak_motor": {"motor": 2, "loss": 0.2}}"#, -9.81 * 0.05),
+        // what changes the thrust does so one after another, and wind is no thrust
+        (r#"{"mass_change": 0.0046, "thrust_scale": 0.9, "wind": {"z_mps2": 0.4}}"#, 9.81 * (0.9 * 0.0368 / 0.0414 - 1.0) + 0.4),
+        (r#"{"thrust_scale": 0.9, "weak_motor": {"motor": 2, "loss": 0.2}}"#, 9.81 * (0.9 * 0.95 - 1.0)),
     ] {
         let got = thrust(effects);
         assert!((got - acc * mean).abs() < 0.01 * acc.abs() + 2e-3, "{effects}: {got} instead of {}", acc * mean);
@@ -188,6 +191,42 @@ fn forces_have_the_size_that_their_formula_says() {
         world.step(0, &Command::level(0.7));
     }
     assert!((world.state(0).vel_mps[0] - (-1.0_f64).exp()).abs() < 1e-4);
+}
+
+/// What pulls at a vehicle, a rope or a filter's disturbance, is not scaled with its thrust.
+#[test]
+fn what_pulls_from_outside_is_no_thrust() {
+    let settings = Settings { input: VerticalInput::Thrust, physics_hz: Some(300) };
+    let mut world = World::<f64>::new(&Model::thesis(), &table(r#"{"thrust_scale": 0.9}"#), settings, 1).unwrap();
+    let u = Command::level(39_342.5);
+    world.start(0, true, &State { pos_m: [0.0, 0.0, 1.0], ..State::rest() }, &u);
+    let push = Push { acc_mps2: [0.0, 0.0, -2.0], ..Push::none() };
+    let around = Around { neighbours: &[], own: 0, push };
+    world.step_group(0, &[u], Some(&[around; GROUP]), &mut [Tick::none()]);
+    let got = world.state(0).vel_mps[2] / 0.02;
+    assert!((got + 2.981).abs() < 0.05, "{got}");
+}
+
+/// Sideways too, whatever the thrust of the moment: held at an attitude, the vehicle accelerates along its own axis and falls.
+#[test]
+fn thrust_points_along_the_vehicles_axis() {
+    let model = Model::thesis();
+    let effects = table(r#"{"tilt_loss": {"amount": 1, "sideways": 1}, "thrust_scale": 1.2}"#);
+    let settings = Settings { input: VerticalInput::Thrust, physics_hz: Some(300) };
+    let mut world = World::<f64>::new(&model, &effects, settings, 1).unwrap();
+    let att_rad = [0.2, -0.3, 0.7];
+    let held = |tilt: &crazyflie_env::model::Tilt, angle: f64| angle * tilt.stiffness.value / tilt.gain.value;
+    let (roll_rad, pitch_rad) = (held(&model.roll, att_rad[0]), held(&model.pitch, att_rad[1]));
+    let u = Command { roll_rad, pitch_rad, ..Command::level(39_342.5) };
+    world.start(0, true, &State { pos_m: [0.0, 0.0, 1.0], att_rad, ..State::rest() }, &u);
+    world.step(0, &u);
+    let [roll, pitch, yaw] = att_rad;
+    let thrust = nalgebra::Rotation3::from_euler_angles(roll, pitch, yaw) * nalgebra::Vector3::new(0.0, 0.0, 1.2 * 9.81);
+    for (i, truth) in [thrust.x, thrust.y, thrust.z - 9.81].into_iter().enumerate() {
+        let got = world.state(0).vel_mps[i] / 0.02;
+        // a hundredth for heave damping
+        assert!((got - truth).abs() < 0.015 * truth.abs(), "axis {i}: {got} instead of {truth}");
+    }
 }
 
 #[test]

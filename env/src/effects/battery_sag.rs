@@ -41,7 +41,7 @@ impl Effect<3, 4> for BatterySag {
             s[2] = voltage.max(R::of(1.0));
             s[1] = (s[2] / full).powf(exponent) - R::of(1.0);
         }
-        out.acc_mps2[2] += cx.body.thrust_mps2(u) * s[1];
+        out.acc_mps2[2] += cx.body.thrust_mps2(u, out) * s[1];
     }
 
     #[inline(always)]

@@ -22,6 +22,6 @@ impl Effect<2, 0> for GroundEffect {
         let near = cx.body.rotor_radius_m / (R::of(4.0) * height);
         // the law has a pole below about a quarter radius, where it was never measured: no more than twice the thrust
         let share = (coefficient * near * near).min(R::of(0.5));
-        out.acc_mps2[2] += cx.body.thrust_mps2(u) * share / (R::of(1.0) - share);
+        out.acc_mps2[2] += cx.body.thrust_mps2(u, out) * share / (R::of(1.0) - share);
     }
 }

@@ -19,6 +19,6 @@ impl Effect<2, 0> for GroundEffectExp {
     #[inline(always)]
     fn push<R: Real>(&[amount, decay]: &[R; 2], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
         let share = amount * (-decay * x.pos_m[2].max(R::zero()) / cx.body.rotor_radius_m).exp();
-        out.acc_mps2[2] += cx.body.thrust_mps2(u) * share / (R::of(1.0) - share);
+        out.acc_mps2[2] += cx.body.thrust_mps2(u, out) * share / (R::of(1.0) - share);
     }
 }

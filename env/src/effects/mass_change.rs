@@ -17,7 +17,7 @@ impl Effect<1, 0> for MassChange {
 
     #[inline(always)]
     fn push<R: Real>(&[added_kg]: &[R; 1], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
-        let lift = cx.body.thrust_mps2(u) - cx.body.heave_ps * x.vel_mps[2];
+        let lift = cx.body.thrust_mps2(u, out) - cx.body.heave_ps * x.vel_mps[2];
         out.acc_mps2[2] -= lift * added_kg / (cx.body.mass_kg + added_kg);
     }
 }

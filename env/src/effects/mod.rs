@@ -174,10 +174,10 @@ impl<R: Real> Body<R> {
         };
         [asked(0, u.roll_rad), asked(1, u.pitch_rad)]
     }
-    /// Thrust per mass.
+    /// Thrust per mass, with what the effects before make of it: `out` holds nothing else upwards where those of the thrust are asked.
     #[inline(always)]
-    pub fn thrust_mps2(&self, u: &Command<R>) -> R {
-        self.gravity_mps2 * self.thrust_ratio(u)
+    pub fn thrust_mps2(&self, u: &Command<R>, out: &Push<R>) -> R {
+        self.gravity_mps2 * self.thrust_ratio(u) + out.acc_mps2[2]
     }
 }
 
@@ -349,7 +349,8 @@ macro_rules! registry {
     };
 }
 
-// Command effects stand in the order in which a command passes them: ground station, radio, firmware, motors. Frame effects: what is in
+// Command effects stand in the order in which a command passes them: ground station, radio, firmware, motors. What changes the thrust stands before
+// what turns it; forces of another kind after. Frame effects: what is in
 // view, then what the detection makes of it, then the way to the controller.
 registry![
     cmd_deadband::CmdDeadband,
@@ -360,10 +361,6 @@ registry![
     alloc_cross::AllocCross,
     com_offset::ComOffset,
     motor_lag::MotorLag,
-    drag_linear::DragLinear,
-    drag_quadratic::DragQuadratic,
-    wind::Wind,
-    gust::Gust,
     ground_effect::GroundEffect,
     ground_effect_exp::GroundEffectExp,
     battery_sag::BatterySag,
@@ -373,6 +370,10 @@ registry![
     weak_motor::WeakMotor,
     tilt_loss::TiltLoss,
     exact_tan::ExactTan,
+    drag_linear::DragLinear,
+    drag_quadratic::DragQuadratic,
+    wind::Wind,
+    gust::Gust,
     heave_damping::HeaveDamping,
     inertia_scale::InertiaScale,
     flap::Flap,

@@ -17,6 +17,6 @@ impl Effect<1, 0> for ThrustScale {
 
     #[inline(always)]
     fn push<R: Real>(&[scale]: &[R; 1], _: &mut [R; 0], cx: &Cx<R>, _: &State<R>, u: &Command<R>, out: &mut Push<R>) {
-        out.acc_mps2[2] += cx.body.thrust_mps2(u) * (scale - R::of(1.0));
+        out.acc_mps2[2] += cx.body.thrust_mps2(u, out) * (scale - R::of(1.0));
     }
 }

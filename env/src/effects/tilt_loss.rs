@@ -6,19 +6,27 @@ use crate::real::Real;
 
 pub struct TiltLoss;
 
-impl Effect<1, 0> for TiltLoss {
+impl Effect<2, 0> for TiltLoss {
     const NAME: &'static str = "tilt_loss";
     const ABOUT: &'static str = "A tilted vehicle lifts less: thrust times cos(roll) cos(pitch)";
     const SOURCE: &'static str = "Thesis 4.5";
-    const PARAMS: [Param; 1] = [
+    const PARAMS: [Param; 2] = [
         param("amount", "1", 0.0, [0.0, 1.0], "1 for the exact cosine"),
+        param("sideways", "1", 0.0, [0.0, 1.0], "1 pushes sideways too by the thrust of the moment times the sine, not by g times the angle").choice(),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
     const GEOMETRY: bool = true;
 
     #[inline(always)]
-    fn push<R: Real>(&[amount]: &[R; 1], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
-        let upright = x.att_rad[0].sin_cos().1 * x.att_rad[1].sin_cos().1;
-        out.acc_mps2[2] += amount * cx.body.thrust_mps2(u) * (upright - R::of(1.0));
+    fn push<R: Real>(&[amount, sideways]: &[R; 2], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
+        let [(sin_roll, cos_roll), (sin_pitch, cos_pitch)] = [0, 1].map(|i| x.att_rad[i].sin_cos());
+        let thrust = cx.body.thrust_mps2(u, out);
+        out.acc_mps2[2] += amount * thrust * (cos_roll * cos_pitch - R::of(1.0));
+        let (sin, cos) = x.att_rad[2].sin_cos();
+        let front = thrust * cos_roll * sin_pitch - cx.body.gravity_mps2 * x.att_rad[1];
+        let right = thrust * sin_roll - cx.body.gravity_mps2 * x.att_rad[0];
+        let strength = amount * sideways;
+        out.acc_mps2[0] += strength * (cos * front + sin * right);
+        out.acc_mps2[1] += strength * (sin * front - cos * right);
     }
 }

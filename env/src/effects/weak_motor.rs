@@ -18,7 +18,7 @@ impl Effect<2, 0> for WeakMotor {
 
     #[inline(always)]
     fn push<R: Real>(&[motor, loss]: &[R; 2], _: &mut [R; 0], cx: &Cx<R>, _: &State<R>, u: &Command<R>, out: &mut Push<R>) {
-        let lost_mps2 = R::of(0.25) * loss * cx.body.thrust_mps2(u);
+        let lost_mps2 = R::of(0.25) * loss * cx.body.thrust_mps2(u, out);
         let lost_n = lost_mps2 * cx.body.mass_kg;
         let one = R::of(1.0);
         let front = R::select(motor.lt(R::of(1.5)) | motor.gt(R::of(3.5)), one, -one);

@@ -20,6 +20,7 @@ use rayon::prelude::*;
 use crate::fit::filter::{Belief, Disturbances, Filtered, Wander, filter};
 use crate::fit::flight::Flight;
 use crate::fit::hypothesis::{Hypothesis, Term};
+use noise::Said;
 use search::{Dissected, Judged, Score, Search};
 use verdict::{Estimate, Explanation, Leftover, Named, Ranked, Step, Verdict};
 
@@ -36,15 +37,8 @@ const ALIKE: f64 = 5.0;
 const MORE_LIKELY: f64 = 1.0;
 /// A name with more rivals than this is no answer.
 const MOST_RIVALS: usize = 2;
-/// A torque that wanders by more than this (rad/s^2) is no small error of the attitude model.
-const UNEXPLAINED_TORQUE: f64 = 0.25;
-/// A lift that wanders by more than this (m/s^2) is no small error of the thrust.
-const UNEXPLAINED_LIFT: f64 = 0.2;
-/// And by more than this it may be commands that did not arrive.
+/// A torque that wanders by more than this (rad/s^2) may be commands that did not arrive.
 const SHAKEN_TORQUE: f64 = 0.1;
-/// A force that wanders by more than this (m/s^2), for longer than this (s), is a gust.
-const GUST_MPS2: f64 = 0.1;
-const GUST_S: f64 = 0.3;
 /// Effects that do not account for the structure are kept if they lower the 2 s errors of position or velocity on the test flights by this share.
 const HELPS: f64 = 0.05;
 
@@ -224,25 +218,25 @@ fn told(declared: &Judged) -> Told<'_> {
 
 /// Disturbances too large for the small errors of a model; their size in units of what makes a finding.
 fn shaken(disturbances: &Disturbances, blown: Option<&Blown>) -> Vec<Leftover> {
-    let Disturbances { force, lift, torque, .. } = *disturbances;
-    let finding = |signal: &str, finding: String, size: f64| Leftover::new(signal, finding, leftover::FINDING * size);
-    let mut found = Vec::new();
-    let shaken = |what: &str, by: f64, unit: &str, tau_s: f64| {
-        format!("{what} shaken by {by:.2} {unit}, for {tau_s:.2} s at a time, whatever the commands")
+    let Disturbances { lift, torque, turn, .. } = *disturbances;
+    let finding = |signal: &str, words: String, size: f64| Leftover::new(signal, words, leftover::FINDING * size);
+    let shaken = |what: &str, by: Wander, unit: &str| {
+        format!("{what} shaken by {:.2} {unit}, for {:.2} s at a time, whatever the commands", by.sigma, by.tau_s)
     };
-    if torque.sigma > UNEXPLAINED_TORQUE {
-        let words = shaken("roll and pitch are", torque.sigma, "rad/s^2", torque.tau_s);
-        found.push(finding("torque", words, torque.sigma / UNEXPLAINED_TORQUE));
-    }
-    // gusts shake sideways too
-    if lift.sigma > UNEXPLAINED_LIFT && lift.sigma > 2.0 * force.sigma {
-        let words = shaken("the thrust is", lift.sigma, "m/s^2", lift.tau_s);
-        found.push(finding("lift", words, lift.sigma / UNEXPLAINED_LIFT));
-    }
-    if let Some(blown) = blown.filter(|b| b.disturbances.force.tau_s >= noise::LONGEST_S) {
-        let words = format!("wanders by {:.2} m/s^2, for longer than gusts do", blown.disturbances.force.sigma);
-        found.push(finding("force", words, blown.disturbances.force.sigma / GUST_MPS2));
-    }
+    let of = |(said, size): (Said, f64)| {
+        Some(match said {
+            Said::Gust => return None,
+            Said::Lift => finding("lift", shaken("the thrust is", lift, "m/s^2"), size),
+            Said::Torque => finding("torque", shaken("roll and pitch are", torque, "rad/s^2"), size),
+            Said::Turn => finding("turn", shaken("the yaw is", turn, "rad/s^2"), size),
+        })
+    };
+    let mut found: Vec<Leftover> = noise::said(disturbances).filter_map(of).collect();
+    let endless = blown.map(|b| b.disturbances).filter(|d| d.force.tau_s >= noise::LONGEST_S);
+    let endless = endless.and_then(|d| Some((d, noise::said(&d).find(|(said, _)| *said == Said::Gust)?.1)));
+    found.extend(
+        endless.map(|(d, size)| finding("force", format!("wanders by {:.2} m/s^2, for longer than gusts do", d.force.sigma), size)),
+    );
     found
 }
 
@@ -395,9 +389,8 @@ struct Blown {
 }
 
 fn blown(fit: &[Flight], last: &Judged) -> Option<Blown> {
-    let force = last.disturbances.force;
-    let (disturbances, sd) =
-        (force.sigma > GUST_MPS2 && force.tau_s > GUST_S).then(|| noise::force(fit, &last.settled(), &last.disturbances))?;
+    noise::said(&last.disturbances).find(|(said, _)| *said == Said::Gust)?;
+    let (disturbances, sd) = noise::force(fit, &last.settled(), &last.disturbances);
     Some(Blown { disturbances, sd })
 }
 

@@ -42,6 +42,19 @@ const LEAST: f64 = 0.05;
 const TAU_S: [f64; 2] = [0.05, 10.0];
 /// A force may wander for longer, and up to this.
 pub const LONGEST_S: f64 = 20.0;
+/// A force that wanders by more than this (m/s^2), for longer than this (s), is a gust.
+const GUST_MPS2: f64 = 0.1;
+const GUST_S: f64 = 0.3;
+/// A lift that wanders by more than this (m/s^2) is no small error of the thrust if it is so many times the force: air moves in all directions.
+const SHAKEN_LIFT_MPS2: f64 = 0.2;
+const TIMES_FORCE: f64 = 2.0;
+/// In still air even a smaller one is none.
+const LIFT_IN_STILL_AIR_MPS2: f64 = 0.045;
+const TIMES_FORCE_IN_STILL_AIR: f64 = 4.0;
+/// A turn that wanders by more than this (rad/s^2) is no small error of the yaw model.
+const SHAKEN_TURN_RADPS2: f64 = 0.08;
+/// A torque that wanders by more than this (rad/s^2) is no small error of the attitude model.
+const SHAKEN_TORQUE_RADPS2: f64 = 0.25;
 /// A move must gain this much likelihood.
 const WORTH: f64 = 0.3;
 
@@ -121,9 +134,32 @@ impl Stretches<'_> {
     }
 }
 
-/// What disturbances cost beforehand, in units of log-likelihood: most flights are quiet.
+/// Disturbances that are more than the small errors of a model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Said {
+    Gust,
+    Lift,
+    Torque,
+    Turn,
+}
+
+/// What is to be said of disturbances, each with its size in units of the least that is said.
+pub fn said(disturbances: &Disturbances) -> impl Iterator<Item = (Said, f64)> {
+    let Disturbances { force, lift, torque, turn, .. } = *disturbances;
+    let beside = |times: f64, least: f64| (lift.sigma / least).min(lift.sigma / (times * force.sigma));
+    let all = [
+        (Said::Gust, if force.tau_s > GUST_S { force.sigma / GUST_MPS2 } else { 0.0 }),
+        (Said::Lift, beside(TIMES_FORCE, SHAKEN_LIFT_MPS2).max(beside(TIMES_FORCE_IN_STILL_AIR, LIFT_IN_STILL_AIR_MPS2))),
+        (Said::Torque, torque.sigma / SHAKEN_TORQUE_RADPS2),
+        (Said::Turn, turn.sigma / SHAKEN_TURN_RADPS2),
+    ];
+    all.into_iter().filter(|(_, size)| *size > 1.0)
+}
+
+/// What disturbances cost beforehand, in units of log-likelihood: most flights are quiet, and what is to be said of disturbances must be worth what an
+/// effect must be.
 pub fn price(disturbances: &Disturbances) -> f64 {
-    let mut price = 0.0;
+    let mut price = super::WORTH_FIT * said(disturbances).count() as f64;
     resized(disturbances, |sigma, floor| {
         price += DEAR * (sigma / floor).max(1.0).ln();
         sigma
@@ -209,4 +245,35 @@ pub fn force(flights: &[Flight], hypothesis: &Hypothesis, from: &Disturbances) -
         }
     }
     (with(at), sd)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn kinds(disturbances: &Disturbances) -> Vec<Said> {
+        said(disturbances).map(|(said, _)| said).collect()
+    }
+
+    #[test]
+    fn air_moves_in_all_directions_and_a_thrust_alone_does_not() {
+        let of = |force: f64, lift: f64| {
+            let wander = |sigma: f64| Wander { sigma, tau_s: 0.2 };
+            kinds(&Disturbances { force: wander(force), lift: wander(lift), ..FLOOR })
+        };
+        assert_eq!(of(0.012, 0.03), []);
+        assert_eq!(of(0.012, 0.06), [Said::Lift]);
+        assert_eq!(of(0.05, 0.06), []);
+        assert_eq!(of(0.2, 0.25), []);
+        assert_eq!(of(0.1, 0.25), [Said::Lift]);
+    }
+
+    #[test]
+    fn what_is_said_costs_what_an_effect_does() {
+        let of = |tau_s: f64| Disturbances { force: Wander { sigma: 0.11, tau_s }, ..FLOOR };
+        assert_eq!((kinds(&of(0.2)), kinds(&of(1.0))), (vec![], vec![Said::Gust]));
+        assert!((price(&of(1.0)) - price(&of(0.2)) - super::super::WORTH_FIT).abs() < 1e-9);
+        let loudly = Disturbances { torque: Wander { sigma: 0.3, tau_s: 0.3 }, turn: Wander { sigma: 0.2, tau_s: 4.0 }, ..FLOOR };
+        assert_eq!(kinds(&loudly), [Said::Torque, Said::Turn]);
+    }
 }
