@@ -16,10 +16,14 @@ fn fly(folder: &Path, effects: &[&str]) -> [PathBuf; 2] {
 }
 
 fn fly_by(folder: &Path, vertical: &str, period_s: u32, effects: &[&str]) -> [PathBuf; 2] {
+    fly_for("16", folder, vertical, period_s, effects)
+}
+
+fn fly_for(seconds: &str, folder: &Path, vertical: &str, period_s: u32, effects: &[&str]) -> [PathBuf; 2] {
     [("a", "1"), ("b", "2")].map(|(name, seed)| {
         let log = folder.join(format!("{name}.csv"));
         let options = format!("{{\"shape\": \"figure_eight\", \"period_s\": {period_s}}}");
-        let mut args = vec!["fly", "--task", "track", "--task-options", &options, "--vertical", vertical, "--seconds", "16"];
+        let mut args = vec!["fly", "--task", "track", "--task-options", &options, "--vertical", vertical, "--seconds", seconds];
         args.extend(["--seed", seed, "--csv", text(&log)]);
         args.extend(SENSORS.iter().chain(effects).flat_map(|e| ["--effects", e]));
         good(&args);
@@ -134,6 +138,18 @@ fn a_load_is_found_although_the_air_could_sink_as_much() {
     let found = explain(&folder, &fly_by(&folder, "thrust", 4, &["mass_change=0.002"]));
     let added = &found["effects"][0]["params"]["added_kg"]["value"];
     assert!(found["verdict"] == "explained" && (added.as_f64().unwrap() - 0.002).abs() < 1e-4, "{}", found["effects"]);
+}
+
+/// In air that moves by itself too: a wind that stays was taken for a gust of nine seconds.
+#[test]
+fn a_steady_wind_in_moving_air_is_no_gust() {
+    let folder = folder("explain_moving_air");
+    let air = ["wind.x_mps2=0.3", "wind.y_mps2=0.1", "gust.sigma_mps2=0.09", "gust.tau_s=0.6"];
+    let found = explain(&folder, &fly_for("40", &folder, "thrust", 6, &air));
+    let effects = found["effects"].as_array().unwrap();
+    let wind = effects.iter().find(|e| e["name"] == "wind").unwrap_or_else(|| panic!("{found}"));
+    assert!((wind["params"]["x_mps2"]["value"].as_f64().unwrap() - 0.3).abs() < 0.045, "{wind}");
+    assert!(effects.iter().all(|e| e["name"] != "gust"), "{found}");
 }
 
 /// The thesis's yaw and PWM forms are of first order: what pushes them is lagged, and the lagged push is not to be forgotten from tick to tick.

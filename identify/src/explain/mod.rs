@@ -39,6 +39,8 @@ const MORE_LIKELY: f64 = 1.0;
 const MOST_RIVALS: usize = 2;
 /// A torque that wanders by more than this (rad/s^2) may be commands that did not arrive.
 const SHAKEN_TORQUE: f64 = 0.1;
+/// A gust that lasts longer than this may be steady for all that a short flight says.
+const SLOW_GUST_S: f64 = 3.0;
 /// Effects that do not account for the structure are kept if they lower the 2 s errors of position or velocity on the test flights by this share.
 const HELPS: f64 = 0.05;
 
@@ -59,7 +61,7 @@ pub fn explain(model: &Model, fit: &[Flight], test: &[Flight], progress: &dyn Fn
     let mut effects = named(&judge, &settled)?;
     let mut disturbances = last.disturbances;
     if let Some(blown) = blown.filter(|_| !structured) {
-        effects.extend(gust(&judge, last, &blown));
+        effects.extend(gust(&search, &judge, last, &blown));
         disturbances = blown.disturbances;
     }
     let many = |e: &Named| e.confusable_with.len() > MOST_RIVALS;
@@ -373,6 +375,9 @@ fn told_together(effects: Vec<Named>) -> Vec<Named> {
 fn manoeuvre(effect: &Entry, others: &[&'static str]) -> String {
     let lookup = |name: &&str| registry().iter().find(|e| e.name == *name);
     let all: Vec<&Entry> = others.iter().filter_map(lookup).chain([effect]).collect();
+    if matches!(effect.trace, Trace::Wander(_)) {
+        return "fly for more than twenty times as long as the gusts last, with one full turn in yaw".into();
+    }
     if all.iter().all(|e| e.hooks.push) {
         return "climb and descend fast between 0.1 m and 1.5 m, then fly on until the battery is low, with one full turn in yaw".into();
     }
@@ -394,8 +399,16 @@ fn blown(fit: &[Flight], last: &Judged) -> Option<Blown> {
     Some(Blown { disturbances, sd })
 }
 
+/// What else may be there for good where a force that wanders slowly is taken for a gust: it is as likely, and no gust is left beside it.
+fn steady(search: &Search, last: &Judged, blown: &Blown) -> Option<&'static str> {
+    (blown.disturbances.force.tau_s > SLOW_GUST_S).then_some(())?;
+    let other = search.extend(last).1.filter(|other| other.loss < last.loss + ALIKE)?;
+    noise::said(&other.disturbances).all(|(said, _)| said != Said::Gust).then_some(())?;
+    other.hypothesis.terms.iter().map(|t| t.entry.name).find(|name| !last.hypothesis.has(name))
+}
+
 /// The wandering force as the effect of the registry that is one.
-fn gust(judge: &Search, last: &Judged, blown: &Blown) -> Option<Named> {
+fn gust(search: &Search, judge: &Search, last: &Judged, blown: &Blown) -> Option<Named> {
     let entry = registry().iter().find(|e| e.trace == Trace::Wander(Disturbance::Force))?;
     let force = blown.disturbances.force;
     let calm = Disturbances { force: Wander { sigma: noise::FLOOR.force.sigma, ..force }, ..blown.disturbances };
@@ -403,11 +416,13 @@ fn gust(judge: &Search, last: &Judged, blown: &Blown) -> Option<Named> {
     let worth_test = judge.plug_in(&at, &calm)? - judge.plug_in(&at, &blown.disturbances)?;
     let estimates = entry.params.iter().zip([force.sigma, force.tau_s]).zip(blown.sd);
     let params = estimates.map(|((p, value), stderr)| Estimate { name: p.name, value, stderr, unit: p.unit }).collect();
+    let confusable_with: Vec<&'static str> = steady(search, last, blown).into_iter().collect();
+    let manoeuvre = if confusable_with.is_empty() { String::new() } else { manoeuvre(entry, &confusable_with) };
     (worth_test > WORTH_TEST).then_some(Named {
         name: entry.name,
         params,
-        confusable_with: Vec::new(),
-        manoeuvre: String::new(),
+        confusable_with,
+        manoeuvre,
         worth_fit: worth_test,
         worth_test,
         with: Vec::new(),

@@ -63,6 +63,8 @@ const WORTH: f64 = 0.3;
 enum Move {
     Sigma(usize, f64),
     Tau(usize, f64),
+    /// Larger and slower, or smaller and faster: what shakes within a short time stays the same.
+    Both(usize, f64),
     Off(usize),
 }
 
@@ -79,6 +81,7 @@ fn moved(from: &Disturbances, change: Move) -> Option<Disturbances> {
         // what is off may come back, small
         Move::Sigma(i, by) if list[i].sigma == 0.0 && by > 1.0 => list[i].sigma = 0.2 * first[i].sigma,
         Move::Tau(i, by) if list[i].sigma > floor[i].sigma && (TAU_S[0]..=TAU_S[1]).contains(&(list[i].tau_s * by)) => list[i].tau_s *= by,
+        Move::Both(i, by) => return moved(&moved(from, Move::Tau(i, by))?, Move::Sigma(i, by.sqrt())),
         _ => return None,
     }
     Some(to)
@@ -112,7 +115,8 @@ impl Stretches<'_> {
 
     /// The best of all moves by one factor, or of those that gain anything taken together. `None` if none does.
     fn improve(&self, best: &Weighed, by: f64) -> Option<Weighed> {
-        let of = |i| [Move::Sigma(i, by), Move::Sigma(i, 1.0 / by), Move::Tau(i, by), Move::Tau(i, 1.0 / by), Move::Off(i)];
+        let both_ways = |change: fn(usize, f64) -> Move, i: usize| [change(i, by), change(i, 1.0 / by)];
+        let of = |i| [Move::Sigma, Move::Tau, Move::Both].into_iter().flat_map(move |change| both_ways(change, i)).chain([Move::Off(i)]);
         let moves: Vec<Move> = (0..5).flat_map(of).collect();
         let weigh = |m: Move| Some((m, self.weigh(moved(&best.disturbances, m)?, Some(best))?));
         let gains = |m: Move| if matches!(m, Move::Off(_)) { -WORTH } else { WORTH };
@@ -122,7 +126,7 @@ impl Stretches<'_> {
         // each disturbance changed at most once
         let (mut together, mut seen) = (best.disturbances, Vec::new());
         for (m, _) in &better {
-            let (Move::Sigma(i, _) | Move::Tau(i, _) | Move::Off(i)) = *m;
+            let (Move::Sigma(i, _) | Move::Tau(i, _) | Move::Both(i, _) | Move::Off(i)) = *m;
             if !seen.contains(&i) {
                 seen.push(i);
                 together = moved(&together, *m).unwrap_or(together);
@@ -266,6 +270,16 @@ mod tests {
         assert_eq!(of(0.05, 0.06), []);
         assert_eq!(of(0.2, 0.25), []);
         assert_eq!(of(0.1, 0.25), [Said::Lift]);
+    }
+
+    #[test]
+    fn larger_and_slower_shakes_as_much_within_a_short_time() {
+        let from = Disturbances { lift: Wander { sigma: 0.2, tau_s: 8.0 }, ..FLOOR };
+        let to = moved(&from, Move::Both(1, 0.25)).unwrap().lift;
+        assert_eq!((to.sigma, to.tau_s), (0.1, 2.0));
+        let rate = |w: Wander| w.sigma * w.sigma / w.tau_s;
+        assert!((rate(to) - rate(from.lift)).abs() < 1e-12);
+        assert!(moved(&from, Move::Both(1, 4.0)).is_none(), "slower than all");
     }
 
     #[test]
