@@ -227,7 +227,7 @@ fn shaken(disturbances: &Disturbances, blown: Option<&Blown>) -> Vec<Leftover> {
     };
     let of = |(said, size): (Said, f64)| {
         Some(match said {
-            Said::Gust => return None,
+            Said::Force => return None,
             Said::Lift => finding("lift", shaken("the thrust is", lift, "m/s^2"), size),
             Said::Torque => finding("torque", shaken("roll and pitch are", torque, "rad/s^2"), size),
             Said::Turn => finding("turn", shaken("the yaw is", turn, "rad/s^2"), size),
@@ -235,7 +235,7 @@ fn shaken(disturbances: &Disturbances, blown: Option<&Blown>) -> Vec<Leftover> {
     };
     let mut found: Vec<Leftover> = noise::said(disturbances).filter_map(of).collect();
     let endless = blown.map(|b| b.disturbances).filter(|d| d.force.tau_s >= noise::LONGEST_S);
-    let endless = endless.and_then(|d| Some((d, noise::said(&d).find(|(said, _)| *said == Said::Gust)?.1)));
+    let endless = endless.and_then(|d| Some((d, noise::said(&d).find(|(said, _)| *said == Said::Force)?.1)));
     found.extend(
         endless.map(|(d, size)| finding("force", format!("wanders by {:.2} m/s^2, for longer than gusts do", d.force.sigma), size)),
     );
@@ -394,7 +394,7 @@ struct Blown {
 }
 
 fn blown(fit: &[Flight], last: &Judged) -> Option<Blown> {
-    noise::said(&last.disturbances).find(|(said, _)| *said == Said::Gust)?;
+    noise::said(&last.disturbances).find(|(said, _)| *said == Said::Force && last.disturbances.force.tau_s > noise::GUST_S)?;
     let (disturbances, sd) = noise::force(fit, &last.settled(), &last.disturbances);
     Some(Blown { disturbances, sd })
 }
@@ -403,7 +403,7 @@ fn blown(fit: &[Flight], last: &Judged) -> Option<Blown> {
 fn steady(search: &Search, last: &Judged, blown: &Blown) -> Option<&'static str> {
     (blown.disturbances.force.tau_s > SLOW_GUST_S).then_some(())?;
     let other = search.extend(last).1.filter(|other| other.loss < last.loss + ALIKE)?;
-    noise::said(&other.disturbances).all(|(said, _)| said != Said::Gust).then_some(())?;
+    noise::said(&other.disturbances).all(|(said, _)| said != Said::Force).then_some(())?;
     other.hypothesis.terms.iter().map(|t| t.entry.name).find(|name| !last.hypothesis.has(name))
 }
 

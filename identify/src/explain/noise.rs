@@ -42,9 +42,9 @@ const LEAST: f64 = 0.05;
 const TAU_S: [f64; 2] = [0.05, 10.0];
 /// A force may wander for longer, and up to this.
 pub const LONGEST_S: f64 = 20.0;
-/// A force that wanders by more than this (m/s^2), for longer than this (s), is a gust.
-const GUST_MPS2: f64 = 0.1;
-const GUST_S: f64 = 0.3;
+/// A force that wanders by more than this (m/s^2) is more than a draught; for longer than this (s), a gust.
+const SHAKEN_FORCE_MPS2: f64 = 0.1;
+pub const GUST_S: f64 = 0.3;
 /// A lift that wanders by more than this (m/s^2) is no small error of the thrust if it is so many times the force: air moves in all directions.
 const SHAKEN_LIFT_MPS2: f64 = 0.2;
 const TIMES_FORCE: f64 = 2.0;
@@ -141,7 +141,7 @@ impl Stretches<'_> {
 /// Disturbances that are more than the small errors of a model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Said {
-    Gust,
+    Force,
     Lift,
     Torque,
     Turn,
@@ -152,7 +152,7 @@ pub fn said(disturbances: &Disturbances) -> impl Iterator<Item = (Said, f64)> {
     let Disturbances { force, lift, torque, turn, .. } = *disturbances;
     let beside = |times: f64, least: f64| (lift.sigma / least).min(lift.sigma / (times * force.sigma));
     let all = [
-        (Said::Gust, if force.tau_s > GUST_S { force.sigma / GUST_MPS2 } else { 0.0 }),
+        (Said::Force, force.sigma / SHAKEN_FORCE_MPS2),
         (Said::Lift, beside(TIMES_FORCE, SHAKEN_LIFT_MPS2).max(beside(TIMES_FORCE_IN_STILL_AIR, LIFT_IN_STILL_AIR_MPS2))),
         (Said::Torque, torque.sigma / SHAKEN_TORQUE_RADPS2),
         (Said::Turn, turn.sigma / SHAKEN_TURN_RADPS2),
@@ -268,7 +268,7 @@ mod tests {
         assert_eq!(of(0.012, 0.03), []);
         assert_eq!(of(0.012, 0.06), [Said::Lift]);
         assert_eq!(of(0.05, 0.06), []);
-        assert_eq!(of(0.2, 0.25), []);
+        assert_eq!(of(0.2, 0.25), [Said::Force]);
         assert_eq!(of(0.1, 0.25), [Said::Lift]);
     }
 
@@ -284,9 +284,12 @@ mod tests {
 
     #[test]
     fn what_is_said_costs_what_an_effect_does() {
-        let of = |tau_s: f64| Disturbances { force: Wander { sigma: 0.11, tau_s }, ..FLOOR };
-        assert_eq!((kinds(&of(0.2)), kinds(&of(1.0))), (vec![], vec![Said::Gust]));
-        assert!((price(&of(1.0)) - price(&of(0.2)) - super::super::WORTH_FIT).abs() < 1e-9);
+        // however long it lasts: or a gust would be fitted just short of one
+        for tau_s in [0.1, 1.0, 10.0] {
+            let of = |sigma: f64| Disturbances { force: Wander { sigma, tau_s }, ..FLOOR };
+            assert_eq!((kinds(&of(0.1)), kinds(&of(0.11))), (vec![], vec![Said::Force]));
+            assert!((price(&of(0.11)) - price(&of(0.1)) - DEAR * 1.1_f64.ln() - super::super::WORTH_FIT).abs() < 1e-9);
+        }
         let loudly = Disturbances { torque: Wander { sigma: 0.3, tau_s: 0.3 }, turn: Wander { sigma: 0.2, tau_s: 4.0 }, ..FLOOR };
         assert_eq!(kinds(&loudly), [Said::Torque, Said::Turn]);
     }
