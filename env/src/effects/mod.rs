@@ -349,9 +349,9 @@ macro_rules! registry {
     };
 }
 
-// Command effects stand in the order in which a command passes them: ground station, radio, firmware, motors. What changes the thrust stands before
-// what turns it; forces of another kind after. Frame effects: what is in
-// view, then what the detection makes of it, then the way to the controller.
+// Command effects stand in the order in which a command passes them: ground station, radio, firmware, motors. What changes the thrust stands
+// before what turns it; forces of another kind after. Frame effects: what is in view, then what the detection makes of it, then the way to the
+// controller.
 registry![
     cmd_deadband::CmdDeadband,
     packet_loss::PacketLoss,

@@ -38,7 +38,7 @@ const MORE_LIKELY: f64 = 1.0;
 /// A name with more rivals than this is no answer.
 const MOST_RIVALS: usize = 2;
 /// A torque that wanders by more than this (rad/s^2) may be commands that did not arrive.
-const SHAKEN_TORQUE: f64 = 0.1;
+const LOST_COMMANDS_RADPS2: f64 = 0.1;
 /// A gust that lasts longer than this may be steady for all that a short flight says.
 const SLOW_GUST_S: f64 = 3.0;
 /// Effects that do not account for the structure are kept if they lower the 2 s errors of position or velocity on the test flights by this share.
@@ -253,7 +253,7 @@ fn forward(search: &Search, declared: &Judged, progress: &dyn Fn(&str)) -> (Judg
         let (scores, next) = search.extend(&now);
         steps.push(Step { effects: names, gain, ranking: scores.iter().map(ranked).collect() });
         let gains = |next: &Judged| now.loss - next.loss > search::LEAST_GAIN && next.hypothesis.terms.len() <= search::MOST_EFFECTS;
-        let shaken = now.disturbances.torque.sigma > SHAKEN_TORQUE;
+        let shaken = now.disturbances.torque.sigma > LOST_COMMANDS_RADPS2;
         let Some(next) = next.filter(gains).or_else(|| if shaken { search.held(&now).filter(gains) } else { None }) else {
             return (now, steps);
         };
