@@ -1,7 +1,7 @@
 //! Effects against solutions on paper: step responses, steady states, swings; and the same at any control rate.
 
 use crazyflie_env::config::{EffectTable, Options};
-use crazyflie_env::effects::{Entry, Hooks, Role, Trace, find, registry};
+use crazyflie_env::effects::{Entry, Hooks, Param, Role, Trace, find, registry};
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::plant::{Command, State};
 use crazyflie_env::world::{Settings, Tick, World};
@@ -64,17 +64,16 @@ fn play_stays_until_it_is_crossed_and_lags_half_its_width() {
     // up to 5 degrees, back by less than the play, back by more
     let commands = [5.0, 4.2, 3.5, 2.0, -3.0];
     let obeyed = [4.0, 4.0, 4.0, 3.0, -2.0];
-    let states = flight(r#"{"backlash": 2.0}"#, 500, |tick| pitched(commands[tick / 100]));
+    let states = flight(r#"{"backlash": 2.0}"#, 1500, |tick| pitched(commands[tick / 300]));
     for (i, obeyed) in obeyed.iter().enumerate() {
-        let settled = states[100 * i + 99].att_rad[1].to_degrees();
-        assert!((settled - static_gain() * obeyed).abs() < 1e-3, "{} deg: {settled}", commands[i]);
+        let settled = states[300 * i + 299].att_rad[1].to_degrees();
+        assert!((settled - static_gain() * obeyed).abs() < 1e-5, "{} deg: {settled}", commands[i]);
     }
 }
 
 #[test]
 fn a_rate_limit_makes_a_ramp_of_a_step() {
-    let (plain, limited) =
-        (flight("{}", 400, |_| pitched(10.0)), flight(r#"{"cmd_rate_limit": 47.0}"#, 400, |_| pitched(10.0)));
+    let (plain, limited) = (flight("{}", 400, |_| pitched(10.0)), flight(r#"{"cmd_rate_limit": 47.0}"#, 400, |_| pitched(10.0)));
     // in the long run only the area between step and ramp counts, and a linear plant multiplies it by its static gain
     let area: f64 = plain.iter().zip(&limited).map(|(p, l)| (p.att_rad[1] - l.att_rad[1]).to_degrees() * TICK_S).sum();
     let expected = static_gain() * 10.0 * 10.0 / (2.0 * 47.0);
@@ -89,7 +88,7 @@ fn a_saturated_vehicle_climbs_by_what_its_motors_have() {
     let climb = |effects: &str| flight(effects, 1, full)[0].vel_mps[2] / TICK_S;
     let (asked, got) = (climb("{}"), climb(r#"{"motor_saturation": 1.4}"#));
     assert!((got / asked - 0.4 / 0.6).abs() < 2e-3, "{got} of {asked}");
-    assert_eq!(climb(r#"{"motor_saturation": 1.7}"#), asked);
+    assert!((climb(r#"{"motor_saturation": 1.7}"#) - asked).abs() < 1e-12);
 }
 
 #[test]
@@ -240,7 +239,7 @@ fn a_constant_command_means_the_same_at_any_control_rate() {
     };
     for entry in registry().iter().filter(|e| e.hooks == Hooks::COMMAND && e.trace == Trace::Mean) {
         for share in [0.3, 0.72, 1.0] {
-            let value = |p: &crazyflie_env::effects::Param| if p.role == Role::Choice { p.off } else { p.off + share * (p.far() - p.off) };
+            let value = |p: &Param| if p.role == Role::Choice { p.off } else { p.off + share * (p.far() - p.off) };
             let values: Vec<f64> = entry.params.iter().map(value).collect();
             let usual = settled(50.0, entry, &values);
             for hz in [60.0, 100.0, 200.0, 500.0] {

@@ -77,8 +77,8 @@ pub enum Trace {
     Wander(Disturbance),
     /// It decides what is seen at all.
     Sight,
-    /// It changes what is expected from a time, or at a frequency, of its own. Off, it has no slope towards that: a search from "off" cannot find
-    /// it, and has to read from the residuals where to begin.
+    /// It changes what is expected from a time on, at a frequency or beyond a limit of its own. Off, it has no slope: a search cannot find it from
+    /// there, but has to read from the residuals where to begin.
     Located,
     /// It describes what no other effect explains, and names no cause.
     StandIn,

@@ -1,7 +1,7 @@
 //! Motors that give no more.
 
 use super::mixer::{MOTORS, TILT_INERTIA_KGM2, YAW_INERTIA_KGM2, YAW_LEVER_M, side_m, weaken};
-use super::{Cx, Effect, Hooks, Param, param};
+use super::{Cx, Effect, Hooks, Param, Trace, param};
 use crate::plant::{Command, Push, State};
 use crate::real::Real;
 
@@ -19,6 +19,7 @@ impl Effect<1, 0> for MotorSaturation {
     ];
     const HOOKS: Hooks = Hooks::PUSH;
     const PHYSICS_HZ: u32 = 300;
+    const TRACE: Trace = Trace::Located;
 
     #[inline(always)]
     fn push<R: Real>(&[ratio]: &[R; 1], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
