@@ -165,7 +165,7 @@ impl AxisForm {
     fn first_order(gain: f64, pole: f64, offset: f64, push_damping: f64) -> Self {
         AxisForm { a: [[-pole, 1.0], [0.0, -push_damping]], u: [gain, 0.0], push: [0.0, 1.0], offset }
     }
-    fn lags_push(&self) -> bool {
+    pub(crate) fn lags_push(&self) -> bool {
         self.a[0] != [0.0, 1.0] || self.u[0] != 0.0
     }
 }

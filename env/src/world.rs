@@ -121,6 +121,8 @@ pub struct World<R: Simulated> {
     names: Vec<&'static str>,
     order: Order,
     drawn: Vec<(usize, Vec<Ranged>)>,
+    /// Room for the numbers of the effect that draws most.
+    drawn_now: Vec<f64>,
     /// Of each tile: apart, because a step without effects needs no more than the first two.
     states: Vec<State<R>>,
     ages: Vec<Age<R>>,
@@ -154,9 +156,10 @@ impl<R: Simulated> World<R> {
         let counts_per_step = counts_per_step(&schedule, settings.physics_hz, needed_hz)?;
         let mut order = Order::default();
         let (mut stages, mut drawn) = (Vec::new(), Vec::new());
+        let tick_s = schedule.seconds(schedule.control);
         for (i, (_, entry, values)) in active.into_iter().enumerate() {
             let per_drone = values.iter().any(|v| v.fixed().is_none());
-            let mut stage = R::stage(entry, effects::Build { tiles, per_drone });
+            let mut stage = R::stage(entry, effects::Build { tiles, per_drone, tick_s });
             if per_drone {
                 drawn.push((i, values));
             } else {
@@ -175,7 +178,6 @@ impl<R: Simulated> World<R> {
             }
             stages.push((entry, stage));
         }
-        let tick_s = schedule.seconds(schedule.control);
         let steps_per_tick = schedule.control / counts_per_step;
         let h_s = tick_s / f64::from(steps_per_tick);
         let times = Times { tick_s: R::of(tick_s), per_tick: R::of(1.0 / tick_s), h_s: R::of(h_s), per_h: R::of(1.0 / h_s) };
@@ -192,6 +194,7 @@ impl<R: Simulated> World<R> {
             floor: true,
             voltage_v: None,
             disturbance: None,
+            drawn_now: vec![0.0; drawn.iter().map(|(_, values)| values.len()).max().unwrap_or(0)],
             drawn: drawn.into_iter().map(|(i, values)| (i, with_ranges(entries[i], values))).collect(),
             names: Vec::new(),
             stages: stages.into_iter().map(|(_, stage)| stage).collect(),
@@ -252,9 +255,8 @@ impl<R: Simulated> World<R> {
     pub fn draw_lane(&mut self, tile: usize, lane: usize, key: u64, rng: &mut rand_pcg::Pcg64Mcg) {
         self.ages[tile].keys.set_lane(lane, key);
         self.ages[tile].tick.set_lane(lane, 0);
-        let mut values = [0.0; 16];
         for (stage, numbers) in &self.drawn {
-            let drawn = &mut values[..numbers.len()];
+            let drawn = &mut self.drawn_now[..numbers.len()];
             for (slot, number) in drawn.iter_mut().zip(numbers) {
                 *slot = number.draw(rng);
             }

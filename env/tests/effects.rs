@@ -100,7 +100,14 @@ fn on_changes_something() {
                 // the one that must not be at the end of its range to be felt
                 "cmd_limit" => [2.0, 10.0, 39_000.0, 40_000.0][i],
                 // reaches from the floor to the flight
-                "ground_effect_exp" => [0.3, 0.2][i],
+                "ground_effect_exp" => [0.3, 0.2, 0.02][i],
+                // slower than the commands
+                "cmd_rate_limit" => 10.0,
+                // less than the commands ask
+                "motor_saturation" => 1.01,
+                // within the flight
+                "thrust_step" => [0.9, 1.5][i],
+                "wind_step" => [0.5, -0.5, 1.5][i],
                 "camera_outliers" => [0.5, 0.1, 0.0, 5.0][i],
                 "camera_fov" => [60.0, 0.02, 0.197, 5.0, 0.1][i],
                 "markers" => [3.0, 3.0, 0.2][i],
@@ -353,7 +360,7 @@ fn noise_has_its_size_and_grows_with_distance() {
 
 #[test]
 fn every_parameter_says_what_it_is() {
-    let units = ["N", "1", "s", "deg", "deg/s", "1/s", "1/m", "m", "m/s^2", "kg", "ohm", "rad/(m s)", "deg/s/sqrt(s)", "m/s^2/rad"];
+    let units = ["N", "1", "s", "Hz", "deg", "deg/s", "1/s", "1/m", "m", "m/s^2", "kg", "ohm", "rad/(m s)", "deg/s/sqrt(s)", "m/s^2/rad"];
     for entry in registry() {
         assert!(!entry.about.is_empty() && entry.source.len() > 5 && !entry.params.is_empty(), "{}", entry.name);
         for p in entry.params {

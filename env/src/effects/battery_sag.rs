@@ -6,25 +6,27 @@ use crate::real::Real;
 
 pub struct BatterySag;
 
-impl Effect<3, 4> for BatterySag {
+impl Effect<4, 4> for BatterySag {
     const NAME: &'static str = "battery_sag";
     const ABOUT: &'static str = "The voltage falls with charge and current; thrust goes with a power of it";
     const SOURCE: &'static str = "Discharge curve of Tremblay, Dessaint and Dekkiche 2007 with 4.2 V full; current as thrust^1.5 (momentum theory)";
-    const PARAMS: [Param; 3] = [
+    const PARAMS: [Param; 4] = [
         param("exponent", "1", 0.0, [0.0, 4.0], "thrust goes as (voltage / reference voltage)^exponent; 2 without compensation"),
         param("charge", "1", 1.0, [0.05, 1.0], "at the start of the episode").constant(),
         param("resistance_ohm", "ohm", 0.0, [0.0, 0.5], "inner resistance; about 0.1 measured on a Crazyflie").constant(),
+        param("torque_share", "1", 0.0, [0.0, 1.0], "how much the torques share: 0 where the attitude loop makes up for it, 1 where 5.1 and 5.2 lose as the thrust"),
     ];
     const HOOKS: Hooks = Hooks::PUSH_AND_SENSE;
 
     #[inline(always)]
-    fn start<R: Real>(&[_, charge, _]: &[R; 3], _: &Cx<R>, _: &State<R>, _: &Command<R>) -> [R; 4] {
+    fn start<R: Real>(&[_, charge, _, _]: &[R; 4], _: &Cx<R>, _: &State<R>, _: &Command<R>) -> [R; 4] {
         let bulge = (R::of(DECAY) * (charge - R::of(1.0))).exp();
         [charge, R::zero(), open_circuit_v(charge, bulge), bulge]
     }
 
     #[inline(always)]
-    fn push<R: Real>(&[exponent, _, resistance_ohm]: &[R; 3], s: &mut [R; 4], cx: &Cx<R>, _: &State<R>, u: &Command<R>, out: &mut Push<R>) {
+    fn push<R: Real>(p: &[R; 4], s: &mut [R; 4], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
+        let &[exponent, _, resistance_ohm, torque_share] = p;
         // the charge moves slowly: once per control tick is enough
         if cx.first {
             let current = current_a(cx, u);
@@ -42,10 +44,11 @@ impl Effect<3, 4> for BatterySag {
             s[1] = (s[2] / full).powf(exponent) - R::of(1.0);
         }
         out.acc_mps2[2] += cx.body.thrust_mps2(u, out) * s[1];
+        cx.body.add_torque(torque_share * s[1], cx.h_s, x, u, out);
     }
 
     #[inline(always)]
-    fn sense<R: Real>(_: &[R; 3], s: &mut [R; 4], _: &Cx<R>, _: &State<R>, _: &Command<R>, y: &mut Reading<R>) {
+    fn sense<R: Real>(_: &[R; 4], s: &mut [R; 4], _: &Cx<R>, _: &State<R>, _: &Command<R>, y: &mut Reading<R>) {
         y.vbat_v = s[2];
     }
 }

@@ -6,20 +6,38 @@ use crate::real::Real;
 
 pub struct CameraLatency;
 
-impl Effect<2, 24> for CameraLatency {
+const LONGEST_S: f64 = 0.12;
+/// Numbers of a frame under way: pose, stamp, markers.
+const FRAME: usize = 6;
+/// Frames that are under way at most: one per control tick for the longest latency at 500 Hz, and the newest.
+const SLOTS: usize = 61;
+const NUMBERS: usize = FRAME * SLOTS;
+
+/// Numbers of all frames that can be under way; a tick brings one at most.
+#[inline(always)]
+fn numbers(tick_s: f64) -> usize {
+    // a whole number of ticks may come out a little longer
+    FRAME * ((LONGEST_S / tick_s - 1e-9).ceil() as usize + 1).min(SLOTS)
+}
+
+impl Effect<2, NUMBERS> for CameraLatency {
     const NAME: &'static str = "camera_latency";
     const ABOUT: &'static str = "Time from the exposure of a frame to the pose at the controller";
-    const SOURCE: &'static str = "Exposure, transmission and detection; a queue of four frames";
+    const SOURCE: &'static str = "Exposure, transmission and detection; a queue of frames";
     const PARAMS: [Param; 2] = [
-        param("latency_s", "s", 0.0, [0.0, 0.12], "from capture to arrival; at most four frames of 33 ms are under way").constant(),
-        param("undeclared_s", "s", 0.0, [-0.05, 0.12], "how much later than the capture the time stamp is"),
+        param("latency_s", "s", 0.0, [0.0, LONGEST_S], "from capture to arrival; above 500 frames a second at most 60 frames are under way").constant(),
+        param("undeclared_s", "s", 0.0, [-0.05, LONGEST_S], "how much later than the capture the time stamp is"),
     ];
     const HOOKS: Hooks = Hooks::FRAME_AND_SENSE;
 
+    fn states_in_use(tick_s: f64) -> usize {
+        numbers(tick_s)
+    }
+
     #[inline(always)]
-    fn start<R: Real>(_: &[R; 2], _: &Cx<R>, _: &State<R>, _: &Command<R>) -> [R; 24] {
-        let mut queue = [R::zero(); 24];
-        for slot in queue.chunks_exact_mut(6) {
+    fn start<R: Real>(_: &[R; 2], _: &Cx<R>, _: &State<R>, _: &Command<R>) -> [R; NUMBERS] {
+        let mut queue = [R::zero(); NUMBERS];
+        for slot in queue.chunks_exact_mut(FRAME) {
             slot[4] = R::of(EMPTY_S);
         }
         queue
@@ -27,11 +45,11 @@ impl Effect<2, 24> for CameraLatency {
 
     /// Put the new frame first in the queue and keep it from arriving now.
     #[inline(always)]
-    fn frame<R: Real>(&[_, undeclared_s]: &[R; 2], queue: &mut [R; 24], _: &Cx<R>, _: &State<R>, f: &mut Frame<R>) {
+    fn frame<R: Real>(&[_, undeclared_s]: &[R; 2], queue: &mut [R; NUMBERS], cx: &Cx<R>, _: &State<R>, f: &mut Frame<R>) {
         f.t_s += undeclared_s;
         let new = [f.pos_m[0], f.pos_m[1], f.pos_m[2], f.yaw_rad, f.t_s, f.markers];
-        for i in (0..24).rev() {
-            let value = if i < 6 { new[i] } else { queue[i - 6] };
+        for i in (0..numbers(cx.tick_s)).rev() {
+            let value = if i < FRAME { new[i] } else { queue[i - FRAME] };
             queue[i] = R::select(f.captured, value, queue[i]);
         }
         f.captured = R::nothing();
@@ -39,13 +57,15 @@ impl Effect<2, 24> for CameraLatency {
 
     /// Deliver what is due, oldest first, so that the newest due frame stays.
     #[inline(always)]
-    fn sense<R: Real>(&[latency_s, undeclared_s]: &[R; 2], queue: &mut [R; 24], cx: &Cx<R>, _: &State<R>, _: &Command<R>, y: &mut Reading<R>) {
+    fn sense<R: Real>(&[latency_s, undeclared_s]: &[R; 2], queue: &mut [R; NUMBERS], cx: &Cx<R>, _: &State<R>, _: &Command<R>, y: &mut Reading<R>) {
         // a frame due exactly now is not lost to rounding
         let due = cx.t_s - latency_s + undeclared_s + R::of(1e-4);
-        for slot in queue.chunks_exact_mut(6).rev() {
+        for slot in queue[..numbers(cx.tick_s)].chunks_exact_mut(FRAME).rev() {
             let arrived = slot[4].le(due);
-            y.marker.deliver(arrived, [slot[0], slot[1], slot[2]], slot[3], slot[4], slot[5]);
-            slot[4] = R::select(arrived, R::of(EMPTY_S), slot[4]);
+            if R::any(arrived) {
+                y.marker.deliver(arrived, [slot[0], slot[1], slot[2]], slot[3], slot[4], slot[5]);
+                slot[4] = R::select(arrived, R::of(EMPTY_S), slot[4]);
+            }
         }
     }
 }

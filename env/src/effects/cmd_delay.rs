@@ -6,33 +6,50 @@ use crate::real::Real;
 
 pub struct CmdDelay;
 
-impl Effect<1, 32> for CmdDelay {
+const LONGEST_S: f64 = 0.14;
+/// Commands that are remembered at most: the longest delay at 500 Hz, and the newest.
+const SLOTS: usize = 71;
+const NUMBERS: usize = 4 * SLOTS;
+
+/// Commands that are remembered: the longest delay in control ticks, and the newest.
+#[inline(always)]
+fn slots(tick_s: f64) -> usize {
+    // a whole number of ticks may come out a little longer
+    ((LONGEST_S / tick_s - 1e-9).ceil() as usize + 1).min(SLOTS)
+}
+
+impl Effect<1, NUMBERS> for CmdDelay {
     const NAME: &'static str = "cmd_delay";
     const ABOUT: &'static str = "Pure delay between the command and the vehicle";
     const SOURCE: &'static str = "The delayed held command is averaged over the physics step, which is exact for the integral of the command";
     const PARAMS: [Param; 1] = [
-        param("delay_s", "s", 0.0, [0.0, 0.14], "from command to effect; at most seven control ticks of 20 ms"),
+        param("delay_s", "s", 0.0, [0.0, LONGEST_S], "from command to effect; above 500 Hz control at most 70 ticks"),
     ];
     const HOOKS: Hooks = Hooks::COMMAND;
 
+    fn states_in_use(tick_s: f64) -> usize {
+        4 * slots(tick_s)
+    }
+
     #[inline(always)]
-    fn start<R: Real>(_: &[R; 1], _: &Cx<R>, _: &State<R>, u: &Command<R>) -> [R; 32] {
+    fn start<R: Real>(_: &[R; 1], _: &Cx<R>, _: &State<R>, u: &Command<R>) -> [R; NUMBERS] {
         let one = [u.roll_rad, u.pitch_rad, u.yaw_rate_radps, u.lift];
         std::array::from_fn(|i| one[i % 4])
     }
 
     #[inline(always)]
-    fn command<R: Real>(&[delay_s]: &[R; 1], past: &mut [R; 32], cx: &Cx<R>, _: &State<R>, u: &mut Command<R>) {
-        // a ring of eight commands; all lanes tick together
-        let slot = |k: usize| 4 * ((cx.clock + 8 - k) % 8);
+    fn command<R: Real>(&[delay_s]: &[R; 1], past: &mut [R; NUMBERS], cx: &Cx<R>, _: &State<R>, u: &mut Command<R>) {
+        // a ring of commands; all lanes tick together
+        let slots = slots(cx.tick_s);
+        let slot = |k: usize| 4 * ((cx.clock + slots - k) % slots);
         if cx.first {
             past[slot(0)..slot(0) + 4].copy_from_slice(&[u.roll_rad, u.pitch_rad, u.yaw_rate_radps, u.lift]);
         }
         // command k (0 is the newest) was given from -k ticks to -k + 1 ticks; this step sees the span [begin, begin + h)
-        let begin = R::of(cx.since_tick_s) - delay_s;
+        let begin = R::of(cx.since_tick_s) - delay_s.min(R::of((slots - 1) as f64 * cx.tick_s));
         let end = begin + R::of(cx.h_s);
         let mut sum = [R::zero(); 4];
-        for k in 0..8 {
+        for k in 0..slots {
             let given = R::of(-(k as f64) * cx.tick_s);
             let overlap = (end.min(given + R::of(cx.tick_s)) - begin.max(given)).max(R::zero());
             let share = overlap * R::of(1.0 / cx.h_s);

@@ -1,7 +1,9 @@
 //! Effects: what the identified linear model lacks. One effect is one small file here plus one line in [`registry`]; everything else
 //! (configuration, command line, Python, docs, fitting) reads the registry.
 
+mod mixer;
 mod stage;
+mod time;
 
 use crate::dual::Dual;
 use crate::lanes::Lanes;
@@ -75,6 +77,9 @@ pub enum Trace {
     Wander(Disturbance),
     /// It decides what is seen at all.
     Sight,
+    /// It changes what is expected from a time on, at a frequency or beyond a limit of its own. Off, it has no slope: a search cannot find it from
+    /// there, but has to read from the residuals where to begin.
+    Located,
     /// It describes what no other effect explains, and names no cause.
     StandIn,
     /// It needs other drones: the log of one flight does not show it.
@@ -82,9 +87,14 @@ pub enum Trace {
 }
 
 impl Trace {
-    /// Whether what is expected of a flight depends on the effect.
+    /// Whether what is expected of a flight depends on the effect, and a search can begin where it is off.
     pub fn is_expected(self) -> bool {
         matches!(self, Trace::Mean | Trace::Held)
+    }
+
+    /// Whether what is expected of a flight depends on the effect.
+    pub fn shapes_mean(self) -> bool {
+        self.is_expected() || self == Trace::Located
     }
 }
 
@@ -143,8 +153,11 @@ pub struct Body<R> {
     pub heave_ps: R,
     /// +1 or -1: the sign with which a commanded yaw rate turns the vehicle.
     pub yaw_sign: R,
-    /// With what a push on yaw dies away.
+    /// Yaw dynamics: angle'' = gain command - damping angle' - stiffness angle. An integrator (5.2) stands for a rate loop with the damping with
+    /// which a push on it dies away.
+    pub yaw_gain_ps2: R,
     pub yaw_damping_ps: R,
+    pub yaw_stiffness_ps2: R,
     /// Roll and pitch dynamics (5.1): angle'' = gain command - damping angle' - stiffness angle.
     pub tilt_gain_ps2: [R; 2],
     pub tilt_damping_ps: [R; 2],
@@ -153,7 +166,7 @@ pub struct Body<R> {
 
 crate::plant::listed!(
     Body,
-    20,
+    22,
     gravity_mps2,
     mass_kg,
     rotor_radius_m,
@@ -165,7 +178,9 @@ crate::plant::listed!(
     arm_m,
     heave_ps,
     yaw_sign,
+    yaw_gain_ps2,
     yaw_damping_ps,
+    yaw_stiffness_ps2,
     tilt_gain_ps2[2],
     tilt_damping_ps[2],
     tilt_stiffness_ps2[2]
@@ -184,6 +199,23 @@ impl<R: Real> Body<R> {
             self.tilt_gain_ps2[i] * command - self.tilt_damping_ps[i] * x.rate_radps[i] - self.tilt_stiffness_ps2[i] * x.att_rad[i]
         };
         [asked(0, u.roll_rad), asked(1, u.pitch_rad)]
+    }
+    /// Angular acceleration of yaw by the declared dynamics.
+    #[inline(always)]
+    pub fn yaw_torque_radps2(&self, x: &State<R>, u: &Command<R>) -> R {
+        self.yaw_gain_ps2 * u.yaw_rate_radps - self.yaw_damping_ps * x.rate_radps[2] - self.yaw_stiffness_ps2 * x.att_rad[2]
+    }
+    /// Add this share `more` of the declared torques. They are taken at the middle of a physics step of `h_s`: the state expected there holds the
+    /// rates of the step's start, which the damping of 5.1 (28.8 1/s) changes by a quarter within 10 ms.
+    #[inline(always)]
+    pub fn add_torque(&self, more: R, h_s: f64, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
+        let [roll, pitch] = self.tilt_torque_radps2(x, u);
+        let at_start = [roll, pitch, self.yaw_torque_radps2(x, u)];
+        let damping_ps = [self.tilt_damping_ps[0], self.tilt_damping_ps[1], self.yaw_damping_ps];
+        for i in 0..3 {
+            let slowed = R::of(1.0) + R::of(0.5 * h_s) * damping_ps[i] * (R::of(1.0) + more);
+            out.ang_radps2[i] += more * at_start[i] / slowed;
+        }
     }
     /// Thrust per mass, with what the effects before make of it: `out` holds nothing else upwards where those of the thrust are asked.
     #[inline(always)]
@@ -305,6 +337,10 @@ pub trait Effect<const P: usize, const S: usize>: Send + 'static {
     /// How many of its numbers of state, the last ones, follow the vehicle's motion: a fit has to estimate them with it. (What follows the
     /// commands alone it can run up.)
     const LAGS: usize = 0;
+    /// How many of its numbers of state, the first ones, are in use where a control tick is so long. The others are never read.
+    fn states_in_use(_tick_s: f64) -> usize {
+        S
+    }
     /// First noise channel; an effect's own channels count on from here.
     const NOISE: u32 = channel(Self::NAME);
 
@@ -368,15 +404,21 @@ registry![
     packet_loss::PacketLoss,
     cmd_delay::CmdDelay,
     cmd_limit::CmdLimit,
+    cmd_rate_limit::CmdRateLimit,
+    backlash::Backlash,
+    yaw_rate_loop::YawRateLoop,
     attitude_gain::AttitudeGain,
     alloc_cross::AllocCross,
     com_offset::ComOffset,
     motor_lag::MotorLag,
+    motor_saturation::MotorSaturation,
     ground_effect::GroundEffect,
     ground_effect_exp::GroundEffectExp,
     battery_sag::BatterySag,
     mass_change::MassChange,
+    slung_load::SlungLoad,
     thrust_scale::ThrustScale,
+    thrust_step::ThrustStep,
     thrust_slope::ThrustSlope,
     weak_motor::WeakMotor,
     rigid_body::RigidBody,
@@ -385,7 +427,9 @@ registry![
     drag_linear::DragLinear,
     drag_quadratic::DragQuadratic,
     wind::Wind,
+    wind_step::WindStep,
     gust::Gust,
+    periodic_force::PeriodicForce,
     heave_damping::HeaveDamping,
     inertia_scale::InertiaScale,
     flap::Flap,
@@ -399,6 +443,7 @@ registry![
     markers::Markers,
     camera_fov::CameraFov,
     camera_vibration::CameraVibration,
+    lens_distortion::LensDistortion,
     frame_yaw::FrameYaw,
     camera_mount::CameraMount,
     camera_lever::CameraLever,

@@ -1,5 +1,6 @@
 //! Motors that take time.
 
+use super::time::lag_shares;
 use super::{Cx, Effect, Hooks, Param, param};
 use crate::plant::{Command, Push, State};
 use crate::real::Real;
@@ -26,7 +27,7 @@ impl Effect<2, 3> for MotorLag {
 
     #[inline(always)]
     fn command<R: Real>(&[lag_s, _]: &[R; 2], motor: &mut [R; 3], cx: &Cx<R>, _: &State<R>, u: &mut Command<R>) {
-        let [left, mean] = shares(lag_s, cx.h_s);
+        let [left, mean] = lag_shares(lag_s, cx.h_s);
         let behind = motor[0] - u.lift;
         motor[0] = u.lift + behind * left;
         u.lift += behind * mean;
@@ -34,19 +35,11 @@ impl Effect<2, 3> for MotorLag {
 
     #[inline(always)]
     fn push<R: Real>(&[_, torque_lag_s]: &[R; 2], motor: &mut [R; 3], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
-        let [left, mean] = shares(torque_lag_s, cx.h_s);
+        let [left, mean] = lag_shares(torque_lag_s, cx.h_s);
         for (i, asked) in cx.body.tilt_torque_radps2(x, u).into_iter().enumerate() {
             let behind = motor[1 + i] - asked;
             motor[1 + i] = asked + behind * left;
             out.ang_radps2[i] += behind * mean;
         }
     }
-}
-
-/// Of what the motors are behind at the start of a step: what is left at its end, and its mean over the step.
-#[inline(always)]
-fn shares<R: Real>(lag_s: R, h_s: f64) -> [R; 2] {
-    // no lag at all would divide by zero; a microsecond leaves nothing of the past
-    let left = (R::of(-h_s) / lag_s.max(R::of(1e-6))).exp();
-    [left, lag_s * R::of(1.0 / h_s) * (R::of(1.0) - left)]
 }

@@ -14,6 +14,8 @@ pub struct Build {
     pub tiles: usize,
     /// Parameters differ between drones (domain randomisation); otherwise they are stored once.
     pub per_drone: bool,
+    /// Length of a control tick.
+    pub tick_s: f64,
 }
 
 /// The tiles for which a hook is called: those from `first` on, as many as the slices are long.
@@ -48,6 +50,8 @@ pub struct StageOf<E, R, const P: usize, const S: usize> {
     states: Vec<[R; S]>,
     /// 1 where each tile has parameters of its own, 0 where all share the first.
     stride: usize,
+    /// See [`Effect::states_in_use`].
+    in_use: usize,
     effect: PhantomData<fn() -> E>,
 }
 
@@ -61,6 +65,7 @@ impl<E: Effect<P, S>, R: Simulated, const P: usize, const S: usize> StageOf<E, R
             params: vec![off; if build.per_drone { build.tiles } else { 1 }],
             states: vec![[R::zero(); S]; build.tiles],
             stride: usize::from(build.per_drone),
+            in_use: E::states_in_use(build.tick_s),
             effect: PhantomData,
         })
     }
@@ -91,21 +96,21 @@ impl<E: Effect<P, S>, R: Simulated, const P: usize, const S: usize> Stage<R> for
     }
 
     fn visit(&mut self, only_lags: bool, see: &mut dyn FnMut(&mut R)) {
-        let first = if only_lags { S - E::LAGS } else { 0 };
+        let seen = if only_lags { S - E::LAGS..S } else { 0..self.in_use };
         for state in &mut self.states {
-            for number in &mut state[first..] {
+            for number in &mut state[seen.clone()] {
                 see(number);
             }
         }
     }
 
     fn start(&mut self, tile: usize, mask: R::Mask, cx: &Cx<R>, x: &State<R>, u: &Command<R>) {
-        let (params, states) = (&self.params[tile * self.stride], &mut self.states[tile]);
+        let (params, states, in_use) = (&self.params[tile * self.stride], &mut self.states[tile], self.in_use);
         R::run(
             #[inline(always)]
             || {
                 let fresh = E::start(params, cx, x, u);
-                for i in 0..S {
+                for i in 0..in_use {
                     states[i] = R::select(mask, fresh[i], states[i]);
                 }
             },

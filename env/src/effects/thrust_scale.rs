@@ -6,17 +6,20 @@ use crate::real::Real;
 
 pub struct ThrustScale;
 
-impl Effect<1, 0> for ThrustScale {
+impl Effect<2, 0> for ThrustScale {
     const NAME: &'static str = "thrust_scale";
     const ABOUT: &'static str = "Thrust scaled by a constant";
     const SOURCE: &'static str = "Propeller and motor spread; offset of 5.1.3 is hard to measure";
-    const PARAMS: [Param; 1] = [
+    const PARAMS: [Param; 2] = [
         param("scale", "1", 1.0, [0.5, 1.5], "thrust over declared thrust"),
+        param("torque_share", "1", 0.0, [0.0, 1.0], "how much of it the torques share: 0 where the attitude loop makes up for it, 1 where 5.1 and 5.2 lose as the thrust"),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
 
     #[inline(always)]
-    fn push<R: Real>(&[scale]: &[R; 1], _: &mut [R; 0], cx: &Cx<R>, _: &State<R>, u: &Command<R>, out: &mut Push<R>) {
-        out.acc_mps2[2] += cx.body.thrust_mps2(u, out) * (scale - R::of(1.0));
+    fn push<R: Real>(&[scale, torque_share]: &[R; 2], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
+        let more = scale - R::of(1.0);
+        out.acc_mps2[2] += cx.body.thrust_mps2(u, out) * more;
+        cx.body.add_torque(torque_share * more, cx.h_s, x, u, out);
     }
 }

@@ -51,6 +51,8 @@ pub(super) fn counts_per_step(schedule: &Schedule, physics_hz: Option<u32>, need
 pub(super) fn body<R: Real>(model: &Model, input: VerticalInput) -> Result<Body<R>> {
     let hover = model.vertical(input)?.hover_pwm().filter(|_| input.is_pwm());
     let tilts = [&model.roll, &model.pitch];
+    let yaw = model.yaw.form();
+    let (yaw_gain_ps2, yaw_stiffness_ps2) = if yaw.lags_push() { (-yaw.a[1][1] * yaw.u[0], 0.0) } else { (yaw.u[1], -yaw.a[1][0]) };
     Ok(Body {
         gravity_mps2: R::of(model.lateral.gravity.value),
         mass_kg: R::of(model.vehicle.mass.value),
@@ -63,7 +65,9 @@ pub(super) fn body<R: Real>(model: &Model, input: VerticalInput) -> Result<Body<
         arm_m: R::of(model.vehicle.arm.value),
         heave_ps: R::of(if let Vertical::Thrust { heave, .. } = model.vertical(input)? { heave.value } else { 0.0 }),
         yaw_sign: R::of(model.yaw.sign()),
-        yaw_damping_ps: R::of(-model.yaw.form().a[1][1]),
+        yaw_gain_ps2: R::of(yaw_gain_ps2),
+        yaw_damping_ps: R::of(-yaw.a[1][1]),
+        yaw_stiffness_ps2: R::of(yaw_stiffness_ps2),
         tilt_gain_ps2: tilts.map(|t| R::of(t.gain.value)),
         tilt_damping_ps: tilts.map(|t| R::of(t.damping.value)),
         tilt_stiffness_ps2: tilts.map(|t| R::of(t.stiffness.value)),

@@ -25,7 +25,7 @@ pub(super) fn ratio(run: &Run, truth: &Truth) -> Option<f64> {
         hypothesis = hypothesis.with(term);
     }
     // what is random has no place among expectations
-    hypothesis.terms.retain(|t| t.entry.trace.is_expected());
+    hypothesis.terms.retain(|t| t.entry.trace.shapes_mean());
     let search = Search::new(&run.fit.flights);
     let [disturbances, _] = &run.found.disturbances;
     let fitted = search.refit(&hypothesis, disturbances)?;

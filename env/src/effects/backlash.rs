@@ -1,0 +1,31 @@
+//! Play between the command and what obeys it.
+
+use super::{Cx, Effect, Hooks, Param, param};
+use crate::plant::{Command, State};
+use crate::real::Real;
+
+pub struct Backlash;
+
+impl Effect<1, 2> for Backlash {
+    const NAME: &'static str = "backlash";
+    const ABOUT: &'static str = "Play: the obeyed roll and pitch stay where they are until the command has crossed the play, then are dragged along half of it behind";
+    const SOURCE: &'static str = "Play operator of hysteresis (Krasnosel'skii and Pokrovskii 1989); the backlash of control textbooks";
+    const PARAMS: [Param; 1] = [
+        param("play_deg", "deg", 0.0, [0.0, 10.0], "full width of the play"),
+    ];
+    const HOOKS: Hooks = Hooks::COMMAND;
+
+    #[inline(always)]
+    fn start<R: Real>(_: &[R; 1], _: &Cx<R>, _: &State<R>, u: &Command<R>) -> [R; 2] {
+        [u.roll_rad, u.pitch_rad]
+    }
+
+    #[inline(always)]
+    fn command<R: Real>(&[play_deg]: &[R; 1], obeyed: &mut [R; 2], _: &Cx<R>, _: &State<R>, u: &mut Command<R>) {
+        let half = play_deg * R::of(0.5 * std::f64::consts::PI / 180.0);
+        for (angle, obeyed) in [&mut u.roll_rad, &mut u.pitch_rad].into_iter().zip(obeyed) {
+            *angle -= (*angle - *obeyed).clamp(-half, half);
+            *obeyed = *angle;
+        }
+    }
+}

@@ -1,0 +1,39 @@
+//! Commands that cannot jump.
+
+use super::{Cx, Effect, Hooks, Param, param};
+use crate::plant::{Command, State};
+use crate::real::Real;
+
+pub struct CmdRateLimit;
+
+/// A stick from end to end within a control tick; it stands for no limit.
+const UNLIMITED_DEGPS: f64 = 2000.0;
+
+impl Effect<1, 2> for CmdRateLimit {
+    const NAME: &'static str = "cmd_rate_limit";
+    const ABOUT: &'static str = "Roll and pitch commands are obeyed no faster than at a largest rate of change";
+    const SOURCE: &'static str = "Slew-rate limit of set-points in the firmware; the obeyed ramp is averaged over the physics step, which is exact";
+    const PARAMS: [Param; 1] = [
+        param("tilt_degps", "deg/s", UNLIMITED_DEGPS, [1.0, UNLIMITED_DEGPS], "largest rate of change of roll and pitch commands; 2000 for no limit"),
+    ];
+    const HOOKS: Hooks = Hooks::COMMAND;
+
+    #[inline(always)]
+    fn start<R: Real>(_: &[R; 1], _: &Cx<R>, _: &State<R>, u: &Command<R>) -> [R; 2] {
+        [u.roll_rad, u.pitch_rad]
+    }
+
+    #[inline(always)]
+    fn command<R: Real>(&[tilt_degps]: &[R; 1], reached: &mut [R; 2], cx: &Cx<R>, _: &State<R>, u: &mut Command<R>) {
+        let limited = tilt_degps.lt(R::of(UNLIMITED_DEGPS));
+        let most = tilt_degps * R::of(cx.h_s * std::f64::consts::PI / 180.0);
+        for (angle, reached) in [&mut u.roll_rad, &mut u.pitch_rad].into_iter().zip(reached) {
+            let behind = *angle - *reached;
+            let moved = behind.clamp(-most, most);
+            // what is missing falls along a line, to the end of the step or until nothing is missing
+            let mean = *angle - (behind - moved) - moved * moved.abs() / (R::of(2.0) * most);
+            *reached = R::select(limited, *reached + moved, *angle);
+            *angle = R::select(limited, mean, *angle);
+        }
+    }
+}

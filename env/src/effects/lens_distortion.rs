@@ -1,0 +1,36 @@
+//! A lens that bends the picture.
+
+use super::{Cx, Effect, Frame, Hooks, Param, param};
+use crate::plant::State;
+use crate::real::Real;
+
+pub struct LensDistortion;
+
+impl Effect<1, 0> for LensDistortion {
+    const NAME: &'static str = "lens_distortion";
+    const ABOUT: &'static str = "Marker positions sideways of the optical axis are scaled by 1 + k1 r^2, r the tangent of the angle off that axis";
+    const SOURCE: &'static str = "Radial term of Brown 1966, as in OpenCV, left over from calibration; level at height z: x and y scale by 1 + k1 (x^2 + y^2) / z^2";
+    const PARAMS: [Param; 1] = [
+        param("k1", "1", 0.0, [-0.5, 0.5], "radial coefficient; negative for a barrel"),
+    ];
+    const HOOKS: Hooks = Hooks::FRAME;
+
+    #[inline(always)]
+    fn frame<R: Real>(&[k1]: &[R; 1], _: &mut [R; 0], _: &Cx<R>, x: &State<R>, f: &mut Frame<R>) {
+        let [roll, pitch, yaw] = x.att_rad;
+        let (sin, cos) = yaw.sin_cos();
+        let (dx, dy) = (x.pos_m[0] - f.nearest_m[0], x.pos_m[1] - f.nearest_m[1]);
+        // on the floor no lens sees a marker
+        let height_m = x.pos_m[2].max(R::of(LEAST_HEIGHT_M));
+        // where the marker lies in the picture, seen the other way round; a nose that is down looks back
+        let ahead = (cos * dx + sin * dy) / height_m - pitch;
+        let aside = (cos * dy - sin * dx) / height_m + roll;
+        let bent_m = k1 * height_m * (ahead * ahead + aside * aside).min(R::of(WIDEST));
+        f.pos_m[0] += bent_m * (cos * ahead - sin * aside);
+        f.pos_m[1] += bent_m * (sin * ahead + cos * aside);
+    }
+}
+
+const LEAST_HEIGHT_M: f64 = 0.05;
+/// Squared tangent of the widest angle at which a lens shows a marker, 63 degrees; beyond it the law says nothing.
+const WIDEST: f64 = 4.0;

@@ -1,0 +1,44 @@
+//! Motors that give no more.
+
+use super::mixer::{MOTORS, TILT_INERTIA_KGM2, YAW_INERTIA_KGM2, YAW_LEVER_M, side_m, weaken};
+use super::{Cx, Effect, Hooks, Param, Trace, param};
+use crate::plant::{Command, Push, State};
+use crate::real::Real;
+
+pub struct MotorSaturation;
+
+/// No vehicle has so much; it stands for no limit.
+const UNLIMITED: f64 = 8.0;
+
+impl Effect<1, 0> for MotorSaturation {
+    const NAME: &'static str = "motor_saturation";
+    const ABOUT: &'static str = "Thrust, roll, pitch and yaw share four motors, each between nothing and its largest thrust; what a motor cannot give is lost to all four";
+    const SOURCE: &'static str = "X mixer of thesis 4.1; torques asked as in 5.1 and 5.2; inertia and torque per thrust as weak_motor. A Crazyflie's ratio is about 1.9 (Foerster 2015)";
+    const PARAMS: [Param; 1] = [
+        param("ratio", "1", UNLIMITED, [1.0, UNLIMITED], "largest thrust of the four motors together over the weight; 8 for no limit"),
+    ];
+    const HOOKS: Hooks = Hooks::PUSH;
+    const PHYSICS_HZ: u32 = 300;
+    const TRACE: Trace = Trace::Located;
+
+    #[inline(always)]
+    fn push<R: Real>(&[ratio]: &[R; 1], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
+        let limited = ratio.lt(R::of(UNLIMITED));
+        if !R::any(limited) {
+            return;
+        }
+        let body = cx.body;
+        let quarter = R::of(0.25);
+        let (level_mps2, most_mps2) = (quarter * body.thrust_mps2(u, out), quarter * ratio * body.gravity_mps2);
+        // torques as thrust per mass of a motor
+        let [roll, pitch] = body.tilt_torque_radps2(x, u);
+        let per_tilt = quarter * R::of(TILT_INERTIA_KGM2) / (side_m(body) * body.mass_kg);
+        let yaw_mps2 = body.yaw_torque_radps2(x, u) * R::of(0.25 * YAW_INERTIA_KGM2 / YAW_LEVER_M) / body.mass_kg;
+        for motor in MOTORS {
+            let [front, left] = [R::of(motor[0]), R::of(motor[1])];
+            let asked_mps2 = level_mps2 + per_tilt * (left * roll - front * pitch) + front * left * yaw_mps2;
+            let over_mps2 = asked_mps2 - asked_mps2.clamp(R::zero(), most_mps2);
+            weaken(body, [front, left], R::select(limited, over_mps2, R::zero()), R::of(1.0), out);
+        }
+    }
+}

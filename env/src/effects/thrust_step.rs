@@ -1,0 +1,25 @@
+//! Thrust that changes in flight.
+
+use super::time::step_share;
+use super::{Cx, Effect, Hooks, Param, Trace, param};
+use crate::plant::{Command, Push, State};
+use crate::real::Real;
+
+pub struct ThrustStep;
+
+impl Effect<2, 0> for ThrustStep {
+    const NAME: &'static str = "thrust_step";
+    const ABOUT: &'static str = "From a time on the thrust is scaled";
+    const SOURCE: &'static str = "A propeller that chips or a motor that overheats in flight; the step is a ramp of 0.2 s centred on its time";
+    const PARAMS: [Param; 2] = [
+        param("scale", "1", 1.0, [0.5, 1.5], "thrust after over thrust before"),
+        param("t_s", "s", 1.0, [0.0, 600.0], "since the flight began"),
+    ];
+    const HOOKS: Hooks = Hooks::PUSH;
+    const TRACE: Trace = Trace::Located;
+
+    #[inline(always)]
+    fn push<R: Real>(&[scale, t_s]: &[R; 2], _: &mut [R; 0], cx: &Cx<R>, _: &State<R>, u: &Command<R>, out: &mut Push<R>) {
+        out.acc_mps2[2] += cx.body.thrust_mps2(u, out) * (scale - R::of(1.0)) * step_share(t_s, cx);
+    }
+}

@@ -1,0 +1,278 @@
+//! Effects against solutions on paper: step responses, steady states, swings; and the same at any control rate.
+
+use crazyflie_env::config::{EffectTable, Options};
+use crazyflie_env::effects::{Entry, Hooks, Param, Role, Trace, find, registry};
+use crazyflie_env::model::{Model, VerticalInput};
+use crazyflie_env::plant::{Command, State};
+use crazyflie_env::world::{Settings, Tick, World};
+
+const HOVER_PWM: f64 = 39_342.5;
+const TICK_S: f64 = 0.02;
+const G: f64 = 9.81;
+
+fn table(json: &str) -> EffectTable {
+    Options::parse(&format!("{{\"effects\": {json}}}")).unwrap().effects
+}
+
+fn world_of(model: &Model, effects: &str, physics_hz: Option<u32>) -> World<f64> {
+    let settings = Settings { input: VerticalInput::Thrust, physics_hz };
+    World::<f64>::new(model, &table(effects), settings, 1).unwrap().without_floor()
+}
+
+/// A vehicle at rest one metre up with a level command in force, flown by `command` of the tick; the states at the ends of the ticks.
+fn fly(world: &mut World<f64>, ticks: usize, mut command: impl FnMut(usize) -> Command<f64>) -> Vec<State<f64>> {
+    world.start(0, true, &State { pos_m: [0.0, 0.0, 1.0], ..State::rest() }, &level());
+    let state_after = |tick: usize| {
+        world.step(0, &command(tick));
+        *world.state(0)
+    };
+    (0..ticks).map(state_after).collect()
+}
+
+fn flight(effects: &str, ticks: usize, command: impl FnMut(usize) -> Command<f64>) -> Vec<State<f64>> {
+    fly(&mut world_of(&Model::thesis(), effects, None), ticks, command)
+}
+
+fn level() -> Command<f64> {
+    Command::level(HOVER_PWM)
+}
+
+fn pitched(deg: f64) -> Command<f64> {
+    Command { pitch_rad: deg.to_radians(), ..level() }
+}
+
+/// Angle in rest over command, of pitch.
+fn static_gain() -> f64 {
+    let pitch = Model::thesis().pitch;
+    pitch.gain.value / pitch.stiffness.value
+}
+
+#[test]
+fn a_yaw_rate_loop_answers_a_step_with_its_gain_and_lag() {
+    let turning = |_| Command { yaw_rate_radps: 0.5, ..level() };
+    let (plain, slow) = (flight("{}", 100, turning), flight(r#"{"yaw_rate_loop": {"gain": 0.98, "lag_s": 0.12}}"#, 100, turning));
+    for (tick, (plain, slow)) in plain.iter().zip(&slow).enumerate() {
+        let t = (tick + 1) as f64 * TICK_S;
+        // the integral of 1 - exp(-t / lag), where the plain vehicle turns by t
+        let expected = plain.att_rad[2] / t * 0.98 * (t - 0.12 * (1.0 - (-t / 0.12).exp()));
+        assert!((slow.att_rad[2] - expected).abs() < 1e-9, "{t} s: {} instead of {expected}", slow.att_rad[2]);
+    }
+}
+
+#[test]
+fn play_stays_until_it_is_crossed_and_lags_half_its_width() {
+    // up to 5 degrees, back by less than the play, back by more
+    let commands = [5.0, 4.2, 3.5, 2.0, -3.0];
+    let obeyed = [4.0, 4.0, 4.0, 3.0, -2.0];
+    let states = flight(r#"{"backlash": 2.0}"#, 1500, |tick| pitched(commands[tick / 300]));
+    for (i, obeyed) in obeyed.iter().enumerate() {
+        let settled = states[300 * i + 299].att_rad[1].to_degrees();
+        assert!((settled - static_gain() * obeyed).abs() < 1e-5, "{} deg: {settled}", commands[i]);
+    }
+}
+
+#[test]
+fn a_rate_limit_makes_a_ramp_of_a_step() {
+    let (plain, limited) = (flight("{}", 400, |_| pitched(10.0)), flight(r#"{"cmd_rate_limit": 47.0}"#, 400, |_| pitched(10.0)));
+    // in the long run only the area between step and ramp counts, and a linear plant multiplies it by its static gain
+    let area: f64 = plain.iter().zip(&limited).map(|(p, l)| (p.att_rad[1] - l.att_rad[1]).to_degrees() * TICK_S).sum();
+    let expected = static_gain() * 10.0 * 10.0 / (2.0 * 47.0);
+    assert!((area - expected).abs() < 1e-6, "{area} instead of {expected}");
+    let down = flight(r#"{"cmd_rate_limit": 47.0}"#, 400, |_| pitched(-10.0));
+    assert!(down.iter().zip(&limited).all(|(d, l)| (d.att_rad[1] + l.att_rad[1]).abs() < 1e-12));
+}
+
+#[test]
+fn a_saturated_vehicle_climbs_by_what_its_motors_have() {
+    let full = |_| Command::level(1.6 * HOVER_PWM);
+    let climb = |effects: &str| flight(effects, 1, full)[0].vel_mps[2] / TICK_S;
+    let (asked, got) = (climb("{}"), climb(r#"{"motor_saturation": 1.4}"#));
+    assert!((got / asked - 0.4 / 0.6).abs() < 2e-3, "{got} of {asked}");
+    assert!((climb(r#"{"motor_saturation": 1.7}"#) - asked).abs() < 1e-12);
+}
+
+#[test]
+fn two_saturated_motors_take_half_of_the_torque_and_their_thrust() {
+    let mut model = Model::thesis();
+    // a tick is one physics step, so that the torque is that of the start
+    (model.rig.control.value, model.rig.imu.value) = (300.0, 300.0);
+    let step = |effects: &str| {
+        let command = Command { roll_rad: 0.2, ..Command::level(1.5 * HOVER_PWM) };
+        fly(&mut world_of(&model, effects, None), 1, |_| command)[0]
+    };
+    let (plain, limited) = (step("{}"), step(r#"{"motor_saturation": 1.5}"#));
+    let halved = limited.rate_radps[0] / plain.rate_radps[0];
+    assert!((halved - 0.5).abs() < 2e-3, "{halved}");
+    // of the torque J a, half is lost at a lever of the side: that much thrust
+    let side_m = model.vehicle.arm.value * std::f64::consts::FRAC_1_SQRT_2;
+    let lost = 0.5 * 1.657e-5 * model.roll.gain.value * 0.2 / (side_m * model.vehicle.mass.value);
+    let got = (plain.vel_mps[2] - limited.vel_mps[2]) * 300.0;
+    assert!((got / lost - 1.0).abs() < 0.01, "{got} instead of {lost}");
+    assert!(limited.att_rad[1].abs() < 1e-12);
+}
+
+/// Two bodies and a thread: their common centre goes on, and they swing about it.
+#[test]
+fn a_slung_load_swings_as_a_pendulum_on_a_free_vehicle() {
+    let (ratio, length_m, v0) = (0.2, 0.63, 0.3);
+    let mut world = world_of(&Model::thesis(), &format!("{{\"slung_load\": {{\"mass_ratio\": {ratio}, \"length_m\": {length_m}}}}}"), None);
+    let command = Command::level((1.0 + ratio) * HOVER_PWM);
+    world.start(0, true, &State { pos_m: [0.0, 0.0, 1.0], ..State::rest() }, &command);
+    // a shove on the vehicle alone
+    world.set_state(&State { pos_m: [0.0, 0.0, 1.0], vel_mps: [v0, 0.0, 0.0], ..State::rest() });
+    let w = (G * (1.0 + ratio) / length_m).sqrt();
+    for tick in 1..=200 {
+        world.step(0, &command);
+        let expected = v0 / (1.0 + ratio) * (1.0 + ratio * (w * tick as f64 * TICK_S).cos());
+        let got = world.state(0).vel_mps[0];
+        assert!((got - expected).abs() < 0.01 * v0, "tick {tick}: {got} instead of {expected}");
+    }
+    let x = world.state(0);
+    assert!(x.vel_mps[2].abs() < 1e-9, "the thrust carries both: {:?}", x.vel_mps);
+}
+
+#[test]
+fn a_step_of_thrust_or_wind_begins_at_its_time() {
+    let heave_ps = Model::thesis().parameter("vertical.thrust.heave").unwrap();
+    let states = flight(r#"{"thrust_step": {"scale": 0.9, "t_s": 1.0}}"#, 150, |_| level());
+    assert!(states[..44].iter().all(|x| x.vel_mps[2].abs() < 1e-12), "nothing before the ramp begins");
+    let fall = -0.1 * G / heave_ps * (1.0 - (-heave_ps * 2.0_f64).exp());
+    let got = states[149].vel_mps[2];
+    assert!((got / fall - 1.0).abs() < 3e-3, "{got} instead of {fall}");
+    let states = flight(r#"{"wind_step": {"x_mps2": 0.4, "y_mps2": -0.2, "t_s": 1.5}}"#, 150, |_| level());
+    let [x, y, _] = states[149].vel_mps;
+    assert!((x - 0.6).abs() < 1e-9 && (y + 0.3).abs() < 1e-9, "{x} {y}");
+}
+
+#[test]
+fn a_periodic_force_gives_a_swing_of_speed() {
+    let effects = r#"{"periodic_force": {"frequency_hz": 0.8, "x_sine_mps2": 0.5, "y_cosine_mps2": 0.3}}"#;
+    let w = 0.8 * std::f64::consts::TAU;
+    for (tick, state) in flight(effects, 200, |_| level()).iter().enumerate() {
+        let angle = w * (tick + 1) as f64 * TICK_S;
+        let expected = [0.5 / w * (1.0 - angle.cos()), 0.3 / w * angle.sin()];
+        for (got, expected) in state.vel_mps.iter().zip(expected) {
+            assert!((got - expected).abs() < 1e-4, "tick {tick}: {got} instead of {expected}");
+        }
+    }
+}
+
+#[test]
+fn torques_that_share_the_loss_are_those_of_a_weaker_attitude_loop() {
+    let mut weaker = Model::thesis();
+    for path in ["gain", "damping", "stiffness"].iter().flat_map(|n| [format!("roll.{n}"), format!("pitch.{n}")]) {
+        weaker = weaker.with_parameter(&path, 0.8 * weaker.parameter(&path).unwrap()).unwrap();
+    }
+    let commands = |tick: usize| Command { roll_rad: -0.05, ..pitched(if tick < 25 { 8.0 } else { -8.0 }) };
+    let truth = fly(&mut world_of(&weaker, r#"{"thrust_scale": 0.8}"#, None), 100, commands);
+    for hz in [50, 300] {
+        let shared = r#"{"thrust_scale": {"scale": 0.8, "torque_share": 1}}"#;
+        let got = fly(&mut world_of(&Model::thesis(), shared, Some(hz)), 100, commands);
+        let off = |of: &[State<f64>]| {
+            let by = of.iter().zip(&truth).flat_map(|(a, b)| (0..3).map(move |i| (a.att_rad[i] - b.att_rad[i]).abs()));
+            by.fold(0.0, f64::max)
+        };
+        let alone = off(&fly(&mut world_of(&Model::thesis(), r#"{"thrust_scale": 0.8}"#, Some(hz)), 100, commands));
+        let (with, most) = (off(&got), if hz == 50 { 0.15 } else { 0.02 });
+        assert!(with < most * alone, "{hz} Hz: {with} rad off, {alone} without the torques");
+        assert!((got[99].vel_mps[2] - truth[99].vel_mps[2]).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn a_weak_motor_turns_by_its_lever() {
+    let turn = |yaw_m: f64| {
+        let effects = format!("{{\"weak_motor\": {{\"motor\": 2, \"loss\": 0.1, \"yaw_m\": {yaw_m}}}}}");
+        flight(&effects, 5, |_| level())[4]
+    };
+    let (plain, twice) = (turn(5.96e-3), turn(2.0 * 5.96e-3));
+    assert!((twice.att_rad[2] / plain.att_rad[2] - 2.0).abs() < 1e-9 && plain.att_rad[2].abs() > 1e-6);
+    assert_eq!(twice.att_rad[..2], plain.att_rad[..2]);
+}
+
+#[test]
+fn a_ground_effect_counts_from_where_the_vehicle_rests() {
+    let climb = |effects: &str, z: f64| {
+        let mut world = world_of(&Model::thesis(), effects, None);
+        world.start(0, true, &State { pos_m: [0.0, 0.0, z], ..State::rest() }, &level());
+        world.step(0, &level());
+        world.state(0).vel_mps[2]
+    };
+    let near = climb(r#"{"ground_effect_exp": 0.12}"#, 0.05);
+    let raised = climb(r#"{"ground_effect_exp": {"amount": 0.12, "rest_m": 0.02}}"#, 0.07);
+    assert!((near / raised - 1.0).abs() < 1e-9 && near > 0.0, "{near} {raised}");
+}
+
+fn fitting(names: &[&str], model: &Model) -> World<f64> {
+    let entries: Vec<&'static Entry> = names.iter().map(|name| find(name).unwrap().1).collect();
+    World::<f64>::for_fitting(model, &entries, Settings { input: VerticalInput::Thrust, physics_hz: None }).unwrap()
+}
+
+#[test]
+fn a_lens_bends_by_the_square_of_the_angle() {
+    let mut world = fitting(&["lens_distortion"], &Model::thesis());
+    world.put("lens_distortion", &[-0.1]).unwrap();
+    let level = world.film(&State { pos_m: [0.3, -0.4, 1.25], ..State::rest() }, 0.0);
+    let scale = 1.0 - 0.1 * 0.25 / (1.25 * 1.25);
+    assert!((level.pos_m[0] - 0.3 * scale).abs() < 1e-12 && (level.pos_m[1] + 0.4 * scale).abs() < 1e-12, "{:?}", level.pos_m);
+    // a vehicle that leans so that it looks at the marker sees it straight
+    let aimed = State { pos_m: [0.125, -0.25, 1.25], att_rad: [0.2, 0.1, 0.0], ..State::rest() };
+    let frame = world.film(&aimed, 0.0);
+    assert!((frame.pos_m[0] - 0.125).abs() < 1e-12 && (frame.pos_m[1] + 0.25).abs() < 1e-12, "{:?}", frame.pos_m);
+}
+
+/// However fast the control ticks, a command that does not change is obeyed as it is.
+#[test]
+fn a_constant_command_means_the_same_at_any_control_rate() {
+    let command = Command { roll_rad: -0.04, pitch_rad: 0.1, yaw_rate_radps: 0.3, lift: HOVER_PWM };
+    let settled = |hz: f64, entry: &'static Entry, values: &[f64]| {
+        let mut model = Model::thesis();
+        (model.rig.control.value, model.rig.imu.value) = (hz, hz);
+        let mut world = fitting(&[entry.name], &model);
+        world.put(entry.name, values).unwrap();
+        world.start(0, true, &State::rest(), &Command { lift: HOVER_PWM, ..Command::level(0.0) });
+        for _ in 0..(3.0 * hz) as usize {
+            world.step(0, &command);
+        }
+        let x = world.state(0);
+        [x.att_rad[0], x.att_rad[1], x.rate_radps[2]]
+    };
+    for entry in registry().iter().filter(|e| e.hooks == Hooks::COMMAND && e.trace == Trace::Mean) {
+        for share in [0.3, 0.72, 1.0] {
+            let value = |p: &Param| if p.role == Role::Choice { p.off } else { p.off + share * (p.far() - p.off) };
+            let values: Vec<f64> = entry.params.iter().map(value).collect();
+            let usual = settled(50.0, entry, &values);
+            for hz in [60.0, 100.0, 200.0, 500.0] {
+                let got = settled(hz, entry, &values);
+                for (got, usual) in got.iter().zip(usual) {
+                    assert!((got - usual).abs() < 1e-4, "{} {values:?} at {hz} Hz: {got} instead of {usual}", entry.name);
+                }
+            }
+        }
+    }
+}
+
+/// A vehicle that stands still is seen where it stands, as late as the camera says.
+#[test]
+fn a_late_camera_shows_what_stands_still_at_any_rate() {
+    for hz in [30.0, 60.0, 100.0, 200.0, 500.0] {
+        for latency_s in [0.02, 0.07, 0.12] {
+            let mut model = Model::thesis();
+            let control = f64::max(hz, 50.0);
+            (model.rig.control.value, model.rig.imu.value, model.rig.camera.value) = (control, control, hz);
+            let mut world = world_of(&model, &format!("{{\"camera_latency\": {latency_s}}}"), None);
+            let states = State { pos_m: [0.1, -0.2, 0.5], ..State::rest() };
+            world.start(0, true, &states, &level());
+            let mut tick = Tick::none();
+            for k in 1..=(0.5 * control) as usize {
+                tick = world.step(0, &level());
+                let (m, now_s) = (&tick.reading.marker, k as f64 / control);
+                let age_s = now_s - m.t_s;
+                assert!(m.valid == 1.0 && (m.pos_m[0] - 0.1).abs() < 1e-12, "{hz} Hz, {latency_s} s: {m:?}");
+                let late = latency_s - 1e-3..latency_s + 1.0 / hz + 1e-3;
+                assert!(now_s < latency_s + 2.0 / hz || late.contains(&age_s), "{hz} Hz, {latency_s} s: {age_s} s old");
+            }
+            assert!(tick.reading.marker.t_s > 0.2);
+        }
+    }
+}
