@@ -1,4 +1,6 @@
-"""Makes flights with a hidden effect: rotorpy's Crazyflie under a firmware-like cascade, in the shared generator's format.
+"""Makes flights with a hidden effect: rotorpy's Crazyflie under a firmware-like cascade.
+
+The files are those of the shared generator.
 
 usage:  python tests/population OUT --cases 400 --seed 1 [--groups null,single] [--effects wind,gust] [--jobs 2]
 needs:  rotorpy 3 (the extra "population" of this repository)

@@ -9,6 +9,7 @@ import numpy as np
 
 from .effects import EFFECTS, OUTSIDE, weakened
 from .excitation import KINDS
+from .firmware import Inner
 from .flight import COLUMNS, FORMATS, LostControl, fly
 from .sensors import DECLARED_LATENCY_S, NOISE
 from .vehicle import MASS_KG, REFERENCE_V
@@ -49,7 +50,7 @@ def fly_case(case):
     """Both flights; an effect that makes the vehicle leave the room is weakened."""
     for attempt in range(ATTEMPTS):
         hidden = {key: value for _, values in case["effects"] for key, value in values.items()}
-        hidden["stiffness_ps2"] = 100.0
+        hidden["stiffness_ps2"] = Inner.stiffness_ps2(case["inner"])
         try:
             logs = []
             for part in range(2):

@@ -44,8 +44,8 @@ def fit_yaw(logs):
 def fit_height(logs):
     """Hover PWM and damping of climb: the vertical speed in windows of 2 s with starts of their own.
 
-    The thrust's lag is fitted beside them, though the declared form has no place for it. Without it the damping would be
-    that of another vehicle, below zero.
+    The thrust's lag is fitted beside them, though the declared form has no place for it. Without it the damping would
+    be below zero.
     """
     starts = [
         (at, begin)

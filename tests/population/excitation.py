@@ -12,8 +12,8 @@ KINDS = ["mix", "multisine", "doublets", "fig8", "steps", "stairs", "yawspin", "
 class Excitation:
     """References and what is added to commands, a row a control tick.
 
-    Reference: x, y, z in m, yaw in rad. Addition: roll and pitch in deg, yaw rate in deg/s, PWM. Where the yaw is free, nothing
-    holds it.
+    Reference: x, y, z in m, yaw in rad. Addition: roll and pitch in deg, yaw rate in deg/s, PWM. A free yaw is
+    held by nothing.
     """
 
     def __init__(self, kind, seconds, rng):

@@ -47,12 +47,18 @@ class Position:
 
 
 class Inner:
-    """Attitude and rate loops. `firmware` integrates at both stages, as the Crazyflie does; `plain` lets trims be seen."""
+    """Attitude and rate loops: `firmware` integrates in both, as the Crazyflie does; `plain` lets trims be seen."""
 
     # attitude: 1/s, 1/s^2; rate: 1/s, 1/s^2, 1, of angular accelerations, whose torque the firmware knows
-    GAINS = {"firmware": ((5.0, 1.5), (20.0, 12.0, 1.0)), "plain": ((5.0, 0.0), (20.0, 0.0, 1.0))}
+    GAINS = {"firmware": ((6.0, 1.5), (60.0, 30.0, 3.0)), "plain": ((6.0, 0.0), (60.0, 0.0, 3.0))}
     YAW = (12.0, 6.0)
     SMOOTHING_S = 1 / (2 * math.pi * 40)
+
+    @classmethod
+    def stiffness_ps2(cls, kind):
+        """Angular acceleration per angle that holds against a torque."""
+        attitude, rate = cls.GAINS[kind]
+        return attitude[0] * rate[0]
 
     def __init__(self, kind):
         self.attitude, self.rate = self.GAINS[kind]
@@ -98,9 +104,9 @@ class Link:
 
     def __init__(self, hidden, rng):
         self.hidden, self.rng = hidden, rng
-        self.queue = [np.array([0.0, 0.0, 0.0, HOVER_PWM])] * (round(hidden.get("cmd_delay", 0.0) / STEP_S) + 1)
+        self.held = np.array([0.0, 0.0, 0.0, HOVER_PWM])
+        self.queue = [self.held] * round(hidden.get("cmd_delay", 0.0) / STEP_S)
         self.bad = False
-        self.held = self.queue[0]
         self.tilt = np.zeros(2)
         self.slow = np.zeros(2)
 
