@@ -43,6 +43,16 @@ docs: $(VENV)/.demo
 	$(BIN)/crazyflie model --schema > docs/model.schema.json
 	$(BIN)/python tests/readme.py
 
+# Rates on fresh seeds; set CASES and SEED. With 400 cases of each generator it takes hours: results are kept in out/rates.
+CASES ?= 24
+SEED ?= 1
+.PHONY: rates
+rates: $(VENV)/.test
+	mkdir -p out/rates
+	$(BIN)/python tests/population out/rates/rotorpy-$(SEED) --cases $(CASES) --seed $(SEED)
+	$(BIN)/crazyflie score out/rates/rotorpy-$(SEED) --oracle --json out/rates/rotorpy-$(SEED).json
+	$(BIN)/crazyflie score --from out/rates/*.json --markdown docs/rates.md
+
 # needs chromium: sh tests/chromium.sh
 docs/page.png: $(VENV)/.test
 	$(BIN)/python tests/python/page/picture.py $@

@@ -1,6 +1,6 @@
 //! Motors that give no more.
 
-use super::mixer::{MOTORS, TILT_INERTIA_KGM2, YAW_INERTIA_KGM2, YAW_LEVER_M, side_m, weaken};
+use super::mixer::push_beyond_limits;
 use super::{Cx, Effect, Hooks, Param, Trace, param};
 use crate::plant::{Command, Push, State};
 use crate::real::Real;
@@ -30,15 +30,11 @@ impl Effect<1, 0> for MotorSaturation {
         let body = cx.body;
         let quarter = R::of(0.25);
         let (level_mps2, most_mps2) = (quarter * body.thrust_mps2(u, out), quarter * ratio * body.gravity_mps2);
-        // torques as thrust per mass of a motor
         let [roll, pitch] = body.tilt_torque_radps2(x, u);
-        let per_tilt = quarter * R::of(TILT_INERTIA_KGM2) / (side_m(body) * body.mass_kg);
-        let yaw_mps2 = body.yaw_torque_radps2(x, u) * R::of(0.25 * YAW_INERTIA_KGM2 / YAW_LEVER_M) / body.mass_kg;
-        for motor in MOTORS {
-            let [front, left] = [R::of(motor[0]), R::of(motor[1])];
-            let asked_mps2 = level_mps2 + per_tilt * (left * roll - front * pitch) + front * left * yaw_mps2;
-            let over_mps2 = asked_mps2 - asked_mps2.clamp(R::zero(), most_mps2);
-            weaken(body, [front, left], R::select(limited, over_mps2, R::zero()), R::of(1.0), out);
-        }
+        let lost = push_beyond_limits(body, level_mps2, [roll, pitch, body.yaw_torque_radps2(x, u)], most_mps2);
+        out.add(&Push {
+            acc_mps2: lost.acc_mps2.map(|v| R::select(limited, v, R::zero())),
+            ang_radps2: lost.ang_radps2.map(|v| R::select(limited, v, R::zero())),
+        });
     }
 }

@@ -23,6 +23,7 @@ mod replay_world;
 mod robustness;
 mod scenarios;
 mod score;
+mod score_page;
 mod score_table;
 mod scorecard;
 mod serve;

@@ -1,84 +1,78 @@
-//! What `crazyflie score` prints.
+//! What `crazyflie score` prints: a row a case, then rates.
 
-use std::io::Write;
+use std::collections::BTreeMap;
 
-use crazyflie_identify::explain::verdict::Finding;
 use serde_json::{Map, Value, json};
 
-use super::{Outcome, Table, number};
-use crate::explained::{significant, verdict_name, with_error};
-use crate::score::{Found, Marks, Scored, Truth, WORST_RATIO};
+use super::{Table, number};
+use crate::explained::{significant, with_error};
+use crate::score::{
+    Answer, CRITERIA, CaseRecord, EffectRow, Group, HiddenEffect, NamedEffect, Rate, Rates, Results, Stratum, ValueStatistics, WORST_RATIO,
+};
 
-const LEGEND: &str = "\
+pub(super) const LEGEND: &str = "\
 named: what is hidden, by its name or in a group of at most three, and nothing that is not there; for null and unexcited flights no wrong name;
 for what no effect describes, the verdict \"unexplained\". 15 %: of what the parameter changes (of a scale of 0.9, of the missing tenth).
-3 stderr: within three of the estimate's standard errors. n/a: named by a partner, or nothing to compare.";
+3 stderr: within three of the estimate's standard errors. n/a: named by a partner, or nothing to compare. In brackets: 95 % (Wilson).";
 
-pub(super) fn print(all: &[Scored], markdown: bool, out: &mut dyn Write) -> Outcome {
-    let told = all.iter().filter_map(marks).any(|m| m.told_ratio.is_some());
-    let (cases, totals) = (cases(all, told), totals(all));
-    if markdown {
-        writeln!(out, "{}\n{}\n{LEGEND}", cases.markdown(), totals.markdown())?;
-    } else {
-        writeln!(out, "{}\n{}\n{LEGEND}", cases.plain(), totals.plain())?;
+/// Everything about a run, for a terminal.
+pub(super) fn plain(results: &Results) -> String {
+    let rates = Rates::from_records(&results.cases);
+    let mut text = format!("{}\n", case_table(&results.cases).plain());
+    for (title, table) in rate_tables(&rates) {
+        text += &format!("{title}\n{}\n", table.plain());
     }
-    if told {
-        writeln!(out, "told: largest error at 0.5 s and 2 s over that of a fit told the answer, at most {WORST_RATIO}.")?;
+    text += &format!("{}\n{LEGEND}\n", summary(&rates).join("\n"));
+    if has_oracle(&rates) {
+        text += &format!("oracle: largest error at 0.5 s and 2 s over that of a fit given the answer, at most {WORST_RATIO}.\n");
     }
-    Ok(())
+    text
 }
 
-/// One case in a line, while the others are still being explained.
-pub(super) fn line(scored: &Scored) -> String {
-    match &scored.outcome {
-        Err(problem) => format!("{}: {problem}", scored.id),
-        Ok(found) => {
-            let [.., said, named, name, near, within] = &row(found)[..] else { return scored.id.clone() };
-            format!("{}: {said}, {named} (name {name}, 15 % {near}, 3 stderr {within}, {:.1} s)", scored.id, found.explanation.seconds)
-        }
+/// Tables of rates with their titles.
+pub(super) fn rate_tables(rates: &Rates) -> Vec<(&'static str, Table)> {
+    vec![
+        ("Groups", group_table(rates)),
+        ("Verdicts", verdict_table(rates)),
+        ("Effects: what was named", confusion_table(&rates.effects)),
+        ("Values by effect", value_table(&rates.effects)),
+        ("Tier, excitation, noise: right answers", stratum_table(&rates.strata)),
+    ]
+}
+
+/// A case in a line, while the others are still being explained.
+pub(super) fn line(record: &CaseRecord) -> String {
+    if let Some(problem) = &record.failed {
+        return format!("{}: {problem}", record.case);
     }
+    let criteria = record.score.criteria;
+    let marks = [Some(criteria.named), criteria.near, criteria.within].map(mark);
+    let seconds = record.seconds.unwrap_or(f64::NAN);
+    let [named, near, within] = marks;
+    format!("{}: {}, {} (name {named}, 15 % {near}, 3 stderr {within}, {seconds:.1} s)", record.case, record.verdict, said(record))
 }
 
-fn marks(scored: &Scored) -> Option<&Marks> {
-    scored.outcome.as_ref().ok()?.marks.as_ref()
-}
-
-fn cases(all: &[Scored], told: bool) -> Table {
-    let mut header = vec!["case", "group", "tier", "truth", "verdict", "named", "name", "15 %", "3 stderr"];
-    header.extend(told.then_some("told"));
-    header.push("s");
-    let mut table = Table::new(&header).left(&[1, 2, 3, 4, 5, 6, 7, 8]);
-    for scored in all {
-        let mut cells = vec![scored.id.clone()];
-        match &scored.outcome {
-            Err(problem) => cells.extend(["", "", "", "failed", problem, "MISS", "", ""].map(String::from)),
-            Ok(found) => cells.extend(row(found)),
-        }
-        if told {
-            cells.push(marks(scored).and_then(|m| m.told_ratio).map_or("n/a".into(), |r| number(r, 2)));
-        }
-        cells.push(scored.outcome.as_ref().map_or_else(|_| String::new(), |f| number(f.explanation.seconds, 0)));
+/// A row a case.
+pub(super) fn case_table(records: &[CaseRecord]) -> Table {
+    let mut table = Table::new(&["case", "group", "tier", "truth", "verdict", "named", "name", "15 %", "3 stderr", "oracle", "s"]);
+    table = table.left(&[1, 2, 3, 4, 5, 6, 7, 8]);
+    for record in records {
+        let (score, criteria) = (&record.score, record.score.criteria);
+        let mut cells = vec![record.case.clone(), score.group.name().to_owned(), score.tier.clone(), truth(&score.truth)];
+        cells.extend([record.verdict.clone(), record.failed.clone().unwrap_or_else(|| said(record))]);
+        cells.extend([Some(criteria.named), criteria.near, criteria.within].map(|m| mark(m).to_owned()));
+        cells.push(optional(score.told_ratio, 2));
+        cells.push(optional(record.seconds, 0));
         table.row(cells);
     }
     table
 }
 
-/// Group to the marks on the parameters.
-fn row(found: &Found) -> Vec<String> {
-    let explanation = &found.explanation;
-    let named: Vec<String> = explanation.effects.iter().flat_map(Finding::all).map(brief).collect();
-    let said = [verdict_name(explanation.verdict).to_owned(), if named.is_empty() { "-".into() } else { named.join("; ") }];
-    match &found.marks {
-        None => [vec![String::new(); 3], said.to_vec(), vec!["?".into(); 3]].concat(),
-        Some(m) => {
-            let about = [m.truth.group.name().to_owned(), m.truth.tier.clone(), truth(&m.truth)];
-            let marks = [Some(m.named), m.near, m.within].map(|mark| word(mark).to_owned());
-            [about.to_vec(), said.to_vec(), marks.to_vec()].concat()
-        }
-    }
+fn optional(value: Option<f64>, decimals: usize) -> String {
+    value.map_or_else(|| "n/a".to_owned(), |value| number(value, decimals))
 }
 
-fn word(mark: Option<bool>) -> &'static str {
+fn mark(mark: Option<bool>) -> &'static str {
     match mark {
         Some(true) => "ok",
         Some(false) => "MISS",
@@ -86,77 +80,139 @@ fn word(mark: Option<bool>) -> &'static str {
     }
 }
 
-/// An effect with its values, and its rivals in brackets.
-fn brief(effect: &Finding) -> String {
-    let values: Vec<String> = effect.params.iter().map(|p| with_error(p.value, p.stderr)).collect();
+/// The effects that were named, with values and rivals.
+fn said(record: &CaseRecord) -> String {
+    let named: Vec<String> = record.effects.iter().flat_map(NamedEffect::all).map(brief).collect();
+    if named.is_empty() { "-".into() } else { named.join("; ") }
+}
+
+fn brief(effect: &NamedEffect) -> String {
+    let value = |v: Option<f64>| v.unwrap_or(f64::NAN);
+    let values: Vec<String> = effect.params.iter().map(|p| with_error(value(p.value), value(p.stderr))).collect();
     let rivals = if effect.confusable_with.is_empty() { String::new() } else { format!(" [{}]", effect.confusable_with.join(", ")) };
     format!("{} {}{rivals}", effect.name, values.join(", "))
 }
 
-fn truth(truth: &Truth) -> String {
-    let one = |e: &crate::score::HiddenEffect| {
-        let values: Vec<String> = e.params.values().map(|v| significant(*v, 3)).collect();
-        format!("{} {}", e.name, values.join(", "))
-    };
-    let all: Vec<String> = truth.effects.iter().map(one).collect();
+fn truth(effects: &[HiddenEffect]) -> String {
+    let all: Vec<String> = effects
+        .iter()
+        .map(|effect| {
+            let values: Vec<String> = effect.params.values().map(|v| significant(*v, 3)).collect();
+            format!("{} {}", effect.name, values.join(", "))
+        })
+        .collect();
     if all.is_empty() { "-".into() } else { all.join("; ") }
 }
 
-/// A criterion: its name, how often it is kept, and how often it applies.
-type Count = (&'static str, usize, usize);
-
-/// Criteria per group of cases, and over all.
-fn counts(all: &[Scored]) -> Vec<(String, Vec<Count>)> {
-    let mut groups: Vec<String> = Vec::new();
-    for m in all.iter().filter_map(marks) {
-        let name = m.truth.group.name().to_owned();
-        if !groups.contains(&name) {
-            groups.push(name);
-        }
-    }
-    groups.push("all".into());
-    let of = |group: &String| {
-        let of_group: Vec<&Marks> = all.iter().filter_map(marks).filter(|m| group == "all" || m.truth.group.name() == group).collect();
-        let criteria = of_group.first().map(|m| m.criteria().map(|(name, _)| name)).unwrap_or_default();
-        let count = |(at, name): (usize, &'static str)| {
-            let given: Vec<bool> = of_group.iter().filter_map(|m| m.criteria()[at].1).collect();
-            (name, given.iter().filter(|ok| **ok).count(), given.len())
-        };
-        (group.clone(), criteria.into_iter().enumerate().map(count).collect())
-    };
-    groups.iter().map(of).collect()
+fn has_oracle(rates: &Rates) -> bool {
+    rates.groups.iter().any(|row| row.criteria[3].of > 0)
 }
 
-fn totals(all: &[Scored]) -> Table {
-    let counts = counts(all);
-    let mut header = vec!["group"];
-    header.extend(counts.last().iter().flat_map(|(_, c)| c.iter().map(|(name, ..)| *name)));
-    let mut table = Table::new(&header);
-    for (group, criteria) in &counts {
-        let cell = |(_, ok, of): &Count| if *of == 0 { "n/a".into() } else { format!("{ok} of {of}") };
-        table.row(std::iter::once(group.clone()).chain(criteria.iter().map(cell)).collect());
+/// "42 of 54, 78 % (65-87)", or "n/a".
+fn share(rate: Rate) -> String {
+    if rate.of == 0 {
+        return "n/a".into();
+    }
+    let percent = |share: f64| number(100.0 * share, 0);
+    format!("{} of {}, {} % ({}-{})", rate.ok, rate.of, percent(rate.ok as f64 / rate.of as f64), percent(rate.low), percent(rate.high))
+}
+
+fn group_table(rates: &Rates) -> Table {
+    let mut table = Table::new(&["group", "right", "all values within 15 %", "within 3 stderr", "error at most 1.1 of the oracle's"]);
+    for row in &rates.groups {
+        table.row(std::iter::once(row.group.to_owned()).chain(row.criteria.map(share)).collect());
     }
     table
 }
 
-pub(super) fn totals_json(all: &[Scored]) -> Value {
-    let of = |criteria: Vec<Count>| {
-        criteria.into_iter().map(|(name, ok, of)| (name.to_owned(), json!({"ok": ok, "of": of}))).collect::<Map<_, _>>()
-    };
-    counts(all).into_iter().map(|(group, criteria)| (group, Value::Object(of(criteria)))).collect::<Map<_, _>>().into()
+fn verdict_table(rates: &Rates) -> Table {
+    let verdicts: Vec<&String> = rates.groups.last().iter().flat_map(|all| all.verdicts.keys()).collect();
+    let mut header = vec!["group"];
+    header.extend(verdicts.iter().map(|verdict| verdict.as_str()));
+    let mut table = Table::new(&header);
+    for row in &rates.groups {
+        let cells = verdicts.iter().map(|verdict| row.verdicts.get(*verdict).map_or_else(|| "-".to_owned(), usize::to_string));
+        table.row(std::iter::once(row.group.to_owned()).chain(cells).collect());
+    }
+    table
 }
 
-pub(super) fn as_json(scored: &Scored) -> Value {
-    let found = match &scored.outcome {
-        Err(problem) => return json!({"case": scored.id, "failed": problem}),
-        Ok(found) => found,
-    };
-    let explanation = &found.explanation;
-    let marks = found.marks.as_ref().map(|m| {
-        let truth: Vec<Value> = m.truth.effects.iter().map(|e| json!({"name": e.name, "params": e.params})).collect();
-        let criteria = m.criteria().into_iter().map(|(name, mark)| (name.to_owned(), json!(mark))).collect::<Map<_, _>>();
-        json!({"group": m.truth.group.name(), "tier": m.truth.tier, "truth": truth, "criteria": criteria, "told_ratio": m.told_ratio})
-    });
-    json!({"case": scored.id, "verdict": verdict_name(explanation.verdict), "effects": explanation.effects, "score": marks,
-        "seconds": explanation.seconds})
+/// The confusion matrix, a row a hidden effect; of its columns only those that are not empty.
+fn confusion_table(rows: &[EffectRow]) -> Table {
+    let header =
+        ["hidden", "cases", "right as a whole", "by name", "in the group of", "missed for", "wrong beside it", "verdicts of the wrong"];
+    let mut table = Table::new(&header).left(&[2, 4, 5, 6, 7]);
+    for row in rows {
+        let mut cells = vec![row.effect.clone(), row.cases.to_string(), share(row.right), row.by_name.to_string()];
+        cells.extend([&row.in_group, &row.instead, &row.besides, &row.wrong_verdicts].map(tally));
+        table.row(cells);
+    }
+    table
+}
+
+/// "gust 2, wind 1".
+fn tally(counts: &BTreeMap<String, usize>) -> String {
+    let all: Vec<String> = counts.iter().map(|(name, count)| format!("{} {count}", if name == "-" { "no name" } else { name })).collect();
+    all.join(", ")
+}
+
+fn value_table(rows: &[EffectRow]) -> Table {
+    let mut table = Table::new(&["effect", "values within 15 %", "within 3 stderr", "mean z", "deviation of z"]);
+    for row in rows.iter().filter(|row| row.values.near.of > 0) {
+        let ValueStatistics { near, within, z_mean, z_deviation } = &row.values;
+        table.row(vec![row.effect.clone(), share(*near), share(*within), optional(*z_mean, 2), optional(*z_deviation, 2)]);
+    }
+    table
+}
+
+fn stratum_table(strata: &[Stratum]) -> Table {
+    let mut groups: Vec<Group> = strata.iter().flat_map(|s| s.groups.keys().copied()).collect();
+    groups.sort();
+    groups.dedup();
+    let mut header = vec!["of", ""];
+    header.extend(groups.iter().map(|group| group.name()));
+    header.push("all");
+    let mut table = Table::new(&header).left(&[1]);
+    for stratum in strata {
+        let mut cells = vec![stratum.kind.to_owned(), stratum.value.clone()];
+        cells.extend(groups.iter().map(|group| stratum.groups.get(group).map_or_else(|| "-".to_owned(), |rate| share(*rate))));
+        cells.push(share(stratum.all));
+        table.row(cells);
+    }
+    table
+}
+
+/// Lines about all values and about time.
+pub(super) fn summary(rates: &Rates) -> Vec<String> {
+    let values = &rates.values;
+    vec![
+        format!(
+            "Values: within 15 % {}; within three standard errors {}; z-scores: mean {}, standard deviation {}.",
+            share(values.near),
+            share(values.within),
+            optional(values.z_mean, 2),
+            optional(values.z_deviation, 2)
+        ),
+        format!("Time of a case: median {} s, worst {} s.", optional(rates.median_s, 1), optional(rates.worst_s, 1)),
+    ]
+}
+
+/// Criteria by group: how often each is kept, how often it applies, and the interval.
+pub(super) fn totals_json(rates: &Rates) -> Value {
+    let criteria = |row: &[Rate; 4]| CRITERIA.iter().zip(row).map(|(name, rate)| ((*name).to_owned(), json!(rate))).collect::<Map<_, _>>();
+    rates.groups.iter().map(|row| (row.group.to_owned(), Value::Object(criteria(&row.criteria)))).collect::<Map<_, _>>().into()
+}
+
+/// What went wrong in a case, for a page.
+pub(super) fn fault(record: &CaseRecord) -> Option<String> {
+    if record.score.criteria.named {
+        return None;
+    }
+    let score = &record.score;
+    let missed = score.truth.iter().zip(&score.answers).filter(|(_, answer)| **answer == Answer::Missed);
+    let missed: Vec<&str> = missed.map(|(effect, _)| effect.name.as_str()).collect();
+    let mut parts = Vec::new();
+    parts.extend((!missed.is_empty()).then(|| format!("misses {}", missed.join(", "))));
+    parts.extend((!score.extra.is_empty()).then(|| format!("wrongly names {}", score.extra.join(", "))));
+    Some(parts.join("; "))
 }

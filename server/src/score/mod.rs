@@ -1,102 +1,84 @@
-//! Explanations held against the truth, where a case has one. The truth is read after the explanation is there.
+//! Explanations held against the truth. The truth of a case is read after its explanation is there.
 
-mod told;
+mod folder;
+mod oracle;
+mod rates;
+mod record;
+mod results;
 mod truth;
 
-use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
-use crazyflie_identify::explain::verdict::Explanation;
-
+use crate::cli::with_cause;
 use crate::explained::{Declared, ExplainError, Run};
 
-pub(crate) use told::WORST_RATIO;
-pub(crate) use truth::{HiddenEffect, Truth, TruthError};
+use folder::CaseFileError;
+pub(crate) use folder::{CaseFile, find_cases};
+pub(crate) use rates::{CRITERIA, EffectRow, Rate, Rates, Stratum, ValueStatistics};
+pub(crate) use record::{Answer, CaseRecord, NamedEffect, WORST_RATIO};
+pub(crate) use results::{Provenance, Results};
+pub(crate) use truth::{Group, HiddenEffect};
 
-/// A case with what was found, and the marks that the truth gives.
-pub(crate) struct Scored {
-    pub id: String,
-    pub outcome: Result<Found, String>,
-}
-
-pub(crate) struct Found {
-    pub explanation: Explanation,
-    pub marks: Option<Marks>,
-}
-
-/// One mark per criterion; `None` where a criterion does not apply.
-pub(crate) struct Marks {
-    pub truth: Truth,
-    /// Named what is hidden and nothing else, or said rightly that nothing can be named.
-    pub named: bool,
-    /// Every comparable parameter within 15 %.
-    pub near: Option<bool>,
-    /// Every comparable parameter within three standard errors.
-    pub within: Option<bool>,
-    /// Largest error on the held-out flight over that of a fit that was told the answer.
-    pub told_ratio: Option<f64>,
-}
-
-impl Marks {
-    /// Criteria by name.
-    pub(crate) fn criteria(&self) -> [(&'static str, Option<bool>); 4] {
-        let told = self.told_ratio.map(|r| r <= WORST_RATIO);
-        [("named", Some(self.named)), ("15 %", self.near), ("3 stderr", self.within), ("held-out error", told)]
-    }
-}
-
-/// The case files of a folder, in order.
-pub(crate) fn cases(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
-    let mut all = Vec::new();
-    for entry in std::fs::read_dir(folder)? {
-        let path = entry?.path();
-        if is_case(&path) {
-            all.push(path);
+/// Explains a case, then reads the truth beside it.
+fn score(file: &CaseFile, with_oracle: bool, progress: &dyn Fn(&str)) -> Result<CaseRecord, CaseFileError> {
+    let run = explain(file, progress);
+    let truth = file.check()?;
+    let (id, folder) = (file.id.clone(), file.folder.clone());
+    Ok(match run {
+        Err(problem) => CaseRecord::failed(id, folder, problem, truth),
+        Ok(run) => {
+            let ratio = with_oracle.then(|| {
+                progress("the oracle");
+                oracle::error_ratio(&run, &truth)
+            });
+            CaseRecord::explained(id, folder, &run.found, truth, ratio.flatten())
         }
-    }
-    all.sort();
-    Ok(all)
+    })
 }
 
-/// Whether a file is called like a case: `dNN.json`.
-fn is_case(path: &Path) -> bool {
-    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    let number = name.strip_prefix('d').and_then(|rest| rest.strip_suffix(".json"));
-    number.is_some_and(|n| !n.is_empty() && n.chars().all(|c| c.is_ascii_digit()))
+fn explain(file: &CaseFile, progress: &dyn Fn(&str)) -> Result<Run, String> {
+    let explained = |e: ExplainError| with_cause(&e);
+    let declared = Declared::read(&file.path).map_err(explained)?;
+    let case = declared.case.ok_or_else(|| format!("{}: not a case file", file.path.display()))?;
+    Run::of(declared.model, None, [&[case.identify_on], &[case.held_out]], progress).map_err(explained)
 }
 
-/// The name of a case by its file.
-pub(crate) fn id(path: &Path) -> String {
-    path.file_stem().map_or_else(String::new, |n| n.to_string_lossy().into_owned())
+/// How cases are scored side by side.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Schedule {
+    pub jobs: usize,
+    /// Threads within each case.
+    pub threads: usize,
+    pub with_oracle: bool,
 }
 
-/// Explains one case, then reads the truth beside it.
-pub(crate) fn score(path: &Path, told: bool, progress: &dyn Fn(&str)) -> Scored {
-    Scored { id: id(path), outcome: found(path, told, progress) }
-}
-
-fn found(path: &Path, told: bool, progress: &dyn Fn(&str)) -> Result<Found, String> {
-    let explained = |e: ExplainError| crate::cli::with_cause(&e);
-    let declared = Declared::read(path).map_err(explained)?;
-    let case = declared.case.ok_or_else(|| format!("{}: not a case file", path.display()))?;
-    let run = Run::of(declared.model, None, [&[case.identify_on], &[case.held_out]], progress).map_err(explained)?;
-    let truth = Truth::beside(path).map_err(|e: TruthError| crate::cli::with_cause(&e))?;
-    let marks = truth.map(|truth| {
-        progress("a fit that is told the answer");
-        let told_ratio = if told { told::ratio(&run, &truth) } else { None };
-        let (near, within) = truth.parameters(&run.found);
-        Marks { named: truth.named(&run.found), near, within, told_ratio, truth }
-    });
-    Ok(Found { explanation: run.found, marks })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn answers_are_no_cases() {
-        let of = |name: &str| is_case(Path::new(name));
-        assert!(of("x/d05.json") && !of("x/d05.answer.json") && !of("d.json") && !of("d05_a.csv.gz"));
-        assert_eq!(id(Path::new("x/d05.json")), "d05");
-    }
+/// Scores cases side by side, each job on threads of its own, so that the seconds of a case are its own. `done` is told of each as it
+/// ends; the records are in the order of the cases.
+pub(crate) fn score_all(
+    cases: &[CaseFile],
+    schedule: Schedule,
+    progress: &(dyn Fn(&CaseFile, &str) + Sync),
+    done: &(dyn Fn(&CaseRecord) + Sync),
+) -> Result<Vec<CaseRecord>, String> {
+    let next = AtomicUsize::new(0);
+    let results = Mutex::new(vec![None; cases.len()]);
+    let run_job = || -> Result<(), String> {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(schedule.threads).build();
+        let pool = pool.map_err(|e| format!("no threads for a job: {e}"))?;
+        while let Some((at, case)) = Some(next.fetch_add(1, Ordering::Relaxed)).and_then(|at| Some((at, cases.get(at)?))) {
+            let record = pool.install(|| score(case, schedule.with_oracle, &|stage| progress(case, stage)));
+            let record = record.map_err(|e| with_cause(&e))?;
+            done(&record);
+            results.lock().unwrap_or_else(std::sync::PoisonError::into_inner)[at] = Some(record);
+        }
+        Ok(())
+    };
+    std::thread::scope(|scope| {
+        let jobs: Vec<_> = (0..schedule.jobs.max(1)).map(|_| scope.spawn(run_job)).collect();
+        let ends = jobs.into_iter().map(|job| job.join().unwrap_or_else(|_| Err("a job panicked".into())));
+        ends.collect::<Result<Vec<()>, String>>()
+    })?;
+    let results = results.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
+    Ok(results.into_iter().flatten().collect())
 }

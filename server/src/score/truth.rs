@@ -1,12 +1,15 @@
-//! What is hidden in a case, and whether an explanation says so.
+//! The truth of a case, and whether an explanation says it.
 
 use std::collections::BTreeMap;
 use std::path::Path;
 
 use crazyflie_env::effects::find;
-use crazyflie_identify::explain::verdict::{Explanation, Finding, Verdict};
-use serde::Deserialize;
+use crazyflie_identify::explain::verdict::Verdict;
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
+
+use super::record::{Answer, NamedEffect, ValueError};
+use crate::explained::verdict_name;
 
 /// Parameters by the names of the answers and by ours.
 const NAMES: [(&str, &str); 24] = [
@@ -46,21 +49,20 @@ const STANDARD_ERRORS: f64 = 3.0;
 /// Why an answer cannot be used.
 #[derive(Debug, Error)]
 pub(crate) enum TruthError {
-    #[error("{file}: cannot be read")]
+    #[error("{file}: cannot be read; a case needs its answer to be scored")]
     Io {
         file: String,
         #[source]
         source: std::io::Error,
     },
-    #[error("{file}: not an answer")]
-    Malformed {
-        file: String,
-        #[source]
-        source: serde_json::Error,
-    },
+    #[error("{file}, line {line}, column {column}: not an answer: {reason}")]
+    Malformed { file: String, line: usize, column: usize, reason: String },
+    #[error("{file}: a {group} case hides {expected}, not {count}")]
+    Count { file: String, group: &'static str, expected: &'static str, count: usize },
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+/// The kind of a case, in the order of tables.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Group {
     Null,
@@ -82,7 +84,8 @@ impl Group {
     }
 }
 
-#[derive(Debug, Clone, Deserialize)]
+/// An effect that a case hides, with its parameters under the names of the answers.
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub(crate) struct HiddenEffect {
     pub name: String,
     pub params: BTreeMap<String, f64>,
@@ -96,25 +99,46 @@ impl HiddenEffect {
     }
 }
 
+/// An answer file.
 #[derive(Debug, Clone, Deserialize)]
 pub(crate) struct Truth {
     pub group: Group,
     pub tier: String,
     pub effects: Vec<HiddenEffect>,
     benign: Vec<String>,
+    #[serde(default)]
+    pub excitation: Vec<String>,
+    #[serde(default)]
+    pub noise: String,
+    #[serde(default)]
+    pub seed: Option<u64>,
 }
 
 impl Truth {
-    /// The answer beside a case file, if there is one.
-    pub(crate) fn beside(case: &Path) -> Result<Option<Self>, TruthError> {
+    /// The answer beside a case file.
+    pub(crate) fn beside(case: &Path) -> Result<Self, TruthError> {
         let path = case.with_extension("answer.json");
         let file = path.display().to_string();
-        let text = match std::fs::read_to_string(&path) {
-            Ok(text) => text,
-            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-            Err(source) => return Err(TruthError::Io { file, source }),
+        let text = std::fs::read_to_string(&path).map_err(|source| TruthError::Io { file: file.clone(), source })?;
+        Truth::parse(&file, &text)
+    }
+
+    fn parse(file: &str, text: &str) -> Result<Self, TruthError> {
+        let malformed = |e: serde_json::Error| TruthError::Malformed {
+            file: file.to_owned(),
+            line: e.line(),
+            column: e.column(),
+            reason: e.to_string(),
         };
-        serde_json::from_str(&text).map(Some).map_err(|source| TruthError::Malformed { file, source })
+        let truth: Truth = serde_json::from_str(text).map_err(malformed)?;
+        let (expected, fits): (_, fn(usize) -> bool) = match truth.group {
+            Group::Null => ("nothing", |count| count == 0),
+            Group::Single => ("one effect", |count| count == 1),
+            Group::Compound => ("two effects or more", |count| count >= 2),
+            Group::Outside | Group::Unexcited => ("one effect or more", |count| count >= 1),
+        };
+        let count = truth.effects.len();
+        if fits(count) { Ok(truth) } else { Err(TruthError::Count { file: file.to_owned(), group: truth.group.name(), expected, count }) }
     }
 
     /// Effects that may be named though they are not what was hidden.
@@ -123,52 +147,78 @@ impl Truth {
         self.benign.iter().map(String::as_str).chain(rigid).collect()
     }
 
-    /// Whether the right effects were named, by the rule of the group.
-    pub(crate) fn named(&self, found: &Explanation) -> bool {
-        if self.group == Group::Outside {
-            return found.verdict == Verdict::Unexplained;
+    /// Whether the answers are right, by the rule of the group. What no effect described when it was flown may have a name since.
+    pub(super) fn is_answered(&self, verdict: &str, answers: &[Answer], extra: &[String]) -> bool {
+        let all = answers.iter().all(|answer| *answer != Answer::Missed);
+        match self.group {
+            Group::Outside => verdict == verdict_name(Verdict::Unexplained) || (all && extra.is_empty()),
+            Group::Unexcited => extra.is_empty(),
+            Group::Null | Group::Single | Group::Compound => all && extra.is_empty(),
         }
-        let (matched, extra) = self.matched(&found.effects);
-        let all = self.group == Group::Unexcited || matched.len() == self.effects.len();
-        all && !extra
     }
 
-    /// Each hidden effect with what names it, and whether anything else is named.
-    fn matched<'a>(&'a self, effects: &'a [Finding]) -> (Vec<(&'a HiddenEffect, &'a Finding)>, bool) {
-        let mut free: Vec<&Finding> = effects.iter().flat_map(Finding::all).collect();
-        let mut matched = Vec::new();
+    /// How each hidden effect was answered, and what is named that is not there.
+    pub(super) fn answers(&self, effects: &[NamedEffect]) -> (Vec<Answer>, Vec<String>) {
+        let (matches, rest) = self.matches(effects);
+        let answer = |(hidden, named): (&HiddenEffect, &Option<&NamedEffect>)| match named {
+            Some(named) if named.name == hidden.name => Answer::ByName,
+            Some(named) => Answer::InGroup(named.name.clone()),
+            None => Answer::Missed,
+        };
+        let answers = self.effects.iter().zip(&matches).map(answer).collect();
+        let benign = self.benign();
+        let extra = rest.into_iter().map(|e| e.name.clone()).filter(|name| !benign.contains(&name.as_str())).collect();
+        (answers, extra)
+    }
+
+    /// What names each hidden effect, and what else is named.
+    fn matches<'a>(&self, effects: &'a [NamedEffect]) -> (Vec<Option<&'a NamedEffect>>, Vec<&'a NamedEffect>) {
+        let mut free: Vec<&NamedEffect> = effects.iter().flat_map(NamedEffect::all).collect();
+        let mut matches = vec![None; self.effects.len()];
         // by its own name first: a rival's group is for what is then still to be found
         for exact in [true, false] {
-            for hidden in &self.effects {
-                if matched.iter().any(|(h, _): &(&HiddenEffect, _)| h.name == hidden.name) {
-                    continue;
-                }
-                if let Some(at) = free.iter().position(|e| if exact { e.name == hidden.name } else { in_group(e, &hidden.name) }) {
-                    matched.push((hidden, free.remove(at)));
+            for (hidden, found) in self.effects.iter().zip(&mut matches) {
+                let fits = |e: &&NamedEffect| if exact { e.name == hidden.name } else { in_group(e, &hidden.name) };
+                if found.is_none() {
+                    *found = free.iter().position(fits).map(|at| free.remove(at));
                 }
             }
         }
-        let benign = self.benign();
-        let extra = free.iter().any(|e| !benign.contains(&e.name));
-        (matched, extra)
+        (matches, free)
     }
 
-    /// Whether all parameters of effects that were named by their own name are near, and within their standard errors.
-    pub(crate) fn parameters(&self, found: &Explanation) -> (Option<bool>, Option<bool>) {
-        let (matched, _) = self.matched(&found.effects);
-        let (mut near, mut within) = (None, None);
-        for (hidden, named) in matched.into_iter().filter(|(h, e)| h.name == e.name) {
-            for (name, truth) in hidden.ours() {
-                let off = find(named.name).ok().and_then(|(_, e)| e.params.iter().find(|p| p.name == name)).map_or(0.0, |p| p.off);
-                let estimate = named.params.iter().find(|p| p.name == name);
-                // a parameter that stayed idle was not found
-                let error = estimate.map_or(f64::INFINITY, |e| (e.value - truth).abs());
-                let stderr = estimate.map_or(0.0, |e| e.stderr);
-                near = Some(near.unwrap_or(true) && error <= NEAR * reach(truth, off));
-                within = Some(within.unwrap_or(true) && error <= STANDARD_ERRORS * stderr);
-            }
+    /// The errors of all parameters of effects that were named by their own name.
+    pub(super) fn value_errors(&self, effects: &[NamedEffect]) -> Vec<ValueError> {
+        let (matches, _) = self.matches(effects);
+        let pairs = self.effects.iter().zip(matches).filter_map(|(h, e)| Some((h, e.filter(|e| e.name == h.name)?)));
+        pairs.flat_map(|(hidden, named)| hidden.ours().into_iter().map(|(name, truth)| ValueError::new(named, name, truth))).collect()
+    }
+}
+
+impl ValueError {
+    fn new(named: &NamedEffect, parameter: &str, truth: f64) -> Self {
+        let off = find(&named.name).ok().and_then(|(_, e)| e.params.iter().find(|p| p.name == parameter)).map_or(0.0, |p| p.off);
+        // a parameter that stayed idle was not found
+        let found = named.params.iter().find(|p| p.name == parameter);
+        let estimate = found.and_then(|p| p.value);
+        let stderr = found.and_then(|p| p.stderr).filter(|stderr| *stderr > 0.0);
+        let error = estimate.map(|value| value - truth);
+        ValueError {
+            effect: named.name.clone(),
+            parameter: parameter.to_owned(),
+            truth,
+            estimate,
+            share: error.map(|error| error.abs() / reach(truth, off)).filter(|share| share.is_finite()),
+            z: error.zip(stderr).map(|(error, stderr)| error / stderr),
         }
-        (near, within)
+    }
+
+    pub(crate) fn is_near(&self) -> bool {
+        self.share.is_some_and(|share| share <= NEAR)
+    }
+
+    pub(crate) fn is_within(&self) -> bool {
+        self.z.is_some_and(|z| z.abs() <= STANDARD_ERRORS)
     }
 }
 
@@ -178,37 +228,91 @@ fn reach(truth: f64, off: f64) -> f64 {
 }
 
 /// Whether an effect stands for a small group that contains the name.
-fn in_group(effect: &Finding, name: &str) -> bool {
-    effect.confusable_with.len() < LARGEST_GROUP && effect.confusable_with.contains(&name)
+fn in_group(effect: &NamedEffect, name: &str) -> bool {
+    effect.confusable_with.len() < LARGEST_GROUP && effect.confusable_with.iter().any(|rival| rival == name)
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::record::ParameterEstimate;
     use super::*;
+    use proptest::prelude::*;
 
-    fn named(name: &'static str, confusable_with: Vec<&'static str>) -> Finding {
-        Finding { name, params: Vec::new(), confusable_with, manoeuvre: String::new(), worth_fit: 0.0, worth_test: 0.0, worth_by_signal: [0.0; 4], with: Vec::new() }
+    fn named(name: &str, confusable_with: &[&str]) -> NamedEffect {
+        let confusable_with = confusable_with.iter().map(|&rival| rival.to_owned()).collect();
+        NamedEffect { name: name.into(), params: Vec::new(), confusable_with, worth_fit: None, worth_test: None, with: Vec::new() }
     }
 
-    fn truth(group: Group, names: &[&str]) -> Truth {
-        let hidden = |name: &&str| HiddenEffect { name: (*name).into(), params: BTreeMap::new() };
-        Truth { group, tier: "rigid".into(), effects: names.iter().map(hidden).collect(), benign: vec!["inertia_scale".into()] }
+    fn truth(group: &str, names: &[&str]) -> Truth {
+        let effects: Vec<_> = names.iter().map(|name| serde_json::json!({"name": name, "params": {}})).collect();
+        let answer = serde_json::json!({"group": group, "tier": "rigid", "effects": effects, "benign": ["inertia_scale"]});
+        Truth::parse("d.answer.json", &answer.to_string()).unwrap()
+    }
+
+    fn is_right(truth: &Truth, verdict: &str, effects: &[NamedEffect]) -> bool {
+        let (answers, extra) = truth.answers(effects);
+        truth.is_answered(verdict, &answers, &extra)
     }
 
     #[test]
     fn a_group_counts_for_one_effect_and_what_is_benign_is_not_extra() {
-        let pair = truth(Group::Compound, &["mass_change", "wind"]);
-        let both =
-            [named("thrust_scale", vec!["mass_change"]), named("wind", vec![]), named("gust", vec![]), named("inertia_scale", vec![])];
-        let (matched, extra) = pair.matched(&both);
-        assert!(matched.len() == 2 && !extra);
-        let (matched, extra) = pair.matched(&both[..1]);
-        assert!(matched.len() == 1 && !extra);
-        let wrong = [named("wind", vec![]), named("drag_linear", vec![])];
-        assert!(pair.matched(&wrong).1);
+        let pair = truth("compound", &["mass_change", "wind"]);
+        let both = [named("thrust_scale", &["mass_change"]), named("wind", &[]), named("gust", &[]), named("inertia_scale", &[])];
+        assert_eq!(pair.answers(&both), (vec![Answer::InGroup("thrust_scale".into()), Answer::ByName], vec![]));
+        assert!(is_right(&pair, "explained", &both) && !is_right(&pair, "explained", &both[..1]));
+        assert_eq!(pair.answers(&[named("drag_linear", &[])]), (vec![Answer::Missed; 2], vec!["drag_linear".into()]));
+        // one name stands for one effect, though its group holds both
+        let one = [named("thrust_scale", &["mass_change", "wind"])];
+        assert_eq!(pair.answers(&one).0, [Answer::InGroup("thrust_scale".into()), Answer::Missed]);
         // four that cannot be told apart are no answer
-        let wide = [named("thrust_scale", vec!["mass_change", "battery_sag", "heave_damping"])];
-        assert!(pair.matched(&wide).0.is_empty());
+        let wide = [named("thrust_scale", &["mass_change", "battery_sag", "heave_damping"])];
+        assert_eq!(pair.answers(&wide).0, [Answer::Missed, Answer::Missed]);
+    }
+
+    #[test]
+    fn each_group_has_its_rule() {
+        let wrong = [named("drag_linear", &[])];
+        let null = truth("null", &[]);
+        assert!(is_right(&null, "nothing_missing", &[]) && is_right(&null, "explained", &[named("gust", &[])]));
+        assert!(!is_right(&null, "explained", &wrong));
+        let outside = truth("outside", &["slung_load"]);
+        assert!(is_right(&outside, "unexplained", &[]) && !is_right(&outside, "nothing_missing", &[]));
+        assert!(!is_right(&outside, "explained", &wrong) && is_right(&outside, "explained", &[named("slung_load", &[])]));
+        let unexcited = truth("unexcited", &["drag_quadratic"]);
+        assert!(is_right(&unexcited, "not_decidable", &[]) && !is_right(&unexcited, "explained", &wrong));
+    }
+
+    #[test]
+    fn errors_are_shares_of_what_a_parameter_changes() {
+        let mut scale = named("thrust_scale", &[]);
+        let estimate = |value, stderr| ParameterEstimate { name: "scale".into(), value: Some(value), stderr, unit: "1".into() };
+        scale.params = vec![estimate(0.91, Some(0.004))];
+        let error = ValueError::new(&scale, "scale", 0.9);
+        assert!((error.share.unwrap() - 0.1).abs() < 1e-9 && (error.z.unwrap() - 2.5).abs() < 1e-9);
+        assert!(error.is_near() && error.is_within());
+        scale.params = vec![estimate(0.92, None)];
+        let error = ValueError::new(&scale, "scale", 0.9);
+        assert!(!error.is_near() && !error.is_within() && error.z.is_none());
+        let idle = ValueError::new(&named("wind", &[]), "x_mps2", 0.3);
+        assert!(!idle.is_near() && !idle.is_within() && idle.estimate.is_none());
+    }
+
+    #[test]
+    fn answers_that_cannot_be_say_where() {
+        let problem = |text: &str| Truth::parse("d1.answer.json", text).unwrap_err().to_string();
+        assert!(problem("{\n\"group\": \"singel\"").contains("d1.answer.json, line 2"), "{}", problem("{\n\"group\": \"singel\""));
+        let two = r#"{"group": "single", "tier": "linear", "effects": [], "benign": []}"#;
+        assert_eq!(problem(two), "d1.answer.json: a single case hides one effect, not 0");
+    }
+
+    proptest! {
+        #[test]
+        fn no_text_panics(text in "\\PC{0,80}", cut in 0_usize..120) {
+            let _ = Truth::parse("f", &text);
+            let whole = r#"{"group": "single", "tier": "rigid", "effects": [{"name": "gust", "params": {"gust_tau": 1}}], "benign": []}"#;
+            let parsed = Truth::parse("f", &whole[..cut.min(whole.len())]);
+            prop_assert_eq!(parsed.is_ok(), cut >= whole.len());
+        }
     }
 
     #[test]

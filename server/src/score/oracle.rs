@@ -1,4 +1,4 @@
-//! How much better a fit would predict that is told which effects are there.
+//! Oracle: a fit that is given the hidden effects, and how much better it predicts.
 
 use crazyflie_env::effects::find;
 use crazyflie_identify::explain::errors::{Errors, compare};
@@ -8,14 +8,12 @@ use crazyflie_identify::fit::hypothesis::{Hypothesis, Term};
 use super::Truth;
 use crate::explained::Run;
 
-/// An explanation may be so much worse.
-pub(crate) const WORST_RATIO: f64 = 1.1;
 /// Horizons that are compared, of those of the errors: 0.5 s and 2 s. Shorter ones show noise, the free run chance.
 const HORIZONS: [usize; 2] = [2, 3];
 
-/// The largest error of the explanation over that of the told fit, over position, velocity and attitude. `None` where the library holds
-/// nothing to tell, or the told fit cannot be made.
-pub(super) fn ratio(run: &Run, truth: &Truth) -> Option<f64> {
+/// Largest error of the explanation over that of the oracle, over position, velocity and attitude. `None` where the library lacks
+/// a hidden effect, or the oracle's fit cannot be made.
+pub(super) fn error_ratio(run: &Run, truth: &Truth) -> Option<f64> {
     let mut hypothesis = Hypothesis::of(&run.model);
     for effect in &truth.effects {
         hypothesis = hypothesis.with(term(&effect.name, &effect.ours())?);
@@ -30,8 +28,8 @@ pub(super) fn ratio(run: &Run, truth: &Truth) -> Option<f64> {
     let [disturbances, _] = &run.found.disturbances;
     let fitted = search.refit(&hypothesis, disturbances)?;
     let declared = (&Hypothesis::of(&run.model), disturbances);
-    let told = compare(declared, (&fitted.settled(), &fitted.disturbances), &run.test.flights);
-    Some(largest(&run.found.errors, &told))
+    let oracle = compare(declared, (&fitted.settled(), &fitted.disturbances), &run.test.flights);
+    Some(largest_ratio(&run.found.errors, &oracle))
 }
 
 /// An effect that starts at the true values: a delay or a limit would not be found from "off".
@@ -45,7 +43,7 @@ fn term(name: &str, params: &[(&str, f64)]) -> Option<Term> {
     Some(term)
 }
 
-fn largest(own: &Errors, told: &Errors) -> f64 {
-    let ratios = (0..3).flat_map(|q| HORIZONS.map(|h| own.after[q][h] / told.after[q][h]));
+fn largest_ratio(own: &Errors, oracle: &Errors) -> f64 {
+    let ratios = (0..3).flat_map(|q| HORIZONS.map(|h| own.after[q][h] / oracle.after[q][h]));
     ratios.filter(|r| r.is_finite()).fold(0.0, f64::max)
 }

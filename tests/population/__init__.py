@@ -1,0 +1,1 @@
+"""Flights with hidden effects in rotorpy's physics, for judging explanations."""
