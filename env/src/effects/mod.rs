@@ -24,6 +24,8 @@ pub struct Param {
     pub high: f64,
     pub about: &'static str,
     pub role: Role,
+    /// Values from which a search begins; empty for "off" alone. A length or a frequency has no slope while its effect is off.
+    pub starts: &'static [f64],
 }
 
 /// What fitting does with a parameter.
@@ -39,12 +41,15 @@ pub enum Role {
 
 /// A parameter of an effect, for its [`Effect::PARAMS`].
 pub const fn param(name: &'static str, unit: &'static str, off: f64, range: [f64; 2], about: &'static str) -> Param {
-    Param { name, unit, off, low: range[0], high: range[1], about, role: Role::Free }
+    Param { name, unit, off, low: range[0], high: range[1], about, role: Role::Free, starts: &[] }
 }
 
 impl Param {
     const fn constant(self) -> Param {
         Param { role: Role::Constant, ..self }
+    }
+    const fn starting_from(self, starts: &'static [f64]) -> Param {
+        Param { starts, ..self }
     }
     const fn choice(self) -> Param {
         Param { role: Role::Choice, ..self }
@@ -341,6 +346,8 @@ pub trait Effect<const P: usize, const S: usize>: Send + 'static {
     fn states_in_use(_tick_s: f64) -> usize {
         S
     }
+    /// Standard deviation of these at first, in their own units (rad/s^2 for what motors give).
+    const LAG_SD: f64 = 20.0;
     /// First noise channel; an effect's own channels count on from here.
     const NOISE: u32 = channel(Self::NAME);
 
@@ -374,8 +381,9 @@ pub struct Entry {
     pub trace: Trace,
     /// See [`Effect::GEOMETRY`].
     pub geometry: Geometry,
-    /// See [`Effect::LAGS`].
+    /// See [`Effect::LAGS`] and [`Effect::LAG_SD`].
     pub lags: usize,
+    pub lag_sd: f64,
     pub(crate) lanes: fn(Build) -> Box<dyn Stage<Lanes>>,
     #[cfg(target_arch = "x86_64")]
     pub(crate) avx2: fn(Build) -> Box<dyn Stage<crate::lanes_avx2::Lanes>>,

@@ -1,6 +1,6 @@
 //! A weight on a thread.
 
-use super::{Cx, Effect, Hooks, Param, Trace, param};
+use super::{Cx, Effect, Hooks, Param, param};
 use crate::plant::{Command, Push, State};
 use crate::real::Real;
 
@@ -12,11 +12,12 @@ impl Effect<2, 4> for SlungLoad {
     const SOURCE: &'static str = "Two bodies and a taut thread, small swings: load'' = -w^2 r, vehicle'' = ratio w^2 r, w^2 = thrust / ((1 + ratio) length)";
     const PARAMS: [Param; 2] = [
         param("mass_ratio", "1", 0.0, [0.0, 0.6], "weight of the load over that of the vehicle"),
-        param("length_m", "m", 0.5, [0.1, 3.0], "from the centre of mass to the load"),
+        param("length_m", "m", 0.5, [0.1, 3.0], "from the centre of mass to the load").starting_from(&[0.25, 0.5, 1.0]),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
-    const TRACE: Trace = Trace::Located;
     const LAGS: usize = 4;
+    /// Metres and metres per second: a swing is small.
+    const LAG_SD: f64 = 0.3;
 
     /// It hangs straight down and moves along.
     #[inline(always)]

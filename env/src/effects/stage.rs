@@ -209,6 +209,7 @@ pub(super) const fn entry<E: Effect<P, S>, const P: usize, const S: usize>(_effe
         trace: E::TRACE,
         geometry: E::GEOMETRY,
         lags: E::LAGS,
+        lag_sd: E::LAG_SD,
         lanes: StageOf::<E, _, P, S>::boxed,
         #[cfg(target_arch = "x86_64")]
         avx2: StageOf::<E, _, P, S>::boxed,

@@ -43,19 +43,24 @@ fn starts(entry: &'static Entry) -> Vec<Term> {
     all
 }
 
-/// One term per combination of the parameters that select a variant.
+/// One term per combination of the parameters that select a variant, or that have values of their own to start from.
 fn variants(entry: &'static Entry) -> Vec<Term> {
     let mut all = vec![Term::off(entry)];
-    for (i, p) in entry.params.iter().enumerate().filter(|(_, p)| p.role == Role::Choice) {
-        let choices = p.low.round() as i64..=p.high.round() as i64;
-        let with = |choice: i64| {
+    for (i, p) in entry.params.iter().enumerate() {
+        let values: Vec<f64> = match p.role {
+            Role::Choice => (p.low.round() as i64..=p.high.round() as i64).map(|choice| choice as f64).collect(),
+            _ if !p.starts.is_empty() => p.starts.to_vec(),
+            _ => continue,
+        };
+        let with = |value: &f64| {
+            let value = *value;
             all.iter().map(move |term| {
                 let mut chosen = term.clone();
-                chosen.values[i] = choice as f64;
+                chosen.values[i] = value;
                 chosen
             })
         };
-        all = choices.flat_map(with).collect();
+        all = values.iter().flat_map(with).collect();
     }
     all
 }

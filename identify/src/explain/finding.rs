@@ -46,10 +46,14 @@ pub fn findings(judge: &Search, selection: &Selection) -> Option<Vec<Finding>> {
     dissected.without.par_iter().zip(worths).map(|(each, worth)| describe(each, worth)).collect()
 }
 
+/// Whether a finding is of the exact geometry, which any vehicle has.
+pub fn is_model_form(effect: &Finding) -> bool {
+    registry().iter().any(|entry| entry.name == effect.name && entry.geometry != Geometry::None)
+}
+
 /// One finding in place of all parts of the exact geometry: what the declared model leaves out by its form.
 pub fn group_model_form(effects: Vec<Finding>) -> Vec<Finding> {
-    let is_geometry = |e: &Finding| registry().iter().any(|entry| entry.name == e.name && entry.geometry != Geometry::None);
-    let (mut geometry, mut others): (Vec<Finding>, Vec<Finding>) = effects.into_iter().partition(is_geometry);
+    let (mut geometry, mut others): (Vec<Finding>, Vec<Finding>) = effects.into_iter().partition(is_model_form);
     if !geometry.is_empty() {
         let with = geometry.split_off(1);
         others.extend(geometry.pop().map(|first| Finding { with, ..first }));

@@ -66,15 +66,16 @@ pub fn explain(model: &Model, fit: &[Flight], test: &[Flight], progress: &dyn Fn
     let completed = Completion::new(&declared, last, finding::group_model_form(effects), disturbances, test);
     let completed = completed.withdraw(&declared, &residual.leftover, test);
     let structured = residual.is_structured();
-    let completed = if structured && completed.effects.is_empty() {
+    let completed = if structured && completed.effects.iter().all(finding::is_model_form) {
         progress("a term learned from the residual");
         completed.learned(&search, &judge, last, &declared, test)
     } else {
         completed
     };
+    // the exact geometry is a form of the model, and no cause of what is left beside it
     let verdict = match (structured, completed.effects.is_empty(), undecided) {
-        (true, true, _) => Verdict::Unexplained,
-        (true, false, _) => Verdict::PartlyExplained,
+        (true, ..) if completed.effects.iter().all(finding::is_model_form) => Verdict::Unexplained,
+        (true, ..) => Verdict::PartlyExplained,
         (false, false, _) => Verdict::Explained,
         (false, true, true) => Verdict::NotDecidable,
         (false, true, false) => Verdict::NothingMissing,

@@ -4,8 +4,6 @@ use crazyflie_env::config::{EffectParams, Number, Sourced};
 use crazyflie_env::effects::{self, Entry, Role};
 use crazyflie_env::model::{Model, VerticalInput};
 
-/// How far off what effects remember of the motion may be, in whatever unit (rad/s^2 for the motors).
-const LAG_SD: f64 = 20.0;
 /// How far off lagged pushes may be: a climb in metres per second, a turn in radians per second.
 const PUSHED_SD: [f64; 2] = [0.3, 1.0];
 
@@ -88,8 +86,11 @@ impl Hypothesis {
     pub fn lags_sd(&self, input: VerticalInput) -> Vec<f64> {
         let of_model = self.lags_push(input).into_iter().zip(PUSHED_SD).filter(|(lags, _)| *lags);
         let declared = self.model.effects.keys().filter(|name| !self.has(name)).filter_map(|name| effects::find(name).ok());
-        let of_effects: usize = declared.map(|(_, entry)| entry.lags).chain(self.terms.iter().map(|t| t.entry.lags)).sum();
-        of_model.map(|(_, sd)| sd).chain(std::iter::repeat_n(LAG_SD, of_effects)).collect()
+        let mut entries: Vec<&Entry> = declared.map(|(_, entry)| entry).chain(self.terms.iter().map(|t| t.entry)).collect();
+        // as the world shows them: in registry order
+        entries.sort_by_key(|entry| effects::find(entry.name).map_or(usize::MAX, |(place, _)| place));
+        let of_effects = entries.into_iter().flat_map(|entry| std::iter::repeat_n(entry.lag_sd, entry.lags));
+        of_model.map(|(_, sd)| sd).chain(of_effects).collect()
     }
 
     /// The free numbers: the model's, then the effects'.

@@ -89,7 +89,8 @@ pub(crate) fn sentence(found: &Explanation) -> String {
             format!("Explained in part: the declared model lacks {effects}. Structure is left that no effect accounts for{left}.{besides}")
         }
         Verdict::Unexplained => {
-            let learned = if found.learned { " A term learned from the residual, which names no cause, is in the completed model." } else { "" };
+            let learned =
+                if found.learned { " A term learned from the residual, which names no cause, is in the completed model." } else { "" };
             format!("Unexplained: the flights hold a structure that no effect of the library accounts for{left}.{besides}{learned}")
         }
     }

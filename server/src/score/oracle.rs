@@ -1,11 +1,11 @@
 //! Oracle: a fit that is given the hidden effects, and how much better it predicts.
 
-use crazyflie_env::effects::find;
+use crazyflie_env::effects::{Geometry, find};
 use crazyflie_identify::explain::errors::{Errors, compare};
 use crazyflie_identify::explain::search::Search;
 use crazyflie_identify::fit::hypothesis::{Hypothesis, Term};
 
-use super::Truth;
+use super::truth::Truth;
 use crate::explained::Run;
 
 /// Horizons that are compared, of those of the errors: 0.5 s and 2 s. Shorter ones show noise, the free run chance.
@@ -21,6 +21,10 @@ pub(super) fn error_ratio(run: &Run, truth: &Truth) -> Option<f64> {
     for name in truth.benign() {
         let Some(term) = term(name, &[]).filter(|_| !hypothesis.has(name)) else { continue };
         hypothesis = hypothesis.with(term);
+    }
+    // in the whole geometry its parts would count twice
+    if hypothesis.terms.iter().any(|t| t.entry.geometry == Geometry::Whole) {
+        hypothesis.terms.retain(|t| t.entry.geometry != Geometry::Part);
     }
     // what is random has no place among expectations
     hypothesis.terms.retain(|t| t.entry.trace.shapes_mean());
