@@ -58,7 +58,7 @@ fn start() -> [f64; 12] {
 /// Away from "off", where limits, dead bands and lags have slopes.
 fn lively(entry: &Entry) -> Vec<f64> {
     let value = |p: &crazyflie_env::effects::Param| match p.role {
-        Role::Choice => 2.0,
+        Role::Choice => 2.0_f64.min(p.high),
         _ if p.name == "tilt_deg" && p.off == 90.0 => 6.0,
         // limits that the commands meet, a time within the flight
         _ if p.name == "ratio" => 1.02,

@@ -115,7 +115,8 @@ fn two_saturated_motors_take_half_of_the_torque_and_their_thrust() {
 #[test]
 fn a_slung_load_swings_as_a_pendulum_on_a_free_vehicle() {
     let (ratio, length_m, v0) = (0.2, 0.63, 0.3);
-    let mut world = world_of(&Model::thesis(), &format!("{{\"slung_load\": {{\"mass_ratio\": {ratio}, \"length_m\": {length_m}}}}}"), None);
+    let effects = format!("{{\"slung_load\": {{\"mass_ratio\": {ratio}, \"length_m\": {length_m}, \"damping_ps\": 0}}}}");
+    let mut world = world_of(&Model::thesis(), &effects, None);
     let command = Command::level((1.0 + ratio) * HOVER_PWM);
     world.start(0, true, &State { pos_m: [0.0, 0.0, 1.0], ..State::rest() }, &command);
     // a shove on the vehicle alone
@@ -129,6 +130,36 @@ fn a_slung_load_swings_as_a_pendulum_on_a_free_vehicle() {
     }
     let x = world.state(0);
     assert!(x.vel_mps[2].abs() < 1e-9, "the thrust carries both: {:?}", x.vel_mps);
+}
+
+/// Held at a lean for long, both go as one body: as the vehicle alone would.
+#[test]
+fn a_dragged_load_hangs_back_and_costs_nothing_in_the_long_run() {
+    let lean = |tick: usize| if tick < 1000 { pitched(1.0) } else { level() };
+    let with = flight(r#"{"slung_load": {"mass_ratio": 0.15, "length_m": 0.3, "damping_ps": 1, "declared": 1}}"#, 2000, lean);
+    let alone = flight("{}", 2000, lean);
+    let (got, expected) = (with[1999].vel_mps[0], alone[1999].vel_mps[0]);
+    assert!((got / expected - 1.0).abs() < 0.01 && expected > 1.0, "{got} instead of {expected}");
+    let shaken = with.iter().zip(&alone).map(|(a, b)| (a.vel_mps[0] - b.vel_mps[0]).abs()).fold(0.0, f64::max);
+    assert!(shaken > 0.02, "{shaken}");
+}
+
+/// A load that was weighed with the vehicle lowers nothing, and its swing dies away.
+#[test]
+fn a_declared_load_only_swings() {
+    let effects = r#"{"slung_load": {"mass_ratio": 0.1, "length_m": 0.4, "damping_ps": 0.5, "declared": 1}}"#;
+    let mut world = world_of(&Model::thesis(), effects, None);
+    world.start(0, true, &State { pos_m: [0.0, 0.0, 1.0], ..State::rest() }, &level());
+    world.set_state(&State { pos_m: [0.0, 0.0, 1.0], vel_mps: [0.3, 0.0, 0.0], ..State::rest() });
+    let speeds: Vec<f64> = (0..1500)
+        .map(|_| {
+            world.step(0, &level());
+            world.state(0).vel_mps[0]
+        })
+        .collect();
+    let swing = |of: &[f64]| of.iter().copied().fold(f64::NEG_INFINITY, f64::max) - of.iter().copied().fold(f64::INFINITY, f64::min);
+    assert!(swing(&speeds[..100]) > 0.05 && swing(&speeds[1300..]) < 0.005, "{} {}", swing(&speeds[..100]), swing(&speeds[1300..]));
+    assert!(world.state(0).vel_mps[2].abs() < 1e-9);
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! Motors that give no more.
 
-use super::mixer::push_beyond_limits;
+use super::mixer::Demand;
 use super::{Cx, Effect, Hooks, Param, Trace, param};
 use crate::plant::{Command, Push, State};
 use crate::real::Real;
@@ -31,7 +31,8 @@ impl Effect<1, 0> for MotorSaturation {
         let quarter = R::of(0.25);
         let (level_mps2, most_mps2) = (quarter * body.thrust_mps2(u, out), quarter * ratio * body.gravity_mps2);
         let [roll, pitch] = body.tilt_torque_radps2(x, u);
-        let lost = push_beyond_limits(body, level_mps2, [roll, pitch, body.yaw_torque_radps2(x, u)], most_mps2);
+        let demand = Demand::new(body, level_mps2, [roll, pitch, body.yaw_torque_radps2(x, u)]);
+        let lost = demand.push_beyond_limits(body, most_mps2);
         out.add(&Push {
             acc_mps2: lost.acc_mps2.map(|v| R::select(limited, v, R::zero())),
             ang_radps2: lost.ang_radps2.map(|v| R::select(limited, v, R::zero())),

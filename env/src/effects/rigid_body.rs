@@ -1,6 +1,6 @@
 //! The rigid body with four motors behind a mixer: what small angles leave out, all at once.
 
-use super::mixer::{TILT_INERTIA_KGM2, YAW_INERTIA_KGM2, push_beyond_limits};
+use super::mixer::{Demand, THRUST_TO_WEIGHT, TILT_INERTIA_KGM2, YAW_INERTIA_KGM2};
 use super::{Cx, Effect, Geometry, Hooks, Param, param};
 use crate::plant::{Command, Push, State};
 use crate::real::Real;
@@ -37,7 +37,7 @@ impl Effect<2, 0> for RigidBody {
     const SOURCE: &'static str = "Newton and Euler (thesis 4.1 to 4.9) with the declared loops as laws of the body rates; inertia and torque per thrust: Foerster 2015";
     const PARAMS: [Param; 2] = [
         param("amount", "1", 0.0, [0.0, 1.0], "1 for the exact body; then tilt_loss, exact_tan and euler_kinematics count twice"),
-        param("thrust_to_weight", "1", 1.96, [1.1, 5.0], "all four motors at their limit, over the weight: a motor gives 0.16 N at most").constant(),
+        param("thrust_to_weight", "1", THRUST_TO_WEIGHT, [1.1, 5.0], "all four motors at their limit, over the weight: a motor gives 0.16 N at most").constant(),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
     const PHYSICS_HZ: u32 = 300;
@@ -58,7 +58,8 @@ impl Effect<2, 0> for RigidBody {
         let rotation = Rotation::from_state(cx, x, u, &angles);
         let quarter_mps2 = R::of(0.25) * body.gravity_mps2;
         let level_mps2 = quarter_mps2 * body.thrust_ratio(u);
-        let lost = push_beyond_limits(body, level_mps2, rotation.demand_radps2, quarter_mps2 * thrust_to_weight);
+        let demand = Demand::new(body, level_mps2, rotation.demand_radps2);
+        let lost = demand.push_beyond_limits(body, quarter_mps2 * thrust_to_weight);
 
         // force: thrust along the tilted axis, less what the small-angle model has of it
         let declared = body.thrust_mps2(u, out);

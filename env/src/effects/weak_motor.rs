@@ -1,6 +1,6 @@
 //! One motor that pulls less.
 
-use super::mixer::{YAW_LEVER_M, weaken};
+use super::mixer::{Demand, THRUST_TO_WEIGHT, YAW_LEVER_M, weaken};
 use super::{Cx, Effect, Hooks, Param, param};
 use crate::plant::{Command, Push, State};
 use crate::real::Real;
@@ -9,7 +9,7 @@ pub struct WeakMotor;
 
 impl Effect<3, 0> for WeakMotor {
     const NAME: &'static str = "weak_motor";
-    const ABOUT: &'static str = "One motor (1 front right, 2 back right, 3 back left, 4 front left) loses a share of its thrust";
+    const ABOUT: &'static str = "One motor (1 front right, 2 back right, 3 back left, 4 front left) loses a share of its thrust, and of the torques that come with it";
     const SOURCE: &'static str = "X configuration of thesis 4.1; inertia 1.657e-5 and 2.926e-5 kg m^2, torque per thrust 5.96 mm: Foerster 2015";
     const PARAMS: [Param; 3] = [
         param("motor", "1", 1.0, [1.0, 4.0], "which; front is where +pitch leads").choice(),
@@ -17,13 +17,19 @@ impl Effect<3, 0> for WeakMotor {
         param("yaw_m", "m", YAW_LEVER_M, [0.0, 0.03], "torque about the vertical per thrust; a cut propeller loses them in another ratio than a slow one"),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
+    const PHYSICS_HZ: u32 = 300;
 
     #[inline(always)]
-    fn push<R: Real>(&[motor, loss, yaw_m]: &[R; 3], _: &mut [R; 0], cx: &Cx<R>, _: &State<R>, u: &Command<R>, out: &mut Push<R>) {
-        let lost_mps2 = R::of(0.25) * loss * cx.body.thrust_mps2(u, out);
+    fn push<R: Real>(&[motor, loss, yaw_m]: &[R; 3], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
+        let body = cx.body;
         let one = R::of(1.0);
         let front = R::select(motor.lt(R::of(1.5)) | motor.gt(R::of(3.5)), one, -one);
         let left = R::select(motor.gt(R::of(2.5)), one, -one);
-        weaken(cx.body, [front, left], lost_mps2, yaw_m / R::of(YAW_LEVER_M), out);
+        // a share of all that the mixer asks of the motor is lost: of the thrust and of the torques
+        let [roll, pitch] = body.tilt_torque_radps2(x, u);
+        let torque_radps2 = [roll, pitch, body.yaw_torque_radps2(x, u)];
+        let asked_mps2 = Demand::new(body, R::of(0.25) * body.thrust_mps2(u, out), torque_radps2).thrust_mps2([front, left]);
+        let given_mps2 = asked_mps2.clamp(R::zero(), R::of(0.25 * THRUST_TO_WEIGHT) * body.gravity_mps2);
+        weaken(body, [front, left], loss * given_mps2, yaw_m / R::of(YAW_LEVER_M), out);
     }
 }
