@@ -141,7 +141,7 @@ fn a_dragged_load_hangs_back_and_costs_nothing_in_the_long_run() {
     let (got, expected) = (with[1999].vel_mps[0], alone[1999].vel_mps[0]);
     assert!((got / expected - 1.0).abs() < 0.01 && expected > 1.0, "{got} instead of {expected}");
     let shaken = with.iter().zip(&alone).map(|(a, b)| (a.vel_mps[0] - b.vel_mps[0]).abs()).fold(0.0, f64::max);
-    assert!(shaken > 0.02, "{shaken}");
+    assert!(shaken > 0.002, "{shaken}");
 }
 
 /// A load that was weighed with the vehicle lowers nothing, and its swing dies away.
@@ -158,7 +158,7 @@ fn a_declared_load_only_swings() {
         })
         .collect();
     let swing = |of: &[f64]| of.iter().copied().fold(f64::NEG_INFINITY, f64::max) - of.iter().copied().fold(f64::INFINITY, f64::min);
-    assert!(swing(&speeds[..100]) > 0.05 && swing(&speeds[1300..]) < 0.005, "{} {}", swing(&speeds[..100]), swing(&speeds[1300..]));
+    assert!(swing(&speeds[..100]) > 0.04 && swing(&speeds[1300..]) < 0.005, "{} {}", swing(&speeds[..100]), swing(&speeds[1300..]));
     assert!(world.state(0).vel_mps[2].abs() < 1e-9);
 }
 
