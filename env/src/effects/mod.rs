@@ -405,7 +405,7 @@ macro_rules! registry {
 }
 
 // Command effects stand in the order in which a command passes them: ground station, radio, firmware, motors. What changes the thrust stands
-// before what turns it; forces of another kind after. Frame effects: what is in view, then what the detection makes of it, then the way to the
+// before what turns it, and so do torques, which the rigid body turns into angles; forces of another kind after. Frame effects: what is in view, then what the detection makes of it, then the way to the
 // controller.
 registry![
     cmd_deadband::CmdDeadband,
@@ -429,6 +429,8 @@ registry![
     thrust_step::ThrustStep,
     thrust_slope::ThrustSlope,
     weak_motor::WeakMotor,
+    inertia_scale::InertiaScale,
+    flap::Flap,
     rigid_body::RigidBody,
     tilt_loss::TiltLoss,
     exact_tan::ExactTan,
@@ -439,8 +441,6 @@ registry![
     gust::Gust,
     periodic_force::PeriodicForce,
     heave_damping::HeaveDamping,
-    inertia_scale::InertiaScale,
-    flap::Flap,
     euler_kinematics::EulerKinematics,
     yaw_drift::YawDrift,
     downwash::Downwash,

@@ -71,19 +71,20 @@ impl Effect<2, 0> for RigidBody {
         out.acc_mps2[1] += amount * (sin_yaw * front - cos_yaw * right);
         out.acc_mps2[2] += amount * (thrust * cos_roll * cos_pitch - declared);
 
-        // rotation: angular acceleration of the body, then of the angles, less what 5.1 and 5.2 make of it
+        // rotation: angular acceleration of the body by motors and effects, then of the angles, less what 5.1 and 5.2 make of it
         let [p, q, r] = rotation.rate_radps;
         let gyroscopic = R::of((TILT_INERTIA_KGM2 - YAW_INERTIA_KGM2) / TILT_INERTIA_KGM2);
-        let [_, ask_q, ask_r] = rotation.demand_radps2;
-        let q_dot = ask_q + lost.ang_radps2[1] - gyroscopic * p * r;
-        let r_dot = ask_r + lost.ang_radps2[2];
+        let [_, asked_q, asked_r] = rotation.demand_radps2;
+        let [_, pushed_q, pushed_r] = out.ang_radps2;
+        let q_dot = asked_q + pushed_q + lost.ang_radps2[1] - gyroscopic * p * r;
+        let r_dot = asked_r + pushed_r + lost.ang_radps2[2];
         let [roll_rate, pitch_rate, yaw_rate] = x.rate_radps;
         let per_cos_pitch = R::of(1.0) / cos_pitch;
         let pitch_acc = cos_roll * q_dot - sin_roll * r_dot - roll_rate * yaw_rate * cos_pitch;
         let yaw_acc = (sin_roll * q_dot + cos_roll * r_dot + roll_rate * pitch_rate + yaw_rate * pitch_rate * sin_pitch) * per_cos_pitch;
         let roll_more = lost.ang_radps2[0] + gyroscopic * q * r + yaw_acc * sin_pitch + yaw_rate * pitch_rate * cos_pitch;
         out.ang_radps2[0] += amount * (roll_more + body.tilt_damping_ps[0] * (roll_rate - p));
-        out.ang_radps2[1] += amount * (pitch_acc - ask_q + body.tilt_damping_ps[1] * (pitch_rate - q));
-        out.ang_radps2[2] += amount * (yaw_acc - ask_r + body.yaw_damping_ps * (yaw_rate - r));
+        out.ang_radps2[1] += amount * (pitch_acc - asked_q - pushed_q + body.tilt_damping_ps[1] * (pitch_rate - q));
+        out.ang_radps2[2] += amount * (yaw_acc - asked_r - pushed_r + body.yaw_damping_ps * (yaw_rate - r));
     }
 }
