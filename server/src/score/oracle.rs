@@ -5,7 +5,7 @@ use crazyflie_identify::explain::errors::{Errors, compare};
 use crazyflie_identify::explain::search::Search;
 use crazyflie_identify::fit::hypothesis::{Hypothesis, Term};
 
-use super::Truth;
+use super::truth::Truth;
 use crate::explained::Run;
 
 /// Horizons that are compared, of those of the errors: 0.5 s and 2 s. Shorter ones show noise, the free run chance.
