@@ -49,7 +49,12 @@ def fly(hidden, inner, kind, seconds, noise, rng, drain_vps):
     """A flight of a kind of excitation with what is hidden."""
     steps = round((PREROLL_S + seconds) / STEP_S)
     excitation = Excitation(kind, seconds, rng)
-    vehicle, position, loop, link = Vehicle(hidden), Position(), Inner(inner), Link(hidden, rng)
+    vehicle, position, loop, link = (
+        Vehicle(hidden, excitation.reference[0, :3]),
+        Position(),
+        Inner(inner),
+        Link(hidden, rng),
+    )
     camera = Camera(hidden, PREROLL_S + seconds, noise, rng)
     wind = winds_mps(hidden, steps, rng)
     angle_noise_deg = rng.standard_normal((round(seconds / ROW_S), 3)) * NOISE[noise][2]

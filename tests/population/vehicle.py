@@ -80,14 +80,14 @@ def altered_parameters(hidden):
 class Vehicle:
     """rotorpy's multirotor between the mixer's commands and its state, with what is hidden around it."""
 
-    def __init__(self, hidden):
+    def __init__(self, hidden, start_m=(0.0, 0.0, 0.7)):
         self.hidden = hidden
         self.body = Multirotor(altered_parameters(hidden), control_abstraction="cmd_motor_speeds")
         # the firmware mixes for the vehicle that it was made for, whatever is hidden in the one that flies
         self.mixer = Multirotor(quad_params, control_abstraction="cmd_ctbm")
         self.thrust_n_per_radps2 = self.body.k_eta
         self.state = np.zeros(20)
-        self.state[2] = 0.7
+        self.state[POSITION] = start_m
         self.state[9] = 1.0
         self.state[ROTORS] = HOVER_RADPS
         self.slope = None

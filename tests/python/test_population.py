@@ -8,11 +8,12 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
+from rotorpy.vehicles.crazyflie_params import quad_params
+from rotorpy.vehicles.multirotor import Multirotor
+
 from population import case, declared, effects, flight, vehicle
 from population.firmware import Link
 from population.sensors import Camera
-from rotorpy.vehicles.crazyflie_params import quad_params
-from rotorpy.vehicles.multirotor import Multirotor
 
 
 def speeds_for(thrust_n, moment_nm):
