@@ -6,16 +6,15 @@ use crate::real::Real;
 
 pub struct SlungLoad;
 
-impl Effect<5, 4> for SlungLoad {
+impl Effect<4, 4> for SlungLoad {
     const NAME: &'static str = "slung_load";
     const ABOUT: &'static str = "A weight swings on a thread below the centre of mass: a pendulum that the vehicle drags, and that pulls it";
     const SOURCE: &'static str = "Two bodies and a taut thread, small swings: load'' = -w^2 r, vehicle'' = g lean + ratio (w^2 r + g lean), w^2 = g / length: the declared g lean turns both as one body, but the vehicle leans alone";
-    const PARAMS: [Param; 5] = [
+    const PARAMS: [Param; 4] = [
         param("mass_ratio", "1", 0.0, [0.0, 0.6], "weight of the load over that of the vehicle"),
-        param("length_m", "m", 0.5, [0.1, 3.0], "from the centre of mass to the load").starting_from(&[0.3, 0.7]),
+        param("length_m", "m", 0.5, [0.1, 3.0], "from the centre of mass to the load").starting_from(&[0.25, 1.0]),
         param("damping_ps", "1/s", 0.1, [0.0, 2.0], "of the swing: what air and knot take from its speed").constant(),
-        param("declared", "1", 0.0, [0.0, 1.0], "1 where the declared weight, or hover thrust, holds the load already: it swings, but lowers nothing").choice(),
-        param("leans_alone", "1", 1.0, [0.0, 1.0], "0 where the pull of the thread adds to the declared sideways acceleration, as in simulators that leave out what follows from two bodies").choice(),
+        param("declared", "1", 0.0, [0.0, 2.0], "1 where the declared weight, or hover thrust, holds the load already: it swings, but lowers nothing; 2 where besides its pull adds to the declared sideways acceleration, as in simulators that leave out what follows from two bodies").choice(),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
     const LAGS: usize = 4;
@@ -24,16 +23,17 @@ impl Effect<5, 4> for SlungLoad {
 
     /// It hangs straight down and moves along.
     #[inline(always)]
-    fn start<R: Real>(_: &[R; 5], _: &Cx<R>, x: &State<R>, _: &Command<R>) -> [R; 4] {
+    fn start<R: Real>(_: &[R; 4], _: &Cx<R>, x: &State<R>, _: &Command<R>) -> [R; 4] {
         [R::zero(), R::zero(), x.vel_mps[0], x.vel_mps[1]]
     }
 
     /// `load` is where it is from the vehicle, and its own velocity: the vehicle's acceleration is not needed then.
     #[inline(always)]
-    fn push<R: Real>(p: &[R; 5], load: &mut [R; 4], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
-        let &[mass_ratio, length_m, damping_ps, declared, leans_alone] = p;
+    fn push<R: Real>(p: &[R; 4], load: &mut [R; 4], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
+        let &[mass_ratio, length_m, damping_ps, declared] = p;
+        let leans_alone = R::select(declared.gt(R::of(1.5)), R::zero(), R::of(1.0));
         let carried_mps2 = cx.body.thrust_mps2(u, out) - cx.body.heave_ps * x.vel_mps[2];
-        let undeclared = mass_ratio * (R::of(1.0) - declared);
+        let undeclared = mass_ratio * (R::of(1.0) - declared).max(R::zero());
         // the thread's tension per mass of the load; a thread does not push
         let tension_mps2 = carried_mps2.max(R::zero()) / (R::of(1.0) + undeclared);
         out.acc_mps2[2] -= undeclared * tension_mps2;

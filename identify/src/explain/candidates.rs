@@ -49,7 +49,7 @@ fn variants(entry: &'static Entry) -> Vec<Term> {
     for (i, p) in entry.params.iter().enumerate() {
         let values: Vec<f64> = match p.role {
             Role::Choice => (p.low.round() as i64..=p.high.round() as i64).map(|choice| choice as f64).collect(),
-            _ if !p.starts.is_empty() => p.starts.to_vec(),
+            _ if !p.starts.is_empty() => [&[p.off], p.starts].concat(),
             _ => continue,
         };
         let with = |value: &f64| {

@@ -51,7 +51,7 @@ pub fn explain(model: &Model, fit: &[Flight], test: &[Flight], progress: &dyn Fn
     let (path, steps) = selection::forward(&search, &form, progress);
     let selection = selection::eliminate(&search, &judge, path, progress)?;
     progress("what is left");
-    let (selection, residual) = residual::rescue(&search, &judge, selection, fit, test);
+    let (selection, residual) = residual::rescue(&search, &judge, selection, test);
     let last = &selection.dissected.judged;
     let mut effects = finding::findings(&judge, &selection)?;
     let mut disturbances = last.disturbances;

@@ -43,7 +43,7 @@ const TAU_S: [f64; 2] = [0.05, 10.0];
 /// A force may wander for longer, and up to this.
 pub const LONGEST_S: f64 = 20.0;
 /// A force that wanders by more than this (m/s^2) is more than a draught; for longer than this (s), a gust.
-const SHAKEN_FORCE_MPS2: f64 = 0.1;
+pub const SHAKEN_FORCE_MPS2: f64 = 0.1;
 pub const GUST_S: f64 = 0.3;
 /// A lift that wanders by more than this (m/s^2) is no small error of the thrust if it is so many times the force: air moves in all directions.
 const SHAKEN_LIFT_MPS2: f64 = 0.2;

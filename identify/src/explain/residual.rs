@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 
+use super::WORTH_FIT;
 use super::leftover;
 use super::noise::{self, Said};
 use super::place;
@@ -22,10 +23,18 @@ pub struct GustCandidate {
     pub sd: [f64; 2],
 }
 
-fn gust_candidate(fit: &[Flight], last: &Judged) -> Option<GustCandidate> {
-    noise::said(&last.disturbances).find(|(said, _)| *said == Said::Force && last.disturbances.force.tau_s > noise::GUST_S)?;
-    let (disturbances, sd) = noise::force(fit, &last.settled(), &last.disturbances);
-    Some(GustCandidate { disturbances, sd })
+/// Sizes are tuned on short stretches, where a small gust may not be worth its price: at the limit of what is said, whole flights decide.
+fn gust_candidate(search: &Search, last: &Judged) -> Option<GustCandidate> {
+    let is_gust = |d: &Disturbances| d.force.tau_s > noise::GUST_S && noise::said(d).any(|(said, _)| said == Said::Force);
+    let before = &last.disturbances;
+    if !is_gust(before) && before.force.sigma < noise::SHAKEN_FORCE_MPS2 {
+        return None;
+    }
+    let at = last.settled();
+    let (disturbances, sd) = noise::force(search.flights, &at, before);
+    let worth = || Some(search.plug_in(&at, before)? - search.plug_in(&at, &disturbances)?);
+    let found = is_gust(before) || (is_gust(&disturbances) && worth()? > WORTH_FIT);
+    found.then_some(GustCandidate { disturbances, sd })
 }
 
 /// What a selection of effects leaves.
@@ -35,9 +44,9 @@ pub struct Residual {
 }
 
 impl Residual {
-    fn from_selection(fit: &[Flight], test: &[Flight], selection: &Selection) -> Self {
-        let last = &selection.dissected.judged;
-        let gust = gust_candidate(fit, last);
+    fn from_selection(search: &Search, test: &[Flight], selection: &Selection) -> Self {
+        let (fit, last) = (search.flights, &selection.dissected.judged);
+        let gust = gust_candidate(search, last);
         let leftover = leftovers(fit, test, last, gust.as_ref());
         Residual { gust, leftover }
     }
@@ -48,11 +57,11 @@ impl Residual {
 }
 
 /// What is left of a selection. An effect that nearly earned its place comes back if it accounts for all structure that is left without it.
-pub fn rescue(search: &Search, judge: &Search, mut selection: Selection, fit: &[Flight], test: &[Flight]) -> (Selection, Residual) {
-    let residual = Residual::from_selection(fit, test, &selection);
+pub fn rescue(search: &Search, judge: &Search, mut selection: Selection, test: &[Flight]) -> (Selection, Residual) {
+    let residual = Residual::from_selection(search, test, &selection);
     let nearly = selection.dissected.nearly.take().filter(|_| residual.is_structured());
     let other = nearly.and_then(|nearly| validate(search, judge, search.dissect(nearly), selection.rivals.clone()));
-    let other = other.map(|other| (Residual::from_selection(fit, test, &other), other)).filter(|(left, _)| !left.is_structured());
+    let other = other.map(|other| (Residual::from_selection(search, test, &other), other)).filter(|(left, _)| !left.is_structured());
     other.map_or((selection, residual), |(residual, other)| (other, residual))
 }
 
