@@ -8,8 +8,8 @@ pub struct InertiaScale;
 
 impl Effect<1, 0> for InertiaScale {
     const NAME: &'static str = "inertia_scale";
-    const ABOUT: &'static str = "Roll and pitch accelerate as if the inertia were this many times the declared";
-    const SOURCE: &'static str = "Euler: the same torque on a larger inertia; torque as in 5.1";
+    const ABOUT: &'static str = "Roll, pitch and yaw accelerate as if the inertia were this many times the declared";
+    const SOURCE: &'static str = "Euler: the same torque on a larger inertia; torques as in 5.1 and 5.2";
     const PARAMS: [Param; 1] = [
         param("scale", "1", 1.0, [0.3, 3.0], "inertia over declared inertia"),
     ];
@@ -18,9 +18,6 @@ impl Effect<1, 0> for InertiaScale {
 
     #[inline(always)]
     fn push<R: Real>(&[scale]: &[R; 1], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
-        let more = R::of(1.0) / scale - R::of(1.0);
-        for (i, declared) in cx.body.tilt_torque_radps2(x, u).into_iter().enumerate() {
-            out.ang_radps2[i] += more * declared;
-        }
+        cx.body.add_torque(R::of(1.0) / scale - R::of(1.0), cx.h_s, x, u, out);
     }
 }

@@ -16,7 +16,9 @@ pub(super) fn page(runs: &[Results]) -> String {
         "# How often explanations are right\n\n\
          Made by `crazyflie score --from RESULTS... --markdown docs/rates.md` from saved results; nobody edits it.\n\
          Each section is a run over cases of one simulator, none of which shares code with this one:\n\
-         `hidden_flights.py` (own rigid body) and `tests/population` (rotorpy's Crazyflie under a firmware-like cascade).\n\n",
+         `hidden_flights.py population FOLDER --cases N --seed S` (a rigid body of its own) and\n\
+         `python tests/population FOLDER --cases N --seed S` (rotorpy's Crazyflie under a firmware-like cascade, whose rotor drag,\n\
+         motor lag and exact geometry are missing from every declared model: naming them is right, but not asked for).\n\n",
     );
     let _ = writeln!(text, "{}\n", LEGEND.replace('\n', " "));
     for results in runs {

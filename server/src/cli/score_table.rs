@@ -12,7 +12,7 @@ use crate::score::{
 
 pub(super) const LEGEND: &str = "\
 named: what is hidden, by its name or in a group of at most three, and nothing that is not there; for null and unexcited flights no wrong name;
-for what no effect describes, the verdict \"unexplained\". 15 %: of what the parameter changes (of a scale of 0.9, of the missing tenth).
+for what no effect describes, that structure is left, and no wrong name. 15 %: of what the parameter changes (of a scale of 0.9, of the missing tenth).
 3 stderr: within three of the estimate's standard errors. n/a: named by a partner, or nothing to compare. In brackets: 95 % (Wilson).";
 
 /// Everything about a run, for a terminal.
