@@ -278,7 +278,7 @@ impl<'a> Search<'a> {
     /// The hypothesis fitted anew, disturbances tuned, judged.
     pub fn refit(&self, hypothesis: &Hypothesis, disturbances: &Disturbances) -> Option<Judged> {
         let solution = self.fit(hypothesis, None, STEPS);
-        let (fitted, sd) = without_idle(&hypothesis.at(&solution.shared), &deviations(&solution));
+        let (fitted, sd) = without_idle(&hypothesis.at(&solution.shared), &deviations(&solution), &[]);
         let first = self.judge(&fitted, &sd, disturbances)?;
         let disturbances = tune(&self.flights[0], &first.settled(), Some(disturbances));
         self.judge(&fitted, &sd, &disturbances)
@@ -494,7 +494,8 @@ impl<'a> Search<'a> {
     fn propose(&self, at: &Hypothesis, score: &Score, base: &Solution) -> Option<Proposal> {
         let hypothesis = at.with(score.start.clone());
         let solution = self.fit(&hypothesis, Some(&base.own), STEPS);
-        let (fitted, sd) = without_idle(&hypothesis.at(&solution.shared), &deviations(&solution));
+        let settled: Vec<&str> = at.terms.iter().map(|t| t.entry.name).collect();
+        let (fitted, sd) = without_idle(&hypothesis.at(&solution.shared), &deviations(&solution), &settled);
         let useful = fitted.terms.iter().any(|t| t.entry.name == score.start.entry.name && !t.free.is_empty());
         useful.then_some(Proposal { hypothesis: fitted, sd })
     }
@@ -507,16 +508,19 @@ pub fn deviations(solution: &Solution) -> Vec<f64> {
     (0..solution.shared.len()).map(|i| covariance.as_ref().map_or(f64::INFINITY, |c| c[(i, i)].max(0.0).sqrt())).collect()
 }
 
-/// Parameters of which the windows say nothing are not free.
-fn without_idle(hypothesis: &Hypothesis, sd: &[f64]) -> (Hypothesis, Vec<f64>) {
+/// Parameters of which the windows say nothing are not free, but for those of effects that are `settled`: beside a newcomer that does the same, nothing
+/// tells them apart, and the filter has to say which stays.
+fn without_idle(hypothesis: &Hypothesis, sd: &[f64], settled: &[&str]) -> (Hypothesis, Vec<f64>) {
     let mut kept = hypothesis.clone();
     let mut known = sd[..hypothesis.free.len()].to_vec();
     let mut rest = sd[hypothesis.free.len()..].iter();
     for term in &mut kept.terms {
         let entry: &'static Entry = term.entry;
-        let free =
-            term.free.iter().zip(rest.by_ref()).filter(|(i, sd)| sd.is_finite() && **sd < entry.params[**i].high - entry.params[**i].low);
-        let free: Vec<(usize, f64)> = free.map(|(i, sd)| (*i, *sd)).collect();
+        let stays = settled.contains(&entry.name);
+        let range = |i: usize| entry.params[i].high - entry.params[i].low;
+        let bounded = |i: usize, sd: f64| if sd.is_finite() { sd.min(range(i)) } else { range(i) };
+        let free = term.free.iter().zip(rest.by_ref()).filter(|(i, sd)| stays || (sd.is_finite() && **sd < range(**i)));
+        let free: Vec<(usize, f64)> = free.map(|(i, sd)| (*i, bounded(*i, *sd))).collect();
         term.free = free.iter().map(|(i, _)| *i).collect();
         known.extend(free.iter().map(|(_, sd)| *sd));
     }
