@@ -4,7 +4,11 @@
 //! (6.3.3, Annex 3). Here commands are held in the same way, but time stamps are compared message by message, and where
 //! they say nothing the camera's delay is measured by correlating what it saw with what the gyro felt.
 
-use super::signal::{median, quantile};
+use super::attitude::Rotation;
+use super::signal::{median, quantile, unwrap};
+use super::{AttitudeSource, FlightLog};
+
+const G_MPS2: f64 = 9.80665;
 
 /// Transport within one computer and over radio or USB takes no longer; a larger difference is another clock.
 const LONGEST_TRANSPORT_S: f64 = 0.25;
@@ -202,6 +206,41 @@ pub(super) fn twice_integrated(t_s: &[f64], values: &[f64]) -> Vec<f64> {
         out.push(twice);
     }
     out
+}
+
+impl FlightLog {
+    /// How much later the fixes appear than the attitude, by what both say of the motion. `None` where the attitude is no measurement.
+    pub(super) fn position_lag(&self) -> Option<Lag> {
+        let fixes = &self.fixes;
+        let is_ordered = fixes.capture_t_s.windows(2).all(|pair| pair[0] < pair[1]);
+        if self.provenance.attitude == AttitudeSource::Motion || fixes.row.is_empty() || !is_ordered {
+            return None;
+        }
+        self.lag_of_positions(&fixes.capture_t_s, &fixes.pos_m, fixes.yaw_rad.as_deref())
+    }
+
+    /// How much later positions appear than the attitude: acceleration by tilt in x and y, and yaw.
+    pub(super) fn lag_of_positions(&self, seen_s: &[f64], pos_m: &[Vec<f64>; 3], yaw_rad: Option<&[f64]>) -> Option<Lag> {
+        let up = |row: usize| Rotation::from_angles([self.roll_rad[row], self.pitch_rad[row], self.yaw_rad[row]]).turn([0.0, 0.0, 1.0]);
+        // A thrust that carries the weight; beyond 80 degrees of tilt nothing is known.
+        let push = |axis: usize| (0..self.len()).map(up).map(|up| G_MPS2 * up[axis] / up[2].max(0.2)).collect::<Vec<f64>>();
+        let felt = [0, 1].map(|axis| twice_integrated(&self.t_s, &push(axis)));
+        let track = |values| Track { t_s: &self.t_s, values };
+        let seen = |values| Track { t_s: seen_s, values };
+        let yaw = yaw_rad.map(|yaw| {
+            let mut yaw = yaw.to_vec();
+            unwrap(&mut yaw, "marker yaw", &mut Vec::new());
+            yaw
+        });
+        let mut pairs = vec![
+            Pair { seen: seen(&pos_m[0]), felt: track(&felt[0]), differences: 2, name: "x and tilt" },
+            Pair { seen: seen(&pos_m[1]), felt: track(&felt[1]), differences: 2, name: "y and tilt" },
+        ];
+        if let Some(yaw) = &yaw {
+            pairs.push(Pair { seen: seen(yaw), felt: track(&self.yaw_rad), differences: 1, name: "yaw" });
+        }
+        lag(&pairs)
+    }
 }
 
 #[cfg(test)]

@@ -324,9 +324,9 @@ mod tests {
     fn what_is_unknown_is_refused_where_it_stands_with_a_proposal() {
         let cases = [
             ("cmd_rol = { column = \"r\" }", "line 7: unknown channel \"cmd_rol\": did you mean \"cmd_roll\"?"),
-            ("vbat = { column = \"r\", unit = \"mVolt\" }", "line 7: unknown unit of vbat \"mVolt\": did you mean \"mV\"?"),
+            ("vbat = { column = \"r\", unit = \"mVs\" }", "line 7: unknown unit of vbat \"mVs\": did you mean \"mV\"?"),
             ("yaw = { column = \"r\", unit = \"turns\" }", "expected one of rad, deg"),
-            ("yaw = { column = \"r\", frame = \"nde\" }", "line 7: unknown frame \"nde\": did you mean \"ned\"?"),
+            ("yaw = { column = \"r\", frame = \"nedd\" }", "line 7: unknown frame \"nedd\": did you mean \"ned\"?"),
             ("yaw = { column = \"r\", sign = 2 }", "line 7: sign of yaw: found 2, expected 1 or -1"),
             ("roll = { column = \"r\" }", "channel \"pitch\" is not mapped: roll, pitch go together"),
             ("yaw = { colum = \"r\" }", "line 7: unknown field `colum`"),

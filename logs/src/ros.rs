@@ -4,7 +4,7 @@
 //! +roll to -y, thrust 0..60000 (linear z) and the yaw rate in degrees per second with the thesis's sign (angular z); the IMU
 //! has rates in rad/s and specific force in m/s2, and no orientation.
 
-use super::align::{Lag, Pair, Track, held, lag, twice_integrated};
+use super::align::{Lag, Track, held};
 use super::attitude::{Rotation, integrate};
 use super::marker::{Marker, arrivals};
 use super::samples::Samples;
@@ -170,7 +170,7 @@ impl FlightLog {
         if has_imu {
             self.turn_to_marker(&marker, notes);
             let is_stamped = marker.samples.clock.is_some_and(|clock| clock.same);
-            match self.camera_lag(&marker) {
+            match self.lag_of_positions(&marker.samples.t_s, &marker.pos_m, marker.yaw_rad.as_deref()) {
                 None => notes.push(Note::CameraLagUnknown),
                 Some(Lag { lag_s, sigma_s, correlation, by }) => {
                     // Stamps of one clock are believed; without them the data knows better.
@@ -191,29 +191,6 @@ impl FlightLog {
             yaw_rad: marker.yaw_rad.as_ref().map(|yaw| pick(yaw)),
         };
         check_capture(&self.t_s, &self.fixes, notes);
-    }
-
-    /// How much later the camera sees what the IMU feels: acceleration by tilt in x and y, and yaw.
-    fn camera_lag(&self, marker: &Marker) -> Option<Lag> {
-        let up = |row: usize| Rotation::from_angles([self.roll_rad[row], self.pitch_rad[row], self.yaw_rad[row]]).turn([0.0, 0.0, 1.0]);
-        // A thrust that carries the weight; beyond 80 degrees of tilt nothing is known.
-        let push = |axis: usize| (0..self.len()).map(up).map(|up| G_MPS2 * up[axis] / up[2].max(0.2)).collect::<Vec<f64>>();
-        let felt = [0, 1].map(|axis| twice_integrated(&self.t_s, &push(axis)));
-        let seen_s = &marker.samples.t_s;
-        let track = |values| Track { t_s: &self.t_s, values };
-        let seen = |values| Track { t_s: seen_s, values };
-        let yaw = marker.yaw_rad.clone().map(|mut yaw| {
-            unwrap(&mut yaw, "marker yaw", &mut Vec::new());
-            yaw
-        });
-        let mut pairs = vec![
-            Pair { seen: seen(&marker.pos_m[0]), felt: track(&felt[0]), differences: 2, name: "x and tilt" },
-            Pair { seen: seen(&marker.pos_m[1]), felt: track(&felt[1]), differences: 2, name: "y and tilt" },
-        ];
-        if let Some(yaw) = &yaw {
-            pairs.push(Pair { seen: seen(yaw), felt: track(&self.yaw_rad), differences: 1, name: "yaw" });
-        }
-        lag(&pairs)
     }
 
     /// An integrated yaw counts from the take-off, the marker's from the marker: the first seconds' difference is added.

@@ -40,7 +40,12 @@ pub(super) fn unwrap(angle_rad: &mut [f64], channel: &'static str, notes: &mut V
 
 /// Acceleration of positions: the curvature of the parabola through the samples within 0.1 s, or through five of a slow one.
 pub(super) fn acceleration_of(t_s: &[f64], pos_m: &[Vec<f64>; 3]) -> [Vec<f64>; 3] {
-    let half_s = CURVATURE_HALF_S.max(2.5 * usual_step(t_s));
+    acceleration_over(t_s, pos_m, CURVATURE_HALF_S)
+}
+
+/// Acceleration as above, through the samples within `half_s`.
+pub(super) fn acceleration_over(t_s: &[f64], pos_m: &[Vec<f64>; 3], half_s: f64) -> [Vec<f64>; 3] {
+    let half_s = half_s.max(2.5 * usual_step(t_s));
     pos_m.each_ref().map(|x| {
         let at = |row: usize| {
             let near = t_s.partition_point(|t| *t < t_s[row] - half_s)..t_s.partition_point(|t| *t <= t_s[row] + half_s);
@@ -103,13 +108,18 @@ pub(super) fn usual_step(t_s: &[f64]) -> f64 {
     median(&steps)
 }
 
-/// Notes time steps longer than usual.
-pub(super) fn time_gaps(t_s: &[f64], notes: &mut Vec<Note>) {
+/// Number of time steps longer than usual, and the longest of them.
+pub(super) fn gap_steps(t_s: &[f64]) -> (usize, f64) {
     let usual_s = usual_step(t_s);
     let gaps = t_s.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > GAP_STEPS * usual_s);
-    let (count, longest_s) = gaps.fold((0, 0.0_f64), |(count, longest), step| (count + 1, longest.max(step)));
+    gaps.fold((0, 0.0_f64), |(count, longest), step| (count + 1, longest.max(step)))
+}
+
+/// Notes time steps longer than usual.
+pub(super) fn time_gaps(t_s: &[f64], notes: &mut Vec<Note>) {
+    let (count, longest_s) = gap_steps(t_s);
     if count > 0 {
-        notes.push(Note::TimeGaps { count, usual_s, longest_s });
+        notes.push(Note::TimeGaps { count, usual_s: usual_step(t_s), longest_s });
     }
 }
 

@@ -10,10 +10,8 @@ use crazyflie_logs::{FlightLog, Note};
 /// All flights, read once.
 static LOGS: OnceLock<Vec<(String, FlightLog)>> = OnceLock::new();
 
-fn each(test: &str, mut check: impl FnMut(&str, &FlightLog)) {
-    let Some(folder) = data(test, "hidden_effects") else {
-        return;
-    };
+fn each(mut check: impl FnMut(&str, &FlightLog)) {
+    let folder = data("hidden_effects");
     let names = (0..35).flat_map(|case| ["a", "b"].map(|flight| format!("d{case:02}_{flight}")));
     let read = |name: String| (FlightLog::read(&folder.join(format!("{name}.csv.gz"))).unwrap(), name);
     for (name, log) in LOGS.get_or_init(|| names.map(read).map(|(log, name)| (name, log)).collect()) {
@@ -22,8 +20,9 @@ fn each(test: &str, mut check: impl FnMut(&str, &FlightLog)) {
 }
 
 #[test]
+#[ignore = "needs ../shared/data: cargo test -p crazyflie-logs -- --ignored"]
 fn every_flight_is_whole_and_in_the_air() {
-    each("every_flight_is_whole_and_in_the_air", |name, log| {
+    each(|name, log| {
         assert_eq!(log.provenance.format, "hidden_effects_csv");
         assert!(log.len() == 6000 || log.len() == 15000, "{name}: {} rows", log.len());
         assert_eq!(log.airborne, 0..log.len(), "{name}");
@@ -33,8 +32,9 @@ fn every_flight_is_whole_and_in_the_air() {
 }
 
 #[test]
+#[ignore = "needs ../shared/data: cargo test -p crazyflie-logs -- --ignored"]
 fn fixes_are_sparse_and_captured_before_they_arrive() {
-    each("fixes_are_sparse_and_captured_before_they_arrive", |name, log| {
+    each(|name, log| {
         let fixes = &log.fixes;
         // 30 Hz of 100 Hz, less in flights with drop-outs.
         let share = fixes.row.len() as f64 / log.len() as f64;
@@ -50,8 +50,9 @@ fn fixes_are_sparse_and_captured_before_they_arrive() {
 }
 
 #[test]
+#[ignore = "needs ../shared/data: cargo test -p crazyflie-logs -- --ignored"]
 fn yaw_is_continuous_and_follows_minus_the_yaw_rate_command() {
-    each("yaw_is_continuous_and_follows_minus_the_yaw_rate_command", |name, log| {
+    each(|name, log| {
         let widest = log.yaw_rad.windows(2).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max);
         assert!(widest < 1.0, "{name}: a step of {widest} rad");
         // Two cases turn steadily: the yaw rate is minus the command, within the effect that hides there.

@@ -1,14 +1,12 @@
 //! Files that are damaged, cut short, or no logs at all: a typed error or a log, never a panic.
 
-mod common;
 #[path = "common/flight.rs"]
 mod flight;
 
-use std::io::{Read, Write};
+use std::io::Write;
 
-use common::data;
 use crazyflie_logs::{FlightLog, LogError, Note};
-use flate2::{Compression, read::GzDecoder, write::GzEncoder};
+use flate2::{Compression, write::GzEncoder};
 use flight::text;
 use proptest::prelude::*;
 
@@ -57,68 +55,6 @@ fn a_full_disk_is_a_typed_error() {
     assert!(matches!(log.write_csv(Full), Err(LogError::Write(_))));
 }
 
-/// The first rows of one file of each format; the recorded ones only where the data is.
-fn samples() -> Vec<Vec<u8>> {
-    let mut samples = vec![text(true).into_bytes()];
-    for (folder, file) in [("nanobench", "B2_circle_fast_rep2.csv.gz"), ("hidden_effects", "d00_a.csv.gz")] {
-        if let Some(folder) = data("hostile", folder) {
-            let bytes = std::fs::read(folder.join(file)).unwrap();
-            let mut text = String::new();
-            GzDecoder::new(&bytes[..]).read_to_string(&mut text).unwrap();
-            let head: Vec<&str> = text.lines().take(40).collect();
-            samples.push((head.join("\n") + "\n").into_bytes());
-        }
-    }
-    samples
-}
-
-#[derive(Debug, Clone)]
-enum Damage {
-    Byte(usize, u8),
-    Delete(usize, usize),
-    Insert(usize, Vec<u8>),
-    Repeat(usize, usize),
-    Truncate(usize),
-}
-
-fn damage() -> impl Strategy<Value = Damage> {
-    let at = any::<u16>().prop_map(usize::from);
-    let odd = prop::sample::select(vec![",", "\n", "\r", "\"", "NaN", "-inf", "1e999", "1e300", "\0", "\u{feff}", "t", ",,"]);
-    prop_oneof![
-        (at.clone(), any::<u8>()).prop_map(|(a, b)| Damage::Byte(a, b)),
-        (at.clone(), 1..200_usize).prop_map(|(a, n)| Damage::Delete(a, n)),
-        (at.clone(), odd).prop_map(|(a, s)| Damage::Insert(a, s.as_bytes().to_vec())),
-        (at.clone(), 1..400_usize).prop_map(|(a, n)| Damage::Repeat(a, n)),
-        at.prop_map(Damage::Truncate),
-    ]
-}
-
-fn apply(bytes: &mut Vec<u8>, damage: &Damage) {
-    let wrap = |at: usize| at % (bytes.len() + 1);
-    match damage {
-        Damage::Byte(at, value) => {
-            let at = wrap(*at);
-            if let Some(byte) = bytes.get_mut(at) {
-                *byte = *value;
-            }
-        }
-        Damage::Delete(at, count) => {
-            let at = wrap(*at);
-            bytes.drain(at..(at + count).min(bytes.len()));
-        }
-        Damage::Insert(at, new) => {
-            let at = wrap(*at);
-            bytes.splice(at..at, new.iter().copied());
-        }
-        Damage::Repeat(at, count) => {
-            let at = wrap(*at);
-            let copy = bytes[at..(at + count).min(bytes.len())].to_vec();
-            bytes.splice(at..at, copy);
-        }
-        Damage::Truncate(at) => bytes.truncate(wrap(*at)),
-    }
-}
-
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(256))]
 
@@ -137,28 +73,6 @@ proptest! {
             check(&log);
         }
     }
-}
-
-#[test]
-fn damaged_logs_give_an_answer() {
-    let samples = samples();
-    let cases = (0..samples.len(), prop::collection::vec(damage(), 1..4), any::<bool>());
-    let mut runner = proptest::test_runner::TestRunner::new(ProptestConfig::with_cases(400));
-    let run = runner.run(&cases, |(which, damages, packed)| {
-        let mut bytes = samples[which].clone();
-        if packed {
-            bytes = gzip(&bytes);
-        }
-        for damage in &damages {
-            apply(&mut bytes, damage);
-        }
-        match read(&bytes) {
-            Ok(log) => check(&log),
-            Err(error) => prop_assert!(error.to_string().contains("log.csv"), "{}", error),
-        }
-        Ok(())
-    });
-    run.unwrap();
 }
 
 #[test]

@@ -20,8 +20,8 @@ fn read(bytes: &[u8]) -> Result<FlightLog, LogError> {
 }
 
 /// Every recorded file, with its name from the kind of data on.
-fn recorded(test: &str) -> Vec<(String, FlightLog)> {
-    let Some(folder) = data(test, "crazypad") else { return Vec::new() };
+fn recorded() -> Vec<(String, FlightLog)> {
+    let folder = data("crazypad");
     let mut all = Vec::new();
     for kind in ["controller_data", "motor_data"] {
         for condition in CONDITIONS {
@@ -39,8 +39,9 @@ fn recorded(test: &str) -> Vec<(String, FlightLog)> {
 }
 
 #[test]
+#[ignore = "needs ../shared/data: cargo test -p crazyflie-logs -- --ignored"]
 fn every_recorded_file_is_whole() {
-    for (name, log) in recorded("every_recorded_file_is_whole") {
+    for (name, log) in recorded() {
         check(&log);
         assert_eq!(log.provenance.format, "micro_sd", "{name}");
         assert!((2585..=2606).contains(&log.len()), "{name}: {}", log.len());
@@ -55,8 +56,9 @@ fn every_recorded_file_is_whole() {
 }
 
 #[test]
+#[ignore = "needs ../shared/data: cargo test -p crazyflie-logs -- --ignored"]
 fn the_flights_rise_to_half_a_metre_and_go_two_metres_forward() {
-    for (name, log) in recorded("the_flights_rise_to_half_a_metre").into_iter().filter(|(name, _)| name != CRASHED) {
+    for (name, log) in recorded().into_iter().filter(|(name, _)| name != CRASHED) {
         let flown = log.airborne.clone();
         let seconds = log.t_s[flown.end - 1] - log.t_s[flown.start];
         assert!((7.0..9.5).contains(&seconds), "{name}: {seconds} s");
@@ -71,8 +73,9 @@ fn the_flights_rise_to_half_a_metre_and_go_two_metres_forward() {
 
 /// The sign of pitch, and that what was derived is the attitude: forward acceleration follows pitch.
 #[test]
+#[ignore = "needs ../shared/data: cargo test -p crazyflie-logs -- --ignored"]
 fn pitch_accelerates_forward() {
-    for (name, log) in recorded("pitch_accelerates_forward").into_iter().filter(|(name, _)| name != CRASHED) {
+    for (name, log) in recorded().into_iter().filter(|(name, _)| name != CRASHED) {
         let rows = log.airborne.start + 60..log.airborne.end - 60;
         let reach = 25;
         let wide = |x: &[f64]| derivative(&log.t_s, &derivative(&log.t_s, x, reach), reach);
@@ -90,8 +93,9 @@ fn pitch_accelerates_forward() {
 
 /// The two kinds of file agree on what a motor is asked for: the mixer, put together again from the moments.
 #[test]
+#[ignore = "needs ../shared/data: cargo test -p crazyflie-logs -- --ignored"]
 fn motor_requests_show_the_planted_weight() {
-    let logs = recorded("motor_requests_show_the_planted_weight");
+    let logs = recorded();
     let left_heavier = |name: &str, kind: &str| {
         let of = logs.iter().filter(|(n, log)| n.contains(name) && n.contains(kind) && n != CRASHED && log.onboard.is_some());
         let moments: Vec<f64> = of
@@ -104,9 +108,6 @@ fn motor_requests_show_the_planted_weight() {
             .collect();
         moments.iter().sum::<f64>() / moments.len().max(1) as f64
     };
-    if logs.is_empty() {
-        return;
-    }
     for kind in ["controller_data", "motor_data"] {
         let (normal, loaded) = (left_heavier("normal_flight", kind), left_heavier("add_weight", kind));
         assert!(loaded - normal > 3000.0, "{kind}: {normal} to {loaded}");

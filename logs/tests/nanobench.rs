@@ -6,7 +6,7 @@ use std::io::Write;
 use std::path::Path;
 use std::sync::OnceLock;
 
-use common::{correlation, data, derivative, slope};
+use common::{correlation, data, derivative, piece, slope};
 use crazyflie_logs::{FlightLog, LogError, Note};
 
 const FILES: [&str; 18] = [
@@ -39,10 +39,8 @@ fn path(folder: &Path, name: &str) -> std::path::PathBuf {
 /// All files, read once.
 static LOGS: OnceLock<Vec<FlightLog>> = OnceLock::new();
 
-fn each(test: &str, mut check: impl FnMut(&str, &FlightLog)) {
-    let Some(folder) = data(test, "nanobench") else {
-        return;
-    };
+fn each(mut check: impl FnMut(&str, &FlightLog)) {
+    let folder = data("nanobench");
     let logs = LOGS.get_or_init(|| FILES.iter().map(|name| FlightLog::read(&path(&folder, name)).unwrap()).collect());
     for (name, log) in FILES.into_iter().zip(logs) {
         check(name, log);
@@ -50,8 +48,9 @@ fn each(test: &str, mut check: impl FnMut(&str, &FlightLog)) {
 }
 
 #[test]
+#[ignore = "needs ../shared/data: cargo test -p crazyflie-logs -- --ignored"]
 fn every_file_ends_at_its_last_packet() {
-    each("every_file_ends_at_its_last_packet", |name, log| {
+    each(|name, log| {
         assert_eq!(log.provenance.format, "nanobench_csv");
         let cut = log.notes.iter().find_map(|n| match n {
             Note::CutAfterLastPacket { kept_s, cut_s, .. } => Some((*kept_s, *cut_s)),
@@ -74,8 +73,9 @@ fn every_file_ends_at_its_last_packet() {
 }
 
 #[test]
+#[ignore = "needs ../shared/data: cargo test -p crazyflie-logs -- --ignored"]
 fn dead_command_channels_are_absent_not_zero() {
-    each("dead_command_channels_are_absent_not_zero", |name, log| {
+    each(|name, log| {
         let dead = log.notes.iter().any(|n| matches!(n, Note::DeadChannels { .. }));
         assert_eq!(dead, NO_COMMANDS.contains(&name), "{name}");
         assert_eq!(log.cmd_pitch_rad.is_none(), dead, "{name}");
@@ -86,8 +86,9 @@ fn dead_command_channels_are_absent_not_zero() {
 }
 
 #[test]
+#[ignore = "needs ../shared/data: cargo test -p crazyflie-logs -- --ignored"]
 fn the_airborne_interval_lies_between_take_off_and_landing() {
-    each("the_airborne_interval_lies_between_take_off_and_landing", |name, log| {
+    each(|name, log| {
         let rows = log.airborne.clone();
         let z = &log.fixes.pos_m[2];
         // All but a bounce on landing, which is bridged.
@@ -105,8 +106,9 @@ fn the_airborne_interval_lies_between_take_off_and_landing() {
 }
 
 #[test]
+#[ignore = "needs ../shared/data: cargo test -p crazyflie-logs -- --ignored"]
 fn commands_and_tilt_have_right_handed_signs() {
-    each("commands_and_tilt_have_right_handed_signs", |name, log| {
+    each(|name, log| {
         let rows = log.interval_above(0.3);
         let part = |x: &[f64]| x[rows.clone()].to_vec();
         let (roll, pitch, yaw) = (part(&log.roll_rad), part(&log.pitch_rad), part(&log.yaw_rad));
@@ -139,8 +141,9 @@ fn commands_and_tilt_have_right_handed_signs() {
 }
 
 #[test]
+#[ignore = "needs ../shared/data: cargo test -p crazyflie-logs -- --ignored"]
 fn measured_velocity_and_gyro_agree_with_position_and_attitude() {
-    each("measured_velocity_and_gyro_agree_with_position_and_attitude", |name, log| {
+    each(|name, log| {
         let rows = log.interval_above(0.3);
         let part = |x: &[f64]| x[rows.clone()].to_vec();
         let t = part(&log.t_s);
@@ -165,8 +168,9 @@ fn measured_velocity_and_gyro_agree_with_position_and_attitude() {
 }
 
 #[test]
+#[ignore = "needs ../shared/data: cargo test -p crazyflie-logs -- --ignored"]
 fn skew_and_yaw_are_compared_with_motion_capture() {
-    each("skew_and_yaw_are_compared_with_motion_capture", |name, log| {
+    each(|name, log| {
         let skew = log.notes.iter().find_map(|n| match n {
             Note::ClockSkew { median_s, lowest_s, highest_s } => Some((*median_s, *lowest_s, *highest_s)),
             _ => None,
@@ -204,8 +208,9 @@ fn skew_and_yaw_are_compared_with_motion_capture() {
 
 /// What the columns' names hide: one is the yaw setpoint, the other its rate, both with the sign of the measured yaw.
 #[test]
+#[ignore = "needs ../shared/data: cargo test -p crazyflie-logs -- --ignored"]
 fn the_yaw_setpoint_and_its_rate_belong_together() {
-    each("the_yaw_setpoint_and_its_rate_belong_together", |name, log| {
+    each(|name, log| {
         let rate = log.onboard.as_ref().unwrap().setpoint_yaw_rate_radps.as_ref().unwrap();
         let Some(yaw) = &log.setpoint_yaw_rad else {
             assert!(NO_COMMANDS.contains(&name), "{name}");
@@ -227,11 +232,9 @@ fn the_yaw_setpoint_and_its_rate_belong_together() {
 
 /// A group of packets that stops in flight, extrapolated far beyond any range, ends the log there.
 #[test]
+#[ignore = "needs ../shared/data: cargo test -p crazyflie-logs -- --ignored"]
 fn packets_lost_in_flight_cut_the_log_there() {
-    let test = "packets_lost_in_flight_cut_the_log_there";
-    let Some(folder) = data(test, "nanobench") else {
-        return;
-    };
+    let folder = data("nanobench");
     let bytes = std::fs::read(path(&folder, "B2_circle_fast_rep2")).unwrap();
     let mut text = String::new();
     std::io::Read::read_to_string(&mut flate2::read::GzDecoder::new(&bytes[..]), &mut text).unwrap();
@@ -262,10 +265,7 @@ fn packets_lost_in_flight_cut_the_log_there() {
 
 #[test]
 fn a_motion_capture_angle_in_degrees_is_refused() {
-    let Some(folder) = data("a_motion_capture_angle_in_degrees_is_refused", "nanobench") else {
-        return;
-    };
-    let bytes = std::fs::read(path(&folder, "B2_circle_slow_rep2")).unwrap();
+    let bytes = std::fs::read(piece("nanobench_start.csv.gz")).unwrap();
     let mut text = String::new();
     std::io::Read::read_to_string(&mut flate2::read::GzDecoder::new(&bytes[..]), &mut text).unwrap();
     let mut rows: Vec<Vec<String>> = text.lines().take(50).map(|l| l.split(',').map(str::to_owned).collect()).collect();

@@ -1,18 +1,18 @@
 //! What the tests on recorded data share.
 #![allow(dead_code)] // each test file uses its own part
 
-use std::io::Write;
 use std::path::PathBuf;
 
-/// The folder of recorded flights beside the project, or `None` and a loud line where it is absent.
-pub fn data(test: &str, folder: &str) -> Option<PathBuf> {
+/// A folder of recorded flights beside the project; the tests that need one are ignored unless asked for.
+pub fn data(folder: &str) -> PathBuf {
     let path = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data")).join(folder);
-    if path.is_dir() {
-        return Some(path);
-    }
-    // Straight to the terminal: the test harness hides what `eprintln!` prints in a test that passes.
-    let _ = writeln!(std::io::stderr(), "SKIPPED {test}: {} not found", path.display());
-    None
+    assert!(path.is_dir(), "{} not found", path.display());
+    path
+}
+
+/// A small piece of a recorded flight, see `tests/data/cut.py`.
+pub fn piece(file: &str) -> PathBuf {
+    PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data")).join(file)
 }
 
 /// Pearson correlation.
