@@ -348,4 +348,13 @@ mod tests {
         assert_eq!([factor("x"), factor("y"), factor("z"), factor("roll")], [1.0, -1.0, -1.0, 1.0]);
         assert_eq!([factor("pitch"), factor("cmd_yaw_rate")], [DEG_RAD, -1.0]);
     }
+
+    #[test]
+    fn the_page_lists_every_channel_unit_and_frame() {
+        let page = include_str!("../../docs/logs.md");
+        let units = CHANNELS.iter().filter(|c| c.quantity != Quantity::Time).flat_map(|c| c.quantity.units()).map(|(unit, _)| *unit);
+        for name in CHANNELS.iter().map(|c| c.name).chain(units).chain(FRAMES) {
+            assert!(page.contains(&format!("`{name}`")), "{name} is not on the page");
+        }
+    }
 }

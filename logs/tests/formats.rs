@@ -1,15 +1,14 @@
 //! The registry: every format has its corpus, and bears damaged copies of it.
 
-mod common;
 #[path = "common/recording.rs"]
 mod recording;
 
 use std::path::{Path, PathBuf};
 
-use crazyflie_logs::{FlightLog, LogError, Mapping, readers};
+use crazyflie_logs::{FlightLog, readers};
 use proptest::prelude::*;
 use proptest::test_runner::TestRunner;
-use recording::{check, damage};
+use recording::{check, damage, read};
 
 const CASES: u32 = 300;
 
@@ -21,15 +20,6 @@ fn entries(folder: &Path) -> Vec<PathBuf> {
     let mut paths: Vec<PathBuf> = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
     paths.sort();
     paths
-}
-
-/// A mapping and a CSV stand in one file of the corpus, a line of dashes between them.
-fn read(bytes: &[u8]) -> Result<FlightLog, LogError> {
-    let text = String::from_utf8_lossy(bytes);
-    match text.split_once("\n---\n") {
-        Some((mapping, csv)) => FlightLog::from_mapped_bytes("log", csv.as_bytes(), Mapping::parse("log", mapping)?),
-        None => FlightLog::from_bytes("log", bytes),
-    }
 }
 
 #[test]

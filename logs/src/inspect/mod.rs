@@ -8,7 +8,7 @@ mod signs;
 use serde::Serialize;
 
 use crate::signal::{gap_steps, usual_step};
-use crate::{FlightLog, Note, Provenance, readers, skew};
+use crate::{FlightLog, Note, Provenance, skew};
 
 pub use channels::ChannelSummary;
 pub use excitation::{CommandExcitation, Motion};
@@ -61,9 +61,8 @@ impl Inspection {
         let usual_s = usual_step(&log.t_s);
         let (count, longest_s) = gap_steps(&log.t_s);
         let ends = [log.airborne.start, log.airborne.end.saturating_sub(1)];
-        let reader = readers().iter().find(|reader| reader.name() == log.provenance.format);
         Self {
-            format: reader.map_or("a simulated flight", |reader| reader.title()),
+            format: log.provenance.title(),
             provenance: log.provenance,
             rows: log.len(),
             duration_s: log.t_s.last().zip(log.t_s.first()).map_or(0.0, |(last, first)| last - first),

@@ -1,5 +1,5 @@
 //! Made-up recordings in binary formats, written here byte by byte.
-#![allow(dead_code)] // each test file uses its own part
+#![allow(dead_code, unused_imports)] // each test file uses its own part
 
 #[path = "damage.rs"]
 mod damage;
@@ -7,7 +7,7 @@ mod damage;
 mod sound;
 
 pub use damage::damage;
-pub use sound::check;
+pub use sound::{check, read};
 
 /// A micro-SD log with one event type.
 pub struct Card {

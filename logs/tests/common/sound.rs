@@ -1,6 +1,17 @@
 //! Logs that are what their type promises.
 
-use crazyflie_logs::FlightLog;
+#![allow(dead_code)] // each test file uses its own part
+
+use crazyflie_logs::{FlightLog, LogError, Mapping};
+
+/// Reads a log of any format. A mapping and its CSV stand in one input, a line of dashes between them.
+pub fn read(bytes: &[u8]) -> Result<FlightLog, LogError> {
+    let text = String::from_utf8_lossy(bytes);
+    match text.split_once("\n---\n") {
+        Some((mapping, csv)) => FlightLog::from_mapped_bytes("log", csv.as_bytes(), Mapping::parse("log", mapping)?),
+        None => FlightLog::from_bytes("log", bytes),
+    }
+}
 
 /// What must hold of every log, however odd its file was.
 pub fn check(log: &FlightLog) {
