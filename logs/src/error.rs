@@ -25,7 +25,9 @@ pub enum LogError {
     LineTooLong { file: String, line: u64, limit: usize },
     #[error("{file}: has a header but no whole row of data")]
     NoRows { file: String },
-    #[error("{file}: the columns belong to no known log format (found: {found}); a mapping file can tell, and crazyflie inspect drafts one")]
+    #[error(
+        "{file}: the columns belong to no known log format (found: {found}); a mapping file can tell, and crazyflie inspect drafts one"
+    )]
     UnknownFormat { file: String, found: String },
     #[error("{file}: column \"{column}\" appears more than once")]
     DuplicateColumn { file: String, column: String },

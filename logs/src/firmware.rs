@@ -202,7 +202,9 @@ impl Variables {
 
     /// What measured the position from outside, where it was logged; else the estimate.
     fn fixes(&self, onboard: &Onboard, notes: &mut Vec<Note>) -> (Fixes, PositionSource) {
-        if let Some(fixes) = self.first(&OUTSIDE.map(|names| (names, 1.0))).map(|pos_m| self.new_fixes(&pos_m)).filter(|f| f.row.len() >= LEAST_FIXES) {
+        if let Some(fixes) =
+            self.first(&OUTSIDE.map(|names| (names, 1.0))).map(|pos_m| self.new_fixes(&pos_m)).filter(|f| f.row.len() >= LEAST_FIXES)
+        {
             return (fixes, PositionSource::MotionCapture);
         }
         let Some(pos_m) = onboard.pos_m.clone() else { return (Fixes::default(), PositionSource::Absent) };
@@ -231,7 +233,8 @@ impl Variables {
     }
 
     fn onboard(&self) -> Onboard {
-        let angles = self.first(&ANGLES.map(|names| (names, 1.0))).map(|[roll, pitch, yaw]| [radians(roll), negated(radians(pitch)), radians(yaw)]);
+        let angles =
+            self.first(&ANGLES.map(|names| (names, 1.0))).map(|[roll, pitch, yaw]| [radians(roll), negated(radians(pitch)), radians(yaw)]);
         let pwm = self.all(MOTOR_PWM);
         // Newer firmware logs in `motor` what the motors get; only beside `pwm` it is known to be the request.
         let requests = pwm.as_ref().and_then(|_| self.all(MOTOR)).or_else(|| self.all(CONTROL).map(mixed));
@@ -284,7 +287,8 @@ impl Variables {
             notes.push(Note::AttitudeIntegrated { bias_radps: None, at_rest: true });
             return Ok((integrate(&self.t_s, &gyro, |row| self.at_rest(&gyro, row)), AttitudeSource::Imu));
         }
-        let moved = || onboard.pos_m.as_ref().map(|pos| acceleration_of(&self.t_s, pos).map(|axis| axis.into_iter().map(|a| a / G_MPS2).collect()));
+        let moved =
+            || onboard.pos_m.as_ref().map(|pos| acceleration_of(&self.t_s, pos).map(|axis| axis.into_iter().map(|a| a / G_MPS2).collect()));
         let Some(acc) = self.first(&ACCELERATION).or_else(moved) else {
             let missing = "attitude (stateEstimate or stabilizer roll, pitch, yaw), gyro (gyro or controller.r_*), acceleration \
                            (stateEstimate.ax, ay, az) or position (stateEstimate.x, y, z)";
@@ -340,7 +344,11 @@ fn drop_odd_rows(event: &mut Event, notes: &mut Vec<Note>) {
 fn is_command(name: &str) -> bool {
     let fours = [MOTOR, MOTOR_PWM, CONTROL];
     let threes = SETPOINT.concat().contains(&name) || WANTED_RATES.contains(&name);
-    threes || fours.concat().contains(&name) || WANTED_ANGLES.concat().contains(&name) || PWM_VARIABLES.contains(&name) || name == YAW_SETPOINT
+    threes
+        || fours.concat().contains(&name)
+        || WANTED_ANGLES.concat().contains(&name)
+        || PWM_VARIABLES.contains(&name)
+        || name == YAW_SETPOINT
 }
 
 /// Whether a variable has a place in a flight. Others may hold anything.

@@ -342,7 +342,9 @@ mod tests {
 
     #[test]
     fn frames_units_and_signs_make_one_factor() {
-        let text = format!("frame = \"ned\"\n[time]\ncolumn = \"t\"\n{POSITION}pitch = {{ column = \"p\", unit = \"deg\", sign = -1 }}\nroll = {{ column = \"r\" }}\ncmd_yaw_rate = {{ column = \"w\", frame = \"z-up\" }}\n");
+        let text = format!(
+            "frame = \"ned\"\n[time]\ncolumn = \"t\"\n{POSITION}pitch = {{ column = \"p\", unit = \"deg\", sign = -1 }}\nroll = {{ column = \"r\" }}\ncmd_yaw_rate = {{ column = \"w\", frame = \"z-up\" }}\n"
+        );
         let mapping = Mapping::parse("lab.toml", &text).unwrap();
         let factor = |name: &str| mapping.source(name).unwrap().factor;
         assert_eq!([factor("x"), factor("y"), factor("z"), factor("roll")], [1.0, -1.0, -1.0, 1.0]);

@@ -111,7 +111,8 @@ fn decimal_commas_and_other_separators_read_alike() {
 /// Packets of two log blocks in turn, as a script with cflib writes them: each has its own times.
 #[test]
 fn packets_of_several_blocks_are_brought_to_one_clock() {
-    let mut text = "timestamp_ms,stateEstimate_x,stateEstimate_y,stateEstimate_z,stabilizer.roll,stabilizer.pitch,stabilizer.yaw\n".to_owned();
+    let mut text =
+        "timestamp_ms,stateEstimate_x,stateEstimate_y,stateEstimate_z,stabilizer.roll,stabilizer.pitch,stabilizer.yaw\n".to_owned();
     for t in times() {
         let (s, later) = (sway(t), sway(t + 0.004));
         let ms = (t * 1000.0).round();
@@ -180,7 +181,8 @@ fn a_mapping_makes_any_csv_a_flight() {
     assert!((log.resting_height_m().unwrap() - 0.03).abs() < 1e-9);
     let take_off_s = log.t_s[log.airborne.start];
     assert!((take_off_s - 1.1).abs() < 0.02, "{take_off_s}");
-    let measured = mapped(&format!("{MAPPING}roll = {{ column = \"phi\", unit = \"deg\" }}\npitch = {{ column = \"theta\", unit = \"deg\" }}\n"));
+    let measured =
+        mapped(&format!("{MAPPING}roll = {{ column = \"phi\", unit = \"deg\" }}\npitch = {{ column = \"theta\", unit = \"deg\" }}\n"));
     assert_eq!(measured.provenance.attitude, AttitudeSource::Imu);
     close(&measured.pitch_rad, times().map(|t| sway(t).pitch_rad), 1e-12);
 }
@@ -203,7 +205,8 @@ fn what_a_mapping_asks_for_and_the_file_lacks_is_named() {
 /// Columns as a lab may call them, with a pitch of the wrong sign: the flight itself tells.
 #[test]
 fn a_draft_guesses_names_units_and_signs() {
-    let mut text = "time;mocap_x;mocap_y;mocap_z;Roll [deg];Pitch [deg];gyroX;gyroY;gyroZ;roll_cmd;pitch_cmd;thrust;temperature\n".to_owned();
+    let mut text =
+        "time;mocap_x;mocap_y;mocap_z;Roll [deg];Pitch [deg];gyroX;gyroY;gyroZ;roll_cmd;pitch_cmd;thrust;temperature\n".to_owned();
     for t in times() {
         let s = sway(t);
         let [roll, pitch] = [s.roll_rad, -s.pitch_rad].map(f64::to_degrees);

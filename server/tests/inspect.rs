@@ -26,7 +26,10 @@ fn a_simulated_flight_suffices_and_its_signs_agree() {
         assert_eq!(check["verdict"], "agrees", "{check}");
     }
     let needs = log["needs"].as_array().unwrap();
-    assert!(needs.iter().filter(|need| need["command"] != "diagnose").all(|need| need["missing"].as_array().unwrap().is_empty()), "{needs:?}");
+    assert!(
+        needs.iter().filter(|need| need["command"] != "diagnose").all(|need| need["missing"].as_array().unwrap().is_empty()),
+        "{needs:?}"
+    );
     assert!(std::fs::read_to_string(&svg).unwrap().contains("pitch (deg)"));
     let words = good(&["inspect", text(&file)]);
     for part in ["a project CSV", "position: camera", "cmd_thrust", "bandwidth", "agrees", "explain   suffices", "diagnose  lacks"] {

@@ -12,7 +12,8 @@ from crazyflie_gym.logs import convert, main
 def test_columns_survive_and_times_are_nanoseconds(tmp_path):
     source, target = tmp_path / "flight.parquet", tmp_path / "flight.csv"
     stamps = pa.array([1_500_000, 2_500_000], pa.timestamp("us"))
-    columns = {"stamp": stamps, "x": [0.1, None], "m1": pa.array([3, 4], pa.uint16()), "note": ["a", "b"], "on": [True, False]}
+    motor = pa.array([3, 4], pa.uint16())
+    columns = {"stamp": stamps, "x": [0.1, None], "m1": motor, "note": ["a", "b"], "on": [True, False]}
     pq.write_table(pa.table(columns), source)
     assert main(["convert", str(source), str(target)]) == 0
     with target.open() as file:

@@ -95,7 +95,9 @@ fn entries(table: &Table, time: &str) -> (Vec<Entry>, Vec<String>) {
         needed.clone().all(|c| entries.iter().any(|entry| entry.channel.name == c.name))
     };
     let (whole, part): (Vec<bool>, Vec<&Entry>) = entries.iter().map(|e| (is_whole(e.channel.group, &entries), e)).unzip();
-    rest.extend(part.iter().zip(&whole).filter(|(_, whole)| !**whole).map(|(e, _)| format!("{}: {} without the others", e.column, e.channel.name)));
+    rest.extend(
+        part.iter().zip(&whole).filter(|(_, whole)| !**whole).map(|(e, _)| format!("{}: {} without the others", e.column, e.channel.name)),
+    );
     let mut keep = whole.into_iter();
     entries.retain(|entry| keep.next() == Some(true) || entry.channel.group == "position");
     entries.sort_by_key(|entry| CHANNELS.iter().position(|c| c.name == entry.channel.name));
@@ -150,7 +152,8 @@ fn turn_signs(entries: &mut [Entry], log: &FlightLog) {
         };
         let check = contradicted(name);
         if check.is_some() != with_angle {
-            entry.flipped = Some(check.map_or("goes with the measured angle, whose sign the flight contradicts", |check| check.expectation));
+            entry.flipped =
+                Some(check.map_or("goes with the measured angle, whose sign the flight contradicts", |check| check.expectation));
         }
     }
 }

@@ -92,12 +92,26 @@ pub(super) fn channel_of(column: &str) -> Option<Guess> {
         _ => return None,
     };
     let lists: [&[&str]; 15] = [
-        &COMMAND, &ESTIMATE, &OUTSIDE, &POSITION, &VELOCITY, &ACCELERATION, &GYRO, &ROTATION, &MOTOR, &ROTOR, &THRUST, &VOLTAGE, &HEIGHT,
+        &COMMAND,
+        &ESTIMATE,
+        &OUTSIDE,
+        &POSITION,
+        &VELOCITY,
+        &ACCELERATION,
+        &GYRO,
+        &ROTATION,
+        &MOTOR,
+        &ROTOR,
+        &THRUST,
+        &VOLTAGE,
+        &HEIGHT,
         &CAPTURE,
         &["x", "y", "z", "w", "roll", "pitch", "yaw", "phi", "theta", "psi", "heading", "qw"],
     ];
     let is_known = |word: &&String| {
-        lists.iter().any(|list| list.contains(&word.as_str())) || UNITS.iter().any(|(name, _)| name == word) || word.parse::<usize>().is_ok()
+        lists.iter().any(|list| list.contains(&word.as_str()))
+            || UNITS.iter().any(|(name, _)| name == word)
+            || word.parse::<usize>().is_ok()
     };
     let understood = words.iter().filter(is_known).count() as f64 / words.len().max(1) as f64;
     Some(Guess { channel, score: understood + if outside { 1.0 } else { 0.0 }, unit })

@@ -1,8 +1,8 @@
 //! Simulated flights with an undeclared effect: degrees, thesis signs, a 30 Hz camera.
 
+use crate::columns::Columns;
 use crate::signal::{check_capture, radians, time_gaps, unwrap};
 use crate::table::{NUMBER, PWM, Table};
-use crate::columns::Columns;
 use crate::{AttitudeSource, Content, Fixes, FlightLog, LogError, Note, PositionSource, Provenance, Reader};
 
 const COLUMNS: Columns = Columns { required: &REQUIRED, optional: &[], alternatives: &[], together: &[] };
@@ -58,7 +58,12 @@ pub(crate) fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, Log
     let mut yaw_rad = angle("yaw")?;
     unwrap(&mut yaw_rad, "yaw", &mut notes);
     Ok(FlightLog {
-        provenance: Provenance { format: HiddenEffects.name(), position: PositionSource::Camera, attitude: AttitudeSource::Imu, onboard_interpolated: false },
+        provenance: Provenance {
+            format: HiddenEffects.name(),
+            position: PositionSource::Camera,
+            attitude: AttitudeSource::Imu,
+            onboard_interpolated: false,
+        },
         // These flights start and end in the air. Height cannot say so: some hover at 0.1 m with a biased sensor.
         airborne: 0..t_s.len(),
         cmd_roll_rad: Some(angle("cmd_roll")?),

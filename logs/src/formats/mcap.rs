@@ -8,12 +8,12 @@ use csv::ByteRecord;
 use mcap::records::op;
 use serde_json::value::RawValue;
 
+use super::project;
 use crate::bytes::{Bytes, unpack};
 use crate::mcap_write::{ENCODING, SCHEMA};
 use crate::message::{Encoding, Kind};
 use crate::table::Table;
 use crate::topics::{Recorded, Topics};
-use super::project;
 use crate::{Content, FlightLog, LogError, Note, Reader, ros};
 
 /// What all chunks together may hold once unpacked.

@@ -6,11 +6,11 @@
 
 use std::ops::Range;
 
+use crate::columns::Columns;
 use crate::radio::{End, Group, SHORTEST_TAIL_S};
 use crate::signal::{median, radians, time_gaps, unwrap};
 use crate::skew::{self, Rates};
 use crate::table::{NUMBER, PWM, RADIANS, Table};
-use crate::columns::Columns;
 use crate::{AttitudeSource, Content, Fixes, FlightLog, LogError, Note, Onboard, PositionSource, Provenance, Reader};
 
 /// Columns that are used.
@@ -137,7 +137,12 @@ fn motion_capture(table: &Table, notes: &mut Vec<Note>) -> Result<FlightLog, Log
     unwrap(&mut yaw_rad, "motion-capture yaw", notes);
     notes.push(Note::ReadAs { columns: "roll, pitch, yaw", unit: "radians" });
     Ok(FlightLog {
-        provenance: Provenance { format: NanoBench.name(), position: PositionSource::MotionCapture, attitude: AttitudeSource::MotionCapture, onboard_interpolated: true },
+        provenance: Provenance {
+            format: NanoBench.name(),
+            position: PositionSource::MotionCapture,
+            attitude: AttitudeSource::MotionCapture,
+            onboard_interpolated: true,
+        },
         airborne: 0..0,
         cmd_roll_rad: None,
         cmd_pitch_rad: None,

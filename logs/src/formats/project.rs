@@ -1,8 +1,8 @@
 //! The project's own CSV, as `FlightLog::write_csv` writes it.
 
+use crate::columns::Columns;
 use crate::signal::{check_capture, radians, time_gaps, unwrap};
 use crate::table::{Accept, NUMBER, PWM, Table};
-use crate::columns::Columns;
 use crate::{AttitudeSource, Content, Fixes, FlightLog, LogError, Note, PositionSource, Provenance, Reader, Truth};
 
 /// The height above the start from which the stock driver takes the vehicle for flying (`crazyflie_ros` take-off).
@@ -90,7 +90,12 @@ pub(crate) fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, Log
     let [roll_rad, pitch_rad, yaw_rad] = read_attitude(table, ATTITUDE, "IMU yaw", &mut notes)?;
     let truth = read_truth(table, &mut notes)?;
     let mut log = FlightLog {
-        provenance: Provenance { format: ProjectCsv.name(), position: PositionSource::Camera, attitude: AttitudeSource::Imu, onboard_interpolated: false },
+        provenance: Provenance {
+            format: ProjectCsv.name(),
+            position: PositionSource::Camera,
+            attitude: AttitudeSource::Imu,
+            onboard_interpolated: false,
+        },
         airborne: 0..0,
         cmd_roll_rad: Some(angle(CMD_ROLL)?),
         cmd_pitch_rad: Some(angle(CMD_PITCH)?),

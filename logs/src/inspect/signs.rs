@@ -3,8 +3,8 @@
 use serde::Serialize;
 
 use crate::align::correlation;
-use crate::signal::{acceleration_over, centred_mean};
 use crate::series::{Between, Series};
+use crate::signal::{acceleration_over, centred_mean};
 use crate::{AttitudeSource, FlightLog};
 
 /// Both sides are averaged over this: the camera's noise of 5 mm is then 0.1 m/s2 of acceleration.

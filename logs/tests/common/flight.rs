@@ -1,7 +1,7 @@
 //! Made-up flights in the project's own format.
 #![allow(dead_code)] // each test file uses its own part
 
-use crazyflie_logs::{AttitudeSource, PositionSource, Provenance, Fixes, FlightLog, Truth};
+use crazyflie_logs::{AttitudeSource, Fixes, FlightLog, PositionSource, Provenance, Truth};
 use proptest::prelude::*;
 
 /// What distinguishes one made-up flight from another.

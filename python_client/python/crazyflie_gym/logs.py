@@ -1,6 +1,7 @@
-"""Flight logs that the command line does not read itself: ``python -m crazyflie_gym.logs convert flight.parquet flight.csv``.
+"""Flight logs that the command line does not read itself.
 
-The columns of a Parquet file become those of a CSV, which a mapping file (docs/logs.md) tells apart.
+``python -m crazyflie_gym.logs convert flight.parquet flight.csv``: the columns of a Parquet
+file become those of a CSV, which a mapping file (docs/logs.md) tells apart.
 """
 
 from __future__ import annotations

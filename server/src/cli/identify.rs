@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_identify::FlightLog;
 use crazyflie_identify::estimate::{Comparison, IdentifyError};
-use crazyflie_logs::AttitudeSource;
 use crazyflie_identify::transfer::{self, Channel, Offset, Record, Structure, Window};
 use crazyflie_identify::vehicle;
+use crazyflie_logs::AttitudeSource;
 use indicatif::ProgressBar;
 
 use super::{Failure, Outcome, files, identify_picture, identify_table, identify_thesis};

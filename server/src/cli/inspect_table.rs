@@ -74,9 +74,8 @@ fn clocks(clocks: &Clocks) -> Vec<String> {
     let gyro = clocks.gyro_late_s.map(|[median, lowest, highest]| {
         format!("the gyro appears {} ms later than the attitude ({} to {} ms)", ms(median), ms(lowest), ms(highest))
     });
-    let position = clocks.position_late_s.map(|[lag, sigma]| {
-        format!("the position appears {} +- {} ms later than the attitude", ms(lag), ms(sigma))
-    });
+    let position =
+        clocks.position_late_s.map(|[lag, sigma]| format!("the position appears {} +- {} ms later than the attitude", ms(lag), ms(sigma)));
     gyro.into_iter().chain(position).collect()
 }
 
