@@ -31,7 +31,10 @@ pub enum LogError {
     UnknownFormat { file: String, found: String },
     #[error("{file}: column \"{column}\" appears more than once")]
     DuplicateColumn { file: String, column: String },
-    #[error("{file}: read as {format}, it lacks {}", list(missing))]
+    #[error(
+        "{file}: read as {format}, it lacks {}; if it is none, a mapping file can tell, and crazyflie inspect drafts one",
+        list(missing)
+    )]
     MissingColumns { file: String, format: &'static str, missing: Vec<MissingColumn> },
     #[error("{file}, line {line}: has {found} fields, the header has {expected}")]
     FieldCount { file: String, line: u64, expected: usize, found: usize },

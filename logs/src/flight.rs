@@ -185,13 +185,14 @@ impl FlightLog {
     pub fn resting_height_m(&self) -> Option<f64> {
         let z = &self.fixes.pos_m[2];
         let (first_s, last_s) = (*self.fixes.capture_t_s.first()?, *self.fixes.capture_t_s.last()?);
-        let top = signal::quantile(z, 0.95);
+        let (bottom, top) = (signal::quantile(z, 0.02), signal::quantile(z, 0.95));
         let still = |from_s: f64| {
             let within = |t: &f64| (from_s..=from_s + RESTING_S).contains(t);
             let seen: Vec<f64> = self.fixes.capture_t_s.iter().zip(z).filter(|(t, _)| within(t)).map(|(_, z)| *z).collect();
             let height_m = signal::median(&seen);
             let spread_m = signal::quantile(&seen, 0.9) - signal::quantile(&seen, 0.1);
-            (seen.len() >= LEAST_RESTING && spread_m < RESTING_SPREAD_M && height_m < top - LEAST_CLIMB_M).then_some(height_m)
+            let is_lowest = height_m < bottom + RESTING_SPREAD_M && height_m < top - LEAST_CLIMB_M;
+            (seen.len() >= LEAST_RESTING && spread_m < RESTING_SPREAD_M && is_lowest).then_some(height_m)
         };
         still(first_s).or_else(|| still(last_s - RESTING_S))
     }

@@ -188,6 +188,16 @@ fn a_mapping_makes_any_csv_a_flight() {
 }
 
 #[test]
+fn a_log_that_begins_and_ends_in_the_air_stands_nowhere() {
+    let all = unknown();
+    let mut lines: Vec<&str> = all.lines().collect();
+    lines.drain(1..300);
+    let mapping = Mapping::parse("lab.toml", MAPPING).unwrap();
+    let log = FlightLog::from_mapped_bytes("lab.csv", (lines.join("\n") + "\n").as_bytes(), mapping).unwrap();
+    assert_eq!((log.resting_height_m(), log.airborne.clone()), (None, 0..log.len()));
+}
+
+#[test]
 fn what_a_mapping_asks_for_and_the_file_lacks_is_named() {
     let with = |mapping: &str, text: &str| {
         FlightLog::from_mapped_bytes("lab.csv", text.as_bytes(), Mapping::parse("lab.toml", mapping).unwrap()).unwrap_err().to_string()

@@ -44,10 +44,10 @@ fn an_unknown_csv_is_drafted_and_then_read_by_every_command() {
     let mut lines = known.lines().map(|line| line.split(',').collect::<Vec<_>>());
     let header = lines.next().unwrap();
     let taken = [
-        ("t_s", "zeit"),
-        ("true_x_m", "mocap_x"),
-        ("true_y_m", "mocap_y"),
-        ("true_z_m", "mocap_z"),
+        ("t_s", "t"),
+        ("true_x_m", "x"),
+        ("true_y_m", "y"),
+        ("true_z_m", "z"),
         ("imu_roll_deg", "roll"),
         ("imu_pitch_deg", "pitch"),
         ("cmd_roll_deg", "roll_ref"),
@@ -61,7 +61,7 @@ fn an_unknown_csv_is_drafted_and_then_read_by_every_command() {
     }
     let (file, mapping) = (folder.join("lab.csv"), folder.join("lab.mapping.toml"));
     std::fs::write(&file, csv).unwrap();
-    bad(1, &["replay", text(&file)], &["lab.csv", "no known log format", "crazyflie inspect"]);
+    bad(1, &["replay", text(&file)], &["lab.csv", "a mapping file can tell", "crazyflie inspect"]);
     let drafted = good(&["inspect", text(&file)]);
     assert!(drafted.contains("by a draft of a mapping"), "{drafted}");
     good(&["inspect", text(&file), "--mapping-out", text(&mapping)]);

@@ -12,6 +12,8 @@ const POWER_SHARE: f64 = 0.9;
 /// Long enough for the spectrum of a flight of an hour at 100 Hz, short enough for damaged times.
 const MOST_SAMPLES: f64 = 1e6;
 const LEAST_SAMPLES: usize = 32;
+/// Of a constant in single precision.
+const ROUNDING: f64 = 1e-6;
 /// Speeds and tilts by this quantile: single outliers of a marker are none.
 const HIGH: f64 = 0.99;
 
@@ -76,7 +78,9 @@ fn bandwidth_hz(t_s: &[f64], values: &[f64]) -> Option<f64> {
     fft.process(&mut even, &mut spectrum).ok()?;
     let power: Vec<f64> = spectrum.iter().skip(1).map(|c| c.norm_sqr()).collect();
     let total: f64 = power.iter().sum();
-    if !(total > 0.0) {
+    // The rounding of single precision is no motion.
+    let rounding = (ROUNDING * mean * grid.len() as f64).powi(2);
+    if total.is_nan() || total <= rounding {
         return None;
     }
     let mut sum = 0.0;

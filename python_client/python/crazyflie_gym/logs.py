@@ -64,7 +64,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         names = convert(given.source, given.target)
     except ModuleNotFoundError:
-        print("Parquet needs pyarrow: pip install \"crazyflie-gym[parquet]\"", file=sys.stderr)
+        print('Parquet needs pyarrow: pip install "crazyflie-gym[parquet]"', file=sys.stderr)
         return 1
     except (OSError, ValueError) as error:
         print(error, file=sys.stderr)

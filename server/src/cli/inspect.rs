@@ -93,13 +93,13 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     Err(Failure::Failed(format!("{} of {} logs cannot be read:\n  {}", failed.len(), args.files.len(), failed.join("\n  "))))
 }
 
-/// Reads a log; one of unknown columns by a draft, if that suffices.
+/// Reads a log; one of unknown columns, or with some of a format's, by a draft, if that suffices.
 fn inspect(args: &Args, path: &Path) -> Outcome<Inspected> {
     let beside = Mapping::path_beside(path);
     let read = FlightLog::read_mapped(path, args.mapping.as_deref().or(beside.as_deref()));
     let (log, by_draft) = match read {
         Ok(log) => (log, false),
-        Err(error @ LogError::UnknownFormat { .. }) => match draft(path)?.log {
+        Err(error @ (LogError::UnknownFormat { .. } | LogError::MissingColumns { .. })) => match draft(path)?.log {
             Ok(log) => (log, true),
             Err(reason) => {
                 let hint = "crazyflie inspect --mapping-out FILE.toml writes what could be guessed";
