@@ -12,6 +12,8 @@ const LEAST_RESTING: usize = 5;
 const RESTING_SPREAD_M: f64 = 0.03;
 /// A flight rises higher than this.
 const LEAST_CLIMB_M: f64 = 0.15;
+/// A command that is a larger share of the flight's carries the vehicle.
+const CARRYING_SHARE: f64 = 0.7;
 /// Above its resting place by so much, a vehicle flies: NanoBench's stand at 0.053 to 0.072 m and fly above 0.1 m.
 const OVER_REST_M: f64 = 0.05;
 
@@ -181,7 +183,7 @@ impl FlightLog {
     }
 
     /// The height at which the vehicle stands before take-off or, if the log starts in the air, after landing. `None` if it does
-    /// neither, or never leaves that height.
+    /// neither, or never leaves that height. A vehicle whose motors run as in flight does not stand, however still it is.
     pub fn resting_height_m(&self) -> Option<f64> {
         let z = &self.fixes.pos_m[2];
         let (first_s, last_s) = (*self.fixes.capture_t_s.first()?, *self.fixes.capture_t_s.last()?);
@@ -191,10 +193,19 @@ impl FlightLog {
             let seen: Vec<f64> = self.fixes.capture_t_s.iter().zip(z).filter(|(t, _)| within(t)).map(|(_, z)| *z).collect();
             let height_m = signal::median(&seen);
             let spread_m = signal::quantile(&seen, 0.9) - signal::quantile(&seen, 0.1);
-            let is_lowest = height_m < bottom + RESTING_SPREAD_M && height_m < top - LEAST_CLIMB_M;
+            let hangs = self.motors_carry(from_s..from_s + RESTING_S);
+            let is_lowest = !hangs && height_m < bottom + RESTING_SPREAD_M && height_m < top - LEAST_CLIMB_M;
             (seen.len() >= LEAST_RESTING && spread_m < RESTING_SPREAD_M && is_lowest).then_some(height_m)
         };
         still(first_s).or_else(|| still(last_s - RESTING_S))
+    }
+
+    /// Whether the thrust command of a stretch is that of the flight; false where none is logged.
+    fn motors_carry(&self, stretch_s: Range<f64>) -> bool {
+        let Some(thrust) = &self.cmd_thrust_pwm else { return false };
+        let within: Vec<f64> = self.t_s.iter().zip(thrust).filter(|(t, _)| stretch_s.contains(t)).map(|(_, pwm)| *pwm).collect();
+        let usual = signal::quantile(thrust, 0.75);
+        usual > 0.0 && signal::median(&within) > CARRYING_SHARE * usual
     }
 
     /// A flight of these rows in which nothing is known yet.

@@ -198,6 +198,14 @@ fn a_log_that_begins_and_ends_in_the_air_stands_nowhere() {
 }
 
 #[test]
+fn a_vehicle_that_hovers_still_does_not_stand() {
+    // Still at its lowest for the first second, but on its motors.
+    let hovers = cfclient(',', '.').replace(",0,3.9\n", ",40000,3.9\n");
+    assert_eq!(read(&hovers).resting_height_m(), None);
+    assert!(read(&cfclient(',', '.')).resting_height_m().is_some());
+}
+
+#[test]
 fn what_a_mapping_asks_for_and_the_file_lacks_is_named() {
     let with = |mapping: &str, text: &str| {
         FlightLog::from_mapped_bytes("lab.csv", text.as_bytes(), Mapping::parse("lab.toml", mapping).unwrap()).unwrap_err().to_string()

@@ -54,8 +54,9 @@ const PID: [&str; 4] = ["pid_controller_roll", "pid_controller_pitch", "pid_cont
 const SETPOINT_NAME: &str = "the setpoint";
 const VBAT: &str = "pwr_pm_vbat";
 
-/// The vehicle stands at 0.053 to 0.072 m (marker height) in all files.
+/// The vehicle stands at 0.053 to 0.072 m (marker height) in the shared files; where markers sit higher, it flies so much above that.
 const AIRBORNE_M: f64 = 0.1;
+const OVER_REST_M: f64 = 0.025;
 const G_MPS2: f64 = 9.80665;
 
 pub(crate) struct NanoBench;
@@ -82,7 +83,7 @@ impl Reader for NanoBench {
 
 pub(crate) fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
     let mut log = motion_capture(table, &mut notes)?;
-    log.find_airborne(AIRBORNE_M);
+    log.find_flight_over_markers();
     let flies = log.airborne.clone();
     let t_s = &log.t_s;
     let imu = Packets::read(table, t_s, &flies, "the IMU", IMU)?;
@@ -199,6 +200,11 @@ fn negated(values: Vec<f64>) -> Vec<f64> {
 }
 
 impl FlightLog {
+    fn find_flight_over_markers(&mut self) {
+        let over_rest_m = self.resting_height_m().map_or(AIRBORNE_M, |rest_m| rest_m + OVER_REST_M);
+        self.find_airborne(over_rest_m.max(AIRBORNE_M));
+    }
+
     /// Cuts the rows after `last`, if there is such an end, and finds the airborne interval again.
     fn cut(&mut self, last: Option<(usize, &'static str)>, notes: &mut Vec<Note>) {
         let Some((last, channels)) = last else { return };
@@ -214,7 +220,7 @@ impl FlightLog {
             values.truncate(rows);
         }
         self.notes.clear();
-        self.find_airborne(AIRBORNE_M);
+        self.find_flight_over_markers();
     }
 
     fn set_commands(&mut self, pid: Option<[Vec<f64>; 4]>) {

@@ -49,7 +49,7 @@ pub(super) fn draw(found: &Inspected) -> Result<String, PictureError> {
     drawn.push(Drawn { title: "battery", y_label: "voltage (V)", curves: battery });
     drawn.retain(|panel| !panel.curves.is_empty());
     let panels: Vec<Panel> = drawn.iter().map(panel).collect();
-    chart(&panels, 3, &found.file)
+    chart(&panels, 3, &super::replay::stem(&found.file))
 }
 
 fn panel(drawn: &Drawn) -> Panel<'_> {
