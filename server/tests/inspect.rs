@@ -9,7 +9,21 @@ use common::{bad, folder, good, json, text};
 
 fn flight(folder: &Path) -> PathBuf {
     let file = folder.join("flight.csv");
-    good(&["fly", "--task", "figure_eight", "--seconds", "12", "--rig", "lab", "--vertical", "thrust", "--csv", text(&file)]);
+    good(&[
+        "fly",
+        "--task",
+        "track",
+        "--controller",
+        "lqr",
+        "--seconds",
+        "12",
+        "--rig",
+        "lab",
+        "--vertical",
+        "thrust",
+        "--csv",
+        text(&file),
+    ]);
     file
 }
 
