@@ -202,8 +202,9 @@ impl Note {
             Self::TiltFromAcceleration { roll, pitch, yaw_taken_as_zero } => {
                 let named = [(*roll, "roll"), (*pitch, "pitch")].into_iter().filter(|(is, _)| *is).map(|(_, name)| name);
                 let named: Vec<&str> = named.collect();
-                let yaw = if *yaw_taken_as_zero { "; yaw is not logged, taken as 0" } else { "" };
-                write!(f, "not logged, derived from the acceleration: {}{yaw}", named.join(", "))
+                let derived = (!named.is_empty()).then(|| format!("not logged, derived from the acceleration: {}", named.join(", ")));
+                let yaw = yaw_taken_as_zero.then(|| "yaw is not logged, taken as 0".to_owned());
+                write!(f, "{}", derived.into_iter().chain(yaw).collect::<Vec<_>>().join("; "))
             }
             Self::PositionEstimated => write!(f, "no outside measurement: position is the vehicle's own estimate"),
             Self::ThrustFromMotors => write!(f, "thrust command: mean of the four motors' requests"),
