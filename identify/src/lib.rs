@@ -1,7 +1,5 @@
-//! Reads Crazyflie flight logs and measures how well a model fits them.
+//! Measures how well a model fits flight logs, and what it lacks.
 //!
-//! [`FlightLog`] is the one shape every later step reads, whatever file the flight came from: SI units and
-//! radians, a right-handed frame with z up, +pitch accelerating to +x and +roll to -y.
 //! [`metrics`] compares a measured signal with a model's.
 #![forbid(unsafe_code)]
 
@@ -11,11 +9,10 @@ pub mod estimate;
 pub mod explain;
 pub mod fit;
 pub mod hover;
-pub mod log;
 pub mod metrics;
 pub mod replay;
 pub mod statistics;
 pub mod transfer;
 pub mod vehicle;
 
-pub use log::{FlightLog, LogError, Note};
+pub use crazyflie_logs::{FlightLog, LogError, Note};

@@ -10,7 +10,7 @@ use common::{BINARY, bad, folder, good, json, run, text};
 #[test]
 fn every_command_has_help_with_examples() {
     let all = good(&["--help"]);
-    let of_flights = ["fly", "replay", "identify", "explain", "score", "scorecard", "effects", "tasks", "model"];
+    let of_flights = ["fly", "inspect", "replay", "identify", "explain", "score", "scorecard", "effects", "tasks", "model"];
     for command in of_flights.into_iter().chain(["scenarios", "submit", "leaderboard", "attempts", "verify", "token"]) {
         assert!(all.contains(command), "{all}");
         let help = good(&[command, "--help"]);

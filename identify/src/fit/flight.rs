@@ -5,9 +5,10 @@ use std::ops::Range;
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::plant::{Command, State};
 
+use crazyflie_logs::{AttitudeSource, Note, PositionSource};
+
 use super::spread::spread;
 use crate::FlightLog;
-use crate::log::{Format, Note};
 use crate::replay::ReplayError;
 use crate::replay::measured::{Measured, median};
 
@@ -83,7 +84,7 @@ impl Flight {
         let measured = Measured::of(log, &mut Vec::new())?;
         let row_s = median(&log.t_s.windows(2).map(|t| t[1] - t[0]).collect::<Vec<_>>());
         // the controller of a 100 Hz log runs at 50 Hz, or its commands are interpolated from less
-        let interpolated = log.format == Format::NanoBench;
+        let interpolated = log.provenance.onboard_interpolated;
         let tick_s = if interpolated || changes_every_second_row(log) { 2.0 * row_s } else { row_s };
         let (first_s, _) = measured.interval(log, row_s)?;
         // ticks begin where commands change
@@ -101,16 +102,17 @@ impl Flight {
         let inside = |s: &Sample| s.t_s > ROUNDING_S && s.t_s <= end_s + ROUNDING_S;
         let attitude = |i: usize| [log.roll_rad[i], log.pitch_rad[i], log.yaw_rad[i]];
         let mut angles: Vec<Sample> = (0..log.len()).map(|i| Sample::usual(log.t_s[i] - start_s, attitude(i))).filter(inside).collect();
-        if log.format == Format::NanoBench {
+        if log.provenance.attitude == AttitudeSource::MotionCapture {
             level(&mut angles);
         }
         let place = |i: usize| log.fixes.pos_m.each_ref().map(|axis| axis[i]);
         let fixes = (0..log.fixes.row.len()).map(|i| Sample::usual(log.fixes.capture_t_s[i] - start_s, place(i)));
         let mut fixes: Vec<Sample> = fixes.filter(inside).collect();
         fixes.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
-        let floor = if log.format == Format::NanoBench { FLOOR_MOCAP } else { FLOOR };
+        let by_motion_capture = log.provenance.position == PositionSource::MotionCapture;
+        let floor = if by_motion_capture { FLOOR_MOCAP } else { FLOOR };
         // the noise of motion capture is not in the differences of neighbours
-        if log.format != Format::NanoBench {
+        if !by_motion_capture {
             scattered(&mut fixes, &|t_s| measured.state(start_s + t_s).pos_m);
         }
         let noise = Noise { att_rad: white(&angles, floor.att_rad), pos_m: white(&fixes, floor.pos_m) };

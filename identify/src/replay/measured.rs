@@ -6,7 +6,6 @@ use crazyflie_env::plant::State;
 
 use super::{Remark, ReplayError};
 use crate::FlightLog;
-use crate::log::Format;
 
 /// Position fixes come at 30 Hz: a cubic over +-0.2 s has 13 of them.
 const POSITION_WINDOW_S: f64 = 0.2;
@@ -94,9 +93,9 @@ pub(crate) struct Measured {
 impl Measured {
     pub(crate) fn of(log: &FlightLog, remarks: &mut Vec<Remark>) -> Result<Self, ReplayError> {
         let attitude = [&log.roll_rad, &log.pitch_rad, &log.yaw_rad].map(|v| Track::new(&log.t_s, v));
-        // NanoBench's gyro is on another clock than its motion capture: there, rates are derivatives of the measured angles
+        // a gyro on another clock than the attitude does not line up with it: then rates are derivatives of the measured angles
         let rates = match &log.gyro_radps {
-            Some(gyro) if log.format != Format::NanoBench => gyro.each_ref().map(|v| Track::new(&log.t_s, v)),
+            Some(gyro) if !log.provenance.onboard_interpolated => gyro.each_ref().map(|v| Track::new(&log.t_s, v)),
             _ => attitude.each_ref().map(|angle| angle.differentiated(ATTITUDE_WINDOW_S)),
         };
         let position = position(log)?;

@@ -23,7 +23,7 @@ Examples:
 pub(super) struct Args {
     /// Model file (TOML or JSON), "thesis" for the built-in one, or a case file that declares a vehicle and names its flights
     model: PathBuf,
-    /// Logs to fit: NanoBench, the project's CSV, hidden-effects CSV; gzipped or not
+    /// Logs to fit, of any format that crazyflie inspect reads
     #[arg(long, num_args = 1.., value_name = "LOG")]
     fit: Vec<PathBuf>,
     /// Logs to judge with, which the fit does not see

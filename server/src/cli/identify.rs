@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_identify::FlightLog;
 use crazyflie_identify::estimate::{Comparison, IdentifyError};
-use crazyflie_identify::log::Format;
 use crazyflie_identify::transfer::{self, Channel, Offset, Record, Structure, Window};
 use crazyflie_identify::vehicle;
+use crazyflie_logs::AttitudeSource;
 use indicatif::ProgressBar;
 
 use super::{Failure, Outcome, files, identify_picture, identify_table, identify_thesis};
@@ -191,7 +191,7 @@ fn whole(args: &Args, model: &Model, (fit, test): (&Logs, &Logs), out: &mut dyn 
         Some(Window::Seconds(s)) => s,
         Some(Window::Whole) => 3600.0,
     };
-    let trims = args.trim.unwrap_or_else(|| fit.iter().any(|(_, log)| log.format == Format::NanoBench));
+    let trims = args.trim.unwrap_or_else(|| fit.iter().any(|(_, log)| log.provenance.attitude == AttitudeSource::MotionCapture));
     let plan = vehicle::Plan { free: (!args.free.is_empty()).then(|| args.free.clone()), window_s, vertical: args.vertical, trims };
     let bar = ProgressBar::new(vehicle::STAGES as u64);
     let found = vehicle::identify(model, fit, &plan, &|| bar.inc(1))?;

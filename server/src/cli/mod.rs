@@ -13,6 +13,9 @@ mod identify;
 mod identify_picture;
 mod identify_table;
 mod identify_thesis;
+mod inspect;
+mod inspect_picture;
+mod inspect_table;
 mod leaderboard;
 mod measured;
 mod model;
@@ -45,6 +48,7 @@ pub(crate) use text::{Table, number};
 const EXAMPLES: &str = "\
 Examples:
   crazyflie fly --task fly-80cm --picture flight.svg
+  crazyflie inspect flight.csv
   crazyflie replay flight.csv
   crazyflie identify --fit flight.csv --out my.toml
   crazyflie explain my.toml --fit flight1.csv --test flight2.csv --out found/
@@ -68,6 +72,7 @@ enum Command {
     Replay(replay::Args),
     ReplayWorld(replay_world::Args),
     Identify(identify::Args),
+    Inspect(inspect::Args),
     Explain(explain::Args),
     Score(score::Args),
     Scorecard(scorecard::Args),
@@ -115,6 +120,7 @@ fn run(command: &Command, out: &mut dyn Write) -> Outcome {
         Command::Replay(args) => replay::run(args, out),
         Command::ReplayWorld(args) => replay_world::run(args, out),
         Command::Identify(args) => identify::run(args, out),
+        Command::Inspect(args) => inspect::run(args, out),
         Command::Explain(args) => explain::run(args, out),
         Command::Score(args) => score::run(args, out),
         Command::Scorecard(args) => scorecard::run(args, out),

@@ -23,8 +23,7 @@ Examples:
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {
-    /// Logs (the project's CSV or MCAP, NanoBench and hidden-effects CSV, ROS bags or MCAP of the thesis's topics, micro-SD logs;
-    /// gzipped or not); a first file ending in .toml or .json is the model
+    /// Logs of any format that crazyflie inspect reads; a first file ending in .toml or .json is the model
     #[arg(required = true, value_name = "[MODEL] LOG")]
     files: Vec<PathBuf>,
     /// Start again from the measurement every so many seconds [default: the free run, and horizons of 2 and 0.5 s]

@@ -274,7 +274,7 @@ pub(super) fn logs(run: &Run) -> Vec<Recording> {
         move |(source, flight): (&Source, &Flight)| Recording {
             file: flight.name.clone(),
             role,
-            format: source.log.format.to_string(),
+            format: source.log.provenance.title().to_owned(),
             duration: format!("{} s", number(flight.ticks as f64 * flight.tick_s, 1)),
             noise: noise(flight),
             notes: source.log.notes.iter().map(ToString::to_string).collect(),

@@ -1,7 +1,7 @@
 //! A flight as a log, which the project's CSV is written from.
 
 use crazyflie_identify::FlightLog;
-use crazyflie_identify::log::{Fixes, Format, Truth};
+use crazyflie_logs::{AttitudeSource, Fixes, PositionSource, Provenance, Truth};
 
 use super::Trace;
 
@@ -18,7 +18,12 @@ pub(crate) fn log(trace: &Trace) -> FlightLog {
     let [roll_rad, pitch_rad, yaw_rad] = triple(6);
     let [true_roll, true_pitch, true_yaw] = truth(6);
     FlightLog {
-        format: Format::Project,
+        provenance: Provenance {
+            format: "simulated",
+            position: PositionSource::Camera,
+            attitude: AttitudeSource::Imu,
+            onboard_interpolated: false,
+        },
         t_s: rows.clone().map(|row| trace.t_s(row)).collect(),
         airborne: rows,
         cmd_roll_rad: Some(commands.iter().map(|u| u.roll_rad).collect()),

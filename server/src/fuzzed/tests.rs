@@ -7,17 +7,23 @@ use proptest::test_runner::TestRunner;
 
 use super::TARGETS;
 
-#[path = "../../../identify/tests/common/damage.rs"]
+#[path = "../../../logs/tests/common/damage.rs"]
 mod damages;
 
 use damages::Damage;
 
 const CASES: u32 = 2000;
 
-/// The files of a target, in the order of their names.
+/// The files of a target, in the order of their names, those of folders in it included.
 fn corpus(target: &str) -> Vec<(PathBuf, Vec<u8>)> {
-    let folder = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../fuzz/corpus")).join(target);
-    let mut paths: Vec<_> = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+    let mut folders = vec![PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../fuzz/corpus")).join(target)];
+    let mut paths = Vec::new();
+    while let Some(folder) = folders.pop() {
+        let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+        let (inner, files): (Vec<_>, Vec<_>) = entries.partition(|path| path.is_dir());
+        folders.extend(inner);
+        paths.extend(files);
+    }
     paths.sort();
     paths.into_iter().map(|path| (path.clone(), std::fs::read(path).unwrap())).collect()
 }

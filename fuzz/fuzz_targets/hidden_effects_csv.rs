@@ -1,3 +1,0 @@
-#![no_main]
-
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| crazyflie_server::fuzzed::run("hidden_effects_csv", bytes));

@@ -1,0 +1,74 @@
+//! Which columns a text format has, and which of them a file lacks.
+
+use super::table::Table;
+use super::{LogError, MissingColumn, Note};
+
+/// With a smaller share of a format's columns than this, a file is not taken for that format at all.
+pub(crate) const LEAST_SHARE: f64 = 0.3;
+/// Jaro-Winkler similarity from which a name is offered as a misspelling (`imu_rol_deg` for `imu_roll_deg` has 0.98).
+const ALIKE: f64 = 0.85;
+
+/// The columns a format needs and the ones it may have besides.
+pub(crate) struct Columns {
+    pub(crate) required: &'static [&'static str],
+    pub(crate) optional: &'static [&'static str],
+    /// At least one of these; no demand if empty.
+    pub(crate) alternatives: &'static [&'static str],
+    /// All of these or none: part of them is a mistake, not a choice.
+    pub(crate) together: &'static [&'static str],
+}
+
+impl Columns {
+    /// Share of the required columns that a header holds.
+    pub(crate) fn share(&self, header: &[String]) -> f64 {
+        let required = self.demanded(header);
+        let found = required.iter().filter(|c| has(header, c)).count();
+        found as f64 / required.len() as f64
+    }
+
+    /// Checks that a table holds all that the format needs, and notes the columns that it does not know.
+    pub(crate) fn check(&self, format: &'static str, table: &Table, notes: &mut Vec<Note>) -> Result<(), LogError> {
+        let lists = [self.required, self.optional, self.alternatives, self.together];
+        let is_unknown = |c: &&String| !lists.iter().any(|list| list.contains(&c.as_str()));
+        let unknown: Vec<&String> = table.header.iter().filter(is_unknown).collect();
+        let missing = self.missing(&table.header, &unknown);
+        if !missing.is_empty() {
+            return Err(LogError::MissingColumns { file: table.file.clone(), format, missing });
+        }
+        if !unknown.is_empty() {
+            notes.push(Note::IgnoredColumns { columns: unknown.into_iter().cloned().collect() });
+        }
+        Ok(())
+    }
+
+    fn demanded(&self, header: &[String]) -> Vec<&'static str> {
+        let begun = self.together.iter().any(|c| has(header, c));
+        let together: &[&str] = if begun { self.together } else { &[] };
+        self.required.iter().chain(together).copied().collect()
+    }
+
+    fn missing(&self, header: &[String], unknown: &[&String]) -> Vec<MissingColumn> {
+        let absent = self.demanded(header).into_iter().filter(|c| !has(header, c));
+        let mut missing: Vec<MissingColumn> =
+            absent.map(|c| MissingColumn { name: c.to_owned(), did_you_mean: closest(c, unknown) }).collect();
+        if !self.alternatives.is_empty() && !self.alternatives.iter().any(|c| has(header, c)) {
+            let did_you_mean = self.alternatives.iter().find_map(|c| closest(c, unknown));
+            missing.push(MissingColumn { name: self.alternatives.join(" or "), did_you_mean });
+        }
+        missing
+    }
+}
+
+fn has(header: &[String], column: &str) -> bool {
+    header.iter().any(|name| name == column)
+}
+
+/// The candidate that is spelled most alike, if any is alike enough.
+pub(crate) fn closest<S: AsRef<str>>(name: &str, candidates: &[S]) -> Option<String> {
+    candidates
+        .iter()
+        .map(|candidate| (strsim::jaro_winkler(name, candidate.as_ref()), candidate.as_ref()))
+        .filter(|(alike, _)| *alike >= ALIKE)
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, candidate)| candidate.to_owned())
+}

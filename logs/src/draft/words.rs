@@ -1,0 +1,195 @@
+//! Column names in words, and the channel that they stand for.
+
+/// A channel that a column may be.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Guess {
+    pub(super) channel: &'static str,
+    /// How sure: the share of the name's words that were understood, more for the vehicle's own position than for an estimate.
+    pub(super) score: f64,
+    /// A unit that the name says.
+    pub(super) unit: Option<String>,
+}
+
+const COMMAND: [&str; 12] =
+    ["cmd", "command", "commanded", "des", "desired", "ref", "reference", "target", "sp", "setpoint", "wanted", "goal"];
+const ESTIMATE: [&str; 6] = ["est", "estimate", "estimated", "ekf", "kalman", "odom"];
+const OUTSIDE: [&str; 8] = ["mocap", "vicon", "optitrack", "qualisys", "truth", "gt", "true", "marker"];
+const POSITION: [&str; 5] = ["pos", "position", "p", "loc", "location"];
+const VELOCITY: [&str; 4] = ["vel", "velocity", "v", "speed"];
+const ACCELERATION: [&str; 5] = ["acc", "accel", "acceleration", "accelerometer", "a"];
+const GYRO: [&str; 8] = ["gyro", "omega", "w", "angvel", "rate", "rates", "angular", "gyroscope"];
+const ROTATION: [&str; 5] = ["q", "quat", "quaternion", "orientation", "rot"];
+const MOTOR: [&str; 3] = ["motor", "m", "motors"];
+const ROTOR: [&str; 2] = ["rotor", "rpm"];
+const THRUST: [&str; 3] = ["thrust", "throttle", "collective"];
+const VOLTAGE: [&str; 6] = ["vbat", "battery", "voltage", "bat", "vbatt", "batt"];
+const HEIGHT: [&str; 3] = ["height", "altitude", "alt"];
+const CAPTURE: [&str; 2] = ["capture", "captured"];
+/// Words in names, and the unit of a mapping file that they mean.
+const UNITS: [(&str, &str); 26] = [
+    ("deg", "deg"),
+    ("degrees", "deg"),
+    ("rad", "rad"),
+    ("radians", "rad"),
+    ("mrad", "mrad"),
+    ("degps", "deg/s"),
+    ("dps", "deg/s"),
+    ("deg/s", "deg/s"),
+    ("radps", "rad/s"),
+    ("rad/s", "rad/s"),
+    ("rpm", "rpm"),
+    ("mm", "mm"),
+    ("cm", "cm"),
+    ("meters", "m"),
+    ("mps", "m/s"),
+    ("m/s", "m/s"),
+    ("mm/s", "mm/s"),
+    ("mps2", "m/s2"),
+    ("m/s2", "m/s2"),
+    ("m/s^2", "m/s2"),
+    ("mg", "mg"),
+    ("pwm", "pwm"),
+    ("percent", "percent"),
+    ("%", "percent"),
+    ("mv", "mV"),
+    ("volt", "V"),
+];
+
+/// The channel that a column's name stands for.
+pub(super) fn channel_of(column: &str) -> Option<Guess> {
+    let words = words(column);
+    let unit = words.iter().find_map(|word| UNITS.iter().find(|(name, _)| name == word)).map(|(_, unit)| (*unit).to_owned());
+    let has = |list: &[&str]| words.iter().any(|word| list.contains(&word.as_str()));
+    let (command, estimate, outside) = (has(&COMMAND), has(&ESTIMATE), has(&OUTSIDE));
+    let axis = words.iter().find_map(|word| ["x", "y", "z"].iter().position(|axis| axis == word));
+    let turn = [["roll", "phi"], ["pitch", "theta"], ["yaw", "psi"]].iter().position(|names| has(names)).or(has(&["heading"]).then_some(2));
+    let number = words.iter().find_map(|word| word.parse::<usize>().ok());
+    let rated = has(&GYRO) || matches!(unit.as_deref(), Some("deg/s" | "rad/s"));
+    let channel = match (turn, axis, number) {
+        (Some(2), ..) if command && rated => "cmd_yaw_rate",
+        (Some(_), ..) if command && rated => return None,
+        (Some(turn), ..) if rated => ["gyro_x", "gyro_y", "gyro_z"][turn],
+        (Some(2), ..) if command => "setpoint_yaw",
+        (Some(turn), ..) if command => ["cmd_roll", "cmd_pitch"][turn],
+        (Some(turn), ..) => ["roll", "pitch", "yaw"][turn],
+        (_, Some(axis), _) if has(&ROTATION) && !command => ["qx", "qy", "qz"][axis],
+        _ if has(&["qw"]) || (has(&ROTATION) && has(&["w"])) => "qw",
+        (_, Some(axis), _) if has(&ACCELERATION) && !command => ["acc_x", "acc_y", "acc_z"][axis],
+        (_, Some(axis), _) if has(&GYRO) && !command => ["gyro_x", "gyro_y", "gyro_z"][axis],
+        (_, Some(axis), _) if has(&VELOCITY) && estimate => ["estimate_vx", "estimate_vy", "estimate_vz"][axis],
+        (_, Some(_), _) if (has(&VELOCITY) || has(&ACCELERATION) || has(&GYRO)) && command => return None,
+        (_, Some(axis), _) if has(&VELOCITY) => ["vx", "vy", "vz"][axis],
+        (_, Some(axis), _) if command => ["setpoint_x", "setpoint_y", "setpoint_z"][axis],
+        (_, Some(axis), _) if estimate => ["estimate_x", "estimate_y", "estimate_z"][axis],
+        (_, Some(axis), _) => ["x", "y", "z"][axis],
+        (_, _, Some(n)) if has(&ROTOR) && (1..=4).contains(&n) => ["rotor_1", "rotor_2", "rotor_3", "rotor_4"][n - 1],
+        (_, _, Some(n)) if has(&MOTOR) && (1..=4).contains(&n) => ["motor_1", "motor_2", "motor_3", "motor_4"][n - 1],
+        _ if has(&THRUST) => "cmd_thrust",
+        _ if has(&VOLTAGE) => "vbat",
+        _ if has(&HEIGHT) && command => "cmd_height",
+        _ if has(&HEIGHT) => "z",
+        _ if has(&CAPTURE) => "capture_time",
+        _ => return None,
+    };
+    let lists: [&[&str]; 15] = [
+        &COMMAND,
+        &ESTIMATE,
+        &OUTSIDE,
+        &POSITION,
+        &VELOCITY,
+        &ACCELERATION,
+        &GYRO,
+        &ROTATION,
+        &MOTOR,
+        &ROTOR,
+        &THRUST,
+        &VOLTAGE,
+        &HEIGHT,
+        &CAPTURE,
+        &["x", "y", "z", "w", "roll", "pitch", "yaw", "phi", "theta", "psi", "heading", "qw"],
+    ];
+    let is_known = |word: &&String| {
+        lists.iter().any(|list| list.contains(&word.as_str()))
+            || UNITS.iter().any(|(name, _)| name == word)
+            || word.parse::<usize>().is_ok()
+    };
+    let understood = words.iter().filter(is_known).count() as f64 / words.len().max(1) as f64;
+    Some(Guess { channel, score: understood + if outside { 1.0 } else { 0.0 }, unit })
+}
+
+/// The words of a name in lower case: parted at signs and capitals, and an axis or number parted from what it is glued to.
+fn words(column: &str) -> Vec<String> {
+    let mut words: Vec<String> = Vec::new();
+    let (name, unit) = match column.find(['[', '(']) {
+        Some(at) => (&column[..at], column[at + 1..].trim_end_matches([']', ')']).trim().to_lowercase()),
+        None => (column, String::new()),
+    };
+    let mut word = String::new();
+    let mut after_lower = false;
+    for c in name.chars() {
+        if !c.is_alphanumeric() || (c.is_uppercase() && after_lower) {
+            words.push(std::mem::take(&mut word));
+        }
+        if c.is_alphanumeric() {
+            word.extend(c.to_lowercase());
+        }
+        after_lower = c.is_lowercase();
+    }
+    words.push(word);
+    words.retain(|word| !word.is_empty());
+    let mut parted: Vec<String> = words.iter().flat_map(|word| part(word)).collect();
+    parted.extend((!unit.is_empty()).then_some(unit));
+    parted
+}
+
+/// Words with an axis or a number behind them, such as `px`, `gyrox` or `m1`.
+fn part(word: &str) -> Vec<String> {
+    let known: [&[&str]; 10] =
+        [&COMMAND, &ESTIMATE, &OUTSIDE, &POSITION, &VELOCITY, &ACCELERATION, &GYRO, &ROTATION, &MOTOR, &["g", "t", "rpm", "rotor", "r"]];
+    let (head, tail) = match word.char_indices().last() {
+        Some((at, last)) if at > 0 && ("xyzw".contains(last) || last.is_ascii_digit()) => word.split_at(at),
+        _ => return vec![word.to_owned()],
+    };
+    if !known.iter().any(|list| list.contains(&head)) {
+        return vec![word.to_owned()];
+    }
+    // gx is a rate, as every IMU has it; mx is no motor
+    let head = if head == "g" { "gyro" } else { head };
+    vec![head.to_owned(), tail.to_owned()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_of_many_labs_are_understood() {
+        for (column, channel) in [
+            ("px", "x"),
+            ("Position Y [mm]", "y"),
+            ("mocap_z", "z"),
+            ("velX", "vx"),
+            ("drone.pose.position.z", "z"),
+            ("roll_deg", "roll"),
+            ("theta", "pitch"),
+            ("cmdPitch", "cmd_pitch"),
+            ("roll_ref", "cmd_roll"),
+            ("yaw_rate_cmd", "cmd_yaw_rate"),
+            ("thrust", "cmd_thrust"),
+            ("m3", "motor_3"),
+            ("motor_pwm_4", "motor_4"),
+            ("gyro_x (deg/s)", "gyro_x"),
+            ("gz", "gyro_z"),
+            ("az", "acc_z"),
+            ("q_w", "qw"),
+            ("quat_x", "qx"),
+            ("battery voltage", "vbat"),
+            ("target_x", "setpoint_x"),
+            ("ekf_vy", "estimate_vy"),
+        ] {
+            assert_eq!(channel_of(column).map(|guess| guess.channel), Some(channel), "{column}: {:?}", words(column));
+        }
+        assert_eq!(channel_of("temperature"), None);
+        assert_eq!(channel_of("Position Y [mm]").unwrap().unit.as_deref(), Some("mm"));
+    }
+}

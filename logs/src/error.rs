@@ -1,0 +1,92 @@
+//! What can be wrong with a log file, said so that the reader of the message can find it.
+
+use std::fmt;
+
+use thiserror::Error;
+
+/// Why a log could not be read or written. Lines count from 1, the header being line 1.
+#[derive(Debug, Error)]
+pub enum LogError {
+    #[error("{file}: cannot be read")]
+    Io {
+        file: String,
+        #[source]
+        source: std::io::Error,
+    },
+    #[error("{file}: is larger than {limit_mib} MiB after decompression, more than any flight log")]
+    TooLarge { file: String, limit_mib: u64 },
+    #[error("{file}: the gzip data is damaged ({reason})")]
+    BadGzip { file: String, reason: String },
+    #[error("{file}: is empty")]
+    Empty { file: String },
+    #[error("{file}: is no log: neither CSV text nor any binary format that is known")]
+    NotText { file: String },
+    #[error("{file}, line {line}: is longer than {limit} bytes, more than any row of a flight log")]
+    LineTooLong { file: String, line: u64, limit: usize },
+    #[error("{file}: has a header but no whole row of data")]
+    NoRows { file: String },
+    #[error(
+        "{file}: the columns belong to no known log format (found: {found}); a mapping file can tell, and crazyflie inspect drafts one"
+    )]
+    UnknownFormat { file: String, found: String },
+    #[error("{file}: column \"{column}\" appears more than once")]
+    DuplicateColumn { file: String, column: String },
+    #[error(
+        "{file}: read as {format}, it lacks {}; if it is none, a mapping file can tell, and crazyflie inspect drafts one",
+        list(missing)
+    )]
+    MissingColumns { file: String, format: &'static str, missing: Vec<MissingColumn> },
+    #[error("{file}, line {line}: has {found} fields, the header has {expected}")]
+    FieldCount { file: String, line: u64, expected: usize, found: usize },
+    #[error("{file}, line {line}, column \"{column}\": found \"{value}\", expected {expected}")]
+    BadValue { file: String, line: u64, column: String, value: String, expected: &'static str },
+    #[error("{file}, line {line}, column \"{column}\": found {value} s after {previous} s, expected a later time")]
+    TimeNotIncreasing { file: String, line: u64, column: String, value: f64, previous: f64 },
+    #[error("{file}, line {line}: {problem}")]
+    BadMapping { file: String, line: u64, problem: String },
+    #[error("{file}: has no column \"{column}\", which {mapping} maps to {channel}{}", proposal(did_you_mean))]
+    UnmappedColumn { file: String, column: String, mapping: String, channel: String, did_you_mean: Option<String> },
+    #[error("{file}: is no ROS 2 bag with the tables topics and messages ({reason})")]
+    BadDatabase { file: String, reason: String },
+    #[error("{file}, byte {byte}: expected {expected}")]
+    BadBinary { file: String, byte: usize, expected: &'static str },
+    #[error("{file}, \"{source_name}\", record {index}: found {value}, expected {expected}")]
+    BadRecord { file: String, source_name: String, index: usize, value: String, expected: &'static str },
+    #[error("{file}, topic \"{topic}\", message {index}: expected {expected} ({reason})")]
+    BadMessage { file: String, topic: String, index: usize, expected: &'static str, reason: String },
+    #[error("{file}: holds no {missing} (found: {found})")]
+    MissingSignals { file: String, missing: &'static str, found: String },
+    #[error("the log cannot be written in the project's own form: {channel} {reason}")]
+    CannotWrite { channel: String, reason: &'static str },
+    #[error("writing the log failed")]
+    Write(#[source] csv::Error),
+    #[error("writing the log failed")]
+    WriteMcap(#[source] std::io::Error),
+}
+
+/// A column that the format needs and the file lacks.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct MissingColumn {
+    pub name: String,
+    /// A column of the file with a similar name that the format does not know.
+    pub did_you_mean: Option<String>,
+}
+
+impl fmt::Display for MissingColumn {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "\"{}\"", self.name)?;
+        match &self.did_you_mean {
+            Some(found) => write!(f, " (did you mean that by \"{found}\"?)"),
+            None => Ok(()),
+        }
+    }
+}
+
+fn proposal(did_you_mean: &Option<String>) -> String {
+    did_you_mean.as_ref().map_or(String::new(), |name| format!(" (did you mean \"{name}\"?)"))
+}
+
+fn list(missing: &[MissingColumn]) -> String {
+    let names: Vec<String> = missing.iter().map(ToString::to_string).collect();
+    names.join(", ")
+}

@@ -1,0 +1,257 @@
+//! The one shape of a flight.
+
+use std::ops::Range;
+use std::path::Path;
+
+use crate::{Content, LogError, Mapping, Note, Provenance, reader, signal, text};
+
+/// A stretch at the start or the end in which a vehicle that stands is seen to stand.
+const RESTING_S: f64 = 0.5;
+const LEAST_RESTING: usize = 5;
+/// A camera's fixes of a vehicle that stands scatter by a centimetre.
+const RESTING_SPREAD_M: f64 = 0.03;
+/// A flight rises higher than this.
+const LEAST_CLIMB_M: f64 = 0.15;
+/// A command that is a larger share of the flight's carries the vehicle.
+const CARRYING_SHARE: f64 = 0.7;
+/// Above its resting place by so much, a vehicle flies: NanoBench's stand at 0.053 to 0.072 m and fly above 0.1 m.
+const OVER_REST_M: f64 = 0.05;
+
+/// Position measurements, each with the time it was captured. They exist only where one arrived: k fixes, k <= rows.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Fixes {
+    /// Row of the log in which the fix arrived, ascending.
+    pub row: Vec<usize>,
+    /// When the picture was taken, on the clock of `t_s`; about 50 ms before arrival for a camera,
+    /// equal to the row's time for motion capture. In order of arrival, see [`Note::CaptureOutOfOrder`].
+    pub capture_t_s: Vec<f64>,
+    /// x, y, z.
+    pub pos_m: [Vec<f64>; 3],
+    /// Yaw of the marker, where the format has it, as recorded (may wrap).
+    pub yaw_rad: Option<Vec<f64>>,
+}
+
+/// The vehicle's own estimates, one value per row. NanoBench has them on their own clock, see [`Note::ClockSkew`].
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Onboard {
+    pub pos_m: Option<[Vec<f64>; 3]>,
+    pub vel_mps: Option<[Vec<f64>; 3]>,
+    /// Roll, pitch and yaw; yaw continuous.
+    pub attitude_rad: Option<[Vec<f64>; 3]>,
+    /// The four motor commands after battery compensation, counts.
+    pub motor_pwm: Option<[Vec<f64>; 4]>,
+    /// Rate of the yaw setpoint, right-handed (yaw' = +rate). The firmware's yaw-rate command is not logged.
+    pub setpoint_yaw_rate_radps: Option<Vec<f64>>,
+    /// Body rates that the attitude loop asks of the rate loop, right-handed.
+    pub cmd_rates_radps: Option<[Vec<f64>; 3]>,
+    /// What the mixer asks of the four motors before battery compensation, counts: their mean is the thrust command, their
+    /// differences are the moments that the rate controller needs to keep the vehicle straight.
+    pub motor_request_pwm: Option<[Vec<f64>; 4]>,
+    /// Speeds of the four rotors.
+    pub rotor_radps: Option<[Vec<f64>; 4]>,
+    /// Acceleration in the world frame, gravity taken out.
+    pub acc_world_mps2: Option<[Vec<f64>; 3]>,
+    /// Specific force along the body's z axis, where the log holds no more of it than that.
+    pub acc_z_mps2: Option<Vec<f64>>,
+}
+
+/// What a simulator knows to be true. One value per row.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Truth {
+    pub pos_m: [Vec<f64>; 3],
+    pub vel_mps: [Vec<f64>; 3],
+    pub roll_rad: Vec<f64>,
+    pub pitch_rad: Vec<f64>,
+    /// Continuous.
+    pub yaw_rad: Vec<f64>,
+}
+
+/// One flight. SI units and radians; right-handed, z up, +pitch accelerates to +x, +roll to -y.
+///
+/// Every `Vec` outside [`Fixes`] has one finite value per row. A channel that the file lacks, or whose packets
+/// never came, is `None`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FlightLog {
+    pub provenance: Provenance,
+    /// Time of each row, strictly increasing.
+    pub t_s: Vec<f64>,
+    /// Rows during which the vehicle flies, empty if it never does: above 0.1 m for NanoBench, whose vehicle
+    /// stands at up to 0.072 m and for ROS, above 0.05 m in project files, above 0.15 m with the motors on in micro-SD logs,
+    /// whose height is an estimate, and all rows of hidden-effects files, which hold
+    /// neither take-off nor landing. The ends fly through ground effect: see [`FlightLog::interval_above`].
+    pub airborne: Range<usize>,
+
+    pub cmd_roll_rad: Option<Vec<f64>>,
+    pub cmd_pitch_rad: Option<Vec<f64>>,
+    /// With the thesis's sign: yaw' = -cmd.
+    pub cmd_yaw_rate_radps: Option<Vec<f64>>,
+    /// Thrust command before any battery compensation, 0..65535.
+    pub cmd_thrust_pwm: Option<Vec<f64>>,
+    pub cmd_height_m: Option<Vec<f64>>,
+    /// NanoBench logs (0, 0, 0) before and after the flight, meaning "no setpoint".
+    pub setpoint_m: Option<[Vec<f64>; 3]>,
+    /// As recorded (may wrap).
+    pub setpoint_yaw_rad: Option<Vec<f64>>,
+
+    /// Camera fixes, or motion capture (one fix per row), or the vehicle's estimate where nothing else measured it, see
+    /// [`Note::PositionEstimated`].
+    pub fixes: Fixes,
+    /// Measured velocity in the world frame (motion capture only).
+    pub vel_mps: Option<[Vec<f64>; 3]>,
+    /// Measured attitude: motion capture for NanoBench, else the vehicle's IMU estimate.
+    pub roll_rad: Vec<f64>,
+    pub pitch_rad: Vec<f64>,
+    /// Continuous (no wraps).
+    pub yaw_rad: Vec<f64>,
+    /// Angular rate in the body frame.
+    pub gyro_radps: Option<[Vec<f64>; 3]>,
+    /// Specific force in the body frame: +9.81 on z at rest.
+    pub acc_mps2: Option<[Vec<f64>; 3]>,
+    pub vbat_v: Option<Vec<f64>>,
+
+    pub onboard: Option<Onboard>,
+    pub truth: Option<Truth>,
+    /// Everything that was detected, cut or converted.
+    pub notes: Vec<Note>,
+}
+
+impl FlightLog {
+    /// Reads a log file, gzipped or not, of any of the formats of [`readers`](crate::readers); a mapping file beside it is used,
+    /// see [`Mapping::path_beside`].
+    ///
+    /// # Errors
+    /// [`LogError`] names the file and, where there is one, the line, the column, the value and what was expected.
+    pub fn read(path: &Path) -> Result<Self, LogError> {
+        Self::read_mapped(path, Mapping::path_beside(path).as_deref())
+    }
+
+    /// Reads a log file by a mapping file, which counts for text only: binary formats say themselves what they hold.
+    ///
+    /// # Errors
+    /// As [`FlightLog::read`], and for the mapping as [`Mapping::read`].
+    pub fn read_mapped(path: &Path, mapping: Option<&Path>) -> Result<Self, LogError> {
+        let file = path.display().to_string();
+        let bytes = text::load(path, &file)?;
+        let mapping = mapping.map(|path| Ok((path.display().to_string(), Mapping::read(path)?))).transpose()?;
+        Self::from_content(&file, &bytes, mapping)
+    }
+
+    /// Reads a log from the bytes of a file; `file` is the name used in errors.
+    ///
+    /// # Errors
+    /// As [`FlightLog::read`].
+    pub fn from_bytes(file: &str, bytes: &[u8]) -> Result<Self, LogError> {
+        Self::from_content(file, bytes, None)
+    }
+
+    /// Reads a log from the bytes of a file by a mapping.
+    ///
+    /// # Errors
+    /// As [`FlightLog::read`].
+    pub fn from_mapped_bytes(file: &str, bytes: &[u8], mapping: Mapping) -> Result<Self, LogError> {
+        Self::from_content(file, bytes, Some(("the mapping".to_owned(), mapping)))
+    }
+
+    fn from_content(file: &str, bytes: &[u8], mapping: Option<(String, Mapping)>) -> Result<Self, LogError> {
+        let mut notes = Vec::new();
+        let unpacked = text::decompress(file, bytes, &mut notes)?;
+        reader::read(&Content::new(file, &unpacked, mapping), notes)
+    }
+
+    /// Number of rows.
+    pub fn len(&self) -> usize {
+        self.t_s.len()
+    }
+
+    /// Whether the log has no rows (no reader returns such a log).
+    pub fn is_empty(&self) -> bool {
+        self.t_s.is_empty()
+    }
+
+    /// The longest interval of rows during which the vehicle stays above `height_m`, empty if there is none.
+    ///
+    /// Dips shorter than 0.5 s are bridged: they are outliers of the marker. Between fixes the last one holds;
+    /// without any fix the true height is used, where the log has it.
+    pub fn interval_above(&self, height_m: f64) -> Range<usize> {
+        match signal::height_by_row(self.len(), &self.fixes) {
+            Some(z) => signal::longest_above(&self.t_s, &z, height_m),
+            None => match &self.truth {
+                Some(truth) => signal::longest_above(&self.t_s, &truth.pos_m[2], height_m),
+                None => 0..0,
+            },
+        }
+    }
+
+    /// The height at which the vehicle stands before take-off or, if the log starts in the air, after landing. `None` if it does
+    /// neither, or never leaves that height. A vehicle whose motors run as in flight does not stand, however still it is.
+    pub fn resting_height_m(&self) -> Option<f64> {
+        let z = &self.fixes.pos_m[2];
+        let (first_s, last_s) = (*self.fixes.capture_t_s.first()?, *self.fixes.capture_t_s.last()?);
+        let (bottom, top) = (signal::quantile(z, 0.02), signal::quantile(z, 0.95));
+        let still = |from_s: f64| {
+            let within = |t: &f64| (from_s..=from_s + RESTING_S).contains(t);
+            let seen: Vec<f64> = self.fixes.capture_t_s.iter().zip(z).filter(|(t, _)| within(t)).map(|(_, z)| *z).collect();
+            let height_m = signal::median(&seen);
+            let spread_m = signal::quantile(&seen, 0.9) - signal::quantile(&seen, 0.1);
+            let hangs = self.motors_carry(from_s..from_s + RESTING_S);
+            let is_lowest = !hangs && height_m < bottom + RESTING_SPREAD_M && height_m < top - LEAST_CLIMB_M;
+            (seen.len() >= LEAST_RESTING && spread_m < RESTING_SPREAD_M && is_lowest).then_some(height_m)
+        };
+        still(first_s).or_else(|| still(last_s - RESTING_S))
+    }
+
+    /// Whether the thrust command of a stretch is that of the flight; false where none is logged.
+    fn motors_carry(&self, stretch_s: Range<f64>) -> bool {
+        let Some(thrust) = &self.cmd_thrust_pwm else { return false };
+        let within: Vec<f64> = self.t_s.iter().zip(thrust).filter(|(t, _)| stretch_s.contains(t)).map(|(_, pwm)| *pwm).collect();
+        let usual = signal::quantile(thrust, 0.75);
+        usual > 0.0 && signal::median(&within) > CARRYING_SHARE * usual
+    }
+
+    /// A flight of these rows in which nothing is known yet.
+    pub(crate) fn empty(provenance: Provenance, t_s: Vec<f64>) -> Self {
+        let zero = vec![0.0; t_s.len()];
+        Self {
+            provenance,
+            airborne: 0..0,
+            cmd_roll_rad: None,
+            cmd_pitch_rad: None,
+            cmd_yaw_rate_radps: None,
+            cmd_thrust_pwm: None,
+            cmd_height_m: None,
+            setpoint_m: None,
+            setpoint_yaw_rad: None,
+            fixes: Fixes::default(),
+            vel_mps: None,
+            roll_rad: zero.clone(),
+            pitch_rad: zero.clone(),
+            yaw_rad: zero,
+            gyro_radps: None,
+            acc_mps2: None,
+            vbat_v: None,
+            onboard: None,
+            truth: None,
+            t_s,
+            notes: Vec::new(),
+        }
+    }
+
+    /// Fills `airborne` from the resting height where there is one: the whole log else, if it starts and ends in the air.
+    pub(crate) fn find_airborne_over_rest(&mut self) {
+        match self.resting_height_m() {
+            Some(rest_m) => self.find_airborne(rest_m + OVER_REST_M),
+            None if self.fixes.row.is_empty() => self.find_airborne(OVER_REST_M),
+            None => self.airborne = 0..self.len(),
+        }
+    }
+
+    /// Fills `airborne` and says so in the notes when there is no such interval.
+    pub(crate) fn find_airborne(&mut self, above_m: f64) {
+        self.airborne = self.interval_above(above_m);
+        if self.fixes.row.is_empty() && self.truth.is_none() {
+            self.notes.push(Note::NoPosition);
+        } else if self.airborne.is_empty() {
+            self.notes.push(Note::NeverAirborne { above_m });
+        }
+    }
+}

@@ -1,0 +1,96 @@
+//! Simulated flights with an undeclared effect: degrees, thesis signs, a 30 Hz camera.
+
+use crate::columns::Columns;
+use crate::signal::{check_capture, radians, time_gaps, unwrap};
+use crate::table::{NUMBER, PWM, Table};
+use crate::{AttitudeSource, Content, Fixes, FlightLog, LogError, Note, PositionSource, Provenance, Reader};
+
+const COLUMNS: Columns = Columns { required: &REQUIRED, optional: &[], alternatives: &[], together: &[] };
+/// Every column of the format.
+const REQUIRED: [&str; 17] = [
+    "t",
+    "ref_x",
+    "ref_y",
+    "ref_z",
+    "ref_yaw",
+    "cmd_roll",
+    "cmd_pitch",
+    "cmd_yawrate",
+    "cmd_thrust_pwm",
+    "x",
+    "y",
+    "z",
+    "t_cam",
+    "roll",
+    "pitch",
+    "yaw",
+    "vbat",
+];
+
+pub(crate) struct HiddenEffects;
+
+impl Reader for HiddenEffects {
+    fn name(&self) -> &'static str {
+        "hidden_effects_csv"
+    }
+
+    fn title(&self) -> &'static str {
+        "a hidden-effects CSV"
+    }
+
+    fn share(&self, content: &Content<'_>) -> f64 {
+        COLUMNS.share(&content.header)
+    }
+
+    fn read(&self, content: &Content<'_>, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
+        let table = content.table(&mut notes)?;
+        COLUMNS.check(self.title(), &table, &mut notes)?;
+        read(&table, notes)
+    }
+}
+
+pub(crate) fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
+    let t_s = table.time("t")?;
+    time_gaps(&t_s, &mut notes);
+    let angle = |column| table.column(column, NUMBER).map(radians);
+    let fixes = read_fixes(table)?;
+    check_capture(&t_s, &fixes, &mut notes);
+    let mut yaw_rad = angle("yaw")?;
+    unwrap(&mut yaw_rad, "yaw", &mut notes);
+    Ok(FlightLog {
+        provenance: Provenance {
+            format: HiddenEffects.name(),
+            position: PositionSource::Camera,
+            attitude: AttitudeSource::Imu,
+            onboard_interpolated: false,
+        },
+        // These flights start and end in the air. Height cannot say so: some hover at 0.1 m with a biased sensor.
+        airborne: 0..t_s.len(),
+        cmd_roll_rad: Some(angle("cmd_roll")?),
+        cmd_pitch_rad: Some(angle("cmd_pitch")?),
+        cmd_yaw_rate_radps: Some(angle("cmd_yawrate")?),
+        cmd_thrust_pwm: Some(table.column("cmd_thrust_pwm", PWM)?),
+        cmd_height_m: None,
+        setpoint_m: Some(table.triple(["ref_x", "ref_y", "ref_z"])?),
+        setpoint_yaw_rad: Some(angle("ref_yaw")?),
+        fixes,
+        vel_mps: None,
+        roll_rad: angle("roll")?,
+        pitch_rad: angle("pitch")?,
+        yaw_rad,
+        gyro_radps: None,
+        acc_mps2: None,
+        vbat_v: Some(table.column("vbat", NUMBER)?),
+        onboard: None,
+        truth: None,
+        t_s,
+        notes,
+    })
+}
+
+fn read_fixes(table: &Table) -> Result<Fixes, LogError> {
+    let (row, values) = table.sparse(&["x", "y", "z", "t_cam"])?;
+    let mut values = values.into_iter();
+    let mut next = || values.next().unwrap_or_default();
+    Ok(Fixes { row, pos_m: [next(), next(), next()], capture_t_s: next(), yaw_rad: None })
+}

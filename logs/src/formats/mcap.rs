@@ -1,0 +1,250 @@
+//! MCAP files: the project's own rows, or the ROS messages of the thesis's rig.
+//!
+//! The crate that writes them is not used to read them: it allocates what a damaged length asks for.
+
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+
+use csv::ByteRecord;
+use mcap::records::op;
+use serde_json::value::RawValue;
+
+use super::project;
+use crate::bytes::{Bytes, unpack};
+use crate::mcap_write::{ENCODING, SCHEMA};
+use crate::message::{Encoding, Kind};
+use crate::table::Table;
+use crate::topics::{Recorded, Topics};
+use crate::{Content, FlightLog, LogError, Note, Reader, ros};
+
+/// What all chunks together may hold once unpacked.
+const MOST_UNPACKED: u64 = 512 << 20;
+/// The project's form has 35 columns.
+const MOST_COLUMNS: usize = 256;
+
+pub(crate) struct Mcap;
+
+impl Reader for Mcap {
+    fn name(&self) -> &'static str {
+        "mcap"
+    }
+
+    fn title(&self) -> &'static str {
+        "an MCAP recording"
+    }
+
+    fn share(&self, content: &Content<'_>) -> f64 {
+        content.magic_share(mcap::MAGIC)
+    }
+
+    fn read(&self, content: &Content<'_>, notes: Vec<Note>) -> Result<FlightLog, LogError> {
+        read(self.name(), content.file, content.bytes, notes)
+    }
+}
+
+fn read(format: &'static str, file: &str, data: &[u8], mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
+    let mut content = Recording {
+        file,
+        schemas: HashMap::new(),
+        channels: HashMap::new(),
+        rows: Vec::new(),
+        rows_topic: String::new(),
+        topics: Topics::default(),
+        unpacked: 0,
+    };
+    content.read(data, &mut notes)?;
+    if content.rows.is_empty() {
+        return ros::read(format, file, &content.topics, notes);
+    }
+    let name = format!("{file} (topic {}, a line per message)", content.rows_topic);
+    let table = table(name, &content)?;
+    project::read(&table, notes)
+}
+
+/// How the messages of a channel are read.
+#[derive(Debug, Clone)]
+struct Channel {
+    topic: String,
+    type_name: String,
+    /// The project's own rows.
+    is_row: bool,
+    read_as: Option<(Kind, Encoding)>,
+}
+
+/// A file while it is read.
+struct Recording<'f> {
+    file: &'f str,
+    schemas: HashMap<u16, String>,
+    channels: HashMap<u16, Channel>,
+    /// The project's own messages, JSON.
+    rows: Vec<Vec<u8>>,
+    rows_topic: String,
+    topics: Topics,
+    unpacked: u64,
+}
+
+impl Recording<'_> {
+    /// Reads all records. What is cut off or damaged ends the reading with a note.
+    fn read(&mut self, data: &[u8], notes: &mut Vec<Note>) -> Result<(), LogError> {
+        let mut bytes = Bytes::new(data);
+        bytes.take(mcap::MAGIC.len());
+        loop {
+            let start = bytes.at();
+            let reason = match record(&mut bytes) {
+                // After it, only an index and statistics follow.
+                Some((op::DATA_END, _)) => return Ok(()),
+                Some((op::CHUNK, body)) => self.chunk(body)?,
+                Some((opcode, body)) => self.take(opcode, body),
+                None => {
+                    self.cut_chunk(&data[start..])?;
+                    Some("the file ends in the middle of its records")
+                }
+            };
+            if let Some(reason) = reason {
+                let kept = self.rows.len() + self.topics.messages();
+                notes.push(Note::CutShort { byte: start, kept, unit: "messages", reason: reason.to_owned() });
+                return Ok(());
+            }
+        }
+    }
+
+    /// Takes what there is of a chunk that is cut off.
+    fn cut_chunk(&mut self, data: &[u8]) -> Result<(), LogError> {
+        let mut bytes = Bytes::new(data);
+        if let (Some(op::CHUNK), Some(_length)) = (bytes.u8(), bytes.u64()) {
+            self.chunk(bytes.rest())?;
+        }
+        Ok(())
+    }
+
+    /// Takes the records of a chunk. Returns why the reading has to end here, if so.
+    fn chunk(&mut self, body: &[u8]) -> Result<Option<&'static str>, LogError> {
+        let Some(chunk) = Chunk::of(body) else { return Ok(Some("a chunk is damaged")) };
+        let left = MOST_UNPACKED - self.unpacked;
+        let (unpacked, is_whole) = match chunk.compression {
+            b"" => (chunk.packed.to_vec(), chunk.is_whole),
+            b"zstd" => unpack(zstd::Decoder::new(chunk.packed), left),
+            b"lz4" => unpack(lz4::Decoder::new(chunk.packed), left),
+            _ => return Ok(Some("a chunk is compressed by something else than zstd or lz4")),
+        };
+        self.unpacked += unpacked.len() as u64;
+        if self.unpacked >= MOST_UNPACKED {
+            return Err(LogError::TooLarge { file: self.file.to_owned(), limit_mib: MOST_UNPACKED >> 20 });
+        }
+        // Bits that changed would be taken for measurements: a chunk counts as a whole or, if it is cut, up to the cut.
+        let is_whole = is_whole && chunk.is_whole;
+        if is_whole && chunk.sum != 0 && chunk.sum != crc32fast::hash(&unpacked) {
+            return Ok(Some("a chunk's check sum does not match"));
+        }
+        let mut bytes = Bytes::new(&unpacked);
+        while bytes.left() > 0 {
+            let Some((opcode, body)) = record(&mut bytes) else { return Ok(Some("a record in a chunk is not whole")) };
+            if let Some(reason) = self.take(opcode, body) {
+                return Ok(Some(reason));
+            }
+        }
+        Ok((!is_whole).then_some("a chunk cannot be unpacked to its end"))
+    }
+
+    /// Takes a schema, a channel or a message. Returns why the reading has to end here, if so.
+    fn take(&mut self, opcode: u8, body: &[u8]) -> Option<&'static str> {
+        let taken = match opcode {
+            op::SCHEMA => self.schema(Bytes::new(body)),
+            op::CHANNEL => self.channel(Bytes::new(body)),
+            op::MESSAGE => self.message(Bytes::new(body)),
+            _ => Some(()),
+        };
+        if taken.is_some() { None } else { Some("a record is damaged or a message belongs to no channel") }
+    }
+
+    fn schema(&mut self, mut bytes: Bytes<'_>) -> Option<()> {
+        let id = bytes.u16()?;
+        self.schemas.insert(id, text(&mut bytes)?);
+        Some(())
+    }
+
+    fn channel(&mut self, mut bytes: Bytes<'_>) -> Option<()> {
+        let (id, schema_id) = (bytes.u16()?, bytes.u16()?);
+        let (topic, encoding) = (text(&mut bytes)?, text(&mut bytes)?);
+        let type_name = self.schemas.get(&schema_id).cloned().unwrap_or_default();
+        let is_row = type_name == SCHEMA && encoding == ENCODING;
+        let encoding = match encoding.as_str() {
+            "ros1" => Some(Encoding::Ros1),
+            "cdr" => Some(Encoding::Cdr),
+            _ => None,
+        };
+        let read_as = Kind::named(&type_name).zip(encoding);
+        self.channels.insert(id, Channel { topic, type_name, is_row, read_as });
+        Some(())
+    }
+
+    fn message(&mut self, mut bytes: Bytes<'_>) -> Option<()> {
+        let (id, _sequence) = (bytes.u16()?, bytes.u32()?);
+        let (recorded_ns, _published_ns) = (bytes.u64()?, bytes.u64()?);
+        let data = bytes.rest();
+        let channel = self.channels.get(&id)?;
+        if channel.is_row {
+            self.rows_topic.clone_from(&channel.topic);
+            self.rows.push(data.to_vec());
+        } else {
+            self.topics.add(&channel.topic, &channel.type_name, Recorded { recorded_ns, data }, channel.read_as);
+        }
+        Some(())
+    }
+}
+
+/// Opcode and body of a record; `None` if it is not whole.
+fn record<'a>(bytes: &mut Bytes<'a>) -> Option<(u8, &'a [u8])> {
+    let (opcode, length) = (bytes.u8()?, bytes.u64()?);
+    Some((opcode, bytes.take(usize::try_from(length).ok()?)?))
+}
+
+fn text(bytes: &mut Bytes<'_>) -> Option<String> {
+    bytes.block().map(|text| String::from_utf8_lossy(text).into_owned())
+}
+
+/// The parts of a chunk that are used.
+struct Chunk<'a> {
+    sum: u32,
+    compression: &'a [u8],
+    packed: &'a [u8],
+    is_whole: bool,
+}
+
+impl<'a> Chunk<'a> {
+    fn of(body: &'a [u8]) -> Option<Self> {
+        let mut bytes = Bytes::new(body);
+        // first and last time, unpacked size
+        bytes.take(24)?;
+        let (sum, compression) = (bytes.u32()?, bytes.block()?);
+        let length = bytes.u64()?;
+        let packed = bytes.rest();
+        let is_whole = packed.len() as u64 == length;
+        Some(Self { sum, compression, packed, is_whole })
+    }
+}
+
+/// The rows as a table of the very digits that the messages hold.
+fn table(name: String, content: &Recording<'_>) -> Result<Table, LogError> {
+    let bad = |index, reason: String| LogError::BadMessage {
+        file: content.file.to_owned(),
+        topic: content.rows_topic.clone(),
+        index,
+        expected: "a JSON object of numbers",
+        reason,
+    };
+    let mut rows: Vec<BTreeMap<String, &RawValue>> = Vec::new();
+    for (index, row) in content.rows.iter().enumerate() {
+        rows.push(serde_json::from_slice(row).map_err(|error| bad(index, error.to_string()))?);
+    }
+    let mut header: BTreeSet<&String> = BTreeSet::new();
+    for (index, row) in rows.iter().enumerate() {
+        header.extend(row.keys());
+        if header.len() > MOST_COLUMNS {
+            return Err(bad(index, format!("more than {MOST_COLUMNS} names")));
+        }
+    }
+    let cell = |value: Option<&&RawValue>| value.map(|raw| raw.get()).filter(|text| *text != "null").unwrap_or_default().to_owned();
+    let records = rows.iter().map(|row| header.iter().map(|name| cell(row.get(*name))).collect::<Vec<String>>());
+    let records = records.map(ByteRecord::from).collect();
+    Ok(Table::of_cells(name, header.into_iter().cloned().collect(), records))
+}

@@ -1,0 +1,30 @@
+//! The registry of file formats: one file and one line each.
+
+mod firmware_csv;
+mod hidden_effects;
+mod mapped;
+mod mcap;
+mod micro_sd;
+mod nanobench;
+pub(crate) mod project;
+mod ros2_bag;
+mod ros_bag;
+mod ulog;
+
+use crate::Reader;
+
+/// All formats, in the order in which equal matches are preferred.
+pub fn readers() -> &'static [&'static dyn Reader] {
+    &[
+        &mapped::Mapped,
+        &project::ProjectCsv,
+        &nanobench::NanoBench,
+        &hidden_effects::HiddenEffects,
+        &firmware_csv::FirmwareCsv,
+        &ros_bag::RosBag,
+        &ros2_bag::Ros2Bag,
+        &mcap::Mcap,
+        &ulog::ULog,
+        &micro_sd::MicroSd,
+    ]
+}

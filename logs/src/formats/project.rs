@@ -1,0 +1,150 @@
+//! The project's own CSV, as `FlightLog::write_csv` writes it.
+
+use crate::columns::Columns;
+use crate::signal::{check_capture, radians, time_gaps, unwrap};
+use crate::table::{Accept, NUMBER, PWM, Table};
+use crate::{AttitudeSource, Content, Fixes, FlightLog, LogError, Note, PositionSource, Provenance, Reader, Truth};
+
+/// The height above the start from which the stock driver takes the vehicle for flying (`crazyflie_ros` take-off).
+pub(crate) const AIRBORNE_M: f64 = 0.05;
+
+pub(crate) const TIME: &str = "t_s";
+pub(crate) const SETPOINT: [&str; 3] = ["setpoint_x_m", "setpoint_y_m", "setpoint_z_m"];
+pub(crate) const SETPOINT_YAW: &str = "setpoint_yaw_deg";
+pub(crate) const CMD_ROLL: &str = "cmd_roll_deg";
+pub(crate) const CMD_PITCH: &str = "cmd_pitch_deg";
+pub(crate) const CMD_YAW_RATE: &str = "cmd_yaw_rate_degps";
+pub(crate) const CMD_THRUST: &str = "cmd_thrust_pwm";
+pub(crate) const CMD_HEIGHT: &str = "cmd_height_m";
+/// Position, yaw and capture time of a marker fix: empty together where no new frame arrived.
+pub(crate) const MARKER: [&str; 5] = ["marker_x_m", "marker_y_m", "marker_z_m", "marker_yaw_deg", "marker_t_s"];
+pub(crate) const ATTITUDE: [&str; 3] = ["imu_roll_deg", "imu_pitch_deg", "imu_yaw_deg"];
+pub(crate) const GYRO: [&str; 3] = ["gyro_x_radps", "gyro_y_radps", "gyro_z_radps"];
+pub(crate) const ACC: [&str; 3] = ["acc_x_mps2", "acc_y_mps2", "acc_z_mps2"];
+pub(crate) const VBAT: &str = "vbat_v";
+pub(crate) const TRUE_POS: [&str; 3] = ["true_x_m", "true_y_m", "true_z_m"];
+pub(crate) const TRUE_VEL: [&str; 3] = ["true_vx_mps", "true_vy_mps", "true_vz_mps"];
+pub(crate) const TRUE_ATTITUDE: [&str; 3] = ["true_roll_deg", "true_pitch_deg", "true_yaw_deg"];
+
+/// Columns every project CSV has, besides one of [`VERTICAL`].
+const REQUIRED: [&str; 23] = [
+    TIME,
+    SETPOINT[0],
+    SETPOINT[1],
+    SETPOINT[2],
+    SETPOINT_YAW,
+    CMD_ROLL,
+    CMD_PITCH,
+    CMD_YAW_RATE,
+    MARKER[0],
+    MARKER[1],
+    MARKER[2],
+    MARKER[3],
+    MARKER[4],
+    ATTITUDE[0],
+    ATTITUDE[1],
+    ATTITUDE[2],
+    GYRO[0],
+    GYRO[1],
+    GYRO[2],
+    ACC[0],
+    ACC[1],
+    ACC[2],
+    VBAT,
+];
+/// The vertical command: at least one of the two.
+const VERTICAL: [&str; 2] = [CMD_THRUST, CMD_HEIGHT];
+/// A simulator's truth: all of it or none.
+const TRUTH: [&str; 9] =
+    [TRUE_POS[0], TRUE_POS[1], TRUE_POS[2], TRUE_VEL[0], TRUE_VEL[1], TRUE_VEL[2], TRUE_ATTITUDE[0], TRUE_ATTITUDE[1], TRUE_ATTITUDE[2]];
+const COLUMNS: Columns = Columns { required: &REQUIRED, optional: &[], alternatives: &VERTICAL, together: &TRUTH };
+
+pub(crate) struct ProjectCsv;
+
+impl Reader for ProjectCsv {
+    fn name(&self) -> &'static str {
+        "project_csv"
+    }
+
+    fn title(&self) -> &'static str {
+        "a project CSV"
+    }
+
+    fn share(&self, content: &Content<'_>) -> f64 {
+        COLUMNS.share(&content.header)
+    }
+
+    fn read(&self, content: &Content<'_>, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
+        let table = content.table(&mut notes)?;
+        read(&table, notes)
+    }
+}
+
+pub(crate) fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
+    COLUMNS.check(ProjectCsv.title(), table, &mut notes)?;
+    let t_s = table.time(TIME)?;
+    time_gaps(&t_s, &mut notes);
+    let angle = |column| table.column(column, NUMBER).map(radians);
+    let fixes = read_fixes(table)?;
+    check_capture(&t_s, &fixes, &mut notes);
+    let [roll_rad, pitch_rad, yaw_rad] = read_attitude(table, ATTITUDE, "IMU yaw", &mut notes)?;
+    let truth = read_truth(table, &mut notes)?;
+    let mut log = FlightLog {
+        provenance: Provenance {
+            format: ProjectCsv.name(),
+            position: PositionSource::Camera,
+            attitude: AttitudeSource::Imu,
+            onboard_interpolated: false,
+        },
+        airborne: 0..0,
+        cmd_roll_rad: Some(angle(CMD_ROLL)?),
+        cmd_pitch_rad: Some(angle(CMD_PITCH)?),
+        cmd_yaw_rate_radps: Some(angle(CMD_YAW_RATE)?),
+        cmd_thrust_pwm: optional(table, CMD_THRUST, PWM)?,
+        cmd_height_m: optional(table, CMD_HEIGHT, NUMBER)?,
+        setpoint_m: Some(table.triple(SETPOINT)?),
+        setpoint_yaw_rad: Some(angle(SETPOINT_YAW)?),
+        fixes,
+        vel_mps: None,
+        roll_rad,
+        pitch_rad,
+        yaw_rad,
+        gyro_radps: Some(table.triple(GYRO)?),
+        acc_mps2: Some(table.triple(ACC)?),
+        vbat_v: Some(table.column(VBAT, NUMBER)?),
+        onboard: None,
+        truth,
+        t_s,
+        notes,
+    };
+    log.find_airborne(AIRBORNE_M);
+    Ok(log)
+}
+
+fn optional(table: &Table, column: &str, accept: Accept) -> Result<Option<Vec<f64>>, LogError> {
+    if !table.has(column) {
+        return Ok(None);
+    }
+    table.column(column, accept).map(Some)
+}
+
+fn read_fixes(table: &Table) -> Result<Fixes, LogError> {
+    let (row, values) = table.sparse(&MARKER)?;
+    let mut values = values.into_iter();
+    let mut next = || values.next().unwrap_or_default();
+    Ok(Fixes { row, pos_m: [next(), next(), next()], yaw_rad: Some(radians(next())), capture_t_s: next() })
+}
+
+fn read_attitude(table: &Table, columns: [&str; 3], yaw_name: &'static str, notes: &mut Vec<Note>) -> Result<[Vec<f64>; 3], LogError> {
+    let mut angles = table.triple(columns)?.map(radians);
+    unwrap(&mut angles[2], yaw_name, notes);
+    Ok(angles)
+}
+
+fn read_truth(table: &Table, notes: &mut Vec<Note>) -> Result<Option<Truth>, LogError> {
+    if !table.has(TRUTH[0]) {
+        return Ok(None);
+    }
+    let [roll_rad, pitch_rad, yaw_rad] = read_attitude(table, TRUE_ATTITUDE, "true yaw", notes)?;
+    Ok(Some(Truth { pos_m: table.triple(TRUE_POS)?, vel_mps: table.triple(TRUE_VEL)?, roll_rad, pitch_rad, yaw_rad }))
+}

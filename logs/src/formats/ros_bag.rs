@@ -1,0 +1,175 @@
+//! ROS 1 bags, format 2.0: records of named header fields and data, messages in chunks that may be compressed.
+//!
+//! Read here rather than by a crate: the one there is maps files by unsafe code, panics on a bag whose recorder was
+//! killed (its index position is 0), and allocates what a damaged header asks for.
+
+use std::collections::HashMap;
+
+use crate::bytes::{Bytes, unpack};
+use crate::message::{Encoding, Kind};
+use crate::topics::{Recorded, Topics};
+use crate::{Content, FlightLog, LogError, Note, Reader, ros};
+
+const MAGIC: &[u8] = b"#ROSBAG V2.0\n";
+/// Unpacked chunks of one bag; recorders write 768 KiB per chunk and a flight has a few MiB.
+const MOST_UNPACKED: u64 = 512 << 20;
+
+const OP_MESSAGE: u8 = 2;
+const OP_HEADER: u8 = 3;
+const OP_CHUNK: u8 = 5;
+const OP_CONNECTION: u8 = 7;
+
+/// The header fields of a record that are used.
+#[derive(Debug, Default)]
+struct Header<'a> {
+    op: u8,
+    connection: Option<u32>,
+    time_ns: Option<u64>,
+    topic: Option<&'a str>,
+    kind: Option<&'a str>,
+    compression: Option<&'a str>,
+    size: Option<u32>,
+}
+
+/// A record: its header fields and its data.
+fn record<'a>(bytes: &mut Bytes<'a>) -> Option<(Header<'a>, &'a [u8])> {
+    let header = header(bytes.block()?)?;
+    Some((header, bytes.block()?))
+}
+
+fn header(fields: &[u8]) -> Option<Header<'_>> {
+    let mut bytes = Bytes::new(fields);
+    let mut header = Header::default();
+    while bytes.left() > 0 {
+        let field = bytes.block()?;
+        let name_ends = field.iter().position(|byte| *byte == b'=')?;
+        let (name, value) = (&field[..name_ends], &field[name_ends + 1..]);
+        let mut number = Bytes::new(value);
+        match name {
+            b"op" => header.op = number.u8()?,
+            b"conn" => header.connection = number.u32(),
+            b"time" => header.time_ns = Some(u64::from(number.u32()?) * 1_000_000_000 + u64::from(number.u32()?)),
+            b"topic" => header.topic = std::str::from_utf8(value).ok(),
+            b"type" => header.kind = std::str::from_utf8(value).ok(),
+            b"compression" => header.compression = std::str::from_utf8(value).ok(),
+            b"size" => header.size = number.u32(),
+            _ => {}
+        }
+    }
+    Some(header)
+}
+
+pub(crate) struct RosBag;
+
+impl Reader for RosBag {
+    fn name(&self) -> &'static str {
+        "ros_bag"
+    }
+
+    fn title(&self) -> &'static str {
+        "a ROS 1 bag"
+    }
+
+    fn share(&self, content: &Content<'_>) -> f64 {
+        content.magic_share(MAGIC)
+    }
+
+    fn read(&self, content: &Content<'_>, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
+        let topics = topics(content.file, content.bytes, &mut notes)?;
+        ros::read(self.name(), content.file, &topics, notes)
+    }
+}
+
+/// The messages of a bag, by topic. What is cut off or damaged after the first record ends the reading with a note.
+fn topics(file: &str, data: &[u8], notes: &mut Vec<Note>) -> Result<Topics, LogError> {
+    let mut bytes = Bytes::new(data);
+    let bad = |bytes: &Bytes<'_>, expected| LogError::BadBinary { file: file.to_owned(), byte: bytes.at(), expected };
+    bytes.take(MAGIC.len());
+    let mut bag = Bag { file, connections: HashMap::new(), topics: Topics::default(), unpacked: 0 };
+    if record(&mut bytes).is_none_or(|(header, _)| header.op != OP_HEADER) {
+        return Err(bad(&bytes, "the header record of a bag"));
+    }
+    while bytes.left() > 0 {
+        let start = bytes.at();
+        let reason = match record(&mut bytes) {
+            None => {
+                bag.cut_chunk(&data[start..])?;
+                Some("the last record is not whole")
+            }
+            Some((header, data)) if header.op == OP_CHUNK => bag.chunk(&header, data)?,
+            Some((header, data)) => bag.take(&header, data),
+        };
+        if let Some(reason) = reason {
+            notes.push(Note::CutShort { byte: start, kept: bag.topics.messages(), unit: "messages", reason: reason.to_owned() });
+            break;
+        }
+    }
+    Ok(bag.topics)
+}
+
+/// A bag while it is read.
+struct Bag<'f> {
+    file: &'f str,
+    /// Topic and message type by connection.
+    connections: HashMap<u32, (String, String)>,
+    topics: Topics,
+    unpacked: u64,
+}
+
+impl Bag<'_> {
+    /// Takes what there is of a chunk that is cut off.
+    fn cut_chunk(&mut self, data: &[u8]) -> Result<(), LogError> {
+        let mut bytes = Bytes::new(data);
+        let header = bytes.block().and_then(header).filter(|header| header.op == OP_CHUNK);
+        if let (Some(header), Some(_length)) = (header, bytes.u32()) {
+            self.chunk(&header, bytes.rest())?;
+        }
+        Ok(())
+    }
+
+    /// Takes the records of a chunk. Returns why the reading has to end here, if so.
+    fn chunk(&mut self, header: &Header<'_>, data: &[u8]) -> Result<Option<&'static str>, LogError> {
+        let left = MOST_UNPACKED - self.unpacked;
+        let (unpacked, is_whole) = match header.compression {
+            Some("none") => (data.to_vec(), true),
+            Some("lz4") => unpack(lz4::Decoder::new(data), left),
+            Some("bz2") => unpack(Ok(bzip2::read::BzDecoder::new(data)), left),
+            _ => return Ok(Some("a chunk is compressed by something else than lz4 or bz2")),
+        };
+        self.unpacked += unpacked.len() as u64;
+        if self.unpacked >= MOST_UNPACKED {
+            return Err(LogError::TooLarge { file: self.file.to_owned(), limit_mib: MOST_UNPACKED >> 20 });
+        }
+        let mut bytes = Bytes::new(&unpacked);
+        while bytes.left() > 0 {
+            let Some((header, data)) = record(&mut bytes) else { return Ok(Some("a record in a chunk is not whole")) };
+            if let Some(reason) = self.take(&header, data) {
+                return Ok(Some(reason));
+            }
+        }
+        let short = !is_whole || header.size.is_some_and(|size| size as usize != unpacked.len());
+        Ok(short.then_some("a chunk is not as long as it says"))
+    }
+
+    /// Takes a connection or a message. Returns why the reading has to end here, if so.
+    fn take(&mut self, header: &Header<'_>, data: &[u8]) -> Option<&'static str> {
+        match (header.op, header.connection) {
+            (OP_CONNECTION, Some(id)) => {
+                // The data repeats the topic as the publisher named it, and holds the type.
+                let Some(inner) = self::header(data) else { return Some("a connection is damaged") };
+                let topic = header.topic.or(inner.topic).unwrap_or_default().to_owned();
+                self.connections.insert(id, (topic, inner.kind.unwrap_or_default().to_owned()));
+            }
+            (OP_MESSAGE, Some(id)) => {
+                let Some(((topic, kind), recorded_ns)) = self.connections.get(&id).zip(header.time_ns) else {
+                    return Some("a message belongs to no connection");
+                };
+                self.topics.add(topic, kind, Recorded { recorded_ns, data }, Kind::named(kind).map(|kind| (kind, Encoding::Ros1)));
+            }
+            (OP_CONNECTION | OP_MESSAGE, None) => return Some("a record names no connection"),
+            // Index and chunk information repeat what the chunks hold.
+            _ => {}
+        }
+        None
+    }
+}

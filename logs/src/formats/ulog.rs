@@ -1,0 +1,405 @@
+//! ULog, the log format of PX4: definitions of messages, subscriptions, and data, little endian.
+//!
+//! Written down at <https://docs.px4.io/main/en/dev_log/ulog_file_format.html>. PX4's world is NED (x north, y east, z down),
+//! its body FRD: both are turned by half a turn about x.
+
+use std::collections::HashMap;
+
+use crate::attitude::Rotation;
+use crate::bytes::Bytes;
+use crate::channels::{Channels, Facts};
+use crate::series::Series;
+use crate::{Content, FlightLog, LogError, Note, PositionSource, Reader};
+
+const MAGIC: &[u8] = b"ULog\x01\x12\x35";
+/// Magic, version and start time.
+const HEADER_BYTES: usize = 16;
+/// Formats nest three deep at most; a damaged one may name itself.
+const DEEPEST: usize = 8;
+/// PX4's largest message has a few hundred fields.
+const MOST_FIELDS: usize = 4096;
+/// Beyond this no field of a flight makes sense.
+const LARGEST: f64 = 1e12;
+/// Incompatible flag bits that are understood: data appended at the end, which holds no flight.
+const KNOWN_INCOMPATIBLE: u8 = 1;
+
+pub(crate) struct ULog;
+
+impl Reader for ULog {
+    fn name(&self) -> &'static str {
+        "ulog"
+    }
+
+    fn title(&self) -> &'static str {
+        "a ULog of PX4"
+    }
+
+    fn share(&self, content: &Content<'_>) -> f64 {
+        content.magic_share(MAGIC)
+    }
+
+    fn read(&self, content: &Content<'_>, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
+        let recording = Recording::read(content.file, content.bytes, &mut notes)?;
+        let outside = OUTSIDE.iter().find(|fields| recording.has(&fields[0]));
+        let position = if outside.is_some() { PositionSource::MotionCapture } else { PositionSource::Estimate };
+        let mut series = recording.channels(outside.copied().unwrap_or(ESTIMATE), &mut notes);
+        if outside.is_none() {
+            notes.push(Note::PositionEstimated);
+        }
+        let start_s = series.iter().filter_map(|s| s.t_s.first().copied()).fold(f64::INFINITY, f64::min);
+        if !start_s.is_finite() {
+            let missing = "topics of a flight (vehicle_local_position, vehicle_attitude)";
+            return Err(LogError::MissingSignals { file: content.file.to_owned(), missing, found: recording.names() });
+        }
+        notes.push(Note::TimeShifted { start_s });
+        series.iter_mut().flat_map(|s| &mut s.t_s).for_each(|t| *t -= start_s);
+        let longest = series.iter().max_by_key(|s| s.t_s.len()).map_or(Vec::new(), |s| s.t_s.clone());
+        let facts = Facts { position: Some(position), ..Facts::default() };
+        Ok(Channels::new(series, || longest).flight(self.name(), &facts, notes))
+    }
+}
+
+/// A field of a topic as a channel of a mapping file, and the factor between them.
+#[derive(Debug, Clone, Copy)]
+struct Field {
+    topic: &'static str,
+    field: &'static str,
+    channel: &'static str,
+    factor: f64,
+}
+
+const fn field(topic: &'static str, field: &'static str, channel: &'static str, factor: f64) -> Field {
+    Field { topic, field, channel, factor }
+}
+
+const fn position(topic: &'static str, names: [&'static str; 3]) -> [Field; 3] {
+    [field(topic, names[0], "x", 1.0), field(topic, names[1], "y", -1.0), field(topic, names[2], "z", -1.0)]
+}
+
+/// Positions that a system outside sent, the best first.
+const OUTSIDE: [[Field; 3]; 3] = [
+    position("vehicle_mocap_odometry", ["position[0]", "position[1]", "position[2]"]),
+    position("vehicle_visual_odometry", ["position[0]", "position[1]", "position[2]"]),
+    position("vehicle_mocap_odometry", ["x", "y", "z"]),
+];
+const ESTIMATE: [Field; 3] = position("vehicle_local_position", ["x", "y", "z"]);
+/// All other channels; of several fields for one channel the first that is logged counts. Thrust and motors are shares.
+const FIELDS: [Field; 36] = [
+    field("vehicle_local_position", "x", "estimate_x", 1.0),
+    field("vehicle_local_position", "y", "estimate_y", -1.0),
+    field("vehicle_local_position", "z", "estimate_z", -1.0),
+    field("vehicle_local_position", "vx", "estimate_vx", 1.0),
+    field("vehicle_local_position", "vy", "estimate_vy", -1.0),
+    field("vehicle_local_position", "vz", "estimate_vz", -1.0),
+    field("vehicle_attitude", "q[0]", "qw", 1.0),
+    field("vehicle_attitude", "q[1]", "qx", 1.0),
+    field("vehicle_attitude", "q[2]", "qy", -1.0),
+    field("vehicle_attitude", "q[3]", "qz", -1.0),
+    field("vehicle_angular_velocity", "xyz[0]", "gyro_x", 1.0),
+    field("vehicle_angular_velocity", "xyz[1]", "gyro_y", -1.0),
+    field("vehicle_angular_velocity", "xyz[2]", "gyro_z", -1.0),
+    field("sensor_combined", "gyro_rad[0]", "gyro_x", 1.0),
+    field("sensor_combined", "gyro_rad[1]", "gyro_y", -1.0),
+    field("sensor_combined", "gyro_rad[2]", "gyro_z", -1.0),
+    field("vehicle_acceleration", "xyz[0]", "acc_x", 1.0),
+    field("vehicle_acceleration", "xyz[1]", "acc_y", -1.0),
+    field("vehicle_acceleration", "xyz[2]", "acc_z", -1.0),
+    field("sensor_combined", "accelerometer_m_s2[0]", "acc_x", 1.0),
+    field("sensor_combined", "accelerometer_m_s2[1]", "acc_y", -1.0),
+    field("sensor_combined", "accelerometer_m_s2[2]", "acc_z", -1.0),
+    field("vehicle_attitude_setpoint", "roll_body", "cmd_roll", 1.0),
+    field("vehicle_attitude_setpoint", "pitch_body", "cmd_pitch", -1.0),
+    // Clockwise from above in both.
+    field("vehicle_attitude_setpoint", "yaw_sp_move_rate", "cmd_yaw_rate", 1.0),
+    field("vehicle_attitude_setpoint", "thrust_body[2]", "cmd_thrust", -65_535.0),
+    field("vehicle_attitude_setpoint", "thrust", "cmd_thrust", 65_535.0),
+    field("vehicle_local_position_setpoint", "x", "setpoint_x", 1.0),
+    field("vehicle_local_position_setpoint", "y", "setpoint_y", -1.0),
+    field("vehicle_local_position_setpoint", "z", "setpoint_z", -1.0),
+    field("vehicle_local_position_setpoint", "yaw", "setpoint_yaw", -1.0),
+    field("actuator_motors", "control[0]", "motor_1", 65_535.0),
+    field("actuator_motors", "control[1]", "motor_2", 65_535.0),
+    field("actuator_motors", "control[2]", "motor_3", 65_535.0),
+    field("actuator_motors", "control[3]", "motor_4", 65_535.0),
+    field("battery_status", "voltage_v", "vbat", 1.0),
+];
+/// The set-point of newer versions, a quaternion.
+const WANTED_ROTATION: [&str; 4] = ["q_d[1]", "q_d[2]", "q_d[3]", "q_d[0]"];
+
+/// A number type of the format.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Type {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    I64,
+    U64,
+    F32,
+    F64,
+}
+
+impl Type {
+    fn named(name: &str) -> Option<Self> {
+        Some(match name {
+            "int8_t" => Self::I8,
+            "uint8_t" | "bool" | "char" => Self::U8,
+            "int16_t" => Self::I16,
+            "uint16_t" => Self::U16,
+            "int32_t" => Self::I32,
+            "uint32_t" => Self::U32,
+            "int64_t" => Self::I64,
+            "uint64_t" => Self::U64,
+            "float" => Self::F32,
+            "double" => Self::F64,
+            _ => return None,
+        })
+    }
+
+    fn bytes(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::I32 | Self::U32 | Self::F32 => 4,
+            Self::I64 | Self::U64 | Self::F64 => 8,
+        }
+    }
+
+    fn read(self, data: &[u8]) -> Option<f64> {
+        let mut bytes = Bytes::new(data);
+        Some(match self {
+            Self::I8 => f64::from(bytes.u8()?.cast_signed()),
+            Self::U8 => f64::from(bytes.u8()?),
+            Self::I16 => f64::from(bytes.u16()?.cast_signed()),
+            Self::U16 => f64::from(bytes.u16()?),
+            Self::I32 => f64::from(bytes.u32()?.cast_signed()),
+            Self::U32 => f64::from(bytes.u32()?),
+            Self::I64 => bytes.u64()?.cast_signed() as f64,
+            Self::U64 => bytes.u64()? as f64,
+            Self::F32 => f64::from(bytes.f32()?),
+            Self::F64 => bytes.f64()?,
+        })
+    }
+}
+
+/// A field's place in the data of its message.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Slot {
+    path: String,
+    of: Type,
+    at: usize,
+}
+
+/// The data of one topic.
+#[derive(Debug)]
+struct Topic {
+    name: String,
+    slots: Vec<Slot>,
+    t_s: Vec<f64>,
+    /// The slots' values, one row per message.
+    rows: Vec<Vec<f64>>,
+}
+
+/// All topics of a file that a flight may need.
+struct Recording {
+    topics: Vec<Topic>,
+    unread: Vec<String>,
+}
+
+impl Recording {
+    fn read(file: &str, data: &[u8], notes: &mut Vec<Note>) -> Result<Self, LogError> {
+        let mut bytes = Bytes::new(data);
+        let bad = |byte, expected| LogError::BadBinary { file: file.to_owned(), byte, expected };
+        bytes.take(HEADER_BYTES).ok_or_else(|| bad(0, "the 16 bytes of a ULog header"))?;
+        let mut formats: HashMap<String, String> = HashMap::new();
+        let mut by_id: HashMap<u16, usize> = HashMap::new();
+        let mut recording = Self { topics: Vec::new(), unread: Vec::new() };
+        let mut kept = 0;
+        while bytes.left() > 0 {
+            let start = bytes.at();
+            let Some((kind, body)) = message(&mut bytes) else {
+                notes.push(cut(start, kept, "the last message is not whole"));
+                break;
+            };
+            let taken = match kind {
+                b'B' if body.get(8).is_none_or(|flags| flags & !KNOWN_INCOMPATIBLE != 0) => {
+                    return Err(bad(start, "flag bits of a known version of ULog"));
+                }
+                b'F' => define(&mut formats, body),
+                b'A' => recording.subscribe(&formats, &mut by_id, body),
+                b'D' => recording.take(&by_id, body).inspect(|()| kept += 1),
+                _ => Some(()),
+            };
+            if taken.is_none() {
+                notes.push(cut(start, kept, "a message is damaged"));
+                break;
+            }
+        }
+        Ok(recording)
+    }
+
+    /// Takes a subscription: a topic, if a flight needs it; only its first instance counts.
+    fn subscribe(&mut self, formats: &HashMap<String, String>, by_id: &mut HashMap<u16, usize>, body: &[u8]) -> Option<()> {
+        let mut bytes = Bytes::new(body);
+        let (instance, id) = (bytes.u8()?, bytes.u16()?);
+        let name = std::str::from_utf8(bytes.rest()).ok()?;
+        if instance > 0 || !is_needed(name) {
+            if self.unread.len() < 100 && !self.unread.iter().any(|known| known == name) {
+                self.unread.push(name.to_owned());
+            }
+            return Some(());
+        }
+        let mut layout = Layout { formats, slots: Vec::new(), at: 0 };
+        layout.expand(name, "", 0)?;
+        if layout.slots.first().is_none_or(|slot| slot.path != "timestamp") {
+            return None;
+        }
+        let known = self.topics.iter().position(|topic| topic.name == name);
+        let at = known.unwrap_or_else(|| {
+            self.topics.push(Topic { name: name.to_owned(), slots: layout.slots, t_s: Vec::new(), rows: Vec::new() });
+            self.topics.len() - 1
+        });
+        by_id.insert(id, at);
+        Some(())
+    }
+
+    /// Takes the data of a message.
+    fn take(&mut self, by_id: &HashMap<u16, usize>, body: &[u8]) -> Option<()> {
+        let mut bytes = Bytes::new(body);
+        let id = bytes.u16()?;
+        let Some(topic) = by_id.get(&id).and_then(|at| self.topics.get_mut(*at)) else { return Some(()) };
+        let data = bytes.rest();
+        let read = |slot: &Slot| data.get(slot.at..).and_then(|data| slot.of.read(data));
+        // Padding at the end of a message is not written.
+        let values: Vec<f64> = topic.slots.iter().map(|slot| read(slot).unwrap_or(f64::NAN)).collect();
+        topic.t_s.push(values[0] * 1e-6);
+        topic.rows.push(values);
+        Some(())
+    }
+
+    fn topic(&self, name: &str) -> Option<&Topic> {
+        self.topics.iter().find(|topic| topic.name == name && !topic.t_s.is_empty())
+    }
+
+    fn has(&self, field: &Field) -> bool {
+        self.topic(field.topic).is_some_and(|topic| topic.slots.iter().any(|slot| slot.path == field.field))
+    }
+
+    fn names(&self) -> String {
+        let read = self.topics.iter().map(|topic| topic.name.clone());
+        read.chain(self.unread.iter().cloned()).collect::<Vec<_>>().join(", ").chars().take(300).collect()
+    }
+
+    /// The channels of a flight, each with its times.
+    fn channels(&self, position: [Field; 3], notes: &mut Vec<Note>) -> Vec<Series> {
+        let mut all: Vec<Series> = Vec::new();
+        for field in position.iter().chain(&FIELDS) {
+            let known = all.iter().any(|series| series.name == field.channel);
+            if let Some(series) = (!known).then(|| self.series(field, notes)).flatten() {
+                all.push(series);
+            }
+        }
+        if !all.iter().any(|series| series.name == "cmd_roll") {
+            all.extend(self.wanted_tilt(notes));
+        }
+        let shares: Vec<&Series> = all.iter().filter(|s| s.name == "cmd_thrust" || s.name.starts_with("motor")).collect();
+        for series in shares {
+            notes.push(Note::ScaledToPwm { channel: series.name.clone(), unit: "fraction".to_owned() });
+        }
+        all
+    }
+
+    /// The finite values of a field; set-points that are not in force are NaN.
+    fn series(&self, field: &Field, notes: &mut Vec<Note>) -> Option<Series> {
+        let topic = self.topic(field.topic)?;
+        let at = topic.slots.iter().position(|slot| slot.path == field.field)?;
+        let is_pwm = field.factor.abs() == 65_535.0;
+        let limited = |value: f64| if is_pwm { value.clamp(0.0, 65_535.0) } else { value };
+        let values = topic.t_s.iter().zip(&topic.rows).map(|(t, row)| (*t, limited(row[at] * field.factor)));
+        let (t_s, values) = values.filter(|(t, value)| value.abs() <= LARGEST && t.abs() <= LARGEST).unzip();
+        let series = Series { name: field.channel.to_owned(), t_s, values }.in_order(notes);
+        (!series.t_s.is_empty()).then_some(series)
+    }
+
+    /// Roll and pitch commands out of the set-point's quaternion.
+    fn wanted_tilt(&self, notes: &mut Vec<Note>) -> Vec<Series> {
+        let parts = WANTED_ROTATION.map(|name| {
+            let topic = self.topic("vehicle_attitude_setpoint")?;
+            let at = topic.slots.iter().position(|slot| slot.path == name)?;
+            Some((topic, at))
+        });
+        let [Some((topic, x)), Some((_, y)), Some((_, z)), Some((_, w))] = parts else { return Vec::new() };
+        let [mut roll, mut pitch] = ["cmd_roll", "cmd_pitch"].map(|name| Series { name: name.into(), t_s: Vec::new(), values: Vec::new() });
+        for (t_s, row) in topic.t_s.iter().zip(&topic.rows) {
+            let Some(rotation) = Rotation::from_xyzw([row[x], -row[y], -row[z], row[w]]) else { continue };
+            let [r, p, _] = rotation.angles();
+            for (series, value) in [(&mut roll, r), (&mut pitch, p)] {
+                series.t_s.push(*t_s);
+                series.values.push(value);
+            }
+        }
+        [roll, pitch].into_iter().filter(|s| !s.t_s.is_empty()).map(|s| s.in_order(notes)).collect()
+    }
+}
+
+fn cut(byte: usize, kept: usize, reason: &str) -> Note {
+    Note::CutShort { byte, kept, unit: "messages", reason: reason.to_owned() }
+}
+
+/// Type and body of a message; `None` if it is not whole.
+fn message<'a>(bytes: &mut Bytes<'a>) -> Option<(u8, &'a [u8])> {
+    let (length, kind) = (bytes.u16()?, bytes.u8()?);
+    Some((kind, bytes.take(usize::from(length))?))
+}
+
+/// Takes a definition, `name:type field;type field;`.
+fn define(formats: &mut HashMap<String, String>, body: &[u8]) -> Option<()> {
+    let (name, fields) = std::str::from_utf8(body).ok()?.split_once(':')?;
+    formats.insert(name.to_owned(), fields.to_owned());
+    Some(())
+}
+
+fn is_needed(topic: &str) -> bool {
+    FIELDS.iter().chain(OUTSIDE.iter().flatten()).chain(&ESTIMATE).any(|field| field.topic == topic)
+}
+
+/// The fields of a format while they are laid out.
+struct Layout<'a> {
+    formats: &'a HashMap<String, String>,
+    slots: Vec<Slot>,
+    at: usize,
+}
+
+impl Layout<'_> {
+    /// Adds the fields of a format behind those that are there; `None` for what is no format.
+    fn expand(&mut self, format: &str, prefix: &str, depth: usize) -> Option<()> {
+        if depth > DEEPEST {
+            return None;
+        }
+        let fields = self.formats.get(format)?;
+        for field in fields.split(';').filter(|field| !field.is_empty()) {
+            let (type_name, name) = field.split_once(' ')?;
+            let (type_name, count) = match type_name.split_once('[') {
+                Some((of, count)) => (of, Some(count.strip_suffix(']')?.parse::<usize>().ok()?)),
+                None => (type_name, None),
+            };
+            for i in 0..count.unwrap_or(1) {
+                let index = count.map_or(String::new(), |_| format!("[{i}]"));
+                let path = format!("{prefix}{name}{index}");
+                match Type::named(type_name) {
+                    Some(of) => {
+                        self.slots.push(Slot { path, of, at: self.at });
+                        self.at += of.bytes();
+                    }
+                    None => self.expand(type_name, &format!("{path}."), depth + 1)?,
+                }
+                if self.slots.len() > MOST_FIELDS {
+                    return None;
+                }
+            }
+        }
+        Some(())
+    }
+}

@@ -1,0 +1,51 @@
+//! Commands of the program, and what of a log each lacks.
+
+use serde::Serialize;
+
+use crate::{AttitudeSource, FlightLog, PositionSource};
+
+/// Fewer fixes or shorter flights say nothing of a motion.
+const LEAST_FIXES: usize = 5;
+const SHORTEST_S: f64 = 5.0;
+
+/// One command and whether the log suffices for it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Need {
+    pub command: &'static str,
+    /// What is missing; nothing if the log suffices.
+    pub missing: Vec<&'static str>,
+    /// What is there but weak.
+    pub weak: Vec<&'static str>,
+}
+
+pub(super) fn needs(log: &FlightLog) -> Vec<Need> {
+    let flown_s = match (log.t_s.get(log.airborne.start), log.airborne.end.checked_sub(1).and_then(|row| log.t_s.get(row))) {
+        (Some(from), Some(to)) if !log.airborne.is_empty() => to - from,
+        _ => 0.0,
+    };
+    let onboard = log.onboard.as_ref();
+    let requests = onboard.is_some_and(|onboard| onboard.motor_request_pwm.is_some());
+    let motors = onboard.is_some_and(|onboard| onboard.motor_pwm.is_some() || onboard.rotor_radps.is_some());
+    let no_position = (log.fixes.row.len() < LEAST_FIXES, "position (x, y, z)");
+    let no_tilt_command = (log.cmd_roll_rad.is_none() || log.cmd_pitch_rad.is_none(), "roll and pitch commands");
+    let no_lift_command = (log.cmd_thrust_pwm.is_none() && log.cmd_height_m.is_none(), "a thrust or height command");
+    let never_flies = (flown_s < SHORTEST_S, "five seconds of flight");
+    let commanded = [no_position, no_tilt_command, no_lift_command, never_flies];
+    let derived = (log.provenance.attitude == AttitudeSource::Motion, "attitude is derived from the motion");
+    let estimated = (log.provenance.position == PositionSource::Estimate, "position is the vehicle's own estimate");
+    let no_yaw = (log.cmd_yaw_rate_radps.is_none(), "no yaw-rate command: yaw follows the measurement");
+    let no_voltage = (log.vbat_v.is_none(), "no battery voltage: a sagging battery looks like lost thrust");
+    let no_motors = (!motors && !requests, "no motors: a motor's fault cannot be told from the body's");
+    let weak = [derived, estimated, no_yaw, no_voltage, no_motors];
+    let of = |command, lacks: &[(bool, &'static str)], weak: &[(bool, &'static str)]| {
+        let named = |list: &[(bool, &'static str)]| list.iter().filter(|(is, _)| *is).map(|(_, text)| *text).collect();
+        Need { command, missing: named(lacks), weak: named(weak) }
+    };
+    let no_requests = (!requests, "motor requests before battery compensation (motors beside pwm, or the mixer's inputs)");
+    vec![
+        of("replay", &commanded, &weak[..3]),
+        of("identify", &commanded, &weak[..4]),
+        of("explain", &commanded, &weak),
+        of("diagnose", &[no_requests, never_flies], &[no_voltage]),
+    ]
+}

@@ -1,0 +1,174 @@
+//! Sign checks out of the data: does the vehicle do what the signs of the log say?
+
+use serde::Serialize;
+
+use crate::align::correlation;
+use crate::series::{Between, Series};
+use crate::signal::{acceleration_over, centred_mean};
+use crate::{AttitudeSource, FlightLog};
+
+/// Both sides are averaged over this: the camera's noise of 5 mm is then 0.1 m/s2 of acceleration.
+const AVERAGED_S: f64 = 0.5;
+/// Beyond this correlation a sign is taken for seen. Of wrong axes of the shared recordings none had more than 0.2.
+const SEEN: f64 = 0.35;
+/// Loops and lags of a small vehicle answer within this time.
+const LONGEST_LAG_S: f64 = 0.4;
+const LAGS: usize = 9;
+const LEAST_ROWS: usize = 50;
+/// Without so much spread there is nothing to see: half a degree, and 0.03 rad/s.
+const LEAST_RMS: f64 = 0.009;
+
+/// The outcome of a check.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SignVerdict {
+    Agrees,
+    Contradicts,
+    /// The flight moves too little, or something else moves the vehicle.
+    NotSeen,
+}
+
+/// One check of a sign.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SignCheck {
+    /// The expectation in words.
+    pub expectation: &'static str,
+    /// The channel whose sign is wrong if the data contradicts.
+    pub channel: &'static str,
+    pub correlation: f64,
+    /// Expected side per unit of the channel, by least squares.
+    pub slope: f64,
+    pub verdict: SignVerdict,
+}
+
+/// All checks that the channels of a log allow.
+pub(super) fn checks(log: &FlightLog) -> Vec<SignCheck> {
+    let rows = log.airborne.clone();
+    if rows.len() < LEAST_ROWS {
+        return Vec::new();
+    }
+    let view = View { log, t_s: &log.t_s[rows.clone()] };
+    let part = |values: &[f64]| values[rows.clone()].to_vec();
+    let [roll, pitch, yaw] = [&log.roll_rad, &log.pitch_rad, &log.yaw_rad].map(|values| part(values));
+    let mut checks = Vec::new();
+    let acceleration = view.acceleration(&yaw);
+    let measured = log.provenance.attitude != AttitudeSource::Motion;
+    if let Some([forward, left, up]) = &acceleration {
+        if measured {
+            checks.push(view.smooth("+pitch accelerates forward (+x at yaw 0)", "pitch", &pitch, forward));
+            checks.push(view.smooth("+roll accelerates to the right (-y at yaw 0)", "roll", &negated(&roll), left));
+        }
+        if let Some(thrust) = &log.cmd_thrust_pwm {
+            checks.push(view.lagged("more thrust accelerates upwards", "cmd_thrust", &part(thrust), up));
+        }
+    }
+    let commands = [
+        ("roll follows its command", "cmd_roll", &log.cmd_roll_rad, &roll),
+        ("pitch follows its command", "cmd_pitch", &log.cmd_pitch_rad, &pitch),
+    ];
+    for (expectation, channel, command, angle) in commands {
+        checks.extend(command.as_ref().filter(|_| measured).map(|command| view.lagged(expectation, channel, &part(command), angle)));
+    }
+    let rates = [&roll, &pitch, &yaw].map(|angle| view.slopes(angle));
+    if let Some(command) = &log.cmd_yaw_rate_radps {
+        let turned = negated(&part(command));
+        checks.push(view.lagged("the yaw rate follows its command (+ turns clockwise)", "cmd_yaw_rate", &turned, &rates[2]));
+    }
+    if let Some(gyro) = log.gyro_radps.as_ref().filter(|_| measured) {
+        let names = [
+            ("the gyro's x is the slope of roll", "gyro_x"),
+            ("the gyro's y is the slope of pitch", "gyro_y"),
+            ("the gyro's z is the slope of yaw", "gyro_z"),
+        ];
+        for ((expectation, channel), (gyro, rate)) in names.into_iter().zip(gyro.iter().zip(&rates)) {
+            checks.push(view.smooth(expectation, channel, &part(gyro), rate));
+        }
+    }
+    if let Some([_, _, z]) = &log.acc_mps2 {
+        let mean = part(z).iter().sum::<f64>() / rows.len() as f64;
+        let verdict = if mean > 0.0 { SignVerdict::Agrees } else { SignVerdict::Contradicts };
+        let expectation = "the accelerometer's z is about +9.81 m/s2 in flight";
+        checks.push(SignCheck { expectation, channel: "acc_z", correlation: 1.0_f64.copysign(mean), slope: mean / 9.806_65, verdict });
+    }
+    checks
+}
+
+/// The rows of the flight.
+struct View<'a> {
+    log: &'a FlightLog,
+    t_s: &'a [f64],
+}
+
+impl View<'_> {
+    /// Acceleration forward, to the left and up, from the fixes.
+    fn acceleration(&self, yaw_rad: &[f64]) -> Option<[Vec<f64>; 3]> {
+        let fixes = &self.log.fixes;
+        let mut order: Vec<usize> = (0..fixes.row.len()).collect();
+        order.sort_by(|a, b| fixes.capture_t_s[*a].total_cmp(&fixes.capture_t_s[*b]));
+        order.dedup_by(|later, earlier| fixes.capture_t_s[*later] == fixes.capture_t_s[*earlier]);
+        if order.len() < LEAST_ROWS {
+            return None;
+        }
+        let t_s: Vec<f64> = order.iter().map(|at| fixes.capture_t_s[*at]).collect();
+        let pos_m = fixes.pos_m.each_ref().map(|axis| order.iter().map(|at| axis[*at]).collect::<Vec<f64>>());
+        let world = acceleration_over(&t_s, &pos_m, 0.5 * AVERAGED_S).map(|values| {
+            let series = Series { name: String::new(), t_s: t_s.clone(), values };
+            series.at(self.t_s, Between::Line, None)
+        });
+        let turned = |row: usize| {
+            let (sin, cos) = yaw_rad[row].sin_cos();
+            [world[0][row] * cos + world[1][row] * sin, world[1][row] * cos - world[0][row] * sin]
+        };
+        let [forward, left] = [0, 1].map(|axis| (0..self.t_s.len()).map(|row| turned(row)[axis]).collect());
+        Some([forward, left, world[2].clone()])
+    }
+
+    fn slopes(&self, angle_rad: &[f64]) -> Vec<f64> {
+        let mean = centred_mean(self.t_s, angle_rad, 0.1);
+        let last = mean.len() - 1;
+        let slope = |i: usize| {
+            let (a, b) = (i.saturating_sub(1), (i + 1).min(last));
+            (mean[b] - mean[a]) / (self.t_s[b] - self.t_s[a])
+        };
+        (0..=last).map(slope).collect()
+    }
+
+    /// A check of two channels that go together, both averaged.
+    fn smooth(&self, expectation: &'static str, channel: &'static str, of: &[f64], expected: &[f64]) -> SignCheck {
+        let [of, expected] = [of, expected].map(|values| centred_mean(self.t_s, values, AVERAGED_S));
+        judged(expectation, channel, &of, &expected)
+    }
+
+    /// A check of a command and its answer, which comes later: at the lag of the largest correlation.
+    fn lagged(&self, expectation: &'static str, channel: &'static str, command: &[f64], answer: &[f64]) -> SignCheck {
+        let series = Series { name: String::new(), t_s: self.t_s.to_vec(), values: answer.to_vec() };
+        let checks = (0..LAGS).map(|lag| {
+            let later_s = LONGEST_LAG_S * lag as f64 / (LAGS - 1) as f64;
+            let times: Vec<f64> = self.t_s.iter().map(|t| t + later_s).collect();
+            self.smooth(expectation, channel, command, &series.at(&times, Between::Line, None))
+        });
+        let first = self.smooth(expectation, channel, command, answer);
+        checks.fold(first, |best, next| if next.correlation.abs() > best.correlation.abs() { next } else { best })
+    }
+}
+
+fn judged(expectation: &'static str, channel: &'static str, of: &[f64], expected: &[f64]) -> SignCheck {
+    let correlation = correlation(of, expected);
+    let spread = |values: &[f64]| {
+        let mean = values.iter().sum::<f64>() / values.len() as f64;
+        (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / values.len() as f64).sqrt()
+    };
+    let (moved, answered) = (spread(of), spread(expected));
+    let slope = if moved > 0.0 { correlation * answered / moved } else { 0.0 };
+    let verdict = match correlation {
+        _ if moved < LEAST_RMS || answered < LEAST_RMS => SignVerdict::NotSeen,
+        r if r > SEEN => SignVerdict::Agrees,
+        r if r < -SEEN => SignVerdict::Contradicts,
+        _ => SignVerdict::NotSeen,
+    };
+    SignCheck { expectation, channel, correlation, slope, verdict }
+}
+
+fn negated(values: &[f64]) -> Vec<f64> {
+    values.iter().map(|v| -v).collect()
+}

@@ -1,0 +1,45 @@
+//! Flight logs: one structure, many file formats.
+//!
+//! [`FlightLog`] is the one shape every later step reads, whatever file the flight came from: SI units and
+//! radians, a right-handed frame with z up, +pitch accelerating to +x and +roll to -y. [`readers`] lists the formats;
+//! callers ask a log for facts ([`Provenance`], which channels are there), never for its format.
+#![forbid(unsafe_code)]
+
+mod align;
+mod attitude;
+mod bytes;
+mod channels;
+mod columns;
+pub mod draft;
+mod error;
+mod firmware;
+mod flight;
+mod formats;
+pub mod inspect;
+mod mapping;
+mod marker;
+mod mcap_write;
+mod message;
+mod note;
+mod provenance;
+mod radio;
+mod reader;
+mod ros;
+mod samples;
+mod series;
+mod signal;
+mod skew;
+mod table;
+mod text;
+mod times;
+mod topics;
+mod usd;
+mod write;
+
+pub use error::{LogError, MissingColumn};
+pub use flight::{Fixes, FlightLog, Onboard, Truth};
+pub use formats::readers;
+pub use mapping::Mapping;
+pub use note::Note;
+pub use provenance::{AttitudeSource, PositionSource, Provenance};
+pub use reader::{Content, Reader};

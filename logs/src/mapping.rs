@@ -1,0 +1,362 @@
+//! Mapping files: which column of an unknown CSV is which channel of a flight, in which unit, sign and frame.
+//!
+//! ```toml
+//! frame = "z-up"                # or "ned" (x forward, z down), or "crazyflie" (the firmware's signs)
+//! position = "motion_capture"   # or "camera", "estimate"
+//! [time]
+//! column = "stamp"
+//! unit = "ms"
+//! [channels]
+//! x = { column = "px", unit = "mm" }
+//! cmd_pitch = { column = "theta_ref", unit = "deg", sign = -1 }
+//! ```
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+use toml::Spanned;
+
+use crate::columns::closest;
+use crate::times::{TIME_UNITS, TimeUnit};
+use crate::{AttitudeSource, LogError, PositionSource, text};
+
+/// A physical quantity, with the units in which it may be logged and their factors to ours.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Quantity {
+    Length,
+    Speed,
+    Angle,
+    Rate,
+    Acceleration,
+    Pwm,
+    Voltage,
+    Number,
+    Time,
+}
+
+const G_MPS2: f64 = 9.80665;
+const RPM_RADPS: f64 = std::f64::consts::TAU / 60.0;
+const DEG_RAD: f64 = std::f64::consts::PI / 180.0;
+
+impl Quantity {
+    /// Names of the units and their factors; the first is ours.
+    pub(crate) fn units(self) -> &'static [(&'static str, f64)] {
+        match self {
+            Self::Length => &[("m", 1.0), ("cm", 1e-2), ("mm", 1e-3)],
+            Self::Speed => &[("m/s", 1.0), ("cm/s", 1e-2), ("mm/s", 1e-3)],
+            Self::Angle => &[("rad", 1.0), ("deg", DEG_RAD), ("mrad", 1e-3), ("centideg", 1e-2 * DEG_RAD)],
+            Self::Rate => &[("rad/s", 1.0), ("deg/s", DEG_RAD), ("mrad/s", 1e-3), ("rpm", RPM_RADPS)],
+            Self::Acceleration => &[("m/s2", 1.0), ("g", G_MPS2), ("mg", 1e-3 * G_MPS2), ("mm/s2", 1e-3)],
+            Self::Pwm => &[("pwm", 1.0), ("fraction", 65_535.0), ("percent", 655.35), ("pwm8", 257.0)],
+            Self::Voltage => &[("V", 1.0), ("mV", 1e-3)],
+            Self::Number => &[("1", 1.0)],
+            Self::Time => &[("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)],
+        }
+    }
+}
+
+/// A channel that a mapping may fill.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Channel {
+    pub(crate) name: &'static str,
+    pub(crate) quantity: Quantity,
+    /// Signs of the frames z-up, ned and crazyflie against the log's own channel.
+    signs: [f64; 3],
+    /// Channels that make sense only together have one group.
+    pub(crate) group: &'static str,
+}
+
+/// Frames by the name that a mapping gives them, in the order of [`Channel::signs`].
+pub(crate) const FRAMES: [&str; 3] = ["z-up", "ned", "crazyflie"];
+
+const SAME: [f64; 3] = [1.0, 1.0, 1.0];
+/// Turned about x by half a turn, as NED is against z-up.
+const TURNED: [f64; 3] = [1.0, -1.0, 1.0];
+/// As above, and the firmware has it inverted.
+const PITCH: [f64; 3] = [1.0, -1.0, -1.0];
+/// The log has the thesis's sign, clockwise from above.
+const YAW_RATE: [f64; 3] = [-1.0, 1.0, 1.0];
+
+const fn channel(name: &'static str, quantity: Quantity, signs: [f64; 3], group: &'static str) -> Channel {
+    Channel { name, quantity, signs, group }
+}
+
+/// All channels of a mapping.
+pub(crate) const CHANNELS: [Channel; 44] = [
+    channel("x", Quantity::Length, SAME, "position"),
+    channel("y", Quantity::Length, TURNED, "position"),
+    channel("z", Quantity::Length, TURNED, "position"),
+    channel("capture_time", Quantity::Time, SAME, "capture_time"),
+    channel("vx", Quantity::Speed, SAME, "velocity"),
+    channel("vy", Quantity::Speed, TURNED, "velocity"),
+    channel("vz", Quantity::Speed, TURNED, "velocity"),
+    channel("roll", Quantity::Angle, SAME, "tilt"),
+    channel("pitch", Quantity::Angle, PITCH, "tilt"),
+    channel("yaw", Quantity::Angle, TURNED, "yaw"),
+    channel("qx", Quantity::Number, SAME, "quaternion"),
+    channel("qy", Quantity::Number, TURNED, "quaternion"),
+    channel("qz", Quantity::Number, TURNED, "quaternion"),
+    channel("qw", Quantity::Number, SAME, "quaternion"),
+    channel("gyro_x", Quantity::Rate, SAME, "gyro"),
+    channel("gyro_y", Quantity::Rate, TURNED, "gyro"),
+    channel("gyro_z", Quantity::Rate, TURNED, "gyro"),
+    channel("acc_x", Quantity::Acceleration, SAME, "acceleration"),
+    channel("acc_y", Quantity::Acceleration, TURNED, "acceleration"),
+    channel("acc_z", Quantity::Acceleration, TURNED, "acceleration"),
+    channel("cmd_roll", Quantity::Angle, SAME, "tilt command"),
+    channel("cmd_pitch", Quantity::Angle, PITCH, "tilt command"),
+    channel("cmd_yaw_rate", Quantity::Rate, YAW_RATE, "cmd_yaw_rate"),
+    channel("cmd_thrust", Quantity::Pwm, SAME, "cmd_thrust"),
+    channel("cmd_height", Quantity::Length, SAME, "cmd_height"),
+    channel("setpoint_x", Quantity::Length, SAME, "set-point"),
+    channel("setpoint_y", Quantity::Length, TURNED, "set-point"),
+    channel("setpoint_z", Quantity::Length, TURNED, "set-point"),
+    channel("setpoint_yaw", Quantity::Angle, TURNED, "setpoint_yaw"),
+    channel("motor_1", Quantity::Pwm, SAME, "motors"),
+    channel("motor_2", Quantity::Pwm, SAME, "motors"),
+    channel("motor_3", Quantity::Pwm, SAME, "motors"),
+    channel("motor_4", Quantity::Pwm, SAME, "motors"),
+    channel("rotor_1", Quantity::Rate, SAME, "rotor speeds"),
+    channel("rotor_2", Quantity::Rate, SAME, "rotor speeds"),
+    channel("rotor_3", Quantity::Rate, SAME, "rotor speeds"),
+    channel("rotor_4", Quantity::Rate, SAME, "rotor speeds"),
+    channel("vbat", Quantity::Voltage, SAME, "vbat"),
+    channel("estimate_x", Quantity::Length, SAME, "position estimate"),
+    channel("estimate_y", Quantity::Length, TURNED, "position estimate"),
+    channel("estimate_z", Quantity::Length, TURNED, "position estimate"),
+    channel("estimate_vx", Quantity::Speed, SAME, "velocity estimate"),
+    channel("estimate_vy", Quantity::Speed, TURNED, "velocity estimate"),
+    channel("estimate_vz", Quantity::Speed, TURNED, "velocity estimate"),
+];
+
+/// One column of a file as a channel.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Source {
+    pub(crate) channel: Channel,
+    pub(crate) column: String,
+    pub(crate) unit: &'static str,
+    /// From the file's unit, sign and frame to the log's.
+    pub(crate) factor: f64,
+    /// A time column of its own, in the unit of the file's.
+    pub(crate) time: Option<String>,
+}
+
+/// A checked mapping file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Mapping {
+    pub(crate) time: String,
+    pub(crate) time_unit: Option<TimeUnit>,
+    pub(crate) position: Option<PositionSource>,
+    pub(crate) attitude: Option<AttitudeSource>,
+    pub(crate) airborne_above_m: Option<f64>,
+    pub(crate) sources: Vec<Source>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    frame: Option<Spanned<String>>,
+    position: Option<PositionSource>,
+    attitude: Option<AttitudeSource>,
+    airborne_above_m: Option<Spanned<f64>>,
+    time: Time,
+    channels: BTreeMap<String, Spanned<Entry>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Time {
+    column: String,
+    unit: Option<Spanned<String>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Entry {
+    column: String,
+    unit: Option<Spanned<String>>,
+    sign: Option<Spanned<i64>>,
+    frame: Option<Spanned<String>>,
+    time: Option<String>,
+}
+
+impl Mapping {
+    /// Reads a mapping file.
+    ///
+    /// # Errors
+    /// [`LogError::Io`], and as [`Mapping::parse`].
+    pub fn read(path: &Path) -> Result<Self, LogError> {
+        let file = path.display().to_string();
+        let bytes = text::load(path, &file)?;
+        let Ok(content) = String::from_utf8(bytes) else { return Err(LogError::NotText { file }) };
+        Self::parse(&file, &content)
+    }
+
+    /// Checks the text of a mapping file; `file` is its name in errors.
+    ///
+    /// # Errors
+    /// [`LogError::BadMapping`] names the file, the line and what was expected there; what is unknown comes with what is spelled
+    /// most alike.
+    pub fn parse(file: &str, content: &str) -> Result<Self, LogError> {
+        let place = Place { file, content };
+        let read = toml::from_str::<File>(content);
+        let raw = read.map_err(|error| place.bad(error.span().map_or(0, |span| span.start), error.message().to_owned()))?;
+        let mut sources = Vec::new();
+        for (name, entry) in raw.channels {
+            sources.push(place.source(&name, entry, raw.frame.as_ref())?);
+        }
+        if let Some(above) = raw.airborne_above_m.as_ref().filter(|above| !above.get_ref().is_finite()) {
+            return Err(place.bad(above.span().start, "airborne_above_m: expected a finite height".to_owned()));
+        }
+        let unit = |unit: &Spanned<String>| {
+            let known = TIME_UNITS.iter().find(|known| known.name == unit.get_ref()).copied();
+            known.ok_or_else(|| place.unknown(unit, "unit of time", &TIME_UNITS.map(|unit| unit.name)))
+        };
+        let mapping = Self {
+            time: raw.time.column,
+            time_unit: raw.time.unit.as_ref().map(unit).transpose()?,
+            position: raw.position,
+            attitude: raw.attitude,
+            airborne_above_m: raw.airborne_above_m.map(Spanned::into_inner),
+            sources,
+        };
+        mapping.check_groups(&place)?;
+        Ok(mapping)
+    }
+
+    /// The mapping that belongs to a log: `flight.mapping.toml` beside `flight.csv`, or `mapping.toml` for a whole folder.
+    pub fn path_beside(log: &Path) -> Option<PathBuf> {
+        let name = log.file_name()?.to_string_lossy().into_owned();
+        let stem = name.strip_suffix(".gz").unwrap_or(&name);
+        let stem = stem.rsplit_once('.').map_or(stem, |(stem, _)| stem);
+        let candidates = [log.with_file_name(format!("{stem}.mapping.toml")), log.with_file_name("mapping.toml")];
+        candidates.into_iter().find(|path| path.is_file())
+    }
+
+    pub(crate) fn source(&self, channel: &str) -> Option<&Source> {
+        self.sources.iter().find(|source| source.channel.name == channel)
+    }
+
+    /// A position is needed, and what belongs together has to be there together.
+    fn check_groups(&self, place: &Place<'_>) -> Result<(), LogError> {
+        for channel in CHANNELS {
+            let begun = channel.group == "position" || self.sources.iter().any(|source| source.channel.group == channel.group);
+            if begun && self.source(channel.name).is_none() {
+                let others: Vec<&str> = CHANNELS.iter().filter(|c| c.group == channel.group).map(|c| c.name).collect();
+                let needed = if channel.group == "position" { "every flight needs" } else { "go together" };
+                let problem = format!("channel \"{}\" is not mapped: {} {needed}", channel.name, others.join(", "));
+                return Err(place.bad(place.content.len().saturating_sub(1), problem));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A mapping file while it is checked, for errors.
+struct Place<'a> {
+    file: &'a str,
+    content: &'a str,
+}
+
+impl Place<'_> {
+    fn bad(&self, byte: usize, problem: String) -> LogError {
+        let before = &self.content.as_bytes()[..byte.min(self.content.len())];
+        let line = before.iter().filter(|b| **b == b'\n').count() as u64 + 1;
+        LogError::BadMapping { file: self.file.to_owned(), line, problem }
+    }
+
+    fn unknown(&self, found: &Spanned<String>, kind: &str, known: &[&str]) -> LogError {
+        self.bad(found.span().start, unknown(found.get_ref(), kind, known))
+    }
+
+    /// The source that an entry describes.
+    fn source(&self, name: &str, entry: Spanned<Entry>, of_file: Option<&Spanned<String>>) -> Result<Source, LogError> {
+        let at = entry.span().start;
+        let entry = entry.into_inner();
+        let Some(channel) = CHANNELS.into_iter().find(|channel| channel.name == name) else {
+            return Err(self.bad(at, unknown(name, "channel", &CHANNELS.map(|channel| channel.name))));
+        };
+        let units = channel.quantity.units();
+        let (unit, scale) = match &entry.unit {
+            None => units[0],
+            Some(unit) => {
+                let known: Vec<&str> = units.iter().map(|(name, _)| *name).collect();
+                let found = units.iter().find(|(name, _)| name == unit.get_ref()).copied();
+                found.ok_or_else(|| self.unknown(unit, &format!("unit of {name}"), &known))?
+            }
+        };
+        let frame = match entry.frame.as_ref().or(of_file) {
+            None => 0,
+            Some(frame) => {
+                let found = FRAMES.iter().position(|known| known == frame.get_ref());
+                found.ok_or_else(|| self.unknown(frame, "frame", &FRAMES))?
+            }
+        };
+        let sign = match &entry.sign {
+            None => 1.0,
+            Some(sign) if sign.get_ref().abs() == 1 => *sign.get_ref() as f64,
+            Some(sign) => return Err(self.bad(sign.span().start, format!("sign of {name}: found {}, expected 1 or -1", sign.get_ref()))),
+        };
+        Ok(Source { channel, column: entry.column, unit, factor: scale * sign * channel.signs[frame], time: entry.time })
+    }
+}
+
+/// Words for a name that is none of the known ones.
+fn unknown(found: &str, kind: &str, known: &[&str]) -> String {
+    match closest(found, known) {
+        Some(alike) => format!("unknown {kind} \"{found}\": did you mean \"{alike}\"?"),
+        None => format!("unknown {kind} \"{found}\": expected one of {}", known.join(", ")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const POSITION: &str = "[channels]\nx = { column = \"a\" }\ny = { column = \"b\" }\nz = { column = \"c\" }\n";
+
+    fn problem(more: &str) -> String {
+        Mapping::parse("lab.toml", &format!("[time]\ncolumn = \"t\"\n{POSITION}{more}")).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn what_is_unknown_is_refused_where_it_stands_with_a_proposal() {
+        let cases = [
+            ("cmd_rol = { column = \"r\" }", "line 7: unknown channel \"cmd_rol\": did you mean \"cmd_roll\"?"),
+            ("vbat = { column = \"r\", unit = \"mVs\" }", "line 7: unknown unit of vbat \"mVs\": did you mean \"mV\"?"),
+            ("yaw = { column = \"r\", unit = \"turns\" }", "expected one of rad, deg"),
+            ("yaw = { column = \"r\", frame = \"nedd\" }", "line 7: unknown frame \"nedd\": did you mean \"ned\"?"),
+            ("yaw = { column = \"r\", sign = 2 }", "line 7: sign of yaw: found 2, expected 1 or -1"),
+            ("roll = { column = \"r\" }", "channel \"pitch\" is not mapped: roll, pitch go together"),
+            ("yaw = { colum = \"r\" }", "line 7: unknown field `colum`"),
+            ("yaw = ", "line 7"),
+        ];
+        for (more, expected) in cases {
+            let message = problem(more);
+            assert!(message.contains("lab.toml") && message.contains(expected), "{message}");
+        }
+        let message = Mapping::parse("lab.toml", "[time]\ncolumn = \"t\"\n[channels]\n").unwrap_err().to_string();
+        assert!(message.contains("x, y, z every flight needs"), "{message}");
+    }
+
+    #[test]
+    fn frames_units_and_signs_make_one_factor() {
+        let text = format!(
+            "frame = \"ned\"\n[time]\ncolumn = \"t\"\n{POSITION}pitch = {{ column = \"p\", unit = \"deg\", sign = -1 }}\nroll = {{ column = \"r\" }}\ncmd_yaw_rate = {{ column = \"w\", frame = \"z-up\" }}\n"
+        );
+        let mapping = Mapping::parse("lab.toml", &text).unwrap();
+        let factor = |name: &str| mapping.source(name).unwrap().factor;
+        assert_eq!([factor("x"), factor("y"), factor("z"), factor("roll")], [1.0, -1.0, -1.0, 1.0]);
+        assert_eq!([factor("pitch"), factor("cmd_yaw_rate")], [DEG_RAD, -1.0]);
+    }
+
+    #[test]
+    fn the_page_lists_every_channel_unit_and_frame() {
+        let page = include_str!("../../docs/logs.md");
+        let units = CHANNELS.iter().filter(|c| c.quantity != Quantity::Time).flat_map(|c| c.quantity.units()).map(|(unit, _)| *unit);
+        for name in CHANNELS.iter().map(|c| c.name).chain(units).chain(FRAMES) {
+            assert!(page.contains(&format!("`{name}`")), "{name} is not on the page");
+        }
+    }
+}

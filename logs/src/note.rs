@@ -1,0 +1,223 @@
+//! What a reader detected, cut or converted on the way to a [`FlightLog`](super::FlightLog).
+
+use std::fmt;
+
+/// One remark of a reader. Its text is for people; match on the variant in code.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Note {
+    /// The gzip stream ends before its end mark; what had been written was used.
+    TruncatedGzip,
+    /// The last line has no line end, so its last number may be cut short; it was left out.
+    PartialLastLine { line: u64 },
+    /// Columns that the format does not know.
+    IgnoredColumns { columns: Vec<String> },
+    /// `t_s` counts from this time of the file's own clock.
+    TimeShifted { start_s: f64 },
+    /// Steps of the time column longer than 1.5 of the usual step.
+    TimeGaps { count: usize, usual_s: f64, longest_s: f64 },
+    /// Rows after the last radio packet of `channels` are extrapolation and were cut.
+    CutAfterLastPacket { channels: &'static str, kept_s: f64, cut_s: f64 },
+    /// `channels` brought no packets in flight: absent from the log.
+    DeadChannels { channels: &'static str },
+    /// The battery voltage after its last packet is that packet's value, held.
+    BatteryHeld { from_s: f64 },
+    /// Stretches in flight where `channels` are interpolated over lost packets (0.1 s or longer).
+    RadioGaps { channels: &'static str, count: usize, longest_s: f64 },
+    /// Signs turned to the right-handed frame.
+    Negated { columns: &'static [&'static str] },
+    /// Columns that are not what their name or description says: `unit` is what they were read as.
+    ReadAs { columns: &'static str, unit: &'static str },
+    /// Onboard gyro against motion-capture rates: positive when the onboard data appears later. Median,
+    /// lowest and highest of the thirds of the flight. Nothing was shifted.
+    ClockSkew { median_s: f64, lowest_s: f64, highest_s: f64 },
+    /// The onboard and motion-capture clocks could not be compared: the flight excites the rates too little.
+    ClockSkewUnknown,
+    /// Median of onboard yaw minus motion-capture yaw in flight.
+    YawOffset { median_rad: f64 },
+    /// The format logs no yaw-rate command and none can be derived from what it logs.
+    NoYawRateCommand,
+    /// A wrapped angle was made continuous.
+    Unwrapped { channel: &'static str, jumps: usize },
+    /// Camera fixes whose capture time is not later than the one before. They are kept in order of arrival.
+    CaptureOutOfOrder { count: usize },
+    /// Camera fixes stamped later than the row in which they arrived.
+    CaptureInFuture { count: usize },
+    /// The file holds no position at all, so it is unknown when the vehicle flew.
+    NoPosition,
+    /// The vehicle never rose above this height.
+    NeverAirborne { above_m: f64 },
+    /// The file ends or is damaged at this byte; the `kept` records or messages before it were used.
+    CutShort { byte: usize, kept: usize, unit: &'static str, reason: String },
+    /// The database is damaged behind the messages that were used.
+    DamagedDatabase { kept: usize, reason: String },
+    /// The check sum at the end of the file is not that of its content.
+    WrongChecksum,
+    /// Rows or messages of `source` that hold values that are not finite, or cannot be decoded, were left out.
+    OddValues { source: String, count: usize },
+    /// Time stamps of `source` that are not later than the one before; put in order, repeated ones left out.
+    StampsOutOfOrder { source: String, count: usize },
+    /// No messages of the topic that the thesis's rig calls so.
+    TopicMissing { topic: &'static str },
+    /// Topics of which a flight needs nothing.
+    IgnoredTopics { topics: Vec<String> },
+    /// Messages without time stamps: times of record were used.
+    NoStamps { topic: String },
+    /// The stamps' clock against the recorder's. If it is another (`!same`), `offset_s` was added; the drift never is.
+    TopicClock { topic: String, same: bool, offset_s: f64, transport_s: f64, spread_s: f64, drift_ppm: Option<f64> },
+    /// Stamps more than a second from their times of record, which were used instead.
+    StrayStamps { topic: String, count: usize },
+    /// Messages that the topic's usual rate lacks.
+    LostMessages { topic: String, count: usize, longest_s: f64 },
+    /// The camera against the IMU, by what both measured of the motion: positive when the camera's data appears later than
+    /// its stamps say. `shifted`: the capture times were corrected by it, since their stamps say nothing.
+    CameraLag { lag_s: f64, sigma_s: f64, correlation: f64, by: &'static str, shifted: bool },
+    /// Camera and IMU could not be compared: the flight moves too little or is too short.
+    CameraLagUnknown,
+    /// Marker poses in the frame of a camera that looks down were turned into the vehicle's over the marker.
+    SeenFromCamera,
+    /// Added to the integrated yaw so that it starts at the marker's.
+    YawFromMarker { offset_rad: f64 },
+    /// Roll, pitch and yaw are the integrated gyro, less this bias, measured before take-off or (`!at_rest`) the mean of roll
+    /// and pitch rates over the file; `None`: the file's rates have none, and the integration restarts wherever the vehicle stands.
+    AttitudeIntegrated { bias_radps: Option<[f64; 3]>, at_rest: bool },
+    /// There is no IMU: roll, pitch and yaw are the marker's, interpolated.
+    AttitudeFromMarker,
+    /// Angles derived from the direction of the acceleration; yaw taken as zero where it is not logged.
+    TiltFromAcceleration { roll: bool, pitch: bool, yaw_taken_as_zero: bool },
+    /// Nothing outside the vehicle measured its position: the fixes are its own estimate.
+    PositionEstimated,
+    /// The thrust command is the mean of the motors' requests.
+    ThrustFromMotors,
+    /// Channels on clocks of their own were brought to the rows: commands held, measurements interpolated.
+    Resampled { channels: Vec<String> },
+    /// The unit of a time column, which follows from its steps.
+    TimeUnit { column: String, unit: &'static str },
+    /// Positions that repeat the one before were taken for rows without a fix.
+    RepeatedPositions { share: f64 },
+    /// A command in another unit was turned into 16-bit PWM.
+    ScaledToPwm { channel: String, unit: String },
+    /// Numbers are written with a decimal comma.
+    DecimalCommas,
+    /// In this share of the rows the vehicle feels gravity from below: it lies on its back.
+    UpsideDown { share: f64 },
+}
+
+impl fmt::Display for Note {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::TruncatedGzip => write!(f, "the gzip data is truncated; used what is whole"),
+            Self::PartialLastLine { line } => {
+                write!(f, "left out line {line}, which has no line end")
+            }
+            Self::IgnoredColumns { columns } => write!(f, "ignored columns {}", columns.join(", ")),
+            Self::TimeShifted { start_s } => {
+                write!(f, "time counts from {start_s} s of the file's clock")
+            }
+            Self::TimeGaps { count, usual_s, longest_s } => {
+                write!(f, "{count} gaps in time, the longest {longest_s:.3} s where {usual_s:.3} s is usual")
+            }
+            Self::CutAfterLastPacket { channels, kept_s, cut_s } => {
+                write!(f, "cut {cut_s:.2} s after the last radio packet of {channels}, kept {kept_s:.2} s")
+            }
+            Self::DeadChannels { channels } => {
+                write!(f, "{channels}: no packets in flight, left out")
+            }
+            Self::BatteryHeld { from_s } => {
+                write!(f, "battery voltage held from {from_s:.2} s, its last packet")
+            }
+            Self::RadioGaps { channels, count, longest_s } => {
+                write!(f, "{channels}: {count} gaps filled by interpolation in flight, the longest {longest_s:.2} s")
+            }
+            Self::Negated { columns } => write!(f, "negated {}", columns.join(", ")),
+            Self::ReadAs { columns, unit } => write!(f, "{columns} read as {unit}"),
+            Self::ClockSkew { median_s, lowest_s, highest_s } => write!(
+                f,
+                "onboard data appears {:.0} ms later than motion capture ({:.0} to {:.0} ms over the flight)",
+                median_s * 1e3,
+                lowest_s * 1e3,
+                highest_s * 1e3
+            ),
+            Self::ClockSkewUnknown => write!(f, "too little motion to compare the onboard clock"),
+            Self::YawOffset { median_rad } => write!(f, "onboard yaw is {:.2} degrees above motion capture", median_rad.to_degrees()),
+            Self::NoYawRateCommand => write!(f, "no yaw-rate command in the log"),
+            Self::Unwrapped { channel, jumps } => {
+                write!(f, "{channel} made continuous over {jumps} wraps")
+            }
+            Self::CaptureOutOfOrder { count } => {
+                write!(f, "{count} camera fixes not later than the one before")
+            }
+            Self::CaptureInFuture { count } => {
+                write!(f, "{count} camera fixes stamped later than they arrived")
+            }
+            Self::NoPosition => write!(f, "no position measurement: airborne interval unknown"),
+            Self::NeverAirborne { above_m } => write!(f, "never above {above_m} m"),
+            other => other.write_recording(f),
+        }
+    }
+}
+
+impl Note {
+    /// The remarks on recordings: bags, MCAP and micro-SD logs.
+    fn write_recording(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::CutShort { byte, kept, unit, reason } => write!(f, "reading ended at byte {byte} ({reason}); used {kept} {unit}"),
+            Self::DamagedDatabase { kept, reason } => write!(f, "the database is damaged ({reason}); used {kept} messages"),
+            Self::WrongChecksum => write!(f, "the check sum does not match: the file is damaged or cut"),
+            Self::OddValues { source, count } => write!(f, "{source}: left out {count} records that cannot be read or are not finite"),
+            Self::StampsOutOfOrder { source, count } => write!(f, "{source}: {count} time stamps not later than the one before"),
+            Self::TopicMissing { topic } => write!(f, "no {topic} (whatever its namespace)"),
+            Self::IgnoredTopics { topics } => write!(f, "ignored topics {}", topics.join(", ")),
+            Self::NoStamps { topic } => write!(f, "{topic}: no time stamps, times of record used"),
+            Self::TopicClock { topic, same, offset_s, transport_s, spread_s, drift_ppm } => {
+                let drift = drift_ppm.map_or(String::new(), |ppm| format!(", drift {ppm:.0} ppm"));
+                let (transport_ms, spread_ms) = (transport_s * 1e3, spread_s * 1e3);
+                let clock =
+                    if *same { "stamps on the recorder's clock".into() } else { format!("stamps on another clock, {offset_s:.3} s added") };
+                write!(f, "{topic}: {clock}; recorded {transport_ms:.1} ms later (spread {spread_ms:.1} ms){drift}")
+            }
+            Self::StrayStamps { topic, count } => write!(f, "{topic}: {count} stray time stamps, times of record used"),
+            Self::LostMessages { topic, count, longest_s } => write!(f, "{topic}: {count} messages lost, the longest gap {longest_s:.3} s"),
+            Self::CameraLag { lag_s, sigma_s, correlation, by, shifted } => {
+                let (lag_ms, sigma_ms) = (lag_s * 1e3, sigma_s * 1e3);
+                let done = if *shifted { "capture times corrected" } else { "not corrected" };
+                write!(f, "camera {lag_ms:.0} +- {sigma_ms:.0} ms later than the IMU by {by} (correlation {correlation:.2}), {done}")
+            }
+            Self::CameraLagUnknown => write!(f, "too little motion to compare the camera's clock with the IMU's"),
+            other => other.write_derived(f),
+        }
+    }
+
+    /// The remarks on quantities that a recording lacks and that were derived.
+    fn write_derived(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::SeenFromCamera => write!(f, "marker poses are in the camera's frame: turned into the vehicle's over the marker"),
+            Self::YawFromMarker { offset_rad } => write!(f, "yaw turned by {:.2} degrees to the marker's", offset_rad.to_degrees()),
+            Self::AttitudeIntegrated { bias_radps: None, .. } => write!(f, "attitude integrated from the gyro, from every standstill on"),
+            Self::AttitudeIntegrated { bias_radps: Some(bias), at_rest } => {
+                let [x, y, z] = bias.map(f64::to_degrees);
+                let how = if *at_rest { "at rest" } else { "on average: no standstill to tell it better" };
+                write!(f, "attitude integrated from the gyro, less its bias of {x:.3}, {y:.3}, {z:.3} degrees per second {how}")
+            }
+            Self::AttitudeFromMarker => write!(f, "no IMU: attitude of the marker, interpolated"),
+            Self::TiltFromAcceleration { roll, pitch, yaw_taken_as_zero } => {
+                let named = [(*roll, "roll"), (*pitch, "pitch")].into_iter().filter(|(is, _)| *is).map(|(_, name)| name);
+                let named: Vec<&str> = named.collect();
+                let derived = (!named.is_empty()).then(|| format!("not logged, derived from the acceleration: {}", named.join(", ")));
+                let yaw = yaw_taken_as_zero.then(|| "yaw is not logged, taken as 0".to_owned());
+                write!(f, "{}", derived.into_iter().chain(yaw).collect::<Vec<_>>().join("; "))
+            }
+            Self::PositionEstimated => write!(f, "no outside measurement: position is the vehicle's own estimate"),
+            Self::ThrustFromMotors => write!(f, "thrust command: mean of the four motors' requests"),
+            Self::Resampled { channels } => write!(f, "brought to the clock of the rows: {}", channels.join(", ")),
+            Self::TimeUnit { column, unit } => write!(f, "{column} read as {unit}"),
+            Self::RepeatedPositions { share } => {
+                write!(f, "{:.0} % of the positions repeat the one before: no fix arrived there", share * 100.0)
+            }
+            Self::ScaledToPwm { channel, unit } => write!(f, "{channel}: {unit} scaled to PWM, 65535 being all"),
+            Self::DecimalCommas => write!(f, "numbers have a decimal comma"),
+            Self::UpsideDown { share } => write!(f, "on its back for {:.0} % of the time: a crash", share * 100.0),
+            // All others are written by `fmt`.
+            _ => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,87 @@
+//! Facts about where the channels of a log come from.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+use crate::readers;
+
+/// The instrument that measured the position.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PositionSource {
+    /// Single fixes with white noise, late, sometimes missing.
+    Camera,
+    /// Fixes in every row; their error is smooth, because the system filters them.
+    MotionCapture,
+    /// The vehicle's own filter: nothing outside measured it.
+    Estimate,
+    /// A log without position.
+    Absent,
+}
+
+/// The instrument that measured roll, pitch and yaw.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum AttitudeSource {
+    /// The vehicle's IMU or the filter around it.
+    Imu,
+    /// Motion capture: the frame of the markers may be tilted against the vehicle.
+    MotionCapture,
+    /// The pose of a marker seen by a camera.
+    Marker,
+    /// No instrument: the tilt that the logged acceleration or motion asks for. It holds no information of its own.
+    Motion,
+}
+
+/// The origin of a log's channels. Decisions depend on these facts, not on the format.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct Provenance {
+    /// Name of the reader, see [`Reader::name`](crate::Reader::name); for people and reports.
+    pub format: &'static str,
+    pub position: PositionSource,
+    pub attitude: AttitudeSource,
+    /// Commands and on-board sensors come from another clock and were interpolated to the rows: steps of commands are
+    /// ramps, and the gyro does not line up with an attitude from outside.
+    pub onboard_interpolated: bool,
+}
+
+impl Provenance {
+    /// The format in words.
+    pub fn title(&self) -> &'static str {
+        let reader = readers().iter().find(|reader| reader.name() == self.format);
+        reader.map_or("a simulated flight", |reader| reader.title())
+    }
+}
+
+/// Fixes that come more often than a camera on a small vehicle takes pictures are motion capture's.
+const CAMERA_STEP_S: f64 = 0.016;
+
+impl PositionSource {
+    /// The instrument that usually measures at such steps.
+    pub(crate) fn of_step(usual_s: f64) -> Self {
+        if usual_s < CAMERA_STEP_S { Self::MotionCapture } else { Self::Camera }
+    }
+}
+
+impl fmt::Display for PositionSource {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Camera => "camera",
+            Self::MotionCapture => "motion capture",
+            Self::Estimate => "the vehicle's own estimate",
+            Self::Absent => "none",
+        })
+    }
+}
+
+impl fmt::Display for AttitudeSource {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Imu => "the vehicle's IMU",
+            Self::MotionCapture => "motion capture",
+            Self::Marker => "camera",
+            Self::Motion => "derived from the motion",
+        })
+    }
+}

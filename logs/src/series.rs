@@ -1,0 +1,73 @@
+//! Channels with times of their own, brought to the rows of a flight.
+
+use std::f64::consts::TAU;
+
+use crate::Note;
+
+/// One channel and its own times, which increase.
+#[derive(Debug, Clone)]
+pub(crate) struct Series {
+    pub(crate) name: String,
+    pub(crate) t_s: Vec<f64>,
+    pub(crate) values: Vec<f64>,
+}
+
+/// The course of a channel between two samples.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Between {
+    /// A command holds until the next.
+    Held,
+    /// A measurement goes straight to the next.
+    Line,
+}
+
+impl Series {
+    /// Without the samples that are not later than the one before, which are noted.
+    pub(crate) fn in_order(self, notes: &mut Vec<Note>) -> Self {
+        let mut kept = Self { name: self.name, t_s: Vec::new(), values: Vec::new() };
+        for (t_s, value) in self.t_s.iter().zip(&self.values) {
+            if kept.t_s.last().is_none_or(|last| t_s > last) {
+                kept.t_s.push(*t_s);
+                kept.values.push(*value);
+            }
+        }
+        let count = self.t_s.len() - kept.t_s.len();
+        if count > 0 {
+            notes.push(Note::StampsOutOfOrder { source: kept.name.clone(), count });
+        }
+        kept
+    }
+
+    /// Values at the times of the rows; the first and last hold beyond the ends. A channel that wraps after `turn` goes the
+    /// shorter way round.
+    pub(crate) fn at(&self, rows_s: &[f64], between: Between, turn: Option<f64>) -> Vec<f64> {
+        rows_s.iter().map(|t| self.value(*t, between, turn)).collect()
+    }
+
+    fn value(&self, t_s: f64, between: Between, turn: Option<f64>) -> f64 {
+        let after = self.t_s.partition_point(|t| *t <= t_s);
+        let Some(before) = after.checked_sub(1) else { return self.values.first().copied().unwrap_or(0.0) };
+        let from = self.values[before];
+        let (Some(to), Between::Line) = (self.values.get(after), between) else { return from };
+        let share = (t_s - self.t_s[before]) / (self.t_s[after] - self.t_s[before]);
+        let way = to - from;
+        let way = turn.map_or(way, |turn| way - turn * (way / turn).round());
+        from + share * way
+    }
+}
+
+/// A full turn of a channel in radians, for [`Series::at`].
+pub(crate) const TURN_RAD: Option<f64> = Some(TAU);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn commands_hold_and_measurements_go_the_short_way_round() {
+        let series = Series { name: "yaw".into(), t_s: vec![1.0, 2.0], values: vec![170.0, -170.0] };
+        assert_eq!(series.at(&[0.0, 1.5, 2.0, 9.0], Between::Held, None), [170.0, 170.0, -170.0, -170.0]);
+        assert_eq!(series.at(&[1.5], Between::Line, None), [0.0]);
+        assert_eq!(series.at(&[1.25, 1.5], Between::Line, Some(360.0)), [175.0, 180.0]);
+    }
+}

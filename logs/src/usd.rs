@@ -1,0 +1,141 @@
+//! The file format of the Crazyflie's micro-SD deck: typed variables of the firmware, in events.
+//!
+//! `0xBC`, u16 version, u16 number of event types; for each its u16 id, name, u16 number of variables and those as
+//! `name(t)` with a type letter of Python's `struct`; then records of u16 event id, time stamp (version 1: u32 ms,
+//! version 2: u64 us) and values; at the end a CRC-32 of all before. Text ends with a zero byte; little endian, packed.
+
+use super::bytes::Bytes;
+use super::{LogError, Note};
+
+pub(super) const MAGIC: u8 = 0xbc;
+/// The firmware's own limit on names is far below this.
+const LONGEST_NAME: usize = 255;
+/// The firmware logs up to 10 events with up to a few dozen variables.
+const MOST_VARIABLES: usize = 1024;
+/// 512 MiB of values; an hour at 1 kHz with 20 variables is a tenth.
+const MOST_VALUES: usize = 1 << 26;
+const CRC_BYTES: usize = 4;
+
+/// All records of one event type: one column per variable.
+#[derive(Debug)]
+pub(super) struct Event {
+    id: u16,
+    pub(super) name: String,
+    pub(super) variables: Vec<String>,
+    types: Vec<Type>,
+    pub(super) t_s: Vec<f64>,
+    pub(super) columns: Vec<Vec<f64>>,
+}
+
+/// The type of a variable, by its letter in Python's `struct`.
+#[derive(Debug, Clone, Copy)]
+struct Type(u8);
+
+impl Type {
+    fn of(letter: u8) -> Option<Self> {
+        b"bBhHiIqQfd".contains(&letter).then_some(Self(letter))
+    }
+
+    fn read(self, bytes: &mut Bytes<'_>) -> Option<f64> {
+        Some(match self.0 {
+            b'b' => f64::from(bytes.u8()?.cast_signed()),
+            b'B' => f64::from(bytes.u8()?),
+            b'h' => f64::from(bytes.u16()?.cast_signed()),
+            b'H' => f64::from(bytes.u16()?),
+            b'i' => f64::from(bytes.u32()?.cast_signed()),
+            b'I' => f64::from(bytes.u32()?),
+            b'q' => bytes.u64()?.cast_signed() as f64,
+            b'Q' => bytes.u64()? as f64,
+            b'f' => f64::from(bytes.f32()?),
+            _ => bytes.f64()?,
+        })
+    }
+}
+
+/// Reads the events of a file. What is cut off or damaged after the table of events ends the reading with a note.
+pub(super) fn parse(file: &str, data: &[u8], notes: &mut Vec<Note>) -> Result<Vec<Event>, LogError> {
+    let mut bytes = Bytes::new(data);
+    let (version, mut events) =
+        table(&mut bytes).map_err(|expected| LogError::BadBinary { file: file.to_owned(), byte: bytes.at(), expected })?;
+    let (mut records, mut values) = (0, 0);
+    while bytes.left() > CRC_BYTES {
+        let start = bytes.at();
+        match record(&mut bytes, version, &mut events) {
+            Ok(count) => values += count,
+            Err(reason) => {
+                notes.push(Note::CutShort { byte: start, kept: records, unit: "records", reason: reason.to_owned() });
+                return Ok(events);
+            }
+        }
+        records += 1;
+        if values > MOST_VALUES {
+            return Err(LogError::TooLarge { file: file.to_owned(), limit_mib: (MOST_VALUES * 8) as u64 >> 20 });
+        }
+    }
+    let sum = crc32fast::hash(&data[..bytes.at()]);
+    if bytes.left() < CRC_BYTES {
+        notes.push(Note::CutShort { byte: bytes.at(), kept: records, unit: "records", reason: "the check sum is missing".to_owned() });
+    } else if bytes.u32() != Some(sum) {
+        notes.push(Note::WrongChecksum);
+    }
+    Ok(events)
+}
+
+/// The version and the event types; on failure what was expected.
+fn table(bytes: &mut Bytes<'_>) -> Result<(u16, Vec<Event>), &'static str> {
+    if bytes.u8() != Some(MAGIC) {
+        return Err("the magic byte 0xBC");
+    }
+    let version = bytes.u16().filter(|version| matches!(version, 1 | 2)).ok_or("version 1 or 2 of the micro-SD format")?;
+    let count = bytes.u16().ok_or("the number of event types")?;
+    let mut events: Vec<Event> = Vec::new();
+    let mut variables = 0;
+    for _ in 0..count {
+        let event = event(bytes)?;
+        variables += event.variables.len();
+        if variables > MOST_VARIABLES {
+            return Err("at most 1024 variables");
+        }
+        if events.iter().any(|known| known.id == event.id) {
+            return Err("event types with different ids");
+        }
+        events.push(event);
+    }
+    Ok((version, events))
+}
+
+fn event(bytes: &mut Bytes<'_>) -> Result<Event, &'static str> {
+    let id = bytes.u16().ok_or("the id of an event type")?;
+    let name = bytes.zero_ended(LONGEST_NAME).ok_or("the name of an event type")?.to_owned();
+    let count = bytes.u16().ok_or("the number of variables of an event type")?;
+    let mut event = Event { id, name, variables: Vec::new(), types: Vec::new(), t_s: Vec::new(), columns: Vec::new() };
+    for _ in 0..count {
+        let expected = "a variable as name(type), the type one of bBhHiIqQfd";
+        let text = bytes.zero_ended(LONGEST_NAME).ok_or(expected)?;
+        let (name, rest) = text.split_once('(').ok_or(expected)?;
+        let [letter, b')'] = rest.as_bytes() else { return Err(expected) };
+        event.types.push(Type::of(*letter).ok_or(expected)?);
+        event.variables.push(name.to_owned());
+        event.columns.push(Vec::new());
+    }
+    Ok(event)
+}
+
+/// Reads one whole record, or nothing of it. Returns the number of values.
+fn record(bytes: &mut Bytes<'_>, version: u16, events: &mut [Event]) -> Result<usize, &'static str> {
+    const CUT: &str = "the last record is not whole";
+    let id = bytes.u16().ok_or(CUT)?;
+    let event = events.iter_mut().find(|event| event.id == id).ok_or("a record is of no known event type")?;
+    let t_s = match version {
+        1 => bytes.u32().map(|ms| f64::from(ms) / 1e3),
+        _ => bytes.u64().map(|us| us as f64 / 1e6),
+    };
+    let t_s = t_s.ok_or(CUT)?;
+    let values: Option<Vec<f64>> = event.types.iter().map(|of| of.read(bytes)).collect();
+    let values = values.ok_or(CUT)?;
+    event.t_s.push(t_s);
+    for (column, value) in event.columns.iter_mut().zip(&values) {
+        column.push(*value);
+    }
+    Ok(values.len() + 1)
+}

@@ -1,0 +1,125 @@
+//! What `crazyflie inspect` prints.
+
+use std::io::Write;
+
+use crazyflie_logs::inspect::{Clocks, Inspection, Motion, SignVerdict};
+
+use super::inspect::Inspected;
+use super::{Outcome, Table, number};
+
+/// A degree of a radian.
+const DEG: f64 = 180.0 / std::f64::consts::PI;
+
+pub(super) fn write(found: &Inspected, out: &mut dyn Write) -> Outcome {
+    let i = &found.inspection;
+    let by_draft = if found.by_draft { ", by a draft of a mapping: check it (--mapping-out)" } else { "" };
+    writeln!(out, "{}: {}{by_draft}", found.file, i.format)?;
+    writeln!(out, "  {} rows, {} s at {} Hz; {}", i.rows, number(i.duration_s, 1), number(i.rate_hz, 1), gaps(i))?;
+    writeln!(out, "  position: {}; attitude: {}", i.provenance.position, i.provenance.attitude)?;
+    writeln!(out, "  {}", flight(i))?;
+    i.motion.iter().try_for_each(|m| writeln!(out, "  {}", motion(m)))?;
+    clocks(&i.clocks).iter().try_for_each(|line| writeln!(out, "  {line}"))?;
+    writeln!(out, "\n{}", channels(i).plain())?;
+    if !i.commands.is_empty() {
+        writeln!(out, "{}", commands(i).plain())?;
+    }
+    if !i.signs.is_empty() {
+        writeln!(out, "{}", signs(i).plain())?;
+    }
+    for need in &i.needs {
+        let state = if need.missing.is_empty() { "suffices".to_owned() } else { format!("lacks {}", need.missing.join("; ")) };
+        let weak = if need.weak.is_empty() { String::new() } else { format!(" ({})", need.weak.join("; ")) };
+        writeln!(out, "{:9} {state}{weak}", need.command)?;
+    }
+    if !i.notes.is_empty() {
+        writeln!(out, "\nnotes:")?;
+        i.notes.iter().try_for_each(|note| writeln!(out, "  {note}"))?;
+    }
+    Ok(writeln!(out)?)
+}
+
+fn gaps(i: &Inspection) -> String {
+    match i.gaps.count {
+        0 => "no gaps".into(),
+        count => format!("{count} gaps, the longest {} s", number(i.gaps.longest_s, 3)),
+    }
+}
+
+fn flight(i: &Inspection) -> String {
+    let flies = match i.airborne_s {
+        Some([from, to]) => format!("flies from {} to {} s", number(from, 1), number(to, 1)),
+        None => "never flies".into(),
+    };
+    match i.resting_height_m {
+        Some(rest) => format!("{flies}; stands at {} m", number(rest, 3)),
+        None => format!("{flies}; does not stand before or after"),
+    }
+}
+
+fn motion(m: &Motion) -> String {
+    let voltage = m.voltage_v.map_or(String::new(), |[from, to]| format!(", battery {} to {} V", number(from, 2), number(to, 2)));
+    format!(
+        "height {} to {} m, speed to {} m/s, climb to {} m/s, tilt to {} deg, yaw turned {} deg{voltage}",
+        number(m.height_m[0], 2),
+        number(m.height_m[1], 2),
+        number(m.speed_mps, 2),
+        number(m.climb_mps, 2),
+        number(m.tilt_deg, 1),
+        number(m.yaw_turned_deg, 0),
+    )
+}
+
+fn clocks(clocks: &Clocks) -> Vec<String> {
+    let ms = |s: f64| number(s * 1e3, 0);
+    let gyro = clocks.gyro_late_s.map(|[median, lowest, highest]| {
+        format!("the gyro appears {} ms later than the attitude ({} to {} ms)", ms(median), ms(lowest), ms(highest))
+    });
+    let position =
+        clocks.position_late_s.map(|[lag, sigma]| format!("the position appears {} +- {} ms later than the attitude", ms(lag), ms(sigma)));
+    gyro.into_iter().chain(position).collect()
+}
+
+/// Angles and rates are read in degrees; all others as they are.
+fn shown(unit: &'static str) -> (f64, &'static str, usize) {
+    match unit {
+        "rad" => (DEG, "deg", 2),
+        "rad/s" => (DEG, "deg/s", 1),
+        "pwm" => (1.0, "pwm", 0),
+        _ => (1.0, unit, 3),
+    }
+}
+
+fn channels(i: &Inspection) -> Table {
+    let mut table = Table::new(&["channel", "unit", "new values (Hz)", "longest hold (s)", "lowest", "median", "highest"]).left(&[1]);
+    for channel in &i.channels {
+        let (scale, unit, decimals) = shown(channel.unit);
+        let value = |v: f64| number(v * scale, decimals);
+        let rate = if channel.rate_hz == 0.0 { "constant".into() } else { number(channel.rate_hz, 1) };
+        let range = [channel.lowest, channel.median, channel.highest].map(value);
+        table.row([vec![channel.name.into(), unit.into(), rate, number(channel.longest_hold_s, 2)], range.to_vec()].concat());
+    }
+    table
+}
+
+fn commands(i: &Inspection) -> Table {
+    let mut table = Table::new(&["command", "unit", "RMS", "bandwidth (Hz)"]).left(&[1]);
+    for command in &i.commands {
+        let (scale, unit, decimals) = shown(command.unit);
+        let bandwidth = command.bandwidth_hz.map_or("constant".into(), |hz| number(hz, 2));
+        table.row(vec![command.name.into(), unit.into(), number(command.rms * scale, decimals), bandwidth]);
+    }
+    table
+}
+
+fn signs(i: &Inspection) -> Table {
+    let mut table = Table::new(&["sign check", "channel", "correlation", "verdict"]).left(&[1, 3]);
+    for check in &i.signs {
+        let verdict = match check.verdict {
+            SignVerdict::Agrees => "agrees",
+            SignVerdict::Contradicts => "CONTRADICTS: the sign is wrong, or the axes are",
+            SignVerdict::NotSeen => "not seen",
+        };
+        table.row(vec![check.expectation.into(), check.channel.into(), number(check.correlation, 2), verdict.into()]);
+    }
+    table
+}

@@ -1,0 +1,33 @@
+"""Parquet files become CSVs that a mapping reads."""
+
+import csv
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from crazyflie_gym.logs import convert, main
+
+
+def test_columns_survive_and_times_are_nanoseconds(tmp_path):
+    source, target = tmp_path / "flight.parquet", tmp_path / "flight.csv"
+    stamps = pa.array([1_500_000, 2_500_000], pa.timestamp("us"))
+    motor = pa.array([3, 4], pa.uint16())
+    columns = {"stamp": stamps, "x": [0.1, None], "m1": motor, "note": ["a", "b"], "on": [True, False]}
+    pq.write_table(pa.table(columns), source)
+    assert main(["convert", str(source), str(target)]) == 0
+    with target.open() as file:
+        rows = list(csv.reader(file))
+    assert rows[0] == ["stamp", "x", "m1", "on"]
+    assert [float(cell) if cell else None for cell in rows[1]] == [1_500_000_000, 0.1, 3, 1]
+    assert [float(cell) if cell else None for cell in rows[2]] == [2_500_000_000, None, 4, 0]
+
+
+def test_what_is_no_parquet_or_holds_no_numbers_is_said(tmp_path, capsys):
+    source = tmp_path / "flight.parquet"
+    source.write_bytes(b"t,x\n0,1\n")
+    assert main(["convert", str(source), str(tmp_path / "flight.csv")]) == 1
+    assert "flight.parquet" in capsys.readouterr().err
+    pq.write_table(pa.table({"name": ["a"]}), source)
+    with pytest.raises(ValueError, match="no column holds numbers"):
+        convert(source, tmp_path / "flight.csv")
