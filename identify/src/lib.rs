@@ -7,10 +7,11 @@
 
 pub mod case;
 pub mod closed_loop;
+pub mod diagnose;
 pub mod estimate;
 pub mod explain;
 pub mod fit;
-pub mod hover;
+
 pub mod log;
 pub mod metrics;
 pub mod replay;

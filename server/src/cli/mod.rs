@@ -2,6 +2,8 @@
 
 mod attempts;
 mod controllers;
+pub(crate) mod diagnose;
+pub(crate) mod diagnose_report;
 mod effects;
 mod explain;
 mod explain_table;
@@ -47,6 +49,7 @@ Examples:
   crazyflie replay flight.csv
   crazyflie identify --fit flight.csv --out my.toml
   crazyflie explain my.toml --fit flight1.csv --test flight2.csv --out found/
+  crazyflie diagnose --normal monday/ --suspect friday/
   crazyflie scorecard
   crazyflie effects
   crazyflie submit --controller thesis-pid
@@ -68,6 +71,7 @@ enum Command {
     ReplayWorld(replay_world::Args),
     Identify(identify::Args),
     Explain(explain::Args),
+    Diagnose(diagnose::Args),
     Score(score::Args),
     Scorecard(scorecard::Args),
     Serve(serve::Args),
@@ -115,6 +119,7 @@ fn run(command: &Command, out: &mut dyn Write) -> Outcome {
         Command::ReplayWorld(args) => replay_world::run(args, out),
         Command::Identify(args) => identify::run(args, out),
         Command::Explain(args) => explain::run(args, out),
+        Command::Diagnose(args) => diagnose::run(args, out),
         Command::Score(args) => score::run(args, out),
         Command::Scorecard(args) => scorecard::run(args, out),
         Command::Serve(args) => serve::run(args, out),
