@@ -11,9 +11,9 @@ pub mod diagnose;
 pub mod estimate;
 pub mod explain;
 pub mod fit;
-
 pub mod log;
 pub mod metrics;
+pub mod motor;
 pub mod replay;
 pub mod statistics;
 pub mod transfer;

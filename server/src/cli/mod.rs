@@ -11,6 +11,7 @@ mod failure;
 mod files;
 mod fly;
 mod fly_table;
+mod horizons;
 mod identify;
 mod identify_picture;
 mod identify_table;
@@ -72,6 +73,7 @@ enum Command {
     Identify(identify::Args),
     Explain(explain::Args),
     Diagnose(diagnose::Args),
+    Horizons(horizons::Args),
     Score(score::Args),
     Scorecard(scorecard::Args),
     Serve(serve::Args),
@@ -120,6 +122,7 @@ fn run(command: &Command, out: &mut dyn Write) -> Outcome {
         Command::Identify(args) => identify::run(args, out),
         Command::Explain(args) => explain::run(args, out),
         Command::Diagnose(args) => diagnose::run(args, out),
+        Command::Horizons(args) => horizons::run(args, out),
         Command::Score(args) => score::run(args, out),
         Command::Scorecard(args) => scorecard::run(args, out),
         Command::Serve(args) => serve::run(args, out),
