@@ -1,7 +1,7 @@
 //! Which format a header belongs to, and which columns it lacks.
 
 use super::table::Table;
-use super::{Format, LogError, MissingColumn, Note, hidden_effects, nanobench, project};
+use super::{Format, LogError, MissingColumn, Note, hidden_effects, nanobench, nanodrone, project};
 
 /// With a smaller share of a format's columns than this, a file is not taken for that format at all.
 const LEAST_SHARE: f64 = 0.3;
@@ -19,6 +19,7 @@ impl Columns {
     fn of(format: Format, table: &Table) -> Self {
         let (mut required, optional) = match format {
             Format::NanoBench => (nanobench::REQUIRED.to_vec(), nanobench::OPTIONAL.to_vec()),
+            Format::NanoDrone => (nanodrone::REQUIRED.to_vec(), nanodrone::OPTIONAL.to_vec()),
             Format::HiddenEffects => (hidden_effects::REQUIRED.to_vec(), Vec::new()),
             // The others are no tables.
             _ => (project::REQUIRED.to_vec(), project::OPTIONAL.to_vec()),
@@ -43,7 +44,7 @@ impl Columns {
 /// Chooses the format whose columns the header holds most of, and checks that it holds them all.
 pub(super) fn format(table: &Table, notes: &mut Vec<Note>) -> Result<Format, LogError> {
     let mut best: Option<(f64, Columns)> = None;
-    for format in [Format::Project, Format::NanoBench, Format::HiddenEffects] {
+    for format in [Format::Project, Format::NanoBench, Format::HiddenEffects, Format::NanoDrone] {
         let columns = Columns::of(format, table);
         let share = columns.share_in(table);
         if share >= LEAST_SHARE && best.as_ref().is_none_or(|(most, _)| share > *most) {

@@ -184,6 +184,7 @@ impl Variables {
             vel_mps: self.all(VELOCITY),
             attitude_rad: angles,
             motor_pwm: pwm.or_else(|| self.all(MOTOR)),
+            rotor_speed_radps: None,
             setpoint_yaw_rate_radps: None,
             cmd_rates_radps: self.all(WANTED_RATES).map(|[roll, pitch, yaw]| [radians(roll), negated(radians(pitch)), radians(yaw)]),
             motor_request_pwm: requests,

@@ -13,6 +13,7 @@ mod mcap_read;
 mod mcap_write;
 mod message;
 mod nanobench;
+mod nanodrone;
 mod note;
 mod project;
 mod radio;
@@ -40,6 +41,8 @@ pub enum Format {
     Project,
     /// NanoBench: a real Crazyflie 2.1 under motion capture, 100 Hz.
     NanoBench,
+    /// The nano-drone system-identification benchmark: measured rotor speeds, 100 Hz.
+    NanoDrone,
     /// Simulated closed-loop flights with an undeclared effect.
     HiddenEffects,
     /// Messages of the thesis's rig (`crazyflie_ros` and a marker) in a ROS 1 bag or an MCAP.
@@ -53,6 +56,7 @@ impl fmt::Display for Format {
         f.write_str(match self {
             Self::Project => "a project CSV",
             Self::NanoBench => "a NanoBench CSV",
+            Self::NanoDrone => "a nano-drone benchmark CSV",
             Self::HiddenEffects => "a hidden-effects CSV",
             Self::Ros => "a recording of ROS messages",
             Self::MicroSd => "a micro-SD log",
@@ -83,6 +87,8 @@ pub struct Onboard {
     pub attitude_rad: Option<[Vec<f64>; 3]>,
     /// The four motor commands after battery compensation, counts.
     pub motor_pwm: Option<[Vec<f64>; 4]>,
+    /// Measured speed of each rotor.
+    pub rotor_speed_radps: Option<[Vec<f64>; 4]>,
     /// Rate of the yaw setpoint, right-handed (yaw' = +rate). The firmware's yaw-rate command is not logged.
     pub setpoint_yaw_rate_radps: Option<Vec<f64>>,
     /// Body rates that the attitude loop asks of the rate loop, right-handed.
@@ -187,6 +193,7 @@ impl FlightLog {
         let table = table::Table::parse(file, &text, &mut notes)?;
         match detect::format(&table, &mut notes)? {
             Format::NanoBench => nanobench::read(&table, notes),
+            Format::NanoDrone => nanodrone::read(&table, notes),
             Format::HiddenEffects => hidden_effects::read(&table, notes),
             _ => project::read(&table, notes),
         }

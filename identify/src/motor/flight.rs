@@ -20,7 +20,7 @@ pub struct MotorFlight {
     pub name: String,
     /// Position, velocity, roll, pitch, yaw and body rates.
     pub motion: Vec<[f64; 12]>,
-    /// Rotor speeds that the motors are commanded to, as the mean voltage of each motor: share of full PWM times battery voltage.
+    /// Rotor speeds in rad/s where they were measured, else the mean voltage of each motor: share of full PWM times battery voltage.
     pub speeds: Vec<[f64; 4]>,
 }
 
@@ -43,8 +43,7 @@ impl MotorFlight {
     pub fn from_log(name: &str, log: &FlightLog) -> Result<Self, MotorFlightError> {
         let missing = |missing| MotorFlightError::Missing { name: name.to_owned(), missing };
         let onboard = log.onboard.as_ref();
-        let pwm = onboard.and_then(|o| o.motor_pwm.as_ref()).ok_or(missing("motor PWM"))?;
-        let vbat = log.vbat_v.as_ref().ok_or(missing("battery voltage"))?;
+        let speeds = rotor_speeds(log).ok_or(missing("rotor speeds, and motor PWM with battery voltage in their place"))?;
         let gyro = log.gyro_radps.as_ref().ok_or(missing("body rates"))?;
         let velocity = log.vel_mps.as_ref().or_else(|| onboard.and_then(|o| o.vel_mps.as_ref())).ok_or(missing("velocity"))?;
         if log.fixes.row.len() != log.len() {
@@ -69,9 +68,18 @@ impl MotorFlight {
                 _ => gyro[i - 9][row],
             })
         };
-        let speeds: Vec<[f64; 4]> = rows.clone().map(|row| pwm.each_ref().map(|m| m[row] / FULL_PWM * vbat[row])).collect();
-        Ok(Self { name: name.to_owned(), motion: rows.map(motion).collect(), speeds })
+        Ok(Self { name: name.to_owned(), motion: rows.clone().map(motion).collect(), speeds: speeds[rows].to_vec() })
     }
+}
+
+/// Measured rotor speeds, else the mean voltage of each motor, which a rotor's speed follows.
+fn rotor_speeds(log: &FlightLog) -> Option<Vec<[f64; 4]>> {
+    let onboard = log.onboard.as_ref()?;
+    if let Some(measured) = &onboard.rotor_speed_radps {
+        return Some((0..log.len()).map(|row| measured.each_ref().map(|w| w[row])).collect());
+    }
+    let (pwm, vbat) = (onboard.motor_pwm.as_ref()?, log.vbat_v.as_ref()?);
+    Some((0..log.len()).map(|row| pwm.each_ref().map(|m| m[row] / FULL_PWM * vbat[row])).collect())
 }
 
 /// Median rotor speed of some flights: the unit of a model's speeds.

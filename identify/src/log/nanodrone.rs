@@ -1,0 +1,98 @@
+//! The nano-drone system-identification benchmark (Busetto, Cereda et al. 2025, arXiv 2512.14450): a Crazyflie 2.1 Brushless at 100 Hz, whose
+//! speed controllers report the speed of each rotor. State is the vehicle's estimate with motion capture in it.
+
+use super::attitude::Rotation;
+use super::signal::{time_gaps, unwrap};
+use super::table::{Accept, NUMBER, Table};
+use super::{Fixes, FlightLog, Format, LogError, Note, Onboard};
+
+/// Columns that are used.
+pub(super) const REQUIRED: [&str; 18] = [
+    "t", "x", "y", "z", "qx", "qy", "qz", "qw", "vx", "vy", "vz", "wx", "wy", "wz", MOTOR[0], MOTOR[1], MOTOR[2], MOTOR[3],
+];
+/// The battery's voltage, which may be absent.
+pub(super) const OPTIONAL: [&str; 1] = [VBAT];
+const MOTOR: [&str; 4] = ["m1_rads", "m2_rads", "m3_rads", "m4_rads"];
+const VBAT: &str = "Vbat";
+/// Several times the top speed of a rotor of this size.
+const SPEED: Accept = Accept::between(0.0, 10_000.0, "a rotor speed from 0 to 10000 rad/s");
+const AIRBORNE_M: f64 = 0.1;
+
+pub(super) fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
+    let t_s = table.time("t")?;
+    time_gaps(&t_s, &mut notes);
+    let [roll_rad, pitch_rad, mut yaw_rad] = attitude(table)?;
+    unwrap(&mut yaw_rad, "yaw", &mut notes);
+    let speeds: Result<Vec<Vec<f64>>, LogError> = MOTOR.iter().map(|c| table.column(c, SPEED)).collect();
+    let vbat_v = if table.has(VBAT) { Some(table.column(VBAT, NUMBER)?) } else { None };
+    let mut log = FlightLog {
+        format: Format::NanoDrone,
+        airborne: 0..0,
+        cmd_roll_rad: None,
+        cmd_pitch_rad: None,
+        cmd_yaw_rate_radps: None,
+        cmd_thrust_pwm: None,
+        cmd_height_m: None,
+        setpoint_m: None,
+        setpoint_yaw_rad: None,
+        fixes: Fixes { row: (0..t_s.len()).collect(), capture_t_s: t_s.clone(), pos_m: table.triple(["x", "y", "z"])?, yaw_rad: None },
+        vel_mps: Some(table.triple(["vx", "vy", "vz"])?),
+        roll_rad,
+        pitch_rad,
+        yaw_rad,
+        gyro_radps: Some(table.triple(["wx", "wy", "wz"])?),
+        acc_mps2: None,
+        vbat_v,
+        onboard: Some(Onboard { rotor_speed_radps: speeds?.try_into().ok(), ..Onboard::default() }),
+        truth: None,
+        t_s,
+        notes: Vec::new(),
+    };
+    log.find_airborne(AIRBORNE_M);
+    notes.append(&mut log.notes);
+    log.notes = notes;
+    Ok(log)
+}
+
+/// Roll, pitch and yaw of the quaternions; where one is no rotation, those of the row before.
+fn attitude(table: &Table) -> Result<[Vec<f64>; 3], LogError> {
+    let [x, y, z] = table.triple(["qx", "qy", "qz"])?;
+    let w = table.column("qw", NUMBER)?;
+    let mut angles = [const { Vec::new() }; 3];
+    let mut last = [0.0; 3];
+    for row in 0..w.len() {
+        if let Some(rotation) = Rotation::from_xyzw([x[row], y[row], z[row], w[row]]) {
+            last = rotation.angles();
+        }
+        angles.iter_mut().zip(last).for_each(|(out, angle)| out.push(angle));
+    }
+    Ok(angles)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Three rows at a height, turned by 0.2 rad about y, the published order of columns with one that nobody needs.
+    fn text(speed: &str) -> String {
+        let mut text = String::from(",t,x,y,z,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz,m1_rads,m2_rads,m3_rads,m4_rads,Vbat,is_flying\n");
+        for row in 0..3 {
+            text += &format!("{row},0.0{row},0,0,0.5,0,{},0,{},0,0,0,0,0,0,{speed},1700,1700,1700,3.9,True\n", 0.1_f64.sin(), 0.1_f64.cos());
+        }
+        text
+    }
+
+    #[test]
+    fn speeds_and_quaternions_are_read() {
+        let log = FlightLog::from_bytes("made.csv", text("1650").as_bytes()).unwrap();
+        assert_eq!((log.format, log.airborne.clone()), (Format::NanoDrone, 0..3));
+        assert!((log.pitch_rad[1] - 0.2).abs() < 1e-9, "{:?}", log.pitch_rad);
+        assert_eq!(log.onboard.unwrap().rotor_speed_radps.unwrap()[0], [1650.0; 3]);
+    }
+
+    #[test]
+    fn a_speed_that_no_rotor_has_is_an_error_with_its_line() {
+        let error = FlightLog::from_bytes("made.csv", text("-5").as_bytes()).unwrap_err().to_string();
+        assert!(error.contains("line 2") && error.contains("m1_rads") && error.contains("rotor speed"), "{error}");
+    }
+}
