@@ -57,7 +57,7 @@ pub struct FlightTrim {
     pub name: String,
     /// Flights of one folder and one vehicle are one set-up.
     pub folder: String,
-    /// The file name up to its first underscore.
+    /// The file name up to its first underscore, empty if there is none.
     pub vehicle: String,
     pub steady_s: f64,
     pub request: Option<Trim>,
@@ -89,14 +89,14 @@ impl FlightTrim {
         });
         let Some(motors) = request.or(squared.as_ref()) else { return Err(TrimError::NoMotors { name }) };
         let stretches = steady_stretches(log, motors);
-        let steady_s: f64 = stretches.iter().map(|s| log.t_s[s.end - 1] - log.t_s[s.start]).sum();
+        let steady_s: f64 = stretches.iter().map(|s| log.t_s[s.end - 1] - log.t_s[s.start]).fold(0.0, |sum, s| sum + s);
         if steady_s < LEAST_S {
             return Err(TrimError::NoHover { name, steady_s });
         }
         Ok(Self {
             swing: SwingSpectrum::from_demand(&log.t_s, motors, &stretches),
             folder: folder.to_owned(),
-            vehicle: file.split('_').next().unwrap_or(file).to_owned(),
+            vehicle: file.split_once('_').map_or("", |(vehicle, _)| vehicle).to_owned(),
             steady_s,
             request: request.map(|motors| mean_trim(motors, &stretches)),
             squared_voltage: squared.as_ref().map(|motors| mean_trim(motors, &stretches)),

@@ -90,6 +90,20 @@ mod tests {
         assert_eq!(log.onboard.unwrap().rotor_speed_radps.unwrap()[0], [1650.0; 3]);
     }
 
+    proptest::proptest! {
+        /// Whatever bytes are damaged: an error, or a flight of finite numbers.
+        #[test]
+        fn damaged_files_give_errors_or_finite_flights(places in proptest::collection::vec((0_usize..400, proptest::num::u8::ANY), 0..6)) {
+            let mut bytes = text("1650").into_bytes();
+            let length = bytes.len();
+            places.into_iter().for_each(|(at, byte)| bytes[at % length] = byte);
+            if let Ok(log) = FlightLog::from_bytes("damaged.csv", &bytes) {
+                let speeds = log.onboard.and_then(|o| o.rotor_speed_radps).into_iter().flatten().flatten();
+                proptest::prop_assert!(speeds.chain(log.roll_rad).chain(log.pitch_rad).chain(log.t_s).all(f64::is_finite));
+            }
+        }
+    }
+
     #[test]
     fn a_speed_that_no_rotor_has_is_an_error_with_its_line() {
         let error = FlightLog::from_bytes("made.csv", text("-5").as_bytes()).unwrap_err().to_string();
