@@ -56,11 +56,16 @@ pub struct SetUp {
 #[derive(Debug, Clone, PartialEq)]
 pub enum Verdict {
     /// The normal flights are too few to say how far set-ups differ.
-    TooFew { freedom: f64 },
+    TooFew {
+        freedom: f64,
+    },
     /// Nothing beyond what set-ups differ by.
     Nothing,
     Fault(FaultFit),
-    SlungLoad { line: SwingLine, length_m: f64 },
+    SlungLoad {
+        line: SwingLine,
+        length_m: f64,
+    },
     /// Something that cannot be named.
     Unnamed,
 }
@@ -186,17 +191,16 @@ impl Comparison {
         let mut vehicles: Vec<&str> = normal.iter().map(|f| self.vehicle(f)).collect();
         vehicles.sort_unstable();
         vehicles.dedup();
-        let by_vehicle: Vec<Vec<Vec<RelativeTrim>>> = vehicles
-            .iter()
-            .map(|v| normal_groups.iter().filter(|g| self.vehicle(g[0]) == *v).map(|g| trims(g)).collect())
-            .collect();
+        let by_vehicle: Vec<Vec<Vec<RelativeTrim>>> =
+            vehicles.iter().map(|v| normal_groups.iter().filter(|g| self.vehicle(g[0]) == *v).map(|g| trims(g)).collect()).collect();
         let means: Vec<RelativeTrim> = by_vehicle.iter().map(|v| mean_trim(&v.concat())).collect();
         let change_of = |group: &Vec<&FlightTrim>| {
             let middle = vehicles.iter().position(|v| *v == self.vehicle(group[0])).map_or([f64::NAN; 4], |at| means[at]);
             let own = mean_trim(&trims(group));
             std::array::from_fn(|i| own[i] - middle[i])
         };
-        let set_up = |group: &Vec<&FlightTrim>| SetUp { name: self.name(group), flights: group.len(), change: change_of(group), fault: None };
+        let set_up =
+            |group: &Vec<&FlightTrim>| SetUp { name: self.name(group), flights: group.len(), change: change_of(group), fault: None };
         let mut diagnosis = Diagnosis {
             source: self.source,
             normal: normal_groups.iter().map(set_up).collect(),

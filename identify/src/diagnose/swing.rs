@@ -118,7 +118,11 @@ pub fn strongest_line(normal: &[&SwingSpectrum], suspect: &[&SwingSpectrum]) -> 
         let p_value = (looks * (1.0 - student.cdf(t))).min(1.0);
         SwingLine { frequency_hz: hz, ratio: (suspect - normal).exp(), p_value }
     };
-    frequencies_hz().iter().enumerate().map(|(i, hz)| at(i, *hz)).min_by(|a, b| a.p_value.total_cmp(&b.p_value).then(b.ratio.total_cmp(&a.ratio)))
+    frequencies_hz()
+        .iter()
+        .enumerate()
+        .map(|(i, hz)| at(i, *hz))
+        .min_by(|a, b| a.p_value.total_cmp(&b.p_value).then(b.ratio.total_cmp(&a.ratio)))
 }
 
 #[cfg(test)]

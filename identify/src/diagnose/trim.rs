@@ -84,9 +84,9 @@ impl FlightTrim {
         let onboard = log.onboard.as_ref();
         let request = onboard.and_then(|o| o.motor_request_pwm.as_ref());
         let pwm = onboard.and_then(|o| o.motor_pwm.as_ref());
-        let squared: Option<[Vec<f64>; 4]> = pwm.zip(log.vbat_v.as_ref()).map(|(pwm, vbat)| {
-            pwm.each_ref().map(|motor| motor.iter().zip(vbat).map(|(m, v)| (m / FULL_PWM * v).powi(2)).collect())
-        });
+        let squared: Option<[Vec<f64>; 4]> = pwm
+            .zip(log.vbat_v.as_ref())
+            .map(|(pwm, vbat)| pwm.each_ref().map(|motor| motor.iter().zip(vbat).map(|(m, v)| (m / FULL_PWM * v).powi(2)).collect()));
         let Some(motors) = request.or(squared.as_ref()) else { return Err(TrimError::NoMotors { name }) };
         let stretches = steady_stretches(log, motors);
         let steady_s: f64 = stretches.iter().map(|s| log.t_s[s.end - 1] - log.t_s[s.start]).fold(0.0, |sum, s| sum + s);

@@ -7,9 +7,8 @@ use super::table::{Accept, NUMBER, Table};
 use super::{Fixes, FlightLog, Format, LogError, Note, Onboard};
 
 /// Columns that are used.
-pub(super) const REQUIRED: [&str; 18] = [
-    "t", "x", "y", "z", "qx", "qy", "qz", "qw", "vx", "vy", "vz", "wx", "wy", "wz", MOTOR[0], MOTOR[1], MOTOR[2], MOTOR[3],
-];
+pub(super) const REQUIRED: [&str; 18] =
+    ["t", "x", "y", "z", "qx", "qy", "qz", "qw", "vx", "vy", "vz", "wx", "wy", "wz", MOTOR[0], MOTOR[1], MOTOR[2], MOTOR[3]];
 /// The battery's voltage, which may be absent.
 pub(super) const OPTIONAL: [&str; 1] = [VBAT];
 const MOTOR: [&str; 4] = ["m1_rads", "m2_rads", "m3_rads", "m4_rads"];
@@ -77,7 +76,8 @@ mod tests {
     fn text(speed: &str) -> String {
         let mut text = String::from(",t,x,y,z,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz,m1_rads,m2_rads,m3_rads,m4_rads,Vbat,is_flying\n");
         for row in 0..3 {
-            text += &format!("{row},0.0{row},0,0,0.5,0,{},0,{},0,0,0,0,0,0,{speed},1700,1700,1700,3.9,True\n", 0.1_f64.sin(), 0.1_f64.cos());
+            text +=
+                &format!("{row},0.0{row},0,0,0.5,0,{},0,{},0,0,0,0,0,0,{speed},1700,1700,1700,3.9,True\n", 0.1_f64.sin(), 0.1_f64.cos());
         }
         text
     }

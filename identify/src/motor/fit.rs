@@ -74,10 +74,7 @@ pub(super) fn starts<R: Real>(p: &[R; PARAMETERS], flight: &MotorFlight, median_
         weight = [0, 1].map(|i| keep[i] * weight[i] + R::of(1.0));
         speeds = lag_rotors(p, speeds, scaled(flight.speeds[row - 1], median_speed), STEP_S);
         if row >= LEARNING_ROWS && (row - LEARNING_ROWS).is_multiple_of(stride) {
-            let trim = Trim {
-                force_mps2: sum.force_mps2.map(|s| s / weight[0]),
-                torque_radps2: sum.torque_radps2.map(|s| s / weight[1]),
-            };
+            let trim = Trim { force_mps2: sum.force_mps2.map(|s| s / weight[0]), torque_radps2: sum.torque_radps2.map(|s| s / weight[1]) };
             found.push(Start { row, speeds, trim });
         }
     }
@@ -233,7 +230,8 @@ mod tests {
             let wanted = [0.15 * (1.3 * t + phase).sin(), 0.15 * (1.7 * t + 2.0 * phase).cos()];
             let moment = [0, 1].map(|i| 0.1 * (wanted[i] - x[6 + i]) - 0.02 * x[9 + i]);
             let lift = 0.05 * (0.9 * t + phase).sin() - 0.1 * (x[2] - 1.0) - 0.1 * x[5];
-            let command: [f64; 4] = [(-1.0, -1.0), (-1.0, 1.0), (1.0, 1.0), (1.0, -1.0)].map(|(r, q)| 1.0 + lift + r * moment[0] + q * moment[1]);
+            let command: [f64; 4] =
+                [(-1.0, -1.0), (-1.0, 1.0), (1.0, 1.0), (1.0, -1.0)].map(|(r, q)| 1.0 + lift + r * moment[0] + q * moment[1]);
             motion.push(x);
             commands.push(command.map(|c| 3.0 * c));
             x = step(&p, &x, &speeds, &Trim::zero(), STEP_S);

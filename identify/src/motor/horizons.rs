@@ -91,7 +91,17 @@ mod tests {
 
     #[test]
     fn the_angle_between_attitudes_is_that_of_the_turn() {
-        let at = |roll: f64, yaw: f64| std::array::from_fn(|i| if i == 6 { roll } else if i == 8 { yaw } else { 0.0 });
+        let at = |roll: f64, yaw: f64| {
+            std::array::from_fn(|i| {
+                if i == 6 {
+                    roll
+                } else if i == 8 {
+                    yaw
+                } else {
+                    0.0
+                }
+            })
+        };
         assert!((angle_between(&at(0.0, 1.0), &at(0.0, 1.3)) - 0.3).abs() < 1e-12);
         assert!((angle_between(&at(0.2, 0.7), &at(-0.1, 0.7)) - 0.3).abs() < 1e-12);
         assert!(angle_between(&at(0.2, 0.7), &at(0.2, 0.7)) < 1e-12);

@@ -41,7 +41,12 @@ pub const FORM: [Parameter; PARAMETERS] = [
     parameter("roll_damping", "1/s", [8.0, 0.0, 60.0], "damping of the roll rate"),
     parameter("pitch_damping", "1/s", [8.0, 0.0, 60.0], "damping of the pitch rate"),
     parameter("yaw_damping", "1/s", [3.0, 0.0, 60.0], "damping of the yaw rate"),
-    parameter("thrust_memory", "s", [0.3, 0.05, 10.0], "time over which the start of a prediction learns thrust scale and marker tilt from the past"),
+    parameter(
+        "thrust_memory",
+        "s",
+        [0.3, 0.05, 10.0],
+        "time over which the start of a prediction learns thrust scale and marker tilt from the past",
+    ),
     parameter("torque_memory", "s", [5.0, 0.05, 60.0], "time over which it learns the torque of an off-centre mass"),
 ];
 

@@ -14,7 +14,9 @@ use super::{Table, number};
 /// The verdict in one sentence.
 pub(crate) fn verdict_text(diagnosis: &Diagnosis, demands: &[EffectDemand]) -> String {
     match &diagnosis.verdict {
-        Verdict::TooFew { .. } => "too few normal flights to say how far set-ups differ: three flights at least, better of several set-ups".into(),
+        Verdict::TooFew { .. } => {
+            "too few normal flights to say how far set-ups differ: three flights at least, better of several set-ups".into()
+        }
         Verdict::Nothing => "nothing beyond what set-ups differ by".into(),
         Verdict::Unnamed => "something that cannot be named: more than set-ups differ by, and no fault asks the same of the motors".into(),
         Verdict::SlungLoad { line, length_m } => format!(
@@ -151,13 +153,23 @@ pub(crate) fn picture(diagnosis: &Diagnosis) -> Result<String, PictureError> {
         [angles().map(|t| a * t.cos()).collect(), angles().map(|t| b * t.sin()).collect()]
     };
     // to the right is to the right, so that the picture lies as the vehicle does
-    let axes = [(3, 0, "yaw (% of thrust)", "thrust (%)", "What is wrong", 1.0), (1, 2, "left of centre is left (% of thrust)", "front", "Where", -1.0)];
+    let axes = [
+        (3, 0, "yaw (% of thrust)", "thrust (%)", "What is wrong", 1.0),
+        (1, 2, "left of centre is left (% of thrust)", "front", "Where", -1.0),
+    ];
     let data: Vec<[Vec<f64>; 6]> = axes
         .iter()
         .map(|(i, j, _, _, _, sign)| {
             let [x, y] = ellipse(*i, *j);
             let turn = |v: Vec<f64>| v.into_iter().map(|a| sign * a).collect::<Vec<f64>>();
-            [x, y, turn(points(&diagnosis.normal, *i)), points(&diagnosis.normal, *j), turn(points(&diagnosis.suspect, *i)), points(&diagnosis.suspect, *j)]
+            [
+                x,
+                y,
+                turn(points(&diagnosis.normal, *i)),
+                points(&diagnosis.normal, *j),
+                turn(points(&diagnosis.suspect, *i)),
+                points(&diagnosis.suspect, *j),
+            ]
         })
         .collect();
     let panels: Vec<Panel> = axes

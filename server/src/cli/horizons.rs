@@ -71,6 +71,14 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         "Published rows: Busetto, Cereda et al., arXiv 2512.14450, on flights of their own, of another vehicle: a yardstick, no contest on the same data.\n"
     )?;
     write!(out, "{}", text(parameters_table(&model)))?;
+    let stuck: Vec<&str> = FORM.iter().zip(model.at_bound).filter(|(_, at)| *at).map(|(p, _)| p.name).collect();
+    if !stuck.is_empty() {
+        writeln!(
+            out,
+            "\nAt a bound, so not known: {}. Motors recorded at 100 Hz hold little of a rate loop at 500 Hz, and what it does with noise is no torque.",
+            stuck.join(", ")
+        )?;
+    }
     for line in &left_out {
         writeln!(out, "Left out: {line}")?;
     }
@@ -129,9 +137,7 @@ fn parameters_table(model: &MotorModel) -> Table {
 }
 
 fn as_json(model: &MotorModel, table: &HorizonTable, left_out: &[String]) -> Json {
-    let parameter = |i: usize| {
-        json!({"name": FORM[i].name, "unit": FORM[i].unit, "value": model.values[i], "stderr": model.stderr[i], "at_bound": model.at_bound[i]})
-    };
+    let parameter = |i: usize| json!({"name": FORM[i].name, "unit": FORM[i].unit, "value": model.values[i], "stderr": model.stderr[i], "at_bound": model.at_bound[i]});
     json!({
         "horizon_steps": HORIZON_STEPS,
         "quantities": QUANTITIES.iter().map(|(name, unit)| json!({"name": name, "unit": unit})).collect::<Vec<_>>(),

@@ -24,7 +24,8 @@ pub(super) struct Pad {
 
 /// `None` where the recordings are absent, or the model cannot hover by a thrust command.
 pub(super) fn pad(model: &Model, folder: &Path) -> Option<Pad> {
-    let folders = |condition: &str| KINDS.map(|k| folder.join(k).join(condition)).into_iter().filter(|p| p.is_dir()).collect::<Vec<PathBuf>>();
+    let folders =
+        |condition: &str| KINDS.map(|k| folder.join(k).join(condition)).into_iter().filter(|p| p.is_dir()).collect::<Vec<PathBuf>>();
     let demands = effect_demands(model).ok()?;
     let normal = read_trims(&folders(NORMAL), &mut Vec::new()).ok()?;
     let mut names: Vec<String> = KINDS

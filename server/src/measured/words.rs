@@ -123,7 +123,13 @@ pub(super) fn pad(story: &Story, text: &mut String) {
     );
     for condition in &pad.conditions {
         let diagnosis = &condition.diagnosis;
-        let _ = writeln!(text, "### `{}`\n\n**{}**\n\n{}", condition.name, verdict_text(diagnosis, &pad.demands), changes_table(diagnosis).markdown());
+        let _ = writeln!(
+            text,
+            "### `{}`\n\n**{}**\n\n{}",
+            condition.name,
+            verdict_text(diagnosis, &pad.demands),
+            changes_table(diagnosis).markdown()
+        );
         for line in &diagnosis.left_out {
             let _ = writeln!(text, "- left out: {line}");
         }
