@@ -5,11 +5,12 @@
 
 pub mod case;
 pub mod closed_loop;
+pub mod diagnose;
 pub mod estimate;
 pub mod explain;
 pub mod fit;
-pub mod hover;
 pub mod metrics;
+pub mod motor;
 pub mod replay;
 pub mod statistics;
 pub mod transfer;

@@ -28,6 +28,10 @@ pub(super) const PWM: Accept = Accept { low: 0.0, high: 65_535.0, expected: "a P
 pub(super) const RADIANS: Accept = Accept { low: -6.3, high: 6.3, expected: "an angle in radians (-6.3 to 6.3)" };
 
 impl Accept {
+    pub(super) const fn between(low: f64, high: f64, expected: &'static str) -> Self {
+        Self { low, high, expected }
+    }
+
     pub(super) fn admits(&self, value: f64) -> bool {
         value >= self.low && value <= self.high
     }

@@ -23,8 +23,7 @@ fn the_velocity_error_falls_seven_times() {
     println!("closed loop: {before:.3} m from the measured flight on the thesis model, {after:.3} m explained");
     assert!(after < 0.5 * before, "{before} {after}");
     if shared("the_velocity_error_falls_seven_times", "crazypad").is_some() {
-        let effects = |i: usize| story["planted"][i]["effects"].as_array().unwrap().iter();
-        let named = |i: usize| effects(i).map(|e| e["name"].as_str().unwrap()).collect::<Vec<_>>();
-        assert_eq!([named(0), named(1), named(2)], [vec!["com_offset", "mass_change"], vec!["weak_motor"], vec![]], "{}", story["planted"]);
+        let verdict = |i: usize| story["planted"][i]["diagnosis"]["verdict"].as_str().unwrap();
+        assert_eq!([verdict(0), verdict(1), verdict(2)], ["added_weight", "weak_motor", "nothing"], "{}", story["planted"]);
     }
 }

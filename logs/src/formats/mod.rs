@@ -6,6 +6,7 @@ mod mapped;
 mod mcap;
 mod micro_sd;
 mod nanobench;
+mod nanodrone;
 pub(crate) mod project;
 mod ros2_bag;
 mod ros_bag;
@@ -19,6 +20,7 @@ pub fn readers() -> &'static [&'static dyn Reader] {
         &mapped::Mapped,
         &project::ProjectCsv,
         &nanobench::NanoBench,
+        &nanodrone::NanoDrone,
         &hidden_effects::HiddenEffects,
         &firmware_csv::FirmwareCsv,
         &ros_bag::RosBag,

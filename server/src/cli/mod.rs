@@ -2,6 +2,8 @@
 
 mod attempts;
 mod controllers;
+pub(crate) mod diagnose;
+pub(crate) mod diagnose_report;
 mod effects;
 mod explain;
 mod explain_table;
@@ -9,6 +11,7 @@ mod failure;
 mod files;
 mod fly;
 mod fly_table;
+mod horizons;
 mod identify;
 mod identify_picture;
 mod identify_table;
@@ -52,6 +55,7 @@ Examples:
   crazyflie replay flight.csv
   crazyflie identify --fit flight.csv --out my.toml
   crazyflie explain my.toml --fit flight1.csv --test flight2.csv --out found/
+  crazyflie diagnose --normal monday/ --suspect friday/
   crazyflie scorecard
   crazyflie effects
   crazyflie submit --controller thesis-pid
@@ -74,6 +78,8 @@ enum Command {
     Identify(identify::Args),
     Inspect(inspect::Args),
     Explain(explain::Args),
+    Diagnose(diagnose::Args),
+    Horizons(horizons::Args),
     Score(score::Args),
     Scorecard(scorecard::Args),
     Serve(serve::Args),
@@ -122,6 +128,8 @@ fn run(command: &Command, out: &mut dyn Write) -> Outcome {
         Command::Identify(args) => identify::run(args, out),
         Command::Inspect(args) => inspect::run(args, out),
         Command::Explain(args) => explain::run(args, out),
+        Command::Diagnose(args) => diagnose::run(args, out),
+        Command::Horizons(args) => horizons::run(args, out),
         Command::Score(args) => score::run(args, out),
         Command::Scorecard(args) => scorecard::run(args, out),
         Command::Serve(args) => serve::run(args, out),

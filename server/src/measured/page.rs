@@ -3,14 +3,13 @@
 use std::fmt::Write;
 
 use crazyflie_identify::explain::errors::{HORIZONS, QUANTITIES};
-use crazyflie_identify::explain::verdict::Estimate;
-use crazyflie_identify::hover::Found;
 use serde_json::{Value as Json, json};
 
 use super::Story;
 use super::ladder::{Rung, Value};
 use super::pad::{Condition, Pad};
 use super::words;
+use crate::cli::diagnose_report::as_json as diagnosis_json;
 use crate::cli::{Table, number};
 
 /// The page as Markdown; its pictures lie in `folder`.
@@ -29,7 +28,7 @@ pub(crate) fn page(story: &Story, folder: &str) -> String {
     words::pad(story, &mut text);
     text += "## Chosen after a look at the test flights\n\nThe length of the windows (with 2 s windows the re-identified model errs by about 0.80 m/s after 2 s, five times less than\n\
              the thesis's, not twenty), the order of the effects, the rule by which they are kept, the hover PWM of each flight (the median of all its\n\
-             commands, later ones included), and that planted defects are fitted with the balance left open. The fits have not seen the test flights, but\n\
+             commands, later ones included). The fits have not seen the test flights, but\n\
              these choices have: take the factors and p values as somewhat too good.\n";
     text
 }
@@ -197,15 +196,6 @@ pub(crate) fn as_json(story: &Story) -> Json {
 }
 
 fn planted(pad: &Pad) -> Json {
-    let estimate = |e: &Estimate| (e.name.to_owned(), json!({"value": e.value, "stderr": e.stderr, "unit": e.unit}));
-    let found = |f: &Found| {
-        let params: serde_json::Map<String, Json> = f.choice.iter().chain(&f.params).map(estimate).collect();
-        json!({"name": f.name, "params": params, "asks_counts": f.asks, "p_value": f.p_value, "confusable_with": f.confusable_with})
-    };
-    let condition = |c: &Condition| {
-        let change = c.change.as_ref()?;
-        Some(json!({"condition": c.name, "by_counts": change.by, "left_p_value": change.left_p_value,
-            "effects": change.found.iter().map(found).collect::<Vec<_>>()}))
-    };
-    pad.conditions.iter().filter_map(condition).collect()
+    let condition = |c: &Condition| json!({"condition": c.name, "diagnosis": diagnosis_json(&c.diagnosis, &pad.demands)});
+    pad.conditions.iter().map(condition).collect()
 }

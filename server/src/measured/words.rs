@@ -4,10 +4,8 @@ use std::fmt::Write;
 
 use super::Story;
 use super::ground::ROTORS_FROM_MARKER_M;
-use super::pad::{Condition, Pad};
+use crate::cli::diagnose_report::{changes_table, verdict_text};
 use crate::cli::{Table, number};
-use crazyflie_identify::explain::verdict::Estimate;
-use crazyflie_identify::hover::{ASKED, BALANCE, Change, Found};
 
 /// Standard errors beyond which a difference is one.
 const CLEAR: f64 = 3.0;
@@ -119,84 +117,25 @@ pub(super) fn ground(story: &Story, text: &mut String) {
 
 pub(super) fn pad(story: &Story, text: &mut String) {
     let Some(pad) = &story.pad else { return };
-    let header: Vec<&str> = ["condition", "flights"].into_iter().chain(ASKED).chain(["left unexplained (p)"]).collect();
-    let mut table = Table::new(&header);
-    for c in &pad.conditions {
-        let mut row = vec![format!("`{}`", c.name), c.flights.len().to_string()];
-        row.extend((0..ASKED.len()).map(|i| match &c.change {
-            None => format!("{} +- {}", number(pad.normal.mean[i], 0), number(pad.normal.spread[(i, i)].sqrt(), 0)),
-            Some(change) => format!("{} ({} sd)", signed(change.by[i], 0), signed(change.z[i], 1)),
-        }));
-        row.push(c.change.as_ref().map_or(String::new(), |change| p_value(change.left_p_value)));
-        table.row(row);
-    }
-    let _ = writeln!(
-        text,
-        "## CrazyPAD: planted defects\n\nA controller with an integral makes up for what is wrong with a vehicle, so the mean of what it asks of the motors says what that\n\
-         is. In counts before battery compensation, over a flight without take-off and landing: thrust is the mean of the motors, roll a quarter of left\n\
-         less right, pitch of front less back, yaw of motors 1 and 3 less 2 and 4. First the normal vehicle, with the standard deviation of one flight;\n\
-         then how far each condition lies from it. The flights of a condition are one set-up (one battery put in, one trim), so their mean\n\
-         counts as one flight and not as six. Every effect of the library says through the simulator what it would ask of the motors; they are\n\
-         fitted to the difference and added while chance would do as well in less than 1 of 20 (Hotelling, times the number of effects). The\n\
-         balance (`com_offset`) is left open beside all others: it differs between set-ups anyway. Masses are for a vehicle of {} g.\n\n{}",
-        number(1e3 * story.thesis.model.parameter("vehicle.mass").unwrap_or(f64::NAN), 0),
-        table.markdown()
+    text.push_str(
+        "## CrazyPAD: planted defects\n\nWhat `crazyflie diagnose` says of each condition against the normal flights. A controller with an integral makes up for what is\n\
+         wrong with a vehicle, so the mean of what it asks of the motors says what that is. The folder's name is the truth.\n\n",
     );
-    for c in &pad.conditions {
-        if let Some(change) = &c.change {
-            let _ = writeln!(text, "- `{}`: {}. {}", c.name, verdict(pad, change), truth(c));
+    for condition in &pad.conditions {
+        let diagnosis = &condition.diagnosis;
+        let _ = writeln!(
+            text,
+            "### `{}`\n\n**{}**\n\n{}",
+            condition.name,
+            verdict_text(diagnosis, &pad.demands),
+            changes_table(diagnosis).markdown()
+        );
+        for line in &diagnosis.left_out {
+            let _ = writeln!(text, "- left out: {line}");
         }
+        text.push('\n');
     }
-    let _ = writeln!(text, "\n{}", alarms(pad));
-    let out: Vec<&str> = pad.conditions.iter().flat_map(|c| c.left_out.iter().map(String::as_str)).collect();
-    let _ = writeln!(text, "\nLeft out (another vehicle, or no steady flight): {}.\n", out.join(", "));
-}
-
-fn signed(value: f64, decimals: usize) -> String {
-    let sign = if value < 0.0 { "" } else { "+" };
-    format!("{sign}{}", number(value, decimals))
-}
-
-fn p_value(p: f64) -> String {
-    if p < 0.001 { "< 0.001".into() } else { number(p, 3) }
-}
-
-fn verdict(pad: &Pad, change: &Change) -> String {
-    if change.found.is_empty() {
-        return "nothing beyond what set-ups differ by".into();
+    if let Some([alarms, tried]) = pad.conditions.first().and_then(|c| c.diagnosis.normal_alarms) {
+        let _ = writeln!(text, "Each normal set-up against the others: {alarms} of {tried} raise an alarm.\n");
     }
-    let name = |f: &Found| {
-        let choice: Vec<String> = f.choice.iter().map(|c| format!(" {} {}", c.name, c.value)).collect();
-        let unit = |unit: &str| if unit == "1" { String::new() } else { format!(" {unit}") };
-        let of = |e: &Estimate| format!("{} {} +- {}{}", e.name, number(e.value, 4), number(e.stderr, 4), unit(e.unit));
-        // degrees of a loop without an integral say nothing here
-        let params = if f.name == BALANCE { vec![off_centre(pad, f)] } else { f.params.iter().map(of).collect() };
-        let alike = if f.confusable_with.is_empty() { String::new() } else { format!(", or as well {}", f.confusable_with.join(", ")) };
-        format!("`{}`{}: {} (p {}){alike}", f.name, choice.concat(), params.join(", "), p_value(f.p_value))
-    };
-    change.found.iter().map(name).collect::<Vec<_>>().join("; ")
-}
-
-fn off_centre(pad: &Pad, f: &Found) -> String {
-    let [left, front] = pad.normal.off_centre_m(&f.asks).map(|m| 1e3 * m);
-    let to = |mm: f64, sides: [&str; 2]| format!("{} mm to the {}", number(mm.abs(), 1), sides[usize::from(mm < 0.0)]);
-    format!("the centre of mass {}, {}", to(left, ["left", "right"]), to(front, ["front", "back"]))
-}
-
-/// What is known to have been planted, told after the figures have spoken.
-fn truth(c: &Condition) -> &'static str {
-    match c.name {
-        "add_weight_W1_near_M3_M4" => "Planted: a weight near motors 3 and 4, on the left.",
-        "cut_propeller_M3_2mm" => "Planted: propeller 3 cut by 2 mm.",
-        _ => "Planted: a weight on a string near motor 3. The library has no swinging load.",
-    }
-}
-
-fn alarms(pad: &Pad) -> String {
-    let flights = pad.conditions.first().map_or(0, |c| c.flights.len());
-    let count = pad.false_alarms.len();
-    let names: Vec<String> = pad.false_alarms.iter().map(|f| format!("`{}`, p {}", f.name, p_value(f.p_value))).collect();
-    let which = if count == 0 { String::new() } else { format!(": {}", names.join("; ")) };
-    let worth = if count == 0 { "" } else { " What a normal flight is named too is no evidence of a fault." };
-    format!("Each normal flight taken as a condition, against the others: {count} of {flights} get a name{which}.{worth}")
 }

@@ -1,0 +1,119 @@
+//! Motor demand of the effects: a controller with an integral makes up for whatever is wrong with a vehicle, so an effect shows in hover as
+//! what the mixer must ask of the four motors to undo it. The simulator says what that is; there is no second formula.
+
+use crazyflie_env::effects::{self, Entry};
+use crazyflie_env::model::{Model, VerticalInput};
+use crazyflie_env::plant::{Command, State};
+use crazyflie_env::world::{Settings, World};
+use nalgebra::{Matrix4, Vector4};
+
+use crate::explain::candidates::candidates;
+use crate::fit::hypothesis::{Hypothesis, Term};
+
+/// Components of a motor demand: the mean of all motors, then a quarter of left less right, of front less back, and of motors 1 and 3
+/// less 2 and 4, which turn the other way.
+pub const DEMAND: [&str; 4] = ["thrust", "roll", "pitch", "yaw"];
+/// The same by motor: 1 front right, 2 back right, 3 back left, 4 front left.
+const MIX: [f64; 16] = [1.0, 1.0, 1.0, 1.0, -1.0, -1.0, 1.0, 1.0, 1.0, -1.0, -1.0, 1.0, 1.0, -1.0, 1.0, -1.0];
+/// The flights of the simulator that say what an effect asks for are far from the floor.
+const HEIGHT_M: f64 = 10.0;
+/// Slopes are differences over this share of a parameter's range.
+const STEP: f64 = 1e-3;
+/// An effect that over its whole range asks for less than this share of the hover thrust asks for nothing.
+const NOTHING: f64 = 1e-3;
+/// The effect whose slopes say what each motor gives.
+const MOTOR: &str = "weak_motor";
+
+/// The four demands from what the four motors are asked for.
+pub(super) fn mix() -> Matrix4<f64> {
+    Matrix4::from_row_slice(&MIX) / 4.0
+}
+
+/// Motor demand of one free parameter of an effect.
+#[derive(Debug, Clone)]
+pub struct EffectDemand {
+    pub effect: &'static str,
+    /// The variant's number, such as which motor.
+    pub variant: Option<usize>,
+    /// Shares of the hover thrust per unit of the parameter, in the order of [`DEMAND`].
+    pub per_unit: [f64; 4],
+    /// Range of the parameter, less its value when off.
+    pub range: [f64; 2],
+}
+
+/// Motor demands of all effects of the registry that the motors can make up for.
+///
+/// # Errors
+/// A model that cannot be flown by a thrust command.
+pub fn effect_demands(model: &Model) -> crazyflie_env::Result<Vec<EffectDemand>> {
+    let motors = effects::find(MOTOR)?.1;
+    let all: Vec<Term> = candidates(&Hypothesis::of(model)).iter().flat_map(|c| c.starts[..c.variants].to_vec()).collect();
+    let none = after_a_tick(&Hypothesis::of(model))?;
+    // each motor's share of the motion, from the motion that is lost with it
+    let mut gives = Matrix4::zeros();
+    for (motor, term) in all.iter().filter(|t| std::ptr::eq::<Entry>(t.entry, motors)).take(4).enumerate() {
+        gives.set_column(motor, &-slope(model, term, *term.free.first().unwrap_or(&0), &none)?);
+    }
+    let Some(needed) = gives.try_inverse() else { return Ok(Vec::new()) };
+    let mut found = Vec::new();
+    for term in &all {
+        let choice = term.entry.params.iter().zip(&term.values).find(|(p, _)| p.role == effects::Role::Choice);
+        for i in &term.free {
+            let p = &term.entry.params[*i];
+            let asked: Vector4<f64> = mix() * needed * -slope(model, term, *i, &none)?;
+            if asked.norm() * (p.high - p.low) > NOTHING {
+                found.push(EffectDemand {
+                    effect: term.entry.name,
+                    variant: choice.map(|(_, value)| *value as usize),
+                    per_unit: asked.into(),
+                    range: [p.low - p.off, p.high - p.off],
+                });
+            }
+        }
+    }
+    Ok(found)
+}
+
+/// Change per unit of a parameter of the climb and to the turn rates, a tick after hover.
+fn slope(model: &Model, term: &Term, i: usize, none: &Vector4<f64>) -> crazyflie_env::Result<Vector4<f64>> {
+    let p = &term.entry.params[i];
+    let mut moved = term.clone();
+    moved.values[i] = p.off + STEP * (p.far() - p.off);
+    Ok((after_a_tick(&Hypothesis::of(model).with(moved))? - none) / (STEP * (p.far() - p.off)))
+}
+
+fn after_a_tick(hypothesis: &Hypothesis) -> crazyflie_env::Result<Vector4<f64>> {
+    let model = hypothesis.completed("hover");
+    let mut world = World::<f64>::new(&model, &Default::default(), Settings { input: VerticalInput::Thrust, physics_hz: None }, 1)?;
+    let mut start = State::rest();
+    start.pos_m[2] = HEIGHT_M;
+    let command = Command::level(model.parameter("vertical.thrust.hover")?);
+    world.start(0, true, &start, &command);
+    world.step(0, &command);
+    let x = world.state(0);
+    let [roll, pitch, yaw] = x.rate_radps;
+    Ok(Vector4::new(x.vel_mps[2], roll, pitch, yaw))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn demands_are_those_of_newton_and_of_the_mixer() {
+        let model = Model::thesis();
+        let demands = effect_demands(&model).unwrap();
+        let of = |effect: &str, variant: Option<usize>| demands.iter().find(|d| d.effect == effect && d.variant == variant).unwrap();
+        let mass_kg = model.parameter("vehicle.mass").unwrap();
+        let heavier = of("mass_change", None).per_unit;
+        assert!((heavier[0] * mass_kg - 1.0).abs() < 2e-3, "{heavier:?}");
+        assert!(heavier[1..].iter().all(|d| (d * mass_kg).abs() < 1e-6), "{heavier:?}");
+        // back left: a quarter of what it lacks is thrust, and to the left, to the back, and against the turn of 1 and 3
+        for (demand, sign) in of("weak_motor", Some(3)).per_unit.iter().zip([1.0, 1.0, -1.0, 1.0]) {
+            assert!((demand / 0.25 - sign).abs() < 1e-6, "{demand}");
+        }
+        // what leans to the right, which is positive roll, asks the right for more
+        assert!(of("com_offset", None).per_unit[1] < 0.0);
+        assert!(demands.iter().all(|d| !["drag_linear", "wind", "cmd_delay", "imu_tilt"].contains(&d.effect)));
+    }
+}

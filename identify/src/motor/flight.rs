@@ -1,0 +1,91 @@
+//! What a motor-level model needs of a flight: measured motion and rotor commands on one even clock.
+
+use thiserror::Error;
+
+use crate::FlightLog;
+
+/// The clock of the horizons.
+pub const STEP_S: f64 = 0.01;
+/// Logs whose usual step is further from it are on another clock.
+const STEP_TOLERANCE_S: f64 = 5e-4;
+/// Below this height the floor is felt.
+const CLEAR_OF_FLOOR_M: f64 = 0.3;
+const FULL_PWM: f64 = 65_535.0;
+/// Two seconds to learn trims from, and a second to predict.
+const LEAST_ROWS: usize = 300;
+
+/// Measured motion and rotor commands, row by row.
+#[derive(Debug, Clone)]
+pub struct MotorFlight {
+    pub name: String,
+    /// Position, velocity, roll, pitch, yaw and body rates.
+    pub motion: Vec<[f64; 12]>,
+    /// Rotor speeds in rad/s where they were measured, else the mean voltage of each motor: share of full PWM times battery voltage.
+    pub speeds: Vec<[f64; 4]>,
+}
+
+/// Reason why a log cannot drive a motor-level model.
+#[derive(Debug, Error, PartialEq)]
+pub enum MotorFlightError {
+    #[error("{name}: the log lacks {missing}")]
+    Missing { name: String, missing: &'static str },
+    #[error("{name}: the usual step is {step_s:.4} s, expected {STEP_S} s")]
+    OtherClock { name: String, step_s: f64 },
+    #[error("{name}: {rows} rows fly above {CLEAR_OF_FLOOR_M} m, at least {LEAST_ROWS} are needed")]
+    TooShort { name: String, rows: usize },
+}
+
+impl MotorFlight {
+    /// The part of a log that flies clear of the floor.
+    ///
+    /// # Errors
+    /// [`MotorFlightError`]: a signal is missing, the clock is another one, or it hardly flies.
+    pub fn from_log(name: &str, log: &FlightLog) -> Result<Self, MotorFlightError> {
+        let missing = |missing| MotorFlightError::Missing { name: name.to_owned(), missing };
+        let onboard = log.onboard.as_ref();
+        let speeds = rotor_speeds(log).ok_or(missing("rotor speeds, and motor PWM with battery voltage in their place"))?;
+        let gyro = log.gyro_radps.as_ref().ok_or(missing("body rates"))?;
+        let velocity = log.vel_mps.as_ref().or_else(|| onboard.and_then(|o| o.vel_mps.as_ref())).ok_or(missing("velocity"))?;
+        if log.fixes.row.len() != log.len() {
+            return Err(missing("a position in every row"));
+        }
+        let mut steps: Vec<f64> = log.t_s.windows(2).map(|t| t[1] - t[0]).collect();
+        steps.sort_by(f64::total_cmp);
+        let step_s = steps.get(steps.len() / 2).copied().unwrap_or(0.0);
+        if (step_s - STEP_S).abs() > STEP_TOLERANCE_S {
+            return Err(MotorFlightError::OtherClock { name: name.to_owned(), step_s });
+        }
+        let rows = log.interval_above(CLEAR_OF_FLOOR_M);
+        if rows.len() < LEAST_ROWS {
+            return Err(MotorFlightError::TooShort { name: name.to_owned(), rows: rows.len() });
+        }
+        let motion = |row: usize| {
+            let angles = [log.roll_rad[row], log.pitch_rad[row], log.yaw_rad[row]];
+            std::array::from_fn(|i| match i {
+                0..3 => log.fixes.pos_m[i][row],
+                3..6 => velocity[i - 3][row],
+                6..9 => angles[i - 6],
+                _ => gyro[i - 9][row],
+            })
+        };
+        Ok(Self { name: name.to_owned(), motion: rows.clone().map(motion).collect(), speeds: speeds[rows].to_vec() })
+    }
+}
+
+/// Measured rotor speeds, else the mean voltage of each motor, which a rotor's speed follows.
+fn rotor_speeds(log: &FlightLog) -> Option<Vec<[f64; 4]>> {
+    let onboard = log.onboard.as_ref()?;
+    if let Some(measured) = &onboard.rotor_radps {
+        return Some((0..log.len()).map(|row| measured.each_ref().map(|w| w[row])).collect());
+    }
+    let (pwm, vbat) = (onboard.motor_pwm.as_ref()?, log.vbat_v.as_ref()?);
+    Some((0..log.len()).map(|row| pwm.each_ref().map(|m| m[row] / FULL_PWM * vbat[row])).collect())
+}
+
+/// Median rotor speed of some flights: the unit of a model's speeds.
+#[must_use]
+pub fn median_speed(flights: &[MotorFlight]) -> f64 {
+    let mut all: Vec<f64> = flights.iter().flat_map(|f| f.speeds.iter().flatten().copied()).collect();
+    all.sort_by(f64::total_cmp);
+    all.get(all.len() / 2).copied().unwrap_or(f64::NAN)
+}

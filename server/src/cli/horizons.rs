@@ -1,0 +1,151 @@
+//! `crazyflie horizons`: a motor-level model fitted to some flights, and its errors by horizon on others.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use crazyflie_identify::FlightLog;
+use crazyflie_identify::motor::fit::{MotorModel, fit};
+use crazyflie_identify::motor::flight::MotorFlight;
+use crazyflie_identify::motor::horizons::{HORIZON_STEPS, HorizonErrors, HorizonTable, PUBLISHED, QUANTITIES, horizon_table};
+use crazyflie_identify::motor::model::FORM;
+use serde_json::{Value as Json, json};
+
+use super::{Failure, Outcome, Table, number, with_cause};
+
+const EXAMPLES: &str = "\
+Examples:
+  crazyflie horizons --fit a.csv.gz b.csv.gz --test c.csv.gz
+  crazyflie horizons --fit fit/*.csv.gz --test test/*.csv.gz --markdown";
+
+/// A prediction starts every so many rows of a test flight.
+const TEST_STRIDE: usize = 5;
+
+/// Fit thrust, motor lag, drag, authority and damping to the motors in logs, and table the errors after 1, 10 and 50 steps of 10 ms.
+///
+/// The table is that of the nano-drone system-identification benchmark. Each prediction starts from the measured state and from what was learnt
+/// before it; then the logged motors alone drive the model. Logs need motor PWM, battery voltage, body rates and velocity at 100 Hz.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct Args {
+    /// Logs to fit
+    #[arg(long, required = true, num_args = 1.., value_name = "LOG")]
+    fit: Vec<PathBuf>,
+    /// Logs to predict
+    #[arg(long, required = true, num_args = 1.., value_name = "LOG")]
+    test: Vec<PathBuf>,
+    /// Tables as Markdown
+    #[arg(long)]
+    markdown: bool,
+    /// For machines
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
+    let mut left_out = Vec::new();
+    let fitted = flights(&args.fit, &mut left_out)?;
+    let tested = flights(&args.test, &mut left_out)?;
+    if let Some((a, b)) = same_flight(&fitted, &tested) {
+        return Err(Failure::Usage(format!("{a} is to be fitted and {b} to be predicted, and they are the same flight")));
+    }
+    if tested.is_empty() {
+        return Err(Failure::Failed(format!("no flight to predict{}", lines(&left_out))));
+    }
+    let model = fit(&fitted).map_err(|e| Failure::Failed(format!("{e}{}", lines(&left_out))))?;
+    let table = horizon_table(&model, &tested, TEST_STRIDE);
+    if args.json {
+        serde_json::to_writer_pretty(&mut *out, &as_json(&model, &table, &left_out))?;
+        return Ok(writeln!(out)?);
+    }
+    let text = |table: Table| if args.markdown { table.markdown() } else { table.plain() };
+    writeln!(
+        out,
+        "Mean absolute errors of {} predictions on {} flights that the fit of {} has not seen: length of the error, angle of attitude.\n",
+        table.predictions,
+        tested.len(),
+        fitted.len()
+    )?;
+    writeln!(out, "{}", text(errors_table(&table)))?;
+    writeln!(
+        out,
+        "Published rows: Busetto, Cereda et al., arXiv 2512.14450, on flights of their own, of another vehicle: a yardstick, no contest on the same data.\n"
+    )?;
+    write!(out, "{}", text(parameters_table(&model)))?;
+    let stuck: Vec<&str> = FORM.iter().zip(model.at_bound).filter(|(_, at)| *at).map(|(p, _)| p.name).collect();
+    if !stuck.is_empty() {
+        writeln!(
+            out,
+            "\nAt a bound, so not known: {}. Motors recorded at 100 Hz hold little of a rate loop at 500 Hz, and what it does with noise is no torque.",
+            stuck.join(", ")
+        )?;
+    }
+    for line in &left_out {
+        writeln!(out, "Left out: {line}")?;
+    }
+    Ok(())
+}
+
+fn lines(of: &[String]) -> String {
+    of.iter().map(|line| format!("\n  {line}")).collect()
+}
+
+/// Flights that can drive the model. A file that is no log fails; a log without motors is left out.
+fn flights(paths: &[PathBuf], left_out: &mut Vec<String>) -> Outcome<Vec<MotorFlight>> {
+    let mut found = Vec::new();
+    for path in paths {
+        let log = FlightLog::read(path).map_err(|e| Failure::Failed(with_cause(&e)))?;
+        match MotorFlight::from_log(&path.display().to_string(), &log) {
+            Ok(flight) => found.push(flight),
+            Err(why) => left_out.push(why.to_string()),
+        }
+    }
+    Ok(found)
+}
+
+/// Names of a flight on both sides; measured motion never repeats to the last bit.
+fn same_flight(a: &[MotorFlight], b: &[MotorFlight]) -> Option<(String, String)> {
+    let pairs = a.iter().flat_map(|a| b.iter().map(move |b| (a, b)));
+    pairs.filter(|(a, b)| a.motion == b.motion).map(|(a, b)| (a.name.clone(), b.name.clone())).next()
+}
+
+fn errors_table(table: &HorizonTable) -> Table {
+    let header: Vec<String> = std::iter::once("error".to_owned())
+        .chain(HORIZON_STEPS.iter().map(|h| format!("{h} steps")))
+        .chain(HORIZON_STEPS.iter().map(|h| format!("unchanged, {h}")))
+        .chain(PUBLISHED.iter().map(|p| format!("{}, 50", p.name)))
+        .collect();
+    let mut out = Table::new(&header.iter().map(String::as_str).collect::<Vec<_>>());
+    for (q, (quantity, unit)) in QUANTITIES.iter().enumerate() {
+        let mut row = vec![format!("{quantity} ({unit})")];
+        let digits = |errors: &HorizonErrors| errors[q].iter().map(|e| number(*e, 4)).collect::<Vec<_>>();
+        row.extend(digits(&table.model));
+        row.extend(digits(&table.unchanged));
+        row.extend(PUBLISHED.iter().map(|p| p.errors[q].map_or(String::new(), |e| number(e, 3))));
+        out.row(row);
+    }
+    out
+}
+
+fn parameters_table(model: &MotorModel) -> Table {
+    let mut table = Table::new(&["parameter", "value", "unit", "meaning"]).left(&[2, 3]);
+    for (i, p) in FORM.iter().enumerate() {
+        let bound = if model.at_bound[i] { ", at its bound" } else { "" };
+        let value = format!("{} +- {}{bound}", number(model.values[i], 3), number(model.stderr[i], 3));
+        table.row(vec![p.name.to_owned(), value, p.unit.to_owned(), p.about.to_owned()]);
+    }
+    table
+}
+
+fn as_json(model: &MotorModel, table: &HorizonTable, left_out: &[String]) -> Json {
+    let parameter = |i: usize| json!({"name": FORM[i].name, "unit": FORM[i].unit, "value": model.values[i], "stderr": model.stderr[i], "at_bound": model.at_bound[i]});
+    json!({
+        "horizon_steps": HORIZON_STEPS,
+        "quantities": QUANTITIES.iter().map(|(name, unit)| json!({"name": name, "unit": unit})).collect::<Vec<_>>(),
+        "errors": table,
+        "published_after_50_steps": PUBLISHED,
+        "published_source": "arXiv 2512.14450, other flights of another vehicle",
+        "parameters": (0..FORM.len()).map(parameter).collect::<Vec<_>>(),
+        "median_speed_v": model.median_speed,
+        "left_out": left_out,
+    })
+}
