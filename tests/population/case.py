@@ -17,7 +17,7 @@ from .vehicle import MASS_KG, REFERENCE_V
 GROUPS = ["null", "single", "compound", "outside"]
 INNER_LOOPS = ["firmware", "plain"]
 # True of rotorpy's vehicle beside its declared model, whatever is hidden: rotor drag, motor lag, exact geometry.
-BENIGN = ["drag_linear", "motor_lag", "tilt_loss", "euler_kinematics", "exact_tan"]
+BENIGN = ["drag_linear", "motor_lag", "rigid_body", "tilt_loss", "euler_kinematics", "exact_tan"]
 ATTEMPTS = 4
 
 
