@@ -15,6 +15,8 @@ use crate::replay::measured::{Measured, median};
 pub const WINDOW_S: f64 = 2.0;
 /// How far back effects may remember commands.
 pub const MEMORY_S: f64 = 0.3;
+/// Quartz clocks of two radios or computers agree to some hundred millionths.
+const SAME_CLOCK: f64 = 1e-3;
 /// Rows of a log and ticks of a world differ only by rounding.
 const ROUNDING_S: f64 = 1e-6;
 
@@ -64,6 +66,8 @@ pub struct Flight {
     starts: Vec<State<f64>>,
     /// Sampling interval of the attitude.
     pub row_s: f64,
+    /// Motion capture measured the attitude, not the vehicle's own estimator.
+    pub sees_true_attitude: bool,
 }
 
 /// A stretch of a flight predicted from a start of its own.
@@ -132,7 +136,13 @@ impl Flight {
             noise,
             starts,
             row_s,
+            sees_true_attitude: log.format == Format::NanoBench,
         })
+    }
+
+    /// Whether two flights have the same control ticks: clocks drift apart by millionths, rates that differ do so by a hundredth at least.
+    pub fn shares_clock(&self, other: &Flight) -> bool {
+        (self.tick_s / other.tick_s - 1.0).abs() < SAME_CLOCK
     }
 
     /// All its ticks.
@@ -223,7 +233,8 @@ fn commands(
         return Err(ReplayError::NoCommands { what: "roll and pitch commands" });
     };
     let wanted = if log.cmd_thrust_pwm.is_some() { [VerticalInput::Thrust, VerticalInput::Pwm] } else { [VerticalInput::Height; 2] };
-    let input = vertical.or_else(|| wanted.into_iter().find(|input| model.vertical(*input).is_ok())).unwrap_or(wanted[0]);
+    let declared = model.vertical.default.filter(|input| input.is_pwm() == log.cmd_thrust_pwm.is_some());
+    let input = vertical.or(declared).or_else(|| wanted.into_iter().find(|input| model.vertical(*input).is_ok())).unwrap_or(wanted[0]);
     model.vertical(input)?;
     let lift = if input.is_pwm() { &log.cmd_thrust_pwm } else { &log.cmd_height_m };
     let lift = lift.as_ref().ok_or(ReplayError::NoCommands { what: "thrust or height command" })?;

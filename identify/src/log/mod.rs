@@ -17,6 +17,7 @@ mod note;
 mod project;
 mod radio;
 mod ros;
+mod same;
 mod samples;
 mod signal;
 mod skew;
@@ -31,6 +32,7 @@ use std::ops::Range;
 use std::path::Path;
 
 pub use error::{LogError, MissingColumn};
+pub use same::first_duplicate;
 pub use note::Note;
 
 /// The file format a log came from: known by the first bytes of binary files, by the column names of CSV.
@@ -116,8 +118,8 @@ pub struct FlightLog {
     pub format: Format,
     /// Time of each row, strictly increasing.
     pub t_s: Vec<f64>,
-    /// Rows during which the vehicle flies, empty if it never does: above 0.1 m for NanoBench, whose vehicle
-    /// stands at up to 0.072 m and for ROS, above 0.05 m in project files, above 0.15 m with the motors on in micro-SD logs,
+    /// Rows during which the vehicle flies, empty if it never does: 0.05 m above where this flight's vehicle stood for NanoBench (0.1 m if the
+    /// log does not hold it standing), above 0.1 m for ROS, above 0.05 m in project files, above 0.15 m with the motors on in micro-SD logs,
     /// whose height is an estimate, and all rows of hidden-effects files, which hold
     /// neither take-off nor landing. The ends fly through ground effect: see [`FlightLog::interval_above`].
     pub airborne: Range<usize>,

@@ -52,13 +52,18 @@ const PID: [&str; 4] = ["pid_controller_roll", "pid_controller_pitch", "pid_cont
 const SETPOINT_NAME: &str = "the setpoint";
 const VBAT: &str = "pwr_pm_vbat";
 
-/// The vehicle stands at 0.053 to 0.072 m (marker height) in all files.
+/// Above where the vehicle stood; its marker stands at 0.053 to 0.072 m, differently in each session.
+const ABOVE_REST_M: f64 = 0.05;
+/// Where the log begins in the air, nobody knows where the vehicle stood: higher than any has.
 const AIRBORNE_M: f64 = 0.1;
+/// Rows that tell where the vehicle stands.
+const LEAST_STANDING: usize = 10;
 const G_MPS2: f64 = 9.80665;
 
 pub(super) fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
     let mut log = motion_capture(table, &mut notes)?;
-    log.find_airborne(AIRBORNE_M);
+    let airborne_m = resting_height_m(table, &log)?.map_or(AIRBORNE_M, |rest_m| rest_m + ABOVE_REST_M);
+    log.find_airborne(airborne_m);
     let flies = log.airborne.clone();
     let t_s = &log.t_s;
     let imu = Packets::read(table, t_s, &flies, "the IMU", IMU)?;
@@ -69,7 +74,7 @@ pub(super) fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, Log
     let pid = Packets::read(table, t_s, &flies, "the controller's commands", PID)?;
     let ends = [imu.last(), motor.last(), est.last(), att.last(), sp.last(), pid.last()];
     let vbat = battery(table, t_s, &mut notes)?;
-    log.cut(ends.into_iter().flatten().min(), &mut notes);
+    log.cut(ends.into_iter().flatten().min(), airborne_m, &mut notes);
     log.vbat_v = vbat.map(|v| v[..log.len()].to_vec());
 
     let imu = imu.keep(&log, &mut notes);
@@ -142,6 +147,18 @@ fn motion_capture(table: &Table, notes: &mut Vec<Note>) -> Result<FlightLog, Log
     })
 }
 
+/// The height at which the vehicle stands before anything drives the motors, if the log begins so.
+fn resting_height_m(table: &Table, log: &FlightLog) -> Result<Option<f64>, LogError> {
+    let mut standing = log.len();
+    for column in MOTOR.iter().chain([&PID[3]]) {
+        let driven = table.column(column, NUMBER)?.iter().position(|pwm| *pwm > 0.0);
+        standing = standing.min(driven.unwrap_or(standing));
+    }
+    // a log in which nothing ever drives the motors does not tell when the vehicle stands
+    let tells = (LEAST_STANDING..log.len()).contains(&standing);
+    Ok(tells.then(|| median(&log.fixes.pos_m[2][..standing])))
+}
+
 /// The battery voltage comes twice a second or so: after its last packet that value holds, rather than costing rows.
 fn battery(table: &Table, t_s: &[f64], notes: &mut Vec<Note>) -> Result<Option<Vec<f64>>, LogError> {
     if !table.has(VBAT) {
@@ -171,7 +188,7 @@ fn negated(values: Vec<f64>) -> Vec<f64> {
 
 impl FlightLog {
     /// Cuts the rows after `last`, if there is such an end, and finds the airborne interval again.
-    fn cut(&mut self, last: Option<(usize, &'static str)>, notes: &mut Vec<Note>) {
+    fn cut(&mut self, last: Option<(usize, &'static str)>, airborne_m: f64, notes: &mut Vec<Note>) {
         let Some((last, channels)) = last else { return };
         let rows = last + 1;
         let end_s = self.t_s[self.len() - 1];
@@ -185,7 +202,7 @@ impl FlightLog {
             values.truncate(rows);
         }
         self.notes.clear();
-        self.find_airborne(AIRBORNE_M);
+        self.find_airborne(airborne_m);
     }
 
     fn set_commands(&mut self, pid: Option<[Vec<f64>; 4]>) {

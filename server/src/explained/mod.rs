@@ -118,6 +118,9 @@ fn flights(sources: &[Source], model: &Model, vertical: Option<VerticalInput>) -
 
 /// A thrust command does not say which of two forms of the model flew it: of these, the one that predicts the flights better as it is.
 fn likelier(model: &Model, fit: &[Source]) -> Result<Option<VerticalInput>, ExplainError> {
+    if model.vertical.default.is_some() {
+        return Ok(model.vertical.default);
+    }
     let forms: Vec<VerticalInput> = model.inputs().into_iter().filter(|input| input.is_pwm()).collect();
     if forms.len() < 2 || fit.iter().any(|source| source.log.cmd_thrust_pwm.is_none()) {
         return Ok(None);
@@ -216,7 +219,7 @@ impl Run {
 fn alike(fit: &Flights, test: &Flights) -> Result<(), ExplainError> {
     let Some((first, like)) = fit.named().next() else { return Ok(()) };
     for (source, flight) in fit.named().chain(test.named()) {
-        if (flight.tick_s - like.tick_s).abs() > 1e-6 || flight.input != like.input {
+        if !flight.shares_clock(like) || flight.input != like.input {
             return Err(ExplainError::Unlike { first: first.file.clone(), other: source.file.clone() });
         }
     }

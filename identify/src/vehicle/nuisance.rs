@@ -1,0 +1,90 @@
+//! What differs from flight to flight and is no property of the vehicle: trims, and the PWM that carries it on that day's battery.
+
+use crazyflie_env::effects;
+use crazyflie_env::model::VerticalInput;
+
+use crate::estimate::IdentifyError;
+use crate::fit::flight::{Flight, Window};
+use crate::fit::hypothesis::{Hypothesis, Term};
+use crate::fit::predict::Prediction;
+use crate::fit::solve::{Prior, solve};
+
+/// Marker frames lie askew by about a degree, differently in each session, and so does a trim: with room to spare.
+const TRIM_SD_DEG: f64 = 3.0;
+/// Hover PWM of one vehicle spread by 3 % over flights (batteries, repairs): with room to spare.
+const SCALE_SD: f64 = 0.1;
+/// The effects that say so, with the standard deviation of each parameter over flights before any flight was seen.
+const TERMS: [(&str, f64); 3] = [("com_offset", TRIM_SD_DEG), ("imu_tilt", TRIM_SD_DEG), (SCALE, SCALE_SD)];
+const SCALE: &str = "thrust_scale";
+/// Fewer flights do not tell how much flights differ.
+const LEAST_FLIGHTS: usize = 4;
+/// Flights that agree by chance do not make a number certain: no prior gets narrower than this share of the first.
+const NARROWEST: f64 = 0.1;
+/// Of a flight that the fit has not seen, this much from its start tells its nuisance parameters.
+pub const SETTLE_S: f64 = 5.0;
+
+/// The nuisance parameters of one flight.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Trim {
+    pub log: String,
+    /// Name, unit and value of each; the hover PWM last, where thrust is commanded.
+    pub values: Vec<(String, &'static str, f64)>,
+}
+
+/// Effects whose free parameters every flight has for itself.
+pub(super) fn terms(input: VerticalInput) -> Result<Vec<Term>, IdentifyError> {
+    let commands_thrust = input == VerticalInput::Thrust;
+    let term = |(name, sd): &(&str, f64)| -> Result<Term, IdentifyError> {
+        let term = Term::off(effects::find(name)?.1);
+        let priors = term.free_values().into_iter().map(|mean| Prior { mean, sd: *sd }).collect();
+        Ok(Term { per_flight: Some(priors), ..term })
+    };
+    TERMS.iter().filter(|(name, _)| *name != SCALE || commands_thrust).map(term).collect()
+}
+
+/// The priors after a look at the flights of a fit, of which `each` holds all free numbers: how much flights differ is itself estimated.
+pub(super) fn learn_priors(at: &mut Hypothesis, each: &[Vec<f64>]) {
+    if each.len() < LEAST_FLIGHTS {
+        return;
+    }
+    let n = each.len() as f64;
+    let mut place = at.free.len();
+    for term in &mut at.terms {
+        let first_sd = TERMS.iter().find(|(name, _)| *name == term.entry.name).map_or(0.0, |(_, sd)| *sd);
+        for (i, prior) in term.per_flight.iter_mut().flatten().enumerate() {
+            let values = each.iter().map(|flight| flight[place + i]);
+            // the mean thrust belongs to the hover PWM of the model
+            if term.entry.name != SCALE {
+                prior.mean = values.clone().sum::<f64>() / n;
+            }
+            let squares: f64 = values.map(|v| (v - prior.mean).powi(2)).sum();
+            prior.sd = (squares / (n - 1.0)).sqrt().max(NARROWEST * first_sd);
+        }
+        place += term.free.len();
+    }
+}
+
+/// The hypothesis with the nuisance parameters of a flight found from its first seconds; `at` has nothing else free.
+pub(super) fn settled_on_start(at: &Hypothesis, flight: &Flight) -> Hypothesis {
+    // two windows of the first seconds, or what there is of a shorter flight
+    let last = ((SETTLE_S / flight.tick_s).round() as usize).min(flight.ticks);
+    let windows = [0..last / 2, last / 2..last].map(|ticks| Window { flight: 0, ticks });
+    let flights = std::slice::from_ref(flight);
+    let prediction = Prediction { flights, windows: &windows, hypothesis: at, inflation: 1.0 };
+    let solution = solve(&prediction, prediction.starts(), prediction.shared());
+    at.at(&prediction.of_flight(&solution.shared, 0)).fixed()
+}
+
+/// Nuisance parameters as people read them.
+pub(super) fn trim(log: &str, at: &Hypothesis) -> Trim {
+    let mut values = Vec::new();
+    for term in at.terms.iter().filter(|t| t.per_flight.is_some()) {
+        if term.entry.name == SCALE {
+            let hover = at.model.parameter("vertical.thrust.hover").unwrap_or(f64::NAN);
+            values.push(("hover_pwm".to_owned(), "1", hover / term.values[0]));
+        } else {
+            values.extend(term.entry.params.iter().zip(&term.values).map(|(p, v)| (format!("{}.{}", term.entry.name, p.name), p.unit, *v)));
+        }
+    }
+    Trim { log: log.to_owned(), values }
+}
