@@ -1,25 +1,27 @@
 //! Axes turned against each other.
 
 use super::{Cx, Effect, Hooks, Param, param};
-use crate::plant::{Command, State};
+use crate::plant::{Command, Push, State};
 use crate::real::Real;
 
 pub struct AllocCross;
 
 impl Effect<1, 0> for AllocCross {
     const NAME: &'static str = "alloc_cross";
-    const ABOUT: &'static str = "Roll and pitch commands act about axes turned by this angle";
-    const SOURCE: &'static str = "A flight controller mounted askew: motor allocation in a frame turned about z";
+    const ABOUT: &'static str = "The torques that roll and pitch ask for act about axes turned by this angle";
+    const SOURCE: &'static str = "A flight controller mounted askew: motor allocation in a frame turned about z; torque as in 5.1, feedback included";
     const PARAMS: [Param; 1] = [
         param("angle_deg", "deg", 0.0, [-45.0, 45.0], "right-handed about z"),
     ];
-    const HOOKS: Hooks = Hooks::COMMAND;
+    const HOOKS: Hooks = Hooks::PUSH;
+    const PHYSICS_HZ: u32 = 300;
 
     #[inline(always)]
-    fn command<R: Real>(&[angle_deg]: &[R; 1], _: &mut [R; 0], _: &Cx<R>, _: &State<R>, u: &mut Command<R>) {
+    fn push<R: Real>(&[angle_deg]: &[R; 1], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
         let (sin, cos) = (angle_deg * R::of(std::f64::consts::PI / 180.0)).sin_cos();
-        let (roll, pitch) = (u.roll_rad, u.pitch_rad);
-        u.roll_rad = cos * roll - sin * pitch;
-        u.pitch_rad = sin * roll + cos * pitch;
+        let lost = R::of(1.0) - cos;
+        let [roll, pitch] = cx.body.tilt_torque_radps2(x, u);
+        out.ang_radps2[0] -= lost * roll + sin * pitch;
+        out.ang_radps2[1] += sin * roll - lost * pitch;
     }
 }

@@ -1,6 +1,6 @@
 //! Turning mixes roll and pitch.
 
-use super::{Cx, Effect, Hooks, Param, param};
+use super::{Cx, Effect, Geometry, Hooks, Param, param};
 use crate::plant::{Command, Push, State};
 use crate::real::Real;
 
@@ -16,7 +16,7 @@ impl Effect<2, 0> for EulerKinematics {
         param("heading_kept", "1", 0.0, [0.0, 1.0], "1 leaves yaw' = r, as models of roll and pitch alone do").choice(),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
-    const GEOMETRY: bool = true;
+    const GEOMETRY: Geometry = Geometry::Part;
     const PHYSICS_HZ: u32 = 150;
 
     #[inline(always)]

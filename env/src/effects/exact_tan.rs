@@ -1,6 +1,6 @@
 //! Sideways acceleration at large angles.
 
-use super::{Cx, Effect, Hooks, Param, param};
+use super::{Cx, Effect, Geometry, Hooks, Param, param};
 use crate::plant::{Command, Push, State};
 use crate::real::Real;
 
@@ -14,7 +14,7 @@ impl Effect<1, 0> for ExactTan {
         param("amount", "1", 0.0, [0.0, 1.0], "1 for the exact tangent"),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
-    const GEOMETRY: bool = true;
+    const GEOMETRY: Geometry = Geometry::Part;
 
     #[inline(always)]
     fn push<R: Real>(&[amount]: &[R; 1], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, _: &Command<R>, out: &mut Push<R>) {

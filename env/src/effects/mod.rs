@@ -88,6 +88,17 @@ impl Trace {
     }
 }
 
+/// How much of the exact geometry of a tilted, turning vehicle an effect brings.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Geometry {
+    /// Nothing: it is a trait of one vehicle.
+    None,
+    /// One term of it.
+    Part,
+    /// All of it: a model form in which no `Part` is needed.
+    Whole,
+}
+
 /// Where an effect enters the loop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Hooks {
@@ -290,8 +301,8 @@ pub trait Effect<const P: usize, const S: usize>: Send + 'static {
     /// order; only what feeds back on the fast attitude dynamics (5.1 has a pole at -28.8 1/s) needs more than the control rate.
     const PHYSICS_HZ: u32 = 50;
     const TRACE: Trace = Trace::Mean;
-    /// What a small-angle model leaves out by its form, whatever the vehicle: all effects of this kind are one finding, the first of them named.
-    const GEOMETRY: bool = false;
+    /// Part of what a small-angle model leaves out by its form: all effects of this kind are one finding.
+    const GEOMETRY: Geometry = Geometry::None;
     /// How many of its numbers of state, the last ones, follow the vehicle's motion: a fit has to estimate them with it. (What follows the
     /// commands alone it can run up.)
     const LAGS: usize = 0;
@@ -327,7 +338,7 @@ pub struct Entry {
     pub physics_hz: u32,
     pub trace: Trace,
     /// See [`Effect::GEOMETRY`].
-    pub geometry: bool,
+    pub geometry: Geometry,
     /// See [`Effect::LAGS`].
     pub lags: usize,
     pub(crate) lanes: fn(Build) -> Box<dyn Stage<Lanes>>,
@@ -370,6 +381,7 @@ registry![
     thrust_scale::ThrustScale,
     thrust_slope::ThrustSlope,
     weak_motor::WeakMotor,
+    rigid_body::RigidBody,
     tilt_loss::TiltLoss,
     exact_tan::ExactTan,
     drag_linear::DragLinear,

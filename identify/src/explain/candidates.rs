@@ -1,6 +1,6 @@
 //! Which effects are tried, and from where.
 
-use crazyflie_env::effects::{Entry, Role, registry};
+use crazyflie_env::effects::{Entry, Geometry, Role, registry};
 
 use crate::fit::hypothesis::{Hypothesis, Term};
 
@@ -15,9 +15,11 @@ pub struct Candidate {
     pub variants: usize,
 }
 
-/// Every effect of the registry that changes what is expected and that the hypothesis does not have yet.
+/// Every effect of the registry that changes what is expected and that the hypothesis does not have yet. In a whole geometry no part of it is missing.
 pub fn candidates(hypothesis: &Hypothesis) -> Vec<Candidate> {
-    let absent = |e: &&Entry| e.trace.is_expected() && !hypothesis.has(e.name) && !hypothesis.model.effects.contains_key(e.name);
+    let has = |e: &Entry| hypothesis.has(e.name) || hypothesis.model.effects.contains_key(e.name);
+    let is_whole = registry().iter().any(|e| e.geometry == Geometry::Whole && has(e));
+    let absent = |e: &&Entry| e.trace.is_expected() && !has(e) && !(is_whole && e.geometry == Geometry::Part);
     registry().iter().filter(absent).map(|entry| Candidate { entry, starts: starts(entry), variants: variants(entry).len() }).collect()
 }
 

@@ -26,8 +26,29 @@ const SETTLE_S: f64 = 2.0;
 /// A free run does not go on further than this from the start.
 const FREE_S: f64 = 20.0;
 
+/// The same by axis, with their units: how far sideways and up, how tilted and turned.
+pub const AXES: [(&str, &str); 6] = [
+    ("sideways position", "m"),
+    ("vertical position", "m"),
+    ("sideways velocity", "m/s"),
+    ("vertical velocity", "m/s"),
+    ("roll and pitch", "rad"),
+    ("yaw", "rad"),
+];
 /// Root mean square error per quantity and horizon, in the order of [`QUANTITIES`] and [`HORIZONS`].
 pub type Table = [[f64; 5]; 3];
+/// Root mean square error per axis and horizon, in the order of [`AXES`] and [`HORIZONS`].
+pub type AxisTable = [[f64; 5]; 6];
+
+/// Errors by axis. A mean over three axes hides one that grew worse.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct AxisErrors {
+    pub before: AxisTable,
+    pub after: AxisTable,
+    pub naive: AxisTable,
+    /// As in [`Errors`].
+    pub p_value: AxisTable,
+}
 
 /// Errors on the test flights.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -38,34 +59,50 @@ pub struct Errors {
     pub naive: Table,
     /// Two-sided p value of the paired differences between before and after, per quantity and horizon, over stretches of the flights.
     pub p_value: Table,
+    pub axes: AxisErrors,
 }
 
-/// Squared errors of one prediction: per quantity and horizon; NaN where there is nothing to compare with.
-type Squares = [[f64; 5]; 3];
+/// Squared errors of one prediction: per axis and horizon; NaN where there is nothing to compare with.
+type Squares = AxisTable;
 
 /// Errors of two hypotheses, each with its disturbances, on the same flights. Predictions start from what the filter of each knows then; from there
 /// on the commands alone decide.
 pub fn compare(before: (&Hypothesis, &Disturbances), after: (&Hypothesis, &Disturbances), flights: &[Flight]) -> Errors {
     let of = |(hypothesis, disturbances): (&Hypothesis, &Disturbances), naive| squares(&hypothesis.fixed(), disturbances, flights, naive);
     let (b, (a, n)) = rayon::join(|| of(before, false), || rayon::join(|| of(after, false), || of(before, true)));
-    let mut p_value = [[1.0; 5]; 3];
-    for (quantity, row) in p_value.iter_mut().enumerate() {
-        for (horizon, p) in row.iter_mut().enumerate() {
-            let differences = b.iter().zip(&a).map(|(b, a)| mean_of(b, quantity, horizon) - mean_of(a, quantity, horizon));
-            *p = paired(&differences.filter(|d| d.is_finite()).collect::<Vec<_>>());
-        }
+    let quantity = |pair: usize| move |s: &Squares, h: usize| s[2 * pair][h] + s[2 * pair + 1][h];
+    let axis = |row: usize| move |s: &Squares, h: usize| s[row][h];
+    Errors {
+        before: std::array::from_fn(|q| root_means(&b, quantity(q))),
+        after: std::array::from_fn(|q| root_means(&a, quantity(q))),
+        naive: std::array::from_fn(|q| root_means(&n, quantity(q))),
+        p_value: std::array::from_fn(|q| p_values(&b, &a, quantity(q))),
+        axes: AxisErrors {
+            before: std::array::from_fn(|row| root_means(&b, axis(row))),
+            after: std::array::from_fn(|row| root_means(&a, axis(row))),
+            naive: std::array::from_fn(|row| root_means(&n, axis(row))),
+            p_value: std::array::from_fn(|row| p_values(&b, &a, axis(row))),
+        },
     }
-    Errors { before: table(&b), after: table(&a), naive: table(&n), p_value }
 }
 
-fn mean_of(stretch: &[Squares], quantity: usize, horizon: usize) -> f64 {
-    let known: Vec<f64> = stretch.iter().map(|s| s[quantity][horizon]).filter(|v| v.is_finite()).collect();
+/// Mean over predictions of some square at a horizon, where there is one.
+fn mean_square<'a>(all: impl Iterator<Item = &'a Squares>, square: impl Fn(&Squares, usize) -> f64, horizon: usize) -> f64 {
+    let known: Vec<f64> = all.map(|s| square(s, horizon)).filter(|v| v.is_finite()).collect();
     known.iter().sum::<f64>() / known.len() as f64
 }
 
-fn table(stretches: &[Vec<Squares>]) -> Table {
-    let all: Vec<Squares> = stretches.iter().flatten().copied().collect();
-    std::array::from_fn(|quantity| std::array::from_fn(|horizon| mean_of(&all, quantity, horizon).sqrt()))
+fn root_means(stretches: &[Vec<Squares>], square: impl Fn(&Squares, usize) -> f64) -> [f64; 5] {
+    std::array::from_fn(|horizon| mean_square(stretches.iter().flatten(), &square, horizon).sqrt())
+}
+
+/// Per horizon, the p value of the paired differences between two models over stretches of the flights.
+fn p_values(before: &[Vec<Squares>], after: &[Vec<Squares>], square: impl Fn(&Squares, usize) -> f64) -> [f64; 5] {
+    std::array::from_fn(|horizon| {
+        let mean = |stretch: &Vec<Squares>| mean_square(stretch.iter(), &square, horizon);
+        let differences = before.iter().zip(after).map(|(b, a)| mean(b) - mean(a));
+        paired(&differences.filter(|d| d.is_finite()).collect::<Vec<_>>())
+    })
 }
 
 /// Student's paired t test: the two-sided p value of a mean of zero.
@@ -114,27 +151,34 @@ fn one(worker: &mut Worker, flight: &Flight, own: &[f64], start: usize, free: bo
     let mean = |channels: Range<usize>, about_s: f64, reach_s: f64| -> f64 {
         let near = worker.rows().iter().filter(|r| channels.contains(&r.channel) && (r.t_s - about_s).abs() <= reach_s);
         let errors: Vec<f64> = near.map(|r| (r.measured - if naive { held(r) } else { r.predicted }).powi(2)).collect();
-        3.0 * errors.iter().sum::<f64>() / errors.len() as f64
+        channels.len() as f64 * errors.iter().sum::<f64>() / errors.len() as f64
     };
-    let mut out = [[f64::NAN; 5]; 3];
+    let mut out = [[f64::NAN; 5]; 6];
     for (horizon, seconds) in HORIZONS_S.iter().enumerate().filter(|(_, s)| start + ahead(**s) <= end) {
         let about_s = (start + ahead(*seconds)) as f64 * flight.tick_s;
         // frames do not fall on ticks
-        (out[0][horizon], out[2][horizon]) = (mean(3..6, about_s, 0.02), mean(0..3, about_s, 0.6 * flight.tick_s));
+        (out[0][horizon], out[1][horizon]) = (mean(3..5, about_s, 0.02), mean(5..6, about_s, 0.02));
+        (out[4][horizon], out[5][horizon]) = (mean(0..2, about_s, 0.6 * flight.tick_s), mean(2..3, about_s, 0.6 * flight.tick_s));
     }
     if free {
         let (about_s, reach_s) = (0.5 * (start + end) as f64 * flight.tick_s, 0.5 * (end - start) as f64 * flight.tick_s);
-        (out[0][4], out[2][4]) = (mean(3..6, about_s, reach_s), mean(0..3, about_s, reach_s));
+        (out[0][4], out[1][4]) = (mean(3..5, about_s, reach_s), mean(5..6, about_s, reach_s));
+        (out[4][4], out[5][4]) = (mean(0..2, about_s, reach_s), mean(2..3, about_s, reach_s));
     }
-    let mut velocity = |tick: usize| -> f64 {
+    let mut velocity = |tick: usize| -> [f64; 2] {
         let predicted = if naive { Some(from.vel_mps) } else { worker.reported_velocity(flight, tick - start) };
-        predicted.map_or(f64::NAN, |v| v.iter().zip(flight.start(tick).vel_mps).map(|(p, m)| (p - m).powi(2)).sum())
+        let measured = flight.start(tick).vel_mps;
+        predicted.map_or([f64::NAN; 2], |v| {
+            let square = |i: usize| (v[i] - measured[i]).powi(2);
+            [square(0) + square(1), square(2)]
+        })
     };
     for (horizon, seconds) in HORIZONS_S.iter().enumerate().filter(|(_, s)| start + ahead(**s) <= end) {
-        out[1][horizon] = velocity(start + ahead(*seconds));
+        [out[2][horizon], out[3][horizon]] = velocity(start + ahead(*seconds));
     }
     if free {
-        out[1][4] = (start + 1..=end).map(velocity).sum::<f64>() / (end - start) as f64;
+        let all: Vec<[f64; 2]> = (start + 1..=end).map(velocity).collect();
+        [out[2][4], out[3][4]] = [0, 1].map(|i| all.iter().map(|v| v[i]).sum::<f64>() / all.len() as f64);
     }
     Some(out)
 }

@@ -2,6 +2,7 @@
 
 use realfft::RealFftPlanner;
 
+use super::signals::Signal;
 use super::verdict::Leftover;
 use crate::fit::filter::Filtered;
 use crate::fit::flight::Flight;
@@ -130,23 +131,24 @@ pub fn leftover(flight: &Flight, filtered: &Filtered) -> Vec<Leftover> {
         if known.iter().map(|v| v * v).sum::<f64>() < TRUSTED * TRUSTED * known.len() as f64 {
             continue;
         }
+        let part = Signal::from_channel(channel);
         let nearest_s = if channel < 3 { 0.0 } else { WHITE_S };
         let (z, lag_s) = correlation(&e, &e, nearest_s, flight.tick_s);
-        let itself = Leftover::new(name, format!("correlated with itself {lag_s:.2} s before"), z);
+        let itself = Leftover::new(part, name, format!("correlated with itself {lag_s:.2} s before"), z);
         let series: Vec<f64> = e.iter().map(|v| v.unwrap_or(0.0)).collect();
         let (share, hz) = line(&series, flight.tick_s);
         // in units of what makes a finding
         let line = format!("a line at {hz:.2} Hz holds {:.1} % of its power", 100.0 * share);
-        let line = Leftover::new(name, line, FINDING * share / line_share(series.len()));
+        let line = Leftover::new(part, name, line, FINDING * share / line_share(series.len()));
         found.extend([itself, line]);
         for (input, past) in commands.iter().chain(&changes) {
             let (z, lag_s) = correlation(&e, past, 0.0, flight.tick_s);
-            found.push(Leftover::new(name, format!("correlated with the {input} {lag_s:.2} s before"), z));
+            found.push(Leftover::new(part, name, format!("correlated with the {input} {lag_s:.2} s before"), z));
         }
         // a slow signal is much the same at all lags: only the changes tell more together than one by one
         for (input, past) in &changes {
             let finding = format!("correlated with the {input}s of the last {TOGETHER_S} s, taken together");
-            found.push(Leftover::new(name, finding, FINDING * together(&e, past, flight.tick_s) / CLEAR));
+            found.push(Leftover::new(part, name, finding, FINDING * together(&e, past, flight.tick_s) / CLEAR));
         }
     }
     found.sort_by(|a, b| b.size.abs().total_cmp(&a.size.abs()));

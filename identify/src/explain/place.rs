@@ -6,6 +6,7 @@ use rand_pcg::Pcg64Mcg;
 
 use super::leftover::{CLEAR, FINDING};
 use super::shape::{EVERY_S, LEAST_MPS2};
+use super::signals::Signal;
 use super::verdict::Leftover;
 use crate::fit::filter::{Disturbances, Filtered, Wander};
 use crate::fit::flight::Flight;
@@ -49,7 +50,7 @@ pub fn belongs<'a>(flights: impl Iterator<Item = (&'a Flight, &'a Filtered)> + C
     let z = together(0).max(together(1));
     let finding = format!("is the same again in the same place ({z:.1} standard deviations)");
     // less alike than by chance is nothing that a place does
-    (z > 0.0).then(|| Leftover::new("force", finding, FINDING * z / CLEAR))
+    (z > 0.0).then(|| Leftover::new(Signal::Sideways, "force", finding, FINDING * z / CLEAR))
 }
 
 /// What comes first.

@@ -1,7 +1,7 @@
 //! Which effects earn their place. Windows of flights, fitted by output error, propose; the Kalman filter, whose residuals are independent of each
 //! other whatever shakes the vehicle, decides.
 
-use crazyflie_env::effects::{Entry, Trace};
+use crazyflie_env::effects::{self, Entry, Geometry, Trace};
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
 
@@ -390,7 +390,12 @@ impl<'a> Search<'a> {
         let at = without.settled();
         let Some(Scores { usual: scores, base, .. }) = self.score(&without, None) else { return Vec::new() };
         let own = scores.iter().find(|s| s.start.entry.name == effect).map_or(0.0, |s| s.gain);
-        let others = scores.iter().filter(|s| s.start.entry.name != effect && s.gain > LEAST_SHARE * own).take(SHORTLIST);
+        // of the exact geometry, a part is no rival of another or of the whole
+        let is_geometry = effects::find(effect).is_ok_and(|(_, e)| e.geometry != Geometry::None);
+        let is_rival = |s: &&Score| {
+            s.start.entry.name != effect && s.gain > LEAST_SHARE * own && !(is_geometry && s.start.entry.geometry != Geometry::None)
+        };
+        let others = scores.iter().filter(is_rival).take(SHORTLIST);
         let others: Vec<&Score> = others.collect();
         let proposals: Vec<Proposal> = others.par_iter().filter_map(|s| self.propose(&at, s, &base)).collect();
         let replaced = self.settle(&self.judge_all(&proposals, &judged.disturbances), judged.loss + noise).into_iter();

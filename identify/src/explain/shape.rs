@@ -2,6 +2,7 @@
 //! one place, or late in the flight, is structure.
 
 use super::leftover::{CLEAR, FINDING};
+use super::signals::Signal;
 use super::verdict::Leftover;
 use crate::fit::filter::{Disturbances, Filtered};
 use crate::fit::flight::Flight;
@@ -65,24 +66,32 @@ pub fn shapes(flight: &Flight, filtered: &Filtered, disturbances: &Disturbances)
         ("time", sample(&|k| k as f64)),
         ("battery voltage", flight.voltage_v(0).and_then(|_| sample(&|k| flight.voltage_v(k as isize).unwrap_or(0.0)))),
     ];
-    let forces = [("force in x", 0, disturbances.force), ("force in y", 1, disturbances.force), ("lift", 2, disturbances.lift)];
+    let forces = [
+        (Signal::Sideways, "force in x", 0, disturbances.force),
+        (Signal::Sideways, "force in y", 1, disturbances.force),
+        (Signal::Vertical, "lift", 2, disturbances.lift),
+    ];
     let mut found = Vec::new();
-    for (name, axis, _) in forces.into_iter().filter(|(.., wander)| wander.sigma > LEAST_MPS2) {
+    for (part, name, axis, _) in forces.into_iter().filter(|(.., wander)| wander.sigma > LEAST_MPS2) {
         let Some(force) = sample(&|k| filtered.wandered[k][axis]) else { continue };
         for (of, series) in with.iter().filter_map(|(of, series)| Some((of, series.as_ref()?))) {
             let Some(z) = force.clearly(series) else { continue };
             let finding = format!("goes with {of} (correlation {:.2})", force.with(series, 0));
-            found.push(Leftover::new(name, finding, FINDING * z / CLEAR));
+            found.push(Leftover::new(part, name, finding, FINDING * z / CLEAR));
         }
     }
     let apart = ((CHANGE_S / flight.tick_s).round() as usize).max(1);
     let settled = (SETTLED_S / flight.tick_s) as usize;
     let axis = |i: usize| filtered.wandered.iter().skip(settled).step_by(apart).map(|w| w[i]).collect::<Vec<f64>>();
-    for (name, axes, wander) in [("force", vec![axis(0), axis(1)], disturbances.force), ("lift", vec![axis(2)], disturbances.lift)] {
+    let all = [
+        (Signal::Sideways, "force", vec![axis(0), axis(1)], disturbances.force),
+        (Signal::Vertical, "lift", vec![axis(2)], disturbances.lift),
+    ];
+    for (part, name, axes, wander) in all {
         let uneven = unevenness(&axes);
         if wander.sigma > LEAST_MPS2 && uneven.is_finite() {
             let finding = format!("comes and goes at once (fourth moment of its changes {uneven:.1}; of air that moves by itself 3)");
-            found.push(Leftover::new(name, finding, FINDING * (uneven - 3.0) / (UNEVEN - 3.0)));
+            found.push(Leftover::new(part, name, finding, FINDING * (uneven - 3.0) / (UNEVEN - 3.0)));
         }
     }
     found

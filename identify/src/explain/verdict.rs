@@ -4,15 +4,18 @@ use serde::Serialize;
 
 use super::errors::Errors;
 use super::leftover::FINDING;
+use super::signals::{Signal, SignalVerdict};
 use crate::fit::filter::Disturbances;
 use crate::fit::hypothesis::Hypothesis;
 
-/// The four answers.
+/// The answers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    /// Named effects account for the residual.
+    /// Finding effects account for the residual.
     Explained,
+    /// Finding effects account for some signals, or for most of the error; structure is left that none accounts for.
+    PartlyExplained,
     /// The declared model accounts for the flights.
     NothingMissing,
     /// There is structure that no effect of the library accounts for.
@@ -32,7 +35,7 @@ pub struct Estimate {
 
 /// An effect that earned its place.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Named {
+pub struct Finding {
     pub name: &'static str,
     pub params: Vec<Estimate>,
     /// Effects that these flights cannot tell from it.
@@ -42,13 +45,15 @@ pub struct Named {
     /// Log-likelihood lost without it, on the flights of the fit and on the test flights.
     pub worth_fit: f64,
     pub worth_test: f64,
+    /// The worth on the test flights by signal, in the order of [`Signal::ALL`].
+    pub worth_by_signal: [f64; 4],
     /// Effects of the same kind that come with it: the exact geometry of a tilted vehicle is one finding.
-    pub with: Vec<Named>,
+    pub with: Vec<Finding>,
 }
 
-impl Named {
+impl Finding {
     /// The effect and those that come with it.
-    pub fn all(&self) -> impl Iterator<Item = &Named> {
+    pub fn all(&self) -> impl Iterator<Item = &Finding> {
         std::iter::once(self).chain(&self.with)
     }
 }
@@ -75,6 +80,8 @@ pub struct Step {
 /// One finding about structure that is left.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Leftover {
+    /// The part of the motion that it is about.
+    pub part: Signal,
     /// "x", "roll", ... or a disturbance: "torque", "lift", "force in x".
     pub signal: String,
     /// In words: frequency, correlation.
@@ -84,8 +91,8 @@ pub struct Leftover {
 }
 
 impl Leftover {
-    pub fn new(signal: &str, finding: String, size: f64) -> Self {
-        Leftover { signal: signal.to_owned(), finding, size }
+    pub fn new(part: Signal, signal: &str, finding: String, size: f64) -> Self {
+        Leftover { part, signal: signal.to_owned(), finding, size }
     }
 
     /// Whether it is too strong to be chance.
@@ -98,9 +105,11 @@ impl Leftover {
 #[derive(Debug, Clone)]
 pub struct Explanation {
     pub verdict: Verdict,
-    pub effects: Vec<Named>,
+    pub effects: Vec<Finding>,
+    /// How much of each part of the motion is explained, and what is left.
+    pub signals: Vec<SignalVerdict>,
     /// Beside structure that nothing explains: effects that lower the errors on the test flights but do not account for it.
-    pub partial: Vec<Named>,
+    pub partial: Vec<Finding>,
     /// The declared model with the effects at their values; what the simulator flies.
     pub completed: Hypothesis,
     pub declared: Hypothesis,

@@ -4,11 +4,11 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use crazyflie_identify::explain::errors::{Errors, HORIZONS};
-use crazyflie_identify::explain::verdict::{Explanation, Named};
+use crazyflie_identify::explain::verdict::{Explanation, Finding};
 
 use super::{Outcome, Table, files::vertical_name, number};
 use crate::explained::{
-    Run, change_percent, closed_loop_line, confusable, findings, horizon, p_value, sentence, signed, significant, with_error,
+    Run, change_percent, closed_loop_line, confusable, findings, horizon, p_value, sentence, signal_lines, signed, significant, with_error,
 };
 
 pub(super) fn print(run: &Run, written: &[PathBuf], out: &mut dyn Write) -> Outcome {
@@ -24,6 +24,9 @@ pub(super) fn print(run: &Run, written: &[PathBuf], out: &mut dyn Write) -> Outc
     for effect in found.effects.iter().filter(|e| !e.manoeuvre.is_empty()) {
         writeln!(out, "to tell {} from {}: {}", effect.name, confusable(effect), effect.manoeuvre)?;
     }
+    for line in signal_lines(found) {
+        writeln!(out, "{line}")?;
+    }
     left(found, out)?;
     writeln!(out, "\nerrors of prediction on the test flights, RMS\n{}", errors(&found.errors).plain())?;
     if let Some(line) = closed_loop_line(run) {
@@ -35,7 +38,7 @@ pub(super) fn print(run: &Run, written: &[PathBuf], out: &mut dyn Write) -> Outc
 
 fn effects(found: &Explanation) -> Table {
     let mut table = Table::new(&["effect", "parameter", "value", "unit", "worth, fit", "test", "or instead"]).left(&[1, 2, 3, 6]);
-    for effect in found.effects.iter().chain(&found.partial).flat_map(Named::all) {
+    for effect in found.effects.iter().chain(&found.partial).flat_map(Finding::all) {
         for (i, e) in effect.params.iter().enumerate() {
             // what concerns the effect stands in its first line only
             let once = |text: String| if i == 0 { text } else { String::new() };

@@ -2,7 +2,7 @@
 
 use std::io::Write;
 
-use crazyflie_identify::explain::verdict::Named;
+use crazyflie_identify::explain::verdict::Finding;
 use serde_json::{Map, Value, json};
 
 use super::{Outcome, Table, number};
@@ -66,7 +66,7 @@ fn cases(all: &[Scored], told: bool) -> Table {
 /// Group to the marks on the parameters.
 fn row(found: &Found) -> Vec<String> {
     let explanation = &found.explanation;
-    let named: Vec<String> = explanation.effects.iter().flat_map(Named::all).map(brief).collect();
+    let named: Vec<String> = explanation.effects.iter().flat_map(Finding::all).map(brief).collect();
     let said = [verdict_name(explanation.verdict).to_owned(), if named.is_empty() { "-".into() } else { named.join("; ") }];
     match &found.marks {
         None => [vec![String::new(); 3], said.to_vec(), vec!["?".into(); 3]].concat(),
@@ -87,7 +87,7 @@ fn word(mark: Option<bool>) -> &'static str {
 }
 
 /// An effect with its values, and its rivals in brackets.
-fn brief(effect: &Named) -> String {
+fn brief(effect: &Finding) -> String {
     let values: Vec<String> = effect.params.iter().map(|p| with_error(p.value, p.stderr)).collect();
     let rivals = if effect.confusable_with.is_empty() { String::new() } else { format!(" [{}]", effect.confusable_with.join(", ")) };
     format!("{} {}{rivals}", effect.name, values.join(", "))

@@ -1,7 +1,7 @@
 //! An explanation for machines. What is not a number is null.
 
-use crazyflie_identify::explain::errors::{HORIZONS, Table};
-use crazyflie_identify::explain::verdict::{Explanation, Named, Verdict};
+use crazyflie_identify::explain::errors::{AXES, AxisErrors, AxisTable, HORIZONS, Table};
+use crazyflie_identify::explain::verdict::{Explanation, Finding, Verdict};
 use crazyflie_identify::fit::filter::{Disturbances, Wander};
 use serde_json::{Map, Value, json};
 
@@ -28,9 +28,11 @@ pub(crate) fn as_json(run: &Run, files: &Value) -> Value {
         "model": run.model.name,
         "vertical": vertical_name(run.vertical()),
         "effects": found.effects.iter().map(effect).collect::<Vec<_>>(),
+        "signals": found.signals,
         "partial": found.partial.iter().map(effect).collect::<Vec<_>>(),
         "learned": found.learned,
-        "error": {"before": table(&errors.before), "after": table(&errors.after), "naive": table(&errors.naive), "p_value": table(&errors.p_value)},
+        "error": {"before": table(&errors.before), "after": table(&errors.after), "naive": table(&errors.naive), "p_value": table(&errors.p_value),
+            "axes": axes(&errors.axes)},
         "closed_loop": run.closed_loop.map(|[before, after]| json!({"controller": "thesis PID", "before": before, "after": after})),
         "leftover": found.leftover,
         "not_excited": not_excited(found),
@@ -44,13 +46,14 @@ pub(crate) fn as_json(run: &Run, files: &Value) -> Value {
 pub(crate) fn verdict_name(verdict: Verdict) -> &'static str {
     match verdict {
         Verdict::Explained => "explained",
+        Verdict::PartlyExplained => "partly_explained",
         Verdict::NothingMissing => "nothing_missing",
         Verdict::Unexplained => "unexplained",
         Verdict::NotDecidable => "not_decidable",
     }
 }
 
-fn effect(effect: &Named) -> Value {
+fn effect(effect: &Finding) -> Value {
     let params = effect.params.iter().map(|p| (p.name.to_owned(), json!({"value": p.value, "stderr": p.stderr, "unit": p.unit})));
     json!({"name": effect.name, "params": params.collect::<Map<_, _>>(), "confusable_with": effect.confusable_with,
         "manoeuvre": effect.manoeuvre, "worth": {"fit": effect.worth_fit, "test": effect.worth_test},
@@ -60,6 +63,14 @@ fn effect(effect: &Named) -> Value {
 fn table(table: &Table) -> Value {
     let row = |row: &[f64; 5]| HORIZONS.iter().zip(row).map(|(name, v)| ((*name).to_owned(), json!(v))).collect::<Map<_, _>>();
     QUANTITIES.iter().zip(table).map(|(name, values)| ((*name).to_owned(), Value::Object(row(values)))).collect::<Map<_, _>>().into()
+}
+
+/// Errors by axis, under keys that end in the unit.
+fn axes(errors: &AxisErrors) -> Value {
+    let key = |(name, unit): &(&str, &str)| format!("{}_{}", name.replace(' ', "_"), unit.replace("m/s", "mps"));
+    let row = |row: &[f64; 5]| HORIZONS.iter().zip(row).map(|(name, v)| ((*name).to_owned(), json!(v))).collect::<Map<_, _>>();
+    let table = |t: &AxisTable| AXES.iter().zip(t).map(|(axis, values)| (key(axis), Value::Object(row(values)))).collect::<Map<_, _>>();
+    json!({"before": table(&errors.before), "after": table(&errors.after), "naive": table(&errors.naive), "p_value": table(&errors.p_value)})
 }
 
 /// Effects that the flights could not have shown. No standard error: without a slope at "off", only trial fits spoke of it.

@@ -25,7 +25,7 @@ use thiserror::Error;
 pub(crate) use json::{as_json, verdict_name};
 pub(crate) use report::report;
 pub(crate) use view::{horizon, p_value, signed};
-pub(crate) use words::{change_percent, closed_loop_line, confusable, findings, sentence, significant, with_error};
+pub(crate) use words::{change_percent, closed_loop_line, confusable, findings, sentence, signal_lines, significant, with_error};
 
 /// Place of the free run among the horizons.
 const FREE_RUN: usize = 4;
@@ -177,7 +177,7 @@ impl Run {
         let mut found = found.ok_or_else(|| ExplainError::Broken { model: model.name.clone() })?;
         if test.flights.len() < 2 {
             // one free run is no sample to test with
-            found.errors.p_value.iter_mut().for_each(|p| p[FREE_RUN] = f64::NAN);
+            found.errors.p_value.iter_mut().chain(&mut found.errors.axes.p_value).for_each(|p| p[FREE_RUN] = f64::NAN);
         }
         let run = Run { model, fit, test, found, closed_loop: None };
         Ok(Run { closed_loop: run.fly_closed_loop()?, ..run })

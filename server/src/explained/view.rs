@@ -2,7 +2,7 @@
 
 use crazyflie_env::effects::{Entry, Param, Role, find};
 use crazyflie_identify::explain::errors::{Errors, HORIZONS};
-use crazyflie_identify::explain::verdict::{Explanation, Named, Step};
+use crazyflie_identify::explain::verdict::{Explanation, Finding, Step};
 use crazyflie_identify::fit::filter::Wander;
 use crazyflie_identify::fit::flight::Flight;
 use serde::Serialize;
@@ -50,7 +50,7 @@ fn entry(name: &str) -> Option<&'static Entry> {
 }
 
 pub(super) fn effects(found: &Explanation) -> Vec<Effect> {
-    let of = |effect: &Named| Effect {
+    let of = |effect: &Finding| Effect {
         name: effect.name,
         about: entry(effect.name).map_or("", |e| e.about),
         params: params(effect),
@@ -59,10 +59,10 @@ pub(super) fn effects(found: &Explanation) -> Vec<Effect> {
         confusable: confusable(effect),
         manoeuvre: effect.manoeuvre.clone(),
     };
-    found.effects.iter().chain(&found.partial).flat_map(Named::all).map(of).collect()
+    found.effects.iter().chain(&found.partial).flat_map(Finding::all).map(of).collect()
 }
 
-fn params(effect: &Named) -> Vec<Value> {
+fn params(effect: &Finding) -> Vec<Value> {
     let Some(entry) = entry(effect.name) else { return Vec::new() };
     let of = |e: &crazyflie_identify::explain::verdict::Estimate| {
         let param = entry.params.iter().find(|p| p.name == e.name)?;
@@ -250,7 +250,7 @@ pub(super) fn sloped_nowhere(found: &Explanation) -> String {
 
 /// What was named was excited, whatever the first step of the search thought.
 pub(super) fn not_excited(found: &Explanation) -> impl Iterator<Item = (&'static str, f64)> {
-    found.not_excited.iter().copied().filter(|(name, _)| found.effects.iter().flat_map(Named::all).all(|e| e.name != *name))
+    found.not_excited.iter().copied().filter(|(name, _)| found.effects.iter().flat_map(Finding::all).all(|e| e.name != *name))
 }
 
 /// The parameter that a standard error is of: the first that is estimated.

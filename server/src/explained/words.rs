@@ -1,6 +1,7 @@
 //! Numbers with their uncertainty, and findings in sentences.
 
-use crazyflie_identify::explain::verdict::{Estimate, Explanation, Leftover, Named, Verdict};
+use crazyflie_identify::explain::signals::{SignalState, SignalVerdict};
+use crazyflie_identify::explain::verdict::{Estimate, Explanation, Finding, Leftover, Verdict};
 
 use crate::cli::number;
 
@@ -59,12 +60,12 @@ pub(crate) fn listed<S: AsRef<str>>(words: &[S], last: &str) -> String {
     }
 }
 
-pub(crate) fn confusable(effect: &Named) -> String {
+pub(crate) fn confusable(effect: &Finding) -> String {
     listed(&effect.confusable_with, "or")
 }
 
 /// An effect with its values, and what else it may be.
-fn told(effect: &Named) -> String {
+fn told(effect: &Finding) -> String {
     let values: Vec<String> = effect.params.iter().map(estimate).collect();
     let or = if effect.confusable_with.is_empty() { String::new() } else { format!(", or {} instead", confusable(effect)) };
     format!("{} ({}{or})", effect.name, values.join(", "))
@@ -72,27 +73,42 @@ fn told(effect: &Named) -> String {
 
 /// The verdict in one sentence.
 pub(crate) fn sentence(found: &Explanation) -> String {
-    let effects: Vec<String> = found.effects.iter().chain(&found.partial).flat_map(Named::all).map(told).collect();
-    let effects = listed(&effects, "and");
+    let names = |effects: &[Finding]| listed(&effects.iter().flat_map(Finding::all).map(told).collect::<Vec<_>>(), "and");
+    let (effects, partial) = (names(&found.effects), names(&found.partial));
+    let left = findings(found).first().map_or_else(String::new, |l| format!(" ({}: {})", l.signal, l.finding));
+    let besides = if partial.is_empty() {
+        String::new()
+    } else {
+        format!(" These lower the errors on the test flights but do not account for it: {partial}.")
+    };
     match found.verdict {
         Verdict::Explained => format!("Explained: the declared model lacks {effects}."),
         Verdict::NothingMissing => "Nothing is missing: the declared model accounts for these flights.".into(),
         Verdict::NotDecidable => "Not decidable: something is missing, but these flights do not tell which effect it is.".into(),
+        Verdict::PartlyExplained => {
+            format!("Explained in part: the declared model lacks {effects}. Structure is left that no effect accounts for{left}.{besides}")
+        }
         Verdict::Unexplained => {
-            let what = findings(found).first().map_or_else(String::new, |l| format!(" ({}: {})", l.signal, l.finding));
-            let besides = if effects.is_empty() {
-                String::new()
-            } else {
-                format!(" These lower the errors on the test flights but do not account for it: {effects}.")
-            };
-            let besides = if found.learned {
-                besides + " A term learned from the residual, which names no cause, is in the completed model."
-            } else {
-                besides
-            };
-            format!("Unexplained: the flights hold a structure that no effect of the library accounts for{what}.{besides}")
+            let learned = if found.learned { " A term learned from the residual, which names no cause, is in the completed model." } else { "" };
+            format!("Unexplained: the flights hold a structure that no effect of the library accounts for{left}.{besides}{learned}")
         }
     }
+}
+
+/// The verdict on each signal, a line each: the share of the error explained, and what is left.
+pub(crate) fn signal_lines(found: &Explanation) -> Vec<String> {
+    let line = |s: &SignalVerdict| {
+        let state = match s.state {
+            SignalState::NothingMissing => "nothing missing",
+            SignalState::Explained => "explained",
+            SignalState::PartlyExplained => "explained in part",
+            SignalState::Unexplained => "unexplained",
+        };
+        let [half, two] = s.explained_share.map(|share| if share.is_finite() { format!("{:.0} %", 100.0 * share) } else { "-".into() });
+        let left = format!("{} {}", significant(s.left, 2), s.left_unit);
+        format!("{}: {state}; explains {half} of the error 0.5 s ahead, {two} of that 2 s ahead; left: +- {left}", s.signal.name())
+    };
+    found.signals.iter().map(line).collect()
 }
 
 /// What is left and too strong to be chance.

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use crazyflie_env::effects::find;
-use crazyflie_identify::explain::verdict::{Explanation, Named, Verdict};
+use crazyflie_identify::explain::verdict::{Explanation, Finding, Verdict};
 use serde::Deserialize;
 use thiserror::Error;
 
@@ -36,7 +36,7 @@ const NAMES: [(&str, &str); 24] = [
     ("gust_tau", "tau_s"),
 ];
 /// What the exact geometry and slightly moving air of the rigid flights add, whatever is hidden.
-const BENIGN_IF_RIGID: [&str; 3] = ["tilt_loss", "euler_kinematics", "gust"];
+const BENIGN_IF_RIGID: [&str; 4] = ["rigid_body", "tilt_loss", "euler_kinematics", "gust"];
 /// A name with its rivals that is still an answer.
 const LARGEST_GROUP: usize = 3;
 /// A parameter is near if it is this close, as a share of what it changes.
@@ -134,8 +134,8 @@ impl Truth {
     }
 
     /// Each hidden effect with what names it, and whether anything else is named.
-    fn matched<'a>(&'a self, effects: &'a [Named]) -> (Vec<(&'a HiddenEffect, &'a Named)>, bool) {
-        let mut free: Vec<&Named> = effects.iter().flat_map(Named::all).collect();
+    fn matched<'a>(&'a self, effects: &'a [Finding]) -> (Vec<(&'a HiddenEffect, &'a Finding)>, bool) {
+        let mut free: Vec<&Finding> = effects.iter().flat_map(Finding::all).collect();
         let mut matched = Vec::new();
         // by its own name first: a rival's group is for what is then still to be found
         for exact in [true, false] {
@@ -178,7 +178,7 @@ fn reach(truth: f64, off: f64) -> f64 {
 }
 
 /// Whether an effect stands for a small group that contains the name.
-fn in_group(effect: &Named, name: &str) -> bool {
+fn in_group(effect: &Finding, name: &str) -> bool {
     effect.confusable_with.len() < LARGEST_GROUP && effect.confusable_with.contains(&name)
 }
 
@@ -186,8 +186,8 @@ fn in_group(effect: &Named, name: &str) -> bool {
 mod tests {
     use super::*;
 
-    fn named(name: &'static str, confusable_with: Vec<&'static str>) -> Named {
-        Named { name, params: Vec::new(), confusable_with, manoeuvre: String::new(), worth_fit: 0.0, worth_test: 0.0, with: Vec::new() }
+    fn named(name: &'static str, confusable_with: Vec<&'static str>) -> Finding {
+        Finding { name, params: Vec::new(), confusable_with, manoeuvre: String::new(), worth_fit: 0.0, worth_test: 0.0, worth_by_signal: [0.0; 4], with: Vec::new() }
     }
 
     fn truth(group: Group, names: &[&str]) -> Truth {

@@ -1,0 +1,140 @@
+//! Effects that were kept, as they are reported: values, worth, rivals, and what to fly to tell these apart.
+
+use crazyflie_env::effects::{Disturbance, Entry, Geometry, Role, Trace, registry};
+use rayon::prelude::*;
+
+use super::noise::{self, Said};
+use super::residual::GustCandidate;
+use super::search::{Judged, Search};
+use super::selection::{Selection, worths};
+use super::signals::losses_by_signal;
+use super::verdict::{Estimate, Finding, Ranked, Step};
+use super::{ALIKE, WORTH_TEST};
+use crate::fit::filter::{Belief, Disturbances, Filtered, Wander, filter};
+use crate::fit::hypothesis::Hypothesis;
+
+/// A gust that lasts longer than this may be steady for all that a short flight says.
+const SLOW_GUST_S: f64 = 3.0;
+
+/// Negative log-likelihood of the test flights by signal, all parameters as they are.
+fn signal_losses(judge: &Search, hypothesis: &Hypothesis, disturbances: &Disturbances) -> Option<[f64; 4]> {
+    let (at, nothing) = (hypothesis.fixed(), Belief::independent(Vec::new(), &[]));
+    let filtered: Vec<Filtered> = judge.flights.iter().map(|f| filter(f, f.all(), &at, &nothing, disturbances)).collect::<Option<_>>()?;
+    Some(losses_by_signal(&filtered))
+}
+
+/// The effects of a selection.
+pub fn findings(judge: &Search, selection: &Selection) -> Option<Vec<Finding>> {
+    let Selection { dissected, rivals, .. } = selection;
+    let settled = dissected.judged.settled();
+    let worths = worths(judge, dissected)?;
+    let with = signal_losses(judge, &settled, &dissected.judged.disturbances)?;
+    let describe = |(name, less): &(&'static str, Judged), worth_test: f64| {
+        let term = settled.terms.iter().find(|t| t.entry.name == *name)?;
+        let params = term.free.iter().zip(settled.place(name)).map(|(i, at)| {
+            let p = &term.entry.params[*i];
+            Estimate { name: p.name, value: term.values[*i], stderr: dissected.judged.belief.sd(at), unit: p.unit }
+        });
+        let params: Vec<Estimate> = params.collect();
+        let confusable_with = rivals.iter().find(|(other, _)| other == name).map_or_else(Vec::new, |(_, r)| r.clone());
+        let manoeuvre = if confusable_with.is_empty() { String::new() } else { manoeuvre(term.entry, &confusable_with) };
+        let worth_fit = less.loss - dissected.judged.loss;
+        let without = signal_losses(judge, &less.settled(), &less.disturbances)?;
+        let worth_by_signal = std::array::from_fn(|i| without[i] - with[i]);
+        Some(Finding { name, params, confusable_with, manoeuvre, worth_fit, worth_test, worth_by_signal, with: Vec::new() })
+    };
+    dissected.without.par_iter().zip(worths).map(|(each, worth)| describe(each, worth)).collect()
+}
+
+/// One finding in place of all parts of the exact geometry: what the declared model leaves out by its form.
+pub fn group_model_form(effects: Vec<Finding>) -> Vec<Finding> {
+    let is_geometry = |e: &Finding| registry().iter().any(|entry| entry.name == e.name && entry.geometry != Geometry::None);
+    let (mut geometry, mut others): (Vec<Finding>, Vec<Finding>) = effects.into_iter().partition(is_geometry);
+    if !geometry.is_empty() {
+        let with = geometry.split_off(1);
+        others.extend(geometry.pop().map(|first| Finding { with, ..first }));
+    }
+    others
+}
+
+/// A flight that would tell effects apart: where they enter decides what has to change.
+fn manoeuvre(effect: &Entry, others: &[&'static str]) -> String {
+    let lookup = |name: &&str| registry().iter().find(|e| e.name == *name);
+    let all: Vec<&Entry> = others.iter().filter_map(lookup).chain([effect]).collect();
+    if matches!(effect.trace, Trace::Wander(_)) {
+        return "fly for more than twenty times as long as the gusts last, with one full turn in yaw".into();
+    }
+    if all.iter().all(|e| e.hooks.push) {
+        return "climb and descend fast between 0.1 m and 1.5 m, then fly on until the battery is low, with one full turn in yaw".into();
+    }
+    if all.iter().any(|e| e.hooks.frame) {
+        return "turn slowly through 360 degrees while translating at two heights".into();
+    }
+    "doublets of two sizes (2 and 8 degrees) on roll and pitch at two rates of change".into()
+}
+
+/// An effect that is there for good and as likely as a slow gust, and that leaves no gust beside it.
+fn constant_alternative(search: &Search, last: &Judged, gust: &GustCandidate) -> Option<&'static str> {
+    (gust.disturbances.force.tau_s > SLOW_GUST_S).then_some(())?;
+    let other = search.extend(last).1.filter(|other| other.loss < last.loss + ALIKE)?;
+    noise::said(&other.disturbances).all(|(said, _)| said != Said::Force).then_some(())?;
+    other.hypothesis.terms.iter().map(|t| t.entry.name).find(|name| !last.hypothesis.has(name))
+}
+
+/// The wandering force as the effect of the registry that is one.
+pub fn gust_finding(search: &Search, judge: &Search, last: &Judged, gust: &GustCandidate) -> Option<Finding> {
+    let entry = registry().iter().find(|e| e.trace == Trace::Wander(Disturbance::Force))?;
+    let force = gust.disturbances.force;
+    let calm = Disturbances { force: Wander { sigma: noise::FLOOR.force.sigma, ..force }, ..gust.disturbances };
+    let at = last.settled();
+    let (without, with) = (signal_losses(judge, &at, &calm)?, signal_losses(judge, &at, &gust.disturbances)?);
+    let worth_by_signal: [f64; 4] = std::array::from_fn(|i| without[i] - with[i]);
+    let worth_test = worth_by_signal.iter().sum();
+    let estimates = entry.params.iter().zip([force.sigma, force.tau_s]).zip(gust.sd);
+    let params = estimates.map(|((p, value), stderr)| Estimate { name: p.name, value, stderr, unit: p.unit }).collect();
+    let confusable_with: Vec<&'static str> = constant_alternative(search, last, gust).into_iter().collect();
+    let manoeuvre = if confusable_with.is_empty() { String::new() } else { manoeuvre(entry, &confusable_with) };
+    (worth_test > WORTH_TEST).then_some(Finding {
+        name: entry.name,
+        params,
+        confusable_with,
+        manoeuvre,
+        worth_fit: worth_test,
+        worth_test,
+        worth_by_signal,
+        with: Vec::new(),
+    })
+}
+
+/// Effects of which a tenth of the range of every free parameter would not have shown at four standard errors.
+pub fn not_excited(steps: &[Step]) -> Vec<(&'static str, f64)> {
+    let first = steps.first().map_or(&[][..], |s| &s.ranking);
+    let hidden = |r: &Ranked| {
+        let entry = registry().iter().find(|e| e.name == r.name)?;
+        let free = entry.params.iter().filter(|p| p.role == Role::Free).zip(&r.stderr);
+        let shows = free.clone().any(|(p, sd)| 4.0 * sd <= 0.1 * (p.high - p.low));
+        let (_, sd) = free.into_iter().next()?;
+        (!shows).then_some((r.name, *sd))
+    };
+    first.iter().filter_map(hidden).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn finding(name: &'static str) -> Finding {
+        let (params, confusable_with, manoeuvre) = (Vec::new(), Vec::new(), String::new());
+        let worth_by_signal = [20.0, 0.0, 0.0, 0.0];
+        Finding { name, params, confusable_with, manoeuvre, worth_fit: 20.0, worth_test: 20.0, worth_by_signal, with: Vec::new() }
+    }
+
+    #[test]
+    fn exact_geometry_is_one_finding() {
+        let grouped = group_model_form(["wind", "tilt_loss", "euler_kinematics"].map(finding).to_vec());
+        assert_eq!(grouped.iter().map(|e| e.name).collect::<Vec<_>>(), ["wind", "tilt_loss"]);
+        assert_eq!(grouped[1].all().map(|e| e.name).collect::<Vec<_>>(), ["tilt_loss", "euler_kinematics"]);
+        assert_eq!(group_model_form(vec![finding("euler_kinematics")])[0].name, "euler_kinematics");
+        assert!(group_model_form(Vec::new()).is_empty());
+    }
+}

@@ -1,0 +1,118 @@
+//! What is left when an explanation is taken for true: correlation and lines in the innovations, and disturbances too large for a model's small errors.
+
+use rayon::prelude::*;
+
+use super::leftover;
+use super::noise::{self, Said};
+use super::place;
+use super::search::{Judged, Search};
+use super::selection::{Selection, validate};
+use super::shape;
+use super::signals::Signal;
+use super::verdict::Leftover;
+use crate::fit::filter::{Belief, Disturbances, Filtered, Wander, filter};
+use crate::fit::flight::Flight;
+
+/// Findings that are reported, the strongest first.
+const REPORTED: usize = 12;
+
+/// A wandering force that may be a gust: disturbances with its size and correlation time finely, and the standard errors of these.
+pub struct GustCandidate {
+    pub disturbances: Disturbances,
+    pub sd: [f64; 2],
+}
+
+fn gust_candidate(fit: &[Flight], last: &Judged) -> Option<GustCandidate> {
+    noise::said(&last.disturbances).find(|(said, _)| *said == Said::Force && last.disturbances.force.tau_s > noise::GUST_S)?;
+    let (disturbances, sd) = noise::force(fit, &last.settled(), &last.disturbances);
+    Some(GustCandidate { disturbances, sd })
+}
+
+/// What a selection of effects leaves.
+pub struct Residual {
+    pub gust: Option<GustCandidate>,
+    pub leftover: Vec<Leftover>,
+}
+
+impl Residual {
+    fn from_selection(fit: &[Flight], test: &[Flight], selection: &Selection) -> Self {
+        let last = &selection.dissected.judged;
+        let gust = gust_candidate(fit, last);
+        let leftover = leftovers(fit, test, last, gust.as_ref());
+        Residual { gust, leftover }
+    }
+
+    pub fn is_structured(&self) -> bool {
+        self.leftover.iter().any(Leftover::is_structure)
+    }
+}
+
+/// What is left of a selection. An effect that nearly earned its place comes back if it accounts for all structure that is left without it.
+pub fn rescue(search: &Search, judge: &Search, mut selection: Selection, fit: &[Flight], test: &[Flight]) -> (Selection, Residual) {
+    let residual = Residual::from_selection(fit, test, &selection);
+    let nearly = selection.dissected.nearly.take().filter(|_| residual.is_structured());
+    let other = nearly.and_then(|nearly| validate(search, judge, search.dissect(nearly), selection.rivals.clone()));
+    let other = other.map(|other| (Residual::from_selection(fit, test, &other), other)).filter(|(left, _)| !left.is_structured());
+    other.map_or((selection, residual), |(residual, other)| (other, residual))
+}
+
+/// Disturbances too large for the small errors of a model; their size in units of what makes a finding.
+fn excess_disturbances(disturbances: &Disturbances, gust: Option<&GustCandidate>) -> Vec<Leftover> {
+    let Disturbances { lift, torque, turn, .. } = *disturbances;
+    let finding = |part: Signal, signal: &str, words: String, size: f64| Leftover::new(part, signal, words, leftover::FINDING * size);
+    let words = |what: &str, by: Wander, unit: &str| {
+        format!("{what} shaken by {:.2} {unit}, for {:.2} s at a time, whatever the commands", by.sigma, by.tau_s)
+    };
+    let finding_for = |(said, size): (Said, f64)| {
+        Some(match said {
+            Said::Force => return None,
+            Said::Lift => finding(Signal::Vertical, "lift", words("the thrust is", lift, "m/s^2"), size),
+            Said::Torque => finding(Signal::Tilt, "torque", words("roll and pitch are", torque, "rad/s^2"), size),
+            Said::Turn => finding(Signal::Yaw, "turn", words("the yaw is", turn, "rad/s^2"), size),
+        })
+    };
+    let mut found: Vec<Leftover> = noise::said(disturbances).filter_map(finding_for).collect();
+    let endless = gust.map(|b| b.disturbances).filter(|d| d.force.tau_s >= noise::LONGEST_S);
+    let endless = endless.and_then(|d| Some((d, noise::said(&d).find(|(said, _)| *said == Said::Force)?.1)));
+    found.extend(endless.map(|(d, size)| {
+        finding(Signal::Sideways, "force", format!("wanders by {:.2} m/s^2, for longer than gusts do", d.force.sigma), size)
+    }));
+    found
+}
+
+/// The strongest findings in the innovations of the test flights, and in the forces of all.
+fn leftovers(fit: &[Flight], test: &[Flight], last: &Judged, gust: Option<&GustCandidate>) -> Vec<Leftover> {
+    let (at, disturbances, nothing) = (last.settled().fixed(), &last.disturbances, Belief::independent(Vec::new(), &[]));
+    let filtered = |f: &Flight| filter(f, f.all(), &at, &nothing, disturbances);
+    let known: Vec<_> = fit.par_iter().filter_map(|f| Some((f, filtered(f)?))).collect();
+    let tested: Vec<_> = test.par_iter().filter_map(|f| Some((f, filtered(f)?))).collect();
+    let findings = |(flight, filtered): &(&Flight, Filtered)| {
+        [leftover::leftover(flight, filtered), shape::shapes(flight, filtered, disturbances)].concat()
+    };
+    let mut all: Vec<Leftover> = tested.iter().flat_map(findings).collect();
+    all.extend(place::belongs(known.iter().chain(&tested).map(|(flight, filtered)| (*flight, filtered)), disturbances));
+    all.sort_by(|a, b| b.size.abs().total_cmp(&a.size.abs()));
+    // the strongest of each signal is reported, however strong the others
+    let (mut kept, mut rest): (Vec<Leftover>, Vec<Leftover>) = (Vec::new(), Vec::new());
+    for finding in all {
+        if kept.iter().any(|k| k.part == finding.part) { rest.push(finding) } else { kept.push(finding) }
+    }
+    kept.extend(rest.into_iter().take(REPORTED.saturating_sub(Signal::ALL.len())));
+    kept.sort_by(|a, b| b.size.abs().total_cmp(&a.size.abs()));
+    [excess_disturbances(disturbances, gust), kept].concat()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_force_that_wanders_on_and_on_is_structure() {
+        let found = |tau_s: f64| {
+            let disturbances = Disturbances { force: Wander { sigma: 0.4, tau_s }, ..Disturbances::NONE };
+            excess_disturbances(&disturbances, Some(&GustCandidate { disturbances, sd: [0.1; 2] }))
+        };
+        assert!(found(3.0).is_empty());
+        assert!(found(noise::LONGEST_S).iter().all(Leftover::is_structure) && found(noise::LONGEST_S).len() == 1);
+    }
+}

@@ -1,0 +1,123 @@
+//! Verdicts by signal: how much of the error of each part of the motion is explained, and what is left of it.
+
+use serde::Serialize;
+
+use super::errors::Errors;
+use super::verdict::{Finding, Leftover};
+use crate::fit::filter::{Disturbances, Filtered};
+
+/// A part of the motion that is judged by itself.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Signal {
+    /// Horizontal motion.
+    Sideways,
+    Vertical,
+    /// Roll and pitch.
+    Tilt,
+    Yaw,
+}
+
+impl Signal {
+    pub const ALL: [Signal; 4] = [Signal::Sideways, Signal::Vertical, Signal::Tilt, Signal::Yaw];
+
+    pub fn name(self) -> &'static str {
+        ["sideways", "vertical", "tilt", "yaw"][self as usize]
+    }
+
+    /// The signal that a measured channel belongs to (see [`crate::fit::predict::Compared::channel`]).
+    pub fn from_channel(channel: usize) -> Self {
+        match channel {
+            0 | 1 => Signal::Tilt,
+            2 => Signal::Yaw,
+            3 | 4 => Signal::Sideways,
+            _ => Signal::Vertical,
+        }
+    }
+
+    /// Row of [`Errors::axes`] that tells how well the signal is predicted: velocities, and angles.
+    fn error_row(self) -> usize {
+        [2, 3, 4, 5][self as usize]
+    }
+
+    /// Size and unit of what still shakes the signal.
+    fn disturbance(self, disturbances: &Disturbances) -> (f64, &'static str) {
+        match self {
+            Signal::Sideways => (disturbances.force.sigma, "m/s^2"),
+            Signal::Vertical => (disturbances.lift.sigma, "m/s^2"),
+            Signal::Tilt => (disturbances.torque.sigma, "rad/s^2"),
+            Signal::Yaw => (disturbances.turn.sigma, "rad/s^2"),
+        }
+    }
+}
+
+/// Negative log-likelihood of filtered flights by signal, in the order of [`Signal::ALL`].
+pub fn losses_by_signal<'a>(flights: impl IntoIterator<Item = &'a Filtered>) -> [f64; 4] {
+    let mut losses = [0.0; 4];
+    for innovation in flights.into_iter().flat_map(|f| &f.innovations) {
+        losses[Signal::from_channel(innovation.channel) as usize] += innovation.loss;
+    }
+    losses
+}
+
+/// What is known of a signal in the end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SignalState {
+    /// The declared model accounts for it.
+    NothingMissing,
+    /// Finding effects account for it.
+    Explained,
+    /// Finding effects account for most of its error; structure is left.
+    PartlyExplained,
+    /// Structure is left that no effect accounts for.
+    Unexplained,
+}
+
+/// The verdict on one signal.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SignalVerdict {
+    pub signal: Signal,
+    pub state: SignalState,
+    /// Share of the declared model's error on the test flights that the completed model removes, 0.5 s and 2 s ahead (root mean square).
+    pub explained_share: [f64; 2],
+    /// Standard deviation of what still shakes the signal, whatever the commands, and its unit.
+    pub left: f64,
+    pub left_unit: &'static str,
+}
+
+/// Horizons that verdicts speak of, among those of the errors: 0.5 s and 2 s.
+pub const HORIZONS: [usize; 2] = [2, 3];
+
+/// Share of a signal's error that is gone, 0.5 s and 2 s ahead.
+pub fn explained_share(errors: &Errors, signal: Signal) -> [f64; 2] {
+    let row = signal.error_row();
+    HORIZONS.map(|h| 1.0 - errors.axes.after[row][h] / errors.axes.before[row][h])
+}
+
+/// Whether structure is left in a signal.
+pub fn is_structured(leftover: &[Leftover], signal: Signal) -> bool {
+    leftover.iter().any(|l| l.part == signal && l.is_structure())
+}
+
+/// The signal that an effect is worth most in.
+pub fn main_signal(effect: &Finding) -> Signal {
+    let best = Signal::ALL.into_iter().max_by(|a, b| effect.worth_by_signal[*a as usize].total_cmp(&effect.worth_by_signal[*b as usize]));
+    best.unwrap_or(Signal::Sideways)
+}
+
+/// The verdict on every signal.
+pub fn signal_verdicts(effects: &[Finding], leftover: &[Leftover], errors: &Errors, disturbances: &Disturbances) -> Vec<SignalVerdict> {
+    let verdict = |signal: Signal| {
+        let named = effects.iter().any(|e| main_signal(e) == signal);
+        let state = match (named, is_structured(leftover, signal)) {
+            (true, false) => SignalState::Explained,
+            (true, true) => SignalState::PartlyExplained,
+            (false, true) => SignalState::Unexplained,
+            (false, false) => SignalState::NothingMissing,
+        };
+        let (left, left_unit) = signal.disturbance(disturbances);
+        SignalVerdict { signal, state, explained_share: explained_share(errors, signal), left, left_unit }
+    };
+    Signal::ALL.into_iter().map(verdict).collect()
+}
