@@ -145,6 +145,26 @@ impl Flight {
         (self.tick_s / other.tick_s - 1.0).abs() < SAME_CLOCK
     }
 
+    /// The same flight as it would have been logged without what it has of its own, flown by a model: a lean of the vehicle under a level command, a
+    /// tilt of the frame of the measured attitude (both of roll and pitch, in radians), and more thrust than the model's by a factor.
+    #[must_use]
+    pub fn without_trims(&self, model: &Model, lean_rad: [f64; 2], frame_rad: [f64; 2], thrust_scale: f64) -> Self {
+        let mut flight = self.clone();
+        let tilts = [&model.roll, &model.pitch];
+        // the command that holds this angle in 5.1, seen from the true frame
+        let lean = [0, 1].map(|i| (lean_rad[i] - frame_rad[i]) * tilts[i].stiffness.value / tilts[i].gain.value);
+        for u in &mut flight.commands {
+            u.roll_rad += lean[0];
+            u.pitch_rad += lean[1];
+            u.lift *= thrust_scale;
+        }
+        for axis in 0..2 {
+            flight.angles.iter_mut().for_each(|sample| sample.value[axis] -= frame_rad[axis]);
+            flight.starts.iter_mut().for_each(|x| x.att_rad[axis] -= frame_rad[axis]);
+        }
+        flight
+    }
+
     /// All its ticks.
     pub fn all(&self) -> Range<usize> {
         0..self.ticks

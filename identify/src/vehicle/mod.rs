@@ -4,7 +4,7 @@ mod choice;
 mod nuisance;
 mod predict;
 
-use crazyflie_env::effects;
+use crazyflie_env::effects::{self, Geometry};
 use crazyflie_env::model::{Model, VerticalInput};
 
 use crate::FlightLog;
@@ -19,7 +19,7 @@ use crate::replay::measured::median;
 use crate::statistics::{Criteria, criteria};
 
 pub use choice::visible;
-pub use nuisance::{SETTLE_S, Trim};
+pub use nuisance::{SETTLE_S, Trim, settle_flights};
 use predict::{Rows, compare, rows};
 
 /// The noise of each output, and how much flights differ, are found beside the numbers.
@@ -127,7 +127,7 @@ pub fn identify(model: &Model, logs: &[(String, FlightLog)], plan: &Plan, done: 
 /// An effect that joins the model: what is exact by geometry is not fitted.
 fn fitted_effect(name: &str) -> Result<Term, IdentifyError> {
     let mut term = Term::off(effects::find(name)?.1);
-    if term.entry.geometry {
+    if term.entry.geometry != Geometry::None {
         term.free.clear();
         term.values[0] = 1.0;
     }

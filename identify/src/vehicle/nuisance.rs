@@ -1,10 +1,10 @@
 //! What differs from flight to flight and is no property of the vehicle: trims, and the PWM that carries it on that day's battery.
 
 use crazyflie_env::effects;
-use crazyflie_env::model::VerticalInput;
+use crazyflie_env::model::{Model, VerticalInput};
 
 use crate::estimate::IdentifyError;
-use crate::fit::flight::{Flight, Window};
+use crate::fit::flight::{Flight, WINDOW_S, Window};
 use crate::fit::hypothesis::{Hypothesis, Term};
 use crate::fit::predict::Prediction;
 use crate::fit::solve::{Prior, solve};
@@ -73,6 +73,43 @@ pub(super) fn settled_on_start(at: &Hypothesis, flight: &Flight) -> Hypothesis {
     let prediction = Prediction { flights, windows: &windows, hypothesis: at, inflation: 1.0 };
     let solution = solve(&prediction, prediction.starts(), prediction.shared());
     at.at(&prediction.of_flight(&solution.shared, 0)).fixed()
+}
+
+/// Flights of a fit and of a test without what each has of its own, as a model sees it, and what that was. Of flights of the fit all is used, of
+/// those of the test the first [`SETTLE_S`] seconds. Only under motion capture: elsewhere trims are what one looks for.
+///
+/// # Errors
+/// None, unless the registry of effects lacks one of the nuisance effects.
+pub fn settle_flights(model: &Model, fit: &mut [Flight], test: &mut [Flight]) -> Result<Vec<Trim>, IdentifyError> {
+    let Some(input) = fit.first().map(|f| f.input).filter(|_| fit.iter().chain(&*test).all(|f| f.sees_true_attitude)) else {
+        return Ok(Vec::new());
+    };
+    let mut at = terms(input)?.into_iter().fold(Hypothesis { pushed: false, ..Hypothesis::of(model) }, |h, term| h.with(term));
+    let settled = |at: &Hypothesis, flight: &Flight, windows: &[Window]| {
+        let prediction = Prediction { flights: std::slice::from_ref(flight), windows, hypothesis: at, inflation: 1.0 };
+        solve(&prediction, prediction.starts(), prediction.shared()).shared
+    };
+    let each: Vec<Vec<f64>> = fit.iter().map(|flight| settled(&at, flight, &flight.windows(0, WINDOW_S))).collect();
+    learn_priors(&mut at, &each);
+    let mut trims = Vec::new();
+    for (flight, numbers) in fit.iter_mut().zip(&each) {
+        let own = at.at(numbers);
+        trims.push(trim(&flight.name, &own));
+        *flight = without_trims(flight, &own);
+    }
+    for flight in test {
+        let own = settled_on_start(&at, flight);
+        trims.push(trim(&flight.name, &own));
+        *flight = without_trims(flight, &own);
+    }
+    Ok(trims)
+}
+
+fn without_trims(flight: &Flight, own: &Hypothesis) -> Flight {
+    let values = |name: &str| own.terms.iter().find(|t| t.entry.name == name).map(|t| t.values.clone());
+    let tilt_rad = |name: &str| values(name).map_or([0.0; 2], |deg| [deg[0].to_radians(), deg[1].to_radians()]);
+    let scale = values(SCALE).map_or(1.0, |v| v[0]);
+    flight.without_trims(&own.model, tilt_rad("com_offset"), tilt_rad("imu_tilt"), scale)
 }
 
 /// Nuisance parameters as people read them.

@@ -8,11 +8,14 @@ use crazyflie_identify::explain::verdict::{Explanation, Finding};
 
 use super::{Outcome, Table, files::vertical_name, number};
 use crate::explained::{
-    Run, change_percent, closed_loop_line, confusable, findings, horizon, p_value, sentence, signal_lines, signed, significant, with_error,
+    Run, change_percent, closed_loop_line, confusable, findings, foreign_line, horizon, p_value, sentence, signal_lines, signed, significant, with_error,
 };
 
 pub(super) fn print(run: &Run, written: &[PathBuf], out: &mut dyn Write) -> Outcome {
     let found = &run.found;
+    if let Some(line) = foreign_line(run) {
+        writeln!(out, "{line}\n")?;
+    }
     writeln!(out, "model {}, vertical form {}\n{}\n", run.model.name, vertical_name(run.vertical()), sentence(found))?;
     if !(found.effects.is_empty() && found.partial.is_empty()) {
         writeln!(

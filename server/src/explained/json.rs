@@ -25,6 +25,7 @@ pub(crate) fn as_json(run: &Run, files: &Value) -> Value {
     json!({
         "verdict": verdict_name(found.verdict),
         "sentence": sentence(found),
+        "foreign_hover_pwm": run.foreign_hover_pwm().map(|[flown, model]| json!({"flown": flown, "model": model})),
         "model": run.model.name,
         "vertical": vertical_name(run.vertical()),
         "effects": found.effects.iter().map(effect).collect::<Vec<_>>(),

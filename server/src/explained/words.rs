@@ -3,6 +3,7 @@
 use crazyflie_identify::explain::signals::{SignalState, SignalVerdict};
 use crazyflie_identify::explain::verdict::{Estimate, Explanation, Finding, Leftover, Verdict};
 
+use super::Run;
 use crate::cli::number;
 
 /// A number with so many significant digits, without an exponent where that reads well.
@@ -69,6 +70,20 @@ fn told(effect: &Finding) -> String {
     let values: Vec<String> = effect.params.iter().map(estimate).collect();
     let or = if effect.confusable_with.is_empty() { String::new() } else { format!(", or {} instead", confusable(effect)) };
     format!("{} ({}{or})", effect.name, values.join(", "))
+}
+
+/// That the model is of another vehicle, and what to do about it, where its flights say so.
+pub(crate) fn foreign_line(run: &Run) -> Option<String> {
+    let [flown, declared] = run.foreign_hover_pwm()?;
+    let logs: Vec<&str> = run.fit.sources.iter().map(|source| source.file.as_str()).collect();
+    Some(format!(
+        "The numbers of the model {} are not this vehicle's: it hovers at {} PWM, the model at {}. Identify it first, then explain what that model lacks:\n  \
+         crazyflie identify --fit {} --out mine.toml",
+        run.model.name,
+        number(flown, 0),
+        number(declared, 0),
+        logs.join(" ")
+    ))
 }
 
 /// The verdict in one sentence.
