@@ -192,6 +192,12 @@ impl Flight {
         &self.starts[tick]
     }
 
+    /// Standard deviations of [`Flight::start_numbers`] where motion capture tells them well enough to hold a window to them: left free, a start takes up
+    /// what the model lacks, and predictions from measured states gain nothing.
+    pub fn start_sd(&self) -> Option<[f64; 12]> {
+        self.sees_true_attitude.then(|| std::array::from_fn(|i| START_SD_MOCAP[i / 3]))
+    }
+
     /// The measured position, velocity, attitude and rates at the start of a tick.
     pub fn start_numbers(&self, tick: usize) -> Vec<f64> {
         let x = &self.starts[tick];
@@ -218,6 +224,10 @@ const LEAST_SEEN_M: f64 = 1e-3;
 const FLOOR: Noise = Noise { att_rad: [1e-4; 3], pos_m: [1e-4; 3] };
 /// Motion capture is filtered and its markers shake: differences of neighbours are smaller than its error.
 const FLOOR_MOCAP: Noise = Noise { att_rad: [0.01, 0.01, 0.01], pos_m: [0.002, 0.002, 0.002] };
+
+/// Of position, velocity, attitude and rates by motion capture: two ways to take the velocity differ by 2 to 10 mm/s on real flights, the attitude is as
+/// [`FLOOR_MOCAP`], and rates are slopes of it over 0.06 s.
+const START_SD_MOCAP: [f64; 4] = [0.002, 0.01, 0.01, 0.3];
 
 /// The frame of motion-capture markers is tilted against the vehicle, differently in each session. Over a flight that begins and ends at rest
 /// the mean tilt is next to nothing, so the mean of what was measured is the frame's.

@@ -476,6 +476,15 @@ impl Problem for Prediction<'_> {
             return normal;
         }
         normal.loss = 0.0;
+        if let Some(sd) = self.flights[window.flight].start_sd() {
+            let measured = self.flights[window.flight].start_numbers(window.ticks.start);
+            let mut slopes = vec![0.0; unknowns];
+            for (i, (measured, sd)) in measured.iter().zip(sd).enumerate() {
+                slopes[i] = 1.0 / sd;
+                normal.add((measured - own[i]) / sd, &slopes);
+                slopes[i] = 0.0;
+            }
+        }
         for (row, slopes) in worker.rows.iter().zip(worker.slopes.chunks_exact(unknowns)) {
             normal.add((row.measured - row.predicted) / (row.sigma * self.inflation), slopes);
         }
