@@ -4,6 +4,7 @@ use crazyflie_env::effects::{Trace, registry};
 
 use super::errors::{self, Errors};
 use super::learn;
+use super::prediction::Named;
 use super::search::{Judged, Search};
 use super::signals::{self, HORIZONS};
 use super::verdict::{Finding, Leftover};
@@ -36,6 +37,13 @@ impl Completion {
     pub fn new(declared: &Judged, last: &Judged, effects: Vec<Finding>, disturbances: Disturbances, test: &[Flight]) -> Self {
         let mut hypothesis = last.settled();
         hypothesis.terms.retain(|t| effects.iter().flat_map(Finding::all).any(|e| e.name == t.entry.name));
+        let errors = errors_beside(declared, &hypothesis, &disturbances, test);
+        Completion { effects, partial: Vec::new(), learned: false, hypothesis, disturbances, errors }
+    }
+
+    /// With effects that were named by what they are worth to predictions.
+    pub fn predicting(declared: &Judged, named: Named, test: &[Flight]) -> Self {
+        let (effects, hypothesis, disturbances) = (named.findings, named.hypothesis, declared.disturbances);
         let errors = errors_beside(declared, &hypothesis, &disturbances, test);
         Completion { effects, partial: Vec::new(), learned: false, hypothesis, disturbances, errors }
     }
@@ -73,6 +81,11 @@ impl Completion {
             self.effects.retain(|e| e.all().all(|e| hypothesis.has(e.name) || !names.contains(&e.name)));
             self.partial.retain(|e| e.all().all(|e| hypothesis.has(e.name) || !names.contains(&e.name)));
             (self.hypothesis, self.errors) = (hypothesis, errors);
+        }
+        if self.hypothesis.terms.is_empty() && self.effects.is_empty() {
+            // nothing was found: other disturbances alone would change where predictions start
+            self.disturbances = declared.disturbances;
+            self.errors = errors_beside(declared, &self.hypothesis, &self.disturbances, test);
         }
         self
     }

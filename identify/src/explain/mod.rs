@@ -8,6 +8,7 @@ pub mod learn;
 pub mod leftover;
 pub mod noise;
 mod place;
+mod prediction;
 pub mod refine;
 mod residual;
 pub mod search;
@@ -70,6 +71,14 @@ pub fn explain(model: &Model, fit: &[Flight], test: &[Flight], progress: &dyn Fn
     effects.retain(|e| !is_vague(e));
     let completed = Completion::new(&declared, last, finding::group_model_form(effects), disturbances, choosing);
     let completed = completed.withdraw(&declared, &residual.leftover, choosing).without_harm(&declared, choosing);
+    let is_real = fit.iter().all(|flight| flight.sees_true_attitude);
+    let completed = if is_real && completed.effects.is_empty() {
+        progress("effects by what they are worth to predictions");
+        let named = prediction::name_by_prediction(&search, choosing, &declared.hypothesis);
+        named.map_or(completed, |named| Completion::predicting(&declared, named, choosing).without_harm(&declared, choosing))
+    } else {
+        completed
+    };
     let structured = residual.is_structured();
     let completed = if structured && completed.effects.is_empty() {
         progress("a term learned from the residual");

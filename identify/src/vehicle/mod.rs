@@ -29,6 +29,7 @@ const FLOOR: Noise = Noise { att_rad: [1e-6; 3], pos_m: [1e-6; 3] };
 /// What lies between a thrust command and the lift of a real vehicle: the battery, the bend of the thrust curve, and the exact cosine of 4.5.
 const POWERTRAIN: [&str; 3] = ["battery_sag", "thrust_slope", "tilt_loss"];
 const HOVER: &str = "vertical.thrust.hover";
+const HEAVE: &str = "vertical.thrust.heave";
 
 /// What to fit, and how.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -108,7 +109,16 @@ pub fn identify(model: &Model, logs: &[(String, FlightLog)], plan: &Plan, done: 
     refuse_duplicates(&logs.iter().collect::<Vec<_>>())?;
     let mut flights = prepare(model, plan.vertical, logs)?;
     let input = flights[0].input;
-    let free = choice::check(model, logs, input, plan.free.as_deref())?;
+    let mut free = choice::check(model, logs, input, plan.free.as_deref())?;
+    let per_flight_hover = plan.nuisance && input == VerticalInput::Thrust;
+    if per_flight_hover {
+        // the mean of the flights' is the model's; beside it, a bend of the thrust curve and trims, positions over 2 s do not tell the damping of climb
+        free.retain(|path| path != HOVER && (plan.free.is_some() || path != HEAVE));
+        if free.is_empty() {
+            let reason = "every flight has its own: name another number with it".to_owned();
+            return Err(IdentifyError::Singular { parameter: HOVER.to_owned(), reason });
+        }
+    }
     let before: Vec<f64> = free.iter().map(|path| model.parameter(path)).collect::<Result<_, _>>()?;
     let mut hypothesis = Hypothesis { free, pushed: false, ..Hypothesis::of(&near(model, logs, plan)?) };
     if plan.nuisance {
@@ -170,9 +180,14 @@ fn report(
         standard_error: of_numbers[(i, i)].max(0.0).sqrt(),
         at_bound: at_bound(solution.shared[i], bounds[i]),
     };
-    let parameters: Vec<Estimate> = names.into_iter().enumerate().map(estimate).collect();
+    let mut parameters: Vec<Estimate> = names.into_iter().enumerate().map(estimate).collect();
     let of_terms = hypothesis.terms.iter().filter(|t| t.per_flight.is_none());
     before.extend(of_terms.flat_map(|t| t.free.iter().map(|i| t.entry.params[*i].off)));
+    if let Some(standard_error) = nuisance::centre_hover(&mut hypothesis.clone(), flights.len(), &mut solution.shared.clone()) {
+        let value = hypothesis.model.parameter(HOVER)?;
+        parameters.push(Estimate { name: HOVER.to_owned(), unit: "1".to_owned(), value, standard_error, at_bound: false });
+        before.push(model.parameter(HOVER)?);
+    }
     let each: Vec<Hypothesis> = (0..flights.len()).map(|f| hypothesis.at(&prediction.of_flight(&solution.shared, f)).fixed()).collect();
     let found = hypothesis.at(&prediction.of_flight(&solution.shared, 0));
     let names: Vec<&str> = logs.iter().map(|(name, _)| name.as_str()).collect();
@@ -301,6 +316,9 @@ fn fit(flights: &mut [Flight], windows: &[Window], at: &mut Hypothesis, done: &d
             break;
         }
         nuisance::learn_priors(at, &numbers);
+        if let Some(found) = &mut found {
+            nuisance::centre_hover(at, flights.len(), &mut found.shared);
+        }
         flights.iter_mut().for_each(|f| f.noise = of_six(&noise));
     }
     found.map(|solution| (solution, noise))

@@ -3,6 +3,7 @@
 use crazyflie_env::effects;
 use crazyflie_env::model::{Model, VerticalInput};
 
+use super::HOVER;
 use crate::estimate::IdentifyError;
 use crate::fit::flight::{Flight, WINDOW_S, Window};
 use crate::fit::hypothesis::{Hypothesis, Term};
@@ -26,6 +27,23 @@ const NARROWEST: f64 = 0.1;
 const INFLATION: f64 = 25.0;
 /// Of a flight that the fit has not seen, this much from its start tells its nuisance parameters.
 pub const SETTLE_S: f64 = 5.0;
+
+/// The hover PWM of the model moves to the mean of the flights', so that their thrust scales, which `shared` holds among all numbers of a fit, are 1 in the
+/// mean. Returns its standard error by how much flights differ.
+pub(super) fn centre_hover(at: &mut Hypothesis, flights: usize, shared: &mut [f64]) -> Option<f64> {
+    let local = at.place(SCALE).next()?;
+    let priors = at.per_flight();
+    let common = priors.iter().filter(|p| p.is_none()).count();
+    let (own, rank) = (priors.len() - common, priors[..local].iter().filter(|p| p.is_some()).count());
+    let places: Vec<usize> = (0..flights).map(|flight| common + flight * own + rank).collect();
+    let n = flights as f64;
+    let mean = places.iter().map(|i| shared[*i]).sum::<f64>() / n;
+    let hover = at.model.parameter(HOVER).ok()? / mean;
+    at.model = at.model.with_parameter(HOVER, hover).ok()?;
+    places.iter().for_each(|i| shared[*i] /= mean);
+    let squares: f64 = places.iter().map(|i| (shared[*i] - 1.0).powi(2)).sum();
+    Some(hover * (squares / (n - 1.0).max(1.0) / n).sqrt())
+}
 
 /// The nuisance parameters of one flight.
 #[derive(Debug, Clone, PartialEq)]
@@ -57,11 +75,10 @@ pub(super) fn learn_priors(at: &mut Hypothesis, each: &[Vec<f64>]) {
         let first_sd = TERMS.iter().find(|(name, _)| *name == term.entry.name).map_or(0.0, |(_, sd)| *sd);
         for (i, prior) in term.per_flight.iter_mut().flatten().enumerate() {
             let values = each.iter().map(|flight| flight[place + i]);
+            let mean = values.clone().sum::<f64>() / n;
             // the mean thrust belongs to the hover PWM of the model
-            if term.entry.name != SCALE {
-                prior.mean = values.clone().sum::<f64>() / n;
-            }
-            let squares: f64 = values.map(|v| (v - prior.mean).powi(2)).sum();
+            prior.mean = if term.entry.name == SCALE { 1.0 } else { mean };
+            let squares: f64 = values.map(|v| (v - mean).powi(2)).sum();
             prior.sd = (squares / (n - 1.0)).sqrt().max(NARROWEST * first_sd);
         }
         place += term.free.len();
@@ -121,7 +138,7 @@ pub(super) fn trim(log: &str, at: &Hypothesis) -> Trim {
     let mut values = Vec::new();
     for term in at.terms.iter().filter(|t| t.per_flight.is_some()) {
         if term.entry.name == SCALE {
-            let hover = at.model.parameter("vertical.thrust.hover").unwrap_or(f64::NAN);
+            let hover = at.model.parameter(HOVER).unwrap_or(f64::NAN);
             values.push(("hover_pwm".to_owned(), "1", hover / term.values[0]));
         } else {
             values.extend(term.entry.params.iter().zip(&term.values).map(|(p, v)| (format!("{}.{}", term.entry.name, p.name), p.unit, *v)));

@@ -86,6 +86,26 @@ pub(crate) fn foreign_line(run: &Run) -> Option<String> {
     ))
 }
 
+/// Parameters of effects that add to a number of the model: what a vehicle shows is both together.
+const ADDED: [(&str, &str, &str); 2] = [("drag_linear", "rate_ps", "lateral.drag"), ("heave_damping", "added_ps", "vertical.thrust.heave")];
+
+/// What the vehicle shows in all where an effect adds to a number that the model has: path, sum, its standard error by the effect alone, unit.
+pub(crate) fn totals(run: &Run) -> Vec<(&'static str, f64, f64, &'static str)> {
+    let total = |(effect, param, path): (&str, &str, &'static str)| {
+        let declared = run.model.parameter(path).ok().filter(|value| *value != 0.0)?;
+        let named = run.found.effects.iter().chain(&run.found.partial).flat_map(Finding::all).find(|e| e.name == effect)?;
+        let added = named.params.iter().find(|p| p.name == param)?;
+        Some((path, declared + added.value, added.stderr, added.unit))
+    };
+    ADDED.into_iter().filter_map(total).collect()
+}
+
+/// The same in words.
+pub(crate) fn total_lines(run: &Run) -> Vec<String> {
+    let line = |(path, value, stderr, unit): (&str, f64, f64, &str)| format!("{path}, what the model declares included: {} {unit}", with_error(value, stderr));
+    totals(run).into_iter().map(line).collect()
+}
+
 /// The verdict in one sentence.
 pub(crate) fn sentence(found: &Explanation) -> String {
     let names = |effects: &[Finding]| listed(&effects.iter().flat_map(Finding::all).map(told).collect::<Vec<_>>(), "and");
