@@ -382,7 +382,8 @@ fn noise_has_its_size_and_grows_with_distance() {
 
 #[test]
 fn every_parameter_says_what_it_is() {
-    let units = ["N", "1", "s", "deg", "deg/s", "1/s", "1/m", "m", "m/s^2", "kg", "ohm", "rad/(m s)", "deg/s/sqrt(s)", "m/s^2/rad", "rad s/m"];
+    let units =
+        ["N", "1", "s", "deg", "deg/s", "1/s", "1/m", "m", "m/s^2", "kg", "ohm", "rad/(m s)", "deg/s/sqrt(s)", "m/s^2/rad", "rad s/m"];
     for entry in registry() {
         assert!(!entry.about.is_empty() && entry.source.len() > 5 && !entry.params.is_empty(), "{}", entry.name);
         for p in entry.params {

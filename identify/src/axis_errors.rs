@@ -127,7 +127,9 @@ mod tests {
         assert_eq!(changes.len(), 8);
         for change in &changes {
             match change.axis {
-                "vertical" => assert!(change.p_value.unwrap() < 1e-6 && change.better == 6 && change.after < 0.7 * change.before, "{change:?}"),
+                "vertical" => {
+                    assert!(change.p_value.unwrap() < 1e-6 && change.better == 6 && change.after < 0.7 * change.before, "{change:?}")
+                }
                 _ => assert!(change.p_value.is_none() && change.better == 0 && change.after == change.before, "{change:?}"),
             }
         }

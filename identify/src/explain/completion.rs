@@ -104,7 +104,11 @@ impl Completion {
         let errors = errors_beside(declared, &hypothesis, &disturbances, test);
         let [was, is] = [&self.errors.axes.after, &errors.axes.after];
         let better = JUDGED_AXES.iter().all(|row| HORIZONS.iter().all(|h| is[*row][*h] < was[*row][*h]));
-        if better && errors.after[0][3] < (1.0 - HELPS) * self.errors.after[0][3] { Completion { learned: true, hypothesis, disturbances, errors, ..self } } else { self }
+        if better && errors.after[0][3] < (1.0 - HELPS) * self.errors.after[0][3] {
+            Completion { learned: true, hypothesis, disturbances, errors, ..self }
+        } else {
+            self
+        }
     }
 
     /// The model to fly: effects that were named but are random, and so no part of what was fitted, belong to it too.

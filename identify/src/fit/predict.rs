@@ -252,7 +252,11 @@ impl Worker {
             let y = world.step(0, &dual(flight.command(tick as isize))).reading;
             let x = world.state(0);
             // motion capture sees the vehicle itself, not what its estimator makes of it
-            self.offsets.push(if flight.sees_true_attitude { [Dual::of(0.0); 3] } else { std::array::from_fn(|i| y.att_rad[i] - x.att_rad[i]) });
+            self.offsets.push(if flight.sees_true_attitude {
+                [Dual::of(0.0); 3]
+            } else {
+                std::array::from_fn(|i| y.att_rad[i] - x.att_rad[i])
+            });
             self.states.push(*x);
         }
     }

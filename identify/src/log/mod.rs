@@ -32,8 +32,8 @@ use std::ops::Range;
 use std::path::Path;
 
 pub use error::{LogError, MissingColumn};
-pub use same::first_duplicate;
 pub use note::Note;
+pub use same::first_duplicate;
 
 /// The file format a log came from: known by the first bytes of binary files, by the column names of CSV.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -96,9 +96,8 @@ pub struct Identified {
 /// [`IdentifyError::Duplicate`] names the two.
 pub fn refuse_duplicates(logs: &[&(String, FlightLog)]) -> Result<(), IdentifyError> {
     let bare: Vec<&FlightLog> = logs.iter().map(|(_, log)| log).collect();
-    first_duplicate(&bare).map_or(Ok(()), |[first, second]| {
-        Err(IdentifyError::Duplicate { first: logs[first].0.clone(), second: logs[second].0.clone() })
-    })
+    first_duplicate(&bare)
+        .map_or(Ok(()), |[first, second]| Err(IdentifyError::Duplicate { first: logs[first].0.clone(), second: logs[second].0.clone() }))
 }
 
 /// Fits numbers of a model to logs, each with its name. `done` is called after each of at most [`STAGES`] stages.

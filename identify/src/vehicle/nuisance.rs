@@ -91,7 +91,11 @@ pub(super) fn settled_on_start(at: &Hypothesis, flight: &Flight) -> Hypothesis {
     let last = ((SETTLE_S / flight.tick_s).round() as usize).min(flight.ticks);
     let windows = [0..last / 2, last / 2..last].map(|ticks| Window { flight: 0, ticks });
     let flights = std::slice::from_ref(flight);
-    let prediction = Prediction { flights, windows: &windows, hypothesis: at, inflation: INFLATION };
+    // what carries a flight shows within seconds, and differs far more than five seconds leave open: only trims are held to those of other flights
+    let mut at = at.clone();
+    let scale = at.terms.iter_mut().filter(|t| t.entry.name == SCALE);
+    scale.flat_map(|t| t.per_flight.iter_mut().flatten()).for_each(|prior| prior.sd *= INFLATION);
+    let prediction = Prediction { flights, windows: &windows, hypothesis: &at, inflation: INFLATION };
     let solution = solve(&prediction, prediction.starts(), prediction.shared());
     at.at(&prediction.of_flight(&solution.shared, 0)).fixed()
 }

@@ -32,8 +32,7 @@ impl Rows {
     pub(super) fn noise(&self, floor: &Noise) -> [f64; 6] {
         let least = [floor.att_rad, floor.pos_m].concat();
         std::array::from_fn(|channel| {
-            let of =
-                self.0.iter().filter(|row| row.channel == channel).map(|row| (row.measured - row.predicted).abs() / row.spread);
+            let of = self.0.iter().filter(|row| row.channel == channel).map(|row| (row.measured - row.predicted).abs() / row.spread);
             // the median of |normal| is 0.6745 standard deviations
             (median(&of.collect::<Vec<_>>()) / 0.6745).max(least[channel])
         })
@@ -64,7 +63,8 @@ pub(super) fn compare(at: &Hypothesis, flight: &Flight) -> Vec<Comparison> {
     let windows = settled(super::windows(flights));
     let whole = settled(vec![Window { flight: 0, ticks: flight.all() }]);
     let signals = SIGNALS.into_iter().enumerate();
-    let one = |(channel, (signal, unit))| comparison(flight, channel, signal, unit, &windows.channel(channel), fit_of(&whole.channel(channel)));
+    let one =
+        |(channel, (signal, unit))| comparison(flight, channel, signal, unit, &windows.channel(channel), fit_of(&whole.channel(channel)));
     signals.filter_map(one).collect()
 }
 

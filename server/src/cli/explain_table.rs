@@ -8,7 +8,8 @@ use crazyflie_identify::explain::verdict::{Explanation, Finding};
 
 use super::{Outcome, Table, files::vertical_name, number};
 use crate::explained::{
-    Run, change_percent, closed_loop_line, confusable, findings, foreign_line, horizon, p_value, sentence, signal_lines, signed, significant, total_lines, with_error,
+    Run, change_percent, closed_loop_line, confusable, findings, foreign_line, horizon, p_value, sentence, signal_lines, signed,
+    significant, total_lines, with_error,
 };
 
 pub(super) fn print(run: &Run, written: &[PathBuf], out: &mut dyn Write) -> Outcome {

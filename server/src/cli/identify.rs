@@ -231,7 +231,14 @@ fn plan(args: &Args, model: &Model, fit: &Logs) -> vehicle::Plan {
     let effects = effects.into_iter().filter(|name| !model.effects.contains_key(name)).collect();
     let stem = |file: &PathBuf| file.file_stem().map(|stem| stem.to_string_lossy().into_owned());
     let name = args.name.clone().or_else(|| args.out.as_ref().and_then(stem));
-    vehicle::Plan { free: (!args.free.is_empty()).then(|| args.free.clone()), vertical: args.vertical, nuisance, effects, name, mass_kg: args.mass }
+    vehicle::Plan {
+        free: (!args.free.is_empty()).then(|| args.free.clone()),
+        vertical: args.vertical,
+        nuisance,
+        effects,
+        name,
+        mass_kg: args.mass,
+    }
 }
 
 fn write_model(file: &Path, model: &Model) -> Outcome {
@@ -248,7 +255,9 @@ impl From<IdentifyError> for Failure {
     fn from(error: IdentifyError) -> Self {
         match error {
             IdentifyError::Model(error) => error.into(),
-            IdentifyError::Order { .. } | IdentifyError::NoLogs | IdentifyError::Window { .. } | IdentifyError::Duplicate { .. } => Failure::Usage(error.to_string()),
+            IdentifyError::Order { .. } | IdentifyError::NoLogs | IdentifyError::Window { .. } | IdentifyError::Duplicate { .. } => {
+                Failure::Usage(error.to_string())
+            }
             other => Failure::Failed(other.to_string()),
         }
     }

@@ -230,7 +230,8 @@ fn signals(shown: &Whole<'_>, out: &mut dyn Write) -> Outcome {
 /// What each flight has of its own.
 fn trims(shown: &Whole<'_>, out: &mut dyn Write) -> Outcome {
     let Some(first) = shown.found.fit.trims.first() else { return Ok(()) };
-    let header: Vec<String> = first.values.iter().map(|(name, unit, _)| if *unit == "1" { name.clone() } else { format!("{name} ({unit})") }).collect();
+    let header: Vec<String> =
+        first.values.iter().map(|(name, unit, _)| if *unit == "1" { name.clone() } else { format!("{name} ({unit})") }).collect();
     let header: Vec<&str> = ["of its own: log", "part"].into_iter().chain(header.iter().map(String::as_str)).collect();
     let mut table = Table::new(&header).left(&[1]);
     for (part, _, judged) in shown.parts() {
@@ -309,8 +310,7 @@ fn flights_json(judged: &Judged) -> Value {
         trim.values.iter().map(|(name, unit, value)| (name.clone(), json!({"value": value, "unit": unit}))).collect()
     };
     let trims: Vec<Value> = judged.trims.iter().map(|trim| json!({"log": trim.log, "own": values(trim)})).collect();
-    let errors: Vec<Value> =
-        judged.errors.iter().map(|e| json!({"log": e.flight, "predictions": e.predictions, "rms": e.rms})).collect();
+    let errors: Vec<Value> = judged.errors.iter().map(|e| json!({"log": e.flight, "predictions": e.predictions, "rms": e.rms})).collect();
     json!({"own": trims, "errors": errors})
 }
 

@@ -28,7 +28,10 @@ use thiserror::Error;
 pub(crate) use json::{as_json, verdict_name};
 pub(crate) use report::report;
 pub(crate) use view::{horizon, p_value, signed};
-pub(crate) use words::{change_percent, closed_loop_line, confusable, findings, foreign_line, sentence, signal_lines, significant, with_error, total_lines, totals};
+pub(crate) use words::{
+    change_percent, closed_loop_line, confusable, findings, foreign_line, sentence, signal_lines, significant, total_lines, totals,
+    with_error,
+};
 
 /// Hover PWM of one vehicle spread by 3 % from flight to flight (11 real flights): a vehicle that is off by five times that is another.
 const FOREIGN: f64 = 0.15;

@@ -102,7 +102,9 @@ pub(crate) fn totals(run: &Run) -> Vec<(&'static str, f64, f64, &'static str)> {
 
 /// The same in words.
 pub(crate) fn total_lines(run: &Run) -> Vec<String> {
-    let line = |(path, value, stderr, unit): (&str, f64, f64, &str)| format!("{path}, what the model declares included: {} {unit}", with_error(value, stderr));
+    let line = |(path, value, stderr, unit): (&str, f64, f64, &str)| {
+        format!("{path}, what the model declares included: {} {unit}", with_error(value, stderr))
+    };
     totals(run).into_iter().map(line).collect()
 }
 
@@ -124,7 +126,8 @@ pub(crate) fn sentence(found: &Explanation) -> String {
             format!("Explained in part: the declared model lacks {effects}. Structure is left that no effect accounts for{left}.{besides}")
         }
         Verdict::Unexplained => {
-            let learned = if found.learned { " A term learned from the residual, which names no cause, is in the completed model." } else { "" };
+            let learned =
+                if found.learned { " A term learned from the residual, which names no cause, is in the completed model." } else { "" };
             format!("Unexplained: the flights hold a structure that no effect of the library accounts for{left}.{besides}{learned}")
         }
     }

@@ -187,7 +187,16 @@ mod tests {
     use super::*;
 
     fn named(name: &'static str, confusable_with: Vec<&'static str>) -> Finding {
-        Finding { name, params: Vec::new(), confusable_with, manoeuvre: String::new(), worth_fit: 0.0, worth_test: 0.0, worth_by_signal: [0.0; 4], with: Vec::new() }
+        Finding {
+            name,
+            params: Vec::new(),
+            confusable_with,
+            manoeuvre: String::new(),
+            worth_fit: 0.0,
+            worth_test: 0.0,
+            worth_by_signal: [0.0; 4],
+            with: Vec::new(),
+        }
     }
 
     fn truth(group: Group, names: &[&str]) -> Truth {
