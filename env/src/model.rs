@@ -66,6 +66,9 @@ pub enum Vertical {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Verticals {
+    /// The form that is driven unless another is asked for: where the vehicle was identified. The first that the model has, unless given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub default: Option<VerticalInput>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub height: Option<Vertical>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -141,6 +144,15 @@ pub enum VerticalInput {
 }
 
 impl VerticalInput {
+    /// As model files spell it.
+    pub fn name(self) -> &'static str {
+        match self {
+            VerticalInput::Height => "height",
+            VerticalInput::Pwm => "pwm",
+            VerticalInput::Thrust => "thrust",
+        }
+    }
+
     /// Whether the command is a thrust PWM (counts) rather than a height (metres).
     pub fn is_pwm(self) -> bool {
         self != VerticalInput::Height
@@ -383,6 +395,9 @@ impl Model {
         if self.inputs().is_empty() {
             return Err(self.problem("vertical has no form: give height, pwm or thrust".into()));
         }
+        if let Some(default) = self.vertical.default.filter(|input| !self.inputs().contains(input)) {
+            return Err(self.problem(format!("vertical.default is {:?}, a form that the model lacks", default.name())));
+        }
         crate::schedule::Schedule::of(self)?;
         crate::config::check_effects(&self.effects)
     }
@@ -390,10 +405,10 @@ impl Model {
     /// The height inputs that this model has, the default first.
     pub fn inputs(&self) -> Vec<VerticalInput> {
         let v = &self.vertical;
-        [(VerticalInput::Height, &v.height), (VerticalInput::Pwm, &v.pwm), (VerticalInput::Thrust, &v.thrust)]
-            .into_iter()
-            .filter_map(|(input, form)| form.as_ref().map(|_| input))
-            .collect()
+        let all = [(VerticalInput::Height, &v.height), (VerticalInput::Pwm, &v.pwm), (VerticalInput::Thrust, &v.thrust)];
+        let mut inputs: Vec<VerticalInput> = all.into_iter().filter_map(|(input, form)| form.as_ref().map(|_| input)).collect();
+        inputs.sort_by_key(|input| Some(*input) != v.default);
+        inputs
     }
 
     /// The vertical form for an input.

@@ -200,6 +200,35 @@ fn forces_have_the_size_that_their_formula_says() {
     assert!((world.state(0).vel_mps[0] - (-1.0_f64).exp()).abs() < 1e-4);
 }
 
+/// A vehicle whose estimator takes drag for tilt settles where drag balances a lean of `kappa v` more than it thinks, whichever way it faces.
+#[test]
+fn an_estimator_that_takes_drag_for_tilt_lets_the_vehicle_lean_farther() {
+    let (kappa, drag_ps, yaw_rad) = (0.03, 0.8, 0.6);
+    let effects = table(&format!(r#"{{"estimator_tilt": {kappa}, "drag_linear": {drag_ps}}}"#));
+    let model = Model::thesis();
+    let settings = Settings { input: VerticalInput::Height, physics_hz: None };
+    let mut world = World::<f64>::new(&model, &effects, settings, 1).unwrap().without_floor();
+    let mut x = State::rest();
+    (x.pos_m[2], x.att_rad[2]) = (0.7, yaw_rad);
+    let u = Command { roll_rad: -0.02, pitch_rad: 0.05, ..Command::level(0.7) };
+    world.start(0, true, &x, &u);
+    let mut reading = [0.0; 3];
+    for _ in 0..1500 {
+        reading = world.step(0, &u).reading.att_rad;
+    }
+    let x = world.state(0);
+    let front = yaw_rad.cos() * x.vel_mps[0] + yaw_rad.sin() * x.vel_mps[1];
+    let right = yaw_rad.sin() * x.vel_mps[0] - yaw_rad.cos() * x.vel_mps[1];
+    for (axis, (tilt, command, speed)) in [(&model.roll, u.roll_rad, right), (&model.pitch, u.pitch_rad, front)].into_iter().enumerate() {
+        // the estimate obeys the command as the angle does in 5.1, and is what the vehicle reports
+        let estimated = command * tilt.gain.value / tilt.stiffness.value;
+        assert!((reading[axis] - estimated).abs() < 1e-4, "axis {axis}: {} {estimated}", reading[axis]);
+        assert!((x.att_rad[axis] - estimated - kappa * speed).abs() < 1e-4, "axis {axis}: {} {estimated} {speed}", x.att_rad[axis]);
+        let settled = 9.81 * estimated / (drag_ps + model.lateral.drag.value - 9.81 * kappa);
+        assert!((speed / settled - 1.0).abs() < 0.01, "axis {axis}: {speed} {settled}");
+    }
+}
+
 /// What pulls at a vehicle, a rope or a filter's disturbance, is not scaled with its thrust.
 #[test]
 fn what_pulls_from_outside_is_no_thrust() {
@@ -360,7 +389,24 @@ fn noise_has_its_size_and_grows_with_distance() {
 
 #[test]
 fn every_parameter_says_what_it_is() {
-    let units = ["N", "1", "s", "Hz", "deg", "deg/s", "1/s", "1/m", "m", "m/s^2", "kg", "ohm", "rad/(m s)", "deg/s/sqrt(s)", "m/s^2/rad"];
+    let units = [
+        "N",
+        "1",
+        "s",
+        "Hz",
+        "deg",
+        "deg/s",
+        "1/s",
+        "1/m",
+        "m",
+        "m/s^2",
+        "kg",
+        "ohm",
+        "rad/(m s)",
+        "deg/s/sqrt(s)",
+        "m/s^2/rad",
+        "rad s/m",
+    ];
     for entry in registry() {
         assert!(!entry.about.is_empty() && entry.source.len() > 5 && !entry.params.is_empty(), "{}", entry.name);
         for p in entry.params {

@@ -104,7 +104,7 @@ impl Case {
         model.yaw = Yaw::Rate { gain: of(-1.0, "1"), bandwidth: of(yaw.k, "1/s") };
         model.lateral.drag = of(0.0, "1/s");
         let thrust = Vertical::Thrust { hover: of(height.hover_pwm, "1"), heave: of(height.heave, "1/s") };
-        model.vertical = Verticals { height: None, pwm: None, thrust: Some(thrust) };
+        model.vertical = Verticals { default: None, height: None, pwm: None, thrust: Some(thrust) };
         model.vehicle.mass = of(self.mass_kg, "kg");
         model.vehicle.battery_reference = self.vbat_ref.map(|v| of(v, "V"));
         let written = model.to_toml().and_then(|text| Model::parse(&text));

@@ -3,6 +3,7 @@
 //! [`metrics`] compares a measured signal with a model's.
 #![forbid(unsafe_code)]
 
+pub mod axis_errors;
 pub mod case;
 pub mod closed_loop;
 pub mod diagnose;

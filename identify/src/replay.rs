@@ -245,6 +245,7 @@ fn on_replay_clock(
 /// The commands of a log, held between its rows.
 struct Commands<'a> {
     t_s: &'a [f64],
+    vbat_v: Option<&'a [f64]>,
     roll_rad: &'a [f64],
     pitch_rad: &'a [f64],
     yaw_rate_radps: Option<Vec<f64>>,
@@ -274,12 +275,21 @@ impl<'a> Commands<'a> {
                 None
             }
         };
-        Ok(Commands { t_s: &log.t_s, roll_rad, pitch_rad, yaw_rate_radps, lift })
+        Ok(Commands { t_s: &log.t_s, vbat_v: log.vbat_v.as_deref(), roll_rad, pitch_rad, yaw_rate_radps, lift })
+    }
+
+    fn row(&self, t_s: f64) -> usize {
+        self.t_s.partition_point(|t| *t <= t_s + ROUNDING_S).saturating_sub(1)
+    }
+
+    /// The battery voltage at a time, where the log holds it.
+    fn voltage_v(&self, t_s: f64) -> Option<f64> {
+        self.vbat_v.map(|v| v[self.row(t_s)])
     }
 
     /// The command in force at a time: that of the last row before it.
     fn at(&self, t_s: f64) -> Command<f64> {
-        let row = self.t_s.partition_point(|t| *t <= t_s + ROUNDING_S).saturating_sub(1);
+        let row = self.row(t_s);
         Command {
             roll_rad: self.roll_rad[row],
             pitch_rad: self.pitch_rad[row],
@@ -295,7 +305,9 @@ fn run(world: &mut World<f64>, start: &State<f64>, begin_s: f64, ticks: usize, c
     let mut rows = Vec::with_capacity(ticks + 1);
     rows.push(outputs(start));
     for tick in 0..ticks {
-        world.step(0, &commands.at(begin_s + tick as f64 * TICK_S));
+        let t_s = begin_s + tick as f64 * TICK_S;
+        world.set_voltage(commands.voltage_v(t_s));
+        world.step(0, &commands.at(t_s));
         rows.push(outputs(world.state(0)));
     }
     rows

@@ -4,7 +4,7 @@
 //! Several flights are several segments: products are only taken within a segment, sums over all of them. The bounds are those of MATLAB's
 //! `resid`, at 99 %.
 
-use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
+use statrs::distribution::{ChiSquared, ContinuousCDF, Normal, StudentsT};
 use thiserror::Error;
 
 /// Lags that MATLAB's `resid` looks at.
@@ -143,6 +143,18 @@ pub fn criteria(outputs: &[(f64, usize)], parameters: usize) -> Criteria {
     Criteria { aic: likelihood + 2.0 * p, bic: likelihood + p * n.ln() }
 }
 
+/// Student's paired t test: the two-sided p value of differences whose mean is zero; `None` for fewer than two, or where they do not vary.
+pub fn paired_p_value(differences: &[f64]) -> Option<f64> {
+    let n = differences.len() as f64;
+    if n < 2.0 {
+        return None;
+    }
+    let mean = differences.iter().sum::<f64>() / n;
+    let variance = differences.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / (n - 1.0);
+    let student = StudentsT::new(0.0, 1.0, n - 1.0).ok().filter(|_| variance > 0.0)?;
+    Some(2.0 * student.cdf(-(mean / (variance / n).sqrt()).abs()))
+}
+
 /// Of the standard normal distribution.
 fn quantile(share: f64) -> f64 {
     Normal::standard().inverse_cdf(share)
@@ -260,6 +272,16 @@ mod tests {
         let answered: Vec<f64> = (0..1000).map(|t| u[t] + 0.5 * late(4, &e, t)).collect();
         let found = independence(&[&answered], &[&e], LAGS).unwrap();
         assert!(found.independent() && found.feedback >= 1, "{} {}", found.outside, found.feedback);
+    }
+
+    #[test]
+    fn a_paired_test_has_the_textbooks_value() {
+        // t = mean / (sd / sqrt(5)) = 3.1623 at four degrees of freedom
+        let p = paired_p_value(&[1.0, 2.0, 0.0, 1.5, 0.5]).unwrap();
+        assert!((p - 0.034_1).abs() < 5e-4, "{p}");
+        assert!(paired_p_value(&[1.0, 1.1, 0.9, 1.05, 0.95]).unwrap() < 1e-4);
+        assert!(paired_p_value(&[1.0, -1.1, 0.9, -1.05, 0.3]).unwrap() > 0.5);
+        assert_eq!((paired_p_value(&[1.0]), paired_p_value(&[1.0, 1.0])), (None, None));
     }
 
     #[test]

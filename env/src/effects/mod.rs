@@ -133,6 +133,7 @@ impl Hooks {
     pub const FRAME: Hooks = Hooks { command: false, push: false, frame: true, sense: false };
     pub const SENSE: Hooks = Hooks { command: false, push: false, frame: false, sense: true };
     pub const COMMAND_AND_PUSH: Hooks = Hooks { command: true, ..Hooks::PUSH };
+    pub const COMMAND_AND_SENSE: Hooks = Hooks { command: true, ..Hooks::SENSE };
     pub const PUSH_AND_SENSE: Hooks = Hooks { push: true, ..Hooks::SENSE };
     pub const FRAME_AND_SENSE: Hooks = Hooks { frame: true, ..Hooks::SENSE };
 }
@@ -417,6 +418,7 @@ registry![
     yaw_rate_loop::YawRateLoop,
     attitude_gain::AttitudeGain,
     alloc_cross::AllocCross,
+    estimator_tilt::EstimatorTilt,
     com_offset::ComOffset,
     motor_lag::MotorLag,
     motor_saturation::MotorSaturation,

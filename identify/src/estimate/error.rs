@@ -22,6 +22,8 @@ pub enum IdentifyError {
     NoStart { what: String },
     #[error("{first} and {second} have different clocks or vertical commands: fit them separately")]
     Mixed { first: String, second: String },
+    #[error("{first} and {second} hold the same flight: name it once, to fit or to judge by")]
+    Duplicate { first: String, second: String },
     #[error("a window of {value_s} s is not possible, expected at least {least_s} s")]
     Window { value_s: f64, least_s: f64 },
     #[error("{log}: {source}")]

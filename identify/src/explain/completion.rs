@@ -4,6 +4,7 @@ use crazyflie_env::effects::{Trace, registry};
 
 use super::errors::{self, Errors};
 use super::learn;
+use super::prediction::Named;
 use super::search::{Judged, Search};
 use super::signals::{self, HORIZONS};
 use super::verdict::{Finding, Leftover};
@@ -15,6 +16,12 @@ use crate::fit::hypothesis::{Hypothesis, Term};
 const HELPS: f64 = 0.05;
 /// Beside structure in its own signal, an effect stays named if the named effects explain this share of the signal's error.
 const MOST: f64 = 0.5;
+
+/// Rows of the errors by axis that nothing may make worse: velocity sideways and up, and tilt.
+const JUDGED_AXES: [usize; 3] = [2, 3, 4];
+/// An axis is worse if its error grows by this share, and chance does so less often than this.
+const WORSE: f64 = 0.01;
+const CHANCE: f64 = 0.1;
 
 /// A model with effects, their disturbances, and errors before and after.
 pub struct Completion {
@@ -30,6 +37,13 @@ impl Completion {
     pub fn new(declared: &Judged, last: &Judged, effects: Vec<Finding>, disturbances: Disturbances, test: &[Flight]) -> Self {
         let mut hypothesis = last.settled();
         hypothesis.terms.retain(|t| effects.iter().flat_map(Finding::all).any(|e| e.name == t.entry.name));
+        let errors = errors_beside(declared, &hypothesis, &disturbances, test);
+        Completion { effects, partial: Vec::new(), learned: false, hypothesis, disturbances, errors }
+    }
+
+    /// With effects that were named by what they are worth to predictions.
+    pub fn predicting(declared: &Judged, named: Named, test: &[Flight]) -> Self {
+        let (effects, hypothesis, disturbances) = (named.findings, named.hypothesis, declared.disturbances);
         let errors = errors_beside(declared, &hypothesis, &disturbances, test);
         Completion { effects, partial: Vec::new(), learned: false, hypothesis, disturbances, errors }
     }
@@ -54,14 +68,47 @@ impl Completion {
         Completion { effects: kept, ..self }
     }
 
-    /// With a term learned from the residual, if it lowers the 2 s errors on the test flights.
+    /// Without what makes any axis worse, one effect at a time: first the one without which the worst axis is best.
+    pub fn without_harm(mut self, declared: &Judged, test: &[Flight]) -> Self {
+        while harm(&self.errors) > 0.0 {
+            let names: Vec<&'static str> = self.hypothesis.terms.iter().map(|t| t.entry.name).collect();
+            let without = |name: &&str| {
+                let less = self.hypothesis.without(name);
+                let errors = errors_beside(declared, &less, &self.disturbances, test);
+                (harm(&errors), less, errors)
+            };
+            let Some((_, hypothesis, errors)) = names.iter().map(without).min_by(|a, b| a.0.total_cmp(&b.0)) else { break };
+            self.effects.retain(|e| e.all().all(|e| hypothesis.has(e.name) || !names.contains(&e.name)));
+            self.partial.retain(|e| e.all().all(|e| hypothesis.has(e.name) || !names.contains(&e.name)));
+            (self.hypothesis, self.errors) = (hypothesis, errors);
+        }
+        if self.hypothesis.terms.is_empty() && self.effects.is_empty() {
+            // nothing was found: other disturbances alone would change where predictions start
+            self.disturbances = declared.disturbances;
+            self.errors = errors_beside(declared, &self.hypothesis, &self.disturbances, test);
+        }
+        self
+    }
+
+    /// The same with its errors on other flights.
+    pub fn on(self, declared: &Judged, test: &[Flight]) -> Self {
+        Completion { errors: errors_beside(declared, &self.hypothesis, &self.disturbances, test), ..self }
+    }
+
+    /// With a term learned from the residual, if it lowers the errors of every axis on the flights that choose, and the 2 s errors by a share that
+    /// is worth a term without a name.
     pub fn learned(self, search: &Search, judge: &Search, last: &Judged, declared: &Judged, test: &[Flight]) -> Self {
         let described = search.refit(&self.hypothesis, &last.disturbances).and_then(|named| learn::learn(search, judge, &named));
         let Some(described) = described else { return self };
         let (hypothesis, disturbances) = (described.settled(), described.disturbances);
         let errors = errors_beside(declared, &hypothesis, &disturbances, test);
-        let better = errors.after[0][3] < (1.0 - HELPS) * self.errors.after[0][3] && errors.after[1][3] < self.errors.after[1][3];
-        if better { Completion { learned: true, hypothesis, disturbances, errors, ..self } } else { self }
+        let [was, is] = [&self.errors.axes.after, &errors.axes.after];
+        let better = JUDGED_AXES.iter().all(|row| HORIZONS.iter().all(|h| is[*row][*h] < was[*row][*h]));
+        if better && errors.after[0][3] < (1.0 - HELPS) * self.errors.after[0][3] {
+            Completion { learned: true, hypothesis, disturbances, errors, ..self }
+        } else {
+            self
+        }
     }
 
     /// The model to fly: effects that were named but are random, and so no part of what was fitted, belong to it too.
@@ -78,6 +125,14 @@ impl Completion {
         }
         all
     }
+}
+
+/// By how much the worst axis grew worse than it was, in shares of its error; 0 where none did so beyond chance.
+fn harm(errors: &Errors) -> f64 {
+    let axes = &errors.axes;
+    let cells = JUDGED_AXES.iter().flat_map(|row| HORIZONS.iter().map(|h| (*row, *h)));
+    let grown = cells.filter(|(row, h)| axes.p_value[*row][*h] < CHANCE).map(|(row, h)| axes.after[row][h] / axes.before[row][h] - 1.0);
+    grown.filter(|share| *share > WORSE).fold(0.0, f64::max)
 }
 
 fn errors_beside(declared: &Judged, hypothesis: &Hypothesis, disturbances: &Disturbances, test: &[Flight]) -> Errors {

@@ -4,12 +4,12 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 use serde::Serialize;
-use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use crate::fit::filter::{Belief, Disturbances, filter};
 use crate::fit::flight::{Flight, Window};
 use crate::fit::hypothesis::Hypothesis;
 use crate::fit::predict::{Compared, Worker};
+use crate::statistics::paired_p_value;
 
 /// How far ahead, in seconds; the free run goes from the start to the end.
 pub const HORIZONS_S: [f64; 4] = [0.02, 0.1, 0.5, 2.0];
@@ -101,20 +101,8 @@ fn p_values(before: &[Vec<Squares>], after: &[Vec<Squares>], square: impl Fn(&Sq
     std::array::from_fn(|horizon| {
         let mean = |stretch: &Vec<Squares>| mean_square(stretch.iter(), &square, horizon);
         let differences = before.iter().zip(after).map(|(b, a)| mean(b) - mean(a));
-        paired(&differences.filter(|d| d.is_finite()).collect::<Vec<_>>())
+        paired_p_value(&differences.filter(|d| d.is_finite()).collect::<Vec<_>>()).unwrap_or(1.0)
     })
-}
-
-/// Student's paired t test: the two-sided p value of a mean of zero.
-fn paired(differences: &[f64]) -> f64 {
-    let n = differences.len() as f64;
-    if n < 2.0 {
-        return 1.0;
-    }
-    let mean = differences.iter().sum::<f64>() / n;
-    let variance = differences.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / (n - 1.0);
-    let (Ok(student), true) = (StudentsT::new(0.0, 1.0, n - 1.0), variance > 0.0) else { return 1.0 };
-    2.0 * student.cdf(-(mean / (variance / n).sqrt()).abs())
 }
 
 /// Squared errors of all predictions, by stretches.
@@ -181,16 +169,4 @@ fn one(worker: &mut Worker, flight: &Flight, own: &[f64], start: usize, free: bo
         [out[2][4], out[3][4]] = [0, 1].map(|i| all.iter().map(|v| v[i]).sum::<f64>() / all.len() as f64);
     }
     Some(out)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_paired_test_sees_a_steady_difference_and_not_an_unsteady_one() {
-        assert!(paired(&[1.0, 1.1, 0.9, 1.05, 0.95]) < 1e-4);
-        assert!(paired(&[1.0, -1.1, 0.9, -1.05, 0.3]) > 0.5);
-        assert_eq!(paired(&[1.0]), 1.0);
-    }
 }

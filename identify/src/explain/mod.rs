@@ -8,12 +8,14 @@ pub mod learn;
 pub mod leftover;
 pub mod noise;
 mod place;
+mod prediction;
 pub mod refine;
 mod residual;
 pub mod search;
 mod selection;
 pub mod shape;
 pub mod signals;
+mod validation;
 pub mod verdict;
 
 use std::time::Instant;
@@ -24,6 +26,7 @@ use crate::fit::flight::Flight;
 use crate::fit::hypothesis::Hypothesis;
 use completion::Completion;
 use search::Search;
+use validation::Split;
 use verdict::{Explanation, Finding, Verdict};
 
 /// Log-likelihood that an effect must be worth on the flights of the fit: three, and the logarithm of the number of candidates, and as much
@@ -38,12 +41,15 @@ const ALIKE: f64 = 5.0;
 /// A name with more rivals than this is no answer.
 const MOST_RIVALS: usize = 2;
 
-/// Explains what a model lacks: fitted on `fit`, judged on `test`. `progress` is told what is being done.
+/// Explains what a model lacks: fitted on `fit`, judged on `test`. `progress` is told what is being done. Of many flights to fit, a part chooses what
+/// is kept, and the flights of the test are looked at once.
 ///
 /// Returns `None` if the declared model cannot be run on the flights.
 pub fn explain(model: &Model, fit: &[Flight], test: &[Flight], progress: &dyn Fn(&str)) -> Option<Explanation> {
     let began = Instant::now();
-    let (search, judge) = (Search::new(fit), Search::new(test));
+    let split = Split::new(fit, test);
+    let (fit, choosing) = (&split.fitted[..], &split.choosing[..]);
+    let (search, judge) = (Search::new(fit), Search::new(choosing));
     progress("disturbances of the declared model");
     let declared = search.declared(&Hypothesis::of(model))?;
     progress("the exact form of the model");
@@ -51,7 +57,7 @@ pub fn explain(model: &Model, fit: &[Flight], test: &[Flight], progress: &dyn Fn
     let (path, steps) = selection::forward(&search, &form, progress);
     let selection = selection::eliminate(&search, &judge, path, progress)?;
     progress("what is left");
-    let (selection, residual) = residual::rescue(&search, &judge, selection, test);
+    let (selection, residual) = residual::rescue(&search, &judge, selection, choosing);
     let last = &selection.dissected.judged;
     let mut effects = finding::findings(&judge, &selection)?;
     let mut disturbances = last.disturbances;
@@ -63,15 +69,24 @@ pub fn explain(model: &Model, fit: &[Flight], test: &[Flight], progress: &dyn Fn
     let dropped = selection.dropped && effects.is_empty();
     let undecided = selection.dissected.unclear > UNDECIDED || effects.iter().any(is_vague) || dropped;
     effects.retain(|e| !is_vague(e));
-    let completed = Completion::new(&declared, last, finding::group_model_form(effects), disturbances, test);
-    let completed = completed.withdraw(&declared, &residual.leftover, test);
-    let structured = residual.is_structured();
-    let completed = if structured && completed.effects.iter().all(finding::is_model_form) {
-        progress("a term learned from the residual");
-        completed.learned(&search, &judge, last, &declared, test)
+    let completed = Completion::new(&declared, last, finding::group_model_form(effects), disturbances, choosing);
+    let completed = completed.withdraw(&declared, &residual.leftover, choosing).without_harm(&declared, choosing);
+    let is_real = fit.iter().all(|flight| flight.sees_true_attitude);
+    let completed = if is_real && completed.effects.is_empty() {
+        progress("effects by what they are worth to predictions");
+        let named = prediction::name_by_prediction(&search, choosing, &declared.hypothesis);
+        named.map_or(completed, |named| Completion::predicting(&declared, named, choosing).without_harm(&declared, choosing))
     } else {
         completed
     };
+    let structured = residual.is_structured();
+    let completed = if structured && completed.effects.iter().all(finding::is_model_form) {
+        progress("a term learned from the residual");
+        completed.learned(&search, &judge, last, &declared, choosing)
+    } else {
+        completed
+    };
+    let completed = if split.spares_test { completed.on(&declared, test) } else { completed };
     // the exact geometry is a form of the model, and no cause of what is left beside it
     let verdict = match (structured, completed.effects.is_empty(), undecided) {
         (true, ..) if completed.effects.iter().all(finding::is_model_form) => Verdict::Unexplained,

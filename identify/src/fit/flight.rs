@@ -16,6 +16,8 @@ use crate::replay::measured::{Measured, median};
 pub const WINDOW_S: f64 = 2.0;
 /// How far back effects may remember commands.
 pub const MEMORY_S: f64 = 0.3;
+/// Quartz clocks of two radios or computers agree to some hundred millionths.
+const SAME_CLOCK: f64 = 1e-3;
 /// Rows of a log and ticks of a world differ only by rounding.
 const ROUNDING_S: f64 = 1e-6;
 
@@ -65,6 +67,8 @@ pub struct Flight {
     starts: Vec<State<f64>>,
     /// Sampling interval of the attitude.
     pub row_s: f64,
+    /// Motion capture measured the attitude, not the vehicle's own estimator.
+    pub sees_true_attitude: bool,
 }
 
 /// A stretch of a flight predicted from a start of its own.
@@ -134,7 +138,33 @@ impl Flight {
             noise,
             starts,
             row_s,
+            sees_true_attitude: log.provenance.attitude == AttitudeSource::MotionCapture,
         })
+    }
+
+    /// Whether two flights have the same control ticks: clocks drift apart by millionths, rates that differ do so by a hundredth at least.
+    pub fn shares_clock(&self, other: &Flight) -> bool {
+        (self.tick_s / other.tick_s - 1.0).abs() < SAME_CLOCK
+    }
+
+    /// The same flight as it would have been logged without what it has of its own, flown by a model: a lean of the vehicle under a level command, a
+    /// tilt of the frame of the measured attitude (both of roll and pitch, in radians), and more thrust than the model's by a factor.
+    #[must_use]
+    pub fn without_trims(&self, model: &Model, lean_rad: [f64; 2], frame_rad: [f64; 2], thrust_scale: f64) -> Self {
+        let mut flight = self.clone();
+        let tilts = [&model.roll, &model.pitch];
+        // the command that holds this angle in 5.1, seen from the true frame
+        let lean = [0, 1].map(|i| (lean_rad[i] - frame_rad[i]) * tilts[i].stiffness.value / tilts[i].gain.value);
+        for u in &mut flight.commands {
+            u.roll_rad += lean[0];
+            u.pitch_rad += lean[1];
+            u.lift *= thrust_scale;
+        }
+        for axis in 0..2 {
+            flight.angles.iter_mut().for_each(|sample| sample.value[axis] -= frame_rad[axis]);
+            flight.starts.iter_mut().for_each(|x| x.att_rad[axis] -= frame_rad[axis]);
+        }
+        flight
     }
 
     /// All its ticks.
@@ -164,6 +194,12 @@ impl Flight {
         &self.starts[tick]
     }
 
+    /// Standard deviations of [`Flight::start_numbers`] where motion capture tells them well enough to hold a window to them: left free, a start takes up
+    /// what the model lacks, and predictions from measured states gain nothing.
+    pub fn start_sd(&self) -> Option<[f64; 12]> {
+        self.sees_true_attitude.then(|| std::array::from_fn(|i| START_SD_MOCAP[i / 3]))
+    }
+
     /// The measured position, velocity, attitude and rates at the start of a tick.
     pub fn start_numbers(&self, tick: usize) -> Vec<f64> {
         let x = &self.starts[tick];
@@ -190,6 +226,10 @@ const LEAST_SEEN_M: f64 = 1e-3;
 const FLOOR: Noise = Noise { att_rad: [1e-4; 3], pos_m: [1e-4; 3] };
 /// Motion capture is filtered and its markers shake: differences of neighbours are smaller than its error.
 const FLOOR_MOCAP: Noise = Noise { att_rad: [0.01, 0.01, 0.01], pos_m: [0.002, 0.002, 0.002] };
+
+/// Of position, velocity, attitude and rates by motion capture: two ways to take the velocity differ by 2 to 10 mm/s on real flights, the attitude is as
+/// [`FLOOR_MOCAP`], and rates are slopes of it over 0.06 s.
+const START_SD_MOCAP: [f64; 4] = [0.002, 0.01, 0.01, 0.3];
 
 /// The frame of motion-capture markers is tilted against the vehicle, differently in each session. Over a flight that begins and ends at rest
 /// the mean tilt is next to nothing, so the mean of what was measured is the frame's.
@@ -225,7 +265,8 @@ fn commands(
         return Err(ReplayError::NoCommands { what: "roll and pitch commands" });
     };
     let wanted = if log.cmd_thrust_pwm.is_some() { [VerticalInput::Thrust, VerticalInput::Pwm] } else { [VerticalInput::Height; 2] };
-    let input = vertical.or_else(|| wanted.into_iter().find(|input| model.vertical(*input).is_ok())).unwrap_or(wanted[0]);
+    let declared = model.vertical.default.filter(|input| input.is_pwm() == log.cmd_thrust_pwm.is_some());
+    let input = vertical.or(declared).or_else(|| wanted.into_iter().find(|input| model.vertical(*input).is_ok())).unwrap_or(wanted[0]);
     model.vertical(input)?;
     let lift = if input.is_pwm() { &log.cmd_thrust_pwm } else { &log.cmd_height_m };
     let lift = lift.as_ref().ok_or(ReplayError::NoCommands { what: "thrust or height command" })?;

@@ -4,6 +4,8 @@ use crazyflie_env::config::{EffectParams, Number, Sourced};
 use crazyflie_env::effects::{self, Entry, Role};
 use crazyflie_env::model::{Model, VerticalInput};
 
+use super::solve::Prior;
+
 /// How far off lagged pushes may be: a climb in metres per second, a turn in radians per second.
 const PUSHED_SD: [f64; 2] = [0.3, 1.0];
 
@@ -14,13 +16,15 @@ pub struct Term {
     pub values: Vec<f64>,
     /// Indices of the free parameters.
     pub free: Vec<usize>,
+    /// If every flight has its own values of the free parameters (nuisance parameters of a fit): what is known of each beforehand.
+    pub per_flight: Option<Vec<Prior>>,
 }
 
 impl Term {
     /// An effect that is off, its parameters free but for constants and choices.
     pub fn off(entry: &'static Entry) -> Self {
         let free = (0..entry.params.len()).filter(|i| entry.params[*i].role == Role::Free).collect();
-        Term { entry, values: entry.params.iter().map(|p| p.off).collect(), free }
+        Term { entry, values: entry.params.iter().map(|p| p.off).collect(), free, per_flight: None }
     }
 
     /// The values of the free parameters.
@@ -97,6 +101,15 @@ impl Hypothesis {
     pub fn shared(&self) -> Vec<f64> {
         let of_model = self.free.iter().filter_map(|path| self.model.parameter(path).ok());
         of_model.chain(self.terms.iter().flat_map(Term::free_values)).collect()
+    }
+
+    /// Of each free number: what is known of it beforehand if every flight has its own, `None` if all flights share it.
+    pub fn per_flight(&self) -> Vec<Option<Prior>> {
+        let of_term = |t: &Term| -> Vec<Option<Prior>> {
+            let priors = t.per_flight.iter().flatten().map(|prior| Some(*prior));
+            if t.per_flight.is_some() { priors.take(t.free.len()).collect() } else { vec![None; t.free.len()] }
+        };
+        std::iter::repeat_n(None, self.free.len()).chain(self.terms.iter().flat_map(of_term)).collect()
     }
 
     /// Where the free numbers of an effect lie among all.

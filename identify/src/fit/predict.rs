@@ -10,7 +10,7 @@ use crazyflie_env::world::{Settings, World};
 
 use super::flight::{Flight, MEMORY_S, Sample, Window, with_lags};
 use super::hypothesis::{Hypothesis, Term};
-use super::solve::{Normal, Problem};
+use super::solve::{Normal, Prior, Problem};
 
 /// The numbers that a window starts from: position, velocity, attitude, rates.
 pub const START: usize = 12;
@@ -251,7 +251,12 @@ impl Worker {
             world.set_voltage(flight.voltage_v(tick as isize).map(Dual::of));
             let y = world.step(0, &dual(flight.command(tick as isize))).reading;
             let x = world.state(0);
-            self.offsets.push(std::array::from_fn(|i| y.att_rad[i] - x.att_rad[i]));
+            // motion capture sees the vehicle itself, not what its estimator makes of it
+            self.offsets.push(if flight.sees_true_attitude {
+                [Dual::of(0.0); 3]
+            } else {
+                std::array::from_fn(|i| y.att_rad[i] - x.att_rad[i])
+            });
             self.states.push(*x);
         }
     }
@@ -380,8 +385,59 @@ impl Prediction<'_> {
     }
 }
 
+/// Free numbers of a hypothesis: those that all flights share, and those that each has for itself, by their places in [`Hypothesis::shared`].
+struct Layout {
+    common: Vec<usize>,
+    per_flight: Vec<usize>,
+}
+
+impl Layout {
+    fn new(hypothesis: &Hypothesis) -> Self {
+        let per_flight = hypothesis.per_flight();
+        let (per_flight, common) = (0..per_flight.len()).partition(|i| per_flight[*i].is_some());
+        Layout { common, per_flight }
+    }
+
+    /// The place among all free numbers of a flight's number with this place in [`Hypothesis::shared`].
+    fn place(&self, flight: usize, local: usize) -> usize {
+        let rank = |all: &[usize]| all.iter().position(|i| *i == local);
+        let first = self.common.len() + flight * self.per_flight.len();
+        rank(&self.common).or_else(|| rank(&self.per_flight).map(|i| first + i)).unwrap_or(0)
+    }
+
+    fn places(&self, flight: usize) -> Vec<usize> {
+        (0..self.common.len() + self.per_flight.len()).map(|local| self.place(flight, local)).collect()
+    }
+}
+
+impl Prediction<'_> {
+    /// The free numbers: those that all flights share, then those of each flight in turn. Without numbers of flights, [`Hypothesis::shared`].
+    pub fn shared(&self) -> Vec<f64> {
+        self.spread(&self.hypothesis.shared())
+    }
+
+    /// One flight's free numbers in the order of [`Hypothesis::shared`], out of all.
+    pub fn of_flight(&self, shared: &[f64], flight: usize) -> Vec<f64> {
+        Layout::new(self.hypothesis).places(flight).into_iter().map(|place| shared[place]).collect()
+    }
+
+    /// Something of each free number, repeated for every flight that has its own.
+    fn spread<T: Copy>(&self, local: &[T]) -> Vec<T> {
+        let layout = Layout::new(self.hypothesis);
+        let of_flights = self.flights.iter().flat_map(|_| layout.per_flight.iter());
+        layout.common.iter().chain(of_flights).map(|i| local[*i]).collect()
+    }
+}
+
+/// A thread's worlds with the numbers of one flight in place.
+pub struct Predictor {
+    worker: Worker,
+    shared: Vec<f64>,
+    flight: usize,
+}
+
 impl Problem for Prediction<'_> {
-    type Worker = Option<Worker>;
+    type Worker = Option<Predictor>;
 
     fn windows(&self) -> usize {
         self.windows.len()
@@ -390,23 +446,49 @@ impl Problem for Prediction<'_> {
         START + self.hypothesis.lags_sd(self.flights.first().map_or(VerticalInput::Height, |f| f.input)).len()
     }
     fn bounds(&self) -> Vec<[f64; 2]> {
-        self.hypothesis.bounds()
+        self.spread(&self.hypothesis.bounds())
     }
-    fn worker(&self, shared: &[f64]) -> Option<Worker> {
+    fn common(&self) -> usize {
+        Layout::new(self.hypothesis).common.len()
+    }
+    fn places(&self, window: usize) -> Vec<usize> {
+        Layout::new(self.hypothesis).places(self.windows[window].flight)
+    }
+    fn priors(&self) -> Vec<Option<Prior>> {
+        self.spread(&self.hypothesis.per_flight())
+    }
+    fn worker(&self, shared: &[f64]) -> Option<Predictor> {
         // all flights of a fit share the clock and the inputs of the first
-        Worker::new(&self.hypothesis.at(shared), self.flights.first()?, true, false).ok()
+        let worker = Worker::new(&self.hypothesis.at(&self.of_flight(shared, 0)), self.flights.first()?, true, false).ok()?;
+        Some(Predictor { worker, shared: shared.to_vec(), flight: 0 })
     }
-    fn normal(&self, worker: &mut Option<Worker>, window: usize, own: &[f64]) -> Normal {
+    fn normal(&self, predictor: &mut Option<Predictor>, window: usize, own: &[f64]) -> Normal {
         let window = &self.windows[window];
-        let unknowns = self.own() + self.hypothesis.shared().len();
+        let unknowns = self.own() + self.hypothesis.per_flight().len();
         let mut normal = Normal::new(unknowns);
         normal.loss = f64::INFINITY;
-        let Some(worker) = worker else { return normal };
+        let Some(Predictor { worker, shared, flight }) = predictor else { return normal };
+        if *flight != window.flight {
+            let of_effects = &self.of_flight(shared, window.flight)[self.hypothesis.free.len()..];
+            if worker.set_free(of_effects).is_err() {
+                return normal;
+            }
+            *flight = window.flight;
+        }
         worker.predict(&self.flights[window.flight], window, own);
         if worker.rows.iter().any(|r| !r.predicted.is_finite()) {
             return normal;
         }
         normal.loss = 0.0;
+        if let Some(sd) = self.flights[window.flight].start_sd() {
+            let measured = self.flights[window.flight].start_numbers(window.ticks.start);
+            let mut slopes = vec![0.0; unknowns];
+            for (i, (measured, sd)) in measured.iter().zip(sd).enumerate() {
+                slopes[i] = 1.0 / sd;
+                normal.add((measured - own[i]) / sd, &slopes);
+                slopes[i] = 0.0;
+            }
+        }
         for (row, slopes) in worker.rows.iter().zip(worker.slopes.chunks_exact(unknowns)) {
             normal.add((row.measured - row.predicted) / (row.sigma * self.inflation), slopes);
         }

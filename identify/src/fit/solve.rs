@@ -54,6 +54,13 @@ impl Normal {
     }
 }
 
+/// A normal distribution: what is known of a number before the data speak.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Prior {
+    pub mean: f64,
+    pub sd: f64,
+}
+
 /// A least-squares problem of windows.
 pub trait Problem: Sync {
     /// What a thread prepares once for given shared parameters.
@@ -64,6 +71,18 @@ pub trait Problem: Sync {
     /// Lower and upper bound of each shared parameter.
     fn bounds(&self) -> Vec<[f64; 2]>;
     fn worker(&self, shared: &[f64]) -> Self::Worker;
+    /// How many of the shared parameters, the first ones, all windows share. Others belong to groups of windows, such as those of one flight.
+    fn common(&self) -> usize {
+        self.bounds().len()
+    }
+    /// The shared parameters that a window depends on, by their places among all; those of all windows come first.
+    fn places(&self, _window: usize) -> Vec<usize> {
+        (0..self.bounds().len()).collect()
+    }
+    /// Of each shared parameter, or nothing where nothing is known of any.
+    fn priors(&self) -> Vec<Option<Prior>> {
+        Vec::new()
+    }
     /// What cannot be computed (a state that is not finite) has an infinite loss.
     fn normal(&self, worker: &mut Self::Worker, window: usize, own: &[f64]) -> Normal;
 }
@@ -84,6 +103,7 @@ pub struct Solution {
     pub own: Vec<Vec<f64>>,
     /// Negative log-likelihood, up to a constant.
     pub loss: f64,
+    /// What each window says about the parameters that all windows share.
     pub shares: Vec<Share>,
     pub steps: usize,
     pub converged: bool,
@@ -139,8 +159,64 @@ fn shared_step(gradient: &DVector<f64>, information: &DMatrix<f64>, damping: f64
     }
 }
 
-fn total(shares: impl Iterator<Item = Share>, n: usize) -> (DVector<f64>, DMatrix<f64>) {
-    shares.fold((DVector::zeros(n), DMatrix::zeros(n, n)), |(g, h), s| (g + s.gradient, h + s.information))
+/// Gradient and information of all windows, each with the places of its parameters among all, and of the priors.
+fn total<'a>(
+    shares: impl Iterator<Item = (&'a Share, &'a Vec<usize>)>,
+    priors: &[Option<Prior>],
+    shared: &[f64],
+) -> (DVector<f64>, DMatrix<f64>) {
+    let n = shared.len();
+    let (mut gradient, mut information) = (DVector::zeros(n), DMatrix::zeros(n, n));
+    for (share, places) in shares {
+        for (j, to) in places.iter().enumerate() {
+            gradient[*to] += share.gradient[j];
+            for (i, row) in places.iter().enumerate() {
+                information[(*row, *to)] += share.information[(i, j)];
+            }
+        }
+    }
+    for (i, prior) in priors.iter().enumerate() {
+        if let Some(Prior { mean, sd }) = prior {
+            gradient[i] += (mean - shared[i]) / (sd * sd);
+            information[(i, i)] += 1.0 / (sd * sd);
+        }
+    }
+    (gradient, information)
+}
+
+fn prior_loss(priors: &[Option<Prior>], shared: &[f64]) -> f64 {
+    priors.iter().zip(shared).filter_map(|(prior, value)| prior.map(|p| 0.5 * ((value - p.mean) / p.sd).powi(2))).sum()
+}
+
+/// What each window says about the `common` parameters, with those of its group eliminated: what these take up is known no longer. What is known of
+/// a group's parameter beforehand speaks with the first window of the group.
+fn common_shares(shares: Vec<Share>, places: &[Vec<usize>], priors: &[Option<Prior>], shared: &[f64], common: usize) -> Vec<Share> {
+    let groups = shared.len() - common;
+    if groups == 0 {
+        return shares;
+    }
+    let (_, information) = total(shares.iter().zip(places), priors, shared);
+    let of_groups = information.view((common, common), (groups, groups)).into_owned();
+    let Some(inverse) = pseudo_inverse(&of_groups) else { return Vec::new() };
+    let inverse = inverse.map(|v| if v.is_finite() { v } else { 0.0 });
+    let taken = information.view((0, common), (common, groups)) * inverse;
+    let eliminate = |(share, places): (Share, &Vec<usize>)| {
+        let onto = DMatrix::from_fn(common, places.len(), |i, j| match places[j].checked_sub(common) {
+            Some(group) => -taken[(i, group)],
+            None => f64::from(u8::from(places[j] == i)),
+        });
+        Share { gradient: &onto * &share.gradient, information: &onto * &share.information * onto.transpose(), ..share }
+    };
+    let mut eliminated: Vec<Share> = shares.into_iter().zip(places).map(eliminate).collect();
+    for (i, prior) in priors.iter().enumerate().skip(common) {
+        let first = places.iter().position(|places| places.contains(&i));
+        if let (Some(Prior { mean, sd }), Some(first)) = (prior, first) {
+            let onto = -taken.column(i - common);
+            eliminated[first].gradient.axpy((mean - shared[i]) / (sd * sd), &onto, 1.0);
+            eliminated[first].information.ger(1.0 / (sd * sd), &onto, &onto, 1.0);
+        }
+    }
+    eliminated
 }
 
 /// Minimise from a start: `own` per window, `shared` for all.
@@ -151,26 +227,28 @@ pub fn solve(problem: &impl Problem, own: Vec<Vec<f64>>, shared: Vec<f64>) -> So
 /// As [`solve`], stopping after so many steps, converged or not, or when one gains less than `enough`.
 pub fn solve_within(problem: &impl Problem, own: Vec<Vec<f64>>, shared: Vec<f64>, most_steps: usize, enough: f64) -> Solution {
     let (mut own, mut shared) = (own, shared);
-    let (n, bounds) = (problem.own(), problem.bounds());
+    let (n, bounds, priors) = (problem.own(), problem.bounds(), problem.priors());
+    let places: Vec<Vec<usize>> = (0..problem.windows()).map(|w| problem.places(w)).collect();
     let evaluate = |own: &[Vec<f64>], shared: &[f64]| -> Vec<Normal> {
         let windows = (0..problem.windows()).into_par_iter().with_min_len(WINDOWS_PER_WORKER);
         windows.map_init(|| problem.worker(shared), |worker, w| problem.normal(worker, w, &own[w])).collect()
     };
-    let loss_of = |normals: &[Normal]| normals.iter().map(|n| n.loss).sum::<f64>();
+    let loss_of = |normals: &[Normal], shared: &[f64]| normals.iter().map(|n| n.loss).sum::<f64>() + prior_loss(&priors, shared);
     let mut normals = evaluate(&own, &shared);
-    let (mut loss, mut damping, mut steps, mut converged) = (loss_of(&normals), 1e-4, 0, false);
+    let (mut loss, mut damping, mut steps, mut converged) = (loss_of(&normals, &shared), 1e-4, 0, false);
     while steps < most_steps && !converged && damping < 1e9 {
         steps += 1;
         let eliminated: Option<Vec<Eliminated>> = normals.iter().map(|normal| eliminate(normal, n, damping)).collect();
         let stepped = eliminated.and_then(|all| {
-            let (g, h) = total(all.iter().map(|e| e.share.clone()), shared.len());
+            let (g, h) = total(all.iter().map(|e| &e.share).zip(&places), &priors, &shared);
             let step = shared_step(&g, &h, damping, &shared, &bounds)?;
             let next: Vec<f64> = (0..shared.len()).map(|i| (shared[i] + step[i]).clamp(bounds[i][0], bounds[i][1])).collect();
-            let moved = DVector::from_fn(shared.len(), |i, _| next[i] - shared[i]);
             let next_own: Vec<Vec<f64>> = all
                 .iter()
                 .zip(&own)
-                .map(|(e, at)| {
+                .zip(&places)
+                .map(|((e, at), places)| {
+                    let moved = DVector::from_iterator(places.len(), places.iter().map(|i| next[*i] - shared[*i]));
                     let step = e.factor.solve(&(&e.own_gradient - &e.coupling * &moved));
                     at.iter().zip(step.iter()).map(|(a, s)| a + s).collect()
                 })
@@ -182,7 +260,7 @@ pub fn solve_within(problem: &impl Problem, own: Vec<Vec<f64>>, shared: Vec<f64>
             continue;
         };
         let trial = evaluate(&next_own, &next);
-        let trial_loss = loss_of(&trial);
+        let trial_loss = loss_of(&trial, &next);
         if trial_loss < loss {
             converged = loss - trial_loss < enough;
             (own, shared, normals, loss) = (next_own, next, trial, trial_loss);
@@ -192,7 +270,9 @@ pub fn solve_within(problem: &impl Problem, own: Vec<Vec<f64>>, shared: Vec<f64>
             damping *= 10.0;
         }
     }
-    let shares = normals.iter().filter_map(|normal| eliminate(normal, n, 0.0)).map(|e| e.share).collect();
+    let eliminated = normals.iter().zip(places).filter_map(|(normal, places)| Some((eliminate(normal, n, 0.0)?.share, places)));
+    let (shares, places): (Vec<Share>, Vec<Vec<usize>>) = eliminated.unzip();
+    let shares = common_shares(shares, &places, &priors, &shared, problem.common());
     Solution { shared, own, loss, shares, steps, converged: converged || damping >= 1e9 }
 }
 
@@ -200,7 +280,7 @@ impl Solution {
     /// Covariance of the shared parameters, clustered by `cluster` (one number per window): windows of one flight, and neighbours under one
     /// gust, are not independent.
     pub fn covariance(&self, cluster: &[usize]) -> Option<DMatrix<f64>> {
-        let n = self.shared.len();
+        let n = self.shares.first()?.gradient.len();
         let mut clusters = BTreeMap::new();
         for (share, cluster) in self.shares.iter().zip(cluster) {
             let sum: &mut Cluster = clusters.entry(cluster).or_insert_with(|| Cluster::new(n));
@@ -210,9 +290,10 @@ impl Solution {
         clustered(&clusters.into_values().collect::<Vec<_>>())
     }
 
-    /// The information of all windows.
+    /// The information of all windows about what they share.
     pub fn information(&self) -> DMatrix<f64> {
-        total(self.shares.iter().cloned(), self.shared.len()).1
+        let n = self.shares.first().map_or(self.shared.len(), |share| share.gradient.len());
+        self.shares.iter().fold(DMatrix::zeros(n, n), |sum, share| sum + &share.information)
     }
 }
 
@@ -326,6 +407,78 @@ mod tests {
         let sd = found.covariance(&(0..10).collect::<Vec<_>>()).unwrap();
         // the inverse of the information that 20 points, one of them an outlier of weight 0.1, give in each of 10 windows
         assert!((sd[(0, 0)].sqrt() / 0.0128 - 1.0).abs() < 0.1, "{sd}");
+    }
+
+    /// The same lines in pairs of windows, each pair with an offset of its own beside the windows' own slopes: x enters as `own x`.
+    struct Pairs(Lines);
+
+    impl Problem for Pairs {
+        type Worker = Vec<f64>;
+        fn worker(&self, shared: &[f64]) -> Vec<f64> {
+            shared.to_vec()
+        }
+        fn windows(&self) -> usize {
+            self.0.data.len()
+        }
+        fn own(&self) -> usize {
+            1
+        }
+        fn bounds(&self) -> Vec<[f64; 2]> {
+            vec![[-10.0, 10.0]; 1 + self.windows() / 2]
+        }
+        fn common(&self) -> usize {
+            1
+        }
+        fn places(&self, window: usize) -> Vec<usize> {
+            vec![0, 1 + window / 2]
+        }
+        fn priors(&self) -> Vec<Option<Prior>> {
+            let offset = Some(Prior { mean: 0.0, sd: 100.0 });
+            std::iter::once(None).chain(std::iter::repeat_n(offset, self.windows() / 2)).collect()
+        }
+        fn normal(&self, shared: &mut Vec<f64>, window: usize, own: &[f64]) -> Normal {
+            let mut normal = Normal::new(3);
+            for (x, y) in &self.0.data[window] {
+                let predicted = own[0] * x + shared[0] * x * x + shared[1 + window / 2];
+                normal.add((y - predicted) / 0.01, &[x / 0.01, x * x / 0.01, 1.0 / 0.01]);
+            }
+            normal.finish();
+            normal
+        }
+    }
+
+    #[test]
+    fn parameters_of_groups_are_found_and_their_uncertainty_passes_to_the_common_ones() {
+        let point = |w: usize, i: usize| {
+            let x = i as f64 / 20.0;
+            (x, (w / 2) as f64 + 0.3 * w as f64 * x + 0.7 * x * x + 0.01 * ((w * 31 + i * 17) as f64 * 1.7).sin())
+        };
+        let pairs = Pairs(Lines { data: (0..10).map(|w| (0..20).map(|i| point(w, i)).collect()).collect() });
+        let found = solve(&pairs, vec![vec![0.0]; 10], vec![0.0; 6]);
+        assert!((found.shared[0] - 0.7).abs() < 0.02 && (found.shared[4] - 3.0).abs() < 0.01, "{:?}", found.shared);
+        // the textbook's covariance: the inverse of the whole design with all offsets and slopes in it
+        let columns = 1 + 5 + 10;
+        let mut whole = DMatrix::zeros(columns, columns);
+        for w in 0..10 {
+            for (x, _) in &pairs.0.data[w] {
+                let mut row = DVector::zeros(columns);
+                (row[0], row[1 + w / 2], row[6 + w]) = (x * x / 0.01, 100.0, x / 0.01);
+                whole += &row * row.transpose();
+            }
+        }
+        let textbook = Cholesky::new(whole).unwrap().inverse()[(0, 0)];
+        let variance = 1.0 / found.information()[(0, 0)];
+        assert!((variance / textbook - 1.0).abs() < 1e-3, "{variance} {textbook}");
+        assert!(found.covariance(&[0, 0, 1, 1, 2, 2, 3, 3, 4, 4]).unwrap()[(0, 0)] >= variance);
+    }
+
+    #[test]
+    fn a_prior_holds_what_the_data_do_not_say() {
+        let mut pairs = Pairs(lines(0.0));
+        pairs.0.data[8].clear();
+        pairs.0.data[9].clear();
+        let found = solve(&pairs, vec![vec![0.0]; 10], vec![0.0, 0.0, 0.0, 0.0, 0.0, 5.0]);
+        assert!(found.shared[5].abs() < 1e-6, "{:?}", found.shared);
     }
 
     #[test]

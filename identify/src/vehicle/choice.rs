@@ -2,8 +2,10 @@
 
 use crazyflie_env::model::{Model, VerticalInput};
 
+use super::Plan;
 use crate::FlightLog;
 use crate::estimate::{Clusters, Estimate, IdentifyError};
+use crate::fit::hypothesis::Hypothesis;
 
 /// What must move for the numbers of a part of the model to show.
 struct Part {
@@ -87,16 +89,38 @@ pub(super) fn check(
     Ok(paths)
 }
 
-/// A copy of the model whose numbers say where they come from.
-pub(super) fn sourced(model: &Model, found: &[Estimate], source: &str, clusters: Clusters) -> Result<Model, IdentifyError> {
-    let bad = |e: serde_json::Error| crazyflie_env::Error::Model { name: model.name.clone(), problem: e.to_string() };
-    let mut tree = serde_json::to_value(model).map_err(bad)?;
-    for one in found {
+/// The model that was found, under its own name: its numbers and effects say where they come from, its vertical form is the one that flew. What
+/// belongs to single flights is left out.
+pub(super) fn sourced(
+    found: &Hypothesis,
+    plan: &Plan,
+    input: VerticalInput,
+    estimates: &[Estimate],
+    logs: &[&str],
+    clusters: Clusters,
+) -> Result<Model, IdentifyError> {
+    let logs = logs.join(", ");
+    let mut own = found.clone();
+    own.terms.retain(|term| term.per_flight.is_none());
+    let mut model = own.completed(&format!("as in the fit of {logs}"));
+    let bad = |e: serde_json::Error| crazyflie_env::Error::Model { name: found.model.name.clone(), problem: e.to_string() };
+    if let Some(name) = &plan.name {
+        model.description = format!("identified from {logs}, starting from the model {}", model.name);
+        model.name.clone_from(name);
+    }
+    model.vertical.default = Some(input);
+    let mut tree = serde_json::to_value(&model).map_err(bad)?;
+    for one in estimates {
         let at_bound = if one.at_bound { ", at its bound" } else { "" };
-        let text = format!("{source}: standard error {:.3e}, {clusters}{at_bound}", one.standard_error);
-        if let Some(slot) = tree.pointer_mut(&format!("/{}", one.name.replace('.', "/"))) {
+        let text = format!("identified from {logs}: standard error {:.3e}, {clusters}{at_bound}", one.standard_error);
+        let path = format!("/{}", one.name.replace('.', "/"));
+        let pointer = if tree.pointer(&path).is_some() { path } else { format!("/effects{path}") };
+        if let Some(slot) = tree.pointer_mut(&pointer) {
             slot["source"] = text.into();
         }
+    }
+    if plan.mass_kg.is_some() {
+        tree["vehicle"]["mass"]["source"] = "given to the identification".into();
     }
     Ok(Model::parse(&tree.to_string())?)
 }

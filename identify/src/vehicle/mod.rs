@@ -1,48 +1,70 @@
 //! The numbers of a model file from flight logs: output error through the simulator itself, all outputs at once.
 
 mod choice;
+mod nuisance;
 mod predict;
 
-use crazyflie_env::effects;
+use crazyflie_env::effects::{self, Geometry};
 use crazyflie_env::model::{Model, VerticalInput};
 
 use crate::FlightLog;
+use crate::axis_errors::{AxisErrors, axis_errors};
 use crate::estimate::{Clusters, Comparison, Estimate, IdentifyError, at_bound, covariance};
 use crate::fit::flight::{Flight, Noise, WINDOW_S, Window};
 use crate::fit::hypothesis::{Hypothesis, Term};
-use crate::fit::predict::Prediction;
-use crate::fit::solve::{Solution, solve};
+use crate::fit::predict::{Prediction, START};
+use crate::fit::solve::{Problem, Solution, solve};
+use crate::replay::measured::median;
 use crate::statistics::{Criteria, criteria};
+use crazyflie_logs::first_duplicate;
 
 pub use choice::visible;
+pub use nuisance::{SETTLE_S, Trim, settle_flights};
 use predict::{Rows, compare, rows};
 
-/// The noise of each output is found beside the numbers.
+/// The noise of each output, and how much flights differ, are found beside the numbers.
 const ROUNDS: usize = 6;
 /// No simulation is exact to less.
 const FLOOR: Noise = Noise { att_rad: [1e-6; 3], pos_m: [1e-6; 3] };
-const WINDOW_MIN_S: f64 = 0.5;
+/// What lies between a thrust command and the lift of a real vehicle: the battery, the bend of the thrust curve, and the exact cosine of 4.5.
+const POWERTRAIN: [&str; 3] = ["battery_sag", "thrust_slope", "tilt_loss"];
+const HOVER: &str = "vertical.thrust.hover";
+const HEAVE: &str = "vertical.thrust.heave";
 
 /// What to fit, and how.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Plan {
     /// Paths of the model's numbers; those that the logs can tell unless given, see [`visible`].
     pub free: Option<Vec<String>>,
-    pub window_s: f64,
-    /// Which vertical form is driven; the thrust form, if the logs hold a thrust command and the model has the form, unless given.
+    /// Which vertical form is driven; the model's own, or the thrust form if the logs hold a thrust command and the model has the form, unless
+    /// given.
     pub vertical: Option<VerticalInput>,
-    /// Fit also what markers and vehicle are out of trim: a constant tilt of the measured attitude and one of the commands, the same for all
-    /// logs. A degree of it would move the vehicle by 34 cm in 2 s.
-    pub trims: bool,
+    /// Fit also what differs from flight to flight: trims of markers and vehicle, and the hover PWM. A degree of trim would move the vehicle by
+    /// 34 cm in 2 s.
+    pub nuisance: bool,
+    /// Effects that are fitted with the model and belong to it then, see [`powertrain`].
+    pub effects: Vec<String>,
+    /// Of the model that is found; as before unless given.
+    pub name: Option<String>,
+    /// Of the vehicle that flew, for effects that need it; as before unless given.
+    pub mass_kg: Option<f64>,
 }
 
-/// The effects that say so.
-const TRIMS: [&str; 2] = ["com_offset", "imu_tilt"];
+/// Effects that every real vehicle under a thrust command shows; that of the battery only where all logs hold its voltage.
+pub fn powertrain(logs: &[(String, FlightLog)]) -> Vec<String> {
+    let shows = |name: &&str| *name != "battery_sag" || logs.iter().all(|(_, log)| log.vbat_v.is_some());
+    POWERTRAIN.iter().filter(|name| shows(name)).map(|name| (*name).to_owned()).collect()
+}
 
-impl Default for Plan {
-    fn default() -> Self {
-        Plan { free: None, window_s: WINDOW_S, vertical: None, trims: false }
-    }
+/// What a model makes of flights.
+#[derive(Debug, Clone)]
+pub struct Judged {
+    /// Six signals of each flight.
+    pub comparisons: Vec<Comparison>,
+    /// What each flight has of its own.
+    pub trims: Vec<Trim>,
+    /// Of predictions by the commands alone, after the first [`SETTLE_S`] seconds if these had to tell trims.
+    pub errors: Vec<AxisErrors>,
 }
 
 /// A model found.
@@ -50,7 +72,7 @@ impl Default for Plan {
 pub struct Identified {
     /// With the numbers found and, as their source, logs and standard errors.
     pub model: Model,
-    /// In the order of the paths.
+    /// In the order of the paths, then those of effects.
     pub parameters: Vec<Estimate>,
     /// What the numbers were before.
     pub before: Vec<f64>,
@@ -61,33 +83,95 @@ pub struct Identified {
     pub converged: bool,
     pub samples: usize,
     pub input: VerticalInput,
-    /// Six signals of each log of the fit.
-    pub fit: Vec<Comparison>,
+    /// The logs of the fit.
+    pub fit: Judged,
+    /// With nothing free but what flights have of their own.
     hypothesis: Hypothesis,
     plan: Plan,
+}
+
+/// Refuses logs that hold the same flight: a fit would count it twice, a test would know it.
+///
+/// # Errors
+/// [`IdentifyError::Duplicate`] names the two.
+pub fn refuse_duplicates(logs: &[&(String, FlightLog)]) -> Result<(), IdentifyError> {
+    let bare: Vec<&FlightLog> = logs.iter().map(|(_, log)| log).collect();
+    first_duplicate(&bare)
+        .map_or(Ok(()), |[first, second]| Err(IdentifyError::Duplicate { first: logs[first].0.clone(), second: logs[second].0.clone() }))
 }
 
 /// Fits numbers of a model to logs, each with its name. `done` is called after each of at most [`STAGES`] stages.
 ///
 /// # Errors
-/// [`IdentifyError`]: logs that cannot be flown or do not go together, paths that do not exist or cannot be told.
+/// [`IdentifyError`]: logs that cannot be flown, hold one flight twice or do not go together, paths that do not exist or cannot be told.
 pub fn identify(model: &Model, logs: &[(String, FlightLog)], plan: &Plan, done: &dyn Fn()) -> Result<Identified, IdentifyError> {
-    if !(plan.window_s >= WINDOW_MIN_S && plan.window_s.is_finite()) {
-        return Err(IdentifyError::Window { value_s: plan.window_s, least_s: WINDOW_MIN_S });
-    }
+    refuse_duplicates(&logs.iter().collect::<Vec<_>>())?;
     let mut flights = prepare(model, plan.vertical, logs)?;
-    let free = choice::check(model, logs, flights[0].input, plan.free.as_deref())?;
-    let mut hypothesis = Hypothesis { free: free.clone(), pushed: false, ..Hypothesis::of(model) };
-    for name in TRIMS.iter().filter(|_| plan.trims) {
-        hypothesis = hypothesis.with(Term::off(effects::find(name)?.1));
+    let input = flights[0].input;
+    let mut free = choice::check(model, logs, input, plan.free.as_deref())?;
+    let per_flight_hover = plan.nuisance && input == VerticalInput::Thrust;
+    if per_flight_hover {
+        // the mean of the flights' is the model's; beside it, a bend of the thrust curve and trims, positions over 2 s do not tell the damping of climb
+        free.retain(|path| path != HOVER && (plan.free.is_some() || path != HEAVE));
+        if free.is_empty() {
+            let reason = "every flight has its own: name another number with it".to_owned();
+            return Err(IdentifyError::Singular { parameter: HOVER.to_owned(), reason });
+        }
     }
-    let windows = windows(&flights, plan.window_s);
-    let (solution, noise) = fit(&mut flights, &windows, &hypothesis, done).ok_or(IdentifyError::NoStart { what: "model".into() })?;
-    let flight_of: Vec<usize> = windows.iter().map(|w| w.flight).collect();
-    let bounds = hypothesis.bounds();
-    let names = names(model, &hypothesis);
+    let before: Vec<f64> = free.iter().map(|path| model.parameter(path)).collect::<Result<_, _>>()?;
+    let mut hypothesis = Hypothesis { free, pushed: false, ..Hypothesis::of(&near(model, logs, plan)?) };
+    if plan.nuisance {
+        hypothesis = nuisance::terms(input)?.into_iter().fold(hypothesis, |h, term| h.with(term));
+    }
+    for name in &plan.effects {
+        hypothesis = hypothesis.with(fitted_effect(name)?);
+    }
+    let windows = windows(&flights);
+    let fitted = fit(&mut flights, &windows, &mut hypothesis, done).ok_or(IdentifyError::NoStart { what: "model".into() })?;
+    let identified = report(model, logs, plan, &flights, &windows, &hypothesis, fitted, before)?;
+    done();
+    Ok(identified)
+}
+
+/// An effect that joins the model: what is exact by geometry is not fitted.
+fn fitted_effect(name: &str) -> Result<Term, IdentifyError> {
+    let mut term = Term::off(effects::find(name)?.1);
+    if term.entry.geometry != Geometry::None {
+        term.free.clear();
+        term.values[0] = 1.0;
+    }
+    Ok(term)
+}
+
+/// The model with a mass and a hover PWM near those of the vehicle that flew: it hovers on the whole.
+fn near(model: &Model, logs: &[(String, FlightLog)], plan: &Plan) -> Result<Model, IdentifyError> {
+    let mut near = plan.mass_kg.map_or_else(|| Ok(model.clone()), |mass_kg| model.with_parameter("vehicle.mass", mass_kg))?;
+    let flown = |log: &FlightLog| Some(median(log.cmd_thrust_pwm.as_ref()?.get(log.airborne.clone())?));
+    let hovers: Vec<f64> = logs.iter().filter_map(|(_, log)| flown(log)).filter(|pwm| *pwm > 0.0).collect();
+    if plan.nuisance && !hovers.is_empty() && plan.free.as_ref().is_none_or(|free| free.iter().any(|path| path == HOVER)) {
+        near = near.with_parameter(HOVER, median(&hovers)).unwrap_or(near);
+    }
+    Ok(near)
+}
+
+/// The numbers found with their errors, and what they make of the logs.
+#[expect(clippy::too_many_arguments)]
+fn report(
+    model: &Model,
+    logs: &[(String, FlightLog)],
+    plan: &Plan,
+    flights: &[Flight],
+    windows: &[Window],
+    hypothesis: &Hypothesis,
+    (solution, noise): (Solution, [f64; 6]),
+    mut before: Vec<f64>,
+) -> Result<Identified, IdentifyError> {
+    let prediction = Prediction { flights, windows, hypothesis, inflation: 1.0 };
+    let (bounds, common) = (prediction.bounds(), prediction.common());
+    let names = names(model, hypothesis);
     let labels: Vec<String> = names.iter().map(|(name, _)| name.clone()).collect();
-    let (of_numbers, clusters) = covariance(&solution, &flight_of, &labels, &bounds)?;
+    let flight_of: Vec<usize> = windows.iter().map(|w| w.flight).collect();
+    let (of_numbers, clusters) = covariance(&solution, &flight_of, &labels, &bounds[..common])?;
     let estimate = |(i, (name, unit)): (usize, (String, String))| Estimate {
         name,
         unit,
@@ -95,104 +179,144 @@ pub fn identify(model: &Model, logs: &[(String, FlightLog)], plan: &Plan, done: 
         standard_error: of_numbers[(i, i)].max(0.0).sqrt(),
         at_bound: at_bound(solution.shared[i], bounds[i]),
     };
-    let parameters: Vec<Estimate> = names.into_iter().enumerate().map(estimate).collect();
-    let found = hypothesis.at(&solution.shared);
-    let logs: Vec<&str> = logs.iter().map(|(name, _)| name.as_str()).collect();
-    let model = choice::sourced(&found.model, &parameters[..free.len()], &format!("identified from {}", logs.join(", ")), clusters)?;
-    // trims belong to a session: they stay free where other logs are compared, and out of the model
-    let fixed = Hypothesis { model: model.clone(), free: Vec::new(), ..found };
-    let fit = compare(&fixed, &flights, plan.window_s);
-    let sums = Rows::squares(&fit);
-    let own = crate::fit::predict::START + fixed.lags_sd(flights[0].input).len();
-    let unknowns = parameters.len() + windows.len() * own;
-    let identified = Identified {
+    let mut parameters: Vec<Estimate> = names.into_iter().enumerate().map(estimate).collect();
+    let of_terms = hypothesis.terms.iter().filter(|t| t.per_flight.is_none());
+    before.extend(of_terms.flat_map(|t| t.free.iter().map(|i| t.entry.params[*i].off)));
+    if let Some(standard_error) = nuisance::centre_hover(&mut hypothesis.clone(), flights.len(), &mut solution.shared.clone()) {
+        let value = hypothesis.model.parameter(HOVER)?;
+        parameters.push(Estimate { name: HOVER.to_owned(), unit: "1".to_owned(), value, standard_error, at_bound: false });
+        before.push(model.parameter(HOVER)?);
+    }
+    let each: Vec<Hypothesis> = (0..flights.len()).map(|f| hypothesis.at(&prediction.of_flight(&solution.shared, f)).fixed()).collect();
+    let found = hypothesis.at(&prediction.of_flight(&solution.shared, 0));
+    let names: Vec<&str> = logs.iter().map(|(name, _)| name.as_str()).collect();
+    let model = choice::sourced(&found, plan, flights[0].input, &parameters, &names, clusters)?;
+    let fit = judge(&each, flights, plan);
+    let sums = Rows::squares(&fit.comparisons);
+    let own = START + hypothesis.lags_sd(flights[0].input).len();
+    Ok(Identified {
+        criteria: criteria(&sums, solution.shared.len() + windows.len() * own),
+        hypothesis: unsettled(&found),
         model,
-        before: hypothesis.shared(),
+        before,
         parameters,
         noise,
-        criteria: criteria(&sums, unknowns),
         clusters,
         converged: solution.converged,
         samples: sums.iter().map(|(_, samples)| samples).sum(),
         input: flights[0].input,
         fit,
-        hypothesis: fixed,
         plan: plan.clone(),
-    };
-    done();
-    Ok(identified)
+    })
+}
+
+/// The same with nothing free but what flights have of their own.
+fn unsettled(found: &Hypothesis) -> Hypothesis {
+    let mut open = Hypothesis { free: Vec::new(), ..found.clone() };
+    for term in &mut open.terms {
+        match &term.per_flight {
+            None => term.free.clear(),
+            Some(priors) => term.free.iter().zip(priors).for_each(|(i, prior)| term.values[*i] = prior.mean),
+        }
+    }
+    open
 }
 
 /// How often [`identify`] calls back at most.
 pub const STAGES: usize = ROUNDS + 1;
 
 impl Identified {
-    /// Predicts logs that the fit has not seen: only initial states are taken from them, and trims if there are any.
+    /// Predicts logs that the fit has not seen: only initial states are taken from them and, from their first [`SETTLE_S`] seconds, what every
+    /// flight has of its own.
     ///
     /// # Errors
     /// As [`identify`].
-    pub fn compare(&self, logs: &[(String, FlightLog)]) -> Result<Vec<Comparison>, IdentifyError> {
-        self.compare_with(&self.model, logs)
+    pub fn judge(&self, logs: &[(String, FlightLog)]) -> Result<Judged, IdentifyError> {
+        self.judge_by(&self.hypothesis, logs)
     }
 
-    /// As [`Identified::compare`], by another model: the one before, to see what was gained.
+    /// As [`Identified::judge`], by another model: the one before, to see what was gained.
     ///
     /// # Errors
     /// As [`identify`].
-    pub fn compare_with(&self, model: &Model, logs: &[(String, FlightLog)]) -> Result<Vec<Comparison>, IdentifyError> {
-        let mut flights = prepare(model, self.plan.vertical, logs)?;
+    pub fn judge_with(&self, model: &Model, logs: &[(String, FlightLog)]) -> Result<Judged, IdentifyError> {
+        let mut hypothesis = Hypothesis { pushed: false, ..Hypothesis::of(model) };
+        if self.plan.nuisance {
+            hypothesis = nuisance::terms(self.input)?.into_iter().fold(hypothesis, |h, term| h.with(term));
+        }
+        self.judge_by(&hypothesis, logs)
+    }
+
+    fn judge_by(&self, hypothesis: &Hypothesis, logs: &[(String, FlightLog)]) -> Result<Judged, IdentifyError> {
+        let mut flights = prepare(&hypothesis.model, Some(self.input), logs)?;
         flights.iter_mut().for_each(|f| f.noise = of_six(&self.noise));
-        let hypothesis = Hypothesis { model: model.clone(), ..self.hypothesis.clone() };
-        Ok(compare(&hypothesis, &flights, self.plan.window_s))
+        let each: Vec<Hypothesis> = flights.iter().map(|flight| nuisance::settled_on_start(hypothesis, flight)).collect();
+        Ok(judge(&each, &flights, &self.plan))
     }
 }
 
-/// Names and units of the free numbers: the model's, then the trims'.
+/// What hypotheses without free numbers, one for each flight, make of the flights.
+fn judge(each: &[Hypothesis], flights: &[Flight], plan: &Plan) -> Judged {
+    let from_s = if plan.nuisance { SETTLE_S } else { 0.0 };
+    let pairs = || each.iter().zip(flights);
+    Judged {
+        comparisons: pairs().flat_map(|(at, flight)| compare(at, flight)).collect(),
+        trims: pairs().map(|(at, flight)| nuisance::trim(&flight.name, at)).filter(|trim| !trim.values.is_empty()).collect(),
+        errors: pairs().filter_map(|(at, flight)| axis_errors(at, flight, from_s, None)).collect(),
+    }
+}
+
+/// Names and units of the free numbers that all flights share: the model's, then the effects'.
 fn names(model: &Model, of: &Hypothesis) -> Vec<(String, String)> {
     let known = model.parameters();
     let unit = |path: &String| known.iter().find(|(p, ..)| p == path).map_or(String::new(), |(_, _, unit)| (*unit).to_owned());
-    let trims = of
-        .terms
-        .iter()
-        .flat_map(|t| t.free.iter().map(|i| (format!("{}.{}", t.entry.name, t.entry.params[*i].name), t.entry.params[*i].unit.to_owned())));
-    of.free.iter().map(|path| (path.clone(), unit(path))).chain(trims).collect()
+    let of_term = |t: &Term| -> Vec<(String, String)> {
+        t.free.iter().map(|i| (format!("{}.{}", t.entry.name, t.entry.params[*i].name), t.entry.params[*i].unit.to_owned())).collect()
+    };
+    let of_terms = of.terms.iter().filter(|t| t.per_flight.is_none()).flat_map(of_term);
+    of.free.iter().map(|path| (path.clone(), unit(path))).chain(of_terms).collect()
 }
 
 fn prepare(model: &Model, vertical: Option<VerticalInput>, logs: &[(String, FlightLog)]) -> Result<Vec<Flight>, IdentifyError> {
-    let of = |(name, log): &(String, FlightLog)| {
+    let flight = |(name, log): &(String, FlightLog)| {
         Flight::of(name, log, model, vertical).map_err(|source| IdentifyError::Flight { log: name.clone(), source })
     };
-    let flights: Vec<Flight> = logs.iter().map(of).collect::<Result<_, _>>()?;
+    let flights: Vec<Flight> = logs.iter().map(flight).collect::<Result<_, _>>()?;
     let first = flights.first().ok_or(IdentifyError::NoLogs)?;
-    let clock = |f: &Flight| (1.0 / f.tick_s).round();
-    match flights.iter().find(|f| f.input != first.input || clock(f) != clock(first)) {
+    match flights.iter().find(|f| f.input != first.input || !f.shares_clock(first)) {
         Some(other) => Err(IdentifyError::Mixed { first: first.name.clone(), second: other.name.clone() }),
         None => Ok(flights),
     }
 }
 
-fn windows(flights: &[Flight], window_s: f64) -> Vec<Window> {
-    flights.iter().enumerate().flat_map(|(i, f)| f.windows(i, window_s)).collect()
+fn windows(flights: &[Flight]) -> Vec<Window> {
+    flights.iter().enumerate().flat_map(|(i, f)| f.windows(i, WINDOW_S)).collect()
 }
 
-/// The numbers, fitted again with the noise that they leave until it stays.
-fn fit(flights: &mut [Flight], windows: &[Window], at: &Hypothesis, done: &dyn Fn()) -> Option<(Solution, [f64; 6])> {
+/// The numbers, fitted again with the noise that they leave, and with what flights differ by, until both stay.
+fn fit(flights: &mut [Flight], windows: &[Window], at: &mut Hypothesis, done: &dyn Fn()) -> Option<(Solution, [f64; 6])> {
     let mut noise = [0.0; 6];
     let mut found: Option<Solution> = None;
     for _ in 0..ROUNDS {
         let prediction = Prediction { flights, windows, hypothesis: at, inflation: 1.0 };
-        let (own, shared) = found.map_or_else(|| (prediction.starts(), at.shared()), |f| (f.own, f.shared));
+        let (own, shared) = found.map_or_else(|| (prediction.starts(), prediction.shared()), |f| (f.own, f.shared));
         let solution = solve(&prediction, own, shared);
         if !solution.loss.is_finite() {
             return None;
         }
-        let left = rows(&at.at(&solution.shared).fixed(), flights, windows, &solution.own).noise(&FLOOR);
+        let numbers: Vec<Vec<f64>> = (0..flights.len()).map(|f| prediction.of_flight(&solution.shared, f)).collect();
+        let each: Vec<Hypothesis> = numbers.iter().map(|numbers| at.at(numbers).fixed()).collect();
+        let left = rows(&each, flights, windows, &solution.own).noise(&FLOOR);
         done();
         let same = noise.iter().zip(&left).all(|(a, b): (&f64, &f64)| (b / a - 1.0).abs() < 0.03);
         noise = left;
         found = Some(solution);
         if same {
             break;
+        }
+        nuisance::learn_priors(at, &numbers);
+        if let Some(found) = &mut found {
+            nuisance::centre_hover(at, flights.len(), &mut found.shared);
         }
         flights.iter_mut().for_each(|f| f.noise = of_six(&noise));
     }

@@ -13,16 +13,16 @@ use crate::replay::measured::median;
 /// Outputs by their channel in [`Compared`].
 const SIGNALS: [(&str, &str); 6] = [("roll", "rad"), ("pitch", "rad"), ("yaw", "rad"), ("x", "m"), ("y", "m"), ("z", "m")];
 
-/// What was compared, each row with the flight that it is from.
-pub(super) struct Rows(Vec<(usize, Compared)>);
+/// What was compared.
+pub(super) struct Rows(Vec<Compared>);
 
-/// The predictions of a hypothesis without free numbers from these initial states.
-pub(super) fn rows(at: &Hypothesis, flights: &[Flight], windows: &[Window], own: &[Vec<f64>]) -> Rows {
+/// The predictions of hypotheses without free numbers, one for each flight, from these initial states.
+pub(super) fn rows(each: &[Hypothesis], flights: &[Flight], windows: &[Window], own: &[Vec<f64>]) -> Rows {
     let of = |(window, own): (&Window, &Vec<f64>)| {
         let flight = &flights[window.flight];
-        let Ok(mut worker) = Worker::new(at, flight, false, false) else { return Vec::new() };
+        let Ok(mut worker) = Worker::new(&each[window.flight], flight, false, false) else { return Vec::new() };
         worker.predict(flight, window, own);
-        worker.rows().iter().map(|row| (window.flight, *row)).collect()
+        worker.rows().to_vec()
     };
     Rows(windows.par_iter().zip(own).map(of).collect::<Vec<_>>().concat())
 }
@@ -32,8 +32,7 @@ impl Rows {
     pub(super) fn noise(&self, floor: &Noise) -> [f64; 6] {
         let least = [floor.att_rad, floor.pos_m].concat();
         std::array::from_fn(|channel| {
-            let of =
-                self.0.iter().filter(|(_, row)| row.channel == channel).map(|(_, row)| (row.measured - row.predicted).abs() / row.spread);
+            let of = self.0.iter().filter(|row| row.channel == channel).map(|row| (row.measured - row.predicted).abs() / row.spread);
             // the median of |normal| is 0.6745 standard deviations
             (median(&of.collect::<Vec<_>>()) / 0.6745).max(least[channel])
         })
@@ -48,29 +47,25 @@ impl Rows {
         SIGNALS.iter().map(of).filter(|(_, count)| *count > 0).collect()
     }
 
-    fn channel(&self, flight: usize, channel: usize) -> Vec<Compared> {
-        self.0.iter().filter(|(f, row)| *f == flight && row.channel == channel).map(|(_, row)| *row).collect()
+    fn channel(&self, channel: usize) -> Vec<Compared> {
+        self.0.iter().filter(|row| row.channel == channel).copied().collect()
     }
 }
 
-/// Every signal of every flight, in windows and in one run over the whole flight, from initial states (and trims, if the hypothesis
-/// leaves them free) that are fitted.
-pub(super) fn compare(at: &Hypothesis, flights: &[Flight], window_s: f64) -> Vec<Comparison> {
+/// Every signal of a flight by a hypothesis without free numbers, in windows and in one run over the whole flight, from initial states that are fitted.
+pub(super) fn compare(at: &Hypothesis, flight: &Flight) -> Vec<Comparison> {
+    let flights = std::slice::from_ref(flight);
     let settled = |windows: Vec<Window>| {
         let prediction = Prediction { flights, windows: &windows, hypothesis: at, inflation: 1.0 };
-        let solution = solve(&prediction, prediction.starts(), at.shared());
-        rows(&at.at(&solution.shared).fixed(), flights, &windows, &solution.own)
+        let solution = solve(&prediction, prediction.starts(), prediction.shared());
+        rows(std::slice::from_ref(at), flights, &windows, &solution.own)
     };
-    let windows = settled(super::windows(flights, window_s));
-    let whole = settled(flights.iter().enumerate().map(|(flight, f)| Window { flight, ticks: 0..f.ticks }).collect());
-    let mut all = Vec::new();
-    for (index, flight) in flights.iter().enumerate() {
-        for (channel, (signal, unit)) in SIGNALS.into_iter().enumerate() {
-            let (rows, whole) = (windows.channel(index, channel), whole.channel(index, channel));
-            all.extend(comparison(flight, channel, signal, unit, &rows, fit_of(&whole)));
-        }
-    }
-    all
+    let windows = settled(super::windows(flights));
+    let whole = settled(vec![Window { flight: 0, ticks: flight.all() }]);
+    let signals = SIGNALS.into_iter().enumerate();
+    let one =
+        |(channel, (signal, unit))| comparison(flight, channel, signal, unit, &windows.channel(channel), fit_of(&whole.channel(channel)));
+    signals.filter_map(one).collect()
 }
 
 fn fit_of(rows: &[Compared]) -> Option<Fit> {

@@ -8,11 +8,15 @@ use crazyflie_identify::explain::verdict::{Explanation, Finding};
 
 use super::{Outcome, Table, files::vertical_name, number};
 use crate::explained::{
-    Run, change_percent, closed_loop_line, confusable, findings, horizon, p_value, sentence, signal_lines, signed, significant, with_error,
+    Run, change_percent, closed_loop_line, confusable, findings, foreign_line, horizon, p_value, sentence, signal_lines, signed,
+    significant, total_lines, with_error,
 };
 
 pub(super) fn print(run: &Run, written: &[PathBuf], out: &mut dyn Write) -> Outcome {
     let found = &run.found;
+    if let Some(line) = foreign_line(run) {
+        writeln!(out, "{line}\n")?;
+    }
     writeln!(out, "model {}, vertical form {}\n{}\n", run.model.name, vertical_name(run.vertical()), sentence(found))?;
     if !(found.effects.is_empty() && found.partial.is_empty()) {
         writeln!(
@@ -20,6 +24,9 @@ pub(super) fn print(run: &Run, written: &[PathBuf], out: &mut dyn Write) -> Outc
             "{}worth: log-likelihood lost without the effect, on the flights of the fit and of the test\n",
             effects(found).plain()
         )?;
+    }
+    for line in total_lines(run) {
+        writeln!(out, "{line}")?;
     }
     for effect in found.effects.iter().filter(|e| !e.manoeuvre.is_empty()) {
         writeln!(out, "to tell {} from {}: {}", effect.name, confusable(effect), effect.manoeuvre)?;

@@ -44,8 +44,11 @@ pub(crate) fn vertical(name: &str) -> Result<VerticalInput, String> {
     }
 }
 
-/// The controllers command a PWM: that form, if the model has one.
+/// The form that the model names. Without a name: the controllers command a PWM, so that form, if the model has one.
 pub(crate) fn default_vertical(model: &Model) -> VerticalInput {
+    if let Some(default) = model.vertical.default {
+        return default;
+    }
     let inputs = model.inputs();
     let wanted = [VerticalInput::Pwm, VerticalInput::Thrust].into_iter().find(|v| inputs.contains(v));
     wanted.unwrap_or(VerticalInput::Height)

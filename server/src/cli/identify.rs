@@ -15,7 +15,7 @@ use super::{Failure, Outcome, files, identify_picture, identify_table, identify_
 
 const EXAMPLES: &str = "\
 Examples:
-  crazyflie identify --fit a.csv b.csv --test c.csv --out my.toml
+  crazyflie identify --fit a.csv b.csv --test c.csv --out my.toml --mass 0.034
   crazyflie identify my.toml --fit a.csv --free roll.gain roll.damping roll.stiffness
   crazyflie identify --transfer pitch --fit a.csv --test c.csv --picture pitch.svg
   crazyflie identify --transfer roll --order 0,2 --order 1,2 --order 1,3 --delay --fit a.csv
@@ -23,7 +23,8 @@ Examples:
   crazyflie identify --thesis
 
 Standard errors are clustered by flight, or by window if there are fewer than eight flights. A fit is MATLAB's: 100 is perfect, 0 no better than
-the mean. Only initial states are taken from the logs of --test, and offsets and trims where every flight has its own.";
+the mean. Trims and hover PWM differ from flight to flight: each log of --fit has its own, those of a log of --test are found from its first 5 s.
+Otherwise only initial states are taken from the logs of --test. No flight may be named twice.";
 
 /// Identify a vehicle from flight logs: the numbers of a model file, or a transfer function of a given order.
 #[derive(Debug, clap::Args)]
@@ -60,14 +61,24 @@ pub(super) struct Args {
     #[arg(long, requires = "transfer")]
     stable: bool,
     /// Windows of so many seconds start from states of their own; whole for one per flight [default: 2, for slow channels 5 or 10]
-    #[arg(long, value_parser = window, value_name = "SECONDS|whole")]
+    #[arg(long, value_parser = window, value_name = "SECONDS|whole", requires = "transfer")]
     window: Option<Window>,
     /// Which vertical form of the model is driven: height, pwm or thrust [default: as the logs command]
     #[arg(long, value_parser = files::vertical, value_name = "FORM", conflicts_with = "transfer")]
     vertical: Option<VerticalInput>,
-    /// Fit constant tilts of the measured attitude and of the commands as well [default: true under motion capture]
+    /// Let every flight have trims and a hover PWM of its own [default: true under motion capture]
     #[arg(long, value_name = "BOOL", conflicts_with = "transfer")]
     trim: Option<bool>,
+    /// Effects that are fitted too and belong to the model then; none for none [default: those of the powertrain where flights have trims of their
+    /// own and command the thrust]
+    #[arg(long, num_args = 1.., value_name = "EFFECT", conflicts_with = "transfer")]
+    effects: Vec<String>,
+    /// Mass of the vehicle that flew, in kilograms [default: that of the model to start from]
+    #[arg(long, value_name = "KG", conflicts_with = "transfer")]
+    mass: Option<f64>,
+    /// Name of the model that is found [default: the name of the file of --out]
+    #[arg(long, value_name = "NAME", conflicts_with = "transfer")]
+    name: Option<String>,
     /// Write the model with what was found
     #[arg(long, value_name = "FILE.toml")]
     out: Option<PathBuf>,
@@ -75,7 +86,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "FILE.svg")]
     picture: Option<PathBuf>,
     /// Fly the thesis's identification flights, and recover its equations 5.1 to 5.5
-    #[arg(long, conflicts_with_all = ["fit", "test", "free", "transfer", "out", "picture", "window", "vertical", "trim"])]
+    #[arg(long, conflicts_with_all = ["fit", "test", "free", "transfer", "out", "picture", "window", "vertical", "trim", "effects", "mass", "name"])]
     thesis: bool,
     /// Decides the noise of the thesis's flights
     #[arg(long, default_value_t = 0, requires = "thesis")]
@@ -112,6 +123,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         return identify_thesis::run(&model, args.seed, args.json, out);
     }
     let (fit, test) = (read(&args.fit)?, read(&args.test)?);
+    vehicle::refuse_duplicates(&fit.iter().chain(&test).collect::<Vec<_>>())?;
     match args.transfer {
         Some(channel) => transfer(args, channel, &model, (&fit, &test), out),
         None => whole(args, &model, (&fit, &test), out),
@@ -186,20 +198,13 @@ fn structures(args: &Args, channel: Channel) -> Vec<Structure> {
 }
 
 fn whole(args: &Args, model: &Model, (fit, test): (&Logs, &Logs), out: &mut dyn Write) -> Outcome {
-    let window_s = match args.window {
-        None | Some(Window::OfChannel) => vehicle::Plan::default().window_s,
-        Some(Window::Seconds(s)) => s,
-        Some(Window::Whole) => 3600.0,
-    };
-    let trims = args.trim.unwrap_or_else(|| fit.iter().any(|(_, log)| log.provenance.attitude == AttitudeSource::MotionCapture));
-    let plan = vehicle::Plan { free: (!args.free.is_empty()).then(|| args.free.clone()), window_s, vertical: args.vertical, trims };
+    let plan = plan(args, model, fit);
     let bar = ProgressBar::new(vehicle::STAGES as u64);
     let found = vehicle::identify(model, fit, &plan, &|| bar.inc(1))?;
-    let judged = if test.is_empty() { Vec::new() } else { found.compare(test)? };
-    let before = if test.is_empty() { Vec::new() } else { found.compare_with(model, test)? };
+    let judged = if test.is_empty() { None } else { Some([found.judge_with(model, test)?, found.judge(test)?]) };
     bar.finish_and_clear();
-    let before_fit = found.compare_with(model, fit)?;
-    let shown = identify_table::Whole { found: &found, before_fit: &before_fit, test: &judged, before_test: &before };
+    let before_fit = found.judge_with(model, fit)?;
+    let shown = identify_table::Whole { found: &found, before_fit: &before_fit, test: judged.as_ref() };
     if args.json {
         identify_table::whole_json(&shown, out)?;
     } else {
@@ -208,7 +213,32 @@ fn whole(args: &Args, model: &Model, (fit, test): (&Logs, &Logs), out: &mut dyn 
     if let Some(file) = &args.out {
         write_model(file, &found.model)?;
     }
-    picture(args, &found.fit, &judged)
+    let predicted: &[Comparison] = judged.as_ref().map_or(&[], |[_, after]| &after.comparisons);
+    picture(args, &found.fit.comparisons, predicted)
+}
+
+/// What to fit by the options, or by what the logs hold where these say nothing.
+fn plan(args: &Args, model: &Model, fit: &Logs) -> vehicle::Plan {
+    let nuisance = args.trim.unwrap_or_else(|| fit.iter().any(|(_, log)| log.provenance.attitude == AttitudeSource::MotionCapture));
+    let vertical = args.vertical.or(model.vertical.default);
+    let commands_thrust = fit.iter().all(|(_, log)| log.cmd_thrust_pwm.is_some()) && vertical.is_none_or(|v| v == VerticalInput::Thrust);
+    let effects = match &args.effects[..] {
+        [] if nuisance && commands_thrust => vehicle::powertrain(fit),
+        [none] if none == "none" => Vec::new(),
+        named => named.to_vec(),
+    };
+    // what a model declares already is a part of it
+    let effects = effects.into_iter().filter(|name| !model.effects.contains_key(name)).collect();
+    let stem = |file: &PathBuf| file.file_stem().map(|stem| stem.to_string_lossy().into_owned());
+    let name = args.name.clone().or_else(|| args.out.as_ref().and_then(stem));
+    vehicle::Plan {
+        free: (!args.free.is_empty()).then(|| args.free.clone()),
+        vertical: args.vertical,
+        nuisance,
+        effects,
+        name,
+        mass_kg: args.mass,
+    }
 }
 
 fn write_model(file: &Path, model: &Model) -> Outcome {
@@ -225,7 +255,9 @@ impl From<IdentifyError> for Failure {
     fn from(error: IdentifyError) -> Self {
         match error {
             IdentifyError::Model(error) => error.into(),
-            IdentifyError::Order { .. } | IdentifyError::NoLogs | IdentifyError::Window { .. } => Failure::Usage(error.to_string()),
+            IdentifyError::Order { .. } | IdentifyError::NoLogs | IdentifyError::Window { .. } | IdentifyError::Duplicate { .. } => {
+                Failure::Usage(error.to_string())
+            }
             other => Failure::Failed(other.to_string()),
         }
     }

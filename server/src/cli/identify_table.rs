@@ -3,19 +3,20 @@
 use std::io::Write;
 
 use crazyflie_env::model::VerticalInput;
+use crazyflie_identify::axis_errors::{AxisChange, LEAST_FLIGHTS, axis_changes};
 use crazyflie_identify::estimate::{Comparison, Estimate, Residuals};
 use crazyflie_identify::metrics::Fit;
 use crazyflie_identify::transfer::{Identified, Structure};
-use crazyflie_identify::vehicle;
+use crazyflie_identify::vehicle::{self, Judged};
 use serde_json::{Value, json};
 
 use super::{Outcome, Table, files, number};
 
 /// A transfer function, and what it makes of the logs of the test.
-type Judged = (Identified, Vec<Comparison>);
+type JudgedTransfer = (Identified, Vec<Comparison>);
 
 /// Transfer functions, the best first.
-pub(super) fn transfer(all: &[Judged], failed: &[String], out: &mut dyn Write) -> Outcome {
+pub(super) fn transfer(all: &[JudgedTransfer], failed: &[String], out: &mut dyn Write) -> Outcome {
     let Some((best, test)) = all.first() else { return Ok(()) };
     let windows = best.window_s().map_or("one window per flight".to_owned(), |s| format!("windows of about {s} s"));
     let (from, to) = (best.channel.input(), best.channel.output());
@@ -70,7 +71,7 @@ pub(super) fn order(s: &Structure) -> String {
     format!("{},{}{}{delay}", s.numerator, s.denominator, if s.integrator { " with integrator" } else { "" })
 }
 
-fn orders(all: &[Judged], out: &mut dyn Write) -> Outcome {
+fn orders(all: &[JudgedTransfer], out: &mut dyn Write) -> Outcome {
     let mut table = Table::new(&["order", "AIC - best", "BIC - best", "fit", "test", "function"]).left(&[5]);
     let least = |of: &dyn Fn(&Identified) -> f64| all.iter().map(|(i, _)| of(i)).fold(f64::INFINITY, f64::min);
     let (aic, bic) = (least(&|i| i.criteria.aic), least(&|i| i.criteria.bic));
@@ -155,15 +156,23 @@ fn independence(tests: &Residuals) -> String {
 /// A model found, and what it and its predecessor make of the logs.
 pub(super) struct Whole<'a> {
     pub found: &'a vehicle::Identified,
-    pub before_fit: &'a [Comparison],
-    pub test: &'a [Comparison],
-    pub before_test: &'a [Comparison],
+    pub before_fit: &'a Judged,
+    /// By the model before, then by the one found.
+    pub test: Option<&'a [Judged; 2]>,
+}
+
+impl Whole<'_> {
+    /// Logs of the fit and of the test, before and after.
+    fn parts(&self) -> Vec<(&'static str, &Judged, &Judged)> {
+        let fit = ("fit", self.before_fit, &self.found.fit);
+        std::iter::once(fit).chain(self.test.map(|[before, after]| ("test", before, after))).collect()
+    }
 }
 
 pub(super) fn whole(shown: &Whole<'_>, out: &mut dyn Write) -> Outcome {
     let found = shown.found;
     let form = files::vertical_name(found.input);
-    let logs = found.fit.len() / 6;
+    let logs = found.fit.comparisons.len() / 6;
     writeln!(out, "model {}: {logs} logs, {} samples, vertical form {form}", found.model.name, found.samples)?;
     writeln!(out, "{}", if found.converged { "" } else { "the fit did not converge\n" })?;
     let mut table = Table::new(&["number", "before", "estimate", "standard error", "unit", ""]).left(&[4, 5]);
@@ -179,10 +188,28 @@ pub(super) fn whole(shown: &Whole<'_>, out: &mut dyn Write) -> Outcome {
         found.criteria.aic,
         found.criteria.bic
     )?;
+    trims(shown, out)?;
+    signals(shown, out)?;
+    for (part, _, all) in shown.parts() {
+        let mut table = Table::new(&["signal", &format!("residuals of the {part}"), ""]).left(&[1, 2]);
+        for (name, of) in by_signal(&all.comparisons) {
+            let tests = Residuals::of(&of, 0);
+            table.row(vec![name.into(), whiteness(&tests), independence(&tests)]);
+        }
+        writeln!(out, "{}", table.plain())?;
+    }
+    for (part, before, after) in shown.parts() {
+        axes(part, before, after, out)?;
+    }
+    Ok(())
+}
+
+/// Measured and predicted signals, in windows and over whole flights.
+fn signals(shown: &Whole<'_>, out: &mut dyn Write) -> Outcome {
     let header = ["log", "part", "signal", "windows: before", "fit", "RMSE", "whole flight: before", "fit", "RMSE"];
     let mut table = Table::new(&header).left(&[1, 2]);
-    for (part, after, before) in [("fit", &found.fit[..], shown.before_fit), ("test", shown.test, shown.before_test)] {
-        for (c, before) in after.iter().zip(before) {
+    for (part, before, after) in shown.parts() {
+        for (c, before) in after.comparisons.iter().zip(&before.comparisons) {
             let whole = |c: &Comparison| c.whole.as_ref().and_then(|f| f.fit_percent);
             table.row(vec![
                 c.log.clone(),
@@ -197,18 +224,44 @@ pub(super) fn whole(shown: &Whole<'_>, out: &mut dyn Write) -> Outcome {
             ]);
         }
     }
-    writeln!(out, "{}", table.plain())?;
-    for (part, all) in [("fit", &found.fit[..]), ("test", shown.test)] {
-        let mut table = Table::new(&["signal", &format!("residuals of the {part}"), ""]).left(&[1, 2]);
-        for (name, of) in by_signal(all) {
-            let tests = Residuals::of(&of, 0);
-            table.row(vec![name.into(), whiteness(&tests), independence(&tests)]);
-        }
-        if !all.is_empty() {
-            writeln!(out, "{}", table.plain())?;
+    Ok(writeln!(out, "{}", table.plain())?)
+}
+
+/// What each flight has of its own.
+fn trims(shown: &Whole<'_>, out: &mut dyn Write) -> Outcome {
+    let Some(first) = shown.found.fit.trims.first() else { return Ok(()) };
+    let header: Vec<String> =
+        first.values.iter().map(|(name, unit, _)| if *unit == "1" { name.clone() } else { format!("{name} ({unit})") }).collect();
+    let header: Vec<&str> = ["of its own: log", "part"].into_iter().chain(header.iter().map(String::as_str)).collect();
+    let mut table = Table::new(&header).left(&[1]);
+    for (part, _, judged) in shown.parts() {
+        for trim in &judged.trims {
+            let values = trim.values.iter().map(|(.., value)| significant(*value));
+            table.row([trim.log.clone(), part.into()].into_iter().chain(values).collect());
         }
     }
-    Ok(())
+    Ok(writeln!(out, "{}", table.plain())?)
+}
+
+/// Errors of prediction by axis and horizon, before and after.
+fn axes(part: &str, before: &Judged, after: &Judged, out: &mut dyn Write) -> Outcome {
+    if after.errors.is_empty() || before.errors.len() != after.errors.len() {
+        return Ok(());
+    }
+    let mut table = Table::new(&[&format!("{part}: error of the"), "ahead", "before", "after", "unit", "better", "paired p"]).left(&[4]);
+    for change in axis_changes(&before.errors, &after.errors) {
+        let value = |v: f64| significant(if change.unit == "rad" { v.to_degrees() } else { v });
+        table.row(vec![
+            change.axis.into(),
+            format!("{} s", change.horizon_s),
+            value(change.before),
+            value(change.after),
+            if change.unit == "rad" { "deg".into() } else { change.unit.into() },
+            format!("{} of {}", change.better, change.flights),
+            change.p_value.map_or(format!("fewer than {LEAST_FLIGHTS} flights"), |p| format!("{p:.1e}")),
+        ]);
+    }
+    Ok(writeln!(out, "{}", table.plain())?)
 }
 
 /// Comparisons of one signal together, in the order of their first appearance.
@@ -223,8 +276,8 @@ pub(super) fn by_signal(all: &[Comparison]) -> Vec<(&'static str, Vec<&Compariso
     groups
 }
 
-pub(super) fn transfer_json(all: &[Judged], failed: &[String], out: &mut dyn Write) -> Outcome {
-    let one = |(one, test): &Judged| {
+pub(super) fn transfer_json(all: &[JudgedTransfer], failed: &[String], out: &mut dyn Write) -> Outcome {
+    let one = |(one, test): &JudgedTransfer| {
         let poles: Vec<[f64; 2]> = one.function.poles().iter().map(|p| [p.re, p.im]).collect();
         json!({"channel": one.channel.name(), "numerator": one.function.numerator, "denominator": one.function.denominator,
             "delay_s": one.function.delay_s, "offsets": one.function.offsets, "text": one.function.to_string(), "poles": poles,
@@ -240,12 +293,33 @@ pub(super) fn transfer_json(all: &[Judged], failed: &[String], out: &mut dyn Wri
 pub(super) fn whole_json(shown: &Whole<'_>, out: &mut dyn Write) -> Outcome {
     let found = shown.found;
     let vertical = if found.input == VerticalInput::Height { "height" } else { files::vertical_name(found.input) };
+    let part = |all: Option<&Judged>| comparisons(all.map_or(&[], |judged| &judged.comparisons), 0);
     let value = json!({"model": found.model.name, "vertical": vertical, "parameters": estimates(&found.parameters), "before": found.before,
         "noise": found.noise, "aic": found.criteria.aic, "bic": found.criteria.bic, "converged": found.converged, "samples": found.samples,
-        "standard_errors": found.clusters.to_string(), "fit": comparisons(&found.fit, 0), "test": comparisons(shown.test, 0),
-        "before_fit": comparisons(shown.before_fit, 0), "before_test": comparisons(shown.before_test, 0)});
+        "standard_errors": found.clusters.to_string(), "fit": part(Some(&found.fit)), "test": part(shown.test.map(|t| &t[1])),
+        "before_fit": part(Some(shown.before_fit)), "before_test": part(shown.test.map(|t| &t[0])),
+        "flights": shown.parts().into_iter().map(|(name, _, judged)| (name.to_owned(), flights_json(judged))).collect::<serde_json::Map<_, _>>(),
+        "axis_errors": shown.parts().into_iter().map(|(name, before, after)| (name.to_owned(), axes_json(before, after))).collect::<serde_json::Map<_, _>>()});
     serde_json::to_writer_pretty(&mut *out, &value)?;
     Ok(writeln!(out)?)
+}
+
+/// What each flight has of its own, and its errors.
+fn flights_json(judged: &Judged) -> Value {
+    let values = |trim: &vehicle::Trim| -> serde_json::Map<String, Value> {
+        trim.values.iter().map(|(name, unit, value)| (name.clone(), json!({"value": value, "unit": unit}))).collect()
+    };
+    let trims: Vec<Value> = judged.trims.iter().map(|trim| json!({"log": trim.log, "own": values(trim)})).collect();
+    let errors: Vec<Value> = judged.errors.iter().map(|e| json!({"log": e.flight, "predictions": e.predictions, "rms": e.rms})).collect();
+    json!({"own": trims, "errors": errors})
+}
+
+fn axes_json(before: &Judged, after: &Judged) -> Value {
+    let change = |c: AxisChange| {
+        json!({"axis": c.axis, "unit": c.unit, "horizon_s": c.horizon_s, "before": c.before, "after": c.after, "better": c.better,
+            "flights": c.flights, "p_value": c.p_value})
+    };
+    axis_changes(&before.errors, &after.errors).into_iter().map(change).collect()
 }
 
 pub(super) fn estimates(all: &[Estimate]) -> Vec<Value> {

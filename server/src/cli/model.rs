@@ -102,7 +102,8 @@ fn schema() -> Value {
     ]});
     let thrust = form("thrust", vec![("hover", quantity("1")), ("heave", quantity("1/s"))], &[]);
     let pwm = json!({"oneOf": [vertical("1", "m/s", "m/s^2"), thrust]});
-    let verticals = [("height", vertical("m", "1/s", "1/s^2")), ("pwm", pwm.clone()), ("thrust", pwm)];
+    let default = json!({"enum": ["height", "pwm", "thrust"], "description": "the form that is driven unless another is asked for"});
+    let verticals = [("default", default), ("height", vertical("m", "1/s", "1/s^2")), ("pwm", pwm.clone()), ("thrust", pwm)];
     let of = |units: &[(&'static str, &str)]| object(&units.iter().map(|(name, unit)| (*name, quantity(unit))).collect::<Vec<_>>(), &[]);
     let vehicle = [("mass", "kg"), ("rotor_radius", "m"), ("arm", "m"), ("battery_capacity", "C"), ("hover_current", "A")];
     let vehicle = vehicle.map(|(name, unit)| (name, quantity(unit)));

@@ -25,10 +25,12 @@ pub(crate) fn as_json(run: &Run, files: &Value) -> Value {
     json!({
         "verdict": verdict_name(found.verdict),
         "sentence": sentence(found),
+        "foreign_hover_pwm": run.foreign_hover_pwm().map(|[flown, model]| json!({"flown": flown, "model": model})),
         "model": run.model.name,
         "vertical": vertical_name(run.vertical()),
         "effects": found.effects.iter().map(effect).collect::<Vec<_>>(),
         "signals": found.signals,
+        "totals": super::totals(run).iter().map(|(path, value, stderr, unit)| json!({"number": path, "value": value, "stderr": stderr, "unit": unit})).collect::<Vec<_>>(),
         "partial": found.partial.iter().map(effect).collect::<Vec<_>>(),
         "learned": found.learned,
         "error": {"before": table(&errors.before), "after": table(&errors.after), "naive": table(&errors.naive), "p_value": table(&errors.p_value),

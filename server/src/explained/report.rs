@@ -8,7 +8,7 @@ use serde::Serialize;
 use thiserror::Error;
 
 use super::figures::{Figure, free_run, residual, white};
-use super::{Run, closed_loop_line, findings, sentence, verdict_name, view};
+use super::{Run, closed_loop_line, findings, foreign_line, sentence, verdict_name, view};
 use crate::cli::{number, vertical_name};
 
 const TEMPLATE: &str = include_str!("../../templates/report.html");
@@ -58,7 +58,7 @@ pub(crate) fn report(run: &Run) -> Result<String, ReportError> {
         vertical: vertical_name(run.vertical()),
         version: env!("CARGO_PKG_VERSION"),
         verdict: verdict_name(found.verdict),
-        sentence: sentence(found),
+        sentence: foreign_line(run).into_iter().chain([sentence(found)]).collect::<Vec<_>>().join(" "),
         effects: view::effects(found),
         left: findings(found),
         rounds: view::rounds(&found.path),

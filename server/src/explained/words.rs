@@ -3,6 +3,7 @@
 use crazyflie_identify::explain::signals::{SignalState, SignalVerdict};
 use crazyflie_identify::explain::verdict::{Estimate, Explanation, Finding, Leftover, Verdict};
 
+use super::Run;
 use crate::cli::number;
 
 /// A number with so many significant digits, without an exponent where that reads well.
@@ -69,6 +70,42 @@ fn told(effect: &Finding) -> String {
     let values: Vec<String> = effect.params.iter().map(estimate).collect();
     let or = if effect.confusable_with.is_empty() { String::new() } else { format!(", or {} instead", confusable(effect)) };
     format!("{} ({}{or})", effect.name, values.join(", "))
+}
+
+/// That the model is of another vehicle, and what to do about it, where its flights say so.
+pub(crate) fn foreign_line(run: &Run) -> Option<String> {
+    let [flown, declared] = run.foreign_hover_pwm()?;
+    let logs: Vec<&str> = run.fit.sources.iter().map(|source| source.file.as_str()).collect();
+    Some(format!(
+        "The numbers of the model {} are not this vehicle's: it hovers at {} PWM, the model at {}. Identify it first, then explain what that model lacks:\n  \
+         crazyflie identify --fit {} --out mine.toml",
+        run.model.name,
+        number(flown, 0),
+        number(declared, 0),
+        logs.join(" ")
+    ))
+}
+
+/// Parameters of effects that add to a number of the model: what a vehicle shows is both together.
+const ADDED: [(&str, &str, &str); 2] = [("drag_linear", "rate_ps", "lateral.drag"), ("heave_damping", "added_ps", "vertical.thrust.heave")];
+
+/// What the vehicle shows in all where an effect adds to a number that the model has: path, sum, its standard error by the effect alone, unit.
+pub(crate) fn totals(run: &Run) -> Vec<(&'static str, f64, f64, &'static str)> {
+    let total = |(effect, param, path): (&str, &str, &'static str)| {
+        let declared = run.model.parameter(path).ok().filter(|value| *value != 0.0)?;
+        let named = run.found.effects.iter().chain(&run.found.partial).flat_map(Finding::all).find(|e| e.name == effect)?;
+        let added = named.params.iter().find(|p| p.name == param)?;
+        Some((path, declared + added.value, added.stderr, added.unit))
+    };
+    ADDED.into_iter().filter_map(total).collect()
+}
+
+/// The same in words.
+pub(crate) fn total_lines(run: &Run) -> Vec<String> {
+    let line = |(path, value, stderr, unit): (&str, f64, f64, &str)| {
+        format!("{path}, what the model declares included: {} {unit}", with_error(value, stderr))
+    };
+    totals(run).into_iter().map(line).collect()
 }
 
 /// The verdict in one sentence.
