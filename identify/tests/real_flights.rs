@@ -73,9 +73,8 @@ fn a_real_vehicle_is_identified_and_predicts_a_flight_that_was_not_fitted() {
     assert_eq!((&model.name[..], model.vehicle.mass.value, model.vertical.default), ("mine", 0.034, Some(VerticalInput::Thrust)));
     assert!(model.effects.contains_key("thrust_slope") && !model.effects.contains_key("imu_tilt"));
     // the hover PWM of each flight is its own, near the median command
-    let hover = |judged: &Judged| judged.trims[0].values.last().map(|(name, _, pwm)| (name.clone(), *pwm)).unwrap();
-    let (name, pwm) = hover(&found.fit);
-    assert!(name == "hover_pwm" && (40_000.0..75_000.0).contains(&pwm), "{name} {pwm}");
+    let (_, _, hover_pwm) = found.fit.trims[0].values.iter().find(|(name, ..)| name == "hover_pwm").unwrap();
+    assert!((40_000.0..75_000.0).contains(hover_pwm), "{hover_pwm}");
     let (before, after) = (found.judge_with(&Model::thesis(), &test).unwrap(), found.judge(&test).unwrap());
     assert!(error(&after, "sideways") < 0.25 && error(&after, "vertical") < 0.35, "{:?}", after.errors);
     assert!(error(&after, "velocity") < 0.3 * error(&before, "velocity"), "{:?} {:?}", before.errors, after.errors);
