@@ -2,10 +2,8 @@
 
 use crazyflie_env::effects::{Entry, Geometry, Role, registry};
 
+use super::calibration::candidates::STARTS;
 use crate::fit::hypothesis::{Hypothesis, Term};
-
-/// Shares of a parameter's range, from "off", at which a search starts where "off" itself says nothing: a lag or a limit has no slope there.
-const STARTS: [f64; 6] = [0.03, 0.12, 0.3, 0.9, 0.945, 0.97];
 
 /// An effect to try, with the values to start from.
 pub struct Candidate {

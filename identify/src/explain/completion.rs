@@ -2,6 +2,7 @@
 
 use crazyflie_env::effects::{Trace, registry};
 
+use super::calibration::completion::{CHANCE, HELPS, MOST, WORSE};
 use super::errors::{self, Errors};
 use super::learn;
 use super::prediction::Named;
@@ -12,16 +13,8 @@ use crate::fit::filter::Disturbances;
 use crate::fit::flight::Flight;
 use crate::fit::hypothesis::{Hypothesis, Term};
 
-/// Effects that do not account for the structure are kept beside it if they lower the 2 s errors of position or velocity on the test flights by this share.
-const HELPS: f64 = 0.05;
-/// Beside structure in its own signal, an effect stays named if the named effects explain this share of the signal's error.
-const MOST: f64 = 0.5;
-
 /// Rows of the errors by axis that nothing may make worse: velocity sideways and up, and tilt.
 const JUDGED_AXES: [usize; 3] = [2, 3, 4];
-/// An axis is worse if its error grows by this share, and chance does so less often than this.
-const WORSE: f64 = 0.01;
-const CHANCE: f64 = 0.1;
 
 /// A model with effects, their disturbances, and errors before and after.
 pub struct Completion {

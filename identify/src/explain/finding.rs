@@ -3,6 +3,7 @@
 use crazyflie_env::effects::{Disturbance, Entry, Geometry, Role, Trace, registry};
 use rayon::prelude::*;
 
+use super::calibration::finding::SLOW_GUST_S;
 use super::noise::{self, Said};
 use super::residual::GustCandidate;
 use super::search::{Judged, Search};
@@ -12,9 +13,6 @@ use super::verdict::{Estimate, Finding, Ranked, Step};
 use super::{ALIKE, WORTH_TEST};
 use crate::fit::filter::{Belief, Disturbances, Filtered, Wander, filter};
 use crate::fit::hypothesis::Hypothesis;
-
-/// A gust that lasts longer than this may be steady for all that a short flight says.
-const SLOW_GUST_S: f64 = 3.0;
 
 /// Negative log-likelihood of the test flights by signal, all parameters as they are.
 fn signal_losses(judge: &Search, hypothesis: &Hypothesis, disturbances: &Disturbances) -> Option<[f64; 4]> {

@@ -2,13 +2,9 @@
 
 use crazyflie_env::effects::{Trace, registry};
 
+use super::calibration::learn::{CLEAR, WORTH_TEST};
 use super::search::{Judged, Search};
 use crate::fit::hypothesis::Term;
-
-/// Standard errors that a coefficient must lie from zero to stay.
-const CLEAR: f64 = 4.0;
-/// Log-likelihood that the term must be worth on the test flights.
-const WORTH_TEST: f64 = 10.0;
 
 /// The hypothesis with a sparse learned term, if there is one that helps on the test flights.
 pub fn learn(search: &Search, judge: &Search, from: &Judged) -> Option<Judged> {

@@ -2,6 +2,8 @@
 
 use realfft::RealFftPlanner;
 
+pub use super::calibration::leftover::{CLEAR, FINDING};
+use super::calibration::leftover::{LINE_CHANCE, LINE_FROM_HZ, LINE_SHARE, LONGEST_S, TOGETHER_S, TRUSTED, WHITE_S};
 use super::signals::Signal;
 use super::verdict::Leftover;
 use crate::fit::filter::Filtered;
@@ -9,25 +11,6 @@ use crate::fit::flight::Flight;
 
 /// Channels by name, in the order of [`crate::fit::predict::Compared::channel`].
 pub const CHANNELS: [&str; 6] = ["roll", "pitch", "yaw", "x", "y", "z"];
-/// Lags up to so long.
-const LONGEST_S: f64 = 1.0;
-/// Lags whose correlations are taken together.
-const TOGETHER_S: f64 = 0.5;
-/// A statistic of which there are few, and whose spread is known, is a finding beyond so many standard deviations.
-pub(super) const CLEAR: f64 = 5.0;
-/// A test statistic beyond so many standard deviations is a finding. Outliers and rounding make small ones ordinary.
-pub const FINDING: f64 = 7.0;
-/// From one frame to the next marker positions tell how well their own white and slow errors are known, not what moves the vehicle.
-const WHITE_S: f64 = 0.1;
-/// A line holds so much of the power of a channel, and so much that chance would give it to one white series in ten thousand, above this frequency:
-/// below it everything drifts.
-const LINE_SHARE: f64 = 0.04;
-const LINE_CHANCE: f64 = 1e-4;
-const LINE_FROM_HZ: f64 = 0.2;
-
-/// Innovations this much smaller than the measurement is trusted to be right (in standard deviations, RMS) hold nothing that a measurement could show:
-/// a simulator's log has an attitude without noise.
-const TRUSTED: f64 = 0.3;
 
 /// One value per tick, the mean of what was measured in it.
 fn by_tick(flight: &Flight, filtered: &Filtered, channel: usize) -> Vec<Option<f64>> {

@@ -1,5 +1,6 @@
 //! From the residual of a model to its cause. The stages go one way: model form, forward search, elimination, residual tests, verdict.
 
+mod calibration;
 pub mod candidates;
 mod completion;
 pub mod errors;
@@ -24,22 +25,11 @@ use crazyflie_env::model::Model;
 
 use crate::fit::flight::Flight;
 use crate::fit::hypothesis::Hypothesis;
+use calibration::verdict::{ALIKE, MOST_RIVALS, UNDECIDED, WORTH_FIT, WORTH_TEST};
 use completion::Completion;
 use search::Search;
 use validation::Split;
 use verdict::{Explanation, Finding, Verdict};
-
-/// Log-likelihood that an effect must be worth on the flights of the fit: three, and the logarithm of the number of candidates, and as much
-/// again for what the noise model does not cover.
-const WORTH_FIT: f64 = 15.0;
-/// And on the test flights, where nothing was fitted.
-const WORTH_TEST: f64 = 3.0;
-/// An effect worth this much whose size is unclear leaves the question open.
-const UNDECIDED: f64 = 25.0;
-/// Hypotheses this close in log-likelihood cannot be told apart.
-const ALIKE: f64 = 5.0;
-/// A name with more rivals than this is no answer.
-const MOST_RIVALS: usize = 2;
 
 /// Explains what a model lacks: fitted on `fit`, judged on `test`. `progress` is told what is being done. Of many flights to fit, a part chooses what
 /// is kept, and the flights of the test are looked at once.

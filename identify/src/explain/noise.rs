@@ -5,58 +5,22 @@ use std::ops::Range;
 use nalgebra::{Matrix2, Vector2};
 use rayon::prelude::*;
 
+use super::calibration::noise::{CALM, DEAR, FIRST, LEAST, LOUD, STILL, TAU_S, TIMES_FORCE, TIMES_FORCE_IN_STILL_AIR, TUNE_S, WORTH};
+pub use super::calibration::noise::{FLOOR, GUST_S, LONGEST_S};
 use crate::fit::filter::{Disturbances, Track, Wander};
 use crate::fit::flight::Flight;
 use crate::fit::hypothesis::Hypothesis;
 
-/// Sizes are tuned on a stretch at the start of a flight and one at its end.
-const TUNE_S: f64 = 9.0;
-/// Where a search begins.
-const FIRST: Disturbances = Disturbances {
-    force: Wander { sigma: 0.1, tau_s: 1.0 },
-    lift: Wander { sigma: 0.05, tau_s: 1.0 },
-    torque: Wander { sigma: 0.3, tau_s: 0.3 },
-    turn: Wander { sigma: 0.2, tau_s: 1.0 },
-    marker: Wander { sigma: 0.003, tau_s: 3.0 },
-};
-/// What no flight is without: the models' own small errors. A size does not shrink below it.
-pub const FLOOR: Disturbances = Disturbances {
-    force: Wander { sigma: 0.012, tau_s: 1.0 },
-    lift: Wander { sigma: 0.008, tau_s: 1.0 },
-    torque: Wander { sigma: 0.05, tau_s: 0.3 },
-    turn: Wander { sigma: 0.02, tau_s: 1.0 },
-    marker: Wander { sigma: 0.0, tau_s: 3.0 },
-};
-/// Log-likelihood that a disturbance must be worth for each factor of e beyond its floor: without it, a constant in a short flight passes for
-/// a disturbance that began large and hardly changed.
-const DEAR: f64 = 3.0;
-/// So many times its floor, a disturbance can hide something.
-const LOUD: f64 = 2.5;
-/// Forces and torques are so many times smaller in a calm.
-const CALM: f64 = 10.0;
-/// In still air it is so many times smaller.
-const STILL: f64 = 5.0;
-/// A size of a disturbance without a floor that shrinks below this share of the first is none.
-const LEAST: f64 = 0.05;
-/// Correlation times stay within these.
-const TAU_S: [f64; 2] = [0.05, 10.0];
-/// A force may wander for longer, and up to this.
-pub const LONGEST_S: f64 = 20.0;
 /// A force that wanders by more than this (m/s^2) is more than a draught; for longer than this (s), a gust.
 pub const SHAKEN_FORCE_MPS2: f64 = 0.1;
-pub const GUST_S: f64 = 0.3;
 /// A lift that wanders by more than this (m/s^2) is no small error of the thrust if it is so many times the force: air moves in all directions.
 const SHAKEN_LIFT_MPS2: f64 = 0.2;
-const TIMES_FORCE: f64 = 2.0;
 /// In still air even a smaller one is none.
 const LIFT_IN_STILL_AIR_MPS2: f64 = 0.045;
-const TIMES_FORCE_IN_STILL_AIR: f64 = 4.0;
 /// A turn that wanders by more than this (rad/s^2) is no small error of the yaw model.
 const SHAKEN_TURN_RADPS2: f64 = 0.08;
 /// A torque that wanders by more than this (rad/s^2) is no small error of the attitude model.
 const SHAKEN_TORQUE_RADPS2: f64 = 0.25;
-/// A move must gain this much likelihood.
-const WORTH: f64 = 0.3;
 
 /// One change of one disturbance.
 #[derive(Debug, Clone, Copy)]

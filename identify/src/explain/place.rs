@@ -4,24 +4,13 @@ use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use rand_pcg::Pcg64Mcg;
 
+use super::calibration::place::{AFTER_S, APART_S, BEHIND_S, DRAWS, FORGOTTEN, NEAR_M};
 use super::leftover::{CLEAR, FINDING};
 use super::shape::{EVERY_S, LEAST_MPS2};
 use super::signals::Signal;
 use super::verdict::Leftover;
 use crate::fit::filter::{Disturbances, Filtered, Wander};
 use crate::fit::flight::Flight;
-
-/// Places so far apart are the same place.
-const NEAR_M: f64 = 0.2;
-/// Moments so far apart are different visits, if the force has been forgotten in between.
-const APART_S: f64 = 3.0;
-const FORGOTTEN: f64 = 2.0;
-/// A vehicle that is pushed is elsewhere soon after: if a force is more alike where it leads to within this time, the place is its consequence.
-const AFTER_S: f64 = 2.0;
-/// An estimate comes so much after what it estimates.
-const BEHIND_S: f64 = 0.4;
-/// Wandering forces that chance is judged by.
-const DRAWS: usize = 200;
 
 /// A horizontal force and where it acted, sampled evenly.
 struct Visits {

@@ -4,6 +4,7 @@
 
 use rayon::prelude::*;
 
+use super::calibration::prediction::{LEAST_GAIN, MOST_EFFECTS, STEPS};
 use super::candidates::candidates;
 use super::search::{Search, deviations};
 use super::verdict::{Estimate, Finding};
@@ -11,12 +12,6 @@ use crate::axis_errors::{AxisErrors, axis_changes, axis_errors};
 use crate::fit::flight::Flight;
 use crate::fit::hypothesis::{Hypothesis, Term};
 use crate::fit::solve::Solution;
-
-/// Steps of a fit that compares candidates.
-const STEPS: usize = 6;
-const MOST_EFFECTS: usize = 4;
-/// An effect lowers the errors by this share at least, in the geometric mean over axes and horizons.
-const LEAST_GAIN: f64 = 0.005;
 
 /// The model with effects that predict better, and these.
 pub struct Named {

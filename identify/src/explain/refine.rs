@@ -6,19 +6,12 @@ use std::collections::BTreeMap;
 use nalgebra::DVector;
 use rayon::prelude::*;
 
+use super::calibration::refine::{ENOUGH, ROUNDS, STEP, STRETCH_S};
 use super::search::Judged;
 use crate::fit::filter::{Belief, Disturbances, Innovation, filter};
 use crate::fit::flight::Flight;
 use crate::fit::hypothesis::Hypothesis;
 use crate::fit::solve::{Cluster, HUBER, clustered, pseudo_inverse};
-
-/// Innovations are taken as dependent within stretches of this length, and as independent between them.
-const STRETCH_S: f64 = 5.0;
-/// Slopes are differences over so many standard errors to each side.
-const STEP: f64 = 0.5;
-const ROUNDS: usize = 3;
-/// A step that gains less log-likelihood ends the search.
-const ENOUGH: f64 = 0.02;
 
 /// The innovations of all flights with the parameters at some values, one after the other.
 struct Run {

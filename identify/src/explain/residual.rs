@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use super::WORTH_FIT;
+use super::calibration::residual::REPORTED;
 use super::leftover;
 use super::noise::{self, Said};
 use super::place;
@@ -13,9 +14,6 @@ use super::signals::Signal;
 use super::verdict::Leftover;
 use crate::fit::filter::{Belief, Disturbances, Filtered, Wander, filter};
 use crate::fit::flight::Flight;
-
-/// Findings that are reported, the strongest first.
-const REPORTED: usize = 12;
 
 /// A wandering force that may be a gust: disturbances with its size and correlation time finely, and the standard errors of these.
 pub struct GustCandidate {

@@ -5,6 +5,11 @@ use crazyflie_env::effects::{self, Entry, Geometry, Trace};
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
 
+use super::calibration::search::{
+    BEYOND, ENOUGH, EVERY_TO_START, FAR_BEHIND, KEPT, LEAST_JOINED, LEAST_PROPOSAL, LEAST_SHARE, NEARLY, PROBABILITIES, PROBABILITY_SD,
+    SHORTLIST, SHORTLIST_IN_CALM, STEPS, STEPS_TO_START, TIGHT, TUNED, WIDEN, WINDOWS_TO_PROPOSE,
+};
+pub use super::calibration::search::{CLEAR, LEAST_GAIN, MOST_EFFECTS};
 use super::candidates::{Candidate, candidates};
 use super::noise::{FLOOR, calm, loud, price, tune};
 use crate::fit::filter::{Belief, Disturbances, filter};
@@ -12,46 +17,6 @@ use crate::fit::flight::{Flight, WINDOW_S, Window};
 use crate::fit::hypothesis::{Hypothesis, Term};
 use crate::fit::predict::Prediction;
 use crate::fit::solve::{Solution, pseudo_inverse, solve_within};
-
-/// So many windows are enough to propose.
-const WINDOWS_TO_PROPOSE: usize = 30;
-/// Steps of a fit that only proposes, and of one that chooses where to start.
-const STEPS: usize = 8;
-const STEPS_TO_START: usize = 2;
-/// A fit that only proposes is good enough when a step gains less than this.
-const ENOUGH: f64 = 0.5;
-const EVERY_TO_START: usize = 3;
-/// How many proposals the filter looks at per round, and how many more that would score highest if little were random.
-const SHORTLIST: usize = 7;
-const SHORTLIST_IN_CALM: usize = 3;
-/// Most effects of a hypothesis.
-pub const MOST_EFFECTS: usize = 6;
-/// What the filter believes before the flight is as wide as so many standard errors of the proposal.
-const WIDEN: f64 = 10.0;
-/// How well the filter that scores knows a parameter beforehand, as a share of its range: enough for the slopes to hold.
-const TIGHT: f64 = 0.003;
-/// A step forward must gain this much; whether an effect earns its place is decided at the end.
-pub const LEAST_GAIN: f64 = 5.0;
-/// What joins the best of a round gained this much alone, and keeps this share of it.
-const LEAST_JOINED: f64 = 15.0;
-const KEPT: f64 = 0.5;
-/// A rival scores at least so much of what the effect itself scores.
-const LEAST_SHARE: f64 = 0.3;
-/// This share of what an effect must be worth is most of it.
-const NEARLY: f64 = 0.6;
-/// Standard errors that a parameter must lie from "off".
-pub const CLEAR: f64 = 4.0;
-/// A loss beyond this is not going to be made good by other disturbances.
-const BEYOND: f64 = 300.0;
-/// More than judging again can make good.
-const FAR_BEHIND: f64 = 50.0;
-/// Shares of lost commands that are tried, and how far off each may be.
-const PROBABILITIES: [f64; 5] = [0.05, 0.12, 0.22, 0.38, 0.65];
-const PROBABILITY_SD: f64 = 0.01;
-/// Of these tries, the disturbances are tuned for so many.
-const TUNED: usize = 2;
-/// Less than this, in units of log-likelihood, is not worth a proposal.
-const LEAST_PROPOSAL: f64 = 4.0;
 
 /// A hypothesis with what the flights say of it.
 #[derive(Debug, Clone)]

@@ -3,6 +3,7 @@
 use crazyflie_env::effects::{Geometry, registry};
 use rayon::prelude::*;
 
+use super::calibration::selection::{AMOUNT_SD, MORE_LIKELY};
 use super::noise;
 use super::refine;
 use super::search::{self, Dissected, Judged, Score, Search};
@@ -11,12 +12,8 @@ use super::{ALIKE, WORTH_FIT, WORTH_TEST};
 use crate::fit::filter::Disturbances;
 use crate::fit::hypothesis::Term;
 
-/// A rival this much more likely takes the place of what was found first.
-const MORE_LIKELY: f64 = 1.0;
 /// A torque that wanders by more than this (rad/s^2) may be commands that did not arrive.
 const LOST_COMMANDS_RADPS2: f64 = 0.1;
-/// How well the amount of a model form is known beforehand, when it is tried at full.
-const AMOUNT_SD: f64 = 0.03;
 
 /// By effect, what these flights cannot tell from it.
 pub type Rivals = Vec<(&'static str, Vec<&'static str>)>;

@@ -1,6 +1,8 @@
 //! What a wandering force goes with. Air that moves by itself knows nothing of where the vehicle is; a force that is there whenever the vehicle is in
 //! one place, or late in the flight, is structure.
 
+pub use super::calibration::shape::EVERY_S;
+use super::calibration::shape::{AFTER_S, CHANGE_S, SETTLED_S, UNEVEN};
 use super::leftover::{CLEAR, FINDING};
 use super::signals::Signal;
 use super::verdict::Leftover;
@@ -9,16 +11,6 @@ use crate::fit::flight::Flight;
 
 /// Forces smaller than this (m/s^2) are small errors of the model, which go with all sorts of things.
 pub(super) const LEAST_MPS2: f64 = 0.1;
-/// Estimates are taken so far apart.
-pub(super) const EVERY_S: f64 = 0.2;
-/// A vehicle that is pushed is elsewhere soon after: what grows within this time is a consequence, not a cause.
-const AFTER_S: f64 = 2.0;
-
-/// Changes of a force are taken within this time, once the filter has settled.
-const CHANGE_S: f64 = 1.0;
-const SETTLED_S: f64 = 2.0;
-/// Changes more uneven than this are a finding.
-const UNEVEN: f64 = 8.0;
 
 struct Series(Vec<f64>);
 

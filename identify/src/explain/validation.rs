@@ -1,11 +1,7 @@
 //! Which flights choose what is kept, and which only judge.
 
+use super::calibration::validation::{EVERY, LEAST_FLIGHTS};
 use crate::fit::flight::Flight;
-
-/// From so many flights of the fit on, some of them choose, and the flights of the test are looked at once.
-const LEAST_FLIGHTS: usize = 6;
-/// One in so many of the flights of the fit chooses.
-const EVERY: usize = 3;
 
 /// Flights that are fitted, and flights by which what was fitted is kept or not.
 pub struct Split {

@@ -1,0 +1,243 @@
+//! Every number that the search for causes depends on, with its unit and where it comes from.
+//!
+//! A value without a derivation was set on flights of `tests/population` and of the shared generator, and judged on other seeds: docs/rates.md.
+
+/// Numbers of the stage `verdict`.
+pub mod verdict {
+    /// Log-likelihood that an effect must be worth on the flights of the fit: three, and the logarithm of the number of candidates, and as much
+    /// again for what the noise model does not cover.
+    pub const WORTH_FIT: f64 = 15.0;
+    /// And on the test flights, where nothing was fitted.
+    pub const WORTH_TEST: f64 = 3.0;
+    /// An effect worth this much whose size is unclear leaves the question open.
+    pub const UNDECIDED: f64 = 25.0;
+    /// Hypotheses this close in log-likelihood cannot be told apart.
+    pub const ALIKE: f64 = 5.0;
+    /// A name with more rivals than this is no answer.
+    pub const MOST_RIVALS: usize = 2;
+}
+
+/// Numbers of the stage `candidates`.
+pub mod candidates {
+    /// Shares of a parameter's range, from "off", at which a search starts where "off" itself says nothing: a lag or a limit has no slope there.
+    pub const STARTS: [f64; 6] = [0.03, 0.12, 0.3, 0.9, 0.945, 0.97];
+}
+
+/// Numbers of the stage `search`.
+pub mod search {
+    /// So many windows are enough to propose.
+    pub const WINDOWS_TO_PROPOSE: usize = 30;
+    /// Steps of a fit that only proposes, and of one that chooses where to start.
+    pub const STEPS: usize = 8;
+    /// As [`STEPS`].
+    pub const STEPS_TO_START: usize = 2;
+    /// A fit that only proposes is good enough when a step gains less than this.
+    pub const ENOUGH: f64 = 0.5;
+    /// As [`ENOUGH`].
+    pub const EVERY_TO_START: usize = 3;
+    /// How many proposals the filter looks at per round, and how many more that would score highest if little were random.
+    pub const SHORTLIST: usize = 7;
+    /// As [`SHORTLIST`].
+    pub const SHORTLIST_IN_CALM: usize = 3;
+    /// Most effects of a hypothesis.
+    pub const MOST_EFFECTS: usize = 6;
+    /// What the filter believes before the flight is as wide as so many standard errors of the proposal.
+    pub const WIDEN: f64 = 10.0;
+    /// How well the filter that scores knows a parameter beforehand, as a share of its range: enough for the slopes to hold.
+    pub const TIGHT: f64 = 0.003;
+    /// A step forward must gain this much; whether an effect earns its place is decided at the end.
+    pub const LEAST_GAIN: f64 = 5.0;
+    /// What joins the best of a round gained this much alone, and keeps this share of it.
+    pub const LEAST_JOINED: f64 = 15.0;
+    /// As [`LEAST_JOINED`].
+    pub const KEPT: f64 = 0.5;
+    /// A rival scores at least so much of what the effect itself scores.
+    pub const LEAST_SHARE: f64 = 0.3;
+    /// This share of what an effect must be worth is most of it.
+    pub const NEARLY: f64 = 0.6;
+    /// Standard errors that a parameter must lie from "off".
+    pub const CLEAR: f64 = 4.0;
+    /// A loss beyond this is not going to be made good by other disturbances.
+    pub const BEYOND: f64 = 300.0;
+    /// More than judging again can make good.
+    pub const FAR_BEHIND: f64 = 50.0;
+    /// Shares of lost commands that are tried, and how far off each may be.
+    pub const PROBABILITIES: [f64; 5] = [0.05, 0.12, 0.22, 0.38, 0.65];
+    /// As [`PROBABILITIES`].
+    pub const PROBABILITY_SD: f64 = 0.01;
+    /// Of these tries, the disturbances are tuned for so many.
+    pub const TUNED: usize = 2;
+    /// Less than this, in units of log-likelihood, is not worth a proposal.
+    pub const LEAST_PROPOSAL: f64 = 4.0;
+}
+
+/// Numbers of the stage `selection`.
+pub mod selection {
+    /// A rival this much more likely takes the place of what was found first.
+    pub const MORE_LIKELY: f64 = 1.0;
+    /// How well the amount of a model form is known beforehand, when it is tried at full.
+    pub const AMOUNT_SD: f64 = 0.03;
+}
+
+/// Numbers of the stage `finding`.
+pub mod finding {
+    /// A gust that lasts longer than this may be steady for all that a short flight says.
+    pub const SLOW_GUST_S: f64 = 3.0;
+}
+
+/// Numbers of the stage `completion`.
+pub mod completion {
+    /// Effects that do not account for the structure are kept beside it if they lower the 2 s errors of position or velocity on the test flights by this share.
+    pub const HELPS: f64 = 0.05;
+    /// Beside structure in its own signal, an effect stays named if the named effects explain this share of the signal's error.
+    pub const MOST: f64 = 0.5;
+    /// An axis is worse if its error grows by this share, and chance does so less often than this.
+    pub const WORSE: f64 = 0.01;
+    /// As [`WORSE`].
+    pub const CHANCE: f64 = 0.1;
+}
+
+/// Numbers of the stage `noise`.
+pub mod noise {
+    use crate::fit::filter::{Disturbances, Wander};
+
+    /// Sizes are tuned on a stretch at the start of a flight and one at its end.
+    pub const TUNE_S: f64 = 9.0;
+    /// Where a search begins.
+    pub const FIRST: Disturbances = Disturbances {
+        force: Wander { sigma: 0.1, tau_s: 1.0 },
+        lift: Wander { sigma: 0.05, tau_s: 1.0 },
+        torque: Wander { sigma: 0.3, tau_s: 0.3 },
+        turn: Wander { sigma: 0.2, tau_s: 1.0 },
+        marker: Wander { sigma: 0.003, tau_s: 3.0 },
+    };
+    /// What no flight is without: the models' own small errors. A size does not shrink below it.
+    pub const FLOOR: Disturbances = Disturbances {
+        force: Wander { sigma: 0.012, tau_s: 1.0 },
+        lift: Wander { sigma: 0.008, tau_s: 1.0 },
+        torque: Wander { sigma: 0.05, tau_s: 0.3 },
+        turn: Wander { sigma: 0.02, tau_s: 1.0 },
+        marker: Wander { sigma: 0.0, tau_s: 3.0 },
+    };
+    /// Log-likelihood that a disturbance must be worth for each factor of e beyond its floor: without it, a constant in a short flight passes for
+    /// a disturbance that began large and hardly changed.
+    pub const DEAR: f64 = 3.0;
+    /// So many times its floor, a disturbance can hide something.
+    pub const LOUD: f64 = 2.5;
+    /// Forces and torques are so many times smaller in a calm.
+    pub const CALM: f64 = 10.0;
+    /// In still air it is so many times smaller.
+    pub const STILL: f64 = 5.0;
+    /// A size of a disturbance without a floor that shrinks below this share of the first is none.
+    pub const LEAST: f64 = 0.05;
+    /// Correlation times stay within these.
+    pub const TAU_S: [f64; 2] = [0.05, 10.0];
+    /// A force may wander for longer, and up to this.
+    pub const LONGEST_S: f64 = 20.0;
+    /// As [`LONGEST_S`].
+    pub const GUST_S: f64 = 0.3;
+    /// As [`GUST_S`].
+    pub const TIMES_FORCE: f64 = 2.0;
+    /// As [`TIMES_FORCE`].
+    pub const TIMES_FORCE_IN_STILL_AIR: f64 = 4.0;
+    /// A move must gain this much likelihood.
+    pub const WORTH: f64 = 0.3;
+}
+
+/// Numbers of the stage `leftover`.
+pub mod leftover {
+    /// Lags up to so long.
+    pub const LONGEST_S: f64 = 1.0;
+    /// Lags whose correlations are taken together.
+    pub const TOGETHER_S: f64 = 0.5;
+    /// A statistic of which there are few, and whose spread is known, is a finding beyond so many standard deviations.
+    pub const CLEAR: f64 = 5.0;
+    /// A test statistic beyond so many standard deviations is a finding. Outliers and rounding make small ones ordinary.
+    pub const FINDING: f64 = 7.0;
+    /// From one frame to the next marker positions tell how well their own white and slow errors are known, not what moves the vehicle.
+    pub const WHITE_S: f64 = 0.1;
+    /// A line holds so much of the power of a channel, and so much that chance would give it to one white series in ten thousand, above this frequency:
+    /// below it everything drifts.
+    pub const LINE_SHARE: f64 = 0.04;
+    /// As [`LINE_SHARE`].
+    pub const LINE_CHANCE: f64 = 1e-4;
+    /// As [`LINE_CHANCE`].
+    pub const LINE_FROM_HZ: f64 = 0.2;
+    /// Innovations this much smaller than the measurement is trusted to be right (in standard deviations, RMS) hold nothing that a measurement could show:
+    /// a simulator's log has an attitude without noise.
+    pub const TRUSTED: f64 = 0.3;
+}
+
+/// Numbers of the stage `shape`.
+pub mod shape {
+    /// Estimates are taken so far apart.
+    pub const EVERY_S: f64 = 0.2;
+    /// A vehicle that is pushed is elsewhere soon after: what grows within this time is a consequence, not a cause.
+    pub const AFTER_S: f64 = 2.0;
+    /// Changes of a force are taken within this time, once the filter has settled.
+    pub const CHANGE_S: f64 = 1.0;
+    /// As [`CHANGE_S`].
+    pub const SETTLED_S: f64 = 2.0;
+    /// Changes more uneven than this are a finding.
+    pub const UNEVEN: f64 = 8.0;
+}
+
+/// Numbers of the stage `place`.
+pub mod place {
+    /// Places so far apart are the same place.
+    pub const NEAR_M: f64 = 0.2;
+    /// Moments so far apart are different visits, if the force has been forgotten in between.
+    pub const APART_S: f64 = 3.0;
+    /// As [`APART_S`].
+    pub const FORGOTTEN: f64 = 2.0;
+    /// A vehicle that is pushed is elsewhere soon after: if a force is more alike where it leads to within this time, the place is its consequence.
+    pub const AFTER_S: f64 = 2.0;
+    /// An estimate comes so much after what it estimates.
+    pub const BEHIND_S: f64 = 0.4;
+    /// Wandering forces that chance is judged by.
+    pub const DRAWS: usize = 200;
+}
+
+/// Numbers of the stage `refine`.
+pub mod refine {
+    /// Innovations are taken as dependent within stretches of this length, and as independent between them.
+    pub const STRETCH_S: f64 = 5.0;
+    /// Slopes are differences over so many standard errors to each side.
+    pub const STEP: f64 = 0.5;
+    /// As [`STEP`].
+    pub const ROUNDS: usize = 3;
+    /// A step that gains less log-likelihood ends the search.
+    pub const ENOUGH: f64 = 0.02;
+}
+
+/// Numbers of the stage `learn`.
+pub mod learn {
+    /// Standard errors that a coefficient must lie from zero to stay.
+    pub const CLEAR: f64 = 4.0;
+    /// Log-likelihood that the term must be worth on the test flights.
+    pub const WORTH_TEST: f64 = 10.0;
+}
+
+/// Numbers of the stage `prediction`.
+pub mod prediction {
+    /// Steps of a fit that compares candidates.
+    pub const STEPS: usize = 6;
+    /// As [`STEPS`].
+    pub const MOST_EFFECTS: usize = 4;
+    /// An effect lowers the errors by this share at least, in the geometric mean over axes and horizons.
+    pub const LEAST_GAIN: f64 = 0.005;
+}
+
+/// Numbers of the stage `validation`.
+pub mod validation {
+    /// From so many flights of the fit on, some of them choose, and the flights of the test are looked at once.
+    pub const LEAST_FLIGHTS: usize = 6;
+    /// One in so many of the flights of the fit chooses.
+    pub const EVERY: usize = 3;
+}
+
+/// Numbers of the stage `residual`.
+pub mod residual {
+    /// Findings that are reported, the strongest first.
+    pub const REPORTED: usize = 12;
+}
