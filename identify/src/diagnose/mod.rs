@@ -1,8 +1,8 @@
 //! Planted faults by hover trim: suspect flights against normal ones, compared by what hovering asks of the motors.
 //!
-//! 1. [`trim`]: each flight's mean demand of thrust, roll, pitch and yaw. 2. [`spread`]: how far normal set-ups differ. 3. One test whether the
+//! First [`trim`]: each flight's mean demand of thrust, roll, pitch and yaw. Then [`spread`]: how far normal set-ups differ. One test follows whether the
 //! suspects differ by more: of the thrust, the yaw and the strongest swing ([`swing`]), times three for the three looks. Roll and pitch are not
-//! tested: a battery put in askew moves them. 4. Only after an alarm, [`fault`]: which fault asks the same of the motors ([`demand`]).
+//! tested: a battery put in askew moves them. Only after an alarm, [`fault`]: which fault asks the same of the motors ([`demand`]).
 
 pub mod demand;
 pub mod fault;

@@ -135,7 +135,7 @@ mod tests {
         let noise = |i: usize| ((i as f64 + 1.0) * (12.9898 + seed as f64)).sin() * 43_758.547;
         let roll = |i: usize| 0.01 * (noise(i) - noise(i).floor() - 0.5) + swing * (TAU * hz * t_s[i] + seed as f64).sin();
         let side = |sign: f64| (0..1000).map(|i| 40_000.0 * (1.0 + sign * roll(i))).collect::<Vec<f64>>();
-        SwingSpectrum::from_demand(&t_s, &[side(-1.0), side(-1.0), side(1.0), side(1.0)], &[0..1000])
+        SwingSpectrum::from_demand(&t_s, &[side(-1.0), side(-1.0), side(1.0), side(1.0)], std::slice::from_ref(&(0..1000)))
     }
 
     #[test]

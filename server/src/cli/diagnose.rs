@@ -68,7 +68,12 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         files::write(&folder.join("report.md"), report::as_markdown(&diagnosis, &demands).as_bytes())?;
         files::write(&folder.join("trims.svg"), report::picture(&diagnosis)?.as_bytes())?;
     }
-    Ok(if args.json { writeln!(out, "{json}")? } else { write!(out, "{text}")? })
+    if args.json {
+        writeln!(out, "{json}")?;
+    } else {
+        write!(out, "{text}")?;
+    }
+    Ok(())
 }
 
 fn list(lines: &[String]) -> String {
