@@ -74,6 +74,8 @@ pub enum Disturbance {
 pub enum Trace {
     /// It changes what is expected.
     Mean,
+    /// It changes what is expected, and swings at a frequency of its own: a force that comes and goes by the clock may pass for it.
+    Resonant,
     /// It holds on to the command before with a probability, its only parameter: it changes what is expected, and by how much commands miss it.
     Held,
     /// It is random: it changes how far off the expectation is.
@@ -94,7 +96,7 @@ pub enum Trace {
 impl Trace {
     /// Whether what is expected of a flight depends on the effect, and a search can begin where it is off.
     pub fn is_expected(self) -> bool {
-        matches!(self, Trace::Mean | Trace::Held)
+        matches!(self, Trace::Mean | Trace::Resonant | Trace::Held)
     }
 
     /// Whether what is expected of a flight depends on the effect.

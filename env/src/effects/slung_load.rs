@@ -1,6 +1,6 @@
 //! A weight on a thread.
 
-use super::{Cx, Effect, Hooks, Param, param};
+use super::{Cx, Effect, Hooks, Param, Trace, param};
 use crate::plant::{Command, Push, State};
 use crate::real::Real;
 
@@ -17,6 +17,7 @@ impl Effect<4, 4> for SlungLoad {
         param("declared", "1", 0.0, [0.0, 2.0], "1 where the declared weight, or hover thrust, holds the load already: it swings, but lowers nothing; 2 where besides its pull adds to the declared sideways acceleration, as in simulators that leave out what follows from two bodies").choice(),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
+    const TRACE: Trace = Trace::Resonant;
     const LAGS: usize = 4;
     /// Metres and metres per second: a swing is small.
     const LAG_SD: f64 = 0.3;

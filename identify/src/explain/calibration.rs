@@ -73,6 +73,15 @@ pub mod search {
 
 /// Numbers of the stage `selection`.
 pub mod selection {
+    /// Share of the power of a force in one line that asks whether it comes by the clock.
+    pub const LINE_SHARE: f64 = 0.15;
+    /// How well a line tells its frequency (Hz), and how large a periodic force may be (m/s^2), both before they are widened tenfold as all proposals are: three quarters
+    /// of a line's width in a minute, and half a metre per second squared.
+    pub const LINE_SD_HZ: f64 = 0.0012;
+    /// As [`LINE_SD_HZ`].
+    pub const LINE_FORCE_SD_MPS2: f64 = 0.05;
+    /// Lines below this frequency (Hz) are those of the set-points.
+    pub const CLOCKWORK_FROM_HZ: f64 = 0.4;
     /// A rival this much more likely takes the place of what was found first.
     pub const MORE_LIKELY: f64 = 1.0;
     /// How well the amount of a model form is known beforehand, when it is tried at full.

@@ -61,6 +61,11 @@ fn together(e: &[Option<f64>], past: &[Option<f64>], tick_s: f64) -> f64 {
 
 /// Share of the power in the strongest line, and its frequency.
 pub fn line(series: &[f64], tick_s: f64) -> (f64, f64) {
+    line_above(series, tick_s, LINE_FROM_HZ)
+}
+
+/// Share of the power in the strongest line above a frequency, and its frequency.
+pub fn line_above(series: &[f64], tick_s: f64, from_hz: f64) -> (f64, f64) {
     let n = series.len();
     let mean = series.iter().sum::<f64>() / n as f64;
     let mut input: Vec<f64> =
@@ -72,7 +77,7 @@ pub fn line(series: &[f64], tick_s: f64) -> (f64, f64) {
     }
     let power: Vec<f64> = spectrum.iter().map(|c| c.norm_sqr()).collect();
     let per_bin_hz = 1.0 / (n as f64 * tick_s);
-    let first = (LINE_FROM_HZ / per_bin_hz).ceil() as usize;
+    let first = (from_hz / per_bin_hz).ceil() as usize;
     let total: f64 = power.iter().sum();
     // the window spreads a line over three bins
     let strongest = (first.max(1)..power.len().saturating_sub(1)).map(|i| (power[i - 1..=i + 1].iter().sum::<f64>(), i));

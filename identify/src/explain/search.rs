@@ -58,7 +58,7 @@ impl Judged {
     }
 
     /// The settled hypothesis with one more effect, and how well the free parameters are known, those of the effect about as well as `sd`.
-    fn and(&self, term: &Term, sd: &[f64]) -> (Hypothesis, Vec<f64>) {
+    pub fn and(&self, term: &Term, sd: &[f64]) -> (Hypothesis, Vec<f64>) {
         let hypothesis = self.settled().with(term.clone());
         let mut known: Vec<f64> = (0..self.belief.mean.len()).map(|i| self.belief.sd(i)).collect();
         let place = hypothesis.place(term.entry.name);

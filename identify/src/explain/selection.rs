@@ -1,15 +1,17 @@
 //! Which effects are kept: forward by likelihood, then eliminated on the flights of the fit, beside rivals, and on the test flights.
 
-use crazyflie_env::effects::{Geometry, registry};
+use crazyflie_env::effects::{Entry, Geometry, Trace, find, registry};
 use rayon::prelude::*;
 
-use super::calibration::selection::{AMOUNT_SD, MORE_LIKELY};
+use super::calibration::selection::{AMOUNT_SD, CLOCKWORK_FROM_HZ, LINE_FORCE_SD_MPS2, LINE_SD_HZ, LINE_SHARE, MORE_LIKELY};
+use super::leftover::line_above;
 use super::noise;
 use super::refine;
 use super::search::{self, Dissected, Judged, Score, Search};
 use super::verdict::{Ranked, Step};
 use super::{ALIKE, WORTH_FIT, WORTH_TEST};
-use crate::fit::filter::Disturbances;
+use crate::fit::filter::{Belief, Disturbances, filter};
+use crate::fit::flight::Flight;
 use crate::fit::hypothesis::Term;
 
 /// A torque that wanders by more than this (rad/s^2) may be commands that did not arrive.
@@ -79,7 +81,7 @@ pub fn eliminate(search: &Search, judge: &Search, path: Judged, progress: &dyn F
 
 /// Keeps what is worth its place on the test flights, at the most likely values of its parameters.
 pub fn validate(search: &Search, judge: &Search, from: Dissected, rivals: Rivals) -> Option<Selection> {
-    let (dissected, dropped) = gate(search, judge, from)?;
+    let (dissected, dropped) = gate(search, judge, without_clockwork(search, from))?;
     Some(Selection { dissected: refined(search, dissected), rivals, dropped })
 }
 
@@ -116,6 +118,42 @@ fn settle_rivals(search: &Search, from: Dissected, rivals: &mut Rivals, progress
         }
         return now;
     }
+}
+
+/// Takes out what swings by itself where a force that comes by the clock is likelier, at the frequency of the line that is left without it: a load swings
+/// as the vehicle moves it.
+fn without_clockwork(search: &Search, from: Dissected) -> Dissected {
+    let resonant = |name: &str| find(name).is_ok_and(|(_, entry)| entry.trace == Trace::Resonant);
+    let clockwork =
+        |(name, less): &(&'static str, Judged)| resonant(name) && clockwork_loss(search, less).is_some_and(|loss| loss < from.judged.loss);
+    match from.without.iter().position(clockwork) {
+        Some(at) => search.dissect(from.without[at].1.clone()),
+        None => from,
+    }
+}
+
+/// Loss of a hypothesis with a periodic force at the strongest line of the force that it lacks.
+fn clockwork_loss(search: &Search, judged: &Judged) -> Option<f64> {
+    let frequency = |entry: &Entry| entry.params.iter().position(|p| p.unit == "Hz");
+    let absent = |entry: &&Entry| entry.trace == Trace::Located && !judged.hypothesis.has(entry.name);
+    let (entry, at) = registry().iter().filter(absent).find_map(|entry| Some((entry, frequency(entry)?)))?;
+    let (share, line_hz) = force_line(search.flights, judged)?;
+    let mut term = Term::off(entry);
+    term.values[at] = line_hz;
+    let sd: Vec<f64> = term.free.iter().map(|i| if *i == at { LINE_SD_HZ } else { LINE_FORCE_SD_MPS2 }).collect();
+    let rival = (share > LINE_SHARE).then(|| judged.and(&term, &sd))?;
+    Some(search.judge(&rival.0, &rival.1, &judged.disturbances)?.loss)
+}
+
+/// Share of the power of the estimated horizontal force that its strongest line holds, and its frequency: the largest of all flights and axes.
+fn force_line(flights: &[Flight], judged: &Judged) -> Option<(f64, f64)> {
+    let (at, nothing) = (judged.settled().fixed(), Belief::independent(Vec::new(), &[]));
+    let lines = flights.iter().filter_map(|flight| {
+        let filtered = filter(flight, flight.all(), &at, &nothing, &judged.disturbances)?;
+        let force = |axis: usize| filtered.wandered.iter().map(|w| w[axis]).collect::<Vec<f64>>();
+        Some([0, 1].map(|axis| line_above(&force(axis), flight.tick_s, CLOCKWORK_FROM_HZ)))
+    });
+    lines.flatten().max_by(|a, b| a.0.total_cmp(&b.0))
 }
 
 /// Takes out what does not help on the test flights, one at a time, and says whether there was any.
