@@ -217,8 +217,11 @@ fn a_weak_motor_turns_by_its_lever() {
         flight(&effects, 5, |_| level())[4]
     };
     let (plain, twice) = (turn(5.96e-3), turn(2.0 * 5.96e-3));
-    assert!((twice.att_rad[2] / plain.att_rad[2] - 2.0).abs() < 1e-9 && plain.att_rad[2].abs() > 1e-6);
-    assert_eq!(twice.att_rad[..2], plain.att_rad[..2]);
+    // the yaw that it loses asks more of the motor itself: a hundredth
+    assert!((twice.att_rad[2] / plain.att_rad[2] - 2.0).abs() < 0.05 && plain.att_rad[2].abs() > 1e-6);
+    for axis in 0..2 {
+        assert!((twice.att_rad[axis] / plain.att_rad[axis] - 1.0).abs() < 0.02, "{axis}");
+    }
 }
 
 #[test]

@@ -202,7 +202,9 @@ mod tests {
 
     #[test]
     fn the_same_thrust_from_a_stronger_battery_is_said_to_look_alike() {
-        assert_eq!(look_alikes(&effect_demands(&Model::thesis()).unwrap()).first(), Some(&"thrust_scale"));
+        // and so does a load that hangs still
+        let alike = look_alikes(&effect_demands(&Model::thesis()).unwrap());
+        assert!(["thrust_scale", "slung_load"].iter().all(|name| alike.contains(name)), "{alike:?}");
     }
 
     #[test]

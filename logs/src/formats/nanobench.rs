@@ -54,9 +54,10 @@ const PID: [&str; 4] = ["pid_controller_roll", "pid_controller_pitch", "pid_cont
 const SETPOINT_NAME: &str = "the setpoint";
 const VBAT: &str = "pwr_pm_vbat";
 
-/// The vehicle stands at 0.053 to 0.072 m (marker height) in the shared files; where markers sit higher, it flies so much above that.
+/// Above where the vehicle stood; its marker stands at 0.053 to 0.072 m, differently in each session.
+const OVER_REST_M: f64 = 0.05;
+/// Where the log begins in the air, nobody knows where the vehicle stood: higher than any has.
 const AIRBORNE_M: f64 = 0.1;
-const OVER_REST_M: f64 = 0.025;
 const G_MPS2: f64 = 9.80665;
 
 pub(crate) struct NanoBench;
@@ -202,7 +203,7 @@ fn negated(values: Vec<f64>) -> Vec<f64> {
 impl FlightLog {
     fn find_flight_over_markers(&mut self) {
         let over_rest_m = self.resting_height_m().map_or(AIRBORNE_M, |rest_m| rest_m + OVER_REST_M);
-        self.find_airborne(over_rest_m.max(AIRBORNE_M));
+        self.find_airborne(over_rest_m);
     }
 
     /// Cuts the rows after `last`, if there is such an end, and finds the airborne interval again.

@@ -48,6 +48,7 @@ pub(super) struct Args {
 }
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
+    args.picture.as_deref().map_or(Ok(()), files::check_svg)?;
     let mut model = files::model(args.model.as_deref())?;
     if let Some(mass_g) = args.mass_g {
         model = model.with_parameter("vehicle.mass", 1e-3 * mass_g)?;

@@ -155,7 +155,7 @@ pub(crate) fn picture(diagnosis: &Diagnosis) -> Result<String, PictureError> {
     // to the right is to the right, so that the picture lies as the vehicle does
     let axes = [
         (3, 0, "yaw (% of thrust)", "thrust (%)", "What is wrong", 1.0),
-        (1, 2, "left of centre is left (% of thrust)", "front", "Where", -1.0),
+        (1, 2, "roll, to the left or to the right (% of thrust)", "pitch, to the front or to the back (% of thrust)", "Where", -1.0),
     ];
     let data: Vec<[Vec<f64>; 6]> = axes
         .iter()

@@ -25,6 +25,16 @@ pub(crate) fn write(path: &Path, bytes: &[u8]) -> Outcome {
     fs::write(path, bytes).map_err(failed)
 }
 
+/// Refuses a picture whose name ends in another format than the one that is drawn.
+pub(crate) fn check_svg(path: &Path) -> Outcome {
+    match path.extension() {
+        Some(ending) if !ending.eq_ignore_ascii_case("svg") => {
+            Err(Failure::Usage(format!("{}: pictures are drawn as SVG; name a file that ends in .svg", path.display())))
+        }
+        _ => Ok(()),
+    }
+}
+
 /// Writes a flight as CSV, or as MCAP if the file's name ends in that.
 pub(crate) fn write_log(path: &Path, log: &FlightLog) -> Outcome {
     let mut bytes = Cursor::new(Vec::new());

@@ -52,6 +52,7 @@ pub(super) struct Inspected {
 }
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
+    args.picture.as_deref().map_or(Ok(()), files::check_svg)?;
     let is_svg = args.picture.as_deref().is_some_and(|path| path.extension().is_some_and(|ending| ending == "svg"));
     if is_svg && args.files.len() > 1 {
         return Err(Failure::Usage(format!("--picture names one file, but there are {} logs: name a folder", args.files.len())));
