@@ -102,8 +102,10 @@ pub mod completion {
     pub const MOST: f64 = 0.5;
     /// An axis is worse if its error grows by this share, and chance does so less often than this.
     pub const WORSE: f64 = 0.01;
-    /// As [`WORSE`].
-    pub const CHANCE: f64 = 0.1;
+    /// As [`WORSE`]: one in twenty, over six looks (three axes, two horizons).
+    pub const CHANCE: f64 = 0.008;
+    /// And by more than this share of the error that holding the state would make: below it lie fractions of a millimetre per second.
+    pub const MATTERS: f64 = 0.005;
 }
 
 /// Numbers of the stage `noise`.

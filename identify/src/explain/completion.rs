@@ -2,7 +2,7 @@
 
 use crazyflie_env::effects::{Trace, registry};
 
-use super::calibration::completion::{CHANCE, HELPS, MOST, WORSE};
+use super::calibration::completion::{CHANCE, HELPS, MATTERS, MOST, WORSE};
 use super::errors::{self, Errors};
 use super::learn;
 use super::prediction::Named;
@@ -120,10 +120,12 @@ impl Completion {
     }
 }
 
-/// By how much the worst axis grew worse than it was, in shares of its error; 0 where none did so beyond chance.
+/// By how much the worst axis grew worse than it was, in shares of its error; 0 where none did so beyond chance, or by what matters: a share of the
+/// error that holding the state would make.
 fn harm(errors: &Errors) -> f64 {
     let axes = &errors.axes;
-    let cells = JUDGED_AXES.iter().flat_map(|row| HORIZONS.iter().map(|h| (*row, *h)));
+    let matters = |(row, h): &(usize, usize)| axes.after[*row][*h] - axes.before[*row][*h] > MATTERS * axes.naive[*row][*h];
+    let cells = JUDGED_AXES.iter().flat_map(|row| HORIZONS.iter().map(|h| (*row, *h))).filter(matters);
     let grown = cells.filter(|(row, h)| axes.p_value[*row][*h] < CHANCE).map(|(row, h)| axes.after[row][h] / axes.before[row][h] - 1.0);
     grown.filter(|share| *share > WORSE).fold(0.0, f64::max)
 }

@@ -60,7 +60,11 @@ pub fn explain(model: &Model, fit: &[Flight], test: &[Flight], progress: &dyn Fn
     let undecided = selection.dissected.unclear > UNDECIDED || effects.iter().any(is_vague) || dropped;
     effects.retain(|e| !is_vague(e));
     let completed = Completion::new(&declared, last, finding::group_model_form(effects), disturbances, choosing);
-    let completed = completed.withdraw(&declared, &residual.leftover, choosing).without_harm(&declared, choosing);
+    let completed = completed.withdraw(&declared, &residual.leftover, choosing);
+    let names_before = completed.effects.len();
+    let completed = completed.without_harm(&declared, choosing);
+    // an effect that earned its place and yet makes predictions worse leaves the question open
+    let undecided = undecided || completed.effects.len() < names_before;
     let is_real = fit.iter().all(|flight| flight.sees_true_attitude);
     let completed = if is_real && completed.effects.is_empty() {
         progress("effects by what they are worth to predictions");

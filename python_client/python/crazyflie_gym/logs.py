@@ -33,7 +33,7 @@ def convert(source: str | Path, target: str | Path) -> list[str]:
         return any(test(kind) for test in (pa.types.is_integer, pa.types.is_floating, pa.types.is_boolean, is_time))
 
     def is_time(kind: pa.DataType) -> bool:
-        return pa.types.is_timestamp(kind) or pa.types.is_duration(kind)
+        return bool(pa.types.is_timestamp(kind) or pa.types.is_duration(kind))
 
     names = [name for name, kind in kinds.items() if is_number(kind)]
     if not names:
