@@ -10,7 +10,7 @@ use thiserror::Error;
 use super::record::{Answer, NamedEffect, ValueError};
 
 /// Parameters by the names of the answers and by ours.
-const NAMES: [(&str, &str); 29] = [
+const NAMES: [(&str, &str); 28] = [
     ("drag_linear", "rate_ps"),
     ("drag_quadratic", "coefficient_pm"),
     ("wind_x", "x_mps2"),
@@ -39,7 +39,6 @@ const NAMES: [(&str, &str); 29] = [
     ("backlash", "play_deg"),
     ("slung_ratio", "mass_ratio"),
     ("slung_length", "length_m"),
-    ("loss_prob", "probability"),
 ];
 /// What the exact geometry and slightly moving air of the rigid flights add, whatever is hidden.
 const BENIGN_IF_RIGID: [&str; 4] = ["rigid_body", "tilt_loss", "euler_kinematics", "gust"];
