@@ -5,7 +5,7 @@ use crazyflie_env::effects::{Trace, registry};
 use super::calibration::completion::{CHANCE, HELPS, MATTERS, MOST, WORSE};
 use super::errors::{self, Errors};
 use super::learn;
-use super::prediction::Named;
+use super::prediction::PredictedEffects;
 use super::search::{Judged, Search};
 use super::signals::{self, HORIZONS};
 use super::verdict::{Finding, Leftover};
@@ -35,7 +35,7 @@ impl Completion {
     }
 
     /// With effects that were named by what they are worth to predictions.
-    pub fn predicting(declared: &Judged, named: Named, test: &[Flight]) -> Self {
+    pub fn predicting(declared: &Judged, named: PredictedEffects, test: &[Flight]) -> Self {
         let (effects, hypothesis, disturbances) = (named.findings, named.hypothesis, declared.disturbances);
         let errors = errors_beside(declared, &hypothesis, &disturbances, test);
         Completion { effects, partial: Vec::new(), learned: false, hypothesis, disturbances, errors }

@@ -14,19 +14,19 @@ use crate::fit::hypothesis::{Hypothesis, Term};
 use crate::fit::solve::Solution;
 
 /// The model with effects that predict better, and these.
-pub struct Named {
+pub struct PredictedEffects {
     pub hypothesis: Hypothesis,
     pub findings: Vec<Finding>,
 }
 
-struct Fitted {
+struct FittedHypothesis {
     hypothesis: Hypothesis,
     solution: Solution,
 }
 
-fn fitted(search: &Search, hypothesis: &Hypothesis) -> Fitted {
+fn fit_windows(search: &Search, hypothesis: &Hypothesis) -> FittedHypothesis {
     let solution = search.fit(hypothesis, None, STEPS);
-    Fitted { hypothesis: hypothesis.at(&solution.shared), solution }
+    FittedHypothesis { hypothesis: hypothesis.at(&solution.shared), solution }
 }
 
 /// Errors of the flights that choose, from measured states.
@@ -49,12 +49,12 @@ fn mean(ratios: [f64; 3]) -> f64 {
 }
 
 /// Names effects that the declared model lacks; `None` where it cannot be simulated or none predicts better.
-pub fn name_by_prediction(search: &Search, choosing: &[Flight], declared: &Hypothesis) -> Option<Named> {
-    let mut now = fitted(search, declared);
+pub fn name_by_prediction(search: &Search, choosing: &[Flight], declared: &Hypothesis) -> Option<PredictedEffects> {
+    let mut now = fit_windows(search, declared);
     let mut known = errors(choosing, declared)?;
     while now.hypothesis.terms.len() < MOST_EFFECTS {
         let starts: Vec<Term> = candidates(&now.hypothesis).into_iter().flat_map(|c| c.starts.into_iter().take(c.variants)).collect();
-        let tried: Vec<Fitted> = starts.into_par_iter().map(|term| fitted(search, &now.hypothesis.with(term))).collect();
+        let tried: Vec<FittedHypothesis> = starts.into_par_iter().map(|term| fit_windows(search, &now.hypothesis.with(term))).collect();
         let Some(best) = tried.into_iter().min_by(|a, b| a.solution.loss.total_cmp(&b.solution.loss)) else { break };
         let Some(next) = errors(choosing, &best.hypothesis).filter(|next| mean(log_ratios(&known, next)) < -LEAST_GAIN) else { break };
         (now, known) = (best, next);
@@ -64,13 +64,18 @@ pub fn name_by_prediction(search: &Search, choosing: &[Flight], declared: &Hypot
         (now, known) = (less, next);
     }
     let findings: Vec<Finding> = now.hypothesis.terms.iter().filter_map(|term| finding(search, choosing, &now, &known, term)).collect();
-    (!findings.is_empty()).then_some(Named { hypothesis: now.hypothesis, findings })
+    (!findings.is_empty()).then_some(PredictedEffects { hypothesis: now.hypothesis, findings })
 }
 
 /// The hypothesis without an effect that predictions do not miss.
-fn needless(search: &Search, choosing: &[Flight], now: &Fitted, known: &[AxisErrors]) -> Option<(Fitted, Vec<AxisErrors>)> {
+fn needless(
+    search: &Search,
+    choosing: &[Flight],
+    now: &FittedHypothesis,
+    known: &[AxisErrors],
+) -> Option<(FittedHypothesis, Vec<AxisErrors>)> {
     let without = |term: &Term| {
-        let less = fitted(search, &now.hypothesis.without(term.entry.name));
+        let less = fit_windows(search, &now.hypothesis.without(term.entry.name));
         let next = errors(choosing, &less.hypothesis)?;
         Some((mean(log_ratios(known, &next)), less, next))
     };
@@ -78,8 +83,8 @@ fn needless(search: &Search, choosing: &[Flight], now: &Fitted, known: &[AxisErr
     (least.0 < LEAST_GAIN).then_some((least.1, least.2))
 }
 
-fn finding(search: &Search, choosing: &[Flight], now: &Fitted, known: &[AxisErrors], term: &Term) -> Option<Finding> {
-    let less = fitted(search, &now.hypothesis.without(term.entry.name));
+fn finding(search: &Search, choosing: &[Flight], now: &FittedHypothesis, known: &[AxisErrors], term: &Term) -> Option<Finding> {
+    let less = fit_windows(search, &now.hypothesis.without(term.entry.name));
     let [sideways, vertical, tilt] = log_ratios(known, &errors(choosing, &less.hypothesis)?);
     let judge = Search::new(choosing);
     let loss = |at: &Hypothesis| judge.fit(&at.fixed(), None, STEPS).loss;
