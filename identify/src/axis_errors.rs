@@ -1,6 +1,8 @@
 //! Errors of prediction axis by axis, flight by flight: from the state at one instant the commands alone drive a model, so and so far ahead.
 //! Sideways, vertical and attitude errors stand apart, because a norm over all of them hides what happens to the smaller ones.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use crate::fit::flight::{Flight, Window};
@@ -31,9 +33,14 @@ type Squares = [[f64; 2]; 4];
 /// Errors of a hypothesis without free numbers from `from_s` seconds into the flight on. Predictions start from `states`, one per tick, or from what
 /// was measured. `None` where the flight is too short or the hypothesis cannot be simulated.
 pub fn axis_errors(at: &Hypothesis, flight: &Flight, from_s: f64, states: Option<&[Vec<f64>]>) -> Option<AxisErrors> {
+    stretch_errors(at, flight, (from_s / flight.tick_s).round() as usize..flight.ticks, states)
+}
+
+/// As [`axis_errors`], of predictions that start and end between two ticks.
+pub fn stretch_errors(at: &Hypothesis, flight: &Flight, stretch: Range<usize>, states: Option<&[Vec<f64>]>) -> Option<AxisErrors> {
     let ticks = |s: f64| (s / flight.tick_s).round() as usize;
-    let last = flight.ticks.checked_sub(ticks(HORIZONS_S[1]) + 1)?;
-    let starts: Vec<usize> = (ticks(from_s)..last).step_by(ticks(EVERY_S).max(1)).collect();
+    let last = stretch.end.checked_sub(ticks(HORIZONS_S[1]) + 1)?;
+    let starts: Vec<usize> = (stretch.start..last).step_by(ticks(EVERY_S).max(1)).collect();
     let squares = |worker: &mut Option<Worker>, start: &usize| predicted_squares(worker.as_mut()?, flight, *start, states);
     let worker = || Worker::new(at, flight, false, false).ok();
     let all: Vec<Squares> = starts.par_iter().map_init(worker, squares).collect::<Option<_>>()?;

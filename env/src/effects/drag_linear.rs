@@ -14,6 +14,7 @@ impl Effect<1, 0> for DragLinear {
         param("rate_ps", "1/s", 0.0, [0.0, 3.0], "drag per mass and speed"),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
+    const MODEL_NUMBER: Option<&'static str> = Some("lateral.drag");
 
     #[inline(always)]
     fn push<R: Real>(&[rate_ps]: &[R; 1], _: &mut [R; 0], _: &Cx<R>, x: &State<R>, _: &Command<R>, out: &mut Push<R>) {

@@ -342,6 +342,8 @@ pub trait Effect<const P: usize, const S: usize>: Send + 'static {
     const TRACE: Trace = Trace::Mean;
     /// Part of what a small-angle model leaves out by its form: all effects of this kind are one finding.
     const GEOMETRY: Geometry = Geometry::None;
+    /// The number of the model that says the same as the effect's first parameter, by its path: the two add up.
+    const MODEL_NUMBER: Option<&'static str> = None;
     /// How many of its numbers of state, the last ones, follow the vehicle's motion: a fit has to estimate them with it. (What follows the
     /// commands alone it can run up.)
     const LAGS: usize = 0;
@@ -384,6 +386,8 @@ pub struct Entry {
     pub trace: Trace,
     /// See [`Effect::GEOMETRY`].
     pub geometry: Geometry,
+    /// See [`Effect::MODEL_NUMBER`].
+    pub model_number: Option<&'static str>,
     /// See [`Effect::LAGS`] and [`Effect::LAG_SD`].
     pub lags: usize,
     pub lag_sd: f64,

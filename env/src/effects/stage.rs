@@ -208,6 +208,7 @@ pub(super) const fn entry<E: Effect<P, S>, const P: usize, const S: usize>(_effe
         physics_hz: E::PHYSICS_HZ,
         trace: E::TRACE,
         geometry: E::GEOMETRY,
+        model_number: E::MODEL_NUMBER,
         lags: E::LAGS,
         lag_sd: E::LAG_SD,
         lanes: StageOf::<E, _, P, S>::boxed,

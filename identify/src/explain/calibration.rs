@@ -229,14 +229,44 @@ pub mod learn {
     pub const WORTH_TEST: f64 = 10.0;
 }
 
-/// Numbers of the stage `prediction`.
-pub mod prediction {
-    /// Steps of a fit that compares candidates.
-    pub const STEPS: usize = 6;
-    /// As [`STEPS`].
-    pub const MOST_EFFECTS: usize = 4;
-    /// An effect lowers the errors by this share at least, in the geometric mean over axes and horizons.
+/// Numbers of the search on recorded flights.
+pub mod recorded {
+    /// From so many flights on, whole flights are left out of the fit in turn; of fewer, stretches.
+    pub const FLIGHTS_TO_LEAVE_OUT: usize = 6;
+    /// Every flight, or stretch, is left out once, so many groups in turn.
+    pub const FOLDS: usize = 3;
+    /// Windows of a stretch: 6 s, longer than any prediction.
+    pub const STRETCH_WINDOWS: usize = 3;
+    /// So many windows are enough to propose.
+    pub const WINDOWS_TO_PROPOSE: usize = 40;
+    /// Steps of a fit that proposes, of one to all windows, and of one without a fold, which begins where that ended.
+    pub const STEPS_TO_PROPOSE: usize = 3;
+    /// As [`STEPS_TO_PROPOSE`].
+    pub const STEPS: usize = 8;
+    /// As [`STEPS_TO_PROPOSE`].
+    pub const STEPS_WITHOUT_A_FOLD: usize = 3;
+    /// Values beside those of "off" from which an effect on the command is tried.
+    pub const STARTS: usize = 2;
+    /// Candidates of a round whose predictions are looked at.
+    pub const SHORTLIST: usize = 6;
+    pub const MOST_EFFECTS: usize = 8;
+    /// An effect lowers the errors of what was left out by this share, in the geometric mean over axes and horizons.
     pub const LEAST_GAIN: f64 = 0.005;
+    /// And chance does so less often than this, over all that are looked at in a round.
+    pub const CHANCE: f64 = 0.05;
+    /// An axis is worse if its error grows by this share, and chance does so less often than [`CHANCE_OF_HARM`]: one in twenty over six looks.
+    pub const HARM: f64 = 0.01;
+    /// As [`HARM`].
+    pub const CHANCE_OF_HARM: f64 = 0.008;
+    /// Standard errors that a parameter lies from "off".
+    pub const CLEAR: f64 = 4.0;
+    /// A term without a name is worth this share.
+    pub const LEAST_LEARNED_GAIN: f64 = 0.03;
+    /// Numbers of the model are another vehicle's if numbers that were fitted lower the errors by this share: those of one vehicle differ from flight to
+    /// flight by a few per cent.
+    pub const FOREIGN_GAIN: f64 = 0.2;
+    /// A declared value is confirmed within so many standard errors.
+    pub const SAME: f64 = 3.0;
 }
 
 /// Numbers of the stage `validation`.

@@ -5,7 +5,6 @@ use crazyflie_env::effects::{Trace, registry};
 use super::calibration::completion::{CHANCE, HELPS, MATTERS, MOST, WORSE};
 use super::errors::{self, Errors};
 use super::learn;
-use super::prediction::PredictedEffects;
 use super::search::{Judged, Search};
 use super::signals::{self, HORIZONS};
 use super::verdict::{Finding, Leftover};
@@ -30,13 +29,6 @@ impl Completion {
     pub fn new(declared: &Judged, last: &Judged, effects: Vec<Finding>, disturbances: Disturbances, test: &[Flight]) -> Self {
         let mut hypothesis = last.settled();
         hypothesis.terms.retain(|t| effects.iter().flat_map(Finding::all).any(|e| e.name == t.entry.name));
-        let errors = errors_beside(declared, &hypothesis, &disturbances, test);
-        Completion { effects, partial: Vec::new(), learned: false, hypothesis, disturbances, errors }
-    }
-
-    /// With effects that were named by what they are worth to predictions.
-    pub fn predicting(declared: &Judged, named: PredictedEffects, test: &[Flight]) -> Self {
-        let (effects, hypothesis, disturbances) = (named.findings, named.hypothesis, declared.disturbances);
         let errors = errors_beside(declared, &hypothesis, &disturbances, test);
         Completion { effects, partial: Vec::new(), learned: false, hypothesis, disturbances, errors }
     }
@@ -131,5 +123,5 @@ fn harm(errors: &Errors) -> f64 {
 }
 
 fn errors_beside(declared: &Judged, hypothesis: &Hypothesis, disturbances: &Disturbances, test: &[Flight]) -> Errors {
-    errors::compare((&declared.hypothesis, &declared.disturbances), (hypothesis, disturbances), test)
+    errors::compare((&declared.hypothesis, &declared.disturbances, test), (hypothesis, disturbances, test))
 }

@@ -65,10 +65,13 @@ pub struct Errors {
 /// Squared errors of one prediction: per axis and horizon; NaN where there is nothing to compare with.
 type Squares = AxisTable;
 
-/// Errors of two hypotheses, each with its disturbances, on the same flights. Predictions start from what the filter of each knows then; from there
+/// A hypothesis with its disturbances, and the flights as it sees them: without what each has of its own.
+pub type Predictor<'a> = (&'a Hypothesis, &'a Disturbances, &'a [Flight]);
+
+/// Errors of two hypotheses on the same flights. Predictions start from what the filter of each knows then; from there
 /// on the commands alone decide.
-pub fn compare(before: (&Hypothesis, &Disturbances), after: (&Hypothesis, &Disturbances), flights: &[Flight]) -> Errors {
-    let of = |(hypothesis, disturbances): (&Hypothesis, &Disturbances), naive| squares(&hypothesis.fixed(), disturbances, flights, naive);
+pub fn compare(before: Predictor, after: Predictor) -> Errors {
+    let of = |(hypothesis, disturbances, flights): Predictor, naive| squares(&hypothesis.fixed(), disturbances, flights, naive);
     let (b, (a, n)) = rayon::join(|| of(before, false), || rayon::join(|| of(after, false), || of(before, true)));
     let quantity = |pair: usize| move |s: &Squares, h: usize| s[2 * pair][h] + s[2 * pair + 1][h];
     let axis = |row: usize| move |s: &Squares, h: usize| s[row][h];

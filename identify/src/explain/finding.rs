@@ -31,7 +31,7 @@ pub fn findings(judge: &Search, selection: &Selection) -> Option<Vec<Finding>> {
         let term = settled.terms.iter().find(|t| t.entry.name == *name)?;
         let params = term.free.iter().zip(settled.place(name)).map(|(i, at)| {
             let p = &term.entry.params[*i];
-            Estimate { name: p.name, value: term.values[*i], stderr: dissected.judged.belief.sd(at), unit: p.unit }
+            Estimate { name: p.name, value: term.values[*i], stderr: dissected.judged.belief.sd(at), unit: p.unit, declared: p.off }
         });
         let params: Vec<Estimate> = params.collect();
         let confusable_with = rivals.iter().find(|(other, _)| other == name).map_or_else(Vec::new, |(_, r)| r.clone());
@@ -93,7 +93,7 @@ pub fn gust_finding(search: &Search, judge: &Search, last: &Judged, gust: &GustC
     let worth_by_signal: [f64; 4] = std::array::from_fn(|i| without[i] - with[i]);
     let worth_test = worth_by_signal.iter().sum();
     let estimates = entry.params.iter().zip([force.sigma, force.tau_s]).zip(gust.sd);
-    let params = estimates.map(|((p, value), stderr)| Estimate { name: p.name, value, stderr, unit: p.unit }).collect();
+    let params = estimates.map(|((p, value), stderr)| Estimate { name: p.name, value, stderr, unit: p.unit, declared: p.off }).collect();
     let confusable_with: Vec<&'static str> = constant_alternative(search, last, gust).into_iter().collect();
     let manoeuvre = if confusable_with.is_empty() { String::new() } else { manoeuvre(entry, &confusable_with) };
     (worth_test > WORTH_TEST).then_some(Finding {

@@ -9,7 +9,7 @@ pub mod learn;
 pub mod leftover;
 pub mod noise;
 mod place;
-mod prediction;
+pub mod recorded;
 pub mod refine;
 mod residual;
 pub mod search;
@@ -65,14 +65,6 @@ pub fn explain(model: &Model, fit: &[Flight], test: &[Flight], progress: &dyn Fn
     let completed = completed.without_harm(&declared, choosing);
     // an effect that earned its place and yet makes predictions worse leaves the question open
     let undecided = undecided || completed.effects.len() < names_before;
-    let is_real = fit.iter().all(|flight| flight.sees_true_attitude);
-    let completed = if is_real && completed.effects.is_empty() {
-        progress("effects by what they are worth to predictions");
-        let named = prediction::name_by_prediction(&search, choosing, &declared.hypothesis);
-        named.map_or(completed, |named| Completion::predicting(&declared, named, choosing).without_harm(&declared, choosing))
-    } else {
-        completed
-    };
     let structured = residual.is_structured();
     let completed = if structured && completed.effects.iter().all(finding::is_model_form) {
         progress("a term learned from the residual");
@@ -94,6 +86,9 @@ pub fn explain(model: &Model, fit: &[Flight], test: &[Flight], progress: &dyn Fn
         completed: completed.with_random(),
         signals: signals::signal_verdicts(&completed.effects, &residual.leftover, &completed.errors, &completed.disturbances),
         effects: completed.effects,
+        confirmed: Vec::new(),
+        numbers: Vec::new(),
+        foreign: false,
         partial: completed.partial,
         learned: completed.learned,
         disturbances: [declared.disturbances, completed.disturbances],

@@ -88,7 +88,7 @@ fn excess_disturbances(disturbances: &Disturbances, gust: Option<&GustCandidate>
 }
 
 /// The strongest findings in the innovations of the test flights, and in the forces of all.
-fn leftovers(fit: &[Flight], test: &[Flight], last: &Judged, gust: Option<&GustCandidate>) -> Vec<Leftover> {
+pub fn leftovers(fit: &[Flight], test: &[Flight], last: &Judged, gust: Option<&GustCandidate>) -> Vec<Leftover> {
     let (at, disturbances, nothing) = (last.settled().fixed(), &last.disturbances, Belief::independent(Vec::new(), &[]));
     let filtered = |f: &Flight| filter(f, f.all(), &at, &nothing, disturbances);
     let known: Vec<_> = fit.par_iter().filter_map(|f| Some((f, filtered(f)?))).collect();

@@ -31,6 +31,17 @@ pub struct Estimate {
     pub value: f64,
     pub stderr: f64,
     pub unit: &'static str,
+    /// In the declared model; the value of "off" where it holds no such effect.
+    pub declared: f64,
+}
+
+/// A number of the model, fitted anew beside the effects.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct NumberEstimate {
+    pub path: String,
+    pub declared: f64,
+    pub value: f64,
+    pub unit: &'static str,
 }
 
 /// An effect that earned its place.
@@ -110,6 +121,12 @@ pub struct Explanation {
     pub signals: Vec<SignalVerdict>,
     /// Beside structure that nothing explains: effects that lower the errors on the test flights but do not account for it.
     pub partial: Vec<Finding>,
+    /// Effects that the declared model holds, needs, and holds at the right values. Only looked for on flights of real vehicles.
+    pub confirmed: Vec<Finding>,
+    /// Numbers of the model that were fitted with the effects. Only on flights of real vehicles.
+    pub numbers: Vec<NumberEstimate>,
+    /// New numbers alone predict so much better that the declared ones are another vehicle's.
+    pub foreign: bool,
     /// The declared model with the effects at their values; what the simulator flies.
     pub completed: Hypothesis,
     pub declared: Hypothesis,

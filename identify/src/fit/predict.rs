@@ -421,6 +421,13 @@ impl Prediction<'_> {
         Layout::new(self.hypothesis).places(flight).into_iter().map(|place| shared[place]).collect()
     }
 
+    /// All free numbers, out of those of each flight in the order of [`Hypothesis::shared`]: the inverse of [`Prediction::of_flight`].
+    pub fn joined(&self, each: &[Vec<f64>]) -> Vec<f64> {
+        let layout = Layout::new(self.hypothesis);
+        let common = layout.common.iter().filter_map(|i| each.first().map(|numbers| numbers[*i]));
+        common.chain(each.iter().flat_map(|numbers| layout.per_flight.iter().map(|i| numbers[*i]))).collect()
+    }
+
     /// Something of each free number, repeated for every flight that has its own.
     fn spread<T: Copy>(&self, local: &[T]) -> Vec<T> {
         let layout = Layout::new(self.hypothesis);

@@ -124,3 +124,13 @@ pub(super) fn sourced(
     }
     Ok(Model::parse(&tree.to_string())?)
 }
+
+/// The model with another source for one of its numbers. It stays as it is if it has no such number.
+pub(crate) fn with_source(model: &Model, path: &str, source: &str) -> Model {
+    let changed = || {
+        let mut tree = serde_json::to_value(model).ok()?;
+        tree.pointer_mut(&format!("/{}", path.replace('.', "/")))?["source"] = source.into();
+        Model::parse(&tree.to_string()).ok()
+    };
+    changed().unwrap_or_else(|| model.clone())
+}

@@ -19,6 +19,8 @@ use crate::statistics::{Criteria, criteria};
 use crazyflie_logs::first_duplicate;
 
 pub use choice::visible;
+pub(crate) use choice::with_source;
+pub(crate) use nuisance::{settled_on_start, terms as nuisance_terms};
 pub use nuisance::{SETTLE_S, Trim, settle_flights};
 use predict::{Rows, compare, rows};
 
@@ -111,8 +113,7 @@ pub fn identify(model: &Model, logs: &[(String, FlightLog)], plan: &Plan, done: 
     let mut free = choice::check(model, logs, input, plan.free.as_deref())?;
     let per_flight_hover = plan.nuisance && input == VerticalInput::Thrust;
     if per_flight_hover {
-        // the mean of the flights' is the model's; beside it, a bend of the thrust curve and trims, positions over 2 s do not tell the damping of climb
-        free.retain(|path| path != HOVER && (plan.free.is_some() || path != HEAVE));
+        free = if plan.free.is_some() { free.into_iter().filter(|path| path != HOVER).collect() } else { beside_hover(free) };
         if free.is_empty() {
             let reason = "every flight has its own: name another number with it".to_owned();
             return Err(IdentifyError::Singular { parameter: HOVER.to_owned(), reason });
@@ -131,6 +132,12 @@ pub fn identify(model: &Model, logs: &[(String, FlightLog)], plan: &Plan, done: 
     let identified = report(model, logs, plan, &flights, &windows, &hypothesis, fitted, before)?;
     done();
     Ok(identified)
+}
+
+/// Numbers to fit beside a hover PWM of each flight: the mean of these is the model's, and beside them, a bend of the thrust curve and trims, positions
+/// over 2 s do not tell the damping of climb.
+pub(crate) fn beside_hover(free: Vec<String>) -> Vec<String> {
+    free.into_iter().filter(|path| path != HOVER && path != HEAVE).collect()
 }
 
 /// An effect that joins the model: what is exact by geometry is not fitted.
@@ -211,7 +218,7 @@ fn report(
 }
 
 /// The same with nothing free but what flights have of their own.
-fn unsettled(found: &Hypothesis) -> Hypothesis {
+pub(crate) fn unsettled(found: &Hypothesis) -> Hypothesis {
     let mut open = Hypothesis { free: Vec::new(), ..found.clone() };
     for term in &mut open.terms {
         match &term.per_flight {
@@ -277,7 +284,7 @@ fn names(model: &Model, of: &Hypothesis) -> Vec<(String, String)> {
     of.free.iter().map(|path| (path.clone(), unit(path))).chain(of_terms).collect()
 }
 
-fn prepare(model: &Model, vertical: Option<VerticalInput>, logs: &[(String, FlightLog)]) -> Result<Vec<Flight>, IdentifyError> {
+pub(crate) fn prepare(model: &Model, vertical: Option<VerticalInput>, logs: &[(String, FlightLog)]) -> Result<Vec<Flight>, IdentifyError> {
     let flight = |(name, log): &(String, FlightLog)| {
         Flight::of(name, log, model, vertical).map_err(|source| IdentifyError::Flight { log: name.clone(), source })
     };
@@ -294,7 +301,7 @@ fn windows(flights: &[Flight]) -> Vec<Window> {
 }
 
 /// The numbers, fitted again with the noise that they leave, and with what flights differ by, until both stay.
-fn fit(flights: &mut [Flight], windows: &[Window], at: &mut Hypothesis, done: &dyn Fn()) -> Option<(Solution, [f64; 6])> {
+pub(crate) fn fit(flights: &mut [Flight], windows: &[Window], at: &mut Hypothesis, done: &dyn Fn()) -> Option<(Solution, [f64; 6])> {
     let mut noise = [0.0; 6];
     let mut found: Option<Solution> = None;
     for _ in 0..ROUNDS {

@@ -57,7 +57,7 @@ pub struct Trim {
 }
 
 /// Effects whose free parameters every flight has for itself.
-pub(super) fn terms(input: VerticalInput) -> Result<Vec<Term>, IdentifyError> {
+pub(crate) fn terms(input: VerticalInput) -> Result<Vec<Term>, IdentifyError> {
     let commands_thrust = input == VerticalInput::Thrust;
     let term = |(name, sd): &(&str, f64)| -> Result<Term, IdentifyError> {
         let term = Term::off(effects::find(name)?.1);
@@ -89,7 +89,7 @@ pub(super) fn learn_priors(at: &mut Hypothesis, each: &[Vec<f64>]) {
 }
 
 /// The hypothesis with the nuisance parameters of a flight found from its first seconds; `at` has nothing else free.
-pub(super) fn settled_on_start(at: &Hypothesis, flight: &Flight) -> Hypothesis {
+pub(crate) fn settled_on_start(at: &Hypothesis, flight: &Flight) -> Hypothesis {
     // two windows of the first seconds, or what there is of a shorter flight, without the take-off through ground effect
     let tick = |s: f64| (s / flight.tick_s).round() as usize;
     let last = tick(SETTLE_S).min(flight.ticks);

@@ -18,12 +18,15 @@ pub(super) fn print(run: &Run, written: &[PathBuf], out: &mut dyn Write) -> Outc
         writeln!(out, "{line}\n")?;
     }
     writeln!(out, "model {}, vertical form {}\n{}\n", run.model.name, vertical_name(run.vertical()), sentence(found))?;
-    if !(found.effects.is_empty() && found.partial.is_empty()) {
+    if !(found.effects.is_empty() && found.partial.is_empty() && found.confirmed.is_empty()) {
         writeln!(
             out,
             "{}worth: log-likelihood lost without the effect, on the flights of the fit and of the test\n",
             effects(found).plain()
         )?;
+    }
+    for number in &found.numbers {
+        writeln!(out, "{} {} -> {} {}", number.path, significant(number.declared, 4), significant(number.value, 4), number.unit)?;
     }
     for line in total_lines(run) {
         writeln!(out, "{line}")?;
@@ -44,14 +47,15 @@ pub(super) fn print(run: &Run, written: &[PathBuf], out: &mut dyn Write) -> Outc
 }
 
 fn effects(found: &Explanation) -> Table {
-    let mut table = Table::new(&["effect", "parameter", "value", "unit", "worth, fit", "test", "or instead"]).left(&[1, 2, 3, 6]);
-    for effect in found.effects.iter().chain(&found.partial).flat_map(Finding::all) {
+    let mut table = Table::new(&["effect", "parameter", "declared", "value", "unit", "worth, fit", "test", "or instead"]).left(&[1, 4, 7]);
+    for effect in found.effects.iter().chain(&found.partial).chain(&found.confirmed).flat_map(Finding::all) {
         for (i, e) in effect.params.iter().enumerate() {
             // what concerns the effect stands in its first line only
             let once = |text: String| if i == 0 { text } else { String::new() };
             table.row(vec![
                 once(effect.name.into()),
                 e.name.into(),
+                significant(e.declared, 3),
                 with_error(e.value, e.stderr),
                 e.unit.into(),
                 once(number(effect.worth_fit, 0)),

@@ -32,6 +32,9 @@ pub(crate) fn as_json(run: &Run, files: &Value) -> Value {
         "signals": found.signals,
         "totals": super::totals(run).iter().map(|(path, value, stderr, unit)| json!({"number": path, "value": value, "stderr": stderr, "unit": unit})).collect::<Vec<_>>(),
         "partial": found.partial.iter().map(effect).collect::<Vec<_>>(),
+        "confirmed": found.confirmed.iter().map(effect).collect::<Vec<_>>(),
+        "numbers": found.numbers,
+        "foreign": found.foreign,
         "learned": found.learned,
         "error": {"before": table(&errors.before), "after": table(&errors.after), "naive": table(&errors.naive), "p_value": table(&errors.p_value),
             "axes": axes(&errors.axes)},
@@ -56,7 +59,7 @@ pub(crate) fn verdict_name(verdict: Verdict) -> &'static str {
 }
 
 fn effect(effect: &Finding) -> Value {
-    let params = effect.params.iter().map(|p| (p.name.to_owned(), json!({"value": p.value, "stderr": p.stderr, "unit": p.unit})));
+    let params = effect.params.iter().map(|p| (p.name.to_owned(), json!({"value": p.value, "stderr": p.stderr, "unit": p.unit, "declared": p.declared})));
     json!({"name": effect.name, "params": params.collect::<Map<_, _>>(), "confusable_with": effect.confusable_with,
         "manoeuvre": effect.manoeuvre, "worth": {"fit": effect.worth_fit, "test": effect.worth_test},
         "with": effect.with.iter().map(self::effect).collect::<Vec<_>>()})

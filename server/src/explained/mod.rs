@@ -16,13 +16,14 @@ use crazyflie_env::world::{Settings, World};
 use crazyflie_identify::case::{Case, CaseError};
 use crazyflie_identify::closed_loop::{Controller, Distances, Tracking, follow};
 use crazyflie_identify::estimate::IdentifyError;
+use crazyflie_identify::explain::recorded::{NamedLog, explain_recorded};
 use crazyflie_identify::explain::verdict::Explanation;
 use crazyflie_identify::explain::{declared_loss, explain};
 use crazyflie_identify::fit::flight::Flight;
 use crazyflie_identify::replay::ReplayError;
-use crazyflie_identify::vehicle::{Trim, settle_flights};
+use crazyflie_identify::vehicle::Trim;
 use crazyflie_identify::{FlightLog, LogError};
-use crazyflie_logs::first_duplicate;
+use crazyflie_logs::{PositionSource, first_duplicate};
 use thiserror::Error;
 
 pub(crate) use json::{as_json, verdict_name};
@@ -153,6 +154,15 @@ impl Flights {
         Ok(Flights { flights: flights(&sources, model, vertical)?, sources })
     }
 
+    /// Whether a vehicle flew them: of a simulated flight the position is a camera's.
+    fn are_recorded(&self) -> bool {
+        self.sources.iter().all(|source| source.log.provenance.position != PositionSource::Camera)
+    }
+
+    fn named_logs(&self) -> Vec<NamedLog> {
+        self.named().map(|(source, flight)| (flight.name.clone(), source.log.clone())).collect()
+    }
+
     fn named(&self) -> impl Iterator<Item = (&Source, &Flight)> {
         self.sources.iter().zip(&self.flights)
     }
@@ -185,11 +195,13 @@ impl Run {
         let vertical = vertical.map_or_else(|| likelier(&model, &fit), |given| Ok(Some(given)))?;
         let (fit, test) = (Flights::of(fit, &model, vertical)?, Flights::of(test, &model, vertical)?);
         alike(&fit, &test)?;
-        progress("what each flight has of its own");
-        let (mut fit, mut test) = (fit, test);
-        let trims = settle_flights(&model, &mut fit.flights, &mut test.flights)?;
-        let found = explain(&model, &fit.flights, &test.flights, progress);
-        let mut found = found.ok_or_else(|| ExplainError::Broken { model: model.name.clone() })?;
+        let (mut found, trims) = if fit.are_recorded() {
+            let input = fit.flights.first().map_or(VerticalInput::Thrust, |f| f.input);
+            explain_recorded(&model, &fit.named_logs(), &test.named_logs(), input, progress)?
+        } else {
+            let found = explain(&model, &fit.flights, &test.flights, progress);
+            (found.ok_or_else(|| ExplainError::Broken { model: model.name.clone() })?, Vec::new())
+        };
         if test.flights.len() < 2 {
             // one free run is no sample to test with
             found.errors.p_value.iter_mut().chain(&mut found.errors.axes.p_value).for_each(|p| p[FREE_RUN] = f64::NAN);

@@ -94,7 +94,7 @@ pub(crate) fn totals(run: &Run) -> Vec<(&'static str, f64, f64, &'static str)> {
     let total = |(effect, param, path): (&str, &str, &'static str)| {
         let declared = run.model.parameter(path).ok().filter(|value| *value != 0.0)?;
         let named = run.found.effects.iter().chain(&run.found.partial).flat_map(Finding::all).find(|e| e.name == effect)?;
-        let added = named.params.iter().find(|p| p.name == param)?;
+        let added = named.params.iter().find(|p| p.name == param && p.declared == 0.0)?;
         Some((path, declared + added.value, added.stderr, added.unit))
     };
     ADDED.into_iter().filter_map(total).collect()

@@ -112,7 +112,7 @@ impl<'a> Fit<'a> {
             progress(&format!("with {effect}"));
             let Ok((_, entry)) = effects::find(effect) else { continue };
             let more = self.solved(&now.hypothesis.with(Term::off(entry)), Some(&now.own), STEPS_MORE);
-            let errors = errors::compare((&now.hypothesis, d), (&more.hypothesis, d), test);
+            let errors = errors::compare((&now.hypothesis, d, test), (&more.hypothesis, d, test));
             let force_mps2 = [&now, &more].map(|f| force::error(test, &f.hypothesis));
             let own = |v: &&Value| v.name.starts_with(&format!("{effect}."));
             let values: Vec<Value> = more.values.iter().filter(own).map(Value::copy).collect();

@@ -123,7 +123,7 @@ pub(crate) fn tell(data: &Path, quick: bool, progress: &dyn Fn(&str)) -> Result<
     let explained = last.hypothesis.fixed();
     progress("the test flights");
     let dx = noise::tune(&fitted_trim[0], &explained, Some(&d));
-    let errors = [errors::compare((&thesis, &d), (&again, &d), &judged), errors::compare((&trimmed, &d), (&explained, &dx), &judged_trim)];
+    let errors = [errors::compare((&thesis, &d, &judged), (&again, &d, &judged)), errors::compare((&trimmed, &d, &judged_trim), (&explained, &dx, &judged_trim))];
     let force_mps2 = [
         force::error(&judged, &thesis),
         force::error(&judged, &again),
@@ -182,7 +182,7 @@ fn parts(thesis: &Hypothesis, again: &Hypothesis, d: &crazyflie_identify::fit::f
         ("all but 5.1 fitted", &["vertical.thrust.", "lateral.drag"]),
     ];
     let part = |(what, prefixes): (&'static str, &[&str])| {
-        let e = errors::compare((thesis, d), (&with(prefixes), d), test);
+        let e = errors::compare((thesis, d, test), (&with(prefixes), d, test));
         Part { what, attitude_rad: e.after[2][2], velocity_mps: e.after[1][3], p_value: e.p_value[1][3] }
     };
     which.into_iter().map(part).collect()

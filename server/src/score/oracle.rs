@@ -31,8 +31,8 @@ pub(super) fn error_ratio(run: &Run, truth: &Truth) -> Option<f64> {
     let search = Search::new(&run.fit.flights);
     let [disturbances, _] = &run.found.disturbances;
     let fitted = search.refit(&hypothesis, disturbances)?;
-    let declared = (&Hypothesis::of(&run.model), disturbances);
-    let oracle = compare(declared, (&fitted.settled(), &fitted.disturbances), &run.test.flights);
+    let (declared, test) = (Hypothesis::of(&run.model), &run.test.flights[..]);
+    let oracle = compare((&declared, disturbances, test), (&fitted.settled(), &fitted.disturbances, test));
     Some(largest_ratio(&run.found.errors, &oracle))
 }
 

@@ -1,0 +1,168 @@
+//! Recorded flights as a bench for hypotheses: fitted in windows that start where the flight was measured, what differs from flight to flight fitted
+//! with them, and judged by predictions of stretches that were left out of the fit.
+
+use std::ops::Range;
+
+use rayon::prelude::*;
+
+use super::gain::Gain;
+use crate::axis_errors::{AxisErrors, HORIZONS_S, stretch_errors};
+use crate::explain::calibration::recorded::{FLIGHTS_TO_LEAVE_OUT, FOLDS, STEPS, STEPS_WITHOUT_A_FOLD, STRETCH_WINDOWS, WINDOWS_TO_PROPOSE};
+use crate::fit::flight::{Flight, WINDOW_S, Window};
+use crate::fit::hypothesis::{Hypothesis, Term};
+use crate::fit::predict::Prediction;
+use crate::fit::solve::{ENOUGH, Solution, solve_within};
+use crate::vehicle::{self, SETTLE_S};
+
+/// A stretch of a flight that is predicted by a fit that has not seen it.
+struct Stretch {
+    flight: usize,
+    ticks: Range<usize>,
+    fold: usize,
+}
+
+/// A hypothesis fitted to windows.
+#[derive(Clone)]
+pub struct FittedHypothesis {
+    /// At the numbers that all flights share.
+    pub hypothesis: Hypothesis,
+    /// All free numbers as each flight has them.
+    pub each: Vec<Vec<f64>>,
+    pub solution: Solution,
+}
+
+/// Flights of a fit, their windows, and what is left out of them in turn.
+pub struct Bench {
+    pub flights: Vec<Flight>,
+    windows: Vec<Window>,
+    /// Of each window.
+    folds: Vec<usize>,
+    stretches: Vec<Stretch>,
+    /// Whole flights are left out, so what each has of its own is found anew from its start.
+    by_flight: bool,
+}
+
+impl Bench {
+    pub fn new(flights: Vec<Flight>) -> Self {
+        let by_flight = flights.len() >= FLIGHTS_TO_LEAVE_OUT;
+        let (mut windows, mut folds, mut stretches) = (Vec::new(), Vec::new(), Vec::new());
+        for (i, flight) in flights.iter().enumerate() {
+            let own = flight.windows(i, WINDOW_S);
+            if by_flight {
+                folds.extend(own.iter().map(|_| i % FOLDS));
+                let first = (SETTLE_S / flight.tick_s).round() as usize;
+                stretches.push(Stretch { flight: i, ticks: first.min(flight.ticks)..flight.ticks, fold: i % FOLDS });
+            } else {
+                for (k, part) in own.chunks(STRETCH_WINDOWS).enumerate() {
+                    folds.extend(part.iter().map(|_| k % FOLDS));
+                    let ticks = part[0].ticks.start..part[part.len() - 1].ticks.end;
+                    stretches.push(Stretch { flight: i, ticks, fold: k % FOLDS });
+                }
+            }
+            windows.extend(own);
+        }
+        // a prediction has to end within its stretch
+        let long_enough = |s: &Stretch| s.ticks.len() as f64 * flights[s.flight].tick_s > HORIZONS_S[1] + WINDOW_S;
+        stretches.retain(long_enough);
+        Bench { flights, windows, folds, stretches, by_flight }
+    }
+
+    pub fn windows(&self) -> &[Window] {
+        &self.windows
+    }
+
+    pub fn flights_mut(&mut self) -> &mut Vec<Flight> {
+        &mut self.flights
+    }
+
+    /// What a solution over all windows found.
+    pub fn restarted(&self, hypothesis: &Hypothesis, solution: Solution) -> FittedHypothesis {
+        let prediction = Prediction { flights: &self.flights, windows: &self.windows, hypothesis, inflation: 1.0 };
+        let each: Vec<Vec<f64>> = (0..self.flights.len()).map(|f| prediction.of_flight(&solution.shared, f)).collect();
+        let hypothesis = each.first().map_or_else(|| hypothesis.clone(), |numbers| hypothesis.at(numbers));
+        FittedHypothesis { hypothesis, each, solution }
+    }
+
+    /// A hypothesis fitted to all windows, from the numbers of another that shares some of them.
+    pub fn fit(&self, hypothesis: &Hypothesis, from: &FittedHypothesis) -> FittedHypothesis {
+        self.fit_windows(hypothesis, from, &|_| true, STEPS)
+    }
+
+    /// And so roughly that it only proposes: few steps on some of the windows.
+    pub fn propose(&self, hypothesis: &Hypothesis, from: &FittedHypothesis, steps: usize) -> FittedHypothesis {
+        let every = self.windows.len().div_ceil(WINDOWS_TO_PROPOSE).max(1);
+        self.fit_windows(hypothesis, from, &|w| w % every == 0, steps)
+    }
+
+    fn fit_windows(&self, hypothesis: &Hypothesis, from: &FittedHypothesis, takes: &dyn Fn(usize) -> bool, steps: usize) -> FittedHypothesis {
+        let windows: Vec<Window> = self.windows.iter().enumerate().filter(|(w, _)| takes(*w)).map(|(_, window)| window.clone()).collect();
+        let prediction = Prediction { flights: &self.flights, windows: &windows, hypothesis, inflation: 1.0 };
+        let each: Vec<Vec<f64>> = from.each.iter().map(|numbers| carried(&from.hypothesis, numbers, hypothesis)).collect();
+        let starts = prediction.starts();
+        let known = from.solution.own.iter().enumerate().filter(|(w, _)| takes(*w)).map(|(_, own)| own);
+        // starts of the same hypothesis without one of its lags have another length
+        let same = from.solution.own.len() == self.windows.len() && from.solution.own.first().map(Vec::len) == starts.first().map(Vec::len);
+        let own = if same { known.cloned().collect() } else { starts };
+        let solution = solve_within(&prediction, own, prediction.joined(&each), steps, ENOUGH);
+        let each: Vec<Vec<f64>> = (0..self.flights.len()).map(|f| prediction.of_flight(&solution.shared, f)).collect();
+        let hypothesis = each.first().map_or_else(|| hypothesis.clone(), |numbers| hypothesis.at(numbers));
+        FittedHypothesis { hypothesis, each, solution }
+    }
+
+    /// Errors on every stretch, predicted by a fit of all that is not in its fold. `None` where the hypothesis cannot be simulated.
+    pub fn left_out_errors(&self, fitted: &FittedHypothesis) -> Option<Vec<AxisErrors>> {
+        let folds: Vec<FittedHypothesis> = (0..FOLDS)
+            .into_par_iter()
+            .map(|fold| self.fit_windows(&fitted.hypothesis, fitted, &|w| self.folds[w] != fold, STEPS_WITHOUT_A_FOLD))
+            .collect();
+        let errors = |stretch: &Stretch| {
+            let (at, flight) = (&folds[stretch.fold], &self.flights[stretch.flight]);
+            let own = if self.by_flight && at.hypothesis.per_flight().iter().any(Option::is_some) {
+                vehicle::settled_on_start(&vehicle::unsettled(&at.hypothesis), flight)
+            } else {
+                at.hypothesis.at(&at.each[stretch.flight]).fixed()
+            };
+            stretch_errors(&own, flight, stretch.ticks.clone(), None)
+        };
+        self.stretches.par_iter().map(errors).collect()
+    }
+
+    /// What a hypothesis gains over the errors of another.
+    pub fn gain(&self, fitted: &FittedHypothesis, before: &[AxisErrors]) -> Option<(Gain, Vec<AxisErrors>)> {
+        let after = self.left_out_errors(fitted)?;
+        Some((Gain::new(before, &after), after))
+    }
+
+    /// Standard errors of the free numbers that all flights share, by how much flights, or windows of few flights, contradict each other.
+    pub fn deviations(&self, fitted: &FittedHypothesis) -> Vec<f64> {
+        let clusters: Vec<usize> =
+            if self.by_flight { self.windows.iter().map(|w| w.flight).collect() } else { (0..self.windows.len()).collect() };
+        let Some(covariance) = fitted.solution.covariance(&clusters) else { return Vec::new() };
+        (0..covariance.nrows()).map(|i| covariance[(i, i)].max(0.0).sqrt()).collect()
+    }
+}
+
+/// The free numbers of one flight under a hypothesis, put in the places of another; what is new there stays as the other has it.
+fn carried(from: &Hypothesis, numbers: &[f64], to: &Hypothesis) -> Vec<f64> {
+    let mut all = to.shared();
+    for (slot, path) in all.iter_mut().zip(&to.free) {
+        if let Some(i) = from.free.iter().position(|known| known == path) {
+            *slot = numbers[i];
+        }
+    }
+    let known = |term: &Term| from.terms.iter().any(|t| t.entry.name == term.entry.name && t.free == term.free);
+    for term in to.terms.iter().filter(|term| known(term)) {
+        let (source, target) = (from.place(term.entry.name), to.place(term.entry.name));
+        all[target].copy_from_slice(&numbers[source]);
+    }
+    all
+}
+
+/// The standard error of each free parameter of an effect, among those of all shared numbers.
+pub fn place_among_shared(hypothesis: &Hypothesis, effect: &str) -> Range<usize> {
+    let before: usize =
+        hypothesis.terms.iter().take_while(|t| t.entry.name != effect).filter(|t| t.per_flight.is_none()).map(|t| t.free.len()).sum();
+    let own = hypothesis.terms.iter().find(|t| t.entry.name == effect).map_or(0, |t| t.free.len());
+    let first = hypothesis.free.len() + before;
+    first..first + own
+}

@@ -1,0 +1,79 @@
+//! What a change of a hypothesis is worth to predictions, stretch by stretch and axis by axis.
+
+use crate::axis_errors::AxisErrors;
+use crate::explain::calibration::recorded::{CHANCE_OF_HARM, HARM};
+use crate::statistics::paired_p_value;
+
+/// Rows of [`AxisErrors`] that are judged: sideways and vertical velocity, and tilt. The velocity in space holds nothing more.
+const JUDGED: [usize; 3] = [0, 1, 3];
+
+/// Logarithms of errors over those before: per stretch, judged axis and horizon.
+pub struct Gain {
+    log_ratios: Vec<[[f64; 2]; 3]>,
+}
+
+impl Gain {
+    pub fn new(before: &[AxisErrors], after: &[AxisErrors]) -> Self {
+        let ratio = |(b, a): (&AxisErrors, &AxisErrors)| JUDGED.map(|axis| [0, 1].map(|h| (a.rms[axis][h] / b.rms[axis][h]).ln()));
+        Gain { log_ratios: before.iter().zip(after).map(ratio).collect() }
+    }
+
+    /// Of each stretch, the mean over axes and horizons.
+    fn per_stretch(&self) -> Vec<f64> {
+        self.log_ratios.iter().map(|cells| cells.iter().flatten().sum::<f64>() / 6.0).collect()
+    }
+
+    /// The mean over all: below zero the change helps.
+    pub fn mean(&self) -> f64 {
+        mean(&self.per_stretch())
+    }
+
+    /// Of each judged axis.
+    pub fn by_axis(&self) -> [f64; 3] {
+        [0, 1, 2].map(|axis| mean(&self.log_ratios.iter().map(|cells| 0.5 * (cells[axis][0] + cells[axis][1])).collect::<Vec<_>>()))
+    }
+
+    /// Probability that chance alone gives so large a mean, by a paired test over stretches.
+    pub fn p_value(&self) -> f64 {
+        paired_p_value(&self.per_stretch()).unwrap_or(1.0)
+    }
+
+    /// Whether any axis is worse at any horizon, beyond what chance does.
+    pub fn harms(&self) -> bool {
+        let cells = (0..3).flat_map(|axis| (0..2).map(move |h| (axis, h)));
+        cells.map(|(axis, h)| self.log_ratios.iter().map(|cells| cells[axis][h]).collect::<Vec<f64>>()).any(|ratios| {
+            let worse = mean(&ratios);
+            worse > HARM && paired_p_value(&ratios).is_none_or(|p| p < CHANCE_OF_HARM)
+        })
+    }
+
+    /// Whether every axis is better at every horizon.
+    pub fn helps_everywhere(&self) -> bool {
+        (0..3).all(|axis| (0..2).all(|h| self.log_ratios.iter().map(|cells| cells[axis][h]).sum::<f64>() < 0.0))
+    }
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn errors(sideways: f64, vertical: impl Fn(usize) -> f64) -> Vec<AxisErrors> {
+        let rms = |i: usize| [[sideways; 2], [vertical(i); 2], [1.0; 2], [0.1; 2]];
+        (0..8).map(|i| AxisErrors { flight: i.to_string(), predictions: 10, rms: rms(i) }).collect()
+    }
+
+    #[test]
+    fn a_large_gain_on_one_axis_does_not_hide_harm_to_another() {
+        let before = errors(1.0, |_| 1.0);
+        let worse = Gain::new(&before, &errors(0.2, |i| 1.1 + 0.01 * i as f64));
+        assert!(worse.mean() < -0.4 && worse.harms() && !worse.helps_everywhere());
+        let chance = Gain::new(&before, &errors(0.2, |i| if i % 2 == 0 { 1.3 } else { 0.8 }));
+        assert!(!chance.harms());
+        let [sideways, vertical, tilt] = chance.by_axis();
+        assert!((sideways - 0.2_f64.ln()).abs() < 1e-12 && vertical.abs() < 0.1 && tilt == 0.0);
+    }
+}

@@ -1,0 +1,260 @@
+//! What a model lacks on recorded flights. Something always shakes a real vehicle, and a filter that may take everything for shaking finds no cause. So
+//! effects are fitted together with the numbers of the model and with what differs from flight to flight, and are taken or left by predictions of
+//! flights, or stretches of few flights, that the fit did not see. The flights of the test are looked at once, at the end.
+
+mod bench;
+mod gain;
+mod selection;
+
+use std::time::Instant;
+
+use crazyflie_env::config::numbers;
+use crazyflie_env::effects::{Entry, Geometry, Role, registry};
+use crazyflie_env::model::{Model, VerticalInput};
+
+use super::calibration::recorded::{FOREIGN_GAIN, SAME};
+use super::calibration::verdict::MOST_RIVALS;
+use super::errors::compare;
+use super::residual;
+use super::search::{Judged, Search};
+use super::signals;
+use super::verdict::{Estimate, Explanation, Finding, NumberEstimate, Verdict};
+use crate::FlightLog;
+use crate::estimate::IdentifyError;
+use crate::fit::flight::Flight;
+use crate::fit::hypothesis::{Hypothesis, Term};
+use crate::vehicle::{self, Trim};
+use bench::{Bench, FittedHypothesis, place_among_shared};
+use selection::{Selection, shared_terms};
+
+/// A log with its name.
+pub type NamedLog = (String, FlightLog);
+
+/// Explains what a model lacks on logs of real flights, driven by this vertical form. Also returns what each flight has of its own.
+///
+/// # Errors
+/// [`IdentifyError`]: logs that cannot be flown, hold one flight twice or do not go together.
+pub fn explain_recorded(
+    model: &Model,
+    fit: &[NamedLog],
+    test: &[NamedLog],
+    input: VerticalInput,
+    progress: &dyn Fn(&str),
+) -> Result<(Explanation, Vec<Trim>), IdentifyError> {
+    let began = Instant::now();
+    vehicle::refuse_duplicates(&fit.iter().chain(test).collect::<Vec<_>>())?;
+    let flights = |logs: &[NamedLog]| vehicle::prepare(model, Some(input), logs);
+    let (fitted_flights, tested) = (flights(fit)?, flights(test)?);
+    progress("the numbers of the model");
+    let mut bench = Bench::new(fitted_flights.clone());
+    let base = Base::new(model, fit, input, &mut bench)?;
+    let mut selection = Selection::new(&bench, base.fitted.clone()).ok_or_else(broken)?;
+    selection.extend(&bench, progress);
+    progress("effects that predictions do not miss");
+    selection.reduce(&bench);
+    selection.learn(&bench, progress);
+    progress("the test flights");
+    let completed = completed(&selection.fitted, &base, fit);
+    let flights = [fitted_flights, tested];
+    let (before, after) = rayon::join(|| Seen::new(&Hypothesis::of(model), flights.clone()), || Seen::new(&completed, flights.clone()));
+    let (before, after) = (before?, after?);
+    let findings: Vec<Finding> = selection.names().into_iter().filter_map(|name| finding(&bench, &base, &selection, &after, name)).collect();
+    Ok((explanation(findings, &base, selection, [&before, &after], completed, began), after.trims))
+}
+
+fn broken() -> IdentifyError {
+    IdentifyError::NoStart { what: "model".to_owned() }
+}
+
+/// Where the choice of effects begins: numbers fitted, what the model declares of effects opened.
+struct Base {
+    fitted: FittedHypothesis,
+    /// They gain so much that they are another vehicle's.
+    foreign: bool,
+    declared: Vec<(&'static Entry, Vec<f64>)>,
+    numbers_before: Vec<f64>,
+}
+
+impl Base {
+    fn new(model: &Model, logs: &[NamedLog], input: VerticalInput, bench: &mut Bench) -> Result<Self, IdentifyError> {
+        let (opened, declared) = opened(model);
+        let nuisance = if bench.flights.iter().all(|f| f.sees_true_attitude) { vehicle::nuisance_terms(input)? } else { Vec::new() };
+        let kept = Hypothesis { pushed: false, ..Hypothesis::of(&opened) };
+        let kept = nuisance.into_iter().chain(declared_terms(&declared)).fold(kept, |h, term| h.with(term));
+        let free = vehicle::visible(&opened, logs, input);
+        let own_hover = input == VerticalInput::Thrust && kept.terms.iter().any(|t| t.per_flight.is_some());
+        let free = if own_hover { vehicle::beside_hover(free) } else { free };
+        let says_effect = |path: &String| registry().iter().any(|e| e.model_number == Some(path.as_str()));
+        let mut refitted = Hypothesis { free: free.into_iter().filter(|path| !says_effect(path)).collect(), ..kept.clone() };
+        let windows = bench.windows().to_vec();
+        let (solution, _) = vehicle::fit(bench.flights_mut(), &windows, &mut refitted, &|| {}).ok_or_else(broken)?;
+        let refitted = bench.restarted(&refitted, solution);
+        // the declared model with the values of its effects, and what each flight has of its own
+        let mut as_declared = kept;
+        as_declared.terms.iter_mut().filter(|t| t.per_flight.is_none()).for_each(|t| t.free.clear());
+        let as_declared = bench.fit(&as_declared, &refitted);
+        let before = bench.left_out_errors(&as_declared).ok_or_else(broken)?;
+        let (gain, _) = bench.gain(&refitted, &before).ok_or_else(broken)?;
+        let numbers_before = refitted.hypothesis.free.iter().filter_map(|path| model.parameter(path).ok()).collect();
+        Ok(Base { foreign: gain.mean() < -FOREIGN_GAIN, fitted: refitted, declared, numbers_before })
+    }
+
+    /// The values that the model declares of an effect; those of "off" if it declares none.
+    fn declared_values(&self, entry: &Entry) -> Vec<f64> {
+        let known = self.declared.iter().find(|(e, _)| e.name == entry.name);
+        known.map_or_else(|| entry.params.iter().map(|p| p.off).collect(), |(_, values)| values.clone())
+    }
+}
+
+/// The model without effects that can be estimated anew, and these with their values; a number that says the same as an effect is one of these.
+fn opened(model: &Model) -> (Model, Vec<(&'static Entry, Vec<f64>)>) {
+    let (mut open, mut declared) = (model.clone(), Vec::new());
+    for entry in registry().iter().filter(|e| e.trace.is_expected() && e.geometry == Geometry::None) {
+        let given = model.effects.get(entry.name).map(|given| numbers(entry, given).iter().map(|n| n.fixed()).collect::<Option<Vec<f64>>>());
+        let number = entry.model_number.and_then(|path| Some((path, model.parameter(path).ok().filter(|v| *v != 0.0)?)));
+        let mut values: Vec<f64> = match given {
+            // a distribution is no value to start from
+            Some(None) => continue,
+            Some(Some(values)) => values,
+            None if number.is_some() => entry.params.iter().map(|p| p.off).collect(),
+            None => continue,
+        };
+        if let Some((path, value)) = number {
+            let Ok(without) = open.with_parameter(path, 0.0) else { continue };
+            open = without;
+            values[0] += value;
+        }
+        open.effects.remove(entry.name);
+        declared.push((entry, values));
+    }
+    (open, declared)
+}
+
+fn declared_terms(declared: &[(&'static Entry, Vec<f64>)]) -> Vec<Term> {
+    let term = |(entry, values): &(&'static Entry, Vec<f64>)| {
+        // a parameter that is off may belong to a variant that nobody asked for
+        let free = (0..values.len()).filter(|i| entry.params[*i].role == Role::Free && (*i == 0 || values[*i] != entry.params[*i].off));
+        Term { free: free.collect(), values: values.clone(), ..Term::off(entry) }
+    };
+    declared.iter().map(term).collect()
+}
+
+/// The hypothesis that all flights share, nothing free: numbers that were fitted say so.
+fn completed(fitted: &FittedHypothesis, base: &Base, logs: &[NamedLog]) -> Hypothesis {
+    let mut whole = fitted.hypothesis.clone();
+    whole.terms.retain(|term| term.per_flight.is_none());
+    let names: Vec<&str> = logs.iter().map(|(name, _)| name.as_str()).collect();
+    let source = format!("estimated beside the effects on {}", names.join(", "));
+    let moved: Vec<&String> = whole.free.iter().zip(&base.numbers_before).filter(|(p, was)| whole.model.parameter(p).ok() != Some(**was)).map(|(p, _)| p).collect();
+    let mut model = whole.model.clone();
+    for path in moved {
+        model = vehicle::with_source(&model, path, &source);
+    }
+    Hypothesis { model, pushed: true, ..whole }.fixed()
+}
+
+/// Flights as one model sees them, and what it makes of them.
+struct Seen {
+    fit: Vec<Flight>,
+    test: Vec<Flight>,
+    trims: Vec<Trim>,
+    judged: Judged,
+}
+
+impl Seen {
+    fn new(hypothesis: &Hypothesis, [mut fit, mut test]: [Vec<Flight>; 2]) -> Result<Self, IdentifyError> {
+        let trims = vehicle::settle_flights(&hypothesis.completed("for its trims"), &mut fit, &mut test)?;
+        let judged = Search::new(&fit).declared(hypothesis).ok_or_else(broken)?;
+        Ok(Seen { fit, test, trims, judged })
+    }
+}
+
+/// An effect that predictions would miss: its values, and what is lost without it.
+fn finding(bench: &Bench, base: &Base, selection: &Selection, after: &Seen, name: &'static str) -> Option<Finding> {
+    let hypothesis = &selection.fitted.hypothesis;
+    let term = shared_terms(hypothesis).find(|t| t.entry.name == name)?;
+    let (less, [sideways, vertical, tilt]) = selection.without(bench, name)?;
+    let sd = bench.deviations(&selection.fitted);
+    let declared = base.declared_values(term.entry);
+    let params = term.free.iter().zip(place_among_shared(hypothesis, name)).map(|(i, at)| {
+        let p = &term.entry.params[*i];
+        let stderr = sd.get(at).copied().unwrap_or(f64::NAN);
+        Estimate { name: p.name, value: term.values[*i], stderr, unit: p.unit, declared: declared[*i] }
+    });
+    let judge = Search::new(&after.test);
+    let loss = |at: &Hypothesis| {
+        let mut shared = at.clone();
+        shared.terms.retain(|t| t.per_flight.is_none());
+        judge.fit(&shared.fixed(), None, 8).loss
+    };
+    Some(Finding {
+        name,
+        params: params.collect(),
+        confusable_with: selection.rivals(bench, name),
+        manoeuvre: String::new(),
+        worth_fit: less.solution.loss - selection.fitted.solution.loss,
+        worth_test: loss(&less.hypothesis) - loss(hypothesis),
+        worth_by_signal: [sideways, vertical, tilt, 0.0],
+        with: Vec::new(),
+    })
+}
+
+/// Whether the model holds an effect already, at a value that these flights do not contradict.
+fn is_confirmed(base: &Base, finding: &Finding) -> bool {
+    let agrees = |p: &Estimate| (p.value - p.declared).abs() < SAME * p.stderr.max(0.02 * p.value.abs());
+    base.declared.iter().any(|(entry, _)| entry.name == finding.name) && finding.params.iter().all(agrees)
+}
+
+fn explanation(
+    findings: Vec<Finding>,
+    base: &Base,
+    selection: Selection,
+    [before, after]: [&Seen; 2],
+    completed: Hypothesis,
+    began: Instant,
+) -> Explanation {
+    let errors = compare(
+        (&before.judged.hypothesis, &before.judged.disturbances, &before.test),
+        (&completed, &after.judged.disturbances, &after.test),
+    );
+    let leftover = residual::leftovers(&after.fit, &after.test, &after.judged, None);
+    let (confirmed, named): (Vec<Finding>, Vec<Finding>) = findings.into_iter().partition(|f| is_confirmed(base, f));
+    let (partial, effects): (Vec<Finding>, Vec<Finding>) = named.into_iter().partition(|f| f.confusable_with.len() > MOST_RIVALS);
+    let verdict = match (selection.learned, effects.is_empty()) {
+        (true, true) => Verdict::Unexplained,
+        (true, false) => Verdict::PartlyExplained,
+        (false, false) => Verdict::Explained,
+        (false, true) if !partial.is_empty() => Verdict::NotDecidable,
+        (false, true) => Verdict::NothingMissing,
+    };
+    Explanation {
+        verdict,
+        signals: signals::signal_verdicts(&effects, &[], &errors, &after.judged.disturbances),
+        effects,
+        confirmed,
+        partial,
+        numbers: number_estimates(base, &selection),
+        foreign: base.foreign,
+        learned: selection.learned,
+        disturbances: [before.judged.disturbances, after.judged.disturbances],
+        declared: before.judged.hypothesis.clone(),
+        completed,
+        not_excited: Vec::new(),
+        path: selection.steps,
+        leftover,
+        errors,
+        seconds: began.elapsed().as_secs_f64(),
+    }
+}
+
+/// The numbers of the model, fitted beside the effects.
+fn number_estimates(base: &Base, selection: &Selection) -> Vec<NumberEstimate> {
+    let hypothesis = &selection.fitted.hypothesis;
+    let known = hypothesis.model.parameters();
+    let units = |path: &String| known.iter().find(|(p, ..)| p == path).map_or("", |(_, _, unit)| *unit);
+    let paths = hypothesis.free.iter().zip(&base.numbers_before);
+    let estimate = |(path, declared): (&String, &f64)| {
+        Some(NumberEstimate { path: path.clone(), declared: *declared, value: hypothesis.model.parameter(path).ok()?, unit: units(path) })
+    };
+    paths.filter_map(estimate).collect()
+}

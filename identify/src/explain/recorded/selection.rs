@@ -1,0 +1,186 @@
+//! Effects one at a time: proposed by the fit, taken or left by predictions of what was left out of it.
+
+use crazyflie_env::effects::{Entry, Trace, registry};
+use rayon::prelude::*;
+
+use super::bench::{Bench, FittedHypothesis, place_among_shared};
+use super::gain::Gain;
+use crate::axis_errors::AxisErrors;
+use crate::explain::calibration::recorded::{
+    CHANCE, CLEAR, LEAST_GAIN, LEAST_LEARNED_GAIN, MOST_EFFECTS, SHORTLIST, STARTS, STEPS_TO_PROPOSE,
+};
+use crate::explain::candidates::candidates;
+use crate::explain::verdict::{Ranked, Step};
+use crate::fit::hypothesis::{Hypothesis, Term};
+
+/// A hypothesis, how well it predicts what was left out, and how it came about.
+pub struct Selection {
+    pub fitted: FittedHypothesis,
+    pub errors: Vec<AxisErrors>,
+    pub steps: Vec<Step>,
+    /// By effect, others that would have been taken in its place.
+    alternatives: Vec<(&'static str, Vec<Term>)>,
+    /// The last effect was taken because it describes what has no name.
+    pub learned: bool,
+}
+
+/// What predictions say of one more effect.
+struct Trial {
+    entry: &'static Entry,
+    fitted: FittedHypothesis,
+    errors: Vec<AxisErrors>,
+    gain: Gain,
+}
+
+impl Trial {
+    fn new(bench: &Bench, entry: &'static Entry, hypothesis: &Hypothesis, now: &Selection) -> Option<Self> {
+        let fitted = bench.fit(hypothesis, &now.fitted);
+        let (gain, errors) = bench.gain(&fitted, &now.errors)?;
+        Some(Trial { entry, fitted, errors, gain })
+    }
+
+    /// Whether it helps beyond chance, given how many are looked at in a round, harms no axis, and its size is known.
+    fn is_worth_its_place(&self, bench: &Bench) -> bool {
+        self.gain.mean() < -LEAST_GAIN
+            && self.gain.p_value() < CHANCE / SHORTLIST as f64
+            && !self.gain.harms()
+            && clearance(bench, &self.fitted, self.entry.name) > CLEAR
+    }
+}
+
+/// Standard errors between "off" and the clearest parameter of an effect.
+fn clearance(bench: &Bench, fitted: &FittedHypothesis, effect: &str) -> f64 {
+    let sd = bench.deviations(fitted);
+    let Some(term) = fitted.hypothesis.terms.iter().find(|t| t.entry.name == effect) else { return 0.0 };
+    let places = place_among_shared(&fitted.hypothesis, effect);
+    let distance = |(i, at): (&usize, usize)| sd.get(at).map_or(0.0, |sd| (term.values[*i] - term.entry.params[*i].off).abs() / sd);
+    term.free.iter().zip(places).map(distance).filter(|d| d.is_finite()).fold(0.0, f64::max)
+}
+
+impl Selection {
+    /// Of a hypothesis without effects to choose.
+    pub fn new(bench: &Bench, fitted: FittedHypothesis) -> Option<Self> {
+        let errors = bench.left_out_errors(&fitted)?;
+        Some(Selection { fitted, errors, steps: Vec::new(), alternatives: Vec::new(), learned: false })
+    }
+
+    /// Names of the effects that all flights share.
+    pub fn names(&self) -> Vec<&'static str> {
+        shared_terms(&self.fitted.hypothesis).map(|t| t.entry.name).collect()
+    }
+
+    /// Effects join while predictions of what was left out get better.
+    pub fn extend(&mut self, bench: &Bench, progress: &dyn Fn(&str)) {
+        while self.names().len() < MOST_EFFECTS {
+            let names = self.names();
+            progress(&format!("candidates besides {}", if names.is_empty() { "nothing".into() } else { names.join(", ") }));
+            let proposals = self.proposals(bench);
+            self.steps.push(Step { effects: names, gain: 0.0, ranking: proposals.iter().map(|(gain, term)| ranked(*gain, term)).collect() });
+            let tries: Vec<&Term> = proposals.iter().take(SHORTLIST).map(|(_, term)| term).collect();
+            progress(&format!("predictions with {}", tries.iter().map(|t| t.entry.name).collect::<Vec<_>>().join(", ")));
+            let trials = tries.into_par_iter().filter_map(|term| {
+                Trial::new(bench, term.entry, &self.fitted.hypothesis.with(term.clone()), self)
+            });
+            let mut worthy: Vec<Trial> = trials.filter(|trial| trial.is_worth_its_place(bench)).collect();
+            worthy.sort_by(|a, b| a.gain.mean().total_cmp(&b.gain.mean()));
+            if worthy.is_empty() {
+                return;
+            }
+            let best = worthy.remove(0);
+            let other = |trial: &Trial| trial.fitted.hypothesis.terms.iter().find(|t| t.entry.name == trial.entry.name).cloned();
+            self.alternatives.push((best.entry.name, worthy.iter().filter_map(other).collect()));
+            (self.fitted, self.errors) = (best.fitted, best.errors);
+        }
+    }
+
+    /// Candidates with what the fit gains by each, the most first.
+    fn proposals(&self, bench: &Bench) -> Vec<(f64, Term)> {
+        let now = &self.fitted;
+        let base = bench.propose(&now.hypothesis, now, STEPS_TO_PROPOSE).solution.loss;
+        let starts: Vec<Term> = candidates(&now.hypothesis).into_iter().flat_map(|c| c.starts.into_iter().take(c.variants + STARTS)).collect();
+        let tried = starts.into_par_iter().map(|term| {
+            let tried = bench.propose(&now.hypothesis.with(term.clone()), now, STEPS_TO_PROPOSE);
+            let fitted = tried.hypothesis.terms.iter().find(|t| t.entry.name == term.entry.name).cloned().unwrap_or(term);
+            (base - tried.solution.loss, fitted)
+        });
+        let mut all: Vec<(f64, Term)> = tried.filter(|(gain, _)| gain.is_finite() && *gain > 0.0).collect();
+        all.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let mut best: Vec<(f64, Term)> = Vec::new();
+        for (gain, term) in all {
+            if best.iter().all(|(_, known)| known.entry.name != term.entry.name) {
+                best.push((gain, term));
+            }
+        }
+        best
+    }
+
+    /// Without effects that predictions do not miss, one at a time.
+    pub fn reduce(&mut self, bench: &Bench) {
+        loop {
+            let less = |name: &'static str| {
+                let entry = self.fitted.hypothesis.terms.iter().find(|t| t.entry.name == name)?.entry;
+                Trial::new(bench, entry, &self.fitted.hypothesis.without(name), self)
+            };
+            let trials = self.names().into_par_iter().filter_map(less);
+            // an effect is missed where predictions without it are worse, all in all or on one axis
+            let idle = trials.filter(|trial| (trial.gain.mean() < LEAST_GAIN || trial.gain.p_value() > CHANCE) && !trial.gain.harms());
+            let Some(least) = idle.min_by(|a, b| a.gain.mean().total_cmp(&b.gain.mean())) else { return };
+            self.alternatives.retain(|(name, _)| *name != least.entry.name);
+            (self.fitted, self.errors) = (least.fitted, least.errors);
+        }
+    }
+
+    /// A sparse term without a name, where it helps on every axis what was left out of the fit.
+    pub fn learn(&mut self, bench: &Bench, progress: &dyn Fn(&str)) {
+        let Some(entry) = registry().iter().find(|e| e.trace == Trace::StandIn) else { return };
+        progress("a term learned from the residual");
+        let mut term = Term::off(entry);
+        while !term.free.is_empty() {
+            let fitted = bench.fit(&self.fitted.hypothesis.with(term.clone()), &self.fitted);
+            let sd = bench.deviations(&fitted);
+            let Some(known) = fitted.hypothesis.terms.iter().find(|t| t.entry.name == entry.name) else { return };
+            let places = place_among_shared(&fitted.hypothesis, entry.name);
+            let clearances = known.free.iter().zip(places).map(|(i, at)| (*i, sd.get(at).map_or(0.0, |sd| known.values[*i].abs() / sd)));
+            let unclear: Vec<(usize, f64)> = clearances.filter(|(_, c)| c.is_nan() || *c < CLEAR).collect();
+            if unclear.is_empty() {
+                let Some((gain, errors)) = bench.gain(&fitted, &self.errors) else { return };
+                if gain.mean() < -LEAST_LEARNED_GAIN && gain.p_value() < CHANCE && gain.helps_everywhere() && !gain.harms() {
+                    (self.fitted, self.errors, self.learned) = (fitted, errors, true);
+                }
+                return;
+            }
+            // the least certain half goes at once: what it said falls to the others
+            let mut least = unclear;
+            least.sort_by(|a, b| a.1.total_cmp(&b.1));
+            least.truncate(least.len().div_ceil(2));
+            term = Term { free: known.free.iter().copied().filter(|i| least.iter().all(|(l, _)| l != i)).collect(), ..Term::off(entry) };
+        }
+    }
+
+    /// Effects that would do as well in the place of one.
+    pub fn rivals(&self, bench: &Bench, name: &str) -> Vec<&'static str> {
+        let others = self.alternatives.iter().find(|(known, _)| *known == name).map_or(&[][..], |(_, others)| others);
+        let absent = |term: &&Term| !self.fitted.hypothesis.has(term.entry.name);
+        let trials = others.par_iter().filter(absent).filter_map(|term| {
+            Trial::new(bench, term.entry, &self.fitted.hypothesis.without(name).with(term.clone()), self)
+        });
+        trials.filter(|trial| trial.gain.mean() < LEAST_GAIN || trial.gain.p_value() > CHANCE).map(|trial| trial.entry.name).collect()
+    }
+
+    /// What predictions lose without an effect, by axis, and the hypothesis without it.
+    pub fn without(&self, bench: &Bench, name: &'static str) -> Option<(FittedHypothesis, [f64; 3])> {
+        let entry = self.fitted.hypothesis.terms.iter().find(|t| t.entry.name == name)?.entry;
+        let less = Trial::new(bench, entry, &self.fitted.hypothesis.without(name), self)?;
+        let lost = less.gain.by_axis();
+        Some((less.fitted, lost))
+    }
+}
+
+/// The effects that all flights share.
+pub fn shared_terms(hypothesis: &Hypothesis) -> impl Iterator<Item = &Term> {
+    hypothesis.terms.iter().filter(|t| t.per_flight.is_none() && !t.free.is_empty())
+}
+
+fn ranked(gain: f64, term: &Term) -> Ranked {
+    Ranked { name: term.entry.name, gain, stderr: Vec::new() }
+}
