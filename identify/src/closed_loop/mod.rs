@@ -6,6 +6,7 @@ mod firmware;
 use crazyflie_env::config::{EffectParams, EffectTable, Number};
 use crazyflie_env::control::pid::{Gains, Pid};
 use crazyflie_env::control::{Law, Mode};
+use crazyflie_env::effects::Reading;
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::{Interface, Setpoint, observe};
 use crazyflie_env::plant::Command;
@@ -20,6 +21,9 @@ use crate::replay::ReplayError;
 /// Frames that arrive later than this after they were taken (s) came from a camera.
 const LATENCY_S: f64 = 0.005;
 const ROUNDING_S: f64 = 1e-6;
+/// A controller that gives this share of the commands is the one that flew: of another's commands, the thesis PID and the firmware's cascade give less than
+/// nothing or hardly anything.
+const LEAST_ALIKE: f64 = 0.5;
 
 /// A recorded flight and the one that a controller is predicted to fly along its set-points, at the times of the recorded positions.
 #[derive(Debug, Clone, PartialEq)]
@@ -69,6 +73,80 @@ pub enum Controller {
     Firmware,
 }
 
+impl Controller {
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Thesis => "thesis PID",
+            Self::Firmware => "firmware's cascade",
+        }
+    }
+
+    /// The controller that flew, by its logged commands for roll and pitch: told the measured states and the set-points, it gives most of them. `None`
+    /// if none does, or the log holds no set-points.
+    ///
+    /// # Errors
+    /// [`ReplayError`] if the model cannot be flown.
+    pub fn recognise(model: &Model, log: &FlightLog, flight: &Flight) -> Result<Option<Self>, ReplayError> {
+        let mut best = (LEAST_ALIKE, None);
+        for controller in [Self::Thesis, Self::Firmware] {
+            let alike = likeness(model, log, flight, controller)?.unwrap_or(f64::NEG_INFINITY);
+            if alike > best.0 {
+                best = (alike, Some(controller));
+            }
+        }
+        Ok(best.1)
+    }
+}
+
+/// Share of the squared roll and pitch commands of a flight, in their mean over both, that a controller gives on the measured states.
+fn likeness(model: &Model, log: &FlightLog, flight: &Flight, controller: Controller) -> Result<Option<f64>, ReplayError> {
+    let Some(targets) = Targets::of(log) else { return Ok(None) };
+    let mut pilot = Pilot::new(model, log, flight)?;
+    let first = ((targets.first_s - flight.start_s).max(0.0) / flight.tick_s).ceil() as usize;
+    let (mut left, mut all) = (0.0, 0.0);
+    for tick in first..flight.ticks {
+        let state = with_lags(model, flight.input, *flight.start(tick));
+        let t_s = tick as f64 * flight.tick_s;
+        let (pos_m, yaw_rad) = targets.at(flight.start_s + t_s, state.att_rad[2]);
+        let flown = flight.command(tick as isize);
+        let reading = pilot.world.start(0, true, &state, flown);
+        let given = pilot.command(controller, &reading, t_s, &Setpoint { pos_m, yaw_rad });
+        left += (given.roll_rad - flown.roll_rad).powi(2) + (given.pitch_rad - flown.pitch_rad).powi(2);
+        all += flown.roll_rad.powi(2) + flown.pitch_rad.powi(2);
+    }
+    Ok((all > 0.0).then(|| 1.0 - left / all))
+}
+
+/// Controllers with the world that they steer.
+struct Pilot {
+    world: World<f64>,
+    interface: Interface,
+    pid: Pid<f64>,
+    firmware: Firmware,
+    action: [f64; 4],
+}
+
+impl Pilot {
+    fn new(model: &Model, log: &FlightLog, flight: &Flight) -> Result<Self, ReplayError> {
+        let world = World::<f64>::new(model, &sight(log, model), Settings { input: flight.input, physics_hz: None }, 1)?;
+        let interface = Interface::of(model, flight.input)?;
+        let (tick_s, hover) = (world.tick_s(), interface.hover_lift);
+        let pid = Pid::<f64>::new(Gains::THESIS.for_hover(hover), interface, tick_s, Mode::Automatic);
+        let firmware = Firmware::new(tick_s, hover, interface.yaw_sign);
+        Ok(Pilot { world, interface, pid, firmware, action: [0.0; 4] })
+    }
+
+    fn command(&mut self, controller: Controller, reading: &Reading<f64>, t_s: f64, setpoint: &Setpoint<f64>) -> Command<f64> {
+        match controller {
+            Controller::Thesis => {
+                self.action = self.pid.act(&observe(reading, t_s, setpoint, &self.action));
+                self.interface.command(&self.action)
+            }
+            Controller::Firmware => self.firmware.command(self.world.state(0), setpoint),
+        }
+    }
+}
+
 /// Flies a controller on a model along the set-points of a log, from the state in which the recorded flight begins. Where positions came late, as
 /// from a camera, the thesis PID sees 30 frames a second that late. `None` if the log holds no set-points, or the firmware is asked for other commands
 /// than thrust.
@@ -77,33 +155,24 @@ pub enum Controller {
 /// [`ReplayError`] if the model cannot be flown.
 pub fn follow(model: &Model, log: &FlightLog, flight: &Flight, controller: Controller) -> Result<Option<Tracking>, ReplayError> {
     let Some(targets) = Targets::of(log) else { return Ok(None) };
-    let mut world = World::<f64>::new(model, &sight(log, model), Settings { input: flight.input, physics_hz: None }, 1)?;
-    let interface = Interface::of(model, flight.input)?;
-    let (tick_s, hover) = (world.tick_s(), interface.hover_lift);
+    let mut pilot = Pilot::new(model, log, flight)?;
+    let interface = pilot.interface;
+    let tick_s = pilot.world.tick_s();
     let first = ((targets.first_s - flight.start_s).max(0.0) / flight.tick_s).ceil() as usize;
     if first >= flight.ticks || (controller == Controller::Firmware && !interface.input.is_pwm()) {
         return Ok(None);
     }
     let start = with_lags(model, flight.input, *flight.start(first));
     let offset_s = first as f64 * flight.tick_s;
-    let lift = if interface.input.is_pwm() { hover } else { start.pos_m[2] };
-    let mut reading = world.start(0, true, &start, &Command { roll_rad: 0.0, pitch_rad: 0.0, yaw_rate_radps: 0.0, lift });
-    let mut pid = Pid::<f64>::new(Gains::THESIS.for_hover(hover), interface, tick_s, Mode::Automatic);
-    let mut firmware = Firmware::new(tick_s, hover, interface.yaw_sign);
-    let (mut positions, mut action) = (vec![start.pos_m], [0.0; 4]);
+    let lift = if interface.input.is_pwm() { interface.hover_lift } else { start.pos_m[2] };
+    let mut reading = pilot.world.start(0, true, &start, &Command { roll_rad: 0.0, pitch_rad: 0.0, yaw_rate_radps: 0.0, lift });
+    let mut positions = vec![start.pos_m];
     for tick in 0..((flight.ticks as f64 * flight.tick_s - offset_s) / tick_s + ROUNDING_S) as usize {
         let t_s = tick as f64 * tick_s;
         let (pos_m, yaw_rad) = targets.at(flight.start_s + offset_s + t_s, start.att_rad[2]);
-        let setpoint = Setpoint { pos_m, yaw_rad };
-        let command = match controller {
-            Controller::Thesis => {
-                action = pid.act(&observe(&reading, t_s, &setpoint, &action));
-                interface.command(&action)
-            }
-            Controller::Firmware => firmware.command(world.state(0), &setpoint),
-        };
-        reading = world.step(0, &command).reading;
-        positions.push(world.state(0).pos_m);
+        let command = pilot.command(controller, &reading, t_s, &Setpoint { pos_m, yaw_rad });
+        reading = pilot.world.step(0, &command).reading;
+        positions.push(pilot.world.state(0).pos_m);
     }
     Ok(Some(compare(flight, &targets, offset_s, tick_s, &positions)))
 }

@@ -87,6 +87,7 @@ pub fn explain(model: &Model, fit: &[Flight], test: &[Flight], progress: &dyn Fn
         signals: signals::signal_verdicts(&completed.effects, &residual.leftover, &completed.errors, &completed.disturbances),
         effects: completed.effects,
         confirmed: Vec::new(),
+        needless: Vec::new(),
         numbers: Vec::new(),
         foreign: false,
         partial: completed.partial,

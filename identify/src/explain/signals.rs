@@ -41,7 +41,7 @@ impl Signal {
     }
 
     /// Size and unit of what still shakes the signal.
-    fn disturbance(self, disturbances: &Disturbances) -> (f64, &'static str) {
+    pub fn disturbance(self, disturbances: &Disturbances) -> (f64, &'static str) {
         match self {
             Signal::Sideways => (disturbances.force.sigma, "m/s^2"),
             Signal::Vertical => (disturbances.lift.sigma, "m/s^2"),

@@ -123,6 +123,8 @@ pub struct Explanation {
     pub partial: Vec<Finding>,
     /// Effects that the declared model holds, needs, and holds at the right values. Only looked for on flights of real vehicles.
     pub confirmed: Vec<Finding>,
+    /// Effects that the declared model holds and predictions do not miss: the completed model is without them.
+    pub needless: Vec<&'static str>,
     /// Numbers of the model that were fitted with the effects. Only on flights of real vehicles.
     pub numbers: Vec<NumberEstimate>,
     /// New numbers alone predict so much better that the declared ones are another vehicle's.

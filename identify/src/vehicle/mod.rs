@@ -20,8 +20,8 @@ use crazyflie_logs::first_duplicate;
 
 pub use choice::visible;
 pub(crate) use choice::with_source;
-pub(crate) use nuisance::{settled_on_start, terms as nuisance_terms};
 pub use nuisance::{SETTLE_S, Trim, settle_flights};
+pub(crate) use nuisance::{settled_on_start, terms as nuisance_terms};
 use predict::{Rows, compare, rows};
 
 /// The noise of each output, and how much flights differ, are found beside the numbers.

@@ -25,6 +25,13 @@ pub(super) fn print(run: &Run, written: &[PathBuf], out: &mut dyn Write) -> Outc
             effects(found).plain()
         )?;
     }
+    if !found.confirmed.is_empty() {
+        let names: Vec<&str> = found.confirmed.iter().map(|e| e.name).collect();
+        writeln!(out, "the model holds already, and needs: {}", names.join(", "))?;
+    }
+    if !found.needless.is_empty() {
+        writeln!(out, "the model holds, and predictions do not miss: {}", found.needless.join(", "))?;
+    }
     for number in &found.numbers {
         writeln!(out, "{} {} -> {} {}", number.path, significant(number.declared, 4), significant(number.value, 4), number.unit)?;
     }

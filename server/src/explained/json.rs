@@ -33,12 +33,13 @@ pub(crate) fn as_json(run: &Run, files: &Value) -> Value {
         "totals": super::totals(run).iter().map(|(path, value, stderr, unit)| json!({"number": path, "value": value, "stderr": stderr, "unit": unit})).collect::<Vec<_>>(),
         "partial": found.partial.iter().map(effect).collect::<Vec<_>>(),
         "confirmed": found.confirmed.iter().map(effect).collect::<Vec<_>>(),
+        "needless": found.needless,
         "numbers": found.numbers,
         "foreign": found.foreign,
         "learned": found.learned,
         "error": {"before": table(&errors.before), "after": table(&errors.after), "naive": table(&errors.naive), "p_value": table(&errors.p_value),
             "axes": axes(&errors.axes)},
-        "closed_loop": run.closed_loop.map(|[before, after]| json!({"controller": "thesis PID", "before": before, "after": after})),
+        "closed_loop": run.closed_loop.map(|(controller, [before, after])| json!({"controller": controller.name(), "before": before, "after": after})),
         "leftover": found.leftover,
         "not_excited": not_excited(found),
         "disturbances": {"before": before, "after": after},
@@ -59,7 +60,10 @@ pub(crate) fn verdict_name(verdict: Verdict) -> &'static str {
 }
 
 fn effect(effect: &Finding) -> Value {
-    let params = effect.params.iter().map(|p| (p.name.to_owned(), json!({"value": p.value, "stderr": p.stderr, "unit": p.unit, "declared": p.declared})));
+    let params = effect
+        .params
+        .iter()
+        .map(|p| (p.name.to_owned(), json!({"value": p.value, "stderr": p.stderr, "unit": p.unit, "declared": p.declared})));
     json!({"name": effect.name, "params": params.collect::<Map<_, _>>(), "confusable_with": effect.confusable_with,
         "manoeuvre": effect.manoeuvre, "worth": {"fit": effect.worth_fit, "test": effect.worth_test},
         "with": effect.with.iter().map(self::effect).collect::<Vec<_>>()})

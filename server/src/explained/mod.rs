@@ -176,8 +176,8 @@ pub(crate) struct Run {
     /// What each flight has of its own and was taken out of it; empty where trims are what one looks for.
     pub trims: Vec<Trim>,
     pub found: Explanation,
-    /// The thesis PID along the set-points of the test flights, on the declared and on the completed model; `None` where no log holds any.
-    pub closed_loop: Option<[Distances; 2]>,
+    /// The controller that flew, along the set-points of the test flights, on the declared and on the completed model; `None` where it is not known.
+    pub closed_loop: Option<(Controller, [Distances; 2])>,
 }
 
 impl Run {
@@ -210,17 +210,27 @@ impl Run {
         Ok(Run { closed_loop: run.fly_closed_loop()?, ..run })
     }
 
-    fn fly_closed_loop(&self) -> Result<Option<[Distances; 2]>, ExplainError> {
+    fn fly_closed_loop(&self) -> Result<Option<(Controller, [Distances; 2])>, ExplainError> {
         let (completed, _) = self.completed()?;
-        let of = |model: &Model| -> Result<Vec<Tracking>, ExplainError> {
-            let flown = self.test.named().map(|(source, flight)| {
-                let problem = |why| ExplainError::Flight { file: source.file.clone(), model: model.name.clone(), source: Box::new(why) };
-                follow(model, &source.log, flight, Controller::Thesis).map_err(problem)
-            });
+        let problem = |source: &Source, model: &Model| {
+            let (file, model) = (source.file.clone(), model.name.clone());
+            move |why| ExplainError::Flight { file, model, source: Box::new(why) }
+        };
+        let recognised = self
+            .test
+            .named()
+            .map(|(source, flight)| Controller::recognise(&self.model, &source.log, flight).map_err(problem(source, &self.model)));
+        let recognised: Vec<Option<Controller>> = recognised.collect::<Result<_, _>>()?;
+        let Some(controller) = recognised.first().copied().flatten().filter(|first| recognised.iter().all(|c| c == &Some(*first))) else {
+            return Ok(None);
+        };
+        let tracked = |model: &Model| -> Result<Vec<Tracking>, ExplainError> {
+            let flown =
+                self.test.named().map(|(source, flight)| follow(model, &source.log, flight, controller).map_err(problem(source, model)));
             flown.filter_map(Result::transpose).collect()
         };
-        let (before, after) = (of(&self.model)?, of(&completed)?);
-        Ok((!before.is_empty()).then(|| [Distances::of(&before), Distances::of(&after)]))
+        let (before, after) = (tracked(&self.model)?, tracked(&completed)?);
+        Ok((!before.is_empty()).then(|| (controller, [Distances::of(&before), Distances::of(&after)])))
     }
 
     /// The PWM at which the flights hover and the one at which the model does, where they differ by more than flights of one vehicle do.

@@ -46,7 +46,10 @@ pub(crate) fn unit(unit: &str) -> String {
 }
 
 pub(crate) fn estimate(e: &Estimate) -> String {
-    format!("{} {}{}", e.name, with_error(e.value, e.stderr), unit(e.unit))
+    // most effects are off at zero, and an effect that the model lacks is off
+    let declared =
+        if e.declared == 0.0 || e.declared == 1.0 { String::new() } else { format!(" (declared {})", significant(e.declared, 3)) };
+    format!("{} {}{}{declared}", e.name, with_error(e.value, e.stderr), unit(e.unit))
 }
 
 /// Words joined as in a sentence.
@@ -74,14 +77,16 @@ fn told(effect: &Finding) -> String {
 
 /// That the model is of another vehicle, and what to do about it, where its flights say so.
 pub(crate) fn foreign_line(run: &Run) -> Option<String> {
-    let [flown, declared] = run.foreign_hover_pwm()?;
+    let reason = match run.foreign_hover_pwm() {
+        Some([flown, declared]) => format!("it hovers at {} PWM, the model at {}", number(flown, 0), number(declared, 0)),
+        None if run.found.foreign => "numbers fitted to its flights alone predict far better".to_owned(),
+        None => return None,
+    };
     let logs: Vec<&str> = run.fit.sources.iter().map(|source| source.file.as_str()).collect();
     Some(format!(
-        "The numbers of the model {} are not this vehicle's: it hovers at {} PWM, the model at {}. Identify it first, then explain what that model lacks:\n  \
+        "The numbers of the model {} are not this vehicle's: {reason}. Identify it first, then explain what that model lacks:\n  \
          crazyflie identify --fit {} --out mine.toml",
         run.model.name,
-        number(flown, 0),
-        number(declared, 0),
         logs.join(" ")
     ))
 }
@@ -119,6 +124,9 @@ pub(crate) fn sentence(found: &Explanation) -> String {
         format!(" These lower the errors on the test flights but do not account for it: {partial}.")
     };
     match found.verdict {
+        Verdict::NotDecidable if found.foreign => {
+            "Not decidable: the numbers of the declared model are not this vehicle's, and beside its own no effect stands out.".into()
+        }
         Verdict::Explained => format!("Explained: the declared model lacks {effects}."),
         Verdict::NothingMissing => "Nothing is missing: the declared model accounts for these flights.".into(),
         Verdict::NotDecidable => "Not decidable: something is missing, but these flights do not tell which effect it is.".into(),
@@ -162,11 +170,12 @@ pub(crate) fn change_percent(before: f64, after: f64) -> Option<f64> {
 
 /// How well the closed loop is predicted, in words.
 pub(crate) fn closed_loop_line(run: &super::Run) -> Option<String> {
-    let [before, after] = run.closed_loop?;
+    let (controller, [before, after]) = run.closed_loop?;
     let cm = |m: f64| significant(100.0 * m, 3);
     Some(format!(
-        "closed loop: the thesis PID along the set-points of the test flights comes within {} cm of where they were flown on the declared model, {} cm on \
+        "closed loop: the {} along the set-points of the test flights comes within {} cm of where they were flown on the declared model, {} cm on \
          the completed one (the set-points themselves: {} cm); its tracking error is predicted as {} and {} cm, it was {} cm",
+        controller.name(),
         cm(before.predicted_m),
         cm(after.predicted_m),
         cm(before.measured_tracking_m),

@@ -123,7 +123,10 @@ pub(crate) fn tell(data: &Path, quick: bool, progress: &dyn Fn(&str)) -> Result<
     let explained = last.hypothesis.fixed();
     progress("the test flights");
     let dx = noise::tune(&fitted_trim[0], &explained, Some(&d));
-    let errors = [errors::compare((&thesis, &d, &judged), (&again, &d, &judged)), errors::compare((&trimmed, &d, &judged_trim), (&explained, &dx, &judged_trim))];
+    let errors = [
+        errors::compare((&thesis, &d, &judged), (&again, &d, &judged)),
+        errors::compare((&trimmed, &d, &judged_trim), (&explained, &dx, &judged_trim)),
+    ];
     let force_mps2 = [
         force::error(&judged, &thesis),
         force::error(&judged, &again),

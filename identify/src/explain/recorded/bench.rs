@@ -7,7 +7,9 @@ use rayon::prelude::*;
 
 use super::gain::Gain;
 use crate::axis_errors::{AxisErrors, HORIZONS_S, stretch_errors};
-use crate::explain::calibration::recorded::{FLIGHTS_TO_LEAVE_OUT, FOLDS, STEPS, STEPS_WITHOUT_A_FOLD, STRETCH_WINDOWS, WINDOWS_TO_PROPOSE};
+use crate::explain::calibration::recorded::{
+    FLIGHTS_TO_LEAVE_OUT, FLIGHTS_TO_TEST, FOLDS, STEPS, STEPS_WITHOUT_A_FOLD, STRETCH_WINDOWS, WINDOWS_TO_PROPOSE,
+};
 use crate::fit::flight::{Flight, WINDOW_S, Window};
 use crate::fit::hypothesis::{Hypothesis, Term};
 use crate::fit::predict::Prediction;
@@ -48,16 +50,15 @@ impl Bench {
         let (mut windows, mut folds, mut stretches) = (Vec::new(), Vec::new(), Vec::new());
         for (i, flight) in flights.iter().enumerate() {
             let own = flight.windows(i, WINDOW_S);
-            if by_flight {
-                folds.extend(own.iter().map(|_| i % FOLDS));
-                let first = (SETTLE_S / flight.tick_s).round() as usize;
-                stretches.push(Stretch { flight: i, ticks: first.min(flight.ticks)..flight.ticks, fold: i % FOLDS });
-            } else {
-                for (k, part) in own.chunks(STRETCH_WINDOWS).enumerate() {
-                    folds.extend(part.iter().map(|_| k % FOLDS));
-                    let ticks = part[0].ticks.start..part[part.len() - 1].ticks.end;
-                    stretches.push(Stretch { flight: i, ticks, fold: k % FOLDS });
-                }
+            let settled = (SETTLE_S / flight.tick_s).round() as usize;
+            // few flights are too few for a test over flights: their stretches take their place
+            let length = if flights.len() < FLIGHTS_TO_TEST { STRETCH_WINDOWS } else { own.len() };
+            for (k, part) in own.chunks(length).enumerate() {
+                let fold = if by_flight { i } else { k } % FOLDS;
+                folds.extend(part.iter().map(|_| fold));
+                let first = part[0].ticks.start.max(if by_flight { settled } else { 0 });
+                let end = part[part.len() - 1].ticks.end;
+                stretches.push(Stretch { flight: i, ticks: first.min(end)..end, fold });
             }
             windows.extend(own);
         }
@@ -94,7 +95,13 @@ impl Bench {
         self.fit_windows(hypothesis, from, &|w| w % every == 0, steps)
     }
 
-    fn fit_windows(&self, hypothesis: &Hypothesis, from: &FittedHypothesis, takes: &dyn Fn(usize) -> bool, steps: usize) -> FittedHypothesis {
+    fn fit_windows(
+        &self,
+        hypothesis: &Hypothesis,
+        from: &FittedHypothesis,
+        takes: &dyn Fn(usize) -> bool,
+        steps: usize,
+    ) -> FittedHypothesis {
         let windows: Vec<Window> = self.windows.iter().enumerate().filter(|(w, _)| takes(*w)).map(|(_, window)| window.clone()).collect();
         let prediction = Prediction { flights: &self.flights, windows: &windows, hypothesis, inflation: 1.0 };
         let each: Vec<Vec<f64>> = from.each.iter().map(|numbers| carried(&from.hypothesis, numbers, hypothesis)).collect();

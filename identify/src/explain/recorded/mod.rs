@@ -11,21 +11,23 @@ use std::time::Instant;
 use crazyflie_env::config::numbers;
 use crazyflie_env::effects::{Entry, Geometry, Role, registry};
 use crazyflie_env::model::{Model, VerticalInput};
+use rayon::prelude::*;
 
-use super::calibration::recorded::{FOREIGN_GAIN, SAME};
+use super::calibration::recorded::{FOREIGN_GAIN, LEAST_GAIN, SAME, STEPS};
 use super::calibration::verdict::MOST_RIVALS;
-use super::errors::compare;
+use super::errors::{Errors, compare};
 use super::residual;
 use super::search::{Judged, Search};
-use super::signals;
+use super::signals::{Signal, SignalState, SignalVerdict, explained_share};
 use super::verdict::{Estimate, Explanation, Finding, NumberEstimate, Verdict};
 use crate::FlightLog;
 use crate::estimate::IdentifyError;
+use crate::fit::filter::Disturbances;
 use crate::fit::flight::Flight;
 use crate::fit::hypothesis::{Hypothesis, Term};
 use crate::vehicle::{self, Trim};
 use bench::{Bench, FittedHypothesis, place_among_shared};
-use selection::{Selection, shared_terms};
+use selection::{Selection, is_missed, shared_terms};
 
 /// A log with its name.
 pub type NamedLog = (String, FlightLog);
@@ -58,7 +60,8 @@ pub fn explain_recorded(
     let flights = [fitted_flights, tested];
     let (before, after) = rayon::join(|| Seen::new(&Hypothesis::of(model), flights.clone()), || Seen::new(&completed, flights.clone()));
     let (before, after) = (before?, after?);
-    let findings: Vec<Finding> = selection.names().into_iter().filter_map(|name| finding(&bench, &base, &selection, &after, name)).collect();
+    let findings: Vec<Finding> =
+        selection.names().into_iter().filter_map(|name| finding(&bench, &base, &selection, &flights[1], name)).collect();
     Ok((explanation(findings, &base, selection, [&before, &after], completed, began), after.trims))
 }
 
@@ -99,6 +102,10 @@ impl Base {
         Ok(Base { foreign: gain.mean() < -FOREIGN_GAIN, fitted: refitted, declared, numbers_before })
     }
 
+    fn declares(&self, effect: &str) -> bool {
+        self.declared.iter().any(|(entry, _)| entry.name == effect)
+    }
+
     /// The values that the model declares of an effect; those of "off" if it declares none.
     fn declared_values(&self, entry: &Entry) -> Vec<f64> {
         let known = self.declared.iter().find(|(e, _)| e.name == entry.name);
@@ -110,7 +117,8 @@ impl Base {
 fn opened(model: &Model) -> (Model, Vec<(&'static Entry, Vec<f64>)>) {
     let (mut open, mut declared) = (model.clone(), Vec::new());
     for entry in registry().iter().filter(|e| e.trace.is_expected() && e.geometry == Geometry::None) {
-        let given = model.effects.get(entry.name).map(|given| numbers(entry, given).iter().map(|n| n.fixed()).collect::<Option<Vec<f64>>>());
+        let given =
+            model.effects.get(entry.name).map(|given| numbers(entry, given).iter().map(|n| n.fixed()).collect::<Option<Vec<f64>>>());
         let number = entry.model_number.and_then(|path| Some((path, model.parameter(path).ok().filter(|v| *v != 0.0)?)));
         let mut values: Vec<f64> = match given {
             // a distribution is no value to start from
@@ -145,7 +153,13 @@ fn completed(fitted: &FittedHypothesis, base: &Base, logs: &[NamedLog]) -> Hypot
     whole.terms.retain(|term| term.per_flight.is_none());
     let names: Vec<&str> = logs.iter().map(|(name, _)| name.as_str()).collect();
     let source = format!("estimated beside the effects on {}", names.join(", "));
-    let moved: Vec<&String> = whole.free.iter().zip(&base.numbers_before).filter(|(p, was)| whole.model.parameter(p).ok() != Some(**was)).map(|(p, _)| p).collect();
+    let moved: Vec<&String> = whole
+        .free
+        .iter()
+        .zip(&base.numbers_before)
+        .filter(|(p, was)| whole.model.parameter(p).ok() != Some(**was))
+        .map(|(p, _)| p)
+        .collect();
     let mut model = whole.model.clone();
     for path in moved {
         model = vehicle::with_source(&model, path, &source);
@@ -169,11 +183,12 @@ impl Seen {
     }
 }
 
-/// An effect that predictions would miss: its values, and what is lost without it.
-fn finding(bench: &Bench, base: &Base, selection: &Selection, after: &Seen, name: &'static str) -> Option<Finding> {
+/// An effect with its values and what is lost without it, if predictions would miss it.
+fn finding(bench: &Bench, base: &Base, selection: &Selection, test: &[Flight], name: &'static str) -> Option<Finding> {
     let hypothesis = &selection.fitted.hypothesis;
     let term = shared_terms(hypothesis).find(|t| t.entry.name == name)?;
-    let (less, [sideways, vertical, tilt]) = selection.without(bench, name)?;
+    let (less, lost) = selection.without(bench, name).filter(|(_, lost)| is_missed(lost))?;
+    let [sideways, vertical, tilt] = lost.by_axis();
     let sd = bench.deviations(&selection.fitted);
     let declared = base.declared_values(term.entry);
     let params = term.free.iter().zip(place_among_shared(hypothesis, name)).map(|(i, at)| {
@@ -181,28 +196,32 @@ fn finding(bench: &Bench, base: &Base, selection: &Selection, after: &Seen, name
         let stderr = sd.get(at).copied().unwrap_or(f64::NAN);
         Estimate { name: p.name, value: term.values[*i], stderr, unit: p.unit, declared: declared[*i] }
     });
-    let judge = Search::new(&after.test);
-    let loss = |at: &Hypothesis| {
-        let mut shared = at.clone();
-        shared.terms.retain(|t| t.per_flight.is_none());
-        judge.fit(&shared.fixed(), None, 8).loss
-    };
     Some(Finding {
         name,
         params: params.collect(),
         confusable_with: selection.rivals(bench, name),
         manoeuvre: String::new(),
         worth_fit: less.solution.loss - selection.fitted.solution.loss,
-        worth_test: loss(&less.hypothesis) - loss(hypothesis),
+        worth_test: loss_on_unseen(&less.hypothesis, test) - loss_on_unseen(hypothesis, test),
         worth_by_signal: [sideways, vertical, tilt, 0.0],
         with: Vec::new(),
     })
 }
 
+/// Negative log-likelihood of flights that were not fitted, what each has of its own found from its start.
+fn loss_on_unseen(hypothesis: &Hypothesis, flights: &[Flight]) -> f64 {
+    let open = vehicle::unsettled(hypothesis);
+    let loss = |flight: &Flight| {
+        let own = vehicle::settled_on_start(&open, flight);
+        Search::new(std::slice::from_ref(flight)).fit(&own, None, STEPS).loss
+    };
+    flights.par_iter().map(loss).sum()
+}
+
 /// Whether the model holds an effect already, at a value that these flights do not contradict.
 fn is_confirmed(base: &Base, finding: &Finding) -> bool {
     let agrees = |p: &Estimate| (p.value - p.declared).abs() < SAME * p.stderr.max(0.02 * p.value.abs());
-    base.declared.iter().any(|(entry, _)| entry.name == finding.name) && finding.params.iter().all(agrees)
+    base.declares(finding.name) && finding.params.iter().all(agrees)
 }
 
 fn explanation(
@@ -224,14 +243,15 @@ fn explanation(
         (true, true) => Verdict::Unexplained,
         (true, false) => Verdict::PartlyExplained,
         (false, false) => Verdict::Explained,
-        (false, true) if !partial.is_empty() => Verdict::NotDecidable,
+        (false, true) if !partial.is_empty() || base.foreign => Verdict::NotDecidable,
         (false, true) => Verdict::NothingMissing,
     };
     Explanation {
         verdict,
-        signals: signals::signal_verdicts(&effects, &[], &errors, &after.judged.disturbances),
+        signals: signal_verdicts(&effects, selection.learned, &errors, &after.judged.disturbances),
         effects,
         confirmed,
+        needless: base.declared.iter().map(|(entry, _)| entry.name).filter(|name| !completed.has(name)).collect(),
         partial,
         numbers: number_estimates(base, &selection),
         foreign: base.foreign,
@@ -245,6 +265,22 @@ fn explanation(
         errors,
         seconds: began.elapsed().as_secs_f64(),
     }
+}
+
+/// A signal is explained where effects that were named are missed by its predictions.
+fn signal_verdicts(effects: &[Finding], learned: bool, errors: &Errors, disturbances: &Disturbances) -> Vec<SignalVerdict> {
+    let verdict = |signal: Signal| {
+        let named = effects.iter().any(|e| e.worth_by_signal[signal as usize] > LEAST_GAIN);
+        let state = match (named, learned && signal != Signal::Yaw) {
+            (true, false) => SignalState::Explained,
+            (true, true) => SignalState::PartlyExplained,
+            (false, true) => SignalState::Unexplained,
+            (false, false) => SignalState::NothingMissing,
+        };
+        let (left, left_unit) = signal.disturbance(disturbances);
+        SignalVerdict { signal, state, explained_share: explained_share(errors, signal), left, left_unit }
+    };
+    Signal::ALL.into_iter().map(verdict).collect()
 }
 
 /// The numbers of the model, fitted beside the effects.

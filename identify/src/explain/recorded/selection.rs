@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use super::bench::{Bench, FittedHypothesis, place_among_shared};
 use super::gain::Gain;
 use crate::axis_errors::AxisErrors;
+use crate::estimate::at_bound;
 use crate::explain::calibration::recorded::{
     CHANCE, CLEAR, LEAST_GAIN, LEAST_LEARNED_GAIN, MOST_EFFECTS, SHORTLIST, STARTS, STEPS_TO_PROPOSE,
 };
@@ -45,6 +46,21 @@ impl Trial {
             && self.gain.p_value() < CHANCE / SHORTLIST as f64
             && !self.gain.harms()
             && clearance(bench, &self.fitted, self.entry.name) > CLEAR
+            && !self.is_at_bound()
+    }
+}
+
+impl Trial {
+    /// The fit would have gone on, but a parameter must not: something else is the cause.
+    fn is_at_bound(&self) -> bool {
+        let stopped = |term: &Term| {
+            let at_end = |i: &usize| {
+                let p = &term.entry.params[*i];
+                term.values[*i] != p.off && at_bound(term.values[*i], [p.low, p.high])
+            };
+            term.free.iter().any(at_end)
+        };
+        self.fitted.hypothesis.terms.iter().any(|t| t.entry.name == self.entry.name && stopped(t))
     }
 }
 
@@ -75,12 +91,15 @@ impl Selection {
             let names = self.names();
             progress(&format!("candidates besides {}", if names.is_empty() { "nothing".into() } else { names.join(", ") }));
             let proposals = self.proposals(bench);
-            self.steps.push(Step { effects: names, gain: 0.0, ranking: proposals.iter().map(|(gain, term)| ranked(*gain, term)).collect() });
+            self.steps.push(Step {
+                effects: names,
+                gain: 0.0,
+                ranking: proposals.iter().map(|(gain, term)| ranked(*gain, term)).collect(),
+            });
             let tries: Vec<&Term> = proposals.iter().take(SHORTLIST).map(|(_, term)| term).collect();
             progress(&format!("predictions with {}", tries.iter().map(|t| t.entry.name).collect::<Vec<_>>().join(", ")));
-            let trials = tries.into_par_iter().filter_map(|term| {
-                Trial::new(bench, term.entry, &self.fitted.hypothesis.with(term.clone()), self)
-            });
+            let trials =
+                tries.into_par_iter().filter_map(|term| Trial::new(bench, term.entry, &self.fitted.hypothesis.with(term.clone()), self));
             let mut worthy: Vec<Trial> = trials.filter(|trial| trial.is_worth_its_place(bench)).collect();
             worthy.sort_by(|a, b| a.gain.mean().total_cmp(&b.gain.mean()));
             if worthy.is_empty() {
@@ -97,7 +116,8 @@ impl Selection {
     fn proposals(&self, bench: &Bench) -> Vec<(f64, Term)> {
         let now = &self.fitted;
         let base = bench.propose(&now.hypothesis, now, STEPS_TO_PROPOSE).solution.loss;
-        let starts: Vec<Term> = candidates(&now.hypothesis).into_iter().flat_map(|c| c.starts.into_iter().take(c.variants + STARTS)).collect();
+        let starts: Vec<Term> =
+            candidates(&now.hypothesis).into_iter().flat_map(|c| c.starts.into_iter().take(c.variants + STARTS)).collect();
         let tried = starts.into_par_iter().map(|term| {
             let tried = bench.propose(&now.hypothesis.with(term.clone()), now, STEPS_TO_PROPOSE);
             let fitted = tried.hypothesis.terms.iter().find(|t| t.entry.name == term.entry.name).cloned().unwrap_or(term);
@@ -123,7 +143,7 @@ impl Selection {
             };
             let trials = self.names().into_par_iter().filter_map(less);
             // an effect is missed where predictions without it are worse, all in all or on one axis
-            let idle = trials.filter(|trial| (trial.gain.mean() < LEAST_GAIN || trial.gain.p_value() > CHANCE) && !trial.gain.harms());
+            let idle = trials.filter(|trial| !is_missed(&trial.gain));
             let Some(least) = idle.min_by(|a, b| a.gain.mean().total_cmp(&b.gain.mean())) else { return };
             self.alternatives.retain(|(name, _)| *name != least.entry.name);
             (self.fitted, self.errors) = (least.fitted, least.errors);
@@ -161,19 +181,24 @@ impl Selection {
     pub fn rivals(&self, bench: &Bench, name: &str) -> Vec<&'static str> {
         let others = self.alternatives.iter().find(|(known, _)| *known == name).map_or(&[][..], |(_, others)| others);
         let absent = |term: &&Term| !self.fitted.hypothesis.has(term.entry.name);
-        let trials = others.par_iter().filter(absent).filter_map(|term| {
-            Trial::new(bench, term.entry, &self.fitted.hypothesis.without(name).with(term.clone()), self)
-        });
-        trials.filter(|trial| trial.gain.mean() < LEAST_GAIN || trial.gain.p_value() > CHANCE).map(|trial| trial.entry.name).collect()
+        let trials = others
+            .par_iter()
+            .filter(absent)
+            .filter_map(|term| Trial::new(bench, term.entry, &self.fitted.hypothesis.without(name).with(term.clone()), self));
+        trials.filter(|trial| !is_missed(&trial.gain)).map(|trial| trial.entry.name).collect()
     }
 
-    /// What predictions lose without an effect, by axis, and the hypothesis without it.
-    pub fn without(&self, bench: &Bench, name: &'static str) -> Option<(FittedHypothesis, [f64; 3])> {
+    /// The hypothesis without an effect, and what that does to predictions.
+    pub fn without(&self, bench: &Bench, name: &'static str) -> Option<(FittedHypothesis, Gain)> {
         let entry = self.fitted.hypothesis.terms.iter().find(|t| t.entry.name == name)?.entry;
         let less = Trial::new(bench, entry, &self.fitted.hypothesis.without(name), self)?;
-        let lost = less.gain.by_axis();
-        Some((less.fitted, lost))
+        Some((less.fitted, less.gain))
     }
+}
+
+/// Whether predictions are worse without what was taken out: all in all, or on one axis.
+pub fn is_missed(without: &Gain) -> bool {
+    (without.mean() > LEAST_GAIN && without.p_value() < CHANCE) || without.harms()
 }
 
 /// The effects that all flights share.
