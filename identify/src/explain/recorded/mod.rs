@@ -9,7 +9,7 @@ mod selection;
 use std::time::Instant;
 
 use crazyflie_env::config::numbers;
-use crazyflie_env::effects::{Entry, Geometry, Role, registry};
+use crazyflie_env::effects::{self, Entry, Geometry, Role, Trace, registry};
 use crazyflie_env::model::{Model, VerticalInput};
 use rayon::prelude::*;
 
@@ -21,12 +21,14 @@ use super::search::{Judged, Search};
 use super::signals::{Signal, SignalState, SignalVerdict, explained_share};
 use super::verdict::{Estimate, Explanation, Finding, NumberEstimate, Verdict};
 use crate::FlightLog;
+use crate::axis_errors::AxisErrors;
 use crate::estimate::IdentifyError;
 use crate::fit::filter::Disturbances;
 use crate::fit::flight::Flight;
 use crate::fit::hypothesis::{Hypothesis, Term};
 use crate::vehicle::{self, Trim};
 use bench::{Bench, FittedHypothesis, place_among_shared};
+use gain::Gain;
 use selection::{Selection, is_missed, shared_terms};
 
 /// A log with its name.
@@ -54,15 +56,23 @@ pub fn explain_recorded(
     selection.extend(&bench, progress);
     progress("effects that predictions do not miss");
     selection.reduce(&bench);
-    selection.learn(&bench, progress);
+    if !base.foreign {
+        selection.learn(&bench, progress);
+    }
     progress("the test flights");
-    let completed = completed(&selection.fitted, &base, fit);
+    let keeps = base.is_surpassed_by(&selection);
+    let completed = if keeps { completed(&selection.fitted, &base, fit) } else { Hypothesis::of(model) };
     let flights = [fitted_flights, tested];
     let (before, after) = rayon::join(|| Seen::new(&Hypothesis::of(model), flights.clone()), || Seen::new(&completed, flights.clone()));
     let (before, after) = (before?, after?);
     let findings: Vec<Finding> =
-        selection.names().into_iter().filter_map(|name| finding(&bench, &base, &selection, &flights[1], name)).collect();
+        selection.names().into_iter().filter(is_cause).filter_map(|name| finding(&bench, &base, &selection, &flights[1], name)).collect();
     Ok((explanation(findings, &base, selection, [&before, &after], completed, began), after.trims))
+}
+
+/// Whether an effect has a cause: a learned term describes what is left, and names none.
+fn is_cause(name: &&'static str) -> bool {
+    effects::find(name).is_ok_and(|(_, entry)| entry.trace != Trace::StandIn)
 }
 
 fn broken() -> IdentifyError {
@@ -72,7 +82,9 @@ fn broken() -> IdentifyError {
 /// Where the choice of effects begins: numbers fitted, what the model declares of effects opened.
 struct Base {
     fitted: FittedHypothesis,
-    /// They gain so much that they are another vehicle's.
+    /// Errors of the declared model on what is left out, stretch by stretch.
+    declared_errors: Vec<AxisErrors>,
+    /// New numbers gain so much on these that the declared ones are another vehicle's.
     foreign: bool,
     declared: Vec<(&'static Entry, Vec<f64>)>,
     numbers_before: Vec<f64>,
@@ -99,11 +111,19 @@ impl Base {
         let before = bench.left_out_errors(&as_declared).ok_or_else(broken)?;
         let (gain, _) = bench.gain(&refitted, &before).ok_or_else(broken)?;
         let numbers_before = refitted.hypothesis.free.iter().filter_map(|path| model.parameter(path).ok()).collect();
-        Ok(Base { foreign: gain.mean() < -FOREIGN_GAIN, fitted: refitted, declared, numbers_before })
+        Ok(Base { declared_errors: before, foreign: gain.mean() < -FOREIGN_GAIN, fitted: refitted, declared, numbers_before })
+    }
+
+    /// Whether a selection predicts better than the declared model, and no axis worse. Numbers that were fitted to flights which hardly excite them do not.
+    fn is_surpassed_by(&self, selection: &Selection) -> bool {
+        let chosen = self.foreign || selection.learned || selection.holds_more_than(&self.fitted);
+        let gain = Gain::new(&self.declared_errors, &selection.errors);
+        chosen && gain.mean() < 0.0 && !gain.harms()
     }
 
     fn declares(&self, effect: &str) -> bool {
-        self.declared.iter().any(|(entry, _)| entry.name == effect)
+        let is_on = |(entry, values): &(&'static Entry, Vec<f64>)| entry.params.iter().zip(values).any(|(p, v)| *v != p.off);
+        self.declared.iter().filter(|known| is_on(known)).any(|(entry, _)| entry.name == effect)
     }
 
     /// The values that the model declares of an effect; those of "off" if it declares none.
@@ -113,13 +133,14 @@ impl Base {
     }
 }
 
-/// The model without effects that can be estimated anew, and these with their values; a number that says the same as an effect is one of these.
+/// The model without effects that can be estimated anew, and these with their values. A number that says the same as an effect is one of these, also at
+/// zero: numbers are fitted, and drag and an estimator that takes drag for tilt only show together.
 fn opened(model: &Model) -> (Model, Vec<(&'static Entry, Vec<f64>)>) {
     let (mut open, mut declared) = (model.clone(), Vec::new());
     for entry in registry().iter().filter(|e| e.trace.is_expected() && e.geometry == Geometry::None) {
         let given =
             model.effects.get(entry.name).map(|given| numbers(entry, given).iter().map(|n| n.fixed()).collect::<Option<Vec<f64>>>());
-        let number = entry.model_number.and_then(|path| Some((path, model.parameter(path).ok().filter(|v| *v != 0.0)?)));
+        let number = entry.model_number.and_then(|path| Some((path, model.parameter(path).ok()?)));
         let mut values: Vec<f64> = match given {
             // a distribution is no value to start from
             Some(None) => continue,
@@ -237,9 +258,11 @@ fn explanation(
         (&completed, &after.judged.disturbances, &after.test),
     );
     let leftover = residual::leftovers(&after.fit, &after.test, &after.judged, None);
+    let keeps = base.is_surpassed_by(&selection);
     let (confirmed, named): (Vec<Finding>, Vec<Finding>) = findings.into_iter().partition(|f| is_confirmed(base, f));
+    let named = if keeps { named } else { Vec::new() };
     let (partial, effects): (Vec<Finding>, Vec<Finding>) = named.into_iter().partition(|f| f.confusable_with.len() > MOST_RIVALS);
-    let verdict = match (selection.learned, effects.is_empty()) {
+    let verdict = match (selection.learned && keeps, effects.is_empty()) {
         (true, true) => Verdict::Unexplained,
         (true, false) => Verdict::PartlyExplained,
         (false, false) => Verdict::Explained,
@@ -248,14 +271,14 @@ fn explanation(
     };
     Explanation {
         verdict,
-        signals: signal_verdicts(&effects, selection.learned, &errors, &after.judged.disturbances),
+        signals: signal_verdicts(&effects, selection.learned && keeps, &errors, &after.judged.disturbances),
         effects,
         confirmed,
-        needless: base.declared.iter().map(|(entry, _)| entry.name).filter(|name| !completed.has(name)).collect(),
+        needless: if keeps { needless(base, &completed) } else { Vec::new() },
         partial,
-        numbers: number_estimates(base, &selection),
+        numbers: if keeps { number_estimates(base, &selection) } else { Vec::new() },
         foreign: base.foreign,
-        learned: selection.learned,
+        learned: selection.learned && keeps,
         disturbances: [before.judged.disturbances, after.judged.disturbances],
         declared: before.judged.hypothesis.clone(),
         completed,
@@ -265,6 +288,11 @@ fn explanation(
         errors,
         seconds: began.elapsed().as_secs_f64(),
     }
+}
+
+/// Effects that the model declares and the completed one is without.
+fn needless(base: &Base, completed: &Hypothesis) -> Vec<&'static str> {
+    base.declared.iter().map(|(entry, _)| entry.name).filter(|name| base.declares(name) && !completed.has(name)).collect()
 }
 
 /// A signal is explained where effects that were named are missed by its predictions.

@@ -80,6 +80,11 @@ impl Selection {
         Some(Selection { fitted, errors, steps: Vec::new(), alternatives: Vec::new(), learned: false })
     }
 
+    /// Whether an effect joined.
+    pub fn holds_more_than(&self, fitted: &FittedHypothesis) -> bool {
+        self.names().iter().any(|name| !fitted.hypothesis.has(name))
+    }
+
     /// Names of the effects that all flights share.
     pub fn names(&self) -> Vec<&'static str> {
         shared_terms(&self.fitted.hypothesis).map(|t| t.entry.name).collect()
