@@ -21,14 +21,12 @@ use super::search::{Judged, Search};
 use super::signals::{Signal, SignalState, SignalVerdict, explained_share};
 use super::verdict::{Estimate, Explanation, Finding, NumberEstimate, Verdict};
 use crate::FlightLog;
-use crate::axis_errors::AxisErrors;
 use crate::estimate::IdentifyError;
 use crate::fit::filter::Disturbances;
 use crate::fit::flight::Flight;
 use crate::fit::hypothesis::{Hypothesis, Term};
 use crate::vehicle::{self, Trim};
 use bench::{Bench, FittedHypothesis, place_among_shared};
-use gain::Gain;
 use selection::{Selection, is_missed, shared_terms};
 
 /// A log with its name.
@@ -82,9 +80,7 @@ fn broken() -> IdentifyError {
 /// Where the choice of effects begins: numbers fitted, what the model declares of effects opened.
 struct Base {
     fitted: FittedHypothesis,
-    /// Errors of the declared model on what is left out, stretch by stretch.
-    declared_errors: Vec<AxisErrors>,
-    /// New numbers gain so much on these that the declared ones are another vehicle's.
+    /// New numbers gain so much on what is left out that the declared ones are another vehicle's.
     foreign: bool,
     declared: Vec<(&'static Entry, Vec<f64>)>,
     numbers_before: Vec<f64>,
@@ -111,14 +107,13 @@ impl Base {
         let before = bench.left_out_errors(&as_declared).ok_or_else(broken)?;
         let (gain, _) = bench.gain(&refitted, &before).ok_or_else(broken)?;
         let numbers_before = refitted.hypothesis.free.iter().filter_map(|path| model.parameter(path).ok()).collect();
-        Ok(Base { declared_errors: before, foreign: gain.mean() < -FOREIGN_GAIN, fitted: refitted, declared, numbers_before })
+        Ok(Base { foreign: gain.mean() < -FOREIGN_GAIN, fitted: refitted, declared, numbers_before })
     }
 
-    /// Whether a selection predicts better than the declared model, and no axis worse. Numbers that were fitted to flights which hardly excite them do not.
+    /// Whether a selection takes the place of the declared model: an effect joined, which predictions beside new numbers say, or the declared numbers are of
+    /// another vehicle. Otherwise new numbers would only follow the flights of the fit.
     fn is_surpassed_by(&self, selection: &Selection) -> bool {
-        let chosen = self.foreign || selection.learned || selection.holds_more_than(&self.fitted);
-        let gain = Gain::new(&self.declared_errors, &selection.errors);
-        chosen && gain.mean() < 0.0 && !gain.harms()
+        self.foreign || selection.learned || selection.holds_more_than(&self.fitted)
     }
 
     fn declares(&self, effect: &str) -> bool {
