@@ -35,7 +35,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "FILE.toml")]
     mapping_out: Option<PathBuf>,
     /// Draw position, attitude and commands; a folder if there are several logs
-    #[arg(long, value_name = "FILE.svg")]
+    #[arg(long, value_parser = files::picture, value_name = "FILE.svg")]
     picture: Option<PathBuf>,
     /// For machines
     #[arg(long)]
@@ -52,8 +52,7 @@ pub(super) struct Inspected {
 }
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
-    args.picture.as_deref().map_or(Ok(()), files::check_svg)?;
-    let is_svg = args.picture.as_deref().is_some_and(|path| path.extension().is_some_and(|ending| ending == "svg"));
+    let is_svg = args.picture.as_deref().is_some_and(files::is_svg);
     if is_svg && args.files.len() > 1 {
         return Err(Failure::Usage(format!("--picture names one file, but there are {} logs: name a folder", args.files.len())));
     }
