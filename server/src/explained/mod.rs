@@ -25,6 +25,7 @@ use crazyflie_identify::explain::errors::LEAST_STRETCHES;
 use crazyflie_identify::explain::verdict::{Explanation, Finding};
 use crazyflie_identify::explain::{declared_loss, explain};
 use crazyflie_identify::fit::flight::Flight;
+use crazyflie_identify::fit::hypothesis::Term;
 use crazyflie_identify::replay::ReplayError;
 use crazyflie_identify::vehicle::{Trim, settle_flights};
 use crazyflie_identify::{FlightLog, LogError};
@@ -251,16 +252,15 @@ fn withhold_weak_tests(found: &mut Explanation) {
 /// What is reported of an effect is what the completed model flies with: there a term that was learned later may have moved it.
 fn take_values_of_completed(found: &mut Explanation) {
     let terms = &found.completed.terms;
-    let take = |effect: &mut Finding| {
-        let Some(term) = terms.iter().find(|term| term.entry.name == effect.name) else { return };
-        for estimate in &mut effect.params {
-            let place = term.entry.params.iter().position(|param| param.name == estimate.name);
-            estimate.value = place.map_or(estimate.value, |place| term.values[place]);
-        }
-    };
-    for effect in found.effects.iter_mut().chain(&mut found.partial) {
-        take(effect);
-        effect.with.iter_mut().for_each(take);
+    found.effects.iter_mut().chain(&mut found.partial).for_each(|effect| take_values(effect, terms));
+}
+
+fn take_values(effect: &mut Finding, terms: &[Term]) {
+    effect.with.iter_mut().for_each(|other| take_values(other, terms));
+    let Some(term) = terms.iter().find(|term| term.entry.name == effect.name) else { return };
+    for estimate in &mut effect.params {
+        let place = term.entry.params.iter().position(|param| param.name == estimate.name);
+        estimate.value = place.map_or(estimate.value, |place| term.values[place]);
     }
 }
 
@@ -278,4 +278,40 @@ fn alike(fit: &Flights, test: &Flights) -> Result<(), ExplainError> {
         return Err(ExplainError::Same { first, second });
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use crazyflie_env::effects::find;
+    use crazyflie_identify::explain::verdict::Estimate;
+
+    use super::*;
+
+    #[test]
+    fn an_effect_is_reported_as_the_completed_model_has_it() {
+        let estimate = |name, value| Estimate { name, value, stderr: 0.01, unit: "1" };
+        let finding = |name, params, with| Finding {
+            name,
+            params,
+            confusable_with: Vec::new(),
+            manoeuvre: String::new(),
+            worth_fit: 20.0,
+            worth_test: 20.0,
+            worth_by_signal: [20.0, 0.0, 0.0, 0.0],
+            with,
+        };
+        let term = |name: &str, value| {
+            let mut term = Term::off(find(name).unwrap().1);
+            term.values[0] = value;
+            term
+        };
+        let terms = [term("drag_linear", 0.5), term("attitude_gain", 0.9)];
+        let gain = finding("attitude_gain", vec![estimate("gain", 0.8)], Vec::new());
+        let mut effect = finding("drag_linear", vec![estimate("rate_ps", 0.4)], vec![gain]);
+        take_values(&mut effect, &terms);
+        assert_eq!([effect.params[0].value, effect.with[0].params[0].value], [0.5, 0.9]);
+        // a random effect may have no term
+        take_values(&mut effect, &[]);
+        assert!((effect.params[0].value - 0.5).abs() < f64::EPSILON);
+    }
 }

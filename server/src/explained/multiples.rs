@@ -107,7 +107,7 @@ mod tests {
     #[test]
     fn a_curve_that_ends_at_the_frame_ends_at_the_pictures_edge() {
         let curve = Curve { x: vec![0.0, 1.0, 2.0], y: vec![0.0, 0.5, -9.0] };
-        assert_eq!(path(&[curve.clone()], 2.0, 0.5), "M0 100L300 0L600 400");
+        assert_eq!(path(std::slice::from_ref(&curve), 2.0, 0.5), "M0 100L300 0L600 400");
         let long = Curve { x: (0..3000).map(f64::from).collect(), y: vec![0.0; 3000] };
         assert!(path(&[long, curve], 3000.0, 0.5).matches('L').count() <= MOST_POINTS + 3);
     }
