@@ -6,7 +6,7 @@ use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_identify::FlightLog;
 use crazyflie_identify::axis_errors::axis_changes;
 use crazyflie_identify::estimate::IdentifyError;
-use crazyflie_identify::vehicle::{Judged, Plan, identify, powertrain};
+use crazyflie_identify::vehicle::{ModelComparison, Plan, identify, powertrain};
 use crazyflie_logs::first_duplicate;
 
 const FAST: &str = "B3_figure8_fast_rep1";
@@ -27,7 +27,7 @@ fn shortened((_, log): &(String, FlightLog), fixes: usize) -> (String, FlightLog
     ("another name".to_owned(), cut)
 }
 
-fn error(judged: &Judged, axis: &str) -> f64 {
+fn error(judged: &ModelComparison, axis: &str) -> f64 {
     let changes = axis_changes(&judged.errors, &judged.errors);
     changes.iter().find(|c| c.axis == axis && c.horizon_s == 2.0).unwrap().after
 }

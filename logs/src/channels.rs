@@ -2,7 +2,7 @@
 
 use crate::attitude::{Rotation, integrate, tilt};
 use crate::marker::arrivals;
-use crate::series::{Between, Series, TURN_RAD};
+use crate::series::{Interpolation, Series, TURN_RAD};
 use crate::signal::{acceleration_of, check_capture, time_gaps, unwrap, usual_step};
 use crate::{AttitudeSource, Fixes, FlightLog, Note, Onboard, PositionSource, Provenance};
 
@@ -42,13 +42,13 @@ impl Channels {
     }
 
     /// A channel at the rows.
-    fn at_rows(&self, name: &str, between: Between) -> Option<Vec<f64>> {
+    fn at_rows(&self, name: &str, between: Interpolation) -> Option<Vec<f64>> {
         let turn = if name.ends_with("yaw") { TURN_RAD } else { None };
         let series = self.get(name)?;
         Some(if series.t_s == self.rows_s { series.values.clone() } else { series.at(&self.rows_s, between, turn) })
     }
 
-    fn all<const N: usize>(&self, names: [&str; N], between: Between) -> Option<[Vec<f64>; N]> {
+    fn all<const N: usize>(&self, names: [&str; N], between: Interpolation) -> Option<[Vec<f64>; N]> {
         let found: Option<Vec<Vec<f64>>> = names.iter().map(|name| self.at_rows(name, between)).collect();
         found?.try_into().ok()
     }
@@ -66,13 +66,13 @@ impl Channels {
         unwrap(&mut yaw_rad, "yaw", &mut notes);
         let attitude = if own == AttitudeSource::Imu { facts.attitude.unwrap_or(own) } else { own };
         check_capture(&self.rows_s, &fixes, &mut notes);
-        let command = |name: &str| self.at_rows(name, Between::Held);
+        let command = |name: &str| self.at_rows(name, Interpolation::Held);
         let provenance = Provenance { format, position, attitude, onboard_interpolated: false };
-        let motor_pwm = self.all(["motor_1", "motor_2", "motor_3", "motor_4"], Between::Held);
+        let motor_pwm = self.all(["motor_1", "motor_2", "motor_3", "motor_4"], Interpolation::Held);
         let onboard = Onboard {
-            pos_m: self.all(["estimate_x", "estimate_y", "estimate_z"], Between::Line),
-            vel_mps: self.all(["estimate_vx", "estimate_vy", "estimate_vz"], Between::Line),
-            rotor_radps: self.all(["rotor_1", "rotor_2", "rotor_3", "rotor_4"], Between::Line),
+            pos_m: self.all(["estimate_x", "estimate_y", "estimate_z"], Interpolation::Line),
+            vel_mps: self.all(["estimate_vx", "estimate_vy", "estimate_vz"], Interpolation::Line),
+            rotor_radps: self.all(["rotor_1", "rotor_2", "rotor_3", "rotor_4"], Interpolation::Line),
             motor_pwm,
             ..Onboard::default()
         };
@@ -82,12 +82,12 @@ impl Channels {
             cmd_yaw_rate_radps: command("cmd_yaw_rate"),
             cmd_thrust_pwm: command("cmd_thrust"),
             cmd_height_m: command("cmd_height"),
-            setpoint_m: self.all(["setpoint_x", "setpoint_y", "setpoint_z"], Between::Held),
+            setpoint_m: self.all(["setpoint_x", "setpoint_y", "setpoint_z"], Interpolation::Held),
             setpoint_yaw_rad: command("setpoint_yaw"),
-            vel_mps: self.all(["vx", "vy", "vz"], Between::Line),
-            gyro_radps: self.all(["gyro_x", "gyro_y", "gyro_z"], Between::Line),
-            acc_mps2: self.all(["acc_x", "acc_y", "acc_z"], Between::Line),
-            vbat_v: self.at_rows("vbat", Between::Line),
+            vel_mps: self.all(["vx", "vy", "vz"], Interpolation::Line),
+            gyro_radps: self.all(["gyro_x", "gyro_y", "gyro_z"], Interpolation::Line),
+            acc_mps2: self.all(["acc_x", "acc_y", "acc_z"], Interpolation::Line),
+            vbat_v: self.at_rows("vbat", Interpolation::Line),
             onboard: (onboard != Onboard::default()).then_some(onboard),
             fixes,
             roll_rad,
@@ -110,7 +110,7 @@ impl Channels {
             return (Fixes::default(), PositionSource::Absent);
         };
         let axes = [x, y, z];
-        let pos_m = axes.map(|axis| axis.at(&x.t_s, Between::Line, None));
+        let pos_m = axes.map(|axis| axis.at(&x.t_s, Interpolation::Line, None));
         let is_new = |at: &usize| *at == 0 || pos_m.iter().any(|axis| axis[*at] != axis[at - 1]);
         let fresh: Vec<usize> = (0..x.t_s.len()).filter(is_new).collect();
         let share = 1.0 - fresh.len() as f64 / x.t_s.len() as f64;
@@ -124,15 +124,15 @@ impl Channels {
         let source = PositionSource::of_step(usual_step(&arrived_s));
         let (row, which) = arrivals(&arrived_s, &self.rows_s);
         let pick = |values: &[f64]| which.iter().map(|at| values[kept[*at]]).collect::<Vec<f64>>();
-        let captured = self.get("capture_time").map_or(x.t_s.clone(), |series| series.at(&x.t_s, Between::Held, None));
+        let captured = self.get("capture_time").map_or(x.t_s.clone(), |series| series.at(&x.t_s, Interpolation::Held, None));
         (Fixes { row, capture_t_s: pick(&captured), pos_m: pos_m.each_ref().map(|axis| pick(axis)), yaw_rad: None }, source)
     }
 
     /// Roll, pitch and yaw by the best of what is there: angles, a quaternion, the gyro, or the acceleration of the motion.
     fn attitude(&self, notes: &mut Vec<Note>) -> ([Vec<f64>; 3], AttitudeSource) {
-        let yaw = self.at_rows("yaw", Between::Line);
+        let yaw = self.at_rows("yaw", Interpolation::Line);
         let heading = || yaw.clone().unwrap_or_else(|| vec![0.0; self.rows_s.len()]);
-        if let Some([roll, pitch]) = self.all(["roll", "pitch"], Between::Line) {
+        if let Some([roll, pitch]) = self.all(["roll", "pitch"], Interpolation::Line) {
             if yaw.is_none() {
                 notes.push(Note::TiltFromAcceleration { roll: false, pitch: false, yaw_taken_as_zero: true });
             }
@@ -141,12 +141,12 @@ impl Channels {
         if let Some(angles) = self.quaternion(notes) {
             return (angles, AttitudeSource::Imu);
         }
-        if let Some(gyro) = self.all(["gyro_x", "gyro_y", "gyro_z"], Between::Line) {
+        if let Some(gyro) = self.all(["gyro_x", "gyro_y", "gyro_z"], Interpolation::Line) {
             notes.push(Note::AttitudeIntegrated { bias_radps: Some([0.0; 3]), at_rest: false });
             return (integrate(&self.rows_s, &gyro, |_| None), AttitudeSource::Imu);
         }
         let zero = vec![0.0; self.rows_s.len()];
-        let pos_m = self.all(["x", "y", "z"], Between::Line).unwrap_or_else(|| [zero.clone(), zero.clone(), zero]);
+        let pos_m = self.all(["x", "y", "z"], Interpolation::Line).unwrap_or_else(|| [zero.clone(), zero.clone(), zero]);
         let in_g = acceleration_of(&self.rows_s, &pos_m).map(|axis| axis.into_iter().map(|a| a / G_MPS2).collect());
         let [roll, pitch] = tilt(&self.rows_s, &in_g, &heading());
         notes.push(Note::TiltFromAcceleration { roll: true, pitch: true, yaw_taken_as_zero: yaw.is_none() });
@@ -159,7 +159,7 @@ impl Channels {
         let [x, y, z, w] = names.map(|name| self.get(name));
         let (x, y, z, w) = (x?, y?, z?, w?);
         // Half-way between two quaternions is no rotation: the last one holds.
-        let held = [x, y, z, w].map(|part| part.at(&self.rows_s, Between::Held, None));
+        let held = [x, y, z, w].map(|part| part.at(&self.rows_s, Interpolation::Held, None));
         let rotation = |row: usize| Rotation::from_xyzw(held.each_ref().map(|part| part[row]));
         let rotations: Option<Vec<Rotation>> = (0..self.rows_s.len()).map(rotation).collect();
         if rotations.is_none() {

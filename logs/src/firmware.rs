@@ -4,7 +4,7 @@
 //! position and velocity are the vehicle's estimate. In the firmware, pitch and its rate are inverted, see [`Variables::attitude`].
 
 use super::attitude::{integrate, tilt};
-use super::series::{Between, Series};
+use super::series::{Interpolation, Series};
 use super::signal::{acceleration_of, height_by_row, longest_above, radians, time_gaps, unwrap};
 use super::usd::Event;
 use super::{AttitudeSource, Fixes, FlightLog, LogError, Note, Onboard, PositionSource, Provenance};
@@ -158,7 +158,7 @@ impl Variables {
                 series.values
             } else {
                 resampled.push(series.name.clone());
-                let hold = if is_command(&series.name) { Between::Held } else { Between::Line };
+                let hold = if is_command(&series.name) { Interpolation::Held } else { Interpolation::Line };
                 series.at(rows_s, hold, series.name.ends_with("yaw").then_some(360.0))
             };
             columns.push((series.name, values));

@@ -14,7 +14,7 @@ pub(crate) struct Series {
 
 /// The course of a channel between two samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Between {
+pub(crate) enum Interpolation {
     /// A command holds until the next.
     Held,
     /// A measurement goes straight to the next.
@@ -40,15 +40,15 @@ impl Series {
 
     /// Values at the times of the rows; the first and last hold beyond the ends. A channel that wraps after `turn` goes the
     /// shorter way round.
-    pub(crate) fn at(&self, rows_s: &[f64], between: Between, turn: Option<f64>) -> Vec<f64> {
+    pub(crate) fn at(&self, rows_s: &[f64], between: Interpolation, turn: Option<f64>) -> Vec<f64> {
         rows_s.iter().map(|t| self.value(*t, between, turn)).collect()
     }
 
-    fn value(&self, t_s: f64, between: Between, turn: Option<f64>) -> f64 {
+    fn value(&self, t_s: f64, between: Interpolation, turn: Option<f64>) -> f64 {
         let after = self.t_s.partition_point(|t| *t <= t_s);
         let Some(before) = after.checked_sub(1) else { return self.values.first().copied().unwrap_or(0.0) };
         let from = self.values[before];
-        let (Some(to), Between::Line) = (self.values.get(after), between) else { return from };
+        let (Some(to), Interpolation::Line) = (self.values.get(after), between) else { return from };
         let share = (t_s - self.t_s[before]) / (self.t_s[after] - self.t_s[before]);
         let way = to - from;
         let way = turn.map_or(way, |turn| way - turn * (way / turn).round());
@@ -66,8 +66,8 @@ mod tests {
     #[test]
     fn commands_hold_and_measurements_go_the_short_way_round() {
         let series = Series { name: "yaw".into(), t_s: vec![1.0, 2.0], values: vec![170.0, -170.0] };
-        assert_eq!(series.at(&[0.0, 1.5, 2.0, 9.0], Between::Held, None), [170.0, 170.0, -170.0, -170.0]);
-        assert_eq!(series.at(&[1.5], Between::Line, None), [0.0]);
-        assert_eq!(series.at(&[1.25, 1.5], Between::Line, Some(360.0)), [175.0, 180.0]);
+        assert_eq!(series.at(&[0.0, 1.5, 2.0, 9.0], Interpolation::Held, None), [170.0, 170.0, -170.0, -170.0]);
+        assert_eq!(series.at(&[1.5], Interpolation::Line, None), [0.0]);
+        assert_eq!(series.at(&[1.25, 1.5], Interpolation::Line, Some(360.0)), [175.0, 180.0]);
     }
 }

@@ -11,7 +11,7 @@ use crate::link::{Error, Link};
 /// A reply, as far as it is of use here.
 #[derive(Debug, Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case")]
-enum Said {
+enum ServerMessage {
     Welcome { scenarios: Vec<String> },
     Begun(Begun),
     Result { observation: Vec<Vec<f32>>, over: bool },
@@ -41,7 +41,7 @@ impl Afar {
         let mut link = Link::open(url)?;
         let client = concat!("crazyflie submit ", env!("CARGO_PKG_VERSION"));
         match link.ask("hello", json!({"client": client, "token": token}))? {
-            Said::Welcome { scenarios } => Ok(Afar { link, token: token.into(), scenarios }),
+            ServerMessage::Welcome { scenarios } => Ok(Afar { link, token: token.into(), scenarios }),
             other => Err(unexpected(&link, &other)),
         }
     }
@@ -58,11 +58,11 @@ impl Afar {
     pub(crate) fn submit(&mut self, scenario: &str, entrant: &Entrant) -> Result<Document, Error> {
         let asked = json!({"scenario": scenario, "controller": entrant.name(), "token": self.token});
         match self.link.ask("benchmark", asked)? {
-            Said::Begun(begun) => self.fly(begun, entrant)?,
+            ServerMessage::Begun(begun) => self.fly(begun, entrant)?,
             other => return Err(unexpected(&self.link, &other)),
         }
         let mut attempt = match self.link.ask("finish", json!({}))? {
-            Said::Finished { attempt } => attempt,
+            ServerMessage::Finished { attempt } => attempt,
             other => return Err(unexpected(&self.link, &other)),
         };
         // what the server adds to what it signed
@@ -87,8 +87,8 @@ impl Afar {
             // as the f64 that they are: they come back bit for bit
             let asked: Vec<[f64; ACTION]> = actions.as_chunks().0.iter().map(|row: &[f32; ACTION]| row.map(f64::from)).collect();
             match self.link.ask("step", json!({"action": asked}))? {
-                Said::Result { observation: _, over: true } => break,
-                Said::Result { observation: next, over: false } if next.len() == rows => observation = next,
+                ServerMessage::Result { observation: _, over: true } => break,
+                ServerMessage::Result { observation: next, over: false } if next.len() == rows => observation = next,
                 other => return Err(unexpected(&self.link, &other)),
             }
         }
@@ -96,7 +96,7 @@ impl Afar {
     }
 }
 
-fn unexpected(link: &Link, said: &Said) -> Error {
+fn unexpected(link: &Link, said: &ServerMessage) -> Error {
     let words: String = format!("{said:?}").chars().take(80).collect();
     link.strange(format!("an unexpected reply, {words}"))
 }

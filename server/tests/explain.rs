@@ -54,6 +54,7 @@ fn a_hidden_drag_is_found_and_written_down() {
     assert!(error("after") < 0.7 * error("before"), "{}", found["error"]);
     // one test flight has one free run: nothing to test
     assert!(found["error"]["p_value"]["position_m"]["free_run"].is_null());
+    assert_eq!(found["error"]["stretches"]["position_m"]["free_run"], 1);
     let out = folder.join("out");
     let written: Value = serde_json::from_str(&std::fs::read_to_string(out.join("report.json")).unwrap()).unwrap();
     assert_eq!(written, found);
@@ -63,18 +64,113 @@ fn a_hidden_drag_is_found_and_written_down() {
     page(&std::fs::read_to_string(out.join("report.html")).unwrap());
 }
 
-/// The page has its parts, and asks nobody for anything.
+/// The page has its parts in the order in which they are asked for, and asks nobody for anything.
 fn page(html: &str) {
-    for part in
-        ["drag_linear", "rate_ps", "id=\"residual\"", "id=\"freerun\"", "id=\"white\"", "b.csv", "What these flights could not show"]
-    {
-        assert!(html.contains(part), "no {part}");
+    let parts =
+        ["What is missing", "sideways (x, y)", "vertical (z)", "How sure", "drag_linear", "How much better", "id=\"flights\"", "b.csv"];
+    let later = ["id=\"freerun\"", "id=\"white\"", "What these flights could not show", "id=\"next\""];
+    let mut from = 0;
+    for part in parts.into_iter().chain(later) {
+        from += html[from..].find(part).unwrap_or_else(|| panic!("{part} is missing after {from}"));
     }
-    assert!(html.matches("<use href=\"#residual\"").count() == 6, "six signals");
+    assert!(!html[from..].contains("<h2"), "the page ends with what to do next");
     for outside in ["http:", "https:", "src=", "<script", "@import", "url("] {
         assert!(!html.contains(outside), "the page refers to {outside}");
     }
     assert!(!html.contains("NaN") && !html.contains("inf "), "numbers that are none");
+}
+
+/// A page with its characters as a browser reads them, and the object for machines beside it.
+fn written(out: &Path) -> (String, Value) {
+    let read = |name: &str| std::fs::read_to_string(out.join(name)).unwrap();
+    let plain = read("report.html").replace("&#x2f;", "/").replace("&#x27;", "'").replace("&lt;", "<").replace("&gt;", ">");
+    (plain, serde_json::from_str(&read("report.json")).unwrap())
+}
+
+/// Numbers of a page with their places in the object for machines.
+fn numbers(html: &str) -> Vec<(&str, Option<f64>, &str)> {
+    let mut all = Vec::new();
+    for piece in html.split("<data ").skip(1) {
+        let (at, end) = (piece.find("data-json=\"").unwrap(), piece.find("</data>").unwrap());
+        let value = piece[..at].split_once("value=\"").map(|(_, rest)| rest.split_once('"').unwrap().0.parse().unwrap());
+        let (pointer, rest) = piece[at + 11..end].split_once('"').unwrap();
+        all.push((pointer, value, rest.split_once('>').unwrap().1));
+    }
+    all
+}
+
+/// Every number that the page, the object and the model file share is the same in all.
+fn same_values(out: &Path) {
+    let (html, object) = written(out);
+    let shown = numbers(&html);
+    assert!(shown.len() > 100, "{}", shown.len());
+    for (pointer, value, text) in shown {
+        let written = object.pointer(pointer).unwrap_or_else(|| panic!("no {pointer} in report.json"));
+        assert_eq!(written.as_f64(), value, "{pointer}, shown as {text}");
+        assert_eq!(value.is_none(), text == "-" || text == "too few", "{pointer}: {text}");
+    }
+    let model = json(&["model", text(&out.join("model.toml")), "--json"]);
+    let lists = ["effects", "partial"].map(|list| object[list].as_array().unwrap());
+    for effect in lists.into_iter().flatten().flat_map(|e| [e].into_iter().chain(e["with"].as_array().unwrap())) {
+        for (param, estimate) in effect["params"].as_object().unwrap() {
+            let (name, value) = (effect["name"].as_str().unwrap(), &estimate["value"]);
+            assert_eq!(&model["effects"][name][param]["value"], value, "{name}.{param}");
+            let as_text = value.as_f64().unwrap().to_string();
+            assert!(html.contains(&format!("<data value=\"{as_text}\"")), "{name}.{param} {as_text} is not on the page");
+        }
+    }
+}
+
+#[test]
+fn page_object_and_model_hold_the_same_values_and_every_flight_is_named() {
+    let folder = folder("explain_same");
+    let [fit, test] = fly(&folder, &["drag_linear=0.4"]);
+    let other = folder.join("elsewhere").join("b.csv");
+    std::fs::create_dir(folder.join("elsewhere")).unwrap();
+    let options = "{\"shape\": \"figure_eight\", \"period_s\": 5}";
+    let again = ["fly", "--task", "track", "--task-options", options, "--vertical", "thrust", "--seconds", "12", "--seed", "9"];
+    good(&[&again[..], &["--csv", text(&other), "--effects", "drag_linear=0.4"], &SENSORS.map(|s| ["--effects", s]).concat()].concat());
+    let (model, out) = (thesis(&folder), folder.join("out"));
+    let printed = good(&["explain", text(&model), "--fit", text(&fit), "--test", text(&test), text(&other), "--out", text(&out)]);
+    same_values(&out);
+    let (html, object) = written(&out);
+    // two files of one name are told apart by their paths
+    for (i, flight) in [&test, &other].into_iter().enumerate() {
+        assert!(html.contains(&format!("<h3>{}</h3>", flight.display())) && printed.contains(text(flight)), "{}", flight.display());
+        assert_eq!(object["error"]["flights"][i]["name"], text(flight));
+    }
+    assert_eq!(html.matches("<figure class=\"plot\">").count(), 2 * 6);
+    // two free runs are no sample, whatever else is
+    assert!(html.contains("too few") && printed.contains("too few"), "{printed}");
+    assert_eq!(object["error"]["axes"]["stretches"]["yaw_rad"]["free_run"], 2);
+    assert!(object["error"]["axes"]["p_value"]["yaw_rad"]["free_run"].is_null());
+    for signal in ["sideways (x, y): explained, by drag_linear", "vertical (z): nothing missing", "tilt (roll, pitch): ", "yaw: "] {
+        assert!(printed.contains(signal), "{printed}");
+    }
+    assert!(printed.contains("what to do next\n1. ") && object["foreign_model"].is_null(), "{printed}");
+}
+
+/// The thesis's numbers are not those of a recorded vehicle: that is said before anything else, with what to run.
+#[test]
+fn a_recorded_flight_of_another_vehicle_is_told_first() {
+    let name = "a_recorded_flight_of_another_vehicle_is_told_first";
+    let Some(flights) = shared(name, "nanobench") else { return };
+    let [fit, test] = ["B8_star_slow_rep1.csv.gz", "B2_circle_slow_rep2.csv.gz"].map(|file| flights.join(file));
+    let folder = folder("explain_foreign");
+    for vertical in ["thrust", "pwm"] {
+        let out = folder.join(vertical);
+        let printed = good(&["explain", "thesis", "--vertical", vertical, "--fit", text(&fit), "--test", text(&test), "--out", text(&out)]);
+        let first = printed.lines().take(3).collect::<Vec<_>>();
+        let command = format!("crazyflie identify --fit {} --out mine.toml", fit.display());
+        assert!(first[0].contains("The numbers of the model thesis are not this vehicle's") && first[1].trim() == command, "{printed}");
+        assert!(first[2].trim().starts_with("crazyflie explain mine.toml --fit "), "{printed}");
+        let (html, object) = written(&out);
+        let (warned, verdict) = (html.find("id=\"foreign\"").unwrap(), html.find("class=\"verdict").unwrap());
+        assert!(warned < verdict && html[warned..verdict].contains(&command), "{vertical}");
+        assert_eq!(object["foreign_model"]["commands"][0], command.as_str());
+        assert_eq!(object["next"][0]["commands"][0], command.as_str());
+        same_values(&out);
+    }
 }
 
 #[test]

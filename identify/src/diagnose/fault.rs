@@ -63,7 +63,10 @@ pub fn fit_faults(change: &TrimChange, demands: &[EffectDemand]) -> Vec<FaultFit
 #[must_use]
 pub fn look_alikes(demands: &[EffectDemand]) -> Vec<&'static str> {
     let asks_thrust_alone = |d: &&EffectDemand| d.per_unit[1..].iter().all(|x| x.abs() < 1e-3 * d.per_unit[0].abs());
-    demands.iter().filter(|d| d.effect != MASS).filter(asks_thrust_alone).map(|d| d.effect).collect()
+    let mut names: Vec<&'static str> = demands.iter().filter(|d| d.effect != MASS).filter(asks_thrust_alone).map(|d| d.effect).collect();
+    // an effect that a search begins at several values has a demand at each, one after the other
+    names.dedup();
+    names
 }
 
 fn fit_weight(change: &TrimChange, demand: &EffectDemand) -> Option<FaultFit> {
@@ -204,7 +207,8 @@ mod tests {
     fn the_same_thrust_from_a_stronger_battery_is_said_to_look_alike() {
         // and so does a load that hangs still
         let alike = look_alikes(&effect_demands(&Model::thesis()).unwrap());
-        assert!(["thrust_scale", "slung_load"].iter().all(|name| alike.contains(name)), "{alike:?}");
+        let count = |name: &str| alike.iter().filter(|other| **other == name).count();
+        assert_eq!(["thrust_scale", "slung_load"].map(count), [1, 1], "{alike:?}");
     }
 
     #[test]

@@ -5,7 +5,7 @@ use crazyflie_env::effects::{Trace, registry};
 use super::calibration::completion::{CHANCE, HELPS, MATTERS, MOST, WORSE};
 use super::errors::{self, Errors};
 use super::learn;
-use super::search::{Judged, Search};
+use super::search::{FilteredHypothesis, Search};
 use super::signals::{self, HORIZONS};
 use super::verdict::{Finding, Leftover};
 use crate::fit::filter::Disturbances;
@@ -26,7 +26,13 @@ pub struct Completion {
 }
 
 impl Completion {
-    pub fn new(declared: &Judged, last: &Judged, effects: Vec<Finding>, disturbances: Disturbances, test: &[Flight]) -> Self {
+    pub fn new(
+        declared: &FilteredHypothesis,
+        last: &FilteredHypothesis,
+        effects: Vec<Finding>,
+        disturbances: Disturbances,
+        test: &[Flight],
+    ) -> Self {
         let mut hypothesis = last.settled();
         hypothesis.terms.retain(|t| effects.iter().flat_map(Finding::all).any(|e| e.name == t.entry.name));
         let errors = errors_beside(declared, &hypothesis, &disturbances, test);
@@ -35,7 +41,7 @@ impl Completion {
 
     /// Without the names whose own signal still holds structure, unless they explain most of its error. What lowers the errors stays in the model, as a
     /// description and not as a cause.
-    pub fn withdraw(mut self, declared: &Judged, leftover: &[Leftover], test: &[Flight]) -> Self {
+    pub fn withdraw(mut self, declared: &FilteredHypothesis, leftover: &[Leftover], test: &[Flight]) -> Self {
         let stands = |effect: &Finding| {
             let signal = signals::main_signal(effect);
             let share = signals::explained_share(&self.errors, signal).into_iter().fold(0.0, f64::max);
@@ -54,7 +60,7 @@ impl Completion {
     }
 
     /// Without what makes any axis worse, one effect at a time: first the one without which the worst axis is best.
-    pub fn without_harm(mut self, declared: &Judged, test: &[Flight]) -> Self {
+    pub fn without_harm(mut self, declared: &FilteredHypothesis, test: &[Flight]) -> Self {
         while harm(&self.errors) > 0.0 {
             let names: Vec<&'static str> = self.hypothesis.terms.iter().map(|t| t.entry.name).collect();
             let without = |name: &&str| {
@@ -76,13 +82,20 @@ impl Completion {
     }
 
     /// The same with its errors on other flights.
-    pub fn on(self, declared: &Judged, test: &[Flight]) -> Self {
+    pub fn on(self, declared: &FilteredHypothesis, test: &[Flight]) -> Self {
         Completion { errors: errors_beside(declared, &self.hypothesis, &self.disturbances, test), ..self }
     }
 
     /// With a term learned from the residual, if it lowers the errors of every axis on the flights that choose, and the 2 s errors by a share that
     /// is worth a term without a name.
-    pub fn learned(self, search: &Search, judge: &Search, last: &Judged, declared: &Judged, test: &[Flight]) -> Self {
+    pub fn learned(
+        self,
+        search: &Search,
+        judge: &Search,
+        last: &FilteredHypothesis,
+        declared: &FilteredHypothesis,
+        test: &[Flight],
+    ) -> Self {
         let described = search.refit(&self.hypothesis, &last.disturbances).and_then(|named| learn::learn(search, judge, &named));
         let Some(described) = described else { return self };
         let (hypothesis, disturbances) = (described.settled(), described.disturbances);
@@ -122,6 +135,6 @@ fn harm(errors: &Errors) -> f64 {
     grown.filter(|share| *share > WORSE).fold(0.0, f64::max)
 }
 
-fn errors_beside(declared: &Judged, hypothesis: &Hypothesis, disturbances: &Disturbances, test: &[Flight]) -> Errors {
+fn errors_beside(declared: &FilteredHypothesis, hypothesis: &Hypothesis, disturbances: &Disturbances, test: &[Flight]) -> Errors {
     errors::compare((&declared.hypothesis, &declared.disturbances, test), (hypothesis, disturbances, test))
 }

@@ -35,10 +35,30 @@ pub const AXES: [(&str, &str); 6] = [
     ("roll and pitch", "rad"),
     ("yaw", "rad"),
 ];
+/// The same by component, with their units.
+pub const COMPONENTS: [(&str, &str); 9] = [
+    ("x", "m"),
+    ("y", "m"),
+    ("z", "m"),
+    ("x velocity", "m/s"),
+    ("y velocity", "m/s"),
+    ("z velocity", "m/s"),
+    ("roll", "rad"),
+    ("pitch", "rad"),
+    ("yaw", "rad"),
+];
+/// Components of each of [`QUANTITIES`].
+const OF_QUANTITY: [Range<usize>; 3] = [0..3, 3..6, 6..9];
+/// Components of each of [`AXES`].
+const OF_AXIS: [Range<usize>; 6] = [0..2, 2..3, 3..5, 5..6, 6..8, 8..9];
+/// A paired test of fewer stretches says too little: five that all agree still do so by chance in one of sixteen tests (sign test, two-sided).
+pub const LEAST_STRETCHES: usize = 6;
 /// Root mean square error per quantity and horizon, in the order of [`QUANTITIES`] and [`HORIZONS`].
 pub type Table = [[f64; 5]; 3];
 /// Root mean square error per axis and horizon, in the order of [`AXES`] and [`HORIZONS`].
 pub type AxisTable = [[f64; 5]; 6];
+/// Root mean square error per component and horizon, in the order of [`COMPONENTS`] and [`HORIZONS`].
+pub type ComponentTable = [[f64; 5]; 9];
 
 /// Errors by axis. A mean over three axes hides one that grew worse.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -48,6 +68,15 @@ pub struct AxisErrors {
     pub naive: AxisTable,
     /// As in [`Errors`].
     pub p_value: AxisTable,
+    /// Stretches behind each p value.
+    pub stretches: [[usize; 5]; 6],
+}
+
+/// Errors by component of one flight, or of all.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ComponentErrors {
+    pub before: ComponentTable,
+    pub after: ComponentTable,
 }
 
 /// Errors on the test flights.
@@ -59,11 +88,18 @@ pub struct Errors {
     pub naive: Table,
     /// Two-sided p value of the paired differences between before and after, per quantity and horizon, over stretches of the flights.
     pub p_value: Table,
+    /// Stretches behind each p value; below [`LEAST_STRETCHES`] it says too little.
+    pub stretches: [[usize; 5]; 3],
     pub axes: AxisErrors,
+    pub components: ComponentErrors,
+    /// The same of each flight alone, in the order of the flights.
+    pub flights: Vec<ComponentErrors>,
 }
 
-/// Squared errors of one prediction: per axis and horizon; NaN where there is nothing to compare with.
-type Squares = AxisTable;
+/// Squared errors of one prediction: per component and horizon; NaN where there is nothing to compare with.
+type Squares = ComponentTable;
+/// Predictions by the stretches of a flight.
+type Stretches = Vec<Vec<Squares>>;
 
 /// A hypothesis with its disturbances, and the flights as it sees them: without what each has of its own.
 pub type Predictor<'a> = (&'a Hypothesis, &'a Disturbances, &'a [Flight]);
@@ -72,21 +108,32 @@ pub type Predictor<'a> = (&'a Hypothesis, &'a Disturbances, &'a [Flight]);
 /// on the commands alone decide.
 pub fn compare(before: Predictor, after: Predictor) -> Errors {
     let of = |(hypothesis, disturbances, flights): Predictor, naive| squares(&hypothesis.fixed(), disturbances, flights, naive);
-    let (b, (a, n)) = rayon::join(|| of(before, false), || rayon::join(|| of(after, false), || of(before, true)));
-    let quantity = |pair: usize| move |s: &Squares, h: usize| s[2 * pair][h] + s[2 * pair + 1][h];
-    let axis = |row: usize| move |s: &Squares, h: usize| s[row][h];
+    let (before, (after, naive)) = rayon::join(|| of(before, false), || rayon::join(|| of(after, false), || of(before, true)));
+    let of_flight = |(b, a): (&Stretches, &Stretches)| ComponentErrors { before: by_component(b), after: by_component(a) };
+    let flights = before.iter().zip(&after).map(of_flight).collect();
+    let [b, a, n] = [before, after, naive].map(|flights| flights.concat());
+    let quantity = |q: usize| move |s: &Squares, h: usize| OF_QUANTITY[q].clone().map(|row| s[row][h]).sum::<f64>();
+    let axis = |axis: usize| move |s: &Squares, h: usize| OF_AXIS[axis].clone().map(|row| s[row][h]).sum::<f64>();
     Errors {
         before: std::array::from_fn(|q| root_means(&b, quantity(q))),
         after: std::array::from_fn(|q| root_means(&a, quantity(q))),
         naive: std::array::from_fn(|q| root_means(&n, quantity(q))),
-        p_value: std::array::from_fn(|q| p_values(&b, &a, quantity(q))),
+        p_value: std::array::from_fn(|q| paired(&b, &a, quantity(q)).map(|test| test.0)),
+        stretches: std::array::from_fn(|q| paired(&b, &a, quantity(q)).map(|test| test.1)),
         axes: AxisErrors {
             before: std::array::from_fn(|row| root_means(&b, axis(row))),
             after: std::array::from_fn(|row| root_means(&a, axis(row))),
             naive: std::array::from_fn(|row| root_means(&n, axis(row))),
-            p_value: std::array::from_fn(|row| p_values(&b, &a, axis(row))),
+            p_value: std::array::from_fn(|row| paired(&b, &a, axis(row)).map(|test| test.0)),
+            stretches: std::array::from_fn(|row| paired(&b, &a, axis(row)).map(|test| test.1)),
         },
+        components: ComponentErrors { before: by_component(&b), after: by_component(&a) },
+        flights,
     }
+}
+
+fn by_component(stretches: &[Vec<Squares>]) -> ComponentTable {
+    std::array::from_fn(|row| root_means(stretches, |s: &Squares, h: usize| s[row][h]))
 }
 
 /// Mean over predictions of some square at a horizon, where there is one.
@@ -99,19 +146,20 @@ fn root_means(stretches: &[Vec<Squares>], square: impl Fn(&Squares, usize) -> f6
     std::array::from_fn(|horizon| mean_square(stretches.iter().flatten(), &square, horizon).sqrt())
 }
 
-/// Per horizon, the p value of the paired differences between two models over stretches of the flights.
-fn p_values(before: &[Vec<Squares>], after: &[Vec<Squares>], square: impl Fn(&Squares, usize) -> f64) -> [f64; 5] {
+/// Per horizon, the p value of the paired differences between two models over stretches of the flights, and of how many.
+fn paired(before: &[Vec<Squares>], after: &[Vec<Squares>], square: impl Fn(&Squares, usize) -> f64) -> [(f64, usize); 5] {
     std::array::from_fn(|horizon| {
         let mean = |stretch: &Vec<Squares>| mean_square(stretch.iter(), &square, horizon);
         let differences = before.iter().zip(after).map(|(b, a)| mean(b) - mean(a));
-        paired_p_value(&differences.filter(|d| d.is_finite()).collect::<Vec<_>>()).unwrap_or(1.0)
+        let known: Vec<f64> = differences.filter(|d| d.is_finite()).collect();
+        (paired_p_value(&known).unwrap_or(1.0), known.len())
     })
 }
 
-/// Squared errors of all predictions, by stretches.
-fn squares(hypothesis: &Hypothesis, disturbances: &Disturbances, flights: &[Flight], naive: bool) -> Vec<Vec<Squares>> {
+/// Squared errors of all predictions, by flights and their stretches.
+fn squares(hypothesis: &Hypothesis, disturbances: &Disturbances, flights: &[Flight], naive: bool) -> Vec<Stretches> {
     let nothing = Belief::independent(Vec::new(), &[]);
-    let per_flight = |flight: &Flight| -> Vec<Vec<Squares>> {
+    let per_flight = |flight: &Flight| -> Stretches {
         let Some(filtered) = filter(flight, flight.all(), hypothesis, &nothing, disturbances) else { return Vec::new() };
         let ticks = |s: f64| (s / flight.tick_s).round() as usize;
         // the filter has to find the state first
@@ -126,7 +174,7 @@ fn squares(hypothesis: &Hypothesis, disturbances: &Disturbances, flights: &[Flig
         };
         stretches.par_iter().map(of).collect()
     };
-    flights.iter().flat_map(per_flight).collect()
+    flights.iter().map(per_flight).collect()
 }
 
 /// One prediction from a tick: at each horizon the error at its end, for the free run the mean over it.
@@ -139,37 +187,38 @@ fn one(worker: &mut Worker, flight: &Flight, own: &[f64], start: usize, free: bo
     worker.predict(flight, &Window { flight: 0, ticks: start..end }, own);
     let from = flight.start(start);
     let held = |r: &Compared| if r.channel < 3 { from.att_rad[r.channel] } else { from.pos_m[r.channel - 3] };
-    let mean = |channels: Range<usize>, about_s: f64, reach_s: f64| -> f64 {
-        let near = worker.rows().iter().filter(|r| channels.contains(&r.channel) && (r.t_s - about_s).abs() <= reach_s);
+    let mean = |channel: usize, about_s: f64, reach_s: f64| -> f64 {
+        let near = worker.rows().iter().filter(|r| r.channel == channel && (r.t_s - about_s).abs() <= reach_s);
         let errors: Vec<f64> = near.map(|r| (r.measured - if naive { held(r) } else { r.predicted }).powi(2)).collect();
-        channels.len() as f64 * errors.iter().sum::<f64>() / errors.len() as f64
+        errors.iter().sum::<f64>() / errors.len() as f64
     };
-    let mut out = [[f64::NAN; 5]; 6];
+    let mut out = [[f64::NAN; 5]; 9];
     for (horizon, seconds) in HORIZONS_S.iter().enumerate().filter(|(_, s)| start + ahead(**s) <= end) {
         let about_s = (start + ahead(*seconds)) as f64 * flight.tick_s;
-        // frames do not fall on ticks
-        (out[0][horizon], out[1][horizon]) = (mean(3..5, about_s, 0.02), mean(5..6, about_s, 0.02));
-        (out[4][horizon], out[5][horizon]) = (mean(0..2, about_s, 0.6 * flight.tick_s), mean(2..3, about_s, 0.6 * flight.tick_s));
+        for i in 0..3 {
+            // frames do not fall on ticks
+            out[i][horizon] = mean(3 + i, about_s, 0.02);
+            out[6 + i][horizon] = mean(i, about_s, 0.6 * flight.tick_s);
+        }
     }
     if free {
         let (about_s, reach_s) = (0.5 * (start + end) as f64 * flight.tick_s, 0.5 * (end - start) as f64 * flight.tick_s);
-        (out[0][4], out[1][4]) = (mean(3..5, about_s, reach_s), mean(5..6, about_s, reach_s));
-        (out[4][4], out[5][4]) = (mean(0..2, about_s, reach_s), mean(2..3, about_s, reach_s));
+        for i in 0..3 {
+            (out[i][4], out[6 + i][4]) = (mean(3 + i, about_s, reach_s), mean(i, about_s, reach_s));
+        }
     }
-    let mut velocity = |tick: usize| -> [f64; 2] {
+    let mut velocity = |tick: usize| -> [f64; 3] {
         let predicted = if naive { Some(from.vel_mps) } else { worker.reported_velocity(flight, tick - start) };
         let measured = flight.start(tick).vel_mps;
-        predicted.map_or([f64::NAN; 2], |v| {
-            let square = |i: usize| (v[i] - measured[i]).powi(2);
-            [square(0) + square(1), square(2)]
-        })
+        predicted.map_or([f64::NAN; 3], |v| std::array::from_fn(|i| (v[i] - measured[i]).powi(2)))
     };
     for (horizon, seconds) in HORIZONS_S.iter().enumerate().filter(|(_, s)| start + ahead(**s) <= end) {
-        [out[2][horizon], out[3][horizon]] = velocity(start + ahead(*seconds));
+        let errors = velocity(start + ahead(*seconds));
+        (0..3).for_each(|i| out[3 + i][horizon] = errors[i]);
     }
     if free {
-        let all: Vec<[f64; 2]> = (start + 1..=end).map(velocity).collect();
-        [out[2][4], out[3][4]] = [0, 1].map(|i| all.iter().map(|v| v[i]).sum::<f64>() / all.len() as f64);
+        let all: Vec<[f64; 3]> = (start + 1..=end).map(velocity).collect();
+        (0..3).for_each(|i| out[3 + i][4] = all.iter().map(|v| v[i]).sum::<f64>() / all.len() as f64);
     }
     Some(out)
 }

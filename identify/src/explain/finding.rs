@@ -4,9 +4,9 @@ use crazyflie_env::effects::{Disturbance, Entry, Geometry, Role, Trace, registry
 use rayon::prelude::*;
 
 use super::calibration::finding::SLOW_GUST_S;
-use super::noise::{self, Said};
+use super::noise::{self, NotableDisturbance};
 use super::residual::GustCandidate;
-use super::search::{Judged, Search};
+use super::search::{FilteredHypothesis, Search};
 use super::selection::{Selection, worths};
 use super::signals::losses_by_signal;
 use super::verdict::{Estimate, Finding, Ranked, Step};
@@ -27,7 +27,7 @@ pub fn findings(judge: &Search, selection: &Selection) -> Option<Vec<Finding>> {
     let settled = dissected.judged.settled();
     let worths = worths(judge, dissected)?;
     let with = signal_losses(judge, &settled, &dissected.judged.disturbances)?;
-    let describe = |(name, less): &(&'static str, Judged), worth_test: f64| {
+    let describe = |(name, less): &(&'static str, FilteredHypothesis), worth_test: f64| {
         let term = settled.terms.iter().find(|t| t.entry.name == *name)?;
         let params = term.free.iter().zip(settled.place(name)).map(|(i, at)| {
             let p = &term.entry.params[*i];
@@ -77,15 +77,15 @@ fn manoeuvre(effect: &Entry, others: &[&'static str]) -> String {
 }
 
 /// An effect that is there for good and as likely as a slow gust, and that leaves no gust beside it.
-fn constant_alternative(search: &Search, last: &Judged, gust: &GustCandidate) -> Option<&'static str> {
+fn constant_alternative(search: &Search, last: &FilteredHypothesis, gust: &GustCandidate) -> Option<&'static str> {
     (gust.disturbances.force.tau_s > SLOW_GUST_S).then_some(())?;
     let other = search.extend(last).1.filter(|other| other.loss < last.loss + ALIKE)?;
-    noise::said(&other.disturbances).all(|(said, _)| said != Said::Force).then_some(())?;
+    noise::said(&other.disturbances).all(|(said, _)| said != NotableDisturbance::Force).then_some(())?;
     other.hypothesis.terms.iter().map(|t| t.entry.name).find(|name| !last.hypothesis.has(name))
 }
 
 /// The wandering force as the effect of the registry that is one.
-pub fn gust_finding(search: &Search, judge: &Search, last: &Judged, gust: &GustCandidate) -> Option<Finding> {
+pub fn gust_finding(search: &Search, judge: &Search, last: &FilteredHypothesis, gust: &GustCandidate) -> Option<Finding> {
     let entry = registry().iter().find(|e| e.trace == Trace::Wander(Disturbance::Force))?;
     let force = gust.disturbances.force;
     let calm = Disturbances { force: Wander { sigma: noise::FLOOR.force.sigma, ..force }, ..gust.disturbances };

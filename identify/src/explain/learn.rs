@@ -3,11 +3,11 @@
 use crazyflie_env::effects::{Trace, registry};
 
 use super::calibration::learn::{CLEAR, WORTH_TEST};
-use super::search::{Judged, Search};
+use super::search::{FilteredHypothesis, Search};
 use crate::fit::hypothesis::Term;
 
 /// The hypothesis with a sparse learned term, if there is one that helps on the test flights.
-pub fn learn(search: &Search, judge: &Search, from: &Judged) -> Option<Judged> {
+pub fn learn(search: &Search, judge: &Search, from: &FilteredHypothesis) -> Option<FilteredHypothesis> {
     let entry = registry().iter().find(|e| e.trace == Trace::StandIn)?;
     let mut now = search.refit(&from.settled().with(Term::off(entry)), &from.disturbances)?;
     loop {

@@ -104,7 +104,7 @@ impl Stretches<'_> {
 
 /// Disturbances that are more than the small errors of a model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Said {
+pub enum NotableDisturbance {
     Force,
     Lift,
     Torque,
@@ -112,14 +112,14 @@ pub enum Said {
 }
 
 /// What is to be said of disturbances, each with its size in units of the least that is said.
-pub fn said(disturbances: &Disturbances) -> impl Iterator<Item = (Said, f64)> {
+pub fn said(disturbances: &Disturbances) -> impl Iterator<Item = (NotableDisturbance, f64)> {
     let Disturbances { force, lift, torque, turn, .. } = *disturbances;
     let beside = |times: f64, least: f64| (lift.sigma / least).min(lift.sigma / (times * force.sigma));
     let all = [
-        (Said::Force, force.sigma / SHAKEN_FORCE_MPS2),
-        (Said::Lift, beside(TIMES_FORCE, SHAKEN_LIFT_MPS2).max(beside(TIMES_FORCE_IN_STILL_AIR, LIFT_IN_STILL_AIR_MPS2))),
-        (Said::Torque, torque.sigma / SHAKEN_TORQUE_RADPS2),
-        (Said::Turn, turn.sigma / SHAKEN_TURN_RADPS2),
+        (NotableDisturbance::Force, force.sigma / SHAKEN_FORCE_MPS2),
+        (NotableDisturbance::Lift, beside(TIMES_FORCE, SHAKEN_LIFT_MPS2).max(beside(TIMES_FORCE_IN_STILL_AIR, LIFT_IN_STILL_AIR_MPS2))),
+        (NotableDisturbance::Torque, torque.sigma / SHAKEN_TORQUE_RADPS2),
+        (NotableDisturbance::Turn, turn.sigma / SHAKEN_TURN_RADPS2),
     ];
     all.into_iter().filter(|(_, size)| *size > 1.0)
 }
@@ -219,7 +219,7 @@ pub fn force(flights: &[Flight], hypothesis: &Hypothesis, from: &Disturbances) -
 mod tests {
     use super::*;
 
-    fn kinds(disturbances: &Disturbances) -> Vec<Said> {
+    fn kinds(disturbances: &Disturbances) -> Vec<NotableDisturbance> {
         said(disturbances).map(|(said, _)| said).collect()
     }
 
@@ -230,10 +230,10 @@ mod tests {
             kinds(&Disturbances { force: wander(force), lift: wander(lift), ..FLOOR })
         };
         assert_eq!(of(0.012, 0.03), []);
-        assert_eq!(of(0.012, 0.06), [Said::Lift]);
+        assert_eq!(of(0.012, 0.06), [NotableDisturbance::Lift]);
         assert_eq!(of(0.05, 0.06), []);
-        assert_eq!(of(0.2, 0.25), [Said::Force]);
-        assert_eq!(of(0.1, 0.25), [Said::Lift]);
+        assert_eq!(of(0.2, 0.25), [NotableDisturbance::Force]);
+        assert_eq!(of(0.1, 0.25), [NotableDisturbance::Lift]);
     }
 
     #[test]
@@ -251,10 +251,10 @@ mod tests {
         // however long it lasts: or a gust would be fitted just short of one
         for tau_s in [0.1, 1.0, 10.0] {
             let of = |sigma: f64| Disturbances { force: Wander { sigma, tau_s }, ..FLOOR };
-            assert_eq!((kinds(&of(0.1)), kinds(&of(0.11))), (vec![], vec![Said::Force]));
+            assert_eq!((kinds(&of(0.1)), kinds(&of(0.11))), (vec![], vec![NotableDisturbance::Force]));
             assert!((price(&of(0.11)) - price(&of(0.1)) - DEAR * 1.1_f64.ln() - super::super::WORTH_FIT).abs() < 1e-9);
         }
         let loudly = Disturbances { torque: Wander { sigma: 0.3, tau_s: 0.3 }, turn: Wander { sigma: 0.2, tau_s: 4.0 }, ..FLOOR };
-        assert_eq!(kinds(&loudly), [Said::Torque, Said::Turn]);
+        assert_eq!(kinds(&loudly), [NotableDisturbance::Torque, NotableDisturbance::Turn]);
     }
 }

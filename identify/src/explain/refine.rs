@@ -7,7 +7,7 @@ use nalgebra::DVector;
 use rayon::prelude::*;
 
 use super::calibration::refine::{ENOUGH, ROUNDS, STEP, STRETCH_S};
-use super::search::Judged;
+use super::search::FilteredHypothesis;
 use crate::fit::filter::{Belief, Disturbances, Innovation, filter};
 use crate::fit::flight::Flight;
 use crate::fit::hypothesis::Hypothesis;
@@ -66,7 +66,7 @@ fn clusters(flights: &[Flight], at: &Hypothesis, here: &Run, sd: &[f64], disturb
 
 /// The most likely values and their covariance, clustered by stretches of the flights: it holds although the innovations are not quite
 /// independent. `None` if nothing is free or the filter breaks down.
-pub fn refine(flights: &[Flight], judged: &Judged) -> Option<Belief> {
+pub fn refine(flights: &[Flight], judged: &FilteredHypothesis) -> Option<Belief> {
     let mut at = judged.settled();
     let (n, bounds) = (at.shared().len(), at.bounds());
     if n == 0 {

@@ -5,9 +5,9 @@ use rayon::prelude::*;
 use super::WORTH_FIT;
 use super::calibration::residual::REPORTED;
 use super::leftover;
-use super::noise::{self, Said};
+use super::noise::{self, NotableDisturbance};
 use super::place;
-use super::search::{Judged, Search};
+use super::search::{FilteredHypothesis, Search};
 use super::selection::{Selection, validate};
 use super::shape;
 use super::signals::Signal;
@@ -22,8 +22,8 @@ pub struct GustCandidate {
 }
 
 /// Sizes are tuned on short stretches, where a small gust may not be worth its price: at the limit of what is said, whole flights decide.
-fn gust_candidate(search: &Search, last: &Judged) -> Option<GustCandidate> {
-    let is_gust = |d: &Disturbances| d.force.tau_s > noise::GUST_S && noise::said(d).any(|(said, _)| said == Said::Force);
+fn gust_candidate(search: &Search, last: &FilteredHypothesis) -> Option<GustCandidate> {
+    let is_gust = |d: &Disturbances| d.force.tau_s > noise::GUST_S && noise::said(d).any(|(said, _)| said == NotableDisturbance::Force);
     let before = &last.disturbances;
     if !is_gust(before) && before.force.sigma < noise::SHAKEN_FORCE_MPS2 {
         return None;
@@ -70,17 +70,17 @@ fn excess_disturbances(disturbances: &Disturbances, gust: Option<&GustCandidate>
     let words = |what: &str, by: Wander, unit: &str| {
         format!("{what} shaken by {:.2} {unit}, for {:.2} s at a time, whatever the commands", by.sigma, by.tau_s)
     };
-    let finding_for = |(said, size): (Said, f64)| {
+    let finding_for = |(said, size): (NotableDisturbance, f64)| {
         Some(match said {
-            Said::Force => return None,
-            Said::Lift => finding(Signal::Vertical, "lift", words("the thrust is", lift, "m/s^2"), size),
-            Said::Torque => finding(Signal::Tilt, "torque", words("roll and pitch are", torque, "rad/s^2"), size),
-            Said::Turn => finding(Signal::Yaw, "turn", words("the yaw is", turn, "rad/s^2"), size),
+            NotableDisturbance::Force => return None,
+            NotableDisturbance::Lift => finding(Signal::Vertical, "lift", words("the thrust is", lift, "m/s^2"), size),
+            NotableDisturbance::Torque => finding(Signal::Tilt, "torque", words("roll and pitch are", torque, "rad/s^2"), size),
+            NotableDisturbance::Turn => finding(Signal::Yaw, "turn", words("the yaw is", turn, "rad/s^2"), size),
         })
     };
     let mut found: Vec<Leftover> = noise::said(disturbances).filter_map(finding_for).collect();
     let endless = gust.map(|b| b.disturbances).filter(|d| d.force.tau_s >= noise::LONGEST_S);
-    let endless = endless.and_then(|d| Some((d, noise::said(&d).find(|(said, _)| *said == Said::Force)?.1)));
+    let endless = endless.and_then(|d| Some((d, noise::said(&d).find(|(said, _)| *said == NotableDisturbance::Force)?.1)));
     found.extend(endless.map(|(d, size)| {
         finding(Signal::Sideways, "force", format!("wanders by {:.2} m/s^2, for longer than gusts do", d.force.sigma), size)
     }));
@@ -88,7 +88,7 @@ fn excess_disturbances(disturbances: &Disturbances, gust: Option<&GustCandidate>
 }
 
 /// The strongest findings in the innovations of the test flights, and in the forces of all.
-pub fn leftovers(fit: &[Flight], test: &[Flight], last: &Judged, gust: Option<&GustCandidate>) -> Vec<Leftover> {
+pub fn leftovers(fit: &[Flight], test: &[Flight], last: &FilteredHypothesis, gust: Option<&GustCandidate>) -> Vec<Leftover> {
     let (at, disturbances, nothing) = (last.settled().fixed(), &last.disturbances, Belief::independent(Vec::new(), &[]));
     let filtered = |f: &Flight| filter(f, f.all(), &at, &nothing, disturbances);
     let known: Vec<_> = fit.par_iter().filter_map(|f| Some((f, filtered(f)?))).collect();

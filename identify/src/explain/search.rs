@@ -20,7 +20,7 @@ use crate::fit::solve::{Solution, pseudo_inverse, solve_within};
 
 /// A hypothesis with what the flights say of it.
 #[derive(Debug, Clone)]
-pub struct Judged {
+pub struct FilteredHypothesis {
     /// Values as the windows have them.
     pub hypothesis: Hypothesis,
     /// As the filter has them after all flights of the fit.
@@ -32,16 +32,16 @@ pub struct Judged {
 
 /// A hypothesis, and each that lacks one of its effects.
 #[derive(Debug, Clone)]
-pub struct Dissected {
-    pub judged: Judged,
-    pub without: Vec<(&'static str, Judged)>,
+pub struct Ablation {
+    pub judged: FilteredHypothesis,
+    pub without: Vec<(&'static str, FilteredHypothesis)>,
     /// The most that an effect was worth which was taken out, because its size was unclear.
     pub unclear: f64,
     /// As it was before the last effect was taken out whose size was clear, and that was worth most of what it must be.
-    pub nearly: Option<Judged>,
+    pub nearly: Option<FilteredHypothesis>,
 }
 
-impl Judged {
+impl FilteredHypothesis {
     /// How many standard errors lie between "off" and the value of an effect's clearest parameter.
     pub fn clearance(&self, effect: &str) -> f64 {
         let place = self.hypothesis.place(effect);
@@ -188,16 +188,16 @@ impl<'a> Search<'a> {
     }
 
     /// A hypothesis judged as a search judges.
-    pub fn roughly(&self, judged: &Judged) -> Option<Judged> {
+    pub fn roughly(&self, judged: &FilteredHypothesis) -> Option<FilteredHypothesis> {
         self.at_most(judged, Some(self.rough_hz(2)))
     }
 
     /// And as exactly as its effects ask for.
-    pub fn exactly(&self, judged: &Judged) -> Option<Judged> {
+    pub fn exactly(&self, judged: &FilteredHypothesis) -> Option<FilteredHypothesis> {
         self.at_most(judged, None)
     }
 
-    fn at_most(&self, judged: &Judged, most_hz: Option<u32>) -> Option<Judged> {
+    fn at_most(&self, judged: &FilteredHypothesis, most_hz: Option<u32>) -> Option<FilteredHypothesis> {
         let mut other = judged.clone();
         other.hypothesis.most_hz = most_hz;
         self.again(&other, &judged.disturbances)
@@ -214,7 +214,7 @@ impl<'a> Search<'a> {
     }
 
     /// What the filter says of a hypothesis whose free parameters are known about as well as `sd`.
-    pub fn judge(&self, hypothesis: &Hypothesis, sd: &[f64], disturbances: &Disturbances) -> Option<Judged> {
+    pub fn judge(&self, hypothesis: &Hypothesis, sd: &[f64], disturbances: &Disturbances) -> Option<FilteredHypothesis> {
         let ranges = hypothesis.bounds();
         let wide: Vec<f64> = sd.iter().zip(&ranges).map(|(sd, [low, high])| (WIDEN * sd).min(0.25 * (high - low))).collect();
         let mut belief = Belief::independent(hypothesis.shared(), &wide);
@@ -224,7 +224,7 @@ impl<'a> Search<'a> {
             loss += filtered.loss;
             belief = filtered.belief;
         }
-        Some(Judged { hypothesis: hypothesis.clone(), belief, disturbances: *disturbances, loss })
+        Some(FilteredHypothesis { hypothesis: hypothesis.clone(), belief, disturbances: *disturbances, loss })
     }
 
     /// Negative log-likelihood with all parameters as they are.
@@ -235,13 +235,13 @@ impl<'a> Search<'a> {
     }
 
     /// The declared model, with what is random about the flight.
-    pub fn declared(&self, hypothesis: &Hypothesis) -> Option<Judged> {
+    pub fn declared(&self, hypothesis: &Hypothesis) -> Option<FilteredHypothesis> {
         let disturbances = tune(&self.flights[0], hypothesis, None);
         self.judge(hypothesis, &[], &disturbances)
     }
 
     /// The hypothesis fitted anew, disturbances tuned, judged.
-    pub fn refit(&self, hypothesis: &Hypothesis, disturbances: &Disturbances) -> Option<Judged> {
+    pub fn refit(&self, hypothesis: &Hypothesis, disturbances: &Disturbances) -> Option<FilteredHypothesis> {
         let solution = self.fit(hypothesis, None, STEPS);
         let (fitted, sd) = without_idle(&hypothesis.at(&solution.shared), &deviations(&solution), &[]);
         let first = self.judge(&fitted, &sd, disturbances)?;
@@ -250,7 +250,7 @@ impl<'a> Search<'a> {
     }
 
     /// One more effect: all scores, and the best by the filter of those that score highest.
-    pub fn extend(&self, now: &Judged) -> (Vec<Score>, Option<Judged>) {
+    pub fn extend(&self, now: &FilteredHypothesis) -> (Vec<Score>, Option<FilteredHypothesis>) {
         // what is missing for good may pass for a disturbance that wanders slowly: in a calm it would stand out
         let calm = Some(calm(&now.disturbances)).filter(|_| loud(&now.disturbances));
         let Some(Scores { usual: scored, in_calm, base }) = self.score(now, calm.as_ref()) else { return (Vec::new(), None) };
@@ -270,7 +270,7 @@ impl<'a> Search<'a> {
 
     /// The best hypothesis of a round, and besides what others of the round added, as long as it keeps half of what it gained alone: what is
     /// missing in several ways takes one round, not several.
-    fn joined(&self, best: Judged, mut others: Vec<Judged>, before: &Judged) -> Judged {
+    fn joined(&self, best: FilteredHypothesis, mut others: Vec<FilteredHypothesis>, before: &FilteredHypothesis) -> FilteredHypothesis {
         others.retain(|other| before.loss - other.loss > LEAST_JOINED);
         others.sort_by(|a, b| a.loss.total_cmp(&b.loss));
         let mut now = best;
@@ -289,7 +289,7 @@ impl<'a> Search<'a> {
 
     /// The best hypothesis with commands that may not arrive, if there is such an effect that it does not have. The windows see only what is
     /// expected of it, a delay; that the vehicle is shaken just when commands change, the filter sees once its disturbances no longer stand for it.
-    pub fn held(&self, now: &Judged) -> Option<Judged> {
+    pub fn held(&self, now: &FilteredHypothesis) -> Option<FilteredHypothesis> {
         let unshaken = Disturbances { torque: FLOOR.torque, ..now.disturbances };
         let with = |(entry, probability): (&'static Entry, f64)| {
             let mut term = Term::off(entry);
@@ -299,13 +299,13 @@ impl<'a> Search<'a> {
         };
         let absent = candidates(&now.settled()).into_iter().map(|c| c.entry).filter(|e| e.trace == Trace::Held);
         let tried: Vec<_> = absent.flat_map(|entry| PROBABILITIES.map(|p| (entry, p))).collect();
-        let mut judged: Vec<Judged> = tried.into_par_iter().filter_map(with).collect();
+        let mut judged: Vec<FilteredHypothesis> = tried.into_par_iter().filter_map(with).collect();
         judged.sort_by(|a, b| a.loss.total_cmp(&b.loss));
         judged.par_iter().take(TUNED).filter_map(|j| self.tuned(j)).min_by(|a, b| a.loss.total_cmp(&b.loss))
     }
 
     /// The same hypothesis with the disturbances that suit it.
-    pub fn tuned(&self, judged: &Judged) -> Option<Judged> {
+    pub fn tuned(&self, judged: &FilteredHypothesis) -> Option<FilteredHypothesis> {
         let disturbances = tune(&self.flights[0], &judged.settled(), Some(&judged.disturbances));
         let again = self.again(judged, &disturbances)?;
         // tuned on a part of a flight, judged on all
@@ -313,7 +313,7 @@ impl<'a> Search<'a> {
     }
 
     /// Without one of its effects, the others and the disturbances settled anew.
-    pub fn reduced(&self, judged: &Judged, effect: &str) -> Option<Judged> {
+    pub fn reduced(&self, judged: &FilteredHypothesis, effect: &str) -> Option<FilteredHypothesis> {
         let at = judged.settled();
         let place = at.place(effect);
         let sd: Vec<f64> = (0..judged.belief.mean.len()).filter(|i| !place.contains(i)).map(|i| judged.belief.sd(i)).collect();
@@ -322,21 +322,21 @@ impl<'a> Search<'a> {
     }
 
     /// A hypothesis with what is left of it without each of its effects.
-    pub fn dissect(&self, judged: Judged) -> Dissected {
+    pub fn dissect(&self, judged: FilteredHypothesis) -> Ablation {
         let names: Vec<&'static str> = judged.hypothesis.terms.iter().map(|t| t.entry.name).collect();
         let without = names.into_par_iter().filter_map(|name| Some((name, self.reduced(&judged, name)?))).collect();
-        Dissected { judged, without, unclear: 0.0, nearly: None }
+        Ablation { judged, without, unclear: 0.0, nearly: None }
     }
 
     /// Effects that do not earn their place at the end, when all others are there, are taken out again: each must be worth so much
     /// log-likelihood, and one of its parameters must lie clear of "off".
-    pub fn backward(&self, from: Judged, worth: f64) -> Dissected {
+    pub fn backward(&self, from: FilteredHypothesis, worth: f64) -> Ablation {
         let mut now = self.dissect(from);
         let (mut unclear, mut nearly) = (0.0_f64, None);
         loop {
             let idle = now.without.iter().filter(|(name, less)| less.loss - now.judged.loss < worth || now.judged.clearance(name) < CLEAR);
             let Some((name, less)) = idle.min_by(|a, b| a.1.loss.total_cmp(&b.1.loss)) else {
-                return Dissected { unclear, nearly, ..now };
+                return Ablation { unclear, nearly, ..now };
             };
             let is_worth = less.loss - now.judged.loss;
             unclear = unclear.max(is_worth);
@@ -348,9 +348,15 @@ impl<'a> Search<'a> {
     }
 
     /// Other effects in the place of one of a hypothesis: each as judged, within `noise` of the likelihood of the one that it replaces.
-    pub fn rivals(&self, judged: &Judged, effect: &str, without: &Judged, noise: f64) -> Vec<(&'static str, Judged)> {
+    pub fn rivals(
+        &self,
+        judged: &FilteredHypothesis,
+        effect: &str,
+        without: &FilteredHypothesis,
+        noise: f64,
+    ) -> Vec<(&'static str, FilteredHypothesis)> {
         // as the effects were settled with it, and as without it
-        let kept = Judged { disturbances: judged.disturbances, ..without.clone() };
+        let kept = FilteredHypothesis { disturbances: judged.disturbances, ..without.clone() };
         let Some(without) = self.again(&kept, &judged.disturbances) else { return Vec::new() };
         let at = without.settled();
         let Some(Scores { usual: scores, base, .. }) = self.score(&without, None) else { return Vec::new() };
@@ -364,31 +370,31 @@ impl<'a> Search<'a> {
         let others: Vec<&Score> = others.collect();
         let proposals: Vec<Proposal> = others.par_iter().filter_map(|s| self.propose(&at, s, &base)).collect();
         let replaced = self.settle(&self.judge_all(&proposals, &judged.disturbances), judged.loss + noise).into_iter();
-        let named = |j: Judged| Some((j.hypothesis.terms.iter().find(|t| !judged.hypothesis.has(t.entry.name))?.entry.name, j));
+        let named = |j: FilteredHypothesis| Some((j.hypothesis.terms.iter().find(|t| !judged.hypothesis.has(t.entry.name))?.entry.name, j));
         replaced.filter_map(named).filter(|(_, j)| j.loss - judged.loss < noise).collect()
     }
 
-    fn judge_all(&self, proposals: &[Proposal], disturbances: &Disturbances) -> Vec<Judged> {
+    fn judge_all(&self, proposals: &[Proposal], disturbances: &Disturbances) -> Vec<FilteredHypothesis> {
         proposals.par_iter().filter_map(|p| self.judge(&p.hypothesis, &p.sd, disturbances)).collect()
     }
 
     /// Proposals judged again from where they settled: what is then believed beforehand is as wide for every hypothesis, in its own standard
     /// errors, so that all pay the same for a parameter. Those far behind the best, or the loss that is asked for, are left out.
-    fn settle(&self, first: &[Judged], most: f64) -> Vec<Judged> {
+    fn settle(&self, first: &[FilteredHypothesis], most: f64) -> Vec<FilteredHypothesis> {
         let least = first.iter().map(|j| j.loss).fold(f64::INFINITY, f64::min);
         let near = first.par_iter().filter(|j| j.loss < if most.is_finite() { most } else { least } + FAR_BEHIND);
         near.filter_map(|j| self.again(j, &j.disturbances)).collect()
     }
 
     /// The same hypothesis judged from where it settled, under other disturbances.
-    fn again(&self, judged: &Judged, disturbances: &Disturbances) -> Option<Judged> {
+    fn again(&self, judged: &FilteredHypothesis, disturbances: &Disturbances) -> Option<FilteredHypothesis> {
         let sd: Vec<f64> = (0..judged.belief.mean.len()).map(|i| judged.belief.sd(i)).collect();
         self.judge(&judged.settled(), &sd, disturbances)
     }
 
     /// What every effect could gain, from one run of the filter that carries the parameters of all of them, each known to be almost off. An
     /// effect without a slope at "off" is tried from elsewhere, on the windows, whose fit comes along.
-    fn score(&self, now: &Judged, calm: Option<&Disturbances>) -> Option<Scores> {
+    fn score(&self, now: &FilteredHypothesis, calm: Option<&Disturbances>) -> Option<Scores> {
         let at = now.settled();
         let fixed = at.fixed();
         let all = candidates(&at);

@@ -7,7 +7,7 @@ use super::calibration::selection::{AMOUNT_SD, CLOCKWORK_FROM_HZ, LINE_FORCE_SD_
 use super::leftover::line_above;
 use super::noise;
 use super::refine;
-use super::search::{self, Dissected, Judged, Score, Search};
+use super::search::{self, Ablation, FilteredHypothesis, Score, Search};
 use super::verdict::{Ranked, Step};
 use super::{ALIKE, WORTH_FIT, WORTH_TEST};
 use crate::fit::filter::{Belief, Disturbances, filter};
@@ -22,14 +22,14 @@ pub type Rivals = Vec<(&'static str, Vec<&'static str>)>;
 
 /// The effects that are kept, with what tells how well.
 pub struct Selection {
-    pub dissected: Dissected,
+    pub dissected: Ablation,
     pub rivals: Rivals,
     /// An effect was worth nothing on the test flights.
     pub dropped: bool,
 }
 
 /// The declared model, or its exact geometric form if that is likelier: one look, before effects are tried beside it.
-pub fn model_form(search: &Search, declared: Judged) -> Judged {
+pub fn model_form(search: &Search, declared: FilteredHypothesis) -> FilteredHypothesis {
     let absent = |name: &str| !declared.hypothesis.model.effects.contains_key(name);
     let wholes = registry().iter().filter(|e| e.geometry == Geometry::Whole && absent(e.name));
     let judged = wholes.filter_map(|entry| {
@@ -46,7 +46,7 @@ pub fn model_form(search: &Search, declared: Judged) -> Judged {
 }
 
 /// Forward, one effect at a time, while the filter gains anything.
-pub fn forward(search: &Search, from: &Judged, progress: &dyn Fn(&str)) -> (Judged, Vec<Step>) {
+pub fn forward(search: &Search, from: &FilteredHypothesis, progress: &dyn Fn(&str)) -> (FilteredHypothesis, Vec<Step>) {
     let mut now = from.clone();
     let mut steps = Vec::new();
     let mut gain = 0.0;
@@ -55,7 +55,8 @@ pub fn forward(search: &Search, from: &Judged, progress: &dyn Fn(&str)) -> (Judg
         progress(&format!("candidates besides {}", if names.is_empty() { "nothing".into() } else { names.join(", ") }));
         let (scores, next) = search.extend(&now);
         steps.push(Step { effects: names, gain, ranking: scores.iter().map(ranked).collect() });
-        let gains = |next: &Judged| now.loss - next.loss > search::LEAST_GAIN && next.hypothesis.terms.len() <= search::MOST_EFFECTS;
+        let gains =
+            |next: &FilteredHypothesis| now.loss - next.loss > search::LEAST_GAIN && next.hypothesis.terms.len() <= search::MOST_EFFECTS;
         let shaken = now.disturbances.torque.sigma > LOST_COMMANDS_RADPS2;
         let Some(next) = next.filter(gains).or_else(|| if shaken { search.held(&now).filter(gains) } else { None }) else {
             return (now, steps);
@@ -70,25 +71,25 @@ fn ranked(score: &Score) -> Ranked {
 }
 
 /// Takes out what did not earn its place: on the flights of the fit, beside rivals, on the test flights, and by the last word on the parameters.
-pub fn eliminate(search: &Search, judge: &Search, path: Judged, progress: &dyn Fn(&str)) -> Option<Selection> {
+pub fn eliminate(search: &Search, judge: &Search, path: FilteredHypothesis, progress: &dyn Fn(&str)) -> Option<Selection> {
     progress("backward");
     let mut rivals = Vec::new();
     let settled = settle_rivals(search, search.backward(path, WORTH_FIT), &mut rivals, progress);
     let exact = search.backward(search.exactly(&settled.judged)?, WORTH_FIT);
     progress("the test flights");
-    validate(search, judge, Dissected { unclear: exact.unclear.max(settled.unclear), ..exact }, rivals)
+    validate(search, judge, Ablation { unclear: exact.unclear.max(settled.unclear), ..exact }, rivals)
 }
 
 /// Keeps what is worth its place on the test flights, at the most likely values of its parameters.
-pub fn validate(search: &Search, judge: &Search, from: Dissected, rivals: Rivals) -> Option<Selection> {
+pub fn validate(search: &Search, judge: &Search, from: Ablation, rivals: Rivals) -> Option<Selection> {
     let (dissected, dropped) = gate(search, judge, without_clockwork(search, from))?;
     Some(Selection { dissected: refined(search, dissected), rivals, dropped })
 }
 
 /// Looks for rivals of each effect. One that is likelier takes its place, and one that lets another effect go: what a mass does, a thrust scale and a
 /// damping do together.
-fn settle_rivals(search: &Search, from: Dissected, rivals: &mut Rivals, progress: &dyn Fn(&str)) -> Dissected {
-    let price = |d: &Dissected| d.judged.loss + WORTH_FIT * d.without.len() as f64;
+fn settle_rivals(search: &Search, from: Ablation, rivals: &mut Rivals, progress: &dyn Fn(&str)) -> Ablation {
+    let price = |d: &Ablation| d.judged.loss + WORTH_FIT * d.without.len() as f64;
     let mut now = from;
     let mut swaps = 0;
     'again: loop {
@@ -125,10 +126,11 @@ fn settle_rivals(search: &Search, from: Dissected, rivals: &mut Rivals, progress
 
 /// Takes out what swings by itself where a force that comes by the clock is likelier, at the frequency of the line that is left without it: a load swings
 /// as the vehicle moves it.
-fn without_clockwork(search: &Search, from: Dissected) -> Dissected {
+fn without_clockwork(search: &Search, from: Ablation) -> Ablation {
     let resonant = |name: &str| find(name).is_ok_and(|(_, entry)| entry.trace == Trace::Resonant);
-    let clockwork =
-        |(name, less): &(&'static str, Judged)| resonant(name) && clockwork_loss(search, less).is_some_and(|loss| loss < from.judged.loss);
+    let clockwork = |(name, less): &(&'static str, FilteredHypothesis)| {
+        resonant(name) && clockwork_loss(search, less).is_some_and(|loss| loss < from.judged.loss)
+    };
     match from.without.iter().position(clockwork) {
         Some(at) => search.dissect(from.without[at].1.clone()),
         None => from,
@@ -136,7 +138,7 @@ fn without_clockwork(search: &Search, from: Dissected) -> Dissected {
 }
 
 /// Loss of a hypothesis with a periodic force at the strongest line of the force that it lacks.
-fn clockwork_loss(search: &Search, judged: &Judged) -> Option<f64> {
+fn clockwork_loss(search: &Search, judged: &FilteredHypothesis) -> Option<f64> {
     let frequency = |entry: &Entry| entry.params.iter().position(|p| p.unit == "Hz");
     let absent = |entry: &&Entry| entry.trace == Trace::Located && !judged.hypothesis.has(entry.name);
     let (entry, at) = registry().iter().filter(absent).find_map(|entry| Some((entry, frequency(entry)?)))?;
@@ -149,7 +151,7 @@ fn clockwork_loss(search: &Search, judged: &Judged) -> Option<f64> {
 }
 
 /// Share of the power of the estimated horizontal force that its strongest line holds, and its frequency: the largest of all flights and axes.
-fn force_line(flights: &[Flight], judged: &Judged) -> Option<(f64, f64)> {
+fn force_line(flights: &[Flight], judged: &FilteredHypothesis) -> Option<(f64, f64)> {
     let (at, nothing) = (judged.settled().fixed(), Belief::independent(Vec::new(), &[]));
     let lines = flights.iter().filter_map(|flight| {
         let filtered = filter(flight, flight.all(), &at, &nothing, &judged.disturbances)?;
@@ -160,7 +162,7 @@ fn force_line(flights: &[Flight], judged: &Judged) -> Option<(f64, f64)> {
 }
 
 /// Takes out what does not help on the test flights, one at a time, and says whether there was any.
-fn gate(search: &Search, judge: &Search, from: Dissected) -> Option<(Dissected, bool)> {
+fn gate(search: &Search, judge: &Search, from: Ablation) -> Option<(Ablation, bool)> {
     let (mut now, mut dropped) = (from, false);
     loop {
         let worths = worths(judge, &now)?;
@@ -175,7 +177,7 @@ fn gate(search: &Search, judge: &Search, from: Dissected) -> Option<(Dissected, 
 }
 
 /// With the most likely parameters, and without the effects that these leave unclear.
-fn refined(search: &Search, from: Dissected) -> Dissected {
+fn refined(search: &Search, from: Ablation) -> Ablation {
     let mut now = from;
     while let Some(belief) = refine::refine(search.flights, &now.judged) {
         now.judged.belief = belief;
@@ -190,8 +192,8 @@ fn refined(search: &Search, from: Dissected) -> Dissected {
 
 /// Log-likelihood of the test flights that each effect is worth. Where nothing shakes a vehicle as much as the floor of the disturbances has it, a
 /// damping is worth something for that alone: an effect must be worth it in still air too.
-pub fn worths(judge: &Search, dissected: &Dissected) -> Option<Vec<f64>> {
-    let loss = |j: &Judged, air: fn(&Disturbances) -> Disturbances| judge.plug_in(&j.settled(), &air(&j.disturbances));
+pub fn worths(judge: &Search, dissected: &Ablation) -> Option<Vec<f64>> {
+    let loss = |j: &FilteredHypothesis, air: fn(&Disturbances) -> Disturbances| judge.plug_in(&j.settled(), &air(&j.disturbances));
     let worth = |air: fn(&Disturbances) -> Disturbances| -> Option<Vec<f64>> {
         let full = loss(&dissected.judged, air)?;
         dissected.without.par_iter().map(|(_, less)| Some(loss(less, air)? - full)).collect()

@@ -1,5 +1,7 @@
 //! Verdicts by signal: how much of the error of each part of the motion is explained, and what is left of it.
 
+use std::ops::Range;
+
 use serde::Serialize;
 
 use super::errors::Errors;
@@ -36,8 +38,13 @@ impl Signal {
     }
 
     /// Row of [`Errors::axes`] that tells how well the signal is predicted: velocities, and angles.
-    fn error_row(self) -> usize {
+    pub fn error_row(self) -> usize {
         [2, 3, 4, 5][self as usize]
+    }
+
+    /// Rows of [`Errors::components`] that the row of the axes is made of.
+    pub fn components(self) -> Range<usize> {
+        [3..5, 5..6, 6..8, 8..9][self as usize].clone()
     }
 
     /// Size and unit of what still shakes the signal.

@@ -60,7 +60,7 @@ pub fn powertrain(logs: &[(String, FlightLog)]) -> Vec<String> {
 
 /// What a model makes of flights.
 #[derive(Debug, Clone)]
-pub struct Judged {
+pub struct ModelComparison {
     /// Six signals of each flight.
     pub comparisons: Vec<Comparison>,
     /// What each flight has of its own.
@@ -86,7 +86,7 @@ pub struct Identified {
     pub samples: usize,
     pub input: VerticalInput,
     /// The logs of the fit.
-    pub fit: Judged,
+    pub fit: ModelComparison,
     /// With nothing free but what flights have of their own.
     hypothesis: Hypothesis,
     plan: Plan,
@@ -238,7 +238,7 @@ impl Identified {
     ///
     /// # Errors
     /// As [`identify`].
-    pub fn judge(&self, logs: &[(String, FlightLog)]) -> Result<Judged, IdentifyError> {
+    pub fn judge(&self, logs: &[(String, FlightLog)]) -> Result<ModelComparison, IdentifyError> {
         self.judge_by(&self.hypothesis, logs)
     }
 
@@ -246,7 +246,7 @@ impl Identified {
     ///
     /// # Errors
     /// As [`identify`].
-    pub fn judge_with(&self, model: &Model, logs: &[(String, FlightLog)]) -> Result<Judged, IdentifyError> {
+    pub fn judge_with(&self, model: &Model, logs: &[(String, FlightLog)]) -> Result<ModelComparison, IdentifyError> {
         let mut hypothesis = Hypothesis { pushed: false, ..Hypothesis::of(model) };
         if self.plan.nuisance {
             hypothesis = nuisance::terms(self.input)?.into_iter().fold(hypothesis, |h, term| h.with(term));
@@ -254,7 +254,7 @@ impl Identified {
         self.judge_by(&hypothesis, logs)
     }
 
-    fn judge_by(&self, hypothesis: &Hypothesis, logs: &[(String, FlightLog)]) -> Result<Judged, IdentifyError> {
+    fn judge_by(&self, hypothesis: &Hypothesis, logs: &[(String, FlightLog)]) -> Result<ModelComparison, IdentifyError> {
         let mut flights = prepare(&hypothesis.model, Some(self.input), logs)?;
         flights.iter_mut().for_each(|f| f.noise = of_six(&self.noise));
         let each: Vec<Hypothesis> = flights.iter().map(|flight| nuisance::settled_on_start(hypothesis, flight)).collect();
@@ -263,10 +263,10 @@ impl Identified {
 }
 
 /// What hypotheses without free numbers, one for each flight, make of the flights.
-fn judge(each: &[Hypothesis], flights: &[Flight], plan: &Plan) -> Judged {
+fn judge(each: &[Hypothesis], flights: &[Flight], plan: &Plan) -> ModelComparison {
     let from_s = if plan.nuisance { SETTLE_S } else { 0.0 };
     let pairs = || each.iter().zip(flights);
-    Judged {
+    ModelComparison {
         comparisons: pairs().flat_map(|(at, flight)| compare(at, flight)).collect(),
         trims: pairs().map(|(at, flight)| nuisance::trim(&flight.name, at)).filter(|trim| !trim.values.is_empty()).collect(),
         errors: pairs().filter_map(|(at, flight)| axis_errors(at, flight, from_s, None)).collect(),

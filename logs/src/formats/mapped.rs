@@ -8,9 +8,9 @@ use crate::table::{NUMBER, PWM, Table};
 use crate::times::guess_unit;
 use crate::{Content, FlightLog, LogError, Note, Reader};
 
-pub(crate) struct Mapped;
+pub(crate) struct MappedReader;
 
-impl Reader for Mapped {
+impl Reader for MappedReader {
     fn name(&self) -> &'static str {
         "mapped_csv"
     }

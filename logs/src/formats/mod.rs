@@ -17,7 +17,7 @@ use crate::Reader;
 /// All formats, in the order in which equal matches are preferred.
 pub fn readers() -> &'static [&'static dyn Reader] {
     &[
-        &mapped::Mapped,
+        &mapped::MappedReader,
         &project::ProjectCsv,
         &nanobench::NanoBench,
         &nanodrone::NanoDrone,

@@ -12,7 +12,7 @@ use crate::{FlightLog, Note, Provenance, skew};
 
 pub use channels::ChannelSummary;
 pub use excitation::{CommandExcitation, Motion};
-pub use needs::Need;
+pub use needs::CommandRequirement;
 pub use signs::{SignCheck, SignVerdict};
 
 /// Everything that can be said of a log without a model.
@@ -34,7 +34,7 @@ pub struct Inspection {
     pub signs: Vec<SignCheck>,
     pub commands: Vec<CommandExcitation>,
     pub motion: Option<Motion>,
-    pub needs: Vec<Need>,
+    pub needs: Vec<CommandRequirement>,
     /// The reader's remarks, in words.
     pub notes: Vec<String>,
 }

@@ -10,7 +10,7 @@ const SHORTEST_S: f64 = 5.0;
 
 /// One command and whether the log suffices for it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Need {
+pub struct CommandRequirement {
     pub command: &'static str,
     /// What is missing; nothing if the log suffices.
     pub missing: Vec<&'static str>,
@@ -18,7 +18,7 @@ pub struct Need {
     pub weak: Vec<&'static str>,
 }
 
-pub(super) fn needs(log: &FlightLog) -> Vec<Need> {
+pub(super) fn needs(log: &FlightLog) -> Vec<CommandRequirement> {
     let flown_s = match (log.t_s.get(log.airborne.start), log.airborne.end.checked_sub(1).and_then(|row| log.t_s.get(row))) {
         (Some(from), Some(to)) if !log.airborne.is_empty() => to - from,
         _ => 0.0,
@@ -39,7 +39,7 @@ pub(super) fn needs(log: &FlightLog) -> Vec<Need> {
     let weak = [derived, estimated, no_yaw, no_voltage, no_motors];
     let of = |command, lacks: &[(bool, &'static str)], weak: &[(bool, &'static str)]| {
         let named = |list: &[(bool, &'static str)]| list.iter().filter(|(is, _)| *is).map(|(_, text)| *text).collect();
-        Need { command, missing: named(lacks), weak: named(weak) }
+        CommandRequirement { command, missing: named(lacks), weak: named(weak) }
     };
     let no_requests = (!requests, "motor requests before battery compensation (motors beside pwm, or the mixer's inputs)");
     vec![

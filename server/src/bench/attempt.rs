@@ -185,13 +185,13 @@ impl Drop for Attempt {
 
 /// What came of flights, but for dates.
 #[derive(PartialEq)]
-pub(crate) struct Judged {
+pub(crate) struct AttemptScore {
     pub score: score::Score,
     pub metrics: metrics::Metrics,
     pub episodes: Vec<EpisodeResult>,
 }
 
-pub(super) fn judge(scenario: &Scenario, flights: &[Episode]) -> Result<Judged> {
+pub(super) fn judge(scenario: &Scenario, flights: &[Episode]) -> Result<AttemptScore> {
     let of = |flight: &Episode| {
         let metrics = metrics::of_episode(scenario, flight)?;
         Ok(EpisodeResult { score: scenario.plan.cost.score(&metrics)?, states_sha256: flight.state_hash(), metrics })
@@ -199,12 +199,12 @@ pub(super) fn judge(scenario: &Scenario, flights: &[Episode]) -> Result<Judged> 
     let episodes = flights.iter().map(of).collect::<Result<Vec<_>>>()?;
     let scores: Vec<(f64, bool)> = episodes.iter().map(|e| (e.score, e.metrics.failed.is_some())).collect();
     let all: Vec<EpisodeMetrics> = episodes.iter().map(|e| e.metrics.clone()).collect();
-    Ok(Judged { score: score::of_attempt(&scores)?, metrics: metrics::of_attempt(&all)?, episodes })
+    Ok(AttemptScore { score: score::of_attempt(&scores)?, metrics: metrics::of_attempt(&all)?, episodes })
 }
 
-impl Judged {
+impl AttemptScore {
     fn outcome(self, finished_ms: i64, ticks: usize, packed: &[u8]) -> Outcome {
-        let Judged { score, metrics, episodes } = self;
+        let AttemptScore { score, metrics, episodes } = self;
         Outcome { finished_ms, ticks, actions_sha256: sha256_hex(packed), score, metrics, episodes }
     }
 }

@@ -6,7 +6,7 @@ use crazyflie_env::model::Model;
 use crazyflie_env::observation::{ACTION, Interface};
 use crazyflie_env::vector::Out;
 
-use super::attempt::{Judged, judge};
+use super::attempt::{AttemptScore, judge};
 use super::episodes::Episodes;
 use super::error::Result;
 use super::scenario::Scenario;
@@ -76,7 +76,7 @@ fn fly(attempt: &mut Attempt, entrant: &Entrant) -> Result<()> {
 }
 
 /// Flights of the same kind with seeds of one's own, scored as those of an attempt are, and kept nowhere; with the first of them.
-pub(crate) fn evaluate(scenario: &Scenario, entrant: &Entrant, seeds: &[u64]) -> Result<(Judged, Option<Trace>)> {
+pub(crate) fn evaluate(scenario: &Scenario, entrant: &Entrant, seeds: &[u64]) -> Result<(AttemptScore, Option<Trace>)> {
     let mut episodes = Episodes::begin(scenario, seeds)?;
     let seat = episodes.seat();
     let mut pilot = entrant.pilot(seat, scenario.phases[0].mode)?;

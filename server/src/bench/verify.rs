@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::attempt::{Judged, judge};
+use super::attempt::{AttemptScore, judge};
 use super::episodes::Episodes;
 use super::error::{Error, Result};
 use super::record::{Document, Outcome, Status, Stored, numbers, unpack};
@@ -90,7 +90,7 @@ impl Bench {
         }
     }
 
-    fn run_again(&self, scenario: &Scenario, document: &Document, result: &Outcome, packed: &[u8]) -> Result<Judged> {
+    fn run_again(&self, scenario: &Scenario, document: &Document, result: &Outcome, packed: &[u8]) -> Result<AttemptScore> {
         let seeds = self.0.secrets.seeds(&document.id, &document.scenario_hash, scenario.episodes())?;
         let mut episodes = Episodes::begin(scenario, &seeds)?;
         let width = episodes.obeyed().len();
@@ -103,7 +103,7 @@ impl Bench {
 }
 
 /// Where two outcomes differ.
-fn differences(again: &Judged, stored: &Outcome) -> Vec<String> {
+fn differences(again: &AttemptScore, stored: &Outcome) -> Vec<String> {
     let mut found = Vec::new();
     if again.episodes.len() != stored.episodes.len() {
         found.push(format!("{} episodes stored, {} flown", stored.episodes.len(), again.episodes.len()));

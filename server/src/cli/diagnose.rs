@@ -37,7 +37,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "GRAMS")]
     mass_g: Option<f64>,
     /// Draw the trims
-    #[arg(long, value_name = "FILE.svg")]
+    #[arg(long, value_parser = files::picture, value_name = "FILE.svg")]
     picture: Option<PathBuf>,
     /// Leave report.md, report.json and trims.svg here
     #[arg(long, value_name = "FOLDER")]
@@ -48,7 +48,6 @@ pub(super) struct Args {
 }
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
-    args.picture.as_deref().map_or(Ok(()), files::check_svg)?;
     let mut model = files::model(args.model.as_deref())?;
     if let Some(mass_g) = args.mass_g {
         model = model.with_parameter("vehicle.mass", 1e-3 * mass_g)?;

@@ -56,7 +56,9 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     }
     let bar = spinner(args.json);
     let run = Run::of(declared.model, args.vertical, [&fit, &test], &|what| bar.set_message(what.to_owned()));
-    let run = run.map_err(|e| failed(&e))?;
+    let is_model = declared.case.is_none() && args.model.exists();
+    let model_file = is_model.then(|| args.model.display().to_string());
+    let run = Run { model_file, ..run.map_err(|e| failed(&e))? };
     bar.set_message("the report");
     let (object, written) = write_all(&run, &args.out)?;
     bar.finish_and_clear();

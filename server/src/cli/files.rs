@@ -2,7 +2,7 @@
 
 use std::fs;
 use std::io::Cursor;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_identify::FlightLog;
@@ -25,14 +25,19 @@ pub(crate) fn write(path: &Path, bytes: &[u8]) -> Outcome {
     fs::write(path, bytes).map_err(failed)
 }
 
-/// Refuses a picture whose name ends in another format than the one that is drawn.
-pub(crate) fn check_svg(path: &Path) -> Outcome {
-    match path.extension() {
-        Some(ending) if !ending.eq_ignore_ascii_case("svg") => {
-            Err(Failure::Usage(format!("{}: pictures are drawn as SVG; name a file that ends in .svg", path.display())))
-        }
-        _ => Ok(()),
+/// Where pictures go, for clap: a file that ends in .svg, or a folder.
+pub(crate) fn picture(text: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    let is_folder = text.ends_with(std::path::is_separator) || path.is_dir();
+    if is_folder || path.extension().is_none() || is_svg(&path) {
+        return Ok(path);
     }
+    Err("pictures are drawn as SVG; name a file that ends in .svg".into())
+}
+
+/// Whether a path names one picture.
+pub(crate) fn is_svg(path: &Path) -> bool {
+    path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("svg"))
 }
 
 /// Writes a flight as CSV, or as MCAP if the file's name ends in that.

@@ -61,10 +61,10 @@ pub(super) struct Args {
     #[arg(long, visible_alias = "log", value_name = "FILE")]
     csv: Option<PathBuf>,
     /// Draw the (first) flight over time
-    #[arg(long, value_name = "FILE.svg")]
+    #[arg(long, value_parser = files::picture, value_name = "FILE.svg")]
     picture: Option<PathBuf>,
     /// Draw the (first) flight's path through space
-    #[arg(long, value_name = "FILE.svg")]
+    #[arg(long, value_parser = files::picture, value_name = "FILE.svg")]
     picture3d: Option<PathBuf>,
     /// For machines
     #[arg(long)]

@@ -83,7 +83,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "FILE.toml")]
     out: Option<PathBuf>,
     /// Draw prediction, measurement and the correlations of the residuals
-    #[arg(long, value_name = "FILE.svg")]
+    #[arg(long, value_parser = files::picture, value_name = "FILE.svg")]
     picture: Option<PathBuf>,
     /// Fly the thesis's identification flights, and recover its equations 5.1 to 5.5
     #[arg(long, conflicts_with_all = ["fit", "test", "free", "transfer", "out", "picture", "window", "vertical", "trim", "effects", "mass", "name"])]

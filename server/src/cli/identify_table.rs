@@ -7,7 +7,7 @@ use crazyflie_identify::axis_errors::{AxisChange, LEAST_FLIGHTS, axis_changes};
 use crazyflie_identify::estimate::{Comparison, Estimate, Residuals};
 use crazyflie_identify::metrics::Fit;
 use crazyflie_identify::transfer::{Identified, Structure};
-use crazyflie_identify::vehicle::{self, Judged};
+use crazyflie_identify::vehicle::{self, ModelComparison};
 use serde_json::{Value, json};
 
 use super::{Outcome, Table, files, number};
@@ -156,14 +156,14 @@ fn independence(tests: &Residuals) -> String {
 /// A model found, and what it and its predecessor make of the logs.
 pub(super) struct Whole<'a> {
     pub found: &'a vehicle::Identified,
-    pub before_fit: &'a Judged,
+    pub before_fit: &'a ModelComparison,
     /// By the model before, then by the one found.
-    pub test: Option<&'a [Judged; 2]>,
+    pub test: Option<&'a [ModelComparison; 2]>,
 }
 
 impl Whole<'_> {
     /// Logs of the fit and of the test, before and after.
-    fn parts(&self) -> Vec<(&'static str, &Judged, &Judged)> {
+    fn parts(&self) -> Vec<(&'static str, &ModelComparison, &ModelComparison)> {
         let fit = ("fit", self.before_fit, &self.found.fit);
         std::iter::once(fit).chain(self.test.map(|[before, after]| ("test", before, after))).collect()
     }
@@ -244,7 +244,7 @@ fn trims(shown: &Whole<'_>, out: &mut dyn Write) -> Outcome {
 }
 
 /// Errors of prediction by axis and horizon, before and after.
-fn axes(part: &str, before: &Judged, after: &Judged, out: &mut dyn Write) -> Outcome {
+fn axes(part: &str, before: &ModelComparison, after: &ModelComparison, out: &mut dyn Write) -> Outcome {
     if after.errors.is_empty() || before.errors.len() != after.errors.len() {
         return Ok(());
     }
@@ -293,7 +293,7 @@ pub(super) fn transfer_json(all: &[JudgedTransfer], failed: &[String], out: &mut
 pub(super) fn whole_json(shown: &Whole<'_>, out: &mut dyn Write) -> Outcome {
     let found = shown.found;
     let vertical = if found.input == VerticalInput::Height { "height" } else { files::vertical_name(found.input) };
-    let part = |all: Option<&Judged>| comparisons(all.map_or(&[], |judged| &judged.comparisons), 0);
+    let part = |all: Option<&ModelComparison>| comparisons(all.map_or(&[], |judged| &judged.comparisons), 0);
     let value = json!({"model": found.model.name, "vertical": vertical, "parameters": estimates(&found.parameters), "before": found.before,
         "noise": found.noise, "aic": found.criteria.aic, "bic": found.criteria.bic, "converged": found.converged, "samples": found.samples,
         "standard_errors": found.clusters.to_string(), "fit": part(Some(&found.fit)), "test": part(shown.test.map(|t| &t[1])),
@@ -305,7 +305,7 @@ pub(super) fn whole_json(shown: &Whole<'_>, out: &mut dyn Write) -> Outcome {
 }
 
 /// What each flight has of its own, and its errors.
-fn flights_json(judged: &Judged) -> Value {
+fn flights_json(judged: &ModelComparison) -> Value {
     let values = |trim: &vehicle::Trim| -> serde_json::Map<String, Value> {
         trim.values.iter().map(|(name, unit, value)| (name.clone(), json!({"value": value, "unit": unit}))).collect()
     };
@@ -314,7 +314,7 @@ fn flights_json(judged: &Judged) -> Value {
     json!({"own": trims, "errors": errors})
 }
 
-fn axes_json(before: &Judged, after: &Judged) -> Value {
+fn axes_json(before: &ModelComparison, after: &ModelComparison) -> Value {
     let change = |c: AxisChange| {
         json!({"axis": c.axis, "unit": c.unit, "horizon_s": c.horizon_s, "before": c.before, "after": c.after, "better": c.better,
             "flights": c.flights, "p_value": c.p_value})

@@ -35,7 +35,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "FILE.toml")]
     mapping_out: Option<PathBuf>,
     /// Draw position, attitude and commands; a folder if there are several logs
-    #[arg(long, value_name = "FILE.svg")]
+    #[arg(long, value_parser = files::picture, value_name = "FILE.svg")]
     picture: Option<PathBuf>,
     /// For machines
     #[arg(long)]
@@ -43,7 +43,7 @@ pub(super) struct Args {
 }
 
 /// A log and what was found in it.
-pub(super) struct Inspected {
+pub(super) struct InspectedLog {
     pub file: String,
     pub log: FlightLog,
     pub inspection: Inspection,
@@ -52,8 +52,7 @@ pub(super) struct Inspected {
 }
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
-    args.picture.as_deref().map_or(Ok(()), files::check_svg)?;
-    let is_svg = args.picture.as_deref().is_some_and(|path| path.extension().is_some_and(|ending| ending == "svg"));
+    let is_svg = args.picture.as_deref().is_some_and(files::is_svg);
     if is_svg && args.files.len() > 1 {
         return Err(Failure::Usage(format!("--picture names one file, but there are {} logs: name a folder", args.files.len())));
     }
@@ -95,7 +94,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 }
 
 /// Reads a log; one of unknown columns, or with some of a format's, by a draft, if that suffices.
-fn inspect(args: &Args, path: &Path) -> Outcome<Inspected> {
+fn inspect(args: &Args, path: &Path) -> Outcome<InspectedLog> {
     let beside = Mapping::path_beside(path);
     let read = FlightLog::read_mapped(path, args.mapping.as_deref().or(beside.as_deref()));
     let (log, by_draft) = match read {
@@ -110,7 +109,7 @@ fn inspect(args: &Args, path: &Path) -> Outcome<Inspected> {
         Err(error) => return Err(Failure::Failed(with_cause(&error))),
     };
     let inspection = Inspection::of_log(&log);
-    Ok(Inspected { file: path.display().to_string(), log, inspection, by_draft })
+    Ok(InspectedLog { file: path.display().to_string(), log, inspection, by_draft })
 }
 
 fn draft(path: &Path) -> Outcome<Draft> {

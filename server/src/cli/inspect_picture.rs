@@ -2,7 +2,7 @@
 
 use crazyflie_picture::{PALETTE, Panel, PictureError, Series, Style, chart};
 
-use super::inspect::Inspected;
+use super::inspect::InspectedLog;
 
 /// Label, times and values.
 type Curve = (&'static str, Vec<f64>, Vec<f64>, Style);
@@ -13,7 +13,7 @@ struct Drawn {
     curves: Vec<Curve>,
 }
 
-pub(super) fn draw(found: &Inspected) -> Result<String, PictureError> {
+pub(super) fn draw(found: &InspectedLog) -> Result<String, PictureError> {
     let log = &found.log;
     let rows = |label, values: &[f64], scale: f64, style| (label, log.t_s.clone(), values.iter().map(|v| v * scale).collect(), style);
     let deg = 180.0 / std::f64::consts::PI;

@@ -4,13 +4,13 @@ use std::io::Write;
 
 use crazyflie_logs::inspect::{Clocks, Inspection, Motion, SignVerdict};
 
-use super::inspect::Inspected;
+use super::inspect::InspectedLog;
 use super::{Outcome, Table, number};
 
 /// A degree of a radian.
 const DEG: f64 = 180.0 / std::f64::consts::PI;
 
-pub(super) fn write(found: &Inspected, out: &mut dyn Write) -> Outcome {
+pub(super) fn write(found: &InspectedLog, out: &mut dyn Write) -> Outcome {
     let i = &found.inspection;
     let by_draft = if found.by_draft { ", by a draft of a mapping: check it (--mapping-out)" } else { "" };
     writeln!(out, "{}: {}{by_draft}", found.file, i.format)?;

@@ -149,3 +149,35 @@ fn run(command: &Command, out: &mut dyn Write) -> Outcome {
         Command::Token(args) => token::run(args, out),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+    use clap::error::ErrorKind;
+
+    use super::*;
+
+    /// Words that lead to each option that names a picture, the option last.
+    fn picture_options(command: &clap::Command, before: &[String]) -> Vec<Vec<String>> {
+        let named = |arg: &clap::Arg| arg.get_long().filter(|long| long.starts_with("picture")).map(|long| format!("--{long}"));
+        let own = command.get_arguments().filter_map(named).map(|option| [before, &[option]].concat());
+        let below = command.get_subcommands().flat_map(|sub| picture_options(sub, &[before, &[sub.get_name().to_owned()]].concat()));
+        own.chain(below).collect()
+    }
+
+    #[test]
+    fn every_command_that_draws_refuses_what_is_no_svg() {
+        let options = picture_options(&Cli::command(), &["crazyflie".to_owned()]);
+        assert!(options.len() > 7, "{options:?}");
+        for words in options {
+            // what else a command requires is missed only after the values are read
+            let kind = |file: &str| Cli::try_parse_from([&words[..], &[file.to_owned()]].concat()).err();
+            let refused = kind("x.png").unwrap_or_else(|| panic!("{words:?} takes x.png"));
+            assert_eq!(refused.kind(), ErrorKind::ValueValidation, "{words:?}");
+            assert!(refused.to_string().contains("name a file that ends in .svg"), "{words:?}: {refused}");
+            for fine in ["x.svg", "x.SVG", "pictures/", "pictures"] {
+                assert!(kind(fine).is_none_or(|e| e.kind() != ErrorKind::ValueValidation), "{words:?} refuses {fine}");
+            }
+        }
+    }
+}

@@ -39,7 +39,7 @@ pub(super) struct Args {
     #[arg(long)]
     measured_yaw_rate: bool,
     /// Draw measurement and prediction; a folder if there are several logs
-    #[arg(long, value_name = "FILE.svg")]
+    #[arg(long, value_parser = files::picture, value_name = "FILE.svg")]
     picture: Option<PathBuf>,
     /// For machines
     #[arg(long)]
@@ -65,7 +65,7 @@ pub(super) struct Flown {
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let (model, logs) = inputs(&args.files)?;
-    if args.picture.is_some() && logs.len() > 1 && args.picture.as_deref().is_some_and(|p| p.extension().is_some_and(|e| e == "svg")) {
+    if logs.len() > 1 && args.picture.as_deref().is_some_and(files::is_svg) {
         return Err(Failure::Usage(format!("--picture names one file, but there are {} logs: name a folder", logs.len())));
     }
     let bar = if logs.len() > 3 { ProgressBar::new(logs.len() as u64) } else { ProgressBar::hidden() };
@@ -138,8 +138,7 @@ fn draw(args: &Args, flown: &[Flown]) -> Outcome {
     let Some(target) = &args.picture else { return Ok(()) };
     for one in flown {
         let svg = replay_table::picture(one)?;
-        let file =
-            if target.extension().is_some_and(|e| e == "svg") { target.clone() } else { target.join(format!("{}.svg", stem(&one.file))) };
+        let file = if files::is_svg(target) { target.clone() } else { target.join(format!("{}.svg", stem(&one.file))) };
         files::write(&file, svg.as_bytes())?;
     }
     Ok(())

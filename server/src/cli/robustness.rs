@@ -31,7 +31,7 @@ pub(super) struct Args {
     #[arg(long, default_value_t = 1_000_000, value_name = "N")]
     first_seed: u64,
     /// Draw scores and intervals
-    #[arg(long, value_name = "FILE.svg")]
+    #[arg(long, value_parser = files::picture, value_name = "FILE.svg")]
     picture: Option<PathBuf>,
     /// For machines
     #[arg(long, conflicts_with = "markdown")]

@@ -26,7 +26,7 @@ pub(super) struct Args {
     #[arg(long)]
     markdown: bool,
     /// Draw the closed-loop flights, one SVG each
-    #[arg(long, value_name = "FOLDER")]
+    #[arg(long, value_parser = files::picture, value_name = "FOLDER")]
     picture: Option<PathBuf>,
 }
 

@@ -48,7 +48,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "FILE.json")]
     out: Option<PathBuf>,
     /// Draw the responses
-    #[arg(long, value_name = "FILE.svg")]
+    #[arg(long, value_parser = files::picture, value_name = "FILE.svg")]
     picture: Option<PathBuf>,
     /// For machines
     #[arg(long)]

@@ -6,12 +6,10 @@ use crazyflie_identify::fit::hypothesis::Hypothesis;
 use crazyflie_picture::{Band, PALETTE, Panel, PictureError, Series, Style, chart};
 use serde::Serialize;
 
-use super::series::{Curve, SHOWN, Whiteness, channel, expected, liveliest, predict, residuals, whiteness};
+use super::series::{Curve, SHOWN, Whiteness, channel, expected, liveliest, predict, whiteness};
 
 /// So long a free run is shown: longer ones leave any frame.
 const FREE_S: f64 = 6.0;
-/// A frame holds this share of the points, the others are outliers.
-const WITHIN: f64 = 0.995;
 const COLUMNS: usize = 3;
 const BEFORE: [u8; 3] = PALETTE[1];
 const AFTER: [u8; 3] = PALETTE[0];
@@ -89,36 +87,19 @@ fn pieces(label: &'static str, color: [u8; 3], curves: &[Curve], [low, high]: [f
     all
 }
 
-/// The frame around zero that holds all but the outliers of some curves.
-fn frame(curves: &[&Vec<Curve>]) -> [f64; 2] {
-    let mut sizes: Vec<f64> = curves.iter().flat_map(|c| c.iter()).flat_map(|c| c.y.iter().map(|y| y.abs())).collect();
-    sizes.sort_by(f64::total_cmp);
-    let most = sizes.get((WITHIN * sizes.len() as f64) as usize).or(sizes.last()).copied().unwrap_or(1.0);
-    [-1.15 * most, 1.15 * most]
-}
-
 fn label(at: usize) -> String {
     let (name, unit, _) = channel(at);
     format!("{name} ({unit})")
 }
 
-/// Measured less predicted over a test flight, restarted every two seconds.
-pub(super) fn residual(found: &Explanation, flight: &Flight) -> Result<Option<Figure>, PictureError> {
-    let of = |h: &Hypothesis| residuals(&expected(h), flight);
-    let (Some(before), Some(after)) = (of(&found.declared), of(&found.completed)) else { return Ok(None) };
-    let panel = |at: usize| {
-        let frame = frame(&[&before[at], &after[at]]);
-        let mut lines = pieces("declared", BEFORE, &before[at], frame);
-        lines.extend(pieces("completed", AFTER, &after[at], frame));
-        (label(at), lines, None)
-    };
-    let panels: Vec<_> = SHOWN.into_iter().map(panel).filter(|(_, lines, _)| !lines.is_empty()).collect();
-    if panels.is_empty() { Ok(None) } else { figure("residual", "time (s)", &panels).map(Some) }
+/// The test flight whose liveliest stretch is the liveliest.
+pub(super) fn liveliest_flight(flights: &[Flight]) -> Option<&Flight> {
+    flights.iter().max_by(|a, b| liveliest(a, FREE_S).0.total_cmp(&liveliest(b, FREE_S).0))
 }
 
 /// A free run from the start of a lively stretch, beside what was measured.
 pub(super) fn free_run(found: &Explanation, flight: &Flight) -> Result<Option<Figure>, PictureError> {
-    let stretch = liveliest(flight, FREE_S);
+    let (_, stretch) = liveliest(flight, FREE_S);
     let of = |h: &Hypothesis| predict(&expected(h), flight, stretch.clone());
     let (Some(before), Some(after)) = (of(&found.declared), of(&found.completed)) else { return Ok(None) };
     let panel = |at: usize| {
@@ -151,7 +132,7 @@ pub(super) fn white(found: &Explanation, flight: &Flight) -> Result<White, Pictu
     let panel = |at: &usize| {
         let line = |label, w: &Whiteness, color| Line { label, curve: w.correlation.clone(), color };
         let lines = vec![line("declared", &before[*at], BEFORE), line("completed", &after[*at], AFTER)];
-        (format!("correlation of {}", channel(*at).0), lines, Some(after[*at].bound))
+        (format!("correlation of {} (1)", channel(*at).0), lines, Some(after[*at].bound))
     };
     let panels: Vec<_> = shown.iter().map(panel).collect();
     let figure = if panels.is_empty() { None } else { Some(figure("white", "lag (s)", &panels)?) };

@@ -1,16 +1,34 @@
 //! An explanation for machines. What is not a number is null.
 
-use crazyflie_identify::explain::errors::{AXES, AxisErrors, AxisTable, HORIZONS, Table};
+use crazyflie_identify::explain::errors::{AXES, AxisErrors, COMPONENTS, ComponentErrors, HORIZONS};
+use crazyflie_identify::explain::signals::SignalVerdict;
 use crazyflie_identify::explain::verdict::{Explanation, Finding, Verdict};
 use crazyflie_identify::fit::filter::{Disturbances, Wander};
+use serde::Serialize;
 use serde_json::{Map, Value, json};
 
+use super::next::{Logged, next_of_signal};
+use super::signal_view::left_cells;
 use super::view::{self, measured};
-use super::{Run, sentence};
+use super::{Run, next_steps, sentence};
 use crate::cli::vertical_name;
 
 /// Keys of the predicted quantities, in the order of the errors' tables.
 const QUANTITIES: [&str; 3] = ["position_m", "velocity_mps", "attitude_rad"];
+
+/// Key of an axis of the errors, with the unit last.
+pub(super) fn axis_key(axis: usize) -> String {
+    key(AXES[axis])
+}
+
+/// Key of a component of the errors.
+pub(super) fn component_key(component: usize) -> String {
+    key(COMPONENTS[component])
+}
+
+fn key((name, unit): (&str, &str)) -> String {
+    format!("{}_{}", name.replace(' ', "_"), unit.replace("m/s", "mps"))
+}
 
 /// The object that is printed and stands beside the page; `files` are those written.
 pub(crate) fn as_json(run: &Run, files: &Value) -> Value {
@@ -25,11 +43,11 @@ pub(crate) fn as_json(run: &Run, files: &Value) -> Value {
     json!({
         "verdict": verdict_name(found.verdict),
         "sentence": sentence(found),
-        "foreign_hover_pwm": run.foreign_hover_pwm().map(|[flown, model]| json!({"flown": flown, "model": model})),
+        "foreign_model": run.foreign_model(),
         "model": run.model.name,
         "vertical": vertical_name(run.vertical()),
         "effects": found.effects.iter().map(effect).collect::<Vec<_>>(),
-        "signals": found.signals,
+        "signals": signals(run),
         "totals": super::totals(run).iter().map(|(path, value, stderr, unit)| json!({"number": path, "value": value, "stderr": stderr, "unit": unit})).collect::<Vec<_>>(),
         "partial": found.partial.iter().map(effect).collect::<Vec<_>>(),
         "confirmed": found.confirmed.iter().map(effect).collect::<Vec<_>>(),
@@ -37,12 +55,14 @@ pub(crate) fn as_json(run: &Run, files: &Value) -> Value {
         "numbers": found.numbers,
         "foreign": found.foreign,
         "learned": found.learned,
-        "error": {"before": table(&errors.before), "after": table(&errors.after), "naive": table(&errors.naive), "p_value": table(&errors.p_value),
-            "axes": axes(&errors.axes)},
+        "error": {"before": quantities(&errors.before), "after": quantities(&errors.after), "naive": quantities(&errors.naive),
+            "p_value": quantities(&errors.p_value), "stretches": quantities(&errors.stretches),
+            "axes": axes(&errors.axes), "components": components(&errors.components), "flights": flights(run)},
         "closed_loop": run.closed_loop.map(|(controller, [before, after])| json!({"controller": controller.name(), "before": before, "after": after})),
         "leftover": found.leftover,
         "not_excited": not_excited(found),
         "disturbances": {"before": before, "after": after},
+        "next": next_steps(run),
         "path": found.path,
         "files": written,
         "seconds": found.seconds,
@@ -69,17 +89,54 @@ fn effect(effect: &Finding) -> Value {
         "with": effect.with.iter().map(self::effect).collect::<Vec<_>>()})
 }
 
-fn table(table: &Table) -> Value {
-    let row = |row: &[f64; 5]| HORIZONS.iter().zip(row).map(|(name, v)| ((*name).to_owned(), json!(v))).collect::<Map<_, _>>();
-    QUANTITIES.iter().zip(table).map(|(name, values)| ((*name).to_owned(), Value::Object(row(values)))).collect::<Map<_, _>>().into()
+/// The verdicts on signals, with what is left by axis and what to do next.
+fn signals(run: &Run) -> Vec<Value> {
+    let logged = Logged::of(run);
+    let one = |verdict: &SignalVerdict| {
+        let after = &run.found.errors.components.after;
+        let left = left_cells(&run.found, verdict.signal).into_iter();
+        let left = left.map(|(row, h)| (component_key(row), json!({HORIZONS[h]: after[row][h]}))).collect::<Map<_, _>>();
+        let mut value = json!(verdict);
+        value["left_by_axis"] = left.into();
+        value["next"] = json!(next_of_signal(run, &logged, verdict));
+        value
+    };
+    run.found.signals.iter().map(one).collect()
+}
+
+/// Numbers by name and horizon.
+fn by_horizon<T: Serialize>(names: impl Iterator<Item = String>, table: &[[T; 5]]) -> Value {
+    let row = |row: &[T; 5]| HORIZONS.iter().zip(row).map(|(name, v)| ((*name).to_owned(), json!(v))).collect::<Map<_, _>>();
+    names.zip(table).map(|(name, values)| (name, Value::Object(row(values)))).collect::<Map<_, _>>().into()
+}
+
+fn quantities<T: Serialize>(table: &[[T; 5]; 3]) -> Value {
+    by_horizon(QUANTITIES.iter().map(|name| (*name).to_owned()), table)
+}
+
+fn by_axis<T: Serialize>(table: &[[T; 5]; 6]) -> Value {
+    by_horizon((0..AXES.len()).map(axis_key), table)
 }
 
 /// Errors by axis, under keys that end in the unit.
 fn axes(errors: &AxisErrors) -> Value {
-    let key = |(name, unit): &(&str, &str)| format!("{}_{}", name.replace(' ', "_"), unit.replace("m/s", "mps"));
-    let row = |row: &[f64; 5]| HORIZONS.iter().zip(row).map(|(name, v)| ((*name).to_owned(), json!(v))).collect::<Map<_, _>>();
-    let table = |t: &AxisTable| AXES.iter().zip(t).map(|(axis, values)| (key(axis), Value::Object(row(values)))).collect::<Map<_, _>>();
-    json!({"before": table(&errors.before), "after": table(&errors.after), "naive": table(&errors.naive), "p_value": table(&errors.p_value)})
+    json!({"before": by_axis(&errors.before), "after": by_axis(&errors.after), "naive": by_axis(&errors.naive),
+        "p_value": by_axis(&errors.p_value), "stretches": by_axis(&errors.stretches)})
+}
+
+fn components(errors: &ComponentErrors) -> Value {
+    let table = |t: &[[f64; 5]; 9]| by_horizon((0..COMPONENTS.len()).map(component_key), t);
+    json!({"before": table(&errors.before), "after": table(&errors.after)})
+}
+
+/// Errors of each test flight alone.
+fn flights(run: &Run) -> Vec<Value> {
+    let one = |(source, errors): (&super::Source, &ComponentErrors)| {
+        let mut value = components(errors);
+        value["name"] = json!(source.name);
+        value
+    };
+    run.test.sources.iter().zip(&run.found.errors.flights).map(one).collect()
 }
 
 /// Effects that the flights could not have shown. No standard error: without a slope at "off", only trial fits spoke of it.

@@ -1,10 +1,15 @@
 //! An explanation of flights from the files that are named to what is said of them: on the terminal, as JSON and as a page.
 
 mod bars;
+mod error_view;
 mod figures;
+mod foreign;
 mod json;
+mod multiples;
+mod next;
 mod report;
 mod series;
+mod signal_view;
 mod view;
 mod words;
 
@@ -16,28 +21,25 @@ use crazyflie_env::world::{Settings, World};
 use crazyflie_identify::case::{Case, CaseError};
 use crazyflie_identify::closed_loop::{Controller, Distances, Tracking, follow};
 use crazyflie_identify::estimate::IdentifyError;
+use crazyflie_identify::explain::errors::LEAST_STRETCHES;
 use crazyflie_identify::explain::recorded::{NamedLog, explain_recorded};
-use crazyflie_identify::explain::verdict::Explanation;
+use crazyflie_identify::explain::verdict::{Explanation, Finding};
 use crazyflie_identify::explain::{declared_loss, explain};
 use crazyflie_identify::fit::flight::Flight;
+use crazyflie_identify::fit::hypothesis::Term;
 use crazyflie_identify::replay::ReplayError;
 use crazyflie_identify::vehicle::Trim;
 use crazyflie_identify::{FlightLog, LogError};
 use crazyflie_logs::{PositionSource, first_duplicate};
 use thiserror::Error;
 
+pub(crate) use error_view::{SHORT_HORIZONS, ahead, axis_units, flight_axis_errors, p_value, signed};
+pub(crate) use foreign::foreign_sentence;
 pub(crate) use json::{as_json, verdict_name};
+pub(crate) use next::{NextStep, next_steps};
 pub(crate) use report::report;
-pub(crate) use view::{horizon, p_value, signed};
-pub(crate) use words::{
-    change_percent, closed_loop_line, confusable, findings, foreign_line, sentence, signal_lines, significant, total_lines, totals,
-    with_error,
-};
-
-/// Hover PWM of one vehicle spread by 3 % from flight to flight (11 real flights): a vehicle that is off by five times that is another.
-const FOREIGN: f64 = 0.15;
-/// Place of the free run among the horizons.
-const FREE_RUN: usize = 4;
+pub(crate) use signal_view::{SignalRow, signal_rows};
+pub(crate) use words::{change_percent, closed_loop_line, confusable, sentence, significant, total_lines, totals, with_error};
 
 /// Why flights could not be explained.
 #[derive(Debug, Error)]
@@ -108,21 +110,29 @@ impl Declared {
 
 /// A flight and what the reader of its file has to say.
 pub(crate) struct Source {
+    /// As it was given.
     pub file: String,
+    /// The file's name, or its path where another flight has the same name.
+    pub name: String,
     pub log: FlightLog,
 }
 
-impl Source {
-    fn read(path: &Path) -> Result<Self, ExplainError> {
-        Ok(Source { file: path.display().to_string(), log: FlightLog::read(path)? })
-    }
+/// Reads the logs of the fit and of the test.
+fn read(paths: [&[PathBuf]; 2]) -> Result<[Vec<Source>; 2], ExplainError> {
+    let short = |path: &Path| path.file_name().map(|name| name.to_string_lossy().into_owned());
+    let name = |path: &PathBuf| {
+        let alone = paths.concat().iter().filter(|other| short(other) == short(path)).count() == 1;
+        short(path).filter(|_| alone).unwrap_or_else(|| path.display().to_string())
+    };
+    let one = |path: &PathBuf| Ok(Source { file: path.display().to_string(), name: name(path), log: FlightLog::read(path)? });
+    let [fit, test] = paths.map(|part| part.iter().map(one).collect::<Result<Vec<_>, ExplainError>>());
+    Ok([fit?, test?])
 }
 
 fn flights(sources: &[Source], model: &Model, vertical: Option<VerticalInput>) -> Result<Vec<Flight>, ExplainError> {
-    let one = |Source { file, log }: &Source| {
-        let name = Path::new(file).file_name().map_or_else(|| file.clone(), |n| n.to_string_lossy().into_owned());
+    let one = |Source { file, name, log }: &Source| {
         let problem = |why| ExplainError::Flight { file: file.clone(), model: model.name.clone(), source: Box::new(why) };
-        Flight::of(&name, log, model, vertical).map_err(problem)
+        Flight::of(name, log, model, vertical).map_err(problem)
     };
     sources.iter().map(one).collect()
 }
@@ -171,6 +181,8 @@ impl Flights {
 /// A model, the flights of the fit and of the test, and what was found.
 pub(crate) struct Run {
     pub model: Model,
+    /// The file of the model, where it has one that other commands read too.
+    pub model_file: Option<String>,
     pub fit: Flights,
     pub test: Flights,
     /// What each flight has of its own and was taken out of it; empty where trims are what one looks for.
@@ -189,8 +201,7 @@ impl Run {
         progress: &dyn Fn(&str),
     ) -> Result<Self, ExplainError> {
         progress("reading the flights");
-        let read = |paths: &[PathBuf]| paths.iter().map(|path| Source::read(path)).collect::<Result<Vec<_>, _>>();
-        let (fit, test) = (read(fit)?, read(test)?);
+        let [fit, test] = read([fit, test])?;
         progress("the vertical form");
         let vertical = vertical.map_or_else(|| likelier(&model, &fit), |given| Ok(Some(given)))?;
         let (fit, test) = (Flights::of(fit, &model, vertical)?, Flights::of(test, &model, vertical)?);
@@ -202,11 +213,9 @@ impl Run {
             let found = explain(&model, &fit.flights, &test.flights, progress);
             (found.ok_or_else(|| ExplainError::Broken { model: model.name.clone() })?, Vec::new())
         };
-        if test.flights.len() < 2 {
-            // one free run is no sample to test with
-            found.errors.p_value.iter_mut().chain(&mut found.errors.axes.p_value).for_each(|p| p[FREE_RUN] = f64::NAN);
-        }
-        let run = Run { model, fit, test, trims, found, closed_loop: None };
+        withhold_weak_tests(&mut found);
+        take_values_of_completed(&mut found);
+        let run = Run { model, model_file: None, fit, test, trims, found, closed_loop: None };
         Ok(Run { closed_loop: run.fly_closed_loop()?, ..run })
     }
 
@@ -233,16 +242,6 @@ impl Run {
         Ok((!before.is_empty()).then(|| (controller, [Distances::of(&before), Distances::of(&after)])))
     }
 
-    /// The PWM at which the flights hover and the one at which the model does, where they differ by more than flights of one vehicle do.
-    pub(crate) fn foreign_hover_pwm(&self) -> Option<[f64; 2]> {
-        let declared = self.model.parameter("vertical.thrust.hover").ok()?;
-        let hovers = self.trims.iter().filter_map(|trim| trim.values.iter().find(|(name, ..)| name == "hover_pwm"));
-        let mut hovers: Vec<f64> = hovers.map(|(.., pwm)| *pwm).collect();
-        hovers.sort_by(f64::total_cmp);
-        let flown = *hovers.get(hovers.len() / 2)?;
-        ((flown / declared - 1.0).abs() > FOREIGN).then_some([flown, declared])
-    }
-
     /// The form of the model that the flights were taken to obey.
     pub(crate) fn vertical(&self) -> VerticalInput {
         self.fit.flights.first().map_or(VerticalInput::Thrust, |f| f.input)
@@ -262,6 +261,31 @@ impl Run {
     }
 }
 
+/// Tests of too few stretches say nothing: their p values become NaN, everywhere.
+fn withhold_weak_tests(found: &mut Explanation) {
+    let errors = &mut found.errors;
+    let rows = errors.p_value.iter_mut().zip(&errors.stretches);
+    for (p_values, stretches) in rows.chain(errors.axes.p_value.iter_mut().zip(&errors.axes.stretches)) {
+        let weak = p_values.iter_mut().zip(stretches).filter(|(_, stretches)| **stretches < LEAST_STRETCHES);
+        weak.for_each(|(p, _)| *p = f64::NAN);
+    }
+}
+
+/// What is reported of an effect is what the completed model flies with: there a term that was learned later may have moved it.
+fn take_values_of_completed(found: &mut Explanation) {
+    let terms = &found.completed.terms;
+    found.effects.iter_mut().chain(&mut found.partial).for_each(|effect| take_values(effect, terms));
+}
+
+fn take_values(effect: &mut Finding, terms: &[Term]) {
+    effect.with.iter_mut().for_each(|other| take_values(other, terms));
+    let Some(term) = terms.iter().find(|term| term.entry.name == effect.name) else { return };
+    for estimate in &mut effect.params {
+        let place = term.entry.params.iter().position(|param| param.name == estimate.name);
+        estimate.value = place.map_or(estimate.value, |place| term.values[place]);
+    }
+}
+
 /// The flights share a clock and an input, and none is in both lists, under whatever name.
 fn alike(fit: &Flights, test: &Flights) -> Result<(), ExplainError> {
     let Some((first, like)) = fit.named().next() else { return Ok(()) };
@@ -276,4 +300,40 @@ fn alike(fit: &Flights, test: &Flights) -> Result<(), ExplainError> {
         return Err(ExplainError::Same { first, second });
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use crazyflie_env::effects::find;
+    use crazyflie_identify::explain::verdict::Estimate;
+
+    use super::*;
+
+    #[test]
+    fn an_effect_is_reported_as_the_completed_model_has_it() {
+        let estimate = |name, value| Estimate { name, value, stderr: 0.01, unit: "1", declared: 0.0 };
+        let finding = |name, params, with| Finding {
+            name,
+            params,
+            confusable_with: Vec::new(),
+            manoeuvre: String::new(),
+            worth_fit: 20.0,
+            worth_test: 20.0,
+            worth_by_signal: [20.0, 0.0, 0.0, 0.0],
+            with,
+        };
+        let term = |name: &str, value| {
+            let mut term = Term::off(find(name).unwrap().1);
+            term.values[0] = value;
+            term
+        };
+        let terms = [term("drag_linear", 0.5), term("attitude_gain", 0.9)];
+        let gain = finding("attitude_gain", vec![estimate("gain", 0.8)], Vec::new());
+        let mut effect = finding("drag_linear", vec![estimate("rate_ps", 0.4)], vec![gain]);
+        take_values(&mut effect, &terms);
+        assert_eq!([effect.params[0].value, effect.with[0].params[0].value], [0.5, 0.9]);
+        // a random effect may have no term
+        take_values(&mut effect, &[]);
+        assert!((effect.params[0].value - 0.5).abs() < f64::EPSILON);
+    }
 }

@@ -1,14 +1,19 @@
 //! The page: one HTML file that needs nothing besides itself.
 
-use crazyflie_identify::explain::verdict::Leftover;
+use crazyflie_identify::explain::errors::LEAST_STRETCHES;
 use crazyflie_picture::PictureError;
 use minijinja::Environment;
 use minijinja::value::Serde;
 use serde::Serialize;
 use thiserror::Error;
 
-use super::figures::{Figure, free_run, residual, white};
-use super::{Run, closed_loop_line, findings, foreign_line, sentence, verdict_name, view};
+use super::error_view::{ErrorTable, tables};
+use super::figures::{Figure, free_run, liveliest_flight, white};
+use super::multiples::{FlightRow, flight_rows};
+use super::{
+    NextStep, Run, SHORT_HORIZONS, SignalRow, closed_loop_line, foreign_sentence, next_steps, sentence, signal_rows, total_lines,
+    verdict_name, view,
+};
 use crate::cli::{number, vertical_name};
 
 const TEMPLATE: &str = include_str!("../../templates/report.html");
@@ -30,41 +35,58 @@ struct Page<'a> {
     version: &'static str,
     verdict: &'static str,
     sentence: String,
+    /// That the model is another vehicle's, and what to run instead.
+    foreign: Option<(String, [String; 2])>,
+    signals: Vec<SignalRow>,
     effects: Vec<view::Effect>,
-    left: Vec<&'a Leftover>,
+    /// Effects that lower the errors and account for nothing.
+    partial: Vec<view::Effect>,
+    totals: Vec<String>,
+    learned: bool,
     rounds: Vec<view::Round>,
-    errors: Vec<view::ErrorTable>,
+    errors: Vec<ErrorTable>,
+    /// The same at all horizons.
+    all_errors: Vec<ErrorTable>,
+    least_stretches: usize,
     closed_loop: Option<String>,
-    residual: Option<Figure>,
+    flights: Vec<FlightRow>,
     white: Option<Figure>,
     free: Option<Figure>,
     whiteness: Vec<view::WhiteRow>,
-    /// The test flight in the pictures.
+    /// The test flight in the larger pictures.
     shown: Option<&'a str>,
     disturbances: Vec<view::Random>,
     hidden: Vec<view::Hidden>,
     sloped_nowhere: String,
     logs: Vec<view::Recording>,
+    next: Vec<NextStep>,
     seconds: String,
 }
 
 /// The page about a run.
 pub(crate) fn report(run: &Run) -> Result<String, ReportError> {
     let found = &run.found;
-    let shown = run.test.flights.first();
+    let errors = &found.errors;
+    let shown = liveliest_flight(&run.test.flights);
     let white = shown.map(|flight| white(found, flight)).transpose()?;
     let page = Page {
         model: &run.model.name,
         vertical: vertical_name(run.vertical()),
         version: env!("CARGO_PKG_VERSION"),
         verdict: verdict_name(found.verdict),
-        sentence: foreign_line(run).into_iter().chain([sentence(found)]).collect::<Vec<_>>().join(" "),
-        effects: view::effects(found),
-        left: findings(found),
+        sentence: sentence(found),
+        foreign: run.foreign_model().map(|foreign| (foreign_sentence(run, &foreign), foreign.commands)),
+        signals: signal_rows(run),
+        effects: view::effects("effects", &found.effects),
+        partial: view::effects("partial", &found.partial),
+        totals: total_lines(run),
+        learned: found.learned,
         rounds: view::rounds(&found.path),
-        errors: view::errors(&found.errors),
+        errors: tables(errors, &SHORT_HORIZONS),
+        all_errors: tables(errors, &[0, 1, 2, 3, 4]),
+        least_stretches: LEAST_STRETCHES,
         closed_loop: closed_loop_line(run),
-        residual: shown.map_or(Ok(None), |flight| residual(found, flight))?,
+        flights: flight_rows(run),
         whiteness: white.as_ref().map(view::whiteness).unwrap_or_default(),
         white: white.and_then(|w| w.figure),
         free: shown.map_or(Ok(None), |flight| free_run(found, flight))?,
@@ -73,6 +95,7 @@ pub(crate) fn report(run: &Run) -> Result<String, ReportError> {
         hidden: view::hidden(found),
         sloped_nowhere: view::sloped_nowhere(found),
         logs: view::logs(run),
+        next: next_steps(run),
         seconds: number(found.seconds, 0),
     };
     let mut environment = Environment::new();

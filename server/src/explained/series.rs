@@ -77,15 +77,15 @@ pub(super) fn residuals(hypothesis: &Hypothesis, flight: &Flight) -> Option<[Vec
     Some(all)
 }
 
-/// The stretch of a flight with the most speed in it.
-pub(super) fn liveliest(flight: &Flight, seconds: f64) -> Range<usize> {
+/// The stretch of a flight with the most speed in it, and the mean square speed there.
+pub(super) fn liveliest(flight: &Flight, seconds: f64) -> (f64, Range<usize>) {
     let each = ((seconds / flight.tick_s) as usize).min(flight.ticks);
     let every = (0.5 / flight.tick_s) as usize;
     let speed2 = |k: usize| flight.start(k).vel_mps.iter().map(|v| v * v).sum::<f64>();
     let motion = |first: usize| (first..first + each).map(speed2).sum::<f64>();
     let starts = (0..=flight.ticks - each).step_by(every.max(1)).map(|first| (motion(first), first));
-    let first = starts.max_by(|a, b| a.0.total_cmp(&b.0)).map_or(0, |(_, first)| first);
-    first..first + each
+    let (most, first) = starts.max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((0.0, 0));
+    (most / each.max(1) as f64, first..first + each)
 }
 
 /// How the innovations of a channel correlate with themselves.

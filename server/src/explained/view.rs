@@ -1,7 +1,6 @@
 //! What the page says, as texts and lengths of bars: the template only places them.
 
 use crazyflie_env::effects::{Entry, Param, Role, find};
-use crazyflie_identify::explain::errors::{Errors, HORIZONS};
 use crazyflie_identify::explain::verdict::{Explanation, Finding, Step};
 use crazyflie_identify::fit::filter::Wander;
 use crazyflie_identify::fit::flight::Flight;
@@ -10,7 +9,7 @@ use serde::Serialize;
 use super::bars::Log;
 use super::figures::White;
 use super::series::channel;
-use super::words::{change_percent, confusable, interval, listed, significant, unit, with_error};
+use super::words::{confusable, interval, listed, significant, unit, with_error};
 use super::{Run, Source};
 use crate::cli::number;
 
@@ -18,15 +17,32 @@ use crate::cli::number;
 const MOST_BARS: usize = 10;
 /// A gain below this is no bar.
 const LEAST_BAR: f64 = 0.5;
-/// Differences of errors with a smaller p value are called one.
-const SURE: f64 = 0.05;
+
+/// A number as it is shown, and as the object for machines has it, with its place there.
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct Cell {
+    text: String,
+    value: Option<String>,
+    pointer: String,
+}
+
+impl Cell {
+    pub(crate) fn text(&self) -> &str {
+        &self.text
+    }
+
+    pub(super) fn new(text: String, value: f64, pointer: String) -> Self {
+        // in full: what is read again is the same number
+        Cell { text, value: value.is_finite().then(|| value.to_string()), pointer }
+    }
+}
 
 #[derive(Serialize)]
 pub(super) struct Value {
     effect: &'static str,
     name: &'static str,
     about: &'static str,
-    value: String,
+    value: Cell,
     interval: String,
     unit: String,
     range: String,
@@ -49,20 +65,26 @@ fn entry(name: &str) -> Option<&'static Entry> {
     find(name).ok().map(|(_, entry)| entry)
 }
 
-pub(super) fn effects(found: &Explanation) -> Vec<Effect> {
-    let of = |effect: &Finding| Effect {
+/// Effects of one of the lists for machines, those that come with another behind it.
+pub(super) fn effects(list: &'static str, effects: &[Finding]) -> Vec<Effect> {
+    let of = |effect: &Finding, pointer: String| Effect {
         name: effect.name,
         about: entry(effect.name).map_or("", |e| e.about),
-        params: params(effect),
+        params: params(effect, &pointer),
         worth_fit: number(effect.worth_fit, 0),
         worth_test: number(effect.worth_test, 0),
         confusable: confusable(effect),
         manoeuvre: effect.manoeuvre.clone(),
     };
-    found.effects.iter().chain(&found.partial).flat_map(Finding::all).map(of).collect()
+    let group = |(i, effect): (usize, &Finding)| {
+        let first = of(effect, format!("/{list}/{i}"));
+        let others = effect.with.iter().enumerate().map(|(j, other)| of(other, format!("/{list}/{i}/with/{j}")));
+        std::iter::once(first).chain(others).collect::<Vec<_>>()
+    };
+    effects.iter().enumerate().flat_map(group).collect()
 }
 
-fn params(effect: &Finding) -> Vec<Value> {
+fn params(effect: &Finding, pointer: &str) -> Vec<Value> {
     let Some(entry) = entry(effect.name) else { return Vec::new() };
     let of = |e: &crazyflie_identify::explain::verdict::Estimate| {
         let param = entry.params.iter().find(|p| p.name == e.name)?;
@@ -70,7 +92,7 @@ fn params(effect: &Finding) -> Vec<Value> {
             effect: effect.name,
             name: e.name,
             about: param.about,
-            value: with_error(e.value, e.stderr),
+            value: Cell::new(with_error(e.value, e.stderr), e.value, format!("{pointer}/params/{}/value", e.name)),
             interval: interval(e),
             unit: unit(e.unit).trim().into(),
             range: range(param, e.value),
@@ -124,77 +146,6 @@ pub(super) fn rounds(path: &[Step]) -> Vec<Round> {
         }
     };
     path.iter().enumerate().map(of).collect()
-}
-
-#[derive(Serialize)]
-pub(super) struct ErrorRow {
-    horizon: String,
-    before: String,
-    after: String,
-    naive: String,
-    change: String,
-    /// "better", "worse" or nothing, if chance would do as well.
-    class: &'static str,
-    p: String,
-    lengths: [f64; 3],
-}
-
-#[derive(Serialize)]
-pub(super) struct ErrorTable {
-    quantity: &'static str,
-    unit: &'static str,
-    rows: Vec<ErrorRow>,
-}
-
-/// A horizon in words.
-pub(crate) fn horizon(at: usize) -> String {
-    match HORIZONS[at] {
-        "one_step" => "one step".into(),
-        name => name.replace('_', " "),
-    }
-}
-
-/// Errors with their p values; those of free runs need more than one flight.
-pub(super) fn errors(errors: &Errors) -> Vec<ErrorTable> {
-    let quantities = [("Position", "m", 1.0), ("Velocity", "m/s", 1.0), ("Attitude", "deg", 1.0_f64.to_radians())];
-    let of = |(q, (quantity, unit, one)): (usize, (&'static str, &'static str, f64))| {
-        let all = [errors.before[q], errors.after[q], errors.naive[q]];
-        let log = Log::of(all.into_iter().flatten());
-        let row = |h: usize| {
-            let values = all.map(|table| table[h]);
-            let change = change_percent(values[0], values[1]);
-            let sure = errors.p_value[q][h] < SURE;
-            ErrorRow {
-                horizon: horizon(h),
-                before: significant(values[0] / one, 3),
-                after: significant(values[1] / one, 3),
-                naive: significant(values[2] / one, 3),
-                change: change.map_or("-".into(), signed),
-                class: change.filter(|_| sure).map_or("", |c| if c < 0.0 { "better" } else { "worse" }),
-                p: p_value(errors.p_value[q][h]),
-                lengths: values.map(|v| log.length(v)),
-            }
-        };
-        ErrorTable { quantity, unit, rows: (0..HORIZONS.len()).map(row).collect() }
-    };
-    quantities.into_iter().enumerate().map(of).collect()
-}
-
-/// A change in percent with its sign.
-pub(crate) fn signed(percent: f64) -> String {
-    let text = number(percent, if percent.abs() < 9.95 { 1 } else { 0 });
-    if percent > 0.0 && text.chars().any(|c| matches!(c, '1'..='9')) {
-        format!("+{text} %")
-    } else {
-        format!("{} %", text.replace('-', "−"))
-    }
-}
-
-pub(crate) fn p_value(p: f64) -> String {
-    if !p.is_finite() {
-        return "-".into();
-    }
-    if p < 0.001 { "< 0.001".into() } else { number(p, 3) }
 }
 
 #[derive(Serialize)]

@@ -1,6 +1,5 @@
 //! Numbers with their uncertainty, and findings in sentences.
 
-use crazyflie_identify::explain::signals::{SignalState, SignalVerdict};
 use crazyflie_identify::explain::verdict::{Estimate, Explanation, Finding, Leftover, Verdict};
 
 use super::Run;
@@ -75,22 +74,6 @@ fn told(effect: &Finding) -> String {
     format!("{} ({}{or})", effect.name, values.join(", "))
 }
 
-/// That the model is of another vehicle, and what to do about it, where its flights say so.
-pub(crate) fn foreign_line(run: &Run) -> Option<String> {
-    let reason = match run.foreign_hover_pwm() {
-        Some([flown, declared]) => format!("it hovers at {} PWM, the model at {}", number(flown, 0), number(declared, 0)),
-        None if run.found.foreign => "numbers fitted to its flights alone predict far better".to_owned(),
-        None => return None,
-    };
-    let logs: Vec<&str> = run.fit.sources.iter().map(|source| source.file.as_str()).collect();
-    Some(format!(
-        "The numbers of the model {} are not this vehicle's: {reason}. Identify it first, then explain what that model lacks:\n  \
-         crazyflie identify --fit {} --out mine.toml",
-        run.model.name,
-        logs.join(" ")
-    ))
-}
-
 /// Parameters of effects that add to a number of the model: what a vehicle shows is both together.
 const ADDED: [(&str, &str, &str); 2] = [("drag_linear", "rate_ps", "lateral.drag"), ("heave_damping", "added_ps", "vertical.thrust.heave")];
 
@@ -141,22 +124,6 @@ pub(crate) fn sentence(found: &Explanation) -> String {
     }
 }
 
-/// The verdict on each signal, a line each: the share of the error explained, and what is left.
-pub(crate) fn signal_lines(found: &Explanation) -> Vec<String> {
-    let line = |s: &SignalVerdict| {
-        let state = match s.state {
-            SignalState::NothingMissing => "nothing missing",
-            SignalState::Explained => "explained",
-            SignalState::PartlyExplained => "explained in part",
-            SignalState::Unexplained => "unexplained",
-        };
-        let [half, two] = s.explained_share.map(|share| if share.is_finite() { format!("{:.0} %", 100.0 * share) } else { "-".into() });
-        let left = format!("{} {}", significant(s.left, 2), s.left_unit);
-        format!("{}: {state}; explains {half} of the error 0.5 s ahead, {two} of that 2 s ahead; left: +- {left}", s.signal.name())
-    };
-    found.signals.iter().map(line).collect()
-}
-
 /// What is left and too strong to be chance.
 pub(crate) fn findings(found: &Explanation) -> Vec<&Leftover> {
     found.leftover.iter().filter(|l| l.is_structure()).collect()
@@ -173,7 +140,7 @@ pub(crate) fn closed_loop_line(run: &super::Run) -> Option<String> {
     let (controller, [before, after]) = run.closed_loop?;
     let cm = |m: f64| significant(100.0 * m, 3);
     Some(format!(
-        "closed loop: the {} along the set-points of the test flights comes within {} cm of where they were flown on the declared model, {} cm on \
+        "Closed loop: the {} along the set-points of the test flights comes within {} cm of where they were flown on the declared model, {} cm on \
          the completed one (the set-points themselves: {} cm); its tracking error is predicted as {} and {} cm, it was {} cm",
         controller.name(),
         cm(before.predicted_m),

@@ -15,8 +15,8 @@ use super::message::{self, Asked, Hello, Resume};
 use super::pilot::Pilot;
 use super::replies::Reply;
 use super::requests::{refusal, say};
-use super::said::Said;
 use super::server::{Peer, Server};
+use super::server_message::ServerMessage;
 use super::session::Session;
 use super::shared::Join;
 use super::socket::{Incoming, Parting, Socket};
@@ -103,7 +103,7 @@ impl Connection {
             Asked::Make(make) => {
                 let (session, made) = make::make(&self.server, id, &make)?;
                 self.take(session);
-                Ok(say(&Said::Made(Box::new(made))))
+                Ok(say(&ServerMessage::Made(Box::new(made))))
             }
             Asked::Resume(resume) => self.resume(id, &resume).await,
             Asked::Benchmark(asked) => {
@@ -120,11 +120,11 @@ impl Connection {
                 let none = || Fault::new(Code::NoSession, "this connection has no attempt: send benchmark first");
                 self.contest.take().ok_or_else(none)?.finish(id)
             }
-            Asked::Close if self.contest.take().is_some() => Ok(say(&Said::Closed { id })),
+            Asked::Close if self.contest.take().is_some() => Ok(say(&ServerMessage::Closed { id })),
             Asked::Close => {
                 let session = self.session.take().ok_or_else(no_session)?;
                 session.finish(End::Closed);
-                Ok(say(&Said::Closed { id }))
+                Ok(say(&ServerMessage::Closed { id }))
             }
             Asked::Reset(reset) => self.session.as_mut().ok_or_else(no_session)?.reset(id, &reset),
             Asked::Step(step) if let Some(contest) = &mut self.contest => contest.step(id, &step),
@@ -133,10 +133,10 @@ impl Connection {
                 session.step(id, &step)
             }
             Asked::State => self.session.as_mut().ok_or_else(no_session)?.state(id),
-            Asked::World(asked) => Ok(say(&Said::World(worlds::found(&self.server, id, &asked)?))),
+            Asked::World(asked) => Ok(say(&ServerMessage::World(worlds::found(&self.server, id, &asked)?))),
             Asked::Join(join) => self.join(id, join).await,
             Asked::Fly(fly) => self.pilot.as_ref().ok_or_else(no_seat)?.fly(id, &fly).await,
-            Asked::Leave => self.pilot.take().map(|_| say(&Said::Left { id })).ok_or_else(no_seat),
+            Asked::Leave => self.pilot.take().map(|_| say(&ServerMessage::Left { id })).ok_or_else(no_seat),
         }
     }
 
@@ -154,7 +154,7 @@ impl Connection {
             self.peer.show(token)?;
         }
         info!(peer = %self.peer.address, client = ?hello.client.chars().take(80).collect::<String>(), "hello");
-        Ok(say(&Said::Welcome(make::welcome(&self.server, id))))
+        Ok(say(&ServerMessage::Welcome(make::welcome(&self.server, id))))
     }
 
     /// A connection has one session: the one before ends.
@@ -174,7 +174,7 @@ impl Connection {
         let (session_name, last_id, ticks) = (session.listed().name(), session.last_id(), session.ticks());
         info!(session = session_name, peer = %self.peer.address, "session resumed");
         self.take(session);
-        Ok(say(&Said::Resumed { id, session: session_name, last_id, ticks }))
+        Ok(say(&ServerMessage::Resumed { id, session: session_name, last_id, ticks }))
     }
 }
 

@@ -12,7 +12,7 @@ use super::fault::{Code, Fault};
 use super::message::{Actions, Benchmark, Step};
 use super::replies::Reply;
 use super::requests::say;
-use super::said::{Begun, Numbers, Outcome, Rows, Said};
+use super::server_message::{Begun, Numbers, Outcome, Rows, ServerMessage};
 use super::wire::{Frame, Head, Kind, Request};
 use crate::bench::{Attempt, Bench, Seat, Who, api};
 
@@ -47,7 +47,7 @@ impl Contest {
         };
         let (attempt, scenario) = (&contest.attempt, contest.attempt.scenario());
         let Seat { interface, tick_s, drones, .. } = attempt.seat()?;
-        let reply = say(&Said::Begun(Box::new(Begun {
+        let reply = say(&ServerMessage::Begun(Box::new(Begun {
             id,
             attempt: attempt.id(),
             scenario: scenario.id(),
@@ -91,7 +91,7 @@ impl Contest {
         let frame = self.step_once()?;
         let width = self.attempt.width()?;
         let (rows, rewards) = frame.numbers().split_at(self.terminated.len() * width);
-        Ok(say(&Said::Result(Box::new(Outcome {
+        Ok(say(&ServerMessage::Result(Box::new(Outcome {
             id,
             observation: Rows { numbers: rows, width },
             reward: Numbers(rewards),
@@ -121,6 +121,6 @@ impl Contest {
         let Contest { bench, attempt, .. } = self;
         let stored = block_in_place(|| attempt.finish().and_then(|document| api::attempt(&bench, &document.id)))?;
         let attempt: Value = serde_json::from_slice(&stored.bytes).map_err(|e| Fault::new(Code::Unavailable, e.to_string()))?;
-        Ok(say(&Said::Finished { id, attempt }))
+        Ok(say(&ServerMessage::Finished { id, attempt }))
     }
 }

@@ -13,8 +13,8 @@ use serde_json::Value;
 use super::fault::{Code, Fault};
 use super::feed::Feed;
 use super::message::Make;
-use super::said::{Known, Made, Welcome};
 use super::server::Server;
+use super::server_message::{Known, Made, Welcome};
 use super::session::Session;
 use crate::bench::{Bench, Scenario};
 

@@ -8,7 +8,7 @@ use tokio::sync::oneshot;
 use super::fault::{Code, Fault};
 use super::replies::Reply;
 use super::requests::say;
-use super::said::{Numbers, Said};
+use super::server_message::{Numbers, ServerMessage};
 use super::shared::{Fly, Join, Joined};
 use super::worlds::{Known, Worlds};
 
@@ -70,7 +70,7 @@ impl Pilot {
         let world = worlds.find(&asked.name)?;
         let taken = ask(&world, |answer| Order::Join { drone: asked.drone, token: asked.token, answer }).await?;
         let Taken { key, tick, tick_s, deadline_s, drones, interface, observation } = taken;
-        let reply = say(&Said::Joined(Box::new(Joined {
+        let reply = say(&ServerMessage::Joined(Box::new(Joined {
             id,
             world: &world.name,
             drone: key.drone,
@@ -94,7 +94,7 @@ impl Pilot {
         let Over { tick, observation, reward, terminated, truncated, flying, late } =
             ask(&self.world, |answer| Order::Fly { seat: self.key, action, answer }).await?;
         let (observation, reward) = (Numbers(&observation), f64::from(reward));
-        Ok(say(&Said::Flown { id, tick, observation, reward, terminated, truncated, flying, late }))
+        Ok(say(&ServerMessage::Flown { id, tick, observation, reward, terminated, truncated, flying, late }))
     }
 
     /// The world and the drone, in words.

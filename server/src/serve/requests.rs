@@ -9,7 +9,7 @@ use tokio_tungstenite::tungstenite::Utf8Bytes;
 use super::fault::{Code, Fault};
 use super::message::{Actions, Reset, Step};
 use super::replies::Reply;
-use super::said::{Final, Numbers, Outcome, Rows, Said, observations};
+use super::server_message::{Final, Numbers, Outcome, Rows, ServerMessage, observations};
 use super::session::{Session, Stepped};
 use super::wire::{Frame, Head, Kind, Request};
 
@@ -80,7 +80,11 @@ impl Session {
             };
             let frame = session.begin(seeds.as_deref(), asked.mask.as_deref(), asked.states)?;
             let (rows, states) = frame.numbers().split_at(session.env.num_envs() * OBSERVATION);
-            session.text(&Said::Observation { id, observation: observations(rows), state: asked.states.then_some(state_rows(states)) })
+            session.text(&ServerMessage::Observation {
+                id,
+                observation: observations(rows),
+                state: asked.states.then_some(state_rows(states)),
+            })
         })
     }
 
@@ -94,7 +98,7 @@ impl Session {
                 Actions::Many(rows) => session.actions.extend(rows.iter().flatten()),
             }
             let stepped = session.advance(1, asked.states)?;
-            session.text(&Said::Result(Box::new(session.outcome(id, &stepped))))
+            session.text(&ServerMessage::Result(Box::new(session.outcome(id, &stepped))))
         })
     }
 
@@ -104,7 +108,7 @@ impl Session {
         self.once(id, |session| {
             let mut states = vec![0.0; session.env.num_envs() * STATE];
             session.states(&mut states)?;
-            session.text(&Said::State { id, state: state_rows(&states), ticks: session.ticks() })
+            session.text(&ServerMessage::State { id, state: state_rows(&states), ticks: session.ticks() })
         })
     }
 
@@ -131,7 +135,7 @@ impl Session {
         }
     }
 
-    fn text(&self, said: &Said<'_>) -> Result<Reply, Fault> {
+    fn text(&self, said: &ServerMessage<'_>) -> Result<Reply, Fault> {
         let reply = say(said);
         match &reply {
             Reply::Text(text) if text.len() > self.most_bytes => {
@@ -152,12 +156,12 @@ fn long<T>(steps: usize, work: impl FnOnce() -> T) -> T {
 }
 
 pub(crate) fn refusal(id: Option<u64>, fault: &Fault) -> Reply {
-    say(&Said::Error { id, code: fault.code, message: &fault.message, retry_after_s: fault.retry_after_s })
+    say(&ServerMessage::Error { id, code: fault.code, message: &fault.message, retry_after_s: fault.retry_after_s })
 }
 
 /// A message as JSON text.
-pub(crate) fn say(said: &Said<'_>) -> Reply {
-    // the types of `Said` have neither maps with odd keys nor writers that fail
+pub(crate) fn say(said: &ServerMessage<'_>) -> Reply {
+    // the types of `ServerMessage` have neither maps with odd keys nor writers that fail
     let text = serde_json::to_string(said).unwrap_or_else(|e| format!("{{\"type\":\"error\",\"id\":null,\"message\":\"{e}\"}}"));
     Reply::Text(Utf8Bytes::from(text))
 }

@@ -4,7 +4,7 @@ use crazyflie_env::observation::{ACTION, Interface};
 use serde::{Deserialize, Serialize};
 
 use super::fault::{Code, Fault};
-use super::said::Numbers;
+use super::server_message::Numbers;
 use crate::worlds::Plan;
 
 /// A world is to be founded.

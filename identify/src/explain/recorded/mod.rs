@@ -17,7 +17,7 @@ use super::calibration::recorded::{FOREIGN_GAIN, LEAST_GAIN, SAME, STEPS};
 use super::calibration::verdict::MOST_RIVALS;
 use super::errors::{Errors, compare};
 use super::residual;
-use super::search::{Judged, Search};
+use super::search::{FilteredHypothesis, Search};
 use super::signals::{Signal, SignalState, SignalVerdict, explained_share};
 use super::verdict::{Estimate, Explanation, Finding, NumberEstimate, Verdict};
 use crate::FlightLog;
@@ -188,7 +188,7 @@ struct Seen {
     fit: Vec<Flight>,
     test: Vec<Flight>,
     trims: Vec<Trim>,
-    judged: Judged,
+    judged: FilteredHypothesis,
 }
 
 impl Seen {

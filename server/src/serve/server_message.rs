@@ -48,7 +48,7 @@ pub(crate) struct Final<'a> {
 /// What is answered, apart from binary frames.
 #[derive(Debug, Serialize)]
 #[serde(tag = "type", rename_all = "snake_case")]
-pub(crate) enum Said<'a> {
+pub(crate) enum ServerMessage<'a> {
     Welcome(Welcome),
     Made(Box<Made>),
     Observation {
