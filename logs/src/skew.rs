@@ -57,7 +57,8 @@ pub(super) fn wander(rates: &Rates<'_>, rows: &Range<usize>) -> Option<Vec<f64>>
     let t_s = &rates.t_s[rows.clone()];
     let (first_s, last_s) = (*t_s.first()?, *t_s.last()?);
     let knots = ((last_s - first_s) / KNOT_S).ceil() as usize + 1;
-    let sides: Vec<[Vec<f64>; 3]> = rates.angles_rad.iter().zip(rates.gyro_radps).map(|(angle, gyro)| sides(rates.t_s, angle, gyro)).collect();
+    let sides: Vec<[Vec<f64>; 3]> =
+        rates.angles_rad.iter().zip(rates.gyro_radps).map(|(angle, gyro)| sides(rates.t_s, angle, gyro)).collect();
     let hat = |t: f64| {
         let at = ((t - first_s) / KNOT_S).clamp(0.0, (knots - 1) as f64);
         let knot = (at as usize).min(knots.saturating_sub(2));
