@@ -249,6 +249,7 @@ impl Variables {
             motor_request_pwm: requests,
             acc_world_mps2: self.first(&ACCELERATION).map(in_mps2),
             acc_z_mps2: self.get(FORCE_Z).or_else(|| self.get(FORCE[2])).map(|acc| in_mps2([acc])).map(|[acc]| acc),
+            late_s: None,
         }
     }
 

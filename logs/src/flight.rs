@@ -53,6 +53,9 @@ pub struct Onboard {
     pub acc_world_mps2: Option<[Vec<f64>; 3]>,
     /// Specific force along the body's z axis, where the log holds no more of it than that.
     pub acc_z_mps2: Option<Vec<f64>>,
+    /// How much later than the motion of the row onboard data appears, the commands among it, where its clock wanders: what belongs to time `t` stands
+    /// at `t` plus this. Nothing was shifted.
+    pub late_s: Option<Vec<f64>>,
 }
 
 /// What a simulator knows to be true. One value per row.

@@ -40,6 +40,9 @@ pub enum Role {
     Constant,
     /// A whole number that selects a variant: each is tried.
     Choice,
+    /// It has no slope while its effect is off: a search for effects leaves it, a fit that has the effect anyway estimates it, from the first of
+    /// its `starts`.
+    Companion,
 }
 
 /// A parameter of an effect, for its [`Effect::PARAMS`].
@@ -59,6 +62,9 @@ impl Param {
     }
     const fn choice(self) -> Param {
         Param { role: Role::Choice, ..self }
+    }
+    const fn companion(self, starts: &'static [f64]) -> Param {
+        Param { role: Role::Companion, starts, ..self }
     }
     /// The end of the range that lies farther from "off".
     pub fn far(&self) -> f64 {
@@ -353,6 +359,8 @@ pub trait Effect<const P: usize, const S: usize>: Send + 'static {
     /// How many of its numbers of state, the last ones, follow the vehicle's motion: a fit has to estimate them with it. (What follows the
     /// commands alone it can run up.)
     const LAGS: usize = 0;
+    /// How long its numbers of state that are no lags remember the motion, in seconds: a fit runs them up on what was measured.
+    const MOTION_MEMORY_S: f64 = 0.0;
     /// How many of its numbers of state, the first ones, are in use where a control tick is so long. The others are never read.
     fn states_in_use(_tick_s: f64) -> usize {
         S
@@ -397,6 +405,8 @@ pub struct Entry {
     /// See [`Effect::LAGS`] and [`Effect::LAG_SD`].
     pub lags: usize,
     pub lag_sd: f64,
+    /// See [`Effect::MOTION_MEMORY_S`].
+    pub motion_memory_s: f64,
     pub(crate) lanes: fn(Build) -> Box<dyn Stage<Lanes>>,
     #[cfg(target_arch = "x86_64")]
     pub(crate) avx2: fn(Build) -> Box<dyn Stage<crate::lanes_avx2::Lanes>>,

@@ -211,6 +211,7 @@ pub(super) const fn entry<E: Effect<P, S>, const P: usize, const S: usize>(_effe
         model_number: E::MODEL_NUMBER,
         lags: E::LAGS,
         lag_sd: E::LAG_SD,
+        motion_memory_s: E::MOTION_MEMORY_S,
         lanes: StageOf::<E, _, P, S>::boxed,
         #[cfg(target_arch = "x86_64")]
         avx2: StageOf::<E, _, P, S>::boxed,

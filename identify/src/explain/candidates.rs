@@ -47,6 +47,7 @@ fn variants(entry: &'static Entry) -> Vec<Term> {
     for (i, p) in entry.params.iter().enumerate() {
         let values: Vec<f64> = match p.role {
             Role::Choice => (p.low.round() as i64..=p.high.round() as i64).map(|choice| choice as f64).collect(),
+            Role::Companion => continue,
             _ if !p.starts.is_empty() => [&[p.off], p.starts].concat(),
             _ => continue,
         };

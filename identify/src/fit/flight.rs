@@ -273,10 +273,12 @@ fn commands(
     let sign = model.yaw.sign();
     let skew_s =
         log.notes.iter().find_map(|n| if let Note::ClockSkew { median_s, .. } = n { Some(*median_s) } else { None }).unwrap_or(0.0);
+    let row_at = |t_s: f64| log.t_s.partition_point(|t| *t <= t_s + ROUNDING_S).saturating_sub(1);
+    let late_s = log.onboard.as_ref().and_then(|onboard| onboard.late_s.as_ref());
     let at = |k: usize| {
         // commands are on the clock of the vehicle
-        let t_s = from_s + k as f64 * tick_s + skew_s;
-        let row_at = |t_s: f64| log.t_s.partition_point(|t| *t <= t_s + ROUNDING_S).saturating_sub(1);
+        let here_s = from_s + k as f64 * tick_s;
+        let t_s = here_s + late_s.map_or(skew_s, |late| late[row_at(here_s)]);
         let (row, last) = (row_at(t_s), row_at(t_s + tick_s - 2.0 * ROUNDING_S));
         let mean = |v: &[f64]| v[row..=last].iter().sum::<f64>() / (last - row + 1) as f64;
         // without a logged command the heading follows what was measured: the fit of yaw then says nothing

@@ -46,6 +46,15 @@ struct Pass {
 }
 
 impl Pass {
+    /// States without slopes, of a flight.
+    fn fixed<'a>(model: &'a Model, flight: &'a Flight) -> impl Fn(&[f64]) -> State<Dual> + 'a {
+        move |numbers| {
+            let of = |from: usize| std::array::from_fn(|i| Dual::of(numbers[from + i]));
+            let x = State { pos_m: of(0), vel_mps: of(3), att_rad: of(6), rate_radps: of(9), aux: [Dual::of(0.0); 2] };
+            with_lags(model, flight.input, x)
+        }
+    }
+
     fn variable(&self, value: f64, unknown: usize) -> Dual {
         variable(self.first, value, unknown)
     }
@@ -64,6 +73,8 @@ pub struct Worker {
     model: Model,
     passes: Vec<Pass>,
     remembers: bool,
+    /// How long effects remember the motion, see [`effects::Effect::MOTION_MEMORY_S`].
+    motion_memory_s: f64,
     /// The start and the lags: what each window has of its own.
     own: usize,
     lags_push: [bool; 2],
@@ -121,6 +132,7 @@ impl Worker {
             model,
             passes,
             remembers,
+            motion_memory_s: all.iter().map(|e| e.motion_memory_s).fold(0.0, f64::max),
             unknowns,
             states: Vec::new(),
             offsets: Vec::new(),
@@ -176,13 +188,20 @@ impl Worker {
         self.go_on(flight, window, own);
     }
 
-    /// What effects remember of the commands before a tick is run up; the vehicle itself will start anew.
+    /// What effects remember of the commands before a tick, and of the motion as measured, is run up; the vehicle itself will start anew.
     pub fn run_up(&mut self, flight: &Flight, tick: usize, own: &[f64]) {
         let first = tick as isize;
-        let back = if self.remembers { (MEMORY_S / flight.tick_s).ceil() as isize } else { 0 };
+        let ticks = |s: f64| (s / flight.tick_s).ceil() as isize;
+        let follows = self.motion_memory_s > 0.0;
+        // before its first tick nothing was measured of a flight
+        let moved = ticks(self.motion_memory_s).min(first);
+        let back = moved.max(if self.remembers { ticks(MEMORY_S) } else { 0 });
+        let measured = |tick: isize| flight.start_numbers(tick.max(0) as usize);
         let mut passes = std::mem::take(&mut self.passes);
         for pass in &mut passes {
-            let start = self.start(pass, flight, own);
+            // what was measured does not depend on the start
+            let fixed = Pass::fixed(&self.model, flight);
+            let start = if follows { fixed(&measured(first - back)) } else { self.start(pass, flight, own) };
             let world = &mut pass.world;
             Dual::run(
                 #[inline(always)]
@@ -190,6 +209,9 @@ impl Worker {
                     world.start(0, true, &start, &dual(flight.command(first - back - 1)));
                     world.set_time(flight.before_s + (first - back) as f64 * flight.tick_s);
                     for tick in first - back..first {
+                        if follows {
+                            world.set_state(&fixed(&measured(tick)));
+                        }
                         world.set_voltage(flight.voltage_v(tick).map(Dual::of));
                         world.step(0, &dual(flight.command(tick)));
                     }

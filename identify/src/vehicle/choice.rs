@@ -4,7 +4,7 @@ use crazyflie_env::model::{Model, VerticalInput};
 
 use super::Plan;
 use crate::FlightLog;
-use crate::estimate::{Clusters, Estimate, IdentifyError};
+use crate::estimate::{Clusters, Estimate, IdentifyError, at_bound};
 use crate::fit::hypothesis::Hypothesis;
 
 /// What must move for the numbers of a part of the model to show.
@@ -87,6 +87,41 @@ pub(super) fn check(
         }
     }
     Ok(paths)
+}
+
+/// Leaves out of a fit the common numbers that ran to a bound, and effects whose first parameter, their strength, did. Returns their names. Numbers of
+/// the model stay if they were `asked` for.
+pub(super) fn leave_out(at: &mut Hypothesis, shared: &[f64], asked: bool) -> Vec<String> {
+    let (bounds, per_flight) = (at.bounds(), at.per_flight());
+    let mut common = shared.iter();
+    // the common numbers come first, in the order of all
+    let ran: Vec<bool> = bounds
+        .iter()
+        .zip(&per_flight)
+        .map(|(bounds, own)| own.is_none() && common.next().is_some_and(|value| at_bound(*value, *bounds)))
+        .collect();
+    let of_model = at.free.len();
+    let mut names: Vec<String> = at.free.iter().zip(&ran).filter(|(_, ran)| **ran && !asked).map(|(path, _)| path.clone()).collect();
+    at.free.retain(|path| !names.contains(path));
+    let mut place = of_model;
+    let mut gone = Vec::new();
+    for term in &mut at.terms {
+        let count = term.free.len();
+        let ran: Vec<usize> = term.free.iter().zip(&ran[place..place + count]).filter(|(_, ran)| **ran).map(|(i, _)| *i).collect();
+        place += count;
+        if ran.contains(&0) {
+            gone.push(term.entry.name);
+            continue;
+        }
+        for i in ran {
+            names.push(format!("{}.{}", term.entry.name, term.entry.params[i].name));
+            term.values[i] = term.entry.params[i].off;
+            term.free.retain(|free| *free != i);
+        }
+    }
+    names.extend(gone.iter().map(|name| (*name).to_owned()));
+    at.terms.retain(|term| !gone.contains(&term.entry.name));
+    names
 }
 
 /// The model that was found, under its own name: its numbers and effects say where they come from, its vertical form is the one that flew. What

@@ -4,7 +4,7 @@ mod choice;
 mod nuisance;
 mod predict;
 
-use crazyflie_env::effects::{self, Geometry};
+use crazyflie_env::effects::{self, Geometry, Role};
 use crazyflie_env::model::{Model, VerticalInput};
 
 use crate::FlightLog;
@@ -29,7 +29,9 @@ const ROUNDS: usize = 6;
 /// No simulation is exact to less.
 const FLOOR: Noise = Noise { att_rad: [1e-6; 3], pos_m: [1e-6; 3] };
 /// What lies between a thrust command and the lift of a real vehicle: the battery, the bend of the thrust curve, and the exact cosine of 4.5.
-const POWERTRAIN: [&str; 3] = ["battery_sag", "thrust_slope", "tilt_loss"];
+const POWERTRAIN: [&str; 4] = ["estimator_tilt", "battery_sag", "thrust_slope", "tilt_loss"];
+/// Choices, by their place, that make the only effect of geometry exact: the thrust of the moment pushes sideways, not the weight.
+const WHOLE: [(&str, usize); 1] = [("tilt_loss", 1)];
 const HOVER: &str = "vertical.thrust.hover";
 const HEAVE: &str = "vertical.thrust.heave";
 
@@ -78,6 +80,9 @@ pub struct Identified {
     pub parameters: Vec<Estimate>,
     /// What the numbers were before.
     pub before: Vec<f64>,
+    /// Numbers of the model and parameters of effects that would have run to a bound: these logs cannot tell them, so they stay as they were, and an
+    /// effect whose strength is one of them is left out.
+    pub left_out: Vec<String>,
     /// Standard deviation of what the model leaves: roll, pitch, yaw, x, y, z.
     pub noise: [f64; 6],
     pub criteria: Criteria,
@@ -119,19 +124,27 @@ pub fn identify(model: &Model, logs: &[(String, FlightLog)], plan: &Plan, done: 
             return Err(IdentifyError::Singular { parameter: HOVER.to_owned(), reason });
         }
     }
-    let before: Vec<f64> = free.iter().map(|path| model.parameter(path)).collect::<Result<_, _>>()?;
     let mut hypothesis = Hypothesis { free, pushed: false, ..Hypothesis::of(&near(model, logs, plan)?) };
     if plan.nuisance {
         hypothesis = nuisance::terms(input)?.into_iter().fold(hypothesis, |h, term| h.with(term));
     }
     for name in &plan.effects {
-        hypothesis = hypothesis.with(fitted_effect(name)?);
+        hypothesis = hypothesis.with(fitted_effect(name, &plan.effects)?);
     }
     let windows = windows(&flights);
-    let fitted = fit(&mut flights, &windows, &mut hypothesis, done).ok_or(IdentifyError::NoStart { what: "model".into() })?;
+    let mut left_out = Vec::new();
+    let fitted = loop {
+        let fitted = fit(&mut flights, &windows, &mut hypothesis, done).ok_or(IdentifyError::NoStart { what: "model".into() })?;
+        let untold = choice::leave_out(&mut hypothesis, &fitted.0.shared, plan.free.is_some());
+        if untold.is_empty() {
+            break fitted;
+        }
+        left_out.extend(untold);
+    };
+    let before: Vec<f64> = hypothesis.free.iter().map(|path| model.parameter(path)).collect::<Result<_, _>>()?;
     let identified = report(model, logs, plan, &flights, &windows, &hypothesis, fitted, before)?;
     done();
-    Ok(identified)
+    Ok(Identified { left_out, ..identified })
 }
 
 /// Numbers to fit beside a hover PWM of each flight: the mean of these is the model's, and beside them, a bend of the thrust curve and trims, positions
@@ -140,13 +153,22 @@ pub(crate) fn beside_hover(free: Vec<String>) -> Vec<String> {
     free.into_iter().filter(|path| path != HOVER && path != HEAVE).collect()
 }
 
-/// An effect that joins the model: what is exact by geometry is not fitted.
-fn fitted_effect(name: &str) -> Result<Term, IdentifyError> {
+/// An effect that joins the model, beside others: what is exact by geometry is not fitted.
+fn fitted_effect(name: &str, all: &[String]) -> Result<Term, IdentifyError> {
     let mut term = Term::off(effects::find(name)?.1);
+    let geometric = |name: &String| effects::find(name).is_ok_and(|(_, entry)| entry.geometry != Geometry::None);
     if term.entry.geometry != Geometry::None {
         term.free.clear();
         term.values[0] = 1.0;
+        let alone = all.iter().filter(|name| geometric(name)).count() == 1;
+        let chosen = WHOLE.iter().filter(|(effect, _)| alone && *effect == name);
+        chosen.for_each(|(_, i)| term.values[*i] = 1.0);
     }
+    for (i, param) in term.entry.params.iter().enumerate().filter(|(_, param)| param.role == Role::Companion) {
+        term.values[i] = param.starts.first().copied().unwrap_or(param.off);
+        term.free.push(i);
+    }
+    term.free.sort_unstable();
     Ok(term)
 }
 
@@ -206,6 +228,7 @@ fn report(
         hypothesis: unsettled(&found),
         model,
         before,
+        left_out: Vec::new(),
         parameters,
         noise,
         clusters,
@@ -229,7 +252,7 @@ pub(crate) fn unsettled(found: &Hypothesis) -> Hypothesis {
     open
 }
 
-/// How often [`identify`] calls back at most.
+/// How often [`identify`] calls back at most each time it fits: again where it left something out.
 pub const STAGES: usize = ROUNDS + 1;
 
 impl Identified {

@@ -249,11 +249,13 @@ impl FlightLog {
         }
     }
 
-    /// Notes how onboard time and yaw differ from motion capture, in flight.
-    fn compare_clocks(&self, notes: &mut Vec<Note>) {
+    /// Finds how onboard time differs from motion capture and notes it, and how yaw does, in flight.
+    fn compare_clocks(&mut self, notes: &mut Vec<Note>) {
         if let Some([gx, gy, _]) = &self.gyro_radps {
             let rates = Rates { t_s: &self.t_s, angles_rad: [&self.roll_rad, &self.pitch_rad], gyro_radps: [gx, gy] };
             notes.push(skew::estimate(&rates, &self.airborne));
+            let late_s = skew::wander(&rates, &self.airborne);
+            self.onboard.get_or_insert_default().late_s = late_s;
         }
         let attitude = self.onboard.as_ref().and_then(|o| o.attitude_rad.as_ref());
         if let Some([_, _, yaw]) = attitude.filter(|_| !self.airborne.is_empty()) {

@@ -188,6 +188,9 @@ pub(super) fn whole(shown: &Whole<'_>, out: &mut dyn Write) -> Outcome {
         found.criteria.aic,
         found.criteria.bic
     )?;
+    if !found.left_out.is_empty() {
+        writeln!(out, "left out, as these logs would send it to a bound: {}\n", found.left_out.join(", "))?;
+    }
     trims(shown, out)?;
     signals(shown, out)?;
     for (part, _, all) in shown.parts() {
@@ -295,7 +298,7 @@ pub(super) fn whole_json(shown: &Whole<'_>, out: &mut dyn Write) -> Outcome {
     let vertical = if found.input == VerticalInput::Height { "height" } else { files::vertical_name(found.input) };
     let part = |all: Option<&ModelComparison>| comparisons(all.map_or(&[], |judged| &judged.comparisons), 0);
     let value = json!({"model": found.model.name, "vertical": vertical, "parameters": estimates(&found.parameters), "before": found.before,
-        "noise": found.noise, "aic": found.criteria.aic, "bic": found.criteria.bic, "converged": found.converged, "samples": found.samples,
+        "left_out": found.left_out, "noise": found.noise, "aic": found.criteria.aic, "bic": found.criteria.bic, "converged": found.converged, "samples": found.samples,
         "standard_errors": found.clusters.to_string(), "fit": part(Some(&found.fit)), "test": part(shown.test.map(|t| &t[1])),
         "before_fit": part(Some(shown.before_fit)), "before_test": part(shown.test.map(|t| &t[0])),
         "flights": shown.parts().into_iter().map(|(name, _, judged)| (name.to_owned(), flights_json(judged))).collect::<serde_json::Map<_, _>>(),
