@@ -33,6 +33,17 @@ impl Term {
         sized.peek().is_none() || sized.any(|(p, value)| (value - p.off).abs() >= p.least)
     }
 
+    /// The same with parameters free too that only show beside the first, where a fit holds the flight to its measured motion.
+    #[must_use]
+    pub fn with_companions(mut self) -> Self {
+        for (i, param) in self.entry.params.iter().enumerate().filter(|(_, param)| param.role == Role::Companion) {
+            self.values[i] = param.starts.first().copied().unwrap_or(param.off);
+            self.free.push(i);
+        }
+        self.free.sort_unstable();
+        self
+    }
+
     /// The values of the free parameters.
     pub fn free_values(&self) -> Vec<f64> {
         self.free.iter().map(|i| self.values[*i]).collect()

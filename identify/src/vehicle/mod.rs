@@ -4,7 +4,7 @@ mod choice;
 mod nuisance;
 mod predict;
 
-use crazyflie_env::effects::{self, Geometry, Role};
+use crazyflie_env::effects::{self, Geometry};
 use crazyflie_env::model::{Model, VerticalInput};
 
 use crate::FlightLog;
@@ -164,12 +164,7 @@ fn fitted_effect(name: &str, all: &[String]) -> Result<Term, IdentifyError> {
         let chosen = WHOLE.iter().filter(|(effect, _)| alone && *effect == name);
         chosen.for_each(|(_, i)| term.values[*i] = 1.0);
     }
-    for (i, param) in term.entry.params.iter().enumerate().filter(|(_, param)| param.role == Role::Companion) {
-        term.values[i] = param.starts.first().copied().unwrap_or(param.off);
-        term.free.push(i);
-    }
-    term.free.sort_unstable();
-    Ok(term)
+    Ok(term.with_companions())
 }
 
 /// The model with a mass and a hover PWM near those of the vehicle that flew: it hovers on the whole.

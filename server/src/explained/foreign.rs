@@ -81,7 +81,10 @@ pub(crate) fn foreign_sentence(run: &Run, foreign: &ForeignModel) -> String {
         || "numbers fitted to its flights predict far better".to_owned(),
         |pwm| format!("it hovers at {} PWM, the model at {}", number(pwm.flown, 0), number(pwm.model, 0)),
     );
-    format!("The numbers of the model {} are not this vehicle's: {reason}. Identify it first, then explain what that model lacks:", run.model.name)
+    format!(
+        "The numbers of the model {} are not this vehicle's: {reason}. Identify it first, then explain what that model lacks:",
+        run.model.name
+    )
 }
 
 /// A file name as a shell reads it.

@@ -1,7 +1,9 @@
 //! What a change of a hypothesis is worth to predictions, stretch by stretch and axis by axis.
 
+use std::collections::BTreeMap;
+
 use crate::axis_errors::AxisErrors;
-use crate::explain::calibration::recorded::{CHANCE_OF_HARM, HARM};
+use crate::explain::calibration::recorded::{CHANCE_OF_HARM, FLIGHTS_TO_TEST, HARM};
 use crate::statistics::paired_p_value;
 
 /// Rows of [`AxisErrors`] that are judged: sideways and vertical velocity, and tilt. The velocity in space holds nothing more.
@@ -10,12 +12,14 @@ const JUDGED: [usize; 3] = [0, 1, 3];
 /// Logarithms of errors over those before: per stretch, judged axis and horizon.
 pub struct Gain {
     log_ratios: Vec<[[f64; 2]; 3]>,
+    /// Of each stretch.
+    flights: Vec<String>,
 }
 
 impl Gain {
     pub fn new(before: &[AxisErrors], after: &[AxisErrors]) -> Self {
         let ratio = |(b, a): (&AxisErrors, &AxisErrors)| JUDGED.map(|axis| [0, 1].map(|h| (a.rms[axis][h] / b.rms[axis][h]).ln()));
-        Gain { log_ratios: before.iter().zip(after).map(ratio).collect() }
+        Gain { log_ratios: before.iter().zip(after).map(ratio).collect(), flights: before.iter().map(|e| e.flight.clone()).collect() }
     }
 
     /// Of each stretch, the mean over axes and horizons.
@@ -47,6 +51,15 @@ impl Gain {
         })
     }
 
+    /// Of few flights, whether every one gains: stretches of one flight are not independent, and a test over them takes the trait of one for that of all.
+    pub fn helps_every_flight(&self) -> bool {
+        let mut by_flight: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
+        for (flight, ratio) in self.flights.iter().zip(self.per_stretch()) {
+            by_flight.entry(flight).or_default().push(ratio);
+        }
+        by_flight.len() >= FLIGHTS_TO_TEST || by_flight.values().all(|ratios| mean(ratios) < 0.0)
+    }
+
     /// Whether every axis is better at every horizon.
     pub fn helps_everywhere(&self) -> bool {
         (0..3).all(|axis| (0..2).all(|h| self.log_ratios.iter().map(|cells| cells[axis][h]).sum::<f64>() < 0.0))
@@ -74,6 +87,10 @@ mod tests {
         let chance = Gain::new(&before, &errors(0.2, |i| if i % 2 == 0 { 1.3 } else { 0.8 }));
         assert!(!chance.harms());
         let [sideways, vertical, tilt] = chance.by_axis();
+        // here every flight has one stretch, and there are enough of them for a test
+        assert!(chance.helps_every_flight());
+        let few = Gain::new(&before[..4], &errors(0.9, |i| if i == 2 { 1.5 } else { 0.9 })[..4]);
+        assert!(few.mean() < 0.0 && !few.helps_every_flight());
         assert!((sideways - 0.2_f64.ln()).abs() < 1e-12 && vertical.abs() < 0.1 && tilt == 0.0);
     }
 }

@@ -157,7 +157,8 @@ fn opened(model: &Model) -> (Model, Vec<(&'static Entry, Vec<f64>)>) {
 fn declared_terms(declared: &[(&'static Entry, Vec<f64>)]) -> Vec<Term> {
     let term = |(entry, values): &(&'static Entry, Vec<f64>)| {
         // a parameter that is off may belong to a variant that nobody asked for
-        let free = (0..values.len()).filter(|i| entry.params[*i].role == Role::Free && (*i == 0 || values[*i] != entry.params[*i].off));
+        let free = (0..values.len())
+            .filter(|i| matches!(entry.params[*i].role, Role::Free | Role::Companion) && (*i == 0 || values[*i] != entry.params[*i].off));
         Term { free: free.collect(), values: values.clone(), ..Term::off(entry) }
     };
     declared.iter().map(term).collect()

@@ -45,6 +45,7 @@ impl Trial {
         self.gain.mean() < -LEAST_GAIN
             && self.gain.p_value() < CHANCE / SHORTLIST as f64
             && !self.gain.harms()
+            && self.gain.helps_every_flight()
             && clearance(bench, &self.fitted, self.entry.name) > CLEAR
             && !self.is_at_bound()
     }
@@ -121,8 +122,11 @@ impl Selection {
     fn proposals(&self, bench: &Bench) -> Vec<(f64, Term)> {
         let now = &self.fitted;
         let base = bench.propose(&now.hypothesis, now, STEPS_TO_PROPOSE).solution.loss;
-        let starts: Vec<Term> =
-            candidates(&now.hypothesis).into_iter().flat_map(|c| c.starts.into_iter().take(c.variants + STARTS)).collect();
+        let starts: Vec<Term> = candidates(&now.hypothesis)
+            .into_iter()
+            .flat_map(|c| c.starts.into_iter().take(c.variants + STARTS))
+            .map(Term::with_companions)
+            .collect();
         let tried = starts.into_par_iter().map(|term| {
             let tried = bench.propose(&now.hypothesis.with(term.clone()), now, STEPS_TO_PROPOSE);
             let fitted = tried.hypothesis.terms.iter().find(|t| t.entry.name == term.entry.name).cloned().unwrap_or(term);
