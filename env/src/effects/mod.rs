@@ -26,9 +26,6 @@ pub struct Param {
     pub role: Role,
     /// Values from which a search begins; empty for "off" alone. A length or a frequency has no slope while its effect is off.
     pub starts: &'static [f64],
-    /// How far from "off" it must lie to be a cause of its own; 0 where any size is. Nearer, it makes up for a declared number that is not known
-    /// better, or for dynamics of a higher order than declared.
-    pub least: f64,
 }
 
 /// What fitting does with a parameter.
@@ -47,7 +44,7 @@ pub enum Role {
 
 /// A parameter of an effect, for its [`Effect::PARAMS`].
 pub const fn param(name: &'static str, unit: &'static str, off: f64, range: [f64; 2], about: &'static str) -> Param {
-    Param { name, unit, off, low: range[0], high: range[1], about, role: Role::Free, starts: &[], least: 0.0 }
+    Param { name, unit, off, low: range[0], high: range[1], about, role: Role::Free, starts: &[] }
 }
 
 impl Param {
@@ -56,9 +53,6 @@ impl Param {
     }
     const fn starting_from(self, starts: &'static [f64]) -> Param {
         Param { starts, ..self }
-    }
-    const fn at_least(self, least: f64) -> Param {
-        Param { least, ..self }
     }
     const fn choice(self) -> Param {
         Param { role: Role::Choice, ..self }

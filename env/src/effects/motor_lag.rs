@@ -7,27 +7,26 @@ use crate::real::Real;
 
 pub struct MotorLag;
 
-impl Effect<3, 4> for MotorLag {
+impl Effect<2, 3> for MotorLag {
     const NAME: &'static str = "motor_lag";
     const ABOUT: &'static str = "Thrust and torques follow what is asked of the motors with a first-order lag";
-    const SOURCE: &'static str = "First-order motor model (Foerster, System Identification of the Crazyflie 2.0, ETH 2015); torques as in 5.1 and 5.2, feedback included";
-    const PARAMS: [Param; 3] = [
+    const SOURCE: &'static str = "First-order motor model (Foerster, System Identification of the Crazyflie 2.0, ETH 2015); torque as in 5.1, feedback included";
+    const PARAMS: [Param; 2] = [
         param("lag_s", "s", 0.0, [0.0, 0.3], "time constant of the thrust"),
-        param("torque_lag_s", "s", 0.0, [0.0, 0.3], "time constant of the torques of roll and pitch, beyond what the identified attitude dynamics contain"),
-        param("yaw_lag_s", "s", 0.0, [0.0, 0.3], "time constant of the torque of yaw, beyond what the identified yaw dynamics contain"),
+        param("torque_lag_s", "s", 0.0, [0.0, 0.3], "time constant of the torques, beyond what the identified attitude dynamics contain"),
     ];
     const HOOKS: Hooks = Hooks::COMMAND_AND_PUSH;
     const PHYSICS_HZ: u32 = 300;
-    const LAGS: usize = 3;
+    const LAGS: usize = 2;
 
     #[inline(always)]
-    fn start<R: Real>(_: &[R; 3], cx: &Cx<R>, x: &State<R>, u: &Command<R>) -> [R; 4] {
+    fn start<R: Real>(_: &[R; 2], cx: &Cx<R>, x: &State<R>, u: &Command<R>) -> [R; 3] {
         let [roll, pitch] = cx.body.tilt_torque_radps2(x, u);
-        [u.lift, roll, pitch, cx.body.yaw_torque_radps2(x, u)]
+        [u.lift, roll, pitch]
     }
 
     #[inline(always)]
-    fn command<R: Real>(&[lag_s, ..]: &[R; 3], motor: &mut [R; 4], cx: &Cx<R>, _: &State<R>, u: &mut Command<R>) {
+    fn command<R: Real>(&[lag_s, _]: &[R; 2], motor: &mut [R; 3], cx: &Cx<R>, _: &State<R>, u: &mut Command<R>) {
         let [left, mean] = lag_shares(lag_s, cx.h_s);
         let behind = motor[0] - u.lift;
         motor[0] = u.lift + behind * left;
@@ -35,20 +34,11 @@ impl Effect<3, 4> for MotorLag {
     }
 
     #[inline(always)]
-    fn push<R: Real>(
-        &[_, torque_lag_s, yaw_lag_s]: &[R; 3],
-        motor: &mut [R; 4],
-        cx: &Cx<R>,
-        x: &State<R>,
-        u: &Command<R>,
-        out: &mut Push<R>,
-    ) {
-        let [tilt, yaw] = [torque_lag_s, yaw_lag_s].map(|lag_s| lag_shares(lag_s, cx.h_s));
-        let [roll, pitch] = cx.body.tilt_torque_radps2(x, u);
-        let asked = [roll, pitch, cx.body.yaw_torque_radps2(x, u)];
-        for (i, [left, mean]) in [tilt, tilt, yaw].into_iter().enumerate() {
-            let behind = motor[1 + i] - asked[i];
-            motor[1 + i] = asked[i] + behind * left;
+    fn push<R: Real>(&[_, torque_lag_s]: &[R; 2], motor: &mut [R; 3], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
+        let [left, mean] = lag_shares(torque_lag_s, cx.h_s);
+        for (i, asked) in cx.body.tilt_torque_radps2(x, u).into_iter().enumerate() {
+            let behind = motor[1 + i] - asked;
+            motor[1 + i] = asked + behind * left;
             out.ang_radps2[i] += behind * mean;
         }
     }

@@ -11,7 +11,7 @@ impl Effect<1, 0> for ThrustSlope {
     const ABOUT: &'static str = "Gain of thrust about hover";
     const SOURCE: &'static str = "Thrust over PWM is not a line through the origin (Foerster 2015): its slope at hover differs from thrust over PWM";
     const PARAMS: [Param; 1] = [
-        param("slope", "1", 1.0, [0.2, 3.0], "slope at hover over that of a line through the origin").at_least(0.01),
+        param("slope", "1", 1.0, [0.2, 3.0], "slope at hover over that of a line through the origin"),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
 

@@ -21,7 +21,7 @@ fn signal_losses(judge: &Search, hypothesis: &Hypothesis, disturbances: &Disturb
     Some(losses_by_signal(&filtered))
 }
 
-/// The effects of a selection that are causes: smaller ones stay in its hypothesis, without a name.
+/// The effects of a selection.
 pub fn findings(judge: &Search, selection: &Selection) -> Option<Vec<Finding>> {
     let Selection { dissected, rivals, .. } = selection;
     let settled = dissected.judged.settled();
@@ -41,8 +41,7 @@ pub fn findings(judge: &Search, selection: &Selection) -> Option<Vec<Finding>> {
         let worth_by_signal = std::array::from_fn(|i| without[i] - with[i]);
         Some(Finding { name, params, confusable_with, manoeuvre, worth_fit, worth_test, worth_by_signal, with: Vec::new() })
     };
-    let causes = dissected.without.iter().zip(worths).filter(|((name, _), _)| settled.is_cause(name));
-    causes.collect::<Vec<_>>().into_par_iter().map(|(each, worth)| describe(each, worth)).collect()
+    dissected.without.par_iter().zip(worths).map(|(each, worth)| describe(each, worth)).collect()
 }
 
 /// Whether a finding is of the exact geometry, which any vehicle has.
