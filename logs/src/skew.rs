@@ -11,7 +11,7 @@ const LONGEST_LAG_S: f64 = 0.3;
 /// Below this correlation the peak is noise. The files have 0.65 to 0.97, least where the skew itself wanders.
 const LEAST_CORRELATION: f64 = 0.6;
 /// The skew is a line between knots this far apart, each of which may differ from the one before by [`WANDER_S`] times the root of this. Chosen on
-/// flights of the fit: horizontal velocity predicted 2 s ahead by commands was off by 0.139 m/s with one skew for all, by 0.127 with knots every second
+/// flights of the fit, trims fitted to each (no flight was left out): horizontal velocity predicted 2 s ahead by commands was off by 0.139 m/s with one skew for all, by 0.127 with knots every second
 /// and 0.02, by 0.125 with these, by 0.123 with twice as many and 0.04.
 const KNOT_S: f64 = 0.5;
 /// How far the skew wanders in one second.

@@ -27,7 +27,7 @@ const NARROWEST: f64 = 0.1;
 const INFLATION: f64 = 25.0;
 /// Of a flight that the fit has not seen, this much from its start tells its nuisance parameters.
 pub const SETTLE_S: f64 = 5.0;
-/// Of these, the first pass through ground effect and climb, where a wrong damping of climb passes for another hover PWM. Chosen on the flights of the
+/// Of these, the first pass through ground effect and climb, where perhaps a wrong damping of climb passes for another hover PWM. Chosen on the flights of the
 /// fit, one half predicted from the other: with 2 s velocities 2 s ahead were off by 0.372 and 0.217 m/s, with 1 s by 0.381 and 0.273.
 const TAKE_OFF_S: f64 = 2.0;
 

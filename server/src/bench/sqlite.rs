@@ -2,7 +2,7 @@
 //! as a whole; a key in a file beside it could be lost or mixed up with another.
 
 use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use rusqlite::{Connection, OptionalExtension, Row, TransactionBehavior, params};
 
@@ -43,6 +43,22 @@ const MIGRATIONS: &[&str] = &["
 /// How long to wait for another process that writes.
 const BUSY: Duration = Duration::from_secs(10);
 
+/// Between two tries where SQLite itself does not wait.
+const RETRY: Duration = Duration::from_millis(20);
+
+/// Turns write-ahead logging on. Processes that open a new file at once all ask for it, and SQLite tells some that it is busy without having waited.
+fn log_ahead(db: &Connection) -> rusqlite::Result<()> {
+    let began = Instant::now();
+    loop {
+        match db.pragma_update(None, "journal_mode", "WAL") {
+            Err(e) if e.sqlite_error_code() == Some(rusqlite::ErrorCode::DatabaseBusy) && began.elapsed() < BUSY => {
+                std::thread::sleep(RETRY);
+            }
+            answer => return answer,
+        }
+    }
+}
+
 pub(super) struct Sqlite {
     db: Connection,
 }
@@ -57,7 +73,7 @@ impl Sqlite {
         let not_ours =
             |e: rusqlite::Error| if e.sqlite_error_code() == Some(rusqlite::ErrorCode::NotADatabase) { foreign() } else { e.into() };
         // every commit reaches the disk before it is acknowledged
-        db.pragma_update(None, "journal_mode", "WAL").map_err(not_ours)?;
+        log_ahead(&db).map_err(not_ours)?;
         db.pragma_update(None, "synchronous", "FULL")?;
         migrate(&mut db, path)?;
         Ok(Sqlite { db })
