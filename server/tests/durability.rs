@@ -56,7 +56,8 @@ fn no_acknowledged_row_is_lost_in_a_hundred_kills() {
     let (finished, running) = (ids("finished"), ids("running"));
     let lost: Vec<&String> = acknowledged.difference(&finished).collect();
     assert!(lost.is_empty(), "{} of {} acknowledged rows are lost: {lost:?}", lost.len(), acknowledged.len());
-    assert!(acknowledged.len() > 100, "only {} rows: nothing was tested", acknowledged.len());
+    // how many depends on the disk: each waits until it is written
+    assert!(acknowledged.len() > 25, "only {} rows: nothing was tested", acknowledged.len());
     assert!(!running.is_empty(), "no kill came in the middle of an attempt");
     // a kill may come between the commit and the word about it, at most once each
     assert!(finished.len() - acknowledged.len() <= KILLS as usize);
