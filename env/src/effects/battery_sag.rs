@@ -1,6 +1,6 @@
 //! A battery that empties.
 
-use super::{Cx, Effect, Hooks, Param, Reading, param};
+use super::{Cx, Effect, Hooks, Param, Reading, Ubiquity, param};
 use crate::plant::{Command, Push, State};
 use crate::real::Real;
 
@@ -17,6 +17,7 @@ impl Effect<4, 4> for BatterySag {
         param("torque_share", "1", 0.0, [0.0, 1.0], "how much the torques share: 0 where the attitude loop makes up for it, 1 where 5.1 and 5.2 lose as the thrust"),
     ];
     const HOOKS: Hooks = Hooks::PUSH_AND_SENSE;
+    const UBIQUITY: Ubiquity = Ubiquity::AllWithVoltage;
 
     #[inline(always)]
     fn start<R: Real>(&[_, charge, _, _]: &[R; 4], _: &Cx<R>, _: &State<R>, _: &Command<R>) -> [R; 4] {

@@ -23,7 +23,7 @@ impl Effect<1, NUMBERS> for CmdDelay {
     const ABOUT: &'static str = "Pure delay between the command and the vehicle";
     const SOURCE: &'static str = "The delayed held command is averaged over the physics step, which is exact for the integral of the command";
     const PARAMS: [Param; 1] = [
-        param("delay_s", "s", 0.0, [0.0, LONGEST_S], "from command to effect; above 500 Hz control at most 70 ticks"),
+        param("delay_s", "s", 0.0, [0.0, LONGEST_S], "from command to effect; above 500 Hz control at most 70 ticks").at_least(0.01),
     ];
     const HOOKS: Hooks = Hooks::COMMAND;
 

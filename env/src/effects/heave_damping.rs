@@ -14,6 +14,7 @@ impl Effect<1, 0> for HeaveDamping {
         param("added_ps", "1/s", 0.0, [-1.0, 5.0], "damping per mass"),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
+    const MODEL_NUMBER: Option<&'static str> = Some("vertical.thrust.heave");
 
     #[inline(always)]
     fn push<R: Real>(&[added_ps]: &[R; 1], _: &mut [R; 0], _: &Cx<R>, x: &State<R>, _: &Command<R>, out: &mut Push<R>) {

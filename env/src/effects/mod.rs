@@ -26,6 +26,9 @@ pub struct Param {
     pub role: Role,
     /// Values from which a search begins; empty for "off" alone. A length or a frequency has no slope while its effect is off.
     pub starts: &'static [f64],
+    /// How far from "off" it must lie to be a cause of its own; 0 where any size is. Nearer, it makes up for a declared number that is not known
+    /// better, or for dynamics of a higher order than declared.
+    pub least: f64,
 }
 
 /// What fitting does with a parameter.
@@ -44,7 +47,7 @@ pub enum Role {
 
 /// A parameter of an effect, for its [`Effect::PARAMS`].
 pub const fn param(name: &'static str, unit: &'static str, off: f64, range: [f64; 2], about: &'static str) -> Param {
-    Param { name, unit, off, low: range[0], high: range[1], about, role: Role::Free, starts: &[] }
+    Param { name, unit, off, low: range[0], high: range[1], about, role: Role::Free, starts: &[], least: 0.0 }
 }
 
 impl Param {
@@ -53,6 +56,9 @@ impl Param {
     }
     const fn starting_from(self, starts: &'static [f64]) -> Param {
         Param { starts, ..self }
+    }
+    const fn at_least(self, least: f64) -> Param {
+        Param { least, ..self }
     }
     const fn choice(self) -> Param {
         Param { role: Role::Choice, ..self }
@@ -109,6 +115,17 @@ impl Trace {
     pub fn shapes_mean(self) -> bool {
         self.is_expected() || self == Trace::Located
     }
+}
+
+/// Whether real vehicles under a thrust command show an effect, so that `identify` fits it beside the numbers of the model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ubiquity {
+    /// Some do.
+    Some,
+    /// All do.
+    All,
+    /// All do, and a log that holds the battery's voltage tells how much.
+    AllWithVoltage,
 }
 
 /// How much of the exact geometry of a tilted, turning vehicle an effect brings.
@@ -350,6 +367,7 @@ pub trait Effect<const P: usize, const S: usize>: Send + 'static {
     const GEOMETRY: Geometry = Geometry::None;
     /// The number of the model that says the same as the effect's first parameter, by its path: the two add up.
     const MODEL_NUMBER: Option<&'static str> = None;
+    const UBIQUITY: Ubiquity = Ubiquity::Some;
     /// How many of its numbers of state, the last ones, follow the vehicle's motion: a fit has to estimate them with it. (What follows the
     /// commands alone it can run up.)
     const LAGS: usize = 0;
@@ -396,6 +414,8 @@ pub struct Entry {
     pub geometry: Geometry,
     /// See [`Effect::MODEL_NUMBER`].
     pub model_number: Option<&'static str>,
+    /// See [`Effect::UBIQUITY`].
+    pub ubiquity: Ubiquity,
     /// See [`Effect::LAGS`] and [`Effect::LAG_SD`].
     pub lags: usize,
     pub lag_sd: f64,

@@ -209,6 +209,7 @@ pub(super) const fn entry<E: Effect<P, S>, const P: usize, const S: usize>(_effe
         trace: E::TRACE,
         geometry: E::GEOMETRY,
         model_number: E::MODEL_NUMBER,
+        ubiquity: E::UBIQUITY,
         lags: E::LAGS,
         lag_sd: E::LAG_SD,
         motion_memory_s: E::MOTION_MEMORY_S,

@@ -1,6 +1,6 @@
 //! Thrust that answers the PWM more or less steeply.
 
-use super::{Cx, Effect, Hooks, Param, param};
+use super::{Cx, Effect, Hooks, Param, Ubiquity, param};
 use crate::plant::{Command, Push, State};
 use crate::real::Real;
 
@@ -11,9 +11,10 @@ impl Effect<1, 0> for ThrustSlope {
     const ABOUT: &'static str = "Gain of thrust about hover";
     const SOURCE: &'static str = "Thrust over PWM is not a line through the origin (Foerster 2015): its slope at hover differs from thrust over PWM";
     const PARAMS: [Param; 1] = [
-        param("slope", "1", 1.0, [0.2, 3.0], "slope at hover over that of a line through the origin"),
+        param("slope", "1", 1.0, [0.2, 3.0], "slope at hover over that of a line through the origin").at_least(0.01),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
+    const UBIQUITY: Ubiquity = Ubiquity::All;
 
     #[inline(always)]
     fn push<R: Real>(&[slope]: &[R; 1], _: &mut [R; 0], cx: &Cx<R>, _: &State<R>, u: &Command<R>, out: &mut Push<R>) {

@@ -1,6 +1,6 @@
 //! Thrust lost to tilt.
 
-use super::{Cx, Effect, Geometry, Hooks, Param, param};
+use super::{Cx, Effect, Geometry, Hooks, Param, Ubiquity, param};
 use crate::plant::{Command, Push, State};
 use crate::real::Real;
 
@@ -15,6 +15,7 @@ impl Effect<2, 0> for TiltLoss {
         param("sideways", "1", 0.0, [0.0, 1.0], "1 pushes sideways too by the thrust of the moment times the sine, not by g times the angle; exact_tan then counts twice").choice(),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
+    const UBIQUITY: Ubiquity = Ubiquity::All;
     const GEOMETRY: Geometry = Geometry::Part;
 
     #[inline(always)]
