@@ -45,7 +45,7 @@ impl Channels {
     fn at_rows(&self, name: &str, between: Interpolation) -> Option<Vec<f64>> {
         let turn = if name.ends_with("yaw") { TURN_RAD } else { None };
         let series = self.get(name)?;
-        Some(if series.t_s == self.rows_s { series.values.clone() } else { series.at(&self.rows_s, between, turn) })
+        Some(if series.t_s == self.rows_s { series.values.clone() } else { series.resample(&self.rows_s, between, turn) })
     }
 
     fn all<const N: usize>(&self, names: [&str; N], between: Interpolation) -> Option<[Vec<f64>; N]> {
@@ -110,7 +110,7 @@ impl Channels {
             return (Fixes::default(), PositionSource::Absent);
         };
         let axes = [x, y, z];
-        let pos_m = axes.map(|axis| axis.at(&x.t_s, Interpolation::Line, None));
+        let pos_m = axes.map(|axis| axis.resample(&x.t_s, Interpolation::Line, None));
         let is_new = |at: &usize| *at == 0 || pos_m.iter().any(|axis| axis[*at] != axis[at - 1]);
         let fresh: Vec<usize> = (0..x.t_s.len()).filter(is_new).collect();
         let share = 1.0 - fresh.len() as f64 / x.t_s.len() as f64;
@@ -124,7 +124,7 @@ impl Channels {
         let source = PositionSource::of_step(usual_step(&arrived_s));
         let (row, which) = arrivals(&arrived_s, &self.rows_s);
         let pick = |values: &[f64]| which.iter().map(|at| values[kept[*at]]).collect::<Vec<f64>>();
-        let captured = self.get("capture_time").map_or(x.t_s.clone(), |series| series.at(&x.t_s, Interpolation::Held, None));
+        let captured = self.get("capture_time").map_or(x.t_s.clone(), |series| series.resample(&x.t_s, Interpolation::Held, None));
         (Fixes { row, capture_t_s: pick(&captured), pos_m: pos_m.each_ref().map(|axis| pick(axis)), yaw_rad: None }, source)
     }
 
@@ -159,7 +159,7 @@ impl Channels {
         let [x, y, z, w] = names.map(|name| self.get(name));
         let (x, y, z, w) = (x?, y?, z?, w?);
         // Half-way between two quaternions is no rotation: the last one holds.
-        let held = [x, y, z, w].map(|part| part.at(&self.rows_s, Interpolation::Held, None));
+        let held = [x, y, z, w].map(|part| part.resample(&self.rows_s, Interpolation::Held, None));
         let rotation = |row: usize| Rotation::from_xyzw(held.each_ref().map(|part| part[row]));
         let rotations: Option<Vec<Rotation>> = (0..self.rows_s.len()).map(rotation).collect();
         if rotations.is_none() {

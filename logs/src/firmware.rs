@@ -159,7 +159,7 @@ impl Variables {
             } else {
                 resampled.push(series.name.clone());
                 let hold = if is_command(&series.name) { Interpolation::Held } else { Interpolation::Line };
-                series.at(rows_s, hold, series.name.ends_with("yaw").then_some(360.0))
+                series.resample(rows_s, hold, series.name.ends_with("yaw").then_some(360.0))
             };
             columns.push((series.name, values));
         }

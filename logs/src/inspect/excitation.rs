@@ -67,7 +67,7 @@ fn bandwidth_hz(t_s: &[f64], values: &[f64]) -> Option<f64> {
     let count = (span_s / step_s) as usize;
     let grid: Vec<f64> = (0..count).map(|i| t_s[0] + i as f64 * step_s).collect();
     let series = Series { name: String::new(), t_s: t_s.to_vec(), values: values.to_vec() };
-    let mut even = series.at(&grid, Interpolation::Held, None);
+    let mut even = series.resample(&grid, Interpolation::Held, None);
     let mean = even.iter().sum::<f64>() / even.len().max(1) as f64;
     even.iter_mut().for_each(|v| *v -= mean);
     let fft = RealFftPlanner::<f64>::new().plan_fft_forward(even.len().max(2));

@@ -113,7 +113,7 @@ impl View<'_> {
         let pos_m = fixes.pos_m.each_ref().map(|axis| order.iter().map(|at| axis[*at]).collect::<Vec<f64>>());
         let world = acceleration_over(&t_s, &pos_m, 0.5 * AVERAGED_S).map(|values| {
             let series = Series { name: String::new(), t_s: t_s.clone(), values };
-            series.at(self.t_s, Interpolation::Line, None)
+            series.resample(self.t_s, Interpolation::Line, None)
         });
         let turned = |row: usize| {
             let (sin, cos) = yaw_rad[row].sin_cos();
@@ -145,7 +145,7 @@ impl View<'_> {
         let checks = (0..LAGS).map(|lag| {
             let later_s = LONGEST_LAG_S * lag as f64 / (LAGS - 1) as f64;
             let times: Vec<f64> = self.t_s.iter().map(|t| t + later_s).collect();
-            self.smooth(expectation, channel, command, &series.at(&times, Interpolation::Line, None))
+            self.smooth(expectation, channel, command, &series.resample(&times, Interpolation::Line, None))
         });
         let first = self.smooth(expectation, channel, command, answer);
         checks.fold(first, |best, next| if next.correlation.abs() > best.correlation.abs() { next } else { best })
