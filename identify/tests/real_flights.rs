@@ -6,7 +6,7 @@ use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_identify::FlightLog;
 use crazyflie_identify::axis_errors::axis_changes;
 use crazyflie_identify::estimate::IdentifyError;
-use crazyflie_identify::vehicle::{ModelComparison, Plan, identify, powertrain};
+use crazyflie_identify::vehicle::{ModelComparison, Plan, identify, ubiquitous_effects};
 use crazyflie_logs::first_duplicate;
 
 const FAST: &str = "B3_figure8_fast_rep1";
@@ -58,7 +58,7 @@ fn a_real_vehicle_is_identified_and_predicts_a_flight_that_was_not_fitted() {
     let plan = Plan {
         nuisance: true,
         // ten seconds do not tell what the battery does
-        effects: powertrain(&fit).into_iter().filter(|name| name != "battery_sag").collect(),
+        effects: ubiquitous_effects(&fit).into_iter().filter(|name| name != "battery_sag").collect(),
         name: Some("mine".into()),
         mass_kg: Some(0.034),
         vertical: Some(VerticalInput::Thrust),

@@ -102,7 +102,7 @@ impl Controller {
 fn likeness(model: &Model, log: &FlightLog, flight: &Flight, controller: Controller) -> Result<Option<f64>, ReplayError> {
     let Some(targets) = Targets::of(log) else { return Ok(None) };
     let mut pilot = Pilot::new(model, log, flight)?;
-    let first = ((targets.first_s - flight.start_s).max(0.0) / flight.tick_s).ceil() as usize;
+    let first = targets.first_tick(flight);
     let (mut left, mut all) = (0.0, 0.0);
     for tick in first..flight.ticks {
         let state = with_lags(model, flight.input, *flight.start(tick));
@@ -158,7 +158,7 @@ pub fn follow(model: &Model, log: &FlightLog, flight: &Flight, controller: Contr
     let mut pilot = Pilot::new(model, log, flight)?;
     let interface = pilot.interface;
     let tick_s = pilot.world.tick_s();
-    let first = ((targets.first_s - flight.start_s).max(0.0) / flight.tick_s).ceil() as usize;
+    let first = targets.first_tick(flight);
     if first >= flight.ticks || (controller == Controller::Firmware && !interface.input.is_pwm()) {
         return Ok(None);
     }
@@ -225,6 +225,11 @@ impl<'a> Targets<'a> {
         let first = (0..log.t_s.len()).find(told)?;
         let last_row = (0..log.t_s.len()).rev().find(told)?;
         Some(Targets { t_s: &log.t_s, pos_m, yaw_rad: log.setpoint_yaw_rad.as_deref(), first_s: log.t_s[first], last_row })
+    }
+
+    /// The first tick of a flight with a set-point.
+    fn first_tick(&self, flight: &Flight) -> usize {
+        ((self.first_s - flight.start_s).max(0.0) / flight.tick_s).ceil() as usize
     }
 
     /// In force at a time of the log: position, and the heading unless the log has none.

@@ -53,6 +53,10 @@ pub mod search {
     pub const KEPT: f64 = 0.5;
     /// A rival scores at least so much of what the effect itself scores.
     pub const LEAST_SHARE: f64 = 0.3;
+    /// A fitted start is believed so far from the measured one: several times what markers scatter, in metres.
+    pub const NEAR_M: f64 = 0.1;
+    /// And so far in velocity, in m/s.
+    pub const NEAR_MPS: f64 = 0.5;
     /// This share of what an effect must be worth is most of it.
     pub const NEARLY: f64 = 0.6;
     /// Standard errors that a parameter must lie from "off".
@@ -104,8 +108,9 @@ pub mod completion {
     pub const WORSE: f64 = 0.01;
     /// As [`WORSE`]: one in twenty, over six looks (three axes, two horizons).
     pub const CHANCE: f64 = 0.008;
-    /// And by more than this share of the error that holding the state would make: below it lie fractions of a millimetre per second.
-    pub const MATTERS: f64 = 0.005;
+    /// And by more than this share of the error that holding the state would make. Commands answer the noise of markers, so that a measured velocity and a
+    /// prediction share some of it: a right latency of 70 ms moved the vertical error by 0.021 of that share.
+    pub const MATTERS: f64 = 0.03;
 }
 
 /// Numbers of the stage `noise`.
@@ -261,6 +266,9 @@ pub mod recorded {
     pub const HARM: f64 = 0.01;
     /// As [`HARM`].
     pub const CHANCE_OF_HARM: f64 = 0.008;
+    /// And on the flights of the test by more than this share of the error that holding the state would make: below it lie fractions of a millimetre per
+    /// second.
+    pub const MATTERS: f64 = 0.005;
     /// Standard errors that a parameter lies from "off": that it is there at all, predictions say.
     pub const CLEAR: f64 = 2.0;
     /// A term without a name is worth this share.

@@ -19,6 +19,8 @@ const JUDGED_AXES: [usize; 3] = [2, 3, 4];
 pub struct Completion {
     pub effects: Vec<Finding>,
     pub partial: Vec<Finding>,
+    /// Too small to be causes, see [`Hypothesis::is_cause`].
+    pub corrections: Vec<Finding>,
     pub learned: bool,
     pub hypothesis: Hypothesis,
     pub disturbances: Disturbances,
@@ -29,14 +31,14 @@ impl Completion {
     pub fn new(
         declared: &FilteredHypothesis,
         last: &FilteredHypothesis,
-        effects: Vec<Finding>,
+        [effects, corrections]: [Vec<Finding>; 2],
         disturbances: Disturbances,
         test: &[Flight],
     ) -> Self {
         let mut hypothesis = last.settled();
-        hypothesis.terms.retain(|t| effects.iter().flat_map(Finding::all).any(|e| e.name == t.entry.name));
+        hypothesis.terms.retain(|t| has(&effects, t) || has(&corrections, t));
         let errors = errors_beside(declared, &hypothesis, &disturbances, test);
-        Completion { effects, partial: Vec::new(), learned: false, hypothesis, disturbances, errors }
+        Completion { effects, partial: Vec::new(), corrections, learned: false, hypothesis, disturbances, errors }
     }
 
     /// Without the names whose own signal still holds structure, unless they explain most of its error. What lowers the errors stays in the model, as a
@@ -54,23 +56,23 @@ impl Completion {
         if (0..2).any(|q| self.errors.after[q][HORIZONS[1]] < (1.0 - HELPS) * self.errors.before[q][HORIZONS[1]]) {
             return Completion { effects: kept, partial: withdrawn, ..self };
         }
-        self.hypothesis.terms.retain(|t| kept.iter().flat_map(Finding::all).any(|e| e.name == t.entry.name));
+        self.hypothesis.terms.retain(|t| has(&kept, t) || has(&self.corrections, t));
         self.errors = errors_beside(declared, &self.hypothesis, &self.disturbances, test);
         Completion { effects: kept, ..self }
     }
 
     /// Without what makes any axis worse, one effect at a time: first the one without which the worst axis is best.
     pub fn without_harm(mut self, declared: &FilteredHypothesis, test: &[Flight]) -> Self {
-        while harm(&self.errors) > 0.0 {
+        while harm(&self.errors, MATTERS) > 0.0 {
             let names: Vec<&'static str> = self.hypothesis.terms.iter().map(|t| t.entry.name).collect();
             let without = |name: &&str| {
                 let less = self.hypothesis.without(name);
                 let errors = errors_beside(declared, &less, &self.disturbances, test);
-                (harm(&errors), less, errors)
+                (harm(&errors, MATTERS), less, errors)
             };
             let Some((_, hypothesis, errors)) = names.iter().map(without).min_by(|a, b| a.0.total_cmp(&b.0)) else { break };
-            self.effects.retain(|e| e.all().all(|e| hypothesis.has(e.name) || !names.contains(&e.name)));
-            self.partial.retain(|e| e.all().all(|e| hypothesis.has(e.name) || !names.contains(&e.name)));
+            let stays = |e: &Finding| e.all().all(|e| hypothesis.has(e.name) || !names.contains(&e.name));
+            [&mut self.effects, &mut self.partial, &mut self.corrections].into_iter().for_each(|list| list.retain(stays));
             (self.hypothesis, self.errors) = (hypothesis, errors);
         }
         if self.hypothesis.terms.is_empty() && self.effects.is_empty() {
@@ -125,12 +127,17 @@ impl Completion {
     }
 }
 
-/// By how much the worst axis grew worse than it was, in shares of its error; 0 where none did so beyond chance, or by what matters: a share of the
+/// Whether a term is one of the findings.
+fn has(findings: &[Finding], term: &Term) -> bool {
+    findings.iter().flat_map(Finding::all).any(|e| e.name == term.entry.name)
+}
+
+/// By how much the worst axis grew worse than it was, in shares of its error; 0 where none did so beyond chance, or by what `matters`: a share of the
 /// error that holding the state would make.
-fn harm(errors: &Errors) -> f64 {
+pub fn harm(errors: &Errors, matters: f64) -> f64 {
     let axes = &errors.axes;
-    let matters = |(row, h): &(usize, usize)| axes.after[*row][*h] - axes.before[*row][*h] > MATTERS * axes.naive[*row][*h];
-    let cells = JUDGED_AXES.iter().flat_map(|row| HORIZONS.iter().map(|h| (*row, *h))).filter(matters);
+    let counts = |(row, h): &(usize, usize)| axes.after[*row][*h] - axes.before[*row][*h] > matters * axes.naive[*row][*h];
+    let cells = JUDGED_AXES.iter().flat_map(|row| HORIZONS.iter().map(|h| (*row, *h))).filter(counts);
     let grown = cells.filter(|(row, h)| axes.p_value[*row][*h] < CHANCE).map(|(row, h)| axes.after[row][h] / axes.before[row][h] - 1.0);
     grown.filter(|share| *share > WORSE).fold(0.0, f64::max)
 }

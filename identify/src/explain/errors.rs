@@ -48,9 +48,9 @@ pub const COMPONENTS: [(&str, &str); 9] = [
     ("yaw", "rad"),
 ];
 /// Components of each of [`QUANTITIES`].
-const OF_QUANTITY: [Range<usize>; 3] = [0..3, 3..6, 6..9];
+const QUANTITY_COMPONENTS: [Range<usize>; 3] = [0..3, 3..6, 6..9];
 /// Components of each of [`AXES`].
-const OF_AXIS: [Range<usize>; 6] = [0..2, 2..3, 3..5, 5..6, 6..8, 8..9];
+pub const AXIS_COMPONENTS: [Range<usize>; 6] = [0..2, 2..3, 3..5, 5..6, 6..8, 8..9];
 /// A paired test of fewer stretches says too little: five that all agree still do so by chance in one of sixteen tests (sign test, two-sided).
 pub const LEAST_STRETCHES: usize = 6;
 /// Root mean square error per quantity and horizon, in the order of [`QUANTITIES`] and [`HORIZONS`].
@@ -112,8 +112,8 @@ pub fn compare(before: Predictor, after: Predictor) -> Errors {
     let of_flight = |(b, a): (&Stretches, &Stretches)| ComponentErrors { before: by_component(b), after: by_component(a) };
     let flights = before.iter().zip(&after).map(of_flight).collect();
     let [b, a, n] = [before, after, naive].map(|flights| flights.concat());
-    let quantity = |q: usize| move |s: &Squares, h: usize| OF_QUANTITY[q].clone().map(|row| s[row][h]).sum::<f64>();
-    let axis = |axis: usize| move |s: &Squares, h: usize| OF_AXIS[axis].clone().map(|row| s[row][h]).sum::<f64>();
+    let quantity = |q: usize| move |s: &Squares, h: usize| QUANTITY_COMPONENTS[q].clone().map(|row| s[row][h]).sum::<f64>();
+    let axis = |axis: usize| move |s: &Squares, h: usize| AXIS_COMPONENTS[axis].clone().map(|row| s[row][h]).sum::<f64>();
     Errors {
         before: std::array::from_fn(|q| root_means(&b, quantity(q))),
         after: std::array::from_fn(|q| root_means(&a, quantity(q))),

@@ -28,7 +28,7 @@ pub fn findings(judge: &Search, selection: &Selection) -> Option<Vec<Finding>> {
     let worths = worths(judge, dissected)?;
     let with = signal_losses(judge, &settled, &dissected.judged.disturbances)?;
     let describe = |(name, less): &(&'static str, FilteredHypothesis), worth_test: f64| {
-        let term = settled.terms.iter().find(|t| t.entry.name == *name)?;
+        let term = settled.term(name)?;
         let params = term.free.iter().zip(settled.place(name)).map(|(i, at)| {
             let p = &term.entry.params[*i];
             Estimate { name: p.name, value: term.values[*i], stderr: dissected.judged.belief.sd(at), unit: p.unit, declared: p.off }
@@ -60,7 +60,7 @@ pub fn group_model_form(effects: Vec<Finding>) -> Vec<Finding> {
 }
 
 /// A flight that would tell effects apart: where they enter decides what has to change.
-fn manoeuvre(effect: &Entry, others: &[&'static str]) -> String {
+pub fn manoeuvre(effect: &Entry, others: &[&'static str]) -> String {
     let lookup = |name: &&str| registry().iter().find(|e| e.name == *name);
     let all: Vec<&Entry> = others.iter().filter_map(lookup).chain([effect]).collect();
     if matches!(effect.trace, Trace::Wander(_)) {

@@ -49,7 +49,9 @@ pub fn explain(model: &Model, fit: &[Flight], test: &[Flight], progress: &dyn Fn
     progress("what is left");
     let (selection, residual) = residual::rescue(&search, &judge, selection, choosing);
     let last = &selection.dissected.judged;
-    let mut effects = finding::findings(&judge, &selection)?;
+    let settled = last.settled();
+    let found = finding::findings(&judge, &selection)?;
+    let (mut effects, corrections): (Vec<Finding>, Vec<Finding>) = found.into_iter().partition(|e| settled.is_cause(e.name));
     let mut disturbances = last.disturbances;
     if let Some(gust) = residual.gust.as_ref().filter(|_| !signals::is_structured(&residual.leftover, signals::Signal::Sideways)) {
         effects.extend(finding::gust_finding(&search, &judge, last, gust));
@@ -59,7 +61,7 @@ pub fn explain(model: &Model, fit: &[Flight], test: &[Flight], progress: &dyn Fn
     let dropped = selection.dropped && effects.is_empty();
     let undecided = selection.dissected.unclear > UNDECIDED || effects.iter().any(is_vague) || dropped;
     effects.retain(|e| !is_vague(e));
-    let completed = Completion::new(&declared, last, finding::group_model_form(effects), disturbances, choosing);
+    let completed = Completion::new(&declared, last, [finding::group_model_form(effects), corrections], disturbances, choosing);
     let completed = completed.withdraw(&declared, &residual.leftover, choosing);
     let names_before = completed.effects.len();
     let completed = completed.without_harm(&declared, choosing);
@@ -84,13 +86,20 @@ pub fn explain(model: &Model, fit: &[Flight], test: &[Flight], progress: &dyn Fn
     Some(Explanation {
         verdict,
         completed: completed.with_random(),
-        signals: signals::signal_verdicts(&completed.effects, &residual.leftover, &completed.errors, &completed.disturbances),
+        signals: signals::signal_verdicts(
+            |signal| completed.effects.iter().any(|e| signals::main_signal(e) == signal),
+            |signal| signals::is_structured(&residual.leftover, signal),
+            &completed.errors,
+            &completed.disturbances,
+        ),
         effects: completed.effects,
         confirmed: Vec::new(),
         needless: Vec::new(),
+        withdrawn: Vec::new(),
         numbers: Vec::new(),
         foreign: false,
         partial: completed.partial,
+        corrections: completed.corrections,
         learned: completed.learned,
         disturbances: [declared.disturbances, completed.disturbances],
         declared: declared.hypothesis,

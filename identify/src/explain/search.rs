@@ -6,12 +6,13 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::calibration::search::{
-    BEYOND, ENOUGH, EVERY_TO_START, FAR_BEHIND, KEPT, LEAST_JOINED, LEAST_PROPOSAL, LEAST_SHARE, NEARLY, PROBABILITIES, PROBABILITY_SD,
-    SHORTLIST, SHORTLIST_IN_CALM, STEPS, STEPS_TO_START, TIGHT, TUNED, WIDEN, WINDOWS_TO_PROPOSE,
+    BEYOND, ENOUGH, EVERY_TO_START, FAR_BEHIND, KEPT, LEAST_JOINED, LEAST_PROPOSAL, LEAST_SHARE, NEAR_M, NEAR_MPS, NEARLY, PROBABILITIES,
+    PROBABILITY_SD, SHORTLIST, SHORTLIST_IN_CALM, STEPS, STEPS_TO_START, TIGHT, TUNED, WIDEN, WINDOWS_TO_PROPOSE,
 };
 pub use super::calibration::search::{CLEAR, LEAST_GAIN, MOST_EFFECTS};
 use super::candidates::{Candidate, candidates};
 use super::noise::{FLOOR, calm, loud, price, tune};
+use crate::estimate::at_bound;
 use crate::fit::filter::{Belief, Disturbances, filter};
 use crate::fit::flight::{Flight, WINDOW_S, Window};
 use crate::fit::hypothesis::{Hypothesis, Term};
@@ -45,9 +46,19 @@ impl FilteredHypothesis {
     /// How many standard errors lie between "off" and the value of an effect's clearest parameter.
     pub fn clearance(&self, effect: &str) -> f64 {
         let place = self.hypothesis.place(effect);
-        let Some(term) = self.hypothesis.terms.iter().find(|t| t.entry.name == effect) else { return 0.0 };
+        let Some(term) = self.hypothesis.term(effect) else { return 0.0 };
         let of = |(i, at): (&usize, usize)| (self.belief.mean[at] - term.entry.params[*i].off).abs() / self.belief.sd(at);
         term.free.iter().zip(place).map(of).fold(0.0, f64::max)
+    }
+
+    /// Whether the first parameter of an effect, its strength, ran to a bound: something else is the cause. Of the exact geometry all is no bound.
+    fn is_at_bound(&self, effect: &str) -> bool {
+        let Some(term) = self.hypothesis.term(effect).filter(|t| t.entry.geometry == Geometry::None && t.free.first() == Some(&0)) else {
+            return false;
+        };
+        let (p, at) = (&term.entry.params[0], self.hypothesis.place(effect).start);
+        let value = self.belief.mean[at].clamp(p.low, p.high);
+        value != p.off && at_bound(value, [p.low, p.high])
     }
 
     /// The hypothesis at the filter's values.
@@ -207,8 +218,12 @@ impl<'a> Search<'a> {
         let hypothesis = &Hypothesis { most_hz: hypothesis.most_hz.or(Some(self.rough_hz(2))), ..hypothesis.clone() };
         let prediction = Prediction { flights: self.flights, windows: &self.windows, hypothesis, inflation: 1.0 };
         let measured = prediction.starts();
-        // a lag that is new to the hypothesis has no value yet
-        let longer = |(known, start): (&Vec<f64>, &Vec<f64>)| [known, &start[known.len().min(start.len())..]].concat();
+        let longer = |(known, start): (&Vec<f64>, &Vec<f64>)| {
+            // a start that makes up for what the other hypothesis lacks may lie below the floor, where a ground effect has no slope
+            let known = if is_near(known, start) { &known[..] } else { &[] };
+            // a lag that is new to the hypothesis has no value yet
+            [known, &start[known.len().min(start.len())..]].concat()
+        };
         let own = own.map_or_else(|| measured.clone(), |own| own.iter().zip(&measured).map(longer).collect());
         solve_within(&prediction, own, hypothesis.shared(), most_steps, ENOUGH)
     }
@@ -262,8 +277,8 @@ impl<'a> Search<'a> {
         worthy.extend(more);
         let proposals: Vec<Proposal> = worthy.par_iter().filter_map(|s| self.propose(&at, s, &base)).collect();
         let first = self.judge_all(&proposals, &now.disturbances);
-        let mut judged = self.settle(&first, f64::INFINITY);
-        judged.extend(calm.iter().flat_map(|calm| self.settle(&self.judge_all(&proposals, calm), now.loss)));
+        let mut judged = self.refine_nearest(&first, f64::INFINITY);
+        judged.extend(calm.iter().flat_map(|calm| self.refine_nearest(&self.judge_all(&proposals, calm), now.loss)));
         let best = judged.into_iter().min_by(|a, b| a.loss.total_cmp(&b.loss));
         (scored, best.and_then(|best| self.tuned(&self.joined(best, first, now))))
     }
@@ -307,9 +322,9 @@ impl<'a> Search<'a> {
     /// The same hypothesis with the disturbances that suit it.
     pub fn tuned(&self, judged: &FilteredHypothesis) -> Option<FilteredHypothesis> {
         let disturbances = tune(&self.flights[0], &judged.settled(), Some(&judged.disturbances));
-        let again = self.again(judged, &disturbances)?;
         // tuned on a part of a flight, judged on all
-        Some(if again.loss < judged.loss { again } else { judged.clone() })
+        let again = self.again(judged, &disturbances).filter(|again| again.loss < judged.loss);
+        Some(again.unwrap_or_else(|| judged.clone()))
     }
 
     /// Without one of its effects, the others and the disturbances settled anew.
@@ -334,13 +349,16 @@ impl<'a> Search<'a> {
         let mut now = self.dissect(from);
         let (mut unclear, mut nearly) = (0.0_f64, None);
         loop {
-            let idle = now.without.iter().filter(|(name, less)| less.loss - now.judged.loss < worth || now.judged.clearance(name) < CLEAR);
+            let is_idle = |(name, less): &&(&'static str, FilteredHypothesis)| {
+                less.loss - now.judged.loss < worth || now.judged.clearance(name) < CLEAR || now.judged.is_at_bound(name)
+            };
+            let idle = now.without.iter().filter(is_idle);
             let Some((name, less)) = idle.min_by(|a, b| a.1.loss.total_cmp(&b.1.loss)) else {
                 return Ablation { unclear, nearly, ..now };
             };
             let is_worth = less.loss - now.judged.loss;
             unclear = unclear.max(is_worth);
-            if is_worth > NEARLY * worth && now.judged.clearance(name) >= CLEAR {
+            if is_worth > NEARLY * worth && now.judged.clearance(name) >= CLEAR && !now.judged.is_at_bound(name) {
                 nearly = Some(now.judged.clone());
             }
             now = self.dissect(less.clone());
@@ -369,7 +387,7 @@ impl<'a> Search<'a> {
         let others = scores.iter().filter(is_rival).take(SHORTLIST);
         let others: Vec<&Score> = others.collect();
         let proposals: Vec<Proposal> = others.par_iter().filter_map(|s| self.propose(&at, s, &base)).collect();
-        let replaced = self.settle(&self.judge_all(&proposals, &judged.disturbances), judged.loss + noise).into_iter();
+        let replaced = self.refine_nearest(&self.judge_all(&proposals, &judged.disturbances), judged.loss + noise).into_iter();
         let named = |j: FilteredHypothesis| Some((j.hypothesis.terms.iter().find(|t| !judged.hypothesis.has(t.entry.name))?.entry.name, j));
         replaced.filter_map(named).filter(|(_, j)| j.loss - judged.loss < noise).collect()
     }
@@ -380,7 +398,7 @@ impl<'a> Search<'a> {
 
     /// Proposals judged again from where they settled: what is then believed beforehand is as wide for every hypothesis, in its own standard
     /// errors, so that all pay the same for a parameter. Those far behind the best, or the loss that is asked for, are left out.
-    fn settle(&self, first: &[FilteredHypothesis], most: f64) -> Vec<FilteredHypothesis> {
+    fn refine_nearest(&self, first: &[FilteredHypothesis], most: f64) -> Vec<FilteredHypothesis> {
         let least = first.iter().map(|j| j.loss).fold(f64::INFINITY, f64::min);
         let near = first.par_iter().filter(|j| j.loss < if most.is_finite() { most } else { least } + FAR_BEHIND);
         near.filter_map(|j| self.again(j, &j.disturbances)).collect()
@@ -472,6 +490,12 @@ impl<'a> Search<'a> {
     }
 }
 
+/// Whether a fitted start lies where the vehicle was measured: position and velocity come first.
+fn is_near(fitted: &[f64], measured: &[f64]) -> bool {
+    let off = |i: usize| (fitted[i] - measured[i]).abs();
+    (0..3).all(|i| off(i) < NEAR_M && off(3 + i) < NEAR_MPS)
+}
+
 /// Standard errors of a fit by windows, each its own cluster.
 pub fn deviations(solution: &Solution) -> Vec<f64> {
     let clusters: Vec<usize> = (0..solution.shares.len()).collect();
@@ -496,4 +520,37 @@ fn without_idle(hypothesis: &Hypothesis, sd: &[f64], settled: &[&str]) -> (Hypot
         known.extend(free.iter().map(|(_, sd)| *sd));
     }
     (kept, known)
+}
+
+#[cfg(test)]
+mod tests {
+    use crazyflie_env::effects::find;
+    use crazyflie_env::model::Model;
+
+    use super::*;
+
+    fn judged(effect: &str, strength: f64) -> FilteredHypothesis {
+        let hypothesis = Hypothesis::of(&Model::thesis()).with(Term::off(find(effect).unwrap().1));
+        let mut mean = hypothesis.shared();
+        mean[0] = strength;
+        let belief = Belief::independent(mean.clone(), &vec![0.01; mean.len()]);
+        FilteredHypothesis { hypothesis, belief, disturbances: FLOOR, loss: 0.0 }
+    }
+
+    #[test]
+    fn a_strength_at_its_bound_is_no_cause_but_the_whole_geometry_is() {
+        assert!(judged("camera_scale", 2.3).is_at_bound("camera_scale"));
+        assert!(!judged("camera_scale", 0.9).is_at_bound("camera_scale"));
+        // "off" lies at the lower bound of a drag
+        assert!(!judged("drag_linear", 0.0).is_at_bound("drag_linear"));
+        assert!(!judged("rigid_body", 1.0).is_at_bound("rigid_body"));
+    }
+
+    #[test]
+    fn a_start_below_the_floor_is_not_believed() {
+        let measured = [0.0, 0.0, 0.12, 0.0, 0.0, 0.0];
+        assert!(is_near(&[0.01, 0.0, 0.11, 0.1, 0.0, 0.2], &measured));
+        assert!(!is_near(&[0.0, 0.0, -0.17, 0.0, 0.0, 0.2], &measured));
+        assert!(!is_near(&[0.0, 0.0, 0.12, 0.0, 0.0, 0.9], &measured));
+    }
 }

@@ -96,7 +96,10 @@ fn settle_rivals(search: &Search, from: Ablation, rivals: &mut Rivals, progress:
         rivals.clear();
         let names: Vec<&str> = now.without.iter().map(|(name, _)| *name).collect();
         progress(&format!("rivals of {}", names.join(", ")));
-        let all: Vec<_> = now.without.par_iter().map(|(name, less)| (*name, search.rivals(&now.judged, name, less, ALIKE))).collect();
+        // what will have no name needs no rivals
+        let settled = now.judged.settled();
+        let named = now.without.par_iter().filter(|(name, _)| settled.is_cause(name));
+        let all: Vec<_> = named.map(|(name, less)| (*name, search.rivals(&now.judged, name, less, ALIKE))).collect();
         let found = all.iter().flat_map(|(_, found)| found).map(|(_, judged)| judged);
         let likelier = found.filter(|judged| swaps < 2 && judged.loss < now.judged.loss - MORE_LIKELY);
         if let Some(best) = likelier.min_by(|a, b| a.loss.total_cmp(&b.loss)) {

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use serde::Serialize;
 
-use super::errors::Errors;
+use super::errors::{AXIS_COMPONENTS, Errors};
 use super::verdict::{Finding, Leftover};
 use crate::fit::filter::{Disturbances, Filtered};
 
@@ -44,7 +44,7 @@ impl Signal {
 
     /// Rows of [`Errors::components`] that the row of the axes is made of.
     pub fn components(self) -> Range<usize> {
-        [3..5, 5..6, 6..8, 8..9][self as usize].clone()
+        AXIS_COMPONENTS[self.error_row()].clone()
     }
 
     /// Size and unit of what still shakes the signal.
@@ -73,9 +73,9 @@ pub fn losses_by_signal<'a>(flights: impl IntoIterator<Item = &'a Filtered>) -> 
 pub enum SignalState {
     /// The declared model accounts for it.
     NothingMissing,
-    /// Finding effects account for it.
+    /// Named effects account for it.
     Explained,
-    /// Finding effects account for most of its error; structure is left.
+    /// Named effects account for most of its error; structure is left.
     PartlyExplained,
     /// Structure is left that no effect accounts for.
     Unexplained,
@@ -113,11 +113,15 @@ pub fn main_signal(effect: &Finding) -> Signal {
     best.unwrap_or(Signal::Sideways)
 }
 
-/// The verdict on every signal.
-pub fn signal_verdicts(effects: &[Finding], leftover: &[Leftover], errors: &Errors, disturbances: &Disturbances) -> Vec<SignalVerdict> {
+/// The verdict on every signal: in which effects were named, and in which structure is left.
+pub fn signal_verdicts(
+    is_named: impl Fn(Signal) -> bool,
+    is_left: impl Fn(Signal) -> bool,
+    errors: &Errors,
+    disturbances: &Disturbances,
+) -> Vec<SignalVerdict> {
     let verdict = |signal: Signal| {
-        let named = effects.iter().any(|e| main_signal(e) == signal);
-        let state = match (named, is_structured(leftover, signal)) {
+        let state = match (is_named(signal), is_left(signal)) {
             (true, false) => SignalState::Explained,
             (true, true) => SignalState::PartlyExplained,
             (false, true) => SignalState::Unexplained,

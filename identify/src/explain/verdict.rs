@@ -121,10 +121,15 @@ pub struct Explanation {
     pub signals: Vec<SignalVerdict>,
     /// Beside structure that nothing explains: effects that lower the errors on the test flights but do not account for it.
     pub partial: Vec<Finding>,
+    /// Effects so small that they make up for declared numbers that are not known better, and are no causes. Only on simulated flights.
+    pub corrections: Vec<Finding>,
     /// Effects that the declared model holds, needs, and holds at the right values. Only looked for on flights of real vehicles.
     pub confirmed: Vec<Finding>,
     /// Effects that the declared model holds and predictions do not miss: the completed model is without them.
     pub needless: Vec<&'static str>,
+    /// Effects that lower the errors on flights of the fit and raise one on the test flights: the model stays as declared. Only on flights of real
+    /// vehicles.
+    pub withdrawn: Vec<&'static str>,
     /// Numbers of the model that were fitted with the effects. Only on flights of real vehicles.
     pub numbers: Vec<NumberEstimate>,
     /// New numbers alone predict so much better that the declared ones are another vehicle's.

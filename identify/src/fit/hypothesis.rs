@@ -27,6 +27,12 @@ impl Term {
         Term { entry, values: entry.params.iter().map(|p| p.off).collect(), free, per_flight: None }
     }
 
+    /// Whether it is larger than what makes up for declared numbers that are not known better ([`effects::Param::least`]).
+    pub fn is_cause(&self) -> bool {
+        let mut sized = self.entry.params.iter().zip(&self.values).filter(|(p, _)| p.least > 0.0).peekable();
+        sized.peek().is_none() || sized.any(|(p, value)| (value - p.off).abs() >= p.least)
+    }
+
     /// The same with parameters free too that only show beside the first, where a fit holds the flight to its measured motion.
     #[must_use]
     pub fn with_companions(mut self) -> Self {
@@ -88,7 +94,16 @@ impl Hypothesis {
     }
 
     pub fn has(&self, effect: &str) -> bool {
-        self.terms.iter().any(|t| t.entry.name == effect)
+        self.term(effect).is_some()
+    }
+
+    pub fn term(&self, effect: &str) -> Option<&Term> {
+        self.terms.iter().find(|t| t.entry.name == effect)
+    }
+
+    /// Whether an effect of the hypothesis is a cause (see [`Term::is_cause`]).
+    pub fn is_cause(&self, effect: &str) -> bool {
+        self.terms.iter().any(|t| t.entry.name == effect && t.is_cause())
     }
 
     /// Which lagged pushes of the model's forms are estimated (see [`Model::lags_push`]).
@@ -185,5 +200,26 @@ impl Hypothesis {
             model.effects.insert(term.entry.name.to_owned(), EffectParams::Named(params));
         }
         model
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn is_cause(effect: &str, values: &[f64]) -> bool {
+        let mut term = Term::off(effects::find(effect).unwrap().1);
+        term.values[..values.len()].copy_from_slice(values);
+        Hypothesis::of(&Model::thesis()).with(term).is_cause(effect)
+    }
+
+    #[test]
+    fn a_tenth_of_a_percent_of_thrust_is_no_cause() {
+        // whatever share of it the torques have
+        assert!(!is_cause("thrust_scale", &[1.001, 0.9]));
+        assert!(is_cause("thrust_scale", &[0.95]));
+        assert!(!is_cause("cmd_delay", &[0.005]) && is_cause("cmd_delay", &[0.02]));
+        assert!(!is_cause("yaw_rate_loop", &[1.001, 0.005]) && is_cause("yaw_rate_loop", &[1.001, 0.05]));
+        assert!(is_cause("wind", &[0.02]), "no declared number stands for it");
     }
 }

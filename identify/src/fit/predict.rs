@@ -367,13 +367,23 @@ impl Worker {
         &self.rows
     }
 
-    /// The velocity of the position that would be reported, at a tick of the window, from the ticks around it.
+    /// The velocity of the position that would be reported, at a tick of the window, from the ticks around it. A frame with a stamp that is late shows where
+    /// the vehicle was before.
     pub fn reported_velocity(&mut self, flight: &Flight, tick: usize) -> Option<[f64; 3]> {
-        let (before, after) = (tick.saturating_sub(1), (tick + 1).min(self.states.len() - 1));
         let world = &mut self.passes.first_mut()?.world;
-        let [a, b] = [before, after].map(|k| world.film(&self.states[k], Dual::of(k as f64 * flight.tick_s)).pos_m);
-        let span_s = (after - before) as f64 * flight.tick_s;
-        Some(std::array::from_fn(|i| (b[i].value - a[i].value) / span_s))
+        let (states, tick_s) = (&self.states, flight.tick_s);
+        let last = states.len() - 1;
+        let mut film = |k: usize| world.film(&states[k], Dual::of(k as f64 * tick_s));
+        let late_s = film(tick.min(last)).t_s.value - tick.min(last) as f64 * tick_s;
+        let taken = (tick as f64 - late_s / tick_s).clamp(0.0, last as f64);
+        let mut position = |ticks: f64| -> [f64; 3] {
+            let (k, share) = (ticks as usize, ticks.fract());
+            let [a, b] = [k, (k + 1).min(last)].map(|k| film(k).pos_m);
+            std::array::from_fn(|i| a[i].value + share * (b[i].value - a[i].value))
+        };
+        let (before, after) = ((taken - 1.0).max(0.0), (taken + 1.0).min(last as f64));
+        let [a, b] = [position(before), position(after)];
+        Some(std::array::from_fn(|i| (b[i] - a[i]) / ((after - before) * tick_s)))
     }
 
     /// Its slopes in standard deviations, a row of all unknowns for each.

@@ -100,10 +100,9 @@ pub(super) fn leave_out(at: &mut Hypothesis, shared: &[f64], asked: bool) -> Vec
         .zip(&per_flight)
         .map(|(bounds, own)| own.is_none() && common.next().is_some_and(|value| at_bound(*value, *bounds)))
         .collect();
-    let of_model = at.free.len();
+    let mut place = at.free.len();
     let mut names: Vec<String> = at.free.iter().zip(&ran).filter(|(_, ran)| **ran && !asked).map(|(path, _)| path.clone()).collect();
     at.free.retain(|path| !names.contains(path));
-    let mut place = of_model;
     let mut gone = Vec::new();
     for term in &mut at.terms {
         let count = term.free.len();

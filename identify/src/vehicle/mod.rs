@@ -4,7 +4,7 @@ mod choice;
 mod nuisance;
 mod predict;
 
-use crazyflie_env::effects::{self, Geometry};
+use crazyflie_env::effects::{self, Entry, Geometry, Role, Ubiquity};
 use crazyflie_env::model::{Model, VerticalInput};
 
 use crate::FlightLog;
@@ -28,10 +28,6 @@ use predict::{Rows, compare, rows};
 const ROUNDS: usize = 6;
 /// No simulation is exact to less.
 const FLOOR: Noise = Noise { att_rad: [1e-6; 3], pos_m: [1e-6; 3] };
-/// What lies between a thrust command and the lift of a real vehicle: the battery, the bend of the thrust curve, and the exact cosine of 4.5.
-const POWERTRAIN: [&str; 4] = ["estimator_tilt", "battery_sag", "thrust_slope", "tilt_loss"];
-/// Choices, by their place, that make the only effect of geometry exact: the thrust of the moment pushes sideways, not the weight.
-const WHOLE: [(&str, usize); 1] = [("tilt_loss", 1)];
 const HOVER: &str = "vertical.thrust.hover";
 const HEAVE: &str = "vertical.thrust.heave";
 
@@ -46,7 +42,7 @@ pub struct Plan {
     /// Fit also what differs from flight to flight: trims of markers and vehicle, and the hover PWM. A degree of trim would move the vehicle by
     /// 34 cm in 2 s.
     pub nuisance: bool,
-    /// Effects that are fitted with the model and belong to it then, see [`powertrain`].
+    /// Effects that are fitted with the model and belong to it then, see [`ubiquitous_effects`].
     pub effects: Vec<String>,
     /// Of the model that is found; as before unless given.
     pub name: Option<String>,
@@ -55,9 +51,13 @@ pub struct Plan {
 }
 
 /// Effects that every real vehicle under a thrust command shows; that of the battery only where all logs hold its voltage.
-pub fn powertrain(logs: &[(String, FlightLog)]) -> Vec<String> {
-    let shows = |name: &&str| *name != "battery_sag" || logs.iter().all(|(_, log)| log.vbat_v.is_some());
-    POWERTRAIN.iter().filter(|name| shows(name)).map(|name| (*name).to_owned()).collect()
+pub fn ubiquitous_effects(logs: &[(String, FlightLog)]) -> Vec<String> {
+    let shows = |entry: &&Entry| match entry.ubiquity {
+        Ubiquity::Some => false,
+        Ubiquity::All => true,
+        Ubiquity::AllWithVoltage => logs.iter().all(|(_, log)| log.vbat_v.is_some()),
+    };
+    effects::registry().iter().filter(shows).map(|entry| entry.name.to_owned()).collect()
 }
 
 /// What a model makes of flights.
@@ -160,9 +160,11 @@ fn fitted_effect(name: &str, all: &[String]) -> Result<Term, IdentifyError> {
     if term.entry.geometry != Geometry::None {
         term.free.clear();
         term.values[0] = 1.0;
-        let alone = all.iter().filter(|name| geometric(name)).count() == 1;
-        let chosen = WHOLE.iter().filter(|(effect, _)| alone && *effect == name);
-        chosen.for_each(|(_, i)| term.values[*i] = 1.0);
+        // the only one brings all of the geometry that it can
+        if all.iter().filter(|name| geometric(name)).count() == 1 {
+            let choices = term.entry.params.iter().enumerate().filter(|(_, p)| p.role == Role::Choice);
+            choices.for_each(|(i, p)| term.values[i] = p.far());
+        }
     }
     Ok(term.with_companions())
 }

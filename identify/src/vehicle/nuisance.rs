@@ -137,7 +137,7 @@ pub fn settle_flights(model: &Model, fit: &mut [Flight], test: &mut [Flight]) ->
 }
 
 fn without_trims(flight: &Flight, own: &Hypothesis) -> Flight {
-    let values = |name: &str| own.terms.iter().find(|t| t.entry.name == name).map(|t| t.values.clone());
+    let values = |name: &str| own.term(name).map(|t| t.values.clone());
     let tilt_rad = |name: &str| values(name).map_or([0.0; 2], |deg| [deg[0].to_radians(), deg[1].to_radians()]);
     let scale = values(SCALE).map_or(1.0, |v| v[0]);
     flight.without_trims(&own.model, tilt_rad("com_offset"), tilt_rad("imu_tilt"), scale)

@@ -169,7 +169,7 @@ fn carried(from: &Hypothesis, numbers: &[f64], to: &Hypothesis) -> Vec<f64> {
 pub fn place_among_shared(hypothesis: &Hypothesis, effect: &str) -> Range<usize> {
     let before: usize =
         hypothesis.terms.iter().take_while(|t| t.entry.name != effect).filter(|t| t.per_flight.is_none()).map(|t| t.free.len()).sum();
-    let own = hypothesis.terms.iter().find(|t| t.entry.name == effect).map_or(0, |t| t.free.len());
+    let own = hypothesis.term(effect).map_or(0, |t| t.free.len());
     let first = hypothesis.free.len() + before;
     first..first + own
 }

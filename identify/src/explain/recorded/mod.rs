@@ -13,16 +13,17 @@ use crazyflie_env::effects::{self, Entry, Geometry, Role, Trace, registry};
 use crazyflie_env::model::{Model, VerticalInput};
 use rayon::prelude::*;
 
-use super::calibration::recorded::{FOREIGN_GAIN, LEAST_GAIN, SAME, STEPS};
+use super::calibration::recorded::{FOREIGN_GAIN, LEAST_GAIN, MATTERS, SAME, STEPS};
 use super::calibration::verdict::MOST_RIVALS;
-use super::errors::{Errors, compare};
+use super::completion::harm;
+use super::errors::{Errors, Predictor, compare};
+use super::finding::manoeuvre;
 use super::residual;
 use super::search::{FilteredHypothesis, Search};
-use super::signals::{Signal, SignalState, SignalVerdict, explained_share};
+use super::signals::{Signal, signal_verdicts};
 use super::verdict::{Estimate, Explanation, Finding, NumberEstimate, Verdict};
 use crate::FlightLog;
 use crate::estimate::IdentifyError;
-use crate::fit::filter::Disturbances;
 use crate::fit::flight::Flight;
 use crate::fit::hypothesis::{Hypothesis, Term};
 use crate::vehicle::{self, Trim};
@@ -58,14 +59,42 @@ pub fn explain_recorded(
         selection.learn(&bench, progress);
     }
     progress("the test flights");
-    let keeps = base.is_surpassed_by(&selection);
-    let completed = if keeps { completed(&selection.fitted, &base, fit) } else { Hypothesis::of(model) };
     let flights = [fitted_flights, tested];
-    let (before, after) = rayon::join(|| Seen::new(&Hypothesis::of(model), flights.clone()), || Seen::new(&completed, flights.clone()));
-    let (before, after) = (before?, after?);
+    let declared = Hypothesis::of(model);
+    let before = Seen::new(&declared, flights.clone())?;
     let findings: Vec<Finding> =
         selection.names().into_iter().filter(is_cause).filter_map(|name| finding(&bench, &base, &selection, &flights[1], name)).collect();
-    Ok((explanation(findings, &base, selection, [&before, &after], completed, began), after.trims))
+    let unchanged = |outcome| Completion { outcome, errors: errors_between(&before, &before), seen: before.clone() };
+    let completion = if base.is_surpassed_by(&selection) {
+        let seen = Seen::new(&completed(&selection.fitted, &base, fit), flights)?;
+        let errors = errors_between(&before, &seen);
+        if harm(&errors, MATTERS) > 0.0 { unchanged(Outcome::Withdrawn) } else { Completion { outcome: Outcome::Completed, errors, seen } }
+    } else {
+        unchanged(Outcome::AsDeclared)
+    };
+    let trims = completion.seen.trims.clone();
+    Ok((explanation(findings, &base, selection, before, completion, began), trims))
+}
+
+/// What becomes of the declared model.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Outcome {
+    /// It stays: nothing joined it.
+    AsDeclared,
+    /// It stays: what joined it predicts flights of the fit better, and test flights worse on some axis.
+    Withdrawn,
+    Completed,
+}
+
+/// The model in the end, as it sees the flights, and its errors beside those of the declared one.
+struct Completion {
+    outcome: Outcome,
+    seen: Seen,
+    errors: Errors,
+}
+
+fn errors_between(before: &Seen, after: &Seen) -> Errors {
+    compare(before.predictor(), after.predictor())
 }
 
 /// Whether an effect has a cause: a learned term describes what is left, and names none.
@@ -88,13 +117,13 @@ struct Base {
 
 impl Base {
     fn new(model: &Model, logs: &[NamedLog], input: VerticalInput, bench: &mut Bench) -> Result<Self, IdentifyError> {
-        let (opened, declared) = opened(model);
+        let free = vehicle::visible(model, logs, input);
+        let own_hover = input == VerticalInput::Thrust && bench.flights.iter().all(|f| f.sees_true_attitude);
+        let free = if own_hover { vehicle::beside_hover(free) } else { free };
+        let (opened, declared) = opened(model, &free);
         let nuisance = if bench.flights.iter().all(|f| f.sees_true_attitude) { vehicle::nuisance_terms(input)? } else { Vec::new() };
         let kept = Hypothesis { pushed: false, ..Hypothesis::of(&opened) };
         let kept = nuisance.into_iter().chain(declared_terms(&declared)).fold(kept, |h, term| h.with(term));
-        let free = vehicle::visible(&opened, logs, input);
-        let own_hover = input == VerticalInput::Thrust && kept.terms.iter().any(|t| t.per_flight.is_some());
-        let free = if own_hover { vehicle::beside_hover(free) } else { free };
         let says_effect = |path: &String| registry().iter().any(|e| e.model_number == Some(path.as_str()));
         let mut refitted = Hypothesis { free: free.into_iter().filter(|path| !says_effect(path)).collect(), ..kept.clone() };
         let windows = bench.windows().to_vec();
@@ -128,14 +157,15 @@ impl Base {
     }
 }
 
-/// The model without effects that can be estimated anew, and these with their values. A number that says the same as an effect is one of these, also at
-/// zero: numbers are fitted, and drag and an estimator that takes drag for tilt only show together.
-fn opened(model: &Model) -> (Model, Vec<(&'static Entry, Vec<f64>)>) {
+/// The model without effects that can be estimated anew, and these with their values. A number to fit that says the same as an effect is one of these, also
+/// at zero: numbers are fitted, and drag and an estimator that takes drag for tilt only show together.
+fn opened(model: &Model, free: &[String]) -> (Model, Vec<(&'static Entry, Vec<f64>)>) {
     let (mut open, mut declared) = (model.clone(), Vec::new());
     for entry in registry().iter().filter(|e| e.trace.is_expected() && e.geometry == Geometry::None) {
         let given =
             model.effects.get(entry.name).map(|given| numbers(entry, given).iter().map(|n| n.fixed()).collect::<Option<Vec<f64>>>());
-        let number = entry.model_number.and_then(|path| Some((path, model.parameter(path).ok()?)));
+        let fitted = entry.model_number.filter(|path| free.iter().any(|known| known == path));
+        let number = fitted.and_then(|path| Some((path, model.parameter(path).ok()?)));
         let mut values: Vec<f64> = match given {
             // a distribution is no value to start from
             Some(None) => continue,
@@ -184,8 +214,10 @@ fn completed(fitted: &FittedHypothesis, base: &Base, logs: &[NamedLog]) -> Hypot
     Hypothesis { model, pushed: true, ..whole }.fixed()
 }
 
-/// Flights as one model sees them, and what it makes of them.
+/// A model, flights as it sees them, and what it makes of them.
+#[derive(Clone)]
 struct Seen {
+    hypothesis: Hypothesis,
     fit: Vec<Flight>,
     test: Vec<Flight>,
     trims: Vec<Trim>,
@@ -196,7 +228,11 @@ impl Seen {
     fn new(hypothesis: &Hypothesis, [mut fit, mut test]: [Vec<Flight>; 2]) -> Result<Self, IdentifyError> {
         let trims = vehicle::settle_flights(&hypothesis.completed("for its trims"), &mut fit, &mut test)?;
         let judged = Search::new(&fit).declared(hypothesis).ok_or_else(broken)?;
-        Ok(Seen { fit, test, trims, judged })
+        Ok(Seen { hypothesis: hypothesis.clone(), fit, test, trims, judged })
+    }
+
+    fn predictor(&self) -> Predictor<'_> {
+        (&self.hypothesis, &self.judged.disturbances, &self.test)
     }
 }
 
@@ -213,11 +249,12 @@ fn finding(bench: &Bench, base: &Base, selection: &Selection, test: &[Flight], n
         let stderr = sd.get(at).copied().unwrap_or(f64::NAN);
         Estimate { name: p.name, value: term.values[*i], stderr, unit: p.unit, declared: declared[*i] }
     });
+    let rivals = selection.rivals(bench, name);
     Some(Finding {
         name,
         params: params.collect(),
-        confusable_with: selection.rivals(bench, name),
-        manoeuvre: String::new(),
+        manoeuvre: if rivals.is_empty() { String::new() } else { manoeuvre(term.entry, &rivals) },
+        confusable_with: rivals,
         worth_fit: less.solution.loss - selection.fitted.solution.loss,
         worth_test: loss_on_unseen(&less.hypothesis, test) - loss_on_unseen(hypothesis, test),
         worth_by_signal: [sideways, vertical, tilt, 0.0],
@@ -245,66 +282,59 @@ fn explanation(
     findings: Vec<Finding>,
     base: &Base,
     selection: Selection,
-    [before, after]: [&Seen; 2],
-    completed: Hypothesis,
+    before: Seen,
+    Completion { outcome, seen: after, errors }: Completion,
     began: Instant,
 ) -> Explanation {
-    let errors = compare(
-        (&before.judged.hypothesis, &before.judged.disturbances, &before.test),
-        (&completed, &after.judged.disturbances, &after.test),
-    );
-    let leftover = residual::leftovers(&after.fit, &after.test, &after.judged, None);
-    let keeps = base.is_surpassed_by(&selection);
+    let keeps = outcome == Outcome::Completed;
     let (confirmed, named): (Vec<Finding>, Vec<Finding>) = findings.into_iter().partition(|f| is_confirmed(base, f));
-    let named = if keeps { named } else { Vec::new() };
-    let (partial, effects): (Vec<Finding>, Vec<Finding>) = named.into_iter().partition(|f| f.confusable_with.len() > MOST_RIVALS);
-    let verdict = match (selection.learned && keeps, effects.is_empty()) {
+    let (partial, effects): (Vec<Finding>, Vec<Finding>) =
+        named.into_iter().filter(|_| keeps).partition(|f| f.confusable_with.len() > MOST_RIVALS);
+    let learned = selection.learned && keeps;
+    let verdict = match (learned, effects.is_empty()) {
         (true, true) => Verdict::Unexplained,
         (true, false) => Verdict::PartlyExplained,
         (false, false) => Verdict::Explained,
-        (false, true) if !partial.is_empty() || base.foreign => Verdict::NotDecidable,
+        (false, true) if !partial.is_empty() || base.foreign || outcome == Outcome::Withdrawn => Verdict::NotDecidable,
         (false, true) => Verdict::NothingMissing,
     };
     Explanation {
         verdict,
-        signals: signal_verdicts(&effects, selection.learned && keeps, &errors, &after.judged.disturbances),
+        signals: signal_verdicts(
+            // where predictions miss it without them
+            |signal| effects.iter().any(|e| e.worth_by_signal[signal as usize] > LEAST_GAIN),
+            |signal| learned && signal != Signal::Yaw,
+            &errors,
+            &after.judged.disturbances,
+        ),
         effects,
         confirmed,
-        needless: if keeps { needless(base, &completed) } else { Vec::new() },
+        needless: if keeps { needless(base, &after.hypothesis) } else { Vec::new() },
+        withdrawn: if outcome == Outcome::Withdrawn { joined(base, &selection) } else { Vec::new() },
         partial,
+        corrections: Vec::new(),
         numbers: if keeps { number_estimates(base, &selection) } else { Vec::new() },
         foreign: base.foreign,
-        learned: selection.learned && keeps,
+        learned,
         disturbances: [before.judged.disturbances, after.judged.disturbances],
-        declared: before.judged.hypothesis.clone(),
-        completed,
+        declared: before.judged.hypothesis,
+        leftover: residual::leftovers(&after.fit, &after.test, &after.judged, None),
+        completed: after.hypothesis,
         not_excited: Vec::new(),
         path: selection.steps,
-        leftover,
         errors,
         seconds: began.elapsed().as_secs_f64(),
     }
 }
 
+/// Effects that joined the declared model.
+fn joined(base: &Base, selection: &Selection) -> Vec<&'static str> {
+    selection.names().into_iter().filter(|name| !base.declares(name)).collect()
+}
+
 /// Effects that the model declares and the completed one is without.
 fn needless(base: &Base, completed: &Hypothesis) -> Vec<&'static str> {
     base.declared.iter().map(|(entry, _)| entry.name).filter(|name| base.declares(name) && !completed.has(name)).collect()
-}
-
-/// A signal is explained where effects that were named are missed by its predictions.
-fn signal_verdicts(effects: &[Finding], learned: bool, errors: &Errors, disturbances: &Disturbances) -> Vec<SignalVerdict> {
-    let verdict = |signal: Signal| {
-        let named = effects.iter().any(|e| e.worth_by_signal[signal as usize] > LEAST_GAIN);
-        let state = match (named, learned && signal != Signal::Yaw) {
-            (true, false) => SignalState::Explained,
-            (true, true) => SignalState::PartlyExplained,
-            (false, true) => SignalState::Unexplained,
-            (false, false) => SignalState::NothingMissing,
-        };
-        let (left, left_unit) = signal.disturbance(disturbances);
-        SignalVerdict { signal, state, explained_share: explained_share(errors, signal), left, left_unit }
-    };
-    Signal::ALL.into_iter().map(verdict).collect()
 }
 
 /// The numbers of the model, fitted beside the effects.

@@ -49,9 +49,7 @@ impl Trial {
             && clearance(bench, &self.fitted, self.entry.name) > CLEAR
             && !self.is_at_bound()
     }
-}
 
-impl Trial {
     /// The fit would have gone on, but a parameter must not: something else is the cause.
     fn is_at_bound(&self) -> bool {
         let stopped = |term: &Term| {
@@ -61,14 +59,14 @@ impl Trial {
             };
             term.free.iter().any(at_end)
         };
-        self.fitted.hypothesis.terms.iter().any(|t| t.entry.name == self.entry.name && stopped(t))
+        self.fitted.hypothesis.term(self.entry.name).is_some_and(stopped)
     }
 }
 
 /// Standard errors between "off" and the clearest parameter of an effect.
 fn clearance(bench: &Bench, fitted: &FittedHypothesis, effect: &str) -> f64 {
     let sd = bench.deviations(fitted);
-    let Some(term) = fitted.hypothesis.terms.iter().find(|t| t.entry.name == effect) else { return 0.0 };
+    let Some(term) = fitted.hypothesis.term(effect) else { return 0.0 };
     let places = place_among_shared(&fitted.hypothesis, effect);
     let distance = |(i, at): (&usize, usize)| sd.get(at).map_or(0.0, |sd| (term.values[*i] - term.entry.params[*i].off).abs() / sd);
     term.free.iter().zip(places).map(distance).filter(|d| d.is_finite()).fold(0.0, f64::max)
@@ -112,7 +110,7 @@ impl Selection {
                 return;
             }
             let best = worthy.remove(0);
-            let other = |trial: &Trial| trial.fitted.hypothesis.terms.iter().find(|t| t.entry.name == trial.entry.name).cloned();
+            let other = |trial: &Trial| trial.fitted.hypothesis.term(trial.entry.name).cloned();
             self.alternatives.push((best.entry.name, worthy.iter().filter_map(other).collect()));
             (self.fitted, self.errors) = (best.fitted, best.errors);
         }
@@ -129,7 +127,7 @@ impl Selection {
             .collect();
         let tried = starts.into_par_iter().map(|term| {
             let tried = bench.propose(&now.hypothesis.with(term.clone()), now, STEPS_TO_PROPOSE);
-            let fitted = tried.hypothesis.terms.iter().find(|t| t.entry.name == term.entry.name).cloned().unwrap_or(term);
+            let fitted = tried.hypothesis.term(term.entry.name).cloned().unwrap_or(term);
             (base - tried.solution.loss, fitted)
         });
         let mut all: Vec<(f64, Term)> = tried.filter(|(gain, _)| gain.is_finite() && *gain > 0.0).collect();
@@ -147,7 +145,7 @@ impl Selection {
     pub fn reduce(&mut self, bench: &Bench) {
         loop {
             let less = |name: &'static str| {
-                let entry = self.fitted.hypothesis.terms.iter().find(|t| t.entry.name == name)?.entry;
+                let entry = self.fitted.hypothesis.term(name)?.entry;
                 Trial::new(bench, entry, &self.fitted.hypothesis.without(name), self)
             };
             let trials = self.names().into_par_iter().filter_map(less);
@@ -167,7 +165,7 @@ impl Selection {
         while !term.free.is_empty() {
             let fitted = bench.fit(&self.fitted.hypothesis.with(term.clone()), &self.fitted);
             let sd = bench.deviations(&fitted);
-            let Some(known) = fitted.hypothesis.terms.iter().find(|t| t.entry.name == entry.name) else { return };
+            let Some(known) = fitted.hypothesis.term(entry.name) else { return };
             let places = place_among_shared(&fitted.hypothesis, entry.name);
             let clearances = known.free.iter().zip(places).map(|(i, at)| (*i, sd.get(at).map_or(0.0, |sd| known.values[*i].abs() / sd)));
             let unclear: Vec<(usize, f64)> = clearances.filter(|(_, c)| c.is_nan() || *c < CLEAR).collect();
@@ -199,7 +197,7 @@ impl Selection {
 
     /// The hypothesis without an effect, and what that does to predictions.
     pub fn without(&self, bench: &Bench, name: &'static str) -> Option<(FittedHypothesis, Gain)> {
-        let entry = self.fitted.hypothesis.terms.iter().find(|t| t.entry.name == name)?.entry;
+        let entry = self.fitted.hypothesis.term(name)?.entry;
         let less = Trial::new(bench, entry, &self.fitted.hypothesis.without(name), self)?;
         Some((less.fitted, less.gain))
     }
