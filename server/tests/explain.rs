@@ -110,7 +110,7 @@ fn same_values(out: &Path) {
         assert_eq!(value.is_none(), text == "-" || text == "too few", "{pointer}: {text}");
     }
     let model = json(&["model", text(&out.join("model.toml")), "--json"]);
-    let lists = ["effects", "partial"].map(|list| object[list].as_array().unwrap());
+    let lists = ["effects", "partial", "corrections"].map(|list| object[list].as_array().unwrap());
     for effect in lists.into_iter().flatten().flat_map(|e| [e].into_iter().chain(e["with"].as_array().unwrap())) {
         for (param, estimate) in effect["params"].as_object().unwrap() {
             let (name, value) = (effect["name"].as_str().unwrap(), &estimate["value"]);
@@ -179,6 +179,20 @@ fn where_nothing_is_hidden_nothing_is_found() {
     let found = explain(&folder, &fly(&folder, &[]));
     assert_eq!(found["verdict"], "nothing_missing", "{found}");
     assert_eq!(found["effects"], serde_json::json!([]));
+}
+
+/// A declared gain is known to some per cent: what makes up for less has a value, and is no cause.
+#[test]
+fn two_per_cent_of_gain_are_a_correction_and_no_cause() {
+    let folder = folder("explain_small");
+    let flights = fly(&folder, &["attitude_gain=0.98"]);
+    let found = explain(&folder, &flights);
+    assert_eq!(found["verdict"], "nothing_missing", "{found}");
+    let correction = &found["corrections"][0];
+    assert_eq!(correction["name"], "attitude_gain", "{correction}");
+    let gain = correction["params"]["gain"]["value"].as_f64().unwrap();
+    assert!((gain - 0.98).abs() < 0.005, "{correction}");
+    same_values(&folder.join("out"));
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! Explanations of a small committed set, and what `score` makes of sets that are not whole.
 //!
-//! The set: d00 to d04 by the shared generator, d0001 by `tests/population`; 17 s each. They were chosen as cases that are answered
+//! The set: d00 to d06 by the shared generator, d0001 by `tests/population`; 17 to 25 s each. They were chosen as cases that are answered
 //! rightly, so they hold what is reached and say nothing about rates.
 
 mod common;
@@ -31,7 +31,7 @@ fn the_committed_cases_are_answered_as_the_readme_says() {
     assert_eq!(ran.code, 0, "{}", ran.err);
     let results: Value = serde_json::from_str(&std::fs::read_to_string(&saved).unwrap()).unwrap();
     let cases = results["cases"].as_array().unwrap();
-    assert!(cases.len() >= 6, "the set is there");
+    assert!(cases.len() >= 8, "the set is there");
     for case in cases {
         assert_eq!(case["score"]["criteria"]["named"], true, "{case:#}");
         let hidden = case["score"]["truth"].as_array().unwrap().len();

@@ -29,6 +29,9 @@ pub(super) fn print(run: &Run, written: &[PathBuf], out: &mut dyn Write) -> Outc
     if !found.partial.is_empty() {
         write!(out, "\nlowers the errors, accounts for nothing\n{}", effects(&found.partial).plain())?;
     }
+    if !found.corrections.is_empty() {
+        write!(out, "\ntoo small to be causes: they make up for declared numbers\n{}", effects(&found.corrections).plain())?;
+    }
     if !found.confirmed.is_empty() {
         write!(out, "\nthe model holds it already, and needs it\n{}", effects(&found.confirmed).plain())?;
     }

@@ -223,7 +223,7 @@ fn plan(args: &Args, model: &Model, fit: &Logs) -> vehicle::Plan {
     let vertical = args.vertical.or(model.vertical.default);
     let commands_thrust = fit.iter().all(|(_, log)| log.cmd_thrust_pwm.is_some()) && vertical.is_none_or(|v| v == VerticalInput::Thrust);
     let effects = match &args.effects[..] {
-        [] if nuisance && commands_thrust => vehicle::powertrain(fit),
+        [] if nuisance && commands_thrust => vehicle::ubiquitous_effects(fit),
         [none] if none == "none" => Vec::new(),
         named => named.to_vec(),
     };

@@ -7,7 +7,7 @@ use crazyflie_identify::fit::filter::{Disturbances, Wander};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
-use super::next::{Logged, next_of_signal};
+use super::next::{LogContents, next_of_signal};
 use super::signal_view::left_cells;
 use super::view::{self, measured};
 use super::{Run, next_steps, sentence};
@@ -50,10 +50,11 @@ pub(crate) fn as_json(run: &Run, files: &Value) -> Value {
         "signals": signals(run),
         "totals": super::totals(run).iter().map(|(path, value, stderr, unit)| json!({"number": path, "value": value, "stderr": stderr, "unit": unit})).collect::<Vec<_>>(),
         "partial": found.partial.iter().map(effect).collect::<Vec<_>>(),
+        "corrections": found.corrections.iter().map(effect).collect::<Vec<_>>(),
         "confirmed": found.confirmed.iter().map(effect).collect::<Vec<_>>(),
         "needless": found.needless,
+        "withdrawn": found.withdrawn,
         "numbers": found.numbers,
-        "foreign": found.foreign,
         "learned": found.learned,
         "error": {"before": quantities(&errors.before), "after": quantities(&errors.after), "naive": quantities(&errors.naive),
             "p_value": quantities(&errors.p_value), "stretches": quantities(&errors.stretches),
@@ -91,7 +92,7 @@ fn effect(effect: &Finding) -> Value {
 
 /// The verdicts on signals, with what is left by axis and what to do next.
 fn signals(run: &Run) -> Vec<Value> {
-    let logged = Logged::of(run);
+    let logged = LogContents::from_run(run);
     let one = |verdict: &SignalVerdict| {
         let after = &run.found.errors.components.after;
         let left = left_cells(&run.found, verdict.signal).into_iter();

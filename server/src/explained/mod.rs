@@ -274,7 +274,7 @@ fn withhold_weak_tests(found: &mut Explanation) {
 /// What is reported of an effect is what the completed model flies with: there a term that was learned later may have moved it.
 fn take_values_of_completed(found: &mut Explanation) {
     let terms = &found.completed.terms;
-    found.effects.iter_mut().chain(&mut found.partial).for_each(|effect| take_values(effect, terms));
+    found.effects.iter_mut().chain(&mut found.partial).chain(&mut found.corrections).for_each(|effect| take_values(effect, terms));
 }
 
 fn take_values(effect: &mut Finding, terms: &[Term]) {

@@ -40,7 +40,7 @@ pub(crate) fn next_steps(run: &Run) -> Vec<NextStep> {
         let text = foreign_sentence(run, &foreign);
         steps.push(NextStep { commands: foreign.commands.to_vec(), ..NextStep::new(None, text) });
     }
-    let logged = Logged::of(run);
+    let logged = LogContents::from_run(run);
     let of_signal = |verdict: &SignalVerdict| next_of_signal(run, &logged, verdict).map(|text| NextStep::new(Some(verdict.signal), text));
     steps.extend(run.found.signals.iter().filter_map(of_signal));
     steps.extend(more_test_flight(run).map(|text| NextStep::new(None, text)));
@@ -56,20 +56,20 @@ pub(crate) fn next_steps(run: &Run) -> Vec<NextStep> {
 }
 
 /// What the logs of all flights hold: channels, and the most of each kind of motion.
-pub(super) struct Logged {
+pub(super) struct LogContents {
     channels: Vec<&'static str>,
     motions: Vec<Motion>,
 }
 
-impl Logged {
-    pub(super) fn of(run: &Run) -> Self {
+impl LogContents {
+    pub(super) fn from_run(run: &Run) -> Self {
         let (mut channels, mut motions) = (Vec::new(), Vec::new());
         for source in run.fit.sources.iter().chain(&run.test.sources) {
             let inspection = Inspection::of_log(&source.log);
             channels.extend(inspection.channels.iter().map(|channel| channel.name));
             motions.extend(inspection.motion);
         }
-        Logged { channels, motions }
+        LogContents { channels, motions }
     }
 
     fn most(&self, size: fn(&Motion) -> f64) -> f64 {
@@ -78,7 +78,7 @@ impl Logged {
 }
 
 /// The next manoeuvre or log channel for a signal; `None` where nothing is open.
-pub(super) fn next_of_signal(run: &Run, logged: &Logged, verdict: &SignalVerdict) -> Option<String> {
+pub(super) fn next_of_signal(run: &Run, logged: &LogContents, verdict: &SignalVerdict) -> Option<String> {
     let signal = verdict.signal;
     let rivals = run.found.effects.iter().flat_map(Finding::all).filter(|e| main_signal(e) == signal && !e.confusable_with.is_empty());
     let mut all: Vec<String> = rivals.map(|e| format!("To tell {} from {}: {}.", e.name, confusable(e), e.manoeuvre)).collect();
@@ -116,7 +116,7 @@ const VOLTAGE: Channel = ("vbat", "pm.vbat", "a sagging battery, which looks lik
 const TURN_COMMAND: Channel = ("cmd_yaw_rate", "the yaw-rate command", "what the yaw was asked for");
 
 /// Channels that would tell more of a signal and that no log holds.
-fn missing_channels(logged: &Logged, signal: Signal) -> Option<String> {
+fn missing_channels(logged: &LogContents, signal: Signal) -> Option<String> {
     let wanted: &[Channel] = match signal {
         Signal::Sideways => &[FORCE, MOTORS],
         Signal::Vertical => &[VOLTAGE, ROTORS, FORCE],
@@ -129,7 +129,7 @@ fn missing_channels(logged: &Logged, signal: Signal) -> Option<String> {
 }
 
 /// That nothing was found in a signal which hardly moved.
-fn too_calm(logged: &Logged, signal: Signal) -> Option<String> {
+fn too_calm(logged: &LogContents, signal: Signal) -> Option<String> {
     let (value, least, unit, decimals) = match signal {
         Signal::Sideways => (logged.most(|m| m.speed_mps), LEAST_SPEED_MPS, "m/s sideways", 2),
         Signal::Vertical => (logged.most(|m| m.climb_mps), LEAST_CLIMB_MPS, "m/s up or down", 2),

@@ -9,7 +9,7 @@ use serde::Serialize;
 use super::Run;
 use super::error_view::p_value;
 use super::json::component_key;
-use super::next::{Logged, next_of_signal};
+use super::next::{LogContents, next_of_signal};
 use super::view::Cell;
 use super::words::{listed, significant};
 use crate::cli::number;
@@ -59,7 +59,7 @@ impl SignalRow {
 
 /// All signals.
 pub(crate) fn signal_rows(run: &Run) -> Vec<SignalRow> {
-    let logged = Logged::of(run);
+    let logged = LogContents::from_run(run);
     let one = |(i, verdict): (usize, &SignalVerdict)| {
         let errors = &run.found.errors.axes;
         let row = verdict.signal.error_row();

@@ -1,7 +1,7 @@
 //! What the page says, as texts and lengths of bars: the template only places them.
 
 use crazyflie_env::effects::{Entry, Param, Role, find};
-use crazyflie_identify::explain::verdict::{Explanation, Finding, Step};
+use crazyflie_identify::explain::verdict::{Explanation, Finding, NumberEstimate, Step};
 use crazyflie_identify::fit::filter::Wander;
 use crazyflie_identify::fit::flight::Flight;
 use serde::Serialize;
@@ -63,6 +63,23 @@ pub(super) struct Effect {
 /// The registry's entry; what was named is in it.
 fn entry(name: &str) -> Option<&'static Entry> {
     find(name).ok().map(|(_, entry)| entry)
+}
+
+/// A number of the model as it was declared and as it was fitted.
+#[derive(Serialize)]
+pub(super) struct ModelNumber {
+    path: String,
+    declared: Cell,
+    fitted: Cell,
+    unit: &'static str,
+}
+
+pub(super) fn numbers(all: &[NumberEstimate]) -> Vec<ModelNumber> {
+    let row = |(i, n): (usize, &NumberEstimate)| {
+        let cell = |name: &str, value| Cell::new(significant(value, 4), value, format!("/numbers/{i}/{name}"));
+        ModelNumber { path: n.path.clone(), declared: cell("declared", n.declared), fitted: cell("value", n.value), unit: n.unit }
+    };
+    all.iter().enumerate().map(row).collect()
 }
 
 /// Effects of one of the lists for machines, those that come with another behind it.

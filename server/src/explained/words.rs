@@ -1,5 +1,6 @@
 //! Numbers with their uncertainty, and findings in sentences.
 
+use crazyflie_env::effects::{Entry, registry};
 use crazyflie_identify::explain::verdict::{Estimate, Explanation, Finding, Leftover, Verdict};
 
 use super::Run;
@@ -74,18 +75,17 @@ fn told(effect: &Finding) -> String {
     format!("{} ({}{or})", effect.name, values.join(", "))
 }
 
-/// Parameters of effects that add to a number of the model: what a vehicle shows is both together.
-const ADDED: [(&str, &str, &str); 2] = [("drag_linear", "rate_ps", "lateral.drag"), ("heave_damping", "added_ps", "vertical.thrust.heave")];
-
 /// What the vehicle shows in all where an effect adds to a number that the model has: path, sum, its standard error by the effect alone, unit.
 pub(crate) fn totals(run: &Run) -> Vec<(&'static str, f64, f64, &'static str)> {
-    let total = |(effect, param, path): (&str, &str, &'static str)| {
+    let named = || run.found.effects.iter().chain(&run.found.partial).flat_map(Finding::all);
+    let total = |entry: &Entry| {
+        let path = entry.model_number?;
         let declared = run.model.parameter(path).ok().filter(|value| *value != 0.0)?;
-        let named = run.found.effects.iter().chain(&run.found.partial).flat_map(Finding::all).find(|e| e.name == effect)?;
-        let added = named.params.iter().find(|p| p.name == param && p.declared == 0.0)?;
+        let effect = named().find(|e| e.name == entry.name)?;
+        let added = effect.params.iter().find(|p| p.name == entry.params[0].name && p.declared == 0.0)?;
         Some((path, declared + added.value, added.stderr, added.unit))
     };
-    ADDED.into_iter().filter_map(total).collect()
+    registry().iter().filter_map(total).collect()
 }
 
 /// The same in words.
@@ -110,6 +110,10 @@ pub(crate) fn sentence(found: &Explanation) -> String {
         Verdict::NotDecidable if found.foreign => {
             "Not decidable: the numbers of the declared model are not this vehicle's, and beside its own no effect stands out.".into()
         }
+        Verdict::NotDecidable if !found.withdrawn.is_empty() => format!(
+            "Not decidable: {} would lower the errors on the flights of the fit and raise one on the test flights. The model stays as declared.",
+            listed(&found.withdrawn, "and")
+        ),
         Verdict::Explained => format!("Explained: the declared model lacks {effects}."),
         Verdict::NothingMissing => "Nothing is missing: the declared model accounts for these flights.".into(),
         Verdict::NotDecidable => "Not decidable: something is missing, but these flights do not tell which effect it is.".into(),

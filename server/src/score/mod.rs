@@ -28,11 +28,11 @@ fn score(file: &CaseFile, with_oracle: bool, progress: &dyn Fn(&str)) -> Result<
     Ok(match run {
         Err(problem) => CaseRecord::failed(id, folder, problem, truth),
         Ok(run) => {
-            let ratio = with_oracle.then(|| {
+            let oracle = with_oracle.then(|| {
                 progress("the oracle");
-                oracle::error_ratio(&run, &truth)
+                oracle::compare_with_oracle(&run, &truth)
             });
-            CaseRecord::explained(id, folder, &run.found, truth, ratio.flatten())
+            CaseRecord::explained(id, folder, &run.found, truth, oracle.flatten())
         }
     })
 }

@@ -5,15 +5,25 @@ use crazyflie_identify::explain::errors::{Errors, compare};
 use crazyflie_identify::explain::search::Search;
 use crazyflie_identify::fit::hypothesis::{Hypothesis, Term};
 
-use super::truth::Truth;
+use super::truth::{HiddenEffect, Truth};
 use crate::explained::Run;
 
 /// Horizons that are compared, of those of the errors: 0.5 s and 2 s. Shorter ones show noise, the free run chance.
 const HORIZONS: [usize; 2] = [2, 3];
 
-/// Largest error of the explanation over that of the oracle, over position, velocity and attitude. `None` where the library lacks
-/// a hidden effect, or the oracle's fit cannot be made.
-pub(super) fn error_ratio(run: &Run, truth: &Truth) -> Option<f64> {
+/// Standard errors that the oracle's estimate must lie from "off" for the flights to show an effect at all.
+const SHOWN: f64 = 4.0;
+
+/// A case beside a fit that is given the answer.
+pub(super) struct OracleComparison {
+    /// Largest error of the explanation over that of the oracle, over position, velocity and attitude.
+    pub ratio: f64,
+    /// Whether the flights of the fit show all that is hidden: the oracle finds each effect clear of "off".
+    pub shown: bool,
+}
+
+/// `None` where the library lacks a hidden effect, or the oracle's fit cannot be made.
+pub(super) fn compare_with_oracle(run: &Run, truth: &Truth) -> Option<OracleComparison> {
     let mut hypothesis = Hypothesis::of(&run.model);
     for effect in &truth.effects {
         hypothesis = hypothesis.with(term(&effect.name, &effect.ours())?);
@@ -33,7 +43,8 @@ pub(super) fn error_ratio(run: &Run, truth: &Truth) -> Option<f64> {
     let fitted = search.refit(&hypothesis, disturbances)?;
     let (declared, test) = (Hypothesis::of(&run.model), &run.test.flights[..]);
     let oracle = compare((&declared, disturbances, test), (&fitted.settled(), &fitted.disturbances, test));
-    Some(largest_ratio(&run.found.errors, &oracle))
+    let shows = |effect: &HiddenEffect| !hypothesis.has(&effect.name) || fitted.clearance(&effect.name) > SHOWN;
+    Some(OracleComparison { ratio: largest_ratio(&run.found.errors, &oracle), shown: truth.effects.iter().all(shows) })
 }
 
 /// An effect that starts at the true values: a delay or a limit would not be found from "off".

@@ -76,7 +76,7 @@ pub(crate) struct GroupRow {
 }
 
 /// Names of the criteria, as the rows of JSON have them.
-pub(crate) const CRITERIA: [&str; 4] = ["named", "15 %", "3 stderr", "held-out error"];
+pub(crate) const CRITERIA: [&str; 5] = ["named", "named where shown", "15 %", "3 stderr", "held-out error"];
 
 /// Rates of right answers of the cases that share a circumstance.
 #[derive(Debug, Clone, Serialize)]
@@ -154,7 +154,7 @@ impl GroupRow {
         let records: Vec<&CaseRecord> = records.into_iter().collect();
         let marks = |r: &CaseRecord| {
             let c = r.score.criteria;
-            [Some(c.named), c.near, c.within, c.held_out]
+            [Some(c.named), c.named_where_shown, c.near, c.within, c.held_out]
         };
         let criteria = std::array::from_fn(|at| Rate::from_marks(records.iter().filter_map(|r| marks(r)[at])));
         GroupRow { group, criteria, verdicts: count(records.iter().map(|r| r.verdict.clone())) }

@@ -3,6 +3,7 @@
 use crazyflie_identify::explain::verdict::{Explanation, Finding};
 use serde::{Deserialize, Serialize};
 
+use super::oracle::OracleComparison;
 use super::truth::{Group, HiddenEffect, Truth};
 use crate::explained::verdict_name;
 
@@ -86,6 +87,9 @@ pub(crate) struct Score {
 pub(crate) struct Criteria {
     /// Named what is hidden and nothing else, or said rightly that nothing can be named.
     pub named: bool,
+    /// The same where the flights show what is hidden: a fit that is given the answer finds each effect four standard errors from "off".
+    #[serde(default, rename = "named where shown")]
+    pub named_where_shown: Option<bool>,
     /// Every comparable parameter within 15 %.
     #[serde(rename = "15 %")]
     pub near: Option<bool>,
@@ -152,10 +156,10 @@ fn finite(value: f64) -> Option<f64> {
 
 impl CaseRecord {
     /// A case that could be explained.
-    pub(super) fn explained(case: String, folder: String, found: &Explanation, truth: Truth, told_ratio: Option<f64>) -> Self {
+    pub(super) fn explained(case: String, folder: String, found: &Explanation, truth: Truth, oracle: Option<OracleComparison>) -> Self {
         let verdict = verdict_name(found.verdict).to_owned();
         let effects: Vec<NamedEffect> = found.effects.iter().map(NamedEffect::from).collect();
-        let score = Score::new(truth, Some((verdict.as_str(), &effects[..])), told_ratio);
+        let score = Score::new(truth, Some((verdict.as_str(), &effects[..])), oracle);
         let partial = found.partial.iter().flat_map(Finding::all).map(|named| named.name.to_owned()).collect();
         CaseRecord { case, folder, failed: None, verdict, effects, partial, score, seconds: Some(found.seconds) }
     }
@@ -168,13 +172,16 @@ impl CaseRecord {
 }
 
 impl Score {
-    fn new(truth: Truth, found: Option<(&str, &[NamedEffect])>, told_ratio: Option<f64>) -> Self {
+    fn new(truth: Truth, found: Option<(&str, &[NamedEffect])>, oracle: Option<OracleComparison>) -> Self {
         let effects = found.map_or(&[][..], |(_, effects)| effects);
         let (answers, extra) = truth.answers(effects);
         let values = truth.value_errors(effects);
         let all_values = |good: fn(&ValueError) -> bool| (!values.is_empty()).then(|| values.iter().all(good));
+        let told_ratio = oracle.as_ref().map(|oracle| oracle.ratio);
+        let named = found.is_some_and(|(verdict, _)| truth.is_answered(verdict, &answers, &extra));
         let criteria = Criteria {
-            named: found.is_some_and(|(verdict, _)| truth.is_answered(verdict, &answers, &extra)),
+            named,
+            named_where_shown: oracle.filter(|oracle| oracle.shown).map(|_| named),
             near: all_values(ValueError::is_near),
             within: all_values(ValueError::is_within),
             held_out: told_ratio.map(|ratio| ratio <= WORST_RATIO),
