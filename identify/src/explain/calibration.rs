@@ -53,6 +53,8 @@ pub mod search {
     pub const KEPT: f64 = 0.5;
     /// A rival scores at least so much of what the effect itself scores.
     pub const LEAST_SHARE: f64 = 0.3;
+    /// Log-likelihood that the unknown start of a lag costs: a prior of 0.3 (m or m/s) over the 0.015 to which a flight tells it.
+    pub const LAG_PRICE: f64 = 3.0;
     /// A fitted start is believed so far from the measured one: several times what markers scatter, in metres.
     pub const NEAR_M: f64 = 0.1;
     /// And so far in velocity, in m/s.
@@ -110,7 +112,7 @@ pub mod completion {
     pub const CHANCE: f64 = 0.008;
     /// And by more than this share of the error that holding the state would make. Commands answer the noise of markers, so that a measured velocity and a
     /// prediction share some of it: a right latency of 70 ms moved the vertical error by 0.021 of that share.
-    pub const MATTERS: f64 = 0.03;
+    pub const MATTERS: f64 = 0.1;
 }
 
 /// Numbers of the stage `noise`.

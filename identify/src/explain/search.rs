@@ -6,8 +6,8 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::calibration::search::{
-    BEYOND, ENOUGH, EVERY_TO_START, FAR_BEHIND, KEPT, LEAST_JOINED, LEAST_PROPOSAL, LEAST_SHARE, NEAR_M, NEAR_MPS, NEARLY, PROBABILITIES,
-    PROBABILITY_SD, SHORTLIST, SHORTLIST_IN_CALM, STEPS, STEPS_TO_START, TIGHT, TUNED, WIDEN, WINDOWS_TO_PROPOSE,
+    BEYOND, ENOUGH, EVERY_TO_START, FAR_BEHIND, KEPT, LAG_PRICE, LEAST_JOINED, LEAST_PROPOSAL, LEAST_SHARE, NEAR_M, NEAR_MPS, NEARLY,
+    PROBABILITIES, PROBABILITY_SD, SHORTLIST, SHORTLIST_IN_CALM, STEPS, STEPS_TO_START, TIGHT, TUNED, WIDEN, WINDOWS_TO_PROPOSE,
 };
 pub use super::calibration::search::{CLEAR, LEAST_GAIN, MOST_EFFECTS};
 use super::candidates::{Candidate, candidates};
@@ -387,9 +387,12 @@ impl<'a> Search<'a> {
         let others = scores.iter().filter(is_rival).take(SHORTLIST);
         let others: Vec<&Score> = others.collect();
         let proposals: Vec<Proposal> = others.par_iter().filter_map(|s| self.propose(&at, s, &base)).collect();
+        let lags = |j: &FilteredHypothesis| j.hypothesis.terms.iter().map(|t| t.entry.lags).sum::<usize>();
+        // a swing whose start nobody measured pays for that, which is no word against it
+        let behind = |j: &FilteredHypothesis| j.loss - judged.loss - LAG_PRICE * lags(j).saturating_sub(lags(judged)) as f64;
         let replaced = self.refine_nearest(&self.judge_all(&proposals, &judged.disturbances), judged.loss + noise).into_iter();
         let named = |j: FilteredHypothesis| Some((j.hypothesis.terms.iter().find(|t| !judged.hypothesis.has(t.entry.name))?.entry.name, j));
-        replaced.filter_map(named).filter(|(_, j)| j.loss - judged.loss < noise).collect()
+        replaced.filter_map(named).filter(|(_, j)| behind(j) < noise).collect()
     }
 
     fn judge_all(&self, proposals: &[Proposal], disturbances: &Disturbances) -> Vec<FilteredHypothesis> {

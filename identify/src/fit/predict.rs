@@ -1,7 +1,7 @@
 //! Windows of flights predicted by the simulator itself, on numbers with derivatives.
 
 use crazyflie_env::dual::{DIRECTIONS, Dual};
-use crazyflie_env::effects::{self, Entry, registry};
+use crazyflie_env::effects::{self, Entry, Param, registry};
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::plant::{Command, Push, State};
 use crazyflie_env::real::Real;
@@ -38,6 +38,10 @@ pub struct Compared {
     /// See [`super::flight::Sample::spread`].
     pub spread: f64,
 }
+
+/// A parameter is simulated at most this share of its range beyond a bound: a filter may pass through an inertia below zero, and nothing comes back from
+/// there.
+const BEYOND: f64 = 0.05;
 
 /// Directions of one pass: all unknowns do not fit one dual.
 struct Pass {
@@ -173,7 +177,9 @@ impl Worker {
             for term in &self.terms {
                 let mut params: Vec<Dual> = term.values.iter().map(|v| Dual::of(*v)).collect();
                 for i in &term.free {
-                    params[*i] = pass.variable(values[unknown - first], unknown);
+                    let Param { low, high, .. } = term.entry.params[*i];
+                    let beyond = BEYOND * (high - low);
+                    params[*i] = pass.variable(values[unknown - first].clamp(low - beyond, high + beyond), unknown);
                     unknown += 1;
                 }
                 pass.world.put(term.entry.name, &params)?;
