@@ -195,6 +195,16 @@ fn two_per_cent_of_gain_are_a_correction_and_no_cause() {
     same_values(&folder.join("out"));
 }
 
+/// Without the gain, a filter passes through an inertia below zero: that must not lose the name.
+#[test]
+fn a_weak_gain_on_a_large_inertia_keeps_its_name() {
+    let folder = folder("explain_gain_and_inertia");
+    let flights = fly(&folder, &["attitude_gain=0.82", "inertia_scale=1.5"]);
+    let found = explain(&folder, &flights);
+    let names: Vec<&str> = found["effects"].as_array().unwrap().iter().map(|e| e["name"].as_str().unwrap()).collect();
+    assert!(names.contains(&"attitude_gain"), "{found}");
+}
+
 #[test]
 fn lost_packets_are_told_from_a_delay_and_counted() {
     let folder = folder("explain_loss");

@@ -35,14 +35,17 @@ pub(super) fn print(run: &Run, written: &[PathBuf], out: &mut dyn Write) -> Outc
     if !found.confirmed.is_empty() {
         write!(out, "\nthe model holds it already, and needs it\n{}", effects(&found.confirmed).plain())?;
     }
+    if ![&found.effects, &found.partial, &found.corrections, &found.confirmed].into_iter().all(Vec::is_empty) {
+        writeln!(out, "worth: log-likelihood lost without the effect, on the flights of the fit and of the test")?;
+    }
     if !found.needless.is_empty() {
         writeln!(out, "the model holds, and predictions do not miss: {}", found.needless.join(", "))?;
     }
+    if !found.numbers.is_empty() {
+        writeln!(out, "\nnumbers of the model, fitted beside the effects")?;
+    }
     for number in &found.numbers {
         writeln!(out, "{} {} -> {} {}", number.path, significant(number.declared, 4), significant(number.value, 4), number.unit)?;
-    }
-    if !(found.effects.is_empty() && found.partial.is_empty() && found.confirmed.is_empty()) {
-        writeln!(out, "worth: log-likelihood lost without the effect, on the flights of the fit and of the test")?;
     }
     writeln!(out, "\nerrors of prediction on the test flights, RMS\n{}", errors(found).plain())?;
     writeln!(out, "errors of each test flight, 2 s ahead\n{}", flights(run).plain())?;

@@ -71,13 +71,13 @@ pub(super) struct ModelNumber {
     path: String,
     declared: Cell,
     fitted: Cell,
-    unit: &'static str,
+    unit: String,
 }
 
 pub(super) fn numbers(all: &[NumberEstimate]) -> Vec<ModelNumber> {
     let row = |(i, n): (usize, &NumberEstimate)| {
         let cell = |name: &str, value| Cell::new(significant(value, 4), value, format!("/numbers/{i}/{name}"));
-        ModelNumber { path: n.path.clone(), declared: cell("declared", n.declared), fitted: cell("value", n.value), unit: n.unit }
+        ModelNumber { path: n.path.clone(), declared: cell("declared", n.declared), fitted: cell("value", n.value), unit: unit(n.unit) }
     };
     all.iter().enumerate().map(row).collect()
 }
