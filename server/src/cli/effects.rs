@@ -2,7 +2,7 @@
 
 use std::io::Write;
 
-use crazyflie_env::effects::{Entry, Hooks, find, registry};
+use crazyflie_env::effects::{Entry, Hooks, Param, find, registry};
 use serde_json::{Value, json};
 
 use super::{Outcome, Table};
@@ -44,7 +44,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     for e in chosen {
         writeln!(out, "{} ({})\n    {}\n    source: {}", e.name, hooks(e.hooks).join(", "), e.about, e.source)?;
         for p in e.params {
-            writeln!(out, "    .{} [{}], {} to {}, default {}: {}", p.name, p.unit, p.low, p.high, p.off, p.about)?;
+            writeln!(out, "    .{} [{}], {} to {}, default {}: {}", p.name, p.unit, p.low, p.high, p.off, about(p))?;
         }
     }
     Ok(())
@@ -56,11 +56,17 @@ fn hooks(h: Hooks) -> Vec<&'static str> {
     all.into_iter().filter(|(on, _)| *on).map(|(_, name)| name).collect()
 }
 
+/// What a parameter is, and from which size `explain` calls it a cause.
+fn about(p: &Param) -> String {
+    let least = if p.least > 0.0 { format!(" (a cause from {} off the default)", p.least) } else { String::new() };
+    format!("{}{least}", p.about)
+}
+
 fn as_json(e: &Entry) -> Value {
     let params: Vec<Value> = e
         .params
         .iter()
-        .map(|p| json!({"name": p.name, "unit": p.unit, "default": p.off, "low": p.low, "high": p.high, "about": p.about}))
+        .map(|p| json!({"name": p.name, "unit": p.unit, "default": p.off, "low": p.low, "high": p.high, "least_cause": p.least, "about": p.about}))
         .collect();
     json!({"name": e.name, "about": e.about, "source": e.source, "acts_on": hooks(e.hooks), "params": params})
 }
@@ -70,7 +76,7 @@ fn table(chosen: &[&Entry]) -> Table {
     for e in chosen {
         for (i, p) in e.params.iter().enumerate() {
             let first = |text: String| if i == 0 { text } else { String::new() };
-            let what = if i == 0 { format!("{}. {}", e.about, p.about) } else { p.about.to_owned() };
+            let what = if i == 0 { format!("{}. {}", e.about, about(p)) } else { about(p) };
             let range = format!("{} to {}", p.low, p.high);
             let name = first(format!("`{}`", e.name));
             table.row(vec![name, format!("`{}`", p.name), p.unit.into(), p.off.to_string(), range, what, first(e.source.into())]);
