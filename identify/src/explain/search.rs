@@ -10,6 +10,7 @@ use super::calibration::search::{
     PROBABILITIES, PROBABILITY_SD, SHORTLIST, SHORTLIST_IN_CALM, STEPS, STEPS_TO_START, TIGHT, TUNED, WIDEN, WINDOWS_TO_PROPOSE,
 };
 pub use super::calibration::search::{CLEAR, LEAST_GAIN, MOST_EFFECTS};
+use super::calibration::verdict::MOST_RIVALS;
 use super::candidates::{Candidate, candidates};
 use super::noise::{FLOOR, calm, loud, price, tune};
 use crate::estimate::at_bound;
@@ -392,7 +393,11 @@ impl<'a> Search<'a> {
         let behind = |j: &FilteredHypothesis| j.loss - judged.loss - LAG_PRICE * lags(j).saturating_sub(lags(judged)) as f64;
         let replaced = self.refine_nearest(&self.judge_all(&proposals, &judged.disturbances), judged.loss + noise).into_iter();
         let named = |j: FilteredHypothesis| Some((j.hypothesis.terms.iter().find(|t| !judged.hypothesis.has(t.entry.name))?.entry.name, j));
-        replaced.filter_map(named).filter(|(_, j)| behind(j) < noise).collect()
+        let alike = replaced.filter_map(named).filter(|(_, j)| behind(j) < noise);
+        let (mut rivals, swings): (Vec<_>, Vec<_>) = alike.partition(|(_, j)| j.loss - judged.loss < noise);
+        // what is alike only but for its start does not make a name too vague to be said
+        rivals.extend(swings.into_iter().take(MOST_RIVALS.saturating_sub(rivals.len())));
+        rivals
     }
 
     fn judge_all(&self, proposals: &[Proposal], disturbances: &Disturbances) -> Vec<FilteredHypothesis> {
