@@ -58,7 +58,7 @@ CROWD = """async () => {
     socket.onmessage = (message) => answered(JSON.parse(message.data));
     socket.send(JSON.stringify({ id: ++id, ...request }));
   });
-  const options = { drones: 8, max_episode_steps: 6000 };
+  const options = { drones: 8, max_episode_steps: 1600 };
   const { session } = await ask({ type: "world", name: "page", mission: "swap", seed: 2, options });
   await ask({ type: "join", name: "page" });
   await ask({ type: "leave" });
