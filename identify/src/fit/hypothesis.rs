@@ -103,7 +103,7 @@ impl Hypothesis {
 
     /// Whether an effect of the hypothesis is a cause (see [`Term::is_cause`]).
     pub fn is_cause(&self, effect: &str) -> bool {
-        self.terms.iter().any(|t| t.entry.name == effect && t.is_cause())
+        self.term(effect).is_some_and(Term::is_cause)
     }
 
     /// Which lagged pushes of the model's forms are estimated (see [`Model::lags_push`]).

@@ -60,8 +60,7 @@ pub fn explain_recorded(
     }
     progress("the test flights");
     let flights = [fitted_flights, tested];
-    let declared = Hypothesis::of(model);
-    let before = Seen::new(&declared, flights.clone())?;
+    let before = Seen::new(&Hypothesis::of(model), flights.clone())?;
     let findings: Vec<Finding> =
         selection.names().into_iter().filter(is_cause).filter_map(|name| finding(&bench, &base, &selection, &flights[1], name)).collect();
     let unchanged = |outcome| Completion { outcome, errors: errors_between(&before, &before), seen: before.clone() };
@@ -118,10 +117,11 @@ struct Base {
 impl Base {
     fn new(model: &Model, logs: &[NamedLog], input: VerticalInput, bench: &mut Bench) -> Result<Self, IdentifyError> {
         let free = vehicle::visible(model, logs, input);
-        let own_hover = input == VerticalInput::Thrust && bench.flights.iter().all(|f| f.sees_true_attitude);
+        let sees_trims = bench.flights.iter().all(|f| f.sees_true_attitude);
+        let own_hover = input == VerticalInput::Thrust && sees_trims;
         let free = if own_hover { vehicle::beside_hover(free) } else { free };
         let (opened, declared) = opened(model, &free);
-        let nuisance = if bench.flights.iter().all(|f| f.sees_true_attitude) { vehicle::nuisance_terms(input)? } else { Vec::new() };
+        let nuisance = if sees_trims { vehicle::nuisance_terms(input)? } else { Vec::new() };
         let kept = Hypothesis { pushed: false, ..Hypothesis::of(&opened) };
         let kept = nuisance.into_iter().chain(declared_terms(&declared)).fold(kept, |h, term| h.with(term));
         let says_effect = |path: &String| registry().iter().any(|e| e.model_number == Some(path.as_str()));
@@ -214,10 +214,9 @@ fn completed(fitted: &FittedHypothesis, base: &Base, logs: &[NamedLog]) -> Hypot
     Hypothesis { model, pushed: true, ..whole }.fixed()
 }
 
-/// A model, flights as it sees them, and what it makes of them.
+/// Flights as a model sees them, and the model with what it makes of them.
 #[derive(Clone)]
 struct Seen {
-    hypothesis: Hypothesis,
     fit: Vec<Flight>,
     test: Vec<Flight>,
     trims: Vec<Trim>,
@@ -228,11 +227,11 @@ impl Seen {
     fn new(hypothesis: &Hypothesis, [mut fit, mut test]: [Vec<Flight>; 2]) -> Result<Self, IdentifyError> {
         let trims = vehicle::settle_flights(&hypothesis.completed("for its trims"), &mut fit, &mut test)?;
         let judged = Search::new(&fit).declared(hypothesis).ok_or_else(broken)?;
-        Ok(Seen { hypothesis: hypothesis.clone(), fit, test, trims, judged })
+        Ok(Seen { fit, test, trims, judged })
     }
 
     fn predictor(&self) -> Predictor<'_> {
-        (&self.hypothesis, &self.judged.disturbances, &self.test)
+        (&self.judged.hypothesis, &self.judged.disturbances, &self.test)
     }
 }
 
@@ -309,7 +308,7 @@ fn explanation(
         ),
         effects,
         confirmed,
-        needless: if keeps { needless(base, &after.hypothesis) } else { Vec::new() },
+        needless: if keeps { needless(base, &after.judged.hypothesis) } else { Vec::new() },
         withdrawn: if outcome == Outcome::Withdrawn { joined(base, &selection) } else { Vec::new() },
         partial,
         corrections: Vec::new(),
@@ -319,7 +318,7 @@ fn explanation(
         disturbances: [before.judged.disturbances, after.judged.disturbances],
         declared: before.judged.hypothesis,
         leftover: residual::leftovers(&after.fit, &after.test, &after.judged, None),
-        completed: after.hypothesis,
+        completed: after.judged.hypothesis,
         not_excited: Vec::new(),
         path: selection.steps,
         errors,
