@@ -6,7 +6,7 @@ use crazyflie_env::config::Options;
 use crazyflie_env::control::{Chosen, Controller, Mode, Site, registry};
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::{ACTION, OBSERVATION};
-use crazyflie_env::vector::{Out, VectorEnv};
+use crazyflie_env::vector::{StepBuffers, VectorEnv};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 
 const ENVS: usize = 256;
@@ -17,8 +17,8 @@ const OPTIONS: &str = r#"{"task": "hover", "vertical": "thrust", "effects": {"ca
 /// The controller, and what it sees in its own flight.
 fn flown(name: &str) -> (Box<dyn Controller>, Vec<Vec<f32>>) {
     let model = Model::thesis();
-    let mut env = VectorEnv::new(&model, &Options::parse(OPTIONS).expect("options"), ENVS).expect("environments");
-    let site = Site { model: &model, interface: env.interface(), tick_s: env.tick_s(), envs: ENVS, mode: Mode::Automatic };
+    let mut env = VectorEnv::new(std::slice::from_ref(&model), &Options::parse(OPTIONS).expect("options"), ENVS).expect("environments");
+    let site = Site { model: &model, interface: env.interfaces()[0], tick_s: env.tick_s(), envs: ENVS, mode: Mode::Automatic };
     let mut pilot = Chosen::named(name).and_then(|chosen| chosen.build(&site)).expect("controller");
     let (mut observations, mut actions) = (vec![0.0; ENVS * OBSERVATION], vec![0.0; ENVS * ACTION]);
     let (mut rewards, mut terminated, mut truncated) = (vec![0.0; ENVS], vec![false; ENVS], vec![false; ENVS]);
@@ -28,7 +28,7 @@ fn flown(name: &str) -> (Box<dyn Controller>, Vec<Vec<f32>>) {
     for _ in 0..TICKS {
         seen.push(observations.clone());
         pilot.act(&observations, &mut actions).expect("act");
-        let out = Out { observations: &mut observations, rewards: &mut rewards, terminated: &mut terminated, truncated: &mut truncated };
+        let out = StepBuffers::new(&mut observations, &mut rewards, &mut terminated, &mut truncated);
         env.step(&actions, out).expect("step");
     }
     (pilot, seen)

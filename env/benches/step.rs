@@ -8,7 +8,7 @@ use crazyflie_env::config::Options;
 use crazyflie_env::isa::Level;
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::{ACTION, OBSERVATION};
-use crazyflie_env::vector::{Out, VectorEnv};
+use crazyflie_env::vector::{StepBuffers, VectorEnv};
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 
 const EFFECTS: &str = r#""vertical": "pwm", "effects": {"camera_noise": {"xy_m": 0.004, "z_m": 0.008, "yaw_deg": 0.5}, "ground_effect": 1.0,
@@ -32,13 +32,13 @@ impl Rig {
             if effects { format!(", {EFFECTS}") } else { String::new() }
         );
         let options = Options::parse(&text).expect("options of the benchmark");
-        let mut env = VectorEnv::new(&Model::thesis(), &options, envs).expect("environments");
+        let mut env = VectorEnv::new(&[Model::thesis()], &options, envs).expect("environments");
         let mut room = vec![0.0_f32; envs * OBSERVATION + 16];
         let skip = room.as_ptr().align_offset(64);
         let seeds: Vec<u64> = (0..envs as u64).collect();
         env.reset(Some(&seeds), None, &mut room[skip..skip + envs * OBSERVATION]).expect("reset");
         // small tilts to all sides, the weight carried: flights last, and still end at all times
-        let hover = env.interface();
+        let hover = env.interfaces()[0];
         let lift = if effects { (2.0 * hover.hover_lift / hover.lift_max - 1.0) as f32 } else { 0.0 };
         let actions =
             (0..envs * ACTION).map(|i| if i % ACTION == 3 { lift } else { 0.02 * ((i * 7919 % 199) as f32 / 99.0 - 1.0) }).collect();
@@ -46,12 +46,12 @@ impl Rig {
     }
 
     fn step(&mut self) {
-        let out = Out {
-            observations: &mut self.room[self.skip..self.skip + self.rewards.len() * OBSERVATION],
-            rewards: &mut self.rewards,
-            terminated: &mut self.terminated,
-            truncated: &mut self.truncated,
-        };
+        let out = StepBuffers::new(
+            &mut self.room[self.skip..self.skip + self.rewards.len() * OBSERVATION],
+            &mut self.rewards,
+            &mut self.terminated,
+            &mut self.truncated,
+        );
         self.env.step(black_box(&self.actions), out).expect("step");
     }
 }

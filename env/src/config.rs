@@ -7,9 +7,11 @@ use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
 
+use crate::coupling::Knowledge;
 use crate::effects::{self, Entry, Param};
 use crate::error::{Error, Result, unknown};
 use crate::model::VerticalInput;
+use crate::task::{self, within};
 
 /// Effects by name, each with its parameters by name.
 pub type EffectTable = BTreeMap<String, EffectParams>;
@@ -188,7 +190,19 @@ pub enum Autoreset {
     Disabled,
 }
 
-/// Everything that can be chosen about a batch of environments, besides the model.
+/// Lift that one Crazyflie loses a quarter of a metre below another (see the effect `downwash`): drones that share the air feel each other.
+const DOWNWASH_N: f64 = 0.118;
+
+/// What differs from drone to drone of a world.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Each {
+    /// In place of those that all have in common.
+    #[serde(deserialize_with = "effect_table")]
+    pub effects: EffectTable,
+}
+
+/// Everything that can be chosen about a batch of environments, besides the models.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Options {
@@ -207,6 +221,14 @@ pub struct Options {
     pub threads: usize,
     /// "baseline", "avx2" or "avx512"; the machine's best unless given. The results are the same.
     pub isa: Option<String>,
+    /// Drones in each environment; 0 for as many as the task has by itself.
+    pub drones: usize,
+    /// What the drones of an environment know of each other.
+    pub neighbours: Knowledge,
+    /// For each drone, or for none.
+    pub each: Vec<Each>,
+    /// Two drones nearer than twice this have collided.
+    pub radius_m: f64,
 }
 
 impl Default for Options {
@@ -221,19 +243,51 @@ impl Default for Options {
             max_episode_steps: 0,
             threads: 1,
             isa: None,
+            drones: 0,
+            neighbours: Knowledge::Ideal,
+            each: Vec::new(),
+            // motor to motor across 92 mm, propellers of 46 mm (thesis 3.1): tips at 69 mm from the centre
+            radius_m: 0.069,
         }
     }
 }
 
 impl Options {
-    /// From JSON.
+    /// From JSON. Where a task has several drones, the effect `downwash` is on unless the text says otherwise.
     ///
     /// # Errors
-    /// [`Error::Config`] for bad JSON or unknown fields; see also [`check_effects`].
+    /// [`Error::Config`] for bad JSON or unknown fields, [`Error::Unknown`] for the task, [`Error::Range`]; see also [`check_effects`].
     pub fn parse(text: &str) -> Result<Options> {
-        let options: Options = serde_json::from_str(text).map_err(|e| Error::Config(e.to_string()))?;
+        let mut options: Options = serde_json::from_str(text).map_err(|e| Error::Config(e.to_string()))?;
+        if task::find(&options.task)?.drones > 1 {
+            options.effects.entry("downwash".into()).or_insert(EffectParams::First(Number::Fixed(DOWNWASH_N)));
+        }
         check_effects(&options.effects)?;
+        options.each.iter().try_for_each(|each| check_effects(&each.effects))?;
+        within("radius_m", options.radius_m, 0.0, 0.5)?;
         Ok(options)
+    }
+
+    /// The effects of drone `drone` of an environment.
+    pub(crate) fn drone_effects(&self, drone: usize) -> EffectTable {
+        let mut table = self.effects.clone();
+        let own = self.each.get(drone).map(|each| &each.effects);
+        table.extend(own.into_iter().flatten().map(|(name, given)| (name.clone(), given.clone())));
+        table
+    }
+
+    /// # Errors
+    /// [`Error::Range`] unless there are as many entries of `each` and `models` as drones (or one model).
+    pub(crate) fn check_drones(&self, drones: usize, models: usize) -> Result<()> {
+        let wrong = |name: &str, value: usize, want: String| Err(Error::Range { name: name.into(), value: value as f64, want });
+        let each = self.each.len();
+        if each != 0 && each != drones {
+            return wrong("the number of entries of each", each, format!("0 or {drones}, one for each drone"));
+        }
+        if models != 1 && models != drones {
+            return wrong("the number of models", models, format!("1 or {drones}, one for each drone"));
+        }
+        Ok(())
     }
 }
 

@@ -1,10 +1,11 @@
 //! The Crazyflie that the TU Darmstadt thesis identified, as a fast, vectorised environment.
 //!
-//! One way for data: [`model`] -> [`effects`] -> [`world`] -> [`task`] -> [`vector`] for one drone each, or [`swarm`] for several that share
-//! the air. No input or output, no clock, no Python here.
+//! One way for data: [`model`] -> [`effects`] -> [`world`] -> [`task`] -> [`vector`], a batch of environments with one drone or several that share
+//! the air ([`coupling`]). No input or output, no clock, no Python here.
 
 pub mod config;
 pub mod control;
+pub mod coupling;
 pub mod dual;
 pub mod effects;
 pub mod error;
@@ -22,7 +23,6 @@ pub mod real;
 mod rows;
 pub mod schedule;
 pub mod simulated;
-pub mod swarm;
 pub mod task;
 mod team;
 pub mod vector;

@@ -42,7 +42,14 @@ pub const FIELDS: [Field; 10] = [
     field("last_action", 20, 4, "1", [-1.0, 1.0], "the previous action"),
 ];
 
-const fn field(name: &'static str, first: usize, length: usize, unit: &'static str, range: [f64; 2], about: &'static str) -> Field {
+pub(crate) const fn field(
+    name: &'static str,
+    first: usize,
+    length: usize,
+    unit: &'static str,
+    range: [f64; 2],
+    about: &'static str,
+) -> Field {
     Field { name, first, length, unit, low: range[0], high: range[1], about }
 }
 

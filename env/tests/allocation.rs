@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use crazyflie_env::config::Options;
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::{ACTION, OBSERVATION};
-use crazyflie_env::vector::{Out, VectorEnv};
+use crazyflie_env::vector::{StepBuffers, VectorEnv};
 
 struct Counting;
 
@@ -40,7 +40,7 @@ fn no_allocation(threads: usize) {
     let text = r#"{"max_episode_steps": 20, "threads": THREADS, "vertical": "pwm", "autoreset": "same_step", "effects": {"camera_noise": {"xy_m": 0.004}, "camera_latency": 0.05,
         "cmd_delay": 0.03, "battery_sag": {"exponent": 1}, "drag_linear": {"uniform": [0, 1]}, "gust": 0.2}}"#;
     let n = 100;
-    let mut env = VectorEnv::new(&Model::thesis(), &Options::parse(&text.replace("THREADS", &threads.to_string())).unwrap(), n).unwrap();
+    let mut env = VectorEnv::new(&[Model::thesis()], &Options::parse(&text.replace("THREADS", &threads.to_string())).unwrap(), n).unwrap();
     let mut observations = vec![0.0; n * OBSERVATION];
     let seeds: Vec<u64> = (0..n as u64).collect();
     env.reset(Some(&seeds), None, &mut observations).unwrap();
@@ -52,7 +52,7 @@ fn no_allocation(threads: usize) {
         if step == 20 {
             (before, ended) = (CALLS.load(Ordering::Relaxed), 0);
         }
-        let out = Out { observations: &mut observations, rewards: &mut rewards, terminated: &mut terminated, truncated: &mut truncated };
+        let out = StepBuffers::new(&mut observations, &mut rewards, &mut terminated, &mut truncated);
         env.step(&actions, out).unwrap();
         ended += truncated.iter().filter(|t| **t).count();
     }

@@ -4,7 +4,7 @@ use crazyflie_env::config::Options;
 use crazyflie_env::control::{Belief, Chosen, Controller, Estimator, Mode, Site, registry};
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::{ACTION, OBSERVATION};
-use crazyflie_env::vector::{Out, STATE, VectorEnv};
+use crazyflie_env::vector::{STATE, StepBuffers, VectorEnv};
 
 /// The lab's camera: 30 frames a second, 50 ms old, with the noise of a good ArUco pose.
 const CAMERA: &str = r#""camera": 1, "camera_latency": 0.05, "camera_noise": {"xy_m": 0.005, "z_m": 0.01, "yaw_deg": 1}"#;
@@ -22,8 +22,8 @@ impl Flight {
     fn new(controller: &str, vertical: &str, task: &str, effects: &str) -> Flight {
         let options = Options::parse(&format!(r#"{{"vertical": "{vertical}", {task}, "effects": {{{effects}}}}}"#)).unwrap();
         let model = Model::thesis();
-        let mut env = VectorEnv::new(&model, &options, ENVS).unwrap();
-        let site = Site { model: &model, interface: env.interface(), tick_s: env.tick_s(), envs: ENVS, mode: Mode::Automatic };
+        let mut env = VectorEnv::new(std::slice::from_ref(&model), &options, ENVS).unwrap();
+        let site = Site { model: &model, interface: env.interfaces()[0], tick_s: env.tick_s(), envs: ENVS, mode: Mode::Automatic };
         let pilot = Chosen::named(controller).unwrap().build(&site).unwrap();
         let mut observations = vec![0.0; ENVS * OBSERVATION];
         let seeds: Vec<u64> = (100..100 + ENVS as u64).collect();
@@ -37,8 +37,7 @@ impl Flight {
         let (mut actions, mut rewards) = ([0.0; ENVS * ACTION], [0.0; ENVS]);
         let (mut terminated, mut truncated) = ([false; ENVS], [false; ENVS]);
         self.pilot.act(&self.observations, &mut actions).unwrap();
-        let out =
-            Out { observations: &mut self.observations, rewards: &mut rewards, terminated: &mut terminated, truncated: &mut truncated };
+        let out = StepBuffers::new(&mut self.observations, &mut rewards, &mut terminated, &mut truncated);
         self.env.step(&actions, out).unwrap();
         assert!(!terminated.contains(&true), "a flight ended");
         self.env.states(&mut self.states).unwrap();
@@ -77,7 +76,7 @@ fn every_controller_comes_to_the_marker_with_every_vertical_form() {
 fn localisation(effects: &str, task: &str) -> [[f64; 2]; 2] {
     let mut flight = Flight::new("thesis-pid", "pwm", task, effects);
     let model = Model::thesis();
-    let estimator = Estimator::<f64>::new(&model, flight.env.interface().input, flight.env.tick_s(), &Belief::default());
+    let estimator = Estimator::<f64>::new(&model, flight.env.interfaces()[0].input, flight.env.tick_s(), &Belief::default());
     let mut all = vec![estimator; ENVS];
     let (mut squares, mut most, from, ticks) = ([0.0; 2], [0.0_f64; 2], 50, 600);
     for tick in 0..ticks {

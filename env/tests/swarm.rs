@@ -7,35 +7,32 @@ use crazyflie_env::Error;
 use crazyflie_env::config::Options;
 use crazyflie_env::control::avoid::Avoid;
 use crazyflie_env::control::{Chosen, Crowd, Mode, Site};
+use crazyflie_env::coupling::NEIGHBOUR;
+use crazyflie_env::coupling::load::{self, Load, Ropes};
 use crazyflie_env::effects::Neighbour;
 use crazyflie_env::isa::Level;
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::observation::{ACTION, OBSERVATION};
 use crazyflie_env::plant::{Command, Push, State};
-use crazyflie_env::swarm::load::{self, Load, Ropes};
-use crazyflie_env::swarm::{METRICS, NEIGHBOUR, SwarmOptions, mission};
+use crazyflie_env::task;
+use crazyflie_env::vector::{METRICS, VectorEnv};
 use crazyflie_env::world::{Around, Settings, Tick, World};
-use fleet::Fleet;
+use fleet::{Fleet, fleet_options};
 
 /// The thesis PID for every drone.
 fn crowd(fleet: &Fleet, avoid: Option<Avoid>) -> Crowd {
     let (env, model) = (&fleet.env, Model::thesis());
     let one = |j: usize| {
-        let site = Site {
-            model: &model,
-            interface: env.interface(j).unwrap(),
-            tick_s: env.tick_s(),
-            envs: env.num_worlds(),
-            mode: Mode::Automatic,
-        };
+        let site =
+            Site { model: &model, interface: env.interfaces()[j], tick_s: env.tick_s(), envs: env.num_envs(), mode: Mode::Automatic };
         Chosen::named("thesis-pid").unwrap().build(&site).unwrap()
     };
-    Crowd::new((0..env.num_drones()).map(one).collect(), env.num_worlds(), avoid, env.tick_s()).unwrap()
+    Crowd::new((0..env.num_drones()).map(one).collect(), env.num_envs(), avoid, env.tick_s()).unwrap()
 }
 
 /// The metrics of every world's first episode.
 fn fly(fleet: &mut Fleet, avoid: Option<Avoid>) -> Vec<Vec<f32>> {
-    let (worlds, n) = (fleet.env.num_worlds(), fleet.env.num_drones());
+    let (worlds, n) = (fleet.env.num_envs(), fleet.env.num_drones());
     let mut crowd = crowd(fleet, avoid);
     let (mut actions, mut first) = (fleet.level(), vec![Vec::new(); worlds]);
     while first.iter().any(Vec::is_empty) {
@@ -143,7 +140,7 @@ const LIVELY: &str = r#""drones": 5, "max_episode_steps": 70, "neighbours": {"by
 
 #[test]
 fn the_same_bits_for_any_batch_thread_and_instruction_set() {
-    for entry in mission::registry() {
+    for entry in task::registry().iter().filter(|entry| entry.drones > 1) {
         let options = |more: &str| format!("{{\"task\": \"{}\", {LIVELY}{more}}}", entry.name);
         let reference = rows(&options(""), 20, 0);
         for level in Level::available() {
@@ -175,8 +172,8 @@ fn eight_swap_without_a_collision_if_they_avoid_each_other() {
 }
 
 #[test]
-fn every_mission_can_be_flown_by_the_thesis_pid() {
-    for entry in mission::registry() {
+fn every_task_can_be_flown_by_the_thesis_pid() {
+    for entry in task::registry().iter().filter(|entry| entry.drones > 1) {
         let options = format!("{{\"task\": \"{}\", \"max_episode_steps\": {}}}", entry.name, entry.max_episode_steps);
         let mut fleet = Fleet::new(32, &options);
         fleet.reset(0);
@@ -262,7 +259,7 @@ fn drones_may_differ() {
     let options = r#"{"task": "formation", "drones": 2, "each": [{}, {"effects": {"mass_change": 0.01}}], "vertical": "pwm", "effects": {"downwash": 0}}"#;
     let mut fleet = Fleet::new(1, options);
     fleet.reset(0);
-    let interface = fleet.env.interface(0).unwrap();
+    let interface = fleet.env.interfaces()[0];
     let hover = (2.0 * interface.hover_lift / interface.lift_max - 1.0) as f32;
     for _ in 0..20 {
         fleet.step(&[0.0, 0.0, 0.0, hover, 0.0, 0.0, 0.0, hover]).unwrap();
@@ -275,11 +272,12 @@ fn drones_may_differ() {
 #[test]
 fn mistakes_are_named() {
     let made = |options: &str| {
-        let options = SwarmOptions::parse(options)?;
-        crazyflie_env::swarm::SwarmEnv::new(&[Model::thesis()], &options, 1).map(|_| ())
+        let options = fleet_options(options)?;
+        VectorEnv::new(&[Model::thesis()], &options, 1).map(|_| ())
     };
     for (options, words) in [
-        (r#"{"task": "swop"}"#, vec!["mission", "swop", "did you mean \"swap\""]),
+        (r#"{"task": "swop"}"#, vec!["task", "swop", "did you mean \"swap\""]),
+        (r#"{"task": "hover", "drones": 2}"#, vec!["drones is 2", "hover is for one drone"]),
         (r#"{"drones": 65}"#, vec!["drones is 65", "1 to 64"]),
         (r#"{"drones": 3, "each": [{}]}"#, vec!["each is 1", "0 or 3"]),
         (r#"{"each": [{"effects": {"drag": 1}}]}"#, vec!["drag"]),

@@ -7,7 +7,7 @@ use crazyflie_env::control::{self, Controller, Mode};
 use crazyflie_env::isa::Level;
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::{ACTION, FIELDS, OBSERVATION};
-use crazyflie_env::vector::{Out, STATE, VectorEnv};
+use crazyflie_env::vector::{STATE, StepBuffers, VectorEnv};
 use proptest::prelude::*;
 
 const EVERYTHING: &str = r#"{"camera_noise": {"xy_m": 0.004, "z_m": 0.008, "yaw_deg": 0.5}, "camera_fov": {"diagonal_deg": 120}, "camera_latency": 0.05,
@@ -30,7 +30,7 @@ struct Batch {
 
 impl Batch {
     fn new(envs: usize, options: &Options) -> Self {
-        let env = VectorEnv::new(&Model::thesis(), options, envs).unwrap();
+        let env = VectorEnv::new(&[Model::thesis()], options, envs).unwrap();
         Batch {
             env,
             observations: vec![0.0; envs * OBSERVATION],
@@ -47,12 +47,7 @@ impl Batch {
     }
 
     fn step(&mut self, actions: &[f32]) -> crazyflie_env::Result<()> {
-        let out = Out {
-            observations: &mut self.observations,
-            rewards: &mut self.rewards,
-            terminated: &mut self.terminated,
-            truncated: &mut self.truncated,
-        };
+        let out = StepBuffers::new(&mut self.observations, &mut self.rewards, &mut self.terminated, &mut self.truncated);
         self.env.step(actions, out)
     }
 
@@ -171,7 +166,7 @@ fn fly_pid(task: &str, gains: Gains, mode: Mode, vertical: &str, effects: &str, 
     let n = 32;
     let mut batch = Batch::new(n, &options(&format!(r#"{{"task": "{task}", "vertical": "{vertical}", "effects": {effects}}}"#)));
     batch.reset(1);
-    let mut pid = control::Batch::new(n, Pid::new(gains, batch.env.interface(), batch.env.tick_s(), mode));
+    let mut pid = control::Batch::new(n, Pid::new(gains, batch.env.interfaces()[0], batch.env.tick_s(), mode));
     let mut actions = vec![0.0; n * ACTION];
     let mut sum = vec![0.0; n];
     let mut states = vec![0.0; n * STATE];
@@ -208,7 +203,7 @@ fn yaw_errors_to_both_sides_are_turned_back() {
             );
             let mut batch = Batch::new(4, &options(&o));
             batch.reset(3);
-            let mut pid = control::Batch::new(4, Pid::new(gains, batch.env.interface(), batch.env.tick_s(), Mode::Automatic));
+            let mut pid = control::Batch::new(4, Pid::new(gains, batch.env.interfaces()[0], batch.env.tick_s(), Mode::Automatic));
             let mut actions = [0.0; 16];
             for _ in 0..500 {
                 pid.act(&batch.observations, &mut actions).unwrap();
@@ -307,10 +302,10 @@ fn wrong_options_are_named() {
         (r#"{"task_options": {"start_radius_m": 9}}"#, "start_radius_m is 9"),
         (r#"{"task": "track", "task_options": {"shape": "circel"}}"#, "circel"),
     ] {
-        let error = VectorEnv::new(&Model::thesis(), &options(text), 1).err().expect(text).to_string();
+        let error = VectorEnv::new(&[Model::thesis()], &options(text), 1).err().expect(text).to_string();
         assert!(error.contains(words), "{text}: {error}");
     }
-    assert!(VectorEnv::new(&Model::thesis(), &options("{}"), 0).is_err());
+    assert!(VectorEnv::new(&[Model::thesis()], &options("{}"), 0).is_err());
 }
 
 proptest! {
@@ -328,7 +323,7 @@ proptest! {
         if text.is_char_boundary(end) {
             let damaged = format!("{}{with}{}", &text[..at], &text[end..]);
             if let Ok(model) = Model::parse(&damaged) {
-                let _ = VectorEnv::new(&model, &Options::default(), 1);
+                let _ = VectorEnv::new(std::slice::from_ref(&model), &Options::default(), 1);
             }
         }
     }

@@ -33,8 +33,8 @@ fn scenes(folder: &Path) -> Result<(), Box<dyn Error>> {
     let flying = [drone(trail[130], 0.06, -0.17, 0)];
     let view = Scene {
         drones: &flying,
-        trail_m: &trail,
-        setpoint_m: Some([0.0, 0.0, 0.7]),
+        trails_m: &[&trail],
+        setpoints_m: &[[0.0, 0.0, 0.7]],
         markers: &MARKERS,
         fix_m: Some([-0.02, 0.08, 0.72]),
         camera_fov_rad: Some(120.0_f32.to_radians()),
@@ -52,8 +52,8 @@ fn scenes(folder: &Path) -> Result<(), Box<dyn Error>> {
     let plain = Scene { markers: &MARKERS, ..Scene::default() };
     save(folder, "approach", &view, (480, 360))?;
     save(folder, "approach_large", &view, (1200, 900))?;
-    save(folder, "start", &Scene { drones: &start, trail_m: &[], fix_m: None, ..view }, (480, 360))?;
-    save(folder, "pair", &Scene { drones: &pair, path_m: &path, trail_m: &path[..5], ..plain }, (640, 400))?;
+    save(folder, "start", &Scene { drones: &start, trails_m: &[], fix_m: None, ..view }, (480, 360))?;
+    save(folder, "pair", &Scene { drones: &pair, path_m: &path, trails_m: &[&path[..5]], ..plain }, (640, 400))?;
     save(folder, "hover", &Scene { drones: &hovering, ..plain }, (480, 360))?;
     save(folder, "ground", &Scene { drones: &landed, ..plain }, (480, 360))?;
     save(folder, "small", &view, (96, 96))

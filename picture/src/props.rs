@@ -29,7 +29,7 @@ pub(crate) struct Item {
 }
 
 enum What {
-    Trail { points: Vec<V3>, newness: f32 },
+    Trail { points: Vec<V3>, newness: f32, color: [u8; 3] },
     Path { points: Vec<V3> },
     Plumb { from: V3, ink: Ink },
     Ray { from: V3, to: V3 },
@@ -41,8 +41,11 @@ pub(crate) fn items(scene: &Scene, canvas: &Canvas) -> Vec<Item> {
     let view = canvas.view;
     let mut items = Vec::new();
     let mut push = |at: V3, what: What| items.push(Item { depth: view.depth(at), what });
-    for (points, newness) in pieces(canvas, scene.trail_m) {
-        push(middle(&points), What::Trail { points, newness });
+    for (i, trail) in scene.trails_m.iter().enumerate() {
+        let own = scene.drones.get(i).map(|drone| drone.color).filter(|_| scene.trails_m.len() > 1);
+        for (points, newness) in pieces(canvas, trail) {
+            push(middle(&points), What::Trail { points, newness, color: own.unwrap_or(TRAIL) });
+        }
     }
     for (points, _) in pieces(canvas, scene.path_m) {
         push(middle(&points), What::Path { points });
@@ -55,16 +58,16 @@ pub(crate) fn items(scene: &Scene, canvas: &Canvas) -> Vec<Item> {
             corners.into_iter().for_each(|to| push(mix(from, to, 0.5), What::Ray { from, to }));
         }
     }
-    if let Some(at) = scene.setpoint_m {
-        push(mix(at, on_floor(at), 0.5), What::Plumb { from: at, ink: Ink(SETPOINT, 150) });
+    for at in scene.setpoints_m {
+        push(mix(*at, on_floor(*at), 0.5), What::Plumb { from: *at, ink: Ink(SETPOINT, 150) });
     }
     items
 }
 
 pub(crate) fn paint(scene: &Scene, item: &Item, canvas: &mut Canvas) {
     match &item.what {
-        What::Trail { points, newness } => {
-            let ink = Ink(TRAIL, (30.0 + 200.0 * newness) as u8);
+        What::Trail { points, newness, color } => {
+            let ink = Ink(*color, (30.0 + 200.0 * newness) as u8);
             canvas.line(points, canvas.pen(1.2 + 1.3 * newness), ink);
         }
         What::Path { points } => canvas.line(points, canvas.pen(1.4), Ink(PATH, 170)),
@@ -142,7 +145,7 @@ fn plumb(canvas: &mut Canvas, from: V3, ink: Ink) {
 /// Setpoint and camera fix, after everything else: a drone that is where it should be must not hide the setpoint.
 pub(crate) fn marks(scene: &Scene, canvas: &mut Canvas) {
     scene.fix_m.iter().for_each(|at| fix(canvas, *at));
-    scene.setpoint_m.iter().for_each(|at| setpoint(canvas, *at));
+    scene.setpoints_m.iter().for_each(|at| setpoint(canvas, *at));
 }
 
 /// A diamond with a cross in it.

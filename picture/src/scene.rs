@@ -64,10 +64,10 @@ impl Marker {
 pub struct Scene<'a> {
     /// The drones.
     pub drones: &'a [Drone],
-    /// Positions flown so far, oldest first; fades with age.
-    pub trail_m: &'a [[f32; 3]],
-    /// Where the controller wants the drone to be.
-    pub setpoint_m: Option<[f32; 3]>,
+    /// Positions flown so far by each drone, oldest first; they fade with age. Each has its drone's colour, a single one its own.
+    pub trails_m: &'a [&'a [[f32; 3]]],
+    /// Where the controllers want the drones to be.
+    pub setpoints_m: &'a [[f32; 3]],
     /// Reference path; may be empty.
     pub path_m: &'a [[f32; 3]],
     /// Markers on the floor.
@@ -131,13 +131,11 @@ fn check(scene: &Scene) -> Result<(), PictureError> {
         within("drone position", i, &drone.pos_m, -m, m)?;
         within("drone attitude", i, &[drone.roll_rad, drone.pitch_rad, drone.yaw_rad], f32::MIN, f32::MAX)?;
     }
-    let lists = [("trail", scene.trail_m), ("reference path", scene.path_m)];
-    for (what, points) in lists {
+    let trails = scene.trails_m.iter().map(|trail| ("trail", *trail));
+    for (what, points) in trails.chain([("reference path", scene.path_m), ("setpoint", scene.setpoints_m)]) {
         points.iter().enumerate().try_for_each(|(i, point)| within(what, i, point, -m, m))?;
     }
-    for (what, point) in [("setpoint", scene.setpoint_m), ("camera fix", scene.fix_m)] {
-        point.iter().try_for_each(|point| within(what, 0, point, -m, m))?;
-    }
+    scene.fix_m.iter().try_for_each(|point| within("camera fix", 0, point, -m, m))?;
     for (i, marker) in scene.markers.iter().enumerate() {
         within("marker position", i, &[marker.x_m, marker.y_m], -m, m)?;
         within("marker yaw", i, &[marker.yaw_rad], f32::MIN, f32::MAX)?;

@@ -142,10 +142,9 @@ impl View {
     }
 }
 
-/// Midpoint of the drones' mean position and the setpoint.
+/// Midpoint of the drones' mean position and that of the setpoints.
 fn focus(scene: &Scene) -> V3 {
-    let drones = centre(scene);
-    match (drones, scene.setpoint_m) {
+    match (centre(scene), mean(scene.setpoints_m.iter().copied())) {
         (Some(d), Some(s)) => mix(d, s, 0.5),
         (Some(p), None) | (None, Some(p)) => p,
         (None, None) => [0.0; 3],
@@ -153,13 +152,18 @@ fn focus(scene: &Scene) -> V3 {
 }
 
 fn centre(scene: &Scene) -> Option<V3> {
-    let sum = scene.drones.iter().fold([0.0; 3], |sum, drone| add(sum, drone.pos_m));
-    (!scene.drones.is_empty()).then(|| scale(sum, 1.0 / scene.drones.len() as f32))
+    mean(scene.drones.iter().map(|drone| drone.pos_m))
+}
+
+fn mean(points: impl ExactSizeIterator<Item = V3>) -> Option<V3> {
+    let count = points.len();
+    let sum = points.fold([0.0; 3], add);
+    (count > 0).then(|| scale(sum, 1.0 / count as f32))
 }
 
 /// Calls `visit` with every point that has to be inside the frame.
 fn for_each_framed(scene: &Scene, focus: V3, mut visit: impl FnMut(V3)) {
-    for point in scene.drones.iter().map(|d| d.pos_m).chain(scene.setpoint_m) {
+    for point in scene.drones.iter().map(|d| d.pos_m).chain(scene.setpoints_m.iter().copied()) {
         visit(point);
         visit(on_floor(point));
     }

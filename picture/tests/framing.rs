@@ -19,7 +19,7 @@ fn drone_setpoint_and_marker_stay_in_the_frame() {
         for drone in [[0.0, 0.0, 0.03], [0.8, 0.0, 0.7], [-2.4, 2.4, 2.8], [30.0, -12.0, 5.0]] {
             for setpoint in [[0.0, 0.0, 0.7], [-1.0, 2.0, 1.5]] {
                 let drones = [at(drone, BLUE)];
-                let scene = Scene { drones: &drones, setpoint_m: Some(setpoint), markers: &MARKER, ..Scene::default() };
+                let scene = Scene { drones: &drones, setpoints_m: &[setpoint], markers: &MARKER, ..Scene::default() };
                 let camera = View::frame(&scene, width, height);
                 for point in [drone, setpoint, [0.0; 3], [drone[0], drone[1], 0.0]] {
                     let [x, y] = camera.project(point).unwrap();
@@ -49,8 +49,8 @@ fn the_camera_moves_smoothly() {
     for i in 0..400 {
         let t = i as f32 * 0.01;
         let drones = [at([t - 1.0, 0.4 * (2.0 * t).sin(), 0.3 * t], BLUE)];
-        let setpoint_m = Some([0.0, 0.0, 0.7]);
-        let scene = Scene { drones: &drones, markers: &markers, setpoint_m, ..Scene::default() };
+        let setpoints_m: &[_] = &[[0.0, 0.0, 0.7]];
+        let scene = Scene { drones: &drones, markers: &markers, setpoints_m, ..Scene::default() };
         let now = view(&scene).project([0.0, 0.0, 0.0]).unwrap();
         if let Some(before) = before {
             assert!((now[0] - before[0]).hypot(now[1] - before[1]) < 6.0, "jump at {t}");

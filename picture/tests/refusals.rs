@@ -13,7 +13,7 @@ fn at(pos_m: [f32; 3], color: [u8; 3]) -> Drone {
 fn odd_scenes_are_drawn_all_the_same() {
     let drones = [at([0.0, 0.0, -2.0], BLUE), Drone { roll_rad: 3.1, pitch_rad: -1.5, yaw_rad: 40.0, ..at([9.9e3, -9.9e3, 9.9e3], GREEN) }];
     let far: Vec<[f32; 3]> = (0..2000).map(|i| [5.0 * i as f32, 0.0, (i % 7) as f32]).collect();
-    let full = Scene { drones: &drones, trail_m: &far, path_m: &far[..1], camera_fov_rad: Some(3.1), ..Scene::default() };
+    let full = Scene { drones: &drones, trails_m: &[&far], path_m: &far[..1], camera_fov_rad: Some(3.1), ..Scene::default() };
     for scene in [Scene::default(), full, Scene { drones: &drones[..1], ..full }] {
         for (width, height) in [(1, 1), (3, 50), (320, 240)] {
             render(&scene, width, height, &mut vec![0; (width * height * 3) as usize]).unwrap();
@@ -40,9 +40,9 @@ fn numbers_that_cannot_be_drawn_are_named_and_nothing_is_written() {
     let flat = [Marker { side_m: 0.0, ..Marker::default() }];
     let cases = [
         (Scene { drones: &drones, ..Scene::default() }, "drone attitude", 1),
-        (Scene { trail_m: &points, ..Scene::default() }, "trail", 2),
+        (Scene { trails_m: &[&points], ..Scene::default() }, "trail", 2),
         (Scene { path_m: &points, ..Scene::default() }, "reference path", 2),
-        (Scene { setpoint_m: Some(points[2]), ..Scene::default() }, "setpoint", 0),
+        (Scene { setpoints_m: &[points[2]], ..Scene::default() }, "setpoint", 0),
         (Scene { fix_m: Some([0.0, 0.0, 1e5]), ..Scene::default() }, "camera fix", 0),
         (Scene { markers: &flat, ..Scene::default() }, "marker side", 0),
         (Scene { camera_fov_rad: Some(4.0), ..Scene::default() }, "camera angle of view", 0),

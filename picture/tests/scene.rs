@@ -120,7 +120,7 @@ fn yaw_turns_the_nose_towards_y() {
 fn the_shadow_lies_on_the_floor_straight_below() {
     let here = [0.3, 0.2, 0.6];
     // A setpoint at the same place keeps the camera where it is when the drone is taken away.
-    let without = Scene { setpoint_m: Some(here), markers: &MARKER, ..Scene::default() };
+    let without = Scene { setpoints_m: &[here], markers: &MARKER, ..Scene::default() };
     let drones = [at(here, BLUE)];
     let with = Scene { drones: &drones, ..without };
     let camera = view(&with);
@@ -137,7 +137,7 @@ fn the_shadow_lies_on_the_floor_straight_below() {
 
 #[test]
 fn the_marker_is_black_with_a_white_border_and_bits() {
-    let scene = Scene { markers: &MARKER, setpoint_m: Some([0.4, 0.0, 0.5]), ..Scene::default() };
+    let scene = Scene { markers: &MARKER, setpoints_m: &[[0.4, 0.0, 0.5]], ..Scene::default() };
     let (rgb, camera) = (frame(&scene), view(&scene));
     let cell = 0.197 / 7.0;
     let shade = |x: f32, y: f32| pixel(&rgb, camera.project([x, y, 0.0]).unwrap())[1];
@@ -153,8 +153,8 @@ fn the_marker_is_black_with_a_white_border_and_bits() {
 #[test]
 fn the_trail_fades_with_age() {
     let trail: Vec<[f32; 3]> = (0..=200).map(|i| [i as f32 * 0.003 - 0.3, 0.0, 0.7]).collect();
-    let without = Scene { setpoint_m: Some([0.0, 0.0, 0.7]), markers: &MARKER, ..Scene::default() };
-    let with = Scene { trail_m: &trail, ..without };
+    let without = Scene { setpoints_m: &[[0.0, 0.0, 0.7]], markers: &MARKER, ..Scene::default() };
+    let with = Scene { trails_m: &[&trail], ..without };
     let (plain, drawn, camera) = (frame(&without), frame(&with), view(&with));
     let change = |point: [f32; 3]| {
         let at = camera.project(point).unwrap();
@@ -185,8 +185,8 @@ fn the_same_scene_gives_the_same_bytes() {
     let path: Vec<[f32; 3]> = (0..50).map(|i| [0.1 * i as f32, 0.0, 0.5]).collect();
     let scene = Scene {
         drones: &drones,
-        trail_m: &path,
-        setpoint_m: Some([0.0, 0.0, 0.7]),
+        trails_m: &[&path],
+        setpoints_m: &[[0.0, 0.0, 0.7]],
         path_m: &path,
         markers: &MARKER,
         fix_m: Some([0.1, 0.0, 0.6]),

@@ -2,13 +2,13 @@
 
 mod arrays;
 mod controller;
+mod crowd;
 mod errors;
 mod held;
 mod picture;
 mod registry;
 mod remote;
 mod sim;
-mod swarm;
 
 /// The simulator in Rust. Use it through the package `crazyflie_gym`.
 #[pyo3::pymodule]
@@ -16,13 +16,13 @@ mod _native {
     #[pymodule_export]
     use crate::controller::{Controller, Pid, controllers};
     #[pymodule_export]
+    use crate::crowd::{Crowd, metrics};
+    #[pymodule_export]
     use crate::picture::{ansi, path, render};
     #[pymodule_export]
-    use crate::registry::{check_model, cli, effects, model_text, observation_fields, tasks};
+    use crate::registry::{check_model, cli, effects, model_text, neighbour_fields, observation_fields, tasks};
     #[pymodule_export]
     use crate::remote::Remote;
     #[pymodule_export]
     use crate::sim::{Interface, Sim};
-    #[pymodule_export]
-    use crate::swarm::{Crowd, Swarm, metrics, missions};
 }

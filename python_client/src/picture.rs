@@ -16,6 +16,17 @@ fn rows<const N: usize>(what: &str, object: Option<&Bound<'_, PyAny>>) -> PyResu
     Ok(array.as_slice()?.as_chunks::<N>().0.to_vec())
 }
 
+/// A line for each drone: (n, 3) for a single one, or (lines, n, 3).
+fn lines(what: &str, object: Option<&Bound<'_, PyAny>>) -> PyResult<Vec<Vec<[f32; 3]>>> {
+    let shape = object.and_then(|object| object.cast::<PyUntypedArray>().ok()).map(|array| array.shape().to_vec());
+    let (Some(object), Some([count, points, _])) = (object, shape.as_deref()) else {
+        return Ok(object.map(|object| rows::<3>(what, Some(object))).transpose()?.into_iter().collect());
+    };
+    let array = input::<f32>(what, &[*count, *points, 3], object)?;
+    let all = array.as_slice()?.as_chunks::<3>().0;
+    Ok(if *points == 0 { Vec::new() } else { all.chunks(*points).map(<[_]>::to_vec).collect() })
+}
+
 fn point(what: &str, object: Option<&Bound<'_, PyAny>>) -> PyResult<Option<[f32; 3]>> {
     let Some(object) = object else { return Ok(None) };
     let array = input::<f32>(what, &[3], object)?;
@@ -23,7 +34,8 @@ fn point(what: &str, object: Option<&Bound<'_, PyAny>>) -> PyResult<Option<[f32;
 }
 
 /// A picture as a new uint8 array (height, width, 3). All lengths in metres, angles in radians, arrays float32: `drones` (n, 6) with
-/// position and roll, pitch, yaw; `trail` and `path` (n, 3); `markers` (n, 3) with x, y, yaw; `setpoint` and `fix` (3,). The camera's
+/// position and roll, pitch, yaw; `trail` (n, 3), or (drones, n, 3); `path` (n, 3); `markers` (n, 3) with x, y, yaw; `setpoint` (3,) or (n, 3);
+/// `fix` (3,). The camera's
 /// view is drawn where `camera_fov_rad`, the angle over the picture's diagonal, is given.
 #[pyfunction]
 #[pyo3(signature = (width, height, *, drones = None, trail = None, setpoint = None, path = None, markers = None, marker_side_m = 0.197, fix = None, camera_fov_rad = None))]
@@ -62,13 +74,24 @@ pub fn render<'py>(
         .into_iter()
         .map(|[x_m, y_m, yaw_rad]| draw::Marker { x_m, y_m, yaw_rad, side_m: marker_side_m })
         .collect();
-    let (trail, path) = (rows::<3>("trail", trail)?, rows::<3>("path", path)?);
-    let (setpoint_m, fix_m) = (point("setpoint", setpoint)?, point("fix", fix)?);
+    let (trails, path) = (lines("trail", trail)?, rows::<3>("path", path)?);
+    let trails: Vec<&[_]> = trails.iter().map(Vec::as_slice).collect();
+    let single = setpoint.and_then(|object| object.cast::<PyUntypedArray>().ok()).is_some_and(|array| array.ndim() == 1);
+    let setpoints = if single { point("setpoint", setpoint)?.into_iter().collect() } else { rows::<3>("setpoint", setpoint)? };
+    let fix_m = point("fix", fix)?;
     let picture = PyArray3::<u8>::zeros(py, [height as usize, width as usize, 3], false);
     let mut pixels = picture.try_readwrite()?;
     let out = pixels.as_slice_mut()?;
     py.detach(|| {
-        let scene = draw::Scene { drones: &drones, trail_m: &trail, setpoint_m, path_m: &path, markers: &markers, fix_m, camera_fov_rad };
+        let scene = draw::Scene {
+            drones: &drones,
+            trails_m: &trails,
+            setpoints_m: &setpoints,
+            path_m: &path,
+            markers: &markers,
+            fix_m,
+            camera_fov_rad,
+        };
         guarded(|| draw::render(&scene, width as u32, height as u32, out))
     })?;
     drop(pixels);

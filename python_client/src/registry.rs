@@ -1,7 +1,8 @@
 //! What there is to choose from, as the registries know it.
 
+use crazyflie_env::coupling::NEIGHBOUR_FIELDS;
 use crazyflie_env::model::{Model, THESIS_TOML};
-use crazyflie_env::observation::FIELDS;
+use crazyflie_env::observation::{FIELDS, Field};
 use crazyflie_env::{effects as effect, task};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -37,7 +38,7 @@ fn param_dict<'py>(py: Python<'py>, param: &effect::Param) -> PyResult<Bound<'py
     Ok(dict)
 }
 
-/// Every task, as a dict: name, id (Gymnasium's), about, reward, max_episode_steps.
+/// Every task, as a dict: name, id (Gymnasium's), about, reward, max_episode_steps, drones.
 #[pyfunction]
 pub fn tasks(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
     let one = |entry: &task::Entry| {
@@ -46,6 +47,7 @@ pub fn tasks(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
             dict.set_item(key, text)?;
         }
         dict.set_item("max_episode_steps", entry.max_episode_steps)?;
+        dict.set_item("drones", entry.drones)?;
         Ok(dict)
     };
     task::registry().iter().map(one).collect()
@@ -54,20 +56,27 @@ pub fn tasks(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
 /// The layout of an observation row, as dicts: name, first, length, unit, low, high, about.
 #[pyfunction]
 pub fn observation_fields(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
-    let one = |field: &crazyflie_env::observation::Field| {
-        let dict = PyDict::new(py);
-        for (key, text) in [("name", field.name), ("unit", field.unit), ("about", field.about)] {
-            dict.set_item(key, text)?;
-        }
-        for (key, count) in [("first", field.first), ("length", field.length)] {
-            dict.set_item(key, count)?;
-        }
-        for (key, value) in [("low", field.low), ("high", field.high)] {
-            dict.set_item(key, value)?;
-        }
-        Ok(dict)
-    };
-    FIELDS.iter().map(one).collect()
+    FIELDS.iter().map(|field| field_dict(py, field)).collect()
+}
+
+/// The layout of what follows it for each of the other drones of an environment.
+#[pyfunction]
+pub fn neighbour_fields(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
+    NEIGHBOUR_FIELDS.iter().map(|field| field_dict(py, field)).collect()
+}
+
+fn field_dict<'py>(py: Python<'py>, field: &Field) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    for (key, text) in [("name", field.name), ("unit", field.unit), ("about", field.about)] {
+        dict.set_item(key, text)?;
+    }
+    for (key, count) in [("first", field.first), ("length", field.length)] {
+        dict.set_item(key, count)?;
+    }
+    for (key, value) in [("low", field.low), ("high", field.high)] {
+        dict.set_item(key, value)?;
+    }
+    Ok(dict)
 }
 
 /// The text of the built-in model, TOML: a start for a model of another vehicle.

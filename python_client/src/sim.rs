@@ -3,12 +3,12 @@
 use crazyflie_env::config::Options;
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::observation::{self, ACTION, OBSERVATION};
-use crazyflie_env::vector::{Out, STATE, VectorEnv};
+use crazyflie_env::vector::{METRICS, STATE, StepBuffers, VectorEnv};
 use crazyflie_env::{Error, Result};
-use numpy::PyArray1;
+use numpy::{PyArray1, PyArrayDyn};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyDict, PyTuple};
 
 use crate::arrays::{empty, input, mask as read_mask, output, row};
 use crate::errors::{Failure, guarded};
@@ -23,7 +23,7 @@ pub const FEW_ENVS: usize = 16;
 /// Observations, rewards, terminated, truncated, number of episodes that ended.
 pub type Step<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, usize);
 /// The last observation and true state of an episode.
-type Last<'py> = (Bound<'py, PyArray1<f32>>, Bound<'py, PyArray1<f32>>);
+type Last<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>);
 /// Observation, reward, terminated, truncated, info.
 pub type StepOne<'py> = (Bound<'py, PyArray1<f32>>, f64, bool, bool, Bound<'py, PyDict>);
 
@@ -96,11 +96,20 @@ impl Interface {
     }
 }
 
-/// A batch of `num_envs` environments. `options` is JSON (see `crazyflie_gym.options`), `model` the text of a model file.
+/// A batch of `num_envs` environments. `options` is JSON (see `crazyflie_gym.options`), `models` the texts of model files: none for the
+/// thesis's, one for all drones, or one for each drone of an environment.
 #[pyclass(module = "crazyflie_gym._native")]
 pub struct Sim {
     env: Held<VectorEnv>,
+    models: Vec<Model>,
     envs: usize,
+    drones: usize,
+    width: usize,
+    /// The first axes of all arrays: environments, and where a task has several drones also these.
+    lead: Vec<usize>,
+    /// Of the last step, where a task has several drones.
+    flying: Vec<bool>,
+    metrics: Vec<f32>,
 }
 
 /// Run a call without holding the interpreter, if it is long enough to be worth it.
@@ -108,28 +117,83 @@ pub fn detached<T: Send>(py: Python<'_>, envs: usize, call: impl FnOnce() -> Res
     if envs <= FEW_ENVS { guarded(call) } else { py.detach(|| guarded(call)) }
 }
 
+impl Sim {
+    fn rows(&self) -> usize {
+        self.envs * self.drones
+    }
+
+    /// The shape of an array with so many numbers for each drone.
+    fn shape(&self, width: usize) -> Vec<usize> {
+        [&self.lead[..], &[width]].concat()
+    }
+
+    fn several(&self) -> bool {
+        self.lead.len() > 1
+    }
+
+    /// For each drone, with the model that a controller may believe in.
+    pub fn interfaces_and_models(&self) -> PyResult<Vec<(observation::Interface, Model)>> {
+        let interfaces = self.env.glance(|env| env.interfaces().to_vec())?;
+        let model = |drone: usize| self.models.get(drone).unwrap_or(&self.models[0]).clone();
+        Ok(interfaces.into_iter().enumerate().map(|(drone, interface)| (interface, model(drone))).collect())
+    }
+
+    pub fn seconds_per_step(&self) -> PyResult<f64> {
+        self.env.glance(VectorEnv::tick_s)
+    }
+
+    /// Environments, drones of each, numbers in a drone's observation.
+    pub fn size(&self) -> [usize; 3] {
+        [self.envs, self.drones, self.width]
+    }
+}
+
 #[pymethods]
 impl Sim {
     #[new]
-    #[pyo3(signature = (num_envs, options = "{}", model = None))]
-    fn new(py: Python<'_>, num_envs: i64, options: &str, model: Option<&str>) -> PyResult<Self> {
+    #[pyo3(signature = (num_envs, options = "{}", models = None))]
+    fn new(py: Python<'_>, num_envs: i64, options: &str, models: Option<Vec<String>>) -> PyResult<Self> {
         if !(1..=MOST_ENVS).contains(&num_envs) {
             return Err(PyValueError::new_err(format!("num_envs is {num_envs}, expected 1 to {MOST_ENVS}")));
         }
         let envs = num_envs as usize;
-        let env = py.detach(|| {
+        let (env, models) = py.detach(|| {
             guarded(|| {
-                let model = model.map_or_else(|| Ok(Model::thesis()), Model::parse)?;
-                VectorEnv::new(&model, &Options::parse(options)?, envs)
+                let texts = models.unwrap_or_default();
+                let mut models = texts.iter().map(|text| Model::parse(text)).collect::<Result<Vec<_>>>()?;
+                if models.is_empty() {
+                    models.push(Model::thesis());
+                }
+                Ok::<_, Error>((VectorEnv::new(&models, &Options::parse(options)?, envs)?, models))
             })
         })?;
-        Ok(Sim { env: Held::new(env), envs })
+        let (drones, width, metrics) = (env.num_drones(), env.width(), env.num_metrics());
+        let (lead, flying) = if metrics == 0 { (vec![envs], Vec::new()) } else { (vec![envs, drones], vec![true; envs * drones]) };
+        Ok(Sim { env: Held::new(env), models, envs, drones, width, lead, flying, metrics: vec![0.0; envs * metrics] })
     }
 
     /// Environments in the batch.
     #[getter]
     fn num_envs(&self) -> usize {
         self.envs
+    }
+
+    /// Drones in each environment.
+    #[getter]
+    fn num_drones(&self) -> usize {
+        self.drones
+    }
+
+    /// Numbers in a drone's observation: its own 24, then 8 for each of the others.
+    #[getter]
+    fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Whether the task has several drones, so that arrays have an axis of drones.
+    #[getter]
+    fn has_drone_axis(&self) -> bool {
+        self.several()
     }
 
     /// Seconds per step.
@@ -144,14 +208,21 @@ impl Sim {
         self.env.glance(|env| env.level().name())
     }
 
-    /// What an action means.
+    /// What an action means, of the first drone.
     #[getter]
     fn interface(&self) -> PyResult<Interface> {
-        self.env.glance(|env| Interface { inner: env.interface(), tick_s: env.tick_s() })
+        self.env.glance(|env| Interface { inner: env.interfaces()[0], tick_s: env.tick_s() })
+    }
+
+    /// What an action means, for each drone of an environment.
+    #[getter]
+    fn interfaces(&self) -> PyResult<Vec<Interface>> {
+        self.env.glance(|env| env.interfaces().iter().map(|inner| Interface { inner: *inner, tick_s: env.tick_s() }).collect())
     }
 
     /// Begin episodes: in all environments, or in those of `mask`. With `seeds` the first episode of each seed, without them the next.
-    /// Writes the rows of `observations` (num_envs, 24) that begin, or makes a new array, and returns it.
+    /// Writes the rows of `observations` (num_envs, 24) that begin, or makes a new array, and returns it. Where a task has several drones,
+    /// the shape is (num_envs, num_drones, width).
     #[pyo3(signature = (seeds = None, mask = None, observations = None))]
     fn reset<'py>(
         &mut self,
@@ -160,32 +231,33 @@ impl Sim {
         mask: Option<&Bound<'py, PyAny>>,
         observations: Option<Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let n = self.envs;
+        let (n, shape) = (self.envs, self.shape(self.width));
         let seeds = seeds.map(|seeds| input::<u64>("seeds", &[n], seeds)).transpose()?;
         let seeds = seeds.as_ref().map(|seeds| seeds.as_slice()).transpose()?;
         let mask = mask.map(|mask| read_mask("reset_mask", &[n], mask)).transpose()?;
         let rows = match observations {
             Some(given) => given,
             // rows outside the mask stay as they are, so a new array must begin as something
-            None => numpy::PyArray2::<f32>::zeros(py, [n, OBSERVATION], false).into_any(),
+            None => PyArrayDyn::<f32>::zeros(py, &shape[..], false).into_any(),
         };
-        let mut out = output::<f32>("observations", &[n, OBSERVATION], &rows)?;
-        let (env, out) = (self.env.get()?, out.as_slice_mut()?);
-        detached(py, n, || env.reset(seeds, mask.as_deref(), out))?;
+        let mut out = output::<f32>("observations", &shape, &rows)?;
+        let (count, env, out) = (self.envs * self.drones, self.env.get()?, out.as_slice_mut()?);
+        detached(py, count, || env.reset(seeds, mask.as_deref(), out))?;
         Ok(rows)
     }
 
     /// One step of every environment: float32 actions (num_envs, 4) from -1 to 1. Returns new arrays: observations (num_envs, 24),
-    /// rewards, terminated, truncated (num_envs,), and the number of episodes that ended.
+    /// rewards, terminated, truncated (num_envs,), and the number of flights that ended. Where a task has several drones, (num_envs,) is
+    /// (num_envs, num_drones) in all of these, and 24 is `width`; see also `flying` and `metrics`.
     fn step<'py>(&mut self, py: Python<'py>, actions: &Bound<'py, PyAny>) -> PyResult<Step<'py>> {
-        let n = self.envs;
-        let (observations, rewards) = (empty::<f32>(py, (n, OBSERVATION))?, empty::<f32>(py, (n,))?);
-        let (terminated, truncated) = (empty::<bool>(py, (n,))?, empty::<bool>(py, (n,))?);
+        let (wide, lead) = (PyTuple::new(py, self.shape(self.width))?, PyTuple::new(py, &self.lead)?);
+        let (observations, rewards) = (empty::<f32>(py, wide)?, empty::<f32>(py, lead.clone())?);
+        let (terminated, truncated) = (empty::<bool>(py, lead.clone())?, empty::<bool>(py, lead)?);
         let ended = self.step_into(py, actions, &observations, &rewards, &terminated, &truncated)?;
         Ok((observations, rewards, terminated, truncated, ended))
     }
 
-    /// As `step`, into arrays of the caller; returns the number of episodes that ended.
+    /// As `step`, into arrays of the caller; returns the number of flights that ended.
     fn step_into<'py>(
         &mut self,
         py: Python<'py>,
@@ -195,27 +267,32 @@ impl Sim {
         terminated: &Bound<'py, PyAny>,
         truncated: &Bound<'py, PyAny>,
     ) -> PyResult<usize> {
-        let n = self.envs;
-        let actions = input::<f32>("actions", &[n, ACTION], actions)?;
-        let mut observations = output::<f32>("observations", &[n, OBSERVATION], observations)?;
-        let mut rewards = output::<f32>("rewards", &[n], rewards)?;
-        let mut terminated = output::<bool>("terminated", &[n], terminated)?;
-        let mut truncated = output::<bool>("truncated", &[n], truncated)?;
-        let (env, actions) = (self.env.get()?, actions.as_slice()?);
+        let count = self.rows();
+        let actions = input::<f32>("actions", &self.shape(ACTION), actions)?;
+        let mut observations = output::<f32>("observations", &self.shape(self.width), observations)?;
+        let mut rewards = output::<f32>("rewards", &self.lead, rewards)?;
+        let mut terminated = output::<bool>("terminated", &self.lead, terminated)?;
+        let mut truncated = output::<bool>("truncated", &self.lead, truncated)?;
+        let Sim { env, flying, metrics, .. } = self;
+        let (env, actions) = (env.get()?, actions.as_slice()?);
         let (observations, rewards) = (observations.as_slice_mut()?, rewards.as_slice_mut()?);
         let (terminated, truncated) = (terminated.as_slice_mut()?, truncated.as_slice_mut()?);
-        detached(py, n, || {
-            env.step(actions, Out { observations, rewards, terminated: &mut *terminated, truncated: &mut *truncated })?;
+        detached(py, count, || {
+            let out = StepBuffers { observations, rewards, terminated: &mut *terminated, truncated: &mut *truncated, flying, metrics };
+            env.step(actions, out)?;
             Ok(terminated.iter().zip(&*truncated).map(|(t, o)| usize::from(t | o)).sum())
         })
     }
 
     /// The step of a batch of one, as `gymnasium.Env.step` returns it: float32 action (4,), observation (24,), empty info.
     fn step_one<'py>(&mut self, py: Python<'py>, action: &Bound<'py, PyAny>) -> PyResult<StepOne<'py>> {
+        if self.rows() != 1 || self.several() {
+            return Err(PyValueError::new_err("step_one is for a single environment of one drone"));
+        }
         let action = input::<f32>("action", &[ACTION], action)?;
         let (mut observation, mut reward, mut terminated, mut truncated) = ([0.0; OBSERVATION], [0.0], [false], [false]);
         let env = self.env.get()?;
-        let out = Out { observations: &mut observation, rewards: &mut reward, terminated: &mut terminated, truncated: &mut truncated };
+        let out = StepBuffers::new(&mut observation, &mut reward, &mut terminated, &mut truncated);
         let actions = action.as_slice()?;
         guarded(|| {
             env.step(actions, out).map_err(|error| match error {
@@ -227,22 +304,57 @@ impl Sim {
         Ok((row(py, &observation), f64::from(reward[0]), terminated[0], truncated[0], PyDict::new(py)))
     }
 
-    /// The true states, float32 (num_envs, 12): position, velocity, roll pitch yaw, their rates; metres, seconds, radians.
+    /// After a step of a task of several drones: bool (num_envs, num_drones), which ones fly on, so that their next action counts.
+    /// `None` where a task has one drone.
+    fn flying<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
+        if !self.several() {
+            return Ok(None);
+        }
+        PyArray1::from_slice(py, &self.flying).call_method1("reshape", (PyTuple::new(py, &self.lead)?,)).map(Some)
+    }
+
+    /// After a step of a task of several drones: float32 (num_envs, 6), see `crazyflie_gym.metrics()`. `None` where a task has one drone.
+    fn metrics<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
+        if !self.several() {
+            return Ok(None);
+        }
+        PyArray1::from_slice(py, &self.metrics).call_method1("reshape", ((self.envs, METRICS.len()),)).map(Some)
+    }
+
+    /// The true states, float32 (num_envs, 12): position, velocity, roll pitch yaw, their rates; metres, seconds, radians. Where a task has
+    /// several drones, (num_envs, num_drones, 12).
     fn states<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let n = self.envs;
-        let states = empty::<f32>(py, (n, STATE))?;
-        let mut out = output::<f32>("states", &[n, STATE], &states)?;
-        let (env, out) = (self.env.get()?, out.as_slice_mut()?);
-        detached(py, n, move || env.states(out))?;
+        let shape = self.shape(STATE);
+        let states = empty::<f32>(py, PyTuple::new(py, &shape)?)?;
+        let mut out = output::<f32>("states", &shape, &states)?;
+        let (count, env, out) = (self.envs * self.drones, self.env.get()?, out.as_slice_mut()?);
+        detached(py, count, move || env.states(out))?;
         Ok(states)
     }
 
+    /// Where the loads are, float32 (num_envs, 3), or `None` where nothing is carried.
+    fn loads<'py>(&mut self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
+        let loads = empty::<f32>(py, (self.envs, 3))?;
+        let mut out = output::<f32>("loads", &[self.envs, 3], &loads)?;
+        let (env, rows) = (self.env.get()?, out.as_slice_mut()?);
+        let carried = guarded(|| env.loads(rows))?;
+        Ok(carried.then_some(loads))
+    }
+
     /// Of an episode that ended in the last step of environment `env`, when automatic resets happen in the same step: the last
-    /// observation (24,) and the last true state (12,). `None` in the other modes and out of range.
+    /// observation (24,) and the last true state (12,); where a task has several drones, (num_drones, width) and (num_drones, 12). `None`
+    /// in the other modes and out of range.
     fn last_of_episode<'py>(&mut self, py: Python<'py>, env: usize) -> PyResult<Option<Last<'py>>> {
         if env >= self.envs {
             return Ok(None);
         }
-        Ok(self.env.get()?.last_of_episode(env).map(|(observation, state)| (row(py, observation), row(py, state))))
+        let several = self.several();
+        let (drones, width) = (self.drones, self.width);
+        let shaped = |numbers: &[f32], width: usize| {
+            let flat = row(py, numbers);
+            if several { flat.call_method1("reshape", ((drones, width),)) } else { Ok(flat.into_any()) }
+        };
+        let Some((observation, state)) = self.env.get()?.last_of_episode(env) else { return Ok(None) };
+        Ok(Some((shaped(observation, width)?, shaped(state, STATE)?)))
     }
 }

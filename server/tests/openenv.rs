@@ -6,7 +6,7 @@ mod net;
 use crazyflie_env::config::Options;
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::FIELDS;
-use crazyflie_env::vector::{Out, VectorEnv};
+use crazyflie_env::vector::{StepBuffers, VectorEnv};
 use crazyflie_server::serve::{End, Settings};
 use net::{Client, Server};
 use serde_json::{Value, json};
@@ -23,7 +23,7 @@ fn a_conversation_flies_as_in_process() {
     let server = Server::start(Settings::default());
     let mut client = Client::connect(server.address, None);
     let options = r#"{"task": "track", "autoreset": "disabled", "max_episode_steps": 5}"#;
-    let mut local = VectorEnv::new(&Model::thesis(), &Options::parse(options).unwrap(), 1).unwrap();
+    let mut local = VectorEnv::new(&[Model::thesis()], &Options::parse(options).unwrap(), 1).unwrap();
     let (mut observation, mut reward, mut terminated, mut truncated) = ([0.0; 24], [0.0], [false], [false]);
     let data = json!({"seed": 3, "episode_id": "mine", "env": "CrazyflieTrack-v0", "options": {"max_episode_steps": 5}});
     let first = client.ask(&json!({"type": "reset", "data": data}));
@@ -33,7 +33,7 @@ fn a_conversation_flies_as_in_process() {
     for step in 1..=5 {
         let action = [0.1 * step as f32, -0.2, 0.0, 0.3];
         let reply = client.ask(&json!({"type": "step", "data": {"action": action}}));
-        let out = Out { observations: &mut observation, rewards: &mut reward, terminated: &mut terminated, truncated: &mut truncated };
+        let out = StepBuffers::new(&mut observation, &mut reward, &mut terminated, &mut truncated);
         local.step(&action, out).unwrap();
         assert_eq!((row(&reply["data"]), reply["data"]["reward"].as_f64().unwrap() as f32), (observation.to_vec(), reward[0]));
         assert_eq!(reply["data"]["done"], json!(step == 5));

@@ -5,7 +5,7 @@ mod net;
 
 use crazyflie_env::config::Options;
 use crazyflie_env::model::Model;
-use crazyflie_env::vector::{Out, STATE, VectorEnv};
+use crazyflie_env::vector::{STATE, StepBuffers, VectorEnv};
 use crazyflie_server::serve::{End, Settings};
 use net::{Client, Server, floats, le, request};
 use serde_json::{Value, json};
@@ -35,7 +35,7 @@ struct Row {
 
 impl Local {
     fn new(options: &str, n: usize) -> Local {
-        Local { env: VectorEnv::new(&Model::thesis(), &Options::parse(options).unwrap(), n).unwrap(), n }
+        Local { env: VectorEnv::new(&[Model::thesis()], &Options::parse(options).unwrap(), n).unwrap(), n }
     }
 
     fn reset(&mut self, seeds: &[u64]) -> Vec<f32> {
@@ -48,12 +48,7 @@ impl Local {
         let n = self.n;
         let (observations, rewards, states) = (vec![0.0; n * 24], vec![0.0; n], vec![0.0; n * STATE]);
         let mut row = Row { observations, rewards, states, finals: vec![], terminated: vec![false; n], truncated: vec![false; n] };
-        let out = Out {
-            observations: &mut row.observations,
-            rewards: &mut row.rewards,
-            terminated: &mut row.terminated,
-            truncated: &mut row.truncated,
-        };
+        let out = StepBuffers::new(&mut row.observations, &mut row.rewards, &mut row.terminated, &mut row.truncated);
         self.env.step(actions, out).unwrap();
         self.env.states(&mut row.states).unwrap();
         for env in (0..n).filter(|i| row.terminated[*i] | row.truncated[*i]) {

@@ -6,6 +6,7 @@ import numpy as np
 import crazyflie_gym
 
 IDS = [task["id"] for task in crazyflie_gym.tasks()]
+SINGLE = {task["id"] for task in crazyflie_gym.tasks() if task["drones"] == 1}
 
 # the five of env/benches/step.rs
 FIVE = {
@@ -20,6 +21,11 @@ FIVE = {
 def random_actions(steps, num_envs, seed=0, size=1.0):
     """Random actions, float32 (steps, num_envs, 4)."""
     return np.random.default_rng(seed).uniform(-size, size, (steps, num_envs, 4)).astype(np.float32)
+
+
+def actions_for(space, steps, seed=0):
+    """Random actions of a space, float32 (steps, ...)."""
+    return np.random.default_rng(seed).uniform(-1, 1, (steps, *space.shape)).astype(np.float32)
 
 
 def single_env(**kwargs):

@@ -229,6 +229,9 @@ OPTIONS = st.fixed_dictionaries(
         "autoreset": st.sampled_from(["next_step", "same_step", "disabled", "never"]),
         "max_episode_steps": st.integers(0, 5),
         "threads": st.integers(0, 3),
+        "drones": st.integers(0, 4),
+        "radius_m": NUMBER,
+        "neighbours": st.sampled_from([{"by": "ideal"}, {"by": "range", "range_m": 1}, {"by": "smell"}]),
     },
 )
 
@@ -246,7 +249,8 @@ def test_any_options_fly_or_are_refused(options, num_envs, random):
     assert np.isfinite(obs).all()
     for _ in range(12):
         try:
-            obs, rewards, _, _, _ = sim.step(np.random.default_rng(0).uniform(-1, 1, (num_envs, 4)).astype(np.float32))
+            shape = (*obs.shape[:-1], 4)
+            obs, rewards, _, _, _ = sim.step(np.random.default_rng(0).uniform(-1, 1, shape).astype(np.float32))
         except RuntimeError as error:
             assert "has ended" in str(error)
             break
@@ -256,6 +260,6 @@ def test_any_options_fly_or_are_refused(options, num_envs, random):
 @settings(max_examples=200, deadline=None)
 @given(st.text(max_size=40))
 def test_any_text_is_refused_as_options_and_as_model(text):
-    for refuse in (lambda: Sim(1, text), lambda: check_model(text), lambda: Sim(1, "{}", text)):
+    for refuse in (lambda: Sim(1, text), lambda: check_model(text), lambda: Sim(1, "{}", [text])):
         with pytest.raises(ValueError, match=r"."):
             refuse()

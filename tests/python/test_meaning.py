@@ -197,6 +197,12 @@ def test_registries_are_complete():
         "CrazyflieTakeoff-v0",
         "CrazyflieLand-v0",
         "CrazyflieTrack-v0",
+        "CrazyflieFormation-v0",
+        "CrazyflieSwap-v0",
+        "CrazyflieFollow-v0",
+        "CrazyflieCover-v0",
+        "CrazyflieLandInTurn-v0",
+        "CrazyflieCarry-v0",
     }
     for effect in crazyflie_gym.effects():
         assert effect["about"] and effect["source"] and effect["hooks"] and effect["params"]

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from crazyflie_gym import remote
-from crazyflie_gym._native import Swarm
+from crazyflie_gym._native import Sim
 
 # the program: the one that is named, or the one in the package
 CRAZYFLIE = shlex.split(os.environ.get("CRAZYFLIE", "")) or [sys.executable, "-m", "crazyflie_gym"]
@@ -50,7 +50,7 @@ def world(url, name):
 def test_a_pilot_gets_the_bits_of_the_library(url, client):
     options = {"drones": 1, "max_episode_steps": 60, "effects": {"camera_noise": 0.01}}
     told = remote.found_world(url, f"bits-{client}", "formation", seed=5, client=client, **options)
-    local = Swarm(1, json.dumps({"task": "formation", "autoreset": "disabled", **options}))
+    local = Sim(1, json.dumps({"task": "formation", "autoreset": "disabled", **options}))
     assert told["width"] == local.width == 24
     actions = np.random.default_rng(0).uniform(-0.2, 0.2, (60, 4)).astype(np.float32)
     actions[:, 3] = 0.0

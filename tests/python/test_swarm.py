@@ -1,22 +1,21 @@
-"""Several drones: PettingZoo's own tests, Gymnasium's, shapes, seeds, mistakes, and missions flown to the end."""
+"""Several drones: PettingZoo's own tests, shapes, seeds, mistakes, and tasks flown to the end."""
 
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 
 import crazyflie_gym
 from crazyflie_gym.swarm import METRICS, CrazyflieSwarm
 
-MISSIONS = [mission["name"] for mission in crazyflie_gym.missions()]
+TASKS = [task for task in crazyflie_gym.tasks() if task["drones"] > 1]
 
 
 def column(metrics, name):
     return metrics[..., METRICS.index(name)]
 
 
-@pytest.mark.parametrize("task", MISSIONS)
-def test_pettingzoo_accepts_every_mission(task):
+@pytest.mark.parametrize("task", [task["name"] for task in TASKS])
+def test_pettingzoo_accepts_every_task(task):
     testing = pytest.importorskip("pettingzoo.test")
     from crazyflie_gym.parallel import parallel_env
 
@@ -24,18 +23,58 @@ def test_pettingzoo_accepts_every_mission(task):
     testing.parallel_seed_test(lambda: parallel_env(task), num_cycles=50)
 
 
-@pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("mission", crazyflie_gym.missions(), ids=lambda mission: mission["name"])
-def test_gymnasium_accepts_every_team(mission):
-    # neighbours may be anywhere: the checker would only warn of that
-    with pytest.warns(UserWarning, match="observation space (min|max)imum value is"):
-        check_env(gymnasium.make(mission["id"]).unwrapped, skip_render_check=True)
-    envs = gymnasium.make_vec(mission["id"], num_envs=3, drones=3)
+@pytest.mark.parametrize("task", TASKS, ids=lambda task: task["name"])
+def test_one_agent_flies_them_all(task):
+    envs = gymnasium.make_vec(task["id"], num_envs=3, drones=3)
     rows, _ = envs.reset(seed=1)
     assert rows.shape == (3, 3, 24 + 2 * 8) and envs.observation_space.contains(rows)
     rows, rewards, terminated, truncated, infos = envs.step(envs.action_space.sample())
     assert rows.shape == (3, 3, 40) and rewards.shape == terminated.shape == truncated.shape == (3,)
     assert np.allclose(rewards, infos["drone_rewards"].mean(axis=1))
+
+
+def test_what_has_another_name_now_warns():
+    with pytest.warns(DeprecationWarning, match="CrazyflieTeamEnv is crazyflie_gym.CrazyflieEnv now"):
+        assert crazyflie_gym.CrazyflieTeamEnv is crazyflie_gym.CrazyflieEnv
+    with pytest.warns(DeprecationWarning, match="missions is crazyflie_gym.tasks now"):
+        assert crazyflie_gym.missions() == TASKS
+    with pytest.raises(AttributeError, match="no attribute 'CrazyflieTeem'"):
+        _ = crazyflie_gym.CrazyflieTeem
+
+
+def test_agents_have_a_true_state_and_a_picture():
+    env = pytest.importorskip("crazyflie_gym.parallel").parallel_env("swap", drones=3, render_mode="rgb_array")
+    env.reset(seed=2)
+    first, state = env.render(), env.state()
+    assert first.shape == (360, 480, 3) and state.shape == env.state_space.shape == (36,)
+    for _ in range(10):
+        env.step({agent: np.array([0, 0.5, 0, -0.2], np.float32) for agent in env.agents})
+    assert (env.render() != first).any() and (env.state() != state).any()
+
+
+def test_observations_name_what_is_known_of_the_others():
+    env = gymnasium.make("CrazyflieSwap-v0", drones=3, observation="dict", true_state=True).unwrapped
+    fields, info = env.reset(seed=4)
+    assert env.observation_space.contains(fields)
+    assert fields["neighbour_pos_m"].shape == (3, 2, 3) and fields["neighbour_known"].tolist() == [[[1]] * 2] * 3
+    pos_m = info["true_state"][:, :3]
+    np.testing.assert_allclose(fields["neighbour_pos_m"][0], pos_m[1:] - pos_m[0], atol=1e-6)
+    rows, _ = gymnasium.make("CrazyflieSwap-v0", drones=3).reset(seed=4)
+    np.testing.assert_array_equal(crazyflie_gym.flatten(fields), rows)
+
+
+@pytest.mark.parametrize("mode", ["next_step", "same_step"])
+def test_one_crash_ends_no_environment(mode):
+    envs = gymnasium.make_vec("CrazyflieFormation-v0", 2, drones=2, autoreset_mode=mode)
+    envs.reset(seed=0)
+    actions = np.tile(np.array([0, 0, 0, -0.2], np.float32), (2, 2, 1))
+    actions[1, 0, 1] = 1.0
+    crashed = False
+    for _ in range(200):
+        _, _, terminated, truncated, infos = envs.step(actions)
+        crashed |= not infos["flying"][1, 0]
+        assert not terminated.any() and not truncated.any() and not infos.get("_final_obs", np.zeros(2, bool)).any()
+    assert crashed and infos["flying"].sum() == 3
 
 
 def test_a_world_is_the_same_in_every_batch_and_form():

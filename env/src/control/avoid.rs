@@ -2,9 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::coupling::NEIGHBOUR;
 use crate::error::Result;
 use crate::real::Real;
-use crate::swarm::NEIGHBOUR;
 use crate::task::within;
 
 /// An artificial potential (Khatib 1986, Int. J. Robotics Research 5(1)) about where two drones will be nearest, with a vortex about each

@@ -2,12 +2,12 @@
 
 use super::avoid::Avoid;
 use super::{Controller, Mode};
+use crate::coupling::NEIGHBOUR;
 use crate::error::Result;
 use crate::lanes::{LANES, LaneMask, Lanes};
 use crate::observation::{ACTION, OBSERVATION};
 use crate::real::{Real, tabulate};
 use crate::rows::shape;
-use crate::swarm::NEIGHBOUR;
 
 /// Numbers of an observation's set-point that the avoidance replaces.
 const SETPOINT: usize = 16;
@@ -84,7 +84,7 @@ impl Crowd {
         self.moved[drone].iter_mut().for_each(|moved| moved.fresh = !Lanes::nothing());
     }
 
-    /// Actions (worlds x drones rows of [`ACTION`]) for observations (worlds x drones rows of [`crate::swarm::SwarmEnv::width`]).
+    /// Actions (worlds x drones rows of [`ACTION`]) for observations (worlds x drones rows of [`crate::vector::VectorEnv::width`]).
     ///
     /// # Errors
     /// [`crate::Error::Shape`].

@@ -4,9 +4,8 @@ use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use serde::Deserialize;
 
-use super::{GOAL, HEIGHT_M, Situation, Start, Task, Verdict, closeness, crashed, in_disc, jerk, outside, within};
+use super::{GOAL, HEIGHT_M, Scene, Start, Task, in_disc, within};
 use crate::error::Result;
-use crate::noise::Draw;
 use crate::observation::Setpoint;
 use crate::real::Real;
 
@@ -60,7 +59,7 @@ impl Task for Hover {
     const MAX_EPISODE_STEPS: u32 = 500;
     type Options = Options;
 
-    fn new(o: Options) -> Result<Self> {
+    fn new(o: Options, _: usize) -> Result<Self> {
         within("start_radius_m", o.start_radius_m, 0.0, 2.0)?;
         within("start_yaw_deg", o.start_yaw_deg, 0.0, 180.0)?;
         let steps = o.steps.iter().map(|step| &step.setpoint_m);
@@ -76,32 +75,27 @@ impl Task for Hover {
         Ok(Hover(o))
     }
 
-    fn start(&self, rng: &mut Pcg64Mcg) -> Start {
+    fn start(&self, rng: &mut Pcg64Mcg, starts: &mut [Start], _: &mut [f64]) {
         let o = &self.0;
         let [x, y] = in_disc(o.start_radius_m, rng);
         let turned = o.start_yaw_deg * (2.0 * rng.random::<f64>() - 1.0);
         let [gx, gy, gz] = o.setpoint_m;
         let yaw_rad = o.setpoint_yaw_deg.to_radians();
         let pos_m = o.start_m.unwrap_or([gx + x, gy + y, gz]);
-        Start { pos_m, yaw_rad: yaw_rad + turned.to_radians(), goal: [gx, gy, gz, yaw_rad, 0.0, 0.0, 0.0, 0.0] }
+        starts.fill(Start { pos_m, yaw_rad: yaw_rad + turned.to_radians(), goal: [gx, gy, gz, yaw_rad, 0.0, 0.0, 0.0, 0.0] });
     }
 
     #[inline(always)]
-    fn setpoint<R: Real>(&self, goal: &mut [R; GOAL], t_s: R, _: &Draw<'_, R>) -> Setpoint<R> {
+    fn setpoint<R: Real>(&self, _: usize, goal: &mut [R; GOAL], _: &[R], scene: &Scene<R>) -> Setpoint<R> {
         for step in &self.0.steps {
             // half a millisecond of margin for the clock's rounding
-            let due = R::of(step.from_s - 5e-4).le(t_s);
+            let due = R::of(step.from_s - 5e-4).le(scene.t_s);
             let [x, y, z] = step.setpoint_m;
             for (kept, new) in goal.iter_mut().zip([x, y, z, step.setpoint_yaw_deg.to_radians()]) {
                 *kept = R::select(due, R::of(new), *kept);
             }
         }
         Setpoint { pos_m: [goal[0], goal[1], goal[2]], yaw_rad: goal[3] }
-    }
-
-    #[inline(always)]
-    fn judge<R: Real>(&self, s: &Situation<R>) -> Verdict<R> {
-        Verdict { reward: closeness(s) - R::of(0.05) * jerk(s), terminated: outside(s.x) | crashed(s.contact) }
     }
 }
 
@@ -129,7 +123,7 @@ mod tests {
     #[test]
     fn steps_come_in_order_and_within_the_room() {
         let step = |from_s, x| Step { from_s, setpoint_m: [x, 0.0, 0.7], setpoint_yaw_deg: 0.0 };
-        let made = |steps: Vec<Step>| Hover::new(Options { steps, ..Options::default() }).map(|_| ()).map_err(|e| e.to_string());
+        let made = |steps: Vec<Step>| Hover::new(Options { steps, ..Options::default() }, 1).map(|_| ()).map_err(|e| e.to_string());
         made(vec![step(1.0, 0.0), step(2.0, 0.1)]).unwrap();
         for (steps, word) in [
             (vec![step(2.0, 0.0), step(1.0, 0.0)], "from_s of a step, in order is 1"),

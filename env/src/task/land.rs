@@ -3,9 +3,8 @@
 use rand_pcg::Pcg64Mcg;
 use serde::Deserialize;
 
-use super::{GOAL, HEIGHT_M, Situation, Start, Task, Verdict, closeness, in_disc, jerk, outside, within};
+use super::{GOAL, HEIGHT_M, Outcome, Scene, Situation, Start, Task, closeness, in_disc, jerk, keeping, within};
 use crate::error::Result;
-use crate::noise::Draw;
 use crate::observation::Setpoint;
 use crate::real::Real;
 
@@ -33,30 +32,30 @@ impl Task for Land {
     const MAX_EPISODE_STEPS: u32 = 500;
     type Options = Options;
 
-    fn new(o: Options) -> Result<Self> {
+    fn new(o: Options, _: usize) -> Result<Self> {
         within("start_radius_m", o.start_radius_m, 0.0, 2.0)?;
         within("start_height_m", o.start_height_m, 0.1, 2.5)?;
         Ok(Land(o))
     }
 
-    fn start(&self, rng: &mut Pcg64Mcg) -> Start {
+    fn start(&self, rng: &mut Pcg64Mcg, starts: &mut [Start], _: &mut [f64]) {
         let [x, y] = in_disc(self.0.start_radius_m, rng);
-        Start { pos_m: [x, y, self.0.start_height_m], yaw_rad: 0.0, goal: [0.0; GOAL] }
+        starts.fill(Start { pos_m: [x, y, self.0.start_height_m], yaw_rad: 0.0, goal: [0.0; GOAL] });
     }
 
     #[inline(always)]
-    fn setpoint<R: Real>(&self, goal: &mut [R; GOAL], _: R, _: &Draw<'_, R>) -> Setpoint<R> {
+    fn setpoint<R: Real>(&self, _: usize, goal: &mut [R; GOAL], _: &[R], _: &Scene<R>) -> Setpoint<R> {
         Setpoint { pos_m: [goal[0], goal[1], goal[2]], yaw_rad: goal[3] }
     }
 
     #[inline(always)]
-    fn judge<R: Real>(&self, s: &Situation<R>) -> Verdict<R> {
+    fn judge<R: Real>(&self, _: usize, s: &Situation<R>, _: &[R], _: &Scene<R>) -> Outcome<R> {
         let one = R::of(1.0);
         let approach = R::of(0.1) * (closeness(s) - one) - R::of(0.005) * jerk(s);
         let off2 = s.x.pos_m[0] * s.x.pos_m[0] + s.x.pos_m[1] * s.x.pos_m[1];
         let impact2 = s.contact.impact_mps * s.contact.impact_mps;
         let touch = R::of(10.0) / ((one + R::of(1.0 / 0.01) * off2) * (one + R::of(1.0 / 0.09) * impact2));
         let down = s.contact.standing;
-        Verdict { reward: approach + R::select(down, touch, R::zero()), terminated: down | outside(s.x) }
+        Outcome { reward: approach + R::select(down, touch, R::zero()), arrived: down, ends: down, ..keeping(s) }
     }
 }

@@ -1,8 +1,14 @@
-//! Tasks: where an episode starts, where to be, what is rewarded, when it ends. One small file each plus one registry line.
+//! Tasks: where an episode starts, where to be, what is rewarded, when it ends, for one drone or several. One small file each plus one registry line.
 
+mod carry;
+mod cover;
+mod follow;
+mod formation;
 mod hover;
 mod land;
+mod land_in_turn;
 mod path;
+mod swap;
 mod takeoff;
 mod track;
 
@@ -12,6 +18,8 @@ use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use serde::de::DeserializeOwned;
 
+use crate::coupling::{MOST_DRONES, load};
+use crate::effects::Neighbour;
 use crate::error::{Error, Result, unknown};
 use crate::noise::Draw;
 use crate::observation::{ACTION, Setpoint, wrap};
@@ -19,7 +27,7 @@ use crate::plant::State;
 use crate::real::{Real, tabulate};
 use crate::world::Contact;
 
-/// Numbers that a task remembers per episode.
+/// Numbers that a task remembers of a drone's episode.
 pub const GOAL: usize = 8;
 
 /// The thesis's working height.
@@ -28,7 +36,7 @@ pub(crate) const HEIGHT_M: f64 = 0.7;
 /// Half the side, and the height, of the thesis's room (2.1): beyond it a flight is over.
 pub(crate) const ROOM_M: [f64; 2] = [2.5, 2.8];
 
-/// How an episode begins: at rest, here.
+/// How a drone's episode begins: at rest, here.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Start {
     pub pos_m: [f64; 3],
@@ -36,7 +44,19 @@ pub struct Start {
     pub goal: [f64; GOAL],
 }
 
-/// What a task is judged on, at the end of a control tick.
+/// What a task knows of an environment at a tick.
+#[derive(Debug, Clone, Copy)]
+pub struct Scene<'a, R: Real> {
+    /// The drones as they truly are; empty for a task of one drone.
+    pub drones: &'a [Neighbour<R>],
+    /// What hangs below them, where something does.
+    pub load: Option<&'a load::State<R>>,
+    pub t_s: R,
+    /// The noise of this tick.
+    pub draw: Draw<'a, R>,
+}
+
+/// What a drone is judged on, at the end of a control tick.
 #[derive(Debug, Clone, Copy)]
 pub struct Situation<'a, R: Real> {
     pub x: &'a State<R>,
@@ -47,38 +67,64 @@ pub struct Situation<'a, R: Real> {
     pub t_s: R,
 }
 
-/// Reward and end.
+/// What comes of a tick for one drone.
 #[derive(Debug, Clone, Copy)]
-pub struct Verdict<R: Real> {
+pub struct Outcome<R: Real> {
     pub reward: R,
-    pub terminated: R::Mask,
+    /// How far it is from where it should be.
+    pub error_m: R,
+    /// It is where it should be in the end.
+    pub arrived: R::Mask,
+    /// Its part is done, and its flight ends.
+    pub ends: R::Mask,
 }
 
-/// A task, generic over the number type.
+/// A task, generic over the number type. Crashes, collisions and the walls are the environment's business.
 pub trait Task: Send + Sync + Sized + 'static {
     const NAME: &'static str;
+    /// The Gymnasium id.
     const ID: &'static str;
     const ABOUT: &'static str;
     const REWARD: &'static str;
     const MAX_EPISODE_STEPS: u32;
+    /// Drones of an environment unless the user says otherwise. A task of one drone is for one drone only: nothing couples it.
+    const DRONES: usize = 1;
+    /// Reward that a collision, a crash or leaving the room takes; all three end a drone's flight.
+    const CRASH_COST: f64 = if Self::DRONES > 1 { 10.0 } else { 0.0 };
     /// The task's options, as in the `task_options` of a configuration.
     type Options: DeserializeOwned + Default;
 
+    /// For so many drones.
+    ///
     /// # Errors
     /// [`Error::Range`] for options out of range.
-    fn new(options: Self::Options) -> Result<Self>;
-    /// Draw the start of an episode.
-    fn start(&self, rng: &mut Pcg64Mcg) -> Start;
-    /// Where to be at a time; may move the goal on.
-    fn setpoint<R: Real>(&self, goal: &mut [R; GOAL], t_s: R, draw: &Draw<'_, R>) -> Setpoint<R>;
-    /// Reward and end; `s` has the set-point of now.
-    fn judge<R: Real>(&self, s: &Situation<R>) -> Verdict<R>;
+    fn new(options: Self::Options, drones: usize) -> Result<Self>;
+    /// Numbers that all drones of an environment share.
+    fn board(&self) -> usize {
+        0
+    }
+    /// What they carry together.
+    fn load(&self) -> Option<load::Load> {
+        None
+    }
+    /// Draw the start of an episode: a place for each drone, and what stands on the board. A load begins at rest below them.
+    fn start(&self, rng: &mut Pcg64Mcg, starts: &mut [Start], board: &mut [f64]);
+    /// Move the board on, once per tick.
+    #[inline(always)]
+    fn turn<R: Real>(&self, _board: &mut [R], _scene: &Scene<R>) {}
+    /// Where drone `own` is to be now; may move its goal on.
+    fn setpoint<R: Real>(&self, own: usize, goal: &mut [R; GOAL], board: &[R], scene: &Scene<R>) -> Setpoint<R>;
+    /// What its tick was worth; `s` has the set-point of now.
+    #[inline(always)]
+    fn judge<R: Real>(&self, _own: usize, s: &Situation<R>, _board: &[R], _scene: &Scene<R>) -> Outcome<R> {
+        keeping(s)
+    }
 }
 
 /// What is done with a task whose type is known only at run time.
 pub(crate) trait Visitor {
     type Out;
-    fn visit<T: Task>(self, task: T) -> Result<Self::Out>;
+    fn visit<T: Task>(self, task: T, drones: usize) -> Result<Self::Out>;
 }
 
 /// A task as the rest of the program sees it.
@@ -87,20 +133,53 @@ pub struct Entry {
     /// The Gymnasium id.
     pub id: &'static str,
     pub about: &'static str,
-    /// The reward of one step, in words and formula.
+    /// The reward of one drone's step, in words and formula.
     pub reward: &'static str,
     pub max_episode_steps: u32,
+    /// Drones of an environment unless the user says otherwise.
+    pub drones: usize,
+    /// See [`Task::CRASH_COST`].
+    pub(crate) crash_cost: f64,
 }
 
 const fn entry<T: Task>() -> Entry {
-    Entry { name: T::NAME, id: T::ID, about: T::ABOUT, reward: T::REWARD, max_episode_steps: T::MAX_EPISODE_STEPS }
+    Entry {
+        name: T::NAME,
+        id: T::ID,
+        about: T::ABOUT,
+        reward: T::REWARD,
+        max_episode_steps: T::MAX_EPISODE_STEPS,
+        drones: T::DRONES,
+        crash_cost: T::CRASH_COST,
+    }
 }
 
-fn build<T: Task>(options: &serde_json::Value) -> Result<T> {
-    T::new(match options {
+impl Entry {
+    /// The number of drones where `asked` are asked for; 0 for the task's own number.
+    ///
+    /// # Errors
+    /// [`Error::Range`] for more than one drone in a task of one, and for more than [`MOST_DRONES`].
+    pub fn drones(&self, asked: usize) -> Result<usize> {
+        let most = if self.drones == 1 { 1 } else { MOST_DRONES };
+        match asked {
+            0 => Ok(self.drones),
+            _ if asked <= most => Ok(asked),
+            _ if most == 1 => Err(Error::Range {
+                name: "drones".into(),
+                value: asked as f64,
+                want: format!("1: the task {} is for one drone", self.name),
+            }),
+            _ => Err(Error::Range { name: "drones".into(), value: asked as f64, want: format!("1 to {most}") }),
+        }
+    }
+}
+
+fn build<T: Task>(options: &serde_json::Value, drones: usize) -> Result<T> {
+    let options = match options {
         serde_json::Value::Null => T::Options::default(),
         given => serde_json::from_value(given.clone()).map_err(|e| Error::Config(format!("options of the task {}: {e}", T::NAME)))?,
-    })
+    };
+    T::new(options, drones)
 }
 
 macro_rules! registry {
@@ -111,19 +190,32 @@ macro_rules! registry {
             REGISTRY
         }
 
-        /// The task `name`, made with `options`, given to `visitor`.
+        /// The task `name` for `drones` (0 for its own number), made with `options`, given to `visitor`.
         ///
         /// # Errors
         /// [`Error::Unknown`] with a proposal, [`Error::Config`] and [`Error::Range`] for the options, and what the visitor returns.
-        pub(crate) fn visit<V: Visitor>(name: &str, options: &serde_json::Value, visitor: V) -> Result<V::Out> {
-            match find(name)?.name {
-                $($module::$task::NAME => visitor.visit(build::<$module::$task>(options)?),)*
+        pub(crate) fn visit<V: Visitor>(name: &str, drones: usize, options: &serde_json::Value, visitor: V) -> Result<V::Out> {
+            let entry = find(name)?;
+            let drones = entry.drones(drones)?;
+            match entry.name {
+                $($module::$task::NAME => visitor.visit(build::<$module::$task>(options, drones)?, drones),)*
                 _ => Err(Error::Config(format!("the task {name} cannot be built"))),
             }
         }
     };
 }
-registry![hover::Hover, takeoff::Takeoff, land::Land, track::Track];
+registry![
+    hover::Hover,
+    takeoff::Takeoff,
+    land::Land,
+    track::Track,
+    formation::Formation,
+    swap::Swap,
+    follow::Follow,
+    cover::Cover,
+    land_in_turn::LandInTurn,
+    carry::Carry,
+];
 
 /// The entry of a task.
 ///
@@ -131,6 +223,55 @@ registry![hover::Hover, takeoff::Takeoff, land::Land, track::Track];
 /// [`Error::Unknown`] with a proposal.
 pub fn find(name: &str) -> Result<&'static Entry> {
     registry().iter().find(|e| e.name == name).ok_or_else(|| unknown("task", name, registry().iter().map(|e| e.name)))
+}
+
+/// Being where one should be, and arrived within 10 cm.
+#[inline(always)]
+pub(crate) fn keeping<R: Real>(s: &Situation<R>) -> Outcome<R> {
+    let error_m = distance(&s.x.pos_m, &s.setpoint.pos_m);
+    Outcome { reward: closeness(s) - R::of(0.05) * jerk(s), error_m, arrived: error_m.lt(R::of(0.1)), ends: R::nothing() }
+}
+
+#[inline(always)]
+pub(crate) fn distance<R: Real>(a: &[R; 3], b: &[R; 3]) -> R {
+    let [dx, dy, dz] = [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+    (dx * dx + dy * dy + dz * dz).sqrt()
+}
+
+/// A start at rest, whose goal begins with these numbers.
+pub(crate) fn start_at(pos_m: [f64; 3], first: &[f64]) -> Start {
+    let mut goal = [0.0; GOAL];
+    goal[..first.len()].copy_from_slice(first);
+    Start { pos_m, yaw_rad: 0.0, goal }
+}
+
+/// Place `i` of `n` on a circle.
+pub(crate) fn on_circle(i: usize, n: usize, radius_m: f64, turned_rad: f64) -> [f64; 2] {
+    let angle = turned_rad + std::f64::consts::TAU * i as f64 / n as f64;
+    [radius_m * libm::cos(angle), radius_m * libm::sin(angle)]
+}
+
+/// Drones on a circle have room.
+///
+/// # Errors
+/// [`Error::Range`] naming `name`, the circle's radius, if neighbours are less than `least_m` apart.
+pub(crate) fn room_on_circle(name: &str, radius_m: f64, n: usize, least_m: f64) -> Result<()> {
+    let gap_m = 2.0 * radius_m * libm::sin(std::f64::consts::PI / n.max(2) as f64);
+    if n < 2 || gap_m >= least_m {
+        return Ok(());
+    }
+    Err(Error::Range { name: name.into(), value: radius_m, want: format!("{:.0} cm between {n} drones", 100.0 * least_m) })
+}
+
+/// Uniform from `-size` to `size`.
+pub(crate) fn jitter<const N: usize>(rng: &mut Pcg64Mcg, size: f64) -> [f64; N] {
+    std::array::from_fn(|_| size * (2.0 * rng.random::<f64>() - 1.0))
+}
+
+/// Where a whole number that is kept as a number of the lanes is `i`.
+#[inline(always)]
+pub(crate) fn is<R: Real>(number: R, i: usize) -> R::Mask {
+    (number - R::of(i as f64)).abs().lt(R::of(0.5))
 }
 
 /// Uniform in a disc.

@@ -3,19 +3,20 @@
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 
-use super::{Task, Visitor};
+use super::{GOAL, Scene, Start, Task, Visitor};
+use crate::effects::Neighbour;
 use crate::error::Result;
 use crate::lanes::Lanes;
 use crate::noise::Keys;
 use crate::real::{Real, Word};
 
-/// The set-point at the first `ticks` ticks of `tick_s` seconds of an episode; empty where it stands still or differs from episode to
-/// episode.
+/// The set-point of the first drone at the first `ticks` ticks of `tick_s` seconds of an episode, if nobody flies; empty where it stands still or
+/// differs from episode to episode.
 ///
 /// # Errors
 /// [`crate::Error::Unknown`] for the name of the task, [`crate::Error::Config`] and [`crate::Error::Range`] for its options.
 pub fn path(name: &str, options: &serde_json::Value, tick_s: f64, ticks: u32) -> Result<Vec<[f32; 3]>> {
-    super::visit(name, options, Path { tick_s, ticks })
+    super::visit(name, 0, options, Path { tick_s, ticks })
 }
 
 struct Path {
@@ -25,26 +26,31 @@ struct Path {
 
 impl Visitor for Path {
     type Out = Vec<[f32; 3]>;
-    fn visit<T: Task>(self, task: T) -> Result<Self::Out> {
-        Ok(path_of(&task, self.tick_s, self.ticks))
+    fn visit<T: Task>(self, task: T, drones: usize) -> Result<Self::Out> {
+        let (path, other) = (self.walk(&task, drones, 0), self.walk(&task, drones, 1));
+        let still = path.windows(2).all(|pair| pair[0] == pair[1]);
+        Ok(if still || path != other { Vec::new() } else { path })
     }
 }
 
-fn path_of(task: &impl Task, tick_s: f64, ticks: u32) -> Vec<[f32; 3]> {
-    let walk = |key: u64| -> Vec<[f32; 3]> {
+impl Path {
+    /// Set-points of the episode that `key` draws.
+    fn walk(&self, task: &impl Task, drones: usize, key: u64) -> Vec<[f32; 3]> {
         let mut keys = Keys::<Lanes>::new();
         keys.set_lane(0, key);
-        let mut goal = task.start(&mut Pcg64Mcg::seed_from_u64(key)).goal.map(Lanes::of);
+        let mut starts = vec![Start { pos_m: [0.0; 3], yaw_rad: 0.0, goal: [0.0; GOAL] }; drones];
+        let mut board = vec![0.0; task.board()];
+        task.start(&mut Pcg64Mcg::seed_from_u64(key), &mut starts, &mut board);
+        let mut goal = starts[0].goal.map(Lanes::of);
+        let board: Vec<_> = board.into_iter().map(Lanes::of).collect();
+        let gone = vec![Neighbour::gone(); drones];
         let at = |tick: u32| {
             let word = <Lanes as Real>::Word::of(tick);
-            let draw = keys.at(&word);
-            task.setpoint(&mut goal, Lanes::of(f64::from(tick) * tick_s), &draw).pos_m.map(|p| p.lane(0) as f32)
+            let scene = Scene { drones: &gone, load: None, t_s: Lanes::of(f64::from(tick) * self.tick_s), draw: keys.at(&word) };
+            task.setpoint(0, &mut goal, &board, &scene).pos_m.map(|p| p.lane(0) as f32)
         };
-        (0..ticks).map(at).collect()
-    };
-    let (path, other) = (walk(0), walk(1));
-    let still = path.windows(2).all(|pair| pair[0] == pair[1]);
-    if still || path != other { Vec::new() } else { path }
+        (0..self.ticks).map(at).collect()
+    }
 }
 
 #[cfg(test)]

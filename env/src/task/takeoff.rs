@@ -3,9 +3,8 @@
 use rand_pcg::Pcg64Mcg;
 use serde::Deserialize;
 
-use super::{GOAL, HEIGHT_M, Situation, Start, Task, Verdict, closeness, crashed, jerk, outside, within};
+use super::{GOAL, HEIGHT_M, Outcome, Scene, Situation, Start, Task, keeping, within};
 use crate::error::Result;
-use crate::noise::Draw;
 use crate::observation::Setpoint;
 use crate::real::Real;
 
@@ -33,24 +32,24 @@ impl Task for Takeoff {
     const MAX_EPISODE_STEPS: u32 = 500;
     type Options = Options;
 
-    fn new(o: Options) -> Result<Self> {
+    fn new(o: Options, _: usize) -> Result<Self> {
         within("height_m", o.height_m, 0.1, 2.5)?;
         Ok(Takeoff(o))
     }
 
-    fn start(&self, _: &mut Pcg64Mcg) -> Start {
-        Start { pos_m: [0.0; 3], yaw_rad: 0.0, goal: [0.0, 0.0, self.0.height_m, 0.0, 0.0, 0.0, 0.0, 0.0] }
+    fn start(&self, _: &mut Pcg64Mcg, starts: &mut [Start], _: &mut [f64]) {
+        starts.fill(Start { pos_m: [0.0; 3], yaw_rad: 0.0, goal: [0.0, 0.0, self.0.height_m, 0.0, 0.0, 0.0, 0.0, 0.0] });
     }
 
     #[inline(always)]
-    fn setpoint<R: Real>(&self, goal: &mut [R; GOAL], _: R, _: &Draw<'_, R>) -> Setpoint<R> {
+    fn setpoint<R: Real>(&self, _: usize, goal: &mut [R; GOAL], _: &[R], _: &Scene<R>) -> Setpoint<R> {
         Setpoint { pos_m: [goal[0], goal[1], goal[2]], yaw_rad: goal[3] }
     }
 
     #[inline(always)]
-    fn judge<R: Real>(&self, s: &Situation<R>) -> Verdict<R> {
+    fn judge<R: Real>(&self, _: usize, s: &Situation<R>, _: &[R], _: &Scene<R>) -> Outcome<R> {
         let overshoot = (s.x.pos_m[2] - s.setpoint.pos_m[2]).max(R::zero());
-        let reward = closeness(s) - R::of(0.05) * jerk(s) - R::of(2.0) * overshoot;
-        Verdict { reward, terminated: outside(s.x) | crashed(s.contact) }
+        let kept = keeping(s);
+        Outcome { reward: kept.reward - R::of(2.0) * overshoot, ..kept }
     }
 }

@@ -3,9 +3,9 @@
 use rand_pcg::Pcg64Mcg;
 use serde::Deserialize;
 
-use super::{GOAL, HEIGHT_M, Situation, Start, Task, Verdict, closeness, crashed, jerk, outside, within};
+use super::{GOAL, HEIGHT_M, Scene, Start, Task, within};
 use crate::error::{Error, Result};
-use crate::noise::{Draw, channel};
+use crate::noise::channel;
 use crate::observation::Setpoint;
 use crate::real::{Real, tabulate};
 
@@ -56,7 +56,7 @@ impl Task for Track {
     const MAX_EPISODE_STEPS: u32 = 1000;
     type Options = Options;
 
-    fn new(o: Options) -> Result<Self> {
+    fn new(o: Options, _: usize) -> Result<Self> {
         within("size_m", o.size_m, 0.05, 2.0)?;
         within("period_s", o.period_s, 0.5, 120.0)?;
         within("height_m", o.height_m, 0.2, 2.5)?;
@@ -67,7 +67,7 @@ impl Task for Track {
         Ok(Track(o))
     }
 
-    fn start(&self, _: &mut Pcg64Mcg) -> Start {
+    fn start(&self, _: &mut Pcg64Mcg, starts: &mut [Start], _: &mut [f64]) {
         let mut goal = [0.0; GOAL];
         let pos_m = match self.0.shape {
             Shape::Waypoints => [0.0, 0.0, self.0.height_m],
@@ -77,12 +77,12 @@ impl Task for Track {
         goal[TO..TO + 3].copy_from_slice(&pos_m);
         // the first leg ends at once, and the first waypoint is drawn
         goal[SINCE] = -self.0.period_s;
-        Start { pos_m, yaw_rad: 0.0, goal }
+        starts.fill(Start { pos_m, yaw_rad: 0.0, goal });
     }
 
     #[inline(always)]
-    fn setpoint<R: Real>(&self, goal: &mut [R; GOAL], t_s: R, draw: &Draw<'_, R>) -> Setpoint<R> {
-        let o = &self.0;
+    fn setpoint<R: Real>(&self, _: usize, goal: &mut [R; GOAL], _: &[R], scene: &Scene<R>) -> Setpoint<R> {
+        let (o, t_s, draw) = (&self.0, scene.t_s, &scene.draw);
         if o.shape != Shape::Waypoints {
             return Setpoint { pos_m: self.round(t_s), yaw_rad: R::zero() };
         }
@@ -104,11 +104,6 @@ impl Task for Track {
             ),
             yaw_rad: R::zero(),
         }
-    }
-
-    #[inline(always)]
-    fn judge<R: Real>(&self, s: &Situation<R>) -> Verdict<R> {
-        Verdict { reward: closeness(s) - R::of(0.05) * jerk(s), terminated: outside(s.x) | crashed(s.contact) }
     }
 }
 

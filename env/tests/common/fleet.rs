@@ -2,13 +2,21 @@
 //! Worlds of several drones with room for their results.
 
 use crazyflie_env::Result;
+use crazyflie_env::config::Options;
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::Interface;
 use crazyflie_env::plant::Command;
-use crazyflie_env::swarm::{METRICS, SwarmEnv, SwarmOptions, SwarmOut};
+use crazyflie_env::vector::{METRICS, StepBuffers, VectorEnv};
+
+/// Options of a task of several drones: "formation" unless they say another.
+pub fn fleet_options(text: &str) -> Result<Options> {
+    let mut all: serde_json::Map<String, serde_json::Value> = serde_json::from_str(text).unwrap();
+    all.entry("task").or_insert_with(|| "formation".into());
+    Options::parse(&serde_json::Value::Object(all).to_string())
+}
 
 pub struct Fleet {
-    pub env: SwarmEnv,
+    pub env: VectorEnv,
     pub observations: Vec<f32>,
     pub rewards: Vec<f32>,
     pub terminated: Vec<bool>,
@@ -19,11 +27,11 @@ pub struct Fleet {
 
 impl Fleet {
     pub fn new(worlds: usize, options: &str) -> Self {
-        Fleet::made(SwarmEnv::new(&[Model::thesis()], &SwarmOptions::parse(options).unwrap(), worlds).unwrap())
+        Fleet::made(VectorEnv::new(&[Model::thesis()], &fleet_options(options).unwrap(), worlds).unwrap())
     }
 
-    pub fn made(env: SwarmEnv) -> Self {
-        let (worlds, all) = (env.num_worlds(), env.num_worlds() * env.num_drones());
+    pub fn made(env: VectorEnv) -> Self {
+        let (worlds, all) = (env.num_envs(), env.num_envs() * env.num_drones());
         Fleet {
             observations: vec![0.0; all * env.width()],
             rewards: vec![0.0; all],
@@ -37,13 +45,13 @@ impl Fleet {
 
     /// Each world with its number as its seed, from `first` on.
     pub fn reset(&mut self, first: u64) {
-        let seeds: Vec<u64> = (0..self.env.num_worlds() as u64).map(|i| first + i).collect();
+        let seeds: Vec<u64> = (0..self.env.num_envs() as u64).map(|i| first + i).collect();
         self.env.reset(Some(&seeds), None, &mut self.observations).unwrap();
         self.flying.fill(true);
     }
 
     pub fn step(&mut self, actions: &[f32]) -> Result<()> {
-        let out = SwarmOut {
+        let out = StepBuffers {
             observations: &mut self.observations,
             rewards: &mut self.rewards,
             terminated: &mut self.terminated,
@@ -58,10 +66,10 @@ impl Fleet {
     pub fn level(&self) -> Vec<f32> {
         let lift = |interface: Interface| if interface.input.is_pwm() { interface.hover_lift } else { 0.8 };
         let one = |j: usize| {
-            let interface = self.env.interface(j).expect("a drone");
+            let interface = self.env.interfaces()[j];
             interface.action(&Command::level(lift(interface))).map(|a: f64| a as f32)
         };
-        (0..self.env.num_worlds()).flat_map(|_| (0..self.env.num_drones()).flat_map(one)).collect()
+        (0..self.env.num_envs()).flat_map(|_| (0..self.env.num_drones()).flat_map(one)).collect()
     }
 
     pub fn metric(&self, world: usize, name: &str) -> f32 {

@@ -7,9 +7,12 @@
     envs = gymnasium.make_vec("Crazyflie-v0", num_envs=1024)  # many, stepped in Rust
     worlds = crazyflie_gym.CrazyflieSwarm(64, "swap")         # several drones in each of many worlds
 
-What there is to choose from: `tasks()`, `missions()`, `effects()`, `controllers()`,
-`observation_fields()`, `model_text()`.
+What there is to choose from: `tasks()`, `effects()`, `controllers()`, `observation_fields()`,
+`neighbour_fields()`, `model_text()`.
 """
+
+import warnings
+from typing import Any
 
 import gymnasium
 
@@ -19,14 +22,13 @@ from crazyflie_gym._native import (
     Interface,
     Pid,
     Sim,
-    Swarm,
     ansi,
     check_model,
     controllers,
     effects,
     metrics,
-    missions,
     model_text,
+    neighbour_fields,
     observation_fields,
     render,
     tasks,
@@ -35,7 +37,6 @@ from crazyflie_gym.env import CrazyflieEnv
 from crazyflie_gym.png import save_png
 from crazyflie_gym.spaces import STATE_FIELDS, flatten, split
 from crazyflie_gym.swarm import CrazyflieSwarm
-from crazyflie_gym.team import CrazyflieTeamEnv, CrazyflieTeamVectorEnv
 from crazyflie_gym.vector import CrazyflieVectorEnv
 
 __all__ = [
@@ -43,22 +44,19 @@ __all__ = [
     "Controller",
     "CrazyflieEnv",
     "CrazyflieSwarm",
-    "CrazyflieTeamEnv",
-    "CrazyflieTeamVectorEnv",
     "CrazyflieVectorEnv",
     "Crowd",
     "Interface",
     "Pid",
     "Sim",
-    "Swarm",
     "ansi",
     "check_model",
     "controllers",
     "effects",
     "flatten",
     "metrics",
-    "missions",
     "model_text",
+    "neighbour_fields",
     "observation_fields",
     "render",
     "save_png",
@@ -67,17 +65,27 @@ __all__ = [
 ]
 
 
+_RENAMED = {"CrazyflieTeamEnv": "CrazyflieEnv", "CrazyflieTeamVectorEnv": "CrazyflieVectorEnv", "missions": "tasks"}
+
+
+def __getattr__(name: str) -> Any:
+    """Return what has another name now, for one release."""
+    new = _RENAMED.get(name)
+    if new is None:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    warnings.warn(f"crazyflie_gym.{name} is crazyflie_gym.{new} now", DeprecationWarning, stacklevel=2)
+    if name == "missions":
+        return lambda: [task for task in tasks() if task["drones"] > 1]
+    return globals()[new]
+
+
 def _register() -> None:
-    one, several = (
-        ("env:CrazyflieEnv", "vector:CrazyflieVectorEnv"),
-        ("team:CrazyflieTeamEnv", "team:CrazyflieTeamVectorEnv"),
-    )
-    for task, (single, vector) in [(task, one) for task in tasks()] + [(mission, several) for mission in missions()]:
+    for task in tasks():
         if task["id"] not in gymnasium.registry:
             gymnasium.register(
                 id=task["id"],
-                entry_point=f"crazyflie_gym.{single}",
-                vector_entry_point=f"crazyflie_gym.{vector}",
+                entry_point="crazyflie_gym.env:CrazyflieEnv",
+                vector_entry_point="crazyflie_gym.vector:CrazyflieVectorEnv",
                 max_episode_steps=task["max_episode_steps"],
                 kwargs={"task": task["name"]},
             )

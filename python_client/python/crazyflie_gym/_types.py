@@ -39,18 +39,13 @@ class EffectEntry(TypedDict):
 
 
 class TaskEntry(TypedDict):
-    """A task."""
+    """A task, for one drone or for several."""
 
     name: str
     id: str
     about: str
     reward: str
     max_episode_steps: int
-
-
-class MissionEntry(TaskEntry):
-    """A mission of several drones."""
-
     drones: int
 
 

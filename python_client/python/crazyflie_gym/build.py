@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from gymnasium.vector import AutoresetMode
 
 from crazyflie_gym import remote as servers
-from crazyflie_gym._native import Controller, Sim, check_model
+from crazyflie_gym._native import Controller, Crowd, Sim, check_model, model_text, tasks
 from crazyflie_gym.core import RemoteCore
-from crazyflie_gym.options import Model, model_source, native_autoreset, to_json
+from crazyflie_gym.options import Model, model_sources, native_autoreset, to_json
 
 
 def build(
     num_envs: int,
     *,
     task: str,
-    model: Model,
+    model: Model | Sequence[Model],
     vertical: str | None,
     effects: Mapping[str, Any] | None,
     task_options: Mapping[str, Any] | None,
     physics_hz: int | None,
+    drones: int | None,
+    neighbours: Mapping[str, Any] | None,
+    each: Sequence[Mapping[str, Any]] | None,
+    radius_m: float | None,
     threads: int,
     isa: str | None,
     autoreset: AutoresetMode,
@@ -38,33 +43,60 @@ def build(
         TypeError: for a number of environments that is not an integer, and a model of a strange type.
         ConnectionError: if no server answers at `remote`.
     """
-    text, name = model_source(model)
-    if text is not None:
-        try:
-            check_model(text)
-        except ValueError as error:
-            raise ValueError(f"{name}: {error}") from None
+    models = model_sources(model)
+    for text, name in models:
+        if text is not None:
+            try:
+                check_model(text)
+            except ValueError as error:
+                raise ValueError(f"{name}: {error}") from None
     options = to_json(
         task=task,
         task_options=task_options,
         vertical=vertical,
         effects=effects,
         physics_hz=physics_hz,
+        drones=drones,
+        neighbours=neighbours,
+        each=None if each is None else list(each),
+        radius_m=radius_m,
         threads=threads,
         isa=isa,
         autoreset=native_autoreset(autoreset),
         max_episode_steps=max_episode_steps,
     )
     if remote is None:
-        return Sim(num_envs, options, text)
-    return servers.make(remote, remote_client, num_envs, options, text, states)
+        texts = [model_text() if text is None else text for text, _ in models]
+        return Sim(num_envs, options, texts)
+    return servers.make(remote, remote_client, num_envs, options, models[0][0], states)
 
 
-def controller(name: str, sim: Sim | RemoteCore, model: Model, mode: str, options: Mapping[str, Any]) -> Controller:
+def own_steps(task: str, max_episode_steps: int | None) -> int:
+    """Return the length of an episode as the simulator takes it, 0 for no end: as given, or the task's own."""
+    if max_episode_steps is None:
+        return next((entry["max_episode_steps"] for entry in tasks() if entry["name"] == task), 0)
+    return 0 if max_episode_steps == -1 else max_episode_steps
+
+
+def controller(
+    name: str,
+    sim: Sim | RemoteCore,
+    model: Model | Sequence[Model],
+    mode: str,
+    avoid: bool | Mapping[str, float],
+    options: Mapping[str, Any],
+) -> Controller | Crowd:
     """Return the controller of that name for a simulation; it believes in `model`.
 
     Raises:
         ValueError: naming the controller, option or mode that is wrong, with a proposal where a name is unknown.
     """
     given = to_json(**options) if options else "null"
-    return Controller(name, sim.num_envs, sim.interface, options=given, model=model_source(model)[0], mode=mode)
+    if not sim.has_drone_axis:
+        return Controller(name, sim.num_envs, sim.interface, options=given, model=model_sources(model)[0][0], mode=mode)
+    if mode != "automatic":
+        raise ValueError(f'mode is {mode!r}, expected "automatic": several drones begin in the air')
+    if not isinstance(sim, Sim):
+        raise ValueError("controllers of several drones fly in this process, not on a server")
+    layer = None if avoid is False else json.dumps({} if avoid is True else dict(avoid))
+    return Crowd(name, sim, options=given, avoid=layer)

@@ -19,6 +19,18 @@ class Core(Protocol):
         """Environments in the batch."""
 
     @property
+    def num_drones(self) -> int:
+        """Drones in each environment."""
+
+    @property
+    def width(self) -> int:
+        """Numbers in a drone's observation."""
+
+    @property
+    def has_drone_axis(self) -> bool:
+        """Whether the task has several drones, so that arrays have an axis of drones."""
+
+    @property
     def tick_s(self) -> float:
         """Seconds per step."""
 
@@ -49,6 +61,12 @@ class Core(Protocol):
 
     def step_one(self, action: FloatArray) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
         """Fly one tick of a batch of one."""
+
+    def flying(self) -> BoolArray | None:
+        """Return which of several drones fly on after the last step."""
+
+    def metrics(self) -> FloatArray | None:
+        """Return what is measured of the episodes of several drones."""
 
     def states(self) -> FloatArray:
         """Return the true states."""

@@ -1,40 +1,57 @@
-"""One drone."""
+"""One environment: a drone, or several that share the air."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from crazyflie_gym._native import Controller, Interface, Pid, Sim
+from crazyflie_gym._native import Controller, Crowd, Interface, Pid, Sim, metrics
 from crazyflie_gym._types import FloatArray, Observation
 from crazyflie_gym.build import build, controller
 from crazyflie_gym.core import RemoteCore
 from crazyflie_gym.options import Model
 from crazyflie_gym.screen import RENDER_MODES, Screen, check_render_mode
 from crazyflie_gym.seeds import draw, seeds
-from crazyflie_gym.spaces import action_space, observation_space, split
+from crazyflie_gym.spaces import action_space, check_form, observation_space, split
+
+METRICS = tuple(name for name, _, _ in metrics())
+"""What is measured of an episode of several drones. `crazyflie_gym.metrics()` explains them."""
 
 
 class CrazyflieEnv(gym.Env[Observation, FloatArray]):
-    """One Crazyflie with a task; what the tasks are, `crazyflie_gym.tasks()` says.
+    """One world with a task; what the tasks are, and how many drones they have, `crazyflie_gym.tasks()` says.
 
     Actions are float32 (4,) from -1 to 1: roll, pitch, yaw rate, and height or PWM, as `interface` says. Observations
     are what the rig could measure, `crazyflie_gym.observation_fields()`.
 
+    Where a task has several drones, one agent flies them all: actions and observations have a row for each drone, the
+    reward is the drones' mean, and the episode ends when none of them flies any more. info["drone_rewards"] and
+    info["flying"] are of each drone, info["metrics"] of the episode. (Agents of their own: `CrazyflieSwarm` and
+    `crazyflie_gym.parallel`.)
+
     Args:
         task: which task, such as "hover".
-        model: None or "thesis", the path of a model file, its text, or its content as a dict.
+        model: None or "thesis", the path of a model file, its text, or its content as a dict; or a list of one for each
+            drone.
         vertical: the height input that is commanded: "height", "pwm" or "thrust"; by default the model's first.
         effects: what the linear model lacks, by name (`crazyflie_gym.effects()`): a number for the first parameter or
             a dict of parameters, each a number or a distribution such as {"uniform": [0.1, 0.3]}, drawn per episode.
+            Between several drones downwash is on as it was measured unless {"downwash": 0}.
         task_options: the task's own options.
         physics_hz: physics steps per second while effects push; by default the rate of the IMU.
-        observation: "flat" for Box(24), "dict" for a Dict by field.
-        true_state: give the true state, float32 (12,), as info["true_state"]; its layout is STATE_FIELDS.
+        drones: of a task of several drones: how many, 1 to 64; by default the task's own number.
+        neighbours: what they know of each other: {"by": "ideal"}, {"by": "range", "range_m": ...}, or {"by": "radio",
+            "delay_s": ..., "loss": ...}, where each says where its own camera believes it is.
+        each: for each drone, what it has in place of the others' effects: [{"effects": {...}}, ...].
+        radius_m: two drones nearer than twice this have collided.
+        observation: "flat" for Box(24), "dict" for a Dict by field. Of several drones: Box(drones, width), with 8
+            numbers for each of the others after a drone's own 24, `crazyflie_gym.neighbour_fields()`.
+        true_state: give the true state, float32 (12,), or (drones, 12), as info["true_state"]; its layout is
+            STATE_FIELDS.
         render_mode: None, "rgb_array", or "human" for the terminal.
         isa: "baseline", "avx2" or "avx512"; by default the best of the machine. The results are the same.
         remote: the address of a server, such as "ws://127.0.0.1:8765": it simulates there. The results are the same.
@@ -52,11 +69,15 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         self,
         task: str = "hover",
         *,
-        model: Model = None,
+        model: Model | Sequence[Model] = None,
         vertical: str | None = None,
         effects: Mapping[str, Any] | None = None,
         task_options: Mapping[str, Any] | None = None,
         physics_hz: int | None = None,
+        drones: int | None = None,
+        neighbours: Mapping[str, Any] | None = None,
+        each: Sequence[Mapping[str, Any]] | None = None,
+        radius_m: float | None = None,
         observation: str = "flat",
         true_state: bool = False,
         render_mode: str | None = None,
@@ -64,8 +85,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         remote: str | None = None,
         remote_client: str = "native",
     ) -> None:
-        self.observation_space = observation_space(observation)
-        self.action_space = action_space()
+        check_form(observation)
         self.render_mode = check_render_mode(render_mode)
         self.sim: Sim | RemoteCore = build(
             1,
@@ -75,6 +95,10 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
             effects=effects,
             task_options=task_options,
             physics_hz=physics_hz,
+            drones=drones,
+            neighbours=neighbours,
+            each=each,
+            radius_m=radius_m,
             threads=1,
             isa=isa,
             autoreset=AutoresetMode.DISABLED,
@@ -83,11 +107,15 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
             remote_client=remote_client,
             states=true_state or render_mode is not None,
         )
+        rows = self.sim.num_drones if self.sim.has_drone_axis else None
+        self.observation_space = observation_space(observation, rows)
+        self.action_space = action_space(rows)
         self.metadata = {**self.metadata, "render_fps": round(1.0 / self.sim.tick_s)}
         self._screen = None if render_mode is None else Screen(self.sim, task, task_options, effects)
         self._by_field = observation == "dict"
         self._true_state = true_state
-        self._plain = not (self._by_field or true_state or self._screen)
+        self._several = rows is not None
+        self._plain = not (self._by_field or true_state or self._screen or self._several)
         self._model = model
         self._seeded = False
 
@@ -96,15 +124,24 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         """What an action means."""
         return self.sim.interface
 
-    def controller(self, name: str = "thesis-pid", mode: str = "automatic", **options: Any) -> Controller:
+    def controller(
+        self,
+        name: str = "thesis-pid",
+        mode: str = "automatic",
+        *,
+        avoid: bool | Mapping[str, float] = True,
+        **options: Any,
+    ) -> Controller | Crowd:
         """Return a controller of `crazyflie_gym.controllers()`, or `NAME:FILE`, for this environment.
 
-        It acts on flat observations, and believes in the model of the environment but knows none of its effects.
+        It acts on flat observations, and believes in the model of the environment but knows none of its effects. For
+        several drones it wants an axis of environments in front, and `avoid` keeps them out of each other's way: True,
+        False, or a dict of the layer's parameters (speed_mps, leash_m, range_m, push_mps, vortex_mps, horizon_s).
 
         Raises:
             ValueError: naming the controller, option or mode that is wrong, with a proposal where a name is unknown.
         """
-        return controller(name, self.sim, self._model, mode, options)
+        return controller(name, self.sim, self._model, mode, avoid, options)
 
     def pid(self, gains: str = "thesis", mode: str = "automatic") -> Pid:
         """Return the thesis's controller for this environment; it acts on flat observations."""
@@ -131,14 +168,14 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         return self._dress(row, {})
 
     def step(self, action: FloatArray) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Fly one control tick, `interface.tick_s`, with an action, float32 (4,) from -1 to 1.
+        """Fly one control tick, `interface.tick_s`, with an action, float32 (4,) or (drones, 4), from -1 to 1.
 
         Raises:
             ValueError: for another shape, and for numbers that are not from -1 to 1; nothing has moved then.
             TypeError: for another dtype.
             RuntimeError: before the first reset, and after the end of an episode.
         """
-        result = self.sim.step_one(action)
+        result = self._step_several(action) if self._several else self.sim.step_one(action)
         if self._plain:
             return result
         row, reward, terminated, truncated, info = result
@@ -147,6 +184,20 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
             if self.render_mode == "human":
                 self._screen.show()
         return *self._dress(row, info)[:1], reward, terminated, truncated, info
+
+    def _step_several(self, action: FloatArray) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
+        if not isinstance(action, np.ndarray) or action.shape != self.action_space.shape:
+            got = action.shape if isinstance(action, np.ndarray) else type(action).__name__
+            raise ValueError(f"action: expected a float32 array of shape {self.action_space.shape}, got {got}")
+        rows, rewards, *_ = self.sim.step(action[np.newaxis])
+        flying, measured = self.sim.flying(), self.sim.metrics()
+        assert flying is not None and measured is not None
+        info = {
+            "drone_rewards": rewards[0],
+            "flying": flying[0],
+            "metrics": dict(zip(METRICS, measured[0].tolist(), strict=True)),
+        }
+        return rows[0], float(rewards.mean()), not flying.any(), False, info
 
     def _dress(self, row: FloatArray, info: dict[str, Any]) -> tuple[Observation, dict[str, Any]]:
         if self._true_state:

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 
 from crazyflie_gym._native import Sim
-from crazyflie_gym._types import FloatArray, Steps
+from crazyflie_gym._types import BoolArray, FloatArray, Observation, Steps
 from crazyflie_gym.core import RemoteCore
 from crazyflie_gym.spaces import WIDTH
 
+Step = tuple[Observation, FloatArray, BoolArray, BoolArray, dict[str, Any]]
+"""What a step of a vector environment returns."""
 
-def check(actions: FloatArray, num_envs: int) -> None:
-    """Check all that could stop a flight after its first tick.
+
+def check(actions: FloatArray, lead: tuple[int, ...]) -> None:
+    """Check all that could stop a flight after its first tick; `lead` is the shape of a tick's rows.
 
     Raises:
         ValueError: for another shape, and for numbers that are not from -1 to 1.
@@ -19,13 +25,15 @@ def check(actions: FloatArray, num_envs: int) -> None:
     """
     if not isinstance(actions, np.ndarray):
         raise TypeError(f"actions: expected a numpy array of float32, got {type(actions).__name__}")
-    if actions.ndim != 3 or actions.shape[1:] != (num_envs, 4) or len(actions) == 0:
-        raise ValueError(f"actions: expected shape (ticks, {num_envs}, 4) with at least one tick, got {actions.shape}")
+    if actions.shape[1:] != (*lead, 4) or len(actions) == 0:
+        shape = ", ".join(["ticks", *map(str, lead), "4"])
+        raise ValueError(f"actions: expected shape ({shape}) with at least one tick, got {actions.shape}")
     bad = ~(np.abs(actions) <= 1.0)
     if bad.any():
-        tick, env, axis = np.argwhere(bad)[0]
-        value = actions[tick, env, axis]
-        raise ValueError(f"step {tick}: actions[{env}][{axis}] is {value}, expected a number from -1 to 1")
+        tick, *place = (int(i) for i in np.argwhere(bad)[0])
+        where = "".join(f"[{i}]" for i in place)
+        value = actions[(tick, *place)]
+        raise ValueError(f"step {tick}: actions{where} is {value}, expected a number from -1 to 1")
 
 
 def fly(sim: Sim | RemoteCore, actions: FloatArray, with_states: bool) -> Steps:
@@ -34,6 +42,30 @@ def fly(sim: Sim | RemoteCore, actions: FloatArray, with_states: bool) -> Steps:
         return _joined([_one(sim, tick, with_states) for tick in actions])
     most = sim.max_steps
     return _joined([sim.step_many(actions[at : at + most]) for at in range(0, len(actions), most)])
+
+
+def join(steps: Sequence[Step]) -> Step:
+    """Return the results of several steps with an axis of ticks in front; see `CrazyflieVectorEnv.step_many`."""
+    rows, rewards, terminated, truncated, infos = zip(*steps, strict=True)
+    told: dict[str, Any] = {}
+    for name in ("drone_rewards", "flying", "metrics", "true_state"):
+        if name in infos[0]:
+            told[name] = np.stack([info[name] for info in infos])
+    ends = [info for info in infos if "final_obs" in info]
+    last = [row for info in ends for row in info["final_obs"][info["_final_obs"]]]
+    if last:
+        told["final_obs"] = _stacked(last)
+        states = [info["final_info"]["true_state"][info["_final_obs"]] for info in ends if info["final_info"]]
+        if states:
+            told["final_true_state"] = np.concatenate(states)
+    return _stacked(rows), np.stack(rewards), np.stack(terminated), np.stack(truncated), told
+
+
+def _stacked(observations: Sequence[Observation]) -> Observation:
+    first = observations[0]
+    if isinstance(first, dict):
+        return {name: np.stack([row[name] for row in observations if isinstance(row, dict)]) for name in first}
+    return np.stack([row for row in observations if not isinstance(row, dict)])
 
 
 def _one(sim: Sim, actions: FloatArray, with_states: bool) -> Steps:

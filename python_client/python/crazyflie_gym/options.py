@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -64,6 +64,18 @@ def autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:
 def native_autoreset(mode: AutoresetMode) -> str:
     """Return the simulator's name of a mode."""
     return _NATIVE_MODES[mode]
+
+
+def model_sources(model: Model | Sequence[Model]) -> list[tuple[str | None, str]]:
+    """Return text and name of each model: of one for all drones, or of one for each.
+
+    Raises:
+        As `model_source`; ValueError for an empty list.
+    """
+    models = model if isinstance(model, Sequence) and not isinstance(model, str) else [model]
+    if not models:
+        raise ValueError("model: expected a model for each drone, or one for all, got an empty list")
+    return [model_source(each) for each in models]
 
 
 def model_source(model: Model) -> tuple[str | None, str]:

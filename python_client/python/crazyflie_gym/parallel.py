@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
@@ -15,6 +16,7 @@ except ImportError as error:
     raise ImportError("PettingZoo is missing: pip install 'crazyflie-gym[swarm]'") from error
 
 from crazyflie_gym._types import FloatArray
+from crazyflie_gym.screen import RENDER_MODES, Screen, check_render_mode
 from crazyflie_gym.swarm import METRICS, CrazyflieSwarm
 
 _Results = tuple[dict[str, FloatArray], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]
@@ -24,16 +26,27 @@ class CrazyflieParallelEnv(ParallelEnv[str, FloatArray, FloatArray]):  # type: i
     """One world of several Crazyflies, each an agent: "drone_0", "drone_1", and so on.
 
     A drone that collides, crashes or is done terminates and leaves; when the time is over the others are truncated.
-    Infos hold the episode's "metrics" so far. The arguments are those of `crazyflie_gym.swarm.CrazyflieSwarm`.
+    Infos hold the episode's "metrics" so far. The arguments are those of `crazyflie_gym.swarm.CrazyflieSwarm`, and the
+    `render_mode` of `CrazyflieEnv`.
     """
 
-    metadata: dict[str, Any] = {"render_modes": [], "name": "crazyflie_v0", "is_parallelizable": True}
+    metadata: dict[str, Any] = {
+        "render_modes": RENDER_MODES,
+        "render_fps": 50,
+        "name": "crazyflie_v0",
+        "is_parallelizable": True,
+    }
 
-    def __init__(self, task: str = "formation", **options: Any) -> None:
+    def __init__(self, task: str = "formation", *, render_mode: str | None = None, **options: Any) -> None:
+        self.render_mode = check_render_mode(render_mode)
         self.swarm = CrazyflieSwarm(1, task, autoreset_mode=AutoresetMode.DISABLED, **options)
+        sim = self.swarm.sim
+        self.metadata = {**self.metadata, "render_fps": round(1.0 / sim.tick_s)}
+        effects, task_options = options.get("effects"), options.get("task_options")
+        self._screen = None if render_mode is None else Screen(sim, task, task_options, effects)
+        self.state_space = spaces.Box(-np.inf, np.inf, (sim.num_drones * 12,), np.float32)
         self.possible_agents = [f"drone_{j}" for j in range(self.swarm.num_drones)]
         self.agents: list[str] = []
-        self.render_mode = None
         # PettingZoo wants the same object each time
         self.observation_spaces = {agent: self.swarm.single_observation_space for agent in self.possible_agents}
         self.action_spaces = {agent: self._action_space() for agent in self.possible_agents}
@@ -55,6 +68,8 @@ class CrazyflieParallelEnv(ParallelEnv[str, FloatArray, FloatArray]):  # type: i
     ) -> tuple[dict[str, FloatArray], dict[str, dict[str, Any]]]:
         """Begin the first episode of a seed, or without one the next episode; there are no options."""
         rows, _ = self.swarm.reset(seed=seed)
+        if self._screen:
+            self._screen.begin(rows)
         self.agents = list(self.possible_agents)
         return {agent: rows[0, j] for j, agent in enumerate(self.agents)}, {agent: {} for agent in self.agents}
 
@@ -75,6 +90,10 @@ class CrazyflieParallelEnv(ParallelEnv[str, FloatArray, FloatArray]):  # type: i
         if not self.agents:
             return {}, {}, {}, {}, {}
         seen, rewards, terminated, truncated, info = self.swarm.step(rows)
+        if self._screen:
+            self._screen.record(seen, float(rewards.mean()))
+            if self.render_mode == "human":
+                self._screen.show()
         measured = dict(zip(METRICS, info["metrics"][0].tolist(), strict=True))
         flew = [(agent, places[agent]) for agent in self.agents]
         self.agents = [agent for agent, j in flew if info["flying"][0, j]]
@@ -85,6 +104,29 @@ class CrazyflieParallelEnv(ParallelEnv[str, FloatArray, FloatArray]):  # type: i
             {agent: bool(truncated[0, j]) for agent, j in flew},
             {agent: {"metrics": measured} for agent, _ in flew},
         )
+
+    def state(self) -> FloatArray:
+        """Return the true states of all drones, one after the other, float32 (drones * 12,); see `STATE_FIELDS`."""
+        return self.swarm.states().reshape(-1)
+
+    def render(self) -> Any:
+        """Return a picture, uint8 (360, 480, 3), in the mode "rgb_array"; "human" draws as it flies.
+
+        Raises:
+            gymnasium.error.ResetNeeded: before the first reset.
+        """
+        if self._screen is None:
+            gym.logger.warn('render() needs a mode: parallel_env(..., render_mode="rgb_array")')
+            return None
+        if self.render_mode == "human":
+            self._screen.show()
+            return None
+        return self._screen.picture(0)
+
+    def close(self) -> None:
+        """End the pictures; may be called twice."""
+        if self._screen:
+            self._screen.close()
 
     def _check(self, actions: Mapping[str, FloatArray]) -> None:
         for agent in actions:

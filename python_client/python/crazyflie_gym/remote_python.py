@@ -32,6 +32,8 @@ class Remote:
         self._states: FloatArray | None = None
         self._finals: FloatArray = np.empty((0, WIDTH), np.float32)
         self._ended: list[int] = []
+        self._flying: BoolArray | None = None
+        self._metrics: FloatArray | None = None
 
     def ask(self, kind: str, fields: str = "{}") -> str:
         """Send a request in JSON and return its reply, JSON."""
@@ -72,9 +74,37 @@ class Remote:
         return int(self._get("num_envs"))
 
     @property
-    def _width(self) -> int:
-        # of an attempt in which drones see each other more than usual
-        return int(self._made.get("width", WIDTH))
+    def num_drones(self) -> int:
+        """Drones in each environment."""
+        # an attempt counts its drones as environments
+        return 1 if "attempt" in self._made else int(self._get("drones"))
+
+    @property
+    def width(self) -> int:
+        """Numbers in a drone's observation."""
+        return int(self._get("width" if "attempt" in self._made else "observation"))
+
+    @property
+    def has_drone_axis(self) -> bool:
+        """Whether the task has several drones, so that arrays have an axis of drones."""
+        return self._metrics_width > 0
+
+    @property
+    def _metrics_width(self) -> int:
+        return int(self._made.get("metrics", 0))
+
+    @property
+    def _lead(self) -> tuple[int, ...]:
+        """The first axes of all arrays."""
+        return (self.num_envs, self.num_drones) if self.has_drone_axis else (self.num_envs,)
+
+    def flying(self) -> BoolArray | None:
+        """Return which of several drones fly on after the last step."""
+        return self._flying
+
+    def metrics(self) -> FloatArray | None:
+        """Return what is measured of the episodes of several drones."""
+        return self._metrics
 
     @property
     def tick_s(self) -> float:
@@ -107,14 +137,15 @@ class Remote:
                 payload += (_checked(what, array, dtype, (n,)) != 0 if what == "reset_mask" else array).tobytes()
         flags = (0 if seeds is None else _SEEDS) | (0 if mask is None else _MASK)
         parts = self._talk(_RESET, flags, 0, payload)
-        rows = np.zeros((n, self._width), np.float32) if observations is None else observations
+        shape = (*self._lead, self.width)
+        rows = np.zeros(shape, np.float32) if observations is None else observations
         chosen = slice(None) if mask is None else mask != 0
-        rows[chosen] = parts[0].reshape(n, self._width)[chosen]
+        rows[chosen] = parts[0].reshape(shape)[chosen]
         return rows
 
     def step(self, actions: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray, int]:
         """Fly one tick."""
-        return self._fly(actions, (self.num_envs,))
+        return self._fly(actions, None)
 
     def step_into(
         self,
@@ -131,7 +162,7 @@ class Remote:
     def step_one(self, action: FloatArray) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
         """Fly one tick of a batch of one."""
         action = _checked("action", action, np.float32, (ACTION,))
-        rows, rewards, terminated, truncated, _ = self._fly(action[np.newaxis], (1,))
+        rows, rewards, terminated, truncated, _ = self._fly(action[np.newaxis], None)
         return rows[0], float(rewards[0]), bool(terminated[0]), bool(truncated[0]), {}
 
     def step_many(self, actions: FloatArray) -> Steps:
@@ -139,61 +170,83 @@ class Remote:
         steps = len(actions)
         if not 1 <= steps <= self.max_steps:
             raise ValueError(f"actions: {steps} steps, expected 1 to {self.max_steps}")
-        result = self._fly(actions, (steps, self.num_envs))
-        finals = self._finals[:, : self._width].copy()
+        result = self._fly(actions, steps)
+        finals = self._finals[:, : self.width].copy()
         if not self._with_states or self._states is None:
             return result, None, finals, None
         states = self._states.reshape(steps, self.num_envs, STATE).copy()
-        return result, states, finals, self._finals[:, self._width :].copy()
+        return result, states, finals, self._finals[:, self.width :].copy()
 
     def states(self) -> FloatArray:
         """Return the true states."""
+        shape = (*self._lead, STATE)
         if self._states is not None:
-            return self._states[-self.num_envs :].copy()
-        return self._talk(_STATE, 0, 0, b"")[2].reshape(self.num_envs, STATE).copy()
+            return self._states[-self.num_envs * self.num_drones :].reshape(shape).copy()
+        return self._talk(_STATE, 0, 0, b"")[2].reshape(shape).copy()
 
     def last_of_episode(self, env: int) -> tuple[FloatArray, FloatArray | None] | None:
         """Return the last observation and true state of an episode that the last step ended."""
         if env not in self._ended:
             return None
         row = self._finals[self._ended.index(env)].copy()
-        return row[: self._width], row[self._width :] if self._with_states else None
+        own = self.num_drones * self.width
+        shape = (self.num_drones,) if self.has_drone_axis else ()
+        state = row[own:].reshape(*shape, STATE) if self._with_states else None
+        return row[:own].reshape(*shape, self.width), state
 
     def close(self) -> None:
         """End the session and the connection."""
         self._link.close()
 
-    def _fly(
-        self, actions: FloatArray, lead: tuple[int, ...]
-    ) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray, int]:
+    def _fly(self, actions: FloatArray, steps: int | None) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray, int]:
+        lead = self._lead if steps is None else (steps, *self._lead)
         actions = _checked("actions", actions, np.float32, (*lead, ACTION))
-        parts = self._talk(_STEP, 0, 1 if len(lead) == 1 else lead[0], actions.tobytes())
-        rows, rewards = parts[0].reshape(*lead, self._width).copy(), parts[1].reshape(lead).copy()
-        terminated, truncated = ((part != 0).reshape(lead) for part in parts[4:])
-        ends = np.flatnonzero(terminated | truncated)
-        self._finals = parts[3].reshape(-1, self._width + (STATE if self._with_states else 0))
-        self._ended = ends.tolist() if len(self._finals) else []
-        return rows, rewards, terminated, truncated, len(ends)
+        parts = self._talk(_STEP, 0, 1 if steps is None else steps, actions.tobytes())
+        rows, rewards = parts[0].reshape(*lead, self.width).copy(), parts[1].reshape(lead).copy()
+        terminated, truncated = ((part != 0).reshape(lead) for part in parts[5:7])
+        ends = terminated | truncated
+        over = ends
+        if self.has_drone_axis:
+            self._metrics = parts[3].reshape(-1, self._metrics_width).copy()
+            self._flying = (parts[7] != 0).reshape(lead)
+            # where one has crashed and others fly on, nothing has ended; who was reset in the same step flies again
+            over = ends.any(axis=-1) & self._flying.all(axis=-1)
+        self._finals = parts[4].reshape(-1, self._final_numbers)
+        self._ended = np.flatnonzero(over).tolist() if len(self._finals) else []
+        return rows, rewards, terminated, truncated, int(ends.sum())
 
-    def _talk(self, kind: int, flags: int, steps: int, payload: bytes) -> list[NDArray[Any]]:
+    @property
+    def _final_numbers(self) -> int:
+        """Numbers of the last rows of an environment whose episode ended."""
+        return self.num_drones * (self.width + (STATE if self._with_states else 0))
+
+    def _talk(self, kind: int, asked: int, steps: int, payload: bytes) -> list[NDArray[Any]]:
         """Send a binary request and return the parts of its reply: as the protocol orders them, numbers and flags."""
         n, number = self.num_envs, self._link.next_id()
         told = _STATES if self._with_states and kind != _STATE else 0
-        reply = self._link.exchange(number, _REQUEST.pack(number, kind, flags | told, steps, n) + payload)
+        reply = self._link.exchange(number, _REQUEST.pack(number, kind, asked | told, steps, n) + payload)
         if not isinstance(reply, bytes):
             raise self._link.strange("a text for a binary request")
         _, got_kind, got_flags, got_steps, got_envs, finals, _, _ = REPLY.unpack_from(reply)
         if (got_kind, got_flags & ~_OVER, got_steps, got_envs) != (kind | 128, told, steps, n):
             raise self._link.strange("a header that does not fit the request")
-        rows, wide = max(1, steps) * n, STATE if told or kind == _STATE else 0
+        rows, wide = max(1, steps) * n * self.num_drones, STATE if told or kind == _STATE else 0
         step = int(kind == _STEP)
-        numbers = [rows * self._width * int(kind != _STATE), rows * step, rows * wide, finals * (self._width + wide)]
-        expected = REPLY.size + 4 * sum(numbers) + 2 * rows * step
+        numbers = [
+            rows * self.width * int(kind != _STATE),
+            rows * step,
+            rows * wide,
+            max(1, steps) * n * self._metrics_width * step,
+            finals * self._final_numbers,
+        ]
+        flags = [rows * step, rows * step, rows * step if self.has_drone_axis else 0]
+        expected = REPLY.size + 4 * sum(numbers) + sum(flags)
         if len(reply) != expected:
             raise self._link.strange(f"{len(reply)} bytes, expected {expected}")
         parts: list[NDArray[Any]] = []
         at = REPLY.size
-        for count, dtype in [(count, np.dtype("<f4")) for count in numbers] + [(rows * step, np.dtype(np.uint8))] * 2:
+        layout = [(count, np.dtype("<f4")) for count in numbers] + [(count, np.dtype(np.uint8)) for count in flags]
+        for count, dtype in layout:
             parts.append(np.frombuffer(reply, dtype, count, at))
             at += count * dtype.itemsize
         if told:

@@ -16,6 +16,7 @@ from crazyflie_gym import _native
 from crazyflie_gym._types import BoolArray, FloatArray
 from crazyflie_gym.core import Core
 from crazyflie_gym.options import to_json
+from crazyflie_gym.spaces import split
 
 RENDER_MODES = ["rgb_array", "human"]
 WIDTH, HEIGHT = 480, 360
@@ -49,10 +50,12 @@ class Screen:
         by_camera = {entry["name"] for entry in _native.effects() if "frame" in entry["hooks"]}
         self._by_camera = any(name in by_camera for name in effects)
         options = "null" if task_options is None else to_json(**task_options)
-        self._path = _native.path(task, options, sim.tick_s, _PATH_TICKS)
+        # several drones have no one path
+        several = sim.has_drone_axis
+        self._path = np.empty((0, 3), np.float32) if several else _native.path(task, options, sim.tick_s, _PATH_TICKS)
         self._rows: FloatArray | None = None
-        self._states = np.empty((0, 12), np.float32)
-        self._past = np.empty((_TRAIL, sim.num_envs, 3), np.float32)
+        self._states = np.empty((0, sim.num_drones, 12), np.float32)
+        self._past = np.empty((_TRAIL, sim.num_envs, sim.num_drones, 3), np.float32)
         self._ticks = 0
         # states of this episode, per environment
         self._known = np.zeros(sim.num_envs, np.int64)
@@ -60,14 +63,14 @@ class Screen:
         self._terminal = Terminal()
 
     def begin(self, rows: FloatArray, mask: BoolArray | None = None) -> None:
-        """Begin episodes, in all environments or those of a mask, with these observations (num_envs, 24)."""
+        """Begin episodes, in all environments or those of a mask, with these observations."""
         if mask is None or mask[0]:
             self._return = 0.0
             self._terminal.restart()
         self._remember(rows, mask)
 
     def record(self, rows: FloatArray, reward: float, begun: BoolArray | None = None) -> None:
-        """Remember a step: observations (num_envs, 24), the first environment's reward, which ones began an episode."""
+        """Remember a step: observations, the first environment's reward, which ones began an episode."""
         self._return += reward
         if begun is not None and begun.any():
             self.begin(rows, begun)
@@ -75,8 +78,10 @@ class Screen:
             self._remember(rows, np.zeros(self._sim.num_envs, np.bool_))
 
     def _remember(self, rows: FloatArray, begun: BoolArray | None) -> None:
-        self._rows, self._states = rows, self._sim.states()
-        self._past[self._ticks % _TRAIL] = self._states[:, :3]
+        envs, drones = self._sim.num_envs, self._sim.num_drones
+        self._rows = rows.reshape(envs, drones, -1)
+        self._states = self._sim.states().reshape(envs, drones, 12)
+        self._past[self._ticks % _TRAIL] = self._states[..., :3]
         self._ticks += 1
         self._known[slice(None) if begun is None else begun] = 0
         self._known += 1
@@ -89,18 +94,18 @@ class Screen:
         """
         if self._rows is None:
             raise ResetNeeded("call reset() before render()")
-        row, state = self._rows[env], self._states[env]
+        rows, states = self._rows[env], self._states[env]
         count = min(int(self._known[env]), _TRAIL)
         when = np.arange(self._ticks - count, self._ticks) % _TRAIL
         return _native.render(
             width,
             height,
-            drones=np.ascontiguousarray(state[np.newaxis, [0, 1, 2, 6, 7, 8]]),
-            trail=np.ascontiguousarray(self._past[when, env]),
-            setpoint=row[16:19].copy(),
+            drones=np.ascontiguousarray(states[:, [0, 1, 2, 6, 7, 8]]),
+            trail=np.ascontiguousarray(self._past[when, env].swapaxes(0, 1)),
+            setpoint=np.ascontiguousarray(split(rows)["setpoint"][:, :3]),
             path=self._path,
             markers=self._markers,
-            fix=row[0:3].copy() if self._by_camera else None,
+            fix=rows[0, :3].copy() if self._by_camera and len(rows) == 1 else None,
             camera_fov_rad=self._fov_rad,
         )
 
@@ -113,7 +118,7 @@ class Screen:
         if self._rows is None:
             raise ResetNeeded("call reset() before render()")
         t_s = (int(self._known[0]) - 1) * self._sim.tick_s
-        x, y, z = self._states[0, :3]
+        x, y, z = self._states[0, 0, :3]
         status = f"t {t_s:6.2f} s   x {x:+.2f}  y {y:+.2f}  z {z:+.2f} m   return {self._return:8.2f}"
         self._terminal.show(t_s, status, lambda width, height: self.picture(0, width, height))
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -11,30 +10,25 @@ from gymnasium import spaces
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
 
-from crazyflie_gym._native import Crowd, Swarm, metrics, missions
+from crazyflie_gym._native import Crowd, Sim
 from crazyflie_gym._types import BoolArray, FloatArray
-from crazyflie_gym.options import Model, model_source, native_autoreset, to_json
+from crazyflie_gym.build import build, controller, own_steps
+from crazyflie_gym.env import METRICS
+from crazyflie_gym.options import Model
 from crazyflie_gym.options import autoreset_mode as mode_named
 from crazyflie_gym.seeds import Seeds, consecutive, draw, reset_mask
 from crazyflie_gym.spaces import action_space, observation_space
 
-METRICS = tuple(name for name, _, _ in metrics())
-"""What is measured of a world's episode: the columns of info["metrics"]. `crazyflie_gym.metrics()` explains them."""
+__all__ = ["METRICS", "CrazyflieSwarm"]
 
 _Step = tuple[FloatArray, FloatArray, BoolArray, BoolArray, dict[str, Any]]
 
 
-def drone_space(others: int) -> spaces.Space[FloatArray]:
-    """Return the space of a drone's observation: the 24 numbers of a single drone, then 8 for each of the others.
-
-    These are place and velocity relative to the own (metres, metres per second), age (seconds), and 1 where it is
-    known. (Observations are bounded only in their first 24 numbers.)
-    """
-    own = observation_space("flat")
-    assert isinstance(own, spaces.Box)
-    low = np.concatenate([own.low, np.full(8 * others, -np.inf, np.float32)])
-    high = np.concatenate([own.high, np.full(8 * others, np.inf, np.float32)])
-    space: Any = spaces.Box(low, high, dtype=np.float32)
+def drone_space(drones: int) -> spaces.Space[FloatArray]:
+    """Return the space of a drone's observation: the 24 numbers of a single drone, then 8 for each of the others."""
+    team = observation_space("flat", drones)
+    assert isinstance(team, spaces.Box)
+    space: Any = spaces.Box(team.low[0], team.high[0], dtype=np.float32)
     return space  # type: ignore[no-any-return]
 
 
@@ -46,16 +40,9 @@ class CrazyflieSwarm:
 
     Args:
         num_worlds: how many worlds.
-        task: which mission of `crazyflie_gym.missions()`.
-        drones: how many in each world, 1 to 64; by default the mission's own number.
-        neighbours: what they know of each other: {"by": "ideal"}, {"by": "range", "range_m": ...}, or {"by": "radio",
-            "delay_s": ..., "loss": ...}, where each says where its own camera believes it is.
-        each: for each drone, what it has in place of the others' effects: [{"effects": {...}}, ...].
-        radius_m: two drones nearer than twice this have collided.
-        model: one for all drones, or a list of one for each.
-        effects: as of `CrazyflieEnv`. Downwash is on as it was measured unless {"downwash": 0}.
+        task: which of `crazyflie_gym.tasks()`, one of several drones.
         autoreset_mode: as of `CrazyflieVectorEnv`, for whole worlds.
-        max_episode_steps: -1 for no end, by default the mission's own number.
+        max_episode_steps: -1 for no end, by default the task's own number.
 
     The other arguments, and the errors, are those of `CrazyflieVectorEnv`.
     """
@@ -80,31 +67,34 @@ class CrazyflieSwarm:
         isa: str | None = None,
     ) -> None:
         self.mode = mode_named(autoreset_mode)
-        if max_episode_steps is None:
-            max_episode_steps = next((m["max_episode_steps"] for m in missions() if m["name"] == task), 0)
-        models = model if isinstance(model, Sequence) and not isinstance(model, str) else [model]
-        texts = [text for text, _ in map(model_source, models) if text is not None]
-        if texts and len(texts) != len(models):
-            raise ValueError("model: expected a model for each drone, or one for all, got some without a file")
-        options = to_json(
+        sim = build(
+            num_worlds,
             task=task,
-            drones=drones,
-            neighbours=neighbours,
-            each=None if each is None else list(each),
-            radius_m=radius_m,
-            task_options=task_options,
+            model=model,
             vertical=vertical,
             effects=effects,
+            task_options=task_options,
             physics_hz=physics_hz,
+            drones=drones,
+            neighbours=neighbours,
+            each=each,
+            radius_m=radius_m,
             threads=threads,
             isa=isa,
-            autoreset=native_autoreset(self.mode),
-            max_episode_steps=0 if max_episode_steps == -1 else max_episode_steps,
+            autoreset=self.mode,
+            max_episode_steps=own_steps(task, max_episode_steps),
+            remote=None,
+            remote_client="native",
+            states=False,
         )
-        self.swarm = Swarm(num_worlds, options, texts or None)
-        self.num_worlds, self.num_drones = self.swarm.num_worlds, self.swarm.num_drones
-        self.single_observation_space = drone_space(self.num_drones - 1)
+        assert isinstance(sim, Sim)
+        if not sim.has_drone_axis:
+            raise ValueError(f"task is {task!r}, which is for one drone: make it with gymnasium.make_vec")
+        self.sim = sim
+        self.num_worlds, self.num_drones = sim.num_envs, sim.num_drones
+        self.single_observation_space = drone_space(self.num_drones)
         self.single_action_space = action_space()
+        self._model = model
         self._np_random: np.random.Generator | None = None
         self._rows: FloatArray | None = None
         self._seeded = False
@@ -121,8 +111,9 @@ class CrazyflieSwarm:
         Raises:
             ValueError: naming what is wrong, with a proposal where a name is unknown.
         """
-        layer = None if avoid is False else json.dumps({} if avoid is True else dict(avoid))
-        return Crowd(name, self.swarm, options=to_json(**options) if options else "null", avoid=layer)
+        found = controller(name, self.sim, self._model, "automatic", avoid, options)
+        assert isinstance(found, Crowd)
+        return found
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -144,7 +135,7 @@ class CrazyflieSwarm:
         else:
             fresh = None if self._seeded else draw(self._generator(), self.num_worlds)
         rows = None if self._rows is None else self._rows.copy()
-        self._rows = self.swarm.reset(fresh, mask, rows)
+        self._rows = self.sim.reset(fresh, mask, rows)
         self._seeded = True
         return self._rows.copy(), {}
 
@@ -169,20 +160,22 @@ class CrazyflieSwarm:
             TypeError: for another dtype.
             RuntimeError: before the first reset, and for ended worlds when automatic resets are disabled.
         """
-        rows, rewards, terminated, truncated, flying, measured = self.swarm.step(actions)
+        rows, rewards, terminated, truncated, _ = self.sim.step(actions)
         self._rows = rows
-        infos: dict[str, Any] = {"flying": flying, "metrics": measured}
+        flying = self.sim.flying()
+        assert flying is not None
+        infos: dict[str, Any] = {"flying": flying, "metrics": self.sim.metrics()}
         if self.mode is AutoresetMode.SAME_STEP:
-            ended = np.flatnonzero((terminated | truncated).any(axis=1))
-            last = {int(world): self.swarm.last_of_episode(int(world)) for world in ended}
-            shape = (self.num_drones, -1)
-            infos["final_obs"] = {w: rows.reshape(shape) for w, rows in last.items() if rows is not None}
+            # who was reset in the same step flies again; where one has crashed and others fly on, nothing has ended
+            ended = np.flatnonzero((terminated | truncated).any(axis=1) & flying.all(axis=1))
+            last = {int(world): self.sim.last_of_episode(int(world)) for world in ended}
+            infos["final_obs"] = {world: pair[0] for world, pair in last.items() if pair is not None}
         return rows, rewards, terminated, truncated, infos
 
     def states(self) -> FloatArray:
         """Return the true states, float32 (num_worlds, num_drones, 12), laid out as `STATE_FIELDS` says."""
-        return self.swarm.states()
+        return self.sim.states()
 
     def loads(self) -> FloatArray | None:
         """Return where the loads are, float32 (num_worlds, 3), in metres; `None` where the task carries nothing."""
-        return self.swarm.loads()
+        return self.sim.loads()

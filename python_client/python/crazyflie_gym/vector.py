@@ -1,4 +1,4 @@
-"""Many drones, stepped together in Rust."""
+"""Many environments, stepped together in Rust."""
 
 from __future__ import annotations
 
@@ -13,20 +13,23 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from crazyflie_gym import many
-from crazyflie_gym._native import Controller, Interface, Pid, Sim, tasks
+from crazyflie_gym._native import Controller, Crowd, Interface, Pid, Sim
 from crazyflie_gym._types import BoolArray, FloatArray, Observation
-from crazyflie_gym.build import build, controller
+from crazyflie_gym.build import build, controller, own_steps
 from crazyflie_gym.core import RemoteCore
 from crazyflie_gym.options import Model, autoreset_mode
 from crazyflie_gym.screen import RENDER_MODES, Screen, check_render_mode
 from crazyflie_gym.seeds import Seeds, consecutive, draw, reset_mask, seeds
-from crazyflie_gym.spaces import WIDTH, action_space, observation_space, split
+from crazyflie_gym.spaces import action_space, check_form, observation_space, split
 
 _Step = tuple[Observation, FloatArray, BoolArray, BoolArray, dict[str, Any]]
 
 
 class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
-    """A batch of Crazyflies with a task. Environment i of seed s is `CrazyflieEnv` of seed s + i, bit for bit.
+    """A batch of worlds with a task. Environment i of seed s is `CrazyflieEnv` of seed s + i, bit for bit.
+
+    Where a task has several drones, one agent flies those of a world: observations and actions are (num_envs, drones,
+    ...), and infos hold "drone_rewards", "flying" and "metrics", arrays by environment.
 
     Args:
         num_envs: how many.
@@ -53,11 +56,15 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         num_envs: int = 1,
         task: str = "hover",
         *,
-        model: Model = None,
+        model: Model | Sequence[Model] = None,
         vertical: str | None = None,
         effects: Mapping[str, Any] | None = None,
         task_options: Mapping[str, Any] | None = None,
         physics_hz: int | None = None,
+        drones: int | None = None,
+        neighbours: Mapping[str, Any] | None = None,
+        each: Sequence[Mapping[str, Any]] | None = None,
+        radius_m: float | None = None,
         observation: str = "flat",
         true_state: bool = False,
         render_mode: str | None = None,
@@ -70,11 +77,8 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         remote_client: str = "native",
     ) -> None:
         mode = _mode(autoreset_mode)
-        self.single_observation_space = observation_space(observation)
-        self.single_action_space = action_space()
+        check_form(observation)
         self.render_mode = check_render_mode(render_mode)
-        if max_episode_steps is None:
-            max_episode_steps = next((t["max_episode_steps"] for t in tasks() if t["name"] == task), 0)
         self.sim: Sim | RemoteCore = build(
             num_envs,
             task=task,
@@ -83,15 +87,22 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
             effects=effects,
             task_options=task_options,
             physics_hz=physics_hz,
+            drones=drones,
+            neighbours=neighbours,
+            each=each,
+            radius_m=radius_m,
             threads=threads,
             isa=isa,
             autoreset=mode,
-            max_episode_steps=0 if max_episode_steps == -1 else max_episode_steps,
+            max_episode_steps=own_steps(task, max_episode_steps),
             remote=remote,
             remote_client=remote_client,
             states=true_state or render_mode is not None,
         )
         self.num_envs = self.sim.num_envs
+        rows = self.sim.num_drones if self.sim.has_drone_axis else None
+        self.single_observation_space = observation_space(observation, rows)
+        self.single_action_space = action_space(rows)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.metadata = {**self.metadata, "render_fps": round(1.0 / self.sim.tick_s), "autoreset_mode": mode}
@@ -99,8 +110,11 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         self._screen = None if render_mode is None else Screen(self.sim, task, task_options, effects)
         self._by_field = observation == "dict"
         self._true_state = true_state
-        self._plain = mode is AutoresetMode.NEXT_STEP and not (self._by_field or true_state or self._screen)
-        self._sets = None if copy else [_set(self.num_envs) for _ in range(2)]
+        self._lead = (self.num_envs,) if rows is None else (self.num_envs, rows)
+        self._several = rows is not None
+        dressed = self._by_field or true_state or self._screen or self._several
+        self._plain = mode is AutoresetMode.NEXT_STEP and not dressed
+        self._sets = None if copy else [_set(self._lead, self.sim.width) for _ in range(2)]
         self._rows: FloatArray | None = None
         self._ended = np.zeros(self.num_envs, np.bool_)
         self._model = model
@@ -111,15 +125,23 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         """What an action means."""
         return self.sim.interface
 
-    def controller(self, name: str = "thesis-pid", mode: str = "automatic", **options: Any) -> Controller:
+    def controller(
+        self,
+        name: str = "thesis-pid",
+        mode: str = "automatic",
+        *,
+        avoid: bool | Mapping[str, float] = True,
+        **options: Any,
+    ) -> Controller | Crowd:
         """Return a controller of `crazyflie_gym.controllers()`, or `NAME:FILE`, for this batch.
 
-        It acts on flat observations, and believes in the model of the environment but knows none of its effects.
+        It acts on flat observations, and believes in the model of the environment but knows none of its effects;
+        `avoid` is as of `CrazyflieEnv.controller`.
 
         Raises:
             ValueError: naming the controller, option or mode that is wrong, with a proposal where a name is unknown.
         """
-        return controller(name, self.sim, self._model, mode, options)
+        return controller(name, self.sim, self._model, mode, avoid, options)
 
     def pid(self, gains: str = "thesis", mode: str = "automatic") -> Pid:
         """Return the thesis's controller for this batch; it acts on flat observations."""
@@ -146,7 +168,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         """
         mask = reset_mask(options, self.num_envs)
         self._seed(seed)
-        rows = np.empty((self.num_envs, WIDTH), np.float32) if self._rows is None else self._rows.copy()
+        rows = np.empty((*self._lead, self.sim.width), np.float32) if self._rows is None else self._rows.copy()
         if seed is None:
             fresh = None if self._seeded else draw(self.np_random, self.num_envs)
             self.sim.reset(fresh, mask, rows)
@@ -208,6 +230,8 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
             self._rows = rows
             return rows, rewards, terminated, truncated, infos
         self._keep(rows)
+        if self._several:
+            rewards, terminated, truncated = self._join(rewards, terminated, truncated, infos)
         if self._mode is AutoresetMode.SAME_STEP and ended:
             self._add_finals(infos, terminated | truncated)
         if self._true_state:
@@ -215,6 +239,19 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         if self._screen:
             self._draw(rows, rewards, terminated | truncated)
         return self._form(rows), rewards, terminated, truncated, infos
+
+    def _join(
+        self, rewards: FloatArray, terminated: BoolArray, truncated: BoolArray, infos: dict[str, Any]
+    ) -> tuple[FloatArray, BoolArray, BoolArray]:
+        """Return rewards and ends of environments, from those of their drones."""
+        flying = self.sim.flying()
+        assert flying is not None
+        infos |= {"drone_rewards": rewards, "flying": flying, "metrics": self.sim.metrics()}
+        # who was reset in the same step flies again
+        ended = flying.all(axis=1) if self._mode is AutoresetMode.SAME_STEP else ~flying.any(axis=1)
+        over: BoolArray = np.asarray(ended & (terminated | truncated).any(axis=1))
+        late: BoolArray = np.asarray(truncated.any(axis=1))
+        return np.asarray(rewards.mean(axis=1)), over & ~late, over & late
 
     def step_many(self, actions: FloatArray) -> _Step:
         """Fly several control ticks with actions from -1 to 1, float32 (ticks, num_envs, 4): one request to a server.
@@ -231,7 +268,9 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         """
         if self._mode is AutoresetMode.DISABLED or self._screen:
             raise RuntimeError("several ticks at once need automatic resets, and draw no pictures")
-        many.check(actions, self.num_envs)
+        many.check(actions, self._lead)
+        if self._several:
+            return many.join([self.step(tick) for tick in actions])
         step, states, finals, final_states = many.fly(self.sim, actions, self._true_state)
         rows, rewards, terminated, truncated, ended = step
         self._rows = rows[-1]
@@ -256,7 +295,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         """Add the last observation and info of the episodes that ended, laid out as Gymnasium's own vector envs do."""
         finals = np.full(self.num_envs, None, dtype=object)
         final_info: dict[str, Any] = {}
-        states = np.zeros((self.num_envs, 12), np.float32) if self._true_state else None
+        states = np.zeros((*self._lead, 12), np.float32) if self._true_state else None
         for env in np.flatnonzero(mask):
             last = self.sim.last_of_episode(int(env))
             if last is not None:
@@ -305,10 +344,11 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
 _mode = autoreset_mode
 
 
-def _set(envs: int) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray]:
+def _set(lead: tuple[int, ...], width: int) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray]:
     """Return the arrays that a step writes."""
     # rows that begin at a cache line are written faster
-    room = np.zeros(envs * WIDTH + 16, np.float32)
+    count = int(np.prod(lead)) * width
+    room = np.zeros(count + 16, np.float32)
     skip = -room.ctypes.data % 64 // room.itemsize
-    rows, rewards = room[skip : skip + envs * WIDTH].reshape(envs, WIDTH), np.zeros(envs, np.float32)
-    return rows, rewards, np.zeros(envs, np.bool_), np.zeros(envs, np.bool_)
+    rows, rewards = room[skip : skip + count].reshape(*lead, width), np.zeros(lead, np.float32)
+    return rows, rewards, np.zeros(lead, np.bool_), np.zeros(lead, np.bool_)

@@ -11,11 +11,11 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError, Weak};
 use std::time::Duration;
 
 use crazyflie_env::observation::{ACTION, OBSERVATION};
-use crazyflie_env::vector::{Out, STATE};
-use numpy::{PyArray1, PyUntypedArray, PyUntypedArrayMethods};
+use crazyflie_env::vector::{STATE, StepBuffers};
+use numpy::{PyArray1, PyArrayDyn, PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyDict, PyTuple};
 use serde_json::{Map, Value};
 
 use crate::arrays::{empty, input, mask as read_mask, output, row};
@@ -23,6 +23,7 @@ use crate::sim::{Interface, Step, StepOne};
 use link::Link;
 use session::{Made, Session};
 use trouble::Trouble;
+use wire::Layout;
 
 /// What little the thread does that keeps a connection alive.
 const STACK_BYTES: usize = 64 << 10;
@@ -30,7 +31,7 @@ const STACK_BYTES: usize = 64 << 10;
 /// Observations, rewards, terminated, truncated; true states, final observations, final states where they were asked for.
 type Steps<'py> = (Step<'py>, Option<Bound<'py, PyAny>>, Bound<'py, PyAny>, Option<Bound<'py, PyAny>>);
 /// The last observation of an episode, and its last true state if such are sent.
-type Last<'py> = (Bound<'py, PyArray1<f32>>, Option<Bound<'py, PyArray1<f32>>>);
+type Last<'py> = (Bound<'py, PyAny>, Option<Bound<'py, PyAny>>);
 
 /// A connection to a server at `url` (ws:// or wss://); `token` is a team's, `num_envs` how many environments it will be used for.
 #[pyclass(frozen, module = "crazyflie_gym._native")]
@@ -88,7 +89,7 @@ impl Remote {
         let (reply, made) = self.talk(py, |session| {
             let reply = session.link.ask(kind, fields)?;
             let made: Made = session.link.read(reply.clone())?;
-            (session.with_states, session.envs, session.width) = (states, made.num_envs, made.width);
+            (session.with_states, session.layout) = (states, made.layout());
             session.link.session = made.session.clone().zip(made.token.clone());
             Ok((reply, made))
         })?;
@@ -102,6 +103,24 @@ impl Remote {
     #[getter]
     fn num_envs(&self) -> PyResult<usize> {
         self.begun().map(|begun| begun.made.num_envs)
+    }
+
+    /// Drones in each environment.
+    #[getter]
+    fn num_drones(&self) -> PyResult<usize> {
+        self.layout().map(|layout| layout.drones)
+    }
+
+    /// Numbers in a drone's observation.
+    #[getter]
+    fn width(&self) -> PyResult<usize> {
+        self.layout().map(|layout| layout.width)
+    }
+
+    /// As of `Sim`.
+    #[getter]
+    fn has_drone_axis(&self) -> PyResult<bool> {
+        self.layout().map(|layout| layout.metrics > 0)
     }
 
     /// Seconds per step.
@@ -150,12 +169,12 @@ impl Remote {
         mask: Option<&Bound<'py, PyAny>>,
         observations: Option<Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let (n, width) = (self.num_envs()?, self.width()?);
+        let (n, shape) = (self.num_envs()?, self.shape(&[], self.width()?)?);
         let seeds = seeds.map(|seeds| input::<u64>("seeds", &[n], seeds)).transpose()?;
         let seeds = seeds.as_ref().map(|seeds| seeds.as_slice()).transpose()?;
         let mask = mask.map(|mask| read_mask("reset_mask", &[n], mask)).transpose()?;
-        let rows = observations.unwrap_or_else(|| numpy::PyArray2::<f32>::zeros(py, [n, width], false).into_any());
-        let mut out = output::<f32>("observations", &[n, width], &rows)?;
+        let rows = observations.unwrap_or_else(|| PyArrayDyn::<f32>::zeros(py, &shape[..], false).into_any());
+        let mut out = output::<f32>("observations", &shape, &rows)?;
         let out = out.as_slice_mut()?;
         self.talk(py, |session| session.reset(seeds, mask.as_deref(), out))?;
         Ok(rows)
@@ -163,9 +182,9 @@ impl Remote {
 
     /// As of `Sim`.
     fn step<'py>(&self, py: Python<'py>, actions: &Bound<'py, PyAny>) -> PyResult<Step<'py>> {
-        let n = self.num_envs()?;
-        let (observations, rewards) = (empty::<f32>(py, (n, self.width()?))?, empty::<f32>(py, (n,))?);
-        let (terminated, truncated) = (empty::<bool>(py, (n,))?, empty::<bool>(py, (n,))?);
+        let (wide, lead) = (PyTuple::new(py, self.shape(&[], self.width()?)?)?, PyTuple::new(py, self.lead(&[])?)?);
+        let (observations, rewards) = (empty::<f32>(py, wide)?, empty::<f32>(py, lead.clone())?);
+        let (terminated, truncated) = (empty::<bool>(py, lead.clone())?, empty::<bool>(py, lead)?);
         let ended = self.step_into(py, actions, &observations, &rewards, &terminated, &truncated)?;
         Ok((observations, rewards, terminated, truncated, ended))
     }
@@ -180,20 +199,19 @@ impl Remote {
         terminated: &Bound<'py, PyAny>,
         truncated: &Bound<'py, PyAny>,
     ) -> PyResult<usize> {
-        let n = self.num_envs()?;
-        self.fly(py, actions, &[n], [observations, rewards, terminated, truncated])
+        self.fly(py, actions, None, [observations, rewards, terminated, truncated])
     }
 
     /// As of `Sim`.
     fn step_one<'py>(&self, py: Python<'py>, action: &Bound<'py, PyAny>) -> PyResult<StepOne<'py>> {
         let action = input::<f32>("action", &[ACTION], action)?;
         let action = action.as_slice()?;
-        if self.num_envs()? != 1 {
-            return Err(PyValueError::new_err("step_one is for a single environment"));
+        if self.num_envs()? != 1 || self.has_drone_axis()? {
+            return Err(PyValueError::new_err("step_one is for a single environment of one drone"));
         }
         let (mut observations, mut reward, mut terminated, mut truncated) = ([0.0; OBSERVATION], [0.0], [false], [false]);
         let (rows, rewards) = (&mut observations[..], &mut reward[..]);
-        let out = Out { observations: rows, rewards, terminated: &mut terminated[..], truncated: &mut truncated[..] };
+        let out = StepBuffers::new(rows, rewards, &mut terminated[..], &mut truncated[..]);
         self.talk(py, |session| session.step(1, action, out))?;
         Ok((row(py, &observations), f64::from(reward[0]), terminated[0], truncated[0], PyDict::new(py)))
     }
@@ -202,11 +220,14 @@ impl Remote {
     /// of steps in front; true states (steps, num_envs, 12) or `None`; of the episodes that ended, when automatic resets happen in the
     /// same step, the last observations (episodes, 24) and true states (episodes, 12) or `None`, by step and environment.
     fn step_many<'py>(&self, py: Python<'py>, actions: &Bound<'py, PyAny>) -> PyResult<Steps<'py>> {
-        let n = self.num_envs()?;
         let steps = actions.cast::<PyUntypedArray>().ok().and_then(|array| array.shape().first().copied()).unwrap_or(0);
+        if self.has_drone_axis()? {
+            return Err(PyValueError::new_err("step_many is for environments of one drone"));
+        }
+        let n = self.num_envs()?;
         let (observations, rewards) = (empty::<f32>(py, (steps, n, self.width()?))?, empty::<f32>(py, (steps, n))?);
         let (terminated, truncated) = (empty::<bool>(py, (steps, n))?, empty::<bool>(py, (steps, n))?);
-        let ended = self.fly(py, actions, &[steps, n], [&observations, &rewards, &terminated, &truncated])?;
+        let ended = self.fly(py, actions, Some(steps), [&observations, &rewards, &terminated, &truncated])?;
         let (with_states, own) = (self.begun()?.with_states, self.width()?);
         let (width, states, finals) = self.with(py, |session| (session.final_width(), session.states.clone(), session.finals.clone()));
         let rows = |from: std::ops::Range<usize>| {
@@ -219,20 +240,45 @@ impl Remote {
     }
 
     /// As of `Sim`.
+    fn flying<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
+        if !self.has_drone_axis()? {
+            return Ok(None);
+        }
+        let flags = self.with(py, |session| session.flying.clone());
+        PyArray1::from_vec(py, flags).call_method1("reshape", (PyTuple::new(py, self.lead(&[])?)?,)).map(Some)
+    }
+
+    /// As of `Sim`.
+    fn metrics<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
+        let layout = self.layout()?;
+        if layout.metrics == 0 {
+            return Ok(None);
+        }
+        let numbers = self.with(py, |session| session.metrics.clone());
+        PyArray1::from_vec(py, numbers).call_method1("reshape", ((layout.envs, layout.metrics),)).map(Some)
+    }
+
+    /// As of `Sim`.
     fn states<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let n = self.num_envs()?;
-        let states = empty::<f32>(py, (n, STATE))?;
-        let mut out = output::<f32>("states", &[n, STATE], &states)?;
+        let shape = self.shape(&[], STATE)?;
+        let states = empty::<f32>(py, PyTuple::new(py, &shape)?)?;
+        let mut out = output::<f32>("states", &shape, &states)?;
         let out = out.as_slice_mut()?;
         self.talk(py, |session| session.states(out))?;
         Ok(states)
     }
 
     /// As of `Sim`; the true state is `None` unless the session was begun with `states`.
-    fn last_of_episode<'py>(&self, py: Python<'py>, env: usize) -> Option<Last<'py>> {
-        let last = self.with(py, |session| session.final_of(env).map(<[f32]>::to_vec))?;
-        let (observation, state) = last.split_at(self.width().ok()?);
-        Some((row(py, observation), (!state.is_empty()).then(|| row(py, state))))
+    fn last_of_episode<'py>(&self, py: Python<'py>, env: usize) -> PyResult<Option<Last<'py>>> {
+        let layout = self.layout()?;
+        let Some(last) = self.with(py, |session| session.final_of(env).map(<[f32]>::to_vec)) else { return Ok(None) };
+        let (observation, state) = last.split_at(layout.drones * layout.width);
+        let shaped = |numbers: &[f32], width: usize| {
+            let flat = row(py, numbers);
+            if layout.metrics > 0 { flat.call_method1("reshape", ((layout.drones, width),)) } else { Ok(flat.into_any()) }
+        };
+        let state = if state.is_empty() { None } else { Some(shaped(state, STATE)?) };
+        Ok(Some((shaped(observation, layout.width)?, state)))
     }
 
     /// End the session and the connection; may be called twice.
@@ -242,25 +288,42 @@ impl Remote {
 }
 
 impl Remote {
-    /// Numbers in a row of observations.
-    fn width(&self) -> PyResult<usize> {
-        self.begun().map(|begun| begun.made.width)
+    fn layout(&self) -> PyResult<Layout> {
+        self.begun().map(|begun| begun.made.layout())
     }
 
-    fn fly<'py>(&self, py: Python<'py>, actions: &Bound<'py, PyAny>, lead: &[usize], into: [&Bound<'py, PyAny>; 4]) -> PyResult<usize> {
-        let shape = |width: usize| [lead, &[width]].concat();
-        let steps = if let [steps, _] = lead { *steps } else { 1 };
+    /// The first axes of arrays: what stands in front, environments, and where a task has several drones also these.
+    fn lead(&self, front: &[usize]) -> PyResult<Vec<usize>> {
+        let layout = self.layout()?;
+        let axes: &[usize] = if layout.metrics > 0 { &[layout.envs, layout.drones] } else { &[layout.envs] };
+        Ok([front, axes].concat())
+    }
+
+    fn shape(&self, front: &[usize], width: usize) -> PyResult<Vec<usize>> {
+        Ok([self.lead(front)?, vec![width]].concat())
+    }
+
+    fn fly<'py>(
+        &self,
+        py: Python<'py>,
+        actions: &Bound<'py, PyAny>,
+        steps: Option<usize>,
+        into: [&Bound<'py, PyAny>; 4],
+    ) -> PyResult<usize> {
+        let front: Vec<usize> = steps.into_iter().collect();
+        let steps = steps.unwrap_or(1);
         let (Ok(count @ 1..), true) = (u16::try_from(steps), steps <= self.max_steps()?) else {
             return Err(PyValueError::new_err(format!("actions: {steps} steps, expected 1 to {}", self.max_steps()?)));
         };
-        let actions = input::<f32>("actions", &shape(ACTION), actions)?;
-        let mut observations = output::<f32>("observations", &shape(self.width()?), into[0])?;
-        let mut rewards = output::<f32>("rewards", lead, into[1])?;
-        let mut terminated = output::<bool>("terminated", lead, into[2])?;
-        let mut truncated = output::<bool>("truncated", lead, into[3])?;
+        let lead = self.lead(&front)?;
+        let actions = input::<f32>("actions", &self.shape(&front, ACTION)?, actions)?;
+        let mut observations = output::<f32>("observations", &self.shape(&front, self.width()?)?, into[0])?;
+        let mut rewards = output::<f32>("rewards", &lead, into[1])?;
+        let mut terminated = output::<bool>("terminated", &lead, into[2])?;
+        let mut truncated = output::<bool>("truncated", &lead, into[3])?;
         let (actions, observations, rewards) = (actions.as_slice()?, observations.as_slice_mut()?, rewards.as_slice_mut()?);
         let (terminated, truncated) = (terminated.as_slice_mut()?, truncated.as_slice_mut()?);
-        self.talk(py, |session| session.step(count, actions, Out { observations, rewards, terminated, truncated }))
+        self.talk(py, |session| session.step(count, actions, StepBuffers::new(observations, rewards, terminated, truncated)))
     }
 }
 

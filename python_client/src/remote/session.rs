@@ -1,21 +1,26 @@
 //! A session over a link: what was made, and what the last step left behind.
 
 use crazyflie_env::observation::{Interface, OBSERVATION};
-use crazyflie_env::vector::{Out, STATE};
+use crazyflie_env::vector::StepBuffers;
 use serde::Deserialize;
 use tungstenite::Message;
 
 use super::link::Link;
 use super::trouble::Trouble;
-use super::wire::{self, Kind, Reply, Writer};
+use super::wire::{self, Kind, Layout, Reply, Writer};
 
 /// The server's description of what it made.
 #[derive(Debug, Clone, Deserialize)]
 pub struct Made {
     pub num_envs: usize,
-    /// Numbers in a row of observations; of an attempt in which drones see each other more than usual.
-    #[serde(default = "alone")]
-    pub width: usize,
+    /// In each environment. An attempt's rows are all its drones'.
+    #[serde(default = "single", rename = "drones")]
+    drones: usize,
+    /// Numbers in a row of observations: as a session says it, and as an attempt does.
+    observation: Option<serde_json::Value>,
+    width: Option<usize>,
+    #[serde(default)]
+    metrics: usize,
     pub tick_s: f64,
     pub interface: Interface,
     /// Of one binary request; an attempt at the benchmark is flown tick by tick.
@@ -25,8 +30,17 @@ pub struct Made {
     pub token: Option<String>,
 }
 
-fn alone() -> usize {
-    OBSERVATION
+fn single() -> usize {
+    1
+}
+
+impl Made {
+    pub fn layout(&self) -> Layout {
+        let told = self.observation.as_ref().and_then(serde_json::Value::as_u64).and_then(|width| usize::try_from(width).ok());
+        // an attempt tells its drones, and counts them as environments
+        let drones = if self.width.is_some() { 1 } else { self.drones };
+        Layout { envs: self.num_envs, drones, width: self.width.or(told).unwrap_or(OBSERVATION), metrics: self.metrics }
+    }
 }
 
 fn one() -> u16 {
@@ -38,8 +52,10 @@ pub struct Session {
     writer: Writer,
     /// True states come with every reply.
     pub with_states: bool,
-    pub envs: usize,
-    pub width: usize,
+    pub layout: Layout,
+    /// Of the last reply, where a task has several drones.
+    pub flying: Vec<bool>,
+    pub metrics: Vec<f32>,
     /// Those of the last reply, of all its steps.
     pub states: Vec<f32>,
     /// Final rows of the last reply, and of which of its steps x environments they are.
@@ -49,26 +65,29 @@ pub struct Session {
 
 impl Session {
     pub fn new(link: Link) -> Self {
+        let layout = Layout { envs: 0, drones: 1, width: OBSERVATION, metrics: 0 };
         let (states, finals, ended) = (Vec::new(), Vec::new(), Vec::new());
-        Session { link, writer: Writer::default(), with_states: false, envs: 0, width: OBSERVATION, states, finals, ended }
+        let (flying, metrics) = (Vec::new(), Vec::new());
+        Session { link, writer: Writer::default(), with_states: false, layout, flying, metrics, states, finals, ended }
     }
 
-    /// Numbers of a final row.
+    /// Numbers of the last rows of an environment.
     pub fn final_width(&self) -> usize {
-        self.width + if self.with_states { STATE } else { 0 }
+        self.layout.final_numbers(self.with_states)
     }
 
     /// # Errors
     /// [`Trouble`] of any kind.
     pub fn reset(&mut self, seeds: Option<&[u64]>, mask: Option<&[bool]>, rows: &mut [f32]) -> Result<(), Trouble> {
         let id = self.link.next_id();
-        let request = self.writer.reset(id, self.with_states, self.envs, seeds, mask);
+        let request = self.writer.reset(id, self.with_states, self.layout.envs, seeds, mask);
         let reply = self.exchange(id, request)?;
         let reply = self.parsed(&reply, Kind::Reset, 0)?;
         match mask {
             None => wire::copy(reply.observations, rows),
             Some(mask) => {
-                let chosen = rows.chunks_exact_mut(self.width).zip(reply.observations.chunks_exact(4 * self.width)).zip(mask);
+                let numbers = self.layout.drones * self.layout.width;
+                let chosen = rows.chunks_exact_mut(numbers).zip(reply.observations.chunks_exact(4 * numbers)).zip(mask);
                 chosen.filter(|(_, chosen)| **chosen).for_each(|((row, from), _)| wire::copy(from, row));
             }
         }
@@ -83,9 +102,9 @@ impl Session {
     ///
     /// # Errors
     /// [`Trouble`] of any kind.
-    pub fn step(&mut self, steps: u16, actions: &[f32], out: Out<'_>) -> Result<usize, Trouble> {
+    pub fn step(&mut self, steps: u16, actions: &[f32], out: StepBuffers<'_>) -> Result<usize, Trouble> {
         let id = self.link.next_id();
-        let request = self.writer.step(id, self.with_states, steps, self.envs, actions);
+        let request = self.writer.step(id, self.with_states, steps, self.layout.envs, actions);
         let reply = self.exchange(id, request)?;
         let reply = self.parsed(&reply, Kind::Step, steps)?;
         wire::copy(reply.observations, out.observations);
@@ -96,17 +115,24 @@ impl Session {
         wire::copy(reply.states, &mut self.states);
         self.finals.resize(reply.finals.len() / 4, 0.0);
         wire::copy(reply.finals, &mut self.finals);
-        let ends = out.terminated.iter().zip(&*out.truncated).map(|(t, o)| t | o);
-        let count = ends.clone().filter(|ended| *ended).count();
+        self.metrics.resize(reply.metrics.len() / 4, 0.0);
+        wire::copy(reply.metrics, &mut self.metrics);
+        self.flying.resize(reply.flying.len(), false);
+        wire::copy_flags(reply.flying, &mut self.flying);
+        let ends: Vec<bool> = out.terminated.iter().zip(&*out.truncated).map(|(t, o)| t | o).collect();
         self.ended.clear();
         if !self.finals.is_empty() {
-            self.ended.extend(ends.enumerate().filter_map(|(at, ended)| ended.then_some(at)));
-            let rows = self.finals.len() / self.final_width();
-            if rows != count {
-                return Err(self.link.strange(format!("{rows} final rows for {count} ends")));
+            let drones = self.layout.drones;
+            // where one has crashed and others fly on, nothing has ended; who was reset in the same step flies again
+            let all = |env: &usize| self.flying.get(env * drones..(env + 1) * drones).is_none_or(|flying| !flying.contains(&false));
+            let over = ends.chunks(drones).enumerate().filter(|(_, ends)| ends.contains(&true)).map(|(env, _)| env);
+            self.ended.extend(over.filter(all));
+            let (got, count) = (self.finals.len() / self.final_width(), self.ended.len());
+            if got != count {
+                return Err(self.link.strange(format!("{got} final rows for {count} ends")));
             }
         }
-        Ok(count)
+        Ok(ends.into_iter().filter(|ended| *ended).count())
     }
 
     /// The true states as they are now.
@@ -119,7 +145,7 @@ impl Session {
             return Ok(());
         }
         let id = self.link.next_id();
-        let request = self.writer.state(id, self.envs);
+        let request = self.writer.state(id, self.layout.envs);
         let reply = self.exchange(id, request)?;
         wire::copy(self.parsed(&reply, Kind::State, 0)?.states, out);
         Ok(())
@@ -139,6 +165,6 @@ impl Session {
     }
 
     fn parsed<'a>(&self, bytes: &'a [u8], kind: Kind, steps: u16) -> Result<Reply<'a>, Trouble> {
-        Reply::parse(bytes, kind, self.with_states, steps, self.envs, self.width).map_err(|why| self.link.strange(why))
+        Reply::parse(bytes, kind, self.with_states, steps, &self.layout).map_err(|why| self.link.strange(why))
     }
 }

@@ -60,10 +60,13 @@ pub struct Reply<'a> {
     pub rewards: &'a [u8],
     /// Empty unless they were asked for.
     pub states: &'a [u8],
-    /// Rows of observation and, if asked for, state.
+    /// Where a task has several drones: rows for each environment, and whether a drone flies on.
+    pub metrics: &'a [u8],
+    /// Of each environment whose episode ended: rows of observation and, if asked for, of state.
     pub finals: &'a [u8],
     pub terminated: &'a [u8],
     pub truncated: &'a [u8],
+    pub flying: &'a [u8],
 }
 
 /// The bytes of a usual reply with its WebSocket header.
@@ -71,10 +74,35 @@ pub fn reply_bytes(envs: usize) -> usize {
     HEADER + envs * (4 * (OBSERVATION + 1 + STATE) + 2) + 16
 }
 
+/// How many numbers a session's messages are made of.
+#[derive(Debug, Clone, Copy)]
+pub struct Layout {
+    pub envs: usize,
+    /// Of each environment.
+    pub drones: usize,
+    /// Of a drone's observation.
+    pub width: usize,
+    /// Of an environment's metrics: none where a task has one drone.
+    pub metrics: usize,
+}
+
+impl Layout {
+    /// Drones of all environments.
+    pub fn rows(&self) -> usize {
+        self.envs * self.drones
+    }
+
+    /// Numbers of the last rows of an environment whose episode ended.
+    pub fn final_numbers(&self, states: bool) -> usize {
+        self.drones * (self.width + if states { STATE } else { 0 })
+    }
+}
+
 impl<'a> Reply<'a> {
     /// # Errors
     /// What does not fit the request.
-    pub fn parse(bytes: &'a [u8], kind: Kind, states: bool, steps: u16, envs: usize, width: usize) -> Result<Self, String> {
+    pub fn parse(bytes: &'a [u8], kind: Kind, states: bool, steps: u16, layout: &Layout) -> Result<Self, String> {
+        let Layout { envs, width, metrics, .. } = *layout;
         let word = |at: usize| bytes.get(at..at + 4).and_then(|word| word.try_into().ok()).map(u32::from_le_bytes);
         let (Some(head), Some(got_envs), Some(finals)) = (word(8).map(|head| head & !(u32::from(OVER) << 8)), word(12), word(16)) else {
             return Err(format!("a message of {} bytes", bytes.len()));
@@ -84,20 +112,30 @@ impl<'a> Reply<'a> {
         if head != want || got_envs as usize != envs {
             return Err(format!("a header {head:#010x} of {got_envs} environments, expected {want:#010x} of {envs}"));
         }
-        let rows = if kind == Kind::Step { usize::from(steps) * envs } else { envs };
+        let ticks = if kind == Kind::Step { usize::from(steps) } else { 1 };
+        let rows = ticks * layout.rows();
         let wide = if states || kind == Kind::State { 4 * STATE } else { 0 };
         let (step, seen) = (usize::from(kind == Kind::Step), usize::from(kind != Kind::State));
-        let parts = [rows * 4 * width * seen, rows * 4 * step, rows * wide, finals as usize * (4 * width + wide), rows * step, rows * step];
+        let parts = [
+            rows * 4 * width * seen,
+            rows * 4 * step,
+            rows * wide,
+            ticks * envs * 4 * metrics * step,
+            finals as usize * 4 * layout.final_numbers(states),
+            rows * step,
+            rows * step,
+            if metrics == 0 { 0 } else { rows * step },
+        ];
         let mut rest = bytes.get(HEADER..).unwrap_or_default();
         if parts.iter().sum::<usize>() != rest.len() {
             return Err(format!("{} bytes after the header, expected {}", rest.len(), parts.iter().sum::<usize>()));
         }
-        let [observations, rewards, states, finals, terminated, truncated] = parts.map(|count| {
+        let [observations, rewards, states, metrics, finals, terminated, truncated, flying] = parts.map(|count| {
             let (part, after) = rest.split_at(count);
             rest = after;
             part
         });
-        Ok(Reply { observations, rewards, states, finals, terminated, truncated })
+        Ok(Reply { observations, rewards, states, metrics, finals, terminated, truncated, flying })
     }
 }
 

@@ -1,6 +1,6 @@
 //! One attempt at a scenario, from its beginning to its signed row.
 
-use crazyflie_env::vector::Out;
+use crazyflie_env::vector::StepBuffers;
 
 use super::baselines::Seat;
 use super::episodes::{Episode, Episodes};
@@ -130,7 +130,7 @@ impl Attempt {
     ///
     /// # Errors
     /// Before anything moves: [`Error::Over`]; [`Error::Env`] for wrong lengths and actions that are not from -1 to 1.
-    pub(crate) fn step(&mut self, actions: &[f32], out: Out<'_>) -> Result<bool> {
+    pub(crate) fn step(&mut self, actions: &[f32], out: StepBuffers<'_>) -> Result<bool> {
         let episodes = self.episodes.as_mut().ok_or(Error::Over)?;
         episodes.check(&out)?;
         let over = episodes.step(actions)?;

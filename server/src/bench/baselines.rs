@@ -4,7 +4,7 @@ use crazyflie_env::control::avoid::Avoid;
 use crazyflie_env::control::{Chosen, Crowd, Mode, Site};
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::{ACTION, Interface};
-use crazyflie_env::vector::Out;
+use crazyflie_env::vector::StepBuffers;
 
 use super::attempt::{AttemptScore, judge};
 use super::episodes::Episodes;
@@ -68,7 +68,7 @@ fn fly(attempt: &mut Attempt, entrant: &Entrant) -> Result<()> {
     loop {
         pilot.set_mode(attempt.phase()?.mode);
         pilot.act(&observations, &mut actions)?;
-        let out = Out { observations: &mut observations, rewards: &mut rewards, terminated: &mut terminated, truncated: &mut truncated };
+        let out = StepBuffers::new(&mut observations, &mut rewards, &mut terminated, &mut truncated);
         if attempt.step(&actions, out)? {
             return Ok(());
         }

@@ -1,13 +1,11 @@
 //! The flights of an attempt: environments in lock-step, and all that is kept of them.
 
 use crazyflie_env::observation::ACTION;
-use crazyflie_env::swarm::METRICS;
-use crazyflie_env::vector::Out;
+use crazyflie_env::vector::{METRICS, STATE, StepBuffers, VectorEnv};
 use sha2::{Digest, Sha256};
 
 use super::baselines::Seat;
 use super::error::{Error, Result};
-use super::fleet::{Fleet, Given};
 use super::scenario::Scenario;
 use crate::flight::{self, End, Trace};
 
@@ -27,13 +25,23 @@ pub(super) struct Episode {
     pub team: Option<[f32; METRICS.len()]>,
 }
 
+/// What a step of the environments gives: rows for each drone, and metrics of each episode.
+struct Results {
+    observations: Vec<f32>,
+    rewards: Vec<f32>,
+    terminated: Vec<bool>,
+    truncated: Vec<bool>,
+    flying: Vec<bool>,
+    metrics: Vec<f32>,
+}
+
 pub(super) struct Episodes {
-    fleet: Fleet,
+    env: VectorEnv,
     all: Vec<Episode>,
     ticks: usize,
     tick: usize,
     /// As the environments see and give them; what is shown is copied from here while a drone flies.
-    inner: Given,
+    inner: Results,
     states: Vec<f32>,
     /// The actions as they were obeyed: zeros for flights that are over.
     obeyed: Vec<f32>,
@@ -45,28 +53,26 @@ pub(super) struct Episodes {
 
 impl Episodes {
     pub(super) fn begin(scenario: &Scenario, seeds: &[u64]) -> Result<Episodes> {
-        let mut fleet = scenario.fleet(seeds.len())?;
-        let inner = fleet.begin(seeds)?;
-        let trace = Trace { tick_s: fleet.tick_s(), interface: fleet.interface(), rows: Vec::new(), end: End::Time };
+        let mut env = scenario.env(seeds.len())?;
+        let drones = seeds.len() * env.num_drones();
+        let mut inner = Results {
+            observations: vec![0.0; drones * env.width()],
+            rewards: vec![0.0; drones],
+            terminated: vec![false; drones],
+            truncated: vec![false; drones],
+            flying: vec![true; drones],
+            metrics: vec![0.0; seeds.len() * env.num_metrics()],
+        };
+        env.reset(Some(seeds), None, &mut inner.observations)?;
+        let trace = Trace { tick_s: env.tick_s(), interface: env.interfaces()[0], rows: Vec::new(), end: End::Time };
         let path = Path { trace, rewards: vec![0.0], over: false };
-        let team = matches!(fleet, Fleet::Shared(..)).then_some([0.0; METRICS.len()]);
-        let all = vec![Episode { paths: vec![path; fleet.drones()], team }; seeds.len()];
-        let ticks = (scenario.seconds() / fleet.tick_s()).round() as usize;
-        let (drones, states, observations) = (seeds.len() * fleet.drones(), fleet.states()?, inner.observations.clone());
+        let team = (env.num_metrics() > 0).then_some([0.0; METRICS.len()]);
+        let all = vec![Episode { paths: vec![path; env.num_drones()], team }; seeds.len()];
+        let ticks = (scenario.seconds() / env.tick_s()).round() as usize;
+        let (mut states, observations) = (vec![0.0; drones * STATE], inner.observations.clone());
+        env.states(&mut states)?;
         let (obeyed, rewards, flags) = (vec![0.0; drones * ACTION], vec![0.0; drones], vec![false; drones]);
-        Ok(Episodes {
-            fleet,
-            all,
-            ticks,
-            tick: 0,
-            inner,
-            states,
-            obeyed,
-            observations,
-            rewards,
-            terminated: flags.clone(),
-            truncated: flags,
-        })
+        Ok(Episodes { env, all, ticks, tick: 0, inner, states, obeyed, observations, rewards, terminated: flags.clone(), truncated: flags })
     }
 
     /// Drones of all episodes: so many rows go in and out.
@@ -76,7 +82,7 @@ impl Episodes {
 
     /// Numbers in a row of observations.
     pub(super) fn width(&self) -> usize {
-        self.fleet.width()
+        self.env.width()
     }
 
     pub(super) fn tick(&self) -> usize {
@@ -84,12 +90,12 @@ impl Episodes {
     }
 
     pub(super) fn tick_s(&self) -> f64 {
-        self.fleet.tick_s()
+        self.env.tick_s()
     }
 
     pub(super) fn seat(&self) -> Seat {
-        let (interface, tick_s) = (self.fleet.interface(), self.fleet.tick_s());
-        Seat { interface, tick_s, episodes: self.all.len(), drones: self.fleet.drones() }
+        let (interface, tick_s) = (self.env.interfaces()[0], self.env.tick_s());
+        Seat { interface, tick_s, episodes: self.all.len(), drones: self.env.num_drones() }
     }
 
     pub(super) fn under_way(&self) -> usize {
@@ -127,11 +133,12 @@ impl Episodes {
             obeyed[i * ACTION..(i + 1) * ACTION].copy_from_slice(&actions[i * ACTION..(i + 1) * ACTION]);
         }
         let seen = self.inner.observations.clone();
-        self.fleet.step(&obeyed, &mut self.inner)?;
+        let Results { observations, rewards, terminated, truncated, flying, metrics } = &mut self.inner;
+        self.env.step(&obeyed, StepBuffers { observations, rewards, terminated, truncated, flying, metrics })?;
         self.obeyed = obeyed;
-        let (width, before) = (self.width(), std::mem::take(&mut self.states));
+        let (width, before) = (self.width(), self.states.clone());
         self.paths().for_each(|(i, path)| path.trace.rows.push(flight::row(i, width, &seen, &before, actions)));
-        self.states = self.fleet.states()?;
+        self.env.states(&mut self.states)?;
         self.tick += 1;
         self.settle();
         Ok(self.under_way() == 0)
@@ -139,7 +146,7 @@ impl Episodes {
 
     /// What came of the step: for the client, and for flights that end with it their last row.
     fn settle(&mut self) {
-        let (out_of_time, width, drones) = (self.tick >= self.ticks, self.width(), self.fleet.drones());
+        let (out_of_time, width, drones) = (self.tick >= self.ticks, self.width(), self.env.num_drones());
         let metrics = self.inner.metrics.as_chunks().0;
         for (episode, metrics) in self.all.iter_mut().zip(metrics).filter(|(episode, _)| !episode.over()) {
             episode.team = episode.team.map(|_| *metrics);
@@ -167,7 +174,7 @@ impl Episodes {
 
     /// # Errors
     /// The environment's, for buffers of the wrong lengths.
-    pub(super) fn check(&self, out: &Out<'_>) -> Result<()> {
+    pub(super) fn check(&self, out: &StepBuffers<'_>) -> Result<()> {
         let rows = self.rows();
         let want = [rows * self.width(), rows, rows, rows];
         let got = [out.observations.len(), out.rewards.len(), out.terminated.len(), out.truncated.len()];
@@ -179,7 +186,7 @@ impl Episodes {
     }
 
     /// Copies what the client is shown into buffers of the right lengths.
-    pub(super) fn show(&self, out: Out<'_>) {
+    pub(super) fn show(&self, out: StepBuffers<'_>) {
         out.observations.copy_from_slice(&self.observations);
         out.rewards.copy_from_slice(&self.rewards);
         out.terminated.copy_from_slice(&self.terminated);

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crazyflie_env::swarm::METRICS;
+use crazyflie_env::vector::METRICS;
 
 use super::episodes::{Episode, Path};
 use super::error::{Error, Result};

@@ -6,7 +6,6 @@ mod attempt;
 pub(crate) mod baselines;
 mod episodes;
 mod error;
-mod fleet;
 #[cfg(any(test, fuzzing))]
 pub(crate) mod fuzzed;
 mod leaderboard;
@@ -32,8 +31,6 @@ use std::time::{SystemTime, UNIX_EPOCH};
 pub(crate) use attempt::Attempt;
 pub(crate) use baselines::{Entrant, Seat};
 pub(crate) use error::{Error, Result};
-#[cfg(any(test, fuzzing))]
-pub(crate) use fleet::Fleet;
 pub(crate) use leaderboard::Ranked;
 pub(crate) use record::Document;
 pub(crate) use scenario::{PlannedPhase, Scenario};

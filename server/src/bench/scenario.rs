@@ -4,15 +4,13 @@ use std::borrow::Cow;
 
 use crazyflie_env::config::{Autoreset, EffectTable, Options, check_effects};
 use crazyflie_env::control::Mode;
+use crazyflie_env::coupling::{Knowledge, MOST_DRONES};
 use crazyflie_env::model::{Model, VerticalInput};
-use crazyflie_env::observation::Interface;
-use crazyflie_env::swarm::{Knowledge, MOST_DRONES, Shared, SwarmEnv, SwarmOptions};
 use crazyflie_env::vector::VectorEnv;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::error::{Error, Result};
-use super::fleet::Fleet;
 use super::mystery::{Hidden, Pool};
 use super::score::Cost;
 use super::secrets::{Secrets, canonical, sha256_hex};
@@ -57,7 +55,6 @@ pub(super) struct Plan {
     pub episodes: usize,
     pub seconds: f64,
     pub vertical: VerticalInput,
-    /// The task, or for several drones the mission.
     pub task: String,
     #[serde(default)]
     pub task_options: Value,
@@ -123,7 +120,7 @@ impl Scenario {
         let hidden = plan.hidden.as_ref().map(|pool| pool.draw(secrets, &public).map_err(|e| bad(e.to_string()))).transpose()?;
         let hash = content_hash(&plan, hidden.as_ref().map(|h| h.commitment.as_str()))?;
         let scenario = Scenario { plan, phases, hidden, hash };
-        scenario.fleet(1).map_err(|e| bad(e.to_string()))?;
+        scenario.env(1).map_err(|e| bad(e.to_string()))?;
         Ok(scenario)
     }
 
@@ -143,7 +140,7 @@ impl Scenario {
         // nothing is hidden in it: no secret is asked
         let mut scenario = Scenario::read(file, text, &Secrets::new(&[0; 32], [0; 32]))?;
         scenario.plan.effects.extend(more);
-        scenario.fleet(1)?;
+        scenario.env(1)?;
         Ok(scenario)
     }
 
@@ -179,7 +176,7 @@ impl Scenario {
 
     /// The environments of an attempt. They reset on their own, because in lock-step those that have ended are stepped along; nothing after
     /// an end is shown or counted.
-    pub(super) fn fleet(&self, episodes: usize) -> Result<Fleet> {
+    pub(super) fn env(&self, episodes: usize) -> Result<VectorEnv> {
         let mut effects = self.plan.effects.clone();
         effects.extend(self.hidden.iter().flat_map(|hidden| hidden.effects.clone()));
         let options = Options {
@@ -190,15 +187,11 @@ impl Scenario {
             autoreset: Autoreset::NextStep,
             ..Options::default()
         };
-        let model = Model::thesis();
-        Ok(match &self.plan.team {
-            None => Fleet::Alone(VectorEnv::new(&model, &options, episodes)?),
-            Some(Team { drones, neighbours }) => {
-                let shared = Shared { drones: *drones, neighbours: *neighbours, ..Shared::default() };
-                let interface = Interface::of(&model, self.plan.vertical)?;
-                Fleet::Shared(SwarmEnv::new(&[model], &SwarmOptions { env: options, shared }, episodes)?, interface)
-            }
-        })
+        let options = match &self.plan.team {
+            None => options,
+            Some(Team { drones, neighbours }) => Options { drones: *drones, neighbours: *neighbours, ..options },
+        };
+        Ok(VectorEnv::new(&[Model::thesis()], &options, episodes)?)
     }
 
     pub(super) fn lands(&self) -> bool {

@@ -11,7 +11,7 @@ use crazyflie_env::control::{Chosen, Controller, Site};
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::observation::{ACTION, Interface, OBSERVATION};
 use crazyflie_env::plant::Command;
-use crazyflie_env::vector::{Out, STATE, VectorEnv};
+use crazyflie_env::vector::{STATE, StepBuffers, VectorEnv};
 
 pub(crate) use csv::log;
 pub(crate) use figures::{AXES, Axis, AxisFigures, Figures, PhaseFigures, Settling, figures};
@@ -88,7 +88,7 @@ type Answer<'a> = dyn FnMut(f64, &mut [f32], &mut [f32]) -> Result<(), Error> + 
 
 /// The setup's controller for these environments.
 fn pilot(setup: &Setup, env: &VectorEnv) -> Result<Box<dyn Controller>, Error> {
-    let (interface, tick_s, envs) = (env.interface(), env.tick_s(), env.num_envs());
+    let (interface, tick_s, envs) = (env.interfaces()[0], env.tick_s(), env.num_envs());
     let site = Site { model: &setup.model, interface, tick_s, envs, mode: setup.scenario.phases[0].mode };
     setup.controller.build(&site)
 }
@@ -111,7 +111,7 @@ pub(crate) fn fly(setup: &Setup, seeds: &[u64]) -> Result<Vec<Trace>, Error> {
 /// Flies the setup once per seed with commands that depend on time alone, as in the identification flights.
 pub(crate) fn fly_open_loop(setup: &Setup, seeds: &[u64], command: &dyn Fn(f64) -> Command<f64>) -> Result<Vec<Trace>, Error> {
     let mut env = env(setup, seeds.len())?;
-    let interface = env.interface();
+    let interface = env.interfaces()[0];
     fly_by(&mut env, setup.seconds, seeds, &mut |t_s, _, actions| {
         let action = interface.action(&command(t_s)).map(|a| a as f32);
         actions.chunks_exact_mut(ACTION).for_each(|row| row.copy_from_slice(&action));
@@ -128,7 +128,7 @@ pub(crate) fn fly_overruled(
     change: &dyn Fn(f64, Command<f64>) -> Command<f64>,
 ) -> Result<Vec<Trace>, Error> {
     let mut env = env(setup, seeds.len())?;
-    let interface = env.interface();
+    let interface = env.interfaces()[0];
     let mut pilot = pilot(setup, &env)?;
     fly_by(&mut env, setup.seconds, seeds, &mut |t_s, observations, actions| {
         observations.chunks_exact_mut(OBSERVATION).for_each(|row| row[18] = height_m(t_s));
@@ -151,11 +151,11 @@ fn env(setup: &Setup, envs: usize) -> Result<VectorEnv, Error> {
         autoreset: Autoreset::NextStep,
         ..Options::default()
     };
-    VectorEnv::new(&setup.model, &options, envs)
+    VectorEnv::new(std::slice::from_ref(&setup.model), &options, envs)
 }
 
 fn fly_by(env: &mut VectorEnv, seconds: f64, seeds: &[u64], answer: &mut Answer<'_>) -> Result<Vec<Trace>, Error> {
-    let (envs, tick_s, interface) = (seeds.len(), env.tick_s(), env.interface());
+    let (envs, tick_s, interface) = (seeds.len(), env.tick_s(), env.interfaces()[0]);
     let mut observations = vec![0.0; envs * OBSERVATION];
     let (mut actions, mut states) = (vec![0.0; envs * ACTION], vec![0.0; envs * STATE]);
     let (mut rewards, mut truncated, mut terminated) = (vec![0.0; envs], vec![false; envs], vec![false; envs]);
@@ -176,7 +176,7 @@ fn fly_by(env: &mut VectorEnv, seconds: f64, seeds: &[u64], answer: &mut Answer<
         if tick == ticks || over.iter().all(|over| *over) {
             break;
         }
-        let out = Out { observations: &mut observations, rewards: &mut rewards, terminated: &mut terminated, truncated: &mut truncated };
+        let out = StepBuffers::new(&mut observations, &mut rewards, &mut terminated, &mut truncated);
         env.step(&actions, out)?;
     }
     Ok(traces)

@@ -7,9 +7,7 @@ mod tests;
 use crazyflie_env::config::Options;
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::ACTION;
-use crazyflie_env::vector::VectorEnv;
-
-use crate::bench::Fleet;
+use crazyflie_env::vector::{STATE, StepBuffers, VectorEnv};
 
 /// A name, that of its binary and of the folder of its corpus, and what it does: whether the input was accepted.
 pub type Target = (&'static str, fn(&[u8]) -> bool);
@@ -49,32 +47,40 @@ fn model(bytes: &[u8]) -> bool {
     let Ok(model) = Model::parse(text) else { return false };
     let again = Model::parse(&model.to_toml().expect("what was read can be written")).expect("and read again");
     assert_eq!(again.parameters(), model.parameters());
-    VectorEnv::new(&model, &Options::default(), 2).map(alone).is_ok()
+    VectorEnv::new(std::slice::from_ref(&model), &Options::default(), 2).map(flown).is_ok()
 }
 
 fn options(bytes: &[u8]) -> bool {
     let Ok(text) = std::str::from_utf8(bytes) else { return false };
     let options = Options::parse(text).map_err(|error| assert!(!error.to_string().is_empty()));
     // threads are a machine's to give
-    let env = options.map(|options| VectorEnv::new(&Model::thesis(), &Options { threads: 1, ..options }, 2));
-    env.is_ok_and(|env| env.map(alone).is_ok())
-}
-
-fn alone(env: VectorEnv) {
-    flown(Fleet::Alone(env));
+    let env = options.map(|options| VectorEnv::new(&[Model::thesis()], &Options { threads: 1, ..options }, 2));
+    env.is_ok_and(|env| env.map(flown).is_ok())
 }
 
 /// Whatever was accepted flies, in numbers that are numbers.
-pub(crate) fn flown(mut fleet: Fleet) {
-    let seeds: Vec<u64> = (0..fleet.episodes() as u64).collect();
-    let mut given = fleet.begin(&seeds).expect("a reset of all");
+pub(crate) fn flown(mut env: VectorEnv) {
+    let (envs, rows) = (env.num_envs(), env.num_envs() * env.num_drones());
+    let mut observations = vec![0.0; rows * env.width()];
+    let (mut rewards, mut states, mut metrics) = (vec![0.0; rows], vec![0.0; rows * STATE], vec![0.0; envs * env.num_metrics()]);
+    let [mut terminated, mut truncated, mut flying] = [(); 3].map(|()| vec![false; rows]);
+    let seeds: Vec<u64> = (0..envs as u64).collect();
+    env.reset(Some(&seeds), None, &mut observations).expect("a reset of all");
     for action in [0.0, 1.0, -1.0] {
-        match fleet.step(&vec![action; given.rewards.len() * ACTION], &mut given) {
-            Ok(()) | Err(crate::bench::Error::Env(crazyflie_env::Error::Ended { .. })) => {}
+        let out = StepBuffers {
+            observations: &mut observations,
+            rewards: &mut rewards,
+            terminated: &mut terminated,
+            truncated: &mut truncated,
+            flying: &mut flying,
+            metrics: &mut metrics,
+        };
+        match env.step(&vec![action; rows * ACTION], out) {
+            Ok(()) | Err(crazyflie_env::Error::Ended { .. }) => {}
             Err(error) => panic!("{error}"),
         }
-        let states = fleet.states().expect("states of all");
-        let all = given.observations.iter().chain(&given.rewards).chain(&states);
+        env.states(&mut states).expect("states of all");
+        let all = observations.iter().chain(&rewards).chain(&states).chain(&metrics);
         assert!(all.clone().all(|number| number.is_finite()), "{:?}", all.collect::<Vec<_>>());
     }
 }

@@ -68,7 +68,8 @@ impl Connection {
 
     fn binary(&mut self, bytes: &Bytes) -> Reply {
         let began = Instant::now();
-        let answer = Request::parse(bytes).and_then(|request| match &mut self.contest {
+        let drones = self.session.as_ref().filter(|_| self.contest.is_none()).map_or(1, |session| session.layout.drones);
+        let answer = Request::parse(bytes, drones).and_then(|request| match &mut self.contest {
             Some(contest) => contest.binary(&request),
             None => self.session.as_mut().ok_or_else(no_session)?.binary(&request),
         });

@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use crazyflie_env::observation::ACTION;
-use crazyflie_env::vector::Out;
+use crazyflie_env::vector::StepBuffers;
 use serde_json::Value;
 use tokio::task::block_in_place;
 
@@ -71,7 +71,7 @@ impl Contest {
         }
         request.actions(&mut self.actions);
         let mut frame = self.step_once()?;
-        frame.flags([&self.terminated, &self.truncated]);
+        frame.flags(&[&self.terminated, &self.truncated]);
         let envs = self.terminated.len();
         frame.head(request.id, Head { kind: Kind::Step, states: false, over: self.over, steps: 1, envs, finals: 0, ticks: self.ticks });
         Ok(Reply::Binary(Arc::new(frame)))
@@ -99,6 +99,8 @@ impl Contest {
             truncated: &self.truncated,
             state: None,
             finals: Vec::new(),
+            flying: None,
+            metrics: None,
             over: Some(self.over),
         }))))
     }
@@ -107,7 +109,7 @@ impl Contest {
         let (envs, width) = (self.terminated.len(), self.attempt.width()?);
         let mut frame = Frame::new(Vec::new(), envs * (width + 1));
         let (observations, rewards) = frame.numbers_mut().split_at_mut(envs * width);
-        let out = Out { observations, rewards, terminated: &mut self.terminated, truncated: &mut self.truncated };
+        let out = StepBuffers::new(observations, rewards, &mut self.terminated, &mut self.truncated);
         self.over = self.attempt.step(&self.actions, out)?;
         self.ticks += 1;
         Ok(frame)

@@ -5,8 +5,8 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 
 use crazyflie_env::config::{Autoreset, EffectParams, Options};
-use crazyflie_env::observation::OBSERVATION;
-use crazyflie_env::vector::{STATE, VectorEnv};
+use crazyflie_env::observation::{ACTION, Interface, OBSERVATION};
+use crazyflie_env::vector::{METRICS, STATE, VectorEnv};
 use serde_json::{Value, json};
 
 use super::listed::lock;
@@ -45,8 +45,14 @@ impl Feed {
 
     /// Of a shared world: all its drones are watched together.
     pub(crate) fn shared(options: &Options, tick_s: f64, drones: usize, world: &str) -> Self {
+        let mut feed = Feed::several(options, tick_s, drones);
+        feed.header["world"] = world.into();
+        feed
+    }
+
+    /// Of environments of several drones: those of the first one are watched, together.
+    pub(crate) fn several(options: &Options, tick_s: f64, drones: usize) -> Self {
         let mut header = header(options, tick_s);
-        header["world"] = world.into();
         header["drones"] = drones.into();
         header["columns"] = json!(TOGETHER.as_slice());
         Feed::of(header, 1, drones, drones * TOGETHER.len())
@@ -81,22 +87,58 @@ impl Feed {
         if self.watchers() == 0 {
             return;
         }
-        let t_s = flight.ticks as f64 * flight.tick_s();
-        let separations_m = frames::separations_m(&flight.states, &flight.flying);
-        let (states, actions) = (flight.states.as_chunks::<STATE>().0, flight.actions.as_chunks().0);
+        self.show_together(&Together {
+            t_s: flight.ticks as f64 * flight.tick_s(),
+            width: flight.width(),
+            observations: &flight.observations,
+            states: &flight.states,
+            actions: &flight.actions,
+            rewards: Some(&flight.rewards),
+            flying: &flight.flying,
+            interfaces: flight.interfaces(),
+            least_separation_m: flight.least_separation_m(),
+        });
+    }
+
+    fn show_together(&self, now: &Together<'_>) {
+        let separations_m = frames::separations_m(now.states, now.flying);
+        let (states, actions) = (now.states.as_chunks::<STATE>().0, now.actions.as_chunks().0);
         let mut rows = lock(&self.rows);
-        let slots = rows.chunks_mut(TOGETHER.len());
-        for (drone, (slot, separation_m)) in slots.zip(separations_m).enumerate() {
-            let Some(observation) = flight.observation(drone).first_chunk() else { return };
-            let (interface, reward) = (&flight.interfaces()[drone], flight.rewards[drone]);
+        let slots = rows.chunks_mut(TOGETHER.len()).zip(now.observations.chunks(now.width));
+        for (drone, ((slot, observation), separation_m)) in slots.zip(separations_m).enumerate() {
+            let Some(observation) = observation.first_chunk() else { return };
+            let (interface, reward) = (&now.interfaces[drone], now.rewards.map_or(0.0, |rewards| rewards[drone]));
             let (own, shared) = slot.split_at_mut(COLUMNS.len());
-            own.copy_from_slice(&frames::row(t_s, observation, &states[drone], &actions[drone], interface, reward));
-            let flying = if flight.flying[drone] { 1.0 } else { 0.0 };
-            shared.copy_from_slice(&[flying, separation_m, flight.least_separation_m()]);
+            own.copy_from_slice(&frames::row(now.t_s, observation, &states[drone], &actions[drone], interface, reward));
+            let flying = if now.flying[drone] { 1.0 } else { 0.0 };
+            shared.copy_from_slice(&[flying, separation_m, now.least_separation_m]);
         }
         drop(rows);
         self.version.fetch_add(1, Ordering::Release);
     }
+}
+
+/// What a step, or a reset, gave: rows for each drone of all environments. A reset gives neither rewards nor the rest.
+pub(crate) struct Shown<'a> {
+    pub observations: &'a [f32],
+    pub rewards: Option<&'a [f32]>,
+    /// Where a task has several drones.
+    pub flying: &'a [bool],
+    /// Of the first environment.
+    pub metrics: &'a [f32],
+}
+
+/// The drones of one environment at a moment, rows for each.
+struct Together<'a> {
+    t_s: f64,
+    width: usize,
+    observations: &'a [f32],
+    states: &'a [f32],
+    actions: &'a [f32],
+    rewards: Option<&'a [f32]>,
+    flying: &'a [bool],
+    interfaces: &'a [Interface],
+    least_separation_m: f32,
 }
 
 /// Where the watchable environments are in their episodes.
@@ -121,27 +163,57 @@ impl Clocks {
     }
 
     /// A step after which these episodes are over.
-    pub(crate) fn step(&mut self, terminated: &[bool], truncated: &[bool]) {
-        for (env, (terminated, truncated)) in terminated.iter().zip(truncated).enumerate().take(WATCHABLE) {
-            let over = terminated | truncated;
+    pub(crate) fn step(&mut self, over: &[bool]) {
+        for (env, over) in over.iter().enumerate().take(WATCHABLE) {
             let begins = match self.autoreset {
                 Autoreset::NextStep => self.over[env],
-                Autoreset::SameStep => over,
+                Autoreset::SameStep => *over,
                 Autoreset::Disabled => false,
             };
-            (self.steps[env], self.over[env]) = (if begins { 0 } else { self.steps[env] + 1 }, over);
+            (self.steps[env], self.over[env]) = (if begins { 0 } else { self.steps[env] + 1 }, *over);
         }
     }
 
+    /// The first environment, whose drones are watched together.
+    fn show_together(&self, feed: &Feed, env: &VectorEnv, shown: &Shown<'_>) {
+        let (drones, width) = (env.num_drones(), env.width());
+        let mut states = vec![0.0; drones * STATE];
+        // the buffer is whole rows of drones that exist
+        if env.first_states(&mut states).is_err() {
+            return;
+        }
+        let observations = &shown.observations[..drones * width];
+        let actions: Vec<f32> = observations.chunks(width).flat_map(|row| &row[OBSERVATION - ACTION..OBSERVATION]).copied().collect();
+        let begun = vec![true; drones];
+        let flying = shown.flying.get(..drones).unwrap_or(&begun);
+        let measured = METRICS.iter().position(|(name, ..)| *name == "min_separation_m").and_then(|at| shown.metrics.get(at));
+        let now_m = || frames::separations_m(&states, flying).fold(f32::INFINITY, f32::min);
+        feed.show_together(&Together {
+            t_s: f64::from(self.steps[0]) * self.tick_s,
+            width,
+            observations,
+            states: &states,
+            actions: &actions,
+            rewards: shown.rewards,
+            flying,
+            interfaces: env.interfaces(),
+            least_separation_m: measured.copied().unwrap_or_else(now_m),
+        });
+    }
+
     /// Shows the newest observations and rewards, with the true states.
-    pub(crate) fn show(&self, feed: &Feed, env: &VectorEnv, observations: &[f32], rewards: Option<&[f32]>) {
+    pub(crate) fn show(&self, feed: &Feed, env: &VectorEnv, shown: &Shown<'_>) {
+        if env.num_metrics() > 0 {
+            return self.show_together(feed, env, shown);
+        }
+        let Shown { observations, rewards, .. } = *shown;
         let n = env.num_envs().min(WATCHABLE);
         let mut states = [0.0; WATCHABLE * STATE];
         // the buffer is whole rows of environments that exist
         if env.first_states(&mut states[..n * STATE]).is_err() {
             return;
         }
-        let interface = env.interface();
+        let interface = env.interfaces()[0];
         let mut rows = lock(&feed.rows);
         let given = observations.as_chunks::<OBSERVATION>().0.iter().zip(states.as_chunks::<STATE>().0);
         for (env, (row, (observation, state))) in rows.chunks_mut(COLUMNS.len()).zip(given).take(n).enumerate() {

@@ -11,7 +11,7 @@ pub(crate) fn control_message(bytes: &[u8]) -> bool {
 }
 
 pub(crate) fn step_frame(bytes: &[u8]) -> bool {
-    let request = match Request::parse(bytes) {
+    let request = match Request::parse(bytes, 1) {
         Ok(request) => request,
         Err(fault) => {
             assert!(!fault.message.is_empty());

@@ -129,7 +129,11 @@ impl Talk {
             let mut options = reset.options.unwrap_or_default();
             options.insert("autoreset".into(), "disabled".into());
             let make = Make { env: reset.env, options, num_envs: 1, model: None };
-            let (session, _) = make::make(&self.server, 0, &make).map_err(failed)?;
+            let (session, made) = make::make(&self.server, 0, &make).map_err(failed)?;
+            if made.metrics > 0 {
+                let problem = format!("OpenEnv flies one drone, and the task {} has {}", made.task, made.drones);
+                return Err((Failing::ValidationError, problem));
+            }
             session.listed().hold(&self.leave);
             if let Some(before) = self.session.replace(session) {
                 before.finish(End::Closed);

@@ -2,16 +2,15 @@
 
 use std::sync::Arc;
 
-use crazyflie_env::observation::OBSERVATION;
 use crazyflie_env::vector::STATE;
 use tokio_tungstenite::tungstenite::Utf8Bytes;
 
 use super::fault::{Code, Fault};
 use super::message::{Actions, Reset, Step};
 use super::replies::Reply;
-use super::server_message::{Final, Numbers, Outcome, Rows, ServerMessage, observations};
+use super::server_message::{Final, Numbers, Outcome, Rows, ServerMessage};
 use super::session::{Session, Stepped};
-use super::wire::{Frame, Head, Kind, Request};
+use super::wire::{Frame, Head, Kind, Layout, Request};
 
 /// Environment-steps in one request from which on a thread of its own is worth the change of threads.
 const LONG: usize = 8192;
@@ -38,16 +37,16 @@ impl Session {
             let frame = match request.kind {
                 Kind::Step => {
                     request.actions(&mut session.actions);
-                    let stepped = long(request.steps * envs, || session.advance(request.steps, request.states))?;
+                    let stepped = long(request.steps * session.layout.rows(), || session.advance(request.steps, request.states))?;
                     session.finished(request.id, stepped)
                 }
                 Kind::Reset => {
                     let (seeds, mask) = (request.seeds(), request.mask()?);
-                    let frame = long(envs, || session.begin(seeds.as_deref(), mask.as_deref(), request.states))?;
+                    let frame = long(session.layout.rows(), || session.begin(seeds.as_deref(), mask.as_deref(), request.states))?;
                     session.headed(request, frame)
                 }
                 Kind::State => {
-                    let mut frame = Frame::new(session.replies.spare(), envs * STATE);
+                    let mut frame = Frame::new(session.replies.spare(), session.layout.state_numbers(true));
                     session.states(frame.numbers_mut())?;
                     session.headed(request, frame)
                 }
@@ -64,7 +63,7 @@ impl Session {
 
     fn finished(&self, id: u64, stepped: Stepped) -> Frame {
         let Stepped { mut frame, steps, states, finals } = stepped;
-        frame.flags([&self.terminated, &self.truncated]);
+        frame.flags(&[&self.terminated, &self.truncated, &self.flying]);
         frame.head(id, Head { kind: Kind::Step, states, over: false, steps, envs: self.env.num_envs(), finals, ticks: self.ticks() });
         frame
     }
@@ -79,10 +78,11 @@ impl Session {
                 (None, seeds) => seeds.clone(),
             };
             let frame = session.begin(seeds.as_deref(), asked.mask.as_deref(), asked.states)?;
-            let (rows, states) = frame.numbers().split_at(session.env.num_envs() * OBSERVATION);
+            let width = session.layout.width;
+            let (rows, states) = frame.numbers().split_at(session.layout.rows() * width);
             session.text(&ServerMessage::Observation {
                 id,
-                observation: observations(rows),
+                observation: Rows { numbers: rows, width },
                 state: asked.states.then_some(state_rows(states)),
             })
         })
@@ -106,31 +106,33 @@ impl Session {
     /// As [`Session::binary`].
     pub(crate) fn state(&mut self, id: u64) -> Result<Reply, Fault> {
         self.once(id, |session| {
-            let mut states = vec![0.0; session.env.num_envs() * STATE];
+            let mut states = vec![0.0; session.layout.state_numbers(true)];
             session.states(&mut states)?;
             session.text(&ServerMessage::State { id, state: state_rows(&states), ticks: session.ticks() })
         })
     }
 
     fn outcome<'a>(&'a self, id: u64, stepped: &'a Stepped) -> Outcome<'a> {
-        let n = self.env.num_envs();
-        let (rows, rest) = stepped.frame.numbers().split_at(n * OBSERVATION);
+        let Layout { envs, width, metrics, .. } = self.layout;
+        let n = self.layout.rows();
+        let (rows, rest) = stepped.frame.numbers().split_at(n * width);
         let (rewards, rest) = rest.split_at(n);
-        let (states, finals) = rest.split_at(if stepped.states { n * STATE } else { 0 });
-        let width = OBSERVATION + if stepped.states { STATE } else { 0 };
-        let ended = (0..n).filter(|env| self.terminated[*env] | self.truncated[*env]);
-        let finals = ended.zip(finals.chunks(width)).map(|(env, row)| {
-            let (observation, state) = row.split_at(OBSERVATION);
+        let (states, rest) = rest.split_at(self.layout.state_numbers(stepped.states));
+        let (measured, finals) = rest.split_at(envs * metrics);
+        let finals = self.ended().zip(finals.chunks(self.layout.final_numbers(stepped.states))).map(|(env, row)| {
+            let (observation, state) = row.split_at(self.layout.drones * width);
             Final { env, observation: Numbers(observation), state: stepped.states.then_some(Numbers(state)) }
         });
         Outcome {
             id,
-            observation: observations(rows),
+            observation: Rows { numbers: rows, width },
             reward: Numbers(rewards),
             terminated: &self.terminated,
             truncated: &self.truncated,
             state: stepped.states.then_some(state_rows(states)),
             finals: finals.collect(),
+            flying: (metrics > 0).then_some(&self.flying[..]),
+            metrics: (metrics > 0).then_some(Rows { numbers: measured, width: metrics.max(1) }),
             over: None,
         }
     }

@@ -1,7 +1,7 @@
 //! What is answered in JSON: `docs/protocol.md` says what every field means.
 
 use crazyflie_env::config::Autoreset;
-use crazyflie_env::observation::{Interface, OBSERVATION};
+use crazyflie_env::observation::Interface;
 use serde::ser::SerializeSeq;
 use serde::{Serialize, Serializer};
 use serde_json::Value;
@@ -119,6 +119,11 @@ pub(crate) struct Outcome<'a> {
     /// With same-step resets.
     #[serde(rename = "final", skip_serializing_if = "Vec::is_empty")]
     pub finals: Vec<Final<'a>>,
+    /// Where a task has several drones: which ones fly on, and rows for each environment.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub flying: Option<&'a [bool]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub metrics: Option<Rows<'a>>,
     /// In an attempt: the last episode has ended.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub over: Option<bool>,
@@ -168,6 +173,8 @@ pub(crate) struct Known {
     pub env: &'static str,
     pub task: &'static str,
     pub max_episode_steps: u32,
+    /// Unless the options say otherwise.
+    pub drones: usize,
 }
 
 #[derive(Debug, Serialize)]
@@ -179,17 +186,17 @@ pub(crate) struct Made {
     pub env: String,
     pub task: String,
     pub num_envs: usize,
+    /// In each environment; rows are environment by environment, and within one drone by drone.
+    pub drones: usize,
     pub observation: usize,
     pub action: usize,
+    /// Numbers that each environment's metrics have; none for a task of one drone.
+    pub metrics: usize,
     pub autoreset: Autoreset,
     pub max_episode_steps: u32,
     /// The most steps that one binary request may ask for.
     pub max_steps: usize,
     pub tick_s: f64,
+    /// Of the first drone; all have the same model.
     pub interface: Interface,
-}
-
-/// Observation rows.
-pub(crate) fn observations(numbers: &[f32]) -> Rows<'_> {
-    Rows { numbers, width: OBSERVATION }
 }

@@ -5,18 +5,19 @@ use std::sync::atomic::Ordering;
 
 use crazyflie_env::Error;
 use crazyflie_env::config::Autoreset;
-use crazyflie_env::observation::{ACTION, OBSERVATION};
-use crazyflie_env::vector::{Out, STATE, VectorEnv};
+use crazyflie_env::observation::ACTION;
+use crazyflie_env::vector::{StepBuffers, VectorEnv};
 
 use super::fault::{Code, Fault};
-use super::feed::Clocks;
+use super::feed::{Clocks, Shown, WATCHABLE};
 use super::listed::{End, Listed, Place};
 use super::replies::Replies;
 use super::settings::Limits;
-use super::wire::{Frame, reply_bytes};
+use super::wire::{Frame, Layout};
 
 pub(crate) struct Session {
     pub(super) env: VectorEnv,
+    pub(super) layout: Layout,
     autoreset: Autoreset,
     place: Place,
     pub(super) replies: Replies,
@@ -24,6 +25,8 @@ pub(crate) struct Session {
     pub(super) actions: Vec<f32>,
     pub(super) terminated: Vec<bool>,
     pub(super) truncated: Vec<bool>,
+    /// Where a task has several drones.
+    pub(super) flying: Vec<bool>,
     pub(super) most_bytes: usize,
     /// The first reset was done.
     ready: bool,
@@ -42,8 +45,9 @@ impl Session {
     pub(crate) fn new(env: VectorEnv, autoreset: Autoreset, place: Place, limits: &Limits) -> Self {
         let clocks = Clocks::new(autoreset, env.tick_s());
         let (replies, most_bytes) = (Replies::new(limits), limits.batch_bytes);
-        let (actions, terminated, truncated) = (Vec::new(), Vec::new(), Vec::new());
-        Session { env, autoreset, place, replies, actions, terminated, truncated, most_bytes, ready: false, clocks }
+        let layout = Layout::new(&env);
+        let (actions, terminated, truncated, flying) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        Session { env, layout, autoreset, place, replies, actions, terminated, truncated, flying, most_bytes, ready: false, clocks }
     }
 
     pub(crate) fn listed(&self) -> &Arc<Listed> {
@@ -59,6 +63,11 @@ impl Session {
         self.place.end = end;
     }
 
+    /// The bytes of the reply to a single step, if they are more than one message may have.
+    pub(crate) fn too_large(&self) -> Option<usize> {
+        Some(self.reply_bytes(1, false)).filter(|bytes| *bytes > self.most_bytes)
+    }
+
     /// The most steps that fit one reply.
     pub(crate) fn most_steps(&self) -> usize {
         if self.autoreset == Autoreset::Disabled {
@@ -70,8 +79,8 @@ impl Session {
 
     /// At most: every episode may end in every step.
     fn reply_bytes(&self, steps: usize, states: bool) -> usize {
-        let finals = if self.autoreset == Autoreset::SameStep { 4 * (OBSERVATION + if states { STATE } else { 0 }) } else { 0 };
-        reply_bytes(steps, self.env.num_envs(), states).saturating_add(finals.saturating_mul(steps).saturating_mul(self.env.num_envs()))
+        let finals = if self.autoreset == Autoreset::SameStep { 4 * self.layout.final_numbers(states) } else { 0 };
+        self.layout.reply_bytes(steps, states).saturating_add(finals.saturating_mul(steps).saturating_mul(self.layout.envs))
     }
 
     /// # Errors
@@ -92,16 +101,17 @@ impl Session {
     /// # Errors
     /// For seeds and masks that do not fit.
     pub(crate) fn begin(&mut self, seeds: Option<&[u64]>, mask: Option<&[bool]>, states: bool) -> Result<Frame, Fault> {
-        let n = self.env.num_envs();
-        let mut frame = Frame::new(self.replies.spare(), n * (OBSERVATION + if states { STATE } else { 0 }));
-        let (observations, rest) = frame.numbers_mut().split_at_mut(n * OBSERVATION);
+        let numbers = self.layout.rows() * self.layout.width;
+        let mut frame = Frame::new(self.replies.spare(), numbers + self.layout.state_numbers(states));
+        let (observations, rest) = frame.numbers_mut().split_at_mut(numbers);
         // rows that do not begin are nothing, not what was in the memory before
         observations.fill(0.0);
         self.env.reset(seeds, mask, observations)?;
         self.ready = true;
         self.clocks.begin(mask);
         if self.place.listed.feed.watchers() > 0 && mask.is_none() {
-            self.clocks.show(&self.place.listed.feed, &self.env, observations, None);
+            let shown = Shown { observations, rewards: None, flying: &[], metrics: &[] };
+            self.clocks.show(&self.place.listed.feed, &self.env, &shown);
         }
         if states {
             self.env.states(rest)?;
@@ -125,45 +135,70 @@ impl Session {
     /// # Errors
     /// Before anything moves.
     pub(super) fn advance(&mut self, steps: usize, states: bool) -> Result<Stepped, Fault> {
-        let n = self.env.num_envs();
         self.check(steps, states)?;
-        let [rows, rewards, wide] = [OBSERVATION, 1, if states { STATE } else { 0 }].map(|width| steps * n * width);
-        let mut frame = Frame::new(self.replies.spare(), rows + rewards + wide);
+        let Layout { envs, width, metrics, .. } = self.layout;
+        let n = self.layout.rows();
+        let wide = self.layout.state_numbers(states);
+        let mut frame = Frame::new(self.replies.spare(), steps * (n * (width + 1) + wide + envs * metrics));
         self.terminated.resize(steps * n, false);
         self.truncated.resize(steps * n, false);
+        self.flying.resize(if metrics == 0 { 0 } else { steps * n }, false);
         let mut finals = 0;
         for k in 0..steps {
             let part = k * n..(k + 1) * n;
-            let (observations, rest) = frame.numbers_mut().split_at_mut(rows);
-            let (rewards, rest) = rest.split_at_mut(rewards);
-            let out = Out {
-                observations: &mut observations[k * n * OBSERVATION..(k + 1) * n * OBSERVATION],
+            let (observations, rest) = frame.numbers_mut().split_at_mut(steps * n * width);
+            let (rewards, rest) = rest.split_at_mut(steps * n);
+            let (seen, rest) = rest.split_at_mut(steps * wide);
+            let out = StepBuffers {
+                observations: &mut observations[k * n * width..(k + 1) * n * width],
                 rewards: &mut rewards[part.clone()],
                 terminated: &mut self.terminated[part.clone()],
                 truncated: &mut self.truncated[part.clone()],
+                flying: self.flying.get_mut(part.clone()).unwrap_or_default(),
+                metrics: &mut rest[k * envs * metrics..(k + 1) * envs * metrics],
             };
             self.env.step(&self.actions[k * n * ACTION..(k + 1) * n * ACTION], out)?;
             if states {
-                self.env.states(&mut rest[k * n * STATE..(k + 1) * n * STATE])?;
+                self.env.states(&mut seen[k * wide..(k + 1) * wide])?;
             }
-            self.clocks.step(&self.terminated[part.clone()], &self.truncated[part]);
+            // nobody asks when the other episodes end
+            let asked = if self.autoreset == Autoreset::SameStep { envs } else { envs.min(WATCHABLE) };
+            let over: Vec<bool> = (0..asked).map(|env| self.has_ended(k, env)).collect();
+            self.clocks.step(&over);
             if self.autoreset == Autoreset::SameStep {
-                finals += self.finals(&mut frame, k, states);
+                finals += self.finals(&mut frame, &over, states);
             }
         }
         self.place.stepped(steps);
         if self.place.listed.feed.watchers() > 0 {
-            let (observations, rest) = frame.numbers()[(steps - 1) * n * OBSERVATION..].split_at(n * OBSERVATION);
-            self.clocks.show(&self.place.listed.feed, &self.env, observations, Some(&rest[(steps - 1) * n..]));
+            let last = steps - 1;
+            let (observations, rest) = frame.numbers()[last * n * width..].split_at(n * width);
+            let (rewards, rest) = rest.split_at(steps * n);
+            let measured = &rest[steps * wide + last * envs * metrics..][..metrics];
+            let (rewards, flying) = (Some(&rewards[last * n..]), self.flying.get(last * n..).unwrap_or_default());
+            self.clocks.show(&self.place.listed.feed, &self.env, &Shown { observations, rewards, flying, metrics: measured });
         }
         Ok(Stepped { frame, steps, states, finals })
     }
 
-    /// Adds the last rows of the episodes that ended in step `k`; how many.
-    fn finals(&self, frame: &mut Frame, k: usize, states: bool) -> usize {
-        let n = self.env.num_envs();
+    /// Whether the episode of an environment ended in step `k`: with several drones, when the last one's flight did.
+    fn has_ended(&self, k: usize, env: usize) -> bool {
+        let Layout { drones, metrics, .. } = self.layout;
+        let from = k * self.layout.rows() + env * drones;
+        let part = from..from + drones;
+        let any = part.clone().any(|row| self.terminated[row] | self.truncated[row]);
+        if metrics == 0 {
+            return any;
+        }
+        // who was reset in the same step flies again
+        let flags = &self.flying[part];
+        any && if self.autoreset == Autoreset::SameStep { flags.iter().all(|flies| *flies) } else { !flags.contains(&true) }
+    }
+
+    /// Adds the last rows of the episodes that are `over`; how many.
+    fn finals(&self, frame: &mut Frame, over: &[bool], states: bool) -> usize {
         let mut count = 0;
-        for env in (0..n).filter(|env| self.terminated[k * n + env] | self.truncated[k * n + env]) {
+        for (env, _) in over.iter().enumerate().filter(|(_, over)| **over) {
             if let Some((observation, state)) = self.env.last_of_episode(env) {
                 frame.push(observation);
                 if states {
@@ -175,9 +210,14 @@ impl Session {
         count
     }
 
+    /// The last rows of what ended in a single step, environment by environment.
+    pub(super) fn ended(&self) -> impl Iterator<Item = usize> {
+        (0..self.layout.envs).filter(|env| self.has_ended(0, *env))
+    }
+
     /// Everything that could go wrong after the first of several steps.
     fn check(&self, steps: usize, states: bool) -> Result<(), Fault> {
-        let (n, bytes) = (self.env.num_envs(), self.reply_bytes(steps, states));
+        let (n, drones, bytes) = (self.layout.rows(), self.layout.drones, self.reply_bytes(steps, states));
         if bytes > self.most_bytes {
             let most = self.most_bytes;
             return Err(Fault::new(Code::TooLarge, format!("the reply may take {bytes} bytes, more than {most}: ask for fewer steps")));
@@ -197,7 +237,8 @@ impl Session {
             return Ok(());
         }
         let at = self.actions.iter().position(bad).unwrap_or_default();
-        let (step, env, axis, value) = (at / (n * ACTION), at / ACTION % n, at % ACTION, self.actions[at]);
-        Err(Fault::new(Code::BadAction, format!("step {step}: actions[{env}][{axis}] is {value}, expected a number from -1 to 1")))
+        let (step, row, axis, value) = (at / (n * ACTION), at / ACTION % n, at % ACTION, self.actions[at]);
+        let place = if self.layout.metrics == 0 { format!("[{row}]") } else { format!("[{}][{}]", row / drones, row % drones) };
+        Err(Fault::new(Code::BadAction, format!("step {step}: actions{place}[{axis}] is {value}, expected a number from -1 to 1")))
     }
 }

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use bytemuck::{cast_slice, cast_slice_mut};
 use bytes::Bytes;
-use crazyflie_env::observation::{ACTION, OBSERVATION};
-use crazyflie_env::vector::STATE;
+use crazyflie_env::observation::ACTION;
+use crazyflie_env::vector::{STATE, VectorEnv};
 
 use super::fault::{Code, Fault};
 
@@ -59,9 +59,11 @@ pub(crate) fn id_of(bytes: &[u8]) -> Option<u64> {
 }
 
 impl<'a> Request<'a> {
+    /// Of a session whose environments have so many drones.
+    ///
     /// # Errors
     /// `bad_frame` for a header that makes no sense, `wrong_length` for a payload that does not fit it.
-    pub(crate) fn parse(bytes: &'a [u8]) -> Result<Self, Fault> {
+    pub(crate) fn parse(bytes: &'a [u8], drones: usize) -> Result<Self, Fault> {
         let bad = |message: String| Fault::new(Code::BadFrame, message);
         if bytes.len() < REQUEST_HEADER {
             return Err(bad(format!("a message of {} bytes, expected a header of {REQUEST_HEADER}", bytes.len())));
@@ -83,7 +85,7 @@ impl<'a> Request<'a> {
             return Err(bad(format!("{steps} steps, expected at least 1 in a step and 0 elsewhere")));
         }
         let envs = u32::from_le_bytes(array(header, 12)) as usize;
-        let [seeds, mask, actions] = lengths(kind, flags, steps, envs);
+        let [seeds, mask, actions] = lengths(kind, flags, steps, [envs, drones]);
         if seeds + mask + actions != payload.len() as u128 {
             let want = seeds + mask + actions;
             return Err(Fault::new(Code::WrongLength, format!("{} bytes after the header, expected {want}", payload.len())));
@@ -117,17 +119,55 @@ impl<'a> Request<'a> {
 }
 
 /// Bytes of seeds, mask and actions; 128 bits, because the header may claim anything.
-fn lengths(kind: Kind, flags: u8, steps: usize, envs: usize) -> [u128; 3] {
-    let envs = envs as u128;
+fn lengths(kind: Kind, flags: u8, steps: usize, size: [usize; 2]) -> [u128; 3] {
+    let [envs, drones] = size.map(|count| count as u128);
     let seeds = if flags & SEEDS != 0 { 8 * envs } else { 0 };
     let mask = if flags & MASK != 0 { envs } else { 0 };
-    [seeds, mask, if kind == Kind::Step { steps as u128 * envs * 4 * ACTION as u128 } else { 0 }]
+    [seeds, mask, if kind == Kind::Step { steps as u128 * envs * drones * 4 * ACTION as u128 } else { 0 }]
 }
 
-/// Bytes of a step's reply if no episode ends; every end adds a final row.
-pub(crate) fn reply_bytes(steps: usize, envs: usize, states: bool) -> usize {
-    let row = 4 * (OBSERVATION + 1 + if states { STATE } else { 0 }) + 2;
-    REPLY_HEADER + steps.saturating_mul(envs).saturating_mul(row)
+/// How many numbers a session's replies are made of.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Layout {
+    pub envs: usize,
+    /// Of each environment.
+    pub drones: usize,
+    /// Of a drone's observation.
+    pub width: usize,
+    /// Of an environment's metrics: none where a task has one drone.
+    pub metrics: usize,
+}
+
+impl Layout {
+    pub(crate) fn new(env: &VectorEnv) -> Self {
+        Layout { envs: env.num_envs(), drones: env.num_drones(), width: env.width(), metrics: env.num_metrics() }
+    }
+
+    /// Drones of all environments.
+    pub(crate) fn rows(&self) -> usize {
+        self.envs * self.drones
+    }
+
+    /// Numbers of true states in one step.
+    pub(crate) fn state_numbers(&self, states: bool) -> usize {
+        if states { self.rows() * STATE } else { 0 }
+    }
+
+    /// Numbers that an episode's end adds to a step's reply, with same-step resets.
+    pub(crate) fn final_numbers(&self, states: bool) -> usize {
+        self.drones * (self.width + if states { STATE } else { 0 })
+    }
+
+    /// Truth values of each drone: terminated, truncated, and where there are several whether it flies on.
+    fn flags(&self) -> usize {
+        if self.metrics == 0 { 2 } else { 3 }
+    }
+
+    /// Bytes of a step's reply if no episode ends.
+    pub(crate) fn reply_bytes(&self, steps: usize, states: bool) -> usize {
+        let numbers = self.rows() * (self.width + 1) + self.state_numbers(states) + self.envs * self.metrics;
+        REPLY_HEADER + steps.saturating_mul(4 * numbers + self.rows() * self.flags())
+    }
 }
 
 /// A reply in the form in which it is sent.
@@ -173,12 +213,12 @@ impl Frame {
     }
 
     /// Ends the frame with truth values, a byte each.
-    pub(crate) fn flags(&mut self, flags: [&[bool]; 2]) {
-        let (from, count) = (self.bytes, flags[0].len() + flags[1].len());
+    pub(crate) fn flags(&mut self, flags: &[&[bool]]) {
+        let (from, count) = (self.bytes, flags.iter().map(|flags| flags.len()).sum::<usize>());
         self.words.resize((from + count).div_ceil(4), 0.0);
         self.bytes = from + count;
         let bytes: &mut [u8] = cast_slice_mut(&mut self.words);
-        for (byte, flag) in bytes[from..].iter_mut().zip(flags[0].iter().chain(flags[1])) {
+        for (byte, flag) in bytes[from..].iter_mut().zip(flags.iter().copied().flatten()) {
             *byte = u8::from(*flag);
         }
     }

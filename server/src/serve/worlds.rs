@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
-use crazyflie_env::swarm::mission;
+use crazyflie_env::task;
 use serde::Serialize;
 use tokio::sync::mpsc::{UnboundedSender, unbounded_channel};
 
@@ -133,12 +133,12 @@ pub(crate) fn found(server: &Arc<Server>, id: u64, asked: &Founding) -> Result<F
     asked.check()?;
     let options = asked.plan.options()?;
     let flight = Flight::new(&asked.plan)?;
-    let (drones, width, tick_s, steps) = (flight.drones(), flight.width(), flight.tick_s(), options.env.max_episode_steps);
+    let (drones, width, tick_s, steps) = (flight.drones(), flight.width(), flight.tick_s(), options.max_episode_steps);
     fits(asked.pilots, drones, steps, limits)?;
     let (orders, inbox) = unbounded_channel();
     let (known, place) = server.worlds.enter(&asked.name, limits.worlds, || {
-        let feed = Feed::shared(&options.env, tick_s, drones, &asked.name);
-        let place = server.sessions.enter(mission::find(&asked.plan.mission)?.id.into(), server.sessions.room(drones)?, feed)?;
+        let feed = Feed::shared(&options, tick_s, drones, &asked.name);
+        let place = server.sessions.enter(task::find(&asked.plan.mission)?.id.into(), server.sessions.room(drones)?, feed)?;
         let (log, by) = (Log::new(&asked.name, &asked.plan, &flight), vec![By::Autopilot; drones]);
         let (name, session, flown) = (asked.name.clone(), place.listed.name(), Mutex::new(Flown { flight, log, by }));
         let known = Known { name, session, since: Instant::now(), orders, over: AtomicBool::new(false), flown };

@@ -4,17 +4,15 @@ use crazyflie_env::control::avoid::Avoid;
 use crazyflie_env::control::{Chosen, Crowd, Mode, Site};
 use crazyflie_env::error::{Error, Result};
 use crazyflie_env::observation::{ACTION, Interface};
-use crazyflie_env::swarm::{METRICS, SwarmEnv, SwarmOut};
-use crazyflie_env::vector::STATE;
+use crazyflie_env::vector::{METRICS, STATE, StepBuffers, VectorEnv};
 use sha2::{Digest, Sha256};
 
 use super::Plan;
 
 pub(crate) struct Flight {
-    env: SwarmEnv,
+    env: VectorEnv,
     autopilot: Crowd,
-    interfaces: Vec<Interface>,
-    /// Rows of [`SwarmEnv::width`], one for each drone; so are all that follow.
+    /// Rows of [`VectorEnv::width`], one for each drone; so are all that follow.
     pub observations: Vec<f32>,
     pub rewards: Vec<f32>,
     pub terminated: Vec<bool>,
@@ -34,16 +32,14 @@ impl Flight {
     /// For a plan that cannot be flown.
     pub(crate) fn new(plan: &Plan) -> Result<Flight> {
         let (model, options) = (plan.model()?, plan.options()?);
-        let env = SwarmEnv::new(std::slice::from_ref(&model), &options, 1)?;
+        let env = VectorEnv::new(std::slice::from_ref(&model), &options, 1)?;
         let (n, tick_s) = (env.num_drones(), env.tick_s());
-        let interfaces: Vec<Interface> = (0..n).filter_map(|drone| env.interface(drone)).collect();
         let chosen = Chosen::named(&plan.autopilot)?;
         let pilot =
             |interface: &Interface| chosen.build(&Site { model: &model, interface: *interface, tick_s, envs: 1, mode: Mode::Automatic });
-        let autopilot = Crowd::new(interfaces.iter().map(pilot).collect::<Result<_>>()?, 1, Some(Avoid::default()), tick_s)?;
+        let autopilot = Crowd::new(env.interfaces().iter().map(pilot).collect::<Result<_>>()?, 1, Some(Avoid::default()), tick_s)?;
         let mut flight = Flight {
             autopilot,
-            interfaces,
             observations: vec![0.0; n * env.width()],
             rewards: vec![0.0; n],
             terminated: vec![false; n],
@@ -51,7 +47,7 @@ impl Flight {
             flying: vec![true; n],
             states: vec![0.0; n * STATE],
             actions: vec![0.0; n * ACTION],
-            metrics: vec![0.0; METRICS.len()],
+            metrics: vec![0.0; env.num_metrics()],
             ticks: 0,
             digest: Sha256::new(),
             env,
@@ -62,7 +58,7 @@ impl Flight {
     }
 
     pub(crate) fn drones(&self) -> usize {
-        self.interfaces.len()
+        self.env.num_drones()
     }
 
     /// Numbers in a drone's observation.
@@ -76,7 +72,7 @@ impl Flight {
 
     /// What the actions of each drone mean.
     pub(crate) fn interfaces(&self) -> &[Interface] {
-        &self.interfaces
+        self.env.interfaces()
     }
 
     /// A drone's observation; nothing for a drone that there is not.
@@ -119,7 +115,7 @@ impl Flight {
     }
 
     fn go(&mut self) -> Result<()> {
-        let out = SwarmOut {
+        let out = StepBuffers {
             observations: &mut self.observations,
             rewards: &mut self.rewards,
             terminated: &mut self.terminated,

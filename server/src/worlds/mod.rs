@@ -3,10 +3,10 @@
 mod flight;
 mod log;
 
-use crazyflie_env::config::Autoreset;
+use crazyflie_env::config::{Autoreset, Options};
 use crazyflie_env::error::{Error, Result};
 use crazyflie_env::model::Model;
-use crazyflie_env::swarm::{SwarmOptions, mission};
+use crazyflie_env::task;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
@@ -17,7 +17,7 @@ pub(crate) use log::{By, End, Flown, Log, fly_again};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Plan {
     pub mission: String,
-    /// As of [`SwarmOptions`].
+    /// As of [`Options`].
     #[serde(default)]
     pub options: Map<String, Value>,
     #[serde(default)]
@@ -39,8 +39,8 @@ impl Plan {
     ///
     /// # Errors
     /// [`Error::Config`], [`Error::Unknown`] and [`Error::Range`].
-    pub(crate) fn options(&self) -> Result<SwarmOptions> {
-        let (entry, mut map) = (mission::find(&self.mission)?, self.options.clone());
+    pub(crate) fn options(&self) -> Result<Options> {
+        let (entry, mut map) = (task::find(&self.mission)?, self.options.clone());
         for fixed in ["task", "autoreset", "threads"] {
             if map.contains_key(fixed) {
                 return Err(Error::Config(format!("options: {fixed} is not to be chosen in a shared world")));
@@ -48,15 +48,15 @@ impl Plan {
         }
         map.insert("task".into(), entry.name.into());
         map.entry("max_episode_steps").or_insert_with(|| entry.max_episode_steps.into());
-        let mut options = SwarmOptions::parse(&Value::Object(map).to_string())?;
-        if options.env.max_episode_steps == 0 {
+        let mut options = Options::parse(&Value::Object(map).to_string())?;
+        if options.max_episode_steps == 0 {
             return Err(Error::Range {
                 name: "max_episode_steps".into(),
                 value: 0.0,
                 want: "at least 1: a shared world has an end".into(),
             });
         }
-        options.env.autoreset = Autoreset::Disabled;
+        options.autoreset = Autoreset::Disabled;
         Ok(options)
     }
 

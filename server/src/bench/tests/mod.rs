@@ -15,7 +15,7 @@ use std::path::PathBuf;
 use std::sync::Mutex;
 
 use crazyflie_env::control::Chosen;
-use crazyflie_env::vector::Out;
+use crazyflie_env::vector::StepBuffers;
 
 use super::baselines::submit as submit_now;
 use super::{Attempt, Bench, Limits, Result};
@@ -56,6 +56,6 @@ impl Buffers {
 
     fn step(&mut self, attempt: &mut Attempt, actions: &[f32]) -> Result<bool> {
         let Buffers { observations, rewards, terminated, truncated } = self;
-        attempt.step(actions, Out { observations, rewards, terminated, truncated })
+        attempt.step(actions, StepBuffers::new(observations, rewards, terminated, truncated))
     }
 }

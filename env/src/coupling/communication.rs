@@ -5,11 +5,26 @@ use serde::{Deserialize, Serialize};
 use crate::effects::{Fix, Neighbour};
 use crate::error::Result;
 use crate::noise::{Draw, channel};
+use crate::observation::{Field, field};
 use crate::real::{Real, tabulate};
 use crate::task::within;
 
-/// Numbers that an observation has for each of the others: place and velocity relative to the own, age, validity.
+/// Numbers that an observation has for each of the others.
 pub const NEIGHBOUR: usize = 8;
+
+/// Farther than anything in the room, and faster.
+const FAR_M: f64 = 10.0;
+const FAST_MPS: f64 = 40.0;
+/// What is older says nothing.
+const STALE_S: f64 = 1.0;
+
+/// The layout of what an observation has for each of the others; all zero while nothing is known of it.
+pub const NEIGHBOUR_FIELDS: [Field; 4] = [
+    field("pos_m", 0, 3, "m", [-FAR_M, FAR_M], "place relative to the own, in the room's axes"),
+    field("vel_mps", 3, 3, "m/s", [-FAST_MPS, FAST_MPS], "velocity relative to the own"),
+    field("age_s", 6, 1, "s", [0.0, STALE_S], "time since it was there"),
+    field("known", 7, 1, "1", [0.0, 1.0], "1 where it flies and is known"),
+];
 
 /// How the others are known.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -33,8 +48,6 @@ pub enum Knowledge {
 const RING: usize = 32;
 /// A message: place, velocity, time.
 const MESSAGE: usize = 7;
-/// What is older says nothing.
-const STALE_S: f64 = 1.0;
 
 impl Knowledge {
     /// # Errors
@@ -53,7 +66,7 @@ impl Knowledge {
 }
 
 /// What the drones of a tile of worlds know of each other.
-pub(super) struct Known<R> {
+pub(crate) struct Communication<R> {
     how: Knowledge,
     drones: usize,
     /// Ticks that a message takes.
@@ -72,8 +85,8 @@ struct Radio<R> {
     fixes: Vec<Fix<R>>,
 }
 
-impl<R: Real> Known<R> {
-    pub(super) fn new(how: Knowledge, drones: usize, tick_s: f64) -> Self {
+impl<R: Real> Communication<R> {
+    pub(crate) fn new(how: Knowledge, drones: usize, tick_s: f64) -> Self {
         let none = [R::zero(); MESSAGE];
         let fix = Fix { pos_m: [R::zero(); 3], yaw_rad: R::zero(), t_s: R::zero(), valid: R::zero() };
         let (late, radio) = match how {
@@ -83,12 +96,12 @@ impl<R: Real> Known<R> {
             }
             _ => (0, None),
         };
-        Known { how, drones, late, clock: 0, radio }
+        Communication { how, drones, late, clock: 0, radio }
     }
 
     /// Begin episodes in the lanes of `mask`: before the first flight everybody was heard.
     #[inline(always)]
-    pub(super) fn start(&mut self, mask: R::Mask, drone: usize, fix: &Fix<R>) {
+    pub(crate) fn start(&mut self, mask: R::Mask, drone: usize, fix: &Fix<R>) {
         let n = self.drones;
         let Some(radio) = &mut self.radio else { return };
         let message = [fix.pos_m[0], fix.pos_m[1], fix.pos_m[2], R::zero(), R::zero(), R::zero(), fix.t_s];
@@ -102,13 +115,13 @@ impl<R: Real> Known<R> {
 
     /// One more tick.
     #[inline(always)]
-    pub(super) fn tick(&mut self) {
+    pub(crate) fn tick(&mut self) {
         self.clock += 1;
     }
 
     /// A drone says where it is, as of the fix that it has.
     #[inline(always)]
-    pub(super) fn say(&mut self, drone: usize, fix: &Fix<R>) {
+    pub(crate) fn say(&mut self, drone: usize, fix: &Fix<R>) {
         let Some(radio) = &mut self.radio else { return };
         let last = &mut radio.fixes[drone];
         let before = radio.said[(self.clock + RING - 1) % RING * self.drones + drone];
@@ -126,7 +139,7 @@ impl<R: Real> Known<R> {
 
     /// Everybody listens: what was said `late` ticks ago arrives, or not. Who is gone is silent.
     #[inline(always)]
-    pub(super) fn listen(&mut self, truth: &[Neighbour<R>], draw: &Draw<'_, R>) {
+    pub(crate) fn listen(&mut self, truth: &[Neighbour<R>], draw: &Draw<'_, R>) {
         let (n, Knowledge::Radio { loss, .. }) = (self.drones, self.how) else { return };
         let Some(radio) = &mut self.radio else { return };
         let then = (self.clock + RING - self.late) % RING * n;
@@ -145,7 +158,7 @@ impl<R: Real> Known<R> {
 
     /// What `to` knows of `from`, relative to what it knows of itself.
     #[inline(always)]
-    pub(super) fn of(&self, to: usize, from: usize, truth: &[Neighbour<R>], now_s: R) -> [R; NEIGHBOUR] {
+    pub(crate) fn of(&self, to: usize, from: usize, truth: &[Neighbour<R>], now_s: R) -> [R; NEIGHBOUR] {
         let (mut row, valid, age) = match (&self.how, &self.radio) {
             (Knowledge::Radio { .. }, Some(radio)) => {
                 let (own, other) = (&radio.said[self.clock % RING * self.drones + to], &radio.heard[to * self.drones + from]);
@@ -160,11 +173,12 @@ impl<R: Real> Known<R> {
                 (row, truth[from].here.gt(R::zero()) & far2.le(R::of(range_m * range_m)), R::zero())
             }
         };
-        for v in &mut row {
-            *v = R::select(valid, *v, R::zero());
+        for (i, v) in row.iter_mut().enumerate() {
+            let limit = R::of(if i < 3 { FAR_M } else { FAST_MPS });
+            *v = R::select(valid, v.clamp(-limit, limit), R::zero());
         }
         let [x, y, z, vx, vy, vz] = row;
-        [x, y, z, vx, vy, vz, R::select(valid, age, R::zero()), R::select(valid, R::of(1.0), R::zero())]
+        [x, y, z, vx, vy, vz, R::select(valid, age.max(R::zero()), R::zero()), R::select(valid, R::of(1.0), R::zero())]
     }
 }
 

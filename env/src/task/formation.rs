@@ -3,12 +3,12 @@
 use rand_pcg::Pcg64Mcg;
 use serde::Deserialize;
 
-use super::{GOAL, Mission, Scene, Start, jitter, on_circle, start_at, within};
+use super::{GOAL, Scene, Start, Task, jitter, on_circle, start_at, within};
 use crate::error::{Error, Result};
 use crate::observation::Setpoint;
 use crate::real::{Real, tabulate};
 
-/// Options of the formation mission.
+/// Options of the task.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Options {
@@ -38,7 +38,7 @@ pub struct Formation {
 /// Time that a change of shape may take.
 const CHANGE_S: f64 = 3.0;
 
-impl Mission for Formation {
+impl Task for Formation {
     const NAME: &'static str = "formation";
     const ID: &'static str = "CrazyflieFormation-v0";
     const ABOUT: &'static str = "Hold a ring, then rows, then a ring again, while the middle of the formation moves on a circle";
@@ -81,7 +81,7 @@ impl Mission for Formation {
     }
 
     #[inline(always)]
-    fn setpoint<R: Real>(&self, own: usize, _: &[R; GOAL], _: &[R], scene: &Scene<R>) -> Setpoint<R> {
+    fn setpoint<R: Real>(&self, own: usize, _: &mut [R; GOAL], _: &[R], scene: &Scene<R>) -> Setpoint<R> {
         let o = &self.options;
         let (sin, cos) = (scene.t_s * R::of(std::f64::consts::TAU / o.period_s)).sin_cos();
         let shape = self.shape(scene.t_s);

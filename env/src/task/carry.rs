@@ -3,13 +3,13 @@
 use rand_pcg::Pcg64Mcg;
 use serde::Deserialize;
 
-use super::{GOAL, Mission, Scene, Situation, Start, Verdict, distance, jerk, jitter, on_circle, room_on_circle, start_at, within};
+use super::{GOAL, Outcome, Scene, Situation, Start, Task, distance, jerk, jitter, on_circle, room_on_circle, start_at, within};
+use crate::coupling::load::Load;
 use crate::error::Result;
 use crate::observation::Setpoint;
 use crate::real::Real;
-use crate::swarm::load::Load;
 
-/// Options of the carrying mission.
+/// Options of the task.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Options {
@@ -37,7 +37,7 @@ pub struct Carry {
     above_m: f64,
 }
 
-impl Mission for Carry {
+impl Task for Carry {
     const NAME: &'static str = "carry";
     const ID: &'static str = "CrazyflieCarry-v0";
     const ABOUT: &'static str = "Carry a load on ropes along an oval; the ropes pull drones and load";
@@ -73,14 +73,14 @@ impl Mission for Carry {
     }
 
     #[inline(always)]
-    fn setpoint<R: Real>(&self, own: usize, _: &[R; GOAL], _: &[R], scene: &Scene<R>) -> Setpoint<R> {
+    fn setpoint<R: Real>(&self, own: usize, _: &mut [R; GOAL], _: &[R], scene: &Scene<R>) -> Setpoint<R> {
         let [x, y] = self.way(scene.t_s);
         let [dx, dy] = on_circle(own, self.drones, self.options.ring_m, 0.0);
         Setpoint { pos_m: [x + R::of(dx), y + R::of(dy), R::of(self.options.height_m + self.above_m)], yaw_rad: R::zero() }
     }
 
     #[inline(always)]
-    fn judge<R: Real>(&self, _: usize, s: &Situation<R>, _: &[R], scene: &Scene<R>) -> Verdict<R> {
+    fn judge<R: Real>(&self, _: usize, s: &Situation<R>, _: &[R], scene: &Scene<R>) -> Outcome<R> {
         let [x, y] = self.way(scene.t_s);
         let place = [x, y, R::of(self.options.height_m)];
         let error_m = scene.load.map_or(
@@ -91,7 +91,7 @@ impl Mission for Carry {
         let own_m = distance(&s.x.pos_m, &s.setpoint.pos_m);
         let near = |d: R, half: f64| R::of(0.5) / (R::of(1.0) + d * d * R::of(1.0 / (half * half)));
         let reward = near(error_m, 0.15) + near(own_m, 0.3) - R::of(0.05) * jerk(s);
-        Verdict { reward, error_m, arrived: error_m.lt(R::of(0.1)), done: R::nothing() }
+        Outcome { reward, error_m, arrived: error_m.lt(R::of(0.1)), ends: R::nothing() }
     }
 }
 

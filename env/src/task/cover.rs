@@ -3,12 +3,12 @@
 use rand_pcg::Pcg64Mcg;
 use serde::Deserialize;
 
-use super::{GOAL, Mission, Scene, Situation, Start, Verdict, distance, is, jerk, jitter, start_at, within};
+use super::{GOAL, Outcome, Scene, Situation, Start, Task, distance, is, jerk, jitter, start_at, within};
 use crate::error::{Error, Result};
 use crate::observation::Setpoint;
 use crate::real::Real;
 
-/// Options of the coverage mission.
+/// Options of the task.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Options {
@@ -37,7 +37,7 @@ pub struct Cover {
 /// Most markers in a field.
 const MOST: usize = 64;
 
-impl Mission for Cover {
+impl Task for Cover {
     const NAME: &'static str = "cover";
     const ID: &'static str = "CrazyflieCover-v0";
     const ABOUT: &'static str = "Look at every marker of a field; each drone has a share of them, and the set-point is the next one in it";
@@ -101,7 +101,7 @@ impl Mission for Cover {
     }
 
     #[inline(always)]
-    fn setpoint<R: Real>(&self, own: usize, _: &[R; GOAL], board: &[R], _: &Scene<R>) -> Setpoint<R> {
+    fn setpoint<R: Real>(&self, own: usize, _: &mut [R; GOAL], board: &[R], _: &Scene<R>) -> Setpoint<R> {
         let next = board[self.places.len() + own];
         let share = self.share(own);
         let mut pos_m = [R::zero(), R::zero(), R::of(self.options.height_m)];
@@ -116,7 +116,7 @@ impl Mission for Cover {
     }
 
     #[inline(always)]
-    fn judge<R: Real>(&self, own: usize, s: &Situation<R>, board: &[R], scene: &Scene<R>) -> Verdict<R> {
+    fn judge<R: Real>(&self, own: usize, s: &Situation<R>, board: &[R], scene: &Scene<R>) -> Outcome<R> {
         let error_m = distance(&s.x.pos_m, &s.setpoint.pos_m);
         let markers = &self.places;
         let (mut left, mut found) = (R::zero(), R::zero());
@@ -130,7 +130,7 @@ impl Mission for Cover {
         }
         let way = R::of(0.01) / (R::of(1.0) + error_m);
         let all = left.lt(R::of(0.5));
-        Verdict { reward: found + way - R::of(0.005) * jerk(s), error_m, arrived: all, done: all }
+        Outcome { reward: found + way - R::of(0.005) * jerk(s), error_m, arrived: all, ends: all }
     }
 }
 

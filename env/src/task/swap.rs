@@ -4,7 +4,7 @@ use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use serde::Deserialize;
 
-use super::{GOAL, Mission, Scene, Start, jitter, on_circle, room_on_circle, start_at, within};
+use super::{GOAL, Scene, Start, Task, jitter, on_circle, room_on_circle, start_at, within};
 use crate::error::Result;
 use crate::observation::Setpoint;
 use crate::real::Real;
@@ -30,7 +30,7 @@ impl Default for Options {
 
 pub struct Swap(Options);
 
-impl Mission for Swap {
+impl Task for Swap {
     const NAME: &'static str = "swap";
     const ID: &'static str = "CrazyflieSwap-v0";
     const ABOUT: &'static str =
@@ -60,7 +60,7 @@ impl Mission for Swap {
     }
 
     #[inline(always)]
-    fn setpoint<R: Real>(&self, _: usize, goal: &[R; GOAL], _: &[R], scene: &Scene<R>) -> Setpoint<R> {
+    fn setpoint<R: Real>(&self, _: usize, goal: &mut [R; GOAL], _: &[R], scene: &Scene<R>) -> Setpoint<R> {
         // half a millisecond of margin for the clock's rounding
         let side = R::select(scene.t_s.lt(R::of(self.0.wait_s - 5e-4)), R::of(1.0), R::of(-1.0));
         Setpoint { pos_m: [side * goal[0], side * goal[1], R::of(self.0.height_m)], yaw_rad: R::zero() }

@@ -4,7 +4,7 @@ use rand_pcg::Pcg64Mcg;
 use serde::Deserialize;
 
 use super::{
-    GOAL, Mission, Scene, Situation, Start, Verdict, closeness, distance, is, jerk, jitter, on_circle, room_on_circle, start_at, within,
+    GOAL, Outcome, Scene, Situation, Start, Task, closeness, distance, is, jerk, jitter, on_circle, room_on_circle, start_at, within,
 };
 use crate::error::Result;
 use crate::observation::Setpoint;
@@ -36,7 +36,7 @@ const SINCE: usize = 1;
 /// The package that the thesis flew cuts the motors here: that is a landing.
 const CUT_M: f64 = 0.05;
 
-impl Mission for LandInTurn {
+impl Task for LandInTurn {
     const NAME: &'static str = "land_in_turn";
     const ID: &'static str = "CrazyflieLandInTurn-v0";
     const ABOUT: &'static str =
@@ -79,7 +79,7 @@ impl Mission for LandInTurn {
     }
 
     #[inline(always)]
-    fn setpoint<R: Real>(&self, own: usize, goal: &[R; GOAL], board: &[R], scene: &Scene<R>) -> Setpoint<R> {
+    fn setpoint<R: Real>(&self, own: usize, goal: &mut [R; GOAL], board: &[R], scene: &Scene<R>) -> Setpoint<R> {
         let o = &self.0;
         let mine = is(board[TURN], own);
         let gone_m = (scene.t_s - board[SINCE]) * R::of(o.speed_mps);
@@ -96,7 +96,7 @@ impl Mission for LandInTurn {
     }
 
     #[inline(always)]
-    fn judge<R: Real>(&self, own: usize, s: &Situation<R>, board: &[R], _: &Scene<R>) -> Verdict<R> {
+    fn judge<R: Real>(&self, own: usize, s: &Situation<R>, board: &[R], _: &Scene<R>) -> Outcome<R> {
         let one = R::of(1.0);
         let off2 = s.x.pos_m[0] * s.x.pos_m[0] + s.x.pos_m[1] * s.x.pos_m[1];
         let sinking_mps = s.contact.impact_mps.max(-s.x.vel_mps[2]);
@@ -106,6 +106,6 @@ impl Mission for LandInTurn {
         let down = (s.contact.standing | s.x.pos_m[2].lt(R::of(CUT_M))) & had_its_turn;
         let approach = R::of(0.1) * (closeness(s) - one) - R::of(0.005) * jerk(s);
         let error_m = distance(&s.x.pos_m, &s.setpoint.pos_m);
-        Verdict { reward: approach + R::select(down, touch, R::zero()), error_m, arrived: down, done: down }
+        Outcome { reward: approach + R::select(down, touch, R::zero()), error_m, arrived: down, ends: down }
     }
 }

@@ -1,25 +1,23 @@
-//! What comes of a tick for a flock: collisions, what is known of whom, ends, rows.
+//! What comes of a tick for a drones: collisions, what is known of whom, ends, rows.
 
-use super::flock::{Flock, neighbour};
+use super::drone_batch::{DroneBatch, neighbour};
+use crate::coupling::NEIGHBOUR;
 use crate::lanes::LANES;
 use crate::observation::{OBSERVATION, observe};
 use crate::real::Real;
 use crate::rows::{lanes_of, write_lane};
 use crate::simulated::Batched;
-use crate::swarm::{METRICS, NEIGHBOUR, Rules, SwarmOut};
 use crate::task::{crashed, outside};
+use crate::vector::{BatchConfig, METRICS, StepBuffers};
 
-/// What a collision or a crash costs a drone.
-const PENALTY: f64 = 10.0;
-
-impl<R: Batched> Flock<R> {
+impl<R: Batched> DroneBatch<R> {
     /// Where everybody is now, who has hit whom, and what is said by radio.
     #[inline(never)]
-    pub(super) fn regard(&mut self, rules: &Rules, tile: usize, place: usize) {
+    pub(in crate::vector) fn regard(&mut self, config: &BatchConfig, tile: usize, place: usize) {
         R::run(
             #[inline(always)]
             || {
-                self.collide(rules, tile, place);
+                self.collide(config, tile, place);
                 self.talk(tile, place);
             },
         );
@@ -27,24 +25,24 @@ impl<R: Batched> Flock<R> {
 
     /// Who is nearer to another than two radii.
     #[inline(always)]
-    fn collide(&mut self, rules: &Rules, tile: usize, place: usize) {
+    fn collide(&mut self, config: &BatchConfig, tile: usize, place: usize) {
         let n = self.drones.len();
-        let scene = &mut self.desk.scene[place * n..(place + 1) * n];
+        let scene = &mut self.scratch.scene[place * n..(place + 1) * n];
         for (drone, seen) in scene.iter_mut().enumerate() {
-            *seen = neighbour(self.drones[drone].state(tile), self.pilots[tile * n + drone].flying);
+            *seen = neighbour(self.drones[drone].state(tile), self.slots[tile * n + drone].flying);
         }
-        let (near2, sums) = (R::of(4.0 * rules.radius_m * rules.radius_m), &mut self.tiles[tile].sums);
-        self.desk.hit.fill(R::nothing());
+        let (near2, stats) = (R::of(4.0 * config.radius_m * config.radius_m), &mut self.tiles[tile].stats);
+        self.scratch.hit.fill(R::nothing());
         for a in 0..n {
             for b in a + 1..n {
                 let (p, q) = (&scene[a], &scene[b]);
                 let [dx, dy, dz] = [p.pos_m[0] - q.pos_m[0], p.pos_m[1] - q.pos_m[1], p.pos_m[2] - q.pos_m[2]];
                 let both = R::zero().lt(p.here * q.here);
-                let far2 = R::select(both, dx * dx + dy * dy + dz * dz, sums.nearest2_m2);
-                sums.nearest2_m2 = sums.nearest2_m2.min(far2);
+                let far2 = R::select(both, dx * dx + dy * dy + dz * dz, stats.nearest2_m2);
+                stats.nearest2_m2 = stats.nearest2_m2.min(far2);
                 let hit = both & far2.lt(near2);
-                self.desk.hit[a] = self.desk.hit[a] | hit;
-                self.desk.hit[b] = self.desk.hit[b] | hit;
+                self.scratch.hit[a] = self.scratch.hit[a] | hit;
+                self.scratch.hit[b] = self.scratch.hit[b] | hit;
             }
         }
     }
@@ -55,33 +53,33 @@ impl<R: Batched> Flock<R> {
         let n = self.drones.len();
         let known = &mut self.tiles[tile].known;
         known.tick();
-        for (drone, ticks) in self.desk.ticks.iter().enumerate() {
+        for (drone, ticks) in self.scratch.ticks.iter().enumerate() {
             known.say(drone, &ticks[place].reading.marker);
-            self.desk.contacts[drone] = ticks[place].contact;
+            self.scratch.contacts[drone] = ticks[place].contact;
         }
-        known.listen(&self.desk.scene[place * n..(place + 1) * n], &self.drones[0].draw(tile));
+        known.listen(&self.scratch.scene[place * n..(place + 1) * n], &self.drones[0].draw(tile));
     }
 
-    /// Ends, rows and metrics of a tick, from the mission's verdicts on the desk. Returns the worlds that had ended before.
+    /// Ends, rows and metrics of a tick, from the task's outcomes on the scratch. Returns the envs that had ended before.
     #[inline(never)]
-    pub(super) fn settle(&mut self, rules: &Rules, tile: usize, place: usize, out: &mut SwarmOut<'_>) -> u16 {
+    pub(in crate::vector) fn settle(&mut self, config: &BatchConfig, tile: usize, place: usize, out: &mut StepBuffers<'_>) -> u16 {
         R::run(
             #[inline(always)]
-            || self.settle_now(rules, tile, place, out),
+            || self.settle_now(config, tile, place, out),
         )
     }
 
     #[inline(always)]
-    fn settle_now(&mut self, rules: &Rules, tile: usize, place: usize, out: &mut SwarmOut<'_>) -> u16 {
+    fn settle_now(&mut self, config: &BatchConfig, tile: usize, place: usize, out: &mut StepBuffers<'_>) -> u16 {
         let n = self.drones.len();
         let now_s = self.drones[0].time_s(tile);
-        let over = R::bits(now_s.gt(R::of(rules.last_s))) as u16;
+        let over = R::bits(now_s.gt(R::of(config.last_s))) as u16;
         let (mut late, mut arrived, mut flying) = (R::nothing(), R::zero(), 0);
         let lanes = self.used(tile);
-        let mut near = std::mem::take(&mut self.desk.rows);
+        let mut near = std::mem::take(&mut self.scratch.rows);
         for drone in 0..n {
-            let before = self.pilot(tile, drone).flying;
-            let end = self.end(tile, place, drone, over);
+            let before = self.slot(tile, drone).flying;
+            let end = self.end(config, tile, place, drone, over);
             late = late | R::mask(before.into()) & !end.arrived;
             arrived += R::select(R::mask(u32::from(before & !end.terminated)) & end.arrived, R::of(1.0), R::zero());
             flying |= end.flying;
@@ -99,13 +97,13 @@ impl<R: Batched> Flock<R> {
             }
             self.write(tile, place, drone, &mut near, (lanes, before.into()), out.observations);
         }
-        self.desk.rows = near;
-        for (seen, pilot) in self.desk.scene[place * n..].iter_mut().zip(&self.pilots[tile * n..(tile + 1) * n]) {
-            seen.here = R::select(R::mask(pilot.flying.into()), R::of(1.0), R::zero());
+        self.scratch.rows = near;
+        for (seen, slot) in self.scratch.scene[place * n..].iter_mut().zip(&self.slots[tile * n..(tile + 1) * n]) {
+            seen.here = R::select(R::mask(slot.flying.into()), R::of(1.0), R::zero());
         }
         let of = &mut self.tiles[tile];
-        of.sums.settled_s = R::select(late, now_s, of.sums.settled_s);
-        let metrics = of.sums.row(arrived);
+        of.stats.settled_s = R::select(late, now_s, of.stats.settled_s);
+        let metrics = of.stats.row(arrived);
         for lane in lanes_of(lanes) {
             let row = (tile * LANES + lane) * METRICS.len();
             write_lane(&metrics, lane, &mut out.metrics[row..row + METRICS.len()]);
@@ -117,53 +115,53 @@ impl<R: Batched> Flock<R> {
 
     /// Whether a drone's flight ends, and what the tick was worth.
     #[inline(always)]
-    fn end(&mut self, tile: usize, place: usize, drone: usize, over: u16) -> End<R> {
-        let verdict = self.desk.verdicts[drone];
-        let (x, contact) = (self.drones[drone].state(tile), &self.desk.contacts[drone]);
-        let flies = R::mask(self.pilot(tile, drone).flying.into());
-        let hit = flies & self.desk.hit[drone];
+    fn end(&mut self, config: &BatchConfig, tile: usize, place: usize, drone: usize, over: u16) -> End<R> {
+        let outcome = self.scratch.outcomes[drone];
+        let (x, contact) = (self.drones[drone].state(tile), &self.scratch.contacts[drone]);
+        let flies = R::mask(self.slot(tile, drone).flying.into());
+        let hit = flies & self.scratch.hit[drone];
         let crash = flies & (outside(x) | crashed(contact)) & !hit;
-        let done = flies & verdict.done & !(hit | crash);
+        let done = flies & outcome.ends & !(hit | crash);
         let one = |mask: R::Mask| R::select(mask, R::of(1.0), R::zero());
-        let sums = &mut self.tiles[tile].sums;
-        sums.collisions += one(hit);
-        sums.crashes += one(crash);
-        sums.done += one(done);
-        sums.error2_m2 += R::select(flies, verdict.error_m * verdict.error_m, R::zero());
-        sums.flown += one(flies);
+        let stats = &mut self.tiles[tile].stats;
+        stats.collisions += one(hit);
+        stats.crashes += one(crash);
+        stats.done += one(done);
+        stats.error2_m2 += R::select(flies, outcome.error_m * outcome.error_m, R::zero());
+        stats.flown += one(flies);
         let terminated = R::bits(hit | crash | done) as u16;
-        let action = self.desk.actions[drone][place];
-        let pilot = self.pilot_mut(tile, drone);
-        let truncated = pilot.flying & !terminated & over;
-        pilot.flying &= !(terminated | over);
-        pilot.last_action = action;
-        let cost = R::select(hit | crash, R::of(PENALTY), R::zero());
-        let reward = R::select(flies, verdict.reward, R::zero()) - cost;
-        End { reward, arrived: verdict.arrived, terminated, truncated, flying: pilot.flying }
+        let action = self.scratch.actions[drone][place];
+        let slot = self.slot_mut(tile, drone);
+        let truncated = slot.flying & !terminated & over;
+        slot.flying &= !(terminated | over);
+        slot.last_action = action;
+        let cost = R::select(hit | crash, R::of(config.crash_cost), R::zero());
+        let reward = R::select(flies, outcome.reward, R::zero()) - cost;
+        End { reward, arrived: outcome.arrived, terminated, truncated, flying: slot.flying }
     }
 
-    /// The first observations of the worlds of `bits`.
+    /// The first observations of the envs of `bits`.
     #[inline(never)]
-    pub(super) fn show(&mut self, tile: usize, bits: u32, observations: &mut [f32]) {
-        let mut near = std::mem::take(&mut self.desk.rows);
+    pub(in crate::vector) fn show(&mut self, tile: usize, bits: u32, observations: &mut [f32]) {
+        let mut near = std::mem::take(&mut self.scratch.rows);
         R::run(
             #[inline(always)]
             || (0..self.len()).for_each(|drone| self.write(tile, 0, drone, &mut near, (bits, bits), observations)),
         );
-        self.desk.rows = near;
+        self.scratch.rows = near;
     }
 
-    /// A drone's rows in the worlds of `lanes`: what it observes where it flew (`flew`), zeros elsewhere. They are put together in `near`,
-    /// which stays in the cache, because the worlds of a tile are far from each other.
+    /// A drone's rows in the envs of `lanes`: what it observes where it flew (`flew`), zeros elsewhere. They are put together in `near`,
+    /// which stays in the cache, because the envs of a tile are far from each other.
     #[inline(always)]
     fn write(&self, tile: usize, place: usize, drone: usize, near: &mut [f32], (lanes, flew): (u32, u32), observations: &mut [f32]) {
         let n = self.drones.len();
         let width = OBSERVATION + NEIGHBOUR * (n - 1);
         let now_s = self.drones[drone].time_s(tile);
-        let reading = &self.desk.ticks[drone][place].reading;
-        let own = observe(reading, now_s, &self.desk.setpoints[drone], &self.pilot(tile, drone).last_action);
+        let reading = &self.scratch.ticks[drone][place].reading;
+        let own = observe(reading, now_s, &self.scratch.setpoints[drone], &self.slot(tile, drone).last_action);
         R::write(&own, near, width);
-        let truth = &self.desk.scene[place * n..(place + 1) * n];
+        let truth = &self.scratch.scene[place * n..(place + 1) * n];
         let mut at = OBSERVATION;
         for other in (0..n).filter(|other| *other != drone) {
             R::write(&self.tiles[tile].known.of(drone, other, truth, now_s), &mut near[at..], width);

@@ -3,7 +3,7 @@
 use rand_pcg::Pcg64Mcg;
 use serde::Deserialize;
 
-use super::{GOAL, Mission, Scene, Start, jitter, start_at, within};
+use super::{GOAL, Scene, Start, Task, jitter, start_at, within};
 use crate::error::Result;
 use crate::observation::Setpoint;
 use crate::real::Real;
@@ -28,7 +28,7 @@ impl Default for Options {
 
 pub struct Follow(Options);
 
-impl Mission for Follow {
+impl Task for Follow {
     const NAME: &'static str = "follow";
     const ID: &'static str = "CrazyflieFollow-v0";
     const ABOUT: &'static str = "The first drone flies an oval; each other one keeps behind the one before it, wherever that really is";
@@ -55,7 +55,7 @@ impl Mission for Follow {
     }
 
     #[inline(always)]
-    fn setpoint<R: Real>(&self, own: usize, _: &[R; GOAL], _: &[R], scene: &Scene<R>) -> Setpoint<R> {
+    fn setpoint<R: Real>(&self, own: usize, _: &mut [R; GOAL], _: &[R], scene: &Scene<R>) -> Setpoint<R> {
         let o = &self.0;
         let [x, y] = self.oval(scene.t_s - R::of(own as f64 * o.behind_s));
         let z = R::of(o.height_m);

@@ -1,0 +1,174 @@
+//! A part of the batch whose environments have several drones, and what the task makes of their every tick.
+
+mod drone_batch;
+mod judge;
+mod start;
+
+use super::buffers::StepBuffers;
+use super::{BatchConfig, Shard, ShardSpec};
+use crate::config::Autoreset;
+use crate::error::Result;
+use crate::lanes::LANES;
+use crate::rows::{first_bad_action, lanes_of};
+use crate::simulated::Batched;
+use crate::task::{Situation, Task};
+use crate::world::GROUP;
+use drone_batch::DroneBatch;
+
+pub(super) struct CoupledShard<R: Batched, T> {
+    task: T,
+    /// Everything that is the same for all tasks, and compiled once for them all.
+    batch: DroneBatch<R>,
+}
+
+impl<R: Batched, T: Task> CoupledShard<R, T> {
+    pub(super) fn new(spec: &ShardSpec<'_>, task: T, drones: usize) -> Result<Self> {
+        let batch = DroneBatch::new(spec, task.load(), task.board(), drones)?;
+        Ok(CoupledShard { task, batch })
+    }
+
+    /// What the task says at the end of a tick: where everybody was to be, and what that was worth.
+    #[inline(always)]
+    fn decide(&mut self, tile: usize, place: usize) {
+        for drone in 0..self.batch.len() {
+            self.place(tile, place, drone, None);
+            let batch = &self.batch;
+            let scene = batch.scene(tile, place);
+            let s = Situation {
+                x: batch.state(tile, drone),
+                setpoint: batch.scratch.setpoints[drone],
+                action: &batch.scratch.actions[drone][place],
+                last_action: &batch.slot(tile, drone).last_action,
+                contact: &batch.scratch.contacts[drone],
+                t_s: scene.t_s,
+            };
+            let outcome = self.task.judge(drone, &s, batch.board(tile), &scene);
+            self.batch.scratch.outcomes[drone] = outcome;
+        }
+    }
+
+    /// Where a drone is to be now. In the lanes outside `begins`, where it is given, the goal stays: their episodes are under way.
+    #[inline(always)]
+    fn place(&mut self, tile: usize, place: usize, drone: usize, begins: Option<R::Mask>) {
+        let batch = &self.batch;
+        let before = batch.slot(tile, drone).goal;
+        let mut goal = before;
+        let setpoint = self.task.setpoint(drone, &mut goal, batch.board(tile), &batch.scene(tile, place));
+        if let Some(begins) = begins {
+            for (new, old) in goal.iter_mut().zip(before) {
+                *new = R::select(begins, *new, old);
+            }
+        }
+        self.batch.slot_mut(tile, drone).goal = goal;
+        self.batch.scratch.setpoints[drone] = setpoint;
+    }
+
+    /// The board moves on.
+    #[inline(always)]
+    fn turn(&mut self, tile: usize, place: usize) {
+        let mut board = std::mem::take(&mut self.batch.scratch.turned);
+        board.copy_from_slice(self.batch.board(tile));
+        self.task.turn(&mut board, &self.batch.scene(tile, place));
+        self.batch.board_mut(tile).copy_from_slice(&board);
+        self.batch.scratch.turned = board;
+    }
+
+    /// Environments that ended, in this step or before: as the mode says.
+    #[cold]
+    #[inline(never)]
+    fn go_on(&mut self, config: &BatchConfig, tile: usize, before: u16, out: &mut StepBuffers<'_>) {
+        let again = match config.autoreset {
+            Autoreset::Disabled => return,
+            Autoreset::NextStep => before,
+            Autoreset::SameStep => self.batch.ended(tile),
+        };
+        if config.autoreset == Autoreset::SameStep {
+            self.batch.keep(tile, again.into(), out.observations);
+        }
+        self.begin(config, tile, again.into(), out.observations);
+        let n = self.batch.len();
+        for lane in lanes_of(again.into()) {
+            let env = (tile * LANES + lane) * n;
+            out.flying[env..env + n].fill(true);
+        }
+    }
+
+    /// Begin the next episode in the environments of `bits` and write their drones' observations.
+    fn begin(&mut self, config: &BatchConfig, tile: usize, bits: u32, observations: &mut [f32]) {
+        for lane in lanes_of(bits) {
+            let mut rng = self.batch.next_episode(tile, lane);
+            let scratch = &mut self.batch.scratch;
+            self.task.start(&mut rng, &mut scratch.starts, &mut scratch.begun);
+            self.batch.draw(config, tile, lane);
+        }
+        self.batch.start(config, tile, bits);
+        R::run(
+            #[inline(always)]
+            || (0..self.batch.len()).for_each(|drone| self.place(tile, 0, drone, Some(R::mask(bits)))),
+        );
+        self.batch.show(tile, bits, observations);
+    }
+}
+
+impl<R: Batched, T: Task> Shard for CoupledShard<R, T> {
+    fn reset(&mut self, config: &BatchConfig, first: usize, seeds: Option<&[u64]>, mask: Option<&[bool]>, observations: &mut [f32]) {
+        for tile in 0..self.batch.tiles() {
+            let (env, mut bits) = (first + tile * LANES, 0);
+            for lane in lanes_of(self.batch.used(tile)).filter(|lane| mask.is_none_or(|m| m[env + lane])) {
+                bits |= 1 << lane;
+                if let Some(seeds) = seeds {
+                    self.batch.seed(tile, lane, seeds[env + lane]);
+                }
+            }
+            self.begin(config, tile, bits, observations);
+        }
+    }
+
+    fn run(&mut self, config: &BatchConfig, actions: &[f32], mut out: StepBuffers<'_>) {
+        let tiles = self.batch.tiles();
+        for first in (0..tiles).step_by(GROUP) {
+            let n = GROUP.min(tiles - first);
+            self.batch.advance(config, first, n, actions);
+            for place in 0..n {
+                let tile = first + place;
+                self.batch.regard(config, tile, place);
+                R::run(
+                    #[inline(always)]
+                    || self.decide(tile, place),
+                );
+                let before = self.batch.settle(config, tile, place, &mut out);
+                R::run(
+                    #[inline(always)]
+                    || self.turn(tile, place),
+                );
+                if (before | self.batch.ended(tile)) != 0 {
+                    self.go_on(config, tile, before, &mut out);
+                }
+            }
+        }
+    }
+
+    fn first_ended(&self) -> Option<usize> {
+        let tile = (0..self.batch.tiles()).find(|tile| self.batch.ended(*tile) != 0)?;
+        Some(tile * LANES + self.batch.ended(tile).trailing_zeros() as usize)
+    }
+
+    fn first_bad_action(&self, actions: &[f32]) -> Option<usize> {
+        R::run(
+            #[inline(always)]
+            || first_bad_action(actions),
+        )
+    }
+
+    fn states(&self, rows: &mut [f32]) {
+        self.batch.states(rows);
+    }
+
+    fn loads(&self, rows: &mut [f32]) -> bool {
+        self.batch.loads(rows)
+    }
+
+    fn last_of_episode(&self, env: usize) -> Option<(&[f32], &[f32])> {
+        self.batch.last_of_episode(env)
+    }
+}

@@ -1,0 +1,289 @@
+//! A part of the batch whose environments have one drone each: nothing couples it, and where nothing is called in a step, all stays in registers.
+
+use rand::SeedableRng;
+use rand_pcg::Pcg64Mcg;
+
+use super::buffers::{StepBuffers, TailBuffers, TileBuffers, TileRows};
+use super::{BatchConfig, Shard, ShardSpec};
+use crate::config::Autoreset;
+use crate::error::Result;
+use crate::lanes::LANES;
+use crate::noise::episode_key;
+use crate::observation::{ACTION, Interface, OBSERVATION, Reach, observe};
+use crate::plant::{Command, State};
+use crate::rows::{STATE, first_bad_action, flags, lanes_of, state_row, write, write_lane};
+use crate::simulated::Batched;
+use crate::task::{GOAL, Scene, Situation, Start, Task, crashed, outside};
+use crate::world::{GROUP, Settings, Tick, World};
+
+/// What is remembered of a tile besides its world.
+#[derive(Debug, Clone)]
+#[repr(C)]
+struct Slot<R> {
+    last_action: [R; ACTION],
+    goal: [R; GOAL],
+}
+
+/// Where a tile's environments are in their episodes; kept apart because only the ends of episodes need it.
+#[derive(Debug, Clone)]
+struct Episodes {
+    seed: [u64; LANES],
+    number: [u64; LANES],
+}
+
+/// A bit per lane of a tile.
+#[derive(Debug, Clone, Copy)]
+struct Bits {
+    /// The episode has ended.
+    ended: u16,
+    /// An environment of the batch (the last tile may have fewer than sixteen).
+    used: u16,
+}
+
+pub(super) struct UncoupledShard<R: Batched, T> {
+    world: World<R>,
+    task: T,
+    slots: Vec<Slot<R>>,
+    bits: Vec<Bits>,
+    episodes: Vec<Episodes>,
+    /// Last observation and true state of episodes that ended in the last step, kept when the environment was reset in that step.
+    final_observations: Vec<f32>,
+    final_states: Vec<f32>,
+}
+
+impl Bits {
+    fn new(left: usize) -> Self {
+        Bits { ended: 0, used: if left >= LANES { u16::MAX } else { (1 << left) - 1 } }
+    }
+}
+
+impl<R: Batched, T: Task> Shard for UncoupledShard<R, T> {
+    fn reset(&mut self, config: &BatchConfig, first: usize, seeds: Option<&[u64]>, mask: Option<&[bool]>, observations: &mut [f32]) {
+        for (tile, rows) in observations.chunks_mut(LANES * OBSERVATION).enumerate() {
+            let env = first + tile * LANES;
+            let mut bits = 0;
+            for lane in lanes_of(self.bits[tile].used.into()).filter(|lane| mask.is_none_or(|m| m[env + lane])) {
+                bits |= 1 << lane;
+                if let Some(seeds) = seeds {
+                    let episodes = &mut self.episodes[tile];
+                    (episodes.seed[lane], episodes.number[lane]) = (seeds[env + lane], 0);
+                }
+            }
+            R::run(
+                #[inline(always)]
+                || self.begin(&config.interfaces[0], tile, bits, rows),
+            );
+        }
+    }
+
+    fn run(&mut self, config: &BatchConfig, actions: &[f32], mut out: StepBuffers<'_>) {
+        let flying = std::mem::take(&mut out.flying);
+        R::run(
+            #[inline(always)]
+            || self.run_now(config, actions, out),
+        );
+        for (flags, bits) in flying.chunks_mut(LANES).zip(&self.bits) {
+            flags.iter_mut().enumerate().for_each(|(lane, flag)| *flag = bits.ended >> lane & 1 == 0);
+        }
+    }
+
+    fn first_ended(&self) -> Option<usize> {
+        let tile = self.bits.iter().position(|bits| bits.ended != 0)?;
+        Some(tile * LANES + self.bits[tile].ended.trailing_zeros() as usize)
+    }
+
+    fn first_bad_action(&self, actions: &[f32]) -> Option<usize> {
+        R::run(
+            #[inline(always)]
+            || first_bad_action(actions),
+        )
+    }
+
+    fn states(&self, rows: &mut [f32]) {
+        for (tile, rows) in rows.chunks_mut(LANES * STATE).enumerate() {
+            R::run(
+                #[inline(always)]
+                || write(&state_row(self.world.state(tile)), rows),
+            );
+        }
+    }
+
+    fn last_of_episode(&self, env: usize) -> Option<(&[f32], &[f32])> {
+        let observation = self.final_observations.get(env * OBSERVATION..(env + 1) * OBSERVATION)?;
+        Some((observation, self.final_states.get(env * STATE..(env + 1) * STATE)?))
+    }
+
+    fn loads(&self, _: &mut [f32]) -> bool {
+        false
+    }
+}
+
+impl<R: Batched, T: Task> UncoupledShard<R, T> {
+    pub(super) fn new(spec: &ShardSpec<'_>, task: T) -> Result<Self> {
+        let ShardSpec { options, envs, .. } = *spec;
+        let tiles = envs.div_ceil(LANES);
+        let settings = Settings { input: spec.inputs[0], physics_hz: options.physics_hz };
+        let kept = if options.autoreset == Autoreset::SameStep { envs } else { 0 };
+        Ok(UncoupledShard {
+            world: World::new(spec.models[0], &options.drone_effects(0), settings, tiles)?,
+            task,
+            slots: vec![Slot { last_action: [R::zero(); ACTION], goal: [R::zero(); GOAL] }; tiles],
+            bits: (0..tiles).map(|tile| Bits::new(envs - tile * LANES)).collect(),
+            episodes: vec![Episodes { seed: [0; LANES], number: [0; LANES] }; tiles],
+            final_observations: vec![0.0; kept * OBSERVATION],
+            final_states: vec![0.0; kept * STATE],
+        })
+    }
+
+    /// Begin the next episode in the lanes of `bits` and write their observations.
+    #[inline(always)]
+    fn begin(&mut self, interface: &Interface, tile: usize, bits: u32, rows: &mut [f32]) {
+        let (slot, episodes) = (&mut self.slots[tile], &mut self.episodes[tile]);
+        let mut x = State::<R>::rest();
+        let mut u = Command::level(R::zero());
+        for lane in lanes_of(bits) {
+            let key = episode_key(episodes.seed[lane], episodes.number[lane]);
+            episodes.number[lane] += 1;
+            let mut rng = Pcg64Mcg::seed_from_u64(key);
+            self.world.draw_lane(tile, lane, key, &mut rng);
+            let mut start = Start { pos_m: [0.0; 3], yaw_rad: 0.0, goal: [0.0; GOAL] };
+            self.task.start(&mut rng, std::slice::from_mut(&mut start), &mut []);
+            for i in 0..3 {
+                x.pos_m[i].set_lane(lane, start.pos_m[i]);
+            }
+            x.att_rad[2].set_lane(lane, start.yaw_rad);
+            for (slot, value) in slot.goal.iter_mut().zip(start.goal) {
+                slot.set_lane(lane, value);
+            }
+            // in the air it has been hovering, on the floor the motors stand still
+            let flying = if start.pos_m[2] > 0.0 { 1.0 } else { 0.0 };
+            u.lift.set_lane(lane, if interface.input.is_pwm() { flying * interface.hover_lift } else { start.pos_m[2] });
+        }
+        self.bits[tile].ended &= !(bits as u16);
+        let mask = R::mask(bits);
+        for (last, new) in slot.last_action.iter_mut().zip(interface.action(&u)) {
+            *last = R::select(mask, new, *last);
+        }
+        let reading = self.world.start(tile, mask, &x, &u);
+        let now_s = self.world.time_s(tile);
+        // the goals of lanes under way must not move on here
+        let mut goal = slot.goal;
+        let scene = Scene { drones: &[], load: None, t_s: now_s, draw: self.world.draw(tile) };
+        let setpoint = self.task.setpoint(0, &mut goal, &[], &scene);
+        for (kept, new) in slot.goal.iter_mut().zip(goal) {
+            *kept = R::select(mask, new, *kept);
+        }
+        let row = observe(&reading, now_s, &setpoint, &slot.last_action);
+        for lane in lanes_of(bits) {
+            write_lane(&row, lane, &mut rows[lane * OBSERVATION..(lane + 1) * OBSERVATION]);
+        }
+    }
+
+    /// One step of every tile.
+    #[inline(always)]
+    fn run_now(&mut self, config: &BatchConfig, actions: &[f32], out: StepBuffers<'_>) {
+        let params = StepParams { reach: config.interfaces[0].reach(), last_s: R::of(config.last_s) };
+        let mut tail = TailBuffers::new(actions);
+        let mut buffers = TileBuffers::new(actions, out, &mut tail);
+        let tiles = self.bits.len();
+        if self.world.is_plain() {
+            for tile in 0..tiles {
+                let action = R::read4(buffers.actions(tile));
+                let tick = self.world.step_plain(tile, &params.reach.command(&action));
+                self.judge(config, &params, tile, &action, &tick, buffers.rows(tile));
+            }
+        } else {
+            let mut actions = [[R::zero(); ACTION]; GROUP];
+            let mut commands = [Command::level(R::zero()); GROUP];
+            let mut ticks = [Tick::none(); GROUP];
+            for first in (0..tiles).step_by(GROUP) {
+                let n = GROUP.min(tiles - first);
+                for i in 0..n {
+                    actions[i] = R::read4(buffers.actions(first + i));
+                    commands[i] = params.reach.command(&actions[i]);
+                }
+                self.world.step_group(first, &commands[..n], None, &mut ticks[..n]);
+                for i in 0..n {
+                    self.judge(config, &params, first + i, &actions[i], &ticks[i], buffers.rows(first + i));
+                }
+            }
+        }
+        buffers.finish();
+    }
+
+    /// What comes of a tick: observation, reward, end.
+    #[inline(always)]
+    fn judge(
+        &mut self,
+        config: &BatchConfig,
+        params: &StepParams<R>,
+        tile: usize,
+        action: &[R; ACTION],
+        tick: &Tick<R>,
+        out: TileRows<'_>,
+    ) {
+        let now_s = self.world.time_s(tile);
+        let slot = &mut self.slots[tile];
+        let scene = Scene { drones: &[], load: None, t_s: now_s, draw: self.world.draw(tile) };
+        let setpoint = self.task.setpoint(0, &mut slot.goal, &[], &scene);
+        let x = self.world.state(tile);
+        let situation = Situation { x, setpoint, action, last_action: &slot.last_action, contact: &tick.contact, t_s: now_s };
+        let outcome = self.task.judge(0, &situation, &[], &scene);
+        let broken = outside(x) | crashed(&tick.contact);
+        let reward =
+            if T::CRASH_COST == 0.0 { outcome.reward } else { outcome.reward - R::select(broken, R::of(T::CRASH_COST), R::zero()) };
+        let over = now_s.gt(params.last_s);
+        slot.last_action = *action;
+        R::write(&observe(&tick.reading, now_s, &setpoint, action), out.observations, OBSERVATION);
+        *out.rewards = *reward.array();
+        let (terminated, truncated) = (R::bits(outcome.ends | broken), R::bits(over));
+        flags(terminated, out.terminated);
+        flags(truncated, out.truncated);
+        let bits = &mut self.bits[tile];
+        let before = bits.ended;
+        bits.ended = (terminated | truncated) as u16 & bits.used;
+        if (before | bits.ended) != 0 {
+            self.turn_over(config, tile, before.into(), out);
+        }
+    }
+
+    /// Episodes that ended: reset them as the mode says.
+    #[cold]
+    #[inline(never)]
+    fn turn_over(&mut self, config: &BatchConfig, tile: usize, before: u32, out: TileRows<'_>) {
+        R::run(
+            #[inline(always)]
+            || self.turn_over_now(config, tile, before, out),
+        );
+    }
+
+    #[inline(always)]
+    fn turn_over_now(&mut self, config: &BatchConfig, tile: usize, before: u32, out: TileRows<'_>) {
+        match config.autoreset {
+            Autoreset::Disabled => {}
+            Autoreset::NextStep => {
+                for lane in lanes_of(before) {
+                    (out.rewards[lane], out.terminated[lane], out.truncated[lane]) = (0.0, false, false);
+                }
+                self.begin(&config.interfaces[0], tile, before, out.observations);
+            }
+            Autoreset::SameStep => {
+                let ended = u32::from(self.bits[tile].ended);
+                let states = state_row(self.world.state(tile));
+                for lane in lanes_of(ended) {
+                    let env = tile * LANES + lane;
+                    let row = &out.observations[lane * OBSERVATION..(lane + 1) * OBSERVATION];
+                    self.final_observations[env * OBSERVATION..(env + 1) * OBSERVATION].copy_from_slice(row);
+                    write_lane(&states, lane, &mut self.final_states[env * STATE..(env + 1) * STATE]);
+                }
+                self.begin(&config.interfaces[0], tile, ended, out.observations);
+            }
+        }
+    }
+}
+
+/// What every tile of a step needs of the configuration, as numbers of the lanes.
+struct StepParams<R> {
+    reach: Reach<R>,
+    last_s: R,
+}
