@@ -11,12 +11,14 @@ mod uncoupled;
 use std::marker::PhantomData;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use crate::archive::Archive;
 use crate::config::{Autoreset, Options};
 use crate::coupling::NEIGHBOUR;
 use crate::error::{Error, Result};
 use crate::isa::{Kind, Level};
 use crate::lanes::{LANES, Lanes};
 use crate::model::{Model, VerticalInput};
+use crate::noise::scramble;
 use crate::observation::{ACTION, Interface, OBSERVATION};
 use crate::rows::shape;
 use crate::schedule::Schedule;
@@ -65,6 +67,8 @@ pub struct VectorEnv {
     ready: bool,
     level: Level,
     tick_s: f64,
+    /// Of all that decides a flight besides seeds and actions.
+    fingerprint: u64,
 }
 
 /// A contiguous part of the batch with worlds of its own, stepped by one thread, whatever its number type and its task.
@@ -76,6 +80,7 @@ trait Shard: Send {
     fn states(&self, rows: &mut [f32]);
     fn last_of_episode(&self, env: usize) -> Option<(&[f32], &[f32])>;
     fn loads(&self, rows: &mut [f32]) -> bool;
+    fn archive(&mut self, archive: &mut Archive<'_>);
 }
 
 /// What a shard is made of.
@@ -158,7 +163,8 @@ impl VectorEnv {
             BatchConfig { interfaces, autoreset: options.autoreset, last_s, radius_m: options.radius_m, crash_cost: entry.crash_cost };
         let team = Team::new(shards.len() - 1)?;
         let metrics = if entry.drones == 1 { 0 } else { METRICS.len() };
-        Ok(VectorEnv { shards, config, envs, metrics, share, team, ready: false, level, tick_s })
+        let fingerprint = fingerprint(&models, options, drones)?;
+        Ok(VectorEnv { shards, config, envs, metrics, share, team, ready: false, level, tick_s, fingerprint })
     }
 
     pub fn num_envs(&self) -> usize {
@@ -302,11 +308,75 @@ impl VectorEnv {
         Ok(rows.fold(true, |all, (shard, rows)| shard.loads(rows) && all))
     }
 
+    /// All that the flights go on from, as bytes for [`VectorEnv::restore`]; the same for every thread count and instruction set.
+    pub fn snapshot(&mut self) -> Vec<u8> {
+        let mut archive = Archive::Write(self.snapshot_head().to_vec());
+        self.archive(&mut archive);
+        let Archive::Write(mut bytes) = archive else { return Vec::new() };
+        let sum = checksum(&bytes[SNAPSHOT_HEAD..]);
+        bytes.extend_from_slice(&sum.to_le_bytes());
+        bytes
+    }
+
+    /// Goes on from where another batch of the same models and options was: to the bit as that one does.
+    ///
+    /// # Errors
+    /// [`Error::Config`] for bytes that are none of [`VectorEnv::snapshot`], are damaged, or are of other models, options or size; nothing has
+    /// changed then.
+    pub fn restore(&mut self, bytes: &[u8]) -> Result<()> {
+        let bad = |problem: &str| Err(Error::Config(format!("state: {problem}")));
+        if !bytes.starts_with(SNAPSHOT_MARK) {
+            return bad("these are not the bytes of a batch's state, or they are of another version");
+        }
+        if !bytes.starts_with(&self.snapshot_head()) {
+            return bad("it is of a batch of other models, options or size");
+        }
+        let Some((body, sum)) = bytes[SNAPSHOT_HEAD..].split_last_chunk() else { return bad("it is cut off") };
+        if checksum(body).to_le_bytes() != *sum {
+            return bad("it is cut off or damaged");
+        }
+        self.archive(&mut Archive::Read(body));
+        Ok(())
+    }
+
+    /// Format and version, and what the batch is.
+    fn snapshot_head(&self) -> [u8; SNAPSHOT_HEAD] {
+        let mut head = [0; SNAPSHOT_HEAD];
+        head[..8].copy_from_slice(SNAPSHOT_MARK);
+        head[8..16].copy_from_slice(&self.fingerprint.to_le_bytes());
+        head[16..].copy_from_slice(&(self.envs as u64).to_le_bytes());
+        head
+    }
+
+    fn archive(&mut self, archive: &mut Archive<'_>) {
+        let mut ready = u16::from(self.ready);
+        archive.bits(&mut ready);
+        self.ready = ready != 0;
+        self.shards.iter_mut().for_each(|shard| shard.archive(archive));
+    }
+
     /// With [`Autoreset::SameStep`]: last observations and true states of the episode that ended in the last step in environment `env`, rows for
     /// each drone.
     pub fn last_of_episode(&self, env: usize) -> Option<(&[f32], &[f32])> {
         self.shards.get(env / self.share)?.last_of_episode(env % self.share)
     }
+}
+
+/// What the bytes of a snapshot begin with: format and version.
+const SNAPSHOT_MARK: &[u8; 8] = b"cfstate1";
+/// With the fingerprint and the number of environments.
+const SNAPSHOT_HEAD: usize = 24;
+
+fn checksum(bytes: &[u8]) -> u64 {
+    bytes.iter().fold(bytes.len() as u64, |sum, byte| scramble(sum ^ u64::from(*byte)))
+}
+
+/// A number that differs where models, options or drones do; threads and instruction set change no flight.
+fn fingerprint(models: &[&Model], options: &Options, drones: usize) -> Result<u64> {
+    let bad = |e: serde_json::Error| Error::Config(e.to_string());
+    let alike = Options { threads: 1, isa: None, drones, ..options.clone() };
+    let text = serde_json::to_string(&(models, alike)).map_err(bad)?;
+    Ok(checksum(text.as_bytes()))
 }
 
 fn input(model: &Model, asked: Option<VerticalInput>) -> Result<VerticalInput> {

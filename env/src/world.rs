@@ -1,5 +1,6 @@
 //! The data path: command -> effects on it -> pushes -> exact step -> camera frame -> reading. Reads like one drone; a tile is sixteen.
 
+mod archive;
 mod filming;
 mod fitting;
 mod parts;

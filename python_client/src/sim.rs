@@ -8,7 +8,7 @@ use crazyflie_env::{Error, Result};
 use numpy::{PyArray1, PyArrayDyn};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyTuple};
+use pyo3::types::{PyBytes, PyDict, PyTuple, PyType};
 
 use crate::arrays::{empty, input, mask as read_mask, output, row};
 use crate::errors::{Failure, guarded};
@@ -24,6 +24,8 @@ pub const FEW_ENVS: usize = 16;
 pub type Step<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, usize);
 /// The last observation and true state of an episode.
 type Last<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>);
+/// Class, arguments, state.
+type Reduced<'py> = (Bound<'py, PyType>, (usize, String, Option<Vec<String>>), Bound<'py, PyBytes>);
 /// Observation, reward, terminated, truncated, info.
 pub type StepOne<'py> = (Bound<'py, PyArray1<f32>>, f64, bool, bool, Bound<'py, PyDict>);
 
@@ -110,6 +112,8 @@ pub struct Sim {
     /// Of the last step, where a task has several drones.
     flying: Vec<bool>,
     metrics: Vec<f32>,
+    /// What it was made from, for pickling.
+    made_from: (String, Option<Vec<String>>),
 }
 
 /// Run a call without holding the interpreter, if it is long enough to be worth it.
@@ -157,10 +161,11 @@ impl Sim {
             return Err(PyValueError::new_err(format!("num_envs is {num_envs}, expected 1 to {MOST_ENVS}")));
         }
         let envs = num_envs as usize;
+        let made_from = (options.to_owned(), models.clone());
         let (env, models) = py.detach(|| {
             guarded(|| {
-                let texts = models.unwrap_or_default();
-                let mut models = texts.iter().map(|text| Model::parse(text)).collect::<Result<Vec<_>>>()?;
+                let texts = models.iter().flatten();
+                let mut models = texts.map(|text| Model::parse(text)).collect::<Result<Vec<_>>>()?;
                 if models.is_empty() {
                     models.push(Model::thesis());
                 }
@@ -169,7 +174,7 @@ impl Sim {
         })?;
         let (drones, width, metrics) = (env.num_drones(), env.width(), env.num_metrics());
         let (lead, flying) = if metrics == 0 { (vec![envs], Vec::new()) } else { (vec![envs, drones], vec![true; envs * drones]) };
-        Ok(Sim { env: Held::new(env), models, envs, drones, width, lead, flying, metrics: vec![0.0; envs * metrics] })
+        Ok(Sim { env: Held::new(env), models, envs, drones, width, lead, flying, metrics: vec![0.0; envs * metrics], made_from })
     }
 
     /// Environments in the batch.
@@ -319,6 +324,42 @@ impl Sim {
             return Ok(None);
         }
         PyArray1::from_slice(py, &self.metrics).call_method1("reshape", ((self.envs, METRICS.len()),)).map(Some)
+    }
+
+    /// All that the flights go on from, as bytes for `set_state`; the same for every thread count and instruction set.
+    fn get_state<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        let env = self.env.get()?;
+        let mut bytes = py.detach(|| env.snapshot());
+        bytes.extend(self.flying.iter().map(|flies| u8::from(*flies)));
+        bytes.extend(self.metrics.iter().flat_map(|number| number.to_le_bytes()));
+        Ok(PyBytes::new(py, &bytes))
+    }
+
+    /// Go on from where another `Sim` of the same models and options was, to the bit as that one does. `ValueError` for the bytes of another
+    /// batch, and for damaged ones; nothing has changed then.
+    fn set_state(&mut self, py: Python<'_>, state: &[u8]) -> PyResult<()> {
+        let (flags, numbers) = (self.flying.len(), 4 * self.metrics.len());
+        let Some(at) = state.len().checked_sub(flags + numbers) else {
+            return Err(PyValueError::new_err(format!("state: {} bytes are too few", state.len())));
+        };
+        let (batch, last) = state.split_at(at);
+        let env = self.env.get()?;
+        py.detach(|| guarded(|| env.restore(batch)))?;
+        self.flying.iter_mut().zip(last).for_each(|(flies, byte)| *flies = *byte != 0);
+        let metrics = last[flags..].as_chunks().0;
+        self.metrics.iter_mut().zip(metrics).for_each(|(number, bytes)| *number = f32::from_le_bytes(*bytes));
+        Ok(())
+    }
+
+    /// For pickling and copying.
+    fn __reduce__<'py>(&mut self, py: Python<'py>) -> PyResult<Reduced<'py>> {
+        let class = py.get_type::<Sim>();
+        let (options, models) = self.made_from.clone();
+        Ok((class, (self.envs, options, models), self.get_state(py)?))
+    }
+
+    fn __setstate__(&mut self, py: Python<'_>, state: &[u8]) -> PyResult<()> {
+        self.set_state(py, state)
     }
 
     /// The true states, float32 (num_envs, 12): position, velocity, roll pitch yaw, their rates; metres, seconds, radians. Where a task has

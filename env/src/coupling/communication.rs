@@ -2,11 +2,13 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::archive::Archive;
 use crate::effects::{Fix, Neighbour};
 use crate::error::Result;
 use crate::noise::{Draw, channel};
 use crate::observation::{Field, field};
 use crate::real::{Real, tabulate};
+use crate::simulated::Batched;
 use crate::task::within;
 
 /// Numbers that an observation has for each of the others.
@@ -97,6 +99,22 @@ impl<R: Real> Communication<R> {
             _ => (0, None),
         };
         Communication { how, drones, late, clock: 0, radio }
+    }
+
+    /// What was said, and what was heard of it.
+    pub(crate) fn archive(&mut self, archive: &mut Archive<'_>)
+    where
+        R: Batched,
+    {
+        archive.count(&mut self.clock);
+        let Some(radio) = &mut self.radio else { return };
+        radio.said.iter_mut().chain(&mut radio.heard).for_each(|message| archive.numbers(message));
+        for fix in &mut radio.fixes {
+            archive.numbers(&mut fix.pos_m);
+            for number in [&mut fix.yaw_rad, &mut fix.t_s, &mut fix.valid] {
+                archive.number(number);
+            }
+        }
     }
 
     /// Begin episodes in the lanes of `mask`: before the first flight everybody was heard.

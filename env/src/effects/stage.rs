@@ -35,6 +35,8 @@ pub trait Stage<R: Real>: Send {
     fn put(&mut self, params: &[R]);
     /// Show all that the effect remembers, or of that only the lags (see [`Effect::LAGS`]).
     fn visit(&mut self, only_lags: bool, see: &mut dyn FnMut(&mut R));
+    /// Show all that is of one tile: parameters that differ from drone to drone, and what the effect remembers.
+    fn visit_tile(&mut self, tile: usize, see: &mut dyn FnMut(&mut R));
     /// Begin an episode in the lanes of `mask`.
     fn start(&mut self, tile: usize, mask: R::Mask, cx: &Cx<R>, x: &State<R>, u: &Command<R>);
     fn command(&mut self, of: &Tiles<R>, u: &mut [Command<R>]);
@@ -102,6 +104,13 @@ impl<E: Effect<P, S>, R: Simulated, const P: usize, const S: usize> Stage<R> for
                 see(number);
             }
         }
+    }
+
+    fn visit_tile(&mut self, tile: usize, see: &mut dyn FnMut(&mut R)) {
+        if self.stride == 1 {
+            self.params[tile].iter_mut().for_each(&mut *see);
+        }
+        self.states[tile][..self.in_use].iter_mut().for_each(see);
     }
 
     fn start(&mut self, tile: usize, mask: R::Mask, cx: &Cx<R>, x: &State<R>, u: &Command<R>) {

@@ -6,6 +6,7 @@ mod start;
 
 use super::buffers::StepBuffers;
 use super::{BatchConfig, Shard, ShardSpec};
+use crate::archive::Archive;
 use crate::config::Autoreset;
 use crate::error::Result;
 use crate::lanes::LANES;
@@ -166,6 +167,10 @@ impl<R: Batched, T: Task> Shard for CoupledShard<R, T> {
 
     fn loads(&self, rows: &mut [f32]) -> bool {
         self.batch.loads(rows)
+    }
+
+    fn archive(&mut self, archive: &mut Archive<'_>) {
+        self.batch.archive(archive);
     }
 
     fn last_of_episode(&self, env: usize) -> Option<(&[f32], &[f32])> {

@@ -5,6 +5,7 @@ use rand_pcg::Pcg64Mcg;
 
 use super::buffers::{StepBuffers, TailBuffers, TileBuffers, TileRows};
 use super::{BatchConfig, Shard, ShardSpec};
+use crate::archive::Archive;
 use crate::config::Autoreset;
 use crate::error::Result;
 use crate::lanes::LANES;
@@ -115,6 +116,20 @@ impl<R: Batched, T: Task> Shard for UncoupledShard<R, T> {
 
     fn loads(&self, _: &mut [f32]) -> bool {
         false
+    }
+
+    fn archive(&mut self, archive: &mut Archive<'_>) {
+        for tile in 0..self.bits.len() {
+            let (slot, bits, episodes) = (&mut self.slots[tile], &mut self.bits[tile], &mut self.episodes[tile]);
+            archive.numbers(&mut slot.last_action);
+            archive.numbers(&mut slot.goal);
+            archive.bits(&mut bits.ended);
+            for word in episodes.seed.iter_mut().chain(&mut episodes.number) {
+                archive.word(word);
+            }
+            let key = |lane: usize| episode_key(episodes.seed[lane], episodes.number[lane].wrapping_sub(1));
+            self.world.archive(tile, key, archive);
+        }
     }
 }
 

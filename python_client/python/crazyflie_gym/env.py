@@ -17,6 +17,7 @@ from crazyflie_gym.options import Model
 from crazyflie_gym.screen import RENDER_MODES, Screen, check_render_mode
 from crazyflie_gym.seeds import draw, seeds
 from crazyflie_gym.spaces import action_space, check_form, observation_space, split
+from crazyflie_gym.state import EnvState, simulation
 
 METRICS = tuple(name for name, _, _ in metrics())
 """What is measured of an episode of several drones. `crazyflie_gym.metrics()` explains them."""
@@ -203,6 +204,26 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         if self._true_state:
             info["true_state"] = self.sim.states()[0]
         return (split(row) if self._by_field else row), info
+
+    def get_state(self) -> EnvState:
+        """Return all that this environment goes on from, for `set_state` of one that was made alike.
+
+        Raises:
+            RuntimeError: for an environment on a server.
+        """
+        sim = simulation(self.sim).get_state()
+        return {"sim": sim, "seeded": self._seeded, "np_random": self.np_random.bit_generator.state}
+
+    def set_state(self, state: EnvState) -> None:
+        """Go on from where another environment was, to the bit as that one does. A picture follows with the next step.
+
+        Raises:
+            ValueError: for the state of an environment of another task, model, effects or size.
+            RuntimeError: for an environment on a server.
+        """
+        simulation(self.sim).set_state(state["sim"])
+        self._seeded = state["seeded"]
+        self.np_random.bit_generator.state = state["np_random"]
 
     # Any: Gymnasium 1.2 and 1.3 do not agree on its type
     def render(self) -> Any:

@@ -17,6 +17,7 @@ except ImportError as error:
 
 from crazyflie_gym._types import FloatArray
 from crazyflie_gym.screen import RENDER_MODES, Screen, check_render_mode
+from crazyflie_gym.state import EnvState
 from crazyflie_gym.swarm import METRICS, CrazyflieSwarm
 
 _Results = tuple[dict[str, FloatArray], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]
@@ -108,6 +109,19 @@ class CrazyflieParallelEnv(ParallelEnv[str, FloatArray, FloatArray]):  # type: i
     def state(self) -> FloatArray:
         """Return the true states of all drones, one after the other, float32 (drones * 12,); see `STATE_FIELDS`."""
         return self.swarm.states().reshape(-1)
+
+    def get_state(self) -> EnvState:
+        """Return all that this environment goes on from, for `set_state` of one that was made alike."""
+        return {"swarm": self.swarm.get_state(), "agents": list(self.agents)}
+
+    def set_state(self, state: EnvState) -> None:
+        """Go on from where another environment was, to the bit as that one does.
+
+        Raises:
+            ValueError: for the state of an environment of another task, model, effects or size.
+        """
+        self.swarm.set_state(state["swarm"])
+        self.agents = list(state["agents"])
 
     def render(self) -> Any:
         """Return a picture, uint8 (360, 480, 3), in the mode "rgb_array"; "human" draws as it flies.

@@ -18,6 +18,7 @@ from crazyflie_gym.options import Model
 from crazyflie_gym.options import autoreset_mode as mode_named
 from crazyflie_gym.seeds import Seeds, consecutive, draw, reset_mask
 from crazyflie_gym.spaces import action_space, observation_space
+from crazyflie_gym.state import EnvState
 
 __all__ = ["METRICS", "CrazyflieSwarm"]
 
@@ -171,6 +172,26 @@ class CrazyflieSwarm:
             last = {int(world): self.sim.last_of_episode(int(world)) for world in ended}
             infos["final_obs"] = {world: pair[0] for world, pair in last.items() if pair is not None}
         return rows, rewards, terminated, truncated, infos
+
+    def get_state(self) -> EnvState:
+        """Return all that these worlds go on from, for `set_state` of a swarm that was made alike."""
+        return {
+            "sim": self.sim.get_state(),
+            "seeded": self._seeded,
+            "np_random": self._generator().bit_generator.state,
+            "rows": None if self._rows is None else self._rows.copy(),
+        }
+
+    def set_state(self, state: EnvState) -> None:
+        """Go on from where another swarm was, to the bit as that one does.
+
+        Raises:
+            ValueError: for the state of a swarm of another task, model, effects or size.
+        """
+        self.sim.set_state(state["sim"])
+        self._seeded = state["seeded"]
+        self._generator().bit_generator.state = state["np_random"]
+        self._rows = None if state["rows"] is None else state["rows"].copy()
 
     def states(self) -> FloatArray:
         """Return the true states, float32 (num_worlds, num_drones, 12), laid out as `STATE_FIELDS` says."""

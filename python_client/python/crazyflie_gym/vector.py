@@ -21,6 +21,7 @@ from crazyflie_gym.options import Model, autoreset_mode
 from crazyflie_gym.screen import RENDER_MODES, Screen, check_render_mode
 from crazyflie_gym.seeds import Seeds, consecutive, draw, reset_mask, seeds
 from crazyflie_gym.spaces import action_space, check_form, observation_space, split
+from crazyflie_gym.state import EnvState, simulation
 
 _Step = tuple[Observation, FloatArray, BoolArray, BoolArray, dict[str, Any]]
 
@@ -314,6 +315,33 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
             self._ended = ended
             if self.render_mode == "human":
                 self._screen.show()
+
+    def get_state(self) -> EnvState:
+        """Return all that this environment goes on from, for `set_state` of one that was made alike.
+
+        Raises:
+            RuntimeError: for an environment on a server.
+        """
+        return {
+            "sim": simulation(self.sim).get_state(),
+            "seeded": self._seeded,
+            "np_random": self.np_random.bit_generator.state,
+            "rows": None if self._rows is None else self._rows.copy(),
+            "ended": self._ended.copy(),
+        }
+
+    def set_state(self, state: EnvState) -> None:
+        """Go on from where another environment was, to the bit as that one does. A picture follows with the next step.
+
+        Raises:
+            ValueError: for the state of an environment of another task, model, effects or size.
+            RuntimeError: for an environment on a server.
+        """
+        simulation(self.sim).set_state(state["sim"])
+        self._seeded = state["seeded"]
+        self.np_random.bit_generator.state = state["np_random"]
+        self._rows = None if state["rows"] is None else state["rows"].copy()
+        self._ended = state["ended"].copy()
 
     # Any: Gymnasium 1.2 and 1.3 do not agree on its type
     def render(self) -> Any:

@@ -1,5 +1,6 @@
 //! All drones of a part of the batch, with their load, and how they move for a tick.
 
+use crate::archive::Archive;
 use crate::config::Autoreset;
 use crate::coupling::load::{self, Load, Ropes};
 use crate::coupling::{Communication, NEIGHBOUR};
@@ -275,6 +276,29 @@ impl<R: Batched> DroneBatch<R> {
         let states = self.len() * STATE;
         let observations = self.final_observations.get(env * observations..(env + 1) * observations).filter(|rows| !rows.is_empty())?;
         Some((observations, self.final_states.get(env * states..(env + 1) * states)?))
+    }
+}
+
+impl<R: Batched> Tile<R> {
+    pub(in crate::vector) fn archive(&mut self, archive: &mut Archive<'_>) {
+        self.known.archive(archive);
+        archive.numbers(&mut self.load.pos_m);
+        archive.numbers(&mut self.load.vel_mps);
+        let EpisodeStats { collisions, crashes, done, nearest2_m2, settled_s, error2_m2, flown } = &mut self.stats;
+        for number in [collisions, crashes, done, nearest2_m2, settled_s, error2_m2, flown] {
+            archive.number(number);
+        }
+        self.seed.iter_mut().chain(&mut self.number).for_each(|word| archive.word(word));
+        archive.bits(&mut self.ended);
+    }
+}
+
+impl<R: Batched> DroneSlot<R> {
+    pub(in crate::vector) fn archive(&mut self, archive: &mut Archive<'_>) {
+        archive.numbers(&mut self.last_action);
+        archive.numbers(&mut self.goal);
+        archive.numbers(&mut self.pull_mps2);
+        archive.bits(&mut self.flying);
     }
 }
 

@@ -3,7 +3,8 @@
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 
-use super::drone_batch::{DroneBatch, EpisodeStats, neighbour};
+use super::drone_batch::{DroneBatch, EpisodeStats, Tile, neighbour};
+use crate::archive::Archive;
 use crate::lanes::LANES;
 use crate::noise::{episode_key, scramble};
 use crate::observation::{ACTION, Interface};
@@ -97,6 +98,21 @@ impl<R: Batched> DroneBatch<R> {
             scratch.ticks[drone][0] = Tick { reading, ..Tick::none() };
             scratch.contacts[drone] = scratch.ticks[drone][0].contact;
             scratch.scene[drone] = neighbour(drones[drone].state(tile), slot.flying);
+        }
+    }
+
+    /// What all flights go on from, tile by tile.
+    pub(in crate::vector) fn archive(&mut self, archive: &mut Archive<'_>) {
+        for tile in 0..self.tiles() {
+            let n = self.drones.len();
+            self.board_mut(tile).iter_mut().for_each(|number| archive.number(number));
+            let DroneBatch { drones, slots, tiles, .. } = self;
+            tiles[tile].archive(archive);
+            let Tile { seed, number, .. } = &tiles[tile];
+            for (drone, (world, slot)) in drones.iter_mut().zip(&mut slots[tile * n..(tile + 1) * n]).enumerate() {
+                slot.archive(archive);
+                world.archive(tile, |lane| drone_key(episode_key(seed[lane], number[lane].wrapping_sub(1)), drone), archive);
+            }
         }
     }
 
