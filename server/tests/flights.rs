@@ -137,3 +137,36 @@ fn every_nanobench_flight_is_replayed_as_published() {
     let ran = common::run(&all);
     assert!(ran.code == 1 && ran.out.contains("median of 16 flights") && ran.err.contains("2 of 18 logs"), "{}", ran.err);
 }
+
+#[test]
+fn every_task_flies_by_its_name() {
+    let tasks = json(&["tasks", "--json"]);
+    for task in tasks["tasks"].as_array().unwrap() {
+        let name = task["name"].as_str().unwrap();
+        let flown = json(&["fly", "--task", name, "--seconds", "0.5", "--json"]);
+        let drones = flown["runs"][0]["drones"].as_array().map_or(1, Vec::len);
+        assert_eq!(task["drones"], drones, "{name}");
+    }
+}
+
+#[test]
+fn several_drones_swap_places_unless_nothing_keeps_them_apart() {
+    let folder = folder("together");
+    let (csv, svg, path) = (folder.join("swap.csv"), folder.join("swap.svg"), folder.join("path.svg"));
+    let files = ["--csv", text(&csv), "--picture", text(&svg), "--picture3d", text(&path)];
+    let flight = ["fly", "--task", "swap", "--drones", "5", "--json"];
+    let apart = json(&[&flight[..], &["--avoid"], &files].concat());
+    let metrics = &apart["runs"][0]["metrics"];
+    assert!(metrics["collisions"] == 0.0 && metrics["done"] == 5.0, "{metrics}");
+    assert!(apart["setup"]["effects"]["downwash"].is_number(), "{}", apart["setup"]);
+    for drone in 0..5 {
+        let log = folder.join(format!("swap-{drone}.csv"));
+        good(&["replay", text(&log)]);
+    }
+    assert!([svg, path].iter().all(|file| std::fs::read_to_string(file).unwrap().contains("drone 4")));
+    assert!(json(&flight)["runs"][0]["metrics"]["collisions"].as_f64().unwrap() > 0.0);
+    let advice = good(&["fly", "--task", "swap", "--runs", "3"]);
+    assert!(advice.contains("3 flights: median") && advice.contains("--avoid puts a layer"), "{advice}");
+    bad(2, &["fly", "--avoid"], &["for tasks of several drones"]);
+    bad(2, &["fly", "--task", "swap", "--drones", "65"], &["drones is 65"]);
+}

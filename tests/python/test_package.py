@@ -68,6 +68,14 @@ def test_the_command_line_runs():
     assert run("-m", "crazyflie_gym", "no-such-command").returncode != 0
 
 
+def test_the_command_line_waits_for_no_package():
+    code = "import sys, crazyflie_cli; sys.argv[1:] = ['tasks']; crazyflie_cli.main(); print(list(sys.modules))"
+    done = run("-c", code)
+    assert done.returncode == 0 and "swap (CrazyflieSwap-v0)" in done.stdout
+    for heavy in ("numpy", "gymnasium", "crazyflie_gym"):
+        assert f"'{heavy}'" not in done.stdout
+
+
 # these need a server: test_remote.py and test_shared.py run them against one
 SERVED = {"submit_own.py", "swap_places.py"}
 EXAMPLES = sorted(path for path in (ROOT / "examples").glob("*.py") if path.name not in SERVED)

@@ -10,9 +10,7 @@ impl Effect<1, 0> for AttitudeGain {
     const NAME: &'static str = "attitude_gain";
     const ABOUT: &'static str = "Commanded roll and pitch act scaled by this gain";
     const SOURCE: &'static str = "Gain of 5.1 differs between vehicles; the roll fit of 5.1.1 differs from the pitch fit";
-    const PARAMS: [Param; 1] = [
-        param("gain", "1", 1.0, [0.2, 3.0], "angle obeyed over angle commanded").at_least(0.03),
-    ];
+    const PARAMS: [Param; 1] = [param("gain", "1", 1.0, [0.2, 3.0], "angle obeyed over angle commanded").at_least(0.03)];
     const HOOKS: Hooks = Hooks::COMMAND;
 
     #[inline(always)]

@@ -9,9 +9,16 @@ pub struct CameraFov;
 impl Effect<5, 1> for CameraFov {
     const NAME: &'static str = "camera_fov";
     const ABOUT: &'static str = "Field of view: a marker is found only with all four corners in the picture, and near enough";
-    const SOURCE: &'static str = "Thesis 3.1.2 (120 degrees, 720 x 480), 4.1.1 (lens 2 cm below the centre), marker of 197 mm; pinhole camera";
+    const SOURCE: &'static str =
+        "Thesis 3.1.2 (120 degrees, 720 x 480), 4.1.1 (lens 2 cm below the centre), marker of 197 mm; pinhole camera";
     const PARAMS: [Param; 5] = [
-        param("diagonal_deg", "deg", 0.0, [0.0, 175.0], "view angle across the picture's diagonal; 120 for the thesis's camera, 0 for no limit"),
+        param(
+            "diagonal_deg",
+            "deg",
+            0.0,
+            [0.0, 175.0],
+            "view angle across the picture's diagonal; 120 for the thesis's camera, 0 for no limit",
+        ),
         param("lens_below_m", "m", 0.02, [0.0, 0.2], "lens below the centre of mass"),
         param("side_m", "m", 0.197, [0.01, 2.0], "side of a marker"),
         param("range_m", "m", 5.0, [0.1, 100.0], "farthest distance at which a marker is found"),
@@ -38,7 +45,11 @@ impl Effect<5, 1> for CameraFov {
 
 /// How many markers of the field are in view, and where the nearest of them is.
 #[inline(always)]
-fn look<R: Real>(&[diagonal_deg, lens_below_m, side_m, range_m, _]: &[R; 5], x: &State<R>, &[columns, rows, pitch_m]: &[R; 3]) -> (R, [R; 2]) {
+fn look<R: Real>(
+    &[diagonal_deg, lens_below_m, side_m, range_m, _]: &[R; 5],
+    x: &State<R>,
+    &[columns, rows, pitch_m]: &[R; 3],
+) -> (R, [R; 2]) {
     let half = (diagonal_deg * R::of(0.5 * std::f64::consts::PI / 180.0)).tan();
     // 720 x 480 pixels: shares of the diagonal
     let (wide, high) = (half * R::of(720.0 / 865.332_306), half * R::of(480.0 / 865.332_306));
@@ -91,7 +102,10 @@ impl<R: Real> Camera<R> {
             [cy * sp * sr - sy * cr, sy * sp * sr + cy * cr, cp * sr],
             [cy * sp * cr + sy * sr, sy * sp * cr - cy * sr, cp * cr],
         ];
-        let lens_m = tabulate(#[inline(always)] |i| x.pos_m[i] - below_m * axes[2][i]);
+        let lens_m = tabulate(
+            #[inline(always)]
+            |i| x.pos_m[i] - below_m * axes[2][i],
+        );
         Camera { lens_m, axes }
     }
 

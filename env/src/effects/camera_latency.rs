@@ -25,7 +25,14 @@ impl Effect<2, NUMBERS> for CameraLatency {
     const ABOUT: &'static str = "Time from the exposure of a frame to the pose at the controller";
     const SOURCE: &'static str = "Exposure, transmission and detection; a queue of frames";
     const PARAMS: [Param; 2] = [
-        param("latency_s", "s", 0.0, [0.0, LONGEST_S], "from capture to arrival; above 500 frames a second at most 60 frames are under way").constant(),
+        param(
+            "latency_s",
+            "s",
+            0.0,
+            [0.0, LONGEST_S],
+            "from capture to arrival; above 500 frames a second at most 60 frames are under way",
+        )
+        .constant(),
         param("undeclared_s", "s", 0.0, [-0.05, LONGEST_S], "how much later than the capture the time stamp is"),
     ];
     const HOOKS: Hooks = Hooks::FRAME_AND_SENSE;
@@ -57,7 +64,14 @@ impl Effect<2, NUMBERS> for CameraLatency {
 
     /// Deliver what is due, oldest first, so that the newest due frame stays.
     #[inline(always)]
-    fn sense<R: Real>(&[latency_s, undeclared_s]: &[R; 2], queue: &mut [R; NUMBERS], cx: &Cx<R>, _: &State<R>, _: &Command<R>, y: &mut Reading<R>) {
+    fn sense<R: Real>(
+        &[latency_s, undeclared_s]: &[R; 2],
+        queue: &mut [R; NUMBERS],
+        cx: &Cx<R>,
+        _: &State<R>,
+        _: &Command<R>,
+        y: &mut Reading<R>,
+    ) {
         // a frame due exactly now is not lost to rounding
         let due = cx.t_s - latency_s + undeclared_s + R::of(1e-4);
         for slot in queue[..numbers(cx.tick_s)].chunks_exact_mut(FRAME).rev() {

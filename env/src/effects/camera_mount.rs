@@ -10,10 +10,8 @@ impl Effect<2, 0> for CameraMount {
     const NAME: &'static str = "camera_mount";
     const ABOUT: &'static str = "A constant tilt of the camera, which moves the position seen from above";
     const SOURCE: &'static str = "Rotation of the lens against the frame, to first order in the angle: height times tangent";
-    const PARAMS: [Param; 2] = [
-        param("roll_deg", "deg", 0.0, [-20.0, 20.0], "about body x"),
-        param("pitch_deg", "deg", 0.0, [-20.0, 20.0], "about body y"),
-    ];
+    const PARAMS: [Param; 2] =
+        [param("roll_deg", "deg", 0.0, [-20.0, 20.0], "about body x"), param("pitch_deg", "deg", 0.0, [-20.0, 20.0], "about body y")];
     const HOOKS: Hooks = Hooks::FRAME;
 
     #[inline(always)]

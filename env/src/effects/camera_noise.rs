@@ -8,7 +8,8 @@ pub struct CameraNoise;
 
 impl Effect<3, 0> for CameraNoise {
     const NAME: &'static str = "camera_noise";
-    const ABOUT: &'static str = "White noise of the marker pose, growing with distance and view angle, shrinking with the number of markers";
+    const ABOUT: &'static str =
+        "White noise of the marker pose, growing with distance and view angle, shrinking with the number of markers";
     const SOURCE: &'static str = "Pixel noise through the pinhole: sideways as distance, along the line of sight as distance squared, both over cos(view angle); given at 70 cm straight above";
     const PARAMS: [Param; 3] = [
         param("xy_m", "m", 0.0, [0.0, 0.2], "standard deviation of x and y at 70 cm"),

@@ -10,13 +10,16 @@ impl Effect<1, 0> for CameraScale {
     const NAME: &'static str = "camera_scale";
     const ABOUT: &'static str = "Reported positions are scaled";
     const SOURCE: &'static str = "A marker of another size than declared scales every distance";
-    const PARAMS: [Param; 1] = [
-        param("scale", "1", 1.0, [0.5, 2.0], "reported over true; markers are measured to a per cent").at_least(0.02),
-    ];
+    const PARAMS: [Param; 1] =
+        [param("scale", "1", 1.0, [0.5, 2.0], "reported over true; markers are measured to a per cent").at_least(0.02)];
     const HOOKS: Hooks = Hooks::FRAME;
 
     #[inline(always)]
     fn frame<R: Real>(&[scale]: &[R; 1], _: &mut [R; 0], _: &Cx<R>, _: &State<R>, f: &mut Frame<R>) {
-        f.pos_m = each(f.pos_m, #[inline(always)] |p| scale * p);
+        f.pos_m = each(
+            f.pos_m,
+            #[inline(always)]
+            |p| scale * p,
+        );
     }
 }

@@ -10,9 +10,7 @@ impl Effect<1, 0> for CameraVibration {
     const NAME: &'static str = "camera_vibration";
     const ABOUT: &'static str = "The camera's angle shakes from frame to frame, which moves the position seen from above";
     const SOURCE: &'static str = "Thesis chapter 8, future work 2; far above the frame rate, so white from frame to frame";
-    const PARAMS: [Param; 1] = [
-        param("angle_deg", "deg", 0.0, [0.0, 5.0], "standard deviation of the angle about each axis"),
-    ];
+    const PARAMS: [Param; 1] = [param("angle_deg", "deg", 0.0, [0.0, 5.0], "standard deviation of the angle about each axis")];
     const HOOKS: Hooks = Hooks::FRAME;
     const TRACE: Trace = Trace::Spread;
 

@@ -10,9 +10,7 @@ impl Effect<1, 0> for CmdDeadband {
     const NAME: &'static str = "cmd_deadband";
     const ABOUT: &'static str = "Roll and pitch commands smaller than this do nothing, larger ones act by what they exceed it";
     const SOURCE: &'static str = "Static friction of the trim and quantisation of the radio link; the dead zone of control textbooks";
-    const PARAMS: [Param; 1] = [
-        param("tilt_deg", "deg", 0.0, [0.0, 10.0], "width of the dead band to each side"),
-    ];
+    const PARAMS: [Param; 1] = [param("tilt_deg", "deg", 0.0, [0.0, 10.0], "width of the dead band to each side")];
     const HOOKS: Hooks = Hooks::COMMAND;
 
     #[inline(always)]

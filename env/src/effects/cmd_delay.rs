@@ -21,10 +21,10 @@ fn slots(tick_s: f64) -> usize {
 impl Effect<1, NUMBERS> for CmdDelay {
     const NAME: &'static str = "cmd_delay";
     const ABOUT: &'static str = "Pure delay between the command and the vehicle";
-    const SOURCE: &'static str = "The delayed held command is averaged over the physics step, which is exact for the integral of the command";
-    const PARAMS: [Param; 1] = [
-        param("delay_s", "s", 0.0, [0.0, LONGEST_S], "from command to effect; above 500 Hz control at most 70 ticks").at_least(0.01),
-    ];
+    const SOURCE: &'static str =
+        "The delayed held command is averaged over the physics step, which is exact for the integral of the command";
+    const PARAMS: [Param; 1] =
+        [param("delay_s", "s", 0.0, [0.0, LONGEST_S], "from command to effect; above 500 Hz control at most 70 ticks").at_least(0.01)];
     const HOOKS: Hooks = Hooks::COMMAND;
 
     fn states_in_use(tick_s: f64) -> usize {

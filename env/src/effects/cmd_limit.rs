@@ -19,7 +19,13 @@ impl Effect<4, 0> for CmdLimit {
     const HOOKS: Hooks = Hooks::COMMAND;
 
     #[inline(always)]
-    fn command<R: Real>(&[tilt_deg, yaw_rate_degps, pwm_min, pwm_max]: &[R; 4], _: &mut [R; 0], cx: &Cx<R>, _: &State<R>, u: &mut Command<R>) {
+    fn command<R: Real>(
+        &[tilt_deg, yaw_rate_degps, pwm_min, pwm_max]: &[R; 4],
+        _: &mut [R; 0],
+        cx: &Cx<R>,
+        _: &State<R>,
+        u: &mut Command<R>,
+    ) {
         let per_deg = R::of(std::f64::consts::PI / 180.0);
         let (tilt, turn) = (tilt_deg * per_deg, yaw_rate_degps * per_deg);
         u.roll_rad = u.roll_rad.clamp(-tilt, tilt);

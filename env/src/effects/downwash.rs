@@ -16,9 +16,23 @@ impl Effect<5, 0> for Downwash {
     const PARAMS: [Param; 5] = [
         param("force_n", "N", 0.0, [0.0, 0.5], "lift lost a quarter of a metre straight below; 0.118 measured"),
         param("origin_m", "m", 0.073, [0.0, 0.5], "the jet seems to begin so far above the drone: from the two forces").constant(),
-        param("near_m", "m", 0.16, [0.02, 0.5], "nearer than this the jet is not formed, and the force falls to nothing at the same height").constant(),
+        param(
+            "near_m",
+            "m",
+            0.16,
+            [0.02, 0.5],
+            "nearer than this the jet is not formed, and the force falls to nothing at the same height",
+        )
+        .constant(),
         param("width_m", "m", 0.055, [0.01, 0.3], "standard deviation across at the drone: its own size").constant(),
-        param("spread", "1", 0.057, [0.0, 0.3], "growth of the width per metre; half-velocity width 0.094 z of a round jet (Pope 2000, 5.1)").constant(),
+        param(
+            "spread",
+            "1",
+            0.057,
+            [0.0, 0.3],
+            "growth of the width per metre; half-velocity width 0.094 z of a round jet (Pope 2000, 5.1)",
+        )
+        .constant(),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
     const TRACE: Trace = Trace::Neighbours;

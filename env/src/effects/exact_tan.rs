@@ -10,15 +10,13 @@ impl Effect<1, 0> for ExactTan {
     const NAME: &'static str = "exact_tan";
     const ABOUT: &'static str = "Sideways acceleration g tan(angle) instead of g angle";
     const SOURCE: &'static str = "Thesis 4.8";
-    const PARAMS: [Param; 1] = [
-        param("amount", "1", 0.0, [0.0, 1.0], "1 for the exact tangent"),
-    ];
+    const PARAMS: [Param; 1] = [param("amount", "1", 0.0, [0.0, 1.0], "1 for the exact tangent")];
     const HOOKS: Hooks = Hooks::PUSH;
     const GEOMETRY: Geometry = Geometry::Part;
 
     #[inline(always)]
     fn push<R: Real>(&[amount]: &[R; 1], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, _: &Command<R>, out: &mut Push<R>) {
-                let (front, right) = (excess(x.att_rad[1]), excess(x.att_rad[0]));
+        let (front, right) = (excess(x.att_rad[1]), excess(x.att_rad[0]));
         let (sin, cos) = x.att_rad[2].sin_cos();
         let strength = amount * cx.body.gravity_mps2;
         out.acc_mps2[0] += strength * (cos * front + sin * right);

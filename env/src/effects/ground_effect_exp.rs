@@ -13,7 +13,14 @@ impl Effect<3, 0> for GroundEffectExp {
     const PARAMS: [Param; 3] = [
         param("amount", "1", 0.0, [0.0, 0.5], "share at the floor"),
         param("decay", "1", 0.5, [0.05, 5.0], "per rotor radius of height; 0.54 fits a scale of 42 mm, measured in a hover near the floor"),
-        param("rest_m", "m", 0.0, [-0.1, 0.5], "z of the vehicle at rest on the floor, from which the height counts: a marker's origin lies where a session puts it").constant(),
+        param(
+            "rest_m",
+            "m",
+            0.0,
+            [-0.1, 0.5],
+            "z of the vehicle at rest on the floor, from which the height counts: a marker's origin lies where a session puts it",
+        )
+        .constant(),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
 

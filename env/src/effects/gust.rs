@@ -9,7 +9,8 @@ pub struct Gust;
 impl Effect<2, 2> for Gust {
     const NAME: &'static str = "gust";
     const ABOUT: &'static str = "Random horizontal force with a correlation time";
-    const SOURCE: &'static str = "First-order Gauss-Markov gusts, the longitudinal Dryden spectrum (MIL-F-8785C) at fixed length over speed";
+    const SOURCE: &'static str =
+        "First-order Gauss-Markov gusts, the longitudinal Dryden spectrum (MIL-F-8785C) at fixed length over speed";
     const PARAMS: [Param; 2] = [
         param("sigma_mps2", "m/s^2", 0.0, [0.0, 3.0], "standard deviation on each axis"),
         param("tau_s", "s", 1.0, [0.05, 20.0], "correlation time"),

@@ -28,7 +28,8 @@ impl Effect<4, 4> for GyroBias {
     #[inline(always)]
     fn sense<R: Real>(p: &[R; 4], s: &mut [R; 4], cx: &Cx<R>, _: &State<R>, _: &Command<R>, y: &mut Reading<R>) {
         let &[_, walk_degps_sqrts, rate_noise_degps, angle_noise_deg] = p;
-        let ([a, b], [c, d], [e, f]) = (cx.draw.normals(Self::NOISE), cx.draw.normals(Self::NOISE.wrapping_add(1)), cx.draw.normals(Self::NOISE.wrapping_add(2)));
+        let ([a, b], [c, d], [e, f]) =
+            (cx.draw.normals(Self::NOISE), cx.draw.normals(Self::NOISE.wrapping_add(1)), cx.draw.normals(Self::NOISE.wrapping_add(2)));
         let ([g, h], [i, _]) = (cx.draw.normals(Self::NOISE.wrapping_add(3)), cx.draw.normals(Self::NOISE.wrapping_add(4)));
         let per_deg = R::of(std::f64::consts::PI / 180.0);
         let step = walk_degps_sqrts * R::of(cx.h_s).sqrt();

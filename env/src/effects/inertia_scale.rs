@@ -10,9 +10,9 @@ impl Effect<1, 0> for InertiaScale {
     const NAME: &'static str = "inertia_scale";
     const ABOUT: &'static str = "Roll, pitch and yaw accelerate as if the inertia were this many times the declared";
     const SOURCE: &'static str = "Euler: the same torque on a larger inertia; torques as in 5.1 and 5.2";
-    const PARAMS: [Param; 1] = [
-        param("scale", "1", 1.0, [0.3, 3.0], "inertia over declared inertia; published ones of one vehicle differ by a tenth").at_least(0.1),
-    ];
+    const PARAMS: [Param; 1] =
+        [param("scale", "1", 1.0, [0.3, 3.0], "inertia over declared inertia; published ones of one vehicle differ by a tenth")
+            .at_least(0.1)];
     const HOOKS: Hooks = Hooks::PUSH;
     const PHYSICS_HZ: u32 = 300;
 

@@ -10,7 +10,8 @@ pub struct MotorLag;
 impl Effect<2, 3> for MotorLag {
     const NAME: &'static str = "motor_lag";
     const ABOUT: &'static str = "Thrust and torques follow what is asked of the motors with a first-order lag";
-    const SOURCE: &'static str = "First-order motor model (Foerster, System Identification of the Crazyflie 2.0, ETH 2015); torque as in 5.1, feedback included";
+    const SOURCE: &'static str =
+        "First-order motor model (Foerster, System Identification of the Crazyflie 2.0, ETH 2015); torque as in 5.1, feedback included";
     const PARAMS: [Param; 2] = [
         param("lag_s", "s", 0.0, [0.0, 0.3], "time constant of the thrust"),
         param("torque_lag_s", "s", 0.0, [0.0, 0.3], "time constant of the torques, beyond what the identified attitude dynamics contain"),

@@ -10,9 +10,7 @@ impl Effect<1, 4> for PacketLoss {
     const NAME: &'static str = "packet_loss";
     const ABOUT: &'static str = "A command packet is lost with this probability; the vehicle keeps the last one that arrived";
     const SOURCE: &'static str = "Bernoulli losses per packet at the control rate; the firmware holds the last set-point";
-    const PARAMS: [Param; 1] = [
-        param("probability", "1", 0.0, [0.0, 1.0], "of losing one command"),
-    ];
+    const PARAMS: [Param; 1] = [param("probability", "1", 0.0, [0.0, 1.0], "of losing one command")];
     const HOOKS: Hooks = Hooks::COMMAND;
     const TRACE: Trace = Trace::Held;
 

@@ -37,21 +37,21 @@ impl Effect<2, 0> for RigidBody {
     const SOURCE: &'static str = "Newton and Euler (thesis 4.1 to 4.9) with the declared loops as laws of the body rates; inertia and torque per thrust: Foerster 2015";
     const PARAMS: [Param; 2] = [
         param("amount", "1", 0.0, [0.0, 1.0], "1 for the exact body; then tilt_loss, exact_tan and euler_kinematics count twice"),
-        param("thrust_to_weight", "1", THRUST_TO_WEIGHT, [1.1, 5.0], "all four motors at their limit, over the weight: a motor gives 0.16 N at most").constant(),
+        param(
+            "thrust_to_weight",
+            "1",
+            THRUST_TO_WEIGHT,
+            [1.1, 5.0],
+            "all four motors at their limit, over the weight: a motor gives 0.16 N at most",
+        )
+        .constant(),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
     const PHYSICS_HZ: u32 = 300;
     const GEOMETRY: Geometry = Geometry::Whole;
 
     #[inline(always)]
-    fn push<R: Real>(
-        &[amount, thrust_to_weight]: &[R; 2],
-        _: &mut [R; 0],
-        cx: &Cx<R>,
-        x: &State<R>,
-        u: &Command<R>,
-        out: &mut Push<R>,
-    ) {
+    fn push<R: Real>(&[amount, thrust_to_weight]: &[R; 2], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
         let body = cx.body;
         let angles = [0, 1].map(|i| x.att_rad[i].sin_cos());
         let [(sin_roll, cos_roll), (sin_pitch, cos_pitch)] = angles;

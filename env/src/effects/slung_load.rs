@@ -8,7 +8,8 @@ pub struct SlungLoad;
 
 impl Effect<4, 4> for SlungLoad {
     const NAME: &'static str = "slung_load";
-    const ABOUT: &'static str = "A weight swings on a thread below the centre of mass: a pendulum that the vehicle drags, and that pulls it";
+    const ABOUT: &'static str =
+        "A weight swings on a thread below the centre of mass: a pendulum that the vehicle drags, and that pulls it";
     const SOURCE: &'static str = "Two bodies and a taut thread, small swings: load'' = -w^2 r, vehicle'' = g lean + ratio (w^2 r + g lean), w^2 = g / length: the declared g lean turns both as one body, but the vehicle leans alone";
     const PARAMS: [Param; 4] = [
         param("mass_ratio", "1", 0.0, [0.0, 0.6], "weight of the load over that of the vehicle"),

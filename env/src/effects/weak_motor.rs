@@ -10,11 +10,18 @@ pub struct WeakMotor;
 impl Effect<3, 0> for WeakMotor {
     const NAME: &'static str = "weak_motor";
     const ABOUT: &'static str = "One motor (1 front right, 2 back right, 3 back left, 4 front left) loses a share of its thrust, and of the torques that come with it";
-    const SOURCE: &'static str = "X configuration of thesis 4.1; inertia 1.657e-5 and 2.926e-5 kg m^2, torque per thrust 5.96 mm: Foerster 2015";
+    const SOURCE: &'static str =
+        "X configuration of thesis 4.1; inertia 1.657e-5 and 2.926e-5 kg m^2, torque per thrust 5.96 mm: Foerster 2015";
     const PARAMS: [Param; 3] = [
         param("motor", "1", 1.0, [1.0, 4.0], "which; front is where +pitch leads").choice(),
         param("loss", "1", 0.0, [0.0, 1.0], "share of its thrust that is lost").at_least(0.005),
-        param("yaw_m", "m", YAW_LEVER_M, [0.0, 0.03], "torque about the vertical per thrust; a cut propeller loses them in another ratio than a slow one"),
+        param(
+            "yaw_m",
+            "m",
+            YAW_LEVER_M,
+            [0.0, 0.03],
+            "torque about the vertical per thrust; a cut propeller loses them in another ratio than a slow one",
+        ),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
     const PHYSICS_HZ: u32 = 300;

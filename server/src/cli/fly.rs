@@ -9,8 +9,8 @@ use crazyflie_env::model::VerticalInput;
 use indicatif::ProgressBar;
 use serde_json::json;
 
-use super::{Failure, Outcome, controllers, files, fly_table};
-use crate::flight::{self, Figures, Scenario, Setup, Trace};
+use super::{Failure, Outcome, controllers, files, fly_table, fly_team};
+use crate::flight::{self, Figures, Scenario, Setup, TeamSetup, Trace};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -18,13 +18,15 @@ Examples:
   crazyflie fly --task fly-80cm --controller stock-pid --picture old.svg
   crazyflie fly --task whole-flight --rig lab --csv flight.csv --picture3d path.svg
   crazyflie fly --task track --task-options '{\"shape\": \"helix\"}' --effects drag_linear=0.3
+  crazyflie fly --task swap --avoid --picture3d swap.svg
+  crazyflie fly --task carry --drones 4 --csv carry.csv
   crazyflie fly --effects gust.sigma_mps2=0.5 --effects '{\"battery_sag\": {\"exponent\": 2}}' --runs 100";
 
 /// Fly a task or one of the thesis's flights with a controller, and print the figures of the flight.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {
-    /// A task (hover, takeoff, land, track) or a flight of the thesis (see `crazyflie tasks`)
+    /// A task, of one drone or of several, or a flight of the thesis (see `crazyflie tasks`)
     #[arg(long, default_value = "hover", value_name = "NAME")]
     task: String,
     /// The task's options, as JSON
@@ -45,6 +47,12 @@ pub(super) struct Args {
     /// Model file; the thesis's model unless given
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
+    /// How many drones fly a task of several [default: as the task says]
+    #[arg(long, value_name = "N")]
+    drones: Option<usize>,
+    /// Keep several drones out of each other's way
+    #[arg(long)]
+    avoid: bool,
     /// Which vertical form of the model is commanded: height, pwm or thrust [default: pwm, if the model has it]
     #[arg(long, value_parser = files::vertical, value_name = "FORM")]
     vertical: Option<VerticalInput>,
@@ -57,7 +65,7 @@ pub(super) struct Args {
     /// Fly so many seeds, from --seed on, and print median and spread
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100_000), value_name = "N")]
     runs: u32,
-    /// Write the (first) flight as a log that `replay` reads: CSV, or MCAP for a file ending in .mcap
+    /// Write the (first) flight as a log that `replay` reads: CSV, or MCAP for a file ending in .mcap; of several drones one file each, FILE-0 and so on
     #[arg(long, visible_alias = "log", value_name = "FILE")]
     csv: Option<PathBuf>,
     /// Draw the (first) flight over time
@@ -76,17 +84,15 @@ const BATCH: usize = 64;
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let setup = setup(args)?;
+    if setup.scenario.flies_several()? {
+        return fly_team(args, &setup, out);
+    }
+    if args.avoid || args.drones.is_some_and(|drones| drones != 1) {
+        return Err(Failure::Usage(format!("--drones and --avoid are for tasks of several drones, {} has one", setup.scenario.name)));
+    }
     let (all, first) = fly_all(args, &setup)?;
     write_files(args, &setup, &first)?;
-    let about = About {
-        flight: setup.scenario.name,
-        controller: &setup.controller.label,
-        vertical: files::vertical_name(setup.vertical),
-        model: &setup.model.name,
-        seconds: setup.seconds,
-        seed: args.seed,
-        effects: serde_json::to_value(&setup.effects)?,
-    };
+    let about = About::new(args, &setup)?;
     if args.json {
         let runs: Vec<_> = all.iter().map(fly_table::as_json).collect();
         serde_json::to_writer_pretty(&mut *out, &json!({"setup": about, "runs": runs}))?;
@@ -111,7 +117,19 @@ struct About<'a> {
     effects: serde_json::Value,
 }
 
-impl About<'_> {
+impl<'a> About<'a> {
+    fn new(args: &Args, setup: &'a Setup) -> Outcome<Self> {
+        Ok(About {
+            flight: setup.scenario.name,
+            controller: &setup.controller.label,
+            vertical: files::vertical_name(setup.vertical),
+            model: &setup.model.name,
+            seconds: setup.seconds,
+            seed: args.seed,
+            effects: serde_json::to_value(&setup.effects)?,
+        })
+    }
+
     fn line(&self, what: &str) -> String {
         let effects = match &self.effects {
             serde_json::Value::Object(map) if map.is_empty() => "none".to_owned(),
@@ -176,6 +194,37 @@ fn add_effects(table: &mut EffectTable, text: &str) -> Outcome {
     params.insert(param.to_owned(), number);
     table.insert(name.to_owned(), EffectParams::Named(params));
     Ok(())
+}
+
+/// A task of several drones: flown, printed and drawn together.
+fn fly_team(args: &Args, setup: &Setup, out: &mut dyn Write) -> Outcome {
+    let team = TeamSetup { drones: args.drones.unwrap_or(0), avoid: args.avoid };
+    let seeds: Vec<u64> = (0..u64::from(args.runs)).map(|i| args.seed.wrapping_add(i)).collect();
+    let mut flights = Vec::new();
+    for seeds in seeds.chunks(BATCH) {
+        flights.extend(flight::fly_together(setup, team, seeds)?);
+    }
+    let first = flights.first().ok_or_else(|| Failure::Usage("--runs must be at least 1".into()))?;
+    let title = format!("{}, {}, seed {}", setup.scenario.name, setup.controller.label, args.seed);
+    if let Some(file) = &args.csv {
+        fly_team::write_logs(file, first)?;
+    }
+    if let Some(file) = &args.picture {
+        files::write(file, flight::team_picture(first, &title)?.as_bytes())?;
+    }
+    if let Some(file) = &args.picture3d {
+        files::write(file, flight::team_path(first, &title)?.as_bytes())?;
+    }
+    // between several drones downwash is on unless it is told otherwise
+    let effects = serde_json::to_value(flight::options(setup, team.drones)?.effects)?;
+    let about = About { effects, ..About::new(args, setup)? };
+    if args.json {
+        let runs: Vec<_> = flights.iter().map(fly_team::as_json).collect();
+        serde_json::to_writer_pretty(&mut *out, &json!({"setup": about, "runs": runs}))?;
+        return Ok(writeln!(out)?);
+    }
+    writeln!(out, "{}", about.line(setup.scenario.about))?;
+    fly_team::table(&flights, args.avoid, out)
 }
 
 /// Every run's figures, and the first flight in full.

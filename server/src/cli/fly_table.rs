@@ -113,7 +113,7 @@ fn with_unit_spread(values: Vec<f64>, per_si: f64, unit: &str) -> String {
 }
 
 /// First quartile, median and third quartile, each a value that occurred.
-fn quartiles(mut values: Vec<f64>) -> [f64; 3] {
+pub(super) fn quartiles(mut values: Vec<f64>) -> [f64; 3] {
     values.sort_by(f64::total_cmp);
     [1, 2, 3].map(|q| values[q * (values.len() - 1) / 4])
 }

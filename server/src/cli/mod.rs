@@ -11,6 +11,7 @@ mod failure;
 mod files;
 mod fly;
 mod fly_table;
+mod fly_team;
 mod horizons;
 mod identify;
 mod identify_picture;

@@ -4,6 +4,7 @@ mod csv;
 mod figures;
 mod picture;
 mod scenario;
+mod together;
 
 use crazyflie_env::Error;
 use crazyflie_env::config::{Autoreset, EffectTable, Options};
@@ -17,6 +18,7 @@ pub(crate) use csv::log;
 pub(crate) use figures::{AXES, Axis, AxisFigures, Figures, PhaseFigures, Settling, figures};
 pub(crate) use picture::{path, picture};
 pub(crate) use scenario::{LAB_LATENCY_S, Phase, SCENARIOS, Scenario, lab_rig, phase_at};
+pub(crate) use together::{TeamSetup, TeamTrace, fly_together, team_path, team_picture};
 
 /// Everything that decides a flight, besides its seed.
 #[derive(Debug, Clone)]
@@ -142,16 +144,26 @@ pub(crate) fn fly_overruled(
     })
 }
 
-fn env(setup: &Setup, envs: usize) -> Result<VectorEnv, Error> {
-    let options = Options {
+/// Of the environments; `drones` is 0 for the task's own number.
+pub(crate) fn options(setup: &Setup, drones: usize) -> Result<Options, Error> {
+    let asked = Options {
         task: setup.scenario.task.into(),
         task_options: setup.task_options.clone().unwrap_or_else(|| setup.scenario.task_options()),
         vertical: Some(setup.vertical),
         effects: setup.effects.clone(),
         autoreset: Autoreset::NextStep,
+        drones,
         ..Options::default()
     };
-    VectorEnv::new(std::slice::from_ref(&setup.model), &options, envs)
+    // the defaults of several drones are those of options that are read
+    Options::parse(&serde_json::to_string(&asked).map_err(|e| Error::Config(e.to_string()))?)
+}
+
+fn env(setup: &Setup, envs: usize) -> Result<VectorEnv, Error> {
+    if setup.scenario.flies_several()? {
+        return Err(Error::Config(format!("the task {} is for several drones; this flies one", setup.scenario.task)));
+    }
+    VectorEnv::new(std::slice::from_ref(&setup.model), &options(setup, 0)?, envs)
 }
 
 fn fly_by(env: &mut VectorEnv, seconds: f64, seeds: &[u64], answer: &mut Answer<'_>) -> Result<Vec<Trace>, Error> {

@@ -1,6 +1,7 @@
 //! What can be flown: the tasks, and the thesis's flights by name.
 
 use std::borrow::Cow;
+use std::sync::OnceLock;
 
 use crazyflie_env::config::{EffectParams, EffectTable, Number};
 use crazyflie_env::control::Mode;
@@ -32,8 +33,16 @@ impl Scenario {
     /// # Errors
     /// With a proposal, if there is no such task or flight.
     pub(crate) fn named(name: &str) -> crazyflie_env::Result<&'static Scenario> {
-        let known = || SCENARIOS.iter().map(|s| s.name);
-        SCENARIOS.iter().find(|s| s.name == name).ok_or_else(|| crazyflie_env::error::unknown("task or flight", name, known()))
+        let all = || SCENARIOS.iter().chain(other_tasks());
+        all().find(|s| s.name == name).ok_or_else(|| crazyflie_env::error::unknown("task or flight", name, all().map(|s| s.name)))
+    }
+
+    /// Whether its task has several drones.
+    ///
+    /// # Errors
+    /// Of a task that there is not.
+    pub(crate) fn flies_several(&self) -> crazyflie_env::Result<bool> {
+        Ok(crazyflie_env::task::find(self.task)?.drones > 1)
     }
 
     /// Options of the task.
@@ -42,6 +51,18 @@ impl Scenario {
         serde_json::from_str(self.options).unwrap_or(Value::Null)
     }
 }
+
+/// The tasks of the registry that have no entry below: as long as an episode, in one phase.
+fn other_tasks() -> &'static [Scenario] {
+    static OTHERS: OnceLock<Vec<Scenario>> = OnceLock::new();
+    OTHERS.get_or_init(|| {
+        let tasks = crazyflie_env::task::registry().iter().filter(|entry| SCENARIOS.iter().all(|s| s.name != entry.name));
+        tasks.map(|entry| task(entry.name, entry.about, f64::from(entry.max_episode_steps) / EPISODE_HZ, HOLD)).collect()
+    })
+}
+
+/// Steps per second that the lengths of episodes are meant for: the thesis's rig.
+const EPISODE_HZ: f64 = 50.0;
 
 /// The phase in force; half a millisecond of margin for the clock's rounding.
 pub(crate) fn phase_at(phases: &[Phase], t_s: f64) -> &Phase {
@@ -142,6 +163,9 @@ mod tests {
 
     #[test]
     fn every_scenario_is_a_task_with_good_options() {
+        for entry in crazyflie_env::task::registry() {
+            assert_eq!(Scenario::named(entry.name).unwrap().task, entry.name);
+        }
         for s in SCENARIOS {
             crazyflie_env::task::find(s.task).unwrap();
             serde_json::from_str::<Value>(s.options).unwrap();
