@@ -37,13 +37,13 @@ fn nearly() -> impl Strategy<Value = String> {
         Just(json!("Crazyflie-v0")),
         Just(json!(1)),
     ];
-    let kinds = ["hello", "make", "reset", "step", "state", "close", "resume", "benchmark", "finish", "x"];
+    let kinds: Vec<&str> = crazyflie_server::serve::request_kinds().chain(["x"]).collect();
     let names = [
         "id", "env", "options", "num_envs", "model", "seed", "seeds", "mask", "states", "action", "session", "token", "client", "watch",
         "data",
     ];
     let fields = prop::collection::vec((prop::sample::select(names.to_vec()), value), 0..6);
-    (prop::sample::select(kinds.to_vec()), 0..64u64, fields).prop_map(|(kind, id, fields)| {
+    (prop::sample::select(kinds), 0..64u64, fields).prop_map(|(kind, id, fields)| {
         let mut message = json!({"type": kind, "id": id});
         for (name, value) in fields {
             // no batches that take the test's time

@@ -52,6 +52,9 @@ pub(super) struct Args {
     /// The model that the controller believes in, TOML; the thesis's unless given
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
+    /// For machines
+    #[arg(long)]
+    json: bool,
 }
 
 /// A seat, as the server gives it.
@@ -79,6 +82,10 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let off_m: f32 = (0..3).map(|i| (last.observation[16 + i] - last.observation[i]).powi(2)).sum::<f32>().sqrt();
     let how = if last.terminated { "its flight ended" } else { "the time was over" };
     let (drone, world, Flown { tick, late, .. }) = (joined.drone, &args.world, &last);
+    if args.json {
+        let told = json!({"world": world, "drone": drone, "ticks": tick, "late": late, "terminated": last.terminated, "error_m": off_m});
+        return Ok(writeln!(out, "{told:#}")?);
+    }
     writeln!(
         out,
         "drone {drone} of {world}: {tick} ticks, {how}; late {late} times; {off_m:.3} m from its set-point by its own measurement"

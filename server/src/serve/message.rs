@@ -135,27 +135,47 @@ fn asked(kind: Option<Value>, text: &str) -> Result<Asked, Fault> {
             return Err(Fault::new(Code::BadMessage, format!("type: expected a string, got {got}")));
         }
     };
-    Ok(match &kind[..] {
-        "hello" => Asked::Hello(fields(&kind, text)?),
-        "make" => Asked::Make(fields(&kind, text)?),
-        "reset" => Asked::Reset(fields(&kind, text)?),
-        "step" => Asked::Step(fields(&kind, text)?),
-        "state" => fields::<Empty>(&kind, text).map(|_| Asked::State)?,
-        "close" => fields::<Empty>(&kind, text).map(|_| Asked::Close)?,
-        "resume" => Asked::Resume(fields(&kind, text)?),
-        "benchmark" => Asked::Benchmark(fields(&kind, text)?),
-        "finish" => fields::<Empty>(&kind, text).map(|_| Asked::Finish)?,
-        "world" => Asked::World(fields(&kind, text)?),
-        "join" => Asked::Join(fields(&kind, text)?),
-        "fly" => Asked::Fly(fields(&kind, text)?),
-        "leave" => fields::<Empty>(&kind, text).map(|_| Asked::Leave)?,
-        other => {
-            let known = "hello, make, reset, step, state, close, resume, benchmark, finish, world, join, fly, leave";
-            return Err(Fault::new(Code::UnknownType, format!("unknown type {other:?}; known: {known}")));
-        }
-    })
+    let Some((_, read)) = REQUESTS.iter().find(|(known, _)| *known == kind) else {
+        let known = REQUESTS.map(|(known, _)| known).join(", ");
+        return Err(Fault::new(Code::UnknownType, format!("unknown type {kind:?}; known: {known}")));
+    };
+    read(&kind, text)
 }
+
+/// How the fields of a request are read.
+type Read = fn(&str, &str) -> Result<Asked, Fault>;
+
+/// Every request by its type. A test compares them with the table of docs/protocol.md, and another sends every one of them to a server.
+pub(crate) const REQUESTS: [(&str, Read); 13] = [
+    ("hello", |kind, text| fields(kind, text).map(Asked::Hello)),
+    ("make", |kind, text| fields(kind, text).map(Asked::Make)),
+    ("reset", |kind, text| fields(kind, text).map(Asked::Reset)),
+    ("step", |kind, text| fields(kind, text).map(Asked::Step)),
+    ("state", |kind, text| fields::<Empty>(kind, text).map(|_| Asked::State)),
+    ("close", |kind, text| fields::<Empty>(kind, text).map(|_| Asked::Close)),
+    ("resume", |kind, text| fields(kind, text).map(Asked::Resume)),
+    ("benchmark", |kind, text| fields(kind, text).map(Asked::Benchmark)),
+    ("finish", |kind, text| fields::<Empty>(kind, text).map(|_| Asked::Finish)),
+    ("world", |kind, text| fields(kind, text).map(Asked::World)),
+    ("join", |kind, text| fields(kind, text).map(Asked::Join)),
+    ("fly", |kind, text| fields(kind, text).map(Asked::Fly)),
+    ("leave", |kind, text| fields::<Empty>(kind, text).map(|_| Asked::Leave)),
+];
 
 fn fields<T: DeserializeOwned>(kind: &str, text: &str) -> Result<T, Fault> {
     serde_json::from_str(text).map_err(|e| Fault::new(Code::BadMessage, format!("{kind}: {e}")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_page_of_the_protocol_has_every_request_and_no_other() {
+        let page = include_str!("../../../docs/protocol.md");
+        let table = page.split_once("| request | fields").expect("a table of requests").1;
+        let rows = table.lines().skip(2).take_while(|line| line.starts_with('|'));
+        let told: Vec<&str> = rows.filter_map(|row| row.split('`').nth(1)).collect();
+        assert_eq!(told, REQUESTS.map(|(kind, _)| kind));
+    }
 }

@@ -33,5 +33,11 @@ mod worlds;
 
 pub use listed::End;
 pub(crate) use make::PROTOCOL;
+
+/// The types of all requests in JSON, as a server names them.
+pub fn request_kinds() -> impl Iterator<Item = &'static str> {
+    message::REQUESTS.into_iter().map(|(kind, _)| kind)
+}
+
 pub use server::{Report, run};
 pub use settings::{Limits, ServeError, Settings, tls};
