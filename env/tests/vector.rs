@@ -302,7 +302,8 @@ fn wrong_options_are_named() {
         (r#"{"task_options": {"start_radius_m": 9}}"#, "start_radius_m is 9"),
         (r#"{"task": "track", "task_options": {"shape": "circel"}}"#, "circel"),
     ] {
-        let error = VectorEnv::new(&[Model::thesis()], &options(text), 1).err().expect(text).to_string();
+        let made = Options::parse(text).and_then(|options| VectorEnv::new(&[Model::thesis()], &options, 1));
+        let error = made.err().expect(text).to_string();
         assert!(error.contains(words), "{text}: {error}");
     }
     assert!(VectorEnv::new(&[Model::thesis()], &options("{}"), 0).is_err());

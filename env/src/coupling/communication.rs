@@ -181,7 +181,12 @@ impl<R: Real> Communication<R> {
             (Knowledge::Radio { .. }, Some(radio)) => {
                 let (own, other) = (&radio.said[self.clock % RING * self.drones + to], &radio.heard[to * self.drones + from]);
                 let age = now_s - other[6];
-                (between(own, other), age.lt(R::of(STALE_S)), age)
+                let mut row = between(own, other);
+                // a fix may be an outlier; where drones truly are, the walls say
+                for place in &mut row[..3] {
+                    *place = place.clamp(R::of(-FAR_M), R::of(FAR_M));
+                }
+                (row, age.lt(R::of(STALE_S)), age)
             }
             (how, _) => {
                 let (own, other) = (flat(&truth[to]), flat(&truth[from]));
@@ -191,9 +196,11 @@ impl<R: Real> Communication<R> {
                 (row, truth[from].here.gt(R::zero()) & far2.le(R::of(range_m * range_m)), R::zero())
             }
         };
-        for (i, v) in row.iter_mut().enumerate() {
-            let limit = R::of(if i < 3 { FAR_M } else { FAST_MPS });
-            *v = R::select(valid, v.clamp(-limit, limit), R::zero());
+        for speed in &mut row[3..] {
+            *speed = speed.clamp(R::of(-FAST_MPS), R::of(FAST_MPS));
+        }
+        for v in &mut row {
+            *v = R::select(valid, *v, R::zero());
         }
         let [x, y, z, vx, vy, vz] = row;
         [x, y, z, vx, vy, vz, R::select(valid, age.max(R::zero()), R::zero()), R::select(valid, R::of(1.0), R::zero())]

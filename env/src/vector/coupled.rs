@@ -32,7 +32,7 @@ impl<R: Batched, T: Task> CoupledShard<R, T> {
     #[inline(always)]
     fn decide(&mut self, tile: usize, place: usize) {
         for drone in 0..self.batch.len() {
-            self.place(tile, place, drone, None);
+            self.place(tile, place, drone);
             let batch = &self.batch;
             let scene = batch.scene(tile, place);
             let s = Situation {
@@ -48,20 +48,22 @@ impl<R: Batched, T: Task> CoupledShard<R, T> {
         }
     }
 
-    /// Where a drone is to be now. In the lanes outside `begins`, where it is given, the goal stays: their episodes are under way.
+    /// Where a drone is to be now.
     #[inline(always)]
-    fn place(&mut self, tile: usize, place: usize, drone: usize, begins: Option<R::Mask>) {
-        let batch = &self.batch;
-        let before = batch.slot(tile, drone).goal;
-        let mut goal = before;
-        let setpoint = self.task.setpoint(drone, &mut goal, batch.board(tile), &batch.scene(tile, place));
-        if let Some(begins) = begins {
-            for (new, old) in goal.iter_mut().zip(before) {
-                *new = R::select(begins, *new, old);
-            }
-        }
-        self.batch.slot_mut(tile, drone).goal = goal;
+    fn place(&mut self, tile: usize, place: usize, drone: usize) {
+        let (goal, board, scene) = self.batch.goal(tile, place, drone);
+        let setpoint = self.task.setpoint(drone, goal, board, &scene);
         self.batch.scratch.setpoints[drone] = setpoint;
+    }
+
+    /// As [`Self::place`] where episodes begin, in the lanes of `mask`: the goals of those under way stay.
+    #[inline(always)]
+    fn place_begun(&mut self, tile: usize, drone: usize, mask: R::Mask) {
+        let before = self.batch.slot(tile, drone).goal;
+        self.place(tile, 0, drone);
+        for (new, old) in self.batch.slot_mut(tile, drone).goal.iter_mut().zip(before) {
+            *new = R::select(mask, *new, old);
+        }
     }
 
     /// The board moves on.
@@ -105,7 +107,7 @@ impl<R: Batched, T: Task> CoupledShard<R, T> {
         self.batch.start(config, tile, bits);
         R::run(
             #[inline(always)]
-            || (0..self.batch.len()).for_each(|drone| self.place(tile, 0, drone, Some(R::mask(bits)))),
+            || (0..self.batch.len()).for_each(|drone| self.place_begun(tile, drone, R::mask(bits))),
         );
         self.batch.show(tile, bits, observations);
     }

@@ -172,6 +172,21 @@ impl<R: Batched> DroneBatch<R> {
         }
     }
 
+    /// A drone's goal, with the board and the scene that it is moved on by.
+    #[inline(always)]
+    pub(in crate::vector) fn goal(&mut self, tile: usize, place: usize, drone: usize) -> (&mut [R; GOAL], &[R], Scene<'_, R>) {
+        let n = self.drones.len();
+        let DroneBatch { drones, load, tiles, slots, boards, scratch, .. } = self;
+        let size = scratch.begun.len();
+        let scene = Scene {
+            drones: &scratch.scene[place * n..(place + 1) * n],
+            load: load.is_some().then_some(&tiles[tile].load),
+            t_s: drones[0].time_s(tile),
+            draw: drones[0].draw(tile),
+        };
+        (&mut slots[tile * n + drone].goal, &boards[tile * size..(tile + 1) * size], scene)
+    }
+
     /// One tick of motion for `n` tiles from `first` on.
     // one copy for all tasks, as of everything here
     #[inline(never)]
