@@ -101,7 +101,8 @@ def _parser() -> argparse.ArgumentParser:
     add("--options", type=_object, default={}, metavar="JSON", help="where the search starts, else the defaults")
     add("--gains", nargs="+", default=[], metavar="GAIN", help="x.kp, or all of a group: x (default: all)")
     add("--figure", choices=FIGURES, default=start.figure, help="what counts (default: %(default)s)")
-    add("--id", choices=[task["id"] for task in tasks()], default=flown.id, help="the task (default: %(default)s)")
+    single = [task["id"] for task in tasks() if task["drones"] == 1]
+    add("--id", choices=single, default=flown.id, help="the task (default: %(default)s)")
     add("--task-options", type=_object, default={}, metavar="JSON")
     add("--effects", type=_object, default=LAB, metavar="JSON", help="(default: the lab's camera and the ground)")
     add("--vertical", default=flown.vertical, help="height, pwm or thrust (default: %(default)s)")
