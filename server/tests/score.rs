@@ -1,6 +1,6 @@
 //! Explanations of a small committed set, and what `score` makes of sets that are not whole.
 //!
-//! The set: d00 to d06 by the shared generator, d0001 by `tests/population`; 17 to 25 s each. They were chosen as cases that are answered
+//! The set: d00 to d07 by the shared generator, d0001 by `tests/population`; 17 to 25 s each. They were chosen as cases that are answered
 //! rightly, so they hold what is reached and say nothing about rates.
 
 mod common;

@@ -58,12 +58,22 @@ pub fn forward(search: &Search, from: &FilteredHypothesis, progress: &dyn Fn(&st
         let gains =
             |next: &FilteredHypothesis| now.loss - next.loss > search::LEAST_GAIN && next.hypothesis.terms.len() <= search::MOST_EFFECTS;
         let shaken = now.disturbances.torque.sigma > LOST_COMMANDS_RADPS2;
-        let Some(next) = next.filter(gains).or_else(|| if shaken { search.held(&now).filter(gains) } else { None }) else {
+        // what the windows propose of lost commands is their delay, under disturbances that stand for the rest of them
+        let proposed = next.filter(gains);
+        let held = (shaken && proposed.as_ref().is_none_or(|next| loses_commands(next) && !loses_commands(&now)))
+            .then(|| search.held(&now).filter(gains))
+            .flatten();
+        let Some(next) = proposed.into_iter().chain(held).min_by(|a, b| a.loss.total_cmp(&b.loss)) else {
             return (now, steps);
         };
         gain = now.loss - next.loss;
         now = next;
     }
+}
+
+/// Whether commands may not have arrived.
+fn loses_commands(judged: &FilteredHypothesis) -> bool {
+    judged.hypothesis.terms.iter().any(|term| term.entry.trace == Trace::Held)
 }
 
 fn ranked(score: &Score) -> Ranked {
