@@ -299,6 +299,9 @@ def test_addresses(client):
         gym.make("Crazyflie-v0", remote=f"ws://127.0.0.1:{port}", remote_client=client)
     with pytest.raises(ValueError, match='remote_client is \'fast\', expected "native" or "python"'):
         gym.make("Crazyflie-v0", remote="ws://127.0.0.1", remote_client="fast")
+    # it has one model for all drones; the others were left out without a word
+    with pytest.raises(ValueError, match="expected one for all drones where a server simulates, got 2"):
+        gym.make_vec("Crazyflie-v0", num_envs=1, task="formation", model=[None, None], remote="ws://127.0.0.1")
 
 
 class Wire:

@@ -68,6 +68,8 @@ def build(
     if remote is None:
         texts = [model_text() if text is None else text for text, _ in models]
         return Sim(num_envs, options, texts)
+    if len(models) > 1:
+        raise ValueError(f"model: expected one for all drones where a server simulates, got {len(models)}")
     return servers.make(remote, remote_client, num_envs, options, models[0][0], states)
 
 
