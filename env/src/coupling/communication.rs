@@ -67,7 +67,7 @@ impl Knowledge {
     }
 }
 
-/// What the drones of a tile of worlds know of each other.
+/// What the drones of a tile of environments know of each other.
 pub(crate) struct Communication<R> {
     how: Knowledge,
     drones: usize,
@@ -176,7 +176,7 @@ impl<R: Real> Communication<R> {
 
     /// What `to` knows of `from`, relative to what it knows of itself.
     #[inline(always)]
-    pub(crate) fn of(&self, to: usize, from: usize, truth: &[Neighbour<R>], now_s: R) -> [R; NEIGHBOUR] {
+    pub(crate) fn neighbour_row(&self, to: usize, from: usize, truth: &[Neighbour<R>], now_s: R) -> [R; NEIGHBOUR] {
         let (mut row, valid, age) = match (&self.how, &self.radio) {
             (Knowledge::Radio { .. }, Some(radio)) => {
                 let (own, other) = (&radio.said[self.clock % RING * self.drones + to], &radio.heard[to * self.drones + from]);

@@ -79,7 +79,7 @@ impl<R: Batched, T: Task> CoupledShard<R, T> {
     /// Environments that ended, in this step or before: as the mode says.
     #[cold]
     #[inline(never)]
-    fn go_on(&mut self, config: &BatchConfig, tile: usize, before: u16, out: &mut StepBuffers<'_>) {
+    fn autoreset(&mut self, config: &BatchConfig, tile: usize, before: u16, out: &mut StepBuffers<'_>) {
         let again = match config.autoreset {
             Autoreset::Disabled => return,
             Autoreset::NextStep => before,
@@ -139,13 +139,13 @@ impl<R: Batched, T: Task> Shard for CoupledShard<R, T> {
                     #[inline(always)]
                     || self.decide(tile, place),
                 );
-                let before = self.batch.settle(config, tile, place, &mut out);
+                let before = self.batch.write_step(config, tile, place, &mut out);
                 R::run(
                     #[inline(always)]
                     || self.turn(tile, place),
                 );
                 if (before | self.batch.ended(tile)) != 0 {
-                    self.go_on(config, tile, before, &mut out);
+                    self.autoreset(config, tile, before, &mut out);
                 }
             }
         }

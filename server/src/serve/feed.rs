@@ -87,7 +87,7 @@ impl Feed {
         if self.watchers() == 0 {
             return;
         }
-        self.show_together(&Together {
+        self.show_together(&TeamRows {
             t_s: flight.ticks as f64 * flight.tick_s(),
             width: flight.width(),
             observations: &flight.observations,
@@ -100,7 +100,7 @@ impl Feed {
         });
     }
 
-    fn show_together(&self, now: &Together<'_>) {
+    fn show_together(&self, now: &TeamRows<'_>) {
         let separations_m = frames::separations_m(now.states, now.flying);
         let (states, actions) = (now.states.as_chunks::<STATE>().0, now.actions.as_chunks().0);
         let mut rows = lock(&self.rows);
@@ -119,7 +119,7 @@ impl Feed {
 }
 
 /// What a step, or a reset, gave: rows for each drone of all environments. A reset gives neither rewards nor the rest.
-pub(crate) struct Shown<'a> {
+pub(crate) struct FeedRows<'a> {
     pub observations: &'a [f32],
     pub rewards: Option<&'a [f32]>,
     /// Where a task has several drones.
@@ -129,7 +129,7 @@ pub(crate) struct Shown<'a> {
 }
 
 /// The drones of one environment at a moment, rows for each.
-struct Together<'a> {
+struct TeamRows<'a> {
     t_s: f64,
     width: usize,
     observations: &'a [f32],
@@ -175,7 +175,7 @@ impl Clocks {
     }
 
     /// The first environment, whose drones are watched together.
-    fn show_together(&self, feed: &Feed, env: &VectorEnv, shown: &Shown<'_>) {
+    fn show_together(&self, feed: &Feed, env: &VectorEnv, shown: &FeedRows<'_>) {
         let (drones, width) = (env.num_drones(), env.width());
         let mut states = vec![0.0; drones * STATE];
         // the buffer is whole rows of drones that exist
@@ -188,7 +188,7 @@ impl Clocks {
         let flying = shown.flying.get(..drones).unwrap_or(&begun);
         let measured = METRICS.iter().position(|(name, ..)| *name == "min_separation_m").and_then(|at| shown.metrics.get(at));
         let now_m = || frames::separations_m(&states, flying).fold(f32::INFINITY, f32::min);
-        feed.show_together(&Together {
+        feed.show_together(&TeamRows {
             t_s: f64::from(self.steps[0]) * self.tick_s,
             width,
             observations,
@@ -202,11 +202,11 @@ impl Clocks {
     }
 
     /// Shows the newest observations and rewards, with the true states.
-    pub(crate) fn show(&self, feed: &Feed, env: &VectorEnv, shown: &Shown<'_>) {
+    pub(crate) fn show(&self, feed: &Feed, env: &VectorEnv, shown: &FeedRows<'_>) {
         if env.num_metrics() > 0 {
             return self.show_together(feed, env, shown);
         }
-        let Shown { observations, rewards, .. } = *shown;
+        let FeedRows { observations, rewards, .. } = *shown;
         let n = env.num_envs().min(WATCHABLE);
         let mut states = [0.0; WATCHABLE * STATE];
         // the buffer is whole rows of environments that exist

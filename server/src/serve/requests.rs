@@ -9,7 +9,7 @@ use super::fault::{Code, Fault};
 use super::message::{Actions, Reset, Step};
 use super::replies::Reply;
 use super::server_message::{Final, Numbers, Outcome, Rows, ServerMessage};
-use super::session::{Session, Stepped};
+use super::session::{Session, StepReply};
 use super::wire::{Frame, Head, Kind, Layout, Request};
 
 /// Environment-steps in one request from which on a thread of its own is worth the change of threads.
@@ -61,8 +61,8 @@ impl Session {
         frame
     }
 
-    fn finished(&self, id: u64, stepped: Stepped) -> Frame {
-        let Stepped { mut frame, steps, states, finals } = stepped;
+    fn finished(&self, id: u64, stepped: StepReply) -> Frame {
+        let StepReply { mut frame, steps, states, finals } = stepped;
         frame.flags(&[&self.terminated, &self.truncated, &self.flying]);
         frame.head(id, Head { kind: Kind::Step, states, over: false, steps, envs: self.env.num_envs(), finals, ticks: self.ticks() });
         frame
@@ -112,7 +112,7 @@ impl Session {
         })
     }
 
-    fn outcome<'a>(&'a self, id: u64, stepped: &'a Stepped) -> Outcome<'a> {
+    fn outcome<'a>(&'a self, id: u64, stepped: &'a StepReply) -> Outcome<'a> {
         let Layout { envs, width, metrics, .. } = self.layout;
         let n = self.layout.rows();
         let (rows, rest) = stepped.frame.numbers().split_at(n * width);

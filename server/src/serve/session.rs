@@ -9,7 +9,7 @@ use crazyflie_env::observation::ACTION;
 use crazyflie_env::vector::{StepBuffers, VectorEnv};
 
 use super::fault::{Code, Fault};
-use super::feed::{Clocks, Shown, WATCHABLE};
+use super::feed::{Clocks, FeedRows, WATCHABLE};
 use super::listed::{End, Listed, Place};
 use super::replies::Replies;
 use super::settings::Limits;
@@ -27,6 +27,8 @@ pub(crate) struct Session {
     pub(super) truncated: Vec<bool>,
     /// Where a task has several drones.
     pub(super) flying: Vec<bool>,
+    /// Of the last step, the environments whose episode ended.
+    over: Vec<bool>,
     pub(super) most_bytes: usize,
     /// The first reset was done.
     ready: bool,
@@ -34,7 +36,7 @@ pub(crate) struct Session {
 }
 
 /// What a step leaves behind, before it is made a message.
-pub(super) struct Stepped {
+pub(super) struct StepReply {
     pub frame: Frame,
     pub steps: usize,
     pub states: bool,
@@ -46,8 +48,8 @@ impl Session {
         let clocks = Clocks::new(autoreset, env.tick_s());
         let (replies, most_bytes) = (Replies::new(limits), limits.batch_bytes);
         let layout = Layout::new(&env);
-        let (actions, terminated, truncated, flying) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        Session { env, layout, autoreset, place, replies, actions, terminated, truncated, flying, most_bytes, ready: false, clocks }
+        let (actions, [terminated, truncated, flying, over]) = (Vec::new(), [(); 4].map(|()| Vec::new()));
+        Session { env, layout, autoreset, place, replies, actions, terminated, truncated, flying, over, most_bytes, ready: false, clocks }
     }
 
     pub(crate) fn listed(&self) -> &Arc<Listed> {
@@ -110,7 +112,7 @@ impl Session {
         self.ready = true;
         self.clocks.begin(mask);
         if self.place.listed.feed.watchers() > 0 && mask.is_none() {
-            let shown = Shown { observations, rewards: None, flying: &[], metrics: &[] };
+            let shown = FeedRows { observations, rewards: None, flying: &[], metrics: &[] };
             self.clocks.show(&self.place.listed.feed, &self.env, &shown);
         }
         if states {
@@ -134,7 +136,7 @@ impl Session {
     ///
     /// # Errors
     /// Before anything moves.
-    pub(super) fn advance(&mut self, steps: usize, states: bool) -> Result<Stepped, Fault> {
+    pub(super) fn advance(&mut self, steps: usize, states: bool) -> Result<StepReply, Fault> {
         self.check(steps, states)?;
         let Layout { envs, width, metrics, .. } = self.layout;
         let n = self.layout.rows();
@@ -163,11 +165,14 @@ impl Session {
             }
             // nobody asks when the other episodes end
             let asked = if self.autoreset == Autoreset::SameStep { envs } else { envs.min(WATCHABLE) };
-            let over: Vec<bool> = (0..asked).map(|env| self.has_ended(k, env)).collect();
+            let mut over = std::mem::take(&mut self.over);
+            over.clear();
+            over.extend((0..asked).map(|env| self.has_ended(k, env)));
             self.clocks.step(&over);
             if self.autoreset == Autoreset::SameStep {
                 finals += self.finals(&mut frame, &over, states);
             }
+            self.over = over;
         }
         self.place.stepped(steps);
         if self.place.listed.feed.watchers() > 0 {
@@ -176,9 +181,9 @@ impl Session {
             let (rewards, rest) = rest.split_at(steps * n);
             let measured = &rest[steps * wide + last * envs * metrics..][..metrics];
             let (rewards, flying) = (Some(&rewards[last * n..]), self.flying.get(last * n..).unwrap_or_default());
-            self.clocks.show(&self.place.listed.feed, &self.env, &Shown { observations, rewards, flying, metrics: measured });
+            self.clocks.show(&self.place.listed.feed, &self.env, &FeedRows { observations, rewards, flying, metrics: measured });
         }
-        Ok(Stepped { frame, steps, states, finals })
+        Ok(StepReply { frame, steps, states, finals })
     }
 
     /// Whether the episode of an environment ended in step `k`: with several drones, when the last one's flight did.
@@ -210,7 +215,7 @@ impl Session {
         count
     }
 
-    /// The last rows of what ended in a single step, environment by environment.
+    /// The environments whose episode ended in a single step.
     pub(super) fn ended(&self) -> impl Iterator<Item = usize> {
         (0..self.layout.envs).filter(|env| self.has_ended(0, *env))
     }

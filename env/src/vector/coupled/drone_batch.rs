@@ -27,7 +27,7 @@ pub(in crate::vector) struct EpisodeStats<R> {
     pub(in crate::vector) flown: R,
 }
 
-/// A tile of envs besides its drones.
+/// A tile of environments besides its drones.
 pub(in crate::vector) struct Tile<R: Batched> {
     pub(in crate::vector) known: Communication<R>,
     pub(in crate::vector) load: load::State<R>,
@@ -39,7 +39,7 @@ pub(in crate::vector) struct Tile<R: Batched> {
     pub(in crate::vector) ended: u16,
 }
 
-/// A drone of a tile of envs.
+/// A drone of a tile of environments.
 #[derive(Clone, Copy)]
 pub(in crate::vector) struct DroneSlot<R> {
     pub(in crate::vector) last_action: [R; ACTION],
@@ -72,7 +72,7 @@ pub(in crate::vector) struct Scratch<R: Batched> {
     pub(in crate::vector) x: Vec<State<R>>,
     pub(in crate::vector) u: Vec<Command<R>>,
     pub(in crate::vector) hanging: load::State<R>,
-    /// Observations of one drone in a tile of envs.
+    /// Observations of one drone in a tile of environments.
     pub(in crate::vector) rows: Vec<f32>,
 }
 
@@ -163,13 +163,8 @@ impl<R: Batched> DroneBatch<R> {
     /// What a task knows of a tile, at `place` of its group.
     #[inline(always)]
     pub(in crate::vector) fn scene(&self, tile: usize, place: usize) -> Scene<'_, R> {
-        let n = self.drones.len();
-        Scene {
-            drones: &self.scratch.scene[place * n..(place + 1) * n],
-            load: self.load.is_some().then_some(&self.tiles[tile].load),
-            t_s: self.drones[0].time_s(tile),
-            draw: self.drones[0].draw(tile),
-        }
+        let load = self.load.is_some().then_some(&self.tiles[tile].load);
+        scene(&self.drones, &self.scratch.scene, load, tile, place)
     }
 
     /// A drone's goal, with the board and the scene that it is moved on by.
@@ -178,12 +173,7 @@ impl<R: Batched> DroneBatch<R> {
         let n = self.drones.len();
         let DroneBatch { drones, load, tiles, slots, boards, scratch, .. } = self;
         let size = scratch.begun.len();
-        let scene = Scene {
-            drones: &scratch.scene[place * n..(place + 1) * n],
-            load: load.is_some().then_some(&tiles[tile].load),
-            t_s: drones[0].time_s(tile),
-            draw: drones[0].draw(tile),
-        };
+        let scene = scene(drones, &scratch.scene, load.is_some().then_some(&tiles[tile].load), tile, place);
         (&mut slots[tile * n + drone].goal, &boards[tile * size..(tile + 1) * size], scene)
     }
 
@@ -292,6 +282,19 @@ impl<R: Batched> DroneBatch<R> {
         let observations = self.final_observations.get(env * observations..(env + 1) * observations).filter(|rows| !rows.is_empty())?;
         Some((observations, self.final_states.get(env * states..(env + 1) * states)?))
     }
+}
+
+/// Of the scenes of a group of tiles the one at `place`.
+#[inline(always)]
+fn scene<'a, R: Batched>(
+    drones: &'a [World<R>],
+    group: &'a [Neighbour<R>],
+    load: Option<&'a load::State<R>>,
+    tile: usize,
+    place: usize,
+) -> Scene<'a, R> {
+    let n = drones.len();
+    Scene { drones: &group[place * n..(place + 1) * n], load, t_s: drones[0].time_s(tile), draw: drones[0].draw(tile) }
 }
 
 impl<R: Batched> Tile<R> {

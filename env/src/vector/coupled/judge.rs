@@ -60,17 +60,17 @@ impl<R: Batched> DroneBatch<R> {
         known.listen(&self.scratch.scene[place * n..(place + 1) * n], &self.drones[0].draw(tile));
     }
 
-    /// Ends, rows and metrics of a tick, from the task's outcomes on the scratch. Returns the envs that had ended before.
+    /// Ends, rows and metrics of a tick, from the task's outcomes on the scratch. Returns the environments that had ended before.
     #[inline(never)]
-    pub(in crate::vector) fn settle(&mut self, config: &BatchConfig, tile: usize, place: usize, out: &mut StepBuffers<'_>) -> u16 {
+    pub(in crate::vector) fn write_step(&mut self, config: &BatchConfig, tile: usize, place: usize, out: &mut StepBuffers<'_>) -> u16 {
         R::run(
             #[inline(always)]
-            || self.settle_now(config, tile, place, out),
+            || self.write_step_now(config, tile, place, out),
         )
     }
 
     #[inline(always)]
-    fn settle_now(&mut self, config: &BatchConfig, tile: usize, place: usize, out: &mut StepBuffers<'_>) -> u16 {
+    fn write_step_now(&mut self, config: &BatchConfig, tile: usize, place: usize, out: &mut StepBuffers<'_>) -> u16 {
         let n = self.drones.len();
         let now_s = self.drones[0].time_s(tile);
         let over = R::bits(now_s.gt(R::of(config.last_s))) as u16;
@@ -164,7 +164,7 @@ impl<R: Batched> DroneBatch<R> {
         let truth = &self.scratch.scene[place * n..(place + 1) * n];
         let mut at = OBSERVATION;
         for other in (0..n).filter(|other| *other != drone) {
-            R::write(&self.tiles[tile].known.of(drone, other, truth, now_s), &mut near[at..], width);
+            R::write(&self.tiles[tile].known.neighbour_row(drone, other, truth, now_s), &mut near[at..], width);
             at += NEIGHBOUR;
         }
         let first = (tile * LANES * n + drone) * width;
