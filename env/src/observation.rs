@@ -28,18 +28,29 @@ pub struct Field {
 
 const PI: f64 = std::f64::consts::PI;
 
+impl Field {
+    /// Its numbers within the row.
+    pub const fn range(&self) -> std::ops::Range<usize> {
+        self.first..self.first + self.length
+    }
+}
+
+pub const MARKER_VALID: Field = field("marker_valid", 5, 1, "1", [0.0, 1.0], "1 while the newest frame showed the marker");
+pub const SETPOINT: Field = field("setpoint", 16, 4, "m, rad", [-10.0, 10.0], "where to be now: x, y, z, yaw");
+pub const LAST_ACTION: Field = field("last_action", 20, 4, "1", [-1.0, 1.0], "the previous action");
+
 /// The layout of an observation row.
 pub const FIELDS: [Field; 10] = [
     field("marker_pos_m", 0, 3, "m", [-10.0, 10.0], "position over the marker, from the last camera frame that showed it"),
     field("marker_yaw_rad", 3, 1, "rad", [-PI, PI], "heading from the same frame"),
     field("marker_age_s", 4, 1, "s", [0.0, 60.0], "time since that frame was captured"),
-    field("marker_valid", 5, 1, "1", [0.0, 1.0], "1 while the newest frame showed the marker"),
+    MARKER_VALID,
     field("attitude_rad", 6, 3, "rad", [-PI, PI], "roll, pitch, yaw by the IMU"),
     field("gyro_radps", 9, 3, "rad/s", [-34.9, 34.9], "rates by the IMU; range of the MPU-9250, 2000 deg/s"),
     field("acc_mps2", 12, 3, "m/s^2", [-157.0, 157.0], "specific force along the body axes; range of the MPU-9250, 16 g"),
     field("vbat_v", 15, 1, "V", [0.0, 5.0], "battery voltage"),
-    field("setpoint", 16, 4, "m, rad", [-10.0, 10.0], "where to be now: x, y, z, yaw"),
-    field("last_action", 20, 4, "1", [-1.0, 1.0], "the previous action"),
+    SETPOINT,
+    LAST_ACTION,
 ];
 
 pub(crate) const fn field(

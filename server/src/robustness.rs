@@ -100,8 +100,7 @@ fn line(controller: &Chosen, scenario: &Scenario, condition: &'static str, seeds
 const SHOWN_M: f64 = 1.2;
 
 fn distance(trace: &Trace) -> [Vec<f64>; 2] {
-    let off = |row: &Row| (0..3).map(|i| f64::from(row.state[i] - row.observation[16 + i]).powi(2)).sum::<f64>().sqrt();
-    let shown = |row: &Row| off(row).min(SHOWN_M);
+    let shown = |row: &Row| row.error_m().min(SHOWN_M);
     [(0..trace.rows.len()).map(|row| trace.t_s(row)).collect(), trace.rows.iter().map(shown).collect()]
 }
 

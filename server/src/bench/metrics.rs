@@ -107,9 +107,8 @@ fn of_path(scenario: &Scenario, path: &Path) -> Result<EpisodeMetrics> {
     let trace = &path.trace;
     let figures = flight::figures(&scenario.phases, trace);
     let last = trace.rows.last().ok_or_else(|| Error::Internal("an episode without rows".into()))?;
-    let off = |state: &[f32], observed: &[f32]| state.iter().zip(observed).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>();
-    let squares: Vec<f64> = trace.rows.iter().map(|row| off(&row.state[..3], &row.observation[16..19])).collect();
-    let yaw = trace.rows.iter().map(|row| wrapped(f64::from(row.state[8] - row.observation[19])).to_degrees().powi(2));
+    let squares: Vec<f64> = trace.rows.iter().map(|row| flight::squared_distance(&row.state[..3], row.setpoint())).collect();
+    let yaw = trace.rows.iter().map(|row| wrapped(f64::from(row.state[8] - row.setpoint()[3])).to_degrees().powi(2));
     let touch = figures.touch_down.filter(|_| scenario.lands());
     let metrics = EpisodeMetrics {
         failed: failure(scenario, &figures, trace),
@@ -123,7 +122,7 @@ fn of_path(scenario: &Scenario, path: &Path) -> Result<EpisodeMetrics> {
         marker_losses: figures.marker_losses,
         marker_lost_s: rounded(figures.marker_lost_s)?,
         touch_mps: touch.map(|(_, mps)| rounded(mps)).transpose()?,
-        touch_off_m: touch.map(|_| rounded(off(&last.state[..2], &last.observation[16..18]).sqrt())).transpose()?,
+        touch_off_m: touch.map(|_| rounded(flight::squared_distance(&last.state[..2], last.setpoint()).sqrt())).transpose()?,
         collisions: None,
         min_separation_m: None,
     };

@@ -5,11 +5,12 @@ use std::path::PathBuf;
 
 use crazyflie_env::control::avoid::Avoid;
 use crazyflie_env::control::{Crowd, Mode, Site, choose};
-use crazyflie_env::observation::{ACTION, Interface, OBSERVATION};
+use crazyflie_env::observation::{ACTION, Interface, OBSERVATION, SETPOINT};
 use serde::Deserialize;
 use serde_json::{Value, json};
 
 use super::{Failure, Outcome, files};
+use crate::flight::squared_distance;
 use crate::link::{Error, Link};
 
 const EXAMPLES: &str = "\
@@ -79,7 +80,7 @@ struct Flown {
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let (joined, last) = fly(args)?;
-    let off_m: f32 = (0..3).map(|i| (last.observation[16 + i] - last.observation[i]).powi(2)).sum::<f32>().sqrt();
+    let off_m = squared_distance(&last.observation[..3], &last.observation[SETPOINT.range()]).sqrt();
     let how = if last.terminated { "its flight ended" } else { "the time was over" };
     let (drone, world, Flown { tick, late, .. }) = (joined.drone, &args.world, &last);
     if args.json {

@@ -94,7 +94,7 @@ impl Figures {
 
 pub(crate) fn figures(planned: &[Phase], trace: &Trace) -> Figures {
     let rows = &trace.rows;
-    let valid: Vec<bool> = rows.iter().map(|r| r.observation[5] > 0.5).collect();
+    let valid: Vec<bool> = rows.iter().map(Row::sees_marker).collect();
     let lost = valid.iter().filter(|valid| !**valid).count();
     let touched = (1..rows.len()).rev().find(|&i| rows[i].state[2] <= 0.0 && rows[i - 1].state[2] > 0.0);
     let starts: Vec<usize> = planned.iter().map(|p| (p.from_s / trace.tick_s).round() as usize).collect();

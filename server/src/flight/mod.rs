@@ -10,7 +10,7 @@ use crazyflie_env::Error;
 use crazyflie_env::config::{Autoreset, EffectTable, Options};
 use crazyflie_env::control::{Chosen, Controller, Site};
 use crazyflie_env::model::{Model, VerticalInput};
-use crazyflie_env::observation::{ACTION, Interface, OBSERVATION};
+use crazyflie_env::observation::{ACTION, Interface, MARKER_VALID, OBSERVATION, SETPOINT};
 use crazyflie_env::plant::Command;
 use crazyflie_env::vector::{STATE, StepBuffers, VectorEnv};
 
@@ -40,6 +40,28 @@ pub(crate) struct Row {
     pub state: [f32; STATE],
     /// What the controller answered; in force until the next row.
     pub action: [f32; ACTION],
+}
+
+impl Row {
+    /// Where to be: x, y, z in meters, yaw in radians.
+    pub(crate) fn setpoint(&self) -> &[f32] {
+        &self.observation[SETPOINT.range()]
+    }
+
+    /// Whether the newest camera frame showed the marker.
+    pub(crate) fn sees_marker(&self) -> bool {
+        self.observation[MARKER_VALID.first] > 0.5
+    }
+
+    /// Distance of the true position from the setpoint.
+    pub(crate) fn error_m(&self) -> f64 {
+        squared_distance(&self.state[..3], self.setpoint()).sqrt()
+    }
+}
+
+/// Of two points; of those that are longer, over the axes of the shorter.
+pub(crate) fn squared_distance(a: &[f32], b: &[f32]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| f64::from(a - b).powi(2)).sum()
 }
 
 /// How a flight ended.

@@ -25,8 +25,7 @@ impl TeamTrace {
 
     /// Distance of a drone from where it should be, at each of its rows.
     pub(crate) fn errors_m(&self, drone: usize) -> Vec<f64> {
-        let error = |row: &super::Row| (0..3).map(|i| f64::from(row.state[i] - row.observation[16 + i]).powi(2)).sum::<f64>().sqrt();
-        self.drones[drone].rows.iter().map(error).collect()
+        self.drones[drone].rows.iter().map(super::Row::error_m).collect()
     }
 }
 

@@ -178,7 +178,7 @@ pub(super) fn field_of_view() -> EffectTable {
 fn angle_speed(model: &Model) -> Result<Vec<Line>, Error> {
     let command = |t: f64| if t >= 0.0 { Command { pitch_rad: STEP_RAD, ..level() } } else { level() };
     let (trace, first) = fly(model, VerticalInput::Height, field_of_view(), 2.0, &command)?;
-    let lost = (first..trace.rows.len()).find(|&row| trace.rows[row].observation[5] < 0.5);
+    let lost = (first..trace.rows.len()).find(|&row| !trace.rows[row].sees_marker());
     let (t, g) = (&model.pitch, model.lateral.gravity.value);
     let speed = |t_s: f64| g * STEP_RAD * integral_of_step(t.gain.value, t.damping.value, t.stiffness.value, t_s);
     let at = lost.unwrap_or(trace.rows.len() - 1);

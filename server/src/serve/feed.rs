@@ -5,7 +5,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 
 use crazyflie_env::config::{Autoreset, EffectParams, Options};
-use crazyflie_env::observation::{ACTION, Interface, OBSERVATION};
+use crazyflie_env::observation::{Interface, LAST_ACTION, OBSERVATION};
 use crazyflie_env::vector::{METRICS, STATE, VectorEnv};
 use serde_json::{Value, json};
 
@@ -183,7 +183,7 @@ impl Clocks {
             return;
         }
         let observations = &shown.observations[..drones * width];
-        let actions: Vec<f32> = observations.chunks(width).flat_map(|row| &row[OBSERVATION - ACTION..OBSERVATION]).copied().collect();
+        let actions: Vec<f32> = observations.chunks(width).flat_map(|row| &row[LAST_ACTION.range()]).copied().collect();
         let begun = vec![true; drones];
         let flying = shown.flying.get(..drones).unwrap_or(&begun);
         let measured = METRICS.iter().position(|(name, ..)| *name == "min_separation_m").and_then(|at| shown.metrics.get(at));
@@ -218,7 +218,7 @@ impl Clocks {
         let given = observations.as_chunks::<OBSERVATION>().0.iter().zip(states.as_chunks::<STATE>().0);
         for (env, (row, (observation, state))) in rows.chunks_mut(COLUMNS.len()).zip(given).take(n).enumerate() {
             let reward = rewards.map_or(0.0, |rewards| rewards[env]);
-            let action = [20, 21, 22, 23].map(|i| observation[i]);
+            let action = std::array::from_fn(|i| observation[LAST_ACTION.first + i]);
             let t_s = f64::from(self.steps[env]) * self.tick_s;
             row.copy_from_slice(&frames::row(t_s, observation, state, &action, &interface, reward));
         }
