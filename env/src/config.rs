@@ -9,9 +9,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::coupling::Knowledge;
 use crate::effects::{self, Entry, Param};
-use crate::error::{Error, Result, unknown};
+use crate::error::{Error, Result, check_range, unknown};
 use crate::model::VerticalInput;
-use crate::task::{self, within};
+use crate::task;
 
 /// Effects by name, each with its parameters by name.
 pub type EffectTable = BTreeMap<String, EffectParams>;
@@ -264,7 +264,7 @@ impl Options {
         }
         check_effects(&options.effects)?;
         options.each.iter().try_for_each(|each| check_effects(&each.effects))?;
-        within("radius_m", options.radius_m, 0.0, 0.5)?;
+        check_range("radius_m", options.radius_m, 0.0, 0.5)?;
         Ok(options)
     }
 

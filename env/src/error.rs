@@ -36,3 +36,17 @@ pub fn unknown<'a>(what: &'static str, name: &str, known: impl IntoIterator<Item
     };
     Error::Unknown { what, name: name.to_owned(), hint, known: known.join(", ") }
 }
+
+/// # Errors
+/// [`Error::Shape`] unless `got == want`.
+pub fn check_length(what: &'static str, want: usize, got: usize) -> Result<()> {
+    if want == got { Ok(()) } else { Err(Error::Shape { what, want: format!("{want} numbers"), got: got.to_string() }) }
+}
+
+/// The value, where it is within `low..=high`.
+///
+/// # Errors
+/// [`Error::Range`] elsewhere.
+pub fn check_range(name: &str, value: f64, low: f64, high: f64) -> Result<f64> {
+    if (low..=high).contains(&value) { Ok(value) } else { Err(Error::Range { name: name.into(), value, want: format!("{low} to {high}") }) }
+}

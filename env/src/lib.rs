@@ -5,7 +5,6 @@
 
 mod archive;
 pub mod config;
-pub mod control;
 pub mod coupling;
 pub mod dual;
 pub mod effects;

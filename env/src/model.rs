@@ -161,7 +161,7 @@ impl VerticalInput {
 
 /// One axis as z'' or z' = ... in the two states (x, w): x' = a_xx x + a_xw w + b_x u + e_x push, likewise w; rate = x'.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct AxisForm {
+pub struct AxisForm {
     pub a: [[f64; 2]; 2],
     pub u: [f64; 2],
     pub push: [f64; 2],
@@ -191,7 +191,7 @@ fn or_zero(q: &Option<Quantity>) -> f64 {
 }
 
 impl Yaw {
-    pub(crate) fn form(&self) -> AxisForm {
+    pub fn form(&self) -> AxisForm {
         match self {
             Yaw::Integrator { gain } => AxisForm::first_order(gain.value, 0.0, 0.0, YAW_PUSH_DAMPING),
             Yaw::Rate { gain, bandwidth } => AxisForm::second_order(gain.value * bandwidth.value, bandwidth.value, 0.0, 0.0),
@@ -206,7 +206,7 @@ impl Yaw {
 }
 
 impl Vertical {
-    pub(crate) fn form(&self, gravity: f64) -> AxisForm {
+    pub fn form(&self, gravity: f64) -> AxisForm {
         match self {
             Vertical::FirstOrder { gain, pole, offset, push_damping, .. } => {
                 AxisForm::first_order(gain.value, pole.value, or_zero(offset), push_damping.value)

@@ -1,6 +1,5 @@
 //! Rows of numbers, as callers have them, and lanes, as tiles have them.
 
-use crate::error::{Error, Result};
 use crate::lanes::LANES;
 use crate::plant::State;
 use crate::real::Real;
@@ -8,12 +7,6 @@ use crate::simulated::Batched;
 
 /// Numbers per true state: position, velocity, attitude, rates.
 pub const STATE: usize = 12;
-
-/// # Errors
-/// [`Error::Shape`] unless `got == want`.
-pub(crate) fn shape(what: &'static str, want: usize, got: usize) -> Result<()> {
-    if want == got { Ok(()) } else { Err(Error::Shape { what, want: format!("{want} numbers"), got: got.to_string() }) }
-}
 
 #[inline(always)]
 pub(crate) fn state_row<R: Real>(x: &State<R>) -> [R; STATE] {

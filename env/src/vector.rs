@@ -14,13 +14,12 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use crate::archive::Archive;
 use crate::config::{Autoreset, Options};
 use crate::coupling::NEIGHBOUR;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, check_length};
 use crate::isa::{Kind, Level};
 use crate::lanes::{LANES, Lanes};
 use crate::model::{Model, VerticalInput};
 use crate::noise::scramble;
 use crate::observation::{ACTION, Interface, OBSERVATION};
-use crate::rows::shape;
 use crate::schedule::Schedule;
 use crate::simulated::Batched;
 use crate::task::{self, Task, Visitor};
@@ -208,9 +207,9 @@ impl VectorEnv {
     /// [`Error::Shape`] for buffers of the wrong length; [`Error::NotReset`] if the very first reset leaves some environments out.
     pub fn reset(&mut self, seeds: Option<&[u64]>, mask: Option<&[bool]>, observations: &mut [f32]) -> Result<()> {
         let per_env = self.num_drones() * self.width();
-        shape("observations", self.envs * per_env, observations.len())?;
-        shape("seeds", self.envs, seeds.map_or(self.envs, <[u64]>::len))?;
-        shape("reset_mask", self.envs, mask.map_or(self.envs, <[bool]>::len))?;
+        check_length("observations", self.envs * per_env, observations.len())?;
+        check_length("seeds", self.envs, seeds.map_or(self.envs, <[u64]>::len))?;
+        check_length("reset_mask", self.envs, mask.map_or(self.envs, <[bool]>::len))?;
         if !self.ready && mask.is_some_and(|m| m.iter().any(|on| !on)) {
             return Err(Error::NotReset);
         }
@@ -232,14 +231,14 @@ impl VectorEnv {
         }
         let (envs, drones, width, metrics, share) = (self.envs, self.num_drones(), self.width(), self.metrics, self.share);
         let rows = envs * drones;
-        shape("actions", rows * ACTION, actions.len())?;
-        shape("observations", rows * width, out.observations.len())?;
-        shape("rewards", rows, out.rewards.len())?;
-        shape("terminated", rows, out.terminated.len())?;
-        shape("truncated", rows, out.truncated.len())?;
+        check_length("actions", rows * ACTION, actions.len())?;
+        check_length("observations", rows * width, out.observations.len())?;
+        check_length("rewards", rows, out.rewards.len())?;
+        check_length("terminated", rows, out.terminated.len())?;
+        check_length("truncated", rows, out.truncated.len())?;
         let unasked = metrics == 0 && out.flying.is_empty();
-        shape("flying", if unasked { 0 } else { rows }, out.flying.len())?;
-        shape("metrics", envs * metrics, out.metrics.len())?;
+        check_length("flying", if unasked { 0 } else { rows }, out.flying.len())?;
+        check_length("metrics", envs * metrics, out.metrics.len())?;
         self.check_actions(actions)?;
         if self.config.autoreset == Autoreset::Disabled {
             self.check_running()?;
@@ -281,7 +280,7 @@ impl VectorEnv {
     /// # Errors
     /// [`Error::Shape`].
     pub fn states(&self, out: &mut [f32]) -> Result<()> {
-        shape("states", self.envs * self.num_drones() * STATE, out.len())?;
+        check_length("states", self.envs * self.num_drones() * STATE, out.len())?;
         self.first_states(out)
     }
 
@@ -291,7 +290,7 @@ impl VectorEnv {
     /// [`Error::Shape`] unless `out` is whole rows of drones that exist.
     pub fn first_states(&self, out: &mut [f32]) -> Result<()> {
         let drones = self.num_drones();
-        shape("states", (out.len() / STATE).min(self.envs * drones) * STATE, out.len())?;
+        check_length("states", (out.len() / STATE).min(self.envs * drones) * STATE, out.len())?;
         for (shard, rows) in self.shards.iter().zip(out.chunks_mut(self.share * drones * STATE)) {
             shard.states(rows);
         }
@@ -303,7 +302,7 @@ impl VectorEnv {
     /// # Errors
     /// [`Error::Shape`].
     pub fn loads(&self, out: &mut [f32]) -> Result<bool> {
-        shape("loads", self.envs * 3, out.len())?;
+        check_length("loads", self.envs * 3, out.len())?;
         let rows = self.shards.iter().zip(out.chunks_mut(self.share * 3));
         Ok(rows.fold(true, |all, (shard, rows)| shard.loads(rows) && all))
     }

@@ -2,8 +2,8 @@
 
 use crazyflie_env::Error;
 use crazyflie_env::config::{Autoreset, Options};
-use crazyflie_env::control::pid::{Gains, Pid};
-use crazyflie_env::control::{self, Controller, Mode};
+use crazyflie_control::pid::{Gains, Pid};
+use crazyflie_control::{self as control, Controller, Mode};
 use crazyflie_env::isa::Level;
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::{ACTION, FIELDS, OBSERVATION};

@@ -1,6 +1,6 @@
 //! The controllers of the registry, for a batch.
 
-use crazyflie_env::control::{self, Chosen, Mode, Site, choose};
+use crazyflie_control::{self as control, Chosen, Mode, Site, choose};
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::{ACTION, OBSERVATION};
 use crazyflie_env::{Error, Result};

@@ -1,7 +1,7 @@
 //! Controllers for several drones that share the air.
 
-use crazyflie_env::control::avoid::Avoid;
-use crazyflie_env::control::{self, Mode, Site, choose};
+use crazyflie_control::avoid::Avoid;
+use crazyflie_control::{self as control, Mode, Site, choose};
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::ACTION;
 use crazyflie_env::vector::METRICS;

@@ -1,7 +1,7 @@
 //! Controllers where the vehicle is what they believe, where it is drawn anew in every flight, and where something is wrong that none was told of.
 
 use crazyflie_env::config::EffectTable;
-use crazyflie_env::control::Chosen;
+use crazyflie_control::Chosen;
 use crazyflie_picture::{PALETTE, Panel, PictureError, Series, Style, chart};
 
 use crate::bench::baselines::evaluate;

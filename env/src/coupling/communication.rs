@@ -4,12 +4,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::archive::Archive;
 use crate::effects::{Fix, Neighbour};
-use crate::error::Result;
+use crate::error::{Result, check_range};
 use crate::noise::{Draw, channel};
 use crate::observation::{Field, field};
 use crate::real::{Real, tabulate};
 use crate::simulated::Batched;
-use crate::task::within;
 
 /// Numbers that an observation has for each of the others.
 pub const NEIGHBOUR: usize = 8;
@@ -57,10 +56,10 @@ impl Knowledge {
     pub fn check(&self, tick_s: f64) -> Result<()> {
         match *self {
             Knowledge::Ideal => {}
-            Knowledge::Range { range_m } => drop(within("neighbours.range_m", range_m, 0.0, 100.0)?),
+            Knowledge::Range { range_m } => drop(check_range("neighbours.range_m", range_m, 0.0, 100.0)?),
             Knowledge::Radio { delay_s, loss } => {
-                within("neighbours.delay_s", delay_s, 0.0, (RING - 1) as f64 * tick_s)?;
-                within("neighbours.loss", loss, 0.0, 1.0)?;
+                check_range("neighbours.delay_s", delay_s, 0.0, (RING - 1) as f64 * tick_s)?;
+                check_range("neighbours.loss", loss, 0.0, 1.0)?;
             }
         }
         Ok(())

@@ -3,9 +3,9 @@
 use rand_pcg::Pcg64Mcg;
 use serde::Deserialize;
 
-use super::{GOAL, Outcome, Scene, Situation, Start, Task, distance, jerk, jitter, on_circle, room_on_circle, start_at, within};
+use super::{GOAL, Outcome, Scene, Situation, Start, Task, distance, jerk, jitter, on_circle, room_on_circle, start_at};
 use crate::coupling::load::Load;
-use crate::error::Result;
+use crate::error::{Result, check_range};
 use crate::observation::Setpoint;
 use crate::real::Real;
 
@@ -48,13 +48,13 @@ impl Task for Carry {
 
     fn new(o: Options, drones: usize) -> Result<Self> {
         // what a Crazyflie lifts beside itself: 15 g (Bitcraze's data sheet)
-        within("load_kg", o.load_kg, 0.001, 0.015 * drones as f64)?;
-        within("rope_m", o.rope_m, 0.1, 1.5)?;
-        within("ring_m", o.ring_m, 0.0, 0.95 * o.rope_m)?;
-        within("size_m", o.size_m, 0.0, 1.5)?;
-        within("period_s", o.period_s, 4.0, 600.0)?;
+        check_range("load_kg", o.load_kg, 0.001, 0.015 * drones as f64)?;
+        check_range("rope_m", o.rope_m, 0.1, 1.5)?;
+        check_range("ring_m", o.ring_m, 0.0, 0.95 * o.rope_m)?;
+        check_range("size_m", o.size_m, 0.0, 1.5)?;
+        check_range("period_s", o.period_s, 4.0, 600.0)?;
         let above_m = libm::sqrt(o.rope_m * o.rope_m - o.ring_m * o.ring_m);
-        within("height_m", o.height_m, 0.05, 2.5 - above_m)?;
+        check_range("height_m", o.height_m, 0.05, 2.5 - above_m)?;
         room_on_circle("ring_m", o.ring_m, drones, 0.2)?;
         Ok(Carry { options: o, drones, above_m })
     }

@@ -3,8 +3,8 @@
 use rand_pcg::Pcg64Mcg;
 use serde::Deserialize;
 
-use super::{GOAL, Outcome, Scene, Situation, Start, Task, distance, is, jerk, jitter, start_at, within};
-use crate::error::{Error, Result};
+use super::{GOAL, Outcome, Scene, Situation, Start, Task, distance, is, jerk, jitter, start_at};
+use crate::error::{Error, Result, check_range};
 use crate::observation::Setpoint;
 use crate::real::Real;
 
@@ -47,9 +47,9 @@ impl Task for Cover {
     type Options = Options;
 
     fn new(o: Options, drones: usize) -> Result<Self> {
-        within("pitch_m", o.pitch_m, 0.1, 2.0)?;
-        within("height_m", o.height_m, 0.2, 2.5)?;
-        within("near_m", o.near_m, 0.02, 1.0)?;
+        check_range("pitch_m", o.pitch_m, 0.1, 2.0)?;
+        check_range("height_m", o.height_m, 0.2, 2.5)?;
+        check_range("near_m", o.near_m, 0.02, 1.0)?;
         let markers = o.columns * o.rows;
         if !(drones..=MOST).contains(&markers) {
             return Err(Error::Range {
@@ -59,7 +59,7 @@ impl Task for Cover {
             });
         }
         let half = |n: usize| 0.5 * (n as f64 - 1.0) * o.pitch_m;
-        within("half the field", half(o.columns).max(half(o.rows)), 0.0, 2.3)?;
+        check_range("half the field", half(o.columns).max(half(o.rows)), 0.0, 2.3)?;
         let place = |i: usize| {
             let (row, along) = (i / o.columns, i % o.columns);
             let column = if row.is_multiple_of(2) { along } else { o.columns - 1 - along };

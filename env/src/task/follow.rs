@@ -3,8 +3,8 @@
 use rand_pcg::Pcg64Mcg;
 use serde::Deserialize;
 
-use super::{GOAL, Scene, Start, Task, jitter, start_at, within};
-use crate::error::Result;
+use super::{GOAL, Scene, Start, Task, jitter, start_at};
+use crate::error::{Result, check_range};
 use crate::observation::Setpoint;
 use crate::real::Real;
 
@@ -38,11 +38,11 @@ impl Task for Follow {
     type Options = Options;
 
     fn new(o: Options, drones: usize) -> Result<Self> {
-        within("size_m", o.size_m, 0.2, 2.0)?;
-        within("period_s", o.period_s, 4.0, 600.0)?;
-        within("height_m", o.height_m, 0.2, 2.5)?;
+        check_range("size_m", o.size_m, 0.2, 2.0)?;
+        check_range("period_s", o.period_s, 4.0, 600.0)?;
+        check_range("height_m", o.height_m, 0.2, 2.5)?;
         // the last must not catch up with the first
-        within("behind_s", o.behind_s, 0.2, 0.9 * o.period_s / drones as f64)?;
+        check_range("behind_s", o.behind_s, 0.2, 0.9 * o.period_s / drones as f64)?;
         Ok(Follow(o))
     }
 

@@ -3,8 +3,8 @@
 use rand_pcg::Pcg64Mcg;
 use serde::Deserialize;
 
-use super::{GOAL, Scene, Start, Task, jitter, on_circle, start_at, within};
-use crate::error::{Error, Result};
+use super::{GOAL, Scene, Start, Task, jitter, on_circle, start_at};
+use crate::error::{Error, Result, check_range};
 use crate::observation::Setpoint;
 use crate::real::{Real, tabulate};
 
@@ -48,11 +48,11 @@ impl Task for Formation {
     type Options = Options;
 
     fn new(o: Options, drones: usize) -> Result<Self> {
-        within("spacing_m", o.spacing_m, 0.1, 2.0)?;
-        within("height_m", o.height_m, 0.2, 2.5)?;
-        within("roam_m", o.roam_m, 0.0, 1.5)?;
-        within("period_s", o.period_s, 2.0, 600.0)?;
-        within("change_s", o.change_s, 0.0, 600.0)?;
+        check_range("spacing_m", o.spacing_m, 0.1, 2.0)?;
+        check_range("height_m", o.height_m, 0.2, 2.5)?;
+        check_range("roam_m", o.roam_m, 0.0, 1.5)?;
+        check_range("period_s", o.period_s, 2.0, 600.0)?;
+        check_range("change_s", o.change_s, 0.0, 600.0)?;
         if o.change_s != 0.0 && o.change_s < CHANGE_S {
             return Err(Error::Range { name: "change_s".into(), value: o.change_s, want: format!("0 or at least {CHANGE_S}") });
         }

@@ -4,8 +4,8 @@ use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use serde::Deserialize;
 
-use super::{GOAL, HEIGHT_M, Scene, Start, Task, in_disc, within};
-use crate::error::Result;
+use super::{GOAL, HEIGHT_M, Scene, Start, Task, in_disc};
+use crate::error::{Result, check_range};
 use crate::observation::Setpoint;
 use crate::real::Real;
 
@@ -60,17 +60,17 @@ impl Task for Hover {
     type Options = Options;
 
     fn new(o: Options, _: usize) -> Result<Self> {
-        within("start_radius_m", o.start_radius_m, 0.0, 2.0)?;
-        within("start_yaw_deg", o.start_yaw_deg, 0.0, 180.0)?;
+        check_range("start_radius_m", o.start_radius_m, 0.0, 2.0)?;
+        check_range("start_yaw_deg", o.start_yaw_deg, 0.0, 180.0)?;
         let steps = o.steps.iter().map(|step| &step.setpoint_m);
         for (p, high) in o.start_m.iter().chain([&o.setpoint_m]).chain(steps).flat_map(|p| p.iter().zip([2.4, 2.4, 2.6])) {
-            within("a coordinate of start_m or setpoint_m", *p, if high > 2.5 { 0.0 } else { -high }, high)?;
+            check_range("a coordinate of start_m or setpoint_m", *p, if high > 2.5 { 0.0 } else { -high }, high)?;
         }
-        within("setpoint_yaw_deg", o.setpoint_yaw_deg, -180.0, 180.0)?;
+        check_range("setpoint_yaw_deg", o.setpoint_yaw_deg, -180.0, 180.0)?;
         let mut earliest_s = 0.0;
         for step in &o.steps {
-            within("setpoint_yaw_deg of a step", step.setpoint_yaw_deg, -180.0, 180.0)?;
-            earliest_s = within("from_s of a step, in order", step.from_s, earliest_s, 3600.0)?;
+            check_range("setpoint_yaw_deg of a step", step.setpoint_yaw_deg, -180.0, 180.0)?;
+            earliest_s = check_range("from_s of a step, in order", step.from_s, earliest_s, 3600.0)?;
         }
         Ok(Hover(o))
     }

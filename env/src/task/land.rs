@@ -3,8 +3,8 @@
 use rand_pcg::Pcg64Mcg;
 use serde::Deserialize;
 
-use super::{GOAL, HEIGHT_M, Outcome, Scene, Situation, Start, Task, closeness, in_disc, jerk, keeping, within};
-use crate::error::Result;
+use super::{GOAL, HEIGHT_M, Outcome, Scene, Situation, Start, Task, closeness, in_disc, jerk, keeping};
+use crate::error::{Result, check_range};
 use crate::observation::Setpoint;
 use crate::real::Real;
 
@@ -33,8 +33,8 @@ impl Task for Land {
     type Options = Options;
 
     fn new(o: Options, _: usize) -> Result<Self> {
-        within("start_radius_m", o.start_radius_m, 0.0, 2.0)?;
-        within("start_height_m", o.start_height_m, 0.1, 2.5)?;
+        check_range("start_radius_m", o.start_radius_m, 0.0, 2.0)?;
+        check_range("start_height_m", o.start_height_m, 0.1, 2.5)?;
         Ok(Land(o))
     }
 

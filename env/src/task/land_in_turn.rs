@@ -4,9 +4,9 @@ use rand_pcg::Pcg64Mcg;
 use serde::Deserialize;
 
 use super::{
-    GOAL, Outcome, Scene, Situation, Start, Task, closeness, distance, is, jerk, jitter, on_circle, room_on_circle, start_at, within,
+    GOAL, Outcome, Scene, Situation, Start, Task, closeness, distance, is, jerk, jitter, on_circle, room_on_circle, start_at,
 };
-use crate::error::Result;
+use crate::error::{Result, check_range};
 use crate::observation::Setpoint;
 use crate::real::{Real, tabulate};
 
@@ -47,9 +47,9 @@ impl Task for LandInTurn {
     type Options = Options;
 
     fn new(o: Options, drones: usize) -> Result<Self> {
-        within("radius_m", o.radius_m, 0.2, 2.2)?;
-        within("height_m", o.height_m, 0.2, 2.5)?;
-        within("speed_mps", o.speed_mps, 0.05, 2.0)?;
+        check_range("radius_m", o.radius_m, 0.2, 2.2)?;
+        check_range("height_m", o.height_m, 0.2, 2.5)?;
+        check_range("speed_mps", o.speed_mps, 0.05, 2.0)?;
         // they start up to 5 cm off their places
         room_on_circle("radius_m", o.radius_m, drones, 0.25)?;
         Ok(LandInTurn(o))

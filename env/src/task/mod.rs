@@ -280,12 +280,6 @@ pub(crate) fn in_disc(radius: f64, rng: &mut Pcg64Mcg) -> [f64; 2] {
     [r * libm::cos(angle), r * libm::sin(angle)]
 }
 
-/// # Errors
-/// [`Error::Range`] outside `low..=high`.
-pub(crate) fn within(name: &str, value: f64, low: f64, high: f64) -> Result<f64> {
-    if (low..=high).contains(&value) { Ok(value) } else { Err(Error::Range { name: name.into(), value, want: format!("{low} to {high}") }) }
-}
-
 /// 1 at the set-point, 1/2 at 30 cm: near enough to feel, far enough to be found from across the room.
 #[inline(always)]
 pub(crate) fn closeness<R: Real>(s: &Situation<R>) -> R {

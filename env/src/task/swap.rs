@@ -4,8 +4,8 @@ use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use serde::Deserialize;
 
-use super::{GOAL, Scene, Start, Task, jitter, on_circle, room_on_circle, start_at, within};
-use crate::error::Result;
+use super::{GOAL, Scene, Start, Task, jitter, on_circle, room_on_circle, start_at};
+use crate::error::{Result, check_range};
 use crate::observation::Setpoint;
 use crate::real::Real;
 
@@ -41,10 +41,10 @@ impl Task for Swap {
     type Options = Options;
 
     fn new(o: Options, drones: usize) -> Result<Self> {
-        within("radius_m", o.radius_m, 0.2, 2.2)?;
-        within("height_m", o.height_m, 0.2, 2.5)?;
-        within("wait_s", o.wait_s, 0.0, 60.0)?;
-        within("jitter_m", o.jitter_m, 0.0, 0.2)?;
+        check_range("radius_m", o.radius_m, 0.2, 2.2)?;
+        check_range("height_m", o.height_m, 0.2, 2.5)?;
+        check_range("wait_s", o.wait_s, 0.0, 60.0)?;
+        check_range("jitter_m", o.jitter_m, 0.0, 0.2)?;
         room_on_circle("radius_m", o.radius_m, drones, 0.15 + 2.0 * o.jitter_m)?;
         Ok(Swap(o))
     }

@@ -3,8 +3,8 @@
 use rand_pcg::Pcg64Mcg;
 use serde::Deserialize;
 
-use super::{GOAL, HEIGHT_M, Outcome, Scene, Situation, Start, Task, keeping, within};
-use crate::error::Result;
+use super::{GOAL, HEIGHT_M, Outcome, Scene, Situation, Start, Task, keeping};
+use crate::error::{Result, check_range};
 use crate::observation::Setpoint;
 use crate::real::Real;
 
@@ -33,7 +33,7 @@ impl Task for Takeoff {
     type Options = Options;
 
     fn new(o: Options, _: usize) -> Result<Self> {
-        within("height_m", o.height_m, 0.1, 2.5)?;
+        check_range("height_m", o.height_m, 0.1, 2.5)?;
         Ok(Takeoff(o))
     }
 

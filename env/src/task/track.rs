@@ -3,8 +3,8 @@
 use rand_pcg::Pcg64Mcg;
 use serde::Deserialize;
 
-use super::{GOAL, HEIGHT_M, Scene, Start, Task, within};
-use crate::error::{Error, Result};
+use super::{GOAL, HEIGHT_M, Scene, Start, Task};
+use crate::error::{Error, Result, check_range};
 use crate::noise::channel;
 use crate::observation::Setpoint;
 use crate::real::{Real, tabulate};
@@ -57,10 +57,10 @@ impl Task for Track {
     type Options = Options;
 
     fn new(o: Options, _: usize) -> Result<Self> {
-        within("size_m", o.size_m, 0.05, 2.0)?;
-        within("period_s", o.period_s, 0.5, 120.0)?;
-        within("height_m", o.height_m, 0.2, 2.5)?;
-        within("rise_m", o.rise_m, 0.0, 1.0)?;
+        check_range("size_m", o.size_m, 0.05, 2.0)?;
+        check_range("period_s", o.period_s, 0.5, 120.0)?;
+        check_range("height_m", o.height_m, 0.2, 2.5)?;
+        check_range("rise_m", o.rise_m, 0.0, 1.0)?;
         if o.height_m - o.rise_m < 0.1 {
             return Err(Error::Range { name: "height_m - rise_m".into(), value: o.height_m - o.rise_m, want: "at least 0.1".into() });
         }

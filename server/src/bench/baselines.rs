@@ -1,7 +1,7 @@
 //! The controllers that come with the program fly attempts as anyone does: they see what anyone sees, and go the same way.
 
-use crazyflie_env::control::avoid::Avoid;
-use crazyflie_env::control::{Chosen, Crowd, Mode, Site};
+use crazyflie_control::avoid::Avoid;
+use crazyflie_control::{Chosen, Crowd, Mode, Site};
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::{ACTION, Interface};
 use crazyflie_env::vector::StepBuffers;

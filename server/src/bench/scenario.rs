@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use crazyflie_env::config::{Autoreset, EffectTable, Options, check_effects};
-use crazyflie_env::control::Mode;
+use crazyflie_control::Mode;
 use crazyflie_env::coupling::{Knowledge, MOST_DRONES};
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::vector::VectorEnv;

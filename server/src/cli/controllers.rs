@@ -2,7 +2,7 @@
 
 use std::io::Write;
 
-use crazyflie_env::control::{Chosen, choose, registry};
+use crazyflie_control::{Chosen, choose, registry};
 use serde_json::{Value, json};
 
 use super::{Failure, Outcome};

@@ -3,8 +3,8 @@
 use std::io::Write;
 use std::path::PathBuf;
 
-use crazyflie_env::control::avoid::Avoid;
-use crazyflie_env::control::{Crowd, Mode, Site, choose};
+use crazyflie_control::avoid::Avoid;
+use crazyflie_control::{Crowd, Mode, Site, choose};
 use crazyflie_env::observation::{ACTION, Interface, OBSERVATION, SETPOINT};
 use serde::Deserialize;
 use serde_json::{Value, json};

@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::PathBuf;
 
-use crazyflie_env::control::registry;
+use crazyflie_control::registry;
 use indicatif::ProgressBar;
 
 use super::{Outcome, Table, controllers, files, number};

@@ -1,6 +1,6 @@
 //! The figures of a flight: how fast, how far over, how exact, with how much effort.
 
-use crazyflie_env::control::Mode;
+use crazyflie_control::Mode;
 
 use super::{End, Phase, Row, Trace, touch_down_mps};
 

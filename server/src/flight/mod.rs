@@ -8,7 +8,7 @@ mod together;
 
 use crazyflie_env::Error;
 use crazyflie_env::config::{Autoreset, EffectTable, Options};
-use crazyflie_env::control::{Chosen, Controller, Site};
+use crazyflie_control::{Chosen, Controller, Site};
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::observation::{ACTION, Interface, MARKER_VALID, OBSERVATION, SETPOINT};
 use crazyflie_env::plant::Command;

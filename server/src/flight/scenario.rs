@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::sync::OnceLock;
 
 use crazyflie_env::config::{EffectParams, EffectTable, Number};
-use crazyflie_env::control::Mode;
+use crazyflie_control::Mode;
 use serde_json::Value;
 
 /// A part of a flight with one set-point and one state of the controller.

@@ -1,8 +1,8 @@
 //! Closed-loop flights of several drones that share the air.
 
 use crazyflie_env::Error;
-use crazyflie_env::control::avoid::Avoid;
-use crazyflie_env::control::{Crowd, Mode, Site};
+use crazyflie_control::avoid::Avoid;
+use crazyflie_control::{Crowd, Mode, Site};
 use crazyflie_env::observation::{ACTION, Interface};
 use crazyflie_env::vector::{METRICS, STATE, StepBuffers, VectorEnv};
 use crazyflie_picture::{PALETTE, Panel, Path3, PictureError, Series, Style, chart, path3d};

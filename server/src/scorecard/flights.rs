@@ -2,7 +2,7 @@
 
 use crazyflie_env::Error;
 use crazyflie_env::config::EffectTable;
-use crazyflie_env::control::Chosen;
+use crazyflie_control::Chosen;
 use crazyflie_env::model::{Model, VerticalInput};
 
 use super::{Claim, Line, about, figure, median};

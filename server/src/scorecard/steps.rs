@@ -2,7 +2,7 @@
 
 use crazyflie_env::Error;
 use crazyflie_env::config::{EffectParams, EffectTable, Number};
-use crazyflie_env::control::Chosen;
+use crazyflie_control::Chosen;
 use crazyflie_env::model::{Model, Vertical, VerticalInput};
 use crazyflie_env::plant::Command;
 use crazyflie_identify::metrics::fit_percent;

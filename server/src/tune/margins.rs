@@ -1,6 +1,6 @@
 //! How far a loop is from instability: gain, phase and delay margins of the PID around the identified model with the loop's dead time.
 
-use crazyflie_env::control::pid::Loop;
+use crazyflie_control::pid::Loop;
 use crazyflie_env::model::{Model, Vertical, VerticalInput, Yaw};
 use nalgebra::Complex;
 
@@ -147,7 +147,7 @@ fn wrap(angle: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crazyflie_env::control::pid::Gains;
+    use crazyflie_control::pid::Gains;
 
     fn of(gains: &Loop, dead_time_s: f64) -> Margins {
         margins(&Plant::of(&Model::thesis(), VerticalInput::Pwm, Axis::X).unwrap(), gains, dead_time_s)

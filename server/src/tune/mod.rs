@@ -6,7 +6,7 @@ mod response;
 
 use cmaes::{CMAESOptions, DVector};
 use crazyflie_env::Error;
-use crazyflie_env::control::pid::{Gains, Loop};
+use crazyflie_control::pid::{Gains, Loop};
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::Interface;
 

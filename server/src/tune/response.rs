@@ -2,8 +2,8 @@
 
 use crazyflie_env::Error;
 use crazyflie_env::config::EffectTable;
-use crazyflie_env::control::pid::Gains;
-use crazyflie_env::control::{Chosen, choose};
+use crazyflie_control::pid::Gains;
+use crazyflie_control::{Chosen, choose};
 use crazyflie_env::model::{Model, VerticalInput};
 use serde_json::{Value, json};
 

@@ -1,7 +1,7 @@
 //! One world in flight. What comes of it is a function of its plan and of the actions, to the bit.
 
-use crazyflie_env::control::avoid::Avoid;
-use crazyflie_env::control::{Chosen, Crowd, Mode, Site};
+use crazyflie_control::avoid::Avoid;
+use crazyflie_control::{Chosen, Crowd, Mode, Site};
 use crazyflie_env::error::{Error, Result};
 use crazyflie_env::observation::{ACTION, Interface};
 use crazyflie_env::vector::{METRICS, STATE, StepBuffers, VectorEnv};

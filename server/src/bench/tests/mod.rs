@@ -14,7 +14,7 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::Mutex;
 
-use crazyflie_env::control::Chosen;
+use crazyflie_control::Chosen;
 use crazyflie_env::vector::StepBuffers;
 
 use super::baselines::submit as submit_now;

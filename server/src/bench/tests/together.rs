@@ -1,6 +1,6 @@
 //! Attempts in which drones share the air.
 
-use crazyflie_env::control::Chosen;
+use crazyflie_control::Chosen;
 use crazyflie_env::observation::ACTION;
 use crazyflie_env::plant::Command;
 

@@ -6,8 +6,8 @@ use serde::{Deserialize, Serialize};
 
 use super::batch::check;
 use super::{Controller, Entry, defaults};
-use crate::error::Result;
-use crate::observation::ACTION;
+use crazyflie_env::error::Result;
+use crazyflie_env::observation::ACTION;
 
 #[derive(Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]

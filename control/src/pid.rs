@@ -7,10 +7,10 @@ use serde::{Deserialize, Serialize};
 
 pub use super::gains::{Gains, Loop};
 use super::{Batch, Controller, Entry, Given, Law, Mode, Site, defaults, told};
-use crate::error::Result;
-use crate::observation::{ACTION, Interface, OBSERVATION, wrap};
-use crate::plant::Command;
-use crate::real::{Real, tabulate};
+use crazyflie_env::error::Result;
+use crazyflie_env::observation::{ACTION, Interface, OBSERVATION, wrap};
+use crazyflie_env::plant::Command;
+use crazyflie_env::real::{Real, tabulate};
 
 /// A controller that flies these gains.
 fn batch(gains: Gains, site: &Site<'_>) -> Box<dyn Controller> {

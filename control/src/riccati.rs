@@ -2,7 +2,7 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use crate::error::{Error, Result};
+use crazyflie_env::error::{Error, Result};
 
 /// Doublings: each squares the distance to the solution, so that 30 reach 2^30 ticks.
 const DOUBLINGS: usize = 30;

@@ -4,10 +4,10 @@ use super::batch::{check, mask, rows, write};
 use super::belief::Belief;
 use super::estimator::Estimator;
 use super::{Controller, Mode, Site};
-use crate::error::Result;
-use crate::lanes::{LANES, Lanes};
-use crate::observation::OBSERVATION;
-use crate::real::Real;
+use crazyflie_env::error::Result;
+use crazyflie_env::lanes::{LANES, Lanes};
+use crazyflie_env::observation::OBSERVATION;
+use crazyflie_env::real::Real;
 
 /// A controller that sees the filter's estimate, new at every tick, where the marker's last pose was.
 pub(super) struct Filtered {

@@ -8,9 +8,9 @@
 
 use super::belief::{Belief, Noise};
 use super::glide::{Axis, START, Spread, glide, overlap, widened};
-use crate::model::{Model, Vertical, VerticalInput};
-use crate::observation::{OBSERVATION, wrap};
-use crate::real::{Real, tabulate};
+use crazyflie_env::model::{Model, Vertical, VerticalInput};
+use crazyflie_env::observation::{OBSERVATION, wrap};
+use crazyflie_env::real::{Real, tabulate};
 
 /// Ticks of history: a fix older than this is of no use. At 50 Hz 0.24 s, twice the longest latency that the simulator has.
 const HISTORY: usize = 12;

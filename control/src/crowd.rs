@@ -2,12 +2,12 @@
 
 use super::avoid::Avoid;
 use super::{Controller, Mode};
-use crate::coupling::NEIGHBOUR;
-use crate::error::Result;
-use crate::lanes::{LANES, LaneMask, Lanes};
-use crate::observation::{ACTION, OBSERVATION};
-use crate::real::{Real, tabulate};
-use crate::rows::shape;
+use crazyflie_env::coupling::NEIGHBOUR;
+use crazyflie_env::error::Result;
+use crazyflie_env::lanes::{LANES, LaneMask, Lanes};
+use crazyflie_env::observation::{ACTION, OBSERVATION};
+use crazyflie_env::real::{Real, tabulate};
+use crazyflie_env::error::check_length;
 
 /// Numbers of an observation's set-point that the avoidance replaces.
 const SETPOINT: usize = 16;
@@ -39,7 +39,7 @@ impl Crowd {
     /// One controller for each drone, each made for `worlds` environments; `tick_s` between observations.
     ///
     /// # Errors
-    /// [`crate::Error::Range`] for `avoid`.
+    /// [`crazyflie_env::Error::Range`] for `avoid`.
     pub fn new(controllers: Vec<Box<dyn Controller>>, worlds: usize, avoid: Option<Avoid>, tick_s: f64) -> Result<Self> {
         let others = controllers.len().saturating_sub(1);
         Crowd::among(controllers, others, worlds, avoid, tick_s)
@@ -84,15 +84,15 @@ impl Crowd {
         self.moved[drone].iter_mut().for_each(|moved| moved.fresh = !Lanes::nothing());
     }
 
-    /// Actions (worlds x drones rows of [`ACTION`]) for observations (worlds x drones rows of [`crate::vector::VectorEnv::width`]).
+    /// Actions (worlds x drones rows of [`ACTION`]) for observations (worlds x drones rows of [`crazyflie_env::vector::VectorEnv::width`]).
     ///
     /// # Errors
-    /// [`crate::Error::Shape`].
+    /// [`crazyflie_env::Error::Shape`].
     pub fn act(&mut self, observations: &[f32], actions: &mut [f32]) -> Result<()> {
         let (n, worlds) = (self.controllers.len(), self.worlds);
         let width = OBSERVATION + NEIGHBOUR * self.others;
-        shape("observations", worlds * n * width, observations.len())?;
-        shape("actions", worlds * n * ACTION, actions.len())?;
+        check_length("observations", worlds * n * width, observations.len())?;
+        check_length("actions", worlds * n * ACTION, actions.len())?;
         for drone in 0..n {
             let rows = observations.chunks_exact(width).skip(drone).step_by(n);
             for (own, row) in self.observations.chunks_exact_mut(OBSERVATION).zip(rows) {

@@ -6,11 +6,11 @@ use super::belief::Belief;
 use super::estimator::{Estimate, Estimator};
 use super::landing::Landing;
 use super::{Mode, Site};
-use crate::error::Result;
-use crate::model::AxisForm;
-use crate::observation::{ACTION, Interface, OBSERVATION, wrap};
-use crate::plant::Command;
-use crate::real::{Real, dot, tabulate};
+use crazyflie_env::error::Result;
+use crazyflie_env::model::AxisForm;
+use crazyflie_env::observation::{ACTION, Interface, OBSERVATION, wrap};
+use crazyflie_env::plant::Command;
+use crazyflie_env::real::{Real, dot, tabulate};
 
 /// Time in which what is unexplained comes to be believed.
 const TRIM_S: f64 = 0.4;
@@ -199,7 +199,7 @@ impl Discrete {
     /// Of the declared model.
     ///
     /// # Errors
-    /// [`crate::Error::Unknown`] if it lacks the vertical form.
+    /// [`crazyflie_env::Error::Unknown`] if it lacks the vertical form.
     pub(super) fn of(site: &Site<'_>) -> Result<Self> {
         let whole = site.model.state_space(site.interface.input)?;
         let (a, b) = whole.discrete(site.tick_s);

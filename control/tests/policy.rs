@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use crazyflie_env::control::{Chosen, Mode, Site, choose};
+use crazyflie_control::{Chosen, Mode, Site, choose};
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::observation::{ACTION, Interface, OBSERVATION};
 use safetensors::tensor::{Dtype, TensorView};

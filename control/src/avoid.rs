@@ -2,10 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::coupling::NEIGHBOUR;
-use crate::error::Result;
-use crate::real::Real;
-use crate::task::within;
+use crazyflie_env::coupling::NEIGHBOUR;
+use crazyflie_env::error::Result;
+use crazyflie_env::real::Real;
+use crazyflie_env::error::check_range;
 
 /// An artificial potential (Khatib 1986, Int. J. Robotics Research 5(1)) about where two drones will be nearest, with a vortex about each
 /// of the others so that all pass on the same side instead of standing face to face (De Luca and Oriolo 1994). The fields move a set-point
@@ -34,14 +34,14 @@ impl Default for Avoid {
 
 impl Avoid {
     /// # Errors
-    /// [`crate::Error::Range`].
+    /// [`crazyflie_env::Error::Range`].
     pub fn check(&self) -> Result<()> {
-        within("avoid.speed_mps", self.speed_mps, 0.01, 10.0)?;
-        within("avoid.leash_m", self.leash_m, 0.05, 10.0)?;
-        within("avoid.range_m", self.range_m, 0.05, 10.0)?;
-        within("avoid.push_mps", self.push_mps, 0.0, 10.0)?;
-        within("avoid.vortex_mps", self.vortex_mps, 0.0, 10.0)?;
-        within("avoid.horizon_s", self.horizon_s, 0.0, 10.0).map(drop)
+        check_range("avoid.speed_mps", self.speed_mps, 0.01, 10.0)?;
+        check_range("avoid.leash_m", self.leash_m, 0.05, 10.0)?;
+        check_range("avoid.range_m", self.range_m, 0.05, 10.0)?;
+        check_range("avoid.push_mps", self.push_mps, 0.0, 10.0)?;
+        check_range("avoid.vortex_mps", self.vortex_mps, 0.0, 10.0)?;
+        check_range("avoid.horizon_s", self.horizon_s, 0.0, 10.0).map(drop)
     }
 
     /// Move the set-point `at_m` on by `dt_s`, towards `target_m`, for a drone at `own_m`; `others` are the observation's blocks of neighbours.

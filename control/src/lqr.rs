@@ -7,10 +7,10 @@ use super::belief::{BELIEF, Belief};
 use super::observer::{Discrete, Observer, costs};
 use super::riccati::regulator;
 use super::{Batch, Entry, Law, Mode, Site, defaults};
-use crate::error::Result;
-use crate::observation::{ACTION, OBSERVATION};
-use crate::plant::Command;
-use crate::real::{Real, dot};
+use crazyflie_env::error::Result;
+use crazyflie_env::observation::{ACTION, OBSERVATION};
+use crazyflie_env::plant::Command;
+use crazyflie_env::real::{Real, dot};
 
 /// What costs 1 in a tick (Bryson's rule), and how far it looks.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
@@ -129,8 +129,8 @@ impl<R: Real> Law<R> for Lqr<R> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::Model;
-    use crate::observation::Interface;
+    use crazyflie_env::model::Model;
+    use crazyflie_env::observation::Interface;
 
     /// The closed loop of every vertical form is stable on the model that it was made for.
     #[test]

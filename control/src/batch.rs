@@ -1,10 +1,10 @@
 //! Control laws that are written once, for one drone or for lanes, flown for a batch.
 
 use super::{Controller, Mode};
-use crate::error::Result;
-use crate::lanes::{LANES, LaneMask, Lanes};
-use crate::observation::{ACTION, OBSERVATION};
-use crate::real::Real;
+use crazyflie_env::error::Result;
+use crazyflie_env::lanes::{LANES, LaneMask, Lanes};
+use crazyflie_env::observation::{ACTION, OBSERVATION};
+use crazyflie_env::real::Real;
 
 /// A control law of one drone, or of sixteen side by side, which never feel each other.
 pub trait Law<R: Real>: Clone + Send {
@@ -54,10 +54,10 @@ impl<L: Law<Lanes>> Controller for Batch<L> {
 }
 
 /// # Errors
-/// [`crate::Error::Shape`] unless both hold a row per environment.
+/// [`crazyflie_env::Error::Shape`] unless both hold a row per environment.
 pub(super) fn check(envs: usize, observations: &[f32], actions: &[f32]) -> Result<()> {
-    crate::rows::shape("observations", envs * OBSERVATION, observations.len())?;
-    crate::rows::shape("actions", envs * ACTION, actions.len())
+    crazyflie_env::error::check_length("observations", envs * OBSERVATION, observations.len())?;
+    crazyflie_env::error::check_length("actions", envs * ACTION, actions.len())
 }
 
 /// The lanes of a tile whose environments `of` names.

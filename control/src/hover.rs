@@ -4,9 +4,9 @@ use serde::{Deserialize, Serialize};
 
 use super::batch::check;
 use super::{Controller, Entry, defaults};
-use crate::error::Result;
-use crate::observation::{ACTION, Interface, OBSERVATION};
-use crate::plant::Command;
+use crazyflie_env::error::Result;
+use crazyflie_env::observation::{ACTION, Interface, OBSERVATION};
+use crazyflie_env::plant::Command;
 
 /// It has none.
 #[derive(Debug, Default, Serialize, Deserialize)]

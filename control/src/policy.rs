@@ -7,10 +7,10 @@ use safetensors::{Dtype, SafeTensors};
 use serde::{Deserialize, Serialize};
 
 use super::{Batch, Entry, Given, Law, Mode, Site, defaults};
-use crate::error::Result;
-use crate::observation::{ACTION, Interface, OBSERVATION, wrap};
-use crate::plant::Command;
-use crate::real::{Real, tabulate};
+use crazyflie_env::error::Result;
+use crazyflie_env::observation::{ACTION, Interface, OBSERVATION, wrap};
+use crazyflie_env::plant::Command;
+use crazyflie_env::real::{Real, tabulate};
 
 /// There are none: all is in the file.
 #[derive(Debug, Default, Serialize, Deserialize)]
@@ -65,7 +65,7 @@ struct Network {
 
 impl Network {
     /// # Errors
-    /// [`crate::Error::Config`] saying which tensor is missing, has another shape or type or holds what is no number; or that the policy was trained for
+    /// [`crazyflie_env::Error::Config`] saying which tensor is missing, has another shape or type or holds what is no number; or that the policy was trained for
     /// another tick or cannot command this vertical form.
     fn read(given: &Given<'_>, site: &Site<'_>) -> Result<Self> {
         let bytes = given.file.unwrap_or_default();

@@ -6,10 +6,10 @@ use super::belief::{BELIEF, Belief};
 use super::estimator::{Estimate, Estimator};
 use super::landing::Landing;
 use super::{Batch, Entry, Law, Mode, Site, defaults};
-use crate::error::Result;
-use crate::observation::{ACTION, Interface, OBSERVATION, wrap};
-use crate::plant::Command;
-use crate::real::{Real, tabulate};
+use crazyflie_env::error::Result;
+use crazyflie_env::observation::{ACTION, Interface, OBSERVATION, wrap};
+use crazyflie_env::plant::Command;
+use crazyflie_env::real::{Real, tabulate};
 
 /// A set-point that moves faster than this has jumped.
 const JUMP_MPS: f64 = 2.0;

@@ -8,11 +8,11 @@ use super::lqr::{self, OPTIONS};
 use super::observer::{Discrete, Observer, Seen};
 use super::riccati::regulator;
 use super::{Controller, Entry, Mode, Site, defaults};
-use crate::error::Result;
-use crate::lanes::{LANES, Lanes};
-use crate::observation::{ACTION, OBSERVATION};
-use crate::plant::Command;
-use crate::real::{Real, dot};
+use crazyflie_env::error::Result;
+use crazyflie_env::lanes::{LANES, Lanes};
+use crazyflie_env::observation::{ACTION, OBSERVATION};
+use crazyflie_env::plant::Command;
+use crazyflie_env::real::{Real, dot};
 
 /// As the LQR's: what is beyond the horizon is paid as the LQR would pay it.
 #[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]

@@ -5,7 +5,7 @@ use serde_json::Value;
 use super::belief::Belief;
 use super::kalman::Filtered;
 use super::{Controller, Entry, Given, Site, find};
-use crate::error::{Error, Result};
+use crazyflie_env::error::{Error, Result};
 
 /// A controller that was asked for; it is built for a site.
 #[derive(Debug, Clone)]
@@ -78,9 +78,9 @@ impl Chosen {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::control::{Mode, registry};
-    use crate::model::{Model, VerticalInput};
-    use crate::observation::{ACTION, Interface, OBSERVATION};
+    use crate::{Mode, registry};
+    use crazyflie_env::model::{Model, VerticalInput};
+    use crazyflie_env::observation::{ACTION, Interface, OBSERVATION};
 
     fn site(model: &Model, envs: usize) -> Site<'_> {
         Site { model, interface: Interface::of(model, VerticalInput::Pwm).unwrap(), tick_s: 0.02, envs, mode: Mode::Automatic }

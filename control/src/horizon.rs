@@ -6,7 +6,7 @@ use nalgebra::{SMatrix, SVector};
 
 use super::observer::Discrete;
 use super::riccati::solve;
-use crate::error::{Error, Result};
+use crazyflie_env::error::{Error, Result};
 
 /// Moves that are decided, and for how many ticks each holds: fine where it matters, one second in all at 50 Hz.
 const MOVES: usize = 10;
@@ -110,9 +110,9 @@ fn solver(hessian: &SMatrix<f64, MOVES, MOVES>) -> Result<DefaultSolver<f64>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::control::{Mode, Site};
-    use crate::model::{Model, VerticalInput};
-    use crate::observation::Interface;
+    use crate::{Mode, Site};
+    use crazyflie_env::model::{Model, VerticalInput};
+    use crazyflie_env::observation::Interface;
 
     fn horizon() -> Horizon {
         let model = Model::thesis();

@@ -1,7 +1,7 @@
 //! Coming down: the set-point's height goes to the floor, slower the nearer, and the motors are cut where the legs touch.
 
 use super::Mode;
-use crate::real::Real;
+use crazyflie_env::real::Real;
 
 /// Sinking speed per metre of height, and its limits.
 const SINK_PS: f64 = 1.5;
