@@ -9,8 +9,17 @@ use std::{env, fs, io};
 use sha2::{Digest, Sha256};
 
 /// Relative to the workspace.
-const PARTS: [&str; 7] =
-    ["Cargo.lock", "env/Cargo.toml", "env/models", "env/src", "server/scenarios", "server/src/bench", "server/src/flight"];
+const PARTS: [&str; 9] = [
+    "Cargo.lock",
+    "control/Cargo.toml",
+    "control/src",
+    "env/Cargo.toml",
+    "env/models",
+    "env/src",
+    "server/scenarios",
+    "server/src/bench",
+    "server/src/flight",
+];
 
 fn main() -> io::Result<()> {
     let server = PathBuf::from(env::var_os("CARGO_MANIFEST_DIR").unwrap_or_default());

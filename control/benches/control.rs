@@ -2,8 +2,8 @@
 
 use std::hint::black_box;
 
-use crazyflie_env::config::Options;
 use crazyflie_control::{Chosen, Controller, Mode, Site, registry};
+use crazyflie_env::config::Options;
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::{ACTION, OBSERVATION};
 use crazyflie_env::vector::{StepBuffers, VectorEnv};

@@ -4,8 +4,8 @@ use serde::{Deserialize, Serialize};
 
 use crazyflie_env::coupling::NEIGHBOUR;
 use crazyflie_env::error::Result;
-use crazyflie_env::real::Real;
 use crazyflie_env::error::check_range;
+use crazyflie_env::real::Real;
 
 /// An artificial potential (Khatib 1986, Int. J. Robotics Research 5(1)) about where two drones will be nearest, with a vortex about each
 /// of the others so that all pass on the same side instead of standing face to face (De Luca and Oriolo 1994). The fields move a set-point

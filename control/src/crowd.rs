@@ -4,10 +4,10 @@ use super::avoid::Avoid;
 use super::{Controller, Mode};
 use crazyflie_env::coupling::NEIGHBOUR;
 use crazyflie_env::error::Result;
+use crazyflie_env::error::check_length;
 use crazyflie_env::lanes::{LANES, LaneMask, Lanes};
 use crazyflie_env::observation::{ACTION, OBSERVATION};
 use crazyflie_env::real::{Real, tabulate};
-use crazyflie_env::error::check_length;
 
 /// Numbers of an observation's set-point that the avoidance replaces.
 const SETPOINT: usize = 16;

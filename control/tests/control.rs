@@ -1,7 +1,7 @@
 //! Controllers in the simulator: all come to the marker, the filter knows better than the last fix, and what the model lacks is trimmed away.
 
-use crazyflie_env::config::Options;
 use crazyflie_control::{Belief, Chosen, Controller, Estimator, Mode, Site, registry};
+use crazyflie_env::config::Options;
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::{ACTION, OBSERVATION};
 use crazyflie_env::vector::{STATE, StepBuffers, VectorEnv};

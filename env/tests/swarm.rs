@@ -3,10 +3,10 @@
 #[path = "common/fleet.rs"]
 mod fleet;
 
-use crazyflie_env::Error;
-use crazyflie_env::config::Options;
 use crazyflie_control::avoid::Avoid;
 use crazyflie_control::{Chosen, Crowd, Mode, Site};
+use crazyflie_env::Error;
+use crazyflie_env::config::Options;
 use crazyflie_env::coupling::NEIGHBOUR;
 use crazyflie_env::coupling::load::{self, Load, Ropes};
 use crazyflie_env::effects::Neighbour;

@@ -1,9 +1,9 @@
 //! The batch of environments: the same bits for any batch size, number of threads and instruction set; resets; mistakes.
 
-use crazyflie_env::Error;
-use crazyflie_env::config::{Autoreset, Options};
 use crazyflie_control::pid::{Gains, Pid};
 use crazyflie_control::{self as control, Controller, Mode};
+use crazyflie_env::Error;
+use crazyflie_env::config::{Autoreset, Options};
 use crazyflie_env::isa::Level;
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::{ACTION, FIELDS, OBSERVATION};

@@ -95,5 +95,5 @@ pub fn check_model(text: &str) -> PyResult<String> {
 #[pyfunction]
 pub fn cli(py: Python<'_>, argv: Vec<String>) -> PyResult<i32> {
     let argv = std::iter::once("crazyflie".to_owned()).chain(argv);
-    py.detach(|| guarded(|| crazyflie_env::Result::Ok(crazyflie_server::main_from(argv))))
+    py.detach(|| guarded(|| crazyflie_env::Result::Ok(crazyflie_cli::main_from(argv))))
 }

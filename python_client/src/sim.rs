@@ -29,14 +29,6 @@ type Reduced<'py> = (Bound<'py, PyType>, (usize, String, Option<Vec<String>>), B
 /// Observation, reward, terminated, truncated, info.
 pub type StepOne<'py> = (Bound<'py, PyArray1<f32>>, f64, bool, bool, Bound<'py, PyDict>);
 
-fn vertical_name(input: VerticalInput) -> &'static str {
-    match input {
-        VerticalInput::Height => "height",
-        VerticalInput::Pwm => "pwm",
-        VerticalInput::Thrust => "thrust",
-    }
-}
-
 /// What an action means: the ranges that -1..1 is mapped to.
 #[pyclass(frozen, module = "crazyflie_gym._native")]
 pub struct Interface {
@@ -61,7 +53,7 @@ impl Interface {
         yaw_sign: f64,
     ) -> PyResult<Self> {
         let known = [VerticalInput::Height, VerticalInput::Pwm, VerticalInput::Thrust];
-        let input = known.into_iter().find(|input| vertical_name(*input) == vertical);
+        let input = known.into_iter().find(|input| input.name() == vertical);
         let input = input.ok_or_else(|| PyValueError::new_err(format!("vertical is {vertical:?}, expected height, pwm or thrust")))?;
         Ok(Interface { inner: observation::Interface { input, tilt_max_rad, yaw_rate_max_radps, lift_max, hover_lift, yaw_sign }, tick_s })
     }
@@ -69,7 +61,7 @@ impl Interface {
     /// Which height input is commanded: "height", "pwm" or "thrust".
     #[getter]
     fn vertical(&self) -> &'static str {
-        vertical_name(self.inner.input)
+        self.inner.input.name()
     }
     /// Roll and pitch of an action of 1, in radians.
     #[getter]

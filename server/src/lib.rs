@@ -1,23 +1,12 @@
-//! The command line of the simulator. The bin and the Python package both call [`main_from`].
+//! The server, the benchmark that it offers, and flights with a controller in the loop.
 #![forbid(unsafe_code)]
 
-mod afar;
-mod bench;
-mod cli;
+pub mod bench;
 pub mod dial;
-mod explained;
-mod flight;
-mod frames;
+pub mod flight;
+pub mod frames;
 #[cfg(any(test, fuzzing))]
 pub mod fuzzed;
-mod link;
-mod measured;
-mod recovery;
-mod robustness;
-mod score;
-mod scorecard;
+pub mod link;
 pub mod serve;
-mod tune;
-mod worlds;
-
-pub use cli::main_from;
+pub mod worlds;

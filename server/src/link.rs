@@ -15,7 +15,7 @@ const PATIENCE: Duration = Duration::from_secs(60);
 const REPLY_BYTES: usize = 32 << 10;
 
 #[derive(Debug, thiserror::Error)]
-pub(crate) enum Error {
+pub enum Error {
     // it is not repeated: a password may be in it
     #[error("the server's URL: expected ws://host:port or wss://host:port, without a user")]
     Url,
@@ -43,7 +43,7 @@ struct Head {
 }
 
 /// A connection to a server.
-pub(crate) struct Link {
+pub struct Link {
     ws: WebSocket<Box<dyn Stream>>,
     url: String,
     id: u64,
@@ -52,7 +52,7 @@ pub(crate) struct Link {
 impl Link {
     /// # Errors
     /// [`Error::Url`] and [`Error::Dial`].
-    pub(crate) fn open(url: &str) -> Result<Link, Error> {
+    pub fn open(url: &str) -> Result<Link, Error> {
         let url = address(url)?;
         let Dialled { ws, tcp } = dial(&url, REPLY_BYTES).map_err(|problem| Error::Dial { url: url.clone(), problem })?;
         let limit = tcp.set_read_timeout(Some(PATIENCE)).and_then(|()| tcp.set_write_timeout(Some(PATIENCE)));
@@ -64,7 +64,7 @@ impl Link {
     ///
     /// # Errors
     /// [`Error`] of most kinds.
-    pub(crate) fn ask<T: DeserializeOwned>(&mut self, kind: &str, mut message: Value) -> Result<T, Error> {
+    pub fn ask<T: DeserializeOwned>(&mut self, kind: &str, mut message: Value) -> Result<T, Error> {
         self.id += 1;
         message["id"] = self.id.into();
         message["type"] = kind.into();
@@ -98,7 +98,7 @@ impl Link {
         }
     }
 
-    pub(crate) fn strange(&self, problem: impl ToString) -> Error {
+    pub fn strange(&self, problem: impl ToString) -> Error {
         Error::Strange { url: self.url.clone(), problem: problem.to_string() }
     }
 }

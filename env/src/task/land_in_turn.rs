@@ -3,9 +3,7 @@
 use rand_pcg::Pcg64Mcg;
 use serde::Deserialize;
 
-use super::{
-    GOAL, Outcome, Scene, Situation, Start, Task, closeness, distance, is, jerk, jitter, on_circle, room_on_circle, start_at,
-};
+use super::{GOAL, Outcome, Scene, Situation, Start, Task, closeness, distance, is, jerk, jitter, on_circle, room_on_circle, start_at};
 use crate::error::{Result, check_range};
 use crate::observation::Setpoint;
 use crate::real::{Real, tabulate};

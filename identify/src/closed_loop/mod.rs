@@ -3,9 +3,9 @@
 
 mod firmware;
 
-use crazyflie_env::config::{EffectParams, EffectTable, Number};
 use crazyflie_control::pid::{Gains, Pid};
 use crazyflie_control::{Law, Mode};
+use crazyflie_env::config::{EffectParams, EffectTable, Number};
 use crazyflie_env::effects::Reading;
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::{Interface, Setpoint, observe};

@@ -8,7 +8,7 @@ use super::{BUILD, Bench, Listed};
 
 /// A body and its type.
 #[derive(Debug)]
-pub(crate) struct Reply {
+pub struct Reply {
     pub content_type: &'static str,
     pub bytes: Vec<u8>,
 }
@@ -29,7 +29,7 @@ pub(crate) fn leaderboard(bench: &Bench, scenario: &str) -> Result<Reply> {
 }
 
 /// `GET /api/v1/attempts?scenario=ID`: every attempt, without its episodes; of all scenarios if none is named.
-pub(crate) fn attempts(bench: &Bench, scenario: Option<&str>) -> Result<Reply> {
+pub fn attempts(bench: &Bench, scenario: Option<&str>) -> Result<Reply> {
     let scenario = scenario.map(|name| bench.scenario(name)).transpose()?.map(|s| s.id());
     let short = |listed: &Listed| {
         let mut value = whole(listed);
@@ -42,7 +42,7 @@ pub(crate) fn attempts(bench: &Bench, scenario: Option<&str>) -> Result<Reply> {
 }
 
 /// `GET /api/v1/attempts/ID`: all that was signed, and the signature.
-pub(crate) fn attempt(bench: &Bench, id: &str) -> Result<Reply> {
+pub fn attempt(bench: &Bench, id: &str) -> Result<Reply> {
     reply(&whole(&bench.attempt(id)?))
 }
 
@@ -64,7 +64,7 @@ pub(crate) fn replay(bench: &Bench, id: &str, episode: usize) -> Result<Reply> {
 }
 
 /// `GET /api/v1/attempts/ID/log.csv?episode=N&drone=M`
-pub(crate) fn log_csv(bench: &Bench, id: &str, episode: usize, drone: usize) -> Result<Reply> {
+pub fn log_csv(bench: &Bench, id: &str, episode: usize, drone: usize) -> Result<Reply> {
     Ok(Reply { content_type: "text/csv; charset=utf-8", bytes: bench.replay(id, episode)?.csv(drone)? })
 }
 

@@ -185,7 +185,7 @@ impl Drop for Attempt {
 
 /// What came of flights, but for dates.
 #[derive(PartialEq)]
-pub(crate) struct AttemptScore {
+pub struct AttemptScore {
     pub score: score::Score,
     pub metrics: metrics::Metrics,
     pub episodes: Vec<EpisodeResult>,

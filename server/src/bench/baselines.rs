@@ -15,7 +15,7 @@ use crate::flight::{Trace, phase_at};
 
 /// Who flies an attempt.
 #[derive(Debug, Clone)]
-pub(crate) struct Entrant {
+pub struct Entrant {
     pub controller: Chosen,
     /// Drones that share the air keep out of each other's way.
     pub avoid: bool,
@@ -29,7 +29,7 @@ impl From<Chosen> for Entrant {
 
 /// What an attempt asks of who flies it.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Seat {
+pub struct Seat {
     pub interface: Interface,
     pub tick_s: f64,
     pub episodes: usize,
@@ -39,13 +39,13 @@ pub(crate) struct Seat {
 
 impl Entrant {
     /// What the leaderboard calls it: a long file name is no reason to refuse an attempt.
-    pub(crate) fn name(&self) -> String {
+    pub fn name(&self) -> String {
         let how = if self.avoid { "avoid+" } else { "" };
         how.chars().chain(self.controller.label.chars()).filter(|c| !c.is_control()).take(64).collect()
     }
 
     /// Built for the scenarios' vehicle, which is the thesis's.
-    pub(crate) fn pilot(&self, seat: Seat, mode: Mode) -> crazyflie_env::Result<Crowd> {
+    pub fn pilot(&self, seat: Seat, mode: Mode) -> crazyflie_env::Result<Crowd> {
         let Seat { interface, tick_s, episodes, drones } = seat;
         let one = |_| self.controller.build(&Site { model: &Model::thesis(), interface, tick_s, envs: episodes, mode });
         let avoid = (self.avoid && drones > 1).then(Avoid::default);
@@ -54,7 +54,7 @@ impl Entrant {
 }
 
 /// One attempt from beginning to end.
-pub(crate) fn submit(bench: &Bench, scenario: &str, entrant: &Entrant) -> Result<Document> {
+pub fn submit(bench: &Bench, scenario: &str, entrant: &Entrant) -> Result<Document> {
     let mut attempt = bench.begin(scenario, Who::Local, &entrant.name())?;
     fly(&mut attempt, entrant)?;
     attempt.finish()
@@ -76,7 +76,7 @@ fn fly(attempt: &mut Attempt, entrant: &Entrant) -> Result<()> {
 }
 
 /// Flights of the same kind with seeds of one's own, scored as those of an attempt are, and kept nowhere; with the first of them.
-pub(crate) fn evaluate(scenario: &Scenario, entrant: &Entrant, seeds: &[u64]) -> Result<(AttemptScore, Option<Trace>)> {
+pub fn evaluate(scenario: &Scenario, entrant: &Entrant, seeds: &[u64]) -> Result<(AttemptScore, Option<Trace>)> {
     let mut episodes = Episodes::begin(scenario, seeds)?;
     let seat = episodes.seat();
     let mut pilot = entrant.pilot(seat, scenario.phases[0].mode)?;

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 /// Names what was asked for, and what would have been right.
 #[derive(Debug, thiserror::Error)]
-pub(crate) enum Error {
+pub enum Error {
     #[error("unknown scenario {name:?}; known: {known}")]
     Scenario { name: String, known: String },
     #[error("no attempt {0:?}")]
@@ -94,4 +94,4 @@ impl Error {
     }
 }
 
-pub(crate) type Result<T> = std::result::Result<T, Error>;
+pub type Result<T> = std::result::Result<T, Error>;

@@ -13,7 +13,7 @@ use super::{Bench, Scenario};
 
 /// A row of the leaderboard.
 #[derive(Debug, Clone, Serialize)]
-pub(crate) struct Ranked {
+pub struct Ranked {
     pub rank: usize,
     /// The attempt that stands for all of them: the middle one, the worse of two.
     pub attempt: String,
@@ -35,7 +35,7 @@ pub(crate) struct Ranked {
 
 impl Bench {
     /// The best first; rows that were tampered with are left out.
-    pub(crate) fn leaderboard(&self, scenario: &Scenario) -> Result<Vec<Ranked>> {
+    pub fn leaderboard(&self, scenario: &Scenario) -> Result<Vec<Ranked>> {
         let mut groups = BTreeMap::<(String, String), Vec<(Document, Vec<u8>)>>::new();
         for listed in self.attempts(Some(&scenario.id()))? {
             let Ok(document) = listed.document else { continue };

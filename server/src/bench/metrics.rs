@@ -12,7 +12,7 @@ use crate::flight::{self, Figures, Settling, Trace};
 /// Of one episode. Numbers are rounded to six decimals, so that the maths of the platform does not show.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct EpisodeMetrics {
+pub struct EpisodeMetrics {
     /// Why the flight counts as a failure.
     pub failed: Option<String>,
     pub duration_s: f64,
@@ -41,7 +41,7 @@ pub(crate) struct EpisodeMetrics {
 /// Of an attempt: medians over the flights that did not fail, sums of losses over all.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct Metrics {
+pub struct Metrics {
     /// Flights that settled.
     pub settled: usize,
     pub settling_s: Option<f64>,

@@ -1,9 +1,9 @@
 //! The benchmark: scenarios that are the same for everyone, attempts that can be checked, a leaderboard. No sockets and no clock but for
 //! dates; `serve` and the command line stand in front.
 
-pub(crate) mod api;
+pub mod api;
 mod attempt;
-pub(crate) mod baselines;
+pub mod baselines;
 mod episodes;
 mod error;
 #[cfg(any(test, fuzzing))]
@@ -29,14 +29,14 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 pub(crate) use attempt::Attempt;
-pub(crate) use baselines::{Entrant, Seat};
-pub(crate) use error::{Error, Result};
-pub(crate) use leaderboard::Ranked;
-pub(crate) use record::Document;
-pub(crate) use scenario::{PlannedPhase, Scenario};
-pub(crate) use sqlite::default_path;
-pub(crate) use teams::{Limits, Who};
-pub(crate) use verify::Verdict;
+pub use baselines::{Entrant, Seat};
+pub use error::{Error, Result};
+pub use leaderboard::Ranked;
+pub use record::Document;
+pub use scenario::{PlannedPhase, Scenario};
+pub use sqlite::default_path;
+pub use teams::{Limits, Who};
+pub use verify::Verdict;
 
 use record::Stored;
 use secrets::Secrets;
@@ -48,7 +48,7 @@ pub(crate) const BUILD: &str = env!("CRAZYFLIE_BUILD");
 
 /// A benchmark with its database. Clones are the same benchmark.
 #[derive(Clone)]
-pub(crate) struct Bench(Arc<Inner>);
+pub struct Bench(Arc<Inner>);
 
 struct Inner {
     store: Mutex<Box<dyn Store>>,
@@ -61,7 +61,7 @@ struct Inner {
 
 /// An attempt as it is listed.
 #[derive(Debug, Clone)]
-pub(crate) struct Listed {
+pub struct Listed {
     pub id: String,
     pub signature: Vec<u8>,
     /// What is wrong with a row that was tampered with.
@@ -73,7 +73,7 @@ impl Bench {
     ///
     /// # Errors
     /// [`Error::Newer`], [`Error::Foreign`], [`Error::Exposed`], [`Error::File`] and what SQLite says.
-    pub(crate) fn open(path: &Path, limits: Limits) -> Result<Bench> {
+    pub fn open(path: &Path, limits: Limits) -> Result<Bench> {
         let mut store = Sqlite::open(path)?;
         let secrets = store.secrets()?;
         let scenarios = scenario::all(&secrets)?;
@@ -87,14 +87,14 @@ impl Bench {
     ///
     /// # Errors
     /// [`Error::Missing`], and as [`Bench::open`].
-    pub(crate) fn open_existing(path: &Path) -> Result<Bench> {
+    pub fn open_existing(path: &Path) -> Result<Bench> {
         if !path.exists() {
             return Err(Error::Missing { path: path.to_owned() });
         }
         Bench::open(path, Limits::default())
     }
 
-    pub(crate) fn scenarios(&self) -> &[Scenario] {
+    pub fn scenarios(&self) -> &[Scenario] {
         &self.0.scenarios
     }
 
@@ -102,7 +102,7 @@ impl Bench {
     ///
     /// # Errors
     /// [`Error::Scenario`] with the names that there are.
-    pub(crate) fn scenario(&self, name: &str) -> Result<&Scenario> {
+    pub fn scenario(&self, name: &str) -> Result<&Scenario> {
         let found = self.scenarios().iter().find(|s| s.id() == name || s.id().split('@').next() == Some(name));
         found.ok_or_else(|| Error::Scenario {
             name: name.into(),
@@ -111,12 +111,12 @@ impl Bench {
     }
 
     /// The key that signatures are checked with, in hex.
-    pub(crate) fn public_key(&self) -> String {
+    pub fn public_key(&self) -> String {
         hex::encode(self.0.secrets.public_key().as_bytes())
     }
 
     /// Every attempt, of one scenario if asked, in the order in which they were begun.
-    pub(crate) fn attempts(&self, scenario: Option<&str>) -> Result<Vec<Listed>> {
+    pub fn attempts(&self, scenario: Option<&str>) -> Result<Vec<Listed>> {
         let rows = self.store().attempts(Filter { scenario, id: None })?;
         Ok(rows.into_iter().map(|row| self.listed(row)).collect())
     }

@@ -15,7 +15,7 @@ use super::secrets::{Secrets, canonical};
 /// How far an attempt has come.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub(crate) enum Status {
+pub enum Status {
     Running,
     /// Its client went away, or took too long. It stays listed.
     Abandoned,
@@ -23,7 +23,7 @@ pub(crate) enum Status {
 }
 
 impl Status {
-    pub(crate) fn name(self) -> &'static str {
+    pub fn name(self) -> &'static str {
         match self {
             Status::Running => "running",
             Status::Abandoned => "abandoned",
@@ -35,7 +35,7 @@ impl Status {
 /// An attempt as it is signed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct Document {
+pub struct Document {
     /// Counted up without gaps, so that a row that was taken away is missed.
     pub number: i64,
     pub id: String,
@@ -55,7 +55,7 @@ pub(crate) struct Document {
 /// What came of a finished attempt.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct Outcome {
+pub struct Outcome {
     pub finished_ms: i64,
     pub ticks: usize,
     /// Of the actions as they are stored, compressed.
@@ -66,7 +66,7 @@ pub(crate) struct Outcome {
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub(crate) struct EpisodeResult {
+pub struct EpisodeResult {
     pub score: f64,
     /// SHA-256 over the true states of all ticks.
     pub states_sha256: String,

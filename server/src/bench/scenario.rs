@@ -2,8 +2,8 @@
 
 use std::borrow::Cow;
 
-use crazyflie_env::config::{Autoreset, EffectTable, Options, check_effects};
 use crazyflie_control::Mode;
+use crazyflie_env::config::{Autoreset, EffectTable, Options, check_effects};
 use crazyflie_env::coupling::{Knowledge, MOST_DRONES};
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::vector::VectorEnv;
@@ -81,7 +81,7 @@ pub(super) struct Team {
 /// A part of the flight with one set-point; `mode` is what the thesis's controller is told to do.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct PlannedPhase {
+pub struct PlannedPhase {
     pub name: String,
     pub from_s: f64,
     pub mode: String,
@@ -90,7 +90,7 @@ pub(crate) struct PlannedPhase {
 impl PlannedPhase {
     /// # Errors
     /// [`crazyflie_env::Error::Unknown`] for a mode that there is not.
-    pub(crate) fn phase(&self) -> crazyflie_env::Result<Phase> {
+    pub fn phase(&self) -> crazyflie_env::Result<Phase> {
         let (name, mode) = (Cow::Owned(self.name.clone()), Mode::named(&self.mode)?);
         Ok(Phase { name, from_s: self.from_s, setpoint_m: None, mode })
     }
@@ -98,7 +98,7 @@ impl PlannedPhase {
 
 /// A scenario as this server runs it.
 #[derive(Debug, Clone)]
-pub(crate) struct Scenario {
+pub struct Scenario {
     pub(super) plan: Plan,
     pub(super) phases: Vec<Phase>,
     pub(super) hidden: Option<Hidden>,
@@ -128,7 +128,7 @@ impl Scenario {
     ///
     /// # Errors
     /// [`Error::Scenario`] for a name that is unknown or hides something; those of a bad table of effects.
-    pub(crate) fn with_effects(name: &str, more: EffectTable) -> Result<Scenario> {
+    pub fn with_effects(name: &str, more: EffectTable) -> Result<Scenario> {
         let plans = FILES.iter().map(|(file, text)| toml::from_str::<Plan>(text).map(|plan| (*file, *text, plan)));
         let plans = plans.collect::<std::result::Result<Vec<_>, _>>().map_err(|e| Error::Internal(e.to_string()))?;
         let open = |plan: &Plan| plan.hidden.is_none();
@@ -145,19 +145,19 @@ impl Scenario {
     }
 
     /// `name@version`.
-    pub(crate) fn id(&self) -> String {
+    pub fn id(&self) -> String {
         format!("{}@{}", self.plan.name, self.plan.version)
     }
 
-    pub(crate) fn hash(&self) -> &str {
+    pub fn hash(&self) -> &str {
         &self.hash
     }
 
-    pub(crate) fn title(&self) -> &str {
+    pub fn title(&self) -> &str {
         &self.plan.title
     }
 
-    pub(crate) fn episodes(&self) -> usize {
+    pub fn episodes(&self) -> usize {
         self.plan.episodes
     }
 
@@ -170,7 +170,7 @@ impl Scenario {
         &self.plan.phases
     }
 
-    pub(crate) fn seconds(&self) -> f64 {
+    pub fn seconds(&self) -> f64 {
         self.plan.seconds
     }
 
@@ -205,7 +205,7 @@ impl Scenario {
     }
 
     /// What anyone may know.
-    pub(crate) fn public(&self) -> Value {
+    pub fn public(&self) -> Value {
         let p = &self.plan;
         json!({
             "id": self.id(), "name": p.name, "version": p.version, "hash": self.hash, "title": p.title, "description": p.description,

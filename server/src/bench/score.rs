@@ -69,7 +69,7 @@ impl Cost {
 /// The score of an attempt with its interval.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct Score {
+pub struct Score {
     pub score: f64,
     pub low: f64,
     pub high: f64,

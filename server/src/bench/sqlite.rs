@@ -249,6 +249,6 @@ fn last_number(db: &Connection) -> Result<i64> {
 }
 
 /// Where things are kept unless the user says otherwise.
-pub(crate) fn default_path() -> PathBuf {
+pub fn default_path() -> PathBuf {
     PathBuf::from("crazyflie.sqlite")
 }

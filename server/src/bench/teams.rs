@@ -16,7 +16,7 @@ const PREFIX: &str = "cft_";
 
 /// How much a team may do.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Limits {
+pub struct Limits {
     pub attempts_per_minute: u32,
     pub at_once: u32,
 }
@@ -29,7 +29,7 @@ impl Default for Limits {
 
 /// Who begins an attempt.
 #[derive(Clone, Copy)]
-pub(crate) enum Who<'a> {
+pub enum Who<'a> {
     /// The command line beside the database: it could write there anyway.
     Local,
     Token(&'a str),
@@ -37,7 +37,7 @@ pub(crate) enum Who<'a> {
 
 /// A token without its secret.
 #[derive(Debug, Clone, Serialize)]
-pub(crate) struct Token {
+pub struct Token {
     pub number: i64,
     pub team: String,
     pub created_ms: i64,
@@ -55,7 +55,7 @@ impl Bench {
     ///
     /// # Errors
     /// [`Error::Name`] for a team's name.
-    pub(crate) fn create_token(&self, team: &str) -> Result<String> {
+    pub fn create_token(&self, team: &str) -> Result<String> {
         let letters = team.chars().all(|c| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.'));
         if !letters || !(1..=32).contains(&team.len()) || team == LOCAL {
             let want = "1 to 32 letters, digits, '-', '_' or '.', and not \"local\"";
@@ -66,7 +66,7 @@ impl Bench {
         Ok(token)
     }
 
-    pub(crate) fn tokens(&self) -> Result<Vec<Token>> {
+    pub fn tokens(&self) -> Result<Vec<Token>> {
         let all = self.store().tokens()?;
         let token =
             |t: super::store::StoredToken| Token { number: t.number, team: t.team, created_ms: t.created_ms, revoked_ms: t.revoked_ms };
@@ -74,7 +74,7 @@ impl Bench {
     }
 
     /// Ends all tokens of a team; how many there were.
-    pub(crate) fn revoke_tokens(&self, team: &str) -> Result<usize> {
+    pub fn revoke_tokens(&self, team: &str) -> Result<usize> {
         self.store().revoke(team, now_ms())
     }
 

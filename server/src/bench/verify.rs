@@ -12,7 +12,7 @@ use super::{BUILD, Bench, Scenario};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub(crate) enum Verdict {
+pub enum Verdict {
     /// Re-run, with the same states, score and metrics to the last bit.
     Confirmed,
     /// Intact, but made by another build of the program, which this one does not reproduce.
@@ -24,7 +24,7 @@ pub(crate) enum Verdict {
 }
 
 #[derive(Debug, Clone, Serialize)]
-pub(crate) struct Verification {
+pub struct Verification {
     pub id: String,
     pub scenario: String,
     pub controller: String,
@@ -36,13 +36,13 @@ pub(crate) struct Verification {
 impl Bench {
     /// # Errors
     /// [`Error::Attempt`] if there is none of this id. That a row is wrong is no error: see [`Verdict`].
-    pub(crate) fn verify(&self, id: &str) -> Result<Verification> {
+    pub fn verify(&self, id: &str) -> Result<Verification> {
         let row = self.stored(id)?;
         self.verify_row(&row)
     }
 
     /// Every attempt, and the numbers of rows that are missing; `progress` is told how many of how many are done.
-    pub(crate) fn verify_all(&self, progress: &dyn Fn(usize, usize)) -> Result<(Vec<Verification>, Vec<i64>)> {
+    pub fn verify_all(&self, progress: &dyn Fn(usize, usize)) -> Result<(Vec<Verification>, Vec<i64>)> {
         let (rows, last) = {
             let store = self.store();
             (store.attempts(Filter::default())?, store.last_number()?)

@@ -9,7 +9,7 @@ use super::Trace;
 const ROUNDING_S: f64 = 1e-5;
 
 /// The log that a recorder beside the controller would have written, and the truth. Marker fixes stand where a new frame arrived.
-pub(crate) fn log(trace: &Trace) -> FlightLog {
+pub fn log(trace: &Trace) -> FlightLog {
     let rows = 0..trace.rows.len();
     let commands: Vec<_> = rows.clone().map(|row| trace.command(row)).collect();
     let lift = |pwm: bool| (trace.interface.input.is_pwm() == pwm).then(|| commands.iter().map(|u| u.lift).collect());

@@ -16,7 +16,7 @@ const CRASH_MPS: f64 = 1.5;
 
 /// One controlled axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Axis {
+pub struct Axis {
     pub name: &'static str,
     /// Unit for people of errors, and how many make one SI unit.
     pub unit: &'static str,
@@ -28,7 +28,7 @@ pub(crate) struct Axis {
 
 const DEG: f64 = 180.0 / std::f64::consts::PI;
 
-pub(crate) const AXES: [Axis; 4] = [
+pub const AXES: [Axis; 4] = [
     Axis { name: "x", unit: "cm", per_si: 100.0, state: 0, setpoint: 16, band: BAND_M },
     Axis { name: "y", unit: "cm", per_si: 100.0, state: 1, setpoint: 17, band: BAND_M },
     Axis { name: "z", unit: "cm", per_si: 100.0, state: 2, setpoint: 18, band: BAND_M },
@@ -37,7 +37,7 @@ pub(crate) const AXES: [Axis; 4] = [
 
 /// When an axis came to stay within the band.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Settling {
+pub enum Settling {
     /// The set-point moves: the question makes no sense.
     Moving,
     Never,
@@ -46,7 +46,7 @@ pub(crate) enum Settling {
 
 /// One axis over one phase, SI and radians.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct AxisFigures {
+pub struct AxisFigures {
     pub settling: Settling,
     /// Beyond the set-point, seen from the start; from a start at the set-point the largest deviation.
     pub overshoot: Option<f64>,
@@ -60,7 +60,7 @@ pub(crate) struct AxisFigures {
 }
 
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct PhaseFigures {
+pub struct PhaseFigures {
     pub name: String,
     pub from_s: f64,
     pub to_s: f64,
@@ -68,7 +68,7 @@ pub(crate) struct PhaseFigures {
 }
 
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Figures {
+pub struct Figures {
     pub phases: Vec<PhaseFigures>,
     pub end: End,
     pub end_s: f64,
@@ -83,7 +83,7 @@ pub(crate) struct Figures {
 
 impl Figures {
     /// Whether the vehicle broke, and how.
-    pub(crate) fn crash(&self) -> Option<String> {
+    pub fn crash(&self) -> Option<String> {
         match self.end {
             End::LeftRoom => Some("left the room".into()),
             End::Floor { impact_mps } if impact_mps > CRASH_MPS => Some(format!("hit the floor at {impact_mps:.1} m/s")),
@@ -92,7 +92,7 @@ impl Figures {
     }
 }
 
-pub(crate) fn figures(planned: &[Phase], trace: &Trace) -> Figures {
+pub fn figures(planned: &[Phase], trace: &Trace) -> Figures {
     let rows = &trace.rows;
     let valid: Vec<bool> = rows.iter().map(Row::sees_marker).collect();
     let lost = valid.iter().filter(|valid| !**valid).count();

@@ -6,23 +6,23 @@ mod picture;
 mod scenario;
 mod together;
 
+use crazyflie_control::{Chosen, Controller, Site};
 use crazyflie_env::Error;
 use crazyflie_env::config::{Autoreset, EffectTable, Options};
-use crazyflie_control::{Chosen, Controller, Site};
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::observation::{ACTION, Interface, MARKER_VALID, OBSERVATION, SETPOINT};
 use crazyflie_env::plant::Command;
 use crazyflie_env::vector::{STATE, StepBuffers, VectorEnv};
 
-pub(crate) use csv::log;
-pub(crate) use figures::{AXES, Axis, AxisFigures, Figures, PhaseFigures, Settling, figures};
-pub(crate) use picture::{path, picture};
-pub(crate) use scenario::{LAB_LATENCY_S, Phase, SCENARIOS, Scenario, lab_rig, phase_at};
-pub(crate) use together::{TeamSetup, TeamTrace, fly_together, team_path, team_picture};
+pub use csv::log;
+pub use figures::{AXES, Axis, AxisFigures, Figures, PhaseFigures, Settling, figures};
+pub use picture::{path, picture};
+pub use scenario::{LAB_LATENCY_S, Phase, SCENARIOS, Scenario, lab_rig, phase_at};
+pub use together::{TeamSetup, TeamTrace, fly_together, team_path, team_picture};
 
 /// Everything that decides a flight, besides its seed.
 #[derive(Debug, Clone)]
-pub(crate) struct Setup {
+pub struct Setup {
     pub model: Model,
     pub scenario: &'static Scenario,
     /// In place of the scenario's own, if given.
@@ -35,7 +35,7 @@ pub(crate) struct Setup {
 
 /// What there was at one control tick.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Row {
+pub struct Row {
     pub observation: [f32; OBSERVATION],
     pub state: [f32; STATE],
     /// What the controller answered; in force until the next row.
@@ -49,24 +49,24 @@ impl Row {
     }
 
     /// Whether the newest camera frame showed the marker.
-    pub(crate) fn sees_marker(&self) -> bool {
+    pub fn sees_marker(&self) -> bool {
         self.observation[MARKER_VALID.first] > 0.5
     }
 
     /// Distance of the true position from the setpoint.
-    pub(crate) fn error_m(&self) -> f64 {
+    pub fn error_m(&self) -> f64 {
         squared_distance(&self.state[..3], self.setpoint()).sqrt()
     }
 }
 
 /// Of two points; of those that are longer, over the axes of the shorter.
-pub(crate) fn squared_distance(a: &[f32], b: &[f32]) -> f64 {
+pub fn squared_distance(a: &[f32], b: &[f32]) -> f64 {
     a.iter().zip(b).map(|(a, b)| f64::from(a - b).powi(2)).sum()
 }
 
 /// How a flight ended.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum End {
+pub enum End {
     Time,
     LeftRoom,
     /// On the floor, at this speed, where the task ends there.
@@ -77,7 +77,7 @@ pub(crate) enum End {
 
 /// One flight.
 #[derive(Debug, Clone)]
-pub(crate) struct Trace {
+pub struct Trace {
     pub tick_s: f64,
     pub interface: Interface,
     pub rows: Vec<Row>,
@@ -85,16 +85,16 @@ pub(crate) struct Trace {
 }
 
 impl Trace {
-    pub(crate) fn t_s(&self, row: usize) -> f64 {
+    pub fn t_s(&self, row: usize) -> f64 {
         row as f64 * self.tick_s
     }
 
-    pub(crate) fn command(&self, row: usize) -> Command<f64> {
+    pub fn command(&self, row: usize) -> Command<f64> {
         self.interface.command(&self.rows[row].action.map(f64::from))
     }
 
     /// One number of the true state over the flight.
-    pub(crate) fn state(&self, at: usize) -> Vec<f64> {
+    pub fn state(&self, at: usize) -> Vec<f64> {
         self.rows.iter().map(|r| f64::from(r.state[at])).collect()
     }
 
@@ -118,7 +118,7 @@ fn pilot(setup: &Setup, env: &VectorEnv) -> Result<Box<dyn Controller>, Error> {
 }
 
 /// Flies the setup once per seed, by its controller.
-pub(crate) fn fly(setup: &Setup, seeds: &[u64]) -> Result<Vec<Trace>, Error> {
+pub fn fly(setup: &Setup, seeds: &[u64]) -> Result<Vec<Trace>, Error> {
     let mut env = env(setup, seeds.len())?;
     let phases = setup.scenario.phases;
     let mut pilot = pilot(setup, &env)?;
@@ -133,7 +133,7 @@ pub(crate) fn fly(setup: &Setup, seeds: &[u64]) -> Result<Vec<Trace>, Error> {
 }
 
 /// Flies the setup once per seed with commands that depend on time alone, as in the identification flights.
-pub(crate) fn fly_open_loop(setup: &Setup, seeds: &[u64], command: &dyn Fn(f64) -> Command<f64>) -> Result<Vec<Trace>, Error> {
+pub fn fly_open_loop(setup: &Setup, seeds: &[u64], command: &dyn Fn(f64) -> Command<f64>) -> Result<Vec<Trace>, Error> {
     let mut env = env(setup, seeds.len())?;
     let interface = env.interfaces()[0];
     fly_by(&mut env, setup.seconds, seeds, &mut |t_s, _, actions| {
@@ -145,7 +145,7 @@ pub(crate) fn fly_open_loop(setup: &Setup, seeds: &[u64], command: &dyn Fn(f64) 
 
 /// Flies the setup once per seed by its controller towards a height that depends on time, its commands passed through `change`: the modified controllers
 /// of the thesis's identification flights (5.1).
-pub(crate) fn fly_overruled(
+pub fn fly_overruled(
     setup: &Setup,
     seeds: &[u64],
     height_m: &dyn Fn(f64) -> f32,
@@ -167,7 +167,7 @@ pub(crate) fn fly_overruled(
 }
 
 /// Of the environments; `drones` is 0 for the task's own number.
-pub(crate) fn options(setup: &Setup, drones: usize) -> Result<Options, Error> {
+pub fn options(setup: &Setup, drones: usize) -> Result<Options, Error> {
     let asked = Options {
         task: setup.scenario.task.into(),
         task_options: setup.task_options.clone().unwrap_or_else(|| setup.scenario.task_options()),

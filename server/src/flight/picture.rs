@@ -9,7 +9,7 @@ use super::{Trace, log};
 const MARKER_M: f64 = 0.0985;
 
 /// Where the vehicle was, what the camera made of it, and what was commanded, over time.
-pub(crate) fn picture(trace: &Trace, title: &str) -> Result<String, PictureError> {
+pub fn picture(trace: &Trace, title: &str) -> Result<String, PictureError> {
     let flight = log(trace);
     let t = &flight.t_s;
     let fixes = &flight.fixes;
@@ -49,7 +49,7 @@ pub(crate) fn picture(trace: &Trace, title: &str) -> Result<String, PictureError
 }
 
 /// The way through space.
-pub(crate) fn path(trace: &Trace, title: &str) -> Result<String, PictureError> {
+pub fn path(trace: &Trace, title: &str) -> Result<String, PictureError> {
     let points = |of: &dyn Fn(usize) -> [f64; 3]| (0..trace.rows.len()).map(of).collect::<Vec<_>>();
     let flown = points(&|i| [0, 1, 2].map(|k| f64::from(trace.rows[i].state[k])));
     let wanted = points(&|i| [16, 17, 18].map(|k| f64::from(trace.rows[i].observation[k])));

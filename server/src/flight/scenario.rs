@@ -3,13 +3,13 @@
 use std::borrow::Cow;
 use std::sync::OnceLock;
 
-use crazyflie_env::config::{EffectParams, EffectTable, Number};
 use crazyflie_control::Mode;
+use crazyflie_env::config::{EffectParams, EffectTable, Number};
 use serde_json::Value;
 
 /// A part of a flight with one set-point and one state of the controller.
 #[derive(Debug, Clone)]
-pub(crate) struct Phase {
+pub struct Phase {
     pub name: Cow<'static, str>,
     pub from_s: f64,
     /// In place of the task's.
@@ -18,7 +18,7 @@ pub(crate) struct Phase {
 }
 
 #[derive(Debug)]
-pub(crate) struct Scenario {
+pub struct Scenario {
     pub name: &'static str,
     pub about: &'static str,
     /// Section and figure of the thesis; empty for a plain task.
@@ -32,7 +32,7 @@ pub(crate) struct Scenario {
 impl Scenario {
     /// # Errors
     /// With a proposal, if there is no such task or flight.
-    pub(crate) fn named(name: &str) -> crazyflie_env::Result<&'static Scenario> {
+    pub fn named(name: &str) -> crazyflie_env::Result<&'static Scenario> {
         let all = || SCENARIOS.iter().chain(other_tasks());
         all().find(|s| s.name == name).ok_or_else(|| crazyflie_env::error::unknown("task or flight", name, all().map(|s| s.name)))
     }
@@ -41,7 +41,7 @@ impl Scenario {
     ///
     /// # Errors
     /// Of a task that there is not.
-    pub(crate) fn flies_several(&self) -> crazyflie_env::Result<bool> {
+    pub fn flies_several(&self) -> crazyflie_env::Result<bool> {
         Ok(crazyflie_env::task::find(self.task)?.drones > 1)
     }
 
@@ -65,7 +65,7 @@ fn other_tasks() -> &'static [Scenario] {
 const EPISODE_HZ: f64 = 50.0;
 
 /// The phase in force; half a millisecond of margin for the clock's rounding.
-pub(crate) fn phase_at(phases: &[Phase], t_s: f64) -> &Phase {
+pub fn phase_at(phases: &[Phase], t_s: f64) -> &Phase {
     phases.iter().rev().find(|p| p.from_s <= t_s + 5e-4).unwrap_or(&phases[0])
 }
 
@@ -89,7 +89,7 @@ const fn task(name: &'static str, about: &'static str, seconds: f64, phases: &'s
 }
 
 /// The tasks, then the thesis's flights.
-pub(crate) static SCENARIOS: &[Scenario] = &[
+pub static SCENARIOS: &[Scenario] = &[
     task("hover", "fly to the marker from up to 80 cm away", 10.0, HOLD),
     task("takeoff", "take off to 70 cm", 15.0, TAKEOFF),
     task("land", "land on the marker", 10.0, LAND),
@@ -142,11 +142,11 @@ pub(crate) static SCENARIOS: &[Scenario] = &[
 ];
 
 /// From the capture of a frame to its pose.
-pub(crate) const LAB_LATENCY_S: f64 = 0.05;
+pub const LAB_LATENCY_S: f64 = 0.05;
 
 /// The camera rig of the lab as effects: 30 Hz frames that arrive 50 ms after capture, with the noise of a good ArUco pose at 70 cm.
 /// With the mean age of a held frame (17 ms) and of a held command (10 ms) that is 77 ms of delay in all.
-pub(crate) fn lab_rig() -> EffectTable {
+pub fn lab_rig() -> EffectTable {
     let named = |params: &[(&str, f64)]| {
         EffectParams::Named(params.iter().map(|(name, value)| ((*name).to_owned(), Number::Fixed(*value))).collect())
     };

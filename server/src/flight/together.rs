@@ -1,8 +1,8 @@
 //! Closed-loop flights of several drones that share the air.
 
-use crazyflie_env::Error;
 use crazyflie_control::avoid::Avoid;
 use crazyflie_control::{Crowd, Mode, Site};
+use crazyflie_env::Error;
 use crazyflie_env::observation::{ACTION, Interface};
 use crazyflie_env::vector::{METRICS, STATE, StepBuffers, VectorEnv};
 use crazyflie_picture::{PALETTE, Panel, Path3, PictureError, Series, Style, chart, path3d};
@@ -12,33 +12,33 @@ use crate::frames::separations_m;
 
 /// One flight of several drones, each until it flew no more.
 #[derive(Debug, Clone)]
-pub(crate) struct TeamTrace {
+pub struct TeamTrace {
     pub drones: Vec<Trace>,
     /// Of the whole flight, in the order of [`METRICS`].
     pub metrics: [f32; METRICS.len()],
 }
 
 impl TeamTrace {
-    pub(crate) fn metric(&self, name: &str) -> f32 {
+    pub fn metric(&self, name: &str) -> f32 {
         METRICS.iter().zip(self.metrics).find(|((known, ..), _)| *known == name).map_or(f32::NAN, |(_, value)| value)
     }
 
     /// Distance of a drone from where it should be, at each of its rows.
-    pub(crate) fn errors_m(&self, drone: usize) -> Vec<f64> {
+    pub fn errors_m(&self, drone: usize) -> Vec<f64> {
         self.drones[drone].rows.iter().map(super::Row::error_m).collect()
     }
 }
 
 /// Drones as they are asked for, and whether a layer keeps them apart.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct TeamSetup {
+pub struct TeamSetup {
     /// 0 for the task's own number.
     pub drones: usize,
     pub avoid: bool,
 }
 
 /// Flies the setup once per seed, every drone by its controller.
-pub(crate) fn fly_together(setup: &Setup, team: TeamSetup, seeds: &[u64]) -> Result<Vec<TeamTrace>, Error> {
+pub fn fly_together(setup: &Setup, team: TeamSetup, seeds: &[u64]) -> Result<Vec<TeamTrace>, Error> {
     let options = options(setup, team.drones)?;
     let mut env = VectorEnv::new(std::slice::from_ref(&setup.model), &options, seeds.len())?;
     let (tick_s, n, width) = (env.tick_s(), env.num_drones(), env.width());
@@ -88,7 +88,7 @@ pub(crate) fn fly_together(setup: &Setup, team: TeamSetup, seeds: &[u64]) -> Res
 }
 
 /// Heights, distances from where each should be, and distances to the nearest other one, over time.
-pub(crate) fn team_picture(flight: &TeamTrace, title: &str) -> Result<String, PictureError> {
+pub fn team_picture(flight: &TeamTrace, title: &str) -> Result<String, PictureError> {
     let longest = flight.drones.iter().max_by_key(|trace| trace.rows.len());
     let t_s: Vec<f64> = longest.map_or_else(Vec::new, |trace| (0..trace.rows.len()).map(|row| trace.t_s(row)).collect());
     let names: Vec<String> = (0..flight.drones.len()).map(|drone| format!("drone {drone}")).collect();
@@ -114,7 +114,7 @@ pub(crate) fn team_picture(flight: &TeamTrace, title: &str) -> Result<String, Pi
 }
 
 /// The ways through space.
-pub(crate) fn team_path(flight: &TeamTrace, title: &str) -> Result<String, PictureError> {
+pub fn team_path(flight: &TeamTrace, title: &str) -> Result<String, PictureError> {
     let flown = |trace: &Trace| trace.rows.iter().map(|row| [0, 1, 2].map(|i| f64::from(row.state[i]))).collect::<Vec<_>>();
     let ways: Vec<Vec<[f64; 3]>> = flight.drones.iter().map(flown).collect();
     let names: Vec<String> = (0..ways.len()).map(|drone| format!("drone {drone}")).collect();

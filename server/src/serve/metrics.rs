@@ -20,7 +20,7 @@ struct Why {
     reason: &'static str,
 }
 
-pub(crate) struct Metrics {
+pub struct Metrics {
     registry: Registry,
     pub connections: Gauge,
     pub connections_total: Counter,

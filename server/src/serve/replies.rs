@@ -10,7 +10,7 @@ use super::settings::Limits;
 use super::wire::{self, Frame};
 
 #[derive(Debug, Clone)]
-pub(crate) enum Reply {
+pub enum Reply {
     Text(Utf8Bytes),
     Binary(Arc<Frame>),
 }

@@ -108,7 +108,7 @@ pub(crate) enum ServerMessage<'a> {
 }
 
 #[derive(Debug, Serialize)]
-pub(crate) struct Outcome<'a> {
+pub struct Outcome<'a> {
     pub id: u64,
     pub observation: Rows<'a>,
     pub reward: Numbers<'a>,

@@ -172,7 +172,7 @@ impl Layout {
 
 /// A reply in the form in which it is sent.
 #[derive(Debug, Default)]
-pub(crate) struct Frame {
+pub struct Frame {
     words: Vec<f32>,
     bytes: usize,
 }

@@ -15,7 +15,7 @@ const FORMAT: &str = "crazyflie.world.v1";
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[repr(u8)]
-pub(crate) enum By {
+pub enum By {
     Pilot,
     /// The pilot was late: its last action, the autopilot's if it has given none.
     Late,
@@ -26,7 +26,7 @@ pub(crate) enum By {
 
 /// Grows with the flight: 17 bytes for each drone and tick.
 #[derive(Debug, Clone)]
-pub(crate) struct Log {
+pub struct Log {
     head: Head,
     actions: Vec<[f32; ACTION]>,
     by: Vec<By>,
@@ -55,7 +55,7 @@ struct Tick {
 
 /// How a flight stands.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub(crate) struct End {
+pub struct End {
     pub ticks: u64,
     /// How often each drone's pilot was late.
     pub late: Vec<u64>,
@@ -74,7 +74,7 @@ enum Line {
 }
 
 #[derive(Debug, thiserror::Error)]
-pub(crate) enum LogError {
+pub enum LogError {
     #[error("line {line}: {problem}")]
     Line { line: usize, problem: String },
     #[error("line {line}: {problem}")]
@@ -85,7 +85,7 @@ pub(crate) enum LogError {
 
 /// A log flown again.
 #[derive(Debug, Serialize)]
-pub(crate) struct Flown {
+pub struct Flown {
     pub world: String,
     pub mission: String,
     pub drones: usize,
@@ -148,7 +148,7 @@ impl End {
 ///
 /// # Errors
 /// [`LogError`] with the line that is not as it should be.
-pub(crate) fn fly_again(text: &str) -> Result<Flown, LogError> {
+pub fn fly_again(text: &str) -> Result<Flown, LogError> {
     let mut lines = text.lines().enumerate().map(|(i, text)| (i + 1, text));
     let problem = |line, problem: String| LogError::Line { line, problem };
     let (_, first) = lines.next().ok_or(LogError::Cut)?;

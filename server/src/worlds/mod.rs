@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 pub(crate) use flight::Flight;
-pub(crate) use log::{By, End, Flown, Log, fly_again};
+pub use log::{By, End, Flown, Log, fly_again};
 
 /// Everything that a world's flight depends on, besides the actions of its pilots.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

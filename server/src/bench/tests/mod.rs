@@ -4,7 +4,7 @@ mod attempts;
 mod baselines;
 mod handed_out;
 mod hidden;
-#[path = "../../../tests/common/secrets.rs"]
+#[path = "../../../tests/network/secrets.rs"]
 mod spelled;
 mod tampering;
 mod teams;

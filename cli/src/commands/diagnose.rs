@@ -1,0 +1,85 @@
+//! `crazyflie diagnose`: suspect flights against normal ones, by what hovering asks of the motors.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use crazyflie_env::model::Model;
+use crazyflie_identify::diagnose::demand::effect_demands;
+use crazyflie_identify::diagnose::diagnose;
+
+use super::{Failure, Outcome, files};
+use crate::{diagnosis as report, trims::read_trims};
+
+const EXAMPLES: &str = "\
+Examples:
+  crazyflie diagnose --normal monday/ tuesday/ --suspect friday/ --picture trims.svg
+  crazyflie diagnose --normal normal/E8_* --suspect repaired/E8_* --mass-g 33 --out found/
+  crazyflie diagnose --normal normal/ --suspect odd/ --json";
+
+/// Name what is wrong with a vehicle: an added weight, a weak motor or a swinging load, from the motors in its logs.
+///
+/// Files of one folder are one set-up (one battery put in, one trim); where file names begin alike up to an underscore on both sides (E8_log00),
+/// that names the vehicle. All suspect flights are of one condition.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct Args {
+    /// Logs, or folders of logs, of the vehicle as it should be
+    #[arg(long, required = true, num_args = 1.., value_name = "LOG|FOLDER")]
+    normal: Vec<PathBuf>,
+    /// Logs, or folders of logs, that may have something wrong
+    #[arg(long, required = true, num_args = 1.., value_name = "LOG|FOLDER")]
+    suspect: Vec<PathBuf>,
+    /// Model file whose mass and motors are meant [default: the thesis's]
+    #[arg(long, value_name = "MODEL")]
+    model: Option<PathBuf>,
+    /// Mass of the normal vehicle in grams, for what is added to it [default: the model's]
+    #[arg(long, value_name = "GRAMS")]
+    mass_g: Option<f64>,
+    /// Draw the trims
+    #[arg(long, value_parser = files::picture, value_name = "FILE.svg")]
+    picture: Option<PathBuf>,
+    /// Leave report.md, report.json and trims.svg here
+    #[arg(long, value_name = "FOLDER")]
+    out: Option<PathBuf>,
+    /// For machines
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
+    let mut model = files::model(args.model.as_deref())?;
+    if let Some(mass_g) = args.mass_g {
+        model = model.with_parameter("vehicle.mass", 1e-3 * mass_g)?;
+    }
+    let demands = effect_demands(&hovering(&model))?;
+    let mut unread = Vec::new();
+    let normal = read_trims(&args.normal, &mut unread)?;
+    let suspect = read_trims(&args.suspect, &mut unread)?;
+    let mut diagnosis = diagnose(&normal, &suspect, &demands).map_err(|e| Failure::Failed(e.to_string() + &list(&unread)))?;
+    diagnosis.left_out.extend(unread);
+    let json = serde_json::to_string_pretty(&report::as_json(&diagnosis, &demands))?;
+    let text = report::as_text(&diagnosis, &demands);
+    if let Some(picture) = &args.picture {
+        files::write(picture, report::picture(&diagnosis)?.as_bytes())?;
+    }
+    if let Some(folder) = &args.out {
+        files::write(&folder.join("report.json"), json.as_bytes())?;
+        files::write(&folder.join("report.md"), report::as_markdown(&diagnosis, &demands).as_bytes())?;
+        files::write(&folder.join("trims.svg"), report::picture(&diagnosis)?.as_bytes())?;
+    }
+    if args.json {
+        writeln!(out, "{json}")?;
+    } else {
+        write!(out, "{text}")?;
+    }
+    Ok(())
+}
+
+fn list(lines: &[String]) -> String {
+    lines.iter().map(|line| format!("\n  {line}")).collect()
+}
+
+/// A model with a thrust form, which the demands are flown with; the thesis's if there is none.
+fn hovering(model: &Model) -> Model {
+    if model.parameter("vertical.thrust.hover").is_ok() { model.clone() } else { Model::thesis() }
+}

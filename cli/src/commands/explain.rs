@@ -1,0 +1,100 @@
+//! `crazyflie explain`: what a model lacks, from flights.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use crazyflie_env::model::VerticalInput;
+use indicatif::{ProgressBar, ProgressStyle};
+use serde_json::{Value, json};
+
+use super::{Failure, Outcome, explain_table, files, with_cause};
+use crate::explained::{Declared, Run, as_json, report};
+
+const EXAMPLES: &str = "\
+Examples:
+  crazyflie explain my.toml --fit flight1.csv flight2.csv --test flight3.csv --out found/
+  crazyflie explain ../shared/data/hidden_effects/d05.json --out found/        a case file names its own flights
+  crazyflie explain my.toml --fit flight1.csv --test flight2.csv --out found/ --json";
+
+/// Find out which effects a model lacks: fitted to some flights, judged on others. Writes the completed model and a page about it.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct Args {
+    /// Model file (TOML or JSON), "thesis" for the built-in one, or a case file that declares a vehicle and names its flights
+    model: PathBuf,
+    /// Logs to fit, of any format that crazyflie inspect reads
+    #[arg(long, num_args = 1.., value_name = "LOG")]
+    fit: Vec<PathBuf>,
+    /// Logs to judge with, which the fit does not see
+    #[arg(long, num_args = 1.., value_name = "LOG")]
+    test: Vec<PathBuf>,
+    /// Which vertical form of the model is driven: height, pwm or thrust [default: of those that the logs command, the one that predicts the
+    /// logs of --fit better]
+    #[arg(long, value_parser = files::vertical, value_name = "FORM")]
+    vertical: Option<VerticalInput>,
+    /// Folder for model.toml, report.html and report.json
+    #[arg(long, value_name = "FOLDER")]
+    out: PathBuf,
+    /// For machines: one object, also written to report.json
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
+    let declared = Declared::read(&args.model).map_err(|e| failed(&e))?;
+    let own = |of: &dyn Fn(&crazyflie_identify::case::Case) -> PathBuf| declared.case.iter().map(of).collect::<Vec<_>>();
+    let fit = if args.fit.is_empty() { own(&|c| c.identify_on.clone()) } else { args.fit.clone() };
+    let test = if args.test.is_empty() { own(&|c| c.held_out.clone()) } else { args.test.clone() };
+    if fit.is_empty() {
+        return Err(Failure::Usage("name at least one flight to fit, with --fit".into()));
+    }
+    if test.is_empty() {
+        return Err(Failure::Usage(
+            "name at least one other flight with --test: errors are only honest on flights the fit never saw".into(),
+        ));
+    }
+    let bar = spinner(args.json);
+    let run = Run::of(declared.model, args.vertical, [&fit, &test], &|what| bar.set_message(what.to_owned()));
+    let is_model = declared.case.is_none() && args.model.exists();
+    let model_file = is_model.then(|| args.model.display().to_string());
+    let run = Run { model_file, ..run.map_err(|e| failed(&e))? };
+    bar.set_message("the report");
+    let (object, written) = write_all(&run, &args.out)?;
+    bar.finish_and_clear();
+    if args.json {
+        serde_json::to_writer_pretty(&mut *out, &object)?;
+        return Ok(writeln!(out)?);
+    }
+    explain_table::print(&run, &written, out)
+}
+
+pub(super) fn failed(error: &dyn std::error::Error) -> Failure {
+    Failure::Failed(with_cause(error))
+}
+
+/// Says what is being done, where somebody watches.
+fn spinner(silent: bool) -> ProgressBar {
+    if silent {
+        return ProgressBar::hidden();
+    }
+    let bar = ProgressBar::new_spinner();
+    // the template is a constant that a test runs
+    bar.set_style(ProgressStyle::with_template("{spinner} {elapsed} {msg}").unwrap_or_else(|_| ProgressStyle::default_spinner()));
+    bar.enable_steady_tick(Duration::from_millis(120));
+    bar
+}
+
+/// Writes the files; returns the object for machines and their paths.
+fn write_all(run: &Run, folder: &Path) -> Outcome<(Value, Vec<PathBuf>)> {
+    let paths = ["model.toml", "report.html", "report.json"].map(|name| folder.join(name));
+    let [model, page, object] = &paths;
+    let (_, text) = run.completed().map_err(|e| failed(&e))?;
+    let html = report(run).map_err(|e| failed(&e))?;
+    let [m, p, o] = [model, page, object].map(|path| path.display().to_string());
+    let value = as_json(run, &json!({"model": m, "report": p, "json": o}));
+    files::write(model, text.as_bytes())?;
+    files::write(page, html.as_bytes())?;
+    files::write(object, serde_json::to_string_pretty(&value)?.as_bytes())?;
+    Ok((value, paths.to_vec()))
+}

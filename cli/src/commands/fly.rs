@@ -1,0 +1,258 @@
+//! `crazyflie fly`: a closed loop of model, effects and controller.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use crazyflie_env::config::{EffectParams, EffectTable, Number, check_effects};
+use crazyflie_env::effects::find;
+use crazyflie_env::model::VerticalInput;
+use indicatif::ProgressBar;
+use serde_json::json;
+
+use super::{Failure, Outcome, controllers, files, fly_table, fly_team};
+use crazyflie_server::flight::{self, Figures, Scenario, Setup, TeamSetup, Trace};
+
+const EXAMPLES: &str = "\
+Examples:
+  crazyflie fly
+  crazyflie fly --task fly-80cm --controller stock-pid --picture old.svg
+  crazyflie fly --task whole-flight --rig lab --csv flight.csv --picture3d path.svg
+  crazyflie fly --task track --task-options '{\"shape\": \"helix\"}' --effects drag_linear=0.3
+  crazyflie fly --task swap --avoid --picture3d swap.svg
+  crazyflie fly --task carry --drones 4 --csv carry.csv
+  crazyflie fly --effects gust.sigma_mps2=0.5 --effects '{\"battery_sag\": {\"exponent\": 2}}' --runs 100";
+
+/// Fly a task or one of the thesis's flights with a controller, and print the figures of the flight.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct Args {
+    /// A task, of one drone or of several, or a flight of the thesis (see `crazyflie tasks`)
+    #[arg(long, default_value = "hover", value_name = "NAME")]
+    task: String,
+    /// The task's options, as JSON
+    #[arg(long, value_name = "JSON")]
+    task_options: Option<String>,
+    /// Which one, as NAME or NAME:FILE (see `crazyflie controllers`)
+    #[arg(long, default_value = "thesis-pid", value_name = "NAME")]
+    controller: String,
+    /// The controller's options, as JSON
+    #[arg(long, value_name = "JSON")]
+    controller_options: Option<String>,
+    /// An effect as NAME=VALUE or NAME.PARAMETER=VALUE, or several as JSON; may be repeated (see `crazyflie effects`)
+    #[arg(long, value_name = "EFFECT")]
+    effects: Vec<String>,
+    /// ideal, or lab: a 30 Hz camera with 50 ms latency and noise; --effects come on top
+    #[arg(long, default_value = "ideal", value_name = "NAME")]
+    rig: String,
+    /// Model file; the thesis's model unless given
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// How many drones fly a task of several [default: as the task says]
+    #[arg(long, value_name = "N")]
+    drones: Option<usize>,
+    /// Keep several drones out of each other's way
+    #[arg(long)]
+    avoid: bool,
+    /// Which vertical form of the model is commanded: height, pwm or thrust [default: pwm, if the model has it]
+    #[arg(long, value_parser = files::vertical, value_name = "FORM")]
+    vertical: Option<VerticalInput>,
+    /// How long to fly [default: as the task says]
+    #[arg(long, value_parser = |text: &str| files::seconds(text, 0.1, 3600.0))]
+    seconds: Option<f64>,
+    /// Decides starts, noise and drawn parameters
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Fly so many seeds, from --seed on, and print median and spread
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100_000), value_name = "N")]
+    runs: u32,
+    /// Write the (first) flight as a log that `replay` reads: CSV, or MCAP for a file ending in .mcap; of several drones one file each, FILE-0 and so on
+    #[arg(long, visible_alias = "log", value_name = "FILE")]
+    csv: Option<PathBuf>,
+    /// Draw the (first) flight over time
+    #[arg(long, value_parser = files::picture, value_name = "FILE.svg")]
+    picture: Option<PathBuf>,
+    /// Draw the (first) flight's path through space
+    #[arg(long, value_parser = files::picture, value_name = "FILE.svg")]
+    picture3d: Option<PathBuf>,
+    /// For machines
+    #[arg(long)]
+    json: bool,
+}
+
+/// Flights per batch: what is kept in memory at once.
+const BATCH: usize = 64;
+
+pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
+    let setup = setup(args)?;
+    if setup.scenario.flies_several()? {
+        return fly_team(args, &setup, out);
+    }
+    if args.avoid || args.drones.is_some_and(|drones| drones != 1) {
+        return Err(Failure::Usage(format!("--drones and --avoid are for tasks of several drones, {} has one", setup.scenario.name)));
+    }
+    let (all, first) = fly_all(args, &setup)?;
+    write_files(args, &setup, &first)?;
+    let about = About::new(args, &setup)?;
+    if args.json {
+        let runs: Vec<_> = all.iter().map(fly_table::as_json).collect();
+        serde_json::to_writer_pretty(&mut *out, &json!({"setup": about, "runs": runs}))?;
+        return Ok(writeln!(out)?);
+    }
+    writeln!(out, "{}", about.line(setup.scenario.about))?;
+    match &all[..] {
+        [one] => fly_table::one(one, &first, out),
+        many => fly_table::many(many, &first, out),
+    }
+}
+
+/// What was flown, for the reader.
+#[derive(serde::Serialize)]
+struct About<'a> {
+    flight: &'a str,
+    controller: &'a str,
+    vertical: &'a str,
+    model: &'a str,
+    seconds: f64,
+    seed: u64,
+    effects: serde_json::Value,
+}
+
+impl<'a> About<'a> {
+    fn new(args: &Args, setup: &'a Setup) -> Outcome<Self> {
+        Ok(About {
+            flight: setup.scenario.name,
+            controller: &setup.controller.label,
+            vertical: setup.vertical.name(),
+            model: &setup.model.name,
+            seconds: setup.seconds,
+            seed: args.seed,
+            effects: serde_json::to_value(&setup.effects)?,
+        })
+    }
+
+    fn line(&self, what: &str) -> String {
+        let effects = match &self.effects {
+            serde_json::Value::Object(map) if map.is_empty() => "none".to_owned(),
+            effects => effects.to_string(),
+        };
+        format!(
+            "{}: {what}\nmodel {}, vertical form {}, controller {}, {} s, seed {}, effects {effects}\n",
+            self.flight, self.model, self.vertical, self.controller, self.seconds, self.seed
+        )
+    }
+}
+
+fn setup(args: &Args) -> Outcome<Setup> {
+    let scenario = Scenario::named(&args.task)?;
+    let controller = controllers::chosen(&args.controller, args.controller_options.as_deref())?;
+    let mut effects = match &args.rig[..] {
+        "ideal" => EffectTable::new(),
+        "lab" => flight::lab_rig(),
+        other => return Err(crazyflie_env::error::unknown("rig", other, ["ideal", "lab"]).into()),
+    };
+    args.effects.iter().try_for_each(|text| add_effects(&mut effects, text))?;
+    check_effects(&effects)?;
+    let task_options = match &args.task_options {
+        None => None,
+        Some(text) => Some(serde_json::from_str(text).map_err(|e| Failure::Usage(format!("--task-options is not JSON: {e}")))?),
+    };
+    let model = files::model(args.model.as_deref())?;
+    let vertical = args.vertical.unwrap_or_else(|| files::default_vertical(&model));
+    let seconds = args.seconds.unwrap_or(scenario.seconds);
+    Ok(Setup { model, scenario, task_options, controller, effects, vertical, seconds })
+}
+
+/// Adds the effects of one `--effects`.
+fn add_effects(table: &mut EffectTable, text: &str) -> Outcome {
+    if text.trim_start().starts_with('{') {
+        let more: EffectTable =
+            serde_json::from_str(text).map_err(|e| Failure::Usage(format!("--effects is not a JSON object of effects: {e}")))?;
+        table.extend(more);
+        return Ok(());
+    }
+    let (path, value) = text.split_once('=').unwrap_or((text, ""));
+    let (name, param) = path.split_once('.').unwrap_or((path, ""));
+    let (_, entry) = find(name)?;
+    let names = || entry.params.iter().map(|p| p.name);
+    if value.is_empty() {
+        let known: Vec<&str> = names().collect();
+        return Err(Failure::Usage(format!("the effect {name} needs a value: {name}.PARAMETER=VALUE with one of {}", known.join(", "))));
+    }
+    let param = if param.is_empty() { names().next().unwrap_or_default() } else { param };
+    let number = match value.parse::<f64>() {
+        Ok(number) => Number::Fixed(number),
+        Err(_) => serde_json::from_str(value).map_err(|_| {
+            Failure::Usage(format!("--effects {text}: {value:?} is neither a number nor a distribution such as {{\"uniform\": [0, 1]}}"))
+        })?,
+    };
+    // parameters of one effect may come one by one
+    let mut params = match table.remove(name) {
+        Some(EffectParams::Named(params)) => params,
+        Some(EffectParams::First(first)) => names().next().map(|p| (p.to_owned(), first)).into_iter().collect(),
+        None => Default::default(),
+    };
+    params.insert(param.to_owned(), number);
+    table.insert(name.to_owned(), EffectParams::Named(params));
+    Ok(())
+}
+
+/// A task of several drones: flown, printed and drawn together.
+fn fly_team(args: &Args, setup: &Setup, out: &mut dyn Write) -> Outcome {
+    let team = TeamSetup { drones: args.drones.unwrap_or(0), avoid: args.avoid };
+    let seeds: Vec<u64> = (0..u64::from(args.runs)).map(|i| args.seed.wrapping_add(i)).collect();
+    let mut flights = Vec::new();
+    for seeds in seeds.chunks(BATCH) {
+        flights.extend(flight::fly_together(setup, team, seeds)?);
+    }
+    let first = flights.first().ok_or_else(|| Failure::Usage("--runs must be at least 1".into()))?;
+    let title = format!("{}, {}, seed {}", setup.scenario.name, setup.controller.label, args.seed);
+    if let Some(file) = &args.csv {
+        fly_team::write_logs(file, first)?;
+    }
+    if let Some(file) = &args.picture {
+        files::write(file, flight::team_picture(first, &title)?.as_bytes())?;
+    }
+    if let Some(file) = &args.picture3d {
+        files::write(file, flight::team_path(first, &title)?.as_bytes())?;
+    }
+    // between several drones downwash is on unless it is told otherwise
+    let effects = serde_json::to_value(flight::options(setup, team.drones)?.effects)?;
+    let about = About { effects, ..About::new(args, setup)? };
+    if args.json {
+        let runs: Vec<_> = flights.iter().map(fly_team::as_json).collect();
+        serde_json::to_writer_pretty(&mut *out, &json!({"setup": about, "runs": runs}))?;
+        return Ok(writeln!(out)?);
+    }
+    writeln!(out, "{}", about.line(setup.scenario.about))?;
+    fly_team::table(&flights, args.avoid, out)
+}
+
+/// Every run's figures, and the first flight in full.
+fn fly_all(args: &Args, setup: &Setup) -> Outcome<(Vec<Figures>, Trace)> {
+    let seeds: Vec<u64> = (0..u64::from(args.runs)).map(|i| args.seed.wrapping_add(i)).collect();
+    let bar = if seeds.len() > BATCH { ProgressBar::new(seeds.len() as u64) } else { ProgressBar::hidden() };
+    let (mut all, mut kept) = (Vec::new(), None);
+    for seeds in seeds.chunks(BATCH) {
+        let traces = flight::fly(setup, seeds)?;
+        all.extend(traces.iter().map(|trace| flight::figures(setup.scenario.phases, trace)));
+        kept = kept.or_else(|| traces.into_iter().next());
+        bar.inc(seeds.len() as u64);
+    }
+    bar.finish_and_clear();
+    let first = kept.ok_or_else(|| Failure::Usage("--runs must be at least 1".into()))?;
+    Ok((all, first))
+}
+
+fn write_files(args: &Args, setup: &Setup, first: &Trace) -> Outcome {
+    let title = format!("{}, {}, seed {}", setup.scenario.name, setup.controller.label, args.seed);
+    if let Some(file) = &args.csv {
+        files::write_log(file, &flight::log(first))?;
+    }
+    if let Some(file) = &args.picture {
+        files::write(file, flight::picture(first, &title)?.as_bytes())?;
+    }
+    if let Some(file) = &args.picture3d {
+        files::write(file, flight::path(first, &title)?.as_bytes())?;
+    }
+    Ok(())
+}

@@ -1,0 +1,118 @@
+//! `crazyflie inspect`: what a log holds, and what it is good for.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use crazyflie_logs::draft::Draft;
+use crazyflie_logs::inspect::Inspection;
+use crazyflie_logs::{FlightLog, LogError, Mapping};
+use serde_json::json;
+
+use super::{Failure, Outcome, files, inspect_picture, inspect_table, replay};
+use crate::text::with_cause;
+
+const EXAMPLES: &str = "\
+Examples:
+  crazyflie inspect flight.csv
+  crazyflie inspect log.ulg recording.db3 --json
+  crazyflie inspect unknown.csv --mapping-out unknown.mapping.toml     # a draft, by names and values
+  crazyflie inspect unknown.csv --mapping lab.toml --picture look.svg
+  crazyflie inspect flights/*.csv.gz --picture pictures/
+
+A mapping file beside a log is used by every command: flight.mapping.toml for flight.csv, or mapping.toml for a folder.";
+
+/// Say what was understood of flight logs: channels, gaps, clocks, signs, excitation, and for which command they suffice.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct Args {
+    /// Logs of any format; a CSV of unknown columns is read by a mapping that is drafted on the spot
+    #[arg(required = true, value_name = "LOG")]
+    files: Vec<PathBuf>,
+    /// Mapping file for CSVs of unknown columns [default: the one beside the log]
+    #[arg(long, value_name = "FILE.toml")]
+    mapping: Option<PathBuf>,
+    /// Write a draft of a mapping file for a CSV
+    #[arg(long, value_name = "FILE.toml")]
+    mapping_out: Option<PathBuf>,
+    /// Draw position, attitude and commands; a folder if there are several logs
+    #[arg(long, value_parser = files::picture, value_name = "FILE.svg")]
+    picture: Option<PathBuf>,
+    /// For machines
+    #[arg(long)]
+    json: bool,
+}
+
+/// A log and what was found in it.
+pub(super) struct InspectedLog {
+    pub file: String,
+    pub log: FlightLog,
+    pub inspection: Inspection,
+    /// Whether it was read by a mapping that nobody has checked yet.
+    pub by_draft: bool,
+}
+
+pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
+    let is_svg = args.picture.as_deref().is_some_and(files::is_svg);
+    if is_svg && args.files.len() > 1 {
+        return Err(Failure::Usage(format!("--picture names one file, but there are {} logs: name a folder", args.files.len())));
+    }
+    if let Some(target) = &args.mapping_out {
+        let [file] = &args.files[..] else {
+            return Err(Failure::Usage("--mapping-out drafts a mapping for one file: name one".into()));
+        };
+        let draft = draft(file)?;
+        files::write(target, draft.text.as_bytes())?;
+    }
+    let (mut inspected, mut failed) = (Vec::new(), Vec::new());
+    for path in &args.files {
+        match inspect(args, path) {
+            Ok(found) => inspected.push(found),
+            Err(failure) => failed.push(failure),
+        }
+    }
+    if inspected.is_empty() && failed.len() == 1 {
+        return Err(failed.remove(0));
+    }
+    let failed: Vec<String> = failed.iter().map(ToString::to_string).collect();
+    if args.json {
+        let logs: Vec<_> = inspected.iter().map(|i| json!({"file": i.file, "by_draft": i.by_draft, "inspection": i.inspection})).collect();
+        serde_json::to_writer_pretty(&mut *out, &json!({"logs": logs, "failed": failed}))?;
+        writeln!(out)?;
+    } else {
+        inspected.iter().try_for_each(|found| inspect_table::write(found, out))?;
+    }
+    if let Some(target) = &args.picture {
+        for found in &inspected {
+            let file = if is_svg { target.clone() } else { target.join(format!("{}.svg", replay::stem(&found.file))) };
+            files::write(&file, inspect_picture::draw(found)?.as_bytes())?;
+        }
+    }
+    if failed.is_empty() {
+        return Ok(());
+    }
+    Err(Failure::Failed(format!("{} of {} logs cannot be read:\n  {}", failed.len(), args.files.len(), failed.join("\n  "))))
+}
+
+/// Reads a log; one of unknown columns, or with some of a format's, by a draft, if that suffices.
+fn inspect(args: &Args, path: &Path) -> Outcome<InspectedLog> {
+    let beside = Mapping::path_beside(path);
+    let read = FlightLog::read_mapped(path, args.mapping.as_deref().or(beside.as_deref()));
+    let (log, by_draft) = match read {
+        Ok(log) => (log, false),
+        Err(error @ (LogError::UnknownFormat { .. } | LogError::MissingColumns { .. })) => match draft(path)?.log {
+            Ok(log) => (log, true),
+            Err(reason) => {
+                let hint = "crazyflie inspect --mapping-out FILE.toml writes what could be guessed";
+                return Err(Failure::Failed(format!("{error}\n  the draft of a mapping does not suffice ({reason}); {hint}")));
+            }
+        },
+        Err(error) => return Err(Failure::Failed(with_cause(&error))),
+    };
+    let inspection = Inspection::of_log(&log);
+    Ok(InspectedLog { file: path.display().to_string(), log, inspection, by_draft })
+}
+
+fn draft(path: &Path) -> Outcome<Draft> {
+    let bytes = std::fs::read(path).map_err(|error| Failure::about(path.display(), error))?;
+    Draft::of_bytes(&path.display().to_string(), &bytes).map_err(|error| Failure::Failed(with_cause(&error)))
+}

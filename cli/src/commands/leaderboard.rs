@@ -1,0 +1,75 @@
+//! `crazyflie leaderboard`.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use serde_json::json;
+
+use super::{Outcome, Table, number};
+use crazyflie_server::bench::{Bench, Ranked};
+
+const EXAMPLES: &str = "\
+Examples:
+  crazyflie leaderboard
+  crazyflie leaderboard --scenario hover-aruco
+  crazyflie leaderboard --json";
+
+/// Show who flies the benchmark's scenarios best.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct Args {
+    /// A scenario (see `crazyflie scenarios`), or all
+    #[arg(long, default_value = "all", value_name = "ID")]
+    scenario: String,
+    /// The benchmark's database
+    #[arg(long, default_value_os_t = crazyflie_server::bench::default_path(), value_name = "FILE")]
+    data: PathBuf,
+    /// For machines
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
+    let bench = Bench::open_existing(&args.data)?;
+    let scenarios = match args.scenario.as_str() {
+        "all" => bench.scenarios().iter().collect(),
+        name => vec![bench.scenario(name)?],
+    };
+    let mut boards = serde_json::Map::new();
+    for scenario in scenarios {
+        let rows = bench.leaderboard(scenario)?;
+        if args.json {
+            boards.insert(scenario.id(), json!(rows));
+        } else {
+            let body = if rows.is_empty() { "no attempts yet\n".into() } else { table(&rows).plain() };
+            writeln!(out, "{}: {}\n{body}", scenario.id(), scenario.title())?;
+        }
+    }
+    if args.json {
+        serde_json::to_writer_pretty(&mut *out, &boards)?;
+        writeln!(out)?;
+    }
+    Ok(())
+}
+
+fn table(rows: &[Ranked]) -> Table {
+    let mut table = Table::new(&["rank", "controller", "team", "score", "95 %", "failed", "attempts", "RMS error", "nearest", "attempt"])
+        .left(&[1, 2, 9]);
+    for row in rows {
+        let cm = |m: Option<f64>| m.map_or("-".into(), |m| format!("{} cm", number(100.0 * m, 1)));
+        let metrics = row.metrics.as_ref();
+        table.row(vec![
+            row.rank.to_string(),
+            row.controller.clone(),
+            row.team.clone(),
+            number(row.score.score, 1),
+            format!("{} to {}", number(row.score.low, 1), number(row.score.high, 1)),
+            format!("{} of {}", row.score.failed, row.score.episodes),
+            row.attempts.to_string(),
+            cm(metrics.and_then(|m| m.rmse_m)),
+            cm(metrics.and_then(|m| m.min_separation_m)),
+            row.attempt.clone(),
+        ]);
+    }
+    table
+}

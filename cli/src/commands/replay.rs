@@ -1,0 +1,151 @@
+//! `crazyflie replay`: recorded commands drive the model open loop.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use crazyflie_env::model::{Model, VerticalInput};
+use crazyflie_identify::FlightLog;
+use crazyflie_identify::replay::{Hover, Plan, Replay, replay};
+use indicatif::ProgressBar;
+use serde_json::json;
+
+use super::{Failure, Outcome, files, replay_table};
+use crate::text::with_cause;
+
+const EXAMPLES: &str = "\
+Examples:
+  crazyflie fly --task fly-80cm --csv flight.csv && crazyflie replay flight.csv
+  crazyflie replay ../shared/data/nanobench/B2_circle_fast_rep2.csv.gz --picture circle.svg
+  crazyflie replay --hover-pwm auto --horizon 1 flights/*.csv.gz --picture pictures/
+  crazyflie replay my.toml flight.csv --json";
+
+/// Replay recorded flights: their commands drive the model, and its prediction is compared with the measurement.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct Args {
+    /// Logs of any format that crazyflie inspect reads; a first file ending in .toml or .json is the model
+    #[arg(required = true, value_name = "[MODEL] LOG")]
+    files: Vec<PathBuf>,
+    /// Start again from the measurement every so many seconds [default: the free run, and horizons of 2 and 0.5 s]
+    #[arg(long, value_parser = |text: &str| files::seconds(text, 0.01, 3600.0), value_name = "SECONDS")]
+    horizon: Option<f64>,
+    /// Which vertical form of the model is driven: height, pwm or thrust [default: the first whose command the log holds]
+    #[arg(long, value_parser = files::vertical, value_name = "FORM")]
+    vertical: Option<VerticalInput>,
+    /// The PWM that carries the vehicle, for the thrust form: a number, or auto for the median thrust command of each flight
+    #[arg(long, value_parser = hover, value_name = "auto|PWM")]
+    hover_pwm: Option<Hover>,
+    /// Where a log has no yaw-rate command, give the model the measured yaw rate instead of zero
+    #[arg(long)]
+    measured_yaw_rate: bool,
+    /// Draw measurement and prediction; a folder if there are several logs
+    #[arg(long, value_parser = files::picture, value_name = "FILE.svg")]
+    picture: Option<PathBuf>,
+    /// For machines
+    #[arg(long)]
+    json: bool,
+}
+
+fn hover(text: &str) -> Result<Hover, String> {
+    if text == "auto" {
+        return Ok(Hover::MedianThrust);
+    }
+    match text.parse::<f64>() {
+        Ok(pwm) if (1.0..=65_535.0).contains(&pwm) => Ok(Hover::Given(pwm)),
+        _ => Err("expected auto or a PWM from 1 to 65535".into()),
+    }
+}
+
+/// One log, replayed over several horizons (`None` is the free run).
+pub(super) struct Flown {
+    pub file: String,
+    pub log: FlightLog,
+    pub runs: Vec<(Option<f64>, Replay)>,
+}
+
+pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
+    let (model, logs) = inputs(&args.files)?;
+    if logs.len() > 1 && args.picture.as_deref().is_some_and(files::is_svg) {
+        return Err(Failure::Usage(format!("--picture names one file, but there are {} logs: name a folder", logs.len())));
+    }
+    let bar = if logs.len() > 3 { ProgressBar::new(logs.len() as u64) } else { ProgressBar::hidden() };
+    let (mut flown, mut failed) = (Vec::new(), Vec::new());
+    for path in logs {
+        match fly_again(args, &model, path) {
+            Ok(done) => flown.push(done),
+            Err(failure) => failed.push(failure),
+        }
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    // one log: its error is the command's; several: the others are still worth printing
+    if flown.is_empty() && failed.len() == 1 {
+        return Err(failed.remove(0));
+    }
+    if args.json {
+        let logs: Vec<_> = flown.iter().map(replay_table::as_json).collect();
+        let failed: Vec<String> = failed.iter().map(ToString::to_string).collect();
+        serde_json::to_writer_pretty(&mut *out, &json!({"model": model.name, "logs": logs, "failed": failed}))?;
+        writeln!(out)?;
+    } else {
+        for one in &flown {
+            replay_table::one(one, &model.name, out)?;
+        }
+        if flown.len() > 1 {
+            replay_table::summary(&flown, out)?;
+        }
+    }
+    draw(args, &flown)?;
+    if failed.is_empty() {
+        return Ok(());
+    }
+    let list: Vec<String> = failed.iter().map(ToString::to_string).collect();
+    Err(Failure::Failed(format!("{} of {} logs could not be replayed:\n  {}", failed.len(), failed.len() + flown.len(), list.join("\n  "))))
+}
+
+/// The model and the logs that the arguments name.
+fn inputs(paths: &[PathBuf]) -> Outcome<(Model, &[PathBuf])> {
+    let is_model = |path: &Path| path.extension().is_some_and(|e| e == "toml" || e == "json");
+    let (model, logs) = match paths.split_first() {
+        Some((first, rest)) if is_model(first) => (files::model(Some(first))?, rest),
+        _ => (files::model(None)?, paths),
+    };
+    if logs.is_empty() {
+        return Err(Failure::Usage("name at least one log after the model".into()));
+    }
+    Ok((model, logs))
+}
+
+fn fly_again(args: &Args, model: &Model, path: &Path) -> Outcome<Flown> {
+    let file = path.display().to_string();
+    let log = FlightLog::read(path).map_err(|e| Failure::Failed(with_cause(&e)))?;
+    let horizons = args.horizon.map_or(vec![None, Some(2.0), Some(0.5)], |h| vec![Some(h)]);
+    let mut runs = Vec::new();
+    for horizon_s in horizons {
+        let plan = Plan {
+            vertical: args.vertical,
+            horizon_s,
+            hover: args.hover_pwm.unwrap_or(Hover::OfModel),
+            measured_yaw_rate: args.measured_yaw_rate,
+        };
+        let done = replay(model, &log, &plan).map_err(|e| Failure::about(&file, e))?;
+        runs.push((horizon_s, done));
+    }
+    Ok(Flown { file, log, runs })
+}
+
+fn draw(args: &Args, flown: &[Flown]) -> Outcome {
+    let Some(target) = &args.picture else { return Ok(()) };
+    for one in flown {
+        let svg = replay_table::picture(one)?;
+        let file = if files::is_svg(target) { target.clone() } else { target.join(format!("{}.svg", stem(&one.file))) };
+        files::write(&file, svg.as_bytes())?;
+    }
+    Ok(())
+}
+
+/// The name of a file without folder and endings.
+pub(super) fn stem(file: &str) -> String {
+    let name = Path::new(file).file_name().map_or(file.into(), |n| n.to_string_lossy());
+    name.split('.').next().unwrap_or(file).to_owned()
+}

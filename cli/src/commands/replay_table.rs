@@ -1,0 +1,203 @@
+//! What `crazyflie replay` prints and draws.
+
+use std::io::Write;
+
+use crazyflie_identify::replay::{Compared, Replay, SIGNALS, Signal};
+use crazyflie_picture::{PALETTE, Panel, PictureError, Series, Style, chart};
+use serde_json::{Value, json};
+
+use super::replay::{Flown, stem};
+use super::{Outcome, Table, number};
+
+/// One log.
+pub(super) fn one(flown: &Flown, model: &str, out: &mut dyn Write) -> Outcome {
+    let Some((_, first)) = flown.runs.first() else { return Ok(()) };
+    let form = first.input.name();
+    writeln!(out, "{} on model {model}, vertical form {form}, {:.2} to {:.2} s", flown.file, first.start_s, first.end_s)?;
+    for note in &flown.log.notes {
+        writeln!(out, "  log: {note}")?;
+    }
+    for remark in &first.remarks {
+        writeln!(out, "  {remark}")?;
+    }
+    let mut header = vec!["signal".to_owned()];
+    for (horizon_s, _) in &flown.runs {
+        let name = horizon_name(*horizon_s);
+        header.extend([format!("{name}: fit"), "RMSE".to_owned()]);
+    }
+    let mut table = Table::new(&header.iter().map(String::as_str).collect::<Vec<_>>());
+    for (at, signal) in SIGNALS.iter().enumerate() {
+        let mut cells = vec![signal.name.to_owned()];
+        for (_, run) in &flown.runs {
+            let fit = run.signals[at].fit;
+            cells.extend([percent(fit.fit_percent), rmse(signal, fit.rmse)]);
+        }
+        table.row(cells);
+    }
+    Ok(writeln!(out, "{}", table.plain())?)
+}
+
+/// Medians over several logs.
+pub(super) fn summary(flown: &[Flown], out: &mut dyn Write) -> Outcome {
+    writeln!(out, "median of {} flights", flown.len())?;
+    let mut header = vec!["signal".to_owned()];
+    for (horizon_s, _) in &flown[0].runs {
+        let name = horizon_name(*horizon_s);
+        header.extend([format!("{name}: fit"), "RMSE".to_owned()]);
+    }
+    let mut table = Table::new(&header.iter().map(String::as_str).collect::<Vec<_>>());
+    for (at, signal) in SIGNALS.iter().enumerate() {
+        let mut cells = vec![signal.name.to_owned()];
+        for run in 0..flown[0].runs.len() {
+            let of = |value: &dyn Fn(&Compared) -> Option<f64>| flown.iter().filter_map(|f| value(&f.runs[run].1.signals[at])).collect();
+            cells.push(percent(median(of(&|c| c.fit.fit_percent))));
+            cells.push(median(of(&|c| Some(c.fit.rmse))).map_or("-".into(), |v| rmse(signal, v)));
+        }
+        table.row(cells);
+    }
+    writeln!(out, "{}", table.plain())?;
+    Ok(writeln!(out, "fit: 100 (1 - |y - yhat| / |y - mean y|), as MATLAB's compare; 100 is perfect, 0 no better than the mean")?)
+}
+
+/// The middle value; of two middle ones the mean.
+fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    let half = values.len() / 2;
+    let upper = *values.get(half)?;
+    if values.len() % 2 == 1 { Some(upper) } else { Some(0.5 * (upper + values[half - 1])) }
+}
+
+fn horizon_name(horizon_s: Option<f64>) -> String {
+    horizon_s.map_or("free run".into(), |s| format!("{s} s"))
+}
+
+fn percent(fit: Option<f64>) -> String {
+    // a free run of an integrator leaves any frame
+    fit.map_or("-".into(), |fit| if fit < -9999.0 { "< -9999 %".into() } else { format!("{} %", number(fit, 1)) })
+}
+
+fn rmse(signal: &Signal, si: f64) -> String {
+    let value = signal.shown(si);
+    format!("{} {}", number(value, if value.abs() < 10.0 { 3 } else { 1 }), signal.unit)
+}
+
+pub(super) fn as_json(flown: &Flown) -> Value {
+    let notes: Vec<String> = flown.log.notes.iter().map(ToString::to_string).collect();
+    let runs: Vec<Value> = flown.runs.iter().map(|(horizon_s, run)| run_json(*horizon_s, run)).collect();
+    json!({"file": flown.file, "notes": notes, "runs": runs})
+}
+
+fn run_json(horizon_s: Option<f64>, run: &Replay) -> Value {
+    let remarks: Vec<String> = run.remarks.iter().map(ToString::to_string).collect();
+    let signals = SIGNALS.iter().zip(&run.signals).map(|(signal, compared)| {
+        let fit = compared.fit;
+        let value = json!({"unit": signal.unit, "fit_percent": fit.fit_percent, "rmse": signal.shown(fit.rmse),
+            "max_error": signal.shown(fit.max_error), "samples": compared.t_s.len()});
+        (signal.name.to_owned(), value)
+    });
+    json!({"horizon_s": horizon_s, "vertical": run.input.name(), "start_s": run.start_s, "end_s": run.end_s,
+        "remarks": remarks, "signals": signals.collect::<serde_json::Map<_, _>>()})
+}
+
+/// One panel per signal: measured, each prediction, and for roll and pitch the command. A prediction that leaves the frame is cut there.
+pub(super) fn picture(flown: &Flown) -> Result<String, PictureError> {
+    let shown: Vec<Vec<Curve>> = SIGNALS.iter().enumerate().map(|(at, signal)| curves(flown, at, signal)).collect();
+    let labels: Vec<String> = SIGNALS.iter().map(|s| format!("{} ({})", s.name, s.unit)).collect();
+    let panels: Vec<Panel> = shown
+        .iter()
+        .zip(&labels)
+        .map(|(curves, label)| Panel {
+            x_label: "time (s)",
+            y_label: label,
+            series: curves.iter().map(Curve::series).collect(),
+            ..Panel::default()
+        })
+        .collect();
+    chart(&panels, 2, &format!("{}: measured and predicted", stem(&flown.file)))
+}
+
+struct Curve {
+    label: String,
+    x: Vec<f64>,
+    y: Vec<f64>,
+    style: Style,
+    color: [u8; 3],
+}
+
+impl Curve {
+    fn series(&self) -> Series<'_> {
+        Series { label: &self.label, x: &self.x, y: &self.y, style: self.style, color: self.color }
+    }
+}
+
+fn curves(flown: &Flown, at: usize, signal: &Signal) -> Vec<Curve> {
+    let Some((_, first)) = flown.runs.first() else { return Vec::new() };
+    let scale = |values: &[f64]| values.iter().map(|v| signal.shown(*v)).collect::<Vec<f64>>();
+    let measured = &first.signals[at];
+    let y = scale(&measured.measured);
+    let (low, high) = y.iter().fold((f64::MAX, f64::MIN), |(low, high), v| (low.min(*v), high.max(*v)));
+    // a quarter of the measured span around it, and at least a little
+    let room = 0.25 * (high - low).max(if signal.is_angle { 2.0 } else { 0.1 });
+    let command = match at {
+        0 => flown.log.cmd_roll_rad.as_ref(),
+        1 => flown.log.cmd_pitch_rad.as_ref(),
+        _ => None,
+    };
+    let mut all = Vec::new();
+    if let Some(command) = command {
+        let rows = (0..flown.log.len()).filter(|&i| (first.start_s..=first.end_s).contains(&flown.log.t_s[i]));
+        let (x, y) = rows.map(|i| (flown.log.t_s[i], signal.shown(command[i]))).unzip();
+        all.push(Curve { label: "command".into(), x, y, style: Style::Step, color: [190, 196, 204] });
+    }
+    all.push(Curve { label: "measured".into(), x: measured.t_s.clone(), y, style: Style::Solid, color: PALETTE[4] });
+    for ((horizon_s, run), color) in flown.runs.iter().zip([PALETTE[1], PALETTE[0], PALETTE[2]]) {
+        // three predictions hide each other: the shortest horizon is in the table
+        if flown.runs.len() == 3 && *horizon_s == Some(0.5) {
+            continue;
+        }
+        let compared = &run.signals[at];
+        let within = within(&compared.t_s, &scale(&compared.predicted), low - room, high + room);
+        for (i, (x, y)) in within.into_iter().enumerate() {
+            let label =
+                if i == 0 { horizon_s.map_or("predicted, free run".into(), |s| format!("predicted, {s} s")) } else { String::new() };
+            all.push(Curve { label, x, y, style: Style::Solid, color });
+        }
+    }
+    all
+}
+
+/// The stretches of a curve that lie between two values.
+fn within(x: &[f64], y: &[f64], low: f64, high: f64) -> Vec<(Vec<f64>, Vec<f64>)> {
+    let mut pieces: Vec<(Vec<f64>, Vec<f64>)> = Vec::new();
+    let mut inside = false;
+    for (x, y) in x.iter().zip(y) {
+        let now = (low..=high).contains(y);
+        if now && !inside {
+            pieces.push((Vec::new(), Vec::new()));
+        }
+        if let Some((xs, ys)) = pieces.last_mut().filter(|_| now) {
+            xs.push(*x);
+            ys.push(*y);
+        }
+        inside = now;
+    }
+    pieces
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn curves_are_cut_at_the_frame() {
+        let x = [0.0, 1.0, 2.0, 3.0, 4.0];
+        let pieces = within(&x, &[0.0, 5.0, 0.5, 0.6, -9.0], -1.0, 1.0);
+        assert_eq!(pieces, [(vec![0.0], vec![0.0]), (vec![2.0, 3.0], vec![0.5, 0.6])]);
+    }
+
+    #[test]
+    fn medians() {
+        assert_eq!(median(vec![3.0, 1.0, 2.0, 4.0]), Some(2.5));
+        assert_eq!(median(Vec::new()), None);
+    }
+}

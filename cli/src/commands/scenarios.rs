@@ -1,0 +1,38 @@
+//! `crazyflie scenarios`.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use super::{Outcome, Table, number};
+use crazyflie_server::bench::{Bench, Limits};
+
+const EXAMPLES: &str = "\
+Examples:
+  crazyflie scenarios
+  crazyflie scenarios --json";
+
+/// List the benchmark's scenarios.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct Args {
+    /// The benchmark's database: its secret decides what the mystery scenario hides, and so that scenario's hash
+    #[arg(long, default_value_os_t = crazyflie_server::bench::default_path(), value_name = "FILE")]
+    data: PathBuf,
+    /// For machines
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
+    let bench = Bench::open(&args.data, Limits::default())?;
+    if args.json {
+        let all: Vec<_> = bench.scenarios().iter().map(|s| s.public()).collect();
+        serde_json::to_writer_pretty(&mut *out, &all)?;
+        return Ok(writeln!(out)?);
+    }
+    let mut table = Table::new(&["scenario", "what", "episodes", "seconds", "hash"]).left(&[1, 4]);
+    for s in bench.scenarios() {
+        table.row(vec![s.id(), s.title().into(), s.episodes().to_string(), number(s.seconds(), 0), s.hash()[..12].into()]);
+    }
+    Ok(write!(out, "{}", table.plain())?)
+}

@@ -1,0 +1,101 @@
+//! `crazyflie serve`: the network server.
+
+use std::io::Write;
+use std::net::SocketAddr;
+use std::path::PathBuf;
+
+use tokio::net::TcpListener;
+use tokio::signal::unix::{SignalKind, signal};
+
+use super::{Failure, Outcome};
+use crazyflie_server::serve::{self, Settings};
+
+const EXAMPLES: &str = "\
+Examples:
+  crazyflie serve
+  crazyflie serve --listen 127.0.0.1:0
+  crazyflie serve --listen 0.0.0.0:8765 --tls-cert cert.pem --tls-key key.pem --allow-origin https://lab.example";
+
+/// Serve environments over WebSocket.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct Args {
+    /// Where to listen; port 0 for any. Off this machine only with TLS
+    #[arg(long, default_value = "127.0.0.1:8765", value_name = "ADDRESS:PORT")]
+    listen: SocketAddr,
+    /// Certificate chain, PEM
+    #[arg(long, value_name = "FILE", requires = "tls_key")]
+    tls_cert: Option<PathBuf>,
+    /// Its private key, PEM
+    #[arg(long, value_name = "FILE", requires = "tls_cert")]
+    tls_key: Option<PathBuf>,
+    /// A web origin whose pages may connect, besides the server's own; may be repeated
+    #[arg(long, value_name = "ORIGIN")]
+    allow_origin: Vec<String>,
+    /// The benchmark's database, made on first use
+    #[arg(long, default_value_os_t = crazyflie_server::bench::default_path(), value_name = "FILE")]
+    data: PathBuf,
+    /// The most connections
+    #[arg(long, default_value_t = Settings::default().limits.connections, value_name = "N")]
+    connections: usize,
+    /// The most connections of one address
+    #[arg(long, default_value_t = Settings::default().limits.connections_per_address, value_name = "N")]
+    connections_per_address: usize,
+    /// The log as JSON, one object a line
+    #[arg(long)]
+    log_json: bool,
+    /// What is logged: error, warn, info, debug or trace, or a filter such as crazyflie_server=debug
+    #[arg(long, default_value = "info", value_name = "LEVEL")]
+    log: String,
+}
+
+pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
+    let settings = settings(args)?;
+    settings.check(args.listen).map_err(|e| Failure::Usage(e.to_string()))?;
+    log(args)?;
+    more_descriptors();
+    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
+    let report = runtime.block_on(async {
+        let listener = TcpListener::bind(args.listen).await.map_err(|e| Failure::about(args.listen, e))?;
+        // for programs that start a server on port 0 and must know where it is
+        writeln!(out, "listening on {}", listener.local_addr()?)?;
+        out.flush()?;
+        let (mut terminate, mut interrupt) = (signal(SignalKind::terminate())?, signal(SignalKind::interrupt())?);
+        let stop = async {
+            tokio::select! { _ = terminate.recv() => {} _ = interrupt.recv() => {} }
+        };
+        serve::run(listener, settings, stop).await.map_err(|e| Failure::Failed(e.to_string()))
+    })?;
+    // what has not ended by now will not
+    runtime.shutdown_background();
+    writeln!(out, "{}", serde_json::to_string(&report)?)?;
+    Ok(())
+}
+
+fn settings(args: &Args) -> Outcome<Settings> {
+    let mut settings = Settings { origins: args.allow_origin.clone(), data: Some(args.data.clone()), ..Settings::default() };
+    if let (Some(cert), Some(key)) = (&args.tls_cert, &args.tls_key) {
+        settings.tls = Some(serve::tls(cert, key).map_err(|e| Failure::Failed(e.to_string()))?);
+    }
+    settings.limits.connections = args.connections;
+    settings.limits.connections_per_address = args.connections_per_address;
+    Ok(settings)
+}
+
+fn log(args: &Args) -> Outcome {
+    let filter = tracing_subscriber::EnvFilter::try_new(&args.log).map_err(|e| Failure::Usage(format!("--log {}: {e}", args.log)))?;
+    let subscriber = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    // a second server in one process logs through the first one's subscriber
+    let _ = if args.log_json { subscriber.json().try_init() } else { subscriber.try_init() };
+    Ok(())
+}
+
+/// A connection is a descriptor: as many as the system allows.
+fn more_descriptors() {
+    use rustix::process::{Resource, getrlimit, setrlimit};
+    let mut limit = getrlimit(Resource::Nofile);
+    limit.current = limit.maximum;
+    if let Err(error) = setrlimit(Resource::Nofile, limit) {
+        tracing::warn!(%error, "the number of open files stays limited");
+    }
+}

@@ -1,0 +1,173 @@
+//! `crazyflie submit`: the controllers of the registry through the benchmark.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use indicatif::ProgressBar;
+
+use super::{Failure, Outcome, Table, controllers, number};
+use crate::afar::Afar;
+use crazyflie_server::bench::baselines;
+use crazyflie_server::bench::{Bench, Document, Entrant, Limits};
+
+/// As in Python.
+const TOKEN: &str = "CRAZYFLIE_TOKEN";
+
+const EXAMPLES: &str = "\
+Examples:
+  crazyflie submit --controller thesis-pid
+  crazyflie submit --controller stock-pid --scenario hover-aruco@1.0.0
+  crazyflie submit --controller hover --scenario wind --repeat 3 --json
+  crazyflie submit --controller lqr --avoid --scenario swap-eight
+  crazyflie submit --controller thesis-pid --server wss://lab.example --token-file token.txt";
+
+/// Fly a built-in controller through the benchmark's scenarios, and store the attempts with their scores.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct Args {
+    /// Which one, as NAME or NAME:FILE (see `crazyflie controllers`)
+    #[arg(long, value_name = "NAME")]
+    controller: String,
+    /// The controller's options, as JSON
+    #[arg(long, value_name = "JSON")]
+    controller_options: Option<String>,
+    /// Where drones share the air, keep out of each other's way
+    #[arg(long)]
+    avoid: bool,
+    /// A scenario (see `crazyflie scenarios`), or all
+    #[arg(long, default_value = "all", value_name = "ID")]
+    scenario: String,
+    /// So many attempts at each
+    #[arg(long, default_value_t = 1, value_name = "N")]
+    repeat: u32,
+    /// The benchmark's database, made on first use
+    #[arg(long, default_value_os_t = crazyflie_server::bench::default_path(), value_name = "FILE")]
+    data: PathBuf,
+    /// Fly on this server instead of here, as any client would: ws://host:port or wss://host:port
+    #[arg(long, value_name = "URL", conflicts_with = "data")]
+    server: Option<String>,
+    /// The team's token there. Whoever lists processes sees it: better use --token-file, or set CRAZYFLIE_TOKEN
+    #[arg(long, value_name = "TOKEN", requires = "server", conflicts_with = "token_file")]
+    token: Option<Token>,
+    /// A file with the token
+    #[arg(long, value_name = "FILE", requires = "server")]
+    token_file: Option<PathBuf>,
+    /// One JSON object per attempt, as it was signed, once it is on the disk
+    #[arg(long)]
+    json: bool,
+}
+
+/// Nothing prints it.
+#[derive(Clone)]
+struct Token(String);
+
+impl std::str::FromStr for Token {
+    type Err = std::convert::Infallible;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        Ok(Token(text.trim().into()))
+    }
+}
+
+impl std::fmt::Debug for Token {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Token")
+    }
+}
+
+/// Where attempts are flown and stored.
+enum Place {
+    Here(Bench),
+    Afar(Box<Afar>),
+}
+
+impl Place {
+    fn open(args: &Args) -> Outcome<Place> {
+        match &args.server {
+            None => Ok(Place::Here(Bench::open(&args.data, Limits::default())?)),
+            Some(url) => Ok(Place::Afar(Box::new(Afar::open(url, &token(args)?)?))),
+        }
+    }
+
+    /// Those of a name; a server elsewhere knows its own names, and finds versions.
+    fn scenarios(&self, name: &str) -> Outcome<Vec<String>> {
+        Ok(match (self, name) {
+            (Place::Here(bench), "all") => bench.scenarios().iter().map(|s| s.id()).collect(),
+            (Place::Here(bench), name) => vec![bench.scenario(name)?.id()],
+            (Place::Afar(afar), "all") => afar.scenarios().to_vec(),
+            (Place::Afar(_), name) => vec![name.into()],
+        })
+    }
+
+    fn submit(&mut self, scenario: &str, entrant: &Entrant) -> Outcome<Document> {
+        match self {
+            Place::Here(bench) => Ok(baselines::submit(bench, scenario, entrant)?),
+            Place::Afar(afar) => Ok(afar.submit(scenario, entrant)?),
+        }
+    }
+}
+
+fn token(args: &Args) -> Outcome<String> {
+    if let Some(Token(token)) = &args.token {
+        return Ok(token.clone());
+    }
+    let missing = || Failure::Usage(format!("--server wants a team's token: give --token-file or --token, or set {TOKEN}"));
+    let text = match &args.token_file {
+        Some(path) => std::fs::read_to_string(path).map_err(|e| Failure::about(path.display(), e))?,
+        None => std::env::var(TOKEN).map_err(|_| missing())?,
+    };
+    Some(text.trim().to_owned()).filter(|token| !token.is_empty()).ok_or_else(missing)
+}
+
+pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
+    let controller = controllers::chosen(&args.controller, args.controller_options.as_deref())?;
+    let entrant = Entrant { controller, avoid: args.avoid };
+    let mut place = Place::open(args)?;
+    let scenarios = place.scenarios(&args.scenario)?;
+    let bar = ProgressBar::new(scenarios.len() as u64 * u64::from(args.repeat));
+    bar.tick();
+    let mut done = Vec::new();
+    for scenario in scenarios {
+        for _ in 0..args.repeat {
+            let document = place.submit(&scenario, &entrant)?;
+            if args.json {
+                // said at once: whoever reads it may rely on it
+                bar.suspend(|| say(&document, out))?;
+            }
+            done.push(document);
+            bar.inc(1);
+        }
+    }
+    bar.finish_and_clear();
+    if !args.json {
+        write!(out, "{}", table(&done).plain())?;
+    }
+    Ok(())
+}
+
+fn say(document: &Document, out: &mut dyn Write) -> Outcome {
+    serde_json::to_writer(&mut *out, document)?;
+    writeln!(out)?;
+    Ok(out.flush()?)
+}
+
+fn table(documents: &[Document]) -> Table {
+    let mut table = Table::new(&["scenario", "attempt", "score", "95 %", "failed", "RMS error", "settled", "overshoot"]).left(&[1]);
+    for document in documents {
+        let Some(result) = &document.result else { continue };
+        let (score, metrics) = (&result.score, &result.metrics);
+        let cm = |m: Option<f64>| m.map_or("-".into(), |m| format!("{} cm", number(100.0 * m, 1)));
+        let settled = metrics.settling_s.map_or("-".into(), |s| format!("{} of {} in {} s", metrics.settled, score.episodes, number(s, 1)));
+        table.row(vec![
+            document.scenario.clone(),
+            document.id.clone(),
+            number(score.score, 1),
+            format!("{} to {}", number(score.low, 1), number(score.high, 1)),
+            format!("{} of {}", score.failed, score.episodes),
+            cm(metrics.rmse_m),
+            settled,
+            cm(metrics.overshoot_m),
+        ]);
+    }
+    table
+}

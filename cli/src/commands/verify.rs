@@ -1,0 +1,67 @@
+//! `crazyflie verify`: stored attempts, checked and re-run.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use indicatif::ProgressBar;
+use serde_json::json;
+
+use super::{Failure, Outcome, Table};
+use crazyflie_server::bench::{Bench, Verdict};
+
+const EXAMPLES: &str = "\
+Examples:
+  crazyflie verify
+  crazyflie verify 0123456789abcdef0123456789abcdef --json";
+
+/// Check signatures and actions of stored attempts, fly them again and compare bit by bit.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct Args {
+    /// An attempt's id, or all
+    #[arg(default_value = "all", value_name = "ID")]
+    attempt: String,
+    /// The benchmark's database
+    #[arg(long, default_value_os_t = crazyflie_server::bench::default_path(), value_name = "FILE")]
+    data: PathBuf,
+    /// For machines
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
+    let bench = Bench::open_existing(&args.data)?;
+    let bar = ProgressBar::no_length();
+    let (found, missing) = match args.attempt.as_str() {
+        "all" => bench.verify_all(&|done, of| {
+            bar.set_length(of as u64);
+            bar.set_position(done as u64);
+        })?,
+        id => (vec![bench.verify(id)?], Vec::new()),
+    };
+    bar.finish_and_clear();
+    if args.json {
+        serde_json::to_writer_pretty(&mut *out, &json!({"attempts": found, "missing": missing, "public_key": bench.public_key()}))?;
+        writeln!(out)?;
+    } else {
+        let mut table = Table::new(&["attempt", "scenario", "controller", "verdict", "findings"]).left(&[1, 2, 3, 4]);
+        for v in &found {
+            table.row(vec![v.id.clone(), v.scenario.clone(), v.controller.clone(), words(v.verdict).into(), v.findings.join("; ")]);
+        }
+        write!(out, "{}", table.plain())?;
+        missing.iter().try_for_each(|number| writeln!(out, "attempt number {number} is missing"))?;
+    }
+    match found.iter().filter(|v| v.verdict == Verdict::Wrong).count() + missing.len() {
+        0 => Ok(()),
+        wrong => Err(Failure::Failed(format!("{wrong} of {} attempts are wrong or missing", found.len() + missing.len()))),
+    }
+}
+
+fn words(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Confirmed => "confirmed",
+        Verdict::OtherBuild => "intact, of another build",
+        Verdict::Unfinished => "intact, not finished",
+        Verdict::Wrong => "WRONG",
+    }
+}

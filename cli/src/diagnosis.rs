@@ -1,0 +1,191 @@
+//! A diagnosis in words, as figures and as a picture.
+
+use std::fmt::Write;
+
+use crazyflie_identify::diagnose::demand::{DEMAND, EffectDemand};
+use crazyflie_identify::diagnose::fault::{Fault, FaultFit, look_alikes, side_of};
+use crazyflie_identify::diagnose::swing::frequencies_hz;
+use crazyflie_identify::diagnose::{Diagnosis, SetUp, Verdict};
+use crazyflie_picture::{PALETTE, Panel, PictureError, Series, Style, chart};
+use serde_json::{Value as Json, json};
+
+use crate::text::{Table, number};
+
+/// The verdict in one sentence.
+pub(crate) fn verdict_text(diagnosis: &Diagnosis, demands: &[EffectDemand]) -> String {
+    match &diagnosis.verdict {
+        Verdict::TooFew { .. } => {
+            "too few normal flights to say how far set-ups differ: three flights at least, better of several set-ups".into()
+        }
+        Verdict::Nothing => "nothing beyond what set-ups differ by".into(),
+        Verdict::Unnamed => "something that cannot be named: more than set-ups differ by, and no fault asks the same of the motors".into(),
+        Verdict::SlungLoad { line, length_m } => format!(
+            "slung load: a swing at {} Hz, {} times as strong as in normal flights, of a thread of {} m",
+            number(line.frequency_hz, 2),
+            number(line.ratio, 1),
+            number(*length_m, 2)
+        ),
+        Verdict::Fault(fit) => {
+            let mut others: Vec<String> = diagnosis.alternatives.iter().map(|a| a.fault.description(a.stderr)).collect();
+            if matches!(fit.fault, Fault::AddedWeight { .. }) {
+                others.extend(look_alikes(demands).into_iter().map(|name| format!("`{name}`")));
+            }
+            let or = if others.is_empty() { String::new() } else { format!("; or as well {}", others.join("; ")) };
+            fit.fault.description(fit.stderr) + &or
+        }
+    }
+}
+
+fn percent(share: f64) -> String {
+    let sign = if share < 0.0 { "" } else { "+" };
+    format!("{sign}{} %", number(100.0 * share, 1))
+}
+
+/// Changes by set-up, with the named fault fitted to each alone.
+pub(crate) fn changes_table(diagnosis: &Diagnosis) -> Table {
+    let header: Vec<&str> = ["set-up", "flights"].into_iter().chain(DEMAND).chain(["fitted alone"]).collect();
+    let mut table = Table::new(&header).left(&[6]);
+    let row = |side: &str, s: &SetUp| {
+        let alone = s.fault.as_ref().map_or(String::new(), |f| f.fault.description(f.stderr));
+        let mut cells = vec![format!("{side} {}", s.name), s.flights.to_string()];
+        cells.extend(s.change.iter().map(|c| percent(*c)));
+        cells.push(alone);
+        cells
+    };
+    diagnosis.normal.iter().for_each(|s| table.row(row("normal", s)));
+    diagnosis.suspect.iter().for_each(|s| table.row(row("suspect", s)));
+    let mut all = vec!["all suspects, in standard deviations".to_owned(), String::new()];
+    all.extend(diagnosis.z.iter().map(|z| number(*z, 1)));
+    all.push(String::new());
+    table.row(all);
+    table
+}
+
+/// How the verdict was reached.
+fn method(diagnosis: &Diagnosis) -> String {
+    let [thrust, yaw, swing] = diagnosis.p_values;
+    let sd: Vec<String> = diagnosis.standard_deviations.iter().map(|s| percent(*s).trim_start_matches('+').to_owned()).collect();
+    let mut text = format!(
+        "Demand by {}, in shares of the hover thrust, against the normal mean. A new normal set-up differs by {} (thrust, roll, pitch, yaw; \
+         standard deviations with {}, {} degrees of freedom for thrust and yaw). Chances times three looks: thrust {}, yaw {}, swing {}; \
+         an alarm below 0.05.\n",
+        diagnosis.source.description(),
+        sd.join(", "),
+        number(diagnosis.freedom[0], 1),
+        number(diagnosis.freedom[3], 1),
+        number(thrust, 3),
+        number(yaw, 3),
+        number(swing, 3),
+    );
+    let _ = match diagnosis.normal_alarms {
+        Some([alarms, tried]) => writeln!(text, "Each normal set-up against the others: {alarms} of {tried} raise an alarm."),
+        None => writeln!(text, "One normal set-up only: how far set-ups differ is taken from how its flights do, which may be less."),
+    };
+    for line in &diagnosis.left_out {
+        let _ = writeln!(text, "Left out: {line}.");
+    }
+    text
+}
+
+pub(crate) fn as_text(diagnosis: &Diagnosis, demands: &[EffectDemand]) -> String {
+    format!("{}\n\n{}\n{}", verdict_text(diagnosis, demands), changes_table(diagnosis).plain(), method(diagnosis))
+}
+
+pub(crate) fn as_markdown(diagnosis: &Diagnosis, demands: &[EffectDemand]) -> String {
+    format!(
+        "# Diagnosis\n\n**{}**\n\n{}\n{}\n![Trims](trims.svg)\n",
+        verdict_text(diagnosis, demands),
+        changes_table(diagnosis).markdown(),
+        method(diagnosis)
+    )
+}
+
+fn fault_json(fit: &FaultFit) -> Json {
+    match &fit.fault {
+        Fault::AddedWeight { mass_kg, left, front } => json!({"effect": "mass_change", "added_kg": mass_kg, "stderr_kg": fit.stderr,
+            "left": left, "front": front, "side": side_of(*left, *front), "misfit": fit.misfit}),
+        Fault::WeakMotor { motor, loss } => {
+            json!({"effect": "weak_motor", "motor": motor, "loss": loss, "stderr": fit.stderr, "misfit": fit.misfit})
+        }
+    }
+}
+
+pub(crate) fn as_json(diagnosis: &Diagnosis, demands: &[EffectDemand]) -> Json {
+    let (kind, details) = match &diagnosis.verdict {
+        Verdict::TooFew { freedom } => ("too_few", json!({"degrees_of_freedom": freedom})),
+        Verdict::Nothing => ("nothing", Json::Null),
+        Verdict::Unnamed => ("unnamed", Json::Null),
+        Verdict::SlungLoad { line, length_m } => ("slung_load", json!({"frequency_hz": line.frequency_hz, "length_m": length_m})),
+        Verdict::Fault(fit) => match fit.fault {
+            Fault::AddedWeight { .. } => ("added_weight", fault_json(fit)),
+            Fault::WeakMotor { .. } => ("weak_motor", fault_json(fit)),
+        },
+    };
+    let set_up = |s: &SetUp| json!({"name": s.name, "flights": s.flights, "change": s.change, "fault": s.fault.as_ref().map(fault_json)});
+    // NaN, where nothing can be said, is null
+    json!({
+        "verdict": kind,
+        "text": verdict_text(diagnosis, demands),
+        "fault": details,
+        "alternatives": diagnosis.alternatives.iter().map(fault_json).collect::<Vec<_>>(),
+        "source": diagnosis.source.description(),
+        "demands": DEMAND,
+        "change": diagnosis.change,
+        "z": diagnosis.z,
+        "standard_deviations": diagnosis.standard_deviations,
+        "degrees_of_freedom": diagnosis.freedom,
+        "p_values": {"thrust": diagnosis.p_values[0], "yaw": diagnosis.p_values[1], "swing": diagnosis.p_values[2]},
+        "swing": diagnosis.line.map(|l| json!({"frequency_hz": l.frequency_hz, "ratio": l.ratio, "p_value": l.p_value})),
+        "swing_band_hz": [frequencies_hz().first(), frequencies_hz().last()],
+        "normal": diagnosis.normal.iter().map(set_up).collect::<Vec<_>>(),
+        "suspect": diagnosis.suspect.iter().map(set_up).collect::<Vec<_>>(),
+        "normal_alarms": diagnosis.normal_alarms.map(|[alarms, tried]| json!({"alarms": alarms, "tried": tried})),
+        "left_out": diagnosis.left_out,
+    })
+}
+
+/// Changes by set-up: thrust against yaw, which tell faults, and roll against pitch, which tell where.
+pub(crate) fn picture(diagnosis: &Diagnosis) -> Result<String, PictureError> {
+    let points = |of: &[SetUp], i: usize| of.iter().map(|s| 100.0 * s.change[i]).collect::<Vec<f64>>();
+    let ellipse = |i: usize, j: usize| -> [Vec<f64>; 2] {
+        let [a, b] = [i, j].map(|k| 200.0 * Some(diagnosis.standard_deviations[k]).filter(|s| s.is_finite()).unwrap_or(0.0));
+        let angles = || (0..=72).map(|k| f64::from(k) * std::f64::consts::TAU / 72.0);
+        [angles().map(|t| a * t.cos()).collect(), angles().map(|t| b * t.sin()).collect()]
+    };
+    // to the right is to the right, so that the picture lies as the vehicle does
+    let axes = [
+        (3, 0, "yaw (% of thrust)", "thrust (%)", "What is wrong", 1.0),
+        (1, 2, "roll, to the left or to the right (% of thrust)", "pitch, to the front or to the back (% of thrust)", "Where", -1.0),
+    ];
+    let data: Vec<[Vec<f64>; 6]> = axes
+        .iter()
+        .map(|(i, j, _, _, _, sign)| {
+            let [x, y] = ellipse(*i, *j);
+            let turn = |v: Vec<f64>| v.into_iter().map(|a| sign * a).collect::<Vec<f64>>();
+            [
+                x,
+                y,
+                turn(points(&diagnosis.normal, *i)),
+                points(&diagnosis.normal, *j),
+                turn(points(&diagnosis.suspect, *i)),
+                points(&diagnosis.suspect, *j),
+            ]
+        })
+        .collect();
+    let panels: Vec<Panel> = axes
+        .iter()
+        .zip(&data)
+        .map(|((_, _, x_label, y_label, title, _), [ex, ey, nx, ny, sx, sy])| Panel {
+            title,
+            x_label,
+            y_label,
+            series: vec![
+                Series { label: "two standard deviations of a set-up", x: ex, y: ey, style: Style::Dashed, color: PALETTE[3] },
+                Series { label: "normal set-ups", x: nx, y: ny, style: Style::Points, color: PALETTE[0] },
+                Series { label: "suspect set-ups", x: sx, y: sy, style: Style::Points, color: PALETTE[1] },
+            ],
+            ..Panel::default()
+        })
+        .collect();
+    chart(&panels, 2, "Change of what hovering asks of the motors")
+}

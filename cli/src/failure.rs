@@ -1,0 +1,98 @@
+//! What can go wrong on the command line, and its exit code.
+
+use std::fmt;
+use std::io;
+
+use crazyflie_env::Error as EnvError;
+use crazyflie_picture::PictureError;
+
+use crazyflie_server::bench::Error as BenchError;
+use crazyflie_server::link::Error as LinkError;
+
+/// Result of a command.
+pub(crate) type Outcome<T = ()> = Result<T, Failure>;
+
+#[derive(Debug)]
+pub(crate) enum Failure {
+    /// The user asked for something that does not exist or cannot be.
+    Usage(String),
+    /// What was asked for went wrong.
+    Failed(String),
+    /// The reader of our output has gone: nothing to say, and not an error.
+    Closed,
+}
+
+impl Failure {
+    pub(crate) fn exit_code(&self) -> i32 {
+        match self {
+            Failure::Usage(_) => 2,
+            Failure::Failed(_) => 1,
+            Failure::Closed => 0,
+        }
+    }
+
+    /// A failure about a file or another named thing.
+    pub(crate) fn about(what: impl fmt::Display, problem: impl fmt::Display) -> Self {
+        Failure::Failed(format!("{what}: {problem}"))
+    }
+}
+
+impl fmt::Display for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Failure::Usage(text) | Failure::Failed(text) => f.write_str(text),
+            Failure::Closed => f.write_str("the output was closed"),
+        }
+    }
+}
+
+/// Names, ranges and options come from the command line; a model comes from a file.
+impl From<EnvError> for Failure {
+    fn from(error: EnvError) -> Self {
+        match error {
+            EnvError::Unknown { .. } | EnvError::Range { .. } | EnvError::Config(_) => Failure::Usage(error.to_string()),
+            other => Failure::Failed(other.to_string()),
+        }
+    }
+}
+
+impl From<BenchError> for Failure {
+    fn from(error: BenchError) -> Self {
+        match error {
+            BenchError::Scenario { .. } | BenchError::Attempt(_) | BenchError::Name { .. } => Failure::Usage(error.to_string()),
+            other => Failure::Failed(other.to_string()),
+        }
+    }
+}
+
+impl From<LinkError> for Failure {
+    fn from(error: LinkError) -> Self {
+        match &error {
+            LinkError::Url => Failure::Usage(error.to_string()),
+            LinkError::Refused { code, .. } if matches!(&code[..], "unknown_scenario" | "bad_name") => Failure::Usage(error.to_string()),
+            _ => Failure::Failed(error.to_string()),
+        }
+    }
+}
+
+impl From<PictureError> for Failure {
+    fn from(error: PictureError) -> Self {
+        Failure::about("the picture cannot be drawn", error)
+    }
+}
+
+impl From<serde_json::Error> for Failure {
+    fn from(error: serde_json::Error) -> Self {
+        error.io_error_kind().map_or_else(|| Failure::about("JSON", &error), |kind| io::Error::from(kind).into())
+    }
+}
+
+/// Writing to standard output.
+impl From<io::Error> for Failure {
+    fn from(error: io::Error) -> Self {
+        match error.kind() {
+            io::ErrorKind::BrokenPipe => Failure::Closed,
+            _ => Failure::about("standard output", error),
+        }
+    }
+}

@@ -1,0 +1,3 @@
+fn main() {
+    std::process::exit(crazyflie_cli::main_from(std::env::args_os().map(|arg| arg.to_string_lossy().into_owned())));
+}

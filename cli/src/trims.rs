@@ -1,0 +1,51 @@
+//! Hover trims of all logs in files and folders.
+
+use std::path::{Path, PathBuf};
+
+use crazyflie_identify::FlightLog;
+use crazyflie_identify::diagnose::trim::FlightTrim;
+
+use crate::failure::{Failure, Outcome};
+use crate::text::with_cause;
+
+/// Trims of all logs. A log that is named must have one; a file found in a folder may be something else.
+pub(crate) fn read_trims(paths: &[PathBuf], left_out: &mut Vec<String>) -> Outcome<Vec<FlightTrim>> {
+    let mut trims = Vec::new();
+    for path in paths {
+        if path.is_dir() {
+            for file in files_below(path)? {
+                match read_trim(&file) {
+                    Ok(trim) => trims.push(trim),
+                    Err(why) => left_out.push(why),
+                }
+            }
+        } else {
+            match read_trim(path) {
+                Ok(trim) => trims.push(trim),
+                Err(why) if path.exists() => left_out.push(why),
+                Err(why) => return Err(Failure::Failed(why)),
+            }
+        }
+    }
+    Ok(trims)
+}
+
+fn read_trim(path: &Path) -> Result<FlightTrim, String> {
+    let log = FlightLog::read(path).map_err(|e| with_cause(&e))?;
+    let folder = path.parent().map_or(String::new(), |p| p.display().to_string());
+    let file = path.file_name().map_or(String::new(), |n| n.to_string_lossy().into_owned());
+    FlightTrim::from_log(&folder, &file, &log).map_err(|e| e.to_string())
+}
+
+/// All files below a folder, in order of their names.
+fn files_below(folder: &Path) -> Outcome<Vec<PathBuf>> {
+    let failed = |e| Failure::about(folder.display(), e);
+    let entries: Result<Vec<_>, _> = std::fs::read_dir(folder).map_err(failed)?.collect();
+    let mut paths: Vec<PathBuf> = entries.map_err(failed)?.into_iter().map(|e| e.path()).collect();
+    paths.sort();
+    let mut found = Vec::new();
+    for path in paths {
+        if path.is_dir() { found.extend(files_below(&path)?) } else { found.push(path) }
+    }
+    Ok(found)
+}

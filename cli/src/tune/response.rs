@@ -1,0 +1,165 @@
+//! What a flight with some gains looks like: the answer to a step, or how a task is flown.
+
+use crazyflie_control::pid::Gains;
+use crazyflie_control::{Chosen, choose};
+use crazyflie_env::Error;
+use crazyflie_env::config::EffectTable;
+use crazyflie_env::model::{Model, VerticalInput};
+use serde_json::{Value, json};
+
+use super::margins::Axis;
+use crazyflie_server::flight::{Scenario, Setup, Trace, fly};
+
+/// When the set-point jumps, and how long its answer is watched.
+const STEP_S: f64 = 0.5;
+const WATCHED_S: f64 = 7.0;
+/// Settled within this share of the step.
+const BAND: f64 = 0.05;
+
+/// What the gains are tuned on.
+#[derive(Debug, Clone)]
+pub(crate) struct Flown<'a> {
+    pub model: &'a Model,
+    pub vertical: VerticalInput,
+    pub effects: EffectTable,
+    /// A task or flight whose error counts besides that of a step of each axis.
+    pub task: Option<&'static Scenario>,
+    pub seeds: Vec<u64>,
+}
+
+/// The mean over all flights of one axis.
+#[derive(Debug, Clone)]
+pub(crate) struct Response {
+    pub t_s: Vec<f64>,
+    pub value: Vec<f64>,
+    pub target: Vec<f64>,
+    /// How far the command of the axis travels per second, in shares of its range.
+    pub travel_per_s: f64,
+}
+
+/// Figures of a step response, shares of the step and seconds.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub(crate) struct Figures {
+    pub overshoot: f64,
+    pub settling_s: Option<f64>,
+    /// Time integral of the absolute error.
+    pub error_s: f64,
+}
+
+/// The step of an axis: what it is, and its size.
+fn step(axis: Axis) -> (Value, f64) {
+    let (x, y, z, yaw) = match axis {
+        Axis::X => (0.5, 0.0, 0.7, 0.0),
+        Axis::Y => (0.0, 0.5, 0.7, 0.0),
+        Axis::Z => (0.0, 0.0, 1.0, 0.0),
+        Axis::Yaw => (0.0, 0.0, 0.7, 30.0),
+    };
+    let size = x + y + (z - 0.7) + f64::to_radians(yaw);
+    (json!({"start_m": [0, 0, 0.7], "steps": [{"from_s": STEP_S, "setpoint_m": [x, y, z], "setpoint_yaw_deg": yaw}]}), size)
+}
+
+/// Where an axis is found: state, set-point, action.
+fn places(axis: Axis) -> [usize; 3] {
+    match axis {
+        Axis::X => [0, 16, 1],
+        Axis::Y => [1, 17, 0],
+        Axis::Z => [2, 18, 3],
+        Axis::Yaw => [8, 19, 2],
+    }
+}
+
+/// The PID with these gains.
+///
+/// # Errors
+/// Where they cannot be written, which finite numbers can.
+pub(crate) fn controller(gains: &Gains) -> Result<Chosen, Error> {
+    let bytes = serde_json::to_vec(gains).map_err(|e| Error::Config(e.to_string()))?;
+    choose("pid:tuned", Value::Null, &|_| Ok(bytes.clone()))
+}
+
+impl Flown<'_> {
+    fn setup(&self, gains: &Gains, scenario: &'static Scenario, steps: Option<Value>) -> Result<Setup, Error> {
+        Ok(Setup {
+            model: self.model.clone(),
+            scenario,
+            seconds: if steps.is_some() { STEP_S + WATCHED_S } else { scenario.seconds },
+            task_options: steps,
+            controller: controller(gains)?,
+            effects: self.effects.clone(),
+            vertical: self.vertical,
+        })
+    }
+
+    /// The answer to a step of an axis.
+    ///
+    /// # Errors
+    /// Those of the flight.
+    pub(crate) fn response(&self, gains: &Gains, axis: Axis) -> Result<Response, Error> {
+        let setup = self.setup(gains, Scenario::named("hover-70cm")?, Some(step(axis).0))?;
+        Ok(mean(&fly(&setup, &self.seeds)?, axis))
+    }
+
+    /// Time integral of the absolute error of an axis in the task, in steps and per as many seconds as a step is watched; a flight that ends early goes on
+    /// as it ended.
+    ///
+    /// # Errors
+    /// Those of the flight.
+    pub(crate) fn task_error_s(&self, gains: &Gains, axis: Axis) -> Result<Option<f64>, Error> {
+        let Some(task) = self.task else { return Ok(None) };
+        let setup = self.setup(gains, task, None)?;
+        let ([state, setpoint, _], size) = (places(axis), step(axis).1);
+        let flights = fly(&setup, &self.seeds)?;
+        let of = |trace: &Trace| {
+            let errors: Vec<f64> = trace.rows.iter().map(|r| f64::from((r.state[state] - r.observation[setpoint]).abs())).collect();
+            let missing = setup.seconds - errors.len() as f64 * trace.tick_s;
+            errors.iter().sum::<f64>() * trace.tick_s + errors.last().copied().unwrap_or(0.0) * missing.max(0.0)
+        };
+        let all: f64 = flights.iter().map(of).sum();
+        Ok(Some(all / (flights.len().max(1) as f64 * size) * WATCHED_S / setup.seconds))
+    }
+}
+
+/// A flight that ended early stays where it ended.
+fn mean(traces: &[Trace], axis: Axis) -> Response {
+    let [state, setpoint, action] = places(axis);
+    let length = traces.iter().map(|t| t.rows.len()).max().unwrap_or(0);
+    let at = |trace: &Trace, row: usize| trace.rows.get(row).or(trace.rows.last()).copied();
+    let (mut value, mut target) = (vec![0.0; length], vec![0.0; length]);
+    let share = 1.0 / traces.len().max(1) as f64;
+    for row in 0..length {
+        let rows = || traces.iter().filter_map(|trace| at(trace, row));
+        value[row] = rows().map(|r| f64::from(r.state[state])).sum::<f64>() * share;
+        target[row] = rows().map(|r| f64::from(r.observation[setpoint])).sum::<f64>() * share;
+    }
+    let travel = |t: &Trace| t.rows.windows(2).map(|pair| f64::from((pair[1].action[action] - pair[0].action[action]).abs())).sum::<f64>();
+    let tick_s = traces.first().map_or(1.0, |t| t.tick_s);
+    Response {
+        t_s: (0..length).map(|row| row as f64 * tick_s).collect(),
+        value,
+        target,
+        travel_per_s: traces.iter().map(travel).sum::<f64>() * share / (2.0 * length as f64 * tick_s),
+    }
+}
+
+impl Response {
+    /// Of the step of an axis.
+    pub(crate) fn figures(&self, axis: Axis) -> Figures {
+        let size = step(axis).1;
+        let dt_s = self.t_s.get(1).copied().unwrap_or(1.0);
+        let error: Vec<f64> = self.value.iter().zip(&self.target).map(|(v, t)| (v - t) / size).collect();
+        let first = (STEP_S / dt_s).round() as usize;
+        let start = error.get(first).copied().unwrap_or(0.0);
+        // beyond the set-point is on the other side of it than the start
+        let beyond = error.iter().skip(first).map(|e| if start < 0.0 { *e } else { -e });
+        let last_out = error.iter().rposition(|e| e.abs() > BAND);
+        Figures {
+            overshoot: beyond.fold(0.0, f64::max),
+            settling_s: match last_out {
+                Some(row) if row + 1 == error.len() => None,
+                Some(row) => Some((row as f64 * dt_s - STEP_S).max(0.0)),
+                None => Some(0.0),
+            },
+            error_s: error.iter().map(|e| e.abs()).sum::<f64>() * dt_s,
+        }
+    }
+}

@@ -1,0 +1,115 @@
+//! An attempt at the benchmark from afar: lock-step, scored by the server, signed, verified by flying it again.
+
+use crate::common::{folder, good, json, text};
+use crate::net::{Client, Server, floats, le, request};
+use crazyflie_server::serve::Settings;
+use serde_json::{Value, json as object};
+
+const ENVS: usize = 24;
+
+struct Rig {
+    server: Server,
+    data: std::path::PathBuf,
+    token: String,
+}
+
+fn rig(test: &str) -> Rig {
+    let data = folder(test).join("bench.sqlite");
+    let made = json(&["token", "create", "team-a", "--data", text(&data), "--json"]);
+    let token = made["token"].as_str().unwrap().to_owned();
+    let server = Server::start(Settings { data: Some(data.clone()), ..Settings::default() });
+    Rig { server, data, token }
+}
+
+impl Rig {
+    fn begin(&self, client: &mut Client, scenario: &str) -> Value {
+        client.ask(&object!({"id": 1, "type": "benchmark", "scenario": scenario, "controller": "still", "token": self.token}))
+    }
+}
+
+/// Steps by binary messages until the server says that the last episode is over; how many.
+fn fly(client: &mut Client) -> u64 {
+    for tick in 1.. {
+        let reply = client.ask_binary(request(1 + tick, 2, 0, 1, ENVS as u32, &le(&[0.0; 4 * ENVS])));
+        assert_eq!(reply[8], 0x82);
+        assert!(floats(&reply[32..32 + 4 * 24 * ENVS]).iter().all(|number| number.is_finite()));
+        if reply[9] & 2 != 0 {
+            return tick;
+        }
+    }
+    unreachable!()
+}
+
+#[test]
+fn an_attempt_from_afar_is_listed_and_confirmed() {
+    let rig = rig("contest-listed");
+    let mut client = rig.server.connect();
+    let begun = rig.begin(&mut client, "wind");
+    assert_eq!((&begun["type"], &begun["num_envs"]), (&object!("begun"), &object!(ENVS)), "{begun}");
+    assert_eq!(begun["observation"].as_array().unwrap().len(), ENVS);
+    // too early, in the wrong length and of the wrong kind: the attempt goes on
+    let wrong = client.ask(&object!({"id": 2, "type": "step", "action": [[0, 0, 0, 0]]}));
+    assert_eq!((&wrong["type"], &wrong["code"]), (&object!("error"), &object!("bad_shape")), "{wrong}");
+    let wrong = client.ask(&object!({"id": 3, "type": "step", "action": vec![[0.0, 0.0, 0.0, 7.0]; ENVS]}));
+    assert_eq!(wrong["code"], "bad_action", "{wrong}");
+    let wrong = client.ask(&object!({"id": 4, "type": "state"}));
+    assert_eq!(wrong["code"], "no_session", "no true states in an attempt: {wrong}");
+    let first = client.ask(&object!({"id": 5, "type": "step", "action": vec![[0.0; 4]; ENVS]}));
+    assert_eq!((&first["type"], &first["over"], first.get("state")), (&object!("result"), &object!(false), None));
+    let ticks = 1 + fly(&mut client);
+    let done = client.ask(&object!({"id": 90_000, "type": "finish"}));
+    assert_eq!(done["type"], "finished", "{done}");
+    let (id, score) = (done["attempt"]["id"].as_str().unwrap(), done["attempt"]["result"]["score"]["score"].as_f64().unwrap());
+    println!("{ticks} ticks, score {score}");
+    assert_eq!(begun["attempt"], done["attempt"]["id"]);
+    let board: Value = serde_json::from_str(&rig.server.get("/api/v1/leaderboard?scenario=wind")).unwrap();
+    assert_eq!((&board[0]["team"], &board[0]["controller"]), (&object!("team-a"), &object!("still")), "{board}");
+    assert!(good(&["verify", id, "--data", text(&rig.data)]).contains("confirmed"));
+    rig.server.stop();
+}
+
+#[test]
+fn what_is_not_finished_is_listed_as_abandoned() {
+    let rig = rig("contest-abandoned");
+    let mut client = rig.server.connect();
+    let begun = rig.begin(&mut client, "hover-aruco@1.0.0");
+    drop(client);
+    let path = format!("/api/v1/attempts/{}", begun["attempt"].as_str().unwrap());
+    let status = || serde_json::from_str::<Value>(&rig.server.get(&path)).unwrap()["status"].clone();
+    let began = std::time::Instant::now();
+    while status() != "abandoned" {
+        assert!(began.elapsed().as_secs() < 10, "still {}", status());
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    // finished before it is over: abandoned as well, and the connection lives on
+    let mut client = rig.server.connect();
+    rig.begin(&mut client, "wind");
+    assert_eq!(client.ask(&object!({"id": 2, "type": "finish"}))["code"], "attempt_under_way");
+    assert_eq!(client.ask(&object!({"id": 3, "type": "hello"}))["type"], "welcome");
+    rig.server.stop();
+}
+
+#[test]
+fn who_has_no_token_is_told_so_and_who_asks_too_much_when_to_come_back() {
+    let rig = rig("contest-refused");
+    let mut client = rig.server.connect();
+    let ask = |token: &str| object!({"id": 1, "type": "benchmark", "scenario": "wind", "controller": "x", "token": token});
+    assert_eq!(client.ask(&ask("cft_00"))["code"], "bad_token");
+    let unknown = client.ask(&object!({"id": 2, "type": "benchmark", "scenario": "wnd", "controller": "x", "token": rig.token}));
+    assert_eq!(unknown["code"], "unknown_scenario");
+    let mut held: Vec<Client> = Vec::new();
+    let refused = loop {
+        let mut another = rig.server.connect();
+        let answer = another.ask(&ask(&rig.token));
+        held.push(another);
+        if answer["type"] == "error" {
+            break answer;
+        }
+        assert!(held.len() < 50, "no limit");
+    };
+    println!("refused after {} attempts at once: {refused}", held.len() - 1);
+    assert_eq!(refused["code"], "too_many_at_once");
+    assert!(refused["retry_after_s"].as_u64().is_some());
+    drop(held);
+    rig.server.stop();
+}

@@ -1,0 +1,109 @@
+//! Controllers, their tuner and what they stand, from the command line.
+
+use crate::common::{bad, folder, good, json, text};
+use serde_json::Value;
+
+#[test]
+fn the_list_says_what_fly_and_submit_know() {
+    let all = json(&["controllers", "--json"]);
+    let names: Vec<&str> = all.as_array().unwrap().iter().map(|c| c["name"].as_str().unwrap()).collect();
+    let listed = good(&["controllers"]);
+    for name in &names {
+        assert!(listed.contains(name), "{name}");
+    }
+    for name in names.iter().filter(|name| all.as_array().unwrap().iter().any(|c| c["name"] == **name && c["file"].is_null())) {
+        let flown = json(&["fly", "--controller", name, "--seconds", "1", "--json"]);
+        assert_eq!(flown["setup"]["controller"], **name);
+    }
+    bad(2, &["fly", "--controller", "lqx"], &["did you mean \"lqr\""]);
+    bad(2, &["fly", "--controller", "lqr", "--controller-options", "{\"position\": 1}"], &["controller lqr", "position"]);
+    bad(2, &["fly", "--controller", "lqr", "--controller-options", "{"], &["--controller-options is not JSON"]);
+    bad(2, &["submit", "--controller", "pid:nowhere.json"], &["nowhere.json"]);
+}
+
+#[test]
+fn a_controller_behind_the_filter_is_submitted_under_its_name() {
+    let data = folder("filtered").join("bench.sqlite");
+    let submit = |name: &str| {
+        let line = good(&["submit", "--controller", name, "--scenario", "hover-aruco", "--data", text(&data), "--json"]);
+        serde_json::from_str::<Value>(&line).unwrap()
+    };
+    let score = |document: &Value| document["result"]["score"]["score"].as_f64().unwrap();
+    let (plain, filtered, lqr) = (submit("thesis-pid"), submit("kalman+thesis-pid"), submit("lqr"));
+    assert_eq!(filtered["controller"], "kalman+thesis-pid");
+    println!("hover-aruco: thesis-pid {:.1}, kalman+thesis-pid {:.1}, lqr {:.1}", score(&plain), score(&filtered), score(&lqr));
+    assert!(score(&filtered) > score(&plain) + 5.0 && score(&lqr) > score(&plain) + 5.0);
+}
+
+#[test]
+fn the_tuner_explains_table_7_1_and_finds_better_gains_that_fly() {
+    let folder = folder("tuned");
+    let (gains, picture) = (folder.join("gains.json"), folder.join("steps.svg"));
+    let told = json(&["tune", "--out", text(&gains), "--picture", text(&picture), "--json"]);
+    let loops = told["loops"].as_array().unwrap();
+    assert_eq!(loops.len(), 4);
+    for l in loops {
+        let number = |of: &str, part: &str, name: &str| l[of][part][name].as_f64();
+        let [old, new, found] = ["crazyflie_ros", "table_7_1", "tuned"];
+        let error = |of: &str| number(of, "response", "error_s").unwrap();
+        println!(
+            "{}: error {:.2}, {:.2}, {:.2} s; phase margin {:?}, {:?}, {:?} deg",
+            l["loop"],
+            error(old),
+            error(new),
+            error(found),
+            number(old, "margins", "phase_deg"),
+            number(new, "margins", "phase_deg"),
+            number(found, "margins", "phase_deg")
+        );
+        assert!(error(found) <= error(new), "{l}");
+        if l["loop"] == "x" || l["loop"] == "y" {
+            assert!(number(old, "margins", "phase_deg").unwrap() < 0.0 && number(new, "margins", "phase_deg").unwrap() > 0.0, "{l}");
+            assert!(number(found, "margins", "phase_deg").unwrap() > 25.0 && number(found, "response", "overshoot").unwrap() < 0.1, "{l}");
+        }
+    }
+    assert!(std::fs::read_to_string(&picture).unwrap().contains("table 7.1"));
+    let flights =
+        |controller: &str| json(&["fly", "--task", "fly-80cm", "--rig", "lab", "--runs", "20", "--json", "--controller", controller]);
+    let rmse = |flown: &Value| {
+        let runs = flown["runs"].as_array().unwrap();
+        let mut all: Vec<f64> = runs.iter().map(|r| r["phases"][0]["axes"]["x"]["rmse"].as_f64().unwrap()).collect();
+        all.sort_by(f64::total_cmp);
+        all[all.len() / 2]
+    };
+    let (thesis, tuned) = (rmse(&flights("thesis-pid")), rmse(&flights(&format!("pid:{}", text(&gains)))));
+    println!("80 cm: RMS error in x {thesis:.1} cm with table 7.1, {tuned:.1} cm tuned");
+    assert!(tuned < thesis);
+}
+
+#[test]
+fn robustness_flies_everything_under_every_condition() {
+    let picture = folder("robustness").join("robustness.svg");
+    let args = [
+        "robustness",
+        "--controllers",
+        "thesis-pid,lqr",
+        "--scenarios",
+        "hover-aruco",
+        "--seeds",
+        "20",
+        "--json",
+        "--picture",
+        text(&picture),
+    ];
+    let lines = json(&args);
+    let lines = lines.as_array().unwrap();
+    assert_eq!(lines.len(), 6);
+    for line in lines {
+        println!("{line}");
+        let (low, score, high) = (line["low"].as_f64().unwrap(), line["score"].as_f64().unwrap(), line["high"].as_f64().unwrap());
+        assert!(low <= score && score <= high && line["flights"] == 20);
+    }
+    let of = |name: &str, condition: &str| {
+        lines.iter().find(|l| l["controller"] == name && l["condition"] == condition).unwrap()["score"].as_f64()
+    };
+    assert!(of("thesis-pid", "nominal") > of("thesis-pid", "undeclared"), "what nobody was told of costs something");
+    assert!(of("lqr", "undeclared") > of("thesis-pid", "undeclared"));
+    assert_eq!(json(&args), Value::Array(lines.clone()), "the same seeds, the same figures");
+    bad(2, &["robustness", "--scenarios", "mystery"], &["unknown scenario", "hover-aruco"]);
+}

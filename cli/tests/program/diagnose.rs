@@ -1,0 +1,72 @@
+//! `crazyflie diagnose` and `crazyflie horizons` on cuts of recorded flights.
+
+use std::path::{Path, PathBuf};
+
+use crate::common::json;
+use serde_json::Value;
+
+fn data(path: &str) -> String {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/data").join(path);
+    assert!(folder.exists(), "{} is part of the repository", folder.display());
+    folder.display().to_string()
+}
+
+fn diagnosis(normal: &[&str], suspect: &[&str]) -> Value {
+    let paths = |of: &[&str]| of.iter().map(|p| data(&format!("crazypad/{p}"))).collect::<Vec<_>>();
+    let (normal, suspect) = (paths(normal), paths(suspect));
+    let mut args = vec!["diagnose", "--json", "--normal"];
+    args.extend(normal.iter().map(String::as_str));
+    args.push("--suspect");
+    args.extend(suspect.iter().map(String::as_str));
+    json(&args)
+}
+
+const NORMAL: [&str; 2] = ["controller_data/normal_flight", "motor_data/normal_flight"];
+
+/// The weight sits between motors 3 and 4, on the left; its mass is not told by the data set.
+#[test]
+fn an_added_weight_leans_to_where_it_sits() {
+    let found = diagnosis(&NORMAL, &["motor_data/add_weight_W1_near_M3_M4"]);
+    let change = |i: usize| found["change"][i].as_f64().unwrap();
+    // more thrust, to the left, and no more yaw than set-ups differ by
+    assert!(change(0) > 0.03 && change(1) > 0.04 && change(2).abs() < 0.02, "{found}");
+    assert!(found["z"][3].as_f64().unwrap().abs() < 1.0, "{found}");
+    assert_ne!(found["verdict"], "weak_motor", "{found}");
+}
+
+/// A cut propeller 3 asks for yaw, the way of motors 1 and 3.
+#[test]
+fn a_cut_propeller_asks_for_yaw() {
+    let found = diagnosis(&NORMAL, &["motor_data/cut_propeller_M3_2mm"]);
+    assert!(found["change"][3].as_f64().unwrap() > 0.02, "{found}");
+    assert_ne!(found["verdict"], "added_weight", "{found}");
+}
+
+#[test]
+fn normal_flights_are_normal() {
+    let found = diagnosis(&NORMAL[..1], &NORMAL[1..]);
+    assert_eq!(found["verdict"], "nothing", "{found}");
+    let found = diagnosis(&NORMAL[1..], &NORMAL[..1]);
+    assert_eq!(found["verdict"], "nothing", "{found}");
+}
+
+#[test]
+fn what_cannot_be_compared_is_said() {
+    let two = ["motor_data/normal_flight/E8_log00", "motor_data/normal_flight/E8_log01"];
+    let found = diagnosis(&two, &["motor_data/cut_propeller_M3_2mm"]);
+    assert_eq!(found["verdict"], "too_few", "{found}");
+    let file = data("crazypad/motor_data/normal_flight/E8_log00");
+    crate::common::bad(1, &["diagnose", "--normal", &file, "--suspect", &file], &["same flight"]);
+}
+
+/// From the motors alone, half a second ahead: better than going on as before, on a flight that the fit has not seen.
+#[test]
+fn motors_predict_what_comes() {
+    let [fit, test]: [PathBuf; 2] = ["B8_star_fast_rep1", "B8_star_medium_rep1"].map(|n| data(&format!("nanobench/{n}.csv.gz")).into());
+    let table = json(&["horizons", "--fit", &fit.display().to_string(), "--test", &test.display().to_string(), "--json"]);
+    let error = |of: &str, quantity: usize| table["errors"][of][quantity][2].as_f64().unwrap();
+    for quantity in 0..3 {
+        let (model, unchanged) = (error("model", quantity), error("unchanged", quantity));
+        assert!(model < 0.8 * unchanged, "{quantity}: {model} {unchanged}: {table}");
+    }
+}

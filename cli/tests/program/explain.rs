@@ -1,0 +1,353 @@
+//! Explanations from the command line: flights of our own simulator, the files that come out, and what is refused.
+
+use std::path::{Path, PathBuf};
+
+use crate::common::{bad, folder, good, json, shared, text};
+use serde_json::Value;
+
+/// What makes a simulated flight like a measured one: sensors that are not perfect.
+const SENSORS: [&str; 3] = ["camera_noise.xy_m=0.004", "camera_noise.z_m=0.006", "gyro_bias.angle_noise_deg=0.2"];
+
+/// Two flights of a vehicle that the thesis's model declares but for some effects.
+fn fly(folder: &Path, effects: &[&str]) -> [PathBuf; 2] {
+    fly_by(folder, "thrust", 6, effects)
+}
+
+fn fly_by(folder: &Path, vertical: &str, period_s: u32, effects: &[&str]) -> [PathBuf; 2] {
+    fly_for("16", folder, vertical, period_s, effects)
+}
+
+fn fly_for(seconds: &str, folder: &Path, vertical: &str, period_s: u32, effects: &[&str]) -> [PathBuf; 2] {
+    [("a", "1"), ("b", "2")].map(|(name, seed)| {
+        let log = folder.join(format!("{name}.csv"));
+        let options = format!("{{\"shape\": \"figure_eight\", \"period_s\": {period_s}}}");
+        let mut args = vec!["fly", "--task", "track", "--task-options", &options, "--vertical", vertical, "--seconds", seconds];
+        args.extend(["--seed", seed, "--csv", text(&log)]);
+        args.extend(SENSORS.iter().chain(effects).flat_map(|e| ["--effects", e]));
+        good(&args);
+        log
+    })
+}
+
+fn thesis(folder: &Path) -> PathBuf {
+    let model = folder.join("thesis.toml");
+    std::fs::write(&model, good(&["model", "--show"])).unwrap();
+    model
+}
+
+fn explain(folder: &Path, [fit, test]: &[PathBuf; 2]) -> Value {
+    let (model, out) = (thesis(folder), folder.join("out"));
+    json(&["explain", text(&model), "--fit", text(fit), "--test", text(test), "--out", text(&out), "--json"])
+}
+
+#[test]
+fn a_hidden_drag_is_found_and_written_down() {
+    let folder = folder("explain_drag");
+    let found = explain(&folder, &fly(&folder, &["drag_linear=0.4"]));
+    assert_eq!(found["verdict"], "explained", "{found}");
+    let drag = found["effects"].as_array().unwrap().iter().find(|e| e["name"] == "drag_linear").unwrap();
+    let rate = drag["params"]["rate_ps"]["value"].as_f64().unwrap();
+    assert!((rate - 0.4).abs() < 0.15 * 0.4 && drag["params"]["rate_ps"]["unit"] == "1/s", "{drag}");
+    let error = |when: &str| found["error"][when]["velocity_mps"]["2_s"].as_f64().unwrap();
+    assert!(error("after") < 0.7 * error("before"), "{}", found["error"]);
+    // one test flight has one free run: nothing to test
+    assert!(found["error"]["p_value"]["position_m"]["free_run"].is_null());
+    assert_eq!(found["error"]["stretches"]["position_m"]["free_run"], 1);
+    let out = folder.join("out");
+    let written: Value = serde_json::from_str(&std::fs::read_to_string(out.join("report.json")).unwrap()).unwrap();
+    assert_eq!(written, found);
+    let model = std::fs::read_to_string(out.join("model.toml")).unwrap();
+    assert!(model.contains("[effects.drag_linear") && model.contains("estimated on a.csv"), "{model}");
+    good(&["fly", "--model", text(&out.join("model.toml")), "--vertical", "thrust", "--seconds", "3"]);
+    page(&std::fs::read_to_string(out.join("report.html")).unwrap());
+}
+
+/// The page has its parts in the order in which they are asked for, and asks nobody for anything.
+fn page(html: &str) {
+    let parts =
+        ["What is missing", "sideways (x, y)", "vertical (z)", "How sure", "drag_linear", "How much better", "id=\"flights\"", "b.csv"];
+    let later = ["id=\"freerun\"", "id=\"white\"", "What these flights could not show", "id=\"next\""];
+    let mut from = 0;
+    for part in parts.into_iter().chain(later) {
+        from += html[from..].find(part).unwrap_or_else(|| panic!("{part} is missing after {from}"));
+    }
+    assert!(!html[from..].contains("<h2"), "the page ends with what to do next");
+    for outside in ["http:", "https:", "src=", "<script", "@import", "url("] {
+        assert!(!html.contains(outside), "the page refers to {outside}");
+    }
+    assert!(!html.contains("NaN") && !html.contains("inf "), "numbers that are none");
+}
+
+/// A page with its characters as a browser reads them, and the object for machines beside it.
+fn written(out: &Path) -> (String, Value) {
+    let read = |name: &str| std::fs::read_to_string(out.join(name)).unwrap();
+    let plain = read("report.html").replace("&#x2f;", "/").replace("&#x27;", "'").replace("&lt;", "<").replace("&gt;", ">");
+    (plain, serde_json::from_str(&read("report.json")).unwrap())
+}
+
+/// Numbers of a page with their places in the object for machines.
+fn numbers(html: &str) -> Vec<(&str, Option<f64>, &str)> {
+    let mut all = Vec::new();
+    for piece in html.split("<data ").skip(1) {
+        let (at, end) = (piece.find("data-json=\"").unwrap(), piece.find("</data>").unwrap());
+        let value = piece[..at].split_once("value=\"").map(|(_, rest)| rest.split_once('"').unwrap().0.parse().unwrap());
+        let (pointer, rest) = piece[at + 11..end].split_once('"').unwrap();
+        all.push((pointer, value, rest.split_once('>').unwrap().1));
+    }
+    all
+}
+
+/// Every number that the page, the object and the model file share is the same in all.
+fn same_values(out: &Path) {
+    let (html, object) = written(out);
+    let shown = numbers(&html);
+    assert!(shown.len() > 100, "{}", shown.len());
+    for (pointer, value, text) in shown {
+        let written = object.pointer(pointer).unwrap_or_else(|| panic!("no {pointer} in report.json"));
+        assert_eq!(written.as_f64(), value, "{pointer}, shown as {text}");
+        assert_eq!(value.is_none(), text == "-" || text == "too few", "{pointer}: {text}");
+    }
+    let model = json(&["model", text(&out.join("model.toml")), "--json"]);
+    let lists = ["effects", "partial", "corrections"].map(|list| object[list].as_array().unwrap());
+    for effect in lists.into_iter().flatten().flat_map(|e| [e].into_iter().chain(e["with"].as_array().unwrap())) {
+        for (param, estimate) in effect["params"].as_object().unwrap() {
+            let (name, value) = (effect["name"].as_str().unwrap(), &estimate["value"]);
+            assert_eq!(&model["effects"][name][param]["value"], value, "{name}.{param}");
+            let as_text = value.as_f64().unwrap().to_string();
+            assert!(html.contains(&format!("<data value=\"{as_text}\"")), "{name}.{param} {as_text} is not on the page");
+        }
+    }
+}
+
+#[test]
+fn page_object_and_model_hold_the_same_values_and_every_flight_is_named() {
+    let folder = folder("explain_same");
+    let [fit, test] = fly(&folder, &["drag_linear=0.4"]);
+    let other = folder.join("elsewhere").join("b.csv");
+    std::fs::create_dir(folder.join("elsewhere")).unwrap();
+    let options = "{\"shape\": \"figure_eight\", \"period_s\": 5}";
+    let again = ["fly", "--task", "track", "--task-options", options, "--vertical", "thrust", "--seconds", "12", "--seed", "9"];
+    good(&[&again[..], &["--csv", text(&other), "--effects", "drag_linear=0.4"], &SENSORS.map(|s| ["--effects", s]).concat()].concat());
+    let (model, out) = (thesis(&folder), folder.join("out"));
+    let printed = good(&["explain", text(&model), "--fit", text(&fit), "--test", text(&test), text(&other), "--out", text(&out)]);
+    same_values(&out);
+    let (html, object) = written(&out);
+    // two files of one name are told apart by their paths
+    for (i, flight) in [&test, &other].into_iter().enumerate() {
+        assert!(html.contains(&format!("<h3>{}</h3>", flight.display())) && printed.contains(text(flight)), "{}", flight.display());
+        assert_eq!(object["error"]["flights"][i]["name"], text(flight));
+    }
+    assert_eq!(html.matches("<figure class=\"plot\">").count(), 2 * 6);
+    // two free runs are no sample, whatever else is
+    assert!(html.contains("too few") && printed.contains("too few"), "{printed}");
+    assert_eq!(object["error"]["axes"]["stretches"]["yaw_rad"]["free_run"], 2);
+    assert!(object["error"]["axes"]["p_value"]["yaw_rad"]["free_run"].is_null());
+    for signal in ["sideways (x, y): explained, by drag_linear", "vertical (z): nothing missing", "tilt (roll, pitch): ", "yaw: "] {
+        assert!(printed.contains(signal), "{printed}");
+    }
+    assert!(printed.contains("what to do next\n1. ") && object["foreign_model"].is_null(), "{printed}");
+}
+
+/// The thesis's numbers are not those of a recorded vehicle: that is said before anything else, with what to run.
+#[test]
+fn a_recorded_flight_of_another_vehicle_is_told_first() {
+    let name = "a_recorded_flight_of_another_vehicle_is_told_first";
+    let Some(flights) = shared(name, "nanobench") else { return };
+    let [fit, test] = ["B8_star_slow_rep1.csv.gz", "B2_circle_slow_rep2.csv.gz"].map(|file| flights.join(file));
+    let folder = folder("explain_foreign");
+    for vertical in ["thrust", "pwm"] {
+        let out = folder.join(vertical);
+        let printed = good(&["explain", "thesis", "--vertical", vertical, "--fit", text(&fit), "--test", text(&test), "--out", text(&out)]);
+        let first = printed.lines().take(3).collect::<Vec<_>>();
+        let command = format!("crazyflie identify --fit {} --out mine.toml", fit.display());
+        assert!(first[0].contains("The numbers of the model thesis are not this vehicle's") && first[1].trim() == command, "{printed}");
+        assert!(first[2].trim().starts_with("crazyflie explain mine.toml --fit "), "{printed}");
+        let (html, object) = written(&out);
+        let (warned, verdict) = (html.find("id=\"foreign\"").unwrap(), html.find("class=\"verdict").unwrap());
+        assert!(warned < verdict && html[warned..verdict].contains(&command), "{vertical}");
+        assert_eq!(object["foreign_model"]["commands"][0], command.as_str());
+        assert_eq!(object["next"][0]["commands"][0], command.as_str());
+        same_values(&out);
+    }
+}
+
+#[test]
+fn where_nothing_is_hidden_nothing_is_found() {
+    let folder = folder("explain_null");
+    let found = explain(&folder, &fly(&folder, &[]));
+    assert_eq!(found["verdict"], "nothing_missing", "{found}");
+    assert_eq!(found["effects"], serde_json::json!([]));
+}
+
+/// A declared gain is known to some per cent: what makes up for less has a value, and is no cause.
+#[test]
+fn two_per_cent_of_gain_are_a_correction_and_no_cause() {
+    let folder = folder("explain_small");
+    let flights = fly(&folder, &["attitude_gain=0.98"]);
+    let found = explain(&folder, &flights);
+    assert_eq!(found["verdict"], "nothing_missing", "{found}");
+    let correction = &found["corrections"][0];
+    assert_eq!(correction["name"], "attitude_gain", "{correction}");
+    let gain = correction["params"]["gain"]["value"].as_f64().unwrap();
+    assert!((gain - 0.98).abs() < 0.005, "{correction}");
+    same_values(&folder.join("out"));
+}
+
+/// Without the gain, a filter passes through an inertia below zero: that must not lose the name.
+#[test]
+fn a_weak_gain_on_a_large_inertia_keeps_its_name() {
+    let folder = folder("explain_gain_and_inertia");
+    let flights = fly(&folder, &["attitude_gain=0.82", "inertia_scale=1.5"]);
+    let found = explain(&folder, &flights);
+    let names: Vec<&str> = found["effects"].as_array().unwrap().iter().map(|e| e["name"].as_str().unwrap()).collect();
+    assert!(names.contains(&"attitude_gain"), "{found}");
+}
+
+#[test]
+fn lost_packets_are_told_from_a_delay_and_counted() {
+    let folder = folder("explain_loss");
+    let found = explain(&folder, &fly(&folder, &["packet_loss=0.3"]));
+    assert_eq!(found["verdict"], "explained", "{found}");
+    let names: Vec<&str> = found["effects"].as_array().unwrap().iter().map(|e| e["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["packet_loss"], "{}", found["effects"]);
+    let share = &found["effects"][0]["params"]["probability"];
+    let (value, stderr) = (share["value"].as_f64().unwrap(), share["stderr"].as_f64().unwrap());
+    assert!((value - 0.3).abs() < 3.0 * stderr && stderr < 0.06, "{share}");
+}
+
+#[test]
+fn what_is_missing_in_two_ways_is_found_in_one_round() {
+    let folder = folder("explain_two");
+    let found = explain(&folder, &fly(&folder, &["drag_linear=0.5", "cmd_delay=0.05"]));
+    assert_eq!(found["verdict"], "explained", "{found}");
+    for (name, parameter, truth) in [("drag_linear", "rate_ps", 0.5), ("cmd_delay", "delay_s", 0.05)] {
+        let effect = found["effects"].as_array().unwrap().iter().find(|e| e["name"] == name).unwrap();
+        let value = effect["params"][parameter]["value"].as_f64().unwrap();
+        assert!((value / truth - 1.0).abs() < 0.1, "{effect}");
+    }
+    let path = found["path"].as_array().unwrap();
+    assert!(path[1]["effects"].as_array().unwrap().len() > 1, "{path:?}");
+}
+
+#[test]
+fn an_inertia_comes_back_as_it_was_flown() {
+    let folder = folder("explain_inertia");
+    let found = explain(&folder, &fly(&folder, &["inertia_scale=1.4"]));
+    assert_eq!(found["effects"].as_array().map(Vec::len), Some(1), "{}", found["effects"]);
+    let scale = &found["effects"][0]["params"]["scale"];
+    let (value, stderr) = (scale["value"].as_f64().unwrap(), scale["stderr"].as_f64().unwrap());
+    assert!((value - 1.4).abs() < 3.0 * stderr && stderr < 0.03, "{scale}");
+}
+
+#[test]
+fn a_thrust_that_is_always_less_does_not_pass_for_a_draught() {
+    let folder = folder("explain_thrust");
+    // at one height, and for 16 s, nothing but its being there from the start tells it from air that sinks
+    let found = explain(&folder, &fly(&folder, &["thrust_scale=0.95", "gust.sigma_mps2=0.03"]));
+    let effects = found["effects"].as_array().unwrap();
+    let group = |e: &Value| [&[e["name"].clone()], e["confusable_with"].as_array().unwrap().as_slice()].concat();
+    let named: Vec<Value> = effects.iter().flat_map(group).collect();
+    assert!(effects.len() == 1 && named.contains(&"thrust_scale".into()) && named.len() <= 3, "{effects:?}");
+}
+
+#[test]
+fn a_load_is_found_although_the_air_could_sink_as_much() {
+    let folder = folder("explain_load");
+    let found = explain(&folder, &fly_by(&folder, "thrust", 4, &["mass_change=0.002"]));
+    let added = &found["effects"][0]["params"]["added_kg"]["value"];
+    assert!(found["verdict"] == "explained" && (added.as_f64().unwrap() - 0.002).abs() < 1e-4, "{}", found["effects"]);
+}
+
+/// In air that moves by itself too: a wind that stays was taken for a gust of nine seconds.
+#[test]
+fn a_steady_wind_in_moving_air_is_no_gust() {
+    let folder = folder("explain_moving_air");
+    let air = ["wind.x_mps2=0.3", "wind.y_mps2=0.1", "gust.sigma_mps2=0.09", "gust.tau_s=0.6"];
+    let found = explain(&folder, &fly_for("40", &folder, "thrust", 6, &air));
+    let effects = found["effects"].as_array().unwrap();
+    let wind = effects.iter().find(|e| e["name"] == "wind").unwrap_or_else(|| panic!("{found}"));
+    assert!((wind["params"]["x_mps2"]["value"].as_f64().unwrap() - 0.3).abs() < 0.045, "{wind}");
+    assert!(effects.iter().all(|e| e["name"] != "gust"), "{found}");
+}
+
+/// The thesis's yaw and PWM forms are of first order: what pushes them is lagged, and the lagged push is not to be forgotten from tick to tick.
+#[test]
+fn true_kinematics_are_found_on_the_forms_of_the_thesis() {
+    for vertical in ["thrust", "pwm"] {
+        let folder = folder(&format!("explain_true_{vertical}"));
+        let found = explain(&folder, &fly_by(&folder, vertical, 4, &["euler_kinematics=1"]));
+        assert_eq!((&found["verdict"], &found["vertical"]), (&"explained".into(), &vertical.into()), "{found}");
+        let amount = &found["effects"][0]["params"]["amount"]["value"];
+        assert!((amount.as_f64().unwrap() - 1.0).abs() < 0.05, "{}", found["effects"]);
+    }
+}
+
+/// The log of a PWM does not say which form flew it.
+#[test]
+fn of_two_forms_for_the_pwm_the_one_that_flew_is_taken() {
+    let folder = folder("explain_form");
+    let flights = fly_by(&folder, "pwm", 6, &[]);
+    let found = explain(&folder, &flights);
+    assert_eq!((&found["verdict"], &found["vertical"]), (&"nothing_missing".into(), &"pwm".into()), "{found}");
+    let [fit, test] = flights.each_ref().map(|f| text(f));
+    let out = folder.join("other");
+    let other = json(&["explain", "thesis", "--vertical", "thrust", "--fit", fit, "--test", test, "--out", text(&out), "--json"]);
+    assert_eq!((&other["verdict"], &other["vertical"]), (&"unexplained".into(), &"thrust".into()), "{other}");
+    bad(1, &["explain", "thesis", "--vertical", "height", "--fit", fit, "--test", test, "--out", text(&out)], &["a.csv", "height command"]);
+}
+
+/// Far from the marker fixes scatter ten times as much as over it: no structure of the vehicle.
+#[test]
+fn fixes_that_scatter_far_from_the_marker_do_not_hide_a_gust() {
+    let folder = folder("explain_far");
+    let found = explain(&folder, &fly_by(&folder, "thrust", 4, &["gust.sigma_mps2=0.4"]));
+    let names: Vec<&Value> = found["effects"].as_array().unwrap().iter().map(|e| &e["name"]).collect();
+    assert_eq!((found["verdict"].as_str(), &names[..]), (Some("explained"), &[&"gust".into()][..]), "{found}");
+}
+
+#[test]
+fn what_cannot_be_explained_is_refused_with_a_reason() {
+    let folder = folder("explain_bad");
+    let model = thesis(&folder);
+    let log = folder.join("flight.csv");
+    good(&["fly", "--task", "track", "--seconds", "4", "--csv", text(&log)]);
+    let copy = folder.join("copy.csv");
+    std::fs::copy(&log, &copy).unwrap();
+    let junk = folder.join("junk.csv");
+    std::fs::write(&junk, "a,b\n1,2\n").unwrap();
+    let (m, l, out) = (text(&model), text(&log), folder.join("out"));
+    bad(2, &["explain", m, "--fit", l, "--out", text(&out)], &["--test", "errors are only honest on flights the fit never saw"]);
+    bad(2, &["explain", m, "--test", l, "--out", text(&out)], &["--fit"]);
+    bad(2, &["explain", m, "--fit", l, "--test", l], &["--out"]);
+    bad(1, &["explain", m, "--fit", l, "--test", text(&copy), "--out", text(&out)], &["flight.csv", "copy.csv", "the same flight"]);
+    bad(1, &["explain", m, "--fit", text(&junk), "--test", l, "--out", text(&out)], &["junk.csv", "no known log format"]);
+    bad(1, &["explain", m, "--fit", "no/such.csv", "--test", l, "--out", text(&out)], &["no/such.csv", "No such file"]);
+    bad(1, &["explain", l, "--fit", l, "--test", l, "--out", text(&out)], &["flight.csv", "not a model", "line 1"]);
+    bad(1, &["explain", "no/model.toml", "--fit", l, "--test", l, "--out", text(&out)], &["no/model.toml", "No such file"]);
+    let case = folder.join("d00.json");
+    std::fs::write(&case, "{\"declared_model\": 3}").unwrap();
+    bad(1, &["explain", text(&case), "--out", text(&out)], &["d00.json", "not a case file"]);
+    assert!(!out.exists(), "nothing is written before it is known");
+}
+
+#[test]
+fn scores_need_cases() {
+    let folder = folder("score_bad");
+    bad(1, &["score", text(&folder)], &["holds no case files"]);
+    bad(1, &["score", "no/such"], &["no/such"]);
+    std::fs::write(folder.join("d07.json"), "{}").unwrap();
+    bad(2, &["score", text(&folder), "--only", "d70"], &["unknown case \"d70\"", "did you mean \"d07\""]);
+    bad(1, &["score", text(&folder)], &["d07.json", "not a case file"]);
+}
+
+#[test]
+fn two_cases_are_scored() {
+    let Some(folder) = shared("two_cases_are_scored", "hidden_effects") else { return };
+    let scored = json(&["score", text(&folder), "--only", "d00,d21", "--json"]);
+    let [null, deadband] = &scored["cases"].as_array().unwrap()[..] else { panic!("{scored}") };
+    assert_eq!((&null["case"], &null["score"]["group"]), (&"d00".into(), &"null".into()));
+    assert_eq!(null["score"]["criteria"]["named"], true, "{null}");
+    assert!(null["score"]["criteria"]["15 %"].is_null(), "{null}");
+    assert_eq!(deadband["score"]["criteria"]["named"], true, "{deadband}");
+    assert_eq!(scored["totals"]["all"]["named"]["of"], 2);
+}

@@ -1,0 +1,170 @@
+//! Flights: figures, determinism, and the way through a log and back.
+
+use crate::common::{bad, folder, good, json, shared, text};
+use serde_json::Value;
+
+/// Fits in percent of the first run of a replay, by signal.
+fn fit(replay: &Value, signal: &str) -> f64 {
+    replay["logs"][0]["runs"][0]["signals"][signal]["fit_percent"].as_f64().unwrap()
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bytes() {
+    let folder = folder("deterministic");
+    let args = ["fly", "--task", "hover", "--rig", "lab", "--effects", "gust.sigma_mps2=0.3", "--seconds", "3", "--seed"];
+    let fly = |seed: &str, name: &str| {
+        let files = [".csv", ".svg", ".3d.svg"].map(|ending| folder.join(format!("{name}{ending}")));
+        let [csv, svg, path] = &files;
+        let more = [seed, "--csv", text(csv), "--picture", text(svg), "--picture3d", text(path)];
+        let out = good(&[&args[..], &more].concat());
+        (out, files.map(|file| std::fs::read(file).unwrap()))
+    };
+    let (first, second, other) = (fly("7", "a"), fly("7", "b"), fly("8", "c"));
+    assert_eq!(first, second);
+    assert_ne!(first.1[0], other.1[0]);
+}
+
+#[test]
+fn a_run_of_a_batch_is_the_run_alone() {
+    let of = |seed: &str, runs: &str| json(&["fly", "--rig", "lab", "--seconds", "3", "--json", "--seed", seed, "--runs", runs]);
+    let batch = of("3", "70");
+    assert_eq!(batch["runs"].as_array().unwrap().len(), 70);
+    for (i, seed) in [(0, "3"), (17, "20"), (69, "72")] {
+        assert_eq!(batch["runs"][i], of(seed, "1")["runs"][0], "seed {seed}");
+    }
+    let table = good(&["fly", "--runs", "5", "--seconds", "3"]);
+    assert!(table.contains("5 flights: median (first to third quartile)") && table.contains("crashed: 0 of 5"), "{table}");
+}
+
+#[test]
+fn a_flight_replayed_on_its_own_model_fits() {
+    let folder = folder("round_trip");
+    let log = folder.join("flight.csv");
+    let forms = [("pwm", "fly-80cm"), ("thrust", "fly-80cm"), ("height", "fly-80cm"), ("pwm", "takeoff-70cm"), ("thrust", "track")];
+    for (form, task) in forms {
+        // turned a little, so that every axis has something to do
+        let options =
+            if task == "fly-80cm" { "{\"start_m\": [0.8, -0.3, 0.6], \"setpoint_yaw_deg\": 30, \"start_yaw_deg\": 20}" } else { "null" };
+        good(&["fly", "--task", task, "--task-options", options, "--vertical", form, "--csv", text(&log)]);
+        let back = json(&["replay", text(&log), "--vertical", form, "--json"]);
+        for signal in ["roll", "pitch", "z", "vx", "vy", "x", "y"] {
+            let signals = &back["logs"][0]["runs"][0]["signals"][signal];
+            match signals["fit_percent"].as_f64() {
+                Some(fit) => assert!(fit > 99.0, "{form} {task} {signal}: {fit} %"),
+                None => assert!(signals["rmse"].as_f64().unwrap() < 1e-9, "{form} {task} {signal}"),
+            }
+        }
+    }
+}
+
+#[test]
+fn a_flight_written_as_mcap_replays_as_its_csv() {
+    let folder = folder("mcap");
+    let logs = ["flight.csv", "flight.mcap"].map(|name| folder.join(name));
+    let [csv, mcap] = logs.each_ref().map(|log| {
+        good(&["fly", "--task", "fly-80cm", "--seconds", "5", "--rig", "lab", "--csv", text(log)]);
+        good(&["replay", text(log)])
+    });
+    assert!(std::fs::read(&logs[1]).unwrap().starts_with(b"\x89MCAP0"));
+    assert_eq!(mcap.replace("flight.mcap", "flight.csv"), csv);
+}
+
+#[test]
+fn the_csv_has_a_fix_only_where_a_frame_arrived() {
+    let folder = folder("fixes");
+    let log = folder.join("flight.csv");
+    good(&["fly", "--task", "hover-70cm", "--seconds", "10", "--rig", "lab", "--csv", text(&log)]);
+    let content = std::fs::read_to_string(&log).unwrap();
+    let mut lines = content.lines();
+    let header: Vec<&str> = lines.next().unwrap().split(',').collect();
+    let column = |name: &str| header.iter().position(|h| *h == name).unwrap();
+    let (t, captured) = (column("t_s"), column("marker_t_s"));
+    let rows: Vec<Vec<&str>> = lines.map(|l| l.split(',').collect()).collect();
+    assert_eq!(rows.len(), 501);
+    let ages: Vec<f64> = rows
+        .iter()
+        .filter(|r| !r[captured].is_empty())
+        .map(|r| r[t].parse::<f64>().unwrap() - r[captured].parse::<f64>().unwrap())
+        .collect();
+    assert!((298..=301).contains(&ages.len()), "{} fixes in 10 s", ages.len());
+    assert!(ages[1..].iter().all(|age| (0.0499..0.0701).contains(age)), "{ages:?}");
+}
+
+#[test]
+fn the_whole_flight_of_the_thesis_is_flown() {
+    let flight = json(&["fly", "--task", "whole-flight", "--json"]);
+    let run = &flight["runs"][0];
+    assert!(run["crash"].is_null(), "{run}");
+    let names: Vec<&str> = run["phases"].as_array().unwrap().iter().map(|p| p["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["take off", "fly 80 cm", "land"]);
+    let over = |phase: usize, axis: &str| run["phases"][phase]["axes"][axis]["final_error"].as_f64().unwrap();
+    assert!(over(0, "z") < 2.0 && over(1, "x") < 2.0 && over(1, "z") < 2.0, "{run}");
+}
+
+#[test]
+fn a_derived_velocity_and_a_model_of_ones_own() {
+    let Some(folder) = shared("a_derived_velocity_and_a_model_of_ones_own", "hidden_effects") else { return };
+    let log = folder.join("d00_a.csv.gz");
+    let back = json(&["replay", text(&log), "--hover-pwm", "auto", "--horizon", "2", "--json"]);
+    let remarks = back["logs"][0]["runs"][0]["remarks"].to_string();
+    assert!(remarks.contains("derived from the position") && remarks.contains("hover PWM taken as"), "{remarks}");
+    assert!(fit(&back, "roll") > 85.0 && fit(&back, "pitch") > 85.0 && fit(&back, "x") > 80.0, "{back}");
+}
+
+#[test]
+fn every_nanobench_flight_is_replayed_as_published() {
+    let Some(folder) = shared("every_nanobench_flight_is_replayed_as_published", "nanobench") else { return };
+    let mut files: Vec<_> =
+        std::fs::read_dir(folder).unwrap().map(|f| f.unwrap().path()).filter(|f| f.extension().is_some_and(|e| e == "gz")).collect();
+    files.sort();
+    assert_eq!(files.len(), 18);
+    let without_commands = ["B9_trefoil_medium_rep10", "B9_trefoil_slow_rep12"];
+    for file in &files {
+        if without_commands.iter().any(|name| text(file).contains(name)) {
+            bad(1, &["replay", text(file)], &[text(file), "the log holds no commands"]);
+            continue;
+        }
+        for more in [&[][..], &["--hover-pwm", "auto"], &["--measured-yaw-rate"]] {
+            let back = json(&[&["replay", text(file), "--json"], more].concat());
+            let half_second = &back["logs"][0]["runs"][2]["signals"];
+            assert!(half_second["x"]["fit_percent"].as_f64().unwrap() > 60.0, "{}: {half_second}", text(file));
+        }
+    }
+    // all at once: the good ones are reported, the exit code tells of the two others
+    let all: Vec<&str> = ["replay"].into_iter().chain(files.iter().map(|f| text(f))).collect();
+    let ran = crate::common::run(&all);
+    assert!(ran.code == 1 && ran.out.contains("median of 16 flights") && ran.err.contains("2 of 18 logs"), "{}", ran.err);
+}
+
+#[test]
+fn every_task_flies_by_its_name() {
+    let tasks = json(&["tasks", "--json"]);
+    for task in tasks["tasks"].as_array().unwrap() {
+        let name = task["name"].as_str().unwrap();
+        let flown = json(&["fly", "--task", name, "--seconds", "0.5", "--json"]);
+        let drones = flown["runs"][0]["drones"].as_array().map_or(1, Vec::len);
+        assert_eq!(task["drones"], drones, "{name}");
+    }
+}
+
+#[test]
+fn several_drones_swap_places_unless_nothing_keeps_them_apart() {
+    let folder = folder("together");
+    let (csv, svg, path) = (folder.join("swap.csv"), folder.join("swap.svg"), folder.join("path.svg"));
+    let files = ["--csv", text(&csv), "--picture", text(&svg), "--picture3d", text(&path)];
+    let flight = ["fly", "--task", "swap", "--drones", "5", "--json"];
+    let apart = json(&[&flight[..], &["--avoid"], &files].concat());
+    let metrics = &apart["runs"][0]["metrics"];
+    assert!(metrics["collisions"] == 0.0 && metrics["done"] == 5.0, "{metrics}");
+    assert!(apart["setup"]["effects"]["downwash"].is_number(), "{}", apart["setup"]);
+    for drone in 0..5 {
+        let log = folder.join(format!("swap-{drone}.csv"));
+        good(&["replay", text(&log)]);
+    }
+    assert!([svg, path].iter().all(|file| std::fs::read_to_string(file).unwrap().contains("drone 4")));
+    assert!(json(&flight)["runs"][0]["metrics"]["collisions"].as_f64().unwrap() > 0.0);
+    let advice = good(&["fly", "--task", "swap", "--runs", "3"]);
+    assert!(advice.contains("3 flights: median") && advice.contains("--avoid puts a layer"), "{advice}");
+    bad(2, &["fly", "--avoid"], &["for tasks of several drones"]);
+    bad(2, &["fly", "--task", "swap", "--drones", "65"], &["drones is 65"]);
+}

@@ -1,0 +1,271 @@
+//! What one client may cost, and that others do not pay for it. Prints its figures.
+
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::time::{Duration, Instant};
+
+use crate::net::{Client, Server, eventually, le, request};
+use crate::process::Process;
+use crazyflie_server::serve::{End, Limits, Settings};
+use serde_json::json;
+use tungstenite::Message;
+
+fn limited(limits: Limits) -> Settings {
+    Settings { limits, ..Settings::default() }
+}
+
+fn make(client: &mut Client, num_envs: u32) {
+    let made = client.ask(&json!({"id": 1, "type": "make", "num_envs": num_envs}));
+    assert_eq!(made["type"], "made", "{made}");
+    client.ask_binary(request(2, 1, 0, 0, num_envs, &[]));
+}
+
+/// Connections need descriptors, here too.
+fn more_descriptors() {
+    use rustix::process::{Resource, getrlimit, setrlimit};
+    let mut limit = getrlimit(Resource::Nofile);
+    limit.current = limit.maximum;
+    setrlimit(Resource::Nofile, limit).unwrap();
+}
+
+#[test]
+fn messages_beyond_the_cap_are_answered_with_1009() {
+    let server = Server::start(Settings::default());
+    let mut client = server.connect();
+    make(&mut client, 1);
+    client.ws.send(Message::text(" ".repeat((64 << 10) + 1))).unwrap();
+    assert_eq!(client.close_code(), Some(1009));
+    let mut client = server.connect();
+    make(&mut client, 1);
+    // the header alone is enough
+    client.ws.get_mut().write_all(&[0x82, 0xff, 0, 0, 0, 0, 0, 0x20, 0, 1, 0, 0, 0, 0]).unwrap();
+    assert_eq!(client.close_code(), Some(1009));
+    assert_eq!(server.metric("crazyflie_connections_refused_total{reason=\"broke a rule\"}"), 2.0);
+}
+
+#[test]
+fn half_open_sockets_are_closed_and_hinder_nobody() {
+    more_descriptors();
+    let server = Server::start(limited(Limits { handshake_timeout: Duration::from_secs(5), ..Limits::default() }));
+    let heads = ["", "G", "GET /ws HTTP/1.1\r\n", "GET /ws HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\n"];
+    let mut half: Vec<(TcpStream, Instant)> = (0..200)
+        .map(|i| {
+            let mut stream = TcpStream::connect(server.address).unwrap();
+            stream.write_all(heads[i % heads.len()].as_bytes()).unwrap();
+            (stream, Instant::now())
+        })
+        .collect();
+    let others = Instant::now();
+    make(&mut server.connect(), 1);
+    let other_s = others.elapsed().as_secs_f64();
+    let mut worst_s = 0.0_f64;
+    for (stream, began) in &mut half {
+        stream.set_read_timeout(Some(Duration::from_secs(8))).unwrap();
+        let mut rest = vec![];
+        // a polite server may say 408 first
+        stream.read_to_end(&mut rest).unwrap();
+        worst_s = worst_s.max(began.elapsed().as_secs_f64());
+    }
+    println!("200 half-open sockets: closed within {worst_s:.2} s; meanwhile another client was served in {other_s:.3} s");
+    assert!((4.5..6.5).contains(&worst_s) && other_s < 1.0);
+    eventually("their places are free", 2.0, || server.metric("crazyflie_connections") <= 2.0);
+}
+
+#[test]
+fn silence_is_pinged_and_then_closed() {
+    let (ping_after, idle_timeout) = (Duration::from_millis(150), Duration::from_millis(600));
+    let server = Server::start(limited(Limits { ping_after, idle_timeout, ..Limits::default() }));
+    // answers pings, because it reads; has nothing to say for much longer than the limit
+    let mut alive = server.connect();
+    make(&mut alive, 1);
+    let mut dead = server.connect();
+    make(&mut dead, 1);
+    alive.ws.get_mut().set_read_timeout(Some(Duration::from_millis(100))).unwrap();
+    let (began, mut pings) = (Instant::now(), 0);
+    while began.elapsed() < Duration::from_millis(1500) {
+        pings += usize::from(matches!(alive.ws.read(), Ok(Message::Ping(_))));
+        let _ = alive.ws.flush();
+    }
+    assert!(pings >= 3, "{pings} pings");
+    alive.ws.get_mut().set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+    assert_eq!(alive.ask(&json!({"id": 9, "type": "state"}))["type"], "state");
+    assert_eq!(server.metric("crazyflie_connections_refused_total{reason=\"silent\"}"), 1.0);
+    assert_eq!(dead.close_code(), Some(4002));
+    println!("{pings} pings in 1.5 s kept a silent client; one that did not answer was closed");
+}
+
+#[test]
+fn connections_are_capped_by_address_and_by_token() {
+    let server = Server::start(limited(Limits { connections_per_address: 6, connections_per_token: 2, ..Limits::default() }));
+    let hello = json!({"id": 1, "type": "hello", "token": "team secret"});
+    let mut clients: Vec<Client> = (0..6).map(|_| server.connect()).collect();
+    assert_eq!(clients[0].ask(&hello)["type"], "welcome");
+    assert_eq!(clients[1].ask(&hello)["type"], "welcome");
+    assert_eq!(clients[1].ask(&hello)["type"], "welcome", "a second hello is no second connection");
+    assert_eq!(clients[2].ask(&hello)["code"], "too_many");
+    assert_eq!(clients[2].ask(&json!({"id": 2, "type": "hello", "token": "other"}))["type"], "welcome");
+    let mut seventh = TcpStream::connect(server.address).unwrap();
+    let mut text = String::new();
+    seventh.read_to_string(&mut text).unwrap();
+    assert!(text.starts_with("HTTP/1.1 503"), "{text}");
+    drop(clients.remove(0));
+    eventually("a place is free again", 3.0, || {
+        let mut stream = TcpStream::connect(server.address).unwrap();
+        let mut text = String::new();
+        write!(stream, "GET /healthz HTTP/1.1\r\nhost: x\r\nconnection: close\r\n\r\n").unwrap();
+        stream.read_to_string(&mut text).is_ok() && text.starts_with("HTTP/1.1 200")
+    });
+    assert_eq!(clients[1].ask(&hello)["type"], "welcome", "and the token's");
+}
+
+#[test]
+fn environments_are_capped() {
+    let server = Server::start(limited(Limits { envs: 100, ..Limits::default() }));
+    let (mut a, mut b) = (server.connect(), server.connect());
+    make(&mut a, 60);
+    assert_eq!(b.ask(&json!({"id": 1, "type": "make", "num_envs": 50}))["code"], "too_many");
+    make(&mut b, 40);
+    assert_eq!(a.ask(&json!({"id": 9, "type": "close"}))["type"], "closed");
+    make(&mut b, 60);
+}
+
+#[test]
+fn who_never_reads_is_cheap() {
+    let process = Process::start(&[]);
+    make(&mut process.client(), 8192);
+    std::thread::sleep(Duration::from_millis(100));
+    let before = process.rss_kib();
+    let mut lazy = process.client();
+    make(&mut lazy, 8192);
+    let envs = process.rss_kib().saturating_sub(before);
+    lazy.ws.get_mut().set_write_timeout(Some(Duration::from_millis(300))).unwrap();
+    let mut sent = 0;
+    for id in 3..2000 {
+        if lazy.ws.send(Message::binary(request(id, 2, 0, 1, 8192, &le(&[0.0; 8192 * 4])))).is_err() {
+            break;
+        }
+        sent += 1;
+    }
+    std::thread::sleep(Duration::from_millis(500));
+    let cost = process.rss_kib().saturating_sub(before);
+    println!(
+        "a client of 8192 environments that sent {sent} steps and read nothing: {:.1} MiB ({:.1} of it environments)",
+        cost as f64 / 1024.0,
+        envs as f64 / 1024.0
+    );
+    assert!(sent < 1000, "the server took {sent} requests without being read");
+    assert!(cost < 10 << 10, "{cost} KiB");
+}
+
+#[test]
+fn who_never_reads_is_closed() {
+    let server = Server::start(limited(Limits { write_timeout: Duration::from_millis(400), ..Limits::default() }));
+    let mut lazy = server.connect();
+    make(&mut lazy, 4096);
+    lazy.ws.get_mut().set_write_timeout(Some(Duration::from_secs(3))).unwrap();
+    let step = |id| Message::binary(request(id, 2, 0, 1, 4096, &le(&[0.0; 4096 * 4])));
+    let refused = (3..5000).find(|id| lazy.ws.send(step(*id)).is_err());
+    assert!(refused.is_some(), "5000 requests and no end");
+    eventually("it is closed", 5.0, || server.metric("crazyflie_connections_refused_total{reason=\"stalled\"}") == 1.0);
+    assert_eq!(server.stop().ended[&End::Stopped], 1, "the session waited to be resumed");
+}
+
+#[test]
+fn two_thousand_idle_connections_are_cheap() {
+    more_descriptors();
+    let process = Process::start(&["--connections-per-address", "3000"]);
+    drop(process.client());
+    let before = process.rss_kib();
+    let mut clients: Vec<Client> = (0..2000).map(|_| process.client()).collect();
+    let rss = process.rss_kib();
+    let hello = json!({"id": 1, "type": "hello"});
+    assert!([0, 777, 1999].iter().all(|i| clients[*i].ask(&hello)["type"] == "welcome"));
+    println!("2000 idle connections: {:.1} MiB, the whole process {:.1} MiB", (rss - before) as f64 / 1024.0, rss as f64 / 1024.0);
+    assert!(rss < 60 << 10, "{rss} KiB");
+}
+
+#[test]
+fn ten_thousand_connections_leave_nothing() {
+    let process = Process::start(&[]);
+    let cycles = |n: usize| {
+        for i in 0..n {
+            let mut client = process.client();
+            if i % 10 == 0 {
+                make(&mut client, 16);
+            }
+            match i % 3 {
+                2 if i % 10 == 0 => drop(client.ask(&json!({"id": 7, "type": "close"}))),
+                0 => drop(client.ws.close(Some(tungstenite::protocol::CloseFrame { code: 1000.into(), reason: "".into() }))),
+                1 => drop(client.ask(&json!({"id": 7, "type": "close"}))),
+                _ => {}
+            }
+        }
+    };
+    let settled = || {
+        eventually("connections end", 5.0, || process.descriptors() < 30);
+        (process.rss_kib(), process.descriptors())
+    };
+    cycles(1000);
+    let (rss, descriptors) = settled();
+    cycles(10_000);
+    let (rss_after, descriptors_after) = settled();
+    println!("10000 connections: {rss} to {rss_after} KiB, {descriptors} to {descriptors_after} descriptors");
+    assert!(descriptors_after <= descriptors + 2);
+    assert!(rss_after < rss + (4 << 10), "{rss} KiB grew to {rss_after} KiB");
+}
+
+#[test]
+fn a_server_that_is_told_to_stop_loses_no_result() {
+    let process = Process::start(&[]);
+    let address = process.address;
+    let threads: Vec<_> = (0..8)
+        .map(|_| {
+            std::thread::spawn(move || {
+                let mut client = Client::connect(address, Some("crazyflie.v1"));
+                make(&mut client, 64);
+                for id in 3.. {
+                    if client.ws.send(Message::binary(request(id, 2, 0, 1, 64, &le(&[0.1; 256])))).is_err() {
+                        return (id, None);
+                    }
+                    match client.ws.read() {
+                        Ok(Message::Binary(reply)) => assert_eq!(reply[24..32], (id - 2).to_le_bytes(), "a reply is missing"),
+                        Ok(Message::Close(frame)) => return (id, frame.map(|frame| u16::from(frame.code))),
+                        other => panic!("{other:?}"),
+                    }
+                }
+                unreachable!()
+            })
+        })
+        .collect();
+    std::thread::sleep(Duration::from_millis(500));
+    let (report, code, took) = process.terminate();
+    let ends: Vec<_> = threads.into_iter().map(|thread| thread.join().unwrap()).collect();
+    let steps: u64 = ends.iter().map(|(id, _)| id - 3).sum();
+    println!("SIGTERM under load: {steps} steps answered, all goodbyes 1001, exit after {:.2} s; {report}", took.as_secs_f64());
+    assert!(ends.iter().all(|(_, code)| *code == Some(1001)), "{ends:?}");
+    assert_eq!((code, &report["cut"], &report["ended"]["stopped"]), (Some(0), &json!(0), &json!(8)));
+    assert!(took < Duration::from_secs(10));
+}
+
+#[test]
+fn two_hundred_clients_are_served_at_once() {
+    more_descriptors();
+    let server = Server::start(Settings::default());
+    let address = server.address;
+    let began = Instant::now();
+    let threads: Vec<_> = (0..200)
+        .map(|_| {
+            std::thread::spawn(move || {
+                let mut client = Client::connect(address, Some("crazyflie.v1"));
+                make(&mut client, 1);
+                for id in 3..53 {
+                    let reply = client.ask_binary(request(id, 2, 0, 1, 1, &le(&[0.0; 4])));
+                    assert_eq!((reply.len(), &reply[24..32]), (32 + 100 + 2, &(id - 2).to_le_bytes()[..]));
+                }
+            })
+        })
+        .collect();
+    let failed = threads.into_iter().filter_map(|thread| thread.join().err()).count();
+    println!("200 clients of one environment, 50 steps each: {failed} failed, {:.2} s", began.elapsed().as_secs_f64());
+    assert_eq!(failed, 0);
+}

@@ -1,0 +1,137 @@
+//! Help, exit codes and bad input.
+
+use std::io::Read;
+use std::process::{Command, Stdio};
+
+use crate::common::{BINARY, bad, folder, good, json, run, text};
+
+#[test]
+fn every_command_has_help_with_examples() {
+    let all = good(&["--help"]);
+    // the commands as the help lists them: two spaces, the name, what it does
+    let listed = all.split_once("Commands:").unwrap().1.split("\n\n").next().unwrap();
+    let commands = listed.lines().filter_map(|line| line.strip_prefix("  ")).filter(|line| !line.starts_with(' '));
+    let commands: Vec<&str> = commands.filter_map(|line| line.split_whitespace().next()).filter(|name| *name != "help").collect();
+    assert!(commands.len() >= 20 && commands.contains(&"fly") && commands.contains(&"serve"), "{commands:?}");
+    for command in commands {
+        let help = good(&[command, "--help"]);
+        assert!(help.contains("Examples:") && help.contains(&format!("crazyflie {command}")), "{help}");
+        assert!(help.contains("--json") || command == "serve", "{help}");
+    }
+    assert!(good(&["--version"]).starts_with("crazyflie "));
+}
+
+#[test]
+fn usage_errors_exit_with_2() {
+    let model = folder("usage").join("model.toml");
+    std::fs::write(&model, good(&["model", "--show"])).unwrap();
+    bad(2, &[], &["Usage"]);
+    bad(2, &["flie"], &["unrecognized subcommand", "fly"]);
+    bad(2, &["replay"], &["required"]);
+    bad(2, &["fly", "--task", "hovver"], &["unknown task or flight \"hovver\"", "did you mean \"hover\""]);
+    bad(2, &["fly", "--controller", "theses"], &["did you mean \"thesis\""]);
+    bad(2, &["fly", "--rig", "labb"], &["did you mean \"lab\""]);
+    bad(2, &["fly", "--vertical", "pmw"], &["expected height, pwm or thrust"]);
+    bad(2, &["fly", "--seconds", "NaN"], &["0.1 to 3600"]);
+    bad(2, &["fly", "--seconds", "-3"], &[]);
+    bad(2, &["fly", "--runs", "0"], &["1..=100000"]);
+    bad(2, &["fly", "--task-options", "{"], &["--task-options is not JSON"]);
+    bad(2, &["fly", "--task-options", "{\"start\": 1}"], &["options of the task hover", "start"]);
+    bad(2, &["effects", "drag_lineer"], &["did you mean \"drag_linear\""]);
+    bad(2, &["replay", text(&model)], &["name at least one log"]);
+    bad(2, &["replay", "x.csv", "--hover-pwm", "NaN"], &["expected auto or a PWM"]);
+    bad(2, &["replay", "x.csv", "--horizon", "0"], &["0.01"]);
+}
+
+#[test]
+fn effects_are_checked_by_name_range_and_kind() {
+    bad(2, &["fly", "--effects", "drag_lineer=0.3"], &["unknown effect \"drag_lineer\"", "did you mean \"drag_linear\""]);
+    bad(2, &["fly", "--effects", "wind.x_mps=1"], &["wind.x_mps", "did you mean \"wind.x_mps2\""]);
+    bad(2, &["fly", "--effects", "wind=50"], &["wind.x_mps2 is 50", "-5 to 5 m/s^2"]);
+    bad(2, &["fly", "--effects", "wind=NaN"], &["wind.x_mps2 is NaN"]);
+    bad(2, &["fly", "--effects", "wind"], &["needs a value", "x_mps2"]);
+    bad(2, &["fly", "--effects", "wind=strong"], &["neither a number nor a distribution"]);
+    bad(2, &["fly", "--effects", "{\"wind\": }"], &["not a JSON object of effects"]);
+    good(&["fly", "--seconds", "1", "--effects", "wind.x_mps2={\"uniform\": [-1, 1]}", "--effects", "wind.y_mps2=0.2"]);
+}
+
+#[test]
+fn missing_and_broken_files_exit_with_1() {
+    let folder = folder("broken");
+    bad(1, &["replay", "no/such/flight.csv"], &["no/such/flight.csv", "No such file"]);
+    bad(1, &["fly", "--model", "no/such/model.toml"], &["no/such/model.toml", "No such file"]);
+    let model = folder.join("model.toml");
+    let thesis = good(&["model", "--show"]);
+    std::fs::write(&model, thesis.replace("value = 123.2, unit = \"1/s^2\"", "value = 123.2, unit = \"1/s\"")).unwrap();
+    bad(1, &["model", text(&model)], &[text(&model), "roll.gain has the unit \"1/s\", expected \"1/s^2\""]);
+    std::fs::write(&model, "schema = ").unwrap();
+    bad(1, &["fly", "--model", text(&model)], &[text(&model), "line 1"]);
+    let log = folder.join("flight.csv");
+    good(&["fly", "--seconds", "1", "--csv", text(&log)]);
+    let whole = std::fs::read_to_string(&log).unwrap();
+    std::fs::write(&log, whole.replace("imu_roll_deg", "imu_rol_deg")).unwrap();
+    bad(1, &["replay", text(&log)], &[text(&log), "\"imu_roll_deg\" (did you mean that by \"imu_rol_deg\"?)"]);
+    let mut lines: Vec<String> = whole.lines().map(str::to_owned).collect();
+    lines[6] = lines[6].replacen(',', ",NaN", 1);
+    std::fs::write(&log, lines.join("\n") + "\n").unwrap();
+    bad(1, &["replay", text(&log)], &[text(&log), "line 7", "column \"setpoint_x_m\"", "NaN", "expected a finite number"]);
+    std::fs::write(&log, "").unwrap();
+    bad(1, &["replay", text(&log)], &[text(&log), "is empty"]);
+    bad(1, &["fly", "--seconds", "1", "--csv", text(&folder)], &[text(&folder)]);
+}
+
+#[test]
+fn a_truncated_gzip_is_read_as_far_as_it_goes_and_says_so() {
+    let folder = folder("gzip");
+    let log = folder.join("flight.csv");
+    good(&["fly", "--task", "fly-80cm", "--seconds", "5", "--csv", text(&log)]);
+    let mut packed = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
+    std::io::Write::write_all(&mut packed, &std::fs::read(&log).unwrap()).unwrap();
+    let bytes = packed.finish().unwrap();
+    let cut = folder.join("flight.csv.gz");
+    std::fs::write(&cut, &bytes[..bytes.len() * 9 / 10]).unwrap();
+    assert!(good(&["replay", text(&cut)]).contains("the gzip data is truncated"));
+    std::fs::write(&cut, &bytes[..30]).unwrap();
+    bad(1, &["replay", text(&cut)], &[text(&cut)]);
+}
+
+#[test]
+fn a_closed_pipe_is_no_error() {
+    for args in [&["effects", "--json"][..], &["fly", "--runs", "3", "--json"], &["scorecard", "--markdown"], &["--help"]] {
+        let mut child = Command::new(BINARY).args(args).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        drop(child.stdout.take());
+        let mut err = String::new();
+        child.stderr.take().unwrap().read_to_string(&mut err).unwrap();
+        assert!(child.wait().unwrap().success() && err.is_empty(), "{args:?}: {err}");
+    }
+}
+
+#[test]
+fn registries_are_listed_for_people_machines_and_docs() {
+    let effects = json(&["effects", "--json"]);
+    let effects = effects.as_array().unwrap();
+    assert!(effects.len() > 30);
+    for effect in effects {
+        assert!(!effect["source"].as_str().unwrap().is_empty() && !effect["params"].as_array().unwrap().is_empty(), "{effect}");
+    }
+    assert!(good(&["effects"]).contains("source: ") && good(&["effects", "--markdown"]).starts_with("| effect |"));
+    let tasks = json(&["tasks", "--json"]);
+    let several = tasks["tasks"].as_array().unwrap().iter().filter(|task| task["drones"].as_u64().unwrap() > 1);
+    assert_eq!((tasks["tasks"].as_array().unwrap().len(), several.count()), (10, 6));
+    assert!(good(&["tasks"]).contains("fly-80cm") && good(&["tasks", "--markdown"]).contains("`Crazyflie-v0`"));
+    assert_eq!(json(&["model", "--json"])["name"], "thesis");
+    assert_eq!(json(&["model", "--schema"])["properties"]["schema"]["const"], 1);
+    assert!(good(&["model"]).contains("123.2 / (s^2 + 31.86 s + 81.85)"));
+}
+
+#[test]
+fn a_model_survives_being_shown_and_read() {
+    let folder = folder("model");
+    let file = folder.join("model.toml");
+    std::fs::write(&file, good(&["model", "--show"])).unwrap();
+    let again = good(&["model", text(&file), "--show"]);
+    std::fs::write(&file, &again).unwrap();
+    assert_eq!(json(&["model", text(&file), "--json"]), json(&["model", "--json"]));
+    let ran = run(&["fly", "--seconds", "1", "--model", text(&file)]);
+    assert!(ran.code == 0 && ran.out.contains("model thesis"), "{}", ran.err);
+}

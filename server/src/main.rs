@@ -1,3 +1,0 @@
-fn main() {
-    std::process::exit(crazyflie_server::main_from(std::env::args_os().map(|arg| arg.to_string_lossy().into_owned())));
-}
