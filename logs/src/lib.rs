@@ -30,6 +30,7 @@ mod samples;
 mod series;
 mod signal;
 mod skew;
+pub mod spectrum;
 mod table;
 mod text;
 mod times;

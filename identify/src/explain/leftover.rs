@@ -1,6 +1,6 @@
 //! Whether anything is left: the filter's innovations must be independent of each other and of past commands, and hold no line.
 
-use realfft::RealFftPlanner;
+use crazyflie_logs::spectrum::power_spectrum;
 
 pub use super::calibration::leftover::{CLEAR, FINDING};
 use super::calibration::leftover::{LINE_CHANCE, LINE_FROM_HZ, LINE_SHARE, LONGEST_S, TOGETHER_S, TRUSTED, WHITE_S};
@@ -68,14 +68,11 @@ pub fn line(series: &[f64], tick_s: f64) -> (f64, f64) {
 pub fn line_above(series: &[f64], tick_s: f64, from_hz: f64) -> (f64, f64) {
     let n = series.len();
     let mean = series.iter().sum::<f64>() / n as f64;
-    let mut input: Vec<f64> =
-        series.iter().enumerate().map(|(i, v)| (v - mean) * (std::f64::consts::PI * i as f64 / n as f64).sin()).collect();
-    let plan = RealFftPlanner::<f64>::new().plan_fft_forward(n);
-    let mut spectrum = plan.make_output_vec();
-    if plan.process(&mut input, &mut spectrum).is_err() {
+    let input: Vec<f64> = series.iter().enumerate().map(|(i, v)| (v - mean) * (std::f64::consts::PI * i as f64 / n as f64).sin()).collect();
+    let power = power_spectrum(input);
+    if power.is_empty() {
         return (0.0, 0.0);
     }
-    let power: Vec<f64> = spectrum.iter().map(|c| c.norm_sqr()).collect();
     let per_bin_hz = 1.0 / (n as f64 * tick_s);
     let first = (from_hz / per_bin_hz).ceil() as usize;
     let total: f64 = power.iter().sum();

@@ -1,11 +1,11 @@
 //! The excitation of a flight: how large and how fast its commands are, and where and how it moved.
 
-use realfft::RealFftPlanner;
 use serde::Serialize;
 
 use crate::FlightLog;
 use crate::series::{Interpolation, Series};
 use crate::signal::{quantile, usual_step};
+use crate::spectrum::power_spectrum;
 
 /// The bandwidth holds this share of a command's variance.
 const POWER_SHARE: f64 = 0.9;
@@ -70,13 +70,10 @@ fn bandwidth_hz(t_s: &[f64], values: &[f64]) -> Option<f64> {
     let mut even = series.resample(&grid, Interpolation::Held, None);
     let mean = even.iter().sum::<f64>() / even.len().max(1) as f64;
     even.iter_mut().for_each(|v| *v -= mean);
-    let fft = RealFftPlanner::<f64>::new().plan_fft_forward(even.len().max(2));
     if even.len() < LEAST_SAMPLES {
         return None;
     }
-    let mut spectrum = fft.make_output_vec();
-    fft.process(&mut even, &mut spectrum).ok()?;
-    let power: Vec<f64> = spectrum.iter().skip(1).map(|c| c.norm_sqr()).collect();
+    let power = power_spectrum(even).split_off(1);
     let total: f64 = power.iter().sum();
     // The rounding of single precision is no motion.
     let rounding = (ROUNDING * mean * grid.len() as f64).powi(2);
