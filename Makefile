@@ -7,9 +7,9 @@ CARGO ?= cargo
 
 demo: $(VENV)/.demo
 	mkdir -p out
-	$(BIN)/crazyflie fly --task fly-80cm --rig lab --picture out/flight.svg --picture3d out/path.svg --csv out/flight.csv
+	$(BIN)/crazyflie fly --task fly-80cm --sensors lab --picture out/flight.svg --picture3d out/path.svg --csv out/flight.csv
 	$(BIN)/crazyflie replay out/flight.csv --picture out/replay.svg
-	$(BIN)/crazyflie scorecard > out/scorecard.txt
+	$(BIN)/crazyflie reproduce thesis > out/scorecard.txt
 	cd out && ../$(BIN)/python ../examples/1_fly.py
 	@echo "pictures and tables are in out/"
 
@@ -54,8 +54,8 @@ SEED ?= 1
 rates: $(VENV)/.test
 	mkdir -p out/rates
 	$(BIN)/python tests/population out/rates/rotorpy-$(SEED) --cases $(CASES) --seed $(SEED)
-	$(BIN)/crazyflie score out/rates/rotorpy-$(SEED) --oracle --json out/rates/rotorpy-$(SEED).json
-	$(BIN)/crazyflie score --from out/rates/*.json --markdown docs/rates.md
+	$(BIN)/crazyflie explain-bench out/rates/rotorpy-$(SEED) --oracle --json out/rates/rotorpy-$(SEED).json
+	$(BIN)/crazyflie explain-bench --from out/rates/*.json --markdown docs/rates.md
 
 # needs chromium: sh tests/chromium.sh
 docs/page.png: $(VENV)/.test

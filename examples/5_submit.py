@@ -28,7 +28,7 @@ def main():
     for panel, scenario in zip(panels, SCENARIOS, strict=True):
         for controller in controllers:
             told = crazyflie(
-                "submit", "--controller", controller, "--scenario", scenario, "--data", "bench.sqlite", "--json"
+                "bench", "submit", "--controller", controller, "--scenario", scenario, "--data", "bench.sqlite", "--json"
             )
             row = json.loads(told)
             score = row["result"]["score"]
@@ -36,9 +36,9 @@ def main():
             bar = panel.bar(row["controller"], score["score"], yerr=spread, capsize=4)
             panel.bar_label(bar, fmt="%.0f", padding=4)
             # flown again from the stored actions, compared to the bit
-            print(crazyflie("verify", row["id"], "--data", "bench.sqlite").strip())
+            print(crazyflie("bench", "verify", row["id"], "--data", "bench.sqlite").strip())
         panel.set(title=scenario, ylim=(0, 100))
-        print(crazyflie("leaderboard", "--scenario", scenario, "--data", "bench.sqlite"))
+        print(crazyflie("bench", "leaderboard", "--scenario", scenario, "--data", "bench.sqlite"))
     panels[0].set_ylabel("score with 95 % interval")
     figure.savefig("5_submit.png", dpi=100)
     print("the picture is 5_submit.png")

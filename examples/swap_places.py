@@ -1,8 +1,8 @@
-"""Two processes in two languages swap places: this one, and `crazyflie pilot`, which is written in Rust.
+"""Two processes in two languages swap places: this one, and `crazyflie world join`, which is written in Rust.
 
 crazyflie serve &
 python examples/swap_places.py ws://127.0.0.1:8765 swap &
-crazyflie pilot --server ws://127.0.0.1:8765 --world swap --drone 1 --avoid
+crazyflie world join --server ws://127.0.0.1:8765 --world swap --drone 1 --collision-avoidance
 """
 
 import sys

@@ -39,7 +39,7 @@ impl Afar {
     /// [`Error`] of most kinds.
     pub(crate) fn open(url: &str, token: &str) -> Result<Afar, Error> {
         let mut link = Link::open(url)?;
-        let client = concat!("crazyflie submit ", env!("CARGO_PKG_VERSION"));
+        let client = concat!("crazyflie bench submit ", env!("CARGO_PKG_VERSION"));
         match link.ask("hello", json!({"client": client, "token": token}))? {
             ServerMessage::Welcome { scenarios } => Ok(Afar { link, token: token.into(), scenarios }),
             other => Err(unexpected(&link, &other)),

@@ -12,7 +12,7 @@ pytest.importorskip("mcap", reason="needs the package mcap")
 
 import recordings
 
-FLIGHT = ["--task", "fly-80cm", "--seconds", "25", "--rig", "lab"]
+FLIGHT = ["--task", "fly-80cm", "--seconds", "25", "--sensors", "lab"]
 
 
 def crazyflie(*args):

@@ -1,4 +1,4 @@
-//! `crazyflie attempts`: what was flown, and its flights as files.
+//! `crazyflie bench attempts`: what was flown, and its flights as files.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -10,9 +10,9 @@ use crazyflie_server::bench::{Bench, Listed, api};
 
 const EXAMPLES: &str = "\
 Examples:
-  crazyflie attempts --scenario wind
-  crazyflie attempts --json
-  crazyflie attempts 0123456789abcdef0123456789abcdef --episode 3 --csv flight.csv";
+  crazyflie bench attempts --scenario wind
+  crazyflie bench attempts --json
+  crazyflie bench attempts 0123456789abcdef0123456789abcdef --episode 3 --csv flight.csv";
 
 /// List every attempt, show one whole, or write one of its flights as a log that `replay` reads.
 #[derive(Debug, clap::Args)]
@@ -58,7 +58,7 @@ fn list(bench: &Bench, scenario: Option<&str>, out: &mut dyn Write) -> Outcome {
     let mut table = Table::new(&["attempt", "begun", "scenario", "team", "controller", "status", "score"]).left(&[1, 2, 3, 4, 5]);
     for Listed { id, document, .. } in bench.attempts(scenario.as_deref())? {
         let Ok(d) = document else {
-            table.row(vec![id, "damaged: see crazyflie verify".into()]);
+            table.row(vec![id, "damaged: see crazyflie bench verify".into()]);
             continue;
         };
         let begun = Timestamp::from_millisecond(d.begun_ms).map_err(|e| Failure::about(&d.id, e))?;

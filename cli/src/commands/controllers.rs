@@ -12,7 +12,7 @@ Examples:
   crazyflie controllers
   crazyflie fly --controller stock-pid
   crazyflie fly --controller thesis-pid --controller-options '{\"yaw\": {\"kp\": 10, \"ki\": 0, \"kd\": 0, \"integral\": [0, 0], \"output\": [-90, 90]}}'
-  crazyflie submit --controller pid:gains.json";
+  crazyflie bench submit --controller pid:gains.json";
 
 /// List the controllers that `fly` and `submit` know, with their options.
 #[derive(Debug, clap::Args)]

@@ -16,9 +16,9 @@ const EXAMPLES: &str = "\
 Examples:
   crazyflie fly
   crazyflie fly --task fly-80cm --controller stock-pid --picture old.svg
-  crazyflie fly --task whole-flight --rig lab --csv flight.csv --picture3d path.svg
+  crazyflie fly --task whole-flight --sensors lab --csv flight.csv --picture3d path.svg
   crazyflie fly --task track --task-options '{\"shape\": \"helix\"}' --effects drag_linear=0.3
-  crazyflie fly --task swap --avoid --picture3d swap.svg
+  crazyflie fly --task swap --collision-avoidance --picture3d swap.svg
   crazyflie fly --task carry --drones 4 --csv carry.csv
   crazyflie fly --effects gust.sigma_mps2=0.5 --effects '{\"battery_sag\": {\"exponent\": 2}}' --runs 100";
 
@@ -43,7 +43,7 @@ pub(super) struct Args {
     effects: Vec<String>,
     /// ideal, or lab: a 30 Hz camera with 50 ms latency and noise; --effects come on top
     #[arg(long, default_value = "ideal", value_name = "NAME")]
-    rig: String,
+    sensors: String,
     /// Model file; the thesis's model unless given
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
@@ -52,7 +52,7 @@ pub(super) struct Args {
     drones: Option<usize>,
     /// Keep several drones out of each other's way
     #[arg(long)]
-    avoid: bool,
+    collision_avoidance: bool,
     /// Which vertical form of the model is commanded: height, pwm or thrust [default: pwm, if the model has it]
     #[arg(long, value_parser = files::vertical, value_name = "FORM")]
     vertical: Option<VerticalInput>,
@@ -87,8 +87,11 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     if setup.scenario.flies_several()? {
         return fly_team(args, &setup, out);
     }
-    if args.avoid || args.drones.is_some_and(|drones| drones != 1) {
-        return Err(Failure::Usage(format!("--drones and --avoid are for tasks of several drones, {} has one", setup.scenario.name)));
+    if args.collision_avoidance || args.drones.is_some_and(|drones| drones != 1) {
+        return Err(Failure::Usage(format!(
+            "--drones and --collision-avoidance are for tasks of several drones, {} has one",
+            setup.scenario.name
+        )));
     }
     let (all, first) = fly_all(args, &setup)?;
     write_files(args, &setup, &first)?;
@@ -145,7 +148,7 @@ impl<'a> About<'a> {
 fn setup(args: &Args) -> Outcome<Setup> {
     let scenario = Scenario::named(&args.task)?;
     let controller = controllers::chosen(&args.controller, args.controller_options.as_deref())?;
-    let mut effects = match &args.rig[..] {
+    let mut effects = match &args.sensors[..] {
         "ideal" => EffectTable::new(),
         "lab" => flight::lab_rig(),
         other => return Err(crazyflie_env::error::unknown("rig", other, ["ideal", "lab"]).into()),
@@ -198,7 +201,7 @@ fn add_effects(table: &mut EffectTable, text: &str) -> Outcome {
 
 /// A task of several drones: flown, printed and drawn together.
 fn fly_team(args: &Args, setup: &Setup, out: &mut dyn Write) -> Outcome {
-    let team = TeamSetup { drones: args.drones.unwrap_or(0), avoid: args.avoid };
+    let team = TeamSetup { drones: args.drones.unwrap_or(0), avoid: args.collision_avoidance };
     let seeds: Vec<u64> = (0..u64::from(args.runs)).map(|i| args.seed.wrapping_add(i)).collect();
     let mut flights = Vec::new();
     for seeds in seeds.chunks(BATCH) {
@@ -224,7 +227,7 @@ fn fly_team(args: &Args, setup: &Setup, out: &mut dyn Write) -> Outcome {
         return Ok(writeln!(out)?);
     }
     writeln!(out, "{}", about.line(setup.scenario.about))?;
-    fly_team::table(&flights, args.avoid, out)
+    fly_team::table(&flights, args.collision_avoidance, out)
 }
 
 /// Every run's figures, and the first flight in full.

@@ -32,7 +32,7 @@ pub(super) fn table(flights: &[TeamTrace], avoids: bool, out: &mut dyn Write) ->
     }
     let collided: f32 = flights.iter().map(|flight| flight.metric("collisions")).sum();
     if collided > 0.0 && !avoids {
-        writeln!(out, "{collided} drones collided: --avoid puts a layer before the controllers that keeps them apart")?;
+        writeln!(out, "{collided} drones collided: --collision-avoidance puts a layer before the controllers that keeps them apart")?;
     }
     Ok(())
 }

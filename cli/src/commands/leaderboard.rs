@@ -1,4 +1,4 @@
-//! `crazyflie leaderboard`.
+//! `crazyflie bench leaderboard`.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -10,15 +10,15 @@ use crazyflie_server::bench::{Bench, Ranked};
 
 const EXAMPLES: &str = "\
 Examples:
-  crazyflie leaderboard
-  crazyflie leaderboard --scenario hover-aruco
-  crazyflie leaderboard --json";
+  crazyflie bench leaderboard
+  crazyflie bench leaderboard --scenario hover-aruco
+  crazyflie bench leaderboard --json";
 
 /// Show who flies the benchmark's scenarios best.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {
-    /// A scenario (see `crazyflie scenarios`), or all
+    /// A scenario (see `crazyflie bench scenarios`), or all
     #[arg(long, default_value = "all", value_name = "ID")]
     scenario: String,
     /// The benchmark's database

@@ -1,4 +1,4 @@
-//! `crazyflie measured`: what recorded flights say of the model, as a page.
+//! `crazyflie report recorded`: what recorded flights say of the model, as a page.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -10,9 +10,9 @@ use crate::measured::{STAGES, as_json, page, pictures, tell};
 
 const EXAMPLES: &str = "\
 Examples:
-  crazyflie measured ../shared/data
-  crazyflie measured ../shared/data --quick --json
-  crazyflie measured ../shared/data --out pages/measured";
+  crazyflie report recorded ../shared/data
+  crazyflie report recorded ../shared/data --quick --json
+  crazyflie report recorded ../shared/data --out pages/measured";
 
 /// Fit the model to recorded flights, predict others from their commands alone, and write a page about both.
 #[derive(Debug, clap::Args)]

@@ -53,10 +53,10 @@ Examples:
   crazyflie identify --fit flight.csv --out my.toml
   crazyflie explain my.toml --fit flight1.csv --test flight2.csv --out found/
   crazyflie diagnose --normal monday/ --suspect friday/
-  crazyflie scorecard
+  crazyflie reproduce thesis
   crazyflie effects
-  crazyflie submit --controller thesis-pid
-  crazyflie leaderboard --scenario hover-aruco
+  crazyflie bench submit --controller thesis-pid
+  crazyflie bench leaderboard --scenario hover-aruco
   crazyflie serve";
 
 /// Flies, replays, identifies, explains and measures the Crazyflie that the TU Darmstadt thesis identified.
@@ -77,27 +77,98 @@ enum Command {
     Explain(explain::Args),
     Diagnose(diagnose::Args),
     Horizons(horizons::Args),
-    Score(score::Args),
-    Scorecard(scorecard::Args),
-    Serve(serve::Args),
-    Measured(measured::Args),
+    ExplainBench(score::Args),
+    Tune(tune::Args),
     Effects(effects::Args),
     Tasks(tasks::Args),
     Controllers(controllers::Args),
     Model(model::Args),
-    Pilot(pilot::Args),
-    Scenarios(scenarios::Args),
+    Serve(serve::Args),
+    /// Worlds that several clients share
+    #[command(subcommand)]
+    World(World),
+    /// The benchmark of controllers
+    #[command(subcommand)]
+    Bench(Bench),
+    /// Pages about data
+    #[command(subcommand)]
+    Report(Report),
+    /// Published experiments again
+    #[command(subcommand)]
+    Reproduce(Reproduce),
+}
+
+#[derive(Debug, Subcommand)]
+enum World {
+    Join(pilot::Args),
+    Replay(replay_world::Args),
+}
+
+#[derive(Debug, Subcommand)]
+enum Bench {
     Submit(submit::Args),
-    Tune(tune::Args),
-    Robustness(robustness::Args),
     Leaderboard(leaderboard::Args),
     Attempts(attempts::Args),
     Verify(verify::Args),
+    Scenarios(scenarios::Args),
+    Robustness(robustness::Args),
     Token(token::Args),
+}
+
+#[derive(Debug, Subcommand)]
+enum Report {
+    Recorded(measured::Args),
+}
+
+#[derive(Debug, Subcommand)]
+enum Reproduce {
+    Thesis(scorecard::Args),
+}
+
+/// Names of version 0.1 that work for one release, with what they are called now.
+const RENAMED: [(&str, &[&str]); 12] = [
+    ("attempts", &["bench", "attempts"]),
+    ("leaderboard", &["bench", "leaderboard"]),
+    ("measured", &["report", "recorded"]),
+    ("pilot", &["world", "join"]),
+    ("replay-world", &["world", "replay"]),
+    ("robustness", &["bench", "robustness"]),
+    ("scenarios", &["bench", "scenarios"]),
+    ("score", &["explain-bench"]),
+    ("scorecard", &["reproduce", "thesis"]),
+    ("submit", &["bench", "submit"]),
+    ("token", &["bench", "token"]),
+    ("verify", &["bench", "verify"]),
+];
+
+/// Options of version 0.1 that work for one release.
+const RENAMED_OPTIONS: [(&str, &str); 2] = [("--avoid", "--collision-avoidance"), ("--rig", "--sensors")];
+
+/// The words with old names replaced, and each old name with the new one.
+fn with_new_names(words: Vec<String>) -> (Vec<String>, Vec<(&'static str, String)>) {
+    let mut found = Vec::new();
+    let mut renamed = Vec::new();
+    for (place, word) in words.into_iter().enumerate() {
+        let (name, value) = word.split_once('=').map_or((&word[..], None), |(name, value)| (name, Some(value)));
+        if let Some((old, new)) = RENAMED.iter().find(|(old, _)| place == 1 && *old == word) {
+            found.push((*old, new.join(" ")));
+            renamed.extend(new.iter().map(|part| (*part).to_owned()));
+        } else if let Some((old, new)) = RENAMED_OPTIONS.iter().find(|(old, _)| *old == name) {
+            found.push((*old, (*new).to_owned()));
+            renamed.push(value.map_or((*new).to_owned(), |value| format!("{new}={value}")));
+        } else {
+            renamed.push(word);
+        }
+    }
+    (renamed, found)
 }
 
 /// Runs the command line; `args` begin with the program's name. Returns the exit code: 0, 2 for usage, 1 for failures.
 pub fn main_from(args: impl IntoIterator<Item = String>) -> i32 {
+    let (args, renamed) = with_new_names(args.into_iter().collect());
+    for (old, new) in renamed {
+        let _ = writeln!(io::stderr(), "crazyflie: `{old}` is now called `{new}`; the old name works for one release");
+    }
     let cli = match Cli::try_parse_from(args) {
         Ok(cli) => cli,
         Err(message) => {
@@ -127,23 +198,24 @@ fn run(command: &Command, out: &mut dyn Write) -> Outcome {
         Command::Explain(args) => explain::run(args, out),
         Command::Diagnose(args) => diagnose::run(args, out),
         Command::Horizons(args) => horizons::run(args, out),
-        Command::Score(args) => score::run(args, out),
-        Command::Scorecard(args) => scorecard::run(args, out),
-        Command::Serve(args) => serve::run(args, out),
-        Command::Measured(args) => measured::run(args, out),
+        Command::ExplainBench(args) => score::run(args, out),
+        Command::Tune(args) => tune::run(args, out),
         Command::Effects(args) => effects::run(args, out),
         Command::Tasks(args) => tasks::run(args, out),
         Command::Controllers(args) => controllers::run(args, out),
         Command::Model(args) => model::run(args, out),
-        Command::Pilot(args) => pilot::run(args, out),
-        Command::Scenarios(args) => scenarios::run(args, out),
-        Command::Submit(args) => submit::run(args, out),
-        Command::Tune(args) => tune::run(args, out),
-        Command::Robustness(args) => robustness::run(args, out),
-        Command::Leaderboard(args) => leaderboard::run(args, out),
-        Command::Attempts(args) => attempts::run(args, out),
-        Command::Verify(args) => verify::run(args, out),
-        Command::Token(args) => token::run(args, out),
+        Command::Serve(args) => serve::run(args, out),
+        Command::World(World::Join(args)) => pilot::run(args, out),
+        Command::World(World::Replay(args)) => replay_world::run(args, out),
+        Command::Bench(Bench::Submit(args)) => submit::run(args, out),
+        Command::Bench(Bench::Leaderboard(args)) => leaderboard::run(args, out),
+        Command::Bench(Bench::Attempts(args)) => attempts::run(args, out),
+        Command::Bench(Bench::Verify(args)) => verify::run(args, out),
+        Command::Bench(Bench::Scenarios(args)) => scenarios::run(args, out),
+        Command::Bench(Bench::Robustness(args)) => robustness::run(args, out),
+        Command::Bench(Bench::Token(args)) => token::run(args, out),
+        Command::Report(Report::Recorded(args)) => measured::run(args, out),
+        Command::Reproduce(Reproduce::Thesis(args)) => scorecard::run(args, out),
     }
 }
 

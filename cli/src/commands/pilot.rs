@@ -1,4 +1,4 @@
-//! `crazyflie pilot`: one drone of a shared world, flown over the network by a controller of the registry.
+//! `crazyflie world join`: one drone of a shared world, flown over the network by a controller of the registry.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -15,9 +15,9 @@ use crazyflie_server::link::{Error, Link};
 
 const EXAMPLES: &str = "\
 Examples:
-  crazyflie pilot --world room --mission swap --options '{\"drones\": 2}' --pilots 2 --avoid
-  crazyflie pilot --world room --drone 1 --controller lqr
-  crazyflie pilot --server wss://lab.example --world room --controller kalman+thesis-pid";
+  crazyflie world join --world room --mission swap --options '{\"drones\": 2}' --pilots 2 --collision-avoidance
+  crazyflie world join --world room --drone 1 --controller lqr
+  crazyflie world join --server wss://lab.example --world room --controller kalman+thesis-pid";
 
 /// Fly one drone of a shared world of a server.
 #[derive(Debug, clap::Args)]
@@ -37,7 +37,7 @@ pub(super) struct Args {
     controller: String,
     /// Keep out of the others' way
     #[arg(long)]
-    avoid: bool,
+    collision_avoidance: bool,
     /// Found the world with this mission, if there is none of the name
     #[arg(long, value_name = "MISSION")]
     mission: Option<String>,
@@ -109,7 +109,7 @@ fn fly(args: &Args) -> Outcome<(Joined, Flown)> {
     let joined: Joined = link.ask("join", json!({"name": args.world, "drone": args.drone}))?;
     let controller =
         chosen.build(&Site { model: &model, interface: joined.interface, tick_s: joined.tick_s, envs: 1, mode: Mode::Automatic })?;
-    let mut pilot = Crowd::lone(controller, joined.drones - 1, 1, args.avoid.then(Avoid::default), joined.tick_s)?;
+    let mut pilot = Crowd::lone(controller, joined.drones - 1, 1, args.collision_avoidance.then(Avoid::default), joined.tick_s)?;
     let (mut observation, mut action) = (joined.observation.clone(), [0.0; ACTION]);
     loop {
         pilot.act(&observation, &mut action)?;

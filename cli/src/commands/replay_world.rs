@@ -1,4 +1,4 @@
-//! `crazyflie replay-world`: the log of a shared world, flown again and compared.
+//! `crazyflie world replay`: the log of a shared world, flown again and compared.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -9,8 +9,8 @@ use crazyflie_server::worlds::{Flown, fly_again};
 const EXAMPLES: &str = "\
 Examples:
   curl -O http://127.0.0.1:8765/api/v1/worlds/room/log
-  crazyflie replay-world log
-  crazyflie replay-world log --json";
+  crazyflie world replay log
+  crazyflie world replay log --json";
 
 /// Fly a shared world again from its log, and compare bit by bit.
 #[derive(Debug, clap::Args)]

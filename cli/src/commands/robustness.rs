@@ -1,4 +1,4 @@
-//! `crazyflie robustness`: controllers against what they were not told.
+//! `crazyflie bench robustness`: controllers against what they were not told.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -11,8 +11,8 @@ use crate::robustness::{CONDITIONS, Line, compare, picture};
 
 const EXAMPLES: &str = "\
 Examples:
-  crazyflie robustness --picture robustness.svg
-  crazyflie robustness --controllers thesis-pid,lqr,policy:hover.safetensors --seeds 100 --json";
+  crazyflie bench robustness --picture robustness.svg
+  crazyflie bench robustness --controllers thesis-pid,lqr,policy:hover.safetensors --seeds 100 --json";
 
 /// Fly controllers in scenarios of the benchmark as declared, with everything drawn anew in every flight, and with an effect that none was told of.
 #[derive(Debug, clap::Args)]
@@ -21,7 +21,7 @@ pub(super) struct Args {
     /// Which controllers, as NAME, NAME:FILE or kalman+NAME [default: all that need no file, and the thesis's PID behind the Kalman filter]
     #[arg(long, value_delimiter = ',', value_name = "NAMES")]
     controllers: Vec<String>,
-    /// Which scenarios (see `crazyflie scenarios`)
+    /// Which scenarios (see `crazyflie bench scenarios`)
     #[arg(long, value_delimiter = ',', default_value = "hover-aruco,fly-80cm", value_name = "NAMES")]
     scenarios: Vec<String>,
     /// Flights per controller, scenario and condition

@@ -1,4 +1,4 @@
-//! `crazyflie scenarios`.
+//! `crazyflie bench scenarios`.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -8,8 +8,8 @@ use crazyflie_server::bench::{Bench, Limits};
 
 const EXAMPLES: &str = "\
 Examples:
-  crazyflie scenarios
-  crazyflie scenarios --json";
+  crazyflie bench scenarios
+  crazyflie bench scenarios --json";
 
 /// List the benchmark's scenarios.
 #[derive(Debug, clap::Args)]

@@ -1,4 +1,4 @@
-//! `crazyflie score`: explanations of flights with hidden effects, held against the truth.
+//! `crazyflie explain-bench`: explanations of flights with hidden effects, held against the truth.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -11,10 +11,10 @@ use crate::score::{CaseFile, Provenance, Rates, Results, Schedule, find_cases, s
 
 const EXAMPLES: &str = "\
 Examples:
-  crazyflie score ../shared/data/hidden_effects
-  crazyflie score ../shared/data/hidden_effects --only d05,d32 --oracle
-  crazyflie score population/ --oracle --json results.json
-  crazyflie score --from results.json --markdown docs/rates.md";
+  crazyflie explain-bench ../shared/data/hidden_effects
+  crazyflie explain-bench ../shared/data/hidden_effects --only d05,d32 --oracle
+  crazyflie explain-bench population/ --oracle --json results.json
+  crazyflie explain-bench --from results.json --markdown docs/rates.md";
 
 /// Standard output, as a file name.
 const STDOUT: &str = "-";
@@ -124,7 +124,7 @@ fn run_cases(args: &Args) -> Outcome<Results> {
 
 /// The command, as a page tells how to run it again; paths as given.
 fn command_line(args: &Args) -> String {
-    let mut words = vec!["crazyflie score".to_owned()];
+    let mut words = vec!["crazyflie explain-bench".to_owned()];
     words.extend(args.folders.iter().map(|folder| folder.display().to_string()));
     words.extend((!args.only.is_empty()).then(|| format!("--only {}", args.only.join(","))));
     words.extend(args.oracle.then(|| "--oracle".to_owned()));

@@ -1,4 +1,4 @@
-//! The page of rates that `crazyflie score --markdown` writes.
+//! The page of rates that `crazyflie explain-bench --markdown` writes.
 
 use std::collections::BTreeSet;
 use std::fmt::Write;
@@ -14,7 +14,7 @@ const FEW_CASES: usize = 100;
 pub(super) fn page(runs: &[Results]) -> String {
     let mut text = String::from(
         "# How often explanations are right\n\n\
-         Made by `crazyflie score --from RESULTS... --markdown docs/rates.md` from saved results; nobody edits it.\n\
+         Made by `crazyflie explain-bench --from RESULTS... --markdown docs/rates.md` from saved results; nobody edits it.\n\
          Each section is a run over cases of one simulator, none of which shares code with this one:\n\
          `hidden_flights.py population FOLDER --cases N --seed S` (a rigid body of its own) and\n\
          `python tests/population FOLDER --cases N --seed S` (rotorpy's Crazyflie under a firmware-like cascade, whose rotor drag,\n\

@@ -1,4 +1,4 @@
-//! What `crazyflie score` prints: a row a case, then rates.
+//! What `crazyflie explain-bench` prints: a row a case, then rates.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,4 @@
-//! `crazyflie scorecard`: the thesis's experiments again, its figures beside ours.
+//! `crazyflie reproduce thesis`: the thesis's experiments again, its figures beside ours.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -11,9 +11,9 @@ use crate::scorecard::{COUNT, Figure, Line, lines, pictures};
 
 const EXAMPLES: &str = "\
 Examples:
-  crazyflie scorecard
-  crazyflie scorecard --markdown              the table that the README holds
-  crazyflie scorecard --picture pictures/";
+  crazyflie reproduce thesis
+  crazyflie reproduce thesis --markdown              the table that the README holds
+  crazyflie reproduce thesis --picture pictures/";
 
 /// Run every experiment of the thesis on the simulator, and print its figures beside ours.
 #[derive(Debug, clap::Args)]

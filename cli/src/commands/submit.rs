@@ -1,4 +1,4 @@
-//! `crazyflie submit`: the controllers of the registry through the benchmark.
+//! `crazyflie bench submit`: the controllers of the registry through the benchmark.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -15,11 +15,11 @@ const TOKEN: &str = "CRAZYFLIE_TOKEN";
 
 const EXAMPLES: &str = "\
 Examples:
-  crazyflie submit --controller thesis-pid
-  crazyflie submit --controller stock-pid --scenario hover-aruco@1.0.0
-  crazyflie submit --controller hover --scenario wind --repeat 3 --json
-  crazyflie submit --controller lqr --avoid --scenario swap-eight
-  crazyflie submit --controller thesis-pid --server wss://lab.example --token-file token.txt";
+  crazyflie bench submit --controller thesis-pid
+  crazyflie bench submit --controller stock-pid --scenario hover-aruco@1.0.0
+  crazyflie bench submit --controller hover --scenario wind --repeat 3 --json
+  crazyflie bench submit --controller lqr --collision-avoidance --scenario swap-eight
+  crazyflie bench submit --controller thesis-pid --server wss://lab.example --token-file token.txt";
 
 /// Fly a built-in controller through the benchmark's scenarios, and store the attempts with their scores.
 #[derive(Debug, clap::Args)]
@@ -33,8 +33,8 @@ pub(super) struct Args {
     controller_options: Option<String>,
     /// Where drones share the air, keep out of each other's way
     #[arg(long)]
-    avoid: bool,
-    /// A scenario (see `crazyflie scenarios`), or all
+    collision_avoidance: bool,
+    /// A scenario (see `crazyflie bench scenarios`), or all
     #[arg(long, default_value = "all", value_name = "ID")]
     scenario: String,
     /// So many attempts at each
@@ -121,7 +121,7 @@ fn token(args: &Args) -> Outcome<String> {
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let controller = controllers::chosen(&args.controller, args.controller_options.as_deref())?;
-    let entrant = Entrant { controller, avoid: args.avoid };
+    let entrant = Entrant { controller, avoid: args.collision_avoidance };
     let mut place = Place::open(args)?;
     let scenarios = place.scenarios(&args.scenario)?;
     let bar = ProgressBar::new(scenarios.len() as u64 * u64::from(args.repeat));

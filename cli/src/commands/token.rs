@@ -1,4 +1,4 @@
-//! `crazyflie token`: who may take part.
+//! `crazyflie bench token`: who may take part.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -11,9 +11,9 @@ use crazyflie_server::bench::{Bench, Limits};
 
 const EXAMPLES: &str = "\
 Examples:
-  crazyflie token create darmstadt
-  crazyflie token list --json
-  crazyflie token revoke darmstadt";
+  crazyflie bench token create darmstadt
+  crazyflie bench token list --json
+  crazyflie bench token revoke darmstadt";
 
 /// Make, list and revoke the tokens that teams take part with.
 #[derive(Debug, clap::Args)]
@@ -54,7 +54,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         }
         Command::List => return list(&bench, args.json, out),
         Command::Revoke { team } => match bench.revoke_tokens(team)? {
-            0 => return Err(Failure::Failed(format!("team {team:?} has no tokens in force; see crazyflie token list"))),
+            0 => return Err(Failure::Failed(format!("team {team:?} has no tokens in force; see crazyflie bench token list"))),
             n => writeln!(out, "{n} tokens of {team} revoked")?,
         },
     }

@@ -15,7 +15,7 @@ use crazyflie_server::flight::{LAB_LATENCY_S, Scenario, lab_rig};
 const EXAMPLES: &str = "\
 Examples:
   crazyflie tune --out gains.json --picture steps.svg
-  crazyflie fly --task fly-80cm --rig lab --controller pid:gains.json
+  crazyflie fly --task fly-80cm --sensors lab --controller pid:gains.json
   crazyflie tune --model my.toml --phase-margin 45
   crazyflie tune --task track --json";
 
@@ -34,7 +34,7 @@ pub(super) struct Args {
     task: Option<String>,
     /// ideal, or lab: a 30 Hz camera with 50 ms latency and noise, whose dead time the margins contain
     #[arg(long, default_value = "lab", value_name = "NAME")]
-    rig: String,
+    sensors: String,
     /// Phase margin that is asked for, in degrees
     #[arg(long, default_value_t = 30.0, value_name = "DEG")]
     phase_margin: f64,
@@ -64,7 +64,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         return Err(Failure::Usage(format!("a margin or overshoot is {bad}, expected 0 to 90")));
     }
     let model = files::model(args.model.as_deref())?;
-    let (effects, latency_s) = match &args.rig[..] {
+    let (effects, latency_s) = match &args.sensors[..] {
         "ideal" => (EffectTable::new(), None),
         "lab" => (lab_rig(), Some(LAB_LATENCY_S)),
         other => return Err(crazyflie_env::error::unknown("rig", other, ["ideal", "lab"]).into()),

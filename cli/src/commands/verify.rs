@@ -1,4 +1,4 @@
-//! `crazyflie verify`: stored attempts, checked and re-run.
+//! `crazyflie bench verify`: stored attempts, checked and re-run.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -11,8 +11,8 @@ use crazyflie_server::bench::{Bench, Verdict};
 
 const EXAMPLES: &str = "\
 Examples:
-  crazyflie verify
-  crazyflie verify 0123456789abcdef0123456789abcdef --json";
+  crazyflie bench verify
+  crazyflie bench verify 0123456789abcdef0123456789abcdef --json";
 
 /// Check signatures and actions of stored attempts, fly them again and compare bit by bit.
 #[derive(Debug, clap::Args)]

@@ -17,7 +17,7 @@ pub(crate) fn page(story: &Story, folder: &str) -> String {
     let mut text = String::from("# What recorded flights say of the model\n\n");
     let _ = writeln!(
         text,
-        "Written by `crazyflie measured DATA` in {} s. Every error below is on flights that no fit has seen: from the filtered state at one\n\
+        "Written by `crazyflie report recorded DATA` in {} s. Every error below is on flights that no fit has seen: from the filtered state at one\n\
          instant, the commands alone drive the model. RMS over all predictions, one started every 0.25 s.\n",
         number(story.seconds, 0)
     );

@@ -1,4 +1,4 @@
-//! `crazyflie submit --server`: the program as a client of another one, over real sockets, in the clear and over TLS.
+//! `crazyflie bench submit --server`: the program as a client of another one, over real sockets, in the clear and over TLS.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -17,7 +17,7 @@ struct Rig {
 fn rig(test: &str) -> Rig {
     let folder = folder(test);
     let data = folder.join("bench.sqlite");
-    let token = json(&["token", "create", "team-a", "--data", text(&data), "--json"])["token"].as_str().unwrap().to_owned();
+    let token = json(&["bench", "token", "create", "team-a", "--data", text(&data), "--json"])["token"].as_str().unwrap().to_owned();
     std::fs::write(folder.join("token.txt"), format!("{token}\n")).unwrap();
     Rig { folder, data, token }
 }
@@ -34,7 +34,7 @@ impl Rig {
     /// Runs `submit --server`; what it says must never hold the token.
     fn submit(&self, url: &str, args: &[&str], env: &[(&str, &Path)]) -> (Option<i32>, String) {
         let mut command = Command::new(BINARY);
-        command.args(["submit", "--server", url]).args(args).env_remove("CRAZYFLIE_TOKEN").envs(env.iter().copied());
+        command.args(["bench", "submit", "--server", url]).args(args).env_remove("CRAZYFLIE_TOKEN").envs(env.iter().copied());
         let Output { status, stdout, stderr } = command.output().unwrap();
         let said = String::from_utf8([stdout, stderr].concat()).unwrap();
         assert!(!said.contains(&self.token) && !said.contains(&self.token[4..]), "the token is told: {said}");
@@ -56,10 +56,10 @@ fn a_built_in_controller_competes_over_the_network() {
     let id = document["id"].as_str().unwrap();
     let board: Value = serde_json::from_str(&server.get("/api/v1/leaderboard?scenario=takeoff")).unwrap();
     assert_eq!((&board[0]["attempt"], &board[0]["team"]), (&id.into(), &"team-a".into()), "{board}");
-    assert!(good(&["verify", id, "--data", text(&rig.data)]).contains("confirmed"));
+    assert!(good(&["bench", "verify", id, "--data", text(&rig.data)]).contains("confirmed"));
     // the seeds differ, the controller does not: it was told when to take off, and scores as it does beside the database
     let beside = folder("afar-beside").join("bench.sqlite");
-    let here: Value = json(&["submit", "--controller", "thesis-pid", "--scenario", "takeoff", "--data", text(&beside), "--json"]);
+    let here: Value = json(&["bench", "submit", "--controller", "thesis-pid", "--scenario", "takeoff", "--data", text(&beside), "--json"]);
     let score = |document: &Value| document["result"]["score"]["score"].as_f64().unwrap();
     println!("thesis-pid at takeoff: {:.2} over the network, {:.2} beside the database", score(&document), score(&here));
     assert!(score(&here) > 1.0 && (score(&document) / score(&here) - 1.0).abs() < 0.1);
@@ -68,14 +68,17 @@ fn a_built_in_controller_competes_over_the_network() {
     let (code, said) = rig.submit(&url, &["--controller", "hover"], &[("CRAZYFLIE_TOKEN", token)]);
     assert!(code == Some(0) && said.lines().filter(|line| line.contains("@1.0.0")).count() == 15, "{said}");
     // a team, whose drones keep out of each other's way
-    let (code, said) =
-        rig.submit(&url, &["--controller", "lqr", "--avoid", "--scenario", "swap-eight", "--token-file", text(&file), "--json"], &[]);
+    let (code, said) = rig.submit(
+        &url,
+        &["--controller", "lqr", "--collision-avoidance", "--scenario", "swap-eight", "--token-file", text(&file), "--json"],
+        &[],
+    );
     assert_eq!(code, Some(0), "{said}");
     let team: Value = serde_json::from_str(&said).unwrap();
     assert_eq!((&team["controller"], &team["result"]["metrics"]["collisions"]), (&"avoid+lqr".into(), &0.into()));
     let (code, said) = rig.submit(&url, &["--controller", "random", "--scenario", "wind@1.0.0", "--token", &rig.token], &[]);
     assert!(code == Some(0) && said.contains("wind@1.0.0"), "{said}");
-    let confirmed = good(&["verify", "--data", text(&rig.data)]).matches("confirmed").count();
+    let confirmed = good(&["bench", "verify", "--data", text(&rig.data)]).matches("confirmed").count();
     println!("{confirmed} attempts from afar confirmed");
     assert_eq!(confirmed, 18);
     server.stop();
@@ -124,6 +127,6 @@ fn over_tls_it_is_the_same() {
     // who does not trust the certificate does not tell the token
     let (code, said) = rig.submit(&url, &args, &[]);
     assert!(code == Some(1) && said.to_lowercase().contains("certificate"), "{said}");
-    assert_eq!(good(&["verify", "--data", text(&rig.data)]).matches("confirmed").count(), 1);
+    assert_eq!(good(&["bench", "verify", "--data", text(&rig.data)]).matches("confirmed").count(), 1);
     server.stop();
 }

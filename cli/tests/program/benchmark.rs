@@ -8,55 +8,56 @@ fn from_a_submission_to_a_log_that_replays() {
     let folder = folder("submission");
     let (data, log) = (folder.join("bench.sqlite"), folder.join("flight.csv"));
     let data = text(&data);
-    let table = good(&["submit", "--controller", "thesis-pid", "--scenario", "hover-aruco", "--data", data]);
+    let table = good(&["bench", "submit", "--controller", "thesis-pid", "--scenario", "hover-aruco", "--data", data]);
     assert!(table.contains("hover-aruco@1.0.0") && table.contains("0 of 24"), "{table}");
-    good(&["submit", "--controller", "hover", "--scenario", "hover-aruco@1.0.0", "--data", data]);
-    let board = json(&["leaderboard", "--data", data, "--json"]);
+    good(&["bench", "submit", "--controller", "hover", "--scenario", "hover-aruco@1.0.0", "--data", data]);
+    let board = json(&["bench", "leaderboard", "--data", data, "--json"]);
     let rows = board["hover-aruco@1.0.0"].as_array().unwrap();
     assert_eq!((rows.len(), &rows[0]["controller"], &rows[1]["rank"]), (2, &"thesis-pid".into(), &2.into()));
-    assert!(good(&["leaderboard", "--data", data, "--scenario", "wind"]).contains("no attempts yet"));
+    assert!(good(&["bench", "leaderboard", "--data", data, "--scenario", "wind"]).contains("no attempts yet"));
     let id = rows[0]["attempt"].as_str().unwrap();
-    assert_eq!(json(&["attempts", id, "--data", data])["result"]["episodes"].as_array().unwrap().len(), 24);
-    assert!(good(&["attempts", "--data", data]).contains(id));
-    good(&["attempts", id, "--data", data, "--episode", "7", "--csv", text(&log)]);
+    assert_eq!(json(&["bench", "attempts", id, "--data", data])["result"]["episodes"].as_array().unwrap().len(), 24);
+    assert!(good(&["bench", "attempts", "--data", data]).contains(id));
+    good(&["bench", "attempts", id, "--data", data, "--episode", "7", "--csv", text(&log)]);
     let back = json(&["replay", text(&log), "--json"]);
     let fit = back["logs"][0]["runs"][0]["signals"]["vx"]["fit_percent"].as_f64().unwrap();
     assert!(fit > 99.0, "the log of a flight without disturbances fits the model that flew it: {fit} %");
-    assert!(good(&["verify", "--data", data]).matches("confirmed").count() == 2);
-    assert_eq!(json(&["verify", id, "--data", data, "--json"])["attempts"][0]["verdict"], "confirmed");
-    bad(2, &["submit", "--controller", "hover", "--scenario", "hoover", "--data", data], &["hoover", "hover-aruco@1.0.0"]);
-    bad(2, &["verify", "0", "--data", data], &["no attempt \"0\""]);
+    assert!(good(&["bench", "verify", "--data", data]).matches("confirmed").count() == 2);
+    assert_eq!(json(&["bench", "verify", id, "--data", data, "--json"])["attempts"][0]["verdict"], "confirmed");
+    bad(2, &["bench", "submit", "--controller", "hover", "--scenario", "hoover", "--data", data], &["hoover", "hover-aruco@1.0.0"]);
+    bad(2, &["bench", "verify", "0", "--data", data], &["no attempt \"0\""]);
     let nowhere = folder.join("nowhere.sqlite");
-    for command in [&["leaderboard"][..], &["attempts"], &["verify"], &["token", "list"]] {
-        bad(1, &[command, &["--data", text(&nowhere)]].concat(), &["nowhere.sqlite", "no such file", "crazyflie submit"]);
+    for command in [&["bench", "leaderboard"][..], &["bench", "attempts"], &["bench", "verify"], &["bench", "token", "list"]] {
+        bad(1, &[command, &["--data", text(&nowhere)]].concat(), &["nowhere.sqlite", "no such file", "crazyflie bench submit"]);
     }
     assert!(!nowhere.exists());
-    bad(1, &["attempts", id, "--data", data, "--episode", "24", "--csv", text(&log)], &["episodes 0 to 23"]);
+    bad(1, &["bench", "attempts", id, "--data", data, "--episode", "24", "--csv", text(&log)], &["episodes 0 to 23"]);
 }
 
 #[test]
 fn a_row_that_was_changed_is_wrong_and_loses_its_rank() {
     let folder = folder("changed");
     let data = folder.join("bench.sqlite");
-    let submit = |controller: &str| good(&["submit", "--controller", controller, "--scenario", "wind", "--data", text(&data), "--json"]);
+    let submit =
+        |controller: &str| good(&["bench", "submit", "--controller", controller, "--scenario", "wind", "--data", text(&data), "--json"]);
     let (honest, cheat) = (submit("thesis-pid"), submit("hover"));
     let id = |line: &str| serde_json::from_str::<serde_json::Value>(line).unwrap()["id"].as_str().unwrap().to_owned();
     let db = Connection::open(&data).unwrap();
     let better = cheat.trim().replacen("\"score\":0.0", "\"score\":99.0", 1);
     assert_ne!(better, cheat.trim());
     db.execute("UPDATE attempts SET document = ?2 WHERE id = ?1", [&id(&cheat), &better]).unwrap();
-    bad(1, &["verify", "--data", text(&data)], &["1 of 2 attempts are wrong or missing"]);
-    let board = good(&["leaderboard", "--scenario", "wind", "--data", text(&data)]);
+    bad(1, &["bench", "verify", "--data", text(&data)], &["1 of 2 attempts are wrong or missing"]);
+    let board = good(&["bench", "leaderboard", "--scenario", "wind", "--data", text(&data)]);
     assert!(board.contains(&id(&honest)) && !board.contains(&id(&cheat)), "{board}");
-    assert!(good(&["attempts", "--data", text(&data)]).contains("damaged"));
+    assert!(good(&["bench", "attempts", "--data", text(&data)]).contains("damaged"));
     db.execute("DELETE FROM attempts WHERE id = ?1", [&id(&honest)]).unwrap();
-    bad(1, &["verify", "--data", text(&data)], &["2 of 2 attempts are wrong or missing"]);
+    bad(1, &["bench", "verify", "--data", text(&data)], &["2 of 2 attempts are wrong or missing"]);
 }
 
 #[test]
 fn other_files_are_refused_and_left_alone() {
     let folder = folder("other_files");
-    let open = |name: &str| ["scenarios".to_owned(), "--data".into(), text(&folder.join(name)).into()];
+    let open = |name: &str| ["bench".to_owned(), "scenarios".into(), "--data".into(), text(&folder.join(name)).into()];
     let refused = |name: &str, words: &[&str]| {
         let args = open(name);
         bad(1, &args.each_ref().map(String::as_str), words);
@@ -92,7 +93,8 @@ fn other_files_are_refused_and_left_alone() {
 fn several_processes_submit_at_once() {
     let folder = folder("at_once");
     let data = folder.join("bench.sqlite");
-    let args = ["submit", "--controller", "hover", "--scenario", "ground-landing", "--repeat", "15", "--json", "--data", text(&data)];
+    let args =
+        ["bench", "submit", "--controller", "hover", "--scenario", "ground-landing", "--repeat", "15", "--json", "--data", text(&data)];
     let spawn = |_| std::process::Command::new(crate::common::BINARY).args(args).stdout(std::process::Stdio::piped()).spawn().unwrap();
     let all: Vec<_> = (0..4).map(spawn).collect();
     let lines: usize = all
@@ -104,7 +106,7 @@ fn several_processes_submit_at_once() {
         })
         .sum();
     assert_eq!(lines, 60);
-    let verified = json(&["verify", "--data", text(&data), "--json"]);
+    let verified = json(&["bench", "verify", "--data", text(&data), "--json"]);
     let confirmed = verified["attempts"].as_array().unwrap().iter().filter(|v| v["verdict"] == "confirmed").count();
     assert_eq!((confirmed, verified["missing"].as_array().unwrap().len()), (60, 0));
 }
@@ -113,15 +115,15 @@ fn several_processes_submit_at_once() {
 fn tokens_are_shown_once() {
     let folder = folder("tokens");
     let data = folder.join("bench.sqlite");
-    let token = |args: &[&str]| good(&[&["token"], args, &["--data", text(&data)]].concat());
+    let token = |args: &[&str]| good(&[&["bench", "token"], args, &["--data", text(&data)]].concat());
     let made = token(&["create", "blue"]);
     assert!(made.starts_with("cft_") && made.trim().len() == 68, "{made}");
     assert_ne!(made, token(&["create", "blue"]));
     let list = token(&["list"]);
     assert!(list.matches("blue").count() == 2 && !list.contains(&made.trim()[4..]), "{list}");
     assert_eq!(token(&["revoke", "blue"]), "2 tokens of blue revoked\n");
-    let listed = json(&["token", "list", "--json", "--data", text(&data)]);
+    let listed = json(&["bench", "token", "list", "--json", "--data", text(&data)]);
     assert!(listed[0]["revoked_ms"].is_i64() && listed[0].get("hash").is_none(), "{listed}");
-    bad(1, &["token", "revoke", "blue", "--data", text(&data)], &["no tokens in force"]);
-    bad(2, &["token", "create", "a b", "--data", text(&data)], &["\"a b\"", "letters"]);
+    bad(1, &["bench", "token", "revoke", "blue", "--data", text(&data)], &["no tokens in force"]);
+    bad(2, &["bench", "token", "create", "a b", "--data", text(&data)], &["\"a b\"", "letters"]);
 }

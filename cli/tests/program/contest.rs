@@ -15,7 +15,7 @@ struct Rig {
 
 fn rig(test: &str) -> Rig {
     let data = folder(test).join("bench.sqlite");
-    let made = json(&["token", "create", "team-a", "--data", text(&data), "--json"]);
+    let made = json(&["bench", "token", "create", "team-a", "--data", text(&data), "--json"]);
     let token = made["token"].as_str().unwrap().to_owned();
     let server = Server::start(Settings { data: Some(data.clone()), ..Settings::default() });
     Rig { server, data, token }
@@ -64,7 +64,7 @@ fn an_attempt_from_afar_is_listed_and_confirmed() {
     assert_eq!(begun["attempt"], done["attempt"]["id"]);
     let board: Value = serde_json::from_str(&rig.server.get("/api/v1/leaderboard?scenario=wind")).unwrap();
     assert_eq!((&board[0]["team"], &board[0]["controller"]), (&object!("team-a"), &object!("still")), "{board}");
-    assert!(good(&["verify", id, "--data", text(&rig.data)]).contains("confirmed"));
+    assert!(good(&["bench", "verify", id, "--data", text(&rig.data)]).contains("confirmed"));
     rig.server.stop();
 }
 

@@ -18,14 +18,14 @@ fn the_list_says_what_fly_and_submit_know() {
     bad(2, &["fly", "--controller", "lqx"], &["did you mean \"lqr\""]);
     bad(2, &["fly", "--controller", "lqr", "--controller-options", "{\"position\": 1}"], &["controller lqr", "position"]);
     bad(2, &["fly", "--controller", "lqr", "--controller-options", "{"], &["--controller-options is not JSON"]);
-    bad(2, &["submit", "--controller", "pid:nowhere.json"], &["nowhere.json"]);
+    bad(2, &["bench", "submit", "--controller", "pid:nowhere.json"], &["nowhere.json"]);
 }
 
 #[test]
 fn a_controller_behind_the_filter_is_submitted_under_its_name() {
     let data = folder("filtered").join("bench.sqlite");
     let submit = |name: &str| {
-        let line = good(&["submit", "--controller", name, "--scenario", "hover-aruco", "--data", text(&data), "--json"]);
+        let line = good(&["bench", "submit", "--controller", name, "--scenario", "hover-aruco", "--data", text(&data), "--json"]);
         serde_json::from_str::<Value>(&line).unwrap()
     };
     let score = |document: &Value| document["result"]["score"]["score"].as_f64().unwrap();
@@ -64,7 +64,7 @@ fn the_tuner_explains_table_7_1_and_finds_better_gains_that_fly() {
     }
     assert!(std::fs::read_to_string(&picture).unwrap().contains("table 7.1"));
     let flights =
-        |controller: &str| json(&["fly", "--task", "fly-80cm", "--rig", "lab", "--runs", "20", "--json", "--controller", controller]);
+        |controller: &str| json(&["fly", "--task", "fly-80cm", "--sensors", "lab", "--runs", "20", "--json", "--controller", controller]);
     let rmse = |flown: &Value| {
         let runs = flown["runs"].as_array().unwrap();
         let mut all: Vec<f64> = runs.iter().map(|r| r["phases"][0]["axes"]["x"]["rmse"].as_f64().unwrap()).collect();
@@ -105,5 +105,5 @@ fn robustness_flies_everything_under_every_condition() {
     assert!(of("thesis-pid", "nominal") > of("thesis-pid", "undeclared"), "what nobody was told of costs something");
     assert!(of("lqr", "undeclared") > of("thesis-pid", "undeclared"));
     assert_eq!(json(&args), Value::Array(lines.clone()), "the same seeds, the same figures");
-    bad(2, &["robustness", "--scenarios", "mystery"], &["unknown scenario", "hover-aruco"]);
+    bad(2, &["bench", "robustness", "--scenarios", "mystery"], &["unknown scenario", "hover-aruco"]);
 }

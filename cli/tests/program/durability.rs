@@ -17,7 +17,8 @@ fn spread(i: u32) -> f64 {
 
 /// Submits without end; is killed at a moment of its own. Returns the ids that it printed before.
 fn submit_and_kill(data: &str, after: Duration) -> Vec<String> {
-    let args = ["submit", "--controller", "hover", "--scenario", "ground-landing", "--repeat", "1000000", "--json", "--data", data];
+    let args =
+        ["bench", "submit", "--controller", "hover", "--scenario", "ground-landing", "--repeat", "1000000", "--json", "--data", data];
     let mut child = Command::new(BINARY).args(args).stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
     let out = BufReader::new(child.stdout.take().unwrap());
     let reader = std::thread::spawn(move || {
@@ -60,7 +61,7 @@ fn no_acknowledged_row_is_lost_in_a_hundred_kills() {
     // a kill may come between the commit and the word about it, at most once each
     assert!(finished.len() - acknowledged.len() <= KILLS as usize);
     // what is there is whole, and none is missing
-    let verified = json(&["verify", "--data", text(&data), "--json"]);
+    let verified = json(&["bench", "verify", "--data", text(&data), "--json"]);
     assert_eq!(verified["missing"].as_array().unwrap().len(), 0);
     let confirmed = verified["attempts"].as_array().unwrap().iter().filter(|v| v["verdict"] == "confirmed").count();
     assert_eq!(confirmed, finished.len());

@@ -333,17 +333,17 @@ fn what_cannot_be_explained_is_refused_with_a_reason() {
 #[test]
 fn scores_need_cases() {
     let folder = folder("score_bad");
-    bad(1, &["score", text(&folder)], &["holds no case files"]);
-    bad(1, &["score", "no/such"], &["no/such"]);
+    bad(1, &["explain-bench", text(&folder)], &["holds no case files"]);
+    bad(1, &["explain-bench", "no/such"], &["no/such"]);
     std::fs::write(folder.join("d07.json"), "{}").unwrap();
-    bad(2, &["score", text(&folder), "--only", "d70"], &["unknown case \"d70\"", "did you mean \"d07\""]);
-    bad(1, &["score", text(&folder)], &["d07.json", "not a case file"]);
+    bad(2, &["explain-bench", text(&folder), "--only", "d70"], &["unknown case \"d70\"", "did you mean \"d07\""]);
+    bad(1, &["explain-bench", text(&folder)], &["d07.json", "not a case file"]);
 }
 
 #[test]
 fn two_cases_are_scored() {
     let Some(folder) = shared("two_cases_are_scored", "hidden_effects") else { return };
-    let scored = json(&["score", text(&folder), "--only", "d00,d21", "--json"]);
+    let scored = json(&["explain-bench", text(&folder), "--only", "d00,d21", "--json"]);
     let [null, deadband] = &scored["cases"].as_array().unwrap()[..] else { panic!("{scored}") };
     assert_eq!((&null["case"], &null["score"]["group"]), (&"d00".into(), &"null".into()));
     assert_eq!(null["score"]["criteria"]["named"], true, "{null}");

@@ -11,7 +11,7 @@ fn fit(replay: &Value, signal: &str) -> f64 {
 #[test]
 fn the_same_seed_gives_the_same_bytes() {
     let folder = folder("deterministic");
-    let args = ["fly", "--task", "hover", "--rig", "lab", "--effects", "gust.sigma_mps2=0.3", "--seconds", "3", "--seed"];
+    let args = ["fly", "--task", "hover", "--sensors", "lab", "--effects", "gust.sigma_mps2=0.3", "--seconds", "3", "--seed"];
     let fly = |seed: &str, name: &str| {
         let files = [".csv", ".svg", ".3d.svg"].map(|ending| folder.join(format!("{name}{ending}")));
         let [csv, svg, path] = &files;
@@ -26,7 +26,7 @@ fn the_same_seed_gives_the_same_bytes() {
 
 #[test]
 fn a_run_of_a_batch_is_the_run_alone() {
-    let of = |seed: &str, runs: &str| json(&["fly", "--rig", "lab", "--seconds", "3", "--json", "--seed", seed, "--runs", runs]);
+    let of = |seed: &str, runs: &str| json(&["fly", "--sensors", "lab", "--seconds", "3", "--json", "--seed", seed, "--runs", runs]);
     let batch = of("3", "70");
     assert_eq!(batch["runs"].as_array().unwrap().len(), 70);
     for (i, seed) in [(0, "3"), (17, "20"), (69, "72")] {
@@ -62,7 +62,7 @@ fn a_flight_written_as_mcap_replays_as_its_csv() {
     let folder = folder("mcap");
     let logs = ["flight.csv", "flight.mcap"].map(|name| folder.join(name));
     let [csv, mcap] = logs.each_ref().map(|log| {
-        good(&["fly", "--task", "fly-80cm", "--seconds", "5", "--rig", "lab", "--csv", text(log)]);
+        good(&["fly", "--task", "fly-80cm", "--seconds", "5", "--sensors", "lab", "--csv", text(log)]);
         good(&["replay", text(log)])
     });
     assert!(std::fs::read(&logs[1]).unwrap().starts_with(b"\x89MCAP0"));
@@ -73,7 +73,7 @@ fn a_flight_written_as_mcap_replays_as_its_csv() {
 fn the_csv_has_a_fix_only_where_a_frame_arrived() {
     let folder = folder("fixes");
     let log = folder.join("flight.csv");
-    good(&["fly", "--task", "hover-70cm", "--seconds", "10", "--rig", "lab", "--csv", text(&log)]);
+    good(&["fly", "--task", "hover-70cm", "--seconds", "10", "--sensors", "lab", "--csv", text(&log)]);
     let content = std::fs::read_to_string(&log).unwrap();
     let mut lines = content.lines();
     let header: Vec<&str> = lines.next().unwrap().split(',').collect();
@@ -153,7 +153,7 @@ fn several_drones_swap_places_unless_nothing_keeps_them_apart() {
     let (csv, svg, path) = (folder.join("swap.csv"), folder.join("swap.svg"), folder.join("path.svg"));
     let files = ["--csv", text(&csv), "--picture", text(&svg), "--picture3d", text(&path)];
     let flight = ["fly", "--task", "swap", "--drones", "5", "--json"];
-    let apart = json(&[&flight[..], &["--avoid"], &files].concat());
+    let apart = json(&[&flight[..], &["--collision-avoidance"], &files].concat());
     let metrics = &apart["runs"][0]["metrics"];
     assert!(metrics["collisions"] == 0.0 && metrics["done"] == 5.0, "{metrics}");
     assert!(apart["setup"]["effects"]["downwash"].is_number(), "{}", apart["setup"]);
@@ -164,7 +164,7 @@ fn several_drones_swap_places_unless_nothing_keeps_them_apart() {
     assert!([svg, path].iter().all(|file| std::fs::read_to_string(file).unwrap().contains("drone 4")));
     assert!(json(&flight)["runs"][0]["metrics"]["collisions"].as_f64().unwrap() > 0.0);
     let advice = good(&["fly", "--task", "swap", "--runs", "3"]);
-    assert!(advice.contains("3 flights: median") && advice.contains("--avoid puts a layer"), "{advice}");
-    bad(2, &["fly", "--avoid"], &["for tasks of several drones"]);
+    assert!(advice.contains("3 flights: median") && advice.contains("--collision-avoidance puts a layer"), "{advice}");
+    bad(2, &["fly", "--collision-avoidance"], &["for tasks of several drones"]);
     bad(2, &["fly", "--task", "swap", "--drones", "65"], &["drones is 65"]);
 }

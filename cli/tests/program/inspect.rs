@@ -15,7 +15,7 @@ fn flight(folder: &Path) -> PathBuf {
         "lqr",
         "--seconds",
         "12",
-        "--rig",
+        "--sensors",
         "lab",
         "--vertical",
         "thrust",

@@ -1,4 +1,4 @@
-//! `crazyflie measured` on a few of the recorded flights.
+//! `crazyflie report recorded` on a few of the recorded flights.
 
 use crate::common::{json, shared};
 
@@ -7,7 +7,7 @@ use crate::common::{json, shared};
 fn the_velocity_error_falls_seven_times() {
     let Some(folder) = shared("the_velocity_error_falls_seven_times", "nanobench") else { return };
     let data = folder.parent().unwrap().display().to_string();
-    let story = json(&["measured", &data, "--quick", "--json"]);
+    let story = json(&["report", "recorded", &data, "--quick", "--json"]);
     assert_eq!(story["test"].as_array().unwrap().len(), 1, "{story}");
     for model in ["reidentified", "explained"] {
         let factor = story["velocity_2s_factor"][model].as_f64().unwrap();

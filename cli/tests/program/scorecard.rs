@@ -11,20 +11,20 @@ fn the_readme_holds_what_the_program_prints() {
     let readme = std::fs::read_to_string(&path).unwrap_or_default();
     let block = readme.split(marker).nth(1).unwrap_or_else(|| {
         panic!(
-            "README.md lacks the scorecard. Put into it a line {marker:?}, then the output of `crazyflie scorecard --markdown`, then {marker:?}."
+            "README.md lacks the scorecard. Put into it a line {marker:?}, then the output of `crazyflie reproduce thesis --markdown`, then {marker:?}."
         )
     });
-    let printed = good(&["scorecard", "--markdown"]);
+    let printed = good(&["reproduce", "thesis", "--markdown"]);
     assert_eq!(
         block.trim(),
         printed.trim(),
-        "the scorecard in README.md is not what the program prints: replace it by the output of `crazyflie scorecard --markdown`"
+        "the scorecard in README.md is not what the program prints: replace it by the output of `crazyflie reproduce thesis --markdown`"
     );
 }
 
 #[test]
 fn what_the_equations_fix_agrees_exactly() {
-    let lines = json(&["scorecard", "--json"]);
+    let lines = json(&["reproduce", "thesis", "--json"]);
     let lines = lines.as_array().unwrap();
     let mut exact = 0;
     for line in lines.iter().filter(|line| line["thesis"].as_str().unwrap().contains(" by 5.")) {
@@ -42,7 +42,7 @@ fn what_the_equations_fix_agrees_exactly() {
 #[test]
 fn pictures_are_drawn() {
     let folder = folder("scorecard");
-    good(&["scorecard", "--picture", crate::common::text(&folder)]);
+    good(&["reproduce", "thesis", "--picture", crate::common::text(&folder)]);
     for name in ["fly-80cm", "takeoff", "takeoff-thrust", "hover"] {
         let svg = std::fs::read_to_string(folder.join(format!("{name}.svg"))).unwrap();
         assert!(svg.starts_with("<svg") && svg.contains("new gains"), "{name}");

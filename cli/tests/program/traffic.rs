@@ -23,7 +23,7 @@ struct Rig {
 
 fn rig(test: &str) -> Rig {
     let data = folder(test).join("bench.sqlite");
-    let token = json(&["token", "create", "team-a", "--data", text(&data), "--json"])["token"].as_str().unwrap().to_owned();
+    let token = json(&["bench", "token", "create", "team-a", "--data", text(&data), "--json"])["token"].as_str().unwrap().to_owned();
     let server = Server::start(Settings { data: Some(data.clone()), ..Settings::default() });
     let tap = Tap::before(server.address);
     Rig { server, tap, data, token }

@@ -5,20 +5,45 @@ use std::process::{Command, Stdio};
 
 use crate::common::{BINARY, bad, folder, good, json, run, text};
 
+/// The commands that a help lists: two spaces, the name, what it does.
+fn listed_commands(help: &str) -> Vec<String> {
+    let Some((_, listed)) = help.split_once("Commands:") else { return Vec::new() };
+    let lines = listed.trim_start_matches('\n').split("\n\n").next().unwrap().lines();
+    let commands = lines.filter_map(|line| line.strip_prefix("  ")).filter(|line| !line.starts_with(' '));
+    commands.filter_map(|line| line.split_whitespace().next()).filter(|name| *name != "help").map(str::to_owned).collect()
+}
+
+/// Goes down to the commands that do something; `token` shows its examples once for its three.
+fn assert_helpful(words: &[&str]) -> usize {
+    let name = words.join(" ");
+    let help = good(&[words, &["--help"]].concat());
+    let below = listed_commands(&help);
+    if !below.is_empty() && !help.contains("Examples:") {
+        return below.iter().map(|command| assert_helpful(&[words, &[command]].concat())).sum();
+    }
+    assert!(help.contains("Examples:") && help.contains(&format!("crazyflie {name}")), "{help}");
+    assert!(help.contains("--json") || name == "serve", "{help}");
+    1
+}
+
 #[test]
 fn every_command_has_help_with_examples() {
-    let all = good(&["--help"]);
-    // the commands as the help lists them: two spaces, the name, what it does
-    let listed = all.split_once("Commands:").unwrap().1.split("\n\n").next().unwrap();
-    let commands = listed.lines().filter_map(|line| line.strip_prefix("  ")).filter(|line| !line.starts_with(' '));
-    let commands: Vec<&str> = commands.filter_map(|line| line.split_whitespace().next()).filter(|name| *name != "help").collect();
-    assert!(commands.len() >= 20 && commands.contains(&"fly") && commands.contains(&"serve"), "{commands:?}");
-    for command in commands {
-        let help = good(&[command, "--help"]);
-        assert!(help.contains("Examples:") && help.contains(&format!("crazyflie {command}")), "{help}");
-        assert!(help.contains("--json") || command == "serve", "{help}");
-    }
+    let commands = listed_commands(&good(&["--help"]));
+    assert!(commands.iter().any(|name| name == "fly") && commands.iter().any(|name| name == "bench"), "{commands:?}");
+    let helpful: usize = commands.iter().map(|command| assert_helpful(&[command])).sum();
+    assert!(helpful >= 20, "{helpful}");
     assert!(good(&["--version"]).starts_with("crazyflie "));
+}
+
+#[test]
+fn old_names_of_commands_work_and_name_the_new_one() {
+    let ran = run(&["scenarios", "--json"]);
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    assert!(ran.err.contains("`scenarios` is now called `bench scenarios`"), "{}", ran.err);
+    assert_eq!(ran.out, good(&["bench", "scenarios", "--json"]));
+    let ran = run(&["fly", "--seconds", "1", "--rig=lab"]);
+    assert!(ran.code == 0 && ran.err.contains("`--rig` is now called `--sensors`"), "{}", ran.err);
+    assert!(run(&["pilot", "--help"]).out.contains("crazyflie world join"));
 }
 
 #[test]
@@ -30,7 +55,7 @@ fn usage_errors_exit_with_2() {
     bad(2, &["replay"], &["required"]);
     bad(2, &["fly", "--task", "hovver"], &["unknown task or flight \"hovver\"", "did you mean \"hover\""]);
     bad(2, &["fly", "--controller", "theses"], &["did you mean \"thesis\""]);
-    bad(2, &["fly", "--rig", "labb"], &["did you mean \"lab\""]);
+    bad(2, &["fly", "--sensors", "labb"], &["did you mean \"lab\""]);
     bad(2, &["fly", "--vertical", "pmw"], &["expected height, pwm or thrust"]);
     bad(2, &["fly", "--seconds", "NaN"], &["0.1 to 3600"]);
     bad(2, &["fly", "--seconds", "-3"], &[]);
@@ -97,7 +122,7 @@ fn a_truncated_gzip_is_read_as_far_as_it_goes_and_says_so() {
 
 #[test]
 fn a_closed_pipe_is_no_error() {
-    for args in [&["effects", "--json"][..], &["fly", "--runs", "3", "--json"], &["scorecard", "--markdown"], &["--help"]] {
+    for args in [&["effects", "--json"][..], &["fly", "--runs", "3", "--json"], &["reproduce", "thesis", "--markdown"], &["--help"]] {
         let mut child = Command::new(BINARY).args(args).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
         drop(child.stdout.take());
         let mut err = String::new();

@@ -50,7 +50,7 @@ fn flown_again(server: &Server, name: &str) -> (String, Value) {
     let text = server.get(&format!("/api/v1/worlds/{name}/log"));
     let file = crate::common::folder(&format!("world-{name}")).join("log.jsonl");
     std::fs::write(&file, &text).unwrap();
-    (text, crate::common::json(&["replay-world", crate::common::text(&file), "--json"]))
+    (text, crate::common::json(&["world", "replay", crate::common::text(&file), "--json"]))
 }
 
 #[test]
@@ -199,13 +199,13 @@ fn a_log_is_flown_again_to_the_same_bits_and_another_one_is_not() {
     lines[30] = tick.to_string();
     let file = crate::common::folder("world-changed").join("log.jsonl");
     std::fs::write(&file, lines.join("\n")).unwrap();
-    crate::common::bad(1, &["replay-world", crate::common::text(&file)], &["not the one that the log tells of"]);
+    crate::common::bad(1, &["world", "replay", crate::common::text(&file)], &["not the one that the log tells of"]);
     lines.truncate(20);
     std::fs::write(&file, lines.join("\n")).unwrap();
-    crate::common::bad(1, &["replay-world", crate::common::text(&file)], &["no last line"]);
+    crate::common::bad(1, &["world", "replay", crate::common::text(&file)], &["no last line"]);
     lines[7] = "{}".into();
     std::fs::write(&file, lines.join("\n")).unwrap();
-    crate::common::bad(1, &["replay-world", crate::common::text(&file)], &["line 8", "expected actions and by"]);
+    crate::common::bad(1, &["world", "replay", crate::common::text(&file)], &["line 8", "expected actions and by"]);
 }
 
 #[test]

@@ -93,7 +93,7 @@ class Benchmark:
 
     Args:
         url: as of `connect`.
-        scenario: its name, such as "hover-aruco", or "name@version"; `crazyflie scenarios` lists them.
+        scenario: its name, such as "hover-aruco", or "name@version"; `crazyflie bench scenarios` lists them.
         controller: what the leaderboard calls what flies here.
         token: the team's, by default from the environment variable `CRAZYFLIE_TOKEN`.
         client: "native" or "python".

@@ -15,7 +15,7 @@ LAB: dict[str, Any] = {
     "camera_noise": {"xy_m": 0.005, "z_m": 0.01, "yaw_deg": 1.0},
     "ground_effect": 4.0,
 }
-"""The thesis's camera rig (`crazyflie fly --rig lab`), and the ground below."""
+"""The thesis's camera rig (`crazyflie fly --sensors lab`), and the ground below."""
 
 RANDOMISED: dict[str, Any] = LAB | {
     "camera_fov": 120.0,

@@ -31,7 +31,7 @@ pub enum Error {
     TooLate { limit_s: u64 },
     #[error("{}: schema {found} is newer than this program's ({known}): use a newer crazyflie", path.display())]
     Newer { path: PathBuf, found: i64, known: i64 },
-    #[error("{}: there is no such file; `crazyflie submit` makes one", path.display())]
+    #[error("{}: there is no such file; `crazyflie bench submit` makes one", path.display())]
     Missing { path: PathBuf },
     #[error("{} is a database of another program", path.display())]
     Foreign { path: PathBuf },

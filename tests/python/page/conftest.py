@@ -10,7 +10,7 @@ from browsing import CHROMIUM, CRAZYFLIE, FLAGS, PATIENCE_MS, SCENARIO, Server
 def data(tmp_path_factory):
     path = str(tmp_path_factory.mktemp("page") / "bench.sqlite")
     for controller in ["thesis-pid", "stock-pid"]:
-        command = [*CRAZYFLIE, "submit", "--controller", controller, "--scenario", SCENARIO, "--data", path]
+        command = [*CRAZYFLIE, "bench", "submit", "--controller", controller, "--scenario", SCENARIO, "--data", path]
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL, timeout=120)
     return path
 

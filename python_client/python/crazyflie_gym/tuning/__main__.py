@@ -20,7 +20,7 @@ MEDIANS = ("reward", "rmse_m", "yaw_rmse_deg", "travel_degps")
 EXAMPLES = """\
 examples:
   python -m crazyflie_gym.tuning thesis-pid --out gains.json --picture tuned.png
-  crazyflie fly --task fly-80cm --rig lab --controller pid:gains.json
+  crazyflie fly --task fly-80cm --sensors lab --controller pid:gains.json
   python -m crazyflie_gym.tuning pid:gains.json --gains x y --figure rmse_m
   python -m crazyflie_gym.tuning lqr --id CrazyflieTrack-v0 --gains position_m velocity_mps tilt_deg --json
   python -m crazyflie_gym.tuning thesis-pid --seeds 2048 --ray auto --store tuning.sqlite

@@ -43,7 +43,7 @@ export class Board {
     this.#facts(found);
     const rows = (await getJson("leaderboard", { scenario: found.id })).map(attempt);
     if (load !== this.#loads) return;
-    this.#show("ranking", rows, "Leaderboard", "No attempt is over yet. The first comes with: crazyflie submit --controller thesis");
+    this.#show("ranking", rows, "Leaderboard", "No attempt is over yet. The first comes with: crazyflie bench submit --controller thesis");
     await this.#every();
     await this.#key();
   }
