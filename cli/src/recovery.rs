@@ -1,6 +1,6 @@
 //! The identification flights of chapter 5, flown by the simulator, recorded, and identified: the thesis's equations must come back.
 
-use crazyflie_control::Chosen;
+use crazyflie_control::ControllerSpec;
 use crazyflie_env::Error;
 use crazyflie_env::config::{EffectParams, EffectTable, Number};
 use crazyflie_env::model::{Model, Vertical, VerticalInput};
@@ -107,7 +107,7 @@ fn flown(model: &Model, experiment: &Experiment, sensors: Sensors, seed: u64) ->
         model: model.clone(),
         scenario: Scenario::named("hover-70cm")?,
         task_options: None,
-        controller: Chosen::named("thesis-pid")?,
+        controller: ControllerSpec::named("thesis-pid")?,
         effects: sensors.effects(),
         vertical: experiment.vertical,
         seconds: HOVER_S + experiment.seconds,

@@ -1,6 +1,6 @@
 //! Controllers where the vehicle is what they believe, where it is drawn anew in every flight, and where something is wrong that none was told of.
 
-use crazyflie_control::Chosen;
+use crazyflie_control::ControllerSpec;
 use crazyflie_env::config::EffectTable;
 use crazyflie_picture::{PALETTE, Panel, PictureError, Series, Style, chart};
 
@@ -62,7 +62,7 @@ pub(crate) struct Line {
 ///
 /// # Errors
 /// Those of the benchmark.
-pub(crate) fn compare(controllers: &[Chosen], scenarios: &[String], seeds: &[u64], done: &dyn Fn()) -> Result<Vec<Line>, Error> {
+pub(crate) fn compare(controllers: &[ControllerSpec], scenarios: &[String], seeds: &[u64], done: &dyn Fn()) -> Result<Vec<Line>, Error> {
     let mut lines = Vec::new();
     for scenario in scenarios {
         for condition in &CONDITIONS {
@@ -76,7 +76,7 @@ pub(crate) fn compare(controllers: &[Chosen], scenarios: &[String], seeds: &[u64
     Ok(lines)
 }
 
-fn line(controller: &Chosen, scenario: &Scenario, condition: &'static str, seeds: &[u64]) -> Result<Line, Error> {
+fn line(controller: &ControllerSpec, scenario: &Scenario, condition: &'static str, seeds: &[u64]) -> Result<Line, Error> {
     let (judged, first) = evaluate(scenario, &controller.clone().into(), seeds)?;
     let (s, m) = (judged.score, judged.metrics);
     Ok(Line {

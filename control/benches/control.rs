@@ -2,7 +2,7 @@
 
 use std::hint::black_box;
 
-use crazyflie_control::{Chosen, Controller, Mode, Site, registry};
+use crazyflie_control::{Controller, ControllerContext, ControllerSpec, Mode, registry};
 use crazyflie_env::config::Options;
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::{ACTION, OBSERVATION};
@@ -18,8 +18,8 @@ const OPTIONS: &str = r#"{"task": "hover", "vertical": "thrust", "effects": {"ca
 fn flown(name: &str) -> (Box<dyn Controller>, Vec<Vec<f32>>) {
     let model = Model::thesis();
     let mut env = VectorEnv::new(std::slice::from_ref(&model), &Options::parse(OPTIONS).expect("options"), ENVS).expect("environments");
-    let site = Site { model: &model, interface: env.interfaces()[0], tick_s: env.tick_s(), envs: ENVS, mode: Mode::Automatic };
-    let mut pilot = Chosen::named(name).and_then(|chosen| chosen.build(&site)).expect("controller");
+    let site = ControllerContext { model: &model, interface: env.interfaces()[0], tick_s: env.tick_s(), envs: ENVS, mode: Mode::Automatic };
+    let mut pilot = ControllerSpec::named(name).and_then(|chosen| chosen.build(&site)).expect("controller");
     let (mut observations, mut actions) = (vec![0.0; ENVS * OBSERVATION], vec![0.0; ENVS * ACTION]);
     let (mut rewards, mut terminated, mut truncated) = (vec![0.0; ENVS], vec![false; ENVS], vec![false; ENVS]);
     let seeds: Vec<u64> = (0..ENVS as u64).collect();

@@ -4,10 +4,10 @@ use super::{Controller, Mode};
 use crazyflie_env::error::Result;
 use crazyflie_env::lanes::{LANES, LaneMask, Lanes};
 use crazyflie_env::observation::{ACTION, OBSERVATION};
-use crazyflie_env::real::Real;
+use crazyflie_env::scalar::Scalar;
 
 /// A control law of one drone, or of sixteen side by side, which never feel each other.
-pub trait Law<R: Real>: Clone + Send {
+pub trait ControlLaw<R: Scalar>: Clone + Send {
     /// See [`Controller::set_mode`].
     fn set_mode(&mut self, _mode: Mode) {}
 
@@ -25,14 +25,14 @@ pub struct Batch<L> {
     envs: usize,
 }
 
-impl<L: Law<Lanes>> Batch<L> {
+impl<L: ControlLaw<Lanes>> Batch<L> {
     /// `law` for `envs` environments.
     pub fn new(envs: usize, law: L) -> Self {
         Batch { tiles: vec![law; envs.div_ceil(LANES)], envs }
     }
 }
 
-impl<L: Law<Lanes>> Controller for Batch<L> {
+impl<L: ControlLaw<Lanes>> Controller for Batch<L> {
     fn set_mode(&mut self, mode: Mode) {
         self.tiles.iter_mut().for_each(|law| law.set_mode(mode));
     }

@@ -6,11 +6,11 @@
 //! Applications to Tracking and Navigation, 2001, ch. 11). Per axis: position, velocity, and an acceleration that nothing explains, a random walk, which
 //! takes the error of a tilted IMU.
 
-use super::belief::{Belief, Noise};
-use super::glide::{Axis, START, Spread, glide, overlap, widened};
+use super::prediction::{Axis, Covariance, START, overlap, predict_covariance, predict_mean};
+use super::sensor_noise::{NoiseVariance, SensorNoise};
 use crazyflie_env::model::{Model, Vertical, VerticalInput};
 use crazyflie_env::observation::{OBSERVATION, wrap};
-use crazyflie_env::real::{Real, tabulate};
+use crazyflie_env::scalar::{Scalar, tabulate};
 
 /// Ticks of history: a fix older than this is of no use. At 50 Hz 0.24 s, twice the longest latency that the simulator has.
 const HISTORY: usize = 12;
@@ -31,15 +31,15 @@ pub struct Estimate<R> {
 
 /// The filter of one drone, or of lanes.
 #[derive(Debug, Clone)]
-pub struct Estimator<R: Real> {
-    noise: Noise,
+pub struct Estimator<R: Scalar> {
+    noise: NoiseVariance,
     tick_s: f64,
     gravity_mps2: f64,
     /// How far a held acceleration carries over a step dt, over dt^2, per axis.
     carry: [f64; 3],
     /// At the capture of the last frame taken in, `age_s` ago.
     axes: [Axis<R>; 3],
-    spread: [Spread<R>; 2],
+    spread: [Covariance<R>; 2],
     age_s: R,
     outliers: R,
     /// Accelerations of the last ticks in the world frame, the newest first, and the IMU's heading at their ends, unwrapped.
@@ -47,7 +47,7 @@ pub struct Estimator<R: Real> {
     imu_yaw_rad: [R; HISTORY + 1],
     /// By the attitude at the last tick.
     last_mps2: [R; 2],
-    /// Heading over the marker minus the IMU's, and its variance.
+    /// YawRotation over the marker minus the IMU's, and its variance.
     turned_rad: R,
     turned_spread: R,
     /// Age of the last fix that was looked at.
@@ -55,14 +55,14 @@ pub struct Estimator<R: Real> {
     fresh: R::Mask,
 }
 
-impl<R: Real> Estimator<R> {
+impl<R: Scalar> Estimator<R> {
     /// For the declared model, asked every `tick_s` seconds.
-    pub fn new(model: &Model, input: VerticalInput, tick_s: f64, belief: &Belief) -> Self {
+    pub fn new(model: &Model, input: VerticalInput, tick_s: f64, belief: &SensorNoise) -> Self {
         let (zero, none) = (R::zero(), R::nothing());
         // a first-order form's velocity jumps at the start of a tick and holds
         let jumps = matches!(model.vertical(input), Ok(Vertical::FirstOrder { .. }));
         Estimator {
-            noise: Noise::of(belief),
+            noise: NoiseVariance::of(belief),
             tick_s,
             gravity_mps2: model.lateral.gravity.value,
             carry: [0.5, 0.5, if jumps { 1.0 } else { 0.5 }],
@@ -109,16 +109,16 @@ impl<R: Real> Estimator<R> {
             axis.iter_mut().zip([o[i], zero, zero]).for_each(|(slot, value)| set(slot, value));
         }
         for (i, spread) in self.spread.iter_mut().enumerate() {
-            let start = START.map(R::of);
+            let start = START.map(R::from_f64);
             spread.iter_mut().zip(start).for_each(|(slot, value)| set(slot, value));
-            set(&mut spread[0], R::of(self.noise.fix[i]));
+            set(&mut spread[0], R::from_f64(self.noise.fix[i]));
         }
         self.acc_mps2.iter_mut().flatten().for_each(|slot| set(slot, zero));
         self.imu_yaw_rad.iter_mut().for_each(|slot| set(slot, o[8]));
         let tilts = self.tilts(o, o[3]);
         self.last_mps2.iter_mut().zip(tilts).for_each(|(slot, value)| set(slot, value));
         set(&mut self.turned_rad, wrap(o[3] - o[8]));
-        set(&mut self.turned_spread, R::of(self.noise.yaw));
+        set(&mut self.turned_spread, R::from_f64(self.noise.yaw));
         set(&mut self.outliers, zero);
         set(&mut self.age_s, o[4]);
         set(&mut self.seen_s, o[4]);
@@ -127,22 +127,22 @@ impl<R: Real> Estimator<R> {
     /// Acceleration by the tilt, world frame: +pitch to +x, +roll to -y (4.10).
     #[inline(always)]
     fn tilts(&self, o: &[R; OBSERVATION], yaw: R) -> [R; 2] {
-        turn([o[7] * R::of(self.gravity_mps2), -o[6] * R::of(self.gravity_mps2)], yaw)
+        turn([o[7] * R::from_f64(self.gravity_mps2), -o[6] * R::from_f64(self.gravity_mps2)], yaw)
     }
 
     /// What the accelerometer shows besides: it does not feel gravity, nor therefore the tilt.
     #[inline(always)]
     fn push(&self, o: &[R; OBSERVATION], yaw: R) -> [R; 3] {
         let [x, y] = turn([o[12], o[13]], yaw);
-        [x, y, o[14] - R::of(self.gravity_mps2)]
+        [x, y, o[14] - R::from_f64(self.gravity_mps2)]
     }
 
     /// One tick more of history.
     #[inline(always)]
     fn remember(&mut self, on: R::Mask, o: &[R; OBSERVATION], yaw: R, push: [R; 3]) {
-        let (h, keep) = (R::of(self.tick_s), |new: R, old: R| R::select(on, new, old));
+        let (h, keep) = (R::from_f64(self.tick_s), |new: R, old: R| R::select(on, new, old));
         // what is about to be forgotten is gone through first
-        let over = (self.age_s - R::of(self.tick_s * (HISTORY - 1) as f64)).max(R::zero());
+        let over = (self.age_s - R::from_f64(self.tick_s * (HISTORY - 1) as f64)).max(R::zero());
         let over = R::select(on, over, R::zero());
         self.advance(HISTORY - 1, over);
         self.widen(over);
@@ -151,7 +151,7 @@ impl<R: Real> Estimator<R> {
         let tilts = self.tilts(o, yaw);
         let mean: [R; 2] = tabulate(
             #[inline(always)]
-            |i| R::of(0.5) * (tilts[i] + self.last_mps2[i]) + push[i],
+            |i| R::from_f64(0.5) * (tilts[i] + self.last_mps2[i]) + push[i],
         );
         for i in 0..2 {
             self.last_mps2[i] = keep(tilts[i], self.last_mps2[i]);
@@ -169,14 +169,14 @@ impl<R: Real> Estimator<R> {
             self.imu_yaw_rad[j] = keep(self.imu_yaw_rad[j - 1], self.imu_yaw_rad[j]);
         }
         self.imu_yaw_rad[0] = keep(newest, self.imu_yaw_rad[0]);
-        self.turned_spread += R::select(on, R::of(self.noise.drift * self.tick_s), R::zero());
+        self.turned_spread += R::select(on, R::from_f64(self.noise.drift * self.tick_s), R::zero());
     }
 
     /// Moves the state on by `dt_s` under the accelerations of tick `j`.
     #[inline(always)]
     fn advance(&mut self, j: usize, dt_s: R) {
         for (i, axis) in self.axes.iter_mut().enumerate() {
-            *axis = glide(axis, self.acc_mps2[j][i], dt_s, self.carry[i]);
+            *axis = predict_mean(axis, self.acc_mps2[j][i], dt_s, self.carry[i]);
         }
     }
 
@@ -184,7 +184,7 @@ impl<R: Real> Estimator<R> {
     #[inline(always)]
     fn widen(&mut self, dt_s: R) {
         for spread in &mut self.spread {
-            *spread = widened(spread, dt_s, self.noise.white, self.noise.bias);
+            *spread = predict_covariance(spread, dt_s, self.noise.white, self.noise.bias);
         }
     }
 
@@ -192,7 +192,7 @@ impl<R: Real> Estimator<R> {
     #[inline(always)]
     fn look(&mut self, on: R::Mask, o: &[R; OBSERVATION]) {
         let age = o[4];
-        let newer = on & age.lt(self.seen_s - R::of(NEWER_S)) & age.le(self.age_s + R::of(NEWER_S));
+        let newer = on & age.lt(self.seen_s - R::from_f64(NEWER_S)) & age.le(self.age_s + R::from_f64(NEWER_S));
         if !R::any(newer) {
             return;
         }
@@ -211,17 +211,17 @@ impl<R: Real> Estimator<R> {
     #[inline(always)]
     fn correct(&mut self, newer: R::Mask, o: &[R; OBSERVATION]) {
         // pixel noise through a pinhole: sideways as the distance, along the line of sight as its square
-        let far = (self.axes[2][0] * R::of(1.0 / 0.7)).max(R::of(0.3));
-        let noise = [R::of(self.noise.fix[0]) * far * far, R::of(self.noise.fix[1]) * far * far * far * far];
+        let far = (self.axes[2][0] * R::from_f64(1.0 / 0.7)).max(R::from_f64(0.3));
+        let noise = [R::from_f64(self.noise.fix[0]) * far * far, R::from_f64(self.noise.fix[1]) * far * far * far * far];
         let total = [self.spread[0][0] + noise[0], self.spread[1][0] + noise[1]];
         let off: [R; 3] = tabulate(
             #[inline(always)]
             |i| o[i] - self.axes[i][0],
         );
         let distance = (off[0] * off[0] + off[1] * off[1]) / total[0] + off[2] * off[2] / total[1];
-        let outlier = newer & R::of(self.noise.gate).lt(distance);
-        let lost = outlier & R::of(RELOCK - 1.5).lt(self.outliers);
-        self.outliers = R::select(newer, R::select(outlier & !lost, self.outliers + R::of(1.0), R::zero()), self.outliers);
+        let outlier = newer & R::from_f64(self.noise.gate).lt(distance);
+        let lost = outlier & R::from_f64(RELOCK - 1.5).lt(self.outliers);
+        self.outliers = R::select(newer, R::select(outlier & !lost, self.outliers + R::from_f64(1.0), R::zero()), self.outliers);
         let good = newer & !outlier;
         for (k, total) in total.into_iter().enumerate() {
             let [pp, pv, pb, vv, vb, bb] = self.spread[k];
@@ -236,7 +236,7 @@ impl<R: Real> Estimator<R> {
             }
             let [g, u, w] = gain;
             let less = [pp - g * pp, pv - g * pv, pb - g * pb, vv - u * pv, vb - u * pb, bb - w * pb];
-            let start = START.map(R::of);
+            let start = START.map(R::from_f64);
             for i in 0..6 {
                 self.spread[k][i] = R::select(lost, start[i], R::select(good, less[i], self.spread[k][i]));
             }
@@ -247,13 +247,13 @@ impl<R: Real> Estimator<R> {
     /// The heading: the IMU's, turned by what the marker shows of it.
     #[inline(always)]
     fn correct_yaw(&mut self, good: R::Mask, o: &[R; OBSERVATION]) {
-        let ticks = o[4] * R::of(1.0 / self.tick_s);
+        let ticks = o[4] * R::from_f64(1.0 / self.tick_s);
         let mut then = R::zero();
         for (j, yaw) in self.imu_yaw_rad.iter().enumerate() {
-            let share = (R::of(1.0) - (ticks - R::of(j as f64)).abs()).max(R::zero());
+            let share = (R::from_f64(1.0) - (ticks - R::from_f64(j as f64)).abs()).max(R::zero());
             then += share * *yaw;
         }
-        let gain = self.turned_spread / (self.turned_spread + R::of(self.noise.yaw));
+        let gain = self.turned_spread / (self.turned_spread + R::from_f64(self.noise.yaw));
         let off = wrap(o[3] - then - self.turned_rad);
         self.turned_rad += R::select(good, gain * off, R::zero());
         self.turned_spread = R::select(good, self.turned_spread - gain * self.turned_spread, self.turned_spread);
@@ -266,7 +266,7 @@ impl<R: Real> Estimator<R> {
         for j in (0..HISTORY).rev() {
             let dt_s = overlap(self.age_s, R::zero(), j, self.tick_s);
             for (i, axis) in axes.iter_mut().enumerate() {
-                *axis = glide(axis, self.acc_mps2[j][i], dt_s, self.carry[i]);
+                *axis = predict_mean(axis, self.acc_mps2[j][i], dt_s, self.carry[i]);
             }
         }
         let [x, y, z] = axes;
@@ -281,7 +281,7 @@ impl<R: Real> Estimator<R> {
 
 /// A pair along the vehicle's heading, in the world frame.
 #[inline(always)]
-fn turn<R: Real>([front, left]: [R; 2], yaw: R) -> [R; 2] {
+fn turn<R: Scalar>([front, left]: [R; 2], yaw: R) -> [R; 2] {
     let (sin, cos) = yaw.sin_cos();
     [cos * front - sin * left, sin * front + cos * left]
 }

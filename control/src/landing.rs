@@ -1,7 +1,7 @@
 //! Coming down: the set-point's height goes to the floor, slower the nearer, and the motors are cut where the legs touch.
 
 use super::Mode;
-use crazyflie_env::real::Real;
+use crazyflie_env::scalar::Scalar;
 
 /// Sinking speed per metre of height, and its limits.
 const SINK_PS: f64 = 1.5;
@@ -13,7 +13,7 @@ const BELOW_M: f64 = 0.1;
 
 /// The landing of one drone, or of lanes.
 #[derive(Debug, Clone)]
-pub(super) struct Landing<R: Real> {
+pub(super) struct Landing<R: Scalar> {
     mode: Mode,
     tick_s: f64,
     /// The set-point's height while it comes down.
@@ -23,7 +23,7 @@ pub(super) struct Landing<R: Real> {
     pub idle: R::Mask,
 }
 
-impl<R: Real> Landing<R> {
+impl<R: Scalar> Landing<R> {
     pub(super) fn new(mode: Mode, tick_s: f64) -> Self {
         Landing { mode, tick_s, height_m: R::zero(), sinking: R::nothing(), idle: R::nothing() }
     }
@@ -43,9 +43,9 @@ impl<R: Real> Landing<R> {
         }
         let from = R::select(self.sinking, self.height_m, height_m);
         self.sinking = !R::nothing();
-        let sink = (R::of(SINK_PS) * from).clamp(R::of(SINK_MPS[0]), R::of(SINK_MPS[1]));
-        self.height_m = (from - sink * R::of(self.tick_s)).max(R::of(-BELOW_M));
-        self.idle = self.idle | height_m.le(R::of(TOUCH_M));
+        let sink = (R::from_f64(SINK_PS) * from).clamp(R::from_f64(SINK_MPS[0]), R::from_f64(SINK_MPS[1]));
+        self.height_m = (from - sink * R::from_f64(self.tick_s)).max(R::from_f64(-BELOW_M));
+        self.idle = self.idle | height_m.le(R::from_f64(TOUCH_M));
         self.height_m
     }
 }

@@ -1,25 +1,25 @@
 //! Controllers are clients of the environment: they read the observation an agent gets and answer with an action. One controller is one small file
 //! here plus one line in [`registry`]; command line, benchmark and Python read the registry.
 
-pub mod avoid;
+pub mod avoidance;
 mod batch;
-mod belief;
-mod chosen;
-mod crowd;
 mod estimator;
+mod filtered;
 mod gains;
-mod glide;
-mod horizon;
 mod hover;
-mod kalman;
 mod landing;
 mod lqr;
 mod mpc;
+mod multi;
 mod observer;
 pub mod pid;
 mod policy;
+mod prediction;
+mod qp;
 mod random;
 pub mod riccati;
+mod sensor_noise;
+mod spec;
 mod velocity;
 
 use serde::Serialize;
@@ -30,11 +30,11 @@ use crazyflie_env::error::{Error, Result, unknown};
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::Interface;
 
-pub use batch::{Batch, Law};
-pub use belief::Belief;
-pub use chosen::{Chosen, choose};
-pub use crowd::Crowd;
+pub use batch::{Batch, ControlLaw};
 pub use estimator::{Estimate, Estimator};
+pub use multi::MultiController;
+pub use sensor_noise::SensorNoise;
+pub use spec::{ControllerSpec, choose};
 
 /// A controller of a batch of environments. What it answers to a row depends on that environment's rows alone: not on the others, nor on how many
 /// there are, to the bit.
@@ -80,7 +80,7 @@ impl Mode {
 
 /// What a controller is made for.
 #[derive(Debug, Clone, Copy)]
-pub struct Site<'a> {
+pub struct ControllerContext<'a> {
     /// What it may believe of the vehicle: the declared model, which the effects of an environment depart from.
     pub model: &'a Model,
     pub interface: Interface,
@@ -92,14 +92,14 @@ pub struct Site<'a> {
 
 /// What a controller is made from, besides its site.
 #[derive(Debug, Clone, Copy)]
-pub struct Given<'a> {
+pub struct ControllerConfig<'a> {
     name: &'static str,
     options: &'a Value,
     /// The content of the file named with it, where its entry has one.
     pub file: Option<&'a [u8]>,
 }
 
-impl Given<'_> {
+impl ControllerConfig<'_> {
     /// The options, defaults filled in.
     ///
     /// # Errors
@@ -133,7 +133,7 @@ pub struct Entry {
     pub defaults: fn() -> Value,
     /// # Errors
     /// [`Error::Config`] and [`Error::Range`] for the options and the file; what the model lacks.
-    pub build: fn(&Given<'_>, &Site<'_>) -> Result<Box<dyn Controller>>,
+    pub build: fn(&ControllerConfig<'_>, &ControllerContext<'_>) -> Result<Box<dyn Controller>>,
 }
 
 impl std::fmt::Debug for Entry {
@@ -143,14 +143,14 @@ impl std::fmt::Debug for Entry {
 }
 
 /// Options as the registry tells them.
-fn told(options: impl Serialize) -> Value {
+fn options_json(options: impl Serialize) -> Value {
     // options are plain structures of numbers
     serde_json::to_value(options).unwrap_or(Value::Null)
 }
 
 /// The default options of a controller.
 fn defaults<T: Serialize + Default>() -> Value {
-    told(T::default())
+    options_json(T::default())
 }
 
 /// Every controller.

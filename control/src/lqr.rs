@@ -3,14 +3,14 @@
 use nalgebra::SVector;
 use serde::{Deserialize, Serialize};
 
-use super::belief::{BELIEF, Belief};
-use super::observer::{Discrete, Observer, costs};
+use super::observer::{DiscreteModel, Observer, costs};
 use super::riccati::regulator;
-use super::{Batch, Entry, Law, Mode, Site, defaults};
+use super::sensor_noise::{BELIEF, SensorNoise};
+use super::{Batch, ControlLaw, ControllerContext, Entry, Mode, defaults};
 use crazyflie_env::error::Result;
 use crazyflie_env::observation::{ACTION, OBSERVATION};
 use crazyflie_env::plant::Command;
-use crazyflie_env::real::{Real, dot};
+use crazyflie_env::scalar::{Scalar, dot};
 
 /// What costs 1 in a tick (Bryson's rule), and how far it looks.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
@@ -25,7 +25,7 @@ pub(super) struct Options {
     /// Of the greatest command.
     pub lift_share: f64,
     pub reach_m: f64,
-    pub belief: Belief,
+    pub belief: SensorNoise,
 }
 
 impl Default for Options {
@@ -39,7 +39,7 @@ impl Default for Options {
             yaw_rate_degps: 40.0,
             lift_share: 0.1,
             reach_m: 1.0,
-            belief: Belief::default(),
+            belief: SensorNoise::default(),
         }
     }
 }
@@ -60,7 +60,7 @@ pub(super) const ENTRY: Entry = Entry {
     name: "lqr",
     also: None,
     about: "Linear-quadratic regulator on the identified model, all states by a Kalman filter over camera and IMU, with trims for what the model lacks",
-    source: "Discrete algebraic Riccati equation of the twelve-state form (4.14, 4.15) over one tick, exact for held commands; Anderson and Moore, \
+    source: "DiscreteModel algebraic Riccati equation of the twelve-state form (4.14, 4.15) over one tick, exact for held commands; Anderson and Moore, \
              Optimal Control: Linear Quadratic Methods, 1990",
     file: None,
     options: OPTIONS,
@@ -69,28 +69,28 @@ pub(super) const ENTRY: Entry = Entry {
 };
 
 #[derive(Debug, Clone)]
-struct Lqr<R: Real> {
+struct Lqr<R: Scalar> {
     observer: Observer<R>,
     gain: [[R; 12]; 4],
     reach_m: R,
 }
 
-impl<R: Real> Lqr<R> {
-    fn new(options: Options, site: &Site<'_>) -> Result<Self> {
-        let model = Discrete::of(site)?;
+impl<R: Scalar> Lqr<R> {
+    fn new(options: Options, site: &ControllerContext<'_>) -> Result<Self> {
+        let model = DiscreteModel::of(site)?;
         let (q, r) = options.costs(site);
         let k = regulator(&model.a, &model.b, &q, &r)?;
         Ok(Lqr {
             observer: Observer::new(site, &model, &options.belief)?,
-            gain: std::array::from_fn(|i| std::array::from_fn(|j| R::of(k[(i, j)]))),
-            reach_m: R::of(options.reach_m),
+            gain: std::array::from_fn(|i| std::array::from_fn(|j| R::from_f64(k[(i, j)]))),
+            reach_m: R::from_f64(options.reach_m),
         })
     }
 }
 
 impl Options {
     /// Diagonals of Q and R.
-    pub(super) fn costs(&self, site: &Site<'_>) -> (SVector<f64, 12>, SVector<f64, 4>) {
+    pub(super) fn costs(&self, site: &ControllerContext<'_>) -> (SVector<f64, 12>, SVector<f64, 4>) {
         let (p, v, free) = (self.position_m, self.velocity_mps, f64::INFINITY);
         let q = costs([p, p, self.height_m, free, free, self.yaw_deg.to_radians(), v, v, free, free, free, free]);
         let tilt = self.tilt_deg.to_radians();
@@ -98,7 +98,7 @@ impl Options {
     }
 }
 
-impl<R: Real> Law<R> for Lqr<R> {
+impl<R: Scalar> ControlLaw<R> for Lqr<R> {
     fn set_mode(&mut self, mode: Mode) {
         self.observer.set_mode(mode);
     }
@@ -137,9 +137,14 @@ mod tests {
     fn the_gain_stabilises_every_form() {
         let model = Model::thesis();
         for input in model.inputs() {
-            let site =
-                Site { model: &model, interface: Interface::of(&model, input).unwrap(), tick_s: 0.02, envs: 1, mode: Mode::Automatic };
-            let discrete = Discrete::of(&site).unwrap();
+            let site = ControllerContext {
+                model: &model,
+                interface: Interface::from_model(&model, input).unwrap(),
+                tick_s: 0.02,
+                envs: 1,
+                mode: Mode::Automatic,
+            };
+            let discrete = DiscreteModel::of(&site).unwrap();
             let (q, r) = Options::default().costs(&site);
             let k = regulator(&discrete.a, &discrete.b, &q, &r).unwrap();
             let closed = discrete.a - discrete.b * k;

@@ -3,16 +3,16 @@
 use serde::{Deserialize, Serialize};
 
 use super::batch::{check, mask, rows, write};
-use super::horizon::Horizon;
 use super::lqr::{self, OPTIONS};
-use super::observer::{Discrete, Observer, Seen};
+use super::observer::{DiscreteModel, Observer, TrackingError};
+use super::qp::Horizon;
 use super::riccati::regulator;
-use super::{Controller, Entry, Mode, Site, defaults};
+use super::{Controller, ControllerContext, Entry, Mode, defaults};
 use crazyflie_env::error::Result;
 use crazyflie_env::lanes::{LANES, Lanes};
 use crazyflie_env::observation::{ACTION, OBSERVATION};
 use crazyflie_env::plant::Command;
-use crazyflie_env::real::{Real, dot};
+use crazyflie_env::scalar::{Scalar, dot};
 
 /// As the LQR's: what is beyond the horizon is paid as the LQR would pay it.
 #[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
@@ -47,8 +47,8 @@ struct Mpc {
 }
 
 impl Mpc {
-    fn new(options: lqr::Options, site: &Site<'_>) -> Result<Self> {
-        let model = Discrete::of(site)?;
+    fn new(options: lqr::Options, site: &ControllerContext<'_>) -> Result<Self> {
+        let model = DiscreteModel::of(site)?;
         let (q, r) = options.costs(site);
         let gain = regulator(&model.a, &model.b, &q, &r)?;
         let horizon = |(states, input): (&[usize], usize)| Horizon::new(&model, states, input, &q, r[input]);
@@ -58,7 +58,7 @@ impl Mpc {
         Ok(Mpc {
             tiles: vec![observer; site.envs.div_ceil(LANES)],
             horizons: [horizon(x)?, horizon(y)?, horizon(z)?],
-            yaw_gain: std::array::from_fn(|i| Lanes::of(gain[(2, i)])),
+            yaw_gain: std::array::from_fn(|i| Lanes::from_f64(gain[(2, i)])),
             most: [tilt, tilt, site.interface.lift_max],
             least: [-tilt, -tilt, 0.0],
             reach_m: options.reach_m,
@@ -68,7 +68,7 @@ impl Mpc {
 }
 
 /// One lane's first moves: pitch, roll, lift.
-fn plan(horizons: &mut [Horizon; 3], limits: [&[f64; 3]; 2], reach_m: f64, seen: &Seen<Lanes>, lane: usize) -> [f64; 3] {
+fn plan(horizons: &mut [Horizon; 3], limits: [&[f64; 3]; 2], reach_m: f64, seen: &TrackingError<Lanes>, lane: usize) -> [f64; 3] {
     let still = [seen.still.pitch_rad, seen.still.roll_rad, seen.still.lift].map(|u| u.lane(lane));
     std::array::from_fn(|axis| {
         let mut x = [0.0; 4];

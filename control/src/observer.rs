@@ -2,15 +2,15 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::belief::Belief;
 use super::estimator::{Estimate, Estimator};
 use super::landing::Landing;
-use super::{Mode, Site};
+use super::sensor_noise::SensorNoise;
+use super::{ControllerContext, Mode};
 use crazyflie_env::error::Result;
 use crazyflie_env::model::AxisForm;
 use crazyflie_env::observation::{ACTION, Interface, OBSERVATION, wrap};
 use crazyflie_env::plant::Command;
-use crazyflie_env::real::{Real, dot, tabulate};
+use crazyflie_env::scalar::{Scalar, dot, tabulate};
 
 /// Time in which what is unexplained comes to be believed.
 const TRIM_S: f64 = 0.4;
@@ -20,14 +20,14 @@ const JUMP_MPS2: f64 = 3.0;
 
 /// The model over one tick, exact for held commands: x+ = A x + B u.
 #[derive(Debug, Clone)]
-pub(super) struct Discrete {
+pub(super) struct DiscreteModel {
     pub a: SMatrix<f64, 12, 12>,
     pub b: SMatrix<f64, 12, 4>,
 }
 
 /// One row: where the vehicle is against where it should be.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Seen<R: Real> {
+pub(super) struct TrackingError<R: Scalar> {
     /// The model's twelve states (4.14) less those of a vehicle that flies along with the set-point; positions and velocities along the vehicle's heading.
     pub off: [R; 12],
     /// The command with which it would stay there.
@@ -38,7 +38,7 @@ pub(super) struct Seen<R: Real> {
 
 /// Filter, trims and modes of one drone, or of lanes.
 #[derive(Debug, Clone)]
-pub(super) struct Observer<R: Real> {
+pub(super) struct Observer<R: Scalar> {
     estimator: Estimator<R>,
     interface: Interface,
     landing: Landing<R>,
@@ -59,9 +59,9 @@ pub(super) struct Observer<R: Real> {
     fresh: R::Mask,
 }
 
-impl<R: Real> Observer<R> {
-    pub(super) fn new(site: &Site<'_>, model: &Discrete, belief: &Belief) -> Result<Self> {
-        let Site { interface, tick_s, mode, .. } = *site;
+impl<R: Scalar> Observer<R> {
+    pub(super) fn new(site: &ControllerContext<'_>, model: &DiscreteModel, belief: &SensorNoise) -> Result<Self> {
+        let ControllerContext { interface, tick_s, mode, .. } = *site;
         let (zero, none) = (R::zero(), R::nothing());
         let tilts = [&site.model.roll, &site.model.pitch];
         let gravity_mps2 = site.model.lateral.gravity.value;
@@ -70,7 +70,7 @@ impl<R: Real> Observer<R> {
             interface,
             landing: Landing::new(mode, tick_s),
             gravity_mps2,
-            tilt: [0, 1].map(|i| [model.a[(9 + i, 3 + i)], model.a[(9 + i, 9 + i)], model.b[(9 + i, i)]].map(R::of)),
+            tilt: [0, 1].map(|i| [model.a[(9 + i, 3 + i)], model.a[(9 + i, 9 + i)], model.b[(9 + i, i)]].map(R::from_f64)),
             per_tilt: tilts.map(|t| t.stiffness.value / t.gain.value),
             vertical: site.model.vertical(interface.input)?.form(gravity_mps2),
             yaw: site.model.yaw.form(),
@@ -94,13 +94,13 @@ impl<R: Real> Observer<R> {
     }
 
     #[inline(always)]
-    pub(super) fn see(&mut self, o: &[R; OBSERVATION]) -> Seen<R> {
+    pub(super) fn see(&mut self, o: &[R; OBSERVATION]) -> TrackingError<R> {
         let estimate = self.estimator.update(o);
         let height = self.landing.target(self.fresh, o[18], estimate.pos_m[2]);
         let target = [o[16], o[17], height];
         self.learn(o, &estimate, &target);
-        let per_tick = R::of(1.0 / self.tick_s);
-        let small = |v: R, limit: f64| R::select(v.abs().lt(R::of(limit)), v, R::zero());
+        let per_tick = R::from_f64(1.0 / self.tick_s);
+        let small = |v: R, limit: f64| R::select(v.abs().lt(R::from_f64(limit)), v, R::zero());
         let rates: [R; 3] = tabulate(
             #[inline(always)]
             |i| small((target[i] - self.target[i]) * per_tick, JUMP_MPS),
@@ -120,18 +120,18 @@ impl<R: Real> Observer<R> {
     fn learn(&mut self, o: &[R; OBSERVATION], estimate: &Estimate<R>, target: &[R; 3]) {
         let fresh = self.fresh;
         let u = self.interface.command(&[o[20], o[21], o[22], o[23]]);
-        let slow = R::of(self.tick_s / TRIM_S);
-        let lift = u.lift - R::of(self.vertical.offset);
+        let slow = R::from_f64(self.tick_s / TRIM_S);
+        let lift = u.lift - R::from_f64(self.vertical.offset);
         let [z, vz] = [estimate.pos_m[2], estimate.vel_mps[2]];
         let f = &self.vertical;
         let unexplained = if f.u[0] == 0.0 {
             // the newest acceleration against that of the form
-            o[14] - R::of(self.gravity_mps2) - (R::of(f.a[1][0]) * z + R::of(f.a[1][1]) * vz + R::of(f.u[1]) * lift)
+            o[14] - R::from_f64(self.gravity_mps2) - (R::from_f64(f.a[1][0]) * z + R::from_f64(f.a[1][1]) * vz + R::from_f64(f.u[1]) * lift)
         } else {
-            vz - (R::of(f.a[0][0]) * z + R::of(f.u[0]) * lift)
+            vz - (R::from_f64(f.a[0][0]) * z + R::from_f64(f.u[0]) * lift)
         };
         let asked = [u.roll_rad, u.pitch_rad];
-        let mut missing = [R::zero(), R::zero(), unexplained * R::of(1.0 / (f.u[0] + f.u[1]))];
+        let mut missing = [R::zero(), R::zero(), unexplained * R::from_f64(1.0 / (f.u[0] + f.u[1]))];
         for i in 0..2 {
             let expected = dot(&self.tilt[i], [self.last[i], self.last[2 + i], asked[i] + self.trim[i]]);
             missing[i] = self.trim[i] + (o[9 + i] - expected) / self.tilt[i][2];
@@ -139,7 +139,7 @@ impl<R: Real> Observer<R> {
         let limits = [self.interface.tilt_max_rad, self.interface.tilt_max_rad, 0.4 * self.interface.lift_max];
         for i in 0..3 {
             let learned = self.trim[i] + slow * (missing[i] - self.trim[i]);
-            let limit = R::of(limits[i]);
+            let limit = R::from_f64(limits[i]);
             self.trim[i] = R::select(fresh, R::zero(), learned.clamp(-limit, limit));
         }
         for i in 0..2 {
@@ -153,31 +153,31 @@ impl<R: Real> Observer<R> {
     }
 
     #[inline(always)]
-    fn against(&self, o: &[R; OBSERVATION], e: &Estimate<R>, target: &[R; 3], rates: &[R; 3], turns: &[R; 2]) -> Seen<R> {
+    fn against(&self, o: &[R; OBSERVATION], e: &Estimate<R>, target: &[R; 3], rates: &[R; 3], turns: &[R; 2]) -> TrackingError<R> {
         let (sin, cos) = e.yaw_rad.sin_cos();
         let along = |x: R, y: R| [cos * x + sin * y, cos * y - sin * x];
         let [front, left] = along(e.pos_m[0] - target[0], e.pos_m[1] - target[1]);
         let [front_mps, left_mps] = along(e.vel_mps[0] - rates[0], e.vel_mps[1] - rates[1]);
         // against a push the vehicle leans, and into a turn of the set-point
         let [lean_x, lean_y] = along(self.push_mps2[0] - turns[0], self.push_mps2[1] - turns[1]);
-        let per_g = R::of(1.0 / self.gravity_mps2);
+        let per_g = R::from_f64(1.0 / self.gravity_mps2);
         let (roll, pitch) = (lean_y * per_g, -lean_x * per_g);
         let zero = R::zero();
         let f = &self.vertical;
         let (climb, lift) = if f.u[0] == 0.0 {
-            (e.vel_mps[2] - rates[2], (-R::of(f.a[1][0]) * target[2] - R::of(f.a[1][1]) * rates[2]) * R::of(1.0 / f.u[1]))
+            (e.vel_mps[2] - rates[2], (-R::from_f64(f.a[1][0]) * target[2] - R::from_f64(f.a[1][1]) * rates[2]) * R::from_f64(1.0 / f.u[1]))
         } else {
-            (zero, (rates[2] - R::of(f.a[0][0]) * target[2]) * R::of(1.0 / f.u[0]))
+            (zero, (rates[2] - R::from_f64(f.a[0][0]) * target[2]) * R::from_f64(1.0 / f.u[0]))
         };
         let turned = wrap(e.yaw_rad - o[19]);
         let turning = if self.yaw.u[0] == 0.0 { o[11] } else { zero };
-        Seen {
+        TrackingError {
             off: [front, left, e.pos_m[2] - target[2], o[6] - roll, o[7] - pitch, turned, front_mps, left_mps, climb, o[9], o[10], turning],
             still: Command {
-                roll_rad: roll * R::of(self.per_tilt[0]) - self.trim[0],
-                pitch_rad: pitch * R::of(self.per_tilt[1]) - self.trim[1],
+                roll_rad: roll * R::from_f64(self.per_tilt[0]) - self.trim[0],
+                pitch_rad: pitch * R::from_f64(self.per_tilt[1]) - self.trim[1],
                 yaw_rate_radps: zero,
-                lift: lift + R::of(f.offset) - self.trim[2],
+                lift: lift + R::from_f64(f.offset) - self.trim[2],
             },
             idle: self.landing.idle,
         }
@@ -195,15 +195,15 @@ impl<R: Real> Observer<R> {
     }
 }
 
-impl Discrete {
+impl DiscreteModel {
     /// Of the declared model.
     ///
     /// # Errors
     /// [`crazyflie_env::Error::Unknown`] if it lacks the vertical form.
-    pub(super) fn of(site: &Site<'_>) -> Result<Self> {
+    pub(super) fn of(site: &ControllerContext<'_>) -> Result<Self> {
         let whole = site.model.state_space(site.interface.input)?;
         let (a, b) = whole.discrete(site.tick_s);
-        Ok(Discrete { a, b })
+        Ok(DiscreteModel { a, b })
     }
 }
 

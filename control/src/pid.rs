@@ -6,14 +6,14 @@
 use serde::{Deserialize, Serialize};
 
 pub use super::gains::{Gains, Loop};
-use super::{Batch, Controller, Entry, Given, Law, Mode, Site, defaults, told};
+use super::{Batch, ControlLaw, Controller, ControllerConfig, ControllerContext, Entry, Mode, defaults, options_json};
 use crazyflie_env::error::Result;
 use crazyflie_env::observation::{ACTION, Interface, OBSERVATION, wrap};
 use crazyflie_env::plant::Command;
-use crazyflie_env::real::{Real, tabulate};
+use crazyflie_env::scalar::{Scalar, tabulate};
 
 /// A controller that flies these gains.
-fn batch(gains: Gains, site: &Site<'_>) -> Box<dyn Controller> {
+fn batch(gains: Gains, site: &ControllerContext<'_>) -> Box<dyn Controller> {
     Box::new(Batch::new(site.envs, Pid::new(gains, site.interface, site.tick_s, site.mode)))
 }
 
@@ -36,7 +36,7 @@ struct Options {
 }
 
 /// These gains, but for the loops that the options give.
-fn with_options(gains: Gains, given: &Given<'_>, site: &Site<'_>) -> Result<Box<dyn Controller>> {
+fn with_options(gains: Gains, given: &ControllerConfig<'_>, site: &ControllerContext<'_>) -> Result<Box<dyn Controller>> {
     let Options { x, y, z, yaw } = given.options()?;
     let gains = Gains { x: x.unwrap_or(gains.x), y: y.unwrap_or(gains.y), z: z.unwrap_or(gains.z), yaw: yaw.unwrap_or(gains.yaw) };
     gains.check().map_err(|problem| given.problem(problem))?;
@@ -50,7 +50,7 @@ pub(super) const THESIS: Entry = Entry {
     source: SOURCE,
     file: None,
     options: OPTIONS,
-    defaults: || told(Gains::THESIS),
+    defaults: || options_json(Gains::THESIS),
     build: |given, site| with_options(Gains::THESIS, given, site),
 };
 
@@ -61,7 +61,7 @@ pub(super) const STOCK: Entry = Entry {
     source: SOURCE,
     file: None,
     options: OPTIONS,
-    defaults: || told(Gains::CRAZYFLIE_ROS),
+    defaults: || options_json(Gains::CRAZYFLIE_ROS),
     build: |given, site| with_options(Gains::CRAZYFLIE_ROS, given, site),
 };
 
@@ -91,7 +91,7 @@ struct Memory<R> {
     last: R,
 }
 
-impl<R: Real> Memory<R> {
+impl<R: Scalar> Memory<R> {
     fn new() -> Self {
         Memory { integral: R::zero(), last: R::zero() }
     }
@@ -99,11 +99,12 @@ impl<R: Real> Memory<R> {
     /// As pid.hpp: integrate and clamp, derivative of the error, clamp the sum. Only lanes of `on` remember.
     #[inline(always)]
     fn update(&mut self, l: &Loop, error: R, dt_s: f64, on: R::Mask) -> R {
-        let integral = (self.integral + error * R::of(dt_s)).clamp(R::of(l.integral[0]), R::of(l.integral[1]));
-        let slope = (error - self.last) * R::of(1.0 / dt_s);
+        let integral = (self.integral + error * R::from_f64(dt_s)).clamp(R::from_f64(l.integral[0]), R::from_f64(l.integral[1]));
+        let slope = (error - self.last) * R::from_f64(1.0 / dt_s);
         self.integral = R::select(on, integral, self.integral);
         self.last = R::select(on, error, self.last);
-        (R::of(l.kp) * error + R::of(l.kd) * slope + R::of(l.ki) * integral).clamp(R::of(l.output[0]), R::of(l.output[1]))
+        (R::from_f64(l.kp) * error + R::from_f64(l.kd) * slope + R::from_f64(l.ki) * integral)
+            .clamp(R::from_f64(l.output[0]), R::from_f64(l.output[1]))
     }
 }
 
@@ -113,7 +114,7 @@ const CLEAR_M: f64 = 0.05;
 
 /// The controller of one drone, or of sixteen.
 #[derive(Debug, Clone)]
-pub struct Pid<R: Real> {
+pub struct Pid<R: Scalar> {
     gains: Gains,
     interface: Interface,
     dt_s: f64,
@@ -131,7 +132,7 @@ pub struct Pid<R: Real> {
     fresh: R::Mask,
 }
 
-impl<R: Real> Pid<R> {
+impl<R: Scalar> Pid<R> {
     /// With the given gains and command interface, called every `dt_s` seconds.
     pub fn new(gains: Gains, interface: Interface, dt_s: f64, mode: Mode) -> Self {
         let (memory, none) = (Memory::new(), R::nothing());
@@ -165,7 +166,7 @@ impl<R: Real> Pid<R> {
         for m in [&mut self.x, &mut self.y, &mut self.z, &mut self.yaw] {
             *m = Memory { integral: zero(m.integral), last: zero(m.last) };
         }
-        let hover = R::of(preset(self.interface.hover_lift, self.gains.z.ki));
+        let hover = R::from_f64(preset(self.interface.hover_lift, self.gains.z.ki));
         self.z.integral = R::select(fresh, hover, self.z.integral);
         self.ramp_pwm = zero(self.ramp_pwm);
         self.start_m = R::select(fresh, height, self.start_m);
@@ -178,7 +179,7 @@ impl<R: Real> Pid<R> {
     /// Off the ground: as the package does, reset the loops and preset the height integral to the thrust that lifted.
     #[inline(always)]
     fn leave_ramp(&mut self, lifted: R::Mask) {
-        let per_ki = R::of(preset(1.0, self.gains.z.ki));
+        let per_ki = R::from_f64(preset(1.0, self.gains.z.ki));
         let zero = |v: R| R::select(lifted, R::zero(), v);
         for m in [&mut self.x, &mut self.y, &mut self.z, &mut self.yaw] {
             *m = Memory { integral: zero(m.integral), last: zero(m.last) };
@@ -199,7 +200,7 @@ impl<R: Real> Pid<R> {
         // world to body: yaw, then pitch, then roll
         let (bx, down) = (cp * front - sp * e[2], sp * front + cp * e[2]);
         let (by, bz) = (cr * left + sr * down, cr * down - sr * left);
-        let deg = R::of(std::f64::consts::PI / 180.0);
+        let deg = R::from_f64(std::f64::consts::PI / 180.0);
         let (g, dt) = (self.gains, self.dt_s);
         let pitch = self.x.update(&g.x, bx, dt, on);
         let roll = self.y.update(&g.y, by, dt, on);
@@ -208,14 +209,14 @@ impl<R: Real> Pid<R> {
         Command {
             roll_rad: -roll * deg,
             pitch_rad: pitch * deg,
-            yaw_rate_radps: turn * deg * R::of(self.interface.yaw_sign),
+            yaw_rate_radps: turn * deg * R::from_f64(self.interface.yaw_sign),
             // a height command needs no height loop: the vehicle has one inside (5.3)
             lift: if self.interface.input.is_pwm() { lift } else { target[2] },
         }
     }
 }
 
-impl<R: Real> Law<R> for Pid<R> {
+impl<R: Scalar> ControlLaw<R> for Pid<R> {
     /// Go on in another state, as the package's take-off and landing services do: the loops keep what they remember.
     fn set_mode(&mut self, mode: Mode) {
         self.mode = mode;
@@ -229,16 +230,16 @@ impl<R: Real> Law<R> for Pid<R> {
     fn act(&mut self, o: &[R; OBSERVATION]) -> [R; ACTION] {
         let height = o[2];
         self.begin(height);
-        let climbed = (self.start_m + R::of(CLEAR_M)).lt(height) | R::of(RAMP_END_PWM).lt(self.ramp_pwm);
+        let climbed = (self.start_m + R::from_f64(CLEAR_M)).lt(height) | R::from_f64(RAMP_END_PWM).lt(self.ramp_pwm);
         self.leave_ramp(self.ramping & climbed);
         let mut target = [o[16], o[17], o[18]];
         if self.mode == Mode::Landing {
-            target[2] = R::of(CLEAR_M);
+            target[2] = R::from_f64(CLEAR_M);
             self.idle = self.idle | height.le(target[2]);
         }
         let flying = !(self.ramping | self.idle);
         let u = self.fly(o, target, flying);
-        self.ramp_pwm = R::select(self.ramping, self.ramp_pwm + R::of(RAMP_PWM_PER_S * self.dt_s), self.ramp_pwm);
+        self.ramp_pwm = R::select(self.ramping, self.ramp_pwm + R::from_f64(RAMP_PWM_PER_S * self.dt_s), self.ramp_pwm);
         let off = self.ramping | self.idle;
         let still = |v: R| R::select(off, R::zero(), v);
         let lift = R::select(self.idle, R::zero(), R::select(self.ramping, self.ramp_pwm, u.lift));

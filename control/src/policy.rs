@@ -6,11 +6,11 @@ use std::sync::Arc;
 use safetensors::{Dtype, SafeTensors};
 use serde::{Deserialize, Serialize};
 
-use super::{Batch, Entry, Given, Law, Mode, Site, defaults};
+use super::{Batch, ControlLaw, ControllerConfig, ControllerContext, Entry, Mode, defaults};
 use crazyflie_env::error::Result;
 use crazyflie_env::observation::{ACTION, Interface, OBSERVATION, wrap};
 use crazyflie_env::plant::Command;
-use crazyflie_env::real::{Real, tabulate};
+use crazyflie_env::scalar::{Scalar, tabulate};
 
 /// There are none: all is in the file.
 #[derive(Debug, Default, Serialize, Deserialize)]
@@ -67,7 +67,7 @@ impl Network {
     /// # Errors
     /// [`crazyflie_env::Error::Config`] saying which tensor is missing, has another shape or type or holds what is no number; or that the policy was trained for
     /// another tick or cannot command this vertical form.
-    fn read(given: &Given<'_>, site: &Site<'_>) -> Result<Self> {
+    fn read(given: &ControllerConfig<'_>, site: &ControllerContext<'_>) -> Result<Self> {
         let bytes = given.file.unwrap_or_default();
         let bad = |what: String| given.problem(format!("the file of the policy: {what}"));
         let (_, header) = SafeTensors::read_metadata(bytes).map_err(|e| bad(e.to_string()))?;
@@ -145,7 +145,7 @@ fn layers(tensors: &SafeTensors<'_>, features: usize) -> std::result::Result<Vec
 
 /// The policy of one drone, or of lanes.
 #[derive(Debug, Clone)]
-struct Policy<R: Real> {
+struct Policy<R: Scalar> {
     network: Arc<Network>,
     interface: Interface,
     mode: Mode,
@@ -157,8 +157,8 @@ struct Policy<R: Real> {
     fresh: R::Mask,
 }
 
-impl<R: Real> Policy<R> {
-    fn new(network: Network, site: &Site<'_>) -> Self {
+impl<R: Scalar> Policy<R> {
+    fn new(network: Network, site: &ControllerContext<'_>) -> Self {
         let widest = network.layers.iter().map(|layer| layer.bias.len()).max().unwrap_or(0).max(network.mean.len());
         let none = R::nothing();
         Policy {
@@ -185,11 +185,11 @@ impl<R: Real> Policy<R> {
         let signals = [error[0], error[1], error[2], o[6], o[7], off[0], off[1], off[2], off[3], o[16], o[17], height];
         x.clear();
         x.extend(turned(sin, cos, [error[0], error[1], error[2]]));
-        x.extend([wrap(o[19] - o[3]), o[6], o[7], o[9], o[10], o[11], off[0], off[1], off[2], off[3], o[4].min(R::of(AGE_MAX_S))]);
+        x.extend([wrap(o[19] - o[3]), o[6], o[7], o[9], o[10], o[11], off[0], off[1], off[2], off[3], o[4].min(R::from_f64(AGE_MAX_S))]);
         for (averages, gain) in self.averages.chunks_exact_mut(SIGNALS).zip(&self.network.gains) {
             let mut from = [R::zero(); SIGNALS];
             for i in 0..SIGNALS {
-                let moved = averages[i] + R::of(*gain) * (signals[i] - averages[i]);
+                let moved = averages[i] + R::from_f64(*gain) * (signals[i] - averages[i]);
                 averages[i] = R::select(fresh, signals[i], moved);
                 from[i] = signals[i] - averages[i];
             }
@@ -206,13 +206,13 @@ impl<R: Real> Policy<R> {
         let Network { layers, mean, std, .. } = &*self.network;
         let [x, y] = &mut self.layer;
         for ((x, mean), std) in x.iter_mut().zip(mean).zip(std) {
-            *x = ((*x - R::of((*mean).into())) / R::of((*std).into())).clamp(R::of(-CLIP), R::of(CLIP));
+            *x = ((*x - R::from_f64((*mean).into())) / R::from_f64((*std).into())).clamp(R::from_f64(-CLIP), R::from_f64(CLIP));
         }
         for (i, layer) in layers.iter().enumerate() {
             y.clear();
-            y.extend(layer.bias.iter().map(|bias| R::of((*bias).into())));
+            y.extend(layer.bias.iter().map(|bias| R::from_f64((*bias).into())));
             for (x, weights) in x.iter().zip(layer.weights.chunks_exact(layer.bias.len())) {
-                y.iter_mut().zip(weights).for_each(|(y, weight)| *y += *x * R::of((*weight).into()));
+                y.iter_mut().zip(weights).for_each(|(y, weight)| *y += *x * R::from_f64((*weight).into()));
             }
             if i + 1 < layers.len() {
                 y.iter_mut().for_each(|y| *y = tanh(*y));
@@ -228,17 +228,17 @@ impl<R: Real> Policy<R> {
 
 /// A world vector in the vehicle's heading.
 #[inline(always)]
-fn turned<R: Real>(sin: R, cos: R, [x, y, z]: [R; 3]) -> [R; 3] {
+fn turned<R: Scalar>(sin: R, cos: R, [x, y, z]: [R; 3]) -> [R; 3] {
     [cos * x + sin * y, cos * y - sin * x, z]
 }
 
 /// Absolute error below 3e-7 in `f32`.
 #[inline(always)]
-fn tanh<R: Real>(x: R) -> R {
-    R::of(1.0) - R::of(2.0) / ((x + x).exp() + R::of(1.0))
+fn tanh<R: Scalar>(x: R) -> R {
+    R::from_f64(1.0) - R::from_f64(2.0) / ((x + x).exp() + R::from_f64(1.0))
 }
 
-impl<R: Real> Law<R> for Policy<R> {
+impl<R: Scalar> ControlLaw<R> for Policy<R> {
     fn set_mode(&mut self, mode: Mode) {
         self.mode = mode;
     }
@@ -252,14 +252,14 @@ impl<R: Real> Law<R> for Policy<R> {
     fn act(&mut self, o: &[R; OBSERVATION]) -> [R; ACTION] {
         let mut height = o[18];
         if self.mode == Mode::Landing {
-            height = R::of(CLEAR_M);
+            height = R::from_f64(CLEAR_M);
             self.idle = self.idle | o[2].le(height);
         }
-        let rest = self.interface.action(&Command::level(R::of(self.interface.hover_lift)));
+        let rest = self.interface.action(&Command::level(R::from_f64(self.interface.hover_lift)));
         self.see(o, height, &rest);
         let thought = self.think();
         let off = self.interface.action(&Command::level(R::zero()));
-        let one = R::of(1.0);
+        let one = R::from_f64(1.0);
         tabulate(
             #[inline(always)]
             |i| R::select(self.idle, off[i], (rest[i] + thought[i]).clamp(-one, one)),

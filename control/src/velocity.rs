@@ -2,14 +2,14 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::belief::{BELIEF, Belief};
 use super::estimator::{Estimate, Estimator};
 use super::landing::Landing;
-use super::{Batch, Entry, Law, Mode, Site, defaults};
+use super::sensor_noise::{BELIEF, SensorNoise};
+use super::{Batch, ControlLaw, ControllerContext, Entry, Mode, defaults};
 use crazyflie_env::error::Result;
 use crazyflie_env::observation::{ACTION, Interface, OBSERVATION, wrap};
 use crazyflie_env::plant::Command;
-use crazyflie_env::real::{Real, tabulate};
+use crazyflie_env::scalar::{Scalar, tabulate};
 
 /// A set-point that moves faster than this has jumped.
 const JUMP_MPS: f64 = 2.0;
@@ -25,7 +25,7 @@ struct Options {
     climb_ps: f64,
     climb_integral_ps2: f64,
     yaw_ps: f64,
-    belief: Belief,
+    belief: SensorNoise,
 }
 
 impl Default for Options {
@@ -39,7 +39,7 @@ impl Default for Options {
             climb_ps: 2.0,
             climb_integral_ps2: 2.0,
             yaw_ps: 2.0,
-            belief: Belief::default(),
+            belief: SensorNoise::default(),
         }
     }
 }
@@ -66,7 +66,7 @@ pub(super) const ENTRY: Entry = Entry {
 };
 
 #[derive(Debug, Clone)]
-struct Velocity<R: Real> {
+struct Velocity<R: Scalar> {
     options: Options,
     interface: Interface,
     landing: Landing<R>,
@@ -81,9 +81,9 @@ struct Velocity<R: Real> {
     fresh: R::Mask,
 }
 
-impl<R: Real> Velocity<R> {
-    fn new(options: Options, site: &Site<'_>) -> Result<Self> {
-        let Site { model, interface, tick_s, mode, .. } = *site;
+impl<R: Scalar> Velocity<R> {
+    fn new(options: Options, site: &ControllerContext<'_>) -> Result<Self> {
+        let ControllerContext { model, interface, tick_s, mode, .. } = *site;
         let zero = R::zero();
         Ok(Velocity {
             options,
@@ -103,7 +103,7 @@ impl<R: Real> Velocity<R> {
     #[inline(always)]
     fn acceleration(&mut self, e: &Estimate<R>, target: &[R; 3]) -> [R; 3] {
         let o = self.options;
-        let (h, top) = (R::of(self.tick_s), R::of(o.speed_mps));
+        let (h, top) = (R::from_f64(self.tick_s), R::from_f64(o.speed_mps));
         let stiff = [o.velocity_ps, o.velocity_ps, o.climb_ps];
         let slow = [o.integral_ps2, o.integral_ps2, o.climb_integral_ps2];
         // not more than the command can give, sideways; half the weight upwards
@@ -111,14 +111,14 @@ impl<R: Real> Velocity<R> {
         let most = [sideways, sideways, 0.5 * self.gravity_mps2];
         let mut acceleration = [R::zero(); 3];
         for i in 0..3 {
-            let moved = (target[i] - self.target[i]) * R::of(1.0 / self.tick_s);
-            let along = R::select(moved.abs().lt(R::of(JUMP_MPS)), moved, R::zero());
-            let wanted = (R::of(o.position_ps) * (target[i] - e.pos_m[i])).clamp(-top, top) + along;
+            let moved = (target[i] - self.target[i]) * R::from_f64(1.0 / self.tick_s);
+            let along = R::select(moved.abs().lt(R::from_f64(JUMP_MPS)), moved, R::zero());
+            let wanted = (R::from_f64(o.position_ps) * (target[i] - e.pos_m[i])).clamp(-top, top) + along;
             let off = wanted - e.vel_mps[i];
-            let (asked, most) = (R::of(stiff[i]) * off + self.integral_mps2[i], R::of(most[i]));
+            let (asked, most) = (R::from_f64(stiff[i]) * off + self.integral_mps2[i], R::from_f64(most[i]));
             // what is at its limit is not asked for more
             let stuck = most.lt(asked.abs()) & R::zero().lt(asked * off);
-            let more = R::select(stuck, R::zero(), R::of(slow[i]) * off * h);
+            let more = R::select(stuck, R::zero(), R::from_f64(slow[i]) * off * h);
             self.integral_mps2[i] = (self.integral_mps2[i] + more).clamp(-most, most);
             acceleration[i] = asked.clamp(-most, most);
         }
@@ -136,7 +136,7 @@ impl<R: Real> Velocity<R> {
     }
 }
 
-impl<R: Real> Law<R> for Velocity<R> {
+impl<R: Scalar> ControlLaw<R> for Velocity<R> {
     fn set_mode(&mut self, mode: Mode) {
         self.landing.set_mode(mode);
     }
@@ -154,14 +154,18 @@ impl<R: Real> Law<R> for Velocity<R> {
         let [ax, ay, az] = self.acceleration(&e, &target);
         self.target = target;
         let (sin, cos) = e.yaw_rad.sin_cos();
-        let per_g = R::of(1.0 / self.gravity_mps2);
+        let per_g = R::from_f64(1.0 / self.gravity_mps2);
         let wanted = [(sin * ax - cos * ay) * per_g, (cos * ax + sin * ay) * per_g];
         let [roll_rad, pitch_rad] = tabulate(
             #[inline(always)]
-            |i| R::of(self.per_tilt[i]) * wanted[i] + R::of(self.options.angle) * (wanted[i] - o[6 + i]),
+            |i| R::from_f64(self.per_tilt[i]) * wanted[i] + R::from_f64(self.options.angle) * (wanted[i] - o[6 + i]),
         );
-        let turn = R::of(self.options.yaw_ps * self.interface.yaw_sign) * wrap(o[19] - e.yaw_rad);
-        let lift = if self.interface.input.is_pwm() { R::of(self.interface.hover_lift) * (R::of(1.0) + az * per_g) } else { target[2] };
+        let turn = R::from_f64(self.options.yaw_ps * self.interface.yaw_sign) * wrap(o[19] - e.yaw_rad);
+        let lift = if self.interface.input.is_pwm() {
+            R::from_f64(self.interface.hover_lift) * (R::from_f64(1.0) + az * per_g)
+        } else {
+            target[2]
+        };
         let off = R::zero();
         let still = |v: R| R::select(self.landing.idle, off, v);
         let u = Command { roll_rad: still(roll_rad), pitch_rad: still(pitch_rad), yaw_rate_radps: still(turn), lift: still(lift) };

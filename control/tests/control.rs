@@ -1,6 +1,6 @@
 //! Controllers in the simulator: all come to the marker, the filter knows better than the last fix, and what the model lacks is trimmed away.
 
-use crazyflie_control::{Belief, Chosen, Controller, Estimator, Mode, Site, registry};
+use crazyflie_control::{Controller, ControllerContext, ControllerSpec, Estimator, Mode, SensorNoise, registry};
 use crazyflie_env::config::Options;
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::{ACTION, OBSERVATION};
@@ -23,8 +23,9 @@ impl Flight {
         let options = Options::parse(&format!(r#"{{"vertical": "{vertical}", {task}, "effects": {{{effects}}}}}"#)).unwrap();
         let model = Model::thesis();
         let mut env = VectorEnv::new(std::slice::from_ref(&model), &options, ENVS).unwrap();
-        let site = Site { model: &model, interface: env.interfaces()[0], tick_s: env.tick_s(), envs: ENVS, mode: Mode::Automatic };
-        let pilot = Chosen::named(controller).unwrap().build(&site).unwrap();
+        let site =
+            ControllerContext { model: &model, interface: env.interfaces()[0], tick_s: env.tick_s(), envs: ENVS, mode: Mode::Automatic };
+        let pilot = ControllerSpec::named(controller).unwrap().build(&site).unwrap();
         let mut observations = vec![0.0; ENVS * OBSERVATION];
         let seeds: Vec<u64> = (100..100 + ENVS as u64).collect();
         env.reset(Some(&seeds), None, &mut observations).unwrap();
@@ -76,7 +77,7 @@ fn every_controller_comes_to_the_marker_with_every_vertical_form() {
 fn localisation(effects: &str, task: &str) -> [[f64; 2]; 2] {
     let mut flight = Flight::new("thesis-pid", "pwm", task, effects);
     let model = Model::thesis();
-    let estimator = Estimator::<f64>::new(&model, flight.env.interfaces()[0].input, flight.env.tick_s(), &Belief::default());
+    let estimator = Estimator::<f64>::new(&model, flight.env.interfaces()[0].input, flight.env.tick_s(), &SensorNoise::default());
     let mut all = vec![estimator; ENVS];
     let (mut squares, mut most, from, ticks) = ([0.0; 2], [0.0_f64; 2], 50, 600);
     for tick in 0..ticks {

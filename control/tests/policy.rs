@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use crazyflie_control::{Chosen, Mode, Site, choose};
+use crazyflie_control::{ControllerContext, ControllerSpec, Mode, choose};
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::observation::{ACTION, Interface, OBSERVATION};
 use safetensors::tensor::{Dtype, TensorView};
@@ -43,12 +43,12 @@ fn file((tensors, about): &(Tensors, About)) -> Vec<u8> {
     safetensors::serialize(views, Some(about.clone())).unwrap()
 }
 
-fn chosen(bytes: Vec<u8>) -> Chosen {
+fn chosen(bytes: Vec<u8>) -> ControllerSpec {
     choose("policy:some/where.safetensors", Value::Null, &move |_| Ok(bytes.clone())).unwrap()
 }
 
-fn site(model: &Model, envs: usize, input: VerticalInput) -> Site<'_> {
-    Site { model, interface: Interface::of(model, input).unwrap(), tick_s: 0.02, envs, mode: Mode::Automatic }
+fn site(model: &Model, envs: usize, input: VerticalInput) -> ControllerContext<'_> {
+    ControllerContext { model, interface: Interface::from_model(model, input).unwrap(), tick_s: 0.02, envs, mode: Mode::Automatic }
 }
 
 fn wave(env: usize, tick: usize, k: usize) -> f32 {

@@ -1,7 +1,7 @@
 //! The state of a batch as bytes: written down, and taken back in the same order. Little-endian, the same for every thread count and instruction set.
 
 use crate::lanes::LANES;
-use crate::simulated::Batched;
+use crate::sim_scalar::BatchScalar;
 
 /// Shows every number that flights go on from, to be written or to be overwritten.
 pub(crate) enum Archive<'a> {
@@ -44,7 +44,7 @@ impl Archive<'_> {
         *value = u16::from_le_bytes(self.bytes(value.to_le_bytes()));
     }
 
-    pub(crate) fn number<R: Batched>(&mut self, value: &mut R) {
+    pub(crate) fn number<R: BatchScalar>(&mut self, value: &mut R) {
         for lane in 0..LANES {
             let number = f32::from_le_bytes(self.bytes(value.array()[lane].to_le_bytes()));
             if self.reads() {
@@ -53,7 +53,7 @@ impl Archive<'_> {
         }
     }
 
-    pub(crate) fn numbers<R: Batched>(&mut self, values: &mut [R]) {
+    pub(crate) fn numbers<R: BatchScalar>(&mut self, values: &mut [R]) {
         values.iter_mut().for_each(|value| self.number(value));
     }
 }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use rand::RngExt;
-use rand_distr::{Distribution, Normal};
+use rand_distr::{Distribution as _, Normal};
 use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
 
@@ -41,15 +41,15 @@ pub enum EffectParams {
 #[serde(untagged)]
 pub enum Number {
     Fixed(f64),
-    Drawn(Drawn),
+    Distribution(Distribution),
     /// As a model file says it.
-    Sourced(Sourced),
+    Sourced(SourcedValue),
 }
 
 /// A value with its provenance.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Sourced {
+pub struct SourcedValue {
     pub value: f64,
     pub unit: String,
     #[serde(default)]
@@ -59,7 +59,7 @@ pub struct Sourced {
 /// A distribution.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub enum Drawn {
+pub enum Distribution {
     /// Between two bounds.
     Uniform([f64; 2]),
     /// Uniform in the logarithm, between two positive bounds.
@@ -74,19 +74,21 @@ impl Number {
     /// The value that holds for every drone and episode, if it is not drawn.
     pub fn fixed(&self) -> Option<f64> {
         match self {
-            Number::Fixed(value) | Number::Sourced(Sourced { value, .. }) => Some(*value),
-            Number::Drawn(_) => None,
+            Number::Fixed(value) | Number::Sourced(SourcedValue { value, .. }) => Some(*value),
+            Number::Distribution(_) => None,
         }
     }
 
     fn draw(&self, rng: &mut Pcg64Mcg) -> f64 {
         match self {
-            Number::Fixed(value) | Number::Sourced(Sourced { value, .. }) => *value,
-            Number::Drawn(Drawn::Uniform([a, b])) => a + (b - a) * rng.random::<f64>(),
-            Number::Drawn(Drawn::LogUniform([a, b])) => libm::exp(libm::log(*a) + (libm::log(*b) - libm::log(*a)) * rng.random::<f64>()),
+            Number::Fixed(value) | Number::Sourced(SourcedValue { value, .. }) => *value,
+            Number::Distribution(Distribution::Uniform([a, b])) => a + (b - a) * rng.random::<f64>(),
+            Number::Distribution(Distribution::LogUniform([a, b])) => {
+                libm::exp(libm::log(*a) + (libm::log(*b) - libm::log(*a)) * rng.random::<f64>())
+            }
             // the deviation was checked to be finite and not negative
-            Number::Drawn(Drawn::Normal([mean, sd])) => Normal::new(*mean, *sd).map_or(*mean, |n| n.sample(rng)),
-            Number::Drawn(Drawn::Choice(of)) => of[rng.random_range(0..of.len())],
+            Number::Distribution(Distribution::Normal([mean, sd])) => Normal::new(*mean, *sd).map_or(*mean, |n| n.sample(rng)),
+            Number::Distribution(Distribution::Choice(of)) => of[rng.random_range(0..of.len())],
         }
     }
 
@@ -104,20 +106,20 @@ impl Number {
                 Err(Error::Config(format!("{} has the unit {:?}, expected {:?}", name(), q.unit, param.unit)))
             }
             Number::Sourced(q) => within(q.value),
-            Number::Drawn(Drawn::Uniform([a, b]) | Drawn::LogUniform([a, b])) if a > b => {
+            Number::Distribution(Distribution::Uniform([a, b]) | Distribution::LogUniform([a, b])) if a > b => {
                 Err(Error::Config(format!("{}: the lower bound {a} is above the upper bound {b}", name())))
             }
-            Number::Drawn(Drawn::LogUniform([a, _])) if *a <= 0.0 => {
+            Number::Distribution(Distribution::LogUniform([a, _])) if *a <= 0.0 => {
                 Err(Error::Range { name: name(), value: *a, want: "a positive lower bound for log_uniform".into() })
             }
-            Number::Drawn(Drawn::Uniform([a, b]) | Drawn::LogUniform([a, b])) => within(*a).and_then(|()| within(*b)),
-            Number::Drawn(Drawn::Normal([mean, sd])) => {
+            Number::Distribution(Distribution::Uniform([a, b]) | Distribution::LogUniform([a, b])) => within(*a).and_then(|()| within(*b)),
+            Number::Distribution(Distribution::Normal([mean, sd])) => {
                 if !(*sd >= 0.0 && sd.is_finite()) {
                     return Err(Error::Range { name: name(), value: *sd, want: "a standard deviation of at least 0".into() });
                 }
                 within(*mean)
             }
-            Number::Drawn(Drawn::Choice(of)) => {
+            Number::Distribution(Distribution::Choice(of)) => {
                 if of.is_empty() {
                     return Err(Error::Config(format!("{}: choice needs at least one value", name())));
                 }
@@ -129,12 +131,12 @@ impl Number {
 
 /// A number with the parameter that it is for.
 #[derive(Debug, Clone)]
-pub(crate) struct Ranged {
+pub(crate) struct BoundedNumber {
     pub number: Number,
     pub param: &'static Param,
 }
 
-impl Ranged {
+impl BoundedNumber {
     /// A value for one episode, within the parameter's range.
     pub fn draw(&self, rng: &mut Pcg64Mcg) -> f64 {
         self.number.draw(rng).clamp(self.param.low, self.param.high)

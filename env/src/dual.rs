@@ -3,7 +3,7 @@
 
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
-use crate::real::Real;
+use crate::scalar::Scalar;
 
 /// Derivatives carried along: twelve states, six disturbances and six parameters fit in one pass of a filter.
 pub const DIRECTIONS: usize = 24;
@@ -109,14 +109,14 @@ impl SubAssign for Dual {
     }
 }
 
-impl Real for Dual {
+impl Scalar for Dual {
     type Mask = bool;
     type Word = u32;
     const SINGLE: bool = false;
     const MEAN: bool = true;
 
     #[inline(always)]
-    fn of(value: f64) -> Self {
+    fn from_f64(value: f64) -> Self {
         Dual { value, slope: [0.0; DIRECTIONS] }
     }
     /// At zero the derivative is taken as zero, not infinite.
@@ -138,7 +138,7 @@ impl Real for Dual {
         if other.value > self.value { other } else { self }
     }
     fn round(self) -> Self {
-        Self::of(Real::round(self.value))
+        Self::from_f64(Scalar::round(self.value))
     }
     #[inline(always)]
     fn lt(self, other: Self) -> bool {
@@ -162,38 +162,38 @@ impl Real for Dual {
         false
     }
     fn unit(word: u32) -> Self {
-        Self::of(f64::unit(word))
+        Self::from_f64(f64::unit(word))
     }
     fn split_exponent(self) -> (Self, Self) {
-        let (mantissa, exponent) = Real::split_exponent(self.value);
+        let (mantissa, exponent) = Scalar::split_exponent(self.value);
         let derivative = mantissa / self.value;
-        (self.chain(mantissa, derivative), Self::of(exponent))
+        (self.chain(mantissa, derivative), Self::from_f64(exponent))
     }
     fn scale_exponent(self, exponent: Self) -> Self {
-        let factor = Real::scale_exponent(1.0, exponent.value);
+        let factor = Scalar::scale_exponent(1.0, exponent.value);
         self.chain(self.value * factor, factor)
     }
     fn lane(self, _: usize) -> f64 {
         self.value
     }
     fn set_lane(&mut self, _: usize, value: f64) {
-        *self = Self::of(value);
+        *self = Self::from_f64(value);
     }
     // The same values as from the general formulas; the derivatives in closed form.
     fn sin_cos(self) -> (Self, Self) {
-        let (sin, cos) = Real::sin_cos(self.value);
+        let (sin, cos) = Scalar::sin_cos(self.value);
         (self.chain(sin, cos), self.chain(cos, -sin))
     }
     fn sin_cos_quarter(self) -> (Self, Self) {
-        let (sin, cos) = Real::sin_cos_quarter(self.value);
+        let (sin, cos) = Scalar::sin_cos_quarter(self.value);
         (self.chain(sin, cos), self.chain(cos, -sin))
     }
     fn exp(self) -> Self {
-        let value = Real::exp(self.value);
+        let value = Scalar::exp(self.value);
         self.chain(value, value)
     }
     fn ln(self) -> Self {
-        self.chain(Real::ln(self.value), 1.0 / self.value)
+        self.chain(Scalar::ln(self.value), 1.0 / self.value)
     }
 }
 
@@ -202,10 +202,10 @@ mod tests {
     use super::*;
 
     /// One formula through everything a formula may ask of a number.
-    fn formula<R: Real>(x: R, y: R) -> R {
+    fn formula<R: Scalar>(x: R, y: R) -> R {
         let (s, c) = (x * y).sin_cos();
         let bent = R::select(x.lt(y), x.max(y).sqrt(), x.min(y)) + (x - y).abs();
-        (s / (R::of(2.0) + c)).exp() * bent.powf(y) - x.tan() + (-y).clamp(R::of(-0.9), R::of(0.9))
+        (s / (R::from_f64(2.0) + c)).exp() * bent.powf(y) - x.tan() + (-y).clamp(R::from_f64(-0.9), R::from_f64(0.9))
     }
 
     #[test]
@@ -224,6 +224,6 @@ mod tests {
 
     #[test]
     fn a_root_of_zero_has_no_infinite_slope() {
-        assert_eq!(Dual::variable(0.0, 0).sqrt(), Dual::of(0.0));
+        assert_eq!(Dual::variable(0.0, 0).sqrt(), Dual::from_f64(0.0));
     }
 }

@@ -5,7 +5,7 @@ use std::ops::{Add, AddAssign, BitAnd, BitOr, BitXor, Div, Mul, Neg, Not, Sub, S
 
 use wide::{bytemuck, f32x4, i32x4, u32x4};
 
-use crate::real::{Real, Word};
+use crate::scalar::{Scalar, Word};
 
 /// Drones per tile: one AVX-512 or two AVX2 registers of `f32`.
 pub const LANES: usize = 16;
@@ -184,7 +184,7 @@ impl LaneMask {
 
 impl Word for LaneWord {
     #[inline(always)]
-    fn of(value: u32) -> Self {
+    fn from_u32(value: u32) -> Self {
         LaneWord([u32x4::splat(value); 4])
     }
     #[inline(always)]
@@ -214,13 +214,13 @@ fn number(words: u32x4) -> f32x4 {
     f32x4::from_i32x4(bytemuck::cast(words))
 }
 
-impl Real for Lanes {
+impl Scalar for Lanes {
     type Mask = LaneMask;
     type Word = LaneWord;
     const SINGLE: bool = true;
 
     #[inline(always)]
-    fn of(value: f64) -> Self {
+    fn from_f64(value: f64) -> Self {
         Lanes::splat(value as f32)
     }
     #[inline(always)]

@@ -10,7 +10,7 @@ use std::fmt;
 use std::ops::{Add, AddAssign, BitAnd, BitOr, BitXor, Div, Mul, Neg, Not, Sub, SubAssign};
 
 use crate::lanes::{LANES, in_registers};
-use crate::real::{Real, Word};
+use crate::scalar::{Scalar, Word};
 
 /// As [`crate::lanes::Lanes`].
 #[derive(Clone, Copy)]
@@ -84,7 +84,7 @@ impl Not for Mask {
 
 impl Word for Words {
     #[inline(always)]
-    fn of(value: u32) -> Self {
+    fn from_u32(value: u32) -> Self {
         word(value)
     }
     #[inline(always)]
@@ -158,13 +158,13 @@ fn flip(v: Lanes, n: Words) -> Lanes {
     (v.words() ^ sign.and(word(0x8000_0000))).lanes()
 }
 
-impl Real for Lanes {
+impl Scalar for Lanes {
     type Mask = Mask;
     type Word = Words;
     const SINGLE: bool = true;
 
     #[inline(always)]
-    fn of(value: f64) -> Self {
+    fn from_f64(value: f64) -> Self {
         // SAFETY: see the head of this file
         Lanes(unsafe { _mm512_set1_ps(value as f32) })
     }
@@ -190,7 +190,7 @@ impl Real for Lanes {
     }
     #[inline(always)]
     fn round(self) -> Self {
-        (self + Self::of(ROUND)) - Self::of(ROUND)
+        (self + Self::from_f64(ROUND)) - Self::from_f64(ROUND)
     }
     #[inline(always)]
     fn lt(self, other: Self) -> Mask {
@@ -221,7 +221,7 @@ impl Real for Lanes {
     }
     #[inline(always)]
     fn unit(of: Words) -> Self {
-        (of.shr(9).numbers() + Self::of(0.5)) * Self::of(1.0 / 8_388_608.0)
+        (of.shr(9).numbers() + Self::from_f64(0.5)) * Self::from_f64(1.0 / 8_388_608.0)
     }
     #[inline(always)]
     fn split_exponent(self) -> (Self, Self) {
@@ -233,7 +233,7 @@ impl Real for Lanes {
     }
     #[inline(always)]
     fn scale_exponent(self, exponent: Self) -> Self {
-        let integer = (exponent + Self::of(ROUND)).words().add(word(127));
+        let integer = (exponent + Self::from_f64(ROUND)).words().add(word(127));
         // SAFETY: see the head of this file
         let power = Words(unsafe { _mm512_slli_epi32::<23>(integer.0) });
         self * power.lanes()
@@ -241,7 +241,7 @@ impl Real for Lanes {
     #[inline(always)]
     fn turned(quarter: Self, sin: Self, cos: Self) -> (Self, Self) {
         // the low bits of the integer say it: odd swaps the two, 2 and 3 flip the sine, 1 and 2 the cosine
-        let n = (quarter + Self::of(ROUND)).words();
+        let n = (quarter + Self::from_f64(ROUND)).words();
         // SAFETY: see the head of this file
         let odd = Mask(unsafe { _mm512_test_epi32_mask(n.0, word(1).0) });
         (flip(Self::select(odd, cos, sin), n), flip(Self::select(odd, sin, cos), n.add(word(1))))

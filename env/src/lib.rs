@@ -19,12 +19,12 @@ pub mod model;
 pub mod noise;
 pub mod observation;
 pub mod plant;
-pub mod real;
+mod pool;
 mod rows;
+pub mod scalar;
 pub mod schedule;
-pub mod simulated;
+pub mod sim_scalar;
 pub mod task;
-mod team;
 pub mod vector;
 pub mod world;
 

@@ -182,7 +182,7 @@ impl AxisForm {
     }
 }
 
-/// Push damping of the yaw integrator (thesis 5.2): a torque acts through the rate loop that the integrator idealises; 25 1/s is the
+/// Accelerations damping of the yaw integrator (thesis 5.2): a torque acts through the rate loop that the integrator idealises; 25 1/s is the
 /// bandwidth of the Crazyflie's yaw-rate loop used by the declared models of the simulated flights.
 const YAW_PUSH_DAMPING: f64 = 25.0;
 
@@ -398,7 +398,7 @@ impl Model {
         if let Some(default) = self.vertical.default.filter(|input| !self.inputs().contains(input)) {
             return Err(self.problem(format!("vertical.default is {:?}, a form that the model lacks", default.name())));
         }
-        crate::schedule::Schedule::of(self)?;
+        crate::schedule::Schedule::from_model(self)?;
         crate::config::check_effects(&self.effects)
     }
 

@@ -1,13 +1,13 @@
 //! Counter-based noise: a draw is a pure function of (episode key, tick, channel), so it does not depend on the batch size, the
 //! number of threads, or on which other effects draw.
 
-use crate::real::{Real, Word};
+use crate::scalar::{Scalar, Word};
 
 /// Bijective 32-bit mixing with low bias; constants from the search of C. Wellons, "Prospecting for hash functions" (2018).
 #[inline(always)]
 fn mix<W: Word>(x: W) -> W {
-    let x = (x ^ x.shr(16)).mul(W::of(0x7feb_352d));
-    let x = (x ^ x.shr(15)).mul(W::of(0x846c_a68b));
+    let x = (x ^ x.shr(16)).mul(W::from_u32(0x7feb_352d));
+    let x = (x ^ x.shr(15)).mul(W::from_u32(0x846c_a68b));
     x ^ x.shr(16)
 }
 
@@ -36,14 +36,14 @@ pub const fn channel(name: &str) -> u32 {
 
 /// The episode keys of a tile's lanes.
 #[derive(Clone, Copy, Debug)]
-pub struct Keys<R: Real> {
+pub struct EpisodeKeys<R: Scalar> {
     low: R::Word,
     high: R::Word,
 }
 
-impl<R: Real> Keys<R> {
+impl<R: Scalar> EpisodeKeys<R> {
     pub fn new() -> Self {
-        Keys { low: R::Word::of(0), high: R::Word::of(0) }
+        EpisodeKeys { low: R::Word::from_u32(0), high: R::Word::from_u32(0) }
     }
     pub fn set_lane(&mut self, lane: usize, key: u64) {
         self.low.set_lane(lane, key as u32);
@@ -51,12 +51,12 @@ impl<R: Real> Keys<R> {
     }
     /// What can be drawn at one tick.
     #[inline(always)]
-    pub fn at<'a>(&'a self, tick: &'a R::Word) -> Draw<'a, R> {
-        Draw { keys: self, tick }
+    pub fn at<'a>(&'a self, tick: &'a R::Word) -> TickRng<'a, R> {
+        TickRng { keys: self, tick }
     }
 }
 
-impl<R: Real> Default for Keys<R> {
+impl<R: Scalar> Default for EpisodeKeys<R> {
     fn default() -> Self {
         Self::new()
     }
@@ -64,17 +64,17 @@ impl<R: Real> Default for Keys<R> {
 
 /// The draws of one tick. The same channel gives the same number; take a new channel for a new number.
 #[derive(Clone, Copy, Debug)]
-pub struct Draw<'a, R: Real> {
-    keys: &'a Keys<R>,
+pub struct TickRng<'a, R: Scalar> {
+    keys: &'a EpisodeKeys<R>,
     tick: &'a R::Word,
 }
 
-impl<R: Real> Draw<'_, R> {
+impl<R: Scalar> TickRng<'_, R> {
     /// Uniform in (0, 1).
     #[inline(always)]
     pub fn uniform(&self, channel: u32) -> R {
         if R::MEAN {
-            return R::of(0.5);
+            return R::from_f64(0.5);
         }
         R::unit(self.word(channel))
     }
@@ -84,10 +84,10 @@ impl<R: Real> Draw<'_, R> {
         if R::MEAN {
             return [R::zero(); 2];
         }
-        let radius = (R::of(-2.0) * self.uniform(channel).ln()).sqrt();
-        let turn = self.uniform(channel ^ 0x8000_0000) - R::of(0.5);
+        let radius = (R::from_f64(-2.0) * self.uniform(channel).ln()).sqrt();
+        let turn = self.uniform(channel ^ 0x8000_0000) - R::from_f64(0.5);
         // of the angle 2 pi turn, by way of the angle from the upright, which lies within a quarter turn
-        let a = R::of(std::f64::consts::TAU) * (turn.abs() - R::of(0.25));
+        let a = R::from_f64(std::f64::consts::TAU) * (turn.abs() - R::from_f64(0.25));
         let (sin_a, cos_a) = a.sin_cos_quarter();
         let s = R::select(turn.lt(R::zero()), -cos_a, cos_a);
         let c = -sin_a;
@@ -95,8 +95,8 @@ impl<R: Real> Draw<'_, R> {
     }
     #[inline(always)]
     fn word(&self, channel: u32) -> R::Word {
-        let base = mix(self.tick.mul(R::Word::of(0x9e37_79b9)).add(self.keys.low)) ^ self.keys.high;
-        mix(base.add(R::Word::of(channel.wrapping_mul(0x85eb_ca6b))))
+        let base = mix(self.tick.mul(R::Word::from_u32(0x9e37_79b9)).add(self.keys.low)) ^ self.keys.high;
+        mix(base.add(R::Word::from_u32(channel.wrapping_mul(0x85eb_ca6b))))
     }
 }
 
@@ -105,7 +105,7 @@ mod tests {
     use super::*;
 
     fn sample(n: u32, channel: u32) -> Vec<f64> {
-        let mut keys = Keys::<f64>::new();
+        let mut keys = EpisodeKeys::<f64>::new();
         (0..n)
             .flat_map(|i| {
                 keys.set_lane(0, episode_key(u64::from(i / 500), 3));

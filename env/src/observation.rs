@@ -6,7 +6,7 @@ use crate::effects::Reading;
 use crate::error::Result;
 use crate::model::{Model, VerticalInput};
 use crate::plant::Command;
-use crate::real::{Real, each};
+use crate::scalar::{Scalar, each};
 
 /// Numbers per observation.
 pub const OBSERVATION: usize = 24;
@@ -71,7 +71,7 @@ pub struct Setpoint<R> {
     pub yaw_rad: R,
 }
 
-impl<R: Real> Setpoint<R> {
+impl<R: Scalar> Setpoint<R> {
     /// The origin.
     pub fn origin() -> Self {
         Setpoint { pos_m: [R::zero(); 3], yaw_rad: R::zero() }
@@ -80,31 +80,31 @@ impl<R: Real> Setpoint<R> {
 
 /// An angle within [-pi, pi].
 #[inline(always)]
-pub fn wrap<R: Real>(angle: R) -> R {
-    angle - R::of(2.0 * PI) * (angle * R::of(0.5 / PI)).round()
+pub fn wrap<R: Scalar>(angle: R) -> R {
+    angle - R::from_f64(2.0 * PI) * (angle * R::from_f64(0.5 / PI)).round()
 }
 
 #[inline(always)]
-fn cut<R: Real>(v: R, limit: f64) -> R {
-    v.clamp(R::of(-limit), R::of(limit))
+fn cut<R: Scalar>(v: R, limit: f64) -> R {
+    v.clamp(R::from_f64(-limit), R::from_f64(limit))
 }
 
 /// As `f32` pi is a little more than pi, and a wrapped angle may pass even that by a rounding.
 #[inline(always)]
-fn angle<R: Real>(a: R) -> R {
+fn angle<R: Scalar>(a: R) -> R {
     cut(wrap(a), PI as f32 as f64)
 }
 
 /// The observation row of a reading.
 #[inline(always)]
-pub fn observe<R: Real>(y: &Reading<R>, now_s: R, setpoint: &Setpoint<R>, action: &[R; ACTION]) -> [R; OBSERVATION] {
+pub fn observe<R: Scalar>(y: &Reading<R>, now_s: R, setpoint: &Setpoint<R>, action: &[R; ACTION]) -> [R; OBSERVATION] {
     let m = &y.marker;
     let [px, py, pz] = each(
         m.pos_m,
         #[inline(always)]
         |p| cut(p, 10.0),
     );
-    let age = (now_s - m.t_s).min(R::of(60.0));
+    let age = (now_s - m.t_s).min(R::from_f64(60.0));
     let [ar, ap, ay] = [cut(y.att_rad[0], PI as f32 as f64), cut(y.att_rad[1], PI as f32 as f64), angle(y.att_rad[2])];
     let [gx, gy, gz] = each(
         y.gyro_radps,
@@ -116,7 +116,7 @@ pub fn observe<R: Real>(y: &Reading<R>, now_s: R, setpoint: &Setpoint<R>, action
         #[inline(always)]
         |a| cut(a, 157.0),
     );
-    let vbat = y.vbat_v.clamp(R::zero(), R::of(5.0));
+    let vbat = y.vbat_v.clamp(R::zero(), R::from_f64(5.0));
     let [sx, sy, sz] = setpoint.pos_m;
     let [a0, a1, a2, a3] = *action;
     let m_yaw = angle(m.yaw_rad);
@@ -126,13 +126,13 @@ pub fn observe<R: Real>(y: &Reading<R>, now_s: R, setpoint: &Setpoint<R>, action
 
 /// What an action of 1 commands, as numbers of the lanes.
 #[derive(Debug, Clone, Copy)]
-pub struct Reach<R> {
+pub struct ActionScale<R> {
     tilt_rad: R,
     yaw_rate_radps: R,
     half_lift: R,
 }
 
-impl<R: Real> Reach<R> {
+impl<R: Scalar> ActionScale<R> {
     /// The command of an action row.
     #[inline(always)]
     pub fn command(&self, a: &[R; ACTION]) -> Command<R> {
@@ -140,7 +140,7 @@ impl<R: Real> Reach<R> {
             roll_rad: a[0] * self.tilt_rad,
             pitch_rad: a[1] * self.tilt_rad,
             yaw_rate_radps: a[2] * self.yaw_rate_radps,
-            lift: (a[3] + R::of(1.0)) * self.half_lift,
+            lift: (a[3] + R::from_f64(1.0)) * self.half_lift,
         }
     }
 }
@@ -166,7 +166,7 @@ impl Interface {
     ///
     /// # Errors
     /// [`crate::Error::Unknown`] if the model lacks that input.
-    pub fn of(model: &Model, input: VerticalInput) -> Result<Self> {
+    pub fn from_model(model: &Model, input: VerticalInput) -> Result<Self> {
         let hover = model.vertical(input)?.hover_pwm().filter(|_| input.is_pwm());
         let c = &model.command;
         Ok(Interface {
@@ -179,25 +179,29 @@ impl Interface {
         })
     }
 
-    /// The factors of [`Reach::command`].
+    /// The factors of [`ActionScale::command`].
     #[inline(always)]
-    pub fn reach<R: Real>(&self) -> Reach<R> {
-        Reach { tilt_rad: R::of(self.tilt_max_rad), yaw_rate_radps: R::of(self.yaw_rate_max_radps), half_lift: R::of(0.5 * self.lift_max) }
+    pub fn reach<R: Scalar>(&self) -> ActionScale<R> {
+        ActionScale {
+            tilt_rad: R::from_f64(self.tilt_max_rad),
+            yaw_rate_radps: R::from_f64(self.yaw_rate_max_radps),
+            half_lift: R::from_f64(0.5 * self.lift_max),
+        }
     }
 
     /// The command of an action row.
-    pub fn command<R: Real>(&self, a: &[R; ACTION]) -> Command<R> {
+    pub fn command<R: Scalar>(&self, a: &[R; ACTION]) -> Command<R> {
         self.reach().command(a)
     }
 
     /// The action row of a command, cut off at -1..1.
     #[inline(always)]
-    pub fn action<R: Real>(&self, u: &Command<R>) -> [R; ACTION] {
+    pub fn action<R: Scalar>(&self, u: &Command<R>) -> [R; ACTION] {
         [
-            cut(u.roll_rad * R::of(1.0 / self.tilt_max_rad), 1.0),
-            cut(u.pitch_rad * R::of(1.0 / self.tilt_max_rad), 1.0),
-            cut(u.yaw_rate_radps * R::of(1.0 / self.yaw_rate_max_radps), 1.0),
-            cut(u.lift * R::of(2.0 / self.lift_max) - R::of(1.0), 1.0),
+            cut(u.roll_rad * R::from_f64(1.0 / self.tilt_max_rad), 1.0),
+            cut(u.pitch_rad * R::from_f64(1.0 / self.tilt_max_rad), 1.0),
+            cut(u.yaw_rate_radps * R::from_f64(1.0 / self.yaw_rate_max_radps), 1.0),
+            cut(u.lift * R::from_f64(2.0 / self.lift_max) - R::from_f64(1.0), 1.0),
         ]
     }
 }

@@ -4,7 +4,7 @@ use nalgebra::SMatrix;
 
 use crate::error::Result;
 use crate::model::{AxisForm, Model, Tilt, VerticalInput};
-use crate::real::{Real, dot};
+use crate::scalar::{Scalar, dot};
 
 /// What moves. World frame: x right, y forward, z up; right-handed angles; +pitch accelerates to +x, +roll to -y at zero yaw.
 #[derive(Debug, Clone, Copy)]
@@ -32,19 +32,19 @@ pub struct Command<R> {
 
 /// What effects add to the motion: accelerations in the world frame, angular accelerations about the body axes.
 #[derive(Debug, Clone, Copy)]
-pub struct Push<R> {
+pub struct Accelerations<R> {
     pub acc_mps2: [R; 3],
     pub ang_radps2: [R; 3],
 }
 
 /// Sine and cosine of a yaw.
 #[derive(Debug, Clone, Copy)]
-pub struct Heading<R> {
+pub struct YawRotation<R> {
     pub sin: R,
     pub cos: R,
 }
 
-impl<R: Real> State<R> {
+impl<R: Scalar> State<R> {
     /// At rest at the origin.
     #[inline(always)]
     pub fn rest() -> Self {
@@ -53,10 +53,10 @@ impl<R: Real> State<R> {
     }
 }
 
-impl<R: Real> Push<R> {
+impl<R: Scalar> Accelerations<R> {
     #[inline(always)]
     pub fn none() -> Self {
-        Push { acc_mps2: [R::zero(); 3], ang_radps2: [R::zero(); 3] }
+        Accelerations { acc_mps2: [R::zero(); 3], ang_radps2: [R::zero(); 3] }
     }
 
     #[inline(always)]
@@ -68,7 +68,7 @@ impl<R: Real> Push<R> {
     }
 }
 
-impl<R: Real> Command<R> {
+impl<R: Scalar> Command<R> {
     /// Level, no turn, and the given height or PWM.
     #[inline(always)]
     pub fn level(lift: R) -> Self {
@@ -85,7 +85,7 @@ struct AxisStep<R> {
     offset: R,
 }
 
-impl<R: Real> AxisStep<R> {
+impl<R: Scalar> AxisStep<R> {
     fn new(form: &AxisForm, h_s: f64) -> Self {
         let mut m = SMatrix::<f64, 4, 4>::zeros();
         for i in 0..2 {
@@ -96,8 +96,8 @@ impl<R: Real> AxisStep<R> {
             m[(i, 3)] = form.push[i];
         }
         let e = (m * h_s).exp();
-        let row = |i: usize| std::array::from_fn(|j| R::of(e[(i, j)]));
-        AxisStep { x: row(0), w: row(1), rate: [form.a[0][0], form.a[0][1], form.u[0]].map(R::of), offset: R::of(form.offset) }
+        let row = |i: usize| std::array::from_fn(|j| R::from_f64(e[(i, j)]));
+        AxisStep { x: row(0), w: row(1), rate: [form.a[0][0], form.a[0][1], form.u[0]].map(R::from_f64), offset: R::from_f64(form.offset) }
     }
 
     #[inline(always)]
@@ -120,7 +120,7 @@ struct TiltStep<R> {
     per_push: R,
 }
 
-impl<R: Real> TiltStep<R> {
+impl<R: Scalar> TiltStep<R> {
     #[inline(always)]
     fn step(&self, angle: R, rate: R, command: R, push: R) -> [R; 4] {
         let u = command + push * self.per_push;
@@ -132,7 +132,7 @@ impl<R: Real> TiltStep<R> {
 /// A structure of numbers as a list and back, for derivatives of all of them at once.
 macro_rules! listed {
     ($type:ident, $count:expr, $($field:ident $([$n:expr])?),*) => {
-        impl<R: Real> $type<R> {
+        impl<R: Scalar> $type<R> {
             pub(crate) const NUMBERS: usize = $count;
             pub(crate) fn numbers(&self) -> Vec<R> {
                 let mut all = Vec::with_capacity(Self::NUMBERS);
@@ -163,7 +163,7 @@ pub(crate) use listed;
 listed!(AxisStep, 12, x[4], w[4], rate[3], offset);
 listed!(TiltStep, 13, angle[3], rate[3], gained_mps[3], gained_m[3], per_push);
 
-impl<R: Real> Plant<R> {
+impl<R: Scalar> Plant<R> {
     pub(crate) const NUMBERS: usize = 2 * TiltStep::<R>::NUMBERS + 2 * AxisStep::<R>::NUMBERS + 4;
 
     pub(crate) fn numbers(&self) -> Vec<R> {
@@ -206,7 +206,7 @@ pub struct Plant<R> {
     acc_s2: R,
 }
 
-impl<R: Real> Plant<R> {
+impl<R: Scalar> Plant<R> {
     /// Discretise for steps of `h_s` seconds.
     ///
     /// # Errors
@@ -226,8 +226,8 @@ impl<R: Real> Plant<R> {
             m[(3, 3)] = -tilt.damping.value;
             m[(3, 4)] = tilt.gain.value;
             let e = (m * h_s).exp();
-            let row = |i: usize| [2, 3, 4].map(|j| R::of(e[(i, j)]));
-            TiltStep { angle: row(2), rate: row(3), gained_mps: row(1), gained_m: row(0), per_push: R::of(1.0 / tilt.gain.value) }
+            let row = |i: usize| [2, 3, 4].map(|j| R::from_f64(e[(i, j)]));
+            TiltStep { angle: row(2), rate: row(3), gained_mps: row(1), gained_m: row(0), per_push: R::from_f64(1.0 / tilt.gain.value) }
         };
         // states: distance, velocity; input: acceleration
         let e = (SMatrix::<f64, 3, 3>::new(0.0, 1.0, 0.0, 0.0, -drag, 1.0, 0.0, 0.0, 0.0) * h_s).exp();
@@ -237,22 +237,22 @@ impl<R: Real> Plant<R> {
             pitch: tilt_step(&model.pitch),
             yaw: AxisStep::new(&model.yaw.form(), h_s),
             vertical: AxisStep::new(&form, h_s),
-            keep: R::of(e[(1, 1)]),
-            carry_s: R::of(e[(0, 1)]),
-            acc_s: R::of(e[(1, 2)]),
-            acc_s2: R::of(e[(0, 2)]),
+            keep: R::from_f64(e[(1, 1)]),
+            carry_s: R::from_f64(e[(0, 1)]),
+            acc_s: R::from_f64(e[(1, 2)]),
+            acc_s2: R::from_f64(e[(0, 2)]),
         })
     }
 
     /// The state one step later, and the heading at mid-step, command and push held. Exact for the linear model; a turning vehicle's sideways acceleration is
     /// taken along its heading at mid-step.
     #[inline(always)]
-    pub fn advance(&self, x: &State<R>, u: &Command<R>, push: &Push<R>) -> (State<R>, Heading<R>) {
+    pub fn advance(&self, x: &State<R>, u: &Command<R>, push: &Accelerations<R>) -> (State<R>, YawRotation<R>) {
         let [roll, roll_rate, right_mps, right_m] = self.roll.step(x.att_rad[0], x.rate_radps[0], u.roll_rad, push.ang_radps2[0]);
         let [pitch, pitch_rate, front_mps, front_m] = self.pitch.step(x.att_rad[1], x.rate_radps[1], u.pitch_rad, push.ang_radps2[1]);
         let (yaw, yaw_aux, yaw_rate) = self.yaw.step(x.att_rad[2], x.aux[1], u.yaw_rate_radps, push.ang_radps2[2]);
         let (z, z_aux, z_rate) = self.vertical.step(x.pos_m[2], x.aux[0], u.lift, push.acc_mps2[2]);
-        let (sin, cos) = (R::of(0.5) * (x.att_rad[2] + yaw)).sin_cos();
+        let (sin, cos) = (R::from_f64(0.5) * (x.att_rad[2] + yaw)).sin_cos();
         // body x gains from pitch, body y loses from roll
         let dv = [cos * front_mps + sin * right_mps, sin * front_mps - cos * right_mps];
         let dp = [cos * front_m + sin * right_m, sin * front_m - cos * right_m];
@@ -267,6 +267,6 @@ impl<R: Real> Plant<R> {
             next.pos_m[i] = x.pos_m[i] + self.carry_s * x.vel_mps[i] + dp[i] + self.acc_s2 * push.acc_mps2[i];
             next.vel_mps[i] = self.keep * x.vel_mps[i] + dv[i] + self.acc_s * push.acc_mps2[i];
         }
-        (next, Heading { sin, cos })
+        (next, YawRotation { sin, cos })
     }
 }

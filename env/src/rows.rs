@@ -2,14 +2,14 @@
 
 use crate::lanes::LANES;
 use crate::plant::State;
-use crate::real::Real;
-use crate::simulated::Batched;
+use crate::scalar::Scalar;
+use crate::sim_scalar::BatchScalar;
 
 /// Numbers per true state: position, velocity, attitude, rates.
 pub const STATE: usize = 12;
 
 #[inline(always)]
-pub(crate) fn state_row<R: Real>(x: &State<R>) -> [R; STATE] {
+pub(crate) fn state_row<R: Scalar>(x: &State<R>) -> [R; STATE] {
     let ([a, b, c], [d, e, f], [g, h, i], [j, k, l]) = (x.pos_m, x.vel_mps, x.att_rad, x.rate_radps);
     [a, b, c, d, e, f, g, h, i, j, k, l]
 }
@@ -27,7 +27,7 @@ pub(crate) fn first_bad_action(actions: &[f32]) -> Option<usize> {
 
 /// Lanes as rows: as many as `rows` has room for.
 #[inline(always)]
-pub(crate) fn write<R: Batched, const N: usize>(values: &[R; N], rows: &mut [f32]) {
+pub(crate) fn write<R: BatchScalar, const N: usize>(values: &[R; N], rows: &mut [f32]) {
     if rows.len() == LANES * N {
         return R::write(values, rows, N);
     }
@@ -38,7 +38,7 @@ pub(crate) fn write<R: Batched, const N: usize>(values: &[R; N], rows: &mut [f32
 
 /// One lane as a row.
 #[inline(always)]
-pub(crate) fn write_lane<R: Batched, const N: usize>(values: &[R; N], lane: usize, row: &mut [f32]) {
+pub(crate) fn write_lane<R: BatchScalar, const N: usize>(values: &[R; N], lane: usize, row: &mut [f32]) {
     for (slot, value) in row.iter_mut().zip(values) {
         *slot = value.array()[lane];
     }

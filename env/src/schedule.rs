@@ -26,7 +26,7 @@ impl Schedule {
     /// # Errors
     /// [`Error::Model`] unless the rates are whole numbers, the IMU's a multiple of the control rate, the camera's at most the control
     /// rate (one new frame per observation), and the base clock at most 20 kHz.
-    pub fn of(model: &Model) -> Result<Schedule> {
+    pub fn from_model(model: &Model) -> Result<Schedule> {
         let bad = |problem: String| Error::Model { name: model.name.clone(), problem };
         let mut hz = [0_u32; 3];
         for (slot, (name, q)) in
@@ -72,7 +72,7 @@ mod tests {
 
     #[test]
     fn thirty_frames_fall_between_fifty_ticks() {
-        let s = Schedule::of(&Model::thesis()).unwrap();
+        let s = Schedule::from_model(&Model::thesis()).unwrap();
         assert_eq!(s, Schedule { base_hz: 300, control: 6, imu: 3, camera: 10 });
         let offsets: Vec<u32> = (0..6).map(|frame| frame * s.camera % s.control).collect();
         assert_eq!(offsets, [0, 4, 2, 0, 4, 2], "frames fall on a tick only every third time");
@@ -85,7 +85,7 @@ mod tests {
         {
             let mut m = Model::thesis();
             (m.rig.control.value, m.rig.imu.value, m.rig.camera.value) = (control, imu, camera);
-            let error = Schedule::of(&m).unwrap_err().to_string();
+            let error = Schedule::from_model(&m).unwrap_err().to_string();
             assert!(error.contains(word), "{error}");
         }
     }

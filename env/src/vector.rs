@@ -20,10 +20,10 @@ use crate::lanes::{LANES, Lanes};
 use crate::model::{Model, VerticalInput};
 use crate::noise::scramble;
 use crate::observation::{ACTION, Interface, OBSERVATION};
+use crate::pool::WorkerPool;
 use crate::schedule::Schedule;
-use crate::simulated::Batched;
+use crate::sim_scalar::BatchScalar;
 use crate::task::{self, Task, Visitor};
-use crate::team::Team;
 
 use coupled::CoupledShard;
 use uncoupled::UncoupledShard;
@@ -62,7 +62,7 @@ pub struct VectorEnv {
     metrics: usize,
     /// Environments per shard but the last.
     share: usize,
-    team: Team,
+    team: WorkerPool,
     ready: bool,
     level: Level,
     tick_s: f64,
@@ -94,19 +94,19 @@ struct ShardSpec<'a> {
 }
 
 impl ShardSpec<'_> {
-    fn shard<R: Batched>(self) -> Result<Box<dyn Shard>> {
+    fn shard<R: BatchScalar>(self) -> Result<Box<dyn Shard>> {
         let Options { task, drones, task_options, .. } = self.options;
-        task::visit(task, *drones, task_options, Maker::<R> { spec: self, number: PhantomData })
+        task::visit(task, *drones, task_options, ShardBuilder::<R> { spec: self, number: PhantomData })
     }
 }
 
-struct Maker<'a, R> {
+struct ShardBuilder<'a, R> {
     spec: ShardSpec<'a>,
     number: PhantomData<R>,
 }
 
-impl<R: Batched> Visitor for Maker<'_, R> {
-    type Out = Box<dyn Shard>;
+impl<R: BatchScalar> Visitor for ShardBuilder<'_, R> {
+    type Output = Box<dyn Shard>;
     fn visit<T: Task>(self, task: T, drones: usize) -> Result<Box<dyn Shard>> {
         if const { T::DRONES == 1 } {
             Ok(Box::new(UncoupledShard::<R, T>::new(&self.spec, task)?))
@@ -132,9 +132,9 @@ impl VectorEnv {
         options.check_drones(drones, models.len())?;
         let models: Vec<&Model> = (0..drones).map(|j| models.get(j).unwrap_or(&models[0])).collect();
         let inputs = models.iter().map(|model| input(model, options.vertical)).collect::<Result<Vec<_>>>()?;
-        let tick_s = Schedule::of(models[0])?.tick_s();
+        let tick_s = Schedule::from_model(models[0])?.tick_s();
         for model in &models {
-            let other_s = Schedule::of(model)?.tick_s();
+            let other_s = Schedule::from_model(model)?.tick_s();
             if other_s != tick_s {
                 return Err(range("the control tick of a drone's model", other_s, format!("{tick_s} s")));
             }
@@ -156,11 +156,11 @@ impl VectorEnv {
                 }
             })
             .collect::<Result<Vec<_>>>()?;
-        let interfaces = models.iter().zip(&inputs).map(|(model, input)| Interface::of(model, *input)).collect::<Result<_>>()?;
+        let interfaces = models.iter().zip(&inputs).map(|(model, input)| Interface::from_model(model, *input)).collect::<Result<_>>()?;
         let last_s = if options.max_episode_steps == 0 { f64::INFINITY } else { (f64::from(options.max_episode_steps) - 0.5) * tick_s };
         let config =
             BatchConfig { interfaces, autoreset: options.autoreset, last_s, radius_m: options.radius_m, crash_cost: entry.crash_cost };
-        let team = Team::new(shards.len() - 1)?;
+        let team = WorkerPool::new(shards.len() - 1)?;
         let metrics = if entry.drones == 1 { 0 } else { METRICS.len() };
         let fingerprint = fingerprint(&models, options, drones)?;
         Ok(VectorEnv { shards, config, envs, metrics, share, team, ready: false, level, tick_s, fingerprint })

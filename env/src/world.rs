@@ -1,24 +1,24 @@
 //! The data path: command -> effects on it -> pushes -> exact step -> camera frame -> reading. Reads like one drone; a tile is sixteen.
 
 mod archive;
-mod filming;
+mod camera_clock;
 mod fitting;
 mod parts;
 mod setup;
 
 use std::slice::{from_mut, from_ref};
 
-use crate::config::{EffectTable, Number, Ranged};
-use crate::effects::{self, Body, Cx, Fix, Frame, Neighbour, Reading, Stage, Tiles};
+use crate::config::{BoundedNumber, EffectTable, Number};
+use crate::effects::{self, Frame, HookContext, Neighbour, PoseFix, Reading, Stage, Tiles, VehicleConstants};
 use crate::error::Result;
 use crate::model::{Model, VerticalInput};
-use crate::noise::{Draw, Keys};
-use crate::plant::{Command, Plant, Push, State};
-use crate::real::{Real, Word, tabulate};
+use crate::noise::{EpisodeKeys, TickRng};
+use crate::plant::{Accelerations, Command, Plant, State};
+use crate::scalar::{Scalar, Word, tabulate};
 use crate::schedule::Schedule;
-use crate::simulated::Simulated;
+use crate::sim_scalar::SimScalar;
 
-use filming::Filming;
+use camera_clock::CameraClock;
 use parts::{land, merge};
 use setup::{Active, active, body, counts_per_step, with_ranges};
 
@@ -27,8 +27,8 @@ pub const GROUP: usize = 2;
 
 /// How far the episodes of a tile are.
 #[derive(Debug, Clone, Copy)]
-struct Age<R: Real> {
-    keys: Keys<R>,
+struct Age<R: Scalar> {
+    keys: EpisodeKeys<R>,
     /// Control ticks since the episode began, as a word for the noise and as a number for the time.
     tick: R::Word,
     ticks: R,
@@ -36,20 +36,20 @@ struct Age<R: Real> {
 
 /// What the effects of a tile need besides the state.
 #[derive(Debug, Clone, Copy)]
-struct Tile<R: Real> {
+struct Tile<R: Scalar> {
     /// Acceleration over the last physics step.
     acc_mps2: [R; 3],
     /// Base-clock counts until the next camera frame.
     until_frame: R,
     /// The last marker pose, where effects film it.
-    fix: Fix<R>,
+    fix: PoseFix<R>,
 }
 
 /// What the steps of a group of tiles hand to each other; kept because filling it anew costs more than a step of it.
 #[derive(Debug, Clone)]
-struct Group<R: Real> {
+struct Group<R: Scalar> {
     u: [Command<R>; GROUP],
-    push: [Push<R>; GROUP],
+    push: [Accelerations<R>; GROUP],
     /// The states expected at the middle of a step.
     middle: [State<R>; GROUP],
     /// The states at which a camera frame of this tick was taken, in the lanes in which one was.
@@ -60,14 +60,14 @@ struct Group<R: Real> {
 
 /// Speed at which the floor was hit, and whether the vehicle stands on it.
 #[derive(Debug, Clone, Copy)]
-pub struct Contact<R: Real> {
+pub struct Contact<R: Scalar> {
     pub impact_mps: R,
     pub standing: R::Mask,
 }
 
 /// What a tick brought: returned, not kept, because a large batch waits for memory.
 #[derive(Debug, Clone, Copy)]
-pub struct Tick<R: Real> {
+pub struct Tick<R: Scalar> {
     pub contact: Contact<R>,
     pub reading: Reading<R>,
 }
@@ -75,10 +75,10 @@ pub struct Tick<R: Real> {
 /// What surrounds a drone that is not alone: who is near, and what pulls it besides its effects.
 #[derive(Debug, Clone, Copy)]
 pub struct Around<'a, R> {
-    /// See [`Cx::neighbours`] and [`Cx::own`].
+    /// See [`HookContext::neighbours`] and [`HookContext::own`].
     pub neighbours: &'a [Neighbour<R>],
     pub own: usize,
-    pub push: Push<R>,
+    pub push: Accelerations<R>,
 }
 
 /// Times as numbers of the lanes, ready for use.
@@ -101,9 +101,9 @@ struct Order {
 }
 
 /// Drones with their effects; each lane is a drone of its own that never feels its neighbours.
-pub struct World<R: Simulated> {
+pub struct World<R: SimScalar> {
     schedule: Schedule,
-    body: Body<R>,
+    body: VehicleConstants<R>,
     /// Over one physics step.
     plant: Plant<R>,
     steps_per_tick: u32,
@@ -112,16 +112,16 @@ pub struct World<R: Simulated> {
     times: Times<R>,
     gravity_mps2: R,
     floor: bool,
-    /// See [`Cx::voltage_v`].
+    /// See [`HookContext::voltage_v`].
     voltage_v: Option<R>,
     /// What a filter pushes with besides the effects.
-    disturbance: Option<Push<R>>,
+    disturbance: Option<Accelerations<R>>,
     /// Active effects, in registry order, with what their parameters are drawn from.
     stages: Vec<Box<dyn Stage<R>>>,
     /// Their names, where a fit asks for them.
     names: Vec<&'static str>,
     order: Order,
-    drawn: Vec<(usize, Vec<Ranged>)>,
+    drawn: Vec<(usize, Vec<BoundedNumber>)>,
     /// Room for the numbers of the effect that draws most.
     drawn_now: Vec<f64>,
     /// Of each tile: apart, because a step without effects needs no more than the first two.
@@ -141,7 +141,7 @@ pub struct Settings {
     pub physics_hz: Option<u32>,
 }
 
-impl<R: Simulated> World<R> {
+impl<R: SimScalar> World<R> {
     /// A world of `tiles` tiles at rest on the floor.
     ///
     /// # Errors
@@ -152,7 +152,7 @@ impl<R: Simulated> World<R> {
     }
 
     fn assemble(model: &Model, active: Vec<Active>, settings: Settings, tiles: usize) -> Result<Self> {
-        let schedule = Schedule::of(model)?;
+        let schedule = Schedule::from_model(model)?;
         let needed_hz = active.iter().map(|(_, entry, _)| entry.physics_hz).max().unwrap_or(0);
         let counts_per_step = counts_per_step(&schedule, settings.physics_hz, needed_hz)?;
         let mut order = Order::default();
@@ -181,7 +181,12 @@ impl<R: Simulated> World<R> {
         }
         let steps_per_tick = schedule.control / counts_per_step;
         let h_s = tick_s / f64::from(steps_per_tick);
-        let times = Times { tick_s: R::of(tick_s), per_tick: R::of(1.0 / tick_s), h_s: R::of(h_s), per_h: R::of(1.0 / h_s) };
+        let times = Times {
+            tick_s: R::from_f64(tick_s),
+            per_tick: R::from_f64(1.0 / tick_s),
+            h_s: R::from_f64(h_s),
+            per_h: R::from_f64(1.0 / h_s),
+        };
         let entries: Vec<_> = stages.iter().map(|(entry, _)| *entry).collect();
         Ok(World {
             schedule,
@@ -191,7 +196,7 @@ impl<R: Simulated> World<R> {
             counts_per_step,
             tick_s,
             times,
-            gravity_mps2: R::of(model.lateral.gravity.value),
+            gravity_mps2: R::from_f64(model.lateral.gravity.value),
             floor: true,
             voltage_v: None,
             disturbance: None,
@@ -201,7 +206,7 @@ impl<R: Simulated> World<R> {
             stages: stages.into_iter().map(|(_, stage)| stage).collect(),
             order,
             states: vec![State::rest(); tiles],
-            ages: vec![Age { keys: Keys::new(), tick: R::Word::of(0), ticks: R::zero() }; tiles],
+            ages: vec![Age { keys: EpisodeKeys::new(), tick: R::Word::from_u32(0), ticks: R::zero() }; tiles],
             tiles: vec![Tile::new(); tiles],
             clocks: vec![0; tiles],
             group: Group::new(),
@@ -248,7 +253,7 @@ impl<R: Simulated> World<R> {
 
     /// The noise of the current tick.
     #[inline(always)]
-    pub fn draw(&self, tile: usize) -> Draw<'_, R> {
+    pub fn draw(&self, tile: usize) -> TickRng<'_, R> {
         self.ages[tile].draw()
     }
 
@@ -282,11 +287,11 @@ impl<R: Simulated> World<R> {
         self.states[tile] = x;
         age.ticks = R::select(mask, R::zero(), age.ticks);
         // one frame is taken as the episode begins
-        t.until_frame = R::select(mask, R::of(f64::from(self.schedule.camera)), t.until_frame);
+        t.until_frame = R::select(mask, R::from_f64(f64::from(self.schedule.camera)), t.until_frame);
         let (draw, tick_s) = (age.draw(), self.tick_s);
         let t_s = age.ticks * self.times.tick_s;
         let (clock, voltage_v) = (self.clocks[tile], self.voltage_v.as_ref());
-        let cx = Cx {
+        let cx = HookContext {
             body: &self.body,
             h_s: tick_s,
             tick_s,
@@ -308,7 +313,7 @@ impl<R: Simulated> World<R> {
         }
         // whatever its latency, the pose from before the episode is known when it begins
         let none = [R::zero(); 3];
-        let mut marker = Fix { pos_m: none, yaw_rad: R::zero(), t_s: cx.t_s, valid: R::zero() };
+        let mut marker = PoseFix { pos_m: none, yaw_rad: R::zero(), t_s: cx.t_s, valid: R::zero() };
         marker.deliver(mask, frame.pos_m, frame.yaw_rad, frame.t_s, frame.markers);
         t.acc_mps2 = merge(mask, t.acc_mps2, none);
         let mut y = Reading::of(&x, [R::zero(), R::zero(), self.gravity_mps2], marker);
@@ -342,14 +347,14 @@ impl<R: Simulated> World<R> {
         let (x, age) = (&mut self.states[tile], &mut self.ages[tile]);
         age.count();
         let mut contact = Contact::none();
-        let (mut next, _) = self.plant.advance(x, command, &Push::none());
+        let (mut next, _) = self.plant.advance(x, command, &Accelerations::none());
         if self.floor {
             land(&mut next, x.pos_m[2], &mut contact);
         }
         let climb_mps2 = (next.vel_mps[2] - x.vel_mps[2]) * self.times.per_tick;
         let specific_mps2 = [R::zero(), R::zero(), climb_mps2 + self.gravity_mps2];
         *x = next;
-        Tick { contact, reading: Reading::of(&next, specific_mps2, Fix::ideal(&next, age.ticks * self.times.tick_s)) }
+        Tick { contact, reading: Reading::of(&next, specific_mps2, PoseFix::ideal(&next, age.ticks * self.times.tick_s)) }
     }
 
     /// One control tick of the tiles from `first` on, as many as there are commands, at most [`GROUP`]; `around` says who is near.
@@ -372,9 +377,9 @@ impl<R: Simulated> World<R> {
         let World { body, plant, states, ages, tiles, clocks, stages, order, times, group, voltage_v, disturbance, .. } = self;
         let (states, tiles, ages) = (&mut states[first..first + n], &mut tiles[first..first + n], &mut ages[first..first + n]);
         let (tick_s, h_s) = (self.tick_s, self.tick_s / f64::from(self.steps_per_tick));
-        let filming = Filming { counts_per_step: self.counts_per_step, schedule: self.schedule, h_s };
+        let filming = CameraClock { counts_per_step: self.counts_per_step, schedule: self.schedule, h_s };
         let (commanding, pushing, films) = (!order.command.is_empty(), !order.push.is_empty(), !order.frame.is_empty());
-        let undisturbed = disturbance.unwrap_or(Push::none());
+        let undisturbed = disturbance.unwrap_or(Accelerations::none());
         let from_outside = around.is_some() || disturbance.is_some();
         for i in 0..n {
             ages[i].count();
@@ -405,7 +410,7 @@ impl<R: Simulated> World<R> {
             if pushing {
                 for i in 0..n {
                     // what pushes from outside comes last: effects on the thrust take what is there for thrust
-                    group.push[i] = Push::none();
+                    group.push[i] = Accelerations::none();
                     group.middle[i] = states[i].ahead(&tiles[i].acc_mps2, 0.5 * h_s);
                 }
                 let of = Tiles { first, cx: &cx[..n], x: &group.middle[..n], u: &group.u[..n] };
@@ -440,7 +445,7 @@ impl<R: Simulated> World<R> {
         }
         if films {
             for i in 0..n {
-                let t_s = ages[i].began_s(times) + tiles[i].until_frame * R::of(self.schedule.seconds(1));
+                let t_s = ages[i].began_s(times) + tiles[i].until_frame * R::from_f64(self.schedule.seconds(1));
                 group.frames[i] = Frame::of(&group.seen[i], group.captured[i], t_s);
                 cx[i].t_s = ages[i].ticks * times.tick_s;
                 cx[i].h_s = self.schedule.seconds(self.schedule.camera);
@@ -453,8 +458,11 @@ impl<R: Simulated> World<R> {
         for i in 0..n {
             cx[i].t_s = ages[i].ticks * times.tick_s;
             cx[i].h_s = tick_s;
-            let marker =
-                if films { filming.deliver(group.captured[i], &group.frames[i], &mut tiles[i]) } else { Fix::ideal(&states[i], cx[i].t_s) };
+            let marker = if films {
+                filming.deliver(group.captured[i], &group.frames[i], &mut tiles[i])
+            } else {
+                PoseFix::ideal(&states[i], cx[i].t_s)
+            };
             ticks[i].reading = Reading::of(&states[i], ticks[i].reading.acc_mps2, marker);
         }
         let of = Tiles { first, cx: &cx[..n], x: states, u: &group.u[..n] };
@@ -471,24 +479,36 @@ impl<R: Simulated> World<R> {
 
 /// What the hooks of a tick's first step are told about any tile.
 struct Now<'a, R> {
-    body: &'a Body<R>,
+    body: &'a VehicleConstants<R>,
     h_s: f64,
     tick_s: f64,
     times: &'a Times<R>,
     voltage_v: Option<&'a R>,
 }
 
-impl<'a, R: Real> Now<'a, R> {
+impl<'a, R: Scalar> Now<'a, R> {
     #[inline(always)]
-    fn cx(&self, age: &Age<R>, draw: &'a Draw<'a, R>, clock: usize) -> Cx<'a, R> {
+    fn cx(&self, age: &Age<R>, draw: &'a TickRng<'a, R>, clock: usize) -> HookContext<'a, R> {
         let Now { body, h_s, tick_s, times, voltage_v } = *self;
-        Cx { body, h_s, tick_s, since_tick_s: 0.0, t_s: age.began_s(times), first: true, draw, clock, voltage_v, neighbours: &[], own: 0 }
+        HookContext {
+            body,
+            h_s,
+            tick_s,
+            since_tick_s: 0.0,
+            t_s: age.began_s(times),
+            first: true,
+            draw,
+            clock,
+            voltage_v,
+            neighbours: &[],
+            own: 0,
+        }
     }
 }
 
 /// What pushes a tile besides the effects: what its neighbours do, or a filter's disturbance.
 #[inline(always)]
-fn outside<R: Real>(around: Option<&[Around<'_, R>; GROUP]>, tile: usize, undisturbed: Push<R>) -> Push<R> {
+fn outside<R: Scalar>(around: Option<&[Around<'_, R>; GROUP]>, tile: usize, undisturbed: Accelerations<R>) -> Accelerations<R> {
     match around {
         Some(around) => around[tile].push,
         None => undisturbed,

@@ -2,11 +2,11 @@
 //! expected.
 
 use crazyflie_env::dual::Dual;
-use crazyflie_env::effects::{Entry, Role, Trace, registry};
+use crazyflie_env::effects::{Entry, Observability, Role, registry};
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::plant::{Command, State};
-use crazyflie_env::real::Real;
-use crazyflie_env::simulated::Simulated;
+use crazyflie_env::scalar::Scalar;
+use crazyflie_env::sim_scalar::SimScalar;
 use crazyflie_env::world::{Settings, World};
 
 const SETTINGS: Settings = Settings { input: VerticalInput::Thrust, physics_hz: None };
@@ -19,12 +19,12 @@ fn model() -> Model {
 }
 
 /// A lively flight: position, velocity, attitude reading, position in a frame with its stamp.
-fn fly<R: Simulated>(entry: &'static Entry, params: &[R], start: [R; 12]) -> Vec<R> {
+fn fly<R: SimScalar>(entry: &'static Entry, params: &[R], start: [R; 12]) -> Vec<R> {
     fly_keyed(entry, params, start, 0)
 }
 
 /// The same with noise of its own.
-fn fly_keyed<R: Simulated>(entry: &'static Entry, params: &[R], start: [R; 12], key: u64) -> Vec<R> {
+fn fly_keyed<R: SimScalar>(entry: &'static Entry, params: &[R], start: [R; 12], key: u64) -> Vec<R> {
     let mut world = World::<R>::for_fitting(&model(), &[entry], SETTINGS).unwrap();
     world.draw_lane(0, 0, key, &mut rand_pcg::Pcg64Mcg::new(1));
     world.put(entry.name, params).unwrap();
@@ -33,21 +33,21 @@ fn fly_keyed<R: Simulated>(entry: &'static Entry, params: &[R], start: [R; 12], 
     let command = |k: usize| {
         let wave = |hz: f64, phase: f64| (k as f64 * 0.02 * hz * std::f64::consts::TAU + phase).sin();
         Command {
-            roll_rad: R::of(0.15 * wave(1.1, 0.3)),
-            pitch_rad: R::of(0.2 * wave(0.7, 1.0)),
-            yaw_rate_radps: R::of(0.8 * wave(0.5, 0.1)),
-            lift: R::of(39_342.0 * (1.0 + 0.1 * wave(0.9, 0.5))),
+            roll_rad: R::from_f64(0.15 * wave(1.1, 0.3)),
+            pitch_rad: R::from_f64(0.2 * wave(0.7, 1.0)),
+            yaw_rate_radps: R::from_f64(0.8 * wave(0.5, 0.1)),
+            lift: R::from_f64(39_342.0 * (1.0 + 0.1 * wave(0.9, 0.5))),
         }
     };
     world.start(0, R::zero().le(R::zero()), &x, &command(0));
-    world.set_voltage(Some(R::of(3.8)));
+    world.set_voltage(Some(R::from_f64(3.8)));
     let mut attitude = [R::zero(); 3];
     for k in 0..TICKS {
         let reading = world.step(0, &command(k)).reading;
         attitude = reading.att_rad;
     }
     let x = *world.state(0);
-    let frame = world.film(&x, R::of(1.0));
+    let frame = world.film(&x, R::from_f64(1.0));
     [x.pos_m.as_slice(), &x.vel_mps, &attitude, &frame.pos_m, &[frame.t_s]].concat()
 }
 
@@ -71,7 +71,7 @@ fn lively(entry: &Entry) -> Vec<f64> {
 
 #[test]
 fn values_are_those_of_f64_and_slopes_those_of_differences() {
-    for entry in registry().iter().filter(|e| e.trace.shapes_mean() || e.trace == Trace::StandIn) {
+    for entry in registry().iter().filter(|e| e.observability.shapes_mean() || e.observability == Observability::Surrogate) {
         let at = lively(entry);
         // of what is random, numbers with derivatives carry what is expected
         let random = fly_keyed(entry, &at, start(), 1) != fly_keyed(entry, &at, start(), 2);
@@ -79,14 +79,14 @@ fn values_are_those_of_f64_and_slopes_those_of_differences() {
             if !random {
                 return fly(entry, at, start());
             }
-            let dual: Vec<Dual> = at.iter().map(|v| Dual::of(*v)).collect();
-            fly(entry, &dual, start().map(Dual::of)).iter().map(|d| d.value).collect()
+            let dual: Vec<Dual> = at.iter().map(|v| Dual::from_f64(*v)).collect();
+            fly(entry, &dual, start().map(Dual::from_f64)).iter().map(|d| d.value).collect()
         };
         let plain = values(&at);
         for (i, param) in entry.params.iter().enumerate().filter(|(_, p)| p.role == Role::Free) {
-            let mut params: Vec<Dual> = at.iter().map(|v| Dual::of(*v)).collect();
+            let mut params: Vec<Dual> = at.iter().map(|v| Dual::from_f64(*v)).collect();
             params[i] = Dual::variable(at[i], 5);
-            let dual = fly(entry, &params, start().map(Dual::of));
+            let dual = fly(entry, &params, start().map(Dual::from_f64));
             let h = 1e-6 * (param.high - param.low);
             let moved = |by: f64| {
                 let mut to = at.clone();
@@ -114,7 +114,7 @@ fn values_are_those_of_f64_and_slopes_those_of_differences() {
 fn what_is_expected_of_lost_packets_is_their_mean() {
     const FLIGHTS: u64 = 4000;
     let entry = registry().iter().find(|e| e.name == "packet_loss").unwrap();
-    let expected = fly(entry, &[Dual::of(0.4)], start().map(Dual::of));
+    let expected = fly(entry, &[Dual::from_f64(0.4)], start().map(Dual::from_f64));
     let flights: Vec<Vec<f64>> = (0..FLIGHTS).map(|key| fly_keyed(entry, &[0.4], start(), key)).collect();
     for (k, number) in expected.iter().enumerate() {
         let mean = flights.iter().map(|f| f[k]).sum::<f64>() / FLIGHTS as f64;
@@ -129,9 +129,9 @@ fn what_is_expected_of_lost_packets_is_their_mean() {
 fn the_start_has_slopes_too() {
     let entry = registry().iter().find(|e| e.name == "drag_quadratic").unwrap();
     for direction in 0..12 {
-        let mut x = start().map(Dual::of);
+        let mut x = start().map(Dual::from_f64);
         x[direction] = Dual::variable(x[direction].value, direction);
-        let dual = fly(entry, &[Dual::of(0.4)], x);
+        let dual = fly(entry, &[Dual::from_f64(0.4)], x);
         let moved = |by: f64| {
             let mut x = start();
             x[direction] += by;

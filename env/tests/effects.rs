@@ -5,8 +5,8 @@ use crazyflie_env::effects::{Neighbour, registry};
 use crazyflie_env::lanes::Lanes;
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::noise::episode_key;
-use crazyflie_env::plant::{Command, Push, State};
-use crazyflie_env::simulated::Simulated;
+use crazyflie_env::plant::{Accelerations, Command, State};
+use crazyflie_env::sim_scalar::SimScalar;
 use crazyflie_env::world::{Around, GROUP, Settings, Tick, World};
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
@@ -16,21 +16,21 @@ fn table(json: &str) -> EffectTable {
 }
 
 /// What a flight with lively commands showed at every tick: true state, then reading.
-fn fly<R: Simulated>(effects: &EffectTable, physics_hz: Option<u32>, seconds: f64) -> Vec<Vec<f64>> {
+fn fly<R: SimScalar>(effects: &EffectTable, physics_hz: Option<u32>, seconds: f64) -> Vec<Vec<f64>> {
     let settings = Settings { input: VerticalInput::Thrust, physics_hz };
     let mut world = World::<R>::new(&Model::thesis(), effects, settings, 1).unwrap();
     world.draw_lane(0, 0, episode_key(5, 0), &mut Pcg64Mcg::seed_from_u64(5));
     let mut x = State::<R>::rest();
-    x.pos_m[2] = R::of(0.3);
-    world.start(0, !R::nothing(), &x, &Command::level(R::of(39_342.5)));
+    x.pos_m[2] = R::from_f64(0.3);
+    world.start(0, !R::nothing(), &x, &Command::level(R::from_f64(39_342.5)));
     (0..(seconds * 50.0) as usize)
         .map(|tick| {
             let t = 0.02 * tick as f64;
             let u = Command {
-                roll_rad: R::of(0.10 * libm::sin(3.1 * t)),
-                pitch_rad: R::of(0.12 * libm::sin(2.3 * t)),
-                yaw_rate_radps: R::of(0.8 * libm::sin(0.9 * t)),
-                lift: R::of(39_500.0 + 1500.0 * libm::sin(1.7 * t)),
+                roll_rad: R::from_f64(0.10 * libm::sin(3.1 * t)),
+                pitch_rad: R::from_f64(0.12 * libm::sin(2.3 * t)),
+                yaw_rate_radps: R::from_f64(0.8 * libm::sin(0.9 * t)),
+                lift: R::from_f64(39_500.0 + 1500.0 * libm::sin(1.7 * t)),
             };
             let y = step_below_another(&mut world, &u).reading;
             let x = world.state(0);
@@ -44,12 +44,12 @@ fn fly<R: Simulated>(effects: &EffectTable, physics_hz: Option<u32>, seconds: f6
 }
 
 /// A step with another drone a quarter of a metre above, for the effects that feel one.
-fn step_below_another<R: Simulated>(world: &mut World<R>, u: &Command<R>) -> Tick<R> {
+fn step_below_another<R: SimScalar>(world: &mut World<R>, u: &Command<R>) -> Tick<R> {
     let x = *world.state(0);
-    let own = Neighbour { pos_m: x.pos_m, vel_mps: x.vel_mps, here: R::of(1.0) };
-    let above = Neighbour { pos_m: [x.pos_m[0], x.pos_m[1], x.pos_m[2] + R::of(0.25)], ..own };
+    let own = Neighbour { pos_m: x.pos_m, vel_mps: x.vel_mps, here: R::from_f64(1.0) };
+    let above = Neighbour { pos_m: [x.pos_m[0], x.pos_m[1], x.pos_m[2] + R::from_f64(0.25)], ..own };
     let drones = [own, above];
-    let around = Around { neighbours: &drones, own: 0, push: Push::none() };
+    let around = Around { neighbours: &drones, own: 0, push: Accelerations::none() };
     let mut tick = Tick::none();
     world.step_group(0, std::slice::from_ref(u), Some(&[around; GROUP]), std::slice::from_mut(&mut tick));
     tick
@@ -241,7 +241,7 @@ fn what_pulls_from_outside_is_no_thrust() {
     let mut world = World::<f64>::new(&Model::thesis(), &table(r#"{"thrust_scale": 0.9}"#), settings, 1).unwrap();
     let u = Command::level(39_342.5);
     world.start(0, true, &State { pos_m: [0.0, 0.0, 1.0], ..State::rest() }, &u);
-    let push = Push { acc_mps2: [0.0, 0.0, -2.0], ..Push::none() };
+    let push = Accelerations { acc_mps2: [0.0, 0.0, -2.0], ..Accelerations::none() };
     let around = Around { neighbours: &[], own: 0, push };
     world.step_group(0, &[u], Some(&[around; GROUP]), &mut [Tick::none()]);
     let got = world.state(0).vel_mps[2] / 0.02;

@@ -1,7 +1,7 @@
 //! Effects against solutions on paper: step responses, steady states, swings; and the same at any control rate.
 
 use crazyflie_env::config::{EffectTable, Options};
-use crazyflie_env::effects::{Entry, Hooks, Param, Role, Trace, find, registry};
+use crazyflie_env::effects::{Entry, Hooks, Observability, Param, Role, find, registry};
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::plant::{Command, State};
 use crazyflie_env::world::{Settings, Tick, World};
@@ -271,7 +271,7 @@ fn a_constant_command_means_the_same_at_any_control_rate() {
         let x = world.state(0);
         [x.att_rad[0], x.att_rad[1], x.rate_radps[2]]
     };
-    for entry in registry().iter().filter(|e| e.hooks == Hooks::COMMAND && e.trace == Trace::Mean) {
+    for entry in registry().iter().filter(|e| e.hooks == Hooks::COMMAND && e.observability == Observability::Deterministic) {
         for share in [0.3, 0.72, 1.0] {
             let value = |p: &Param| if p.role == Role::Choice { p.off } else { p.off + share * (p.far() - p.off) };
             let values: Vec<f64> = entry.params.iter().map(value).collect();

@@ -4,14 +4,14 @@ use crazyflie_env::config::EffectTable;
 use crazyflie_env::lanes::Lanes;
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::plant::{Command, State};
-use crazyflie_env::simulated::Simulated;
+use crazyflie_env::sim_scalar::SimScalar;
 use crazyflie_env::world::{Settings, World};
 
 /// Fly `seconds` with a held command from `x`; the state at every tick.
-fn fly<R: Simulated>(input: VerticalInput, x: &State<f64>, u: &Command<f64>, seconds: f64) -> Vec<State<f64>> {
+fn fly<R: SimScalar>(input: VerticalInput, x: &State<f64>, u: &Command<f64>, seconds: f64) -> Vec<State<f64>> {
     let settings = Settings { input, physics_hz: None };
     let mut world = World::<R>::new(&Model::thesis(), &EffectTable::new(), settings, 1).unwrap().without_floor();
-    let of = |v: f64| R::of(v);
+    let of = |v: f64| R::from_f64(v);
     let u = Command { roll_rad: of(u.roll_rad), pitch_rad: of(u.pitch_rad), yaw_rate_radps: of(u.yaw_rate_radps), lift: of(u.lift) };
     let start = State {
         pos_m: x.pos_m.map(of),

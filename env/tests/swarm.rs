@@ -3,8 +3,8 @@
 #[path = "common/fleet.rs"]
 mod fleet;
 
-use crazyflie_control::avoid::Avoid;
-use crazyflie_control::{Chosen, Crowd, Mode, Site};
+use crazyflie_control::avoidance::CollisionAvoidance;
+use crazyflie_control::{ControllerContext, ControllerSpec, Mode, MultiController};
 use crazyflie_env::Error;
 use crazyflie_env::config::Options;
 use crazyflie_env::coupling::NEIGHBOUR;
@@ -13,25 +13,30 @@ use crazyflie_env::effects::Neighbour;
 use crazyflie_env::isa::Level;
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::observation::{ACTION, OBSERVATION};
-use crazyflie_env::plant::{Command, Push, State};
+use crazyflie_env::plant::{Accelerations, Command, State};
 use crazyflie_env::task;
 use crazyflie_env::vector::{METRICS, VectorEnv};
 use crazyflie_env::world::{Around, Settings, Tick, World};
 use fleet::{Fleet, fleet_options};
 
 /// The thesis PID for every drone.
-fn crowd(fleet: &Fleet, avoid: Option<Avoid>) -> Crowd {
+fn crowd(fleet: &Fleet, avoid: Option<CollisionAvoidance>) -> MultiController {
     let (env, model) = (&fleet.env, Model::thesis());
     let one = |j: usize| {
-        let site =
-            Site { model: &model, interface: env.interfaces()[j], tick_s: env.tick_s(), envs: env.num_envs(), mode: Mode::Automatic };
-        Chosen::named("thesis-pid").unwrap().build(&site).unwrap()
+        let site = ControllerContext {
+            model: &model,
+            interface: env.interfaces()[j],
+            tick_s: env.tick_s(),
+            envs: env.num_envs(),
+            mode: Mode::Automatic,
+        };
+        ControllerSpec::named("thesis-pid").unwrap().build(&site).unwrap()
     };
-    Crowd::new((0..env.num_drones()).map(one).collect(), env.num_envs(), avoid, env.tick_s()).unwrap()
+    MultiController::new((0..env.num_drones()).map(one).collect(), env.num_envs(), avoid, env.tick_s()).unwrap()
 }
 
 /// The metrics of every world's first episode.
-fn fly(fleet: &mut Fleet, avoid: Option<Avoid>) -> Vec<Vec<f32>> {
+fn fly(fleet: &mut Fleet, avoid: Option<CollisionAvoidance>) -> Vec<Vec<f32>> {
     let (worlds, n) = (fleet.env.num_envs(), fleet.env.num_drones());
     let mut crowd = crowd(fleet, avoid);
     let (mut actions, mut first) = (fleet.level(), vec![Vec::new(); worlds]);
@@ -66,7 +71,7 @@ fn lost_n(below: f64, beside: f64) -> f64 {
         let mut world = world();
         world.start(0, true, &State::rest(), &u);
         let both = [neighbour(0.0, 0.0, 1.0), neighbour(beside, below, here)];
-        let around = Around { neighbours: &both, own: 0, push: Push::none() };
+        let around = Around { neighbours: &both, own: 0, push: Accelerations::none() };
         let mut tick = Tick::none();
         world.step_group(0, &[u], Some(&[around, around]), std::slice::from_mut(&mut tick));
         *climb = world.state(0).vel_mps[2] / world.tick_s();
@@ -164,7 +169,7 @@ fn eight_swap_without_a_collision_if_they_avoid_each_other() {
         let least = metrics.iter().map(|m| m[2]).fold(f32::MAX, f32::min);
         (sum(&metrics, "collisions"), sum(&metrics, "crashes"), sum(&metrics, "done"), least, settled[seeds / 2])
     };
-    let (with, without) = (run(Some(Avoid::default())), run(None));
+    let (with, without) = (run(Some(CollisionAvoidance::default())), run(None));
     println!("swap of 8, {seeds} seeds: collided, crashed, arrived, least separation (m), median time (s)");
     println!("with avoidance {with:?}\nwithout        {without:?}");
     assert_eq!((with.0, with.1, with.2), (0.0, 0.0, 800.0));
@@ -177,7 +182,7 @@ fn every_task_can_be_flown_by_the_thesis_pid() {
         let options = format!("{{\"task\": \"{}\", \"max_episode_steps\": {}}}", entry.name, entry.max_episode_steps);
         let mut fleet = Fleet::new(32, &options);
         fleet.reset(0);
-        let metrics = fly(&mut fleet, Some(Avoid::default()));
+        let metrics = fly(&mut fleet, Some(CollisionAvoidance::default()));
         let mean = |name: &str| sum(&metrics, name) / 32.0;
         let figures: Vec<String> = METRICS.iter().map(|m| format!("{} {:.3}", m.0, mean(m.0))).collect();
         println!("{:13} {}", entry.name, figures.join(", "));

@@ -1,6 +1,6 @@
 //! The controllers of the registry, for a batch.
 
-use crazyflie_control::{self as control, Chosen, Mode, Site, choose};
+use crazyflie_control::{self as control, ControllerContext, ControllerSpec, Mode, choose};
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::{ACTION, OBSERVATION};
 use crazyflie_env::{Error, Result};
@@ -30,7 +30,7 @@ impl Controller {
         of: &Bound<'_, PyAny>,
         model: Option<&str>,
         mode: &str,
-        chosen: impl FnOnce() -> Result<Chosen>,
+        chosen: impl FnOnce() -> Result<ControllerSpec>,
     ) -> PyResult<Self> {
         if !(1..=MOST_ENVS).contains(&num_envs) {
             return Err(PyValueError::new_err(format!("num_envs is {num_envs}, expected 1 to {MOST_ENVS}")));
@@ -43,7 +43,7 @@ impl Controller {
         let envs = num_envs as usize;
         let inner = guarded(|| {
             let model = model.map_or_else(|| Ok(Model::thesis()), Model::parse)?;
-            chosen()?.build(&Site { model: &model, interface, tick_s, envs, mode: Mode::named(mode)? })
+            chosen()?.build(&ControllerContext { model: &model, interface, tick_s, envs, mode: Mode::named(mode)? })
         })?;
         Ok(Controller { inner: Held::new(inner), envs })
     }
@@ -105,7 +105,7 @@ impl Pid {
     #[new]
     #[pyo3(signature = (num_envs, of, gains = "thesis", mode = "automatic"))]
     fn new(num_envs: i64, of: &Bound<'_, PyAny>, gains: &str, mode: &str) -> PyResult<PyClassInitializer<Self>> {
-        let controller = Controller::build(num_envs, of, None, mode, || Chosen::named(gains))?;
+        let controller = Controller::build(num_envs, of, None, mode, || ControllerSpec::named(gains))?;
         Ok(PyClassInitializer::from(controller).add_subclass(Pid))
     }
 }

@@ -1,7 +1,7 @@
 //! Controllers for several drones that share the air.
 
-use crazyflie_control::avoid::Avoid;
-use crazyflie_control::{self as control, Mode, Site, choose};
+use crazyflie_control::avoidance::CollisionAvoidance;
+use crazyflie_control::{self as control, ControllerContext, Mode, choose};
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::ACTION;
 use crazyflie_env::vector::METRICS;
@@ -22,7 +22,7 @@ fn bad(what: &'static str) -> impl Fn(serde_json::Error) -> Error {
 /// parameters) or without it (`None`). `options` is JSON.
 #[pyclass(module = "crazyflie_gym._native")]
 pub struct Crowd {
-    inner: Held<control::Crowd>,
+    inner: Held<control::MultiController>,
     worlds: usize,
     drones: usize,
     width: usize,
@@ -36,13 +36,13 @@ impl Crowd {
         let ([worlds, drones, width], known, tick_s) = (of.size(), of.interfaces_and_models()?, of.seconds_per_step()?);
         let inner = guarded(|| {
             let options: Value = serde_json::from_str(options).map_err(bad("options"))?;
-            let avoid = avoid.map(serde_json::from_str::<Avoid>).transpose().map_err(bad("avoid"))?;
+            let avoid = avoid.map(serde_json::from_str::<CollisionAvoidance>).transpose().map_err(bad("avoid"))?;
             let chosen = choose(name, options, &|path| std::fs::read(path))?;
             let one = |(interface, model): &(crazyflie_env::observation::Interface, Model)| {
-                chosen.build(&Site { model, interface: *interface, tick_s, envs: worlds, mode: Mode::Automatic })
+                chosen.build(&ControllerContext { model, interface: *interface, tick_s, envs: worlds, mode: Mode::Automatic })
             };
             let controllers = known.iter().map(one).collect::<Result<_>>()?;
-            control::Crowd::new(controllers, worlds, avoid, tick_s)
+            control::MultiController::new(controllers, worlds, avoid, tick_s)
         })?;
         Ok(Crowd { inner: Held::new(inner), worlds, drones, width })
     }

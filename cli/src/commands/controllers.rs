@@ -2,7 +2,7 @@
 
 use std::io::Write;
 
-use crazyflie_control::{Chosen, choose, registry};
+use crazyflie_control::{ControllerSpec, choose, registry};
 use serde_json::{Value, json};
 
 use super::{Failure, Outcome};
@@ -51,7 +51,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 }
 
 /// The controller that `--controller` and `--controller-options` ask for.
-pub(super) fn chosen(controller: &str, options: Option<&str>) -> Outcome<Chosen> {
+pub(super) fn chosen(controller: &str, options: Option<&str>) -> Outcome<ControllerSpec> {
     let options = match options {
         None => Value::Null,
         Some(text) => serde_json::from_str(text).map_err(|e| Failure::Usage(format!("--controller-options is not JSON: {e}")))?,

@@ -3,8 +3,8 @@
 use std::io::Write;
 use std::path::PathBuf;
 
-use crazyflie_control::avoid::Avoid;
-use crazyflie_control::{Crowd, Mode, Site, choose};
+use crazyflie_control::avoidance::CollisionAvoidance;
+use crazyflie_control::{ControllerContext, Mode, MultiController, choose};
 use crazyflie_env::observation::{ACTION, Interface, OBSERVATION, SETPOINT};
 use serde::Deserialize;
 use serde_json::{Value, json};
@@ -107,9 +107,20 @@ fn fly(args: &Args) -> Outcome<(Joined, Flown)> {
         }
     }
     let joined: Joined = link.ask("join", json!({"name": args.world, "drone": args.drone}))?;
-    let controller =
-        chosen.build(&Site { model: &model, interface: joined.interface, tick_s: joined.tick_s, envs: 1, mode: Mode::Automatic })?;
-    let mut pilot = Crowd::lone(controller, joined.drones - 1, 1, args.collision_avoidance.then(Avoid::default), joined.tick_s)?;
+    let controller = chosen.build(&ControllerContext {
+        model: &model,
+        interface: joined.interface,
+        tick_s: joined.tick_s,
+        envs: 1,
+        mode: Mode::Automatic,
+    })?;
+    let mut pilot = MultiController::single(
+        controller,
+        joined.drones - 1,
+        1,
+        args.collision_avoidance.then(CollisionAvoidance::default),
+        joined.tick_s,
+    )?;
     let (mut observation, mut action) = (joined.observation.clone(), [0.0; ACTION]);
     loop {
         pilot.act(&observation, &mut action)?;

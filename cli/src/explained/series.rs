@@ -39,7 +39,7 @@ impl Curve {
 /// What is random has no expectation to predict with.
 pub(super) fn expected(hypothesis: &Hypothesis) -> Hypothesis {
     let mut mean = hypothesis.fixed();
-    mean.terms.retain(|t| t.entry.trace.shapes_mean());
+    mean.terms.retain(|t| t.entry.observability.shapes_mean());
     mean
 }
 

@@ -37,7 +37,7 @@ pub(super) fn compare_with_oracle(run: &Run, truth: &Truth) -> Option<OracleComp
         hypothesis.terms.retain(|t| t.entry.geometry != Geometry::Part);
     }
     // what is random has no place among expectations
-    hypothesis.terms.retain(|t| t.entry.trace.shapes_mean());
+    hypothesis.terms.retain(|t| t.entry.observability.shapes_mean());
     let search = Search::new(&run.fit.flights);
     let [disturbances, _] = &run.found.disturbances;
     let fitted = search.refit(&hypothesis, disturbances)?;

@@ -1,6 +1,6 @@
 //! The flights of section 7.3: closed loop, old gains against new.
 
-use crazyflie_control::Chosen;
+use crazyflie_control::ControllerSpec;
 use crazyflie_env::Error;
 use crazyflie_env::config::EffectTable;
 use crazyflie_env::model::{Model, VerticalInput};
@@ -33,7 +33,7 @@ pub(super) fn fly_pair(model: &Model, name: &str, controller: &str, vertical: Ve
         model: model.clone(),
         scenario,
         task_options: None,
-        controller: Chosen::named(controller)?,
+        controller: ControllerSpec::named(controller)?,
         effects: EffectTable::new(),
         vertical,
         seconds: scenario.seconds,

@@ -1,6 +1,6 @@
 //! The identification flights of chapter 5: a step after 10 s of hovering at 70 cm, in open loop.
 
-use crazyflie_control::Chosen;
+use crazyflie_control::ControllerSpec;
 use crazyflie_env::Error;
 use crazyflie_env::config::{EffectParams, EffectTable, Number};
 use crazyflie_env::model::{Model, Vertical, VerticalInput};
@@ -31,7 +31,7 @@ pub(super) fn fly(
         model: model.clone(),
         scenario: Scenario::named("hover-70cm")?,
         task_options: None,
-        controller: Chosen::named("thesis-pid")?,
+        controller: ControllerSpec::named("thesis-pid")?,
         effects,
         vertical,
         seconds: HOVER_S + seconds,

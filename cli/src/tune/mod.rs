@@ -60,7 +60,7 @@ const SPAN: f64 = 2.5;
 /// # Errors
 /// Those of the flights.
 pub(crate) fn tune(flown: &Flown<'_>, wanted: &Wanted, done: &dyn Fn(Axis)) -> Result<(Gains, Vec<Tuned>), Error> {
-    let hover = Interface::of(flown.model, flown.vertical)?.hover_lift;
+    let hover = Interface::from_model(flown.model, flown.vertical)?.hover_lift;
     let fit = |gains: Gains| if hover > 0.0 { gains.for_hover(hover) } else { gains };
     let (stock, thesis) = (fit(Gains::CRAZYFLIE_ROS), fit(Gains::THESIS));
     let (mut gains, mut all) = (thesis, Vec::new());

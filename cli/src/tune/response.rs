@@ -1,7 +1,7 @@
 //! What a flight with some gains looks like: the answer to a step, or how a task is flown.
 
 use crazyflie_control::pid::Gains;
-use crazyflie_control::{Chosen, choose};
+use crazyflie_control::{ControllerSpec, choose};
 use crazyflie_env::Error;
 use crazyflie_env::config::EffectTable;
 use crazyflie_env::model::{Model, VerticalInput};
@@ -72,7 +72,7 @@ fn places(axis: Axis) -> [usize; 3] {
 ///
 /// # Errors
 /// Where they cannot be written, which finite numbers can.
-pub(crate) fn controller(gains: &Gains) -> Result<Chosen, Error> {
+pub(crate) fn controller(gains: &Gains) -> Result<ControllerSpec, Error> {
     let bytes = serde_json::to_vec(gains).map_err(|e| Error::Config(e.to_string()))?;
     choose("pid:tuned", Value::Null, &|_| Ok(bytes.clone()))
 }

@@ -3,12 +3,12 @@
 use serde::{Deserialize, Serialize};
 
 use crate::archive::Archive;
-use crate::effects::{Fix, Neighbour};
+use crate::effects::{Neighbour, PoseFix};
 use crate::error::{Result, check_range};
-use crate::noise::{Draw, channel};
+use crate::noise::{TickRng, channel};
 use crate::observation::{Field, field};
-use crate::real::{Real, tabulate};
-use crate::simulated::Batched;
+use crate::scalar::{Scalar, tabulate};
+use crate::sim_scalar::BatchScalar;
 
 /// Numbers that an observation has for each of the others.
 pub const NEIGHBOUR: usize = 8;
@@ -83,13 +83,13 @@ struct Radio<R> {
     /// By receiver, then by sender.
     heard: Vec<[R; MESSAGE]>,
     /// The fix from which each drone told its velocity last.
-    fixes: Vec<Fix<R>>,
+    fixes: Vec<PoseFix<R>>,
 }
 
-impl<R: Real> Communication<R> {
+impl<R: Scalar> Communication<R> {
     pub(crate) fn new(how: Knowledge, drones: usize, tick_s: f64) -> Self {
         let none = [R::zero(); MESSAGE];
-        let fix = Fix { pos_m: [R::zero(); 3], yaw_rad: R::zero(), t_s: R::zero(), valid: R::zero() };
+        let fix = PoseFix { pos_m: [R::zero(); 3], yaw_rad: R::zero(), t_s: R::zero(), valid: R::zero() };
         let (late, radio) = match how {
             Knowledge::Radio { delay_s, .. } => {
                 let radio = Radio { said: vec![none; RING * drones], heard: vec![none; drones * drones], fixes: vec![fix; drones] };
@@ -103,7 +103,7 @@ impl<R: Real> Communication<R> {
     /// What was said, and what was heard of it.
     pub(crate) fn archive(&mut self, archive: &mut Archive<'_>)
     where
-        R: Batched,
+        R: BatchScalar,
     {
         archive.count(&mut self.clock);
         let Some(radio) = &mut self.radio else { return };
@@ -118,7 +118,7 @@ impl<R: Real> Communication<R> {
 
     /// Begin episodes in the lanes of `mask`: before the first flight everybody was heard.
     #[inline(always)]
-    pub(crate) fn start(&mut self, mask: R::Mask, drone: usize, fix: &Fix<R>) {
+    pub(crate) fn start(&mut self, mask: R::Mask, drone: usize, fix: &PoseFix<R>) {
         let n = self.drones;
         let Some(radio) = &mut self.radio else { return };
         let message = [fix.pos_m[0], fix.pos_m[1], fix.pos_m[2], R::zero(), R::zero(), R::zero(), fix.t_s];
@@ -127,7 +127,7 @@ impl<R: Real> Communication<R> {
             *slot = chosen(mask, &message, slot);
         }
         let f = &mut radio.fixes[drone];
-        *f = Fix { pos_m: chosen(mask, &fix.pos_m, &f.pos_m), t_s: R::select(mask, fix.t_s, f.t_s), ..*f };
+        *f = PoseFix { pos_m: chosen(mask, &fix.pos_m, &f.pos_m), t_s: R::select(mask, fix.t_s, f.t_s), ..*f };
     }
 
     /// One more tick.
@@ -138,25 +138,25 @@ impl<R: Real> Communication<R> {
 
     /// A drone says where it is, as of the fix that it has.
     #[inline(always)]
-    pub(crate) fn say(&mut self, drone: usize, fix: &Fix<R>) {
+    pub(crate) fn say(&mut self, drone: usize, fix: &PoseFix<R>) {
         let Some(radio) = &mut self.radio else { return };
         let last = &mut radio.fixes[drone];
         let before = radio.said[(self.clock + RING - 1) % RING * self.drones + drone];
         let newer = last.t_s.lt(fix.t_s);
-        let per_s = R::of(1.0) / (fix.t_s - last.t_s).max(R::of(1e-3));
+        let per_s = R::from_f64(1.0) / (fix.t_s - last.t_s).max(R::from_f64(1e-3));
         let mut message = [fix.pos_m[0], fix.pos_m[1], fix.pos_m[2], R::zero(), R::zero(), R::zero(), fix.t_s];
         for i in 0..3 {
             // half of what is new: one outlier of a fix is not a velocity
             let moved = (fix.pos_m[i] - last.pos_m[i]) * per_s;
-            message[3 + i] = R::select(newer, R::of(0.5) * (before[3 + i] + moved), before[3 + i]);
+            message[3 + i] = R::select(newer, R::from_f64(0.5) * (before[3 + i] + moved), before[3 + i]);
         }
-        *last = Fix { pos_m: chosen(newer, &fix.pos_m, &last.pos_m), t_s: R::select(newer, fix.t_s, last.t_s), ..*last };
+        *last = PoseFix { pos_m: chosen(newer, &fix.pos_m, &last.pos_m), t_s: R::select(newer, fix.t_s, last.t_s), ..*last };
         radio.said[self.clock % RING * self.drones + drone] = message;
     }
 
     /// Everybody listens: what was said `late` ticks ago arrives, or not. Who is gone is silent.
     #[inline(always)]
-    pub(crate) fn listen(&mut self, truth: &[Neighbour<R>], draw: &Draw<'_, R>) {
+    pub(crate) fn listen(&mut self, truth: &[Neighbour<R>], draw: &TickRng<'_, R>) {
         let (n, Knowledge::Radio { loss, .. }) = (self.drones, self.how) else { return };
         let Some(radio) = &mut self.radio else { return };
         let then = (self.clock + RING - self.late) % RING * n;
@@ -165,7 +165,7 @@ impl<R: Real> Communication<R> {
                 let mut arrives = truth[from].here.gt(R::zero());
                 if loss > 0.0 {
                     let link = channel("broadcast").wrapping_add((to * n + from) as u32);
-                    arrives = arrives & R::of(loss).le(draw.uniform(link));
+                    arrives = arrives & R::from_f64(loss).le(draw.uniform(link));
                 }
                 let slot = &mut radio.heard[to * n + from];
                 *slot = chosen(arrives, &radio.said[then + from], slot);
@@ -183,31 +183,31 @@ impl<R: Real> Communication<R> {
                 let mut row = between(own, other);
                 // a fix may be an outlier; where drones truly are, the walls say
                 for place in &mut row[..3] {
-                    *place = place.clamp(R::of(-FAR_M), R::of(FAR_M));
+                    *place = place.clamp(R::from_f64(-FAR_M), R::from_f64(FAR_M));
                 }
-                (row, age.lt(R::of(STALE_S)), age)
+                (row, age.lt(R::from_f64(STALE_S)), age)
             }
             (how, _) => {
                 let (own, other) = (flat(&truth[to]), flat(&truth[from]));
                 let row = between(&own, &other);
                 let range_m = if let Knowledge::Range { range_m } = how { *range_m } else { 1e6 };
                 let far2 = row[0] * row[0] + row[1] * row[1] + row[2] * row[2];
-                (row, truth[from].here.gt(R::zero()) & far2.le(R::of(range_m * range_m)), R::zero())
+                (row, truth[from].here.gt(R::zero()) & far2.le(R::from_f64(range_m * range_m)), R::zero())
             }
         };
         for speed in &mut row[3..] {
-            *speed = speed.clamp(R::of(-FAST_MPS), R::of(FAST_MPS));
+            *speed = speed.clamp(R::from_f64(-FAST_MPS), R::from_f64(FAST_MPS));
         }
         for v in &mut row {
             *v = R::select(valid, *v, R::zero());
         }
         let [x, y, z, vx, vy, vz] = row;
-        [x, y, z, vx, vy, vz, R::select(valid, age.max(R::zero()), R::zero()), R::select(valid, R::of(1.0), R::zero())]
+        [x, y, z, vx, vy, vz, R::select(valid, age.max(R::zero()), R::zero()), R::select(valid, R::from_f64(1.0), R::zero())]
     }
 }
 
 #[inline(always)]
-fn chosen<R: Real, const N: usize>(mask: R::Mask, yes: &[R; N], no: &[R; N]) -> [R; N] {
+fn chosen<R: Scalar, const N: usize>(mask: R::Mask, yes: &[R; N], no: &[R; N]) -> [R; N] {
     tabulate(
         #[inline(always)]
         |i| R::select(mask, yes[i], no[i]),
@@ -215,14 +215,14 @@ fn chosen<R: Real, const N: usize>(mask: R::Mask, yes: &[R; N], no: &[R; N]) -> 
 }
 
 #[inline(always)]
-fn flat<R: Real>(drone: &Neighbour<R>) -> [R; MESSAGE] {
+fn flat<R: Scalar>(drone: &Neighbour<R>) -> [R; MESSAGE] {
     let ([x, y, z], [vx, vy, vz]) = (drone.pos_m, drone.vel_mps);
     [x, y, z, vx, vy, vz, R::zero()]
 }
 
 /// Place and velocity of `other` as seen from `own`.
 #[inline(always)]
-fn between<R: Real>(own: &[R; MESSAGE], other: &[R; MESSAGE]) -> [R; 6] {
+fn between<R: Scalar>(own: &[R; MESSAGE], other: &[R; MESSAGE]) -> [R; 6] {
     tabulate(
         #[inline(always)]
         |i| other[i] - own[i],

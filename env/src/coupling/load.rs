@@ -1,7 +1,7 @@
 //! A load that hangs on ropes below the drones: springs that only pull, with the damping of a braided cord.
 
 use crate::effects::Neighbour;
-use crate::real::Real;
+use crate::scalar::Scalar;
 
 /// What hangs, and how.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -25,7 +25,7 @@ pub struct State<R> {
     pub vel_mps: [R; 3],
 }
 
-impl<R: Real> State<R> {
+impl<R: Scalar> State<R> {
     pub fn rest() -> Self {
         State { pos_m: [R::zero(); 3], vel_mps: [R::zero(); 3] }
     }
@@ -43,7 +43,7 @@ impl Load {
     /// Move on by a tick of `tick_s`, with `drones` as they are at its start, accelerating by `free_mps2` if no rope pulled. Writes the mean
     /// acceleration that its rope gives each drone of `drone_kg` over the tick.
     #[inline(always)]
-    pub fn step<R: Real>(
+    pub fn step<R: Scalar>(
         &self,
         load: &mut State<R>,
         drones: &[Neighbour<R>],
@@ -52,17 +52,17 @@ impl Load {
         [tick_s, gravity_mps2]: [f64; 2],
     ) {
         let Ropes { moving, pulls_mps2, drone_kg } = ropes;
-        let h = R::of(tick_s / STEPS as f64);
+        let h = R::from_f64(tick_s / STEPS as f64);
         moving.copy_from_slice(drones);
         pulls_mps2.fill([R::zero(); 3]);
         for _ in 0..STEPS {
-            let mut acc = [R::zero(), R::zero(), R::of(-gravity_mps2)];
+            let mut acc = [R::zero(), R::zero(), R::from_f64(-gravity_mps2)];
             for (j, drone) in moving.iter_mut().enumerate() {
                 let pull_n = self.pull(load, drone);
                 for i in 0..3 {
-                    acc[i] += pull_n[i] * R::of(1.0 / self.mass_kg);
+                    acc[i] += pull_n[i] * R::from_f64(1.0 / self.mass_kg);
                     let pulled = -pull_n[i] / drone_kg[j];
-                    pulls_mps2[j][i] += pulled * R::of(1.0 / STEPS as f64);
+                    pulls_mps2[j][i] += pulled * R::from_f64(1.0 / STEPS as f64);
                     drone.vel_mps[i] += h * (free_mps2[j][i] + pulled);
                     drone.pos_m[i] += h * drone.vel_mps[i];
                 }
@@ -82,8 +82,8 @@ impl Load {
 
     /// The force of a drone's rope on the load.
     #[inline(always)]
-    fn pull<R: Real>(&self, load: &State<R>, drone: &Neighbour<R>) -> [R; 3] {
-        let (mut along, mut away, mut length2) = ([R::zero(); 3], R::zero(), R::of(1e-12));
+    fn pull<R: Scalar>(&self, load: &State<R>, drone: &Neighbour<R>) -> [R; 3] {
+        let (mut along, mut away, mut length2) = ([R::zero(); 3], R::zero(), R::from_f64(1e-12));
         for i in 0..3 {
             along[i] = drone.pos_m[i] - load.pos_m[i];
             length2 += along[i] * along[i];
@@ -93,8 +93,8 @@ impl Load {
             along[i] = along[i] / length;
             away += along[i] * (drone.vel_mps[i] - load.vel_mps[i]);
         }
-        let stretch = length - R::of(self.rope_m);
-        let force = (R::of(STIFFNESS_NPM) * stretch + R::of(DAMPING_NSPM) * away).max(R::zero());
+        let stretch = length - R::from_f64(self.rope_m);
+        let force = (R::from_f64(STIFFNESS_NPM) * stretch + R::from_f64(DAMPING_NSPM) * away).max(R::zero());
         let taut = drone.here * R::select(stretch.gt(R::zero()), force, R::zero());
         for a in &mut along {
             *a = *a * taut;

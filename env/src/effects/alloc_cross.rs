@@ -1,8 +1,8 @@
 //! Axes turned against each other.
 
-use super::{Cx, Effect, Hooks, Param, param};
-use crate::plant::{Command, Push, State};
-use crate::real::Real;
+use super::{HookContext, Effect, Hooks, Param, param};
+use crate::plant::{Command, Accelerations, State};
+use crate::scalar::Scalar;
 
 pub struct AllocCross;
 
@@ -16,9 +16,9 @@ impl Effect<1, 0> for AllocCross {
     const PHYSICS_HZ: u32 = 300;
 
     #[inline(always)]
-    fn push<R: Real>(&[angle_deg]: &[R; 1], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
-        let (sin, cos) = (angle_deg * R::of(std::f64::consts::PI / 180.0)).sin_cos();
-        let lost = R::of(1.0) - cos;
+    fn push<R: Scalar>(&[angle_deg]: &[R; 1], _: &mut [R; 0], cx: &HookContext<R>, x: &State<R>, u: &Command<R>, out: &mut Accelerations<R>) {
+        let (sin, cos) = (angle_deg * R::from_f64(std::f64::consts::PI / 180.0)).sin_cos();
+        let lost = R::from_f64(1.0) - cos;
         let [roll, pitch] = cx.body.tilt_torque_radps2(x, u);
         out.ang_radps2[0] -= lost * roll + sin * pitch;
         out.ang_radps2[1] += sin * roll - lost * pitch;

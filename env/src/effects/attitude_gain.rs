@@ -1,8 +1,8 @@
 //! Angles that come out smaller or larger than commanded.
 
-use super::{Cx, Effect, Hooks, Param, param};
+use super::{HookContext, Effect, Hooks, Param, param};
 use crate::plant::{Command, State};
-use crate::real::Real;
+use crate::scalar::Scalar;
 
 pub struct AttitudeGain;
 
@@ -14,7 +14,7 @@ impl Effect<1, 0> for AttitudeGain {
     const HOOKS: Hooks = Hooks::COMMAND;
 
     #[inline(always)]
-    fn command<R: Real>(&[gain]: &[R; 1], _: &mut [R; 0], _: &Cx<R>, _: &State<R>, u: &mut Command<R>) {
+    fn command<R: Scalar>(&[gain]: &[R; 1], _: &mut [R; 0], _: &HookContext<R>, _: &State<R>, u: &mut Command<R>) {
         u.roll_rad = gain * u.roll_rad;
         u.pitch_rad = gain * u.pitch_rad;
     }

@@ -1,8 +1,8 @@
 //! Play between the command and what obeys it.
 
-use super::{Cx, Effect, Hooks, Param, param};
+use super::{HookContext, Effect, Hooks, Param, param};
 use crate::plant::{Command, State};
-use crate::real::Real;
+use crate::scalar::Scalar;
 
 pub struct Backlash;
 
@@ -14,13 +14,13 @@ impl Effect<1, 2> for Backlash {
     const HOOKS: Hooks = Hooks::COMMAND;
 
     #[inline(always)]
-    fn start<R: Real>(_: &[R; 1], _: &Cx<R>, _: &State<R>, u: &Command<R>) -> [R; 2] {
+    fn start<R: Scalar>(_: &[R; 1], _: &HookContext<R>, _: &State<R>, u: &Command<R>) -> [R; 2] {
         [u.roll_rad, u.pitch_rad]
     }
 
     #[inline(always)]
-    fn command<R: Real>(&[play_deg]: &[R; 1], obeyed: &mut [R; 2], _: &Cx<R>, _: &State<R>, u: &mut Command<R>) {
-        let half = play_deg * R::of(0.5 * std::f64::consts::PI / 180.0);
+    fn command<R: Scalar>(&[play_deg]: &[R; 1], obeyed: &mut [R; 2], _: &HookContext<R>, _: &State<R>, u: &mut Command<R>) {
+        let half = play_deg * R::from_f64(0.5 * std::f64::consts::PI / 180.0);
         for (angle, obeyed) in [&mut u.roll_rad, &mut u.pitch_rad].into_iter().zip(obeyed) {
             *angle -= (*angle - *obeyed).clamp(-half, half);
             *obeyed = *angle;

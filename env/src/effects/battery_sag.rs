@@ -1,8 +1,8 @@
 //! A battery that empties.
 
-use super::{Cx, Effect, Hooks, Param, Reading, Ubiquity, param};
-use crate::plant::{Command, Push, State};
-use crate::real::Real;
+use super::{HookContext, Effect, Hooks, Param, Reading, Ubiquity, param};
+use crate::plant::{Command, Accelerations, State};
+use crate::scalar::Scalar;
 
 pub struct BatterySag;
 
@@ -27,36 +27,36 @@ impl Effect<4, 4> for BatterySag {
     const UBIQUITY: Ubiquity = Ubiquity::AllWithVoltage;
 
     #[inline(always)]
-    fn start<R: Real>(&[_, charge, _, _]: &[R; 4], _: &Cx<R>, _: &State<R>, _: &Command<R>) -> [R; 4] {
-        let bulge = (R::of(DECAY) * (charge - R::of(1.0))).exp();
+    fn start<R: Scalar>(&[_, charge, _, _]: &[R; 4], _: &HookContext<R>, _: &State<R>, _: &Command<R>) -> [R; 4] {
+        let bulge = (R::from_f64(DECAY) * (charge - R::from_f64(1.0))).exp();
         [charge, R::zero(), open_circuit_v(charge, bulge), bulge]
     }
 
     #[inline(always)]
-    fn push<R: Real>(p: &[R; 4], s: &mut [R; 4], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
+    fn push<R: Scalar>(p: &[R; 4], s: &mut [R; 4], cx: &HookContext<R>, x: &State<R>, u: &Command<R>, out: &mut Accelerations<R>) {
         let &[exponent, _, resistance_ohm, torque_share] = p;
         // the charge moves slowly: once per control tick is enough
         if cx.first {
             let current = current_a(cx, u);
-            let used = (current * R::of(cx.tick_s) * cx.body.per_battery_capacity_pc).min(s[0]);
+            let used = (current * R::from_f64(cx.tick_s) * cx.body.per_battery_capacity_pc).min(s[0]);
             s[0] -= used;
             // exp(-decay used) for the ten-thousandth part of a charge that a tick uses
-            let fall = R::of(DECAY) * used;
-            s[3] -= s[3] * fall * (R::of(1.0) - R::of(0.5) * fall);
+            let fall = R::from_f64(DECAY) * used;
+            s[3] -= s[3] * fall * (R::from_f64(1.0) - R::from_f64(0.5) * fall);
             let reference = cx.body.battery_reference_v;
             let (voltage, full) = match cx.voltage_v {
                 Some(measured) => (*measured, reference),
                 None => (open_circuit_v(s[0], s[3]) - resistance_ohm * current, reference - resistance_ohm * cx.body.hover_current_a),
             };
-            s[2] = voltage.max(R::of(1.0));
-            s[1] = (s[2] / full).powf(exponent) - R::of(1.0);
+            s[2] = voltage.max(R::from_f64(1.0));
+            s[1] = (s[2] / full).powf(exponent) - R::from_f64(1.0);
         }
         out.acc_mps2[2] += cx.body.thrust_mps2(u, out) * s[1];
         cx.body.add_torque(torque_share * s[1], cx.h_s, x, u, out);
     }
 
     #[inline(always)]
-    fn sense<R: Real>(_: &[R; 4], s: &mut [R; 4], _: &Cx<R>, _: &State<R>, _: &Command<R>, y: &mut Reading<R>) {
+    fn sense<R: Scalar>(_: &[R; 4], s: &mut [R; 4], _: &HookContext<R>, _: &State<R>, _: &Command<R>, y: &mut Reading<R>) {
         y.vbat_v = s[2];
     }
 }
@@ -67,16 +67,16 @@ const FULL_V: f64 = 4.2;
 /// E0 - K / charge + A exp(-DECAY (1 - charge)), with A and K from the full (4.2 V), nominal (3.7 V) and empty points of a 240 mAh cell;
 /// `bulge` is the exponential.
 #[inline(always)]
-fn open_circuit_v<R: Real>(charge: R, bulge: R) -> R {
+fn open_circuit_v<R: Scalar>(charge: R, bulge: R) -> R {
     let (knee, a) = (0.01, 0.45);
-    R::of(FULL_V + knee - a) - R::of(knee) / charge.max(R::of(0.01)) + R::of(a) * bulge
+    R::from_f64(FULL_V + knee - a) - R::from_f64(knee) / charge.max(R::from_f64(0.01)) + R::from_f64(a) * bulge
 }
 
 const DECAY: f64 = 3.0;
 
 /// Power goes as thrust^1.5 in hover; the thesis's 240 mAh last 4 minutes at thrust ratio 1.
 #[inline(always)]
-fn current_a<R: Real>(cx: &Cx<R>, u: &Command<R>) -> R {
+fn current_a<R: Scalar>(cx: &HookContext<R>, u: &Command<R>) -> R {
     let ratio = cx.body.thrust_ratio(u).max(R::zero());
     cx.body.hover_current_a * ratio * ratio.sqrt()
 }

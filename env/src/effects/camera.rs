@@ -1,8 +1,8 @@
 //! The camera instead of an ideal localisation.
 
-use super::{Cx, Effect, Frame, Hooks, Param, Trace, param};
+use super::{HookContext, Effect, Frame, Hooks, Param, Observability, param};
 use crate::plant::State;
-use crate::real::Real;
+use crate::scalar::Scalar;
 
 pub struct Camera;
 
@@ -13,9 +13,9 @@ impl Effect<1, 0> for Camera {
     const SOURCE: &'static str = "Thesis 3.1.2: 30 frames per second; frames do not fall on the 50 Hz control ticks";
     const PARAMS: [Param; 1] = [param("on", "1", 0.0, [0.0, 1.0], "1 to fly by camera")];
     const HOOKS: Hooks = Hooks::FRAME;
-    const TRACE: Trace = Trace::Sight;
+    const OBSERVABILITY: Observability = Observability::Visibility;
 
     // frames flow as soon as any effect has the frame hook: nothing is left to do
     #[inline(always)]
-    fn frame<R: Real>(_: &[R; 1], _: &mut [R; 0], _: &Cx<R>, _: &State<R>, _: &mut Frame<R>) {}
+    fn frame<R: Scalar>(_: &[R; 1], _: &mut [R; 0], _: &HookContext<R>, _: &State<R>, _: &mut Frame<R>) {}
 }

@@ -1,8 +1,8 @@
 //! A slow error of the marker pose.
 
-use super::{Cx, Disturbance, Effect, Frame, Hooks, Param, Trace, param};
+use super::{HookContext, GaussMarkovSignal, Effect, Frame, Hooks, Param, Observability, param};
 use crate::plant::{Command, State};
-use crate::real::Real;
+use crate::scalar::Scalar;
 
 pub struct CameraDrift;
 
@@ -15,18 +15,18 @@ impl Effect<2, 3> for CameraDrift {
         param("tau_s", "s", 2.0, [0.1, 60.0], "correlation time"),
     ];
     const HOOKS: Hooks = Hooks::FRAME;
-    const TRACE: Trace = Trace::Wander(Disturbance::Marker);
+    const OBSERVABILITY: Observability = Observability::GaussMarkov(GaussMarkovSignal::Marker);
 
     #[inline(always)]
-    fn start<R: Real>(&[sigma_m, _]: &[R; 2], cx: &Cx<R>, _: &State<R>, _: &Command<R>) -> [R; 3] {
+    fn start<R: Scalar>(&[sigma_m, _]: &[R; 2], cx: &HookContext<R>, _: &State<R>, _: &Command<R>) -> [R; 3] {
         let ([a, b], [c, _]) = (cx.draw.normals(Self::NOISE.wrapping_add(10)), cx.draw.normals(Self::NOISE.wrapping_add(11)));
         [sigma_m * a, sigma_m * b, sigma_m * c]
     }
 
     #[inline(always)]
-    fn frame<R: Real>(&[sigma_m, tau_s]: &[R; 2], error: &mut [R; 3], cx: &Cx<R>, _: &State<R>, f: &mut Frame<R>) {
-        let keep = (R::of(-cx.h_s) / tau_s).exp();
-        let spread = sigma_m * (R::of(1.0) - keep * keep).sqrt();
+    fn frame<R: Scalar>(&[sigma_m, tau_s]: &[R; 2], error: &mut [R; 3], cx: &HookContext<R>, _: &State<R>, f: &mut Frame<R>) {
+        let keep = (R::from_f64(-cx.h_s) / tau_s).exp();
+        let spread = sigma_m * (R::from_f64(1.0) - keep * keep).sqrt();
         let ([a, b], [c, _]) = (cx.draw.normals(Self::NOISE), cx.draw.normals(Self::NOISE.wrapping_add(1)));
         for (i, n) in [a, b, c].into_iter().enumerate() {
             error[i] = R::select(f.captured, keep * error[i] + spread * n, error[i]);

@@ -1,8 +1,8 @@
 //! The second solution of a flat marker.
 
-use super::{Cx, Effect, Frame, Hooks, Param, Trace, param};
+use super::{HookContext, Effect, Frame, Hooks, Param, Observability, param};
 use crate::plant::State;
-use crate::real::Real;
+use crate::scalar::Scalar;
 
 pub struct CameraFlip;
 
@@ -13,13 +13,13 @@ impl Effect<1, 0> for CameraFlip {
         "Planar pose ambiguity (Schweighofer and Pinz 2006): two poses of a flat target explain nearly the same image";
     const PARAMS: [Param; 1] = [param("probability", "1", 0.0, [0.0, 1.0], "per frame")];
     const HOOKS: Hooks = Hooks::FRAME;
-    const TRACE: Trace = Trace::Spread;
+    const OBSERVABILITY: Observability = Observability::Variance;
 
     #[inline(always)]
-    fn frame<R: Real>(&[probability]: &[R; 1], _: &mut [R; 0], cx: &Cx<R>, _: &State<R>, f: &mut Frame<R>) {
+    fn frame<R: Scalar>(&[probability]: &[R; 1], _: &mut [R; 0], cx: &HookContext<R>, _: &State<R>, f: &mut Frame<R>) {
         let flipped = cx.draw.uniform(Self::NOISE).lt(probability);
         for i in 0..2 {
-            f.pos_m[i] = R::select(flipped, R::of(2.0) * f.nearest_m[i] - f.pos_m[i], f.pos_m[i]);
+            f.pos_m[i] = R::select(flipped, R::from_f64(2.0) * f.nearest_m[i] - f.pos_m[i], f.pos_m[i]);
         }
     }
 }

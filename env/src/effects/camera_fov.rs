@@ -1,8 +1,8 @@
 //! What the camera can see: markers leave the picture and come back.
 
-use super::{Cx, Effect, Frame, Hooks, Param, Trace, param};
+use super::{HookContext, Effect, Frame, Hooks, Param, Observability, param};
 use crate::plant::State;
-use crate::real::{Real, dot, tabulate};
+use crate::scalar::{Scalar, dot, tabulate};
 
 pub struct CameraFov;
 
@@ -25,15 +25,15 @@ impl Effect<5, 1> for CameraFov {
         param("reacquire_s", "s", 0.0, [0.0, 2.0], "time for which a lost marker must be in view again before it counts"),
     ];
     const HOOKS: Hooks = Hooks::FRAME;
-    const TRACE: Trace = Trace::Sight;
+    const OBSERVABILITY: Observability = Observability::Visibility;
 
     #[inline(always)]
-    fn frame<R: Real>(p: &[R; 5], wait: &mut [R; 1], cx: &Cx<R>, x: &State<R>, f: &mut Frame<R>) {
+    fn frame<R: Scalar>(p: &[R; 5], wait: &mut [R; 1], cx: &HookContext<R>, x: &State<R>, f: &mut Frame<R>) {
         let &[diagonal_deg, _, _, _, reacquire_s] = p;
         let limited = diagonal_deg.gt(R::zero());
         let (found, nearest_m) = look(p, x, &f.field);
-        let lost = found.lt(R::of(0.5));
-        let waited = R::select(lost, reacquire_s, (wait[0] - R::of(cx.h_s)).max(R::zero()));
+        let lost = found.lt(R::from_f64(0.5));
+        let waited = R::select(lost, reacquire_s, (wait[0] - R::from_f64(cx.h_s)).max(R::zero()));
         wait[0] = R::select(f.captured & limited, waited, wait[0]);
         let counted = R::select(wait[0].gt(R::zero()), R::zero(), found);
         f.markers = R::select(limited, counted, f.markers);
@@ -45,34 +45,34 @@ impl Effect<5, 1> for CameraFov {
 
 /// How many markers of the field are in view, and where the nearest of them is.
 #[inline(always)]
-fn look<R: Real>(
+fn look<R: Scalar>(
     &[diagonal_deg, lens_below_m, side_m, range_m, _]: &[R; 5],
     x: &State<R>,
     &[columns, rows, pitch_m]: &[R; 3],
 ) -> (R, [R; 2]) {
-    let half = (diagonal_deg * R::of(0.5 * std::f64::consts::PI / 180.0)).tan();
+    let half = (diagonal_deg * R::from_f64(0.5 * std::f64::consts::PI / 180.0)).tan();
     // 720 x 480 pixels: shares of the diagonal
-    let (wide, high) = (half * R::of(720.0 / 865.332_306), half * R::of(480.0 / 865.332_306));
+    let (wide, high) = (half * R::from_f64(720.0 / 865.332_306), half * R::from_f64(480.0 / 865.332_306));
     let camera = Camera::new(x, lens_below_m);
-    let (mut found, mut nearest, mut nearest_d2) = (R::zero(), [R::zero(); 2], R::of(1e9));
+    let (mut found, mut nearest, mut nearest_d2) = (R::zero(), [R::zero(); 2], R::from_f64(1e9));
     for column in 0..9 {
-        let c = R::of(f64::from(column));
+        let c = R::from_f64(f64::from(column));
         if !R::any(c.lt(columns)) {
             break;
         }
         for row in 0..9 {
-            let r = R::of(f64::from(row));
+            let r = R::from_f64(f64::from(row));
             let exists = c.lt(columns) & r.lt(rows);
             if !R::any(exists) {
                 break;
             }
-            let centre = [(c - R::of(0.5) * (columns - R::of(1.0))) * pitch_m, (r - R::of(0.5) * (rows - R::of(1.0))) * pitch_m];
+            let centre = [(c - R::from_f64(0.5) * (columns - R::from_f64(1.0))) * pitch_m, (r - R::from_f64(0.5) * (rows - R::from_f64(1.0))) * pitch_m];
             let mut seen = exists;
             for (sx, sy) in [(-0.5, -0.5), (-0.5, 0.5), (0.5, -0.5), (0.5, 0.5)] {
-                let [u, v, depth] = camera.project(centre[0] + R::of(sx) * side_m, centre[1] + R::of(sy) * side_m);
-                seen = seen & depth.gt(R::of(1e-3)) & u.abs().lt(wide * depth) & v.abs().lt(high * depth) & depth.lt(range_m);
+                let [u, v, depth] = camera.project(centre[0] + R::from_f64(sx) * side_m, centre[1] + R::from_f64(sy) * side_m);
+                seen = seen & depth.gt(R::from_f64(1e-3)) & u.abs().lt(wide * depth) & v.abs().lt(high * depth) & depth.lt(range_m);
             }
-            found = R::select(seen, found + R::of(1.0), found);
+            found = R::select(seen, found + R::from_f64(1.0), found);
             let (dx, dy) = (x.pos_m[0] - centre[0], x.pos_m[1] - centre[1]);
             let d2 = dx * dx + dy * dy;
             let nearer = seen & d2.lt(nearest_d2);
@@ -92,7 +92,7 @@ struct Camera<R> {
     axes: [[R; 3]; 3],
 }
 
-impl<R: Real> Camera<R> {
+impl<R: Scalar> Camera<R> {
     #[inline(always)]
     fn new(x: &State<R>, below_m: R) -> Self {
         let [roll, pitch, yaw] = x.att_rad;

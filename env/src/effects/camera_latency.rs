@@ -1,8 +1,8 @@
 //! Marker poses that arrive late.
 
-use super::{Cx, Effect, Frame, Hooks, Param, Reading, param};
+use super::{HookContext, Effect, Frame, Hooks, Param, Reading, param};
 use crate::plant::{Command, State};
-use crate::real::Real;
+use crate::scalar::Scalar;
 
 pub struct CameraLatency;
 
@@ -42,17 +42,17 @@ impl Effect<2, NUMBERS> for CameraLatency {
     }
 
     #[inline(always)]
-    fn start<R: Real>(_: &[R; 2], _: &Cx<R>, _: &State<R>, _: &Command<R>) -> [R; NUMBERS] {
+    fn start<R: Scalar>(_: &[R; 2], _: &HookContext<R>, _: &State<R>, _: &Command<R>) -> [R; NUMBERS] {
         let mut queue = [R::zero(); NUMBERS];
         for slot in queue.chunks_exact_mut(FRAME) {
-            slot[4] = R::of(EMPTY_S);
+            slot[4] = R::from_f64(EMPTY_S);
         }
         queue
     }
 
     /// Put the new frame first in the queue and keep it from arriving now.
     #[inline(always)]
-    fn frame<R: Real>(&[_, undeclared_s]: &[R; 2], queue: &mut [R; NUMBERS], cx: &Cx<R>, _: &State<R>, f: &mut Frame<R>) {
+    fn frame<R: Scalar>(&[_, undeclared_s]: &[R; 2], queue: &mut [R; NUMBERS], cx: &HookContext<R>, _: &State<R>, f: &mut Frame<R>) {
         f.t_s += undeclared_s;
         let new = [f.pos_m[0], f.pos_m[1], f.pos_m[2], f.yaw_rad, f.t_s, f.markers];
         for i in (0..numbers(cx.tick_s)).rev() {
@@ -64,21 +64,21 @@ impl Effect<2, NUMBERS> for CameraLatency {
 
     /// Deliver what is due, oldest first, so that the newest due frame stays.
     #[inline(always)]
-    fn sense<R: Real>(
+    fn sense<R: Scalar>(
         &[latency_s, undeclared_s]: &[R; 2],
         queue: &mut [R; NUMBERS],
-        cx: &Cx<R>,
+        cx: &HookContext<R>,
         _: &State<R>,
         _: &Command<R>,
         y: &mut Reading<R>,
     ) {
         // a frame due exactly now is not lost to rounding
-        let due = cx.t_s - latency_s + undeclared_s + R::of(1e-4);
+        let due = cx.t_s - latency_s + undeclared_s + R::from_f64(1e-4);
         for slot in queue[..numbers(cx.tick_s)].chunks_exact_mut(FRAME).rev() {
             let arrived = slot[4].le(due);
             if R::any(arrived) {
                 y.marker.deliver(arrived, [slot[0], slot[1], slot[2]], slot[3], slot[4], slot[5]);
-                slot[4] = R::select(arrived, R::of(EMPTY_S), slot[4]);
+                slot[4] = R::select(arrived, R::from_f64(EMPTY_S), slot[4]);
             }
         }
     }

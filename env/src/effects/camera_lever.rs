@@ -1,8 +1,8 @@
 //! A camera that is not where the vehicle is.
 
-use super::{Cx, Effect, Frame, Hooks, Param, param};
+use super::{HookContext, Effect, Frame, Hooks, Param, param};
 use crate::plant::State;
-use crate::real::Real;
+use crate::scalar::Scalar;
 
 pub struct CameraLever;
 
@@ -19,7 +19,7 @@ impl Effect<3, 0> for CameraLever {
     const HOOKS: Hooks = Hooks::FRAME;
 
     #[inline(always)]
-    fn frame<R: Real>(&[lever_x, lever_y, lever_z]: &[R; 3], _: &mut [R; 0], _: &Cx<R>, x: &State<R>, f: &mut Frame<R>) {
+    fn frame<R: Scalar>(&[lever_x, lever_y, lever_z]: &[R; 3], _: &mut [R; 0], _: &HookContext<R>, x: &State<R>, f: &mut Frame<R>) {
         let [roll, pitch, yaw] = x.att_rad;
         let (sin, cos) = yaw.sin_cos();
         let (front, left) = (lever_x + pitch * lever_z, lever_y - roll * lever_z);

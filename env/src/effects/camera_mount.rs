@@ -1,8 +1,8 @@
 //! A camera that does not look straight down.
 
-use super::{Cx, Effect, Frame, Hooks, Param, param};
+use super::{HookContext, Effect, Frame, Hooks, Param, param};
 use crate::plant::State;
-use crate::real::Real;
+use crate::scalar::Scalar;
 
 pub struct CameraMount;
 
@@ -15,8 +15,8 @@ impl Effect<2, 0> for CameraMount {
     const HOOKS: Hooks = Hooks::FRAME;
 
     #[inline(always)]
-    fn frame<R: Real>(&[roll_deg, pitch_deg]: &[R; 2], _: &mut [R; 0], _: &Cx<R>, x: &State<R>, f: &mut Frame<R>) {
-        let per_deg = R::of(std::f64::consts::PI / 180.0);
+    fn frame<R: Scalar>(&[roll_deg, pitch_deg]: &[R; 2], _: &mut [R; 0], _: &HookContext<R>, x: &State<R>, f: &mut Frame<R>) {
+        let per_deg = R::from_f64(std::f64::consts::PI / 180.0);
         let (front, left) = (x.pos_m[2] * (pitch_deg * per_deg).tan(), -x.pos_m[2] * (roll_deg * per_deg).tan());
         let (sin, cos) = x.att_rad[2].sin_cos();
         f.pos_m[0] += cos * front - sin * left;

@@ -1,8 +1,8 @@
 //! Noise of the marker pose.
 
-use super::{Cx, Effect, Frame, Hooks, Param, Trace, param};
+use super::{HookContext, Effect, Frame, Hooks, Param, Observability, param};
 use crate::plant::State;
-use crate::real::Real;
+use crate::scalar::Scalar;
 
 pub struct CameraNoise;
 
@@ -17,21 +17,21 @@ impl Effect<3, 0> for CameraNoise {
         param("yaw_deg", "deg", 0.0, [0.0, 20.0], "standard deviation of the heading at 70 cm"),
     ];
     const HOOKS: Hooks = Hooks::FRAME;
-    const TRACE: Trace = Trace::Spread;
+    const OBSERVABILITY: Observability = Observability::Variance;
 
     #[inline(always)]
-    fn frame<R: Real>(&[xy_m, z_m, yaw_deg]: &[R; 3], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, f: &mut Frame<R>) {
+    fn frame<R: Scalar>(&[xy_m, z_m, yaw_deg]: &[R; 3], _: &mut [R; 0], cx: &HookContext<R>, x: &State<R>, f: &mut Frame<R>) {
         let [dx, dy] = [x.pos_m[0] - f.nearest_m[0], x.pos_m[1] - f.nearest_m[1]];
-        let height = x.pos_m[2].max(R::of(0.02));
+        let height = x.pos_m[2].max(R::from_f64(0.02));
         let distance = (dx * dx + dy * dy + height * height).sqrt();
         // grazing views are lost, not infinitely noisy
-        let slant = (distance / height).min(R::of(5.0));
-        let far = distance * R::of(1.0 / 0.7);
-        let sideways = far * slant / f.markers.max(R::of(1.0)).sqrt();
+        let slant = (distance / height).min(R::from_f64(5.0));
+        let far = distance * R::from_f64(1.0 / 0.7);
+        let sideways = far * slant / f.markers.max(R::from_f64(1.0)).sqrt();
         let ([a, b], [c, d]) = (cx.draw.normals(Self::NOISE), cx.draw.normals(Self::NOISE.wrapping_add(1)));
         f.pos_m[0] += sideways * xy_m * a;
         f.pos_m[1] += sideways * xy_m * b;
         f.pos_m[2] += sideways * far * z_m * c;
-        f.yaw_rad += sideways * yaw_deg * R::of(std::f64::consts::PI / 180.0) * d;
+        f.yaw_rad += sideways * yaw_deg * R::from_f64(std::f64::consts::PI / 180.0) * d;
     }
 }

@@ -1,8 +1,8 @@
 //! Marker poses that are plainly wrong.
 
-use super::{Cx, Effect, Frame, Hooks, Param, Trace, param};
+use super::{HookContext, Effect, Frame, Hooks, Param, Observability, param};
 use crate::plant::State;
-use crate::real::Real;
+use crate::scalar::Scalar;
 
 pub struct CameraOutliers;
 
@@ -17,15 +17,15 @@ impl Effect<4, 0> for CameraOutliers {
         param("far_m", "m", 1.0, [0.0, 10.0], "farthest distance at which they occur"),
     ];
     const HOOKS: Hooks = Hooks::FRAME;
-    const TRACE: Trace = Trace::Spread;
+    const OBSERVABILITY: Observability = Observability::Variance;
 
     #[inline(always)]
-    fn frame<R: Real>(&[probability, size_m, near_m, far_m]: &[R; 4], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, f: &mut Frame<R>) {
+    fn frame<R: Scalar>(&[probability, size_m, near_m, far_m]: &[R; 4], _: &mut [R; 0], cx: &HookContext<R>, x: &State<R>, f: &mut Frame<R>) {
         let [dx, dy] = [x.pos_m[0] - f.nearest_m[0], x.pos_m[1] - f.nearest_m[1]];
         let distance = (dx * dx + dy * dy + x.pos_m[2] * x.pos_m[2]).sqrt();
         let hit = cx.draw.uniform(Self::NOISE).lt(probability) & near_m.le(distance) & distance.le(far_m);
         let ([a, b], [c, _]) = (cx.draw.normals(Self::NOISE.wrapping_add(1)), cx.draw.normals(Self::NOISE.wrapping_add(2)));
-        let length = (a * a + b * b + c * c + R::of(1e-12)).sqrt();
+        let length = (a * a + b * b + c * c + R::from_f64(1e-12)).sqrt();
         let reach = R::select(hit, size_m / length, R::zero());
         for (i, n) in [a, b, c].into_iter().enumerate() {
             f.pos_m[i] += reach * n;

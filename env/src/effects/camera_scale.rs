@@ -1,8 +1,8 @@
 //! A wrong marker size or focal length.
 
-use super::{Cx, Effect, Frame, Hooks, Param, param};
+use super::{HookContext, Effect, Frame, Hooks, Param, param};
 use crate::plant::State;
-use crate::real::{Real, each};
+use crate::scalar::{Scalar, each};
 
 pub struct CameraScale;
 
@@ -15,7 +15,7 @@ impl Effect<1, 0> for CameraScale {
     const HOOKS: Hooks = Hooks::FRAME;
 
     #[inline(always)]
-    fn frame<R: Real>(&[scale]: &[R; 1], _: &mut [R; 0], _: &Cx<R>, _: &State<R>, f: &mut Frame<R>) {
+    fn frame<R: Scalar>(&[scale]: &[R; 1], _: &mut [R; 0], _: &HookContext<R>, _: &State<R>, f: &mut Frame<R>) {
         f.pos_m = each(
             f.pos_m,
             #[inline(always)]

@@ -1,8 +1,8 @@
 //! Commands too small to move anything.
 
-use super::{Cx, Effect, Hooks, Param, param};
+use super::{HookContext, Effect, Hooks, Param, param};
 use crate::plant::{Command, State};
-use crate::real::Real;
+use crate::scalar::Scalar;
 
 pub struct CmdDeadband;
 
@@ -14,8 +14,8 @@ impl Effect<1, 0> for CmdDeadband {
     const HOOKS: Hooks = Hooks::COMMAND;
 
     #[inline(always)]
-    fn command<R: Real>(&[tilt_deg]: &[R; 1], _: &mut [R; 0], _: &Cx<R>, _: &State<R>, u: &mut Command<R>) {
-        let width = tilt_deg * R::of(std::f64::consts::PI / 180.0);
+    fn command<R: Scalar>(&[tilt_deg]: &[R; 1], _: &mut [R; 0], _: &HookContext<R>, _: &State<R>, u: &mut Command<R>) {
+        let width = tilt_deg * R::from_f64(std::f64::consts::PI / 180.0);
         for angle in [&mut u.roll_rad, &mut u.pitch_rad] {
             *angle -= angle.clamp(-width, width);
         }

@@ -1,8 +1,8 @@
 //! Commands that arrive late.
 
-use super::{Cx, Effect, Hooks, Param, param};
+use super::{HookContext, Effect, Hooks, Param, param};
 use crate::plant::{Command, State};
-use crate::real::Real;
+use crate::scalar::Scalar;
 
 pub struct CmdDelay;
 
@@ -32,13 +32,13 @@ impl Effect<1, NUMBERS> for CmdDelay {
     }
 
     #[inline(always)]
-    fn start<R: Real>(_: &[R; 1], _: &Cx<R>, _: &State<R>, u: &Command<R>) -> [R; NUMBERS] {
+    fn start<R: Scalar>(_: &[R; 1], _: &HookContext<R>, _: &State<R>, u: &Command<R>) -> [R; NUMBERS] {
         let one = [u.roll_rad, u.pitch_rad, u.yaw_rate_radps, u.lift];
         std::array::from_fn(|i| one[i % 4])
     }
 
     #[inline(always)]
-    fn command<R: Real>(&[delay_s]: &[R; 1], past: &mut [R; NUMBERS], cx: &Cx<R>, _: &State<R>, u: &mut Command<R>) {
+    fn command<R: Scalar>(&[delay_s]: &[R; 1], past: &mut [R; NUMBERS], cx: &HookContext<R>, _: &State<R>, u: &mut Command<R>) {
         // a ring of commands; all lanes tick together
         let slots = slots(cx.tick_s);
         let slot = |k: usize| 4 * ((cx.clock + slots - k) % slots);
@@ -46,18 +46,18 @@ impl Effect<1, NUMBERS> for CmdDelay {
             past[slot(0)..slot(0) + 4].copy_from_slice(&[u.roll_rad, u.pitch_rad, u.yaw_rate_radps, u.lift]);
         }
         // command k (0 is the newest) was given from -k ticks to -k + 1 ticks; this step sees the span [begin, begin + h)
-        let begin = R::of(cx.since_tick_s) - delay_s.min(R::of((slots - 1) as f64 * cx.tick_s));
-        let end = begin + R::of(cx.h_s);
+        let begin = R::from_f64(cx.since_tick_s) - delay_s.min(R::from_f64((slots - 1) as f64 * cx.tick_s));
+        let end = begin + R::from_f64(cx.h_s);
         let mut sum = [R::zero(); 4];
         for k in 0..slots {
-            let given = R::of(-(k as f64) * cx.tick_s);
-            let overlap = (end.min(given + R::of(cx.tick_s)) - begin.max(given)).max(R::zero());
-            let share = overlap * R::of(1.0 / cx.h_s);
+            let given = R::from_f64(-(k as f64) * cx.tick_s);
+            let overlap = (end.min(given + R::from_f64(cx.tick_s)) - begin.max(given)).max(R::zero());
+            let share = overlap * R::from_f64(1.0 / cx.h_s);
             for (sum, past) in sum.iter_mut().zip(&past[slot(k)..slot(k) + 4]) {
                 *sum += share * *past;
             }
             // rounding may leave the begin of a delay of whole ticks a little early
-            if R::all(given.le(begin + R::of(1e-6))) {
+            if R::all(given.le(begin + R::from_f64(1e-6))) {
                 break;
             }
         }

@@ -1,8 +1,8 @@
 //! Commands cut off at a limit.
 
-use super::{Cx, Effect, Hooks, Param, param};
+use super::{HookContext, Effect, Hooks, Param, param};
 use crate::plant::{Command, State};
-use crate::real::Real;
+use crate::scalar::Scalar;
 
 pub struct CmdLimit;
 
@@ -19,19 +19,19 @@ impl Effect<4, 0> for CmdLimit {
     const HOOKS: Hooks = Hooks::COMMAND;
 
     #[inline(always)]
-    fn command<R: Real>(
+    fn command<R: Scalar>(
         &[tilt_deg, yaw_rate_degps, pwm_min, pwm_max]: &[R; 4],
         _: &mut [R; 0],
-        cx: &Cx<R>,
+        cx: &HookContext<R>,
         _: &State<R>,
         u: &mut Command<R>,
     ) {
-        let per_deg = R::of(std::f64::consts::PI / 180.0);
+        let per_deg = R::from_f64(std::f64::consts::PI / 180.0);
         let (tilt, turn) = (tilt_deg * per_deg, yaw_rate_degps * per_deg);
         u.roll_rad = u.roll_rad.clamp(-tilt, tilt);
         u.pitch_rad = u.pitch_rad.clamp(-tilt, tilt);
         u.yaw_rate_radps = u.yaw_rate_radps.clamp(-turn, turn);
-        let pwm = cx.body.height_command.lt(R::of(0.5));
+        let pwm = cx.body.height_command.lt(R::from_f64(0.5));
         u.lift = R::select(pwm, u.lift.clamp(pwm_min, pwm_max), u.lift);
     }
 }

@@ -1,8 +1,8 @@
 //! Commands that cannot jump.
 
-use super::{Cx, Effect, Hooks, Param, param};
+use super::{HookContext, Effect, Hooks, Param, param};
 use crate::plant::{Command, State};
-use crate::real::Real;
+use crate::scalar::Scalar;
 
 pub struct CmdRateLimit;
 
@@ -24,19 +24,19 @@ impl Effect<1, 2> for CmdRateLimit {
     const HOOKS: Hooks = Hooks::COMMAND;
 
     #[inline(always)]
-    fn start<R: Real>(_: &[R; 1], _: &Cx<R>, _: &State<R>, u: &Command<R>) -> [R; 2] {
+    fn start<R: Scalar>(_: &[R; 1], _: &HookContext<R>, _: &State<R>, u: &Command<R>) -> [R; 2] {
         [u.roll_rad, u.pitch_rad]
     }
 
     #[inline(always)]
-    fn command<R: Real>(&[tilt_degps]: &[R; 1], reached: &mut [R; 2], cx: &Cx<R>, _: &State<R>, u: &mut Command<R>) {
-        let limited = tilt_degps.lt(R::of(UNLIMITED_DEGPS));
-        let most = tilt_degps * R::of(cx.h_s * std::f64::consts::PI / 180.0);
+    fn command<R: Scalar>(&[tilt_degps]: &[R; 1], reached: &mut [R; 2], cx: &HookContext<R>, _: &State<R>, u: &mut Command<R>) {
+        let limited = tilt_degps.lt(R::from_f64(UNLIMITED_DEGPS));
+        let most = tilt_degps * R::from_f64(cx.h_s * std::f64::consts::PI / 180.0);
         for (angle, reached) in [&mut u.roll_rad, &mut u.pitch_rad].into_iter().zip(reached) {
             let behind = *angle - *reached;
             let moved = behind.clamp(-most, most);
             // what is missing falls along a line, to the end of the step or until nothing is missing
-            let mean = *angle - (behind - moved) - moved * moved.abs() / (R::of(2.0) * most);
+            let mean = *angle - (behind - moved) - moved * moved.abs() / (R::from_f64(2.0) * most);
             *reached = R::select(limited, *reached + moved, *angle);
             *angle = R::select(limited, mean, *angle);
         }

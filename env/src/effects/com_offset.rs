@@ -1,8 +1,8 @@
 //! Centre of mass off centre, or bad trim.
 
-use super::{Cx, Effect, Hooks, Param, param};
+use super::{HookContext, Effect, Hooks, Param, param};
 use crate::plant::{Command, State};
-use crate::real::Real;
+use crate::scalar::Scalar;
 
 pub struct ComOffset;
 
@@ -17,8 +17,8 @@ impl Effect<2, 0> for ComOffset {
     const HOOKS: Hooks = Hooks::COMMAND;
 
     #[inline(always)]
-    fn command<R: Real>(lean_deg: &[R; 2], _: &mut [R; 0], cx: &Cx<R>, _: &State<R>, u: &mut Command<R>) {
-        let per_deg = R::of(std::f64::consts::PI / 180.0) * cx.body.thrust_ratio(u);
+    fn command<R: Scalar>(lean_deg: &[R; 2], _: &mut [R; 0], cx: &HookContext<R>, _: &State<R>, u: &mut Command<R>) {
+        let per_deg = R::from_f64(std::f64::consts::PI / 180.0) * cx.body.thrust_ratio(u);
         for (i, angle) in [&mut u.roll_rad, &mut u.pitch_rad].into_iter().enumerate() {
             // the command that holds this angle in 5.1
             *angle += lean_deg[i] * per_deg * cx.body.tilt_stiffness_ps2[i] / cx.body.tilt_gain_ps2[i];

@@ -1,8 +1,8 @@
 //! Less lift in the wake of a drone above.
 
-use super::{Cx, Effect, Hooks, Param, Trace, param};
-use crate::plant::{Command, Push, State};
-use crate::real::Real;
+use super::{HookContext, Effect, Hooks, Param, Observability, param};
+use crate::plant::{Command, Accelerations, State};
+use crate::scalar::Scalar;
 
 pub struct Downwash;
 
@@ -35,25 +35,25 @@ impl Effect<5, 0> for Downwash {
         .constant(),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
-    const TRACE: Trace = Trace::Neighbours;
+    const OBSERVABILITY: Observability = Observability::Neighbours;
 
     #[inline(always)]
-    fn push<R: Real>(p: &[R; 5], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, _: &Command<R>, out: &mut Push<R>) {
+    fn push<R: Scalar>(p: &[R; 5], _: &mut [R; 0], cx: &HookContext<R>, x: &State<R>, _: &Command<R>, out: &mut Accelerations<R>) {
         let &[force_n, origin_m, near_m, width_m, spread] = p;
-        let per_near = R::of(1.0) / near_m;
-        let reference = R::of(REFERENCE_M) + origin_m;
+        let per_near = R::from_f64(1.0) / near_m;
+        let reference = R::from_f64(REFERENCE_M) + origin_m;
         let mut lost = R::zero();
         for (i, other) in cx.neighbours.iter().enumerate() {
             if i == cx.own {
                 continue;
             }
             let [dx, dy, above] = [other.pos_m[0] - x.pos_m[0], other.pos_m[1] - x.pos_m[1], other.pos_m[2] - x.pos_m[2]];
-            let flies = other.here * R::select(above.gt(R::zero()), R::of(1.0), R::zero());
+            let flies = other.here * R::select(above.gt(R::zero()), R::from_f64(1.0), R::zero());
             let down = above.max(near_m) + origin_m;
             let grown = spread * down;
             let across = (dx * dx + dy * dy) / (width_m * width_m + grown * grown);
             let strength = reference / down;
-            lost += flies * (above * per_near).min(R::of(1.0)) * strength * strength * (R::of(-0.5) * across).exp();
+            lost += flies * (above * per_near).min(R::from_f64(1.0)) * strength * strength * (R::from_f64(-0.5) * across).exp();
         }
         out.acc_mps2[2] -= force_n * lost / cx.body.mass_kg;
     }

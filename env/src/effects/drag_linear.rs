@@ -1,8 +1,8 @@
 //! Air drag in proportion to speed.
 
-use super::{Cx, Effect, Hooks, Param, param};
-use crate::plant::{Command, Push, State};
-use crate::real::Real;
+use super::{HookContext, Effect, Hooks, Param, param};
+use crate::plant::{Command, Accelerations, State};
+use crate::scalar::Scalar;
 
 pub struct DragLinear;
 
@@ -15,7 +15,7 @@ impl Effect<1, 0> for DragLinear {
     const MODEL_NUMBER: Option<&'static str> = Some("lateral.drag");
 
     #[inline(always)]
-    fn push<R: Real>(&[rate_ps]: &[R; 1], _: &mut [R; 0], _: &Cx<R>, x: &State<R>, _: &Command<R>, out: &mut Push<R>) {
+    fn push<R: Scalar>(&[rate_ps]: &[R; 1], _: &mut [R; 0], _: &HookContext<R>, x: &State<R>, _: &Command<R>, out: &mut Accelerations<R>) {
         for i in 0..2 {
             out.acc_mps2[i] -= rate_ps * x.vel_mps[i];
         }

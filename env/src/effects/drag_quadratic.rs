@@ -1,8 +1,8 @@
 //! Air drag in proportion to speed squared.
 
-use super::{Cx, Effect, Hooks, Param, param};
-use crate::plant::{Command, Push, State};
-use crate::real::Real;
+use super::{HookContext, Effect, Hooks, Param, param};
+use crate::plant::{Command, Accelerations, State};
+use crate::scalar::Scalar;
 
 pub struct DragQuadratic;
 
@@ -14,10 +14,10 @@ impl Effect<1, 0> for DragQuadratic {
     const HOOKS: Hooks = Hooks::PUSH;
 
     #[inline(always)]
-    fn push<R: Real>(&[coefficient_pm]: &[R; 1], _: &mut [R; 0], _: &Cx<R>, x: &State<R>, _: &Command<R>, out: &mut Push<R>) {
+    fn push<R: Scalar>(&[coefficient_pm]: &[R; 1], _: &mut [R; 0], _: &HookContext<R>, x: &State<R>, _: &Command<R>, out: &mut Accelerations<R>) {
         // the small number keeps the derivative at rest finite
         let [vx, vy, vz] = x.vel_mps;
-        let speed = (vx * vx + vy * vy + vz * vz + R::of(1e-12)).sqrt();
+        let speed = (vx * vx + vy * vy + vz * vz + R::from_f64(1e-12)).sqrt();
         for i in 0..3 {
             out.acc_mps2[i] -= coefficient_pm * speed * x.vel_mps[i];
         }

@@ -1,9 +1,9 @@
 //! An on-board estimator that takes drag for tilt.
 
 use super::time::lag_shares;
-use super::{Cx, Effect, Hooks, Param, Reading, Ubiquity, param};
+use super::{HookContext, Effect, Hooks, Param, Reading, Ubiquity, param};
 use crate::plant::{Command, State};
-use crate::real::Real;
+use crate::scalar::Scalar;
 
 pub struct EstimatorTilt;
 
@@ -27,13 +27,13 @@ impl Effect<2, 4> for EstimatorTilt {
     const MOTION_MEMORY_S: f64 = 2.0;
 
     #[inline(always)]
-    fn start<R: Real>(_: &[R; 2], _: &Cx<R>, x: &State<R>, _: &Command<R>) -> [R; 4] {
+    fn start<R: Scalar>(_: &[R; 2], _: &HookContext<R>, x: &State<R>, _: &Command<R>) -> [R; 4] {
         let [x_mps, y_mps, _] = x.vel_mps;
         [x_mps, y_mps, x_mps, y_mps]
     }
 
     #[inline(always)]
-    fn command<R: Real>(&[kappa, lag_s]: &[R; 2], followed: &mut [R; 4], cx: &Cx<R>, x: &State<R>, u: &mut Command<R>) {
+    fn command<R: Scalar>(&[kappa, lag_s]: &[R; 2], followed: &mut [R; 4], cx: &HookContext<R>, x: &State<R>, u: &mut Command<R>) {
         let [left, mean] = lag_shares(lag_s, cx.h_s);
         // of each lag: where it stands at the end of the step, and its mean over it
         let follow = |to: R, from: R| (to + (from - to) * left, to + (from - to) * mean);
@@ -51,7 +51,7 @@ impl Effect<2, 4> for EstimatorTilt {
     }
 
     #[inline(always)]
-    fn sense<R: Real>(&[kappa, lag_s]: &[R; 2], followed: &mut [R; 4], _: &Cx<R>, x: &State<R>, _: &Command<R>, y: &mut Reading<R>) {
+    fn sense<R: Scalar>(&[kappa, lag_s]: &[R; 2], followed: &mut [R; 4], _: &HookContext<R>, x: &State<R>, _: &Command<R>, y: &mut Reading<R>) {
         // what was followed is of the last physics step: without a lag, of now
         let lags = lag_s.gt(R::zero());
         let excess = excess_tilt_rad(kappa, std::array::from_fn(|i| R::select(lags, followed[2 + i], x.vel_mps[i])), x);
@@ -62,7 +62,7 @@ impl Effect<2, 4> for EstimatorTilt {
 
 /// True less estimated roll and pitch by the velocity that the estimate has followed: +pitch leans forward, +roll to the right.
 #[inline(always)]
-fn excess_tilt_rad<R: Real>(kappa: R, vel_mps: [R; 2], x: &State<R>) -> [R; 2] {
+fn excess_tilt_rad<R: Scalar>(kappa: R, vel_mps: [R; 2], x: &State<R>) -> [R; 2] {
     let (sin, cos) = x.att_rad[2].sin_cos();
     let front = cos * vel_mps[0] + sin * vel_mps[1];
     let right = sin * vel_mps[0] - cos * vel_mps[1];

@@ -1,8 +1,8 @@
 //! Turning mixes roll and pitch.
 
-use super::{Cx, Effect, Geometry, Hooks, Param, param};
-use crate::plant::{Command, Push, State};
-use crate::real::Real;
+use super::{HookContext, Effect, Geometry, Hooks, Param, param};
+use crate::plant::{Command, Accelerations, State};
+use crate::scalar::Scalar;
 
 pub struct EulerKinematics;
 
@@ -20,15 +20,15 @@ impl Effect<2, 0> for EulerKinematics {
     const PHYSICS_HZ: u32 = 150;
 
     #[inline(always)]
-    fn push<R: Real>(&[amount, heading_kept]: &[R; 2], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
+    fn push<R: Scalar>(&[amount, heading_kept]: &[R; 2], _: &mut [R; 0], cx: &HookContext<R>, x: &State<R>, u: &Command<R>, out: &mut Accelerations<R>) {
         let ([roll, pitch, _], [p, q, r]) = (x.att_rad, x.rate_radps);
         let turn = amount * r;
         // with angle' = rate + d the rate of the angle obeys 5.1 with the push damping d + d'
         out.ang_radps2[0] += turn * (cx.body.tilt_damping_ps[0] * pitch + q);
         out.ang_radps2[1] -= turn * (cx.body.tilt_damping_ps[1] * roll + p);
         let [_, q_dot] = cx.body.tilt_torque_radps2(x, u);
-        let d = q * roll + R::of(0.5) * r * (pitch * pitch - roll * roll);
+        let d = q * roll + R::from_f64(0.5) * r * (pitch * pitch - roll * roll);
         let d_dot = q_dot * roll + q * p + r * (pitch * q - roll * p);
-        out.ang_radps2[2] += amount * (R::of(1.0) - heading_kept) * (cx.body.yaw_damping_ps * d + d_dot);
+        out.ang_radps2[2] += amount * (R::from_f64(1.0) - heading_kept) * (cx.body.yaw_damping_ps * d + d_dot);
     }
 }

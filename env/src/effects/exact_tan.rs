@@ -1,8 +1,8 @@
 //! Sideways acceleration at large angles.
 
-use super::{Cx, Effect, Geometry, Hooks, Param, param};
-use crate::plant::{Command, Push, State};
-use crate::real::Real;
+use super::{HookContext, Effect, Geometry, Hooks, Param, param};
+use crate::plant::{Command, Accelerations, State};
+use crate::scalar::Scalar;
 
 pub struct ExactTan;
 
@@ -15,7 +15,7 @@ impl Effect<1, 0> for ExactTan {
     const GEOMETRY: Geometry = Geometry::Part;
 
     #[inline(always)]
-    fn push<R: Real>(&[amount]: &[R; 1], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, _: &Command<R>, out: &mut Push<R>) {
+    fn push<R: Scalar>(&[amount]: &[R; 1], _: &mut [R; 0], cx: &HookContext<R>, x: &State<R>, _: &Command<R>, out: &mut Accelerations<R>) {
         let (front, right) = (excess(x.att_rad[1]), excess(x.att_rad[0]));
         let (sin, cos) = x.att_rad[2].sin_cos();
         let strength = amount * cx.body.gravity_mps2;
@@ -26,7 +26,7 @@ impl Effect<1, 0> for ExactTan {
 
 /// tan(a) - a, for angles on this side of 80 degrees.
 #[inline(always)]
-fn excess<R: Real>(angle: R) -> R {
-    let angle = angle.clamp(R::of(-1.4), R::of(1.4));
+fn excess<R: Scalar>(angle: R) -> R {
+    let angle = angle.clamp(R::from_f64(-1.4), R::from_f64(1.4));
     angle.tan() - angle
 }

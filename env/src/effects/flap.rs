@@ -1,8 +1,8 @@
 //! Speed that tilts the vehicle back.
 
-use super::{Cx, Effect, Hooks, Param, param};
-use crate::plant::{Command, Push, State};
-use crate::real::Real;
+use super::{HookContext, Effect, Hooks, Param, param};
+use crate::plant::{Command, Accelerations, State};
+use crate::scalar::Scalar;
 
 pub struct Flap;
 
@@ -15,7 +15,7 @@ impl Effect<1, 0> for Flap {
     const PHYSICS_HZ: u32 = 300;
 
     #[inline(always)]
-    fn push<R: Real>(&[torque_radpms]: &[R; 1], _: &mut [R; 0], _: &Cx<R>, x: &State<R>, _: &Command<R>, out: &mut Push<R>) {
+    fn push<R: Scalar>(&[torque_radpms]: &[R; 1], _: &mut [R; 0], _: &HookContext<R>, x: &State<R>, _: &Command<R>, out: &mut Accelerations<R>) {
         let (sin, cos) = x.att_rad[2].sin_cos();
         let front = cos * x.vel_mps[0] + sin * x.vel_mps[1];
         let left = cos * x.vel_mps[1] - sin * x.vel_mps[0];

@@ -1,8 +1,8 @@
 //! A marker frame turned against the world.
 
-use super::{Cx, Effect, Frame, Hooks, Param, param};
+use super::{HookContext, Effect, Frame, Hooks, Param, param};
 use crate::plant::State;
-use crate::real::Real;
+use crate::scalar::Scalar;
 
 pub struct FrameYaw;
 
@@ -20,8 +20,8 @@ impl Effect<1, 0> for FrameYaw {
     const HOOKS: Hooks = Hooks::FRAME;
 
     #[inline(always)]
-    fn frame<R: Real>(&[angle_deg]: &[R; 1], _: &mut [R; 0], _: &Cx<R>, _: &State<R>, f: &mut Frame<R>) {
-        let angle = -angle_deg * R::of(std::f64::consts::PI / 180.0);
+    fn frame<R: Scalar>(&[angle_deg]: &[R; 1], _: &mut [R; 0], _: &HookContext<R>, _: &State<R>, f: &mut Frame<R>) {
+        let angle = -angle_deg * R::from_f64(std::f64::consts::PI / 180.0);
         let (sin, cos) = angle.sin_cos();
         let [x, y, z] = f.pos_m;
         f.pos_m = [cos * x - sin * y, sin * x + cos * y, z];

@@ -1,8 +1,8 @@
 //! More thrust near the floor.
 
-use super::{Cx, Effect, Hooks, Param, param};
-use crate::plant::{Command, Push, State};
-use crate::real::Real;
+use super::{HookContext, Effect, Hooks, Param, param};
+use crate::plant::{Command, Accelerations, State};
+use crate::scalar::Scalar;
 
 pub struct GroundEffect;
 
@@ -18,11 +18,11 @@ impl Effect<2, 0> for GroundEffect {
     const HOOKS: Hooks = Hooks::PUSH;
 
     #[inline(always)]
-    fn push<R: Real>(&[coefficient, rotor_height_m]: &[R; 2], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
-        let height = (x.pos_m[2] + rotor_height_m).max(R::of(1e-3));
-        let near = cx.body.rotor_radius_m / (R::of(4.0) * height);
+    fn push<R: Scalar>(&[coefficient, rotor_height_m]: &[R; 2], _: &mut [R; 0], cx: &HookContext<R>, x: &State<R>, u: &Command<R>, out: &mut Accelerations<R>) {
+        let height = (x.pos_m[2] + rotor_height_m).max(R::from_f64(1e-3));
+        let near = cx.body.rotor_radius_m / (R::from_f64(4.0) * height);
         // the law has a pole below about a quarter radius, where it was never measured: no more than twice the thrust
-        let share = (coefficient * near * near).min(R::of(0.5));
-        out.acc_mps2[2] += cx.body.thrust_mps2(u, out) * share / (R::of(1.0) - share);
+        let share = (coefficient * near * near).min(R::from_f64(0.5));
+        out.acc_mps2[2] += cx.body.thrust_mps2(u, out) * share / (R::from_f64(1.0) - share);
     }
 }

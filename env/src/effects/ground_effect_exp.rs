@@ -1,8 +1,8 @@
 //! More thrust near the floor, exponential law.
 
-use super::{Cx, Effect, Hooks, Param, param};
-use crate::plant::{Command, Push, State};
-use crate::real::Real;
+use super::{HookContext, Effect, Hooks, Param, param};
+use crate::plant::{Command, Accelerations, State};
+use crate::scalar::Scalar;
 
 pub struct GroundEffectExp;
 
@@ -25,8 +25,8 @@ impl Effect<3, 0> for GroundEffectExp {
     const HOOKS: Hooks = Hooks::PUSH;
 
     #[inline(always)]
-    fn push<R: Real>(&[amount, decay, rest_m]: &[R; 3], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
+    fn push<R: Scalar>(&[amount, decay, rest_m]: &[R; 3], _: &mut [R; 0], cx: &HookContext<R>, x: &State<R>, u: &Command<R>, out: &mut Accelerations<R>) {
         let share = amount * (-decay * (x.pos_m[2] - rest_m).max(R::zero()) / cx.body.rotor_radius_m).exp();
-        out.acc_mps2[2] += cx.body.thrust_mps2(u, out) * share / (R::of(1.0) - share);
+        out.acc_mps2[2] += cx.body.thrust_mps2(u, out) * share / (R::from_f64(1.0) - share);
     }
 }

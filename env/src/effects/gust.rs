@@ -1,8 +1,8 @@
 //! Turbulence.
 
-use super::{Cx, Disturbance, Effect, Hooks, Param, Trace, param};
-use crate::plant::{Command, Push, State};
-use crate::real::{Real, each};
+use super::{HookContext, GaussMarkovSignal, Effect, Hooks, Param, Observability, param};
+use crate::plant::{Command, Accelerations, State};
+use crate::scalar::{Scalar, each};
 
 pub struct Gust;
 
@@ -16,19 +16,19 @@ impl Effect<2, 2> for Gust {
         param("tau_s", "s", 1.0, [0.05, 20.0], "correlation time"),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
-    const TRACE: Trace = Trace::Wander(Disturbance::Force);
+    const OBSERVABILITY: Observability = Observability::GaussMarkov(GaussMarkovSignal::Force);
 
     #[inline(always)]
-    fn start<R: Real>(&[sigma_mps2, _]: &[R; 2], cx: &Cx<R>, _: &State<R>, _: &Command<R>) -> [R; 2] {
+    fn start<R: Scalar>(&[sigma_mps2, _]: &[R; 2], cx: &HookContext<R>, _: &State<R>, _: &Command<R>) -> [R; 2] {
         // the stationary distribution; other channels than the first tick's
         each(cx.draw.normals(Self::NOISE.wrapping_add(1)), |n| sigma_mps2 * n)
     }
 
     #[inline(always)]
-    fn push<R: Real>(&[sigma_mps2, tau_s]: &[R; 2], acc: &mut [R; 2], cx: &Cx<R>, _: &State<R>, _: &Command<R>, out: &mut Push<R>) {
+    fn push<R: Scalar>(&[sigma_mps2, tau_s]: &[R; 2], acc: &mut [R; 2], cx: &HookContext<R>, _: &State<R>, _: &Command<R>, out: &mut Accelerations<R>) {
         if cx.first {
-            let keep = (R::of(-cx.tick_s) / tau_s).exp();
-            let spread = sigma_mps2 * (R::of(1.0) - keep * keep).sqrt();
+            let keep = (R::from_f64(-cx.tick_s) / tau_s).exp();
+            let spread = sigma_mps2 * (R::from_f64(1.0) - keep * keep).sqrt();
             for (acc, n) in acc.iter_mut().zip(cx.draw.normals(Self::NOISE)) {
                 *acc = keep * *acc + spread * n;
             }

@@ -1,8 +1,8 @@
 //! A gyro that drifts, and IMU noise.
 
-use super::{Cx, Effect, Hooks, Param, Reading, Trace, param};
+use super::{HookContext, Effect, Hooks, Param, Reading, Observability, param};
 use crate::plant::{Command, State};
-use crate::real::Real;
+use crate::scalar::Scalar;
 
 pub struct GyroBias;
 
@@ -17,28 +17,28 @@ impl Effect<4, 4> for GyroBias {
         param("angle_noise_deg", "deg", 0.0, [0.0, 5.0], "white noise of each angle"),
     ];
     const HOOKS: Hooks = Hooks::SENSE;
-    const TRACE: Trace = Trace::Spread;
+    const OBSERVABILITY: Observability = Observability::Variance;
 
     #[inline(always)]
-    fn start<R: Real>(&[bias_degps, ..]: &[R; 4], cx: &Cx<R>, _: &State<R>, _: &Command<R>) -> [R; 4] {
+    fn start<R: Scalar>(&[bias_degps, ..]: &[R; 4], cx: &HookContext<R>, _: &State<R>, _: &Command<R>) -> [R; 4] {
         let ([a, b], [c, _]) = (cx.draw.normals(Self::NOISE.wrapping_add(10)), cx.draw.normals(Self::NOISE.wrapping_add(11)));
         [bias_degps * a, bias_degps * b, bias_degps * c, R::zero()]
     }
 
     #[inline(always)]
-    fn sense<R: Real>(p: &[R; 4], s: &mut [R; 4], cx: &Cx<R>, _: &State<R>, _: &Command<R>, y: &mut Reading<R>) {
+    fn sense<R: Scalar>(p: &[R; 4], s: &mut [R; 4], cx: &HookContext<R>, _: &State<R>, _: &Command<R>, y: &mut Reading<R>) {
         let &[_, walk_degps_sqrts, rate_noise_degps, angle_noise_deg] = p;
         let ([a, b], [c, d], [e, f]) =
             (cx.draw.normals(Self::NOISE), cx.draw.normals(Self::NOISE.wrapping_add(1)), cx.draw.normals(Self::NOISE.wrapping_add(2)));
         let ([g, h], [i, _]) = (cx.draw.normals(Self::NOISE.wrapping_add(3)), cx.draw.normals(Self::NOISE.wrapping_add(4)));
-        let per_deg = R::of(std::f64::consts::PI / 180.0);
-        let step = walk_degps_sqrts * R::of(cx.h_s).sqrt();
+        let per_deg = R::from_f64(std::f64::consts::PI / 180.0);
+        let step = walk_degps_sqrts * R::from_f64(cx.h_s).sqrt();
         for (axis, (walk, white, angle)) in [(a, d, g), (b, e, h), (c, f, i)].into_iter().enumerate() {
             s[axis] += step * walk;
             y.gyro_radps[axis] += per_deg * (s[axis] + rate_noise_degps * white);
             y.att_rad[axis] += per_deg * angle_noise_deg * angle;
         }
-        s[3] += s[2] * R::of(cx.h_s);
+        s[3] += s[2] * R::from_f64(cx.h_s);
         y.att_rad[2] += per_deg * s[3];
     }
 }

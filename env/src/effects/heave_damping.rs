@@ -1,8 +1,8 @@
 //! Damping of vertical motion.
 
-use super::{Cx, Effect, Hooks, Param, param};
-use crate::plant::{Command, Push, State};
-use crate::real::Real;
+use super::{HookContext, Effect, Hooks, Param, param};
+use crate::plant::{Command, Accelerations, State};
+use crate::scalar::Scalar;
 
 pub struct HeaveDamping;
 
@@ -15,7 +15,7 @@ impl Effect<1, 0> for HeaveDamping {
     const MODEL_NUMBER: Option<&'static str> = Some("vertical.thrust.heave");
 
     #[inline(always)]
-    fn push<R: Real>(&[added_ps]: &[R; 1], _: &mut [R; 0], _: &Cx<R>, x: &State<R>, _: &Command<R>, out: &mut Push<R>) {
+    fn push<R: Scalar>(&[added_ps]: &[R; 1], _: &mut [R; 0], _: &HookContext<R>, x: &State<R>, _: &Command<R>, out: &mut Accelerations<R>) {
         out.acc_mps2[2] -= added_ps * x.vel_mps[2];
     }
 }

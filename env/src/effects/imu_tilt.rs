@@ -1,8 +1,8 @@
 //! An IMU that is not level.
 
-use super::{Cx, Effect, Hooks, Param, param};
-use crate::plant::{Command, Push, State};
-use crate::real::Real;
+use super::{HookContext, Effect, Hooks, Param, param};
+use crate::plant::{Command, Accelerations, State};
+use crate::scalar::Scalar;
 
 pub struct ImuTilt;
 
@@ -17,9 +17,9 @@ impl Effect<2, 0> for ImuTilt {
     const HOOKS: Hooks = Hooks::PUSH;
 
     #[inline(always)]
-    fn push<R: Real>(&[roll_deg, pitch_deg]: &[R; 2], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, _: &Command<R>, out: &mut Push<R>) {
+    fn push<R: Scalar>(&[roll_deg, pitch_deg]: &[R; 2], _: &mut [R; 0], cx: &HookContext<R>, x: &State<R>, _: &Command<R>, out: &mut Accelerations<R>) {
         // the state holds the reported angles: the thrust leans by the error less
-        let strength = cx.body.gravity_mps2 * R::of(std::f64::consts::PI / 180.0);
+        let strength = cx.body.gravity_mps2 * R::from_f64(std::f64::consts::PI / 180.0);
         let (front, right) = (-strength * pitch_deg, -strength * roll_deg);
         let (sin, cos) = x.att_rad[2].sin_cos();
         out.acc_mps2[0] += cos * front + sin * right;

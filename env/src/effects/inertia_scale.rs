@@ -1,8 +1,8 @@
 //! More inertia than thought.
 
-use super::{Cx, Effect, Hooks, Param, param};
-use crate::plant::{Command, Push, State};
-use crate::real::Real;
+use super::{HookContext, Effect, Hooks, Param, param};
+use crate::plant::{Command, Accelerations, State};
+use crate::scalar::Scalar;
 
 pub struct InertiaScale;
 
@@ -17,7 +17,7 @@ impl Effect<1, 0> for InertiaScale {
     const PHYSICS_HZ: u32 = 300;
 
     #[inline(always)]
-    fn push<R: Real>(&[scale]: &[R; 1], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
-        cx.body.add_torque(R::of(1.0) / scale - R::of(1.0), cx.h_s, x, u, out);
+    fn push<R: Scalar>(&[scale]: &[R; 1], _: &mut [R; 0], cx: &HookContext<R>, x: &State<R>, u: &Command<R>, out: &mut Accelerations<R>) {
+        cx.body.add_torque(R::from_f64(1.0) / scale - R::from_f64(1.0), cx.h_s, x, u, out);
     }
 }

@@ -1,8 +1,8 @@
 //! What is left when no named effect accounts for it: a small linear term, learned from data.
 
-use super::{Cx, Effect, Hooks, Param, Trace, param};
-use crate::plant::{Command, Push, State};
-use crate::real::Real;
+use super::{HookContext, Effect, Hooks, Param, Observability, param};
+use crate::plant::{Command, Accelerations, State};
+use crate::scalar::Scalar;
 
 pub struct Learned;
 
@@ -28,19 +28,19 @@ impl Effect<14, 0> for Learned {
         param("up_sideways_pm", "1/m", 0.0, [-1.0, 1.0], "up, per horizontal speed squared"),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
-    const TRACE: Trace = Trace::StandIn;
+    const OBSERVABILITY: Observability = Observability::Surrogate;
 
     #[inline(always)]
-    fn push<R: Real>(p: &[R; 14], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
+    fn push<R: Scalar>(p: &[R; 14], _: &mut [R; 0], cx: &HookContext<R>, x: &State<R>, u: &Command<R>, out: &mut Accelerations<R>) {
         let (sin, cos) = x.att_rad[2].sin_cos();
         let [vx, vy, vz] = x.vel_mps;
         let (front, left) = (cos * vx + sin * vy, cos * vy - sin * vx);
         let square = front * front + left * left;
-        let speed = (square + R::of(1e-12)).sqrt();
+        let speed = (square + R::from_f64(1e-12)).sqrt();
         let ahead = p[0] + p[1] * front + p[2] * speed * front + p[3] * x.att_rad[1] + p[4] * u.pitch_rad;
         let aside = p[5] + p[6] * left + p[7] * speed * left + p[8] * x.att_rad[0] + p[9] * u.roll_rad;
         out.acc_mps2[0] += cos * ahead - sin * aside;
         out.acc_mps2[1] += sin * ahead + cos * aside;
-        out.acc_mps2[2] += p[10] + p[11] * vz + p[12] * (cx.body.thrust_ratio(u) - R::of(1.0)) + p[13] * square;
+        out.acc_mps2[2] += p[10] + p[11] * vz + p[12] * (cx.body.thrust_ratio(u) - R::from_f64(1.0)) + p[13] * square;
     }
 }

@@ -1,8 +1,8 @@
 //! A lens that bends the picture.
 
-use super::{Cx, Effect, Frame, Hooks, Param, param};
+use super::{HookContext, Effect, Frame, Hooks, Param, param};
 use crate::plant::State;
-use crate::real::Real;
+use crate::scalar::Scalar;
 
 pub struct LensDistortion;
 
@@ -16,16 +16,16 @@ impl Effect<1, 0> for LensDistortion {
     const HOOKS: Hooks = Hooks::FRAME;
 
     #[inline(always)]
-    fn frame<R: Real>(&[k1]: &[R; 1], _: &mut [R; 0], _: &Cx<R>, x: &State<R>, f: &mut Frame<R>) {
+    fn frame<R: Scalar>(&[k1]: &[R; 1], _: &mut [R; 0], _: &HookContext<R>, x: &State<R>, f: &mut Frame<R>) {
         let [roll, pitch, yaw] = x.att_rad;
         let (sin, cos) = yaw.sin_cos();
         let (dx, dy) = (x.pos_m[0] - f.nearest_m[0], x.pos_m[1] - f.nearest_m[1]);
         // on the floor no lens sees a marker
-        let height_m = x.pos_m[2].max(R::of(LEAST_HEIGHT_M));
+        let height_m = x.pos_m[2].max(R::from_f64(LEAST_HEIGHT_M));
         // where the marker lies in the picture, seen the other way round; a nose that is down looks back
         let ahead = (cos * dx + sin * dy) / height_m - pitch;
         let aside = (cos * dy - sin * dx) / height_m + roll;
-        let bent_m = k1 * height_m * (ahead * ahead + aside * aside).min(R::of(WIDEST));
+        let bent_m = k1 * height_m * (ahead * ahead + aside * aside).min(R::from_f64(WIDEST));
         f.pos_m[0] += bent_m * (cos * ahead - sin * aside);
         f.pos_m[1] += bent_m * (sin * ahead + cos * aside);
     }

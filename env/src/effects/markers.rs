@@ -1,8 +1,8 @@
 //! A field of markers instead of one.
 
-use super::{Cx, Effect, Frame, Hooks, Param, Trace, param};
+use super::{HookContext, Effect, Frame, Hooks, Param, Observability, param};
 use crate::plant::State;
-use crate::real::Real;
+use crate::scalar::Scalar;
 
 pub struct Markers;
 
@@ -16,10 +16,10 @@ impl Effect<3, 0> for Markers {
         param("pitch_m", "m", 0.5, [0.2, 5.0], "from centre to centre"),
     ];
     const HOOKS: Hooks = Hooks::FRAME;
-    const TRACE: Trace = Trace::Sight;
+    const OBSERVABILITY: Observability = Observability::Visibility;
 
     #[inline(always)]
-    fn frame<R: Real>(field: &[R; 3], _: &mut [R; 0], _: &Cx<R>, _: &State<R>, f: &mut Frame<R>) {
+    fn frame<R: Scalar>(field: &[R; 3], _: &mut [R; 0], _: &HookContext<R>, _: &State<R>, f: &mut Frame<R>) {
         f.field = *field;
     }
 }

@@ -1,8 +1,8 @@
 //! Four motors on the diagonals of the frame: the torques that each gives besides its thrust.
 
-use super::Body;
-use crate::plant::Push;
-use crate::real::Real;
+use super::VehicleConstants;
+use crate::plant::Accelerations;
+use crate::scalar::Scalar;
 
 /// Moments of inertia of roll and pitch, and of yaw (Foerster 2015).
 pub(super) const TILT_INERTIA_KGM2: f64 = 1.657e-5;
@@ -14,18 +14,18 @@ pub(super) const MOTORS: [[f64; 2]; 4] = [[1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]
 
 /// From the centre to the line between the motors of a side.
 #[inline(always)]
-pub(super) fn side_m<R: Real>(body: &Body<R>) -> R {
-    body.arm_m * R::of(std::f64::consts::FRAC_1_SQRT_2)
+pub(super) fn side_m<R: Scalar>(body: &VehicleConstants<R>) -> R {
+    body.arm_m * R::from_f64(std::f64::consts::FRAC_1_SQRT_2)
 }
 
 /// Take thrust from a motor, and the torques that come with it; `lost_mps2` is per mass of the vehicle, `yaw_lever` a multiple of [`YAW_LEVER_M`].
 #[inline(always)]
-pub(super) fn weaken<R: Real>(body: &Body<R>, [front, left]: [R; 2], lost_mps2: R, yaw_lever: R, out: &mut Push<R>) {
+pub(super) fn weaken<R: Scalar>(body: &VehicleConstants<R>, [front, left]: [R; 2], lost_mps2: R, yaw_lever: R, out: &mut Accelerations<R>) {
     let (lost_n, side_m) = (lost_mps2 * body.mass_kg, side_m(body));
     out.acc_mps2[2] -= lost_mps2;
-    out.ang_radps2[0] -= left * lost_n * side_m * R::of(1.0 / TILT_INERTIA_KGM2);
-    out.ang_radps2[1] += front * lost_n * side_m * R::of(1.0 / TILT_INERTIA_KGM2);
-    out.ang_radps2[2] -= front * left * lost_n * R::of(YAW_LEVER_M / YAW_INERTIA_KGM2) * yaw_lever;
+    out.ang_radps2[0] -= left * lost_n * side_m * R::from_f64(1.0 / TILT_INERTIA_KGM2);
+    out.ang_radps2[1] += front * lost_n * side_m * R::from_f64(1.0 / TILT_INERTIA_KGM2);
+    out.ang_radps2[2] -= front * left * lost_n * R::from_f64(YAW_LEVER_M / YAW_INERTIA_KGM2) * yaw_lever;
 }
 
 /// All four motors at their limit, over the weight: 0.16 N each on 33.2 g (Foerster 2015).
@@ -39,13 +39,13 @@ pub(super) struct Demand<R> {
     torque_radps2: [R; 3],
 }
 
-impl<R: Real> Demand<R> {
+impl<R: Scalar> Demand<R> {
     #[inline(always)]
-    pub fn new(body: &Body<R>, level_mps2: R, torque_radps2: [R; 3]) -> Self {
+    pub fn new(body: &VehicleConstants<R>, level_mps2: R, torque_radps2: [R; 3]) -> Self {
         Demand {
             level_mps2,
-            per_tilt: R::of(0.25 * TILT_INERTIA_KGM2) / (side_m(body) * body.mass_kg),
-            per_turn: R::of(0.25 * YAW_INERTIA_KGM2 / YAW_LEVER_M) / body.mass_kg,
+            per_tilt: R::from_f64(0.25 * TILT_INERTIA_KGM2) / (side_m(body) * body.mass_kg),
+            per_turn: R::from_f64(0.25 * YAW_INERTIA_KGM2 / YAW_LEVER_M) / body.mass_kg,
             torque_radps2,
         }
     }
@@ -59,12 +59,12 @@ impl<R: Real> Demand<R> {
 
     /// The push that takes away what motors between nothing and `most_mps2` fail to give.
     #[inline(always)]
-    pub fn push_beyond_limits(&self, body: &Body<R>, most_mps2: R) -> Push<R> {
-        let mut lost = Push::none();
+    pub fn push_beyond_limits(&self, body: &VehicleConstants<R>, most_mps2: R) -> Accelerations<R> {
+        let mut lost = Accelerations::none();
         for motor in MOTORS {
-            let place = motor.map(R::of);
+            let place = motor.map(R::from_f64);
             let asked_mps2 = self.thrust_mps2(place);
-            weaken(body, place, asked_mps2 - asked_mps2.clamp(R::zero(), most_mps2), R::of(1.0), &mut lost);
+            weaken(body, place, asked_mps2 - asked_mps2.clamp(R::zero(), most_mps2), R::from_f64(1.0), &mut lost);
         }
         lost
     }

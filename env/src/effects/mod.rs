@@ -7,9 +7,9 @@ mod time;
 
 use crate::dual::Dual;
 use crate::lanes::Lanes;
-use crate::noise::{Draw, channel};
-use crate::plant::{Command, Push, State};
-use crate::real::Real;
+use crate::noise::{TickRng, channel};
+use crate::plant::{Accelerations, Command, State};
+use crate::scalar::Scalar;
 
 pub(crate) use stage::{Build, Stage, Tiles};
 
@@ -75,7 +75,7 @@ impl Param {
 
 /// What can wander.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Disturbance {
+pub enum GaussMarkovSignal {
     /// A horizontal force.
     Force,
     /// The marker's position.
@@ -84,37 +84,37 @@ pub enum Disturbance {
 
 /// How an effect shows in the log of a flight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Trace {
+pub enum Observability {
     /// It changes what is expected.
-    Mean,
+    Deterministic,
     /// It changes what is expected, and swings at a frequency of its own: a force that comes and goes by the clock may pass for it.
     Resonant,
     /// It holds on to the command before with a probability, its only parameter: it changes what is expected, and by how much commands miss it.
-    Held,
+    HeldCommand,
     /// It is random: it changes how far off the expectation is.
-    Spread,
+    Variance,
     /// It is random and slow, a first-order Gauss-Markov process on this; its parameters are standard deviation and correlation time.
-    Wander(Disturbance),
+    GaussMarkov(GaussMarkovSignal),
     /// It decides what is seen at all.
-    Sight,
+    Visibility,
     /// It changes what is expected from a time on, at a frequency or beyond a limit of its own. Off, it has no slope: a search cannot find it from
     /// there, but has to read from the residuals where to begin.
     Located,
     /// It describes what no other effect explains, and names no cause.
-    StandIn,
+    Surrogate,
     /// It needs other drones: the log of one flight does not show it.
     Neighbours,
 }
 
-impl Trace {
+impl Observability {
     /// Whether what is expected of a flight depends on the effect, and a search can begin where it is off.
     pub fn is_expected(self) -> bool {
-        matches!(self, Trace::Mean | Trace::Resonant | Trace::Held)
+        matches!(self, Observability::Deterministic | Observability::Resonant | Observability::HeldCommand)
     }
 
     /// Whether what is expected of a flight depends on the effect.
     pub fn shapes_mean(self) -> bool {
-        self.is_expected() || self == Trace::Located
+        self.is_expected() || self == Observability::Located
     }
 }
 
@@ -166,7 +166,7 @@ impl Hooks {
 
 /// Constants of the vehicle that effects need.
 #[derive(Debug, Clone, Copy)]
-pub struct Body<R> {
+pub struct VehicleConstants<R> {
     pub gravity_mps2: R,
     pub mass_kg: R,
     pub rotor_radius_m: R,
@@ -197,7 +197,7 @@ pub struct Body<R> {
 }
 
 crate::plant::listed!(
-    Body,
+    VehicleConstants,
     22,
     gravity_mps2,
     mass_kg,
@@ -218,7 +218,7 @@ crate::plant::listed!(
     tilt_stiffness_ps2[2]
 );
 
-impl<R: Real> Body<R> {
+impl<R: Scalar> VehicleConstants<R> {
     /// Thrust over weight.
     #[inline(always)]
     pub fn thrust_ratio(&self, u: &Command<R>) -> R {
@@ -240,26 +240,26 @@ impl<R: Real> Body<R> {
     /// Add this share `more` of the declared torques. They are taken at the middle of a physics step of `h_s`: the state expected there holds the
     /// rates of the step's start, which the damping of 5.1 (28.8 1/s) changes by a quarter within 10 ms.
     #[inline(always)]
-    pub fn add_torque(&self, more: R, h_s: f64, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
+    pub fn add_torque(&self, more: R, h_s: f64, x: &State<R>, u: &Command<R>, out: &mut Accelerations<R>) {
         let [roll, pitch] = self.tilt_torque_radps2(x, u);
         let at_start = [roll, pitch, self.yaw_torque_radps2(x, u)];
         let damping_ps = [self.tilt_damping_ps[0], self.tilt_damping_ps[1], self.yaw_damping_ps];
         for i in 0..3 {
-            let slowed = R::of(1.0) + R::of(0.5 * h_s) * damping_ps[i] * (R::of(1.0) + more);
+            let slowed = R::from_f64(1.0) + R::from_f64(0.5 * h_s) * damping_ps[i] * (R::from_f64(1.0) + more);
             out.ang_radps2[i] += more * at_start[i] / slowed;
         }
     }
     /// Thrust per mass, with what the effects before make of it: `out` holds nothing else upwards where those of the thrust are asked.
     #[inline(always)]
-    pub fn thrust_mps2(&self, u: &Command<R>, out: &Push<R>) -> R {
+    pub fn thrust_mps2(&self, u: &Command<R>, out: &Accelerations<R>) -> R {
         self.gravity_mps2 * self.thrust_ratio(u) + out.acc_mps2[2]
     }
 }
 
 /// Where and when a hook is called.
 #[derive(Debug, Clone, Copy)]
-pub struct Cx<'a, R: Real> {
-    pub body: &'a Body<R>,
+pub struct HookContext<'a, R: Scalar> {
+    pub body: &'a VehicleConstants<R>,
     /// Length of the physics step for `command` and `push`, of the control tick for `sense`, from frame to frame for `frame`.
     pub h_s: f64,
     /// Length of a control tick.
@@ -271,7 +271,7 @@ pub struct Cx<'a, R: Real> {
     /// First physics step of a control tick: a new command is here.
     pub first: bool,
     /// This tick's noise; channels are the effect's own.
-    pub draw: &'a Draw<'a, R>,
+    pub draw: &'a TickRng<'a, R>,
     /// Control ticks of this tile since the world was made; the same for all its lanes.
     pub clock: usize,
     /// Battery voltage where a log holds it; otherwise the battery is simulated.
@@ -291,7 +291,7 @@ pub struct Neighbour<R> {
     pub here: R,
 }
 
-impl<R: Real> Neighbour<R> {
+impl<R: Scalar> Neighbour<R> {
     /// Nobody.
     #[inline(always)]
     pub fn gone() -> Self {
@@ -301,7 +301,7 @@ impl<R: Real> Neighbour<R> {
 
 /// A camera frame: the pose that the marker detection reports.
 #[derive(Debug, Clone, Copy)]
-pub struct Frame<R: Real> {
+pub struct Frame<R: Scalar> {
     /// Lanes for which a frame was captured in this tick and is on its way.
     pub captured: R::Mask,
     /// How many markers were found in it; none means a lost marker.
@@ -318,7 +318,7 @@ pub struct Frame<R: Real> {
 
 /// The last marker pose that arrived.
 #[derive(Debug, Clone, Copy)]
-pub struct Fix<R> {
+pub struct PoseFix<R> {
     pub pos_m: [R; 3],
     pub yaw_rad: R,
     pub t_s: R,
@@ -326,7 +326,7 @@ pub struct Fix<R> {
     pub valid: R,
 }
 
-impl<R: Real> Fix<R> {
+impl<R: Scalar> PoseFix<R> {
     /// Take a frame for the lanes of `arrived`; one without markers keeps the last pose and only says that it is no longer valid.
     #[inline(always)]
     pub fn deliver(&mut self, arrived: R::Mask, pos_m: [R; 3], yaw_rad: R, t_s: R, markers: R) {
@@ -336,14 +336,14 @@ impl<R: Real> Fix<R> {
         }
         self.yaw_rad = R::select(found, yaw_rad, self.yaw_rad);
         self.t_s = R::select(found, t_s, self.t_s);
-        self.valid = R::select(found, R::of(1.0), R::select(arrived, R::zero(), self.valid));
+        self.valid = R::select(found, R::from_f64(1.0), R::select(arrived, R::zero(), self.valid));
     }
 }
 
 /// What the rig can measure at a control tick.
 #[derive(Debug, Clone, Copy)]
 pub struct Reading<R> {
-    pub marker: Fix<R>,
+    pub marker: PoseFix<R>,
     /// Roll, pitch, yaw by the IMU.
     pub att_rad: [R; 3],
     pub gyro_radps: [R; 3],
@@ -363,7 +363,7 @@ pub trait Effect<const P: usize, const S: usize>: Send + 'static {
     /// Physics steps per second that the effect needs. Pushes are held over a step and see the state at its middle, which is good to second
     /// order; only what feeds back on the fast attitude dynamics (5.1 has a pole at -28.8 1/s) needs more than the control rate.
     const PHYSICS_HZ: u32 = 50;
-    const TRACE: Trace = Trace::Mean;
+    const OBSERVABILITY: Observability = Observability::Deterministic;
     /// Part of what a small-angle model leaves out by its form: all effects of this kind are one finding.
     const GEOMETRY: Geometry = Geometry::None;
     /// The number of the model that says the same as the effect's first parameter, by its path: the two add up.
@@ -385,21 +385,21 @@ pub trait Effect<const P: usize, const S: usize>: Send + 'static {
 
     /// The state at the start of an episode.
     #[inline(always)]
-    fn start<R: Real>(_p: &[R; P], _cx: &Cx<R>, _x: &State<R>, _u: &Command<R>) -> [R; S] {
+    fn start<R: Scalar>(_p: &[R; P], _cx: &HookContext<R>, _x: &State<R>, _u: &Command<R>) -> [R; S] {
         [R::zero(); S]
     }
     /// Change the command for the coming physics step.
     #[inline(always)]
-    fn command<R: Real>(_p: &[R; P], _s: &mut [R; S], _cx: &Cx<R>, _x: &State<R>, _u: &mut Command<R>) {}
+    fn command<R: Scalar>(_p: &[R; P], _s: &mut [R; S], _cx: &HookContext<R>, _x: &State<R>, _u: &mut Command<R>) {}
     /// Add accelerations for the coming physics step; `x` is the state expected at its middle.
     #[inline(always)]
-    fn push<R: Real>(_p: &[R; P], _s: &mut [R; S], _cx: &Cx<R>, _x: &State<R>, _u: &Command<R>, _out: &mut Push<R>) {}
+    fn push<R: Scalar>(_p: &[R; P], _s: &mut [R; S], _cx: &HookContext<R>, _x: &State<R>, _u: &Command<R>, _out: &mut Accelerations<R>) {}
     /// Change a camera frame; `x` is the true state at capture. Called only when some lane captured one: change state under `f.captured`.
     #[inline(always)]
-    fn frame<R: Real>(_p: &[R; P], _s: &mut [R; S], _cx: &Cx<R>, _x: &State<R>, _f: &mut Frame<R>) {}
+    fn frame<R: Scalar>(_p: &[R; P], _s: &mut [R; S], _cx: &HookContext<R>, _x: &State<R>, _f: &mut Frame<R>) {}
     /// Change the reading at the end of a control tick.
     #[inline(always)]
-    fn sense<R: Real>(_p: &[R; P], _s: &mut [R; S], _cx: &Cx<R>, _x: &State<R>, _u: &Command<R>, _y: &mut Reading<R>) {}
+    fn sense<R: Scalar>(_p: &[R; P], _s: &mut [R; S], _cx: &HookContext<R>, _x: &State<R>, _u: &Command<R>, _y: &mut Reading<R>) {}
 }
 
 /// An effect as the rest of the program sees it.
@@ -410,7 +410,7 @@ pub struct Entry {
     pub params: &'static [Param],
     pub hooks: Hooks,
     pub physics_hz: u32,
-    pub trace: Trace,
+    pub observability: Observability,
     /// See [`Effect::GEOMETRY`].
     pub geometry: Geometry,
     /// See [`Effect::MODEL_NUMBER`].

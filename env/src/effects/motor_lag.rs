@@ -1,9 +1,9 @@
 //! Motors that take time.
 
 use super::time::lag_shares;
-use super::{Cx, Effect, Hooks, Param, param};
-use crate::plant::{Command, Push, State};
-use crate::real::Real;
+use super::{HookContext, Effect, Hooks, Param, param};
+use crate::plant::{Command, Accelerations, State};
+use crate::scalar::Scalar;
 
 pub struct MotorLag;
 
@@ -21,13 +21,13 @@ impl Effect<2, 3> for MotorLag {
     const LAGS: usize = 2;
 
     #[inline(always)]
-    fn start<R: Real>(_: &[R; 2], cx: &Cx<R>, x: &State<R>, u: &Command<R>) -> [R; 3] {
+    fn start<R: Scalar>(_: &[R; 2], cx: &HookContext<R>, x: &State<R>, u: &Command<R>) -> [R; 3] {
         let [roll, pitch] = cx.body.tilt_torque_radps2(x, u);
         [u.lift, roll, pitch]
     }
 
     #[inline(always)]
-    fn command<R: Real>(&[lag_s, _]: &[R; 2], motor: &mut [R; 3], cx: &Cx<R>, _: &State<R>, u: &mut Command<R>) {
+    fn command<R: Scalar>(&[lag_s, _]: &[R; 2], motor: &mut [R; 3], cx: &HookContext<R>, _: &State<R>, u: &mut Command<R>) {
         let [left, mean] = lag_shares(lag_s, cx.h_s);
         let behind = motor[0] - u.lift;
         motor[0] = u.lift + behind * left;
@@ -35,7 +35,7 @@ impl Effect<2, 3> for MotorLag {
     }
 
     #[inline(always)]
-    fn push<R: Real>(&[_, torque_lag_s]: &[R; 2], motor: &mut [R; 3], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
+    fn push<R: Scalar>(&[_, torque_lag_s]: &[R; 2], motor: &mut [R; 3], cx: &HookContext<R>, x: &State<R>, u: &Command<R>, out: &mut Accelerations<R>) {
         let [left, mean] = lag_shares(torque_lag_s, cx.h_s);
         for (i, asked) in cx.body.tilt_torque_radps2(x, u).into_iter().enumerate() {
             let behind = motor[1 + i] - asked;

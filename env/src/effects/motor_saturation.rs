@@ -1,9 +1,9 @@
 //! Motors that give no more.
 
 use super::mixer::Demand;
-use super::{Cx, Effect, Hooks, Param, Trace, param};
-use crate::plant::{Command, Push, State};
-use crate::real::Real;
+use super::{HookContext, Effect, Hooks, Param, Observability, param};
+use crate::plant::{Command, Accelerations, State};
+use crate::scalar::Scalar;
 
 pub struct MotorSaturation;
 
@@ -18,21 +18,21 @@ impl Effect<1, 0> for MotorSaturation {
         [param("ratio", "1", UNLIMITED, [1.0, UNLIMITED], "largest thrust of the four motors together over the weight; 8 for no limit")];
     const HOOKS: Hooks = Hooks::PUSH;
     const PHYSICS_HZ: u32 = 300;
-    const TRACE: Trace = Trace::Located;
+    const OBSERVABILITY: Observability = Observability::Located;
 
     #[inline(always)]
-    fn push<R: Real>(&[ratio]: &[R; 1], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
-        let limited = ratio.lt(R::of(UNLIMITED));
+    fn push<R: Scalar>(&[ratio]: &[R; 1], _: &mut [R; 0], cx: &HookContext<R>, x: &State<R>, u: &Command<R>, out: &mut Accelerations<R>) {
+        let limited = ratio.lt(R::from_f64(UNLIMITED));
         if !R::any(limited) {
             return;
         }
         let body = cx.body;
-        let quarter = R::of(0.25);
+        let quarter = R::from_f64(0.25);
         let (level_mps2, most_mps2) = (quarter * body.thrust_mps2(u, out), quarter * ratio * body.gravity_mps2);
         let [roll, pitch] = body.tilt_torque_radps2(x, u);
         let demand = Demand::new(body, level_mps2, [roll, pitch, body.yaw_torque_radps2(x, u)]);
         let lost = demand.push_beyond_limits(body, most_mps2);
-        out.add(&Push {
+        out.add(&Accelerations {
             acc_mps2: lost.acc_mps2.map(|v| R::select(limited, v, R::zero())),
             ang_radps2: lost.ang_radps2.map(|v| R::select(limited, v, R::zero())),
         });

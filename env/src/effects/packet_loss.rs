@@ -1,8 +1,8 @@
 //! Radio packets that do not arrive.
 
-use super::{Cx, Effect, Hooks, Param, Trace, param};
+use super::{HookContext, Effect, Hooks, Param, Observability, param};
 use crate::plant::{Command, State};
-use crate::real::Real;
+use crate::scalar::Scalar;
 
 pub struct PacketLoss;
 
@@ -12,15 +12,15 @@ impl Effect<1, 4> for PacketLoss {
     const SOURCE: &'static str = "Bernoulli losses per packet at the control rate; the firmware holds the last set-point";
     const PARAMS: [Param; 1] = [param("probability", "1", 0.0, [0.0, 1.0], "of losing one command")];
     const HOOKS: Hooks = Hooks::COMMAND;
-    const TRACE: Trace = Trace::Held;
+    const OBSERVABILITY: Observability = Observability::HeldCommand;
 
     #[inline(always)]
-    fn start<R: Real>(_: &[R; 1], _: &Cx<R>, _: &State<R>, u: &Command<R>) -> [R; 4] {
+    fn start<R: Scalar>(_: &[R; 1], _: &HookContext<R>, _: &State<R>, u: &Command<R>) -> [R; 4] {
         [u.roll_rad, u.pitch_rad, u.yaw_rate_radps, u.lift]
     }
 
     #[inline(always)]
-    fn command<R: Real>(&[probability]: &[R; 1], held: &mut [R; 4], cx: &Cx<R>, _: &State<R>, u: &mut Command<R>) {
+    fn command<R: Scalar>(&[probability]: &[R; 1], held: &mut [R; 4], cx: &HookContext<R>, _: &State<R>, u: &mut Command<R>) {
         let fields = [&mut u.roll_rad, &mut u.pitch_rad, &mut u.yaw_rate_radps, &mut u.lift];
         if cx.first {
             let lost = cx.draw.uniform(Self::NOISE).lt(probability);

@@ -1,8 +1,8 @@
 //! A force that comes and goes.
 
-use super::{Cx, Effect, Hooks, Param, Trace, param};
-use crate::plant::{Command, Push, State};
-use crate::real::Real;
+use super::{HookContext, Effect, Hooks, Param, Observability, param};
+use crate::plant::{Command, Accelerations, State};
+use crate::scalar::Scalar;
 
 pub struct PeriodicForce;
 
@@ -20,14 +20,14 @@ impl Effect<5, 0> for PeriodicForce {
     const HOOKS: Hooks = Hooks::PUSH;
     /// Held over a step of 10 ms, the fastest swing loses half a per cent.
     const PHYSICS_HZ: u32 = 100;
-    const TRACE: Trace = Trace::Located;
+    const OBSERVABILITY: Observability = Observability::Located;
 
     #[inline(always)]
-    fn push<R: Real>(p: &[R; 5], _: &mut [R; 0], cx: &Cx<R>, _: &State<R>, _: &Command<R>, out: &mut Push<R>) {
+    fn push<R: Scalar>(p: &[R; 5], _: &mut [R; 0], cx: &HookContext<R>, _: &State<R>, _: &Command<R>, out: &mut Accelerations<R>) {
         let &[frequency_hz, x_sine, x_cosine, y_sine, y_cosine] = p;
-        let turns = frequency_hz * (cx.t_s + R::of(0.5 * cx.h_s));
+        let turns = frequency_hz * (cx.t_s + R::from_f64(0.5 * cx.h_s));
         // whole turns are taken off first, where nothing is lost to rounding
-        let (sin, cos) = (R::of(std::f64::consts::TAU) * (turns - turns.round())).sin_cos();
+        let (sin, cos) = (R::from_f64(std::f64::consts::TAU) * (turns - turns.round())).sin_cos();
         out.acc_mps2[0] += x_sine * sin + x_cosine * cos;
         out.acc_mps2[1] += y_sine * sin + y_cosine * cos;
     }

@@ -1,9 +1,9 @@
 //! The rigid body with four motors behind a mixer: what small angles leave out, all at once.
 
 use super::mixer::{Demand, THRUST_TO_WEIGHT, TILT_INERTIA_KGM2, YAW_INERTIA_KGM2};
-use super::{Cx, Effect, Geometry, Hooks, Param, param};
-use crate::plant::{Command, Push, State};
-use crate::real::Real;
+use super::{HookContext, Effect, Geometry, Hooks, Param, param};
+use crate::plant::{Command, Accelerations, State};
+use crate::scalar::Scalar;
 
 pub struct RigidBody;
 
@@ -13,10 +13,10 @@ struct Rotation<R> {
     demand_radps2: [R; 3],
 }
 
-impl<R: Real> Rotation<R> {
+impl<R: Scalar> Rotation<R> {
     /// The declared loops (5.1, 5.2) read as laws of the body rates.
     #[inline(always)]
-    fn from_state(cx: &Cx<R>, x: &State<R>, u: &Command<R>, sin_cos: &[(R, R); 2]) -> Self {
+    fn from_state(cx: &HookContext<R>, x: &State<R>, u: &Command<R>, sin_cos: &[(R, R); 2]) -> Self {
         let [(sin_roll, cos_roll), (sin_pitch, cos_pitch)] = *sin_cos;
         let [roll_rate, pitch_rate, yaw_rate] = x.rate_radps;
         let rate_radps = [
@@ -51,12 +51,12 @@ impl Effect<2, 0> for RigidBody {
     const GEOMETRY: Geometry = Geometry::Whole;
 
     #[inline(always)]
-    fn push<R: Real>(&[amount, thrust_to_weight]: &[R; 2], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
+    fn push<R: Scalar>(&[amount, thrust_to_weight]: &[R; 2], _: &mut [R; 0], cx: &HookContext<R>, x: &State<R>, u: &Command<R>, out: &mut Accelerations<R>) {
         let body = cx.body;
         let angles = [0, 1].map(|i| x.att_rad[i].sin_cos());
         let [(sin_roll, cos_roll), (sin_pitch, cos_pitch)] = angles;
         let rotation = Rotation::from_state(cx, x, u, &angles);
-        let quarter_mps2 = R::of(0.25) * body.gravity_mps2;
+        let quarter_mps2 = R::from_f64(0.25) * body.gravity_mps2;
         let level_mps2 = quarter_mps2 * body.thrust_ratio(u);
         let demand = Demand::new(body, level_mps2, rotation.demand_radps2);
         let lost = demand.push_beyond_limits(body, quarter_mps2 * thrust_to_weight);
@@ -73,13 +73,13 @@ impl Effect<2, 0> for RigidBody {
 
         // rotation: angular acceleration of the body by motors and effects, then of the angles, less what 5.1 and 5.2 make of it
         let [p, q, r] = rotation.rate_radps;
-        let gyroscopic = R::of((TILT_INERTIA_KGM2 - YAW_INERTIA_KGM2) / TILT_INERTIA_KGM2);
+        let gyroscopic = R::from_f64((TILT_INERTIA_KGM2 - YAW_INERTIA_KGM2) / TILT_INERTIA_KGM2);
         let [_, asked_q, asked_r] = rotation.demand_radps2;
         let [_, pushed_q, pushed_r] = out.ang_radps2;
         let q_dot = asked_q + pushed_q + lost.ang_radps2[1] - gyroscopic * p * r;
         let r_dot = asked_r + pushed_r + lost.ang_radps2[2];
         let [roll_rate, pitch_rate, yaw_rate] = x.rate_radps;
-        let per_cos_pitch = R::of(1.0) / cos_pitch;
+        let per_cos_pitch = R::from_f64(1.0) / cos_pitch;
         let pitch_acc = cos_roll * q_dot - sin_roll * r_dot - roll_rate * yaw_rate * cos_pitch;
         let yaw_acc = (sin_roll * q_dot + cos_roll * r_dot + roll_rate * pitch_rate + yaw_rate * pitch_rate * sin_pitch) * per_cos_pitch;
         let roll_more = lost.ang_radps2[0] + gyroscopic * q * r + yaw_acc * sin_pitch + yaw_rate * pitch_rate * cos_pitch;

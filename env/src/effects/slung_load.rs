@@ -1,8 +1,8 @@
 //! A weight on a thread.
 
-use super::{Cx, Effect, Hooks, Param, Trace, param};
-use crate::plant::{Command, Push, State};
-use crate::real::Real;
+use super::{HookContext, Effect, Hooks, Param, Observability, param};
+use crate::plant::{Command, Accelerations, State};
+use crate::scalar::Scalar;
 
 pub struct SlungLoad;
 
@@ -18,31 +18,31 @@ impl Effect<4, 4> for SlungLoad {
         param("declared", "1", 0.0, [0.0, 2.0], "1 where the declared weight, or hover thrust, holds the load already: it swings, but lowers nothing; 2 where besides its pull adds to the declared sideways acceleration, as in simulators that leave out what follows from two bodies").choice(),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
-    const TRACE: Trace = Trace::Resonant;
+    const OBSERVABILITY: Observability = Observability::Resonant;
     const LAGS: usize = 4;
     /// Metres and metres per second: a swing is small.
     const LAG_SD: f64 = 0.3;
 
     /// It hangs straight down and moves along.
     #[inline(always)]
-    fn start<R: Real>(_: &[R; 4], _: &Cx<R>, x: &State<R>, _: &Command<R>) -> [R; 4] {
+    fn start<R: Scalar>(_: &[R; 4], _: &HookContext<R>, x: &State<R>, _: &Command<R>) -> [R; 4] {
         [R::zero(), R::zero(), x.vel_mps[0], x.vel_mps[1]]
     }
 
     /// `load` is where it is from the vehicle, and its own velocity: the vehicle's acceleration is not needed then.
     #[inline(always)]
-    fn push<R: Real>(p: &[R; 4], load: &mut [R; 4], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
+    fn push<R: Scalar>(p: &[R; 4], load: &mut [R; 4], cx: &HookContext<R>, x: &State<R>, u: &Command<R>, out: &mut Accelerations<R>) {
         let &[mass_ratio, length_m, damping_ps, declared] = p;
-        let leans_alone = R::select(declared.gt(R::of(1.5)), R::zero(), R::of(1.0));
+        let leans_alone = R::select(declared.gt(R::from_f64(1.5)), R::zero(), R::from_f64(1.0));
         let carried_mps2 = cx.body.thrust_mps2(u, out) - cx.body.heave_ps * x.vel_mps[2];
-        let undeclared = mass_ratio * (R::of(1.0) - declared).max(R::zero());
+        let undeclared = mass_ratio * (R::from_f64(1.0) - declared).max(R::zero());
         // the thread's tension per mass of the load; a thread does not push
-        let tension_mps2 = carried_mps2.max(R::zero()) / (R::of(1.0) + undeclared);
+        let tension_mps2 = carried_mps2.max(R::zero()) / (R::from_f64(1.0) + undeclared);
         out.acc_mps2[2] -= undeclared * tension_mps2;
         let (sin, cos) = x.att_rad[2].sin_cos();
         let [roll, pitch, _] = x.att_rad;
         let lean = [cos * pitch + sin * roll, sin * pitch - cos * roll];
-        let (h, half) = (R::of(cx.h_s), R::of(0.5 * cx.h_s));
+        let (h, half) = (R::from_f64(cx.h_s), R::from_f64(0.5 * cx.h_s));
         for i in 0..2 {
             // leapfrog: the pull of the middle of the step
             let apart_mps = load[2 + i] - x.vel_mps[i];

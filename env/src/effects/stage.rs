@@ -2,10 +2,10 @@
 
 use std::marker::PhantomData;
 
-use super::{Cx, Effect, Entry, Frame, Reading};
-use crate::plant::{Command, Push, State};
-use crate::real::Real;
-use crate::simulated::Simulated;
+use super::{Effect, Entry, Frame, HookContext, Reading};
+use crate::plant::{Accelerations, Command, State};
+use crate::scalar::Scalar;
+use crate::sim_scalar::SimScalar;
 use crate::world::Tick;
 
 /// How to build a stage.
@@ -19,16 +19,16 @@ pub struct Build {
 }
 
 /// The tiles for which a hook is called: those from `first` on, as many as the slices are long.
-pub struct Tiles<'a, R: Real> {
+pub struct Tiles<'a, R: Scalar> {
     pub first: usize,
-    pub cx: &'a [Cx<'a, R>],
+    pub cx: &'a [HookContext<'a, R>],
     pub x: &'a [State<R>],
     /// The commands in force; empty for hooks that have no use for them.
     pub u: &'a [Command<R>],
 }
 
 /// A built effect: one virtual call per group of tiles, none per drone.
-pub trait Stage<R: Real>: Send {
+pub trait Stage<R: Scalar>: Send {
     /// Set a lane's parameters.
     fn set(&mut self, tile: usize, lane: usize, params: &[f64]);
     /// Set the parameters that all lanes share, with whatever the number type carries.
@@ -38,13 +38,13 @@ pub trait Stage<R: Real>: Send {
     /// Show all that is of one tile: parameters that differ from drone to drone, and what the effect remembers.
     fn visit_tile(&mut self, tile: usize, see: &mut dyn FnMut(&mut R));
     /// Begin an episode in the lanes of `mask`.
-    fn start(&mut self, tile: usize, mask: R::Mask, cx: &Cx<R>, x: &State<R>, u: &Command<R>);
+    fn start(&mut self, tile: usize, mask: R::Mask, cx: &HookContext<R>, x: &State<R>, u: &Command<R>);
     fn command(&mut self, of: &Tiles<R>, u: &mut [Command<R>]);
-    fn push(&mut self, of: &Tiles<R>, out: &mut [Push<R>]);
+    fn push(&mut self, of: &Tiles<R>, out: &mut [Accelerations<R>]);
     fn frame(&mut self, of: &Tiles<R>, frames: &mut [Frame<R>]);
     fn sense(&mut self, of: &Tiles<R>, ticks: &mut [Tick<R>]);
     /// As `sense`, but no state moves on: for the first reading of an episode, while the tile's other lanes are under way.
-    fn peek(&self, tile: usize, cx: &Cx<R>, x: &State<R>, u: &Command<R>, y: &mut Reading<R>);
+    fn peek(&self, tile: usize, cx: &HookContext<R>, x: &State<R>, u: &Command<R>, y: &mut Reading<R>);
 }
 
 pub struct StageOf<E, R, const P: usize, const S: usize> {
@@ -57,11 +57,11 @@ pub struct StageOf<E, R, const P: usize, const S: usize> {
     effect: PhantomData<fn() -> E>,
 }
 
-impl<E: Effect<P, S>, R: Simulated, const P: usize, const S: usize> StageOf<E, R, P, S> {
+impl<E: Effect<P, S>, R: SimScalar, const P: usize, const S: usize> StageOf<E, R, P, S> {
     fn boxed(build: Build) -> Box<dyn Stage<R>> {
         let mut off = [R::zero(); P];
         for i in 0..P {
-            off[i] = R::of(E::PARAMS[i].off);
+            off[i] = R::from_f64(E::PARAMS[i].off);
         }
         Box::new(Self {
             params: vec![off; if build.per_drone { build.tiles } else { 1 }],
@@ -73,7 +73,7 @@ impl<E: Effect<P, S>, R: Simulated, const P: usize, const S: usize> StageOf<E, R
     }
 }
 
-impl<E: Effect<P, S>, R: Simulated, const P: usize, const S: usize> StageOf<E, R, P, S> {
+impl<E: Effect<P, S>, R: SimScalar, const P: usize, const S: usize> StageOf<E, R, P, S> {
     /// Calls `hook` with each tile's parameters and states.
     #[inline(always)]
     fn each(&mut self, of: &Tiles<R>, mut hook: impl FnMut(usize, &[R; P], &mut [R; S])) {
@@ -86,10 +86,10 @@ impl<E: Effect<P, S>, R: Simulated, const P: usize, const S: usize> StageOf<E, R
     }
 }
 
-impl<E: Effect<P, S>, R: Simulated, const P: usize, const S: usize> Stage<R> for StageOf<E, R, P, S> {
+impl<E: Effect<P, S>, R: SimScalar, const P: usize, const S: usize> Stage<R> for StageOf<E, R, P, S> {
     fn set(&mut self, tile: usize, lane: usize, params: &[f64]) {
         for (slot, value) in self.params[tile * self.stride].iter_mut().zip(params) {
-            if self.stride == 1 { slot.set_lane(lane, *value) } else { *slot = R::of(*value) }
+            if self.stride == 1 { slot.set_lane(lane, *value) } else { *slot = R::from_f64(*value) }
         }
     }
 
@@ -113,7 +113,7 @@ impl<E: Effect<P, S>, R: Simulated, const P: usize, const S: usize> Stage<R> for
         self.states[tile][..self.in_use].iter_mut().for_each(see);
     }
 
-    fn start(&mut self, tile: usize, mask: R::Mask, cx: &Cx<R>, x: &State<R>, u: &Command<R>) {
+    fn start(&mut self, tile: usize, mask: R::Mask, cx: &HookContext<R>, x: &State<R>, u: &Command<R>) {
         let (params, states, in_use) = (&self.params[tile * self.stride], &mut self.states[tile], self.in_use);
         R::run(
             #[inline(always)]
@@ -142,7 +142,7 @@ impl<E: Effect<P, S>, R: Simulated, const P: usize, const S: usize> Stage<R> for
         );
     }
 
-    fn push(&mut self, of: &Tiles<R>, out: &mut [Push<R>]) {
+    fn push(&mut self, of: &Tiles<R>, out: &mut [Accelerations<R>]) {
         if const { !E::HOOKS.push } {
             return;
         }
@@ -194,7 +194,7 @@ impl<E: Effect<P, S>, R: Simulated, const P: usize, const S: usize> Stage<R> for
         );
     }
 
-    fn peek(&self, tile: usize, cx: &Cx<R>, x: &State<R>, u: &Command<R>, y: &mut Reading<R>) {
+    fn peek(&self, tile: usize, cx: &HookContext<R>, x: &State<R>, u: &Command<R>, y: &mut Reading<R>) {
         if const { !E::HOOKS.sense } {
             return;
         }
@@ -215,7 +215,7 @@ pub(super) const fn entry<E: Effect<P, S>, const P: usize, const S: usize>(_effe
         params: const { &E::PARAMS },
         hooks: E::HOOKS,
         physics_hz: E::PHYSICS_HZ,
-        trace: E::TRACE,
+        observability: E::OBSERVABILITY,
         geometry: E::GEOMETRY,
         model_number: E::MODEL_NUMBER,
         ubiquity: E::UBIQUITY,

@@ -1,8 +1,8 @@
 //! Propellers that pull more or less than thought.
 
-use super::{Cx, Effect, Hooks, Param, param};
-use crate::plant::{Command, Push, State};
-use crate::real::Real;
+use super::{HookContext, Effect, Hooks, Param, param};
+use crate::plant::{Command, Accelerations, State};
+use crate::scalar::Scalar;
 
 pub struct ThrustScale;
 
@@ -23,8 +23,8 @@ impl Effect<2, 0> for ThrustScale {
     const HOOKS: Hooks = Hooks::PUSH;
 
     #[inline(always)]
-    fn push<R: Real>(&[scale, torque_share]: &[R; 2], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
-        let more = scale - R::of(1.0);
+    fn push<R: Scalar>(&[scale, torque_share]: &[R; 2], _: &mut [R; 0], cx: &HookContext<R>, x: &State<R>, u: &Command<R>, out: &mut Accelerations<R>) {
+        let more = scale - R::from_f64(1.0);
         out.acc_mps2[2] += cx.body.thrust_mps2(u, out) * more;
         cx.body.add_torque(torque_share * more, cx.h_s, x, u, out);
     }

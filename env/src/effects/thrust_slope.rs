@@ -1,8 +1,8 @@
 //! Thrust that answers the PWM more or less steeply.
 
-use super::{Cx, Effect, Hooks, Param, Ubiquity, param};
-use crate::plant::{Command, Push, State};
-use crate::real::Real;
+use super::{HookContext, Effect, Hooks, Param, Ubiquity, param};
+use crate::plant::{Command, Accelerations, State};
+use crate::scalar::Scalar;
 
 pub struct ThrustSlope;
 
@@ -17,7 +17,7 @@ impl Effect<1, 0> for ThrustSlope {
     const UBIQUITY: Ubiquity = Ubiquity::All;
 
     #[inline(always)]
-    fn push<R: Real>(&[slope]: &[R; 1], _: &mut [R; 0], cx: &Cx<R>, _: &State<R>, u: &Command<R>, out: &mut Push<R>) {
-        out.acc_mps2[2] += cx.body.gravity_mps2 * (cx.body.thrust_ratio(u) - R::of(1.0)) * (slope - R::of(1.0));
+    fn push<R: Scalar>(&[slope]: &[R; 1], _: &mut [R; 0], cx: &HookContext<R>, _: &State<R>, u: &Command<R>, out: &mut Accelerations<R>) {
+        out.acc_mps2[2] += cx.body.gravity_mps2 * (cx.body.thrust_ratio(u) - R::from_f64(1.0)) * (slope - R::from_f64(1.0));
     }
 }

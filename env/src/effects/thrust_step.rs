@@ -1,9 +1,9 @@
 //! Thrust that changes in flight.
 
 use super::time::step_share;
-use super::{Cx, Effect, Hooks, Param, Trace, param};
-use crate::plant::{Command, Push, State};
-use crate::real::Real;
+use super::{HookContext, Effect, Hooks, Param, Observability, param};
+use crate::plant::{Command, Accelerations, State};
+use crate::scalar::Scalar;
 
 pub struct ThrustStep;
 
@@ -17,10 +17,10 @@ impl Effect<2, 0> for ThrustStep {
         param("t_s", "s", 1.0, [0.0, 600.0], "since the flight began"),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
-    const TRACE: Trace = Trace::Located;
+    const OBSERVABILITY: Observability = Observability::Located;
 
     #[inline(always)]
-    fn push<R: Real>(&[scale, t_s]: &[R; 2], _: &mut [R; 0], cx: &Cx<R>, _: &State<R>, u: &Command<R>, out: &mut Push<R>) {
-        out.acc_mps2[2] += cx.body.thrust_mps2(u, out) * (scale - R::of(1.0)) * step_share(t_s, cx);
+    fn push<R: Scalar>(&[scale, t_s]: &[R; 2], _: &mut [R; 0], cx: &HookContext<R>, _: &State<R>, u: &Command<R>, out: &mut Accelerations<R>) {
+        out.acc_mps2[2] += cx.body.thrust_mps2(u, out) * (scale - R::from_f64(1.0)) * step_share(t_s, cx);
     }
 }

@@ -1,8 +1,8 @@
 //! Thrust lost to tilt.
 
-use super::{Cx, Effect, Geometry, Hooks, Param, Ubiquity, param};
-use crate::plant::{Command, Push, State};
-use crate::real::Real;
+use super::{HookContext, Effect, Geometry, Hooks, Param, Ubiquity, param};
+use crate::plant::{Command, Accelerations, State};
+use crate::scalar::Scalar;
 
 pub struct TiltLoss;
 
@@ -26,10 +26,10 @@ impl Effect<2, 0> for TiltLoss {
     const GEOMETRY: Geometry = Geometry::Part;
 
     #[inline(always)]
-    fn push<R: Real>(&[amount, sideways]: &[R; 2], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
+    fn push<R: Scalar>(&[amount, sideways]: &[R; 2], _: &mut [R; 0], cx: &HookContext<R>, x: &State<R>, u: &Command<R>, out: &mut Accelerations<R>) {
         let [(sin_roll, cos_roll), (sin_pitch, cos_pitch)] = [0, 1].map(|i| x.att_rad[i].sin_cos());
         let thrust = cx.body.thrust_mps2(u, out);
-        out.acc_mps2[2] += amount * thrust * (cos_roll * cos_pitch - R::of(1.0));
+        out.acc_mps2[2] += amount * thrust * (cos_roll * cos_pitch - R::from_f64(1.0));
         let (sin, cos) = x.att_rad[2].sin_cos();
         let front = thrust * cos_roll * sin_pitch - cx.body.gravity_mps2 * x.att_rad[1];
         let right = thrust * sin_roll - cx.body.gravity_mps2 * x.att_rad[0];

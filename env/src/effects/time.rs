@@ -1,22 +1,22 @@
 //! How effects unfold in time: lags of first order and steps.
 
-use super::Cx;
-use crate::real::Real;
+use super::HookContext;
+use crate::scalar::Scalar;
 
 /// How long a step takes. A fit needs a slope to find its time, and motors and air take about as long.
 const RAMP_S: f64 = 0.2;
 
 /// Of what a first-order lag is behind at the start of a physics step: what is left at its end, and its mean over the step.
 #[inline(always)]
-pub(super) fn lag_shares<R: Real>(lag_s: R, h_s: f64) -> [R; 2] {
+pub(super) fn lag_shares<R: Scalar>(lag_s: R, h_s: f64) -> [R; 2] {
     // no lag at all would divide by zero; a microsecond leaves nothing of the past
-    let left = (R::of(-h_s) / lag_s.max(R::of(1e-6))).exp();
-    [left, lag_s * R::of(1.0 / h_s) * (R::of(1.0) - left)]
+    let left = (R::from_f64(-h_s) / lag_s.max(R::from_f64(1e-6))).exp();
+    [left, lag_s * R::from_f64(1.0 / h_s) * (R::from_f64(1.0) - left)]
 }
 
 /// How much of a step at `t_s` has happened by the middle of the physics step: a ramp from 0 to 1, centred on that time.
 #[inline(always)]
-pub(super) fn step_share<R: Real>(t_s: R, cx: &Cx<R>) -> R {
-    let since_s = cx.t_s + R::of(0.5 * cx.h_s) - t_s;
-    (since_s * R::of(1.0 / RAMP_S) + R::of(0.5)).clamp(R::zero(), R::of(1.0))
+pub(super) fn step_share<R: Scalar>(t_s: R, cx: &HookContext<R>) -> R {
+    let since_s = cx.t_s + R::from_f64(0.5 * cx.h_s) - t_s;
+    (since_s * R::from_f64(1.0 / RAMP_S) + R::from_f64(0.5)).clamp(R::zero(), R::from_f64(1.0))
 }

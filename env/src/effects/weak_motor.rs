@@ -1,9 +1,9 @@
 //! One motor that pulls less.
 
 use super::mixer::{Demand, THRUST_TO_WEIGHT, YAW_LEVER_M, weaken};
-use super::{Cx, Effect, Hooks, Param, param};
-use crate::plant::{Command, Push, State};
-use crate::real::Real;
+use super::{HookContext, Effect, Hooks, Param, param};
+use crate::plant::{Command, Accelerations, State};
+use crate::scalar::Scalar;
 
 pub struct WeakMotor;
 
@@ -27,16 +27,16 @@ impl Effect<3, 0> for WeakMotor {
     const PHYSICS_HZ: u32 = 300;
 
     #[inline(always)]
-    fn push<R: Real>(&[motor, loss, yaw_m]: &[R; 3], _: &mut [R; 0], cx: &Cx<R>, x: &State<R>, u: &Command<R>, out: &mut Push<R>) {
+    fn push<R: Scalar>(&[motor, loss, yaw_m]: &[R; 3], _: &mut [R; 0], cx: &HookContext<R>, x: &State<R>, u: &Command<R>, out: &mut Accelerations<R>) {
         let body = cx.body;
-        let one = R::of(1.0);
-        let front = R::select(motor.lt(R::of(1.5)) | motor.gt(R::of(3.5)), one, -one);
-        let left = R::select(motor.gt(R::of(2.5)), one, -one);
+        let one = R::from_f64(1.0);
+        let front = R::select(motor.lt(R::from_f64(1.5)) | motor.gt(R::from_f64(3.5)), one, -one);
+        let left = R::select(motor.gt(R::from_f64(2.5)), one, -one);
         // a share of all that the mixer asks of the motor is lost: of the thrust and of the torques
         let [roll, pitch] = body.tilt_torque_radps2(x, u);
         let torque_radps2 = [roll, pitch, body.yaw_torque_radps2(x, u)];
-        let asked_mps2 = Demand::new(body, R::of(0.25) * body.thrust_mps2(u, out), torque_radps2).thrust_mps2([front, left]);
-        let given_mps2 = asked_mps2.clamp(R::zero(), R::of(0.25 * THRUST_TO_WEIGHT) * body.gravity_mps2);
-        weaken(body, [front, left], loss * given_mps2, yaw_m / R::of(YAW_LEVER_M), out);
+        let asked_mps2 = Demand::new(body, R::from_f64(0.25) * body.thrust_mps2(u, out), torque_radps2).thrust_mps2([front, left]);
+        let given_mps2 = asked_mps2.clamp(R::zero(), R::from_f64(0.25 * THRUST_TO_WEIGHT) * body.gravity_mps2);
+        weaken(body, [front, left], loss * given_mps2, yaw_m / R::from_f64(YAW_LEVER_M), out);
     }
 }

@@ -1,8 +1,8 @@
 //! A steady wind.
 
-use super::{Cx, Effect, Hooks, Param, param};
-use crate::plant::{Command, Push, State};
-use crate::real::Real;
+use super::{HookContext, Effect, Hooks, Param, param};
+use crate::plant::{Command, Accelerations, State};
+use crate::scalar::Scalar;
 
 pub struct Wind;
 
@@ -18,7 +18,7 @@ impl Effect<3, 0> for Wind {
     const HOOKS: Hooks = Hooks::PUSH;
 
     #[inline(always)]
-    fn push<R: Real>(acc_mps2: &[R; 3], _: &mut [R; 0], _: &Cx<R>, _: &State<R>, _: &Command<R>, out: &mut Push<R>) {
+    fn push<R: Scalar>(acc_mps2: &[R; 3], _: &mut [R; 0], _: &HookContext<R>, _: &State<R>, _: &Command<R>, out: &mut Accelerations<R>) {
         for i in 0..3 {
             out.acc_mps2[i] += acc_mps2[i];
         }

@@ -1,9 +1,9 @@
 //! Wind that sets in.
 
 use super::time::step_share;
-use super::{Cx, Effect, Hooks, Param, Trace, param};
-use crate::plant::{Command, Push, State};
-use crate::real::Real;
+use super::{HookContext, Effect, Hooks, Param, Observability, param};
+use crate::plant::{Command, Accelerations, State};
+use crate::scalar::Scalar;
 
 pub struct WindStep;
 
@@ -17,10 +17,10 @@ impl Effect<3, 0> for WindStep {
         param("t_s", "s", 1.0, [0.0, 600.0], "since the flight began"),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
-    const TRACE: Trace = Trace::Located;
+    const OBSERVABILITY: Observability = Observability::Located;
 
     #[inline(always)]
-    fn push<R: Real>(&[x_mps2, y_mps2, t_s]: &[R; 3], _: &mut [R; 0], cx: &Cx<R>, _: &State<R>, _: &Command<R>, out: &mut Push<R>) {
+    fn push<R: Scalar>(&[x_mps2, y_mps2, t_s]: &[R; 3], _: &mut [R; 0], cx: &HookContext<R>, _: &State<R>, _: &Command<R>, out: &mut Accelerations<R>) {
         let share = step_share(t_s, cx);
         out.acc_mps2[0] += x_mps2 * share;
         out.acc_mps2[1] += y_mps2 * share;

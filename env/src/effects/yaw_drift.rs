@@ -1,8 +1,8 @@
 //! A heading that creeps.
 
-use super::{Cx, Effect, Hooks, Param, Reading, param};
+use super::{HookContext, Effect, Hooks, Param, Reading, param};
 use crate::plant::{Command, State};
-use crate::real::Real;
+use crate::scalar::Scalar;
 
 pub struct YawDrift;
 
@@ -15,7 +15,7 @@ impl Effect<1, 0> for YawDrift {
     const HOOKS: Hooks = Hooks::SENSE;
 
     #[inline(always)]
-    fn sense<R: Real>(&[rate_degps]: &[R; 1], _: &mut [R; 0], cx: &Cx<R>, _: &State<R>, _: &Command<R>, y: &mut Reading<R>) {
-        y.att_rad[2] += rate_degps * R::of(std::f64::consts::PI / 180.0) * cx.t_s;
+    fn sense<R: Scalar>(&[rate_degps]: &[R; 1], _: &mut [R; 0], cx: &HookContext<R>, _: &State<R>, _: &Command<R>, y: &mut Reading<R>) {
+        y.att_rad[2] += rate_degps * R::from_f64(std::f64::consts::PI / 180.0) * cx.t_s;
     }
 }

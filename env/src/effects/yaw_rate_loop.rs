@@ -1,9 +1,9 @@
 //! A yaw rate that falls short and comes late.
 
 use super::time::lag_shares;
-use super::{Cx, Effect, Hooks, Param, param};
+use super::{HookContext, Effect, Hooks, Param, param};
 use crate::plant::{Command, State};
-use crate::real::Real;
+use crate::scalar::Scalar;
 
 pub struct YawRateLoop;
 
@@ -19,12 +19,12 @@ impl Effect<2, 1> for YawRateLoop {
     const HOOKS: Hooks = Hooks::COMMAND;
 
     #[inline(always)]
-    fn start<R: Real>(&[gain, _]: &[R; 2], _: &Cx<R>, _: &State<R>, u: &Command<R>) -> [R; 1] {
+    fn start<R: Scalar>(&[gain, _]: &[R; 2], _: &HookContext<R>, _: &State<R>, u: &Command<R>) -> [R; 1] {
         [gain * u.yaw_rate_radps]
     }
 
     #[inline(always)]
-    fn command<R: Real>(&[gain, lag_s]: &[R; 2], obeyed: &mut [R; 1], cx: &Cx<R>, _: &State<R>, u: &mut Command<R>) {
+    fn command<R: Scalar>(&[gain, lag_s]: &[R; 2], obeyed: &mut [R; 1], cx: &HookContext<R>, _: &State<R>, u: &mut Command<R>) {
         let asked = gain * u.yaw_rate_radps;
         let [left, mean] = lag_shares(lag_s, cx.h_s);
         let behind = obeyed[0] - asked;

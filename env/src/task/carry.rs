@@ -7,7 +7,7 @@ use super::{GOAL, Outcome, Scene, Situation, Start, Task, distance, jerk, jitter
 use crate::coupling::load::Load;
 use crate::error::{Result, check_range};
 use crate::observation::Setpoint;
-use crate::real::Real;
+use crate::scalar::Scalar;
 
 /// Options of the task.
 #[derive(Debug, Clone, Deserialize)]
@@ -73,34 +73,37 @@ impl Task for Carry {
     }
 
     #[inline(always)]
-    fn setpoint<R: Real>(&self, own: usize, _: &mut [R; GOAL], _: &[R], scene: &Scene<R>) -> Setpoint<R> {
+    fn setpoint<R: Scalar>(&self, own: usize, _: &mut [R; GOAL], _: &[R], scene: &Scene<R>) -> Setpoint<R> {
         let [x, y] = self.way(scene.t_s);
         let [dx, dy] = on_circle(own, self.drones, self.options.ring_m, 0.0);
-        Setpoint { pos_m: [x + R::of(dx), y + R::of(dy), R::of(self.options.height_m + self.above_m)], yaw_rad: R::zero() }
+        Setpoint {
+            pos_m: [x + R::from_f64(dx), y + R::from_f64(dy), R::from_f64(self.options.height_m + self.above_m)],
+            yaw_rad: R::zero(),
+        }
     }
 
     #[inline(always)]
-    fn judge<R: Real>(&self, _: usize, s: &Situation<R>, _: &[R], scene: &Scene<R>) -> Outcome<R> {
+    fn judge<R: Scalar>(&self, _: usize, s: &Situation<R>, _: &[R], scene: &Scene<R>) -> Outcome<R> {
         let [x, y] = self.way(scene.t_s);
-        let place = [x, y, R::of(self.options.height_m)];
+        let place = [x, y, R::from_f64(self.options.height_m)];
         let error_m = scene.load.map_or(
             R::zero(),
             #[inline(always)]
             |load| distance(&load.pos_m, &place),
         );
         let own_m = distance(&s.x.pos_m, &s.setpoint.pos_m);
-        let near = |d: R, half: f64| R::of(0.5) / (R::of(1.0) + d * d * R::of(1.0 / (half * half)));
-        let reward = near(error_m, 0.15) + near(own_m, 0.3) - R::of(0.05) * jerk(s);
-        Outcome { reward, error_m, arrived: error_m.lt(R::of(0.1)), ends: R::nothing() }
+        let near = |d: R, half: f64| R::from_f64(0.5) / (R::from_f64(1.0) + d * d * R::from_f64(1.0 / (half * half)));
+        let reward = near(error_m, 0.15) + near(own_m, 0.3) - R::from_f64(0.05) * jerk(s);
+        Outcome { reward, error_m, arrived: error_m.lt(R::from_f64(0.1)), ends: R::nothing() }
     }
 }
 
 impl Carry {
     /// Where the load is to be.
     #[inline(always)]
-    fn way<R: Real>(&self, t_s: R) -> [R; 2] {
+    fn way<R: Scalar>(&self, t_s: R) -> [R; 2] {
         let o = &self.options;
-        let (sin, cos) = (t_s * R::of(std::f64::consts::TAU / o.period_s)).sin_cos();
-        [R::of(o.size_m) * cos, R::of(0.5 * o.size_m) * sin]
+        let (sin, cos) = (t_s * R::from_f64(std::f64::consts::TAU / o.period_s)).sin_cos();
+        [R::from_f64(o.size_m) * cos, R::from_f64(0.5 * o.size_m) * sin]
     }
 }

@@ -6,7 +6,7 @@ use serde::Deserialize;
 use super::{GOAL, Outcome, Scene, Situation, Start, Task, distance, is, jerk, jitter, start_at};
 use crate::error::{Error, Result, check_range};
 use crate::observation::Setpoint;
-use crate::real::Real;
+use crate::scalar::Scalar;
 
 /// Options of the task.
 #[derive(Debug, Clone, Deserialize)]
@@ -83,54 +83,54 @@ impl Task for Cover {
     }
 
     #[inline(always)]
-    fn turn<R: Real>(&self, board: &mut [R], scene: &Scene<R>) {
+    fn turn<R: Scalar>(&self, board: &mut [R], scene: &Scene<R>) {
         let (looked, next) = board.split_at_mut(self.places.len());
-        let (near, one) = (R::of(self.options.near_m), R::of(1.0));
+        let (near, one) = (R::from_f64(self.options.near_m), R::from_f64(1.0));
         for (looked, [x, y]) in looked.iter_mut().zip(&self.places) {
             for drone in scene.drones {
-                let place = [R::of(*x), R::of(*y), R::of(self.options.height_m)];
+                let place = [R::from_f64(*x), R::from_f64(*y), R::from_f64(self.options.height_m)];
                 let seen = distance(&drone.pos_m, &place).lt(near) & drone.here.gt(R::zero());
                 *looked = R::select(seen, one, *looked);
             }
         }
         for (drone, next) in next.iter_mut().enumerate() {
             for (i, marker) in self.share(drone).enumerate() {
-                *next = R::select(is(*next, i) & looked[marker].gt(R::zero()), R::of(i as f64 + 1.0), *next);
+                *next = R::select(is(*next, i) & looked[marker].gt(R::zero()), R::from_f64(i as f64 + 1.0), *next);
             }
         }
     }
 
     #[inline(always)]
-    fn setpoint<R: Real>(&self, own: usize, _: &mut [R; GOAL], board: &[R], _: &Scene<R>) -> Setpoint<R> {
+    fn setpoint<R: Scalar>(&self, own: usize, _: &mut [R; GOAL], board: &[R], _: &Scene<R>) -> Setpoint<R> {
         let next = board[self.places.len() + own];
         let share = self.share(own);
-        let mut pos_m = [R::zero(), R::zero(), R::of(self.options.height_m)];
+        let mut pos_m = [R::zero(), R::zero(), R::from_f64(self.options.height_m)];
         for (i, marker) in share.clone().enumerate() {
             // past the last one it stays there
-            let due = if i == 0 { !R::nothing() } else { R::of(i as f64 - 0.5).lt(next) };
+            let due = if i == 0 { !R::nothing() } else { R::from_f64(i as f64 - 0.5).lt(next) };
             for (slot, place) in pos_m.iter_mut().zip(self.places[marker]) {
-                *slot = R::select(due, R::of(place), *slot);
+                *slot = R::select(due, R::from_f64(place), *slot);
             }
         }
         Setpoint { pos_m, yaw_rad: R::zero() }
     }
 
     #[inline(always)]
-    fn judge<R: Real>(&self, own: usize, s: &Situation<R>, board: &[R], scene: &Scene<R>) -> Outcome<R> {
+    fn judge<R: Scalar>(&self, own: usize, s: &Situation<R>, board: &[R], scene: &Scene<R>) -> Outcome<R> {
         let error_m = distance(&s.x.pos_m, &s.setpoint.pos_m);
         let markers = &self.places;
         let (mut left, mut found) = (R::zero(), R::zero());
-        let near = R::of(self.options.near_m);
+        let near = R::from_f64(self.options.near_m);
         for (looked, [x, y]) in board.iter().zip(markers) {
-            left += R::of(1.0) - *looked;
+            left += R::from_f64(1.0) - *looked;
             // the board is of before this tick: what is near now and not yet on it is new
-            let place = [R::of(*x), R::of(*y), R::of(self.options.height_m)];
+            let place = [R::from_f64(*x), R::from_f64(*y), R::from_f64(self.options.height_m)];
             let new = distance(&scene.drones[own].pos_m, &place).lt(near) & looked.le(R::zero());
-            found += R::select(new, R::of(1.0), R::zero());
+            found += R::select(new, R::from_f64(1.0), R::zero());
         }
-        let way = R::of(0.01) / (R::of(1.0) + error_m);
-        let all = left.lt(R::of(0.5));
-        Outcome { reward: found + way - R::of(0.005) * jerk(s), error_m, arrived: all, ends: all }
+        let way = R::from_f64(0.01) / (R::from_f64(1.0) + error_m);
+        let all = left.lt(R::from_f64(0.5));
+        Outcome { reward: found + way - R::from_f64(0.005) * jerk(s), error_m, arrived: all, ends: all }
     }
 }
 

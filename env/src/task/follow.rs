@@ -6,7 +6,7 @@ use serde::Deserialize;
 use super::{GOAL, Scene, Start, Task, jitter, start_at};
 use crate::error::{Result, check_range};
 use crate::observation::Setpoint;
-use crate::real::Real;
+use crate::scalar::Scalar;
 
 /// Options of follow the leader.
 #[derive(Debug, Clone, Deserialize)]
@@ -55,26 +55,26 @@ impl Task for Follow {
     }
 
     #[inline(always)]
-    fn setpoint<R: Real>(&self, own: usize, _: &mut [R; GOAL], _: &[R], scene: &Scene<R>) -> Setpoint<R> {
+    fn setpoint<R: Scalar>(&self, own: usize, _: &mut [R; GOAL], _: &[R], scene: &Scene<R>) -> Setpoint<R> {
         let o = &self.0;
-        let [x, y] = self.oval(scene.t_s - R::of(own as f64 * o.behind_s));
-        let z = R::of(o.height_m);
+        let [x, y] = self.oval(scene.t_s - R::from_f64(own as f64 * o.behind_s));
+        let z = R::from_f64(o.height_m);
         if own == 0 {
             return Setpoint { pos_m: [x, y, z], yaw_rad: R::zero() };
         }
         // the error of the one ahead is passed on: who is late makes the others wait
         let ahead = &scene.drones[own - 1];
-        let [ax, ay] = self.oval(scene.t_s - R::of((own - 1) as f64 * o.behind_s));
+        let [ax, ay] = self.oval(scene.t_s - R::from_f64((own - 1) as f64 * o.behind_s));
         let late = [ahead.here * (ahead.pos_m[0] - ax), ahead.here * (ahead.pos_m[1] - ay)];
-        let limit = R::of(0.3);
+        let limit = R::from_f64(0.3);
         Setpoint { pos_m: [x + late[0].clamp(-limit, limit), y + late[1].clamp(-limit, limit), z], yaw_rad: R::zero() }
     }
 }
 
 impl Follow {
     #[inline(always)]
-    fn oval<R: Real>(&self, t_s: R) -> [R; 2] {
-        let (sin, cos) = (t_s * R::of(std::f64::consts::TAU / self.0.period_s)).sin_cos();
-        [R::of(self.0.size_m) * cos, R::of(0.7 * self.0.size_m) * sin]
+    fn oval<R: Scalar>(&self, t_s: R) -> [R; 2] {
+        let (sin, cos) = (t_s * R::from_f64(std::f64::consts::TAU / self.0.period_s)).sin_cos();
+        [R::from_f64(self.0.size_m) * cos, R::from_f64(0.7 * self.0.size_m) * sin]
     }
 }

@@ -6,7 +6,7 @@ use serde::Deserialize;
 use super::{GOAL, Scene, Start, Task, jitter, on_circle, start_at};
 use crate::error::{Error, Result, check_range};
 use crate::observation::Setpoint;
-use crate::real::{Real, tabulate};
+use crate::scalar::{Scalar, tabulate};
 
 /// Options of the task.
 #[derive(Debug, Clone, Deserialize)]
@@ -81,33 +81,33 @@ impl Task for Formation {
     }
 
     #[inline(always)]
-    fn setpoint<R: Real>(&self, own: usize, _: &mut [R; GOAL], _: &[R], scene: &Scene<R>) -> Setpoint<R> {
+    fn setpoint<R: Scalar>(&self, own: usize, _: &mut [R; GOAL], _: &[R], scene: &Scene<R>) -> Setpoint<R> {
         let o = &self.options;
-        let (sin, cos) = (scene.t_s * R::of(std::f64::consts::TAU / o.period_s)).sin_cos();
+        let (sin, cos) = (scene.t_s * R::from_f64(std::f64::consts::TAU / o.period_s)).sin_cos();
         let shape = self.shape(scene.t_s);
         let [ring, rows] = &self.places[own];
-        let middle = [cos * R::of(o.roam_m), sin * R::of(o.roam_m)];
+        let middle = [cos * R::from_f64(o.roam_m), sin * R::from_f64(o.roam_m)];
         let [x, y] = tabulate(
             #[inline(always)]
-            |i| middle[i] + R::of(ring[i]) + shape * R::of(rows[i] - ring[i]),
+            |i| middle[i] + R::from_f64(ring[i]) + shape * R::from_f64(rows[i] - ring[i]),
         );
-        Setpoint { pos_m: [x, y, R::of(o.height_m)], yaw_rad: R::zero() }
+        Setpoint { pos_m: [x, y, R::from_f64(o.height_m)], yaw_rad: R::zero() }
     }
 }
 
 impl Formation {
     /// 0 for the ring, 1 for the rows, in between during a change.
     #[inline(always)]
-    fn shape<R: Real>(&self, t_s: R) -> R {
+    fn shape<R: Scalar>(&self, t_s: R) -> R {
         let period = self.options.change_s;
         if period == 0.0 {
             return R::zero();
         }
         // a triangle wave of two periods, cut off so that a change takes CHANGE_S
-        let turns = t_s * R::of(0.5 / period) - R::of(0.5 + 0.25 * (1.0 - CHANGE_S / period));
+        let turns = t_s * R::from_f64(0.5 / period) - R::from_f64(0.5 + 0.25 * (1.0 - CHANGE_S / period));
         let saw = turns - turns.round();
-        let wave = (R::of(0.25) - saw.abs()) * R::of(2.0 * period / CHANGE_S);
-        R::of(1.0) - (wave + R::of(0.5)).clamp(R::zero(), R::of(1.0))
+        let wave = (R::from_f64(0.25) - saw.abs()) * R::from_f64(2.0 * period / CHANGE_S);
+        R::from_f64(1.0) - (wave + R::from_f64(0.5)).clamp(R::zero(), R::from_f64(1.0))
     }
 }
 

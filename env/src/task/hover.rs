@@ -7,7 +7,7 @@ use serde::Deserialize;
 use super::{GOAL, HEIGHT_M, Scene, Start, Task, in_disc};
 use crate::error::{Result, check_range};
 use crate::observation::Setpoint;
-use crate::real::Real;
+use crate::scalar::Scalar;
 
 /// Options of the hover task.
 #[derive(Debug, Clone, Deserialize)]
@@ -17,7 +17,7 @@ pub struct Options {
     pub start_radius_m: f64,
     /// Start exactly here instead.
     pub start_m: Option<[f64; 3]>,
-    /// Heading at the start is within this of the set-point's.
+    /// YawRotation at the start is within this of the set-point's.
     pub start_yaw_deg: f64,
     /// Where to hover.
     pub setpoint_m: [f64; 3],
@@ -86,13 +86,13 @@ impl Task for Hover {
     }
 
     #[inline(always)]
-    fn setpoint<R: Real>(&self, _: usize, goal: &mut [R; GOAL], _: &[R], scene: &Scene<R>) -> Setpoint<R> {
+    fn setpoint<R: Scalar>(&self, _: usize, goal: &mut [R; GOAL], _: &[R], scene: &Scene<R>) -> Setpoint<R> {
         for step in &self.0.steps {
             // half a millisecond of margin for the clock's rounding
-            let due = R::of(step.from_s - 5e-4).le(scene.t_s);
+            let due = R::from_f64(step.from_s - 5e-4).le(scene.t_s);
             let [x, y, z] = step.setpoint_m;
             for (kept, new) in goal.iter_mut().zip([x, y, z, step.setpoint_yaw_deg.to_radians()]) {
-                *kept = R::select(due, R::of(new), *kept);
+                *kept = R::select(due, R::from_f64(new), *kept);
             }
         }
         Setpoint { pos_m: [goal[0], goal[1], goal[2]], yaw_rad: goal[3] }

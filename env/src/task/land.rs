@@ -6,7 +6,7 @@ use serde::Deserialize;
 use super::{GOAL, HEIGHT_M, Outcome, Scene, Situation, Start, Task, closeness, in_disc, jerk, keeping};
 use crate::error::{Result, check_range};
 use crate::observation::Setpoint;
-use crate::real::Real;
+use crate::scalar::Scalar;
 
 /// Options of the landing task.
 #[derive(Debug, Clone, Deserialize)]
@@ -44,17 +44,17 @@ impl Task for Land {
     }
 
     #[inline(always)]
-    fn setpoint<R: Real>(&self, _: usize, goal: &mut [R; GOAL], _: &[R], _: &Scene<R>) -> Setpoint<R> {
+    fn setpoint<R: Scalar>(&self, _: usize, goal: &mut [R; GOAL], _: &[R], _: &Scene<R>) -> Setpoint<R> {
         Setpoint { pos_m: [goal[0], goal[1], goal[2]], yaw_rad: goal[3] }
     }
 
     #[inline(always)]
-    fn judge<R: Real>(&self, _: usize, s: &Situation<R>, _: &[R], _: &Scene<R>) -> Outcome<R> {
-        let one = R::of(1.0);
-        let approach = R::of(0.1) * (closeness(s) - one) - R::of(0.005) * jerk(s);
+    fn judge<R: Scalar>(&self, _: usize, s: &Situation<R>, _: &[R], _: &Scene<R>) -> Outcome<R> {
+        let one = R::from_f64(1.0);
+        let approach = R::from_f64(0.1) * (closeness(s) - one) - R::from_f64(0.005) * jerk(s);
         let off2 = s.x.pos_m[0] * s.x.pos_m[0] + s.x.pos_m[1] * s.x.pos_m[1];
         let impact2 = s.contact.impact_mps * s.contact.impact_mps;
-        let touch = R::of(10.0) / ((one + R::of(1.0 / 0.01) * off2) * (one + R::of(1.0 / 0.09) * impact2));
+        let touch = R::from_f64(10.0) / ((one + R::from_f64(1.0 / 0.01) * off2) * (one + R::from_f64(1.0 / 0.09) * impact2));
         let down = s.contact.standing;
         Outcome { reward: approach + R::select(down, touch, R::zero()), arrived: down, ends: down, ..keeping(s) }
     }

@@ -6,7 +6,7 @@ use serde::Deserialize;
 use super::{GOAL, Outcome, Scene, Situation, Start, Task, closeness, distance, is, jerk, jitter, on_circle, room_on_circle, start_at};
 use crate::error::{Result, check_range};
 use crate::observation::Setpoint;
-use crate::real::{Real, tabulate};
+use crate::scalar::{Scalar, tabulate};
 
 /// Options of the landing in turn.
 #[derive(Debug, Clone, Deserialize)]
@@ -68,24 +68,24 @@ impl Task for LandInTurn {
     }
 
     #[inline(always)]
-    fn turn<R: Real>(&self, board: &mut [R], scene: &Scene<R>) {
+    fn turn<R: Scalar>(&self, board: &mut [R], scene: &Scene<R>) {
         for (i, drone) in scene.drones.iter().enumerate() {
             let gone = is(board[TURN], i) & drone.here.le(R::zero());
-            board[TURN] = R::select(gone, R::of(i as f64 + 1.0), board[TURN]);
+            board[TURN] = R::select(gone, R::from_f64(i as f64 + 1.0), board[TURN]);
             board[SINCE] = R::select(gone, scene.t_s, board[SINCE]);
         }
     }
 
     #[inline(always)]
-    fn setpoint<R: Real>(&self, own: usize, goal: &mut [R; GOAL], board: &[R], scene: &Scene<R>) -> Setpoint<R> {
+    fn setpoint<R: Scalar>(&self, own: usize, goal: &mut [R; GOAL], board: &[R], scene: &Scene<R>) -> Setpoint<R> {
         let o = &self.0;
         let mine = is(board[TURN], own);
-        let gone_m = (scene.t_s - board[SINCE]) * R::of(o.speed_mps);
-        let share = (gone_m * R::of(1.0 / o.radius_m)).clamp(R::zero(), R::of(1.0));
-        let inwards = R::select(mine, R::of(1.0) - share, R::of(1.0));
+        let gone_m = (scene.t_s - board[SINCE]) * R::from_f64(o.speed_mps);
+        let share = (gone_m * R::from_f64(1.0 / o.radius_m)).clamp(R::zero(), R::from_f64(1.0));
+        let inwards = R::select(mine, R::from_f64(1.0) - share, R::from_f64(1.0));
         // a second's way above the marker, then down into the floor, so that it is reached
-        let sunk = (gone_m - R::of(o.radius_m + o.speed_mps)).clamp(R::zero(), R::of(o.height_m + 0.1));
-        let height = R::of(o.height_m) - R::select(mine, sunk, R::zero());
+        let sunk = (gone_m - R::from_f64(o.radius_m + o.speed_mps)).clamp(R::zero(), R::from_f64(o.height_m + 0.1));
+        let height = R::from_f64(o.height_m) - R::select(mine, sunk, R::zero());
         let [x, y] = tabulate(
             #[inline(always)]
             |i| inwards * goal[i],
@@ -94,15 +94,15 @@ impl Task for LandInTurn {
     }
 
     #[inline(always)]
-    fn judge<R: Real>(&self, own: usize, s: &Situation<R>, board: &[R], _: &Scene<R>) -> Outcome<R> {
-        let one = R::of(1.0);
+    fn judge<R: Scalar>(&self, own: usize, s: &Situation<R>, board: &[R], _: &Scene<R>) -> Outcome<R> {
+        let one = R::from_f64(1.0);
         let off2 = s.x.pos_m[0] * s.x.pos_m[0] + s.x.pos_m[1] * s.x.pos_m[1];
         let sinking_mps = s.contact.impact_mps.max(-s.x.vel_mps[2]);
         let impact2 = sinking_mps * sinking_mps;
-        let touch = R::of(10.0) / ((one + R::of(1.0 / 0.01) * off2) * (one + R::of(1.0 / 0.09) * impact2));
-        let had_its_turn = R::of(own as f64 - 0.5).lt(board[TURN]);
-        let down = (s.contact.standing | s.x.pos_m[2].lt(R::of(CUT_M))) & had_its_turn;
-        let approach = R::of(0.1) * (closeness(s) - one) - R::of(0.005) * jerk(s);
+        let touch = R::from_f64(10.0) / ((one + R::from_f64(1.0 / 0.01) * off2) * (one + R::from_f64(1.0 / 0.09) * impact2));
+        let had_its_turn = R::from_f64(own as f64 - 0.5).lt(board[TURN]);
+        let down = (s.contact.standing | s.x.pos_m[2].lt(R::from_f64(CUT_M))) & had_its_turn;
+        let approach = R::from_f64(0.1) * (closeness(s) - one) - R::from_f64(0.005) * jerk(s);
         let error_m = distance(&s.x.pos_m, &s.setpoint.pos_m);
         Outcome { reward: approach + R::select(down, touch, R::zero()), error_m, arrived: down, ends: down }
     }

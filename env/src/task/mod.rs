@@ -21,10 +21,10 @@ use serde::de::DeserializeOwned;
 use crate::coupling::{MOST_DRONES, load};
 use crate::effects::Neighbour;
 use crate::error::{Error, Result, unknown};
-use crate::noise::Draw;
+use crate::noise::TickRng;
 use crate::observation::{ACTION, Setpoint, wrap};
 use crate::plant::State;
-use crate::real::{Real, tabulate};
+use crate::scalar::{Scalar, tabulate};
 use crate::world::Contact;
 
 /// Numbers that a task remembers of a drone's episode.
@@ -46,19 +46,19 @@ pub struct Start {
 
 /// What a task knows of an environment at a tick.
 #[derive(Debug, Clone, Copy)]
-pub struct Scene<'a, R: Real> {
+pub struct Scene<'a, R: Scalar> {
     /// The drones as they truly are; empty for a task of one drone.
     pub drones: &'a [Neighbour<R>],
     /// What hangs below them, where something does.
     pub load: Option<&'a load::State<R>>,
     pub t_s: R,
     /// The noise of this tick.
-    pub draw: Draw<'a, R>,
+    pub draw: TickRng<'a, R>,
 }
 
 /// What a drone is judged on, at the end of a control tick.
 #[derive(Debug, Clone, Copy)]
-pub struct Situation<'a, R: Real> {
+pub struct Situation<'a, R: Scalar> {
     pub x: &'a State<R>,
     pub setpoint: Setpoint<R>,
     pub action: &'a [R; ACTION],
@@ -69,7 +69,7 @@ pub struct Situation<'a, R: Real> {
 
 /// What comes of a tick for one drone.
 #[derive(Debug, Clone, Copy)]
-pub struct Outcome<R: Real> {
+pub struct Outcome<R: Scalar> {
     pub reward: R,
     /// How far it is from where it should be.
     pub error_m: R,
@@ -107,24 +107,24 @@ pub trait Task: Send + Sync + Sized + 'static {
     fn load(&self) -> Option<load::Load> {
         None
     }
-    /// Draw the start of an episode: a place for each drone, and what stands on the board. A load begins at rest below them.
+    /// TickRng the start of an episode: a place for each drone, and what stands on the board. A load begins at rest below them.
     fn start(&self, rng: &mut Pcg64Mcg, starts: &mut [Start], board: &mut [f64]);
     /// Move the board on, once per tick.
     #[inline(always)]
-    fn turn<R: Real>(&self, _board: &mut [R], _scene: &Scene<R>) {}
+    fn turn<R: Scalar>(&self, _board: &mut [R], _scene: &Scene<R>) {}
     /// Where drone `own` is to be now; may move its goal on.
-    fn setpoint<R: Real>(&self, own: usize, goal: &mut [R; GOAL], board: &[R], scene: &Scene<R>) -> Setpoint<R>;
+    fn setpoint<R: Scalar>(&self, own: usize, goal: &mut [R; GOAL], board: &[R], scene: &Scene<R>) -> Setpoint<R>;
     /// What its tick was worth; `s` has the set-point of now.
     #[inline(always)]
-    fn judge<R: Real>(&self, _own: usize, s: &Situation<R>, _board: &[R], _scene: &Scene<R>) -> Outcome<R> {
+    fn judge<R: Scalar>(&self, _own: usize, s: &Situation<R>, _board: &[R], _scene: &Scene<R>) -> Outcome<R> {
         keeping(s)
     }
 }
 
 /// What is done with a task whose type is known only at run time.
 pub(crate) trait Visitor {
-    type Out;
-    fn visit<T: Task>(self, task: T, drones: usize) -> Result<Self::Out>;
+    type Output;
+    fn visit<T: Task>(self, task: T, drones: usize) -> Result<Self::Output>;
 }
 
 /// A task as the rest of the program sees it.
@@ -194,7 +194,7 @@ macro_rules! registry {
         ///
         /// # Errors
         /// [`Error::Unknown`] with a proposal, [`Error::Config`] and [`Error::Range`] for the options, and what the visitor returns.
-        pub(crate) fn visit<V: Visitor>(name: &str, drones: usize, options: &serde_json::Value, visitor: V) -> Result<V::Out> {
+        pub(crate) fn visit<V: Visitor>(name: &str, drones: usize, options: &serde_json::Value, visitor: V) -> Result<V::Output> {
             let entry = find(name)?;
             let drones = entry.drones(drones)?;
             match entry.name {
@@ -227,13 +227,13 @@ pub fn find(name: &str) -> Result<&'static Entry> {
 
 /// Being where one should be, and arrived within 10 cm.
 #[inline(always)]
-pub(crate) fn keeping<R: Real>(s: &Situation<R>) -> Outcome<R> {
+pub(crate) fn keeping<R: Scalar>(s: &Situation<R>) -> Outcome<R> {
     let error_m = distance(&s.x.pos_m, &s.setpoint.pos_m);
-    Outcome { reward: closeness(s) - R::of(0.05) * jerk(s), error_m, arrived: error_m.lt(R::of(0.1)), ends: R::nothing() }
+    Outcome { reward: closeness(s) - R::from_f64(0.05) * jerk(s), error_m, arrived: error_m.lt(R::from_f64(0.1)), ends: R::nothing() }
 }
 
 #[inline(always)]
-pub(crate) fn distance<R: Real>(a: &[R; 3], b: &[R; 3]) -> R {
+pub(crate) fn distance<R: Scalar>(a: &[R; 3], b: &[R; 3]) -> R {
     let [dx, dy, dz] = [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
     (dx * dx + dy * dy + dz * dz).sqrt()
 }
@@ -270,8 +270,8 @@ pub(crate) fn jitter<const N: usize>(rng: &mut Pcg64Mcg, size: f64) -> [f64; N] 
 
 /// Where a whole number that is kept as a number of the lanes is `i`.
 #[inline(always)]
-pub(crate) fn is<R: Real>(number: R, i: usize) -> R::Mask {
-    (number - R::of(i as f64)).abs().lt(R::of(0.5))
+pub(crate) fn is<R: Scalar>(number: R, i: usize) -> R::Mask {
+    (number - R::from_f64(i as f64)).abs().lt(R::from_f64(0.5))
 }
 
 /// Uniform in a disc.
@@ -282,37 +282,37 @@ pub(crate) fn in_disc(radius: f64, rng: &mut Pcg64Mcg) -> [f64; 2] {
 
 /// 1 at the set-point, 1/2 at 30 cm: near enough to feel, far enough to be found from across the room.
 #[inline(always)]
-pub(crate) fn closeness<R: Real>(s: &Situation<R>) -> R {
+pub(crate) fn closeness<R: Scalar>(s: &Situation<R>) -> R {
     let [dx, dy, dz] = tabulate(
         #[inline(always)]
         |i| s.x.pos_m[i] - s.setpoint.pos_m[i],
     );
     let turned = wrap(s.x.att_rad[2] - s.setpoint.yaw_rad);
-    let near = R::of(1.0) / (R::of(1.0) + (dx * dx + dy * dy + dz * dz) * R::of(1.0 / 0.09));
-    let facing = R::of(1.0) / (R::of(1.0) + turned * turned);
-    near * (R::of(0.8) + R::of(0.2) * facing)
+    let near = R::from_f64(1.0) / (R::from_f64(1.0) + (dx * dx + dy * dy + dz * dz) * R::from_f64(1.0 / 0.09));
+    let facing = R::from_f64(1.0) / (R::from_f64(1.0) + turned * turned);
+    near * (R::from_f64(0.8) + R::from_f64(0.2) * facing)
 }
 
 /// Cost of jerking the sticks: mean square change of the action.
 #[inline(always)]
-pub(crate) fn jerk<R: Real>(s: &Situation<R>) -> R {
+pub(crate) fn jerk<R: Scalar>(s: &Situation<R>) -> R {
     let mut sum = R::zero();
     for i in 0..ACTION {
         let d = s.action[i] - s.last_action[i];
         sum += d * d;
     }
-    R::of(0.25) * sum
+    R::from_f64(0.25) * sum
 }
 
 /// Out of the room.
 #[inline(always)]
-pub(crate) fn outside<R: Real>(x: &State<R>) -> R::Mask {
-    let (half, top) = (R::of(ROOM_M[0]), R::of(ROOM_M[1]));
+pub(crate) fn outside<R: Scalar>(x: &State<R>) -> R::Mask {
+    let (half, top) = (R::from_f64(ROOM_M[0]), R::from_f64(ROOM_M[1]));
     x.pos_m[0].abs().gt(half) | x.pos_m[1].abs().gt(half) | x.pos_m[2].gt(top)
 }
 
 /// Hit the floor faster than this and it is a crash. The package that the thesis flew cuts the motors 5 cm up, which lands at 1 m/s.
 #[inline(always)]
-pub(crate) fn crashed<R: Real>(contact: &Contact<R>) -> R::Mask {
-    contact.impact_mps.gt(R::of(1.5))
+pub(crate) fn crashed<R: Scalar>(contact: &Contact<R>) -> R::Mask {
+    contact.impact_mps.gt(R::from_f64(1.5))
 }

@@ -7,8 +7,8 @@ use super::{GOAL, Scene, Start, Task, Visitor};
 use crate::effects::Neighbour;
 use crate::error::Result;
 use crate::lanes::Lanes;
-use crate::noise::Keys;
-use crate::real::{Real, Word};
+use crate::noise::EpisodeKeys;
+use crate::scalar::{Scalar, Word};
 
 /// The set-point of the first drone at the first `ticks` ticks of `tick_s` seconds of an episode, if nobody flies; empty where it stands still or
 /// differs from episode to episode.
@@ -25,8 +25,8 @@ struct Path {
 }
 
 impl Visitor for Path {
-    type Out = Vec<[f32; 3]>;
-    fn visit<T: Task>(self, task: T, drones: usize) -> Result<Self::Out> {
+    type Output = Vec<[f32; 3]>;
+    fn visit<T: Task>(self, task: T, drones: usize) -> Result<Self::Output> {
         let (path, other) = (self.walk(&task, drones, 0), self.walk(&task, drones, 1));
         let still = path.windows(2).all(|pair| pair[0] == pair[1]);
         Ok(if still || path != other { Vec::new() } else { path })
@@ -36,17 +36,17 @@ impl Visitor for Path {
 impl Path {
     /// Set-points of the episode that `key` draws.
     fn walk(&self, task: &impl Task, drones: usize, key: u64) -> Vec<[f32; 3]> {
-        let mut keys = Keys::<Lanes>::new();
+        let mut keys = EpisodeKeys::<Lanes>::new();
         keys.set_lane(0, key);
         let mut starts = vec![Start { pos_m: [0.0; 3], yaw_rad: 0.0, goal: [0.0; GOAL] }; drones];
         let mut board = vec![0.0; task.board()];
         task.start(&mut Pcg64Mcg::seed_from_u64(key), &mut starts, &mut board);
-        let mut goal = starts[0].goal.map(Lanes::of);
-        let board: Vec<_> = board.into_iter().map(Lanes::of).collect();
+        let mut goal = starts[0].goal.map(Lanes::from_f64);
+        let board: Vec<_> = board.into_iter().map(Lanes::from_f64).collect();
         let gone = vec![Neighbour::gone(); drones];
         let at = |tick: u32| {
-            let word = <Lanes as Real>::Word::of(tick);
-            let scene = Scene { drones: &gone, load: None, t_s: Lanes::of(f64::from(tick) * self.tick_s), draw: keys.at(&word) };
+            let word = <Lanes as Scalar>::Word::from_u32(tick);
+            let scene = Scene { drones: &gone, load: None, t_s: Lanes::from_f64(f64::from(tick) * self.tick_s), draw: keys.at(&word) };
             task.setpoint(0, &mut goal, &board, &scene).pos_m.map(|p| p.lane(0) as f32)
         };
         (0..self.ticks).map(at).collect()

@@ -7,7 +7,7 @@ use serde::Deserialize;
 use super::{GOAL, Scene, Start, Task, jitter, on_circle, room_on_circle, start_at};
 use crate::error::{Result, check_range};
 use crate::observation::Setpoint;
-use crate::real::Real;
+use crate::scalar::Scalar;
 
 /// Options of the swap.
 #[derive(Debug, Clone, Deserialize)]
@@ -60,9 +60,9 @@ impl Task for Swap {
     }
 
     #[inline(always)]
-    fn setpoint<R: Real>(&self, _: usize, goal: &mut [R; GOAL], _: &[R], scene: &Scene<R>) -> Setpoint<R> {
+    fn setpoint<R: Scalar>(&self, _: usize, goal: &mut [R; GOAL], _: &[R], scene: &Scene<R>) -> Setpoint<R> {
         // half a millisecond of margin for the clock's rounding
-        let side = R::select(scene.t_s.lt(R::of(self.0.wait_s - 5e-4)), R::of(1.0), R::of(-1.0));
-        Setpoint { pos_m: [side * goal[0], side * goal[1], R::of(self.0.height_m)], yaw_rad: R::zero() }
+        let side = R::select(scene.t_s.lt(R::from_f64(self.0.wait_s - 5e-4)), R::from_f64(1.0), R::from_f64(-1.0));
+        Setpoint { pos_m: [side * goal[0], side * goal[1], R::from_f64(self.0.height_m)], yaw_rad: R::zero() }
     }
 }

@@ -6,7 +6,7 @@ use serde::Deserialize;
 use super::{GOAL, HEIGHT_M, Outcome, Scene, Situation, Start, Task, keeping};
 use crate::error::{Result, check_range};
 use crate::observation::Setpoint;
-use crate::real::Real;
+use crate::scalar::Scalar;
 
 /// Options of the take-off task.
 #[derive(Debug, Clone, Deserialize)]
@@ -42,14 +42,14 @@ impl Task for Takeoff {
     }
 
     #[inline(always)]
-    fn setpoint<R: Real>(&self, _: usize, goal: &mut [R; GOAL], _: &[R], _: &Scene<R>) -> Setpoint<R> {
+    fn setpoint<R: Scalar>(&self, _: usize, goal: &mut [R; GOAL], _: &[R], _: &Scene<R>) -> Setpoint<R> {
         Setpoint { pos_m: [goal[0], goal[1], goal[2]], yaw_rad: goal[3] }
     }
 
     #[inline(always)]
-    fn judge<R: Real>(&self, _: usize, s: &Situation<R>, _: &[R], _: &Scene<R>) -> Outcome<R> {
+    fn judge<R: Scalar>(&self, _: usize, s: &Situation<R>, _: &[R], _: &Scene<R>) -> Outcome<R> {
         let overshoot = (s.x.pos_m[2] - s.setpoint.pos_m[2]).max(R::zero());
         let kept = keeping(s);
-        Outcome { reward: kept.reward - R::of(2.0) * overshoot, ..kept }
+        Outcome { reward: kept.reward - R::from_f64(2.0) * overshoot, ..kept }
     }
 }

@@ -7,7 +7,7 @@ use super::{GOAL, HEIGHT_M, Scene, Start, Task};
 use crate::error::{Error, Result, check_range};
 use crate::noise::channel;
 use crate::observation::Setpoint;
-use crate::real::{Real, tabulate};
+use crate::scalar::{Scalar, tabulate};
 
 /// What to fly.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
@@ -81,22 +81,23 @@ impl Task for Track {
     }
 
     #[inline(always)]
-    fn setpoint<R: Real>(&self, _: usize, goal: &mut [R; GOAL], _: &[R], scene: &Scene<R>) -> Setpoint<R> {
+    fn setpoint<R: Scalar>(&self, _: usize, goal: &mut [R; GOAL], _: &[R], scene: &Scene<R>) -> Setpoint<R> {
         let (o, t_s, draw) = (&self.0, scene.t_s, &scene.draw);
         if o.shape != Shape::Waypoints {
             return Setpoint { pos_m: self.round(t_s), yaw_rad: R::zero() };
         }
-        let period = R::of(o.period_s);
-        let arrived = (goal[SINCE] + period).le(t_s + R::of(1e-3));
+        let period = R::from_f64(o.period_s);
+        let arrived = (goal[SINCE] + period).le(t_s + R::from_f64(1e-3));
         let spread = [o.size_m, o.size_m, o.rise_m];
         for i in 0..3 {
-            let middle = if i == 2 { R::of(o.height_m) } else { R::zero() };
-            let drawn = middle + R::of(2.0 * spread[i]) * (draw.uniform(channel("waypoint").wrapping_add(i as u32)) - R::of(0.5));
+            let middle = if i == 2 { R::from_f64(o.height_m) } else { R::zero() };
+            let drawn =
+                middle + R::from_f64(2.0 * spread[i]) * (draw.uniform(channel("waypoint").wrapping_add(i as u32)) - R::from_f64(0.5));
             goal[FROM + i] = R::select(arrived, goal[TO + i], goal[FROM + i]);
             goal[TO + i] = R::select(arrived, drawn, goal[TO + i]);
         }
         goal[SINCE] = R::select(arrived, t_s, goal[SINCE]);
-        let done = ((t_s - goal[SINCE]) / period).clamp(R::zero(), R::of(1.0));
+        let done = ((t_s - goal[SINCE]) / period).clamp(R::zero(), R::from_f64(1.0));
         Setpoint {
             pos_m: tabulate(
                 #[inline(always)]
@@ -110,17 +111,17 @@ impl Task for Track {
 impl Track {
     /// The closed shapes.
     #[inline(always)]
-    fn round<R: Real>(&self, t_s: R) -> [R; 3] {
+    fn round<R: Scalar>(&self, t_s: R) -> [R; 3] {
         let o = &self.0;
-        let (a, z) = (R::of(o.size_m), R::of(o.height_m));
-        let turns = t_s * R::of(1.0 / o.period_s);
-        let (sin, cos) = (R::of(std::f64::consts::TAU) * turns).sin_cos();
+        let (a, z) = (R::from_f64(o.size_m), R::from_f64(o.height_m));
+        let turns = t_s * R::from_f64(1.0 / o.period_s);
+        let (sin, cos) = (R::from_f64(std::f64::consts::TAU) * turns).sin_cos();
         match o.shape {
             // Gerono's lemniscate, through the marker at the start
             Shape::FigureEight | Shape::Waypoints => [a * sin, a * sin * cos, z],
             Shape::Circle => [a * cos, a * sin, z],
             // up and down once in four rounds
-            Shape::Helix => [a * cos, a * sin, z + R::of(o.rise_m) * (R::of(std::f64::consts::FRAC_PI_2) * turns).sin_cos().0],
+            Shape::Helix => [a * cos, a * sin, z + R::from_f64(o.rise_m) * (R::from_f64(std::f64::consts::FRAC_PI_2) * turns).sin_cos().0],
             Shape::Square => {
                 // both coordinates are clipped triangle waves of the same round, a quarter apart
                 [self.edge(turns, 0.125), self.edge(turns, 0.375), z]
@@ -130,10 +131,10 @@ impl Track {
 
     /// A triangle wave of twice the size, clipped: a quarter of a round across, a quarter waiting.
     #[inline(always)]
-    fn edge<R: Real>(&self, turns: R, phase: f64) -> R {
-        let a = R::of(self.0.size_m);
-        let p = turns + R::of(phase);
+    fn edge<R: Scalar>(&self, turns: R, phase: f64) -> R {
+        let a = R::from_f64(self.0.size_m);
+        let p = turns + R::from_f64(phase);
         let saw = p - p.round();
-        (R::of(8.0 * self.0.size_m) * (saw.abs() - R::of(0.25))).clamp(-a, a)
+        (R::from_f64(8.0 * self.0.size_m) * (saw.abs() - R::from_f64(0.25))).clamp(-a, a)
     }
 }

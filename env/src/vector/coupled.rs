@@ -11,18 +11,18 @@ use crate::config::Autoreset;
 use crate::error::Result;
 use crate::lanes::LANES;
 use crate::rows::{first_bad_action, lanes_of};
-use crate::simulated::Batched;
+use crate::sim_scalar::BatchScalar;
 use crate::task::{Situation, Task};
 use crate::world::GROUP;
 use drone_batch::DroneBatch;
 
-pub(super) struct CoupledShard<R: Batched, T> {
+pub(super) struct CoupledShard<R: BatchScalar, T> {
     task: T,
     /// Everything that is the same for all tasks, and compiled once for them all.
     batch: DroneBatch<R>,
 }
 
-impl<R: Batched, T: Task> CoupledShard<R, T> {
+impl<R: BatchScalar, T: Task> CoupledShard<R, T> {
     pub(super) fn new(spec: &ShardSpec<'_>, task: T, drones: usize) -> Result<Self> {
         let batch = DroneBatch::new(spec, task.load(), task.board(), drones)?;
         Ok(CoupledShard { task, batch })
@@ -113,7 +113,7 @@ impl<R: Batched, T: Task> CoupledShard<R, T> {
     }
 }
 
-impl<R: Batched, T: Task> Shard for CoupledShard<R, T> {
+impl<R: BatchScalar, T: Task> Shard for CoupledShard<R, T> {
     fn reset(&mut self, config: &BatchConfig, first: usize, seeds: Option<&[u64]>, mask: Option<&[bool]>, observations: &mut [f32]) {
         for tile in 0..self.batch.tiles() {
             let (env, mut bits) = (first + tile * LANES, 0);

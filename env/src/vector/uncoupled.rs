@@ -10,10 +10,10 @@ use crate::config::Autoreset;
 use crate::error::Result;
 use crate::lanes::LANES;
 use crate::noise::episode_key;
-use crate::observation::{ACTION, Interface, OBSERVATION, Reach, observe};
+use crate::observation::{ACTION, ActionScale, Interface, OBSERVATION, observe};
 use crate::plant::{Command, State};
 use crate::rows::{STATE, first_bad_action, flags, lanes_of, state_row, write, write_lane};
-use crate::simulated::Batched;
+use crate::sim_scalar::BatchScalar;
 use crate::task::{GOAL, Scene, Situation, Start, Task, crashed, outside};
 use crate::world::{GROUP, Settings, Tick, World};
 
@@ -41,7 +41,7 @@ struct Bits {
     used: u16,
 }
 
-pub(super) struct UncoupledShard<R: Batched, T> {
+pub(super) struct UncoupledShard<R: BatchScalar, T> {
     world: World<R>,
     task: T,
     slots: Vec<Slot<R>>,
@@ -58,7 +58,7 @@ impl Bits {
     }
 }
 
-impl<R: Batched, T: Task> Shard for UncoupledShard<R, T> {
+impl<R: BatchScalar, T: Task> Shard for UncoupledShard<R, T> {
     fn reset(&mut self, config: &BatchConfig, first: usize, seeds: Option<&[u64]>, mask: Option<&[bool]>, observations: &mut [f32]) {
         for (tile, rows) in observations.chunks_mut(LANES * OBSERVATION).enumerate() {
             let env = first + tile * LANES;
@@ -133,7 +133,7 @@ impl<R: Batched, T: Task> Shard for UncoupledShard<R, T> {
     }
 }
 
-impl<R: Batched, T: Task> UncoupledShard<R, T> {
+impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
     pub(super) fn new(spec: &ShardSpec<'_>, task: T) -> Result<Self> {
         let ShardSpec { options, envs, .. } = *spec;
         let tiles = envs.div_ceil(LANES);
@@ -197,7 +197,7 @@ impl<R: Batched, T: Task> UncoupledShard<R, T> {
     /// One step of every tile.
     #[inline(always)]
     fn run_now(&mut self, config: &BatchConfig, actions: &[f32], out: StepBuffers<'_>) {
-        let params = StepParams { reach: config.interfaces[0].reach(), last_s: R::of(config.last_s) };
+        let params = StepParams { reach: config.interfaces[0].reach(), last_s: R::from_f64(config.last_s) };
         let mut tail = TailBuffers::new(actions);
         let mut buffers = TileBuffers::new(actions, out, &mut tail);
         let tiles = self.bits.len();
@@ -246,7 +246,7 @@ impl<R: Batched, T: Task> UncoupledShard<R, T> {
         let outcome = self.task.judge(0, &situation, &[], &scene);
         let broken = outside(x) | crashed(&tick.contact);
         let reward =
-            if T::CRASH_COST == 0.0 { outcome.reward } else { outcome.reward - R::select(broken, R::of(T::CRASH_COST), R::zero()) };
+            if T::CRASH_COST == 0.0 { outcome.reward } else { outcome.reward - R::select(broken, R::from_f64(T::CRASH_COST), R::zero()) };
         let over = now_s.gt(params.last_s);
         slot.last_action = *action;
         R::write(&observe(&tick.reading, now_s, &setpoint, action), out.observations, OBSERVATION);
@@ -299,6 +299,6 @@ impl<R: Batched, T: Task> UncoupledShard<R, T> {
 
 /// What every tile of a step needs of the configuration, as numbers of the lanes.
 struct StepParams<R> {
-    reach: Reach<R>,
+    reach: ActionScale<R>,
     last_s: R,
 }

@@ -3,14 +3,14 @@
 use super::World;
 use crate::archive::Archive;
 use crate::lanes::LANES;
-use crate::real::Word;
-use crate::simulated::{Batched, Simulated};
+use crate::scalar::Word;
+use crate::sim_scalar::{BatchScalar, SimScalar};
 
-impl<R: Simulated> World<R> {
+impl<R: SimScalar> World<R> {
     /// `key` is that of a lane's episode.
     pub(crate) fn archive(&mut self, tile: usize, key: impl Fn(usize) -> u64, archive: &mut Archive<'_>)
     where
-        R: Batched,
+        R: BatchScalar,
     {
         let x = &mut self.states[tile];
         for numbers in [&mut x.pos_m, &mut x.vel_mps, &mut x.att_rad, &mut x.rate_radps] {

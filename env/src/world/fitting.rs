@@ -7,16 +7,16 @@ use super::setup::{active, body};
 use super::{Settings, State, World};
 use crate::config::{EffectTable, Number};
 use crate::dual::Dual;
-use crate::effects::{self, Body, Cx, Entry, Frame, Tiles};
+use crate::effects::{self, Entry, Frame, HookContext, Tiles, VehicleConstants};
 use crate::error::{Error, Result};
 use crate::model::Model;
-use crate::plant::{Plant, Push};
-use crate::simulated::Simulated;
+use crate::plant::{Accelerations, Plant};
+use crate::sim_scalar::SimScalar;
 
 /// How far a model parameter is moved to each side, relative to its value, for the derivatives of the discretised model.
 const NUDGE: f64 = 1e-5;
 
-impl<R: Simulated> World<R> {
+impl<R: SimScalar> World<R> {
     /// One drone without a floor, with the model's own effects and `tried` in the loop, whatever the values of their parameters. A voltage
     /// given later by [`World::set_voltage`] takes the place of the simulated battery.
     ///
@@ -70,11 +70,11 @@ impl<R: Simulated> World<R> {
 
     /// Say how long the flight has lasted, for effects that grow with time.
     pub fn set_time(&mut self, t_s: f64) {
-        self.ages[0].ticks = R::of(t_s / self.tick_s);
+        self.ages[0].ticks = R::from_f64(t_s / self.tick_s);
     }
 
-    /// Push the vehicle, from now on, besides what effects do.
-    pub fn disturb(&mut self, push: Push<R>) {
+    /// Accelerations the vehicle, from now on, besides what effects do.
+    pub fn disturb(&mut self, push: Accelerations<R>) {
         self.disturbance = Some(push);
     }
 
@@ -94,7 +94,7 @@ impl<R: Simulated> World<R> {
         let mut frame = Frame::of(x, all, t_s);
         let draw = self.ages[0].draw();
         let h_s = self.schedule.seconds(self.schedule.camera);
-        let cx = Cx {
+        let cx = HookContext {
             body: &self.body,
             h_s,
             tick_s: self.tick_s,
@@ -125,7 +125,7 @@ impl World<Dual> {
             let (plant, body) = (Plant::<f64>::new(m, settings.input, h_s)?, body::<f64>(m, settings.input)?);
             Ok(plant.numbers().into_iter().chain(body.numbers()).collect())
         };
-        let mut numbers: Vec<Dual> = of(model)?.into_iter().map(crate::real::Real::of).collect();
+        let mut numbers: Vec<Dual> = of(model)?.into_iter().map(crate::scalar::Scalar::from_f64).collect();
         for (path, direction) in seeds {
             let value = model.parameter(path)?;
             let step = NUDGE * value.abs().max(NUDGE);
@@ -139,7 +139,7 @@ impl World<Dual> {
         let (plant, body) = numbers.split_at(Plant::<Dual>::NUMBERS);
         let broken = || Error::Config("a world's constants do not add up".into());
         self.plant = Plant::from_numbers(plant).ok_or_else(broken)?;
-        self.body = Body::from_numbers(body).ok_or_else(broken)?;
+        self.body = VehicleConstants::from_numbers(body).ok_or_else(broken)?;
         Ok(())
     }
 }

@@ -1,16 +1,16 @@
 //! States, readings and frames: how they begin, how lanes of them are put together, and the floor.
 
 use super::{Age, Contact, GROUP, Group, Tick, Tile, Times};
-use crate::effects::{Fix, Frame, Reading};
-use crate::noise::Draw;
-use crate::plant::{Command, Heading, Push, State};
-use crate::real::{Real, Word, each, tabulate};
+use crate::effects::{Frame, PoseFix, Reading};
+use crate::noise::TickRng;
+use crate::plant::{Accelerations, Command, State, YawRotation};
+use crate::scalar::{Scalar, Word, each, tabulate};
 
 /// Nominal cell voltage (thesis 3.1.1): what is read without a battery effect.
 const NOMINAL_V: f64 = 3.7;
 
 #[inline(always)]
-pub(super) fn merge<R: Real, const N: usize>(mask: R::Mask, old: [R; N], new: [R; N]) -> [R; N] {
+pub(super) fn merge<R: Scalar, const N: usize>(mask: R::Mask, old: [R; N], new: [R; N]) -> [R; N] {
     tabulate(
         #[inline(always)]
         |i| R::select(mask, new[i], old[i]),
@@ -18,13 +18,13 @@ pub(super) fn merge<R: Real, const N: usize>(mask: R::Mask, old: [R; N], new: [R
 }
 
 #[inline(always)]
-pub(super) fn at_rest<R: Real>(mask: R::Mask, v: R) -> R {
+pub(super) fn at_rest<R: Scalar>(mask: R::Mask, v: R) -> R {
     R::select(mask, R::zero(), v)
 }
 
 /// The floor carries: no sinking, and on its legs the vehicle neither slides nor tilts.
 #[inline(always)]
-pub(super) fn land<R: Real>(x: &mut State<R>, from_m: R, contact: &mut Contact<R>) {
+pub(super) fn land<R: Scalar>(x: &mut State<R>, from_m: R, contact: &mut Contact<R>) {
     let below = x.pos_m[2].lt(R::zero());
     contact.standing = below;
     if !R::any(below) {
@@ -48,37 +48,37 @@ pub(super) fn land<R: Real>(x: &mut State<R>, from_m: R, contact: &mut Contact<R
     x.aux = [R::select(below, x.aux[0].max(R::zero()), x.aux[0]), at_rest(below, x.aux[1])];
 }
 
-impl<R: Real> Contact<R> {
+impl<R: Scalar> Contact<R> {
     #[inline(always)]
     pub(super) fn none() -> Self {
         Contact { impact_mps: R::zero(), standing: R::nothing() }
     }
 }
 
-impl<R: Real> Age<R> {
+impl<R: Scalar> Age<R> {
     /// One more tick.
     #[inline(always)]
     pub(super) fn count(&mut self) {
-        self.tick = self.tick.add(R::Word::of(1));
-        self.ticks += R::of(1.0);
+        self.tick = self.tick.add(R::Word::from_u32(1));
+        self.ticks += R::from_f64(1.0);
     }
     /// The time at which the tick began that has been counted.
     #[inline(always)]
     pub(super) fn began_s(&self, times: &Times<R>) -> R {
-        (self.ticks - R::of(1.0)) * times.tick_s
+        (self.ticks - R::from_f64(1.0)) * times.tick_s
     }
     #[inline(always)]
-    pub(super) fn draw(&self) -> Draw<'_, R> {
+    pub(super) fn draw(&self) -> TickRng<'_, R> {
         self.keys.at(&self.tick)
     }
 }
 
-impl<R: Real> Group<R> {
+impl<R: Scalar> Group<R> {
     pub(super) fn new() -> Self {
         let (x, nothing) = (State::rest(), R::nothing());
         Group {
             u: [Command::level(R::zero()); GROUP],
-            push: [Push::none(); GROUP],
+            push: [Accelerations::none(); GROUP],
             middle: [x; GROUP],
             seen: [x; GROUP],
             captured: [nothing; GROUP],
@@ -87,33 +87,33 @@ impl<R: Real> Group<R> {
     }
 }
 
-impl<R: Real> Tick<R> {
+impl<R: Scalar> Tick<R> {
     /// To be written over.
     #[inline(always)]
     pub fn none() -> Self {
         let (zero, none) = (R::zero(), [R::zero(); 3]);
-        let marker = Fix { pos_m: none, yaw_rad: zero, t_s: zero, valid: zero };
+        let marker = PoseFix { pos_m: none, yaw_rad: zero, t_s: zero, valid: zero };
         Tick { contact: Contact::none(), reading: Reading { marker, att_rad: none, gyro_radps: none, acc_mps2: none, vbat_v: zero } }
     }
 }
 
-impl<R: Real> Reading<R> {
+impl<R: Scalar> Reading<R> {
     /// What the sensors show of a state, before any effect.
     #[inline(always)]
-    pub(super) fn of(x: &State<R>, acc_mps2: [R; 3], marker: Fix<R>) -> Self {
-        Reading { marker, att_rad: x.att_rad, gyro_radps: x.rate_radps, acc_mps2, vbat_v: R::of(NOMINAL_V) }
+    pub(super) fn of(x: &State<R>, acc_mps2: [R; 3], marker: PoseFix<R>) -> Self {
+        Reading { marker, att_rad: x.att_rad, gyro_radps: x.rate_radps, acc_mps2, vbat_v: R::from_f64(NOMINAL_V) }
     }
 }
 
-impl<R: Real> Frame<R> {
+impl<R: Scalar> Frame<R> {
     #[inline(always)]
     pub(super) fn of(x: &State<R>, captured: R::Mask, t_s: R) -> Self {
-        let (one, zero) = (R::of(1.0), R::zero());
+        let (one, zero) = (R::from_f64(1.0), R::zero());
         Frame { captured, markers: one, pos_m: x.pos_m, yaw_rad: x.att_rad[2], t_s, field: [one, one, one], nearest_m: [zero, zero] }
     }
 }
 
-impl<R: Real> State<R> {
+impl<R: Scalar> State<R> {
     /// `other` in the lanes of `mask`.
     #[inline(always)]
     pub(super) fn merge(&self, mask: R::Mask, other: &Self) -> Self {
@@ -129,7 +129,7 @@ impl<R: Real> State<R> {
     /// Where things will be after so short a time, to second order in the position: what a push held over twice that time should see.
     #[inline(always)]
     pub(super) fn ahead(&self, acc_mps2: &[R; 3], time_s: f64) -> Self {
-        let t = R::of(time_s);
+        let t = R::from_f64(time_s);
         let mut x = *self;
         for i in 0..3 {
             x.pos_m[i] += t * self.vel_mps[i];
@@ -143,7 +143,7 @@ impl<R: Real> State<R> {
     /// first-order form's velocity jumps at the start of a step.) The third derivative makes an error of less than 3e-6 m at 50 Hz.
     #[inline(always)]
     pub(super) fn look_back(&self, end: &Self, share: R, h_s: f64) -> Self {
-        let (h, square) = (R::of(h_s), share * share);
+        let (h, square) = (R::from_f64(h_s), share * share);
         let mut x = *end;
         for i in 0..3 {
             let (dp, da) = (h * end.vel_mps[i], h * end.rate_radps[i]);
@@ -154,34 +154,34 @@ impl<R: Real> State<R> {
     }
 }
 
-impl<R: Real> Fix<R> {
+impl<R: Scalar> PoseFix<R> {
     /// `other` in the lanes of `mask`.
     #[inline(always)]
     pub(super) fn merge(&self, mask: R::Mask, other: &Self) -> Self {
         let [yaw_rad, t_s, valid] = merge(mask, [self.yaw_rad, self.t_s, self.valid], [other.yaw_rad, other.t_s, other.valid]);
-        Fix { pos_m: merge(mask, self.pos_m, other.pos_m), yaw_rad, t_s, valid }
+        PoseFix { pos_m: merge(mask, self.pos_m, other.pos_m), yaw_rad, t_s, valid }
     }
 
     /// Ideal localisation: the true pose, now.
     #[inline(always)]
     pub(super) fn ideal(x: &State<R>, now_s: R) -> Self {
-        Fix { pos_m: x.pos_m, yaw_rad: x.att_rad[2], t_s: now_s, valid: R::of(1.0) }
+        PoseFix { pos_m: x.pos_m, yaw_rad: x.att_rad[2], t_s: now_s, valid: R::from_f64(1.0) }
     }
 }
 
-impl<R: Real> Heading<R> {
+impl<R: Scalar> YawRotation<R> {
     /// The specific force along the body axes: what pushes sideways, and what carries.
     #[inline(always)]
-    pub(super) fn specific(&self, push: &Push<R>, up_mps2: R) -> [R; 3] {
+    pub(super) fn specific(&self, push: &Accelerations<R>, up_mps2: R) -> [R; 3] {
         let [ax, ay, _] = push.acc_mps2;
         [self.cos * ax + self.sin * ay, self.cos * ay - self.sin * ax, up_mps2]
     }
 }
 
-impl<R: Real> Tile<R> {
+impl<R: Scalar> Tile<R> {
     pub(super) fn new() -> Self {
         let (zero, none) = (R::zero(), [R::zero(); 3]);
-        let fix = Fix { pos_m: none, yaw_rad: zero, t_s: zero, valid: zero };
-        Tile { acc_mps2: none, until_frame: R::of(1e9), fix }
+        let fix = PoseFix { pos_m: none, yaw_rad: zero, t_s: zero, valid: zero };
+        Tile { acc_mps2: none, until_frame: R::from_f64(1e9), fix }
     }
 }

@@ -1,17 +1,17 @@
 //! What a world is made from: the effects that are on, the length of a physics step, the constants of the vehicle.
 
-use crate::config::{EffectTable, Number, Ranged, numbers};
-use crate::effects::{self, Body};
+use crate::config::{BoundedNumber, EffectTable, Number, numbers};
+use crate::effects::{self, VehicleConstants};
 use crate::error::{Error, Result};
 use crate::model::{Model, Vertical, VerticalInput};
-use crate::real::Real;
+use crate::scalar::Scalar;
 use crate::schedule::Schedule;
 
 /// Of a full lithium-polymer cell.
 const FULL_CELL_V: f64 = 4.2;
 
-pub(super) fn with_ranges(entry: &effects::Entry, values: Vec<Number>) -> Vec<Ranged> {
-    values.into_iter().zip(entry.params).map(|(number, param)| Ranged { number, param }).collect()
+pub(super) fn with_ranges(entry: &effects::Entry, values: Vec<Number>) -> Vec<BoundedNumber> {
+    values.into_iter().zip(entry.params).map(|(number, param)| BoundedNumber { number, param }).collect()
 }
 
 pub(super) type Active = (usize, &'static effects::Entry, Vec<Number>);
@@ -48,28 +48,28 @@ pub(super) fn counts_per_step(schedule: &Schedule, physics_hz: Option<u32>, need
     Ok(counts)
 }
 
-pub(super) fn body<R: Real>(model: &Model, input: VerticalInput) -> Result<Body<R>> {
+pub(super) fn body<R: Scalar>(model: &Model, input: VerticalInput) -> Result<VehicleConstants<R>> {
     let hover = model.vertical(input)?.hover_pwm().filter(|_| input.is_pwm());
     let tilts = [&model.roll, &model.pitch];
     let yaw = model.yaw.form();
     let (yaw_gain_ps2, yaw_stiffness_ps2) = if yaw.lags_push() { (-yaw.a[1][1] * yaw.u[0], 0.0) } else { (yaw.u[1], -yaw.a[1][0]) };
-    Ok(Body {
-        gravity_mps2: R::of(model.lateral.gravity.value),
-        mass_kg: R::of(model.vehicle.mass.value),
-        rotor_radius_m: R::of(model.vehicle.rotor_radius.value),
-        per_battery_capacity_pc: R::of(1.0 / model.vehicle.battery_capacity.value),
-        hover_current_a: R::of(model.vehicle.hover_current.value),
-        battery_reference_v: R::of(model.vehicle.battery_reference.as_ref().map_or(FULL_CELL_V, |q| q.value)),
-        per_hover_pwm: R::of(hover.map_or(0.0, |h| 1.0 / h)),
-        height_command: R::of(if hover.is_some() { 0.0 } else { 1.0 }),
-        arm_m: R::of(model.vehicle.arm.value),
-        heave_ps: R::of(if let Vertical::Thrust { heave, .. } = model.vertical(input)? { heave.value } else { 0.0 }),
-        yaw_sign: R::of(model.yaw.sign()),
-        yaw_gain_ps2: R::of(yaw_gain_ps2),
-        yaw_damping_ps: R::of(-yaw.a[1][1]),
-        yaw_stiffness_ps2: R::of(yaw_stiffness_ps2),
-        tilt_gain_ps2: tilts.map(|t| R::of(t.gain.value)),
-        tilt_damping_ps: tilts.map(|t| R::of(t.damping.value)),
-        tilt_stiffness_ps2: tilts.map(|t| R::of(t.stiffness.value)),
+    Ok(VehicleConstants {
+        gravity_mps2: R::from_f64(model.lateral.gravity.value),
+        mass_kg: R::from_f64(model.vehicle.mass.value),
+        rotor_radius_m: R::from_f64(model.vehicle.rotor_radius.value),
+        per_battery_capacity_pc: R::from_f64(1.0 / model.vehicle.battery_capacity.value),
+        hover_current_a: R::from_f64(model.vehicle.hover_current.value),
+        battery_reference_v: R::from_f64(model.vehicle.battery_reference.as_ref().map_or(FULL_CELL_V, |q| q.value)),
+        per_hover_pwm: R::from_f64(hover.map_or(0.0, |h| 1.0 / h)),
+        height_command: R::from_f64(if hover.is_some() { 0.0 } else { 1.0 }),
+        arm_m: R::from_f64(model.vehicle.arm.value),
+        heave_ps: R::from_f64(if let Vertical::Thrust { heave, .. } = model.vertical(input)? { heave.value } else { 0.0 }),
+        yaw_sign: R::from_f64(model.yaw.sign()),
+        yaw_gain_ps2: R::from_f64(yaw_gain_ps2),
+        yaw_damping_ps: R::from_f64(-yaw.a[1][1]),
+        yaw_stiffness_ps2: R::from_f64(yaw_stiffness_ps2),
+        tilt_gain_ps2: tilts.map(|t| R::from_f64(t.gain.value)),
+        tilt_damping_ps: tilts.map(|t| R::from_f64(t.damping.value)),
+        tilt_stiffness_ps2: tilts.map(|t| R::from_f64(t.stiffness.value)),
     })
 }

@@ -4,7 +4,7 @@
 mod firmware;
 
 use crazyflie_control::pid::{Gains, Pid};
-use crazyflie_control::{Law, Mode};
+use crazyflie_control::{ControlLaw, Mode};
 use crazyflie_env::config::{EffectParams, EffectTable, Number};
 use crazyflie_env::effects::Reading;
 use crazyflie_env::model::Model;
@@ -129,7 +129,7 @@ struct Pilot {
 impl Pilot {
     fn new(model: &Model, log: &FlightLog, flight: &Flight) -> Result<Self, ReplayError> {
         let world = World::<f64>::new(model, &sight(log, model), Settings { input: flight.input, physics_hz: None }, 1)?;
-        let interface = Interface::of(model, flight.input)?;
+        let interface = Interface::from_model(model, flight.input)?;
         let (tick_s, hover) = (world.tick_s(), interface.hover_lift);
         let pid = Pid::<f64>::new(Gains::THESIS.for_hover(hover), interface, tick_s, Mode::Automatic);
         let firmware = Firmware::new(tick_s, hover, interface.yaw_sign);

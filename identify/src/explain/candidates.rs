@@ -17,7 +17,7 @@ pub struct Candidate {
 pub fn candidates(hypothesis: &Hypothesis) -> Vec<Candidate> {
     let has = |e: &Entry| hypothesis.has(e.name) || hypothesis.model.effects.contains_key(e.name);
     let is_whole = registry().iter().any(|e| e.geometry == Geometry::Whole && has(e));
-    let absent = |e: &&Entry| e.trace.is_expected() && !has(e) && !(is_whole && e.geometry == Geometry::Part);
+    let absent = |e: &&Entry| e.observability.is_expected() && !has(e) && !(is_whole && e.geometry == Geometry::Part);
     registry().iter().filter(absent).map(|entry| Candidate { entry, starts: starts(entry), variants: variants(entry).len() }).collect()
 }
 
@@ -73,7 +73,7 @@ mod tests {
     fn every_effect_on_the_mean_is_tried_once_and_variants_each() {
         let model = Model::thesis();
         let all = candidates(&Hypothesis::of(&model));
-        assert!(all.iter().all(|c| c.entry.trace.is_expected() && !c.starts.is_empty()));
+        assert!(all.iter().all(|c| c.entry.observability.is_expected() && !c.starts.is_empty()));
         let weak = all.iter().find(|c| c.entry.name == "weak_motor").unwrap();
         assert_eq!(weak.starts.iter().map(|t| t.values[0]).collect::<Vec<_>>(), [1.0, 2.0, 3.0, 4.0]);
         let delay = all.iter().find(|c| c.entry.name == "cmd_delay").unwrap();

@@ -1,6 +1,6 @@
 //! The declared model completed with what was found, and what that is worth on the test flights.
 
-use crazyflie_env::effects::{Trace, registry};
+use crazyflie_env::effects::{Observability, registry};
 
 use super::calibration::completion::{CHANCE, HELPS, MATTERS, MOST, WORSE};
 use super::errors::{self, Errors};
@@ -115,7 +115,10 @@ impl Completion {
     pub fn with_random(&self) -> Hypothesis {
         let mut all = self.hypothesis.clone();
         for effect in &self.effects {
-            let Some(entry) = registry().iter().find(|e| e.name == effect.name && matches!(e.trace, Trace::Wander(_))) else { continue };
+            let Some(entry) = registry().iter().find(|e| e.name == effect.name && matches!(e.observability, Observability::GaussMarkov(_)))
+            else {
+                continue;
+            };
             let mut term = Term::off(entry);
             for (slot, estimate) in term.values.iter_mut().zip(&effect.params) {
                 *slot = estimate.value;

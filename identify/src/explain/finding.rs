@@ -1,6 +1,6 @@
 //! Effects that were kept, as they are reported: values, worth, rivals, and what to fly to tell these apart.
 
-use crazyflie_env::effects::{Disturbance, Entry, Geometry, Role, Trace, registry};
+use crazyflie_env::effects::{Entry, GaussMarkovSignal, Geometry, Observability, Role, registry};
 use rayon::prelude::*;
 
 use super::calibration::finding::SLOW_GUST_S;
@@ -63,7 +63,7 @@ pub fn group_model_form(effects: Vec<Finding>) -> Vec<Finding> {
 pub fn manoeuvre(effect: &Entry, others: &[&'static str]) -> String {
     let lookup = |name: &&str| registry().iter().find(|e| e.name == *name);
     let all: Vec<&Entry> = others.iter().filter_map(lookup).chain([effect]).collect();
-    if matches!(effect.trace, Trace::Wander(_)) {
+    if matches!(effect.observability, Observability::GaussMarkov(_)) {
         return "fly for more than twenty times as long as the gusts last, with one full turn in yaw".into();
     }
     if all.iter().all(|e| e.hooks.push) {
@@ -85,7 +85,7 @@ fn constant_alternative(search: &Search, last: &FilteredHypothesis, gust: &GustC
 
 /// The wandering force as the effect of the registry that is one.
 pub fn gust_finding(search: &Search, judge: &Search, last: &FilteredHypothesis, gust: &GustCandidate) -> Option<Finding> {
-    let entry = registry().iter().find(|e| e.trace == Trace::Wander(Disturbance::Force))?;
+    let entry = registry().iter().find(|e| e.observability == Observability::GaussMarkov(GaussMarkovSignal::Force))?;
     let force = gust.disturbances.force;
     let calm = Disturbances { force: Wander { sigma: noise::FLOOR.force.sigma, ..force }, ..gust.disturbances };
     let at = last.settled();

@@ -1,6 +1,6 @@
 //! A residual without a name can still be described: a few terms of a library of functions, kept only if they help where they were not fitted.
 
-use crazyflie_env::effects::{Trace, registry};
+use crazyflie_env::effects::{Observability, registry};
 
 use super::calibration::learn::{CLEAR, WORTH_TEST};
 use super::search::{FilteredHypothesis, Search};
@@ -8,7 +8,7 @@ use crate::fit::hypothesis::Term;
 
 /// The hypothesis with a sparse learned term, if there is one that helps on the test flights.
 pub fn learn(search: &Search, judge: &Search, from: &FilteredHypothesis) -> Option<FilteredHypothesis> {
-    let entry = registry().iter().find(|e| e.trace == Trace::StandIn)?;
+    let entry = registry().iter().find(|e| e.observability == Observability::Surrogate)?;
     let mut now = search.refit(&from.settled().with(Term::off(entry)), &from.disturbances)?;
     loop {
         let place = now.hypothesis.place(entry.name);

@@ -1,7 +1,7 @@
 //! Which effects earn their place. Windows of flights, fitted by output error, propose; the Kalman filter, whose residuals are independent of each
 //! other whatever shakes the vehicle, decides.
 
-use crazyflie_env::effects::{self, Entry, Geometry, Trace};
+use crazyflie_env::effects::{self, Entry, Geometry, Observability};
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
 
@@ -313,7 +313,7 @@ impl<'a> Search<'a> {
             let (hypothesis, sd) = now.and(&term, &[PROBABILITY_SD]);
             self.judge(&hypothesis, &sd, &unshaken)
         };
-        let absent = candidates(&now.settled()).into_iter().map(|c| c.entry).filter(|e| e.trace == Trace::Held);
+        let absent = candidates(&now.settled()).into_iter().map(|c| c.entry).filter(|e| e.observability == Observability::HeldCommand);
         let tried: Vec<_> = absent.flat_map(|entry| PROBABILITIES.map(|p| (entry, p))).collect();
         let mut judged: Vec<FilteredHypothesis> = tried.into_par_iter().filter_map(with).collect();
         judged.sort_by(|a, b| a.loss.total_cmp(&b.loss));

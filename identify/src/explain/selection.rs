@@ -1,6 +1,6 @@
 //! Which effects are kept: forward by likelihood, then eliminated on the flights of the fit, beside rivals, and on the test flights.
 
-use crazyflie_env::effects::{Entry, Geometry, Trace, find, registry};
+use crazyflie_env::effects::{Entry, Geometry, Observability, find, registry};
 use rayon::prelude::*;
 
 use super::calibration::selection::{AMOUNT_SD, CLOCKWORK_FROM_HZ, LINE_FORCE_SD_MPS2, LINE_SD_HZ, LINE_SHARE, MORE_LIKELY};
@@ -73,7 +73,7 @@ pub fn forward(search: &Search, from: &FilteredHypothesis, progress: &dyn Fn(&st
 
 /// Whether commands may not have arrived.
 fn loses_commands(judged: &FilteredHypothesis) -> bool {
-    judged.hypothesis.terms.iter().any(|term| term.entry.trace == Trace::Held)
+    judged.hypothesis.terms.iter().any(|term| term.entry.observability == Observability::HeldCommand)
 }
 
 fn ranked(score: &Score) -> Ranked {
@@ -137,7 +137,7 @@ fn settle_rivals(search: &Search, from: Ablation, rivals: &mut Rivals, progress:
 /// Takes out what swings by itself where a force that comes by the clock is likelier, at the frequency of the line that is left without it: a load swings
 /// as the vehicle moves it.
 fn without_clockwork(search: &Search, from: Ablation) -> Ablation {
-    let resonant = |name: &str| find(name).is_ok_and(|(_, entry)| entry.trace == Trace::Resonant);
+    let resonant = |name: &str| find(name).is_ok_and(|(_, entry)| entry.observability == Observability::Resonant);
     let clockwork = |(name, less): &(&'static str, FilteredHypothesis)| {
         resonant(name) && clockwork_loss(search, less).is_some_and(|loss| loss < from.judged.loss)
     };
@@ -150,7 +150,7 @@ fn without_clockwork(search: &Search, from: Ablation) -> Ablation {
 /// Loss of a hypothesis with a periodic force at the strongest line of the force that it lacks.
 fn clockwork_loss(search: &Search, judged: &FilteredHypothesis) -> Option<f64> {
     let frequency = |entry: &Entry| entry.params.iter().position(|p| p.unit == "Hz");
-    let absent = |entry: &&Entry| entry.trace == Trace::Located && !judged.hypothesis.has(entry.name);
+    let absent = |entry: &&Entry| entry.observability == Observability::Located && !judged.hypothesis.has(entry.name);
     let (entry, at) = registry().iter().filter(absent).find_map(|entry| Some((entry, frequency(entry)?)))?;
     let (share, line_hz) = force_line(search.flights, judged)?;
     let mut term = Term::off(entry);

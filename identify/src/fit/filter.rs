@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use crazyflie_env::dual::Dual;
 use crazyflie_env::plant::Command;
-use crazyflie_env::simulated::Simulated;
+use crazyflie_env::sim_scalar::SimScalar;
 
 use super::flight::{Flight, Window};
 use super::held::{AXES, Held};

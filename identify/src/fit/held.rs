@@ -1,7 +1,7 @@
 //! Commands that may not have arrived: what the vehicle obeys lies off its expectation by as much as commands change.
 
 use crazyflie_env::config::numbers;
-use crazyflie_env::effects::{Entry, Trace, find};
+use crazyflie_env::effects::{Entry, Observability, find};
 use crazyflie_env::model::Yaw;
 use crazyflie_env::plant::Command;
 
@@ -22,7 +22,7 @@ pub struct Held {
 }
 
 fn probability(hypothesis: &Hypothesis) -> Option<f64> {
-    let holds = |entry: &Entry| entry.trace == Trace::Held;
+    let holds = |entry: &Entry| entry.observability == Observability::HeldCommand;
     if let Some(term) = hypothesis.terms.iter().find(|t| holds(t.entry)) {
         return term.values.first().copied();
     }

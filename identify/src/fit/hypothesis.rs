@@ -1,6 +1,6 @@
 //! What a fit may say of a vehicle: the model, some of its numbers free, and effects, some of their parameters free.
 
-use crazyflie_env::config::{EffectParams, Number, Sourced};
+use crazyflie_env::config::{EffectParams, Number, SourcedValue};
 use crazyflie_env::effects::{self, Entry, Role};
 use crazyflie_env::model::{Model, VerticalInput};
 
@@ -194,7 +194,7 @@ impl Hypothesis {
         let mut model = self.model.clone();
         for term in &self.terms {
             let sourced = |(p, value): (&effects::Param, &f64)| {
-                (p.name.to_owned(), Number::Sourced(Sourced { value: *value, unit: p.unit.to_owned(), source: source.to_owned() }))
+                (p.name.to_owned(), Number::Sourced(SourcedValue { value: *value, unit: p.unit.to_owned(), source: source.to_owned() }))
             };
             let params = term.entry.params.iter().zip(&term.values).map(sourced).collect();
             model.effects.insert(term.entry.name.to_owned(), EffectParams::Named(params));

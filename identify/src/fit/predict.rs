@@ -3,9 +3,9 @@
 use crazyflie_env::dual::{DIRECTIONS, Dual};
 use crazyflie_env::effects::{self, Entry, Param, registry};
 use crazyflie_env::model::{Model, VerticalInput};
-use crazyflie_env::plant::{Command, Push, State};
-use crazyflie_env::real::Real;
-use crazyflie_env::simulated::Simulated;
+use crazyflie_env::plant::{Accelerations, Command, State};
+use crazyflie_env::scalar::Scalar;
+use crazyflie_env::sim_scalar::SimScalar;
 use crazyflie_env::world::{Settings, World};
 
 use super::flight::{Flight, MEMORY_S, Sample, Window, with_lags};
@@ -53,8 +53,8 @@ impl Pass {
     /// States without slopes, of a flight.
     fn fixed<'a>(model: &'a Model, flight: &'a Flight) -> impl Fn(&[f64]) -> State<Dual> + 'a {
         move |numbers| {
-            let of = |from: usize| std::array::from_fn(|i| Dual::of(numbers[from + i]));
-            let x = State { pos_m: of(0), vel_mps: of(3), att_rad: of(6), rate_radps: of(9), aux: [Dual::of(0.0); 2] };
+            let of = |from: usize| std::array::from_fn(|i| Dual::from_f64(numbers[from + i]));
+            let x = State { pos_m: of(0), vel_mps: of(3), att_rad: of(6), rate_radps: of(9), aux: [Dual::from_f64(0.0); 2] };
             with_lags(model, flight.input, x)
         }
     }
@@ -68,7 +68,7 @@ impl Pass {
 fn variable(first: usize, value: f64, unknown: usize) -> Dual {
     match unknown.checked_sub(first) {
         Some(direction) if direction < DIRECTIONS => Dual::variable(value, direction),
-        _ => Dual::of(value),
+        _ => Dual::from_f64(value),
     }
 }
 
@@ -161,7 +161,7 @@ impl Worker {
         }
     }
 
-    /// Push the vehicle from now on.
+    /// Accelerations the vehicle from now on.
     pub fn set_push(&mut self, push: [f64; PUSH]) {
         self.push = Some(push);
     }
@@ -175,7 +175,7 @@ impl Worker {
             let first = self.own + self.free_of_model;
             let mut unknown = first;
             for term in &self.terms {
-                let mut params: Vec<Dual> = term.values.iter().map(|v| Dual::of(*v)).collect();
+                let mut params: Vec<Dual> = term.values.iter().map(|v| Dual::from_f64(*v)).collect();
                 for i in &term.free {
                     let Param { low, high, .. } = term.entry.params[*i];
                     let beyond = BEYOND * (high - low);
@@ -218,7 +218,7 @@ impl Worker {
                         if follows {
                             world.set_state(&fixed(&measured(tick)));
                         }
-                        world.set_voltage(flight.voltage_v(tick).map(Dual::of));
+                        world.set_voltage(flight.voltage_v(tick).map(Dual::from_f64));
                         world.step(0, &dual(flight.command(tick)));
                     }
                 },
@@ -251,7 +251,7 @@ impl Worker {
 
     fn start(&self, pass: &Pass, flight: &Flight, own: &[f64]) -> State<Dual> {
         let of = |from: usize| std::array::from_fn(|i| pass.variable(own[from + i], from + i));
-        let x = State { pos_m: of(0), vel_mps: of(3), att_rad: of(6), rate_radps: of(9), aux: [Dual::of(0.0); 2] };
+        let x = State { pos_m: of(0), vel_mps: of(3), att_rad: of(6), rate_radps: of(9), aux: [Dual::from_f64(0.0); 2] };
         with_lags(&self.model, flight.input, x)
     }
 
@@ -262,7 +262,7 @@ impl Worker {
         if let Some(push) = &self.push {
             let from = self.unknowns.saturating_sub(PUSH);
             let of = |i: usize| pass.variable(push[i], from + i);
-            pass.world.disturb(Push { acc_mps2: [of(0), of(1), of(2)], ang_radps2: [of(3), of(4), of(5)] });
+            pass.world.disturb(Accelerations { acc_mps2: [of(0), of(1), of(2)], ang_radps2: [of(3), of(4), of(5)] });
         }
         let world = &mut pass.world;
         world.set_state(&start);
@@ -276,12 +276,12 @@ impl Worker {
         self.offsets.clear();
         self.states.push(*world.state(0));
         for tick in window.ticks.clone() {
-            world.set_voltage(flight.voltage_v(tick as isize).map(Dual::of));
+            world.set_voltage(flight.voltage_v(tick as isize).map(Dual::from_f64));
             let y = world.step(0, &dual(flight.command(tick as isize))).reading;
             let x = world.state(0);
             // motion capture sees the vehicle itself, not what its estimator makes of it
             self.offsets.push(if flight.sees_true_attitude {
-                [Dual::of(0.0); 3]
+                [Dual::from_f64(0.0); 3]
             } else {
                 std::array::from_fn(|i| y.att_rad[i] - x.att_rad[i])
             });
@@ -316,7 +316,7 @@ impl Worker {
     fn state_at(&self, world: &World<Dual>, tick_s: f64, t_s: Dual) -> (State<Dual>, usize) {
         let ticks = self.states.len() - 1;
         let tick = ((t_s.value / tick_s - 1e-6).max(0.0) as usize).min(ticks - 1);
-        let share = (Dual::of((tick + 1) as f64 * tick_s) - t_s) * Dual::of(1.0 / tick_s);
+        let share = (Dual::from_f64((tick + 1) as f64 * tick_s) - t_s) * Dual::from_f64(1.0 / tick_s);
         let after = &self.states[tick + 1];
         // half of the attitudes are measured as a tick ends
         let ends = share.value.abs() < 1e-9 && share.slope == [0.0; DIRECTIONS];
@@ -328,7 +328,7 @@ impl Worker {
         let begin_s = window.ticks.start as f64 * flight.tick_s;
         let mut row = 0;
         for sample in flight.within(&flight.angles, &window.ticks) {
-            let (x, tick) = self.state_at(&pass.world, flight.tick_s, Dual::of(sample.t_s - begin_s));
+            let (x, tick) = self.state_at(&pass.world, flight.tick_s, Dual::from_f64(sample.t_s - begin_s));
             for axis in 0..3 {
                 let predicted = x.att_rad[axis] + self.offsets[tick][axis];
                 self.put(pass.first, row, sample, axis, predicted, flight.noise.att_rad[axis]);
@@ -337,7 +337,7 @@ impl Worker {
         }
         for sample in flight.within(&flight.fixes, &window.ticks) {
             // an effect may make the stamp wrong: what was captured earlier shows an earlier pose
-            let stamp = Dual::of(sample.t_s - begin_s);
+            let stamp = Dual::from_f64(sample.t_s - begin_s);
             let (x, _) = self.state_at(&pass.world, flight.tick_s, stamp);
             let late = pass.world.film(&x, stamp).t_s - stamp;
             let captured = stamp - late;
@@ -379,7 +379,7 @@ impl Worker {
         let world = &mut self.passes.first_mut()?.world;
         let (states, tick_s) = (&self.states, flight.tick_s);
         let last = states.len() - 1;
-        let mut film = |k: usize| world.film(&states[k], Dual::of(k as f64 * tick_s));
+        let mut film = |k: usize| world.film(&states[k], Dual::from_f64(k as f64 * tick_s));
         let late_s = film(tick.min(last)).t_s.value - tick.min(last) as f64 * tick_s;
         let taken = (tick as f64 - late_s / tick_s).clamp(0.0, last as f64);
         let mut position = |ticks: f64| -> [f64; 3] {
@@ -404,7 +404,7 @@ impl Worker {
 }
 
 fn dual(u: &Command<f64>) -> Command<Dual> {
-    let of = Dual::of;
+    let of = Dual::from_f64;
     Command { roll_rad: of(u.roll_rad), pitch_rad: of(u.pitch_rad), yaw_rate_radps: of(u.yaw_rate_radps), lift: of(u.lift) }
 }
 

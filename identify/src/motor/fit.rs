@@ -1,7 +1,7 @@
 //! Fit of the motor-level form by output error over windows that start from the measured state.
 
 use crazyflie_env::dual::Dual;
-use crazyflie_env::real::Real;
+use crazyflie_env::scalar::Scalar;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -55,23 +55,23 @@ pub(super) struct Start<R> {
 }
 
 /// Starts every `stride` rows. Trims are exponential means of how far the model was off from row to row, up to the start and no further.
-pub(super) fn starts<R: Real>(p: &[R; PARAMETERS], flight: &MotorFlight, median_speed: f64, stride: usize) -> Vec<Start<R>> {
-    let keep = [p[PARAMETERS - 2], p[PARAMETERS - 1]].map(|memory| (-R::of(STEP_S) / memory).exp());
+pub(super) fn starts<R: Scalar>(p: &[R; PARAMETERS], flight: &MotorFlight, median_speed: f64, stride: usize) -> Vec<Start<R>> {
+    let keep = [p[PARAMETERS - 2], p[PARAMETERS - 1]].map(|memory| (-R::from_f64(STEP_S) / memory).exp());
     let mut weight = [R::zero(); 2];
     let mut sum = Trim::<R>::zero();
-    let mut speeds = scaled(flight.speeds[0], median_speed).map(R::of);
+    let mut speeds = scaled(flight.speeds[0], median_speed).map(R::from_f64);
     let mut found = Vec::new();
     for row in 1..flight.motion.len().saturating_sub(HORIZON_ROWS) {
         let (before, now) = (&flight.motion[row - 1], &flight.motion[row]);
         let turn = rotation([before[6], before[7], before[8]]);
         let difference = |i: usize| (now[i] - before[i]) / STEP_S;
         let force = into_body(&turn, [difference(3), difference(4), difference(5) + G_MPS2]);
-        let model = accelerations(p, &before.map(R::of), &turn.map(|row| row.map(R::of)), &speeds);
+        let model = accelerations(p, &before.map(R::from_f64), &turn.map(|row| row.map(R::from_f64)), &speeds);
         for i in 0..3 {
-            sum.force_mps2[i] = keep[0] * sum.force_mps2[i] + R::of(force[i]) - model.force_mps2[i];
-            sum.torque_radps2[i] = keep[1] * sum.torque_radps2[i] + R::of(difference(9 + i)) - model.torque_radps2[i];
+            sum.force_mps2[i] = keep[0] * sum.force_mps2[i] + R::from_f64(force[i]) - model.force_mps2[i];
+            sum.torque_radps2[i] = keep[1] * sum.torque_radps2[i] + R::from_f64(difference(9 + i)) - model.torque_radps2[i];
         }
-        weight = [0, 1].map(|i| keep[i] * weight[i] + R::of(1.0));
+        weight = [0, 1].map(|i| keep[i] * weight[i] + R::from_f64(1.0));
         speeds = lag_rotors(p, speeds, scaled(flight.speeds[row - 1], median_speed), STEP_S);
         if row >= LEARNING_ROWS && (row - LEARNING_ROWS).is_multiple_of(stride) {
             let trim = Trim { force_mps2: sum.force_mps2.map(|s| s / weight[0]), torque_radps2: sum.torque_radps2.map(|s| s / weight[1]) };
@@ -86,8 +86,8 @@ fn scaled(speeds: [f64; 4], median_speed: f64) -> [f64; 4] {
 }
 
 /// The motion predicted from a start by the motors alone, after 1, 2, ... rows.
-pub(super) fn predict<R: Real>(p: &[R; PARAMETERS], flight: &MotorFlight, median_speed: f64, start: &Start<R>) -> Vec<MotionState<R>> {
-    let mut x: MotionState<R> = flight.motion[start.row].map(R::of);
+pub(super) fn predict<R: Scalar>(p: &[R; PARAMETERS], flight: &MotorFlight, median_speed: f64, start: &Start<R>) -> Vec<MotionState<R>> {
+    let mut x: MotionState<R> = flight.motion[start.row].map(R::from_f64);
     let mut speeds = start.speeds;
     (0..HORIZON_ROWS)
         .map(|k| {

@@ -1,7 +1,7 @@
 //! Motor-level form of a quadrotor: rotor speeds in, rigid-body motion out. Generic over the number type, so that a fit carries derivatives
 //! through the same formulas.
 
-use crazyflie_env::real::Real;
+use crazyflie_env::scalar::Scalar;
 
 /// Standard gravity.
 const G_MPS2: f64 = 9.81;
@@ -60,14 +60,14 @@ pub struct Trim<R> {
     pub torque_radps2: [R; 3],
 }
 
-impl<R: Real> Trim<R> {
+impl<R: Scalar> Trim<R> {
     pub fn zero() -> Self {
         Self { force_mps2: [R::zero(); 3], torque_radps2: [R::zero(); 3] }
     }
 }
 
 /// Rows of the rotation from the body frame to the world, roll after pitch after yaw.
-pub fn rotation<R: Real>([roll, pitch, yaw]: [R; 3]) -> [[R; 3]; 3] {
+pub fn rotation<R: Scalar>([roll, pitch, yaw]: [R; 3]) -> [[R; 3]; 3] {
     let ((sr, cr), (sp, cp), (sy, cy)) = (roll.sin_cos(), pitch.sin_cos(), yaw.sin_cos());
     [
         [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
@@ -77,21 +77,21 @@ pub fn rotation<R: Real>([roll, pitch, yaw]: [R; 3]) -> [[R; 3]; 3] {
 }
 
 /// A world vector in the body frame.
-pub fn into_body<R: Real>(m: &[[R; 3]; 3], v: [R; 3]) -> [R; 3] {
+pub fn into_body<R: Scalar>(m: &[[R; 3]; 3], v: [R; 3]) -> [R; 3] {
     std::array::from_fn(|i| m[0][i] * v[0] + m[1][i] * v[1] + m[2][i] * v[2])
 }
 
 /// Rotor speeds a step later: first order towards what is commanded.
-pub fn lag_rotors<R: Real>(p: &[R; PARAMETERS], speeds: [R; 4], commanded: [f64; 4], step_s: f64) -> [R; 4] {
-    let gain = R::of(1.0) - (-R::of(step_s) / p[1]).exp();
-    std::array::from_fn(|i| speeds[i] + gain * (R::of(commanded[i]) - speeds[i]))
+pub fn lag_rotors<R: Scalar>(p: &[R; PARAMETERS], speeds: [R; 4], commanded: [f64; 4], step_s: f64) -> [R; 4] {
+    let gain = R::from_f64(1.0) - (-R::from_f64(step_s) / p[1]).exp();
+    std::array::from_fn(|i| speeds[i] + gain * (R::from_f64(commanded[i]) - speeds[i]))
 }
 
 /// Specific force and angular acceleration in the body frame, without trim.
-pub fn accelerations<R: Real>(p: &[R; PARAMETERS], x: &MotionState<R>, turn: &[[R; 3]; 3], speeds: &[R; 4]) -> Trim<R> {
+pub fn accelerations<R: Scalar>(p: &[R; PARAMETERS], x: &MotionState<R>, turn: &[[R; 3]; 3], speeds: &[R; 4]) -> Trim<R> {
     let squares = speeds.map(|w| w * w);
     let sum = |signs: [f64; 4]| {
-        let [a, b, c, d]: [R; 4] = std::array::from_fn(|i| R::of(0.25 * signs[i]) * squares[i]);
+        let [a, b, c, d]: [R; 4] = std::array::from_fn(|i| R::from_f64(0.25 * signs[i]) * squares[i]);
         a + b + c + d
     };
     let velocity = into_body(turn, [x[3], x[4], x[5]]);
@@ -102,14 +102,14 @@ pub fn accelerations<R: Real>(p: &[R; PARAMETERS], x: &MotionState<R>, turn: &[[
 }
 
 /// The motion a step later. Rates and velocity by Euler, attitude and position by the mean over the step.
-pub fn step<R: Real>(p: &[R; PARAMETERS], x: &MotionState<R>, speeds: &[R; 4], trim: &Trim<R>, step_s: f64) -> MotionState<R> {
+pub fn step<R: Scalar>(p: &[R; PARAMETERS], x: &MotionState<R>, speeds: &[R; 4], trim: &Trim<R>, step_s: f64) -> MotionState<R> {
     let turn = rotation([x[6], x[7], x[8]]);
     let model = accelerations(p, x, &turn, speeds);
     let force: [R; 3] = std::array::from_fn(|i| model.force_mps2[i] + trim.force_mps2[i]);
-    let (dt, half) = (R::of(step_s), R::of(0.5 * step_s));
+    let (dt, half) = (R::from_f64(step_s), R::from_f64(0.5 * step_s));
     let acceleration: [R; 3] = std::array::from_fn(|i| {
         let turned = turn[i][0] * force[0] + turn[i][1] * force[1] + turn[i][2] * force[2];
-        if i == 2 { turned - R::of(G_MPS2) } else { turned }
+        if i == 2 { turned - R::from_f64(G_MPS2) } else { turned }
     });
     let torque: [R; 3] = std::array::from_fn(|i| model.torque_radps2[i] + trim.torque_radps2[i]);
     let [roll, pitch, yaw]: [R; 3] = std::array::from_fn(|i| x[9 + i] + half * torque[i]);

@@ -6,7 +6,7 @@
 use std::collections::HashMap;
 
 use crazyflie_env::dual::{DIRECTIONS, Dual};
-use crazyflie_env::real::Real;
+use crazyflie_env::scalar::Scalar;
 
 use super::channel::Record;
 use super::structure::{DELAY_MAX_S, Structure};
@@ -87,9 +87,9 @@ impl Simulator {
         let n = structure.denominator;
         let states = n + usize::from(integrated);
         let dynamic: Vec<Dual> = numbers[..structure.dynamic()].iter().enumerate().map(|(i, v)| Dual::variable(*v, states + i)).collect();
-        let factors = structure.factors(&dynamic, Dual::of(1.0), Dual::of(0.0));
-        let denominator = factors.iter().fold(vec![Dual::of(1.0)], |product, factor| {
-            let mut next = vec![Dual::of(0.0); product.len() + factor.len() - 1];
+        let factors = structure.factors(&dynamic, Dual::from_f64(1.0), Dual::from_f64(0.0));
+        let denominator = factors.iter().fold(vec![Dual::from_f64(1.0)], |product, factor| {
+            let mut next = vec![Dual::from_f64(0.0); product.len() + factor.len() - 1];
             for (i, x) in product.iter().enumerate() {
                 for (j, y) in factor.iter().enumerate() {
                     next[i + j] += *x * *y;
@@ -97,18 +97,18 @@ impl Simulator {
             }
             next
         });
-        let (mut a, mut b) = (vec![Dual::of(0.0); states * states], vec![Dual::of(0.0); states]);
+        let (mut a, mut b) = (vec![Dual::from_f64(0.0); states * states], vec![Dual::from_f64(0.0); states]);
         for i in 0..n {
             a[i * states] = -denominator[i + 1];
             if i + 1 < n {
-                a[i * states + i + 1] = Dual::of(1.0);
+                a[i * states + i + 1] = Dual::from_f64(1.0);
             }
         }
         b[n - 1 - structure.numerator..n].copy_from_slice(&dynamic[..=structure.numerator]);
         if integrated {
-            a[n * states] = Dual::of(1.0);
+            a[n * states] = Dual::from_f64(1.0);
         }
-        let delay = if structure.delay { dynamic[structure.dynamic() - 1] } else { Dual::of(0.0) };
+        let delay = if structure.delay { dynamic[structure.dynamic() - 1] } else { Dual::from_f64(0.0) };
         let output = if integrated { n } else { 0 };
         let offset_direction = states + structure.dynamic();
         Simulator { states, output, a, b, delay, late: delay.value / CLOCK_S, offset_direction, transitions: HashMap::new() }
@@ -117,16 +117,17 @@ impl Simulator {
     /// The output at every sample of a stretch that starts from a state, the input counting from its offset.
     pub(super) fn run(&mut self, stretch: &Stretch, start: &[f64], offset: f64, mut each: impl FnMut(f64, Dual)) {
         let mut x: Vec<Dual> = start.iter().enumerate().map(|(i, v)| Dual::variable(*v, i)).collect();
-        let offset = if self.offset_direction < DIRECTIONS { Dual::variable(offset, self.offset_direction) } else { Dual::of(offset) };
+        let offset =
+            if self.offset_direction < DIRECTIONS { Dual::variable(offset, self.offset_direction) } else { Dual::from_f64(offset) };
         let late = self.late;
         let mut next = stretch.inputs.partition_point(|(t, _)| *t as f64 + late <= stretch.start as f64).max(1);
-        let mut u = Dual::of(stretch.inputs[next - 1].1) - offset;
+        let mut u = Dual::from_f64(stretch.inputs[next - 1].1) - offset;
         let mut now = Instant { clock: stretch.start, delayed: false };
         for (clock, measured) in &stretch.samples {
             while next < stretch.inputs.len() && stretch.inputs[next].0 as f64 + late < *clock as f64 {
                 let then = Instant { clock: stretch.inputs[next].0, delayed: true };
                 x = self.transition(now, then).over(&x, u);
-                u = Dual::of(stretch.inputs[next].1) - offset;
+                u = Dual::from_f64(stretch.inputs[next].1) - offset;
                 (now, next) = (then, next + 1);
             }
             let then = Instant { clock: *clock, delayed: false };
@@ -139,7 +140,7 @@ impl Simulator {
     fn transition(&mut self, from: Instant, to: Instant) -> &Transition {
         let key = (to.clock - from.clock, from.delayed, to.delayed);
         if !self.transitions.contains_key(&key) {
-            let mut duration = Dual::of(key.0 as f64 * CLOCK_S);
+            let mut duration = Dual::from_f64(key.0 as f64 * CLOCK_S);
             match (from.delayed, to.delayed) {
                 (false, true) => duration += self.delay,
                 (true, false) => duration -= self.delay,
@@ -154,7 +155,7 @@ impl Simulator {
     /// exp of the system and its held input.
     fn over(&self, duration: Dual) -> Transition {
         let (n, k) = (self.states, self.states + 1);
-        let mut m = vec![Dual::of(0.0); k * k];
+        let mut m = vec![Dual::from_f64(0.0); k * k];
         for i in 0..n {
             for j in 0..n {
                 m[i * k + j] = self.a[i * n + j] * duration;
@@ -186,24 +187,24 @@ fn exponential(mut m: Vec<Dual>, k: usize) -> Vec<Dual> {
     // columns are as different in size as units: what counts are the eigenvalues, and the last column is of no power
     let norm = (0..k).map(|i| (0..k - 1).map(|j| m[i * k + j].value.abs()).sum::<f64>()).fold(0.0, f64::max);
     let halvings = if norm.is_finite() { (norm / 0.5).log2().ceil().clamp(0.0, 60.0) as i32 } else { 0 };
-    let scale = Dual::of(0.5_f64.powi(halvings));
+    let scale = Dual::from_f64(0.5_f64.powi(halvings));
     for entry in &mut m {
         *entry = *entry * scale;
     }
     let add_one = |mut p: Vec<Dual>| {
-        (0..k).for_each(|i| p[i * k + i] += Dual::of(1.0));
+        (0..k).for_each(|i| p[i * k + i] += Dual::from_f64(1.0));
         p
     };
-    let mut power = add_one(vec![Dual::of(0.0); k * k]);
+    let mut power = add_one(vec![Dual::from_f64(0.0); k * k]);
     for term in (1..=TAYLOR).rev() {
-        let by = Dual::of(1.0 / term as f64);
+        let by = Dual::from_f64(1.0 / term as f64);
         power = add_one(product(&m, &power, k).into_iter().map(|v| v * by).collect());
     }
     (0..halvings).fold(power, |p, _| product(&p, &p, k))
 }
 
 fn product(a: &[Dual], b: &[Dual], k: usize) -> Vec<Dual> {
-    let mut c = vec![Dual::of(0.0); k * k];
+    let mut c = vec![Dual::from_f64(0.0); k * k];
     for i in 0..k {
         for l in 0..k {
             for j in 0..k {

@@ -1,7 +1,7 @@
 //! The controllers that come with the program fly attempts as anyone does: they see what anyone sees, and go the same way.
 
-use crazyflie_control::avoid::Avoid;
-use crazyflie_control::{Chosen, Crowd, Mode, Site};
+use crazyflie_control::avoidance::CollisionAvoidance;
+use crazyflie_control::{ControllerContext, ControllerSpec, Mode, MultiController};
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::{ACTION, Interface};
 use crazyflie_env::vector::StepBuffers;
@@ -16,13 +16,13 @@ use crate::flight::{Trace, phase_at};
 /// Who flies an attempt.
 #[derive(Debug, Clone)]
 pub struct Entrant {
-    pub controller: Chosen,
+    pub controller: ControllerSpec,
     /// Drones that share the air keep out of each other's way.
     pub avoid: bool,
 }
 
-impl From<Chosen> for Entrant {
-    fn from(controller: Chosen) -> Entrant {
+impl From<ControllerSpec> for Entrant {
+    fn from(controller: ControllerSpec) -> Entrant {
         Entrant { controller, avoid: false }
     }
 }
@@ -45,11 +45,11 @@ impl Entrant {
     }
 
     /// Built for the scenarios' vehicle, which is the thesis's.
-    pub fn pilot(&self, seat: Seat, mode: Mode) -> crazyflie_env::Result<Crowd> {
+    pub fn pilot(&self, seat: Seat, mode: Mode) -> crazyflie_env::Result<MultiController> {
         let Seat { interface, tick_s, episodes, drones } = seat;
-        let one = |_| self.controller.build(&Site { model: &Model::thesis(), interface, tick_s, envs: episodes, mode });
-        let avoid = (self.avoid && drones > 1).then(Avoid::default);
-        Crowd::new((0..drones).map(one).collect::<crazyflie_env::Result<_>>()?, episodes, avoid, tick_s)
+        let one = |_| self.controller.build(&ControllerContext { model: &Model::thesis(), interface, tick_s, envs: episodes, mode });
+        let avoid = (self.avoid && drones > 1).then(CollisionAvoidance::default);
+        MultiController::new((0..drones).map(one).collect::<crazyflie_env::Result<_>>()?, episodes, avoid, tick_s)
     }
 }
 

@@ -6,7 +6,7 @@ mod picture;
 mod scenario;
 mod together;
 
-use crazyflie_control::{Chosen, Controller, Site};
+use crazyflie_control::{Controller, ControllerContext, ControllerSpec};
 use crazyflie_env::Error;
 use crazyflie_env::config::{Autoreset, EffectTable, Options};
 use crazyflie_env::model::{Model, VerticalInput};
@@ -27,7 +27,7 @@ pub struct Setup {
     pub scenario: &'static Scenario,
     /// In place of the scenario's own, if given.
     pub task_options: Option<serde_json::Value>,
-    pub controller: Chosen,
+    pub controller: ControllerSpec,
     pub effects: EffectTable,
     pub vertical: VerticalInput,
     pub seconds: f64,
@@ -113,7 +113,7 @@ type Answer<'a> = dyn FnMut(f64, &mut [f32], &mut [f32]) -> Result<(), Error> + 
 /// The setup's controller for these environments.
 fn pilot(setup: &Setup, env: &VectorEnv) -> Result<Box<dyn Controller>, Error> {
     let (interface, tick_s, envs) = (env.interfaces()[0], env.tick_s(), env.num_envs());
-    let site = Site { model: &setup.model, interface, tick_s, envs, mode: setup.scenario.phases[0].mode };
+    let site = ControllerContext { model: &setup.model, interface, tick_s, envs, mode: setup.scenario.phases[0].mode };
     setup.controller.build(&site)
 }
 

@@ -1,7 +1,7 @@
 //! Closed-loop flights of several drones that share the air.
 
-use crazyflie_control::avoid::Avoid;
-use crazyflie_control::{Crowd, Mode, Site};
+use crazyflie_control::avoidance::CollisionAvoidance;
+use crazyflie_control::{ControllerContext, Mode, MultiController};
 use crazyflie_env::Error;
 use crazyflie_env::observation::{ACTION, Interface};
 use crazyflie_env::vector::{METRICS, STATE, StepBuffers, VectorEnv};
@@ -44,10 +44,10 @@ pub fn fly_together(setup: &Setup, team: TeamSetup, seeds: &[u64]) -> Result<Vec
     let (tick_s, n, width) = (env.tick_s(), env.num_drones(), env.width());
     let pilot = |interface: &Interface| {
         let (interface, envs) = (*interface, seeds.len());
-        setup.controller.build(&Site { model: &setup.model, interface, tick_s, envs, mode: Mode::Automatic })
+        setup.controller.build(&ControllerContext { model: &setup.model, interface, tick_s, envs, mode: Mode::Automatic })
     };
     let controllers = env.interfaces().iter().map(pilot).collect::<Result<_, _>>()?;
-    let mut crowd = Crowd::new(controllers, seeds.len(), team.avoid.then(Avoid::default), tick_s)?;
+    let mut crowd = MultiController::new(controllers, seeds.len(), team.avoid.then(CollisionAvoidance::default), tick_s)?;
     let all = seeds.len() * n;
     let mut observations = vec![0.0; all * width];
     let (mut actions, mut states, mut metrics) = (vec![0.0; all * ACTION], vec![0.0; all * STATE], vec![0.0; seeds.len() * METRICS.len()]);

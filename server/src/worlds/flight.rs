@@ -1,7 +1,7 @@
 //! One world in flight. What comes of it is a function of its plan and of the actions, to the bit.
 
-use crazyflie_control::avoid::Avoid;
-use crazyflie_control::{Chosen, Crowd, Mode, Site};
+use crazyflie_control::avoidance::CollisionAvoidance;
+use crazyflie_control::{ControllerContext, ControllerSpec, Mode, MultiController};
 use crazyflie_env::error::{Error, Result};
 use crazyflie_env::observation::{ACTION, Interface};
 use crazyflie_env::vector::{METRICS, STATE, StepBuffers, VectorEnv};
@@ -11,7 +11,7 @@ use super::Plan;
 
 pub(crate) struct Flight {
     env: VectorEnv,
-    autopilot: Crowd,
+    autopilot: MultiController,
     /// Rows of [`VectorEnv::width`], one for each drone; so are all that follow.
     pub observations: Vec<f32>,
     pub rewards: Vec<f32>,
@@ -34,10 +34,16 @@ impl Flight {
         let (model, options) = (plan.model()?, plan.options()?);
         let env = VectorEnv::new(std::slice::from_ref(&model), &options, 1)?;
         let (n, tick_s) = (env.num_drones(), env.tick_s());
-        let chosen = Chosen::named(&plan.autopilot)?;
-        let pilot =
-            |interface: &Interface| chosen.build(&Site { model: &model, interface: *interface, tick_s, envs: 1, mode: Mode::Automatic });
-        let autopilot = Crowd::new(env.interfaces().iter().map(pilot).collect::<Result<_>>()?, 1, Some(Avoid::default()), tick_s)?;
+        let chosen = ControllerSpec::named(&plan.autopilot)?;
+        let pilot = |interface: &Interface| {
+            chosen.build(&ControllerContext { model: &model, interface: *interface, tick_s, envs: 1, mode: Mode::Automatic })
+        };
+        let autopilot = MultiController::new(
+            env.interfaces().iter().map(pilot).collect::<Result<_>>()?,
+            1,
+            Some(CollisionAvoidance::default()),
+            tick_s,
+        )?;
         let mut flight = Flight {
             autopilot,
             observations: vec![0.0; n * env.width()],

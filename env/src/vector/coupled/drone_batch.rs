@@ -8,9 +8,9 @@ use crate::effects::Neighbour;
 use crate::error::Result;
 use crate::lanes::LANES;
 use crate::observation::{ACTION, OBSERVATION, Setpoint};
-use crate::plant::{Command, Push, State};
+use crate::plant::{Accelerations, Command, State};
 use crate::rows::{STATE, state_row, write_lane};
-use crate::simulated::Batched;
+use crate::sim_scalar::BatchScalar;
 use crate::task::{GOAL, Outcome, Scene, Start};
 use crate::vector::{BatchConfig, METRICS, ShardSpec};
 use crate::world::{Around, Contact, GROUP, Settings, Tick, World};
@@ -28,7 +28,7 @@ pub(in crate::vector) struct EpisodeStats<R> {
 }
 
 /// A tile of environments besides its drones.
-pub(in crate::vector) struct Tile<R: Batched> {
+pub(in crate::vector) struct Tile<R: BatchScalar> {
     pub(in crate::vector) known: Communication<R>,
     pub(in crate::vector) load: load::State<R>,
     pub(in crate::vector) stats: EpisodeStats<R>,
@@ -51,10 +51,10 @@ pub(in crate::vector) struct DroneSlot<R> {
 }
 
 /// What the parts of a step hand to each other, drone by drone.
-pub(in crate::vector) struct Scratch<R: Batched> {
+pub(in crate::vector) struct Scratch<R: BatchScalar> {
     /// Of a group of tiles, one after the other.
     pub(in crate::vector) scene: Vec<Neighbour<R>>,
-    push: Vec<Push<R>>,
+    push: Vec<Accelerations<R>>,
     pub(in crate::vector) ticks: Vec<[Tick<R>; GROUP]>,
     pub(in crate::vector) actions: Vec<[[R; ACTION]; GROUP]>,
     /// Of one tile.
@@ -76,7 +76,7 @@ pub(in crate::vector) struct Scratch<R: Batched> {
     pub(in crate::vector) rows: Vec<f32>,
 }
 
-pub(in crate::vector) struct DroneBatch<R: Batched> {
+pub(in crate::vector) struct DroneBatch<R: BatchScalar> {
     /// Of each drone, in all tiles.
     pub(in crate::vector) drones: Vec<World<R>>,
     pub(in crate::vector) load: Option<Load>,
@@ -93,7 +93,7 @@ pub(in crate::vector) struct DroneBatch<R: Batched> {
     pub(in crate::vector) final_states: Vec<f32>,
 }
 
-impl<R: Batched> DroneBatch<R> {
+impl<R: BatchScalar> DroneBatch<R> {
     pub(in crate::vector) fn new(spec: &ShardSpec<'_>, load: Option<Load>, board: usize, drones: usize) -> Result<Self> {
         let ShardSpec { models, inputs, options, envs, tick_s } = *spec;
         let tiles = envs.div_ceil(LANES);
@@ -113,7 +113,7 @@ impl<R: Batched> DroneBatch<R> {
         Ok(DroneBatch {
             drones: (0..drones).map(one).collect::<Result<_>>()?,
             load,
-            drone_kg: models.iter().map(|m| R::of(m.vehicle.mass.value)).collect(),
+            drone_kg: models.iter().map(|m| R::from_f64(m.vehicle.mass.value)).collect(),
             gravity_mps2: models[0].lateral.gravity.value,
             envs,
             tiles: (0..tiles).map(tile).collect(),
@@ -219,7 +219,7 @@ impl<R: Batched> DroneBatch<R> {
                 push.acc_mps2 = *pull;
             }
         }
-        let half = R::of(0.5 * tick_s);
+        let half = R::from_f64(0.5 * tick_s);
         for (drone, seen) in drones.iter().zip(scene) {
             let acc_mps2 = drone.acc_mps2(tile);
             for i in 0..3 {
@@ -286,7 +286,7 @@ impl<R: Batched> DroneBatch<R> {
 
 /// Of the scenes of a group of tiles the one at `place`.
 #[inline(always)]
-fn scene<'a, R: Batched>(
+fn scene<'a, R: BatchScalar>(
     drones: &'a [World<R>],
     group: &'a [Neighbour<R>],
     load: Option<&'a load::State<R>>,
@@ -297,7 +297,7 @@ fn scene<'a, R: Batched>(
     Scene { drones: &group[place * n..(place + 1) * n], load, t_s: drones[0].time_s(tile), draw: drones[0].draw(tile) }
 }
 
-impl<R: Batched> Tile<R> {
+impl<R: BatchScalar> Tile<R> {
     pub(in crate::vector) fn archive(&mut self, archive: &mut Archive<'_>) {
         self.known.archive(archive);
         archive.numbers(&mut self.load.pos_m);
@@ -311,7 +311,7 @@ impl<R: Batched> Tile<R> {
     }
 }
 
-impl<R: Batched> DroneSlot<R> {
+impl<R: BatchScalar> DroneSlot<R> {
     pub(in crate::vector) fn archive(&mut self, archive: &mut Archive<'_>) {
         archive.numbers(&mut self.last_action);
         archive.numbers(&mut self.goal);
@@ -321,13 +321,13 @@ impl<R: Batched> DroneSlot<R> {
 }
 
 #[inline(always)]
-pub(in crate::vector) fn neighbour<R: Batched>(x: &State<R>, flying: u16) -> Neighbour<R> {
-    Neighbour { pos_m: x.pos_m, vel_mps: x.vel_mps, here: R::select(R::mask(flying.into()), R::of(1.0), R::zero()) }
+pub(in crate::vector) fn neighbour<R: BatchScalar>(x: &State<R>, flying: u16) -> Neighbour<R> {
+    Neighbour { pos_m: x.pos_m, vel_mps: x.vel_mps, here: R::select(R::mask(flying.into()), R::from_f64(1.0), R::zero()) }
 }
 
 /// A drone's actions in sixteen envs from `first` on; none where there are no more envs.
 #[inline(always)]
-fn gather<R: Batched>(actions: &[f32], first: usize, envs: usize, drone: usize, drones: usize) -> [R; ACTION] {
+fn gather<R: BatchScalar>(actions: &[f32], first: usize, envs: usize, drone: usize, drones: usize) -> [R; ACTION] {
     let mut rows = [0.0; LANES * ACTION];
     let count = LANES.min(envs - first);
     for (lane, row) in rows.chunks_exact_mut(ACTION).take(count).enumerate() {
@@ -337,13 +337,13 @@ fn gather<R: Batched>(actions: &[f32], first: usize, envs: usize, drone: usize, 
     R::read4(&rows)
 }
 
-impl<R: Batched> Scratch<R> {
+impl<R: BatchScalar> Scratch<R> {
     fn new(drones: usize, board: usize) -> Self {
         let (zero, group, nothing) = (R::zero(), GROUP * drones, R::nothing());
         let none = [zero; 3];
         Scratch {
             scene: vec![Neighbour::gone(); group],
-            push: vec![Push::none(); group],
+            push: vec![Accelerations::none(); group],
             ticks: vec![[Tick::none(); GROUP]; drones],
             actions: vec![[[zero; ACTION]; GROUP]; drones],
             contacts: vec![Tick::none().contact; drones],
@@ -364,18 +364,18 @@ impl<R: Batched> Scratch<R> {
     }
 }
 
-impl<R: Batched> EpisodeStats<R> {
+impl<R: BatchScalar> EpisodeStats<R> {
     pub(in crate::vector) fn none() -> Self {
         let zero = R::zero();
         // nobody is nearer than the room is wide
-        let nearest2_m2 = R::of(100.0);
+        let nearest2_m2 = R::from_f64(100.0);
         EpisodeStats { collisions: zero, crashes: zero, done: zero, nearest2_m2, settled_s: zero, error2_m2: zero, flown: zero }
     }
 
     /// In the order of [`METRICS`].
     #[inline(always)]
     pub(in crate::vector) fn row(&self, arrived: R) -> [R; METRICS.len()] {
-        let rms_m = (self.error2_m2 / self.flown.max(R::of(1.0))).sqrt();
+        let rms_m = (self.error2_m2 / self.flown.max(R::from_f64(1.0))).sqrt();
         [self.collisions, self.crashes, self.nearest2_m2.sqrt(), self.settled_s, rms_m, self.done + arrived]
     }
 }

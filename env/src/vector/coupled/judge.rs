@@ -4,13 +4,13 @@ use super::drone_batch::{DroneBatch, neighbour};
 use crate::coupling::NEIGHBOUR;
 use crate::lanes::LANES;
 use crate::observation::{OBSERVATION, observe};
-use crate::real::Real;
 use crate::rows::{lanes_of, write_lane};
-use crate::simulated::Batched;
+use crate::scalar::Scalar;
+use crate::sim_scalar::BatchScalar;
 use crate::task::{crashed, outside};
 use crate::vector::{BatchConfig, METRICS, StepBuffers};
 
-impl<R: Batched> DroneBatch<R> {
+impl<R: BatchScalar> DroneBatch<R> {
     /// Where everybody is now, who has hit whom, and what is said by radio.
     #[inline(never)]
     pub(in crate::vector) fn regard(&mut self, config: &BatchConfig, tile: usize, place: usize) {
@@ -31,7 +31,7 @@ impl<R: Batched> DroneBatch<R> {
         for (drone, seen) in scene.iter_mut().enumerate() {
             *seen = neighbour(self.drones[drone].state(tile), self.slots[tile * n + drone].flying);
         }
-        let (near2, stats) = (R::of(4.0 * config.radius_m * config.radius_m), &mut self.tiles[tile].stats);
+        let (near2, stats) = (R::from_f64(4.0 * config.radius_m * config.radius_m), &mut self.tiles[tile].stats);
         self.scratch.hit.fill(R::nothing());
         for a in 0..n {
             for b in a + 1..n {
@@ -73,7 +73,7 @@ impl<R: Batched> DroneBatch<R> {
     fn write_step_now(&mut self, config: &BatchConfig, tile: usize, place: usize, out: &mut StepBuffers<'_>) -> u16 {
         let n = self.drones.len();
         let now_s = self.drones[0].time_s(tile);
-        let over = R::bits(now_s.gt(R::of(config.last_s))) as u16;
+        let over = R::bits(now_s.gt(R::from_f64(config.last_s))) as u16;
         let (mut late, mut arrived, mut flying) = (R::nothing(), R::zero(), 0);
         let lanes = self.used(tile);
         let mut near = std::mem::take(&mut self.scratch.rows);
@@ -81,7 +81,7 @@ impl<R: Batched> DroneBatch<R> {
             let before = self.slot(tile, drone).flying;
             let end = self.end(config, tile, place, drone, over);
             late = late | R::mask(before.into()) & !end.arrived;
-            arrived += R::select(R::mask(u32::from(before & !end.terminated)) & end.arrived, R::of(1.0), R::zero());
+            arrived += R::select(R::mask(u32::from(before & !end.terminated)) & end.arrived, R::from_f64(1.0), R::zero());
             flying |= end.flying;
             let first = tile * LANES * n + drone;
             let rewards = end.reward.array();
@@ -99,7 +99,7 @@ impl<R: Batched> DroneBatch<R> {
         }
         self.scratch.rows = near;
         for (seen, slot) in self.scratch.scene[place * n..].iter_mut().zip(&self.slots[tile * n..(tile + 1) * n]) {
-            seen.here = R::select(R::mask(slot.flying.into()), R::of(1.0), R::zero());
+            seen.here = R::select(R::mask(slot.flying.into()), R::from_f64(1.0), R::zero());
         }
         let of = &mut self.tiles[tile];
         of.stats.settled_s = R::select(late, now_s, of.stats.settled_s);
@@ -122,7 +122,7 @@ impl<R: Batched> DroneBatch<R> {
         let hit = flies & self.scratch.hit[drone];
         let crash = flies & (outside(x) | crashed(contact)) & !hit;
         let done = flies & outcome.ends & !(hit | crash);
-        let one = |mask: R::Mask| R::select(mask, R::of(1.0), R::zero());
+        let one = |mask: R::Mask| R::select(mask, R::from_f64(1.0), R::zero());
         let stats = &mut self.tiles[tile].stats;
         stats.collisions += one(hit);
         stats.crashes += one(crash);
@@ -135,7 +135,7 @@ impl<R: Batched> DroneBatch<R> {
         let truncated = slot.flying & !terminated & over;
         slot.flying &= !(terminated | over);
         slot.last_action = action;
-        let cost = R::select(hit | crash, R::of(config.crash_cost), R::zero());
+        let cost = R::select(hit | crash, R::from_f64(config.crash_cost), R::zero());
         let reward = R::select(flies, outcome.reward, R::zero()) - cost;
         End { reward, arrived: outcome.arrived, terminated, truncated, flying: slot.flying }
     }
@@ -185,7 +185,7 @@ fn copy(from: &[f32], to: &mut [f32]) {
 }
 
 /// How a tick ended for a drone, world by world.
-struct End<R: Real> {
+struct End<R: Scalar> {
     reward: R,
     arrived: R::Mask,
     terminated: u16,

@@ -9,7 +9,7 @@ use crate::lanes::LANES;
 use crate::noise::{episode_key, scramble};
 use crate::observation::{ACTION, Interface};
 use crate::rows::{STATE, lanes_of, state_row, write_lane};
-use crate::simulated::Batched;
+use crate::sim_scalar::BatchScalar;
 use crate::task::Start;
 use crate::vector::BatchConfig;
 use crate::world::Tick;
@@ -19,7 +19,7 @@ fn drone_key(episode: u64, drone: usize) -> u64 {
     scramble(episode ^ (drone as u64 + 1).wrapping_mul(0x9fb2_1c65_1e98_df25))
 }
 
-impl<R: Batched> DroneBatch<R> {
+impl<R: BatchScalar> DroneBatch<R> {
     pub(in crate::vector) fn seed(&mut self, tile: usize, lane: usize, seed: u64) {
         (self.tiles[tile].seed[lane], self.tiles[tile].number[lane]) = (seed, 0);
     }
@@ -140,7 +140,7 @@ fn lift(interface: &Interface, start: &Start) -> f64 {
     }
 }
 
-impl<R: Batched> EpisodeStats<R> {
+impl<R: BatchScalar> EpisodeStats<R> {
     /// From nothing in the lanes of `mask`.
     #[inline(always)]
     fn begun(&self, mask: R::Mask) -> Self {

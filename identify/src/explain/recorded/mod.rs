@@ -9,7 +9,7 @@ mod selection;
 use std::time::Instant;
 
 use crazyflie_env::config::numbers;
-use crazyflie_env::effects::{self, Entry, Geometry, Role, Trace, registry};
+use crazyflie_env::effects::{self, Entry, Geometry, Observability, Role, registry};
 use crazyflie_env::model::{Model, VerticalInput};
 use rayon::prelude::*;
 
@@ -98,7 +98,7 @@ fn errors_between(before: &Seen, after: &Seen) -> Errors {
 
 /// Whether an effect has a cause: a learned term describes what is left, and names none.
 fn is_cause(name: &&'static str) -> bool {
-    effects::find(name).is_ok_and(|(_, entry)| entry.trace != Trace::StandIn)
+    effects::find(name).is_ok_and(|(_, entry)| entry.observability != Observability::Surrogate)
 }
 
 fn broken() -> IdentifyError {
@@ -161,7 +161,7 @@ impl Base {
 /// at zero: numbers are fitted, and drag and an estimator that takes drag for tilt only show together.
 fn opened(model: &Model, free: &[String]) -> (Model, Vec<(&'static Entry, Vec<f64>)>) {
     let (mut open, mut declared) = (model.clone(), Vec::new());
-    for entry in registry().iter().filter(|e| e.trace.is_expected() && e.geometry == Geometry::None) {
+    for entry in registry().iter().filter(|e| e.observability.is_expected() && e.geometry == Geometry::None) {
         let given =
             model.effects.get(entry.name).map(|given| numbers(entry, given).iter().map(|n| n.fixed()).collect::<Option<Vec<f64>>>());
         let fitted = entry.model_number.filter(|path| free.iter().any(|known| known == path));

@@ -1,6 +1,6 @@
 //! Effects one at a time: proposed by the fit, taken or left by predictions of what was left out of it.
 
-use crazyflie_env::effects::{Entry, Trace, registry};
+use crazyflie_env::effects::{Entry, Observability, registry};
 use rayon::prelude::*;
 
 use super::bench::{Bench, FittedHypothesis, place_among_shared};
@@ -159,7 +159,7 @@ impl Selection {
 
     /// A sparse term without a name, where it helps on every axis what was left out of the fit.
     pub fn learn(&mut self, bench: &Bench, progress: &dyn Fn(&str)) {
-        let Some(entry) = registry().iter().find(|e| e.trace == Trace::StandIn) else { return };
+        let Some(entry) = registry().iter().find(|e| e.observability == Observability::Surrogate) else { return };
         progress("a term learned from the residual");
         let mut term = Term::off(entry);
         while !term.free.is_empty() {

@@ -40,7 +40,7 @@ fn each_server_hides_its_own_and_commits_to_it() {
 /// The score of a controller on a scenario of any effects.
 fn score(scenario: &Scenario, controller: &str) -> f64 {
     let seeds: Vec<u64> = (0..scenario.episodes() as u64).collect();
-    evaluate(scenario, &Chosen::named(controller).unwrap().into(), &seeds).unwrap().0.score.score
+    evaluate(scenario, &ControllerSpec::named(controller).unwrap().into(), &seeds).unwrap().0.score.score
 }
 
 #[test]

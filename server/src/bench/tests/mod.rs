@@ -14,7 +14,7 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::Mutex;
 
-use crazyflie_control::Chosen;
+use crazyflie_control::ControllerSpec;
 use crazyflie_env::vector::StepBuffers;
 
 use super::baselines::submit as submit_now;
@@ -36,7 +36,7 @@ fn open(test: &'static str) -> Bench {
 }
 
 fn submit(bench: &Bench, scenario: &str, controller: &str) -> String {
-    submit_now(bench, scenario, &Chosen::named(controller).unwrap().into()).unwrap().id
+    submit_now(bench, scenario, &ControllerSpec::named(controller).unwrap().into()).unwrap().id
 }
 
 /// A client's buffers.

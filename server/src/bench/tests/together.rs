@@ -1,6 +1,6 @@
 //! Attempts in which drones share the air.
 
-use crazyflie_control::Chosen;
+use crazyflie_control::ControllerSpec;
 use crazyflie_env::observation::ACTION;
 use crazyflie_env::plant::Command;
 
@@ -8,7 +8,7 @@ use super::super::{Document, Entrant, Ranked, Verdict, Who, api};
 use super::*;
 
 fn fly(bench: &Bench, scenario: &str, controller: &str, avoid: bool) -> Document {
-    let controller = Chosen::named(controller).unwrap();
+    let controller = ControllerSpec::named(controller).unwrap();
     submit_now(bench, scenario, &Entrant { controller, avoid }).unwrap()
 }
 

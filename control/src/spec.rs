@@ -2,19 +2,19 @@
 
 use serde_json::Value;
 
-use super::belief::Belief;
-use super::kalman::Filtered;
-use super::{Controller, Entry, Given, Site, find};
+use super::filtered::FilteredController;
+use super::sensor_noise::SensorNoise;
+use super::{Controller, ControllerConfig, ControllerContext, Entry, find};
 use crazyflie_env::error::{Error, Result};
 
 /// A controller that was asked for; it is built for a site.
 #[derive(Debug, Clone)]
-pub struct Chosen {
+pub struct ControllerSpec {
     entry: &'static Entry,
     options: Value,
     file: Option<Vec<u8>>,
     /// What the Kalman filter in front of it believes, where there is one.
-    filter: Option<Belief>,
+    filter: Option<SensorNoise>,
     /// What it is called: as it was asked for, a file by its name without folder and ending.
     pub label: String,
 }
@@ -23,11 +23,11 @@ pub struct Chosen {
 const FILTERED: &str = "kalman+";
 
 /// The controller that `text` asks for: `NAME`, or `NAME:FILE` where the controller comes from a file, which `read` reads; either after `kalman+`
-/// with a Kalman filter in front. `options` is an object of options, or null; its `filter` is what the filter believes (see [`Belief`]).
+/// with a Kalman filter in front. `options` is an object of options, or null; its `filter` is what the filter believes (see [`SensorNoise`]).
 ///
 /// # Errors
 /// [`Error::Unknown`] with a proposal; [`Error::Config`] for a file that cannot be read, is missing, or that the controller has no use for.
-pub fn choose(text: &str, mut options: Value, read: &dyn Fn(&str) -> std::io::Result<Vec<u8>>) -> Result<Chosen> {
+pub fn choose(text: &str, mut options: Value, read: &dyn Fn(&str) -> std::io::Result<Vec<u8>>) -> Result<ControllerSpec> {
     let (filtered, text) = text.strip_prefix(FILTERED).map_or((false, text), |inner| (true, inner));
     let (name, path) = text.split_once(':').map_or((text, None), |(name, path)| (name, Some(path)));
     let entry = find(name)?;
@@ -49,15 +49,15 @@ pub fn choose(text: &str, mut options: Value, read: &dyn Fn(&str) -> std::io::Re
         }
     };
     let label = if filtered { format!("{FILTERED}{label}") } else { label };
-    Ok(Chosen { entry, options, file, filter, label })
+    Ok(ControllerSpec { entry, options, file, filter, label })
 }
 
-impl Chosen {
+impl ControllerSpec {
     /// One that comes from no file, with its default options.
     ///
     /// # Errors
     /// As [`choose`].
-    pub fn named(name: &str) -> Result<Chosen> {
+    pub fn named(name: &str) -> Result<ControllerSpec> {
         choose(name, Value::Null, &|path| Err(std::io::Error::other(format!("{path} is not to be read here"))))
     }
 
@@ -65,11 +65,11 @@ impl Chosen {
     ///
     /// # Errors
     /// As [`Entry::build`].
-    pub fn build(&self, site: &Site<'_>) -> Result<Box<dyn Controller>> {
-        let given = Given { name: self.entry.name, options: &self.options, file: self.file.as_deref() };
+    pub fn build(&self, site: &ControllerContext<'_>) -> Result<Box<dyn Controller>> {
+        let given = ControllerConfig { name: self.entry.name, options: &self.options, file: self.file.as_deref() };
         let inner = (self.entry.build)(&given, site)?;
         Ok(match &self.filter {
-            Some(belief) => Box::new(Filtered::new(inner, site, belief)),
+            Some(belief) => Box::new(FilteredController::new(inner, site, belief)),
             None => inner,
         })
     }
@@ -82,8 +82,14 @@ mod tests {
     use crazyflie_env::model::{Model, VerticalInput};
     use crazyflie_env::observation::{ACTION, Interface, OBSERVATION};
 
-    fn site(model: &Model, envs: usize) -> Site<'_> {
-        Site { model, interface: Interface::of(model, VerticalInput::Pwm).unwrap(), tick_s: 0.02, envs, mode: Mode::Automatic }
+    fn site(model: &Model, envs: usize) -> ControllerContext<'_> {
+        ControllerContext {
+            model,
+            interface: Interface::from_model(model, VerticalInput::Pwm).unwrap(),
+            tick_s: 0.02,
+            envs,
+            mode: Mode::Automatic,
+        }
     }
 
     #[test]
@@ -128,7 +134,7 @@ mod tests {
         let wave = |env: usize, tick: usize, k: usize| (0.37 * (1.0 + env as f32) * (tick as f32 + 3.0 * k as f32)).sin() * 0.3;
         for entry in registry().iter().filter(|e| e.file.is_none()) {
             let fly = |envs: &[usize]| {
-                let mut controller = Chosen::named(entry.name).unwrap().build(&site(&model, envs.len())).unwrap();
+                let mut controller = ControllerSpec::named(entry.name).unwrap().build(&site(&model, envs.len())).unwrap();
                 controller.reset(&|_| true);
                 let mut log = vec![Vec::new(); envs.len()];
                 let (mut o, mut a) = (vec![0.0_f32; envs.len() * OBSERVATION], vec![0.0_f32; envs.len() * ACTION]);

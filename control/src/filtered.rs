@@ -1,30 +1,35 @@
 //! Better localisation for any controller: the marker's pose in its observation is replaced by the filter's.
 
 use super::batch::{check, mask, rows, write};
-use super::belief::Belief;
 use super::estimator::Estimator;
-use super::{Controller, Mode, Site};
+use super::sensor_noise::SensorNoise;
+use super::{Controller, ControllerContext, Mode};
 use crazyflie_env::error::Result;
 use crazyflie_env::lanes::{LANES, Lanes};
 use crazyflie_env::observation::OBSERVATION;
-use crazyflie_env::real::Real;
+use crazyflie_env::scalar::Scalar;
 
 /// A controller that sees the filter's estimate, new at every tick, where the marker's last pose was.
-pub(super) struct Filtered {
+pub(super) struct FilteredController {
     tiles: Vec<Estimator<Lanes>>,
     inner: Box<dyn Controller>,
     envs: usize,
     rows: Vec<f32>,
 }
 
-impl Filtered {
-    pub(super) fn new(inner: Box<dyn Controller>, site: &Site<'_>, belief: &Belief) -> Self {
+impl FilteredController {
+    pub(super) fn new(inner: Box<dyn Controller>, site: &ControllerContext<'_>, belief: &SensorNoise) -> Self {
         let estimator = Estimator::new(site.model, site.interface.input, site.tick_s, belief);
-        Filtered { tiles: vec![estimator; site.envs.div_ceil(LANES)], inner, envs: site.envs, rows: vec![0.0; site.envs * OBSERVATION] }
+        FilteredController {
+            tiles: vec![estimator; site.envs.div_ceil(LANES)],
+            inner,
+            envs: site.envs,
+            rows: vec![0.0; site.envs * OBSERVATION],
+        }
     }
 }
 
-impl Controller for Filtered {
+impl Controller for FilteredController {
     fn set_mode(&mut self, mode: Mode) {
         self.inner.set_mode(mode);
     }
@@ -43,7 +48,7 @@ impl Controller for Filtered {
             let e = estimator.update(&rows(seen));
             let [x, y, z] = e.pos_m;
             // as good as a fix of this very moment
-            write(&[x, y, z, e.yaw_rad, Lanes::zero(), Lanes::of(1.0)], seen, OBSERVATION);
+            write(&[x, y, z, e.yaw_rad, Lanes::zero(), Lanes::from_f64(1.0)], seen, OBSERVATION);
         }
         self.inner.act(&self.rows, actions)
     }

@@ -1,4 +1,4 @@
-//! What a formula may ask of a number. Every formula of the simulator is written once, generic over [`Real`], and runs on
+//! What a formula may ask of a number. Every formula of the simulator is written once, generic over [`Scalar`], and runs on
 //! [`crate::lanes::Lanes`] (16 drones at once, `f32`) in the simulator and on `f64` as the reference. Only IEEE basic operations are
 //! used, never a fused multiply-add or a system maths library, so that one formula gives the same bits on every machine.
 
@@ -6,7 +6,7 @@ use std::fmt::Debug;
 use std::ops::{Add, AddAssign, BitAnd, BitOr, BitXor, Div, Mul, Neg, Not, Sub, SubAssign};
 
 /// A real number, or several side by side.
-pub trait Real:
+pub trait Scalar:
     Copy
     + Debug
     + Send
@@ -31,7 +31,7 @@ pub trait Real:
     const MEAN: bool = false;
 
     /// The same number in every lane.
-    fn of(value: f64) -> Self;
+    fn from_f64(value: f64) -> Self;
     fn sqrt(self) -> Self;
     fn abs(self) -> Self;
     /// The smaller of two numbers; `self` where either is NaN.
@@ -59,7 +59,7 @@ pub trait Real:
 
     #[inline(always)]
     fn zero() -> Self {
-        Self::of(0.0)
+        Self::from_f64(0.0)
     }
     #[inline(always)]
     fn gt(self, other: Self) -> Self::Mask {
@@ -74,16 +74,16 @@ pub trait Real:
     /// `f32` and 1e-11 in `f64` for |self| < 1e4 rad.
     #[inline(always)]
     fn sin_cos(self) -> (Self, Self) {
-        let quarter = (self * Self::of(std::f64::consts::FRAC_2_PI)).round();
+        let quarter = (self * Self::from_f64(std::f64::consts::FRAC_2_PI)).round();
         // pi/2 in three parts that are exact in f32: the products with a small integer lose nothing.
         let r = self
-            - quarter * Self::of(1.570_312_5)
-            - quarter * Self::of(4.837_512_969_970_703e-4)
-            - quarter * Self::of(7.549_789_948_768_648e-8);
+            - quarter * Self::from_f64(1.570_312_5)
+            - quarter * Self::from_f64(4.837_512_969_970_703e-4)
+            - quarter * Self::from_f64(7.549_789_948_768_648e-8);
         let r2 = r * r;
         let sin = r + r * r2 * poly(r2, 4, &[-1.0 / 6.0, 1.0 / 120.0, -1.0 / 5040.0, 1.0 / 362_880.0, -1.0 / 39_916_800.0]);
-        let cos =
-            Self::of(1.0) + r2 * poly(r2, 4, &[-0.5, 1.0 / 24.0, -1.0 / 720.0, 1.0 / 40_320.0, -1.0 / 3_628_800.0, 1.0 / 479_001_600.0]);
+        let cos = Self::from_f64(1.0)
+            + r2 * poly(r2, 4, &[-0.5, 1.0 / 24.0, -1.0 / 720.0, 1.0 / 40_320.0, -1.0 / 3_628_800.0, 1.0 / 479_001_600.0]);
         Self::turned(quarter, sin, cos)
     }
 
@@ -91,10 +91,10 @@ pub trait Real:
     #[inline(always)]
     fn turned(quarter: Self, sin: Self, cos: Self) -> (Self, Self) {
         // quarter modulo 4 in {-2, -1, 0, 1, 2} decides which of the two and the signs
-        let turn = quarter - Self::of(4.0) * (quarter * Self::of(0.25)).round();
-        let odd = turn.abs().lt(Self::of(1.5)) & turn.abs().gt(Self::of(0.5));
-        let flip_sin = turn.lt(Self::of(-0.5)) | turn.gt(Self::of(1.5));
-        let flip_cos = turn.gt(Self::of(0.5)) | turn.lt(Self::of(-1.5));
+        let turn = quarter - Self::from_f64(4.0) * (quarter * Self::from_f64(0.25)).round();
+        let odd = turn.abs().lt(Self::from_f64(1.5)) & turn.abs().gt(Self::from_f64(0.5));
+        let flip_sin = turn.lt(Self::from_f64(-0.5)) | turn.gt(Self::from_f64(1.5));
+        let flip_cos = turn.gt(Self::from_f64(0.5)) | turn.lt(Self::from_f64(-1.5));
         let (s, c) = (Self::select(odd, cos, sin), Self::select(odd, sin, cos));
         (Self::select(flip_sin, -s, s), Self::select(flip_cos, -c, c))
     }
@@ -106,7 +106,7 @@ pub trait Real:
         let (s3, s5, s7, s9, s11) = (-1.0 / 6.0, 1.0 / 120.0, -1.0 / 5040.0, 1.0 / 362_880.0, -1.0 / 39_916_800.0);
         let sin = self + self * x2 * poly(x2, 5, &[s3, s5, s7, s9, s11, 1.0 / 6_227_020_800.0]);
         let (c4, c6, c8, c10, c12) = (1.0 / 24.0, -1.0 / 720.0, 1.0 / 40_320.0, -1.0 / 3_628_800.0, 1.0 / 479_001_600.0);
-        let cos = Self::of(1.0) + x2 * poly(x2, 6, &[-0.5, c4, c6, c8, c10, c12, -1.0 / 87_178_291_200.0]);
+        let cos = Self::from_f64(1.0) + x2 * poly(x2, 6, &[-0.5, c4, c6, c8, c10, c12, -1.0 / 87_178_291_200.0]);
         (sin, cos)
     }
 
@@ -120,11 +120,11 @@ pub trait Real:
     /// Exponential for arguments within [-80, 80]; clamped outside. Relative error below 2e-7 in `f32`, 1e-13 in `f64`.
     #[inline(always)]
     fn exp(self) -> Self {
-        let x = self.clamp(Self::of(-80.0), Self::of(80.0));
-        let n = (x * Self::of(std::f64::consts::LOG2_E)).round();
+        let x = self.clamp(Self::from_f64(-80.0), Self::from_f64(80.0));
+        let n = (x * Self::from_f64(std::f64::consts::LOG2_E)).round();
         // ln 2 in two parts, the first exact in f32
-        let r = x - n * Self::of(0.693_359_375) - n * Self::of(-2.121_944_400_546_905_8e-4);
-        let e = Self::of(1.0)
+        let r = x - n * Self::from_f64(0.693_359_375) - n * Self::from_f64(-2.121_944_400_546_905_8e-4);
+        let e = Self::from_f64(1.0)
             + r * poly(
                 r,
                 7,
@@ -149,9 +149,9 @@ pub trait Real:
     fn ln(self) -> Self {
         let (m, n) = self.split_exponent();
         // ln m = 2 atanh(t), t = (m-1)/(m+1), |t| < 0.172
-        let t = (m - Self::of(1.0)) / (m + Self::of(1.0));
+        let t = (m - Self::from_f64(1.0)) / (m + Self::from_f64(1.0));
         let t2 = t * t;
-        n * Self::of(std::f64::consts::LN_2) + t * poly(t2, 4, &[2.0, 2.0 / 3.0, 2.0 / 5.0, 2.0 / 7.0, 2.0 / 9.0, 2.0 / 11.0])
+        n * Self::from_f64(std::f64::consts::LN_2) + t * poly(t2, 4, &[2.0, 2.0 / 3.0, 2.0 / 5.0, 2.0 / 7.0, 2.0 / 9.0, 2.0 / 11.0])
     }
 
     /// `self^exponent` for positive `self`.
@@ -163,7 +163,7 @@ pub trait Real:
 
 /// `values` through `f`. Unlike `[T; N]::map` it is inlined always, which a caller compiled for wider registers needs.
 #[inline(always)]
-pub fn each<R: Real, const N: usize>(values: [R; N], f: impl Fn(R) -> R) -> [R; N] {
+pub fn each<R: Scalar, const N: usize>(values: [R; N], f: impl Fn(R) -> R) -> [R; N] {
     let mut out = values;
     for i in 0..N {
         out[i] = f(values[i]);
@@ -173,7 +173,7 @@ pub fn each<R: Real, const N: usize>(values: [R; N], f: impl Fn(R) -> R) -> [R; 
 
 /// Sum of products.
 #[inline(always)]
-pub fn dot<R: Real, const N: usize>(a: &[R; N], b: [R; N]) -> R {
+pub fn dot<R: Scalar, const N: usize>(a: &[R; N], b: [R; N]) -> R {
     let mut sum = a[0] * b[0];
     for i in 1..N {
         sum += a[i] * b[i];
@@ -183,7 +183,7 @@ pub fn dot<R: Real, const N: usize>(a: &[R; N], b: [R; N]) -> R {
 
 /// `[f(0), f(1), ...]`, inlined always.
 #[inline(always)]
-pub fn tabulate<R: Real, const N: usize>(f: impl Fn(usize) -> R) -> [R; N] {
+pub fn tabulate<R: Scalar, const N: usize>(f: impl Fn(usize) -> R) -> [R; N] {
     let mut out = [R::zero(); N];
     for i in 0..N {
         out[i] = f(i);
@@ -194,8 +194,8 @@ pub fn tabulate<R: Real, const N: usize>(f: impl Fn(usize) -> R) -> [R; N] {
 /// A polynomial, lowest coefficient first: by Horner's scheme, or in single precision, which cannot tell the coefficients beyond the first
 /// few, by Estrin's, whose chains of dependent operations are half as long.
 #[inline(always)]
-fn poly<R: Real, const N: usize>(x: R, single: usize, coefficients: &[f64; N]) -> R {
-    let c = |i: usize| R::of(coefficients[i]);
+fn poly<R: Scalar, const N: usize>(x: R, single: usize, coefficients: &[f64; N]) -> R {
+    let c = |i: usize| R::from_f64(coefficients[i]);
     if R::SINGLE && (4..=7).contains(&single) {
         let x2 = x * x;
         let low = (c(0) + c(1) * x) + x2 * (c(2) + c(3) * x);
@@ -215,7 +215,7 @@ fn poly<R: Real, const N: usize>(x: R, single: usize, coefficients: &[f64; N]) -
 
 /// Integers modulo 2^32, one per lane.
 pub trait Word: Copy + Debug + Send + Sync + BitXor<Output = Self> {
-    fn of(value: u32) -> Self;
+    fn from_u32(value: u32) -> Self;
     fn add(self, other: Self) -> Self;
     fn mul(self, other: Self) -> Self;
     fn shr(self, bits: u32) -> Self;
@@ -223,7 +223,7 @@ pub trait Word: Copy + Debug + Send + Sync + BitXor<Output = Self> {
 }
 
 impl Word for u32 {
-    fn of(value: u32) -> Self {
+    fn from_u32(value: u32) -> Self {
         value
     }
     fn add(self, other: Self) -> Self {
@@ -240,12 +240,12 @@ impl Word for u32 {
     }
 }
 
-impl Real for f64 {
+impl Scalar for f64 {
     type Mask = bool;
     type Word = u32;
     const SINGLE: bool = false;
 
-    fn of(value: f64) -> Self {
+    fn from_f64(value: f64) -> Self {
         value
     }
     fn sqrt(self) -> Self {
@@ -319,10 +319,10 @@ mod tests {
 
     #[test]
     fn elementary_functions_are_accurate() {
-        let (s32, s64) = worst(-100.0, 100.0, |x| x.sin_cos().0, |x| Real::sin_cos(x).0, libm::sin);
-        let (c32, c64) = worst(-100.0, 100.0, |x| x.sin_cos().1, |x| Real::sin_cos(x).1, libm::cos);
-        let (l32, l64) = worst(1e-7, 8.0, Real::ln, Real::ln, libm::log);
-        let (e32, e64) = worst(-4.0, 1.0, Real::exp, Real::exp, libm::exp);
+        let (s32, s64) = worst(-100.0, 100.0, |x| x.sin_cos().0, |x| Scalar::sin_cos(x).0, libm::sin);
+        let (c32, c64) = worst(-100.0, 100.0, |x| x.sin_cos().1, |x| Scalar::sin_cos(x).1, libm::cos);
+        let (l32, l64) = worst(1e-7, 8.0, Scalar::ln, Scalar::ln, libm::log);
+        let (e32, e64) = worst(-4.0, 1.0, Scalar::exp, Scalar::exp, libm::exp);
         assert!(s32 < 3e-7 && c32 < 3e-7 && l32 < 2e-6 && e32 < 6e-7, "{s32:e} {c32:e} {l32:e} {e32:e}");
         assert!(s64 < 1e-10 && c64 < 1e-10 && l64 < 1e-8 && e64 < 1e-12, "{s64:e} {c64:e} {l64:e} {e64:e}");
     }
@@ -346,6 +346,6 @@ mod tests {
             assert_eq!(Lanes::select(a.lt(b), a, b).array()[i], x[i].min(0.25));
             assert_eq!(a.lt(b).bits() >> i & 1 == 1, x[i] < 0.25);
         }
-        assert!(Lanes::any(a.lt(b)) && !Lanes::all(a.lt(b)) && Lanes::all(a.lt(Lanes::of(100.0))));
+        assert!(Lanes::any(a.lt(b)) && !Lanes::all(a.lt(b)) && Lanes::all(a.lt(Lanes::from_f64(100.0))));
     }
 }

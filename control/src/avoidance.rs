@@ -5,14 +5,14 @@ use serde::{Deserialize, Serialize};
 use crazyflie_env::coupling::NEIGHBOUR;
 use crazyflie_env::error::Result;
 use crazyflie_env::error::check_range;
-use crazyflie_env::real::Real;
+use crazyflie_env::scalar::Scalar;
 
 /// An artificial potential (Khatib 1986, Int. J. Robotics Research 5(1)) about where two drones will be nearest, with a vortex about each
 /// of the others so that all pass on the same side instead of standing face to face (De Luca and Oriolo 1994). The fields move a set-point
 /// of the drone's own, which follows the mission's at a limited speed: that is what the controller flies to.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Avoid {
+pub struct CollisionAvoidance {
     /// Speed of the set-point.
     pub speed_mps: f64,
     /// The set-point is never farther from the drone than this.
@@ -26,13 +26,13 @@ pub struct Avoid {
     pub horizon_s: f64,
 }
 
-impl Default for Avoid {
+impl Default for CollisionAvoidance {
     fn default() -> Self {
-        Avoid { speed_mps: 0.5, leash_m: 0.5, range_m: 0.8, push_mps: 1.0, vortex_mps: 0.6, horizon_s: 1.0 }
+        CollisionAvoidance { speed_mps: 0.5, leash_m: 0.5, range_m: 0.8, push_mps: 1.0, vortex_mps: 0.6, horizon_s: 1.0 }
     }
 }
 
-impl Avoid {
+impl CollisionAvoidance {
     /// # Errors
     /// [`crazyflie_env::Error::Range`].
     pub fn check(&self) -> Result<()> {
@@ -46,7 +46,7 @@ impl Avoid {
 
     /// Move the set-point `at_m` on by `dt_s`, towards `target_m`, for a drone at `own_m`; `others` are the observation's blocks of neighbours.
     #[inline(always)]
-    pub fn advance<R: Real>(
+    pub fn advance<R: Scalar>(
         &self,
         at_m: &mut [R; 3],
         own_m: [R; 3],
@@ -55,14 +55,14 @@ impl Avoid {
         others: impl Iterator<Item = [R; NEIGHBOUR]>,
     ) {
         // as fast as it may be, but not past the target
-        let mut speed_mps = limited([0, 1, 2].map(|i| (target_m[i] - at_m[i]) * R::of(1.0 / dt_s)), self.speed_mps);
+        let mut speed_mps = limited([0, 1, 2].map(|i| (target_m[i] - at_m[i]) * R::from_f64(1.0 / dt_s)), self.speed_mps);
         for other in others {
             for (speed, more) in speed_mps.iter_mut().zip(self.field(other)) {
                 *speed += more;
             }
         }
         let speed_mps = limited(speed_mps, self.speed_mps);
-        let led = limited([0, 1, 2].map(|i| at_m[i] + speed_mps[i] * R::of(dt_s) - own_m[i]), self.leash_m);
+        let led = limited([0, 1, 2].map(|i| at_m[i] + speed_mps[i] * R::from_f64(dt_s) - own_m[i]), self.leash_m);
         for i in 0..3 {
             at_m[i] = own_m[i] + led[i];
         }
@@ -70,26 +70,26 @@ impl Avoid {
 
     /// What one of the others adds.
     #[inline(always)]
-    fn field<R: Real>(&self, [x, y, z, vx, vy, vz, _, valid]: [R; NEIGHBOUR]) -> [R; 3] {
+    fn field<R: Scalar>(&self, [x, y, z, vx, vy, vz, _, valid]: [R; NEIGHBOUR]) -> [R; 3] {
         let closing = -(x * vx + y * vy + z * vz);
-        let speed2 = vx * vx + vy * vy + vz * vz + R::of(1e-4);
-        let soon_s = (closing / speed2).clamp(R::zero(), R::of(self.horizon_s));
+        let speed2 = vx * vx + vy * vy + vz * vz + R::from_f64(1e-4);
+        let soon_s = (closing / speed2).clamp(R::zero(), R::from_f64(self.horizon_s));
         let [cx, cy, cz] = [x + soon_s * vx, y + soon_s * vy, z + soon_s * vz];
         let now_m = (x * x + y * y + z * z).sqrt();
         let then_m = (cx * cx + cy * cy + cz * cz).sqrt();
         // who is near now counts, and who will be
-        let felt = (R::of(0.5) * (now_m + then_m)).min(R::of(self.range_m));
-        let near = valid * (R::of(1.0) - felt * R::of(1.0 / self.range_m));
-        let away = near * R::of(self.push_mps) / now_m.max(R::of(0.05));
-        let aside = near * R::of(self.vortex_mps) / now_m.max(R::of(0.05));
+        let felt = (R::from_f64(0.5) * (now_m + then_m)).min(R::from_f64(self.range_m));
+        let near = valid * (R::from_f64(1.0) - felt * R::from_f64(1.0 / self.range_m));
+        let away = near * R::from_f64(self.push_mps) / now_m.max(R::from_f64(0.05));
+        let aside = near * R::from_f64(self.vortex_mps) / now_m.max(R::from_f64(0.05));
         [aside * y - away * x, -aside * x - away * y, -away * z]
     }
 }
 
 /// A vector of at most this length.
 #[inline(always)]
-fn limited<R: Real>([x, y, z]: [R; 3], most: f64) -> [R; 3] {
-    let length = (x * x + y * y + z * z + R::of(1e-12)).sqrt();
-    let share = (R::of(most) / length).min(R::of(1.0));
+fn limited<R: Scalar>([x, y, z]: [R; 3], most: f64) -> [R; 3] {
+    let length = (x * x + y * y + z * z + R::from_f64(1e-12)).sqrt();
+    let share = (R::from_f64(most) / length).min(R::from_f64(1.0));
     [x * share, y * share, z * share]
 }

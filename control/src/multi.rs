@@ -1,31 +1,31 @@
 //! Any controller of the registry for worlds of several drones, with the layer that avoids collisions or without it.
 
-use super::avoid::Avoid;
+use super::avoidance::CollisionAvoidance;
 use super::{Controller, Mode};
 use crazyflie_env::coupling::NEIGHBOUR;
 use crazyflie_env::error::Result;
 use crazyflie_env::error::check_length;
 use crazyflie_env::lanes::{LANES, LaneMask, Lanes};
 use crazyflie_env::observation::{ACTION, OBSERVATION};
-use crazyflie_env::real::{Real, tabulate};
+use crazyflie_env::scalar::{Scalar, tabulate};
 
 /// Numbers of an observation's set-point that the avoidance replaces.
 const SETPOINT: usize = 16;
 
 /// The set-point of a drone in sixteen worlds, where the avoidance has moved it.
 #[derive(Clone)]
-struct Moved {
+struct ShiftedSetpoint {
     at_m: [Lanes; 3],
     fresh: LaneMask,
 }
 
 /// A controller for each drone of a batch of worlds.
-pub struct Crowd {
+pub struct MultiController {
     /// Each of them flies one drone in all worlds.
     controllers: Vec<Box<dyn Controller>>,
-    avoid: Option<Avoid>,
+    avoid: Option<CollisionAvoidance>,
     /// By drone, then by sixteen worlds.
-    moved: Vec<Vec<Moved>>,
+    moved: Vec<Vec<ShiftedSetpoint>>,
     worlds: usize,
     /// How many others a drone sees.
     others: usize,
@@ -35,32 +35,44 @@ pub struct Crowd {
     actions: Vec<f32>,
 }
 
-impl Crowd {
+impl MultiController {
     /// One controller for each drone, each made for `worlds` environments; `tick_s` between observations.
     ///
     /// # Errors
     /// [`crazyflie_env::Error::Range`] for `avoid`.
-    pub fn new(controllers: Vec<Box<dyn Controller>>, worlds: usize, avoid: Option<Avoid>, tick_s: f64) -> Result<Self> {
+    pub fn new(controllers: Vec<Box<dyn Controller>>, worlds: usize, avoid: Option<CollisionAvoidance>, tick_s: f64) -> Result<Self> {
         let others = controllers.len().saturating_sub(1);
-        Crowd::among(controllers, others, worlds, avoid, tick_s)
+        MultiController::among(controllers, others, worlds, avoid, tick_s)
     }
 
     /// For one drone of each world, which sees so many others: what flies one drone for itself.
     ///
     /// # Errors
-    /// As [`Crowd::new`].
-    pub fn lone(controller: Box<dyn Controller>, others: usize, worlds: usize, avoid: Option<Avoid>, tick_s: f64) -> Result<Self> {
-        Crowd::among(vec![controller], others, worlds, avoid, tick_s)
+    /// As [`MultiController::new`].
+    pub fn single(
+        controller: Box<dyn Controller>,
+        others: usize,
+        worlds: usize,
+        avoid: Option<CollisionAvoidance>,
+        tick_s: f64,
+    ) -> Result<Self> {
+        MultiController::among(vec![controller], others, worlds, avoid, tick_s)
     }
 
-    fn among(controllers: Vec<Box<dyn Controller>>, others: usize, worlds: usize, avoid: Option<Avoid>, tick_s: f64) -> Result<Self> {
+    fn among(
+        controllers: Vec<Box<dyn Controller>>,
+        others: usize,
+        worlds: usize,
+        avoid: Option<CollisionAvoidance>,
+        tick_s: f64,
+    ) -> Result<Self> {
         if let Some(avoid) = &avoid {
             avoid.check()?;
         }
-        let fresh = Moved { at_m: [Lanes::zero(); 3], fresh: !Lanes::nothing() };
+        let fresh = ShiftedSetpoint { at_m: [Lanes::zero(); 3], fresh: !Lanes::nothing() };
         let moved = vec![vec![fresh; worlds.div_ceil(LANES)]; controllers.len()];
         let (observations, actions) = (vec![0.0; worlds * OBSERVATION], vec![0.0; worlds * ACTION]);
-        Ok(Crowd { controllers, avoid, moved, worlds, others, tick_s, observations, actions })
+        Ok(MultiController { controllers, avoid, moved, worlds, others, tick_s, observations, actions })
     }
 
     /// As of [`Controller::set_mode`], for all drones.
@@ -111,7 +123,7 @@ impl Crowd {
     }
 
     /// The avoidance's set-points in place of the mission's.
-    fn keep_out(&mut self, avoid: &Avoid, drone: usize, observations: &[f32]) {
+    fn keep_out(&mut self, avoid: &CollisionAvoidance, drone: usize, observations: &[f32]) {
         let (n, others, worlds) = (self.controllers.len(), self.others, self.worlds);
         let width = OBSERVATION + NEIGHBOUR * others;
         for (tile, moved) in self.moved[drone].iter_mut().enumerate() {

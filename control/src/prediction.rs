@@ -1,35 +1,35 @@
 //! One axis under a held acceleration: where it goes, and how sure that is.
 
-use crazyflie_env::real::Real;
+use crazyflie_env::scalar::Scalar;
 
 /// Position, velocity, and the acceleration that nothing explains.
 pub(super) type Axis<R> = [R; 3];
 
 /// Their covariance, upper triangle: pp, pv, pb, vv, vb, bb.
-pub(super) type Spread<R> = [R; 6];
+pub(super) type Covariance<R> = [R; 6];
 
 /// Variances before anything was seen: 20 cm, 30 cm/s, 0.3 m/s^2.
-pub(super) const START: Spread<f64> = [0.04, 0.0, 0.0, 0.09, 0.0, 0.09];
+pub(super) const START: Covariance<f64> = [0.04, 0.0, 0.0, 0.09, 0.0, 0.09];
 
 /// How much of tick `j` (which began j + 1 ticks of `h_s` ago) lies between the ages `from` and `to`.
 #[inline(always)]
-pub(super) fn overlap<R: Real>(from: R, to: R, j: usize, h_s: f64) -> R {
-    (from.min(R::of(h_s * (j + 1) as f64)) - to.max(R::of(h_s * j as f64))).max(R::zero())
+pub(super) fn overlap<R: Scalar>(from: R, to: R, j: usize, h_s: f64) -> R {
+    (from.min(R::from_f64(h_s * (j + 1) as f64)) - to.max(R::from_f64(h_s * j as f64))).max(R::zero())
 }
 
 /// An axis `dt_s` later under a held acceleration.
 #[inline(always)]
-pub(super) fn glide<R: Real>(&[p, v, b]: &Axis<R>, acc: R, dt_s: R, carry: f64) -> Axis<R> {
+pub(super) fn predict_mean<R: Scalar>(&[p, v, b]: &Axis<R>, acc: R, dt_s: R, carry: f64) -> Axis<R> {
     let gained = (acc + b) * dt_s;
-    [p + (v + R::of(carry) * gained) * dt_s, v + gained, b]
+    [p + (v + R::from_f64(carry) * gained) * dt_s, v + gained, b]
 }
 
 /// The covariance `dt_s` later, with white noise and a wandering bias of so much variance per second: F P F' + Q.
 #[inline(always)]
-pub(super) fn widened<R: Real>(&[pp, pv, pb, vv, vb, bb]: &Spread<R>, dt_s: R, white: f64, bias: f64) -> Spread<R> {
-    let half = R::of(0.5) * dt_s * dt_s;
+pub(super) fn predict_covariance<R: Scalar>(&[pp, pv, pb, vv, vb, bb]: &Covariance<R>, dt_s: R, white: f64, bias: f64) -> Covariance<R> {
+    let half = R::from_f64(0.5) * dt_s * dt_s;
     // F P, then (F P) F', with F = [1 dt dt^2/2; 0 1 dt; 0 0 1]
     let (a, b, c) = (pp + dt_s * pv + half * pb, pv + dt_s * vv + half * vb, pb + dt_s * vb + half * bb);
     let (d, e) = (vv + dt_s * vb, vb + dt_s * bb);
-    [a + dt_s * b + half * c, b + dt_s * c, c, d + dt_s * e + R::of(white) * dt_s, e, bb + R::of(bias) * dt_s]
+    [a + dt_s * b + half * c, b + dt_s * c, c, d + dt_s * e + R::from_f64(white) * dt_s, e, bb + R::from_f64(bias) * dt_s]
 }

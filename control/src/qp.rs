@@ -4,7 +4,7 @@ use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus};
 use nalgebra::{SMatrix, SVector};
 
-use super::observer::Discrete;
+use super::observer::DiscreteModel;
 use super::riccati::solve;
 use crazyflie_env::error::{Error, Result};
 
@@ -22,7 +22,7 @@ pub(super) struct Horizon {
     slope: SMatrix<f64, MOVES, STATES>,
     free: SMatrix<f64, MOVES, STATES>,
     solver: DefaultSolver<f64>,
-    /// What the solver is told, kept so that nothing is allocated.
+    /// What the solver is options_json, kept so that nothing is allocated.
     gradient: Vec<f64>,
     limits: Vec<f64>,
 }
@@ -32,7 +32,7 @@ impl Horizon {
     ///
     /// # Errors
     /// As [`solve`].
-    pub(super) fn new(model: &Discrete, states: &[usize], input: usize, q: &SVector<f64, 12>, r: f64) -> Result<Self> {
+    pub(super) fn new(model: &DiscreteModel, states: &[usize], input: usize, q: &SVector<f64, 12>, r: f64) -> Result<Self> {
         let (mut a, mut b, mut cost) = (SMatrix::<f64, STATES, STATES>::zeros(), State::zeros(), State::zeros());
         for (i, from) in states.iter().enumerate() {
             (b[i], cost[i]) = (model.b[(*from, input)], q[*from]);
@@ -110,16 +110,16 @@ fn solver(hessian: &SMatrix<f64, MOVES, MOVES>) -> Result<DefaultSolver<f64>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Mode, Site};
+    use crate::{ControllerContext, Mode};
     use crazyflie_env::model::{Model, VerticalInput};
     use crazyflie_env::observation::Interface;
 
     fn horizon() -> Horizon {
         let model = Model::thesis();
-        let interface = Interface::of(&model, VerticalInput::Thrust).unwrap();
-        let site = Site { model: &model, interface, tick_s: 0.02, envs: 1, mode: Mode::Automatic };
+        let interface = Interface::from_model(&model, VerticalInput::Thrust).unwrap();
+        let site = ControllerContext { model: &model, interface, tick_s: 0.02, envs: 1, mode: Mode::Automatic };
         let q = SVector::from([100.0, 100.0, 100.0, 0.0, 0.0, 30.0, 6.0, 6.0, 0.0, 0.0, 0.0, 0.0]);
-        Horizon::new(&Discrete::of(&site).unwrap(), &[0, 4, 6, 10], 1, &q, 130.0).unwrap()
+        Horizon::new(&DiscreteModel::of(&site).unwrap(), &[0, 4, 6, 10], 1, &q, 130.0).unwrap()
     }
 
     /// Within the limits the horizon with the Riccati solution at its end is the LQR, whatever its length and blocks; a limit far away is none.

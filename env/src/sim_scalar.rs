@@ -3,10 +3,10 @@
 use crate::dual::Dual;
 use crate::effects::{Build, Entry, Stage};
 use crate::lanes::{LANES, LaneMask, Lanes};
-use crate::real::Real;
+use crate::scalar::Scalar;
 
 /// A number type that a world can be made of.
-pub trait Simulated: Real {
+pub trait SimScalar: Scalar {
     #[doc(hidden)]
     fn stage(entry: &Entry, build: Build) -> Box<dyn Stage<Self>>;
     /// Runs `code` compiled for the instruction set that this type is written for.
@@ -17,7 +17,7 @@ pub trait Simulated: Real {
 }
 
 /// A number type of sixteen lanes, which a batch of environments can be made of.
-pub(crate) trait Batched: Simulated {
+pub(crate) trait BatchScalar: SimScalar {
     fn bits(mask: Self::Mask) -> u32;
     fn mask(bits: u32) -> Self::Mask;
     fn array(&self) -> &[f32; LANES];
@@ -27,13 +27,13 @@ pub(crate) trait Batched: Simulated {
     fn write<const N: usize>(values: &[Self; N], rows: &mut [f32], stride: usize);
 }
 
-impl Simulated for f64 {
+impl SimScalar for f64 {
     fn stage(entry: &Entry, build: Build) -> Box<dyn Stage<Self>> {
         (entry.double)(build)
     }
 }
 
-impl Simulated for Dual {
+impl SimScalar for Dual {
     fn stage(entry: &Entry, build: Build) -> Box<dyn Stage<Self>> {
         (entry.dual)(build)
     }
@@ -49,13 +49,13 @@ impl Simulated for Dual {
     }
 }
 
-impl Simulated for Lanes {
+impl SimScalar for Lanes {
     fn stage(entry: &Entry, build: Build) -> Box<dyn Stage<Self>> {
         (entry.lanes)(build)
     }
 }
 
-impl Batched for Lanes {
+impl BatchScalar for Lanes {
     #[inline(always)]
     fn bits(mask: LaneMask) -> u32 {
         mask.bits()
@@ -92,10 +92,10 @@ impl Batched for Lanes {
 macro_rules! in_registers {
     ($level:ident, $lanes:ident, $with:ident) => {
         mod $level {
-            use super::{Batched, Build, Entry, LANES, Simulated, Stage};
+            use super::{BatchScalar, Build, Entry, LANES, SimScalar, Stage};
             use crate::$lanes::{self, Lanes, Mask};
 
-            impl Simulated for Lanes {
+            impl SimScalar for Lanes {
                 fn stage(entry: &Entry, build: Build) -> Box<dyn Stage<Self>> {
                     (entry.$level)(build)
                 }
@@ -107,7 +107,7 @@ macro_rules! in_registers {
                 }
             }
 
-            impl Batched for Lanes {
+            impl BatchScalar for Lanes {
                 #[inline(always)]
                 fn bits(mask: Mask) -> u32 {
                     mask.bits()

@@ -16,13 +16,13 @@ const LOOKS: u32 = 300;
 const YIELDS: u32 = 50;
 
 /// Threads beside the caller's.
-pub struct Team(Vec<Worker>);
+pub struct WorkerPool(Vec<Worker>);
 
-impl Team {
+impl WorkerPool {
     /// # Errors
     /// [`Error::Config`] if the system gives no more threads.
-    pub fn new(workers: usize) -> Result<Team> {
-        Ok(Team((0..workers).map(|_| Worker::new()).collect::<Result<_>>()?))
+    pub fn new(workers: usize) -> Result<WorkerPool> {
+        Ok(WorkerPool((0..workers).map(|_| Worker::new()).collect::<Result<_>>()?))
     }
 
     /// `work` on every part: one part for each thread, the last for the caller, which also takes what is left over.
@@ -46,14 +46,14 @@ struct Job {
 }
 
 /// What the worker is to do: nothing while null, to end when it is [`quit`].
-type Desk = Arc<AtomicPtr<Job>>;
+type JobSlot = Arc<AtomicPtr<Job>>;
 
 fn quit() -> *mut Job {
     std::ptr::without_provenance_mut(1)
 }
 
 struct Worker {
-    desk: Desk,
+    desk: JobSlot,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -61,7 +61,7 @@ type Outcome = Option<Box<dyn Any + Send>>;
 
 impl Worker {
     fn new() -> Result<Worker> {
-        let desk = Desk::default();
+        let desk = JobSlot::default();
         let theirs = Arc::clone(&desk);
         let thread = thread::Builder::new().name("crazyflie".into()).spawn(move || attend(&theirs));
         Ok(Worker { desk, thread: Some(thread.map_err(|e| Error::Config(format!("a thread: {e}")))?) })
@@ -152,7 +152,7 @@ mod tests {
     #[test]
     fn every_part_is_done_once_by_any_number_of_threads() {
         for workers in 0..4 {
-            let mut team = Team::new(workers).unwrap();
+            let mut team = WorkerPool::new(workers).unwrap();
             for parts in 0..6 {
                 let mut done = vec![0; parts];
                 for _ in 0..200 {
@@ -165,7 +165,7 @@ mod tests {
 
     #[test]
     fn a_panic_reaches_the_caller_and_the_team_goes_on() {
-        let mut team = Team::new(2).unwrap();
+        let mut team = WorkerPool::new(2).unwrap();
         for bad in 0..3 {
             let result = catch_unwind(AssertUnwindSafe(|| team.each(0..3, |part| assert_ne!(part, bad))));
             assert!(result.is_err());

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 /// What the filter believes of its sensors: standard deviations.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Belief {
+pub struct SensorNoise {
     /// Of a fix from 70 cm: sideways, in height, in heading.
     pub xy_m: f64,
     pub z_m: f64,
@@ -19,19 +19,19 @@ pub struct Belief {
     pub gate: f64,
 }
 
-impl Default for Belief {
+impl Default for SensorNoise {
     fn default() -> Self {
-        Belief { xy_m: 0.005, z_m: 0.01, yaw_deg: 1.0, white_mps: 0.03, bias_mps2: 0.1, yaw_drift_deg: 1.0, gate: 4.5 }
+        SensorNoise { xy_m: 0.005, z_m: 0.01, yaw_deg: 1.0, white_mps: 0.03, bias_mps2: 0.1, yaw_drift_deg: 1.0, gate: 4.5 }
     }
 }
 
-/// What each number of a [`Belief`] means, for the registry.
+/// What each number of a [`SensorNoise`] means, for the registry.
 pub(super) const BELIEF: &str = "what the filter believes, as standard deviations: of a fix from 70 cm xy_m, z_m, yaw_deg; of the IMU over a second white_mps, \
      bias_mps2, yaw_drift_deg; beyond gate of them a fix is an outlier";
 
-/// A [`Belief`] as variances.
+/// A [`SensorNoise`] as variances.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Noise {
+pub(super) struct NoiseVariance {
     pub fix: [f64; 2],
     pub yaw: f64,
     pub white: f64,
@@ -40,10 +40,10 @@ pub(super) struct Noise {
     pub gate: f64,
 }
 
-impl Noise {
-    pub(super) fn of(belief: &Belief) -> Self {
+impl NoiseVariance {
+    pub(super) fn of(belief: &SensorNoise) -> Self {
         let square = |v: f64| v * v;
-        Noise {
+        NoiseVariance {
             fix: [square(belief.xy_m), square(belief.z_m)],
             yaw: square(belief.yaw_deg.to_radians()),
             white: square(belief.white_mps),
