@@ -13,9 +13,9 @@ export class Clock extends EventTarget {
   playing = false;
   #last_ms = 0;
 
-  /** @param {number} time_s */
+  /** Whole milliseconds, which a link keeps: it shows again what was seen. @param {number} time_s */
   seek(time_s) {
-    this.time_s = Math.min(this.end_s, Math.max(0, time_s));
+    this.time_s = Math.min(this.end_s, Math.max(0, Math.round(time_s * 1000) / 1000));
     this.#tell();
   }
 
@@ -30,7 +30,7 @@ export class Clock extends EventTarget {
 
   pause() {
     this.playing = false;
-    this.#tell();
+    this.seek(this.time_s);
   }
 
   toggle() {

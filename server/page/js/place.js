@@ -1,4 +1,4 @@
-// What is shown, as the address says it: `#replay?a=ID&b=ID&episode=3&t=4.20`. A view can be linked, and the back button works.
+// What is shown, as the address says it: `#replay?a=ID&b=ID&episode=3&t=4.215`. A view can be linked, and the back button works.
 
 /** @typedef {"live" | "board" | "replay"} View */
 /** @typedef {{view: View, query: URLSearchParams}} Place */

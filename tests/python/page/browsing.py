@@ -148,6 +148,16 @@ def position(page):
     return [float(number.replace("\u2212", "-")) for number in re.findall("[\u2212-]?[0-9.]+", row)]
 
 
+def linked(page):
+    """The link to the moment that is shown: the address follows a clock that stands within a moment."""
+    until(
+        page,
+        "Number(document.querySelector('#time').dataset.seconds)"
+        " === Number(new URLSearchParams(location.hash.split('?')[1]).get('t'))",
+    )
+    return page.url.split("/")[-1]
+
+
 def loaded(page):
     until(page, "document.querySelectorAll('#flight:not([hidden]) .strip').length === 9")
     until(page, "document.querySelector('#empty').hidden")

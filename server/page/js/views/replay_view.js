@@ -154,6 +154,6 @@ export class ReplayView {
 
   #note() {
     if (!this.#active || here().view !== "replay" || !this.clock.end_s) return;
-    note({ t: this.clock.time_s ? this.clock.time_s.toFixed(2) : null, speed: this.clock.speed === 1 ? null : this.clock.speed });
+    note({ t: this.clock.time_s ? Number(this.clock.time_s.toFixed(3)) : null, speed: this.clock.speed === 1 ? null : this.clock.speed });
   }
 }

@@ -31,6 +31,7 @@ function reflect(clock) {
   scrub.value = String(clock.time_s);
   scrub.setAttribute("aria-valuetext", `${clock.time_s.toFixed(1)} of ${clock.end_s.toFixed(1)} seconds`);
   speed.value = String(clock.speed);
+  byId("time").dataset.seconds = String(clock.time_s);
   byId("time").textContent = `${number(clock.time_s)} / ${number(clock.end_s)} s`;
 }
 
