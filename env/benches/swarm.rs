@@ -1,7 +1,7 @@
 //! Drone-steps per second of worlds that several drones share, with downwash and collisions, observations of all neighbours, rewards,
 //! metrics and automatic resets, on one core; beside them the single drone with the same effects. `cargo bench -p crazyflie-env --bench swarm`.
 
-#[path = "../tests/common/fleet.rs"]
+#[path = "../tests/simulator/fleet.rs"]
 mod fleet;
 
 use std::hint::black_box;

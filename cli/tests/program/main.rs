@@ -8,7 +8,7 @@ mod control;
 mod diagnose;
 mod durability;
 mod explain;
-#[path = "../../../env/tests/common/fleet.rs"]
+#[path = "../../../env/tests/simulator/fleet.rs"]
 mod fleet;
 mod flights;
 mod identify;

@@ -1,0 +1,10 @@
+//! The simulator from outside, in one program: it links once.
+
+mod derivatives;
+mod effects;
+mod effects_analytic;
+mod fleet;
+mod model;
+mod snapshot;
+mod swarm;
+mod vector;
