@@ -5,7 +5,7 @@ use std::fmt::Write;
 use crazyflie_identify::diagnose::demand::{DEMAND, EffectDemand};
 use crazyflie_identify::diagnose::fault::{Fault, FaultFit, look_alikes, side_of};
 use crazyflie_identify::diagnose::swing::frequencies_hz;
-use crazyflie_identify::diagnose::{Diagnosis, SetUp, Verdict};
+use crazyflie_identify::diagnose::{Diagnosis, DiagnosisVerdict, SetUp};
 use crazyflie_picture::{PALETTE, Panel, PictureError, Series, Style, chart};
 use serde_json::{Value as Json, json};
 
@@ -14,18 +14,20 @@ use crate::text::{Table, number};
 /// The verdict in one sentence.
 pub(crate) fn verdict_text(diagnosis: &Diagnosis, demands: &[EffectDemand]) -> String {
     match &diagnosis.verdict {
-        Verdict::TooFew { .. } => {
+        DiagnosisVerdict::TooFew { .. } => {
             "too few normal flights to say how far set-ups differ: three flights at least, better of several set-ups".into()
         }
-        Verdict::Nothing => "nothing beyond what set-ups differ by".into(),
-        Verdict::Unnamed => "something that cannot be named: more than set-ups differ by, and no fault asks the same of the motors".into(),
-        Verdict::SlungLoad { line, length_m } => format!(
+        DiagnosisVerdict::Nothing => "nothing beyond what set-ups differ by".into(),
+        DiagnosisVerdict::Unnamed => {
+            "something that cannot be named: more than set-ups differ by, and no fault asks the same of the motors".into()
+        }
+        DiagnosisVerdict::SlungLoad { line, length_m } => format!(
             "slung load: a swing at {} Hz, {} times as strong as in normal flights, of a thread of {} m",
             number(line.frequency_hz, 2),
             number(line.ratio, 1),
             number(*length_m, 2)
         ),
-        Verdict::Fault(fit) => {
+        DiagnosisVerdict::Fault(fit) => {
             let mut others: Vec<String> = diagnosis.alternatives.iter().map(|a| a.fault.description(a.stderr)).collect();
             if matches!(fit.fault, Fault::AddedWeight { .. }) {
                 others.extend(look_alikes(demands).into_iter().map(|name| format!("`{name}`")));
@@ -112,11 +114,11 @@ fn fault_json(fit: &FaultFit) -> Json {
 
 pub(crate) fn as_json(diagnosis: &Diagnosis, demands: &[EffectDemand]) -> Json {
     let (kind, details) = match &diagnosis.verdict {
-        Verdict::TooFew { freedom } => ("too_few", json!({"degrees_of_freedom": freedom})),
-        Verdict::Nothing => ("nothing", Json::Null),
-        Verdict::Unnamed => ("unnamed", Json::Null),
-        Verdict::SlungLoad { line, length_m } => ("slung_load", json!({"frequency_hz": line.frequency_hz, "length_m": length_m})),
-        Verdict::Fault(fit) => match fit.fault {
+        DiagnosisVerdict::TooFew { freedom } => ("too_few", json!({"degrees_of_freedom": freedom})),
+        DiagnosisVerdict::Nothing => ("nothing", Json::Null),
+        DiagnosisVerdict::Unnamed => ("unnamed", Json::Null),
+        DiagnosisVerdict::SlungLoad { line, length_m } => ("slung_load", json!({"frequency_hz": line.frequency_hz, "length_m": length_m})),
+        DiagnosisVerdict::Fault(fit) => match fit.fault {
             Fault::AddedWeight { .. } => ("added_weight", fault_json(fit)),
             Fault::WeakMotor { .. } => ("weak_motor", fault_json(fit)),
         },

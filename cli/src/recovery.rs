@@ -6,8 +6,8 @@ use crazyflie_env::config::{EffectParams, EffectTable, Number};
 use crazyflie_env::model::{Model, Vertical, VerticalInput};
 use crazyflie_env::plant::Command;
 use crazyflie_identify::FlightLog;
-use crazyflie_identify::estimate::{Estimate, IdentifyError};
-use crazyflie_identify::transfer::{Channel, Record, Window, identify};
+use crazyflie_identify::estimate::{IdentifyError, ParameterEstimate};
+use crazyflie_identify::transfer::{Channel, Record, WindowLength, identify};
 use crazyflie_identify::vehicle;
 
 use crazyflie_server::flight::{Scenario, Setup, fly_overruled, lab_rig, log};
@@ -49,7 +49,7 @@ pub(crate) struct Recovered {
     pub experiment: &'static str,
     pub sensors: Sensors,
     pub truth: f64,
-    pub estimate: Estimate,
+    pub estimate: ParameterEstimate,
     /// Of the flight, in windows; MATLAB's.
     pub fit_percent: Option<f64>,
 }
@@ -127,11 +127,11 @@ pub(crate) fn equations(model: &Model, sensors: Sensors, seed: u64, done: &dyn F
     let mut all = Vec::new();
     for experiment in &EXPERIMENTS {
         let log = flown(model, experiment, sensors, seed)?;
-        let record = Record::of(experiment.name, &log, experiment.channel)?;
+        let record = Record::from_log(experiment.name, &log, experiment.channel)?;
         // a simulated flight needs no new start: nothing disturbs it
-        let found = identify(&[record], experiment.channel, experiment.channel.structure(), Window::Whole)?;
+        let found = identify(&[record], experiment.channel, experiment.channel.structure(), WindowLength::Whole)?;
         let fit_percent = found.fit.first().and_then(|c| c.fit.fit_percent);
-        let line = |(estimate, truth): (&Estimate, f64)| Recovered {
+        let line = |(estimate, truth): (&ParameterEstimate, f64)| Recovered {
             equation: experiment.equation,
             experiment: experiment.name,
             sensors,
@@ -181,10 +181,10 @@ pub(crate) fn whole_model(model: &Model, sensors: Sensors, seed: u64, done: &dyn
         let wrong = if path.ends_with(".offset") { 0.9 * truth } else { WRONG * truth };
         start = start.with_parameter(&path, wrong)?;
     }
-    let plan = vehicle::Plan { vertical: Some(VerticalInput::Pwm), ..vehicle::Plan::default() };
+    let plan = vehicle::FitOptions { vertical: Some(VerticalInput::Pwm), ..vehicle::FitOptions::default() };
     let found = vehicle::identify(&start, &logs, &plan, &|| ())?;
     done();
-    let line = |estimate: &Estimate| {
+    let line = |estimate: &ParameterEstimate| {
         let truth = model.parameter(&estimate.name)?;
         let experiment = "all PWM flights, all numbers";
         Ok(Recovered { equation: "4.15", experiment, sensors, truth, estimate: estimate.clone(), fit_percent: None })

@@ -7,12 +7,12 @@ use rayon::prelude::*;
 
 use crate::fit::flight::{Flight, Window};
 use crate::fit::hypothesis::Hypothesis;
-use crate::fit::predict::Worker;
+use crate::fit::predict::SensitivitySimulator;
 use crate::statistics::paired_p_value;
 
 /// How far ahead.
 pub const HORIZONS_S: [f64; 2] = [0.5, 2.0];
-/// What is compared, and its unit: horizontal velocity, vertical velocity, velocity in space, roll and pitch.
+/// The axes with their units: horizontal velocity, vertical velocity, velocity in space, roll and pitch.
 pub const AXES: [(&str, &str); 4] = [("sideways", "m/s"), ("vertical", "m/s"), ("velocity", "m/s"), ("attitude", "rad")];
 /// Predictions start this far apart.
 const EVERY_S: f64 = 0.25;
@@ -28,45 +28,50 @@ pub struct AxisErrors {
 }
 
 /// Squared errors of one prediction.
-type Squares = [[f64; 2]; 4];
+type SquaredErrors = [[f64; 2]; 4];
 
 /// Errors of a hypothesis without free numbers from `from_s` seconds into the flight on. Predictions start from `states`, one per tick, or from what
 /// was measured. `None` where the flight is too short or the hypothesis cannot be simulated.
-pub fn axis_errors(at: &Hypothesis, flight: &Flight, from_s: f64, states: Option<&[Vec<f64>]>) -> Option<AxisErrors> {
-    stretch_errors(at, flight, (from_s / flight.tick_s).round() as usize..flight.ticks, states)
+pub fn axis_errors(hypothesis: &Hypothesis, flight: &Flight, from_s: f64, states: Option<&[Vec<f64>]>) -> Option<AxisErrors> {
+    stretch_errors(hypothesis, flight, (from_s / flight.tick_s).round() as usize..flight.ticks, states)
 }
 
 /// As [`axis_errors`], of predictions that start and end between two ticks.
-pub fn stretch_errors(at: &Hypothesis, flight: &Flight, stretch: Range<usize>, states: Option<&[Vec<f64>]>) -> Option<AxisErrors> {
+pub fn stretch_errors(hypothesis: &Hypothesis, flight: &Flight, stretch: Range<usize>, states: Option<&[Vec<f64>]>) -> Option<AxisErrors> {
     let ticks = |s: f64| (s / flight.tick_s).round() as usize;
     let last = stretch.end.checked_sub(ticks(HORIZONS_S[1]) + 1)?;
     let starts: Vec<usize> = (stretch.start..last).step_by(ticks(EVERY_S).max(1)).collect();
-    let squares = |worker: &mut Option<Worker>, start: &usize| predicted_squares(worker.as_mut()?, flight, *start, states);
-    let worker = || Worker::new(at, flight, false, false).ok();
-    let all: Vec<Squares> = starts.par_iter().map_init(worker, squares).collect::<Option<_>>()?;
+    let squares = |simulator: &mut Option<SensitivitySimulator>, start: &usize| squared_errors(simulator.as_mut()?, flight, *start, states);
+    let simulator = || SensitivitySimulator::new(hypothesis, flight, false, false).ok();
+    let all: Vec<SquaredErrors> = starts.par_iter().map_init(simulator, squares).collect::<Option<_>>()?;
     let mean = |axis: usize, horizon: usize| all.iter().map(|s| s[axis][horizon]).sum::<f64>() / all.len() as f64;
     let rms = std::array::from_fn(|axis| std::array::from_fn(|horizon| mean(axis, horizon).sqrt()));
     (!all.is_empty()).then(|| AxisErrors { flight: flight.name.clone(), predictions: all.len(), rms })
 }
 
-fn predicted_squares(worker: &mut Worker, flight: &Flight, start: usize, states: Option<&[Vec<f64>]>) -> Option<Squares> {
+fn squared_errors(
+    simulator: &mut SensitivitySimulator,
+    flight: &Flight,
+    start: usize,
+    states: Option<&[Vec<f64>]>,
+) -> Option<SquaredErrors> {
     let own = match states {
         Some(states) => states.get(start)?.clone(),
         None => {
-            let measured = flight.start_numbers(start);
-            let lags = worker.lags(flight, start, &measured);
+            let measured = flight.measured_numbers(start);
+            let lags = simulator.initial_lags(flight, start, &measured);
             [measured, lags].concat()
         }
     };
     let ahead = HORIZONS_S.map(|s| (s / flight.tick_s).round() as usize);
-    worker.predict(flight, &Window { flight: 0, ticks: start..start + ahead[1] + 1 }, &own);
+    simulator.predict(flight, &Window { flight: 0, ticks: start..start + ahead[1] + 1 }, &own);
     let mut squares = [[f64::NAN; 2]; 4];
     for (horizon, ticks) in ahead.into_iter().enumerate() {
-        let (predicted, measured) = (worker.reported_velocity(flight, ticks)?, flight.start(start + ticks).vel_mps);
+        let (predicted, measured) = (simulator.reported_velocity(flight, ticks)?, flight.measured_state(start + ticks).vel_mps);
         let [x, y, z]: [f64; 3] = std::array::from_fn(|i| (predicted[i] - measured[i]).powi(2));
         (squares[0][horizon], squares[1][horizon], squares[2][horizon]) = (x + y, z, x + y + z);
         let about_s = (start + ticks) as f64 * flight.tick_s;
-        let near = worker.rows().iter().filter(|row| row.channel < 2 && (row.t_s - about_s).abs() < 0.6 * flight.tick_s);
+        let near = simulator.rows().iter().filter(|row| row.channel < 2 && (row.t_s - about_s).abs() < 0.6 * flight.tick_s);
         let (sum, count) = near.fold((0.0, 0.0), |(sum, count), row| (sum + (row.measured - row.predicted).powi(2), count + 1.0));
         // roll and pitch together
         squares[3][horizon] = 2.0 * sum / count;

@@ -6,20 +6,20 @@ use crazyflie_env::model::{Model, Quantity, Vertical, Verticals, Yaw};
 use serde::Deserialize;
 use thiserror::Error;
 
-/// What is declared of a vehicle, as `dNN.json` of the simulated flights with hidden effects says it.
+/// The declared vehicle, as `dNN.json` of the simulated flights with hidden effects says it.
 #[derive(Debug, Clone, Deserialize)]
 pub struct Case {
     pub id: String,
     /// The flight to work on, and the one to judge with; paths beside the case file.
     pub identify_on: PathBuf,
     pub held_out: PathBuf,
-    declared_model: Declared,
+    declared_model: Declaration,
     mass_kg: f64,
     vbat_ref: Option<f64>,
 }
 
 #[derive(Debug, Clone, Deserialize)]
-struct Declared {
+struct Declaration {
     attitude: Attitude,
     height: Height,
     yaw: YawLoop,
@@ -91,22 +91,22 @@ impl Case {
     /// # Errors
     /// [`CaseError::Model`] for values that a model cannot have.
     pub fn model(&self) -> Result<Model, CaseError> {
-        let Declared { attitude, height, yaw } = &self.declared_model;
-        let of = |value: f64, unit: &str| Quantity { value, unit: unit.into(), source: format!("declared in case {}", self.id) };
+        let Declaration { attitude, height, yaw } = &self.declared_model;
+        let quantity = |value: f64, unit: &str| Quantity { value, unit: unit.into(), source: format!("declared in case {}", self.id) };
         let mut model = Model::thesis();
         model.name = format!("{}-declared", self.id);
         model.description = format!("As declared in case {}", self.id);
         for tilt in [&mut model.roll, &mut model.pitch] {
-            tilt.gain = of(attitude.n0, "1/s^2");
-            tilt.damping = of(attitude.d1, "1/s");
-            tilt.stiffness = of(attitude.d0, "1/s^2");
+            tilt.gain = quantity(attitude.n0, "1/s^2");
+            tilt.damping = quantity(attitude.d1, "1/s");
+            tilt.stiffness = quantity(attitude.d0, "1/s^2");
         }
-        model.yaw = Yaw::Rate { gain: of(-1.0, "1"), bandwidth: of(yaw.k, "1/s") };
-        model.lateral.drag = of(0.0, "1/s");
-        let thrust = Vertical::Thrust { hover: of(height.hover_pwm, "1"), heave: of(height.heave, "1/s") };
+        model.yaw = Yaw::Rate { gain: quantity(-1.0, "1"), bandwidth: quantity(yaw.k, "1/s") };
+        model.lateral.drag = quantity(0.0, "1/s");
+        let thrust = Vertical::Thrust { hover: quantity(height.hover_pwm, "1"), heave: quantity(height.heave, "1/s") };
         model.vertical = Verticals { default: None, height: None, pwm: None, thrust: Some(thrust) };
-        model.vehicle.mass = of(self.mass_kg, "kg");
-        model.vehicle.battery_reference = self.vbat_ref.map(|v| of(v, "V"));
+        model.vehicle.mass = quantity(self.mass_kg, "kg");
+        model.vehicle.battery_reference = self.vbat_ref.map(|v| quantity(v, "V"));
         let written = model.to_toml().and_then(|text| Model::parse(&text));
         written.map_err(|source| CaseError::Model { file: self.id.clone(), source })
     }

@@ -31,7 +31,7 @@ impl Fit {
     ///
     /// # Errors
     /// Unequal lengths, no samples, or a value that is not finite.
-    pub fn of(measured: &[f64], model: &[f64]) -> Result<Self, MetricError> {
+    pub fn new(measured: &[f64], model: &[f64]) -> Result<Self, MetricError> {
         Ok(Self {
             fit_percent: fit_percent(measured, model)?,
             rmse: rmse(measured, model)?,
@@ -118,7 +118,7 @@ mod tests {
 
     #[test]
     fn figures_match_hand_computation() {
-        let fit = Fit::of(&MEASURED, &MODEL).unwrap();
+        let fit = Fit::new(&MEASURED, &MODEL).unwrap();
         // 100 (1 - 2/sqrt(5)) = 10.5572809...
         assert!((fit.fit_percent.unwrap() - 10.557_280_900_008_412).abs() < 1e-12);
         assert_eq!(fit.rmse, 1.0);
@@ -139,7 +139,7 @@ mod tests {
     #[test]
     fn a_constant_measured_signal_has_no_fit_but_has_errors() {
         // 0.1 summed three times and divided is not exactly 0.1.
-        let fit = Fit::of(&[0.1; 3], &[0.1, 0.1, 0.4]).unwrap();
+        let fit = Fit::new(&[0.1; 3], &[0.1, 0.1, 0.4]).unwrap();
         assert_eq!(fit.fit_percent, None);
         assert!((fit.mae - 0.1).abs() < 1e-12);
         assert!((fit.max_error - 0.3).abs() < 1e-12);
@@ -148,7 +148,7 @@ mod tests {
     #[test]
     fn what_cannot_be_compared_is_refused() {
         let unequal = MetricError::LengthMismatch { measured: 4, model: 3 };
-        assert_eq!(Fit::of(&MEASURED, &MODEL[..3]), Err(unequal));
+        assert_eq!(Fit::new(&MEASURED, &MODEL[..3]), Err(unequal));
         assert_eq!(rmse(&[], &[]), Err(MetricError::Empty));
         let bad = MetricError::NotFinite { signal: "model", index: 1 };
         assert_eq!(mae(&[1.0, 2.0], &[1.0, f64::NAN]), Err(bad));

@@ -2,7 +2,7 @@
 //! compared with what was measured.
 
 mod error;
-pub(crate) mod measured;
+pub(crate) mod measurements;
 
 use std::fmt;
 use std::ops::Range;
@@ -17,7 +17,7 @@ use crate::fit::flight::with_lags;
 use crate::metrics::Fit;
 
 pub use error::ReplayError;
-use measured::{Measured, median};
+use measurements::{Measurements, median};
 
 /// The clock on which the model is replayed: that of the recordings.
 const TICK_HZ: f64 = 100.0;
@@ -36,7 +36,7 @@ pub struct Signal {
 
 impl Signal {
     /// A value of this signal in [`Signal::unit`].
-    pub fn shown(&self, si: f64) -> f64 {
+    pub fn in_unit(&self, si: f64) -> f64 {
         if self.is_angle { si.to_degrees() } else { si }
     }
 }
@@ -57,34 +57,34 @@ pub const SIGNALS: [Signal; 8] = [
     signal("y", "m"),
 ];
 
-/// Where the hover PWM of the `thrust` form comes from.
+/// Source of the hover PWM of the `thrust` form.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Hover {
+pub enum HoverSource {
     OfModel,
     /// The median thrust command of the flight: what carried this vehicle.
     MedianThrust,
     Given(f64),
 }
 
-/// How to replay.
+/// Options of a replay.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Plan {
+pub struct ReplayOptions {
     /// Which vertical form is driven; the one whose command the log holds unless given.
     pub vertical: Option<VerticalInput>,
     /// Start again from the measurement after so many seconds; `None` runs free from the start to the end.
     pub horizon_s: Option<f64>,
-    pub hover: Hover,
+    pub hover: HoverSource,
     /// Give the model the measured yaw rate for a command, where the log holds none, so that its heading is right.
     pub measured_yaw_rate: bool,
 }
 
-impl Default for Plan {
+impl Default for ReplayOptions {
     fn default() -> Self {
-        Plan { vertical: None, horizon_s: None, hover: Hover::OfModel, measured_yaw_rate: false }
+        ReplayOptions { vertical: None, horizon_s: None, hover: HoverSource::OfModel, measured_yaw_rate: false }
     }
 }
 
-/// What was assumed or derived on the way.
+/// An assumption or derivation on the way.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Remark {
     /// Velocities are derivatives of the position measurements.
@@ -122,7 +122,7 @@ impl fmt::Display for Remark {
 
 /// One signal, measured and predicted at the same times.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Compared {
+pub struct SignalComparison {
     pub t_s: Vec<f64>,
     pub measured: Vec<f64>,
     pub predicted: Vec<f64>,
@@ -137,7 +137,7 @@ pub struct Replay {
     pub start_s: f64,
     pub end_s: f64,
     /// In the order of [`SIGNALS`], SI and radians.
-    pub signals: [Compared; 8],
+    pub signals: [SignalComparison; 8],
     pub remarks: Vec<Remark>,
 }
 
@@ -145,7 +145,7 @@ pub struct Replay {
 ///
 /// # Errors
 /// [`ReplayError`]: the log lacks commands or never flies, the model lacks the vertical form, or its effects are drawn at random.
-pub fn replay(model: &Model, log: &FlightLog, plan: &Plan) -> Result<Replay, ReplayError> {
+pub fn replay(model: &Model, log: &FlightLog, plan: &ReplayOptions) -> Result<Replay, ReplayError> {
     let horizon_ticks = horizon_ticks(plan.horizon_s)?;
     if log.cmd_roll_rad.is_none() && log.cmd_thrust_pwm.is_none() && log.cmd_height_m.is_none() {
         return Err(ReplayError::NoCommands { what: "commands" });
@@ -153,9 +153,9 @@ pub fn replay(model: &Model, log: &FlightLog, plan: &Plan) -> Result<Replay, Rep
     refuse_drawn(&model.effects)?;
     let (input, lift) = vertical_command(model, log, plan)?;
     let mut remarks = Vec::new();
-    let model = on_replay_clock(model, log, lift, input, plan, &mut remarks)?;
-    let measured = Measured::of(log, &mut remarks)?;
-    let commands = Commands::of(log, lift, &measured, model.yaw.sign(), plan, &mut remarks)?;
+    let model = model_on_replay_clock(model, log, lift, input, plan, &mut remarks)?;
+    let measured = Measurements::from_log(log, &mut remarks)?;
+    let commands = Commands::from_log(log, lift, &measured, model.yaw.sign(), plan, &mut remarks)?;
     let (start_s, ticks) = measured.interval(log, TICK_S)?;
     let end_s = start_s + ticks as f64 * TICK_S;
     let settings = Settings { input, physics_hz: None };
@@ -165,9 +165,9 @@ pub fn replay(model: &Model, log: &FlightLog, plan: &Plan) -> Result<Replay, Rep
     for first in (0..ticks).step_by(each) {
         let begin_s = start_s + first as f64 * TICK_S;
         let start = with_lags(&model, input, measured.state(begin_s));
-        runs.push(run(&mut world, &start, begin_s, each.min(ticks - first), &commands));
+        runs.push(run_open_loop(&mut world, &start, begin_s, each.min(ticks - first), &commands));
     }
-    let prediction = Prediction { start_s, each, runs };
+    let prediction = OpenLoopRuns { start_s, each, runs };
     let signals = compare(&measured, &prediction, start_s, end_s)?;
     Ok(Replay { input, start_s, end_s, signals, remarks })
 }
@@ -190,15 +190,17 @@ fn refuse_drawn(effects: &EffectTable) -> Result<(), ReplayError> {
 }
 
 /// Which vertical form, and the log's command for it.
-fn vertical_command<'a>(model: &Model, log: &'a FlightLog, plan: &Plan) -> Result<(VerticalInput, &'a [f64]), ReplayError> {
-    let of = |input: VerticalInput| if input.is_pwm() { &log.cmd_thrust_pwm } else { &log.cmd_height_m };
+fn vertical_command<'a>(model: &Model, log: &'a FlightLog, plan: &ReplayOptions) -> Result<(VerticalInput, &'a [f64]), ReplayError> {
+    let command_for = |input: VerticalInput| if input.is_pwm() { &log.cmd_thrust_pwm } else { &log.cmd_height_m };
     let wanted = match (plan.vertical, plan.hover) {
         (Some(input), _) => input,
-        (None, Hover::OfModel) => model.inputs().into_iter().find(|input| of(*input).is_some()).unwrap_or(VerticalInput::Pwm),
+        (None, HoverSource::OfModel) => {
+            model.inputs().into_iter().find(|input| command_for(*input).is_some()).unwrap_or(VerticalInput::Pwm)
+        }
         (None, _) => VerticalInput::Thrust,
     };
     model.vertical(wanted)?;
-    let Some(lift) = of(wanted) else {
+    let Some(lift) = command_for(wanted) else {
         let what = if wanted.is_pwm() { "thrust command" } else { "height command" };
         return Err(ReplayError::NoCommands { what });
     };
@@ -206,12 +208,12 @@ fn vertical_command<'a>(model: &Model, log: &'a FlightLog, plan: &Plan) -> Resul
 }
 
 /// A copy of the model whose control tick is the replay's, with the hover PWM that was asked for.
-fn on_replay_clock(
+fn model_on_replay_clock(
     model: &Model,
     log: &FlightLog,
     lift: &[f64],
     input: VerticalInput,
-    plan: &Plan,
+    plan: &ReplayOptions,
     remarks: &mut Vec<Remark>,
 ) -> Result<Model, ReplayError> {
     let mut model = model.clone();
@@ -222,7 +224,7 @@ fn on_replay_clock(
         return Ok(model);
     }
     let flight = median(lift.get(log.airborne.clone()).unwrap_or(lift));
-    if plan.hover == Hover::OfModel {
+    if plan.hover == HoverSource::OfModel {
         let hover = match model.vertical(input)? {
             Vertical::Thrust { hover, .. } => Some(hover.value),
             Vertical::FirstOrder { hover, .. } | Vertical::SecondOrder { hover, .. } => hover.as_ref().map(|q| q.value),
@@ -233,7 +235,7 @@ fn on_replay_clock(
     let (VerticalInput::Thrust, Some(Vertical::Thrust { hover, .. })) = (input, &mut model.vertical.thrust) else {
         return Err(ReplayError::HoverWithoutThrustForm);
     };
-    let pwm = if let Hover::Given(pwm) = plan.hover { pwm } else { flight };
+    let pwm = if let HoverSource::Given(pwm) = plan.hover { pwm } else { flight };
     if !(pwm > 0.0 && pwm.is_finite()) {
         return Err(ReplayError::HoverPwm { value: pwm });
     }
@@ -253,12 +255,12 @@ struct Commands<'a> {
 }
 
 impl<'a> Commands<'a> {
-    fn of(
+    fn from_log(
         log: &'a FlightLog,
         lift: &'a [f64],
-        measured: &Measured,
+        measured: &Measurements,
         yaw_sign: f64,
-        plan: &Plan,
+        plan: &ReplayOptions,
         remarks: &mut Vec<Remark>,
     ) -> Result<Self, ReplayError> {
         let (Some(roll_rad), Some(pitch_rad)) = (&log.cmd_roll_rad, &log.cmd_pitch_rad) else {
@@ -288,7 +290,7 @@ impl<'a> Commands<'a> {
     }
 
     /// The command in force at a time: that of the last row before it.
-    fn at(&self, t_s: f64) -> Command<f64> {
+    fn command_at(&self, t_s: f64) -> Command<f64> {
         let row = self.row(t_s);
         Command {
             roll_rad: self.roll_rad[row],
@@ -300,14 +302,14 @@ impl<'a> Commands<'a> {
 }
 
 /// The eight signals over one open-loop run, one row per tick, the start included.
-fn run(world: &mut World<f64>, start: &State<f64>, begin_s: f64, ticks: usize, commands: &Commands<'_>) -> Vec<[f64; 8]> {
-    world.start(0, true, start, &commands.at(begin_s - TICK_S));
+fn run_open_loop(world: &mut World<f64>, start: &State<f64>, begin_s: f64, ticks: usize, commands: &Commands<'_>) -> Vec<[f64; 8]> {
+    world.start(0, true, start, &commands.command_at(begin_s - TICK_S));
     let mut rows = Vec::with_capacity(ticks + 1);
     rows.push(outputs(start));
     for tick in 0..ticks {
         let t_s = begin_s + tick as f64 * TICK_S;
         world.set_voltage(commands.voltage_v(t_s));
-        world.step(0, &commands.at(t_s));
+        world.step(0, &commands.command_at(t_s));
         rows.push(outputs(world.state(0)));
     }
     rows
@@ -320,16 +322,16 @@ fn outputs(x: &State<f64>) -> [f64; 8] {
 }
 
 /// Open-loop runs, one after the other.
-struct Prediction {
+struct OpenLoopRuns {
     start_s: f64,
     /// Ticks per run.
     each: usize,
     runs: Vec<Vec<[f64; 8]>>,
 }
 
-impl Prediction {
+impl OpenLoopRuns {
     /// A signal at a time after the start. At the moment of a new start the run before it is asked: its prediction is the older one.
-    fn at(&self, signal: usize, t_s: f64) -> f64 {
+    fn value_at(&self, signal: usize, t_s: f64) -> f64 {
         let tick = ((t_s - self.start_s) * TICK_HZ).max(0.0);
         let run = ((tick - ROUNDING_S).max(0.0) / self.each as f64) as usize;
         let run = run.min(self.runs.len() - 1);
@@ -341,16 +343,16 @@ impl Prediction {
     }
 }
 
-fn compare(measured: &Measured, prediction: &Prediction, start_s: f64, end_s: f64) -> Result<[Compared; 8], ReplayError> {
+fn compare(measured: &Measurements, prediction: &OpenLoopRuns, start_s: f64, end_s: f64) -> Result<[SignalComparison; 8], ReplayError> {
     let mut all = Vec::with_capacity(SIGNALS.len());
-    for (at, signal) in SIGNALS.iter().enumerate() {
-        let track = measured.track(at);
+    for (index, signal) in SIGNALS.iter().enumerate() {
+        let track = measured.track(index);
         let Range { start, end } = track.between(start_s + ROUNDING_S, end_s + ROUNDING_S);
         let t_s = track.t_s[start..end].to_vec();
         let measured = track.values[start..end].to_vec();
-        let predicted: Vec<f64> = t_s.iter().map(|t| prediction.at(at, *t)).collect();
-        let fit = Fit::of(&measured, &predicted).map_err(|source| ReplayError::Compare { signal: signal.name, source })?;
-        all.push(Compared { t_s, measured, predicted, fit });
+        let predicted: Vec<f64> = t_s.iter().map(|t| prediction.value_at(index, *t)).collect();
+        let fit = Fit::new(&measured, &predicted).map_err(|source| ReplayError::Compare { signal: signal.name, source })?;
+        all.push(SignalComparison { t_s, measured, predicted, fit });
     }
     // one per signal
     all.try_into().map_err(|_| ReplayError::NoCommands { what: "signals" })

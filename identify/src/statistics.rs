@@ -1,4 +1,4 @@
-//! What residuals say about a model: whether anything is left in them (whiteness), whether the input still explains some of it
+//! Tests of the residuals of a model: whether anything is left in them (whiteness), whether the input still explains some of it
 //! (independence), and whether another parameter was worth its place (AIC, BIC).
 //!
 //! Several flights are several segments: products are only taken within a segment, sums over all of them. The bounds are those of MATLAB's
@@ -46,7 +46,7 @@ pub struct Whiteness {
 
 impl Whiteness {
     /// Whether the Ljung-Box test finds nothing at 99 %.
-    pub fn white(&self) -> bool {
+    pub fn is_white(&self) -> bool {
         self.p_value > 1.0 - CONFIDENCE
     }
 }
@@ -72,7 +72,7 @@ pub struct Independence {
 
 impl Independence {
     /// Whether no lag from 0 on leaves the joint bound: the test at 99 % over all of them.
-    pub fn independent(&self) -> bool {
+    pub fn is_independent(&self) -> bool {
         self.lags.iter().zip(&self.correlation).all(|(lag, r)| *lag < 0 || r.abs() <= self.joint_bound)
     }
 }
@@ -82,7 +82,7 @@ impl Independence {
 /// # Errors
 /// [`StatisticsError`]: too short, constant, not finite.
 pub fn whiteness(residuals: &[&[f64]], lags: usize, parameters: usize) -> Result<Whiteness, StatisticsError> {
-    let e = centred(residuals, "residual", lags)?;
+    let e = centre_segments(residuals, "residual", lags)?;
     let samples = count(&e);
     let power = products(&e, &e, 0);
     let correlation: Vec<f64> = (1..=lags).map(|lag| products(&e, &e, lag as isize) / power).collect();
@@ -105,7 +105,7 @@ pub fn independence(input: &[&[f64]], residuals: &[&[f64]], lags: usize) -> Resu
             return Err(StatisticsError::LengthMismatch { segment, residuals: e.len(), inputs: u.len() });
         }
     }
-    let (e, u) = (centred(residuals, "residual", lags)?, centred(input, "input", lags)?);
+    let (e, u) = (centre_segments(residuals, "residual", lags)?, centre_segments(input, "input", lags)?);
     let samples = count(&e);
     let scale = (products(&e, &e, 0) * products(&u, &u, 0)).sqrt();
     let all: Vec<isize> = (-(lags as isize)..=lags as isize).collect();
@@ -126,8 +126,8 @@ pub fn independence(input: &[&[f64]], residuals: &[&[f64]], lags: usize) -> Resu
     Ok(Independence { lags: all, correlation, bound, joint_bound, outside, feedback, samples })
 }
 
-/// What a model's likelihood is worth with its parameters paid for; the smaller the better. Only differences between models of the same data
-/// mean anything. Residuals that are not white hold less information than their number says: both then favour too many parameters.
+/// Information criteria of a model: its likelihood with a penalty for its parameters; the smaller the better. Only differences between models of the same data
+/// mean anything. ResidualTests that are not white hold less information than their number says: both then favour too many parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Criteria {
     /// N ln(sum e^2 / N) + 2 p, the first term summed over the outputs   (Akaike 1974)
@@ -165,7 +165,7 @@ fn count(segments: &[Vec<f64>]) -> usize {
 }
 
 /// The segments less their common mean.
-fn centred(segments: &[&[f64]], signal: &'static str, lags: usize) -> Result<Vec<Vec<f64>>, StatisticsError> {
+fn centre_segments(segments: &[&[f64]], signal: &'static str, lags: usize) -> Result<Vec<Vec<f64>>, StatisticsError> {
     let samples: usize = segments.iter().map(|s| s.len()).sum();
     let least = 4 * lags.max(1);
     if samples < least {
@@ -204,7 +204,7 @@ mod tests {
     }
 
     /// x(t) = share x(t - 1) + e(t)
-    fn coloured(seed: u64, count: usize, share: f64) -> Vec<f64> {
+    fn coloured_noise(seed: u64, count: usize, share: f64) -> Vec<f64> {
         let mut before = 0.0;
         let next = |e: f64| {
             before = share * before + e;
@@ -216,7 +216,7 @@ mod tests {
     #[test]
     fn white_noise_passes_as_often_as_promised() {
         let tests: Vec<Whiteness> = (0..200).map(|seed| whiteness(&[&noise(seed, 600)], LAGS, 0).unwrap()).collect();
-        let failed = tests.iter().filter(|w| !w.white()).count();
+        let failed = tests.iter().filter(|w| !w.is_white()).count();
         assert!(failed <= 7, "{failed} of 200 failed a test that 1 % fail");
         // 1 % of 5000 correlations lie outside
         let outside: usize = tests.iter().map(|w| w.outside).sum();
@@ -226,16 +226,16 @@ mod tests {
 
     #[test]
     fn coloured_noise_is_not_white_and_has_the_correlation_of_its_filter() {
-        let found = whiteness(&[&coloured(1, 4000, 0.7)], LAGS, 0).unwrap();
-        assert!(!found.white() && found.outside > 3 && found.p_value < 1e-6, "{found:?}");
+        let found = whiteness(&[&coloured_noise(1, 4000, 0.7)], LAGS, 0).unwrap();
+        assert!(!found.is_white() && found.outside > 3 && found.p_value < 1e-6, "{found:?}");
         assert!((found.correlation[0] - 0.7).abs() < 0.05 && (found.correlation[1] - 0.49).abs() < 0.06);
     }
 
     #[test]
     fn two_segments_are_not_joined() {
         // alternating signs within each; the seam would break the pattern
-        let one: Vec<f64> = (0..101).map(|i| if i % 2 == 0 { 1.0 } else { -1.0 }).collect();
-        let joined = whiteness(&[&one, &one], LAGS, 0).unwrap();
+        let alternating: Vec<f64> = (0..101).map(|i| if i % 2 == 0 { 1.0 } else { -1.0 }).collect();
+        let joined = whiteness(&[&alternating, &alternating], LAGS, 0).unwrap();
         assert!((joined.correlation[0] + 200.0 / 202.0).abs() < 0.01, "{}", joined.correlation[0]);
     }
 
@@ -249,11 +249,11 @@ mod tests {
     #[test]
     fn independent_signals_pass_even_where_both_are_coloured() {
         let pass = |share: f64| {
-            let one = |seed: u64| {
-                let (u, e) = (coloured(2 * seed + 1000, 800, share), coloured(2 * seed + 1001, 800, share));
-                independence(&[&u], &[&e], LAGS).unwrap().independent()
+            let seed_passes = |seed: u64| {
+                let (u, e) = (coloured_noise(2 * seed + 1000, 800, share), coloured_noise(2 * seed + 1001, 800, share));
+                independence(&[&u], &[&e], LAGS).unwrap().is_independent()
             };
-            (0..100).filter(|seed| one(*seed)).count()
+            (0..100).filter(|seed| seed_passes(*seed)).count()
         };
         let (white, coloured) = (pass(0.0), pass(0.9));
         assert!(white >= 96 && coloured >= 94, "{white} {coloured}");
@@ -262,16 +262,16 @@ mod tests {
     #[test]
     fn what_the_input_still_explains_is_found_after_it_and_feedback_before_it() {
         let (u, e) = (noise(5, 1000), noise(6, 1000));
-        let late = |by: usize, of: &[f64], t: usize| if t >= by { of[t - by] } else { 0.0 };
+        let late = |by: usize, signal: &[f64], t: usize| if t >= by { signal[t - by] } else { 0.0 };
         let explained: Vec<f64> = (0..1000).map(|t| e[t] + 0.3 * late(4, &u, t)).collect();
         let found = independence(&[&u], &[&explained], LAGS).unwrap();
-        assert!(!found.independent() && found.outside >= 1);
+        assert!(!found.is_independent() && found.outside >= 1);
         let strongest = (0..51).max_by(|a, b| found.correlation[*a].abs().total_cmp(&found.correlation[*b].abs())).unwrap();
         assert_eq!(found.lags[strongest], 4);
         // a controller answers the residual four samples later
         let answered: Vec<f64> = (0..1000).map(|t| u[t] + 0.5 * late(4, &e, t)).collect();
         let found = independence(&[&answered], &[&e], LAGS).unwrap();
-        assert!(found.independent() && found.feedback >= 1, "{} {}", found.outside, found.feedback);
+        assert!(found.is_independent() && found.feedback >= 1, "{} {}", found.outside, found.feedback);
     }
 
     #[test]

@@ -6,7 +6,7 @@ use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_identify::FlightLog;
 use crazyflie_identify::axis_errors::axis_changes;
 use crazyflie_identify::estimate::IdentifyError;
-use crazyflie_identify::vehicle::{ModelComparison, Plan, identify, ubiquitous_effects};
+use crazyflie_identify::vehicle::{FitOptions, ModelComparison, identify, ubiquitous_effects};
 use crazyflie_logs::first_duplicate;
 
 const FAST: &str = "B3_figure8_fast_rep1";
@@ -48,21 +48,21 @@ fn one_flight_under_two_names_is_one_flight() {
     let again = shortened(&fast, 400);
     assert!(fast.1.is_same_flight(&again.1) && again.1.is_same_flight(&fast.1) && !fast.1.is_same_flight(&slow.1));
     assert_eq!(first_duplicate(&[&slow.1, &fast.1, &again.1]), Some([1, 2]));
-    let refused = identify(&Model::thesis(), &[fast, again], &Plan::default(), &|| ());
+    let refused = identify(&Model::thesis(), &[fast, again], &FitOptions::default(), &|| ());
     assert!(matches!(refused, Err(IdentifyError::Duplicate { .. })), "{refused:?}");
 }
 
 #[test]
 fn a_real_vehicle_is_identified_and_predicts_a_flight_that_was_not_fitted() {
     let (fit, test) = ([read(FAST)], [read(SLOW)]);
-    let plan = Plan {
+    let plan = FitOptions {
         nuisance: true,
         // ten seconds do not tell what the battery does
         effects: ubiquitous_effects(&fit).into_iter().filter(|name| name != "battery_sag").collect(),
         name: Some("mine".into()),
         mass_kg: Some(0.034),
         vertical: Some(VerticalInput::Thrust),
-        ..Plan::default()
+        ..FitOptions::default()
     };
     let found = identify(&Model::thesis(), &fit, &plan, &|| ()).unwrap();
     assert!(found.converged);
@@ -75,7 +75,7 @@ fn a_real_vehicle_is_identified_and_predicts_a_flight_that_was_not_fitted() {
     // the hover PWM of each flight is its own, near the median command
     let (_, _, hover_pwm) = found.fit.trims[0].values.iter().find(|(name, ..)| name == "hover_pwm").unwrap();
     assert!((40_000.0..75_000.0).contains(hover_pwm), "{hover_pwm}");
-    let (before, after) = (found.judge_with(&Model::thesis(), &test).unwrap(), found.judge(&test).unwrap());
+    let (before, after) = (found.compare_with(&Model::thesis(), &test).unwrap(), found.compare_logs(&test).unwrap());
     assert!(error(&after, "sideways") < 0.25 && error(&after, "vertical") < 0.35, "{:?}", after.errors);
     assert!(error(&after, "velocity") < 0.3 * error(&before, "velocity"), "{:?} {:?}", before.errors, after.errors);
 }

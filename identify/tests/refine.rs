@@ -18,16 +18,16 @@ fn values_settle_where_the_likelihood_is_highest() {
     // a quadratic drag of 0.465 1/m
     let case = Case::read(&folder.join("d06.json")).unwrap();
     let model = case.model().unwrap();
-    let flights = [Flight::of("d06_a", &FlightLog::read(&case.identify_on).unwrap(), &model, None).unwrap()];
-    let hypothesis = Hypothesis::of(&model).with(Term::off(find("drag_quadratic").unwrap().1));
+    let flights = [Flight::from_log("d06_a", &FlightLog::read(&case.identify_on).unwrap(), &model, None).unwrap()];
+    let hypothesis = Hypothesis::from_model(&model).with(Term::off(find("drag_quadratic").unwrap().1));
     let search = Search::new(&flights);
     let mut judged = search.judge(&hypothesis, &[0.05], &FLOOR).unwrap();
-    judged.belief.mean = vec![0.44];
+    judged.posterior.mean = vec![0.44];
     let belief = refine(&flights, &judged).unwrap();
     let (value, stderr) = (belief.mean[0], belief.sd(0));
     println!("drag_quadratic {value:.4} +- {stderr:.4}, from 0.44");
     assert!((value - 0.465).abs() < 3.0 * stderr && stderr < 0.01, "{value} +- {stderr}");
-    let loss = |value: f64| search.plug_in(&hypothesis.at(&[value]), &FLOOR).unwrap();
+    let loss = |value: f64| search.plug_in(&hypothesis.with_values(&[value]), &FLOOR).unwrap();
     let here = loss(value);
     for side in [-1.0, 1.0] {
         let gain = loss(value + side * stderr) - here;

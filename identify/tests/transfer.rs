@@ -1,7 +1,7 @@
 //! Transfer functions come back from records that an independent integration made.
 
-use crazyflie_identify::estimate::{Clusters, Residuals};
-use crazyflie_identify::transfer::{Channel, Identified, IdentifyError, Offset, Record, Structure, Window, identify};
+use crazyflie_identify::estimate::{Clusters, ResidualTests};
+use crazyflie_identify::transfer::{Channel, IdentifyError, Offset, Record, Structure, TransferFunctionEstimate, WindowLength, identify};
 
 /// Normal numbers of a linear congruential generator.
 struct Noise(u64);
@@ -60,7 +60,7 @@ fn order(numerator: usize, denominator: usize) -> Structure {
     Structure { numerator, denominator, integrator: false, delay: false, offset: Offset::None, stable: true }
 }
 
-fn assert_near(found: &Identified, truth: &[f64], share: f64) {
+fn assert_near(found: &TransferFunctionEstimate, truth: &[f64], share: f64) {
     for (p, truth) in found.parameters.iter().zip(truth) {
         let off = (p.value - truth).abs();
         assert!(off < share * truth.abs() && off < 4.5 * p.standard_error, "{} {} +- {}, truly {truth}", p.name, p.value, p.standard_error);
@@ -70,13 +70,13 @@ fn assert_near(found: &Identified, truth: &[f64], share: f64) {
 #[test]
 fn a_second_order_comes_back_without_a_guess() {
     let records = [record(&ROLL, 1, 20.0, 0.005), record(&ROLL, 2, 20.0, 0.005)];
-    let found = identify(&records, Channel::Roll, order(0, 2), Window::OfChannel).unwrap();
+    let found = identify(&records, Channel::Roll, order(0, 2), WindowLength::OfChannel).unwrap();
     assert!(found.converged && found.clusters == Clusters::Windows(8), "{}", found.clusters);
     assert_near(&found, &[123.2, 31.86, 81.85], 0.06);
     assert!((found.noise - 0.005).abs() < 2e-4, "{}", found.noise);
     let all: Vec<_> = found.fit.iter().collect();
-    let residuals = Residuals::of(&all, 3);
-    assert!(residuals.whiteness.unwrap().p_value > 0.001 && residuals.independence.unwrap().independent());
+    let residuals = ResidualTests::new(&all, 3);
+    assert!(residuals.whiteness.unwrap().p_value > 0.001 && residuals.independence.unwrap().is_independent());
     let test = found.compare(&[record(&ROLL, 3, 10.0, 0.0)]).unwrap();
     assert!(test[0].whole.unwrap().fit_percent.unwrap() > 98.0, "{:?}", test[0].whole);
 }
@@ -85,20 +85,20 @@ fn a_second_order_comes_back_without_a_guess() {
 fn a_delay_of_any_fraction_of_a_sample_is_found() {
     let late = Plant { delay_s: 0.0373, ..ROLL };
     let records = [record(&late, 5, 30.0, 0.003)];
-    let found = identify(&records, Channel::Roll, Structure { delay: true, ..order(0, 2) }, Window::OfChannel).unwrap();
+    let found = identify(&records, Channel::Roll, Structure { delay: true, ..order(0, 2) }, WindowLength::OfChannel).unwrap();
     assert_near(&found, &[123.2, 31.86, 81.85, 0.0373], 0.08);
     assert!((found.function.delay_s - 0.0373).abs() < 0.002);
     // what no delay explains, the input still does
-    let without = identify(&records, Channel::Roll, order(0, 2), Window::OfChannel).unwrap();
+    let without = identify(&records, Channel::Roll, order(0, 2), WindowLength::OfChannel).unwrap();
     let all: Vec<_> = without.fit.iter().collect();
-    assert!(!Residuals::of(&all, 3).independence.unwrap().independent());
+    assert!(!ResidualTests::new(&all, 3).independence.unwrap().is_independent());
     assert!(without.criteria.bic > found.criteria.bic + 10.0);
 }
 
 #[test]
 fn the_order_that_made_the_data_has_the_best_criterion() {
     let records = [record(&ROLL, 7, 30.0, 0.003)];
-    let bic = |n, d| identify(&records, Channel::Roll, order(n, d), Window::OfChannel).unwrap().criteria.bic;
+    let bic = |n, d| identify(&records, Channel::Roll, order(n, d), WindowLength::OfChannel).unwrap().criteria.bic;
     let right = bic(0, 2);
     assert!(right < bic(0, 1) - 10.0 && right < bic(1, 2) && right < bic(0, 3));
 }
@@ -107,7 +107,7 @@ fn the_order_that_made_the_data_has_the_best_criterion() {
 fn offsets_per_flight() {
     let flights = [0.05, -0.08].map(|offset| Plant { offset, ..ROLL });
     let records = [record(&flights[0], 11, 20.0, 0.003), record(&flights[1], 12, 20.0, 0.003)];
-    let found = identify(&records, Channel::Roll, Structure { offset: Offset::PerFlight, ..order(0, 2) }, Window::OfChannel).unwrap();
+    let found = identify(&records, Channel::Roll, Structure { offset: Offset::PerFlight, ..order(0, 2) }, WindowLength::OfChannel).unwrap();
     assert_near(&found, &[123.2, 31.86, 81.85, 0.05, -0.08], 0.08);
     assert_eq!(found.parameters[4].name, "offset r12");
 }
@@ -117,7 +117,7 @@ fn an_integrator_seen_as_a_position() {
     // velocity = 9.81 / s of the angle, position measured
     let plant = Plant { b: 9.81, a1: 0.0, a0: 0.0, ..ROLL };
     let records = [Record { integrated: true, ..record(&plant, 21, 20.0, 0.005) }];
-    let found = identify(&records, Channel::Vx, Channel::Vx.structure(), Window::OfChannel).unwrap();
+    let found = identify(&records, Channel::Vx, Channel::Vx.structure(), WindowLength::OfChannel).unwrap();
     assert_near(&found, &[9.81], 0.02);
     assert_eq!(found.fit[0].signal, "x");
 }
@@ -125,11 +125,11 @@ fn an_integrator_seen_as_a_position() {
 #[test]
 fn what_the_data_does_not_tell_is_said() {
     let still = Record { input: vec![0.1; 2000], ..record(&ROLL, 1, 20.0, 0.005) };
-    let refused = |records: &[Record], structure| identify(records, Channel::Roll, structure, Window::OfChannel).unwrap_err();
-    let said = refused(std::slice::from_ref(&still), order(0, 2)).to_string();
-    assert!(said.contains("roll command does not move"), "{said}");
+    let refused = |records: &[Record], structure| identify(records, Channel::Roll, structure, WindowLength::OfChannel).unwrap_err();
+    let message = refused(std::slice::from_ref(&still), order(0, 2)).to_string();
+    assert!(message.contains("roll command does not move"), "{message}");
     assert_eq!(refused(&[], order(0, 2)), IdentifyError::NoLogs);
     assert!(matches!(refused(&[still], order(3, 2)), IdentifyError::Order { numerator: 3, .. }));
-    let short = identify(&[record(&ROLL, 1, 20.0, 0.005)], Channel::Roll, order(0, 2), Window::Seconds(0.1)).unwrap_err();
+    let short = identify(&[record(&ROLL, 1, 20.0, 0.005)], Channel::Roll, order(0, 2), WindowLength::Seconds(0.1)).unwrap_err();
     assert!(matches!(short, IdentifyError::Window { .. }));
 }

@@ -67,7 +67,7 @@ fn drift_ppm(recorded_s: &[f64], late_s: &[f64]) -> Option<f64> {
 }
 
 /// For each of `rows_s`, the index of the last of `t_s` that is not later: a held input. `None` before the first.
-pub(super) fn held(t_s: &[f64], rows_s: &[f64]) -> Vec<Option<usize>> {
+pub(super) fn last_index_before(t_s: &[f64], rows_s: &[f64]) -> Vec<Option<usize>> {
     rows_s.iter().map(|row| t_s.partition_point(|t| t <= row).checked_sub(1)).collect()
 }
 
@@ -80,7 +80,7 @@ pub(super) struct Track<'a> {
 
 impl Track<'_> {
     /// Interpolated linearly, held beyond the ends; 0 without samples.
-    pub(super) fn at(&self, t_s: f64) -> f64 {
+    pub(super) fn value_at(&self, t_s: f64) -> f64 {
         let after = self.t_s.partition_point(|t| *t <= t_s);
         match (after.checked_sub(1).map(|i| (self.t_s[i], self.values[i])), self.t_s.get(after).zip(self.values.get(after))) {
             (Some((t0, v0)), Some((t1, v1))) => v0 + (t_s - t0) / (t1 - t0) * (v1 - v0),
@@ -93,10 +93,10 @@ impl Track<'_> {
 
 /// The same motion as seen from outside and felt on board.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Pair<'a> {
+pub(super) struct MotionPair<'a> {
     pub(super) seen: Track<'a>,
     pub(super) felt: Track<'a>,
-    /// What is compared of both: slope (1) or curvature (2), so that offsets or straight drifts fall out.
+    /// Order of the differences that are compared: slope (1) or curvature (2). Offsets or straight drifts fall out.
     pub(super) differences: usize,
     pub(super) name: &'static str,
 }
@@ -108,7 +108,7 @@ pub(super) struct Lag {
     /// Standard error, from the scatter between parts of the flight.
     pub(super) sigma_s: f64,
     pub(super) correlation: f64,
-    /// What was compared.
+    /// The compared motion.
     pub(super) by: &'static str,
 }
 
@@ -123,12 +123,12 @@ const LEAST_CORRELATION: f64 = 0.5;
 const LEAST_PARTS: usize = 3;
 
 /// The lag between the sides of the pair with the clearest answer, `None` if none moves enough to say.
-pub(super) fn lag(pairs: &[Pair<'_>]) -> Option<Lag> {
+pub(super) fn lag(pairs: &[MotionPair<'_>]) -> Option<Lag> {
     let lags = pairs.iter().filter_map(pair_lag);
     lags.max_by(|a, b| b.sigma_s.total_cmp(&a.sigma_s))
 }
 
-fn pair_lag(pair: &Pair<'_>) -> Option<Lag> {
+fn pair_lag(pair: &MotionPair<'_>) -> Option<Lag> {
     let (seen, felt) = (differences(pair.seen, pair)?, differences(pair.felt, pair)?);
     let part = (PART_S / GRID_S) as usize;
     let mut lags = Vec::new();
@@ -137,8 +137,8 @@ fn pair_lag(pair: &Pair<'_>) -> Option<Lag> {
     while start + part + REACH <= seen.len() {
         let rows = start..start + part;
         // lag L: what is felt at t is seen at t + L
-        let at = |shift: usize| correlation(&seen[rows.start + shift - REACH..rows.end + shift - REACH], &felt[rows.clone()]);
-        let by_lag: Vec<f64> = (0..=2 * REACH).map(at).collect();
+        let correlation_at = |shift: usize| correlation(&seen[rows.start + shift - REACH..rows.end + shift - REACH], &felt[rows.clone()]);
+        let by_lag: Vec<f64> = (0..=2 * REACH).map(correlation_at).collect();
         if let Some((at, top)) = peak(&by_lag, LEAST_CORRELATION) {
             lags.push((at - REACH as f64) * GRID_S);
             best.push(top);
@@ -156,12 +156,12 @@ fn pair_lag(pair: &Pair<'_>) -> Option<Lag> {
 }
 
 /// Slope or curvature over a wide step on a common grid. The same operation on both sides shifts neither.
-fn differences(track: Track<'_>, pair: &Pair<'_>) -> Option<Vec<f64>> {
+fn differences(track: Track<'_>, pair: &MotionPair<'_>) -> Option<Vec<f64>> {
     let from_s = pair.seen.t_s.first()?.max(*pair.felt.t_s.first()?);
     let to_s = pair.seen.t_s.last()?.min(*pair.felt.t_s.last()?);
     // A flight of more than three hours is no flight.
     let count = ((to_s - from_s) / GRID_S).min(1e6) as usize;
-    let on_grid: Vec<f64> = (0..count).map(|i| track.at(from_s + i as f64 * GRID_S)).collect();
+    let on_grid: Vec<f64> = (0..count).map(|i| track.value_at(from_s + i as f64 * GRID_S)).collect();
     let wide = on_grid.windows(2 * HALF_WIDTH + 1);
     let last = 2 * HALF_WIDTH;
     Some(match pair.differences {
@@ -196,7 +196,7 @@ pub(super) fn correlation(a: &[f64], b: &[f64]) -> f64 {
 }
 
 /// The double integral of samples, by the trapezoidal rule.
-pub(super) fn twice_integrated(t_s: &[f64], values: &[f64]) -> Vec<f64> {
+pub(super) fn integrate_twice(t_s: &[f64], values: &[f64]) -> Vec<f64> {
     let (mut once, mut twice) = (0.0, 0.0);
     let mut out = vec![0.0; values.len().min(1)];
     for (t, v) in t_s.windows(2).zip(values.windows(2)) {
@@ -224,7 +224,7 @@ impl FlightLog {
         let up = |row: usize| Rotation::from_angles([self.roll_rad[row], self.pitch_rad[row], self.yaw_rad[row]]).turn([0.0, 0.0, 1.0]);
         // A thrust that carries the weight; beyond 80 degrees of tilt nothing is known.
         let push = |axis: usize| (0..self.len()).map(up).map(|up| G_MPS2 * up[axis] / up[2].max(0.2)).collect::<Vec<f64>>();
-        let felt = [0, 1].map(|axis| twice_integrated(&self.t_s, &push(axis)));
+        let felt = [0, 1].map(|axis| integrate_twice(&self.t_s, &push(axis)));
         let track = |values| Track { t_s: &self.t_s, values };
         let seen = |values| Track { t_s: seen_s, values };
         let yaw = yaw_rad.map(|yaw| {
@@ -233,11 +233,11 @@ impl FlightLog {
             yaw
         });
         let mut pairs = vec![
-            Pair { seen: seen(&pos_m[0]), felt: track(&felt[0]), differences: 2, name: "x and tilt" },
-            Pair { seen: seen(&pos_m[1]), felt: track(&felt[1]), differences: 2, name: "y and tilt" },
+            MotionPair { seen: seen(&pos_m[0]), felt: track(&felt[0]), differences: 2, name: "x and tilt" },
+            MotionPair { seen: seen(&pos_m[1]), felt: track(&felt[1]), differences: 2, name: "y and tilt" },
         ];
         if let Some(yaw) = &yaw {
-            pairs.push(Pair { seen: seen(yaw), felt: track(&self.yaw_rad), differences: 1, name: "yaw" });
+            pairs.push(MotionPair { seen: seen(yaw), felt: track(&self.yaw_rad), differences: 1, name: "yaw" });
         }
         lag(&pairs)
     }
@@ -266,9 +266,9 @@ mod tests {
         let seen: Vec<f64> = frames.iter().enumerate().map(|(i, t)| position(t - 0.083) + 0.01 * noise(i)).collect();
         let imu: Vec<f64> = (0..4000).map(|i| i as f64 * 0.01).collect();
         let felt: Vec<f64> = imu.iter().map(|t| acceleration(*t) + 0.05).collect();
-        let felt = twice_integrated(&imu, &felt);
+        let felt = integrate_twice(&imu, &felt);
         let [seen, felt] = [Track { t_s: &frames, values: &seen }, Track { t_s: &imu, values: &felt }];
-        let found = lag(&[Pair { seen, felt, differences: 2, name: "x" }]).unwrap();
+        let found = lag(&[MotionPair { seen, felt, differences: 2, name: "x" }]).unwrap();
         assert!((found.lag_s - 0.083).abs() < 4e-3 && found.sigma_s < 5e-3, "{found:?}");
     }
 
@@ -277,7 +277,7 @@ mod tests {
         let t: Vec<f64> = (0..4000).map(|i| i as f64 * 0.01).collect();
         let zero = vec![0.0; 4000];
         let still = Track { t_s: &t, values: &zero };
-        assert_eq!(lag(&[Pair { seen: still, felt: still, differences: 1, name: "yaw" }]), None);
+        assert_eq!(lag(&[MotionPair { seen: still, felt: still, differences: 1, name: "yaw" }]), None);
         assert_eq!(lag(&[]), None);
     }
 
@@ -296,6 +296,6 @@ mod tests {
 
     #[test]
     fn inputs_hold_until_the_next() {
-        assert_eq!(held(&[1.0, 2.0], &[0.5, 1.0, 1.9, 2.0, 9.0]), [None, Some(0), Some(0), Some(1), Some(1)]);
+        assert_eq!(last_index_before(&[1.0, 2.0], &[0.5, 1.0, 1.9, 2.0, 9.0]), [None, Some(0), Some(0), Some(1), Some(1)]);
     }
 }

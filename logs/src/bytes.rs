@@ -15,11 +15,11 @@ impl<'a> Bytes<'a> {
     }
 
     /// Offset of the next byte.
-    pub(super) fn at(&self) -> usize {
+    pub(super) fn position(&self) -> usize {
         self.at
     }
 
-    pub(super) fn left(&self) -> usize {
+    pub(super) fn remaining(&self) -> usize {
         self.data.len() - self.at
     }
 
@@ -74,7 +74,7 @@ impl<'a> Bytes<'a> {
     }
 
     /// Text up to a zero byte, which is skipped; `None` if there is none within `longest` bytes or it is no text.
-    pub(super) fn zero_ended(&mut self, longest: usize) -> Option<&'a str> {
+    pub(super) fn c_string(&mut self, longest: usize) -> Option<&'a str> {
         let rest = &self.data[self.at..];
         let end = rest.iter().take(longest + 1).position(|byte| *byte == 0)?;
         let text = std::str::from_utf8(&rest[..end]).ok()?;
@@ -98,8 +98,8 @@ mod tests {
     fn reads_stop_at_the_end() {
         let mut bytes = Bytes::new(&[1, 0, 9]);
         assert_eq!(bytes.u16(), Some(1));
-        assert_eq!((bytes.u16(), bytes.at()), (None, 2));
-        assert_eq!((bytes.u8(), bytes.left()), (Some(9), 0));
+        assert_eq!((bytes.u16(), bytes.position()), (None, 2));
+        assert_eq!((bytes.u8(), bytes.remaining()), (Some(9), 0));
         assert_eq!(bytes.take(usize::MAX), None);
     }
 
@@ -107,14 +107,14 @@ mod tests {
     fn a_block_that_is_not_whole_is_left_in_place() {
         let mut bytes = Bytes::new(&[2, 0, 0, 0, 7, 8, 9, 0, 0, 0, 1]);
         assert_eq!(bytes.block(), Some(&[7, 8][..]));
-        assert_eq!((bytes.block(), bytes.at()), (None, 6));
+        assert_eq!((bytes.block(), bytes.position()), (None, 6));
     }
 
     #[test]
     fn text_needs_its_end() {
         let mut bytes = Bytes::new(b"ab\0cd");
-        assert_eq!(bytes.zero_ended(1), None);
-        assert_eq!(bytes.zero_ended(2), Some("ab"));
-        assert_eq!(bytes.zero_ended(9), None);
+        assert_eq!(bytes.c_string(1), None);
+        assert_eq!(bytes.c_string(2), Some("ab"));
+        assert_eq!(bytes.c_string(9), None);
     }
 }

@@ -1,4 +1,4 @@
-//! Which columns a text format has, and which of them a file lacks.
+//! Columns of a text format, and those that a file lacks.
 
 use super::table::Table;
 use super::{LogError, MissingColumn, Note};
@@ -21,7 +21,7 @@ pub(crate) struct Columns {
 impl Columns {
     /// Share of the required columns that a header holds.
     pub(crate) fn share(&self, header: &[String]) -> f64 {
-        let required = self.demanded(header);
+        let required = self.required_columns(header);
         let found = required.iter().filter(|c| has(header, c)).count();
         found as f64 / required.len() as f64
     }
@@ -41,14 +41,14 @@ impl Columns {
         Ok(())
     }
 
-    fn demanded(&self, header: &[String]) -> Vec<&'static str> {
+    fn required_columns(&self, header: &[String]) -> Vec<&'static str> {
         let begun = self.together.iter().any(|c| has(header, c));
         let together: &[&str] = if begun { self.together } else { &[] };
         self.required.iter().chain(together).copied().collect()
     }
 
     fn missing(&self, header: &[String], unknown: &[&String]) -> Vec<MissingColumn> {
-        let absent = self.demanded(header).into_iter().filter(|c| !has(header, c));
+        let absent = self.required_columns(header).into_iter().filter(|c| !has(header, c));
         let mut missing: Vec<MissingColumn> =
             absent.map(|c| MissingColumn { name: c.to_owned(), did_you_mean: closest(c, unknown) }).collect();
         if !self.alternatives.is_empty() && !self.alternatives.iter().any(|c| has(header, c)) {

@@ -1,4 +1,4 @@
-//! What can be wrong with a log file, said so that the reader of the message can find it.
+//! Errors of log files, worded so that the reader of the message can find the place.
 
 use std::fmt;
 

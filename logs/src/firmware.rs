@@ -37,7 +37,7 @@ const WANTED_RATES: [&str; 3] = ["controller.rollRate", "controller.pitchRate", 
 const GYRO: [&str; 3] = ["gyro.x", "gyro.y", "gyro.z"];
 const FORCE: [&str; 3] = ["acc.x", "acc.y", "acc.z"];
 const FORCE_Z: &str = "controller.accelz";
-/// What the attitude loop is asked for; the set-point has it where the pilot commands angles.
+/// Commands of the attitude loop; the set-point has them where the pilot commands angles.
 const WANTED_ANGLES: [[&str; 2]; 2] = [["controller.roll", "controller.pitch"], ["ctrltarget.roll", "ctrltarget.pitch"]];
 const SETPOINT: [[&str; 3]; 2] = [["ctrltarget.x", "ctrltarget.y", "ctrltarget.z"], ["posCtl.targetX", "posCtl.targetY", "posCtl.targetZ"]];
 /// The thrust command, 16 bits wide.
@@ -65,7 +65,7 @@ pub(super) fn flight(format: &'static str, variables: &Variables, mut notes: Vec
         provenance: Provenance { format, position, attitude, onboard_interpolated: false },
         airborne: 0..0,
         cmd_roll_rad: variables.first(&WANTED_ANGLES.map(|[roll, _]| ([roll], 1.0))).map(|[roll]| radians(roll)),
-        cmd_pitch_rad: variables.first(&WANTED_ANGLES.map(|[_, pitch]| ([pitch], 1.0))).map(|[pitch]| negated(radians(pitch))),
+        cmd_pitch_rad: variables.first(&WANTED_ANGLES.map(|[_, pitch]| ([pitch], 1.0))).map(|[pitch]| negate(radians(pitch))),
         // The attitude loop's rate is no command of the pilot, and holds a trim that the rate loop works off for seconds.
         cmd_yaw_rate_radps: None,
         cmd_thrust_pwm: variables.thrust(&onboard, &mut notes)?,
@@ -200,7 +200,7 @@ impl Variables {
         groups.iter().find_map(scaled)
     }
 
-    /// What measured the position from outside, where it was logged; else the estimate.
+    /// Fixes from outside, where they were logged; else the estimate.
     fn fixes(&self, onboard: &Onboard, notes: &mut Vec<Note>) -> (Fixes, PositionSource) {
         if let Some(fixes) =
             self.first(&OUTSIDE.map(|names| (names, 1.0))).map(|pos_m| self.new_fixes(&pos_m)).filter(|f| f.row.len() >= LEAST_FIXES)
@@ -224,7 +224,7 @@ impl Variables {
     /// Body rates, right-handed. The controller's are those of the gyro with pitch inverted.
     fn gyro(&self) -> Option<[Vec<f64>; 3]> {
         let own = self.all(GYRO).map(|rates| rates.map(radians));
-        own.or_else(|| self.all(RATES).map(|[roll, pitch, yaw]| [roll, negated(pitch), yaw]))
+        own.or_else(|| self.all(RATES).map(|[roll, pitch, yaw]| [roll, negate(pitch), yaw]))
     }
 
     fn vbat(&self) -> Option<Vec<f64>> {
@@ -234,10 +234,10 @@ impl Variables {
 
     fn onboard(&self) -> Onboard {
         let angles =
-            self.first(&ANGLES.map(|names| (names, 1.0))).map(|[roll, pitch, yaw]| [radians(roll), negated(radians(pitch)), radians(yaw)]);
+            self.first(&ANGLES.map(|names| (names, 1.0))).map(|[roll, pitch, yaw]| [radians(roll), negate(radians(pitch)), radians(yaw)]);
         let pwm = self.all(MOTOR_PWM);
         // Newer firmware logs in `motor` what the motors get; only beside `pwm` it is known to be the request.
-        let requests = pwm.as_ref().and_then(|_| self.all(MOTOR)).or_else(|| self.all(CONTROL).map(mixed));
+        let requests = pwm.as_ref().and_then(|_| self.all(MOTOR)).or_else(|| self.all(CONTROL).map(mix_motors));
         Onboard {
             pos_m: self.first(&POSITION),
             vel_mps: self.first(&VELOCITY),
@@ -245,7 +245,7 @@ impl Variables {
             motor_pwm: pwm.or_else(|| self.all(MOTOR)),
             rotor_radps: None,
             setpoint_yaw_rate_radps: None,
-            cmd_rates_radps: self.all(WANTED_RATES).map(|[roll, pitch, yaw]| [radians(roll), negated(radians(pitch)), radians(yaw)]),
+            cmd_rates_radps: self.all(WANTED_RATES).map(|[roll, pitch, yaw]| [radians(roll), negate(radians(pitch)), radians(yaw)]),
             motor_request_pwm: requests,
             acc_world_mps2: self.first(&ACCELERATION).map(in_mps2),
             acc_z_mps2: self.get(FORCE_Z).or_else(|| self.get(FORCE[2])).map(|acc| in_mps2([acc])).map(|[acc]| acc),
@@ -299,7 +299,7 @@ impl Variables {
         let [derived_roll, derived_pitch] = tilt(&self.t_s, &acc, &heading);
         notes.push(Note::TiltFromAcceleration { roll: roll.is_none(), pitch: pitch.is_none(), yaw_taken_as_zero: yaw.is_none() });
         let source = if roll.is_none() || pitch.is_none() { AttitudeSource::Motion } else { AttitudeSource::Imu };
-        Ok(([roll.unwrap_or(derived_roll), pitch.map_or(derived_pitch, negated), heading], source))
+        Ok(([roll.unwrap_or(derived_roll), pitch.map_or(derived_pitch, negate), heading], source))
     }
 
     /// The attitude of a vehicle that stands: level, and with motors off the yaw setpoint follows the estimate.
@@ -365,19 +365,19 @@ pub(super) fn is_used(name: &str) -> bool {
         || VBAT.contains(&name)
 }
 
-/// What the mixer sends to the four motors, before limits: thrust, and moments about roll, pitch (firmware) and yaw.
-fn mixed([thrust, roll, pitch, yaw]: [Vec<f64>; 4]) -> [Vec<f64>; 4] {
-    let of = |signs: [f64; 3]| {
+/// Outputs of the mixer to the four motors, before limits: thrust, and moments about roll, pitch (firmware) and yaw.
+fn mix_motors([thrust, roll, pitch, yaw]: [Vec<f64>; 4]) -> [Vec<f64>; 4] {
+    let motor_pwm = |signs: [f64; 3]| {
         let motor = |row: usize| thrust[row] + signs[0] * roll[row] / 2.0 + signs[1] * pitch[row] / 2.0 + signs[2] * yaw[row];
         (0..thrust.len()).map(motor).map(|pwm| pwm.clamp(0.0, 65_535.0)).collect()
     };
-    [of([-1.0, 1.0, 1.0]), of([-1.0, -1.0, -1.0]), of([1.0, -1.0, 1.0]), of([1.0, 1.0, -1.0])]
+    [motor_pwm([-1.0, 1.0, 1.0]), motor_pwm([-1.0, -1.0, -1.0]), motor_pwm([1.0, -1.0, 1.0]), motor_pwm([1.0, 1.0, -1.0])]
 }
 
 fn in_mps2<const N: usize>(acc: [Vec<f64>; N]) -> [Vec<f64>; N] {
     acc.map(|axis| axis.into_iter().map(|g| g * G_MPS2).collect())
 }
 
-fn negated(values: Vec<f64>) -> Vec<f64> {
+fn negate(values: Vec<f64>) -> Vec<f64> {
     values.into_iter().map(|v| -v).collect()
 }

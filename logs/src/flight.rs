@@ -44,7 +44,7 @@ pub struct Onboard {
     pub setpoint_yaw_rate_radps: Option<Vec<f64>>,
     /// Body rates that the attitude loop asks of the rate loop, right-handed.
     pub cmd_rates_radps: Option<[Vec<f64>; 3]>,
-    /// What the mixer asks of the four motors before battery compensation, counts: their mean is the thrust command, their
+    /// Requests of the mixer to the four motors before battery compensation, counts: their mean is the thrust command, their
     /// differences are the moments that the rate controller needs to keep the vehicle straight.
     pub motor_request_pwm: Option<[Vec<f64>; 4]>,
     /// Speeds of the four rotors.
@@ -58,7 +58,7 @@ pub struct Onboard {
     pub late_s: Option<Vec<f64>>,
 }
 
-/// What a simulator knows to be true. One value per row.
+/// Ground truth of a simulator. One value per row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Truth {
     pub pos_m: [Vec<f64>; 3],

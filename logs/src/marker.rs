@@ -19,7 +19,7 @@ pub(super) struct Marker {
 impl Marker {
     /// Reads poses of the vehicle over the marker, or of the marker in the frame of a camera that looks down on it, as
     /// `ar_sys` publishes them: then the marker's z axis points at the camera, and the pose is turned round.
-    pub(super) fn of(samples: Samples, notes: &mut Vec<Note>) -> Self {
+    pub(super) fn from_samples(samples: Samples, notes: &mut Vec<Note>) -> Self {
         let rotations: Option<Vec<Rotation>> = samples.values.iter().map(|v| Rotation::from_xyzw([v[3], v[4], v[5], v[6]])).collect();
         let Some(mut rotations) = rotations else {
             let pos_m = samples.triple(0);
@@ -51,7 +51,7 @@ impl Marker {
         unwrap(&mut angles[2], "marker yaw", &mut Vec::new());
         Some(angles.each_ref().map(|values| {
             let track = Track { t_s: &self.samples.t_s, values };
-            rows_s.iter().map(|t| track.at(*t)).collect()
+            rows_s.iter().map(|t| track.value_at(*t)).collect()
         }))
     }
 }
@@ -97,7 +97,7 @@ mod tests {
             Samples { t_s: vec![0.0], arrived_s: vec![0.0], values: vec![vec![seen[0], seen[1], seen[2], x, y, z, w]], clock: None };
         assert!(seen[2] > 0.6);
         let mut notes = Vec::new();
-        let marker = Marker::of(samples, &mut notes);
+        let marker = Marker::from_samples(samples, &mut notes);
         assert_eq!(notes, [Note::SeenFromCamera]);
         let found = [0, 1, 2].map(|axis| marker.pos_m[axis][0]);
         assert!(found.iter().zip([0.3, -0.2, 0.7]).all(|(a, b)| (a - b).abs() < 1e-9), "{found:?}");

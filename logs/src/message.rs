@@ -26,7 +26,7 @@ pub(super) enum Kind {
 
 impl Kind {
     /// By the name of the type, as ROS 1 and ROS 2 write it.
-    pub(super) fn named(name: &str) -> Option<Self> {
+    pub(super) fn from_name(name: &str) -> Option<Self> {
         Some(match name.replace("/msg/", "/").as_str() {
             "geometry_msgs/Twist" => Self::Twist,
             "geometry_msgs/TwistStamped" => Self::TwistStamped,
@@ -111,7 +111,7 @@ impl<'a> Fields<'a> {
 
     fn align(&mut self, size: usize) -> Option<()> {
         let size = size.min(self.widest);
-        let past = self.bytes.at() % size;
+        let past = self.bytes.position() % size;
         if past > 0 {
             self.bytes.take(size - past)?;
         }
@@ -189,6 +189,6 @@ mod tests {
         assert_eq!(decode(Kind::Twist, Encoding::Cdr, &twist(2.5)).unwrap().numbers[0], 2.5);
         assert_eq!(decode(Kind::Twist, Encoding::Cdr, &twist(f64::NAN)), None);
         assert_eq!(decode(Kind::Twist, Encoding::Cdr, &[9; 60]), None);
-        assert_eq!(Kind::named("sensor_msgs/msg/Imu"), Some(Kind::Imu));
+        assert_eq!(Kind::from_name("sensor_msgs/msg/Imu"), Some(Kind::Imu));
     }
 }

@@ -1,4 +1,4 @@
-//! What a reader detected, cut or converted on the way to a [`FlightLog`](super::FlightLog).
+//! Notes on what a reader detected, cut or converted on the way to a [`FlightLog`](super::FlightLog).
 
 use std::fmt;
 

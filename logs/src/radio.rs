@@ -129,7 +129,7 @@ mod tests {
     }
 
     /// Noisy until row `last`, extrapolated from the two values before it afterwards.
-    fn extrapolated(last: usize) -> Vec<f64> {
+    fn extrapolate_from(last: usize) -> Vec<f64> {
         let slope = noise(last) - noise(last - 1);
         (0..ROWS).map(|i| if i <= last { noise(i) } else { noise(last) + slope * (i - last) as f64 }).collect()
     }
@@ -137,7 +137,7 @@ mod tests {
     #[test]
     fn the_end_of_real_data_is_found_exactly_in_flight() {
         let t = times();
-        let x = extrapolated(400);
+        let x = extrapolate_from(400);
         let steady = vec![0.0; ROWS];
         let group = Group::new(&t, vec![&x, &steady]);
         // The last two packets are rows 399 and 400: the line starts at 399.
@@ -147,7 +147,7 @@ mod tests {
     #[test]
     fn channels_that_stop_before_take_off_are_dead() {
         let t = times();
-        let x = extrapolated(50);
+        let x = extrapolate_from(50);
         assert_eq!(Group::new(&t, vec![&x]).end(&(100..900), false), End::Dead);
         let frozen = vec![73.75; ROWS];
         assert_eq!(Group::new(&t, vec![&frozen]).end(&(100..900), false), End::Dead);
@@ -158,7 +158,7 @@ mod tests {
         let t = times();
         let hover = vec![1.0; ROWS];
         assert_eq!(Group::new(&t, vec![&hover]).end(&(100..900), true), End::Live);
-        let x = extrapolated(400);
+        let x = extrapolate_from(400);
         assert_eq!(Group::new(&t, vec![&x]).end(&(100..900), true), End::At(399));
     }
 

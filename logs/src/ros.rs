@@ -4,17 +4,17 @@
 //! +roll to -y, thrust 0..60000 (linear z) and the yaw rate in degrees per second with the thesis's sign (angular z); the IMU
 //! has rates in rad/s and specific force in m/s2, and no orientation.
 
-use super::align::{Lag, Track, held};
+use super::align::{Lag, Track, last_index_before};
 use super::attitude::{Rotation, integrate};
 use super::marker::{Marker, arrivals};
 use super::samples::Samples;
 use super::signal::{check_capture, median, radians, unwrap, usual_step};
-use super::topics::{Part, Topics};
+use super::topics::{TopicRole, Topics};
 use super::{AttitudeSource, Fixes, FlightLog, LogError, Note, PositionSource, Provenance};
 
 /// Above what a marker on the floor says of a vehicle that stands.
 const AIRBORNE_M: f64 = 0.1;
-/// What the driver sends at most.
+/// The largest command that the driver sends.
 const MOST_THRUST: f64 = 60_000.0;
 /// Rows where there is no IMU to give them.
 const GRID_S: f64 = 0.01;
@@ -36,20 +36,21 @@ const RATE: usize = 5;
 const ACCELERATION: usize = 8;
 
 pub(super) fn read(format: &'static str, file: &str, topics: &Topics, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
-    let parts = [Part::Command, Part::Imu, Part::Pose, Part::Goal, Part::Battery].map(|part| topics.part(part));
+    let parts =
+        [TopicRole::Command, TopicRole::Imu, TopicRole::Pose, TopicRole::Goal, TopicRole::Battery].map(|part| topics.best_for(part));
     topics.note_unused(&parts, &mut notes);
     let start_ns = parts.iter().flatten().filter_map(|topic| topic.recorded_ns.iter().min()).min().copied();
     let missing = "IMU (sensor_msgs/Imu) or pose (geometry_msgs/PoseStamped) messages";
     let no_signals = || LogError::MissingSignals { file: file.to_owned(), missing, found: topics.names() };
     let origin_ns = start_ns.ok_or_else(no_signals)?;
     notes.push(Note::TimeShifted { start_s: origin_ns as f64 * 1e-9 });
-    for (topic, part) in parts.iter().zip([Part::Command, Part::Imu, Part::Pose]) {
+    for (topic, part) in parts.iter().zip([TopicRole::Command, TopicRole::Imu, TopicRole::Pose]) {
         if topic.is_none() {
             notes.push(Note::TopicMissing { topic: part.usual_name() });
         }
     }
-    let [command, imu, pose, goal, battery] = parts.map(|topic| topic.map(|topic| Samples::of(topic, origin_ns, &mut notes)));
-    let marker = pose.map(|pose| Marker::of(pose, &mut notes));
+    let [command, imu, pose, goal, battery] = parts.map(|topic| topic.map(|topic| Samples::from_topic(topic, origin_ns, &mut notes)));
+    let marker = pose.map(|pose| Marker::from_samples(pose, &mut notes));
     let t_s = rows(imu.as_ref(), marker.as_ref()).ok_or_else(no_signals)?;
     let [roll_rad, pitch_rad, mut yaw_rad] = match &imu {
         Some(imu) => attitude(imu, command.as_ref(), &mut notes),
@@ -110,7 +111,7 @@ fn rows(imu: Option<&Samples>, marker: Option<&Marker>) -> Option<Vec<f64>> {
 
 /// A value held from message to message; `before` until the first.
 fn hold(samples: &Samples, values: &[f64], rows_s: &[f64], before: f64) -> Vec<f64> {
-    held(&samples.t_s, rows_s).into_iter().map(|at| at.map_or(before, |at| values[at])).collect()
+    last_index_before(&samples.t_s, rows_s).into_iter().map(|index| index.map_or(before, |i| values[i])).collect()
 }
 
 /// The IMU's orientation where somebody filled it, else its rates integrated as the thesis did, less their bias.
@@ -198,7 +199,7 @@ impl FlightLog {
         let Some(yaw) = marker.yaw_rad.as_ref() else { return };
         let own = Track { t_s: &self.t_s, values: &self.yaw_rad };
         let first = marker.samples.t_s.iter().zip(yaw).take(YAW_FIXES);
-        let offsets: Vec<f64> = first.map(|(t, seen)| seen - own.at(*t)).map(|d| d.sin().atan2(d.cos())).collect();
+        let offsets: Vec<f64> = first.map(|(t, seen)| seen - own.value_at(*t)).map(|d| d.sin().atan2(d.cos())).collect();
         let offset_rad = median(&offsets);
         self.yaw_rad.iter_mut().for_each(|yaw| *yaw += offset_rad);
         notes.push(Note::YawFromMarker { offset_rad });

@@ -24,7 +24,7 @@ pub(super) struct Samples {
 
 impl Samples {
     /// Brings a topic to the recorder's clock, in seconds from `origin_ns`, and notes what was odd on the way.
-    pub(super) fn of(topic: &Topic, origin_ns: u64, notes: &mut Vec<Note>) -> Self {
+    pub(super) fn from_topic(topic: &Topic, origin_ns: u64, notes: &mut Vec<Note>) -> Self {
         let seconds = |ns: u64| (i128::from(ns) - i128::from(origin_ns)) as f64 * 1e-9;
         let arrived_s: Vec<f64> = topic.recorded_ns.iter().map(|ns| seconds(*ns)).collect();
         let stamped: Vec<(f64, f64)> =

@@ -71,7 +71,7 @@ pub(super) fn wander(rates: &Rates<'_>, rows: &Range<usize>) -> Option<Vec<f64>>
             let meet = |row: usize| {
                 let (knot, share) = hat(rates.t_s[row]);
                 let at_s = rates.t_s[row] + late_s[knot] + share * (late_s[(knot + 1).min(knots - 1)] - late_s[knot]);
-                (knot, share, seen[row] - interpolated(rates.t_s, felt, at_s), interpolated(rates.t_s, slope, at_s))
+                (knot, share, seen[row] - interpolate(rates.t_s, felt, at_s), interpolate(rates.t_s, slope, at_s))
             };
             let all: Vec<_> = rows.clone().map(meet).collect();
             let apart: Vec<f64> = all.iter().map(|(_, _, apart, _)| *apart).collect();
@@ -90,19 +90,19 @@ pub(super) fn wander(rates: &Rates<'_>, rows: &Range<usize>) -> Option<Vec<f64>>
             break;
         }
     }
-    let at = |t: &f64| {
+    let late_at = |t: &f64| {
         let (knot, share) = hat(*t);
         late_s[knot] + share * (late_s[(knot + 1).min(knots - 1)] - late_s[knot])
     };
-    late_s.iter().all(|late| late.abs() < LONGEST_LAG_S).then(|| rates.t_s.iter().map(at).collect())
+    late_s.iter().all(|late| late.abs() < LONGEST_LAG_S).then(|| rates.t_s.iter().map(late_at).collect())
 }
 
 /// The averaged rate by motion capture, that of the gyro, and the slope of the latter.
 fn sides(t_s: &[f64], angle_rad: &[f64], gyro_radps: &[f64]) -> [Vec<f64>; 3] {
     let width = (AVERAGED_S / usual_step(t_s)).round().max(1.0) as usize;
-    let felt = centred(gyro_radps, width);
+    let felt = moving_average(gyro_radps, width);
     let slope = derivative(t_s, &felt);
-    [centred(&derivative(t_s, angle_rad), width), felt, slope]
+    [moving_average(&derivative(t_s, angle_rad), width), felt, slope]
 }
 
 /// Normal equations of knots in a row, each tied to the next.
@@ -158,14 +158,14 @@ impl Chain {
 }
 
 /// Interpolated linearly, held beyond the ends.
-fn interpolated(t_s: &[f64], values: &[f64], at_s: f64) -> f64 {
+fn interpolate(t_s: &[f64], values: &[f64], at_s: f64) -> f64 {
     let after = t_s.partition_point(|t| *t <= at_s).clamp(1, t_s.len() - 1);
     let share = ((at_s - t_s[after - 1]) / (t_s[after] - t_s[after - 1])).clamp(0.0, 1.0);
     values[after - 1] + share * (values[after] - values[after - 1])
 }
 
 /// Moving average over `width` samples around each, fewer at the ends.
-fn centred(x: &[f64], width: usize) -> Vec<f64> {
+fn moving_average(x: &[f64], width: usize) -> Vec<f64> {
     let mean = |i: usize| {
         let near = &x[i.saturating_sub(width / 2)..(i + width / 2 + 1).min(x.len())];
         near.iter().sum::<f64>() / near.len() as f64

@@ -12,7 +12,7 @@ const LARGEST: f64 = 1e12;
 /// Bad values are quoted up to this many characters.
 const LONGEST_QUOTE: usize = 40;
 
-/// What a column may hold.
+/// The values that a column may hold.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Accept {
     low: f64,

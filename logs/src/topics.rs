@@ -1,11 +1,11 @@
-//! Messages of a recording by topic, and which topic plays which part in a flight.
+//! Messages of a recording by topic, and which topic plays which role in a flight.
 
 use super::Note;
 use super::message::{Encoding, Kind, decode};
 
 /// A message as a recorder stored it.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Recorded<'a> {
+pub(super) struct StoredMessage<'a> {
     pub(super) recorded_ns: u64,
     pub(super) data: &'a [u8],
 }
@@ -17,14 +17,14 @@ pub(super) struct Topic {
     pub(super) kind: Kind,
     pub(super) recorded_ns: Vec<u64>,
     pub(super) stamp_ns: Vec<Option<u64>>,
-    /// Per message, what of it is used: see [`used`].
+    /// The numbers of each message that a flight needs: see [`flight_numbers`].
     pub(super) values: Vec<Vec<f64>>,
     /// Messages that could not be decoded.
     bad: usize,
 }
 
 /// The numbers of a message that a flight needs.
-fn used(kind: Kind, numbers: &[f64]) -> Vec<f64> {
+fn flight_numbers(kind: Kind, numbers: &[f64]) -> Vec<f64> {
     match kind {
         // linear x, y, z and angular z
         Kind::Twist | Kind::TwistStamped => vec![numbers[0], numbers[1], numbers[2], numbers[5]],
@@ -35,9 +35,9 @@ fn used(kind: Kind, numbers: &[f64]) -> Vec<f64> {
     }
 }
 
-/// A part in a flight.
+/// The role of a topic in a flight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Part {
+pub(super) enum TopicRole {
     Command,
     Imu,
     Pose,
@@ -45,7 +45,7 @@ pub(super) enum Part {
     Battery,
 }
 
-impl Part {
+impl TopicRole {
     /// How the thesis's rig calls the topic, without namespace.
     pub(super) fn usual_name(self) -> &'static str {
         match self {
@@ -90,7 +90,7 @@ pub(super) struct Topics {
 
 impl Topics {
     /// Adds a message; `read_as` is `None` for a type that no flight needs.
-    pub(super) fn add(&mut self, name: &str, type_name: &str, message: Recorded<'_>, read_as: Option<(Kind, Encoding)>) {
+    pub(super) fn add(&mut self, name: &str, type_name: &str, message: StoredMessage<'_>, read_as: Option<(Kind, Encoding)>) {
         self.messages += 1;
         let Some((kind, encoding)) = read_as else {
             let shown = format!("{name} ({type_name})");
@@ -112,7 +112,7 @@ impl Topics {
             Some(decoded) => {
                 topic.recorded_ns.push(message.recorded_ns);
                 topic.stamp_ns.push(decoded.stamp_ns);
-                topic.values.push(used(kind, &decoded.numbers));
+                topic.values.push(flight_numbers(kind, &decoded.numbers));
             }
         }
     }
@@ -129,13 +129,13 @@ impl Topics {
         names.join(", ").chars().take(300).collect()
     }
 
-    /// The topic that fits a part best; of equals the one with most messages. `None` without a message.
-    pub(super) fn part(&self, part: Part) -> Option<&Topic> {
-        let fitting = self.list.iter().filter(|topic| part.fit(topic) > 0 && !topic.values.is_empty());
-        fitting.max_by_key(|topic| (part.fit(topic), topic.values.len()))
+    /// The topic that fits a role best; of equals the one with most messages. `None` without a message.
+    pub(super) fn best_for(&self, role: TopicRole) -> Option<&Topic> {
+        let fitting = self.list.iter().filter(|topic| role.fit(topic) > 0 && !topic.values.is_empty());
+        fitting.max_by_key(|topic| (role.fit(topic), topic.values.len()))
     }
 
-    /// Notes topics that play no part and messages that could not be read.
+    /// Notes topics that play no role and messages that could not be read.
     pub(super) fn note_unused(&self, parts: &[Option<&Topic>], notes: &mut Vec<Note>) {
         let plays = |topic: &Topic| parts.iter().flatten().any(|used| used.name == topic.name && used.kind == topic.kind);
         let idle = self.list.iter().filter(|topic| !plays(topic)).map(|topic| topic.name.clone());

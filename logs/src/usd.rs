@@ -32,7 +32,7 @@ pub(super) struct Event {
 struct Type(u8);
 
 impl Type {
-    fn of(letter: u8) -> Option<Self> {
+    fn from_letter(letter: u8) -> Option<Self> {
         b"bBhHiIqQfd".contains(&letter).then_some(Self(letter))
     }
 
@@ -56,10 +56,10 @@ impl Type {
 pub(super) fn parse(file: &str, data: &[u8], notes: &mut Vec<Note>) -> Result<Vec<Event>, LogError> {
     let mut bytes = Bytes::new(data);
     let (version, mut events) =
-        table(&mut bytes).map_err(|expected| LogError::BadBinary { file: file.to_owned(), byte: bytes.at(), expected })?;
+        table(&mut bytes).map_err(|expected| LogError::BadBinary { file: file.to_owned(), byte: bytes.position(), expected })?;
     let (mut records, mut values) = (0, 0);
-    while bytes.left() > CRC_BYTES {
-        let start = bytes.at();
+    while bytes.remaining() > CRC_BYTES {
+        let start = bytes.position();
         match record(&mut bytes, version, &mut events) {
             Ok(count) => values += count,
             Err(reason) => {
@@ -72,9 +72,14 @@ pub(super) fn parse(file: &str, data: &[u8], notes: &mut Vec<Note>) -> Result<Ve
             return Err(LogError::TooLarge { file: file.to_owned(), limit_mib: (MOST_VALUES * 8) as u64 >> 20 });
         }
     }
-    let sum = crc32fast::hash(&data[..bytes.at()]);
-    if bytes.left() < CRC_BYTES {
-        notes.push(Note::CutShort { byte: bytes.at(), kept: records, unit: "records", reason: "the check sum is missing".to_owned() });
+    let sum = crc32fast::hash(&data[..bytes.position()]);
+    if bytes.remaining() < CRC_BYTES {
+        notes.push(Note::CutShort {
+            byte: bytes.position(),
+            kept: records,
+            unit: "records",
+            reason: "the check sum is missing".to_owned(),
+        });
     } else if bytes.u32() != Some(sum) {
         notes.push(Note::WrongChecksum);
     }
@@ -106,15 +111,15 @@ fn table(bytes: &mut Bytes<'_>) -> Result<(u16, Vec<Event>), &'static str> {
 
 fn event(bytes: &mut Bytes<'_>) -> Result<Event, &'static str> {
     let id = bytes.u16().ok_or("the id of an event type")?;
-    let name = bytes.zero_ended(LONGEST_NAME).ok_or("the name of an event type")?.to_owned();
+    let name = bytes.c_string(LONGEST_NAME).ok_or("the name of an event type")?.to_owned();
     let count = bytes.u16().ok_or("the number of variables of an event type")?;
     let mut event = Event { id, name, variables: Vec::new(), types: Vec::new(), t_s: Vec::new(), columns: Vec::new() };
     for _ in 0..count {
         let expected = "a variable as name(type), the type one of bBhHiIqQfd";
-        let text = bytes.zero_ended(LONGEST_NAME).ok_or(expected)?;
+        let text = bytes.c_string(LONGEST_NAME).ok_or(expected)?;
         let (name, rest) = text.split_once('(').ok_or(expected)?;
         let [letter, b')'] = rest.as_bytes() else { return Err(expected) };
-        event.types.push(Type::of(*letter).ok_or(expected)?);
+        event.types.push(Type::from_letter(*letter).ok_or(expected)?);
         event.variables.push(name.to_owned());
         event.columns.push(Vec::new());
     }

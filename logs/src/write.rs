@@ -58,7 +58,7 @@ impl FlightLog {
         columns.extend(self.cmd_thrust_pwm.as_ref().map(|v| plain(CMD_THRUST, v)));
         columns.extend(self.cmd_height_m.as_ref().map(|v| plain(CMD_HEIGHT, v)));
         if self.cmd_thrust_pwm.is_none() && self.cmd_height_m.is_none() {
-            return Err(refused("the vertical command (thrust or height)", "is absent"));
+            return Err(invalid_channel("the vertical command (thrust or height)", "is absent"));
         }
         columns.extend(marker(&self.fixes)?);
         let [roll, pitch, yaw] = ATTITUDE;
@@ -98,15 +98,15 @@ impl Column<'_> {
     fn check(&self, rows: usize) -> Result<(), LogError> {
         let expected = self.rows.map_or(rows, <[usize]>::len);
         if self.values.len() != expected {
-            return Err(refused(self.name, "has a different number of values than the log has rows"));
+            return Err(invalid_channel(self.name, "has a different number of values than the log has rows"));
         }
         if self.values.iter().any(|v| !v.is_finite()) {
-            return Err(refused(self.name, "holds a value that is not finite"));
+            return Err(invalid_channel(self.name, "holds a value that is not finite"));
         }
         if let Some(at) = self.rows {
             let ascending = at.windows(2).all(|pair| pair[0] < pair[1]);
             if !ascending || at.last().is_some_and(|last| *last >= rows) {
-                return Err(refused(self.name, "has fixes in rows that do not ascend or do not exist"));
+                return Err(invalid_channel(self.name, "has fixes in rows that do not ascend or do not exist"));
             }
         }
         Ok(())
@@ -137,9 +137,9 @@ fn marker(fixes: &Fixes) -> Result<Vec<Column<'_>>, LogError> {
 }
 
 fn required<'a, T>(name: &str, channel: &'a Option<T>) -> Result<&'a T, LogError> {
-    channel.as_ref().ok_or_else(|| refused(name, "is absent"))
+    channel.as_ref().ok_or_else(|| invalid_channel(name, "is absent"))
 }
 
-fn refused(channel: &str, reason: &'static str) -> LogError {
+fn invalid_channel(channel: &str, reason: &'static str) -> LogError {
     LogError::CannotWrite { channel: channel.to_owned(), reason }
 }

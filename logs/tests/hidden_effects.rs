@@ -1,4 +1,4 @@
-//! What the reader makes of the simulated flights with a hidden effect.
+//! Tests of the reader on the simulated flights with a hidden effect.
 
 mod common;
 

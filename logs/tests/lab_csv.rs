@@ -91,7 +91,7 @@ fn firmware_variables_become_a_right_handed_flight() {
     close(log.cmd_pitch_rad.as_ref().unwrap(), times().map(|t| sway(t).pitch_rad), 1e-12);
     close(&log.roll_rad, times().map(|t| sway(t).roll_rad), 1e-12);
     close(log.cmd_thrust_pwm.as_ref().unwrap(), times().map(thrust), 1e-12);
-    assert!(Inspection::of_log(&log).signs.iter().all(|check| check.verdict != SignVerdict::Contradicts));
+    assert!(Inspection::from_log(&log).signs.iter().all(|check| check.verdict != SignVerdict::Contradicts));
 }
 
 #[test]
@@ -232,7 +232,7 @@ fn a_draft_guesses_names_units_and_signs() {
         let [x, y, z] = [s.x_m, s.y_m, s.z_m].map(|v| v * 1000.0);
         let _ = writeln!(text, "{t};{x};{y};{z};{roll};{pitch};{p};{q};0;{roll};{pitch};{};21.5", thrust(t) / 65_535.0);
     }
-    let draft = Draft::of_bytes("lab.csv", text.as_bytes()).unwrap();
+    let draft = Draft::from_bytes("lab.csv", text.as_bytes()).unwrap();
     println!("{}", draft.text);
     for line in [
         "column = \"time\"\nunit = \"s\"",
@@ -249,5 +249,5 @@ fn a_draft_guesses_names_units_and_signs() {
     let log = draft.log.unwrap();
     sound::check(&log);
     close(&log.pitch_rad, times().map(|t| sway(t).pitch_rad), 1e-9);
-    assert!(Inspection::of_log(&log).signs.iter().all(|check| check.verdict != SignVerdict::Contradicts));
+    assert!(Inspection::from_log(&log).signs.iter().all(|check| check.verdict != SignVerdict::Contradicts));
 }

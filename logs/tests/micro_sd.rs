@@ -20,7 +20,7 @@ fn read(bytes: &[u8]) -> Result<FlightLog, LogError> {
 }
 
 /// Every recorded file, with its name from the kind of data on.
-fn recorded() -> Vec<(String, FlightLog)> {
+fn read_recordings() -> Vec<(String, FlightLog)> {
     let folder = data("crazypad");
     let mut all = Vec::new();
     for kind in ["controller_data", "motor_data"] {
@@ -41,7 +41,7 @@ fn recorded() -> Vec<(String, FlightLog)> {
 #[test]
 #[ignore = "needs ../shared/data: cargo test -p crazyflie-logs -- --ignored"]
 fn every_recorded_file_is_whole() {
-    for (name, log) in recorded() {
+    for (name, log) in read_recordings() {
         check(&log);
         assert_eq!(log.provenance.format, "micro_sd", "{name}");
         assert!((2585..=2606).contains(&log.len()), "{name}: {}", log.len());
@@ -58,7 +58,7 @@ fn every_recorded_file_is_whole() {
 #[test]
 #[ignore = "needs ../shared/data: cargo test -p crazyflie-logs -- --ignored"]
 fn the_flights_rise_to_half_a_metre_and_go_two_metres_forward() {
-    for (name, log) in recorded().into_iter().filter(|(name, _)| name != CRASHED) {
+    for (name, log) in read_recordings().into_iter().filter(|(name, _)| name != CRASHED) {
         let flown = log.airborne.clone();
         let seconds = log.t_s[flown.end - 1] - log.t_s[flown.start];
         assert!((7.0..9.5).contains(&seconds), "{name}: {seconds} s");
@@ -75,7 +75,7 @@ fn the_flights_rise_to_half_a_metre_and_go_two_metres_forward() {
 #[test]
 #[ignore = "needs ../shared/data: cargo test -p crazyflie-logs -- --ignored"]
 fn pitch_accelerates_forward() {
-    for (name, log) in recorded().into_iter().filter(|(name, _)| name != CRASHED) {
+    for (name, log) in read_recordings().into_iter().filter(|(name, _)| name != CRASHED) {
         let rows = log.airborne.start + 60..log.airborne.end - 60;
         let reach = 25;
         let wide = |x: &[f64]| derivative(&log.t_s, &derivative(&log.t_s, x, reach), reach);
@@ -95,10 +95,10 @@ fn pitch_accelerates_forward() {
 #[test]
 #[ignore = "needs ../shared/data: cargo test -p crazyflie-logs -- --ignored"]
 fn motor_requests_show_the_planted_weight() {
-    let logs = recorded();
+    let logs = read_recordings();
     let left_heavier = |name: &str, kind: &str| {
-        let of = logs.iter().filter(|(n, log)| n.contains(name) && n.contains(kind) && n != CRASHED && log.onboard.is_some());
-        let moments: Vec<f64> = of
+        let flights = logs.iter().filter(|(n, log)| n.contains(name) && n.contains(kind) && n != CRASHED && log.onboard.is_some());
+        let moments: Vec<f64> = flights
             .map(|(_, log)| {
                 let motors = log.onboard.as_ref().unwrap().motor_request_pwm.as_ref().unwrap();
                 let mean = |m: &Vec<f64>| m[log.airborne.clone()].iter().sum::<f64>() / log.airborne.len() as f64;

@@ -1,4 +1,4 @@
-//! What the reader makes of the 18 NanoBench recordings.
+//! Tests of the reader on the 18 NanoBench recordings.
 
 mod common;
 
@@ -208,7 +208,7 @@ fn skew_and_yaw_are_compared_with_motion_capture() {
     });
 }
 
-/// What the columns' names hide: one is the yaw setpoint, the other its rate, both with the sign of the measured yaw.
+/// Traps in the columns' names: one is the yaw setpoint, the other its rate, both with the sign of the measured yaw.
 #[test]
 #[ignore = "needs ../shared/data: cargo test -p crazyflie-logs -- --ignored"]
 fn the_yaw_setpoint_and_its_rate_belong_together() {

@@ -11,7 +11,7 @@ use crazyflie_logs::{AttitudeSource, FlightLog, Note, PositionSource};
 fn read(file: &str) -> (FlightLog, Inspection) {
     let log = FlightLog::read(&piece(file)).unwrap();
     sound::check(&log);
-    let inspection = Inspection::of_log(&log);
+    let inspection = Inspection::from_log(&log);
     (log, inspection)
 }
 
@@ -43,7 +43,7 @@ fn a_real_take_off_under_motion_capture_is_understood() {
 fn a_wrong_sign_in_a_real_flight_is_seen() {
     let mut log = FlightLog::read(&piece("nanobench_start.csv.gz")).unwrap();
     log.pitch_rad.iter_mut().for_each(|pitch| *pitch = -*pitch);
-    assert_eq!(verdict(&Inspection::of_log(&log), "pitch"), Some(SignVerdict::Contradicts));
+    assert_eq!(verdict(&Inspection::from_log(&log), "pitch"), Some(SignVerdict::Contradicts));
 }
 
 #[test]

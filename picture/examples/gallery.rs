@@ -78,14 +78,14 @@ fn save(folder: &Path, name: &str, scene: &Scene, (width, height): (u32, u32)) -
 
 fn step_response() -> Result<String, Box<dyn Error>> {
     let time: Vec<f64> = (0..400).map(|i| f64::from(i) * 0.02).collect();
-    let of = |f: &dyn Fn(f64) -> f64| time.iter().map(|t| f(*t)).collect::<Vec<f64>>();
-    let old = of(&|t| 0.8 * (-0.55 * t).exp() * (1.9 * t).cos());
-    let new = of(&|t| 0.8 * (-1.7 * t).exp() * (1.3 * t).cos());
-    let pitch = of(&|t| -10.0 * (-0.6 * t).exp() * (1.9 * t + 0.4).cos());
-    let command = of(&|t| (-10.0 * (-0.6 * t).exp() * (1.9 * t + 0.9).cos()).clamp(-7.5, 7.5));
-    let height = of(&|t| 0.7 * (1.0 - (-1.6 * t).exp()));
-    let target = of(&|t| if t < 0.4 { 0.0 } else { 0.7 });
-    let pwm = of(&|t| 42_000.0 + 9_000.0 * (-1.2 * t).exp() * (3.0 * t).cos());
+    let sample = |f: &dyn Fn(f64) -> f64| time.iter().map(|t| f(*t)).collect::<Vec<f64>>();
+    let old = sample(&|t| 0.8 * (-0.55 * t).exp() * (1.9 * t).cos());
+    let new = sample(&|t| 0.8 * (-1.7 * t).exp() * (1.3 * t).cos());
+    let pitch = sample(&|t| -10.0 * (-0.6 * t).exp() * (1.9 * t + 0.4).cos());
+    let command = sample(&|t| (-10.0 * (-0.6 * t).exp() * (1.9 * t + 0.9).cos()).clamp(-7.5, 7.5));
+    let height = sample(&|t| 0.7 * (1.0 - (-1.6 * t).exp()));
+    let target = sample(&|t| if t < 0.4 { 0.0 } else { 0.7 });
+    let pwm = sample(&|t| 42_000.0 + 9_000.0 * (-1.2 * t).exp() * (3.0 * t).cos());
     let camera: Vec<f64> = time.iter().step_by(12).copied().collect();
     let fixes: Vec<f64> = height.iter().step_by(12).enumerate().map(|(i, h)| h + 0.03 * (i as f64 * 7.0).sin()).collect();
     let line = |label, y, style, color: usize| Series { label, x: &time, y, style, color: PALETTE[color] };

@@ -6,7 +6,7 @@ use plotters::style::text_anchor::HPos;
 use crate::axis::{Axis, span};
 use crate::legend;
 use crate::panel::{check, entries};
-use crate::sheet::{Area, FAINT, FINE, FRAME, Style, dot, failed, fine, fit, font, line, page, rgb, stroke, text, text_width};
+use crate::sheet::{Area, FAINT, FINE, FRAME, Style, dot, fine, fit, font, line, page, rgb, stroke, svg_error, text, text_width};
 use crate::{Panel, PictureError, Series, thin};
 
 const TICK_PX: f64 = 11.0;
@@ -133,7 +133,7 @@ impl Plot {
             .x_label_area_size(fine(AXIS_PX))
             .y_label_area_size(fine(self.left))
             .build_cartesian_2d(x.clone(), y.clone())
-            .map_err(failed)?;
+            .map_err(svg_error)?;
         chart
             .configure_mesh()
             .bold_line_style(stroke(FAINT, 1.0, false))
@@ -141,17 +141,17 @@ impl Plot {
             .label_style(font(TICK_PX, false))
             .set_all_tick_mark_size(fine(4.0))
             .draw()
-            .map_err(failed)?;
+            .map_err(svg_error)?;
         self.labels(area, panel)?;
         for band in &panel.bands {
             let corners = [(x.start(), band.low.min(band.high)), (x.end(), band.low.max(band.high))];
             let fill = rgb(band.color).mix(legend::BAND_OPACITY).filled();
-            chart.draw_series([Rectangle::new(corners, fill)]).map_err(failed)?;
+            chart.draw_series([Rectangle::new(corners, fill)]).map_err(svg_error)?;
         }
         for line in &panel.hlines {
             let ends = vec![(x.start(), line.y), (x.end(), line.y)];
             let style = stroke(rgb(line.color), 1.2, true);
-            chart.draw_series([PathElement::new(ends, style)]).map_err(failed)?;
+            chart.draw_series([PathElement::new(ends, style)]).map_err(svg_error)?;
         }
         let inside = chart.plotting_area().strip_coord_spec();
         panel.series.iter().try_for_each(|series| curve(&inside, (&x, &y), series))
@@ -204,7 +204,7 @@ fn size(area: &Area) -> (f64, f64) {
     (f64::from(width) / f64::from(FINE), f64::from(height) / f64::from(FINE))
 }
 
-/// What the axes span: x the data, y the data, bands and lines with some room above and below.
+/// The ranges of the axes: x the data, y the data, bands and lines with some room above and below.
 fn axes(panel: &Panel, panel_width: f64) -> (Axis, Axis) {
     let x = span(panel.series.iter().flat_map(|s| s.x.iter().copied()));
     let levels = panel.hlines.iter().map(|line| line.y);

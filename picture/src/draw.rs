@@ -76,7 +76,7 @@ impl Canvas {
     ///
     /// A floor grid is a hundred lines across the whole frame; tiny-skia blends them a pixel at a time through its
     /// general pipeline, which took two thirds of a frame. The area covered in each row or column is exact enough here.
-    pub(crate) fn ruled(&mut self, from: V3, to: V3, width: f32, color: [u8; 3], opacity: &[f32]) {
+    pub(crate) fn draw_ruled_line(&mut self, from: V3, to: V3, width: f32, color: [u8; 3], opacity: &[f32]) {
         for piece in clip_line(&self.view, &[from, to]) {
             if let [a, b] = piece[..] {
                 rule(&mut self.pixmap, a, b, width, color, opacity);

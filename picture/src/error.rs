@@ -66,7 +66,7 @@ pub enum PictureError {
     /// There is nothing to draw: no panel, no series in a panel, or no point in a series.
     #[error("{what} is empty")]
     Empty {
-        /// What is empty, by its title or label.
+        /// Title or label of the empty part.
         what: String,
     },
     /// The SVG writer failed.
@@ -76,7 +76,7 @@ pub enum PictureError {
 
 impl PictureError {
     /// The same error for an element of a list of points rather than for a coordinate of one point.
-    pub(crate) fn at(self, element: usize) -> Self {
+    pub(crate) fn at_element(self, element: usize) -> Self {
         match self {
             Self::NonFinite { what, .. } => Self::NonFinite { what, index: element },
             Self::OutOfRange { what, value, low, high, .. } => Self::OutOfRange { what, index: element, value, low, high },

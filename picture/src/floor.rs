@@ -52,10 +52,10 @@ fn grid(canvas: &mut Canvas, spacing: f32, opacity: f32) {
     let opacity = fade(canvas, spacing, opacity, far);
     let pen = canvas.pen(1.0).min(1.5);
     for k in indices(x, spacing) {
-        canvas.ruled([k, y.0, 0.0], [k, y.1, 0.0], pen, LINE, &opacity);
+        canvas.draw_ruled_line([k, y.0, 0.0], [k, y.1, 0.0], pen, LINE, &opacity);
     }
     for k in indices(y, spacing) {
-        canvas.ruled([x.0, k, 0.0], [x.1, k, 0.0], pen, LINE, &opacity);
+        canvas.draw_ruled_line([x.0, k, 0.0], [x.1, k, 0.0], pen, LINE, &opacity);
     }
 }
 
@@ -82,7 +82,7 @@ fn paint_marker(canvas: &mut Canvas, marker: &Marker) {
     }
 }
 
-/// What a marker is made of, in the order of drawing: paper, black square, white cells.
+/// Shapes of a marker, in the order of drawing: paper, black square, white cells.
 pub(crate) fn marker_shapes(marker: &Marker) -> [(Vec<[V3; 4]>, [u8; 3]); 3] {
     let square = |half: f32| vec![[(-half, -half), (half, -half), (half, half), (-half, half)].map(|(u, v)| marker.point(u, v))];
     let cells = white_cells().map(|(column, row)| cell(marker, column, row)).collect();

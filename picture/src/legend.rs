@@ -12,7 +12,7 @@ const SAMPLE_PX: f64 = 24.0;
 const GAP_PX: f64 = 6.0;
 const SPACE_PX: f64 = 18.0;
 
-/// What the sample beside a label shows.
+/// The style of the sample beside a label.
 #[derive(Clone, Copy)]
 pub(crate) enum Sample {
     Line(Style),

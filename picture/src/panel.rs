@@ -1,4 +1,4 @@
-//! What a chart is made of, and what is refused.
+//! Panels of a chart, and their checks.
 
 use crate::PictureError;
 use crate::legend::{Entry, Sample};
@@ -63,7 +63,7 @@ pub struct Panel<'a> {
     pub hlines: Vec<HLine<'a>>,
 }
 
-/// What the legend lists.
+/// The entries of the legend.
 pub(crate) fn entries<'p>(panel: &'p Panel) -> Vec<Entry<'p>> {
     let series = panel.series.iter().map(|s| (s.label, s.color, Sample::Line(s.style)));
     let levels = panel.hlines.iter().map(|h| (h.label, h.color, Sample::Level));

@@ -56,7 +56,7 @@ pub fn path3d(paths: &[Path3], title: &str) -> Result<String, PictureError> {
             return Err(PictureError::Empty { what });
         }
         for (index, point) in path.points_m.iter().enumerate() {
-            finite(&what, point, LARGEST_M).map_err(|error| error.at(index))?;
+            finite(&what, point, LARGEST_M).map_err(|error| error.at_element(index))?;
         }
     }
     let entries: Vec<Entry> = paths.iter().filter(|path| !path.label.is_empty()).map(entry).collect();
@@ -101,7 +101,7 @@ impl Space {
             Axis::whole(range, count.ceil() as usize)
         });
         let mut space = Self { axes, px_per_m: 1.0, shift: (0.0, 0.0) };
-        let corners = space.corners().map(|corner| space.at(corner));
+        let corners = space.corners().map(|corner| space.project(corner));
         let x = span(corners.iter().map(|corner| corner.0));
         let y = span(corners.iter().map(|corner| corner.1));
         let width = f64::from(PAGE_PX.0) - 2.0 * ROOM_PX.0;
@@ -118,7 +118,7 @@ impl Space {
     }
 
     /// CSS pixels of a point in metres.
-    fn at(&self, [x, y, z]: [f64; 3]) -> (f64, f64) {
+    fn project(&self, [x, y, z]: [f64; 3]) -> (f64, f64) {
         let (sa, ca) = AZIMUTH_DEG.to_radians().sin_cos();
         let (se, ce) = ELEVATION_DEG.to_radians().sin_cos();
         let right = x * ca + y * sa;
@@ -131,7 +131,7 @@ impl Space {
         let [left, front, floor] = self.axes.each_ref().map(Axis::start);
         let [right, back, top] = self.axes.each_ref().map(Axis::end);
         let trace = |points: &[[f64; 3]], color| {
-            let points: Vec<(f64, f64)> = points.iter().map(|point| self.at(*point)).collect();
+            let points: Vec<(f64, f64)> = points.iter().map(|point| self.project(*point)).collect();
             line(area, &points, stroke(color, 1.0, false))
         };
         for (x, _) in self.axes[0].numbers() {
@@ -154,7 +154,7 @@ impl Space {
         let (axis, label) = (&self.axes[index], LABELS[index]);
         let anchor = if away.0 < 0.0 { HPos::Right } else { HPos::Left };
         let beside = |value: f64, distance: f64| {
-            let (x, y) = self.at(edge(value));
+            let (x, y) = self.project(edge(value));
             (x + distance * away.0, y + distance * away.1)
         };
         let (mut widest, mut before): (f64, Option<(f64, f64)>) = (0.0, None);
@@ -181,7 +181,7 @@ impl Space {
     fn draw_marker(&self, area: &Area) -> Result<(), PictureError> {
         for (polygons, color) in floor::marker_shapes(&Marker::default()) {
             for corners in polygons {
-                let corners = corners.map(|corner| self.at(corner.map(f64::from)));
+                let corners = corners.map(|corner| self.project(corner.map(f64::from)));
                 polygon(area, &corners, rgb(color).mix(1.0))?;
             }
         }
@@ -189,7 +189,7 @@ impl Space {
     }
 
     fn draw_path(&self, area: &Area, path: &Path3, on_floor: bool) -> Result<(), PictureError> {
-        let lay = |[x, y, z]: [f64; 3]| self.at([x, y, if on_floor { self.axes[2].start() } else { z }]);
+        let lay = |[x, y, z]: [f64; 3]| self.project([x, y, if on_floor { self.axes[2].start() } else { z }]);
         let points: Vec<(f64, f64)> = path.points_m.iter().map(|point| lay(*point)).collect();
         let (first, last) = (points[0], points[points.len() - 1]);
         let color = rgb(path.color);

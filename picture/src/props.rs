@@ -1,4 +1,4 @@
-//! What hangs in the air besides the drones: trail, reference path, setpoint, camera fix, height lines, view cones.
+//! Props in the air besides the drones: trail, reference path, setpoint, camera fix, height lines, view cones.
 
 use std::ops::Range;
 

@@ -1,4 +1,4 @@
-//! What there is to see, and the frame that shows it.
+//! A scene, and the frame that shows it.
 
 use crate::PictureError;
 use crate::draw::Canvas;

@@ -40,7 +40,7 @@ pub enum Style {
     Step,
 }
 
-pub(crate) fn failed(error: impl Display) -> PictureError {
+pub(crate) fn svg_error(error: impl Display) -> PictureError {
     PictureError::Svg(error.to_string())
 }
 
@@ -65,9 +65,9 @@ pub(crate) fn page((width, height): (u32, u32), draw: impl FnOnce(&Area) -> Resu
     let (wide, high) = (width * FINE as u32, height * FINE as u32);
     {
         let root = SVGBackend::with_string(&mut svg, (wide, high)).into_drawing_area();
-        root.fill(&WHITE).map_err(failed)?;
+        root.fill(&WHITE).map_err(svg_error)?;
         draw(&root)?;
-        root.present().map_err(failed)?;
+        root.present().map_err(svg_error)?;
     }
     let written = format!("<svg width=\"{wide}\" height=\"{high}\"");
     let wanted = format!("<svg width=\"{width}\" height=\"{height}\" stroke-linejoin=\"round\"");
@@ -108,22 +108,22 @@ pub(crate) fn font(size: f64, bold: bool) -> TextStyle<'static> {
 /// Writes a text with its vertical middle at `y`.
 pub(crate) fn text(area: &Area, text: &str, (x, y): (f64, f64), style: TextStyle, anchor: HPos) -> Result<(), PictureError> {
     let style = style.pos(Pos::new(anchor, VPos::Center));
-    area.draw(&Text::new(text.to_owned(), (fine(x), fine(y)), style)).map_err(failed)
+    area.draw(&Text::new(text.to_owned(), (fine(x), fine(y)), style)).map_err(svg_error)
 }
 
 /// Draws a polyline in CSS pixels.
 pub(crate) fn line(area: &Area, points: &[(f64, f64)], style: ShapeStyle) -> Result<(), PictureError> {
     let points: Vec<(i32, i32)> = points.iter().map(|(x, y)| (fine(*x), fine(*y))).collect();
-    area.draw(&PathElement::new(points, style)).map_err(failed)
+    area.draw(&PathElement::new(points, style)).map_err(svg_error)
 }
 
 /// Draws a dot with a radius in CSS pixels.
 pub(crate) fn dot(area: &Area, (x, y): (f64, f64), radius: f64, color: RGBColor) -> Result<(), PictureError> {
-    area.draw(&Circle::new((fine(x), fine(y)), fine(radius), color.filled())).map_err(failed)
+    area.draw(&Circle::new((fine(x), fine(y)), fine(radius), color.filled())).map_err(svg_error)
 }
 
 /// Fills a polygon in CSS pixels.
 pub(crate) fn polygon(area: &Area, points: &[(f64, f64)], color: RGBAColor) -> Result<(), PictureError> {
     let points: Vec<(i32, i32)> = points.iter().map(|(x, y)| (fine(*x), fine(*y))).collect();
-    area.draw(&Polygon::new(points, color)).map_err(failed)
+    area.draw(&Polygon::new(points, color)).map_err(svg_error)
 }

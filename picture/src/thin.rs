@@ -36,8 +36,8 @@ pub(crate) fn dots(points: Vec<(f64, f64)>, cell_px: f64) -> Vec<(f64, f64)> {
     let mut cell = cell_px;
     loop {
         let mut taken = HashSet::new();
-        let at = |(x, y): &(f64, f64)| ((x / cell).floor() as i64, (y / cell).floor() as i64);
-        let kept: Vec<(f64, f64)> = points.iter().filter(|p| taken.insert(at(p))).copied().collect();
+        let cell_of = |(x, y): &(f64, f64)| ((x / cell).floor() as i64, (y / cell).floor() as i64);
+        let kept: Vec<(f64, f64)> = points.iter().filter(|p| taken.insert(cell_of(p))).copied().collect();
         if kept.len() <= MOST_DOTS {
             return kept;
         }

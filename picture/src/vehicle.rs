@@ -32,14 +32,14 @@ impl Pose {
         Self { centre: drone.pos_m, turn, size: canvas.view.exaggeration(drone.pos_m) }
     }
 
-    fn at(&self, body: V3) -> V3 {
+    fn to_world(&self, body: V3) -> V3 {
         add(self.centre, scale(self.turn.apply(body), self.size))
     }
 
     fn rotor(&self, hub: V3) -> Vec<V3> {
         let corner = |i: usize| {
             let (s, c) = (i as f32 * std::f32::consts::TAU / CORNERS as f32).sin_cos();
-            self.at(add(hub, [ROTOR_M * c, ROTOR_M * s, ROTOR_RISE_M]))
+            self.to_world(add(hub, [ROTOR_M * c, ROTOR_M * s, ROTOR_RISE_M]))
         };
         (0..CORNERS).map(corner).collect()
     }
@@ -75,7 +75,7 @@ fn bar(pose: &Pose, from: V3, to: V3, half_width: f32) -> Vec<V3> {
     let k = half_width / x.hypot(y);
     let side = [-y * k, x * k, 0.0];
     let back = scale(side, -1.0);
-    [add(from, back), add(to, back), add(to, side), add(from, side)].map(|p| pose.at(p)).into()
+    [add(from, back), add(to, back), add(to, side), add(from, side)].map(|p| pose.to_world(p)).into()
 }
 
 /// One piece of the drone, to be drawn from far to near.
@@ -93,10 +93,10 @@ pub(crate) fn paint(canvas: &mut Canvas, drone: &Drone) {
     let upright = canvas.view.faces(drone.pos_m, up);
     let mut parts: Vec<(f32, Part)> = Vec::with_capacity(6);
     for (i, hub) in hubs().into_iter().enumerate() {
-        parts.push((canvas.view.depth(pose.at(hub)), Part::Arm(i)));
+        parts.push((canvas.view.depth(pose.to_world(hub)), Part::Arm(i)));
     }
     parts.push((canvas.view.depth(drone.pos_m), Part::Body));
-    parts.push((canvas.view.depth(pose.at([0.5 * NOSE_M, 0.0, 0.0])), Part::Nose));
+    parts.push((canvas.view.depth(pose.to_world([0.5 * NOSE_M, 0.0, 0.0])), Part::Nose));
     parts.sort_by(|a, b| b.0.total_cmp(&a.0));
     for (_, part) in parts {
         match part {
@@ -114,8 +114,8 @@ fn arm(canvas: &mut Canvas, pose: &Pose, drone: &Drone, index: usize, upright: b
     let front = index < 2;
     let tint = if front { nose_color(drone) } else { drone.color };
     let frame = |canvas: &mut Canvas| {
-        canvas.line(&[pose.at([0.0; 3]), pose.at(hub)], 0.0065 * pixels, Ink(DARK, 255));
-        canvas.line(&[pose.at(add(hub, [0.0, 0.0, -0.007])), pose.at(tip)], 0.0075 * pixels, Ink([96, 104, 114], 255));
+        canvas.line(&[pose.to_world([0.0; 3]), pose.to_world(hub)], 0.0065 * pixels, Ink(DARK, 255));
+        canvas.line(&[pose.to_world(add(hub, [0.0, 0.0, -0.007])), pose.to_world(tip)], 0.0075 * pixels, Ink([96, 104, 114], 255));
     };
     let rotor = |canvas: &mut Canvas| {
         let mut rim = disc.clone();
@@ -136,9 +136,9 @@ fn arm(canvas: &mut Canvas, pose: &Pose, drone: &Drone, index: usize, upright: b
 fn nose(canvas: &mut Canvas, pose: &Pose, drone: &Drone, pixels: f32) {
     let ink = Ink(nose_color(drone), 255);
     let (root, tip) = ([BODY_M[0], 0.0, 0.0], [NOSE_M, 0.0, 0.0]);
-    canvas.line(&[pose.at(root), pose.at(mix(root, tip, 0.7))], 0.006 * pixels, ink);
+    canvas.line(&[pose.to_world(root), pose.to_world(mix(root, tip, 0.7))], 0.006 * pixels, ink);
     let head = [[NOSE_M - 0.012, 0.008, 0.0], [NOSE_M - 0.012, -0.008, 0.0], [NOSE_M + 0.004, 0.0, 0.0]];
-    canvas.fill([&head.map(|p| pose.at(p))[..]], ink);
+    canvas.fill([&head.map(|p| pose.to_world(p))[..]], ink);
 }
 
 /// Vermilion, or blue where the drone itself is warm.
@@ -174,7 +174,7 @@ fn cuboid(canvas: &mut Canvas, pose: &Pose, centre: V3, half: V3, color: [u8; 3]
                 corner[axis] += sign * half[axis];
                 corner[u] += a * half[u];
                 corner[v] += b * half[v];
-                pose.at(corner)
+                pose.to_world(corner)
             });
             if canvas.view.faces(face[0], normal) {
                 let shade = 0.5 - 0.5 * dot(normal, light);

@@ -1,4 +1,4 @@
-//! What the charts say, read back as XML.
+//! Tests of charts, read back as XML.
 
 mod common;
 
@@ -110,8 +110,8 @@ fn awkward_ranges_are_drawn() {
         let svg = chart(&[panel(vec![series("s", &X, &y, Style::Solid), series("t", &y, &X, Style::Solid)])], 1, "");
         assert_on_page(&Document::parse(&svg.unwrap()).unwrap());
     }
-    let one = chart(&[panel(vec![series("s", &[1.0], &[2.0], Style::Solid)])], 3, "").unwrap();
-    assert!(Document::parse(&one).unwrap().descendants().any(|node| node.has_tag_name("circle")));
+    let single = chart(&[panel(vec![series("s", &[1.0], &[2.0], Style::Solid)])], 3, "").unwrap();
+    assert!(Document::parse(&single).unwrap().descendants().any(|node| node.has_tag_name("circle")));
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! What the drawings of trajectories say, read back as XML.
+//! Tests of drawings of trajectories, read back as XML.
 
 mod common;
 

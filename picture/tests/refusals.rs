@@ -1,17 +1,20 @@
-//! What is refused, and what is drawn although it looks odd.
+//! Scenes that are refused, and odd scenes that are drawn.
 
 use crazyflie_picture::{Drone, Marker, PictureError, Scene, render};
 
 const BLUE: [u8; 3] = [0, 0, 255];
 const GREEN: [u8; 3] = [0, 200, 0];
 
-fn at(pos_m: [f32; 3], color: [u8; 3]) -> Drone {
+fn drone_at(pos_m: [f32; 3], color: [u8; 3]) -> Drone {
     Drone { pos_m, roll_rad: 0.0, pitch_rad: 0.0, yaw_rad: 0.0, color }
 }
 
 #[test]
 fn odd_scenes_are_drawn_all_the_same() {
-    let drones = [at([0.0, 0.0, -2.0], BLUE), Drone { roll_rad: 3.1, pitch_rad: -1.5, yaw_rad: 40.0, ..at([9.9e3, -9.9e3, 9.9e3], GREEN) }];
+    let drones = [
+        drone_at([0.0, 0.0, -2.0], BLUE),
+        Drone { roll_rad: 3.1, pitch_rad: -1.5, yaw_rad: 40.0, ..drone_at([9.9e3, -9.9e3, 9.9e3], GREEN) },
+    ];
     let far: Vec<[f32; 3]> = (0..2000).map(|i| [5.0 * i as f32, 0.0, (i % 7) as f32]).collect();
     let full = Scene { drones: &drones, trails_m: &[&far], path_m: &far[..1], camera_fov_rad: Some(3.1), ..Scene::default() };
     for scene in [Scene::default(), full, Scene { drones: &drones[..1], ..full }] {
@@ -34,7 +37,7 @@ fn wrong_sizes_are_refused() {
 
 #[test]
 fn numbers_that_cannot_be_drawn_are_named_and_nothing_is_written() {
-    let mut drones = [at([0.0; 3], BLUE), at([0.0; 3], BLUE)];
+    let mut drones = [drone_at([0.0; 3], BLUE), drone_at([0.0; 3], BLUE)];
     drones[1].pitch_rad = f32::NAN;
     let points = [[0.0; 3], [0.0; 3], [0.0, f32::INFINITY, 0.0]];
     let flat = [Marker { side_m: 0.0, ..Marker::default() }];

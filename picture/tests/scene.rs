@@ -1,4 +1,4 @@
-//! What a frame means: where things are drawn, and what is refused.
+//! Tests of frames: where things are drawn, and which are refused.
 
 use crazyflie_picture::{Drone, Marker, Scene, View, render};
 
@@ -7,7 +7,7 @@ const BLUE: [u8; 3] = [0, 0, 255];
 const GREEN: [u8; 3] = [0, 200, 0];
 const MARKER: [Marker; 1] = [Marker { x_m: 0.0, y_m: 0.0, yaw_rad: 0.0, side_m: 0.197 }];
 
-fn at(pos_m: [f32; 3], color: [u8; 3]) -> Drone {
+fn drone_at(pos_m: [f32; 3], color: [u8; 3]) -> Drone {
     Drone { pos_m, roll_rad: 0.0, pitch_rad: 0.0, yaw_rad: 0.0, color }
 }
 
@@ -54,7 +54,7 @@ fn vermilion([r, g, b]: [i32; 3]) -> bool {
 
 #[test]
 fn larger_x_is_drawn_further_right() {
-    let drones = [at([-0.5, 0.0, 0.7], BLUE), at([0.5, 0.0, 0.7], GREEN)];
+    let drones = [drone_at([-0.5, 0.0, 0.7], BLUE), drone_at([0.5, 0.0, 0.7], GREEN)];
     let scene = Scene { drones: &drones, markers: &MARKER, ..Scene::default() };
     let rgb = frame(&scene);
     let (low, high) = (centre_of(&rgb, bluish), centre_of(&rgb, greenish));
@@ -67,7 +67,7 @@ fn larger_x_is_drawn_further_right() {
 
 #[test]
 fn larger_z_is_drawn_higher() {
-    let drones = [at([0.0, 0.0, 0.3], BLUE), at([0.0, 0.0, 0.9], GREEN)];
+    let drones = [drone_at([0.0, 0.0, 0.3], BLUE), drone_at([0.0, 0.0, 0.9], GREEN)];
     let rgb = frame(&Scene { drones: &drones, ..Scene::default() });
     let (low, high) = (centre_of(&rgb, bluish), centre_of(&rgb, greenish));
     assert!(high[1] < low[1] - 50.0, "{low:?} {high:?}");
@@ -84,7 +84,7 @@ fn larger_y_is_drawn_further_away() {
 
 /// Mean row of the front left rotor, the one at +x and +y, which is seen at the right end of the drone.
 fn front_left_row(roll_rad: f32, pitch_rad: f32) -> f32 {
-    let drones = [Drone { roll_rad, pitch_rad, ..at([0.0, 0.0, 0.7], BLUE) }];
+    let drones = [Drone { roll_rad, pitch_rad, ..drone_at([0.0, 0.0, 0.7], BLUE) }];
     let scene = Scene { drones: &drones, markers: &MARKER, ..Scene::default() };
     let middle = view(&scene).project(drones[0].pos_m).unwrap();
     let near = |at: [f32; 2]| (at[1] - middle[1]).abs() < 40.0;
@@ -107,7 +107,7 @@ fn positive_pitch_lowers_the_nose() {
 #[test]
 fn yaw_turns_the_nose_towards_y() {
     let nose = |yaw_rad: f32| {
-        let drones = [Drone { yaw_rad, ..at([0.0, 0.0, 0.7], BLUE) }];
+        let drones = [Drone { yaw_rad, ..drone_at([0.0, 0.0, 0.7], BLUE) }];
         let rgb = frame(&Scene { drones: &drones, markers: &MARKER, ..Scene::default() });
         centre_of(&rgb, |p, _| vermilion(p))
     };
@@ -121,7 +121,7 @@ fn the_shadow_lies_on_the_floor_straight_below() {
     let here = [0.3, 0.2, 0.6];
     // A setpoint at the same place keeps the camera where it is when the drone is taken away.
     let without = Scene { setpoints_m: &[here], markers: &MARKER, ..Scene::default() };
-    let drones = [at(here, BLUE)];
+    let drones = [drone_at(here, BLUE)];
     let with = Scene { drones: &drones, ..without };
     let camera = view(&with);
     assert_eq!(camera, view(&without));
@@ -166,7 +166,7 @@ fn the_trail_fades_with_age() {
 
 #[test]
 fn the_camera_footprint_tints_what_it_covers() {
-    let drones = [at([0.0, 0.0, 0.7], BLUE)];
+    let drones = [drone_at([0.0, 0.0, 0.7], BLUE)];
     let without = Scene { drones: &drones, markers: &MARKER, ..Scene::default() };
     let with = Scene { camera_fov_rad: Some(120.0_f32.to_radians()), ..without };
     let (plain, tinted, camera) = (frame(&without), frame(&with), view(&with));
@@ -181,7 +181,7 @@ fn the_camera_footprint_tints_what_it_covers() {
 
 #[test]
 fn the_same_scene_gives_the_same_bytes() {
-    let drones = [at([0.3, 0.1, 0.7], BLUE)];
+    let drones = [drone_at([0.3, 0.1, 0.7], BLUE)];
     let path: Vec<[f32; 3]> = (0..50).map(|i| [0.1 * i as f32, 0.0, 0.5]).collect();
     let scene = Scene {
         drones: &drones,

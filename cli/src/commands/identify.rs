@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_identify::FlightLog;
 use crazyflie_identify::estimate::{Comparison, IdentifyError};
-use crazyflie_identify::transfer::{self, Channel, Offset, Record, Structure, Window};
+use crazyflie_identify::transfer::{self, Channel, Offset, Record, Structure, WindowLength};
 use crazyflie_identify::vehicle;
 use crazyflie_logs::AttitudeSource;
 use indicatif::ProgressBar;
@@ -43,7 +43,7 @@ pub(super) struct Args {
     #[arg(long, num_args = 1.., value_name = "PATH", conflicts_with = "transfer")]
     free: Vec<String>,
     /// Fit a transfer function instead: roll, pitch, yaw, height, pwm, vx, vy (from the measured angle), command-vx, command-vy
-    #[arg(long, value_parser = |name: &str| Channel::named(name).map_err(|e| e.to_string()), value_name = "CHANNEL")]
+    #[arg(long, value_parser = |name: &str| Channel::from_name(name).map_err(|e| e.to_string()), value_name = "CHANNEL")]
     transfer: Option<Channel>,
     /// Degrees of numerator and denominator; repeat to compare orders [default: the thesis's]
     #[arg(long, value_parser = order, value_name = "N,D", requires = "transfer")]
@@ -62,7 +62,7 @@ pub(super) struct Args {
     stable: bool,
     /// Windows of so many seconds start from states of their own; whole for one per flight [default: 2, for slow channels 5 or 10]
     #[arg(long, value_parser = window, value_name = "SECONDS|whole", requires = "transfer")]
-    window: Option<Window>,
+    window: Option<WindowLength>,
     /// Which vertical form of the model is driven: height, pwm or thrust [default: as the logs command]
     #[arg(long, value_parser = files::vertical, value_name = "FORM", conflicts_with = "transfer")]
     vertical: Option<VerticalInput>,
@@ -110,11 +110,11 @@ fn offset(text: &str) -> Result<Offset, String> {
     }
 }
 
-fn window(text: &str) -> Result<Window, String> {
+fn window(text: &str) -> Result<WindowLength, String> {
     if text == "whole" {
-        return Ok(Window::Whole);
+        return Ok(WindowLength::Whole);
     }
-    files::seconds(text, 0.5, 3600.0).map(Window::Seconds).map_err(|e| format!("{e}, or whole"))
+    files::seconds(text, 0.5, 3600.0).map(WindowLength::Seconds).map_err(|e| format!("{e}, or whole"))
 }
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
@@ -147,13 +147,13 @@ fn read(paths: &[PathBuf]) -> Outcome<Vec<(String, FlightLog)>> {
 }
 
 fn transfer(args: &Args, channel: Channel, model: &Model, (fit, test): (&Logs, &Logs), out: &mut dyn Write) -> Outcome {
-    let records = |logs: &Logs| logs.iter().map(|(name, log)| Record::of(name, log, channel)).collect::<Result<Vec<_>, _>>();
+    let records = |logs: &Logs| logs.iter().map(|(name, log)| Record::from_log(name, log, channel)).collect::<Result<Vec<_>, _>>();
     let (fit, test) = (records(fit)?, records(test)?);
     let structures = structures(args, channel);
     let bar = if structures.len() > 1 { ProgressBar::new(structures.len() as u64) } else { ProgressBar::hidden() };
     let (mut found, mut failed) = (Vec::new(), Vec::new());
     for structure in structures {
-        match transfer::identify(&fit, channel, structure, args.window.unwrap_or(Window::OfChannel)) {
+        match transfer::identify(&fit, channel, structure, args.window.unwrap_or(WindowLength::OfChannel)) {
             Ok(one) => {
                 let held_out = one.compare(&test)?;
                 found.push((one, held_out));
@@ -201,9 +201,9 @@ fn whole(args: &Args, model: &Model, (fit, test): (&Logs, &Logs), out: &mut dyn 
     let plan = plan(args, model, fit);
     let bar = ProgressBar::new(vehicle::STAGES as u64);
     let found = vehicle::identify(model, fit, &plan, &|| bar.inc(1))?;
-    let judged = if test.is_empty() { None } else { Some([found.judge_with(model, test)?, found.judge(test)?]) };
+    let judged = if test.is_empty() { None } else { Some([found.compare_with(model, test)?, found.compare_logs(test)?]) };
     bar.finish_and_clear();
-    let before_fit = found.judge_with(model, fit)?;
+    let before_fit = found.compare_with(model, fit)?;
     let shown = identify_table::Whole { found: &found, before_fit: &before_fit, test: judged.as_ref() };
     if args.json {
         identify_table::whole_json(&shown, out)?;
@@ -218,7 +218,7 @@ fn whole(args: &Args, model: &Model, (fit, test): (&Logs, &Logs), out: &mut dyn 
 }
 
 /// What to fit by the options, or by what the logs hold where these say nothing.
-fn plan(args: &Args, model: &Model, fit: &Logs) -> vehicle::Plan {
+fn plan(args: &Args, model: &Model, fit: &Logs) -> vehicle::FitOptions {
     let nuisance = args.trim.unwrap_or_else(|| fit.iter().any(|(_, log)| log.provenance.attitude == AttitudeSource::MotionCapture));
     let vertical = args.vertical.or(model.vertical.default);
     let commands_thrust = fit.iter().all(|(_, log)| log.cmd_thrust_pwm.is_some()) && vertical.is_none_or(|v| v == VerticalInput::Thrust);
@@ -231,7 +231,7 @@ fn plan(args: &Args, model: &Model, fit: &Logs) -> vehicle::Plan {
     let effects = effects.into_iter().filter(|name| !model.effects.contains_key(name)).collect();
     let stem = |file: &PathBuf| file.file_stem().map(|stem| stem.to_string_lossy().into_owned());
     let name = args.name.clone().or_else(|| args.out.as_ref().and_then(stem));
-    vehicle::Plan {
+    vehicle::FitOptions {
         free: (!args.free.is_empty()).then(|| args.free.clone()),
         vertical: args.vertical,
         nuisance,

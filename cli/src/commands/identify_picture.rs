@@ -1,6 +1,6 @@
 //! What `crazyflie identify --picture` draws: per signal the prediction, the autocorrelation of the residuals and their correlation with the input.
 
-use crazyflie_identify::estimate::{Comparison, Residuals};
+use crazyflie_identify::estimate::{Comparison, ResidualTests};
 use crazyflie_picture::{Band, PALETTE, Panel, PictureError, Series, Style, chart};
 
 use super::identify_table::by_signal;
@@ -43,7 +43,7 @@ fn row(part: &str, signal: &str, group: &[&Comparison]) -> Vec<Drawn> {
         ],
         bound: None,
     }];
-    let tests = Residuals::of(group, 0);
+    let tests = ResidualTests::new(group, 0);
     if let Ok(w) = &tests.whiteness {
         let lags: Vec<f64> = (1..=w.correlation.len()).map(|lag| lag as f64).collect();
         drawn.push(correlation("autocorrelation of the residuals", format!("{part}: {signal}"), lags, &w.correlation, w.bound));

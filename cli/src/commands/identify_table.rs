@@ -4,16 +4,16 @@ use std::io::Write;
 
 use crazyflie_env::model::VerticalInput;
 use crazyflie_identify::axis_errors::{AxisChange, LEAST_FLIGHTS, axis_changes};
-use crazyflie_identify::estimate::{Comparison, Estimate, Residuals};
+use crazyflie_identify::estimate::{Comparison, ParameterEstimate, ResidualTests};
 use crazyflie_identify::metrics::Fit;
-use crazyflie_identify::transfer::{Identified, Structure};
+use crazyflie_identify::transfer::{Structure, TransferFunctionEstimate};
 use crazyflie_identify::vehicle::{self, ModelComparison};
 use serde_json::{Value, json};
 
 use super::{Outcome, Table, number};
 
 /// A transfer function, and what it makes of the logs of the test.
-type JudgedTransfer = (Identified, Vec<Comparison>);
+type JudgedTransfer = (TransferFunctionEstimate, Vec<Comparison>);
 
 /// Transfer functions, the best first.
 pub(super) fn transfer(all: &[JudgedTransfer], failed: &[String], out: &mut dyn Write) -> Outcome {
@@ -62,7 +62,7 @@ fn significant(value: f64) -> String {
     number(value, 5_usize.saturating_sub(whole))
 }
 
-fn bound(p: &Estimate) -> &'static str {
+fn bound(p: &ParameterEstimate) -> &'static str {
     if p.at_bound { "at its bound" } else { "" }
 }
 
@@ -73,7 +73,7 @@ pub(super) fn order(s: &Structure) -> String {
 
 fn orders(all: &[JudgedTransfer], out: &mut dyn Write) -> Outcome {
     let mut table = Table::new(&["order", "AIC - best", "BIC - best", "fit", "test", "function"]).left(&[5]);
-    let least = |of: &dyn Fn(&Identified) -> f64| all.iter().map(|(i, _)| of(i)).fold(f64::INFINITY, f64::min);
+    let least = |of: &dyn Fn(&TransferFunctionEstimate) -> f64| all.iter().map(|(i, _)| of(i)).fold(f64::INFINITY, f64::min);
     let (aic, bic) = (least(&|i| i.criteria.aic), least(&|i| i.criteria.bic));
     for (one, test) in all {
         table.row(vec![
@@ -123,15 +123,15 @@ fn residuals(part: &str, all: &[Comparison], parameters: usize, out: &mut dyn Wr
     if all.is_empty() {
         return Ok(());
     }
-    let tests = Residuals::of(&all.iter().collect::<Vec<_>>(), parameters);
+    let tests = ResidualTests::new(&all.iter().collect::<Vec<_>>(), parameters);
     Ok(writeln!(out, "residuals of the {part}: {}; {}", whiteness(&tests), independence(&tests))?)
 }
 
-fn whiteness(tests: &Residuals) -> String {
+fn whiteness(tests: &ResidualTests) -> String {
     match &tests.whiteness {
         Err(why) => format!("whiteness not tested ({why})"),
         Ok(w) => {
-            let name = if w.white() { "white" } else { "not white" };
+            let name = if w.is_white() { "white" } else { "not white" };
             format!(
                 "{name} (Ljung-Box {}, p = {:.2e}, {} of {} lags outside)",
                 number(w.ljung_box, 1),
@@ -143,11 +143,11 @@ fn whiteness(tests: &Residuals) -> String {
     }
 }
 
-fn independence(tests: &Residuals) -> String {
+fn independence(tests: &ResidualTests) -> String {
     match &tests.independence {
         Err(why) => format!("independence of the input not tested ({why})"),
         Ok(i) => {
-            let name = if i.independent() { "independent of past input" } else { "past input explains some of them" };
+            let name = if i.is_independent() { "independent of past input" } else { "past input explains some of them" };
             format!("{name} ({} of {} lags outside 99 %; feedback at {} negative lags)", i.outside, i.lags.len() / 2 + 1, i.feedback)
         }
     }
@@ -155,7 +155,7 @@ fn independence(tests: &Residuals) -> String {
 
 /// A model found, and what it and its predecessor make of the logs.
 pub(super) struct Whole<'a> {
-    pub found: &'a vehicle::Identified,
+    pub found: &'a vehicle::ModelEstimate,
     pub before_fit: &'a ModelComparison,
     /// By the model before, then by the one found.
     pub test: Option<&'a [ModelComparison; 2]>,
@@ -196,7 +196,7 @@ pub(super) fn whole(shown: &Whole<'_>, out: &mut dyn Write) -> Outcome {
     for (part, _, all) in shown.parts() {
         let mut table = Table::new(&["signal", &format!("residuals of the {part}"), ""]).left(&[1, 2]);
         for (name, of) in by_signal(&all.comparisons) {
-            let tests = Residuals::of(&of, 0);
+            let tests = ResidualTests::new(&of, 0);
             table.row(vec![name.into(), whiteness(&tests), independence(&tests)]);
         }
         writeln!(out, "{}", table.plain())?;
@@ -309,7 +309,7 @@ pub(super) fn whole_json(shown: &Whole<'_>, out: &mut dyn Write) -> Outcome {
 
 /// What each flight has of its own, and its errors.
 fn flights_json(judged: &ModelComparison) -> Value {
-    let values = |trim: &vehicle::Trim| -> serde_json::Map<String, Value> {
+    let values = |trim: &vehicle::NuisanceParameters| -> serde_json::Map<String, Value> {
         trim.values.iter().map(|(name, unit, value)| (name.clone(), json!({"value": value, "unit": unit}))).collect()
     };
     let trims: Vec<Value> = judged.trims.iter().map(|trim| json!({"log": trim.log, "own": values(trim)})).collect();
@@ -325,9 +325,9 @@ fn axes_json(before: &ModelComparison, after: &ModelComparison) -> Value {
     axis_changes(&before.errors, &after.errors).into_iter().map(change).collect()
 }
 
-pub(super) fn estimates(all: &[Estimate]) -> Vec<Value> {
+pub(super) fn estimates(all: &[ParameterEstimate]) -> Vec<Value> {
     let error = |e: f64| e.is_finite().then_some(e);
-    let one = |p: &Estimate| json!({"name": p.name, "unit": p.unit, "value": p.value, "standard_error": error(p.standard_error), "at_bound": p.at_bound});
+    let one = |p: &ParameterEstimate| json!({"name": p.name, "unit": p.unit, "value": p.value, "standard_error": error(p.standard_error), "at_bound": p.at_bound});
     all.iter().map(one).collect()
 }
 
@@ -335,13 +335,13 @@ fn comparisons(all: &[Comparison], parameters: usize) -> Value {
     let fit = |f: &Fit| json!({"fit_percent": f.fit_percent, "rmse": f.rmse, "mae": f.mae, "max_error": f.max_error});
     let one = |c: &Comparison| json!({"log": c.log, "signal": c.signal, "unit": c.unit, "samples": c.t_s.len(), "windows": fit(&c.fit), "whole": c.whole.as_ref().map(fit)});
     let tests = by_signal(all).into_iter().map(|(name, group)| {
-        let tests = Residuals::of(&group, parameters);
+        let tests = ResidualTests::new(&group, parameters);
         let white = tests.whiteness.as_ref().ok().map(|w| {
-            json!({"white": w.white(), "ljung_box": w.ljung_box, "p_value": w.p_value, "outside": w.outside, "bound": w.bound,
+            json!({"white": w.is_white(), "ljung_box": w.ljung_box, "p_value": w.p_value, "outside": w.outside, "bound": w.bound,
                 "correlation": w.correlation})
         });
         let independent = tests.independence.as_ref().ok().map(|i| {
-            json!({"independent": i.independent(), "outside": i.outside, "feedback": i.feedback, "bound": i.bound, "lags": i.lags,
+            json!({"independent": i.is_independent(), "outside": i.outside, "feedback": i.feedback, "bound": i.bound, "lags": i.lags,
                 "correlation": i.correlation})
         });
         (name.to_owned(), json!({"whiteness": white, "independence": independent}))

@@ -108,11 +108,11 @@ fn inspect(args: &Args, path: &Path) -> Outcome<InspectedLog> {
         },
         Err(error) => return Err(Failure::Failed(with_cause(&error))),
     };
-    let inspection = Inspection::of_log(&log);
+    let inspection = Inspection::from_log(&log);
     Ok(InspectedLog { file: path.display().to_string(), log, inspection, by_draft })
 }
 
 fn draft(path: &Path) -> Outcome<Draft> {
     let bytes = std::fs::read(path).map_err(|error| Failure::about(path.display(), error))?;
-    Draft::of_bytes(&path.display().to_string(), &bytes).map_err(|error| Failure::Failed(with_cause(&error)))
+    Draft::from_bytes(&path.display().to_string(), &bytes).map_err(|error| Failure::Failed(with_cause(&error)))
 }

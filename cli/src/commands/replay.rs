@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_identify::FlightLog;
-use crazyflie_identify::replay::{Hover, Plan, Replay, replay};
+use crazyflie_identify::replay::{HoverSource, Replay, ReplayOptions, replay};
 use indicatif::ProgressBar;
 use serde_json::json;
 
@@ -34,7 +34,7 @@ pub(super) struct Args {
     vertical: Option<VerticalInput>,
     /// The PWM that carries the vehicle, for the thrust form: a number, or auto for the median thrust command of each flight
     #[arg(long, value_parser = hover, value_name = "auto|PWM")]
-    hover_pwm: Option<Hover>,
+    hover_pwm: Option<HoverSource>,
     /// Where a log has no yaw-rate command, give the model the measured yaw rate instead of zero
     #[arg(long)]
     measured_yaw_rate: bool,
@@ -46,12 +46,12 @@ pub(super) struct Args {
     json: bool,
 }
 
-fn hover(text: &str) -> Result<Hover, String> {
+fn hover(text: &str) -> Result<HoverSource, String> {
     if text == "auto" {
-        return Ok(Hover::MedianThrust);
+        return Ok(HoverSource::MedianThrust);
     }
     match text.parse::<f64>() {
-        Ok(pwm) if (1.0..=65_535.0).contains(&pwm) => Ok(Hover::Given(pwm)),
+        Ok(pwm) if (1.0..=65_535.0).contains(&pwm) => Ok(HoverSource::Given(pwm)),
         _ => Err("expected auto or a PWM from 1 to 65535".into()),
     }
 }
@@ -122,10 +122,10 @@ fn fly_again(args: &Args, model: &Model, path: &Path) -> Outcome<Flown> {
     let horizons = args.horizon.map_or(vec![None, Some(2.0), Some(0.5)], |h| vec![Some(h)]);
     let mut runs = Vec::new();
     for horizon_s in horizons {
-        let plan = Plan {
+        let plan = ReplayOptions {
             vertical: args.vertical,
             horizon_s,
-            hover: args.hover_pwm.unwrap_or(Hover::OfModel),
+            hover: args.hover_pwm.unwrap_or(HoverSource::OfModel),
             measured_yaw_rate: args.measured_yaw_rate,
         };
         let done = replay(model, &log, &plan).map_err(|e| Failure::about(&file, e))?;

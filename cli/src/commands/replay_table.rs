@@ -2,7 +2,7 @@
 
 use std::io::Write;
 
-use crazyflie_identify::replay::{Compared, Replay, SIGNALS, Signal};
+use crazyflie_identify::replay::{Replay, SIGNALS, Signal, SignalComparison};
 use crazyflie_picture::{PALETTE, Panel, PictureError, Series, Style, chart};
 use serde_json::{Value, json};
 
@@ -49,7 +49,8 @@ pub(super) fn summary(flown: &[Flown], out: &mut dyn Write) -> Outcome {
     for (at, signal) in SIGNALS.iter().enumerate() {
         let mut cells = vec![signal.name.to_owned()];
         for run in 0..flown[0].runs.len() {
-            let of = |value: &dyn Fn(&Compared) -> Option<f64>| flown.iter().filter_map(|f| value(&f.runs[run].1.signals[at])).collect();
+            let of =
+                |value: &dyn Fn(&SignalComparison) -> Option<f64>| flown.iter().filter_map(|f| value(&f.runs[run].1.signals[at])).collect();
             cells.push(percent(median(of(&|c| c.fit.fit_percent))));
             cells.push(median(of(&|c| Some(c.fit.rmse))).map_or("-".into(), |v| rmse(signal, v)));
         }
@@ -77,7 +78,7 @@ fn percent(fit: Option<f64>) -> String {
 }
 
 fn rmse(signal: &Signal, si: f64) -> String {
-    let value = signal.shown(si);
+    let value = signal.in_unit(si);
     format!("{} {}", number(value, if value.abs() < 10.0 { 3 } else { 1 }), signal.unit)
 }
 
@@ -91,8 +92,8 @@ fn run_json(horizon_s: Option<f64>, run: &Replay) -> Value {
     let remarks: Vec<String> = run.remarks.iter().map(ToString::to_string).collect();
     let signals = SIGNALS.iter().zip(&run.signals).map(|(signal, compared)| {
         let fit = compared.fit;
-        let value = json!({"unit": signal.unit, "fit_percent": fit.fit_percent, "rmse": signal.shown(fit.rmse),
-            "max_error": signal.shown(fit.max_error), "samples": compared.t_s.len()});
+        let value = json!({"unit": signal.unit, "fit_percent": fit.fit_percent, "rmse": signal.in_unit(fit.rmse),
+            "max_error": signal.in_unit(fit.max_error), "samples": compared.t_s.len()});
         (signal.name.to_owned(), value)
     });
     json!({"horizon_s": horizon_s, "vertical": run.input.name(), "start_s": run.start_s, "end_s": run.end_s,
@@ -132,7 +133,7 @@ impl Curve {
 
 fn curves(flown: &Flown, at: usize, signal: &Signal) -> Vec<Curve> {
     let Some((_, first)) = flown.runs.first() else { return Vec::new() };
-    let scale = |values: &[f64]| values.iter().map(|v| signal.shown(*v)).collect::<Vec<f64>>();
+    let scale = |values: &[f64]| values.iter().map(|v| signal.in_unit(*v)).collect::<Vec<f64>>();
     let measured = &first.signals[at];
     let y = scale(&measured.measured);
     let (low, high) = y.iter().fold((f64::MAX, f64::MIN), |(low, high), v| (low.min(*v), high.max(*v)));
@@ -146,7 +147,7 @@ fn curves(flown: &Flown, at: usize, signal: &Signal) -> Vec<Curve> {
     let mut all = Vec::new();
     if let Some(command) = command {
         let rows = (0..flown.log.len()).filter(|&i| (first.start_s..=first.end_s).contains(&flown.log.t_s[i]));
-        let (x, y) = rows.map(|i| (flown.log.t_s[i], signal.shown(command[i]))).unzip();
+        let (x, y) = rows.map(|i| (flown.log.t_s[i], signal.in_unit(command[i]))).unzip();
         all.push(Curve { label: "command".into(), x, y, style: Style::Step, color: [190, 196, 204] });
     }
     all.push(Curve { label: "measured".into(), x: measured.t_s.clone(), y, style: Style::Solid, color: PALETTE[4] });

@@ -1,6 +1,6 @@
 //! Errors of prediction as tables show them: axes apart, with their tests.
 
-use crazyflie_identify::explain::errors::{AXES, ComponentErrors, ComponentTable, Errors, HORIZONS, LEAST_STRETCHES};
+use crazyflie_identify::explain::errors::{AXES, ComponentTable, Errors, ErrorsByComponent, HORIZONS, LEAST_STRETCHES};
 use crazyflie_identify::explain::signals::{HORIZONS as JUDGED, Signal};
 use serde::Serialize;
 
@@ -96,7 +96,7 @@ pub(crate) fn p_value(p: f64, stretches: usize) -> String {
 }
 
 /// Error of a flight in a signal, before and after, 2 s ahead or as far as the flight goes; in the unit of the signal's axis.
-pub(crate) fn flight_axis_errors(flight: &ComponentErrors, signal: Signal) -> [f64; 2] {
+pub(crate) fn flight_axis_errors(flight: &ErrorsByComponent, signal: Signal) -> [f64; 2] {
     let error = |table: &ComponentTable, h: usize| signal.components().map(|row| table[row][h].powi(2)).sum::<f64>().sqrt();
     let known = JUDGED.into_iter().rev().find(|h| error(&flight.before, *h).is_finite()).unwrap_or(JUDGED[1]);
     [&flight.before, &flight.after].map(|table| error(table, known))

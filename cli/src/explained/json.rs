@@ -1,9 +1,9 @@
 //! An explanation for machines. What is not a number is null.
 
-use crazyflie_identify::explain::errors::{AXES, AxisErrors, COMPONENTS, ComponentErrors, HORIZONS};
+use crazyflie_identify::explain::errors::{AXES, COMPONENTS, ErrorsByAxis, ErrorsByComponent, HORIZONS};
 use crazyflie_identify::explain::signals::SignalVerdict;
 use crazyflie_identify::explain::verdict::{Explanation, Finding, Verdict};
-use crazyflie_identify::fit::filter::{Disturbances, Wander};
+use crazyflie_identify::fit::filter::{Disturbances, GaussMarkov};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
@@ -119,19 +119,19 @@ fn by_axis<T: Serialize>(table: &[[T; 5]; 6]) -> Value {
 }
 
 /// Errors by axis, under keys that end in the unit.
-fn axes(errors: &AxisErrors) -> Value {
+fn axes(errors: &ErrorsByAxis) -> Value {
     json!({"before": by_axis(&errors.before), "after": by_axis(&errors.after), "naive": by_axis(&errors.naive),
         "p_value": by_axis(&errors.p_value), "stretches": by_axis(&errors.stretches)})
 }
 
-fn components(errors: &ComponentErrors) -> Value {
+fn components(errors: &ErrorsByComponent) -> Value {
     let table = |t: &[[f64; 5]; 9]| by_horizon((0..COMPONENTS.len()).map(component_key), t);
     json!({"before": table(&errors.before), "after": table(&errors.after)})
 }
 
 /// Errors of each test flight alone.
 fn flights(run: &Run) -> Vec<Value> {
-    let one = |(source, errors): (&super::Source, &ComponentErrors)| {
+    let one = |(source, errors): (&super::Source, &ErrorsByComponent)| {
         let mut value = components(errors);
         value["name"] = json!(source.name);
         value
@@ -149,7 +149,7 @@ fn not_excited(found: &Explanation) -> Vec<Value> {
 }
 
 fn disturbances(d: &Disturbances) -> Value {
-    let of = |w: Wander, unit: &str| json!({"sigma": w.sigma, "unit": unit, "tau_s": w.tau_s});
+    let of = |w: GaussMarkov, unit: &str| json!({"sigma": w.sigma, "unit": unit, "tau_s": w.tau_s});
     json!({"force": of(d.force, "m/s^2"), "lift": of(d.lift, "m/s^2"), "torque": of(d.torque, "rad/s^2"), "turn": of(d.turn, "rad/s^2"),
         "marker": of(d.marker, "m")})
 }

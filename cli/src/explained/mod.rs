@@ -28,7 +28,7 @@ use crazyflie_identify::explain::{declared_loss, explain};
 use crazyflie_identify::fit::flight::Flight;
 use crazyflie_identify::fit::hypothesis::Term;
 use crazyflie_identify::replay::ReplayError;
-use crazyflie_identify::vehicle::Trim;
+use crazyflie_identify::vehicle::NuisanceParameters;
 use crazyflie_identify::{FlightLog, LogError};
 use crazyflie_logs::{PositionSource, first_duplicate};
 use thiserror::Error;
@@ -132,7 +132,7 @@ fn read(paths: [&[PathBuf]; 2]) -> Result<[Vec<Source>; 2], ExplainError> {
 fn flights(sources: &[Source], model: &Model, vertical: Option<VerticalInput>) -> Result<Vec<Flight>, ExplainError> {
     let one = |Source { file, name, log }: &Source| {
         let problem = |why| ExplainError::Flight { file: file.clone(), model: model.name.clone(), source: Box::new(why) };
-        Flight::of(name, log, model, vertical).map_err(problem)
+        Flight::from_log(name, log, model, vertical).map_err(problem)
     };
     sources.iter().map(one).collect()
 }
@@ -186,7 +186,7 @@ pub(crate) struct Run {
     pub fit: Flights,
     pub test: Flights,
     /// What each flight has of its own and was taken out of it; empty where trims are what one looks for.
-    pub trims: Vec<Trim>,
+    pub trims: Vec<NuisanceParameters>,
     pub found: Explanation,
     /// The controller that flew, along the set-points of the test flights, on the declared and on the completed model; `None` where it is not known.
     pub closed_loop: Option<(Controller, [Distances; 2])>,
@@ -239,7 +239,7 @@ impl Run {
             flown.filter_map(Result::transpose).collect()
         };
         let (before, after) = (tracked(&self.model)?, tracked(&completed)?);
-        Ok((!before.is_empty()).then(|| (controller, [Distances::of(&before), Distances::of(&after)])))
+        Ok((!before.is_empty()).then(|| (controller, [Distances::new(&before), Distances::new(&after)])))
     }
 
     /// The form of the model that the flights were taken to obey.
@@ -250,7 +250,7 @@ impl Run {
     /// The completed model, proven to fly: written, read and put into a world again.
     pub(crate) fn completed(&self) -> Result<(Model, String), ExplainError> {
         let names: Vec<&str> = self.fit.flights.iter().map(|f| f.name.as_str()).collect();
-        let mut model = self.found.completed.completed(&format!("estimated on {}", names.join(", ")));
+        let mut model = self.found.completed.to_model(&format!("estimated on {}", names.join(", ")));
         model.name = format!("{}-completed", self.model.name.trim_end_matches("-declared"));
         model.description = format!("{}, with what its flights showed to be missing", self.model.name);
         let text = model.to_toml().map_err(ExplainError::Completed)?;
@@ -305,13 +305,13 @@ fn alike(fit: &Flights, test: &Flights) -> Result<(), ExplainError> {
 #[cfg(test)]
 mod tests {
     use crazyflie_env::effects::find;
-    use crazyflie_identify::explain::verdict::Estimate;
+    use crazyflie_identify::explain::verdict::EffectParameterEstimate;
 
     use super::*;
 
     #[test]
     fn an_effect_is_reported_as_the_completed_model_has_it() {
-        let estimate = |name, value| Estimate { name, value, stderr: 0.01, unit: "1", declared: 0.0 };
+        let estimate = |name, value| EffectParameterEstimate { name, value, stderr: 0.01, unit: "1", declared: 0.0 };
         let finding = |name, params, with| Finding {
             name,
             params,

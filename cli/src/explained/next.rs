@@ -65,7 +65,7 @@ impl LogContents {
     pub(super) fn from_run(run: &Run) -> Self {
         let (mut channels, mut motions) = (Vec::new(), Vec::new());
         for source in run.fit.sources.iter().chain(&run.test.sources) {
-            let inspection = Inspection::of_log(&source.log);
+            let inspection = Inspection::from_log(&source.log);
             channels.extend(inspection.channels.iter().map(|channel| channel.name));
             motions.extend(inspection.motion);
         }

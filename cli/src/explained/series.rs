@@ -3,10 +3,10 @@
 use std::ops::Range;
 
 use crazyflie_identify::explain::leftover::CHANNELS;
-use crazyflie_identify::fit::filter::{Belief, Disturbances, Innovation, filter};
+use crazyflie_identify::fit::filter::{Disturbances, Innovation, ParameterPrior, filter};
 use crazyflie_identify::fit::flight::{Flight, WINDOW_S, Window};
 use crazyflie_identify::fit::hypothesis::Hypothesis;
-use crazyflie_identify::fit::predict::Worker;
+use crazyflie_identify::fit::predict::SensitivitySimulator;
 
 /// Channels in the order in which they are shown: x, y, z, roll, pitch, yaw.
 pub(super) const SHOWN: [usize; 6] = [3, 4, 5, 0, 1, 2];
@@ -38,20 +38,20 @@ impl Curve {
 
 /// What is random has no expectation to predict with.
 pub(super) fn expected(hypothesis: &Hypothesis) -> Hypothesis {
-    let mut mean = hypothesis.fixed();
+    let mut mean = hypothesis.without_free();
     mean.terms.retain(|t| t.entry.observability.shapes_mean());
     mean
 }
 
 /// Measured and predicted per channel over some ticks, from the state measured at their start.
 pub(super) fn predict(hypothesis: &Hypothesis, flight: &Flight, ticks: Range<usize>) -> Option<[[Curve; 2]; 6]> {
-    let mut worker = Worker::new(hypothesis, flight, false, false).ok()?;
+    let mut worker = SensitivitySimulator::new(hypothesis, flight, false, false).ok()?;
     Some(predicted(&mut worker, flight, ticks))
 }
 
-fn predicted(worker: &mut Worker, flight: &Flight, ticks: Range<usize>) -> [[Curve; 2]; 6] {
-    let mut own = flight.start_numbers(ticks.start);
-    let lags = worker.lags(flight, ticks.start, &own);
+fn predicted(worker: &mut SensitivitySimulator, flight: &Flight, ticks: Range<usize>) -> [[Curve; 2]; 6] {
+    let mut own = flight.measured_numbers(ticks.start);
+    let lags = worker.initial_lags(flight, ticks.start, &own);
     own.extend(lags);
     worker.predict(flight, &Window { flight: 0, ticks }, &own);
     let mut curves: [[Curve; 2]; 6] = Default::default();
@@ -66,7 +66,7 @@ fn predicted(worker: &mut Worker, flight: &Flight, ticks: Range<usize>) -> [[Cur
 
 /// Measured less predicted per channel, one curve per window.
 pub(super) fn residuals(hypothesis: &Hypothesis, flight: &Flight) -> Option<[Vec<Curve>; 6]> {
-    let mut worker = Worker::new(hypothesis, flight, false, false).ok()?;
+    let mut worker = SensitivitySimulator::new(hypothesis, flight, false, false).ok()?;
     let mut all: [Vec<Curve>; 6] = Default::default();
     for window in flight.windows(0, WINDOW_S) {
         for (channel, [measured, predicted]) in predicted(&mut worker, flight, window.ticks).into_iter().enumerate() {
@@ -81,7 +81,7 @@ pub(super) fn residuals(hypothesis: &Hypothesis, flight: &Flight) -> Option<[Vec
 pub(super) fn liveliest(flight: &Flight, seconds: f64) -> (f64, Range<usize>) {
     let each = ((seconds / flight.tick_s) as usize).min(flight.ticks);
     let every = (0.5 / flight.tick_s) as usize;
-    let speed2 = |k: usize| flight.start(k).vel_mps.iter().map(|v| v * v).sum::<f64>();
+    let speed2 = |k: usize| flight.measured_state(k).vel_mps.iter().map(|v| v * v).sum::<f64>();
     let motion = |first: usize| (first..first + each).map(speed2).sum::<f64>();
     let starts = (0..=flight.ticks - each).step_by(every.max(1)).map(|first| (motion(first), first));
     let (most, first) = starts.max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((0.0, 0));
@@ -102,8 +102,8 @@ pub(super) struct Whiteness {
 
 /// Per channel; `None` where the filter breaks down.
 pub(super) fn whiteness(hypothesis: &Hypothesis, disturbances: &Disturbances, flight: &Flight) -> Option<[Whiteness; 6]> {
-    let nothing = Belief::independent(Vec::new(), &[]);
-    let filtered = filter(flight, flight.all(), hypothesis, &nothing, disturbances)?;
+    let nothing = ParameterPrior::independent(Vec::new(), &[]);
+    let filtered = filter(flight, flight.all_ticks(), hypothesis, &nothing, disturbances)?;
     Some(std::array::from_fn(|channel| {
         let own: Vec<Innovation> = filtered.innovations.iter().filter(|i| i.channel == channel).copied().collect();
         whiteness_of(&own)
@@ -136,7 +136,7 @@ mod tests {
     use super::*;
 
     fn innovations(of: impl Fn(usize) -> f64) -> Vec<Innovation> {
-        (0..3000).map(|i| Innovation { t_s: i as f64 * 0.01, channel: 0, normalised: of(i), spread: 0.0, loss: 0.0 }).collect()
+        (0..3000).map(|i| Innovation { t_s: i as f64 * 0.01, channel: 0, normalised: of(i), log_sd: 0.0, loss: 0.0 }).collect()
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use crazyflie_identify::explain::errors::{COMPONENTS, HORIZONS};
 use crazyflie_identify::explain::signals::{HORIZONS as JUDGED, Signal, SignalState, SignalVerdict, main_signal};
 use crazyflie_identify::explain::verdict::{Explanation, Finding, Leftover};
-use crazyflie_identify::fit::filter::Wander;
+use crazyflie_identify::fit::filter::GaussMarkov;
 use serde::Serialize;
 
 use super::Run;
@@ -130,7 +130,7 @@ fn axes_left(found: &Explanation, place: usize, signal: Signal) -> Vec<AxisLeft>
 
 fn shaken(found: &Explanation, signal: Signal) -> String {
     let [_, after] = &found.disturbances;
-    let say = |does: &str, by: Wander, unit: &str| match by.sigma {
+    let say = |does: &str, by: GaussMarkov, unit: &str| match by.sigma {
         0.0 => format!("not {does}"),
         sigma => format!("still {does} by ±{} {unit} for {} s at a time", significant(sigma, 2), significant(by.tau_s, 2)),
     };

@@ -2,7 +2,7 @@
 
 use crazyflie_env::effects::{Entry, Param, Role, find};
 use crazyflie_identify::explain::verdict::{Explanation, Finding, NumberEstimate, Step};
-use crazyflie_identify::fit::filter::Wander;
+use crazyflie_identify::fit::filter::GaussMarkov;
 use crazyflie_identify::fit::flight::Flight;
 use serde::Serialize;
 
@@ -103,7 +103,7 @@ pub(super) fn effects(list: &'static str, effects: &[Finding]) -> Vec<Effect> {
 
 fn params(effect: &Finding, pointer: &str) -> Vec<Value> {
     let Some(entry) = entry(effect.name) else { return Vec::new() };
-    let of = |e: &crazyflie_identify::explain::verdict::Estimate| {
+    let of = |e: &crazyflie_identify::explain::verdict::EffectParameterEstimate| {
         let param = entry.params.iter().find(|p| p.name == e.name)?;
         Some(Value {
             effect: effect.name,
@@ -148,7 +148,7 @@ pub(super) fn rounds(path: &[Step]) -> Vec<Round> {
         let next = path.get(i + 1);
         let chosen = next.and_then(|n| n.effects.iter().find(|e| !step.effects.contains(e))).copied();
         let log = Log::of(step.ranking.iter().map(|r| r.gain).chain([LEAST_BAR]).filter(|g| *g >= LEAST_BAR));
-        let bar = |r: &crazyflie_identify::explain::verdict::Ranked| Bar {
+        let bar = |r: &crazyflie_identify::explain::verdict::RankedCandidate| Bar {
             name: r.name,
             gain: significant(r.gain, 3),
             length: if r.gain > LEAST_BAR { log.length(r.gain) } else { 0.0 },
@@ -174,8 +174,8 @@ pub(super) struct Random {
 
 pub(super) fn disturbances(found: &Explanation) -> Vec<Random> {
     let [b, a] = &found.disturbances;
-    let of = |what, unit: &str, before: Wander, after: Wander| {
-        let text = |w: Wander| match w.sigma {
+    let of = |what, unit: &str, before: GaussMarkov, after: GaussMarkov| {
+        let text = |w: GaussMarkov| match w.sigma {
             0.0 => "none".into(),
             sigma => format!("{} {unit} for {} s", significant(sigma, 2), significant(w.tau_s, 2)),
         };

@@ -1,7 +1,7 @@
 //! Numbers with their uncertainty, and findings in sentences.
 
 use crazyflie_env::effects::{Entry, registry};
-use crazyflie_identify::explain::verdict::{Estimate, Explanation, Finding, Leftover, Verdict};
+use crazyflie_identify::explain::verdict::{EffectParameterEstimate, Explanation, Finding, Leftover, Verdict};
 
 use super::Run;
 use crate::text::number;
@@ -31,7 +31,7 @@ pub(crate) fn with_error(value: f64, stderr: f64) -> String {
 }
 
 /// The interval that holds the true value in 95 of 100 such flights.
-pub(crate) fn interval(estimate: &Estimate) -> String {
+pub(crate) fn interval(estimate: &EffectParameterEstimate) -> String {
     if !(estimate.stderr.is_finite() && estimate.stderr > 0.0) {
         return "unknown".into();
     }
@@ -45,7 +45,7 @@ pub(crate) fn unit(unit: &str) -> String {
     if unit == "1" { String::new() } else { format!(" {unit}") }
 }
 
-pub(crate) fn estimate(e: &Estimate) -> String {
+pub(crate) fn estimate(e: &EffectParameterEstimate) -> String {
     // most effects are off at zero, and an effect that the model lacks is off
     let declared =
         if e.declared == 0.0 || e.declared == 1.0 { String::new() } else { format!(" (declared {})", significant(e.declared, 3)) };

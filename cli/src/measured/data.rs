@@ -53,7 +53,7 @@ impl Side {
             let thrust = log.cmd_thrust_pwm.as_mut()?;
             let median_pwm = median(thrust.get(flown)?);
             thrust.iter_mut().for_each(|pwm| *pwm *= common_pwm / median_pwm);
-            Flight::of(&r.flight.name, &log, model, None).ok()
+            Flight::from_log(&r.flight.name, &log, model, None).ok()
         };
         self.recorded.iter().filter_map(of).collect()
     }
@@ -90,7 +90,7 @@ fn side(folder: &Path, names: &[&str], model: &Model) -> Result<Side, String> {
     let mut side = Side { recorded: Vec::new(), left_out: Vec::new() };
     for name in names {
         let log = FlightLog::read(&folder.join(format!("{name}.csv.gz"))).map_err(|e| e.to_string())?;
-        match Flight::of(name, &log, model, None) {
+        match Flight::from_log(name, &log, model, None) {
             Ok(flight) => side.recorded.push(Recorded { log, flight }),
             Err(why) => side.left_out.push(((*name).to_owned(), why.to_string())),
         }

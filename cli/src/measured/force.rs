@@ -3,7 +3,7 @@
 use crazyflie_env::model::Model;
 use crazyflie_identify::fit::flight::{Flight, Window};
 use crazyflie_identify::fit::hypothesis::Hypothesis;
-use crazyflie_identify::fit::predict::Worker;
+use crazyflie_identify::fit::predict::SensitivitySimulator;
 
 const GRAVITY_MPS2: f64 = 9.81;
 /// Velocities differ over this time, predictions are averaged over it.
@@ -20,12 +20,12 @@ pub(super) struct Force {
 
 /// From the measured state at every tick, one tick ahead by the command.
 pub(super) fn force(flight: &Flight, at: &Hypothesis) -> Option<Force> {
-    let fixed = at.fixed();
-    let mut worker = Worker::new(&fixed, flight, false, false).ok()?;
+    let fixed = at.without_free();
+    let mut worker = SensitivitySimulator::new(&fixed, flight, false, false).ok()?;
     let mut ahead = |tick: usize| {
-        let mut own = flight.start_numbers(tick);
+        let mut own = flight.measured_numbers(tick);
         let climb_mps = own[5];
-        let lags = worker.lags(flight, tick, &own);
+        let lags = worker.initial_lags(flight, tick, &own);
         own.extend(lags);
         worker.predict(flight, &Window { flight: 0, ticks: tick..tick + 1 }, &own);
         (worker.end().0[5] - climb_mps) / flight.tick_s + GRAVITY_MPS2
@@ -34,10 +34,10 @@ pub(super) fn force(flight: &Flight, at: &Hypothesis) -> Option<Force> {
     let half = ((0.5 * SMOOTH_S / flight.tick_s).round() as usize).max(1);
     let mut out = Force { t_s: Vec::new(), measured_mps2: Vec::new(), predicted_mps2: Vec::new() };
     for tick in half..flight.ticks.saturating_sub(half) {
-        if flight.start(tick).pos_m[2] < LOWEST_M {
+        if flight.measured_state(tick).pos_m[2] < LOWEST_M {
             continue;
         }
-        let climb = |tick: usize| flight.start(tick).vel_mps[2];
+        let climb = |tick: usize| flight.measured_state(tick).vel_mps[2];
         let span_s = 2.0 * half as f64 * flight.tick_s;
         out.t_s.push(tick as f64 * flight.tick_s);
         out.measured_mps2.push((climb(tick + half) - climb(tick - half)) / span_s + GRAVITY_MPS2);
@@ -54,7 +54,7 @@ pub(super) fn error(flights: &[Flight], at: &Hypothesis) -> f64 {
 
 /// The same of a prediction that the vehicle always carries its weight.
 pub(super) fn still(flights: &[Flight]) -> f64 {
-    let at = |f: &Flight| force(f, &Hypothesis::of(&Model::thesis()));
+    let at = |f: &Flight| force(f, &Hypothesis::from_model(&Model::thesis()));
     rms(flights.iter().filter_map(at).flat_map(|f| f.measured_mps2).map(|m| m - GRAVITY_MPS2))
 }
 

@@ -3,7 +3,7 @@
 use crazyflie_env::effects;
 use crazyflie_identify::fit::flight::{Flight, Window};
 use crazyflie_identify::fit::hypothesis::{Hypothesis, Term};
-use crazyflie_identify::fit::predict::Prediction;
+use crazyflie_identify::fit::predict::OutputErrorProblem;
 use crazyflie_identify::fit::solve::{ENOUGH, Solution, solve_within};
 
 use super::ladder::Value;
@@ -22,7 +22,7 @@ pub(super) struct Rival {
     pub(super) value: Value,
     /// The value at which it does nothing.
     pub(super) off: f64,
-    /// Share of the loss that it saves on the low windows of the fit and of the test flights.
+    /// ReducedEquations of the loss that it saves on the low windows of the fit and of the test flights.
     pub(super) gain_fit: f64,
     pub(super) gain_test: f64,
 }
@@ -35,12 +35,12 @@ pub(super) struct Ground {
 /// Each rival beside the completed model, whose thrust may differ there.
 pub(super) fn ground(completed: &Hypothesis, fit: &[Flight], test: &[Flight]) -> Option<Ground> {
     let (low, low_test) = (low_windows(fit), low_windows(test));
-    let mut base = Hypothesis { free: vec!["vertical.thrust.hover".into(), "vertical.thrust.heave".into()], ..completed.fixed() };
+    let mut base = Hypothesis { free: vec!["vertical.thrust.hover".into(), "vertical.thrust.heave".into()], ..completed.without_free() };
     if let Some(slope) = base.terms.iter_mut().find(|t| t.entry.name == "thrust_slope") {
         slope.free = vec![0];
     }
     let calm = solved(&base, fit, &low);
-    let settled = base.at(&calm.shared).fixed();
+    let settled = base.with_values(&calm.shared).without_free();
     let calm_test = solved(&settled, test, &low_test).loss;
     let mut rivals = Vec::new();
     for effect in RIVALS.iter().filter(|e| !completed.has(e)) {
@@ -63,21 +63,21 @@ pub(super) fn ground(completed: &Hypothesis, fit: &[Flight], test: &[Flight]) ->
             stderr: covariance.map_or(f64::INFINITY, |c| c[(i, i)].max(0.0).sqrt()),
             at_bound: found.shared[i] <= least || found.shared[i] >= most,
         };
-        let gain_test = 1.0 - solved(&with.at(&found.shared).fixed(), test, &low_test).loss / calm_test;
+        let gain_test = 1.0 - solved(&with.with_values(&found.shared).without_free(), test, &low_test).loss / calm_test;
         rivals.push(Rival { effect, value, off: entry.params[0].off, gain_fit: 1.0 - found.loss / calm.loss, gain_test });
     }
     Some(Ground { windows: [low.len(), low_test.len()], rivals })
 }
 
 fn solved(at: &Hypothesis, flights: &[Flight], windows: &[Window]) -> Solution {
-    let prediction = Prediction { flights, windows, hypothesis: at, inflation: 1.0 };
-    solve_within(&prediction, prediction.starts(), at.shared(), STEPS, ENOUGH)
+    let prediction = OutputErrorProblem { flights, windows, hypothesis: at, inflation: 1.0 };
+    solve_within(&prediction, prediction.measured_starts(), at.free_values(), STEPS, ENOUGH)
 }
 
 /// Windows that begin or end near the floor.
 fn low_windows(flights: &[Flight]) -> Vec<Window> {
     let of = |(i, flight): (usize, &Flight)| {
-        let low = |tick: usize| flight.start(tick).pos_m[2] < LOW_M;
+        let low = |tick: usize| flight.measured_state(tick).pos_m[2] < LOW_M;
         let near = move |w: &Window| low(w.ticks.start) || low(w.ticks.end - 1);
         flight.windows(i, WINDOW_S).into_iter().filter(near).collect::<Vec<_>>()
     };

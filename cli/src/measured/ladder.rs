@@ -6,7 +6,7 @@ use crazyflie_identify::explain::errors::{self, Errors};
 use crazyflie_identify::fit::filter::Disturbances;
 use crazyflie_identify::fit::flight::{Flight, Window};
 use crazyflie_identify::fit::hypothesis::{Hypothesis, Term};
-use crazyflie_identify::fit::predict::Prediction;
+use crazyflie_identify::fit::predict::OutputErrorProblem;
 use crazyflie_identify::fit::solve::{ENOUGH, Solution, solve_within};
 
 use super::force;
@@ -73,15 +73,15 @@ impl<'a> Fit<'a> {
     pub(super) fn reidentified(&self, model: &Model, hover_pwm: f64) -> Fitted {
         let free = FREE.iter().map(|s| (*s).to_owned()).collect();
         let near = model.with_parameter("vertical.thrust.hover", hover_pwm).unwrap_or_else(|_| model.clone());
-        self.solved(&Hypothesis { free, ..Hypothesis::of(&near) }, None, STEPS)
+        self.solved(&Hypothesis { free, ..Hypothesis::from_model(&near) }, None, STEPS)
     }
 
     fn solved(&self, at: &Hypothesis, own: Option<&[Vec<f64>]>, steps: usize) -> Fitted {
-        let prediction = Prediction { flights: self.flights, windows: &self.windows, hypothesis: at, inflation: 1.0 };
-        let own = own.map_or_else(|| prediction.starts(), <[_]>::to_vec);
-        let solution = solve_within(&prediction, own, at.shared(), steps, ENOUGH);
+        let prediction = OutputErrorProblem { flights: self.flights, windows: &self.windows, hypothesis: at, inflation: 1.0 };
+        let own = own.map_or_else(|| prediction.measured_starts(), <[_]>::to_vec);
+        let solution = solve_within(&prediction, own, at.free_values(), steps, ENOUGH);
         let values = self.values(at, &solution);
-        Fitted { hypothesis: at.at(&solution.shared), values, own: solution.own }
+        Fitted { hypothesis: at.with_values(&solution.shared), values, own: solution.own }
     }
 
     fn values(&self, at: &Hypothesis, solution: &Solution) -> Vec<Value> {
@@ -112,7 +112,7 @@ impl<'a> Fit<'a> {
             progress(&format!("with {effect}"));
             let Ok((_, entry)) = effects::find(effect) else { continue };
             let more = self.solved(&now.hypothesis.with(Term::off(entry)), Some(&now.own), STEPS_MORE);
-            let errors = errors::compare((&now.hypothesis, d, test), (&more.hypothesis, d, test));
+            let errors = errors::compare_errors((&now.hypothesis, d, test), (&more.hypothesis, d, test));
             let force_mps2 = [&now, &more].map(|f| force::error(test, &f.hypothesis));
             let own = |v: &&Value| v.name.starts_with(&format!("{effect}."));
             let values: Vec<Value> = more.values.iter().filter(own).map(Value::copy).collect();

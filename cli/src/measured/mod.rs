@@ -57,7 +57,7 @@ impl ClosedLoop {
         let fly = |r: &data::Recorded| Some((r.flight.name.clone(), follow(model, &r.log, &r.flight, controller).ok()??));
         let flights: Vec<(String, Tracking)> = test.recorded.iter().filter_map(fly).collect();
         let all: Vec<Tracking> = flights.iter().map(|(_, t)| t.clone()).collect();
-        ClosedLoop { distances: Distances::of(&all), flights }
+        ClosedLoop { distances: Distances::new(&all), flights }
     }
 }
 
@@ -108,24 +108,24 @@ pub(crate) fn tell(data: &Path, quick: bool, progress: &dyn Fn(&str)) -> Result<
     let [fit, test] = data::sides(&data.join("nanobench"), &model, quick)?;
     let (fitted, judged) = (fit.flights(), test.flights());
     progress("the numbers again");
-    let thesis = Hypothesis::of(&model);
+    let thesis = Hypothesis::from_model(&model);
     let first = Fit::new(&fitted, LONG_S).reidentified(&model, THESIS_PWM);
-    let again = Hypothesis::of(&first.hypothesis.model);
+    let again = Hypothesis::from_model(&first.hypothesis.model);
     progress("what is random");
-    let d = noise::tune(&fitted[0], &again, None);
+    let d = noise::tune_disturbances(&fitted[0], &again, None);
     progress("the hover PWM of each flight");
     let common_pwm = data::median(&fit.hovers_pwm());
     let (fitted_trim, judged_trim) = (fit.trimmed(&model, common_pwm), test.trimmed(&model, common_pwm));
     let all = Fit::new(&fitted_trim, SHORT_S);
     let trim = all.reidentified(&model, common_pwm);
-    let trimmed = Hypothesis::of(&trim.hypothesis.model);
+    let trimmed = Hypothesis::from_model(&trim.hypothesis.model);
     let (last, rungs) = all.climb(trim, &judged_trim, &d, progress);
-    let explained = last.hypothesis.fixed();
+    let explained = last.hypothesis.without_free();
     progress("the test flights");
-    let dx = noise::tune(&fitted_trim[0], &explained, Some(&d));
+    let dx = noise::tune_disturbances(&fitted_trim[0], &explained, Some(&d));
     let errors = [
-        errors::compare((&thesis, &d, &judged), (&again, &d, &judged)),
-        errors::compare((&trimmed, &d, &judged_trim), (&explained, &dx, &judged_trim)),
+        errors::compare_errors((&thesis, &d, &judged), (&again, &d, &judged)),
+        errors::compare_errors((&trimmed, &d, &judged_trim), (&explained, &dx, &judged_trim)),
     ];
     let force_mps2 = [
         force::error(&judged, &thesis),
@@ -135,7 +135,7 @@ pub(crate) fn tell(data: &Path, quick: bool, progress: &dyn Fn(&str)) -> Result<
     ];
     let still_mps2 = force::still(&judged);
     progress("closed loop");
-    let models = [&thesis, &again, &explained].map(|h| h.completed("fitted"));
+    let models = [&thesis, &again, &explained].map(|h| h.to_model("fitted"));
     let closed_loop = [Controller::Thesis, Controller::Firmware].map(|c| models.each_ref().map(|m| ClosedLoop::of(m, &test, c)));
     let parts = if quick { Vec::new() } else { parts(&thesis, &again, &d, &judged) };
     progress("near the floor");
@@ -176,7 +176,7 @@ fn parts(thesis: &Hypothesis, again: &Hypothesis, d: &crazyflie_identify::fit::f
                 model = model.with_parameter(&path, value).unwrap_or(model);
             }
         }
-        Hypothesis::of(&model)
+        Hypothesis::from_model(&model)
     };
     let which: [(&'static str, &[&str]); 4] = [
         ("5.1, roll and pitch fitted", &["roll.", "pitch."]),
@@ -185,7 +185,7 @@ fn parts(thesis: &Hypothesis, again: &Hypothesis, d: &crazyflie_identify::fit::f
         ("all but 5.1 fitted", &["vertical.thrust.", "lateral.drag"]),
     ];
     let part = |(what, prefixes): (&'static str, &[&str])| {
-        let e = errors::compare((thesis, d, test), (&with(prefixes), d, test));
+        let e = errors::compare_errors((thesis, d, test), (&with(prefixes), d, test));
         Part { what, attitude_rad: e.after[2][2], velocity_mps: e.after[1][3], p_value: e.p_value[1][3] }
     };
     which.into_iter().map(part).collect()

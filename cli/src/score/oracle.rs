@@ -1,7 +1,7 @@
 //! Oracle: a fit that is given the hidden effects, and how much better it predicts.
 
 use crazyflie_env::effects::{Geometry, find};
-use crazyflie_identify::explain::errors::{Errors, compare};
+use crazyflie_identify::explain::errors::{Errors, compare_errors};
 use crazyflie_identify::explain::search::Search;
 use crazyflie_identify::fit::hypothesis::{Hypothesis, Term};
 
@@ -24,7 +24,7 @@ pub(super) struct OracleComparison {
 
 /// `None` where the library lacks a hidden effect, or the oracle's fit cannot be made.
 pub(super) fn compare_with_oracle(run: &Run, truth: &Truth) -> Option<OracleComparison> {
-    let mut hypothesis = Hypothesis::of(&run.model);
+    let mut hypothesis = Hypothesis::from_model(&run.model);
     for effect in &truth.effects {
         hypothesis = hypothesis.with(term(&effect.name, &effect.ours())?);
     }
@@ -41,8 +41,8 @@ pub(super) fn compare_with_oracle(run: &Run, truth: &Truth) -> Option<OracleComp
     let search = Search::new(&run.fit.flights);
     let [disturbances, _] = &run.found.disturbances;
     let fitted = search.refit(&hypothesis, disturbances)?;
-    let (declared, test) = (Hypothesis::of(&run.model), &run.test.flights[..]);
-    let oracle = compare((&declared, disturbances, test), (&fitted.settled(), &fitted.disturbances, test));
+    let (declared, test) = (Hypothesis::from_model(&run.model), &run.test.flights[..]);
+    let oracle = compare_errors((&declared, disturbances, test), (&fitted.at_posterior(), &fitted.disturbances, test));
     let shows = |effect: &HiddenEffect| !hypothesis.has(&effect.name) || fitted.clearance(&effect.name) > SHOWN;
     Some(OracleComparison { ratio: largest_ratio(&run.found.errors, &oracle), shown: truth.effects.iter().all(shows) })
 }

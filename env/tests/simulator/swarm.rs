@@ -1,6 +1,6 @@
 //! Several drones in one world: what they feel of each other, what they know, how they end.
 
-
+use crate::fleet::{Fleet, fleet_options};
 use crazyflie_control::avoidance::CollisionAvoidance;
 use crazyflie_control::{ControllerContext, ControllerSpec, Mode, MultiController};
 use crazyflie_env::Error;
@@ -15,7 +15,6 @@ use crazyflie_env::plant::{Accelerations, Command, State};
 use crazyflie_env::task;
 use crazyflie_env::vector::{METRICS, VectorEnv};
 use crazyflie_env::world::{Around, Settings, Tick, World};
-use crate::fleet::{Fleet, fleet_options};
 
 /// The thesis PID for every drone.
 fn crowd(fleet: &Fleet, avoid: Option<CollisionAvoidance>) -> MultiController {

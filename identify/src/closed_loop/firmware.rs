@@ -23,11 +23,11 @@ const THRUST_RANGE_PWM: [f64; 2] = [20_000.0, 65_535.0];
 const YAW_KP: f64 = 6.0;
 
 #[derive(Debug, Default)]
-struct Loop {
+struct PiLoop {
     integral: f64,
 }
 
-impl Loop {
+impl PiLoop {
     fn update(&mut self, &Gains(kp, ki, limit): &Gains, error: f64, dt_s: f64) -> f64 {
         self.integral += error * dt_s;
         (kp * error + ki * self.integral).clamp(-limit, limit)
@@ -36,20 +36,20 @@ impl Loop {
 
 /// One vehicle's controller.
 #[derive(Debug)]
-pub(super) struct Firmware {
+pub(super) struct FirmwareCascade {
     dt_s: f64,
     yaw_sign: f64,
-    position: [Loop; 2],
-    velocity: [Loop; 2],
-    height: Loop,
-    climb: Loop,
+    position: [PiLoop; 2],
+    velocity: [PiLoop; 2],
+    height: PiLoop,
+    climb: PiLoop,
 }
 
-impl Firmware {
+impl FirmwareCascade {
     /// Called every `dt_s` seconds, on a vehicle that hovers at `hover_pwm`: in flight, the thrust integral carries the rest of the weight.
     pub(super) fn new(dt_s: f64, hover_pwm: f64, yaw_sign: f64) -> Self {
-        let climb = Loop { integral: (hover_pwm - THRUST_BASE_PWM) / THRUST_SCALE / CLIMB.1 };
-        Firmware { dt_s, yaw_sign, position: Default::default(), velocity: Default::default(), height: Loop::default(), climb }
+        let climb = PiLoop { integral: (hover_pwm - THRUST_BASE_PWM) / THRUST_SCALE / CLIMB.1 };
+        FirmwareCascade { dt_s, yaw_sign, position: Default::default(), velocity: Default::default(), height: PiLoop::default(), climb }
     }
 
     /// The command at a state, which the vehicle's estimator is taken to know.

@@ -11,7 +11,7 @@ use crazyflie_env::model::Model;
 use crazyflie_env::observation::{Interface, Setpoint, observe};
 use crazyflie_env::plant::Command;
 use crazyflie_env::world::{Settings, World};
-use firmware::Firmware;
+use firmware::FirmwareCascade;
 use serde::Serialize;
 
 use crate::FlightLog;
@@ -23,7 +23,7 @@ const LATENCY_S: f64 = 0.005;
 const ROUNDING_S: f64 = 1e-6;
 /// A controller that gives this share of the commands is the one that flew: of another's commands, the thesis PID and the firmware's cascade give less than
 /// nothing or hardly anything.
-const LEAST_ALIKE: f64 = 0.5;
+const LEAST_SHARE: f64 = 0.5;
 
 /// A recorded flight and the one that a controller is predicted to fly along its set-points, at the times of the recorded positions.
 #[derive(Debug, Clone, PartialEq)]
@@ -46,14 +46,14 @@ pub struct Distances {
 }
 
 impl Distances {
-    pub fn of(flights: &[Tracking]) -> Self {
+    pub fn new(flights: &[Tracking]) -> Self {
         let rms = |pick: &dyn Fn(&Tracking) -> [&[[f64; 3]]; 2]| {
-            let of = |f: &Tracking| -> f64 {
-                let [one, other] = pick(f);
-                one.as_flattened().iter().zip(other.as_flattened()).map(|(a, b)| (a - b).powi(2)).sum()
+            let squares = |f: &Tracking| -> f64 {
+                let [first, second] = pick(f);
+                first.as_flattened().iter().zip(second.as_flattened()).map(|(a, b)| (a - b).powi(2)).sum()
             };
             let samples: usize = flights.iter().map(|f| f.t_s.len()).sum();
-            (flights.iter().map(of).sum::<f64>() / samples as f64).sqrt()
+            (flights.iter().map(squares).sum::<f64>() / samples as f64).sqrt()
         };
         Distances {
             predicted_m: rms(&|f| [&f.predicted_m, &f.measured_m]),
@@ -63,7 +63,7 @@ impl Distances {
     }
 }
 
-/// Who flies.
+/// The controllers that may have flown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Controller {
     /// The thesis PID with its new gains on what the rig measures. The height loop's gains are in parts of the PWM that carries the model, as table
@@ -87,11 +87,11 @@ impl Controller {
     /// # Errors
     /// [`ReplayError`] if the model cannot be flown.
     pub fn recognise(model: &Model, log: &FlightLog, flight: &Flight) -> Result<Option<Self>, ReplayError> {
-        let mut best = (LEAST_ALIKE, None);
+        let mut best = (LEAST_SHARE, None);
         for controller in [Self::Thesis, Self::Firmware] {
-            let alike = likeness(model, log, flight, controller)?.unwrap_or(f64::NEG_INFINITY);
-            if alike > best.0 {
-                best = (alike, Some(controller));
+            let share = command_share(model, log, flight, controller)?.unwrap_or(f64::NEG_INFINITY);
+            if share > best.0 {
+                best = (share, Some(controller));
             }
         }
         Ok(best.1)
@@ -99,41 +99,41 @@ impl Controller {
 }
 
 /// Share of the squared roll and pitch commands of a flight, in their mean over both, that a controller gives on the measured states.
-fn likeness(model: &Model, log: &FlightLog, flight: &Flight, controller: Controller) -> Result<Option<f64>, ReplayError> {
-    let Some(targets) = Targets::of(log) else { return Ok(None) };
-    let mut pilot = Pilot::new(model, log, flight)?;
+fn command_share(model: &Model, log: &FlightLog, flight: &Flight, controller: Controller) -> Result<Option<f64>, ReplayError> {
+    let Some(targets) = Targets::from_log(log) else { return Ok(None) };
+    let mut control_loop = ControlLoop::new(model, log, flight)?;
     let first = targets.first_tick(flight);
     let (mut left, mut all) = (0.0, 0.0);
     for tick in first..flight.ticks {
-        let state = with_lags(model, flight.input, *flight.start(tick));
+        let state = with_lags(model, flight.input, *flight.measured_state(tick));
         let t_s = tick as f64 * flight.tick_s;
-        let (pos_m, yaw_rad) = targets.at(flight.start_s + t_s, state.att_rad[2]);
+        let (pos_m, yaw_rad) = targets.setpoint_at(flight.start_s + t_s, state.att_rad[2]);
         let flown = flight.command(tick as isize);
-        let reading = pilot.world.start(0, true, &state, flown);
-        let given = pilot.command(controller, &reading, t_s, &Setpoint { pos_m, yaw_rad });
-        left += (given.roll_rad - flown.roll_rad).powi(2) + (given.pitch_rad - flown.pitch_rad).powi(2);
+        let reading = control_loop.world.start(0, true, &state, flown);
+        let predicted = control_loop.command(controller, &reading, t_s, &Setpoint { pos_m, yaw_rad });
+        left += (predicted.roll_rad - flown.roll_rad).powi(2) + (predicted.pitch_rad - flown.pitch_rad).powi(2);
         all += flown.roll_rad.powi(2) + flown.pitch_rad.powi(2);
     }
     Ok((all > 0.0).then(|| 1.0 - left / all))
 }
 
 /// Controllers with the world that they steer.
-struct Pilot {
+struct ControlLoop {
     world: World<f64>,
     interface: Interface,
     pid: Pid<f64>,
-    firmware: Firmware,
+    firmware: FirmwareCascade,
     action: [f64; 4],
 }
 
-impl Pilot {
+impl ControlLoop {
     fn new(model: &Model, log: &FlightLog, flight: &Flight) -> Result<Self, ReplayError> {
-        let world = World::<f64>::new(model, &sight(log, model), Settings { input: flight.input, physics_hz: None }, 1)?;
+        let world = World::<f64>::new(model, &localisation_effects(log, model), Settings { input: flight.input, physics_hz: None }, 1)?;
         let interface = Interface::from_model(model, flight.input)?;
         let (tick_s, hover) = (world.tick_s(), interface.hover_lift);
         let pid = Pid::<f64>::new(Gains::THESIS.for_hover(hover), interface, tick_s, Mode::Automatic);
-        let firmware = Firmware::new(tick_s, hover, interface.yaw_sign);
-        Ok(Pilot { world, interface, pid, firmware, action: [0.0; 4] })
+        let firmware = FirmwareCascade::new(tick_s, hover, interface.yaw_sign);
+        Ok(ControlLoop { world, interface, pid, firmware, action: [0.0; 4] })
     }
 
     fn command(&mut self, controller: Controller, reading: &Reading<f64>, t_s: f64, setpoint: &Setpoint<f64>) -> Command<f64> {
@@ -154,25 +154,25 @@ impl Pilot {
 /// # Errors
 /// [`ReplayError`] if the model cannot be flown.
 pub fn follow(model: &Model, log: &FlightLog, flight: &Flight, controller: Controller) -> Result<Option<Tracking>, ReplayError> {
-    let Some(targets) = Targets::of(log) else { return Ok(None) };
-    let mut pilot = Pilot::new(model, log, flight)?;
-    let interface = pilot.interface;
-    let tick_s = pilot.world.tick_s();
+    let Some(targets) = Targets::from_log(log) else { return Ok(None) };
+    let mut control_loop = ControlLoop::new(model, log, flight)?;
+    let interface = control_loop.interface;
+    let tick_s = control_loop.world.tick_s();
     let first = targets.first_tick(flight);
     if first >= flight.ticks || (controller == Controller::Firmware && !interface.input.is_pwm()) {
         return Ok(None);
     }
-    let start = with_lags(model, flight.input, *flight.start(first));
+    let start = with_lags(model, flight.input, *flight.measured_state(first));
     let offset_s = first as f64 * flight.tick_s;
     let lift = if interface.input.is_pwm() { interface.hover_lift } else { start.pos_m[2] };
-    let mut reading = pilot.world.start(0, true, &start, &Command { roll_rad: 0.0, pitch_rad: 0.0, yaw_rate_radps: 0.0, lift });
+    let mut reading = control_loop.world.start(0, true, &start, &Command { roll_rad: 0.0, pitch_rad: 0.0, yaw_rate_radps: 0.0, lift });
     let mut positions = vec![start.pos_m];
     for tick in 0..((flight.ticks as f64 * flight.tick_s - offset_s) / tick_s + ROUNDING_S) as usize {
         let t_s = tick as f64 * tick_s;
-        let (pos_m, yaw_rad) = targets.at(flight.start_s + offset_s + t_s, start.att_rad[2]);
-        let command = pilot.command(controller, &reading, t_s, &Setpoint { pos_m, yaw_rad });
-        reading = pilot.world.step(0, &command).reading;
-        positions.push(pilot.world.state(0).pos_m);
+        let (pos_m, yaw_rad) = targets.setpoint_at(flight.start_s + offset_s + t_s, start.att_rad[2]);
+        let command = control_loop.command(controller, &reading, t_s, &Setpoint { pos_m, yaw_rad });
+        reading = control_loop.world.step(0, &command).reading;
+        positions.push(control_loop.world.state(0).pos_m);
     }
     Ok(Some(compare(flight, &targets, offset_s, tick_s, &positions)))
 }
@@ -181,11 +181,11 @@ pub fn follow(model: &Model, log: &FlightLog, flight: &Flight, controller: Contr
 fn compare(flight: &Flight, targets: &Targets<'_>, offset_s: f64, tick_s: f64, positions: &[[f64; 3]]) -> Tracking {
     let mut out = Tracking { t_s: Vec::new(), setpoint_m: Vec::new(), measured_m: Vec::new(), predicted_m: Vec::new() };
     for fix in flight.fixes.iter().filter(|f| f.t_s > offset_s) {
-        let at = (fix.t_s - offset_s) / tick_s;
-        let (before, share) = (at as usize, at.fract());
+        let tick = (fix.t_s - offset_s) / tick_s;
+        let (before, share) = (tick as usize, tick.fract());
         let Some([a, b]) = positions.get(before..before + 2) else { break };
         out.t_s.push(flight.start_s + fix.t_s);
-        out.setpoint_m.push(targets.at(flight.start_s + fix.t_s, 0.0).0);
+        out.setpoint_m.push(targets.setpoint_at(flight.start_s + fix.t_s, 0.0).0);
         out.measured_m.push(fix.value);
         out.predicted_m.push(std::array::from_fn(|i| a[i] + share * (b[i] - a[i])));
     }
@@ -193,7 +193,7 @@ fn compare(flight: &Flight, targets: &Targets<'_>, offset_s: f64, tick_s: f64, p
 }
 
 /// The localisation that the log speaks of: a camera as late as its frames are, or none.
-fn sight(log: &FlightLog, model: &Model) -> EffectTable {
+fn localisation_effects(log: &FlightLog, model: &Model) -> EffectTable {
     const LATENCY: &str = "camera_latency";
     let late: Vec<f64> = log.fixes.row.iter().zip(&log.fixes.capture_t_s).map(|(row, captured)| log.t_s[*row] - captured).collect();
     let latency_s = late.iter().sum::<f64>() / late.len().max(1) as f64;
@@ -218,12 +218,12 @@ struct Targets<'a> {
 }
 
 impl<'a> Targets<'a> {
-    fn of(log: &'a FlightLog) -> Option<Self> {
+    fn from_log(log: &'a FlightLog) -> Option<Self> {
         let pos_m = log.setpoint_m.as_ref()?;
         // three zeros say "none"
-        let told = |row: &usize| pos_m.iter().any(|axis| axis[*row] != 0.0);
-        let first = (0..log.t_s.len()).find(told)?;
-        let last_row = (0..log.t_s.len()).rev().find(told)?;
+        let has_setpoint = |row: &usize| pos_m.iter().any(|axis| axis[*row] != 0.0);
+        let first = (0..log.t_s.len()).find(has_setpoint)?;
+        let last_row = (0..log.t_s.len()).rev().find(has_setpoint)?;
         Some(Targets { t_s: &log.t_s, pos_m, yaw_rad: log.setpoint_yaw_rad.as_deref(), first_s: log.t_s[first], last_row })
     }
 
@@ -233,7 +233,7 @@ impl<'a> Targets<'a> {
     }
 
     /// In force at a time of the log: position, and the heading unless the log has none.
-    fn at(&self, t_s: f64, yaw_rad: f64) -> ([f64; 3], f64) {
+    fn setpoint_at(&self, t_s: f64, yaw_rad: f64) -> ([f64; 3], f64) {
         let row = self.t_s.partition_point(|t| *t <= t_s + ROUNDING_S).saturating_sub(1).min(self.last_row);
         (std::array::from_fn(|axis| self.pos_m[axis][row]), self.yaw_rad.map_or(yaw_rad, |yaw| yaw[row]))
     }

@@ -47,8 +47,8 @@ pub struct EffectDemand {
 /// A model that cannot be flown by a thrust command.
 pub fn effect_demands(model: &Model) -> crazyflie_env::Result<Vec<EffectDemand>> {
     let motors = effects::find(MOTOR)?.1;
-    let all: Vec<Term> = candidates(&Hypothesis::of(model)).iter().flat_map(|c| c.starts[..c.variants].to_vec()).collect();
-    let none = after_a_tick(&Hypothesis::of(model))?;
+    let all: Vec<Term> = candidates(&Hypothesis::from_model(model)).iter().flat_map(|c| c.starts[..c.variants].to_vec()).collect();
+    let none = after_a_tick(&Hypothesis::from_model(model))?;
     // each motor's share of the motion, from the motion that is lost with it
     let mut gives = Matrix4::zeros();
     for (motor, term) in all.iter().filter(|t| std::ptr::eq::<Entry>(t.entry, motors)).take(4).enumerate() {
@@ -79,11 +79,11 @@ fn slope(model: &Model, term: &Term, i: usize, none: &Vector4<f64>) -> crazyflie
     let p = &term.entry.params[i];
     let mut moved = term.clone();
     moved.values[i] = p.off + STEP * (p.far() - p.off);
-    Ok((after_a_tick(&Hypothesis::of(model).with(moved))? - none) / (STEP * (p.far() - p.off)))
+    Ok((after_a_tick(&Hypothesis::from_model(model).with(moved))? - none) / (STEP * (p.far() - p.off)))
 }
 
 fn after_a_tick(hypothesis: &Hypothesis) -> crazyflie_env::Result<Vector4<f64>> {
-    let model = hypothesis.completed("hover");
+    let model = hypothesis.to_model("hover");
     let mut world = World::<f64>::new(&model, &Default::default(), Settings { input: VerticalInput::Thrust, physics_hz: None }, 1)?;
     let mut start = State::rest();
     start.pos_m[2] = HEIGHT_M;
@@ -103,17 +103,17 @@ mod tests {
     fn demands_are_those_of_newton_and_of_the_mixer() {
         let model = Model::thesis();
         let demands = effect_demands(&model).unwrap();
-        let of = |effect: &str, variant: Option<usize>| demands.iter().find(|d| d.effect == effect && d.variant == variant).unwrap();
+        let demand_of = |effect: &str, variant: Option<usize>| demands.iter().find(|d| d.effect == effect && d.variant == variant).unwrap();
         let mass_kg = model.parameter("vehicle.mass").unwrap();
-        let heavier = of("mass_change", None).per_unit;
+        let heavier = demand_of("mass_change", None).per_unit;
         assert!((heavier[0] * mass_kg - 1.0).abs() < 2e-3, "{heavier:?}");
         assert!(heavier[1..].iter().all(|d| (d * mass_kg).abs() < 1e-6), "{heavier:?}");
         // back left: a quarter of what it lacks is thrust, and to the left, to the back, and against the turn of 1 and 3
-        for (demand, sign) in of("weak_motor", Some(3)).per_unit.iter().zip([1.0, 1.0, -1.0, 1.0]) {
+        for (demand, sign) in demand_of("weak_motor", Some(3)).per_unit.iter().zip([1.0, 1.0, -1.0, 1.0]) {
             assert!((demand / 0.25 - sign).abs() < 1e-6, "{demand}");
         }
         // what leans to the right, which is positive roll, asks the right for more
-        assert!(of("com_offset", None).per_unit[1] < 0.0);
+        assert!(demand_of("com_offset", None).per_unit[1] < 0.0);
         assert!(demands.iter().all(|d| !["drag_linear", "wind", "cmd_delay", "imu_tilt"].contains(&d.effect)));
     }
 }

@@ -54,7 +54,7 @@ pub struct SetUp {
 
 /// Answer for a group of suspect flights.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Verdict {
+pub enum DiagnosisVerdict {
     /// The normal flights are too few to say how far set-ups differ.
     TooFew {
         freedom: f64,
@@ -70,7 +70,7 @@ pub enum Verdict {
     Unnamed,
 }
 
-/// What a diagnosis found.
+/// The result of a diagnosis.
 #[derive(Debug, Clone)]
 pub struct Diagnosis {
     pub source: DemandSource,
@@ -85,7 +85,7 @@ pub struct Diagnosis {
     /// Chances of the change of thrust, of that of yaw and of the swing, each times the number of looks.
     pub p_values: [f64; 3],
     pub line: Option<SwingLine>,
-    pub verdict: Verdict,
+    pub verdict: DiagnosisVerdict,
     /// Faults that do as well as the named one.
     pub alternatives: Vec<FaultFit>,
     /// Alarms among the normal set-ups, each taken as suspect against the others, and how many could be tried. `None` with one set-up.
@@ -116,7 +116,7 @@ pub fn diagnose(normal: &[FlightTrim], suspect: &[FlightTrim], demands: &[Effect
     }
     let mut sources = [DemandSource::Request, DemandSource::SquaredVoltage].into_iter();
     let source = sources.find(|s| normal.iter().chain(&suspect).all(|f| f.trim(*s).is_some()));
-    let comparison = Comparison { source: source.ok_or(DiagnoseError::NoCommonSource)?, by_name };
+    let comparison = TrimComparison { source: source.ok_or(DiagnoseError::NoCommonSource)?, by_name };
     let mut diagnosis = comparison.diagnose(&normal, &suspect, demands);
     diagnosis.normal_alarms = comparison.normal_alarms(&normal, demands);
     diagnosis.left_out = left_out;
@@ -149,15 +149,15 @@ fn of_normal_vehicles<'a>(normal: &[&FlightTrim], suspect: Vec<&'a FlightTrim>, 
     kept
 }
 
-/// What is common to all comparisons of a diagnosis.
+/// The settings that all comparisons of a diagnosis share.
 #[derive(Clone, Copy)]
-struct Comparison {
+struct TrimComparison {
     source: DemandSource,
     /// Whether file names tell vehicles apart.
     by_name: bool,
 }
 
-impl Comparison {
+impl TrimComparison {
     fn vehicle<'a>(&self, flight: &'a FlightTrim) -> &'a str {
         if self.by_name { &flight.vehicle } else { "" }
     }
@@ -211,7 +211,7 @@ impl Comparison {
             z: [f64::NAN; 4],
             p_values: [1.0; 3],
             line: None,
-            verdict: Verdict::TooFew { freedom: 0.0 },
+            verdict: DiagnosisVerdict::TooFew { freedom: 0.0 },
             alternatives: Vec::new(),
             normal_alarms: None,
             left_out: Vec::new(),
@@ -239,8 +239,8 @@ impl Comparison {
                 continue;
             }
             match self.diagnose(&rest, held, demands).verdict {
-                Verdict::TooFew { .. } => {}
-                Verdict::Nothing => counts[1] += 1,
+                DiagnosisVerdict::TooFew { .. } => {}
+                DiagnosisVerdict::Nothing => counts[1] += 1,
                 _ => counts = [counts[0] + 1, counts[1] + 1],
             }
         }
@@ -256,13 +256,13 @@ impl Diagnosis {
         self.z = std::array::from_fn(|i| self.change[i] / variances[i].sqrt());
         let least = self.freedom[0].min(self.freedom[3]);
         if least < LEAST_FREEDOM {
-            self.verdict = Verdict::TooFew { freedom: least };
+            self.verdict = DiagnosisVerdict::TooFew { freedom: least };
             return;
         }
         let swing = self.line.map_or(1.0, |l| l.p_value);
         self.p_values = [spread.chance(0, self.z[0]), spread.chance(3, self.z[3]), swing].map(|p| (LOOKS * p).min(1.0));
         if self.p_values.iter().all(|p| *p > ALARM_RATE) {
-            self.verdict = Verdict::Nothing;
+            self.verdict = DiagnosisVerdict::Nothing;
             return;
         }
         let fits = fit_faults(&TrimChange { by: self.change, variances }, demands);
@@ -271,12 +271,12 @@ impl Diagnosis {
         self.verdict = match (self.line, fits.iter().find(is_fit)) {
             (Some(line), _) if self.p_values[2] <= ALARM_RATE && self.p_values[1] > ALARM_RATE => {
                 let load = self.change[0].exp_m1().max(0.0);
-                Verdict::SlungLoad { line, length_m: line.length_m(load) }
+                DiagnosisVerdict::SlungLoad { line, length_m: line.length_m(load) }
             }
-            (_, Some(best)) if !steady_is_normal => Verdict::Fault(best.clone()),
-            _ => Verdict::Unnamed,
+            (_, Some(best)) if !steady_is_normal => DiagnosisVerdict::Fault(best.clone()),
+            _ => DiagnosisVerdict::Unnamed,
         };
-        let Verdict::Fault(named) = &self.verdict else { return };
+        let DiagnosisVerdict::Fault(named) = &self.verdict else { return };
         let named = named.clone();
         self.alternatives = fits.into_iter().filter(|f| *f != named && f.criterion < named.criterion + ALIKE).collect();
         let alone = spread.difference_variances(normal, 1);
@@ -339,7 +339,7 @@ mod tests {
             let mut random = Pcg64::seed_from_u64(seed);
             let normal = set_ups(&mut random, "normal", 5, [0.0; 4]);
             let suspect = set_ups(&mut random, "suspect", 1, [0.0; 4]);
-            alarms += usize::from(diagnose(&normal, &suspect, &demands).unwrap().verdict != Verdict::Nothing);
+            alarms += usize::from(diagnose(&normal, &suspect, &demands).unwrap().verdict != DiagnosisVerdict::Nothing);
         }
         // 5 % of 400 are 20, with a standard deviation of 4.4; thrust and yaw are two of the three looks
         assert!((2..=29).contains(&alarms), "{alarms} of 400");
@@ -352,7 +352,7 @@ mod tests {
         let normal = set_ups(&mut random, "normal", 6, [0.0; 4]);
         // 8 % more thrust, to the back left
         let heavy = set_ups(&mut random, "heavy", 2, [0.077, 0.07, -0.07, 0.0]);
-        let Verdict::Fault(FaultFit { fault: Fault::AddedWeight { mass_kg, left, front }, stderr, .. }) =
+        let DiagnosisVerdict::Fault(FaultFit { fault: Fault::AddedWeight { mass_kg, left, front }, stderr, .. }) =
             diagnose(&normal, &heavy, &demands).unwrap().verdict
         else {
             panic!("no weight")
@@ -363,7 +363,9 @@ mod tests {
         // motor 2 lost 16 %: a quarter of it in thrust, and more in yaw
         let weak = set_ups(&mut random, "weak", 2, [0.04, -0.04, -0.04, -0.065]);
         let found = diagnose(&normal, &weak, &demands).unwrap().verdict;
-        let Verdict::Fault(FaultFit { fault: Fault::WeakMotor { motor: 2, loss }, stderr, .. }) = found else { panic!("{found:?}") };
+        let DiagnosisVerdict::Fault(FaultFit { fault: Fault::WeakMotor { motor: 2, loss }, stderr, .. }) = found else {
+            panic!("{found:?}")
+        };
         assert!((loss - 0.16).abs() < 3.0 * stderr && stderr < 0.08, "{loss} +- {stderr}");
     }
 
@@ -374,7 +376,7 @@ mod tests {
         let normal = set_ups(&mut random, "normal", 6, [0.0; 4]);
         // less thrust than normal, and much yaw
         let odd = set_ups(&mut random, "odd", 2, [-0.15, 0.0, 0.0, 0.2]);
-        assert_eq!(diagnose(&normal, &odd, &demands).unwrap().verdict, Verdict::Unnamed);
+        assert_eq!(diagnose(&normal, &odd, &demands).unwrap().verdict, DiagnosisVerdict::Unnamed);
     }
 
     #[test]
@@ -389,7 +391,7 @@ mod tests {
         let mut suspect = named(set_ups(&mut random, "suspect", 2, [0.0; 4]), "E8");
         suspect.extend(named(set_up(&mut random, "suspect", 1, [0.5, 0.0, 0.0, 0.0]), "E9"));
         let found = diagnose(&normal, &suspect, &demands).unwrap();
-        assert_eq!((found.verdict, found.left_out.len()), (Verdict::Nothing, 1));
+        assert_eq!((found.verdict, found.left_out.len()), (DiagnosisVerdict::Nothing, 1));
         // nobody of that name flew normally: names say nothing, and all are compared
         let other = named(set_ups(&mut random, "other", 1, [0.0; 4]), "test");
         assert_eq!(diagnose(&normal, &other, &demands).unwrap().left_out.len(), 0);

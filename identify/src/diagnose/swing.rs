@@ -99,7 +99,8 @@ fn line_power(t_s: &[f64], signal: &DVector<f64>, hz: f64) -> f64 {
 /// number of frequencies that the shortest stretch tells apart. `None` with fewer than two flights on a side.
 #[must_use]
 pub fn strongest_line(normal: &[&SwingSpectrum], suspect: &[&SwingSpectrum]) -> Option<SwingLine> {
-    let usable = |of: &[&SwingSpectrum]| of.iter().filter(|s| !s.relative.is_empty()).map(|s| s.relative.clone()).collect::<Vec<_>>();
+    let usable =
+        |spectra: &[&SwingSpectrum]| spectra.iter().filter(|s| !s.relative.is_empty()).map(|s| s.relative.clone()).collect::<Vec<_>>();
     let (a, b) = (usable(normal), usable(suspect));
     if a.len() < 2 || b.len() < 2 {
         return None;
@@ -109,8 +110,8 @@ pub fn strongest_line(normal: &[&SwingSpectrum], suspect: &[&SwingSpectrum]) -> 
     let (n, m) = (a.len() as f64, b.len() as f64);
     let student = StudentsT::new(0.0, 1.0, n + m - 2.0).ok()?;
     let at = |i: usize, hz: f64| {
-        let mean = |of: &[Vec<f64>]| of.iter().map(|s| s[i]).sum::<f64>() / of.len() as f64;
-        let squares = |of: &[Vec<f64>], mean: f64| of.iter().map(|s| (s[i] - mean).powi(2)).sum::<f64>();
+        let mean = |spectra: &[Vec<f64>]| spectra.iter().map(|s| s[i]).sum::<f64>() / spectra.len() as f64;
+        let squares = |spectra: &[Vec<f64>], mean: f64| spectra.iter().map(|s| (s[i] - mean).powi(2)).sum::<f64>();
         let (normal, suspect) = (mean(&a), mean(&b));
         let variance = (squares(&a, normal) + squares(&b, suspect)) / (n + m - 2.0);
         let t = (suspect - normal) / (variance * (1.0 / n + 1.0 / m)).sqrt().max(f64::MIN_POSITIVE);

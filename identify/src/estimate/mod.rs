@@ -1,5 +1,4 @@
-//! What every identification gives, whether of a transfer function or of the whole vehicle: numbers with their errors, and predictions beside
-//! measurements.
+//! Results of every identification, of a transfer function or of the whole vehicle: numbers with their errors, predictions beside measurements.
 
 mod error;
 
@@ -18,7 +17,7 @@ const LEAST_INFORMATION: f64 = 1e-10;
 
 /// A number found.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Estimate {
+pub struct ParameterEstimate {
     pub name: String,
     pub unit: String,
     pub value: f64,
@@ -27,7 +26,7 @@ pub struct Estimate {
     pub at_bound: bool,
 }
 
-/// What standard errors take for independent.
+/// The groups that standard errors take for independent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Clusters {
     Flights(usize),
@@ -71,20 +70,20 @@ impl Comparison {
     }
 }
 
-/// What the residuals of some logs say together.
+/// Tests of the residuals of some logs together.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Residuals {
+pub struct ResidualTests {
     pub whiteness: Result<Whiteness, StatisticsError>,
     pub independence: Result<Independence, StatisticsError>,
 }
 
-impl Residuals {
+impl ResidualTests {
     /// Of comparisons of one signal, after fitting so many parameters to it (none, to a held-out flight).
-    pub fn of(all: &[&Comparison], parameters: usize) -> Self {
+    pub fn new(all: &[&Comparison], parameters: usize) -> Self {
         let residuals: Vec<Vec<f64>> = all.iter().map(|c| c.residuals()).collect();
         let residuals: Vec<&[f64]> = residuals.iter().map(Vec::as_slice).collect();
         let input: Vec<&[f64]> = all.iter().map(|c| c.input.as_slice()).collect();
-        Residuals { whiteness: whiteness(&residuals, LAGS, parameters), independence: independence(&input, &residuals, LAGS) }
+        ResidualTests { whiteness: whiteness(&residuals, LAGS, parameters), independence: independence(&input, &residuals, LAGS) }
     }
 }
 
@@ -119,12 +118,12 @@ pub(crate) fn covariance(
     }
     let mut flights = flight_of.to_vec();
     flights.dedup();
-    let (of, clusters) = match (flights.len(), flight_of.len()) {
+    let (cluster_of, clusters) = match (flights.len(), flight_of.len()) {
         (n, _) if n >= LEAST_FLIGHTS => (flight_of.to_vec(), Clusters::Flights(n)),
         (_, 1) => (vec![0], Clusters::None),
         (_, n) => ((0..n).collect(), Clusters::Windows(n)),
     };
-    let covariance = solution.covariance(&of).ok_or_else(|| singular(names.join(", "), "their information cannot be inverted"))?;
+    let covariance = solution.covariance(&cluster_of).ok_or_else(|| singular(names.join(", "), "their information cannot be inverted"))?;
     Ok((covariance, clusters))
 }
 

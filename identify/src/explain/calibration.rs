@@ -27,34 +27,34 @@ pub mod candidates {
 pub mod search {
     /// So many windows are enough to propose.
     pub const WINDOWS_TO_PROPOSE: usize = 30;
-    /// Steps of a fit that only proposes, and of one that chooses where to start.
+    /// Steps of a fit that only proposes.
     pub const STEPS: usize = 8;
-    /// As [`STEPS`].
+    /// Steps of a fit that chooses where to start.
     pub const STEPS_TO_START: usize = 2;
     /// A fit that only proposes is good enough when a step gains less than this.
     pub const ENOUGH: f64 = 0.5;
-    /// As [`ENOUGH`].
+    /// One in so many windows chooses where to start.
     pub const EVERY_TO_START: usize = 3;
-    /// How many proposals the filter looks at per round, and how many more that would score highest if little were random.
+    /// Proposals that the filter looks at per round.
     pub const SHORTLIST: usize = 7;
-    /// As [`SHORTLIST`].
-    pub const SHORTLIST_IN_CALM: usize = 3;
+    /// Proposals besides, which score highest under damped disturbances.
+    pub const SHORTLIST_DAMPED: usize = 3;
     /// Most effects of a hypothesis.
     pub const MOST_EFFECTS: usize = 6;
-    /// What the filter believes before the flight is as wide as so many standard errors of the proposal.
+    /// Width of the prior before the flight, in standard errors of the proposal.
     pub const WIDEN: f64 = 10.0;
     /// How well the filter that scores knows a parameter beforehand, as a share of its range: enough for the slopes to hold.
     pub const TIGHT: f64 = 0.003;
     /// A step forward must gain this much; whether an effect earns its place is decided at the end.
     pub const LEAST_GAIN: f64 = 5.0;
-    /// What joins the best of a round gained this much alone, and keeps this share of it.
+    /// An effect joins the best of a round if it gained this much alone.
     pub const LEAST_JOINED: f64 = 15.0;
-    /// As [`LEAST_JOINED`].
+    /// Share of its gain alone that an effect keeps when it joins.
     pub const KEPT: f64 = 0.5;
     /// A rival scores at least so much of what the effect itself scores.
     pub const LEAST_SHARE: f64 = 0.3;
     /// Log-likelihood that the unknown start of a lag costs: a prior of 0.3 (m or m/s) over the 0.015 to which a flight tells it.
-    pub const LAG_PRICE: f64 = 3.0;
+    pub const LAG_PENALTY: f64 = 3.0;
     /// A fitted start is believed so far from the measured one: several times what markers scatter, in metres.
     pub const NEAR_M: f64 = 0.1;
     /// And so far in velocity, in m/s.
@@ -67,9 +67,9 @@ pub mod search {
     pub const BEYOND: f64 = 300.0;
     /// More than judging again can make good.
     pub const FAR_BEHIND: f64 = 50.0;
-    /// Shares of lost commands that are tried, and how far off each may be.
+    /// Shares of lost commands that are tried.
     pub const PROBABILITIES: [f64; 5] = [0.05, 0.12, 0.22, 0.38, 0.65];
-    /// As [`PROBABILITIES`].
+    /// Standard deviation of each of [`PROBABILITIES`].
     pub const PROBABILITY_SD: f64 = 0.01;
     /// Of these tries, the disturbances are tuned for so many.
     pub const TUNED: usize = 2;
@@ -81,10 +81,9 @@ pub mod search {
 pub mod selection {
     /// Share of the power of a force in one line that asks whether it comes by the clock.
     pub const LINE_SHARE: f64 = 0.15;
-    /// How well a line tells its frequency (Hz), and how large a periodic force may be (m/s^2), both before they are widened tenfold as all proposals are: three quarters
-    /// of a line's width in a minute, and half a metre per second squared.
+    /// Standard deviation of the frequency of a line (Hz), three quarters of a line's width in a minute; as all proposals, it is widened tenfold.
     pub const LINE_SD_HZ: f64 = 0.0012;
-    /// As [`LINE_SD_HZ`].
+    /// Standard deviation of a periodic force (m/s^2); widened tenfold, half a metre per second squared.
     pub const LINE_FORCE_SD_MPS2: f64 = 0.05;
     /// Lines below this frequency (Hz) are those of the set-points.
     pub const CLOCKWORK_FROM_HZ: f64 = 0.4;
@@ -118,46 +117,46 @@ pub mod completion {
 
 /// Numbers of the stage `noise`.
 pub mod noise {
-    use crate::fit::filter::{Disturbances, Wander};
+    use crate::fit::filter::{Disturbances, GaussMarkov};
 
-    /// Sizes are tuned on a stretch at the start of a flight and one at its end.
+    /// Sizes are tuned on a segment at the start of a flight and one at its end.
     pub const TUNE_S: f64 = 9.0;
     /// Where a search begins.
     pub const FIRST: Disturbances = Disturbances {
-        force: Wander { sigma: 0.1, tau_s: 1.0 },
-        lift: Wander { sigma: 0.05, tau_s: 1.0 },
-        torque: Wander { sigma: 0.3, tau_s: 0.3 },
-        turn: Wander { sigma: 0.2, tau_s: 1.0 },
-        marker: Wander { sigma: 0.003, tau_s: 3.0 },
+        force: GaussMarkov { sigma: 0.1, tau_s: 1.0 },
+        lift: GaussMarkov { sigma: 0.05, tau_s: 1.0 },
+        torque: GaussMarkov { sigma: 0.3, tau_s: 0.3 },
+        turn: GaussMarkov { sigma: 0.2, tau_s: 1.0 },
+        marker: GaussMarkov { sigma: 0.003, tau_s: 3.0 },
     };
-    /// What no flight is without: the models' own small errors. A size does not shrink below it.
+    /// The small errors of the models, which no flight is without. A size does not shrink below it.
     pub const FLOOR: Disturbances = Disturbances {
-        force: Wander { sigma: 0.012, tau_s: 1.0 },
-        lift: Wander { sigma: 0.008, tau_s: 1.0 },
-        torque: Wander { sigma: 0.05, tau_s: 0.3 },
-        turn: Wander { sigma: 0.02, tau_s: 1.0 },
-        marker: Wander { sigma: 0.0, tau_s: 3.0 },
+        force: GaussMarkov { sigma: 0.012, tau_s: 1.0 },
+        lift: GaussMarkov { sigma: 0.008, tau_s: 1.0 },
+        torque: GaussMarkov { sigma: 0.05, tau_s: 0.3 },
+        turn: GaussMarkov { sigma: 0.02, tau_s: 1.0 },
+        marker: GaussMarkov { sigma: 0.0, tau_s: 3.0 },
     };
     /// Log-likelihood that a disturbance must be worth for each factor of e beyond its floor: without it, a constant in a short flight passes for
     /// a disturbance that began large and hardly changed.
-    pub const DEAR: f64 = 3.0;
-    /// So many times its floor, a disturbance can hide something.
-    pub const LOUD: f64 = 2.5;
-    /// Forces and torques are so many times smaller in a calm.
-    pub const CALM: f64 = 10.0;
-    /// In still air it is so many times smaller.
-    pub const STILL: f64 = 5.0;
+    pub const LOG_SIZE_PENALTY: f64 = 3.0;
+    /// A disturbance this many times its floor can mask an effect.
+    pub const MASKING: f64 = 2.5;
+    /// Factor by which damped disturbances have smaller forces and torques.
+    pub const DAMPING: f64 = 10.0;
+    /// Factor by which quiescent disturbances lie below their floor.
+    pub const QUIESCENCE: f64 = 5.0;
     /// A size of a disturbance without a floor that shrinks below this share of the first is none.
     pub const LEAST: f64 = 0.05;
     /// Correlation times stay within these.
     pub const TAU_S: [f64; 2] = [0.05, 10.0];
     /// A force may wander for longer, and up to this.
     pub const LONGEST_S: f64 = 20.0;
-    /// As [`LONGEST_S`].
+    /// A force that wanders for longer than this (s) is a gust.
     pub const GUST_S: f64 = 0.3;
-    /// As [`GUST_S`].
+    /// A lift is reported if it is this many times the force.
     pub const TIMES_FORCE: f64 = 2.0;
-    /// As [`TIMES_FORCE`].
+    /// In still air, a smaller lift is reported if it is this many times the force.
     pub const TIMES_FORCE_IN_STILL_AIR: f64 = 4.0;
     /// A move must gain this much likelihood.
     pub const WORTH: f64 = 0.3;
@@ -223,7 +222,7 @@ pub mod refine {
     pub const STRETCH_S: f64 = 5.0;
     /// Slopes are differences over so many standard errors to each side.
     pub const STEP: f64 = 0.5;
-    /// As [`STEP`].
+    /// Most steps of the refinement.
     pub const ROUNDS: usize = 3;
     /// A step that gains less log-likelihood ends the search.
     pub const ENOUGH: f64 = 0.02;

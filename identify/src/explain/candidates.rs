@@ -72,13 +72,13 @@ mod tests {
     #[test]
     fn every_effect_on_the_mean_is_tried_once_and_variants_each() {
         let model = Model::thesis();
-        let all = candidates(&Hypothesis::of(&model));
+        let all = candidates(&Hypothesis::from_model(&model));
         assert!(all.iter().all(|c| c.entry.observability.is_expected() && !c.starts.is_empty()));
         let weak = all.iter().find(|c| c.entry.name == "weak_motor").unwrap();
         assert_eq!(weak.starts.iter().map(|t| t.values[0]).collect::<Vec<_>>(), [1.0, 2.0, 3.0, 4.0]);
         let delay = all.iter().find(|c| c.entry.name == "cmd_delay").unwrap();
         assert!(delay.starts.len() > 2 && delay.starts[1].values[0] > 0.0);
-        let has = Hypothesis::of(&model).with(Term::off(delay.entry));
+        let has = Hypothesis::from_model(&model).with(Term::off(delay.entry));
         assert!(candidates(&has).iter().all(|c| c.entry.name != "cmd_delay"));
     }
 }

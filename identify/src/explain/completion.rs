@@ -1,4 +1,4 @@
-//! The declared model completed with what was found, and what that is worth on the test flights.
+//! The declared model completed with the findings, and its errors on the test flights.
 
 use crazyflie_env::effects::{Observability, registry};
 
@@ -35,7 +35,7 @@ impl Completion {
         disturbances: Disturbances,
         test: &[Flight],
     ) -> Self {
-        let mut hypothesis = last.settled();
+        let mut hypothesis = last.at_posterior();
         hypothesis.terms.retain(|t| has(&effects, t) || has(&corrections, t));
         let errors = errors_beside(declared, &hypothesis, &disturbances, test);
         Completion { effects, partial: Vec::new(), corrections, learned: false, hypothesis, disturbances, errors }
@@ -63,12 +63,12 @@ impl Completion {
 
     /// Without what makes any axis worse, one effect at a time: first the one without which the worst axis is best.
     pub fn without_harm(mut self, declared: &FilteredHypothesis, test: &[Flight]) -> Self {
-        while harm(&self.errors, MATTERS) > 0.0 {
+        while worst_harm(&self.errors, MATTERS) > 0.0 {
             let names: Vec<&'static str> = self.hypothesis.terms.iter().map(|t| t.entry.name).collect();
             let without = |name: &&str| {
                 let less = self.hypothesis.without(name);
                 let errors = errors_beside(declared, &less, &self.disturbances, test);
-                (harm(&errors, MATTERS), less, errors)
+                (worst_harm(&errors, MATTERS), less, errors)
             };
             let Some((_, hypothesis, errors)) = names.iter().map(without).min_by(|a, b| a.0.total_cmp(&b.0)) else { break };
             let stays = |e: &Finding| e.all().all(|e| hypothesis.has(e.name) || !names.contains(&e.name));
@@ -84,13 +84,13 @@ impl Completion {
     }
 
     /// The same with its errors on other flights.
-    pub fn on(self, declared: &FilteredHypothesis, test: &[Flight]) -> Self {
+    pub fn evaluate_on(self, declared: &FilteredHypothesis, test: &[Flight]) -> Self {
         Completion { errors: errors_beside(declared, &self.hypothesis, &self.disturbances, test), ..self }
     }
 
     /// With a term learned from the residual, if it lowers the errors of every axis on the flights that choose, and the 2 s errors by a share that
     /// is worth a term without a name.
-    pub fn learned(
+    pub fn with_learned_term(
         self,
         search: &Search,
         judge: &Search,
@@ -100,7 +100,7 @@ impl Completion {
     ) -> Self {
         let described = search.refit(&self.hypothesis, &last.disturbances).and_then(|named| learn::learn(search, judge, &named));
         let Some(described) = described else { return self };
-        let (hypothesis, disturbances) = (described.settled(), described.disturbances);
+        let (hypothesis, disturbances) = (described.at_posterior(), described.disturbances);
         let errors = errors_beside(declared, &hypothesis, &disturbances, test);
         let [was, is] = [&self.errors.axes.after, &errors.axes.after];
         let better = JUDGED_AXES.iter().all(|row| HORIZONS.iter().all(|h| is[*row][*h] < was[*row][*h]));
@@ -112,7 +112,7 @@ impl Completion {
     }
 
     /// The model to fly: effects that were named but are random, and so no part of what was fitted, belong to it too.
-    pub fn with_random(&self) -> Hypothesis {
+    pub fn with_random_effects(&self) -> Hypothesis {
         let mut all = self.hypothesis.clone();
         for effect in &self.effects {
             let Some(entry) = registry().iter().find(|e| e.name == effect.name && matches!(e.observability, Observability::GaussMarkov(_)))
@@ -135,9 +135,9 @@ fn has(findings: &[Finding], term: &Term) -> bool {
     findings.iter().flat_map(Finding::all).any(|e| e.name == term.entry.name)
 }
 
-/// By how much the worst axis grew worse than it was, in shares of its error; 0 where none did so beyond chance, or by what `matters`: a share of the
-/// error that holding the state would make.
-pub fn harm(errors: &Errors, matters: f64) -> f64 {
+/// Growth of the error of the worst axis, as a share of that error. 0 where none grew beyond chance, or by more than `matters`: a share of the error
+/// that holding the state would make.
+pub fn worst_harm(errors: &Errors, matters: f64) -> f64 {
     let axes = &errors.axes;
     let counts = |(row, h): &(usize, usize)| axes.after[*row][*h] - axes.before[*row][*h] > matters * axes.naive[*row][*h];
     let cells = JUDGED_AXES.iter().flat_map(|row| HORIZONS.iter().map(|h| (*row, *h))).filter(counts);
@@ -146,5 +146,5 @@ pub fn harm(errors: &Errors, matters: f64) -> f64 {
 }
 
 fn errors_beside(declared: &FilteredHypothesis, hypothesis: &Hypothesis, disturbances: &Disturbances, test: &[Flight]) -> Errors {
-    errors::compare((&declared.hypothesis, &declared.disturbances, test), (hypothesis, disturbances, test))
+    errors::compare_errors((&declared.hypothesis, &declared.disturbances, test), (hypothesis, disturbances, test))
 }

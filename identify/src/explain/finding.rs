@@ -7,41 +7,48 @@ use super::calibration::finding::SLOW_GUST_S;
 use super::noise::{self, NotableDisturbance};
 use super::residual::GustCandidate;
 use super::search::{FilteredHypothesis, Search};
-use super::selection::{Selection, worths};
+use super::selection::{Selection, test_worths};
 use super::signals::losses_by_signal;
-use super::verdict::{Estimate, Finding, Ranked, Step};
+use super::verdict::{EffectParameterEstimate, Finding, RankedCandidate, Step};
 use super::{ALIKE, WORTH_TEST};
-use crate::fit::filter::{Belief, Disturbances, Filtered, Wander, filter};
+use crate::fit::filter::{Disturbances, FilterResult, GaussMarkov, ParameterPrior, filter};
 use crate::fit::hypothesis::Hypothesis;
 
 /// Negative log-likelihood of the test flights by signal, all parameters as they are.
 fn signal_losses(judge: &Search, hypothesis: &Hypothesis, disturbances: &Disturbances) -> Option<[f64; 4]> {
-    let (at, nothing) = (hypothesis.fixed(), Belief::independent(Vec::new(), &[]));
-    let filtered: Vec<Filtered> = judge.flights.iter().map(|f| filter(f, f.all(), &at, &nothing, disturbances)).collect::<Option<_>>()?;
+    let (hypothesis, nothing) = (hypothesis.without_free(), ParameterPrior::independent(Vec::new(), &[]));
+    let filtered: Vec<FilterResult> =
+        judge.flights.iter().map(|f| filter(f, f.all_ticks(), &hypothesis, &nothing, disturbances)).collect::<Option<_>>()?;
     Some(losses_by_signal(&filtered))
 }
 
 /// The effects of a selection.
 pub fn findings(judge: &Search, selection: &Selection) -> Option<Vec<Finding>> {
-    let Selection { dissected, rivals, .. } = selection;
-    let settled = dissected.judged.settled();
-    let worths = worths(judge, dissected)?;
-    let with = signal_losses(judge, &settled, &dissected.judged.disturbances)?;
+    let Selection { ablation, rivals, .. } = selection;
+    let settled = ablation.full.at_posterior();
+    let worths = test_worths(judge, ablation)?;
+    let with = signal_losses(judge, &settled, &ablation.full.disturbances)?;
     let describe = |(name, less): &(&'static str, FilteredHypothesis), worth_test: f64| {
         let term = settled.term(name)?;
         let params = term.free.iter().zip(settled.place(name)).map(|(i, at)| {
             let p = &term.entry.params[*i];
-            Estimate { name: p.name, value: term.values[*i], stderr: dissected.judged.belief.sd(at), unit: p.unit, declared: p.off }
+            EffectParameterEstimate {
+                name: p.name,
+                value: term.values[*i],
+                stderr: ablation.full.posterior.sd(at),
+                unit: p.unit,
+                declared: p.off,
+            }
         });
-        let params: Vec<Estimate> = params.collect();
+        let params: Vec<EffectParameterEstimate> = params.collect();
         let confusable_with = rivals.iter().find(|(other, _)| other == name).map_or_else(Vec::new, |(_, r)| r.clone());
         let manoeuvre = if confusable_with.is_empty() { String::new() } else { manoeuvre(term.entry, &confusable_with) };
-        let worth_fit = less.loss - dissected.judged.loss;
-        let without = signal_losses(judge, &less.settled(), &less.disturbances)?;
+        let worth_fit = less.loss - ablation.full.loss;
+        let without = signal_losses(judge, &less.at_posterior(), &less.disturbances)?;
         let worth_by_signal = std::array::from_fn(|i| without[i] - with[i]);
         Some(Finding { name, params, confusable_with, manoeuvre, worth_fit, worth_test, worth_by_signal, with: Vec::new() })
     };
-    dissected.without.par_iter().zip(worths).map(|(each, worth)| describe(each, worth)).collect()
+    ablation.without.par_iter().zip(worths).map(|(each, worth)| describe(each, worth)).collect()
 }
 
 /// Whether a finding is of the exact geometry, which any vehicle has.
@@ -79,7 +86,7 @@ pub fn manoeuvre(effect: &Entry, others: &[&'static str]) -> String {
 fn constant_alternative(search: &Search, last: &FilteredHypothesis, gust: &GustCandidate) -> Option<&'static str> {
     (gust.disturbances.force.tau_s > SLOW_GUST_S).then_some(())?;
     let other = search.extend(last).1.filter(|other| other.loss < last.loss + ALIKE)?;
-    noise::said(&other.disturbances).all(|(said, _)| said != NotableDisturbance::Force).then_some(())?;
+    noise::reportable(&other.disturbances).all(|(kind, _)| kind != NotableDisturbance::Force).then_some(())?;
     other.hypothesis.terms.iter().map(|t| t.entry.name).find(|name| !last.hypothesis.has(name))
 }
 
@@ -87,13 +94,15 @@ fn constant_alternative(search: &Search, last: &FilteredHypothesis, gust: &GustC
 pub fn gust_finding(search: &Search, judge: &Search, last: &FilteredHypothesis, gust: &GustCandidate) -> Option<Finding> {
     let entry = registry().iter().find(|e| e.observability == Observability::GaussMarkov(GaussMarkovSignal::Force))?;
     let force = gust.disturbances.force;
-    let calm = Disturbances { force: Wander { sigma: noise::FLOOR.force.sigma, ..force }, ..gust.disturbances };
-    let at = last.settled();
+    let calm = Disturbances { force: GaussMarkov { sigma: noise::FLOOR.force.sigma, ..force }, ..gust.disturbances };
+    let at = last.at_posterior();
     let (without, with) = (signal_losses(judge, &at, &calm)?, signal_losses(judge, &at, &gust.disturbances)?);
     let worth_by_signal: [f64; 4] = std::array::from_fn(|i| without[i] - with[i]);
     let worth_test = worth_by_signal.iter().sum();
     let estimates = entry.params.iter().zip([force.sigma, force.tau_s]).zip(gust.sd);
-    let params = estimates.map(|((p, value), stderr)| Estimate { name: p.name, value, stderr, unit: p.unit, declared: p.off }).collect();
+    let params = estimates
+        .map(|((p, value), stderr)| EffectParameterEstimate { name: p.name, value, stderr, unit: p.unit, declared: p.off })
+        .collect();
     let confusable_with: Vec<&'static str> = constant_alternative(search, last, gust).into_iter().collect();
     let manoeuvre = if confusable_with.is_empty() { String::new() } else { manoeuvre(entry, &confusable_with) };
     (worth_test > WORTH_TEST).then_some(Finding {
@@ -111,7 +120,7 @@ pub fn gust_finding(search: &Search, judge: &Search, last: &FilteredHypothesis, 
 /// Effects of which a tenth of the range of every free parameter would not have shown at four standard errors.
 pub fn not_excited(steps: &[Step]) -> Vec<(&'static str, f64)> {
     let first = steps.first().map_or(&[][..], |s| &s.ranking);
-    let hidden = |r: &Ranked| {
+    let hidden = |r: &RankedCandidate| {
         let entry = registry().iter().find(|e| e.name == r.name)?;
         let free = entry.params.iter().filter(|p| p.role == Role::Free).zip(&r.stderr);
         let shows = free.clone().any(|(p, sd)| 4.0 * sd <= 0.1 * (p.high - p.low));

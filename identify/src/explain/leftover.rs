@@ -1,4 +1,4 @@
-//! Whether anything is left: the filter's innovations must be independent of each other and of past commands, and hold no line.
+//! Tests of what is left: the filter's innovations must be independent of each other and of past commands, and hold no line.
 
 use crazyflie_logs::spectrum::power_spectrum;
 
@@ -6,14 +6,14 @@ pub use super::calibration::leftover::{CLEAR, FINDING};
 use super::calibration::leftover::{LINE_CHANCE, LINE_FROM_HZ, LINE_SHARE, LONGEST_S, TOGETHER_S, TRUSTED, WHITE_S};
 use super::signals::Signal;
 use super::verdict::Leftover;
-use crate::fit::filter::Filtered;
+use crate::fit::filter::FilterResult;
 use crate::fit::flight::Flight;
 
-/// Channels by name, in the order of [`crate::fit::predict::Compared::channel`].
+/// Channels by name, in the order of [`crate::fit::predict::PredictedMeasurement::channel`].
 pub const CHANNELS: [&str; 6] = ["roll", "pitch", "yaw", "x", "y", "z"];
 
 /// One value per tick, the mean of what was measured in it.
-fn by_tick(flight: &Flight, filtered: &Filtered, channel: usize) -> Vec<Option<f64>> {
+fn innovations_by_tick(flight: &Flight, filtered: &FilterResult, channel: usize) -> Vec<Option<f64>> {
     let mut sums = vec![(0.0, 0.0); flight.ticks];
     for i in filtered.innovations.iter().filter(|i| i.channel == channel) {
         let tick = ((i.t_s / flight.tick_s - 1e-6) as usize).min(flight.ticks - 1);
@@ -25,7 +25,7 @@ fn by_tick(flight: &Flight, filtered: &Filtered, channel: usize) -> Vec<Option<f
 }
 
 /// Correlation with a signal so many ticks before, and of how many pairs.
-fn at_lag(e: &[Option<f64>], past: &[Option<f64>], lag: usize) -> (f64, f64) {
+fn lagged_correlation(e: &[Option<f64>], past: &[Option<f64>], lag: usize) -> (f64, f64) {
     let (mut ab, mut aa, mut bb, mut n) = (0.0, 0.0, 0.0, 0.0);
     for (a, b) in e.get(lag..).unwrap_or_default().iter().zip(past).filter_map(|(a, b)| Some(((*a)?, (*b)?))) {
         (ab, aa, bb, n) = (ab + a * b, aa + a * a, bb + b * b, n + 1.0);
@@ -34,22 +34,22 @@ fn at_lag(e: &[Option<f64>], past: &[Option<f64>], lag: usize) -> (f64, f64) {
 }
 
 /// Largest correlation with a signal of the past, in standard deviations of that of independent series, and its lag.
-fn correlation(e: &[Option<f64>], past: &[Option<f64>], nearest_s: f64, tick_s: f64) -> (f64, f64) {
+fn largest_correlation(e: &[Option<f64>], past: &[Option<f64>], nearest_s: f64, tick_s: f64) -> (f64, f64) {
     let lags = ((nearest_s / tick_s).ceil() as usize).max(1)..=(LONGEST_S / tick_s) as usize;
-    let of = |lag: usize| {
-        let (r, n) = at_lag(e, past, lag);
+    let z_at_lag = |lag: usize| {
+        let (r, n) = lagged_correlation(e, past, lag);
         (r * n.sqrt(), lag as f64 * tick_s)
     };
-    lags.map(of).fold((0.0, 0.0), |best: (f64, f64), now| if now.0.abs() > best.0.abs() { now } else { best })
+    lags.map(z_at_lag).fold((0.0, 0.0), |best: (f64, f64), now| if now.0.abs() > best.0.abs() { now } else { best })
 }
 
 /// The sum of the squared correlations with a signal of the past over many lags (Haugh 1976), as standard deviations of a normal: what a command does
 /// over a while, and never much at one time. The signal's own correlation leaves fewer degrees of freedom than lags (Satterthwaite 1946); the cube
 /// root of a chi-square is all but normal (Wilson, Hilferty 1931). None for less than chance would have, or a signal that never moves.
-fn together(e: &[Option<f64>], past: &[Option<f64>], tick_s: f64) -> f64 {
+fn haugh_statistic(e: &[Option<f64>], past: &[Option<f64>], tick_s: f64) -> f64 {
     let lags = (TOGETHER_S / tick_s) as usize;
-    let sum: f64 = (0..lags).map(|lag| at_lag(e, past, lag)).map(|(r, n)| r * r * n).sum();
-    let own: Vec<f64> = (0..lags).map(|lag| at_lag(past, past, lag).0).collect();
+    let sum: f64 = (0..lags).map(|lag| lagged_correlation(e, past, lag)).map(|(r, n)| r * r * n).sum();
+    let own: Vec<f64> = (0..lags).map(|lag| lagged_correlation(past, past, lag).0).collect();
     let spread: f64 = (0..lags).flat_map(|i| (0..lags).map(move |j| i.abs_diff(j))).map(|lag| own[lag].powi(2)).sum();
     if spread == 0.0 {
         return 0.0;
@@ -60,12 +60,12 @@ fn together(e: &[Option<f64>], past: &[Option<f64>], tick_s: f64) -> f64 {
 }
 
 /// Share of the power in the strongest line, and its frequency.
-pub fn line(series: &[f64], tick_s: f64) -> (f64, f64) {
-    line_above(series, tick_s, LINE_FROM_HZ)
+pub fn strongest_line(series: &[f64], tick_s: f64) -> (f64, f64) {
+    strongest_line_above(series, tick_s, LINE_FROM_HZ)
 }
 
 /// Share of the power in the strongest line above a frequency, and its frequency.
-pub fn line_above(series: &[f64], tick_s: f64, from_hz: f64) -> (f64, f64) {
+pub fn strongest_line_above(series: &[f64], tick_s: f64, from_hz: f64) -> (f64, f64) {
     let n = series.len();
     let mean = series.iter().sum::<f64>() / n as f64;
     let input: Vec<f64> = series.iter().enumerate().map(|(i, v)| (v - mean) * (std::f64::consts::PI * i as f64 / n as f64).sin()).collect();
@@ -84,18 +84,18 @@ pub fn line_above(series: &[f64], tick_s: f64, from_hz: f64) -> (f64, f64) {
 
 /// The share that makes a finding of a line in a series of so many samples: the shorter, the more of a white one lies in three neighbouring bins by
 /// chance. Behind the sine window their powers are together distributed as exponentials with means of 1 and 1 +- 1/sqrt 2.
-fn line_share(samples: usize) -> f64 {
+fn line_finding_share(samples: usize) -> f64 {
     let bins = samples as f64 / 2.0;
     let widest = 1.0 + std::f64::consts::FRAC_1_SQRT_2;
     let often = widest / (widest - 1.0) * widest / (2.0 * (widest - 1.0));
     LINE_SHARE.max(widest * (often * bins / LINE_CHANCE).ln() / bins)
 }
 
-/// What is left in a filtered flight.
-pub fn leftover(flight: &Flight, filtered: &Filtered) -> Vec<Leftover> {
+/// Findings about structure that is left in a filtered flight.
+pub fn leftover_findings(flight: &Flight, filtered: &FilterResult) -> Vec<Leftover> {
     let mut found = Vec::new();
-    let command = |of: &dyn Fn(usize) -> f64| {
-        let all: Vec<f64> = (0..flight.ticks).map(of).collect();
+    let command = |value: &dyn Fn(usize) -> f64| {
+        let all: Vec<f64> = (0..flight.ticks).map(value).collect();
         let mean = all.iter().sum::<f64>() / all.len() as f64;
         all.into_iter().map(|v| Some(v - mean)).collect::<Vec<_>>()
     };
@@ -111,29 +111,29 @@ pub fn leftover(flight: &Flight, filtered: &Filtered) -> Vec<Leftover> {
         ("change of pitch command", command(&|k| u(k).pitch_rad - flight.command(k as isize - 1).pitch_rad)),
     ];
     for (channel, name) in CHANNELS.iter().enumerate() {
-        let e = by_tick(flight, filtered, channel);
+        let e = innovations_by_tick(flight, filtered, channel);
         let known: Vec<f64> = e.iter().flatten().copied().collect();
         if known.iter().map(|v| v * v).sum::<f64>() < TRUSTED * TRUSTED * known.len() as f64 {
             continue;
         }
         let part = Signal::from_channel(channel);
         let nearest_s = if channel < 3 { 0.0 } else { WHITE_S };
-        let (z, lag_s) = correlation(&e, &e, nearest_s, flight.tick_s);
-        let itself = Leftover::new(part, name, format!("correlated with itself {lag_s:.2} s before"), z);
+        let (z, lag_s) = largest_correlation(&e, &e, nearest_s, flight.tick_s);
+        let autocorrelation = Leftover::new(part, name, format!("correlated with itself {lag_s:.2} s before"), z);
         let series: Vec<f64> = e.iter().map(|v| v.unwrap_or(0.0)).collect();
-        let (share, hz) = line(&series, flight.tick_s);
+        let (share, hz) = strongest_line(&series, flight.tick_s);
         // in units of what makes a finding
         let line = format!("a line at {hz:.2} Hz holds {:.1} % of its power", 100.0 * share);
-        let line = Leftover::new(part, name, line, FINDING * share / line_share(series.len()));
-        found.extend([itself, line]);
+        let line = Leftover::new(part, name, line, FINDING * share / line_finding_share(series.len()));
+        found.extend([autocorrelation, line]);
         for (input, past) in commands.iter().chain(&changes) {
-            let (z, lag_s) = correlation(&e, past, 0.0, flight.tick_s);
+            let (z, lag_s) = largest_correlation(&e, past, 0.0, flight.tick_s);
             found.push(Leftover::new(part, name, format!("correlated with the {input} {lag_s:.2} s before"), z));
         }
         // a slow signal is much the same at all lags: only the changes tell more together than one by one
         for (input, past) in &changes {
             let finding = format!("correlated with the {input}s of the last {TOGETHER_S} s, taken together");
-            found.push(Leftover::new(part, name, finding, FINDING * together(&e, past, flight.tick_s) / CLEAR));
+            found.push(Leftover::new(part, name, finding, FINDING * haugh_statistic(&e, past, flight.tick_s) / CLEAR));
         }
     }
     found.sort_by(|a, b| b.size.abs().total_cmp(&a.size.abs()));
@@ -166,14 +166,14 @@ mod tests {
     #[test]
     fn what_is_small_at_each_lag_is_clear_together() {
         let [residuals, changes] = series(1, 0.5);
-        assert!(correlation(&residuals, &changes, 0.0, TICK_S).0.abs() < FINDING);
-        assert!(together(&residuals, &changes, TICK_S) > CLEAR);
+        assert!(largest_correlation(&residuals, &changes, 0.0, TICK_S).0.abs() < FINDING);
+        assert!(haugh_statistic(&residuals, &changes, TICK_S) > CLEAR);
     }
 
     #[test]
     fn a_command_that_never_moves_is_no_finding() {
         let [residuals, _] = series(1, 0.5);
-        assert_eq!(together(&residuals, &vec![Some(0.0); residuals.len()], TICK_S), 0.0);
+        assert_eq!(haugh_statistic(&residuals, &vec![Some(0.0); residuals.len()], TICK_S), 0.0);
     }
 
     /// However short the flight; and a line is found in each.
@@ -183,9 +183,9 @@ mod tests {
             let mut rng = Pcg64Mcg::seed_from_u64(samples as u64);
             for _ in 0..200 {
                 let white: Vec<f64> = (0..samples).map(|_| rng.sample(StandardNormal)).collect();
-                assert!(line(&white, TICK_S).0 < line_share(samples), "{samples}");
+                assert!(strongest_line(&white, TICK_S).0 < line_finding_share(samples), "{samples}");
                 let lined: Vec<f64> = white.iter().enumerate().map(|(i, w)| w + 2.0 * (i as f64 * 0.7).sin()).collect();
-                assert!(line(&lined, TICK_S).0 > line_share(samples), "{samples}");
+                assert!(strongest_line(&lined, TICK_S).0 > line_finding_share(samples), "{samples}");
             }
         }
     }
@@ -194,7 +194,7 @@ mod tests {
     fn independent_series_are_no_finding() {
         for seed in 0..100 {
             let [residuals, changes] = series(seed, 0.0);
-            let z = together(&residuals, &changes, TICK_S);
+            let z = haugh_statistic(&residuals, &changes, TICK_S);
             assert!(z < 0.8 * CLEAR, "{seed}: {z}");
         }
     }

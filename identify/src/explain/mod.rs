@@ -41,15 +41,15 @@ pub fn explain(model: &Model, fit: &[Flight], test: &[Flight], progress: &dyn Fn
     let (fit, choosing) = (&split.fitted[..], &split.choosing[..]);
     let (search, judge) = (Search::new(fit), Search::new(choosing));
     progress("disturbances of the declared model");
-    let declared = search.declared(&Hypothesis::of(model))?;
+    let declared = search.judge_declared(&Hypothesis::from_model(model))?;
     progress("the exact form of the model");
-    let form = selection::model_form(&search, search.roughly(&declared)?);
-    let (path, steps) = selection::forward(&search, &form, progress);
+    let form = selection::model_form(&search, search.judge_roughly(&declared)?);
+    let (path, steps) = selection::select_forward(&search, &form, progress);
     let selection = selection::eliminate(&search, &judge, path, progress)?;
     progress("what is left");
     let (selection, residual) = residual::rescue(&search, &judge, selection, choosing);
-    let last = &selection.dissected.judged;
-    let settled = last.settled();
+    let last = &selection.ablation.full;
+    let settled = last.at_posterior();
     let found = finding::findings(&judge, &selection)?;
     let (mut effects, corrections): (Vec<Finding>, Vec<Finding>) = found.into_iter().partition(|e| settled.is_cause(e.name));
     let mut disturbances = last.disturbances;
@@ -59,7 +59,7 @@ pub fn explain(model: &Model, fit: &[Flight], test: &[Flight], progress: &dyn Fn
     }
     let is_vague = |e: &Finding| e.confusable_with.len() > MOST_RIVALS;
     let dropped = selection.dropped && effects.is_empty();
-    let undecided = selection.dissected.unclear > UNDECIDED || effects.iter().any(is_vague) || dropped;
+    let undecided = selection.ablation.unclear_worth > UNDECIDED || effects.iter().any(is_vague) || dropped;
     effects.retain(|e| !is_vague(e));
     let completed = Completion::new(&declared, last, [finding::group_model_form(effects), corrections], disturbances, choosing);
     let completed = completed.withdraw(&declared, &residual.leftover, choosing);
@@ -70,11 +70,11 @@ pub fn explain(model: &Model, fit: &[Flight], test: &[Flight], progress: &dyn Fn
     let structured = residual.is_structured();
     let completed = if structured && completed.effects.iter().all(finding::is_model_form) {
         progress("a term learned from the residual");
-        completed.learned(&search, &judge, last, &declared, choosing)
+        completed.with_learned_term(&search, &judge, last, &declared, choosing)
     } else {
         completed
     };
-    let completed = if split.spares_test { completed.on(&declared, test) } else { completed };
+    let completed = if split.spares_test { completed.evaluate_on(&declared, test) } else { completed };
     // the exact geometry is a form of the model, and no cause of what is left beside it
     let verdict = match (structured, completed.effects.is_empty(), undecided) {
         (true, ..) if completed.effects.iter().all(finding::is_model_form) => Verdict::Unexplained,
@@ -85,7 +85,7 @@ pub fn explain(model: &Model, fit: &[Flight], test: &[Flight], progress: &dyn Fn
     };
     Some(Explanation {
         verdict,
-        completed: completed.with_random(),
+        completed: completed.with_random_effects(),
         signals: signals::signal_verdicts(
             |signal| completed.effects.iter().any(|e| signals::main_signal(e) == signal),
             |signal| signals::is_structured(&residual.leftover, signal),
@@ -113,5 +113,5 @@ pub fn explain(model: &Model, fit: &[Flight], test: &[Flight], progress: &dyn Fn
 
 /// How badly a model predicts flights as it is: the negative log-likelihood, with what is random about them. `None` if it cannot be run on them.
 pub fn declared_loss(model: &Model, flights: &[Flight]) -> Option<f64> {
-    Some(Search::new(flights).declared(&Hypothesis::of(model))?.loss)
+    Some(Search::new(flights).judge_declared(&Hypothesis::from_model(model))?.loss)
 }

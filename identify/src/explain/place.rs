@@ -1,4 +1,4 @@
-//! Whether a wandering force belongs to places: where the vehicle comes again, it is the same again. Whatever the shape of it, a fan, a wall, a warm floor.
+//! Spatial repeatability of a wandering force: whether it is the same again where the vehicle comes again. The cause may be a fan, a wall, a warm floor.
 
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
@@ -9,40 +9,43 @@ use super::leftover::{CLEAR, FINDING};
 use super::shape::{EVERY_S, LEAST_MPS2};
 use super::signals::Signal;
 use super::verdict::Leftover;
-use crate::fit::filter::{Disturbances, Filtered, Wander};
+use crate::fit::filter::{Disturbances, FilterResult, GaussMarkov};
 use crate::fit::flight::Flight;
 
 /// A horizontal force and where it acted, sampled evenly.
-struct Visits {
+struct Revisits {
     force_mps2: Vec<[f64; 2]>,
     pos_m: Vec<[f64; 3]>,
     every_s: f64,
 }
 
-/// A finding if the horizontal force of some flights, where it is large, is alike wherever they come again: each flight by itself, all together. Where
-/// the vehicle is may be what the force has done; where it was told to be is not.
-pub fn belongs<'a>(flights: impl Iterator<Item = (&'a Flight, &'a Filtered)> + Clone, disturbances: &Disturbances) -> Option<Leftover> {
-    let Wander { sigma, tau_s } = disturbances.force;
+/// A finding if the horizontal force of some flights, where it is large, is alike wherever they come again: each flight by itself, all together. A
+/// measured place may be the consequence of the force; a set-point is not.
+pub fn spatial_repeatability<'a>(
+    flights: impl Iterator<Item = (&'a Flight, &'a FilterResult)> + Clone,
+    disturbances: &Disturbances,
+) -> Option<Leftover> {
+    let GaussMarkov { sigma, tau_s } = disturbances.force;
     if sigma < LEAST_MPS2 {
         return None;
     }
-    let alike = |(flight, filtered): (&Flight, &Filtered)| {
-        let flown = Visits::of(flight, filtered, |k| Some([0, 1, 2].map(|i| filtered.states[k][i])));
-        let told = Visits::of(flight, filtered, |k| flight.setpoint_m(k));
-        [flown.and_then(|v| v.alike(tau_s, Cause::Either)), told.and_then(|v| v.alike(tau_s, Cause::Place))]
+    let z_by_cause = |(flight, filtered): (&Flight, &FilterResult)| {
+        let measured = Revisits::new(flight, filtered, |k| Some([0, 1, 2].map(|i| filtered.states[k][i])));
+        let setpoints = Revisits::new(flight, filtered, |k| flight.setpoint_m(k));
+        [measured.and_then(|v| v.similarity_z(tau_s, Cause::Either)), setpoints.and_then(|v| v.similarity_z(tau_s, Cause::Place))]
     };
-    let found: Vec<[Option<f64>; 2]> = flights.map(alike).collect();
-    let together = |which: usize| {
+    let found: Vec<[Option<f64>; 2]> = flights.map(z_by_cause).collect();
+    let combined_z = |which: usize| {
         let clear: Vec<f64> = found.iter().filter_map(|f| f[which]).collect();
         clear.iter().sum::<f64>() / (clear.len() as f64).sqrt()
     };
-    let z = together(0).max(together(1));
+    let z = combined_z(0).max(combined_z(1));
     let finding = format!("is the same again in the same place ({z:.1} standard deviations)");
     // less alike than by chance is nothing that a place does
     (z > 0.0).then(|| Leftover::new(Signal::Sideways, "force", finding, FINDING * z / CLEAR))
 }
 
-/// What comes first.
+/// The cause of a correlation between force and place.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Cause {
     Place,
@@ -51,20 +54,20 @@ enum Cause {
 }
 
 /// Two visits of a place, by index, and how near they were.
-struct Pair(usize, usize, f64);
+struct RevisitPair(usize, usize, f64);
 
-impl Visits {
-    fn of(flight: &Flight, filtered: &Filtered, place: impl Fn(usize) -> Option<[f64; 3]>) -> Option<Self> {
+impl Revisits {
+    fn new(flight: &Flight, filtered: &FilterResult, place: impl Fn(usize) -> Option<[f64; 3]>) -> Option<Self> {
         let every = ((EVERY_S / flight.tick_s).round() as usize).max(1);
         let some = (0..filtered.states.len()).step_by(every);
-        Some(Visits {
-            force_mps2: some.clone().map(|k| [filtered.wandered[k][0], filtered.wandered[k][1]]).collect(),
+        Some(Revisits {
+            force_mps2: some.clone().map(|k| [filtered.disturbance_estimates[k][0], filtered.disturbance_estimates[k][1]]).collect(),
             pos_m: some.map(place).collect::<Option<_>>()?,
             every_s: every as f64 * flight.tick_s,
         })
     }
 
-    fn pairs(&self, tau_s: f64) -> Vec<Pair> {
+    fn pairs(&self, tau_s: f64) -> Vec<RevisitPair> {
         let apart = (APART_S.max(FORGOTTEN * tau_s) / self.every_s) as usize;
         let near = |i: usize, j: usize| {
             let square: f64 = (0..3).map(|k| (self.pos_m[i][k] - self.pos_m[j][k]).powi(2)).sum();
@@ -72,19 +75,19 @@ impl Visits {
         };
         let n = self.pos_m.len();
         let all = (0..n).flat_map(|i| (i + apart..n).map(move |j| (i, j)));
-        all.map(|(i, j)| Pair(i, j, near(i, j))).filter(|pair| pair.2 > 0.01).collect()
+        all.map(|(i, j)| RevisitPair(i, j, near(i, j))).filter(|pair| pair.2 > 0.01).collect()
     }
 
     /// How much more alike the forces of different visits are than chance would have it, in standard deviations of the same for forces that
     /// wander with that correlation time. `None` if the places are the consequence, or none was visited again.
-    fn alike(&self, tau_s: f64, cause: Cause) -> Option<f64> {
+    fn similarity_z(&self, tau_s: f64, cause: Cause) -> Option<f64> {
         let pairs = self.pairs(tau_s);
         if pairs.is_empty() {
             return None;
         }
         let samples = |time_s: f64| (time_s / self.every_s) as isize;
         let most = |force: &[[f64; 2]], shifts: std::ops::RangeInclusive<isize>| {
-            shifts.map(|shift| likeness(force, &pairs, shift)).fold(f64::NEG_INFINITY, f64::max)
+            shifts.map(|shift| force_similarity(force, &pairs, shift)).fold(f64::NEG_INFINITY, f64::max)
         };
         let here = most(&self.force_mps2, 0..=samples(BEHIND_S));
         if cause == Cause::Either && most(&self.force_mps2, -samples(AFTER_S)..=-1) > here {
@@ -92,7 +95,7 @@ impl Visits {
         }
         let mut rng = Pcg64Mcg::seed_from_u64(0);
         let keep = (-self.every_s / tau_s).exp();
-        let mut draws = || most(&wandering(self.force_mps2.len(), keep, &mut rng), 0..=samples(BEHIND_S));
+        let mut draws = || most(&simulate_gauss_markov(self.force_mps2.len(), keep, &mut rng), 0..=samples(BEHIND_S));
         let chance: Vec<f64> = (0..DRAWS).map(|_| draws()).collect();
         let mean = chance.iter().sum::<f64>() / DRAWS as f64;
         let sd = (chance.iter().map(|c| (c - mean).powi(2)).sum::<f64>() / DRAWS as f64).sqrt();
@@ -101,13 +104,13 @@ impl Visits {
 }
 
 /// Mean product of the forces of two visits, over their mean square; the forces taken `shift` samples after the visit.
-fn likeness(force: &[[f64; 2]], pairs: &[Pair], shift: isize) -> f64 {
+fn force_similarity(force: &[[f64; 2]], pairs: &[RevisitPair], shift: isize) -> f64 {
     let n = force.len() as f64;
     let mean = [0, 1].map(|k| force.iter().map(|f| f[k]).sum::<f64>() / n);
     let off = |i: usize| [force[i][0] - mean[0], force[i][1] - mean[1]];
     let square = (0..force.len()).map(|i| off(i).iter().map(|v| v * v).sum::<f64>()).sum::<f64>() / n;
     let (mut sum, mut weight) = (0.0, 0.0);
-    for Pair(i, j, near) in pairs {
+    for RevisitPair(i, j, near) in pairs {
         let (Some(i), Some(j)) = (i.checked_add_signed(shift), j.checked_add_signed(shift).filter(|j| *j < force.len())) else { continue };
         let (a, b) = (off(i), off(j));
         sum += near * (a[0] * b[0] + a[1] * b[1]);
@@ -116,11 +119,11 @@ fn likeness(force: &[[f64; 2]], pairs: &[Pair], shift: isize) -> f64 {
     if weight * square > 0.0 { sum / (weight * square) } else { 0.0 }
 }
 
-fn wandering(n: usize, keep: f64, rng: &mut Pcg64Mcg) -> Vec<[f64; 2]> {
-    let mut at = [rng.sample(StandardNormal), rng.sample(StandardNormal)];
+fn simulate_gauss_markov(n: usize, keep: f64, rng: &mut Pcg64Mcg) -> Vec<[f64; 2]> {
+    let mut state = [rng.sample(StandardNormal), rng.sample(StandardNormal)];
     let mut step = || {
-        let now = at;
-        for slot in &mut at {
+        let now = state;
+        for slot in &mut state {
             *slot = keep * *slot + (1.0 - keep * keep).sqrt() * rng.sample::<f64, _>(StandardNormal);
         }
         now
@@ -136,7 +139,7 @@ mod tests {
     const SAMPLES: usize = 250;
 
     fn gusts(seed: u64) -> Vec<[f64; 2]> {
-        wandering(SAMPLES, (-EVERY_S / TAU_S).exp(), &mut Pcg64Mcg::seed_from_u64(seed))
+        simulate_gauss_markov(SAMPLES, (-EVERY_S / TAU_S).exp(), &mut Pcg64Mcg::seed_from_u64(seed))
     }
 
     /// A track that comes to most places more than once, never after the same time.
@@ -149,16 +152,16 @@ mod tests {
     fn a_fan_blows_where_it_stands() {
         let fan = |p: &[f64; 3]| [0.5 * (-((p[0] - 0.5).powi(2) + p[1] * p[1]) / 0.1).exp(), 0.0];
         // as late as the filter's estimate of it
-        let late = |places: &[[f64; 3]]| (0..SAMPLES).map(|k| fan(&places[k.saturating_sub(1)])).collect();
-        let visits = Visits { force_mps2: late(&track()), pos_m: track(), every_s: EVERY_S };
-        let z = visits.alike(TAU_S, Cause::Either).unwrap();
+        let delayed = |places: &[[f64; 3]]| (0..SAMPLES).map(|k| fan(&places[k.saturating_sub(1)])).collect();
+        let visits = Revisits { force_mps2: delayed(&track()), pos_m: track(), every_s: EVERY_S };
+        let z = visits.similarity_z(TAU_S, Cause::Either).unwrap();
         assert!(z > CLEAR, "{z}");
     }
 
     #[test]
     fn gusts_know_no_places() {
         for seed in 1..40 {
-            let z = Visits { force_mps2: gusts(seed), pos_m: track(), every_s: EVERY_S }.alike(TAU_S, Cause::Either);
+            let z = Revisits { force_mps2: gusts(seed), pos_m: track(), every_s: EVERY_S }.similarity_z(TAU_S, Cause::Either);
             assert!(z.is_none_or(|z| z < CLEAR), "{seed}: {z:?}");
         }
     }
@@ -170,7 +173,11 @@ mod tests {
             let force_mps2 = gusts(seed);
             let pushed = |k: usize| force_mps2[k.saturating_sub(5)].map(|f| 0.1 * f);
             let pos_m = (0..SAMPLES).map(|k| [pushed(k)[0], pushed(k)[1], 1.0]).collect();
-            assert_eq!(Visits { force_mps2: force_mps2.clone(), pos_m, every_s: EVERY_S }.alike(TAU_S, Cause::Either), None, "{seed}");
+            assert_eq!(
+                Revisits { force_mps2: force_mps2.clone(), pos_m, every_s: EVERY_S }.similarity_z(TAU_S, Cause::Either),
+                None,
+                "{seed}"
+            );
         }
     }
 
@@ -180,10 +187,11 @@ mod tests {
         let at = |k: usize| (0.8 * k as f64 * EVERY_S).sin_cos();
         let pos_m: Vec<[f64; 3]> = (0..SAMPLES).map(|k| [at(k).0, at(k).1, 1.0]).collect();
         let spot = |k: usize| [0.5 * (-((at(k).0 - 0.5).powi(2)) / 0.1).exp() * at(k).1, 0.0];
-        let of = |force_mps2: Vec<[f64; 2]>| Visits { force_mps2, pos_m: pos_m.clone(), every_s: EVERY_S }.alike(TAU_S, Cause::Place);
-        assert!(of((0..SAMPLES).map(|k| spot(k.saturating_sub(3))).collect()).unwrap() > CLEAR);
+        let z_of =
+            |force_mps2: Vec<[f64; 2]>| Revisits { force_mps2, pos_m: pos_m.clone(), every_s: EVERY_S }.similarity_z(TAU_S, Cause::Place);
+        assert!(z_of((0..SAMPLES).map(|k| spot(k.saturating_sub(3))).collect()).unwrap() > CLEAR);
         for seed in 1..40 {
-            let z = of(gusts(seed)).unwrap();
+            let z = z_of(gusts(seed)).unwrap();
             assert!(z < CLEAR, "{seed}: {z}");
         }
     }
@@ -191,6 +199,6 @@ mod tests {
     #[test]
     fn a_place_never_visited_again_says_nothing() {
         let pos_m = (0..SAMPLES).map(|k| [k as f64, 0.0, 1.0]).collect();
-        assert_eq!(Visits { force_mps2: gusts(1), pos_m, every_s: EVERY_S }.alike(TAU_S, Cause::Either), None);
+        assert_eq!(Revisits { force_mps2: gusts(1), pos_m, every_s: EVERY_S }.similarity_z(TAU_S, Cause::Either), None);
     }
 }

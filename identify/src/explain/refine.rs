@@ -8,57 +8,63 @@ use rayon::prelude::*;
 
 use super::calibration::refine::{ENOUGH, ROUNDS, STEP, STRETCH_S};
 use super::search::FilteredHypothesis;
-use crate::fit::filter::{Belief, Disturbances, Innovation, filter};
+use crate::fit::filter::{Disturbances, Innovation, ParameterPrior, filter};
 use crate::fit::flight::Flight;
 use crate::fit::hypothesis::Hypothesis;
-use crate::fit::solve::{Cluster, HUBER, clustered, pseudo_inverse};
+use crate::fit::solve::{Cluster, HUBER, cluster_robust_covariance, pseudo_inverse};
 
 /// The innovations of all flights with the parameters at some values, one after the other.
-struct Run {
+struct FilterRun {
     loss: f64,
     /// Each with the stretch that it lies in.
     innovations: Vec<(usize, Innovation)>,
 }
 
-fn run(flights: &[Flight], at: &Hypothesis, disturbances: &Disturbances) -> Option<Run> {
-    let nothing = Belief::independent(Vec::new(), &[]);
-    let (fixed, mut first) = (at.fixed(), 0);
-    let mut all = Run { loss: 0.0, innovations: Vec::new() };
+fn filter_flights(flights: &[Flight], hypothesis: &Hypothesis, disturbances: &Disturbances) -> Option<FilterRun> {
+    let nothing = ParameterPrior::independent(Vec::new(), &[]);
+    let (fixed, mut first) = (hypothesis.without_free(), 0);
+    let mut all = FilterRun { loss: 0.0, innovations: Vec::new() };
     for flight in flights {
-        let filtered = filter(flight, flight.all(), &fixed, &nothing, disturbances)?;
+        let filtered = filter(flight, flight.all_ticks(), &fixed, &nothing, disturbances)?;
         all.loss += filtered.loss;
         let stretches = ((flight.ticks as f64 * flight.tick_s / STRETCH_S) as usize).max(1);
-        let of = |i: &Innovation| first + ((i.t_s / STRETCH_S) as usize).min(stretches - 1);
-        all.innovations.extend(filtered.innovations.iter().map(|i| (of(i), *i)));
+        let stretch_of = |i: &Innovation| first + ((i.t_s / STRETCH_S) as usize).min(stretches - 1);
+        all.innovations.extend(filtered.innovations.iter().map(|i| (stretch_of(i), *i)));
         first += stretches;
     }
     Some(all)
 }
 
-/// What each stretch says about the parameters, by differences.
-fn clusters(flights: &[Flight], at: &Hypothesis, here: &Run, sd: &[f64], disturbances: &Disturbances) -> Option<Vec<Cluster>> {
-    let (values, bounds) = (at.shared(), at.bounds());
+/// Gradient and information of each stretch, by differences.
+fn clusters(
+    flights: &[Flight],
+    hypothesis: &Hypothesis,
+    here: &FilterRun,
+    sd: &[f64],
+    disturbances: &Disturbances,
+) -> Option<Vec<Cluster>> {
+    let (values, bounds) = (hypothesis.free_values(), hypothesis.bounds());
     let n = values.len();
     let sides = |i: usize| [-STEP, STEP].map(|by| (values[i] + by * sd[i]).clamp(bounds[i][0], bounds[i][1]));
     let moved = |k: usize| {
         let mut to = values.clone();
         to[k / 2] = sides(k / 2)[k % 2];
-        run(flights, &at.at(&to), disturbances)
+        filter_flights(flights, &hypothesis.with_values(&to), disturbances)
     };
-    let runs: Vec<Run> = (0..2 * n).into_par_iter().map(moved).collect::<Option<_>>()?;
+    let runs: Vec<FilterRun> = (0..2 * n).into_par_iter().map(moved).collect::<Option<_>>()?;
     let mut clusters = BTreeMap::new();
     for (row, (stretch, innovation)) in here.innovations.iter().enumerate() {
-        let slope = |i: usize, of: fn(&Innovation) -> f64| {
+        let slope = |i: usize, number: fn(&Innovation) -> f64| {
             let [low, high] = sides(i);
-            (of(&runs[2 * i + 1].innovations[row].1) - of(&runs[2 * i].innovations[row].1)) / (high - low)
+            (number(&runs[2 * i + 1].innovations[row].1) - number(&runs[2 * i].innovations[row].1)) / (high - low)
         };
         let z = DVector::from_fn(n, |i, _| slope(i, |v| v.normalised));
         // a parameter that changes how far predictions miss is known by that too
-        let spread = DVector::from_fn(n, |i, _| slope(i, |v| v.spread));
+        let log_sd = DVector::from_fn(n, |i, _| slope(i, |v| v.log_sd));
         let weight = (HUBER / innovation.normalised.abs()).min(1.0);
         let cluster = clusters.entry(*stretch).or_insert_with(|| Cluster::new(n));
         cluster.information.ger(weight, &z, &z, 1.0);
-        cluster.information.ger(weight, &spread, &spread, 1.0);
+        cluster.information.ger(weight, &log_sd, &log_sd, 1.0);
         cluster.gradient += DVector::from_fn(n, |i, _| slope(i, |v| v.loss));
     }
     Some(clusters.into_values().collect())
@@ -66,34 +72,35 @@ fn clusters(flights: &[Flight], at: &Hypothesis, here: &Run, sd: &[f64], disturb
 
 /// The most likely values and their covariance, clustered by stretches of the flights: it holds although the innovations are not quite
 /// independent. `None` if nothing is free or the filter breaks down.
-pub fn refine(flights: &[Flight], judged: &FilteredHypothesis) -> Option<Belief> {
-    let mut at = judged.settled();
-    let (n, bounds) = (at.shared().len(), at.bounds());
+pub fn refine(flights: &[Flight], judged: &FilteredHypothesis) -> Option<ParameterPrior> {
+    let mut hypothesis = judged.at_posterior();
+    let (n, bounds) = (hypothesis.free_values().len(), hypothesis.bounds());
     if n == 0 {
         return None;
     }
     // to differ by more than the range tells nothing
     let inside = |sd: f64, i: usize| sd.min(bounds[i][1] - bounds[i][0]);
-    let mut sd: Vec<f64> = (0..n).map(|i| inside(judged.belief.sd(i), i)).collect();
-    let mut here = run(flights, &at, &judged.disturbances)?;
-    let mut known = clusters(flights, &at, &here, &sd, &judged.disturbances)?;
+    let mut sd: Vec<f64> = (0..n).map(|i| inside(judged.posterior.sd(i), i)).collect();
+    let mut here = filter_flights(flights, &hypothesis, &judged.disturbances)?;
+    let mut known = clusters(flights, &hypothesis, &here, &sd, &judged.disturbances)?;
     for _ in 0..ROUNDS {
         let gradient: DVector<f64> = known.iter().map(|c| &c.gradient).sum();
         let bread = pseudo_inverse(&known.iter().map(|c| &c.information).sum())?;
         let step = &bread * gradient;
-        let to: Vec<f64> = at.shared().iter().enumerate().map(|(i, v)| (v - step[i]).clamp(bounds[i][0], bounds[i][1])).collect();
+        let to: Vec<f64> =
+            hypothesis.free_values().iter().enumerate().map(|(i, v)| (v - step[i]).clamp(bounds[i][0], bounds[i][1])).collect();
         if to.iter().any(|v| v.is_nan()) {
             return None;
         }
-        let next = at.at(&to);
-        let there = run(flights, &next, &judged.disturbances)?;
+        let next = hypothesis.with_values(&to);
+        let there = filter_flights(flights, &next, &judged.disturbances)?;
         let gain = here.loss - there.loss;
         if gain < ENOUGH {
             break;
         }
-        (at, here) = (next, there);
+        (hypothesis, here) = (next, there);
         sd = (0..n).map(|i| inside(bread[(i, i)].sqrt(), i)).collect();
-        known = clusters(flights, &at, &here, &sd, &judged.disturbances)?;
+        known = clusters(flights, &hypothesis, &here, &sd, &judged.disturbances)?;
     }
-    Some(Belief { mean: at.shared(), covariance: clustered(&known)?.as_slice().to_vec() })
+    Some(ParameterPrior { mean: hypothesis.free_values(), covariance: cluster_robust_covariance(&known)?.as_slice().to_vec() })
 }

@@ -1,4 +1,4 @@
-//! What is left when an explanation is taken for true: correlation and lines in the innovations, and disturbances too large for a model's small errors.
+//! The residual under an explanation: correlation and lines in the innovations, and disturbances too large for a model's small errors.
 
 use rayon::prelude::*;
 
@@ -12,7 +12,7 @@ use super::selection::{Selection, validate};
 use super::shape;
 use super::signals::Signal;
 use super::verdict::Leftover;
-use crate::fit::filter::{Belief, Disturbances, Filtered, Wander, filter};
+use crate::fit::filter::{Disturbances, FilterResult, GaussMarkov, ParameterPrior, filter};
 use crate::fit::flight::Flight;
 
 /// A wandering force that may be a gust: disturbances with its size and correlation time finely, and the standard errors of these.
@@ -21,21 +21,22 @@ pub struct GustCandidate {
     pub sd: [f64; 2],
 }
 
-/// Sizes are tuned on short stretches, where a small gust may not be worth its price: at the limit of what is said, whole flights decide.
+/// Sizes are tuned on short stretches, where a small gust may not be worth its penalty: at the limit of what is reported, whole flights decide.
 fn gust_candidate(search: &Search, last: &FilteredHypothesis) -> Option<GustCandidate> {
-    let is_gust = |d: &Disturbances| d.force.tau_s > noise::GUST_S && noise::said(d).any(|(said, _)| said == NotableDisturbance::Force);
+    let is_gust =
+        |d: &Disturbances| d.force.tau_s > noise::GUST_S && noise::reportable(d).any(|(kind, _)| kind == NotableDisturbance::Force);
     let before = &last.disturbances;
-    if !is_gust(before) && before.force.sigma < noise::SHAKEN_FORCE_MPS2 {
+    if !is_gust(before) && before.force.sigma < noise::REPORTABLE_FORCE_MPS2 {
         return None;
     }
-    let at = last.settled();
-    let (disturbances, sd) = noise::force(search.flights, &at, before);
-    let worth = || Some(search.plug_in(&at, before)? - search.plug_in(&at, &disturbances)?);
+    let hypothesis = last.at_posterior();
+    let (disturbances, sd) = noise::tune_force(search.flights, &hypothesis, before);
+    let worth = || Some(search.plug_in(&hypothesis, before)? - search.plug_in(&hypothesis, &disturbances)?);
     let found = is_gust(before) || (is_gust(&disturbances) && worth()? > WORTH_FIT);
     found.then_some(GustCandidate { disturbances, sd })
 }
 
-/// What a selection of effects leaves.
+/// The residual of a selection of effects.
 pub struct Residual {
     pub gust: Option<GustCandidate>,
     pub leftover: Vec<Leftover>,
@@ -43,7 +44,7 @@ pub struct Residual {
 
 impl Residual {
     fn from_selection(search: &Search, test: &[Flight], selection: &Selection) -> Self {
-        let (fit, last) = (search.flights, &selection.dissected.judged);
+        let (fit, last) = (search.flights, &selection.ablation.full);
         let gust = gust_candidate(search, last);
         let leftover = leftovers(fit, test, last, gust.as_ref());
         Residual { gust, leftover }
@@ -54,11 +55,11 @@ impl Residual {
     }
 }
 
-/// What is left of a selection. An effect that nearly earned its place comes back if it accounts for all structure that is left without it.
+/// Residual of a selection, and the selection. An effect that nearly earned its place comes back if it accounts for all structure that is left without it.
 pub fn rescue(search: &Search, judge: &Search, mut selection: Selection, test: &[Flight]) -> (Selection, Residual) {
     let residual = Residual::from_selection(search, test, &selection);
-    let nearly = selection.dissected.nearly.take().filter(|_| residual.is_structured());
-    let other = nearly.and_then(|nearly| validate(search, judge, search.dissect(nearly), selection.rivals.clone()));
+    let near_miss = selection.ablation.near_miss.take().filter(|_| residual.is_structured());
+    let other = near_miss.and_then(|near_miss| validate(search, judge, search.ablate(near_miss), selection.rivals.clone()));
     let other = other.map(|other| (Residual::from_selection(search, test, &other), other)).filter(|(left, _)| !left.is_structured());
     other.map_or((selection, residual), |(residual, other)| (other, residual))
 }
@@ -67,20 +68,20 @@ pub fn rescue(search: &Search, judge: &Search, mut selection: Selection, test: &
 fn excess_disturbances(disturbances: &Disturbances, gust: Option<&GustCandidate>) -> Vec<Leftover> {
     let Disturbances { lift, torque, turn, .. } = *disturbances;
     let finding = |part: Signal, signal: &str, words: String, size: f64| Leftover::new(part, signal, words, leftover::FINDING * size);
-    let words = |what: &str, by: Wander, unit: &str| {
+    let words = |what: &str, by: GaussMarkov, unit: &str| {
         format!("{what} shaken by {:.2} {unit}, for {:.2} s at a time, whatever the commands", by.sigma, by.tau_s)
     };
-    let finding_for = |(said, size): (NotableDisturbance, f64)| {
-        Some(match said {
+    let finding_for = |(kind, size): (NotableDisturbance, f64)| {
+        Some(match kind {
             NotableDisturbance::Force => return None,
             NotableDisturbance::Lift => finding(Signal::Vertical, "lift", words("the thrust is", lift, "m/s^2"), size),
             NotableDisturbance::Torque => finding(Signal::Tilt, "torque", words("roll and pitch are", torque, "rad/s^2"), size),
             NotableDisturbance::Turn => finding(Signal::Yaw, "turn", words("the yaw is", turn, "rad/s^2"), size),
         })
     };
-    let mut found: Vec<Leftover> = noise::said(disturbances).filter_map(finding_for).collect();
-    let endless = gust.map(|b| b.disturbances).filter(|d| d.force.tau_s >= noise::LONGEST_S);
-    let endless = endless.and_then(|d| Some((d, noise::said(&d).find(|(said, _)| *said == NotableDisturbance::Force)?.1)));
+    let mut found: Vec<Leftover> = noise::reportable(disturbances).filter_map(finding_for).collect();
+    let endless = gust.map(|g| g.disturbances).filter(|d| d.force.tau_s >= noise::LONGEST_S);
+    let endless = endless.and_then(|d| Some((d, noise::reportable(&d).find(|(kind, _)| *kind == NotableDisturbance::Force)?.1)));
     found.extend(endless.map(|(d, size)| {
         finding(Signal::Sideways, "force", format!("wanders by {:.2} m/s^2, for longer than gusts do", d.force.sigma), size)
     }));
@@ -89,15 +90,16 @@ fn excess_disturbances(disturbances: &Disturbances, gust: Option<&GustCandidate>
 
 /// The strongest findings in the innovations of the test flights, and in the forces of all.
 pub fn leftovers(fit: &[Flight], test: &[Flight], last: &FilteredHypothesis, gust: Option<&GustCandidate>) -> Vec<Leftover> {
-    let (at, disturbances, nothing) = (last.settled().fixed(), &last.disturbances, Belief::independent(Vec::new(), &[]));
-    let filtered = |f: &Flight| filter(f, f.all(), &at, &nothing, disturbances);
+    let (hypothesis, disturbances, nothing) =
+        (last.at_posterior().without_free(), &last.disturbances, ParameterPrior::independent(Vec::new(), &[]));
+    let filtered = |f: &Flight| filter(f, f.all_ticks(), &hypothesis, &nothing, disturbances);
     let known: Vec<_> = fit.par_iter().filter_map(|f| Some((f, filtered(f)?))).collect();
     let tested: Vec<_> = test.par_iter().filter_map(|f| Some((f, filtered(f)?))).collect();
-    let findings = |(flight, filtered): &(&Flight, Filtered)| {
-        [leftover::leftover(flight, filtered), shape::shapes(flight, filtered, disturbances)].concat()
+    let findings = |(flight, filtered): &(&Flight, FilterResult)| {
+        [leftover::leftover_findings(flight, filtered), shape::force_findings(flight, filtered, disturbances)].concat()
     };
     let mut all: Vec<Leftover> = tested.iter().flat_map(findings).collect();
-    all.extend(place::belongs(known.iter().chain(&tested).map(|(flight, filtered)| (*flight, filtered)), disturbances));
+    all.extend(place::spatial_repeatability(known.iter().chain(&tested).map(|(flight, filtered)| (*flight, filtered)), disturbances));
     all.sort_by(|a, b| b.size.abs().total_cmp(&a.size.abs()));
     // the strongest of each signal is reported, however strong the others
     let (mut kept, mut rest): (Vec<Leftover>, Vec<Leftover>) = (Vec::new(), Vec::new());
@@ -116,7 +118,7 @@ mod tests {
     #[test]
     fn a_force_that_wanders_on_and_on_is_structure() {
         let found = |tau_s: f64| {
-            let disturbances = Disturbances { force: Wander { sigma: 0.4, tau_s }, ..Disturbances::NONE };
+            let disturbances = Disturbances { force: GaussMarkov { sigma: 0.4, tau_s }, ..Disturbances::NONE };
             excess_disturbances(&disturbances, Some(&GustCandidate { disturbances, sd: [0.1; 2] }))
         };
         assert!(found(3.0).is_empty());

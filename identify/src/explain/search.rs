@@ -1,55 +1,56 @@
-//! Which effects earn their place. Windows of flights, fitted by output error, propose; the Kalman filter, whose residuals are independent of each
-//! other whatever shakes the vehicle, decides.
+//! The search for effects. Windows of flights, fitted by output error, propose. The Kalman filter decides: its innovations are independent of each
+//! other whatever shakes the vehicle.
 
 use crazyflie_env::effects::{self, Entry, Geometry, Observability};
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::calibration::search::{
-    BEYOND, ENOUGH, EVERY_TO_START, FAR_BEHIND, KEPT, LAG_PRICE, LEAST_JOINED, LEAST_PROPOSAL, LEAST_SHARE, NEAR_M, NEAR_MPS, NEARLY,
-    PROBABILITIES, PROBABILITY_SD, SHORTLIST, SHORTLIST_IN_CALM, STEPS, STEPS_TO_START, TIGHT, TUNED, WIDEN, WINDOWS_TO_PROPOSE,
+    BEYOND, ENOUGH, EVERY_TO_START, FAR_BEHIND, KEPT, LAG_PENALTY, LEAST_JOINED, LEAST_PROPOSAL, LEAST_SHARE, NEAR_M, NEAR_MPS, NEARLY,
+    PROBABILITIES, PROBABILITY_SD, SHORTLIST, SHORTLIST_DAMPED, STEPS, STEPS_TO_START, TIGHT, TUNED, WIDEN, WINDOWS_TO_PROPOSE,
 };
 pub use super::calibration::search::{CLEAR, LEAST_GAIN, MOST_EFFECTS};
 use super::calibration::verdict::MOST_RIVALS;
 use super::candidates::{Candidate, candidates};
-use super::noise::{FLOOR, calm, loud, price, tune};
+use super::noise::{FLOOR, damped, masks_effects, penalty, tune_disturbances};
 use crate::estimate::at_bound;
-use crate::fit::filter::{Belief, Disturbances, filter};
+use crate::fit::filter::{Disturbances, ParameterPrior, filter};
 use crate::fit::flight::{Flight, WINDOW_S, Window};
 use crate::fit::hypothesis::{Hypothesis, Term};
-use crate::fit::predict::Prediction;
+use crate::fit::predict::OutputErrorProblem;
 use crate::fit::solve::{Solution, pseudo_inverse, solve_within};
 
-/// A hypothesis with what the flights say of it.
+/// A hypothesis judged by the filter: posterior of its parameters, disturbances and loss.
 #[derive(Debug, Clone)]
 pub struct FilteredHypothesis {
     /// Values as the windows have them.
     pub hypothesis: Hypothesis,
     /// As the filter has them after all flights of the fit.
-    pub belief: Belief,
+    pub posterior: ParameterPrior,
     pub disturbances: Disturbances,
-    /// Negative log-likelihood of the flights of the fit, the free parameters integrated out, and the price of the disturbances.
+    /// Negative log-likelihood of the flights of the fit, the free parameters integrated out, and the penalty of the disturbances.
     pub loss: f64,
 }
 
-/// A hypothesis, and each that lacks one of its effects.
+/// Ablation study of a hypothesis: itself, and each that lacks one of its effects.
 #[derive(Debug, Clone)]
 pub struct Ablation {
-    pub judged: FilteredHypothesis,
+    pub full: FilteredHypothesis,
     pub without: Vec<(&'static str, FilteredHypothesis)>,
-    /// The most that an effect was worth which was taken out, because its size was unclear.
-    pub unclear: f64,
-    /// As it was before the last effect was taken out whose size was clear, and that was worth most of what it must be.
-    pub nearly: Option<FilteredHypothesis>,
+    /// The most that an effect was worth that was taken out because its size was unclear.
+    pub unclear_worth: f64,
+    /// The hypothesis with the effect that nearly earned its place: clear in size, and worth most of what it must be.
+    pub near_miss: Option<FilteredHypothesis>,
 }
 
 impl FilteredHypothesis {
-    /// How many standard errors lie between "off" and the value of an effect's clearest parameter.
+    /// Standard errors between "off" and the value of an effect's clearest parameter.
     pub fn clearance(&self, effect: &str) -> f64 {
         let place = self.hypothesis.place(effect);
         let Some(term) = self.hypothesis.term(effect) else { return 0.0 };
-        let of = |(i, at): (&usize, usize)| (self.belief.mean[at] - term.entry.params[*i].off).abs() / self.belief.sd(at);
-        term.free.iter().zip(place).map(of).fold(0.0, f64::max)
+        let standard_errors =
+            |(i, at): (&usize, usize)| (self.posterior.mean[at] - term.entry.params[*i].off).abs() / self.posterior.sd(at);
+        term.free.iter().zip(place).map(standard_errors).fold(0.0, f64::max)
     }
 
     /// Whether the first parameter of an effect, its strength, ran to a bound: something else is the cause. Of the exact geometry all is no bound.
@@ -58,21 +59,21 @@ impl FilteredHypothesis {
             return false;
         };
         let (p, at) = (&term.entry.params[0], self.hypothesis.place(effect).start);
-        let value = self.belief.mean[at].clamp(p.low, p.high);
+        let value = self.posterior.mean[at].clamp(p.low, p.high);
         value != p.off && at_bound(value, [p.low, p.high])
     }
 
     /// The hypothesis at the filter's values.
-    pub fn settled(&self) -> Hypothesis {
+    pub fn at_posterior(&self) -> Hypothesis {
         let bounds = self.hypothesis.bounds();
-        let inside: Vec<f64> = self.belief.mean.iter().zip(bounds).map(|(v, [low, high])| v.clamp(low, high)).collect();
-        self.hypothesis.at(&inside)
+        let inside: Vec<f64> = self.posterior.mean.iter().zip(bounds).map(|(v, [low, high])| v.clamp(low, high)).collect();
+        self.hypothesis.with_values(&inside)
     }
 
     /// The settled hypothesis with one more effect, and how well the free parameters are known, those of the effect about as well as `sd`.
-    pub fn and(&self, term: &Term, sd: &[f64]) -> (Hypothesis, Vec<f64>) {
-        let hypothesis = self.settled().with(term.clone());
-        let mut known: Vec<f64> = (0..self.belief.mean.len()).map(|i| self.belief.sd(i)).collect();
+    pub fn with_term(&self, term: &Term, sd: &[f64]) -> (Hypothesis, Vec<f64>) {
+        let hypothesis = self.at_posterior().with(term.clone());
+        let mut known: Vec<f64> = (0..self.posterior.mean.len()).map(|i| self.posterior.sd(i)).collect();
         let place = hypothesis.place(term.entry.name);
         known.splice(place.start..place.start, sd.iter().copied());
         (hypothesis, known)
@@ -91,22 +92,22 @@ struct Proposal {
     sd: Vec<f64>,
 }
 
-/// Some of the windows, with their starts and their loss.
-struct Sample<'a> {
+/// A subset of the windows, with their starts and their loss.
+struct WindowSubset<'a> {
     search: Search<'a>,
     own: Vec<Vec<f64>>,
     before: f64,
-    /// How many times as many windows there are.
-    of_all: f64,
+    /// All windows over those of the subset.
+    scale: f64,
 }
 
-impl Sample<'_> {
+impl WindowSubset<'_> {
     /// Of an effect without a slope at "off": the start from which the windows gain most, and what it gains there.
-    fn start_elsewhere(&self, at: &Hypothesis, starts: &[Term]) -> Option<Score> {
+    fn best_alternative_start(&self, hypothesis: &Hypothesis, starts: &[Term]) -> Option<Score> {
         let from = |start: &Term| {
-            let with = at.with(start.clone());
+            let with = hypothesis.with(start.clone());
             let solution = self.search.fit(&with, Some(&self.own), STEPS_TO_START);
-            (self.of_all * (self.before - solution.loss), with.at(&solution.shared))
+            (self.scale * (self.before - solution.loss), with.with_values(&solution.shared))
         };
         let tried: Vec<(f64, Hypothesis)> = starts.par_iter().map(from).collect();
         let (gain, best) = tried.into_iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
@@ -115,7 +116,7 @@ impl Sample<'_> {
     }
 }
 
-/// What an effect could gain.
+/// The gain that an effect could bring.
 #[derive(Debug, Clone)]
 pub struct Score {
     /// Where to start its fit.
@@ -126,11 +127,11 @@ pub struct Score {
     pub sd: Vec<f64>,
 }
 
-/// What all effects could gain, the best first.
+/// Scores of all effects, the best first.
 struct Scores {
     usual: Vec<Score>,
-    /// Those with a slope at "off", if little were random.
-    in_calm: Vec<Score>,
+    /// Those with a slope at "off", under damped disturbances.
+    damped: Vec<Score>,
     /// The windows' fit without any of them.
     base: Solution,
 }
@@ -148,14 +149,14 @@ fn best_first(mut scores: Vec<Score>) -> Vec<Score> {
     scores
 }
 
-/// A likelihood to second order.
-struct Jet {
+/// Quadratic model of the negative log-likelihood: its value, gradient and information at a point.
+struct QuadraticModel {
     loss: f64,
     gradient: DVector<f64>,
     information: DMatrix<f64>,
 }
 
-impl Jet {
+impl QuadraticModel {
     /// The gain of the parameters at `place`, those at `known` following.
     fn score(&self, start: &Term, place: &[usize], known: &[usize]) -> Score {
         let block =
@@ -200,25 +201,25 @@ impl<'a> Search<'a> {
     }
 
     /// A hypothesis judged as a search judges.
-    pub fn roughly(&self, judged: &FilteredHypothesis) -> Option<FilteredHypothesis> {
-        self.at_most(judged, Some(self.rough_hz(2)))
+    pub fn judge_roughly(&self, judged: &FilteredHypothesis) -> Option<FilteredHypothesis> {
+        self.with_physics_hz(judged, Some(self.rough_hz(2)))
     }
 
     /// And as exactly as its effects ask for.
-    pub fn exactly(&self, judged: &FilteredHypothesis) -> Option<FilteredHypothesis> {
-        self.at_most(judged, None)
+    pub fn judge_exactly(&self, judged: &FilteredHypothesis) -> Option<FilteredHypothesis> {
+        self.with_physics_hz(judged, None)
     }
 
-    fn at_most(&self, judged: &FilteredHypothesis, most_hz: Option<u32>) -> Option<FilteredHypothesis> {
+    fn with_physics_hz(&self, judged: &FilteredHypothesis, max_physics_hz: Option<u32>) -> Option<FilteredHypothesis> {
         let mut other = judged.clone();
-        other.hypothesis.most_hz = most_hz;
-        self.again(&other, &judged.disturbances)
+        other.hypothesis.max_physics_hz = max_physics_hz;
+        self.rejudge(&other, &judged.disturbances)
     }
 
     pub fn fit(&self, hypothesis: &Hypothesis, own: Option<&[Vec<f64>]>, most_steps: usize) -> Solution {
-        let hypothesis = &Hypothesis { most_hz: hypothesis.most_hz.or(Some(self.rough_hz(2))), ..hypothesis.clone() };
-        let prediction = Prediction { flights: self.flights, windows: &self.windows, hypothesis, inflation: 1.0 };
-        let measured = prediction.starts();
+        let hypothesis = &Hypothesis { max_physics_hz: hypothesis.max_physics_hz.or(Some(self.rough_hz(2))), ..hypothesis.clone() };
+        let prediction = OutputErrorProblem { flights: self.flights, windows: &self.windows, hypothesis, inflation: 1.0 };
+        let measured = prediction.measured_starts();
         let longer = |(known, start): (&Vec<f64>, &Vec<f64>)| {
             // a start that makes up for what the other hypothesis lacks may lie below the floor, where a ground effect has no slope
             let known = if is_near(known, start) { &known[..] } else { &[] };
@@ -226,77 +227,79 @@ impl<'a> Search<'a> {
             [known, &start[known.len().min(start.len())..]].concat()
         };
         let own = own.map_or_else(|| measured.clone(), |own| own.iter().zip(&measured).map(longer).collect());
-        solve_within(&prediction, own, hypothesis.shared(), most_steps, ENOUGH)
+        solve_within(&prediction, own, hypothesis.free_values(), most_steps, ENOUGH)
     }
 
-    /// What the filter says of a hypothesis whose free parameters are known about as well as `sd`.
+    /// Filters a hypothesis whose free parameters are known about as well as `sd`.
     pub fn judge(&self, hypothesis: &Hypothesis, sd: &[f64], disturbances: &Disturbances) -> Option<FilteredHypothesis> {
         let ranges = hypothesis.bounds();
         let wide: Vec<f64> = sd.iter().zip(&ranges).map(|(sd, [low, high])| (WIDEN * sd).min(0.25 * (high - low))).collect();
-        let mut belief = Belief::independent(hypothesis.shared(), &wide);
-        let mut loss = price(disturbances);
+        let mut prior = ParameterPrior::independent(hypothesis.free_values(), &wide);
+        let mut loss = penalty(disturbances);
         for flight in self.flights {
-            let filtered = filter(flight, flight.all(), hypothesis, &belief, disturbances)?;
+            let filtered = filter(flight, flight.all_ticks(), hypothesis, &prior, disturbances)?;
             loss += filtered.loss;
-            belief = filtered.belief;
+            prior = filtered.posterior;
         }
-        Some(FilteredHypothesis { hypothesis: hypothesis.clone(), belief, disturbances: *disturbances, loss })
+        Some(FilteredHypothesis { hypothesis: hypothesis.clone(), posterior: prior, disturbances: *disturbances, loss })
     }
 
     /// Negative log-likelihood with all parameters as they are.
     pub fn plug_in(&self, hypothesis: &Hypothesis, disturbances: &Disturbances) -> Option<f64> {
-        let nothing = Belief::independent(Vec::new(), &[]);
-        let fixed = hypothesis.fixed();
-        self.flights.iter().map(|f| filter(f, f.all(), &fixed, &nothing, disturbances).map(|f| f.loss)).sum()
+        let nothing = ParameterPrior::independent(Vec::new(), &[]);
+        let fixed = hypothesis.without_free();
+        self.flights.iter().map(|f| filter(f, f.all_ticks(), &fixed, &nothing, disturbances).map(|f| f.loss)).sum()
     }
 
     /// The declared model, with what is random about the flight.
-    pub fn declared(&self, hypothesis: &Hypothesis) -> Option<FilteredHypothesis> {
-        let disturbances = tune(&self.flights[0], hypothesis, None);
+    pub fn judge_declared(&self, hypothesis: &Hypothesis) -> Option<FilteredHypothesis> {
+        let disturbances = tune_disturbances(&self.flights[0], hypothesis, None);
         self.judge(hypothesis, &[], &disturbances)
     }
 
     /// The hypothesis fitted anew, disturbances tuned, judged.
     pub fn refit(&self, hypothesis: &Hypothesis, disturbances: &Disturbances) -> Option<FilteredHypothesis> {
         let solution = self.fit(hypothesis, None, STEPS);
-        let (fitted, sd) = without_idle(&hypothesis.at(&solution.shared), &deviations(&solution), &[]);
+        let (fitted, sd) = drop_idle_parameters(&hypothesis.with_values(&solution.shared), &standard_errors(&solution), &[]);
         let first = self.judge(&fitted, &sd, disturbances)?;
-        let disturbances = tune(&self.flights[0], &first.settled(), Some(disturbances));
+        let disturbances = tune_disturbances(&self.flights[0], &first.at_posterior(), Some(disturbances));
         self.judge(&fitted, &sd, &disturbances)
     }
 
     /// One more effect: all scores, and the best by the filter of those that score highest.
     pub fn extend(&self, now: &FilteredHypothesis) -> (Vec<Score>, Option<FilteredHypothesis>) {
-        // what is missing for good may pass for a disturbance that wanders slowly: in a calm it would stand out
-        let calm = Some(calm(&now.disturbances)).filter(|_| loud(&now.disturbances));
-        let Some(Scores { usual: scored, in_calm, base }) = self.score(now, calm.as_ref()) else { return (Vec::new(), None) };
-        let at = now.settled();
+        // what is missing for good may pass for a disturbance that wanders slowly: under damped disturbances it would stand out
+        let damped = Some(damped(&now.disturbances)).filter(|_| masks_effects(&now.disturbances));
+        let Some(Scores { usual: scored, damped: damped_scores, base }) = self.score(now, damped.as_ref()) else {
+            return (Vec::new(), None);
+        };
+        let settled = now.at_posterior();
         let worth = |s: &&Score| s.gain > LEAST_PROPOSAL;
         let mut worthy: Vec<&Score> = scored.iter().filter(worth).take(SHORTLIST).collect();
         let seen = |worthy: &[&Score], s: &Score| worthy.iter().any(|w| w.start.entry.name == s.start.entry.name);
-        let more: Vec<&Score> = in_calm.iter().filter(worth).filter(|s| !seen(&worthy, s)).take(SHORTLIST_IN_CALM).collect();
+        let more: Vec<&Score> = damped_scores.iter().filter(worth).filter(|s| !seen(&worthy, s)).take(SHORTLIST_DAMPED).collect();
         worthy.extend(more);
-        let proposals: Vec<Proposal> = worthy.par_iter().filter_map(|s| self.propose(&at, s, &base)).collect();
+        let proposals: Vec<Proposal> = worthy.par_iter().filter_map(|s| self.propose(&settled, s, &base)).collect();
         let first = self.judge_all(&proposals, &now.disturbances);
         let mut judged = self.refine_nearest(&first, f64::INFINITY);
-        judged.extend(calm.iter().flat_map(|calm| self.refine_nearest(&self.judge_all(&proposals, calm), now.loss)));
+        judged.extend(damped.iter().flat_map(|damped| self.refine_nearest(&self.judge_all(&proposals, damped), now.loss)));
         let best = judged.into_iter().min_by(|a, b| a.loss.total_cmp(&b.loss));
-        (scored, best.and_then(|best| self.tuned(&self.joined(best, first, now))))
+        (scored, best.and_then(|best| self.retune(&self.join_round(best, first, now))))
     }
 
     /// The best hypothesis of a round, and besides what others of the round added, as long as it keeps half of what it gained alone: what is
     /// missing in several ways takes one round, not several.
-    fn joined(&self, best: FilteredHypothesis, mut others: Vec<FilteredHypothesis>, before: &FilteredHypothesis) -> FilteredHypothesis {
+    fn join_round(&self, best: FilteredHypothesis, mut others: Vec<FilteredHypothesis>, before: &FilteredHypothesis) -> FilteredHypothesis {
         others.retain(|other| before.loss - other.loss > LEAST_JOINED);
         others.sort_by(|a, b| a.loss.total_cmp(&b.loss));
         let mut now = best;
         for other in others {
             let alone = before.loss - other.loss;
-            let settled = other.settled();
+            let settled = other.at_posterior();
             let added = |t: &&Term| !before.hypothesis.has(t.entry.name) && !now.hypothesis.has(t.entry.name);
             let Some(term) = settled.terms.iter().find(added) else { continue };
-            let sd: Vec<f64> = settled.place(term.entry.name).map(|i| other.belief.sd(i)).collect();
-            let (hypothesis, sd) = now.and(term, &sd);
+            let sd: Vec<f64> = settled.place(term.entry.name).map(|i| other.posterior.sd(i)).collect();
+            let (hypothesis, sd) = now.with_term(term, &sd);
             let both = self.judge(&hypothesis, &sd, &now.disturbances);
             now = both.filter(|both| now.loss - both.loss > KEPT * alone && both.hypothesis.terms.len() <= MOST_EFFECTS).unwrap_or(now);
         }
@@ -305,64 +308,64 @@ impl<'a> Search<'a> {
 
     /// The best hypothesis with commands that may not arrive, if there is such an effect that it does not have. The windows see only what is
     /// expected of it, a delay; that the vehicle is shaken just when commands change, the filter sees once its disturbances no longer stand for it.
-    pub fn held(&self, now: &FilteredHypothesis) -> Option<FilteredHypothesis> {
+    pub fn best_with_lost_commands(&self, now: &FilteredHypothesis) -> Option<FilteredHypothesis> {
         let unshaken = Disturbances { torque: FLOOR.torque, ..now.disturbances };
-        let with = |(entry, probability): (&'static Entry, f64)| {
+        let judge_loss_probability = |(entry, probability): (&'static Entry, f64)| {
             let mut term = Term::off(entry);
             *term.values.first_mut()? = probability;
-            let (hypothesis, sd) = now.and(&term, &[PROBABILITY_SD]);
+            let (hypothesis, sd) = now.with_term(&term, &[PROBABILITY_SD]);
             self.judge(&hypothesis, &sd, &unshaken)
         };
-        let absent = candidates(&now.settled()).into_iter().map(|c| c.entry).filter(|e| e.observability == Observability::HeldCommand);
+        let absent = candidates(&now.at_posterior()).into_iter().map(|c| c.entry).filter(|e| e.observability == Observability::HeldCommand);
         let tried: Vec<_> = absent.flat_map(|entry| PROBABILITIES.map(|p| (entry, p))).collect();
-        let mut judged: Vec<FilteredHypothesis> = tried.into_par_iter().filter_map(with).collect();
+        let mut judged: Vec<FilteredHypothesis> = tried.into_par_iter().filter_map(judge_loss_probability).collect();
         judged.sort_by(|a, b| a.loss.total_cmp(&b.loss));
-        judged.par_iter().take(TUNED).filter_map(|j| self.tuned(j)).min_by(|a, b| a.loss.total_cmp(&b.loss))
+        judged.par_iter().take(TUNED).filter_map(|j| self.retune(j)).min_by(|a, b| a.loss.total_cmp(&b.loss))
     }
 
     /// The same hypothesis with the disturbances that suit it.
-    pub fn tuned(&self, judged: &FilteredHypothesis) -> Option<FilteredHypothesis> {
-        let disturbances = tune(&self.flights[0], &judged.settled(), Some(&judged.disturbances));
+    pub fn retune(&self, judged: &FilteredHypothesis) -> Option<FilteredHypothesis> {
+        let disturbances = tune_disturbances(&self.flights[0], &judged.at_posterior(), Some(&judged.disturbances));
         // tuned on a part of a flight, judged on all
-        let again = self.again(judged, &disturbances).filter(|again| again.loss < judged.loss);
-        Some(again.unwrap_or_else(|| judged.clone()))
+        let retuned = self.rejudge(judged, &disturbances).filter(|retuned| retuned.loss < judged.loss);
+        Some(retuned.unwrap_or_else(|| judged.clone()))
     }
 
     /// Without one of its effects, the others and the disturbances settled anew.
-    pub fn reduced(&self, judged: &FilteredHypothesis, effect: &str) -> Option<FilteredHypothesis> {
-        let at = judged.settled();
-        let place = at.place(effect);
-        let sd: Vec<f64> = (0..judged.belief.mean.len()).filter(|i| !place.contains(i)).map(|i| judged.belief.sd(i)).collect();
-        let first = self.judge(&at.without(effect), &sd, &judged.disturbances)?;
-        if first.loss - judged.loss > BEYOND { Some(first) } else { self.tuned(&first) }
+    pub fn judge_without(&self, judged: &FilteredHypothesis, effect: &str) -> Option<FilteredHypothesis> {
+        let settled = judged.at_posterior();
+        let place = settled.place(effect);
+        let sd: Vec<f64> = (0..judged.posterior.mean.len()).filter(|i| !place.contains(i)).map(|i| judged.posterior.sd(i)).collect();
+        let first = self.judge(&settled.without(effect), &sd, &judged.disturbances)?;
+        if first.loss - judged.loss > BEYOND { Some(first) } else { self.retune(&first) }
     }
 
-    /// A hypothesis with what is left of it without each of its effects.
-    pub fn dissect(&self, judged: FilteredHypothesis) -> Ablation {
+    /// The ablation of a hypothesis: judged without each of its effects.
+    pub fn ablate(&self, judged: FilteredHypothesis) -> Ablation {
         let names: Vec<&'static str> = judged.hypothesis.terms.iter().map(|t| t.entry.name).collect();
-        let without = names.into_par_iter().filter_map(|name| Some((name, self.reduced(&judged, name)?))).collect();
-        Ablation { judged, without, unclear: 0.0, nearly: None }
+        let without = names.into_par_iter().filter_map(|name| Some((name, self.judge_without(&judged, name)?))).collect();
+        Ablation { full: judged, without, unclear_worth: 0.0, near_miss: None }
     }
 
     /// Effects that do not earn their place at the end, when all others are there, are taken out again: each must be worth so much
     /// log-likelihood, and one of its parameters must lie clear of "off".
-    pub fn backward(&self, from: FilteredHypothesis, worth: f64) -> Ablation {
-        let mut now = self.dissect(from);
-        let (mut unclear, mut nearly) = (0.0_f64, None);
+    pub fn eliminate_backward(&self, from: FilteredHypothesis, worth: f64) -> Ablation {
+        let mut now = self.ablate(from);
+        let (mut unclear_worth, mut near_miss) = (0.0_f64, None);
         loop {
             let is_idle = |(name, less): &&(&'static str, FilteredHypothesis)| {
-                less.loss - now.judged.loss < worth || now.judged.clearance(name) < CLEAR || now.judged.is_at_bound(name)
+                less.loss - now.full.loss < worth || now.full.clearance(name) < CLEAR || now.full.is_at_bound(name)
             };
             let idle = now.without.iter().filter(is_idle);
             let Some((name, less)) = idle.min_by(|a, b| a.1.loss.total_cmp(&b.1.loss)) else {
-                return Ablation { unclear, nearly, ..now };
+                return Ablation { unclear_worth, near_miss, ..now };
             };
-            let is_worth = less.loss - now.judged.loss;
-            unclear = unclear.max(is_worth);
-            if is_worth > NEARLY * worth && now.judged.clearance(name) >= CLEAR && !now.judged.is_at_bound(name) {
-                nearly = Some(now.judged.clone());
+            let worth_of_least = less.loss - now.full.loss;
+            unclear_worth = unclear_worth.max(worth_of_least);
+            if worth_of_least > NEARLY * worth && now.full.clearance(name) >= CLEAR && !now.full.is_at_bound(name) {
+                near_miss = Some(now.full.clone());
             }
-            now = self.dissect(less.clone());
+            now = self.ablate(less.clone());
         }
     }
 
@@ -376,8 +379,8 @@ impl<'a> Search<'a> {
     ) -> Vec<(&'static str, FilteredHypothesis)> {
         // as the effects were settled with it, and as without it
         let kept = FilteredHypothesis { disturbances: judged.disturbances, ..without.clone() };
-        let Some(without) = self.again(&kept, &judged.disturbances) else { return Vec::new() };
-        let at = without.settled();
+        let Some(without) = self.rejudge(&kept, &judged.disturbances) else { return Vec::new() };
+        let settled = without.at_posterior();
         let Some(Scores { usual: scores, base, .. }) = self.score(&without, None) else { return Vec::new() };
         let own = scores.iter().find(|s| s.start.entry.name == effect).map_or(0.0, |s| s.gain);
         // of the exact geometry, a part is no rival of another or of the whole
@@ -387,10 +390,10 @@ impl<'a> Search<'a> {
         };
         let others = scores.iter().filter(is_rival).take(SHORTLIST);
         let others: Vec<&Score> = others.collect();
-        let proposals: Vec<Proposal> = others.par_iter().filter_map(|s| self.propose(&at, s, &base)).collect();
+        let proposals: Vec<Proposal> = others.par_iter().filter_map(|s| self.propose(&settled, s, &base)).collect();
         let lags = |j: &FilteredHypothesis| j.hypothesis.terms.iter().map(|t| t.entry.lags).sum::<usize>();
         // a swing whose start nobody measured pays for that, which is no word against it
-        let behind = |j: &FilteredHypothesis| j.loss - judged.loss - LAG_PRICE * lags(j).saturating_sub(lags(judged)) as f64;
+        let behind = |j: &FilteredHypothesis| j.loss - judged.loss - LAG_PENALTY * lags(j).saturating_sub(lags(judged)) as f64;
         let replaced = self.refine_nearest(&self.judge_all(&proposals, &judged.disturbances), judged.loss + noise).into_iter();
         let named = |j: FilteredHypothesis| Some((j.hypothesis.terms.iter().find(|t| !judged.hypothesis.has(t.entry.name))?.entry.name, j));
         let alike = replaced.filter_map(named).filter(|(_, j)| behind(j) < noise);
@@ -409,90 +412,91 @@ impl<'a> Search<'a> {
     fn refine_nearest(&self, first: &[FilteredHypothesis], most: f64) -> Vec<FilteredHypothesis> {
         let least = first.iter().map(|j| j.loss).fold(f64::INFINITY, f64::min);
         let near = first.par_iter().filter(|j| j.loss < if most.is_finite() { most } else { least } + FAR_BEHIND);
-        near.filter_map(|j| self.again(j, &j.disturbances)).collect()
+        near.filter_map(|j| self.rejudge(j, &j.disturbances)).collect()
     }
 
     /// The same hypothesis judged from where it settled, under other disturbances.
-    fn again(&self, judged: &FilteredHypothesis, disturbances: &Disturbances) -> Option<FilteredHypothesis> {
-        let sd: Vec<f64> = (0..judged.belief.mean.len()).map(|i| judged.belief.sd(i)).collect();
-        self.judge(&judged.settled(), &sd, disturbances)
+    fn rejudge(&self, judged: &FilteredHypothesis, disturbances: &Disturbances) -> Option<FilteredHypothesis> {
+        let sd: Vec<f64> = (0..judged.posterior.mean.len()).map(|i| judged.posterior.sd(i)).collect();
+        self.judge(&judged.at_posterior(), &sd, disturbances)
     }
 
-    /// What every effect could gain, from one run of the filter that carries the parameters of all of them, each known to be almost off. An
-    /// effect without a slope at "off" is tried from elsewhere, on the windows, whose fit comes along.
-    fn score(&self, now: &FilteredHypothesis, calm: Option<&Disturbances>) -> Option<Scores> {
-        let at = now.settled();
-        let fixed = at.fixed();
-        let all = candidates(&at);
-        let mut joint = at.clone();
-        joint.most_hz = Some(self.rough_hz(1));
+    /// Scores of all effects, from one filter run that carries the parameters of all of them, each close to "off". An effect without a slope at
+    /// "off" is tried from other starts, on the windows, whose fit comes along.
+    fn score(&self, now: &FilteredHypothesis, damped: Option<&Disturbances>) -> Option<Scores> {
+        let settled = now.at_posterior();
+        let fixed = settled.without_free();
+        let all = candidates(&settled);
+        let mut joint = settled.clone();
+        joint.max_physics_hz = Some(self.rough_hz(1));
         for candidate in &all {
             joint = joint.with(candidate.starts[0].clone());
         }
-        let (jet, (calm, base)) = rayon::join(
-            || self.jet(&joint, &now.disturbances),
-            || rayon::join(|| calm.and_then(|calm| self.jet(&joint, calm)), || self.fit(&fixed, None, STEPS)),
+        let (model, (damped_model, base)) = rayon::join(
+            || self.quadratic_model(&joint, &now.disturbances),
+            || rayon::join(|| damped.and_then(|damped| self.quadratic_model(&joint, damped)), || self.fit(&fixed, None, STEPS)),
         );
-        let (jet, sample) = (jet?, self.sample(&fixed, &base));
-        let known: Vec<usize> = at.terms.iter().flat_map(|t| joint.place(t.entry.name)).chain(0..at.free.len()).collect();
-        let of = |candidate: &Candidate| {
+        let (model, subset) = (model?, self.window_subset(&fixed, &base));
+        let known: Vec<usize> = settled.terms.iter().flat_map(|t| joint.place(t.entry.name)).chain(0..settled.free.len()).collect();
+        let candidate_scores = |candidate: &Candidate| {
             let place: Vec<usize> = joint.place(candidate.entry.name).collect();
-            let deaf = place.iter().all(|i| jet.information[(*i, *i)] * joint_range(&joint, *i).powi(2) < 1.0);
-            let here = (!deaf).then(|| jet.score(&candidate.starts[0], &place, &known));
-            let elsewhere = if deaf { &candidate.starts[..] } else { &candidate.starts[..candidate.variants] };
-            let tried = deaf || candidate.variants > 1;
-            let there = if tried { sample.start_elsewhere(&fixed, elsewhere) } else { None };
+            let has_no_slope = place.iter().all(|i| model.information[(*i, *i)] * joint_range(&joint, *i).powi(2) < 1.0);
+            let here = (!has_no_slope).then(|| model.score(&candidate.starts[0], &place, &known));
+            let elsewhere = if has_no_slope { &candidate.starts[..] } else { &candidate.starts[..candidate.variants] };
+            let tried = has_no_slope || candidate.variants > 1;
+            let there = if tried { subset.best_alternative_start(&fixed, elsewhere) } else { None };
             here.into_iter().chain(there).collect::<Vec<Score>>()
         };
-        let usual = best_first(all.par_iter().flat_map_iter(of).collect());
-        let stands_out = |(candidate, jet): (&Candidate, &Jet)| {
-            jet.score(&candidate.starts[0], &joint.place(candidate.entry.name).collect::<Vec<usize>>(), &known)
+        let usual = best_first(all.par_iter().flat_map_iter(candidate_scores).collect());
+        let stands_out = |(candidate, model): (&Candidate, &QuadraticModel)| {
+            model.score(&candidate.starts[0], &joint.place(candidate.entry.name).collect::<Vec<usize>>(), &known)
         };
-        let in_calm = best_first(all.iter().zip(calm.iter().cycle()).map(stands_out).collect());
-        Some(Scores { usual, in_calm, base })
+        let damped = best_first(all.iter().zip(damped_model.iter().cycle()).map(stands_out).collect());
+        Some(Scores { usual, damped, base })
     }
 
     /// A part of the windows, which will do to choose where to start.
-    fn sample(&self, at: &Hypothesis, base: &Solution) -> Sample<'_> {
+    fn window_subset(&self, hypothesis: &Hypothesis, base: &Solution) -> WindowSubset<'_> {
         let some: Vec<usize> = (0..self.windows.len()).step_by(EVERY_TO_START).collect();
         let own: Vec<Vec<f64>> = some.iter().map(|i| base.own[*i].clone()).collect();
         let search = Search { flights: self.flights, windows: some.iter().map(|i| self.windows[*i].clone()).collect() };
         // as many steps as with an effect, or what they gain by themselves would be taken for its gain
-        let before = search.fit(at, Some(&own), STEPS_TO_START).loss;
-        Sample { search, own, before, of_all: self.windows.len() as f64 / some.len() as f64 }
+        let before = search.fit(hypothesis, Some(&own), STEPS_TO_START).loss;
+        WindowSubset { search, own, before, scale: self.windows.len() as f64 / some.len() as f64 }
     }
 
     /// Likelihood, gradient and information at a hypothesis, by the filter with parameters known to a hundredth of their range.
-    fn jet(&self, at: &Hypothesis, disturbances: &Disturbances) -> Option<Jet> {
-        let ranges: Vec<f64> = (0..at.shared().len()).map(|i| TIGHT * joint_range(at, i)).collect();
-        let prior = Belief::independent(at.shared(), &ranges);
-        let mut jet = Jet { loss: 0.0, gradient: DVector::zeros(ranges.len()), information: DMatrix::zeros(ranges.len(), ranges.len()) };
+    fn quadratic_model(&self, hypothesis: &Hypothesis, disturbances: &Disturbances) -> Option<QuadraticModel> {
+        let ranges: Vec<f64> = (0..hypothesis.free_values().len()).map(|i| TIGHT * joint_range(hypothesis, i)).collect();
+        let prior = ParameterPrior::independent(hypothesis.free_values(), &ranges);
+        let mut model =
+            QuadraticModel { loss: 0.0, gradient: DVector::zeros(ranges.len()), information: DMatrix::zeros(ranges.len(), ranges.len()) };
         for flight in self.flights {
-            let filtered = filter(flight, flight.all(), at, &prior, disturbances)?;
+            let filtered = filter(flight, flight.all_ticks(), hypothesis, &prior, disturbances)?;
             let n = ranges.len();
-            let covariance = DMatrix::from_row_slice(n, n, &filtered.belief.covariance);
+            let covariance = DMatrix::from_row_slice(n, n, &filtered.posterior.covariance);
             // in units of the prior, for the sake of the inverse
             let scaled = DMatrix::from_fn(n, n, |i, j| covariance[(i, j)] / (ranges[i] * ranges[j]));
             let precision = Cholesky::new(scaled)?.inverse();
-            let step = DVector::from_fn(n, |i, _| (filtered.belief.mean[i] - prior.mean[i]) / ranges[i]);
+            let step = DVector::from_fn(n, |i, _| (filtered.posterior.mean[i] - prior.mean[i]) / ranges[i]);
             let gradient = &precision * step;
             for i in 0..n {
-                jet.gradient[i] += gradient[i] / ranges[i];
+                model.gradient[i] += gradient[i] / ranges[i];
                 for j in 0..n {
                     let own = if i == j { 1.0 } else { 0.0 };
-                    jet.information[(i, j)] += (precision[(i, j)] - own) / (ranges[i] * ranges[j]);
+                    model.information[(i, j)] += (precision[(i, j)] - own) / (ranges[i] * ranges[j]);
                 }
             }
-            jet.loss += filtered.loss;
+            model.loss += filtered.loss;
         }
-        Some(jet)
+        Some(model)
     }
 
-    fn propose(&self, at: &Hypothesis, score: &Score, base: &Solution) -> Option<Proposal> {
-        let hypothesis = at.with(score.start.clone());
+    fn propose(&self, settled: &Hypothesis, score: &Score, base: &Solution) -> Option<Proposal> {
+        let hypothesis = settled.with(score.start.clone());
         let solution = self.fit(&hypothesis, Some(&base.own), STEPS);
-        let settled: Vec<&str> = at.terms.iter().map(|t| t.entry.name).collect();
-        let (fitted, sd) = without_idle(&hypothesis.at(&solution.shared), &deviations(&solution), &settled);
+        let settled_names: Vec<&str> = settled.terms.iter().map(|t| t.entry.name).collect();
+        let (fitted, sd) = drop_idle_parameters(&hypothesis.with_values(&solution.shared), &standard_errors(&solution), &settled_names);
         let useful = fitted.terms.iter().any(|t| t.entry.name == score.start.entry.name && !t.free.is_empty());
         useful.then_some(Proposal { hypothesis: fitted, sd })
     }
@@ -505,15 +509,15 @@ fn is_near(fitted: &[f64], measured: &[f64]) -> bool {
 }
 
 /// Standard errors of a fit by windows, each its own cluster.
-pub fn deviations(solution: &Solution) -> Vec<f64> {
-    let clusters: Vec<usize> = (0..solution.shares.len()).collect();
+pub fn standard_errors(solution: &Solution) -> Vec<f64> {
+    let clusters: Vec<usize> = (0..solution.reduced.len()).collect();
     let covariance = solution.covariance(&clusters);
     (0..solution.shared.len()).map(|i| covariance.as_ref().map_or(f64::INFINITY, |c| c[(i, i)].max(0.0).sqrt())).collect()
 }
 
-/// Parameters of which the windows say nothing are not free, but for those of effects that are `settled`: beside a newcomer that does the same, nothing
-/// tells them apart, and the filter has to say which stays.
-fn without_idle(hypothesis: &Hypothesis, sd: &[f64], settled: &[&str]) -> (Hypothesis, Vec<f64>) {
+/// The hypothesis without free parameters that the windows do not determine. Those of `settled` effects stay free: beside a newcomer that does the
+/// same, only the filter can say which stays.
+fn drop_idle_parameters(hypothesis: &Hypothesis, sd: &[f64], settled: &[&str]) -> (Hypothesis, Vec<f64>) {
     let mut kept = hypothesis.clone();
     let mut known = sd[..hypothesis.free.len()].to_vec();
     let mut rest = sd[hypothesis.free.len()..].iter();
@@ -537,21 +541,21 @@ mod tests {
 
     use super::*;
 
-    fn judged(effect: &str, strength: f64) -> FilteredHypothesis {
-        let hypothesis = Hypothesis::of(&Model::thesis()).with(Term::off(find(effect).unwrap().1));
-        let mut mean = hypothesis.shared();
+    fn filtered_hypothesis(effect: &str, strength: f64) -> FilteredHypothesis {
+        let hypothesis = Hypothesis::from_model(&Model::thesis()).with(Term::off(find(effect).unwrap().1));
+        let mut mean = hypothesis.free_values();
         mean[0] = strength;
-        let belief = Belief::independent(mean.clone(), &vec![0.01; mean.len()]);
-        FilteredHypothesis { hypothesis, belief, disturbances: FLOOR, loss: 0.0 }
+        let posterior = ParameterPrior::independent(mean.clone(), &vec![0.01; mean.len()]);
+        FilteredHypothesis { hypothesis, posterior, disturbances: FLOOR, loss: 0.0 }
     }
 
     #[test]
     fn a_strength_at_its_bound_is_no_cause_but_the_whole_geometry_is() {
-        assert!(judged("camera_scale", 2.3).is_at_bound("camera_scale"));
-        assert!(!judged("camera_scale", 0.9).is_at_bound("camera_scale"));
+        assert!(filtered_hypothesis("camera_scale", 2.3).is_at_bound("camera_scale"));
+        assert!(!filtered_hypothesis("camera_scale", 0.9).is_at_bound("camera_scale"));
         // "off" lies at the lower bound of a drag
-        assert!(!judged("drag_linear", 0.0).is_at_bound("drag_linear"));
-        assert!(!judged("rigid_body", 1.0).is_at_bound("rigid_body"));
+        assert!(!filtered_hypothesis("drag_linear", 0.0).is_at_bound("drag_linear"));
+        assert!(!filtered_hypothesis("rigid_body", 1.0).is_at_bound("rigid_body"));
     }
 
     #[test]

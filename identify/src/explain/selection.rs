@@ -1,28 +1,28 @@
-//! Which effects are kept: forward by likelihood, then eliminated on the flights of the fit, beside rivals, and on the test flights.
+//! Selection of effects: forward by likelihood, then eliminated on the flights of the fit, beside rivals, and on the test flights.
 
 use crazyflie_env::effects::{Entry, Geometry, Observability, find, registry};
 use rayon::prelude::*;
 
 use super::calibration::selection::{AMOUNT_SD, CLOCKWORK_FROM_HZ, LINE_FORCE_SD_MPS2, LINE_SD_HZ, LINE_SHARE, MORE_LIKELY};
-use super::leftover::line_above;
+use super::leftover::strongest_line_above;
 use super::noise;
 use super::refine;
 use super::search::{self, Ablation, FilteredHypothesis, Score, Search};
-use super::verdict::{Ranked, Step};
+use super::verdict::{RankedCandidate, Step};
 use super::{ALIKE, WORTH_FIT, WORTH_TEST};
-use crate::fit::filter::{Belief, Disturbances, filter};
+use crate::fit::filter::{Disturbances, ParameterPrior, filter};
 use crate::fit::flight::Flight;
 use crate::fit::hypothesis::Term;
 
 /// A torque that wanders by more than this (rad/s^2) may be commands that did not arrive.
 const LOST_COMMANDS_RADPS2: f64 = 0.1;
 
-/// By effect, what these flights cannot tell from it.
+/// The rivals of each effect: effects that these flights cannot tell from it.
 pub type Rivals = Vec<(&'static str, Vec<&'static str>)>;
 
 /// The effects that are kept, with what tells how well.
 pub struct Selection {
-    pub dissected: Ablation,
+    pub ablation: Ablation,
     pub rivals: Rivals,
     /// An effect was worth nothing on the test flights.
     pub dropped: bool,
@@ -39,14 +39,14 @@ pub fn model_form(search: &Search, declared: FilteredHypothesis) -> FilteredHypo
         }
         let sd = vec![AMOUNT_SD; term.free.len()];
         let first = search.judge(&declared.hypothesis.with(term), &sd, &declared.disturbances)?;
-        search.tuned(&first)
+        search.retune(&first)
     });
     let likelier = judged.filter(|j| declared.loss - j.loss > search::LEAST_GAIN).min_by(|a, b| a.loss.total_cmp(&b.loss));
     likelier.unwrap_or(declared)
 }
 
-/// Forward, one effect at a time, while the filter gains anything.
-pub fn forward(search: &Search, from: &FilteredHypothesis, progress: &dyn Fn(&str)) -> (FilteredHypothesis, Vec<Step>) {
+/// Adds effects, one at a time, while the filter gains anything.
+pub fn select_forward(search: &Search, from: &FilteredHypothesis, progress: &dyn Fn(&str)) -> (FilteredHypothesis, Vec<Step>) {
     let mut now = from.clone();
     let mut steps = Vec::new();
     let mut gain = 0.0;
@@ -54,16 +54,16 @@ pub fn forward(search: &Search, from: &FilteredHypothesis, progress: &dyn Fn(&st
         let names: Vec<&'static str> = now.hypothesis.terms.iter().map(|t| t.entry.name).collect();
         progress(&format!("candidates besides {}", if names.is_empty() { "nothing".into() } else { names.join(", ") }));
         let (scores, next) = search.extend(&now);
-        steps.push(Step { effects: names, gain, ranking: scores.iter().map(ranked).collect() });
+        steps.push(Step { effects: names, gain, ranking: scores.iter().map(ranking_entry).collect() });
         let gains =
             |next: &FilteredHypothesis| now.loss - next.loss > search::LEAST_GAIN && next.hypothesis.terms.len() <= search::MOST_EFFECTS;
         let shaken = now.disturbances.torque.sigma > LOST_COMMANDS_RADPS2;
         // what the windows propose of lost commands is their delay, under disturbances that stand for the rest of them
         let proposed = next.filter(gains);
-        let held = (shaken && proposed.as_ref().is_none_or(|next| loses_commands(next) && !loses_commands(&now)))
-            .then(|| search.held(&now).filter(gains))
+        let with_lost_commands = (shaken && proposed.as_ref().is_none_or(|next| loses_commands(next) && !loses_commands(&now)))
+            .then(|| search.best_with_lost_commands(&now).filter(gains))
             .flatten();
-        let Some(next) = proposed.into_iter().chain(held).min_by(|a, b| a.loss.total_cmp(&b.loss)) else {
+        let Some(next) = proposed.into_iter().chain(with_lost_commands).min_by(|a, b| a.loss.total_cmp(&b.loss)) else {
             return (now, steps);
         };
         gain = now.loss - next.loss;
@@ -76,30 +76,30 @@ fn loses_commands(judged: &FilteredHypothesis) -> bool {
     judged.hypothesis.terms.iter().any(|term| term.entry.observability == Observability::HeldCommand)
 }
 
-fn ranked(score: &Score) -> Ranked {
-    Ranked { name: score.start.entry.name, gain: score.gain, stderr: score.sd.clone() }
+fn ranking_entry(score: &Score) -> RankedCandidate {
+    RankedCandidate { name: score.start.entry.name, gain: score.gain, stderr: score.sd.clone() }
 }
 
 /// Takes out what did not earn its place: on the flights of the fit, beside rivals, on the test flights, and by the last word on the parameters.
 pub fn eliminate(search: &Search, judge: &Search, path: FilteredHypothesis, progress: &dyn Fn(&str)) -> Option<Selection> {
     progress("backward");
     let mut rivals = Vec::new();
-    let settled = settle_rivals(search, search.backward(path, WORTH_FIT), &mut rivals, progress);
-    let exact = search.backward(search.exactly(&settled.judged)?, WORTH_FIT);
+    let settled = settle_rivals(search, search.eliminate_backward(path, WORTH_FIT), &mut rivals, progress);
+    let exact = search.eliminate_backward(search.judge_exactly(&settled.full)?, WORTH_FIT);
     progress("the test flights");
-    validate(search, judge, Ablation { unclear: exact.unclear.max(settled.unclear), ..exact }, rivals)
+    validate(search, judge, Ablation { unclear_worth: exact.unclear_worth.max(settled.unclear_worth), ..exact }, rivals)
 }
 
 /// Keeps what is worth its place on the test flights, at the most likely values of its parameters.
 pub fn validate(search: &Search, judge: &Search, from: Ablation, rivals: Rivals) -> Option<Selection> {
-    let (dissected, dropped) = gate(search, judge, without_clockwork(search, from))?;
-    Some(Selection { dissected: refined(search, dissected), rivals, dropped })
+    let (ablation, dropped) = eliminate_on_test(search, judge, without_clockwork(search, from))?;
+    Some(Selection { ablation: refine_parameters(search, ablation), rivals, dropped })
 }
 
 /// Looks for rivals of each effect. One that is likelier takes its place, and one that lets another effect go: what a mass does, a thrust scale and a
 /// damping do together.
 fn settle_rivals(search: &Search, from: Ablation, rivals: &mut Rivals, progress: &dyn Fn(&str)) -> Ablation {
-    let price = |d: &Ablation| d.judged.loss + WORTH_FIT * d.without.len() as f64;
+    let penalised_loss = |a: &Ablation| a.full.loss + WORTH_FIT * a.without.len() as f64;
     let mut now = from;
     let mut swaps = 0;
     'again: loop {
@@ -107,21 +107,21 @@ fn settle_rivals(search: &Search, from: Ablation, rivals: &mut Rivals, progress:
         let names: Vec<&str> = now.without.iter().map(|(name, _)| *name).collect();
         progress(&format!("rivals of {}", names.join(", ")));
         // what will have no name needs no rivals
-        let settled = now.judged.settled();
+        let settled = now.full.at_posterior();
         let named = now.without.par_iter().filter(|(name, _)| settled.is_cause(name));
-        let all: Vec<_> = named.map(|(name, less)| (*name, search.rivals(&now.judged, name, less, ALIKE))).collect();
+        let all: Vec<_> = named.map(|(name, less)| (*name, search.rivals(&now.full, name, less, ALIKE))).collect();
         let found = all.iter().flat_map(|(_, found)| found).map(|(_, judged)| judged);
-        let likelier = found.filter(|judged| swaps < 2 && judged.loss < now.judged.loss - MORE_LIKELY);
+        let likelier = found.filter(|judged| swaps < 2 && judged.loss < now.full.loss - MORE_LIKELY);
         if let Some(best) = likelier.min_by(|a, b| a.loss.total_cmp(&b.loss)) {
-            now = search.backward(best.clone(), WORTH_FIT);
+            now = search.eliminate_backward(best.clone(), WORTH_FIT);
             swaps += 1;
             continue;
         }
         for (name, found) in all {
             if now.without.len() > 1 && swaps < 2 {
                 for (_, judged) in &found {
-                    let simpler = search.backward(judged.clone(), WORTH_FIT);
-                    if price(&simpler) < price(&now) - 0.5 * WORTH_FIT {
+                    let simpler = search.eliminate_backward(judged.clone(), WORTH_FIT);
+                    if penalised_loss(&simpler) < penalised_loss(&now) - 0.5 * WORTH_FIT {
                         now = simpler;
                         swaps += 1;
                         continue 'again;
@@ -139,10 +139,10 @@ fn settle_rivals(search: &Search, from: Ablation, rivals: &mut Rivals, progress:
 fn without_clockwork(search: &Search, from: Ablation) -> Ablation {
     let resonant = |name: &str| find(name).is_ok_and(|(_, entry)| entry.observability == Observability::Resonant);
     let clockwork = |(name, less): &(&'static str, FilteredHypothesis)| {
-        resonant(name) && clockwork_loss(search, less).is_some_and(|loss| loss < from.judged.loss)
+        resonant(name) && clockwork_loss(search, less).is_some_and(|loss| loss < from.full.loss)
     };
     match from.without.iter().position(clockwork) {
-        Some(at) => search.dissect(from.without[at].1.clone()),
+        Some(at) => search.ablate(from.without[at].1.clone()),
         None => from,
     }
 }
@@ -156,30 +156,30 @@ fn clockwork_loss(search: &Search, judged: &FilteredHypothesis) -> Option<f64> {
     let mut term = Term::off(entry);
     term.values[at] = line_hz;
     let sd: Vec<f64> = term.free.iter().map(|i| if *i == at { LINE_SD_HZ } else { LINE_FORCE_SD_MPS2 }).collect();
-    let rival = (share > LINE_SHARE).then(|| judged.and(&term, &sd))?;
+    let rival = (share > LINE_SHARE).then(|| judged.with_term(&term, &sd))?;
     Some(search.judge(&rival.0, &rival.1, &judged.disturbances)?.loss)
 }
 
 /// Share of the power of the estimated horizontal force that its strongest line holds, and its frequency: the largest of all flights and axes.
 fn force_line(flights: &[Flight], judged: &FilteredHypothesis) -> Option<(f64, f64)> {
-    let (at, nothing) = (judged.settled().fixed(), Belief::independent(Vec::new(), &[]));
+    let (hypothesis, nothing) = (judged.at_posterior().without_free(), ParameterPrior::independent(Vec::new(), &[]));
     let lines = flights.iter().filter_map(|flight| {
-        let filtered = filter(flight, flight.all(), &at, &nothing, &judged.disturbances)?;
-        let force = |axis: usize| filtered.wandered.iter().map(|w| w[axis]).collect::<Vec<f64>>();
-        Some([0, 1].map(|axis| line_above(&force(axis), flight.tick_s, CLOCKWORK_FROM_HZ)))
+        let filtered = filter(flight, flight.all_ticks(), &hypothesis, &nothing, &judged.disturbances)?;
+        let force = |axis: usize| filtered.disturbance_estimates.iter().map(|w| w[axis]).collect::<Vec<f64>>();
+        Some([0, 1].map(|axis| strongest_line_above(&force(axis), flight.tick_s, CLOCKWORK_FROM_HZ)))
     });
     lines.flatten().max_by(|a, b| a.0.total_cmp(&b.0))
 }
 
 /// Takes out what does not help on the test flights, one at a time, and says whether there was any.
-fn gate(search: &Search, judge: &Search, from: Ablation) -> Option<(Ablation, bool)> {
+fn eliminate_on_test(search: &Search, judge: &Search, from: Ablation) -> Option<(Ablation, bool)> {
     let (mut now, mut dropped) = (from, false);
     loop {
-        let worths = worths(judge, &now)?;
+        let worths = test_worths(judge, &now)?;
         match worths.into_iter().enumerate().min_by(|a, b| a.1.total_cmp(&b.1)) {
             Some((least, worth)) if worth < WORTH_TEST => {
                 dropped = true;
-                now = search.dissect(now.without.swap_remove(least).1);
+                now = search.ablate(now.without.swap_remove(least).1);
             }
             _ => return Some((now, dropped)),
         }
@@ -187,13 +187,13 @@ fn gate(search: &Search, judge: &Search, from: Ablation) -> Option<(Ablation, bo
 }
 
 /// With the most likely parameters, and without the effects that these leave unclear.
-fn refined(search: &Search, from: Ablation) -> Ablation {
+fn refine_parameters(search: &Search, from: Ablation) -> Ablation {
     let mut now = from;
-    while let Some(belief) = refine::refine(search.flights, &now.judged) {
-        now.judged.belief = belief;
-        let clearances = now.without.iter().map(|(name, _)| now.judged.clearance(name)).enumerate();
+    while let Some(posterior) = refine::refine(search.flights, &now.full) {
+        now.full.posterior = posterior;
+        let clearances = now.without.iter().map(|(name, _)| now.full.clearance(name)).enumerate();
         match clearances.min_by(|a, b| a.1.total_cmp(&b.1)) {
-            Some((least, clearance)) if clearance < search::CLEAR => now = search.dissect(now.without.swap_remove(least).1),
+            Some((least, clearance)) if clearance < search::CLEAR => now = search.ablate(now.without.swap_remove(least).1),
             _ => break,
         }
     }
@@ -201,13 +201,13 @@ fn refined(search: &Search, from: Ablation) -> Ablation {
 }
 
 /// Log-likelihood of the test flights that each effect is worth. Where nothing shakes a vehicle as much as the floor of the disturbances has it, a
-/// damping is worth something for that alone: an effect must be worth it in still air too.
-pub fn worths(judge: &Search, dissected: &Ablation) -> Option<Vec<f64>> {
-    let loss = |j: &FilteredHypothesis, air: fn(&Disturbances) -> Disturbances| judge.plug_in(&j.settled(), &air(&j.disturbances));
+/// damping is worth something for that alone: an effect must be worth it under quiescent disturbances too.
+pub fn test_worths(judge: &Search, ablation: &Ablation) -> Option<Vec<f64>> {
+    let loss = |j: &FilteredHypothesis, air: fn(&Disturbances) -> Disturbances| judge.plug_in(&j.at_posterior(), &air(&j.disturbances));
     let worth = |air: fn(&Disturbances) -> Disturbances| -> Option<Vec<f64>> {
-        let full = loss(&dissected.judged, air)?;
-        dissected.without.par_iter().map(|(_, less)| Some(loss(less, air)? - full)).collect()
+        let full = loss(&ablation.full, air)?;
+        ablation.without.par_iter().map(|(_, less)| Some(loss(less, air)? - full)).collect()
     };
-    let (usual, still) = rayon::join(|| worth(|d| *d), || worth(noise::still));
-    Some(usual?.into_iter().zip(still?).map(|(a, b)| a.min(b)).collect())
+    let (usual, quiescent) = rayon::join(|| worth(|d| *d), || worth(noise::quiescent));
+    Some(usual?.into_iter().zip(quiescent?).map(|(a, b)| a.min(b)).collect())
 }

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::errors::{AXIS_COMPONENTS, Errors};
 use super::verdict::{Finding, Leftover};
-use crate::fit::filter::{Disturbances, Filtered};
+use crate::fit::filter::{Disturbances, FilterResult};
 
 /// A part of the motion that is judged by itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -27,7 +27,7 @@ impl Signal {
         ["sideways", "vertical", "tilt", "yaw"][self as usize]
     }
 
-    /// The signal that a measured channel belongs to (see [`crate::fit::predict::Compared::channel`]).
+    /// The signal that a measured channel belongs to (see [`crate::fit::predict::PredictedMeasurement::channel`]).
     pub fn from_channel(channel: usize) -> Self {
         match channel {
             0 | 1 => Signal::Tilt,
@@ -59,7 +59,7 @@ impl Signal {
 }
 
 /// Negative log-likelihood of filtered flights by signal, in the order of [`Signal::ALL`].
-pub fn losses_by_signal<'a>(flights: impl IntoIterator<Item = &'a Filtered>) -> [f64; 4] {
+pub fn losses_by_signal<'a>(flights: impl IntoIterator<Item = &'a FilterResult>) -> [f64; 4] {
     let mut losses = [0.0; 4];
     for innovation in flights.into_iter().flat_map(|f| &f.innovations) {
         losses[Signal::from_channel(innovation.channel) as usize] += innovation.loss;
@@ -67,7 +67,7 @@ pub fn losses_by_signal<'a>(flights: impl IntoIterator<Item = &'a Filtered>) -> 
     losses
 }
 
-/// What is known of a signal in the end.
+/// The state of a signal in the end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SignalState {

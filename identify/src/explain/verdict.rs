@@ -1,4 +1,4 @@
-//! What is said in the end.
+//! The explanation: verdict, findings, what is left.
 
 use serde::Serialize;
 
@@ -8,13 +8,13 @@ use super::signals::{Signal, SignalVerdict};
 use crate::fit::filter::Disturbances;
 use crate::fit::hypothesis::Hypothesis;
 
-/// The answers.
+/// The verdict on the declared model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    /// Finding effects account for the residual.
+    /// Named effects account for the residual.
     Explained,
-    /// Finding effects account for some signals, or for most of the error; structure is left that none accounts for.
+    /// Named effects account for some signals, or for most of the error; structure is left that none accounts for.
     PartlyExplained,
     /// The declared model accounts for the flights.
     NothingMissing,
@@ -26,7 +26,7 @@ pub enum Verdict {
 
 /// A parameter as estimated.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Estimate {
+pub struct EffectParameterEstimate {
     pub name: &'static str,
     pub value: f64,
     pub stderr: f64,
@@ -48,10 +48,10 @@ pub struct NumberEstimate {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Finding {
     pub name: &'static str,
-    pub params: Vec<Estimate>,
+    pub params: Vec<EffectParameterEstimate>,
     /// Effects that these flights cannot tell from it.
     pub confusable_with: Vec<&'static str>,
-    /// What to fly to tell them apart; empty if there is nothing to tell apart.
+    /// The manoeuvre that tells them apart; empty if there is nothing to tell apart.
     pub manoeuvre: String,
     /// Log-likelihood lost without it, on the flights of the fit and on the test flights.
     pub worth_fit: f64,
@@ -71,7 +71,7 @@ impl Finding {
 
 /// How an effect scored when it was considered.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Ranked {
+pub struct RankedCandidate {
     pub name: &'static str,
     /// Expected gain of log-likelihood.
     pub gain: f64,
@@ -85,7 +85,7 @@ pub struct Step {
     pub effects: Vec<&'static str>,
     pub gain: f64,
     /// The candidates of the next step.
-    pub ranking: Vec<Ranked>,
+    pub ranking: Vec<RankedCandidate>,
 }
 
 /// One finding about structure that is left.

@@ -1,5 +1,5 @@
-//! An extended Kalman filter around the simulator: its innovations tell whether anything is left, and its likelihood compares hypotheses.
-//! Besides the vehicle's state it follows slow disturbances, and parameters of the hypothesis as constants still to be learned.
+//! An extended Kalman filter around the simulator. Its innovations tell whether anything is left, and its likelihood compares hypotheses.
+//! Besides the vehicle's state it estimates slow disturbances, and parameters of the hypothesis as constants still to be learned.
 
 use std::ops::Range;
 
@@ -8,70 +8,70 @@ use crazyflie_env::plant::Command;
 use crazyflie_env::sim_scalar::SimScalar;
 
 use super::flight::{Flight, Window};
-use super::held::{AXES, Held};
 use super::hypothesis::Hypothesis;
-use super::predict::{Compared, PUSH, START, Worker};
+use super::packet_loss_moments::{AXES, PacketLossMoments};
+use super::predict::{PUSH, PredictedMeasurement, START, SensitivitySimulator};
 use super::solve::HUBER;
 
-/// How far off the measured start may be, in metres, metres per second, radians and radians per second.
+/// Initial standard deviations of the measured start: m, m/s, rad and rad/s.
 const START_SD: [f64; 4] = [0.05, 0.3, 0.05, 1.0];
 
-/// So much log-likelihood is not caught up within a stretch.
-const HOPELESS: f64 = 40.0;
+/// A likelihood search abandons a candidate that falls this much log-likelihood behind.
+const ABANDON_LOSS: f64 = 40.0;
 
 /// A first-order Gauss-Markov process.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Wander {
+pub struct GaussMarkov {
     /// Standard deviation; 0 for none.
     pub sigma: f64,
     /// Correlation time.
     pub tau_s: f64,
 }
 
-/// What is random about a flight beyond white measurement noise.
+/// Random disturbances of a flight beyond white measurement noise, each a Gauss-Markov process.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Disturbances {
     /// Horizontal acceleration, m/s^2.
-    pub force: Wander,
+    pub force: GaussMarkov,
     /// Vertical acceleration, m/s^2.
-    pub lift: Wander,
+    pub lift: GaussMarkov,
     /// Angular acceleration of roll and pitch, rad/s^2.
-    pub torque: Wander,
+    pub torque: GaussMarkov,
     /// Angular acceleration of yaw, rad/s^2.
-    pub turn: Wander,
+    pub turn: GaussMarkov,
     /// Position of the marker, m.
-    pub marker: Wander,
+    pub marker: GaussMarkov,
 }
 
 impl Disturbances {
     pub const NONE: Disturbances = Disturbances {
-        force: Wander { sigma: 0.0, tau_s: 1.0 },
-        lift: Wander { sigma: 0.0, tau_s: 1.0 },
-        torque: Wander { sigma: 0.0, tau_s: 0.3 },
-        turn: Wander { sigma: 0.0, tau_s: 1.0 },
-        marker: Wander { sigma: 0.0, tau_s: 3.0 },
+        force: GaussMarkov { sigma: 0.0, tau_s: 1.0 },
+        lift: GaussMarkov { sigma: 0.0, tau_s: 1.0 },
+        torque: GaussMarkov { sigma: 0.0, tau_s: 0.3 },
+        turn: GaussMarkov { sigma: 0.0, tau_s: 1.0 },
+        marker: GaussMarkov { sigma: 0.0, tau_s: 3.0 },
     };
 
-    /// One per disturbed number: the push, then the marker.
-    fn all(&self) -> [Wander; PUSH + 3] {
+    /// The process of each disturbed number: the push, then the marker.
+    fn processes(&self) -> [GaussMarkov; PUSH + 3] {
         let Disturbances { force, lift, torque, turn, marker } = *self;
         [force, force, lift, torque, torque, turn, marker, marker, marker]
     }
 
-    pub fn list_mut(&mut self) -> [&mut Wander; 5] {
+    pub fn processes_mut(&mut self) -> [&mut GaussMarkov; 5] {
         [&mut self.force, &mut self.lift, &mut self.torque, &mut self.turn, &mut self.marker]
     }
 }
 
-/// What is believed of the free parameters before a flight.
+/// Normal prior of the free parameters. After a flight it is the posterior, and the prior of the next flight.
 #[derive(Debug, Clone)]
-pub struct Belief {
+pub struct ParameterPrior {
     pub mean: Vec<f64>,
     /// Covariance, row by row.
     pub covariance: Vec<f64>,
 }
 
-impl Belief {
+impl ParameterPrior {
     /// Independent parameters.
     pub fn independent(mean: Vec<f64>, sd: &[f64]) -> Self {
         let n = mean.len();
@@ -79,7 +79,7 @@ impl Belief {
         for i in 0..n {
             covariance[i * n + i] = sd[i] * sd[i];
         }
-        Belief { mean, covariance }
+        ParameterPrior { mean, covariance }
     }
 
     pub fn sd(&self, i: usize) -> f64 {
@@ -91,283 +91,320 @@ impl Belief {
 #[derive(Debug, Clone, Copy)]
 pub struct Innovation {
     pub t_s: f64,
-    /// See [`super::predict::Compared::channel`].
+    /// See [`super::predict::PredictedMeasurement::channel`].
     pub channel: usize,
     pub normalised: f64,
     /// Logarithm of that standard deviation, over the measurement's own.
-    pub spread: f64,
+    pub log_sd: f64,
     /// Its share of the negative log-likelihood.
     pub loss: f64,
 }
 
-/// A flight filtered.
+/// Likelihood, innovations and estimates of one pass over a flight.
 #[derive(Debug, Clone)]
-pub struct Filtered {
+pub struct FilterResult {
     /// Negative log-likelihood of the measurements, robust as in the fits.
     pub loss: f64,
     pub innovations: Vec<Innovation>,
-    /// After the flight.
-    pub belief: Belief,
-    /// What the vehicle has of its own at the start of each tick (see [`Worker`]), from all measurements before it.
+    /// The free parameters after the flight.
+    pub posterior: ParameterPrior,
+    /// The vehicle's own numbers at the start of each tick (see [`SensitivitySimulator`]), from all measurements before it.
     pub states: Vec<Vec<f64>>,
     /// Estimated disturbance after each tick: push, then marker.
-    pub wandered: Vec<[f64; PUSH + 3]>,
+    pub disturbance_estimates: Vec<[f64; PUSH + 3]>,
 }
 
 /// A state of the filter beyond the vehicle's.
-struct Extra {
-    /// Its column among the worker's slopes; a marker's error has none: it moves one measured axis.
+struct AugmentedState {
+    /// Its column among the simulator's slopes; a marker's error has none: it moves one measured axis.
     column: Option<usize>,
     axis: usize,
-    /// What a unit of it is on that axis.
+    /// Its effect on that axis, per unit.
     unit: f64,
-    keep: f64,
+    decay: f64,
     /// Variance in the long run, and gained per tick.
     variance: f64,
     gain: f64,
 }
 
-/// The extra states: constants still to be learned, then those disturbances that are not nothing, then how far what is obeyed is off.
-fn extras(flight: &Flight, own: usize, learned: usize, disturbances: &Disturbances, held: Option<&Held>) -> Vec<Extra> {
-    let constant = |i: usize| Extra { column: Some(own + i), axis: 0, unit: 1.0, keep: 1.0, variance: 0.0, gain: 0.0 };
-    let wandering = |(i, w): (usize, Wander)| {
-        let (keep, variance) = ((-flight.tick_s / w.tau_s).exp(), w.sigma * w.sigma);
+/// The augmented states: parameters still to be learned, disturbances that are not nothing, deviations of the obeyed command.
+fn augmented_states(
+    flight: &Flight,
+    own: usize,
+    learned: usize,
+    disturbances: &Disturbances,
+    packet_loss: Option<&PacketLossMoments>,
+) -> Vec<AugmentedState> {
+    let constant = |i: usize| AugmentedState { column: Some(own + i), axis: 0, unit: 1.0, decay: 1.0, variance: 0.0, gain: 0.0 };
+    let gauss_markov = |(i, w): (usize, GaussMarkov)| {
+        let (decay, variance) = ((-flight.tick_s / w.tau_s).exp(), w.sigma * w.sigma);
         let column = (i < PUSH).then_some(own + learned + i);
-        Extra { column, axis: i, unit: 1.0, keep, variance, gain: variance * (1.0 - keep * keep) }
+        AugmentedState { column, axis: i, unit: 1.0, decay, variance, gain: variance * (1.0 - decay * decay) }
     };
-    let disturbed = disturbances.all().into_iter().enumerate().filter(|(_, w)| w.sigma > 0.0);
-    let obeyed = |held: &Held| {
-        let Held { probability, push, variance, .. } = *held;
-        let one = move |i: usize| {
+    let disturbed = disturbances.processes().into_iter().enumerate().filter(|(_, w)| w.sigma > 0.0);
+    let deviations = |packet_loss: &PacketLossMoments| {
+        let PacketLossMoments { probability, push_per_unit, variance, .. } = *packet_loss;
+        let deviation = move |i: usize| {
             let column = Some(own + learned + AXES[i]);
-            Extra { column, axis: AXES[i], unit: push[i], keep: probability, variance: variance[i], gain: 0.0 }
+            AugmentedState { column, axis: AXES[i], unit: push_per_unit[i], decay: probability, variance: variance[i], gain: 0.0 }
         };
-        (0..AXES.len()).map(one)
+        (0..AXES.len()).map(deviation)
     };
-    (0..learned).map(constant).chain(disturbed.map(wandering)).chain(held.into_iter().flat_map(obeyed)).collect()
+    (0..learned).map(constant).chain(disturbed.map(gauss_markov)).chain(packet_loss.into_iter().flat_map(deviations)).collect()
 }
 
 /// Estimate and covariance, with room to compute.
-struct Kalman {
+struct KalmanFilter {
     own: usize,
     learned: usize,
-    extras: Vec<Extra>,
-    held: Option<Held>,
+    augmented: Vec<AugmentedState>,
+    packet_loss: Option<PacketLossMoments>,
     x: Vec<f64>,
     p: Vec<f64>,
     h: Vec<f64>,
     ph: Vec<f64>,
-    /// How far the measurements of a tick have moved the estimate.
-    moved: Vec<f64>,
-    room: Room,
+    /// Correction of the estimate by the measurements of a tick.
+    correction: Vec<f64>,
+    buffers: PropagationBuffers,
 }
 
-impl Kalman {
-    fn new(flight: &Flight, start: Vec<f64>, lags_sd: &[f64], belief: &Belief, disturbances: &Disturbances, held: Option<Held>) -> Self {
-        let (own, learned) = (start.len(), belief.mean.len());
-        let extras = extras(flight, own, learned, disturbances, held.as_ref());
-        let n = own + extras.len();
-        let (x, p) = begin(start, lags_sd, belief, &extras);
-        Kalman { own, learned, extras, held, x, p, h: vec![0.0; n], ph: vec![0.0; n], moved: vec![0.0; n], room: Room::new(own, n) }
+impl KalmanFilter {
+    fn new(
+        flight: &Flight,
+        start: Vec<f64>,
+        lags_sd: &[f64],
+        prior: &ParameterPrior,
+        disturbances: &Disturbances,
+        packet_loss: Option<PacketLossMoments>,
+    ) -> Self {
+        let (own, learned) = (start.len(), prior.mean.len());
+        let augmented = augmented_states(flight, own, learned, disturbances, packet_loss.as_ref());
+        let n = own + augmented.len();
+        let (x, p) = initial_estimate(start, lags_sd, prior, &augmented);
+        KalmanFilter {
+            own,
+            learned,
+            augmented,
+            packet_loss,
+            x,
+            p,
+            h: vec![0.0; n],
+            ph: vec![0.0; n],
+            correction: vec![0.0; n],
+            buffers: PropagationBuffers::new(own, n),
+        }
     }
 
     /// The disturbances as they are estimated: push, then marker.
-    fn disturbed(&self) -> [f64; PUSH + 3] {
+    fn disturbance_estimate(&self) -> [f64; PUSH + 3] {
         let mut all = [0.0; PUSH + 3];
-        for (extra, value) in self.extras[self.learned..].iter().zip(&self.x[self.own + self.learned..]) {
-            all[extra.axis] += extra.unit * value;
+        for (state, value) in self.augmented[self.learned..].iter().zip(&self.x[self.own + self.learned..]) {
+            all[state.axis] += state.unit * value;
         }
         all
     }
 
-    /// A new command is on its way.
-    fn command(&mut self, u: &Command<f64>) {
-        let Some(held) = &mut self.held else { return };
-        let first = self.extras.len() - AXES.len();
-        for (extra, gain) in self.extras[first..].iter_mut().zip(held.next(u)) {
-            extra.gain = gain;
+    /// Advances the moments of the obeyed command to a new command.
+    fn accept_command(&mut self, u: &Command<f64>) {
+        let Some(packet_loss) = &mut self.packet_loss else { return };
+        let first = self.augmented.len() - AXES.len();
+        for (state, gain) in self.augmented[first..].iter_mut().zip(packet_loss.advance(u)) {
+            state.gain = gain;
         }
     }
 
-    /// Take in a measurement whose prediction at the estimate, and its slopes in standard deviations, are known. `None` where the filter breaks
+    /// Measurement update for a row whose prediction at the estimate, and its slopes in standard deviations, are known. `None` where the filter breaks
     /// down.
-    fn measure(&mut self, row: &Compared, predicted: f64, marker: f64, slopes: &[f64]) -> Option<Innovation> {
+    fn update(&mut self, row: &PredictedMeasurement, predicted: f64, marker: f64, slopes: &[f64]) -> Option<Innovation> {
         let own = self.own;
         self.h[..own].copy_from_slice(&slopes[..own]);
-        for (slot, extra) in self.h[own..].iter_mut().zip(&self.extras) {
-            let seen = || if extra.axis == PUSH + row.channel - 3 { 1.0 / row.sigma } else { 0.0 };
-            *slot = extra.column.map_or_else(|| if row.channel < 3 { 0.0 } else { seen() }, |column| slopes[column] * extra.unit);
+        for (slot, state) in self.h[own..].iter_mut().zip(&self.augmented) {
+            let seen = || if state.axis == PUSH + row.channel - 3 { 1.0 / row.sigma } else { 0.0 };
+            *slot = state.column.map_or_else(|| if row.channel < 3 { 0.0 } else { seen() }, |column| slopes[column] * state.unit);
         }
-        let already: f64 = self.h.iter().zip(&self.moved).map(|(h, m)| h * m).sum();
+        let already: f64 = self.h.iter().zip(&self.correction).map(|(h, m)| h * m).sum();
         // in standard deviations of the measurement, whose variance is then 1
         let error = (row.measured - predicted - marker) / row.sigma - already;
-        times(&self.p, &self.h, &mut self.ph);
+        symmetric_product(&self.p, &self.h, &mut self.ph);
         let variance = 1.0 + self.h.iter().zip(&self.ph).map(|(h, p)| h * p).sum::<f64>();
         let z = error / variance.sqrt();
         if !z.is_finite() {
             return None;
         }
         let weight = if z.abs() > HUBER { HUBER / z.abs() } else { 1.0 };
-        let spread = 0.5 * variance.ln();
-        let loss = if weight < 1.0 { HUBER * (z.abs() - 0.5 * HUBER) } else { 0.5 * z * z } + spread;
+        let log_sd = 0.5 * variance.ln();
+        let loss = if weight < 1.0 { HUBER * (z.abs() - 0.5 * HUBER) } else { 0.5 * z * z } + log_sd;
         let gain = weight / variance;
-        add(&mut self.moved, gain * error, &self.ph);
-        less(&mut self.p, gain, &self.ph);
-        Some(Innovation { t_s: row.t_s, channel: row.channel, normalised: z, spread, loss })
+        add_scaled(&mut self.correction, gain * error, &self.ph);
+        subtract_outer_product(&mut self.p, gain, &self.ph);
+        Some(Innovation { t_s: row.t_s, channel: row.channel, normalised: z, log_sd, loss })
     }
 }
 
 /// The marker's error in what a row measures.
-fn marker(row: &Compared, disturbed: &[f64; PUSH + 3]) -> f64 {
+fn marker_error(row: &PredictedMeasurement, disturbed: &[f64; PUSH + 3]) -> f64 {
     if row.channel < 3 { 0.0 } else { disturbed[PUSH + row.channel - 3] }
 }
 
-/// Run the filter over some ticks of a flight. The parameters that `hypothesis` has free are learned, starting from `belief`. `None` if
+/// Run the filter over some ticks of a flight. The parameters that `hypothesis` has free are learned, starting from `prior`. `None` if
 /// the hypothesis cannot be simulated or the filter breaks down.
 pub fn filter(
     flight: &Flight,
     ticks: Range<usize>,
     hypothesis: &Hypothesis,
-    belief: &Belief,
+    prior: &ParameterPrior,
     disturbances: &Disturbances,
-) -> Option<Filtered> {
-    run(flight, ticks, hypothesis, belief, disturbances, &mut |_, _, _| ())
+) -> Option<FilterResult> {
+    filter_observed(flight, ticks, hypothesis, prior, disturbances, &mut |_, _, _| ())
 }
 
-/// Shown the worker after a tick, with the estimate and the disturbances from which it went on.
-type See<'a> = dyn FnMut(&Worker, &[f64], &[f64; PUSH + 3]) + 'a;
+/// Observer of the simulator after a tick, with the estimate and the disturbances from which it went on.
+type TickObserver<'a> = dyn FnMut(&SensitivitySimulator, &[f64], &[f64; PUSH + 3]) + 'a;
 
-/// As [`filter`], seen after each tick.
-fn run(
+/// As [`filter`], with an observer called after each tick.
+fn filter_observed(
     flight: &Flight,
     ticks: Range<usize>,
     hypothesis: &Hypothesis,
-    belief: &Belief,
+    prior: &ParameterPrior,
     disturbances: &Disturbances,
-    see: &mut See<'_>,
-) -> Option<Filtered> {
-    let learned = belief.mean.len();
-    let at = hypothesis.at(&belief.mean);
-    let lags_sd = at.lags_sd(flight.input);
+    observe: &mut TickObserver<'_>,
+) -> Option<FilterResult> {
+    let learned = prior.mean.len();
+    let start_hypothesis = hypothesis.with_values(&prior.mean);
+    let lags_sd = start_hypothesis.lags_sd(flight.input);
     let own = START + lags_sd.len();
-    let mut worker = Worker::new(&at, flight, true, true).ok()?;
-    let mut start = flight.start_numbers(ticks.start);
-    let lags = worker.lags(flight, ticks.start, &start);
+    let mut simulator = SensitivitySimulator::new(&start_hypothesis, flight, true, true).ok()?;
+    let mut start = flight.measured_numbers(ticks.start);
+    let lags = simulator.initial_lags(flight, ticks.start, &start);
     start.extend(lags);
-    let mut k = Kalman::new(flight, start, &lags_sd, belief, disturbances, Held::of(&at, flight, ticks.start));
-    let mut out = Filtered { loss: 0.0, innovations: Vec::new(), belief: belief.clone(), states: Vec::new(), wandered: Vec::new() };
+    let mut k =
+        KalmanFilter::new(flight, start, &lags_sd, prior, disturbances, PacketLossMoments::at_tick(&start_hypothesis, flight, ticks.start));
+    let mut out = FilterResult {
+        loss: 0.0,
+        innovations: Vec::new(),
+        posterior: prior.clone(),
+        states: Vec::new(),
+        disturbance_estimates: Vec::new(),
+    };
     for tick in ticks {
-        worker.set_free(&k.x[own..own + learned]).ok()?;
-        let disturbed = k.disturbed();
-        out.wandered.push(disturbed);
+        simulator.set_free(&k.x[own..own + learned]).ok()?;
+        let disturbed = k.disturbance_estimate();
+        out.disturbance_estimates.push(disturbed);
         out.states.push(k.x[..own].to_vec());
-        worker.set_push(std::array::from_fn(|i| disturbed[i]));
-        worker.cut_from_start();
-        worker.go_on(flight, &Window { flight: 0, ticks: tick..tick + 1 }, &k.x[..own]);
-        see(&worker, &k.x[..own], &disturbed);
-        k.moved.fill(0.0);
-        for (row, slopes) in worker.rows().iter().zip(worker.slopes()) {
-            let innovation = k.measure(row, row.predicted, marker(row, &disturbed), slopes)?;
+        simulator.set_push(std::array::from_fn(|i| disturbed[i]));
+        simulator.clear_start_slopes();
+        simulator.predict_from(flight, &Window { flight: 0, ticks: tick..tick + 1 }, &k.x[..own]);
+        observe(&simulator, &k.x[..own], &disturbed);
+        k.correction.fill(0.0);
+        for (row, slopes) in simulator.rows().iter().zip(simulator.slopes()) {
+            let innovation = k.update(row, row.predicted, marker_error(row, &disturbed), slopes)?;
             out.loss += innovation.loss;
             out.innovations.push(innovation);
         }
-        k.command(flight.command(tick as isize + 1));
-        let (end, slopes) = worker.end();
+        k.accept_command(flight.command(tick as isize + 1));
+        let (end, slopes) = simulator.end();
         propagate(end, slopes, &mut k);
     }
     let n = k.x.len();
-    out.belief.mean.copy_from_slice(&k.x[own..own + learned]);
+    out.posterior.mean.copy_from_slice(&k.x[own..own + learned]);
     for i in 0..learned {
         for j in 0..learned {
-            out.belief.covariance[i * learned + j] = k.p[(own + i) * n + own + j];
+            out.posterior.covariance[i * learned + j] = k.p[(own + i) * n + own + j];
         }
     }
     Some(out)
 }
 
-/// A tick of a filtered flight, linear about the estimate of then.
-struct Linear {
+/// A tick of a filtered flight, linearised about the estimate of then.
+struct LinearisedTick {
     /// The vehicle's own numbers, then the push.
-    about: Vec<f64>,
-    rows: Vec<Compared>,
+    point: Vec<f64>,
+    rows: Vec<PredictedMeasurement>,
     slopes: Vec<f64>,
     end: Vec<f64>,
     end_slopes: Vec<f64>,
 }
 
-/// A filtered stretch of a flight, linear about what was estimated: under other disturbances it is filtered again without the simulator, exactly to
-/// first order in how far the estimates then differ.
-pub struct Track {
+/// A filtered segment of a flight, linearised about its estimate. Under other disturbances it is filtered again without the simulator, exact to
+/// first order in the difference of the estimates.
+pub struct LinearisedSegment {
     start: Vec<f64>,
     lags_sd: Vec<f64>,
     first: isize,
-    held: Option<Held>,
-    ticks: Vec<Linear>,
+    packet_loss: Option<PacketLossMoments>,
+    ticks: Vec<LinearisedTick>,
 }
 
-impl Track {
-    /// Filters a stretch and keeps it. Nothing is learned.
-    pub fn of(flight: &Flight, ticks: Range<usize>, hypothesis: &Hypothesis, disturbances: &Disturbances) -> Option<Self> {
-        let nothing = Belief::independent(Vec::new(), &[]);
-        let mut kept = Vec::with_capacity(ticks.len());
-        let (first, held) = (ticks.start as isize, Held::of(hypothesis, flight, ticks.start));
-        let mut keep = |worker: &Worker, x: &[f64], disturbed: &[f64; PUSH + 3]| {
-            let (end, end_slopes) = worker.end();
-            kept.push(Linear {
-                about: [x, &disturbed[..PUSH]].concat(),
-                rows: worker.rows().to_vec(),
-                slopes: worker.slopes().flatten().copied().collect(),
+impl LinearisedSegment {
+    /// Filters a segment and keeps its linearisation. Nothing is learned.
+    pub fn new(flight: &Flight, ticks: Range<usize>, hypothesis: &Hypothesis, disturbances: &Disturbances) -> Option<Self> {
+        let nothing = ParameterPrior::independent(Vec::new(), &[]);
+        let mut linearised = Vec::with_capacity(ticks.len());
+        let (first, packet_loss) = (ticks.start as isize, PacketLossMoments::at_tick(hypothesis, flight, ticks.start));
+        let mut linearise = |simulator: &SensitivitySimulator, x: &[f64], disturbed: &[f64; PUSH + 3]| {
+            let (end, end_slopes) = simulator.end();
+            linearised.push(LinearisedTick {
+                point: [x, &disturbed[..PUSH]].concat(),
+                rows: simulator.rows().to_vec(),
+                slopes: simulator.slopes().flatten().copied().collect(),
                 end: end.to_vec(),
                 end_slopes: end_slopes.to_vec(),
             });
         };
-        let filtered = run(flight, ticks, &hypothesis.fixed(), &nothing, disturbances, &mut keep)?;
-        Some(Track { start: filtered.states.into_iter().next()?, lags_sd: hypothesis.lags_sd(flight.input), first, held, ticks: kept })
+        let filtered = filter_observed(flight, ticks, &hypothesis.without_free(), &nothing, disturbances, &mut linearise)?;
+        Some(LinearisedSegment {
+            start: filtered.states.into_iter().next()?,
+            lags_sd: hypothesis.lags_sd(flight.input),
+            first,
+            packet_loss,
+            ticks: linearised,
+        })
     }
 
     /// Negative log-likelihood under other disturbances, summed up to each tick. Ends early where it has fallen hopelessly behind `least`.
     pub fn losses(&self, flight: &Flight, disturbances: &Disturbances, least: Option<&[f64]>) -> Option<Vec<f64>> {
-        let nothing = Belief::independent(Vec::new(), &[]);
-        let mut k = Kalman::new(flight, self.start.clone(), &self.lags_sd, &nothing, disturbances, self.held.clone());
+        let nothing = ParameterPrior::independent(Vec::new(), &[]);
+        let mut k = KalmanFilter::new(flight, self.start.clone(), &self.lags_sd, &nothing, disturbances, self.packet_loss.clone());
         let (own, mut loss) = (k.own, 0.0);
         let (mut off, mut end) = (vec![0.0; own + PUSH], vec![0.0; own]);
         let mut losses = Vec::with_capacity(self.ticks.len());
-        for (at, tick) in self.ticks.iter().enumerate() {
-            let disturbed = k.disturbed();
+        for (index, tick) in self.ticks.iter().enumerate() {
+            let disturbed = k.disturbance_estimate();
             for (i, off) in off.iter_mut().enumerate() {
-                *off = if i < own { k.x[i] } else { disturbed[i - own] } - tick.about[i];
+                *off = if i < own { k.x[i] } else { disturbed[i - own] } - tick.point[i];
             }
-            let by = |slopes: &[f64]| slopes.iter().zip(&off).map(|(s, o)| s * o).sum::<f64>();
-            k.moved.fill(0.0);
+            let change_along = |slopes: &[f64]| slopes.iter().zip(&off).map(|(s, o)| s * o).sum::<f64>();
+            k.correction.fill(0.0);
             for (row, slopes) in tick.rows.iter().zip(tick.slopes.chunks_exact(own + PUSH)) {
-                let predicted = row.predicted + row.sigma * by(slopes);
-                loss += k.measure(row, predicted, marker(row, &disturbed), slopes)?.loss;
+                let predicted = row.predicted + row.sigma * change_along(slopes);
+                loss += k.update(row, predicted, marker_error(row, &disturbed), slopes)?.loss;
             }
-            k.command(flight.command(self.first + at as isize + 1));
+            k.accept_command(flight.command(self.first + index as isize + 1));
             losses.push(loss);
-            if least.is_some_and(|least| loss > least[at] + HOPELESS) {
+            if least.is_some_and(|least| loss > least[index] + ABANDON_LOSS) {
                 return None;
             }
-            for ((end, at), slopes) in end.iter_mut().zip(&tick.end).zip(tick.end_slopes.chunks_exact(own + PUSH)) {
-                *end = at + by(slopes);
+            for ((end, end_at_point), slopes) in end.iter_mut().zip(&tick.end).zip(tick.end_slopes.chunks_exact(own + PUSH)) {
+                *end = end_at_point + change_along(slopes);
             }
             propagate(&end, &tick.end_slopes, &mut k);
         }
         Some(losses)
     }
 
-    /// Negative log-likelihood of the whole stretch.
+    /// Negative log-likelihood of the whole segment.
     pub fn loss(&self, flight: &Flight, disturbances: &Disturbances) -> f64 {
         self.losses(flight, disturbances, None).and_then(|losses| losses.last().copied()).unwrap_or(f64::INFINITY)
     }
 }
 
 /// The filter's state and covariance before the first measurement.
-fn begin(start: Vec<f64>, lags_sd: &[f64], belief: &Belief, extras: &[Extra]) -> (Vec<f64>, Vec<f64>) {
-    let (own, learned) = (start.len(), belief.mean.len());
-    let n = own + extras.len();
+fn initial_estimate(start: Vec<f64>, lags_sd: &[f64], prior: &ParameterPrior, augmented: &[AugmentedState]) -> (Vec<f64>, Vec<f64>) {
+    let (own, learned) = (start.len(), prior.mean.len());
+    let n = own + augmented.len();
     let mut x = start;
-    x.extend(&belief.mean);
+    x.extend(&prior.mean);
     x.resize(n, 0.0);
     let mut p = vec![0.0; n * n];
     for i in 0..own {
@@ -376,18 +413,18 @@ fn begin(start: Vec<f64>, lags_sd: &[f64], belief: &Belief, extras: &[Extra]) ->
     }
     for i in 0..learned {
         for j in 0..learned {
-            p[(own + i) * n + own + j] = belief.covariance[i * learned + j];
+            p[(own + i) * n + own + j] = prior.covariance[i * learned + j];
         }
     }
-    for (i, extra) in (own..n).zip(extras).skip(learned) {
-        p[i * n + i] = extra.variance;
+    for (i, state) in (own..n).zip(augmented).skip(learned) {
+        p[i * n + i] = state.variance;
     }
     (x, p)
 }
 
 /// `to += by * from`.
 #[inline(always)]
-fn add(to: &mut [f64], by: f64, from: &[f64]) {
+fn add_scaled(to: &mut [f64], by: f64, from: &[f64]) {
     let from = &from[..to.len()];
     for i in 0..to.len() {
         to[i] += by * from[i];
@@ -395,7 +432,7 @@ fn add(to: &mut [f64], by: f64, from: &[f64]) {
 }
 
 /// A symmetric matrix times a vector: row by row, so that the compiler can take several numbers at once.
-fn times(matrix: &[f64], by: &[f64], out: &mut [f64]) {
+fn symmetric_product(matrix: &[f64], by: &[f64], out: &mut [f64]) {
     Dual::run(
         #[inline(always)]
         || {
@@ -403,7 +440,7 @@ fn times(matrix: &[f64], by: &[f64], out: &mut [f64]) {
             out.fill(0.0);
             for i in 0..n {
                 if by[i] != 0.0 {
-                    add(out, by[i], &matrix[i * n..(i + 1) * n]);
+                    add_scaled(out, by[i], &matrix[i * n..(i + 1) * n]);
                 }
             }
         },
@@ -411,60 +448,60 @@ fn times(matrix: &[f64], by: &[f64], out: &mut [f64]) {
 }
 
 /// `matrix -= by * v v^T`.
-fn less(matrix: &mut [f64], by: f64, v: &[f64]) {
+fn subtract_outer_product(matrix: &mut [f64], by: f64, v: &[f64]) {
     Dual::run(
         #[inline(always)]
         || {
             let n = v.len();
             for i in 0..n {
-                add(&mut matrix[i * n..(i + 1) * n], -(by * v[i]), v);
+                add_scaled(&mut matrix[i * n..(i + 1) * n], -(by * v[i]), v);
             }
         },
     );
 }
 
 /// Matrices of [`propagate`].
-struct Room {
+struct PropagationBuffers {
     /// The vehicle's rows of the transition, and their transpose.
     f: Vec<f64>,
     ft: Vec<f64>,
     fp: Vec<f64>,
 }
 
-impl Room {
+impl PropagationBuffers {
     fn new(own: usize, n: usize) -> Self {
-        Room { f: vec![0.0; own * n], ft: vec![0.0; own * n], fp: vec![0.0; own * n] }
+        PropagationBuffers { f: vec![0.0; own * n], ft: vec![0.0; own * n], fp: vec![0.0; own * n] }
     }
 }
 
 /// State and covariance one tick on.
-fn propagate(end: &[f64], slopes: &[f64], k: &mut Kalman) {
-    let Kalman { own, extras, x, p, moved, room: Room { f, ft, fp }, .. } = k;
+fn propagate(end: &[f64], slopes: &[f64], k: &mut KalmanFilter) {
+    let KalmanFilter { own, augmented, x, p, correction, buffers: PropagationBuffers { f, ft, fp }, .. } = k;
     let (own, n) = (*own, x.len());
     let unknowns = slopes.len() / own;
     for i in 0..own {
         let row = &slopes[i * unknowns..(i + 1) * unknowns];
         f[i * n..i * n + own].copy_from_slice(&row[..own]);
-        for (j, extra) in extras.iter().enumerate() {
-            f[i * n + own + j] = extra.column.map_or(0.0, |column| row[column] * extra.unit);
+        for (j, state) in augmented.iter().enumerate() {
+            f[i * n + own + j] = state.column.map_or(0.0, |column| row[column] * state.unit);
         }
-        x[i] = end[i] + f[i * n..(i + 1) * n].iter().zip(&*moved).map(|(f, m)| f * m).sum::<f64>();
+        x[i] = end[i] + f[i * n..(i + 1) * n].iter().zip(&*correction).map(|(f, m)| f * m).sum::<f64>();
         for k in 0..n {
             ft[k * own + i] = f[i * n + k];
         }
     }
-    for (j, extra) in extras.iter().enumerate() {
-        x[own + j] = extra.keep * (x[own + j] + moved[own + j]);
+    for (j, state) in augmented.iter().enumerate() {
+        x[own + j] = state.decay * (x[own + j] + correction[own + j]);
     }
     Dual::run(
         #[inline(always)]
         || {
-            // the vehicle's rows of F P; those of the extras only shrink
+            // the vehicle's rows of F P; those of the augmented states only shrink
             fp.fill(0.0);
             for i in 0..own {
                 for k in 0..n {
                     if f[i * n + k] != 0.0 {
-                        add(&mut fp[i * n..(i + 1) * n], f[i * n + k], &p[k * n..(k + 1) * n]);
+                        add_scaled(&mut fp[i * n..(i + 1) * n], f[i * n + k], &p[k * n..(k + 1) * n]);
                     }
                 }
             }
@@ -473,16 +510,16 @@ fn propagate(end: &[f64], slopes: &[f64], k: &mut Kalman) {
                 let (row, out) = (&fp[i * n..(i + 1) * n], &mut p[i * n..(i + 1) * n]);
                 out[..own].fill(0.0);
                 for k in 0..n {
-                    add(&mut out[..own], row[k], &ft[k * own..(k + 1) * own]);
+                    add_scaled(&mut out[..own], row[k], &ft[k * own..(k + 1) * own]);
                 }
-                for (j, extra) in extras.iter().enumerate() {
-                    out[own + j] = row[own + j] * extra.keep;
+                for (j, state) in augmented.iter().enumerate() {
+                    out[own + j] = row[own + j] * state.decay;
                 }
             }
-            for (i, extra) in extras.iter().enumerate() {
+            for (i, state) in augmented.iter().enumerate() {
                 let row = &mut p[(own + i) * n + own..(own + i + 1) * n];
-                for (out, other) in row.iter_mut().zip(extras.iter()) {
-                    *out *= extra.keep * other.keep;
+                for (out, other) in row.iter_mut().zip(augmented.iter()) {
+                    *out *= state.decay * other.decay;
                 }
             }
         },
@@ -493,7 +530,7 @@ fn propagate(end: &[f64], slopes: &[f64], k: &mut Kalman) {
             p[i * n + j] = p[j * n + i];
         }
     }
-    for (j, extra) in extras.iter().enumerate() {
-        p[(own + j) * n + own + j] += extra.gain;
+    for (j, state) in augmented.iter().enumerate() {
+        p[(own + j) * n + own + j] += state.gain;
     }
 }

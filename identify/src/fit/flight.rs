@@ -7,10 +7,10 @@ use crazyflie_env::plant::{Command, State};
 
 use crazyflie_logs::{AttitudeSource, Note, PositionSource};
 
-use super::spread::spread;
+use super::heteroscedastic::noise_scales;
 use crate::FlightLog;
 use crate::replay::ReplayError;
-use crate::replay::measured::{Measured, median};
+use crate::replay::measurements::{Measurements, median};
 
 /// Long enough for a slow pole of 2.8 1/s and for drag to show, short enough that the small-angle plant has not run away.
 pub const WINDOW_S: f64 = 2.0;
@@ -23,7 +23,7 @@ const ROUNDING_S: f64 = 1e-6;
 
 /// Standard deviation of a white measurement error, per axis; of a measurement that scatters as usual.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Noise {
+pub struct MeasurementNoise {
     pub att_rad: [f64; 3],
     pub pos_m: [f64; 3],
 }
@@ -33,13 +33,13 @@ pub struct Noise {
 pub struct Sample {
     pub t_s: f64,
     pub value: [f64; 3],
-    /// How many times as much as usual it scatters.
-    pub spread: [f64; 3],
+    /// Standard deviation of each number over the usual one of [`Flight::noise`].
+    pub noise_scale: [f64; 3],
 }
 
 impl Sample {
-    fn usual(t_s: f64, value: [f64; 3]) -> Self {
-        Sample { t_s, value, spread: [1.0; 3] }
+    fn with_usual_noise(t_s: f64, value: [f64; 3]) -> Self {
+        Sample { t_s, value, noise_scale: [1.0; 3] }
     }
 }
 
@@ -63,8 +63,8 @@ pub struct Flight {
     pub angles: Vec<Sample>,
     /// Marker positions by capture time.
     pub fixes: Vec<Sample>,
-    pub noise: Noise,
-    starts: Vec<State<f64>>,
+    pub noise: MeasurementNoise,
+    measured_states: Vec<State<f64>>,
     /// Sampling interval of the attitude.
     pub row_s: f64,
     /// Motion capture measured the attitude, not the vehicle's own estimator.
@@ -84,8 +84,8 @@ impl Flight {
     ///
     /// # Errors
     /// [`ReplayError`]: no commands, no position, never airborne, too short.
-    pub fn of(name: &str, log: &FlightLog, model: &Model, vertical: Option<VerticalInput>) -> Result<Self, ReplayError> {
-        let measured = Measured::of(log, &mut Vec::new())?;
+    pub fn from_log(name: &str, log: &FlightLog, model: &Model, vertical: Option<VerticalInput>) -> Result<Self, ReplayError> {
+        let measured = Measurements::from_log(log, &mut Vec::new())?;
         let row_s = median(&log.t_s.windows(2).map(|t| t[1] - t[0]).collect::<Vec<_>>());
         // the controller of a 100 Hz log runs at 50 Hz, or its commands are interpolated from less
         let interpolated = log.provenance.onboard_interpolated;
@@ -96,7 +96,8 @@ impl Flight {
         let (_, rows) = measured.interval(log, row_s)?;
         let ticks = ((first_s + rows as f64 * row_s - start_s) / tick_s + ROUNDING_S) as usize;
         let memory = (((start_s - log.t_s[0]) / tick_s + ROUNDING_S) as usize).min((MEMORY_S / tick_s).ceil() as usize);
-        let (input, commands) = commands(log, model, vertical, &measured, start_s - memory as f64 * tick_s, tick_s, ticks + memory)?;
+        let (input, commands) =
+            resample_commands(log, model, vertical, &measured, start_s - memory as f64 * tick_s, tick_s, ticks + memory)?;
         let row_at = |t: f64| log.t_s.partition_point(|row| *row <= t + ROUNDING_S).saturating_sub(1);
         let voltage_v =
             log.vbat_v.as_ref().map(|v| (0..ticks + memory).map(|k| v[row_at(start_s + (k as f64 - memory as f64) * tick_s)]).collect());
@@ -105,22 +106,23 @@ impl Flight {
         let end_s = ticks as f64 * tick_s;
         let inside = |s: &Sample| s.t_s > ROUNDING_S && s.t_s <= end_s + ROUNDING_S;
         let attitude = |i: usize| [log.roll_rad[i], log.pitch_rad[i], log.yaw_rad[i]];
-        let mut angles: Vec<Sample> = (0..log.len()).map(|i| Sample::usual(log.t_s[i] - start_s, attitude(i))).filter(inside).collect();
+        let mut angles: Vec<Sample> =
+            (0..log.len()).map(|i| Sample::with_usual_noise(log.t_s[i] - start_s, attitude(i))).filter(inside).collect();
         if log.provenance.attitude == AttitudeSource::MotionCapture {
-            level(&mut angles);
+            remove_mean_tilt(&mut angles);
         }
         let place = |i: usize| log.fixes.pos_m.each_ref().map(|axis| axis[i]);
-        let fixes = (0..log.fixes.row.len()).map(|i| Sample::usual(log.fixes.capture_t_s[i] - start_s, place(i)));
+        let fixes = (0..log.fixes.row.len()).map(|i| Sample::with_usual_noise(log.fixes.capture_t_s[i] - start_s, place(i)));
         let mut fixes: Vec<Sample> = fixes.filter(inside).collect();
         fixes.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
         let by_motion_capture = log.provenance.position == PositionSource::MotionCapture;
         let floor = if by_motion_capture { FLOOR_MOCAP } else { FLOOR };
         // the noise of motion capture is not in the differences of neighbours
         if !by_motion_capture {
-            scattered(&mut fixes, &|t_s| measured.state(start_s + t_s).pos_m);
+            set_noise_scales(&mut fixes, &|t_s| measured.state(start_s + t_s).pos_m);
         }
-        let noise = Noise { att_rad: white(&angles, floor.att_rad), pos_m: white(&fixes, floor.pos_m) };
-        let starts = (0..=ticks).map(|k| with_lags(model, input, measured.state(start_s + k as f64 * tick_s))).collect();
+        let noise = MeasurementNoise { att_rad: white_noise_sd(&angles, floor.att_rad), pos_m: white_noise_sd(&fixes, floor.pos_m) };
+        let measured_states = (0..=ticks).map(|k| with_lags(model, input, measured.state(start_s + k as f64 * tick_s))).collect();
         let before_s = start_s - log.t_s[0];
         Ok(Flight {
             name: name.to_owned(),
@@ -136,7 +138,7 @@ impl Flight {
             angles,
             fixes,
             noise,
-            starts,
+            measured_states,
             row_s,
             sees_true_attitude: log.provenance.attitude == AttitudeSource::MotionCapture,
         })
@@ -147,8 +149,8 @@ impl Flight {
         (self.tick_s / other.tick_s - 1.0).abs() < SAME_CLOCK
     }
 
-    /// The same flight as it would have been logged without what it has of its own, flown by a model: a lean of the vehicle under a level command, a
-    /// tilt of the frame of the measured attitude (both of roll and pitch, in radians), and more thrust than the model's by a factor.
+    /// The flight as it would have been logged without its trims. These are a lean of the vehicle under a level command and a tilt of the frame of the
+    /// measured attitude, both of roll and pitch in radians, and a factor on the thrust of the model.
     #[must_use]
     pub fn without_trims(&self, model: &Model, lean_rad: [f64; 2], frame_rad: [f64; 2], thrust_scale: f64) -> Self {
         let mut flight = self.clone();
@@ -162,13 +164,13 @@ impl Flight {
         }
         for axis in 0..2 {
             flight.angles.iter_mut().for_each(|sample| sample.value[axis] -= frame_rad[axis]);
-            flight.starts.iter_mut().for_each(|x| x.att_rad[axis] -= frame_rad[axis]);
+            flight.measured_states.iter_mut().for_each(|x| x.att_rad[axis] -= frame_rad[axis]);
         }
         flight
     }
 
     /// All its ticks.
-    pub fn all(&self) -> Range<usize> {
+    pub fn all_ticks(&self) -> Range<usize> {
         0..self.ticks
     }
 
@@ -180,8 +182,8 @@ impl Flight {
 
     /// The battery voltage at the start of a tick.
     pub fn voltage_v(&self, tick: isize) -> Option<f64> {
-        let at = |v: &Vec<f64>| v[(tick + self.memory as isize).clamp(0, v.len() as isize - 1) as usize];
-        self.voltage_v.as_ref().map(at)
+        let value = |v: &Vec<f64>| v[(tick + self.memory as isize).clamp(0, v.len() as isize - 1) as usize];
+        self.voltage_v.as_ref().map(value)
     }
 
     /// Where the vehicle was to be at the start of a tick, if the log says so.
@@ -190,19 +192,19 @@ impl Flight {
     }
 
     /// The measured state at the start of a tick, from local polynomials.
-    pub fn start(&self, tick: usize) -> &State<f64> {
-        &self.starts[tick]
+    pub fn measured_state(&self, tick: usize) -> &State<f64> {
+        &self.measured_states[tick]
     }
 
-    /// Standard deviations of [`Flight::start_numbers`] where motion capture tells them well enough to hold a window to them: left free, a start takes up
+    /// Standard deviations of [`Flight::measured_numbers`] where motion capture tells them well enough to hold a window to them: left free, a start takes up
     /// what the model lacks, and predictions from measured states gain nothing.
-    pub fn start_sd(&self) -> Option<[f64; 12]> {
+    pub fn measured_sd(&self) -> Option<[f64; 12]> {
         self.sees_true_attitude.then(|| std::array::from_fn(|i| START_SD_MOCAP[i / 3]))
     }
 
     /// The measured position, velocity, attitude and rates at the start of a tick.
-    pub fn start_numbers(&self, tick: usize) -> Vec<f64> {
-        let x = &self.starts[tick];
+    pub fn measured_numbers(&self, tick: usize) -> Vec<f64> {
+        let x = &self.measured_states[tick];
         [x.pos_m, x.vel_mps, x.att_rad, x.rate_radps].concat()
     }
 
@@ -214,7 +216,7 @@ impl Flight {
     }
 
     /// Measurements after the start of a window up to its end, whose last instant belongs to it.
-    pub fn within<'a>(&self, samples: &'a [Sample], ticks: &Range<usize>) -> &'a [Sample] {
+    pub fn samples_in<'a>(&self, samples: &'a [Sample], ticks: &Range<usize>) -> &'a [Sample] {
         let after = |tick: usize| samples.partition_point(|s| s.t_s <= tick as f64 * self.tick_s + ROUNDING_S);
         &samples[after(ticks.start)..after(ticks.end)]
     }
@@ -222,18 +224,18 @@ impl Flight {
 
 /// Third differences of a vehicle that moves hard are as large as those of noise of a quarter of this.
 const LEAST_SEEN_M: f64 = 1e-3;
-/// What no recording resolves, whatever its third differences say.
-const FLOOR: Noise = Noise { att_rad: [1e-4; 3], pos_m: [1e-4; 3] };
+/// Least noise of a recording, whatever its third differences say.
+const FLOOR: MeasurementNoise = MeasurementNoise { att_rad: [1e-4; 3], pos_m: [1e-4; 3] };
 /// Motion capture is filtered and its markers shake: differences of neighbours are smaller than its error.
-const FLOOR_MOCAP: Noise = Noise { att_rad: [0.01, 0.01, 0.01], pos_m: [0.002, 0.002, 0.002] };
+const FLOOR_MOCAP: MeasurementNoise = MeasurementNoise { att_rad: [0.01, 0.01, 0.01], pos_m: [0.002, 0.002, 0.002] };
 
-/// Of position, velocity, attitude and rates by motion capture: two ways to take the velocity differ by 2 to 10 mm/s on real flights, the attitude is as
-/// [`FLOOR_MOCAP`], and rates are slopes of it over 0.06 s.
+/// Standard deviations of position, velocity, attitude and rates by motion capture. Two ways to take the velocity differ by 2 to 10 mm/s on real
+/// flights. The attitude is as [`FLOOR_MOCAP`]; rates are its slopes over 0.06 s.
 const START_SD_MOCAP: [f64; 4] = [0.002, 0.01, 0.01, 0.3];
 
 /// The frame of motion-capture markers is tilted against the vehicle, differently in each session. Over a flight that begins and ends at rest
 /// the mean tilt is next to nothing, so the mean of what was measured is the frame's.
-fn level(angles: &mut [Sample]) {
+fn remove_mean_tilt(angles: &mut [Sample]) {
     for axis in 0..2 {
         let mean = angles.iter().map(|s| s.value[axis]).sum::<f64>() / angles.len() as f64;
         for sample in angles.iter_mut() {
@@ -252,11 +254,11 @@ fn changes_every_second_row(log: &FlightLog) -> bool {
     all.iter().any(|c| changed_on(c, 0)) && !all.iter().any(|c| changed_on(c, 1))
 }
 
-fn commands(
+fn resample_commands(
     log: &FlightLog,
     model: &Model,
     vertical: Option<VerticalInput>,
-    measured: &Measured,
+    measured: &Measurements,
     from_s: f64,
     tick_s: f64,
     ticks: usize,
@@ -275,7 +277,7 @@ fn commands(
         log.notes.iter().find_map(|n| if let Note::ClockSkew { median_s, .. } = n { Some(*median_s) } else { None }).unwrap_or(0.0);
     let row_at = |t_s: f64| log.t_s.partition_point(|t| *t <= t_s + ROUNDING_S).saturating_sub(1);
     let late_s = log.onboard.as_ref().and_then(|onboard| onboard.late_s.as_ref());
-    let at = |k: usize| {
+    let command = |k: usize| {
         // commands are on the clock of the vehicle
         let here_s = from_s + k as f64 * tick_s;
         let t_s = here_s + late_s.map_or(skew_s, |late| late[row_at(here_s)]);
@@ -285,7 +287,7 @@ fn commands(
         let yaw_rate_radps = log.cmd_yaw_rate_radps.as_ref().map_or_else(|| sign * measured.yaw_rate(t_s), |v| mean(v));
         Command { roll_rad: mean(roll), pitch_rad: mean(pitch), yaw_rate_radps, lift: mean(lift) }
     };
-    Ok((input, (0..ticks).map(at).collect()))
+    Ok((input, (0..ticks).map(command).collect()))
 }
 
 /// A measured state with the second states of the model's forms: the rate itself, or no lagged push (see [`Model::lags_push`]).
@@ -295,20 +297,21 @@ pub fn with_lags<R: crazyflie_env::scalar::Scalar>(model: &Model, input: Vertica
     x
 }
 
-/// Fixes scatter more where the camera sees worse: how much more, by the place at a time.
-fn scattered(fixes: &mut [Sample], place_m: &dyn Fn(f64) -> [f64; 3]) {
+/// Sets how much more each fix scatters where the camera sees worse.
+fn set_noise_scales(fixes: &mut [Sample], place_m: &dyn Fn(f64) -> [f64; 3]) {
     let places: Vec<[f64; 3]> = fixes.iter().map(|f| place_m(f.t_s)).collect();
-    let noise_m = white(fixes, FLOOR.pos_m);
+    let noise_m = white_noise_sd(fixes, FLOOR.pos_m);
     for axis in (0..3).filter(|axis| noise_m[*axis] > LEAST_SEEN_M) {
-        let spread = spread(&places, &thirds(fixes, axis));
-        fixes.iter_mut().zip(spread).for_each(|(fix, spread)| fix.spread[axis] = spread);
+        let scales = noise_scales(&places, &third_differences(fixes, axis));
+        fixes.iter_mut().zip(scales).for_each(|(fix, scale)| fix.noise_scale[axis] = scale);
     }
 }
 
 /// The white part of the error per axis, by the median against outliers.
-fn white(samples: &[Sample], floor: [f64; 3]) -> [f64; 3] {
+fn white_noise_sd(samples: &[Sample], floor: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|axis| {
-        let all: Vec<f64> = thirds(samples, axis).iter().map(|(i, third)| third.abs() / samples[i + 1].spread[axis]).collect();
+        let all: Vec<f64> =
+            third_differences(samples, axis).iter().map(|(i, third)| third.abs() / samples[i + 1].noise_scale[axis]).collect();
         // the median of |normal| is 0.6745 standard deviations
         (median(&all) / 0.6745).max(floor[axis])
     })
@@ -316,7 +319,7 @@ fn white(samples: &[Sample], floor: [f64; 3]) -> [f64; 3] {
 
 /// Third differences of four neighbours none of which is missing, with the index of the first, scaled to the variance of one white error: the
 /// squares of 1, 3, 3 and 1 are 20 together.
-fn thirds(samples: &[Sample], axis: usize) -> Vec<(usize, f64)> {
+fn third_differences(samples: &[Sample], axis: usize) -> Vec<(usize, f64)> {
     let usual = median(&samples.windows(2).map(|s| s[1].t_s - s[0].t_s).collect::<Vec<_>>());
     let whole = |four: &[Sample]| four[3].t_s - four[0].t_s < 3.5 * usual;
     let third = |s: &[Sample]| (s[3].value[axis] - 3.0 * (s[2].value[axis] - s[1].value[axis]) - s[0].value[axis]) / 20.0_f64.sqrt();

@@ -1,4 +1,4 @@
-//! What a fit may say of a vehicle: the model, some of its numbers free, and effects, some of their parameters free.
+//! Hypotheses about a vehicle: a model with some of its numbers free, and effects with some of their parameters free.
 
 use crazyflie_env::config::{EffectParams, Number, SourcedValue};
 use crazyflie_env::effects::{self, Entry, Role};
@@ -6,8 +6,8 @@ use crazyflie_env::model::{Model, VerticalInput};
 
 use super::solve::Prior;
 
-/// How far off lagged pushes may be: a climb in metres per second, a turn in radians per second.
-const PUSHED_SD: [f64; 2] = [0.3, 1.0];
+/// Initial standard deviations of the lagged pushes: a climb in m/s, a turn in rad/s.
+const LAGGED_PUSH_SD: [f64; 2] = [0.3, 1.0];
 
 /// An effect with values for all its parameters, some of them free.
 #[derive(Clone)]
@@ -64,15 +64,15 @@ pub struct Hypothesis {
     pub free: Vec<String>,
     pub terms: Vec<Term>,
     /// Physics steps per second are at most so many, although an effect asks for more.
-    pub most_hz: Option<u32>,
-    /// Something may have pushed the vehicle before a window began: what forms of first order lag of it is estimated as well.
-    pub pushed: bool,
+    pub max_physics_hz: Option<u32>,
+    /// Estimates the lagged pushes of first-order forms: something may have pushed the vehicle before a window began.
+    pub estimates_lagged_push: bool,
 }
 
 impl Hypothesis {
     /// The model as it is.
-    pub fn of(model: &Model) -> Self {
-        Hypothesis { model: model.clone(), free: Vec::new(), terms: Vec::new(), most_hz: None, pushed: true }
+    pub fn from_model(model: &Model) -> Self {
+        Hypothesis { model: model.clone(), free: Vec::new(), terms: Vec::new(), max_physics_hz: None, estimates_lagged_push: true }
     }
 
     /// The same with one more effect, in registry order.
@@ -108,13 +108,12 @@ impl Hypothesis {
 
     /// Which lagged pushes of the model's forms are estimated (see [`Model::lags_push`]).
     pub fn lags_push(&self, input: VerticalInput) -> [bool; 2] {
-        if self.pushed { self.model.lags_push(input).unwrap_or_default() } else { [false; 2] }
+        if self.estimates_lagged_push { self.model.lags_push(input).unwrap_or_default() } else { [false; 2] }
     }
 
-    /// What is remembered of the motion besides velocities and rates, estimated with it: lagged pushes of the model's forms, then what effects
-    /// remember. How far off each is at first, in its own unit.
+    /// Initial standard deviations of the lag states, each in its state's unit: lagged pushes of the model's forms, then the states of effects.
     pub fn lags_sd(&self, input: VerticalInput) -> Vec<f64> {
-        let of_model = self.lags_push(input).into_iter().zip(PUSHED_SD).filter(|(lags, _)| *lags);
+        let of_model = self.lags_push(input).into_iter().zip(LAGGED_PUSH_SD).filter(|(lags, _)| *lags);
         let declared = self.model.effects.keys().filter(|name| !self.has(name)).filter_map(|name| effects::find(name).ok());
         let mut entries: Vec<&Entry> = declared.map(|(_, entry)| entry).chain(self.terms.iter().map(|t| t.entry)).collect();
         // as the world shows them: in registry order
@@ -124,12 +123,12 @@ impl Hypothesis {
     }
 
     /// The free numbers: the model's, then the effects'.
-    pub fn shared(&self) -> Vec<f64> {
+    pub fn free_values(&self) -> Vec<f64> {
         let of_model = self.free.iter().filter_map(|path| self.model.parameter(path).ok());
         of_model.chain(self.terms.iter().flat_map(Term::free_values)).collect()
     }
 
-    /// Of each free number: what is known of it beforehand if every flight has its own, `None` if all flights share it.
+    /// The prior of each free number that every flight has for itself; `None` for a number that all flights share.
     pub fn per_flight(&self) -> Vec<Option<Prior>> {
         let of_term = |t: &Term| -> Vec<Option<Prior>> {
             let priors = t.per_flight.iter().flatten().map(|prior| Some(*prior));
@@ -138,7 +137,7 @@ impl Hypothesis {
         std::iter::repeat_n(None, self.free.len()).chain(self.terms.iter().flat_map(of_term)).collect()
     }
 
-    /// Where the free numbers of an effect lie among all.
+    /// Places of the free numbers of an effect among [`Hypothesis::free_values`].
     pub fn place(&self, effect: &str) -> std::ops::Range<usize> {
         let mut at = self.free.len();
         for term in &self.terms {
@@ -152,7 +151,7 @@ impl Hypothesis {
 
     /// The same with other values for the free numbers. (Model numbers stay where the model would refuse the value.)
     #[must_use]
-    pub fn at(&self, shared: &[f64]) -> Self {
+    pub fn with_values(&self, shared: &[f64]) -> Self {
         let mut moved = self.clone();
         let (of_model, mut rest) = shared.split_at(self.free.len());
         for (path, value) in self.free.iter().zip(of_model) {
@@ -169,7 +168,7 @@ impl Hypothesis {
 
     /// The same with nothing free.
     #[must_use]
-    pub fn fixed(&self) -> Self {
+    pub fn without_free(&self) -> Self {
         let mut fixed = self.clone();
         fixed.free.clear();
         for term in &mut fixed.terms {
@@ -190,7 +189,7 @@ impl Hypothesis {
     }
 
     /// The model with the effects written into it, which the simulator flies.
-    pub fn completed(&self, source: &str) -> Model {
+    pub fn to_model(&self, source: &str) -> Model {
         let mut model = self.model.clone();
         for term in &self.terms {
             let sourced = |(p, value): (&effects::Param, &f64)| {
@@ -210,7 +209,7 @@ mod tests {
     fn is_cause(effect: &str, values: &[f64]) -> bool {
         let mut term = Term::off(effects::find(effect).unwrap().1);
         term.values[..values.len()].copy_from_slice(values);
-        Hypothesis::of(&Model::thesis()).with(term).is_cause(effect)
+        Hypothesis::from_model(&Model::thesis()).with(term).is_cause(effect)
     }
 
     #[test]

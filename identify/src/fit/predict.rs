@@ -10,15 +10,15 @@ use crazyflie_env::world::{Settings, World};
 
 use super::flight::{Flight, MEMORY_S, Sample, Window, with_lags};
 use super::hypothesis::{Hypothesis, Term};
-use super::solve::{Normal, Prior, Problem};
+use super::solve::{NormalEquations, Prior, Problem};
 
-/// The numbers that a window starts from: position, velocity, attitude, rates.
+/// Count of the numbers that a window starts from: position, velocity, attitude, rates.
 pub const START: usize = 12;
-/// The numbers of a push: accelerations in the world frame, angular accelerations about the body axes.
+/// Count of the numbers of a push: accelerations in the world frame, angular accelerations about the body axes.
 pub const PUSH: usize = 6;
 
-/// A hypothesis on windows of flights.
-pub struct Prediction<'a> {
+/// The output-error fit of a hypothesis to windows of flights.
+pub struct OutputErrorProblem<'a> {
     pub flights: &'a [Flight],
     pub windows: &'a [Window],
     pub hypothesis: &'a Hypothesis,
@@ -28,15 +28,15 @@ pub struct Prediction<'a> {
 
 /// A measured number and its prediction.
 #[derive(Debug, Clone, Copy)]
-pub struct Compared {
+pub struct PredictedMeasurement {
     pub t_s: f64,
     /// 0 to 2: roll, pitch, yaw; 3 to 5: x, y, z.
     pub channel: usize,
     pub measured: f64,
     pub predicted: f64,
     pub sigma: f64,
-    /// See [`super::flight::Sample::spread`].
-    pub spread: f64,
+    /// See [`super::flight::Sample::noise_scale`].
+    pub noise_scale: f64,
 }
 
 /// A parameter is simulated at most this share of its range beyond a bound: a filter may pass through an inertia below zero, and nothing comes back from
@@ -44,17 +44,18 @@ pub struct Compared {
 const BEYOND: f64 = 0.05;
 
 /// Directions of one pass: all unknowns do not fit one dual.
-struct Pass {
+struct DerivativePass {
     first: usize,
     world: World<Dual>,
 }
 
-impl Pass {
+impl DerivativePass {
     /// States without slopes, of a flight.
-    fn fixed<'a>(model: &'a Model, flight: &'a Flight) -> impl Fn(&[f64]) -> State<Dual> + 'a {
+    fn state_without_slopes<'a>(model: &'a Model, flight: &'a Flight) -> impl Fn(&[f64]) -> State<Dual> + 'a {
         move |numbers| {
-            let of = |from: usize| std::array::from_fn(|i| Dual::from_f64(numbers[from + i]));
-            let x = State { pos_m: of(0), vel_mps: of(3), att_rad: of(6), rate_radps: of(9), aux: [Dual::from_f64(0.0); 2] };
+            let triple = |from: usize| std::array::from_fn(|i| Dual::from_f64(numbers[from + i]));
+            let x =
+                State { pos_m: triple(0), vel_mps: triple(3), att_rad: triple(6), rate_radps: triple(9), aux: [Dual::from_f64(0.0); 2] };
             with_lags(model, flight.input, x)
         }
     }
@@ -72,53 +73,53 @@ fn variable(first: usize, value: f64, unknown: usize) -> Dual {
     }
 }
 
-/// A thread's worlds with the parameters in place.
-pub struct Worker {
+/// A thread's worlds with the parameters in place: simulates windows, with slopes by all unknowns.
+pub struct SensitivitySimulator {
     model: Model,
-    passes: Vec<Pass>,
+    passes: Vec<DerivativePass>,
     remembers: bool,
     /// How long effects remember the motion, see [`effects::Effect::MOTION_MEMORY_S`].
     motion_memory_s: f64,
-    /// The start and the lags: what each window has of its own.
+    /// Unknowns of each window: the start and the lags.
     own: usize,
     lags_push: [bool; 2],
     unknowns: usize,
     states: Vec<State<Dual>>,
     offsets: Vec<[Dual; 3]>,
-    rows: Vec<Compared>,
+    rows: Vec<PredictedMeasurement>,
     slopes: Vec<f64>,
     end: Vec<f64>,
     end_slopes: Vec<f64>,
     /// Per effect: name, values, and which are free.
     terms: Vec<Term>,
     free_of_model: usize,
-    /// Acting during [`Worker::go_on`], with slopes behind those of the shared parameters.
+    /// Acting during [`SensitivitySimulator::predict_from`], with slopes behind those of the shared parameters.
     push: Option<[f64; PUSH]>,
 }
 
-impl Worker {
+impl SensitivitySimulator {
     /// # Errors
     /// As [`World::new`].
-    pub fn new(at: &Hypothesis, flight: &Flight, with_slopes: bool, pushed: bool) -> crazyflie_env::Result<Self> {
-        let mut model = at.model.clone();
+    pub fn new(hypothesis: &Hypothesis, flight: &Flight, with_slopes: bool, pushed: bool) -> crazyflie_env::Result<Self> {
+        let mut model = hypothesis.model.clone();
         let hz = (1.0 / flight.tick_s).round();
         // the base clock is the IMU's here, fast enough for every effect and even; frames are filmed when the log has them, not by the rig's clock
         let fastest_hz = registry().iter().map(|e| e.physics_hz).max().unwrap_or(1);
         let base_hz = 2.0 * hz * (f64::from(fastest_hz) / (2.0 * hz)).ceil();
         (model.rig.control.value, model.rig.imu.value, model.rig.camera.value) = (hz, base_hz, 1.0);
-        let entries: Vec<&'static Entry> = at.terms.iter().map(|t| t.entry).collect();
-        let declared = at.model.effects.keys().filter_map(|name| effects::find(name).ok().map(|(_, entry)| entry));
+        let entries: Vec<&'static Entry> = hypothesis.terms.iter().map(|t| t.entry).collect();
+        let declared = hypothesis.model.effects.keys().filter_map(|name| effects::find(name).ok().map(|(_, entry)| entry));
         let all: Vec<&'static Entry> = entries.iter().copied().chain(declared).collect();
         let needed_hz = all.iter().map(|e| e.physics_hz).max().unwrap_or(1);
-        let settings = Settings { input: flight.input, physics_hz: at.most_hz.filter(|most| needed_hz > *most) };
-        let lags_push = at.lags_push(flight.input);
-        let own = START + at.lags_sd(flight.input).len();
-        let shared: usize = at.free.len() + at.terms.iter().map(|t| t.free.len()).sum::<usize>();
+        let settings = Settings { input: flight.input, physics_hz: hypothesis.max_physics_hz.filter(|most| needed_hz > *most) };
+        let lags_push = hypothesis.lags_push(flight.input);
+        let own = START + hypothesis.lags_sd(flight.input).len();
+        let shared: usize = hypothesis.free.len() + hypothesis.terms.iter().map(|t| t.free.len()).sum::<usize>();
         let unknowns = if with_slopes { own + shared + if pushed { PUSH } else { 0 } } else { 0 };
         let mut passes = Vec::new();
         for first in (0..unknowns.max(1)).step_by(DIRECTIONS) {
-            let mut pass = Pass { first, world: World::for_fitting(&model, &entries, settings)? };
-            let seeds: Vec<(&str, usize)> = at
+            let mut pass = DerivativePass { first, world: World::for_fitting(&model, &entries, settings)? };
+            let seeds: Vec<(&str, usize)> = hypothesis
                 .free
                 .iter()
                 .enumerate()
@@ -130,7 +131,7 @@ impl Worker {
             passes.push(pass);
         }
         let remembers = all.iter().any(|e| e.hooks.command);
-        let mut worker = Worker {
+        let mut simulator = SensitivitySimulator {
             own,
             lags_push,
             model,
@@ -144,17 +145,17 @@ impl Worker {
             slopes: Vec::new(),
             end: vec![0.0; own],
             end_slopes: Vec::new(),
-            terms: at.terms.clone(),
-            free_of_model: at.free.len(),
+            terms: hypothesis.terms.clone(),
+            free_of_model: hypothesis.free.len(),
             push: pushed.then_some([0.0; PUSH]),
         };
-        let values: Vec<f64> = at.terms.iter().flat_map(Term::free_values).collect();
-        worker.set_free(&values)?;
-        Ok(worker)
+        let values: Vec<f64> = hypothesis.terms.iter().flat_map(Term::free_values).collect();
+        simulator.set_free(&values)?;
+        Ok(simulator)
     }
 
-    /// What effects remember no longer depends on the start: it was another one.
-    pub fn cut_from_start(&mut self) {
+    /// Clears the slopes of the memory of effects by the start, which was another one.
+    pub fn clear_start_slopes(&mut self) {
         for pass in &mut self.passes {
             let own = self.own.saturating_sub(pass.first).min(DIRECTIONS);
             pass.world.visit_memory(&mut |number| number.slope[..own].fill(0.0));
@@ -169,7 +170,7 @@ impl Worker {
     /// Other values for the free parameters of the effects.
     ///
     /// # Errors
-    /// None that [`Worker::new`] would not have had.
+    /// None that [`SensitivitySimulator::new`] would not have had.
     pub fn set_free(&mut self, values: &[f64]) -> crazyflie_env::Result<()> {
         for pass in &mut self.passes {
             let first = self.own + self.free_of_model;
@@ -188,38 +189,38 @@ impl Worker {
         Ok(())
     }
 
-    /// Predict a window; rows and slopes are then in the worker.
+    /// Predict a window; rows and slopes are then in the simulator.
     pub fn predict(&mut self, flight: &Flight, window: &Window, own: &[f64]) {
-        self.run_up(flight, window.ticks.start, own);
-        self.go_on(flight, window, own);
+        self.warm_up(flight, window.ticks.start, own);
+        self.predict_from(flight, window, own);
     }
 
-    /// What effects remember of the commands before a tick, and of the motion as measured, is run up; the vehicle itself will start anew.
-    pub fn run_up(&mut self, flight: &Flight, tick: usize, own: &[f64]) {
+    /// Warms up the memory of effects: commands before a tick, and the motion as measured. The vehicle itself will start anew.
+    pub fn warm_up(&mut self, flight: &Flight, tick: usize, own: &[f64]) {
         let first = tick as isize;
         let ticks = |s: f64| (s / flight.tick_s).ceil() as isize;
         let follows = self.motion_memory_s > 0.0;
         // before its first tick nothing was measured of a flight
         let moved = ticks(self.motion_memory_s).min(first);
         let back = moved.max(if self.remembers { ticks(MEMORY_S) } else { 0 });
-        let measured = |tick: isize| flight.start_numbers(tick.max(0) as usize);
+        let measured = |tick: isize| flight.measured_numbers(tick.max(0) as usize);
         let mut passes = std::mem::take(&mut self.passes);
         for pass in &mut passes {
             // what was measured does not depend on the start
-            let fixed = Pass::fixed(&self.model, flight);
-            let start = if follows { fixed(&measured(first - back)) } else { self.start(pass, flight, own) };
+            let state = DerivativePass::state_without_slopes(&self.model, flight);
+            let start = if follows { state(&measured(first - back)) } else { self.start(pass, flight, own) };
             let world = &mut pass.world;
             Dual::run(
                 #[inline(always)]
                 || {
-                    world.start(0, true, &start, &dual(flight.command(first - back - 1)));
+                    world.start(0, true, &start, &dual_command(flight.command(first - back - 1)));
                     world.set_time(flight.before_s + (first - back) as f64 * flight.tick_s);
                     for tick in first - back..first {
                         if follows {
-                            world.set_state(&fixed(&measured(tick)));
+                            world.set_state(&state(&measured(tick)));
                         }
                         world.set_voltage(flight.voltage_v(tick).map(Dual::from_f64));
-                        world.step(0, &dual(flight.command(tick)));
+                        world.step(0, &dual_command(flight.command(tick)));
                     }
                 },
             );
@@ -228,9 +229,9 @@ impl Worker {
     }
 
     /// Predict a window from its start, effects remembering what came before.
-    pub fn go_on(&mut self, flight: &Flight, window: &Window, own: &[f64]) {
+    pub fn predict_from(&mut self, flight: &Flight, window: &Window, own: &[f64]) {
         self.rows.clear();
-        let count = 3 * (flight.within(&flight.angles, &window.ticks).len() + flight.within(&flight.fixes, &window.ticks).len());
+        let count = 3 * (flight.samples_in(&flight.angles, &window.ticks).len() + flight.samples_in(&flight.fixes, &window.ticks).len());
         self.slopes.clear();
         self.slopes.resize(count * self.unknowns, 0.0);
         self.end_slopes.clear();
@@ -240,29 +241,32 @@ impl Worker {
             Dual::run(
                 #[inline(always)]
                 || {
-                    self.fly(pass, flight, window, own);
-                    self.compare(pass, flight, window);
+                    self.simulate(pass, flight, window, own);
+                    self.compare_samples(pass, flight, window);
                 },
             );
-            self.keep_end(pass);
+            self.store_end(pass);
         }
         self.passes = passes;
     }
 
-    fn start(&self, pass: &Pass, flight: &Flight, own: &[f64]) -> State<Dual> {
-        let of = |from: usize| std::array::from_fn(|i| pass.variable(own[from + i], from + i));
-        let x = State { pos_m: of(0), vel_mps: of(3), att_rad: of(6), rate_radps: of(9), aux: [Dual::from_f64(0.0); 2] };
+    fn start(&self, pass: &DerivativePass, flight: &Flight, own: &[f64]) -> State<Dual> {
+        let triple = |from: usize| std::array::from_fn(|i| pass.variable(own[from + i], from + i));
+        let x = State { pos_m: triple(0), vel_mps: triple(3), att_rad: triple(6), rate_radps: triple(9), aux: [Dual::from_f64(0.0); 2] };
         with_lags(&self.model, flight.input, x)
     }
 
     /// The states at all ticks of the window.
     #[inline(always)]
-    fn fly(&mut self, pass: &mut Pass, flight: &Flight, window: &Window, own: &[f64]) {
+    fn simulate(&mut self, pass: &mut DerivativePass, flight: &Flight, window: &Window, own: &[f64]) {
         let start = self.start(pass, flight, own);
         if let Some(push) = &self.push {
             let from = self.unknowns.saturating_sub(PUSH);
-            let of = |i: usize| pass.variable(push[i], from + i);
-            pass.world.disturb(Accelerations { acc_mps2: [of(0), of(1), of(2)], ang_radps2: [of(3), of(4), of(5)] });
+            let component = |i: usize| pass.variable(push[i], from + i);
+            pass.world.disturb(Accelerations {
+                acc_mps2: [component(0), component(1), component(2)],
+                ang_radps2: [component(3), component(4), component(5)],
+            });
         }
         let world = &mut pass.world;
         world.set_state(&start);
@@ -277,7 +281,7 @@ impl Worker {
         self.states.push(*world.state(0));
         for tick in window.ticks.clone() {
             world.set_voltage(flight.voltage_v(tick as isize).map(Dual::from_f64));
-            let y = world.step(0, &dual(flight.command(tick as isize))).reading;
+            let y = world.step(0, &dual_command(flight.command(tick as isize))).reading;
             let x = world.state(0);
             // motion capture sees the vehicle itself, not what its estimator makes of it
             self.offsets.push(if flight.sees_true_attitude {
@@ -289,7 +293,7 @@ impl Worker {
         }
     }
 
-    fn keep_end(&mut self, pass: &mut Pass) {
+    fn store_end(&mut self, pass: &mut DerivativePass) {
         let Some(x) = self.states.last() else { return };
         let mut numbers = [x.pos_m, x.vel_mps, x.att_rad, x.rate_radps].as_flattened().to_vec();
         pass.world.visit_lags(self.lags_push, &mut |lag| numbers.push(*lag));
@@ -301,9 +305,9 @@ impl Worker {
         }
     }
 
-    /// What the lags are at a tick if the vehicle was at its start state before it too.
-    pub fn lags(&mut self, flight: &Flight, tick: usize, start: &[f64]) -> Vec<f64> {
-        self.run_up(flight, tick, start);
+    /// The lags at a tick if the vehicle was at its start state before it too.
+    pub fn initial_lags(&mut self, flight: &Flight, tick: usize, start: &[f64]) -> Vec<f64> {
+        self.warm_up(flight, tick, start);
         let mut lags = Vec::new();
         if let Some(pass) = self.passes.first_mut() {
             pass.world.visit_lags(self.lags_push, &mut |lag| lags.push(lag.value));
@@ -324,18 +328,18 @@ impl Worker {
     }
 
     #[inline(always)]
-    fn compare(&mut self, pass: &mut Pass, flight: &Flight, window: &Window) {
+    fn compare_samples(&mut self, pass: &mut DerivativePass, flight: &Flight, window: &Window) {
         let begin_s = window.ticks.start as f64 * flight.tick_s;
         let mut row = 0;
-        for sample in flight.within(&flight.angles, &window.ticks) {
+        for sample in flight.samples_in(&flight.angles, &window.ticks) {
             let (x, tick) = self.state_at(&pass.world, flight.tick_s, Dual::from_f64(sample.t_s - begin_s));
             for axis in 0..3 {
                 let predicted = x.att_rad[axis] + self.offsets[tick][axis];
-                self.put(pass.first, row, sample, axis, predicted, flight.noise.att_rad[axis]);
+                self.store_row(pass.first, row, sample, axis, predicted, flight.noise.att_rad[axis]);
                 row += 1;
             }
         }
-        for sample in flight.within(&flight.fixes, &window.ticks) {
+        for sample in flight.samples_in(&flight.fixes, &window.ticks) {
             // an effect may make the stamp wrong: what was captured earlier shows an earlier pose
             let stamp = Dual::from_f64(sample.t_s - begin_s);
             let (x, _) = self.state_at(&pass.world, flight.tick_s, stamp);
@@ -348,18 +352,18 @@ impl Worker {
             };
             let seen = pass.world.film(&x, captured);
             for axis in 0..3 {
-                self.put(pass.first, row, sample, 3 + axis, seen.pos_m[axis], flight.noise.pos_m[axis]);
+                self.store_row(pass.first, row, sample, 3 + axis, seen.pos_m[axis], flight.noise.pos_m[axis]);
                 row += 1;
             }
         }
     }
 
     #[inline(always)]
-    fn put(&mut self, first: usize, row: usize, sample: &Sample, channel: usize, predicted: Dual, usual: f64) {
-        let (measured, spread) = (sample.value[channel % 3], sample.spread[channel % 3]);
-        let sigma = usual * spread;
+    fn store_row(&mut self, first: usize, row: usize, sample: &Sample, channel: usize, predicted: Dual, usual: f64) {
+        let (measured, noise_scale) = (sample.value[channel % 3], sample.noise_scale[channel % 3]);
+        let sigma = usual * noise_scale;
         if first == 0 {
-            self.rows.push(Compared { t_s: sample.t_s, channel, measured, predicted: predicted.value, sigma, spread });
+            self.rows.push(PredictedMeasurement { t_s: sample.t_s, channel, measured, predicted: predicted.value, sigma, noise_scale });
         }
         let here = first.min(self.unknowns)..(first + DIRECTIONS).min(self.unknowns);
         let (slopes, per_sigma) = (&mut self.slopes[row * self.unknowns..][here], 1.0 / sigma);
@@ -368,8 +372,8 @@ impl Worker {
         }
     }
 
-    /// What was predicted last.
-    pub fn rows(&self) -> &[Compared] {
+    /// The measurements of the last window with their predictions.
+    pub fn rows(&self) -> &[PredictedMeasurement] {
         &self.rows
     }
 
@@ -392,7 +396,7 @@ impl Worker {
         Some(std::array::from_fn(|i| (b[i] - a[i]) / ((after - before) * tick_s)))
     }
 
-    /// Its slopes in standard deviations, a row of all unknowns for each.
+    /// Slopes of the predictions in standard deviations: for each, a row of all unknowns.
     pub fn slopes(&self) -> impl Iterator<Item = &[f64]> {
         self.slopes.chunks_exact(self.unknowns.max(1))
     }
@@ -403,40 +407,40 @@ impl Worker {
     }
 }
 
-fn dual(u: &Command<f64>) -> Command<Dual> {
-    let of = Dual::from_f64;
-    Command { roll_rad: of(u.roll_rad), pitch_rad: of(u.pitch_rad), yaw_rate_radps: of(u.yaw_rate_radps), lift: of(u.lift) }
+fn dual_command(u: &Command<f64>) -> Command<Dual> {
+    let [roll_rad, pitch_rad, yaw_rate_radps, lift] = [u.roll_rad, u.pitch_rad, u.yaw_rate_radps, u.lift].map(Dual::from_f64);
+    Command { roll_rad, pitch_rad, yaw_rate_radps, lift }
 }
 
-impl Prediction<'_> {
+impl OutputErrorProblem<'_> {
     /// The windows' starts as measured.
-    pub fn starts(&self) -> Vec<Vec<f64>> {
-        let mut worker = self.flights.first().and_then(|flight| Worker::new(self.hypothesis, flight, false, false).ok());
-        let of = |w: &Window| {
+    pub fn measured_starts(&self) -> Vec<Vec<f64>> {
+        let mut simulator = self.flights.first().and_then(|flight| SensitivitySimulator::new(self.hypothesis, flight, false, false).ok());
+        let start = |w: &Window| {
             let flight = &self.flights[w.flight];
-            let mut own = flight.start_numbers(w.ticks.start);
-            let lags = worker.as_mut().map_or_else(Vec::new, |worker| worker.lags(flight, w.ticks.start, &own));
+            let mut own = flight.measured_numbers(w.ticks.start);
+            let lags = simulator.as_mut().map_or_else(Vec::new, |simulator| simulator.initial_lags(flight, w.ticks.start, &own));
             own.extend(lags);
             own
         };
-        self.windows.iter().map(of).collect()
+        self.windows.iter().map(start).collect()
     }
 }
 
-/// Free numbers of a hypothesis: those that all flights share, and those that each has for itself, by their places in [`Hypothesis::shared`].
-struct Layout {
+/// Free numbers of a hypothesis: those that all flights share, and those that each has for itself, by their places in [`Hypothesis::free_values`].
+struct ParameterLayout {
     common: Vec<usize>,
     per_flight: Vec<usize>,
 }
 
-impl Layout {
+impl ParameterLayout {
     fn new(hypothesis: &Hypothesis) -> Self {
         let per_flight = hypothesis.per_flight();
         let (per_flight, common) = (0..per_flight.len()).partition(|i| per_flight[*i].is_some());
-        Layout { common, per_flight }
+        ParameterLayout { common, per_flight }
     }
 
-    /// The place among all free numbers of a flight's number with this place in [`Hypothesis::shared`].
+    /// The place among all free numbers of a flight's number with this place in [`Hypothesis::free_values`].
     fn place(&self, flight: usize, local: usize) -> usize {
         let rank = |all: &[usize]| all.iter().position(|i| *i == local);
         let first = self.common.len() + flight * self.per_flight.len();
@@ -448,73 +452,75 @@ impl Layout {
     }
 }
 
-impl Prediction<'_> {
-    /// The free numbers: those that all flights share, then those of each flight in turn. Without numbers of flights, [`Hypothesis::shared`].
+impl OutputErrorProblem<'_> {
+    /// The free numbers: those that all flights share, then those of each flight in turn. Without numbers of flights, [`Hypothesis::free_values`].
     pub fn shared(&self) -> Vec<f64> {
-        self.spread(&self.hypothesis.shared())
+        self.repeat_per_flight(&self.hypothesis.free_values())
     }
 
-    /// One flight's free numbers in the order of [`Hypothesis::shared`], out of all.
-    pub fn of_flight(&self, shared: &[f64], flight: usize) -> Vec<f64> {
-        Layout::new(self.hypothesis).places(flight).into_iter().map(|place| shared[place]).collect()
+    /// One flight's free numbers in the order of [`Hypothesis::free_values`], out of all.
+    pub fn flight_numbers(&self, shared: &[f64], flight: usize) -> Vec<f64> {
+        ParameterLayout::new(self.hypothesis).places(flight).into_iter().map(|place| shared[place]).collect()
     }
 
-    /// All free numbers, out of those of each flight in the order of [`Hypothesis::shared`]: the inverse of [`Prediction::of_flight`].
-    pub fn joined(&self, each: &[Vec<f64>]) -> Vec<f64> {
-        let layout = Layout::new(self.hypothesis);
+    /// All free numbers, out of those of each flight in the order of [`Hypothesis::free_values`]: the inverse of [`OutputErrorProblem::flight_numbers`].
+    pub fn join_flights(&self, each: &[Vec<f64>]) -> Vec<f64> {
+        let layout = ParameterLayout::new(self.hypothesis);
         let common = layout.common.iter().filter_map(|i| each.first().map(|numbers| numbers[*i]));
         common.chain(each.iter().flat_map(|numbers| layout.per_flight.iter().map(|i| numbers[*i]))).collect()
     }
 
     /// Something of each free number, repeated for every flight that has its own.
-    fn spread<T: Copy>(&self, local: &[T]) -> Vec<T> {
-        let layout = Layout::new(self.hypothesis);
+    fn repeat_per_flight<T: Copy>(&self, local: &[T]) -> Vec<T> {
+        let layout = ParameterLayout::new(self.hypothesis);
         let of_flights = self.flights.iter().flat_map(|_| layout.per_flight.iter());
         layout.common.iter().chain(of_flights).map(|i| local[*i]).collect()
     }
 }
 
-/// A thread's worlds with the numbers of one flight in place.
-pub struct Predictor {
-    worker: Worker,
+/// A thread's simulator with the numbers of one flight in place.
+pub struct FlightSimulator {
+    worker: SensitivitySimulator,
     shared: Vec<f64>,
     flight: usize,
 }
 
-impl Problem for Prediction<'_> {
-    type Worker = Option<Predictor>;
+impl Problem for OutputErrorProblem<'_> {
+    type Worker = Option<FlightSimulator>;
 
     fn windows(&self) -> usize {
         self.windows.len()
     }
-    fn own(&self) -> usize {
+    fn own_unknowns(&self) -> usize {
         START + self.hypothesis.lags_sd(self.flights.first().map_or(VerticalInput::Height, |f| f.input)).len()
     }
     fn bounds(&self) -> Vec<[f64; 2]> {
-        self.spread(&self.hypothesis.bounds())
+        self.repeat_per_flight(&self.hypothesis.bounds())
     }
     fn common(&self) -> usize {
-        Layout::new(self.hypothesis).common.len()
+        ParameterLayout::new(self.hypothesis).common.len()
     }
     fn places(&self, window: usize) -> Vec<usize> {
-        Layout::new(self.hypothesis).places(self.windows[window].flight)
+        ParameterLayout::new(self.hypothesis).places(self.windows[window].flight)
     }
     fn priors(&self) -> Vec<Option<Prior>> {
-        self.spread(&self.hypothesis.per_flight())
+        self.repeat_per_flight(&self.hypothesis.per_flight())
     }
-    fn worker(&self, shared: &[f64]) -> Option<Predictor> {
+    fn worker(&self, shared: &[f64]) -> Option<FlightSimulator> {
         // all flights of a fit share the clock and the inputs of the first
-        let worker = Worker::new(&self.hypothesis.at(&self.of_flight(shared, 0)), self.flights.first()?, true, false).ok()?;
-        Some(Predictor { worker, shared: shared.to_vec(), flight: 0 })
+        let worker =
+            SensitivitySimulator::new(&self.hypothesis.with_values(&self.flight_numbers(shared, 0)), self.flights.first()?, true, false)
+                .ok()?;
+        Some(FlightSimulator { worker, shared: shared.to_vec(), flight: 0 })
     }
-    fn normal(&self, predictor: &mut Option<Predictor>, window: usize, own: &[f64]) -> Normal {
+    fn normal_equations(&self, simulator: &mut Option<FlightSimulator>, window: usize, own: &[f64]) -> NormalEquations {
         let window = &self.windows[window];
-        let unknowns = self.own() + self.hypothesis.per_flight().len();
-        let mut normal = Normal::new(unknowns);
+        let unknowns = self.own_unknowns() + self.hypothesis.per_flight().len();
+        let mut normal = NormalEquations::new(unknowns);
         normal.loss = f64::INFINITY;
-        let Some(Predictor { worker, shared, flight }) = predictor else { return normal };
+        let Some(FlightSimulator { worker, shared, flight }) = simulator else { return normal };
         if *flight != window.flight {
-            let of_effects = &self.of_flight(shared, window.flight)[self.hypothesis.free.len()..];
+            let of_effects = &self.flight_numbers(shared, window.flight)[self.hypothesis.free.len()..];
             if worker.set_free(of_effects).is_err() {
                 return normal;
             }
@@ -525,8 +531,8 @@ impl Problem for Prediction<'_> {
             return normal;
         }
         normal.loss = 0.0;
-        if let Some(sd) = self.flights[window.flight].start_sd() {
-            let measured = self.flights[window.flight].start_numbers(window.ticks.start);
+        if let Some(sd) = self.flights[window.flight].measured_sd() {
+            let measured = self.flights[window.flight].measured_numbers(window.ticks.start);
             let mut slopes = vec![0.0; unknowns];
             for (i, (measured, sd)) in measured.iter().zip(sd).enumerate() {
                 slopes[i] = 1.0 / sd;
@@ -537,7 +543,7 @@ impl Problem for Prediction<'_> {
         for (row, slopes) in worker.rows.iter().zip(worker.slopes.chunks_exact(unknowns)) {
             normal.add((row.measured - row.predicted) / (row.sigma * self.inflation), slopes);
         }
-        normal.finish();
+        normal.symmetrise();
         normal
     }
 }

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use rayon::prelude::*;
 
-/// Residuals beyond so many standard deviations count linearly: marker outliers.
+/// ResidualTests beyond so many standard deviations count linearly: marker outliers.
 pub const HUBER: f64 = 3.0;
 /// The fit has converged when the loss, a negative log-likelihood, falls by less.
 pub const ENOUGH: f64 = 0.01;
@@ -16,23 +16,23 @@ const WINDOWS_PER_WORKER: usize = 6;
 
 /// The normal equations of one window: the loss, its gradient and its curvature (Gauss-Newton), in the window's own unknowns, then the shared.
 #[derive(Debug, Clone)]
-pub struct Normal {
+pub struct NormalEquations {
     pub loss: f64,
     pub rows: usize,
     pub gradient: DVector<f64>,
     pub curvature: DMatrix<f64>,
 }
 
-impl Normal {
+impl NormalEquations {
     pub fn new(unknowns: usize) -> Self {
-        Normal { loss: 0.0, rows: 0, gradient: DVector::zeros(unknowns), curvature: DMatrix::zeros(unknowns, unknowns) }
+        NormalEquations { loss: 0.0, rows: 0, gradient: DVector::zeros(unknowns), curvature: DMatrix::zeros(unknowns, unknowns) }
     }
 
     /// Add a residual in standard deviations and the slopes of the prediction, in the same unit.
     pub fn add(&mut self, residual: f64, slopes: &[f64]) {
-        let far = residual.abs() > HUBER;
-        let weight = if far { HUBER / residual.abs() } else { 1.0 };
-        self.loss += if far { HUBER * (residual.abs() - 0.5 * HUBER) } else { 0.5 * residual * residual };
+        let is_outlier = residual.abs() > HUBER;
+        let weight = if is_outlier { HUBER / residual.abs() } else { 1.0 };
+        self.loss += if is_outlier { HUBER * (residual.abs() - 0.5 * HUBER) } else { 0.5 * residual * residual };
         self.rows += 1;
         let n = slopes.len();
         let curvature = self.curvature.as_mut_slice();
@@ -49,12 +49,12 @@ impl Normal {
     }
 
     /// Only one triangle was added to.
-    pub fn finish(&mut self) {
+    pub fn symmetrise(&mut self) {
         self.curvature.fill_lower_triangle_with_upper_triangle();
     }
 }
 
-/// A normal distribution: what is known of a number before the data speak.
+/// Normal prior of one number.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Prior {
     pub mean: f64,
@@ -63,11 +63,11 @@ pub struct Prior {
 
 /// A least-squares problem of windows.
 pub trait Problem: Sync {
-    /// What a thread prepares once for given shared parameters.
+    /// State that a thread prepares once for given shared parameters.
     type Worker;
     fn windows(&self) -> usize;
     /// Unknowns of each window.
-    fn own(&self) -> usize;
+    fn own_unknowns(&self) -> usize;
     /// Lower and upper bound of each shared parameter.
     fn bounds(&self) -> Vec<[f64; 2]>;
     fn worker(&self, shared: &[f64]) -> Self::Worker;
@@ -79,45 +79,45 @@ pub trait Problem: Sync {
     fn places(&self, _window: usize) -> Vec<usize> {
         (0..self.bounds().len()).collect()
     }
-    /// Of each shared parameter, or nothing where nothing is known of any.
+    /// The prior of each shared parameter; empty where nothing is known of any.
     fn priors(&self) -> Vec<Option<Prior>> {
         Vec::new()
     }
-    /// What cannot be computed (a state that is not finite) has an infinite loss.
-    fn normal(&self, worker: &mut Self::Worker, window: usize, own: &[f64]) -> Normal;
+    /// The normal equations of a window. A state that is not finite has an infinite loss.
+    fn normal_equations(&self, worker: &mut Self::Worker, window: usize, own: &[f64]) -> NormalEquations;
 }
 
-/// A window with its own unknowns eliminated: what it says about the shared parameters.
+/// The reduced normal equations of a window, its own unknowns eliminated: its information on the shared parameters.
 #[derive(Debug, Clone)]
-pub struct Share {
+pub struct ReducedEquations {
     pub loss: f64,
     pub rows: usize,
     pub gradient: DVector<f64>,
     pub information: DMatrix<f64>,
 }
 
-/// Where the fit ended.
+/// Values and equations at which the fit ended.
 #[derive(Debug, Clone)]
 pub struct Solution {
     pub shared: Vec<f64>,
     pub own: Vec<Vec<f64>>,
     /// Negative log-likelihood, up to a constant.
     pub loss: f64,
-    /// What each window says about the parameters that all windows share.
-    pub shares: Vec<Share>,
+    /// Reduced equations of each window in the parameters that all windows share.
+    pub reduced: Vec<ReducedEquations>,
     pub steps: usize,
     pub converged: bool,
 }
 
 /// A window's equations with the factor of its own block.
-struct Eliminated {
+struct WindowElimination {
     factor: Cholesky<f64, Dyn>,
     coupling: DMatrix<f64>,
     own_gradient: DVector<f64>,
-    share: Share,
+    reduced: ReducedEquations,
 }
 
-fn eliminate(normal: &Normal, own: usize, damping: f64) -> Option<Eliminated> {
+fn eliminate(normal: &NormalEquations, own: usize, damping: f64) -> Option<WindowElimination> {
     let shared = normal.gradient.len() - own;
     let mut block = normal.curvature.view((0, 0), (own, own)).into_owned();
     for i in 0..own {
@@ -130,8 +130,8 @@ fn eliminate(normal: &Normal, own: usize, damping: f64) -> Option<Eliminated> {
     let solved = factor.solve(&coupling);
     let information = normal.curvature.view((own, own), (shared, shared)) - solved.tr_mul(&coupling);
     let gradient = normal.gradient.rows(own, shared) - solved.tr_mul(&own_gradient);
-    let share = Share { loss: normal.loss, rows: normal.rows, gradient, information };
-    Some(Eliminated { factor, coupling, own_gradient, share })
+    let reduced = ReducedEquations { loss: normal.loss, rows: normal.rows, gradient, information };
+    Some(WindowElimination { factor, coupling, own_gradient, reduced })
 }
 
 /// The step in the shared parameters, those at a bound that it would leave held fast.
@@ -160,18 +160,18 @@ fn shared_step(gradient: &DVector<f64>, information: &DMatrix<f64>, damping: f64
 }
 
 /// Gradient and information of all windows, each with the places of its parameters among all, and of the priors.
-fn total<'a>(
-    shares: impl Iterator<Item = (&'a Share, &'a Vec<usize>)>,
+fn sum_equations<'a>(
+    windows: impl Iterator<Item = (&'a ReducedEquations, &'a Vec<usize>)>,
     priors: &[Option<Prior>],
     shared: &[f64],
 ) -> (DVector<f64>, DMatrix<f64>) {
     let n = shared.len();
     let (mut gradient, mut information) = (DVector::zeros(n), DMatrix::zeros(n, n));
-    for (share, places) in shares {
+    for (window, places) in windows {
         for (j, to) in places.iter().enumerate() {
-            gradient[*to] += share.gradient[j];
+            gradient[*to] += window.gradient[j];
             for (i, row) in places.iter().enumerate() {
-                information[(*row, *to)] += share.information[(i, j)];
+                information[(*row, *to)] += window.information[(i, j)];
             }
         }
     }
@@ -188,26 +188,32 @@ fn prior_loss(priors: &[Option<Prior>], shared: &[f64]) -> f64 {
     priors.iter().zip(shared).filter_map(|(prior, value)| prior.map(|p| 0.5 * ((value - p.mean) / p.sd).powi(2))).sum()
 }
 
-/// What each window says about the `common` parameters, with those of its group eliminated: what these take up is known no longer. What is known of
-/// a group's parameter beforehand speaks with the first window of the group.
-fn common_shares(shares: Vec<Share>, places: &[Vec<usize>], priors: &[Option<Prior>], shared: &[f64], common: usize) -> Vec<Share> {
+/// Reduced equations of each window in the `common` parameters, those of its group eliminated. The prior of a group's parameter counts with the first
+/// window of the group.
+fn eliminate_groups(
+    windows: Vec<ReducedEquations>,
+    places: &[Vec<usize>],
+    priors: &[Option<Prior>],
+    shared: &[f64],
+    common: usize,
+) -> Vec<ReducedEquations> {
     let groups = shared.len() - common;
     if groups == 0 {
-        return shares;
+        return windows;
     }
-    let (_, information) = total(shares.iter().zip(places), priors, shared);
+    let (_, information) = sum_equations(windows.iter().zip(places), priors, shared);
     let of_groups = information.view((common, common), (groups, groups)).into_owned();
     let Some(inverse) = pseudo_inverse(&of_groups) else { return Vec::new() };
     let inverse = inverse.map(|v| if v.is_finite() { v } else { 0.0 });
     let taken = information.view((0, common), (common, groups)) * inverse;
-    let eliminate = |(share, places): (Share, &Vec<usize>)| {
+    let eliminate = |(window, places): (ReducedEquations, &Vec<usize>)| {
         let onto = DMatrix::from_fn(common, places.len(), |i, j| match places[j].checked_sub(common) {
             Some(group) => -taken[(i, group)],
             None => f64::from(u8::from(places[j] == i)),
         });
-        Share { gradient: &onto * &share.gradient, information: &onto * &share.information * onto.transpose(), ..share }
+        ReducedEquations { gradient: &onto * &window.gradient, information: &onto * &window.information * onto.transpose(), ..window }
     };
-    let mut eliminated: Vec<Share> = shares.into_iter().zip(places).map(eliminate).collect();
+    let mut eliminated: Vec<ReducedEquations> = windows.into_iter().zip(places).map(eliminate).collect();
     for (i, prior) in priors.iter().enumerate().skip(common) {
         let first = places.iter().position(|places| places.contains(&i));
         if let (Some(Prior { mean, sd }), Some(first)) = (prior, first) {
@@ -227,20 +233,20 @@ pub fn solve(problem: &impl Problem, own: Vec<Vec<f64>>, shared: Vec<f64>) -> So
 /// As [`solve`], stopping after so many steps, converged or not, or when one gains less than `enough`.
 pub fn solve_within(problem: &impl Problem, own: Vec<Vec<f64>>, shared: Vec<f64>, most_steps: usize, enough: f64) -> Solution {
     let (mut own, mut shared) = (own, shared);
-    let (n, bounds, priors) = (problem.own(), problem.bounds(), problem.priors());
+    let (n, bounds, priors) = (problem.own_unknowns(), problem.bounds(), problem.priors());
     let places: Vec<Vec<usize>> = (0..problem.windows()).map(|w| problem.places(w)).collect();
-    let evaluate = |own: &[Vec<f64>], shared: &[f64]| -> Vec<Normal> {
+    let evaluate = |own: &[Vec<f64>], shared: &[f64]| -> Vec<NormalEquations> {
         let windows = (0..problem.windows()).into_par_iter().with_min_len(WINDOWS_PER_WORKER);
-        windows.map_init(|| problem.worker(shared), |worker, w| problem.normal(worker, w, &own[w])).collect()
+        windows.map_init(|| problem.worker(shared), |worker, w| problem.normal_equations(worker, w, &own[w])).collect()
     };
-    let loss_of = |normals: &[Normal], shared: &[f64]| normals.iter().map(|n| n.loss).sum::<f64>() + prior_loss(&priors, shared);
+    let loss_of = |normals: &[NormalEquations], shared: &[f64]| normals.iter().map(|n| n.loss).sum::<f64>() + prior_loss(&priors, shared);
     let mut normals = evaluate(&own, &shared);
     let (mut loss, mut damping, mut steps, mut converged) = (loss_of(&normals, &shared), 1e-4, 0, false);
     while steps < most_steps && !converged && damping < 1e9 {
         steps += 1;
-        let eliminated: Option<Vec<Eliminated>> = normals.iter().map(|normal| eliminate(normal, n, damping)).collect();
+        let eliminated: Option<Vec<WindowElimination>> = normals.iter().map(|normal| eliminate(normal, n, damping)).collect();
         let stepped = eliminated.and_then(|all| {
-            let (g, h) = total(all.iter().map(|e| &e.share).zip(&places), &priors, &shared);
+            let (g, h) = sum_equations(all.iter().map(|e| &e.reduced).zip(&places), &priors, &shared);
             let step = shared_step(&g, &h, damping, &shared, &bounds)?;
             let next: Vec<f64> = (0..shared.len()).map(|i| (shared[i] + step[i]).clamp(bounds[i][0], bounds[i][1])).collect();
             let next_own: Vec<Vec<f64>> = all
@@ -270,34 +276,34 @@ pub fn solve_within(problem: &impl Problem, own: Vec<Vec<f64>>, shared: Vec<f64>
             damping *= 10.0;
         }
     }
-    let eliminated = normals.iter().zip(places).filter_map(|(normal, places)| Some((eliminate(normal, n, 0.0)?.share, places)));
-    let (shares, places): (Vec<Share>, Vec<Vec<usize>>) = eliminated.unzip();
-    let shares = common_shares(shares, &places, &priors, &shared, problem.common());
-    Solution { shared, own, loss, shares, steps, converged: converged || damping >= 1e9 }
+    let eliminated = normals.iter().zip(places).filter_map(|(normal, places)| Some((eliminate(normal, n, 0.0)?.reduced, places)));
+    let (reduced, places): (Vec<ReducedEquations>, Vec<Vec<usize>>) = eliminated.unzip();
+    let reduced = eliminate_groups(reduced, &places, &priors, &shared, problem.common());
+    Solution { shared, own, loss, reduced, steps, converged: converged || damping >= 1e9 }
 }
 
 impl Solution {
     /// Covariance of the shared parameters, clustered by `cluster` (one number per window): windows of one flight, and neighbours under one
     /// gust, are not independent.
     pub fn covariance(&self, cluster: &[usize]) -> Option<DMatrix<f64>> {
-        let n = self.shares.first()?.gradient.len();
+        let n = self.reduced.first()?.gradient.len();
         let mut clusters = BTreeMap::new();
-        for (share, cluster) in self.shares.iter().zip(cluster) {
+        for (window, cluster) in self.reduced.iter().zip(cluster) {
             let sum: &mut Cluster = clusters.entry(cluster).or_insert_with(|| Cluster::new(n));
-            sum.gradient += &share.gradient;
-            sum.information += &share.information;
+            sum.gradient += &window.gradient;
+            sum.information += &window.information;
         }
-        clustered(&clusters.into_values().collect::<Vec<_>>())
+        cluster_robust_covariance(&clusters.into_values().collect::<Vec<_>>())
     }
 
     /// The information of all windows about what they share.
     pub fn information(&self) -> DMatrix<f64> {
-        let n = self.shares.first().map_or(self.shared.len(), |share| share.gradient.len());
-        self.shares.iter().fold(DMatrix::zeros(n, n), |sum, share| sum + &share.information)
+        let n = self.reduced.first().map_or(self.shared.len(), |window| window.gradient.len());
+        self.reduced.iter().fold(DMatrix::zeros(n, n), |sum, window| sum + &window.information)
     }
 }
 
-/// What some data, independent of the rest, say about parameters at their fitted values.
+/// Gradient and information of data that are independent of the rest, at the fitted values of the parameters.
 #[derive(Debug, Clone)]
 pub struct Cluster {
     pub gradient: DVector<f64>,
@@ -310,9 +316,9 @@ impl Cluster {
     }
 }
 
-/// Covariance of fitted parameters by a sandwich over clusters, as if each had been left out in turn (CR3; Bell and McCaffrey 2002, Survey
-/// Methodology 28): a cluster that decides a parameter nearly alone pulls the fit to itself and hides its own error.
-pub fn clustered(clusters: &[Cluster]) -> Option<DMatrix<f64>> {
+/// Cluster-robust covariance of fitted parameters: a sandwich over clusters, as if each had been left out in turn (CR3; Bell and McCaffrey 2002,
+/// Survey Methodology 28). A cluster that decides a parameter nearly alone pulls the fit to itself and hides its own error.
+pub fn cluster_robust_covariance(clusters: &[Cluster]) -> Option<DMatrix<f64>> {
     let n = clusters.first()?.gradient.len();
     let information = clusters.iter().fold(DMatrix::zeros(n, n), |sum, c| sum + &c.information);
     let bread = pseudo_inverse(&information)?;
@@ -367,20 +373,20 @@ mod tests {
         fn windows(&self) -> usize {
             self.data.len()
         }
-        fn own(&self) -> usize {
+        fn own_unknowns(&self) -> usize {
             1
         }
         fn bounds(&self) -> Vec<[f64; 2]> {
             vec![[-10.0, 10.0], [-10.0, 0.2]]
         }
-        fn normal(&self, shared: &mut Vec<f64>, window: usize, own: &[f64]) -> Normal {
-            let mut normal = Normal::new(3);
+        fn normal_equations(&self, shared: &mut Vec<f64>, window: usize, own: &[f64]) -> NormalEquations {
+            let mut normal = NormalEquations::new(3);
             for (x, y) in &self.data[window] {
                 // exponential in the slope, so that one Gauss-Newton step does not do it
                 let (e, bent) = ((shared[0] * x).exp(), shared[1] * x * x);
                 normal.add((y - own[0] - e - bent) / 0.01, &[1.0 / 0.01, x * e / 0.01, x * x / 0.01]);
             }
-            normal.finish();
+            normal.symmetrise();
             normal
         }
     }
@@ -420,7 +426,7 @@ mod tests {
         fn windows(&self) -> usize {
             self.0.data.len()
         }
-        fn own(&self) -> usize {
+        fn own_unknowns(&self) -> usize {
             1
         }
         fn bounds(&self) -> Vec<[f64; 2]> {
@@ -436,13 +442,13 @@ mod tests {
             let offset = Some(Prior { mean: 0.0, sd: 100.0 });
             std::iter::once(None).chain(std::iter::repeat_n(offset, self.windows() / 2)).collect()
         }
-        fn normal(&self, shared: &mut Vec<f64>, window: usize, own: &[f64]) -> Normal {
-            let mut normal = Normal::new(3);
+        fn normal_equations(&self, shared: &mut Vec<f64>, window: usize, own: &[f64]) -> NormalEquations {
+            let mut normal = NormalEquations::new(3);
             for (x, y) in &self.0.data[window] {
                 let predicted = own[0] * x + shared[0] * x * x + shared[1 + window / 2];
                 normal.add((y - predicted) / 0.01, &[x / 0.01, x * x / 0.01, 1.0 / 0.01]);
             }
-            normal.finish();
+            normal.symmetrise();
             normal
         }
     }
@@ -496,10 +502,10 @@ mod tests {
         let mean = values.iter().sum::<f64>() / 6.0;
         // as if each were known to a tenth, which is far less than they scatter
         let known = 100.0;
-        let of =
+        let cluster =
             |v: f64| Cluster { gradient: DVector::from_element(1, known * (v - mean)), information: DMatrix::from_element(1, 1, known) };
         let variance = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (6.0 * 5.0);
-        let found = clustered(&values.map(of)).unwrap()[(0, 0)];
+        let found = cluster_robust_covariance(&values.map(cluster)).unwrap()[(0, 0)];
         assert!((found / variance - 1.0).abs() < 1e-6, "{found} {variance}");
     }
 

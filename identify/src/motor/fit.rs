@@ -8,8 +8,8 @@ use serde::Serialize;
 use thiserror::Error;
 
 use super::flight::{MotorFlight, STEP_S, median_speed};
-use super::model::{FORM, MotionState, PARAMETERS, Trim, accelerations, into_body, lag_rotors, rotation, step};
-use crate::fit::solve::Normal;
+use super::model::{FORM, MotionState, MotorTrim, PARAMETERS, accelerations, into_body, lag_rotors, rotation, step};
+use crate::fit::solve::NormalEquations;
 
 /// Predictions start this long after the first row, so that trims are learnt.
 pub const LEARNING_ROWS: usize = 200;
@@ -51,15 +51,15 @@ pub enum MotorFitError {
 pub(super) struct Start<R> {
     pub row: usize,
     pub speeds: [R; 4],
-    pub trim: Trim<R>,
+    pub trim: MotorTrim<R>,
 }
 
 /// Starts every `stride` rows. Trims are exponential means of how far the model was off from row to row, up to the start and no further.
 pub(super) fn starts<R: Scalar>(p: &[R; PARAMETERS], flight: &MotorFlight, median_speed: f64, stride: usize) -> Vec<Start<R>> {
     let keep = [p[PARAMETERS - 2], p[PARAMETERS - 1]].map(|memory| (-R::from_f64(STEP_S) / memory).exp());
     let mut weight = [R::zero(); 2];
-    let mut sum = Trim::<R>::zero();
-    let mut speeds = scaled(flight.speeds[0], median_speed).map(R::from_f64);
+    let mut sum = MotorTrim::<R>::zero();
+    let mut speeds = scale_speeds(flight.speeds[0], median_speed).map(R::from_f64);
     let mut found = Vec::new();
     for row in 1..flight.motion.len().saturating_sub(HORIZON_ROWS) {
         let (before, now) = (&flight.motion[row - 1], &flight.motion[row]);
@@ -72,16 +72,17 @@ pub(super) fn starts<R: Scalar>(p: &[R; PARAMETERS], flight: &MotorFlight, media
             sum.torque_radps2[i] = keep[1] * sum.torque_radps2[i] + R::from_f64(difference(9 + i)) - model.torque_radps2[i];
         }
         weight = [0, 1].map(|i| keep[i] * weight[i] + R::from_f64(1.0));
-        speeds = lag_rotors(p, speeds, scaled(flight.speeds[row - 1], median_speed), STEP_S);
+        speeds = lag_rotors(p, speeds, scale_speeds(flight.speeds[row - 1], median_speed), STEP_S);
         if row >= LEARNING_ROWS && (row - LEARNING_ROWS).is_multiple_of(stride) {
-            let trim = Trim { force_mps2: sum.force_mps2.map(|s| s / weight[0]), torque_radps2: sum.torque_radps2.map(|s| s / weight[1]) };
+            let trim =
+                MotorTrim { force_mps2: sum.force_mps2.map(|s| s / weight[0]), torque_radps2: sum.torque_radps2.map(|s| s / weight[1]) };
             found.push(Start { row, speeds, trim });
         }
     }
     found
 }
 
-fn scaled(speeds: [f64; 4], median_speed: f64) -> [f64; 4] {
+fn scale_speeds(speeds: [f64; 4], median_speed: f64) -> [f64; 4] {
     speeds.map(|w| w / median_speed)
 }
 
@@ -92,7 +93,7 @@ pub(super) fn predict<R: Scalar>(p: &[R; PARAMETERS], flight: &MotorFlight, medi
     (0..HORIZON_ROWS)
         .map(|k| {
             x = step(p, &x, &speeds, &start.trim, STEP_S);
-            speeds = lag_rotors(p, speeds, scaled(flight.speeds[start.row + k], median_speed), STEP_S);
+            speeds = lag_rotors(p, speeds, scale_speeds(flight.speeds[start.row + k], median_speed), STEP_S);
             x
         })
         .collect()
@@ -133,11 +134,11 @@ pub fn fit(flights: &[MotorFlight]) -> Result<MotorModel, MotorFitError> {
         }
     }
     let at_bound = std::array::from_fn(|i| values[i] <= FORM[i].low || values[i] >= FORM[i].high);
-    Ok(MotorModel { median_speed, values, stderr: clustered_errors(&normals, &at_bound), at_bound })
+    Ok(MotorModel { median_speed, values, stderr: cluster_robust_errors(&normals, &at_bound), at_bound })
 }
 
-fn sum(normals: &[Normal]) -> Normal {
-    let mut total = Normal::new(PARAMETERS);
+fn sum(normals: &[NormalEquations]) -> NormalEquations {
+    let mut total = NormalEquations::new(PARAMETERS);
     for n in normals {
         total.loss += n.loss;
         total.rows += n.rows;
@@ -148,10 +149,10 @@ fn sum(normals: &[Normal]) -> Normal {
 }
 
 /// One set of normal equations for each flight.
-fn normal_equations(values: &[f64; PARAMETERS], flights: &[MotorFlight], median_speed: f64) -> Vec<Normal> {
+fn normal_equations(values: &[f64; PARAMETERS], flights: &[MotorFlight], median_speed: f64) -> Vec<NormalEquations> {
     let p: [Dual; PARAMETERS] = std::array::from_fn(|i| Dual::variable(values[i], i));
     let equations = |flight: &MotorFlight| {
-        let mut normal = Normal::new(PARAMETERS);
+        let mut normal = NormalEquations::new(PARAMETERS);
         for start in starts(&p, flight, median_speed, FIT_STRIDE) {
             let predicted = predict(&p, flight, median_speed, &start);
             for row in COUNTED {
@@ -163,14 +164,14 @@ fn normal_equations(values: &[f64; PARAMETERS], flights: &[MotorFlight], median_
                 }
             }
         }
-        normal.finish();
+        normal.symmetrise();
         normal
     };
     flights.par_iter().map(equations).collect()
 }
 
 /// A damped Gauss-Newton step; what would leave its range stays at its end.
-fn bounded_step(values: &[f64; PARAMETERS], total: &Normal, damping: f64) -> [f64; PARAMETERS] {
+fn bounded_step(values: &[f64; PARAMETERS], total: &NormalEquations, damping: f64) -> [f64; PARAMETERS] {
     let mut held = [false; PARAMETERS];
     loop {
         let free: Vec<usize> = (0..PARAMETERS).filter(|i| !held[*i]).collect();
@@ -195,7 +196,7 @@ fn bounded_step(values: &[f64; PARAMETERS], total: &Normal, damping: f64) -> [f6
 }
 
 /// Sandwich over flights, whose windows go together.
-fn clustered_errors(normals: &[Normal], at_bound: &[bool; PARAMETERS]) -> [f64; PARAMETERS] {
+fn cluster_robust_errors(normals: &[NormalEquations], at_bound: &[bool; PARAMETERS]) -> [f64; PARAMETERS] {
     let free: Vec<usize> = (0..PARAMETERS).filter(|i| !at_bound[*i]).collect();
     let total = sum(normals);
     let pick = |m: &DMatrix<f64>| DMatrix::from_fn(free.len(), free.len(), |a, b| m[(free[a], free[b])]);
@@ -234,7 +235,7 @@ mod tests {
                 [(-1.0, -1.0), (-1.0, 1.0), (1.0, 1.0), (1.0, -1.0)].map(|(r, q)| 1.0 + lift + r * moment[0] + q * moment[1]);
             motion.push(x);
             commands.push(command.map(|c| 3.0 * c));
-            x = step(&p, &x, &speeds, &Trim::zero(), STEP_S);
+            x = step(&p, &x, &speeds, &MotorTrim::zero(), STEP_S);
             speeds = lag_rotors(&p, speeds, command, STEP_S);
         }
         MotorFlight { name: format!("made {seed}"), motion, speeds: commands }
@@ -244,12 +245,12 @@ mod tests {
     fn known_numbers_are_found() {
         let flights = [flight(1), flight(2), flight(3)];
         let model = fit(&flights).unwrap();
-        let of = |name: &str| model.values[FORM.iter().position(|p| p.name == name).unwrap()];
+        let value_of = |name: &str| model.values[FORM.iter().position(|p| p.name == name).unwrap()];
         for (name, truth) in [("motor_lag", 0.08), ("roll_authority", 70.0), ("pitch_authority", 60.0), ("roll_damping", 2.0)] {
             // the unit of the speeds is their median, which is not quite hover
-            assert!((of(name) / truth - 1.0).abs() < 0.1, "{name}: {} for {truth}: {model:?}", of(name));
+            assert!((value_of(name) / truth - 1.0).abs() < 0.1, "{name}: {} for {truth}: {model:?}", value_of(name));
         }
-        assert!((of("drag_x") - 0.5).abs() < 0.1, "{model:?}");
+        assert!((value_of("drag_x") - 0.5).abs() < 0.1, "{model:?}");
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! What a motor-level model needs of a flight: measured motion and rotor commands on one even clock.
+//! A flight for a motor-level model: measured motion and rotor commands on one even clock.
 
 use thiserror::Error;
 

@@ -48,7 +48,7 @@ pub fn horizon_table(model: &MotorModel, flights: &[MotorFlight], stride: usize)
             table.predictions += 1;
             for (h, steps) in HORIZON_STEPS.into_iter().enumerate() {
                 let measured = &flight.motion[start.row + steps];
-                let still = unchanged(&begin, steps as f64 * STEP_S);
+                let still = hold_motion(&begin, steps as f64 * STEP_S);
                 for (q, (model, naive)) in lengths(&predicted[steps - 1], measured).into_iter().zip(lengths(&still, measured)).enumerate() {
                     table.model[q][h] += model;
                     table.unchanged[q][h] += naive;
@@ -62,7 +62,7 @@ pub fn horizon_table(model: &MotorModel, flights: &[MotorFlight], stride: usize)
 }
 
 /// Velocity and Euler rates held.
-fn unchanged(x: &[f64; 12], time_s: f64) -> [f64; 12] {
+fn hold_motion(x: &[f64; 12], time_s: f64) -> [f64; 12] {
     let ((sin, cos), across) = (x[6].sin_cos(), x[10] * x[6].sin() + x[11] * x[6].cos());
     let turning = [x[9] + x[7].tan() * across, x[10] * cos - x[11] * sin, across / x[7].cos()];
     std::array::from_fn(|i| match i {
@@ -110,7 +110,7 @@ mod tests {
     #[test]
     fn a_vehicle_that_goes_on_is_predicted_by_going_on() {
         let x = [0.0, 0.0, 1.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.2];
-        let later = unchanged(&x, 0.5);
+        let later = hold_motion(&x, 0.5);
         assert!((later[0] - 0.25).abs() < 1e-12 && (later[8] - 0.1).abs() < 1e-12 && lengths(&x, &later)[0] > 0.2);
     }
 }

@@ -55,12 +55,12 @@ pub type MotionState<R> = [R; 12];
 
 /// Specific force and angular acceleration in the body frame that stay for a prediction.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Trim<R> {
+pub struct MotorTrim<R> {
     pub force_mps2: [R; 3],
     pub torque_radps2: [R; 3],
 }
 
-impl<R: Scalar> Trim<R> {
+impl<R: Scalar> MotorTrim<R> {
     pub fn zero() -> Self {
         Self { force_mps2: [R::zero(); 3], torque_radps2: [R::zero(); 3] }
     }
@@ -88,21 +88,21 @@ pub fn lag_rotors<R: Scalar>(p: &[R; PARAMETERS], speeds: [R; 4], commanded: [f6
 }
 
 /// Specific force and angular acceleration in the body frame, without trim.
-pub fn accelerations<R: Scalar>(p: &[R; PARAMETERS], x: &MotionState<R>, turn: &[[R; 3]; 3], speeds: &[R; 4]) -> Trim<R> {
+pub fn accelerations<R: Scalar>(p: &[R; PARAMETERS], x: &MotionState<R>, turn: &[[R; 3]; 3], speeds: &[R; 4]) -> MotorTrim<R> {
     let squares = speeds.map(|w| w * w);
     let sum = |signs: [f64; 4]| {
         let [a, b, c, d]: [R; 4] = std::array::from_fn(|i| R::from_f64(0.25 * signs[i]) * squares[i]);
         a + b + c + d
     };
     let velocity = into_body(turn, [x[3], x[4], x[5]]);
-    Trim {
+    MotorTrim {
         force_mps2: [-(p[5] * velocity[0]), -(p[6] * velocity[1]), p[0] * sum([1.0; 4]) - p[7] * velocity[2]],
         torque_radps2: std::array::from_fn(|i| p[2 + i] * sum(SIGNS[i]) - p[8 + i] * x[9 + i]),
     }
 }
 
 /// The motion a step later. Rates and velocity by Euler, attitude and position by the mean over the step.
-pub fn step<R: Scalar>(p: &[R; PARAMETERS], x: &MotionState<R>, speeds: &[R; 4], trim: &Trim<R>, step_s: f64) -> MotionState<R> {
+pub fn step<R: Scalar>(p: &[R; PARAMETERS], x: &MotionState<R>, speeds: &[R; 4], trim: &MotorTrim<R>, step_s: f64) -> MotionState<R> {
     let turn = rotation([x[6], x[7], x[8]]);
     let model = accelerations(p, x, &turn, speeds);
     let force: [R; 3] = std::array::from_fn(|i| model.force_mps2[i] + trim.force_mps2[i]);
@@ -137,7 +137,7 @@ mod tests {
     fn hover_speeds_hover() {
         let mut x = [0.0; 12];
         x[2] = 1.0;
-        let trim = Trim::zero();
+        let trim = MotorTrim::zero();
         for _ in 0..100 {
             x = step(&start_values(), &x, &[1.0; 4], &trim, 0.01);
         }
@@ -146,10 +146,11 @@ mod tests {
 
     #[test]
     fn motors_turn_the_vehicle_the_way_they_stand() {
-        let rates = |speeds: [f64; 4]| step(&start_values(), &[0.0; 12], &speeds, &Trim::zero(), 0.01)[9..].to_vec();
+        let rates = |speeds: [f64; 4]| step(&start_values(), &[0.0; 12], &speeds, &MotorTrim::zero(), 0.01)[9..].to_vec();
         // left: to the right; back: nose down; 1 and 3, counter-clockwise: frame clockwise
         assert!(rates([1.0, 1.0, 1.1, 1.1])[0] > 0.0 && rates([1.0, 1.1, 1.1, 1.0])[1] > 0.0 && rates([1.1, 1.0, 1.1, 1.0])[2] < 0.0);
-        let tilted = step(&start_values(), &[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.1, 0.1, 0.0, 0.0, 0.0, 0.0], &[1.0; 4], &Trim::zero(), 0.01);
+        let tilted =
+            step(&start_values(), &[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.1, 0.1, 0.0, 0.0, 0.0, 0.0], &[1.0; 4], &MotorTrim::zero(), 0.01);
         assert!(tilted[3] > 0.0 && tilted[4] < 0.0, "{tilted:?}");
     }
 

@@ -1,7 +1,7 @@
-//! Which command moves which measurement, and both cut out of a log.
+//! Channels: an input and an output of the vehicle, and their records cut out of a log.
 
 use crate::FlightLog;
-use crate::replay::measured::{Measured, Track};
+use crate::replay::measurements::{Measurements, Track};
 
 use super::{IdentifyError, Offset, Structure};
 
@@ -13,7 +13,7 @@ pub enum Channel {
     Yaw,
     Height,
     Pwm,
-    /// Measured angles, turned into the world by the measured heading, to velocity (4.10).
+    /// Measurements angles, turned into the world by the measured heading, to velocity (4.10).
     Vx,
     Vy,
     /// Commanded angles to velocity (5.5).
@@ -21,8 +21,8 @@ pub enum Channel {
     CommandVy,
 }
 
-/// What there is to know of a channel besides its name.
-struct About {
+/// Names, units and usual form of a channel.
+struct ChannelSpec {
     channel: Channel,
     name: &'static str,
     input: &'static str,
@@ -38,16 +38,16 @@ struct About {
 }
 
 #[rustfmt::skip]
-const CHANNELS: [About; 9] = [
-    About { channel: Channel::Roll, name: "roll", input: "roll command", output: "roll", units: ["rad", "rad"], ratio: ("1", 0), order: (0, 2), integrator: false, window_s: 5.0 },
-    About { channel: Channel::Pitch, name: "pitch", input: "pitch command", output: "pitch", units: ["rad", "rad"], ratio: ("1", 0), order: (0, 2), integrator: false, window_s: 5.0 },
-    About { channel: Channel::Yaw, name: "yaw", input: "yaw-rate command", output: "yaw", units: ["rad", "rad/s"], ratio: ("1", 1), order: (0, 1), integrator: true, window_s: 5.0 },
-    About { channel: Channel::Height, name: "height", input: "height command", output: "z", units: ["m", "m"], ratio: ("1", 0), order: (0, 1), integrator: false, window_s: 10.0 },
-    About { channel: Channel::Pwm, name: "pwm", input: "thrust command", output: "z", units: ["m", "PWM"], ratio: ("m", 0), order: (0, 1), integrator: false, window_s: 10.0 },
-    About { channel: Channel::Vx, name: "vx", input: "pitch angle", output: "vx", units: ["m/s", "rad"], ratio: ("m", -1), order: (0, 1), integrator: true, window_s: 2.0 },
-    About { channel: Channel::Vy, name: "vy", input: "roll angle", output: "vy", units: ["m/s", "rad"], ratio: ("m", -1), order: (0, 1), integrator: true, window_s: 2.0 },
-    About { channel: Channel::CommandVx, name: "command-vx", input: "pitch command", output: "vx", units: ["m/s", "rad"], ratio: ("m", -1), order: (0, 3), integrator: true, window_s: 2.0 },
-    About { channel: Channel::CommandVy, name: "command-vy", input: "roll command", output: "vy", units: ["m/s", "rad"], ratio: ("m", -1), order: (0, 3), integrator: true, window_s: 2.0 },
+const CHANNELS: [ChannelSpec; 9] = [
+    ChannelSpec { channel: Channel::Roll, name: "roll", input: "roll command", output: "roll", units: ["rad", "rad"], ratio: ("1", 0), order: (0, 2), integrator: false, window_s: 5.0 },
+    ChannelSpec { channel: Channel::Pitch, name: "pitch", input: "pitch command", output: "pitch", units: ["rad", "rad"], ratio: ("1", 0), order: (0, 2), integrator: false, window_s: 5.0 },
+    ChannelSpec { channel: Channel::Yaw, name: "yaw", input: "yaw-rate command", output: "yaw", units: ["rad", "rad/s"], ratio: ("1", 1), order: (0, 1), integrator: true, window_s: 5.0 },
+    ChannelSpec { channel: Channel::Height, name: "height", input: "height command", output: "z", units: ["m", "m"], ratio: ("1", 0), order: (0, 1), integrator: false, window_s: 10.0 },
+    ChannelSpec { channel: Channel::Pwm, name: "pwm", input: "thrust command", output: "z", units: ["m", "PWM"], ratio: ("m", 0), order: (0, 1), integrator: false, window_s: 10.0 },
+    ChannelSpec { channel: Channel::Vx, name: "vx", input: "pitch angle", output: "vx", units: ["m/s", "rad"], ratio: ("m", -1), order: (0, 1), integrator: true, window_s: 2.0 },
+    ChannelSpec { channel: Channel::Vy, name: "vy", input: "roll angle", output: "vy", units: ["m/s", "rad"], ratio: ("m", -1), order: (0, 1), integrator: true, window_s: 2.0 },
+    ChannelSpec { channel: Channel::CommandVx, name: "command-vx", input: "pitch command", output: "vx", units: ["m/s", "rad"], ratio: ("m", -1), order: (0, 3), integrator: true, window_s: 2.0 },
+    ChannelSpec { channel: Channel::CommandVy, name: "command-vy", input: "roll command", output: "vy", units: ["m/s", "rad"], ratio: ("m", -1), order: (0, 3), integrator: true, window_s: 2.0 },
 ];
 
 impl Channel {
@@ -60,42 +60,42 @@ impl Channel {
     ///
     /// # Errors
     /// With a proposal.
-    pub fn named(name: &str) -> crazyflie_env::Result<Self> {
+    pub fn from_name(name: &str) -> crazyflie_env::Result<Self> {
         let found = CHANNELS.iter().find(|c| c.name == name);
         found.map(|c| c.channel).ok_or_else(|| crazyflie_env::error::unknown("channel", name, Self::names()))
     }
 
-    fn about(self) -> &'static About {
+    fn spec(self) -> &'static ChannelSpec {
         // in the order of the enum; a test checks it
         &CHANNELS[self as usize]
     }
 
     pub fn name(self) -> &'static str {
-        self.about().name
+        self.spec().name
     }
 
-    /// What is commanded.
+    /// The name of the input.
     pub fn input(self) -> &'static str {
-        self.about().input
+        self.spec().input
     }
 
-    /// What is measured.
+    /// The name of the output.
     pub fn output(self) -> &'static str {
-        self.about().output
+        self.spec().output
     }
 
     /// Units of output and input.
     pub fn units(self) -> [&'static str; 2] {
-        self.about().units
+        self.spec().units
     }
 
     pub(super) fn ratio(self) -> (&'static str, i32) {
-        self.about().ratio
+        self.spec().ratio
     }
 
     /// The form that the thesis found for it.
     pub fn structure(self) -> Structure {
-        let About { order: (numerator, denominator), integrator, .. } = *self.about();
+        let ChannelSpec { order: (numerator, denominator), integrator, .. } = *self.spec();
         let offset = if self == Channel::Pwm { Offset::Shared } else { Offset::None };
         Structure { numerator, denominator, integrator, delay: false, offset, stable: false }
     }
@@ -103,7 +103,7 @@ impl Channel {
     /// Long enough for the slowest pole of that form to show, and for the response to outweigh the free initial states, which would else take
     /// slow errors for dynamics.
     pub fn window_s(self) -> f64 {
-        self.about().window_s
+        self.spec().window_s
     }
 }
 
@@ -131,7 +131,7 @@ impl Record {
     ///
     /// # Errors
     /// [`IdentifyError`]: the channel is missing, the flight too short.
-    pub fn of(name: &str, log: &FlightLog, channel: Channel) -> Result<Self, IdentifyError> {
+    pub fn from_log(name: &str, log: &FlightLog, channel: Channel) -> Result<Self, IdentifyError> {
         let missing = |what| IdentifyError::MissingChannel { log: name.to_owned(), what };
         let input = input(log, channel).ok_or_else(|| missing(channel.input()))?;
         let (track, integrated) = output(name, log, channel)?;
@@ -147,7 +147,7 @@ impl Record {
     }
 
     /// Whether the input changes while the vehicle flies.
-    pub fn excited(&self) -> bool {
+    pub fn is_excited(&self) -> bool {
         let rows = self.input_t_s.partition_point(|t| *t < self.span_s[0])..self.input_t_s.partition_point(|t| *t <= self.span_s[1]);
         let flown = &self.input[rows];
         let largest = flown.iter().fold(0.0_f64, |a, v| a.max(v.abs()));
@@ -201,7 +201,7 @@ fn output(name: &str, log: &FlightLog, channel: Channel) -> Result<(Track, bool)
     if let (Some(velocity), true) = (&log.vel_mps, axis < 2) {
         return Ok((of_rows(&velocity[axis]), false));
     }
-    let measured = Measured::of(log, &mut Vec::new()).map_err(|source| IdentifyError::Flight { log: name.to_owned(), source })?;
+    let measured = Measurements::from_log(log, &mut Vec::new()).map_err(|source| IdentifyError::Flight { log: name.to_owned(), source })?;
     // by their places among the signals of a replay: z, x, y
     let place = [6, 7, 3][axis];
     Ok((measured.track(place).clone(), axis < 2))
@@ -215,9 +215,9 @@ mod tests {
     fn channels_stand_in_their_places() {
         for (place, about) in CHANNELS.iter().enumerate() {
             assert_eq!(about.channel as usize, place);
-            assert_eq!(Channel::named(about.name), Ok(about.channel));
+            assert_eq!(Channel::from_name(about.name), Ok(about.channel));
         }
-        assert!(Channel::named("rol").unwrap_err().to_string().contains("did you mean \"roll\""));
+        assert!(Channel::from_name("rol").unwrap_err().to_string().contains("did you mean \"roll\""));
     }
 
     #[test]

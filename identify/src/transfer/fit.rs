@@ -2,10 +2,10 @@
 
 use nalgebra::{Cholesky, DMatrix};
 
-use crate::fit::solve::{Normal, Problem, Solution, solve};
+use crate::fit::solve::{NormalEquations, Problem, Solution, solve};
 
 use super::channel::Record;
-use super::response::{Simulator, Stretch};
+use super::response::{Segment, Simulator};
 use super::structure::{Offset, Structure};
 
 /// Fits are started from so many of the best candidates.
@@ -14,16 +14,16 @@ const STARTS: usize = 3;
 const ROUNDS: usize = 8;
 
 /// Stretches of records, and the numbers of a structure.
-pub(super) struct Shooting<'a> {
+pub(super) struct MultipleShooting<'a> {
     pub(super) structure: &'a Structure,
-    pub(super) stretches: &'a [Stretch],
+    pub(super) segments: &'a [Segment],
     pub(super) flights: usize,
     pub(super) integrated: bool,
     /// Standard deviation of the measurement.
     pub(super) sigma: f64,
 }
 
-impl Shooting<'_> {
+impl MultipleShooting<'_> {
     fn states(&self) -> usize {
         self.structure.denominator + usize::from(self.integrated)
     }
@@ -43,59 +43,59 @@ impl Shooting<'_> {
         let mut worker = self.worker(numbers);
         let n = self.states();
         let (mut all, mut loss) = (Vec::new(), 0.0);
-        for w in 0..self.stretches.len() {
+        for w in 0..self.segments.len() {
             let mut own = vec![0.0; n];
             // outliers weigh less once the rest is in place
             for _ in 0..3 {
-                let normal = self.normal(&mut worker, w, &own);
+                let normal = self.normal_equations(&mut worker, w, &own);
                 let step = own_step(&normal, n)?;
                 own.iter_mut().zip(step).for_each(|(x, by)| *x += by);
             }
-            loss += self.normal(&mut worker, w, &own).loss;
+            loss += self.normal_equations(&mut worker, w, &own).loss;
             all.push(own);
         }
         loss.is_finite().then_some((all, loss))
     }
 
-    /// Predictions of every sample of every stretch.
-    pub(super) fn predicted(&self, numbers: &[f64], own: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    /// Predictions of every sample of every segment.
+    pub(super) fn predict(&self, numbers: &[f64], own: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let (mut simulator, _) = self.worker(numbers);
-        let mut of = |stretch: &Stretch, own: &Vec<f64>| {
-            let mut all = Vec::with_capacity(stretch.len());
-            let offset = self.offset(stretch.flight).map_or(0.0, |i| numbers[i]);
-            simulator.run(stretch, own, offset, |_, y| all.push(y.value));
+        let mut predict_segment = |segment: &Segment, own: &Vec<f64>| {
+            let mut all = Vec::with_capacity(segment.len());
+            let offset = self.offset(segment.flight).map_or(0.0, |i| numbers[i]);
+            simulator.run(segment, own, offset, |_, y| all.push(y.value));
             all
         };
-        self.stretches.iter().zip(own).map(|(stretch, own)| of(stretch, own)).collect()
+        self.segments.iter().zip(own).map(|(segment, own)| predict_segment(segment, own)).collect()
     }
 
     fn residuals(&self, numbers: &[f64], own: &[Vec<f64>]) -> Vec<f64> {
-        let predicted = self.predicted(numbers, own);
-        let of = |(s, p): (&Stretch, Vec<f64>)| s.samples().zip(p).map(|(y, p)| y - p).collect::<Vec<_>>();
-        self.stretches.iter().zip(predicted).flat_map(of).collect()
+        let predicted = self.predict(numbers, own);
+        let segment_residuals = |(s, p): (&Segment, Vec<f64>)| s.samples().zip(p).map(|(y, p)| y - p).collect::<Vec<_>>();
+        self.segments.iter().zip(predicted).flat_map(segment_residuals).collect()
     }
 }
 
-fn own_step(normal: &Normal, n: usize) -> Option<Vec<f64>> {
+fn own_step(normal: &NormalEquations, n: usize) -> Option<Vec<f64>> {
     if !normal.loss.is_finite() {
         return None;
     }
     let block = normal.curvature.view((0, 0), (n, n));
     let size: Vec<f64> = (0..n).map(|i| block[(i, i)].sqrt().max(f64::MIN_POSITIVE)).collect();
-    // a state that leaves no trace in a short stretch stays where it is
+    // a state that leaves no trace in a short segment stays where it is
     let scaled = DMatrix::from_fn(n, n, |i, j| block[(i, j)] / (size[i] * size[j]) + if i == j { 1e-10 } else { 0.0 });
     let right = nalgebra::DVector::from_fn(n, |i, _| normal.gradient[i] / size[i]);
     let x = Cholesky::new(scaled)?.solve(&right);
     Some((0..n).map(|i| x[i] / size[i]).collect())
 }
 
-impl Problem for Shooting<'_> {
+impl Problem for MultipleShooting<'_> {
     type Worker = (Simulator, Vec<f64>);
 
     fn windows(&self) -> usize {
-        self.stretches.len()
+        self.segments.len()
     }
-    fn own(&self) -> usize {
+    fn own_unknowns(&self) -> usize {
         self.states()
     }
     fn bounds(&self) -> Vec<[f64; 2]> {
@@ -104,14 +104,14 @@ impl Problem for Shooting<'_> {
     fn worker(&self, shared: &[f64]) -> Self::Worker {
         (Simulator::new(self.structure, self.integrated, shared), shared.to_vec())
     }
-    fn normal(&self, (simulator, shared): &mut Self::Worker, window: usize, own: &[f64]) -> Normal {
-        let stretch = &self.stretches[window];
+    fn normal_equations(&self, (simulator, shared): &mut Self::Worker, window: usize, own: &[f64]) -> NormalEquations {
+        let segment = &self.segments[window];
         let (states, dynamic) = (self.states(), self.structure.dynamic());
-        let place = self.offset(stretch.flight);
-        let mut normal = Normal::new(states + shared.len());
+        let place = self.offset(segment.flight);
+        let mut normal = NormalEquations::new(states + shared.len());
         let mut slopes = vec![0.0; states + shared.len()];
         let mut finite = true;
-        simulator.run(stretch, own, place.map_or(0.0, |i| shared[i]), |measured, y| {
+        simulator.run(segment, own, place.map_or(0.0, |i| shared[i]), |measured, y| {
             let common = states + dynamic;
             slopes[..common].iter_mut().zip(&y.slope).for_each(|(to, from)| *to = f64::from(*from) / self.sigma);
             if let Some(place) = place {
@@ -120,7 +120,7 @@ impl Problem for Shooting<'_> {
             finite &= y.value.is_finite();
             normal.add((measured - y.value) / self.sigma, &slopes);
         });
-        normal.finish();
+        normal.symmetrise();
         if !finite || !normal.loss.is_finite() {
             normal.loss = f64::INFINITY;
         }
@@ -129,10 +129,15 @@ impl Problem for Shooting<'_> {
 }
 
 /// The best fit from the best candidates, and the noise level that goes with it. `None` without a candidate that can be simulated.
-pub(super) fn best(records: &[Record], structure: &Structure, stretches: &[Stretch], candidates: &[Vec<f64>]) -> Option<(Solution, f64)> {
-    let spread = spread(stretches);
+pub(super) fn fit_best(
+    records: &[Record],
+    structure: &Structure,
+    segments: &[Segment],
+    candidates: &[Vec<f64>],
+) -> Option<(Solution, f64)> {
+    let spread = standard_deviation(segments);
     let integrated = records.first().is_some_and(|r| r.integrated);
-    let mut shooting = Shooting { structure, stretches, flights: records.len(), integrated, sigma: 0.1 * spread };
+    let mut shooting = MultipleShooting { structure, segments, flights: records.len(), integrated, sigma: 0.1 * spread };
     let mut starts: Vec<(f64, Vec<f64>, Vec<Vec<f64>>)> = Vec::new();
     for candidate in candidates {
         let mut numbers = candidate.clone();
@@ -152,7 +157,7 @@ pub(super) fn best(records: &[Record], structure: &Structure, stretches: &[Stret
     }
     let mut found = best?;
     for _ in 0..ROUNDS {
-        let sigma = typical(&shooting.residuals(&found.shared, &found.own)).max(1e-9 * spread);
+        let sigma = robust_sd(&shooting.residuals(&found.shared, &found.own)).max(1e-9 * spread);
         let same = (sigma / shooting.sigma - 1.0).abs() < 0.02;
         shooting.sigma = sigma;
         found = solve(&shooting, found.own, found.shared);
@@ -163,14 +168,14 @@ pub(super) fn best(records: &[Record], structure: &Structure, stretches: &[Stret
     Some((found, shooting.sigma))
 }
 
-/// Standard deviation of what was measured, over all stretches.
-fn spread(stretches: &[Stretch]) -> f64 {
-    let all: Vec<f64> = stretches.iter().flat_map(Stretch::samples).collect();
+/// Standard deviation of what was measured, over all segments.
+fn standard_deviation(segments: &[Segment]) -> f64 {
+    let all: Vec<f64> = segments.iter().flat_map(Segment::samples).collect();
     let mean = all.iter().sum::<f64>() / all.len().max(1) as f64;
     (all.iter().map(|y| (y - mean).powi(2)).sum::<f64>() / all.len().max(1) as f64).sqrt().max(1e-12)
 }
 
 /// The standard deviation, by the median against outliers: the median of |normal| is 0.6745 standard deviations.
-pub(crate) fn typical(residuals: &[f64]) -> f64 {
-    crate::replay::measured::median(&residuals.iter().map(|e| e.abs()).collect::<Vec<_>>()) / 0.6745
+pub(crate) fn robust_sd(residuals: &[f64]) -> f64 {
+    crate::replay::measurements::median(&residuals.iter().map(|e| e.abs()).collect::<Vec<_>>()) / 0.6745
 }

@@ -1,7 +1,7 @@
 //! Transfer functions from flight logs, as the thesis found its own (5.1): of a given order, by output error.
 //!
-//! The thesis used MATLAB's `tfest` on one recording each; here every log of a list counts, windows start from states of their own, and the
-//! input is held as the vehicle held it, delayed by any fraction of a sample.
+//! The thesis used MATLAB's `tfest` on one recording each. Here every log of a list counts, and windows start from states of their own. The input
+//! is held as the vehicle held it, delayed by any fraction of a sample.
 
 mod channel;
 mod fit;
@@ -10,27 +10,27 @@ mod start;
 mod structure;
 mod write;
 
-use crate::estimate::{Clusters, Comparison, Estimate, at_bound, covariance};
+use crate::estimate::{Clusters, Comparison, ParameterEstimate, at_bound, covariance};
 use crate::metrics::Fit;
 use crate::statistics::{Criteria, criteria};
 
 pub use crate::estimate::IdentifyError;
 pub use channel::{Channel, Record};
-use fit::{Shooting, best};
-use response::Stretch;
+use fit::{MultipleShooting, fit_best};
+use response::Segment;
 pub use structure::{DELAY_MAX_S, LARGEST, Offset, Structure, TransferFunction};
 
 /// Shorter windows hold fewer samples than they have unknowns.
 const WINDOW_MIN_S: f64 = 0.5;
 
-/// A transfer function found.
+/// An identified transfer function: values, standard errors, and predictions of the logs.
 #[derive(Debug, Clone)]
-pub struct Identified {
+pub struct TransferFunctionEstimate {
     pub channel: Channel,
     pub structure: Structure,
     pub function: TransferFunction,
     /// Coefficients, highest power first, then delay and offsets.
-    pub parameters: Vec<Estimate>,
+    pub parameters: Vec<ParameterEstimate>,
     /// Standard deviation of what the model leaves, in the unit of the output (of its integral, where velocity is not measured).
     pub noise: f64,
     pub criteria: Criteria,
@@ -43,9 +43,9 @@ pub struct Identified {
     numbers: Vec<f64>,
 }
 
-/// Window length of a fit.
+/// WindowLength length of a fit.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Window {
+pub enum WindowLength {
     /// [`Channel::window_s`].
     OfChannel,
     Seconds(f64),
@@ -57,41 +57,46 @@ pub enum Window {
 ///
 /// # Errors
 /// [`IdentifyError`]: no records, no excitation, an order that is not supported, numbers that the records do not tell.
-pub fn identify(records: &[Record], channel: Channel, structure: Structure, window: Window) -> Result<Identified, IdentifyError> {
+pub fn identify(
+    records: &[Record],
+    channel: Channel,
+    structure: Structure,
+    window: WindowLength,
+) -> Result<TransferFunctionEstimate, IdentifyError> {
     structure.check()?;
     let window_s = match window {
-        Window::Whole => None,
-        Window::OfChannel => Some(channel.window_s()),
-        Window::Seconds(s) if s >= WINDOW_MIN_S && s.is_finite() => Some(s),
-        Window::Seconds(value_s) => return Err(IdentifyError::Window { value_s, least_s: WINDOW_MIN_S }),
+        WindowLength::Whole => None,
+        WindowLength::OfChannel => Some(channel.window_s()),
+        WindowLength::Seconds(s) if s >= WINDOW_MIN_S && s.is_finite() => Some(s),
+        WindowLength::Seconds(value_s) => return Err(IdentifyError::Window { value_s, least_s: WINDOW_MIN_S }),
     };
     let first = records.first().ok_or(IdentifyError::NoLogs)?;
     if let Some(other) = records.iter().find(|r| r.integrated != first.integrated) {
         return Err(IdentifyError::Mixed { first: first.name.clone(), second: other.name.clone() });
     }
-    if !records.iter().any(Record::excited) {
+    if !records.iter().any(Record::is_excited) {
         return Err(IdentifyError::NoExcitation { input: channel.input(), about: format!("{}'s response to it", channel.output()) });
     }
-    let stretches: Vec<Stretch> = records.iter().enumerate().flat_map(|(i, r)| Stretch::cut(i, r, window_s)).collect();
+    let segments: Vec<Segment> = records.iter().enumerate().flat_map(|(i, r)| Segment::cut(i, r, window_s)).collect();
     let candidates = start::candidates(&structure, records);
     let what = || IdentifyError::NoStart { what: format!("{} to {} transfer function", channel.input(), channel.output()) };
-    let (solution, noise) = best(records, &structure, &stretches, &candidates).ok_or_else(what)?;
+    let (solution, noise) = fit_best(records, &structure, &segments, &candidates).ok_or_else(what)?;
     let flights: Vec<String> = records.iter().map(|r| r.name.clone()).collect();
     let names = structure.names(channel.ratio(), channel.units()[1], &flights);
     let bounds = structure.bounds(records.len());
-    let flight_of: Vec<usize> = stretches.iter().map(|s| s.flight).collect();
+    let flight_of: Vec<usize> = segments.iter().map(|s| s.flight).collect();
     let labels: Vec<String> = names.iter().map(|(name, _)| name.clone()).collect();
-    let (of_numbers, clusters) = covariance(&solution, &flight_of, &labels, &bounds)?;
+    let (number_covariance, clusters) = covariance(&solution, &flight_of, &labels, &bounds)?;
     let (values, slopes) = structure.coefficients(&solution.shared);
-    let of_coefficients = &slopes * of_numbers * slopes.transpose();
-    let parameters = names.into_iter().enumerate().map(|(i, (name, unit))| Estimate {
+    let coefficient_covariance = &slopes * number_covariance * slopes.transpose();
+    let parameters = names.into_iter().enumerate().map(|(i, (name, unit))| ParameterEstimate {
         name,
         unit,
         value: values[i],
-        standard_error: of_coefficients[(i, i)].max(0.0).sqrt(),
+        standard_error: coefficient_covariance[(i, i)].max(0.0).sqrt(),
         at_bound: at_bound(solution.shared[i], bounds[i]),
     });
-    let mut identified = Identified {
+    let mut identified = TransferFunctionEstimate {
         channel,
         structure,
         function: structure.function(&solution.shared),
@@ -100,7 +105,7 @@ pub fn identify(records: &[Record], channel: Channel, structure: Structure, wind
         criteria: Criteria { aic: 0.0, bic: 0.0 },
         clusters,
         converged: solution.converged,
-        samples: stretches.iter().map(Stretch::len).sum(),
+        samples: segments.iter().map(Segment::len).sum(),
         fit: Vec::new(),
         window_s,
         numbers: solution.shared,
@@ -108,12 +113,12 @@ pub fn identify(records: &[Record], channel: Channel, structure: Structure, wind
     identified.fit = identified.compare(records)?;
     let squares: f64 = identified.fit.iter().flat_map(Comparison::residuals).map(|e| e * e).sum();
     // the windows' initial states are parameters too, and a larger order has more of them
-    let unknowns = identified.numbers.len() + stretches.len() * (structure.denominator + usize::from(first.integrated));
+    let unknowns = identified.numbers.len() + segments.len() * (structure.denominator + usize::from(first.integrated));
     identified.criteria = criteria(&[(squares, identified.samples)], unknowns);
     Ok(identified)
 }
 
-impl Identified {
+impl TransferFunctionEstimate {
     /// Predicts records, which the fit need not have seen: only initial states are taken from them, and the offset where each flight has its own.
     ///
     /// # Errors
@@ -158,7 +163,7 @@ impl Identified {
 
 /// Puts the offset in its place, which is last, that fits a record best: the prediction is linear in it, the loss a parabola.
 fn own_offset(record: &Record, structure: &Structure, numbers: &mut [f64], window_s: Option<f64>) -> Result<(), IdentifyError> {
-    let (at, spread) = (numbers.len() - 1, spread(&record.input).max(1e-9));
+    let (at, spread) = (numbers.len() - 1, standard_deviation(&record.input).max(1e-9));
     let (here, mut losses) = (numbers[at], [0.0; 3]);
     for (loss, by) in losses.iter_mut().zip([-spread, 0.0, spread]) {
         numbers[at] = here + by;
@@ -171,23 +176,23 @@ fn own_offset(record: &Record, structure: &Structure, numbers: &mut [f64], windo
     Ok(())
 }
 
-fn spread(values: &[f64]) -> f64 {
+fn standard_deviation(values: &[f64]) -> f64 {
     let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
     (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / values.len().max(1) as f64).sqrt()
 }
 
-type Pair = (Vec<f64>, Vec<f64>);
+type SamplePair = (Vec<f64>, Vec<f64>);
 
 /// Measured and predicted samples of a record in windows whose initial states are fitted.
-fn predict(record: &Record, structure: &Structure, numbers: &[f64], window_s: Option<f64>) -> Result<(Pair, Fit), IdentifyError> {
-    let stretches = Stretch::cut(0, record, window_s);
+fn predict(record: &Record, structure: &Structure, numbers: &[f64], window_s: Option<f64>) -> Result<(SamplePair, Fit), IdentifyError> {
+    let segments = Segment::cut(0, record, window_s);
     // so wide that no sample is taken for an outlier: initial states as MATLAB's `compare` has them
     let sigma = record.output.iter().fold(1e-9_f64, |a, y| a.max(y.abs()));
-    let shooting = Shooting { structure, stretches: &stretches, flights: 1, integrated: record.integrated, sigma };
+    let shooting = MultipleShooting { structure, segments: &segments, flights: 1, integrated: record.integrated, sigma };
     let failed = || IdentifyError::NoStart { what: format!("prediction of {}", record.name) };
     let (own, _) = shooting.settle(numbers).ok_or_else(failed)?;
-    let measured: Vec<f64> = stretches.iter().flat_map(Stretch::samples).collect();
-    let predicted: Vec<f64> = shooting.predicted(numbers, &own).concat();
-    let fit = Fit::of(&measured, &predicted).map_err(|_| failed())?;
+    let measured: Vec<f64> = segments.iter().flat_map(Segment::samples).collect();
+    let predicted: Vec<f64> = shooting.predict(numbers, &own).concat();
+    let fit = Fit::new(&measured, &predicted).map_err(|_| failed())?;
     Ok(((measured, predicted), fit))
 }

@@ -16,26 +16,26 @@ const CLOCK_S: f64 = 1e-5;
 /// With the matrix halved below 1/2, the remainder is below 1e-15.
 const TAYLOR: usize = 13;
 
-/// A stretch of a record: the inputs that reach it, and the samples after its start up to its end.
+/// A segment of a record: the inputs that reach it, and the samples after its start up to its end.
 #[derive(Debug, Clone)]
-pub(super) struct Stretch {
+pub(super) struct Segment {
     pub(super) flight: usize,
     start: i64,
     inputs: Vec<(i64, f64)>,
     samples: Vec<(i64, f64)>,
 }
 
-impl Stretch {
-    /// Cuts a record into stretches of about a length; `None` for one stretch.
-    pub(super) fn cut(flight: usize, record: &Record, length_s: Option<f64>) -> Vec<Stretch> {
+impl Segment {
+    /// Cuts a record into segments of about a length; `None` for one segment.
+    pub(super) fn cut(flight: usize, record: &Record, length_s: Option<f64>) -> Vec<Segment> {
         let [from_s, to_s] = record.span_s;
         let count = length_s.map_or(1.0, |length_s| ((to_s - from_s) / length_s).floor()).max(1.0);
         let edge = |i: f64| from_s + (to_s - from_s) * i / count;
-        let each = (0..count as usize).map(|i| Stretch::of(flight, record, edge(i as f64), edge(i as f64 + 1.0)));
+        let each = (0..count as usize).map(|i| Segment::between(flight, record, edge(i as f64), edge(i as f64 + 1.0)));
         each.filter(|s| !s.samples.is_empty()).collect()
     }
 
-    fn of(flight: usize, record: &Record, from_s: f64, to_s: f64) -> Stretch {
+    fn between(flight: usize, record: &Record, from_s: f64, to_s: f64) -> Segment {
         let clock = |t_s: f64| ((t_s - record.span_s[0]) / CLOCK_S).round() as i64;
         let (start, end) = (clock(from_s), clock(to_s));
         // the last input that the longest delay brings here, and all after it
@@ -43,7 +43,7 @@ impl Stretch {
         let last = record.input_t_s.partition_point(|t| *t < to_s);
         let inputs = (first..last.max(first + 1)).map(|i| (clock(record.input_t_s[i]), record.input[i])).collect();
         let samples = record.output_t_s.iter().zip(&record.output).map(|(t, y)| (clock(*t), *y));
-        Stretch { flight, start, inputs, samples: samples.filter(|(t, _)| (start + 1..=end).contains(t)).collect() }
+        Segment { flight, start, inputs, samples: samples.filter(|(t, _)| (start + 1..=end).contains(t)).collect() }
     }
 
     pub(super) fn samples(&self) -> impl Iterator<Item = f64> + '_ {
@@ -114,24 +114,24 @@ impl Simulator {
         Simulator { states, output, a, b, delay, late: delay.value / CLOCK_S, offset_direction, transitions: HashMap::new() }
     }
 
-    /// The output at every sample of a stretch that starts from a state, the input counting from its offset.
-    pub(super) fn run(&mut self, stretch: &Stretch, start: &[f64], offset: f64, mut each: impl FnMut(f64, Dual)) {
+    /// The output at every sample of a segment that starts from a state, the input counting from its offset.
+    pub(super) fn run(&mut self, segment: &Segment, start: &[f64], offset: f64, mut each: impl FnMut(f64, Dual)) {
         let mut x: Vec<Dual> = start.iter().enumerate().map(|(i, v)| Dual::variable(*v, i)).collect();
         let offset =
             if self.offset_direction < DIRECTIONS { Dual::variable(offset, self.offset_direction) } else { Dual::from_f64(offset) };
         let late = self.late;
-        let mut next = stretch.inputs.partition_point(|(t, _)| *t as f64 + late <= stretch.start as f64).max(1);
-        let mut u = Dual::from_f64(stretch.inputs[next - 1].1) - offset;
-        let mut now = Instant { clock: stretch.start, delayed: false };
-        for (clock, measured) in &stretch.samples {
-            while next < stretch.inputs.len() && stretch.inputs[next].0 as f64 + late < *clock as f64 {
-                let then = Instant { clock: stretch.inputs[next].0, delayed: true };
-                x = self.transition(now, then).over(&x, u);
-                u = Dual::from_f64(stretch.inputs[next].1) - offset;
+        let mut next = segment.inputs.partition_point(|(t, _)| *t as f64 + late <= segment.start as f64).max(1);
+        let mut u = Dual::from_f64(segment.inputs[next - 1].1) - offset;
+        let mut now = Instant { clock: segment.start, delayed: false };
+        for (clock, measured) in &segment.samples {
+            while next < segment.inputs.len() && segment.inputs[next].0 as f64 + late < *clock as f64 {
+                let then = Instant { clock: segment.inputs[next].0, delayed: true };
+                x = self.transition(now, then).propagate(&x, u);
+                u = Dual::from_f64(segment.inputs[next].1) - offset;
                 (now, next) = (then, next + 1);
             }
             let then = Instant { clock: *clock, delayed: false };
-            x = self.transition(now, then).over(&x, u);
+            x = self.transition(now, then).propagate(&x, u);
             now = then;
             each(*measured, x[self.output]);
         }
@@ -146,14 +146,14 @@ impl Simulator {
                 (true, false) => duration -= self.delay,
                 _ => {}
             }
-            let made = self.over(duration);
-            self.transitions.insert(key, made);
+            let transition = self.discretise(duration);
+            self.transitions.insert(key, transition);
         }
         &self.transitions[&key]
     }
 
     /// exp of the system and its held input.
-    fn over(&self, duration: Dual) -> Transition {
+    fn discretise(&self, duration: Dual) -> Transition {
         let (n, k) = (self.states, self.states + 1);
         let mut m = vec![Dual::from_f64(0.0); k * k];
         for i in 0..n {
@@ -169,7 +169,7 @@ impl Simulator {
 }
 
 impl Transition {
-    fn over(&self, x: &[Dual], u: Dual) -> Vec<Dual> {
+    fn propagate(&self, x: &[Dual], u: Dual) -> Vec<Dual> {
         let n = x.len();
         let row = |i: usize| {
             let mut sum = self.input[i] * u;
@@ -230,19 +230,19 @@ mod tests {
     }
 
     fn simulate(structure: &Structure, integrated: bool, numbers: &[f64], offset: f64) -> Vec<Dual> {
-        let stretch = &Stretch::cut(0, &record(integrated), None)[0];
+        let segment = &Segment::cut(0, &record(integrated), None)[0];
         let mut simulator = Simulator::new(structure, integrated, numbers);
         let start = vec![0.0; structure.denominator + usize::from(integrated)];
         let mut all = Vec::new();
-        simulator.run(stretch, &start, offset, |_, y| all.push(y));
+        simulator.run(segment, &start, offset, |_, y| all.push(y));
         all
     }
 
     #[test]
     fn a_delayed_step_is_answered_in_closed_form() {
         // (s + 3) / ((s + 2)(s + 5)) after 37.31 ms, which fall on no tick
-        let of = Structure { numerator: 1, denominator: 2, integrator: false, delay: true, offset: Offset::Shared, stable: true };
-        let all = simulate(&of, false, &[1.0, 3.0, 7.0, 10.0, 0.03731], 0.0);
+        let form = Structure { numerator: 1, denominator: 2, integrator: false, delay: true, offset: Offset::Shared, stable: true };
+        let all = simulate(&form, false, &[1.0, 3.0, 7.0, 10.0, 0.03731], 0.0);
         for (i, y) in all.iter().enumerate() {
             let t = (i + 1) as f64 * 0.0333 - 1.03731;
             // partial fractions: 3/10 - e^(-2t)/6 - 2 e^(-5t)/15
@@ -253,11 +253,11 @@ mod tests {
 
     #[test]
     fn slopes_are_the_derivatives() {
-        let of = Structure { numerator: 1, denominator: 3, integrator: true, delay: true, offset: Offset::Shared, stable: true };
+        let form = Structure { numerator: 1, denominator: 3, integrator: true, delay: true, offset: Offset::Shared, stable: true };
         let numbers = [2.0, 30.0, 9.0, 25.0, 0.0213];
         for integrated in [false, true] {
-            let at = |numbers: &[f64], offset| simulate(&of, integrated, numbers, offset);
-            let here = at(&numbers, 0.2);
+            let outputs = |numbers: &[f64], offset| simulate(&form, integrated, numbers, offset);
+            let here = outputs(&numbers, 0.2);
             let states = 3 + usize::from(integrated);
             for p in 0..=numbers.len() {
                 let mut moved = numbers.to_vec();
@@ -266,7 +266,7 @@ mod tests {
                 if let Some(number) = moved.get_mut(p) {
                     *number += h;
                 }
-                for (i, (after, before)) in at(&moved, offset).iter().zip(&here).enumerate() {
+                for (i, (after, before)) in outputs(&moved, offset).iter().zip(&here).enumerate() {
                     let (slope, difference) = (f64::from(before.slope[states + p]), (after.value - before.value) / h);
                     assert!((slope - difference).abs() < 2e-5 * (1.0 + difference.abs()), "{p} {i}: {slope} {difference}");
                 }
@@ -275,9 +275,9 @@ mod tests {
     }
 
     #[test]
-    fn stretches_share_no_sample_and_lose_none_but_the_first() {
-        let all: usize = Stretch::cut(0, &record(false), Some(0.9)).iter().map(Stretch::len).sum();
-        assert_eq!(Stretch::cut(0, &record(false), Some(0.9)).len(), 4);
+    fn segments_share_no_sample_and_lose_none_but_the_first() {
+        let all: usize = Segment::cut(0, &record(false), Some(0.9)).iter().map(Segment::len).sum();
+        assert_eq!(Segment::cut(0, &record(false), Some(0.9)).len(), 4);
         assert_eq!(all, 114);
     }
 }

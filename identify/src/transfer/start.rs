@@ -23,14 +23,14 @@ pub(super) fn candidates(structure: &Structure, records: &[Record]) -> Vec<Vec<f
     let delays = if structure.delay { &DELAYS_S[..] } else { &DELAYS_S[..1] };
     let mut found = Vec::new();
     for delay_s in delays {
-        let signals: Vec<Signals> = records.iter().map(|r| Signals::of(r, *delay_s)).collect();
+        let signals: Vec<GridSignals> = records.iter().map(|r| GridSignals::new(r, *delay_s)).collect();
         for filter_ps in FILTERS_PS {
             let n = structure.denominator + usize::from(records.first().is_some_and(|r| r.integrated));
             let mut filter = (0..n).fold(vec![1.0], |product, _| multiply(&product, &[1.0, filter_ps]));
             for _ in 0..ROUNDS {
                 let Some((numbers, denominator)) = regress(structure, &signals, &filter, *delay_s) else { break };
                 found.push(numbers);
-                filter = steadied(&denominator);
+                filter = stabilise(&denominator);
             }
         }
         // poles from a grid: where derivatives drown in noise, gains alone can still be found
@@ -47,31 +47,31 @@ pub(super) fn candidates(structure: &Structure, records: &[Record]) -> Vec<Vec<f
 }
 
 /// The numerator and offsets that fit best with these poles.
-fn gains(structure: &Structure, flights: &[Signals], records: &[Record], poles: &[f64], delay_s: f64) -> Option<Vec<f64>> {
+fn gains(structure: &Structure, flights: &[GridSignals], records: &[Record], poles: &[f64], delay_s: f64) -> Option<Vec<f64>> {
     let zeros = usize::from(structure.integrator) + usize::from(records.first().is_some_and(|r| r.integrated));
     let whole: Vec<f64> = poles.iter().copied().chain(std::iter::repeat_n(0.0, zeros)).collect();
-    let equation = Equation::of(structure, flights, &whole, Poles::Known)?;
+    let equation = Equation::solve(structure, flights, &whole, Poles::Known)?;
     Some(equation.numbers(structure, poles, delay_s)).filter(|numbers| numbers.iter().all(|v| v.is_finite()))
 }
 
 /// Input and output on a fine grid, each the value at the middle of a step.
-struct Signals {
+struct GridSignals {
     input: Vec<f64>,
     output: Vec<f64>,
 }
 
-impl Signals {
-    fn of(record: &Record, delay_s: f64) -> Self {
+impl GridSignals {
+    fn new(record: &Record, delay_s: f64) -> Self {
         let [from_s, to_s] = record.span_s;
         let from_s = from_s.max(record.output_t_s[0]);
         let steps = ((to_s - from_s).min(LONGEST_S) / STEP_S) as usize;
         let middle = |k: usize| from_s + (k as f64 + 0.5) * STEP_S;
         let input = (0..steps).map(|k| record.input_at(middle(k) - delay_s)).collect();
-        Signals { input, output: (0..steps).map(|k| interpolated(record, middle(k))).collect() }
+        GridSignals { input, output: (0..steps).map(|k| interpolate(record, middle(k))).collect() }
     }
 }
 
-fn interpolated(record: &Record, t_s: f64) -> f64 {
+fn interpolate(record: &Record, t_s: f64) -> f64 {
     let (t, y) = (&record.output_t_s, &record.output);
     let after = t.partition_point(|at| *at <= t_s).clamp(1, t.len() - 1);
     let share = ((t_s - t[after - 1]) / (t[after] - t[after - 1])).clamp(0.0, 1.0);
@@ -79,14 +79,14 @@ fn interpolated(record: &Record, t_s: f64) -> f64 {
 }
 
 /// 1 / L(s) by exact steps of a held input: its states are the filtered signal and its derivatives, lowest first.
-struct Filter {
+struct StateVariableFilter {
     state: DMatrix<f64>,
     input: DVector<f64>,
     /// L without its leading one, lowest first.
     l: Vec<f64>,
 }
 
-impl Filter {
+impl StateVariableFilter {
     fn new(filter: &[f64]) -> Self {
         let n = filter.len() - 1;
         let l: Vec<f64> = filter[1..].iter().rev().copied().collect();
@@ -99,11 +99,11 @@ impl Filter {
         }
         m[(n - 1, n)] = STEP_S;
         let e = m.exp();
-        Filter { state: e.view((0, 0), (n, n)).into_owned(), input: e.view((0, n), (n, 1)).column(0).into_owned(), l }
+        StateVariableFilter { state: e.view((0, 0), (n, n)).into_owned(), input: e.view((0, n), (n, 1)).column(0).into_owned(), l }
     }
 
     /// Filtered derivatives 0 to n of a signal, a row per step.
-    fn through(&self, signal: impl Iterator<Item = f64>, start: DVector<f64>) -> Vec<Vec<f64>> {
+    fn apply(&self, signal: impl Iterator<Item = f64>, start: DVector<f64>) -> Vec<Vec<f64>> {
         let mut x = start;
         let row = |value: f64| {
             x = &self.state * &x + &self.input * value;
@@ -115,8 +115,8 @@ impl Filter {
 }
 
 /// The numbers and the whole denominator that fit the filtered equation best.
-fn regress(structure: &Structure, flights: &[Signals], filter: &[f64], delay_s: f64) -> Option<(Vec<f64>, Vec<f64>)> {
-    let equation = Equation::of(structure, flights, filter, Poles::Unknown)?;
+fn regress(structure: &Structure, flights: &[GridSignals], filter: &[f64], delay_s: f64) -> Option<(Vec<f64>, Vec<f64>)> {
+    let equation = Equation::solve(structure, flights, filter, Poles::Unknown)?;
     let denominator: Vec<f64> = std::iter::once(1.0).chain(equation.poles.iter().rev().copied()).collect();
     let zeros = filter.len() - denominator.len();
     let whole = denominator.iter().copied().chain(std::iter::repeat_n(0.0, zeros)).collect();
@@ -140,13 +140,13 @@ struct Equation {
 }
 
 impl Equation {
-    fn of(structure: &Structure, flights: &[Signals], filter: &[f64], known: Poles) -> Option<Self> {
+    fn solve(structure: &Structure, flights: &[GridSignals], filter: &[f64], known: Poles) -> Option<Self> {
         let n = filter.len() - 1;
         if n < structure.denominator {
             // roots that are no numbers were lost on the way
             return None;
         }
-        let filtering = Filter::new(filter);
+        let filtering = StateVariableFilter::new(filter);
         // integrators within and behind the transfer function: the lowest coefficients are zero
         let zeros = n - structure.denominator + usize::from(structure.integrator);
         let (poles, gains) = (if known == Poles::Known { 0 } else { n - zeros }, structure.numerator + 1);
@@ -156,19 +156,19 @@ impl Equation {
         let columns = own + n * flights.len();
         let (mut h, mut g) = (DMatrix::zeros(columns, columns), DVector::zeros(columns));
         for (flight, signals) in flights.iter().enumerate() {
-            let still = || DVector::zeros(n);
-            let y = filtering.through(signals.output.iter().copied(), still());
-            let u = filtering.through(signals.input.iter().copied(), still());
-            let one = filtering.through(signals.input.iter().map(|_| 1.0), still());
-            let mut kick = still();
+            let at_rest = || DVector::zeros(n);
+            let y = filtering.apply(signals.output.iter().copied(), at_rest());
+            let u = filtering.apply(signals.input.iter().copied(), at_rest());
+            let constant = filtering.apply(signals.input.iter().map(|_| 1.0), at_rest());
+            let mut kick = at_rest();
             kick[n - 1] = 1.0;
-            let free = filtering.through(signals.input.iter().map(|_| 0.0), kick);
+            let free = filtering.apply(signals.input.iter().map(|_| 0.0), kick);
             for k in 0..y.len() {
                 let mut row = vec![0.0; columns];
                 (0..poles).for_each(|i| row[i] = -y[k][zeros + i]);
                 (0..gains).for_each(|i| row[poles + i] = u[k][i]);
                 if constants > 0 {
-                    row[poles + gains + flight.min(constants - 1)] = one[k][0];
+                    row[poles + gains + flight.min(constants - 1)] = constant[k][0];
                 }
                 // y starts anywhere: the filter's own responses
                 (0..n).for_each(|i| row[own + n * flight + i] = free[k][i]);
@@ -212,7 +212,7 @@ fn scaled_solve(h: DMatrix<f64>, g: &DVector<f64>) -> Option<DVector<f64>> {
 }
 
 /// A denominator fit to filter by: roots to the right are mirrored, those at zero moved a little to the left.
-fn steadied(denominator: &[f64]) -> Vec<f64> {
+fn stabilise(denominator: &[f64]) -> Vec<f64> {
     let mut product = vec![1.0];
     for root in roots(denominator) {
         // no faster than the grid resolves
@@ -233,7 +233,7 @@ mod tests {
     #[test]
     fn a_filter_is_stepped_exactly() {
         // 1 / (s + 2) of a constant one, and its derivative
-        let rows = Filter::new(&[1.0, 2.0]).through([1.0; 100].into_iter(), DVector::zeros(1));
+        let rows = StateVariableFilter::new(&[1.0, 2.0]).apply([1.0; 100].into_iter(), DVector::zeros(1));
         let t = 100.0 * STEP_S;
         assert!((rows[99][0] - 0.5 * (1.0 - (-2.0 * t).exp())).abs() < 1e-12);
         assert!((rows[99][1] - (-2.0 * t).exp()).abs() < 1e-12);
@@ -241,10 +241,10 @@ mod tests {
 
     #[test]
     fn a_filter_is_stable_whatever_was_found() {
-        let steady = steadied(&multiply(&[1.0, -3.0], &[1.0, 0.0]));
+        let steady = stabilise(&multiply(&[1.0, -3.0], &[1.0, 0.0]));
         for root in roots(&steady) {
             assert!(root.re <= -0.29, "{root}");
         }
-        assert_eq!(steadied(&[1.0, 2.0, 5.0]).len(), 3);
+        assert_eq!(stabilise(&[1.0, 2.0, 5.0]).len(), 3);
     }
 }

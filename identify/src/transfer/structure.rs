@@ -25,7 +25,7 @@ pub enum Offset {
     PerFlight,
 }
 
-/// What is to be fitted.
+/// Structure of a transfer function: degrees, integrator, delay, offset.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Structure {
     pub numerator: usize,
@@ -108,12 +108,12 @@ impl Structure {
     /// Names and units of the coefficients that [`Structure::coefficients`] gives, then delay and offsets. `ratio` is the unit of output over
     /// input and its power of the second.
     pub(super) fn names(&self, ratio: (&str, i32), input: &str, flights: &[String]) -> Vec<(String, String)> {
-        let per = |power: usize, (of, seconds): (&str, i32)| match (seconds - power as i32, of) {
-            (0, of) => of.to_owned(),
-            (-1, of) => format!("{of}/s"),
+        let per = |power: usize, (unit, seconds): (&str, i32)| match (seconds - power as i32, unit) {
+            (0, unit) => unit.to_owned(),
+            (-1, unit) => format!("{unit}/s"),
             (1, "1") => "s".to_owned(),
-            (1, of) => format!("{of} s"),
-            (n, of) => format!("{of}/s^{}", -n),
+            (1, unit) => format!("{unit} s"),
+            (n, unit) => format!("{unit}/s^{}", -n),
         };
         let b = (0..=self.numerator).rev().map(|i| (format!("b{i}"), per(self.denominator - i, ratio)));
         let least = usize::from(self.integrator);
@@ -258,20 +258,20 @@ mod tests {
     #[test]
     fn numbers_and_coefficients_go_both_ways() {
         // (s + 2)(s + 5)(s + 30), with an integrator
-        let of = structure(1, 4, true);
+        let form = structure(1, 4, true);
         let denominator = multiply(&multiply(&[1.0, 2.0], &[1.0, 5.0]), &[1.0, 30.0]);
-        let numbers = [vec![3.0, 4.0], of.numbers_of(&multiply(&denominator, &[1.0, 0.0]))].concat();
-        let function = of.function(&numbers);
+        let numbers = [vec![3.0, 4.0], form.numbers_of(&multiply(&denominator, &[1.0, 0.0]))].concat();
+        let function = form.function(&numbers);
         for (a, b) in function.denominator.iter().zip(multiply(&denominator, &[1.0, 0.0])) {
             assert!((a - b).abs() < 1e-9 * (1.0 + b.abs()), "{:?}", function.denominator);
         }
         assert_eq!(function.numerator, [3.0, 4.0]);
         assert_eq!(function.gain(), None);
-        let (values, slopes) = of.coefficients(&numbers);
+        let (values, slopes) = form.coefficients(&numbers);
         for p in 0..numbers.len() {
             let mut moved = numbers.clone();
             moved[p] += 1e-6;
-            for (row, after) in of.coefficients(&moved).0.iter().enumerate() {
+            for (row, after) in form.coefficients(&moved).0.iter().enumerate() {
                 let slope = (after - values[row]) / 1e-6;
                 assert!((slope - slopes[(row, p)]).abs() < 1e-4 * (1.0 + slope.abs()), "{row} {p}: {slope} {}", slopes[(row, p)]);
             }
@@ -280,8 +280,8 @@ mod tests {
 
     #[test]
     fn written_as_the_thesis_does() {
-        let of = structure(0, 2, false);
-        assert_eq!(of.function(&[123.2, 31.86, 81.85]).to_string(), "123.2 / (s^2 + 31.86 s + 81.85)");
+        let form = structure(0, 2, false);
+        assert_eq!(form.function(&[123.2, 31.86, 81.85]).to_string(), "123.2 / (s^2 + 31.86 s + 81.85)");
         let yaw = structure(0, 1, true).function(&[-1.0]);
         assert_eq!(yaw.to_string(), "-1 / s");
         assert_eq!(structure(0, 1, false).function(&[9.87e-5, 0.6123]).to_string(), "9.8700e-5 / (s + 0.6123)");

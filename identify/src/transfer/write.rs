@@ -2,9 +2,9 @@
 
 use crazyflie_env::model::{Model, Quantity, Vertical, Yaw};
 
-use super::{Channel, Identified, IdentifyError, Structure};
+use super::{Channel, IdentifyError, Structure, TransferFunctionEstimate};
 
-impl Identified {
+impl TransferFunctionEstimate {
     /// A copy of the model with this transfer function in its place; `logs` name where it comes from.
     ///
     /// # Errors
@@ -15,14 +15,14 @@ impl Identified {
         if delay {
             return Err(refused("a model file holds no delay: declare the effect cmd_delay instead"));
         }
-        let of = |name: &str, unit: &str, sign: f64| {
+        let quantity = |name: &str, unit: &str, sign: f64| {
             let found = self.parameters.iter().find(|p| p.name == name);
             found.map(|p| {
                 let source = format!("identified from {logs}: standard error {:.3e}, {}", p.standard_error, self.clusters);
                 Quantity { value: sign * p.value, unit: unit.to_owned(), source }
             })
         };
-        let need = |name, unit, sign| of(name, unit, sign).ok_or_else(|| refused("the model has no such form"));
+        let need = |name, unit, sign| quantity(name, unit, sign).ok_or_else(|| refused("the model has no such form"));
         let mut model = model.clone();
         match (self.channel, numerator, denominator, integrator) {
             (Channel::Roll | Channel::Pitch, 0, 2, false) => {
@@ -42,13 +42,13 @@ impl Identified {
                 put_vertical(&mut model.vertical.height, need("b0", "1/s", 1.0)?, need("a0", "1/s", 1.0)?, None)?
             }
             (Channel::Pwm, 0, 1, false) => {
-                put_vertical(&mut model.vertical.pwm, need("b0", "m/s", 1.0)?, need("a0", "1/s", 1.0)?, of("offset", "1", 1.0))?;
+                put_vertical(&mut model.vertical.pwm, need("b0", "m/s", 1.0)?, need("a0", "1/s", 1.0)?, quantity("offset", "1", 1.0))?;
             }
             (Channel::Vx | Channel::Vy, 0, 1, _) => {
                 // roll accelerates to -y
                 let sign = if self.channel == Channel::Vx { 1.0 } else { -1.0 };
                 model.lateral.gravity = need("b0", "m/s^2", sign)?;
-                if let Some(drag) = of("a0", "1/s", 1.0) {
+                if let Some(drag) = quantity("a0", "1/s", 1.0) {
                     model.lateral.drag = drag;
                 }
             }

@@ -1,26 +1,28 @@
-//! Which numbers of a model logs can tell, and putting them back with their source.
+//! The numbers of a model that logs can tell, and putting them back with their source.
 
 use crazyflie_env::model::{Model, VerticalInput};
 
-use super::Plan;
+use super::FitOptions;
 use crate::FlightLog;
-use crate::estimate::{Clusters, Estimate, IdentifyError, at_bound};
+use crate::estimate::{Clusters, IdentifyError, ParameterEstimate, at_bound};
 use crate::fit::hypothesis::Hypothesis;
 
-/// What must move for the numbers of a part of the model to show.
-struct Part {
+/// A part of the model, and the input that must move for its numbers to show.
+struct ModelPart {
     prefix: String,
     input: &'static str,
     moves: bool,
 }
 
-fn parts(logs: &[(String, FlightLog)], input: VerticalInput) -> Vec<Part> {
-    let moves = |of: &dyn Fn(&FlightLog) -> Option<&Vec<f64>>| logs.iter().any(|(_, log)| of(log).is_some_and(|v| moving(log, v)));
+fn parts(logs: &[(String, FlightLog)], input: VerticalInput) -> Vec<ModelPart> {
+    let moves = |command: &dyn Fn(&FlightLog) -> Option<&Vec<f64>>| {
+        logs.iter().any(|(_, log)| command(log).is_some_and(|v| changes_in_flight(log, v)))
+    };
     let roll = moves(&|log| log.cmd_roll_rad.as_ref());
     let pitch = moves(&|log| log.cmd_pitch_rad.as_ref());
     let lift = moves(&|log| if input.is_pwm() { log.cmd_thrust_pwm.as_ref() } else { log.cmd_height_m.as_ref() });
-    let (form, lift_name) = form(input);
-    let part = |prefix: &str, input, moves| Part { prefix: prefix.to_owned(), input, moves };
+    let (form, lift_name) = vertical_form(input);
+    let part = |prefix: &str, input, moves| ModelPart { prefix: prefix.to_owned(), input, moves };
     vec![
         part("roll.", "roll command", roll),
         part("pitch.", "pitch command", pitch),
@@ -30,7 +32,7 @@ fn parts(logs: &[(String, FlightLog)], input: VerticalInput) -> Vec<Part> {
     ]
 }
 
-fn form(input: VerticalInput) -> (&'static str, &'static str) {
+fn vertical_form(input: VerticalInput) -> (&'static str, &'static str) {
     match input {
         VerticalInput::Height => ("height", "height command"),
         VerticalInput::Pwm => ("pwm", "thrust command"),
@@ -39,14 +41,14 @@ fn form(input: VerticalInput) -> (&'static str, &'static str) {
 }
 
 /// Whether a command changes in flight.
-fn moving(log: &FlightLog, values: &[f64]) -> bool {
+fn changes_in_flight(log: &FlightLog, values: &[f64]) -> bool {
     let flown = values.get(log.airborne.clone()).unwrap_or_default();
     let largest = flown.iter().fold(0.0_f64, |a, v| a.max(v.abs()));
     flown.iter().any(|v| (v - flown[0]).abs() > 1e-6 * largest)
 }
 
 /// Numbers that no log of commands and poses tells: gravity is known, a hover PWM beside an offset and the damping of pushes do nothing in flight.
-fn usual(path: &str) -> bool {
+fn is_observable(path: &str) -> bool {
     let idle = path.ends_with(".push_damping") || (path.ends_with(".hover") && !path.starts_with("vertical.thrust."));
     path != "lateral.gravity" && !idle
 }
@@ -54,7 +56,7 @@ fn usual(path: &str) -> bool {
 /// The numbers that are fitted unless others are named: those of the equations of motion whose input moves.
 pub fn visible(model: &Model, logs: &[(String, FlightLog)], input: VerticalInput) -> Vec<String> {
     let parts = parts(logs, input);
-    let shows = |path: &String| usual(path) && parts.iter().any(|part| part.moves && path.starts_with(&part.prefix));
+    let shows = |path: &String| is_observable(path) && parts.iter().any(|part| part.moves && path.starts_with(&part.prefix));
     model.parameters().into_iter().map(|(path, ..)| path).filter(shows).collect()
 }
 
@@ -78,7 +80,10 @@ pub(super) fn check(
         let singular = |reason: String| IdentifyError::Singular { parameter: path.clone(), reason };
         match part {
             None if path.starts_with("vertical.") => {
-                return Err(singular(format!("the logs drive the vertical form {}; choose another form, or its numbers", form(input).0)));
+                return Err(singular(format!(
+                    "the logs drive the vertical form {}; choose another form, or its numbers",
+                    vertical_form(input).0
+                )));
             }
             None => return Err(singular("it is no part of the equations of motion".into())),
             Some(part) if !part.moves => return Err(IdentifyError::NoExcitation { input: part.input, about: path.clone() }),
@@ -91,8 +96,8 @@ pub(super) fn check(
 
 /// Leaves out of a fit the common numbers that ran to a bound, and effects whose first parameter, their strength, did. Returns their names. Numbers of
 /// the model stay if they were `asked` for.
-pub(super) fn leave_out(at: &mut Hypothesis, shared: &[f64], asked: bool) -> Vec<String> {
-    let (bounds, per_flight) = (at.bounds(), at.per_flight());
+pub(super) fn leave_out(hypothesis: &mut Hypothesis, shared: &[f64], asked: bool) -> Vec<String> {
+    let (bounds, per_flight) = (hypothesis.bounds(), hypothesis.per_flight());
     let mut common = shared.iter();
     // the common numbers come first, in the order of all
     let ran: Vec<bool> = bounds
@@ -100,11 +105,12 @@ pub(super) fn leave_out(at: &mut Hypothesis, shared: &[f64], asked: bool) -> Vec
         .zip(&per_flight)
         .map(|(bounds, own)| own.is_none() && common.next().is_some_and(|value| at_bound(*value, *bounds)))
         .collect();
-    let mut place = at.free.len();
-    let mut names: Vec<String> = at.free.iter().zip(&ran).filter(|(_, ran)| **ran && !asked).map(|(path, _)| path.clone()).collect();
-    at.free.retain(|path| !names.contains(path));
+    let mut place = hypothesis.free.len();
+    let mut names: Vec<String> =
+        hypothesis.free.iter().zip(&ran).filter(|(_, ran)| **ran && !asked).map(|(path, _)| path.clone()).collect();
+    hypothesis.free.retain(|path| !names.contains(path));
     let mut gone = Vec::new();
-    for term in &mut at.terms {
+    for term in &mut hypothesis.terms {
         let count = term.free.len();
         let ran: Vec<usize> = term.free.iter().zip(&ran[place..place + count]).filter(|(_, ran)| **ran).map(|(i, _)| *i).collect();
         place += count;
@@ -119,24 +125,24 @@ pub(super) fn leave_out(at: &mut Hypothesis, shared: &[f64], asked: bool) -> Vec
         }
     }
     names.extend(gone.iter().map(|name| (*name).to_owned()));
-    at.terms.retain(|term| !gone.contains(&term.entry.name));
+    hypothesis.terms.retain(|term| !gone.contains(&term.entry.name));
     names
 }
 
 /// The model that was found, under its own name: its numbers and effects say where they come from, its vertical form is the one that flew. What
 /// belongs to single flights is left out.
-pub(super) fn sourced(
+pub(super) fn model_with_sources(
     found: &Hypothesis,
-    plan: &Plan,
+    plan: &FitOptions,
     input: VerticalInput,
-    estimates: &[Estimate],
+    estimates: &[ParameterEstimate],
     logs: &[&str],
     clusters: Clusters,
 ) -> Result<Model, IdentifyError> {
     let logs = logs.join(", ");
     let mut own = found.clone();
     own.terms.retain(|term| term.per_flight.is_none());
-    let mut model = own.completed(&format!("as in the fit of {logs}"));
+    let mut model = own.to_model(&format!("as in the fit of {logs}"));
     let bad = |e: serde_json::Error| crazyflie_env::Error::Model { name: found.model.name.clone(), problem: e.to_string() };
     if let Some(name) = &plan.name {
         model.description = format!("identified from {logs}, starting from the model {}", model.name);
@@ -144,10 +150,10 @@ pub(super) fn sourced(
     }
     model.vertical.default = Some(input);
     let mut tree = serde_json::to_value(&model).map_err(bad)?;
-    for one in estimates {
-        let at_bound = if one.at_bound { ", at its bound" } else { "" };
-        let text = format!("identified from {logs}: standard error {:.3e}, {clusters}{at_bound}", one.standard_error);
-        let path = format!("/{}", one.name.replace('.', "/"));
+    for estimate in estimates {
+        let at_bound = if estimate.at_bound { ", at its bound" } else { "" };
+        let text = format!("identified from {logs}: standard error {:.3e}, {clusters}{at_bound}", estimate.standard_error);
+        let path = format!("/{}", estimate.name.replace('.', "/"));
         let pointer = if tree.pointer(&path).is_some() { path } else { format!("/effects{path}") };
         if let Some(slot) = tree.pointer_mut(&pointer) {
             slot["source"] = text.into();

@@ -9,31 +9,31 @@ use crazyflie_env::model::{Model, VerticalInput};
 
 use crate::FlightLog;
 use crate::axis_errors::{AxisErrors, axis_errors};
-use crate::estimate::{Clusters, Comparison, Estimate, IdentifyError, at_bound, covariance};
-use crate::fit::flight::{Flight, Noise, WINDOW_S, Window};
+use crate::estimate::{Clusters, Comparison, IdentifyError, ParameterEstimate, at_bound, covariance};
+use crate::fit::flight::{Flight, MeasurementNoise, WINDOW_S, Window};
 use crate::fit::hypothesis::{Hypothesis, Term};
-use crate::fit::predict::{Prediction, START};
+use crate::fit::predict::{OutputErrorProblem, START};
 use crate::fit::solve::{Problem, Solution, solve};
-use crate::replay::measured::median;
+use crate::replay::measurements::median;
 use crate::statistics::{Criteria, criteria};
 use crazyflie_logs::first_duplicate;
 
 pub use choice::visible;
 pub(crate) use choice::with_source;
-pub use nuisance::{SETTLE_S, Trim, settle_flights};
-pub(crate) use nuisance::{settled_on_start, terms as nuisance_terms};
-use predict::{Rows, compare, rows};
+pub use nuisance::{NuisanceParameters, SETTLE_S, settle_flights};
+pub(crate) use nuisance::{fit_on_start, terms as nuisance_terms};
+use predict::{ResidualRows, compare, rows};
 
 /// The noise of each output, and how much flights differ, are found beside the numbers.
 const ROUNDS: usize = 6;
 /// No simulation is exact to less.
-const FLOOR: Noise = Noise { att_rad: [1e-6; 3], pos_m: [1e-6; 3] };
+const FLOOR: MeasurementNoise = MeasurementNoise { att_rad: [1e-6; 3], pos_m: [1e-6; 3] };
 const HOVER: &str = "vertical.thrust.hover";
 const HEAVE: &str = "vertical.thrust.heave";
 
-/// What to fit, and how.
+/// Options of a fit: free numbers, vertical form, nuisance parameters, effects.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Plan {
+pub struct FitOptions {
     /// Paths of the model's numbers; those that the logs can tell unless given, see [`visible`].
     pub free: Option<Vec<String>>,
     /// Which vertical form is driven; the model's own, or the thrust form if the logs hold a thrust command and the model has the form, unless
@@ -60,28 +60,28 @@ pub fn ubiquitous_effects(logs: &[(String, FlightLog)]) -> Vec<String> {
     effects::registry().iter().filter(shows).map(|entry| entry.name.to_owned()).collect()
 }
 
-/// What a model makes of flights.
+/// Predictions of flights by a model beside the measurements.
 #[derive(Debug, Clone)]
 pub struct ModelComparison {
     /// Six signals of each flight.
     pub comparisons: Vec<Comparison>,
-    /// What each flight has of its own.
-    pub trims: Vec<Trim>,
+    /// The nuisance parameters of each flight.
+    pub trims: Vec<NuisanceParameters>,
     /// Of predictions by the commands alone, after the first [`SETTLE_S`] seconds if these had to tell trims.
     pub errors: Vec<AxisErrors>,
 }
 
-/// A model found.
+/// An identified model: values, standard errors, and predictions of the logs.
 #[derive(Debug, Clone)]
-pub struct Identified {
+pub struct ModelEstimate {
     /// With the numbers found and, as their source, logs and standard errors.
     pub model: Model,
     /// In the order of the paths, then those of effects.
-    pub parameters: Vec<Estimate>,
-    /// What the numbers were before.
+    pub parameters: Vec<ParameterEstimate>,
+    /// The values before the fit.
     pub before: Vec<f64>,
-    /// Numbers of the model and parameters of effects that would have run to a bound: these logs cannot tell them, so they stay as they were, and an
-    /// effect whose strength is one of them is left out.
+    /// Numbers and effect parameters that would have run to a bound: these logs cannot tell them. They stay as they were, and an effect whose strength is
+    /// one of them is left out.
     pub left_out: Vec<String>,
     /// Standard deviation of what the model leaves: roll, pitch, yaw, x, y, z.
     pub noise: [f64; 6],
@@ -94,7 +94,7 @@ pub struct Identified {
     pub fit: ModelComparison,
     /// With nothing free but what flights have of their own.
     hypothesis: Hypothesis,
-    plan: Plan,
+    plan: FitOptions,
 }
 
 /// Refuses logs that hold the same flight: a fit would count it twice, a test would know it.
@@ -111,7 +111,7 @@ pub fn refuse_duplicates(logs: &[&(String, FlightLog)]) -> Result<(), IdentifyEr
 ///
 /// # Errors
 /// [`IdentifyError`]: logs that cannot be flown, hold one flight twice or do not go together, paths that do not exist or cannot be told.
-pub fn identify(model: &Model, logs: &[(String, FlightLog)], plan: &Plan, done: &dyn Fn()) -> Result<Identified, IdentifyError> {
+pub fn identify(model: &Model, logs: &[(String, FlightLog)], plan: &FitOptions, done: &dyn Fn()) -> Result<ModelEstimate, IdentifyError> {
     refuse_duplicates(&logs.iter().collect::<Vec<_>>())?;
     let mut flights = prepare(model, plan.vertical, logs)?;
     let input = flights[0].input;
@@ -124,7 +124,8 @@ pub fn identify(model: &Model, logs: &[(String, FlightLog)], plan: &Plan, done: 
             return Err(IdentifyError::Singular { parameter: HOVER.to_owned(), reason });
         }
     }
-    let mut hypothesis = Hypothesis { free, pushed: false, ..Hypothesis::of(&near(model, logs, plan)?) };
+    let mut hypothesis =
+        Hypothesis { free, estimates_lagged_push: false, ..Hypothesis::from_model(&model_near_vehicle(model, logs, plan)?) };
     if plan.nuisance {
         hypothesis = nuisance::terms(input)?.into_iter().fold(hypothesis, |h, term| h.with(term));
     }
@@ -144,11 +145,11 @@ pub fn identify(model: &Model, logs: &[(String, FlightLog)], plan: &Plan, done: 
     let before: Vec<f64> = hypothesis.free.iter().map(|path| model.parameter(path)).collect::<Result<_, _>>()?;
     let identified = report(model, logs, plan, &flights, &windows, &hypothesis, fitted, before)?;
     done();
-    Ok(Identified { left_out, ..identified })
+    Ok(ModelEstimate { left_out, ..identified })
 }
 
-/// Numbers to fit beside a hover PWM of each flight: the mean of these is the model's, and beside them, a bend of the thrust curve and trims, positions
-/// over 2 s do not tell the damping of climb.
+/// Numbers to fit beside a hover PWM of each flight, whose mean is the model's. The damping of climb is not among them: beside these hover PWMs, a bend
+/// of the thrust curve and trims, positions over 2 s do not tell it.
 pub(crate) fn beside_hover(free: Vec<String>) -> Vec<String> {
     free.into_iter().filter(|path| path != HOVER && path != HEAVE).collect()
 }
@@ -170,7 +171,7 @@ fn fitted_effect(name: &str, all: &[String]) -> Result<Term, IdentifyError> {
 }
 
 /// The model with a mass and a hover PWM near those of the vehicle that flew: it hovers on the whole.
-fn near(model: &Model, logs: &[(String, FlightLog)], plan: &Plan) -> Result<Model, IdentifyError> {
+fn model_near_vehicle(model: &Model, logs: &[(String, FlightLog)], plan: &FitOptions) -> Result<Model, IdentifyError> {
     let mut near = plan.mass_kg.map_or_else(|| Ok(model.clone()), |mass_kg| model.with_parameter("vehicle.mass", mass_kg))?;
     let flown = |log: &FlightLog| Some(median(log.cmd_thrust_pwm.as_ref()?.get(log.airborne.clone())?));
     let hovers: Vec<f64> = logs.iter().filter_map(|(_, log)| flown(log)).filter(|pwm| *pwm > 0.0).collect();
@@ -185,44 +186,45 @@ fn near(model: &Model, logs: &[(String, FlightLog)], plan: &Plan) -> Result<Mode
 fn report(
     model: &Model,
     logs: &[(String, FlightLog)],
-    plan: &Plan,
+    plan: &FitOptions,
     flights: &[Flight],
     windows: &[Window],
     hypothesis: &Hypothesis,
     (solution, noise): (Solution, [f64; 6]),
     mut before: Vec<f64>,
-) -> Result<Identified, IdentifyError> {
-    let prediction = Prediction { flights, windows, hypothesis, inflation: 1.0 };
+) -> Result<ModelEstimate, IdentifyError> {
+    let prediction = OutputErrorProblem { flights, windows, hypothesis, inflation: 1.0 };
     let (bounds, common) = (prediction.bounds(), prediction.common());
     let names = names(model, hypothesis);
     let labels: Vec<String> = names.iter().map(|(name, _)| name.clone()).collect();
     let flight_of: Vec<usize> = windows.iter().map(|w| w.flight).collect();
-    let (of_numbers, clusters) = covariance(&solution, &flight_of, &labels, &bounds[..common])?;
-    let estimate = |(i, (name, unit)): (usize, (String, String))| Estimate {
+    let (number_covariance, clusters) = covariance(&solution, &flight_of, &labels, &bounds[..common])?;
+    let estimate = |(i, (name, unit)): (usize, (String, String))| ParameterEstimate {
         name,
         unit,
         value: solution.shared[i],
-        standard_error: of_numbers[(i, i)].max(0.0).sqrt(),
+        standard_error: number_covariance[(i, i)].max(0.0).sqrt(),
         at_bound: at_bound(solution.shared[i], bounds[i]),
     };
-    let mut parameters: Vec<Estimate> = names.into_iter().enumerate().map(estimate).collect();
+    let mut parameters: Vec<ParameterEstimate> = names.into_iter().enumerate().map(estimate).collect();
     let of_terms = hypothesis.terms.iter().filter(|t| t.per_flight.is_none());
     before.extend(of_terms.flat_map(|t| t.free.iter().map(|i| t.entry.params[*i].off)));
     if let Some(standard_error) = nuisance::centre_hover(&mut hypothesis.clone(), flights.len(), &mut solution.shared.clone()) {
         let value = hypothesis.model.parameter(HOVER)?;
-        parameters.push(Estimate { name: HOVER.to_owned(), unit: "1".to_owned(), value, standard_error, at_bound: false });
+        parameters.push(ParameterEstimate { name: HOVER.to_owned(), unit: "1".to_owned(), value, standard_error, at_bound: false });
         before.push(model.parameter(HOVER)?);
     }
-    let each: Vec<Hypothesis> = (0..flights.len()).map(|f| hypothesis.at(&prediction.of_flight(&solution.shared, f)).fixed()).collect();
-    let found = hypothesis.at(&prediction.of_flight(&solution.shared, 0));
+    let each: Vec<Hypothesis> =
+        (0..flights.len()).map(|f| hypothesis.with_values(&prediction.flight_numbers(&solution.shared, f)).without_free()).collect();
+    let found = hypothesis.with_values(&prediction.flight_numbers(&solution.shared, 0));
     let names: Vec<&str> = logs.iter().map(|(name, _)| name.as_str()).collect();
-    let model = choice::sourced(&found, plan, flights[0].input, &parameters, &names, clusters)?;
-    let fit = judge(&each, flights, plan);
-    let sums = Rows::squares(&fit.comparisons);
+    let model = choice::model_with_sources(&found, plan, flights[0].input, &parameters, &names, clusters)?;
+    let fit = compare_flights(&each, flights, plan);
+    let sums = ResidualRows::squares(&fit.comparisons);
     let own = START + hypothesis.lags_sd(flights[0].input).len();
-    Ok(Identified {
+    Ok(ModelEstimate {
         criteria: criteria(&sums, solution.shared.len() + windows.len() * own),
-        hypothesis: unsettled(&found),
+        hypothesis: open_per_flight(&found),
         model,
         before,
         left_out: Vec::new(),
@@ -238,7 +240,7 @@ fn report(
 }
 
 /// The same with nothing free but what flights have of their own.
-pub(crate) fn unsettled(found: &Hypothesis) -> Hypothesis {
+pub(crate) fn open_per_flight(found: &Hypothesis) -> Hypothesis {
     let mut open = Hypothesis { free: Vec::new(), ..found.clone() };
     for term in &mut open.terms {
         match &term.per_flight {
@@ -252,61 +254,64 @@ pub(crate) fn unsettled(found: &Hypothesis) -> Hypothesis {
 /// How often [`identify`] calls back at most each time it fits: again where it left something out.
 pub const STAGES: usize = ROUNDS + 1;
 
-impl Identified {
+impl ModelEstimate {
     /// Predicts logs that the fit has not seen: only initial states are taken from them and, from their first [`SETTLE_S`] seconds, what every
     /// flight has of its own.
     ///
     /// # Errors
     /// As [`identify`].
-    pub fn judge(&self, logs: &[(String, FlightLog)]) -> Result<ModelComparison, IdentifyError> {
-        self.judge_by(&self.hypothesis, logs)
+    pub fn compare_logs(&self, logs: &[(String, FlightLog)]) -> Result<ModelComparison, IdentifyError> {
+        self.compare_by(&self.hypothesis, logs)
     }
 
-    /// As [`Identified::judge`], by another model: the one before, to see what was gained.
+    /// As [`ModelEstimate::compare_logs`], by another model: the one before, to see what was gained.
     ///
     /// # Errors
     /// As [`identify`].
-    pub fn judge_with(&self, model: &Model, logs: &[(String, FlightLog)]) -> Result<ModelComparison, IdentifyError> {
-        let mut hypothesis = Hypothesis { pushed: false, ..Hypothesis::of(model) };
+    pub fn compare_with(&self, model: &Model, logs: &[(String, FlightLog)]) -> Result<ModelComparison, IdentifyError> {
+        let mut hypothesis = Hypothesis { estimates_lagged_push: false, ..Hypothesis::from_model(model) };
         if self.plan.nuisance {
             hypothesis = nuisance::terms(self.input)?.into_iter().fold(hypothesis, |h, term| h.with(term));
         }
-        self.judge_by(&hypothesis, logs)
+        self.compare_by(&hypothesis, logs)
     }
 
-    fn judge_by(&self, hypothesis: &Hypothesis, logs: &[(String, FlightLog)]) -> Result<ModelComparison, IdentifyError> {
+    fn compare_by(&self, hypothesis: &Hypothesis, logs: &[(String, FlightLog)]) -> Result<ModelComparison, IdentifyError> {
         let mut flights = prepare(&hypothesis.model, Some(self.input), logs)?;
-        flights.iter_mut().for_each(|f| f.noise = of_six(&self.noise));
-        let each: Vec<Hypothesis> = flights.iter().map(|flight| nuisance::settled_on_start(hypothesis, flight)).collect();
-        Ok(judge(&each, &flights, &self.plan))
+        flights.iter_mut().for_each(|f| f.noise = measurement_noise(&self.noise));
+        let each: Vec<Hypothesis> = flights.iter().map(|flight| nuisance::fit_on_start(hypothesis, flight)).collect();
+        Ok(compare_flights(&each, &flights, &self.plan))
     }
 }
 
-/// What hypotheses without free numbers, one for each flight, make of the flights.
-fn judge(each: &[Hypothesis], flights: &[Flight], plan: &Plan) -> ModelComparison {
+/// Predictions of flights by hypotheses without free numbers, one for each flight.
+fn compare_flights(each: &[Hypothesis], flights: &[Flight], plan: &FitOptions) -> ModelComparison {
     let from_s = if plan.nuisance { SETTLE_S } else { 0.0 };
     let pairs = || each.iter().zip(flights);
     ModelComparison {
-        comparisons: pairs().flat_map(|(at, flight)| compare(at, flight)).collect(),
-        trims: pairs().map(|(at, flight)| nuisance::trim(&flight.name, at)).filter(|trim| !trim.values.is_empty()).collect(),
-        errors: pairs().filter_map(|(at, flight)| axis_errors(at, flight, from_s, None)).collect(),
+        comparisons: pairs().flat_map(|(hypothesis, flight)| compare(hypothesis, flight)).collect(),
+        trims: pairs()
+            .map(|(hypothesis, flight)| nuisance::trim(&flight.name, hypothesis))
+            .filter(|trim| !trim.values.is_empty())
+            .collect(),
+        errors: pairs().filter_map(|(hypothesis, flight)| axis_errors(hypothesis, flight, from_s, None)).collect(),
     }
 }
 
 /// Names and units of the free numbers that all flights share: the model's, then the effects'.
-fn names(model: &Model, of: &Hypothesis) -> Vec<(String, String)> {
+fn names(model: &Model, hypothesis: &Hypothesis) -> Vec<(String, String)> {
     let known = model.parameters();
     let unit = |path: &String| known.iter().find(|(p, ..)| p == path).map_or(String::new(), |(_, _, unit)| (*unit).to_owned());
     let of_term = |t: &Term| -> Vec<(String, String)> {
         t.free.iter().map(|i| (format!("{}.{}", t.entry.name, t.entry.params[*i].name), t.entry.params[*i].unit.to_owned())).collect()
     };
-    let of_terms = of.terms.iter().filter(|t| t.per_flight.is_none()).flat_map(of_term);
-    of.free.iter().map(|path| (path.clone(), unit(path))).chain(of_terms).collect()
+    let of_terms = hypothesis.terms.iter().filter(|t| t.per_flight.is_none()).flat_map(of_term);
+    hypothesis.free.iter().map(|path| (path.clone(), unit(path))).chain(of_terms).collect()
 }
 
 pub(crate) fn prepare(model: &Model, vertical: Option<VerticalInput>, logs: &[(String, FlightLog)]) -> Result<Vec<Flight>, IdentifyError> {
     let flight = |(name, log): &(String, FlightLog)| {
-        Flight::of(name, log, model, vertical).map_err(|source| IdentifyError::Flight { log: name.clone(), source })
+        Flight::from_log(name, log, model, vertical).map_err(|source| IdentifyError::Flight { log: name.clone(), source })
     };
     let flights: Vec<Flight> = logs.iter().map(flight).collect::<Result<_, _>>()?;
     let first = flights.first().ok_or(IdentifyError::NoLogs)?;
@@ -321,18 +326,23 @@ fn windows(flights: &[Flight]) -> Vec<Window> {
 }
 
 /// The numbers, fitted again with the noise that they leave, and with what flights differ by, until both stay.
-pub(crate) fn fit(flights: &mut [Flight], windows: &[Window], at: &mut Hypothesis, done: &dyn Fn()) -> Option<(Solution, [f64; 6])> {
+pub(crate) fn fit(
+    flights: &mut [Flight],
+    windows: &[Window],
+    hypothesis: &mut Hypothesis,
+    done: &dyn Fn(),
+) -> Option<(Solution, [f64; 6])> {
     let mut noise = [0.0; 6];
     let mut found: Option<Solution> = None;
     for _ in 0..ROUNDS {
-        let prediction = Prediction { flights, windows, hypothesis: at, inflation: 1.0 };
-        let (own, shared) = found.map_or_else(|| (prediction.starts(), prediction.shared()), |f| (f.own, f.shared));
+        let prediction = OutputErrorProblem { flights, windows, hypothesis, inflation: 1.0 };
+        let (own, shared) = found.map_or_else(|| (prediction.measured_starts(), prediction.shared()), |f| (f.own, f.shared));
         let solution = solve(&prediction, own, shared);
         if !solution.loss.is_finite() {
             return None;
         }
-        let numbers: Vec<Vec<f64>> = (0..flights.len()).map(|f| prediction.of_flight(&solution.shared, f)).collect();
-        let each: Vec<Hypothesis> = numbers.iter().map(|numbers| at.at(numbers).fixed()).collect();
+        let numbers: Vec<Vec<f64>> = (0..flights.len()).map(|f| prediction.flight_numbers(&solution.shared, f)).collect();
+        let each: Vec<Hypothesis> = numbers.iter().map(|numbers| hypothesis.with_values(numbers).without_free()).collect();
         let left = rows(&each, flights, windows, &solution.own).noise(&FLOOR);
         done();
         let same = noise.iter().zip(&left).all(|(a, b): (&f64, &f64)| (b / a - 1.0).abs() < 0.03);
@@ -341,16 +351,16 @@ pub(crate) fn fit(flights: &mut [Flight], windows: &[Window], at: &mut Hypothesi
         if same {
             break;
         }
-        nuisance::learn_priors(at, &numbers);
+        nuisance::learn_priors(hypothesis, &numbers);
         if let Some(found) = &mut found {
-            nuisance::centre_hover(at, flights.len(), &mut found.shared);
+            nuisance::centre_hover(hypothesis, flights.len(), &mut found.shared);
         }
-        flights.iter_mut().for_each(|f| f.noise = of_six(&noise));
+        flights.iter_mut().for_each(|f| f.noise = measurement_noise(&noise));
     }
     found.map(|solution| (solution, noise))
 }
 
-fn of_six(noise: &[f64; 6]) -> Noise {
+fn measurement_noise(noise: &[f64; 6]) -> MeasurementNoise {
     let [roll, pitch, yaw, x, y, z] = *noise;
-    Noise { att_rad: [roll, pitch, yaw], pos_m: [x, y, z] }
+    MeasurementNoise { att_rad: [roll, pitch, yaw], pos_m: [x, y, z] }
 }

@@ -1,4 +1,4 @@
-//! What differs from flight to flight and is no property of the vehicle: trims, and the PWM that carries it on that day's battery.
+//! Nuisance parameters: trims, and the PWM that carries the vehicle on that day's battery. They differ from flight to flight.
 
 use crazyflie_env::effects;
 use crazyflie_env::model::{Model, VerticalInput};
@@ -7,7 +7,7 @@ use super::HOVER;
 use crate::estimate::IdentifyError;
 use crate::fit::flight::{Flight, WINDOW_S, Window};
 use crate::fit::hypothesis::{Hypothesis, Term};
-use crate::fit::predict::Prediction;
+use crate::fit::predict::OutputErrorProblem;
 use crate::fit::solve::{Prior, solve};
 
 /// Marker frames lie askew by about a degree, differently in each session, and so does a trim: with room to spare.
@@ -21,8 +21,8 @@ const SCALE: &str = "thrust_scale";
 const LEAST_FLIGHTS: usize = 4;
 /// Flights that agree by chance do not make a number certain: no prior gets narrower than this share of the first.
 const NARROWEST: f64 = 0.1;
-/// What a model of a real vehicle lacks does not average out over five seconds of one manoeuvre, so rows of a few seconds say far less than their number
-/// has it: standard deviations count so many times. Chosen on five flights of the fit predicted from six others: horizontal velocity 2 s ahead
+/// Factor on standard deviations in fits of a few seconds. The error of a model does not average out over five seconds of one manoeuvre, so rows
+/// say far less than their number. Chosen on five flights of the fit predicted from six others: horizontal velocity 2 s ahead
 /// was off by 0.154 m/s at 7, 0.150 at 15, 0.148 at 25 and at 50.
 const INFLATION: f64 = 25.0;
 /// Of a flight that the fit has not seen, this much from its start tells its nuisance parameters.
@@ -33,16 +33,16 @@ const TAKE_OFF_S: f64 = 2.0;
 
 /// The hover PWM of the model moves to the mean of the flights', so that their thrust scales, which `shared` holds among all numbers of a fit, are 1 in the
 /// mean. Returns its standard error by how much flights differ.
-pub(super) fn centre_hover(at: &mut Hypothesis, flights: usize, shared: &mut [f64]) -> Option<f64> {
-    let local = at.place(SCALE).next()?;
-    let priors = at.per_flight();
+pub(super) fn centre_hover(hypothesis: &mut Hypothesis, flights: usize, shared: &mut [f64]) -> Option<f64> {
+    let local = hypothesis.place(SCALE).next()?;
+    let priors = hypothesis.per_flight();
     let common = priors.iter().filter(|p| p.is_none()).count();
     let (own, rank) = (priors.len() - common, priors[..local].iter().filter(|p| p.is_some()).count());
     let places: Vec<usize> = (0..flights).map(|flight| common + flight * own + rank).collect();
     let n = flights as f64;
     let mean = places.iter().map(|i| shared[*i]).sum::<f64>() / n;
-    let hover = at.model.parameter(HOVER).ok()? / mean;
-    at.model = at.model.with_parameter(HOVER, hover).ok()?;
+    let hover = hypothesis.model.parameter(HOVER).ok()? / mean;
+    hypothesis.model = hypothesis.model.with_parameter(HOVER, hover).ok()?;
     places.iter().for_each(|i| shared[*i] /= mean);
     let squares: f64 = places.iter().map(|i| (shared[*i] - 1.0).powi(2)).sum();
     Some(hover * (squares / (n - 1.0).max(1.0) / n).sqrt())
@@ -50,7 +50,7 @@ pub(super) fn centre_hover(at: &mut Hypothesis, flights: usize, shared: &mut [f6
 
 /// The nuisance parameters of one flight.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Trim {
+pub struct NuisanceParameters {
     pub log: String,
     /// Name, unit and value of each; the hover PWM among them, where thrust is commanded.
     pub values: Vec<(String, &'static str, f64)>,
@@ -68,13 +68,13 @@ pub(crate) fn terms(input: VerticalInput) -> Result<Vec<Term>, IdentifyError> {
 }
 
 /// The priors after a look at the flights of a fit, of which `each` holds all free numbers: how much flights differ is itself estimated.
-pub(super) fn learn_priors(at: &mut Hypothesis, each: &[Vec<f64>]) {
+pub(super) fn learn_priors(hypothesis: &mut Hypothesis, each: &[Vec<f64>]) {
     if each.len() < LEAST_FLIGHTS {
         return;
     }
     let n = each.len() as f64;
-    let mut place = at.free.len();
-    for term in &mut at.terms {
+    let mut place = hypothesis.free.len();
+    for term in &mut hypothesis.terms {
         let first_sd = TERMS.iter().find(|(name, _)| *name == term.entry.name).map_or(0.0, |(_, sd)| *sd);
         for (i, prior) in term.per_flight.iter_mut().flatten().enumerate() {
             let values = each.iter().map(|flight| flight[place + i]);
@@ -88,8 +88,8 @@ pub(super) fn learn_priors(at: &mut Hypothesis, each: &[Vec<f64>]) {
     }
 }
 
-/// The hypothesis with the nuisance parameters of a flight found from its first seconds; `at` has nothing else free.
-pub(crate) fn settled_on_start(at: &Hypothesis, flight: &Flight) -> Hypothesis {
+/// The hypothesis with the nuisance parameters of a flight found from its first seconds; nothing else in it is free.
+pub(crate) fn fit_on_start(hypothesis: &Hypothesis, flight: &Flight) -> Hypothesis {
     // two windows of the first seconds, or what there is of a shorter flight, without the take-off through ground effect
     let tick = |s: f64| (s / flight.tick_s).round() as usize;
     let last = tick(SETTLE_S).min(flight.ticks);
@@ -98,12 +98,12 @@ pub(crate) fn settled_on_start(at: &Hypothesis, flight: &Flight) -> Hypothesis {
     let windows = [first..middle, middle..last].map(|ticks| Window { flight: 0, ticks });
     let flights = std::slice::from_ref(flight);
     // what carries a flight shows within seconds, and differs far more than five seconds leave open: only trims are held to those of other flights
-    let mut at = at.clone();
-    let scale = at.terms.iter_mut().filter(|t| t.entry.name == SCALE);
+    let mut hypothesis = hypothesis.clone();
+    let scale = hypothesis.terms.iter_mut().filter(|t| t.entry.name == SCALE);
     scale.flat_map(|t| t.per_flight.iter_mut().flatten()).for_each(|prior| prior.sd *= INFLATION);
-    let prediction = Prediction { flights, windows: &windows, hypothesis: &at, inflation: INFLATION };
-    let solution = solve(&prediction, prediction.starts(), prediction.shared());
-    at.at(&prediction.of_flight(&solution.shared, 0)).fixed()
+    let prediction = OutputErrorProblem { flights, windows: &windows, hypothesis: &hypothesis, inflation: INFLATION };
+    let solution = solve(&prediction, prediction.measured_starts(), prediction.shared());
+    hypothesis.with_values(&prediction.flight_numbers(&solution.shared, 0)).without_free()
 }
 
 /// Flights of a fit and of a test without what each has of its own, as a model sees it, and what that was. Of flights of the fit all is used, of
@@ -111,25 +111,27 @@ pub(crate) fn settled_on_start(at: &Hypothesis, flight: &Flight) -> Hypothesis {
 ///
 /// # Errors
 /// None, unless the registry of effects lacks one of the nuisance effects.
-pub fn settle_flights(model: &Model, fit: &mut [Flight], test: &mut [Flight]) -> Result<Vec<Trim>, IdentifyError> {
+pub fn settle_flights(model: &Model, fit: &mut [Flight], test: &mut [Flight]) -> Result<Vec<NuisanceParameters>, IdentifyError> {
     let Some(input) = fit.first().map(|f| f.input).filter(|_| fit.iter().chain(&*test).all(|f| f.sees_true_attitude)) else {
         return Ok(Vec::new());
     };
-    let mut at = terms(input)?.into_iter().fold(Hypothesis { pushed: false, ..Hypothesis::of(model) }, |h, term| h.with(term));
-    let settled = |at: &Hypothesis, flight: &Flight, windows: &[Window]| {
-        let prediction = Prediction { flights: std::slice::from_ref(flight), windows, hypothesis: at, inflation: 1.0 };
-        solve(&prediction, prediction.starts(), prediction.shared()).shared
+    let mut hypothesis = terms(input)?
+        .into_iter()
+        .fold(Hypothesis { estimates_lagged_push: false, ..Hypothesis::from_model(model) }, |h, term| h.with(term));
+    let settled = |hypothesis: &Hypothesis, flight: &Flight, windows: &[Window]| {
+        let prediction = OutputErrorProblem { flights: std::slice::from_ref(flight), windows, hypothesis, inflation: 1.0 };
+        solve(&prediction, prediction.measured_starts(), prediction.shared()).shared
     };
-    let each: Vec<Vec<f64>> = fit.iter().map(|flight| settled(&at, flight, &flight.windows(0, WINDOW_S))).collect();
-    learn_priors(&mut at, &each);
+    let each: Vec<Vec<f64>> = fit.iter().map(|flight| settled(&hypothesis, flight, &flight.windows(0, WINDOW_S))).collect();
+    learn_priors(&mut hypothesis, &each);
     let mut trims = Vec::new();
     for (flight, numbers) in fit.iter_mut().zip(&each) {
-        let own = at.at(numbers);
+        let own = hypothesis.with_values(numbers);
         trims.push(trim(&flight.name, &own));
         *flight = without_trims(flight, &own);
     }
     for flight in test {
-        let own = settled_on_start(&at, flight);
+        let own = fit_on_start(&hypothesis, flight);
         trims.push(trim(&flight.name, &own));
         *flight = without_trims(flight, &own);
     }
@@ -144,15 +146,15 @@ fn without_trims(flight: &Flight, own: &Hypothesis) -> Flight {
 }
 
 /// Nuisance parameters as people read them.
-pub(super) fn trim(log: &str, at: &Hypothesis) -> Trim {
+pub(super) fn trim(log: &str, hypothesis: &Hypothesis) -> NuisanceParameters {
     let mut values = Vec::new();
-    for term in at.terms.iter().filter(|t| t.per_flight.is_some()) {
+    for term in hypothesis.terms.iter().filter(|t| t.per_flight.is_some()) {
         if term.entry.name == SCALE {
-            let hover = at.model.parameter(HOVER).unwrap_or(f64::NAN);
+            let hover = hypothesis.model.parameter(HOVER).unwrap_or(f64::NAN);
             values.push(("hover_pwm".to_owned(), "1", hover / term.values[0]));
         } else {
             values.extend(term.entry.params.iter().zip(&term.values).map(|(p, v)| (format!("{}.{}", term.entry.name, p.name), p.unit, *v)));
         }
     }
-    Trim { log: log.to_owned(), values }
+    NuisanceParameters { log: log.to_owned(), values }
 }

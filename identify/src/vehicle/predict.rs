@@ -3,74 +3,75 @@
 use rayon::prelude::*;
 
 use crate::estimate::Comparison;
-use crate::fit::flight::{Flight, Noise, Window};
+use crate::fit::flight::{Flight, MeasurementNoise, Window};
 use crate::fit::hypothesis::Hypothesis;
-use crate::fit::predict::{Compared, Prediction, Worker};
+use crate::fit::predict::{OutputErrorProblem, PredictedMeasurement, SensitivitySimulator};
 use crate::fit::solve::solve;
 use crate::metrics::Fit;
-use crate::replay::measured::median;
+use crate::replay::measurements::median;
 
-/// Outputs by their channel in [`Compared`].
+/// Outputs by their channel in [`PredictedMeasurement`].
 const SIGNALS: [(&str, &str); 6] = [("roll", "rad"), ("pitch", "rad"), ("yaw", "rad"), ("x", "m"), ("y", "m"), ("z", "m")];
 
-/// What was compared.
-pub(super) struct Rows(Vec<Compared>);
+/// Measurements with their predictions.
+pub(super) struct ResidualRows(Vec<PredictedMeasurement>);
 
 /// The predictions of hypotheses without free numbers, one for each flight, from these initial states.
-pub(super) fn rows(each: &[Hypothesis], flights: &[Flight], windows: &[Window], own: &[Vec<f64>]) -> Rows {
-    let of = |(window, own): (&Window, &Vec<f64>)| {
+pub(super) fn rows(each: &[Hypothesis], flights: &[Flight], windows: &[Window], own: &[Vec<f64>]) -> ResidualRows {
+    let window_rows = |(window, own): (&Window, &Vec<f64>)| {
         let flight = &flights[window.flight];
-        let Ok(mut worker) = Worker::new(&each[window.flight], flight, false, false) else { return Vec::new() };
-        worker.predict(flight, window, own);
-        worker.rows().to_vec()
+        let Ok(mut simulator) = SensitivitySimulator::new(&each[window.flight], flight, false, false) else { return Vec::new() };
+        simulator.predict(flight, window, own);
+        simulator.rows().to_vec()
     };
-    Rows(windows.par_iter().zip(own).map(of).collect::<Vec<_>>().concat())
+    ResidualRows(windows.par_iter().zip(own).map(window_rows).collect::<Vec<_>>().concat())
 }
 
-impl Rows {
+impl ResidualRows {
     /// Standard deviation of the residuals per channel, by the median against outliers.
-    pub(super) fn noise(&self, floor: &Noise) -> [f64; 6] {
+    pub(super) fn noise(&self, floor: &MeasurementNoise) -> [f64; 6] {
         let least = [floor.att_rad, floor.pos_m].concat();
         std::array::from_fn(|channel| {
-            let of = self.0.iter().filter(|row| row.channel == channel).map(|row| (row.measured - row.predicted).abs() / row.spread);
+            let residuals =
+                self.0.iter().filter(|row| row.channel == channel).map(|row| (row.measured - row.predicted).abs() / row.noise_scale);
             // the median of |normal| is 0.6745 standard deviations
-            (median(&of.collect::<Vec<_>>()) / 0.6745).max(least[channel])
+            (median(&residuals.collect::<Vec<_>>()) / 0.6745).max(least[channel])
         })
     }
 
     /// Sums of squared residuals per signal, and how many.
     pub(super) fn squares(all: &[Comparison]) -> Vec<(f64, usize)> {
-        let of = |(name, _): &(&str, &str)| {
+        let squares_of = |(name, _): &(&str, &str)| {
             let residuals = all.iter().filter(|c| c.signal == *name).flat_map(Comparison::residuals);
             residuals.fold((0.0, 0), |(sum, count), e| (sum + e * e, count + 1))
         };
-        SIGNALS.iter().map(of).filter(|(_, count)| *count > 0).collect()
+        SIGNALS.iter().map(squares_of).filter(|(_, count)| *count > 0).collect()
     }
 
-    fn channel(&self, channel: usize) -> Vec<Compared> {
+    fn channel(&self, channel: usize) -> Vec<PredictedMeasurement> {
         self.0.iter().filter(|row| row.channel == channel).copied().collect()
     }
 }
 
 /// Every signal of a flight by a hypothesis without free numbers, in windows and in one run over the whole flight, from initial states that are fitted.
-pub(super) fn compare(at: &Hypothesis, flight: &Flight) -> Vec<Comparison> {
+pub(super) fn compare(hypothesis: &Hypothesis, flight: &Flight) -> Vec<Comparison> {
     let flights = std::slice::from_ref(flight);
     let settled = |windows: Vec<Window>| {
-        let prediction = Prediction { flights, windows: &windows, hypothesis: at, inflation: 1.0 };
-        let solution = solve(&prediction, prediction.starts(), prediction.shared());
-        rows(std::slice::from_ref(at), flights, &windows, &solution.own)
+        let prediction = OutputErrorProblem { flights, windows: &windows, hypothesis, inflation: 1.0 };
+        let solution = solve(&prediction, prediction.measured_starts(), prediction.shared());
+        rows(std::slice::from_ref(hypothesis), flights, &windows, &solution.own)
     };
     let windows = settled(super::windows(flights));
-    let whole = settled(vec![Window { flight: 0, ticks: flight.all() }]);
+    let whole = settled(vec![Window { flight: 0, ticks: flight.all_ticks() }]);
     let signals = SIGNALS.into_iter().enumerate();
-    let one =
+    let signal_comparison =
         |(channel, (signal, unit))| comparison(flight, channel, signal, unit, &windows.channel(channel), fit_of(&whole.channel(channel)));
-    signals.filter_map(one).collect()
+    signals.filter_map(signal_comparison).collect()
 }
 
-fn fit_of(rows: &[Compared]) -> Option<Fit> {
+fn fit_of(rows: &[PredictedMeasurement]) -> Option<Fit> {
     let (measured, predicted): (Vec<f64>, Vec<f64>) = rows.iter().map(|r| (r.measured, r.predicted)).unzip();
-    Fit::of(&measured, &predicted).ok()
+    Fit::new(&measured, &predicted).ok()
 }
 
 fn comparison(
@@ -78,11 +79,11 @@ fn comparison(
     channel: usize,
     signal: &'static str,
     unit: &'static str,
-    rows: &[Compared],
+    rows: &[PredictedMeasurement],
     whole: Option<Fit>,
 ) -> Option<Comparison> {
     let fit = fit_of(rows)?;
-    let input = |row: &Compared| {
+    let input = |row: &PredictedMeasurement| {
         let u = flight.command((row.t_s / flight.tick_s - 1e-6).floor() as isize);
         // roll moves along y, pitch along x
         [u.roll_rad, u.pitch_rad, u.yaw_rate_radps, u.pitch_rad, u.roll_rad, u.lift][channel]

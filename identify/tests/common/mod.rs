@@ -1,4 +1,4 @@
-//! What the tests on recorded data share.
+//! Helpers of the tests on recorded data.
 
 use std::io::Write;
 use std::path::PathBuf;

@@ -37,7 +37,7 @@ impl Draft {
     ///
     /// # Errors
     /// [`LogError`] if the bytes are no table of text.
-    pub fn of_bytes(file: &str, bytes: &[u8]) -> Result<Self, LogError> {
+    pub fn from_bytes(file: &str, bytes: &[u8]) -> Result<Self, LogError> {
         let mut notes = Vec::new();
         let unpacked = text::decompress(file, bytes, &mut notes)?;
         let table = Table::parse(file, &unpacked, &mut notes)?;
@@ -139,7 +139,7 @@ fn frame(entries: &[Entry]) -> &'static str {
 
 /// Turns the signs that the flight contradicts. An attitude comes first: commands and gyro are checked against it.
 fn turn_signs(entries: &mut [Entry], log: &FlightLog) {
-    let checks = Inspection::of_log(log).signs;
+    let checks = Inspection::from_log(log).signs;
     let contradicted = |name: &str| checks.iter().find(|check| check.channel == name && check.verdict == SignVerdict::Contradicts);
     let (roll, pitch) = (contradicted("roll").is_some(), contradicted("pitch").is_some());
     for entry in entries {
@@ -167,15 +167,15 @@ fn write(table: &Table, time: &str, frame: &str, entries: &[Entry], rest: &[Stri
          # position = \"motion_capture\"  # or camera, estimate; guessed from its rate unless said\n\
          # attitude = \"imu\"  # or motion_capture, marker\n\n\
          [time]\ncolumn = {}\nunit = {}\n\n[channels]\n",
-        quoted(frame),
-        quoted(time),
-        quoted(guess_unit(&times).name),
+        quote(frame),
+        quote(time),
+        quote(guess_unit(&times).name),
     );
     for entry in entries {
         let sign = if entry.flipped.is_some() { ", sign = -1" } else { "" };
         let [low, _, high] = entry.range;
         let why = entry.flipped.map_or(String::new(), |why| format!("; turned: {why}"));
-        let (name, column, unit) = (entry.channel.name, quoted(&entry.column), quoted(entry.unit));
+        let (name, column, unit) = (entry.channel.name, quote(&entry.column), quote(entry.unit));
         let _ = writeln!(text, "{name} = {{ column = {column}, unit = {unit}{sign} }}  # {low:.4} to {high:.4}{why}");
     }
     for channel in CHANNELS.iter().filter(|c| c.group == "position" && !entries.iter().any(|e| e.channel.name == c.name)) {
@@ -193,6 +193,6 @@ fn write(table: &Table, time: &str, frame: &str, entries: &[Entry], rest: &[Stri
 }
 
 /// A TOML string.
-fn quoted(text: &str) -> String {
+fn quote(text: &str) -> String {
     toml::Value::String(text.to_owned()).to_string()
 }

@@ -13,10 +13,10 @@ use crate::bytes::{Bytes, unpack};
 use crate::mcap_write::{ENCODING, SCHEMA};
 use crate::message::{Encoding, Kind};
 use crate::table::Table;
-use crate::topics::{Recorded, Topics};
+use crate::topics::{StoredMessage, Topics};
 use crate::{Content, FlightLog, LogError, Note, Reader, ros};
 
-/// What all chunks together may hold once unpacked.
+/// The most bytes that all chunks together may hold once unpacked.
 const MOST_UNPACKED: u64 = 512 << 20;
 /// The project's form has 35 columns.
 const MOST_COLUMNS: usize = 256;
@@ -88,7 +88,7 @@ impl Recording<'_> {
         let mut bytes = Bytes::new(data);
         bytes.take(mcap::MAGIC.len());
         loop {
-            let start = bytes.at();
+            let start = bytes.position();
             let reason = match record(&mut bytes) {
                 // After it, only an index and statistics follow.
                 Some((op::DATA_END, _)) => return Ok(()),
@@ -118,7 +118,7 @@ impl Recording<'_> {
 
     /// Takes the records of a chunk. Returns why the reading has to end here, if so.
     fn chunk(&mut self, body: &[u8]) -> Result<Option<&'static str>, LogError> {
-        let Some(chunk) = Chunk::of(body) else { return Ok(Some("a chunk is damaged")) };
+        let Some(chunk) = Chunk::parse(body) else { return Ok(Some("a chunk is damaged")) };
         let left = MOST_UNPACKED - self.unpacked;
         let (unpacked, is_whole) = match chunk.compression {
             b"" => (chunk.packed.to_vec(), chunk.is_whole),
@@ -136,7 +136,7 @@ impl Recording<'_> {
             return Ok(Some("a chunk's check sum does not match"));
         }
         let mut bytes = Bytes::new(&unpacked);
-        while bytes.left() > 0 {
+        while bytes.remaining() > 0 {
             let Some((opcode, body)) = record(&mut bytes) else { return Ok(Some("a record in a chunk is not whole")) };
             if let Some(reason) = self.take(opcode, body) {
                 return Ok(Some(reason));
@@ -172,7 +172,7 @@ impl Recording<'_> {
             "cdr" => Some(Encoding::Cdr),
             _ => None,
         };
-        let read_as = Kind::named(&type_name).zip(encoding);
+        let read_as = Kind::from_name(&type_name).zip(encoding);
         self.channels.insert(id, Channel { topic, type_name, is_row, read_as });
         Some(())
     }
@@ -186,7 +186,7 @@ impl Recording<'_> {
             self.rows_topic.clone_from(&channel.topic);
             self.rows.push(data.to_vec());
         } else {
-            self.topics.add(&channel.topic, &channel.type_name, Recorded { recorded_ns, data }, channel.read_as);
+            self.topics.add(&channel.topic, &channel.type_name, StoredMessage { recorded_ns, data }, channel.read_as);
         }
         Some(())
     }
@@ -211,7 +211,7 @@ struct Chunk<'a> {
 }
 
 impl<'a> Chunk<'a> {
-    fn of(body: &'a [u8]) -> Option<Self> {
+    fn parse(body: &'a [u8]) -> Option<Self> {
         let mut bytes = Bytes::new(body);
         // first and last time, unpacked size
         bytes.take(24)?;

@@ -114,7 +114,7 @@ pub(crate) fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, Log
     let setpoint_yaw_rate_radps = log.set_setpoint(sp);
     log.set_imu(imu);
     let (pos_m, vel_mps) = est.map(|[x, y, z, vx, vy, vz]| ([x, y, z], [vx, vy, vz])).unzip();
-    let attitude_rad = att.map(|angles| right_handed(angles, &mut notes));
+    let attitude_rad = att.map(|angles| to_right_handed(angles, &mut notes));
     log.onboard = Some(Onboard { pos_m, vel_mps, attitude_rad, motor_pwm, setpoint_yaw_rate_radps, ..Onboard::default() });
     log.compare_clocks(&mut notes);
     notes.push(Note::Negated { columns: &["pid_controller_pitch", "att_stateEstimate_pitch"] });
@@ -190,13 +190,13 @@ fn battery(table: &Table, t_s: &[f64], notes: &mut Vec<Note>) -> Result<Option<V
 }
 
 /// Degrees with inverted pitch to radians in the right-handed frame, yaw continuous.
-fn right_handed([roll, pitch, yaw]: [Vec<f64>; 3], notes: &mut Vec<Note>) -> [Vec<f64>; 3] {
+fn to_right_handed([roll, pitch, yaw]: [Vec<f64>; 3], notes: &mut Vec<Note>) -> [Vec<f64>; 3] {
     let mut yaw = radians(yaw);
     unwrap(&mut yaw, "onboard yaw", notes);
-    [radians(roll), negated(radians(pitch)), yaw]
+    [radians(roll), negate(radians(pitch)), yaw]
 }
 
-fn negated(values: Vec<f64>) -> Vec<f64> {
+fn negate(values: Vec<f64>) -> Vec<f64> {
     values.into_iter().map(|v| -v).collect()
 }
 
@@ -227,7 +227,7 @@ impl FlightLog {
     fn set_commands(&mut self, pid: Option<[Vec<f64>; 4]>) {
         if let Some([roll, pitch, yaw, thrust]) = pid {
             self.cmd_roll_rad = Some(radians(roll));
-            self.cmd_pitch_rad = Some(negated(radians(pitch)));
+            self.cmd_pitch_rad = Some(negate(radians(pitch)));
             self.cmd_thrust_pwm = Some(thrust);
             self.setpoint_yaw_rad = Some(radians(yaw));
         }

@@ -7,7 +7,7 @@ use rusqlite::types::ValueRef;
 use rusqlite::{Connection, MAIN_DB, Row};
 
 use crate::message::{Encoding, Kind};
-use crate::topics::{Recorded, Topics};
+use crate::topics::{StoredMessage, Topics};
 use crate::{Content, FlightLog, LogError, Note, Reader, ros};
 
 const MAGIC: &[u8] = b"SQLite format 3\0";
@@ -78,7 +78,7 @@ fn sources(connection: &Connection) -> rusqlite::Result<HashMap<i64, Source>> {
     let mut statement = connection.prepare("SELECT id, name, type, serialization_format FROM topics")?;
     let source = |row: &Row<'_>| {
         let (name, type_name, format): (String, String, String) = (row.get(1)?, row.get(2)?, row.get(3)?);
-        let read_as = Kind::named(&type_name).filter(|_| format == "cdr").map(|kind| (kind, Encoding::Cdr));
+        let read_as = Kind::from_name(&type_name).filter(|_| format == "cdr").map(|kind| (kind, Encoding::Cdr));
         Ok((row.get(0)?, Source { name, type_name, read_as }))
     };
     statement.query_map([], source)?.collect()
@@ -93,7 +93,7 @@ fn messages(connection: &Connection, sources: &HashMap<i64, Source>, topics: &mu
         let (Some(source), Ok(recorded_ns), ValueRef::Blob(data)) = (sources.get(&id), u64::try_from(recorded_ns), row.get_ref(2)?) else {
             continue;
         };
-        topics.add(&source.name, &source.type_name, Recorded { recorded_ns, data }, source.read_as);
+        topics.add(&source.name, &source.type_name, StoredMessage { recorded_ns, data }, source.read_as);
     }
     Ok(())
 }

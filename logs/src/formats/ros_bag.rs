@@ -7,7 +7,7 @@ use std::collections::HashMap;
 
 use crate::bytes::{Bytes, unpack};
 use crate::message::{Encoding, Kind};
-use crate::topics::{Recorded, Topics};
+use crate::topics::{StoredMessage, Topics};
 use crate::{Content, FlightLog, LogError, Note, Reader, ros};
 
 const MAGIC: &[u8] = b"#ROSBAG V2.0\n";
@@ -40,7 +40,7 @@ fn record<'a>(bytes: &mut Bytes<'a>) -> Option<(Header<'a>, &'a [u8])> {
 fn header(fields: &[u8]) -> Option<Header<'_>> {
     let mut bytes = Bytes::new(fields);
     let mut header = Header::default();
-    while bytes.left() > 0 {
+    while bytes.remaining() > 0 {
         let field = bytes.block()?;
         let name_ends = field.iter().position(|byte| *byte == b'=')?;
         let (name, value) = (&field[..name_ends], &field[name_ends + 1..]);
@@ -83,14 +83,14 @@ impl Reader for RosBag {
 /// The messages of a bag, by topic. What is cut off or damaged after the first record ends the reading with a note.
 fn topics(file: &str, data: &[u8], notes: &mut Vec<Note>) -> Result<Topics, LogError> {
     let mut bytes = Bytes::new(data);
-    let bad = |bytes: &Bytes<'_>, expected| LogError::BadBinary { file: file.to_owned(), byte: bytes.at(), expected };
+    let bad = |bytes: &Bytes<'_>, expected| LogError::BadBinary { file: file.to_owned(), byte: bytes.position(), expected };
     bytes.take(MAGIC.len());
     let mut bag = Bag { file, connections: HashMap::new(), topics: Topics::default(), unpacked: 0 };
     if record(&mut bytes).is_none_or(|(header, _)| header.op != OP_HEADER) {
         return Err(bad(&bytes, "the header record of a bag"));
     }
-    while bytes.left() > 0 {
-        let start = bytes.at();
+    while bytes.remaining() > 0 {
+        let start = bytes.position();
         let reason = match record(&mut bytes) {
             None => {
                 bag.cut_chunk(&data[start..])?;
@@ -141,7 +141,7 @@ impl Bag<'_> {
             return Err(LogError::TooLarge { file: self.file.to_owned(), limit_mib: MOST_UNPACKED >> 20 });
         }
         let mut bytes = Bytes::new(&unpacked);
-        while bytes.left() > 0 {
+        while bytes.remaining() > 0 {
             let Some((header, data)) = record(&mut bytes) else { return Ok(Some("a record in a chunk is not whole")) };
             if let Some(reason) = self.take(&header, data) {
                 return Ok(Some(reason));
@@ -164,7 +164,7 @@ impl Bag<'_> {
                 let Some(((topic, kind), recorded_ns)) = self.connections.get(&id).zip(header.time_ns) else {
                     return Some("a message belongs to no connection");
                 };
-                self.topics.add(topic, kind, Recorded { recorded_ns, data }, Kind::named(kind).map(|kind| (kind, Encoding::Ros1)));
+                self.topics.add(topic, kind, StoredMessage { recorded_ns, data }, Kind::from_name(kind).map(|kind| (kind, Encoding::Ros1)));
             }
             (OP_CONNECTION | OP_MESSAGE, None) => return Some("a record names no connection"),
             // Index and chunk information repeat what the chunks hold.

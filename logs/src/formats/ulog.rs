@@ -142,7 +142,7 @@ enum Type {
 }
 
 impl Type {
-    fn named(name: &str) -> Option<Self> {
+    fn from_name(name: &str) -> Option<Self> {
         Some(match name {
             "int8_t" => Self::I8,
             "uint8_t" | "bool" | "char" => Self::U8,
@@ -217,8 +217,8 @@ impl Recording {
         let mut by_id: HashMap<u16, usize> = HashMap::new();
         let mut recording = Self { topics: Vec::new(), unread: Vec::new() };
         let mut kept = 0;
-        while bytes.left() > 0 {
-            let start = bytes.at();
+        while bytes.remaining() > 0 {
+            let start = bytes.position();
             let Some((kind, body)) = message(&mut bytes) else {
                 notes.push(cut(start, kept, "the last message is not whole"));
                 break;
@@ -388,7 +388,7 @@ impl Layout<'_> {
             for i in 0..count.unwrap_or(1) {
                 let index = count.map_or(String::new(), |_| format!("[{i}]"));
                 let path = format!("{prefix}{name}{index}");
-                match Type::named(type_name) {
+                match Type::from_name(type_name) {
                     Some(of) => {
                         self.slots.push(Slot { path, of, at: self.at });
                         self.at += of.bytes();

@@ -48,13 +48,13 @@ pub(super) fn commands(log: &FlightLog) -> Vec<CommandExcitation> {
     if rows.len() < LEAST_SAMPLES {
         return Vec::new();
     }
-    let one = |(name, unit, values): (&'static str, &'static str, &[f64])| {
+    let excitation = |(name, unit, values): (&'static str, &'static str, &[f64])| {
         let part = &values[rows.clone()];
         let mean = part.iter().sum::<f64>() / part.len() as f64;
         let rms = (part.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / part.len() as f64).sqrt();
         CommandExcitation { name, unit, rms, bandwidth_hz: bandwidth_hz(&log.t_s[rows.clone()], part) }
     };
-    commands.map(one).collect()
+    commands.map(excitation).collect()
 }
 
 /// The frequency below which [`POWER_SHARE`] of the variance lies.

@@ -57,7 +57,7 @@ pub struct Clocks {
 
 impl Inspection {
     /// Looks at a log.
-    pub fn of_log(log: &FlightLog) -> Self {
+    pub fn from_log(log: &FlightLog) -> Self {
         let usual_s = usual_step(&log.t_s);
         let (count, longest_s) = gap_steps(&log.t_s);
         let ends = [log.airborne.start, log.airborne.end.saturating_sub(1)];

@@ -12,9 +12,9 @@ const SHORTEST_S: f64 = 5.0;
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CommandRequirement {
     pub command: &'static str,
-    /// What is missing; nothing if the log suffices.
+    /// Missing channels; empty if the log suffices.
     pub missing: Vec<&'static str>,
-    /// What is there but weak.
+    /// Channels that are there but weak.
     pub weak: Vec<&'static str>,
 }
 
@@ -37,15 +37,15 @@ pub(super) fn needs(log: &FlightLog) -> Vec<CommandRequirement> {
     let no_voltage = (log.vbat_v.is_none(), "no battery voltage: a sagging battery looks like lost thrust");
     let no_motors = (!motors && !requests, "no motors: a motor's fault cannot be told from the body's");
     let weak = [derived, estimated, no_yaw, no_voltage, no_motors];
-    let of = |command, lacks: &[(bool, &'static str)], weak: &[(bool, &'static str)]| {
-        let named = |list: &[(bool, &'static str)]| list.iter().filter(|(is, _)| *is).map(|(_, text)| *text).collect();
-        CommandRequirement { command, missing: named(lacks), weak: named(weak) }
+    let requirement = |command, lacks: &[(bool, &'static str)], weak: &[(bool, &'static str)]| {
+        let texts = |list: &[(bool, &'static str)]| list.iter().filter(|(is, _)| *is).map(|(_, text)| *text).collect();
+        CommandRequirement { command, missing: texts(lacks), weak: texts(weak) }
     };
     let no_requests = (!requests, "motor requests before battery compensation (motors beside pwm, or the mixer's inputs)");
     vec![
-        of("replay", &commanded, &weak[..3]),
-        of("identify", &commanded, &weak[..4]),
-        of("explain", &commanded, &weak),
-        of("diagnose", &[no_requests, never_flies], &[no_voltage]),
+        requirement("replay", &commanded, &weak[..3]),
+        requirement("identify", &commanded, &weak[..4]),
+        requirement("explain", &commanded, &weak),
+        requirement("diagnose", &[no_requests, never_flies], &[no_voltage]),
     ]
 }

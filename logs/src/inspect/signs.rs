@@ -55,11 +55,11 @@ pub(super) fn checks(log: &FlightLog) -> Vec<SignCheck> {
     let measured = log.provenance.attitude != AttitudeSource::Motion;
     if let Some([forward, left, up]) = &acceleration {
         if measured {
-            checks.push(view.smooth("+pitch accelerates forward (+x at yaw 0)", "pitch", &pitch, forward));
-            checks.push(view.smooth("+roll accelerates to the right (-y at yaw 0)", "roll", &negated(&roll), left));
+            checks.push(view.averaged_check("+pitch accelerates forward (+x at yaw 0)", "pitch", &pitch, forward));
+            checks.push(view.averaged_check("+roll accelerates to the right (-y at yaw 0)", "roll", &negate(&roll), left));
         }
         if let Some(thrust) = &log.cmd_thrust_pwm {
-            checks.push(view.lagged("more thrust accelerates upwards", "cmd_thrust", &part(thrust), up));
+            checks.push(view.lagged_check("more thrust accelerates upwards", "cmd_thrust", &part(thrust), up));
         }
     }
     let commands = [
@@ -67,12 +67,12 @@ pub(super) fn checks(log: &FlightLog) -> Vec<SignCheck> {
         ("pitch follows its command", "cmd_pitch", &log.cmd_pitch_rad, &pitch),
     ];
     for (expectation, channel, command, angle) in commands {
-        checks.extend(command.as_ref().filter(|_| measured).map(|command| view.lagged(expectation, channel, &part(command), angle)));
+        checks.extend(command.as_ref().filter(|_| measured).map(|command| view.lagged_check(expectation, channel, &part(command), angle)));
     }
     let rates = [&roll, &pitch, &yaw].map(|angle| view.slopes(angle));
     if let Some(command) = &log.cmd_yaw_rate_radps {
-        let turned = negated(&part(command));
-        checks.push(view.lagged("the yaw rate follows its command (+ turns clockwise)", "cmd_yaw_rate", &turned, &rates[2]));
+        let turned = negate(&part(command));
+        checks.push(view.lagged_check("the yaw rate follows its command (+ turns clockwise)", "cmd_yaw_rate", &turned, &rates[2]));
     }
     if let Some(gyro) = log.gyro_radps.as_ref().filter(|_| measured) {
         let names = [
@@ -81,7 +81,7 @@ pub(super) fn checks(log: &FlightLog) -> Vec<SignCheck> {
             ("the gyro's z is the slope of yaw", "gyro_z"),
         ];
         for ((expectation, channel), (gyro, rate)) in names.into_iter().zip(gyro.iter().zip(&rates)) {
-            checks.push(view.smooth(expectation, channel, &part(gyro), rate));
+            checks.push(view.averaged_check(expectation, channel, &part(gyro), rate));
         }
     }
     if let Some([_, _, z]) = &log.acc_mps2 {
@@ -134,31 +134,31 @@ impl View<'_> {
     }
 
     /// A check of two channels that go together, both averaged.
-    fn smooth(&self, expectation: &'static str, channel: &'static str, of: &[f64], expected: &[f64]) -> SignCheck {
-        let [of, expected] = [of, expected].map(|values| centred_mean(self.t_s, values, AVERAGED_S));
-        judged(expectation, channel, &of, &expected)
+    fn averaged_check(&self, expectation: &'static str, channel: &'static str, measured: &[f64], expected: &[f64]) -> SignCheck {
+        let [measured, expected] = [measured, expected].map(|values| centred_mean(self.t_s, values, AVERAGED_S));
+        check_sign(expectation, channel, &measured, &expected)
     }
 
     /// A check of a command and its answer, which comes later: at the lag of the largest correlation.
-    fn lagged(&self, expectation: &'static str, channel: &'static str, command: &[f64], answer: &[f64]) -> SignCheck {
+    fn lagged_check(&self, expectation: &'static str, channel: &'static str, command: &[f64], answer: &[f64]) -> SignCheck {
         let series = Series { name: String::new(), t_s: self.t_s.to_vec(), values: answer.to_vec() };
         let checks = (0..LAGS).map(|lag| {
             let later_s = LONGEST_LAG_S * lag as f64 / (LAGS - 1) as f64;
             let times: Vec<f64> = self.t_s.iter().map(|t| t + later_s).collect();
-            self.smooth(expectation, channel, command, &series.resample(&times, Interpolation::Line, None))
+            self.averaged_check(expectation, channel, command, &series.resample(&times, Interpolation::Line, None))
         });
-        let first = self.smooth(expectation, channel, command, answer);
+        let first = self.averaged_check(expectation, channel, command, answer);
         checks.fold(first, |best, next| if next.correlation.abs() > best.correlation.abs() { next } else { best })
     }
 }
 
-fn judged(expectation: &'static str, channel: &'static str, of: &[f64], expected: &[f64]) -> SignCheck {
-    let correlation = correlation(of, expected);
-    let spread = |values: &[f64]| {
+fn check_sign(expectation: &'static str, channel: &'static str, measured: &[f64], expected: &[f64]) -> SignCheck {
+    let correlation = correlation(measured, expected);
+    let standard_deviation = |values: &[f64]| {
         let mean = values.iter().sum::<f64>() / values.len() as f64;
         (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / values.len() as f64).sqrt()
     };
-    let (moved, answered) = (spread(of), spread(expected));
+    let (moved, answered) = (standard_deviation(measured), standard_deviation(expected));
     let slope = if moved > 0.0 { correlation * answered / moved } else { 0.0 };
     let verdict = match correlation {
         _ if moved < LEAST_RMS || answered < LEAST_RMS => SignVerdict::NotSeen,
@@ -169,6 +169,6 @@ fn judged(expectation: &'static str, channel: &'static str, of: &[f64], expected
     SignCheck { expectation, channel, correlation, slope, verdict }
 }
 
-fn negated(values: &[f64]) -> Vec<f64> {
+fn negate(values: &[f64]) -> Vec<f64> {
     values.iter().map(|v| -v).collect()
 }

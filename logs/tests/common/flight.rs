@@ -4,7 +4,7 @@
 use crazyflie_logs::{AttitudeSource, Fixes, FlightLog, PositionSource, Provenance, Truth};
 use proptest::prelude::*;
 
-/// What distinguishes one made-up flight from another.
+/// Parameters of a made-up flight.
 #[derive(Debug, Clone)]
 pub struct Shape {
     pub rows: usize,

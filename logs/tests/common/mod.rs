@@ -1,4 +1,4 @@
-//! What the tests on recorded data share.
+//! Helpers of the tests on recorded data.
 #![allow(dead_code)] // each test file uses its own part
 
 use std::path::PathBuf;

@@ -12,7 +12,7 @@ pub struct Stored {
     pub data: Vec<u8>,
 }
 
-/// What distinguishes one made-up recording from another.
+/// Parameters of a made-up recording.
 #[derive(Clone, Copy)]
 pub struct Rig {
     pub seconds: f64,

@@ -13,7 +13,7 @@ pub fn read(bytes: &[u8]) -> Result<FlightLog, LogError> {
     }
 }
 
-/// What must hold of every log, however odd its file was.
+/// Checks that hold of every log, however odd its file was.
 pub fn check(log: &FlightLog) {
     let rows = log.len();
     assert!(rows > 0 && log.airborne.end <= rows);

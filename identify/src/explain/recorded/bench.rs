@@ -1,5 +1,5 @@
-//! Recorded flights as a bench for hypotheses: fitted in windows that start where the flight was measured, what differs from flight to flight fitted
-//! with them, and judged by predictions of stretches that were left out of the fit.
+//! Recorded flights as a bench for hypotheses. The fit runs in windows that start where the flight was measured, with the nuisance parameters of
+//! each flight. Predictions of stretches that were left out of the fit judge it.
 
 use std::ops::Range;
 
@@ -12,12 +12,12 @@ use crate::explain::calibration::recorded::{
 };
 use crate::fit::flight::{Flight, WINDOW_S, Window};
 use crate::fit::hypothesis::{Hypothesis, Term};
-use crate::fit::predict::Prediction;
+use crate::fit::predict::OutputErrorProblem;
 use crate::fit::solve::{ENOUGH, Solution, solve_within};
 use crate::vehicle::{self, SETTLE_S};
 
 /// A stretch of a flight that is predicted by a fit that has not seen it.
-struct Stretch {
+struct HeldOutStretch {
     flight: usize,
     ticks: Range<usize>,
     fold: usize,
@@ -39,7 +39,7 @@ pub struct Bench {
     windows: Vec<Window>,
     /// Of each window.
     folds: Vec<usize>,
-    stretches: Vec<Stretch>,
+    stretches: Vec<HeldOutStretch>,
     /// Whole flights are left out, so what each has of its own is found anew from its start.
     by_flight: bool,
 }
@@ -58,12 +58,12 @@ impl Bench {
                 folds.extend(part.iter().map(|_| fold));
                 let first = part[0].ticks.start.max(if by_flight { settled } else { 0 });
                 let end = part[part.len() - 1].ticks.end;
-                stretches.push(Stretch { flight: i, ticks: first.min(end)..end, fold });
+                stretches.push(HeldOutStretch { flight: i, ticks: first.min(end)..end, fold });
             }
             windows.extend(own);
         }
         // a prediction has to end within its stretch
-        let long_enough = |s: &Stretch| s.ticks.len() as f64 * flights[s.flight].tick_s > HORIZONS_S[1] + WINDOW_S;
+        let long_enough = |s: &HeldOutStretch| s.ticks.len() as f64 * flights[s.flight].tick_s > HORIZONS_S[1] + WINDOW_S;
         stretches.retain(long_enough);
         Bench { flights, windows, folds, stretches, by_flight }
     }
@@ -76,11 +76,11 @@ impl Bench {
         &mut self.flights
     }
 
-    /// What a solution over all windows found.
-    pub fn restarted(&self, hypothesis: &Hypothesis, solution: Solution) -> FittedHypothesis {
-        let prediction = Prediction { flights: &self.flights, windows: &self.windows, hypothesis, inflation: 1.0 };
-        let each: Vec<Vec<f64>> = (0..self.flights.len()).map(|f| prediction.of_flight(&solution.shared, f)).collect();
-        let hypothesis = each.first().map_or_else(|| hypothesis.clone(), |numbers| hypothesis.at(numbers));
+    /// The hypothesis at a solution over all windows.
+    pub fn from_solution(&self, hypothesis: &Hypothesis, solution: Solution) -> FittedHypothesis {
+        let prediction = OutputErrorProblem { flights: &self.flights, windows: &self.windows, hypothesis, inflation: 1.0 };
+        let each: Vec<Vec<f64>> = (0..self.flights.len()).map(|f| prediction.flight_numbers(&solution.shared, f)).collect();
+        let hypothesis = each.first().map_or_else(|| hypothesis.clone(), |numbers| hypothesis.with_values(numbers));
         FittedHypothesis { hypothesis, each, solution }
     }
 
@@ -103,45 +103,45 @@ impl Bench {
         steps: usize,
     ) -> FittedHypothesis {
         let windows: Vec<Window> = self.windows.iter().enumerate().filter(|(w, _)| takes(*w)).map(|(_, window)| window.clone()).collect();
-        let prediction = Prediction { flights: &self.flights, windows: &windows, hypothesis, inflation: 1.0 };
-        let each: Vec<Vec<f64>> = from.each.iter().map(|numbers| carried(&from.hypothesis, numbers, hypothesis)).collect();
-        let starts = prediction.starts();
+        let prediction = OutputErrorProblem { flights: &self.flights, windows: &windows, hypothesis, inflation: 1.0 };
+        let each: Vec<Vec<f64>> = from.each.iter().map(|numbers| carry_over(&from.hypothesis, numbers, hypothesis)).collect();
+        let starts = prediction.measured_starts();
         let known = from.solution.own.iter().enumerate().filter(|(w, _)| takes(*w)).map(|(_, own)| own);
         // starts of the same hypothesis without one of its lags have another length
         let same = from.solution.own.len() == self.windows.len() && from.solution.own.first().map(Vec::len) == starts.first().map(Vec::len);
         let own = if same { known.cloned().collect() } else { starts };
-        let solution = solve_within(&prediction, own, prediction.joined(&each), steps, ENOUGH);
-        let each: Vec<Vec<f64>> = (0..self.flights.len()).map(|f| prediction.of_flight(&solution.shared, f)).collect();
-        let hypothesis = each.first().map_or_else(|| hypothesis.clone(), |numbers| hypothesis.at(numbers));
+        let solution = solve_within(&prediction, own, prediction.join_flights(&each), steps, ENOUGH);
+        let each: Vec<Vec<f64>> = (0..self.flights.len()).map(|f| prediction.flight_numbers(&solution.shared, f)).collect();
+        let hypothesis = each.first().map_or_else(|| hypothesis.clone(), |numbers| hypothesis.with_values(numbers));
         FittedHypothesis { hypothesis, each, solution }
     }
 
     /// Errors on every stretch, predicted by a fit of all that is not in its fold. `None` where the hypothesis cannot be simulated.
-    pub fn left_out_errors(&self, fitted: &FittedHypothesis) -> Option<Vec<AxisErrors>> {
+    pub fn held_out_errors(&self, fitted: &FittedHypothesis) -> Option<Vec<AxisErrors>> {
         let folds: Vec<FittedHypothesis> = (0..FOLDS)
             .into_par_iter()
             .map(|fold| self.fit_windows(&fitted.hypothesis, fitted, &|w| self.folds[w] != fold, STEPS_WITHOUT_A_FOLD))
             .collect();
-        let errors = |stretch: &Stretch| {
-            let (at, flight) = (&folds[stretch.fold], &self.flights[stretch.flight]);
-            let own = if self.by_flight && at.hypothesis.per_flight().iter().any(Option::is_some) {
-                vehicle::settled_on_start(&vehicle::unsettled(&at.hypothesis), flight)
+        let errors = |stretch: &HeldOutStretch| {
+            let (fold_fit, flight) = (&folds[stretch.fold], &self.flights[stretch.flight]);
+            let own = if self.by_flight && fold_fit.hypothesis.per_flight().iter().any(Option::is_some) {
+                vehicle::fit_on_start(&vehicle::open_per_flight(&fold_fit.hypothesis), flight)
             } else {
-                at.hypothesis.at(&at.each[stretch.flight]).fixed()
+                fold_fit.hypothesis.with_values(&fold_fit.each[stretch.flight]).without_free()
             };
             stretch_errors(&own, flight, stretch.ticks.clone(), None)
         };
         self.stretches.par_iter().map(errors).collect()
     }
 
-    /// What a hypothesis gains over the errors of another.
+    /// Gain of a hypothesis over the errors of another.
     pub fn gain(&self, fitted: &FittedHypothesis, before: &[AxisErrors]) -> Option<(Gain, Vec<AxisErrors>)> {
-        let after = self.left_out_errors(fitted)?;
+        let after = self.held_out_errors(fitted)?;
         Some((Gain::new(before, &after), after))
     }
 
     /// Standard errors of the free numbers that all flights share, by how much flights, or windows of few flights, contradict each other.
-    pub fn deviations(&self, fitted: &FittedHypothesis) -> Vec<f64> {
+    pub fn standard_errors(&self, fitted: &FittedHypothesis) -> Vec<f64> {
         let clusters: Vec<usize> =
             if self.by_flight { self.windows.iter().map(|w| w.flight).collect() } else { (0..self.windows.len()).collect() };
         let Some(covariance) = fitted.solution.covariance(&clusters) else { return Vec::new() };
@@ -150,8 +150,8 @@ impl Bench {
 }
 
 /// The free numbers of one flight under a hypothesis, put in the places of another; what is new there stays as the other has it.
-fn carried(from: &Hypothesis, numbers: &[f64], to: &Hypothesis) -> Vec<f64> {
-    let mut all = to.shared();
+fn carry_over(from: &Hypothesis, numbers: &[f64], to: &Hypothesis) -> Vec<f64> {
+    let mut all = to.free_values();
     for (slot, path) in all.iter_mut().zip(&to.free) {
         if let Some(i) = from.free.iter().position(|known| known == path) {
             *slot = numbers[i];
@@ -165,8 +165,8 @@ fn carried(from: &Hypothesis, numbers: &[f64], to: &Hypothesis) -> Vec<f64> {
     all
 }
 
-/// The standard error of each free parameter of an effect, among those of all shared numbers.
-pub fn place_among_shared(hypothesis: &Hypothesis, effect: &str) -> Range<usize> {
+/// Places of the free parameters of an effect among the shared numbers.
+pub fn shared_range(hypothesis: &Hypothesis, effect: &str) -> Range<usize> {
     let before: usize =
         hypothesis.terms.iter().take_while(|t| t.entry.name != effect).filter(|t| t.per_flight.is_none()).map(|t| t.free.len()).sum();
     let own = hypothesis.term(effect).map_or(0, |t| t.free.len());

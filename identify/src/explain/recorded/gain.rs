@@ -1,4 +1,4 @@
-//! What a change of a hypothesis is worth to predictions, stretch by stretch and axis by axis.
+//! Gain of a change of a hypothesis: its effect on predictions, stretch by stretch and axis by axis.
 
 use std::collections::BTreeMap;
 

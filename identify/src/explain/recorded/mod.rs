@@ -1,4 +1,4 @@
-//! What a model lacks on recorded flights. Something always shakes a real vehicle, and a filter that may take everything for shaking finds no cause. So
+//! The search for effects on recorded flights. Something always shakes a real vehicle, and a filter that may take everything for shaking finds no cause. So
 //! effects are fitted together with the numbers of the model and with what differs from flight to flight, and are taken or left by predictions of
 //! flights, or stretches of few flights, that the fit did not see. The flights of the test are looked at once, at the end.
 
@@ -15,20 +15,20 @@ use rayon::prelude::*;
 
 use super::calibration::recorded::{FOREIGN_GAIN, LEAST_GAIN, MATTERS, SAME, STEPS};
 use super::calibration::verdict::MOST_RIVALS;
-use super::completion::harm;
-use super::errors::{Errors, Predictor, compare};
+use super::completion::worst_harm;
+use super::errors::{Errors, PredictionSetup, compare_errors};
 use super::finding::manoeuvre;
 use super::residual;
 use super::search::{FilteredHypothesis, Search};
 use super::signals::{Signal, signal_verdicts};
-use super::verdict::{Estimate, Explanation, Finding, NumberEstimate, Verdict};
+use super::verdict::{EffectParameterEstimate, Explanation, Finding, NumberEstimate, Verdict};
 use crate::FlightLog;
 use crate::estimate::IdentifyError;
 use crate::fit::flight::Flight;
 use crate::fit::hypothesis::{Hypothesis, Term};
-use crate::vehicle::{self, Trim};
-use bench::{Bench, FittedHypothesis, place_among_shared};
-use selection::{Selection, is_missed, shared_terms};
+use crate::vehicle::{self, NuisanceParameters};
+use bench::{Bench, FittedHypothesis, shared_range};
+use selection::{RecordedSelection, is_missed, shared_terms};
 
 /// A log with its name.
 pub type NamedLog = (String, FlightLog);
@@ -43,39 +43,43 @@ pub fn explain_recorded(
     test: &[NamedLog],
     input: VerticalInput,
     progress: &dyn Fn(&str),
-) -> Result<(Explanation, Vec<Trim>), IdentifyError> {
+) -> Result<(Explanation, Vec<NuisanceParameters>), IdentifyError> {
     let began = Instant::now();
     vehicle::refuse_duplicates(&fit.iter().chain(test).collect::<Vec<_>>())?;
     let flights = |logs: &[NamedLog]| vehicle::prepare(model, Some(input), logs);
     let (fitted_flights, tested) = (flights(fit)?, flights(test)?);
     progress("the numbers of the model");
     let mut bench = Bench::new(fitted_flights.clone());
-    let base = Base::new(model, fit, input, &mut bench)?;
-    let mut selection = Selection::new(&bench, base.fitted.clone()).ok_or_else(broken)?;
+    let base = Baseline::new(model, fit, input, &mut bench)?;
+    let mut selection = RecordedSelection::new(&bench, base.fitted.clone()).ok_or_else(cannot_simulate)?;
     selection.extend(&bench, progress);
     progress("effects that predictions do not miss");
     selection.reduce(&bench);
     if !base.foreign {
-        selection.learn(&bench, progress);
+        selection.add_learned_term(&bench, progress);
     }
     progress("the test flights");
     let flights = [fitted_flights, tested];
-    let before = Seen::new(&Hypothesis::of(model), flights.clone())?;
+    let before = ModelEvaluation::new(&Hypothesis::from_model(model), flights.clone())?;
     let findings: Vec<Finding> =
         selection.names().into_iter().filter(is_cause).filter_map(|name| finding(&bench, &base, &selection, &flights[1], name)).collect();
-    let unchanged = |outcome| Completion { outcome, errors: errors_between(&before, &before), seen: before.clone() };
+    let unchanged = |outcome| RecordedCompletion { outcome, errors: errors_between(&before, &before), evaluation: before.clone() };
     let completion = if base.is_surpassed_by(&selection) {
-        let seen = Seen::new(&completed(&selection.fitted, &base, fit), flights)?;
-        let errors = errors_between(&before, &seen);
-        if harm(&errors, MATTERS) > 0.0 { unchanged(Outcome::Withdrawn) } else { Completion { outcome: Outcome::Completed, errors, seen } }
+        let evaluation = ModelEvaluation::new(&completed_hypothesis(&selection.fitted, &base, fit), flights)?;
+        let errors = errors_between(&before, &evaluation);
+        if worst_harm(&errors, MATTERS) > 0.0 {
+            unchanged(Outcome::Withdrawn)
+        } else {
+            RecordedCompletion { outcome: Outcome::Completed, errors, evaluation }
+        }
     } else {
         unchanged(Outcome::AsDeclared)
     };
-    let trims = completion.seen.trims.clone();
+    let trims = completion.evaluation.trims.clone();
     Ok((explanation(findings, &base, selection, before, completion, began), trims))
 }
 
-/// What becomes of the declared model.
+/// The fate of the declared model.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Outcome {
     /// It stays: nothing joined it.
@@ -86,14 +90,14 @@ enum Outcome {
 }
 
 /// The model in the end, as it sees the flights, and its errors beside those of the declared one.
-struct Completion {
+struct RecordedCompletion {
     outcome: Outcome,
-    seen: Seen,
+    evaluation: ModelEvaluation,
     errors: Errors,
 }
 
-fn errors_between(before: &Seen, after: &Seen) -> Errors {
-    compare(before.predictor(), after.predictor())
+fn errors_between(before: &ModelEvaluation, after: &ModelEvaluation) -> Errors {
+    compare_errors(before.prediction_setup(), after.prediction_setup())
 }
 
 /// Whether an effect has a cause: a learned term describes what is left, and names none.
@@ -101,12 +105,12 @@ fn is_cause(name: &&'static str) -> bool {
     effects::find(name).is_ok_and(|(_, entry)| entry.observability != Observability::Surrogate)
 }
 
-fn broken() -> IdentifyError {
+fn cannot_simulate() -> IdentifyError {
     IdentifyError::NoStart { what: "model".to_owned() }
 }
 
-/// Where the choice of effects begins: numbers fitted, what the model declares of effects opened.
-struct Base {
+/// The baseline of the selection: numbers fitted, the declared effects free.
+struct Baseline {
     fitted: FittedHypothesis,
     /// New numbers gain so much on what is left out that the declared ones are another vehicle's.
     foreign: bool,
@@ -114,34 +118,34 @@ struct Base {
     numbers_before: Vec<f64>,
 }
 
-impl Base {
+impl Baseline {
     fn new(model: &Model, logs: &[NamedLog], input: VerticalInput, bench: &mut Bench) -> Result<Self, IdentifyError> {
         let free = vehicle::visible(model, logs, input);
         let sees_trims = bench.flights.iter().all(|f| f.sees_true_attitude);
         let own_hover = input == VerticalInput::Thrust && sees_trims;
         let free = if own_hover { vehicle::beside_hover(free) } else { free };
-        let (opened, declared) = opened(model, &free);
+        let (open, declared) = open_effects(model, &free);
         let nuisance = if sees_trims { vehicle::nuisance_terms(input)? } else { Vec::new() };
-        let kept = Hypothesis { pushed: false, ..Hypothesis::of(&opened) };
+        let kept = Hypothesis { estimates_lagged_push: false, ..Hypothesis::from_model(&open) };
         let kept = nuisance.into_iter().chain(declared_terms(&declared)).fold(kept, |h, term| h.with(term));
         let says_effect = |path: &String| registry().iter().any(|e| e.model_number == Some(path.as_str()));
         let mut refitted = Hypothesis { free: free.into_iter().filter(|path| !says_effect(path)).collect(), ..kept.clone() };
         let windows = bench.windows().to_vec();
-        let (solution, _) = vehicle::fit(bench.flights_mut(), &windows, &mut refitted, &|| {}).ok_or_else(broken)?;
-        let refitted = bench.restarted(&refitted, solution);
+        let (solution, _) = vehicle::fit(bench.flights_mut(), &windows, &mut refitted, &|| {}).ok_or_else(cannot_simulate)?;
+        let refitted = bench.from_solution(&refitted, solution);
         // the declared model with the values of its effects, and what each flight has of its own
         let mut as_declared = kept;
         as_declared.terms.iter_mut().filter(|t| t.per_flight.is_none()).for_each(|t| t.free.clear());
         let as_declared = bench.fit(&as_declared, &refitted);
-        let before = bench.left_out_errors(&as_declared).ok_or_else(broken)?;
-        let (gain, _) = bench.gain(&refitted, &before).ok_or_else(broken)?;
+        let before = bench.held_out_errors(&as_declared).ok_or_else(cannot_simulate)?;
+        let (gain, _) = bench.gain(&refitted, &before).ok_or_else(cannot_simulate)?;
         let numbers_before = refitted.hypothesis.free.iter().filter_map(|path| model.parameter(path).ok()).collect();
-        Ok(Base { foreign: gain.mean() < -FOREIGN_GAIN, fitted: refitted, declared, numbers_before })
+        Ok(Baseline { foreign: gain.mean() < -FOREIGN_GAIN, fitted: refitted, declared, numbers_before })
     }
 
     /// Whether a selection takes the place of the declared model: an effect joined, which predictions beside new numbers say, or the declared numbers are of
     /// another vehicle. Otherwise new numbers would only follow the flights of the fit.
-    fn is_surpassed_by(&self, selection: &Selection) -> bool {
+    fn is_surpassed_by(&self, selection: &RecordedSelection) -> bool {
         self.foreign || selection.learned || selection.holds_more_than(&self.fitted)
     }
 
@@ -159,7 +163,7 @@ impl Base {
 
 /// The model without effects that can be estimated anew, and these with their values. A number to fit that says the same as an effect is one of these, also
 /// at zero: numbers are fitted, and drag and an estimator that takes drag for tilt only show together.
-fn opened(model: &Model, free: &[String]) -> (Model, Vec<(&'static Entry, Vec<f64>)>) {
+fn open_effects(model: &Model, free: &[String]) -> (Model, Vec<(&'static Entry, Vec<f64>)>) {
     let (mut open, mut declared) = (model.clone(), Vec::new());
     for entry in registry().iter().filter(|e| e.observability.is_expected() && e.geometry == Geometry::None) {
         let given =
@@ -195,7 +199,7 @@ fn declared_terms(declared: &[(&'static Entry, Vec<f64>)]) -> Vec<Term> {
 }
 
 /// The hypothesis that all flights share, nothing free: numbers that were fitted say so.
-fn completed(fitted: &FittedHypothesis, base: &Base, logs: &[NamedLog]) -> Hypothesis {
+fn completed_hypothesis(fitted: &FittedHypothesis, base: &Baseline, logs: &[NamedLog]) -> Hypothesis {
     let mut whole = fitted.hypothesis.clone();
     whole.terms.retain(|term| term.per_flight.is_none());
     let names: Vec<&str> = logs.iter().map(|(name, _)| name.as_str()).collect();
@@ -211,42 +215,42 @@ fn completed(fitted: &FittedHypothesis, base: &Base, logs: &[NamedLog]) -> Hypot
     for path in moved {
         model = vehicle::with_source(&model, path, &source);
     }
-    Hypothesis { model, pushed: true, ..whole }.fixed()
+    Hypothesis { model, estimates_lagged_push: true, ..whole }.without_free()
 }
 
-/// Flights as a model sees them, and the model with what it makes of them.
+/// A model judged on flights, these without what each has of its own.
 #[derive(Clone)]
-struct Seen {
+struct ModelEvaluation {
     fit: Vec<Flight>,
     test: Vec<Flight>,
-    trims: Vec<Trim>,
+    trims: Vec<NuisanceParameters>,
     judged: FilteredHypothesis,
 }
 
-impl Seen {
+impl ModelEvaluation {
     fn new(hypothesis: &Hypothesis, [mut fit, mut test]: [Vec<Flight>; 2]) -> Result<Self, IdentifyError> {
-        let trims = vehicle::settle_flights(&hypothesis.completed("for its trims"), &mut fit, &mut test)?;
-        let judged = Search::new(&fit).declared(hypothesis).ok_or_else(broken)?;
-        Ok(Seen { fit, test, trims, judged })
+        let trims = vehicle::settle_flights(&hypothesis.to_model("for its trims"), &mut fit, &mut test)?;
+        let judged = Search::new(&fit).judge_declared(hypothesis).ok_or_else(cannot_simulate)?;
+        Ok(ModelEvaluation { fit, test, trims, judged })
     }
 
-    fn predictor(&self) -> Predictor<'_> {
+    fn prediction_setup(&self) -> PredictionSetup<'_> {
         (&self.judged.hypothesis, &self.judged.disturbances, &self.test)
     }
 }
 
 /// An effect with its values and what is lost without it, if predictions would miss it.
-fn finding(bench: &Bench, base: &Base, selection: &Selection, test: &[Flight], name: &'static str) -> Option<Finding> {
+fn finding(bench: &Bench, base: &Baseline, selection: &RecordedSelection, test: &[Flight], name: &'static str) -> Option<Finding> {
     let hypothesis = &selection.fitted.hypothesis;
     let term = shared_terms(hypothesis).find(|t| t.entry.name == name)?;
     let (less, lost) = selection.without(bench, name).filter(|(_, lost)| is_missed(lost))?;
     let [sideways, vertical, tilt] = lost.by_axis();
-    let sd = bench.deviations(&selection.fitted);
+    let sd = bench.standard_errors(&selection.fitted);
     let declared = base.declared_values(term.entry);
-    let params = term.free.iter().zip(place_among_shared(hypothesis, name)).map(|(i, at)| {
+    let params = term.free.iter().zip(shared_range(hypothesis, name)).map(|(i, at)| {
         let p = &term.entry.params[*i];
         let stderr = sd.get(at).copied().unwrap_or(f64::NAN);
-        Estimate { name: p.name, value: term.values[*i], stderr, unit: p.unit, declared: declared[*i] }
+        EffectParameterEstimate { name: p.name, value: term.values[*i], stderr, unit: p.unit, declared: declared[*i] }
     });
     let rivals = selection.rivals(bench, name);
     Some(Finding {
@@ -263,26 +267,26 @@ fn finding(bench: &Bench, base: &Base, selection: &Selection, test: &[Flight], n
 
 /// Negative log-likelihood of flights that were not fitted, what each has of its own found from its start.
 fn loss_on_unseen(hypothesis: &Hypothesis, flights: &[Flight]) -> f64 {
-    let open = vehicle::unsettled(hypothesis);
+    let open = vehicle::open_per_flight(hypothesis);
     let loss = |flight: &Flight| {
-        let own = vehicle::settled_on_start(&open, flight);
+        let own = vehicle::fit_on_start(&open, flight);
         Search::new(std::slice::from_ref(flight)).fit(&own, None, STEPS).loss
     };
     flights.par_iter().map(loss).sum()
 }
 
 /// Whether the model holds an effect already, at a value that these flights do not contradict.
-fn is_confirmed(base: &Base, finding: &Finding) -> bool {
-    let agrees = |p: &Estimate| (p.value - p.declared).abs() < SAME * p.stderr.max(0.02 * p.value.abs());
+fn is_confirmed(base: &Baseline, finding: &Finding) -> bool {
+    let agrees = |p: &EffectParameterEstimate| (p.value - p.declared).abs() < SAME * p.stderr.max(0.02 * p.value.abs());
     base.declares(finding.name) && finding.params.iter().all(agrees)
 }
 
 fn explanation(
     findings: Vec<Finding>,
-    base: &Base,
-    selection: Selection,
-    before: Seen,
-    Completion { outcome, seen: after, errors }: Completion,
+    base: &Baseline,
+    selection: RecordedSelection,
+    before: ModelEvaluation,
+    RecordedCompletion { outcome, evaluation: after, errors }: RecordedCompletion,
     began: Instant,
 ) -> Explanation {
     let keeps = outcome == Outcome::Completed;
@@ -308,8 +312,8 @@ fn explanation(
         ),
         effects,
         confirmed,
-        needless: if keeps { needless(base, &after.judged.hypothesis) } else { Vec::new() },
-        withdrawn: if outcome == Outcome::Withdrawn { joined(base, &selection) } else { Vec::new() },
+        needless: if keeps { needless_effects(base, &after.judged.hypothesis) } else { Vec::new() },
+        withdrawn: if outcome == Outcome::Withdrawn { joined_effects(base, &selection) } else { Vec::new() },
         partial,
         corrections: Vec::new(),
         numbers: if keeps { number_estimates(base, &selection) } else { Vec::new() },
@@ -327,17 +331,17 @@ fn explanation(
 }
 
 /// Effects that joined the declared model.
-fn joined(base: &Base, selection: &Selection) -> Vec<&'static str> {
+fn joined_effects(base: &Baseline, selection: &RecordedSelection) -> Vec<&'static str> {
     selection.names().into_iter().filter(|name| !base.declares(name)).collect()
 }
 
 /// Effects that the model declares and the completed one is without.
-fn needless(base: &Base, completed: &Hypothesis) -> Vec<&'static str> {
+fn needless_effects(base: &Baseline, completed: &Hypothesis) -> Vec<&'static str> {
     base.declared.iter().map(|(entry, _)| entry.name).filter(|name| base.declares(name) && !completed.has(name)).collect()
 }
 
 /// The numbers of the model, fitted beside the effects.
-fn number_estimates(base: &Base, selection: &Selection) -> Vec<NumberEstimate> {
+fn number_estimates(base: &Baseline, selection: &RecordedSelection) -> Vec<NumberEstimate> {
     let hypothesis = &selection.fitted.hypothesis;
     let known = hypothesis.model.parameters();
     let units = |path: &String| known.iter().find(|(p, ..)| p == path).map_or("", |(_, _, unit)| *unit);

@@ -3,7 +3,7 @@
 use crazyflie_env::effects::{Entry, Observability, registry};
 use rayon::prelude::*;
 
-use super::bench::{Bench, FittedHypothesis, place_among_shared};
+use super::bench::{Bench, FittedHypothesis, shared_range};
 use super::gain::Gain;
 use crate::axis_errors::AxisErrors;
 use crate::estimate::at_bound;
@@ -11,11 +11,11 @@ use crate::explain::calibration::recorded::{
     CHANCE, CLEAR, LEAST_GAIN, LEAST_LEARNED_GAIN, MOST_EFFECTS, SHORTLIST, STARTS, STEPS_TO_PROPOSE,
 };
 use crate::explain::candidates::candidates;
-use crate::explain::verdict::{Ranked, Step};
+use crate::explain::verdict::{RankedCandidate, Step};
 use crate::fit::hypothesis::{Hypothesis, Term};
 
 /// A hypothesis, how well it predicts what was left out, and how it came about.
-pub struct Selection {
+pub struct RecordedSelection {
     pub fitted: FittedHypothesis,
     pub errors: Vec<AxisErrors>,
     pub steps: Vec<Step>,
@@ -25,7 +25,7 @@ pub struct Selection {
     pub learned: bool,
 }
 
-/// What predictions say of one more effect.
+/// Trial of one more effect: its fit, and the gain of predictions.
 struct Trial {
     entry: &'static Entry,
     fitted: FittedHypothesis,
@@ -34,7 +34,7 @@ struct Trial {
 }
 
 impl Trial {
-    fn new(bench: &Bench, entry: &'static Entry, hypothesis: &Hypothesis, now: &Selection) -> Option<Self> {
+    fn new(bench: &Bench, entry: &'static Entry, hypothesis: &Hypothesis, now: &RecordedSelection) -> Option<Self> {
         let fitted = bench.fit(hypothesis, &now.fitted);
         let (gain, errors) = bench.gain(&fitted, &now.errors)?;
         Some(Trial { entry, fitted, errors, gain })
@@ -65,18 +65,18 @@ impl Trial {
 
 /// Standard errors between "off" and the clearest parameter of an effect.
 fn clearance(bench: &Bench, fitted: &FittedHypothesis, effect: &str) -> f64 {
-    let sd = bench.deviations(fitted);
+    let sd = bench.standard_errors(fitted);
     let Some(term) = fitted.hypothesis.term(effect) else { return 0.0 };
-    let places = place_among_shared(&fitted.hypothesis, effect);
+    let places = shared_range(&fitted.hypothesis, effect);
     let distance = |(i, at): (&usize, usize)| sd.get(at).map_or(0.0, |sd| (term.values[*i] - term.entry.params[*i].off).abs() / sd);
     term.free.iter().zip(places).map(distance).filter(|d| d.is_finite()).fold(0.0, f64::max)
 }
 
-impl Selection {
+impl RecordedSelection {
     /// Of a hypothesis without effects to choose.
     pub fn new(bench: &Bench, fitted: FittedHypothesis) -> Option<Self> {
-        let errors = bench.left_out_errors(&fitted)?;
-        Some(Selection { fitted, errors, steps: Vec::new(), alternatives: Vec::new(), learned: false })
+        let errors = bench.held_out_errors(&fitted)?;
+        Some(RecordedSelection { fitted, errors, steps: Vec::new(), alternatives: Vec::new(), learned: false })
     }
 
     /// Whether an effect joined.
@@ -98,7 +98,7 @@ impl Selection {
             self.steps.push(Step {
                 effects: names,
                 gain: 0.0,
-                ranking: proposals.iter().map(|(gain, term)| ranked(*gain, term)).collect(),
+                ranking: proposals.iter().map(|(gain, term)| ranking_entry(*gain, term)).collect(),
             });
             let tries: Vec<&Term> = proposals.iter().take(SHORTLIST).map(|(_, term)| term).collect();
             progress(&format!("predictions with {}", tries.iter().map(|t| t.entry.name).collect::<Vec<_>>().join(", ")));
@@ -158,15 +158,15 @@ impl Selection {
     }
 
     /// A sparse term without a name, where it helps on every axis what was left out of the fit.
-    pub fn learn(&mut self, bench: &Bench, progress: &dyn Fn(&str)) {
+    pub fn add_learned_term(&mut self, bench: &Bench, progress: &dyn Fn(&str)) {
         let Some(entry) = registry().iter().find(|e| e.observability == Observability::Surrogate) else { return };
         progress("a term learned from the residual");
         let mut term = Term::off(entry);
         while !term.free.is_empty() {
             let fitted = bench.fit(&self.fitted.hypothesis.with(term.clone()), &self.fitted);
-            let sd = bench.deviations(&fitted);
+            let sd = bench.standard_errors(&fitted);
             let Some(known) = fitted.hypothesis.term(entry.name) else { return };
-            let places = place_among_shared(&fitted.hypothesis, entry.name);
+            let places = shared_range(&fitted.hypothesis, entry.name);
             let clearances = known.free.iter().zip(places).map(|(i, at)| (*i, sd.get(at).map_or(0.0, |sd| known.values[*i].abs() / sd)));
             let unclear: Vec<(usize, f64)> = clearances.filter(|(_, c)| c.is_nan() || *c < CLEAR).collect();
             if unclear.is_empty() {
@@ -213,6 +213,6 @@ pub fn shared_terms(hypothesis: &Hypothesis) -> impl Iterator<Item = &Term> {
     hypothesis.terms.iter().filter(|t| t.per_flight.is_none() && !t.free.is_empty())
 }
 
-fn ranked(gain: f64, term: &Term) -> Ranked {
-    Ranked { name: term.entry.name, gain, stderr: Vec::new() }
+fn ranking_entry(gain: f64, term: &Term) -> RankedCandidate {
+    RankedCandidate { name: term.entry.name, gain, stderr: Vec::new() }
 }

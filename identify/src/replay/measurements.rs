@@ -33,7 +33,7 @@ impl Track {
     }
 
     /// Interpolated linearly, held beyond the ends.
-    fn at(&self, t_s: f64) -> f64 {
+    fn value_at(&self, t_s: f64) -> f64 {
         let after = self.t_s.partition_point(|t| *t <= t_s).clamp(1, self.t_s.len().max(2) - 1);
         let (Some(t1), Some(v1)) = (self.t_s.get(after), self.values.get(after)) else {
             return self.values.first().copied().unwrap_or(0.0);
@@ -53,7 +53,7 @@ impl Track {
         cubic_at_zero(&shifted, &self.values[near])
     }
 
-    fn differentiated(&self, half_s: f64) -> Self {
+    fn derivative(&self, half_s: f64) -> Self {
         let values = self.t_s.iter().map(|t| self.local(*t, half_s).1).collect();
         Track { t_s: self.t_s.clone(), values }
     }
@@ -61,7 +61,7 @@ impl Track {
 
 /// Value and slope at x = 0 of the least-squares cubic, in polynomials that are orthogonal on the samples (Forsythe 1957).
 fn cubic_at_zero(x: &[f64], y: &[f64]) -> (f64, f64) {
-    let sum = |of: &dyn Fn(usize) -> f64| (0..x.len()).map(of).sum::<f64>();
+    let sum = |term: &dyn Fn(usize) -> f64| (0..x.len()).map(term).sum::<f64>();
     let (mut old, mut p) = (vec![0.0; x.len()], vec![1.0; x.len()]);
     // the same polynomials and their slopes at zero
     let ([mut old0, mut p0], [mut old1, mut p1]) = ([0.0, 1.0], [0.0, 0.0]);
@@ -80,8 +80,8 @@ fn cubic_at_zero(x: &[f64], y: &[f64]) -> (f64, f64) {
     (value, slope)
 }
 
-/// What was measured, on the clock of the log.
-pub(crate) struct Measured {
+/// Measured signals of a flight, on the clock of the log.
+pub(crate) struct Measurements {
     attitude: [Track; 3],
     rates: [Track; 3],
     position: [Track; 3],
@@ -90,27 +90,27 @@ pub(crate) struct Measured {
     derived: bool,
 }
 
-impl Measured {
-    pub(crate) fn of(log: &FlightLog, remarks: &mut Vec<Remark>) -> Result<Self, ReplayError> {
+impl Measurements {
+    pub(crate) fn from_log(log: &FlightLog, remarks: &mut Vec<Remark>) -> Result<Self, ReplayError> {
         let attitude = [&log.roll_rad, &log.pitch_rad, &log.yaw_rad].map(|v| Track::new(&log.t_s, v));
         // a gyro on another clock than the attitude does not line up with it: then rates are derivatives of the measured angles
         let rates = match &log.gyro_radps {
             Some(gyro) if !log.provenance.onboard_interpolated => gyro.each_ref().map(|v| Track::new(&log.t_s, v)),
-            _ => attitude.each_ref().map(|angle| angle.differentiated(ATTITUDE_WINDOW_S)),
+            _ => attitude.each_ref().map(|angle| angle.derivative(ATTITUDE_WINDOW_S)),
         };
         let position = position(log)?;
         let truth = log.truth.as_ref().map(|truth| &truth.vel_mps);
         let given = log.vel_mps.as_ref().or(truth);
         let velocity = match given {
             Some(v) => v.each_ref().map(|v| Track::new(&log.t_s, v)),
-            None => position.each_ref().map(|p| p.differentiated(POSITION_WINDOW_S)),
+            None => position.each_ref().map(|p| p.derivative(POSITION_WINDOW_S)),
         };
         if given.is_none() {
             remarks.push(Remark::VelocityDerived { half_window_s: POSITION_WINDOW_S });
         } else if log.vel_mps.is_none() {
             remarks.push(Remark::VelocityOfTruth);
         }
-        Ok(Measured { attitude, rates, position, velocity, derived: given.is_none() })
+        Ok(Measurements { attitude, rates, position, velocity, derived: given.is_none() })
     }
 
     /// A signal by its place in [`super::SIGNALS`].
@@ -124,17 +124,17 @@ impl Measured {
     }
 
     pub(crate) fn yaw_rate(&self, t_s: f64) -> f64 {
-        self.rates[2].at(t_s)
+        self.rates[2].value_at(t_s)
     }
 
     /// The state at a time; the second states of the model's forms are left at zero.
     pub(crate) fn state(&self, t_s: f64) -> State<f64> {
-        let position = |track: &Track| if self.derived { track.local(t_s, POSITION_WINDOW_S).0 } else { track.at(t_s) };
+        let position = |track: &Track| if self.derived { track.local(t_s, POSITION_WINDOW_S).0 } else { track.value_at(t_s) };
         State {
             pos_m: self.position.each_ref().map(position),
-            vel_mps: self.velocity.each_ref().map(|v| v.at(t_s)),
-            att_rad: self.attitude.each_ref().map(|v| v.at(t_s)),
-            rate_radps: self.rates.each_ref().map(|v| v.at(t_s)),
+            vel_mps: self.velocity.each_ref().map(|v| v.value_at(t_s)),
+            att_rad: self.attitude.each_ref().map(|v| v.value_at(t_s)),
+            rate_radps: self.rates.each_ref().map(|v| v.value_at(t_s)),
             aux: [0.0; 2],
         }
     }
@@ -165,7 +165,7 @@ fn position(log: &FlightLog) -> Result<[Track; 3], ReplayError> {
     if order.len() < 5 {
         return Err(ReplayError::NoPosition);
     }
-    let pick = |values: &Vec<f64>| order.iter().map(|at| values[*at]).collect::<Vec<_>>();
+    let pick = |values: &Vec<f64>| order.iter().map(|i| values[*i]).collect::<Vec<_>>();
     let t_s = pick(capture);
     Ok(log.fixes.pos_m.each_ref().map(|v| Track { t_s: t_s.clone(), values: pick(v) }))
 }
@@ -193,8 +193,8 @@ mod tests {
     #[test]
     fn tracks_interpolate_and_hold() {
         let track = Track::new(&[0.0, 1.0, 3.0], &[0.0, 2.0, -2.0]);
-        assert_eq!([-1.0, 0.5, 2.0, 9.0].map(|t| track.at(t)), [0.0, 1.0, 0.0, -2.0]);
+        assert_eq!([-1.0, 0.5, 2.0, 9.0].map(|t| track.value_at(t)), [0.0, 1.0, 0.0, -2.0]);
         assert_eq!(track.between(0.0, 1.0), 1..2);
-        assert_eq!(Track::new(&[1.0], &[5.0]).at(3.0), 5.0);
+        assert_eq!(Track::new(&[1.0], &[5.0]).value_at(3.0), 5.0);
     }
 }
