@@ -45,11 +45,11 @@ def train(task, seed, out):
     """The seconds of each part, of a process of its own from its start to its end, and of the processor for it."""
     start, before = time.perf_counter(), os.times()
     command = [sys.executable, "-m", "crazyflie_gym.ppo", task, "--seed", str(seed), "--out", out, "--json"]
-    told = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    result = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
     whole, after = time.perf_counter() - start, os.times()
     processor = after.children_user + after.children_system - before.children_user - before.children_system
-    parts = told["seconds"] | {
-        "rest": whole - sum(told["seconds"][part] for part in PARTS[:4]),
+    parts = result["seconds"] | {
+        "rest": whole - sum(result["seconds"][part] for part in PARTS[:4]),
         "whole": whole,
         "processor": processor,
     }
@@ -68,8 +68,8 @@ def main():
         pid = {name: figures("thesis-pid", scenario) for name, scenario in FLOWN[task].items()}
         spent, won = [], 0
         print(f"\n{task}: seconds for {', '.join(PARTS)}; then reward, RMS error, failed of {FLIGHTS}")
-        told = "; ".join(f"{name} {reward:.3f} {cm:.1f} cm {failed}" for name, (reward, cm, failed) in pid.items())
-        print(f"thesis PID                                            {told}")
+        summary = "; ".join(f"{name} {reward:.3f} {cm:.1f} cm {failed}" for name, (reward, cm, failed) in pid.items())
+        print(f"thesis PID                                            {summary}")
         for seed in range(args.seeds):
             with tempfile.TemporaryDirectory() as folder:
                 out = f"{folder}/policy.safetensors"
@@ -79,9 +79,11 @@ def main():
                 ours[name][0] > r and ours[name][1] < cm and ours[name][2] == 0 for name, (r, cm, _) in pid.items()
             )
             won += beats
-            told = "; ".join(f"{name} {reward:.3f} {cm:.1f} cm {failed}" for name, (reward, cm, failed) in ours.items())
+            summary = "; ".join(
+                f"{name} {reward:.3f} {cm:.1f} cm {failed}" for name, (reward, cm, failed) in ours.items()
+            )
             seconds = " ".join(f"{s:6.1f}" for s in spent[-1])
-            print(f"seed {seed} {seconds}  {told}  {'beats it' if beats else 'DOES NOT BEAT IT'}", flush=True)
+            print(f"seed {seed} {seconds}  {summary}  {'beats it' if beats else 'DOES NOT BEAT IT'}", flush=True)
         medians = " ".join(f"{statistics.median(part):6.1f}" for part in zip(*spent, strict=True))
         print(f"median {medians}  {won} of {args.seeds} beat the PID")
 

@@ -63,7 +63,7 @@ pub(crate) fn changes_table(diagnosis: &Diagnosis) -> Table {
     table
 }
 
-/// How the verdict was reached.
+/// Derivation of the verdict.
 fn method(diagnosis: &Diagnosis) -> String {
     let [thrust, yaw, swing] = diagnosis.p_values;
     let sd: Vec<String> = diagnosis.standard_deviations.iter().map(|s| percent(*s).trim_start_matches('+').to_owned()).collect();
@@ -148,7 +148,7 @@ pub(crate) fn as_json(diagnosis: &Diagnosis, demands: &[EffectDemand]) -> Json {
 
 /// Changes by set-up: thrust against yaw, which tell faults, and roll against pitch, which tell where.
 pub(crate) fn picture(diagnosis: &Diagnosis) -> Result<String, PictureError> {
-    let points = |of: &[SetUp], i: usize| of.iter().map(|s| 100.0 * s.change[i]).collect::<Vec<f64>>();
+    let points = |set_ups: &[SetUp], i: usize| set_ups.iter().map(|s| 100.0 * s.change[i]).collect::<Vec<f64>>();
     let ellipse = |i: usize, j: usize| -> [Vec<f64>; 2] {
         let [a, b] = [i, j].map(|k| 200.0 * Some(diagnosis.standard_deviations[k]).filter(|s| s.is_finite()).unwrap_or(0.0));
         let angles = || (0..=72).map(|k| f64::from(k) * std::f64::consts::TAU / 72.0);

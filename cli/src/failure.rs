@@ -1,4 +1,4 @@
-//! What can go wrong on the command line, and its exit code.
+//! Failures of the command line, and their exit codes.
 
 use std::fmt;
 use std::io;
@@ -7,7 +7,7 @@ use crazyflie_env::Error as EnvError;
 use crazyflie_picture::PictureError;
 
 use crazyflie_server::bench::Error as BenchError;
-use crazyflie_server::link::Error as LinkError;
+use crazyflie_server::client::Error as ClientError;
 
 /// Result of a command.
 pub(crate) type Outcome<T = ()> = Result<T, Failure>;
@@ -16,7 +16,7 @@ pub(crate) type Outcome<T = ()> = Result<T, Failure>;
 pub(crate) enum Failure {
     /// The user asked for something that does not exist or cannot be.
     Usage(String),
-    /// What was asked for went wrong.
+    /// The task of the command failed.
     Failed(String),
     /// The reader of our output has gone: nothing to say, and not an error.
     Closed,
@@ -65,11 +65,11 @@ impl From<BenchError> for Failure {
     }
 }
 
-impl From<LinkError> for Failure {
-    fn from(error: LinkError) -> Self {
+impl From<ClientError> for Failure {
+    fn from(error: ClientError) -> Self {
         match &error {
-            LinkError::Url => Failure::Usage(error.to_string()),
-            LinkError::Refused { code, .. } if matches!(&code[..], "unknown_scenario" | "bad_name") => Failure::Usage(error.to_string()),
+            ClientError::Url => Failure::Usage(error.to_string()),
+            ClientError::Refused { code, .. } if matches!(&code[..], "unknown_scenario" | "bad_name") => Failure::Usage(error.to_string()),
             _ => Failure::Failed(error.to_string()),
         }
     }

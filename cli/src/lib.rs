@@ -1,13 +1,13 @@
 //! The program `crazyflie`. The binary and the Python package both call [`main_from`].
 #![forbid(unsafe_code)]
 
-mod afar;
 mod commands;
 mod diagnosis;
-mod explained;
+mod explanation;
 mod failure;
 mod measured;
 mod recovery;
+mod remote_submit;
 mod robustness;
 mod score;
 mod scorecard;

@@ -10,7 +10,7 @@ use crazyflie_identify::estimate::{IdentifyError, ParameterEstimate};
 use crazyflie_identify::transfer::{Channel, Record, WindowLength, identify};
 use crazyflie_identify::vehicle;
 
-use crazyflie_server::flight::{Scenario, Setup, fly_overruled, lab_rig, log};
+use crazyflie_server::flight::{FlightScenario, Setup, fly_with_override, lab_rig, log};
 
 /// 5.1: "after 10 seconds".
 const HOVER_S: f64 = 10.0;
@@ -19,7 +19,7 @@ const YAW_RADPS: f64 = 36.0 * std::f64::consts::PI / 180.0;
 /// The white error of the angles that the rig adds to the lab's camera. The thesis gives none; this is the scatter of a Crazyflie at hover.
 const ANGLE_NOISE_DEG: f64 = 0.2;
 
-/// How well the flights are measured.
+/// Sensors of the flights.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Sensors {
     /// The true pose at every control tick.
@@ -42,9 +42,9 @@ impl Sensors {
     }
 }
 
-/// A number that came back.
+/// A parameter that was identified from simulated flights.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Recovered {
+pub(crate) struct RecoveredParameter {
     pub equation: &'static str,
     pub experiment: &'static str,
     pub sensors: Sensors,
@@ -54,7 +54,7 @@ pub(crate) struct Recovered {
     pub fit_percent: Option<f64>,
 }
 
-impl Recovered {
+impl RecoveredParameter {
     /// Distance from the truth in standard errors.
     pub(crate) fn deviations(&self) -> f64 {
         (self.estimate.value - self.truth) / self.estimate.standard_error
@@ -67,7 +67,7 @@ impl Recovered {
     }
 }
 
-/// What a flight does after the hover.
+/// A flight after its hover.
 struct Experiment {
     name: &'static str,
     equation: &'static str,
@@ -78,7 +78,7 @@ struct Experiment {
     command: fn(Command<f64>) -> Command<f64>,
 }
 
-fn as_controlled(u: Command<f64>) -> Command<f64> {
+fn unchanged(u: Command<f64>) -> Command<f64> {
     u
 }
 
@@ -91,21 +91,21 @@ const EXPERIMENTS: [Experiment; 6] = [
     Experiment { name: "yaw 36 deg/s (5.1.2)", equation: "5.2", channel: Channel::Yaw, vertical: VerticalInput::Pwm, seconds: 10.0, height_m: 0.7,
         command: |u| Command { yaw_rate_radps: YAW_RADPS, ..u } },
     Experiment { name: "height 70 to 80 cm (5.1.3)", equation: "5.3", channel: Channel::Height, vertical: VerticalInput::Height, seconds: 6.0, height_m: 0.8,
-        command: as_controlled },
+        command: unchanged },
     Experiment { name: "height by PWM (5.1.3)", equation: "5.4", channel: Channel::Pwm, vertical: VerticalInput::Pwm, seconds: 6.0, height_m: 0.8,
-        command: as_controlled },
+        command: unchanged },
     Experiment { name: "speed at 7.5 deg (5.1.4)", equation: "5.5", channel: Channel::CommandVx, vertical: VerticalInput::Pwm, seconds: 1.2, height_m: 0.7,
         command: |u| Command { pitch_rad: STEP_RAD, ..u } },
 ];
 
-/// How often the recoveries call back: each experiment with both kinds of sensors, and the whole model with each.
+/// Number of calls of `done`: each experiment with both kinds of sensors, and the whole model with each.
 pub(crate) const COUNT: usize = 2 * EXPERIMENTS.len() + 2;
 
 /// The log of an experiment, hover first, by the thesis's PID until the experiment overrules it.
-fn flown(model: &Model, experiment: &Experiment, sensors: Sensors, seed: u64) -> Result<FlightLog, Error> {
+fn fly_experiment(model: &Model, experiment: &Experiment, sensors: Sensors, seed: u64) -> Result<FlightLog, Error> {
     let setup = Setup {
         model: model.clone(),
-        scenario: Scenario::named("hover-70cm")?,
+        scenario: FlightScenario::find("hover-70cm")?,
         task_options: None,
         controller: ControllerSpec::named("thesis-pid")?,
         effects: sensors.effects(),
@@ -115,7 +115,7 @@ fn flown(model: &Model, experiment: &Experiment, sensors: Sensors, seed: u64) ->
     // half a tick of margin for the clock's rounding
     let after = |t_s: f64| t_s > HOVER_S - 5e-3;
     let height = |t_s: f64| if after(t_s) { experiment.height_m } else { 0.7 };
-    let traces = fly_overruled(&setup, &[seed], &height, &|t_s, u| if after(t_s) { (experiment.command)(u) } else { u })?;
+    let traces = fly_with_override(&setup, &[seed], &height, &|t_s, u| if after(t_s) { (experiment.command)(u) } else { u })?;
     // as a recording: through the project's CSV
     let mut bytes = Vec::new();
     let written = log(&traces[0]).write_csv(&mut bytes).and_then(|()| FlightLog::from_bytes(experiment.name, &bytes));
@@ -123,15 +123,15 @@ fn flown(model: &Model, experiment: &Experiment, sensors: Sensors, seed: u64) ->
 }
 
 /// Every coefficient of 5.1 to 5.5 by itself, as the thesis did. `done` is called after each experiment.
-pub(crate) fn equations(model: &Model, sensors: Sensors, seed: u64, done: &dyn Fn()) -> Result<Vec<Recovered>, IdentifyError> {
+pub(crate) fn equations(model: &Model, sensors: Sensors, seed: u64, done: &dyn Fn()) -> Result<Vec<RecoveredParameter>, IdentifyError> {
     let mut all = Vec::new();
     for experiment in &EXPERIMENTS {
-        let log = flown(model, experiment, sensors, seed)?;
+        let log = fly_experiment(model, experiment, sensors, seed)?;
         let record = Record::from_log(experiment.name, &log, experiment.channel)?;
         // a simulated flight needs no new start: nothing disturbs it
-        let found = identify(&[record], experiment.channel, experiment.channel.structure(), WindowLength::Whole)?;
-        let fit_percent = found.fit.first().and_then(|c| c.fit.fit_percent);
-        let line = |(estimate, truth): (&ParameterEstimate, f64)| Recovered {
+        let identified = identify(&[record], experiment.channel, experiment.channel.structure(), WindowLength::Whole)?;
+        let fit_percent = identified.fit.first().and_then(|c| c.fit.fit_percent);
+        let line = |(estimate, truth): (&ParameterEstimate, f64)| RecoveredParameter {
             equation: experiment.equation,
             experiment: experiment.name,
             sensors,
@@ -139,7 +139,7 @@ pub(crate) fn equations(model: &Model, sensors: Sensors, seed: u64, done: &dyn F
             estimate: estimate.clone(),
             fit_percent,
         };
-        all.extend(found.parameters.iter().zip(truths(model, experiment.channel)).map(line));
+        all.extend(identified.parameters.iter().zip(truths(model, experiment.channel)).map(line));
         done();
     }
     Ok(all)
@@ -165,14 +165,14 @@ fn truths(model: &Model, channel: Channel) -> Vec<f64> {
     }
 }
 
-/// How wrong the numbers are from which the whole model is found again.
+/// Factor by which the start values of the whole model are wrong.
 const WRONG: f64 = 1.3;
 
 /// The numbers of the model, all at once from the flights that PWM commands, starting from numbers that are 30 % off.
-pub(crate) fn whole_model(model: &Model, sensors: Sensors, seed: u64, done: &dyn Fn()) -> Result<Vec<Recovered>, IdentifyError> {
+pub(crate) fn whole_model(model: &Model, sensors: Sensors, seed: u64, done: &dyn Fn()) -> Result<Vec<RecoveredParameter>, IdentifyError> {
     let mut logs = Vec::new();
     for experiment in EXPERIMENTS[..5].iter().filter(|e| e.vertical == VerticalInput::Pwm) {
-        logs.push((experiment.name.to_owned(), flown(model, experiment, sensors, seed)?));
+        logs.push((experiment.name.to_owned(), fly_experiment(model, experiment, sensors, seed)?));
     }
     let mut start = model.clone();
     for path in vehicle::visible(model, &logs, VerticalInput::Pwm) {
@@ -182,14 +182,14 @@ pub(crate) fn whole_model(model: &Model, sensors: Sensors, seed: u64, done: &dyn
         start = start.with_parameter(&path, wrong)?;
     }
     let plan = vehicle::FitOptions { vertical: Some(VerticalInput::Pwm), ..vehicle::FitOptions::default() };
-    let found = vehicle::identify(&start, &logs, &plan, &|| ())?;
+    let identified = vehicle::identify(&start, &logs, &plan, &|| ())?;
     done();
     let line = |estimate: &ParameterEstimate| {
         let truth = model.parameter(&estimate.name)?;
         let experiment = "all PWM flights, all numbers";
-        Ok(Recovered { equation: "4.15", experiment, sensors, truth, estimate: estimate.clone(), fit_percent: None })
+        Ok(RecoveredParameter { equation: "4.15", experiment, sensors, truth, estimate: estimate.clone(), fit_percent: None })
     };
-    found.parameters.iter().map(line).collect()
+    identified.parameters.iter().map(line).collect()
 }
 
 #[cfg(test)]
@@ -199,31 +199,31 @@ mod tests {
     /// Without noise what is left is the 32-bit rounding of the recording.
     #[test]
     fn the_equations_come_back_from_ideal_flights() {
-        for one in equations(&Model::thesis(), Sensors::Ideal, 0, &|| ()).unwrap() {
-            assert!(one.relative() < 2e-3, "{one:?}");
-            assert!(one.fit_percent.unwrap() > 99.9, "{one:?}");
+        for recovered in equations(&Model::thesis(), Sensors::Ideal, 0, &|| ()).unwrap() {
+            assert!(recovered.relative() < 2e-3, "{recovered:?}");
+            assert!(recovered.fit_percent.unwrap() > 99.9, "{recovered:?}");
         }
     }
 
     /// Through the camera within four standard errors, and these within what one step of 7.5 degrees or 10 cm can give.
     #[test]
     fn the_equations_come_back_through_the_camera() {
-        for one in equations(&Model::thesis(), Sensors::Rig, 0, &|| ()).unwrap() {
-            let allowed = match one.equation {
+        for recovered in equations(&Model::thesis(), Sensors::Rig, 0, &|| ()).unwrap() {
+            let allowed = match recovered.equation {
                 "5.1" => 0.2,
                 "5.2" => 0.03,
                 "5.5" => 0.5,
                 _ => 0.35,
             };
-            assert!(one.deviations().abs() < 4.0 && one.relative() < allowed, "{one:?}");
+            assert!(recovered.deviations().abs() < 4.0 && recovered.relative() < allowed, "{recovered:?}");
         }
     }
 
     #[test]
     fn the_whole_model_comes_back_from_wrong_numbers() {
         for (sensors, allowed) in [(Sensors::Ideal, 0.01), (Sensors::Rig, 0.35)] {
-            for one in whole_model(&Model::thesis(), sensors, 0, &|| ()).unwrap() {
-                assert!(one.relative() < allowed, "{one:?}");
+            for recovered in whole_model(&Model::thesis(), sensors, 0, &|| ()).unwrap() {
+                assert!(recovered.relative() < allowed, "{recovered:?}");
             }
         }
     }

@@ -6,9 +6,9 @@ use crazyflie_picture::{PALETTE, Panel, PictureError, Series, Style, chart};
 
 use crazyflie_server::bench::baselines::evaluate;
 use crazyflie_server::bench::{Error, Scenario};
-use crazyflie_server::flight::{Row, Trace};
+use crazyflie_server::flight::{Trace, TraceRow};
 
-/// What is added to a scenario's own effects.
+/// Effects that are added to those of a scenario.
 pub(crate) struct Condition {
     pub name: &'static str,
     pub about: &'static str,
@@ -36,9 +36,9 @@ pub(crate) const CONDITIONS: [Condition; 3] = [
     },
 ];
 
-/// How one controller did in one scenario under one condition.
+/// Result of one controller in one scenario under one condition.
 #[derive(Debug, Clone, serde::Serialize)]
-pub(crate) struct Line {
+pub(crate) struct RobustnessRow {
     pub controller: String,
     pub scenario: String,
     pub condition: &'static str,
@@ -62,13 +62,18 @@ pub(crate) struct Line {
 ///
 /// # Errors
 /// Those of the benchmark.
-pub(crate) fn compare(controllers: &[ControllerSpec], scenarios: &[String], seeds: &[u64], done: &dyn Fn()) -> Result<Vec<Line>, Error> {
+pub(crate) fn compare(
+    controllers: &[ControllerSpec],
+    scenarios: &[String],
+    seeds: &[u64],
+    done: &dyn Fn(),
+) -> Result<Vec<RobustnessRow>, Error> {
     let mut lines = Vec::new();
     for scenario in scenarios {
         for condition in &CONDITIONS {
-            let flown = Scenario::with_effects(scenario, condition.table())?;
+            let varied = Scenario::with_effects(scenario, condition.table())?;
             for controller in controllers {
-                lines.push(line(controller, &flown, condition.name, seeds)?);
+                lines.push(line(controller, &varied, condition.name, seeds)?);
                 done();
             }
         }
@@ -76,10 +81,10 @@ pub(crate) fn compare(controllers: &[ControllerSpec], scenarios: &[String], seed
     Ok(lines)
 }
 
-fn line(controller: &ControllerSpec, scenario: &Scenario, condition: &'static str, seeds: &[u64]) -> Result<Line, Error> {
+fn line(controller: &ControllerSpec, scenario: &Scenario, condition: &'static str, seeds: &[u64]) -> Result<RobustnessRow, Error> {
     let (judged, first) = evaluate(scenario, &controller.clone().into(), seeds)?;
     let (s, m) = (judged.score, judged.metrics);
-    Ok(Line {
+    Ok(RobustnessRow {
         controller: controller.label.clone(),
         scenario: scenario.id(),
         condition,
@@ -100,7 +105,7 @@ fn line(controller: &ControllerSpec, scenario: &Scenario, condition: &'static st
 const SHOWN_M: f64 = 1.2;
 
 fn distance(trace: &Trace) -> [Vec<f64>; 2] {
-    let shown = |row: &Row| row.error_m().min(SHOWN_M);
+    let shown = |row: &TraceRow| row.error_m().min(SHOWN_M);
     [(0..trace.rows.len()).map(|row| trace.t_s(row)).collect(), trace.rows.iter().map(shown).collect()]
 }
 
@@ -115,9 +120,9 @@ impl Condition {
 ///
 /// # Errors
 /// Those of drawing.
-pub(crate) fn picture(lines: &[Line]) -> Result<String, PictureError> {
+pub(crate) fn picture(lines: &[RobustnessRow]) -> Result<String, PictureError> {
     let controllers = names(lines, |l| &l.controller);
-    let scenarios: Vec<(&str, Vec<Curve>)> = names(lines, |l| &l.scenario)
+    let scenarios: Vec<(&str, Vec<ScoreCurve>)> = names(lines, |l| &l.scenario)
         .into_iter()
         .map(|scenario| (scenario, controllers.iter().enumerate().map(|(i, c)| curve(lines, scenario, c, i)).collect()))
         .collect();
@@ -127,7 +132,7 @@ pub(crate) fn picture(lines: &[Line]) -> Result<String, PictureError> {
 }
 
 /// Distances over time.
-fn flights<'a>(scenario: &'a str, lines: &'a [Line]) -> Panel<'a> {
+fn flights<'a>(scenario: &'a str, lines: &'a [RobustnessRow]) -> Panel<'a> {
     let nominal = lines.iter().filter(|l| l.scenario == scenario && l.condition == CONDITIONS[0].name && !l.first[0].is_empty());
     let series = nominal.enumerate().map(|(i, l)| Series {
         label: &l.controller,
@@ -140,15 +145,15 @@ fn flights<'a>(scenario: &'a str, lines: &'a [Line]) -> Panel<'a> {
 }
 
 /// Points of one controller, and its intervals from below to above.
-struct Curve {
+struct ScoreCurve {
     x: Vec<f64>,
     y: Vec<f64>,
     intervals: Vec<([f64; 2], [f64; 2])>,
 }
 
-fn names<'a>(lines: &'a [Line], of: impl Fn(&'a Line) -> &'a String) -> Vec<&'a str> {
+fn names<'a>(lines: &'a [RobustnessRow], name_of: impl Fn(&'a RobustnessRow) -> &'a String) -> Vec<&'a str> {
     let mut all: Vec<&str> = Vec::new();
-    for name in lines.iter().map(of).map(String::as_str) {
+    for name in lines.iter().map(name_of).map(String::as_str) {
         if !all.contains(&name) {
             all.push(name);
         }
@@ -156,15 +161,15 @@ fn names<'a>(lines: &'a [Line], of: impl Fn(&'a Line) -> &'a String) -> Vec<&'a 
     all
 }
 
-fn curve(lines: &[Line], scenario: &str, controller: &str, place: usize) -> Curve {
-    let of: Vec<&Line> = lines.iter().filter(|l| l.scenario == scenario && l.controller == controller).collect();
+fn curve(lines: &[RobustnessRow], scenario: &str, controller: &str, place: usize) -> ScoreCurve {
+    let own: Vec<&RobustnessRow> = lines.iter().filter(|l| l.scenario == scenario && l.controller == controller).collect();
     // side by side, so that intervals can be told apart
-    let x: Vec<f64> = (0..of.len()).map(|i| 1.0 + i as f64 + 0.04 * place as f64).collect();
-    let intervals = x.iter().zip(&of).map(|(x, l)| ([*x, *x], [l.low, l.high])).collect();
-    Curve { y: of.iter().map(|l| l.score).collect(), x, intervals }
+    let x: Vec<f64> = (0..own.len()).map(|i| 1.0 + i as f64 + 0.04 * place as f64).collect();
+    let intervals = x.iter().zip(&own).map(|(x, l)| ([*x, *x], [l.low, l.high])).collect();
+    ScoreCurve { y: own.iter().map(|l| l.score).collect(), x, intervals }
 }
 
-fn scores<'a>(scenario: &'a str, controllers: &[&'a str], curves: &'a [Curve]) -> Panel<'a> {
+fn scores<'a>(scenario: &'a str, controllers: &[&'a str], curves: &'a [ScoreCurve]) -> Panel<'a> {
     let mut series = Vec::new();
     for (i, (label, curve)) in controllers.iter().zip(curves).enumerate() {
         let color = PALETTE[i % PALETTE.len()];

@@ -32,7 +32,7 @@ fn wrong_type<T: Element>(what: &str, shape: &[usize], got: &Bound<'_, PyAny>) -
     ))
 }
 
-fn checked<'a, 'py, T: Element>(what: &str, shape: &[usize], object: &'a Bound<'py, PyAny>) -> PyResult<&'a Bound<'py, PyArrayDyn<T>>> {
+fn check_shape<'a, 'py, T: Element>(what: &str, shape: &[usize], object: &'a Bound<'py, PyAny>) -> PyResult<&'a Bound<'py, PyArrayDyn<T>>> {
     let Ok(array) = object.cast::<PyArrayDyn<T>>() else { return Err(wrong_type::<T>(what, shape, object)) };
     if array.shape() != shape {
         return Err(PyValueError::new_err(format!("{what}: expected shape {}, got {}", tuple(shape), tuple(array.shape()))));
@@ -52,7 +52,7 @@ fn checked<'a, 'py, T: Element>(what: &str, shape: &[usize], object: &'a Bound<'
 /// # Errors
 /// `TypeError` for another type or dtype, `ValueError` for another shape or layout, or while it is being written to.
 pub fn input<'py, T: Element>(what: &str, shape: &[usize], object: &Bound<'py, PyAny>) -> PyResult<PyReadonlyArrayDyn<'py, T>> {
-    let array = checked::<T>(what, shape, object)?;
+    let array = check_shape::<T>(what, shape, object)?;
     array.try_readonly().map_err(|e| PyValueError::new_err(format!("{what}: {e}")))
 }
 
@@ -61,7 +61,7 @@ pub fn input<'py, T: Element>(what: &str, shape: &[usize], object: &Bound<'py, P
 /// # Errors
 /// As [`input`]; also if it is read-only or passed twice.
 pub fn output<'py, T: Element>(what: &str, shape: &[usize], object: &Bound<'py, PyAny>) -> PyResult<PyReadwriteArrayDyn<'py, T>> {
-    let array = checked::<T>(what, shape, object)?;
+    let array = check_shape::<T>(what, shape, object)?;
     array.try_readwrite().map_err(|e| PyValueError::new_err(format!("{what}: {e}")))
 }
 
@@ -70,7 +70,7 @@ pub fn output<'py, T: Element>(what: &str, shape: &[usize], object: &Bound<'py, 
 /// # Errors
 /// As [`input`].
 pub fn mask(what: &str, shape: &[usize], object: &Bound<'_, PyAny>) -> PyResult<Vec<bool>> {
-    let bytes = checked::<bool>(what, shape, object)?.call_method1("view", ("uint8",))?;
+    let bytes = check_shape::<bool>(what, shape, object)?.call_method1("view", ("uint8",))?;
     Ok(input::<u8>(what, shape, &bytes)?.as_slice()?.iter().map(|byte| *byte != 0).collect())
 }
 

@@ -12,15 +12,15 @@ use serde_json::Value;
 
 use crate::arrays::{empty, input, mask as read_mask, output};
 use crate::errors::guarded;
-use crate::held::Held;
-use crate::sim::{Interface, MOST_ENVS, Sim, detached};
+use crate::guarded_cell::GuardedCell;
+use crate::sim::{Interface, MAX_ENVS, Sim, detached};
 
 /// The controller `name` (see `crazyflie_gym.controllers()`), or `name:file`, for `num_envs` environments with the command interface of `of` (a `Sim` or its
 /// `interface`). It reads what an agent reads. `options` is JSON; `model` the text of the model file that it believes in, the thesis's unless
 /// given; `mode`: "automatic", "takeoff" or "landing".
 #[pyclass(subclass, module = "crazyflie_gym._native")]
 pub struct Controller {
-    inner: Held<Box<dyn control::Controller>>,
+    inner: GuardedCell<Box<dyn control::Controller>>,
     envs: usize,
 }
 
@@ -32,8 +32,8 @@ impl Controller {
         mode: &str,
         chosen: impl FnOnce() -> Result<ControllerSpec>,
     ) -> PyResult<Self> {
-        if !(1..=MOST_ENVS).contains(&num_envs) {
-            return Err(PyValueError::new_err(format!("num_envs is {num_envs}, expected 1 to {MOST_ENVS}")));
+        if !(1..=MAX_ENVS).contains(&num_envs) {
+            return Err(PyValueError::new_err(format!("num_envs is {num_envs}, expected 1 to {MAX_ENVS}")));
         }
         let of = if of.is_instance_of::<Sim>() { of.getattr("interface")? } else { of.clone() };
         let Ok(interface) = of.cast::<Interface>() else {
@@ -45,7 +45,7 @@ impl Controller {
             let model = model.map_or_else(|| Ok(Model::thesis()), Model::parse)?;
             chosen()?.build(&ControllerContext { model: &model, interface, tick_s, envs, mode: Mode::named(mode)? })
         })?;
-        Ok(Controller { inner: Held::new(inner), envs })
+        Ok(Controller { inner: GuardedCell::new(inner), envs })
     }
 }
 
@@ -90,8 +90,8 @@ impl Controller {
     #[pyo3(signature = (mask = None))]
     fn reset(&mut self, mask: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
         let mask = mask.map(|mask| read_mask("mask", &[self.envs], mask)).transpose()?;
-        let of = |env: usize| mask.as_ref().is_none_or(|mask| mask.get(env).copied().unwrap_or(false));
-        self.inner.get()?.reset(&of);
+        let is_chosen = |env: usize| mask.as_ref().is_none_or(|mask| mask.get(env).copied().unwrap_or(false));
+        self.inner.get()?.reset(&is_chosen);
         Ok(())
     }
 }
@@ -114,7 +114,7 @@ impl Pid {
 /// options (name and meaning), defaults (JSON).
 #[pyfunction]
 pub fn controllers(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
-    let one = |entry: &&control::Entry| {
+    let controller_dict = |entry: &&control::Entry| {
         let dict = PyDict::new(py);
         for (key, text) in [("name", entry.name), ("about", entry.about), ("source", entry.source)] {
             dict.set_item(key, text)?;
@@ -127,5 +127,5 @@ pub fn controllers(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
         dict.set_item("defaults", (entry.defaults)().to_string())?;
         Ok(dict)
     };
-    control::registry().iter().map(one).collect()
+    control::registry().iter().map(controller_dict).collect()
 }

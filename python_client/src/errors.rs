@@ -21,7 +21,7 @@ pub fn guarded<T, E: Into<Failure>>(call: impl FnOnce() -> Result<T, E>) -> PyRe
     }
 }
 
-/// What kind of mistake an error reports.
+/// Kind of an error: a wrong argument or a wrong moment.
 pub enum Failure {
     Argument(String),
     Moment(String),

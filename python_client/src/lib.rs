@@ -2,9 +2,9 @@
 
 mod arrays;
 mod controller;
-mod crowd;
 mod errors;
-mod held;
+mod guarded_cell;
+mod multi_controller;
 mod picture;
 mod registry;
 mod remote;
@@ -16,7 +16,7 @@ mod _native {
     #[pymodule_export]
     use crate::controller::{Controller, Pid, controllers};
     #[pymodule_export]
-    use crate::crowd::{Crowd, metrics};
+    use crate::multi_controller::{Crowd, metrics};
     #[pymodule_export]
     use crate::picture::{ansi, path, render};
     #[pymodule_export]

@@ -1,4 +1,4 @@
-//! What there is to choose from, as the registries know it.
+//! Effects, tasks and observation fields of the registries, as Python dicts.
 
 use crazyflie_env::coupling::NEIGHBOUR_FIELDS;
 use crazyflie_env::model::{Model, THESIS_TOML};
@@ -12,7 +12,7 @@ use crate::errors::guarded;
 /// Every effect in the order of application, as a dict: name, about, source, hooks, params (name, unit, off, low, high, about).
 #[pyfunction]
 pub fn effects(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
-    let one = |entry: &effect::Entry| {
+    let effect_dict = |entry: &effect::Entry| {
         let params: PyResult<Vec<_>> = entry.params.iter().map(|param| param_dict(py, param)).collect();
         let h = entry.hooks;
         let hooks = [("command", h.command), ("push", h.push), ("frame", h.frame), ("sense", h.sense)];
@@ -24,7 +24,7 @@ pub fn effects(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
         dict.set_item("params", params?)?;
         Ok(dict)
     };
-    effect::registry().iter().map(one).collect()
+    effect::registry().iter().map(effect_dict).collect()
 }
 
 fn param_dict<'py>(py: Python<'py>, param: &effect::Param) -> PyResult<Bound<'py, PyDict>> {
@@ -41,7 +41,7 @@ fn param_dict<'py>(py: Python<'py>, param: &effect::Param) -> PyResult<Bound<'py
 /// Every task, as a dict: name, id (Gymnasium's), about, reward, max_episode_steps, drones.
 #[pyfunction]
 pub fn tasks(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
-    let one = |entry: &task::Entry| {
+    let task_dict = |entry: &task::Entry| {
         let dict = PyDict::new(py);
         for (key, text) in [("name", entry.name), ("id", entry.id), ("about", entry.about), ("reward", entry.reward)] {
             dict.set_item(key, text)?;
@@ -50,7 +50,7 @@ pub fn tasks(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
         dict.set_item("drones", entry.drones)?;
         Ok(dict)
     };
-    task::registry().iter().map(one).collect()
+    task::registry().iter().map(task_dict).collect()
 }
 
 /// The layout of an observation row, as dicts: name, first, length, unit, low, high, about.

@@ -12,10 +12,10 @@ use pyo3::types::{PyBytes, PyDict, PyTuple, PyType};
 
 use crate::arrays::{empty, input, mask as read_mask, output, row};
 use crate::errors::{Failure, guarded};
-use crate::held::Held;
+use crate::guarded_cell::GuardedCell;
 
 /// Beyond this the buffers of a step alone take gigabytes.
-pub const MOST_ENVS: i64 = 1 << 22;
+pub const MAX_ENVS: i64 = 1 << 22;
 
 /// Letting go of the interpreter costs more than stepping this many.
 pub const FEW_ENVS: usize = 16;
@@ -25,7 +25,7 @@ pub type Step<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, B
 /// The last observation and true state of an episode.
 type Last<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>);
 /// Class, arguments, state.
-type Reduced<'py> = (Bound<'py, PyType>, (usize, String, Option<Vec<String>>), Bound<'py, PyBytes>);
+type PickleState<'py> = (Bound<'py, PyType>, (usize, String, Option<Vec<String>>), Bound<'py, PyBytes>);
 /// Observation, reward, terminated, truncated, info.
 pub type StepOne<'py> = (Bound<'py, PyArray1<f32>>, f64, bool, bool, Bound<'py, PyDict>);
 
@@ -94,7 +94,7 @@ impl Interface {
 /// thesis's, one for all drones, or one for each drone of an environment.
 #[pyclass(module = "crazyflie_gym._native")]
 pub struct Sim {
-    env: Held<VectorEnv>,
+    env: GuardedCell<VectorEnv>,
     models: Vec<Model>,
     envs: usize,
     drones: usize,
@@ -149,8 +149,8 @@ impl Sim {
     #[new]
     #[pyo3(signature = (num_envs, options = "{}", models = None))]
     fn new(py: Python<'_>, num_envs: i64, options: &str, models: Option<Vec<String>>) -> PyResult<Self> {
-        if !(1..=MOST_ENVS).contains(&num_envs) {
-            return Err(PyValueError::new_err(format!("num_envs is {num_envs}, expected 1 to {MOST_ENVS}")));
+        if !(1..=MAX_ENVS).contains(&num_envs) {
+            return Err(PyValueError::new_err(format!("num_envs is {num_envs}, expected 1 to {MAX_ENVS}")));
         }
         let envs = num_envs as usize;
         let made_from = (options.to_owned(), models.clone());
@@ -166,7 +166,7 @@ impl Sim {
         })?;
         let (drones, width, metrics) = (env.num_drones(), env.width(), env.num_metrics());
         let (lead, flying) = if metrics == 0 { (vec![envs], Vec::new()) } else { (vec![envs, drones], vec![true; envs * drones]) };
-        Ok(Sim { env: Held::new(env), models, envs, drones, width, lead, flying, metrics: vec![0.0; envs * metrics], made_from })
+        Ok(Sim { env: GuardedCell::new(env), models, envs, drones, width, lead, flying, metrics: vec![0.0; envs * metrics], made_from })
     }
 
     /// Environments in the batch.
@@ -344,7 +344,7 @@ impl Sim {
     }
 
     /// For pickling and copying.
-    fn __reduce__<'py>(&mut self, py: Python<'py>) -> PyResult<Reduced<'py>> {
+    fn __reduce__<'py>(&mut self, py: Python<'py>) -> PyResult<PickleState<'py>> {
         let class = py.get_type::<Sim>();
         let (options, models) = self.made_from.clone();
         Ok((class, (self.envs, options, models), self.get_state(py)?))

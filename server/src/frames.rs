@@ -5,7 +5,7 @@ use crazyflie_env::observation::{ACTION, Interface, OBSERVATION};
 use crazyflie_env::vector::STATE;
 use serde::Serialize;
 
-/// What a row says, SI units and radians. `fix` is the vehicle as the camera says it, `u` the command in force from the row on.
+/// Columns of a row, SI units and radians. `fix` is the pose that the camera measures, `u` the command in force from the row on.
 pub(crate) const COLUMNS: [&str; 25] = [
     "t_s",
     "x",
@@ -34,16 +34,16 @@ pub(crate) const COLUMNS: [&str; 25] = [
     "reward",
 ];
 
-/// What the rows of drones that share a world say besides: whether it flies, the distance to the nearest other one that does, and the smallest
+/// Further columns of drones that share a world: whether the drone flies, its distance to the nearest other flying one, and the smallest
 /// distance so far between any two.
-pub(crate) const SHARED: [&str; 3] = ["flying", "separation_m", "least_separation_m"];
+pub(crate) const WORLD_COLUMNS: [&str; 3] = ["flying", "separation_m", "least_separation_m"];
 
-/// [`COLUMNS`] and [`SHARED`].
-pub(crate) const TOGETHER: [&str; COLUMNS.len() + SHARED.len()] = {
-    let mut all = [""; COLUMNS.len() + SHARED.len()];
+/// [`COLUMNS`] and [`WORLD_COLUMNS`].
+pub(crate) const ALL_COLUMNS: [&str; COLUMNS.len() + WORLD_COLUMNS.len()] = {
+    let mut all = [""; COLUMNS.len() + WORLD_COLUMNS.len()];
     let (own, shared) = all.split_at_mut(COLUMNS.len());
     own.copy_from_slice(&COLUMNS);
-    shared.copy_from_slice(&SHARED);
+    shared.copy_from_slice(&WORLD_COLUMNS);
     all
 };
 
@@ -66,7 +66,7 @@ pub(crate) struct Header {
     /// Centres of the markers on the floor.
     pub marker: Vec<[f64; 3]>,
     pub camera: Camera,
-    /// How the flight ended.
+    /// Reason that the flight ended.
     pub end: String,
 }
 
@@ -83,7 +83,7 @@ impl Header {
 }
 
 /// Numbers in the order of [`COLUMNS`].
-pub(crate) type Numbers = [f32; COLUMNS.len()];
+pub(crate) type FrameRow = [f32; COLUMNS.len()];
 
 /// A row from an observation, the true state, and the action in force from then on.
 pub(crate) fn row(
@@ -93,7 +93,7 @@ pub(crate) fn row(
     action: &[f32; ACTION],
     interface: &Interface,
     reward: f32,
-) -> Numbers {
+) -> FrameRow {
     let u = interface.command(&action.map(f64::from));
     let mut out = [0.0; COLUMNS.len()];
     out[0] = t_s as f32;

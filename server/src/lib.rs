@@ -2,11 +2,11 @@
 #![forbid(unsafe_code)]
 
 pub mod bench;
-pub mod dial;
+pub mod client;
+pub mod connect;
 pub mod flight;
 pub mod frames;
 #[cfg(any(test, fuzzing))]
 pub mod fuzzed;
-pub mod link;
 pub mod serve;
 pub mod worlds;

@@ -144,11 +144,11 @@ def test_cases_are_drawn_alike_and_say_what_is_true(group):
 
 
 def test_files_are_the_same_each_time(tmp_path):
-    told = []
+    cases = []
     for folder in (tmp_path / "a", tmp_path / "b"):
         folder.mkdir()
-        told.append(case.make(case.draw(1, "single", Options), {inner: NUMBERS for inner in case.INNER_LOOPS}, folder))
-    assert told[0] == told[1] and "skipped" not in told[0]
+        cases.append(case.make(case.draw(1, "single", Options), {inner: NUMBERS for inner in case.INNER_LOOPS}, folder))
+    assert cases[0] == cases[1] and "skipped" not in cases[0]
     names = sorted(path.name for path in (tmp_path / "a").iterdir())
     assert names == ["d0001.answer.json", "d0001.json", "d0001_a.csv.gz", "d0001_b.csv.gz"]
     for name in names:

@@ -49,9 +49,9 @@ def world(url, name):
 
 def test_a_pilot_gets_the_bits_of_the_library(url, client):
     options = {"drones": 1, "max_episode_steps": 60, "effects": {"camera_noise": 0.01}}
-    told = remote.found_world(url, f"bits-{client}", "formation", seed=5, client=client, **options)
+    info = remote.found_world(url, f"bits-{client}", "formation", seed=5, client=client, **options)
     local = Sim(1, json.dumps({"task": "formation", "autoreset": "disabled", **options}))
-    assert told["width"] == local.width == 24
+    assert info["width"] == local.width == 24
     actions = np.random.default_rng(0).uniform(-0.2, 0.2, (60, 4)).astype(np.float32)
     actions[:, 3] = 0.0
     with remote.Pilot(url, f"bits-{client}", client=client) as pilot:
@@ -101,8 +101,8 @@ def test_two_processes_in_two_languages_swap_places(url, tmp_path):
     assert "waits" in here.stdout.readline()
     command = [*CRAZYFLIE, "world", "join", "--server", url, "--world", "places", "--drone", "1", "--collision-avoidance"]
     there = subprocess.run(command, capture_output=True, text=True, timeout=120)
-    said = here.communicate(timeout=60)[0]
-    print(said, there.stdout, there.stderr)
+    output = here.communicate(timeout=60)[0]
+    print(output, there.stdout, there.stderr)
     assert (here.returncode, there.returncode) == (0, 0)
     row = world(url, "places")
     print(row["metrics"])

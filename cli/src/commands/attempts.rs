@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use jiff::Timestamp;
 
 use super::{Failure, Outcome, Table, files, number};
-use crazyflie_server::bench::{Bench, Listed, api};
+use crazyflie_server::bench::{AttemptEntry, Bench, api};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -56,7 +56,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 fn list(bench: &Bench, scenario: Option<&str>, out: &mut dyn Write) -> Outcome {
     let scenario = scenario.map(|name| bench.scenario(name)).transpose()?.map(|s| s.id());
     let mut table = Table::new(&["attempt", "begun", "scenario", "team", "controller", "status", "score"]).left(&[1, 2, 3, 4, 5]);
-    for Listed { id, document, .. } in bench.attempts(scenario.as_deref())? {
+    for AttemptEntry { id, document, .. } in bench.attempts(scenario.as_deref())? {
         let Ok(d) = document else {
             table.row(vec![id, "damaged: see crazyflie bench verify".into()]);
             continue;

@@ -50,13 +50,13 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     Ok(())
 }
 
-/// Where the effect enters the loop, in words.
+/// The place where the effect enters the loop, in words.
 fn hooks(h: Hooks) -> Vec<&'static str> {
     let all = [(h.command, "command"), (h.push, "motion"), (h.frame, "camera frame"), (h.sense, "reading")];
     all.into_iter().filter(|(on, _)| *on).map(|(_, name)| name).collect()
 }
 
-/// What a parameter is, and from which size `explain` calls it a cause.
+/// Meaning of a parameter, and the size from which `explain` calls it a cause.
 fn about(p: &Param) -> String {
     let least = if p.least > 0.0 { format!(" (a cause from {} off the default)", p.least) } else { String::new() };
     format!("{}{least}", p.about)

@@ -9,7 +9,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 
 use super::{Failure, Outcome, explain_table, files, with_cause};
-use crate::explained::{Declared, Run, as_json, report};
+use crate::explanation::{DeclaredModel, Run, as_json, report};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -42,7 +42,7 @@ pub(super) struct Args {
 }
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
-    let declared = Declared::read(&args.model).map_err(|e| failed(&e))?;
+    let declared = DeclaredModel::read(&args.model).map_err(|e| failure_with_causes(&e))?;
     let own = |of: &dyn Fn(&crazyflie_identify::case::Case) -> PathBuf| declared.case.iter().map(of).collect::<Vec<_>>();
     let fit = if args.fit.is_empty() { own(&|c| c.identify_on.clone()) } else { args.fit.clone() };
     let test = if args.test.is_empty() { own(&|c| c.held_out.clone()) } else { args.test.clone() };
@@ -55,10 +55,10 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         ));
     }
     let bar = spinner(args.json);
-    let run = Run::of(declared.model, args.vertical, [&fit, &test], &|what| bar.set_message(what.to_owned()));
+    let run = Run::explain_flights(declared.model, args.vertical, [&fit, &test], &|what| bar.set_message(what.to_owned()));
     let is_model = declared.case.is_none() && args.model.exists();
     let model_file = is_model.then(|| args.model.display().to_string());
-    let run = Run { model_file, ..run.map_err(|e| failed(&e))? };
+    let run = Run { model_file, ..run.map_err(|e| failure_with_causes(&e))? };
     bar.set_message("the report");
     let (object, written) = write_all(&run, &args.out)?;
     bar.finish_and_clear();
@@ -69,7 +69,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     explain_table::print(&run, &written, out)
 }
 
-pub(super) fn failed(error: &dyn std::error::Error) -> Failure {
+pub(super) fn failure_with_causes(error: &dyn std::error::Error) -> Failure {
     Failure::Failed(with_cause(error))
 }
 
@@ -89,8 +89,8 @@ fn spinner(silent: bool) -> ProgressBar {
 fn write_all(run: &Run, folder: &Path) -> Outcome<(Value, Vec<PathBuf>)> {
     let paths = ["model.toml", "report.html", "report.json"].map(|name| folder.join(name));
     let [model, page, object] = &paths;
-    let (_, text) = run.completed().map_err(|e| failed(&e))?;
-    let html = report(run).map_err(|e| failed(&e))?;
+    let (_, text) = run.completed_model().map_err(|e| failure_with_causes(&e))?;
+    let html = report(run).map_err(|e| failure_with_causes(&e))?;
     let [m, p, o] = [model, page, object].map(|path| path.display().to_string());
     let value = as_json(run, &json!({"model": m, "report": p, "json": o}));
     files::write(model, text.as_bytes())?;

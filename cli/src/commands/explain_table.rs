@@ -1,4 +1,4 @@
-//! What `crazyflie explain` prints.
+//! Output of `crazyflie explain`.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -8,9 +8,9 @@ use crazyflie_identify::explain::signals::Signal;
 use crazyflie_identify::explain::verdict::{Explanation, Finding};
 
 use super::{Outcome, Table, number};
-use crate::explained::{
+use crate::explanation::{
     NextStep, Run, SHORT_HORIZONS, ahead, axis_units, change_percent, closed_loop_line, confusable, flight_axis_errors, foreign_sentence,
-    next_steps, p_value, sentence, signal_rows, signed, significant, total_lines, with_error,
+    next_steps, p_value, sentence, signal_rows, signed_percent, significant, total_lines, with_error,
 };
 
 pub(super) fn print(run: &Run, written: &[PathBuf], out: &mut dyn Write) -> Outcome {
@@ -111,7 +111,7 @@ fn errors(found: &Explanation) -> Table {
                 significant(after, 3),
                 significant(naive, 3),
                 unit.into(),
-                change_percent(before, after).map_or("-".into(), signed),
+                change_percent(before, after).map_or("-".into(), signed_percent),
                 p_value(axes.p_value[axis][h], axes.stretches[axis][h]),
             ]);
         }

@@ -25,7 +25,7 @@ pub(crate) fn write(path: &Path, bytes: &[u8]) -> Outcome {
     fs::write(path, bytes).map_err(failed)
 }
 
-/// Where pictures go, for clap: a file that ends in .svg, or a folder.
+/// Target of pictures, for clap: a file that ends in .svg, or a folder.
 pub(crate) fn picture(text: &str) -> Result<PathBuf, String> {
     let path = PathBuf::from(text);
     let is_folder = text.ends_with(std::path::is_separator) || path.is_dir();

@@ -9,8 +9,8 @@ use crazyflie_env::model::VerticalInput;
 use indicatif::ProgressBar;
 use serde_json::json;
 
-use super::{Failure, Outcome, controllers, files, fly_table, fly_team};
-use crazyflie_server::flight::{self, Figures, Scenario, Setup, TeamSetup, Trace};
+use super::{Failure, Outcome, controllers, files, fly_multi_drone, fly_table};
+use crazyflie_server::flight::{self, Figures, FlightScenario, MultiDroneSetup, Setup, Trace};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -85,7 +85,7 @@ const BATCH: usize = 64;
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let setup = setup(args)?;
     if setup.scenario.flies_several()? {
-        return fly_team(args, &setup, out);
+        return fly_multi_drone(args, &setup, out);
     }
     if args.collision_avoidance || args.drones.is_some_and(|drones| drones != 1) {
         return Err(Failure::Usage(format!(
@@ -95,22 +95,22 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     }
     let (all, first) = fly_all(args, &setup)?;
     write_files(args, &setup, &first)?;
-    let about = About::new(args, &setup)?;
+    let summary = SetupSummary::new(args, &setup)?;
     if args.json {
         let runs: Vec<_> = all.iter().map(fly_table::as_json).collect();
-        serde_json::to_writer_pretty(&mut *out, &json!({"setup": about, "runs": runs}))?;
+        serde_json::to_writer_pretty(&mut *out, &json!({"setup": summary, "runs": runs}))?;
         return Ok(writeln!(out)?);
     }
-    writeln!(out, "{}", about.line(setup.scenario.about))?;
+    writeln!(out, "{}", summary.line(setup.scenario.about))?;
     match &all[..] {
-        [one] => fly_table::one(one, &first, out),
-        many => fly_table::many(many, &first, out),
+        [figures] => fly_table::write_flight(figures, &first, out),
+        runs => fly_table::write_runs(runs, &first, out),
     }
 }
 
-/// What was flown, for the reader.
+/// Setup of the flights, for the output.
 #[derive(serde::Serialize)]
-struct About<'a> {
+struct SetupSummary<'a> {
     flight: &'a str,
     controller: &'a str,
     vertical: &'a str,
@@ -120,9 +120,9 @@ struct About<'a> {
     effects: serde_json::Value,
 }
 
-impl<'a> About<'a> {
+impl<'a> SetupSummary<'a> {
     fn new(args: &Args, setup: &'a Setup) -> Outcome<Self> {
-        Ok(About {
+        Ok(SetupSummary {
             flight: setup.scenario.name,
             controller: &setup.controller.label,
             vertical: setup.vertical.name(),
@@ -146,7 +146,7 @@ impl<'a> About<'a> {
 }
 
 fn setup(args: &Args) -> Outcome<Setup> {
-    let scenario = Scenario::named(&args.task)?;
+    let scenario = FlightScenario::find(&args.task)?;
     let controller = controllers::chosen(&args.controller, args.controller_options.as_deref())?;
     let mut effects = match &args.sensors[..] {
         "ideal" => EffectTable::new(),
@@ -200,49 +200,49 @@ fn add_effects(table: &mut EffectTable, text: &str) -> Outcome {
 }
 
 /// A task of several drones: flown, printed and drawn together.
-fn fly_team(args: &Args, setup: &Setup, out: &mut dyn Write) -> Outcome {
-    let team = TeamSetup { drones: args.drones.unwrap_or(0), avoid: args.collision_avoidance };
+fn fly_multi_drone(args: &Args, setup: &Setup, out: &mut dyn Write) -> Outcome {
+    let multi_drone = MultiDroneSetup { drones: args.drones.unwrap_or(0), avoid: args.collision_avoidance };
     let seeds: Vec<u64> = (0..u64::from(args.runs)).map(|i| args.seed.wrapping_add(i)).collect();
     let mut flights = Vec::new();
     for seeds in seeds.chunks(BATCH) {
-        flights.extend(flight::fly_together(setup, team, seeds)?);
+        flights.extend(flight::fly_multi_drone(setup, multi_drone, seeds)?);
     }
     let first = flights.first().ok_or_else(|| Failure::Usage("--runs must be at least 1".into()))?;
     let title = format!("{}, {}, seed {}", setup.scenario.name, setup.controller.label, args.seed);
     if let Some(file) = &args.csv {
-        fly_team::write_logs(file, first)?;
+        fly_multi_drone::write_logs(file, first)?;
     }
     if let Some(file) = &args.picture {
-        files::write(file, flight::team_picture(first, &title)?.as_bytes())?;
+        files::write(file, flight::multi_drone_picture(first, &title)?.as_bytes())?;
     }
     if let Some(file) = &args.picture3d {
-        files::write(file, flight::team_path(first, &title)?.as_bytes())?;
+        files::write(file, flight::multi_drone_path(first, &title)?.as_bytes())?;
     }
     // between several drones downwash is on unless it is told otherwise
-    let effects = serde_json::to_value(flight::options(setup, team.drones)?.effects)?;
-    let about = About { effects, ..About::new(args, setup)? };
+    let effects = serde_json::to_value(flight::options(setup, multi_drone.drones)?.effects)?;
+    let summary = SetupSummary { effects, ..SetupSummary::new(args, setup)? };
     if args.json {
-        let runs: Vec<_> = flights.iter().map(fly_team::as_json).collect();
-        serde_json::to_writer_pretty(&mut *out, &json!({"setup": about, "runs": runs}))?;
+        let runs: Vec<_> = flights.iter().map(fly_multi_drone::as_json).collect();
+        serde_json::to_writer_pretty(&mut *out, &json!({"setup": summary, "runs": runs}))?;
         return Ok(writeln!(out)?);
     }
-    writeln!(out, "{}", about.line(setup.scenario.about))?;
-    fly_team::table(&flights, args.collision_avoidance, out)
+    writeln!(out, "{}", summary.line(setup.scenario.about))?;
+    fly_multi_drone::table(&flights, args.collision_avoidance, out)
 }
 
 /// Every run's figures, and the first flight in full.
 fn fly_all(args: &Args, setup: &Setup) -> Outcome<(Vec<Figures>, Trace)> {
     let seeds: Vec<u64> = (0..u64::from(args.runs)).map(|i| args.seed.wrapping_add(i)).collect();
     let bar = if seeds.len() > BATCH { ProgressBar::new(seeds.len() as u64) } else { ProgressBar::hidden() };
-    let (mut all, mut kept) = (Vec::new(), None);
+    let (mut all, mut first_trace) = (Vec::new(), None);
     for seeds in seeds.chunks(BATCH) {
         let traces = flight::fly(setup, seeds)?;
         all.extend(traces.iter().map(|trace| flight::figures(setup.scenario.phases, trace)));
-        kept = kept.or_else(|| traces.into_iter().next());
+        first_trace = first_trace.or_else(|| traces.into_iter().next());
         bar.inc(seeds.len() as u64);
     }
     bar.finish_and_clear();
-    let first = kept.ok_or_else(|| Failure::Usage("--runs must be at least 1".into()))?;
+    let first = first_trace.ok_or_else(|| Failure::Usage("--runs must be at least 1".into()))?;
     Ok((all, first))
 }
 

@@ -1,16 +1,16 @@
-//! What `crazyflie fly` prints.
+//! Output of `crazyflie fly`.
 
 use std::io::Write;
 
 use serde_json::{Value, json};
 
 use super::{Outcome, Table, number};
-use crazyflie_server::flight::{AXES, Axis, End, Figures, PhaseFigures, Settling, Trace};
+use crazyflie_server::flight::{AXES, AxisSpec, Figures, FlightEnd, PhaseFigures, Settling, Trace};
 
 const HEADER: [&str; 7] = ["axis", "settled (s)", "overshoot", "RMSE", "final error", "effort RMS", "travel/s"];
 
-/// One flight.
-pub(super) fn one(figures: &Figures, trace: &Trace, out: &mut dyn Write) -> Outcome {
+/// Writes the figures of one flight.
+pub(super) fn write_flight(figures: &Figures, trace: &Trace, out: &mut dyn Write) -> Outcome {
     for phase in &figures.phases {
         title(phase, out)?;
         let mut table = Table::new(&HEADER);
@@ -20,7 +20,7 @@ pub(super) fn one(figures: &Figures, trace: &Trace, out: &mut dyn Write) -> Outc
             let overshoot = f.overshoot.map_or("-".into(), error);
             table.row(vec![
                 axis.name.into(),
-                settled(f.settling),
+                settling_text(f.settling),
                 overshoot,
                 error(f.rmse),
                 error(f.final_error),
@@ -31,27 +31,27 @@ pub(super) fn one(figures: &Figures, trace: &Trace, out: &mut dyn Write) -> Outc
         writeln!(out, "{}", table.plain())?;
     }
     writeln!(out, "marker lost: {} times, {:.2} s in all", figures.marker_losses, figures.marker_lost_s)?;
-    writeln!(out, "end: {}", ended(figures))?;
-    explain(out)
+    writeln!(out, "end: {}", end_text(figures))?;
+    write_legend(out)
 }
 
-/// Median and quartiles over the runs.
-pub(super) fn many(all: &[Figures], trace: &Trace, out: &mut dyn Write) -> Outcome {
+/// Writes median and quartiles over the runs.
+pub(super) fn write_runs(all: &[Figures], trace: &Trace, out: &mut dyn Write) -> Outcome {
     writeln!(out, "{} flights: median (first to third quartile)", all.len())?;
     let phases = all.iter().map(|f| f.phases.len()).max().unwrap_or(0);
     for at in 0..phases {
         // a flight that ended early has no later phases
-        let flown: Vec<&PhaseFigures> = all.iter().filter_map(|f| f.phases.get(at)).collect();
-        title(flown[0], out)?;
+        let phase_of_runs: Vec<&PhaseFigures> = all.iter().filter_map(|f| f.phases.get(at)).collect();
+        title(phase_of_runs[0], out)?;
         let mut table = Table::new(&HEADER);
         for (i, axis) in AXES.iter().enumerate() {
-            let of = |value: &dyn Fn(&PhaseFigures) -> f64| flown.iter().map(|p| value(p)).collect::<Vec<f64>>();
-            let error = |value: &dyn Fn(&PhaseFigures) -> f64| with_unit_spread(of(value), axis.per_si, axis.unit);
-            let command = |value: &dyn Fn(&PhaseFigures) -> f64| with_unit_spread(of(value), 1.0, command_unit(axis, trace));
-            let moving = flown[0].axes[i].overshoot.is_none();
+            let values_of = |value: &dyn Fn(&PhaseFigures) -> f64| phase_of_runs.iter().map(|p| value(p)).collect::<Vec<f64>>();
+            let error = |value: &dyn Fn(&PhaseFigures) -> f64| with_unit_spread(values_of(value), axis.per_si, axis.unit);
+            let command = |value: &dyn Fn(&PhaseFigures) -> f64| with_unit_spread(values_of(value), 1.0, command_unit(axis, trace));
+            let moving = phase_of_runs[0].axes[i].overshoot.is_none();
             table.row(vec![
                 axis.name.into(),
-                if moving { "-".into() } else { settled_spread(of(&|p| seconds(p.axes[i].settling))) },
+                if moving { "-".into() } else { settling_spread(values_of(&|p| seconds(p.axes[i].settling))) },
                 if moving { "-".into() } else { error(&|p| p.axes[i].overshoot.unwrap_or(0.0)) },
                 error(&|p| p.axes[i].rmse),
                 error(&|p| p.axes[i].final_error),
@@ -66,7 +66,7 @@ pub(super) fn many(all: &[Figures], trace: &Trace, out: &mut dyn Write) -> Outco
     let crashed = all.iter().filter(|f| f.crash().is_some()).count();
     writeln!(out, "marker lost: {losses} times in all flights, {lost_s:.2} s in all")?;
     writeln!(out, "crashed: {crashed} of {}", all.len())?;
-    explain(out)
+    write_legend(out)
 }
 
 fn title(phase: &PhaseFigures, out: &mut dyn Write) -> Outcome {
@@ -74,7 +74,7 @@ fn title(phase: &PhaseFigures, out: &mut dyn Write) -> Outcome {
     Ok(writeln!(out, "{name}, {:.2} to {:.2} s", phase.from_s, phase.to_s)?)
 }
 
-fn explain(out: &mut dyn Write) -> Outcome {
+fn write_legend(out: &mut dyn Write) -> Outcome {
     writeln!(
         out,
         "settled: within 5 cm (5 deg) for good, counted from the phase's start or lift-off; final error: mean of the last second;"
@@ -82,7 +82,7 @@ fn explain(out: &mut dyn Write) -> Outcome {
     Ok(writeln!(out, "effort and travel: of the command that serves the axis (x: pitch, y: roll, z: lift about hover)")?)
 }
 
-fn settled(settling: Settling) -> String {
+fn settling_text(settling: Settling) -> String {
     match settling {
         Settling::Moving => "-".into(),
         Settling::Never => "never".into(),
@@ -98,7 +98,7 @@ fn seconds(settling: Settling) -> f64 {
     }
 }
 
-fn settled_spread(values: Vec<f64>) -> String {
+fn settling_spread(values: Vec<f64>) -> String {
     let [low, middle, high] = quartiles(values).map(|s| if s.is_finite() { number(s, 2) } else { "never".into() });
     format!("{middle} ({low} to {high})")
 }
@@ -118,7 +118,7 @@ pub(super) fn quartiles(mut values: Vec<f64>) -> [f64; 3] {
     [1, 2, 3].map(|q| values[q * (values.len() - 1) / 4])
 }
 
-fn command_unit(axis: &Axis, trace: &Trace) -> &'static str {
+fn command_unit(axis: &AxisSpec, trace: &Trace) -> &'static str {
     match axis.name {
         "x" | "y" => "deg",
         "z" if trace.interface.hover_lift > 0.0 => "%",
@@ -127,12 +127,12 @@ fn command_unit(axis: &Axis, trace: &Trace) -> &'static str {
     }
 }
 
-fn ended(figures: &Figures) -> String {
+fn end_text(figures: &Figures) -> String {
     if let Some(crash) = figures.crash() {
         return format!("CRASH after {:.2} s: {crash}", figures.end_s);
     }
     let landed = match (figures.end, figures.not_landed_m, figures.touch_down) {
-        (End::Floor { impact_mps }, ..) => format!(", touched down at {impact_mps:.2} m/s"),
+        (FlightEnd::Floor { impact_mps }, ..) => format!(", touched down at {impact_mps:.2} m/s"),
         (_, Some(m), _) => format!(", NOT LANDED: still {:.1} cm up (the controller stops the motors at 5 cm)", 100.0 * m),
         (_, _, Some((t_s, mps))) => format!(", last touch-down at {t_s:.2} s with {mps:.2} m/s"),
         _ => String::new(),
@@ -172,6 +172,6 @@ mod tests {
     fn quartiles_are_values_that_occurred() {
         assert_eq!(quartiles(vec![5.0, 1.0, 4.0, 2.0, 3.0]), [2.0, 3.0, 4.0]);
         assert_eq!(quartiles(vec![7.0]), [7.0; 3]);
-        assert_eq!(settled_spread(vec![1.0, f64::INFINITY, f64::INFINITY]), "never (1.00 to never)");
+        assert_eq!(settling_spread(vec![1.0, f64::INFINITY, f64::INFINITY]), "never (1.00 to never)");
     }
 }

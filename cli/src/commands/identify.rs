@@ -126,7 +126,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     vehicle::refuse_duplicates(&fit.iter().chain(&test).collect::<Vec<_>>())?;
     match args.transfer {
         Some(channel) => transfer(args, channel, &model, (&fit, &test), out),
-        None => whole(args, &model, (&fit, &test), out),
+        None => identify_model(args, &model, (&fit, &test), out),
     }
 }
 
@@ -139,11 +139,11 @@ fn read(paths: &[PathBuf]) -> Outcome<Vec<(String, FlightLog)>> {
         let alone = paths.iter().filter(|other| short(other) == short(path)).count() == 1;
         if alone { short(path) } else { path.display().to_string() }
     };
-    let one = |path: &PathBuf| {
+    let read = |path: &PathBuf| {
         let log = FlightLog::read(path).map_err(|e| Failure::Failed(super::with_cause(&e)))?;
         Ok((name(path), log))
     };
-    paths.iter().map(one).collect()
+    paths.iter().map(read).collect()
 }
 
 fn transfer(args: &Args, channel: Channel, model: &Model, (fit, test): (&Logs, &Logs), out: &mut dyn Write) -> Outcome {
@@ -154,9 +154,9 @@ fn transfer(args: &Args, channel: Channel, model: &Model, (fit, test): (&Logs, &
     let (mut found, mut failed) = (Vec::new(), Vec::new());
     for structure in structures {
         match transfer::identify(&fit, channel, structure, args.window.unwrap_or(WindowLength::OfChannel)) {
-            Ok(one) => {
-                let held_out = one.compare(&test)?;
-                found.push((one, held_out));
+            Ok(identified) => {
+                let held_out = identified.compare(&test)?;
+                found.push((identified, held_out));
             }
             Err(error) => failed.push((identify_table::order(&structure), error)),
         }
@@ -186,7 +186,7 @@ fn transfer(args: &Args, channel: Channel, model: &Model, (fit, test): (&Logs, &
 fn structures(args: &Args, channel: Channel) -> Vec<Structure> {
     let usual = channel.structure();
     let orders = if args.order.is_empty() { vec![(usual.numerator, usual.denominator)] } else { args.order.clone() };
-    let of = |(numerator, denominator): (usize, usize)| Structure {
+    let structure = |(numerator, denominator): (usize, usize)| Structure {
         numerator,
         denominator,
         integrator: args.integrator.unwrap_or(usual.integrator),
@@ -194,21 +194,21 @@ fn structures(args: &Args, channel: Channel) -> Vec<Structure> {
         offset: args.offset.unwrap_or(usual.offset),
         stable: args.stable,
     };
-    orders.into_iter().map(of).collect()
+    orders.into_iter().map(structure).collect()
 }
 
-fn whole(args: &Args, model: &Model, (fit, test): (&Logs, &Logs), out: &mut dyn Write) -> Outcome {
+fn identify_model(args: &Args, model: &Model, (fit, test): (&Logs, &Logs), out: &mut dyn Write) -> Outcome {
     let plan = plan(args, model, fit);
     let bar = ProgressBar::new(vehicle::STAGES as u64);
     let found = vehicle::identify(model, fit, &plan, &|| bar.inc(1))?;
     let judged = if test.is_empty() { None } else { Some([found.compare_with(model, test)?, found.compare_logs(test)?]) };
     bar.finish_and_clear();
     let before_fit = found.compare_with(model, fit)?;
-    let shown = identify_table::Whole { found: &found, before_fit: &before_fit, test: judged.as_ref() };
+    let shown = identify_table::ModelIdentification { found: &found, before_fit: &before_fit, test: judged.as_ref() };
     if args.json {
-        identify_table::whole_json(&shown, out)?;
+        identify_table::write_model_json(&shown, out)?;
     } else {
-        identify_table::whole(&shown, out)?;
+        identify_table::write_model(&shown, out)?;
     }
     if let Some(file) = &args.out {
         write_model(file, &found.model)?;
@@ -217,7 +217,7 @@ fn whole(args: &Args, model: &Model, (fit, test): (&Logs, &Logs), out: &mut dyn 
     picture(args, &found.fit.comparisons, predicted)
 }
 
-/// What to fit by the options, or by what the logs hold where these say nothing.
+/// Plan of the fit, by the options and otherwise by the contents of the logs.
 fn plan(args: &Args, model: &Model, fit: &Logs) -> vehicle::FitOptions {
     let nuisance = args.trim.unwrap_or_else(|| fit.iter().any(|(_, log)| log.provenance.attitude == AttitudeSource::MotionCapture));
     let vertical = args.vertical.or(model.vertical.default);

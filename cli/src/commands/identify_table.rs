@@ -1,4 +1,4 @@
-//! What `crazyflie identify` prints.
+//! Output of `crazyflie identify`.
 
 use std::io::Write;
 
@@ -13,10 +13,10 @@ use serde_json::{Value, json};
 use super::{Outcome, Table, number};
 
 /// A transfer function, and what it makes of the logs of the test.
-type JudgedTransfer = (TransferFunctionEstimate, Vec<Comparison>);
+type TransferResult = (TransferFunctionEstimate, Vec<Comparison>);
 
 /// Transfer functions, the best first.
-pub(super) fn transfer(all: &[JudgedTransfer], failed: &[String], out: &mut dyn Write) -> Outcome {
+pub(super) fn transfer(all: &[TransferResult], failed: &[String], out: &mut dyn Write) -> Outcome {
     let Some((best, test)) = all.first() else { return Ok(()) };
     let windows = best.window_s().map_or("one window per flight".to_owned(), |s| format!("windows of about {s} s"));
     let (from, to) = (best.channel.input(), best.channel.output());
@@ -71,18 +71,18 @@ pub(super) fn order(s: &Structure) -> String {
     format!("{},{}{}{delay}", s.numerator, s.denominator, if s.integrator { " with integrator" } else { "" })
 }
 
-fn orders(all: &[JudgedTransfer], out: &mut dyn Write) -> Outcome {
+fn orders(all: &[TransferResult], out: &mut dyn Write) -> Outcome {
     let mut table = Table::new(&["order", "AIC - best", "BIC - best", "fit", "test", "function"]).left(&[5]);
-    let least = |of: &dyn Fn(&TransferFunctionEstimate) -> f64| all.iter().map(|(i, _)| of(i)).fold(f64::INFINITY, f64::min);
+    let least = |value: &dyn Fn(&TransferFunctionEstimate) -> f64| all.iter().map(|(i, _)| value(i)).fold(f64::INFINITY, f64::min);
     let (aic, bic) = (least(&|i| i.criteria.aic), least(&|i| i.criteria.bic));
-    for (one, test) in all {
+    for (identified, test) in all {
         table.row(vec![
-            order(&one.structure),
-            number(one.criteria.aic - aic, 1),
-            number(one.criteria.bic - bic, 1),
-            percent(mean(&one.fit, |c| c.fit.fit_percent)),
+            order(&identified.structure),
+            number(identified.criteria.aic - aic, 1),
+            number(identified.criteria.bic - bic, 1),
+            percent(mean(&identified.fit, |c| c.fit.fit_percent)),
             percent(mean(test, |c| c.fit.fit_percent)),
-            one.function.to_string(),
+            identified.function.to_string(),
         ]);
     }
     Ok(writeln!(out, "{}", table.plain())?)
@@ -153,15 +153,15 @@ fn independence(tests: &ResidualTests) -> String {
     }
 }
 
-/// A model found, and what it and its predecessor make of the logs.
-pub(super) struct Whole<'a> {
+/// An identified model, and the errors of it and of its predecessor on the logs.
+pub(super) struct ModelIdentification<'a> {
     pub found: &'a vehicle::ModelEstimate,
     pub before_fit: &'a ModelComparison,
     /// By the model before, then by the one found.
     pub test: Option<&'a [ModelComparison; 2]>,
 }
 
-impl Whole<'_> {
+impl ModelIdentification<'_> {
     /// Logs of the fit and of the test, before and after.
     fn parts(&self) -> Vec<(&'static str, &ModelComparison, &ModelComparison)> {
         let fit = ("fit", self.before_fit, &self.found.fit);
@@ -169,7 +169,7 @@ impl Whole<'_> {
     }
 }
 
-pub(super) fn whole(shown: &Whole<'_>, out: &mut dyn Write) -> Outcome {
+pub(super) fn write_model(shown: &ModelIdentification<'_>, out: &mut dyn Write) -> Outcome {
     let found = shown.found;
     let form = found.input.name();
     let logs = found.fit.comparisons.len() / 6;
@@ -195,8 +195,8 @@ pub(super) fn whole(shown: &Whole<'_>, out: &mut dyn Write) -> Outcome {
     signals(shown, out)?;
     for (part, _, all) in shown.parts() {
         let mut table = Table::new(&["signal", &format!("residuals of the {part}"), ""]).left(&[1, 2]);
-        for (name, of) in by_signal(&all.comparisons) {
-            let tests = ResidualTests::new(&of, 0);
+        for (name, group) in by_signal(&all.comparisons) {
+            let tests = ResidualTests::new(&group, 0);
             table.row(vec![name.into(), whiteness(&tests), independence(&tests)]);
         }
         writeln!(out, "{}", table.plain())?;
@@ -208,7 +208,7 @@ pub(super) fn whole(shown: &Whole<'_>, out: &mut dyn Write) -> Outcome {
 }
 
 /// Measured and predicted signals, in windows and over whole flights.
-fn signals(shown: &Whole<'_>, out: &mut dyn Write) -> Outcome {
+fn signals(shown: &ModelIdentification<'_>, out: &mut dyn Write) -> Outcome {
     let header = ["log", "part", "signal", "windows: before", "fit", "RMSE", "whole flight: before", "fit", "RMSE"];
     let mut table = Table::new(&header).left(&[1, 2]);
     for (part, before, after) in shown.parts() {
@@ -230,8 +230,8 @@ fn signals(shown: &Whole<'_>, out: &mut dyn Write) -> Outcome {
     Ok(writeln!(out, "{}", table.plain())?)
 }
 
-/// What each flight has of its own.
-fn trims(shown: &Whole<'_>, out: &mut dyn Write) -> Outcome {
+/// Trims of each flight.
+fn trims(shown: &ModelIdentification<'_>, out: &mut dyn Write) -> Outcome {
     let Some(first) = shown.found.fit.trims.first() else { return Ok(()) };
     let header: Vec<String> =
         first.values.iter().map(|(name, unit, _)| if *unit == "1" { name.clone() } else { format!("{name} ({unit})") }).collect();
@@ -279,21 +279,21 @@ pub(super) fn by_signal(all: &[Comparison]) -> Vec<(&'static str, Vec<&Compariso
     groups
 }
 
-pub(super) fn transfer_json(all: &[JudgedTransfer], failed: &[String], out: &mut dyn Write) -> Outcome {
-    let one = |(one, test): &JudgedTransfer| {
-        let poles: Vec<[f64; 2]> = one.function.poles().iter().map(|p| [p.re, p.im]).collect();
-        json!({"channel": one.channel.name(), "numerator": one.function.numerator, "denominator": one.function.denominator,
-            "delay_s": one.function.delay_s, "offsets": one.function.offsets, "text": one.function.to_string(), "poles": poles,
-            "parameters": estimates(&one.parameters), "noise": one.noise, "aic": one.criteria.aic, "bic": one.criteria.bic,
-            "converged": one.converged, "samples": one.samples, "window_s": one.window_s(), "standard_errors": one.clusters.to_string(),
-            "fit": comparisons(&one.fit, one.parameters.len()), "test": comparisons(test, 0)})
+pub(super) fn transfer_json(all: &[TransferResult], failed: &[String], out: &mut dyn Write) -> Outcome {
+    let transfer_json = |(identified, test): &TransferResult| {
+        let poles: Vec<[f64; 2]> = identified.function.poles().iter().map(|p| [p.re, p.im]).collect();
+        json!({"channel": identified.channel.name(), "numerator": identified.function.numerator, "denominator": identified.function.denominator,
+            "delay_s": identified.function.delay_s, "offsets": identified.function.offsets, "text": identified.function.to_string(), "poles": poles,
+            "parameters": estimates(&identified.parameters), "noise": identified.noise, "aic": identified.criteria.aic, "bic": identified.criteria.bic,
+            "converged": identified.converged, "samples": identified.samples, "window_s": identified.window_s(), "standard_errors": identified.clusters.to_string(),
+            "fit": comparisons(&identified.fit, identified.parameters.len()), "test": comparisons(test, 0)})
     };
-    let all: Vec<Value> = all.iter().map(one).collect();
+    let all: Vec<Value> = all.iter().map(transfer_json).collect();
     serde_json::to_writer_pretty(&mut *out, &json!({"transfer_functions": all, "failed": failed}))?;
     Ok(writeln!(out)?)
 }
 
-pub(super) fn whole_json(shown: &Whole<'_>, out: &mut dyn Write) -> Outcome {
+pub(super) fn write_model_json(shown: &ModelIdentification<'_>, out: &mut dyn Write) -> Outcome {
     let found = shown.found;
     let vertical = if found.input == VerticalInput::Height { "height" } else { found.input.name() };
     let part = |all: Option<&ModelComparison>| comparisons(all.map_or(&[], |judged| &judged.comparisons), 0);
@@ -307,7 +307,7 @@ pub(super) fn whole_json(shown: &Whole<'_>, out: &mut dyn Write) -> Outcome {
     Ok(writeln!(out)?)
 }
 
-/// What each flight has of its own, and its errors.
+/// Trims and errors of each flight.
 fn flights_json(judged: &ModelComparison) -> Value {
     let values = |trim: &vehicle::NuisanceParameters| -> serde_json::Map<String, Value> {
         trim.values.iter().map(|(name, unit, value)| (name.clone(), json!({"value": value, "unit": unit}))).collect()
@@ -327,13 +327,13 @@ fn axes_json(before: &ModelComparison, after: &ModelComparison) -> Value {
 
 pub(super) fn estimates(all: &[ParameterEstimate]) -> Vec<Value> {
     let error = |e: f64| e.is_finite().then_some(e);
-    let one = |p: &ParameterEstimate| json!({"name": p.name, "unit": p.unit, "value": p.value, "standard_error": error(p.standard_error), "at_bound": p.at_bound});
-    all.iter().map(one).collect()
+    let estimate = |p: &ParameterEstimate| json!({"name": p.name, "unit": p.unit, "value": p.value, "standard_error": error(p.standard_error), "at_bound": p.at_bound});
+    all.iter().map(estimate).collect()
 }
 
 fn comparisons(all: &[Comparison], parameters: usize) -> Value {
     let fit = |f: &Fit| json!({"fit_percent": f.fit_percent, "rmse": f.rmse, "mae": f.mae, "max_error": f.max_error});
-    let one = |c: &Comparison| json!({"log": c.log, "signal": c.signal, "unit": c.unit, "samples": c.t_s.len(), "windows": fit(&c.fit), "whole": c.whole.as_ref().map(fit)});
+    let comparison = |c: &Comparison| json!({"log": c.log, "signal": c.signal, "unit": c.unit, "samples": c.t_s.len(), "windows": fit(&c.fit), "whole": c.whole.as_ref().map(fit)});
     let tests = by_signal(all).into_iter().map(|(name, group)| {
         let tests = ResidualTests::new(&group, parameters);
         let white = tests.whiteness.as_ref().ok().map(|w| {
@@ -346,5 +346,5 @@ fn comparisons(all: &[Comparison], parameters: usize) -> Value {
         });
         (name.to_owned(), json!({"whiteness": white, "independence": independent}))
     });
-    json!({"logs": all.iter().map(one).collect::<Vec<_>>(), "residuals": tests.collect::<serde_json::Map<_, _>>()})
+    json!({"logs": all.iter().map(comparison).collect::<Vec<_>>(), "residuals": tests.collect::<serde_json::Map<_, _>>()})
 }

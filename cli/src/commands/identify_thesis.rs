@@ -7,7 +7,7 @@ use indicatif::ProgressBar;
 use serde_json::json;
 
 use super::{Outcome, Table, identify_table, number};
-use crate::recovery::{COUNT, Recovered, Sensors, equations, whole_model};
+use crate::recovery::{COUNT, RecoveredParameter, Sensors, equations, whole_model};
 
 const LEGEND: &str = "\
 Each flight hovers at 70 cm by the thesis's PID for 10 s and then does what 5.1 says. Ideal: the controller and the log have the true pose at 50 Hz.
@@ -23,29 +23,30 @@ pub(super) fn run(model: &Model, seed: u64, as_json: bool, out: &mut dyn Write) 
     }
     bar.finish_and_clear();
     if as_json {
-        let line = |one: &Recovered| {
-            json!({"equation": one.equation, "experiment": one.experiment, "sensors": one.sensors.name(), "true": one.truth,
-                "estimate": identify_table::estimates(std::slice::from_ref(&one.estimate))[0], "fit_percent": one.fit_percent})
+        let line = |recovered: &RecoveredParameter| {
+            json!({"equation": recovered.equation, "experiment": recovered.experiment, "sensors": recovered.sensors.name(), "true": recovered.truth,
+                "estimate": identify_table::estimates(std::slice::from_ref(&recovered.estimate))[0], "fit_percent": recovered.fit_percent})
         };
         serde_json::to_writer_pretty(&mut *out, &all.iter().map(line).collect::<Vec<_>>())?;
         return Ok(writeln!(out)?);
     }
     let header = ["equation", "experiment", "sensors", "number", "true", "estimate", "standard error", "off by", "in s.e.", "fit"];
     let mut table = Table::new(&header).left(&[1, 2, 3]);
-    for one in &all {
+    for recovered in &all {
         let digits = |value: f64| format!("{value:.4e}");
-        let off = if one.truth == 0.0 { digits(one.relative()) } else { format!("{} %", number(100.0 * one.relative(), 2)) };
+        let off =
+            if recovered.truth == 0.0 { digits(recovered.relative()) } else { format!("{} %", number(100.0 * recovered.relative(), 2)) };
         table.row(vec![
-            one.equation.into(),
-            one.experiment.into(),
-            one.sensors.name().into(),
-            one.estimate.name.clone(),
-            digits(one.truth),
-            digits(one.estimate.value),
-            digits(one.estimate.standard_error),
+            recovered.equation.into(),
+            recovered.experiment.into(),
+            recovered.sensors.name().into(),
+            recovered.estimate.name.clone(),
+            digits(recovered.truth),
+            digits(recovered.estimate.value),
+            digits(recovered.estimate.standard_error),
             off,
-            if one.sensors == Sensors::Ideal { String::new() } else { number(one.deviations(), 1) },
-            one.fit_percent.map_or(String::new(), |fit| format!("{} %", number(fit, 2))),
+            if recovered.sensors == Sensors::Ideal { String::new() } else { number(recovered.deviations(), 1) },
+            recovered.fit_percent.map_or(String::new(), |fit| format!("{} %", number(fit, 2))),
         ]);
     }
     Ok(write!(out, "{}\n{LEGEND}\n", table.plain())?)

@@ -1,4 +1,4 @@
-//! What `crazyflie inspect` prints.
+//! Output of `crazyflie inspect`.
 
 use std::io::Write;
 

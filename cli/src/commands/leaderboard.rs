@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use serde_json::json;
 
 use super::{Outcome, Table, number};
-use crazyflie_server::bench::{Bench, Ranked};
+use crazyflie_server::bench::{Bench, LeaderboardRow};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -52,7 +52,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     Ok(())
 }
 
-fn table(rows: &[Ranked]) -> Table {
+fn table(rows: &[LeaderboardRow]) -> Table {
     let mut table = Table::new(&["rank", "controller", "team", "score", "95 %", "failed", "attempts", "RMS error", "nearest", "attempt"])
         .left(&[1, 2, 9]);
     for row in rows {

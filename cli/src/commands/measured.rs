@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::{Failure, Outcome, files};
-use crate::measured::{STAGES, as_json, page, pictures, tell};
+use crate::measured::{STAGES, as_json, page, pictures, study_recordings};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -41,17 +41,17 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         bar.set_message(what.to_owned());
         bar.inc(1);
     };
-    let story = tell(&args.data, args.quick, &progress).map_err(Failure::Failed)?;
+    let report = study_recordings(&args.data, args.quick, &progress).map_err(Failure::Failed)?;
     bar.finish_and_clear();
     if args.json {
-        serde_json::to_writer_pretty(&mut *out, &as_json(&story))?;
+        serde_json::to_writer_pretty(&mut *out, &as_json(&report))?;
         return Ok(writeln!(out)?);
     }
     let folder = args.out.file_name().map_or_else(|| "measured".into(), |n| n.to_string_lossy().into_owned());
-    for (name, svg) in pictures(&story)? {
+    for (name, svg) in pictures(&report)? {
         files::write(&args.out.join(name), svg.as_bytes())?;
     }
     let file = args.out.with_extension("md");
-    files::write(&file, page(&story, &folder).as_bytes())?;
+    files::write(&file, page(&report, &folder).as_bytes())?;
     Ok(writeln!(out, "{}", file.display())?)
 }

@@ -104,7 +104,8 @@ fn schema() -> Value {
     let pwm = json!({"oneOf": [vertical("1", "m/s", "m/s^2"), thrust]});
     let default = json!({"enum": ["height", "pwm", "thrust"], "description": "the form that is driven unless another is asked for"});
     let verticals = [("default", default), ("height", vertical("m", "1/s", "1/s^2")), ("pwm", pwm.clone()), ("thrust", pwm)];
-    let of = |units: &[(&'static str, &str)]| object(&units.iter().map(|(name, unit)| (*name, quantity(unit))).collect::<Vec<_>>(), &[]);
+    let quantities =
+        |units: &[(&'static str, &str)]| object(&units.iter().map(|(name, unit)| (*name, quantity(unit))).collect::<Vec<_>>(), &[]);
     let vehicle = [("mass", "kg"), ("rotor_radius", "m"), ("arm", "m"), ("battery_capacity", "C"), ("hover_current", "A")];
     let vehicle = vehicle.map(|(name, unit)| (name, quantity(unit)));
     let mut schema = object(
@@ -114,11 +115,11 @@ fn schema() -> Value {
             ("roll", tilt.clone()),
             ("pitch", tilt),
             ("yaw", yaw),
-            ("lateral", of(&[("gravity", "m/s^2"), ("drag", "1/s")])),
+            ("lateral", quantities(&[("gravity", "m/s^2"), ("drag", "1/s")])),
             ("vertical", object(&[], &verticals)),
-            ("command", of(&[("tilt_max", "deg"), ("yaw_rate_max", "deg/s"), ("height_max", "m"), ("pwm_max", "1")])),
+            ("command", quantities(&[("tilt_max", "deg"), ("yaw_rate_max", "deg/s"), ("height_max", "m"), ("pwm_max", "1")])),
             ("vehicle", object(&vehicle, &[("battery_reference", quantity("V"))])),
-            ("rig", of(&[("control", "Hz"), ("imu", "Hz"), ("camera", "Hz")])),
+            ("rig", quantities(&[("control", "Hz"), ("imu", "Hz"), ("camera", "Hz")])),
         ],
         &[
             ("description", json!({"type": "string"})),

@@ -10,8 +10,8 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 
 use super::{Failure, Outcome, files};
+use crazyflie_server::client::{Client, Error};
 use crazyflie_server::flight::squared_distance;
-use crazyflie_server::link::{Error, Link};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -58,9 +58,9 @@ pub(super) struct Args {
     json: bool,
 }
 
-/// A seat, as the server gives it.
+/// Reply to `join`: the drone's slot and its first observation.
 #[derive(Deserialize)]
-struct Joined {
+struct SlotInfo {
     drone: usize,
     drones: usize,
     tick_s: f64,
@@ -68,9 +68,9 @@ struct Joined {
     observation: Vec<f32>,
 }
 
-/// A tick that is over.
+/// Reply to `fly`: the result of one tick.
 #[derive(Deserialize)]
-struct Flown {
+struct TickResult {
     tick: u64,
     observation: Vec<f32>,
     terminated: bool,
@@ -81,33 +81,33 @@ struct Flown {
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let (joined, last) = fly(args)?;
     let off_m = squared_distance(&last.observation[..3], &last.observation[SETPOINT.range()]).sqrt();
-    let how = if last.terminated { "its flight ended" } else { "the time was over" };
-    let (drone, world, Flown { tick, late, .. }) = (joined.drone, &args.world, &last);
+    let outcome = if last.terminated { "its flight ended" } else { "the time was over" };
+    let (drone, world, TickResult { tick, late, .. }) = (joined.drone, &args.world, &last);
     if args.json {
-        let told = json!({"world": world, "drone": drone, "ticks": tick, "late": late, "terminated": last.terminated, "error_m": off_m});
-        return Ok(writeln!(out, "{told:#}")?);
+        let reply = json!({"world": world, "drone": drone, "ticks": tick, "late": late, "terminated": last.terminated, "error_m": off_m});
+        return Ok(writeln!(out, "{reply:#}")?);
     }
     writeln!(
         out,
-        "drone {drone} of {world}: {tick} ticks, {how}; late {late} times; {off_m:.3} m from its set-point by its own measurement"
+        "drone {drone} of {world}: {tick} ticks, {outcome}; late {late} times; {off_m:.3} m from its set-point by its own measurement"
     )?;
     Ok(())
 }
 
-fn fly(args: &Args) -> Outcome<(Joined, Flown)> {
+fn fly(args: &Args) -> Outcome<(SlotInfo, TickResult)> {
     let model = files::model(args.model.as_deref())?;
-    let chosen = choose(&args.controller, Value::Null, &|path| std::fs::read(path))?;
-    let mut link = Link::open(&args.server)?;
+    let spec = choose(&args.controller, Value::Null, &|path| std::fs::read(path))?;
+    let mut client = Client::open(&args.server)?;
     if let Some(mission) = &args.mission {
         let options: Value = serde_json::from_str(&args.options).map_err(|e| Failure::Usage(format!("--options: {e}")))?;
-        let about = json!({"name": args.world, "mission": mission, "options": options, "pilots": args.pilots, "seed": args.seed});
-        match link.ask::<Value>("world", about) {
+        let fields = json!({"name": args.world, "mission": mission, "options": options, "pilots": args.pilots, "seed": args.seed});
+        match client.request::<Value>("world", fields) {
             Err(Error::Refused { code, .. }) if code == "world_taken" => {}
-            told => drop(told?),
+            reply => drop(reply?),
         }
     }
-    let joined: Joined = link.ask("join", json!({"name": args.world, "drone": args.drone}))?;
-    let controller = chosen.build(&ControllerContext {
+    let joined: SlotInfo = client.request("join", json!({"name": args.world, "drone": args.drone}))?;
+    let controller = spec.build(&ControllerContext {
         model: &model,
         interface: joined.interface,
         tick_s: joined.tick_s,
@@ -124,13 +124,13 @@ fn fly(args: &Args) -> Outcome<(Joined, Flown)> {
     let (mut observation, mut action) = (joined.observation.clone(), [0.0; ACTION]);
     loop {
         pilot.act(&observation, &mut action)?;
-        let flown: Flown = link.ask("fly", json!({"action": action.map(f64::from)}))?;
-        if flown.observation.len() < OBSERVATION {
-            return Err(link.strange(format!("an observation of {} numbers", flown.observation.len())).into());
+        let tick_result: TickResult = client.request("fly", json!({"action": action.map(f64::from)}))?;
+        if tick_result.observation.len() < OBSERVATION {
+            return Err(client.unexpected(format!("an observation of {} numbers", tick_result.observation.len())).into());
         }
-        if !flown.flying {
-            return Ok((joined, flown));
+        if !tick_result.flying {
+            return Ok((joined, tick_result));
         }
-        observation.clone_from(&flown.observation);
+        observation.clone_from(&tick_result.observation);
     }
 }

@@ -57,7 +57,7 @@ fn hover(text: &str) -> Result<HoverSource, String> {
 }
 
 /// One log, replayed over several horizons (`None` is the free run).
-pub(super) struct Flown {
+pub(super) struct LogReplay {
     pub file: String,
     pub log: FlightLog,
     pub runs: Vec<(Option<f64>, Replay)>,
@@ -69,38 +69,43 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         return Err(Failure::Usage(format!("--picture names one file, but there are {} logs: name a folder", logs.len())));
     }
     let bar = if logs.len() > 3 { ProgressBar::new(logs.len() as u64) } else { ProgressBar::hidden() };
-    let (mut flown, mut failed) = (Vec::new(), Vec::new());
+    let (mut replays, mut failed) = (Vec::new(), Vec::new());
     for path in logs {
-        match fly_again(args, &model, path) {
-            Ok(done) => flown.push(done),
+        match replay_file(args, &model, path) {
+            Ok(done) => replays.push(done),
             Err(failure) => failed.push(failure),
         }
         bar.inc(1);
     }
     bar.finish_and_clear();
     // one log: its error is the command's; several: the others are still worth printing
-    if flown.is_empty() && failed.len() == 1 {
+    if replays.is_empty() && failed.len() == 1 {
         return Err(failed.remove(0));
     }
     if args.json {
-        let logs: Vec<_> = flown.iter().map(replay_table::as_json).collect();
+        let logs: Vec<_> = replays.iter().map(replay_table::as_json).collect();
         let failed: Vec<String> = failed.iter().map(ToString::to_string).collect();
         serde_json::to_writer_pretty(&mut *out, &json!({"model": model.name, "logs": logs, "failed": failed}))?;
         writeln!(out)?;
     } else {
-        for one in &flown {
-            replay_table::one(one, &model.name, out)?;
+        for log_replay in &replays {
+            replay_table::write_replay(log_replay, &model.name, out)?;
         }
-        if flown.len() > 1 {
-            replay_table::summary(&flown, out)?;
+        if replays.len() > 1 {
+            replay_table::write_summary(&replays, out)?;
         }
     }
-    draw(args, &flown)?;
+    draw(args, &replays)?;
     if failed.is_empty() {
         return Ok(());
     }
     let list: Vec<String> = failed.iter().map(ToString::to_string).collect();
-    Err(Failure::Failed(format!("{} of {} logs could not be replayed:\n  {}", failed.len(), failed.len() + flown.len(), list.join("\n  "))))
+    Err(Failure::Failed(format!(
+        "{} of {} logs could not be replayed:\n  {}",
+        failed.len(),
+        failed.len() + replays.len(),
+        list.join("\n  ")
+    )))
 }
 
 /// The model and the logs that the arguments name.
@@ -116,7 +121,7 @@ fn inputs(paths: &[PathBuf]) -> Outcome<(Model, &[PathBuf])> {
     Ok((model, logs))
 }
 
-fn fly_again(args: &Args, model: &Model, path: &Path) -> Outcome<Flown> {
+fn replay_file(args: &Args, model: &Model, path: &Path) -> Outcome<LogReplay> {
     let file = path.display().to_string();
     let log = FlightLog::read(path).map_err(|e| Failure::Failed(with_cause(&e)))?;
     let horizons = args.horizon.map_or(vec![None, Some(2.0), Some(0.5)], |h| vec![Some(h)]);
@@ -131,14 +136,14 @@ fn fly_again(args: &Args, model: &Model, path: &Path) -> Outcome<Flown> {
         let done = replay(model, &log, &plan).map_err(|e| Failure::about(&file, e))?;
         runs.push((horizon_s, done));
     }
-    Ok(Flown { file, log, runs })
+    Ok(LogReplay { file, log, runs })
 }
 
-fn draw(args: &Args, flown: &[Flown]) -> Outcome {
+fn draw(args: &Args, replays: &[LogReplay]) -> Outcome {
     let Some(target) = &args.picture else { return Ok(()) };
-    for one in flown {
-        let svg = replay_table::picture(one)?;
-        let file = if files::is_svg(target) { target.clone() } else { target.join(format!("{}.svg", stem(&one.file))) };
+    for log_replay in replays {
+        let svg = replay_table::picture(log_replay)?;
+        let file = if files::is_svg(target) { target.clone() } else { target.join(format!("{}.svg", stem(&log_replay.file))) };
         files::write(&file, svg.as_bytes())?;
     }
     Ok(())

@@ -1,4 +1,4 @@
-//! What `crazyflie replay` prints and draws.
+//! Output and pictures of `crazyflie replay`.
 
 use std::io::Write;
 
@@ -6,29 +6,29 @@ use crazyflie_identify::replay::{Replay, SIGNALS, Signal, SignalComparison};
 use crazyflie_picture::{PALETTE, Panel, PictureError, Series, Style, chart};
 use serde_json::{Value, json};
 
-use super::replay::{Flown, stem};
+use super::replay::{LogReplay, stem};
 use super::{Outcome, Table, number};
 
-/// One log.
-pub(super) fn one(flown: &Flown, model: &str, out: &mut dyn Write) -> Outcome {
-    let Some((_, first)) = flown.runs.first() else { return Ok(()) };
+/// Writes the table of one log.
+pub(super) fn write_replay(log_replay: &LogReplay, model: &str, out: &mut dyn Write) -> Outcome {
+    let Some((_, first)) = log_replay.runs.first() else { return Ok(()) };
     let form = first.input.name();
-    writeln!(out, "{} on model {model}, vertical form {form}, {:.2} to {:.2} s", flown.file, first.start_s, first.end_s)?;
-    for note in &flown.log.notes {
+    writeln!(out, "{} on model {model}, vertical form {form}, {:.2} to {:.2} s", log_replay.file, first.start_s, first.end_s)?;
+    for note in &log_replay.log.notes {
         writeln!(out, "  log: {note}")?;
     }
     for remark in &first.remarks {
         writeln!(out, "  {remark}")?;
     }
     let mut header = vec!["signal".to_owned()];
-    for (horizon_s, _) in &flown.runs {
+    for (horizon_s, _) in &log_replay.runs {
         let name = horizon_name(*horizon_s);
         header.extend([format!("{name}: fit"), "RMSE".to_owned()]);
     }
     let mut table = Table::new(&header.iter().map(String::as_str).collect::<Vec<_>>());
     for (at, signal) in SIGNALS.iter().enumerate() {
         let mut cells = vec![signal.name.to_owned()];
-        for (_, run) in &flown.runs {
+        for (_, run) in &log_replay.runs {
             let fit = run.signals[at].fit;
             cells.extend([percent(fit.fit_percent), rmse(signal, fit.rmse)]);
         }
@@ -37,22 +37,23 @@ pub(super) fn one(flown: &Flown, model: &str, out: &mut dyn Write) -> Outcome {
     Ok(writeln!(out, "{}", table.plain())?)
 }
 
-/// Medians over several logs.
-pub(super) fn summary(flown: &[Flown], out: &mut dyn Write) -> Outcome {
-    writeln!(out, "median of {} flights", flown.len())?;
+/// Writes medians over several logs.
+pub(super) fn write_summary(replays: &[LogReplay], out: &mut dyn Write) -> Outcome {
+    writeln!(out, "median of {} flights", replays.len())?;
     let mut header = vec!["signal".to_owned()];
-    for (horizon_s, _) in &flown[0].runs {
+    for (horizon_s, _) in &replays[0].runs {
         let name = horizon_name(*horizon_s);
         header.extend([format!("{name}: fit"), "RMSE".to_owned()]);
     }
     let mut table = Table::new(&header.iter().map(String::as_str).collect::<Vec<_>>());
     for (at, signal) in SIGNALS.iter().enumerate() {
         let mut cells = vec![signal.name.to_owned()];
-        for run in 0..flown[0].runs.len() {
-            let of =
-                |value: &dyn Fn(&SignalComparison) -> Option<f64>| flown.iter().filter_map(|f| value(&f.runs[run].1.signals[at])).collect();
-            cells.push(percent(median(of(&|c| c.fit.fit_percent))));
-            cells.push(median(of(&|c| Some(c.fit.rmse))).map_or("-".into(), |v| rmse(signal, v)));
+        for run in 0..replays[0].runs.len() {
+            let values_of = |value: &dyn Fn(&SignalComparison) -> Option<f64>| {
+                replays.iter().filter_map(|f| value(&f.runs[run].1.signals[at])).collect()
+            };
+            cells.push(percent(median(values_of(&|c| c.fit.fit_percent))));
+            cells.push(median(values_of(&|c| Some(c.fit.rmse))).map_or("-".into(), |v| rmse(signal, v)));
         }
         table.row(cells);
     }
@@ -82,10 +83,10 @@ fn rmse(signal: &Signal, si: f64) -> String {
     format!("{} {}", number(value, if value.abs() < 10.0 { 3 } else { 1 }), signal.unit)
 }
 
-pub(super) fn as_json(flown: &Flown) -> Value {
-    let notes: Vec<String> = flown.log.notes.iter().map(ToString::to_string).collect();
-    let runs: Vec<Value> = flown.runs.iter().map(|(horizon_s, run)| run_json(*horizon_s, run)).collect();
-    json!({"file": flown.file, "notes": notes, "runs": runs})
+pub(super) fn as_json(log_replay: &LogReplay) -> Value {
+    let notes: Vec<String> = log_replay.log.notes.iter().map(ToString::to_string).collect();
+    let runs: Vec<Value> = log_replay.runs.iter().map(|(horizon_s, run)| run_json(*horizon_s, run)).collect();
+    json!({"file": log_replay.file, "notes": notes, "runs": runs})
 }
 
 fn run_json(horizon_s: Option<f64>, run: &Replay) -> Value {
@@ -101,8 +102,8 @@ fn run_json(horizon_s: Option<f64>, run: &Replay) -> Value {
 }
 
 /// One panel per signal: measured, each prediction, and for roll and pitch the command. A prediction that leaves the frame is cut there.
-pub(super) fn picture(flown: &Flown) -> Result<String, PictureError> {
-    let shown: Vec<Vec<Curve>> = SIGNALS.iter().enumerate().map(|(at, signal)| curves(flown, at, signal)).collect();
+pub(super) fn picture(log_replay: &LogReplay) -> Result<String, PictureError> {
+    let shown: Vec<Vec<Curve>> = SIGNALS.iter().enumerate().map(|(at, signal)| curves(log_replay, at, signal)).collect();
     let labels: Vec<String> = SIGNALS.iter().map(|s| format!("{} ({})", s.name, s.unit)).collect();
     let panels: Vec<Panel> = shown
         .iter()
@@ -114,7 +115,7 @@ pub(super) fn picture(flown: &Flown) -> Result<String, PictureError> {
             ..Panel::default()
         })
         .collect();
-    chart(&panels, 2, &format!("{}: measured and predicted", stem(&flown.file)))
+    chart(&panels, 2, &format!("{}: measured and predicted", stem(&log_replay.file)))
 }
 
 struct Curve {
@@ -131,8 +132,8 @@ impl Curve {
     }
 }
 
-fn curves(flown: &Flown, at: usize, signal: &Signal) -> Vec<Curve> {
-    let Some((_, first)) = flown.runs.first() else { return Vec::new() };
+fn curves(log_replay: &LogReplay, at: usize, signal: &Signal) -> Vec<Curve> {
+    let Some((_, first)) = log_replay.runs.first() else { return Vec::new() };
     let scale = |values: &[f64]| values.iter().map(|v| signal.in_unit(*v)).collect::<Vec<f64>>();
     let measured = &first.signals[at];
     let y = scale(&measured.measured);
@@ -140,20 +141,20 @@ fn curves(flown: &Flown, at: usize, signal: &Signal) -> Vec<Curve> {
     // a quarter of the measured span around it, and at least a little
     let room = 0.25 * (high - low).max(if signal.is_angle { 2.0 } else { 0.1 });
     let command = match at {
-        0 => flown.log.cmd_roll_rad.as_ref(),
-        1 => flown.log.cmd_pitch_rad.as_ref(),
+        0 => log_replay.log.cmd_roll_rad.as_ref(),
+        1 => log_replay.log.cmd_pitch_rad.as_ref(),
         _ => None,
     };
     let mut all = Vec::new();
     if let Some(command) = command {
-        let rows = (0..flown.log.len()).filter(|&i| (first.start_s..=first.end_s).contains(&flown.log.t_s[i]));
-        let (x, y) = rows.map(|i| (flown.log.t_s[i], signal.in_unit(command[i]))).unzip();
+        let rows = (0..log_replay.log.len()).filter(|&i| (first.start_s..=first.end_s).contains(&log_replay.log.t_s[i]));
+        let (x, y) = rows.map(|i| (log_replay.log.t_s[i], signal.in_unit(command[i]))).unzip();
         all.push(Curve { label: "command".into(), x, y, style: Style::Step, color: [190, 196, 204] });
     }
     all.push(Curve { label: "measured".into(), x: measured.t_s.clone(), y, style: Style::Solid, color: PALETTE[4] });
-    for ((horizon_s, run), color) in flown.runs.iter().zip([PALETTE[1], PALETTE[0], PALETTE[2]]) {
+    for ((horizon_s, run), color) in log_replay.runs.iter().zip([PALETTE[1], PALETTE[0], PALETTE[2]]) {
         // three predictions hide each other: the shortest horizon is in the table
-        if flown.runs.len() == 3 && *horizon_s == Some(0.5) {
+        if log_replay.runs.len() == 3 && *horizon_s == Some(0.5) {
             continue;
         }
         let compared = &run.signals[at];

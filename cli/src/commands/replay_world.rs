@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use super::{Failure, Outcome};
-use crazyflie_server::worlds::{Flown, fly_again};
+use crazyflie_server::worlds::{WorldReplay, replay_log};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -27,26 +27,26 @@ pub(super) struct Args {
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let about = |problem: &dyn std::fmt::Display| Failure::about(args.log.display(), problem);
     let text = std::fs::read_to_string(&args.log).map_err(|e| about(&e))?;
-    let flown = fly_again(&text).map_err(|e| about(&e))?;
+    let replay = replay_log(&text).map_err(|e| about(&e))?;
     if args.json {
-        serde_json::to_writer_pretty(&mut *out, &flown)?;
+        serde_json::to_writer_pretty(&mut *out, &replay)?;
         writeln!(out)?;
     } else {
-        say(&flown, out)?;
+        write_text(&replay, out)?;
     }
-    match flown.told == flown.flown {
+    match replay.logged == replay.replayed {
         true => Ok(()),
         false => Err(about(&"the flight is not the one that the log tells of")),
     }
 }
 
-fn say(Flown { world, mission, drones, told, flown }: &Flown, out: &mut dyn Write) -> Outcome {
-    writeln!(out, "world {world}: {mission}, {drones} drones, {} ticks", flown.ticks)?;
-    for (name, value) in &flown.metrics {
+fn write_text(WorldReplay { world, mission, drones, logged, replayed }: &WorldReplay, out: &mut dyn Write) -> Outcome {
+    writeln!(out, "world {world}: {mission}, {drones} drones, {} ticks", replayed.ticks)?;
+    for (name, value) in &replayed.metrics {
         writeln!(out, "  {name} {value}")?;
     }
-    let late: u64 = flown.late.iter().sum();
+    let late: u64 = replayed.late.iter().sum();
     writeln!(out, "  late {late}")?;
-    writeln!(out, "told  {}\nflown {}", told.sha256, flown.sha256)?;
+    writeln!(out, "told  {}\nflown {}", logged.sha256, replayed.sha256)?;
     Ok(())
 }

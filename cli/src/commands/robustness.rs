@@ -7,7 +7,7 @@ use crazyflie_control::registry;
 use indicatif::ProgressBar;
 
 use super::{Outcome, Table, controllers, files, number};
-use crate::robustness::{CONDITIONS, Line, compare, picture};
+use crate::robustness::{CONDITIONS, RobustnessRow, compare, picture};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -44,8 +44,8 @@ pub(super) struct Args {
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let default: Vec<String> =
         registry().iter().filter(|e| e.file.is_none()).map(|e| e.name.to_owned()).chain(["kalman+thesis-pid".into()]).collect();
-    let asked = if args.controllers.is_empty() { &default } else { &args.controllers };
-    let chosen = asked.iter().map(|name| controllers::chosen(name, None)).collect::<Outcome<Vec<_>>>()?;
+    let controllers = if args.controllers.is_empty() { &default } else { &args.controllers };
+    let chosen = controllers.iter().map(|name| controllers::chosen(name, None)).collect::<Outcome<Vec<_>>>()?;
     let seeds: Vec<u64> = (0..u64::from(args.seeds)).map(|i| args.first_seed.wrapping_add(i)).collect();
     let bar = ProgressBar::new((chosen.len() * args.scenarios.len() * CONDITIONS.len()) as u64);
     let lines = compare(&chosen, &args.scenarios, &seeds, &|| bar.inc(1))?;
@@ -68,7 +68,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     Ok(())
 }
 
-fn table(lines: &[Line]) -> Table {
+fn table(lines: &[RobustnessRow]) -> Table {
     let mut table =
         Table::new(&["scenario", "condition", "controller", "score", "95 %", "failed", "RMS error", "overshoot", "settled"]).left(&[1, 2]);
     let cm = |m: Option<f64>| m.map_or("-".into(), |m| format!("{} cm", number(100.0 * m, 1)));

@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use super::{Outcome, Table, number};
-use crazyflie_server::bench::{Bench, Limits};
+use crazyflie_server::bench::{Bench, TeamLimits};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -24,7 +24,7 @@ pub(super) struct Args {
 }
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
-    let bench = Bench::open(&args.data, Limits::default())?;
+    let bench = Bench::open(&args.data, TeamLimits::default())?;
     if args.json {
         let all: Vec<_> = bench.scenarios().iter().map(|s| s.public()).collect();
         serde_json::to_writer_pretty(&mut *out, &all)?;

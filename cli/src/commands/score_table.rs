@@ -1,11 +1,11 @@
-//! What `crazyflie explain-bench` prints: a row a case, then rates.
+//! Output of `crazyflie explain-bench`: a row for each case, then rates.
 
 use std::collections::BTreeMap;
 
 use serde_json::{Map, Value, json};
 
 use super::{Table, number};
-use crate::explained::{significant, with_error};
+use crate::explanation::{significant, with_error};
 use crate::score::{
     Answer, CRITERIA, CaseRecord, EffectRow, Group, HiddenEffect, NamedEffect, Rate, Rates, Results, Stratum, ValueStatistics, WORST_RATIO,
 };
@@ -50,7 +50,12 @@ pub(super) fn line(record: &CaseRecord) -> String {
     let marks = [Some(criteria.named), criteria.near, criteria.within].map(mark);
     let seconds = record.seconds.unwrap_or(f64::NAN);
     let [named, near, within] = marks;
-    format!("{}: {}, {} (name {named}, 15 % {near}, 3 stderr {within}, {seconds:.1} s)", record.case, record.verdict, said(record))
+    format!(
+        "{}: {}, {} (name {named}, 15 % {near}, 3 stderr {within}, {seconds:.1} s)",
+        record.case,
+        record.verdict,
+        named_effects_text(record)
+    )
 }
 
 /// A row a case.
@@ -60,7 +65,7 @@ pub(super) fn case_table(records: &[CaseRecord]) -> Table {
     for record in records {
         let (score, criteria) = (&record.score, record.score.criteria);
         let mut cells = vec![record.case.clone(), score.group.name().to_owned(), score.tier.clone(), truth(&score.truth)];
-        cells.extend([record.verdict.clone(), record.failed.clone().unwrap_or_else(|| said(record))]);
+        cells.extend([record.verdict.clone(), record.failed.clone().unwrap_or_else(|| named_effects_text(record))]);
         cells.extend([Some(criteria.named), criteria.near, criteria.within].map(|m| mark(m).to_owned()));
         cells.push(optional(score.told_ratio, 2));
         cells.push(optional(record.seconds, 0));
@@ -82,7 +87,7 @@ fn mark(mark: Option<bool>) -> &'static str {
 }
 
 /// The effects that were named, with values and rivals.
-fn said(record: &CaseRecord) -> String {
+fn named_effects_text(record: &CaseRecord) -> String {
     let named: Vec<String> = record.effects.iter().flat_map(NamedEffect::all).map(brief).collect();
     if named.is_empty() { "-".into() } else { named.join("; ") }
 }
@@ -213,7 +218,7 @@ pub(super) fn totals_json(rates: &Rates) -> Value {
     rates.groups.iter().map(|row| (row.group.to_owned(), Value::Object(criteria(&row.criteria)))).collect::<Map<_, _>>().into()
 }
 
-/// What went wrong in a case, for a page.
+/// Error of a case, for a page.
 pub(super) fn fault(record: &CaseRecord) -> Option<String> {
     if record.score.criteria.named {
         return None;

@@ -7,7 +7,7 @@ use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
 use super::{Failure, Outcome, Table, files, number};
-use crate::scorecard::{COUNT, Figure, Line, lines, pictures};
+use crate::scorecard::{COUNT, Measurement, ScorecardRow, lines, pictures};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -56,7 +56,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     Ok(write!(out, "{}\n{LEGEND}\n", table.plain())?)
 }
 
-fn table(all: &[Line]) -> Table {
+fn table(all: &[ScorecardRow]) -> Table {
     let header = ["experiment", "thesis", "gains", "quantity", "thesis's figure", "ours, ideal", "ours, camera rig", "mark", "why"];
     let mut table = Table::new(&header).left(&[1, 2, 3, 4, 7, 8]);
     let mut before = "";
@@ -72,7 +72,7 @@ fn table(all: &[Line]) -> Table {
             cell(line, line.ideal.as_ref()),
             cell(line, line.rig.as_ref()),
             line.mark().into(),
-            why(line).into(),
+            reason(line).into(),
         ]);
         before = line.experiment;
     }
@@ -80,11 +80,11 @@ fn table(all: &[Line]) -> Table {
 }
 
 /// An explanation, where there is something to explain.
-fn why(line: &Line) -> &str {
+fn reason(line: &ScorecardRow) -> &str {
     if line.mark() == "agrees" && line.rig.is_some() { "" } else { line.why }
 }
 
-fn cell(line: &Line, figure: Option<&Figure>) -> String {
+fn cell(line: &ScorecardRow, figure: Option<&Measurement>) -> String {
     let Some(figure) = figure else { return String::new() };
     if !figure.value.is_finite() {
         return "never".into();
@@ -93,20 +93,20 @@ fn cell(line: &Line, figure: Option<&Figure>) -> String {
     let decimals = if figure.value.abs() >= 99.995 { 0 } else { figure.decimals };
     let own = format!("{} {}", number(figure.value, decimals), figure.unit);
     match line.claim.deviation(figure) {
-        Some(off) => format!("{own} ({})", signed(off, decimals)),
+        Some(off) => format!("{own} ({})", signed_number(off, decimals)),
         None => own,
     }
 }
 
 /// A deviation with its sign; what prints as zero has none.
-fn signed(off: f64, decimals: usize) -> String {
+fn signed_number(off: f64, decimals: usize) -> String {
     let text = number(off, decimals);
     let zero = text.chars().all(|c| matches!(c, '0' | '.'));
     if zero || text.starts_with('-') { text } else { format!("+{text}") }
 }
 
-fn as_json(line: &Line) -> Value {
-    let figure = |f: &Option<Figure>| {
+fn as_json(line: &ScorecardRow) -> Value {
+    let figure = |f: &Option<Measurement>| {
         f.map(|f| {
             let value = f.value.is_finite().then_some(f.value);
             json!({"value": value, "unit": f.unit, "deviation": line.claim.deviation(&f), "agrees": line.claim.agrees(&f)})

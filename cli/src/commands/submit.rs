@@ -6,9 +6,9 @@ use std::path::PathBuf;
 use indicatif::ProgressBar;
 
 use super::{Failure, Outcome, Table, controllers, number};
-use crate::afar::Afar;
+use crate::remote_submit::RemoteAttempts;
 use crazyflie_server::bench::baselines;
-use crazyflie_server::bench::{Bench, Document, Entrant, Limits};
+use crazyflie_server::bench::{Bench, Document, Entrant, TeamLimits};
 
 /// As in Python.
 const TOKEN: &str = "CRAZYFLIE_TOKEN";
@@ -57,7 +57,7 @@ pub(super) struct Args {
     json: bool,
 }
 
-/// Nothing prints it.
+/// A team's token; `Debug` hides it.
 #[derive(Clone)]
 struct Token(String);
 
@@ -75,34 +75,34 @@ impl std::fmt::Debug for Token {
     }
 }
 
-/// Where attempts are flown and stored.
-enum Place {
-    Here(Bench),
-    Afar(Box<Afar>),
+/// Place where attempts are flown and stored: the local database or a remote server.
+enum AttemptTarget {
+    Local(Bench),
+    Remote(Box<RemoteAttempts>),
 }
 
-impl Place {
-    fn open(args: &Args) -> Outcome<Place> {
+impl AttemptTarget {
+    fn open(args: &Args) -> Outcome<AttemptTarget> {
         match &args.server {
-            None => Ok(Place::Here(Bench::open(&args.data, Limits::default())?)),
-            Some(url) => Ok(Place::Afar(Box::new(Afar::open(url, &token(args)?)?))),
+            None => Ok(AttemptTarget::Local(Bench::open(&args.data, TeamLimits::default())?)),
+            Some(url) => Ok(AttemptTarget::Remote(Box::new(RemoteAttempts::open(url, &token(args)?)?))),
         }
     }
 
-    /// Those of a name; a server elsewhere knows its own names, and finds versions.
+    /// Ids of the scenarios of this name. A remote server resolves names to versions itself.
     fn scenarios(&self, name: &str) -> Outcome<Vec<String>> {
         Ok(match (self, name) {
-            (Place::Here(bench), "all") => bench.scenarios().iter().map(|s| s.id()).collect(),
-            (Place::Here(bench), name) => vec![bench.scenario(name)?.id()],
-            (Place::Afar(afar), "all") => afar.scenarios().to_vec(),
-            (Place::Afar(_), name) => vec![name.into()],
+            (AttemptTarget::Local(bench), "all") => bench.scenarios().iter().map(|s| s.id()).collect(),
+            (AttemptTarget::Local(bench), name) => vec![bench.scenario(name)?.id()],
+            (AttemptTarget::Remote(remote), "all") => remote.scenarios().to_vec(),
+            (AttemptTarget::Remote(_), name) => vec![name.into()],
         })
     }
 
     fn submit(&mut self, scenario: &str, entrant: &Entrant) -> Outcome<Document> {
         match self {
-            Place::Here(bench) => Ok(baselines::submit(bench, scenario, entrant)?),
-            Place::Afar(afar) => Ok(afar.submit(scenario, entrant)?),
+            AttemptTarget::Local(bench) => Ok(baselines::submit(bench, scenario, entrant)?),
+            AttemptTarget::Remote(remote) => Ok(remote.submit(scenario, entrant)?),
         }
     }
 }
@@ -122,17 +122,17 @@ fn token(args: &Args) -> Outcome<String> {
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let controller = controllers::chosen(&args.controller, args.controller_options.as_deref())?;
     let entrant = Entrant { controller, avoid: args.collision_avoidance };
-    let mut place = Place::open(args)?;
-    let scenarios = place.scenarios(&args.scenario)?;
+    let mut target = AttemptTarget::open(args)?;
+    let scenarios = target.scenarios(&args.scenario)?;
     let bar = ProgressBar::new(scenarios.len() as u64 * u64::from(args.repeat));
     bar.tick();
     let mut done = Vec::new();
     for scenario in scenarios {
         for _ in 0..args.repeat {
-            let document = place.submit(&scenario, &entrant)?;
+            let document = target.submit(&scenario, &entrant)?;
             if args.json {
-                // said at once: whoever reads it may rely on it
-                bar.suspend(|| say(&document, out))?;
+                // written at once, so that a reader can rely on it
+                bar.suspend(|| write_json(&document, out))?;
             }
             done.push(document);
             bar.inc(1);
@@ -145,7 +145,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     Ok(())
 }
 
-fn say(document: &Document, out: &mut dyn Write) -> Outcome {
+fn write_json(document: &Document, out: &mut dyn Write) -> Outcome {
     serde_json::to_writer(&mut *out, document)?;
     writeln!(out)?;
     Ok(out.flush()?)

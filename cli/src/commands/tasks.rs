@@ -6,7 +6,7 @@ use crazyflie_env::task::registry;
 use serde_json::json;
 
 use super::{Outcome, Table};
-use crazyflie_server::flight::{SCENARIOS, Scenario};
+use crazyflie_server::flight::{FlightScenario, SCENARIOS};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -74,6 +74,6 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 }
 
 /// The scenarios that are not simply a task.
-fn thesis_flights() -> impl Iterator<Item = &'static Scenario> {
+fn thesis_flights() -> impl Iterator<Item = &'static FlightScenario> {
     SCENARIOS.iter().filter(|s| s.name != s.task)
 }

@@ -7,7 +7,7 @@ use clap::Subcommand;
 use jiff::Timestamp;
 
 use super::{Failure, Outcome, Table};
-use crazyflie_server::bench::{Bench, Limits};
+use crazyflie_server::bench::{Bench, TeamLimits};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -41,7 +41,7 @@ enum Command {
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let bench = match &args.command {
-        Command::Create { .. } => Bench::open(&args.data, Limits::default())?,
+        Command::Create { .. } => Bench::open(&args.data, TeamLimits::default())?,
         Command::List | Command::Revoke { .. } => Bench::open_existing(&args.data)?,
     };
     match &args.command {

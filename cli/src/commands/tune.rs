@@ -9,8 +9,8 @@ use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
 use super::{Failure, Outcome, Table, files, number};
-use crate::tune::{AXES, Done, Flown, Tuned, Wanted, dead_time_s, picture, tune};
-use crazyflie_server::flight::{LAB_LATENCY_S, Scenario, lab_rig};
+use crate::tune::{AXES, GainComparison, LoopEvaluation, LoopRequirements, TuningSetup, dead_time_s, picture, tune};
+use crazyflie_server::flight::{FlightScenario, LAB_LATENCY_S, lab_rig};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -59,8 +59,8 @@ pub(super) struct Args {
 const SEEDS: u64 = 16;
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
-    let asked = [args.phase_margin, args.gain_margin, args.overshoot];
-    if let Some(bad) = asked.iter().find(|v| !(0.0..=90.0).contains(*v)) {
+    let requested = [args.phase_margin, args.gain_margin, args.overshoot];
+    if let Some(bad) = requested.iter().find(|v| !(0.0..=90.0).contains(*v)) {
         return Err(Failure::Usage(format!("a margin or overshoot is {bad}, expected 0 to 90")));
     }
     let model = files::model(args.model.as_deref())?;
@@ -71,22 +71,23 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     };
     // without a camera a command is held for a tick, half of which is its mean age
     let dead_time_s = latency_s.map_or(0.5 / model.rig.control.value, |latency_s| dead_time_s(&model, latency_s));
-    let wanted = Wanted { phase_deg: args.phase_margin, gain_db: args.gain_margin, overshoot: 0.01 * args.overshoot, dead_time_s };
-    let task = args.task.as_deref().map(Scenario::named).transpose()?;
+    let requirements =
+        LoopRequirements { phase_deg: args.phase_margin, gain_db: args.gain_margin, overshoot: 0.01 * args.overshoot, dead_time_s };
+    let task = args.task.as_deref().map(FlightScenario::find).transpose()?;
     let vertical = args.vertical.unwrap_or_else(|| files::default_vertical(&model));
-    let flown = Flown { model: &model, vertical, effects, task, seeds: (0..SEEDS).collect() };
+    let tuning = TuningSetup { model: &model, vertical, effects, task, seeds: (0..SEEDS).collect() };
     let bar = ProgressBar::new(AXES.len() as u64);
-    let (gains, tuned) = tune(&flown, &wanted, &|_| bar.inc(1))?;
+    let (gains, comparisons) = tune(&tuning, &requirements, &|_| bar.inc(1))?;
     bar.finish_and_clear();
     if let Some(file) = &args.out {
         files::write(file, &serde_json::to_vec_pretty(&gains)?)?;
     }
     if let Some(file) = &args.picture {
         let title = format!("{}: PID gains, {:.0} ms of dead time", model.name, 1e3 * dead_time_s);
-        files::write(file, picture(&tuned, &title)?.as_bytes())?;
+        files::write(file, picture(&comparisons, &title)?.as_bytes())?;
     }
     if args.json {
-        let loops: Vec<Value> = tuned.iter().map(as_json).collect();
+        let loops: Vec<Value> = comparisons.iter().map(as_json).collect();
         serde_json::to_writer_pretty(&mut *out, &json!({"dead_time_s": dead_time_s, "gains": gains, "loops": loops}))?;
         return Ok(writeln!(out)?);
     }
@@ -97,23 +98,24 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         model.name,
         1e3 * dead_time_s
     )?;
-    write!(out, "{}", table(&tuned).plain())?;
-    Ok(writeln!(out, "\n{}", words(&tuned))?)
+    write!(out, "{}", table(&comparisons).plain())?;
+    Ok(writeln!(out, "\n{}", words(&comparisons))?)
 }
 
-fn as_json(t: &Tuned) -> Value {
-    let one = |d: &Done| json!({"gains": d.gains, "margins": d.margins, "response": d.figures, "task_error_s": d.task_error_s});
-    json!({"loop": t.axis.name(), "tried": t.tried, "crazyflie_ros": one(&t.stock), "table_7_1": one(&t.thesis), "tuned": one(&t.found)})
+fn as_json(t: &GainComparison) -> Value {
+    let evaluation =
+        |d: &LoopEvaluation| json!({"gains": d.gains, "margins": d.margins, "response": d.figures, "task_error_s": d.task_error_s});
+    json!({"loop": t.axis.name(), "tried": t.tried, "crazyflie_ros": evaluation(&t.stock), "table_7_1": evaluation(&t.thesis), "tuned": evaluation(&t.found)})
 }
 
-fn table(tuned: &[Tuned]) -> Table {
+fn table(comparisons: &[GainComparison]) -> Table {
     let header =
         ["loop", "gains", "Kp", "Ki", "Kd", "phase margin", "gain margin", "delay margin", "overshoot", "settled", "error", "in the task"];
     let mut table = Table::new(&header).left(&[1]);
     let or_none = |value: f64, decimals: usize, unit: &str| {
         if value.is_finite() { format!("{} {unit}", number(value, decimals)) } else { "-".into() }
     };
-    for t in tuned {
+    for t in comparisons {
         for (label, d) in [("crazyflie_ros", &t.stock), ("table 7.1", &t.thesis), ("tuned", &t.found)] {
             table.row(vec![
                 t.axis.name().into(),
@@ -134,9 +136,9 @@ fn table(tuned: &[Tuned]) -> Table {
     table
 }
 
-/// Why the thesis's gains beat the package's.
-fn words(tuned: &[Tuned]) -> String {
-    let Some(x) = tuned.iter().find(|t| t.axis.name() == "x") else { return String::new() };
+/// Reason that the thesis's gains beat the package's.
+fn words(comparisons: &[GainComparison]) -> String {
+    let Some(x) = comparisons.iter().find(|t| t.axis.name() == "x") else { return String::new() };
     let [stock, thesis, found] = [&x.stock, &x.thesis, &x.found].map(|d| d.margins.phase_deg);
     format!(
         "Sideways the package's gains have {stock:.0} degrees of phase margin, table 7.1's {thesis:.0}, because the ratio Kd/Kp, which leads the phase, is {:.2} s instead \

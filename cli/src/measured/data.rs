@@ -6,7 +6,7 @@ use crazyflie_env::model::Model;
 use crazyflie_identify::FlightLog;
 use crazyflie_identify::fit::flight::Flight;
 
-/// What the recordings' own description of the split says: the first are fitted, the others only predicted.
+/// Split by the description of the recordings: the first are fitted, the others only predicted.
 const FIT: [&str; 12] = [
     "B2_circle_fast_rep2",
     "B8_star_fast_rep1",
@@ -31,37 +31,37 @@ const TEST: [&str; 6] = [
 ];
 
 /// A flight with the log that it is from.
-pub(super) struct Recorded {
+pub(super) struct RecordedFlight {
     pub(super) log: FlightLog,
     pub(super) flight: Flight,
 }
 
 /// Flights of one side of the split.
-pub(super) struct Side {
-    pub(super) recorded: Vec<Recorded>,
+pub(super) struct FlightSet {
+    pub(super) recorded: Vec<RecordedFlight>,
     /// Files that cannot drive a model, and why.
-    pub(super) left_out: Vec<(String, String)>,
+    pub(super) skipped: Vec<(String, String)>,
 }
 
-impl Side {
+impl FlightSet {
     /// The same flights, each with its thrust command in parts of its own median, times a common PWM. The vehicle hovers on the whole, so the
     /// median command is the one that carries it: nothing but commands goes into this.
-    pub(super) fn trimmed(&self, model: &Model, common_pwm: f64) -> Vec<Flight> {
-        let of = |r: &Recorded| {
+    pub(super) fn flights_with_own_hover(&self, model: &Model, common_pwm: f64) -> Vec<Flight> {
+        let with_own_hover = |r: &RecordedFlight| {
             let mut log = r.log.clone();
-            let flown = log.airborne.clone();
+            let airborne = log.airborne.clone();
             let thrust = log.cmd_thrust_pwm.as_mut()?;
-            let median_pwm = median(thrust.get(flown)?);
+            let median_pwm = median(thrust.get(airborne)?);
             thrust.iter_mut().for_each(|pwm| *pwm *= common_pwm / median_pwm);
             Flight::from_log(&r.flight.name, &log, model, None).ok()
         };
-        self.recorded.iter().filter_map(of).collect()
+        self.recorded.iter().filter_map(with_own_hover).collect()
     }
 
     /// The median thrust command of each flight.
     pub(super) fn hovers_pwm(&self) -> Vec<f64> {
-        let of = |r: &Recorded| Some(median(r.log.cmd_thrust_pwm.as_ref()?.get(r.log.airborne.clone())?));
-        self.recorded.iter().filter_map(of).collect()
+        let hover_pwm = |r: &RecordedFlight| Some(median(r.log.cmd_thrust_pwm.as_ref()?.get(r.log.airborne.clone())?));
+        self.recorded.iter().filter_map(hover_pwm).collect()
     }
 
     pub(super) fn flights(&self) -> Vec<Flight> {
@@ -77,7 +77,7 @@ pub(super) fn median(values: &[f64]) -> f64 {
 }
 
 /// Both sides; when it has to be quick, two flights to fit and one to predict.
-pub(super) fn sides(folder: &Path, model: &Model, quick: bool) -> Result<[Side; 2], String> {
+pub(super) fn sides(folder: &Path, model: &Model, quick: bool) -> Result<[FlightSet; 2], String> {
     let (fit, test) = if quick { (&FIT[..2], &TEST[..1]) } else { (&FIT[..], &TEST[..]) };
     let sides = [side(folder, fit, model)?, side(folder, test, model)?];
     match sides.iter().any(|s| s.recorded.is_empty()) {
@@ -86,13 +86,13 @@ pub(super) fn sides(folder: &Path, model: &Model, quick: bool) -> Result<[Side; 
     }
 }
 
-fn side(folder: &Path, names: &[&str], model: &Model) -> Result<Side, String> {
-    let mut side = Side { recorded: Vec::new(), left_out: Vec::new() };
+fn side(folder: &Path, names: &[&str], model: &Model) -> Result<FlightSet, String> {
+    let mut side = FlightSet { recorded: Vec::new(), skipped: Vec::new() };
     for name in names {
         let log = FlightLog::read(&folder.join(format!("{name}.csv.gz"))).map_err(|e| e.to_string())?;
         match Flight::from_log(name, &log, model, None) {
-            Ok(flight) => side.recorded.push(Recorded { log, flight }),
-            Err(why) => side.left_out.push(((*name).to_owned(), why.to_string())),
+            Ok(flight) => side.recorded.push(RecordedFlight { log, flight }),
+            Err(why) => side.skipped.push(((*name).to_owned(), why.to_string())),
         }
     }
     Ok(side)

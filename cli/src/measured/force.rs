@@ -12,14 +12,14 @@ const SMOOTH_S: f64 = 0.1;
 const LOWEST_M: f64 = 0.3;
 
 /// Of one flight, at the ticks that count.
-pub(super) struct Force {
+pub(super) struct SpecificForce {
     pub(super) t_s: Vec<f64>,
     pub(super) measured_mps2: Vec<f64>,
     pub(super) predicted_mps2: Vec<f64>,
 }
 
 /// From the measured state at every tick, one tick ahead by the command.
-pub(super) fn force(flight: &Flight, at: &Hypothesis) -> Option<Force> {
+pub(super) fn force(flight: &Flight, at: &Hypothesis) -> Option<SpecificForce> {
     let fixed = at.without_free();
     let mut worker = SensitivitySimulator::new(&fixed, flight, false, false).ok()?;
     let mut ahead = |tick: usize| {
@@ -32,7 +32,7 @@ pub(super) fn force(flight: &Flight, at: &Hypothesis) -> Option<Force> {
     };
     let all: Vec<f64> = (0..flight.ticks).map(&mut ahead).collect();
     let half = ((0.5 * SMOOTH_S / flight.tick_s).round() as usize).max(1);
-    let mut out = Force { t_s: Vec::new(), measured_mps2: Vec::new(), predicted_mps2: Vec::new() };
+    let mut out = SpecificForce { t_s: Vec::new(), measured_mps2: Vec::new(), predicted_mps2: Vec::new() };
     for tick in half..flight.ticks.saturating_sub(half) {
         if flight.measured_state(tick).pos_m[2] < LOWEST_M {
             continue;
@@ -48,12 +48,12 @@ pub(super) fn force(flight: &Flight, at: &Hypothesis) -> Option<Force> {
 
 /// Root mean square error over flights.
 pub(super) fn error(flights: &[Flight], at: &Hypothesis) -> f64 {
-    let errors = |f: Force| f.measured_mps2.into_iter().zip(f.predicted_mps2).map(|(m, p)| m - p).collect();
+    let errors = |f: SpecificForce| f.measured_mps2.into_iter().zip(f.predicted_mps2).map(|(m, p)| m - p).collect();
     rms(flights.iter().filter_map(|f| force(f, at)).flat_map::<Vec<f64>, _>(errors))
 }
 
 /// The same of a prediction that the vehicle always carries its weight.
-pub(super) fn still(flights: &[Flight]) -> f64 {
+pub(super) fn constant_gravity_error(flights: &[Flight]) -> f64 {
     let at = |f: &Flight| force(f, &Hypothesis::from_model(&Model::thesis()));
     rms(flights.iter().filter_map(at).flat_map(|f| f.measured_mps2).map(|m| m - GRAVITY_MPS2))
 }

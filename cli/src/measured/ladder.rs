@@ -23,7 +23,7 @@ const FREE: [&str; 9] = [
     "vertical.thrust.heave",
     "lateral.drag",
 ];
-/// In the order in which they are tried: what carries the vehicle, its trim, then what is left.
+/// Effects in the order in which they are tried: thrust, trim, then the others.
 const EFFECTS: [&str; 7] = ["thrust_slope", "tilt_loss", "imu_tilt", "com_offset", "battery_sag", "drag_quadratic", "wind"];
 const STEPS: usize = 40;
 const STEPS_MORE: usize = 12;
@@ -33,7 +33,7 @@ const SIGNIFICANT: f64 = 0.05;
 const CLEAR: f64 = 2.0;
 
 /// A fitted number.
-pub(super) struct Value {
+pub(super) struct FittedValue {
     pub(super) name: String,
     pub(super) unit: String,
     pub(super) value: f64,
@@ -43,48 +43,48 @@ pub(super) struct Value {
 }
 
 /// One effect tried.
-pub(super) struct Rung {
+pub(super) struct EffectTrial {
     pub(super) effect: &'static str,
-    pub(super) values: Vec<Value>,
+    pub(super) values: Vec<FittedValue>,
     /// On the test flights, without it and with it.
     pub(super) errors: Errors,
     pub(super) force_mps2: [f64; 2],
     pub(super) kept: bool,
 }
 
-pub(super) struct Fitted {
+pub(super) struct FitResult {
     pub(super) hypothesis: Hypothesis,
-    pub(super) values: Vec<Value>,
+    pub(super) values: Vec<FittedValue>,
     own: Vec<Vec<f64>>,
 }
 
-/// Where all fits of a story happen.
-pub(super) struct Fit<'a> {
+/// Flights and windows of a fit.
+pub(super) struct FitProblem<'a> {
     pub(super) flights: &'a [Flight],
     windows: Vec<Window>,
 }
 
-impl<'a> Fit<'a> {
+impl<'a> FitProblem<'a> {
     pub(super) fn new(flights: &'a [Flight], window_s: f64) -> Self {
-        Fit { flights, windows: flights.iter().enumerate().flat_map(|(i, f)| f.windows(i, window_s)).collect() }
+        FitProblem { flights, windows: flights.iter().enumerate().flat_map(|(i, f)| f.windows(i, window_s)).collect() }
     }
 
-    /// The numbers of the model again.
-    pub(super) fn reidentified(&self, model: &Model, hover_pwm: f64) -> Fitted {
+    /// Fits the numbers of the model again.
+    pub(super) fn reidentify(&self, model: &Model, hover_pwm: f64) -> FitResult {
         let free = FREE.iter().map(|s| (*s).to_owned()).collect();
         let near = model.with_parameter("vertical.thrust.hover", hover_pwm).unwrap_or_else(|_| model.clone());
-        self.solved(&Hypothesis { free, ..Hypothesis::from_model(&near) }, None, STEPS)
+        self.solve(&Hypothesis { free, ..Hypothesis::from_model(&near) }, None, STEPS)
     }
 
-    fn solved(&self, at: &Hypothesis, own: Option<&[Vec<f64>]>, steps: usize) -> Fitted {
+    fn solve(&self, at: &Hypothesis, own: Option<&[Vec<f64>]>, steps: usize) -> FitResult {
         let prediction = OutputErrorProblem { flights: self.flights, windows: &self.windows, hypothesis: at, inflation: 1.0 };
         let own = own.map_or_else(|| prediction.measured_starts(), <[_]>::to_vec);
         let solution = solve_within(&prediction, own, at.free_values(), steps, ENOUGH);
         let values = self.values(at, &solution);
-        Fitted { hypothesis: at.with_values(&solution.shared), values, own: solution.own }
+        FitResult { hypothesis: at.with_values(&solution.shared), values, own: solution.own }
     }
 
-    fn values(&self, at: &Hypothesis, solution: &Solution) -> Vec<Value> {
+    fn values(&self, at: &Hypothesis, solution: &Solution) -> Vec<FittedValue> {
         let flight_of: Vec<usize> = self.windows.iter().map(|w| w.flight).collect();
         let covariance = solution.covariance(&flight_of);
         let known = at.model.parameters();
@@ -100,31 +100,37 @@ impl<'a> Fit<'a> {
             let near = 1e-6 * (bounds[i][1] - bounds[i][0]);
             // "nothing" is where a drag or a share begins, and no failure to converge
             let at_bound = (value - bounds[i][1]).abs() < near || ((value - bounds[i][0]).abs() < near && value != 0.0);
-            Value { name, unit, value, stderr, at_bound }
+            FittedValue { name, unit, value, stderr, at_bound }
         };
         of_model.chain(of_terms).enumerate().map(value).collect()
     }
 
-    /// Every effect in turn, kept or refused by the test flights.
-    pub(super) fn climb(&self, from: Fitted, test: &[Flight], d: &Disturbances, progress: &dyn Fn(&str)) -> (Fitted, Vec<Rung>) {
-        let (mut now, mut rungs) = (from, Vec::new());
+    /// Tries every effect in turn. The test flights decide whether it is kept.
+    pub(super) fn try_effects(
+        &self,
+        from: FitResult,
+        test: &[Flight],
+        d: &Disturbances,
+        progress: &dyn Fn(&str),
+    ) -> (FitResult, Vec<EffectTrial>) {
+        let (mut now, mut effect_trials) = (from, Vec::new());
         for effect in EFFECTS {
             progress(&format!("with {effect}"));
             let Ok((_, entry)) = effects::find(effect) else { continue };
-            let more = self.solved(&now.hypothesis.with(Term::off(entry)), Some(&now.own), STEPS_MORE);
+            let more = self.solve(&now.hypothesis.with(Term::off(entry)), Some(&now.own), STEPS_MORE);
             let errors = errors::compare_errors((&now.hypothesis, d, test), (&more.hypothesis, d, test));
             let force_mps2 = [&now, &more].map(|f| force::error(test, &f.hypothesis));
-            let own = |v: &&Value| v.name.starts_with(&format!("{effect}."));
-            let values: Vec<Value> = more.values.iter().filter(own).map(Value::copy).collect();
-            let off = |v: &Value| entry.params.iter().find(|p| v.name.ends_with(p.name)).map_or(0.0, |p| p.off);
+            let own = |v: &&FittedValue| v.name.starts_with(&format!("{effect}."));
+            let values: Vec<FittedValue> = more.values.iter().filter(own).map(FittedValue::copy).collect();
+            let off = |v: &FittedValue| entry.params.iter().find(|p| v.name.ends_with(p.name)).map_or(0.0, |p| p.off);
             let clear = values.iter().any(|v| (v.value - off(v)).abs() > CLEAR * v.stderr);
             let kept = clear && helps(&errors);
-            rungs.push(Rung { effect, values, errors, force_mps2, kept });
+            effect_trials.push(EffectTrial { effect, values, errors, force_mps2, kept });
             if kept {
                 now = more;
             }
         }
-        (now, rungs)
+        (now, effect_trials)
     }
 }
 
@@ -132,13 +138,13 @@ impl<'a> Fit<'a> {
 fn helps(errors: &Errors) -> bool {
     let by_chance = |h: usize| errors.p_value[1][h] >= 0.5 * SIGNIFICANT;
     let falls = |h: usize| errors.after[1][h] < errors.before[1][h];
-    let one = |h: usize| falls(h) && !by_chance(h);
+    let improves = |h: usize| falls(h) && !by_chance(h);
     let worse = |h: usize| !falls(h) && !by_chance(h);
-    (one(2) || one(3)) && !worse(2) && !worse(3)
+    (improves(2) || improves(3)) && !worse(2) && !worse(3)
 }
 
-impl Value {
-    pub(super) fn copy(&self) -> Value {
-        Value { name: self.name.clone(), unit: self.unit.clone(), ..*self }
+impl FittedValue {
+    pub(super) fn copy(&self) -> FittedValue {
+        FittedValue { name: self.name.clone(), unit: self.unit.clone(), ..*self }
     }
 }

@@ -1,4 +1,4 @@
-//! What recorded flights say of the model: fitted on some, told on others.
+//! Study of the model on recorded flights: fitted on some, predicted on others.
 
 mod data;
 mod force;
@@ -19,24 +19,24 @@ use crazyflie_identify::explain::noise;
 use crazyflie_identify::fit::flight::Flight;
 use crazyflie_identify::fit::hypothesis::Hypothesis;
 
-use data::Side;
-use ladder::{Fit, Rung, Value};
+use data::FlightSet;
+use ladder::{EffectTrial, FitProblem, FittedValue};
 
 pub(crate) use page::{as_json, page};
 pub(crate) use picture::pictures;
 
-/// How many times `progress` is called at most.
+/// Largest number of calls of `progress`.
 pub(crate) const STAGES: u64 = 15;
 
 /// Windows of the fits. Hover PWM differ from flight to flight, and over 5 s that is seen as damping rather than as a force; with the hover PWM of
 /// each flight known, 2 s tell the force.
 const LONG_S: f64 = 5.0;
 const SHORT_S: f64 = 2.0;
-/// Where a fit starts that is not told better.
+/// Start of a fit without a better value.
 const THESIS_PWM: f64 = 39_342.5;
 
 /// The thesis model with some of its numbers fitted, on the test flights.
-pub(crate) struct Part {
+pub(crate) struct SubsetFit {
     what: &'static str,
     /// Root mean square: attitude after 0.5 s (rad), velocity after 2 s (m/s).
     attitude_rad: f64,
@@ -53,18 +53,18 @@ pub(crate) struct ClosedLoop {
 }
 
 impl ClosedLoop {
-    fn of(model: &Model, test: &Side, controller: Controller) -> Self {
-        let fly = |r: &data::Recorded| Some((r.flight.name.clone(), follow(model, &r.log, &r.flight, controller).ok()??));
+    fn follow_setpoints(model: &Model, test: &FlightSet, controller: Controller) -> Self {
+        let fly = |r: &data::RecordedFlight| Some((r.flight.name.clone(), follow(model, &r.log, &r.flight, controller).ok()??));
         let flights: Vec<(String, Tracking)> = test.recorded.iter().filter_map(fly).collect();
         let all: Vec<Tracking> = flights.iter().map(|(_, t)| t.clone()).collect();
         ClosedLoop { distances: Distances::new(&all), flights }
     }
 }
 
-/// Everything that the page tells.
-pub(crate) struct Story {
-    fit: Side,
-    test: Side,
+/// Results that the page shows.
+pub(crate) struct RecordedReport {
+    fit: FlightSet,
+    test: FlightSet,
     thesis: Hypothesis,
     /// The median thrust command of each flight, of both sides.
     hovers_pwm: [Vec<f64>; 2],
@@ -72,9 +72,9 @@ pub(crate) struct Story {
     judged_trim: Vec<Flight>,
     again: Hypothesis,
     explained: Hypothesis,
-    again_values: Vec<Value>,
-    values: Vec<Value>,
-    rungs: Vec<Rung>,
+    again_values: Vec<FittedValue>,
+    values: Vec<FittedValue>,
+    effect_trials: Vec<EffectTrial>,
     /// Thesis against re-identified; re-identified with the hover PWM of each flight against explained.
     errors: [Errors; 2],
     /// Thesis, re-identified, re-identified with the hover PWM of each flight, explained.
@@ -83,14 +83,14 @@ pub(crate) struct Story {
     still_mps2: f64,
     /// The thesis PID and the firmware's controller along the set-points of the test flights: on the thesis model, re-identified, explained.
     closed_loop: [[ClosedLoop; 3]; 2],
-    parts: Vec<Part>,
-    ground: Option<ground::Ground>,
-    pad: Option<pad::Pad>,
+    parts: Vec<SubsetFit>,
+    ground: Option<ground::GroundStudy>,
+    pad: Option<pad::DefectStudy>,
     seconds: f64,
 }
 
-impl Story {
-    /// How many times smaller the 2 s velocity error is: re-identified, and explained.
+impl RecordedReport {
+    /// Factors by which the 2 s velocity error is smaller: re-identified, and explained.
     fn factors(&self) -> [f64; 2] {
         let thesis = self.errors[0].before[1][3];
         [thesis / self.errors[0].after[1][3], thesis / self.errors[1].after[1][3]]
@@ -101,7 +101,7 @@ impl Story {
 ///
 /// # Errors
 /// Recordings that are missing or cannot be read, in words.
-pub(crate) fn tell(data: &Path, quick: bool, progress: &dyn Fn(&str)) -> Result<Story, String> {
+pub(crate) fn study_recordings(data: &Path, quick: bool, progress: &dyn Fn(&str)) -> Result<RecordedReport, String> {
     let began = Instant::now();
     let model = Model::thesis();
     progress("reading");
@@ -109,17 +109,17 @@ pub(crate) fn tell(data: &Path, quick: bool, progress: &dyn Fn(&str)) -> Result<
     let (fitted, judged) = (fit.flights(), test.flights());
     progress("the numbers again");
     let thesis = Hypothesis::from_model(&model);
-    let first = Fit::new(&fitted, LONG_S).reidentified(&model, THESIS_PWM);
+    let first = FitProblem::new(&fitted, LONG_S).reidentify(&model, THESIS_PWM);
     let again = Hypothesis::from_model(&first.hypothesis.model);
     progress("what is random");
     let d = noise::tune_disturbances(&fitted[0], &again, None);
     progress("the hover PWM of each flight");
     let common_pwm = data::median(&fit.hovers_pwm());
-    let (fitted_trim, judged_trim) = (fit.trimmed(&model, common_pwm), test.trimmed(&model, common_pwm));
-    let all = Fit::new(&fitted_trim, SHORT_S);
-    let trim = all.reidentified(&model, common_pwm);
+    let (fitted_trim, judged_trim) = (fit.flights_with_own_hover(&model, common_pwm), test.flights_with_own_hover(&model, common_pwm));
+    let all = FitProblem::new(&fitted_trim, SHORT_S);
+    let trim = all.reidentify(&model, common_pwm);
     let trimmed = Hypothesis::from_model(&trim.hypothesis.model);
-    let (last, rungs) = all.climb(trim, &judged_trim, &d, progress);
+    let (last, effect_trials) = all.try_effects(trim, &judged_trim, &d, progress);
     let explained = last.hypothesis.without_free();
     progress("the test flights");
     let dx = noise::tune_disturbances(&fitted_trim[0], &explained, Some(&d));
@@ -133,10 +133,11 @@ pub(crate) fn tell(data: &Path, quick: bool, progress: &dyn Fn(&str)) -> Result<
         force::error(&judged_trim, &trimmed),
         force::error(&judged_trim, &explained),
     ];
-    let still_mps2 = force::still(&judged);
+    let still_mps2 = force::constant_gravity_error(&judged);
     progress("closed loop");
     let models = [&thesis, &again, &explained].map(|h| h.to_model("fitted"));
-    let closed_loop = [Controller::Thesis, Controller::Firmware].map(|c| models.each_ref().map(|m| ClosedLoop::of(m, &test, c)));
+    let closed_loop =
+        [Controller::Thesis, Controller::Firmware].map(|c| models.each_ref().map(|m| ClosedLoop::follow_setpoints(m, &test, c)));
     let parts = if quick { Vec::new() } else { parts(&thesis, &again, &d, &judged) };
     progress("near the floor");
     let ground = if quick { None } else { ground::ground(&explained, &fitted_trim, &judged_trim) };
@@ -145,7 +146,7 @@ pub(crate) fn tell(data: &Path, quick: bool, progress: &dyn Fn(&str)) -> Result<
     let seconds = began.elapsed().as_secs_f64();
     let (values, again_values) = (last.values, first.values);
     let hovers_pwm = [fit.hovers_pwm(), test.hovers_pwm()];
-    Ok(Story {
+    Ok(RecordedReport {
         hovers_pwm,
         judged_trim,
         fit,
@@ -155,7 +156,7 @@ pub(crate) fn tell(data: &Path, quick: bool, progress: &dyn Fn(&str)) -> Result<
         explained,
         again_values,
         values,
-        rungs,
+        effect_trials,
         errors,
         force_mps2,
         still_mps2,
@@ -167,8 +168,8 @@ pub(crate) fn tell(data: &Path, quick: bool, progress: &dyn Fn(&str)) -> Result<
     })
 }
 
-/// The thesis model with the numbers of one of its equations taken from the fit.
-fn parts(thesis: &Hypothesis, again: &Hypothesis, d: &crazyflie_identify::fit::filter::Disturbances, test: &[Flight]) -> Vec<Part> {
+/// Fits of the thesis model with the numbers of one of its equations taken from the fit.
+fn parts(thesis: &Hypothesis, again: &Hypothesis, d: &crazyflie_identify::fit::filter::Disturbances, test: &[Flight]) -> Vec<SubsetFit> {
     let with = |prefixes: &[&str]| {
         let mut model = thesis.model.clone();
         for (path, value, _) in again.model.parameters() {
@@ -186,7 +187,7 @@ fn parts(thesis: &Hypothesis, again: &Hypothesis, d: &crazyflie_identify::fit::f
     ];
     let part = |(what, prefixes): (&'static str, &[&str])| {
         let e = errors::compare_errors((thesis, d, test), (&with(prefixes), d, test));
-        Part { what, attitude_rad: e.after[2][2], velocity_mps: e.after[1][3], p_value: e.p_value[1][3] }
+        SubsetFit { what, attitude_rad: e.after[2][2], velocity_mps: e.after[1][3], p_value: e.p_value[1][3] }
     };
     which.into_iter().map(part).collect()
 }

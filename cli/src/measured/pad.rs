@@ -12,18 +12,18 @@ use crate::trims::read_trims;
 const KINDS: [&str; 2] = ["controller_data", "motor_data"];
 const NORMAL: &str = "normal_flight";
 
-pub(super) struct Condition {
+pub(super) struct DefectCondition {
     pub(super) name: String,
     pub(super) diagnosis: Diagnosis,
 }
 
-pub(super) struct Pad {
+pub(super) struct DefectStudy {
     pub(super) demands: Vec<EffectDemand>,
-    pub(super) conditions: Vec<Condition>,
+    pub(super) conditions: Vec<DefectCondition>,
 }
 
 /// `None` where the recordings are absent, or the model cannot hover by a thrust command.
-pub(super) fn pad(model: &Model, folder: &Path) -> Option<Pad> {
+pub(super) fn pad(model: &Model, folder: &Path) -> Option<DefectStudy> {
     let folders =
         |condition: &str| KINDS.map(|k| folder.join(k).join(condition)).into_iter().filter(|p| p.is_dir()).collect::<Vec<PathBuf>>();
     let demands = effect_demands(model).ok()?;
@@ -41,8 +41,8 @@ pub(super) fn pad(model: &Model, folder: &Path) -> Option<Pad> {
         let suspect = read_trims(&folders(&name), &mut unread).ok()?;
         let mut diagnosis = diagnose(&normal, &suspect, &demands).ok()?;
         diagnosis.left_out.extend(unread);
-        Some(Condition { name, diagnosis })
+        Some(DefectCondition { name, diagnosis })
     };
-    let conditions: Vec<Condition> = names.into_iter().filter_map(condition).collect();
-    (!conditions.is_empty()).then_some(Pad { demands, conditions })
+    let conditions: Vec<DefectCondition> = names.into_iter().filter_map(condition).collect();
+    (!conditions.is_empty()).then_some(DefectStudy { demands, conditions })
 }

@@ -3,7 +3,7 @@
 use crazyflie_identify::explain::errors::{HORIZONS_S, QUANTITIES};
 use crazyflie_picture::{PALETTE, Panel, PictureError, Series, Style, chart};
 
-use super::{Story, force};
+use super::{RecordedReport, force};
 
 /// So much of a flight shows every wave.
 const SHOWN_S: [f64; 2] = [5.0, 17.0];
@@ -12,17 +12,17 @@ const SHOWN_S: [f64; 2] = [5.0, 17.0];
 ///
 /// # Errors
 /// Numbers that cannot be drawn.
-pub(crate) fn pictures(story: &Story) -> Result<Vec<(&'static str, String)>, PictureError> {
-    Ok(vec![("errors.svg", errors(story)?), ("force.svg", specific_force(story)?), ("closed_loop.svg", closed_loop(story)?)])
+pub(crate) fn pictures(report: &RecordedReport) -> Result<Vec<(&'static str, String)>, PictureError> {
+    Ok(vec![("errors.svg", errors(report)?), ("force.svg", specific_force(report)?), ("closed_loop.svg", closed_loop(report)?)])
 }
 
 /// The first test flight as flown, and as the firmware's controller is predicted to fly it on two models.
-fn closed_loop(story: &Story) -> Result<String, PictureError> {
-    let [thesis, _, explained] = &story.closed_loop[1];
+fn closed_loop(report: &RecordedReport) -> Result<String, PictureError> {
+    let [thesis, _, explained] = &report.closed_loop[1];
     let (Some((name, before)), Some((_, after))) = (thesis.flights.first(), explained.flights.first()) else {
         return chart(&[], 1, "no test flight holds set-points");
     };
-    let axis = |of: &[[f64; 3]], i: usize| of.iter().map(|p| p[i]).collect::<Vec<f64>>();
+    let axis = |points: &[[f64; 3]], i: usize| points.iter().map(|p| p[i]).collect::<Vec<f64>>();
     let curves: Vec<[Vec<f64>; 4]> = (0..3)
         .map(|i| [axis(&before.setpoint_m, i), axis(&before.measured_m, i), axis(&before.predicted_m, i), axis(&after.predicted_m, i)])
         .collect();
@@ -49,12 +49,13 @@ fn closed_loop(story: &Story) -> Result<String, PictureError> {
 }
 
 /// Error over horizon, the decimal logarithm of both: three orders of magnitude lie between the ends.
-fn errors(story: &Story) -> Result<String, PictureError> {
+fn errors(report: &RecordedReport) -> Result<String, PictureError> {
     let x: Vec<f64> = HORIZONS_S.iter().map(|s| s.log10()).collect();
-    let of = |table: &[[f64; 5]; 3], q: usize| table[q][..4].iter().map(|e| e.log10()).collect::<Vec<f64>>();
-    let [a, b] = &story.errors;
-    let curves: Vec<[Vec<f64>; 4]> =
-        (0..QUANTITIES.len()).map(|q| [of(&a.before, q), of(&a.after, q), of(&b.after, q), of(&a.naive, q)]).collect();
+    let log_errors = |table: &[[f64; 5]; 3], q: usize| table[q][..4].iter().map(|e| e.log10()).collect::<Vec<f64>>();
+    let [a, b] = &report.errors;
+    let curves: Vec<[Vec<f64>; 4]> = (0..QUANTITIES.len())
+        .map(|q| [log_errors(&a.before, q), log_errors(&a.after, q), log_errors(&b.after, q), log_errors(&a.naive, q)])
+        .collect();
     let looks = [
         ("thesis model", PALETTE[1], Style::Solid),
         ("re-identified", PALETTE[0], Style::Solid),
@@ -74,15 +75,17 @@ fn errors(story: &Story) -> Result<String, PictureError> {
     chart(&panels, 3, "Test flights, from the commands alone")
 }
 
-fn specific_force(story: &Story) -> Result<String, PictureError> {
-    let recorded = &story.test.recorded[0];
-    let found: Vec<(&str, [u8; 3], force::Force)> =
-        [("re-identified", PALETTE[1], &story.again, &recorded.flight), ("explained", PALETTE[2], &story.explained, &story.judged_trim[0])]
-            .into_iter()
-            .filter_map(|(label, color, at, flight)| Some((label, color, cut(force::force(flight, at)?))))
-            .collect();
+fn specific_force(report: &RecordedReport) -> Result<String, PictureError> {
+    let recorded = &report.test.recorded[0];
+    let forces: Vec<(&str, [u8; 3], force::SpecificForce)> = [
+        ("re-identified", PALETTE[1], &report.again, &recorded.flight),
+        ("explained", PALETTE[2], &report.explained, &report.judged_trim[0]),
+    ]
+    .into_iter()
+    .filter_map(|(label, color, at, flight)| Some((label, color, cut(force::force(flight, at)?))))
+    .collect();
     let mut panels = Vec::new();
-    for (label, color, force) in &found {
+    for (label, color, force) in &forces {
         let measured = Series { label: "measured", x: &force.t_s, y: &force.measured_mps2, style: Style::Solid, color: PALETTE[0] };
         let predicted = Series { label, x: &force.t_s, y: &force.predicted_mps2, style: Style::Solid, color: *color };
         panels.push(Panel {
@@ -96,8 +99,12 @@ fn specific_force(story: &Story) -> Result<String, PictureError> {
     chart(&panels, 1, &format!("{}, a test flight", recorded.flight.name))
 }
 
-fn cut(force: force::Force) -> force::Force {
+fn cut(force: force::SpecificForce) -> force::SpecificForce {
     let kept: Vec<usize> = (0..force.t_s.len()).filter(|i| (SHOWN_S[0]..SHOWN_S[1]).contains(&force.t_s[*i])).collect();
-    let of = |v: &[f64]| kept.iter().map(|i| v[*i]).collect();
-    force::Force { t_s: of(&force.t_s), measured_mps2: of(&force.measured_mps2), predicted_mps2: of(&force.predicted_mps2) }
+    let select = |v: &[f64]| kept.iter().map(|i| v[*i]).collect();
+    force::SpecificForce {
+        t_s: select(&force.t_s),
+        measured_mps2: select(&force.measured_mps2),
+        predicted_mps2: select(&force.predicted_mps2),
+    }
 }

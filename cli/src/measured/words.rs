@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::Story;
+use super::RecordedReport;
 use super::ground::ROTORS_FROM_MARKER_M;
 use crate::diagnosis::{changes_table, verdict_text};
 use crate::text::{Table, number};
@@ -11,23 +11,25 @@ use crate::text::{Table, number};
 const CLEAR: f64 = 3.0;
 
 /// Which of the thesis's transfer functions hold for this vehicle.
-pub(super) fn transfer(story: &Story, text: &mut String) {
-    if story.parts.is_empty() {
+pub(super) fn transfer(report: &RecordedReport, text: &mut String) {
+    if report.parts.is_empty() {
         return;
     }
-    let [a, _] = &story.errors;
+    let [a, _] = &report.errors;
     let mut table = Table::new(&["thesis model with", "attitude after 0.5 s (rad)", "velocity after 2 s (m/s)", "p against unchanged"]);
     let mut row = |what: &str, attitude: f64, velocity: f64, p: Option<f64>| {
         let p = p.map_or(String::new(), |p| if p < 0.001 { "< 0.001".into() } else { number(p, 3) });
         table.row(vec![what.into(), number(attitude, 4), number(velocity, 3), p]);
     };
     row("nothing changed", a.before[2][2], a.before[1][3], None);
-    for part in &story.parts {
+    for part in &report.parts {
         row(part.what, part.attitude_rad, part.velocity_mps, Some(part.p_value));
     }
     row("all numbers fitted", a.after[2][2], a.after[1][3], Some(a.p_value[1][3]));
-    let model = |of: &super::Hypothesis, path: &str| of.model.parameter(path).unwrap_or(f64::NAN);
-    let gain = |of: &super::Hypothesis, axis: &str| model(of, &format!("{axis}.gain")) / model(of, &format!("{axis}.stiffness"));
+    let model = |hypothesis: &super::Hypothesis, path: &str| hypothesis.model.parameter(path).unwrap_or(f64::NAN);
+    let gain = |hypothesis: &super::Hypothesis, axis: &str| {
+        model(hypothesis, &format!("{axis}.gain")) / model(hypothesis, &format!("{axis}.stiffness"))
+    };
     let _ = writeln!(
         text,
         "### Which of the thesis's transfer functions transfer\n\n{}\n\
@@ -41,19 +43,19 @@ pub(super) fn transfer(story: &Story, text: &mut String) {
          these files it would be the clocks'. A lever of the marker is a property of the markers (their origin is about 2 cm above the centre\n  \
          of mass), not of the vehicle.\n",
         table.markdown(),
-        number(gain(&story.thesis, "roll"), 2),
-        number(gain(&story.explained, "roll"), 2),
-        number(gain(&story.explained, "pitch"), 2),
-        number(model(&story.thesis, "vertical.thrust.hover"), 0),
-        number(model(&story.explained, "vertical.thrust.hover"), 0),
+        number(gain(&report.thesis, "roll"), 2),
+        number(gain(&report.explained, "roll"), 2),
+        number(gain(&report.explained, "pitch"), 2),
+        number(model(&report.thesis, "vertical.thrust.hover"), 0),
+        number(model(&report.explained, "vertical.thrust.hover"), 0),
     );
 }
 
 /// The models flown in closed loop along the set-points.
-pub(super) fn closed_loop(story: &Story, folder: &str, text: &mut String) {
+pub(super) fn closed_loop(report: &RecordedReport, folder: &str, text: &mut String) {
     let header = ["flown by", "on", "distance from the measured flight (m)", "predicted tracking error (m)"];
     let mut table = Table::new(&header).left(&[1]);
-    for (controller, flown) in ["thesis PID", "firmware's controller"].into_iter().zip(&story.closed_loop) {
+    for (controller, flown) in ["thesis PID", "firmware's controller"].into_iter().zip(&report.closed_loop) {
         for (model, c) in ["thesis model", "re-identified", "explained"].into_iter().zip(flown) {
             table.row(vec![
                 controller.into(),
@@ -63,7 +65,7 @@ pub(super) fn closed_loop(story: &Story, folder: &str, text: &mut String) {
             ]);
         }
     }
-    let [one, _] = &story.closed_loop;
+    let [one, _] = &report.closed_loop;
     let measured = one[0].distances.measured_tracking_m;
     table.row(vec!["nobody".into(), "the set-points themselves".into(), number(measured, 3), String::new()]);
     let _ = writeln!(
@@ -79,11 +81,11 @@ pub(super) fn closed_loop(story: &Story, folder: &str, text: &mut String) {
     );
 }
 
-pub(super) fn ground(story: &Story, text: &mut String) {
-    let Some(ground) = &story.ground else { return };
+pub(super) fn ground(report: &RecordedReport, text: &mut String) {
+    let Some(ground) = &report.ground else { return };
     let header = ["effect", "found", "misfit less by, fit (%)", "misfit less by, test (%)", "verdict"];
     let mut table = Table::new(&header).left(&[1, 4]);
-    for r in &ground.rivals {
+    for r in &ground.candidates {
         let v = &r.value;
         let clear = (v.value - r.off).abs() > CLEAR * v.stderr;
         let verdict = match (r.gain_test > 0.0 && clear, v.at_bound) {
@@ -115,8 +117,8 @@ pub(super) fn ground(story: &Story, text: &mut String) {
     );
 }
 
-pub(super) fn pad(story: &Story, text: &mut String) {
-    let Some(pad) = &story.pad else { return };
+pub(super) fn pad(report: &RecordedReport, text: &mut String) {
+    let Some(pad) = &report.pad else { return };
     text.push_str(
         "## CrazyPAD: planted defects\n\nWhat `crazyflie diagnose` says of each condition against the normal flights. A controller with an integral makes up for what is\n\
          wrong with a vehicle, so the mean of what it asks of the motors says what that is. The folder's name is the truth.\n\n",

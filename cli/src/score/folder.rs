@@ -18,7 +18,7 @@ pub(crate) struct CaseFile {
     pub folder: String,
 }
 
-/// Why a case cannot be scored.
+/// Reason that a case cannot be scored.
 #[derive(Debug, Error)]
 pub(crate) enum CaseFileError {
     #[error(transparent)]

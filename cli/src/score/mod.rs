@@ -10,7 +10,7 @@ mod truth;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use crate::explained::{Declared, ExplainError, Run};
+use crate::explanation::{DeclaredModel, ExplainError, Run};
 use crate::text::with_cause;
 
 use folder::CaseFileError;
@@ -26,25 +26,25 @@ fn score(file: &CaseFile, with_oracle: bool, progress: &dyn Fn(&str)) -> Result<
     let truth = file.check()?;
     let (id, folder) = (file.id.clone(), file.folder.clone());
     Ok(match run {
-        Err(problem) => CaseRecord::failed(id, folder, problem, truth),
+        Err(problem) => CaseRecord::from_failure(id, folder, problem, truth),
         Ok(run) => {
             let oracle = with_oracle.then(|| {
                 progress("the oracle");
                 oracle::compare_with_oracle(&run, &truth)
             });
-            CaseRecord::explained(id, folder, &run.found, truth, oracle.flatten())
+            CaseRecord::from_explanation(id, folder, &run.found, truth, oracle.flatten())
         }
     })
 }
 
 fn explain(file: &CaseFile, progress: &dyn Fn(&str)) -> Result<Run, String> {
     let explained = |e: ExplainError| with_cause(&e);
-    let declared = Declared::read(&file.path).map_err(explained)?;
+    let declared = DeclaredModel::read(&file.path).map_err(explained)?;
     let case = declared.case.ok_or_else(|| format!("{}: not a case file", file.path.display()))?;
-    Run::of(declared.model, None, [&[case.identify_on], &[case.held_out]], progress).map_err(explained)
+    Run::explain_flights(declared.model, None, [&[case.identify_on], &[case.held_out]], progress).map_err(explained)
 }
 
-/// How cases are scored side by side.
+/// Schedule of the cases that are scored side by side.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Schedule {
     pub jobs: usize,

@@ -6,7 +6,7 @@ use crazyflie_identify::explain::search::Search;
 use crazyflie_identify::fit::hypothesis::{Hypothesis, Term};
 
 use super::truth::{HiddenEffect, Truth};
-use crate::explained::Run;
+use crate::explanation::Run;
 
 /// Horizons that are compared, of those of the errors: 0.5 s and 2 s. Shorter ones show noise, the free run chance.
 const HORIZONS: [usize; 2] = [2, 3];

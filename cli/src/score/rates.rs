@@ -10,7 +10,7 @@ use super::truth::Group;
 /// Quantile of the normal distribution that leaves 2.5 % on either side.
 const Z_95: f64 = 1.959_964;
 
-/// How often something holds, with Wilson's 95 % interval (Wilson 1927): it stays within 0 and 1 and holds for few cases too.
+/// Rate at which something holds, with Wilson's 95 % interval (Wilson 1927): it stays within 0 and 1 and holds for few cases too.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub(crate) struct Rate {
     pub ok: usize,

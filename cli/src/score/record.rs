@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::oracle::OracleComparison;
 use super::truth::{Group, HiddenEffect, Truth};
-use crate::explained::verdict_name;
+use crate::explanation::verdict_name;
 
 /// The oracle's error may be exceeded by this factor.
 pub(crate) const WORST_RATIO: f64 = 1.1;
@@ -16,7 +16,7 @@ pub(crate) struct CaseRecord {
     pub case: String,
     #[serde(default)]
     pub folder: String,
-    /// Why there is no explanation.
+    /// Reason that there is no explanation.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failed: Option<String>,
     #[serde(default)]
@@ -68,7 +68,7 @@ pub(crate) struct Score {
     #[serde(default)]
     pub benign: Vec<String>,
     pub criteria: Criteria,
-    /// How each hidden effect was answered, in the order of `truth`.
+    /// Answer to each hidden effect, in the order of `truth`.
     #[serde(default)]
     pub answers: Vec<Answer>,
     /// Effects that are named and are not there.
@@ -100,7 +100,7 @@ pub(crate) struct Criteria {
     pub held_out: Option<bool>,
 }
 
-/// How a hidden effect was answered.
+/// Answer to a hidden effect.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Answer {
@@ -156,7 +156,13 @@ fn finite(value: f64) -> Option<f64> {
 
 impl CaseRecord {
     /// A case that could be explained.
-    pub(super) fn explained(case: String, folder: String, found: &Explanation, truth: Truth, oracle: Option<OracleComparison>) -> Self {
+    pub(super) fn from_explanation(
+        case: String,
+        folder: String,
+        found: &Explanation,
+        truth: Truth,
+        oracle: Option<OracleComparison>,
+    ) -> Self {
         let verdict = verdict_name(found.verdict).to_owned();
         let effects: Vec<NamedEffect> = found.effects.iter().map(NamedEffect::from).collect();
         let score = Score::new(truth, Some((verdict.as_str(), &effects[..])), oracle);
@@ -165,7 +171,7 @@ impl CaseRecord {
     }
 
     /// A case that could not: a miss, whatever is hidden.
-    pub(super) fn failed(case: String, folder: String, problem: String, truth: Truth) -> Self {
+    pub(super) fn from_failure(case: String, folder: String, problem: String, truth: Truth) -> Self {
         let (verdict, score) = ("failed".to_owned(), Score::new(truth, None, None));
         CaseRecord { case, folder, failed: Some(problem), verdict, effects: Vec::new(), partial: Vec::new(), score, seconds: None }
     }

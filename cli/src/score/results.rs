@@ -7,7 +7,7 @@ use thiserror::Error;
 
 use super::record::CaseRecord;
 
-/// How a run was made.
+/// Provenance of a run.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(crate) struct Provenance {
     pub command: String,
@@ -30,7 +30,7 @@ pub(crate) struct Results {
     pub cases: Vec<CaseRecord>,
 }
 
-/// Why saved results cannot be used.
+/// Reason that saved results cannot be used.
 #[derive(Debug, Error)]
 pub(crate) enum ResultsError {
     #[error("{file}: cannot be read")]

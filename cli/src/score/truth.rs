@@ -40,7 +40,7 @@ const NAMES: [(&str, &str); 28] = [
     ("slung_ratio", "mass_ratio"),
     ("slung_length", "length_m"),
 ];
-/// What the exact geometry and slightly moving air of the rigid flights add, whatever is hidden.
+/// Effects of the exact geometry and slightly moving air of the rigid flights, whatever is hidden.
 const BENIGN_IF_RIGID: [&str; 4] = ["rigid_body", "tilt_loss", "euler_kinematics", "gust"];
 /// Verdicts that say of a residual that nothing accounts for it, or for all of it.
 const LEAVES_STRUCTURE: [&str; 2] = ["unexplained", "partly_explained"];
@@ -50,7 +50,7 @@ const LARGEST_GROUP: usize = 3;
 const NEAR: f64 = 0.15;
 const STANDARD_ERRORS: f64 = 3.0;
 
-/// Why an answer cannot be used.
+/// Reason that an answer cannot be used.
 #[derive(Debug, Error)]
 pub(crate) enum TruthError {
     #[error("{file}: cannot be read; a case needs its answer to be scored")]
@@ -161,7 +161,7 @@ impl Truth {
         }
     }
 
-    /// How each hidden effect was answered, and what is named that is not there.
+    /// Answer to each hidden effect, and the named effects that are not there.
     pub(super) fn answers(&self, effects: &[NamedEffect]) -> (Vec<Answer>, Vec<String>) {
         let (matches, rest) = self.matches(effects);
         let answer = |(hidden, named): (&HiddenEffect, &Option<&NamedEffect>)| match named {
@@ -175,7 +175,7 @@ impl Truth {
         (answers, extra)
     }
 
-    /// What names each hidden effect, and what else is named.
+    /// Named effects for each hidden one, and the other named effects.
     fn matches<'a>(&self, effects: &'a [NamedEffect]) -> (Vec<Option<&'a NamedEffect>>, Vec<&'a NamedEffect>) {
         let mut free: Vec<&NamedEffect> = effects.iter().flat_map(NamedEffect::all).collect();
         let mut matches = vec![None; self.effects.len()];
@@ -226,7 +226,7 @@ impl ValueError {
     }
 }
 
-/// What a parameter changes: of a scale of 0.9, the tenth that is missing; of a limit, the limit itself.
+/// Size of the change by a parameter: of a scale of 0.9, the tenth that is missing; of a limit, the limit itself.
 fn reach(truth: f64, off: f64) -> f64 {
     truth.abs().min((truth - off).abs())
 }

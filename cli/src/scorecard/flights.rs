@@ -5,12 +5,12 @@ use crazyflie_env::Error;
 use crazyflie_env::config::EffectTable;
 use crazyflie_env::model::{Model, VerticalInput};
 
-use super::{Claim, Line, about, figure, median};
-use crazyflie_server::flight::{End, Scenario, Setup, Trace, fly, lab_rig};
+use super::{Claim, ScorecardRow, about, figure, median};
+use crazyflie_server::flight::{FlightEnd, FlightScenario, Setup, Trace, fly, lab_rig};
 
-type Experiment = fn(&Model) -> Result<Vec<Line>, Error>;
+type ExperimentFn = fn(&Model) -> Result<Vec<ScorecardRow>, Error>;
 
-pub(super) const EXPERIMENTS: &[Experiment] = &[fly_80_cm, takeoff, takeoff_by_thrust, hover];
+pub(super) const EXPERIMENTS: &[ExperimentFn] = &[fly_80_cm, takeoff, takeoff_by_thrust, hover];
 
 /// Old: `crazyflie_ros` defaults, which the thesis does not print. New: table 7.1.
 pub(super) const GAINS: [(&str, &str); 2] = [("old", "stock-pid"), ("new", "thesis-pid")];
@@ -28,7 +28,7 @@ pub(super) struct Pair {
 }
 
 pub(super) fn fly_pair(model: &Model, name: &str, controller: &str, vertical: VerticalInput) -> Result<Pair, Error> {
-    let scenario = Scenario::named(name)?;
+    let scenario = FlightScenario::find(name)?;
     let ideal = Setup {
         model: model.clone(),
         scenario,
@@ -43,22 +43,22 @@ pub(super) fn fly_pair(model: &Model, name: &str, controller: &str, vertical: Ve
     Ok(Pair { ideal: fly(&ideal, &[0])?.swap_remove(0), rig })
 }
 
-/// How the rig's seeds become one figure.
-type Over = fn(Vec<f64>) -> f64;
+/// Combines the values of the rig's seeds into one figure.
+type Aggregate = fn(Vec<f64>) -> f64;
 
 fn mean(values: Vec<f64>) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
-/// One line per quantity and gains.
-struct Asked {
+/// One measured quantity of a flight with one of the gains.
+struct Measure {
     gains: &'static str,
     quantity: &'static str,
     unit: &'static str,
     decimals: usize,
-    of: fn(&Trace) -> f64,
+    quantity_of: fn(&Trace) -> f64,
     claim: Claim,
-    over: Over,
+    aggregate: Aggregate,
     /// Nothing happens without noise: no figure for the true position.
     quiet: bool,
     why: &'static str,
@@ -68,20 +68,20 @@ fn lines(
     model: &Model,
     (place, experiment): (&'static str, &'static str),
     (name, vertical): (&str, VerticalInput),
-    asked: &[Asked],
-) -> Result<Vec<Line>, Error> {
+    measures: &[Measure],
+) -> Result<Vec<ScorecardRow>, Error> {
     let mut all = Vec::new();
     for (label, gains) in GAINS {
         let pair = fly_pair(model, name, gains, vertical)?;
-        for a in asked.iter().filter(|a| a.gains == label) {
-            all.push(Line {
+        for a in measures.iter().filter(|a| a.gains == label) {
+            all.push(ScorecardRow {
                 place,
                 experiment,
                 gains: label,
                 quantity: a.quantity,
                 claim: a.claim.clone(),
-                ideal: if a.quiet { None } else { figure((a.of)(&pair.ideal), a.unit, a.decimals) },
-                rig: figure((a.over)(pair.rig.iter().map(a.of).collect()), a.unit, a.decimals),
+                ideal: if a.quiet { None } else { figure((a.quantity_of)(&pair.ideal), a.unit, a.decimals) },
+                rig: figure((a.aggregate)(pair.rig.iter().map(a.quantity_of).collect()), a.unit, a.decimals),
                 why: a.why,
             });
         }
@@ -93,75 +93,84 @@ const LOW_MARGIN: &str = "under 2 degrees of phase margin, none from 10 ms of de
 const SOME_MARGIN: &str = "19 degrees of phase margin, 9 with 77 ms of delay: 5.1 and 5.5 oscillate with these gains";
 
 /// The share of flights that ended outside the room.
-fn leaves(gains: &'static str, why: &'static str, quiet: bool) -> Asked {
-    let of: fn(&Trace) -> f64 = |t| if t.end == End::LeftRoom { 100.0 } else { 0.0 };
+fn leaves(gains: &'static str, why: &'static str, quiet: bool) -> Measure {
+    let quantity_of: fn(&Trace) -> f64 = |t| if t.end == FlightEnd::LeftRoom { 100.0 } else { 0.0 };
     let claim = Claim::AtMost(0.0, "no");
-    Asked { gains, quantity: "leaves the room", unit: "% of flights", decimals: 0, of, claim, over: mean, quiet, why }
+    Measure { gains, quantity: "leaves the room", unit: "% of flights", decimals: 0, quantity_of, claim, aggregate: mean, quiet, why }
 }
 
 /// Figures 7.4 to 7.8.
-fn fly_80_cm(model: &Model) -> Result<Vec<Line>, Error> {
+fn fly_80_cm(model: &Model) -> Result<Vec<ScorecardRow>, Error> {
     let overshoot: fn(&Trace) -> f64 = |t| 100.0 * beyond(&t.state(0), 0.8, 0.0);
     let stable: fn(&Trace) -> f64 = |t| stable_s(&t.state(0), 0.0, MARKER_M, t.tick_s);
-    let ask =
-        |gains, quantity, unit, of, claim, why| Asked { gains, quantity, unit, decimals: 1, of, claim, over: median, quiet: false, why };
-    let asked = [
-        ask("old", "overshoot", "cm", overshoot, about(50.0, "almost 50 cm"), LOW_MARGIN),
-        ask("old", "stable over the marker after", "s", stable, about(4.5, "about 4.5 s"), LOW_MARGIN),
+    let measure = |gains, quantity, unit, quantity_of, claim, why| Measure {
+        gains,
+        quantity,
+        unit,
+        decimals: 1,
+        quantity_of,
+        claim,
+        aggregate: median,
+        quiet: false,
+        why,
+    };
+    let measures = [
+        measure("old", "overshoot", "cm", overshoot, about(50.0, "almost 50 cm"), LOW_MARGIN),
+        measure("old", "stable over the marker after", "s", stable, about(4.5, "about 4.5 s"), LOW_MARGIN),
         leaves("old", LOW_MARGIN, false),
-        ask("new", "overshoot", "cm", overshoot, Claim::AtMost(9.85, "small, within the marker"), SOME_MARGIN),
-        ask("new", "stable over the marker after", "s", stable, about(2.0, "about 2 s"), SOME_MARGIN),
+        measure("new", "overshoot", "cm", overshoot, Claim::AtMost(9.85, "small, within the marker"), SOME_MARGIN),
+        measure("new", "stable over the marker after", "s", stable, about(2.0, "about 2 s"), SOME_MARGIN),
         leaves("new", SOME_MARGIN, false),
     ];
-    lines(model, ("7.3, fig. 7.4-7.8", "80 cm to the marker"), ("fly-80cm", VerticalInput::Pwm), &asked)
+    lines(model, ("7.3, fig. 7.4-7.8", "80 cm to the marker"), ("fly-80cm", VerticalInput::Pwm), &measures)
 }
 
 const FIRST_ORDER: &str = "5.4 is first order: it has no inertia that could carry the vehicle over";
 const SWINGS: &str = "5.4 has no inertia; through the camera the old gains swing sideways too, and the tilt enters the height error";
 const PRESET: &str = "the ramp hands over a thrust above the weight for the integral to unwind; the heave damping is not in the thesis";
 
-fn takeoff_questions(old: &'static str, new: &'static str) -> [Asked; 6] {
+fn takeoff_measures(old: &'static str, new: &'static str) -> [Measure; 6] {
     let overshoot: fn(&Trace) -> f64 = |t| 100.0 * beyond(&in_the_air(t), 0.0, 0.7);
     let swing: fn(&Trace) -> f64 = |t| 100.0 * swing_after_peak(&in_the_air(t), 0.7);
     let stable: fn(&Trace) -> f64 = |t| stable_s(&in_the_air(t), 0.7, BAND_M, t.tick_s);
-    let ask = |gains: &'static str, quantity, unit, of, claim| Asked {
+    let measure = |gains: &'static str, quantity, unit, quantity_of, claim| Measure {
         gains,
         quantity,
         unit,
         decimals: 1,
-        of,
+        quantity_of,
         claim,
-        over: median,
+        aggregate: median,
         quiet: false,
         why: if gains == "old" { old } else { new },
     };
     [
-        ask("old", "overshoot", "cm", overshoot, about(25.0, "almost 25 cm")),
-        ask("old", "fluctuation after it", "cm", swing, about(10.0, "10 cm")),
-        ask("old", "stable after lift-off", "s", stable, about(7.0, "about 7 s")),
-        ask("new", "overshoot", "cm", overshoot, Claim::Words("remains, no figure")),
-        ask("new", "fluctuation after it", "cm", swing, Claim::AtMost(5.0, "none")),
-        ask("new", "stable after lift-off", "s", stable, about(3.0, "about 3 s")),
+        measure("old", "overshoot", "cm", overshoot, about(25.0, "almost 25 cm")),
+        measure("old", "fluctuation after it", "cm", swing, about(10.0, "10 cm")),
+        measure("old", "stable after lift-off", "s", stable, about(7.0, "about 7 s")),
+        measure("new", "overshoot", "cm", overshoot, Claim::Words("remains, no figure")),
+        measure("new", "fluctuation after it", "cm", swing, Claim::AtMost(5.0, "none")),
+        measure("new", "stable after lift-off", "s", stable, about(3.0, "about 3 s")),
     ]
 }
 
 /// Figure 7.9 on the form that the thesis identified.
-fn takeoff(model: &Model) -> Result<Vec<Line>, Error> {
-    let asked = takeoff_questions(SWINGS, FIRST_ORDER);
-    lines(model, ("7.3, fig. 7.9", "take-off to 70 cm, on 5.4"), ("takeoff-70cm", VerticalInput::Pwm), &asked)
+fn takeoff(model: &Model) -> Result<Vec<ScorecardRow>, Error> {
+    let measures = takeoff_measures(SWINGS, FIRST_ORDER);
+    lines(model, ("7.3, fig. 7.9", "take-off to 70 cm, on 5.4"), ("takeoff-70cm", VerticalInput::Pwm), &measures)
 }
 
 /// Figure 7.9 on the acceleration form.
-fn takeoff_by_thrust(model: &Model) -> Result<Vec<Line>, Error> {
-    let asked = takeoff_questions(PRESET, PRESET);
-    lines(model, ("7.3, fig. 7.9", "take-off to 70 cm, thrust form"), ("takeoff-70cm", VerticalInput::Thrust), &asked)
+fn takeoff_by_thrust(model: &Model) -> Result<Vec<ScorecardRow>, Error> {
+    let measures = takeoff_measures(PRESET, PRESET);
+    lines(model, ("7.3, fig. 7.9", "take-off to 70 cm, thrust form"), ("takeoff-70cm", VerticalInput::Thrust), &measures)
 }
 
 const CYCLE: &str = "with this delay the old gains are unstable on 5.1 and 5.5: the swing grows until the room ends";
 const CALM: &str = "the new gains have half the derivative gain: through a noisy camera they are the calmer ones";
 
 /// Figures 7.10 to 7.14.
-fn hover(model: &Model) -> Result<Vec<Line>, Error> {
+fn hover(model: &Model) -> Result<Vec<ScorecardRow>, Error> {
     let off: fn(&Trace) -> f64 = |t| {
         let squares = t.rows.iter().map(|r| f64::from(r.state[0]).powi(2) + f64::from(r.state[1]).powi(2));
         100.0 * (squares.sum::<f64>() / t.rows.len() as f64).sqrt()
@@ -170,20 +179,29 @@ fn hover(model: &Model) -> Result<Vec<Line>, Error> {
         let pitch: Vec<f64> = (0..t.rows.len()).map(|row| t.command(row).pitch_rad.to_degrees()).collect();
         pitch.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum::<f64>() / (pitch.len() as f64 * t.tick_s)
     };
-    let ask =
-        |gains, quantity, unit, of, claim, why| Asked { gains, quantity, unit, decimals: 1, of, claim, over: median, quiet: true, why };
-    let asked = [
-        ask("old", "distance from the centre, RMS", "cm", off, Claim::Words("\"quite good\", small overshoot"), CYCLE),
-        ask("old", "travel of the pitch command", "deg/s", travel, Claim::Words("smooth"), CYCLE),
+    let measure = |gains, quantity, unit, quantity_of, claim, why| Measure {
+        gains,
+        quantity,
+        unit,
+        decimals: 1,
+        quantity_of,
+        claim,
+        aggregate: median,
+        quiet: true,
+        why,
+    };
+    let measures = [
+        measure("old", "distance from the centre, RMS", "cm", off, Claim::Words("\"quite good\", small overshoot"), CYCLE),
+        measure("old", "travel of the pitch command", "deg/s", travel, Claim::Words("smooth"), CYCLE),
         leaves("old", CYCLE, true),
-        ask("new", "distance from the centre, RMS", "cm", off, Claim::Words("more accurate"), ""),
-        ask("new", "travel of the pitch command", "deg/s", travel, Claim::Words("brusquer"), CALM),
+        measure("new", "distance from the centre, RMS", "cm", off, Claim::Words("more accurate"), ""),
+        measure("new", "travel of the pitch command", "deg/s", travel, Claim::Words("brusquer"), CALM),
         leaves("new", "", true),
     ];
-    lines(model, ("7.3, fig. 7.10-7.14", "hover at 70 cm"), ("hover-70cm", VerticalInput::Pwm), &asked)
+    lines(model, ("7.3, fig. 7.10-7.14", "hover at 70 cm"), ("hover-70cm", VerticalInput::Pwm), &measures)
 }
 
-/// How far values go beyond the target, coming from `start`.
+/// Overshoot of values beyond the target, coming from `start`.
 fn beyond(values: &[f64], start: f64, target: f64) -> f64 {
     let towards = (target - start).signum();
     values.iter().map(|v| towards * (v - target)).fold(0.0, f64::max)

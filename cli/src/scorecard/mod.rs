@@ -12,7 +12,7 @@ pub(crate) use picture::pictures;
 /// Figures that agree within this share are called the same: the thesis reads most of its own off plots, with words like "almost".
 const TOLERANCE: f64 = 0.25;
 
-/// What the thesis says about a quantity.
+/// Claim of the thesis about a quantity.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Claim {
     /// A figure, and the words that it comes in.
@@ -24,7 +24,7 @@ pub(crate) enum Claim {
 
 /// A figure of ours.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Figure {
+pub(crate) struct Measurement {
     /// Infinite if it never came to pass.
     pub value: f64,
     pub unit: &'static str,
@@ -33,7 +33,7 @@ pub(crate) struct Figure {
 
 /// One line of the scorecard.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Line {
+pub(crate) struct ScorecardRow {
     /// Section and figure of the thesis.
     pub place: &'static str,
     pub experiment: &'static str,
@@ -42,16 +42,16 @@ pub(crate) struct Line {
     pub quantity: &'static str,
     pub claim: Claim,
     /// With the true position at every control tick.
-    pub ideal: Option<Figure>,
+    pub ideal: Option<Measurement>,
     /// Through the lab's camera, median over seeds.
-    pub rig: Option<Figure>,
-    /// Why the two differ, or why they cannot be compared.
+    pub rig: Option<Measurement>,
+    /// Reason that the two differ or cannot be compared.
     pub why: &'static str,
 }
 
 impl Claim {
-    /// How far a figure is from the claim; `None` where that makes no sense.
-    pub(crate) fn deviation(&self, figure: &Figure) -> Option<f64> {
+    /// Deviation of a figure from the claim; `None` where that makes no sense.
+    pub(crate) fn deviation(&self, figure: &Measurement) -> Option<f64> {
         match self {
             _ if !figure.value.is_finite() => None,
             Claim::About(value, _) => Some(figure.value - value),
@@ -62,7 +62,7 @@ impl Claim {
     }
 
     /// Whether a figure agrees with the claim.
-    pub(crate) fn agrees(&self, figure: &Figure) -> Option<bool> {
+    pub(crate) fn agrees(&self, figure: &Measurement) -> Option<bool> {
         match self {
             Claim::About(value, _) => Some((figure.value - value).abs() <= TOLERANCE * value.abs()),
             Claim::AtMost(value, _) => Some(figure.value <= *value),
@@ -78,10 +78,10 @@ impl Claim {
     }
 }
 
-impl Line {
+impl ScorecardRow {
     /// Which of our figures agree with the thesis's.
     pub(crate) fn mark(&self) -> &'static str {
-        let agrees = |figure: &Option<Figure>| figure.as_ref().and_then(|f| self.claim.agrees(f));
+        let agrees = |figure: &Option<Measurement>| figure.as_ref().and_then(|f| self.claim.agrees(f));
         match (agrees(&self.ideal), agrees(&self.rig)) {
             (None, None) => "not comparable",
             (Some(true), Some(true)) | (Some(true), None) | (None, Some(true)) => "agrees",
@@ -97,12 +97,12 @@ fn about(value: f64, words: impl Into<String>) -> Claim {
     Claim::About(value, words.into())
 }
 
-fn figure(value: f64, unit: &'static str, decimals: usize) -> Option<Figure> {
-    Some(Figure { value, unit, decimals })
+fn figure(value: f64, unit: &'static str, decimals: usize) -> Option<Measurement> {
+    Some(Measurement { value, unit, decimals })
 }
 
 /// Every line, in the order of the thesis. `done` is called after each experiment.
-pub(crate) fn lines(done: &dyn Fn()) -> Result<Vec<Line>, Error> {
+pub(crate) fn lines(done: &dyn Fn()) -> Result<Vec<ScorecardRow>, Error> {
     let model = Model::thesis();
     let mut lines = Vec::new();
     for experiment in steps::EXPERIMENTS {
@@ -116,7 +116,7 @@ pub(crate) fn lines(done: &dyn Fn()) -> Result<Vec<Line>, Error> {
     Ok(lines)
 }
 
-/// How often [`lines`] calls back.
+/// Number of calls of `done` by [`lines`].
 pub(crate) const COUNT: usize = steps::EXPERIMENTS.len() + flights::EXPERIMENTS.len();
 
 /// The middle value; of two middle ones the upper.
@@ -131,7 +131,7 @@ mod tests {
 
     #[test]
     fn agreement() {
-        let f = |value| Figure { value, unit: "cm", decimals: 1 };
+        let f = |value| Measurement { value, unit: "cm", decimals: 1 };
         assert_eq!(about(50.0, "").agrees(&f(60.0)), Some(true));
         assert_eq!(about(50.0, "").agrees(&f(70.0)), Some(false));
         assert_eq!(Claim::AtMost(10.0, "").agrees(&f(f64::INFINITY)), Some(false));

@@ -7,7 +7,7 @@ use crazyflie_picture::{Band, PALETTE, Panel, PictureError, Series, Style, chart
 use super::flights::{GAINS, fly_pair};
 use crazyflie_server::flight::Trace;
 
-/// What went wrong on the way to a picture.
+/// Reason that a picture could not be drawn.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum DrawError {
     #[error(transparent)]

@@ -7,12 +7,12 @@ use crazyflie_env::model::{Model, Vertical, VerticalInput};
 use crazyflie_env::plant::Command;
 use crazyflie_identify::metrics::fit_percent;
 
-use super::{Claim, Figure, Line, about, figure};
-use crazyflie_server::flight::{Scenario, Setup, Trace, fly_open_loop, lab_rig};
+use super::{Claim, Measurement, ScorecardRow, about, figure};
+use crazyflie_server::flight::{FlightScenario, Setup, Trace, fly_open_loop, lab_rig};
 
-type Experiment = fn(&Model) -> Result<Vec<Line>, Error>;
+type ExperimentFn = fn(&Model) -> Result<Vec<ScorecardRow>, Error>;
 
-pub(super) const EXPERIMENTS: &[Experiment] = &[tilts, yaw, height, pwm, angle_speed];
+pub(super) const EXPERIMENTS: &[ExperimentFn] = &[tilts, yaw, height, pwm, angle_speed];
 
 /// 5.1: "after 10 seconds".
 const HOVER_S: f64 = 10.0;
@@ -29,7 +29,7 @@ pub(super) fn fly(
 ) -> Result<(Trace, usize), Error> {
     let setup = Setup {
         model: model.clone(),
-        scenario: Scenario::named("hover-70cm")?,
+        scenario: FlightScenario::find("hover-70cm")?,
         task_options: None,
         controller: ControllerSpec::named("thesis-pid")?,
         effects,
@@ -61,7 +61,7 @@ fn second_order_step(gain: f64, damping: f64, stiffness: f64, t_s: f64) -> f64 {
 }
 
 /// 5.1.1: 7.5 degrees of pitch, then of roll.
-fn tilts(model: &Model) -> Result<Vec<Line>, Error> {
+fn tilts(model: &Model) -> Result<Vec<ScorecardRow>, Error> {
     let mut lines = Vec::new();
     let fits = [
         ("5.1.1, fig. 5.2-5.4", "pitch step of 7.5 deg", Claim::Words("fit 69.33 %"), &model.pitch, 7),
@@ -75,7 +75,7 @@ fn tilts(model: &Model) -> Result<Vec<Line>, Error> {
         };
         let (trace, first) = fly(model, VerticalInput::Height, EffectTable::new(), 1.2, &command)?;
         let exact = |t: f64| STEP_RAD * second_order_step(tilt.gain.value, tilt.damping.value, tilt.stiffness.value, t);
-        let line = |quantity, claim, ideal, why| Line { place, experiment, gains: "", quantity, claim, ideal, rig: None, why };
+        let line = |quantity, claim, ideal, why| ScorecardRow { place, experiment, gains: "", quantity, claim, ideal, rig: None, why };
         lines.push(line("fit of 5.1", claim, fit_to(&trace, first, state, &exact), NEEDS_RECORDING));
         let after = first + (1.0 / trace.tick_s).round() as usize;
         let angle = f64::from(trace.rows[after].state[state]).to_degrees();
@@ -90,21 +90,29 @@ fn tilts(model: &Model) -> Result<Vec<Line>, Error> {
 }
 
 /// MATLAB's fit of an equation to the simulator's true state.
-fn fit_to(trace: &Trace, first: usize, state: usize, exact: &dyn Fn(f64) -> f64) -> Option<Figure> {
+fn fit_to(trace: &Trace, first: usize, state: usize, exact: &dyn Fn(f64) -> f64) -> Option<Measurement> {
     let measured: Vec<f64> = trace.rows[first..].iter().map(|r| f64::from(r.state[state])).collect();
     let model: Vec<f64> = (0..measured.len()).map(|i| exact(trace.t_s(i))).collect();
     fit_percent(&measured, &model).ok().flatten().and_then(|fit| figure(fit, "%", 2))
 }
 
 /// 5.1.2: 36 deg/s.
-fn yaw(model: &Model) -> Result<Vec<Line>, Error> {
+fn yaw(model: &Model) -> Result<Vec<ScorecardRow>, Error> {
     let rate = 36_f64.to_radians();
     let command = |t: f64| if t >= 0.0 { Command { yaw_rate_radps: rate, ..level() } } else { level() };
     let (trace, first) = fly(model, VerticalInput::Height, EffectTable::new(), 10.0, &command)?;
     let turned = f64::from(trace.rows[trace.rows.len() - 1].state[8]).to_degrees();
     let place = "5.1.2, fig. 5.8";
-    let line =
-        |quantity, claim, ideal, why| Line { place, experiment: "yaw at 36 deg/s", gains: "", quantity, claim, ideal, rig: None, why };
+    let line = |quantity, claim, ideal, why| ScorecardRow {
+        place,
+        experiment: "yaw at 36 deg/s",
+        gains: "",
+        quantity,
+        claim,
+        ideal,
+        rig: None,
+        why,
+    };
     Ok(vec![
         line("fit of 5.2", Claim::Words("by hand; automatic 20 %"), fit_to(&trace, first, 8, &|t| -rate * t), NEEDS_RECORDING),
         line("turned in 10 s", about(-360.0, "-360 deg by 5.2"), figure(turned, "deg", 2), ""),
@@ -122,7 +130,7 @@ fn fit_to_marker(trace: &Trace, first: usize, exact: &dyn Fn(f64) -> f64) -> (f6
 }
 
 /// 5.1.3: the height command from 70 to 80 cm.
-fn height(model: &Model) -> Result<Vec<Line>, Error> {
+fn height(model: &Model) -> Result<Vec<ScorecardRow>, Error> {
     let Vertical::FirstOrder { gain, pole, .. } = model.vertical(VerticalInput::Height)? else { return Ok(Vec::new()) };
     let (gain, pole) = (gain.value, pole.value);
     let command = |t: f64| Command::level(if t >= 0.0 { 0.8 } else { 0.7 });
@@ -133,7 +141,7 @@ fn height(model: &Model) -> Result<Vec<Line>, Error> {
     let (fit, largest) = fit_to_marker(&seen, first, &exact);
     let end = f64::from(trace.rows[trace.rows.len() - 1].state[2]);
     let (place, experiment) = ("5.1.3, fig. 5.12", "height 70 to 80 cm");
-    let line = |quantity, claim, ideal, rig, why| Line { place, experiment, gains: "", quantity, claim, ideal, rig, why };
+    let line = |quantity, claim, ideal, rig, why| ScorecardRow { place, experiment, gains: "", quantity, claim, ideal, rig, why };
     let record = "a fit needs the lab's recording: it grows with the span of the record, and ours is the 10 cm step alone";
     let noise = "our marker noise is white, 10 mm, without the lab's outliers of 10 cm";
     Ok(vec![
@@ -144,7 +152,7 @@ fn height(model: &Model) -> Result<Vec<Line>, Error> {
 }
 
 /// 5.1.3: the same step by PWM.
-fn pwm(model: &Model) -> Result<Vec<Line>, Error> {
+fn pwm(model: &Model) -> Result<Vec<ScorecardRow>, Error> {
     let Vertical::FirstOrder { gain, pole, offset: Some(offset), .. } = model.vertical(VerticalInput::Pwm)? else { return Ok(Vec::new()) };
     let (gain, pole, offset) = (gain.value, pole.value, offset.value);
     let holds = |z: f64| offset + pole * z / gain;
@@ -154,7 +162,7 @@ fn pwm(model: &Model) -> Result<Vec<Line>, Error> {
     let exact = |t: f64| 0.8 - 0.1 * (-pole * t).exp();
     let (fit, _) = fit_to_marker(&seen, first, &exact);
     let (place, experiment) = ("5.1.3, fig. 5.15", "height 70 to 80 cm by PWM");
-    let line = |quantity, claim, ideal, rig, why| Line { place, experiment, gains: "", quantity, claim, ideal, rig, why };
+    let line = |quantity, claim, ideal, rig, why| ScorecardRow { place, experiment, gains: "", quantity, claim, ideal, rig, why };
     let end = 100.0 * f64::from(trace.rows[trace.rows.len() - 1].state[2]);
     Ok(vec![
         line(
@@ -175,7 +183,7 @@ pub(super) fn field_of_view() -> EffectTable {
 }
 
 /// 5.1.4: 7.5 degrees until the marker is lost.
-fn angle_speed(model: &Model) -> Result<Vec<Line>, Error> {
+fn angle_speed(model: &Model) -> Result<Vec<ScorecardRow>, Error> {
     let command = |t: f64| if t >= 0.0 { Command { pitch_rad: STEP_RAD, ..level() } } else { level() };
     let (trace, first) = fly(model, VerticalInput::Height, field_of_view(), 2.0, &command)?;
     let lost = (first..trace.rows.len()).find(|&row| !trace.rows[row].sees_marker());
@@ -186,7 +194,7 @@ fn angle_speed(model: &Model) -> Result<Vec<Line>, Error> {
     let rig = lab_rig().into_iter().chain(field_of_view()).collect();
     let (seen, _) = fly(model, VerticalInput::Height, rig, since_s, &command)?;
     let (place, experiment) = ("5.1.4, fig. 5.17", "pitch 7.5 deg until the marker is lost");
-    let line = |quantity, claim, ideal, rig, why| Line { place, experiment, gains: "", quantity, claim, ideal, rig, why };
+    let line = |quantity, claim, ideal, rig, why| ScorecardRow { place, experiment, gains: "", quantity, claim, ideal, rig, why };
     let not_given = || Claim::Words("not given");
     let fit = fit_of_speed(&seen, first, &speed);
     Ok(vec![

@@ -1,4 +1,4 @@
-//! How far a loop is from instability: gain, phase and delay margins of the PID around the identified model with the loop's dead time.
+//! Distance of a loop from instability: gain, phase and delay margins of the PID around the identified model with the loop's dead time.
 
 use crazyflie_control::pid::Loop;
 use crazyflie_env::model::{Model, Vertical, VerticalInput, Yaw};
@@ -6,7 +6,7 @@ use nalgebra::Complex;
 
 /// A loop of the controller.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Axis {
+pub(crate) enum LoopAxis {
     X,
     Y,
     Z,
@@ -14,15 +14,15 @@ pub(crate) enum Axis {
 }
 
 /// The order in which they are tuned: each with those before it as they came out.
-pub(crate) const AXES: [Axis; 4] = [Axis::Yaw, Axis::Z, Axis::X, Axis::Y];
+pub(crate) const AXES: [LoopAxis; 4] = [LoopAxis::Yaw, LoopAxis::Z, LoopAxis::X, LoopAxis::Y];
 
-impl Axis {
+impl LoopAxis {
     pub(crate) fn name(self) -> &'static str {
         match self {
-            Axis::X => "x",
-            Axis::Y => "y",
-            Axis::Z => "z",
-            Axis::Yaw => "yaw",
+            LoopAxis::X => "x",
+            LoopAxis::Y => "y",
+            LoopAxis::Z => "z",
+            LoopAxis::Yaw => "yaw",
         }
     }
 }
@@ -38,8 +38,8 @@ impl Plant {
     /// From the controller's output (degrees, PWM counts or deg/s) to what its loop measures (metres or radians).
     ///
     /// # Errors
-    /// Where the model lacks the vertical form.
-    pub(crate) fn of(model: &Model, input: VerticalInput, axis: Axis) -> crazyflie_env::Result<Plant> {
+    /// For a model that lacks the vertical form.
+    pub(crate) fn from_model(model: &Model, input: VerticalInput, axis: LoopAxis) -> crazyflie_env::Result<Plant> {
         let (g, drag, deg) = (model.lateral.gravity.value, model.lateral.drag.value, 1.0_f64.to_radians());
         let sideways = |t: &crazyflie_env::model::Tilt| Plant {
             // 5.1 times g / (s (s + drag)), 5.5 with the position
@@ -47,9 +47,9 @@ impl Plant {
             denominator: product(&[1.0, t.damping.value, t.stiffness.value], &[1.0, drag, 0.0]),
         };
         Ok(match axis {
-            Axis::X => sideways(&model.pitch),
-            Axis::Y => sideways(&model.roll),
-            Axis::Yaw => match &model.yaw {
+            LoopAxis::X => sideways(&model.pitch),
+            LoopAxis::Y => sideways(&model.roll),
+            LoopAxis::Yaw => match &model.yaw {
                 Yaw::Integrator { gain } => Plant { numerator: deg * gain.value.abs(), denominator: vec![1.0, 0.0] },
                 Yaw::Rate { gain, bandwidth } => {
                     Plant { numerator: deg * gain.value.abs() * bandwidth.value, denominator: vec![1.0, bandwidth.value, 0.0] }
@@ -58,7 +58,7 @@ impl Plant {
                     Plant { numerator: deg * gain.value.abs(), denominator: vec![1.0, damping.value, stiffness.value] }
                 }
             },
-            Axis::Z => match model.vertical(input)? {
+            LoopAxis::Z => match model.vertical(input)? {
                 Vertical::FirstOrder { gain, pole, .. } => Plant { numerator: gain.value, denominator: vec![1.0, pole.value] },
                 Vertical::SecondOrder { gain, damping, stiffness, .. } => {
                     Plant { numerator: gain.value, denominator: vec![1.0, damping.value, stiffness.value] }
@@ -68,7 +68,7 @@ impl Plant {
         })
     }
 
-    fn at(&self, s: Complex<f64>) -> Complex<f64> {
+    fn response_at(&self, s: Complex<f64>) -> Complex<f64> {
         let denominator = self.denominator.iter().fold(Complex::new(0.0, 0.0), |sum, c| sum * s + c);
         Complex::new(self.numerator, 0.0) / denominator
     }
@@ -82,7 +82,7 @@ fn product(a: &[f64], b: &[f64]) -> Vec<f64> {
     all
 }
 
-/// What a loop can take before it is unstable.
+/// Margins of a loop before it is unstable.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub(crate) struct Margins {
     /// At the worst crossing; negative where the loop is unstable.
@@ -92,7 +92,7 @@ pub(crate) struct Margins {
     pub gain_db: f64,
     /// More dead time than there is.
     pub delay_ms: f64,
-    /// Where the loop gain falls through 1.
+    /// Frequency at which the loop gain falls through 1.
     pub crossover_radps: f64,
 }
 
@@ -109,9 +109,9 @@ pub(crate) fn margins(plant: &Plant, gains: &Loop, dead_time_s: f64) -> Margins 
     let frequency = |i: usize| 10.0_f64.powf(f64::from(DECADES[0]) + i as f64 / PER_DECADE as f64);
     let gain = |omega: f64| {
         let s = Complex::new(0.0, omega);
-        (Complex::new(gains.kp, 0.0) + Complex::new(gains.ki, 0.0) / s + s * gains.kd) * plant.at(s)
+        (Complex::new(gains.kp, 0.0) + Complex::new(gains.ki, 0.0) / s + s * gains.kd) * plant.response_at(s)
     };
-    let mut found = Margins { phase_deg: f64::INFINITY, gain_db: f64::INFINITY, delay_ms: f64::INFINITY, crossover_radps: 0.0 };
+    let mut least = Margins { phase_deg: f64::INFINITY, gain_db: f64::INFINITY, delay_ms: f64::INFINITY, crossover_radps: 0.0 };
     let mut before: Option<(f64, f64, f64)> = None;
     for omega in (0..=points).map(frequency) {
         let l = gain(omega);
@@ -121,18 +121,18 @@ pub(crate) fn margins(plant: &Plant, gains: &Loop, dead_time_s: f64) -> Margins 
         if let Some((db_before, _, phase_before)) = before {
             if (db_before > 0.0) != (db > 0.0) {
                 let phase_deg = 180.0 + phase.to_degrees();
-                if phase_deg < found.phase_deg {
-                    found = Margins { phase_deg, delay_ms: 1e3 * phase_deg.to_radians() / omega, crossover_radps: omega, ..found };
+                if phase_deg < least.phase_deg {
+                    least = Margins { phase_deg, delay_ms: 1e3 * phase_deg.to_radians() / omega, crossover_radps: omega, ..least };
                 }
             }
             let pi = std::f64::consts::PI;
             if phase_before > -pi && phase <= -pi {
-                found.gain_db = found.gain_db.min(-db);
+                least.gain_db = least.gain_db.min(-db);
             }
         }
         before = Some((db, raw, phase));
     }
-    found
+    least
 }
 
 /// Where the frequencies begin, integrations have only taken phase, as many as there are.
@@ -149,17 +149,17 @@ mod tests {
     use super::*;
     use crazyflie_control::pid::Gains;
 
-    fn of(gains: &Loop, dead_time_s: f64) -> Margins {
-        margins(&Plant::of(&Model::thesis(), VerticalInput::Pwm, Axis::X).unwrap(), gains, dead_time_s)
+    fn with_dead_time(gains: &Loop, dead_time_s: f64) -> Margins {
+        margins(&Plant::from_model(&Model::thesis(), VerticalInput::Pwm, LoopAxis::X).unwrap(), gains, dead_time_s)
     }
 
     /// The position loop of table 7.1 has 19 degrees without dead time and 9 with 77 ms; the stock gains have under 2 and none from 10 ms on.
     #[test]
     fn table_7_1_has_the_margin_that_it_should_and_the_stock_gains_have_none() {
-        let (new, late) = (of(&Gains::THESIS.x, 0.0), of(&Gains::THESIS.x, 0.077));
+        let (new, late) = (with_dead_time(&Gains::THESIS.x, 0.0), with_dead_time(&Gains::THESIS.x, 0.077));
         println!("table 7.1: {new:?}, with 77 ms {late:?}");
         assert!((new.phase_deg - 19.0).abs() < 1.0 && (late.phase_deg - 9.0).abs() < 1.0, "{new:?} {late:?}");
-        let (stock, late) = (of(&Gains::CRAZYFLIE_ROS.x, 0.0), of(&Gains::CRAZYFLIE_ROS.x, 0.01));
+        let (stock, late) = (with_dead_time(&Gains::CRAZYFLIE_ROS.x, 0.0), with_dead_time(&Gains::CRAZYFLIE_ROS.x, 0.01));
         println!("stock: {stock:?}, with 10 ms {late:?}");
         assert!((0.0..2.0).contains(&stock.phase_deg) && late.phase_deg < 0.0, "{stock:?} {late:?}");
         assert!(late.gain_db < 0.0);

@@ -2,14 +2,14 @@
 
 use crazyflie_picture::{PALETTE, Panel, PictureError, Series, Style, chart};
 
-use super::{Axis, Tuned};
+use super::{GainComparison, LoopAxis};
 
 /// # Errors
 /// Those of drawing.
-pub(crate) fn picture(tuned: &[Tuned], title: &str) -> Result<String, PictureError> {
-    let titles: Vec<String> = tuned.iter().map(heading).collect();
-    let scaled: Vec<Vec<Vec<f64>>> = tuned.iter().map(curves).collect();
-    let panels: Vec<Panel> = tuned
+pub(crate) fn picture(comparisons: &[GainComparison], title: &str) -> Result<String, PictureError> {
+    let titles: Vec<String> = comparisons.iter().map(heading).collect();
+    let scaled: Vec<Vec<Vec<f64>>> = comparisons.iter().map(curves).collect();
+    let panels: Vec<Panel> = comparisons
         .iter()
         .zip(&titles)
         .zip(&scaled)
@@ -31,24 +31,24 @@ pub(crate) fn picture(tuned: &[Tuned], title: &str) -> Result<String, PictureErr
 const LOOKS: [(&str, Style, usize); 4] =
     [("set-point", Style::Dashed, 4), ("crazyflie_ros", Style::Solid, 1), ("table 7.1", Style::Solid, 0), ("tuned", Style::Solid, 2)];
 
-fn heading(t: &Tuned) -> String {
+fn heading(t: &GainComparison) -> String {
     let phase = |deg: f64| if deg.is_finite() { format!("{deg:.0}") } else { "-".into() };
     let [stock, thesis, found] = [&t.stock, &t.thesis, &t.found].map(|d| phase(d.margins.phase_deg));
     format!("{}: phase margin {stock}, {thesis}, {found} deg", t.axis.name())
 }
 
-fn label(axis: Axis) -> &'static str {
+fn label(axis: LoopAxis) -> &'static str {
     match axis {
-        Axis::X => "x (m)",
-        Axis::Y => "y (m)",
-        Axis::Z => "z (m)",
-        Axis::Yaw => "yaw (deg)",
+        LoopAxis::X => "x (m)",
+        LoopAxis::Y => "y (m)",
+        LoopAxis::Z => "z (m)",
+        LoopAxis::Yaw => "yaw (deg)",
     }
 }
 
 /// Set-point and responses; one that leaves the picture is cut off at twice the set-point's range, so that the others can be seen.
-fn curves(t: &Tuned) -> Vec<Vec<f64>> {
-    let unit = if t.axis == Axis::Yaw { 1.0_f64.to_degrees() } else { 1.0 };
+fn curves(t: &GainComparison) -> Vec<Vec<f64>> {
+    let unit = if t.axis == LoopAxis::Yaw { 1.0_f64.to_degrees() } else { 1.0 };
     let target = &t.found.response.target;
     let low = target.iter().copied().fold(f64::INFINITY, f64::min);
     let high = target.iter().copied().fold(f64::NEG_INFINITY, f64::max);

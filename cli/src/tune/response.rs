@@ -1,4 +1,4 @@
-//! What a flight with some gains looks like: the answer to a step, or how a task is flown.
+//! Response of a flight with some gains: to a step, or in a task.
 
 use crazyflie_control::pid::Gains;
 use crazyflie_control::{ControllerSpec, choose};
@@ -7,23 +7,23 @@ use crazyflie_env::config::EffectTable;
 use crazyflie_env::model::{Model, VerticalInput};
 use serde_json::{Value, json};
 
-use super::margins::Axis;
-use crazyflie_server::flight::{Scenario, Setup, Trace, fly};
+use super::margins::LoopAxis;
+use crazyflie_server::flight::{FlightScenario, Setup, Trace, fly};
 
-/// When the set-point jumps, and how long its answer is watched.
+/// Time of the set-point step, and the time that its response is recorded.
 const STEP_S: f64 = 0.5;
-const WATCHED_S: f64 = 7.0;
+const RESPONSE_S: f64 = 7.0;
 /// Settled within this share of the step.
 const BAND: f64 = 0.05;
 
-/// What the gains are tuned on.
+/// Setup of the flights that gains are tuned on.
 #[derive(Debug, Clone)]
-pub(crate) struct Flown<'a> {
+pub(crate) struct TuningSetup<'a> {
     pub model: &'a Model,
     pub vertical: VerticalInput,
     pub effects: EffectTable,
     /// A task or flight whose error counts besides that of a step of each axis.
-    pub task: Option<&'static Scenario>,
+    pub task: Option<&'static FlightScenario>,
     pub seeds: Vec<u64>,
 }
 
@@ -33,13 +33,13 @@ pub(crate) struct Response {
     pub t_s: Vec<f64>,
     pub value: Vec<f64>,
     pub target: Vec<f64>,
-    /// How far the command of the axis travels per second, in shares of its range.
+    /// Travel of the command of the axis per second, in shares of its range.
     pub travel_per_s: f64,
 }
 
 /// Figures of a step response, shares of the step and seconds.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
-pub(crate) struct Figures {
+pub(crate) struct StepFigures {
     pub overshoot: f64,
     pub settling_s: Option<f64>,
     /// Time integral of the absolute error.
@@ -47,42 +47,42 @@ pub(crate) struct Figures {
 }
 
 /// The step of an axis: what it is, and its size.
-fn step(axis: Axis) -> (Value, f64) {
+fn step(axis: LoopAxis) -> (Value, f64) {
     let (x, y, z, yaw) = match axis {
-        Axis::X => (0.5, 0.0, 0.7, 0.0),
-        Axis::Y => (0.0, 0.5, 0.7, 0.0),
-        Axis::Z => (0.0, 0.0, 1.0, 0.0),
-        Axis::Yaw => (0.0, 0.0, 0.7, 30.0),
+        LoopAxis::X => (0.5, 0.0, 0.7, 0.0),
+        LoopAxis::Y => (0.0, 0.5, 0.7, 0.0),
+        LoopAxis::Z => (0.0, 0.0, 1.0, 0.0),
+        LoopAxis::Yaw => (0.0, 0.0, 0.7, 30.0),
     };
     let size = x + y + (z - 0.7) + f64::to_radians(yaw);
     (json!({"start_m": [0, 0, 0.7], "steps": [{"from_s": STEP_S, "setpoint_m": [x, y, z], "setpoint_yaw_deg": yaw}]}), size)
 }
 
-/// Where an axis is found: state, set-point, action.
-fn places(axis: Axis) -> [usize; 3] {
+/// Indices of an axis in state, observation (set-point) and action.
+fn signal_indices(axis: LoopAxis) -> [usize; 3] {
     match axis {
-        Axis::X => [0, 16, 1],
-        Axis::Y => [1, 17, 0],
-        Axis::Z => [2, 18, 3],
-        Axis::Yaw => [8, 19, 2],
+        LoopAxis::X => [0, 16, 1],
+        LoopAxis::Y => [1, 17, 0],
+        LoopAxis::Z => [2, 18, 3],
+        LoopAxis::Yaw => [8, 19, 2],
     }
 }
 
 /// The PID with these gains.
 ///
 /// # Errors
-/// Where they cannot be written, which finite numbers can.
+/// For gains that are not finite.
 pub(crate) fn controller(gains: &Gains) -> Result<ControllerSpec, Error> {
     let bytes = serde_json::to_vec(gains).map_err(|e| Error::Config(e.to_string()))?;
     choose("pid:tuned", Value::Null, &|_| Ok(bytes.clone()))
 }
 
-impl Flown<'_> {
-    fn setup(&self, gains: &Gains, scenario: &'static Scenario, steps: Option<Value>) -> Result<Setup, Error> {
+impl TuningSetup<'_> {
+    fn setup(&self, gains: &Gains, scenario: &'static FlightScenario, steps: Option<Value>) -> Result<Setup, Error> {
         Ok(Setup {
             model: self.model.clone(),
             scenario,
-            seconds: if steps.is_some() { STEP_S + WATCHED_S } else { scenario.seconds },
+            seconds: if steps.is_some() { STEP_S + RESPONSE_S } else { scenario.seconds },
             task_options: steps,
             controller: controller(gains)?,
             effects: self.effects.clone(),
@@ -94,8 +94,8 @@ impl Flown<'_> {
     ///
     /// # Errors
     /// Those of the flight.
-    pub(crate) fn response(&self, gains: &Gains, axis: Axis) -> Result<Response, Error> {
-        let setup = self.setup(gains, Scenario::named("hover-70cm")?, Some(step(axis).0))?;
+    pub(crate) fn response(&self, gains: &Gains, axis: LoopAxis) -> Result<Response, Error> {
+        let setup = self.setup(gains, FlightScenario::find("hover-70cm")?, Some(step(axis).0))?;
         Ok(mean(&fly(&setup, &self.seeds)?, axis))
     }
 
@@ -104,24 +104,24 @@ impl Flown<'_> {
     ///
     /// # Errors
     /// Those of the flight.
-    pub(crate) fn task_error_s(&self, gains: &Gains, axis: Axis) -> Result<Option<f64>, Error> {
+    pub(crate) fn task_error_s(&self, gains: &Gains, axis: LoopAxis) -> Result<Option<f64>, Error> {
         let Some(task) = self.task else { return Ok(None) };
         let setup = self.setup(gains, task, None)?;
-        let ([state, setpoint, _], size) = (places(axis), step(axis).1);
+        let ([state, setpoint, _], size) = (signal_indices(axis), step(axis).1);
         let flights = fly(&setup, &self.seeds)?;
-        let of = |trace: &Trace| {
+        let absolute_error_s = |trace: &Trace| {
             let errors: Vec<f64> = trace.rows.iter().map(|r| f64::from((r.state[state] - r.observation[setpoint]).abs())).collect();
             let missing = setup.seconds - errors.len() as f64 * trace.tick_s;
             errors.iter().sum::<f64>() * trace.tick_s + errors.last().copied().unwrap_or(0.0) * missing.max(0.0)
         };
-        let all: f64 = flights.iter().map(of).sum();
-        Ok(Some(all / (flights.len().max(1) as f64 * size) * WATCHED_S / setup.seconds))
+        let all: f64 = flights.iter().map(absolute_error_s).sum();
+        Ok(Some(all / (flights.len().max(1) as f64 * size) * RESPONSE_S / setup.seconds))
     }
 }
 
 /// A flight that ended early stays where it ended.
-fn mean(traces: &[Trace], axis: Axis) -> Response {
-    let [state, setpoint, action] = places(axis);
+fn mean(traces: &[Trace], axis: LoopAxis) -> Response {
+    let [state, setpoint, action] = signal_indices(axis);
     let length = traces.iter().map(|t| t.rows.len()).max().unwrap_or(0);
     let at = |trace: &Trace, row: usize| trace.rows.get(row).or(trace.rows.last()).copied();
     let (mut value, mut target) = (vec![0.0; length], vec![0.0; length]);
@@ -143,7 +143,7 @@ fn mean(traces: &[Trace], axis: Axis) -> Response {
 
 impl Response {
     /// Of the step of an axis.
-    pub(crate) fn figures(&self, axis: Axis) -> Figures {
+    pub(crate) fn figures(&self, axis: LoopAxis) -> StepFigures {
         let size = step(axis).1;
         let dt_s = self.t_s.get(1).copied().unwrap_or(1.0);
         let error: Vec<f64> = self.value.iter().zip(&self.target).map(|(v, t)| (v - t) / size).collect();
@@ -152,7 +152,7 @@ impl Response {
         // beyond the set-point is on the other side of it than the start
         let beyond = error.iter().skip(first).map(|e| if start < 0.0 { *e } else { -e });
         let last_out = error.iter().rposition(|e| e.abs() > BAND);
-        Figures {
+        StepFigures {
             overshoot: beyond.fold(0.0, f64::max),
             settling_s: match last_out {
                 Some(row) if row + 1 == error.len() => None,

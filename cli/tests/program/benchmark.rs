@@ -1,6 +1,6 @@
 //! The benchmark on the command line: submit, rank, look at, verify; files that are not ours.
 
-use crate::common::{bad, folder, good, json, text};
+use crate::common::{assert_fails, folder, json, stdout_of, text};
 use rusqlite::Connection;
 
 #[test]
@@ -8,50 +8,55 @@ fn from_a_submission_to_a_log_that_replays() {
     let folder = folder("submission");
     let (data, log) = (folder.join("bench.sqlite"), folder.join("flight.csv"));
     let data = text(&data);
-    let table = good(&["bench", "submit", "--controller", "thesis-pid", "--scenario", "hover-aruco", "--data", data]);
+    let table = stdout_of(&["bench", "submit", "--controller", "thesis-pid", "--scenario", "hover-aruco", "--data", data]);
     assert!(table.contains("hover-aruco@1.0.0") && table.contains("0 of 24"), "{table}");
-    good(&["bench", "submit", "--controller", "hover", "--scenario", "hover-aruco@1.0.0", "--data", data]);
+    stdout_of(&["bench", "submit", "--controller", "hover", "--scenario", "hover-aruco@1.0.0", "--data", data]);
     let board = json(&["bench", "leaderboard", "--data", data, "--json"]);
     let rows = board["hover-aruco@1.0.0"].as_array().unwrap();
     assert_eq!((rows.len(), &rows[0]["controller"], &rows[1]["rank"]), (2, &"thesis-pid".into(), &2.into()));
-    assert!(good(&["bench", "leaderboard", "--data", data, "--scenario", "wind"]).contains("no attempts yet"));
+    assert!(stdout_of(&["bench", "leaderboard", "--data", data, "--scenario", "wind"]).contains("no attempts yet"));
     let id = rows[0]["attempt"].as_str().unwrap();
     assert_eq!(json(&["bench", "attempts", id, "--data", data])["result"]["episodes"].as_array().unwrap().len(), 24);
-    assert!(good(&["bench", "attempts", "--data", data]).contains(id));
-    good(&["bench", "attempts", id, "--data", data, "--episode", "7", "--csv", text(&log)]);
+    assert!(stdout_of(&["bench", "attempts", "--data", data]).contains(id));
+    stdout_of(&["bench", "attempts", id, "--data", data, "--episode", "7", "--csv", text(&log)]);
     let back = json(&["replay", text(&log), "--json"]);
     let fit = back["logs"][0]["runs"][0]["signals"]["vx"]["fit_percent"].as_f64().unwrap();
     assert!(fit > 99.0, "the log of a flight without disturbances fits the model that flew it: {fit} %");
-    assert!(good(&["bench", "verify", "--data", data]).matches("confirmed").count() == 2);
+    assert!(stdout_of(&["bench", "verify", "--data", data]).matches("confirmed").count() == 2);
     assert_eq!(json(&["bench", "verify", id, "--data", data, "--json"])["attempts"][0]["verdict"], "confirmed");
-    bad(2, &["bench", "submit", "--controller", "hover", "--scenario", "hoover", "--data", data], &["hoover", "hover-aruco@1.0.0"]);
-    bad(2, &["bench", "verify", "0", "--data", data], &["no attempt \"0\""]);
+    assert_fails(
+        2,
+        &["bench", "submit", "--controller", "hover", "--scenario", "hoover", "--data", data],
+        &["hoover", "hover-aruco@1.0.0"],
+    );
+    assert_fails(2, &["bench", "verify", "0", "--data", data], &["no attempt \"0\""]);
     let nowhere = folder.join("nowhere.sqlite");
     for command in [&["bench", "leaderboard"][..], &["bench", "attempts"], &["bench", "verify"], &["bench", "token", "list"]] {
-        bad(1, &[command, &["--data", text(&nowhere)]].concat(), &["nowhere.sqlite", "no such file", "crazyflie bench submit"]);
+        assert_fails(1, &[command, &["--data", text(&nowhere)]].concat(), &["nowhere.sqlite", "no such file", "crazyflie bench submit"]);
     }
     assert!(!nowhere.exists());
-    bad(1, &["bench", "attempts", id, "--data", data, "--episode", "24", "--csv", text(&log)], &["episodes 0 to 23"]);
+    assert_fails(1, &["bench", "attempts", id, "--data", data, "--episode", "24", "--csv", text(&log)], &["episodes 0 to 23"]);
 }
 
 #[test]
 fn a_row_that_was_changed_is_wrong_and_loses_its_rank() {
     let folder = folder("changed");
     let data = folder.join("bench.sqlite");
-    let submit =
-        |controller: &str| good(&["bench", "submit", "--controller", controller, "--scenario", "wind", "--data", text(&data), "--json"]);
+    let submit = |controller: &str| {
+        stdout_of(&["bench", "submit", "--controller", controller, "--scenario", "wind", "--data", text(&data), "--json"])
+    };
     let (honest, cheat) = (submit("thesis-pid"), submit("hover"));
     let id = |line: &str| serde_json::from_str::<serde_json::Value>(line).unwrap()["id"].as_str().unwrap().to_owned();
     let db = Connection::open(&data).unwrap();
     let better = cheat.trim().replacen("\"score\":0.0", "\"score\":99.0", 1);
     assert_ne!(better, cheat.trim());
     db.execute("UPDATE attempts SET document = ?2 WHERE id = ?1", [&id(&cheat), &better]).unwrap();
-    bad(1, &["bench", "verify", "--data", text(&data)], &["1 of 2 attempts are wrong or missing"]);
-    let board = good(&["bench", "leaderboard", "--scenario", "wind", "--data", text(&data)]);
+    assert_fails(1, &["bench", "verify", "--data", text(&data)], &["1 of 2 attempts are wrong or missing"]);
+    let board = stdout_of(&["bench", "leaderboard", "--scenario", "wind", "--data", text(&data)]);
     assert!(board.contains(&id(&honest)) && !board.contains(&id(&cheat)), "{board}");
-    assert!(good(&["bench", "attempts", "--data", text(&data)]).contains("damaged"));
+    assert!(stdout_of(&["bench", "attempts", "--data", text(&data)]).contains("damaged"));
     db.execute("DELETE FROM attempts WHERE id = ?1", [&id(&honest)]).unwrap();
-    bad(1, &["bench", "verify", "--data", text(&data)], &["2 of 2 attempts are wrong or missing"]);
+    assert_fails(1, &["bench", "verify", "--data", text(&data)], &["2 of 2 attempts are wrong or missing"]);
 }
 
 #[test]
@@ -60,14 +65,14 @@ fn other_files_are_refused_and_left_alone() {
     let open = |name: &str| ["bench".to_owned(), "scenarios".into(), "--data".into(), text(&folder.join(name)).into()];
     let refused = |name: &str, words: &[&str]| {
         let args = open(name);
-        bad(1, &args.each_ref().map(String::as_str), words);
+        assert_fails(1, &args.each_ref().map(String::as_str), words);
     };
-    good(&open("bench.sqlite").each_ref().map(String::as_str));
+    stdout_of(&open("bench.sqlite").each_ref().map(String::as_str));
     let db = Connection::open(folder.join("bench.sqlite")).unwrap();
     db.pragma_update(None, "user_version", 99).unwrap();
     refused("bench.sqlite", &["bench.sqlite", "schema 99 is newer than this program's (1)"]);
     db.pragma_update(None, "user_version", 1).unwrap();
-    good(&open("bench.sqlite").each_ref().map(String::as_str));
+    stdout_of(&open("bench.sqlite").each_ref().map(String::as_str));
 
     let foreign = Connection::open(folder.join("foreign.sqlite")).unwrap();
     foreign.execute_batch("CREATE TABLE mine (x); INSERT INTO mine VALUES (1)").unwrap();
@@ -115,7 +120,7 @@ fn several_processes_submit_at_once() {
 fn tokens_are_shown_once() {
     let folder = folder("tokens");
     let data = folder.join("bench.sqlite");
-    let token = |args: &[&str]| good(&[&["bench", "token"], args, &["--data", text(&data)]].concat());
+    let token = |args: &[&str]| stdout_of(&[&["bench", "token"], args, &["--data", text(&data)]].concat());
     let made = token(&["create", "blue"]);
     assert!(made.starts_with("cft_") && made.trim().len() == 68, "{made}");
     assert_ne!(made, token(&["create", "blue"]));
@@ -124,6 +129,6 @@ fn tokens_are_shown_once() {
     assert_eq!(token(&["revoke", "blue"]), "2 tokens of blue revoked\n");
     let listed = json(&["bench", "token", "list", "--json", "--data", text(&data)]);
     assert!(listed[0]["revoked_ms"].is_i64() && listed[0].get("hash").is_none(), "{listed}");
-    bad(1, &["bench", "token", "revoke", "blue", "--data", text(&data)], &["no tokens in force"]);
-    bad(2, &["bench", "token", "create", "a b", "--data", text(&data)], &["\"a b\"", "letters"]);
+    assert_fails(1, &["bench", "token", "revoke", "blue", "--data", text(&data)], &["no tokens in force"]);
+    assert_fails(2, &["bench", "token", "create", "a b", "--data", text(&data)], &["\"a b\"", "letters"]);
 }

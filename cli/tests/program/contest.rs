@@ -1,27 +1,27 @@
 //! An attempt at the benchmark from afar: lock-step, scored by the server, signed, verified by flying it again.
 
-use crate::common::{folder, good, json, text};
+use crate::common::{folder, json, stdout_of, text};
 use crate::net::{Client, Server, floats, le, request};
 use crazyflie_server::serve::Settings;
 use serde_json::{Value, json as object};
 
 const ENVS: usize = 24;
 
-struct Rig {
+struct TestSetup {
     server: Server,
     data: std::path::PathBuf,
     token: String,
 }
 
-fn rig(test: &str) -> Rig {
+fn setup(test: &str) -> TestSetup {
     let data = folder(test).join("bench.sqlite");
     let made = json(&["bench", "token", "create", "team-a", "--data", text(&data), "--json"]);
     let token = made["token"].as_str().unwrap().to_owned();
     let server = Server::start(Settings { data: Some(data.clone()), ..Settings::default() });
-    Rig { server, data, token }
+    TestSetup { server, data, token }
 }
 
-impl Rig {
+impl TestSetup {
     fn begin(&self, client: &mut Client, scenario: &str) -> Value {
         client.ask(&object!({"id": 1, "type": "benchmark", "scenario": scenario, "controller": "still", "token": self.token}))
     }
@@ -42,9 +42,9 @@ fn fly(client: &mut Client) -> u64 {
 
 #[test]
 fn an_attempt_from_afar_is_listed_and_confirmed() {
-    let rig = rig("contest-listed");
-    let mut client = rig.server.connect();
-    let begun = rig.begin(&mut client, "wind");
+    let setup = setup("contest-listed");
+    let mut client = setup.server.connect();
+    let begun = setup.begin(&mut client, "wind");
     assert_eq!((&begun["type"], &begun["num_envs"]), (&object!("begun"), &object!(ENVS)), "{begun}");
     assert_eq!(begun["observation"].as_array().unwrap().len(), ENVS);
     // too early, in the wrong length and of the wrong kind: the attempt goes on
@@ -62,45 +62,45 @@ fn an_attempt_from_afar_is_listed_and_confirmed() {
     let (id, score) = (done["attempt"]["id"].as_str().unwrap(), done["attempt"]["result"]["score"]["score"].as_f64().unwrap());
     println!("{ticks} ticks, score {score}");
     assert_eq!(begun["attempt"], done["attempt"]["id"]);
-    let board: Value = serde_json::from_str(&rig.server.get("/api/v1/leaderboard?scenario=wind")).unwrap();
+    let board: Value = serde_json::from_str(&setup.server.get("/api/v1/leaderboard?scenario=wind")).unwrap();
     assert_eq!((&board[0]["team"], &board[0]["controller"]), (&object!("team-a"), &object!("still")), "{board}");
-    assert!(good(&["bench", "verify", id, "--data", text(&rig.data)]).contains("confirmed"));
-    rig.server.stop();
+    assert!(stdout_of(&["bench", "verify", id, "--data", text(&setup.data)]).contains("confirmed"));
+    setup.server.stop();
 }
 
 #[test]
 fn what_is_not_finished_is_listed_as_abandoned() {
-    let rig = rig("contest-abandoned");
-    let mut client = rig.server.connect();
-    let begun = rig.begin(&mut client, "hover-aruco@1.0.0");
+    let setup = setup("contest-abandoned");
+    let mut client = setup.server.connect();
+    let begun = setup.begin(&mut client, "hover-aruco@1.0.0");
     drop(client);
     let path = format!("/api/v1/attempts/{}", begun["attempt"].as_str().unwrap());
-    let status = || serde_json::from_str::<Value>(&rig.server.get(&path)).unwrap()["status"].clone();
+    let status = || serde_json::from_str::<Value>(&setup.server.get(&path)).unwrap()["status"].clone();
     let began = std::time::Instant::now();
     while status() != "abandoned" {
         assert!(began.elapsed().as_secs() < 10, "still {}", status());
         std::thread::sleep(std::time::Duration::from_millis(20));
     }
     // finished before it is over: abandoned as well, and the connection lives on
-    let mut client = rig.server.connect();
-    rig.begin(&mut client, "wind");
+    let mut client = setup.server.connect();
+    setup.begin(&mut client, "wind");
     assert_eq!(client.ask(&object!({"id": 2, "type": "finish"}))["code"], "attempt_under_way");
     assert_eq!(client.ask(&object!({"id": 3, "type": "hello"}))["type"], "welcome");
-    rig.server.stop();
+    setup.server.stop();
 }
 
 #[test]
 fn who_has_no_token_is_told_so_and_who_asks_too_much_when_to_come_back() {
-    let rig = rig("contest-refused");
-    let mut client = rig.server.connect();
+    let setup = setup("contest-refused");
+    let mut client = setup.server.connect();
     let ask = |token: &str| object!({"id": 1, "type": "benchmark", "scenario": "wind", "controller": "x", "token": token});
     assert_eq!(client.ask(&ask("cft_00"))["code"], "bad_token");
-    let unknown = client.ask(&object!({"id": 2, "type": "benchmark", "scenario": "wnd", "controller": "x", "token": rig.token}));
+    let unknown = client.ask(&object!({"id": 2, "type": "benchmark", "scenario": "wnd", "controller": "x", "token": setup.token}));
     assert_eq!(unknown["code"], "unknown_scenario");
     let mut held: Vec<Client> = Vec::new();
     let refused = loop {
-        let mut another = rig.server.connect();
-        let answer = another.ask(&ask(&rig.token));
+        let mut another = setup.server.connect();
+        let answer = another.ask(&ask(&setup.token));
         held.push(another);
         if answer["type"] == "error" {
             break answer;
@@ -111,5 +111,5 @@ fn who_has_no_token_is_told_so_and_who_asks_too_much_when_to_come_back() {
     assert_eq!(refused["code"], "too_many_at_once");
     assert!(refused["retry_after_s"].as_u64().is_some());
     drop(held);
-    rig.server.stop();
+    setup.server.stop();
 }

@@ -1,13 +1,13 @@
 //! Controllers, their tuner and what they stand, from the command line.
 
-use crate::common::{bad, folder, good, json, text};
+use crate::common::{assert_fails, folder, json, stdout_of, text};
 use serde_json::Value;
 
 #[test]
 fn the_list_says_what_fly_and_submit_know() {
     let all = json(&["controllers", "--json"]);
     let names: Vec<&str> = all.as_array().unwrap().iter().map(|c| c["name"].as_str().unwrap()).collect();
-    let listed = good(&["controllers"]);
+    let listed = stdout_of(&["controllers"]);
     for name in &names {
         assert!(listed.contains(name), "{name}");
     }
@@ -15,17 +15,17 @@ fn the_list_says_what_fly_and_submit_know() {
         let flown = json(&["fly", "--controller", name, "--seconds", "1", "--json"]);
         assert_eq!(flown["setup"]["controller"], **name);
     }
-    bad(2, &["fly", "--controller", "lqx"], &["did you mean \"lqr\""]);
-    bad(2, &["fly", "--controller", "lqr", "--controller-options", "{\"position\": 1}"], &["controller lqr", "position"]);
-    bad(2, &["fly", "--controller", "lqr", "--controller-options", "{"], &["--controller-options is not JSON"]);
-    bad(2, &["bench", "submit", "--controller", "pid:nowhere.json"], &["nowhere.json"]);
+    assert_fails(2, &["fly", "--controller", "lqx"], &["did you mean \"lqr\""]);
+    assert_fails(2, &["fly", "--controller", "lqr", "--controller-options", "{\"position\": 1}"], &["controller lqr", "position"]);
+    assert_fails(2, &["fly", "--controller", "lqr", "--controller-options", "{"], &["--controller-options is not JSON"]);
+    assert_fails(2, &["bench", "submit", "--controller", "pid:nowhere.json"], &["nowhere.json"]);
 }
 
 #[test]
 fn a_controller_behind_the_filter_is_submitted_under_its_name() {
     let data = folder("filtered").join("bench.sqlite");
     let submit = |name: &str| {
-        let line = good(&["bench", "submit", "--controller", name, "--scenario", "hover-aruco", "--data", text(&data), "--json"]);
+        let line = stdout_of(&["bench", "submit", "--controller", name, "--scenario", "hover-aruco", "--data", text(&data), "--json"]);
         serde_json::from_str::<Value>(&line).unwrap()
     };
     let score = |document: &Value| document["result"]["score"]["score"].as_f64().unwrap();
@@ -39,8 +39,8 @@ fn a_controller_behind_the_filter_is_submitted_under_its_name() {
 fn the_tuner_explains_table_7_1_and_finds_better_gains_that_fly() {
     let folder = folder("tuned");
     let (gains, picture) = (folder.join("gains.json"), folder.join("steps.svg"));
-    let told = json(&["tune", "--out", text(&gains), "--picture", text(&picture), "--json"]);
-    let loops = told["loops"].as_array().unwrap();
+    let report = json(&["tune", "--out", text(&gains), "--picture", text(&picture), "--json"]);
+    let loops = report["loops"].as_array().unwrap();
     assert_eq!(loops.len(), 4);
     for l in loops {
         let number = |of: &str, part: &str, name: &str| l[of][part][name].as_f64();
@@ -105,5 +105,5 @@ fn robustness_flies_everything_under_every_condition() {
     assert!(of("thesis-pid", "nominal") > of("thesis-pid", "undeclared"), "what nobody was told of costs something");
     assert!(of("lqr", "undeclared") > of("thesis-pid", "undeclared"));
     assert_eq!(json(&args), Value::Array(lines.clone()), "the same seeds, the same figures");
-    bad(2, &["bench", "robustness", "--scenarios", "mystery"], &["unknown scenario", "hover-aruco"]);
+    assert_fails(2, &["bench", "robustness", "--scenarios", "mystery"], &["unknown scenario", "hover-aruco"]);
 }

@@ -56,7 +56,7 @@ fn what_cannot_be_compared_is_said() {
     let found = diagnosis(&two, &["motor_data/cut_propeller_M3_2mm"]);
     assert_eq!(found["verdict"], "too_few", "{found}");
     let file = data("crazypad/motor_data/normal_flight/E8_log00");
-    crate::common::bad(1, &["diagnose", "--normal", &file, "--suspect", &file], &["same flight"]);
+    crate::common::assert_fails(1, &["diagnose", "--normal", &file, "--suspect", &file], &["same flight"]);
 }
 
 /// From the motors alone, half a second ahead: better than going on as before, on a flight that the fit has not seen.

@@ -2,10 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::common::{bad, folder, good, json, shared, text};
+use crate::common::{assert_fails, folder, json, recordings, stdout_of, text};
 use serde_json::Value;
 
-/// What makes a simulated flight like a measured one: sensors that are not perfect.
+/// Effects of imperfect sensors, which make a simulated flight like a measured one.
 const SENSORS: [&str; 3] = ["camera_noise.xy_m=0.004", "camera_noise.z_m=0.006", "gyro_bias.angle_noise_deg=0.2"];
 
 /// Two flights of a vehicle that the thesis's model declares but for some effects.
@@ -24,14 +24,14 @@ fn fly_for(seconds: &str, folder: &Path, vertical: &str, period_s: u32, effects:
         let mut args = vec!["fly", "--task", "track", "--task-options", &options, "--vertical", vertical, "--seconds", seconds];
         args.extend(["--seed", seed, "--csv", text(&log)]);
         args.extend(SENSORS.iter().chain(effects).flat_map(|e| ["--effects", e]));
-        good(&args);
+        stdout_of(&args);
         log
     })
 }
 
 fn thesis(folder: &Path) -> PathBuf {
     let model = folder.join("thesis.toml");
-    std::fs::write(&model, good(&["model", "--show"])).unwrap();
+    std::fs::write(&model, stdout_of(&["model", "--show"])).unwrap();
     model
 }
 
@@ -58,7 +58,7 @@ fn a_hidden_drag_is_found_and_written_down() {
     assert_eq!(written, found);
     let model = std::fs::read_to_string(out.join("model.toml")).unwrap();
     assert!(model.contains("[effects.drag_linear") && model.contains("estimated on a.csv"), "{model}");
-    good(&["fly", "--model", text(&out.join("model.toml")), "--vertical", "thrust", "--seconds", "3"]);
+    stdout_of(&["fly", "--model", text(&out.join("model.toml")), "--vertical", "thrust", "--seconds", "3"]);
     page(&std::fs::read_to_string(out.join("report.html")).unwrap());
 }
 
@@ -127,9 +127,11 @@ fn page_object_and_model_hold_the_same_values_and_every_flight_is_named() {
     std::fs::create_dir(folder.join("elsewhere")).unwrap();
     let options = "{\"shape\": \"figure_eight\", \"period_s\": 5}";
     let again = ["fly", "--task", "track", "--task-options", options, "--vertical", "thrust", "--seconds", "12", "--seed", "9"];
-    good(&[&again[..], &["--csv", text(&other), "--effects", "drag_linear=0.4"], &SENSORS.map(|s| ["--effects", s]).concat()].concat());
+    stdout_of(
+        &[&again[..], &["--csv", text(&other), "--effects", "drag_linear=0.4"], &SENSORS.map(|s| ["--effects", s]).concat()].concat(),
+    );
     let (model, out) = (thesis(&folder), folder.join("out"));
-    let printed = good(&["explain", text(&model), "--fit", text(&fit), "--test", text(&test), text(&other), "--out", text(&out)]);
+    let printed = stdout_of(&["explain", text(&model), "--fit", text(&fit), "--test", text(&test), text(&other), "--out", text(&out)]);
     same_values(&out);
     let (html, object) = written(&out);
     // two files of one name are told apart by their paths
@@ -152,12 +154,13 @@ fn page_object_and_model_hold_the_same_values_and_every_flight_is_named() {
 #[test]
 fn a_recorded_flight_of_another_vehicle_is_told_first() {
     let name = "a_recorded_flight_of_another_vehicle_is_told_first";
-    let Some(flights) = shared(name, "nanobench") else { return };
+    let Some(flights) = recordings(name, "nanobench") else { return };
     let [fit, test] = ["B8_star_slow_rep1.csv.gz", "B2_circle_slow_rep2.csv.gz"].map(|file| flights.join(file));
     let folder = folder("explain_foreign");
     for vertical in ["thrust", "pwm"] {
         let out = folder.join(vertical);
-        let printed = good(&["explain", "thesis", "--vertical", vertical, "--fit", text(&fit), "--test", text(&test), "--out", text(&out)]);
+        let printed =
+            stdout_of(&["explain", "thesis", "--vertical", vertical, "--fit", text(&fit), "--test", text(&test), "--out", text(&out)]);
         let first = printed.lines().take(3).collect::<Vec<_>>();
         let command = format!("crazyflie identify --fit {} --out mine.toml", fit.display());
         assert!(first[0].contains("The numbers of the model thesis are not this vehicle's") && first[1].trim() == command, "{printed}");
@@ -293,7 +296,11 @@ fn of_two_forms_for_the_pwm_the_one_that_flew_is_taken() {
     let out = folder.join("other");
     let other = json(&["explain", "thesis", "--vertical", "thrust", "--fit", fit, "--test", test, "--out", text(&out), "--json"]);
     assert_eq!((&other["verdict"], &other["vertical"]), (&"unexplained".into(), &"thrust".into()), "{other}");
-    bad(1, &["explain", "thesis", "--vertical", "height", "--fit", fit, "--test", test, "--out", text(&out)], &["a.csv", "height command"]);
+    assert_fails(
+        1,
+        &["explain", "thesis", "--vertical", "height", "--fit", fit, "--test", test, "--out", text(&out)],
+        &["a.csv", "height command"],
+    );
 }
 
 /// Far from the marker fixes scatter ten times as much as over it: no structure of the vehicle.
@@ -310,39 +317,43 @@ fn what_cannot_be_explained_is_refused_with_a_reason() {
     let folder = folder("explain_bad");
     let model = thesis(&folder);
     let log = folder.join("flight.csv");
-    good(&["fly", "--task", "track", "--seconds", "4", "--csv", text(&log)]);
+    stdout_of(&["fly", "--task", "track", "--seconds", "4", "--csv", text(&log)]);
     let copy = folder.join("copy.csv");
     std::fs::copy(&log, &copy).unwrap();
     let junk = folder.join("junk.csv");
     std::fs::write(&junk, "a,b\n1,2\n").unwrap();
     let (m, l, out) = (text(&model), text(&log), folder.join("out"));
-    bad(2, &["explain", m, "--fit", l, "--out", text(&out)], &["--test", "errors are only honest on flights the fit never saw"]);
-    bad(2, &["explain", m, "--test", l, "--out", text(&out)], &["--fit"]);
-    bad(2, &["explain", m, "--fit", l, "--test", l], &["--out"]);
-    bad(1, &["explain", m, "--fit", l, "--test", text(&copy), "--out", text(&out)], &["flight.csv", "copy.csv", "the same flight"]);
-    bad(1, &["explain", m, "--fit", text(&junk), "--test", l, "--out", text(&out)], &["junk.csv", "no known log format"]);
-    bad(1, &["explain", m, "--fit", "no/such.csv", "--test", l, "--out", text(&out)], &["no/such.csv", "No such file"]);
-    bad(1, &["explain", l, "--fit", l, "--test", l, "--out", text(&out)], &["flight.csv", "not a model", "line 1"]);
-    bad(1, &["explain", "no/model.toml", "--fit", l, "--test", l, "--out", text(&out)], &["no/model.toml", "No such file"]);
+    assert_fails(2, &["explain", m, "--fit", l, "--out", text(&out)], &["--test", "errors are only honest on flights the fit never saw"]);
+    assert_fails(2, &["explain", m, "--test", l, "--out", text(&out)], &["--fit"]);
+    assert_fails(2, &["explain", m, "--fit", l, "--test", l], &["--out"]);
+    assert_fails(
+        1,
+        &["explain", m, "--fit", l, "--test", text(&copy), "--out", text(&out)],
+        &["flight.csv", "copy.csv", "the same flight"],
+    );
+    assert_fails(1, &["explain", m, "--fit", text(&junk), "--test", l, "--out", text(&out)], &["junk.csv", "no known log format"]);
+    assert_fails(1, &["explain", m, "--fit", "no/such.csv", "--test", l, "--out", text(&out)], &["no/such.csv", "No such file"]);
+    assert_fails(1, &["explain", l, "--fit", l, "--test", l, "--out", text(&out)], &["flight.csv", "not a model", "line 1"]);
+    assert_fails(1, &["explain", "no/model.toml", "--fit", l, "--test", l, "--out", text(&out)], &["no/model.toml", "No such file"]);
     let case = folder.join("d00.json");
     std::fs::write(&case, "{\"declared_model\": 3}").unwrap();
-    bad(1, &["explain", text(&case), "--out", text(&out)], &["d00.json", "not a case file"]);
+    assert_fails(1, &["explain", text(&case), "--out", text(&out)], &["d00.json", "not a case file"]);
     assert!(!out.exists(), "nothing is written before it is known");
 }
 
 #[test]
 fn scores_need_cases() {
     let folder = folder("score_bad");
-    bad(1, &["explain-bench", text(&folder)], &["holds no case files"]);
-    bad(1, &["explain-bench", "no/such"], &["no/such"]);
+    assert_fails(1, &["explain-bench", text(&folder)], &["holds no case files"]);
+    assert_fails(1, &["explain-bench", "no/such"], &["no/such"]);
     std::fs::write(folder.join("d07.json"), "{}").unwrap();
-    bad(2, &["explain-bench", text(&folder), "--only", "d70"], &["unknown case \"d70\"", "did you mean \"d07\""]);
-    bad(1, &["explain-bench", text(&folder)], &["d07.json", "not a case file"]);
+    assert_fails(2, &["explain-bench", text(&folder), "--only", "d70"], &["unknown case \"d70\"", "did you mean \"d07\""]);
+    assert_fails(1, &["explain-bench", text(&folder)], &["d07.json", "not a case file"]);
 }
 
 #[test]
 fn two_cases_are_scored() {
-    let Some(folder) = shared("two_cases_are_scored", "hidden_effects") else { return };
+    let Some(folder) = recordings("two_cases_are_scored", "hidden_effects") else { return };
     let scored = json(&["explain-bench", text(&folder), "--only", "d00,d21", "--json"]);
     let [null, deadband] = &scored["cases"].as_array().unwrap()[..] else { panic!("{scored}") };
     assert_eq!((&null["case"], &null["score"]["group"]), (&"d00".into(), &"null".into()));

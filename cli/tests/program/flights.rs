@@ -1,6 +1,6 @@
 //! Flights: figures, determinism, and the way through a log and back.
 
-use crate::common::{bad, folder, good, json, shared, text};
+use crate::common::{assert_fails, folder, json, recordings, stdout_of, text};
 use serde_json::Value;
 
 /// Fits in percent of the first run of a replay, by signal.
@@ -16,7 +16,7 @@ fn the_same_seed_gives_the_same_bytes() {
         let files = [".csv", ".svg", ".3d.svg"].map(|ending| folder.join(format!("{name}{ending}")));
         let [csv, svg, path] = &files;
         let more = [seed, "--csv", text(csv), "--picture", text(svg), "--picture3d", text(path)];
-        let out = good(&[&args[..], &more].concat());
+        let out = stdout_of(&[&args[..], &more].concat());
         (out, files.map(|file| std::fs::read(file).unwrap()))
     };
     let (first, second, other) = (fly("7", "a"), fly("7", "b"), fly("8", "c"));
@@ -32,7 +32,7 @@ fn a_run_of_a_batch_is_the_run_alone() {
     for (i, seed) in [(0, "3"), (17, "20"), (69, "72")] {
         assert_eq!(batch["runs"][i], of(seed, "1")["runs"][0], "seed {seed}");
     }
-    let table = good(&["fly", "--runs", "5", "--seconds", "3"]);
+    let table = stdout_of(&["fly", "--runs", "5", "--seconds", "3"]);
     assert!(table.contains("5 flights: median (first to third quartile)") && table.contains("crashed: 0 of 5"), "{table}");
 }
 
@@ -45,7 +45,7 @@ fn a_flight_replayed_on_its_own_model_fits() {
         // turned a little, so that every axis has something to do
         let options =
             if task == "fly-80cm" { "{\"start_m\": [0.8, -0.3, 0.6], \"setpoint_yaw_deg\": 30, \"start_yaw_deg\": 20}" } else { "null" };
-        good(&["fly", "--task", task, "--task-options", options, "--vertical", form, "--csv", text(&log)]);
+        stdout_of(&["fly", "--task", task, "--task-options", options, "--vertical", form, "--csv", text(&log)]);
         let back = json(&["replay", text(&log), "--vertical", form, "--json"]);
         for signal in ["roll", "pitch", "z", "vx", "vy", "x", "y"] {
             let signals = &back["logs"][0]["runs"][0]["signals"][signal];
@@ -62,8 +62,8 @@ fn a_flight_written_as_mcap_replays_as_its_csv() {
     let folder = folder("mcap");
     let logs = ["flight.csv", "flight.mcap"].map(|name| folder.join(name));
     let [csv, mcap] = logs.each_ref().map(|log| {
-        good(&["fly", "--task", "fly-80cm", "--seconds", "5", "--sensors", "lab", "--csv", text(log)]);
-        good(&["replay", text(log)])
+        stdout_of(&["fly", "--task", "fly-80cm", "--seconds", "5", "--sensors", "lab", "--csv", text(log)]);
+        stdout_of(&["replay", text(log)])
     });
     assert!(std::fs::read(&logs[1]).unwrap().starts_with(b"\x89MCAP0"));
     assert_eq!(mcap.replace("flight.mcap", "flight.csv"), csv);
@@ -73,7 +73,7 @@ fn a_flight_written_as_mcap_replays_as_its_csv() {
 fn the_csv_has_a_fix_only_where_a_frame_arrived() {
     let folder = folder("fixes");
     let log = folder.join("flight.csv");
-    good(&["fly", "--task", "hover-70cm", "--seconds", "10", "--sensors", "lab", "--csv", text(&log)]);
+    stdout_of(&["fly", "--task", "hover-70cm", "--seconds", "10", "--sensors", "lab", "--csv", text(&log)]);
     let content = std::fs::read_to_string(&log).unwrap();
     let mut lines = content.lines();
     let header: Vec<&str> = lines.next().unwrap().split(',').collect();
@@ -103,7 +103,7 @@ fn the_whole_flight_of_the_thesis_is_flown() {
 
 #[test]
 fn a_derived_velocity_and_a_model_of_ones_own() {
-    let Some(folder) = shared("a_derived_velocity_and_a_model_of_ones_own", "hidden_effects") else { return };
+    let Some(folder) = recordings("a_derived_velocity_and_a_model_of_ones_own", "hidden_effects") else { return };
     let log = folder.join("d00_a.csv.gz");
     let back = json(&["replay", text(&log), "--hover-pwm", "auto", "--horizon", "2", "--json"]);
     let remarks = back["logs"][0]["runs"][0]["remarks"].to_string();
@@ -113,7 +113,7 @@ fn a_derived_velocity_and_a_model_of_ones_own() {
 
 #[test]
 fn every_nanobench_flight_is_replayed_as_published() {
-    let Some(folder) = shared("every_nanobench_flight_is_replayed_as_published", "nanobench") else { return };
+    let Some(folder) = recordings("every_nanobench_flight_is_replayed_as_published", "nanobench") else { return };
     let mut files: Vec<_> =
         std::fs::read_dir(folder).unwrap().map(|f| f.unwrap().path()).filter(|f| f.extension().is_some_and(|e| e == "gz")).collect();
     files.sort();
@@ -121,7 +121,7 @@ fn every_nanobench_flight_is_replayed_as_published() {
     let without_commands = ["B9_trefoil_medium_rep10", "B9_trefoil_slow_rep12"];
     for file in &files {
         if without_commands.iter().any(|name| text(file).contains(name)) {
-            bad(1, &["replay", text(file)], &[text(file), "the log holds no commands"]);
+            assert_fails(1, &["replay", text(file)], &[text(file), "the log holds no commands"]);
             continue;
         }
         for more in [&[][..], &["--hover-pwm", "auto"], &["--measured-yaw-rate"]] {
@@ -132,8 +132,8 @@ fn every_nanobench_flight_is_replayed_as_published() {
     }
     // all at once: the good ones are reported, the exit code tells of the two others
     let all: Vec<&str> = ["replay"].into_iter().chain(files.iter().map(|f| text(f))).collect();
-    let ran = crate::common::run(&all);
-    assert!(ran.code == 1 && ran.out.contains("median of 16 flights") && ran.err.contains("2 of 18 logs"), "{}", ran.err);
+    let program = crate::common::run(&all);
+    assert!(program.code == 1 && program.out.contains("median of 16 flights") && program.err.contains("2 of 18 logs"), "{}", program.err);
 }
 
 #[test]
@@ -159,12 +159,12 @@ fn several_drones_swap_places_unless_nothing_keeps_them_apart() {
     assert!(apart["setup"]["effects"]["downwash"].is_number(), "{}", apart["setup"]);
     for drone in 0..5 {
         let log = folder.join(format!("swap-{drone}.csv"));
-        good(&["replay", text(&log)]);
+        stdout_of(&["replay", text(&log)]);
     }
     assert!([svg, path].iter().all(|file| std::fs::read_to_string(file).unwrap().contains("drone 4")));
     assert!(json(&flight)["runs"][0]["metrics"]["collisions"].as_f64().unwrap() > 0.0);
-    let advice = good(&["fly", "--task", "swap", "--runs", "3"]);
+    let advice = stdout_of(&["fly", "--task", "swap", "--runs", "3"]);
     assert!(advice.contains("3 flights: median") && advice.contains("--collision-avoidance puts a layer"), "{advice}");
-    bad(2, &["fly", "--collision-avoidance"], &["for tasks of several drones"]);
-    bad(2, &["fly", "--task", "swap", "--drones", "65"], &["drones is 65"]);
+    assert_fails(2, &["fly", "--collision-avoidance"], &["for tasks of several drones"]);
+    assert_fails(2, &["fly", "--task", "swap", "--drones", "65"], &["drones is 65"]);
 }

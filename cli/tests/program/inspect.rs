@@ -3,11 +3,11 @@
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-use crate::common::{bad, folder, good, json, text};
+use crate::common::{assert_fails, folder, json, stdout_of, text};
 
 fn flight(folder: &Path) -> PathBuf {
     let file = folder.join("flight.csv");
-    good(&[
+    stdout_of(&[
         "fly",
         "--task",
         "track",
@@ -29,8 +29,8 @@ fn flight(folder: &Path) -> PathBuf {
 fn a_simulated_flight_suffices_and_its_signs_agree() {
     let folder = folder("inspect");
     let (file, svg) = (flight(&folder), folder.join("look.svg"));
-    let said = json(&["inspect", text(&file), "--picture", text(&svg), "--json"]);
-    let log = &said["logs"][0]["inspection"];
+    let output = json(&["inspect", text(&file), "--picture", text(&svg), "--json"]);
+    let log = &output["logs"][0]["inspection"];
     assert_eq!((&log["provenance"]["format"], &log["provenance"]["position"]), (&"project_csv".into(), &"camera".into()));
     let signs = log["signs"].as_array().unwrap();
     for channel in ["pitch", "roll", "cmd_pitch", "cmd_roll", "acc_z"] {
@@ -43,7 +43,7 @@ fn a_simulated_flight_suffices_and_its_signs_agree() {
         "{needs:?}"
     );
     assert!(std::fs::read_to_string(&svg).unwrap().contains("pitch (deg)"));
-    let words = good(&["inspect", text(&file)]);
+    let words = stdout_of(&["inspect", text(&file)]);
     for part in ["a project CSV", "position: camera", "cmd_thrust", "bandwidth", "agrees", "explain   suffices", "diagnose  lacks"] {
         assert!(words.contains(part), "{part}: {words}");
     }
@@ -73,17 +73,17 @@ fn an_unknown_csv_is_drafted_and_then_read_by_every_command() {
     }
     let (file, mapping) = (folder.join("lab.csv"), folder.join("lab.mapping.toml"));
     std::fs::write(&file, csv).unwrap();
-    bad(1, &["replay", text(&file)], &["lab.csv", "a mapping file can tell", "crazyflie inspect"]);
-    let drafted = good(&["inspect", text(&file)]);
+    assert_fails(1, &["replay", text(&file)], &["lab.csv", "a mapping file can tell", "crazyflie inspect"]);
+    let drafted = stdout_of(&["inspect", text(&file)]);
     assert!(drafted.contains("by a draft of a mapping"), "{drafted}");
-    good(&["inspect", text(&file), "--mapping-out", text(&mapping)]);
+    stdout_of(&["inspect", text(&file), "--mapping-out", text(&mapping)]);
     let draft = std::fs::read_to_string(&mapping).unwrap();
     assert!(draft.contains("cmd_pitch = { column = \"pitch_ref\", unit = \"deg\" }"), "{draft}");
-    let read = good(&["inspect", text(&file)]);
+    let read = stdout_of(&["inspect", text(&file)]);
     assert!(read.contains("a CSV read by a mapping file") && !read.contains("by a draft"), "{read}");
-    assert!(good(&["replay", text(&file), "--horizon", "2", "--vertical", "thrust"]).contains("pitch"));
+    assert!(stdout_of(&["replay", text(&file), "--horizon", "2", "--vertical", "thrust"]).contains("pitch"));
     std::fs::write(&mapping, draft.replace("\"deg\"", "\"degg\"")).unwrap();
-    bad(1, &["replay", text(&file)], &["lab.mapping.toml, line", "degg", "did you mean \"deg\""]);
+    assert_fails(1, &["replay", text(&file)], &["lab.mapping.toml, line", "degg", "did you mean \"deg\""]);
 }
 
 #[test]
@@ -91,8 +91,8 @@ fn what_cannot_be_inspected_is_said() {
     let folder = folder("inspect-bad");
     let file = folder.join("notes.csv");
     std::fs::write(&file, "name,price\napple,3\n").unwrap();
-    bad(1, &["inspect", text(&file)], &["notes.csv", "no known log format", "--mapping-out"]);
-    bad(1, &["inspect", "no/such.csv"], &["no/such.csv"]);
-    bad(2, &["inspect", "a.csv", "b.csv", "--mapping-out", "x.toml"], &["one file"]);
-    bad(2, &["inspect", "a.csv", "b.csv", "--picture", "x.svg"], &["name a folder"]);
+    assert_fails(1, &["inspect", text(&file)], &["notes.csv", "no known log format", "--mapping-out"]);
+    assert_fails(1, &["inspect", "no/such.csv"], &["no/such.csv"]);
+    assert_fails(2, &["inspect", "a.csv", "b.csv", "--mapping-out", "x.toml"], &["one file"]);
+    assert_fails(2, &["inspect", "a.csv", "b.csv", "--picture", "x.svg"], &["name a folder"]);
 }

@@ -1,4 +1,4 @@
-//! What one client may cost, and that others do not pay for it. Prints its figures.
+//! Limits of one client: others do not pay for it. Prints its figures.
 
 use std::io::{Read, Write};
 use std::net::TcpStream;
@@ -6,11 +6,11 @@ use std::time::{Duration, Instant};
 
 use crate::net::{Client, Server, eventually, le, request};
 use crate::process::Process;
-use crazyflie_server::serve::{End, Limits, Settings};
+use crazyflie_server::serve::{Limits, SessionEnd, Settings};
 use serde_json::json;
 use tungstenite::Message;
 
-fn limited(limits: Limits) -> Settings {
+fn settings_with(limits: Limits) -> Settings {
     Settings { limits, ..Settings::default() }
 }
 
@@ -46,7 +46,7 @@ fn messages_beyond_the_cap_are_answered_with_1009() {
 #[test]
 fn half_open_sockets_are_closed_and_hinder_nobody() {
     more_descriptors();
-    let server = Server::start(limited(Limits { handshake_timeout: Duration::from_secs(5), ..Limits::default() }));
+    let server = Server::start(settings_with(Limits { handshake_timeout: Duration::from_secs(5), ..Limits::default() }));
     let heads = ["", "G", "GET /ws HTTP/1.1\r\n", "GET /ws HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\n"];
     let mut half: Vec<(TcpStream, Instant)> = (0..200)
         .map(|i| {
@@ -74,7 +74,7 @@ fn half_open_sockets_are_closed_and_hinder_nobody() {
 #[test]
 fn silence_is_pinged_and_then_closed() {
     let (ping_after, idle_timeout) = (Duration::from_millis(150), Duration::from_millis(600));
-    let server = Server::start(limited(Limits { ping_after, idle_timeout, ..Limits::default() }));
+    let server = Server::start(settings_with(Limits { ping_after, idle_timeout, ..Limits::default() }));
     // answers pings, because it reads; has nothing to say for much longer than the limit
     let mut alive = server.connect();
     make(&mut alive, 1);
@@ -96,7 +96,7 @@ fn silence_is_pinged_and_then_closed() {
 
 #[test]
 fn connections_are_capped_by_address_and_by_token() {
-    let server = Server::start(limited(Limits { connections_per_address: 6, connections_per_token: 2, ..Limits::default() }));
+    let server = Server::start(settings_with(Limits { connections_per_address: 6, connections_per_token: 2, ..Limits::default() }));
     let hello = json!({"id": 1, "type": "hello", "token": "team secret"});
     let mut clients: Vec<Client> = (0..6).map(|_| server.connect()).collect();
     assert_eq!(clients[0].ask(&hello)["type"], "welcome");
@@ -120,7 +120,7 @@ fn connections_are_capped_by_address_and_by_token() {
 
 #[test]
 fn environments_are_capped() {
-    let server = Server::start(limited(Limits { envs: 100, ..Limits::default() }));
+    let server = Server::start(settings_with(Limits { envs: 100, ..Limits::default() }));
     let (mut a, mut b) = (server.connect(), server.connect());
     make(&mut a, 60);
     assert_eq!(b.ask(&json!({"id": 1, "type": "make", "num_envs": 50}))["code"], "too_many");
@@ -159,7 +159,7 @@ fn who_never_reads_is_cheap() {
 
 #[test]
 fn who_never_reads_is_closed() {
-    let server = Server::start(limited(Limits { write_timeout: Duration::from_millis(400), ..Limits::default() }));
+    let server = Server::start(settings_with(Limits { write_timeout: Duration::from_millis(400), ..Limits::default() }));
     let mut lazy = server.connect();
     make(&mut lazy, 4096);
     lazy.ws.get_mut().set_write_timeout(Some(Duration::from_secs(3))).unwrap();
@@ -167,7 +167,7 @@ fn who_never_reads_is_closed() {
     let refused = (3..5000).find(|id| lazy.ws.send(step(*id)).is_err());
     assert!(refused.is_some(), "5000 requests and no end");
     eventually("it is closed", 5.0, || server.metric("crazyflie_connections_refused_total{reason=\"stalled\"}") == 1.0);
-    assert_eq!(server.stop().ended[&End::Stopped], 1, "the session waited to be resumed");
+    assert_eq!(server.stop().ended[&SessionEnd::Stopped], 1, "the session waited to be resumed");
 }
 
 #[test]

@@ -1,6 +1,5 @@
 //! The program `crazyflie`, run as a user runs it, in one program: it links once.
 
-mod afar;
 mod benchmark;
 mod common;
 mod contest;
@@ -19,6 +18,7 @@ mod measured;
 mod net;
 mod process;
 mod recorded;
+mod remote_submit;
 mod score;
 mod scorecard;
 #[path = "../../../server/tests/network/secrets.rs"]

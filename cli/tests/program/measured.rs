@@ -1,11 +1,11 @@
 //! `crazyflie report recorded` on a few of the recorded flights.
 
-use crate::common::{json, shared};
+use crate::common::{json, recordings};
 
 /// Two flights are fitted, one is predicted: the 2 s velocity error falls at least seven times.
 #[test]
 fn the_velocity_error_falls_seven_times() {
-    let Some(folder) = shared("the_velocity_error_falls_seven_times", "nanobench") else { return };
+    let Some(folder) = recordings("the_velocity_error_falls_seven_times", "nanobench") else { return };
     let data = folder.parent().unwrap().display().to_string();
     let story = json(&["report", "recorded", &data, "--quick", "--json"]);
     assert_eq!(story["test"].as_array().unwrap().len(), 1, "{story}");
@@ -20,7 +20,7 @@ fn the_velocity_error_falls_seven_times() {
     let (before, after) = (distance("thesis"), distance("explained"));
     println!("closed loop: {before:.3} m from the measured flight on the thesis model, {after:.3} m explained");
     assert!(after < 0.5 * before, "{before} {after}");
-    if shared("the_velocity_error_falls_seven_times", "crazypad").is_some() {
+    if recordings("the_velocity_error_falls_seven_times", "crazypad").is_some() {
         let verdict = |i: usize| story["planted"][i]["diagnosis"]["verdict"].as_str().unwrap();
         assert_eq!([verdict(0), verdict(1), verdict(2)], ["added_weight", "weak_motor", "nothing"], "{}", story["planted"]);
     }

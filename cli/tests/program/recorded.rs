@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::common::{folder, good, json, text};
+use crate::common::{folder, json, stdout_of, text};
 use serde_json::Value;
 
 /// Sideways and vertical velocity, roll and pitch: what nothing may make worse.
@@ -53,10 +53,10 @@ fn worst_ratio(found: &Value) -> f64 {
 fn of_a_foreign_model_it_is_said_first_that_its_numbers_are_not_this_vehicles() {
     let folder = folder("explain_foreign");
     let (fit, test) = (cuts(&["B3_figure8_fast_rep1", "B8_star_fast_rep1", "B8_star_medium_rep1"]), cuts(&["B3_figure8_slow_rep1"]));
-    let said = good(&args("thesis", &fit, &test, text(&folder.join("out"))));
+    let output = stdout_of(&args("thesis", &fit, &test, text(&folder.join("out"))));
     assert!(
-        said.starts_with("The numbers of the model thesis are not this vehicle's") && said.contains("crazyflie identify --fit"),
-        "{said}"
+        output.starts_with("The numbers of the model thesis are not this vehicle's") && output.contains("crazyflie identify --fit"),
+        "{output}"
     );
     let found = explain("thesis", &fit, &test, &folder.join("json"));
     assert!(found["foreign_model"].is_object());
@@ -79,7 +79,7 @@ fn what_an_identified_model_holds_is_confirmed_and_not_found_again() {
     let model = folder.join("mine.toml");
     let mut identify = vec!["identify", "--mass", "0.034", "--out", text(&model), "--fit"];
     identify.extend(fit.iter().map(|path| text(path)));
-    good(&identify);
+    stdout_of(&identify);
     let found = explain(text(&model), &fit, &test, &folder.join("out"));
     assert_eq!(found["verdict"], "nothing_missing", "{found}");
     assert!(names(&found, "confirmed").contains(&"drag_linear".to_owned()) && found["foreign_model"].is_null(), "{found}");
@@ -118,7 +118,7 @@ fn of_normal_flights_nothing_is_missing_and_the_model_stays_as_it_is() {
     let model = folder.join("normal.toml");
     let mut identify = vec!["identify", "--out", text(&model), "--fit"];
     identify.extend(fit.iter().map(|path| text(path)));
-    good(&identify);
+    stdout_of(&identify);
     let found = explain(text(&model), fit, test, &folder.join("out"));
     assert_eq!(found["verdict"], "nothing_missing", "{found}");
     assert_eq!(worst_ratio(&found), 1.0);

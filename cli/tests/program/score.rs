@@ -5,7 +5,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::common::{bad, folder, good, json, run, text};
+use crate::common::{assert_fails, folder, json, run, stdout_of, text};
 use serde_json::Value;
 
 fn committed() -> PathBuf {
@@ -25,8 +25,8 @@ fn copy_case(test: &str, id: &str) -> PathBuf {
 #[test]
 fn the_committed_cases_are_answered_as_the_readme_says() {
     let saved = folder("score_committed").join("results.json");
-    let ran = run(&["explain-bench", text(&committed()), "--oracle", "--json", text(&saved)]);
-    assert_eq!(ran.code, 0, "{}", ran.err);
+    let program = run(&["explain-bench", text(&committed()), "--oracle", "--json", text(&saved)]);
+    assert_eq!(program.code, 0, "{}", program.err);
     let results: Value = serde_json::from_str(&std::fs::read_to_string(&saved).unwrap()).unwrap();
     let cases = results["cases"].as_array().unwrap();
     assert!(cases.len() >= 8, "the set is there");
@@ -52,7 +52,7 @@ fn the_committed_cases_are_answered_as_the_readme_says() {
     assert_eq!(known, cases.len());
     assert!(results["totals"]["all"]["named"]["ok"].as_u64().unwrap() as usize == cases.len());
     // the page is made of what was saved, and the README holds its table of groups
-    let page = good(&["explain-bench", "--from", text(&saved), "--markdown"]);
+    let page = stdout_of(&["explain-bench", "--from", text(&saved), "--markdown"]);
     assert!(page.contains("## cases: ") && page.contains("A trial run"), "{page}");
     let readme = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("../README.md")).unwrap();
     for group in rates["groups"].as_array().unwrap() {
@@ -65,21 +65,21 @@ fn the_committed_cases_are_answered_as_the_readme_says() {
 fn a_set_that_is_not_whole_is_refused_before_anything_runs() {
     let without_answer = copy_case("score_no_answer", "d00");
     std::fs::remove_file(without_answer.join("d00.answer.json")).unwrap();
-    bad(1, &["explain-bench", text(&without_answer)], &["d00.answer.json", "cannot be read", "needs its answer"]);
+    assert_fails(1, &["explain-bench", text(&without_answer)], &["d00.answer.json", "cannot be read", "needs its answer"]);
 
     let cut = copy_case("score_cut", "d00");
     let flight = cut.join("d00_b.csv.gz");
     let bytes = std::fs::read(&flight).unwrap();
     std::fs::write(&flight, &bytes[..bytes.len() / 2]).unwrap();
-    bad(1, &["explain-bench", text(&cut)], &["d00_b.csv.gz", "d00 is cut short"]);
+    assert_fails(1, &["explain-bench", text(&cut)], &["d00_b.csv.gz", "d00 is cut short"]);
 
     let without_flight = copy_case("score_no_flight", "d00");
     std::fs::remove_file(without_flight.join("d00_a.csv.gz")).unwrap();
-    bad(1, &["explain-bench", text(&without_flight)], &["d00_a.csv.gz", "the flight of d00 cannot be read"]);
+    assert_fails(1, &["explain-bench", text(&without_flight)], &["d00_a.csv.gz", "the flight of d00 cannot be read"]);
 
     let odd = copy_case("score_odd", "d00");
     std::fs::write(odd.join("d00.answer.json"), "{\"group\": \"single\", \"tier\": \"t\", \"effects\": [], \"benign\": []}").unwrap();
-    bad(1, &["explain-bench", text(&odd)], &["d00.answer.json", "a single case hides one effect, not 0"]);
+    assert_fails(1, &["explain-bench", text(&odd)], &["d00.answer.json", "a single case hides one effect, not 0"]);
 }
 
 #[test]
@@ -99,10 +99,10 @@ fn saved_results_must_be_results() {
     let folder = folder("score_from");
     let file = folder.join("r.json");
     std::fs::write(&file, "{\"cases\": [\n3]}").unwrap();
-    bad(1, &["explain-bench", "--from", text(&file)], &["r.json, line 2", "not the results"]);
-    bad(1, &["explain-bench", "--from", "no/such.json"], &["no/such.json", "cannot be read"]);
-    bad(2, &["explain-bench"], &["<FOLDER>"]);
-    bad(2, &["explain-bench", "x", "--from", text(&file)], &["cannot be used with"]);
-    bad(2, &["explain-bench", "x", "--json", "--markdown"], &["name a file"]);
-    bad(2, &["explain-bench", "x", "--jobs", "0"], &["1..=1024"]);
+    assert_fails(1, &["explain-bench", "--from", text(&file)], &["r.json, line 2", "not the results"]);
+    assert_fails(1, &["explain-bench", "--from", "no/such.json"], &["no/such.json", "cannot be read"]);
+    assert_fails(2, &["explain-bench"], &["<FOLDER>"]);
+    assert_fails(2, &["explain-bench", "x", "--from", text(&file)], &["cannot be used with"]);
+    assert_fails(2, &["explain-bench", "x", "--json", "--markdown"], &["name a file"]);
+    assert_fails(2, &["explain-bench", "x", "--jobs", "0"], &["1..=1024"]);
 }

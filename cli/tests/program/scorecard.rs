@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::common::{folder, good, json};
+use crate::common::{folder, json, stdout_of};
 
 #[test]
 fn the_readme_holds_what_the_program_prints() {
@@ -14,7 +14,7 @@ fn the_readme_holds_what_the_program_prints() {
             "README.md lacks the scorecard. Put into it a line {marker:?}, then the output of `crazyflie reproduce thesis --markdown`, then {marker:?}."
         )
     });
-    let printed = good(&["reproduce", "thesis", "--markdown"]);
+    let printed = stdout_of(&["reproduce", "thesis", "--markdown"]);
     assert_eq!(
         block.trim(),
         printed.trim(),
@@ -42,7 +42,7 @@ fn what_the_equations_fix_agrees_exactly() {
 #[test]
 fn pictures_are_drawn() {
     let folder = folder("scorecard");
-    good(&["reproduce", "thesis", "--picture", crate::common::text(&folder)]);
+    stdout_of(&["reproduce", "thesis", "--picture", crate::common::text(&folder)]);
     for name in ["fly-80cm", "takeoff", "takeoff-thrust", "hover"] {
         let svg = std::fs::read_to_string(folder.join(format!("{name}.svg"))).unwrap();
         assert!(svg.starts_with("<svg") && svg.contains("new gains"), "{name}");

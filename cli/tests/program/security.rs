@@ -1,4 +1,4 @@
-//! Who may connect and how: TLS off loopback, origins, handshakes; and that secrets stay secret.
+//! Access: TLS off loopback, origins, handshakes; and that secrets stay secret.
 
 use std::fs::File;
 use std::io::{Read, Write};
@@ -17,11 +17,11 @@ use tungstenite::client::IntoClientRequest;
 #[test]
 fn off_this_machine_only_with_tls() {
     let words = ["0.0.0.0:8765", "--tls-cert", "127.0.0.1"];
-    crate::common::bad(2, &["serve", "--listen", "0.0.0.0:8765"], &words);
-    crate::common::bad(2, &["serve", "--listen", "[::]:8765"], &["--tls-cert"]);
-    crate::common::bad(2, &["serve", "--tls-cert", "cert.pem"], &["--tls-key"]);
-    crate::common::bad(1, &["serve", "--tls-cert", "no.pem", "--tls-key", "no.pem"], &["no.pem"]);
-    crate::common::bad(2, &["serve", "--allow-origin", "*"], &["origin", "https://example.org"]);
+    crate::common::assert_fails(2, &["serve", "--listen", "0.0.0.0:8765"], &words);
+    crate::common::assert_fails(2, &["serve", "--listen", "[::]:8765"], &["--tls-cert"]);
+    crate::common::assert_fails(2, &["serve", "--tls-cert", "cert.pem"], &["--tls-key"]);
+    crate::common::assert_fails(1, &["serve", "--tls-cert", "no.pem", "--tls-key", "no.pem"], &["no.pem"]);
+    crate::common::assert_fails(2, &["serve", "--allow-origin", "*"], &["origin", "https://example.org"]);
     let anywhere: SocketAddr = "192.0.2.1:1".parse().unwrap();
     assert!(matches!(Settings::default().check(anywhere), Err(ServeError::TlsRequired(_))));
     assert!(Settings::default().check("[::1]:1".parse().unwrap()).is_ok());
@@ -34,7 +34,7 @@ fn with_tls(limits: Limits) -> (Settings, CertificateDer<'static>) {
     let (cert, key) = (folder.join("cert.pem"), folder.join("key.pem"));
     std::fs::write(&cert, made.cert.pem()).unwrap();
     std::fs::write(&key, made.signing_key.serialize_pem()).unwrap();
-    crate::common::bad(1, &["serve", "--tls-cert", crate::common::text(&key), "--tls-key", crate::common::text(&cert)], &["PEM"]);
+    crate::common::assert_fails(1, &["serve", "--tls-cert", crate::common::text(&key), "--tls-key", crate::common::text(&cert)], &["PEM"]);
     (Settings { tls: Some(serve::tls(&cert, &key).unwrap()), limits, ..Settings::default() }, made.cert.der().clone())
 }
 
@@ -65,9 +65,9 @@ fn over_tls_it_is_the_same_protocol() {
     let began = Instant::now();
     for stream in [&mut plain, &mut silent] {
         stream.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
-        let mut said = vec![];
-        let _ = stream.read_to_end(&mut said);
-        assert!(!String::from_utf8_lossy(&said).contains("HTTP"));
+        let mut output = vec![];
+        let _ = stream.read_to_end(&mut output);
+        assert!(!String::from_utf8_lossy(&output).contains("HTTP"));
     }
     assert!(began.elapsed() < Duration::from_secs(3));
 }

@@ -1,4 +1,4 @@
-//! A TCP proxy that passes everything on and keeps what the server says.
+//! A TCP proxy that passes everything on and records the bytes of the server.
 
 use std::io::{Read, Write};
 use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
@@ -6,23 +6,23 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread;
 
-/// What the server said over one connection.
-type Heard = Arc<Mutex<Vec<u8>>>;
+/// Bytes of the server over one connection.
+type ReceivedBytes = Arc<Mutex<Vec<u8>>>;
 
 pub struct Tap {
     pub address: SocketAddr,
-    heard: Arc<Mutex<Vec<Heard>>>,
-    over: Arc<AtomicBool>,
+    received: Arc<Mutex<Vec<ReceivedBytes>>>,
+    is_over: Arc<AtomicBool>,
     thread: Option<thread::JoinHandle<()>>,
 }
 
 impl Tap {
-    /// Before the server at `to`.
-    pub fn before(to: SocketAddr) -> Tap {
+    /// A proxy in front of the server at `to`.
+    pub fn in_front_of(to: SocketAddr) -> Tap {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let address = listener.local_addr().unwrap();
-        let (heard, over) = (Arc::<Mutex<Vec<Heard>>>::default(), Arc::<AtomicBool>::default());
-        let (all, done) = (heard.clone(), over.clone());
+        let (received, is_over) = (Arc::<Mutex<Vec<ReceivedBytes>>>::default(), Arc::<AtomicBool>::default());
+        let (all, done) = (received.clone(), is_over.clone());
         let thread = thread::spawn(move || {
             let mut passing = Vec::new();
             for client in listener.incoming() {
@@ -30,23 +30,23 @@ impl Tap {
                     break;
                 }
                 let (client, server) = (client.unwrap(), TcpStream::connect(to).unwrap());
-                let heard = Heard::default();
-                all.lock().unwrap().push(heard.clone());
+                let received = ReceivedBytes::default();
+                all.lock().unwrap().push(received.clone());
                 let (up, down) = (client.try_clone().unwrap(), server.try_clone().unwrap());
                 passing.push(thread::spawn(move || pass(up, server, None)));
-                passing.push(thread::spawn(move || pass(down, client, Some(&heard))));
+                passing.push(thread::spawn(move || pass(down, client, Some(&received))));
             }
-            passing.into_iter().for_each(|one| one.join().unwrap());
+            passing.into_iter().for_each(|handle| handle.join().unwrap());
         });
-        Tap { address, heard, over, thread: Some(thread) }
+        Tap { address, received, is_over, thread: Some(thread) }
     }
 
-    /// What the server said, connection by connection, when all of them have ended.
-    pub fn heard(mut self) -> Vec<Vec<u8>> {
-        self.over.store(true, Ordering::Relaxed);
+    /// Bytes of the server, connection by connection, when all of them have ended.
+    pub fn received(mut self) -> Vec<Vec<u8>> {
+        self.is_over.store(true, Ordering::Relaxed);
         drop(TcpStream::connect(self.address));
         self.thread.take().unwrap().join().unwrap();
-        self.heard.lock().unwrap().iter().map(|one| one.lock().unwrap().clone()).collect()
+        self.received.lock().unwrap().iter().map(|bytes| bytes.lock().unwrap().clone()).collect()
     }
 }
 

@@ -14,22 +14,22 @@ use sha2::Sha256;
 const EPISODES: usize = 24;
 const SCENARIO: &str = "wind";
 
-struct Rig {
+struct TestSetup {
     server: Server,
     tap: Tap,
     data: PathBuf,
     token: String,
 }
 
-fn rig(test: &str) -> Rig {
+fn setup(test: &str) -> TestSetup {
     let data = folder(test).join("bench.sqlite");
     let token = json(&["bench", "token", "create", "team-a", "--data", text(&data), "--json"])["token"].as_str().unwrap().to_owned();
     let server = Server::start(Settings { data: Some(data.clone()), ..Settings::default() });
-    let tap = Tap::before(server.address);
-    Rig { server, tap, data, token }
+    let tap = Tap::in_front_of(server.address);
+    TestSetup { server, tap, data, token }
 }
 
-fn stored(data: &Path, name: &str) -> Vec<u8> {
+fn stored_secret(data: &Path, name: &str) -> Vec<u8> {
     let db = rusqlite::Connection::open(data).unwrap();
     db.query_row("SELECT value FROM secrets WHERE name = ?1", [name], |row| row.get(0)).unwrap()
 }
@@ -46,10 +46,10 @@ fn seed(secret: &[u8], attempt: &str, scenario_hash: &str, episode: u64) -> u64 
 
 fn seeds(data: &Path, attempt: &Value) -> Vec<u64> {
     let (id, hash) = (attempt["id"].as_str().unwrap(), attempt["scenario_hash"].as_str().unwrap());
-    (0..EPISODES as u64).map(|episode| seed(&stored(data, "seed secret"), id, hash, episode)).collect()
+    (0..EPISODES as u64).map(|episode| seed(&stored_secret(data, "seed secret"), id, hash, episode)).collect()
 }
 
-impl Rig {
+impl TestSetup {
     fn client(&self) -> Client {
         Client::connect(self.tap.address, Some("crazyflie.v1"))
     }
@@ -132,29 +132,29 @@ impl Rig {
 
 #[test]
 fn no_secret_is_in_the_traffic() {
-    let rig = rig("traffic");
-    let first = rig.compete();
-    rig.talk();
-    let answers = rig.read();
-    let attempts = rig.attempts();
+    let setup = setup("traffic");
+    let first = setup.compete();
+    setup.talk();
+    let answers = setup.read();
+    let attempts = setup.attempts();
     assert_eq!(attempts.len(), 2);
     let mut forbidden = vec![
-        ("the evaluation secret".to_owned(), stored(&rig.data, "seed secret")),
-        ("the signing key".into(), stored(&rig.data, "signing key")),
-        ("the token".into(), rig.token.clone().into_bytes()),
-        ("the token's number".into(), hex::decode(&rig.token[4..]).unwrap()),
+        ("the evaluation secret".to_owned(), stored_secret(&setup.data, "seed secret")),
+        ("the signing key".into(), stored_secret(&setup.data, "signing key")),
+        ("the token".into(), setup.token.clone().into_bytes()),
+        ("the token's number".into(), hex::decode(&setup.token[4..]).unwrap()),
     ];
     for attempt in &attempts {
         let named = |(i, seed): (usize, &u64)| (format!("seed {i} of {}", attempt["id"]), seed.to_le_bytes().to_vec());
-        forbidden.extend(seeds(&rig.data, attempt).iter().enumerate().map(named));
+        forbidden.extend(seeds(&setup.data, attempt).iter().enumerate().map(named));
     }
-    these_are_the_seeds(&rig.server, &seeds(&rig.data, &attempts[0]), &first);
-    let Rig { server, tap, .. } = rig;
+    these_are_the_seeds(&setup.server, &seeds(&setup.data, &attempts[0]), &first);
+    let TestSetup { server, tap, .. } = setup;
     server.stop();
-    let heard = tap.heard();
+    let heard = tap.received();
     let needles = Needles::new(&forbidden);
-    for said in &heard {
-        assert_eq!(needles.found(said), None, "in {}", String::from_utf8_lossy(&said[..said.len().min(200)]));
+    for output in &heard {
+        assert_eq!(needles.find(output), None, "in {}", String::from_utf8_lossy(&output[..output.len().min(200)]));
     }
     let bytes: usize = heard.iter().map(Vec::len).sum();
     println!(
@@ -170,7 +170,7 @@ fn no_secret_is_in_the_traffic() {
     for (i, (name, needle)) in needles.all.iter().enumerate() {
         let at = i * 7919 % (longest.len() - needle.len());
         let before: Vec<u8> = longest.splice(at..at + needle.len(), needle.iter().copied()).collect();
-        assert!(needles.found(&longest).is_some(), "{name} at byte {at}");
+        assert!(needles.find(&longest).is_some(), "{name} at byte {at}");
         longest.splice(at..at + needle.len(), before);
     }
 }
@@ -194,17 +194,17 @@ fn these_are_the_seeds(server: &Server, seeds: &[u64], first: &[f32]) {
 fn a_seed_in_the_traffic_is_found() {
     for (name, spell) in [("decimal", (|seed: u64| seed.to_string()) as fn(u64) -> String), ("hex", |seed| hex::encode(seed.to_be_bytes()))]
     {
-        let rig = rig(&format!("traffic-{name}"));
-        rig.begin(&mut rig.client(), &rig.token);
-        let told = seeds(&rig.data, &rig.attempts()[0])[7];
-        let mut client = Client::connect(rig.tap.address, None);
-        client.ask(&object!({"type": "reset", "data": {"episode_id": format!("x{}x", spell(told))}}));
+        let setup = setup(&format!("traffic-{name}"));
+        setup.begin(&mut setup.client(), &setup.token);
+        let seed_in_reply = seeds(&setup.data, &setup.attempts()[0])[7];
+        let mut client = Client::connect(setup.tap.address, None);
+        client.ask(&object!({"type": "reset", "data": {"episode_id": format!("x{}x", spell(seed_in_reply))}}));
         client.ask(&object!({"type": "state"}));
         drop(client);
-        let Rig { server, tap, .. } = rig;
+        let TestSetup { server, tap, .. } = setup;
         server.stop();
-        let needles = Needles::new(&[("seed 7".into(), told.to_le_bytes().into())]);
-        let found: Vec<&str> = tap.heard().iter().filter_map(|said| needles.found(said).map(|_| "seed 7")).collect();
+        let needles = Needles::new(&[("seed 7".into(), seed_in_reply.to_le_bytes().into())]);
+        let found: Vec<&str> = tap.received().iter().filter_map(|output| needles.find(output).map(|_| "seed 7")).collect();
         assert_eq!(found, ["seed 7"], "{name}");
     }
 }

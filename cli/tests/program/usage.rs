@@ -3,7 +3,7 @@
 use std::io::Read;
 use std::process::{Command, Stdio};
 
-use crate::common::{BINARY, bad, folder, good, json, run, text};
+use crate::common::{BINARY, assert_fails, folder, json, run, stdout_of, text};
 
 /// The commands that a help lists: two spaces, the name, what it does.
 fn listed_commands(help: &str) -> Vec<String> {
@@ -16,7 +16,7 @@ fn listed_commands(help: &str) -> Vec<String> {
 /// Goes down to the commands that do something; `token` shows its examples once for its three.
 fn assert_helpful(words: &[&str]) -> usize {
     let name = words.join(" ");
-    let help = good(&[words, &["--help"]].concat());
+    let help = stdout_of(&[words, &["--help"]].concat());
     let below = listed_commands(&help);
     if !below.is_empty() && !help.contains("Examples:") {
         return below.iter().map(|command| assert_helpful(&[words, &[command]].concat())).sum();
@@ -28,11 +28,11 @@ fn assert_helpful(words: &[&str]) -> usize {
 
 #[test]
 fn every_command_has_help_with_examples() {
-    let commands = listed_commands(&good(&["--help"]));
+    let commands = listed_commands(&stdout_of(&["--help"]));
     assert!(commands.iter().any(|name| name == "fly") && commands.iter().any(|name| name == "bench"), "{commands:?}");
     let helpful: usize = commands.iter().map(|command| assert_helpful(&[command])).sum();
     assert!(helpful >= 20, "{helpful}");
-    assert!(good(&["--version"]).starts_with("crazyflie "));
+    assert!(stdout_of(&["--version"]).starts_with("crazyflie "));
 }
 
 #[test]
@@ -40,7 +40,7 @@ fn old_names_of_commands_work_and_name_the_new_one() {
     let ran = run(&["scenarios", "--json"]);
     assert_eq!(ran.code, 0, "{}", ran.err);
     assert!(ran.err.contains("`scenarios` is now called `bench scenarios`"), "{}", ran.err);
-    assert_eq!(ran.out, good(&["bench", "scenarios", "--json"]));
+    assert_eq!(ran.out, stdout_of(&["bench", "scenarios", "--json"]));
     let ran = run(&["fly", "--seconds", "1", "--rig=lab"]);
     assert!(ran.code == 0 && ran.err.contains("`--rig` is now called `--sensors`"), "{}", ran.err);
     assert!(run(&["pilot", "--help"]).out.contains("crazyflie world join"));
@@ -49,75 +49,75 @@ fn old_names_of_commands_work_and_name_the_new_one() {
 #[test]
 fn usage_errors_exit_with_2() {
     let model = folder("usage").join("model.toml");
-    std::fs::write(&model, good(&["model", "--show"])).unwrap();
-    bad(2, &[], &["Usage"]);
-    bad(2, &["flie"], &["unrecognized subcommand", "fly"]);
-    bad(2, &["replay"], &["required"]);
-    bad(2, &["fly", "--task", "hovver"], &["unknown task or flight \"hovver\"", "did you mean \"hover\""]);
-    bad(2, &["fly", "--controller", "theses"], &["did you mean \"thesis\""]);
-    bad(2, &["fly", "--sensors", "labb"], &["did you mean \"lab\""]);
-    bad(2, &["fly", "--vertical", "pmw"], &["expected height, pwm or thrust"]);
-    bad(2, &["fly", "--seconds", "NaN"], &["0.1 to 3600"]);
-    bad(2, &["fly", "--seconds", "-3"], &[]);
-    bad(2, &["fly", "--runs", "0"], &["1..=100000"]);
-    bad(2, &["fly", "--task-options", "{"], &["--task-options is not JSON"]);
-    bad(2, &["fly", "--task-options", "{\"start\": 1}"], &["options of the task hover", "start"]);
-    bad(2, &["effects", "drag_lineer"], &["did you mean \"drag_linear\""]);
-    bad(2, &["replay", text(&model)], &["name at least one log"]);
-    bad(2, &["replay", "x.csv", "--hover-pwm", "NaN"], &["expected auto or a PWM"]);
-    bad(2, &["replay", "x.csv", "--horizon", "0"], &["0.01"]);
+    std::fs::write(&model, stdout_of(&["model", "--show"])).unwrap();
+    assert_fails(2, &[], &["Usage"]);
+    assert_fails(2, &["flie"], &["unrecognized subcommand", "fly"]);
+    assert_fails(2, &["replay"], &["required"]);
+    assert_fails(2, &["fly", "--task", "hovver"], &["unknown task or flight \"hovver\"", "did you mean \"hover\""]);
+    assert_fails(2, &["fly", "--controller", "theses"], &["did you mean \"thesis\""]);
+    assert_fails(2, &["fly", "--sensors", "labb"], &["did you mean \"lab\""]);
+    assert_fails(2, &["fly", "--vertical", "pmw"], &["expected height, pwm or thrust"]);
+    assert_fails(2, &["fly", "--seconds", "NaN"], &["0.1 to 3600"]);
+    assert_fails(2, &["fly", "--seconds", "-3"], &[]);
+    assert_fails(2, &["fly", "--runs", "0"], &["1..=100000"]);
+    assert_fails(2, &["fly", "--task-options", "{"], &["--task-options is not JSON"]);
+    assert_fails(2, &["fly", "--task-options", "{\"start\": 1}"], &["options of the task hover", "start"]);
+    assert_fails(2, &["effects", "drag_lineer"], &["did you mean \"drag_linear\""]);
+    assert_fails(2, &["replay", text(&model)], &["name at least one log"]);
+    assert_fails(2, &["replay", "x.csv", "--hover-pwm", "NaN"], &["expected auto or a PWM"]);
+    assert_fails(2, &["replay", "x.csv", "--horizon", "0"], &["0.01"]);
 }
 
 #[test]
 fn effects_are_checked_by_name_range_and_kind() {
-    bad(2, &["fly", "--effects", "drag_lineer=0.3"], &["unknown effect \"drag_lineer\"", "did you mean \"drag_linear\""]);
-    bad(2, &["fly", "--effects", "wind.x_mps=1"], &["wind.x_mps", "did you mean \"wind.x_mps2\""]);
-    bad(2, &["fly", "--effects", "wind=50"], &["wind.x_mps2 is 50", "-5 to 5 m/s^2"]);
-    bad(2, &["fly", "--effects", "wind=NaN"], &["wind.x_mps2 is NaN"]);
-    bad(2, &["fly", "--effects", "wind"], &["needs a value", "x_mps2"]);
-    bad(2, &["fly", "--effects", "wind=strong"], &["neither a number nor a distribution"]);
-    bad(2, &["fly", "--effects", "{\"wind\": }"], &["not a JSON object of effects"]);
-    good(&["fly", "--seconds", "1", "--effects", "wind.x_mps2={\"uniform\": [-1, 1]}", "--effects", "wind.y_mps2=0.2"]);
+    assert_fails(2, &["fly", "--effects", "drag_lineer=0.3"], &["unknown effect \"drag_lineer\"", "did you mean \"drag_linear\""]);
+    assert_fails(2, &["fly", "--effects", "wind.x_mps=1"], &["wind.x_mps", "did you mean \"wind.x_mps2\""]);
+    assert_fails(2, &["fly", "--effects", "wind=50"], &["wind.x_mps2 is 50", "-5 to 5 m/s^2"]);
+    assert_fails(2, &["fly", "--effects", "wind=NaN"], &["wind.x_mps2 is NaN"]);
+    assert_fails(2, &["fly", "--effects", "wind"], &["needs a value", "x_mps2"]);
+    assert_fails(2, &["fly", "--effects", "wind=strong"], &["neither a number nor a distribution"]);
+    assert_fails(2, &["fly", "--effects", "{\"wind\": }"], &["not a JSON object of effects"]);
+    stdout_of(&["fly", "--seconds", "1", "--effects", "wind.x_mps2={\"uniform\": [-1, 1]}", "--effects", "wind.y_mps2=0.2"]);
 }
 
 #[test]
 fn missing_and_broken_files_exit_with_1() {
     let folder = folder("broken");
-    bad(1, &["replay", "no/such/flight.csv"], &["no/such/flight.csv", "No such file"]);
-    bad(1, &["fly", "--model", "no/such/model.toml"], &["no/such/model.toml", "No such file"]);
+    assert_fails(1, &["replay", "no/such/flight.csv"], &["no/such/flight.csv", "No such file"]);
+    assert_fails(1, &["fly", "--model", "no/such/model.toml"], &["no/such/model.toml", "No such file"]);
     let model = folder.join("model.toml");
-    let thesis = good(&["model", "--show"]);
+    let thesis = stdout_of(&["model", "--show"]);
     std::fs::write(&model, thesis.replace("value = 123.2, unit = \"1/s^2\"", "value = 123.2, unit = \"1/s\"")).unwrap();
-    bad(1, &["model", text(&model)], &[text(&model), "roll.gain has the unit \"1/s\", expected \"1/s^2\""]);
+    assert_fails(1, &["model", text(&model)], &[text(&model), "roll.gain has the unit \"1/s\", expected \"1/s^2\""]);
     std::fs::write(&model, "schema = ").unwrap();
-    bad(1, &["fly", "--model", text(&model)], &[text(&model), "line 1"]);
+    assert_fails(1, &["fly", "--model", text(&model)], &[text(&model), "line 1"]);
     let log = folder.join("flight.csv");
-    good(&["fly", "--seconds", "1", "--csv", text(&log)]);
+    stdout_of(&["fly", "--seconds", "1", "--csv", text(&log)]);
     let whole = std::fs::read_to_string(&log).unwrap();
     std::fs::write(&log, whole.replace("imu_roll_deg", "imu_rol_deg")).unwrap();
-    bad(1, &["replay", text(&log)], &[text(&log), "\"imu_roll_deg\" (did you mean that by \"imu_rol_deg\"?)"]);
+    assert_fails(1, &["replay", text(&log)], &[text(&log), "\"imu_roll_deg\" (did you mean that by \"imu_rol_deg\"?)"]);
     let mut lines: Vec<String> = whole.lines().map(str::to_owned).collect();
     lines[6] = lines[6].replacen(',', ",NaN", 1);
     std::fs::write(&log, lines.join("\n") + "\n").unwrap();
-    bad(1, &["replay", text(&log)], &[text(&log), "line 7", "column \"setpoint_x_m\"", "NaN", "expected a finite number"]);
+    assert_fails(1, &["replay", text(&log)], &[text(&log), "line 7", "column \"setpoint_x_m\"", "NaN", "expected a finite number"]);
     std::fs::write(&log, "").unwrap();
-    bad(1, &["replay", text(&log)], &[text(&log), "is empty"]);
-    bad(1, &["fly", "--seconds", "1", "--csv", text(&folder)], &[text(&folder)]);
+    assert_fails(1, &["replay", text(&log)], &[text(&log), "is empty"]);
+    assert_fails(1, &["fly", "--seconds", "1", "--csv", text(&folder)], &[text(&folder)]);
 }
 
 #[test]
 fn a_truncated_gzip_is_read_as_far_as_it_goes_and_says_so() {
     let folder = folder("gzip");
     let log = folder.join("flight.csv");
-    good(&["fly", "--task", "fly-80cm", "--seconds", "5", "--csv", text(&log)]);
+    stdout_of(&["fly", "--task", "fly-80cm", "--seconds", "5", "--csv", text(&log)]);
     let mut packed = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
     std::io::Write::write_all(&mut packed, &std::fs::read(&log).unwrap()).unwrap();
     let bytes = packed.finish().unwrap();
     let cut = folder.join("flight.csv.gz");
     std::fs::write(&cut, &bytes[..bytes.len() * 9 / 10]).unwrap();
-    assert!(good(&["replay", text(&cut)]).contains("the gzip data is truncated"));
+    assert!(stdout_of(&["replay", text(&cut)]).contains("the gzip data is truncated"));
     std::fs::write(&cut, &bytes[..30]).unwrap();
-    bad(1, &["replay", text(&cut)], &[text(&cut)]);
+    assert_fails(1, &["replay", text(&cut)], &[text(&cut)]);
 }
 
 #[test]
@@ -139,22 +139,22 @@ fn registries_are_listed_for_people_machines_and_docs() {
     for effect in effects {
         assert!(!effect["source"].as_str().unwrap().is_empty() && !effect["params"].as_array().unwrap().is_empty(), "{effect}");
     }
-    assert!(good(&["effects"]).contains("source: ") && good(&["effects", "--markdown"]).starts_with("| effect |"));
+    assert!(stdout_of(&["effects"]).contains("source: ") && stdout_of(&["effects", "--markdown"]).starts_with("| effect |"));
     let tasks = json(&["tasks", "--json"]);
     let several = tasks["tasks"].as_array().unwrap().iter().filter(|task| task["drones"].as_u64().unwrap() > 1);
     assert_eq!((tasks["tasks"].as_array().unwrap().len(), several.count()), (10, 6));
-    assert!(good(&["tasks"]).contains("fly-80cm") && good(&["tasks", "--markdown"]).contains("`Crazyflie-v0`"));
+    assert!(stdout_of(&["tasks"]).contains("fly-80cm") && stdout_of(&["tasks", "--markdown"]).contains("`Crazyflie-v0`"));
     assert_eq!(json(&["model", "--json"])["name"], "thesis");
     assert_eq!(json(&["model", "--schema"])["properties"]["schema"]["const"], 1);
-    assert!(good(&["model"]).contains("123.2 / (s^2 + 31.86 s + 81.85)"));
+    assert!(stdout_of(&["model"]).contains("123.2 / (s^2 + 31.86 s + 81.85)"));
 }
 
 #[test]
 fn a_model_survives_being_shown_and_read() {
     let folder = folder("model");
     let file = folder.join("model.toml");
-    std::fs::write(&file, good(&["model", "--show"])).unwrap();
-    let again = good(&["model", text(&file), "--show"]);
+    std::fs::write(&file, stdout_of(&["model", "--show"])).unwrap();
+    let again = stdout_of(&["model", text(&file), "--show"]);
     std::fs::write(&file, &again).unwrap();
     assert_eq!(json(&["model", text(&file), "--json"]), json(&["model", "--json"]));
     let ran = run(&["fly", "--seconds", "1", "--model", text(&file)]);

@@ -13,7 +13,7 @@ fn options(drones: usize, steps: u32) -> Value {
     json!({"drones": drones, "effects": effects, "max_episode_steps": steps})
 }
 
-fn found(client: &mut Client, name: &str, more: Value) -> Value {
+fn create_world(client: &mut Client, name: &str, more: Value) -> Value {
     let mut ask = json!({"id": 1, "type": "world", "name": name, "mission": "swap", "options": options(4, 150), "seed": 7});
     ask.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
     client.ask(&ask)
@@ -46,7 +46,7 @@ fn world(server: &Server, name: &str) -> Value {
 }
 
 /// The log of a world in a file, and what `replay-world` makes of it.
-fn flown_again(server: &Server, name: &str) -> (String, Value) {
+fn replay_world(server: &Server, name: &str) -> (String, Value) {
     let text = server.get(&format!("/api/v1/worlds/{name}/log"));
     let file = crate::common::folder(&format!("world-{name}")).join("log.jsonl");
     std::fs::write(&file, &text).unwrap();
@@ -58,8 +58,8 @@ fn four_clients_in_lock_step_get_the_bits_of_the_library() {
     const TICKS: usize = 150;
     let server = Server::start(Settings::default());
     let mut host = server.connect();
-    let told = found(&mut host, "four", json!({"pilots": 4}));
-    assert_eq!((&told["type"], &told["drones"], &told["width"]), (&json!("world"), &json!(4), &json!(48)), "{told}");
+    let reply = create_world(&mut host, "four", json!({"pilots": 4}));
+    assert_eq!((&reply["type"], &reply["drones"], &reply["width"]), (&json!("world"), &json!(4), &json!(48)), "{reply}");
     let began = Instant::now();
     let pilots: Vec<_> = (0..4)
         .map(|drone| {
@@ -108,7 +108,7 @@ fn four_clients_in_lock_step_get_the_bits_of_the_library() {
     let lengths: Vec<_> = rows.iter().map(|rows| rows.len() - 1).collect();
     println!("four clients: ticks {lengths:?}, {compared} numbers equal bit for bit; {:.0} ticks/s", lengths[0] as f64 / wall_s);
     assert!(lengths.iter().all(|n| *n >= 40), "{lengths:?}");
-    let (_, again) = flown_again(&server, "four");
+    let (_, again) = replay_world(&server, "four");
     assert_eq!((&again["told"], &again["flown"]["over"]), (&again["flown"], &json!(true)));
 }
 
@@ -116,7 +116,7 @@ fn four_clients_in_lock_step_get_the_bits_of_the_library() {
 fn who_is_late_is_counted_and_stops_nobody() {
     let server = Server::start(Settings::default());
     let (mut quick, mut slow) = (server.connect(), server.connect());
-    found(&mut quick, "late", json!({"pilots": 2, "deadline_s": 0.02, "options": options(3, 400)}));
+    create_world(&mut quick, "late", json!({"pilots": 2, "deadline_s": 0.02, "options": options(3, 400)}));
     join(&mut quick, "late", Some(0));
     join(&mut slow, "late", Some(1));
     // one action of its own, then silence
@@ -133,7 +133,7 @@ fn who_is_late_is_counted_and_stops_nobody() {
     println!("40 ticks beside a silent pilot took {wall_s:.2} s with a deadline of 0.02 s; it was late {counted} times");
     assert!((38..=40).contains(&counted) && (0.02 * 38.0..10.0).contains(&wall_s), "{late}");
     drop((quick, slow));
-    let (text, again) = flown_again(&server, "late");
+    let (text, again) = replay_world(&server, "late");
     let ticks: Vec<Value> = text.lines().skip(1).map(|line| serde_json::from_str(line).unwrap()).collect();
     let held = ticks.iter().filter(|tick| tick["by"][1] == "late");
     let held: Vec<_> = held.map(|tick| tick["actions"][1].clone()).collect();
@@ -145,7 +145,7 @@ fn who_is_late_is_counted_and_stops_nobody() {
 fn pilots_come_and_go() {
     let server = Server::start(Settings::default());
     let (mut a, mut b) = (server.connect(), server.connect());
-    found(&mut a, "open", json!({"deadline_s": 5, "options": options(2, 5000)}));
+    create_world(&mut a, "open", json!({"deadline_s": 5, "options": options(2, 5000)}));
     let first = join(&mut a, "open", None);
     assert_eq!((&first["drone"], &first["tick"]), (&json!(0), &json!(0)));
     (0..5).for_each(|tick| assert_eq!(fly(&mut a, action(tick, 0))["tick"], tick + 1));
@@ -174,7 +174,7 @@ fn pilots_come_and_go() {
     eventually("the autopilot flies on", 5.0, || world(&server, "open")["ticks"].as_u64().unwrap() >= before + 20);
     println!("joined at tick 5, lost, flown on ({:.2} ms a tick), joined again at 15; {before} ticks with pilots", 100.0 * alone_s);
     assert!(alone_s < 4.0, "nobody waits for who is gone");
-    let (_, again) = flown_again(&server, "open");
+    let (_, again) = replay_world(&server, "open");
     assert_eq!(again["told"], again["flown"]);
     assert!(again["flown"]["ticks"].as_u64().unwrap() >= before);
 }
@@ -183,12 +183,12 @@ fn pilots_come_and_go() {
 fn a_log_is_flown_again_to_the_same_bits_and_another_one_is_not() {
     let server = Server::start(Settings::default());
     let mut client = server.connect();
-    found(&mut client, "logged", json!({"options": options(4, 60), "seed": 11}));
+    create_world(&mut client, "logged", json!({"options": options(4, 60), "seed": 11}));
     join(&mut client, "logged", Some(2));
     (0..60).for_each(|tick| drop(fly(&mut client, action(tick, 2))));
     let row = world(&server, "logged");
     assert_eq!((&row["over"], &row["ticks"], &row["seed"]), (&json!(true), &json!(60), &json!(11)), "{row}");
-    let (text, again) = flown_again(&server, "logged");
+    let (text, again) = replay_world(&server, "logged");
     assert_eq!((&again["told"]["sha256"], &again["flown"]["sha256"]), (&row["sha256"], &row["sha256"]));
     println!("60 ticks of 4 drones, {} bytes of log, SHA-256 {} twice", text.len(), row["sha256"]);
     // the smallest change of one action is seen
@@ -199,22 +199,22 @@ fn a_log_is_flown_again_to_the_same_bits_and_another_one_is_not() {
     lines[30] = tick.to_string();
     let file = crate::common::folder("world-changed").join("log.jsonl");
     std::fs::write(&file, lines.join("\n")).unwrap();
-    crate::common::bad(1, &["world", "replay", crate::common::text(&file)], &["not the one that the log tells of"]);
+    crate::common::assert_fails(1, &["world", "replay", crate::common::text(&file)], &["not the one that the log tells of"]);
     lines.truncate(20);
     std::fs::write(&file, lines.join("\n")).unwrap();
-    crate::common::bad(1, &["world", "replay", crate::common::text(&file)], &["no last line"]);
+    crate::common::assert_fails(1, &["world", "replay", crate::common::text(&file)], &["no last line"]);
     lines[7] = "{}".into();
     std::fs::write(&file, lines.join("\n")).unwrap();
-    crate::common::bad(1, &["world", "replay", crate::common::text(&file)], &["line 8", "expected actions and by"]);
+    crate::common::assert_fails(1, &["world", "replay", crate::common::text(&file)], &["line 8", "expected actions and by"]);
 }
 
 #[test]
 fn a_watcher_sees_all_drones_and_how_near_they_are() {
     let server = Server::start(Settings::default());
     let mut client = server.connect();
-    let told = found(&mut client, "seen", json!({"options": options(3, 200)}));
+    let reply = create_world(&mut client, "seen", json!({"options": options(3, 200)}));
     let mut live = Client::connect_at(server.address, "/live", Some("crazyflie.live.v1"));
-    live.send(&json!({"watch": told["session"]}));
+    live.send(&json!({"watch": reply["session"]}));
     let head = live.receive_binary();
     let length = u32::from_le_bytes(head[..4].try_into().unwrap()) as usize;
     let header: Value = serde_json::from_slice(&head[4..4 + length]).unwrap();
@@ -259,14 +259,14 @@ fn mistakes_are_told_and_the_others_fly_on() {
         (json!({"model": "nothing"}), "bad_model"),
         (json!({"seed": -1}), "bad_message"),
     ] {
-        let reply = found(&mut a, "one", wrong.clone());
+        let reply = create_world(&mut a, "one", wrong.clone());
         assert_eq!(reply["code"], want, "{wrong}: {reply}");
     }
     assert_eq!(code(join(&mut a, "one", None)), "unknown_world");
     assert_eq!(code(fly(&mut a, [0.0; 4])), "no_seat");
     assert_eq!(code(a.ask(&json!({"id": 1, "type": "leave"}))), "no_seat");
-    found(&mut a, "one", json!({"options": options(2, 3000)}));
-    assert_eq!(code(found(&mut b, "one", json!({}))), "world_taken");
+    create_world(&mut a, "one", json!({"options": options(2, 3000)}));
+    assert_eq!(code(create_world(&mut b, "one", json!({}))), "world_taken");
     assert_eq!(code(join(&mut b, "one", Some(2))), "unknown_drone");
     join(&mut a, "one", Some(0));
     assert_eq!(code(join(&mut a, "one", Some(1))), "bad_message");
@@ -304,7 +304,7 @@ fn mistakes_are_told_and_the_others_fly_on() {
     assert_eq!(code(join(&mut c, "one", Some(0))), "drone_ended");
     println!("one drone ended at tick {}, the other one flew on to {ticks}", last["tick"]);
     // a world for which nobody comes is over, and its name free
-    found(&mut c, "two", json!({}));
-    assert_eq!(code(found(&mut c, "three", json!({}))), "too_many");
-    eventually("nobody came", 5.0, || world(&server, "two")["ticks"] == 0 && found(&mut c, "two", json!({}))["type"] == "world");
+    create_world(&mut c, "two", json!({}));
+    assert_eq!(code(create_world(&mut c, "three", json!({}))), "too_many");
+    eventually("nobody came", 5.0, || world(&server, "two")["ticks"] == 0 && create_world(&mut c, "two", json!({}))["type"] == "world");
 }

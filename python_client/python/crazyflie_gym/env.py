@@ -11,11 +11,11 @@ from gymnasium.vector import AutoresetMode
 
 from crazyflie_gym._native import Controller, Crowd, Interface, Pid, Sim, metrics
 from crazyflie_gym._types import FloatArray, Observation
-from crazyflie_gym.build import build, controller
-from crazyflie_gym.core import RemoteCore
+from crazyflie_gym.backend import RemoteBackend
+from crazyflie_gym.make_backend import make_backend, make_controller
 from crazyflie_gym.options import Model
-from crazyflie_gym.screen import RENDER_MODES, Screen, check_render_mode
-from crazyflie_gym.seeds import draw, seeds
+from crazyflie_gym.rendering import RENDER_MODES, Screen, check_render_mode
+from crazyflie_gym.seeding import as_seeds, draw_seeds
 from crazyflie_gym.spaces import action_space, check_form, observation_space, split
 from crazyflie_gym.state import EnvState, simulation
 
@@ -88,7 +88,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
     ) -> None:
         check_form(observation)
         self.render_mode = check_render_mode(render_mode)
-        self.sim: Sim | RemoteCore = build(
+        self.sim: Sim | RemoteBackend = make_backend(
             1,
             task=task,
             model=model,
@@ -142,7 +142,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         Raises:
             ValueError: naming the controller, option or mode that is wrong, with a proposal where a name is unknown.
         """
-        return controller(name, self.sim, self._model, mode, avoid, options)
+        return make_controller(name, self.sim, self._model, mode, avoid, options)
 
     def pid(self, gains: str = "thesis", mode: str = "automatic") -> Pid:
         """Return the thesis's controller for this environment; it acts on flat observations."""
@@ -158,11 +158,11 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         """
         super().reset(seed=seed)
         if seed is not None:
-            row = self.sim.reset(seeds([seed]))[0]
+            row = self.sim.reset(as_seeds([seed]))[0]
         elif self._seeded:
             row = self.sim.reset()[0]
         else:
-            row = self.sim.reset(draw(self.np_random, 1))[0]
+            row = self.sim.reset(draw_seeds(self.np_random, 1))[0]
         self._seeded = True
         if self._screen:
             self._screen.begin(row[np.newaxis])

@@ -16,7 +16,7 @@ except ImportError as error:
     raise ImportError("PettingZoo is missing: pip install 'crazyflie-gym[swarm]'") from error
 
 from crazyflie_gym._types import FloatArray
-from crazyflie_gym.screen import RENDER_MODES, Screen, check_render_mode
+from crazyflie_gym.rendering import RENDER_MODES, Screen, check_render_mode
 from crazyflie_gym.state import EnvState
 from crazyflie_gym.swarm import METRICS, CrazyflieSwarm
 

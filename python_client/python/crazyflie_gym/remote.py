@@ -29,7 +29,7 @@ import numpy as np
 from crazyflie_gym import _native
 from crazyflie_gym._native import Interface
 from crazyflie_gym._types import BoolArray, FloatArray
-from crazyflie_gym.core import RemoteCore
+from crazyflie_gym.backend import RemoteBackend
 from crazyflie_gym.options import to_json
 
 TOKEN = "CRAZYFLIE_TOKEN"
@@ -38,7 +38,7 @@ TOKEN = "CRAZYFLIE_TOKEN"
 _MOST_ENVS = 16384
 
 
-def connect(url: str, client: str = "native", *, token: str | None = None, num_envs: int = 1) -> RemoteCore:
+def connect(url: str, client: str = "native", *, token: str | None = None, num_envs: int = 1) -> RemoteBackend:
     """Return a connection over which nothing was made yet.
 
     Args:
@@ -65,7 +65,7 @@ def connect(url: str, client: str = "native", *, token: str | None = None, num_e
     raise ValueError(f'remote_client is {client!r}, expected "native" or "python"')
 
 
-def make(url: str, client: str, num_envs: int, options: str, model: str | None, states: bool) -> RemoteCore:
+def make(url: str, client: str, num_envs: int, options: str, model: str | None, states: bool) -> RemoteBackend:
     """Return a batch of environments on a server; `options` is JSON, `model` the text of a model file.
 
     Raises:
@@ -76,14 +76,14 @@ def make(url: str, client: str, num_envs: int, options: str, model: str | None, 
     num_envs = operator.index(num_envs)
     if num_envs < 1:
         raise ValueError(f"num_envs is {num_envs}, expected at least 1")
-    core = connect(url, client, num_envs=num_envs)
+    backend = connect(url, client, num_envs=num_envs)
     fields = to_json(num_envs=num_envs, model=model)[:-1] + f', "options": {options}}}'
     try:
-        core.begin("make", fields, states)
+        backend.begin("make", fields, states)
     except BaseException:
-        core.close()
+        backend.close()
         raise
-    return core
+    return backend
 
 
 class Benchmark:
@@ -108,21 +108,21 @@ class Benchmark:
         self, url: str, scenario: str, *, controller: str, token: str | None = None, client: str = "native"
     ) -> None:
         token = token or os.environ.get(TOKEN, "")
-        self._core = connect(url, client, token=token)
+        self._backend = connect(url, client, token=token)
         try:
-            begun = self._core.begin("benchmark", to_json(scenario=scenario, controller=controller, token=token))
+            attempt = self._backend.begin("benchmark", to_json(scenario=scenario, controller=controller, token=token))
         except BaseException:
-            self._core.close()
+            self._backend.close()
             raise
-        told: dict[str, Any] = json.loads(begun)
-        self.attempt: str = told["attempt"]
-        self.scenario: str = told["scenario"]
-        self.num_envs: int = told["num_envs"]
+        reply: dict[str, Any] = json.loads(attempt)
+        self.attempt: str = reply["attempt"]
+        self.scenario: str = reply["scenario"]
+        self.num_envs: int = reply["num_envs"]
         """Rows of actions and observations: the drones of all episodes, episode by episode."""
-        self.drones: int = told["drones"]
+        self.drones: int = reply["drones"]
         """In each episode."""
-        self.interface: Interface = self._core.interface
-        self.observations: FloatArray = np.array(told["observation"], np.float32)
+        self.interface: Interface = self._backend.interface
+        self.observations: FloatArray = np.array(reply["observation"], np.float32)
         self.over = False
 
     def step(self, actions: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray]:
@@ -138,7 +138,7 @@ class Benchmark:
             TypeError: for another dtype.
             RuntimeError: when all episodes are over.
         """
-        rows, rewards, terminated, truncated, _ = self._core.step(actions)
+        rows, rewards, terminated, truncated, _ = self._backend.step(actions)
         self.observations, self.over = rows, bool((terminated | truncated).all())
         return rows, rewards, terminated, truncated
 
@@ -148,7 +148,7 @@ class Benchmark:
         Raises:
             RuntimeError: if episodes are still under way (the attempt is then abandoned), or it took too long.
         """
-        attempt: dict[str, Any] = json.loads(self._core.ask("finish"))["attempt"]
+        attempt: dict[str, Any] = json.loads(self._backend.ask("finish"))["attempt"]
         return attempt
 
     def run(self, act: Callable[[FloatArray], FloatArray]) -> dict[str, Any]:
@@ -159,7 +159,7 @@ class Benchmark:
 
     def close(self) -> None:
         """Close the connection."""
-        self._core.close()
+        self._backend.close()
 
     def __enter__(self) -> Benchmark:
         """Return the attempt."""
@@ -204,15 +204,15 @@ def found_world(
         RuntimeError: if there is a world of this name, or the server has too many.
         ConnectionError: if nobody answers.
     """
-    core = connect(url, client)
-    asked = {"name": name, "mission": mission, "seed": seed, "deadline_s": deadline_s, "pilots": pilots}
+    backend = connect(url, client)
+    world_fields = {"name": name, "mission": mission, "seed": seed, "deadline_s": deadline_s, "pilots": pilots}
     try:
-        told: dict[str, Any] = json.loads(
-            core.ask("world", to_json(**asked, autopilot=autopilot, model=model, options=options))
+        reply: dict[str, Any] = json.loads(
+            backend.ask("world", to_json(**world_fields, autopilot=autopilot, model=model, options=options))
         )
     finally:
-        core.close()
-    return told
+        backend.close()
+    return reply
 
 
 class Pilot:
@@ -236,19 +236,19 @@ class Pilot:
     def __init__(
         self, url: str, world: str, drone: int | None = None, *, token: str | None = None, client: str = "native"
     ) -> None:
-        self._core = connect(url, client)
+        self._backend = connect(url, client)
         try:
-            told: dict[str, Any] = json.loads(self._core.ask("join", to_json(name=world, drone=drone, token=token)))
+            reply: dict[str, Any] = json.loads(self._backend.ask("join", to_json(name=world, drone=drone, token=token)))
         except BaseException:
-            self._core.close()
+            self._backend.close()
             raise
-        self.world: str = told["world"]
-        self.drone: int = told["drone"]
-        self.drones: int = told["drones"]
-        self.token: str = told["token"]
-        self.tick: int = told["tick"]
-        self.interface = Interface(tick_s=told["tick_s"], **told["interface"])
-        self.observation: FloatArray = np.array(told["observation"], np.float32)
+        self.world: str = reply["world"]
+        self.drone: int = reply["drone"]
+        self.drones: int = reply["drones"]
+        self.token: str = reply["token"]
+        self.tick: int = reply["tick"]
+        self.interface = Interface(tick_s=reply["tick_s"], **reply["interface"])
+        self.observation: FloatArray = np.array(reply["observation"], np.float32)
         self.flying, self.terminated, self.truncated = True, False, False
         self.late = 0
         """So many ticks were flown without this pilot's action."""
@@ -266,15 +266,15 @@ class Pilot:
         numbers = np.asarray(action, np.float32).reshape(-1)
         if not np.isfinite(numbers).all():
             raise ValueError(f"action: expected numbers from -1 to 1, got {numbers.tolist()}")
-        told = json.loads(self._core.ask("fly", to_json(action=numbers.tolist())))
-        self.observation = np.array(told["observation"], np.float32)
-        self.tick, self.flying, self.late = told["tick"], told["flying"], told["late"]
-        self.terminated, self.truncated = told["terminated"], told["truncated"]
-        return self.observation, float(told["reward"]), self.terminated, self.truncated
+        reply = json.loads(self._backend.ask("fly", to_json(action=numbers.tolist())))
+        self.observation = np.array(reply["observation"], np.float32)
+        self.tick, self.flying, self.late = reply["tick"], reply["flying"], reply["late"]
+        self.terminated, self.truncated = reply["terminated"], reply["truncated"]
+        return self.observation, float(reply["reward"]), self.terminated, self.truncated
 
     def close(self) -> None:
         """Leave the drone to the autopilot and close the connection."""
-        self._core.close()
+        self._backend.close()
 
     def __enter__(self) -> Pilot:
         """Return the pilot."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from crazyflie_gym._native import Interface
 from crazyflie_gym._types import BoolArray, FloatArray, Steps
-from crazyflie_gym.remote_link import REPLY, Link
+from crazyflie_gym.remote_client import REPLY, Client
 from crazyflie_gym.spaces import WIDTH
 
 ACTION, STATE = 4, 12
@@ -26,8 +26,8 @@ class Remote:
     """A connection to a server, and the batch that was begun over it, with the methods of `_native.Remote`."""
 
     def __init__(self, url: str, token: str | None = None) -> None:
-        self._link = Link(url, token)
-        self._made: dict[str, Any] = {}
+        self._client = Client(url, token)
+        self._session: dict[str, Any] = {}
         self._with_states = False
         self._states: FloatArray | None = None
         self._finals: FloatArray = np.empty((0, WIDTH), np.float32)
@@ -37,36 +37,36 @@ class Remote:
 
     def ask(self, kind: str, fields: str = "{}") -> str:
         """Send a request in JSON and return its reply, JSON."""
-        return self._link.ask(kind, fields)
+        return self._client.ask(kind, fields)
 
     @property
     def resume_s(self) -> float:
         """For how long a lost session is looked for; at first as the server says."""
-        return self._link.resume_s
+        return self._client.resume_s
 
     @resume_s.setter
     def resume_s(self, resume_s: float) -> None:
-        self._link.resume_s = resume_s
+        self._client.resume_s = resume_s
 
     @property
     def resumed(self) -> int:
         """How many lost connections were mended."""
-        return self._link.resumed
+        return self._client.resumed
 
     def begin(self, kind: str, fields: str, states: bool = False) -> str:
         """Send the request that begins a session and return its reply, JSON."""
-        if self._made:
+        if self._session:
             raise RuntimeError("this connection has a session already")
         reply = self.ask(kind, fields)
-        self._made, self._with_states = json.loads(reply), states
-        if "token" in self._made:
-            self._link.session = self._made["session"], self._made["token"]
+        self._session, self._with_states = json.loads(reply), states
+        if "token" in self._session:
+            self._client.session = self._session["session"], self._session["token"]
         return reply
 
     def _get(self, key: str) -> Any:
-        if not self._made:
+        if not self._session:
             raise RuntimeError("nothing was made yet: call begin() first")
-        return self._made[key]
+        return self._session[key]
 
     @property
     def num_envs(self) -> int:
@@ -77,12 +77,12 @@ class Remote:
     def num_drones(self) -> int:
         """Drones in each environment."""
         # an attempt counts its drones as environments
-        return 1 if "attempt" in self._made else int(self._get("drones"))
+        return 1 if "attempt" in self._session else int(self._get("drones"))
 
     @property
     def width(self) -> int:
         """Numbers in a drone's observation."""
-        return int(self._get("width" if "attempt" in self._made else "observation"))
+        return int(self._get("width" if "attempt" in self._session else "observation"))
 
     @property
     def has_drone_axis(self) -> bool:
@@ -91,7 +91,7 @@ class Remote:
 
     @property
     def _metrics_width(self) -> int:
-        return int(self._made.get("metrics", 0))
+        return int(self._session.get("metrics", 0))
 
     @property
     def _lead(self) -> tuple[int, ...]:
@@ -120,7 +120,7 @@ class Remote:
     def max_steps(self) -> int:
         """The most steps of one `step_many`."""
         # the server counts without true states, which make a reply half as long again
-        most = int(self._get("max_steps")) if "max_steps" in self._made else 1
+        most = int(self._get("max_steps")) if "max_steps" in self._session else 1
         return max(1, most * 2 // 3 if self._with_states else most)
 
     def reset(
@@ -134,7 +134,7 @@ class Remote:
         payload = b""
         for what, array, dtype in (("seeds", seeds, np.uint64), ("reset_mask", mask, np.bool_)):
             if array is not None:
-                payload += (_checked(what, array, dtype, (n,)) != 0 if what == "reset_mask" else array).tobytes()
+                payload += (_check_array(what, array, dtype, (n,)) != 0 if what == "reset_mask" else array).tobytes()
         flags = (0 if seeds is None else _SEEDS) | (0 if mask is None else _MASK)
         parts = self._talk(_RESET, flags, 0, payload)
         shape = (*self._lead, self.width)
@@ -161,7 +161,7 @@ class Remote:
 
     def step_one(self, action: FloatArray) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
         """Fly one tick of a batch of one."""
-        action = _checked("action", action, np.float32, (ACTION,))
+        action = _check_array("action", action, np.float32, (ACTION,))
         rows, rewards, terminated, truncated, _ = self._fly(action[np.newaxis], None)
         return rows[0], float(rewards[0]), bool(terminated[0]), bool(truncated[0]), {}
 
@@ -196,11 +196,11 @@ class Remote:
 
     def close(self) -> None:
         """End the session and the connection."""
-        self._link.close()
+        self._client.close()
 
     def _fly(self, actions: FloatArray, steps: int | None) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray, int]:
         lead = self._lead if steps is None else (steps, *self._lead)
-        actions = _checked("actions", actions, np.float32, (*lead, ACTION))
+        actions = _check_array("actions", actions, np.float32, (*lead, ACTION))
         parts = self._talk(_STEP, 0, 1 if steps is None else steps, actions.tobytes())
         rows, rewards = parts[0].reshape(*lead, self.width).copy(), parts[1].reshape(lead).copy()
         terminated, truncated = ((part != 0).reshape(lead) for part in parts[5:7])
@@ -222,15 +222,15 @@ class Remote:
 
     def _talk(self, kind: int, asked: int, steps: int, payload: bytes) -> list[NDArray[Any]]:
         """Send a binary request and return the parts of its reply: as the protocol orders them, numbers and flags."""
-        n, number = self.num_envs, self._link.next_id()
-        told = _STATES if self._with_states and kind != _STATE else 0
-        reply = self._link.exchange(number, _REQUEST.pack(number, kind, asked | told, steps, n) + payload)
+        n, number = self.num_envs, self._client.next_id()
+        state_flag = _STATES if self._with_states and kind != _STATE else 0
+        reply = self._client.exchange(number, _REQUEST.pack(number, kind, asked | state_flag, steps, n) + payload)
         if not isinstance(reply, bytes):
-            raise self._link.strange("a text for a binary request")
+            raise self._client.unexpected("a text for a binary request")
         _, got_kind, got_flags, got_steps, got_envs, finals, _, _ = REPLY.unpack_from(reply)
-        if (got_kind, got_flags & ~_OVER, got_steps, got_envs) != (kind | 128, told, steps, n):
-            raise self._link.strange("a header that does not fit the request")
-        rows, wide = max(1, steps) * n * self.num_drones, STATE if told or kind == _STATE else 0
+        if (got_kind, got_flags & ~_OVER, got_steps, got_envs) != (kind | 128, state_flag, steps, n):
+            raise self._client.unexpected("a header that does not fit the request")
+        rows, wide = max(1, steps) * n * self.num_drones, STATE if state_flag or kind == _STATE else 0
         step = int(kind == _STEP)
         numbers = [
             rows * self.width * int(kind != _STATE),
@@ -242,19 +242,19 @@ class Remote:
         flags = [rows * step, rows * step, rows * step if self.has_drone_axis else 0]
         expected = REPLY.size + 4 * sum(numbers) + sum(flags)
         if len(reply) != expected:
-            raise self._link.strange(f"{len(reply)} bytes, expected {expected}")
+            raise self._client.unexpected(f"{len(reply)} bytes, expected {expected}")
         parts: list[NDArray[Any]] = []
         at = REPLY.size
         layout = [(count, np.dtype("<f4")) for count in numbers] + [(count, np.dtype(np.uint8)) for count in flags]
         for count, dtype in layout:
             parts.append(np.frombuffer(reply, dtype, count, at))
             at += count * dtype.itemsize
-        if told:
+        if state_flag:
             self._states = parts[2].reshape(-1, STATE)
         return parts
 
 
-def _checked(what: str, array: Any, dtype: Any, shape: tuple[int, ...]) -> Any:
+def _check_array(what: str, array: Any, dtype: Any, shape: tuple[int, ...]) -> Any:
     """Return the array if it is what the native module would take.
 
     Raises:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 from crazyflie_gym._native import Sim
-from crazyflie_gym.core import Core
+from crazyflie_gym.backend import Backend
 
 EnvState = dict[str, Any]
 """Of `get_state`, for `set_state` of an environment that was made alike. It can be pickled; its content may change."""
 
 
-def simulation(sim: Core) -> Sim:
+def simulation(sim: Backend) -> Sim:
     """Return the simulation, if it is in this process.
 
     Raises:

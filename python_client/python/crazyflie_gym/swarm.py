@@ -12,11 +12,11 @@ from gymnasium.vector import AutoresetMode
 
 from crazyflie_gym._native import Crowd, Sim
 from crazyflie_gym._types import BoolArray, FloatArray
-from crazyflie_gym.build import build, controller, own_steps
 from crazyflie_gym.env import METRICS
+from crazyflie_gym.make_backend import episode_steps, make_backend, make_controller
 from crazyflie_gym.options import Model
 from crazyflie_gym.options import autoreset_mode as mode_named
-from crazyflie_gym.seeds import Seeds, consecutive, draw, reset_mask
+from crazyflie_gym.seeding import Seeds, consecutive_seeds, draw_seeds, reset_mask
 from crazyflie_gym.spaces import action_space, observation_space
 from crazyflie_gym.state import EnvState
 
@@ -68,7 +68,7 @@ class CrazyflieSwarm:
         isa: str | None = None,
     ) -> None:
         self.mode = mode_named(autoreset_mode)
-        sim = build(
+        sim = make_backend(
             num_worlds,
             task=task,
             model=model,
@@ -83,7 +83,7 @@ class CrazyflieSwarm:
             threads=threads,
             isa=isa,
             autoreset=self.mode,
-            max_episode_steps=own_steps(task, max_episode_steps),
+            max_episode_steps=episode_steps(task, max_episode_steps),
             remote=None,
             remote_client="native",
             states=False,
@@ -112,7 +112,7 @@ class CrazyflieSwarm:
         Raises:
             ValueError: naming what is wrong, with a proposal where a name is unknown.
         """
-        found = controller(name, self.sim, self._model, "automatic", avoid, options)
+        found = make_controller(name, self.sim, self._model, "automatic", avoid, options)
         assert isinstance(found, Crowd)
         return found
 
@@ -132,9 +132,9 @@ class CrazyflieSwarm:
         mask = reset_mask(options, self.num_worlds)
         if seed is not None:
             self._np_random, _ = seeding.np_random(seed)
-            fresh: Seeds | None = consecutive(seed, self.num_worlds)
+            fresh: Seeds | None = consecutive_seeds(seed, self.num_worlds)
         else:
-            fresh = None if self._seeded else draw(self._generator(), self.num_worlds)
+            fresh = None if self._seeded else draw_seeds(self._generator(), self.num_worlds)
         rows = None if self._rows is None else self._rows.copy()
         self._rows = self.sim.reset(fresh, mask, rows)
         self._seeded = True

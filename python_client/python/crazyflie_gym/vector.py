@@ -12,14 +12,14 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from crazyflie_gym import many
+from crazyflie_gym import step_many
 from crazyflie_gym._native import Controller, Crowd, Interface, Pid, Sim
 from crazyflie_gym._types import BoolArray, FloatArray, Observation
-from crazyflie_gym.build import build, controller, own_steps
-from crazyflie_gym.core import RemoteCore
+from crazyflie_gym.backend import RemoteBackend
+from crazyflie_gym.make_backend import episode_steps, make_backend, make_controller
 from crazyflie_gym.options import Model, autoreset_mode
-from crazyflie_gym.screen import RENDER_MODES, Screen, check_render_mode
-from crazyflie_gym.seeds import Seeds, consecutive, draw, reset_mask, seeds
+from crazyflie_gym.rendering import RENDER_MODES, Screen, check_render_mode
+from crazyflie_gym.seeding import Seeds, as_seeds, consecutive_seeds, draw_seeds, reset_mask
 from crazyflie_gym.spaces import action_space, check_form, observation_space, split
 from crazyflie_gym.state import EnvState, simulation
 
@@ -80,7 +80,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         mode = _mode(autoreset_mode)
         check_form(observation)
         self.render_mode = check_render_mode(render_mode)
-        self.sim: Sim | RemoteCore = build(
+        self.sim: Sim | RemoteBackend = make_backend(
             num_envs,
             task=task,
             model=model,
@@ -95,7 +95,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
             threads=threads,
             isa=isa,
             autoreset=mode,
-            max_episode_steps=own_steps(task, max_episode_steps),
+            max_episode_steps=episode_steps(task, max_episode_steps),
             remote=remote,
             remote_client=remote_client,
             states=true_state or render_mode is not None,
@@ -142,7 +142,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         Raises:
             ValueError: naming the controller, option or mode that is wrong, with a proposal where a name is unknown.
         """
-        return controller(name, self.sim, self._model, mode, avoid, options)
+        return make_controller(name, self.sim, self._model, mode, avoid, options)
 
     def pid(self, gains: str = "thesis", mode: str = "automatic") -> Pid:
         """Return the thesis's controller for this batch; it acts on flat observations."""
@@ -171,10 +171,10 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         self._seed(seed)
         rows = np.empty((*self._lead, self.sim.width), np.float32) if self._rows is None else self._rows.copy()
         if seed is None:
-            fresh = None if self._seeded else draw(self.np_random, self.num_envs)
+            fresh = None if self._seeded else draw_seeds(self.np_random, self.num_envs)
             self.sim.reset(fresh, mask, rows)
         elif isinstance(seed, int | np.integer):
-            self.sim.reset(consecutive(int(seed), self.num_envs), mask, rows)
+            self.sim.reset(consecutive_seeds(int(seed), self.num_envs), mask, rows)
         else:
             self._reset_each(seed, mask, rows)
         self._seeded = True
@@ -198,9 +198,9 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         if len(seed) != self.num_envs:
             raise ValueError(f"seed: expected a list of {self.num_envs}, got {len(seed)}")
         given = np.array([s is not None for s in seed])
-        numbers: Seeds = seeds([0 if s is None else int(s) for s in seed])
+        numbers: Seeds = as_seeds([0 if s is None else int(s) for s in seed])
         if given.all() or not self._seeded:
-            drawn = draw(self.np_random, self.num_envs)
+            drawn = draw_seeds(self.np_random, self.num_envs)
             self.sim.reset(np.where(given, numbers, drawn), mask, rows)
             return
         chosen = np.ones(self.num_envs, np.bool_) if mask is None else mask
@@ -269,10 +269,10 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         """
         if self._mode is AutoresetMode.DISABLED or self._screen:
             raise RuntimeError("several ticks at once need automatic resets, and draw no pictures")
-        many.check(actions, self._lead)
+        step_many.check_actions(actions, self._lead)
         if self._several:
-            return many.join([self.step(tick) for tick in actions])
-        step, states, finals, final_states = many.fly(self.sim, actions, self._true_state)
+            return step_many.join_steps([self.step(tick) for tick in actions])
+        step, states, finals, final_states = step_many.fly_steps(self.sim, actions, self._true_state)
         rows, rewards, terminated, truncated, ended = step
         self._rows = rows[-1]
         infos: dict[str, Any] = {} if states is None else {"true_state": states}

@@ -1,9 +1,9 @@
 //! A batch of environments on a server, with the methods of [`crate::sim::Sim`].
 
-mod link;
+mod client;
+mod client_error;
 mod session;
 mod socket;
-mod trouble;
 mod wire;
 
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
@@ -20,12 +20,12 @@ use serde_json::{Map, Value};
 
 use crate::arrays::{empty, input, mask as read_mask, output, row};
 use crate::sim::{Interface, Step, StepOne};
-use link::Link;
-use session::{Made, Session};
-use trouble::Trouble;
+use client::Client;
+use client_error::ClientError;
+use session::{Session, SessionInfo};
 use wire::Layout;
 
-/// What little the thread does that keeps a connection alive.
+/// Stack of the thread that keeps a connection alive: it does little.
 const STACK_BYTES: usize = 64 << 10;
 
 /// Observations, rewards, terminated, truncated; true states, final observations, final states where they were asked for.
@@ -37,14 +37,14 @@ type Last<'py> = (Bound<'py, PyAny>, Option<Bound<'py, PyAny>>);
 #[pyclass(frozen, module = "crazyflie_gym._native")]
 pub struct Remote {
     session: Arc<Mutex<Session>>,
-    begun: OnceLock<Begun>,
+    started: OnceLock<StartedSession>,
     /// Dropped with the connection, which ends the thread that keeps it alive.
     _alive: Mutex<Sender<()>>,
 }
 
-/// What does not change from there on.
-struct Begun {
-    made: Made,
+/// Data of the session that do not change after it has begun.
+struct StartedSession {
+    info: SessionInfo,
     with_states: bool,
 }
 
@@ -54,12 +54,12 @@ impl Remote {
         py.detach(|| act(&mut self.session.lock().unwrap_or_else(PoisonError::into_inner)))
     }
 
-    fn talk<T: Send>(&self, py: Python<'_>, talk: impl FnOnce(&mut Session) -> Result<T, Trouble> + Send) -> PyResult<T> {
-        self.with(py, talk).map_err(PyErr::from)
+    fn with_session<T: Send>(&self, py: Python<'_>, act: impl FnOnce(&mut Session) -> Result<T, ClientError> + Send) -> PyResult<T> {
+        self.with(py, act).map_err(PyErr::from)
     }
 
-    fn begun(&self) -> PyResult<&Begun> {
-        self.begun.get().ok_or_else(|| PyRuntimeError::new_err("nothing was made yet: call begin() first"))
+    fn started(&self) -> PyResult<&StartedSession> {
+        self.started.get().ok_or_else(|| PyRuntimeError::new_err("nothing was made yet: call begin() first"))
     }
 }
 
@@ -68,33 +68,33 @@ impl Remote {
     #[new]
     #[pyo3(signature = (url, token = None, num_envs = 1))]
     fn new(py: Python<'_>, url: &str, token: Option<&str>, num_envs: usize) -> PyResult<Self> {
-        let link = py.detach(|| Link::open(url, token, wire::reply_bytes(num_envs)))?;
-        let pause = Duration::from_secs_f64((0.5 * link.welcome.ping_s).clamp(0.01, 3600.0));
-        let session = Arc::new(Mutex::new(Session::new(link)));
+        let client = py.detach(|| Client::open(url, token, wire::reply_bytes(num_envs)))?;
+        let pause = Duration::from_secs_f64((0.5 * client.welcome.ping_s).clamp(0.01, 3600.0));
+        let session = Arc::new(Mutex::new(Session::new(client)));
         let alive = keep_alive(Arc::downgrade(&session), pause)?;
-        Ok(Remote { session, begun: OnceLock::new(), _alive: Mutex::new(alive) })
+        Ok(Remote { session, started: OnceLock::new(), _alive: Mutex::new(alive) })
     }
 
     /// Sends a request in JSON, such as "state", with the `fields` of a JSON object, and returns the reply, JSON.
     #[pyo3(signature = (kind, fields = "{}"))]
     fn ask(&self, py: Python<'_>, kind: &str, fields: &str) -> PyResult<String> {
         let fields = object(fields)?;
-        self.talk(py, |session| session.link.ask(kind, fields)).map(|reply| reply.to_string())
+        self.with_session(py, |session| session.client.request(kind, fields)).map(|reply| reply.to_string())
     }
 
     /// As `ask`, for the requests that begin a session: "make" or "benchmark". With `states` every reply brings the true states along.
     #[pyo3(signature = (kind, fields, states = false))]
     fn begin(&self, py: Python<'_>, kind: &str, fields: &str, states: bool) -> PyResult<String> {
         let fields = object(fields)?;
-        let (reply, made) = self.talk(py, |session| {
-            let reply = session.link.ask(kind, fields)?;
-            let made: Made = session.link.read(reply.clone())?;
-            (session.with_states, session.layout) = (states, made.layout());
-            session.link.session = made.session.clone().zip(made.token.clone());
-            Ok((reply, made))
+        let (reply, info) = self.with_session(py, |session| {
+            let reply = session.client.request(kind, fields)?;
+            let info: SessionInfo = session.client.read(reply.clone())?;
+            (session.with_states, session.layout) = (states, info.layout());
+            session.client.session = info.session.clone().zip(info.token.clone());
+            Ok((reply, info))
         })?;
-        self.begun
-            .set(Begun { made, with_states: states })
+        self.started
+            .set(StartedSession { info, with_states: states })
             .map_err(|_| PyRuntimeError::new_err("this connection has a session already"))?;
         Ok(reply.to_string())
     }
@@ -102,7 +102,7 @@ impl Remote {
     /// Environments in the batch.
     #[getter]
     fn num_envs(&self) -> PyResult<usize> {
-        self.begun().map(|begun| begun.made.num_envs)
+        self.started().map(|started| started.info.num_envs)
     }
 
     /// Drones in each environment.
@@ -126,38 +126,38 @@ impl Remote {
     /// Seconds per step.
     #[getter]
     fn tick_s(&self) -> PyResult<f64> {
-        self.begun().map(|begun| begun.made.tick_s)
+        self.started().map(|started| started.info.tick_s)
     }
 
     /// What an action means.
     #[getter]
     fn interface(&self) -> PyResult<Interface> {
-        self.begun().map(|Begun { made, .. }| Interface { inner: made.interface, tick_s: made.tick_s })
+        self.started().map(|StartedSession { info, .. }| Interface { inner: info.interface, tick_s: info.tick_s })
     }
 
     /// The most steps that one request of `step_many` may ask for.
     #[getter]
     fn max_steps(&self) -> PyResult<usize> {
         // the server counts without true states, which make a reply half as long again
-        let Begun { made, with_states } = self.begun()?;
-        Ok(if *with_states { usize::from(made.max_steps) * 2 / 3 } else { made.max_steps.into() }.max(1))
+        let StartedSession { info, with_states } = self.started()?;
+        Ok(if *with_states { usize::from(info.max_steps) * 2 / 3 } else { info.max_steps.into() }.max(1))
     }
 
     /// For how long a lost session is looked for, in seconds; at first as the server says.
     #[getter]
     fn resume_s(&self, py: Python<'_>) -> f64 {
-        self.with(py, |session| session.link.resume_s)
+        self.with(py, |session| session.client.resume_s)
     }
 
     #[setter]
     fn set_resume_s(&self, py: Python<'_>, resume_s: f64) {
-        self.with(py, |session| session.link.resume_s = resume_s);
+        self.with(py, |session| session.client.resume_s = resume_s);
     }
 
     /// How many lost connections were mended.
     #[getter]
     fn resumed(&self, py: Python<'_>) -> u64 {
-        self.with(py, |session| session.link.resumed)
+        self.with(py, |session| session.client.resumed)
     }
 
     /// As of `Sim`.
@@ -176,7 +176,7 @@ impl Remote {
         let rows = observations.unwrap_or_else(|| PyArrayDyn::<f32>::zeros(py, &shape[..], false).into_any());
         let mut out = output::<f32>("observations", &shape, &rows)?;
         let out = out.as_slice_mut()?;
-        self.talk(py, |session| session.reset(seeds, mask.as_deref(), out))?;
+        self.with_session(py, |session| session.reset(seeds, mask.as_deref(), out))?;
         Ok(rows)
     }
 
@@ -212,7 +212,7 @@ impl Remote {
         let (mut observations, mut reward, mut terminated, mut truncated) = ([0.0; OBSERVATION], [0.0], [false], [false]);
         let (rows, rewards) = (&mut observations[..], &mut reward[..]);
         let out = StepBuffers::new(rows, rewards, &mut terminated[..], &mut truncated[..]);
-        self.talk(py, |session| session.step(1, action, out))?;
+        self.with_session(py, |session| session.step(1, action, out))?;
         Ok((row(py, &observations), f64::from(reward[0]), terminated[0], truncated[0], PyDict::new(py)))
     }
 
@@ -228,7 +228,7 @@ impl Remote {
         let (observations, rewards) = (empty::<f32>(py, (steps, n, self.width()?))?, empty::<f32>(py, (steps, n))?);
         let (terminated, truncated) = (empty::<bool>(py, (steps, n))?, empty::<bool>(py, (steps, n))?);
         let ended = self.fly(py, actions, Some(steps), [&observations, &rewards, &terminated, &truncated])?;
-        let (with_states, own) = (self.begun()?.with_states, self.width()?);
+        let (with_states, own) = (self.started()?.with_states, self.width()?);
         let (width, states, finals) = self.with(py, |session| (session.final_width(), session.states.clone(), session.finals.clone()));
         let rows = |from: std::ops::Range<usize>| {
             let numbers: Vec<f32> = finals.chunks_exact(width).flat_map(|row| &row[from.clone()]).copied().collect();
@@ -264,7 +264,7 @@ impl Remote {
         let states = empty::<f32>(py, PyTuple::new(py, &shape)?)?;
         let mut out = output::<f32>("states", &shape, &states)?;
         let out = out.as_slice_mut()?;
-        self.talk(py, |session| session.states(out))?;
+        self.with_session(py, |session| session.states(out))?;
         Ok(states)
     }
 
@@ -283,13 +283,13 @@ impl Remote {
 
     /// End the session and the connection; may be called twice.
     fn close(&self, py: Python<'_>) {
-        self.with(py, |session| session.link.close());
+        self.with(py, |session| session.client.close());
     }
 }
 
 impl Remote {
     fn layout(&self) -> PyResult<Layout> {
-        self.begun().map(|begun| begun.made.layout())
+        self.started().map(|started| started.info.layout())
     }
 
     /// The first axes of arrays: what stands in front, environments, and where a task has several drones also these.
@@ -323,7 +323,7 @@ impl Remote {
         let mut truncated = output::<bool>("truncated", &lead, into[3])?;
         let (actions, observations, rewards) = (actions.as_slice()?, observations.as_slice_mut()?, rewards.as_slice_mut()?);
         let (terminated, truncated) = (terminated.as_slice_mut()?, truncated.as_slice_mut()?);
-        self.talk(py, |session| session.step(count, actions, StepBuffers::new(observations, rewards, terminated, truncated)))
+        self.with_session(py, |session| session.step(count, actions, StepBuffers::new(observations, rewards, terminated, truncated)))
     }
 }
 
@@ -339,7 +339,7 @@ fn keep_alive(session: Weak<Mutex<Session>>, pause: Duration) -> PyResult<Sender
             let Some(session) = session.upgrade() else { return };
             // a connection in use needs no sign of life
             if let Ok(mut session) = session.try_lock() {
-                session.link.beat();
+                session.client.beat();
             }
         }
     };

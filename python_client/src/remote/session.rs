@@ -1,22 +1,22 @@
-//! A session over a link: what was made, and what the last step left behind.
+//! A session over a client, with the results of its last step.
 
 use crazyflie_env::observation::{Interface, OBSERVATION};
 use crazyflie_env::vector::StepBuffers;
 use serde::Deserialize;
 use tungstenite::Message;
 
-use super::link::Link;
-use super::trouble::Trouble;
-use super::wire::{self, Kind, Layout, Reply, Writer};
+use super::client::Client;
+use super::client_error::ClientError;
+use super::wire::{self, FrameKind, Layout, Reply, RequestWriter};
 
-/// The server's description of what it made.
+/// Reply to `make` or `benchmark`: the new session or attempt.
 #[derive(Debug, Clone, Deserialize)]
-pub struct Made {
+pub struct SessionInfo {
     pub num_envs: usize,
     /// In each environment. An attempt's rows are all its drones'.
-    #[serde(default = "single", rename = "drones")]
+    #[serde(default = "default_drones", rename = "drones")]
     drones: usize,
-    /// Numbers in a row of observations: as a session says it, and as an attempt does.
+    /// Numbers in a row of observations: `observation` of a session, `width` of an attempt.
     observation: Option<serde_json::Value>,
     width: Option<usize>,
     #[serde(default)]
@@ -24,32 +24,32 @@ pub struct Made {
     pub tick_s: f64,
     pub interface: Interface,
     /// Of one binary request; an attempt at the benchmark is flown tick by tick.
-    #[serde(default = "one")]
+    #[serde(default = "default_max_steps")]
     pub max_steps: u16,
     pub session: Option<String>,
     pub token: Option<String>,
 }
 
-fn single() -> usize {
+fn default_drones() -> usize {
     1
 }
 
-impl Made {
+impl SessionInfo {
     pub fn layout(&self) -> Layout {
-        let told = self.observation.as_ref().and_then(serde_json::Value::as_u64).and_then(|width| usize::try_from(width).ok());
+        let session_width = self.observation.as_ref().and_then(serde_json::Value::as_u64).and_then(|width| usize::try_from(width).ok());
         // an attempt tells its drones, and counts them as environments
         let drones = if self.width.is_some() { 1 } else { self.drones };
-        Layout { envs: self.num_envs, drones, width: self.width.or(told).unwrap_or(OBSERVATION), metrics: self.metrics }
+        Layout { envs: self.num_envs, drones, width: self.width.or(session_width).unwrap_or(OBSERVATION), metrics: self.metrics }
     }
 }
 
-fn one() -> u16 {
+fn default_max_steps() -> u16 {
     1
 }
 
 pub struct Session {
-    pub link: Link,
-    writer: Writer,
+    pub client: Client,
+    writer: RequestWriter,
     /// True states come with every reply.
     pub with_states: bool,
     pub layout: Layout,
@@ -64,11 +64,11 @@ pub struct Session {
 }
 
 impl Session {
-    pub fn new(link: Link) -> Self {
+    pub fn new(client: Client) -> Self {
         let layout = Layout { envs: 0, drones: 1, width: OBSERVATION, metrics: 0 };
         let (states, finals, ended) = (Vec::new(), Vec::new(), Vec::new());
         let (flying, metrics) = (Vec::new(), Vec::new());
-        Session { link, writer: Writer::default(), with_states: false, layout, flying, metrics, states, finals, ended }
+        Session { client, writer: RequestWriter::default(), with_states: false, layout, flying, metrics, states, finals, ended }
     }
 
     /// Numbers of the last rows of an environment.
@@ -77,12 +77,12 @@ impl Session {
     }
 
     /// # Errors
-    /// [`Trouble`] of any kind.
-    pub fn reset(&mut self, seeds: Option<&[u64]>, mask: Option<&[bool]>, rows: &mut [f32]) -> Result<(), Trouble> {
-        let id = self.link.next_id();
+    /// [`ClientError`] of any kind.
+    pub fn reset(&mut self, seeds: Option<&[u64]>, mask: Option<&[bool]>, rows: &mut [f32]) -> Result<(), ClientError> {
+        let id = self.client.next_id();
         let request = self.writer.reset(id, self.with_states, self.layout.envs, seeds, mask);
         let reply = self.exchange(id, request)?;
-        let reply = self.parsed(&reply, Kind::Reset, 0)?;
+        let reply = self.parse_reply(&reply, FrameKind::Reset, 0)?;
         match mask {
             None => wire::copy(reply.observations, rows),
             Some(mask) => {
@@ -98,15 +98,15 @@ impl Session {
         Ok(())
     }
 
-    /// So many steps; returns the number of episodes that ended.
+    /// Executes `steps` steps; returns the number of episodes that ended.
     ///
     /// # Errors
-    /// [`Trouble`] of any kind.
-    pub fn step(&mut self, steps: u16, actions: &[f32], out: StepBuffers<'_>) -> Result<usize, Trouble> {
-        let id = self.link.next_id();
+    /// [`ClientError`] of any kind.
+    pub fn step(&mut self, steps: u16, actions: &[f32], out: StepBuffers<'_>) -> Result<usize, ClientError> {
+        let id = self.client.next_id();
         let request = self.writer.step(id, self.with_states, steps, self.layout.envs, actions);
         let reply = self.exchange(id, request)?;
-        let reply = self.parsed(&reply, Kind::Step, steps)?;
+        let reply = self.parse_reply(&reply, FrameKind::Step, steps)?;
         wire::copy(reply.observations, out.observations);
         wire::copy(reply.rewards, out.rewards);
         wire::copy_flags(reply.terminated, out.terminated);
@@ -129,7 +129,7 @@ impl Session {
             self.ended.extend(over.filter(all));
             let (got, count) = (self.finals.len() / self.final_width(), self.ended.len());
             if got != count {
-                return Err(self.link.strange(format!("{got} final rows for {count} ends")));
+                return Err(self.client.unexpected(format!("{got} final rows for {count} ends")));
             }
         }
         Ok(ends.into_iter().filter(|ended| *ended).count())
@@ -138,16 +138,16 @@ impl Session {
     /// The true states as they are now.
     ///
     /// # Errors
-    /// [`Trouble`] of any kind.
-    pub fn states(&mut self, out: &mut [f32]) -> Result<(), Trouble> {
+    /// [`ClientError`] of any kind.
+    pub fn states(&mut self, out: &mut [f32]) -> Result<(), ClientError> {
         if self.states.len() >= out.len() {
             out.copy_from_slice(&self.states[self.states.len() - out.len()..]);
             return Ok(());
         }
-        let id = self.link.next_id();
+        let id = self.client.next_id();
         let request = self.writer.state(id, self.layout.envs);
         let reply = self.exchange(id, request)?;
-        wire::copy(self.parsed(&reply, Kind::State, 0)?.states, out);
+        wire::copy(self.parse_reply(&reply, FrameKind::State, 0)?.states, out);
         Ok(())
     }
 
@@ -157,14 +157,14 @@ impl Session {
         self.finals.chunks_exact(self.final_width()).nth(at)
     }
 
-    fn exchange(&mut self, id: u64, request: bytes::Bytes) -> Result<bytes::Bytes, Trouble> {
-        match self.link.exchange(id, Message::Binary(request))? {
+    fn exchange(&mut self, id: u64, request: bytes::Bytes) -> Result<bytes::Bytes, ClientError> {
+        match self.client.exchange(id, Message::Binary(request))? {
             Message::Binary(bytes) => Ok(bytes),
-            _ => Err(self.link.strange("a text for a binary request".into())),
+            _ => Err(self.client.unexpected("a text for a binary request".into())),
         }
     }
 
-    fn parsed<'a>(&self, bytes: &'a [u8], kind: Kind, steps: u16) -> Result<Reply<'a>, Trouble> {
-        Reply::parse(bytes, kind, self.with_states, steps, &self.layout).map_err(|why| self.link.strange(why))
+    fn parse_reply<'a>(&self, bytes: &'a [u8], kind: FrameKind, steps: u16) -> Result<Reply<'a>, ClientError> {
+        Reply::parse(bytes, kind, self.with_states, steps, &self.layout).map_err(|why| self.client.unexpected(why))
     }
 }

@@ -15,7 +15,7 @@ const SEEDS: u8 = 2;
 const MASK: u8 = 4;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
+pub enum FrameKind {
     Reset = 1,
     Step = 2,
     State = 3,
@@ -23,10 +23,10 @@ pub enum Kind {
 
 /// The memory of requests: each is written where the one before was.
 #[derive(Default)]
-pub struct Writer(BytesMut);
+pub struct RequestWriter(BytesMut);
 
-impl Writer {
-    fn begin(&mut self, id: u64, kind: Kind, flags: u8, steps: u16, envs: usize) {
+impl RequestWriter {
+    fn begin(&mut self, id: u64, kind: FrameKind, flags: u8, steps: u16, envs: usize) {
         self.0.put_u64_le(id);
         self.0.put_u8(kind as u8);
         self.0.put_u8(flags);
@@ -35,21 +35,21 @@ impl Writer {
     }
 
     pub fn step(&mut self, id: u64, states: bool, steps: u16, envs: usize, actions: &[f32]) -> Bytes {
-        self.begin(id, Kind::Step, if states { STATES } else { 0 }, steps, envs);
+        self.begin(id, FrameKind::Step, if states { STATES } else { 0 }, steps, envs);
         self.0.put_slice(bytemuck::cast_slice(actions));
         self.0.split().freeze()
     }
 
     pub fn reset(&mut self, id: u64, states: bool, envs: usize, seeds: Option<&[u64]>, mask: Option<&[bool]>) -> Bytes {
         let flag = |given: bool, flag: u8| if given { flag } else { 0 };
-        self.begin(id, Kind::Reset, flag(states, STATES) | flag(seeds.is_some(), SEEDS) | flag(mask.is_some(), MASK), 0, envs);
+        self.begin(id, FrameKind::Reset, flag(states, STATES) | flag(seeds.is_some(), SEEDS) | flag(mask.is_some(), MASK), 0, envs);
         seeds.unwrap_or_default().iter().for_each(|seed| self.0.put_u64_le(*seed));
         mask.unwrap_or_default().iter().for_each(|chosen| self.0.put_u8(u8::from(*chosen)));
         self.0.split().freeze()
     }
 
     pub fn state(&mut self, id: u64, envs: usize) -> Bytes {
-        self.begin(id, Kind::State, 0, 0, envs);
+        self.begin(id, FrameKind::State, 0, 0, envs);
         self.0.split().freeze()
     }
 }
@@ -60,7 +60,7 @@ pub struct Reply<'a> {
     pub rewards: &'a [u8],
     /// Empty unless they were asked for.
     pub states: &'a [u8],
-    /// Where a task has several drones: rows for each environment, and whether a drone flies on.
+    /// For tasks of several drones: rows for each environment, and whether a drone flies on.
     pub metrics: &'a [u8],
     /// Of each environment whose episode ended: rows of observation and, if asked for, of state.
     pub finals: &'a [u8],
@@ -74,7 +74,7 @@ pub fn reply_bytes(envs: usize) -> usize {
     HEADER + envs * (4 * (OBSERVATION + 1 + STATE) + 2) + 16
 }
 
-/// How many numbers a session's messages are made of.
+/// Sizes of a session's messages.
 #[derive(Debug, Clone, Copy)]
 pub struct Layout {
     pub envs: usize,
@@ -100,22 +100,22 @@ impl Layout {
 
 impl<'a> Reply<'a> {
     /// # Errors
-    /// What does not fit the request.
-    pub fn parse(bytes: &'a [u8], kind: Kind, states: bool, steps: u16, layout: &Layout) -> Result<Self, String> {
+    /// For a reply that does not fit the request.
+    pub fn parse(bytes: &'a [u8], kind: FrameKind, states: bool, steps: u16, layout: &Layout) -> Result<Self, String> {
         let Layout { envs, width, metrics, .. } = *layout;
         let word = |at: usize| bytes.get(at..at + 4).and_then(|word| word.try_into().ok()).map(u32::from_le_bytes);
         let (Some(head), Some(got_envs), Some(finals)) = (word(8).map(|head| head & !(u32::from(OVER) << 8)), word(12), word(16)) else {
             return Err(format!("a message of {} bytes", bytes.len()));
         };
-        let flags = if states && kind != Kind::State { STATES } else { 0 };
+        let flags = if states && kind != FrameKind::State { STATES } else { 0 };
         let want = u32::from_le_bytes([kind as u8 | 0x80, flags, steps.to_le_bytes()[0], steps.to_le_bytes()[1]]);
         if head != want || got_envs as usize != envs {
             return Err(format!("a header {head:#010x} of {got_envs} environments, expected {want:#010x} of {envs}"));
         }
-        let ticks = if kind == Kind::Step { usize::from(steps) } else { 1 };
+        let ticks = if kind == FrameKind::Step { usize::from(steps) } else { 1 };
         let rows = ticks * layout.rows();
-        let wide = if states || kind == Kind::State { 4 * STATE } else { 0 };
-        let (step, seen) = (usize::from(kind == Kind::Step), usize::from(kind != Kind::State));
+        let wide = if states || kind == FrameKind::State { 4 * STATE } else { 0 };
+        let (step, seen) = (usize::from(kind == FrameKind::Step), usize::from(kind != FrameKind::State));
         let parts = [
             rows * 4 * width * seen,
             rows * 4 * step,

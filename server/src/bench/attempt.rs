@@ -2,18 +2,18 @@
 
 use crazyflie_env::vector::StepBuffers;
 
-use super::baselines::Seat;
-use super::episodes::{Episode, Episodes};
+use super::baselines::AttemptSpec;
+use super::episodes::{Episode, EpisodeBatch};
 use super::error::{Error, Result};
 use super::metrics::{self, EpisodeMetrics};
-use super::record::{Document, EpisodeResult, Outcome, Status, pack};
+use super::record::{AttemptResult, Document, EpisodeResult, Status, pack};
 use super::scenario::Scenario;
 use super::secrets::{random, sha256_hex};
-use super::teams::{Place, Who};
+use super::teams::{AttemptPermit, Submitter};
 use super::{BUILD, Bench, now_ms, score};
 use crate::flight::{Phase, phase_at};
 
-/// Who has begun must finish within this. What a crash of the server left behind is abandoned from then on.
+/// Time limit of an attempt. One that a crash of the server left behind is abandoned from then on.
 const LIMIT_MS: i64 = 30 * 60 * 1000;
 
 /// An attempt under way. Dropped before it is finished, it is listed as abandoned.
@@ -22,10 +22,10 @@ pub(crate) struct Attempt {
     scenario: Scenario,
     document: Document,
     /// None once it is finished.
-    episodes: Option<Episodes>,
+    episodes: Option<EpisodeBatch>,
     /// As obeyed: ticks of rows of all episodes.
     actions: Vec<f32>,
-    _place: Place,
+    _permit: AttemptPermit,
 }
 
 impl Bench {
@@ -33,17 +33,17 @@ impl Bench {
     ///
     /// # Errors
     /// [`Error::Scenario`], [`Error::Token`], [`Error::Name`] for the controller, [`Error::TooMany`], [`Error::Busy`].
-    pub(crate) fn begin(&self, scenario: &str, who: Who<'_>, controller: &str) -> Result<Attempt> {
+    pub(crate) fn begin(&self, scenario: &str, submitter: Submitter<'_>, controller: &str) -> Result<Attempt> {
         let scenario = self.scenario(scenario)?.clone();
         if !(1..=64).contains(&controller.chars().count()) || controller.chars().any(char::is_control) {
             return Err(Error::Name { what: "controller", name: controller.into(), want: "1 to 64 characters, none of them a control" });
         }
         self.sweep()?;
-        let team = self.team(who)?;
-        let place = self.admit(&team)?;
+        let team = self.team(submitter)?;
+        let permit = self.admit(&team)?;
         let id = hex::encode(random::<16>()?);
         let seeds = self.0.secrets.seeds(&id, scenario.hash(), scenario.episodes())?;
-        let episodes = Episodes::begin(&scenario, &seeds)?;
+        let episodes = EpisodeBatch::begin(&scenario, &seeds)?;
         let mut document = Document {
             number: 0,
             id,
@@ -56,17 +56,17 @@ impl Bench {
             status: Status::Running,
             result: None,
         };
-        document.number = self.store().begin(&|number| Document { number, ..document.clone() }.stored(&self.0.secrets))?;
-        Ok(Attempt { bench: self.clone(), scenario, document, episodes: Some(episodes), actions: Vec::new(), _place: place })
+        document.number = self.store().begin(&|number| Document { number, ..document.clone() }.to_row(&self.0.secrets))?;
+        Ok(Attempt { bench: self.clone(), scenario, document, episodes: Some(episodes), actions: Vec::new(), _permit: permit })
     }
 
-    /// Calls those attempts abandoned whose time is over.
+    /// Marks running attempts as abandoned whose time is over.
     pub(super) fn sweep(&self) -> Result<()> {
         let mut store = self.store();
         for row in store.running_since_before(now_ms() - LIMIT_MS)? {
             // a damaged row is left as it is, for verify to find
             let Ok(document) = row.document(&self.0.secrets) else { continue };
-            store.conclude(&Document { status: Status::Abandoned, ..document }.stored(&self.0.secrets)?, None)?;
+            store.conclude(&Document { status: Status::Abandoned, ..document }.to_row(&self.0.secrets)?, None)?;
         }
         Ok(())
     }
@@ -81,7 +81,7 @@ impl Attempt {
         &self.scenario
     }
 
-    fn flying(&self) -> Result<&Episodes> {
+    fn flying(&self) -> Result<&EpisodeBatch> {
         self.episodes.as_ref().ok_or(Error::Over)
     }
 
@@ -90,7 +90,7 @@ impl Attempt {
     /// # Errors
     /// [`Error::Over`].
     pub(crate) fn rows(&self) -> Result<usize> {
-        self.flying().map(Episodes::rows)
+        self.flying().map(EpisodeBatch::rows)
     }
 
     /// Numbers in a row of observations.
@@ -98,15 +98,15 @@ impl Attempt {
     /// # Errors
     /// [`Error::Over`].
     pub(crate) fn width(&self) -> Result<usize> {
-        self.flying().map(Episodes::width)
+        self.flying().map(EpisodeBatch::width)
     }
 
-    /// What actions mean, how often they are asked for, and of how many drones.
+    /// Action ranges, rate, and the numbers of episodes and drones.
     ///
     /// # Errors
     /// [`Error::Over`].
-    pub(crate) fn seat(&self) -> Result<Seat> {
-        self.flying().map(Episodes::seat)
+    pub(crate) fn spec(&self) -> Result<AttemptSpec> {
+        self.flying().map(EpisodeBatch::spec)
     }
 
     /// The part of the flight that the next action is for.
@@ -122,7 +122,7 @@ impl Attempt {
     /// # Errors
     /// [`Error::Over`].
     pub(crate) fn observations(&self) -> Result<&[f32]> {
-        self.flying().map(Episodes::observations)
+        self.flying().map(EpisodeBatch::observations)
     }
 
     /// One tick of all episodes. Flights that are over stay as they ended, with no reward, and their actions are ignored. True when the last
@@ -134,8 +134,8 @@ impl Attempt {
         let episodes = self.episodes.as_mut().ok_or(Error::Over)?;
         episodes.check(&out)?;
         let over = episodes.step(actions)?;
-        self.actions.extend_from_slice(episodes.obeyed());
-        episodes.show(out);
+        self.actions.extend_from_slice(episodes.applied_actions());
+        episodes.copy_results(out);
         Ok(over)
     }
 
@@ -155,23 +155,23 @@ impl Attempt {
         }
     }
 
-    fn conclude(&mut self, episodes: Episodes, ticks: usize) -> Result<Document> {
+    fn conclude(&mut self, episodes: EpisodeBatch, ticks: usize) -> Result<Document> {
         let finished_ms = now_ms();
         let too_late = Error::TooLate { limit_s: LIMIT_MS.unsigned_abs() / 1000 };
         if finished_ms - self.document.begun_ms > LIMIT_MS {
             return Err(too_late);
         }
         let packed = pack(&self.actions)?;
-        let result = judge(&self.scenario, &episodes.finish()?)?.outcome(finished_ms, ticks, &packed);
+        let result = score_attempt(&self.scenario, &episodes.finish()?)?.outcome(finished_ms, ticks, &packed);
         let document = Document { status: Status::Finished, result: Some(result), ..self.document.clone() };
-        let row = document.stored(&self.bench.0.secrets)?;
+        let row = document.to_row(&self.bench.0.secrets)?;
         if self.bench.store().conclude(&row, Some(&packed))? { Ok(document) } else { Err(too_late) }
     }
 
-    /// Says in the database that nothing came of it. Where even that fails, it is said when its time is over.
+    /// Marks the attempt as abandoned in the database. If that fails, `sweep` does it after the time limit.
     fn abandon(&self) {
         let document = Document { status: Status::Abandoned, ..self.document.clone() };
-        let _ = document.stored(&self.bench.0.secrets).and_then(|row| self.bench.store().conclude(&row, None));
+        let _ = document.to_row(&self.bench.0.secrets).and_then(|row| self.bench.store().conclude(&row, None));
     }
 }
 
@@ -183,7 +183,7 @@ impl Drop for Attempt {
     }
 }
 
-/// What came of flights, but for dates.
+/// Scores and metrics of the flights of an attempt, without dates.
 #[derive(PartialEq)]
 pub struct AttemptScore {
     pub score: score::Score,
@@ -191,20 +191,20 @@ pub struct AttemptScore {
     pub episodes: Vec<EpisodeResult>,
 }
 
-pub(super) fn judge(scenario: &Scenario, flights: &[Episode]) -> Result<AttemptScore> {
-    let of = |flight: &Episode| {
-        let metrics = metrics::of_episode(scenario, flight)?;
+pub(super) fn score_attempt(scenario: &Scenario, flights: &[Episode]) -> Result<AttemptScore> {
+    let episode_result = |flight: &Episode| {
+        let metrics = metrics::episode_metrics(scenario, flight)?;
         Ok(EpisodeResult { score: scenario.plan.cost.score(&metrics)?, states_sha256: flight.state_hash(), metrics })
     };
-    let episodes = flights.iter().map(of).collect::<Result<Vec<_>>>()?;
+    let episodes = flights.iter().map(episode_result).collect::<Result<Vec<_>>>()?;
     let scores: Vec<(f64, bool)> = episodes.iter().map(|e| (e.score, e.metrics.failed.is_some())).collect();
     let all: Vec<EpisodeMetrics> = episodes.iter().map(|e| e.metrics.clone()).collect();
-    Ok(AttemptScore { score: score::of_attempt(&scores)?, metrics: metrics::of_attempt(&all)?, episodes })
+    Ok(AttemptScore { score: score::attempt_score(&scores)?, metrics: metrics::attempt_metrics(&all)?, episodes })
 }
 
 impl AttemptScore {
-    fn outcome(self, finished_ms: i64, ticks: usize, packed: &[u8]) -> Outcome {
+    fn outcome(self, finished_ms: i64, ticks: usize, packed: &[u8]) -> AttemptResult {
         let AttemptScore { score, metrics, episodes } = self;
-        Outcome { finished_ms, ticks, actions_sha256: sha256_hex(packed), score, metrics, episodes }
+        AttemptResult { finished_ms, ticks, actions_sha256: sha256_hex(packed), score, metrics, episodes }
     }
 }

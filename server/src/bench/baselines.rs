@@ -1,4 +1,4 @@
-//! The controllers that come with the program fly attempts as anyone does: they see what anyone sees, and go the same way.
+//! Attempts of the built-in controllers. They see the same observations as any client and take the same path.
 
 use crazyflie_control::avoidance::CollisionAvoidance;
 use crazyflie_control::{ControllerContext, ControllerSpec, Mode, MultiController};
@@ -6,14 +6,14 @@ use crazyflie_env::model::Model;
 use crazyflie_env::observation::{ACTION, Interface};
 use crazyflie_env::vector::StepBuffers;
 
-use super::attempt::{AttemptScore, judge};
-use super::episodes::Episodes;
+use super::attempt::{AttemptScore, score_attempt};
+use super::episodes::EpisodeBatch;
 use super::error::Result;
 use super::scenario::Scenario;
-use super::{Attempt, Bench, Document, Who};
+use super::{Attempt, Bench, Document, Submitter};
 use crate::flight::{Trace, phase_at};
 
-/// Who flies an attempt.
+/// A controller that enters the benchmark.
 #[derive(Debug, Clone)]
 pub struct Entrant {
     pub controller: ControllerSpec,
@@ -27,9 +27,9 @@ impl From<ControllerSpec> for Entrant {
     }
 }
 
-/// What an attempt asks of who flies it.
+/// Interface and size of an attempt, for the controller that flies it.
 #[derive(Debug, Clone, Copy)]
-pub struct Seat {
+pub struct AttemptSpec {
     pub interface: Interface,
     pub tick_s: f64,
     pub episodes: usize,
@@ -38,31 +38,31 @@ pub struct Seat {
 }
 
 impl Entrant {
-    /// What the leaderboard calls it: a long file name is no reason to refuse an attempt.
+    /// Name on the leaderboard, cut to 64 characters: a long file name must not fail an attempt.
     pub fn name(&self) -> String {
         let how = if self.avoid { "avoid+" } else { "" };
         how.chars().chain(self.controller.label.chars()).filter(|c| !c.is_control()).take(64).collect()
     }
 
     /// Built for the scenarios' vehicle, which is the thesis's.
-    pub fn pilot(&self, seat: Seat, mode: Mode) -> crazyflie_env::Result<MultiController> {
-        let Seat { interface, tick_s, episodes, drones } = seat;
-        let one = |_| self.controller.build(&ControllerContext { model: &Model::thesis(), interface, tick_s, envs: episodes, mode });
+    pub fn pilot(&self, spec: AttemptSpec, mode: Mode) -> crazyflie_env::Result<MultiController> {
+        let AttemptSpec { interface, tick_s, episodes, drones } = spec;
+        let controller = |_| self.controller.build(&ControllerContext { model: &Model::thesis(), interface, tick_s, envs: episodes, mode });
         let avoid = (self.avoid && drones > 1).then(CollisionAvoidance::default);
-        MultiController::new((0..drones).map(one).collect::<crazyflie_env::Result<_>>()?, episodes, avoid, tick_s)
+        MultiController::new((0..drones).map(controller).collect::<crazyflie_env::Result<_>>()?, episodes, avoid, tick_s)
     }
 }
 
 /// One attempt from beginning to end.
 pub fn submit(bench: &Bench, scenario: &str, entrant: &Entrant) -> Result<Document> {
-    let mut attempt = bench.begin(scenario, Who::Local, &entrant.name())?;
+    let mut attempt = bench.begin(scenario, Submitter::Local, &entrant.name())?;
     fly(&mut attempt, entrant)?;
     attempt.finish()
 }
 
 fn fly(attempt: &mut Attempt, entrant: &Entrant) -> Result<()> {
     let rows = attempt.rows()?;
-    let mut pilot = entrant.pilot(attempt.seat()?, attempt.phase()?.mode)?;
+    let mut pilot = entrant.pilot(attempt.spec()?, attempt.phase()?.mode)?;
     let (mut observations, mut actions) = (attempt.observations()?.to_vec(), vec![0.0; rows * ACTION]);
     let (mut rewards, mut terminated, mut truncated) = (vec![0.0; rows], vec![false; rows], vec![false; rows]);
     loop {
@@ -75,20 +75,20 @@ fn fly(attempt: &mut Attempt, entrant: &Entrant) -> Result<()> {
     }
 }
 
-/// Flights of the same kind with seeds of one's own, scored as those of an attempt are, and kept nowhere; with the first of them.
+/// Flies the scenario for the given seeds and scores it like an attempt, but stores nothing. Also returns the first trace.
 pub fn evaluate(scenario: &Scenario, entrant: &Entrant, seeds: &[u64]) -> Result<(AttemptScore, Option<Trace>)> {
-    let mut episodes = Episodes::begin(scenario, seeds)?;
-    let seat = episodes.seat();
-    let mut pilot = entrant.pilot(seat, scenario.phases[0].mode)?;
+    let mut episodes = EpisodeBatch::begin(scenario, seeds)?;
+    let spec = episodes.spec();
+    let mut pilot = entrant.pilot(spec, scenario.phases[0].mode)?;
     let mut actions = vec![0.0; episodes.rows() * ACTION];
     loop {
-        pilot.set_mode(phase_at(&scenario.phases, episodes.tick() as f64 * seat.tick_s).mode);
+        pilot.set_mode(phase_at(&scenario.phases, episodes.tick() as f64 * spec.tick_s).mode);
         pilot.act(episodes.observations(), &mut actions)?;
         if episodes.step(&actions)? {
             let flights = episodes.finish()?;
-            let judged = judge(scenario, &flights)?;
+            let score = score_attempt(scenario, &flights)?;
             let first = flights.into_iter().next().and_then(|flight| flight.paths.into_iter().next());
-            return Ok((judged, first.map(|path| path.trace)));
+            return Ok((score, first.map(|path| path.trace)));
         }
     }
 }

@@ -4,14 +4,14 @@ use crazyflie_env::observation::ACTION;
 use crazyflie_env::vector::{METRICS, STATE, StepBuffers, VectorEnv};
 use sha2::{Digest, Sha256};
 
-use super::baselines::Seat;
+use super::baselines::AttemptSpec;
 use super::error::{Error, Result};
 use super::scenario::Scenario;
-use crate::flight::{self, End, Trace};
+use crate::flight::{self, FlightEnd, Trace};
 
 /// The flight of one drone, with the reward that each row but the first came with.
 #[derive(Debug, Clone)]
-pub(super) struct Path {
+pub(super) struct DronePath {
     pub trace: Trace,
     pub rewards: Vec<f32>,
     over: bool,
@@ -20,13 +20,13 @@ pub(super) struct Path {
 /// One episode: a drone, or several that share the air.
 #[derive(Debug, Clone)]
 pub(super) struct Episode {
-    pub paths: Vec<Path>,
+    pub paths: Vec<DronePath>,
     /// Of worlds that several drones share.
-    pub team: Option<[f32; METRICS.len()]>,
+    pub world_metrics: Option<[f32; METRICS.len()]>,
 }
 
-/// What a step of the environments gives: rows for each drone, and metrics of each episode.
-struct Results {
+/// Results of a step: rows for each drone, and metrics of each episode.
+struct StepArrays {
     observations: Vec<f32>,
     rewards: Vec<f32>,
     terminated: Vec<bool>,
@@ -35,27 +35,27 @@ struct Results {
     metrics: Vec<f32>,
 }
 
-pub(super) struct Episodes {
+pub(super) struct EpisodeBatch {
     env: VectorEnv,
     all: Vec<Episode>,
     ticks: usize,
     tick: usize,
     /// As the environments see and give them; what is shown is copied from here while a drone flies.
-    inner: Results,
+    inner: StepArrays,
     states: Vec<f32>,
     /// The actions as they were obeyed: zeros for flights that are over.
-    obeyed: Vec<f32>,
+    applied_actions: Vec<f32>,
     observations: Vec<f32>,
     rewards: Vec<f32>,
     terminated: Vec<bool>,
     truncated: Vec<bool>,
 }
 
-impl Episodes {
-    pub(super) fn begin(scenario: &Scenario, seeds: &[u64]) -> Result<Episodes> {
+impl EpisodeBatch {
+    pub(super) fn begin(scenario: &Scenario, seeds: &[u64]) -> Result<EpisodeBatch> {
         let mut env = scenario.env(seeds.len())?;
         let drones = seeds.len() * env.num_drones();
-        let mut inner = Results {
+        let mut inner = StepArrays {
             observations: vec![0.0; drones * env.width()],
             rewards: vec![0.0; drones],
             terminated: vec![false; drones],
@@ -64,15 +64,27 @@ impl Episodes {
             metrics: vec![0.0; seeds.len() * env.num_metrics()],
         };
         env.reset(Some(seeds), None, &mut inner.observations)?;
-        let trace = Trace { tick_s: env.tick_s(), interface: env.interfaces()[0], rows: Vec::new(), end: End::Time };
-        let path = Path { trace, rewards: vec![0.0], over: false };
-        let team = (env.num_metrics() > 0).then_some([0.0; METRICS.len()]);
-        let all = vec![Episode { paths: vec![path; env.num_drones()], team }; seeds.len()];
+        let trace = Trace { tick_s: env.tick_s(), interface: env.interfaces()[0], rows: Vec::new(), end: FlightEnd::Time };
+        let path = DronePath { trace, rewards: vec![0.0], over: false };
+        let world_metrics = (env.num_metrics() > 0).then_some([0.0; METRICS.len()]);
+        let all = vec![Episode { paths: vec![path; env.num_drones()], world_metrics }; seeds.len()];
         let ticks = (scenario.seconds() / env.tick_s()).round() as usize;
         let (mut states, observations) = (vec![0.0; drones * STATE], inner.observations.clone());
         env.states(&mut states)?;
-        let (obeyed, rewards, flags) = (vec![0.0; drones * ACTION], vec![0.0; drones], vec![false; drones]);
-        Ok(Episodes { env, all, ticks, tick: 0, inner, states, obeyed, observations, rewards, terminated: flags.clone(), truncated: flags })
+        let (applied_actions, rewards, flags) = (vec![0.0; drones * ACTION], vec![0.0; drones], vec![false; drones]);
+        Ok(EpisodeBatch {
+            env,
+            all,
+            ticks,
+            tick: 0,
+            inner,
+            states,
+            applied_actions,
+            observations,
+            rewards,
+            terminated: flags.clone(),
+            truncated: flags,
+        })
     }
 
     /// Drones of all episodes: so many rows go in and out.
@@ -93,13 +105,13 @@ impl Episodes {
         self.env.tick_s()
     }
 
-    pub(super) fn seat(&self) -> Seat {
+    pub(super) fn spec(&self) -> AttemptSpec {
         let (interface, tick_s) = (self.env.interfaces()[0], self.env.tick_s());
-        Seat { interface, tick_s, episodes: self.all.len(), drones: self.env.num_drones() }
+        AttemptSpec { interface, tick_s, episodes: self.all.len(), drones: self.env.num_drones() }
     }
 
-    pub(super) fn under_way(&self) -> usize {
-        self.all.iter().filter(|episode| !episode.over()).count()
+    pub(super) fn running(&self) -> usize {
+        self.all.iter().filter(|episode| !episode.is_over()).count()
     }
 
     /// The latest observation of each drone; the last one of those whose flight is over.
@@ -108,11 +120,11 @@ impl Episodes {
     }
 
     /// The actions of the last step as they were obeyed.
-    pub(super) fn obeyed(&self) -> &[f32] {
-        &self.obeyed
+    pub(super) fn applied_actions(&self) -> &[f32] {
+        &self.applied_actions
     }
 
-    fn paths(&mut self) -> impl Iterator<Item = (usize, &mut Path)> {
+    fn paths(&mut self) -> impl Iterator<Item = (usize, &mut DronePath)> {
         self.all.iter_mut().flat_map(|episode| &mut episode.paths).enumerate().filter(|(_, path)| !path.over)
     }
 
@@ -121,35 +133,35 @@ impl Episodes {
     /// # Errors
     /// Before anything moves: [`Error::Over`], and the environment's for a wrong number of actions or one that is not from -1 to 1.
     pub(super) fn step(&mut self, actions: &[f32]) -> Result<bool> {
-        if self.under_way() == 0 {
+        if self.running() == 0 {
             return Err(Error::Over);
         }
-        if actions.len() != self.obeyed.len() {
-            let want = format!("{} numbers", self.obeyed.len());
+        if actions.len() != self.applied_actions.len() {
+            let want = format!("{} numbers", self.applied_actions.len());
             return Err(crazyflie_env::Error::Shape { what: "actions", want, got: actions.len().to_string() }.into());
         }
-        let mut obeyed = vec![0.0; actions.len()];
+        let mut applied_actions = vec![0.0; actions.len()];
         for (i, _) in self.paths() {
-            obeyed[i * ACTION..(i + 1) * ACTION].copy_from_slice(&actions[i * ACTION..(i + 1) * ACTION]);
+            applied_actions[i * ACTION..(i + 1) * ACTION].copy_from_slice(&actions[i * ACTION..(i + 1) * ACTION]);
         }
         let seen = self.inner.observations.clone();
-        let Results { observations, rewards, terminated, truncated, flying, metrics } = &mut self.inner;
-        self.env.step(&obeyed, StepBuffers { observations, rewards, terminated, truncated, flying, metrics })?;
-        self.obeyed = obeyed;
+        let StepArrays { observations, rewards, terminated, truncated, flying, metrics } = &mut self.inner;
+        self.env.step(&applied_actions, StepBuffers { observations, rewards, terminated, truncated, flying, metrics })?;
+        self.applied_actions = applied_actions;
         let (width, before) = (self.width(), self.states.clone());
         self.paths().for_each(|(i, path)| path.trace.rows.push(flight::row(i, width, &seen, &before, actions)));
         self.env.states(&mut self.states)?;
         self.tick += 1;
-        self.settle();
-        Ok(self.under_way() == 0)
+        self.take_results();
+        Ok(self.running() == 0)
     }
 
-    /// What came of the step: for the client, and for flights that end with it their last row.
-    fn settle(&mut self) {
+    /// Takes over the results of the step. Flights that end with it get their last row.
+    fn take_results(&mut self) {
         let (out_of_time, width, drones) = (self.tick >= self.ticks, self.width(), self.env.num_drones());
         let metrics = self.inner.metrics.as_chunks().0;
-        for (episode, metrics) in self.all.iter_mut().zip(metrics).filter(|(episode, _)| !episode.over()) {
-            episode.team = episode.team.map(|_| *metrics);
+        for (episode, metrics) in self.all.iter_mut().zip(metrics).filter(|(episode, _)| !episode.is_over()) {
+            episode.world_metrics = episode.world_metrics.map(|_| *metrics);
         }
         let paths = self.all.iter_mut().flat_map(|episode| &mut episode.paths);
         for (i, path) in paths.enumerate() {
@@ -165,9 +177,9 @@ impl Episodes {
             path.rewards.push(self.inner.rewards[i]);
             path.over = self.terminated[i] || out_of_time;
             if path.over {
-                path.trace.rows.push(flight::row(i, width, &self.inner.observations, &self.states, &self.obeyed));
+                path.trace.rows.push(flight::row(i, width, &self.inner.observations, &self.states, &self.applied_actions));
                 // why one of several ended is told by the figures of its world
-                path.trace.end = if self.terminated[i] && drones == 1 { flight::end(&path.trace.rows) } else { End::Time };
+                path.trace.end = if self.terminated[i] && drones == 1 { flight::end(&path.trace.rows) } else { FlightEnd::Time };
             }
         }
     }
@@ -186,7 +198,7 @@ impl Episodes {
     }
 
     /// Copies what the client is shown into buffers of the right lengths.
-    pub(super) fn show(&self, out: StepBuffers<'_>) {
+    pub(super) fn copy_results(&self, out: StepBuffers<'_>) {
         out.observations.copy_from_slice(&self.observations);
         out.rewards.copy_from_slice(&self.rewards);
         out.terminated.copy_from_slice(&self.terminated);
@@ -195,7 +207,7 @@ impl Episodes {
 
     /// The flights, once all are over.
     pub(super) fn finish(self) -> Result<Vec<Episode>> {
-        match self.under_way() {
+        match self.running() {
             0 => Ok(self.all),
             left => Err(Error::NotOver { left, all: self.all.len() }),
         }
@@ -203,7 +215,7 @@ impl Episodes {
 }
 
 impl Episode {
-    fn over(&self) -> bool {
+    fn is_over(&self) -> bool {
         self.paths.iter().all(|path| path.over)
     }
 

@@ -1,4 +1,4 @@
-//! What can go wrong with a benchmark run.
+//! Errors of the benchmark.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! Who flies best. One row per team and controller, by the median of all its attempts at a scenario: trying until luck comes does not help,
+//! The leaderboard. One row per team and controller, by the median of all its attempts at a scenario: trying until luck comes does not help,
 //! and an attempt that was abandoned counts as 0, so that going away when it goes badly does not help either.
 
 use std::collections::BTreeMap;
@@ -13,7 +13,7 @@ use super::{Bench, Scenario};
 
 /// A row of the leaderboard.
 #[derive(Debug, Clone, Serialize)]
-pub struct Ranked {
+pub struct LeaderboardRow {
     pub rank: usize,
     /// The attempt that stands for all of them: the middle one, the worse of two.
     pub attempt: String,
@@ -35,15 +35,15 @@ pub struct Ranked {
 
 impl Bench {
     /// The best first; rows that were tampered with are left out.
-    pub fn leaderboard(&self, scenario: &Scenario) -> Result<Vec<Ranked>> {
+    pub fn leaderboard(&self, scenario: &Scenario) -> Result<Vec<LeaderboardRow>> {
         let mut groups = BTreeMap::<(String, String), Vec<(Document, Vec<u8>)>>::new();
-        for listed in self.attempts(Some(&scenario.id()))? {
-            let Ok(document) = listed.document else { continue };
+        for entry in self.attempts(Some(&scenario.id()))? {
+            let Ok(document) = entry.document else { continue };
             if document.status != Status::Running && document.scenario_hash == scenario.hash() {
-                groups.entry((document.team.clone(), document.controller.clone())).or_default().push((document, listed.signature));
+                groups.entry((document.team.clone(), document.controller.clone())).or_default().push((document, entry.signature));
             }
         }
-        let mut rows: Vec<Ranked> = groups.into_values().filter_map(|group| middle(group, scenario)).collect();
+        let mut rows: Vec<LeaderboardRow> = groups.into_values().filter_map(|group| median_row(group, scenario)).collect();
         rows.sort_by(|a, b| b.score.score.total_cmp(&a.score.score));
         let scores: Vec<f64> = rows.iter().map(|row| row.score.score).collect();
         rows.iter_mut().for_each(|row| row.rank = 1 + scores.iter().filter(|score| **score > row.score.score).count());
@@ -51,7 +51,7 @@ impl Bench {
     }
 }
 
-fn middle(mut group: Vec<(Document, Vec<u8>)>, scenario: &Scenario) -> Option<Ranked> {
+fn median_row(mut group: Vec<(Document, Vec<u8>)>, scenario: &Scenario) -> Option<LeaderboardRow> {
     let score = |document: &Document| document.result.as_ref().map_or(0.0, |result| result.score.score);
     group.sort_by(|(a, _), (b, _)| score(a).total_cmp(&score(b)));
     let attempts = group.len();
@@ -59,7 +59,7 @@ fn middle(mut group: Vec<(Document, Vec<u8>)>, scenario: &Scenario) -> Option<Ra
     let (document, signature) = group.into_iter().nth(attempts.checked_sub(1)? / 2)?;
     let nothing = Score { score: 0.0, low: 0.0, high: 0.0, median: 0.0, failed: scenario.episodes(), episodes: scenario.episodes() };
     let (score, metrics) = document.result.map_or((nothing, None), |result| (result.score, Some(result.metrics)));
-    Some(Ranked {
+    Some(LeaderboardRow {
         rank: 0,
         attempt: document.id,
         controller: document.controller,

@@ -1,10 +1,10 @@
-//! What an episode is described by, and the same over an attempt.
+//! Metrics of an episode, and of an attempt.
 
 use serde::{Deserialize, Serialize};
 
 use crazyflie_env::vector::METRICS;
 
-use super::episodes::{Episode, Path};
+use super::episodes::{DronePath, Episode};
 use super::error::{Error, Result};
 use super::scenario::Scenario;
 use crate::flight::{self, Figures, Settling, Trace};
@@ -13,7 +13,7 @@ use crate::flight::{self, Figures, Settling, Trace};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EpisodeMetrics {
-    /// Why the flight counts as a failure.
+    /// Reason that the flight counts as a failure.
     pub failed: Option<String>,
     pub duration_s: f64,
     /// From the start of a phase until x, y and z stay within 5 cm, in the slowest phase; none if the set-point moves or they never do.
@@ -28,10 +28,10 @@ pub struct EpisodeMetrics {
     pub travel_degps: f64,
     pub marker_losses: usize,
     pub marker_lost_s: f64,
-    /// How fast and how far from the set-point the vehicle touched down, where it was to land.
+    /// Speed and distance from the set-point at touch-down, in scenarios that land.
     pub touch_mps: Option<f64>,
     pub touch_off_m: Option<f64>,
-    /// Where several drones share the air: drones that hit another, and the smallest distance between two that flew.
+    /// Drones that hit another, and the smallest distance between two that flew; only if several share the air.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub collisions: Option<usize>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -62,20 +62,21 @@ pub struct Metrics {
     pub min_separation_m: Option<f64>,
 }
 
-pub(super) fn of_episode(scenario: &Scenario, episode: &Episode) -> Result<EpisodeMetrics> {
-    let each = episode.paths.iter().map(|path| of_path(scenario, path)).collect::<Result<Vec<_>>>()?;
-    match &episode.team {
-        Some(team) => of_team(scenario, &each, team),
+pub(super) fn episode_metrics(scenario: &Scenario, episode: &Episode) -> Result<EpisodeMetrics> {
+    let each = episode.paths.iter().map(|path| path_metrics(scenario, path)).collect::<Result<Vec<_>>>()?;
+    match &episode.world_metrics {
+        Some(world_metrics) => multi_drone_metrics(scenario, &each, world_metrics),
         None => each.into_iter().next().ok_or_else(|| Error::Internal("an episode without a drone".into())),
     }
 }
 
-/// What the world says of all of them together, and means over the drones.
-fn of_team(scenario: &Scenario, each: &[EpisodeMetrics], team: &[f32; METRICS.len()]) -> Result<EpisodeMetrics> {
-    let of = |name: &str| METRICS.iter().position(|(known, ..)| *known == name).map_or(f64::NAN, |at| f64::from(team[at]));
-    let over = |value: &dyn Fn(&EpisodeMetrics) -> f64| rounded(mean(each.iter().map(value)));
-    let squares = |value: &dyn Fn(&EpisodeMetrics) -> f64| rounded(mean(each.iter().map(|e| value(e).powi(2))).sqrt());
-    let (drones, collisions, crashes, done) = (each.len(), of("collisions"), of("crashes"), of("done"));
+/// Metrics of the world of several drones, and means over the drones.
+fn multi_drone_metrics(scenario: &Scenario, each: &[EpisodeMetrics], world_metrics: &[f32; METRICS.len()]) -> Result<EpisodeMetrics> {
+    let world_metric =
+        |name: &str| METRICS.iter().position(|(known, ..)| *known == name).map_or(f64::NAN, |at| f64::from(world_metrics[at]));
+    let over = |value: &dyn Fn(&EpisodeMetrics) -> f64| round_figure(mean(each.iter().map(value)));
+    let squares = |value: &dyn Fn(&EpisodeMetrics) -> f64| round_figure(mean(each.iter().map(|e| value(e).powi(2))).sqrt());
+    let (drones, collisions, crashes, done) = (each.len(), world_metric("collisions"), world_metric("crashes"), world_metric("done"));
     let all_done = done >= drones as f64;
     // where it counts when they are done, they must be
     let late = scenario.plan.cost.settling_s.is_some() && !all_done;
@@ -88,41 +89,41 @@ fn of_team(scenario: &Scenario, each: &[EpisodeMetrics], team: &[f32; METRICS.le
     Ok(EpisodeMetrics {
         failed,
         duration_s: each.iter().map(|e| e.duration_s).fold(0.0, f64::max),
-        settling_s: all_done.then(|| rounded(of("settled_s"))).transpose()?,
+        settling_s: all_done.then(|| round_figure(world_metric("settled_s"))).transpose()?,
         overshoot_m: None,
-        rmse_m: rounded(of("rms_error_m"))?,
+        rmse_m: round_figure(world_metric("rms_error_m"))?,
         yaw_rmse_deg: squares(&|e| e.yaw_rmse_deg)?,
         effort_deg: squares(&|e| e.effort_deg)?,
         travel_degps: over(&|e| e.travel_degps)?,
         marker_losses: each.iter().map(|e| e.marker_losses).sum(),
-        marker_lost_s: rounded(each.iter().map(|e| e.marker_lost_s).sum())?,
+        marker_lost_s: round_figure(each.iter().map(|e| e.marker_lost_s).sum())?,
         touch_mps: None,
         touch_off_m: None,
         collisions: Some(collisions as usize),
-        min_separation_m: Some(rounded(of("min_separation_m"))?),
+        min_separation_m: Some(round_figure(world_metric("min_separation_m"))?),
     })
 }
 
-fn of_path(scenario: &Scenario, path: &Path) -> Result<EpisodeMetrics> {
+fn path_metrics(scenario: &Scenario, path: &DronePath) -> Result<EpisodeMetrics> {
     let trace = &path.trace;
     let figures = flight::figures(&scenario.phases, trace);
     let last = trace.rows.last().ok_or_else(|| Error::Internal("an episode without rows".into()))?;
     let squares: Vec<f64> = trace.rows.iter().map(|row| flight::squared_distance(&row.state[..3], row.setpoint())).collect();
-    let yaw = trace.rows.iter().map(|row| wrapped(f64::from(row.state[8] - row.setpoint()[3])).to_degrees().powi(2));
+    let yaw = trace.rows.iter().map(|row| wrap_angle(f64::from(row.state[8] - row.setpoint()[3])).to_degrees().powi(2));
     let touch = figures.touch_down.filter(|_| scenario.lands());
     let metrics = EpisodeMetrics {
         failed: failure(scenario, &figures, trace),
-        duration_s: rounded(figures.end_s)?,
-        settling_s: settling(&figures).map(rounded).transpose()?,
-        overshoot_m: overshoot(&figures).map(rounded).transpose()?,
-        rmse_m: rounded(mean(squares.into_iter()).sqrt())?,
-        yaw_rmse_deg: rounded(mean(yaw).sqrt())?,
-        effort_deg: rounded(over_phases(&figures, |[x, y, ..]| x.effort.powi(2) + y.effort.powi(2)).sqrt())?,
-        travel_degps: rounded(over_phases(&figures, |[x, y, ..]| x.travel_per_s + y.travel_per_s))?,
+        duration_s: round_figure(figures.end_s)?,
+        settling_s: settling(&figures).map(round_figure).transpose()?,
+        overshoot_m: overshoot(&figures).map(round_figure).transpose()?,
+        rmse_m: round_figure(mean(squares.into_iter()).sqrt())?,
+        yaw_rmse_deg: round_figure(mean(yaw).sqrt())?,
+        effort_deg: round_figure(over_phases(&figures, |[x, y, ..]| x.effort.powi(2) + y.effort.powi(2)).sqrt())?,
+        travel_degps: round_figure(over_phases(&figures, |[x, y, ..]| x.travel_per_s + y.travel_per_s))?,
         marker_losses: figures.marker_losses,
-        marker_lost_s: rounded(figures.marker_lost_s)?,
-        touch_mps: touch.map(|(_, mps)| rounded(mps)).transpose()?,
-        touch_off_m: touch.map(|_| rounded(flight::squared_distance(&last.state[..2], last.setpoint()).sqrt())).transpose()?,
+        marker_lost_s: round_figure(figures.marker_lost_s)?,
+        touch_mps: touch.map(|(_, mps)| round_figure(mps)).transpose()?,
+        touch_off_m: touch.map(|_| round_figure(flight::squared_distance(&last.state[..2], last.setpoint()).sqrt())).transpose()?,
         collisions: None,
         min_separation_m: None,
     };
@@ -161,7 +162,7 @@ fn mean(values: impl ExactSizeIterator<Item = f64>) -> f64 {
     values.sum::<f64>() / n as f64
 }
 
-fn wrapped(angle: f64) -> f64 {
+fn wrap_angle(angle: f64) -> f64 {
     angle.sin().atan2(angle.cos())
 }
 
@@ -169,7 +170,7 @@ fn wrapped(angle: f64) -> f64 {
 ///
 /// # Errors
 /// [`Error::Internal`] for what is not a finite number: no score may come from it.
-pub(super) fn rounded(value: f64) -> Result<f64> {
+pub(super) fn round_figure(value: f64) -> Result<f64> {
     if value.is_finite() { Ok((value * 1e6).round() / 1e6) } else { Err(Error::Internal(format!("a figure is {value}"))) }
 }
 
@@ -181,24 +182,24 @@ pub(super) fn median(values: &mut [f64]) -> Option<f64> {
     Some(0.5 * (low + high))
 }
 
-pub(super) fn of_attempt(episodes: &[EpisodeMetrics]) -> Result<Metrics> {
+pub(super) fn attempt_metrics(episodes: &[EpisodeMetrics]) -> Result<Metrics> {
     let flown = || episodes.iter().filter(|e| e.failed.is_none());
-    let of = |value: &dyn Fn(&EpisodeMetrics) -> Option<f64>| {
-        median(&mut flown().filter_map(value).collect::<Vec<_>>()).map(rounded).transpose()
+    let median_of = |value: &dyn Fn(&EpisodeMetrics) -> Option<f64>| {
+        median(&mut flown().filter_map(value).collect::<Vec<_>>()).map(round_figure).transpose()
     };
     Ok(Metrics {
         settled: flown().filter(|e| e.settling_s.is_some()).count(),
-        settling_s: of(&|e| e.settling_s)?,
-        overshoot_m: of(&|e| e.overshoot_m)?,
-        rmse_m: of(&|e| Some(e.rmse_m))?,
-        yaw_rmse_deg: of(&|e| Some(e.yaw_rmse_deg))?,
-        effort_deg: of(&|e| Some(e.effort_deg))?,
-        travel_degps: of(&|e| Some(e.travel_degps))?,
+        settling_s: median_of(&|e| e.settling_s)?,
+        overshoot_m: median_of(&|e| e.overshoot_m)?,
+        rmse_m: median_of(&|e| Some(e.rmse_m))?,
+        yaw_rmse_deg: median_of(&|e| Some(e.yaw_rmse_deg))?,
+        effort_deg: median_of(&|e| Some(e.effort_deg))?,
+        travel_degps: median_of(&|e| Some(e.travel_degps))?,
         marker_losses: episodes.iter().map(|e| e.marker_losses).sum(),
-        marker_lost_s: rounded(episodes.iter().map(|e| e.marker_lost_s).sum())?,
-        touch_mps: of(&|e| e.touch_mps)?,
-        touch_off_m: of(&|e| e.touch_off_m)?,
-        duration_s: of(&|e| Some(e.duration_s))?,
+        marker_lost_s: round_figure(episodes.iter().map(|e| e.marker_lost_s).sum())?,
+        touch_mps: median_of(&|e| e.touch_mps)?,
+        touch_off_m: median_of(&|e| e.touch_off_m)?,
+        duration_s: median_of(&|e| Some(e.duration_s))?,
         collisions: episodes.iter().map(|e| e.collisions).sum(),
         min_separation_m: episodes.iter().filter_map(|e| e.min_separation_m).reduce(f64::min),
     })

@@ -1,5 +1,5 @@
-//! The benchmark: scenarios that are the same for everyone, attempts that can be checked, a leaderboard. No sockets and no clock but for
-//! dates; `serve` and the command line stand in front.
+//! The benchmark: fixed scenarios, attempts that can be verified, a leaderboard. It has no sockets, and a clock only for dates; `serve` and the
+//! command line stand in front.
 
 pub mod api;
 mod attempt;
@@ -29,19 +29,19 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 pub(crate) use attempt::Attempt;
-pub use baselines::{Entrant, Seat};
+pub use baselines::{AttemptSpec, Entrant};
 pub use error::{Error, Result};
-pub use leaderboard::Ranked;
+pub use leaderboard::LeaderboardRow;
 pub use record::Document;
 pub use scenario::{PlannedPhase, Scenario};
 pub use sqlite::default_path;
-pub use teams::{Limits, Who};
+pub use teams::{Submitter, TeamLimits};
 pub use verify::Verdict;
 
-use record::Stored;
+use record::AttemptRow;
 use secrets::Secrets;
 use sqlite::Sqlite;
-use store::{Filter, Store};
+use store::{AttemptFilter, Store};
 
 /// Fingerprint of the sources that decide results, see `build.rs`.
 pub(crate) const BUILD: &str = env!("CRAZYFLIE_BUILD");
@@ -54,17 +54,17 @@ struct Inner {
     store: Mutex<Box<dyn Store>>,
     secrets: Secrets,
     scenarios: Vec<Scenario>,
-    limits: Limits,
+    limits: TeamLimits,
     /// Attempts under way by team, of this process.
-    under_way: Mutex<HashMap<String, u32>>,
+    running: Mutex<HashMap<String, u32>>,
 }
 
-/// An attempt as it is listed.
+/// An attempt in the list of attempts.
 #[derive(Debug, Clone)]
-pub struct Listed {
+pub struct AttemptEntry {
     pub id: String,
     pub signature: Vec<u8>,
-    /// What is wrong with a row that was tampered with.
+    /// The document, or the problem of a row that was tampered with.
     pub document: std::result::Result<Document, String>,
 }
 
@@ -73,12 +73,12 @@ impl Bench {
     ///
     /// # Errors
     /// [`Error::Newer`], [`Error::Foreign`], [`Error::Exposed`], [`Error::File`] and what SQLite says.
-    pub fn open(path: &Path, limits: Limits) -> Result<Bench> {
+    pub fn open(path: &Path, limits: TeamLimits) -> Result<Bench> {
         let mut store = Sqlite::open(path)?;
         let secrets = store.secrets()?;
-        let scenarios = scenario::all(&secrets)?;
-        let (store, under_way) = (Mutex::new(Box::new(store) as Box<dyn Store>), Mutex::default());
-        let bench = Bench(Arc::new(Inner { store, secrets, scenarios, limits, under_way }));
+        let scenarios = scenario::read_all(&secrets)?;
+        let (store, running) = (Mutex::new(Box::new(store) as Box<dyn Store>), Mutex::default());
+        let bench = Bench(Arc::new(Inner { store, secrets, scenarios, limits, running }));
         bench.sweep()?;
         Ok(bench)
     }
@@ -91,7 +91,7 @@ impl Bench {
         if !path.exists() {
             return Err(Error::Missing { path: path.to_owned() });
         }
-        Bench::open(path, Limits::default())
+        Bench::open(path, TeamLimits::default())
     }
 
     pub fn scenarios(&self) -> &[Scenario] {
@@ -103,8 +103,8 @@ impl Bench {
     /// # Errors
     /// [`Error::Scenario`] with the names that there are.
     pub fn scenario(&self, name: &str) -> Result<&Scenario> {
-        let found = self.scenarios().iter().find(|s| s.id() == name || s.id().split('@').next() == Some(name));
-        found.ok_or_else(|| Error::Scenario {
+        let scenario = self.scenarios().iter().find(|s| s.id() == name || s.id().split('@').next() == Some(name));
+        scenario.ok_or_else(|| Error::Scenario {
             name: name.into(),
             known: self.scenarios().iter().map(Scenario::id).collect::<Vec<_>>().join(", "),
         })
@@ -116,27 +116,27 @@ impl Bench {
     }
 
     /// Every attempt, of one scenario if asked, in the order in which they were begun.
-    pub fn attempts(&self, scenario: Option<&str>) -> Result<Vec<Listed>> {
-        let rows = self.store().attempts(Filter { scenario, id: None })?;
-        Ok(rows.into_iter().map(|row| self.listed(row)).collect())
+    pub fn attempts(&self, scenario: Option<&str>) -> Result<Vec<AttemptEntry>> {
+        let rows = self.store().attempts(AttemptFilter { scenario, id: None })?;
+        Ok(rows.into_iter().map(|row| self.entry(row)).collect())
     }
 
     /// One attempt.
     ///
     /// # Errors
     /// [`Error::Attempt`] if there is none of this id.
-    pub(crate) fn attempt(&self, id: &str) -> Result<Listed> {
-        self.stored(id).map(|row| self.listed(row))
+    pub(crate) fn attempt(&self, id: &str) -> Result<AttemptEntry> {
+        self.attempt_row(id).map(|row| self.entry(row))
     }
 
-    fn stored(&self, id: &str) -> Result<Stored> {
-        let rows = self.store().attempts(Filter { scenario: None, id: Some(id) })?;
+    fn attempt_row(&self, id: &str) -> Result<AttemptRow> {
+        let rows = self.store().attempts(AttemptFilter { scenario: None, id: Some(id) })?;
         rows.into_iter().next().ok_or_else(|| Error::Attempt(id.into()))
     }
 
-    fn listed(&self, row: Stored) -> Listed {
+    fn entry(&self, row: AttemptRow) -> AttemptEntry {
         let document = row.document(&self.0.secrets).map_err(|e| e.to_string());
-        Listed { id: row.id, signature: row.signature, document }
+        AttemptEntry { id: row.id, signature: row.signature, document }
     }
 
     fn store(&self) -> MutexGuard<'_, Box<dyn Store>> {

@@ -1,4 +1,4 @@
-//! What a scenario does not declare: drawn from a pool by the server's secret, so that each server has its own, and committed to, so that
+//! The effect that a scenario does not declare: drawn from a pool by the server's secret, so that each server has its own, and committed to, so that
 //! the server cannot change it unseen.
 
 use crazyflie_env::config::{EffectParams, EffectTable, Number, check_effects};
@@ -13,7 +13,7 @@ use super::secrets::{Secrets, canonical, sha256_hex};
 /// The effects of which one is drawn.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(transparent)]
-pub(super) struct Pool(Vec<Candidate>);
+pub(super) struct EffectPool(Vec<Candidate>);
 
 /// An effect with a range for each of its parameters that is not off.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -24,23 +24,23 @@ struct Candidate {
     ranges: std::collections::BTreeMap<String, Vec<[f64; 2]>>,
 }
 
-/// What was drawn. It is never written down.
+/// The effect that was drawn. It is never written down.
 #[derive(Clone)]
-pub(super) struct Hidden {
+pub(super) struct HiddenDraw {
     pub effects: EffectTable,
     /// SHA-256 over the effect and a salt: published, to be opened one day.
     pub commitment: String,
 }
 
-impl std::fmt::Debug for Hidden {
+impl std::fmt::Debug for HiddenDraw {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "Hidden({})", self.commitment)
     }
 }
 
-impl Pool {
+impl EffectPool {
     /// Draws for the scenario whose public part has the hash `public`.
-    pub(super) fn draw(&self, secrets: &Secrets, public: &str) -> Result<Hidden> {
+    pub(super) fn draw(&self, secrets: &Secrets, public: &str) -> Result<HiddenDraw> {
         let key = secrets.derive(&[b"hidden effect", public.as_bytes()])?;
         let mut rng = Pcg64Mcg::from_seed(std::array::from_fn(|i| key[i]));
         let bad = |problem: &str| Error::Internal(format!("pool of hidden effects: {problem}"));
@@ -54,7 +54,7 @@ impl Pool {
         check_effects(&effects)?;
         let salt = hex::encode(secrets.derive(&[b"salt", public.as_bytes()])?);
         let commitment = sha256_hex(&canonical(&json!({"effects": effects, "salt": salt}))?);
-        Ok(Hidden { effects, commitment })
+        Ok(HiddenDraw { effects, commitment })
     }
 
     /// Every effect at every bound, for tests of the pool.

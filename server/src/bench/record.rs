@@ -1,4 +1,4 @@
-//! What is stored of an attempt: one JSON document, signed as it stands, and the actions.
+//! Stored form of an attempt: one signed JSON document, and the actions.
 
 use std::io::{Read, Write};
 
@@ -12,7 +12,7 @@ use super::metrics::{EpisodeMetrics, Metrics};
 use super::score::Score;
 use super::secrets::{Secrets, canonical};
 
-/// How far an attempt has come.
+/// Progress of an attempt.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Status {
@@ -49,13 +49,13 @@ pub struct Document {
     pub begun_ms: i64,
     pub status: Status,
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub result: Option<Outcome>,
+    pub result: Option<AttemptResult>,
 }
 
-/// What came of a finished attempt.
+/// Result of a finished attempt.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Outcome {
+pub struct AttemptResult {
     pub finished_ms: i64,
     pub ticks: usize,
     /// Of the actions as they are stored, compressed.
@@ -76,7 +76,7 @@ pub struct EpisodeResult {
 
 /// A row of the database, as it was found there. Columns besides the document are for searching; they say nothing that it does not say.
 #[derive(Debug, Clone)]
-pub(crate) struct Stored {
+pub(crate) struct AttemptRow {
     pub number: i64,
     pub id: String,
     pub scenario: String,
@@ -89,10 +89,10 @@ pub(crate) struct Stored {
 }
 
 impl Document {
-    /// The row that says this.
-    pub(super) fn stored(&self, secrets: &Secrets) -> Result<Stored> {
+    /// The signed row for the database.
+    pub(super) fn to_row(&self, secrets: &Secrets) -> Result<AttemptRow> {
         let document = canonical(self)?;
-        Ok(Stored {
+        Ok(AttemptRow {
             number: self.number,
             id: self.id.clone(),
             scenario: self.scenario.clone(),
@@ -106,14 +106,14 @@ impl Document {
     }
 }
 
-impl Stored {
+impl AttemptRow {
     /// The document, if it is signed and the columns agree with it.
     ///
     /// # Errors
     /// [`Error::Damaged`] says what does not fit.
     pub(super) fn document(&self, secrets: &Secrets) -> Result<Document> {
         let damaged = |what: &str| Error::Damaged(format!("attempt {:?}: {what}", self.id));
-        if !secrets.signed(&self.document, &self.signature) {
+        if !secrets.is_signature_valid(&self.document, &self.signature) {
             return Err(damaged("the signature does not fit the document"));
         }
         let document: Document = serde_json::from_slice(&self.document).map_err(|e| damaged(&format!("document: {e}")))?;

@@ -1,14 +1,14 @@
-//! A stored flight once more: what was kept are seed and actions, the rest is simulated again.
+//! Replay of a stored flight: seed and actions are stored, the rest is simulated again.
 
 use crazyflie_env::observation::ACTION;
 
 use super::Bench;
-use super::episodes::{Episode, Episodes, Path};
+use super::episodes::{DronePath, Episode, EpisodeBatch};
 use super::error::{Error, Result};
-use super::record::{EpisodeResult, Outcome, numbers, unpack};
+use super::record::{AttemptResult, EpisodeResult, numbers, unpack};
 use super::scenario::Scenario;
 use crate::flight::{self, Trace};
-use crate::frames::{self, COLUMNS, Camera, Header, TOGETHER};
+use crate::frames::{self, ALL_COLUMNS, COLUMNS, Camera, Header};
 
 /// One flight of an attempt.
 pub(crate) struct Replay {
@@ -21,21 +21,21 @@ impl Bench {
     /// # Errors
     /// [`Error::Attempt`], [`Error::Episode`], [`Error::Unfinished`], [`Error::Damaged`] if it comes out differently now.
     pub(crate) fn replay(&self, id: &str, episode: usize) -> Result<Replay> {
-        let (scenario, result, actions) = self.flown(id)?;
+        let (scenario, result, actions) = self.stored_flights(id)?;
         let all = result.episodes.len();
         let Some(stored) = result.episodes.get(episode) else {
             return Err(Error::Episode { id: id.into(), episode, last: all.saturating_sub(1) });
         };
         let seeds = self.0.secrets.seeds(id, scenario.hash(), all)?;
-        let mut flight = Episodes::begin(&scenario, &seeds[episode..=episode])?;
+        let mut flight = EpisodeBatch::begin(&scenario, &seeds[episode..=episode])?;
         let own = flight.rows() * ACTION;
         for row in numbers(&actions).chunks_exact(all * own) {
             if flight.step(&row[episode * own..(episode + 1) * own])? {
                 break;
             }
         }
-        let flown = flight.finish().ok().and_then(|mut all| all.pop());
-        let same = flown.filter(|flown| flown.state_hash() == stored.states_sha256);
+        let replayed = flight.finish().ok().and_then(|mut all| all.pop());
+        let same = replayed.filter(|replayed| replayed.state_hash() == stored.states_sha256);
         let differs = || Error::Damaged(format!("attempt {id}: the flight comes out differently by this build; see verify"));
         let episode = same.ok_or_else(differs)?;
         Ok(Replay { scenario, episode, result: stored.clone() })
@@ -46,11 +46,11 @@ impl Bench {
     /// # Errors
     /// As [`Bench::replay`].
     pub(crate) fn actions(&self, id: &str) -> Result<Vec<u8>> {
-        self.flown(id).map(|(_, _, actions)| actions)
+        self.stored_flights(id).map(|(_, _, actions)| actions)
     }
 
-    fn flown(&self, id: &str) -> Result<(Scenario, Outcome, Vec<u8>)> {
-        let row = self.stored(id)?;
+    fn stored_flights(&self, id: &str) -> Result<(Scenario, AttemptResult, Vec<u8>)> {
+        let row = self.attempt_row(id)?;
         let document = row.document(&self.0.secrets)?;
         let packed = self.store().actions(id)?;
         let (Some(result), Some(packed)) = (document.result, packed) else {
@@ -69,7 +69,7 @@ impl Replay {
     pub(crate) fn frames(&self) -> Result<Vec<u8>> {
         let paths = &self.episode.paths;
         let lead = longest(paths)?;
-        let columns: &[&str] = if self.episode.team.is_some() { &TOGETHER } else { &COLUMNS };
+        let columns: &[&str] = if self.episode.world_metrics.is_some() { &ALL_COLUMNS } else { &COLUMNS };
         let header = Header {
             columns,
             drones: paths.len(),
@@ -77,8 +77,8 @@ impl Replay {
             tick_s: lead.tick_s,
             marker: markers(&self.scenario),
             camera: Camera {
-                fov_deg: self.scenario.declared("camera_fov", "diagonal_deg").unwrap_or(0.0),
-                offset_m: self.scenario.declared("camera_fov", "lens_below_m").unwrap_or(0.0),
+                fov_deg: self.scenario.declared_param("camera_fov", "diagonal_deg").unwrap_or(0.0),
+                offset_m: self.scenario.declared_param("camera_fov", "lens_below_m").unwrap_or(0.0),
             },
             end: self.result.metrics.failed.clone().unwrap_or_else(|| if self.scenario.lands() { "landed" } else { "time" }.into()),
         };
@@ -92,11 +92,11 @@ impl Replay {
             let apart_m: Vec<f32> = frames::separations_m(&states, &flying).collect();
             least_m = apart_m.iter().copied().fold(least_m, f32::min);
             for (drone, (path, at)) in paths.iter().zip(&now).enumerate() {
-                let Path { trace, rewards, .. } = path;
+                let DronePath { trace, rewards, .. } = path;
                 let row = &trace.rows[*at];
                 let row = frames::row(lead.t_s(i), &row.observation, &row.state, &row.action, &trace.interface, rewards[*at]);
                 let shared = [f32::from(u8::from(flying[drone])), apart_m[drone], least_m];
-                let shared = if self.episode.team.is_some() { &shared[..] } else { &[] };
+                let shared = if self.episode.world_metrics.is_some() { &shared[..] } else { &[] };
                 bytes.extend(row.iter().chain(shared).flat_map(|number| number.to_le_bytes()));
             }
         }
@@ -117,15 +117,15 @@ impl Replay {
 }
 
 /// The flight of the drone that flew to the end.
-fn longest(paths: &[Path]) -> Result<&Trace> {
+fn longest(paths: &[DronePath]) -> Result<&Trace> {
     let traces = paths.iter().map(|path| &path.trace).filter(|trace| !trace.rows.is_empty());
     traces.max_by_key(|trace| trace.rows.len()).ok_or_else(|| Error::Internal("an episode without rows".into()))
 }
 
 /// As the effect `markers` lays them out: a grid about the origin.
 fn markers(scenario: &Scenario) -> Vec<[f64; 3]> {
-    let of = |param: &str, off: f64| scenario.declared("markers", param).unwrap_or(off);
-    let (columns, rows, pitch_m) = (of("columns", 1.0) as usize, of("rows", 1.0) as usize, of("pitch_m", 0.5));
+    let number = |param: &str, off: f64| scenario.declared_param("markers", param).unwrap_or(off);
+    let (columns, rows, pitch_m) = (number("columns", 1.0) as usize, number("rows", 1.0) as usize, number("pitch_m", 0.5));
     let at = |i: usize, n: usize| (i as f64 - 0.5 * (n as f64 - 1.0)) * pitch_m;
     (0..columns).flat_map(|i| (0..rows).map(move |j| [at(i, columns), at(j, rows), 0.0])).collect()
 }

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::error::{Error, Result};
-use super::mystery::{Hidden, Pool};
+use super::mystery::{EffectPool, HiddenDraw};
 use super::score::Cost;
 use super::secrets::{Secrets, canonical, sha256_hex};
 use crate::flight::Phase;
@@ -45,7 +45,7 @@ const EPISODES_MIN: usize = 20;
 /// A scenario file.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Plan {
+pub(super) struct ScenarioPlan {
     pub name: String,
     pub version: String,
     pub title: String,
@@ -58,23 +58,23 @@ pub(super) struct Plan {
     pub task: String,
     #[serde(default)]
     pub task_options: Value,
-    /// What several drones share the air for; none flies alone.
+    /// Several drones that share the air; without it each flies alone.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub team: Option<Team>,
+    pub team: Option<MultiDronePlan>,
     #[serde(default)]
     pub effects: EffectTable,
     pub phases: Vec<PlannedPhase>,
     pub cost: Cost,
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub hidden: Option<Pool>,
+    pub hidden: Option<EffectPool>,
 }
 
 /// Several drones in each episode.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Team {
+pub(super) struct MultiDronePlan {
     pub drones: usize,
-    /// What they know of each other.
+    /// Knowledge that they have of each other.
     pub neighbours: Knowledge,
 }
 
@@ -99,21 +99,21 @@ impl PlannedPhase {
 /// A scenario as this server runs it.
 #[derive(Debug, Clone)]
 pub struct Scenario {
-    pub(super) plan: Plan,
+    pub(super) plan: ScenarioPlan,
     pub(super) phases: Vec<Phase>,
-    pub(super) hidden: Option<Hidden>,
+    pub(super) hidden: Option<HiddenDraw>,
     pub(super) hash: String,
 }
 
 /// Every scenario, with what this server's secret decides.
-pub(super) fn all(secrets: &Secrets) -> Result<Vec<Scenario>> {
+pub(super) fn read_all(secrets: &Secrets) -> Result<Vec<Scenario>> {
     FILES.iter().map(|(file, text)| Scenario::read(file, text, secrets)).collect()
 }
 
 impl Scenario {
     pub(super) fn read(file: &'static str, text: &str, secrets: &Secrets) -> Result<Scenario> {
         let bad = |problem: String| Error::ScenarioFile { file, problem };
-        let plan: Plan = toml::from_str(text).map_err(|e| bad(e.to_string()))?;
+        let plan: ScenarioPlan = toml::from_str(text).map_err(|e| bad(e.to_string()))?;
         check(&plan).map_err(bad)?;
         let phases = plan.phases.iter().map(|p| p.phase().map_err(|e| bad(e.to_string()))).collect::<Result<Vec<_>>>()?;
         let public = content_hash(&plan, None)?;
@@ -129,9 +129,9 @@ impl Scenario {
     /// # Errors
     /// [`Error::Scenario`] for a name that is unknown or hides something; those of a bad table of effects.
     pub fn with_effects(name: &str, more: EffectTable) -> Result<Scenario> {
-        let plans = FILES.iter().map(|(file, text)| toml::from_str::<Plan>(text).map(|plan| (*file, *text, plan)));
+        let plans = FILES.iter().map(|(file, text)| toml::from_str::<ScenarioPlan>(text).map(|plan| (*file, *text, plan)));
         let plans = plans.collect::<std::result::Result<Vec<_>, _>>().map_err(|e| Error::Internal(e.to_string()))?;
-        let open = |plan: &Plan| plan.hidden.is_none();
+        let open = |plan: &ScenarioPlan| plan.hidden.is_none();
         let found = plans.iter().find(|(.., plan)| open(plan) && (plan.name == name || format!("{}@{}", plan.name, plan.version) == name));
         let Some((file, text, _)) = found else {
             let known: Vec<&str> = plans.iter().map(|(.., plan)| plan).filter(|plan| open(plan)).map(|plan| plan.name.as_str()).collect();
@@ -189,7 +189,7 @@ impl Scenario {
         };
         let options = match &self.plan.team {
             None => options,
-            Some(Team { drones, neighbours }) => Options { drones: *drones, neighbours: *neighbours, ..options },
+            Some(MultiDronePlan { drones, neighbours }) => Options { drones: *drones, neighbours: *neighbours, ..options },
         };
         Ok(VectorEnv::new(&[Model::thesis()], &options, episodes)?)
     }
@@ -199,12 +199,12 @@ impl Scenario {
     }
 
     /// One parameter of a declared effect, if it is the same in every episode.
-    pub(super) fn declared(&self, effect: &str, param: &str) -> Option<f64> {
+    pub(super) fn declared_param(&self, effect: &str, param: &str) -> Option<f64> {
         let crazyflie_env::config::EffectParams::Named(params) = self.plan.effects.get(effect)? else { return None };
         params.get(param)?.fixed()
     }
 
-    /// What anyone may know.
+    /// The public part of the scenario.
     pub fn public(&self) -> Value {
         let p = &self.plan;
         json!({
@@ -217,12 +217,12 @@ impl Scenario {
 }
 
 /// SHA-256 over the canonical JSON of the file's content, of the model's numbers, and of the commitment to what is hidden.
-pub(super) fn content_hash(plan: &Plan, commitment: Option<&str>) -> Result<String> {
+pub(super) fn content_hash(plan: &ScenarioPlan, commitment: Option<&str>) -> Result<String> {
     let model = sha256_hex(&canonical(&Model::thesis().parameters())?);
     Ok(sha256_hex(&canonical(&json!({"scenario": plan, "model": model, "commitment": commitment}))?))
 }
 
-fn check(plan: &Plan) -> std::result::Result<(), String> {
+fn check(plan: &ScenarioPlan) -> std::result::Result<(), String> {
     if plan.episodes < EPISODES_MIN {
         return Err(format!("{} episodes, expected at least {EPISODES_MIN}", plan.episodes));
     }
@@ -244,7 +244,7 @@ fn check(plan: &Plan) -> std::result::Result<(), String> {
 mod tests {
     use super::*;
 
-    /// What is open of every scenario, by hash. A scenario that has been published does not change: give it a new version, and keep the old file.
+    /// The public part of every scenario, by hash. A scenario that has been published does not change: give it a new version, and keep the old file.
     const PINNED: &[(&str, &str)] = &[
         ("hover-aruco@1.0.0", "51b43b62d495ab0239c5556d21dcd1a416ca51170720f80653765c910207b75c"),
         ("fly-80cm@1.0.0", "1d5f0f57b63c1e5cc1a0231dd986d2a840d2d1b03918bdc28c29dbedd831c4c2"),
@@ -267,7 +267,7 @@ mod tests {
     fn no_scenario_changes_without_a_new_version() {
         let hashes: Vec<(String, String)> = FILES
             .iter()
-            .map(|(_, text)| toml::from_str::<Plan>(text).unwrap())
+            .map(|(_, text)| toml::from_str::<ScenarioPlan>(text).unwrap())
             .map(|plan| (format!("{}@{}", plan.name, plan.version), content_hash(&plan, None).unwrap()))
             .collect();
         let found: Vec<(&str, &str)> = hashes.iter().map(|(id, hash)| (id.as_str(), hash.as_str())).collect();
@@ -276,14 +276,14 @@ mod tests {
 
     #[test]
     fn a_hash_covers_every_line_of_a_scenario() {
-        let plan = |text: &str| toml::from_str::<Plan>(text).unwrap();
+        let plan = |text: &str| toml::from_str::<ScenarioPlan>(text).unwrap();
         for (file, text) in FILES {
             let hash = content_hash(&plan(text), None).unwrap();
             let mut changed = 0;
             for (at, digit) in text.match_indices(|c: char| c.is_ascii_digit()) {
                 // another digit in its place, where what comes of it can be read
                 let other = if digit == "5" { "6" } else { "5" };
-                let Ok(new) = toml::from_str::<Plan>(&format!("{}{other}{}", &text[..at], &text[at + 1..])) else { continue };
+                let Ok(new) = toml::from_str::<ScenarioPlan>(&format!("{}{other}{}", &text[..at], &text[at + 1..])) else { continue };
                 assert_ne!(content_hash(&new, None).unwrap(), hash, "{file} at byte {at}");
                 changed += 1;
             }

@@ -12,7 +12,7 @@ use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
 
 use super::error::Result;
-use super::metrics::{EpisodeMetrics, median, rounded};
+use super::metrics::{EpisodeMetrics, median, round_figure};
 
 /// The terms of a scenario's cost: the size of each figure that costs 1.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
@@ -62,7 +62,7 @@ impl Cost {
             (self.settling_s, e.settling_s),
         ];
         let cost: f64 = terms.into_iter().filter_map(|(size, figure)| Some(figure? / size?)).sum();
-        rounded(100.0 * (-cost).exp())
+        round_figure(100.0 * (-cost).exp())
     }
 }
 
@@ -85,7 +85,7 @@ const TAIL: f64 = 0.025;
 const BOOTSTRAP_SEED: u64 = 0x63_66_62_65_6e_63_68;
 
 /// Of the episodes' scores, each with whether it failed.
-pub(super) fn of_attempt(episodes: &[(f64, bool)]) -> Result<Score> {
+pub(super) fn attempt_score(episodes: &[(f64, bool)]) -> Result<Score> {
     let mut rng = Pcg64Mcg::seed_from_u64(BOOTSTRAP_SEED);
     let mut drawn = vec![(0.0, false); episodes.len()];
     let mut scores: Vec<f64> = (0..RESAMPLES)
@@ -98,10 +98,10 @@ pub(super) fn of_attempt(episodes: &[(f64, bool)]) -> Result<Score> {
     let at = |share: f64| scores[((RESAMPLES - 1) as f64 * share).round() as usize];
     let mut all: Vec<f64> = episodes.iter().map(|(score, _)| *score).collect();
     Ok(Score {
-        score: rounded(score(episodes))?,
-        low: rounded(at(TAIL))?,
-        high: rounded(at(1.0 - TAIL))?,
-        median: rounded(median(&mut all).unwrap_or(0.0))?,
+        score: round_figure(score(episodes))?,
+        low: round_figure(at(TAIL))?,
+        high: round_figure(at(1.0 - TAIL))?,
+        median: round_figure(median(&mut all).unwrap_or(0.0))?,
         failed: episodes.iter().filter(|(_, failed)| *failed).count(),
         episodes: episodes.len(),
     })
@@ -123,24 +123,24 @@ mod tests {
 
     #[test]
     fn every_failure_costs_and_gambling_does_not_pay() {
-        let score = |episodes: &[(f64, bool)]| of_attempt(episodes).unwrap().score;
+        let score = |episodes: &[(f64, bool)]| attempt_score(episodes).unwrap().score;
         let all: Vec<f64> = (0..=24).map(|failed| score(&flights(24 - failed, 60.0, failed))).collect();
         assert!(all.windows(2).take(13).all(|pair| pair[1] < pair[0]), "{all:?}");
         assert!(all[13..].iter().all(|s| *s == 0.0), "{all:?}");
         // a third better where it works, but it fails in two flights of five: the median alone would prefer it
         let (safe, gambler) = (flights(25, 60.0, 0), flights(15, 80.0, 10));
         assert!(score(&safe) > score(&gambler));
-        assert!(of_attempt(&gambler).unwrap().median > of_attempt(&safe).unwrap().median);
+        assert!(attempt_score(&gambler).unwrap().median > attempt_score(&safe).unwrap().median);
     }
 
     #[test]
     fn the_interval_holds_the_score_and_is_the_same_every_time() {
         let episodes: Vec<(f64, bool)> = (0..24).map(|i| (40.0 + f64::from(i), false)).chain([(0.0, true)]).collect();
-        let first = of_attempt(&episodes).unwrap();
+        let first = attempt_score(&episodes).unwrap();
         assert!(first.low < first.score && first.score < first.high, "{first:?}");
         assert_eq!((first.failed, first.episodes), (1, 25));
-        assert_eq!(first, of_attempt(&episodes).unwrap());
-        let same = of_attempt(&flights(24, 50.0, 0)).unwrap();
+        assert_eq!(first, attempt_score(&episodes).unwrap());
+        let same = attempt_score(&flights(24, 50.0, 0)).unwrap();
         assert_eq!((same.low, same.score, same.high), (50.0, 50.0, 50.0));
     }
 
@@ -151,8 +151,8 @@ mod tests {
         let (mut rng, n) = (Pcg64Mcg::seed_from_u64(1), 400);
         let normal = Normal::new(50.0, 5.0).unwrap();
         let episodes: Vec<(f64, bool)> = (0..n).map(|_| (normal.sample(&mut rng), false)).collect();
-        let of = of_attempt(&episodes).unwrap();
-        let (half, want) = (0.5 * (of.high - of.low), 2.46 * 5.0 / f64::from(n).sqrt());
+        let interval = attempt_score(&episodes).unwrap();
+        let (half, want) = (0.5 * (interval.high - interval.low), 2.46 * 5.0 / f64::from(n).sqrt());
         println!("half width {half:.2}, theory {want:.2}");
         assert!((0.7 * want..1.3 * want).contains(&half));
     }

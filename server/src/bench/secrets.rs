@@ -27,7 +27,7 @@ impl Secrets {
         self.signing.sign(bytes).to_bytes()
     }
 
-    pub(super) fn signed(&self, bytes: &[u8], signature: &[u8]) -> bool {
+    pub(super) fn is_signature_valid(&self, bytes: &[u8], signature: &[u8]) -> bool {
         Signature::from_slice(signature).is_ok_and(|signature| self.public_key().verify_strict(bytes, &signature).is_ok())
     }
 

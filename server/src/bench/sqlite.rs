@@ -7,9 +7,9 @@ use std::time::{Duration, Instant};
 use rusqlite::{Connection, OptionalExtension, Row, TransactionBehavior, params};
 
 use super::error::{Error, Result};
-use super::record::Stored;
+use super::record::AttemptRow;
 use super::secrets::{Bytes, Secrets, random};
-use super::store::{Filter, Store, StoredToken};
+use super::store::{AttemptFilter, Store, StoredToken};
 
 /// "crzf" as a number: whose database this is.
 const APPLICATION_ID: i64 = 0x6372_7a66;
@@ -40,7 +40,7 @@ const MIGRATIONS: &[&str] = &["
         revoked_ms INTEGER
     ) STRICT;"];
 
-/// How long to wait for another process that writes.
+/// Time to wait for another process that writes.
 const BUSY: Duration = Duration::from_secs(10);
 
 /// Between two tries where SQLite itself does not wait.
@@ -143,10 +143,10 @@ fn migrate(db: &mut Connection, path: &Path) -> Result<()> {
 const COLUMNS: &str = "number, id, scenario, team, controller, begun_ms, status, document, signature";
 
 /// As it is: text that is no longer UTF-8 must not hide the row.
-fn stored(row: &Row<'_>) -> rusqlite::Result<Stored> {
+fn attempt_row(row: &Row<'_>) -> rusqlite::Result<AttemptRow> {
     let bytes = |at: usize| -> rusqlite::Result<Vec<u8>> { Ok(row.get_ref(at)?.as_bytes()?.to_vec()) };
     let text = |at: usize| Ok::<_, rusqlite::Error>(String::from_utf8_lossy(&bytes(at)?).into_owned());
-    Ok(Stored {
+    Ok(AttemptRow {
         number: row.get(0)?,
         id: text(1)?,
         scenario: text(2)?,
@@ -165,7 +165,7 @@ fn as_text(document: &[u8]) -> Result<&str> {
 }
 
 impl Store for Sqlite {
-    fn begin(&mut self, make: &dyn Fn(i64) -> Result<Stored>) -> Result<i64> {
+    fn begin(&mut self, make: &dyn Fn(i64) -> Result<AttemptRow>) -> Result<i64> {
         let tx = self.db.transaction_with_behavior(TransactionBehavior::Immediate)?;
         let last = last_number(&tx)?;
         let row = make(last + 1)?;
@@ -187,7 +187,7 @@ impl Store for Sqlite {
         Ok(row.number)
     }
 
-    fn conclude(&mut self, row: &Stored, actions: Option<&[u8]>) -> Result<bool> {
+    fn conclude(&mut self, row: &AttemptRow, actions: Option<&[u8]>) -> Result<bool> {
         let changed = self.db.execute(
             "UPDATE attempts SET status = ?2, document = ?3, signature = ?4, actions = ?5 WHERE id = ?1 AND status = 'running'",
             params![row.id, row.status, as_text(&row.document)?, row.signature, actions],
@@ -195,16 +195,16 @@ impl Store for Sqlite {
         Ok(changed == 1)
     }
 
-    fn attempts(&self, filter: Filter<'_>) -> Result<Vec<Stored>> {
+    fn attempts(&self, filter: AttemptFilter<'_>) -> Result<Vec<AttemptRow>> {
         let sql = format!("SELECT {COLUMNS} FROM attempts WHERE (?1 IS NULL OR scenario = ?1) AND (?2 IS NULL OR id = ?2) ORDER BY number");
         let mut query = self.db.prepare(&sql)?;
-        let rows = query.query_map(params![filter.scenario, filter.id], stored)?;
+        let rows = query.query_map(params![filter.scenario, filter.id], attempt_row)?;
         Ok(rows.collect::<rusqlite::Result<_>>()?)
     }
 
-    fn running_since_before(&self, ms: i64) -> Result<Vec<Stored>> {
+    fn running_since_before(&self, ms: i64) -> Result<Vec<AttemptRow>> {
         let mut query = self.db.prepare(&format!("SELECT {COLUMNS} FROM attempts WHERE status = 'running' AND begun_ms < ?1"))?;
-        let rows = query.query_map([ms], stored)?;
+        let rows = query.query_map([ms], attempt_row)?;
         Ok(rows.collect::<rusqlite::Result<_>>()?)
     }
 
@@ -248,7 +248,7 @@ fn last_number(db: &Connection) -> Result<i64> {
     Ok(found.unwrap_or(0))
 }
 
-/// Where things are kept unless the user says otherwise.
+/// Default path of the database.
 pub fn default_path() -> PathBuf {
     PathBuf::from("crazyflie.sqlite")
 }

@@ -1,7 +1,7 @@
-//! What the benchmark needs of a database.
+//! Interface of the benchmark to its database.
 
 use super::error::Result;
-use super::record::Stored;
+use super::record::AttemptRow;
 
 /// A token as the database knows it: its hash.
 #[derive(Debug, Clone)]
@@ -13,9 +13,9 @@ pub(super) struct StoredToken {
     pub revoked_ms: Option<i64>,
 }
 
-/// Which attempts.
+/// Selection of attempts.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Filter<'a> {
+pub(super) struct AttemptFilter<'a> {
     pub scenario: Option<&'a str>,
     pub id: Option<&'a str>,
 }
@@ -23,14 +23,14 @@ pub(super) struct Filter<'a> {
 /// Durable storage: when a method that changes something returns, the change survives a crash.
 pub(super) trait Store: Send {
     /// Adds the row that `make` says of the number it is given, and returns the number.
-    fn begin(&mut self, make: &dyn Fn(i64) -> Result<Stored>) -> Result<i64>;
+    fn begin(&mut self, make: &dyn Fn(i64) -> Result<AttemptRow>) -> Result<i64>;
     /// Puts another document, and the actions of a finished attempt, in place of those of a running one; false if it runs no more.
-    fn conclude(&mut self, row: &Stored, actions: Option<&[u8]>) -> Result<bool>;
+    fn conclude(&mut self, row: &AttemptRow, actions: Option<&[u8]>) -> Result<bool>;
     /// In the order in which they were begun.
-    fn attempts(&self, filter: Filter<'_>) -> Result<Vec<Stored>>;
-    fn running_since_before(&self, ms: i64) -> Result<Vec<Stored>>;
+    fn attempts(&self, filter: AttemptFilter<'_>) -> Result<Vec<AttemptRow>>;
+    fn running_since_before(&self, ms: i64) -> Result<Vec<AttemptRow>>;
     fn actions(&self, id: &str) -> Result<Option<Vec<u8>>>;
-    /// How many attempts there have ever been.
+    /// Number of the newest attempt; the first is 1.
     fn last_number(&self) -> Result<i64>;
     /// When the attempts that a team began since then were begun, in order.
     fn begun_since(&self, team: &str, since_ms: i64) -> Result<Vec<i64>>;

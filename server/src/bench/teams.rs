@@ -11,25 +11,25 @@ use super::{Bench, now_ms};
 /// The team of attempts from this machine's own command line.
 pub(super) const LOCAL: &str = "local";
 const MINUTE_MS: i64 = 60_000;
-/// What a token begins with, so that one that leaked is recognised.
+/// Prefix of tokens, so that a leaked one is recognised.
 const PREFIX: &str = "cft_";
 
-/// How much a team may do.
+/// Limits for each team.
 #[derive(Debug, Clone, Copy)]
-pub struct Limits {
+pub struct TeamLimits {
     pub attempts_per_minute: u32,
     pub at_once: u32,
 }
 
-impl Default for Limits {
+impl Default for TeamLimits {
     fn default() -> Self {
-        Limits { attempts_per_minute: 30, at_once: 4 }
+        TeamLimits { attempts_per_minute: 30, at_once: 4 }
     }
 }
 
-/// Who begins an attempt.
+/// The account that begins an attempt.
 #[derive(Clone, Copy)]
-pub enum Who<'a> {
+pub enum Submitter<'a> {
     /// The command line beside the database: it could write there anyway.
     Local,
     Token(&'a str),
@@ -44,8 +44,8 @@ pub struct Token {
     pub revoked_ms: Option<i64>,
 }
 
-/// Holds a team's place among its attempts under way.
-pub(super) struct Place {
+/// Permission for one running attempt of a team, given back when dropped.
+pub(super) struct AttemptPermit {
     bench: Bench,
     team: String,
 }
@@ -82,8 +82,8 @@ impl Bench {
     ///
     /// # Errors
     /// [`Error::Token`], whatever is wrong with it.
-    pub(crate) fn team(&self, who: Who<'_>) -> Result<String> {
-        let Who::Token(token) = who else { return Ok(LOCAL.into()) };
+    pub(crate) fn team(&self, who: Submitter<'_>) -> Result<String> {
+        let Submitter::Token(token) = who else { return Ok(LOCAL.into()) };
         let hash = Sha256::digest(token);
         let mut team = None;
         for stored in self.store().tokens()? {
@@ -95,9 +95,9 @@ impl Bench {
     }
 
     /// Lets a team begin an attempt, or says when it may.
-    pub(super) fn admit(&self, team: &str) -> Result<Place> {
+    pub(super) fn admit(&self, team: &str) -> Result<AttemptPermit> {
         let limits = self.0.limits;
-        let mut under_way = self.0.under_way.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let mut running = self.0.running.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         let now = now_ms();
         if team != LOCAL {
             let begun = self.store().begun_since(team, now - MINUTE_MS)?;
@@ -106,24 +106,24 @@ impl Bench {
                 let retry_after_s = (oldest + MINUTE_MS - now).max(0).unsigned_abs().div_ceil(1000).max(1);
                 return Err(Error::TooMany { team: team.into(), limit: limits.attempts_per_minute, retry_after_s });
             }
-            if under_way.get(team).is_some_and(|n| *n >= limits.at_once) {
+            if running.get(team).is_some_and(|n| *n >= limits.at_once) {
                 // the slowest scenario, flown in real time
                 let retry_after_s = self.scenarios().iter().map(|s| s.seconds().ceil() as u64).max().unwrap_or(1);
                 return Err(Error::Busy { team: team.into(), limit: limits.at_once, retry_after_s });
             }
         }
-        *under_way.entry(team.to_owned()).or_default() += 1;
-        Ok(Place { bench: self.clone(), team: team.to_owned() })
+        *running.entry(team.to_owned()).or_default() += 1;
+        Ok(AttemptPermit { bench: self.clone(), team: team.to_owned() })
     }
 }
 
-impl Drop for Place {
+impl Drop for AttemptPermit {
     fn drop(&mut self) {
-        let mut under_way = self.bench.0.under_way.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        if let Some(n) = under_way.get_mut(&self.team) {
+        let mut running = self.bench.0.running.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        if let Some(n) = running.get_mut(&self.team) {
             *n -= 1;
             if *n == 0 {
-                under_way.remove(&self.team);
+                running.remove(&self.team);
             }
         }
     }

@@ -1,13 +1,13 @@
-//! Whether a stored attempt is what it says: signature, actions, and the flights once more, bit by bit.
+//! Verification of stored attempts: signature, actions, and a replay of the flights, bit by bit.
 
 use serde::Serialize;
 
-use super::attempt::{AttemptScore, judge};
-use super::episodes::Episodes;
+use super::attempt::{AttemptScore, score_attempt};
+use super::episodes::EpisodeBatch;
 use super::error::{Error, Result};
-use super::record::{Document, Outcome, Status, Stored, numbers, unpack};
+use super::record::{AttemptResult, AttemptRow, Document, Status, numbers, unpack};
 use super::secrets::sha256_hex;
-use super::store::Filter;
+use super::store::AttemptFilter;
 use super::{BUILD, Bench, Scenario};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -19,7 +19,7 @@ pub enum Verdict {
     OtherBuild,
     /// Intact; there are no flights to re-run.
     Unfinished,
-    /// Not what was signed, or not what comes out.
+    /// The row differs from what was signed, or the replay differs from the row.
     Wrong,
 }
 
@@ -29,7 +29,7 @@ pub struct Verification {
     pub scenario: String,
     pub controller: String,
     pub verdict: Verdict,
-    /// What does not fit, or why it was not compared.
+    /// Differences, or the reason that nothing was compared.
     pub findings: Vec<String>,
 }
 
@@ -37,7 +37,7 @@ impl Bench {
     /// # Errors
     /// [`Error::Attempt`] if there is none of this id. That a row is wrong is no error: see [`Verdict`].
     pub fn verify(&self, id: &str) -> Result<Verification> {
-        let row = self.stored(id)?;
+        let row = self.attempt_row(id)?;
         self.verify_row(&row)
     }
 
@@ -45,17 +45,17 @@ impl Bench {
     pub fn verify_all(&self, progress: &dyn Fn(usize, usize)) -> Result<(Vec<Verification>, Vec<i64>)> {
         let (rows, last) = {
             let store = self.store();
-            (store.attempts(Filter::default())?, store.last_number()?)
+            (store.attempts(AttemptFilter::default())?, store.last_number()?)
         };
         let missing = (1..=last).filter(|number| rows.binary_search_by_key(number, |row| row.number).is_err()).collect();
-        let one = |(done, row)| {
+        let verification = |(done, row)| {
             progress(done, rows.len());
             self.verify_row(row)
         };
-        Ok((rows.iter().enumerate().map(one).collect::<Result<_>>()?, missing))
+        Ok((rows.iter().enumerate().map(verification).collect::<Result<_>>()?, missing))
     }
 
-    pub(super) fn verify_row(&self, row: &Stored) -> Result<Verification> {
+    pub(super) fn verify_row(&self, row: &AttemptRow) -> Result<Verification> {
         let (verdict, findings) = match self.check(row) {
             Ok(found) => found,
             Err(Error::Damaged(problem)) => (Verdict::Wrong, vec![problem]),
@@ -64,7 +64,7 @@ impl Bench {
         Ok(Verification { id: row.id.clone(), scenario: row.scenario.clone(), controller: row.controller.clone(), verdict, findings })
     }
 
-    fn check(&self, row: &Stored) -> Result<(Verdict, Vec<String>)> {
+    fn check(&self, row: &AttemptRow) -> Result<(Verdict, Vec<String>)> {
         let document = row.document(&self.0.secrets)?;
         let actions = self.store().actions(&row.id)?;
         let (Some(result), Some(actions)) = (&document.result, &actions) else {
@@ -90,36 +90,36 @@ impl Bench {
         }
     }
 
-    fn run_again(&self, scenario: &Scenario, document: &Document, result: &Outcome, packed: &[u8]) -> Result<AttemptScore> {
+    fn run_again(&self, scenario: &Scenario, document: &Document, result: &AttemptResult, packed: &[u8]) -> Result<AttemptScore> {
         let seeds = self.0.secrets.seeds(&document.id, &document.scenario_hash, scenario.episodes())?;
-        let mut episodes = Episodes::begin(scenario, &seeds)?;
-        let width = episodes.obeyed().len();
+        let mut episodes = EpisodeBatch::begin(scenario, &seeds)?;
+        let width = episodes.applied_actions().len();
         let actions = numbers(&unpack(packed, result.ticks * width)?);
         for row in actions.chunks_exact(width) {
             episodes.step(row)?;
         }
-        judge(scenario, &episodes.finish()?)
+        score_attempt(scenario, &episodes.finish()?)
     }
 }
 
-/// Where two outcomes differ.
-fn differences(again: &AttemptScore, stored: &Outcome) -> Vec<String> {
-    let mut found = Vec::new();
+/// Differences of two results.
+fn differences(again: &AttemptScore, stored: &AttemptResult) -> Vec<String> {
+    let mut differences = Vec::new();
     if again.episodes.len() != stored.episodes.len() {
-        found.push(format!("{} episodes stored, {} flown", stored.episodes.len(), again.episodes.len()));
+        differences.push(format!("{} episodes stored, {} flown", stored.episodes.len(), again.episodes.len()));
     }
     for (i, (new, old)) in again.episodes.iter().zip(&stored.episodes).enumerate() {
         if new.states_sha256 != old.states_sha256 {
-            found.push(format!("episode {i}: the states differ"));
+            differences.push(format!("episode {i}: the states differ"));
         } else if new != old {
-            found.push(format!("episode {i}: the figures differ"));
+            differences.push(format!("episode {i}: the figures differ"));
         }
     }
     if again.score != stored.score {
-        found.push(format!("the score is {}, stored is {}", again.score.score, stored.score.score));
+        differences.push(format!("the score is {}, stored is {}", again.score.score, stored.score.score));
     }
     if again.metrics != stored.metrics {
-        found.push("the metrics differ".into());
+        differences.push("the metrics differ".into());
     }
-    found
+    differences
 }

@@ -13,7 +13,7 @@ pub fn log(trace: &Trace) -> FlightLog {
     let rows = 0..trace.rows.len();
     let commands: Vec<_> = rows.clone().map(|row| trace.command(row)).collect();
     let lift = |pwm: bool| (trace.interface.input.is_pwm() == pwm).then(|| commands.iter().map(|u| u.lift).collect());
-    let triple = |first: usize| [0, 1, 2].map(|i| trace.observed(first + i));
+    let triple = |first: usize| [0, 1, 2].map(|i| trace.observation_column(first + i));
     let truth = |first: usize| [0, 1, 2].map(|i| trace.state(first + i));
     let [roll_rad, pitch_rad, yaw_rad] = triple(6);
     let [true_roll, true_pitch, true_yaw] = truth(6);
@@ -32,7 +32,7 @@ pub fn log(trace: &Trace) -> FlightLog {
         cmd_thrust_pwm: lift(true),
         cmd_height_m: lift(false),
         setpoint_m: Some(triple(16)),
-        setpoint_yaw_rad: Some(trace.observed(19)),
+        setpoint_yaw_rad: Some(trace.observation_column(19)),
         fixes: fixes(trace),
         vel_mps: None,
         roll_rad,
@@ -40,7 +40,7 @@ pub fn log(trace: &Trace) -> FlightLog {
         yaw_rad,
         gyro_radps: Some(triple(9)),
         acc_mps2: Some(triple(12)),
-        vbat_v: Some(trace.observed(15)),
+        vbat_v: Some(trace.observation_column(15)),
         onboard: None,
         truth: Some(Truth { pos_m: truth(0), vel_mps: truth(3), roll_rad: true_roll, pitch_rad: true_pitch, yaw_rad: true_yaw }),
         notes: Vec::new(),

@@ -2,7 +2,7 @@
 
 use crazyflie_control::Mode;
 
-use super::{End, Phase, Row, Trace, touch_down_mps};
+use super::{FlightEnd, Phase, Trace, TraceRow, touch_down_mps};
 
 /// Settled within this of the set-point, for positions and for the heading.
 const BAND_M: f64 = 0.05;
@@ -16,7 +16,7 @@ const CRASH_MPS: f64 = 1.5;
 
 /// One controlled axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Axis {
+pub struct AxisSpec {
     pub name: &'static str,
     /// Unit for people of errors, and how many make one SI unit.
     pub unit: &'static str,
@@ -28,11 +28,11 @@ pub struct Axis {
 
 const DEG: f64 = 180.0 / std::f64::consts::PI;
 
-pub const AXES: [Axis; 4] = [
-    Axis { name: "x", unit: "cm", per_si: 100.0, state: 0, setpoint: 16, band: BAND_M },
-    Axis { name: "y", unit: "cm", per_si: 100.0, state: 1, setpoint: 17, band: BAND_M },
-    Axis { name: "z", unit: "cm", per_si: 100.0, state: 2, setpoint: 18, band: BAND_M },
-    Axis { name: "yaw", unit: "deg", per_si: DEG, state: 8, setpoint: 19, band: BAND_RAD },
+pub const AXES: [AxisSpec; 4] = [
+    AxisSpec { name: "x", unit: "cm", per_si: 100.0, state: 0, setpoint: 16, band: BAND_M },
+    AxisSpec { name: "y", unit: "cm", per_si: 100.0, state: 1, setpoint: 17, band: BAND_M },
+    AxisSpec { name: "z", unit: "cm", per_si: 100.0, state: 2, setpoint: 18, band: BAND_M },
+    AxisSpec { name: "yaw", unit: "deg", per_si: DEG, state: 8, setpoint: 19, band: BAND_RAD },
 ];
 
 /// When an axis came to stay within the band.
@@ -55,7 +55,7 @@ pub struct AxisFigures {
     /// Root mean square of the command that serves the axis: degrees of pitch for x, of roll for y, percent of the hover PWM about it
     /// (or cm about the set-point) for z, deg/s for yaw.
     pub effort: f64,
-    /// How far that command travels per second.
+    /// Travel of that command per second.
     pub travel_per_s: f64,
 }
 
@@ -70,9 +70,9 @@ pub struct PhaseFigures {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Figures {
     pub phases: Vec<PhaseFigures>,
-    pub end: End,
+    pub end: FlightEnd,
     pub end_s: f64,
-    /// How often the newest frame turned out to show no marker, and for how long in all.
+    /// Number of times that the marker was lost, and the time without it in all.
     pub marker_losses: usize,
     pub marker_lost_s: f64,
     /// The height at the end of a flight that was to land and did not.
@@ -85,8 +85,8 @@ impl Figures {
     /// Whether the vehicle broke, and how.
     pub fn crash(&self) -> Option<String> {
         match self.end {
-            End::LeftRoom => Some("left the room".into()),
-            End::Floor { impact_mps } if impact_mps > CRASH_MPS => Some(format!("hit the floor at {impact_mps:.1} m/s")),
+            FlightEnd::LeftRoom => Some("left the room".into()),
+            FlightEnd::Floor { impact_mps } if impact_mps > CRASH_MPS => Some(format!("hit the floor at {impact_mps:.1} m/s")),
             _ => None,
         }
     }
@@ -94,7 +94,7 @@ impl Figures {
 
 pub fn figures(planned: &[Phase], trace: &Trace) -> Figures {
     let rows = &trace.rows;
-    let valid: Vec<bool> = rows.iter().map(Row::sees_marker).collect();
+    let valid: Vec<bool> = rows.iter().map(TraceRow::sees_marker).collect();
     let lost = valid.iter().filter(|valid| !**valid).count();
     let touched = (1..rows.len()).rev().find(|&i| rows[i].state[2] <= 0.0 && rows[i - 1].state[2] > 0.0);
     let starts: Vec<usize> = planned.iter().map(|p| (p.from_s / trace.tick_s).round() as usize).collect();
@@ -113,26 +113,26 @@ pub fn figures(planned: &[Phase], trace: &Trace) -> Figures {
         end_s: trace.t_s(rows.len().saturating_sub(1)),
         marker_losses: valid.windows(2).filter(|pair| pair[0] && !pair[1]).count(),
         marker_lost_s: lost as f64 * trace.tick_s,
-        not_landed_m: not_landed(planned, trace),
+        not_landed_m: height_if_not_landed(planned, trace),
         touch_down: touched.map(|i| (trace.t_s(i), touch_down_mps(rows, i))),
     }
 }
 
 /// The height of a vehicle that is still in the air though the last phase is a landing.
-fn not_landed(planned: &[Phase], trace: &Trace) -> Option<f64> {
+fn height_if_not_landed(planned: &[Phase], trace: &Trace) -> Option<f64> {
     let landing = planned.last().is_some_and(|phase| phase.mode == Mode::Landing);
     let height = trace.rows.last().map(|row| f64::from(row.state[2]));
-    height.filter(|z| landing && trace.end == End::Time && *z > 0.0)
+    height.filter(|z| landing && trace.end == FlightEnd::Time && *z > 0.0)
 }
 
 /// The first row from `start` on in which the vehicle is in the air; `start` if it never is.
-fn lift_off(rows: &[Row], start: usize) -> usize {
+fn lift_off(rows: &[TraceRow], start: usize) -> usize {
     (start..rows.len()).find(|&i| rows[i].state[2] > LIFT_OFF_M).unwrap_or(start)
 }
 
-fn axis_figures(trace: &Trace, axis: &Axis, first: usize, end: usize) -> AxisFigures {
+fn axis_figures(trace: &Trace, axis: &AxisSpec, first: usize, end: usize) -> AxisFigures {
     let rows = &trace.rows[first..end];
-    let setpoint = |row: &Row| f64::from(row.observation[axis.setpoint]);
+    let setpoint = |row: &TraceRow| f64::from(row.observation[axis.setpoint]);
     let errors: Vec<f64> = rows.iter().map(|row| wrap(axis, f64::from(row.state[axis.state]) - setpoint(row))).collect();
     let moving = rows.iter().any(|row| (setpoint(row) - setpoint(&rows[0])).abs() > 1e-6);
     let last = (FINAL_S / trace.tick_s).round() as usize;
@@ -150,7 +150,7 @@ fn axis_figures(trace: &Trace, axis: &Axis, first: usize, end: usize) -> AxisFig
 }
 
 /// A heading error is the short way round.
-fn wrap(axis: &Axis, error: f64) -> f64 {
+fn wrap(axis: &AxisSpec, error: f64) -> f64 {
     if axis.state == 8 { error.sin().atan2(error.cos()) } else { error }
 }
 
@@ -169,7 +169,7 @@ fn overshoot(errors: &[f64], band: f64) -> f64 {
 }
 
 /// The command that serves an axis, see [`AxisFigures::effort`].
-fn effort(trace: &Trace, axis: &Axis, row: usize) -> f64 {
+fn effort(trace: &Trace, axis: &AxisSpec, row: usize) -> f64 {
     let u = trace.command(row);
     let hover = trace.interface.hover_lift;
     match axis.name {

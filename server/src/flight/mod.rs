@@ -1,10 +1,10 @@
-//! Closed-loop flights: a scenario, a controller and effects, flown for many seeds at once, and what comes out of them.
+//! Closed-loop flights: a scenario, a controller and effects, flown for many seeds at once, and the figures of the flights.
 
 mod csv;
 mod figures;
+mod multi_drone;
 mod picture;
 mod scenario;
-mod together;
 
 use crazyflie_control::{Controller, ControllerContext, ControllerSpec};
 use crazyflie_env::Error;
@@ -15,16 +15,16 @@ use crazyflie_env::plant::Command;
 use crazyflie_env::vector::{STATE, StepBuffers, VectorEnv};
 
 pub use csv::log;
-pub use figures::{AXES, Axis, AxisFigures, Figures, PhaseFigures, Settling, figures};
+pub use figures::{AXES, AxisFigures, AxisSpec, Figures, PhaseFigures, Settling, figures};
+pub use multi_drone::{MultiDroneSetup, MultiDroneTrace, fly_multi_drone, multi_drone_path, multi_drone_picture};
 pub use picture::{path, picture};
-pub use scenario::{LAB_LATENCY_S, Phase, SCENARIOS, Scenario, lab_rig, phase_at};
-pub use together::{TeamSetup, TeamTrace, fly_together, team_path, team_picture};
+pub use scenario::{FlightScenario, LAB_LATENCY_S, Phase, SCENARIOS, lab_rig, phase_at};
 
 /// Everything that decides a flight, besides its seed.
 #[derive(Debug, Clone)]
 pub struct Setup {
     pub model: Model,
-    pub scenario: &'static Scenario,
+    pub scenario: &'static FlightScenario,
     /// In place of the scenario's own, if given.
     pub task_options: Option<serde_json::Value>,
     pub controller: ControllerSpec,
@@ -33,17 +33,17 @@ pub struct Setup {
     pub seconds: f64,
 }
 
-/// What there was at one control tick.
+/// Observation, state and action of one control tick.
 #[derive(Debug, Clone, Copy)]
-pub struct Row {
+pub struct TraceRow {
     pub observation: [f32; OBSERVATION],
     pub state: [f32; STATE],
-    /// What the controller answered; in force until the next row.
+    /// The controller's action; in force until the next row.
     pub action: [f32; ACTION],
 }
 
-impl Row {
-    /// Where to be: x, y, z in meters, yaw in radians.
+impl TraceRow {
+    /// Set-point: x, y, z in meters, yaw in radians.
     pub(crate) fn setpoint(&self) -> &[f32] {
         &self.observation[SETPOINT.range()]
     }
@@ -59,14 +59,14 @@ impl Row {
     }
 }
 
-/// Of two points; of those that are longer, over the axes of the shorter.
+/// Squared distance of two points, over the axes of the shorter one.
 pub fn squared_distance(a: &[f32], b: &[f32]) -> f64 {
     a.iter().zip(b).map(|(a, b)| f64::from(a - b).powi(2)).sum()
 }
 
-/// How a flight ended.
+/// End of a flight.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum End {
+pub enum FlightEnd {
     Time,
     LeftRoom,
     /// On the floor, at this speed, where the task ends there.
@@ -80,8 +80,8 @@ pub enum End {
 pub struct Trace {
     pub tick_s: f64,
     pub interface: Interface,
-    pub rows: Vec<Row>,
-    pub end: End,
+    pub rows: Vec<TraceRow>,
+    pub end: FlightEnd,
 }
 
 impl Trace {
@@ -99,7 +99,7 @@ impl Trace {
     }
 
     /// One number of the observation over the flight.
-    pub(crate) fn observed(&self, at: usize) -> Vec<f64> {
+    pub(crate) fn observation_column(&self, at: usize) -> Vec<f64> {
         self.rows.iter().map(|r| f64::from(r.observation[at])).collect()
     }
 }
@@ -107,8 +107,8 @@ impl Trace {
 /// Half the side of the room and its height, as the tasks have them (thesis 2.1).
 const ROOM_M: [f32; 2] = [2.5, 2.8];
 
-/// Fills in the actions of a tick from the observations, which it may change (a set-point of its own).
-type Answer<'a> = dyn FnMut(f64, &mut [f32], &mut [f32]) -> Result<(), Error> + 'a;
+/// Computes the actions of a tick from the observations. It may put a set-point of its own into them.
+type ControlLoop<'a> = dyn FnMut(f64, &mut [f32], &mut [f32]) -> Result<(), Error> + 'a;
 
 /// The setup's controller for these environments.
 fn pilot(setup: &Setup, env: &VectorEnv) -> Result<Box<dyn Controller>, Error> {
@@ -145,7 +145,7 @@ pub fn fly_open_loop(setup: &Setup, seeds: &[u64], command: &dyn Fn(f64) -> Comm
 
 /// Flies the setup once per seed by its controller towards a height that depends on time, its commands passed through `change`: the modified controllers
 /// of the thesis's identification flights (5.1).
-pub fn fly_overruled(
+pub fn fly_with_override(
     setup: &Setup,
     seeds: &[u64],
     height_m: &dyn Fn(f64) -> f32,
@@ -166,9 +166,9 @@ pub fn fly_overruled(
     })
 }
 
-/// Of the environments; `drones` is 0 for the task's own number.
+/// Options of the environments; `drones` is 0 for the task's own number.
 pub fn options(setup: &Setup, drones: usize) -> Result<Options, Error> {
-    let asked = Options {
+    let options = Options {
         task: setup.scenario.task.into(),
         task_options: setup.task_options.clone().unwrap_or_else(|| setup.scenario.task_options()),
         vertical: Some(setup.vertical),
@@ -178,7 +178,7 @@ pub fn options(setup: &Setup, drones: usize) -> Result<Options, Error> {
         ..Options::default()
     };
     // the defaults of several drones are those of options that are read
-    Options::parse(&serde_json::to_string(&asked).map_err(|e| Error::Config(e.to_string()))?)
+    Options::parse(&serde_json::to_string(&options).map_err(|e| Error::Config(e.to_string()))?)
 }
 
 fn env(setup: &Setup, envs: usize) -> Result<VectorEnv, Error> {
@@ -188,12 +188,12 @@ fn env(setup: &Setup, envs: usize) -> Result<VectorEnv, Error> {
     VectorEnv::new(std::slice::from_ref(&setup.model), &options(setup, 0)?, envs)
 }
 
-fn fly_by(env: &mut VectorEnv, seconds: f64, seeds: &[u64], answer: &mut Answer<'_>) -> Result<Vec<Trace>, Error> {
+fn fly_by(env: &mut VectorEnv, seconds: f64, seeds: &[u64], answer: &mut ControlLoop<'_>) -> Result<Vec<Trace>, Error> {
     let (envs, tick_s, interface) = (seeds.len(), env.tick_s(), env.interfaces()[0]);
     let mut observations = vec![0.0; envs * OBSERVATION];
     let (mut actions, mut states) = (vec![0.0; envs * ACTION], vec![0.0; envs * STATE]);
     let (mut rewards, mut truncated, mut terminated) = (vec![0.0; envs], vec![false; envs], vec![false; envs]);
-    let mut traces = vec![Trace { tick_s, interface, rows: Vec::new(), end: End::Time }; envs];
+    let mut traces = vec![Trace { tick_s, interface, rows: Vec::new(), end: FlightEnd::Time }; envs];
     let mut over = vec![false; envs];
     env.reset(Some(seeds), None, &mut observations)?;
     let ticks = (seconds / tick_s).round() as usize;
@@ -217,26 +217,26 @@ fn fly_by(env: &mut VectorEnv, seconds: f64, seeds: &[u64], answer: &mut Answer<
 }
 
 /// Of drone `i`, whose observation begins a row of `width` numbers.
-pub(crate) fn row(i: usize, width: usize, observations: &[f32], states: &[f32], actions: &[f32]) -> Row {
-    Row {
+pub(crate) fn row(i: usize, width: usize, observations: &[f32], states: &[f32], actions: &[f32]) -> TraceRow {
+    TraceRow {
         observation: std::array::from_fn(|k| observations[i * width + k]),
         state: std::array::from_fn(|k| states[i * STATE + k]),
         action: std::array::from_fn(|k| actions[i * ACTION + k]),
     }
 }
 
-/// Why a task ended the flight of these rows.
-pub(crate) fn end(rows: &[Row]) -> End {
-    let Some(last) = rows.last() else { return End::Time };
+/// The reason for which a task ended the flight of these rows.
+pub(crate) fn end(rows: &[TraceRow]) -> FlightEnd {
+    let Some(last) = rows.last() else { return FlightEnd::Time };
     let [x, y, z] = [0, 1, 2].map(|i| last.state[i]);
     if x.abs() > ROOM_M[0] || y.abs() > ROOM_M[0] || z > ROOM_M[1] {
-        return End::LeftRoom;
+        return FlightEnd::LeftRoom;
     }
-    End::Floor { impact_mps: touch_down_mps(rows, rows.len() - 1) }
+    FlightEnd::Floor { impact_mps: touch_down_mps(rows, rows.len() - 1) }
 }
 
 /// Sinking speed with which the floor was met between the row before `at` and that row.
-pub(crate) fn touch_down_mps(rows: &[Row], at: usize) -> f64 {
+pub(crate) fn touch_down_mps(rows: &[TraceRow], at: usize) -> f64 {
     let before = &rows[at.saturating_sub(1)];
     f64::from(-before.state[5]).max(0.0)
 }

@@ -8,15 +8,15 @@ use super::{Trace, log};
 /// Half the side of the marker (thesis 2.2): over it is "over the marker".
 const MARKER_M: f64 = 0.0985;
 
-/// Where the vehicle was, what the camera made of it, and what was commanded, over time.
+/// Positions, poses by the camera, and commands over time.
 pub fn picture(trace: &Trace, title: &str) -> Result<String, PictureError> {
     let flight = log(trace);
     let t = &flight.t_s;
     let fixes = &flight.fixes;
     let pos = [0, 1, 2].map(|i| trace.state(i));
-    let setpoint = [16, 17, 18].map(|i| trace.observed(i));
+    let setpoint = [16, 17, 18].map(|i| trace.observation_column(i));
     let degrees = |values: &[f64]| values.iter().map(|v| v.to_degrees()).collect::<Vec<_>>();
-    let (yaw, yaw_set) = (degrees(&trace.state(8)), degrees(&trace.observed(19)));
+    let (yaw, yaw_set) = (degrees(&trace.state(8)), degrees(&trace.observation_column(19)));
     let tilts = [degrees(&trace.state(7)), degrees(&trace.state(6))];
     let commanded = [&flight.cmd_pitch_rad, &flight.cmd_roll_rad].map(|c| degrees(c.as_deref().unwrap_or_default()));
     let lift = flight.cmd_thrust_pwm.as_ref().or(flight.cmd_height_m.as_ref()).cloned().unwrap_or_default();

@@ -1,4 +1,4 @@
-//! What can be flown: the tasks, and the thesis's flights by name.
+//! Flights by name: the tasks, and the thesis's flights.
 
 use std::borrow::Cow;
 use std::sync::OnceLock;
@@ -18,7 +18,7 @@ pub struct Phase {
 }
 
 #[derive(Debug)]
-pub struct Scenario {
+pub struct FlightScenario {
     pub name: &'static str,
     pub about: &'static str,
     /// Section and figure of the thesis; empty for a plain task.
@@ -29,10 +29,10 @@ pub struct Scenario {
     pub phases: &'static [Phase],
 }
 
-impl Scenario {
+impl FlightScenario {
     /// # Errors
     /// With a proposal, if there is no such task or flight.
-    pub fn named(name: &str) -> crazyflie_env::Result<&'static Scenario> {
+    pub fn find(name: &str) -> crazyflie_env::Result<&'static FlightScenario> {
         let all = || SCENARIOS.iter().chain(other_tasks());
         all().find(|s| s.name == name).ok_or_else(|| crazyflie_env::error::unknown("task or flight", name, all().map(|s| s.name)))
     }
@@ -53,8 +53,8 @@ impl Scenario {
 }
 
 /// The tasks of the registry that have no entry below: as long as an episode, in one phase.
-fn other_tasks() -> &'static [Scenario] {
-    static OTHERS: OnceLock<Vec<Scenario>> = OnceLock::new();
+fn other_tasks() -> &'static [FlightScenario] {
+    static OTHERS: OnceLock<Vec<FlightScenario>> = OnceLock::new();
     OTHERS.get_or_init(|| {
         let tasks = crazyflie_env::task::registry().iter().filter(|entry| SCENARIOS.iter().all(|s| s.name != entry.name));
         tasks.map(|entry| task(entry.name, entry.about, f64::from(entry.max_episode_steps) / EPISODE_HZ, HOLD)).collect()
@@ -84,17 +84,17 @@ const WHOLE: &[Phase] = &[
     phase("land", 30.0, Some([0.0, 0.0, 0.05]), Mode::Landing),
 ];
 
-const fn task(name: &'static str, about: &'static str, seconds: f64, phases: &'static [Phase]) -> Scenario {
-    Scenario { name, about, source: "", task: name, options: "null", seconds, phases }
+const fn task(name: &'static str, about: &'static str, seconds: f64, phases: &'static [Phase]) -> FlightScenario {
+    FlightScenario { name, about, source: "", task: name, options: "null", seconds, phases }
 }
 
 /// The tasks, then the thesis's flights.
-pub static SCENARIOS: &[Scenario] = &[
+pub static SCENARIOS: &[FlightScenario] = &[
     task("hover", "fly to the marker from up to 80 cm away", 10.0, HOLD),
     task("takeoff", "take off to 70 cm", 15.0, TAKEOFF),
     task("land", "land on the marker", 10.0, LAND),
     task("track", "follow a moving set-point", 20.0, HOLD),
-    Scenario {
+    FlightScenario {
         name: "fly-80cm",
         about: "from hovering 80 cm away in x, fly to the marker and hold 70 cm over it",
         source: "7.3, fig. 7.4-7.8",
@@ -103,7 +103,7 @@ pub static SCENARIOS: &[Scenario] = &[
         seconds: 15.0,
         phases: HOLD,
     },
-    Scenario {
+    FlightScenario {
         name: "takeoff-70cm",
         about: "take off from the marker to 70 cm",
         source: "7.3, fig. 7.9",
@@ -112,7 +112,7 @@ pub static SCENARIOS: &[Scenario] = &[
         seconds: 20.0,
         phases: TAKEOFF,
     },
-    Scenario {
+    FlightScenario {
         name: "hover-70cm",
         about: "hold 70 cm over the marker",
         source: "7.3, fig. 7.10-7.14",
@@ -121,7 +121,7 @@ pub static SCENARIOS: &[Scenario] = &[
         seconds: 20.0,
         phases: HOLD,
     },
-    Scenario {
+    FlightScenario {
         name: "height-step",
         about: "hold 70 cm, then 80 cm",
         source: "5.1.3, fig. 5.10",
@@ -130,7 +130,7 @@ pub static SCENARIOS: &[Scenario] = &[
         seconds: 15.0,
         phases: STEP,
     },
-    Scenario {
+    FlightScenario {
         name: "whole-flight",
         about: "take off 80 cm away, hold 70 cm, fly to the marker, hold, land",
         source: "7.3",
@@ -164,7 +164,7 @@ mod tests {
     #[test]
     fn every_scenario_is_a_task_with_good_options() {
         for entry in crazyflie_env::task::registry() {
-            assert_eq!(Scenario::named(entry.name).unwrap().task, entry.name);
+            assert_eq!(FlightScenario::find(entry.name).unwrap().task, entry.name);
         }
         for s in SCENARIOS {
             crazyflie_env::task::find(s.task).unwrap();

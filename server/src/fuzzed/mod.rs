@@ -47,7 +47,7 @@ fn model(bytes: &[u8]) -> bool {
     let Ok(model) = Model::parse(text) else { return false };
     let again = Model::parse(&model.to_toml().expect("what was read can be written")).expect("and read again");
     assert_eq!(again.parameters(), model.parameters());
-    VectorEnv::new(std::slice::from_ref(&model), &Options::default(), 2).map(flown).is_ok()
+    VectorEnv::new(std::slice::from_ref(&model), &Options::default(), 2).map(fly_env).is_ok()
 }
 
 fn options(bytes: &[u8]) -> bool {
@@ -55,11 +55,11 @@ fn options(bytes: &[u8]) -> bool {
     let options = Options::parse(text).map_err(|error| assert!(!error.to_string().is_empty()));
     // threads are a machine's to give
     let env = options.map(|options| VectorEnv::new(&[Model::thesis()], &Options { threads: 1, ..options }, 2));
-    env.is_ok_and(|env| env.map(flown).is_ok())
+    env.is_ok_and(|env| env.map(fly_env).is_ok())
 }
 
 /// Whatever was accepted flies, in numbers that are numbers.
-pub(crate) fn flown(mut env: VectorEnv) {
+pub(crate) fn fly_env(mut env: VectorEnv) {
     let (envs, rows) = (env.num_envs(), env.num_envs() * env.num_drones());
     let mut observations = vec![0.0; rows * env.width()];
     let (mut rewards, mut states, mut metrics) = (vec![0.0; rows], vec![0.0; rows * STATE], vec![0.0; envs * env.num_metrics()]);

@@ -7,20 +7,20 @@ use bytes::Bytes;
 use tokio_util::sync::CancellationToken;
 use tracing::{debug, info};
 
-use super::contest::Contest;
-use super::fault::{Code, Fault};
-use super::listed::End;
-use super::make;
-use super::message::{self, Asked, Hello, Resume};
+use super::attempt_session::AttemptSession;
+use super::create_session;
 use super::pilot::Pilot;
+use super::protocol::{self, Hello, Request, Resume};
+use super::protocol_error::{Code, ProtocolError};
 use super::replies::Reply;
-use super::requests::{refusal, say};
+use super::response::Response;
 use super::server::{Peer, Server};
-use super::server_message::ServerMessage;
 use super::session::Session;
-use super::shared::Join;
-use super::socket::{Incoming, Parting, Socket};
-use super::wire::{self, Request};
+use super::session_registry::SessionEnd;
+use super::session_requests::{error_reply, json_reply};
+use super::socket::{Disconnect, Incoming, Socket};
+use super::wire::{self, BinaryRequest};
+use super::world_messages::Join;
 use super::worlds;
 
 pub(crate) struct Connection {
@@ -29,160 +29,160 @@ pub(crate) struct Connection {
     /// Cancelled when the server stops or another connection resumes the session.
     leave: CancellationToken,
     session: Option<Session>,
-    /// In place of a session.
-    contest: Option<Contest>,
-    /// At the controls of one drone of a shared world; whoever is gone leaves it to the autopilot.
+    /// An attempt at a benchmark, in place of a session.
+    attempt: Option<AttemptSession>,
+    /// A drone of a shared world that this client flies. When the connection ends, the autopilot takes over.
     pilot: Option<Pilot>,
 }
 
 /// Serves a connection to its end.
-pub(crate) async fn talk(server: Arc<Server>, peer: Arc<Peer>, mut socket: Socket, leave: CancellationToken) {
-    let mut connection = Connection { server, peer, leave, session: None, contest: None, pilot: None };
-    let parting = loop {
+pub(crate) async fn serve_socket(server: Arc<Server>, peer: Arc<Peer>, mut socket: Socket, leave: CancellationToken) {
+    let mut connection = Connection { server, peer, leave, session: None, attempt: None, pilot: None };
+    let disconnect = loop {
         let reply = match socket.next().await {
             Ok(Incoming::Text(text)) => connection.text(&text).await,
             Ok(Incoming::Binary(bytes)) => connection.binary(&bytes),
-            Err(parting) => break parting,
+            Err(disconnect) => break disconnect,
         };
-        if let Err(parting) = socket.send(reply.into()).await {
-            break parting;
+        if let Err(disconnect) = socket.send(reply.into()).await {
+            break disconnect;
         }
     };
-    connection.part(socket, parting).await;
+    connection.shut_down(socket, disconnect).await;
 }
 
 impl Connection {
-    async fn part(mut self, socket: Socket, parting: Parting) {
+    async fn shut_down(mut self, socket: Socket, disconnect: Disconnect) {
         let stopping = self.server.stop.is_cancelled();
-        info!(peer = %self.peer.address, ?parting, "connection ended");
+        info!(peer = %self.peer.address, parting = ?disconnect, "connection ended");
         // the session first: a client that comes back at once finds it
         if let Some(session) = self.session.take() {
-            match parting {
-                Parting::Closed(Some(1000)) => session.finish(End::Closed),
-                _ if stopping => session.finish(End::Stopped),
+            match disconnect {
+                Disconnect::Closed(Some(1000)) => session.finish(SessionEnd::Closed),
+                _ if stopping => session.finish(SessionEnd::Stopped),
                 _ => self.server.park(session),
             }
         }
-        socket.goodbye(&parting, &self.server).await;
+        socket.goodbye(&disconnect, &self.server).await;
     }
 
     fn binary(&mut self, bytes: &Bytes) -> Reply {
-        let began = Instant::now();
-        let drones = self.session.as_ref().filter(|_| self.contest.is_none()).map_or(1, |session| session.layout.drones);
-        let answer = Request::parse(bytes, drones).and_then(|request| match &mut self.contest {
-            Some(contest) => contest.binary(&request),
+        let start = Instant::now();
+        let drones = self.session.as_ref().filter(|_| self.attempt.is_none()).map_or(1, |session| session.layout.drones);
+        let answer = BinaryRequest::parse(bytes, drones).and_then(|request| match &mut self.attempt {
+            Some(attempt) => attempt.binary(&request),
             None => self.session.as_mut().ok_or_else(no_session)?.binary(&request),
         });
-        self.answered(began, wire::id_of(bytes), answer)
+        self.reply_or_error(start, wire::id_of(bytes), answer)
     }
 
     async fn text(&mut self, text: &str) -> Reply {
-        let began = Instant::now();
-        let (id, asked) = message::parse(text);
-        let answer = match (id, asked) {
-            (Some(id), Ok(asked)) => self.carry_out(id, asked).await,
-            (_, Ok(_)) => Err(Fault::new(Code::BadMessage, "a request needs an id")),
-            (_, Err(fault)) => Err(fault),
+        let start = Instant::now();
+        let (id, request) = protocol::parse(text);
+        let answer = match (id, request) {
+            (Some(id), Ok(request)) => self.execute(id, request).await,
+            (_, Ok(_)) => Err(ProtocolError::new(Code::BadMessage, "a request needs an id")),
+            (_, Err(error)) => Err(error),
         };
-        self.answered(began, id, answer)
+        self.reply_or_error(start, id, answer)
     }
 
-    fn answered(&self, began: Instant, id: Option<u64>, answer: Result<Reply, Fault>) -> Reply {
+    fn reply_or_error(&self, start: Instant, id: Option<u64>, answer: Result<Reply, ProtocolError>) -> Reply {
         let metrics = &self.server.metrics;
         metrics.requests.inc();
-        metrics.request_s.observe(began.elapsed().as_secs_f64());
-        answer.unwrap_or_else(|fault| {
+        metrics.request_s.observe(start.elapsed().as_secs_f64());
+        answer.unwrap_or_else(|error| {
             metrics.faults.inc();
-            debug!(peer = %self.peer.address, id, code = ?fault.code, "refused: {fault}");
-            refusal(id, &fault)
+            debug!(peer = %self.peer.address, id, code = ?error.code, "refused: {error}");
+            error_reply(id, &error)
         })
     }
 
-    async fn carry_out(&mut self, id: u64, asked: Asked) -> Result<Reply, Fault> {
-        match asked {
-            Asked::Hello(hello) => self.hello(id, hello),
-            Asked::Make(make) => {
-                let (session, made) = make::make(&self.server, id, &make)?;
-                self.take(session);
-                Ok(say(&ServerMessage::Made(Box::new(made))))
+    async fn execute(&mut self, id: u64, request: Request) -> Result<Reply, ProtocolError> {
+        match request {
+            Request::Hello(hello) => self.hello(id, hello),
+            Request::Make(make) => {
+                let (session, info) = create_session::create_session(&self.server, id, &make)?;
+                self.replace_session(session);
+                Ok(json_reply(&Response::Made(Box::new(info))))
             }
-            Asked::Resume(resume) => self.resume(id, &resume).await,
-            Asked::Benchmark(asked) => {
+            Request::Resume(resume) => self.resume(id, &resume).await,
+            Request::Benchmark(request) => {
                 let bench = self.server.bench.as_ref();
-                let bench = bench.ok_or_else(|| Fault::new(Code::Unavailable, "this server has no benchmark"))?;
-                let (contest, reply) = Contest::begin(bench, id, &asked)?;
+                let bench = bench.ok_or_else(|| ProtocolError::new(Code::Unavailable, "this server has no benchmark"))?;
+                let (attempt, reply) = AttemptSession::begin(bench, id, &request)?;
                 if let Some(before) = self.session.take() {
-                    before.finish(End::Closed);
+                    before.finish(SessionEnd::Closed);
                 }
-                self.contest = Some(contest);
+                self.attempt = Some(attempt);
                 Ok(reply)
             }
-            Asked::Finish => {
-                let none = || Fault::new(Code::NoSession, "this connection has no attempt: send benchmark first");
-                self.contest.take().ok_or_else(none)?.finish(id)
+            Request::Finish => {
+                let none = || ProtocolError::new(Code::NoSession, "this connection has no attempt: send benchmark first");
+                self.attempt.take().ok_or_else(none)?.finish(id)
             }
-            Asked::Close if self.contest.take().is_some() => Ok(say(&ServerMessage::Closed { id })),
-            Asked::Close => {
+            Request::Close if self.attempt.take().is_some() => Ok(json_reply(&Response::Closed { id })),
+            Request::Close => {
                 let session = self.session.take().ok_or_else(no_session)?;
-                session.finish(End::Closed);
-                Ok(say(&ServerMessage::Closed { id }))
+                session.finish(SessionEnd::Closed);
+                Ok(json_reply(&Response::Closed { id }))
             }
-            Asked::Reset(reset) => self.session.as_mut().ok_or_else(no_session)?.reset(id, &reset),
-            Asked::Step(step) if let Some(contest) = &mut self.contest => contest.step(id, &step),
-            Asked::Step(step) => {
+            Request::Reset(reset) => self.session.as_mut().ok_or_else(no_session)?.reset(id, &reset),
+            Request::Step(step) if let Some(attempt) = &mut self.attempt => attempt.step(id, &step),
+            Request::Step(step) => {
                 let session = self.session.as_mut().ok_or_else(no_session)?;
                 session.step(id, &step)
             }
-            Asked::State => self.session.as_mut().ok_or_else(no_session)?.state(id),
-            Asked::World(asked) => Ok(say(&ServerMessage::World(worlds::found(&self.server, id, &asked)?))),
-            Asked::Join(join) => self.join(id, join).await,
-            Asked::Fly(fly) => self.pilot.as_ref().ok_or_else(no_seat)?.fly(id, &fly).await,
-            Asked::Leave => self.pilot.take().map(|_| say(&ServerMessage::Left { id })).ok_or_else(no_seat),
+            Request::State => self.session.as_mut().ok_or_else(no_session)?.state(id),
+            Request::World(request) => Ok(json_reply(&Response::World(worlds::create_world(&self.server, id, &request)?))),
+            Request::Join(join) => self.join(id, join).await,
+            Request::Fly(fly) => self.pilot.as_ref().ok_or_else(no_pilot_slot)?.fly(id, &fly).await,
+            Request::Leave => self.pilot.take().map(|_| json_reply(&Response::Left { id })).ok_or_else(no_pilot_slot),
         }
     }
 
-    async fn join(&mut self, id: u64, asked: Join) -> Result<Reply, Fault> {
+    async fn join(&mut self, id: u64, request: Join) -> Result<Reply, ProtocolError> {
         if let Some(pilot) = &self.pilot {
-            return Err(Fault::new(Code::BadMessage, format!("this connection flies {}: leave it first", pilot.place())));
+            return Err(ProtocolError::new(Code::BadMessage, format!("this connection flies {}: leave it first", pilot.label())));
         }
-        let (pilot, reply) = Pilot::join(&self.server.worlds, id, asked).await?;
+        let (pilot, reply) = Pilot::join(&self.server.worlds, id, request).await?;
         self.pilot = Some(pilot);
         Ok(reply)
     }
 
-    fn hello(&self, id: u64, hello: Hello) -> Result<Reply, Fault> {
+    fn hello(&self, id: u64, hello: Hello) -> Result<Reply, ProtocolError> {
         if let Some(token) = &hello.token {
-            self.peer.show(token)?;
+            self.peer.count_token(token)?;
         }
         info!(peer = %self.peer.address, client = ?hello.client.chars().take(80).collect::<String>(), "hello");
-        Ok(say(&ServerMessage::Welcome(make::welcome(&self.server, id))))
+        Ok(json_reply(&Response::Welcome(create_session::server_info(&self.server, id))))
     }
 
-    /// A connection has one session: the one before ends.
-    fn take(&mut self, session: Session) {
-        session.listed().hold(&self.leave);
-        self.contest = None;
+    /// Makes this the connection's session. The one before ends.
+    fn replace_session(&mut self, session: Session) {
+        session.entry().hold(&self.leave);
+        self.attempt = None;
         if let Some(before) = self.session.replace(session) {
-            before.finish(End::Closed);
+            before.finish(SessionEnd::Closed);
         }
     }
 
-    async fn resume(&mut self, id: u64, asked: &Resume) -> Result<Reply, Fault> {
-        if self.session.as_ref().is_some_and(|session| session.listed().name() == asked.session) {
-            return Err(Fault::new(Code::BadMessage, "this connection has that session"));
+    async fn resume(&mut self, id: u64, request: &Resume) -> Result<Reply, ProtocolError> {
+        if self.session.as_ref().is_some_and(|session| session.entry().name() == request.session) {
+            return Err(ProtocolError::new(Code::BadMessage, "this connection has that session"));
         }
-        let session = self.server.sessions.resume(&asked.session, &asked.token).await?;
-        let (session_name, last_id, ticks) = (session.listed().name(), session.last_id(), session.ticks());
+        let session = self.server.sessions.resume(&request.session, &request.token).await?;
+        let (session_name, last_id, ticks) = (session.entry().name(), session.last_id(), session.ticks());
         info!(session = session_name, peer = %self.peer.address, "session resumed");
-        self.take(session);
-        Ok(say(&ServerMessage::Resumed { id, session: session_name, last_id, ticks }))
+        self.replace_session(session);
+        Ok(json_reply(&Response::Resumed { id, session: session_name, last_id, ticks }))
     }
 }
 
-fn no_session() -> Fault {
-    Fault::new(Code::NoSession, "this connection has no session: send make (or resume) first")
+fn no_session() -> ProtocolError {
+    ProtocolError::new(Code::NoSession, "this connection has no session: send make (or resume) first")
 }
 
-fn no_seat() -> Fault {
-    Fault::new(Code::NoSeat, "this connection flies no drone: send join first")
+fn no_pilot_slot() -> ProtocolError {
+    ProtocolError::new(Code::NoSeat, "this connection flies no drone: send join first")
 }

@@ -7,16 +7,16 @@ use super::socket::{Incoming, Socket};
 
 pub(crate) const PROTOCOL: &str = "crazyflie.echo.v1";
 
-pub(crate) async fn talk(server: &Server, mut socket: Socket) {
-    let parting = loop {
+pub(crate) async fn serve_socket(server: &Server, mut socket: Socket) {
+    let disconnect = loop {
         let message = match socket.next().await {
             Ok(Incoming::Text(text)) => Message::Text(text),
             Ok(Incoming::Binary(bytes)) => Message::Binary(bytes),
-            Err(parting) => break parting,
+            Err(disconnect) => break disconnect,
         };
-        if let Err(parting) = socket.send(message).await {
-            break parting;
+        if let Err(disconnect) = socket.send(message).await {
+            break disconnect;
         }
     };
-    socket.goodbye(&parting, server).await;
+    socket.goodbye(&disconnect, server).await;
 }

@@ -1,4 +1,4 @@
-//! What a session shows to those who watch it: the newest rows of its first environments, or of all drones of a shared world, written in place.
+//! The feed that a session shows to its watchers: the newest rows of its first environments, or of all drones of a shared world, written in place.
 //! A session never waits for a watcher and never wakes one.
 
 use std::sync::Mutex;
@@ -9,16 +9,16 @@ use crazyflie_env::observation::{Interface, LAST_ACTION, OBSERVATION};
 use crazyflie_env::vector::{METRICS, STATE, VectorEnv};
 use serde_json::{Value, json};
 
-use super::listed::lock;
-use crate::frames::{self, COLUMNS, TOGETHER};
-use crate::worlds::Flight;
+use super::session_registry::lock;
+use crate::frames::{self, ALL_COLUMNS, COLUMNS};
+use crate::worlds::WorldFlight;
 
-/// So many environments of a batch can be watched: the first ones.
+/// Number of environments of a batch that can be watched: the first ones.
 pub(crate) const WATCHABLE: usize = 16;
 
-/// The place where session and watchers meet.
+/// The newest rows of a session, for its watchers.
 pub(crate) struct Feed {
-    /// What the columns are, and what stands in the room.
+    /// Names of the columns, markers and camera.
     pub header: Value,
     /// Rows for each environment.
     pub drones: usize,
@@ -30,9 +30,9 @@ pub(crate) struct Feed {
 }
 
 /// A watcher, for as long as this lives.
-pub(crate) struct Watching<'a>(&'a Feed);
+pub(crate) struct Watcher<'a>(&'a Feed);
 
-impl Drop for Watching<'_> {
+impl Drop for Watcher<'_> {
     fn drop(&mut self) {
         self.0.watchers.fetch_sub(1, Ordering::Relaxed);
     }
@@ -40,32 +40,32 @@ impl Drop for Watching<'_> {
 
 impl Feed {
     pub(crate) fn new(options: &Options, tick_s: f64) -> Self {
-        Feed::of(header(options, tick_s), WATCHABLE, 1, COLUMNS.len())
+        Feed::with_header(header(options, tick_s), WATCHABLE, 1, COLUMNS.len())
     }
 
-    /// Of a shared world: all its drones are watched together.
-    pub(crate) fn shared(options: &Options, tick_s: f64, drones: usize, world: &str) -> Self {
-        let mut feed = Feed::several(options, tick_s, drones);
+    /// A feed of a shared world: all its drones are watched together.
+    pub(crate) fn for_world(options: &Options, tick_s: f64, drones: usize, world: &str) -> Self {
+        let mut feed = Feed::for_multi_drone(options, tick_s, drones);
         feed.header["world"] = world.into();
         feed
     }
 
-    /// Of environments of several drones: those of the first one are watched, together.
-    pub(crate) fn several(options: &Options, tick_s: f64, drones: usize) -> Self {
+    /// A feed of environments of several drones: those of the first one are watched, together.
+    pub(crate) fn for_multi_drone(options: &Options, tick_s: f64, drones: usize) -> Self {
         let mut header = header(options, tick_s);
         header["drones"] = drones.into();
-        header["columns"] = json!(TOGETHER.as_slice());
-        Feed::of(header, 1, drones, drones * TOGETHER.len())
+        header["columns"] = json!(ALL_COLUMNS.as_slice());
+        Feed::with_header(header, 1, drones, drones * ALL_COLUMNS.len())
     }
 
-    fn of(header: Value, envs: usize, drones: usize, width: usize) -> Self {
+    fn with_header(header: Value, envs: usize, drones: usize, width: usize) -> Self {
         let (watchers, version, rows) = (AtomicUsize::new(0), AtomicU64::new(0), Mutex::new(vec![0.0; envs * width]));
         Feed { header, drones, watchers, version, rows, width }
     }
 
-    pub(crate) fn watch(&self) -> Watching<'_> {
+    pub(crate) fn watch(&self) -> Watcher<'_> {
         self.watchers.fetch_add(1, Ordering::Relaxed);
-        Watching(self)
+        Watcher(self)
     }
 
     pub(crate) fn watchers(&self) -> usize {
@@ -83,11 +83,11 @@ impl Feed {
     }
 
     /// Shows all drones of a shared world.
-    pub(crate) fn show_shared(&self, flight: &Flight) {
+    pub(crate) fn show_shared(&self, flight: &WorldFlight) {
         if self.watchers() == 0 {
             return;
         }
-        self.show_together(&TeamRows {
+        self.show_all_drones(&MultiDroneRows {
             t_s: flight.ticks as f64 * flight.tick_s(),
             width: flight.width(),
             observations: &flight.observations,
@@ -100,11 +100,11 @@ impl Feed {
         });
     }
 
-    fn show_together(&self, now: &TeamRows<'_>) {
+    fn show_all_drones(&self, now: &MultiDroneRows<'_>) {
         let separations_m = frames::separations_m(now.states, now.flying);
         let (states, actions) = (now.states.as_chunks::<STATE>().0, now.actions.as_chunks().0);
         let mut rows = lock(&self.rows);
-        let slots = rows.chunks_mut(TOGETHER.len()).zip(now.observations.chunks(now.width));
+        let slots = rows.chunks_mut(ALL_COLUMNS.len()).zip(now.observations.chunks(now.width));
         for (drone, ((slot, observation), separation_m)) in slots.zip(separations_m).enumerate() {
             let Some(observation) = observation.first_chunk() else { return };
             let (interface, reward) = (&now.interfaces[drone], now.rewards.map_or(0.0, |rewards| rewards[drone]));
@@ -118,18 +118,18 @@ impl Feed {
     }
 }
 
-/// What a step, or a reset, gave: rows for each drone of all environments. A reset gives neither rewards nor the rest.
+/// Results of a step or a reset: rows for each drone of all environments. A reset has neither rewards nor metrics.
 pub(crate) struct FeedRows<'a> {
     pub observations: &'a [f32],
     pub rewards: Option<&'a [f32]>,
-    /// Where a task has several drones.
+    /// Whether each drone flies on; empty for tasks of one drone.
     pub flying: &'a [bool],
     /// Of the first environment.
     pub metrics: &'a [f32],
 }
 
 /// The drones of one environment at a moment, rows for each.
-struct TeamRows<'a> {
+struct MultiDroneRows<'a> {
     t_s: f64,
     width: usize,
     observations: &'a [f32],
@@ -141,17 +141,17 @@ struct TeamRows<'a> {
     least_separation_m: f32,
 }
 
-/// Where the watchable environments are in their episodes.
-pub(crate) struct Clocks {
+/// Steps of the watchable environments within their episodes.
+pub(crate) struct EpisodeClocks {
     steps: [u32; WATCHABLE],
     over: [bool; WATCHABLE],
     autoreset: Autoreset,
     tick_s: f64,
 }
 
-impl Clocks {
+impl EpisodeClocks {
     pub(crate) fn new(autoreset: Autoreset, tick_s: f64) -> Self {
-        Clocks { steps: [0; WATCHABLE], over: [false; WATCHABLE], autoreset, tick_s }
+        EpisodeClocks { steps: [0; WATCHABLE], over: [false; WATCHABLE], autoreset, tick_s }
     }
 
     pub(crate) fn begin(&mut self, mask: Option<&[bool]>) {
@@ -175,7 +175,7 @@ impl Clocks {
     }
 
     /// The first environment, whose drones are watched together.
-    fn show_together(&self, feed: &Feed, env: &VectorEnv, shown: &FeedRows<'_>) {
+    fn show_all_drones(&self, feed: &Feed, env: &VectorEnv, shown: &FeedRows<'_>) {
         let (drones, width) = (env.num_drones(), env.width());
         let mut states = vec![0.0; drones * STATE];
         // the buffer is whole rows of drones that exist
@@ -188,7 +188,7 @@ impl Clocks {
         let flying = shown.flying.get(..drones).unwrap_or(&begun);
         let measured = METRICS.iter().position(|(name, ..)| *name == "min_separation_m").and_then(|at| shown.metrics.get(at));
         let now_m = || frames::separations_m(&states, flying).fold(f32::INFINITY, f32::min);
-        feed.show_together(&TeamRows {
+        feed.show_all_drones(&MultiDroneRows {
             t_s: f64::from(self.steps[0]) * self.tick_s,
             width,
             observations,
@@ -204,7 +204,7 @@ impl Clocks {
     /// Shows the newest observations and rewards, with the true states.
     pub(crate) fn show(&self, feed: &Feed, env: &VectorEnv, shown: &FeedRows<'_>) {
         if env.num_metrics() > 0 {
-            return self.show_together(feed, env, shown);
+            return self.show_all_drones(feed, env, shown);
         }
         let FeedRows { observations, rewards, .. } = *shown;
         let n = env.num_envs().min(WATCHABLE);
@@ -215,8 +215,8 @@ impl Clocks {
         }
         let interface = env.interfaces()[0];
         let mut rows = lock(&feed.rows);
-        let given = observations.as_chunks::<OBSERVATION>().0.iter().zip(states.as_chunks::<STATE>().0);
-        for (env, (row, (observation, state))) in rows.chunks_mut(COLUMNS.len()).zip(given).take(n).enumerate() {
+        let drones_now = observations.as_chunks::<OBSERVATION>().0.iter().zip(states.as_chunks::<STATE>().0);
+        for (env, (row, (observation, state))) in rows.chunks_mut(COLUMNS.len()).zip(drones_now).take(n).enumerate() {
             let reward = rewards.map_or(0.0, |rewards| rewards[env]);
             let action = std::array::from_fn(|i| observation[LAST_ACTION.first + i]);
             let t_s = f64::from(self.steps[env]) * self.tick_s;
@@ -231,7 +231,7 @@ fn header(options: &Options, tick_s: f64) -> Value {
     let effects = &options.effects;
     // what is drawn anew for every episode has no one value to show
     let number = |effect: &str, param: &str, first: bool, or: f64| {
-        let number = effects.get(effect).and_then(|given| match given {
+        let number = effects.get(effect).and_then(|params| match params {
             EffectParams::First(number) => Some(number).filter(|_| first),
             EffectParams::Named(map) => map.get(param),
         });

@@ -12,7 +12,7 @@ use serde::Serialize;
 use serde_json::Value;
 use tokio::task::spawn_blocking;
 
-use super::board;
+use super::bench_routes;
 use super::page;
 use super::server::Server;
 use super::upgrade;
@@ -31,7 +31,7 @@ pub(crate) fn router(server: &Arc<Server>) -> Router {
 
 /// JSON about what the server does and has.
 fn api() -> Router<Arc<Server>> {
-    board::routes().route("/sessions", get(sessions)).route("/worlds", get(worlds)).route("/worlds/{name}/log", get(world_log))
+    bench_routes::routes().route("/sessions", get(sessions)).route("/worlds", get(worlds)).route("/worlds/{name}/log", get(world_log))
 }
 
 async fn metrics(State(server): State<Arc<Server>>) -> Response {
@@ -39,9 +39,9 @@ async fn metrics(State(server): State<Arc<Server>>) -> Response {
     (kind, server.metrics.text()).into_response()
 }
 
-/// A session as `GET /api/v1/sessions` tells of it.
+/// A row of `GET /api/v1/sessions`.
 #[derive(Serialize)]
-struct Row {
+struct SessionRow {
     session: String,
     env: String,
     num_envs: usize,
@@ -56,49 +56,49 @@ struct Row {
 }
 
 async fn sessions(State(server): State<Arc<Server>>) -> Response {
-    let rows = server.sessions.all().into_iter().map(|listed| Row {
-        session: listed.name(),
-        env: listed.env.clone(),
-        num_envs: listed.batch(),
-        drones: listed.feed.drones,
-        world: listed.feed.header["world"].clone(),
-        steps: listed.steps.load(Ordering::Relaxed),
-        since_s: listed.since.elapsed().as_secs_f64(),
-        watching: listed.feed.watchers(),
+    let rows = server.sessions.all().into_iter().map(|entry| SessionRow {
+        session: entry.name(),
+        env: entry.env.clone(),
+        num_envs: entry.batch(),
+        drones: entry.feed.drones,
+        world: entry.feed.header["world"].clone(),
+        steps: entry.steps.load(Ordering::Relaxed),
+        since_s: entry.since.elapsed().as_secs_f64(),
+        watching: entry.feed.watchers(),
     });
     ([(header::CACHE_CONTROL, "no-store")], Json(rows.collect::<Vec<_>>())).into_response()
 }
 
 async fn worlds(State(server): State<Arc<Server>>) -> Response {
-    let rows: Vec<_> = server.worlds.all().iter().map(|known| known.row()).collect();
+    let rows: Vec<_> = server.worlds.all().iter().map(|entry| entry.row()).collect();
     ([(header::CACHE_CONTROL, "no-store")], Json(rows)).into_response()
 }
 
 async fn world_log(State(server): State<Arc<Server>>, Path(name): Path<String>) -> Response {
-    let known = match server.worlds.find(&name) {
-        Ok(known) => known,
-        Err(fault) => return board::refused(StatusCode::NOT_FOUND, "unknown_world", &fault.message),
+    let entry = match server.worlds.find(&name) {
+        Ok(entry) => entry,
+        Err(error) => return bench_routes::error_response(StatusCode::NOT_FOUND, "unknown_world", &error.message),
     };
-    match spawn_blocking(move || known.log()).await {
+    match spawn_blocking(move || entry.log()).await {
         Ok(Ok(text)) => {
             let kind = [(header::CONTENT_TYPE, "application/x-ndjson"), (header::CACHE_CONTROL, "no-store")];
-            board::saved_as(&format!("{name}.jsonl"), (kind, text).into_response())
+            bench_routes::as_attachment(&format!("{name}.jsonl"), (kind, text).into_response())
         }
-        _ => board::refused(StatusCode::INTERNAL_SERVER_ERROR, "internal", "the log cannot be written"),
+        _ => bench_routes::error_response(StatusCode::INTERNAL_SERVER_ERROR, "internal", "the log cannot be written"),
     }
 }
 
 async fn ws(State(server): State<Arc<Server>>, request: Request) -> Response {
-    upgraded(&server, request, &upgrade::WS)
+    upgrade_response(&server, request, &upgrade::WS)
 }
 
 async fn live(State(server): State<Arc<Server>>, request: Request) -> Response {
-    upgraded(&server, request, &upgrade::LIVE)
+    upgrade_response(&server, request, &upgrade::LIVE)
 }
 
-fn upgraded(server: &Arc<Server>, request: Request, dialects: &upgrade::Dialects) -> Response {
+fn upgrade_response(server: &Arc<Server>, request: Request, dialects: &upgrade::Dialects) -> Response {
     upgrade::upgrade(server, request, dialects).unwrap_or_else(|(status, why)| (status, format!("{why}\n")).into_response())
 }
 
 /// A status and words for people.
-pub(crate) type Refused = (StatusCode, String);
+pub(crate) type HttpError = (StatusCode, String);

@@ -8,114 +8,119 @@ use serde_json::json;
 use tokio::time::{MissedTickBehavior, interval};
 use tokio_tungstenite::tungstenite::Message;
 
-use super::fault::{Code, Fault};
 use super::feed::WATCHABLE;
-use super::listed::Listed;
+use super::protocol_error::{Code, ProtocolError};
 use super::replies::Reply;
-use super::requests::refusal;
 use super::server::Server;
-use super::socket::{Incoming, Parting, Socket};
+use super::session_registry::SessionEntry;
+use super::session_requests::error_reply;
+use super::socket::{Disconnect, Incoming, Socket};
 
 pub(crate) const PROTOCOL: &str = "crazyflie.live.v1";
 const PERIOD: Duration = Duration::from_micros(33_334);
 
+/// A request to watch a session.
 #[derive(Debug, Deserialize)]
-pub(crate) struct Wish {
+#[serde(rename = "Wish")]
+pub(crate) struct WatchRequest {
     /// Null to watch nothing.
     watch: Option<String>,
     #[serde(default)]
     env: usize,
 }
 
-/// What to do after a watch has come to its end.
-enum Next {
-    Watch(Arc<Listed>, usize),
+/// The state of a watcher's connection.
+enum LiveState {
+    Watch(Arc<SessionEntry>, usize),
     Nothing,
 }
 
-pub(crate) async fn talk(server: Arc<Server>, mut socket: Socket) {
-    let mut next = Next::Nothing;
-    let parting = loop {
+pub(crate) async fn serve_socket(server: Arc<Server>, mut socket: Socket) {
+    let mut next = LiveState::Nothing;
+    let disconnect = loop {
         let turn = match next {
-            Next::Nothing => match socket.next().await {
-                Ok(incoming) => choose(&server, &mut socket, incoming).await,
-                Err(parting) => Err(parting),
+            LiveState::Nothing => match socket.next().await {
+                Ok(incoming) => next_state(&server, &mut socket, incoming).await,
+                Err(disconnect) => Err(disconnect),
             },
-            Next::Watch(listed, env) => watch(&server, &mut socket, &listed, env).await,
+            LiveState::Watch(entry, env) => watch(&server, &mut socket, &entry, env).await,
         };
         next = match turn {
             Ok(next) => next,
-            Err(parting) => break parting,
+            Err(disconnect) => break disconnect,
         };
     };
-    socket.goodbye(&parting, &server).await;
+    socket.goodbye(&disconnect, &server).await;
 }
 
-/// What the client wants to see.
-async fn choose(server: &Server, socket: &mut Socket, incoming: Incoming) -> Result<Next, Parting> {
-    match wish(server, &incoming) {
+/// The state that a message of the client asks for.
+async fn next_state(server: &Server, socket: &mut Socket, incoming: Incoming) -> Result<LiveState, Disconnect> {
+    match requested_state(server, &incoming) {
         Ok(next) => Ok(next),
-        Err(fault) => {
-            socket.send(refusal(None, &fault).into()).await?;
-            Ok(Next::Nothing)
+        Err(error) => {
+            socket.send(error_reply(None, &error).into()).await?;
+            Ok(LiveState::Nothing)
         }
     }
 }
 
 /// # Errors
-/// What is not a message.
-pub(crate) fn parse(text: &str) -> Result<Wish, Fault> {
+/// Text that is no message.
+pub(crate) fn parse(text: &str) -> Result<WatchRequest, ProtocolError> {
     serde_json::from_str(text).map_err(|e| {
         let code = if e.is_data() { Code::BadMessage } else { Code::BadJson };
-        Fault::new(code, format!("expected {{\"watch\": session, \"env\"?: number}}: {e}"))
+        ProtocolError::new(code, format!("expected {{\"watch\": session, \"env\"?: number}}: {e}"))
     })
 }
 
-fn wish(server: &Server, incoming: &Incoming) -> Result<Next, Fault> {
-    let Incoming::Text(text) = incoming else { return Err(Fault::new(Code::BadMessage, "expected {\"watch\": session}")) };
-    let wish = parse(text)?;
-    let Some(name) = wish.watch else { return Ok(Next::Nothing) };
-    let unknown = || Fault::new(Code::UnknownSession, format!("there is no session {name:?}"));
-    let listed = server.sessions.find(&name).ok_or_else(unknown)?;
-    let most = listed.batch().min(WATCHABLE);
-    if wish.env >= most {
-        return Err(Fault::new(Code::BadMessage, format!("env is {}, of this session 0 to {} can be watched", wish.env, most - 1)));
+fn requested_state(server: &Server, incoming: &Incoming) -> Result<LiveState, ProtocolError> {
+    let Incoming::Text(text) = incoming else { return Err(ProtocolError::new(Code::BadMessage, "expected {\"watch\": session}")) };
+    let request = parse(text)?;
+    let Some(name) = request.watch else { return Ok(LiveState::Nothing) };
+    let unknown = || ProtocolError::new(Code::UnknownSession, format!("there is no session {name:?}"));
+    let entry = server.sessions.find(&name).ok_or_else(unknown)?;
+    let max = entry.batch().min(WATCHABLE);
+    if request.env >= max {
+        return Err(ProtocolError::new(
+            Code::BadMessage,
+            format!("env is {}, of this session 0 to {} can be watched", request.env, max - 1),
+        ));
     }
-    Ok(Next::Watch(listed, wish.env))
+    Ok(LiveState::Watch(entry, request.env))
 }
 
 /// Until the client wants something else or the session is over.
-async fn watch(server: &Server, socket: &mut Socket, listed: &Listed, env: usize) -> Result<Next, Parting> {
-    let _watching = listed.feed.watch();
-    socket.send(Message::binary(header(listed, env))).await?;
+async fn watch(server: &Server, socket: &mut Socket, entry: &SessionEntry, env: usize) -> Result<LiveState, Disconnect> {
+    let _watching = entry.feed.watch();
+    socket.send(Message::binary(header(entry, env))).await?;
     let mut seen = 0;
     let mut beat = interval(PERIOD);
     // rows that were missed are not made up for
     beat.set_missed_tick_behavior(MissedTickBehavior::Delay);
     loop {
         tokio::select! {
-            incoming = socket.next() => return choose(server, socket, incoming?).await,
+            incoming = socket.next() => return next_state(server, socket, incoming?).await,
             _ = beat.tick() => {}
         }
-        if let Some(row) = listed.feed.newer(env, &mut seen) {
+        if let Some(row) = entry.feed.newer(env, &mut seen) {
             socket.send(Message::binary(bytemuck::cast_slice::<f32, u8>(&row).to_vec())).await?;
             socket.flush().await?;
         }
-        if server.sessions.find(&listed.name()).is_none() {
-            let ended = Reply::Text(json!({"type": "ended", "session": listed.name()}).to_string().into());
+        if server.sessions.find(&entry.name()).is_none() {
+            let ended = Reply::Text(json!({"type": "ended", "session": entry.name()}).to_string().into());
             socket.send(ended.into()).await?;
-            return Ok(Next::Nothing);
+            return Ok(LiveState::Nothing);
         }
     }
 }
 
 /// Length and JSON, padded so that the rows that follow are aligned in a file.
-fn header(listed: &Listed, env: usize) -> Vec<u8> {
-    let mut about = listed.feed.header.clone();
-    about["session"] = listed.name().into();
-    about["env"] = env.into();
-    about["env_id"] = listed.env.clone().into();
-    let text = about.to_string();
+fn header(entry: &SessionEntry, env: usize) -> Vec<u8> {
+    let mut header = entry.feed.header.clone();
+    header["session"] = entry.name().into();
+    header["env"] = env.into();
+    header["env_id"] = entry.env.clone().into();
+    let text = header.to_string();
     let mut bytes = (text.len() as u32).to_le_bytes().to_vec();
     bytes.extend(text.as_bytes());
     bytes.resize(bytes.len().next_multiple_of(4), b' ');

@@ -8,15 +8,15 @@ use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::metrics::histogram::Histogram;
 use prometheus_client::registry::{Registry, Unit};
 
-use super::listed::End;
+use super::session_registry::SessionEnd;
 
 #[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
-struct How {
-    end: End,
+struct EndLabel {
+    end: SessionEnd,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
-struct Why {
+struct ReasonLabel {
     reason: &'static str,
 }
 
@@ -24,10 +24,10 @@ pub struct Metrics {
     registry: Registry,
     pub connections: Gauge,
     pub connections_total: Counter,
-    refused: Family<Why, Counter>,
+    refused: Family<ReasonLabel, Counter>,
     sessions: Gauge,
     sessions_total: Counter,
-    ended: Family<How, Counter>,
+    ended: Family<EndLabel, Counter>,
     pub requests: Counter,
     pub faults: Counter,
     pub env_steps: Counter,
@@ -54,26 +54,26 @@ impl Metrics {
         Metrics { registry, ..metrics }
     }
 
-    pub(crate) fn refused(&self, reason: &'static str) {
-        self.refused.get_or_create(&Why { reason }).inc();
+    pub(crate) fn record_refusal(&self, reason: &'static str) {
+        self.refused.get_or_create(&ReasonLabel { reason }).inc();
     }
 
-    pub(crate) fn session_began(&self) {
+    pub(crate) fn record_session_start(&self) {
         self.sessions.inc();
         self.sessions_total.inc();
     }
 
-    pub(crate) fn session_ended(&self, end: End) {
+    pub(crate) fn record_session_end(&self, end: SessionEnd) {
         self.sessions.dec();
-        self.ended.get_or_create(&How { end }).inc();
+        self.ended.get_or_create(&EndLabel { end }).inc();
     }
 
-    pub(crate) fn sessions_begun(&self) -> u64 {
+    pub(crate) fn session_starts(&self) -> u64 {
         self.sessions_total.get()
     }
 
-    pub(crate) fn sessions_ended(&self, end: End) -> u64 {
-        self.ended.get_or_create(&How { end }).get()
+    pub(crate) fn session_ends(&self, end: SessionEnd) -> u64 {
+        self.ended.get_or_create(&EndLabel { end }).get()
     }
 
     /// In the text format that Prometheus reads.

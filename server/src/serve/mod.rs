@@ -1,42 +1,42 @@
-//! The network server: environments over WebSocket, and what it tells about itself over HTTP, on one port. `docs/protocol.md` is its contract.
+//! The network server: environments over WebSocket, pages and metrics over HTTP, on one port. `docs/protocol.md` is its contract.
 
-mod board;
-mod caps;
+mod attempt_session;
+mod bench_routes;
 mod connection;
-mod contest;
+mod create_session;
 mod echo;
-mod fault;
 mod feed;
 #[cfg(any(test, fuzzing))]
 pub(crate) mod fuzzed;
 mod http;
-mod listed;
 mod live;
-mod make;
-mod message;
 mod metrics;
 mod openenv;
 mod page;
 mod pilot;
+mod protocol;
+mod protocol_error;
+mod quota;
 mod replies;
-mod requests;
+mod response;
 mod server;
-mod server_message;
 mod session;
+mod session_registry;
+mod session_requests;
 mod settings;
-mod shared;
 mod socket;
 mod upgrade;
 mod wire;
 mod world;
+mod world_messages;
 mod worlds;
 
-pub use listed::End;
-pub(crate) use make::PROTOCOL;
+pub(crate) use create_session::PROTOCOL;
+pub use session_registry::SessionEnd;
 
 /// The types of all requests in JSON, as a server names them.
 pub fn request_kinds() -> impl Iterator<Item = &'static str> {
-    message::REQUESTS.into_iter().map(|(kind, _)| kind)
+    protocol::REQUESTS.into_iter().map(|(kind, _)| kind)
 }
 
 pub use server::{Report, run};

@@ -10,16 +10,18 @@ use serde_json::{Map, Value, json};
 use tokio_tungstenite::tungstenite::Message;
 use tokio_util::sync::CancellationToken;
 
-use super::fault::{Code, Fault};
-use super::listed::End;
-use super::make;
-use super::message::Make;
+use super::create_session;
+use super::protocol::Make;
+use super::protocol_error::{Code, ProtocolError};
 use super::server::Server;
 use super::session::Session;
-use super::socket::{Incoming, Parting, Socket};
+use super::session_registry::SessionEnd;
+use super::socket::{Disconnect, Incoming, Socket};
 
+/// A message whose fields are not read yet.
 #[derive(Debug, Deserialize)]
-struct Request {
+#[serde(rename = "Request")]
+struct RawRequest {
     #[serde(rename = "type", default)]
     kind: Value,
     #[serde(default)]
@@ -32,7 +34,7 @@ pub(crate) struct Reset {
     episode_id: Option<String>,
     /// A Gymnasium id; another environment from now on.
     env: Option<String>,
-    /// As in `make`.
+    /// Options as in `make`.
     options: Option<Map<String, Value>>,
 }
 
@@ -44,7 +46,7 @@ pub(crate) struct Step {
 /// OpenEnv's codes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "SCREAMING_SNAKE_CASE")]
-pub(crate) enum Failing {
+pub(crate) enum OpenEnvCode {
     InvalidJson,
     UnknownType,
     ValidationError,
@@ -52,11 +54,11 @@ pub(crate) enum Failing {
     CapacityReached,
 }
 
-pub(crate) type Failed = (Failing, String);
+pub(crate) type OpenEnvError = (OpenEnvCode, String);
 
-/// A message.
+/// A request in the dialect of OpenEnv.
 #[derive(Debug)]
-pub(crate) enum Asked {
+pub(crate) enum OpenEnvRequest {
     Reset(Reset),
     Step(Step),
     State,
@@ -64,22 +66,23 @@ pub(crate) enum Asked {
 }
 
 /// # Errors
-/// What is not a message, with OpenEnv's code.
-pub(crate) fn parse(text: &str) -> Result<Asked, Failed> {
-    let request: Request = serde_json::from_str(text).map_err(|e| match e.is_data() {
-        true => (Failing::ValidationError, format!("expected an object: {e}")),
-        false => (Failing::InvalidJson, format!("Invalid JSON: {e}")),
+/// Text that is no message, with OpenEnv's code.
+pub(crate) fn parse(text: &str) -> Result<OpenEnvRequest, OpenEnvError> {
+    let request: RawRequest = serde_json::from_str(text).map_err(|e| match e.is_data() {
+        true => (OpenEnvCode::ValidationError, format!("expected an object: {e}")),
+        false => (OpenEnvCode::InvalidJson, format!("Invalid JSON: {e}")),
     })?;
     match request.kind.as_str() {
-        Some("reset") => fields("reset", request.data).map(Asked::Reset),
-        Some("step") => fields("step", request.data).map(Asked::Step),
-        Some("state") => Ok(Asked::State),
-        Some("close") => Ok(Asked::Close),
-        _ => Err((Failing::UnknownType, format!("Unknown message type: {}", request.kind))),
+        Some("reset") => fields("reset", request.data).map(OpenEnvRequest::Reset),
+        Some("step") => fields("step", request.data).map(OpenEnvRequest::Step),
+        Some("state") => Ok(OpenEnvRequest::State),
+        Some("close") => Ok(OpenEnvRequest::Close),
+        _ => Err((OpenEnvCode::UnknownType, format!("Unknown message type: {}", request.kind))),
     }
 }
 
-struct Talk {
+/// A connection in this dialect and the session that it drives.
+struct OpenEnvSession {
     server: Arc<Server>,
     leave: CancellationToken,
     session: Option<Session>,
@@ -87,102 +90,102 @@ struct Talk {
     steps: u64,
 }
 
-pub(crate) async fn talk(server: Arc<Server>, mut socket: Socket, leave: CancellationToken) {
+pub(crate) async fn serve_socket(server: Arc<Server>, mut socket: Socket, leave: CancellationToken) {
     let (episode, steps) = (String::new(), 0);
-    let mut talk = Talk { server: server.clone(), leave, session: None, episode, steps };
-    let parting = loop {
+    let mut connection = OpenEnvSession { server: server.clone(), leave, session: None, episode, steps };
+    let disconnect = loop {
         let answer = match socket.next().await {
-            Ok(Incoming::Text(text)) => talk.answer(&text),
-            Ok(Incoming::Binary(_)) => Some(Err((Failing::ValidationError, "expected text, got a binary message".into()))),
-            Err(parting) => break parting,
+            Ok(Incoming::Text(text)) => connection.answer(&text),
+            Ok(Incoming::Binary(_)) => Some(Err((OpenEnvCode::ValidationError, "expected text, got a binary message".into()))),
+            Err(disconnect) => break disconnect,
         };
         server.metrics.requests.inc();
-        let Some(answer) = answer else { break Parting::Closed(None) };
+        let Some(answer) = answer else { break Disconnect::Closed(None) };
         let text = answer.unwrap_or_else(|(code, message)| {
             server.metrics.faults.inc();
             json!({"type": "error", "data": {"message": message, "code": code}})
         });
-        if let Err(parting) = socket.send(Message::text(text.to_string())).await {
-            break parting;
+        if let Err(disconnect) = socket.send(Message::text(text.to_string())).await {
+            break disconnect;
         }
     };
-    if let Some(session) = talk.session.take() {
-        session.finish(if server.stop.is_cancelled() { End::Stopped } else { End::Closed });
+    if let Some(session) = connection.session.take() {
+        session.finish(if server.stop.is_cancelled() { SessionEnd::Stopped } else { SessionEnd::Closed });
     }
-    socket.goodbye(&parting, &server).await;
+    socket.goodbye(&disconnect, &server).await;
 }
 
-impl Talk {
-    /// `None` for goodbye.
-    fn answer(&mut self, text: &str) -> Option<Result<Value, Failed>> {
+impl OpenEnvSession {
+    /// The answer to a message; `None` if it closes the session.
+    fn answer(&mut self, text: &str) -> Option<Result<Value, OpenEnvError>> {
         match parse(text) {
-            Ok(Asked::Reset(reset)) => Some(self.reset(reset)),
-            Ok(Asked::Step(step)) => Some(self.step(&step)),
-            Ok(Asked::State) => Some(self.state()),
-            Ok(Asked::Close) => None,
-            Err(failed) => Some(Err(failed)),
+            Ok(OpenEnvRequest::Reset(reset)) => Some(self.reset(reset)),
+            Ok(OpenEnvRequest::Step(step)) => Some(self.step(&step)),
+            Ok(OpenEnvRequest::State) => Some(self.state()),
+            Ok(OpenEnvRequest::Close) => None,
+            Err(error) => Some(Err(error)),
         }
     }
 
-    fn reset(&mut self, reset: Reset) -> Result<Value, Failed> {
+    fn reset(&mut self, reset: Reset) -> Result<Value, OpenEnvError> {
         if self.session.is_none() || reset.env.is_some() || reset.options.is_some() {
             let mut options = reset.options.unwrap_or_default();
             options.insert("autoreset".into(), "disabled".into());
             let make = Make { env: reset.env, options, num_envs: 1, model: None };
-            let (session, made) = make::make(&self.server, 0, &make).map_err(failed)?;
-            if made.metrics > 0 {
-                let problem = format!("OpenEnv flies one drone, and the task {} has {}", made.task, made.drones);
-                return Err((Failing::ValidationError, problem));
+            let (session, info) = create_session::create_session(&self.server, 0, &make).map_err(openenv_error)?;
+            if info.metrics > 0 {
+                let problem = format!("OpenEnv flies one drone, and the task {} has {}", info.task, info.drones);
+                return Err((OpenEnvCode::ValidationError, problem));
             }
-            session.listed().hold(&self.leave);
+            session.entry().hold(&self.leave);
             if let Some(before) = self.session.replace(session) {
-                before.finish(End::Closed);
+                before.finish(SessionEnd::Closed);
             }
         }
         let session = self.session.as_mut().ok_or_else(not_reset)?;
         let seeds = reset.seed.map(|seed| [seed]);
-        let frame = session.begin(seeds.as_ref().map(<[u64; 1]>::as_slice), None, false).map_err(failed)?;
-        self.episode = reset.episode_id.unwrap_or_else(|| format!("{}-{}", session.listed().name(), session.ticks()));
+        let frame = session.begin(seeds.as_ref().map(<[u64; 1]>::as_slice), None, false).map_err(openenv_error)?;
+        self.episode = reset.episode_id.unwrap_or_else(|| format!("{}-{}", session.entry().name(), session.ticks()));
         self.steps = 0;
         Ok(observation(frame.numbers(), None, [false, false]))
     }
 
-    fn step(&mut self, step: &Step) -> Result<Value, Failed> {
+    fn step(&mut self, step: &Step) -> Result<Value, OpenEnvError> {
         let session = self.session.as_mut().ok_or_else(not_reset)?;
-        let (frame, ends) = session.act(&step.action).map_err(failed)?;
+        let (frame, ends) = session.act(&step.action).map_err(openenv_error)?;
         self.steps += 1;
         let (row, reward) = frame.numbers().split_at(FIELDS.iter().map(|field| field.length).sum());
         Ok(observation(row, reward.first().copied(), ends))
     }
 
-    fn state(&mut self) -> Result<Value, Failed> {
+    fn state(&mut self) -> Result<Value, OpenEnvError> {
         let mut state = [0.0; STATE];
-        self.session.as_ref().ok_or_else(not_reset)?.states(&mut state).map_err(failed)?;
+        self.session.as_ref().ok_or_else(not_reset)?.states(&mut state).map_err(openenv_error)?;
         let state = state.map(f64::from);
         Ok(json!({"type": "state", "data": {"episode_id": self.episode, "step_count": self.steps, "true_state": state}}))
     }
 }
 
-fn fields<T: serde::de::DeserializeOwned>(kind: &str, data: Value) -> Result<T, Failed> {
+fn fields<T: serde::de::DeserializeOwned>(kind: &str, data: Value) -> Result<T, OpenEnvError> {
     // the stock client sends no data with some messages
     let data = if data.is_null() { json!({}) } else { data };
-    serde_json::from_value(data).map_err(|e| (Failing::ValidationError, format!("{kind}: {e}")))
+    serde_json::from_value(data).map_err(|e| (OpenEnvCode::ValidationError, format!("{kind}: {e}")))
 }
 
-fn not_reset() -> Failed {
-    (Failing::ExecutionError, "call reset before step and state".into())
+fn not_reset() -> OpenEnvError {
+    (OpenEnvCode::ExecutionError, "call reset before step and state".into())
 }
 
-fn failed(fault: Fault) -> Failed {
-    let code = match fault.code {
-        Code::TooMany => Failing::CapacityReached,
-        Code::BadOptions | Code::BadModel | Code::BadAction => Failing::ValidationError,
-        _ => Failing::ExecutionError,
+fn openenv_error(error: ProtocolError) -> OpenEnvError {
+    let code = match error.code {
+        Code::TooMany => OpenEnvCode::CapacityReached,
+        Code::BadOptions | Code::BadModel | Code::BadAction => OpenEnvCode::ValidationError,
+        _ => OpenEnvCode::ExecutionError,
     };
-    (code, fault.message)
+    (code, error.message)
 }
 
-/// An observation by the names of its fields, with what else a step tells.
+/// An observation by the names of its fields, with reward and flags.
 fn observation(row: &[f32], reward: Option<f32>, [terminated, truncated]: [bool; 2]) -> Value {
     let numbers = |first: usize, length: usize| row[first..first + length].iter().map(|v| f64::from(*v)).collect::<Vec<_>>();
     let mut fields: Map<String, Value> =

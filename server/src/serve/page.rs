@@ -15,7 +15,7 @@ struct Files;
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; base-uri 'none'; \
                       form-action 'none'; frame-ancestors 'none'";
 
-/// What a browser makes of a file. Others than these are not served.
+/// Content types by file name ending. Files with other endings are not served.
 const TYPES: [(&str, &str); 5] = [
     ("html", "text/html; charset=utf-8"),
     ("css", "text/css; charset=utf-8"),
@@ -45,9 +45,9 @@ pub(crate) async fn page(method: Method, uri: Uri, headers: HeaderMap) -> Respon
     }
 }
 
-fn answer(file: EmbeddedFile, content_type: &'static str, asked: &HeaderMap) -> Response {
+fn answer(file: EmbeddedFile, content_type: &'static str, request_headers: &HeaderMap) -> Response {
     let tag = format!("\"{}\"", hex::encode(&file.metadata.sha256_hash()[..16]));
-    let known = asked.get(IF_NONE_MATCH).is_some_and(|known| known.to_str().is_ok_and(|known| known.contains(&tag)));
+    let known = request_headers.get(IF_NONE_MATCH).is_some_and(|known| known.to_str().is_ok_and(|known| known.contains(&tag)));
     let headers = [
         (CONTENT_TYPE, content_type.to_owned()),
         (CONTENT_SECURITY_POLICY, POLICY.to_owned()),

@@ -1,34 +1,34 @@
-//! A connection's seat in a shared world: what its client asks goes to the task that owns the world.
+//! A connection that flies a drone of a shared world. Its requests go to the task that owns the world.
 
 use std::sync::Arc;
 
 use crazyflie_env::observation::{ACTION, Interface};
 use tokio::sync::oneshot;
 
-use super::fault::{Code, Fault};
+use super::protocol_error::{Code, ProtocolError};
 use super::replies::Reply;
-use super::requests::say;
-use super::server_message::{Numbers, ServerMessage};
-use super::shared::{Fly, Join, Joined};
-use super::worlds::{Known, Worlds};
+use super::response::{Numbers, Response};
+use super::session_requests::json_reply;
+use super::world_messages::{Fly, Join, SlotInfo};
+use super::worlds::{WorldEntry, WorldRegistry};
 
-/// What a world's task is asked.
-pub(crate) enum Order {
-    Join { drone: Option<usize>, token: Option<String>, answer: oneshot::Sender<Result<Taken, Fault>> },
-    Fly { seat: Key, action: [f32; ACTION], answer: oneshot::Sender<Result<Over, Fault>> },
-    Leave { seat: Key },
+/// A command for the task that owns a world.
+pub(crate) enum WorldCommand {
+    Join { drone: Option<usize>, token: Option<String>, answer: oneshot::Sender<Result<SlotGrant, ProtocolError>> },
+    Fly { key: SlotKey, action: [f32; ACTION], answer: oneshot::Sender<Result<TickResult, ProtocolError>> },
+    Leave { key: SlotKey },
 }
 
-/// Who sits where; a seat that was taken over has another secret.
+/// Identity of a pilot slot. A slot that was taken over gets a new secret.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Key {
+pub(crate) struct SlotKey {
     pub drone: usize,
     pub secret: [u8; 16],
 }
 
-/// A seat was taken.
-pub(crate) struct Taken {
-    pub key: Key,
+/// The answer to a pilot that has joined.
+pub(crate) struct SlotGrant {
+    pub key: SlotKey,
     pub tick: u64,
     pub tick_s: f64,
     pub deadline_s: f64,
@@ -37,8 +37,8 @@ pub(crate) struct Taken {
     pub observation: Vec<f32>,
 }
 
-/// A tick is over.
-pub(crate) struct Over {
+/// The results of a tick for one drone.
+pub(crate) struct TickResult {
     pub tick: u64,
     pub observation: Vec<f32>,
     pub reward: f32,
@@ -48,29 +48,29 @@ pub(crate) struct Over {
     pub late: u64,
 }
 
-/// A place at the controls of one drone, left when it is dropped.
+/// Control over one drone, given back when dropped.
 pub(crate) struct Pilot {
-    world: Arc<Known>,
-    key: Key,
+    world: Arc<WorldEntry>,
+    key: SlotKey,
 }
 
 impl Drop for Pilot {
     fn drop(&mut self) {
-        // a world that is over has no seats
-        let _ = self.world.orders.send(Order::Leave { seat: self.key });
+        // a world that is over has no pilot slots
+        let _ = self.world.commands.send(WorldCommand::Leave { key: self.key });
     }
 }
 
 impl Pilot {
-    /// Takes a seat.
+    /// Joins a world.
     ///
     /// # Errors
     /// `unknown_world`, `unknown_drone`, `no_free_drone`, `drone_taken`, `drone_ended`, `world_over`.
-    pub(crate) async fn join(worlds: &Worlds, id: u64, asked: Join) -> Result<(Pilot, Reply), Fault> {
-        let world = worlds.find(&asked.name)?;
-        let taken = ask(&world, |answer| Order::Join { drone: asked.drone, token: asked.token, answer }).await?;
-        let Taken { key, tick, tick_s, deadline_s, drones, interface, observation } = taken;
-        let reply = say(&ServerMessage::Joined(Box::new(Joined {
+    pub(crate) async fn join(worlds: &WorldRegistry, id: u64, request: Join) -> Result<(Pilot, Reply), ProtocolError> {
+        let world = worlds.find(&request.name)?;
+        let grant = send_command(&world, |answer| WorldCommand::Join { drone: request.drone, token: request.token, answer }).await?;
+        let SlotGrant { key, tick, tick_s, deadline_s, drones, interface, observation } = grant;
+        let reply = json_reply(&Response::Joined(Box::new(SlotInfo {
             id,
             world: &world.name,
             drone: key.drone,
@@ -89,23 +89,27 @@ impl Pilot {
     ///
     /// # Errors
     /// `wrong_length`, `bad_action`, `drone_ended`, `seat_lost`, `world_over`.
-    pub(crate) async fn fly(&self, id: u64, asked: &Fly) -> Result<Reply, Fault> {
-        let action = asked.action()?;
-        let Over { tick, observation, reward, terminated, truncated, flying, late } =
-            ask(&self.world, |answer| Order::Fly { seat: self.key, action, answer }).await?;
+    pub(crate) async fn fly(&self, id: u64, request: &Fly) -> Result<Reply, ProtocolError> {
+        let action = request.action()?;
+        let TickResult { tick, observation, reward, terminated, truncated, flying, late } =
+            send_command(&self.world, |answer| WorldCommand::Fly { key: self.key, action, answer }).await?;
         let (observation, reward) = (Numbers(&observation), f64::from(reward));
-        Ok(say(&ServerMessage::Flown { id, tick, observation, reward, terminated, truncated, flying, late }))
+        Ok(json_reply(&Response::Flown { id, tick, observation, reward, terminated, truncated, flying, late }))
     }
 
     /// The world and the drone, in words.
-    pub(crate) fn place(&self) -> String {
+    pub(crate) fn label(&self) -> String {
         format!("drone {} of {:?}", self.key.drone, self.world.name)
     }
 }
 
-async fn ask<T>(world: &Known, order: impl FnOnce(oneshot::Sender<Result<T, Fault>>) -> Order) -> Result<T, Fault> {
+/// Sends a command to the task of a world and waits for its answer.
+async fn send_command<T>(
+    world: &WorldEntry,
+    command: impl FnOnce(oneshot::Sender<Result<T, ProtocolError>>) -> WorldCommand,
+) -> Result<T, ProtocolError> {
     let (answer, answered) = oneshot::channel();
-    let over = || Fault::new(Code::WorldOver, format!("the world {:?} is over; its log can still be had", world.name));
-    world.orders.send(order(answer)).map_err(|_| over())?;
-    answered.await.map_err(|_| over())?
+    let world_over = || ProtocolError::new(Code::WorldOver, format!("the world {:?} is over; its log can still be had", world.name));
+    world.commands.send(command(answer)).map_err(|_| world_over())?;
+    answered.await.map_err(|_| world_over())?
 }

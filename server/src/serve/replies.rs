@@ -5,14 +5,15 @@ use std::sync::Arc;
 
 use tokio_tungstenite::tungstenite::{Message, Utf8Bytes};
 
-use super::fault::{Code, Fault};
+use super::protocol_error::{Code, ProtocolError};
 use super::settings::Limits;
-use super::wire::{self, Frame};
+use super::wire::{self, ReplyFrame};
 
+/// A reply in the form in which it is sent.
 #[derive(Debug, Clone)]
 pub enum Reply {
     Text(Utf8Bytes),
-    Binary(Arc<Frame>),
+    Binary(Arc<ReplyFrame>),
 }
 
 impl Reply {
@@ -33,8 +34,9 @@ impl From<Reply> for Message {
     }
 }
 
+/// The last replies, up to a number and a size.
 #[derive(Debug)]
-pub(crate) struct Replies {
+pub(crate) struct ReplyCache {
     kept: VecDeque<(u64, Reply)>,
     bytes: usize,
     last: Option<u64>,
@@ -44,10 +46,10 @@ pub(crate) struct Replies {
     spare: Vec<f32>,
 }
 
-impl Replies {
+impl ReplyCache {
     pub(crate) fn new(limits: &Limits) -> Self {
         let (window, window_bytes) = (limits.window, limits.window_bytes);
-        Replies { kept: VecDeque::new(), bytes: 0, last: None, window, window_bytes, spare: Vec::new() }
+        ReplyCache { kept: VecDeque::new(), bytes: 0, last: None, window, window_bytes, spare: Vec::new() }
     }
 
     /// The newest request that was carried out.
@@ -59,11 +61,11 @@ impl Replies {
     ///
     /// # Errors
     /// `stale_id` if it is too old to tell.
-    pub(crate) fn recall(&self, id: u64) -> Result<Option<Reply>, Fault> {
+    pub(crate) fn recall(&self, id: u64) -> Result<Option<Reply>, ProtocolError> {
         let Some(last) = self.last.filter(|last| id <= *last) else { return Ok(None) };
-        let found = self.kept.iter().rev().find(|(kept, _)| *kept == id);
-        found.map(|(_, reply)| Some(reply.clone())).ok_or_else(|| {
-            Fault::new(Code::StaleId, format!("the id {id} is not above {last}, the newest, and its reply is no longer kept"))
+        let reply = self.kept.iter().rev().find(|(kept, _)| *kept == id);
+        reply.map(|(_, reply)| Some(reply.clone())).ok_or_else(|| {
+            ProtocolError::new(Code::StaleId, format!("the id {id} is not above {last}, the newest, and its reply is no longer kept"))
         })
     }
 

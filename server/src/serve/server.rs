@@ -23,53 +23,53 @@ use tokio_util::task::TaskTracker;
 use tower_service::Service;
 use tracing::{debug, info, warn};
 
-use super::board::FLIGHTS_AT_ONCE;
-use super::caps::{Counts, Slot, digest, household};
-use super::fault::{Code, Fault};
+use super::bench_routes::FLIGHTS_AT_ONCE;
 use super::http;
-use super::listed::{End, Sessions, lock};
 use super::metrics::Metrics;
+use super::protocol_error::{Code, ProtocolError};
+use super::quota::{Quota, QuotaSlot, address_group, token_digest};
 use super::session::Session;
+use super::session_registry::{SessionEnd, SessionRegistry, lock};
 use super::settings::{ServeError, Settings};
 use super::socket::Stream;
-use super::worlds::Worlds;
+use super::worlds::WorldRegistry;
 use crate::bench::Bench;
 
 /// A plain HTTP connection is closed after this time, whatever it does: a reader that stands still holds its place no longer.
 const HTTP_FOR: Duration = Duration::from_secs(600);
 
-/// What all connections share.
+/// State that all connections share.
 pub(crate) struct Server {
     pub settings: Settings,
     pub address: SocketAddr,
     pub bench: Option<Bench>,
     /// Turns of simulating stored flights again.
     pub flights: Arc<Semaphore>,
-    pub sessions: Arc<Sessions>,
-    pub worlds: Worlds,
+    pub sessions: Arc<SessionRegistry>,
+    pub worlds: WorldRegistry,
     pub metrics: Arc<Metrics>,
     pub stop: CancellationToken,
     pub tasks: TaskTracker,
-    addresses: Arc<Counts<IpAddr>>,
-    tokens: Arc<Counts<[u8; 32]>>,
-    all: Arc<Counts<()>>,
+    addresses: Arc<Quota<IpAddr>>,
+    tokens: Arc<Quota<[u8; 32]>>,
+    all: Arc<Quota<()>>,
 }
 
-/// Whoever is at the other end, and the places that the connection takes.
+/// The client of a connection, and the quota slots that it takes.
 pub(crate) struct Peer {
     pub address: SocketAddr,
-    tokens: Arc<Counts<[u8; 32]>>,
-    token: Mutex<Option<Slot<[u8; 32]>>>,
+    tokens: Arc<Quota<[u8; 32]>>,
+    token: Mutex<Option<QuotaSlot<[u8; 32]>>>,
     server: Arc<Server>,
-    _slots: (Slot<()>, Slot<IpAddr>),
+    _slots: (QuotaSlot<()>, QuotaSlot<IpAddr>),
 }
 
-/// What a server has done, when it has stopped.
+/// Totals of a server that has stopped.
 #[derive(Debug, Clone, Serialize)]
 pub struct Report {
     pub connections: u64,
     pub sessions: u64,
-    pub ended: BTreeMap<End, u64>,
+    pub ended: BTreeMap<SessionEnd, u64>,
     /// Connections that had not ended when the time to stop was over.
     pub cut: usize,
 }
@@ -105,20 +105,20 @@ pub async fn run(listener: TcpListener, settings: Settings, stop: impl Future<Ou
 impl Server {
     fn new(settings: Settings, address: SocketAddr) -> Result<Arc<Self>, ServeError> {
         let about = |path: &PathBuf, problem: crate::bench::Error| ServeError::Data { path: path.clone(), problem: problem.to_string() };
-        let open = |path: &PathBuf| Bench::open(path, crate::bench::Limits::default()).map_err(|e| about(path, e));
+        let open = |path: &PathBuf| Bench::open(path, crate::bench::TeamLimits::default()).map_err(|e| about(path, e));
         let bench = settings.data.as_ref().map(open).transpose()?;
         let (limits, metrics) = (settings.limits.clone(), Arc::new(Metrics::new()));
-        let sessions = Arc::new(Sessions::new(limits.envs, metrics.clone()));
+        let sessions = Arc::new(SessionRegistry::new(limits.envs, metrics.clone()));
         let (stop, tasks) = (CancellationToken::new(), TaskTracker::new());
-        let (addresses, tokens) = (Counts::new(limits.connections_per_address), Counts::new(limits.connections_per_token));
-        let (all, flights) = (Counts::new(limits.connections), Arc::new(Semaphore::new(FLIGHTS_AT_ONCE)));
+        let (addresses, tokens) = (Quota::new(limits.connections_per_address), Quota::new(limits.connections_per_token));
+        let (all, flights) = (Quota::new(limits.connections), Arc::new(Semaphore::new(FLIGHTS_AT_ONCE)));
         Ok(Arc::new(Server {
             settings,
             address,
             bench,
             flights,
             sessions,
-            worlds: Worlds::default(),
+            worlds: WorldRegistry::default(),
             metrics,
             stop,
             tasks,
@@ -129,8 +129,8 @@ impl Server {
     }
 
     fn admit(self: &Arc<Self>, stream: TcpStream, address: SocketAddr, router: &Router) {
-        let Some(slots) = self.all.enter(()).zip(self.addresses.enter(household(address.ip()))) else {
-            self.metrics.refused("too many connections");
+        let Some(slots) = self.all.enter(()).zip(self.addresses.enter(address_group(address.ip()))) else {
+            self.metrics.record_refusal("too many connections");
             debug!(peer = %address, "too many connections");
             if self.settings.tls.is_none() {
                 let _ = stream.try_write(b"HTTP/1.1 503 Service Unavailable\r\nconnection: close\r\ncontent-length: 0\r\n\r\n");
@@ -158,8 +158,9 @@ impl Server {
             Ok(()) => 0,
             Err(_) => self.tasks.len(),
         };
-        let ended = [End::Closed, End::Expired, End::Stopped, End::Broken].map(|end| (end, self.metrics.sessions_ended(end)));
-        let (connections, sessions) = (self.metrics.connections_total.get(), self.metrics.sessions_begun());
+        let ended = [SessionEnd::Closed, SessionEnd::Expired, SessionEnd::Stopped, SessionEnd::Broken]
+            .map(|end| (end, self.metrics.session_ends(end)));
+        let (connections, sessions) = (self.metrics.connections_total.get(), self.metrics.session_starts());
         info!(connections, sessions, cut, "stopped");
         Report { connections, sessions, ended: ended.into(), cut }
     }
@@ -170,14 +171,14 @@ impl Peer {
     ///
     /// # Errors
     /// `too_many`.
-    pub(crate) fn show(&self, token: &str) -> Result<(), Fault> {
+    pub(crate) fn count_token(&self, token: &str) -> Result<(), ProtocolError> {
         let mut mine = lock(&self.token);
-        // a second hello gives the first token's place back
+        // a second hello gives the first token's slot back
         *mine = None;
-        *mine = self.tokens.enter(digest(token));
+        *mine = self.tokens.enter(token_digest(token));
         match &*mine {
             Some(_) => Ok(()),
-            None => Err(Fault::new(Code::TooMany, "this token has too many connections")),
+            None => Err(ProtocolError::new(Code::TooMany, "this token has too many connections")),
         }
     }
 }
@@ -198,7 +199,7 @@ async fn serve(server: Arc<Server>, stream: TcpStream, peer: Arc<Peer>, router: 
         Some(tls) => match timeout(patience, TlsAcceptor::from(tls.clone()).accept(stream)).await {
             Ok(Ok(stream)) => Either::Right(Box::new(stream)),
             failed => {
-                server.metrics.refused("handshake");
+                server.metrics.record_refusal("handshake");
                 debug!(peer = %peer.address, error = ?failed.map(|r| r.err()), "no TLS");
                 return;
             }
@@ -223,10 +224,10 @@ async fn serve(server: Arc<Server>, stream: TcpStream, peer: Arc<Peer>, router: 
         Ok(Ok(())) => {}
         Ok(Err(error)) => {
             if error.is_timeout() {
-                server.metrics.refused("handshake");
+                server.metrics.record_refusal("handshake");
             }
             debug!(peer = %peer.address, %error, "HTTP ended");
         }
-        Err(_) => server.metrics.refused("stalled"),
+        Err(_) => server.metrics.record_refusal("stalled"),
     }
 }

@@ -1,4 +1,4 @@
-//! A session: a batch of environments and its last replies. What comes of it depends on options, seeds and actions alone.
+//! A session: a batch of environments and its last replies. Its results depend on options, seeds and actions alone.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -8,75 +8,75 @@ use crazyflie_env::config::Autoreset;
 use crazyflie_env::observation::ACTION;
 use crazyflie_env::vector::{StepBuffers, VectorEnv};
 
-use super::fault::{Code, Fault};
-use super::feed::{Clocks, FeedRows, WATCHABLE};
-use super::listed::{End, Listed, Place};
-use super::replies::Replies;
+use super::feed::{EpisodeClocks, FeedRows, WATCHABLE};
+use super::protocol_error::{Code, ProtocolError};
+use super::replies::ReplyCache;
+use super::session_registry::{SessionEnd, SessionEntry, SessionSlot};
 use super::settings::Limits;
-use super::wire::{Frame, Layout};
+use super::wire::{Layout, ReplyFrame};
 
 pub(crate) struct Session {
     pub(super) env: VectorEnv,
     pub(super) layout: Layout,
     autoreset: Autoreset,
-    place: Place,
-    pub(super) replies: Replies,
+    slot: SessionSlot,
+    pub(super) replies: ReplyCache,
     /// Of the request that is carried out.
     pub(super) actions: Vec<f32>,
     pub(super) terminated: Vec<bool>,
     pub(super) truncated: Vec<bool>,
-    /// Where a task has several drones.
+    /// Whether each drone flies on; empty for tasks of one drone.
     pub(super) flying: Vec<bool>,
     /// Of the last step, the environments whose episode ended.
     over: Vec<bool>,
-    pub(super) most_bytes: usize,
+    pub(super) max_bytes: usize,
     /// The first reset was done.
     ready: bool,
-    clocks: Clocks,
+    clocks: EpisodeClocks,
 }
 
-/// What a step leaves behind, before it is made a message.
+/// Results of a step, before they become a message.
 pub(super) struct StepReply {
-    pub frame: Frame,
+    pub frame: ReplyFrame,
     pub steps: usize,
     pub states: bool,
     pub finals: usize,
 }
 
 impl Session {
-    pub(crate) fn new(env: VectorEnv, autoreset: Autoreset, place: Place, limits: &Limits) -> Self {
-        let clocks = Clocks::new(autoreset, env.tick_s());
-        let (replies, most_bytes) = (Replies::new(limits), limits.batch_bytes);
+    pub(crate) fn new(env: VectorEnv, autoreset: Autoreset, slot: SessionSlot, limits: &Limits) -> Self {
+        let clocks = EpisodeClocks::new(autoreset, env.tick_s());
+        let (replies, max_bytes) = (ReplyCache::new(limits), limits.batch_bytes);
         let layout = Layout::new(&env);
         let (actions, [terminated, truncated, flying, over]) = (Vec::new(), [(); 4].map(|()| Vec::new()));
-        Session { env, layout, autoreset, place, replies, actions, terminated, truncated, flying, over, most_bytes, ready: false, clocks }
+        Session { env, layout, autoreset, slot, replies, actions, terminated, truncated, flying, over, max_bytes, ready: false, clocks }
     }
 
-    pub(crate) fn listed(&self) -> &Arc<Listed> {
-        &self.place.listed
+    pub(crate) fn entry(&self) -> &Arc<SessionEntry> {
+        &self.slot.entry
     }
 
     pub(crate) fn last_id(&self) -> Option<u64> {
         self.replies.last()
     }
 
-    /// Over: as `end` says, which is logged.
-    pub(crate) fn finish(mut self, end: End) {
-        self.place.end = end;
+    /// Ends the session. `end` goes into the log.
+    pub(crate) fn finish(mut self, end: SessionEnd) {
+        self.slot.end = end;
     }
 
     /// The bytes of the reply to a single step, if they are more than one message may have.
     pub(crate) fn too_large(&self) -> Option<usize> {
-        Some(self.reply_bytes(1, false)).filter(|bytes| *bytes > self.most_bytes)
+        Some(self.reply_bytes(1, false)).filter(|bytes| *bytes > self.max_bytes)
     }
 
     /// The most steps that fit one reply.
-    pub(crate) fn most_steps(&self) -> usize {
+    pub(crate) fn max_steps(&self) -> usize {
         if self.autoreset == Autoreset::Disabled {
             return 1;
         }
-        let one = self.reply_bytes(1, false) - super::wire::REPLY_HEADER;
-        ((self.most_bytes - super::wire::REPLY_HEADER) / one).clamp(1, usize::from(u16::MAX))
+        let step_bytes = self.reply_bytes(1, false) - super::wire::REPLY_HEADER;
+        ((self.max_bytes - super::wire::REPLY_HEADER) / step_bytes).clamp(1, usize::from(u16::MAX))
     }
 
     /// At most: every episode may end in every step.
@@ -87,7 +87,7 @@ impl Session {
 
     /// # Errors
     /// `not_reset`.
-    pub(crate) fn states(&self, out: &mut [f32]) -> Result<(), Fault> {
+    pub(crate) fn states(&self, out: &mut [f32]) -> Result<(), ProtocolError> {
         if !self.ready {
             return Err(Error::NotReset.into());
         }
@@ -95,25 +95,25 @@ impl Session {
     }
 
     pub(crate) fn ticks(&self) -> u64 {
-        self.place.listed.steps.load(Ordering::Relaxed)
+        self.slot.entry.steps.load(Ordering::Relaxed)
     }
 
     /// Episodes begin; their observations, and the states if asked for.
     ///
     /// # Errors
     /// For seeds and masks that do not fit.
-    pub(crate) fn begin(&mut self, seeds: Option<&[u64]>, mask: Option<&[bool]>, states: bool) -> Result<Frame, Fault> {
+    pub(crate) fn begin(&mut self, seeds: Option<&[u64]>, mask: Option<&[bool]>, states: bool) -> Result<ReplyFrame, ProtocolError> {
         let numbers = self.layout.rows() * self.layout.width;
-        let mut frame = Frame::new(self.replies.spare(), numbers + self.layout.state_numbers(states));
+        let mut frame = ReplyFrame::new(self.replies.spare(), numbers + self.layout.state_numbers(states));
         let (observations, rest) = frame.numbers_mut().split_at_mut(numbers);
         // rows that do not begin are nothing, not what was in the memory before
         observations.fill(0.0);
         self.env.reset(seeds, mask, observations)?;
         self.ready = true;
         self.clocks.begin(mask);
-        if self.place.listed.feed.watchers() > 0 && mask.is_none() {
+        if self.slot.entry.feed.watchers() > 0 && mask.is_none() {
             let shown = FeedRows { observations, rewards: None, flying: &[], metrics: &[] };
-            self.clocks.show(&self.place.listed.feed, &self.env, &shown);
+            self.clocks.show(&self.slot.entry.feed, &self.env, &shown);
         }
         if states {
             self.env.states(rest)?;
@@ -125,7 +125,7 @@ impl Session {
     ///
     /// # Errors
     /// For an action that cannot be carried out, now or ever.
-    pub(crate) fn act(&mut self, action: &[f32; ACTION]) -> Result<(Frame, [bool; 2]), Fault> {
+    pub(crate) fn act(&mut self, action: &[f32; ACTION]) -> Result<(ReplyFrame, [bool; 2]), ProtocolError> {
         self.actions.clear();
         self.actions.extend(action);
         let stepped = self.advance(1, false)?;
@@ -136,12 +136,12 @@ impl Session {
     ///
     /// # Errors
     /// Before anything moves.
-    pub(super) fn advance(&mut self, steps: usize, states: bool) -> Result<StepReply, Fault> {
+    pub(super) fn advance(&mut self, steps: usize, states: bool) -> Result<StepReply, ProtocolError> {
         self.check(steps, states)?;
         let Layout { envs, width, metrics, .. } = self.layout;
         let n = self.layout.rows();
         let wide = self.layout.state_numbers(states);
-        let mut frame = Frame::new(self.replies.spare(), steps * (n * (width + 1) + wide + envs * metrics));
+        let mut frame = ReplyFrame::new(self.replies.spare(), steps * (n * (width + 1) + wide + envs * metrics));
         self.terminated.resize(steps * n, false);
         self.truncated.resize(steps * n, false);
         self.flying.resize(if metrics == 0 { 0 } else { steps * n }, false);
@@ -150,7 +150,7 @@ impl Session {
             let part = k * n..(k + 1) * n;
             let (observations, rest) = frame.numbers_mut().split_at_mut(steps * n * width);
             let (rewards, rest) = rest.split_at_mut(steps * n);
-            let (seen, rest) = rest.split_at_mut(steps * wide);
+            let (state_rows, rest) = rest.split_at_mut(steps * wide);
             let out = StepBuffers {
                 observations: &mut observations[k * n * width..(k + 1) * n * width],
                 rewards: &mut rewards[part.clone()],
@@ -161,27 +161,27 @@ impl Session {
             };
             self.env.step(&self.actions[k * n * ACTION..(k + 1) * n * ACTION], out)?;
             if states {
-                self.env.states(&mut seen[k * wide..(k + 1) * wide])?;
+                self.env.states(&mut state_rows[k * wide..(k + 1) * wide])?;
             }
             // nobody asks when the other episodes end
-            let asked = if self.autoreset == Autoreset::SameStep { envs } else { envs.min(WATCHABLE) };
+            let observed_envs = if self.autoreset == Autoreset::SameStep { envs } else { envs.min(WATCHABLE) };
             let mut over = std::mem::take(&mut self.over);
             over.clear();
-            over.extend((0..asked).map(|env| self.has_ended(k, env)));
+            over.extend((0..observed_envs).map(|env| self.has_ended(k, env)));
             self.clocks.step(&over);
             if self.autoreset == Autoreset::SameStep {
                 finals += self.finals(&mut frame, &over, states);
             }
             self.over = over;
         }
-        self.place.stepped(steps);
-        if self.place.listed.feed.watchers() > 0 {
+        self.slot.count_steps(steps);
+        if self.slot.entry.feed.watchers() > 0 {
             let last = steps - 1;
             let (observations, rest) = frame.numbers()[last * n * width..].split_at(n * width);
             let (rewards, rest) = rest.split_at(steps * n);
             let measured = &rest[steps * wide + last * envs * metrics..][..metrics];
             let (rewards, flying) = (Some(&rewards[last * n..]), self.flying.get(last * n..).unwrap_or_default());
-            self.clocks.show(&self.place.listed.feed, &self.env, &FeedRows { observations, rewards, flying, metrics: measured });
+            self.clocks.show(&self.slot.entry.feed, &self.env, &FeedRows { observations, rewards, flying, metrics: measured });
         }
         Ok(StepReply { frame, steps, states, finals })
     }
@@ -201,7 +201,7 @@ impl Session {
     }
 
     /// Adds the last rows of the episodes that are `over`; how many.
-    fn finals(&self, frame: &mut Frame, over: &[bool], states: bool) -> usize {
+    fn finals(&self, frame: &mut ReplyFrame, over: &[bool], states: bool) -> usize {
         let mut count = 0;
         for (env, _) in over.iter().enumerate().filter(|(_, over)| **over) {
             if let Some((observation, state)) = self.env.last_of_episode(env) {
@@ -216,26 +216,29 @@ impl Session {
     }
 
     /// The environments whose episode ended in a single step.
-    pub(super) fn ended(&self) -> impl Iterator<Item = usize> {
+    pub(super) fn ended_envs(&self) -> impl Iterator<Item = usize> {
         (0..self.layout.envs).filter(|env| self.has_ended(0, *env))
     }
 
     /// Everything that could go wrong after the first of several steps.
-    fn check(&self, steps: usize, states: bool) -> Result<(), Fault> {
+    fn check(&self, steps: usize, states: bool) -> Result<(), ProtocolError> {
         let (n, drones, bytes) = (self.layout.rows(), self.layout.drones, self.reply_bytes(steps, states));
-        if bytes > self.most_bytes {
-            let most = self.most_bytes;
-            return Err(Fault::new(Code::TooLarge, format!("the reply may take {bytes} bytes, more than {most}: ask for fewer steps")));
+        if bytes > self.max_bytes {
+            let max = self.max_bytes;
+            return Err(ProtocolError::new(
+                Code::TooLarge,
+                format!("the reply may take {bytes} bytes, more than {max}: ask for fewer steps"),
+            ));
         }
         if self.actions.len() != steps * n * ACTION {
             let want = steps * n * ACTION;
-            return Err(Fault::new(Code::WrongLength, format!("actions: expected {want} numbers, got {}", self.actions.len())));
+            return Err(ProtocolError::new(Code::WrongLength, format!("actions: expected {want} numbers, got {}", self.actions.len())));
         }
         if steps == 1 {
             return Ok(());
         }
         if self.autoreset == Autoreset::Disabled {
-            return Err(Fault::new(Code::BadFrame, "several steps in one message need automatic resets"));
+            return Err(ProtocolError::new(Code::BadFrame, "several steps in one message need automatic resets"));
         }
         let bad = |a: &f32| !(-1.0..=1.0).contains(a);
         if !self.actions.iter().fold(false, |any, action| any | bad(action)) {
@@ -244,6 +247,6 @@ impl Session {
         let at = self.actions.iter().position(bad).unwrap_or_default();
         let (step, row, axis, value) = (at / (n * ACTION), at / ACTION % n, at % ACTION, self.actions[at]);
         let place = if self.layout.metrics == 0 { format!("[{row}]") } else { format!("[{}][{}]", row / drones, row % drones) };
-        Err(Fault::new(Code::BadAction, format!("step {step}: actions{place}[{axis}] is {value}, expected a number from -1 to 1")))
+        Err(ProtocolError::new(Code::BadAction, format!("step {step}: actions{place}[{axis}] is {value}, expected a number from -1 to 1")))
     }
 }

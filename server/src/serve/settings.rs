@@ -1,4 +1,4 @@
-//! What the server may be told, and the limits that hold without being told anything.
+//! Settings of the server, and its default limits.
 
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -21,20 +21,20 @@ pub struct Settings {
     pub data: Option<PathBuf>,
 }
 
-/// What one client, and all of them together, may cost.
+/// Limits for one client, and for all of them together.
 #[derive(Clone, Debug)]
 pub struct Limits {
     /// From the connection to the end of the request's head, TLS included.
     pub handshake_timeout: Duration,
-    /// After so much silence the peer is pinged.
+    /// Silence after which the peer is pinged.
     pub ping_after: Duration,
-    /// After so much silence, pings unanswered, the connection is closed.
+    /// Silence, pings unanswered, after which the connection is closed.
     pub idle_timeout: Duration,
     /// A reply that the peer does not take within this time closes the connection.
     pub write_timeout: Duration,
-    /// How long a session waits for its client to come back.
+    /// Time that a session waits for its client to come back.
     pub resume_for: Duration,
-    /// How long running requests and closing handshakes may take when the server stops.
+    /// Time for running requests and closing handshakes when the server stops.
     pub drain_for: Duration,
     /// Largest text message.
     pub control_bytes: usize,
@@ -54,7 +54,7 @@ pub struct Limits {
     pub worlds: usize,
     /// The log of a shared world.
     pub world_bytes: usize,
-    /// How long a shared world waits for its first tick.
+    /// Time that a shared world waits for its first tick.
     pub world_waits: Duration,
 }
 
@@ -83,7 +83,7 @@ impl Default for Limits {
     }
 }
 
-/// Why a server did not start, or stopped otherwise than it was told to.
+/// Reason that a server did not start, or stopped by itself.
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
     #[error("{0} can be reached from other machines: give --tls-cert and --tls-key, or listen on 127.0.0.1")]

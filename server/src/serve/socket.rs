@@ -21,11 +21,11 @@ use super::settings::Limits;
 
 pub(crate) type Stream = Either<TcpStream, Box<TlsStream<TcpStream>>>;
 
-/// What is read at once, per connection; eagerly taken, so it is what an idle connection costs.
+/// Size of the read buffer of each connection. It is allocated at once, so it is the cost of an idle connection.
 const READ_BYTES: usize = 8 << 10;
 /// Small replies are sent together up to this size.
 const WRITE_BYTES: usize = 16 << 10;
-/// How long a peer that was told to close may take, and what it may still send.
+/// Time that a peer has to answer a close frame, and the bytes that it may still send.
 const LINGER: Duration = Duration::from_secs(1);
 const LINGER_BYTES: usize = 4 << 20;
 
@@ -35,10 +35,10 @@ pub(crate) enum Incoming {
     Binary(Bytes),
 }
 
-/// Why there is nothing more to read or write.
+/// Reason that a connection ended.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) enum Parting {
-    /// The peer said goodbye.
+pub(crate) enum Disconnect {
+    /// The peer closed it, with this code.
     Closed(Option<u16>),
     /// The connection is lost.
     Lost(String),
@@ -48,7 +48,7 @@ pub(crate) enum Parting {
     Stalled,
     /// The peer does not answer pings.
     Silent,
-    /// We were told to leave.
+    /// The server ended it: it stops, or the session was resumed elsewhere.
     Left,
 }
 
@@ -85,10 +85,10 @@ impl Socket {
     ///
     /// # Errors
     /// The way in which the connection ends.
-    pub(crate) async fn next(&mut self) -> Result<Incoming, Parting> {
+    pub(crate) async fn next(&mut self) -> Result<Incoming, Disconnect> {
         loop {
             if self.leave.is_cancelled() {
-                return Err(Parting::Left);
+                return Err(Disconnect::Left);
             }
             let message = match self.ws.next().now_or_never() {
                 Some(message) => message,
@@ -100,35 +100,35 @@ impl Socket {
             (self.heard, self.pinged) = (Instant::now(), false);
             match message {
                 Some(Ok(Message::Text(text))) if text.len() > self.control_bytes => {
-                    return Err(Parting::Broke(1009, "the text message is too long"));
+                    return Err(Disconnect::Broke(1009, "the text message is too long"));
                 }
                 Some(Ok(Message::Text(text))) => return Ok(Incoming::Text(text)),
                 Some(Ok(Message::Binary(bytes))) => return Ok(Incoming::Binary(bytes)),
                 // pings are answered by the library, with the next thing that is written or read
                 Some(Ok(Message::Ping(_) | Message::Pong(_) | Message::Frame(_))) => {}
-                Some(Ok(Message::Close(frame))) => return Err(Parting::Closed(frame.map(|frame| frame.code.into()))),
+                Some(Ok(Message::Close(frame))) => return Err(Disconnect::Closed(frame.map(|frame| frame.code.into()))),
                 Some(Err(error)) => return Err(error.into()),
-                None => return Err(Parting::Lost("closed".into())),
+                None => return Err(Disconnect::Lost("closed".into())),
             }
         }
     }
 
-    async fn wait(&mut self) -> Result<Option<Result<Message, Error>>, Parting> {
+    async fn wait(&mut self) -> Result<Option<Result<Message, Error>>, Disconnect> {
         loop {
             tokio::select! {
                 biased;
                 message = self.ws.next() => return Ok(message),
-                () = self.leave.cancelled() => return Err(Parting::Left),
+                () = self.leave.cancelled() => return Err(Disconnect::Left),
                 _ = self.beat.tick() => self.check().await?,
             }
         }
     }
 
     /// Is the peer still there?
-    async fn check(&mut self) -> Result<(), Parting> {
+    async fn check(&mut self) -> Result<(), Disconnect> {
         let quiet = self.heard.elapsed();
         if quiet >= self.idle_timeout {
-            return Err(Parting::Silent);
+            return Err(Disconnect::Silent);
         }
         if quiet >= self.ping_after && !self.pinged {
             self.pinged = true;
@@ -142,7 +142,7 @@ impl Socket {
     ///
     /// # Errors
     /// The way in which the connection ends.
-    pub(crate) async fn send(&mut self, message: Message) -> Result<(), Parting> {
+    pub(crate) async fn send(&mut self, message: Message) -> Result<(), Disconnect> {
         // what was written before may still be on its way
         match poll_fn(|cx| self.ws.poll_ready_unpin(cx)).now_or_never() {
             Some(ready) => ready?,
@@ -151,7 +151,7 @@ impl Socket {
         Ok(self.ws.start_send_unpin(message)?)
     }
 
-    pub(crate) async fn flush(&mut self) -> Result<(), Parting> {
+    pub(crate) async fn flush(&mut self) -> Result<(), Disconnect> {
         if let Some(sent) = self.ws.flush().now_or_never() {
             return Ok(sent?);
         }
@@ -160,24 +160,24 @@ impl Socket {
             tokio::time::sleep(LINGER).await;
         };
         tokio::select! {
-            sent = timeout(self.write_timeout, self.ws.flush()) => Ok(sent.map_err(|_| Parting::Stalled)??),
-            () = leave => Err(Parting::Left),
+            sent = timeout(self.write_timeout, self.ws.flush()) => Ok(sent.map_err(|_| Disconnect::Stalled)??),
+            () = leave => Err(Disconnect::Left),
         }
     }
 
-    /// Says goodbye as the parting demands and hears the peer out for a moment, so that the goodbye is not lost to a reset.
-    pub(crate) async fn goodbye(mut self, parting: &Parting, server: &Server) {
+    /// Sends the close frame that fits, and reads on for a moment. Otherwise a TCP reset could destroy the frame.
+    pub(crate) async fn goodbye(mut self, disconnect: &Disconnect, server: &Server) {
         let stopping = server.stop.is_cancelled();
-        if let Some(rule) = parting.rule() {
-            server.metrics.refused(rule);
+        if let Some(rule) = disconnect.rule() {
+            server.metrics.record_refusal(rule);
         }
-        let (code, reason) = match parting {
-            Parting::Closed(_) => (None, ""),
-            Parting::Broke(code, reason) => (Some(*code), *reason),
-            Parting::Left if stopping => (Some(1001), "the server stops"),
-            Parting::Left => (Some(4001), "the session was resumed from elsewhere"),
-            Parting::Silent => (Some(4002), "no answer to pings"),
-            Parting::Lost(_) | Parting::Stalled => return,
+        let (code, reason) = match disconnect {
+            Disconnect::Closed(_) => (None, ""),
+            Disconnect::Broke(code, reason) => (Some(*code), *reason),
+            Disconnect::Left if stopping => (Some(1001), "the server stops"),
+            Disconnect::Left => (Some(4001), "the session was resumed from elsewhere"),
+            Disconnect::Silent => (Some(4002), "no answer to pings"),
+            Disconnect::Lost(_) | Disconnect::Stalled => return,
         };
         let goodbye = async {
             match code {
@@ -200,26 +200,26 @@ impl Socket {
     }
 }
 
-impl Parting {
-    /// The rule of ours that ended it.
+impl Disconnect {
+    /// The limit that ended the connection, as the metrics name it.
     fn rule(&self) -> Option<&'static str> {
         match self {
-            Parting::Broke(_, _) => Some("broke a rule"),
-            Parting::Stalled => Some("stalled"),
-            Parting::Silent => Some("silent"),
-            Parting::Closed(_) | Parting::Lost(_) | Parting::Left => None,
+            Disconnect::Broke(_, _) => Some("broke a rule"),
+            Disconnect::Stalled => Some("stalled"),
+            Disconnect::Silent => Some("silent"),
+            Disconnect::Closed(_) | Disconnect::Lost(_) | Disconnect::Left => None,
         }
     }
 }
 
-impl From<Error> for Parting {
+impl From<Error> for Disconnect {
     fn from(error: Error) -> Self {
         match error {
-            Error::Capacity(_) => Parting::Broke(1009, "the message is too long"),
-            Error::Utf8(_) => Parting::Broke(1007, "the text is not UTF-8"),
-            Error::Protocol(ProtocolError::ResetWithoutClosingHandshake) => Parting::Lost("cut".into()),
-            Error::Protocol(_) => Parting::Broke(1002, "not a WebSocket frame as RFC 6455 has it"),
-            other => Parting::Lost(other.to_string()),
+            Error::Capacity(_) => Disconnect::Broke(1009, "the message is too long"),
+            Error::Utf8(_) => Disconnect::Broke(1007, "the text is not UTF-8"),
+            Error::Protocol(ProtocolError::ResetWithoutClosingHandshake) => Disconnect::Lost("cut".into()),
+            Error::Protocol(_) => Disconnect::Broke(1002, "not a WebSocket frame as RFC 6455 has it"),
+            other => Disconnect::Lost(other.to_string()),
         }
     }
 }

@@ -1,4 +1,4 @@
-//! From HTTP to WebSocket: who may, and which protocol is spoken then.
+//! Upgrade from HTTP to WebSocket: allowed origins, and the choice of the subprotocol.
 
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -12,8 +12,8 @@ use hyper_util::rt::TokioIo;
 use tokio_tungstenite::tungstenite::handshake::server::create_response_with_body;
 use tracing::{debug, info};
 
-use super::http::Refused;
-use super::make::PROTOCOL;
+use super::create_session::PROTOCOL;
+use super::http::HttpError;
 use super::server::{Peer, Server};
 use super::socket::{Socket, Stream};
 use super::{connection, echo, live, openenv};
@@ -26,7 +26,7 @@ enum Dialect {
     Live,
 }
 
-/// What is spoken at a path: with a subprotocol, and without one.
+/// Dialects of a path: by subprotocol, and without one.
 pub(crate) struct Dialects {
     named: &'static [(&'static str, Dialect)],
     unnamed: Dialect,
@@ -40,11 +40,11 @@ pub(crate) const LIVE: Dialects = Dialects { named: &[(live::PROTOCOL, Dialect::
 ///
 /// # Errors
 /// 403 for pages of strange origins, 400 for what is no WebSocket handshake or asks for protocols that are not spoken here.
-pub(crate) fn upgrade(server: &Arc<Server>, mut request: Request, dialects: &Dialects) -> Result<Response, Refused> {
+pub(crate) fn upgrade(server: &Arc<Server>, mut request: Request, dialects: &Dialects) -> Result<Response, HttpError> {
     if let Some(origin) = request.headers().get(ORIGIN)
-        && !welcome(origin, server.address, &server.settings.origins)
+        && !is_origin_allowed(origin, server.address, &server.settings.origins)
     {
-        server.metrics.refused("origin");
+        server.metrics.record_refusal("origin");
         return Err((StatusCode::FORBIDDEN, format!("pages of {origin:?} may not connect: see --allow-origin")));
     }
     let (dialect, protocol) = dialects.choose(request.headers())?;
@@ -67,10 +67,10 @@ pub(crate) fn upgrade(server: &Arc<Server>, mut request: Request, dialects: &Dia
         let leave = server.stop.child_token();
         let socket = Socket::new(parts.io.into_inner(), parts.read_buf, &server.settings.limits, leave.clone()).await;
         match dialect {
-            Dialect::Crazyflie => connection::talk(server, peer, socket, leave).await,
-            Dialect::OpenEnv => openenv::talk(server, socket, leave).await,
-            Dialect::Echo => echo::talk(&server, socket).await,
-            Dialect::Live => live::talk(server, socket).await,
+            Dialect::Crazyflie => connection::serve_socket(server, peer, socket, leave).await,
+            Dialect::OpenEnv => openenv::serve_socket(server, socket, leave).await,
+            Dialect::Echo => echo::serve_socket(&server, socket).await,
+            Dialect::Live => live::serve_socket(server, socket).await,
         }
     });
     Ok(response)
@@ -78,24 +78,24 @@ pub(crate) fn upgrade(server: &Arc<Server>, mut request: Request, dialects: &Dia
 
 impl Dialects {
     /// The first protocol of the client's list that is spoken here.
-    fn choose(&self, headers: &HeaderMap) -> Result<(Dialect, Option<&'static str>), Refused> {
-        let asked = headers.get_all(SEC_WEBSOCKET_PROTOCOL).iter().filter_map(|value| value.to_str().ok());
-        let mut asked = asked.flat_map(|value| value.split(',')).map(str::trim).peekable();
-        if asked.peek().is_none() {
+    fn choose(&self, headers: &HeaderMap) -> Result<(Dialect, Option<&'static str>), HttpError> {
+        let offered = headers.get_all(SEC_WEBSOCKET_PROTOCOL).iter().filter_map(|value| value.to_str().ok());
+        let mut offered = offered.flat_map(|value| value.split(',')).map(str::trim).peekable();
+        if offered.peek().is_none() {
             return Ok((self.unnamed, None));
         }
-        let found = asked.find_map(|name| self.named.iter().find(|(known, _)| *known == name));
+        let dialect_entry = offered.find_map(|name| self.named.iter().find(|(known, _)| *known == name));
         let known = || self.named.iter().map(|(known, _)| *known).collect::<Vec<_>>().join(", ");
-        let refused = || (StatusCode::BAD_REQUEST, format!("none of the subprotocols is spoken here; known: {}", known()));
-        found.map(|(name, dialect)| (*dialect, Some(*name))).ok_or_else(refused)
+        let no_dialect = || (StatusCode::BAD_REQUEST, format!("none of the subprotocols is spoken here; known: {}", known()));
+        dialect_entry.map(|(name, dialect)| (*dialect, Some(*name))).ok_or_else(no_dialect)
     }
 }
 
 /// Whether a page of this origin may connect: the server's own at its port, and those of the list. The request's `Host` proves nothing:
 /// a name of the attacker's may lead here.
-fn welcome(origin: &HeaderValue, address: SocketAddr, listed: &[String]) -> bool {
+fn is_origin_allowed(origin: &HeaderValue, address: SocketAddr, allowed: &[String]) -> bool {
     let Ok(origin) = origin.to_str() else { return false };
-    if listed.iter().any(|known| known.eq_ignore_ascii_case(origin)) {
+    if allowed.iter().any(|known| known.eq_ignore_ascii_case(origin)) {
         return true;
     }
     let host = origin.strip_prefix("http://").or_else(|| origin.strip_prefix("https://"));
@@ -110,12 +110,12 @@ mod tests {
     #[test]
     fn only_own_and_listed_origins_are_welcome() {
         let address: SocketAddr = "127.0.0.1:8765".parse().unwrap();
-        let listed = ["https://lab.example".to_owned()];
-        let welcome = |origin: &str| welcome(&HeaderValue::from_str(origin).unwrap(), address, &listed);
+        let allowed = ["https://lab.example".to_owned()];
+        let is_allowed = |origin: &str| is_origin_allowed(&HeaderValue::from_str(origin).unwrap(), address, &allowed);
         for good in
             ["http://127.0.0.1:8765", "http://localhost:8765", "https://localhost:8765", "https://lab.example", "https://LAB.example"]
         {
-            assert!(welcome(good), "{good}");
+            assert!(is_allowed(good), "{good}");
         }
         for bad in [
             "null",
@@ -126,7 +126,7 @@ mod tests {
             "https://evil.com",
             "http://127.0.0.1:8765.evil.com",
         ] {
-            assert!(!welcome(bad), "{bad}");
+            assert!(!is_allowed(bad), "{bad}");
         }
     }
 }

@@ -7,7 +7,7 @@ use bytes::Bytes;
 use crazyflie_env::observation::ACTION;
 use crazyflie_env::vector::{STATE, VectorEnv};
 
-use super::fault::{Code, Fault};
+use super::protocol_error::{Code, ProtocolError};
 
 // replies are copied from memory as they are
 const _: () = assert!(cfg!(target_endian = "little"));
@@ -28,7 +28,7 @@ const MASK: u8 = 4;
 pub(crate) const MAX_ID: u64 = (1 << 53) - 1;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Kind {
+pub(crate) enum FrameKind {
     Reset = 1,
     Step = 2,
     State = 3,
@@ -36,9 +36,9 @@ pub(crate) enum Kind {
 
 /// A request, its payload still as bytes.
 #[derive(Debug, PartialEq)]
-pub(crate) struct Request<'a> {
+pub(crate) struct BinaryRequest<'a> {
     pub id: u64,
-    pub kind: Kind,
+    pub kind: FrameKind,
     pub states: bool,
     pub steps: usize,
     pub envs: usize,
@@ -58,22 +58,22 @@ pub(crate) fn id_of(bytes: &[u8]) -> Option<u64> {
     (bytes.len() >= 8).then(|| u64::from_le_bytes(array(bytes, 0))).filter(|id| *id <= MAX_ID)
 }
 
-impl<'a> Request<'a> {
+impl<'a> BinaryRequest<'a> {
     /// Of a session whose environments have so many drones.
     ///
     /// # Errors
     /// `bad_frame` for a header that makes no sense, `wrong_length` for a payload that does not fit it.
-    pub(crate) fn parse(bytes: &'a [u8], drones: usize) -> Result<Self, Fault> {
-        let bad = |message: String| Fault::new(Code::BadFrame, message);
+    pub(crate) fn parse(bytes: &'a [u8], drones: usize) -> Result<Self, ProtocolError> {
+        let bad = |message: String| ProtocolError::new(Code::BadFrame, message);
         if bytes.len() < REQUEST_HEADER {
             return Err(bad(format!("a message of {} bytes, expected a header of {REQUEST_HEADER}", bytes.len())));
         }
         let (header, payload) = bytes.split_at(REQUEST_HEADER);
         let id = id_of(header).ok_or_else(|| bad(format!("the id is above {MAX_ID}")))?;
         let (kind, known) = match header[8] {
-            1 => (Kind::Reset, STATES | SEEDS | MASK),
-            2 => (Kind::Step, STATES),
-            3 => (Kind::State, 0),
+            1 => (FrameKind::Reset, STATES | SEEDS | MASK),
+            2 => (FrameKind::Step, STATES),
+            3 => (FrameKind::State, 0),
             other => return Err(bad(format!("kind {other}, expected 1 (reset), 2 (step) or 3 (state)"))),
         };
         let flags = header[9];
@@ -81,20 +81,29 @@ impl<'a> Request<'a> {
             return Err(bad(format!("flags {flags:#04x}, expected only {known:#04x} with kind {}", header[8])));
         }
         let steps = usize::from(u16::from_le_bytes(array(header, 10)));
-        if (kind == Kind::Step) != (steps > 0) {
+        if (kind == FrameKind::Step) != (steps > 0) {
             return Err(bad(format!("{steps} steps, expected at least 1 in a step and 0 elsewhere")));
         }
         let envs = u32::from_le_bytes(array(header, 12)) as usize;
         let [seeds, mask, actions] = lengths(kind, flags, steps, [envs, drones]);
         if seeds + mask + actions != payload.len() as u128 {
             let want = seeds + mask + actions;
-            return Err(Fault::new(Code::WrongLength, format!("{} bytes after the header, expected {want}", payload.len())));
+            return Err(ProtocolError::new(Code::WrongLength, format!("{} bytes after the header, expected {want}", payload.len())));
         }
         // they add up to the payload's length, so they fit
         let (seeds, rest) = payload.split_at(seeds as usize);
         let (mask, actions) = rest.split_at(mask as usize);
-        let given = |flag, bytes| (flags & flag != 0).then_some(bytes);
-        Ok(Request { id, kind, states: flags & STATES != 0, steps, envs, seeds: given(SEEDS, seeds), mask: given(MASK, mask), actions })
+        let if_flagged = |flag, bytes| (flags & flag != 0).then_some(bytes);
+        Ok(BinaryRequest {
+            id,
+            kind,
+            states: flags & STATES != 0,
+            steps,
+            envs,
+            seeds: if_flagged(SEEDS, seeds),
+            mask: if_flagged(MASK, mask),
+            actions,
+        })
     }
 
     pub(crate) fn seeds(&self) -> Option<Vec<u64>> {
@@ -103,10 +112,10 @@ impl<'a> Request<'a> {
 
     /// # Errors
     /// `bad_frame` for bytes other than 0 and 1.
-    pub(crate) fn mask(&self) -> Result<Option<Vec<bool>>, Fault> {
+    pub(crate) fn mask(&self) -> Result<Option<Vec<bool>>, ProtocolError> {
         let Some(mask) = self.mask else { return Ok(None) };
         match mask.iter().position(|byte| *byte > 1) {
-            Some(at) => Err(Fault::new(Code::BadFrame, format!("mask[{at}] is {}, expected 0 or 1", mask[at]))),
+            Some(at) => Err(ProtocolError::new(Code::BadFrame, format!("mask[{at}] is {}, expected 0 or 1", mask[at]))),
             None => Ok(Some(mask.iter().map(|byte| *byte == 1).collect())),
         }
     }
@@ -119,14 +128,14 @@ impl<'a> Request<'a> {
 }
 
 /// Bytes of seeds, mask and actions; 128 bits, because the header may claim anything.
-fn lengths(kind: Kind, flags: u8, steps: usize, size: [usize; 2]) -> [u128; 3] {
+fn lengths(kind: FrameKind, flags: u8, steps: usize, size: [usize; 2]) -> [u128; 3] {
     let [envs, drones] = size.map(|count| count as u128);
     let seeds = if flags & SEEDS != 0 { 8 * envs } else { 0 };
     let mask = if flags & MASK != 0 { envs } else { 0 };
-    [seeds, mask, if kind == Kind::Step { steps as u128 * envs * drones * 4 * ACTION as u128 } else { 0 }]
+    [seeds, mask, if kind == FrameKind::Step { steps as u128 * envs * drones * 4 * ACTION as u128 } else { 0 }]
 }
 
-/// How many numbers a session's replies are made of.
+/// Sizes of a session's replies.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Layout {
     pub envs: usize,
@@ -172,15 +181,15 @@ impl Layout {
 
 /// A reply in the form in which it is sent.
 #[derive(Debug, Default)]
-pub struct Frame {
+pub struct ReplyFrame {
     words: Vec<f32>,
     bytes: usize,
 }
 
 /// The numbers of a reply's header besides the id.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Head {
-    pub kind: Kind,
+pub(crate) struct FrameHeader {
+    pub kind: FrameKind,
     pub states: bool,
     pub over: bool,
     pub steps: usize,
@@ -190,10 +199,10 @@ pub(crate) struct Head {
     pub ticks: u64,
 }
 
-impl Frame {
+impl ReplyFrame {
     /// In the memory of `words`, with so many numbers after the header; what they were before may still be there.
     pub(crate) fn new(words: Vec<f32>, numbers: usize) -> Self {
-        let mut frame = Frame { words, bytes: 0 };
+        let mut frame = ReplyFrame { words, bytes: 0 };
         frame.words.resize(REPLY_WORDS + numbers, 0.0);
         frame.bytes = 4 * frame.words.len();
         frame
@@ -223,7 +232,7 @@ impl Frame {
         }
     }
 
-    pub(crate) fn head(&mut self, id: u64, head: Head) {
+    pub(crate) fn head(&mut self, id: u64, head: FrameHeader) {
         let bytes: &mut [u8] = cast_slice_mut(&mut self.words[..REPLY_WORDS]);
         bytes.fill(0);
         bytes[..8].copy_from_slice(&id.to_le_bytes());
@@ -240,21 +249,22 @@ impl Frame {
     }
 }
 
-impl AsRef<[u8]> for Frame {
+impl AsRef<[u8]> for ReplyFrame {
     fn as_ref(&self) -> &[u8] {
         &cast_slice(&self.words)[..self.bytes]
     }
 }
 
-struct Shared(Arc<Frame>);
+/// A frame that is sent and kept at once.
+struct SharedFrame(Arc<ReplyFrame>);
 
-impl AsRef<[u8]> for Shared {
+impl AsRef<[u8]> for SharedFrame {
     fn as_ref(&self) -> &[u8] {
         (*self.0).as_ref()
     }
 }
 
-/// To send a frame and keep it.
-pub(crate) fn bytes(frame: &Arc<Frame>) -> Bytes {
-    Bytes::from_owner(Shared(frame.clone()))
+/// The bytes of a frame, to send it and keep it.
+pub(crate) fn bytes(frame: &Arc<ReplyFrame>) -> Bytes {
+    Bytes::from_owner(SharedFrame(frame.clone()))
 }

@@ -13,32 +13,32 @@ use tokio::time::{Instant, sleep_until};
 use tokio_util::sync::CancellationToken;
 use tracing::{error, info};
 
-use super::fault::{Code, Fault};
-use super::listed::{End, Place, lock};
-use super::pilot::{Key, Order, Over, Taken};
-use super::shared::Founding;
-use super::worlds::{Flown, Known};
-use crate::worlds::By;
+use super::pilot::{SlotGrant, SlotKey, TickResult, WorldCommand};
+use super::protocol_error::{Code, ProtocolError};
+use super::session_registry::{SessionEnd, SessionSlot, lock};
+use super::world_messages::WorldRequest;
+use super::worlds::{WorldEntry, WorldState};
+use crate::worlds::ActionSource;
 
-struct Seat {
+struct PilotSlot {
     secret: [u8; 16],
     /// The last action that was obeyed.
     last: Option<[f32; ACTION]>,
-    given: Option<Given>,
+    pending: Option<PendingAction>,
 }
 
-struct Given {
+struct PendingAction {
     action: [f32; ACTION],
-    answer: oneshot::Sender<Result<Over, Fault>>,
+    answer: oneshot::Sender<Result<TickResult, ProtocolError>>,
 }
 
 pub(crate) struct World {
-    known: Arc<Known>,
-    place: Place,
-    inbox: UnboundedReceiver<Order>,
+    entry: Arc<WorldEntry>,
+    slot: SessionSlot,
+    inbox: UnboundedReceiver<WorldCommand>,
     /// By drone.
-    seats: Vec<Option<Seat>>,
-    /// So many must have joined before the first tick.
+    pilot_slots: Vec<Option<PilotSlot>>,
+    /// Number of pilots that must have joined before the first tick.
     pilots: usize,
     deadline: Duration,
     tick: Duration,
@@ -49,18 +49,24 @@ pub(crate) struct World {
 }
 
 impl World {
-    pub(crate) fn new(known: Arc<Known>, place: Place, inbox: UnboundedReceiver<Order>, asked: &Founding, waits: Duration) -> World {
+    pub(crate) fn new(
+        entry: Arc<WorldEntry>,
+        slot: SessionSlot,
+        inbox: UnboundedReceiver<WorldCommand>,
+        request: &WorldRequest,
+        waits: Duration,
+    ) -> World {
         let (drones, tick_s) = {
-            let flown = lock(&known.flown);
-            (flown.flight.drones(), flown.flight.tick_s())
+            let state = lock(&entry.state);
+            (state.flight.drones(), state.flight.tick_s())
         };
         World {
-            known,
-            place,
+            entry,
+            slot,
             inbox,
-            seats: (0..drones).map(|_| None).collect(),
-            pilots: asked.pilots,
-            deadline: Duration::from_secs_f64(asked.deadline_s),
+            pilot_slots: (0..drones).map(|_| None).collect(),
+            pilots: request.pilots,
+            deadline: Duration::from_secs_f64(request.deadline_s),
             tick: Duration::from_secs_f64(tick_s),
             begun: false,
             since: Instant::now(),
@@ -69,17 +75,17 @@ impl World {
     }
 
     pub(crate) async fn run(mut self, stop: CancellationToken) {
-        info!(world = self.known.name, "world founded");
+        info!(world = self.entry.name, "world founded");
         let end = loop {
-            if !self.ready() {
+            if !self.is_ready() {
                 let wake = self.since + self.patience();
                 tokio::select! {
                     biased;
-                    () = stop.cancelled() => break End::Stopped,
-                    order = self.inbox.recv() => {
-                        match order {
-                            Some(order) => self.obey(order),
-                            None => break End::Broken,
+                    () = stop.cancelled() => break SessionEnd::Stopped,
+                    command = self.inbox.recv() => {
+                        match command {
+                            Some(command) => self.execute(command),
+                            None => break SessionEnd::Broken,
                         }
                         continue;
                     }
@@ -87,89 +93,89 @@ impl World {
                 }
             }
             if !self.begun {
-                break End::Expired;
+                break SessionEnd::Expired;
             }
             match self.fly() {
                 Ok(true) => {}
-                Ok(false) => break End::Closed,
+                Ok(false) => break SessionEnd::Closed,
                 Err(bug) => {
-                    error!(world = self.known.name, %bug, "the world broke");
-                    break End::Broken;
+                    error!(world = self.entry.name, %bug, "the world broke");
+                    break SessionEnd::Broken;
                 }
             }
         };
-        self.known.over.store(true, Ordering::Release);
-        self.place.end = end;
-        info!(world = self.known.name, ?end, ticks = lock(&self.known.flown).flight.ticks, "world over");
+        self.entry.over.store(true, Ordering::Release);
+        self.slot.end = end;
+        info!(world = self.entry.name, ?end, ticks = lock(&self.entry.state).flight.ticks, "world over");
     }
 
-    /// How long the tick may last at most; before the first one, how long the world waits for it.
+    /// Longest time until the next tick; before the first one, the time that the world waits for it.
     fn patience(&self) -> Duration {
-        match (self.begun, self.aloft().next()) {
+        match (self.begun, self.flying_pilots().next()) {
             (false, _) => self.waits,
             (true, Some(_)) => self.deadline,
             (true, None) => self.tick,
         }
     }
 
-    /// The pilots whose drones fly.
-    fn aloft(&self) -> impl Iterator<Item = &Seat> {
-        let flying: Vec<bool> = lock(&self.known.flown).flight.flying.clone();
-        self.seats.iter().zip(flying).filter(|(_, flying)| *flying).filter_map(|(seat, _)| seat.as_ref())
+    /// The slots of the pilots whose drones fly.
+    fn flying_pilots(&self) -> impl Iterator<Item = &PilotSlot> {
+        let flying: Vec<bool> = lock(&self.entry.state).flight.flying.clone();
+        self.pilot_slots.iter().zip(flying).filter(|(_, flying)| *flying).filter_map(|(slot, _)| slot.as_ref())
     }
 
-    /// Every pilot in the air has given its action.
-    fn ready(&self) -> bool {
-        self.begun && self.aloft().next().is_some() && self.aloft().all(|seat| seat.given.is_some())
+    /// Whether every pilot in the air has given its action.
+    fn is_ready(&self) -> bool {
+        self.begun && self.flying_pilots().next().is_some() && self.flying_pilots().all(|slot| slot.pending.is_some())
     }
 
-    fn obey(&mut self, order: Order) {
+    fn execute(&mut self, command: WorldCommand) {
         // whoever has asked may be gone by now
-        match order {
-            Order::Join { drone, token, answer } => drop(answer.send(self.join(drone, token.as_deref()))),
-            Order::Fly { seat, action, answer } => match self.seat(seat) {
-                Ok(seat) => seat.given = Some(Given { action, answer }),
-                Err(fault) => drop(answer.send(Err(fault))),
+        match command {
+            WorldCommand::Join { drone, token, answer } => drop(answer.send(self.join(drone, token.as_deref()))),
+            WorldCommand::Fly { key, action, answer } => match self.pilot_slot(key) {
+                Ok(slot) => slot.pending = Some(PendingAction { action, answer }),
+                Err(error) => drop(answer.send(Err(error))),
             },
-            Order::Leave { seat: key } => {
-                if self.seats[key.drone].as_ref().is_some_and(|seat| seat.secret == key.secret) {
-                    self.seats[key.drone] = None;
-                    let mut flown = lock(&self.known.flown);
-                    flown.flight.take_over(key.drone);
-                    flown.by[key.drone] = By::Autopilot;
+            WorldCommand::Leave { key } => {
+                if self.pilot_slots[key.drone].as_ref().is_some_and(|slot| slot.secret == key.secret) {
+                    self.pilot_slots[key.drone] = None;
+                    let mut state = lock(&self.entry.state);
+                    state.flight.take_over(key.drone);
+                    state.by[key.drone] = ActionSource::Autopilot;
                 }
             }
         }
     }
 
-    /// The seat that a key is for.
-    fn seat(&mut self, key: Key) -> Result<&mut Seat, Fault> {
-        if !lock(&self.known.flown).flight.flying[key.drone] {
-            return Err(ended(key.drone));
+    /// The pilot slot that a key is for.
+    fn pilot_slot(&mut self, key: SlotKey) -> Result<&mut PilotSlot, ProtocolError> {
+        if !lock(&self.entry.state).flight.flying[key.drone] {
+            return Err(flight_ended(key.drone));
         }
-        let seat = self.seats[key.drone].as_mut().filter(|seat| seat.secret == key.secret);
-        seat.ok_or_else(|| lost(key.drone))
+        let slot = self.pilot_slots[key.drone].as_mut().filter(|slot| slot.secret == key.secret);
+        slot.ok_or_else(|| slot_lost(key.drone))
     }
 
-    fn join(&mut self, wish: Option<usize>, token: Option<&str>) -> Result<Taken, Fault> {
-        let drone = self.choose(wish, token)?;
+    fn join(&mut self, requested: Option<usize>, token: Option<&str>) -> Result<SlotGrant, ProtocolError> {
+        let drone = self.choose_drone(requested, token)?;
         let mut secret = [0; 16];
-        getrandom::fill(&mut secret).map_err(|e| Fault::new(Code::Unavailable, format!("no randomness for a token: {e}")))?;
-        let last = self.seats[drone].take().and_then(|before| {
-            if let Some(given) = before.given {
-                let _ = given.answer.send(Err(lost(drone)));
+        getrandom::fill(&mut secret).map_err(|e| ProtocolError::new(Code::Unavailable, format!("no randomness for a token: {e}")))?;
+        let last = self.pilot_slots[drone].take().and_then(|before| {
+            if let Some(pending) = before.pending {
+                let _ = pending.answer.send(Err(slot_lost(drone)));
             }
             before.last
         });
-        self.seats[drone] = Some(Seat { secret, last, given: None });
-        if !self.begun && self.seats.iter().flatten().count() >= self.pilots {
+        self.pilot_slots[drone] = Some(PilotSlot { secret, last, pending: None });
+        if !self.begun && self.pilot_slots.iter().flatten().count() >= self.pilots {
             (self.begun, self.since) = (true, Instant::now());
         }
-        let mut flown = lock(&self.known.flown);
-        flown.by[drone] = By::Pilot;
-        let flight = &flown.flight;
-        Ok(Taken {
-            key: Key { drone, secret },
+        let mut state = lock(&self.entry.state);
+        state.by[drone] = ActionSource::Pilot;
+        let flight = &state.flight;
+        Ok(SlotGrant {
+            key: SlotKey { drone, secret },
             tick: flight.ticks,
             tick_s: flight.tick_s(),
             deadline_s: self.deadline.as_secs_f64(),
@@ -179,58 +185,59 @@ impl World {
         })
     }
 
-    /// A drone that may be taken: the one that is wished for, or the first that is free.
-    fn choose(&self, wish: Option<usize>, token: Option<&str>) -> Result<usize, Fault> {
-        let flown = lock(&self.known.flown);
-        let flying = &flown.flight.flying;
-        let Some(drone) = wish else {
-            let free = self.seats.iter().zip(flying).position(|(seat, flying)| seat.is_none() && *flying);
-            return free.ok_or_else(|| Fault::new(Code::NoFreeDrone, "every drone that flies has a pilot"));
+    /// The drone that is requested if it can be taken, or the first that is free.
+    fn choose_drone(&self, requested: Option<usize>, token: Option<&str>) -> Result<usize, ProtocolError> {
+        let state = lock(&self.entry.state);
+        let flying = &state.flight.flying;
+        let Some(drone) = requested else {
+            let free = self.pilot_slots.iter().zip(flying).position(|(slot, flying)| slot.is_none() && *flying);
+            return free.ok_or_else(|| ProtocolError::new(Code::NoFreeDrone, "every drone that flies has a pilot"));
         };
-        let most = flying.len() - 1;
-        let flies = flying.get(drone).ok_or_else(|| Fault::new(Code::UnknownDrone, format!("drone is {drone}, expected 0 to {most}")))?;
+        let max = flying.len() - 1;
+        let flies =
+            flying.get(drone).ok_or_else(|| ProtocolError::new(Code::UnknownDrone, format!("drone is {drone}, expected 0 to {max}")))?;
         if !flies {
-            return Err(ended(drone));
+            return Err(flight_ended(drone));
         }
-        let mine = |seat: &Seat| token.is_some_and(|token| hex::encode(seat.secret).as_bytes().ct_eq(token.as_bytes()).into());
-        match &self.seats[drone] {
-            Some(seat) if !mine(seat) => {
-                Err(Fault::new(Code::DroneTaken, format!("drone {drone} has a pilot; with its token it is yours")))
+        let mine = |slot: &PilotSlot| token.is_some_and(|token| hex::encode(slot.secret).as_bytes().ct_eq(token.as_bytes()).into());
+        match &self.pilot_slots[drone] {
+            Some(slot) if !mine(slot) => {
+                Err(ProtocolError::new(Code::DroneTaken, format!("drone {drone} has a pilot; with its token it is yours")))
             }
             _ => Ok(drone),
         }
     }
 
-    /// A tick; whether somebody flies on.
+    /// Flies a tick. False if no drone flies any more.
     fn fly(&mut self) -> crazyflie_env::Result<bool> {
-        let mut flown = lock(&self.known.flown);
-        let Flown { flight, log, by } = &mut *flown;
-        let (mut given, mut answers) = (vec![None; self.seats.len()], Vec::new());
-        for (drone, seat) in self.seats.iter_mut().enumerate() {
-            by[drone] = match (flight.flying[drone], seat) {
-                (false, _) => By::Nobody,
-                (true, None) => By::Autopilot,
-                (true, Some(seat)) => {
-                    let now = seat.given.take();
+        let mut state = lock(&self.entry.state);
+        let WorldState { flight, log, by } = &mut *state;
+        let (mut pending, mut answers) = (vec![None; self.pilot_slots.len()], Vec::new());
+        for (drone, slot) in self.pilot_slots.iter_mut().enumerate() {
+            by[drone] = match (flight.flying[drone], slot) {
+                (false, _) => ActionSource::Nobody,
+                (true, None) => ActionSource::Autopilot,
+                (true, Some(slot)) => {
+                    let now = slot.pending.take();
                     let late = now.is_none();
                     if let Some(now) = now {
-                        seat.last = Some(now.action);
+                        slot.last = Some(now.action);
                         answers.push((drone, now.answer));
                     }
-                    given[drone] = seat.last;
-                    if late { By::Late } else { By::Pilot }
+                    pending[drone] = slot.last;
+                    if late { ActionSource::Late } else { ActionSource::Pilot }
                 }
             };
         }
-        flight.step(&given)?;
+        flight.step(&pending)?;
         log.push(flight, by);
-        self.place.stepped(1);
-        self.place.listed.feed.show_shared(flight);
+        self.slot.count_steps(1);
+        self.slot.entry.feed.show_shared(flight);
         self.since = Instant::now();
         // who hears of the last tick finds the name free
-        self.known.over.store(flight.over(), Ordering::Release);
+        self.entry.over.store(flight.is_over(), Ordering::Release);
         for (drone, answer) in answers {
-            let over = Over {
+            let over = TickResult {
                 tick: flight.ticks,
                 observation: flight.observation(drone).to_vec(),
                 reward: flight.rewards[drone],
@@ -242,14 +249,14 @@ impl World {
             // a client that is gone hears nothing, and leaves by itself
             let _ = answer.send(Ok(over));
         }
-        Ok(!flight.over())
+        Ok(!flight.is_over())
     }
 }
 
-fn ended(drone: usize) -> Fault {
-    Fault::new(Code::DroneEnded, format!("the flight of drone {drone} has ended"))
+fn flight_ended(drone: usize) -> ProtocolError {
+    ProtocolError::new(Code::DroneEnded, format!("the flight of drone {drone} has ended"))
 }
 
-fn lost(drone: usize) -> Fault {
-    Fault::new(Code::SeatLost, format!("drone {drone} was taken over by another connection"))
+fn slot_lost(drone: usize) -> ProtocolError {
+    ProtocolError::new(Code::SeatLost, format!("drone {drone} was taken over by another connection"))
 }

@@ -9,65 +9,65 @@ use crazyflie_env::task;
 use serde::Serialize;
 use tokio::sync::mpsc::{UnboundedSender, unbounded_channel};
 
-use super::fault::{Code, Fault};
 use super::feed::Feed;
-use super::listed::lock;
-use super::pilot::Order;
+use super::pilot::WorldCommand;
+use super::protocol_error::{Code, ProtocolError};
 use super::server::Server;
+use super::session_registry::lock;
 use super::settings::Limits;
-use super::shared::{Founded, Founding};
 use super::world::World;
-use crate::worlds::{By, End, Flight, Log};
+use super::world_messages::{WorldInfo, WorldRequest};
+use crate::worlds::{ActionSource, WorldFlight, WorldLog, WorldSummary};
 
-/// A world as everybody may know it.
-pub(crate) struct Known {
+/// A world as the server lists it.
+pub(crate) struct WorldEntry {
     pub name: String,
-    /// To watch it by.
+    /// Session to watch it by.
     pub session: String,
     since: Instant,
-    /// What is asked of the task that flies it.
-    pub orders: UnboundedSender<Order>,
+    /// Commands for the task that flies it.
+    pub commands: UnboundedSender<WorldCommand>,
     pub over: AtomicBool,
-    /// Held while a tick is flown.
-    pub flown: Mutex<Flown>,
+    /// Locked while a tick is flown.
+    pub state: Mutex<WorldState>,
 }
 
-/// The flight and what led to it.
-pub(crate) struct Flown {
-    pub flight: Flight,
-    pub log: Log,
-    /// Who flies each drone now.
-    pub by: Vec<By>,
+/// The flight and its log.
+pub(crate) struct WorldState {
+    pub flight: WorldFlight,
+    pub log: WorldLog,
+    /// Source of the actions of each drone now.
+    pub by: Vec<ActionSource>,
 }
 
-impl Flown {
-    pub(crate) fn end(&self) -> End {
-        End::of(&self.flight, &self.log.late)
+impl WorldState {
+    pub(crate) fn end(&self) -> WorldSummary {
+        WorldSummary::from_flight(&self.flight, &self.log.late)
     }
 }
 
-/// A world as `GET /api/v1/worlds` tells of it.
+/// A row of `GET /api/v1/worlds`.
 #[derive(Serialize)]
-pub(crate) struct Row {
+pub(crate) struct WorldRow {
     world: String,
     session: String,
     mission: String,
     seed: u64,
     drones: usize,
-    /// Who flies each drone.
-    by: Vec<By>,
+    /// Source of the actions of each drone.
+    by: Vec<ActionSource>,
     since_s: f64,
     #[serde(flatten)]
-    end: End,
+    end: WorldSummary,
 }
 
-impl Known {
-    pub(crate) fn row(&self) -> Row {
-        let flown = lock(&self.flown);
-        let (plan, drones, by) = (flown.log.plan(), flown.flight.drones(), flown.by.clone());
-        let (mission, seed, end) = (plan.mission.clone(), plan.seed, flown.end());
+impl WorldEntry {
+    pub(crate) fn row(&self) -> WorldRow {
+        let state = lock(&self.state);
+        let (plan, drones, by) = (state.log.plan(), state.flight.drones(), state.by.clone());
+        let (mission, seed, end) = (plan.mission.clone(), plan.seed, state.end());
         let (world, session) = (self.name.clone(), self.session.clone());
-        Row { world, session, mission, seed, drones, by, since_s: self.since.elapsed().as_secs_f64(), end }
+        WorldRow { world, session, mission, seed, drones, by, since_s: self.since.elapsed().as_secs_f64(), end }
     }
 
     /// The log's text, up to now.
@@ -77,8 +77,8 @@ impl Known {
     pub(crate) fn log(&self) -> std::io::Result<Vec<u8>> {
         // the pilots do not wait while it is written
         let (log, end) = {
-            let flown = lock(&self.flown);
-            (flown.log.clone(), flown.end())
+            let state = lock(&self.state);
+            (state.log.clone(), state.end())
         };
         let mut text = Vec::new();
         log.write(&end, &mut text)?;
@@ -87,79 +87,84 @@ impl Known {
 }
 
 #[derive(Default)]
-pub(crate) struct Worlds {
-    all: Mutex<BTreeMap<String, Arc<Known>>>,
+pub(crate) struct WorldRegistry {
+    all: Mutex<BTreeMap<String, Arc<WorldEntry>>>,
 }
 
-impl Worlds {
-    pub(crate) fn all(&self) -> Vec<Arc<Known>> {
+impl WorldRegistry {
+    pub(crate) fn all(&self) -> Vec<Arc<WorldEntry>> {
         lock(&self.all).values().cloned().collect()
     }
 
     /// # Errors
     /// `unknown_world`.
-    pub(crate) fn find(&self, name: &str) -> Result<Arc<Known>, Fault> {
-        let found = lock(&self.all).get(name).cloned();
-        found.ok_or_else(|| Fault::new(Code::UnknownWorld, format!("there is no world {name:?}: found it with the message world")))
+    pub(crate) fn find(&self, name: &str) -> Result<Arc<WorldEntry>, ProtocolError> {
+        let entry = lock(&self.all).get(name).cloned();
+        entry.ok_or_else(|| ProtocolError::new(Code::UnknownWorld, format!("there is no world {name:?}: found it with the message world")))
     }
 
-    /// What `make` makes, under this name, which must be free; of those that are over the oldest make room.
-    fn enter<T>(&self, name: &str, most: usize, make: impl FnOnce() -> Result<(Arc<Known>, T), Fault>) -> Result<(Arc<Known>, T), Fault> {
+    /// Adds the world that `make` creates under this name, which must be free. The oldest worlds that are over are removed.
+    fn enter<T>(
+        &self,
+        name: &str,
+        max: usize,
+        make: impl FnOnce() -> Result<(Arc<WorldEntry>, T), ProtocolError>,
+    ) -> Result<(Arc<WorldEntry>, T), ProtocolError> {
         let mut all = lock(&self.all);
-        let over = |known: &Known| known.over.load(Ordering::Acquire);
+        let over = |entry: &WorldEntry| entry.over.load(Ordering::Acquire);
         if all.get(name).is_some_and(|before| !over(before)) {
-            return Err(Fault::new(Code::WorldTaken, format!("there is a world {name:?} already: join it, or take another name")));
+            return Err(ProtocolError::new(Code::WorldTaken, format!("there is a world {name:?} already: join it, or take another name")));
         }
-        let flying = all.values().filter(|known| !over(known)).count();
-        if flying >= most {
-            return Err(Fault::new(Code::TooMany, format!("{flying} worlds are flown here, the server carries {most}")));
+        let flying = all.values().filter(|entry| !over(entry)).count();
+        if flying >= max {
+            return Err(ProtocolError::new(Code::TooMany, format!("{flying} worlds are flown here, the server carries {max}")));
         }
-        let mut ended: Vec<_> = all.values().filter(|known| over(known)).map(|known| (known.since, known.name.clone())).collect();
+        let mut ended: Vec<_> = all.values().filter(|entry| over(entry)).map(|entry| (entry.since, entry.name.clone())).collect();
         ended.sort_unstable();
-        let too_many = (ended.len() + 1).saturating_sub(most);
+        let too_many = (ended.len() + 1).saturating_sub(max);
         ended.iter().take(too_many).for_each(|(_, name)| drop(all.remove(name)));
-        let made = make()?;
-        all.insert(name.to_owned(), made.0.clone());
-        Ok(made)
+        let created = make()?;
+        all.insert(name.to_owned(), created.0.clone());
+        Ok(created)
     }
 }
 
-/// Founds a world, and begins the task that owns it.
+/// Creates a world, and starts the task that owns it.
 ///
 /// # Errors
-/// For what cannot be flown, `world_taken` and `too_many`.
-pub(crate) fn found(server: &Arc<Server>, id: u64, asked: &Founding) -> Result<Founded, Fault> {
+/// For plans that cannot be flown, `world_taken` and `too_many`.
+pub(crate) fn create_world(server: &Arc<Server>, id: u64, request: &WorldRequest) -> Result<WorldInfo, ProtocolError> {
     let limits = &server.settings.limits;
-    asked.check()?;
-    let options = asked.plan.options()?;
-    let flight = Flight::new(&asked.plan)?;
+    request.check()?;
+    let options = request.plan.options()?;
+    let flight = WorldFlight::new(&request.plan)?;
     let (drones, width, tick_s, steps) = (flight.drones(), flight.width(), flight.tick_s(), options.max_episode_steps);
-    fits(asked.pilots, drones, steps, limits)?;
-    let (orders, inbox) = unbounded_channel();
-    let (known, place) = server.worlds.enter(&asked.name, limits.worlds, || {
-        let feed = Feed::shared(&options, tick_s, drones, &asked.name);
-        let place = server.sessions.enter(task::find(&asked.plan.mission)?.id.into(), server.sessions.room(drones)?, feed)?;
-        let (log, by) = (Log::new(&asked.name, &asked.plan, &flight), vec![By::Autopilot; drones]);
-        let (name, session, flown) = (asked.name.clone(), place.listed.name(), Mutex::new(Flown { flight, log, by }));
-        let known = Known { name, session, since: Instant::now(), orders, over: AtomicBool::new(false), flown };
-        Ok((Arc::new(known), place))
+    fits(request.pilots, drones, steps, limits)?;
+    let (commands, inbox) = unbounded_channel();
+    let (entry, slot) = server.worlds.enter(&request.name, limits.worlds, || {
+        let feed = Feed::for_world(&options, tick_s, drones, &request.name);
+        let slot = server.sessions.enter(task::find(&request.plan.mission)?.id.into(), server.sessions.reserve_envs(drones)?, feed)?;
+        let (log, by) = (WorldLog::new(&request.name, &request.plan, &flight), vec![ActionSource::Autopilot; drones]);
+        let (name, session, state) = (request.name.clone(), slot.entry.name(), Mutex::new(WorldState { flight, log, by }));
+        let entry = WorldEntry { name, session, since: Instant::now(), commands, over: AtomicBool::new(false), state };
+        Ok((Arc::new(entry), slot))
     })?;
-    let (world, session, mission) = (asked.name.clone(), known.session.clone(), asked.plan.mission.clone());
-    server.tasks.spawn(World::new(known, place, inbox, asked, limits.world_waits).run(server.stop.clone()));
-    let (deadline_s, pilots) = (asked.deadline_s, asked.pilots);
-    Ok(Founded { id, world, session, mission, drones, width, tick_s, deadline_s, pilots, max_episode_steps: steps })
+    let (world, session, mission) = (request.name.clone(), entry.session.clone(), request.plan.mission.clone());
+    server.tasks.spawn(World::new(entry, slot, inbox, request, limits.world_waits).run(server.stop.clone()));
+    let (deadline_s, pilots) = (request.deadline_s, request.pilots);
+    Ok(WorldInfo { id, world, session, mission, drones, width, tick_s, deadline_s, pilots, max_episode_steps: steps })
 }
 
 /// # Errors
 /// `bad_options` for pilots without a drone, and for a log that would take too much.
-fn fits(pilots: usize, drones: usize, steps: u32, limits: &Limits) -> Result<(), Fault> {
-    let wrong = |message: String| Err(Fault::new(Code::BadOptions, message));
+fn fits(pilots: usize, drones: usize, steps: u32, limits: &Limits) -> Result<(), ProtocolError> {
+    let wrong = |message: String| Err(ProtocolError::new(Code::BadOptions, message));
     if !(1..=drones).contains(&pilots) {
         return wrong(format!("pilots is {pilots}, expected 1 to {drones}, the drones of the world"));
     }
-    let (bytes, most) = (Log::bytes(drones, steps), limits.world_bytes);
-    if bytes > most {
-        return wrong(format!("the log of {drones} drones and {steps} steps takes {bytes} bytes, at most {most}"));
+    let (bytes, max) = (WorldLog::bytes(drones, steps), limits.world_bytes);
+    if bytes > max {
+        return wrong(format!("the log of {drones} drones and {steps} steps takes {bytes} bytes, at most {max}"));
     }
     Ok(())
 }

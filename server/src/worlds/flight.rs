@@ -1,4 +1,4 @@
-//! One world in flight. What comes of it is a function of its plan and of the actions, to the bit.
+//! One world in flight. Its results are a function of its plan and of the actions, to the bit.
 
 use crazyflie_control::avoidance::CollisionAvoidance;
 use crazyflie_control::{ControllerContext, ControllerSpec, Mode, MultiController};
@@ -7,9 +7,9 @@ use crazyflie_env::observation::{ACTION, Interface};
 use crazyflie_env::vector::{METRICS, STATE, StepBuffers, VectorEnv};
 use sha2::{Digest, Sha256};
 
-use super::Plan;
+use super::WorldPlan;
 
-pub(crate) struct Flight {
+pub(crate) struct WorldFlight {
     env: VectorEnv,
     autopilot: MultiController,
     /// Rows of [`VectorEnv::width`], one for each drone; so are all that follow.
@@ -27,16 +27,16 @@ pub(crate) struct Flight {
     digest: Sha256,
 }
 
-impl Flight {
+impl WorldFlight {
     /// # Errors
     /// For a plan that cannot be flown.
-    pub(crate) fn new(plan: &Plan) -> Result<Flight> {
+    pub(crate) fn new(plan: &WorldPlan) -> Result<WorldFlight> {
         let (model, options) = (plan.model()?, plan.options()?);
         let env = VectorEnv::new(std::slice::from_ref(&model), &options, 1)?;
         let (n, tick_s) = (env.num_drones(), env.tick_s());
-        let chosen = ControllerSpec::named(&plan.autopilot)?;
+        let controller = ControllerSpec::named(&plan.autopilot)?;
         let pilot = |interface: &Interface| {
-            chosen.build(&ControllerContext { model: &model, interface: *interface, tick_s, envs: 1, mode: Mode::Automatic })
+            controller.build(&ControllerContext { model: &model, interface: *interface, tick_s, envs: 1, mode: Mode::Automatic })
         };
         let autopilot = MultiController::new(
             env.interfaces().iter().map(pilot).collect::<Result<_>>()?,
@@ -44,7 +44,7 @@ impl Flight {
             Some(CollisionAvoidance::default()),
             tick_s,
         )?;
-        let mut flight = Flight {
+        let mut flight = WorldFlight {
             autopilot,
             observations: vec![0.0; n * env.width()],
             rewards: vec![0.0; n],
@@ -59,7 +59,7 @@ impl Flight {
             env,
         };
         flight.env.reset(Some(&[plan.seed]), None, &mut flight.observations)?;
-        flight.look()?;
+        flight.observe()?;
         Ok(flight)
     }
 
@@ -76,51 +76,51 @@ impl Flight {
         self.env.tick_s()
     }
 
-    /// What the actions of each drone mean.
+    /// Action ranges of each drone.
     pub(crate) fn interfaces(&self) -> &[Interface] {
         self.env.interfaces()
     }
 
-    /// A drone's observation; nothing for a drone that there is not.
+    /// A drone's observation; empty for a drone that does not exist.
     pub(crate) fn observation(&self, drone: usize) -> &[f32] {
         self.observations.chunks(self.width()).nth(drone).unwrap_or_default()
     }
 
-    /// Nobody flies any more.
-    pub(crate) fn over(&self) -> bool {
+    /// Whether no drone flies any more.
+    pub(crate) fn is_over(&self) -> bool {
         !self.flying.contains(&true)
     }
 
-    /// A drone that somebody else has flown goes to the autopilot.
+    /// Hands a drone over to the autopilot.
     pub(crate) fn take_over(&mut self, drone: usize) {
         self.autopilot.take_over(drone);
     }
 
-    /// A tick: by the autopilot where nothing is given.
+    /// Flies a tick; the autopilot flies drones without an action.
     ///
     /// # Errors
     /// Before anything moves, for an action that is not made of numbers from -1 to 1, and when nobody flies.
-    pub(crate) fn step(&mut self, given: &[Option<[f32; ACTION]>]) -> Result<()> {
+    pub(crate) fn step(&mut self, pilot_actions: &[Option<[f32; ACTION]>]) -> Result<()> {
         self.autopilot.act(&self.observations, &mut self.actions)?;
-        for (row, given) in self.actions.as_chunks_mut().0.iter_mut().zip(given) {
-            *row = given.unwrap_or(*row);
+        for (row, pilot_action) in self.actions.as_chunks_mut().0.iter_mut().zip(pilot_actions) {
+            *row = pilot_action.unwrap_or(*row);
         }
-        self.go()
+        self.advance()
     }
 
-    /// A tick with an action for each drone.
+    /// Flies a tick with an action for each drone.
     ///
     /// # Errors
-    /// As [`Flight::step`], and for another number of actions.
+    /// As [`WorldFlight::step`], and for another number of actions.
     pub(crate) fn step_with(&mut self, actions: &[[f32; ACTION]]) -> Result<()> {
         if actions.len() != self.drones() {
             return Err(Error::Config(format!("actions of {} drones, the world has {}", actions.len(), self.drones())));
         }
         self.actions.copy_from_slice(actions.as_flattened());
-        self.go()
+        self.advance()
     }
 
-    fn go(&mut self) -> Result<()> {
+    fn advance(&mut self) -> Result<()> {
         let out = StepBuffers {
             observations: &mut self.observations,
             rewards: &mut self.rewards,
@@ -131,10 +131,10 @@ impl Flight {
         };
         self.env.step(&self.actions, out)?;
         self.ticks += 1;
-        self.look()
+        self.observe()
     }
 
-    fn look(&mut self) -> Result<()> {
+    fn observe(&mut self) -> Result<()> {
         self.env.states(&mut self.states)?;
         self.digest.update(bytemuck::cast_slice::<f32, u8>(&self.states));
         self.digest.update(bytemuck::cast_slice::<f32, u8>(&self.observations));
@@ -153,7 +153,7 @@ impl Flight {
 
     /// Smallest distance so far between two drones that flew.
     pub(crate) fn least_separation_m(&self) -> f32 {
-        let found = METRICS.iter().position(|(name, _, _)| *name == "min_separation_m");
-        found.map_or(f32::INFINITY, |at| self.metrics[at])
+        let index = METRICS.iter().position(|(name, _, _)| *name == "min_separation_m");
+        index.map_or(f32::INFINITY, |at| self.metrics[at])
     }
 }

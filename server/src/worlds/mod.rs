@@ -1,4 +1,4 @@
-//! Worlds that several pilots share: what a world is made of, its flight, and the log that the flight can be had again from.
+//! Worlds that several pilots share: the plan of a world, its flight, and the log that the flight can be replayed from.
 
 mod flight;
 mod log;
@@ -10,14 +10,14 @@ use crazyflie_env::task;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-pub(crate) use flight::Flight;
-pub use log::{By, End, Flown, Log, fly_again};
+pub(crate) use flight::WorldFlight;
+pub use log::{ActionSource, WorldLog, WorldReplay, WorldSummary, replay_log};
 
-/// Everything that a world's flight depends on, besides the actions of its pilots.
+/// Plan of a world: all that its flight depends on, besides the actions of its pilots.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Plan {
+pub(crate) struct WorldPlan {
     pub mission: String,
-    /// As of [`Options`].
+    /// See [`Options`].
     #[serde(default)]
     pub options: Map<String, Value>,
     #[serde(default)]
@@ -34,7 +34,7 @@ fn thesis_pid() -> String {
     "thesis-pid".into()
 }
 
-impl Plan {
+impl WorldPlan {
     /// The options in full: one episode of the mission, on one thread.
     ///
     /// # Errors

@@ -1,15 +1,15 @@
 //! RFC 6455, case by case as the Autobahn suite numbers them (groups 1 to 7, 9 and 10), over raw sockets against the server's echo protocol.
 
 use crate::net::Server;
-use crate::raw::{BINARY, CLOSE, CONTINUE, Case, Heard, PING, PONG, TEXT, close, frame, play};
+use crate::raw::{BINARY, CLOSE, CONTINUE, Case, PING, PONG, Received, TEXT, close, frame, play};
 use crazyflie_server::serve::Settings;
 
 fn text(name: &str, payload: &[u8]) -> Case {
-    Case::new(name).send(frame(TEXT, payload)).hear(Heard::Text(payload.to_vec()))
+    Case::new(name).send(frame(TEXT, payload)).hear(Received::Text(payload.to_vec()))
 }
 
 fn binary(name: &str, payload: &[u8]) -> Case {
-    Case::new(name).send(frame(BINARY, payload)).hear(Heard::Binary(payload.to_vec()))
+    Case::new(name).send(frame(BINARY, payload)).hear(Received::Binary(payload.to_vec()))
 }
 
 /// A message of several frames.
@@ -31,15 +31,15 @@ fn framing() -> Vec<Case> {
 }
 
 fn pings() -> Vec<Case> {
-    let ping = |name: &str, payload: &[u8]| Case::new(name).send(frame(PING, payload)).hear(Heard::Pong(payload.to_vec()));
+    let ping = |name: &str, payload: &[u8]| Case::new(name).send(frame(PING, payload)).hear(Received::Pong(payload.to_vec()));
     let mut ten = Case::new("2.10 ten pings");
     for i in 0..10 {
         ten = ten.send(frame(PING, format!("payload-{i}").as_bytes()));
     }
     let ten = |name: &str| {
-        let mut case = ten.clone().named(name);
+        let mut case = ten.clone().with_name(name);
         // one pong may answer several pings, the last must be answered
-        case.hear = vec![Heard::Pongs((0..10).map(|i| format!("payload-{i}").into_bytes()).collect())];
+        case.hear = vec![Received::Pongs((0..10).map(|i| format!("payload-{i}").into_bytes()).collect())];
         case
     };
     vec![
@@ -54,20 +54,20 @@ fn pings() -> Vec<Case> {
         Case::new("2.9 pong unasked for, then ping")
             .send(frame(PONG, b"unsolicited"))
             .send(frame(PING, b"ping"))
-            .hear(Heard::Pong(b"ping".to_vec())),
+            .hear(Received::Pong(b"ping".to_vec())),
         ten("2.10 ten pings"),
         ten("2.11 ten pings, octet by octet").chop(1),
     ]
 }
 
-fn reserved() -> Vec<Case> {
+fn reserved_bit_cases() -> Vec<Case> {
     let mut cases = vec![];
     for rsv in 1..8 {
         for (kind, opcode) in [("text", TEXT), ("binary", BINARY), ("ping", PING), ("close", CLOSE)] {
             let bad = || frame(opcode, b"ab").rsv(rsv);
             cases.push(Case::new(&format!("3.1 rsv {rsv} in {kind}")).send(bad()).fails(1002));
             let after = text(&format!("3.2 rsv {rsv} in {kind} after a message"), b"Hello").send(bad());
-            cases.push(after.clone().named(&format!("3.3 the same chopped, {}", after.name)).chop(1).fails(1002));
+            cases.push(after.clone().with_name(&format!("3.3 the same chopped, {}", after.name)).chop(1).fails(1002));
             cases.push(after.fails(1002));
         }
     }
@@ -78,22 +78,22 @@ fn reserved() -> Vec<Case> {
             cases.push(text(&format!("{name} after a message"), b"Hello").send(frame(opcode, payload)).send(frame(PING, b"")).fails(1002));
         }
     }
-    cases.push(Case::new("5.1 of RFC: a frame without a mask").send(frame(TEXT, b"Hello").unmasked()).fails(1002));
+    cases.push(Case::new("5.1 of RFC: a frame without a mask").send(frame(TEXT, b"Hello").without_mask()).fails(1002));
     cases
 }
 
 fn fragments() -> Vec<Case> {
     let whole = |name: &str, opcode: u8, pieces: &[&[u8]]| {
         let joined = pieces.concat();
-        let heard = if opcode == TEXT { Heard::Text(joined) } else { Heard::Binary(joined) };
+        let heard = if opcode == TEXT { Received::Text(joined) } else { Received::Binary(joined) };
         Case::new(name).send(parts(opcode, pieces)).hear(heard)
     };
     let between = |name: &str, pings: usize| {
         let mut case = Case::new(name).send(frame(TEXT, b"fragment1").fin(false));
         for i in 0..pings {
-            case = case.send(frame(PING, format!("pongme {i}").as_bytes())).hear(Heard::Pong(format!("pongme {i}").into_bytes()));
+            case = case.send(frame(PING, format!("pongme {i}").as_bytes())).hear(Received::Pong(format!("pongme {i}").into_bytes()));
         }
-        case.send(frame(CONTINUE, b"fragment2")).hear(Heard::Text(b"fragment1fragment2".to_vec()))
+        case.send(frame(CONTINUE, b"fragment2")).hear(Received::Text(b"fragment1fragment2".to_vec()))
     };
     let stray = |name: &str, fin: bool, then: Vec<u8>| {
         Case::new(name).send(frame(CONTINUE, b"non-continuation payload").fin(fin)).send(then).fails(1002)
@@ -163,9 +163,9 @@ fn utf8() -> Vec<Case> {
     let long = "Hello-µ@ßöäüàá-UTF-8!! 微波 🚁 κόσμε \u{ffff}\u{fffe}\u{10ffff}\u{d7ff}\u{e000}\u{0}\u{7f}\u{80}\u{7ff}\u{800}\u{10000}";
     cases.push(text("6.2.1 valid", long.as_bytes()));
     let (a, b) = long.as_bytes().split_at(17);
-    cases.push(Case::new("6.2.2 valid in two").send(parts(TEXT, &[a, b])).hear(Heard::Text(long.into())));
+    cases.push(Case::new("6.2.2 valid in two").send(parts(TEXT, &[a, b])).hear(Received::Text(long.into())));
     let octets: Vec<&[u8]> = long.as_bytes().chunks(1).collect();
-    cases.push(Case::new("6.2.3 valid, a frame per octet").send(parts(TEXT, &octets)).hear(Heard::Text(long.into())));
+    cases.push(Case::new("6.2.3 valid, a frame per octet").send(parts(TEXT, &octets)).hear(Received::Text(long.into())));
     for first in "\u{0}\u{80}\u{800}\u{10000}\u{7f}\u{7ff}\u{ffff}\u{10ffff}\u{d7ff}\u{e000}\u{fffd}\u{1fffe}\u{2ffff}".chars() {
         cases.push(text(&format!("6.6 and 6.22 U+{:04X}", first as u32), first.to_string().as_bytes()));
     }
@@ -196,7 +196,7 @@ fn closing() -> Vec<Case> {
             .closes(Some(1000)),
         Case::new("7.1.6 a long message, close, ping")
             .send(frame(BINARY, &[7; 262_144]))
-            .hear(Heard::Binary(vec![7; 262_144]))
+            .hear(Received::Binary(vec![7; 262_144]))
             .send(close(1000, b""))
             .send(frame(PING, b""))
             .closes(Some(1000)),
@@ -225,7 +225,9 @@ fn limits() -> Vec<Case> {
         cases.push(binary(&format!("9.2 binary of {kib} KiB"), &payload));
         let pieces: Vec<&[u8]> = payload.chunks(kib << 4).collect();
         cases.push(
-            Case::new(&format!("9.4 binary of {kib} KiB in 64 frames")).send(parts(BINARY, &pieces)).hear(Heard::Binary(payload.clone())),
+            Case::new(&format!("9.4 binary of {kib} KiB in 64 frames"))
+                .send(parts(BINARY, &pieces))
+                .hear(Received::Binary(payload.clone())),
         );
     }
     cases.push(text("9.1.1 text of 64 KiB", &[b'*'; 65536]));
@@ -236,14 +238,14 @@ fn limits() -> Vec<Case> {
     for n in [0, 16, 64, 256, 1024] {
         let (mut texts, mut binaries) = (Case::new(&format!("9.7 1000 texts of {n}")), Case::new(&format!("9.8 1000 binaries of {n}")));
         for _ in 0..1000 {
-            texts = texts.send(frame(TEXT, &vec![b'*'; n])).hear(Heard::Text(vec![b'*'; n]));
-            binaries = binaries.send(frame(BINARY, &vec![0xfe; n])).hear(Heard::Binary(vec![0xfe; n]));
+            texts = texts.send(frame(TEXT, &vec![b'*'; n])).hear(Received::Text(vec![b'*'; n]));
+            binaries = binaries.send(frame(BINARY, &vec![0xfe; n])).hear(Received::Binary(vec![0xfe; n]));
         }
         cases.extend([texts.chop(usize::MAX), binaries.chop(usize::MAX)]);
     }
     let long = vec![b'*'; 65536];
     let pieces: Vec<&[u8]> = long.chunks(1300).collect();
-    cases.push(Case::new("10.1.1 text of 64 KiB in frames of 1300").send(parts(TEXT, &pieces)).hear(Heard::Text(long.clone())));
+    cases.push(Case::new("10.1.1 text of 64 KiB in frames of 1300").send(parts(TEXT, &pieces)).hear(Received::Text(long.clone())));
     // beyond what the server announces
     cases.push(Case::new("9 text above 64 KiB").send(frame(TEXT, &[b'*'; 65537])).fails(1009));
     cases.push(Case::new("9 binary above 2 MiB").send(frame(BINARY, &vec![1; (2 << 20) + 1])).fails(1009));
@@ -261,7 +263,7 @@ fn limits() -> Vec<Case> {
 fn every_case_of_the_suite() {
     let server = Server::start(Settings::default());
     let (mut count, mut failures) = (0, vec![]);
-    for case in [framing(), pings(), reserved(), fragments(), utf8(), closing(), limits()].concat() {
+    for case in [framing(), pings(), reserved_bit_cases(), fragments(), utf8(), closing(), limits()].concat() {
         count += 1;
         if let Err(problem) = play(server.address, &case) {
             failures.push(format!("{}: {problem}", case.name));
@@ -277,11 +279,11 @@ fn the_runner_notices_what_is_wrong() {
     let server = Server::start(Settings::default());
     let sent = || Case::new("wrong").send(frame(TEXT, b"a"));
     for (case, problem) in [
-        (sent().hear(Heard::Text(b"b".to_vec())), "another echo"),
+        (sent().hear(Received::Text(b"b".to_vec())), "another echo"),
         (sent(), "an echo that is not expected"),
-        (sent().hear(Heard::Binary(b"a".to_vec())), "another opcode"),
-        (sent().hear(Heard::Text(b"a".to_vec())).hear(Heard::Pong(vec![])), "a pong that does not come"),
-        (sent().hear(Heard::Text(b"a".to_vec())).send(close(1001, b"")).closes(Some(1000)), "another code"),
+        (sent().hear(Received::Binary(b"a".to_vec())), "another opcode"),
+        (sent().hear(Received::Text(b"a".to_vec())).hear(Received::Pong(vec![])), "a pong that does not come"),
+        (sent().hear(Received::Text(b"a".to_vec())).send(close(1001, b"")).closes(Some(1000)), "another code"),
         (Case::new("wrong").send(frame(TEXT, b"\xff")).fails(1002), "1007 where 1002 is expected"),
     ] {
         assert!(play(server.address, &case).is_err(), "{problem} was not noticed");

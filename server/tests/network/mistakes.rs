@@ -1,7 +1,7 @@
 //! Bad input of every kind is answered with a typed error, and the session flies on as if nothing had happened.
 
 use crate::net::{Server, floats, le, request};
-use crazyflie_server::serve::{End, Settings};
+use crazyflie_server::serve::{SessionEnd, Settings};
 use serde_json::json;
 use tungstenite::Message;
 
@@ -101,7 +101,7 @@ fn every_mistake_is_named_and_the_session_lives() {
     println!("{count} mistakes, each answered with its code; the session went on");
     drop((client, good));
     let report = server.stop();
-    assert_eq!((report.ended[&End::Broken], report.cut), (0, 0));
+    assert_eq!((report.ended[&SessionEnd::Broken], report.cut), (0, 0));
 }
 
 #[test]
@@ -124,9 +124,9 @@ fn an_ended_episode_is_said_to_be_so_and_large_requests_are_refused() {
     assert_eq!(client.receive()["code"], "ended");
 
     let made = client.ask(&json!({"id": 8, "type": "make", "num_envs": 1000}));
-    let most = made["max_steps"].as_u64().unwrap() as u16;
+    let max = made["max_steps"].as_u64().unwrap() as u16;
     client.ask_binary(request(9, 1, 0, 0, 1000, &[]));
-    client.ask_binary(request(10, 2, 0, most, 1000, &le(&vec![0.0; 4000 * usize::from(most)])));
-    client.ws.send(Message::binary(request(11, 2, 0, most + 1, 1000, &le(&vec![0.0; 4000 * (usize::from(most) + 1)])))).unwrap();
+    client.ask_binary(request(10, 2, 0, max, 1000, &le(&vec![0.0; 4000 * usize::from(max)])));
+    client.ws.send(Message::binary(request(11, 2, 0, max + 1, 1000, &le(&vec![0.0; 4000 * (usize::from(max) + 1)])))).unwrap();
     assert_eq!(client.receive()["code"], "too_large");
 }

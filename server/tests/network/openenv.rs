@@ -5,7 +5,7 @@ use crazyflie_env::config::Options;
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::FIELDS;
 use crazyflie_env::vector::{StepBuffers, VectorEnv};
-use crazyflie_server::serve::{End, Settings};
+use crazyflie_server::serve::{SessionEnd, Settings};
 use serde_json::{Value, json};
 use tungstenite::Message;
 
@@ -43,7 +43,7 @@ fn a_conversation_flies_as_in_process() {
     client.send(&json!({"type": "close"}));
     assert!(matches!(client.ws.read(), Ok(Message::Close(_)) | Err(_)));
     let report = server.stop();
-    assert_eq!((report.ended[&End::Closed], report.sessions), (1, 1));
+    assert_eq!((report.ended[&SessionEnd::Closed], report.sessions), (1, 1));
 }
 
 #[test]

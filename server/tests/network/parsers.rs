@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use crate::net::{Client, Server, request};
-use crazyflie_server::serve::{End, Settings};
+use crazyflie_server::serve::{SessionEnd, Settings};
 use proptest::prelude::*;
 use proptest::test_runner::{Config, TestRunner};
 use serde_json::json;
@@ -117,5 +117,5 @@ fn anything_may_be_sent() {
     client.ask(&json!({"id": 100, "type": "make"}));
     assert_eq!(client.ask(&json!({"id": 101, "type": "reset"}))["type"], "observation");
     let report = server.stop();
-    assert_eq!((report.ended[&End::Broken], report.cut), (0, 0));
+    assert_eq!((report.ended[&SessionEnd::Broken], report.cut), (0, 0));
 }

@@ -23,7 +23,7 @@ fn send(client: &mut Client, line: &str) {
     client.ws.send(message).unwrap();
 }
 
-/// What is secret or counts connections is not on the page.
+/// Secrets and connection limits are not on the page.
 fn plain(mut value: Value) -> Value {
     for name in ["session", "token", "server"] {
         if let Some(field) = value.get_mut(name) {

@@ -36,7 +36,7 @@ impl Frame {
         Frame { rsv, ..self }
     }
 
-    pub fn unmasked(self) -> Frame {
+    pub fn without_mask(self) -> Frame {
         Frame { masked: false, ..self }
     }
 
@@ -71,8 +71,9 @@ impl From<Frame> for Vec<u8> {
     }
 }
 
+/// A message from the server.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Heard {
+pub enum Received {
     Text(Vec<u8>),
     Binary(Vec<u8>),
     Pong(Vec<u8>),
@@ -80,18 +81,18 @@ pub enum Heard {
     Pongs(Vec<Vec<u8>>),
 }
 
-/// What is sent, and what must come back, up to the end of the connection.
+/// Bytes to send, and the messages that must come back, up to the end of the connection.
 #[derive(Clone)]
 pub struct Case {
     pub name: String,
     send: Vec<Vec<u8>>,
     chop: Option<usize>,
-    pub hear: Vec<Heard>,
+    pub hear: Vec<Received>,
     /// The code of the server's Close; with `None` one without a code.
     close: Option<u16>,
-    /// We say goodbye at the end.
+    /// The test closes the connection at the end.
     polite: bool,
-    /// What was sent before may be lost when the connection fails.
+    /// Messages before the failure may be lost with the connection.
     lossy: bool,
 }
 
@@ -100,7 +101,7 @@ impl Case {
         Case { name: name.into(), send: vec![], chop: None, hear: vec![], close: Some(1000), polite: true, lossy: false }
     }
 
-    pub fn named(self, name: &str) -> Case {
+    pub fn with_name(self, name: &str) -> Case {
         Case { name: name.into(), ..self }
     }
 
@@ -109,7 +110,7 @@ impl Case {
         self
     }
 
-    pub fn hear(mut self, heard: Heard) -> Case {
+    pub fn hear(mut self, heard: Received) -> Case {
         self.hear.push(heard);
         self
     }
@@ -199,9 +200,9 @@ pub fn play(address: SocketAddr, case: &Case) -> Result<(), String> {
     let closed = loop {
         match read(&mut stream).map_err(|e| format!("no Close: {e}; heard {} frames", heard.len()))? {
             Some((0x88, payload)) => break payload,
-            Some((0x81, payload)) => heard.push(Heard::Text(payload)),
-            Some((0x82, payload)) => heard.push(Heard::Binary(payload)),
-            Some((0x8a, payload)) => heard.push(Heard::Pong(payload)),
+            Some((0x81, payload)) => heard.push(Received::Text(payload)),
+            Some((0x82, payload)) => heard.push(Received::Binary(payload)),
+            Some((0x8a, payload)) => heard.push(Received::Pong(payload)),
             Some((first, _)) => return Err(format!("heard a frame that begins {first:#04x}")),
             None => return Err("the connection ended without Close".into()),
         }
@@ -219,9 +220,9 @@ pub fn play(address: SocketAddr, case: &Case) -> Result<(), String> {
     agree(&heard, case)
 }
 
-fn agree(heard: &[Heard], case: &Case) -> Result<(), String> {
-    if let [Heard::Pongs(all)] = &case.hear[..] {
-        let pongs: Vec<&Vec<u8>> = heard.iter().filter_map(|h| if let Heard::Pong(p) = h { Some(p) } else { None }).collect();
+fn agree(heard: &[Received], case: &Case) -> Result<(), String> {
+    if let [Received::Pongs(all)] = &case.hear[..] {
+        let pongs: Vec<&Vec<u8>> = heard.iter().filter_map(|h| if let Received::Pong(p) = h { Some(p) } else { None }).collect();
         let mut rest = all.iter();
         let ordered = pongs.iter().all(|pong| rest.any(|p| p == *pong));
         return if ordered && pongs.last().copied() == all.last() { Ok(()) } else { Err(format!("heard {heard:?}")) };

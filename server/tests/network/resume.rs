@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::time::Duration;
 
 use crate::net::{Client, Server, eventually, le, request};
-use crazyflie_server::serve::{End, Limits, Settings};
+use crazyflie_server::serve::{Limits, SessionEnd, Settings};
 use serde_json::{Value, json};
 use tungstenite::Message;
 
@@ -34,7 +34,7 @@ fn nth(id: u64) -> Vec<u8> {
 }
 
 /// The replies to the requests 2 to `last` over a network that works.
-fn undisturbed(server: &Server, last: u64) -> Vec<Vec<u8>> {
+fn replies_without_faults(server: &Server, last: u64) -> Vec<Vec<u8>> {
     let mut client = server.connect();
     make(&mut client);
     let replies = (2..=last).map(|id| client.ask_binary(nth(id))).collect();
@@ -45,7 +45,7 @@ fn undisturbed(server: &Server, last: u64) -> Vec<Vec<u8>> {
 #[test]
 fn a_session_goes_on_where_it_was() {
     let server = Server::start(Settings::default());
-    let want = undisturbed(&server, 60);
+    let want = replies_without_faults(&server, 60);
     let mut client = server.connect();
     let made = make(&mut client);
     for id in 2..=30 {
@@ -74,7 +74,7 @@ fn a_session_goes_on_where_it_was() {
 #[test]
 fn a_connection_that_does_not_know_it_is_dead_is_taken_over() {
     let server = Server::start(Settings::default());
-    let want = undisturbed(&server, 5);
+    let want = replies_without_faults(&server, 5);
     let mut old = server.connect();
     let made = make(&mut old);
     old.ask_binary(nth(2));
@@ -102,7 +102,7 @@ fn who_comes_too_late_finds_nothing() {
     eventually("a goodbye ends it", 5.0, || server.metric("crazyflie_sessions") == 0.0);
     assert_eq!(resume(&mut server.connect(), &made)["code"], "unknown_session");
     let report = server.stop();
-    assert_eq!((report.ended[&End::Expired], report.ended[&End::Closed]), (1, 1));
+    assert_eq!((report.ended[&SessionEnd::Expired], report.ended[&SessionEnd::Closed]), (1, 1));
 }
 
 /// A network that delays, cuts and closes halves, each connection in its own way.
@@ -215,7 +215,7 @@ fn attempt(address: SocketAddr, last: u64, made: &mut Option<Value>, replies: &m
 #[test]
 fn chaos_changes_no_flight() {
     let server = Server::start(Settings::default());
-    let want = undisturbed(&server, 120);
+    let want = replies_without_faults(&server, 120);
     let flights = 6;
     let (mut cuts, mut threads) = (0, Vec::new());
     let proxies: Vec<_> = (0..flights).map(|seed| Proxy::start(server.address, seed * 77 + 1)).collect();
@@ -236,5 +236,5 @@ fn chaos_changes_no_flight() {
         report.connections, report.sessions, report.ended
     );
     assert!(cuts > 20, "only {cuts} cuts: this was no chaos");
-    assert_eq!((ended, report.ended[&End::Broken], report.cut), (report.sessions, 0, 0));
+    assert_eq!((ended, report.ended[&SessionEnd::Broken], report.cut), (report.sessions, 0, 0));
 }

@@ -20,7 +20,7 @@ impl Needles {
     }
 
     /// The secret that is in these bytes, if one is.
-    pub fn found(&self, bytes: &[u8]) -> Option<&str> {
+    pub fn find(&self, bytes: &[u8]) -> Option<&str> {
         self.searcher.find(bytes).map(|hit| &self.all[hit.pattern().as_usize()].0[..])
     }
 }

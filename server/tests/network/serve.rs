@@ -4,7 +4,7 @@ use crate::net::{Client, Server, floats, le, request};
 use crazyflie_env::config::Options;
 use crazyflie_env::model::Model;
 use crazyflie_env::vector::{STATE, StepBuffers, VectorEnv};
-use crazyflie_server::serve::{End, Settings};
+use crazyflie_server::serve::{SessionEnd, Settings};
 use serde_json::{Value, json};
 
 const OPTIONS: &str = r#"{"task": "hover", "autoreset": "same_step", "max_episode_steps": 7,
@@ -114,7 +114,7 @@ fn binary_batches_fly_as_in_process() {
         }
         assert!(ended >= 2 * n, "no episode ended: nothing was tested of ends");
     }
-    assert_eq!(server.stop().ended[&End::Broken], 0);
+    assert_eq!(server.stop().ended[&SessionEnd::Broken], 0);
 }
 
 #[test]

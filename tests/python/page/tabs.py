@@ -20,9 +20,12 @@ class Browser:
         # a group of its own, to be stopped as a whole
         quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "start_new_session": True}
         self.process = subprocess.Popen([*command, "about:blank"], **quiet)
-        told = Path(folder) / "DevToolsActivePort"
-        wait(lambda: told.exists() and len(told.read_text().splitlines()) == 2, "a port for the DevTools protocol")
-        port, path = told.read_text().splitlines()
+        port_file = Path(folder) / "DevToolsActivePort"
+        wait(
+            lambda: port_file.exists() and len(port_file.read_text().splitlines()) == 2,
+            "a port for the DevTools protocol",
+        )
+        port, path = port_file.read_text().splitlines()
         self.closing = ExitStack()
         self.socket = self.closing.enter_context(connect(f"ws://127.0.0.1:{port}{path}", max_size=None))
         self.id = 0

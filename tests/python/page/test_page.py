@@ -62,13 +62,13 @@ def test_a_shared_world_is_drawn_with_all_its_drones(visit):
     until(page, "document.querySelectorAll('#flight:not([hidden]) .strip').length === 6")
     until(page, "document.querySelector('#empty').hidden")
     assert "world page, 8 drones" in page.locator("#sessions a[aria-current]").inner_text()
-    told = page.locator("#readout").inner_text()
+    readout = page.locator("#readout").inner_text()
     before = canvas(page)
     page.wait_for_timeout(1500)
     after = canvas(page)
     later = page.locator("#readout").inner_text()
     print(later, page.locator("#charts figcaption").first.inner_text())
-    assert told != later and "8 of 8" in later and "separation now" in later
+    assert readout != later and "8 of 8" in later and "separation now" in later
     assert "separation" in page.locator("#charts figcaption").first.inner_text()
     numbers = [
         float(row.split("\t")[1].split()[0]) for row in later.splitlines() if "separation" in row or "least" in row

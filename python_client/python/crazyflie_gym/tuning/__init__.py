@@ -95,7 +95,7 @@ def tune(search: Search, store: Store, ray_address: str | None = None, progress:
     Raises:
         ValueError: for what `crazyflie_gym.evaluation.fly` refuses, and for gains that the controller has not.
     """
-    start = _checked(search)
+    start = _check_search(search)
     before = _gains(search, start)
     names, values = list(before), np.array(list(before.values()))
     optimiser = CMA(
@@ -122,7 +122,7 @@ def tune(search: Search, store: Store, ray_address: str | None = None, progress:
     return Tuned(best, gains, costs, flown[: search.judged_on], flown[search.judged_on :])
 
 
-def _checked(search: Search) -> dict[str, Any]:
+def _check_search(search: Search) -> dict[str, Any]:
     """Return the options that the search starts from."""
     for name in ("seeds", "judged_on", "generations", "population"):
         if not 2 <= getattr(search, name) <= UNSEEN:

@@ -2,9 +2,9 @@
 
 use crazyflie_env::observation::{ACTION, OBSERVATION};
 
-use super::super::record::{Status, Stored};
-use super::super::store::Filter;
-use super::super::{Document, Error, Verdict, Who, now_ms};
+use super::super::record::{AttemptRow, Status};
+use super::super::store::AttemptFilter;
+use super::super::{Document, Error, Submitter, Verdict, now_ms};
 use super::*;
 
 /// Actions under which some flights end early: full thrust and a tilt for some, calm for the others.
@@ -15,7 +15,7 @@ fn uneven(n: usize, tick: usize) -> Vec<f32> {
 #[test]
 fn flights_that_are_over_hold_still_and_come_out_the_same_again() {
     let bench = open("uneven");
-    let mut attempt = bench.begin("hover-aruco", Who::Local, "uneven").unwrap();
+    let mut attempt = bench.begin("hover-aruco", Submitter::Local, "uneven").unwrap();
     let (n, mut buffers) = (attempt.rows().unwrap(), Buffers::new(&attempt));
     let (mut tick, mut ended) = (0, vec![None; n]);
     loop {
@@ -63,7 +63,7 @@ fn a_benchmark_is_shared_and_an_attempt_moves_between_threads() {
         move || submit(&bench, "ground-landing", baseline)
     };
     let threads = ["thesis-pid", "hover", "random"].map(|baseline| std::thread::spawn(fly(baseline)));
-    let attempt = bench.begin("wind", Who::Local, "moved").unwrap();
+    let attempt = bench.begin("wind", Submitter::Local, "moved").unwrap();
     std::thread::spawn(move || drop(attempt)).join().unwrap();
     let ids = threads.map(|thread| thread.join().unwrap());
     assert!(ids.iter().all(|id| bench.verify(id).unwrap().verdict == Verdict::Confirmed));
@@ -73,7 +73,7 @@ fn a_benchmark_is_shared_and_an_attempt_moves_between_threads() {
 #[test]
 fn bad_steps_are_refused_before_anything_moves() {
     let bench = open("bad_steps");
-    let mut attempt = bench.begin("wind", Who::Local, "clumsy").unwrap();
+    let mut attempt = bench.begin("wind", Submitter::Local, "clumsy").unwrap();
     let (n, mut buffers) = (attempt.rows().unwrap(), Buffers::new(&attempt));
     let first = attempt.observations().unwrap().to_vec();
     for value in [f32::NAN, f32::INFINITY, 1.5] {
@@ -93,7 +93,7 @@ fn bad_steps_are_refused_before_anything_moves() {
 #[test]
 fn who_goes_away_stays_listed_and_counts() {
     let bench = open("abandoned");
-    let attempt = bench.begin("wind", Who::Local, "thesis-pid").unwrap();
+    let attempt = bench.begin("wind", Submitter::Local, "thesis-pid").unwrap();
     let id = attempt.id().to_owned();
     assert_eq!(bench.attempt(&id).unwrap().document.unwrap().status, Status::Running);
     drop(attempt);
@@ -126,11 +126,11 @@ fn the_leaderboard_takes_the_middle_attempt_not_the_luckiest() {
 }
 
 /// Puts a document in place of the stored one, signed by the server's own key.
-fn resign(bench: &Bench, change: impl Fn(&mut Document)) -> Stored {
-    let row = bench.store().attempts(Filter::default()).unwrap().remove(0);
+fn resign(bench: &Bench, change: impl Fn(&mut Document)) -> AttemptRow {
+    let row = bench.store().attempts(AttemptFilter::default()).unwrap().remove(0);
     let mut document = row.document(&bench.0.secrets).unwrap();
     change(&mut document);
-    document.stored(&bench.0.secrets).unwrap()
+    document.to_row(&bench.0.secrets).unwrap()
 }
 
 #[test]
@@ -139,7 +139,7 @@ fn an_attempt_of_another_build_is_told_from_a_wrong_one() {
     submit(&bench, "wind", "thesis-pid");
     let worse = |document: &mut Document| document.result.as_mut().unwrap().episodes[3].states_sha256 = "0".repeat(64);
     let other = |document: &mut Document| document.build = "another".into();
-    let verdict = |row: &Stored| bench.verify_row(row).unwrap();
+    let verdict = |row: &AttemptRow| bench.verify_row(row).unwrap();
     assert_eq!(verdict(&resign(&bench, |_| {})).verdict, Verdict::Confirmed);
     assert_eq!(verdict(&resign(&bench, other)).verdict, Verdict::Confirmed);
     let both = verdict(&resign(&bench, |d| (worse(d), other(d)).0));
@@ -155,7 +155,7 @@ fn an_attempt_of_another_build_is_told_from_a_wrong_one() {
 #[test]
 fn what_a_crash_left_behind_is_abandoned_when_its_time_is_over() {
     let bench = open("stale");
-    let attempt = bench.begin("wind", Who::Local, "slow").unwrap();
+    let attempt = bench.begin("wind", Submitter::Local, "slow").unwrap();
     let id = attempt.id().to_owned();
     std::mem::forget(attempt);
     bench.sweep().unwrap();

@@ -9,7 +9,7 @@ fn the_thesis_pid_is_best_everywhere_and_leaves_room() {
     for scenario in bench.scenarios().iter().filter(|scenario| scenario.plan.team.is_none()) {
         all.into_iter().for_each(|baseline| drop(submit(&bench, &scenario.id(), baseline)));
         let board = bench.leaderboard(scenario).unwrap();
-        let line = |row: &super::super::Ranked| {
+        let line = |row: &super::super::LeaderboardRow| {
             let s = &row.score;
             format!("{} {:.1} ({:.1} to {:.1}, {} failed)", row.controller, s.score, s.low, s.high, s.failed)
         };

@@ -1,11 +1,11 @@
-//! What leaves the benchmark: it is what it should be, and no secret is in it.
+//! Output of the benchmark: it is correct, and no secret is in it.
 
 use ed25519_dalek::{Signature, VerifyingKey};
 use serde_json::Value;
 
 use super::super::record::Status;
 use super::super::secrets::canonical;
-use super::super::{Who, api};
+use super::super::{Submitter, api};
 use super::spelled::Needles;
 use super::*;
 
@@ -57,20 +57,20 @@ fn no_secret_is_in_anything_that_is_handed_out() {
     let token = bench.create_token("blue").unwrap();
     submit(&bench, "mystery", "thesis-pid");
     submit(&bench, "ground-landing", "random");
-    drop(bench.begin("wind", Who::Token(&token), "quitter").unwrap());
+    drop(bench.begin("wind", Submitter::Token(&token), "quitter").unwrap());
     let mut forbidden = secrets(&bench, "handed_out");
     forbidden.push(("token".into(), hex::decode(&token[4..]).unwrap()));
     let needles = Needles::new(&forbidden);
     let all = everything(&bench);
     let bytes: usize = all.iter().map(|(_, bytes)| bytes.len()).sum();
     for (what, bytes) in &all {
-        assert_eq!(needles.found(bytes), None, "{what} gives it away");
+        assert_eq!(needles.find(bytes), None, "{what} gives it away");
     }
     println!("{} spellings of secrets looked for in {bytes} bytes of {} answers: none", needles.all.len(), all.len());
     // what is looked for would be found
     for (name, needle) in &needles.all {
         let planted = [b"{\"x\":\"", &needle[..], b"\"}"].concat();
-        assert!(needles.found(&planted).is_some(), "{name}");
+        assert!(needles.find(&planted).is_some(), "{name}");
     }
 }
 

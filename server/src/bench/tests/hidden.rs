@@ -1,10 +1,10 @@
-//! What the mystery scenario hides.
+//! Tests of the hidden effect of the mystery scenario.
 
 use serde_json::json;
 use sha2::{Digest, Sha256};
 
 use super::super::baselines::evaluate;
-use super::super::mystery::Hidden;
+use super::super::mystery::HiddenDraw;
 use super::super::scenario::{self, Scenario};
 use super::super::secrets::{Secrets, canonical};
 use super::*;
@@ -14,7 +14,7 @@ fn secrets(seed: u8) -> Secrets {
 }
 
 fn mystery(secrets: &Secrets) -> Scenario {
-    scenario::all(secrets).unwrap().into_iter().find(|s| s.plan.hidden.is_some()).unwrap()
+    scenario::read_all(secrets).unwrap().into_iter().find(|s| s.plan.hidden.is_some()).unwrap()
 }
 
 #[test]
@@ -49,7 +49,7 @@ fn whatever_is_hidden_can_be_flown_and_leaves_room() {
     let pool = scenario.plan.hidden.clone().unwrap();
     for effects in pool.corners() {
         let words = serde_json::to_string(&effects).unwrap();
-        let scenario = Scenario { hidden: Some(Hidden { effects, commitment: String::new() }), ..scenario.clone() };
+        let scenario = Scenario { hidden: Some(HiddenDraw { effects, commitment: String::new() }), ..scenario.clone() };
         let (thesis, hover) = (score(&scenario, "thesis-pid"), score(&scenario, "hover"));
         println!("thesis-pid {thesis:.1}, hover {hover:.1} with {words}");
         assert!((8.0..70.0).contains(&thesis) && hover < thesis, "{words}: thesis-pid {thesis}, hover {hover}");

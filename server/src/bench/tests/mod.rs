@@ -4,11 +4,11 @@ mod attempts;
 mod baselines;
 mod handed_out;
 mod hidden;
+mod multi_drone;
 #[path = "../../../tests/network/secrets.rs"]
 mod spelled;
 mod tampering;
 mod teams;
-mod together;
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -18,7 +18,7 @@ use crazyflie_control::ControllerSpec;
 use crazyflie_env::vector::StepBuffers;
 
 use super::baselines::submit as submit_now;
-use super::{Attempt, Bench, Limits, Result};
+use super::{Attempt, Bench, Result, TeamLimits};
 
 /// A database of this test's own, beside the test's program. It stays until the next run, to be looked at.
 fn path(test: &'static str) -> PathBuf {
@@ -32,7 +32,7 @@ fn path(test: &'static str) -> PathBuf {
 }
 
 fn open(test: &'static str) -> Bench {
-    Bench::open(&path(test), Limits::default()).unwrap()
+    Bench::open(&path(test), TeamLimits::default()).unwrap()
 }
 
 fn submit(bench: &Bench, scenario: &str, controller: &str) -> String {

@@ -5,14 +5,14 @@ use rusqlite::{Connection, params};
 use super::super::Verdict;
 use super::*;
 
-/// How many of a long column's bits are tried, evenly spread; of a short one all.
+/// Number of bits that are tried of a long column, evenly spread; of a short one all are.
 const BITS: usize = 6000;
 
 fn bits(bytes: usize) -> impl Iterator<Item = usize> {
     (0..bytes * 8).step_by((bytes * 8 / BITS).max(1) | 1)
 }
 
-fn flipped(bytes: &[u8], bit: usize) -> Vec<u8> {
+fn flip_bit(bytes: &[u8], bit: usize) -> Vec<u8> {
     let mut bytes = bytes.to_vec();
     bytes[bit / 8] ^= 1 << (bit % 8);
     bytes
@@ -38,7 +38,7 @@ fn a_flipped_bit_anywhere_is_found() {
         let cast = if matches!(column, "signature" | "actions") { "?1" } else { "CAST(?1 AS TEXT)" };
         let set = |bytes: &[u8]| db.execute(&format!("UPDATE attempts SET {column} = {cast}"), params![bytes]).unwrap();
         for bit in bits(value.len()) {
-            set(&flipped(&value, bit));
+            set(&flip_bit(&value, bit));
             assert!(!sound(&bench), "bit {bit} of {column}");
         }
         set(&value);
@@ -68,7 +68,7 @@ fn flipped_keys_rows_that_are_gone_and_swapped_flights_are_found() {
         let value: Vec<u8> = db.query_row("SELECT value FROM secrets WHERE name = ?1", [name], |row| row.get(0)).unwrap();
         let set = |bytes: &[u8]| db.execute("UPDATE secrets SET value = ?2 WHERE name = ?1", params![name, bytes]).unwrap();
         for bit in [0, 77, 128, 255] {
-            set(&flipped(&value, bit));
+            set(&flip_bit(&value, bit));
             assert!(!sound(&open("gone")), "bit {bit} of the {name}");
         }
         set(&value);

@@ -1,0 +1,155 @@
+//! An explanation for machines. What is not a number is null.
+
+use crazyflie_identify::explain::errors::{AXES, COMPONENTS, ErrorsByAxis, ErrorsByComponent, HORIZONS};
+use crazyflie_identify::explain::signals::SignalVerdict;
+use crazyflie_identify::explain::verdict::{Explanation, Finding, Verdict};
+use crazyflie_identify::fit::filter::{Disturbances, GaussMarkov};
+use serde::Serialize;
+use serde_json::{Map, Value, json};
+
+use super::next::{LogContents, next_of_signal};
+use super::signal_view::left_cells;
+use super::view::{self, estimated_param};
+use super::{Run, next_steps, sentence};
+
+/// Keys of the predicted quantities, in the order of the errors' tables.
+const QUANTITIES: [&str; 3] = ["position_m", "velocity_mps", "attitude_rad"];
+
+/// Key of an axis of the errors, with the unit last.
+pub(super) fn axis_key(axis: usize) -> String {
+    key(AXES[axis])
+}
+
+/// Key of a component of the errors.
+pub(super) fn component_key(component: usize) -> String {
+    key(COMPONENTS[component])
+}
+
+fn key((name, unit): (&str, &str)) -> String {
+    format!("{}_{}", name.replace(' ', "_"), unit.replace("m/s", "mps"))
+}
+
+/// The object that is printed and stands beside the page; `files` are those written.
+pub(crate) fn as_json(run: &Run, files: &Value) -> Value {
+    let found = &run.found;
+    let errors = &found.errors;
+    let [before, after] = found.disturbances.map(|d| disturbances(&d));
+    let names = |flights: &super::Flights| flights.sources.iter().map(|s| s.file.clone()).collect::<Vec<_>>();
+    let mut written = json!({"fit": names(&run.fit), "test": names(&run.test)});
+    if let (Some(all), Some(more)) = (written.as_object_mut(), files.as_object()) {
+        all.extend(more.clone());
+    }
+    json!({
+        "verdict": verdict_name(found.verdict),
+        "sentence": sentence(found),
+        "foreign_model": run.foreign_model(),
+        "model": run.model.name,
+        "vertical": run.vertical().name(),
+        "effects": found.effects.iter().map(effect).collect::<Vec<_>>(),
+        "signals": signals(run),
+        "totals": super::totals(run).iter().map(|(path, value, stderr, unit)| json!({"number": path, "value": value, "stderr": stderr, "unit": unit})).collect::<Vec<_>>(),
+        "partial": found.partial.iter().map(effect).collect::<Vec<_>>(),
+        "corrections": found.corrections.iter().map(effect).collect::<Vec<_>>(),
+        "confirmed": found.confirmed.iter().map(effect).collect::<Vec<_>>(),
+        "needless": found.needless,
+        "withdrawn": found.withdrawn,
+        "numbers": found.numbers,
+        "learned": found.learned,
+        "error": {"before": quantities(&errors.before), "after": quantities(&errors.after), "naive": quantities(&errors.naive),
+            "p_value": quantities(&errors.p_value), "stretches": quantities(&errors.stretches),
+            "axes": axes(&errors.axes), "components": components(&errors.components), "flights": flights(run)},
+        "closed_loop": run.closed_loop.map(|(controller, [before, after])| json!({"controller": controller.name(), "before": before, "after": after})),
+        "leftover": found.leftover,
+        "not_excited": not_excited(found),
+        "disturbances": {"before": before, "after": after},
+        "next": next_steps(run),
+        "path": found.path,
+        "files": written,
+        "seconds": found.seconds,
+    })
+}
+
+pub(crate) fn verdict_name(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Explained => "explained",
+        Verdict::PartlyExplained => "partly_explained",
+        Verdict::NothingMissing => "nothing_missing",
+        Verdict::Unexplained => "unexplained",
+        Verdict::NotDecidable => "not_decidable",
+    }
+}
+
+fn effect(effect: &Finding) -> Value {
+    let params = effect
+        .params
+        .iter()
+        .map(|p| (p.name.to_owned(), json!({"value": p.value, "stderr": p.stderr, "unit": p.unit, "declared": p.declared})));
+    json!({"name": effect.name, "params": params.collect::<Map<_, _>>(), "confusable_with": effect.confusable_with,
+        "manoeuvre": effect.manoeuvre, "worth": {"fit": effect.worth_fit, "test": effect.worth_test},
+        "with": effect.with.iter().map(self::effect).collect::<Vec<_>>()})
+}
+
+/// The verdicts on signals, with what is left by axis and what to do next.
+fn signals(run: &Run) -> Vec<Value> {
+    let logged = LogContents::from_run(run);
+    let signal = |verdict: &SignalVerdict| {
+        let after = &run.found.errors.components.after;
+        let left = left_cells(&run.found, verdict.signal).into_iter();
+        let left = left.map(|(row, h)| (component_key(row), json!({HORIZONS[h]: after[row][h]}))).collect::<Map<_, _>>();
+        let mut value = json!(verdict);
+        value["left_by_axis"] = left.into();
+        value["next"] = json!(next_of_signal(run, &logged, verdict));
+        value
+    };
+    run.found.signals.iter().map(signal).collect()
+}
+
+/// Numbers by name and horizon.
+fn by_horizon<T: Serialize>(names: impl Iterator<Item = String>, table: &[[T; 5]]) -> Value {
+    let row = |row: &[T; 5]| HORIZONS.iter().zip(row).map(|(name, v)| ((*name).to_owned(), json!(v))).collect::<Map<_, _>>();
+    names.zip(table).map(|(name, values)| (name, Value::Object(row(values)))).collect::<Map<_, _>>().into()
+}
+
+fn quantities<T: Serialize>(table: &[[T; 5]; 3]) -> Value {
+    by_horizon(QUANTITIES.iter().map(|name| (*name).to_owned()), table)
+}
+
+fn by_axis<T: Serialize>(table: &[[T; 5]; 6]) -> Value {
+    by_horizon((0..AXES.len()).map(axis_key), table)
+}
+
+/// Errors by axis, under keys that end in the unit.
+fn axes(errors: &ErrorsByAxis) -> Value {
+    json!({"before": by_axis(&errors.before), "after": by_axis(&errors.after), "naive": by_axis(&errors.naive),
+        "p_value": by_axis(&errors.p_value), "stretches": by_axis(&errors.stretches)})
+}
+
+fn components(errors: &ErrorsByComponent) -> Value {
+    let table = |t: &[[f64; 5]; 9]| by_horizon((0..COMPONENTS.len()).map(component_key), t);
+    json!({"before": table(&errors.before), "after": table(&errors.after)})
+}
+
+/// Errors of each test flight alone.
+fn flights(run: &Run) -> Vec<Value> {
+    let flight = |(source, errors): (&super::FlightSource, &ErrorsByComponent)| {
+        let mut value = components(errors);
+        value["name"] = json!(source.name);
+        value
+    };
+    run.test.sources.iter().zip(&run.found.errors.flights).map(flight).collect()
+}
+
+/// Effects that the flights could not have shown. No standard error: without a slope at "off", only trial fits spoke of it.
+fn not_excited(found: &Explanation) -> Vec<Value> {
+    let entry = |(name, stderr): (&'static str, f64)| {
+        let param = estimated_param(name).map(|(_, param)| param);
+        json!({"name": name, "param": param.map(|p| p.name), "stderr": stderr, "unit": param.map(|p| p.unit)})
+    };
+    view::not_excited(found).map(entry).collect()
+}
+
+fn disturbances(d: &Disturbances) -> Value {
+    let wander = |w: GaussMarkov, unit: &str| json!({"sigma": w.sigma, "unit": unit, "tau_s": w.tau_s});
+    json!({"force": wander(d.force, "m/s^2"), "lift": wander(d.lift, "m/s^2"), "torque": wander(d.torque, "rad/s^2"), "turn": wander(d.turn, "rad/s^2"),
+        "marker": wander(d.marker, "m")})
+}

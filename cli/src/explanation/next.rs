@@ -1,0 +1,152 @@
+//! Next step: the flight or the log channel that would settle what these flights leave open.
+
+use crazyflie_identify::explain::errors::LEAST_STRETCHES;
+use crazyflie_identify::explain::signals::{HORIZONS, Signal, SignalState, SignalVerdict, main_signal};
+use crazyflie_identify::explain::verdict::{Finding, Verdict};
+use crazyflie_logs::inspect::{Inspection, Motion};
+use serde::Serialize;
+
+use super::words::join_words;
+use super::{Run, confusable, foreign_sentence};
+use crate::text::number;
+
+/// A stretch of a test flight, and the start in which the filter finds the state.
+const STRETCH_S: usize = 5;
+/// Motion below which a flight says little of a signal: speed sideways and of climbing, tilt, way of the yaw.
+const LEAST_SPEED_MPS: f64 = 0.3;
+const LEAST_CLIMB_MPS: f64 = 0.15;
+const LEAST_TILT_DEG: f64 = 3.0;
+const LEAST_TURN_DEG: f64 = 90.0;
+
+/// One thing to do, and the commands for it, where there are any.
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct NextStep {
+    /// The signal that it is about.
+    pub signal: Option<Signal>,
+    pub text: String,
+    pub commands: Vec<String>,
+}
+
+impl NextStep {
+    fn new(signal: Option<Signal>, text: String) -> Self {
+        NextStep { signal, text, commands: Vec::new() }
+    }
+}
+
+/// Everything to do, the most urgent first.
+pub(crate) fn next_steps(run: &Run) -> Vec<NextStep> {
+    let mut steps = Vec::new();
+    if let Some(foreign) = run.foreign_model() {
+        let text = foreign_sentence(run, &foreign);
+        steps.push(NextStep { commands: foreign.commands.to_vec(), ..NextStep::new(None, text) });
+    }
+    let logged = LogContents::from_run(run);
+    let of_signal = |verdict: &SignalVerdict| next_of_signal(run, &logged, verdict).map(|text| NextStep::new(Some(verdict.signal), text));
+    steps.extend(run.found.signals.iter().filter_map(of_signal));
+    steps.extend(more_test_flight(run).map(|text| NextStep::new(None, text)));
+    if run.found.verdict == Verdict::NotDecidable {
+        let text = "Fly each of the four signals harder, one after the other: these flights do not tell which effect is missing.";
+        steps.push(NextStep::new(None, text.into()));
+    }
+    if steps.is_empty() {
+        let text = "Nothing is open on these flights. Test the model on a flight of another kind: faster, higher, or in other air.";
+        steps.push(NextStep::new(None, text.into()));
+    }
+    steps
+}
+
+/// Contents of the logs of all flights: channels, and the largest motion of each kind.
+pub(super) struct LogContents {
+    channels: Vec<&'static str>,
+    motions: Vec<Motion>,
+}
+
+impl LogContents {
+    pub(super) fn from_run(run: &Run) -> Self {
+        let (mut channels, mut motions) = (Vec::new(), Vec::new());
+        for source in run.fit.sources.iter().chain(&run.test.sources) {
+            let inspection = Inspection::from_log(&source.log);
+            channels.extend(inspection.channels.iter().map(|channel| channel.name));
+            motions.extend(inspection.motion);
+        }
+        LogContents { channels, motions }
+    }
+
+    fn largest(&self, size: fn(&Motion) -> f64) -> f64 {
+        self.motions.iter().map(size).fold(0.0, f64::max)
+    }
+}
+
+/// The next manoeuvre or log channel for a signal; `None` where nothing is open.
+pub(super) fn next_of_signal(run: &Run, logged: &LogContents, verdict: &SignalVerdict) -> Option<String> {
+    let signal = verdict.signal;
+    let rivals = run.found.effects.iter().flat_map(Finding::all).filter(|e| main_signal(e) == signal && !e.confusable_with.is_empty());
+    let mut all: Vec<String> = rivals.map(|e| format!("To tell {} from {}: {}.", e.name, confusable(e), e.manoeuvre)).collect();
+    if matches!(verdict.state, SignalState::PartlyExplained | SignalState::Unexplained) {
+        all.push(format!("Fly {}.", manoeuvre(signal)));
+        all.extend(missing_channels(logged, signal));
+    } else if verdict.state == SignalState::NothingMissing {
+        all.extend(too_calm(logged, signal));
+    }
+    (!all.is_empty()).then(|| all.join(" "))
+}
+
+/// The flight that shows most of what can be missing in a signal.
+fn manoeuvre(signal: Signal) -> &'static str {
+    match signal {
+        Signal::Sideways => {
+            "straight legs of 2 m along x and along y at 0.5 and at 1.5 m/s, at two headings 90 degrees apart, then the same legs half a metre aside"
+        }
+        Signal::Vertical => {
+            "climbs and descents of 1 m at 0.3 and at 1 m/s, with 5 s of hover between, on a full and on a nearly empty battery"
+        }
+        Signal::Tilt => "doublets of 2 and of 8 degrees on roll, then on pitch, with 2 s of hover between",
+        Signal::Yaw => "yaw-rate steps of 30 and of 90 deg/s to both sides in hover, one full turn each",
+    }
+}
+
+/// A channel as the reader names it, the firmware's variables, and what it tells.
+type Channel = (&'static str, &'static str, &'static str);
+
+const MOTORS: Channel = ("motor_1", "motor.m1 to motor.m4", "what the motors were asked for");
+const ROTORS: Channel = ("rotor_1", "rpm.m1 to rpm.m4", "whether motors or air make the difference");
+const GYRO: Channel = ("gyro_x", "gyro.x, gyro.y and gyro.z", "body rates, which differences of angles blur");
+const FORCE: Channel = ("acc_x", "acc.x, acc.y and acc.z", "a push on the body, apart from an error of the attitude");
+const VOLTAGE: Channel = ("vbat", "pm.vbat", "a sagging battery, which looks like lost thrust");
+const TURN_COMMAND: Channel = ("cmd_yaw_rate", "the yaw-rate command", "what the yaw was asked for");
+
+/// Channels that would tell more of a signal and that no log holds.
+fn missing_channels(logged: &LogContents, signal: Signal) -> Option<String> {
+    let wanted: &[Channel] = match signal {
+        Signal::Sideways => &[FORCE, MOTORS],
+        Signal::Vertical => &[VOLTAGE, ROTORS, FORCE],
+        Signal::Tilt => &[GYRO, MOTORS, ROTORS],
+        Signal::Yaw => &[TURN_COMMAND, GYRO, MOTORS],
+    };
+    let lacks = wanted.iter().filter(|(name, ..)| !logged.channels.contains(name));
+    let named: Vec<String> = lacks.map(|(_, variables, tells)| format!("{variables} ({tells})")).collect();
+    (!named.is_empty()).then(|| format!("Log {}.", join_words(&named, "and")))
+}
+
+/// That nothing was found in a signal which hardly moved.
+fn too_calm(logged: &LogContents, signal: Signal) -> Option<String> {
+    let (value, least, unit, decimals) = match signal {
+        Signal::Sideways => (logged.largest(|m| m.speed_mps), LEAST_SPEED_MPS, "m/s sideways", 2),
+        Signal::Vertical => (logged.largest(|m| m.climb_mps), LEAST_CLIMB_MPS, "m/s up or down", 2),
+        Signal::Tilt => (logged.largest(|m| m.tilt_deg), LEAST_TILT_DEG, "degrees of tilt", 1),
+        Signal::Yaw => (logged.largest(|m| m.yaw_turned_deg), LEAST_TURN_DEG, "degrees of turning", 0),
+    };
+    let text = || format!("These flights reached only {} {unit}: fly {}.", number(value, decimals), manoeuvre(signal));
+    (value < least).then(text)
+}
+
+/// That the test flights are too short to test the longer predictions.
+fn more_test_flight(run: &Run) -> Option<String> {
+    let stretches = &run.found.errors.axes.stretches;
+    let fewest = stretches.iter().flat_map(|row| HORIZONS.map(|h| row[h])).min()?;
+    let lacking = LEAST_STRETCHES.checked_sub(fewest).filter(|lacking| *lacking > 0)?;
+    Some(format!(
+        "Fly at least {} s more for --test: predictions 2 s ahead are compared on {fewest} stretches of {STRETCH_S} s, and a test needs {LEAST_STRETCHES}.",
+        lacking * STRETCH_S
+    ))
+}

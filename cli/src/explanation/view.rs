@@ -1,0 +1,278 @@
+//! Contents of the page, as texts and lengths of bars; the template only places them.
+
+use crazyflie_env::effects::{Entry, Param, Role, find};
+use crazyflie_identify::explain::verdict::{Explanation, Finding, NumberEstimate, Step};
+use crazyflie_identify::fit::filter::GaussMarkov;
+use crazyflie_identify::fit::flight::Flight;
+use serde::Serialize;
+
+use super::bars::LogScale;
+use super::figures::WhitenessFigure;
+use super::series::channel;
+use super::words::{confusable, interval, join_words, significant, unit, with_error};
+use super::{FlightSource, Run};
+use crate::text::number;
+
+/// Candidates shown per step of the search.
+const MAX_BARS: usize = 10;
+/// A gain below this is no bar.
+const LEAST_BAR: f64 = 0.5;
+
+/// A number as it is shown, and as the object for machines has it, with its place there.
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct Cell {
+    text: String,
+    value: Option<String>,
+    pointer: String,
+}
+
+impl Cell {
+    pub(crate) fn text(&self) -> &str {
+        &self.text
+    }
+
+    pub(super) fn new(text: String, value: f64, pointer: String) -> Self {
+        // in full: what is read again is the same number
+        Cell { text, value: value.is_finite().then(|| value.to_string()), pointer }
+    }
+}
+
+#[derive(Serialize)]
+pub(super) struct ValueRow {
+    effect: &'static str,
+    name: &'static str,
+    about: &'static str,
+    value: Cell,
+    interval: String,
+    unit: String,
+    range: String,
+    source: &'static str,
+}
+
+#[derive(Serialize)]
+pub(super) struct Effect {
+    name: &'static str,
+    about: &'static str,
+    params: Vec<ValueRow>,
+    worth_fit: String,
+    worth_test: String,
+    confusable: String,
+    manoeuvre: String,
+}
+
+/// The registry's entry of an effect.
+fn entry(name: &str) -> Option<&'static Entry> {
+    find(name).ok().map(|(_, entry)| entry)
+}
+
+/// A number of the model as it was declared and as it was fitted.
+#[derive(Serialize)]
+pub(super) struct ModelNumber {
+    path: String,
+    declared: Cell,
+    fitted: Cell,
+    unit: String,
+}
+
+pub(super) fn numbers(all: &[NumberEstimate]) -> Vec<ModelNumber> {
+    let row = |(i, n): (usize, &NumberEstimate)| {
+        let cell = |name: &str, value| Cell::new(significant(value, 4), value, format!("/numbers/{i}/{name}"));
+        ModelNumber { path: n.path.clone(), declared: cell("declared", n.declared), fitted: cell("value", n.value), unit: unit(n.unit) }
+    };
+    all.iter().enumerate().map(row).collect()
+}
+
+/// Effects of one of the lists for machines, those that come with another behind it.
+pub(super) fn effects(list: &'static str, effects: &[Finding]) -> Vec<Effect> {
+    let effect_row = |effect: &Finding, pointer: String| Effect {
+        name: effect.name,
+        about: entry(effect.name).map_or("", |e| e.about),
+        params: params(effect, &pointer),
+        worth_fit: number(effect.worth_fit, 0),
+        worth_test: number(effect.worth_test, 0),
+        confusable: confusable(effect),
+        manoeuvre: effect.manoeuvre.clone(),
+    };
+    let group = |(i, effect): (usize, &Finding)| {
+        let first = effect_row(effect, format!("/{list}/{i}"));
+        let others = effect.with.iter().enumerate().map(|(j, other)| effect_row(other, format!("/{list}/{i}/with/{j}")));
+        std::iter::once(first).chain(others).collect::<Vec<_>>()
+    };
+    effects.iter().enumerate().flat_map(group).collect()
+}
+
+fn params(effect: &Finding, pointer: &str) -> Vec<ValueRow> {
+    let Some(entry) = entry(effect.name) else { return Vec::new() };
+    let value_row = |e: &crazyflie_identify::explain::verdict::EffectParameterEstimate| {
+        let param = entry.params.iter().find(|p| p.name == e.name)?;
+        Some(ValueRow {
+            effect: effect.name,
+            name: e.name,
+            about: param.about,
+            value: Cell::new(with_error(e.value, e.stderr), e.value, format!("{pointer}/params/{}/value", e.name)),
+            interval: interval(e),
+            unit: unit(e.unit).trim().into(),
+            range: range(param, e.value),
+            source: entry.source,
+        })
+    };
+    effect.params.iter().filter_map(value_row).collect()
+}
+
+/// The range of a parameter, and whether the estimate was stopped by it.
+fn range(param: &Param, value: f64) -> String {
+    let room = 1e-3 * (param.high - param.low);
+    let stopped = value < param.low + room || value > param.high - room;
+    format!("{} to {}{}", param.low, param.high, if stopped { ": at its end" } else { "" })
+}
+
+#[derive(Serialize)]
+pub(super) struct Bar {
+    name: &'static str,
+    gain: String,
+    length: f64,
+    chosen: bool,
+}
+
+#[derive(Serialize)]
+pub(super) struct Round {
+    with: String,
+    chosen: String,
+    gained: String,
+    bars: Vec<Bar>,
+}
+
+/// The steps of the search. The effect that a step chose is in the next one.
+pub(super) fn rounds(path: &[Step]) -> Vec<Round> {
+    let round = |(i, step): (usize, &Step)| {
+        let next = path.get(i + 1);
+        let chosen = next.and_then(|n| n.effects.iter().find(|e| !step.effects.contains(e))).copied();
+        let log = LogScale::spanning(step.ranking.iter().map(|r| r.gain).chain([LEAST_BAR]).filter(|g| *g >= LEAST_BAR));
+        let bar = |r: &crazyflie_identify::explain::verdict::RankedCandidate| Bar {
+            name: r.name,
+            gain: significant(r.gain, 3),
+            length: if r.gain > LEAST_BAR { log.length(r.gain) } else { 0.0 },
+            chosen: chosen == Some(r.name),
+        };
+        let shown = step.ranking.iter().enumerate().filter(|(i, r)| *i < MAX_BARS || chosen == Some(r.name));
+        Round {
+            with: if step.effects.is_empty() { "the declared model".into() } else { step.effects.join(", ") },
+            chosen: chosen.unwrap_or_default().into(),
+            gained: next.filter(|_| chosen.is_some()).map_or_else(String::new, |n| number(n.gain, 0)),
+            bars: shown.map(|(_, r)| bar(r)).collect(),
+        }
+    };
+    path.iter().enumerate().map(round).collect()
+}
+
+#[derive(Serialize)]
+pub(super) struct DisturbanceRow {
+    what: &'static str,
+    before: String,
+    after: String,
+}
+
+pub(super) fn disturbances(found: &Explanation) -> Vec<DisturbanceRow> {
+    let [b, a] = &found.disturbances;
+    let row = |what, unit: &str, before: GaussMarkov, after: GaussMarkov| {
+        let text = |w: GaussMarkov| match w.sigma {
+            0.0 => "none".into(),
+            sigma => format!("{} {unit} for {} s", significant(sigma, 2), significant(w.tau_s, 2)),
+        };
+        DisturbanceRow { what, before: text(before), after: text(after) }
+    };
+    vec![
+        row("horizontal force", "m/s²", b.force, a.force),
+        row("vertical force", "m/s²", b.lift, a.lift),
+        row("torque on roll and pitch", "rad/s²", b.torque, a.torque),
+        row("torque on yaw", "rad/s²", b.turn, a.turn),
+        row("marker position", "m", b.marker, a.marker),
+    ]
+}
+
+#[derive(Serialize)]
+pub(super) struct UndetectableEffect {
+    name: &'static str,
+    about: &'static str,
+    param: &'static str,
+    stderr: String,
+    range: String,
+}
+
+/// Effects that the flights could not have shown, by what the filter's slopes say.
+pub(super) fn hidden(found: &Explanation) -> Vec<UndetectableEffect> {
+    let undetectable = |(name, stderr): (&'static str, f64)| {
+        let (entry, param) = estimated_param(name)?;
+        let range = format!("{} to {}{}", param.low, param.high, unit(param.unit));
+        let stderr = format!("{}{}", significant(stderr, 2), unit(param.unit));
+        Some(UndetectableEffect { name, about: entry.about, param: param.name, stderr, range })
+    };
+    not_excited(found).filter(|(_, stderr)| stderr.is_finite()).filter_map(undetectable).collect()
+}
+
+/// Effects without a slope at "off", such as a delay: only trial fits spoke for or against them.
+pub(super) fn sloped_nowhere(found: &Explanation) -> String {
+    let names: Vec<&str> = not_excited(found).filter(|(_, stderr)| !stderr.is_finite()).map(|(name, _)| name).collect();
+    join_words(&names, "and")
+}
+
+/// Effects that the flights did not excite. Named effects are left out, whatever the first step of the search found.
+pub(super) fn not_excited(found: &Explanation) -> impl Iterator<Item = (&'static str, f64)> {
+    found.not_excited.iter().copied().filter(|(name, _)| found.effects.iter().flat_map(Finding::all).all(|e| e.name != *name))
+}
+
+/// The parameter that a standard error is of: the first that is estimated.
+pub(super) fn estimated_param(name: &str) -> Option<(&'static Entry, &'static Param)> {
+    let entry = entry(name)?;
+    Some((entry, entry.params.iter().find(|p| p.role == Role::Free)?))
+}
+
+#[derive(Serialize)]
+pub(super) struct Recording {
+    file: String,
+    role: &'static str,
+    format: String,
+    duration: String,
+    noise: String,
+    notes: Vec<String>,
+}
+
+pub(super) fn logs(run: &Run) -> Vec<Recording> {
+    let recording = |role: &'static str| {
+        move |(source, flight): (&FlightSource, &Flight)| Recording {
+            file: flight.name.clone(),
+            role,
+            format: source.log.provenance.title().to_owned(),
+            duration: format!("{} s", number(flight.ticks as f64 * flight.tick_s, 1)),
+            noise: noise(flight),
+            notes: source.log.notes.iter().map(ToString::to_string).collect(),
+        }
+    };
+    run.fit.with_sources().map(recording("fit")).chain(run.test.with_sources().map(recording("test"))).collect()
+}
+
+fn noise(flight: &Flight) -> String {
+    let three = |values: [f64; 3], one: f64| values.map(|v| significant(v / one, 2)).join(", ");
+    let angles = three(flight.noise.att_rad, 1.0_f64.to_radians());
+    format!("x, y, z {} mm; roll, pitch, yaw {angles} deg", three(flight.noise.pos_m, 1e-3))
+}
+
+#[derive(Serialize)]
+pub(super) struct WhiteRow {
+    channel: &'static str,
+    before: String,
+    after: String,
+    size_before: String,
+    size_after: String,
+}
+
+pub(super) fn whiteness(white: &WhitenessFigure) -> Vec<WhiteRow> {
+    let row = |(at, before, after): &(usize, super::series::Whiteness, super::series::Whiteness)| WhiteRow {
+        channel: channel(*at).0,
+        before: number(before.beyond_percent, 0),
+        after: number(after.beyond_percent, 0),
+        size_before: number(before.size, 2),
+        size_after: number(after.size, 2),
+    };
+    white.rows.iter().map(row).collect()
+}

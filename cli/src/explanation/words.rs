@@ -1,0 +1,176 @@
+//! Numbers with their uncertainty, and findings in sentences.
+
+use crazyflie_env::effects::{Entry, registry};
+use crazyflie_identify::explain::verdict::{EffectParameterEstimate, Explanation, Finding, Leftover, Verdict};
+
+use super::Run;
+use crate::text::number;
+
+/// A number with so many significant digits, without an exponent where that reads well.
+pub(crate) fn significant(value: f64, digits: i32) -> String {
+    if !value.is_finite() {
+        return "-".into();
+    }
+    if value == 0.0 {
+        return "0".into();
+    }
+    let size = value.abs().log10().floor() as i32;
+    if !(-5..7).contains(&size) {
+        return format!("{value:.*e}", (digits - 1).max(0) as usize);
+    }
+    number(value, (digits - 1 - size).max(0) as usize)
+}
+
+/// Value and standard error, both to the second digit of the error.
+pub(crate) fn with_error(value: f64, stderr: f64) -> String {
+    if !(stderr.is_finite() && stderr > 0.0) {
+        return significant(value, 4);
+    }
+    let decimals = (1 - stderr.log10().floor() as i32).clamp(0, 7) as usize;
+    format!("{} ± {}", number(value, decimals), number(stderr, decimals))
+}
+
+/// The interval that holds the true value in 95 of 100 such flights.
+pub(crate) fn interval(estimate: &EffectParameterEstimate) -> String {
+    if !(estimate.stderr.is_finite() && estimate.stderr > 0.0) {
+        return "unknown".into();
+    }
+    let decimals = (1 - estimate.stderr.log10().floor() as i32).clamp(0, 7) as usize;
+    let bound = |by: f64| number(estimate.value + by * estimate.stderr, decimals);
+    format!("{} to {}", bound(-1.96), bound(1.96))
+}
+
+/// A unit as it follows a number; ratios have none.
+pub(crate) fn unit(unit: &str) -> String {
+    if unit == "1" { String::new() } else { format!(" {unit}") }
+}
+
+pub(crate) fn estimate(e: &EffectParameterEstimate) -> String {
+    // most effects are off at zero, and an effect that the model lacks is off
+    let declared =
+        if e.declared == 0.0 || e.declared == 1.0 { String::new() } else { format!(" (declared {})", significant(e.declared, 3)) };
+    format!("{} {}{}{declared}", e.name, with_error(e.value, e.stderr), unit(e.unit))
+}
+
+/// Words joined as in a sentence.
+pub(crate) fn join_words<S: AsRef<str>>(words: &[S], last: &str) -> String {
+    match words {
+        [] => String::new(),
+        [only] => only.as_ref().into(),
+        [first @ .., end] => {
+            let first: Vec<&str> = first.iter().map(AsRef::as_ref).collect();
+            format!("{} {last} {}", first.join(", "), end.as_ref())
+        }
+    }
+}
+
+pub(crate) fn confusable(effect: &Finding) -> String {
+    join_words(&effect.confusable_with, "or")
+}
+
+/// An effect with its values, and what else it may be.
+fn effect_phrase(effect: &Finding) -> String {
+    let values: Vec<String> = effect.params.iter().map(estimate).collect();
+    let or = if effect.confusable_with.is_empty() { String::new() } else { format!(", or {} instead", confusable(effect)) };
+    format!("{} ({}{or})", effect.name, values.join(", "))
+}
+
+/// Sums of numbers of the model and of the effects that add to them: path, sum, standard error of the effect, unit.
+pub(crate) fn totals(run: &Run) -> Vec<(&'static str, f64, f64, &'static str)> {
+    let named = || run.found.effects.iter().chain(&run.found.partial).flat_map(Finding::all);
+    let total = |entry: &Entry| {
+        let path = entry.model_number?;
+        let declared = run.model.parameter(path).ok().filter(|value| *value != 0.0)?;
+        let effect = named().find(|e| e.name == entry.name)?;
+        let added = effect.params.iter().find(|p| p.name == entry.params[0].name && p.declared == 0.0)?;
+        Some((path, declared + added.value, added.stderr, added.unit))
+    };
+    registry().iter().filter_map(total).collect()
+}
+
+/// The same in words.
+pub(crate) fn total_lines(run: &Run) -> Vec<String> {
+    let line = |(path, value, stderr, unit): (&str, f64, f64, &str)| {
+        format!("{path}, what the model declares included: {} {unit}", with_error(value, stderr))
+    };
+    totals(run).into_iter().map(line).collect()
+}
+
+/// The verdict in one sentence.
+pub(crate) fn sentence(found: &Explanation) -> String {
+    let names = |effects: &[Finding]| join_words(&effects.iter().flat_map(Finding::all).map(effect_phrase).collect::<Vec<_>>(), "and");
+    let (effects, partial) = (names(&found.effects), names(&found.partial));
+    let left = findings(found).first().map_or_else(String::new, |l| format!(" ({}: {})", l.signal, l.finding));
+    let besides = if partial.is_empty() {
+        String::new()
+    } else {
+        format!(" These lower the errors on the test flights but do not account for it: {partial}.")
+    };
+    match found.verdict {
+        Verdict::NotDecidable if found.foreign => {
+            "Not decidable: the numbers of the declared model are not this vehicle's, and beside its own no effect stands out.".into()
+        }
+        Verdict::NotDecidable if !found.withdrawn.is_empty() => format!(
+            "Not decidable: {} would lower the errors on the flights of the fit and raise one on the test flights. The model stays as declared.",
+            join_words(&found.withdrawn, "and")
+        ),
+        Verdict::Explained => format!("Explained: the declared model lacks {effects}."),
+        Verdict::NothingMissing => "Nothing is missing: the declared model accounts for these flights.".into(),
+        Verdict::NotDecidable => "Not decidable: something is missing, but these flights do not tell which effect it is.".into(),
+        Verdict::PartlyExplained => {
+            format!("Explained in part: the declared model lacks {effects}. Structure is left that no effect accounts for{left}.{besides}")
+        }
+        Verdict::Unexplained => {
+            let learned =
+                if found.learned { " A term learned from the residual, which names no cause, is in the completed model." } else { "" };
+            format!("Unexplained: the flights hold a structure that no effect of the library accounts for{left}.{besides}{learned}")
+        }
+    }
+}
+
+/// Leftovers that are too strong to be chance.
+pub(crate) fn findings(found: &Explanation) -> Vec<&Leftover> {
+    found.leftover.iter().filter(|l| l.is_structure()).collect()
+}
+
+/// Change of an error in percent; below zero is better.
+pub(crate) fn change_percent(before: f64, after: f64) -> Option<f64> {
+    let change = 100.0 * (after / before - 1.0);
+    change.is_finite().then_some(change)
+}
+
+/// Accuracy of the closed-loop prediction, in words.
+pub(crate) fn closed_loop_line(run: &super::Run) -> Option<String> {
+    let (controller, [before, after]) = run.closed_loop?;
+    let cm = |m: f64| significant(100.0 * m, 3);
+    Some(format!(
+        "Closed loop: the {} along the set-points of the test flights comes within {} cm of where they were flown on the declared model, {} cm on \
+         the completed one (the set-points themselves: {} cm); its tracking error is predicted as {} and {} cm, it was {} cm",
+        controller.name(),
+        cm(before.predicted_m),
+        cm(after.predicted_m),
+        cm(before.measured_tracking_m),
+        cm(before.predicted_tracking_m),
+        cm(after.predicted_tracking_m),
+        cm(before.measured_tracking_m),
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_show_what_is_known_of_them() {
+        assert_eq!(with_error(0.374_21, 0.004_13), "0.3742 ± 0.0041");
+        assert_eq!(with_error(39_342.0, 12.0), "39342 ± 12");
+        assert_eq!(with_error(0.5, f64::INFINITY), "0.5000");
+        assert_eq!([significant(0.012_34, 3), significant(123.4, 3), significant(0.0, 3)], ["0.0123", "123", "0"]);
+        assert_eq!(significant(f64::NAN, 3), "-");
+    }
+
+    #[test]
+    fn lists_read_as_sentences() {
+        assert_eq!([join_words(&["a"], "or"), join_words(&["a", "b", "c"], "or")], ["a", "a, b or c"]);
+    }
+}

@@ -1,0 +1,106 @@
+"""Backends and controllers from keyword arguments."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from gymnasium.vector import AutoresetMode
+
+from crazyflie_gym import remote as remote_module
+from crazyflie_gym._native import Controller, Crowd, Sim, check_model, model_text, tasks
+from crazyflie_gym.backend import RemoteBackend
+from crazyflie_gym.options import Model, model_sources, native_autoreset, to_json
+
+
+def make_backend(
+    num_envs: int,
+    *,
+    task: str,
+    model: Model | Sequence[Model],
+    vertical: str | None,
+    effects: Mapping[str, Any] | None,
+    task_options: Mapping[str, Any] | None,
+    physics_hz: int | None,
+    drones: int | None,
+    neighbours: Mapping[str, Any] | None,
+    each: Sequence[Mapping[str, Any]] | None,
+    radius_m: float | None,
+    threads: int,
+    isa: str | None,
+    autoreset: AutoresetMode,
+    max_episode_steps: int,
+    remote: str | None,
+    remote_client: str,
+    states: bool,
+) -> Sim | RemoteBackend:
+    """Return the simulation that the arguments of an environment ask for; `states` will be read every step.
+
+    Raises:
+        ValueError: naming the argument that is wrong, with a proposal where a name is unknown.
+        FileNotFoundError: if there is no such model file.
+        TypeError: for a number of environments that is not an integer, and a model of a strange type.
+        ConnectionError: if no server answers at `remote`.
+    """
+    models = model_sources(model)
+    for text, name in models:
+        if text is not None:
+            try:
+                check_model(text)
+            except ValueError as error:
+                raise ValueError(f"{name}: {error}") from None
+    options = to_json(
+        task=task,
+        task_options=task_options,
+        vertical=vertical,
+        effects=effects,
+        physics_hz=physics_hz,
+        drones=drones,
+        neighbours=neighbours,
+        each=None if each is None else list(each),
+        radius_m=radius_m,
+        threads=threads,
+        isa=isa,
+        autoreset=native_autoreset(autoreset),
+        max_episode_steps=max_episode_steps,
+    )
+    if remote is None:
+        texts = [model_text() if text is None else text for text, _ in models]
+        return Sim(num_envs, options, texts)
+    if len(models) > 1:
+        raise ValueError(f"model: expected one for all drones where a server simulates, got {len(models)}")
+    return remote_module.make(remote, remote_client, num_envs, options, models[0][0], states)
+
+
+def episode_steps(task: str, max_episode_steps: int | None) -> int:
+    """Return the length of an episode as the simulator takes it, 0 for no end: as given, or the task's own."""
+    if max_episode_steps is None:
+        return next((entry["max_episode_steps"] for entry in tasks() if entry["name"] == task), 0)
+    return 0 if max_episode_steps == -1 else max_episode_steps
+
+
+def make_controller(
+    name: str,
+    sim: Sim | RemoteBackend,
+    model: Model | Sequence[Model],
+    mode: str,
+    avoid: bool | Mapping[str, float],
+    options: Mapping[str, Any],
+) -> Controller | Crowd:
+    """Return the controller of that name for a simulation; it believes in `model`.
+
+    Raises:
+        ValueError: naming the controller, option or mode that is wrong, with a proposal where a name is unknown.
+    """
+    options_json = to_json(**options) if options else "null"
+    if not sim.has_drone_axis:
+        return Controller(
+            name, sim.num_envs, sim.interface, options=options_json, model=model_sources(model)[0][0], mode=mode
+        )
+    if mode != "automatic":
+        raise ValueError(f'mode is {mode!r}, expected "automatic": several drones begin in the air')
+    if not isinstance(sim, Sim):
+        raise ValueError("controllers of several drones fly in this process, not on a server")
+    layer = None if avoid is False else json.dumps({} if avoid is True else dict(avoid))
+    return Crowd(name, sim, options=options_json, avoid=layer)

@@ -1,0 +1,123 @@
+//! A client of the protocol: one request at a time, in JSON.
+
+use std::time::Duration;
+
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+use tokio_tungstenite::tungstenite::{self, Message, WebSocket};
+
+use crate::connect::{ByteStream, ConnectError, ServerConnection, connect};
+
+/// Time to wait for a reply. Scoring an attempt and a tick of a shared world take a part of it.
+const REPLY_TIMEOUT: Duration = Duration::from_secs(60);
+/// Size of the read buffer. A step's reply as JSON takes about 12 kB.
+const REPLY_BYTES: usize = 32 << 10;
+
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    // it is not repeated: a password may be in it
+    #[error("the server's URL: expected ws://host:port or wss://host:port, without a user")]
+    Url,
+    #[error("{url}: {problem}")]
+    Connect { url: String, problem: ConnectError },
+    #[error("{url}: the connection was lost: {problem}")]
+    Lost { url: String, problem: tungstenite::Error },
+    #[error("{url}: the server closed the connection{why}")]
+    Closed { url: String, why: String },
+    /// An error reply, in the server's words.
+    #[error("{message}")]
+    Refused { code: String, message: String },
+    #[error("{url} answers in a way that the protocol does not know: {problem}")]
+    Unexpected { url: String, problem: String },
+    #[error(transparent)]
+    Env(#[from] crazyflie_env::Error),
+}
+
+/// Fields that every reply has, and those of an error.
+#[derive(Debug, Deserialize)]
+struct ReplyHeader {
+    id: Option<u64>,
+    code: Option<String>,
+    message: Option<String>,
+}
+
+/// A connection to a server.
+pub struct Client {
+    ws: WebSocket<Box<dyn ByteStream>>,
+    url: String,
+    id: u64,
+}
+
+impl Client {
+    /// # Errors
+    /// [`Error::Url`] and [`Error::Connect`].
+    pub fn open(url: &str) -> Result<Client, Error> {
+        let url = server_url(url)?;
+        let ServerConnection { ws, tcp } = connect(&url, REPLY_BYTES).map_err(|problem| Error::Connect { url: url.clone(), problem })?;
+        let limit = tcp.set_read_timeout(Some(REPLY_TIMEOUT)).and_then(|()| tcp.set_write_timeout(Some(REPLY_TIMEOUT)));
+        limit.map_err(|e| Error::Connect { url: url.clone(), problem: e.into() })?;
+        Ok(Client { ws, url, id: 0 })
+    }
+
+    /// Sends a request and waits for its reply.
+    ///
+    /// # Errors
+    /// [`Error`] of most kinds.
+    pub fn request<T: DeserializeOwned>(&mut self, kind: &str, mut message: Value) -> Result<T, Error> {
+        self.id += 1;
+        message["id"] = self.id.into();
+        message["type"] = kind.into();
+        let sent = self.ws.send(Message::text(message.to_string()));
+        // the last reply of the server explains it better than a broken pipe
+        let reply = self.read_text().map_err(|error| match (sent, error) {
+            (Err(problem), Error::Lost { url, .. }) => Error::Lost { url, problem },
+            (_, error) => error,
+        })?;
+        let ReplyHeader { id, code, message } = serde_json::from_str(&reply).map_err(|e| self.unexpected(e))?;
+        match (code, message) {
+            (Some(code), Some(message)) => Err(Error::Refused { code, message }),
+            _ if id == Some(self.id) => serde_json::from_str(&reply).map_err(|e| self.unexpected(e)),
+            _ => Err(self.unexpected(format!("a reply with the id {id:?}, expected {}", self.id))),
+        }
+    }
+
+    /// The next text message.
+    fn read_text(&mut self) -> Result<tungstenite::Utf8Bytes, Error> {
+        loop {
+            match self.ws.read() {
+                Ok(Message::Text(text)) => return Ok(text),
+                Ok(Message::Binary(_)) => return Err(self.unexpected("a binary message")),
+                Ok(Message::Close(frame)) => {
+                    let why = frame.map_or(String::new(), |frame| format!(": {} (close code {})", frame.reason, u16::from(frame.code)));
+                    return Err(Error::Closed { url: self.url.clone(), why });
+                }
+                Ok(_) => {}
+                Err(problem) => return Err(Error::Lost { url: self.url.clone(), problem }),
+            }
+        }
+    }
+
+    /// An error for a reply that does not fit the protocol.
+    pub fn unexpected(&self, problem: impl ToString) -> Error {
+        Error::Unexpected { url: self.url.clone(), problem: problem.to_string() }
+    }
+}
+
+impl Drop for Client {
+    fn drop(&mut self) {
+        // there is nobody to tell of a goodbye that fails
+        let _ = self.ws.close(None).and_then(|()| self.ws.flush());
+    }
+}
+
+/// The URL, with the default path if it names none. URLs with a user are refused: they would get into logs.
+fn server_url(url: &str) -> Result<String, Error> {
+    let uri: tungstenite::http::Uri = url.parse().map_err(|_| Error::Url)?;
+    let authority = uri.authority().filter(|a| !a.as_str().contains('@')).ok_or(Error::Url)?;
+    match (uri.scheme_str(), uri.path()) {
+        (Some(scheme @ ("ws" | "wss")), "" | "/") => Ok(format!("{scheme}://{authority}/ws")),
+        (Some("ws" | "wss"), _) => Ok(url.into()),
+        _ => Err(Error::Url),
+    }
+}

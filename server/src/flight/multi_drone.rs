@@ -1,0 +1,125 @@
+//! Closed-loop flights of several drones that share the air.
+
+use crazyflie_control::avoidance::CollisionAvoidance;
+use crazyflie_control::{ControllerContext, Mode, MultiController};
+use crazyflie_env::Error;
+use crazyflie_env::observation::{ACTION, Interface};
+use crazyflie_env::vector::{METRICS, STATE, StepBuffers, VectorEnv};
+use crazyflie_picture::{PALETTE, Panel, Path3, PictureError, Series, Style, chart, path3d};
+
+use super::{FlightEnd, Setup, Trace, options, row};
+use crate::frames::separations_m;
+
+/// One flight of several drones, each until it flew no more.
+#[derive(Debug, Clone)]
+pub struct MultiDroneTrace {
+    pub drones: Vec<Trace>,
+    /// Of the whole flight, in the order of [`METRICS`].
+    pub metrics: [f32; METRICS.len()],
+}
+
+impl MultiDroneTrace {
+    pub fn metric(&self, name: &str) -> f32 {
+        METRICS.iter().zip(self.metrics).find(|((known, ..), _)| *known == name).map_or(f32::NAN, |(_, value)| value)
+    }
+
+    /// Distance of a drone from where it should be, at each of its rows.
+    pub fn errors_m(&self, drone: usize) -> Vec<f64> {
+        self.drones[drone].rows.iter().map(super::TraceRow::error_m).collect()
+    }
+}
+
+/// Drones as they are asked for, and whether a layer keeps them apart.
+#[derive(Debug, Clone, Copy)]
+pub struct MultiDroneSetup {
+    /// 0 for the task's own number.
+    pub drones: usize,
+    pub avoid: bool,
+}
+
+/// Flies the setup once per seed, every drone by its controller.
+pub fn fly_multi_drone(setup: &Setup, multi_drone: MultiDroneSetup, seeds: &[u64]) -> Result<Vec<MultiDroneTrace>, Error> {
+    let options = options(setup, multi_drone.drones)?;
+    let mut env = VectorEnv::new(std::slice::from_ref(&setup.model), &options, seeds.len())?;
+    let (tick_s, n, width) = (env.tick_s(), env.num_drones(), env.width());
+    let pilot = |interface: &Interface| {
+        let (interface, envs) = (*interface, seeds.len());
+        setup.controller.build(&ControllerContext { model: &setup.model, interface, tick_s, envs, mode: Mode::Automatic })
+    };
+    let controllers = env.interfaces().iter().map(pilot).collect::<Result<_, _>>()?;
+    let mut crowd = MultiController::new(controllers, seeds.len(), multi_drone.avoid.then(CollisionAvoidance::default), tick_s)?;
+    let all = seeds.len() * n;
+    let mut observations = vec![0.0; all * width];
+    let (mut actions, mut states, mut metrics) = (vec![0.0; all * ACTION], vec![0.0; all * STATE], vec![0.0; seeds.len() * METRICS.len()]);
+    let (mut rewards, [mut terminated, mut truncated, mut flying]) = (vec![0.0; all], [(); 3].map(|()| vec![true; all]));
+    let trace = |interface: &Interface| Trace { tick_s, interface: *interface, rows: Vec::new(), end: FlightEnd::Time };
+    let flight = MultiDroneTrace { drones: env.interfaces().iter().map(trace).collect(), metrics: [0.0; METRICS.len()] };
+    let mut flights = vec![flight; seeds.len()];
+    let mut over = vec![false; all];
+    env.reset(Some(seeds), None, &mut observations)?;
+    let ticks = (setup.seconds / tick_s).round() as usize;
+    for tick in 0..=ticks {
+        crowd.act(&observations, &mut actions)?;
+        env.states(&mut states)?;
+        let traces = flights.iter_mut().flat_map(|flight| &mut flight.drones);
+        for (i, (trace, over)) in traces.zip(&mut over).enumerate().filter(|(_, (_, over))| !**over) {
+            trace.rows.push(row(i, width, &observations, &states, &actions));
+            *over = !flying[i];
+        }
+        if tick == ticks || over.iter().all(|over| *over) {
+            break;
+        }
+        let aloft: Vec<bool> = over.chunks(n).map(|over| over.contains(&false)).collect();
+        let out = StepBuffers {
+            observations: &mut observations,
+            rewards: &mut rewards,
+            terminated: &mut terminated,
+            truncated: &mut truncated,
+            flying: &mut flying,
+            metrics: &mut metrics,
+        };
+        env.step(&actions, out)?;
+        let rows = metrics.as_chunks::<{ METRICS.len() }>().0;
+        for ((flight, row), _) in flights.iter_mut().zip(rows).zip(&aloft).filter(|(_, aloft)| **aloft) {
+            flight.metrics = *row;
+        }
+    }
+    Ok(flights)
+}
+
+/// Heights, distances from where each should be, and distances to the nearest other one, over time.
+pub fn multi_drone_picture(flight: &MultiDroneTrace, title: &str) -> Result<String, PictureError> {
+    let longest = flight.drones.iter().max_by_key(|trace| trace.rows.len());
+    let t_s: Vec<f64> = longest.map_or_else(Vec::new, |trace| (0..trace.rows.len()).map(|row| trace.t_s(row)).collect());
+    let names: Vec<String> = (0..flight.drones.len()).map(|drone| format!("drone {drone}")).collect();
+    let heights: Vec<Vec<f64>> = flight.drones.iter().map(|trace| trace.state(2)).collect();
+    let errors: Vec<Vec<f64>> = (0..names.len()).map(|drone| flight.errors_m(drone)).collect();
+    let mut apart = vec![Vec::new(); names.len()];
+    for moment in 0..t_s.len() {
+        let flying: Vec<bool> = flight.drones.iter().map(|trace| moment < trace.rows.len()).collect();
+        let state = |trace: &Trace| trace.rows.get(moment).map_or([0.0; STATE], |row| row.state);
+        let states: Vec<f32> = flight.drones.iter().flat_map(state).collect();
+        for (apart, separation_m) in apart.iter_mut().zip(separations_m(&states, &flying)).filter(|(_, s)| s.is_finite()) {
+            apart.push(f64::from(separation_m));
+        }
+    }
+    let drawn = [("height (m)", &heights), ("from its set-point (m)", &errors), ("to the nearest other (m)", &apart)];
+    let mut panels = Vec::new();
+    for (y_label, all) in drawn {
+        let lines = all.iter().zip(&names).zip(PALETTE.iter().cycle());
+        let series = lines.map(|((y, label), color)| Series { label, x: &t_s[..y.len()], y, style: Style::Solid, color: *color });
+        panels.push(Panel { x_label: "time (s)", y_label, series: series.collect(), ..Panel::default() });
+    }
+    chart(&panels, 1, title)
+}
+
+/// The ways through space.
+pub fn multi_drone_path(flight: &MultiDroneTrace, title: &str) -> Result<String, PictureError> {
+    let flown = |trace: &Trace| trace.rows.iter().map(|row| [0, 1, 2].map(|i| f64::from(row.state[i]))).collect::<Vec<_>>();
+    let ways: Vec<Vec<[f64; 3]>> = flight.drones.iter().map(flown).collect();
+    let names: Vec<String> = (0..ways.len()).map(|drone| format!("drone {drone}")).collect();
+    let paths = ways.iter().zip(&names).zip(PALETTE.iter().cycle());
+    let paths: Vec<Path3<'_>> =
+        paths.map(|((points_m, label), color)| Path3 { label, points_m, style: Style::Solid, color: *color }).collect();
+    path3d(&paths, title)
+}

@@ -1,0 +1,131 @@
+//! An attempt at a benchmark over a connection: all its episodes in lock-step, and the signed row at the end. Score, clock and seeds stay with
+//! the server. A connection that is lost before `finish` leaves an attempt that is listed as abandoned.
+
+use std::sync::Arc;
+
+use crazyflie_env::observation::ACTION;
+use crazyflie_env::vector::StepBuffers;
+use serde_json::Value;
+use tokio::task::block_in_place;
+
+use super::protocol::{Actions, Benchmark, Step};
+use super::protocol_error::{Code, ProtocolError};
+use super::replies::Reply;
+use super::response::{AttemptInfo, Numbers, Response, Rows, StepResult};
+use super::session_requests::json_reply;
+use super::wire::{BinaryRequest, FrameHeader, FrameKind, ReplyFrame};
+use crate::bench::{Attempt, AttemptSpec, Bench, Submitter, api};
+
+pub(crate) struct AttemptSession {
+    bench: Bench,
+    /// On the heap: thousands of connections may idle without one.
+    attempt: Box<Attempt>,
+    /// The last episode has ended.
+    over: bool,
+    ticks: u64,
+    actions: Vec<f32>,
+    terminated: Vec<bool>,
+    truncated: Vec<bool>,
+}
+
+impl AttemptSession {
+    /// Begins an attempt. The reply has the action ranges and the first observations.
+    ///
+    /// # Errors
+    /// Of the benchmark: its scenario, its token, its limits.
+    pub(crate) fn begin(bench: &Bench, id: u64, request: &Benchmark) -> Result<(Self, Reply), ProtocolError> {
+        let attempt = Box::new(block_in_place(|| bench.begin(&request.scenario, Submitter::Token(&request.token), &request.controller))?);
+        let envs = attempt.rows()?;
+        let session = AttemptSession {
+            bench: bench.clone(),
+            attempt,
+            over: false,
+            ticks: 0,
+            actions: Vec::with_capacity(envs * ACTION),
+            terminated: vec![false; envs],
+            truncated: vec![false; envs],
+        };
+        let (attempt, scenario) = (&session.attempt, session.attempt.scenario());
+        let AttemptSpec { interface, tick_s, drones, .. } = attempt.spec()?;
+        let reply = json_reply(&Response::Begun(Box::new(AttemptInfo {
+            id,
+            attempt: attempt.id(),
+            scenario: scenario.id(),
+            scenario_hash: scenario.hash(),
+            num_envs: envs,
+            drones,
+            width: attempt.width()?,
+            tick_s,
+            interface,
+            phases: scenario.planned_phases(),
+            observation: Rows { numbers: attempt.observations()?, width: attempt.width()? },
+        })));
+        Ok((session, reply))
+    }
+
+    /// # Errors
+    /// Before anything moves.
+    pub(crate) fn binary(&mut self, request: &BinaryRequest<'_>) -> Result<Reply, ProtocolError> {
+        if request.kind != FrameKind::Step || request.steps != 1 || request.states {
+            return Err(ProtocolError::new(Code::BadFrame, "in an attempt: a step (kind 2) of K = 1, without true states"));
+        }
+        request.actions(&mut self.actions);
+        let mut frame = self.step_once()?;
+        frame.flags(&[&self.terminated, &self.truncated]);
+        let envs = self.terminated.len();
+        frame.head(
+            request.id,
+            FrameHeader { kind: FrameKind::Step, states: false, over: self.over, steps: 1, envs, finals: 0, ticks: self.ticks },
+        );
+        Ok(Reply::Binary(Arc::new(frame)))
+    }
+
+    /// # Errors
+    /// Before anything moves.
+    pub(crate) fn step(&mut self, id: u64, request: &Step) -> Result<Reply, ProtocolError> {
+        if request.states {
+            return Err(ProtocolError::new(Code::BadMessage, "an attempt does not tell true states"));
+        }
+        self.actions.clear();
+        match &request.action {
+            Actions::One(row) => self.actions.extend(row),
+            Actions::Many(rows) => self.actions.extend(rows.iter().flatten()),
+        }
+        let frame = self.step_once()?;
+        let width = self.attempt.width()?;
+        let (rows, rewards) = frame.numbers().split_at(self.terminated.len() * width);
+        Ok(json_reply(&Response::Result(Box::new(StepResult {
+            id,
+            observation: Rows { numbers: rows, width },
+            reward: Numbers(rewards),
+            terminated: &self.terminated,
+            truncated: &self.truncated,
+            state: None,
+            finals: Vec::new(),
+            flying: None,
+            metrics: None,
+            over: Some(self.over),
+        }))))
+    }
+
+    fn step_once(&mut self) -> Result<ReplyFrame, ProtocolError> {
+        let (envs, width) = (self.terminated.len(), self.attempt.width()?);
+        let mut frame = ReplyFrame::new(Vec::new(), envs * (width + 1));
+        let (observations, rewards) = frame.numbers_mut().split_at_mut(envs * width);
+        let out = StepBuffers::new(observations, rewards, &mut self.terminated, &mut self.truncated);
+        self.over = self.attempt.step(&self.actions, out)?;
+        self.ticks += 1;
+        Ok(frame)
+    }
+
+    /// Scores, signs and stores; the answer comes when the row is on the disk.
+    ///
+    /// # Errors
+    /// `attempt_under_way` before the last episode is over: the attempt is then abandoned.
+    pub(crate) fn finish(self, id: u64) -> Result<Reply, ProtocolError> {
+        let AttemptSession { bench, attempt, .. } = self;
+        let stored = block_in_place(|| attempt.finish().and_then(|document| api::attempt(&bench, &document.id)))?;
+        let attempt: Value = serde_json::from_slice(&stored.bytes).map_err(|e| ProtocolError::new(Code::Unavailable, e.to_string()))?;
+        Ok(json_reply(&Response::Finished { id, attempt }))
+    }
+}

@@ -1,0 +1,125 @@
+//! Routes `/api/v1/...` of the benchmark. Replays and verification simulate flights again, so they run on a thread where nothing else waits,
+//! and few at a time.
+
+use std::sync::Arc;
+
+use axum::extract::{Path, Query, State};
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use axum::routing::get;
+use axum::{Json, Router};
+use serde::Deserialize;
+use serde_json::json;
+use tokio::task::spawn_blocking;
+use tracing::error;
+
+use super::server::Server;
+use crate::bench::api::{self, ApiBody};
+use crate::bench::{Bench, Error, Result};
+
+/// Flights that are simulated again for watchers, at a time.
+pub(crate) const FLIGHTS_AT_ONCE: usize = 2;
+
+/// Query parameters of all routes.
+#[derive(Deserialize)]
+struct AttemptQuery {
+    scenario: Option<String>,
+    #[serde(default)]
+    episode: usize,
+    #[serde(default)]
+    drone: usize,
+}
+
+pub(crate) fn routes() -> Router<Arc<Server>> {
+    Router::new()
+        .route("/scenarios", get(|State(s): State<Arc<Server>>| answer(s, api::scenarios)))
+        .route("/leaderboard", get(leaderboard))
+        .route(
+            "/attempts",
+            get(|State(s): State<Arc<Server>>, Query(query): Query<AttemptQuery>| {
+                answer(s, move |b| api::attempts(b, query.scenario.as_deref()))
+            }),
+        )
+        .route("/attempts/{id}", get(|State(s): State<Arc<Server>>, Path(id): Path<String>| answer(s, move |b| api::attempt(b, &id))))
+        .route("/attempts/{id}/replay", get(replay))
+        .route("/attempts/{id}/log.csv", get(log_csv))
+        .route("/attempts/{id}/actions.bin", get(actions))
+        .route(
+            "/attempts/{id}/verify",
+            get(|State(s): State<Arc<Server>>, Path(id): Path<String>| answer_after_simulation(s, move |b| api::verification(b, &id))),
+        )
+        .route("/key", get(|State(s): State<Arc<Server>>| answer(s, api::key)))
+}
+
+async fn leaderboard(State(server): State<Arc<Server>>, Query(query): Query<AttemptQuery>) -> Response {
+    let Some(scenario) = query.scenario else {
+        return error_response(StatusCode::BAD_REQUEST, "bad_message", "expected ?scenario=ID");
+    };
+    answer(server, move |bench| api::leaderboard(bench, &scenario)).await
+}
+
+async fn replay(State(server): State<Arc<Server>>, Path(id): Path<String>, Query(query): Query<AttemptQuery>) -> Response {
+    answer_after_simulation(server, move |bench| api::replay(bench, &id, query.episode)).await
+}
+
+async fn log_csv(State(server): State<Arc<Server>>, Path(id): Path<String>, Query(query): Query<AttemptQuery>) -> Response {
+    let drone = if query.drone == 0 { String::new() } else { format!("-drone-{}", query.drone) };
+    let name = format!("{id}-episode-{}{drone}.csv", query.episode);
+    as_attachment(&name, answer_after_simulation(server, move |bench| api::log_csv(bench, &id, query.episode, query.drone)).await)
+}
+
+async fn actions(State(server): State<Arc<Server>>, Path(id): Path<String>) -> Response {
+    let name = format!("{id}-actions.bin");
+    as_attachment(&name, answer(server, move |bench| api::actions(bench, &id)).await)
+}
+
+/// An answer that needs a simulation: it waits for its turn.
+async fn answer_after_simulation(server: Arc<Server>, ask: impl FnOnce(&Bench) -> Result<ApiBody> + Send + 'static) -> Response {
+    let Ok(_turn) = server.flights.clone().acquire_owned().await else {
+        return error_response(StatusCode::SERVICE_UNAVAILABLE, "unavailable", "the server stops");
+    };
+    answer(server, ask).await
+}
+
+async fn answer(server: Arc<Server>, ask: impl FnOnce(&Bench) -> Result<ApiBody> + Send + 'static) -> Response {
+    let Some(bench) = server.bench.clone() else {
+        return error_response(StatusCode::NOT_FOUND, "unavailable", "this server has no benchmark");
+    };
+    match spawn_blocking(move || ask(&bench)).await {
+        Ok(Ok(json_body)) => {
+            ([(header::CONTENT_TYPE, json_body.content_type), (header::CACHE_CONTROL, "no-store")], json_body.bytes).into_response()
+        }
+        Ok(Err(problem)) => bench_error_response(&problem),
+        Err(bug) => {
+            error!(%bug, "the benchmark broke");
+            error_response(StatusCode::INTERNAL_SERVER_ERROR, "internal", "a bug; the server's log says more")
+        }
+    }
+}
+
+fn bench_error_response(problem: &Error) -> Response {
+    let status = StatusCode::from_u16(problem.status()).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
+    if status.is_server_error() {
+        error!(%problem, "the benchmark failed");
+    }
+    let mut response = error_response(status, problem.code(), &problem.to_string());
+    if let Some(seconds) = problem.retry_after_s() {
+        response.headers_mut().insert(header::RETRY_AFTER, seconds.into());
+    }
+    response
+}
+
+pub(crate) fn error_response(status: StatusCode, code: &str, message: &str) -> Response {
+    (status, Json(json!({"type": "error", "code": code, "message": message}))).into_response()
+}
+
+/// A download. Its file name keeps letters, digits and `-._`.
+pub(crate) fn as_attachment(name: &str, mut response: Response) -> Response {
+    let plain: String = name.chars().map(|c| if c.is_ascii_alphanumeric() || "-._".contains(c) { c } else { '_' }).collect();
+    if response.status().is_success()
+        && let Ok(value) = format!("attachment; filename=\"{plain}\"").parse()
+    {
+        response.headers_mut().insert(header::CONTENT_DISPOSITION, value);
+    }
+    response
+}

@@ -1,0 +1,115 @@
+//! Replies to `hello` and `make`: the server's offer, and a new session.
+
+use std::sync::Arc;
+
+use crazyflie_env::config::Options;
+use crazyflie_env::error::unknown;
+use crazyflie_env::model::Model;
+use crazyflie_env::observation::ACTION;
+use crazyflie_env::task;
+use crazyflie_env::vector::VectorEnv;
+use serde_json::Value;
+
+use super::feed::Feed;
+use super::protocol::Make;
+use super::protocol_error::{Code, ProtocolError};
+use super::response::{EnvInfo, ServerInfo, SessionInfo};
+use super::server::Server;
+use super::session::Session;
+use super::session_registry::SessionEnd;
+use crate::bench::{Bench, Scenario};
+
+pub(crate) const PROTOCOL: &str = "crazyflie.v1";
+
+pub(crate) fn server_info(server: &Server, id: u64) -> ServerInfo {
+    let limits = &server.settings.limits;
+    let env_info =
+        |entry: &task::Entry| EnvInfo { env: entry.id, task: entry.name, max_episode_steps: entry.max_episode_steps, drones: entry.drones };
+    ServerInfo {
+        id,
+        protocol: PROTOCOL,
+        server: concat!("crazyflie ", env!("CARGO_PKG_VERSION")).into(),
+        window: limits.window,
+        window_bytes: limits.window_bytes,
+        max_text_bytes: limits.control_bytes,
+        max_binary_bytes: limits.batch_bytes,
+        max_envs: limits.envs_per_session,
+        resume_s: limits.resume_for.as_secs_f64(),
+        ping_s: limits.ping_after.as_secs_f64(),
+        idle_s: limits.idle_timeout.as_secs_f64(),
+        envs: task::registry().iter().map(env_info).collect(),
+        scenarios: server.bench.iter().flat_map(Bench::scenarios).map(Scenario::id).collect(),
+    }
+}
+
+/// # Errors
+/// For options and models that do not fit, and `too_many` for more than the server carries.
+pub(crate) fn create_session(server: &Arc<Server>, id: u64, request: &Make) -> Result<(Session, SessionInfo), ProtocolError> {
+    let limits = &server.settings.limits;
+    let (options, entry) = options(request)?;
+    let drones = entry.drones(options.drones)?;
+    let max = limits.envs_per_session / drones;
+    if !(1..=max).contains(&request.num_envs) {
+        let drones_each = if drones == 1 { String::new() } else { format!(" of {drones} drones each") };
+        return Err(ProtocolError::new(Code::BadOptions, format!("num_envs is {}, expected 1 to {max}{drones_each}", request.num_envs)));
+    }
+    let model = request.model.as_deref().map_or_else(|| Ok(Model::thesis()), Model::parse)?;
+    let reservation = server.sessions.reserve_envs(request.num_envs * drones)?;
+    let env = VectorEnv::new(std::slice::from_ref(&model), &options, request.num_envs)?;
+    let (tick_s, interface) = (env.tick_s(), env.interfaces()[0]);
+    let feed = if env.num_metrics() == 0 { Feed::new(&options, tick_s) } else { Feed::for_multi_drone(&options, tick_s, drones) };
+    let slot = server.sessions.enter(entry.id.into(), reservation, feed)?;
+    let (session, token) = (slot.entry.name(), slot.entry.token());
+    let (autoreset, max_episode_steps, num_envs) = (options.autoreset, options.max_episode_steps, request.num_envs);
+    let created = Session::new(env, autoreset, slot, limits);
+    if let Some(bytes) = created.too_large() {
+        created.finish(SessionEnd::Closed);
+        return Err(ProtocolError::new(
+            Code::TooLarge,
+            format!("a step of {num_envs} environments takes {bytes} bytes, more than one message may"),
+        ));
+    }
+    let max_steps = created.max_steps();
+    let (env, task, action) = (entry.id.into(), entry.name.into(), ACTION);
+    let (observation, metrics) = (created.layout.width, created.layout.metrics);
+    let info = SessionInfo {
+        id,
+        session,
+        token,
+        env,
+        task,
+        num_envs,
+        drones,
+        observation,
+        action,
+        metrics,
+        autoreset,
+        max_episode_steps,
+        max_steps,
+        tick_s,
+        interface,
+    };
+    Ok((created, info))
+}
+
+/// The options of the request. The server chooses the threads, the registry the default length of an episode.
+fn options(request: &Make) -> Result<(Options, &'static task::Entry), ProtocolError> {
+    let mut map = request.options.clone();
+    if let Some(id) = &request.env {
+        let registry = task::registry();
+        let entry =
+            registry.iter().find(|entry| entry.id == id).ok_or_else(|| unknown("env", id, registry.iter().map(|entry| entry.id)))?;
+        let task = map.entry("task").or_insert_with(|| entry.name.into());
+        if task != entry.name {
+            return Err(ProtocolError::new(Code::BadOptions, format!("the env {id} is the task {:?}, the options say {task}", entry.name)));
+        }
+    }
+    map.insert("threads".into(), 1.into());
+    let has_own_length = map.contains_key("max_episode_steps");
+    let mut options = Options::parse(&Value::Object(map).to_string())?;
+    let entry = task::find(&options.task)?;
+    if !has_own_length {
+        options.max_episode_steps = entry.max_episode_steps;
+    }
+    Ok((options, entry))
+}

@@ -1,0 +1,82 @@
+//! Errors of requests. The session lives on.
+
+use crazyflie_env::Error;
+
+/// An error reply: a code for programs, words for people.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("{message}")]
+pub(crate) struct ProtocolError {
+    pub code: Code,
+    pub message: String,
+    /// Seconds to wait before another try, where that helps.
+    pub retry_after_s: Option<u64>,
+}
+
+/// The codes of `docs/protocol.md`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Code {
+    BadJson,
+    BadMessage,
+    UnknownType,
+    BadFrame,
+    WrongLength,
+    BadAction,
+    BadOptions,
+    BadModel,
+    NotReset,
+    Ended,
+    NoSession,
+    UnknownSession,
+    StaleId,
+    BadName,
+    UnknownWorld,
+    WorldTaken,
+    WorldOver,
+    UnknownDrone,
+    NoFreeDrone,
+    DroneTaken,
+    DroneEnded,
+    SeatLost,
+    NoSeat,
+    TooLarge,
+    TooMany,
+    Unavailable,
+    /// Of the benchmark, in its own words.
+    #[serde(untagged)]
+    Benchmark(&'static str),
+}
+
+impl ProtocolError {
+    pub(crate) fn new(code: Code, message: impl Into<String>) -> Self {
+        ProtocolError { code, message: message.into(), retry_after_s: None }
+    }
+}
+
+impl From<Error> for ProtocolError {
+    fn from(error: Error) -> Self {
+        let code = match error {
+            Error::Shape { .. } => Code::WrongLength,
+            Error::Action { .. } | Error::DroneAction { .. } => Code::BadAction,
+            Error::Unknown { .. } | Error::Range { .. } | Error::Config(_) => Code::BadOptions,
+            Error::Model { .. } => Code::BadModel,
+            Error::Ended { .. } => Code::Ended,
+            Error::NotReset => Code::NotReset,
+        };
+        // how to mend it is said in the words of the protocol, not of Python
+        let message = match error {
+            Error::Ended { env } => format!("environment {env} has ended: reset it (with a mask) before the next step"),
+            Error::NotReset => "the first request of a session is a reset of all environments".into(),
+            other => other.to_string(),
+        };
+        ProtocolError::new(code, message)
+    }
+}
+
+impl From<crate::bench::Error> for ProtocolError {
+    fn from(error: crate::bench::Error) -> Self {
+        let retry_after_s = error.retry_after_s();
+        let code = Code::Benchmark(error.code());
+        ProtocolError { code, message: error.to_string(), retry_after_s }
+    }
+}

@@ -1,0 +1,205 @@
+//! Responses in JSON: `docs/protocol.md` says what every field means.
+
+use crazyflie_env::config::Autoreset;
+use crazyflie_env::observation::Interface;
+use serde::ser::SerializeSeq;
+use serde::{Serialize, Serializer};
+use serde_json::Value;
+
+use super::protocol_error::Code;
+use super::world_messages::{SlotInfo, WorldInfo};
+use crate::bench::PlannedPhase;
+
+/// Numbers of `f32` as rows; sent as the `f64` that they are, so that they come back bit for bit.
+#[derive(Debug)]
+pub(crate) struct Rows<'a> {
+    pub numbers: &'a [f32],
+    pub width: usize,
+}
+
+impl Serialize for Rows<'_> {
+    fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
+        let mut rows = to.serialize_seq(Some(self.numbers.len() / self.width))?;
+        for row in self.numbers.chunks(self.width) {
+            rows.serialize_element(&Numbers(row))?;
+        }
+        rows.end()
+    }
+}
+
+#[derive(Debug)]
+pub(crate) struct Numbers<'a>(pub &'a [f32]);
+
+impl Serialize for Numbers<'_> {
+    fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
+        to.collect_seq(self.0.iter().map(|number| f64::from(*number)))
+    }
+}
+
+/// The last row of an episode that ended in the step.
+#[derive(Debug, Serialize)]
+pub(crate) struct FinalRow<'a> {
+    pub env: usize,
+    pub observation: Numbers<'a>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub state: Option<Numbers<'a>>,
+}
+
+/// A response, apart from binary frames.
+#[derive(Debug, Serialize)]
+#[serde(tag = "type", rename_all = "snake_case")]
+pub(crate) enum Response<'a> {
+    Welcome(ServerInfo),
+    Made(Box<SessionInfo>),
+    Observation {
+        id: u64,
+        observation: Rows<'a>,
+        #[serde(skip_serializing_if = "Option::is_none")]
+        state: Option<Rows<'a>>,
+    },
+    Result(Box<StepResult<'a>>),
+    State {
+        id: u64,
+        state: Rows<'a>,
+        ticks: u64,
+    },
+    Closed {
+        id: u64,
+    },
+    Resumed {
+        id: u64,
+        session: String,
+        /// The newest request that was carried out.
+        last_id: Option<u64>,
+        ticks: u64,
+    },
+    Begun(Box<AttemptInfo<'a>>),
+    /// The stored row of an attempt.
+    Finished {
+        id: u64,
+        attempt: Value,
+    },
+    /// A new shared world.
+    World(WorldInfo),
+    Joined(Box<SlotInfo<'a>>),
+    /// A tick of a shared world is over.
+    Flown {
+        id: u64,
+        /// Ticks so far.
+        tick: u64,
+        observation: Numbers<'a>,
+        reward: f64,
+        terminated: bool,
+        truncated: bool,
+        flying: bool,
+        /// Number of ticks that were flown without this pilot's action.
+        late: u64,
+    },
+    Left {
+        id: u64,
+    },
+    Error {
+        id: Option<u64>,
+        code: Code,
+        message: &'a str,
+        #[serde(skip_serializing_if = "Option::is_none")]
+        retry_after_s: Option<u64>,
+    },
+}
+
+/// Reply to `step`.
+#[derive(Debug, Serialize)]
+pub struct StepResult<'a> {
+    pub id: u64,
+    pub observation: Rows<'a>,
+    pub reward: Numbers<'a>,
+    pub terminated: &'a [bool],
+    pub truncated: &'a [bool],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub state: Option<Rows<'a>>,
+    /// With same-step resets.
+    #[serde(rename = "final", skip_serializing_if = "Vec::is_empty")]
+    pub finals: Vec<FinalRow<'a>>,
+    /// For tasks of several drones: the ones that fly on, and rows for each environment.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub flying: Option<&'a [bool]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub metrics: Option<Rows<'a>>,
+    /// In an attempt: the last episode has ended.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub over: Option<bool>,
+}
+
+/// Reply to `benchmark`: the attempt and its first observations.
+#[derive(Debug, Serialize)]
+pub(crate) struct AttemptInfo<'a> {
+    pub id: u64,
+    pub attempt: &'a str,
+    pub scenario: String,
+    pub scenario_hash: &'a str,
+    /// Rows in and out: the drones of all episodes, in lock-step.
+    pub num_envs: usize,
+    /// In each episode.
+    pub drones: usize,
+    /// Numbers in a row of observations.
+    pub width: usize,
+    pub tick_s: f64,
+    pub interface: Interface,
+    /// The parts of the flight, for controllers that want to be told when to take off and when to land.
+    pub phases: &'a [PlannedPhase],
+    pub observation: Rows<'a>,
+}
+
+/// Reply to `hello`: the server's limits and offer.
+#[derive(Debug, Serialize)]
+pub(crate) struct ServerInfo {
+    pub id: u64,
+    pub protocol: &'static str,
+    pub server: String,
+    pub window: usize,
+    pub window_bytes: usize,
+    pub max_text_bytes: usize,
+    pub max_binary_bytes: usize,
+    pub max_envs: usize,
+    pub resume_s: f64,
+    pub ping_s: f64,
+    pub idle_s: f64,
+    pub envs: Vec<EnvInfo>,
+    /// Of the benchmark, by `name@version`; none without a database.
+    pub scenarios: Vec<String>,
+}
+
+/// An environment that the server offers.
+#[derive(Debug, Serialize)]
+pub(crate) struct EnvInfo {
+    pub env: &'static str,
+    pub task: &'static str,
+    pub max_episode_steps: u32,
+    /// Unless the options say otherwise.
+    pub drones: usize,
+}
+
+/// Reply to `make`: the new session.
+#[derive(Debug, Serialize)]
+pub(crate) struct SessionInfo {
+    pub id: u64,
+    pub session: String,
+    /// Needed to resume; nobody else has it.
+    pub token: String,
+    pub env: String,
+    pub task: String,
+    pub num_envs: usize,
+    /// In each environment; rows are environment by environment, and within one drone by drone.
+    pub drones: usize,
+    pub observation: usize,
+    pub action: usize,
+    /// Numbers that each environment's metrics have; none for a task of one drone.
+    pub metrics: usize,
+    pub autoreset: Autoreset,
+    pub max_episode_steps: u32,
+    /// The most steps that one binary request may ask for.
+    pub max_steps: usize,
+    pub tick_s: f64,
+    /// Of the first drone; all have the same model.
+    pub interface: Interface,
+}

@@ -1,0 +1,115 @@
+//! JSON messages about shared worlds: `docs/protocol.md` says what every field means.
+
+use crazyflie_env::observation::{ACTION, Interface};
+use serde::{Deserialize, Serialize};
+
+use super::protocol_error::{Code, ProtocolError};
+use super::response::Numbers;
+use crate::worlds::WorldPlan;
+
+/// Request for a new shared world.
+#[derive(Debug, Deserialize)]
+#[serde(rename = "Founding")]
+pub(crate) struct WorldRequest {
+    pub name: String,
+    #[serde(flatten)]
+    pub plan: WorldPlan,
+    /// Time after which a tick is flown without the pilots that are late.
+    #[serde(default = "default_deadline_s")]
+    pub deadline_s: f64,
+    /// Number of pilots that must have joined before the first tick.
+    #[serde(default = "default_pilots")]
+    pub pilots: usize,
+}
+
+fn default_deadline_s() -> f64 {
+    1.0
+}
+
+fn default_pilots() -> usize {
+    1
+}
+
+impl WorldRequest {
+    /// # Errors
+    /// `bad_name` and `bad_options`.
+    pub(crate) fn check(&self) -> Result<(), ProtocolError> {
+        let plain = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
+        if !(1..=64).contains(&self.name.len()) || !self.name.chars().all(plain) || self.name.starts_with('.') {
+            let want = "1 to 64 letters, digits, and -, _ or . but not at the beginning";
+            return Err(ProtocolError::new(Code::BadName, format!("the name of a world is {want}, not {:?}", self.name)));
+        }
+        if !(0.001..=10.0).contains(&self.deadline_s) {
+            return Err(ProtocolError::new(Code::BadOptions, format!("deadline_s is {}, expected 0.001 to 10", self.deadline_s)));
+        }
+        Ok(())
+    }
+}
+
+#[derive(Deserialize)]
+pub(crate) struct Join {
+    pub name: String,
+    /// The first that is free, unless given.
+    pub drone: Option<usize>,
+    /// Token of the slot that is taken over.
+    pub token: Option<String>,
+}
+
+impl std::fmt::Debug for Join {
+    // the token is not for logs
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Join({:?}, {:?})", self.name, self.drone)
+    }
+}
+
+#[derive(Debug, Deserialize)]
+pub(crate) struct Fly {
+    action: Vec<f32>,
+}
+
+impl Fly {
+    /// # Errors
+    /// `wrong_length` and `bad_action`.
+    pub(crate) fn action(&self) -> Result<[f32; ACTION], ProtocolError> {
+        let wrong = || ProtocolError::new(Code::WrongLength, format!("action: expected {ACTION} numbers, got {}", self.action.len()));
+        let action = self.action.as_slice().try_into().map_err(|_| wrong())?;
+        match self.action.iter().enumerate().find(|(_, number)| !(-1.0..=1.0).contains(*number)) {
+            Some((axis, number)) => {
+                Err(ProtocolError::new(Code::BadAction, format!("action[{axis}] is {number}, expected a number from -1 to 1")))
+            }
+            None => Ok(action),
+        }
+    }
+}
+
+/// Reply to `world`: the new shared world.
+#[derive(Debug, Serialize)]
+pub(crate) struct WorldInfo {
+    pub id: u64,
+    pub world: String,
+    pub session: String,
+    pub mission: String,
+    pub drones: usize,
+    /// Numbers in a drone's observation.
+    pub width: usize,
+    pub tick_s: f64,
+    pub deadline_s: f64,
+    pub pilots: usize,
+    pub max_episode_steps: u32,
+}
+
+/// Reply to `join`: the drone and its first observation.
+#[derive(Debug, Serialize)]
+pub(crate) struct SlotInfo<'a> {
+    pub id: u64,
+    pub world: &'a str,
+    pub drone: usize,
+    pub drones: usize,
+    /// Lets another connection take the slot over.
+    pub token: String,
+    pub tick: u64,
+    pub tick_s: f64,
+    pub deadline_s: f64,
+    pub interface: Interface,
+    pub observation: Numbers<'a>,
+}
