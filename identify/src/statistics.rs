@@ -127,7 +127,7 @@ pub fn independence(input: &[&[f64]], residuals: &[&[f64]], lags: usize) -> Resu
 }
 
 /// Information criteria of a model: its likelihood with a penalty for its parameters; the smaller the better. Only differences between models of the same data
-/// mean anything. ResidualTests that are not white hold less information than their number says: both then favour too many parameters.
+/// mean anything. Residuals that are not white hold less information than their number says: both then favour too many parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Criteria {
     /// N ln(sum e^2 / N) + 2 p, the first term summed over the outputs   (Akaike 1974)

@@ -22,7 +22,7 @@ pub(super) struct GroundCandidate {
     pub(super) value: FittedValue,
     /// The value at which it does nothing.
     pub(super) off: f64,
-    /// ReducedEquations of the loss that it saves on the low windows of the fit and of the test flights.
+    /// Share of the loss that it saves on the low windows of the fit and of the test flights.
     pub(super) gain_fit: f64,
     pub(super) gain_test: f64,
 }

@@ -19,7 +19,7 @@ pub const HORIZONS: [&str; 5] = ["one_step", "0.1_s", "0.5_s", "2_s", "free_run"
 pub const QUANTITIES: [(&str, &str); 3] = [("position", "m"), ("velocity", "m/s"), ("attitude", "rad")];
 /// Predictions start this far apart.
 const EVERY_S: f64 = 0.25;
-/// StretchErrors of a flight that are taken as independent of each other.
+/// Stretches of a flight that are taken as independent of each other.
 const STRETCH_S: f64 = 5.0;
 /// Time that the filter needs to find the state.
 const SETTLE_S: f64 = 2.0;
@@ -68,7 +68,7 @@ pub struct ErrorsByAxis {
     pub naive: AxisTable,
     /// As in [`Errors`].
     pub p_value: AxisTable,
-    /// StretchErrors behind each p value.
+    /// Stretches behind each p value.
     pub stretches: [[usize; 5]; 6],
 }
 
@@ -88,7 +88,7 @@ pub struct Errors {
     pub naive: QuantityTable,
     /// Two-sided p value of the paired differences between before and after, per quantity and horizon, over stretches of the flights.
     pub p_value: QuantityTable,
-    /// StretchErrors behind each p value; below [`LEAST_STRETCHES`] it says too little.
+    /// Stretches behind each p value; below [`LEAST_STRETCHES`] it says too little.
     pub stretches: [[usize; 5]; 3],
     pub axes: ErrorsByAxis,
     pub components: ErrorsByComponent,

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use rayon::prelude::*;
 
-/// ResidualTests beyond so many standard deviations count linearly: marker outliers.
+/// Residuals beyond so many standard deviations count linearly: marker outliers.
 pub const HUBER: f64 = 3.0;
 /// The fit has converged when the loss, a negative log-likelihood, falls by less.
 pub const ENOUGH: f64 = 0.01;

@@ -13,7 +13,7 @@ pub enum Channel {
     Yaw,
     Height,
     Pwm,
-    /// Measurements angles, turned into the world by the measured heading, to velocity (4.10).
+    /// Measured angles, turned into the world by the measured heading, to velocity (4.10).
     Vx,
     Vy,
     /// Commanded angles to velocity (5.5).

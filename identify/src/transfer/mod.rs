@@ -43,7 +43,7 @@ pub struct TransferFunctionEstimate {
     numbers: Vec<f64>,
 }
 
-/// WindowLength length of a fit.
+/// Window length of a fit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum WindowLength {
     /// [`Channel::window_s`].

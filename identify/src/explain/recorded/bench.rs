@@ -77,7 +77,7 @@ impl Bench {
     }
 
     /// The hypothesis at a solution over all windows.
-    pub fn from_solution(&self, hypothesis: &Hypothesis, solution: Solution) -> FittedHypothesis {
+    pub fn apply_solution(&self, hypothesis: &Hypothesis, solution: Solution) -> FittedHypothesis {
         let prediction = OutputErrorProblem { flights: &self.flights, windows: &self.windows, hypothesis, inflation: 1.0 };
         let each: Vec<Vec<f64>> = (0..self.flights.len()).map(|f| prediction.flight_numbers(&solution.shared, f)).collect();
         let hypothesis = each.first().map_or_else(|| hypothesis.clone(), |numbers| hypothesis.with_values(numbers));

@@ -132,7 +132,7 @@ impl Baseline {
         let mut refitted = Hypothesis { free: free.into_iter().filter(|path| !says_effect(path)).collect(), ..kept.clone() };
         let windows = bench.windows().to_vec();
         let (solution, _) = vehicle::fit(bench.flights_mut(), &windows, &mut refitted, &|| {}).ok_or_else(cannot_simulate)?;
-        let refitted = bench.from_solution(&refitted, solution);
+        let refitted = bench.apply_solution(&refitted, solution);
         // the declared model with the values of its effects, and what each flight has of its own
         let mut as_declared = kept;
         as_declared.terms.iter_mut().filter(|t| t.per_flight.is_none()).for_each(|t| t.free.clear());
