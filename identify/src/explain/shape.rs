@@ -1,5 +1,5 @@
-//! Structure in a wandering force: correlation with the state of the vehicle, and sudden changes. Air that moves by itself knows nothing of where the vehicle is; a force that is there whenever the vehicle is in
-//! one place, or late in the flight, is structure.
+//! Structure in a wandering force: correlation with the state of the vehicle, and sudden changes. Air that moves by itself knows nothing of where the
+//! vehicle is. A force that is there whenever the vehicle is in one place, or late in the flight, is structure.
 
 pub use super::calibration::shape::EVERY_S;
 use super::calibration::shape::{AFTER_S, CHANGE_S, SETTLED_S, UNEVEN};
