@@ -47,7 +47,7 @@ pub struct Estimator<R: Scalar> {
     imu_yaw_rad: [R; HISTORY + 1],
     /// By the attitude at the last tick.
     last_mps2: [R; 2],
-    /// YawRotation over the marker minus the IMU's, and its variance.
+    /// Heading over the marker minus the IMU's, and its variance.
     turned_rad: R,
     turned_spread: R,
     /// Age of the last fix that was looked at.

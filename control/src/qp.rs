@@ -22,7 +22,7 @@ pub(super) struct Horizon {
     slope: SMatrix<f64, MOVES, STATES>,
     free: SMatrix<f64, MOVES, STATES>,
     solver: DefaultSolver<f64>,
-    /// What the solver is options_json, kept so that nothing is allocated.
+    /// What the solver is told, kept so that nothing is allocated.
     gradient: Vec<f64>,
     limits: Vec<f64>,
 }

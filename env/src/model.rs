@@ -182,7 +182,7 @@ impl AxisForm {
     }
 }
 
-/// Accelerations damping of the yaw integrator (thesis 5.2): a torque acts through the rate loop that the integrator idealises; 25 1/s is the
+/// Push damping of the yaw integrator (thesis 5.2): a torque acts through the rate loop that the integrator idealises; 25 1/s is the
 /// bandwidth of the Crazyflie's yaw-rate loop used by the declared models of the simulated flights.
 const YAW_PUSH_DAMPING: f64 = 25.0;
 

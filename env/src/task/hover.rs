@@ -17,7 +17,7 @@ pub struct Options {
     pub start_radius_m: f64,
     /// Start exactly here instead.
     pub start_m: Option<[f64; 3]>,
-    /// YawRotation at the start is within this of the set-point's.
+    /// Heading at the start is within this of the set-point's.
     pub start_yaw_deg: f64,
     /// Where to hover.
     pub setpoint_m: [f64; 3],

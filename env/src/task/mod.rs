@@ -107,7 +107,7 @@ pub trait Task: Send + Sync + Sized + 'static {
     fn load(&self) -> Option<load::Load> {
         None
     }
-    /// TickRng the start of an episode: a place for each drone, and what stands on the board. A load begins at rest below them.
+    /// Draw the start of an episode: a place for each drone, and what stands on the board. A load begins at rest below them.
     fn start(&self, rng: &mut Pcg64Mcg, starts: &mut [Start], board: &mut [f64]);
     /// Move the board on, once per tick.
     #[inline(always)]

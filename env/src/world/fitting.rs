@@ -73,7 +73,7 @@ impl<R: SimScalar> World<R> {
         self.ages[0].ticks = R::from_f64(t_s / self.tick_s);
     }
 
-    /// Accelerations the vehicle, from now on, besides what effects do.
+    /// Accelerate the vehicle, from now on, besides what effects do.
     pub fn disturb(&mut self, push: Accelerations<R>) {
         self.disturbance = Some(push);
     }

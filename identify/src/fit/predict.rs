@@ -162,7 +162,7 @@ impl SensitivitySimulator {
         }
     }
 
-    /// Accelerations the vehicle from now on.
+    /// Accelerate the vehicle from now on.
     pub fn set_push(&mut self, push: [f64; PUSH]) {
         self.push = Some(push);
     }

@@ -92,7 +92,7 @@ impl Structure {
         TransferFunction { numerator: numbers[..=self.numerator].to_vec(), denominator, delay_s, offsets }
     }
 
-    /// The numbers of a denominator, its integrator left out. Scalar roots are paired, the slowest with the next; an odd one stays alone.
+    /// The numbers of a denominator, its integrator left out. Real roots are paired, the slowest with the next; an odd one stays alone.
     pub(super) fn numbers_of(&self, denominator: &[f64]) -> Vec<f64> {
         let mut roots = roots(&denominator[..=self.poles()]);
         roots.sort_by(|a, b| (a.im == 0.0).cmp(&(b.im == 0.0)).then(a.re.total_cmp(&b.re)).then(a.im.total_cmp(&b.im)));
