@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use crate::fit::flight::{Flight, Window};
 use crate::fit::hypothesis::Hypothesis;
 use crate::fit::predict::SensitivitySimulator;
-use crate::statistics::paired_p_value;
+use crazyflie_statistics::paired_p_value;
 
 /// How far ahead.
 pub const HORIZONS_S: [f64; 2] = [0.5, 2.0];

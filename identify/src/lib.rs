@@ -13,7 +13,6 @@ pub mod fit;
 pub mod metrics;
 pub mod motor;
 pub mod replay;
-pub mod statistics;
 pub mod transfer;
 pub mod vehicle;
 

@@ -4,6 +4,7 @@
 mod error;
 pub(crate) mod measurements;
 
+use crazyflie_statistics::quantile;
 use std::fmt;
 use std::ops::Range;
 
@@ -17,7 +18,7 @@ use crate::fit::flight::with_lags;
 use crate::metrics::Fit;
 
 pub use error::ReplayError;
-use measurements::{Measurements, median};
+use measurements::Measurements;
 
 /// The clock on which the model is replayed: that of the recordings.
 const TICK_HZ: f64 = 100.0;
@@ -223,7 +224,7 @@ fn model_on_replay_clock(
     if !input.is_pwm() {
         return Ok(model);
     }
-    let flight = median(lift.get(log.airborne.clone()).unwrap_or(lift));
+    let flight = quantile(lift.get(log.airborne.clone()).unwrap_or(lift), 0.5).unwrap_or(0.0);
     if plan.hover == HoverSource::OfModel {
         let hover = match model.vertical(input)? {
             Vertical::Thrust { hover, .. } => Some(hover.value),

@@ -5,8 +5,9 @@
 //! they say nothing the camera's delay is measured by correlating what it saw with what the gyro felt.
 
 use super::attitude::Rotation;
-use super::signal::{median, quantile, unwrap};
+use super::signal::unwrap;
 use super::{AttitudeSource, FlightLog};
+use crazyflie_statistics::quantile;
 
 const G_MPS2: f64 = 9.80665;
 
@@ -39,14 +40,14 @@ pub(super) struct ClockOffset {
 /// Compares the stamps of messages with the times at which they were recorded.
 pub(super) fn clock_offset(stamped_s: &[f64], recorded_s: &[f64]) -> ClockOffset {
     let late: Vec<f64> = recorded_s.iter().zip(stamped_s).map(|(recorded, stamped)| recorded - stamped).collect();
-    let fastest = quantile(&late, FASTEST_SHARE);
+    let fastest = quantile(&late, FASTEST_SHARE).unwrap_or(0.0);
     let same = (-ROUNDING_S..=LONGEST_TRANSPORT_S).contains(&fastest);
     let offset_s = if same { 0.0 } else { fastest };
     ClockOffset {
         offset_s,
         same,
-        transport_s: median(&late) - offset_s,
-        spread_s: quantile(&late, 1.0 - FASTEST_SHARE) - fastest,
+        transport_s: quantile(&late, 0.5).unwrap_or(0.0) - offset_s,
+        spread_s: quantile(&late, 1.0 - FASTEST_SHARE).unwrap_or(0.0) - fastest,
         drift_ppm: drift_ppm(recorded_s, &late),
     }
 }
@@ -59,11 +60,11 @@ fn drift_ppm(recorded_s: &[f64], late_s: &[f64]) -> Option<f64> {
         return None;
     }
     let fastest = |rows: &[f64]| rows.iter().copied().fold(f64::INFINITY, f64::min);
-    let times: Vec<f64> = recorded_s.chunks_exact(part).map(median).collect();
+    let times: Vec<f64> = recorded_s.chunks_exact(part).map(|part| quantile(part, 0.5).unwrap_or(0.0)).collect();
     let lates: Vec<f64> = late_s.chunks_exact(part).map(fastest).collect();
     let pairs = (0..times.len()).flat_map(|a| (0..a).map(move |b| (a, b)));
     let slopes: Vec<f64> = pairs.map(|(a, b)| (lates[a] - lates[b]) / (times[a] - times[b])).filter(|s| s.is_finite()).collect();
-    (!slopes.is_empty()).then(|| median(&slopes) * 1e6)
+    (!slopes.is_empty()).then(|| quantile(&slopes, 0.5).unwrap_or(0.0) * 1e6)
 }
 
 /// For each of `rows_s`, the index of the last of `t_s` that is not later: a held input. `None` before the first.
@@ -148,11 +149,11 @@ fn pair_lag(pair: &MotionPair<'_>) -> Option<Lag> {
     if lags.len() < LEAST_PARTS {
         return None;
     }
-    let lag_s = median(&lags);
+    let lag_s = quantile(&lags, 0.5).unwrap_or(0.0);
     let off: Vec<f64> = lags.iter().map(|lag| (lag - lag_s).abs()).collect();
     // Median deviation to standard deviation, then to the error of a median; no better than a tenth of the grid.
-    let sigma_s = (1.4826 * 1.2533 * median(&off) / (lags.len() as f64).sqrt()).max(0.1 * GRID_S);
-    Some(Lag { lag_s, sigma_s, correlation: median(&best), by: pair.name })
+    let sigma_s = (1.4826 * 1.2533 * quantile(&off, 0.5).unwrap_or(0.0) / (lags.len() as f64).sqrt()).max(0.1 * GRID_S);
+    Some(Lag { lag_s, sigma_s, correlation: quantile(&best, 0.5).unwrap_or(0.0), by: pair.name })
 }
 
 /// Slope or curvature over a wide step on a common grid. The same operation on both sides shifts neither.

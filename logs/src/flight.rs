@@ -1,5 +1,6 @@
 //! The one shape of a flight.
 
+use crazyflie_statistics::quantile;
 use std::ops::Range;
 use std::path::Path;
 
@@ -190,12 +191,12 @@ impl FlightLog {
     pub fn resting_height_m(&self) -> Option<f64> {
         let z = &self.fixes.pos_m[2];
         let (first_s, last_s) = (*self.fixes.capture_t_s.first()?, *self.fixes.capture_t_s.last()?);
-        let (bottom, top) = (signal::quantile(z, 0.02), signal::quantile(z, 0.95));
+        let (bottom, top) = (quantile(z, 0.02).unwrap_or(0.0), quantile(z, 0.95).unwrap_or(0.0));
         let still = |from_s: f64| {
             let within = |t: &f64| (from_s..=from_s + RESTING_S).contains(t);
             let seen: Vec<f64> = self.fixes.capture_t_s.iter().zip(z).filter(|(t, _)| within(t)).map(|(_, z)| *z).collect();
-            let height_m = signal::median(&seen);
-            let spread_m = signal::quantile(&seen, 0.9) - signal::quantile(&seen, 0.1);
+            let height_m = quantile(&seen, 0.5).unwrap_or(0.0);
+            let spread_m = quantile(&seen, 0.9).unwrap_or(0.0) - quantile(&seen, 0.1).unwrap_or(0.0);
             let hangs = self.motors_carry(from_s..from_s + RESTING_S);
             let is_lowest = !hangs && height_m < bottom + RESTING_SPREAD_M && height_m < top - LEAST_CLIMB_M;
             (seen.len() >= LEAST_RESTING && spread_m < RESTING_SPREAD_M && is_lowest).then_some(height_m)
@@ -207,8 +208,8 @@ impl FlightLog {
     fn motors_carry(&self, stretch_s: Range<f64>) -> bool {
         let Some(thrust) = &self.cmd_thrust_pwm else { return false };
         let within: Vec<f64> = self.t_s.iter().zip(thrust).filter(|(t, _)| stretch_s.contains(t)).map(|(_, pwm)| *pwm).collect();
-        let usual = signal::quantile(thrust, 0.75);
-        usual > 0.0 && signal::median(&within) > CARRYING_SHARE * usual
+        let usual = quantile(thrust, 0.75).unwrap_or(0.0);
+        usual > 0.0 && quantile(&within, 0.5).unwrap_or(0.0) > CARRYING_SHARE * usual
     }
 
     /// A flight of these rows in which nothing is known yet.

@@ -4,7 +4,8 @@ use super::Note;
 use super::align::Track;
 use super::attitude::Rotation;
 use super::samples::Samples;
-use super::signal::{median, unwrap};
+use super::signal::unwrap;
+use crazyflie_statistics::quantile;
 
 /// Poses in a world frame with z up.
 #[derive(Debug)]
@@ -27,7 +28,7 @@ impl Marker {
         };
         let mut pos_m = samples.triple(0);
         let up: Vec<f64> = rotations.iter().map(|r| r.turn([0.0, 0.0, 1.0])[2]).collect();
-        if median(&up) < 0.0 {
+        if quantile(&up, 0.5).unwrap_or(0.0) < 0.0 {
             notes.push(Note::SeenFromCamera);
             // The camera's x axis is the vehicle's, its z axis points down.
             let body = Rotation::from_angles([std::f64::consts::PI, 0.0, 0.0]);

@@ -8,9 +8,10 @@ use super::align::{Lag, Track, last_index_before};
 use super::attitude::{Rotation, integrate};
 use super::marker::{Marker, arrivals};
 use super::samples::Samples;
-use super::signal::{check_capture, median, radians, unwrap, usual_step};
+use super::signal::{check_capture, radians, unwrap, usual_step};
 use super::topics::{TopicRole, Topics};
 use super::{AttitudeSource, Fixes, FlightLog, LogError, Note, PositionSource, Provenance};
+use crazyflie_statistics::quantile;
 
 /// Above what a marker on the floor says of a vehicle that stands.
 const AIRBORNE_M: f64 = 0.1;
@@ -131,7 +132,7 @@ fn attitude(imu: &Samples, command: Option<&Samples>, notes: &mut Vec<Note>) -> 
         sent_s.map_or(0, |sent_s| imu.t_s.partition_point(|t| *t < sent_s))
     });
     let is_still = |rates: &[f64]| {
-        let middle = median(rates);
+        let middle = quantile(rates, 0.5).unwrap_or(0.0);
         rates.iter().all(|rate| (rate - middle).abs() < REST_RADPS)
     };
     let at_rest = off >= REST_ROWS && gyro.iter().all(|g| is_still(&g[..off]));
@@ -149,7 +150,7 @@ fn attitude(imu: &Samples, command: Option<&Samples>, notes: &mut Vec<Note>) -> 
 fn acceleration(imu: &Samples, notes: &mut Vec<Note>) -> [Vec<f64>; 3] {
     let mut acc = imu.triple(ACCELERATION);
     let size: Vec<f64> = (0..imu.t_s.len()).map(|i| acc.iter().map(|a| a[i] * a[i]).sum::<f64>().sqrt()).collect();
-    if (0.5..2.0).contains(&median(&size)) {
+    if (0.5..2.0).contains(&quantile(&size, 0.5).unwrap_or(0.0)) {
         notes.push(Note::ReadAs { columns: "linear_acceleration", unit: "multiples of g" });
         acc.iter_mut().flatten().for_each(|a| *a *= G_MPS2);
     }
@@ -200,7 +201,7 @@ impl FlightLog {
         let own = Track { t_s: &self.t_s, values: &self.yaw_rad };
         let first = marker.samples.t_s.iter().zip(yaw).take(YAW_FIXES);
         let offsets: Vec<f64> = first.map(|(t, seen)| seen - own.value_at(*t)).map(|d| d.sin().atan2(d.cos())).collect();
-        let offset_rad = median(&offsets);
+        let offset_rad = quantile(&offsets, 0.5).unwrap_or(0.0);
         self.yaw_rad.iter_mut().for_each(|yaw| *yaw += offset_rad);
         notes.push(Note::YawFromMarker { offset_rad });
     }

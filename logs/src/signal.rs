@@ -1,5 +1,6 @@
 //! Small operations on sampled signals that the readers share.
 
+use crazyflie_statistics::quantile;
 use std::f64::consts::{PI, TAU};
 use std::ops::Range;
 
@@ -70,21 +71,6 @@ fn curvature(t_s: &[f64], x: &[f64]) -> f64 {
     if norm > 0.0 { 2.0 * parabola.iter().zip(x).map(|(p, x)| p * x).sum::<f64>() / norm } else { 0.0 }
 }
 
-/// Median of `values`, 0 when there are none.
-pub(super) fn median(values: &[f64]) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
-}
-
-/// The value below which a `share` of `values` lies, 0 when there are none.
-pub(super) fn quantile(values: &[f64], share: f64) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let at = (share * sorted.len() as f64) as usize;
-    sorted.get(at.min(sorted.len().saturating_sub(1))).copied().unwrap_or(0.0)
-}
-
 /// The mean over `width_s` around each sample, less at the ends: nothing is delayed.
 pub(super) fn centred_mean(t_s: &[f64], values: &[f64], width_s: f64) -> Vec<f64> {
     let (mut first, mut end, mut sum) = (0, 0, 0.0);
@@ -105,7 +91,7 @@ pub(super) fn centred_mean(t_s: &[f64], values: &[f64], width_s: f64) -> Vec<f64
 /// The usual time step, 0 for fewer than two rows.
 pub(super) fn usual_step(t_s: &[f64]) -> f64 {
     let steps: Vec<f64> = t_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    median(&steps)
+    quantile(&steps, 0.5).unwrap_or(0.0)
 }
 
 /// Number of time steps longer than usual, and the longest of them.
@@ -206,12 +192,6 @@ mod tests {
         let fall: Vec<f64> = t.iter().map(|t| 1.0 + 0.3 * t - 0.5 * 9.81 * t * t).collect();
         let [x, _, z] = acceleration_of(&t, &[t.clone(), vec![0.0; 60], fall]);
         assert!(z.iter().all(|a| (a + 9.81).abs() < 1e-6) && x.iter().all(|a| a.abs() < 1e-6), "{z:?}");
-    }
-
-    #[test]
-    fn quantiles_are_values_that_occurred() {
-        assert_eq!([0.0, 0.5, 1.0].map(|share| quantile(&[3.0, 1.0, 2.0], share)), [1.0, 2.0, 3.0]);
-        assert_eq!(quantile(&[], 0.5), 0.0);
     }
 
     #[test]

@@ -1,10 +1,11 @@
 //! The delay between two clocks, from signals that both sides measured.
 
+use crazyflie_statistics::quantile;
 use std::ops::Range;
 
 use super::Note;
 use super::align::{self, correlation};
-use super::signal::{median, usual_step};
+use super::signal::usual_step;
 
 /// Wider than any skew seen (79 ms), narrow enough not to find the next period of a manoeuvre.
 const LONGEST_LAG_S: f64 = 0.3;
@@ -44,7 +45,7 @@ pub(super) fn estimate(rates: &Rates<'_>, rows: &Range<usize>) -> Note {
         return Note::ClockSkewUnknown;
     }
     Note::ClockSkew {
-        median_s: median(&lags),
+        median_s: quantile(&lags, 0.5).unwrap_or(0.0),
         lowest_s: lags.iter().copied().fold(f64::INFINITY, f64::min),
         highest_s: lags.iter().copied().fold(f64::NEG_INFINITY, f64::max),
     }
@@ -75,8 +76,8 @@ pub(super) fn wander(rates: &Rates<'_>, rows: &Range<usize>) -> Option<Vec<f64>>
             };
             let all: Vec<_> = rows.clone().map(meet).collect();
             let apart: Vec<f64> = all.iter().map(|(_, _, apart, _)| *apart).collect();
-            let offset = median(&apart);
-            let scatter = median(&apart.iter().map(|e| (e - offset).abs()).collect::<Vec<_>>()) / 0.6745;
+            let offset = quantile(&apart, 0.5).unwrap_or(0.0);
+            let scatter = quantile(&apart.iter().map(|e| (e - offset).abs()).collect::<Vec<_>>(), 0.5).unwrap_or(0.0) / 0.6745;
             // averaged rates are no more samples than fit side by side into the recording
             let alone = AVERAGED_S / usual_step(t_s);
             for (knot, share, apart, slope) in all {

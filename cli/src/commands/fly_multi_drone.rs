@@ -1,5 +1,6 @@
 //! Output of `crazyflie fly` for several drones.
 
+use crazyflie_statistics::rms;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -43,13 +44,9 @@ fn drones(flight: &MultiDroneTrace) -> Table {
         let errors = flight.errors_m(drone);
         let last = errors.last().copied().unwrap_or(f64::NAN);
         let flew_s = trace.t_s(trace.rows.len().saturating_sub(1));
-        table.row(vec![drone.to_string(), number(flew_s, 2), number(rms(&errors), 3), number(last, 3)]);
+        table.row(vec![drone.to_string(), number(flew_s, 2), number(rms(&errors).unwrap_or(0.0), 3), number(last, 3)]);
     }
     table
-}
-
-fn rms(values: &[f64]) -> f64 {
-    (values.iter().map(|v| v * v).sum::<f64>() / values.len().max(1) as f64).sqrt()
 }
 
 pub(super) fn as_json(flight: &MultiDroneTrace) -> Value {

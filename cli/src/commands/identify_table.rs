@@ -1,5 +1,6 @@
 //! Output of `crazyflie identify`.
 
+use crazyflie_statistics::mean;
 use std::io::Write;
 
 use crazyflie_env::model::VerticalInput;
@@ -80,17 +81,16 @@ fn orders(all: &[TransferResult], out: &mut dyn Write) -> Outcome {
             order(&identified.structure),
             number(identified.criteria.aic - aic, 1),
             number(identified.criteria.bic - bic, 1),
-            percent(mean(&identified.fit, |c| c.fit.fit_percent)),
-            percent(mean(test, |c| c.fit.fit_percent)),
+            percent(mean_fit_percent(&identified.fit)),
+            percent(mean_fit_percent(test)),
             identified.function.to_string(),
         ]);
     }
     Ok(writeln!(out, "{}", table.plain())?)
 }
 
-fn mean(all: &[Comparison], of: impl Fn(&Comparison) -> Option<f64>) -> Option<f64> {
-    let values: Vec<f64> = all.iter().filter_map(of).collect();
-    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+fn mean_fit_percent(comparisons: &[Comparison]) -> Option<f64> {
+    mean(&comparisons.iter().filter_map(|c| c.fit.fit_percent).collect::<Vec<_>>())
 }
 
 fn percent(fit: Option<f64>) -> String {

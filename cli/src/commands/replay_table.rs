@@ -1,5 +1,6 @@
 //! Output and pictures of `crazyflie replay`.
 
+use crazyflie_statistics::median;
 use std::io::Write;
 
 use crazyflie_identify::replay::{Replay, SIGNALS, Signal, SignalComparison};
@@ -50,10 +51,10 @@ pub(super) fn write_summary(replays: &[LogReplay], out: &mut dyn Write) -> Outco
         let mut cells = vec![signal.name.to_owned()];
         for run in 0..replays[0].runs.len() {
             let values_of = |value: &dyn Fn(&SignalComparison) -> Option<f64>| {
-                replays.iter().filter_map(|f| value(&f.runs[run].1.signals[at])).collect()
+                replays.iter().filter_map(|f| value(&f.runs[run].1.signals[at])).collect::<Vec<f64>>()
             };
-            cells.push(percent(median(values_of(&|c| c.fit.fit_percent))));
-            cells.push(median(values_of(&|c| Some(c.fit.rmse))).map_or("-".into(), |v| rmse(signal, v)));
+            cells.push(percent(median(&values_of(&|c| c.fit.fit_percent))));
+            cells.push(median(&values_of(&|c| Some(c.fit.rmse))).map_or("-".into(), |v| rmse(signal, v)));
         }
         table.row(cells);
     }
@@ -62,13 +63,6 @@ pub(super) fn write_summary(replays: &[LogReplay], out: &mut dyn Write) -> Outco
 }
 
 /// The middle value; of two middle ones the mean.
-fn median(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    let half = values.len() / 2;
-    let upper = *values.get(half)?;
-    if values.len() % 2 == 1 { Some(upper) } else { Some(0.5 * (upper + values[half - 1])) }
-}
-
 fn horizon_name(horizon_s: Option<f64>) -> String {
     horizon_s.map_or("free run".into(), |s| format!("{s} s"))
 }
@@ -199,7 +193,6 @@ mod tests {
 
     #[test]
     fn medians() {
-        assert_eq!(median(vec![3.0, 1.0, 2.0, 4.0]), Some(2.5));
-        assert_eq!(median(Vec::new()), None);
+        assert_eq!(median(&[3.0, 1.0, 2.0, 4.0]), Some(2.5));
     }
 }

@@ -1,5 +1,6 @@
 //! The recorded flights, and which of them may be fitted.
 
+use crazyflie_statistics::quantile;
 use std::path::Path;
 
 use crazyflie_env::model::Model;
@@ -51,7 +52,7 @@ impl FlightSet {
             let mut log = r.log.clone();
             let airborne = log.airborne.clone();
             let thrust = log.cmd_thrust_pwm.as_mut()?;
-            let median_pwm = median(thrust.get(airborne)?);
+            let median_pwm = quantile(thrust.get(airborne)?, 0.5).unwrap_or(f64::NAN);
             thrust.iter_mut().for_each(|pwm| *pwm *= common_pwm / median_pwm);
             Flight::from_log(&r.flight.name, &log, model, None).ok()
         };
@@ -60,7 +61,8 @@ impl FlightSet {
 
     /// The median thrust command of each flight.
     pub(super) fn hovers_pwm(&self) -> Vec<f64> {
-        let hover_pwm = |r: &RecordedFlight| Some(median(r.log.cmd_thrust_pwm.as_ref()?.get(r.log.airborne.clone())?));
+        let hover_pwm =
+            |r: &RecordedFlight| Some(quantile(r.log.cmd_thrust_pwm.as_ref()?.get(r.log.airborne.clone())?, 0.5).unwrap_or(f64::NAN));
         self.recorded.iter().filter_map(hover_pwm).collect()
     }
 
@@ -70,12 +72,6 @@ impl FlightSet {
 }
 
 /// Half of the values lie below.
-pub(super) fn median(values: &[f64]) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted.get(sorted.len() / 2).copied().unwrap_or(f64::NAN)
-}
-
 /// Both sides; when it has to be quick, two flights to fit and one to predict.
 pub(super) fn sides(folder: &Path, model: &Model, quick: bool) -> Result<[FlightSet; 2], String> {
     let (fit, test) = if quick { (&FIT[..2], &TEST[..1]) } else { (&FIT[..], &TEST[..]) };

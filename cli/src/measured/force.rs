@@ -4,6 +4,7 @@ use crazyflie_env::model::Model;
 use crazyflie_identify::fit::flight::{Flight, Window};
 use crazyflie_identify::fit::hypothesis::Hypothesis;
 use crazyflie_identify::fit::predict::SensitivitySimulator;
+use crazyflie_statistics::rms;
 
 const GRAVITY_MPS2: f64 = 9.81;
 /// Velocities differ over this time, predictions are averaged over it.
@@ -49,16 +50,11 @@ pub(super) fn force(flight: &Flight, at: &Hypothesis) -> Option<SpecificForce> {
 /// Root mean square error over flights.
 pub(super) fn error(flights: &[Flight], at: &Hypothesis) -> f64 {
     let errors = |f: SpecificForce| f.measured_mps2.into_iter().zip(f.predicted_mps2).map(|(m, p)| m - p).collect();
-    rms(flights.iter().filter_map(|f| force(f, at)).flat_map::<Vec<f64>, _>(errors))
+    rms(&flights.iter().filter_map(|f| force(f, at)).flat_map::<Vec<f64>, _>(errors).collect::<Vec<_>>()).unwrap_or(f64::NAN)
 }
 
 /// The same of a prediction that the vehicle always carries its weight.
 pub(super) fn constant_gravity_error(flights: &[Flight]) -> f64 {
     let at = |f: &Flight| force(f, &Hypothesis::from_model(&Model::thesis()));
-    rms(flights.iter().filter_map(at).flat_map(|f| f.measured_mps2).map(|m| m - GRAVITY_MPS2))
-}
-
-fn rms(errors: impl Iterator<Item = f64>) -> f64 {
-    let (sum, count) = errors.fold((0.0, 0.0), |(sum, count), e| (sum + e * e, count + 1.0));
-    f64::sqrt(sum / count)
+    rms(&flights.iter().filter_map(at).flat_map(|f| f.measured_mps2).map(|m| m - GRAVITY_MPS2).collect::<Vec<_>>()).unwrap_or(f64::NAN)
 }

@@ -9,6 +9,7 @@ mod page;
 mod picture;
 mod words;
 
+use crazyflie_statistics::quantile;
 use std::path::Path;
 use std::time::Instant;
 
@@ -114,7 +115,7 @@ pub(crate) fn study_recordings(data: &Path, quick: bool, progress: &dyn Fn(&str)
     progress("what is random");
     let d = noise::tune_disturbances(&fitted[0], &again, None);
     progress("the hover PWM of each flight");
-    let common_pwm = data::median(&fit.hovers_pwm());
+    let common_pwm = quantile(&fit.hovers_pwm(), 0.5).unwrap_or(f64::NAN);
     let (fitted_trim, judged_trim) = (fit.flights_with_own_hover(&model, common_pwm), test.flights_with_own_hover(&model, common_pwm));
     let all = FitProblem::new(&fitted_trim, SHORT_S);
     let trim = all.reidentify(&model, common_pwm);

@@ -1,5 +1,6 @@
 //! Rates over many cases: by group, effect, tier, excitation and noise, with intervals; what is taken for what; honesty of errors.
 
+use crazyflie_statistics::median;
 use std::collections::BTreeMap;
 
 use serde::Serialize;
@@ -141,12 +142,6 @@ impl Rates {
             worst_s: seconds.last().copied(),
         }
     }
-}
-
-/// Median of sorted values.
-fn median(sorted: &[f64]) -> Option<f64> {
-    let (low, high) = (sorted.get(sorted.len().checked_sub(1)? / 2)?, sorted.get(sorted.len() / 2)?);
-    Some(f64::midpoint(*low, *high))
 }
 
 impl GroupRow {

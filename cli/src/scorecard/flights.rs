@@ -4,8 +4,9 @@ use crazyflie_control::ControllerSpec;
 use crazyflie_env::Error;
 use crazyflie_env::config::EffectTable;
 use crazyflie_env::model::{Model, VerticalInput};
+use crazyflie_statistics::{mean, quantile};
 
-use super::{Claim, ScorecardRow, about, figure, median};
+use super::{Claim, ScorecardRow, about, figure};
 use crazyflie_server::flight::{FlightEnd, FlightScenario, Setup, Trace, fly, lab_rig};
 
 type ExperimentFn = fn(&Model) -> Result<Vec<ScorecardRow>, Error>;
@@ -44,10 +45,11 @@ pub(super) fn fly_pair(model: &Model, name: &str, controller: &str, vertical: Ve
 }
 
 /// Combines the values of the rig's seeds into one figure.
-type Aggregate = fn(Vec<f64>) -> f64;
+type Aggregate = fn(&[f64]) -> Option<f64>;
 
-fn mean(values: Vec<f64>) -> f64 {
-    values.iter().sum::<f64>() / values.len() as f64
+/// The middle one: a value that a flight has.
+fn middle(values: &[f64]) -> Option<f64> {
+    quantile(values, 0.5)
 }
 
 /// One measured quantity of a flight with one of the gains.
@@ -81,7 +83,7 @@ fn lines(
                 quantity: a.quantity,
                 claim: a.claim.clone(),
                 ideal: if a.quiet { None } else { figure((a.quantity_of)(&pair.ideal), a.unit, a.decimals) },
-                rig: figure((a.aggregate)(pair.rig.iter().map(a.quantity_of).collect()), a.unit, a.decimals),
+                rig: figure((a.aggregate)(&pair.rig.iter().map(a.quantity_of).collect::<Vec<_>>()).unwrap_or(f64::NAN), a.unit, a.decimals),
                 why: a.why,
             });
         }
@@ -110,7 +112,7 @@ fn fly_80_cm(model: &Model) -> Result<Vec<ScorecardRow>, Error> {
         decimals: 1,
         quantity_of,
         claim,
-        aggregate: median,
+        aggregate: middle,
         quiet: false,
         why,
     };
@@ -140,7 +142,7 @@ fn takeoff_measures(old: &'static str, new: &'static str) -> [Measure; 6] {
         decimals: 1,
         quantity_of,
         claim,
-        aggregate: median,
+        aggregate: middle,
         quiet: false,
         why: if gains == "old" { old } else { new },
     };
@@ -186,7 +188,7 @@ fn hover(model: &Model) -> Result<Vec<ScorecardRow>, Error> {
         decimals: 1,
         quantity_of,
         claim,
-        aggregate: median,
+        aggregate: middle,
         quiet: true,
         why,
     };

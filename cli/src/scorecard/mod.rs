@@ -120,11 +120,6 @@ pub(crate) fn lines(done: &dyn Fn()) -> Result<Vec<ScorecardRow>, Error> {
 pub(crate) const COUNT: usize = steps::EXPERIMENTS.len() + flights::EXPERIMENTS.len();
 
 /// The middle value; of two middle ones the upper.
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, SymmetricEigen};
 
 use crate::fit::solve::Solution;
 use crate::metrics::Fit;
-use crate::statistics::{Independence, LAGS, StatisticsError, Whiteness, independence, whiteness};
+use crazyflie_statistics::{Independence, LAGS, StatisticsError, Whiteness, independence, whiteness};
 
 pub use error::IdentifyError;
 

@@ -9,7 +9,7 @@ use crate::fit::filter::{Disturbances, ParameterPrior, filter};
 use crate::fit::flight::{Flight, Window};
 use crate::fit::hypothesis::Hypothesis;
 use crate::fit::predict::{PredictedMeasurement, SensitivitySimulator};
-use crate::statistics::paired_p_value;
+use crazyflie_statistics::paired_p_value;
 
 /// How far ahead, in seconds; the free run goes from the start to the end.
 pub const HORIZONS_S: [f64; 4] = [0.02, 0.1, 0.5, 2.0];

@@ -1,5 +1,6 @@
 //! A flight made ready for fitting: commands per tick, measurements with their times and their noise, cut into windows.
 
+use crazyflie_statistics::quantile;
 use std::ops::Range;
 
 use crazyflie_env::model::{Model, VerticalInput};
@@ -10,7 +11,7 @@ use crazyflie_logs::{AttitudeSource, Note, PositionSource};
 use super::heteroscedastic::noise_scales;
 use crate::FlightLog;
 use crate::replay::ReplayError;
-use crate::replay::measurements::{Measurements, median};
+use crate::replay::measurements::Measurements;
 
 /// Long enough for a slow pole of 2.8 1/s and for drag to show, short enough that the small-angle plant has not run away.
 pub const WINDOW_S: f64 = 2.0;
@@ -86,7 +87,7 @@ impl Flight {
     /// [`ReplayError`]: no commands, no position, never airborne, too short.
     pub fn from_log(name: &str, log: &FlightLog, model: &Model, vertical: Option<VerticalInput>) -> Result<Self, ReplayError> {
         let measured = Measurements::from_log(log, &mut Vec::new())?;
-        let row_s = median(&log.t_s.windows(2).map(|t| t[1] - t[0]).collect::<Vec<_>>());
+        let row_s = quantile(&log.t_s.windows(2).map(|t| t[1] - t[0]).collect::<Vec<_>>(), 0.5).unwrap_or(0.0);
         // the controller of a 100 Hz log runs at 50 Hz, or its commands are interpolated from less
         let interpolated = log.provenance.onboard_interpolated;
         let tick_s = if interpolated || changes_every_second_row(log) { 2.0 * row_s } else { row_s };
@@ -313,14 +314,14 @@ fn white_noise_sd(samples: &[Sample], floor: [f64; 3]) -> [f64; 3] {
         let all: Vec<f64> =
             third_differences(samples, axis).iter().map(|(i, third)| third.abs() / samples[i + 1].noise_scale[axis]).collect();
         // the median of |normal| is 0.6745 standard deviations
-        (median(&all) / 0.6745).max(floor[axis])
+        (quantile(&all, 0.5).unwrap_or(0.0) / 0.6745).max(floor[axis])
     })
 }
 
 /// Third differences of four neighbours none of which is missing, with the index of the first, scaled to the variance of one white error: the
 /// squares of 1, 3, 3 and 1 are 20 together.
 fn third_differences(samples: &[Sample], axis: usize) -> Vec<(usize, f64)> {
-    let usual = median(&samples.windows(2).map(|s| s[1].t_s - s[0].t_s).collect::<Vec<_>>());
+    let usual = quantile(&samples.windows(2).map(|s| s[1].t_s - s[0].t_s).collect::<Vec<_>>(), 0.5).unwrap_or(0.0);
     let whole = |four: &[Sample]| four[3].t_s - four[0].t_s < 3.5 * usual;
     let third = |s: &[Sample]| (s[3].value[axis] - 3.0 * (s[2].value[axis] - s[1].value[axis]) - s[0].value[axis]) / 20.0_f64.sqrt();
     samples.windows(4).enumerate().filter(|(_, four)| whole(four)).map(|(i, four)| (i, third(four))).collect()

@@ -1,5 +1,6 @@
 //! Heteroscedastic noise of fixes: a camera sees a marker worse from some places. The scatter itself tells how much worse.
 
+use crazyflie_statistics::quantile;
 use nalgebra::{Cholesky, DMatrix, DVector};
 
 /// Neighbouring third differences share measurements: their squares correlate by 0.75^2, 0.3^2 and 0.05^2, to both sides.
@@ -44,7 +45,7 @@ fn fit_noise_scales(places_m: &[[f64; 3]], third_differences: &[(usize, f64)]) -
     let information = Cholesky::new(design.transpose() * &design + DMatrix::identity(6, 6) * 1e-3)?;
     let squares: Vec<f64> = third_differences.iter().map(|(_, d)| d * d).collect();
     let mut coefficients = DVector::zeros(6);
-    coefficients[0] = crate::replay::measurements::median(&squares).max(1e-12).ln();
+    coefficients[0] = quantile(&squares, 0.5).unwrap_or(0.0).max(1e-12).ln();
     // Fisher scoring: squares are gamma distributed about their expectation, whose logarithm is linear in the features
     for _ in 0..ROUNDS {
         let expected = &design * &coefficients;

@@ -170,13 +170,6 @@ fn position(log: &FlightLog) -> Result<[Track; 3], ReplayError> {
     Ok(log.fixes.pos_m.each_ref().map(|v| Track { t_s: t_s.clone(), values: pick(v) }))
 }
 
-/// 0 without values.
-pub(crate) fn median(values: &[f64]) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -1,5 +1,6 @@
 //! Output error with multiple shooting: the numbers that let the simulation from free initial states come closest to the measurement.
 
+use crazyflie_statistics::quantile;
 use nalgebra::{Cholesky, DMatrix};
 
 use crate::fit::solve::{NormalEquations, Problem, Solution, solve};
@@ -177,5 +178,5 @@ fn standard_deviation(segments: &[Segment]) -> f64 {
 
 /// The standard deviation, by the median against outliers: the median of |normal| is 0.6745 standard deviations.
 pub(crate) fn robust_sd(residuals: &[f64]) -> f64 {
-    crate::replay::measurements::median(&residuals.iter().map(|e| e.abs()).collect::<Vec<_>>()) / 0.6745
+    quantile(&residuals.iter().map(|e| e.abs()).collect::<Vec<_>>(), 0.5).unwrap_or(0.0) / 0.6745
 }

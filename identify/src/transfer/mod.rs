@@ -12,7 +12,7 @@ mod write;
 
 use crate::estimate::{Clusters, Comparison, ParameterEstimate, at_bound, covariance};
 use crate::metrics::Fit;
-use crate::statistics::{Criteria, criteria};
+use crazyflie_statistics::{Criteria, criteria};
 
 pub use crate::estimate::IdentifyError;
 pub use channel::{Channel, Record};

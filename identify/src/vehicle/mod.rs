@@ -6,6 +6,7 @@ mod predict;
 
 use crazyflie_env::effects::{self, Entry, Geometry, Role, Ubiquity};
 use crazyflie_env::model::{Model, VerticalInput};
+use crazyflie_statistics::quantile;
 
 use crate::FlightLog;
 use crate::axis_errors::{AxisErrors, axis_errors};
@@ -14,9 +15,8 @@ use crate::fit::flight::{Flight, MeasurementNoise, WINDOW_S, Window};
 use crate::fit::hypothesis::{Hypothesis, Term};
 use crate::fit::predict::{OutputErrorProblem, START};
 use crate::fit::solve::{Problem, Solution, solve};
-use crate::replay::measurements::median;
-use crate::statistics::{Criteria, criteria};
 use crazyflie_logs::first_duplicate;
+use crazyflie_statistics::{Criteria, criteria};
 
 pub use choice::visible;
 pub(crate) use choice::with_source;
@@ -173,10 +173,10 @@ fn fitted_effect(name: &str, all: &[String]) -> Result<Term, IdentifyError> {
 /// The model with a mass and a hover PWM near those of the vehicle that flew: it hovers on the whole.
 fn model_near_vehicle(model: &Model, logs: &[(String, FlightLog)], plan: &FitOptions) -> Result<Model, IdentifyError> {
     let mut near = plan.mass_kg.map_or_else(|| Ok(model.clone()), |mass_kg| model.with_parameter("vehicle.mass", mass_kg))?;
-    let flown = |log: &FlightLog| Some(median(log.cmd_thrust_pwm.as_ref()?.get(log.airborne.clone())?));
+    let flown = |log: &FlightLog| Some(quantile(log.cmd_thrust_pwm.as_ref()?.get(log.airborne.clone())?, 0.5).unwrap_or(0.0));
     let hovers: Vec<f64> = logs.iter().filter_map(|(_, log)| flown(log)).filter(|pwm| *pwm > 0.0).collect();
     if plan.nuisance && !hovers.is_empty() && plan.free.as_ref().is_none_or(|free| free.iter().any(|path| path == HOVER)) {
-        near = near.with_parameter(HOVER, median(&hovers)).unwrap_or(near);
+        near = near.with_parameter(HOVER, quantile(&hovers, 0.5).unwrap_or(0.0)).unwrap_or(near);
     }
     Ok(near)
 }

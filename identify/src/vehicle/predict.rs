@@ -1,5 +1,6 @@
 //! Measured and predicted outputs of the simulator on windows of flights.
 
+use crazyflie_statistics::quantile;
 use rayon::prelude::*;
 
 use crate::estimate::Comparison;
@@ -8,7 +9,6 @@ use crate::fit::hypothesis::Hypothesis;
 use crate::fit::predict::{OutputErrorProblem, PredictedMeasurement, SensitivitySimulator};
 use crate::fit::solve::solve;
 use crate::metrics::Fit;
-use crate::replay::measurements::median;
 
 /// Outputs by their channel in [`PredictedMeasurement`].
 const SIGNALS: [(&str, &str); 6] = [("roll", "rad"), ("pitch", "rad"), ("yaw", "rad"), ("x", "m"), ("y", "m"), ("z", "m")];
@@ -35,7 +35,7 @@ impl ResidualRows {
             let residuals =
                 self.0.iter().filter(|row| row.channel == channel).map(|row| (row.measured - row.predicted).abs() / row.noise_scale);
             // the median of |normal| is 0.6745 standard deviations
-            (median(&residuals.collect::<Vec<_>>()) / 0.6745).max(least[channel])
+            (quantile(&residuals.collect::<Vec<_>>(), 0.5).unwrap_or(0.0) / 0.6745).max(least[channel])
         })
     }
 

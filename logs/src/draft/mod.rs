@@ -2,11 +2,11 @@
 
 mod words;
 
+use crazyflie_statistics::quantile;
 use std::fmt::Write;
 
 use crate::inspect::{Inspection, SignVerdict};
 use crate::mapping::{CHANNELS, Channel, Mapping, Quantity};
-use crate::signal::quantile;
 use crate::table::{NUMBER, Table};
 use crate::times::{guess_unit, time_column};
 use crate::{FlightLog, LogError, text};
@@ -67,7 +67,7 @@ fn entries(table: &Table, time: &str) -> (Vec<Entry>, Vec<String>) {
             rest.push(format!("{column}: not all numbers"));
             continue;
         };
-        let range = [0.01, 0.5, 0.99].map(|share| quantile(&values, share));
+        let range = [0.01, 0.5, 0.99].map(|share| quantile(&values, share).unwrap_or(0.0));
         let shown = || format!("{column}: {:.4} to {:.4}", range[0], range[2]);
         let found = channel_of(column).and_then(|guess| {
             let channel = CHANNELS.into_iter().find(|c| c.name == guess.channel)?;

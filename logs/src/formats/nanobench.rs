@@ -4,11 +4,12 @@
 //! `sp_ctrltarget_yaw` is a rate, the derivative of `pid_controller_yaw`, which is the yaw setpoint; onboard data is
 //! extrapolated after its last packet; whole packet groups may be dead.
 
+use crazyflie_statistics::quantile;
 use std::ops::Range;
 
 use crate::columns::Columns;
 use crate::radio::{End, Group, SHORTEST_TAIL_S};
-use crate::signal::{median, radians, time_gaps, unwrap};
+use crate::signal::{radians, time_gaps, unwrap};
 use crate::skew::{self, Rates};
 use crate::table::{NUMBER, PWM, RADIANS, Table};
 use crate::{AttitudeSource, Content, Fixes, FlightLog, LogError, Note, Onboard, PositionSource, Provenance, Reader};
@@ -261,7 +262,7 @@ impl FlightLog {
         if let Some([_, _, yaw]) = attitude.filter(|_| !self.airborne.is_empty()) {
             let pairs = self.airborne.clone().map(|row| yaw[row] - self.yaw_rad[row]);
             let offsets: Vec<f64> = pairs.map(|d| d.sin().atan2(d.cos())).collect();
-            notes.push(Note::YawOffset { median_rad: median(&offsets) });
+            notes.push(Note::YawOffset { median_rad: quantile(&offsets, 0.5).unwrap_or(0.0) });
         }
     }
 }

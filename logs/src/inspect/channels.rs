@@ -1,9 +1,9 @@
 //! The channels that a log holds: rate, range, longest standstill.
 
+use crazyflie_statistics::quantile;
 use serde::Serialize;
 
 use crate::FlightLog;
-use crate::signal::quantile;
 
 /// One channel of a log.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -80,6 +80,6 @@ fn summary(log: &FlightLog, name: &'static str, unit: &'static str, t_s: &[f64],
     let longest_hold_s = edges.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
     let span_s = flies[1] - flies[0];
     let rate_hz = if span_s > 0.0 { inside.len() as f64 / span_s } else { 0.0 };
-    let [lowest, median, highest] = [0.0, 0.5, 1.0].map(|share| quantile(values, share));
+    let [lowest, median, highest] = [0.0, 0.5, 1.0].map(|share| quantile(values, share).unwrap_or(0.0));
     Some(ChannelSummary { name, unit, rate_hz, longest_hold_s, lowest, median, highest })
 }

@@ -1,10 +1,11 @@
 //! The excitation of a flight: how large and how fast its commands are, and where and how it moved.
 
+use crazyflie_statistics::quantile;
 use serde::Serialize;
 
 use crate::FlightLog;
 use crate::series::{Interpolation, Series};
-use crate::signal::{quantile, usual_step};
+use crate::signal::usual_step;
 use crate::spectrum::power_spectrum;
 
 /// The bandwidth holds this share of a command's variance.
@@ -106,10 +107,10 @@ pub(super) fn motion(log: &FlightLog) -> Option<Motion> {
     let yaw_turned_deg = smooth_way(&log.t_s[rows.clone()], &log.yaw_rad[rows.clone()]).to_degrees();
     let voltage_v = log.vbat_v.as_ref().map(|v| [v[rows.start], v[rows.end - 1]]);
     Some(Motion {
-        height_m: [0.01, HIGH].map(|share| quantile(&pos_m[2], share) - rest_m),
-        speed_mps: quantile(&speed, HIGH),
-        climb_mps: quantile(&climb, HIGH),
-        tilt_deg: quantile(&tilt, HIGH),
+        height_m: [0.01, HIGH].map(|share| quantile(&pos_m[2], share).unwrap_or(0.0) - rest_m),
+        speed_mps: quantile(&speed, HIGH).unwrap_or(0.0),
+        climb_mps: quantile(&climb, HIGH).unwrap_or(0.0),
+        tilt_deg: quantile(&tilt, HIGH).unwrap_or(0.0),
         yaw_turned_deg,
         voltage_v,
     })

@@ -1,5 +1,6 @@
 //! Metrics of an episode, and of an attempt.
 
+use crazyflie_statistics::{mean, median};
 use serde::{Deserialize, Serialize};
 
 use crazyflie_env::vector::METRICS;
@@ -74,8 +75,10 @@ pub(super) fn episode_metrics(scenario: &Scenario, episode: &Episode) -> Result<
 fn multi_drone_metrics(scenario: &Scenario, each: &[EpisodeMetrics], world_metrics: &[f32; METRICS.len()]) -> Result<EpisodeMetrics> {
     let world_metric =
         |name: &str| METRICS.iter().position(|(known, ..)| *known == name).map_or(f64::NAN, |at| f64::from(world_metrics[at]));
-    let over = |value: &dyn Fn(&EpisodeMetrics) -> f64| round_figure(mean(each.iter().map(value)));
-    let squares = |value: &dyn Fn(&EpisodeMetrics) -> f64| round_figure(mean(each.iter().map(|e| value(e).powi(2))).sqrt());
+    let over = |value: &dyn Fn(&EpisodeMetrics) -> f64| round_figure(mean(&each.iter().map(value).collect::<Vec<_>>()).unwrap_or(0.0));
+    let squares = |value: &dyn Fn(&EpisodeMetrics) -> f64| {
+        round_figure(mean(&each.iter().map(|e| value(e).powi(2)).collect::<Vec<_>>()).unwrap_or(0.0).sqrt())
+    };
     let (drones, collisions, crashes, done) = (each.len(), world_metric("collisions"), world_metric("crashes"), world_metric("done"));
     let all_done = done >= drones as f64;
     // where it counts when they are done, they must be
@@ -116,8 +119,8 @@ fn path_metrics(scenario: &Scenario, path: &DronePath) -> Result<EpisodeMetrics>
         duration_s: round_figure(figures.end_s)?,
         settling_s: settling(&figures).map(round_figure).transpose()?,
         overshoot_m: overshoot(&figures).map(round_figure).transpose()?,
-        rmse_m: round_figure(mean(squares.into_iter()).sqrt())?,
-        yaw_rmse_deg: round_figure(mean(yaw).sqrt())?,
+        rmse_m: round_figure(mean(&squares).unwrap_or(0.0).sqrt())?,
+        yaw_rmse_deg: round_figure(mean(&yaw.collect::<Vec<_>>()).unwrap_or(0.0).sqrt())?,
         effort_deg: round_figure(over_phases(&figures, |[x, y, ..]| x.effort.powi(2) + y.effort.powi(2)).sqrt())?,
         travel_degps: round_figure(over_phases(&figures, |[x, y, ..]| x.travel_per_s + y.travel_per_s))?,
         marker_losses: figures.marker_losses,
@@ -157,11 +160,6 @@ fn over_phases(figures: &Figures, of: impl Fn(&[flight::AxisFigures; 4]) -> f64)
     figures.phases.iter().map(|phase| of(&phase.axes) * seconds(phase) / all).sum()
 }
 
-fn mean(values: impl ExactSizeIterator<Item = f64>) -> f64 {
-    let n = values.len().max(1);
-    values.sum::<f64>() / n as f64
-}
-
 fn wrap_angle(angle: f64) -> f64 {
     angle.sin().atan2(angle.cos())
 }
@@ -174,18 +172,10 @@ pub(super) fn round_figure(value: f64) -> Result<f64> {
     if value.is_finite() { Ok((value * 1e6).round() / 1e6) } else { Err(Error::Internal(format!("a figure is {value}"))) }
 }
 
-/// The mean of the two middle ones where there are two.
-pub(super) fn median(values: &mut [f64]) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    let n = values.len();
-    let (low, high) = (values.get(n.checked_sub(1)? / 2)?, values.get(n / 2)?);
-    Some(0.5 * (low + high))
-}
-
 pub(super) fn attempt_metrics(episodes: &[EpisodeMetrics]) -> Result<Metrics> {
     let flown = || episodes.iter().filter(|e| e.failed.is_none());
     let median_of = |value: &dyn Fn(&EpisodeMetrics) -> Option<f64>| {
-        median(&mut flown().filter_map(value).collect::<Vec<_>>()).map(round_figure).transpose()
+        median(&flown().filter_map(value).collect::<Vec<_>>()).map(round_figure).transpose()
     };
     Ok(Metrics {
         settled: flown().filter(|e| e.settling_s.is_some()).count(),

@@ -12,7 +12,8 @@ use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
 
 use super::error::Result;
-use super::metrics::{EpisodeMetrics, median, round_figure};
+use super::metrics::{EpisodeMetrics, round_figure};
+use crazyflie_statistics::median;
 
 /// The terms of a scenario's cost: the size of each figure that costs 1.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
@@ -96,12 +97,12 @@ pub(super) fn attempt_score(episodes: &[(f64, bool)]) -> Result<Score> {
         .collect();
     scores.sort_by(f64::total_cmp);
     let at = |share: f64| scores[((RESAMPLES - 1) as f64 * share).round() as usize];
-    let mut all: Vec<f64> = episodes.iter().map(|(score, _)| *score).collect();
+    let all: Vec<f64> = episodes.iter().map(|(score, _)| *score).collect();
     Ok(Score {
         score: round_figure(score(episodes))?,
         low: round_figure(at(TAIL))?,
         high: round_figure(at(1.0 - TAIL))?,
-        median: round_figure(median(&mut all).unwrap_or(0.0))?,
+        median: round_figure(median(&all).unwrap_or(0.0))?,
         failed: episodes.iter().filter(|(_, failed)| *failed).count(),
         episodes: episodes.len(),
     })
@@ -109,8 +110,8 @@ pub(super) fn attempt_score(episodes: &[(f64, bool)]) -> Result<Score> {
 
 fn score(episodes: &[(f64, bool)]) -> f64 {
     let flown = episodes.iter().filter(|(_, failed)| !failed).count();
-    let mut scores: Vec<f64> = episodes.iter().map(|(score, _)| *score).collect();
-    median(&mut scores).unwrap_or(0.0) * flown as f64 / episodes.len().max(1) as f64
+    let scores: Vec<f64> = episodes.iter().map(|(score, _)| *score).collect();
+    median(&scores).unwrap_or(0.0) * flown as f64 / episodes.len().max(1) as f64
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! The figures of a flight: how fast, how far over, how exact, with how much effort.
 
 use crazyflie_control::Mode;
+use crazyflie_statistics::rms;
 
 use super::{FlightEnd, Phase, Trace, TraceRow, touch_down_mps};
 
@@ -142,9 +143,9 @@ fn axis_figures(trace: &Trace, axis: &AxisSpec, first: usize, end: usize) -> Axi
     AxisFigures {
         settling: if moving { Settling::Moving } else { settling(&errors, axis.band, trace.tick_s) },
         overshoot: (!moving).then(|| overshoot(&errors, axis.band)),
-        rmse: rms(&errors),
+        rmse: rms(&errors).unwrap_or(0.0),
         final_error: tail.iter().map(|e| e.abs()).sum::<f64>() / tail.len() as f64,
-        effort: rms(&commands),
+        effort: rms(&commands).unwrap_or(0.0),
         travel_per_s: travel / ((end - first) as f64 * trace.tick_s),
     }
 }
@@ -179,10 +180,6 @@ fn effort(trace: &Trace, axis: &AxisSpec, row: usize) -> f64 {
         "z" => 100.0 * (u.lift - f64::from(trace.rows[row].observation[axis.setpoint])),
         _ => u.yaw_rate_radps.to_degrees(),
     }
-}
-
-fn rms(values: &[f64]) -> f64 {
-    (values.iter().map(|v| v * v).sum::<f64>() / values.len().max(1) as f64).sqrt()
 }
 
 #[cfg(test)]

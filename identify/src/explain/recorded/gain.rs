@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use crate::axis_errors::AxisErrors;
 use crate::explain::calibration::recorded::{CHANCE_OF_HARM, FLIGHTS_TO_TEST, HARM};
-use crate::statistics::paired_p_value;
+use crazyflie_statistics::{mean, paired_p_value};
 
 /// Rows of [`AxisErrors`] that are judged: sideways and vertical velocity, and tilt. The velocity in space holds nothing more.
 const JUDGED: [usize; 3] = [0, 1, 3];
@@ -29,12 +29,14 @@ impl Gain {
 
     /// The mean over all: below zero the change helps.
     pub fn mean(&self) -> f64 {
-        mean(&self.per_stretch())
+        mean(&self.per_stretch()).unwrap_or(f64::NAN)
     }
 
     /// Of each judged axis.
     pub fn by_axis(&self) -> [f64; 3] {
-        [0, 1, 2].map(|axis| mean(&self.log_ratios.iter().map(|cells| 0.5 * (cells[axis][0] + cells[axis][1])).collect::<Vec<_>>()))
+        [0, 1, 2].map(|axis| {
+            mean(&self.log_ratios.iter().map(|cells| 0.5 * (cells[axis][0] + cells[axis][1])).collect::<Vec<_>>()).unwrap_or(f64::NAN)
+        })
     }
 
     /// Probability that chance alone gives so large a mean, by a paired test over stretches.
@@ -46,7 +48,7 @@ impl Gain {
     pub fn harms(&self) -> bool {
         let cells = (0..3).flat_map(|axis| (0..2).map(move |h| (axis, h)));
         cells.map(|(axis, h)| self.log_ratios.iter().map(|cells| cells[axis][h]).collect::<Vec<f64>>()).any(|ratios| {
-            let worse = mean(&ratios);
+            let worse = mean(&ratios).unwrap_or(f64::NAN);
             worse > HARM && paired_p_value(&ratios).is_none_or(|p| p < CHANCE_OF_HARM)
         })
     }
@@ -57,17 +59,13 @@ impl Gain {
         for (flight, ratio) in self.flights.iter().zip(self.per_stretch()) {
             by_flight.entry(flight).or_default().push(ratio);
         }
-        by_flight.len() >= FLIGHTS_TO_TEST || by_flight.values().all(|ratios| mean(ratios) < 0.0)
+        by_flight.len() >= FLIGHTS_TO_TEST || by_flight.values().all(|ratios| mean(ratios).unwrap_or(f64::NAN) < 0.0)
     }
 
     /// Whether every axis is better at every horizon.
     pub fn helps_everywhere(&self) -> bool {
         (0..3).all(|axis| (0..2).all(|h| self.log_ratios.iter().map(|cells| cells[axis][h]).sum::<f64>() < 0.0))
     }
-}
-
-fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len() as f64
 }
 
 #[cfg(test)]
