@@ -5,6 +5,9 @@ mod controllers;
 mod diagnose;
 mod effects;
 mod explain;
+mod explain_bench;
+mod explain_bench_page;
+mod explain_bench_table;
 mod explain_table;
 mod files;
 mod fly;
@@ -19,24 +22,21 @@ mod inspect;
 mod inspect_picture;
 mod inspect_table;
 mod leaderboard;
-mod measured;
 mod model;
-mod pilot;
 mod replay;
 mod replay_table;
-mod replay_world;
+mod report_recorded;
+mod reproduce_thesis;
 mod robustness;
 mod scenarios;
-mod score;
-mod score_page;
-mod score_table;
-mod scorecard;
 mod serve;
 mod submit;
 mod tasks;
 mod token;
 mod tune;
 mod verify;
+mod world_join;
+mod world_replay;
 
 use std::io::{self, Write};
 
@@ -71,13 +71,12 @@ struct Cli {
 enum Command {
     Fly(fly::Args),
     Replay(replay::Args),
-    ReplayWorld(replay_world::Args),
     Identify(identify::Args),
     Inspect(inspect::Args),
     Explain(explain::Args),
     Diagnose(diagnose::Args),
     Horizons(horizons::Args),
-    ExplainBench(score::Args),
+    ExplainBench(explain_bench::Args),
     Tune(tune::Args),
     Effects(effects::Args),
     Tasks(tasks::Args),
@@ -100,8 +99,8 @@ enum Command {
 
 #[derive(Debug, Subcommand)]
 enum World {
-    Join(pilot::Args),
-    Replay(replay_world::Args),
+    Join(world_join::Args),
+    Replay(world_replay::Args),
 }
 
 #[derive(Debug, Subcommand)]
@@ -117,12 +116,12 @@ enum Bench {
 
 #[derive(Debug, Subcommand)]
 enum Report {
-    Recorded(measured::Args),
+    Recorded(report_recorded::Args),
 }
 
 #[derive(Debug, Subcommand)]
 enum Reproduce {
-    Thesis(scorecard::Args),
+    Thesis(reproduce_thesis::Args),
 }
 
 /// Names of version 0.1 that work for one release, with what they are called now.
@@ -192,21 +191,20 @@ fn run(command: &Command, out: &mut dyn Write) -> Outcome {
     match command {
         Command::Fly(args) => fly::run(args, out),
         Command::Replay(args) => replay::run(args, out),
-        Command::ReplayWorld(args) => replay_world::run(args, out),
         Command::Identify(args) => identify::run(args, out),
         Command::Inspect(args) => inspect::run(args, out),
         Command::Explain(args) => explain::run(args, out),
         Command::Diagnose(args) => diagnose::run(args, out),
         Command::Horizons(args) => horizons::run(args, out),
-        Command::ExplainBench(args) => score::run(args, out),
+        Command::ExplainBench(args) => explain_bench::run(args, out),
         Command::Tune(args) => tune::run(args, out),
         Command::Effects(args) => effects::run(args, out),
         Command::Tasks(args) => tasks::run(args, out),
         Command::Controllers(args) => controllers::run(args, out),
         Command::Model(args) => model::run(args, out),
         Command::Serve(args) => serve::run(args, out),
-        Command::World(World::Join(args)) => pilot::run(args, out),
-        Command::World(World::Replay(args)) => replay_world::run(args, out),
+        Command::World(World::Join(args)) => world_join::run(args, out),
+        Command::World(World::Replay(args)) => world_replay::run(args, out),
         Command::Bench(Bench::Submit(args)) => submit::run(args, out),
         Command::Bench(Bench::Leaderboard(args)) => leaderboard::run(args, out),
         Command::Bench(Bench::Attempts(args)) => attempts::run(args, out),
@@ -214,8 +212,8 @@ fn run(command: &Command, out: &mut dyn Write) -> Outcome {
         Command::Bench(Bench::Scenarios(args)) => scenarios::run(args, out),
         Command::Bench(Bench::Robustness(args)) => robustness::run(args, out),
         Command::Bench(Bench::Token(args)) => token::run(args, out),
-        Command::Report(Report::Recorded(args)) => measured::run(args, out),
-        Command::Reproduce(Reproduce::Thesis(args)) => scorecard::run(args, out),
+        Command::Report(Report::Recorded(args)) => report_recorded::run(args, out),
+        Command::Reproduce(Reproduce::Thesis(args)) => reproduce_thesis::run(args, out),
     }
 }
 

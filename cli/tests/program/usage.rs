@@ -21,7 +21,7 @@ fn assert_helpful(words: &[&str]) -> usize {
     if !below.is_empty() && !help.contains("Examples:") {
         return below.iter().map(|command| assert_helpful(&[words, &[command]].concat())).sum();
     }
-    assert!(help.contains("Examples:") && help.contains(&format!("crazyflie {name}")), "{help}");
+    assert!(help.contains("Examples:") && help.contains(&format!("crazyflie {name}")), "{name}: {help}");
     assert!(help.contains("--json") || name == "serve", "{help}");
     1
 }

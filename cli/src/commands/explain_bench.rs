@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 
-use super::{Failure, Outcome, score_page, score_table, with_cause};
+use super::{Failure, Outcome, explain_bench_page, explain_bench_table, with_cause};
 use crate::score::{CaseFile, Provenance, Rates, Results, Schedule, find_cases, score_all};
 
 const EXAMPLES: &str = "\
@@ -68,10 +68,10 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         write_document(path, &format!("{document:#}\n"), out)?;
     }
     if let Some(path) = &args.markdown {
-        write_document(path, &score_page::page(&runs), out)?;
+        write_document(path, &explain_bench_page::page(&runs), out)?;
     }
     if !args.prints_document() {
-        runs.iter().try_for_each(|results| write!(out, "{}", score_table::plain(results)))?;
+        runs.iter().try_for_each(|results| write!(out, "{}", explain_bench_table::plain(results)))?;
     }
     let failures: Vec<String> =
         runs.iter().flat_map(|run| &run.cases).filter_map(|r| Some(format!("{}: {}", r.case, r.failed.as_ref()?))).collect();
@@ -96,7 +96,7 @@ fn read_runs(paths: &[PathBuf]) -> Outcome<Vec<Results>> {
 /// The object that programs read; `totals` by group and criterion.
 fn as_json(results: &Results) -> serde_json::Value {
     let rates = Rates::from_records(&results.cases);
-    json!({"run": results.run, "cases": results.cases, "totals": score_table::totals_json(&rates), "rates": rates})
+    json!({"run": results.run, "cases": results.cases, "totals": explain_bench_table::totals_json(&rates), "rates": rates})
 }
 
 fn run_cases(args: &Args) -> Outcome<Results> {
@@ -115,7 +115,7 @@ fn run_cases(args: &Args) -> Outcome<Results> {
     let run = Provenance::now(command_line(args), jobs, schedule.threads);
     let records = score_all(&cases, schedule, &progress, &|record| {
         // a long run that is cut off has said what it found
-        bar.suspend(|| eprintln!("{}", score_table::line(record)));
+        bar.suspend(|| eprintln!("{}", explain_bench_table::line(record)));
         bar.inc(1);
     });
     bar.finish_and_clear();

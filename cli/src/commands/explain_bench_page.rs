@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::fmt::Write;
 
 use super::Table;
-use super::score_table::{LEGEND, fault, rate_tables, summary};
+use super::explain_bench_table::{LEGEND, fault, rate_tables, summary};
 use crate::score::{CaseRecord, Rates, Results};
 
 /// Below so many cases a rate of 97 % cannot be told from one of 90 %: Wilson's interval around it is wider than that.
