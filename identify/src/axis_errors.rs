@@ -22,8 +22,11 @@ pub const LEAST_FLIGHTS: usize = 6;
 /// Root mean square errors on one flight, per axis ([`AXES`]) and horizon ([`HORIZONS_S`]).
 #[derive(Debug, Clone, PartialEq)]
 pub struct AxisErrors {
+    /// Name of the flight, as [`Flight::name`].
     pub flight: String,
+    /// Number of predictions behind each error.
     pub predictions: usize,
+    /// Errors as `[axis][horizon]`, in the units of [`AXES`]; roll and pitch are one axis.
     pub rms: [[f64; 2]; 4],
 }
 
@@ -82,14 +85,19 @@ fn squared_errors(
 /// One axis at one horizon before and after a change of the model, over all flights.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AxisChange {
+    /// Name of the axis, out of [`AXES`].
     pub axis: &'static str,
+    /// Unit of [`AxisChange::before`] and [`AxisChange::after`].
     pub unit: &'static str,
+    /// Time from the start of a prediction, out of [`HORIZONS_S`].
     pub horizon_s: f64,
     /// Root mean square over all predictions.
     pub before: f64,
+    /// The same figure after the change.
     pub after: f64,
     /// Flights on which the error fell, of how many.
     pub better: usize,
+    /// Number of flights compared.
     pub flights: usize,
     /// Of the logarithm of the ratio, flight by flight; `None` below [`LEAST_FLIGHTS`].
     pub p_value: Option<f64>,

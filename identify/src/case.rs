@@ -9,9 +9,11 @@ use thiserror::Error;
 /// The declared vehicle, as `dNN.json` of the simulated flights with hidden effects says it.
 #[derive(Debug, Clone, Deserialize)]
 pub struct Case {
+    /// Identifier of the case, by which the declared model is called.
     pub id: String,
     /// The flight to work on, and the one to judge with; paths beside the case file.
     pub identify_on: PathBuf,
+    /// Log to judge with, which no fit may see.
     pub held_out: PathBuf,
     declared_model: Declaration,
     mass_kg: f64,
@@ -45,6 +47,7 @@ struct YawLoop {
 
 /// Why a case file cannot be used.
 #[derive(Debug, Error)]
+#[allow(missing_docs, reason = "each variant's message says what went wrong")]
 pub enum CaseError {
     #[error("{file}: cannot be read")]
     Io {

@@ -4,6 +4,7 @@ use thiserror::Error;
 
 /// Why two signals could not be compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[allow(missing_docs, reason = "each variant's message says what went wrong")]
 pub enum MetricError {
     #[error("the measured signal has {measured} samples, the model's {model}: they must be equal")]
     LengthMismatch { measured: usize, model: usize },

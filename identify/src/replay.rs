@@ -29,9 +29,11 @@ const ROUNDING_S: f64 = 1e-6;
 /// One of the outputs of the thesis's first block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Signal {
+    /// Label in tables and plots, such as `vx`.
     pub name: &'static str,
     /// Unit for people; values inside are SI and radians.
     pub unit: &'static str,
+    /// Whether values are angles, which people read in degrees.
     pub is_angle: bool,
 }
 
@@ -61,9 +63,11 @@ pub const SIGNALS: [Signal; 8] = [
 /// Source of the hover PWM of the `thrust` form.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum HoverSource {
+    /// The PWM that the model holds.
     OfModel,
     /// The median thrust command of the flight: what carried this vehicle.
     MedianThrust,
+    /// This PWM, in counts.
     Given(f64),
 }
 
@@ -74,6 +78,7 @@ pub struct ReplayOptions {
     pub vertical: Option<VerticalInput>,
     /// Start again from the measurement after so many seconds; `None` runs free from the start to the end.
     pub horizon_s: Option<f64>,
+    /// Source of the PWM at which the model hovers.
     pub hover: HoverSource,
     /// Give the model the measured yaw rate for a command, where the log holds none, so that its heading is right.
     pub measured_yaw_rate: bool,
@@ -89,7 +94,10 @@ impl Default for ReplayOptions {
 #[derive(Debug, Clone, PartialEq)]
 pub enum Remark {
     /// Velocities are derivatives of the position measurements.
-    VelocityDerived { half_window_s: f64 },
+    VelocityDerived {
+        /// Half the width of the window in which a cubic is fitted.
+        half_window_s: f64,
+    },
     /// Velocities are the simulator's truth, which the log holds.
     VelocityOfTruth,
     /// The log has no yaw-rate command.
@@ -97,9 +105,19 @@ pub enum Remark {
     /// The measured yaw rate was the yaw command.
     YawCommandMeasured,
     /// The flight's median thrust command beside the PWM at which the model hovers.
-    HoverPwm { flight: f64, model: f64 },
+    HoverPwm {
+        /// Median thrust command of the flight, counts.
+        flight: f64,
+        /// PWM at which the model hovers, counts.
+        model: f64,
+    },
     /// The hover PWM of the `thrust` form was replaced.
-    HoverTaken { pwm: f64, instead_of: f64 },
+    HoverTaken {
+        /// PWM taken instead, counts.
+        pwm: f64,
+        /// PWM of the model, counts.
+        instead_of: f64,
+    },
 }
 
 impl fmt::Display for Remark {
@@ -124,21 +142,28 @@ impl fmt::Display for Remark {
 /// One signal, measured and predicted at the same times.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SignalComparison {
+    /// Times of the measurements, on the clock of the log.
     pub t_s: Vec<f64>,
+    /// Measured values.
     pub measured: Vec<f64>,
+    /// Values of the model.
     pub predicted: Vec<f64>,
+    /// Agreement of the two.
     pub fit: Fit,
 }
 
 /// A flight replayed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Replay {
+    /// Vertical form that was driven.
     pub input: VerticalInput,
     /// From the first measured state to the end of the flight.
     pub start_s: f64,
+    /// Time of the log at which the replay ends.
     pub end_s: f64,
     /// In the order of [`SIGNALS`], SI and radians.
     pub signals: [SignalComparison; 8],
+    /// Assumptions and derivations, in the order in which they were made.
     pub remarks: Vec<Remark>,
 }
 

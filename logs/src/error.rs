@@ -6,6 +6,7 @@ use thiserror::Error;
 
 /// Why a log could not be read or written. Lines count from 1, the header being line 1.
 #[derive(Debug, Error)]
+#[allow(missing_docs, reason = "each variant's message says what went wrong")]
 pub enum LogError {
     #[error("{file}: cannot be read")]
     Io {
@@ -67,6 +68,7 @@ pub enum LogError {
 /// A column that the format needs and the file lacks.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MissingColumn {
+    /// Name in the format's spelling; alternatives are joined by "or".
     pub name: String,
     /// A column of the file with a similar name that the format does not know.
     pub did_you_mean: Option<String>,

@@ -35,7 +35,9 @@ pub struct Fixes {
 /// The vehicle's own estimates, one value per row. NanoBench has them on their own clock, see [`Note::ClockSkew`].
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Onboard {
+    /// Position in the world frame: x, y, z.
     pub pos_m: Option<[Vec<f64>; 3]>,
+    /// Velocity in the world frame: x, y, z.
     pub vel_mps: Option<[Vec<f64>; 3]>,
     /// Roll, pitch and yaw; yaw continuous.
     pub attitude_rad: Option<[Vec<f64>; 3]>,
@@ -62,9 +64,13 @@ pub struct Onboard {
 /// Ground truth of a simulator. One value per row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Truth {
+    /// Position in the world frame: x, y, z.
     pub pos_m: [Vec<f64>; 3],
+    /// Velocity in the world frame: x, y, z.
     pub vel_mps: [Vec<f64>; 3],
+    /// Roll; positive accelerates to -y.
     pub roll_rad: Vec<f64>,
+    /// Pitch; positive accelerates to +x.
     pub pitch_rad: Vec<f64>,
     /// Continuous.
     pub yaw_rad: Vec<f64>,
@@ -76,6 +82,7 @@ pub struct Truth {
 /// never came, is `None`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FlightLog {
+    /// Origin of the channels.
     pub provenance: Provenance,
     /// Time of each row, strictly increasing.
     pub t_s: Vec<f64>,
@@ -85,12 +92,15 @@ pub struct FlightLog {
     /// neither take-off nor landing. The ends fly through ground effect: see [`FlightLog::interval_above`].
     pub airborne: Range<usize>,
 
+    /// Roll setpoint of the attitude loop; positive accelerates to -y.
     pub cmd_roll_rad: Option<Vec<f64>>,
+    /// Pitch setpoint of the attitude loop; positive accelerates to +x.
     pub cmd_pitch_rad: Option<Vec<f64>>,
     /// With the thesis's sign: yaw' = -cmd.
     pub cmd_yaw_rate_radps: Option<Vec<f64>>,
     /// Thrust command before any battery compensation, 0..65535.
     pub cmd_thrust_pwm: Option<Vec<f64>>,
+    /// Height setpoint of the vehicle's own height loop, where that is the lift command.
     pub cmd_height_m: Option<Vec<f64>>,
     /// NanoBench logs (0, 0, 0) before and after the flight, meaning "no setpoint".
     pub setpoint_m: Option<[Vec<f64>; 3]>,
@@ -104,6 +114,7 @@ pub struct FlightLog {
     pub vel_mps: Option<[Vec<f64>; 3]>,
     /// Measured attitude: motion capture for NanoBench, else the vehicle's IMU estimate.
     pub roll_rad: Vec<f64>,
+    /// Measured pitch, from the instrument that measured roll.
     pub pitch_rad: Vec<f64>,
     /// Continuous (no wraps).
     pub yaw_rad: Vec<f64>,
@@ -111,9 +122,12 @@ pub struct FlightLog {
     pub gyro_radps: Option<[Vec<f64>; 3]>,
     /// Specific force in the body frame: +9.81 on z at rest.
     pub acc_mps2: Option<[Vec<f64>; 3]>,
+    /// Battery voltage.
     pub vbat_v: Option<Vec<f64>>,
 
+    /// Estimates and motor commands of the vehicle itself.
     pub onboard: Option<Onboard>,
+    /// Ground truth, in logs of a simulator.
     pub truth: Option<Truth>,
     /// Everything that was detected, cut or converted.
     pub notes: Vec<Note>,

@@ -4,6 +4,7 @@
 //! radians, a right-handed frame with z up, +pitch accelerating to +x and +roll to -y. [`readers`] lists the formats;
 //! callers ask a log for facts ([`Provenance`], which channels are there), never for its format.
 #![forbid(unsafe_code)]
+#![warn(missing_docs)]
 
 mod align;
 mod attitude;

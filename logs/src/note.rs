@@ -8,98 +8,269 @@ pub enum Note {
     /// The gzip stream ends before its end mark; what had been written was used.
     TruncatedGzip,
     /// The last line has no line end, so its last number may be cut short; it was left out.
-    PartialLastLine { line: u64 },
+    PartialLastLine {
+        /// Number of that line; the header is line 1.
+        line: u64,
+    },
     /// Columns that the format does not know.
-    IgnoredColumns { columns: Vec<String> },
+    IgnoredColumns {
+        /// Their names, in the order of the file.
+        columns: Vec<String>,
+    },
     /// `t_s` counts from this time of the file's own clock.
-    TimeShifted { start_s: f64 },
+    TimeShifted {
+        /// Time of the first row on that clock.
+        start_s: f64,
+    },
     /// Steps of the time column longer than 1.5 of the usual step.
-    TimeGaps { count: usize, usual_s: f64, longest_s: f64 },
+    TimeGaps {
+        /// Number of such steps.
+        count: usize,
+        /// Median step.
+        usual_s: f64,
+        /// Longest step.
+        longest_s: f64,
+    },
     /// Rows after the last radio packet of `channels` are extrapolation and were cut.
-    CutAfterLastPacket { channels: &'static str, kept_s: f64, cut_s: f64 },
+    CutAfterLastPacket {
+        /// Group of columns, in words.
+        channels: &'static str,
+        /// Time of the last row that was kept.
+        kept_s: f64,
+        /// Duration of the part that was cut.
+        cut_s: f64,
+    },
     /// `channels` brought no packets in flight: absent from the log.
-    DeadChannels { channels: &'static str },
+    DeadChannels {
+        /// Group of columns, in words.
+        channels: &'static str,
+    },
     /// The battery voltage after its last packet is that packet's value, held.
-    BatteryHeld { from_s: f64 },
+    BatteryHeld {
+        /// Time of the last packet.
+        from_s: f64,
+    },
     /// Stretches in flight where `channels` are interpolated over lost packets (0.1 s or longer).
-    RadioGaps { channels: &'static str, count: usize, longest_s: f64 },
+    RadioGaps {
+        /// Group of columns, in words.
+        channels: &'static str,
+        /// Number of stretches.
+        count: usize,
+        /// Longest stretch.
+        longest_s: f64,
+    },
     /// Signs turned to the right-handed frame.
-    Negated { columns: &'static [&'static str] },
+    Negated {
+        /// Names of the columns in the file.
+        columns: &'static [&'static str],
+    },
     /// Columns that are not what their name or description says: `unit` is what they were read as.
-    ReadAs { columns: &'static str, unit: &'static str },
+    ReadAs {
+        /// Names of the columns in the file.
+        columns: &'static str,
+        /// Quantity or unit, in words.
+        unit: &'static str,
+    },
     /// Onboard gyro against motion-capture rates: positive when the onboard data appears later. Median,
     /// lowest and highest of the thirds of the flight. Nothing was shifted.
-    ClockSkew { median_s: f64, lowest_s: f64, highest_s: f64 },
+    ClockSkew {
+        /// Median of the thirds.
+        median_s: f64,
+        /// Lowest of the thirds.
+        lowest_s: f64,
+        /// Highest of the thirds.
+        highest_s: f64,
+    },
     /// The onboard and motion-capture clocks could not be compared: the flight excites the rates too little.
     ClockSkewUnknown,
     /// Median of onboard yaw minus motion-capture yaw in flight.
-    YawOffset { median_rad: f64 },
+    YawOffset {
+        /// Median over the flight, positive where the onboard yaw is larger.
+        median_rad: f64,
+    },
     /// The format logs no yaw-rate command and none can be derived from what it logs.
     NoYawRateCommand,
     /// A wrapped angle was made continuous.
-    Unwrapped { channel: &'static str, jumps: usize },
+    Unwrapped {
+        /// Name of the angle, in words.
+        channel: &'static str,
+        /// Number of wraps.
+        jumps: usize,
+    },
     /// Camera fixes whose capture time is not later than the one before. They are kept in order of arrival.
-    CaptureOutOfOrder { count: usize },
+    CaptureOutOfOrder {
+        /// Number of such fixes.
+        count: usize,
+    },
     /// Camera fixes stamped later than the row in which they arrived.
-    CaptureInFuture { count: usize },
+    CaptureInFuture {
+        /// Number of such fixes.
+        count: usize,
+    },
     /// The file holds no position at all, so it is unknown when the vehicle flew.
     NoPosition,
     /// The vehicle never rose above this height.
-    NeverAirborne { above_m: f64 },
+    NeverAirborne {
+        /// Height that counts as flight, on the scale of the log's position.
+        above_m: f64,
+    },
     /// The file ends or is damaged at this byte; the `kept` records or messages before it were used.
-    CutShort { byte: usize, kept: usize, unit: &'static str, reason: String },
+    CutShort {
+        /// Offset from the start of the file's content.
+        byte: usize,
+        /// Number of records or messages used.
+        kept: usize,
+        /// Word for what is counted: `records` or `messages`.
+        unit: &'static str,
+        /// What was found wrong there.
+        reason: String,
+    },
     /// The database is damaged behind the messages that were used.
-    DamagedDatabase { kept: usize, reason: String },
+    DamagedDatabase {
+        /// Number of messages used.
+        kept: usize,
+        /// The database's own message.
+        reason: String,
+    },
     /// The check sum at the end of the file is not that of its content.
     WrongChecksum,
     /// Rows or messages of `source` that hold values that are not finite, or cannot be decoded, were left out.
-    OddValues { source: String, count: usize },
+    OddValues {
+        /// Name of the topic, event or quantity.
+        source: String,
+        /// Number of rows or messages left out.
+        count: usize,
+    },
     /// Time stamps of `source` that are not later than the one before; put in order, repeated ones left out.
-    StampsOutOfOrder { source: String, count: usize },
+    StampsOutOfOrder {
+        /// Name of the topic, event or channel.
+        source: String,
+        /// Number of such stamps.
+        count: usize,
+    },
     /// No messages of the topic that the thesis's rig calls so.
-    TopicMissing { topic: &'static str },
+    TopicMissing {
+        /// Usual name of the topic, without namespace.
+        topic: &'static str,
+    },
     /// Topics of which a flight needs nothing.
-    IgnoredTopics { topics: Vec<String> },
+    IgnoredTopics {
+        /// Their names, with the type of the message where no flight needs it.
+        topics: Vec<String>,
+    },
     /// Messages without time stamps: times of record were used.
-    NoStamps { topic: String },
+    NoStamps {
+        /// Name of the topic.
+        topic: String,
+    },
     /// The stamps' clock against the recorder's. If it is another (`!same`), `offset_s` was added; the drift never is.
-    TopicClock { topic: String, same: bool, offset_s: f64, transport_s: f64, spread_s: f64, drift_ppm: Option<f64> },
+    TopicClock {
+        /// Name of the topic.
+        topic: String,
+        /// Whether the stamps are of the recorder's clock.
+        same: bool,
+        /// Time added to each stamp; 0 on the same clock.
+        offset_s: f64,
+        /// Median time from stamp to record, less the offset.
+        transport_s: f64,
+        /// Spread of that time, from its 5 % to its 95 % quantile.
+        spread_s: f64,
+        /// Rate at which the clocks part, in millionths; `None` for a short recording.
+        drift_ppm: Option<f64>,
+    },
     /// Stamps more than a second from their times of record, which were used instead.
-    StrayStamps { topic: String, count: usize },
+    StrayStamps {
+        /// Name of the topic.
+        topic: String,
+        /// Number of such stamps.
+        count: usize,
+    },
     /// Messages that the topic's usual rate lacks.
-    LostMessages { topic: String, count: usize, longest_s: f64 },
+    LostMessages {
+        /// Name of the topic.
+        topic: String,
+        /// Number of messages.
+        count: usize,
+        /// Longest time between two messages.
+        longest_s: f64,
+    },
     /// The camera against the IMU, by what both measured of the motion: positive when the camera's data appears later than
     /// its stamps say. `shifted`: the capture times were corrected by it, since their stamps say nothing.
-    CameraLag { lag_s: f64, sigma_s: f64, correlation: f64, by: &'static str, shifted: bool },
+    CameraLag {
+        /// Delay of the camera's data.
+        lag_s: f64,
+        /// Standard error of the delay, from the scatter between parts of the flight.
+        sigma_s: f64,
+        /// Correlation of the two motions at this delay, at most 1.
+        correlation: f64,
+        /// Motion that was compared, in words.
+        by: &'static str,
+        /// Whether the capture times were corrected.
+        shifted: bool,
+    },
     /// Camera and IMU could not be compared: the flight moves too little or is too short.
     CameraLagUnknown,
     /// Marker poses in the frame of a camera that looks down were turned into the vehicle's over the marker.
     SeenFromCamera,
     /// Added to the integrated yaw so that it starts at the marker's.
-    YawFromMarker { offset_rad: f64 },
+    YawFromMarker {
+        /// Angle added, positive counter-clockwise.
+        offset_rad: f64,
+    },
     /// Roll, pitch and yaw are the integrated gyro, less this bias, measured before take-off or (`!at_rest`) the mean of roll
     /// and pitch rates over the file; `None`: the file's rates have none, and the integration restarts wherever the vehicle stands.
-    AttitudeIntegrated { bias_radps: Option<[f64; 3]>, at_rest: bool },
+    AttitudeIntegrated {
+        /// Bias about the body's x, y and z axes.
+        bias_radps: Option<[f64; 3]>,
+        /// Whether the bias was measured while the vehicle stood.
+        at_rest: bool,
+    },
     /// There is no IMU: roll, pitch and yaw are the marker's, interpolated.
     AttitudeFromMarker,
     /// Angles derived from the direction of the acceleration; yaw taken as zero where it is not logged.
-    TiltFromAcceleration { roll: bool, pitch: bool, yaw_taken_as_zero: bool },
+    TiltFromAcceleration {
+        /// Whether roll is derived.
+        roll: bool,
+        /// Whether pitch is derived.
+        pitch: bool,
+        /// Whether the log lacks yaw.
+        yaw_taken_as_zero: bool,
+    },
     /// Nothing outside the vehicle measured its position: the fixes are its own estimate.
     PositionEstimated,
     /// The thrust command is the mean of the motors' requests.
     ThrustFromMotors,
     /// Channels on clocks of their own were brought to the rows: commands held, measurements interpolated.
-    Resampled { channels: Vec<String> },
+    Resampled {
+        /// Names of the channels.
+        channels: Vec<String>,
+    },
     /// The unit of a time column, which follows from its steps.
-    TimeUnit { column: String, unit: &'static str },
+    TimeUnit {
+        /// Name of the column.
+        column: String,
+        /// Unit as in a mapping file, such as `ms`.
+        unit: &'static str,
+    },
     /// Positions that repeat the one before were taken for rows without a fix.
-    RepeatedPositions { share: f64 },
+    RepeatedPositions {
+        /// Share of the positions left out, 0 to 1.
+        share: f64,
+    },
     /// A command in another unit was turned into 16-bit PWM.
-    ScaledToPwm { channel: String, unit: String },
+    ScaledToPwm {
+        /// Name of the command.
+        channel: String,
+        /// Unit in the file.
+        unit: String,
+    },
     /// Numbers are written with a decimal comma.
     DecimalCommas,
     /// In this share of the rows the vehicle feels gravity from below: it lies on its back.
-    UpsideDown { share: f64 },
+    UpsideDown {
+        /// Share of all rows, 0 to 1.
+        share: f64,
+    },
 }
 
 impl fmt::Display for Note {

@@ -39,7 +39,9 @@ pub enum AttitudeSource {
 pub struct Provenance {
     /// Name of the reader, see [`Reader::name`](crate::Reader::name); for people and reports.
     pub format: &'static str,
+    /// Instrument behind the [fixes](crate::FlightLog::fixes).
     pub position: PositionSource,
+    /// Instrument behind roll, pitch and yaw.
     pub attitude: AttitudeSource,
     /// Commands and on-board sensors come from another clock and were interpolated to the rows: steps of commands are
     /// ramps, and the gyro does not line up with an attitude from outside.

@@ -1,5 +1,6 @@
 //! Statistics of samples, and tests of the residuals of a model. Every crate that needs a median or a test takes it from here.
 #![forbid(unsafe_code)]
+#![warn(missing_docs)]
 
 mod residuals;
 

@@ -14,6 +14,7 @@ pub const CONFIDENCE: f64 = 0.99;
 
 /// Why there is no test.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[allow(missing_docs, reason = "each variant's message says what went wrong")]
 pub enum StatisticsError {
     #[error("{samples} samples are too few for correlations to lag {lags}: expected at least {least}")]
     TooShort { samples: usize, lags: usize, least: usize },
@@ -41,6 +42,7 @@ pub struct Whiteness {
     pub freedom: usize,
     /// Probability that white residuals have a larger [`Whiteness::ljung_box`].
     pub p_value: f64,
+    /// Number of residuals over all segments.
     pub samples: usize,
 }
 
@@ -57,6 +59,7 @@ pub struct Independence {
     /// From `-lags` to `lags`. At a positive lag the input came first: what correlates there the model should have explained. At a negative
     /// lag the residual came first: a controller answers it, which is feedback and no fault of the model.
     pub lags: Vec<isize>,
+    /// Correlation at each of [`Independence::lags`], between -1 and 1.
     pub correlation: Vec<f64>,
     /// An input that has nothing to do with the residuals stays within, at each lag with a probability of 99 %. Wider than for white
     /// signals where both are coloured.
@@ -67,6 +70,7 @@ pub struct Independence {
     pub outside: usize,
     /// Negative lags outside it: reported, not judged.
     pub feedback: usize,
+    /// Number of residuals over all segments.
     pub samples: usize,
 }
 

@@ -28,9 +28,13 @@ const LEAST_SHARE: f64 = 0.5;
 /// A recorded flight and the one that a controller is predicted to fly along its set-points, at the times of the recorded positions.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tracking {
+    /// Capture times of the recorded positions after the start, on the clock of the log.
     pub t_s: Vec<f64>,
+    /// Set-points in force at these times: x, y, z in the world frame.
     pub setpoint_m: Vec<[f64; 3]>,
+    /// Recorded positions: x, y, z in the world frame.
     pub measured_m: Vec<[f64; 3]>,
+    /// Positions of the predicted flight, interpolated linearly between its ticks.
     pub predicted_m: Vec<[f64; 3]>,
 }
 
@@ -46,6 +50,7 @@ pub struct Distances {
 }
 
 impl Distances {
+    /// Computes the distances over all samples of the flights; NaN without samples.
     pub fn new(flights: &[Tracking]) -> Self {
         let rms = |pick: &dyn Fn(&Tracking) -> [&[[f64; 3]]; 2]| {
             let squares = |f: &Tracking| -> f64 {
@@ -74,6 +79,7 @@ pub enum Controller {
 }
 
 impl Controller {
+    /// Returns the controller's name in reports.
     pub fn name(self) -> &'static str {
         match self {
             Self::Thesis => "thesis PID",

@@ -32,6 +32,7 @@ pub(super) fn mix() -> Matrix4<f64> {
 /// Motor demand of one free parameter of an effect.
 #[derive(Debug, Clone)]
 pub struct EffectDemand {
+    /// Registry name of the effect.
     pub effect: &'static str,
     /// The variant's number, such as which motor.
     pub variant: Option<usize>,

@@ -25,14 +25,27 @@ const GRID: usize = 400;
 #[derive(Debug, Clone, PartialEq)]
 pub enum Fault {
     /// A payload: its mass, and how far it moves the balance to the left and to the front, in motor spacings.
-    AddedWeight { mass_kg: f64, left: f64, front: f64 },
+    AddedWeight {
+        /// Mass of the payload.
+        mass_kg: f64,
+        /// Shift of the balance to the left, in motor spacings; negative to the right.
+        left: f64,
+        /// Shift of the balance to the front, in motor spacings; negative to the back.
+        front: f64,
+    },
     /// A motor or propeller that gives less thrust for what it is asked.
-    WeakMotor { motor: usize, loss: f64 },
+    WeakMotor {
+        /// Number of the motor: 1 front right, 2 back right, 3 back left, 4 front left.
+        motor: usize,
+        /// Share of its thrust that is lost, at most 0.5.
+        loss: f64,
+    },
 }
 
 /// A fault fitted to a change.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FaultFit {
+    /// Kind of the fault, at its most likely size.
     pub fault: Fault,
     /// Of the mass or of the loss.
     pub stderr: f64,
@@ -44,14 +57,14 @@ pub struct FaultFit {
 
 /// A change of the relative trim and its variances.
 #[derive(Debug, Clone, Copy)]
-pub struct TrimChange {
+pub(crate) struct TrimChange {
     pub by: [f64; 4],
     pub variances: [f64; 4],
 }
 
 /// Faults that the registry's effects describe, best first. A fault at no size is left out.
 #[must_use]
-pub fn fit_faults(change: &TrimChange, demands: &[EffectDemand]) -> Vec<FaultFit> {
+pub(crate) fn fit_faults(change: &TrimChange, demands: &[EffectDemand]) -> Vec<FaultFit> {
     let weight = demands.iter().find(|d| d.effect == MASS).and_then(|d| fit_weight(change, d));
     let motors = demands.iter().filter(|d| d.effect == MOTOR).filter_map(|d| fit_motor(change, d));
     let mut fits: Vec<FaultFit> = weight.into_iter().chain(motors).collect();

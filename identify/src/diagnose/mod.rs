@@ -32,6 +32,7 @@ const LEAST_FREEDOM: f64 = 2.0;
 
 /// Reason why nothing can be compared.
 #[derive(Debug, Error, PartialEq)]
+#[allow(missing_docs, reason = "each variant's message says what went wrong")]
 pub enum DiagnoseError {
     #[error("no flight of the {0} ones has a hover trim")]
     NoFlights(&'static str),
@@ -44,7 +45,9 @@ pub enum DiagnoseError {
 /// Flights of one set-up, as compared.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SetUp {
+    /// Folder, with the vehicle where file names tell it; the name of the flight where both are empty.
     pub name: String,
+    /// Number of flights, each counted once.
     pub flights: usize,
     /// Of a suspect set-up its change against the normal mean of its vehicle; of a normal one the same.
     pub change: RelativeTrim,
@@ -57,13 +60,18 @@ pub struct SetUp {
 pub enum DiagnosisVerdict {
     /// The normal flights are too few to say how far set-ups differ.
     TooFew {
+        /// Degrees of freedom of the spread: the fewer of those of thrust and of yaw.
         freedom: f64,
     },
     /// Nothing beyond what set-ups differ by.
     Nothing,
+    /// A fault that asks the motors for such a change.
     Fault(FaultFit),
+    /// A load that swings on a thread: the swing raises an alarm and yaw does not.
     SlungLoad {
+        /// Line of the swing in the spectrum of the roll and pitch demands.
         line: SwingLine,
+        /// Length of the thread, see [`SwingLine::length_m`].
         length_m: f64,
     },
     /// Something that cannot be named.
@@ -73,18 +81,25 @@ pub enum DiagnosisVerdict {
 /// The result of a diagnosis.
 #[derive(Debug, Clone)]
 pub struct Diagnosis {
+    /// Quantity by which all flights were compared.
     pub source: DemandSource,
+    /// Normal set-ups, in order of appearance.
     pub normal: Vec<SetUp>,
+    /// Suspect set-ups, in order of appearance.
     pub suspect: Vec<SetUp>,
     /// Standard deviations of a flight of a new normal set-up, and their degrees of freedom.
     pub standard_deviations: [f64; 4],
+    /// Degrees of freedom of thrust, roll, pitch and yaw; 0 where the spread is unknown.
     pub freedom: [f64; 4],
     /// Mean change of the suspects, and in its standard deviations.
     pub change: RelativeTrim,
+    /// [`Diagnosis::change`] over its standard deviations; NaN where the spread is unknown.
     pub z: [f64; 4],
     /// Chances of the change of thrust, of that of yaw and of the swing, each times the number of looks.
     pub p_values: [f64; 3],
+    /// Strongest swing of the suspects against the normal flights; `None` for too few flights.
     pub line: Option<SwingLine>,
+    /// Answer for all suspect set-ups together.
     pub verdict: DiagnosisVerdict,
     /// Faults that do as well as the named one.
     pub alternatives: Vec<FaultFit>,

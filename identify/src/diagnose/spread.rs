@@ -18,13 +18,13 @@ struct Components {
 
 /// Normal trims of one vehicle or several: their means, and how far a new set-up lies from them by chance.
 #[derive(Debug, Clone)]
-pub struct NormalSpread {
+pub(crate) struct NormalSpread {
     components: [Components; 4],
 }
 
 /// How well the mean of some flights is known.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct SampleSize {
+pub(crate) struct SampleSize {
     pub set_ups: usize,
     pub flights: usize,
 }
@@ -38,14 +38,14 @@ impl SampleSize {
 
 /// The trim in numbers whose differences are shares of the thrust.
 #[must_use]
-pub fn relative_trim(trim: &Trim) -> RelativeTrim {
+pub(crate) fn relative_trim(trim: &Trim) -> RelativeTrim {
     let [roll, pitch, yaw] = trim.shares;
     [trim.thrust.ln(), roll, pitch, yaw]
 }
 
 /// Mean of some trims.
 #[must_use]
-pub fn mean_trim(trims: &[RelativeTrim]) -> RelativeTrim {
+pub(crate) fn mean_trim(trims: &[RelativeTrim]) -> RelativeTrim {
     std::array::from_fn(|i| trims.iter().map(|t| t[i]).sum::<f64>() / trims.len() as f64)
 }
 

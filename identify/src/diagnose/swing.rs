@@ -20,6 +20,7 @@ const G_MPS2: f64 = 9.81;
 /// is too short.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SwingSpectrum {
+    /// Logarithm of the power less its mean over the band, at each of [`frequencies_hz`].
     pub relative: Vec<f64>,
     /// Length of a stretch, which bounds what frequencies can be told apart.
     pub stretch_s: f64,
@@ -28,6 +29,7 @@ pub struct SwingSpectrum {
 /// A line in the spectrum.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SwingLine {
+    /// Frequency of the line, out of [`frequencies_hz`].
     pub frequency_hz: f64,
     /// Power over that of normal flights, both relative to their bands.
     pub ratio: f64,

@@ -59,14 +59,19 @@ pub struct FlightTrim {
     pub folder: String,
     /// The file name up to its first underscore, empty if there is none.
     pub vehicle: String,
+    /// Time in steady flight, summed over its stretches.
     pub steady_s: f64,
+    /// Trim by [`DemandSource::Request`], thrust in counts; `None` if the log lacks the source.
     pub request: Option<Trim>,
+    /// Trim by [`DemandSource::SquaredVoltage`], thrust in V^2; `None` if the log lacks the source.
     pub squared_voltage: Option<Trim>,
+    /// Spectrum of the roll and pitch demands over the longer steady stretches.
     pub swing: SwingSpectrum,
 }
 
 /// Reason why a flight has no trim.
 #[derive(Debug, Error, PartialEq)]
+#[allow(missing_docs, reason = "each variant's message says what went wrong")]
 pub enum TrimError {
     #[error("{name}: logs neither requests of the mixer nor motor PWM with battery voltage")]
     NoMotors { name: String },

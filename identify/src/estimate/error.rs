@@ -4,7 +4,9 @@ use thiserror::Error;
 
 use crate::replay::ReplayError;
 
+/// Reason why logs do not give a transfer function or a model.
 #[derive(Debug, Clone, PartialEq, Error)]
+#[allow(missing_docs, reason = "each variant's message says what went wrong")]
 pub enum IdentifyError {
     #[error("there is no log to identify from")]
     NoLogs,

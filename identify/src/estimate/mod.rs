@@ -18,9 +18,13 @@ const LEAST_INFORMATION: f64 = 1e-10;
 /// A number found.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ParameterEstimate {
+    /// Path in the model, parameter of an effect, or coefficient of a transfer function.
     pub name: String,
+    /// Unit of the value and of its standard error.
     pub unit: String,
+    /// Fitted value.
     pub value: f64,
+    /// Standard error of the value, see [`Clusters`].
     pub standard_error: f64,
     /// The fit would have gone on, but the number must not.
     pub at_bound: bool,
@@ -29,7 +33,9 @@ pub struct ParameterEstimate {
 /// The groups that standard errors take for independent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Clusters {
+    /// Whole flights, this many.
     Flights(usize),
+    /// Windows of the fit, this many, for lack of flights.
     Windows(usize),
     /// One window: the errors are those of white noise.
     None,
@@ -48,11 +54,15 @@ impl std::fmt::Display for Clusters {
 /// One signal of one log, measured and predicted.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Comparison {
+    /// Name of the log.
     pub log: String,
+    /// Measured quantity, such as `roll` or `vx`.
     pub signal: &'static str,
     /// Of [`Comparison::measured`].
     pub unit: &'static str,
+    /// Times of the samples, on the clock of the log.
     pub t_s: Vec<f64>,
+    /// Measured values, SI units and radians.
     pub measured: Vec<f64>,
     /// From free initial states, window by window.
     pub predicted: Vec<f64>,
@@ -65,6 +75,7 @@ pub struct Comparison {
 }
 
 impl Comparison {
+    /// Computes measured less predicted value for each sample.
     pub fn residuals(&self) -> Vec<f64> {
         self.measured.iter().zip(&self.predicted).map(|(y, p)| y - p).collect()
     }
@@ -73,7 +84,9 @@ impl Comparison {
 /// Tests of the residuals of some logs together.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ResidualTests {
+    /// Autocorrelation of the residuals, or why there is none.
     pub whiteness: Result<Whiteness, StatisticsError>,
+    /// Correlation of the residuals with the input, or why there is none.
     pub independence: Result<Independence, StatisticsError>,
 }
 

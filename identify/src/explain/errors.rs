@@ -63,8 +63,11 @@ pub type ComponentTable = [[f64; 5]; 9];
 /// Errors by axis. A mean over three axes hides one that grew worse.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ErrorsByAxis {
+    /// Errors of the model before the change.
     pub before: AxisTable,
+    /// Errors of the model after the change.
     pub after: AxisTable,
+    /// Errors of holding the start, as in [`Errors::naive`].
     pub naive: AxisTable,
     /// As in [`Errors`].
     pub p_value: AxisTable,
@@ -75,14 +78,18 @@ pub struct ErrorsByAxis {
 /// Errors by component of one flight, or of all.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ErrorsByComponent {
+    /// Errors of the model before the change.
     pub before: ComponentTable,
+    /// Errors of the model after the change.
     pub after: ComponentTable,
 }
 
 /// Errors on the test flights.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Errors {
+    /// Errors of the model before the change.
     pub before: QuantityTable,
+    /// Errors of the model after the change.
     pub after: QuantityTable,
     /// Of holding the position, velocity and attitude from which the prediction starts.
     pub naive: QuantityTable,
@@ -90,7 +97,9 @@ pub struct Errors {
     pub p_value: QuantityTable,
     /// Stretches behind each p value; below [`LEAST_STRETCHES`] it says too little.
     pub stretches: [[usize; 5]; 3],
+    /// The same errors, axis by axis.
     pub axes: ErrorsByAxis,
+    /// The same errors, component by component, over all flights.
     pub components: ErrorsByComponent,
     /// The same of each flight alone, in the order of the flights.
     pub flights: Vec<ErrorsByComponent>,

@@ -1,7 +1,7 @@
 //! From the residual of a model to its cause. The stages go one way: model form, forward search, elimination, residual tests, verdict.
 
 mod calibration;
-pub mod candidates;
+pub(crate) mod candidates;
 mod completion;
 pub mod errors;
 mod finding;

@@ -107,7 +107,7 @@ impl Segments<'_> {
 
 /// Disturbances that are more than the small errors of a model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum NotableDisturbance {
+pub(crate) enum NotableDisturbance {
     Force,
     Lift,
     Torque,
@@ -115,7 +115,7 @@ pub enum NotableDisturbance {
 }
 
 /// The disturbances to report, each with its size in units of the least that is reported.
-pub fn reportable(disturbances: &Disturbances) -> impl Iterator<Item = (NotableDisturbance, f64)> {
+pub(crate) fn reportable(disturbances: &Disturbances) -> impl Iterator<Item = (NotableDisturbance, f64)> {
     let Disturbances { force, lift, torque, turn, .. } = *disturbances;
     let beside = |times: f64, least: f64| (lift.sigma / least).min(lift.sigma / (times * force.sigma));
     let all = [

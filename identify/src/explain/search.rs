@@ -27,6 +27,7 @@ pub struct FilteredHypothesis {
     pub hypothesis: Hypothesis,
     /// As the filter has them after all flights of the fit.
     pub posterior: ParameterPrior,
+    /// Random disturbances that the filter took to act.
     pub disturbances: Disturbances,
     /// Negative log-likelihood of the flights of the fit, the free parameters integrated out, and the penalty of the disturbances.
     pub loss: f64,
@@ -34,7 +35,7 @@ pub struct FilteredHypothesis {
 
 /// Ablation study of a hypothesis: itself, and each that lacks one of its effects.
 #[derive(Debug, Clone)]
-pub struct Ablation {
+pub(crate) struct Ablation {
     pub full: FilteredHypothesis,
     pub without: Vec<(&'static str, FilteredHypothesis)>,
     /// The most that an effect was worth that was taken out because its size was unclear.
@@ -82,6 +83,7 @@ impl FilteredHypothesis {
 
 /// The flights of a fit with the windows that propose.
 pub struct Search<'a> {
+    /// Flights that hypotheses are fitted to.
     pub flights: &'a [Flight],
     windows: Vec<Window>,
 }
@@ -189,6 +191,7 @@ fn joint_range(hypothesis: &Hypothesis, i: usize) -> f64 {
 }
 
 impl<'a> Search<'a> {
+    /// Prepares a search: cuts the flights into windows of [`WINDOW_S`] and keeps an even selection of them.
     pub fn new(flights: &'a [Flight]) -> Self {
         let all: Vec<Window> = flights.iter().enumerate().flat_map(|(i, f)| f.windows(i, WINDOW_S)).collect();
         let every = all.len().div_ceil(WINDOWS_TO_PROPOSE).max(1);
@@ -216,6 +219,8 @@ impl<'a> Search<'a> {
         self.rejudge(&other, &judged.disturbances)
     }
 
+    /// Fits the free numbers of a hypothesis to the windows, in at most `most_steps` steps.
+    /// The windows start from `own`, the starts of an earlier fit, or as measured.
     pub fn fit(&self, hypothesis: &Hypothesis, own: Option<&[Vec<f64>]>, most_steps: usize) -> Solution {
         let hypothesis = &Hypothesis { max_physics_hz: hypothesis.max_physics_hz.or(Some(self.rough_hz(2))), ..hypothesis.clone() };
         let prediction = OutputErrorProblem { flights: self.flights, windows: &self.windows, hypothesis, inflation: 1.0 };
@@ -341,7 +346,7 @@ impl<'a> Search<'a> {
     }
 
     /// The ablation of a hypothesis: judged without each of its effects.
-    pub fn ablate(&self, judged: FilteredHypothesis) -> Ablation {
+    pub(crate) fn ablate(&self, judged: FilteredHypothesis) -> Ablation {
         let names: Vec<&'static str> = judged.hypothesis.terms.iter().map(|t| t.entry.name).collect();
         let without = names.into_par_iter().filter_map(|name| Some((name, self.judge_without(&judged, name)?))).collect();
         Ablation { full: judged, without, unclear_worth: 0.0, near_miss: None }
@@ -349,7 +354,7 @@ impl<'a> Search<'a> {
 
     /// Effects that do not earn their place at the end, when all others are there, are taken out again: each must be worth so much
     /// log-likelihood, and one of its parameters must lie clear of "off".
-    pub fn eliminate_backward(&self, from: FilteredHypothesis, worth: f64) -> Ablation {
+    pub(crate) fn eliminate_backward(&self, from: FilteredHypothesis, worth: f64) -> Ablation {
         let mut now = self.ablate(from);
         let (mut unclear_worth, mut near_miss) = (0.0_f64, None);
         loop {

@@ -14,15 +14,19 @@ use crate::fit::filter::{Disturbances, FilterResult};
 pub enum Signal {
     /// Horizontal motion.
     Sideways,
+    /// Motion along the world's z axis.
     Vertical,
     /// Roll and pitch.
     Tilt,
+    /// Heading.
     Yaw,
 }
 
 impl Signal {
+    /// All signals, in the order of every table by signal.
     pub const ALL: [Signal; 4] = [Signal::Sideways, Signal::Vertical, Signal::Tilt, Signal::Yaw];
 
+    /// Returns the signal's word in reports, in lower case.
     pub fn name(self) -> &'static str {
         ["sideways", "vertical", "tilt", "yaw"][self as usize]
     }
@@ -84,12 +88,15 @@ pub enum SignalState {
 /// The verdict on one signal.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SignalVerdict {
+    /// Part of the motion that is judged.
     pub signal: Signal,
+    /// Outcome for this part of the motion.
     pub state: SignalState,
     /// Share of the declared model's error on the test flights that the completed model removes, 0.5 s and 2 s ahead (root mean square).
     pub explained_share: [f64; 2],
     /// Standard deviation of what still shakes the signal, whatever the commands, and its unit.
     pub left: f64,
+    /// Unit of [`SignalVerdict::left`].
     pub left_unit: &'static str,
 }
 

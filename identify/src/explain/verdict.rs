@@ -27,9 +27,13 @@ pub enum Verdict {
 /// A parameter as estimated.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct EffectParameterEstimate {
+    /// Parameter of the effect, as in the registry.
     pub name: &'static str,
+    /// Estimated value.
     pub value: f64,
+    /// Standard error of the value.
     pub stderr: f64,
+    /// Unit of all three numbers.
     pub unit: &'static str,
     /// In the declared model; the value of "off" where it holds no such effect.
     pub declared: f64,
@@ -38,16 +42,22 @@ pub struct EffectParameterEstimate {
 /// A number of the model, fitted anew beside the effects.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct NumberEstimate {
+    /// Path in the model, such as `vehicle.mass`.
     pub path: String,
+    /// Value in the declared model.
     pub declared: f64,
+    /// Fitted value.
     pub value: f64,
+    /// Unit of both values.
     pub unit: &'static str,
 }
 
 /// An effect that earned its place.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Finding {
+    /// Registry name of the effect.
     pub name: &'static str,
+    /// Estimates of its free parameters.
     pub params: Vec<EffectParameterEstimate>,
     /// Effects that these flights cannot tell from it.
     pub confusable_with: Vec<&'static str>,
@@ -55,6 +65,7 @@ pub struct Finding {
     pub manoeuvre: String,
     /// Log-likelihood lost without it, on the flights of the fit and on the test flights.
     pub worth_fit: f64,
+    /// Log-likelihood lost without it on the test flights.
     pub worth_test: f64,
     /// The worth on the test flights by signal, in the order of [`Signal::ALL`].
     pub worth_by_signal: [f64; 4],
@@ -72,6 +83,7 @@ impl Finding {
 /// How an effect scored when it was considered.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RankedCandidate {
+    /// Registry name of the effect.
     pub name: &'static str,
     /// Expected gain of log-likelihood.
     pub gain: f64,
@@ -82,7 +94,9 @@ pub struct RankedCandidate {
 /// One step of the search: the effects then in the hypothesis, and the log-likelihood gained by the last.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Step {
+    /// Registry names of the effects in the hypothesis, after this step.
     pub effects: Vec<&'static str>,
+    /// Gain of log-likelihood by the effect that this step added.
     pub gain: f64,
     /// The candidates of the next step.
     pub ranking: Vec<RankedCandidate>,
@@ -102,6 +116,7 @@ pub struct Leftover {
 }
 
 impl Leftover {
+    /// Builds a finding from its fields.
     pub fn new(part: Signal, signal: &str, finding: String, size: f64) -> Self {
         Leftover { part, signal: signal.to_owned(), finding, size }
     }
@@ -115,7 +130,9 @@ impl Leftover {
 /// Everything that was found.
 #[derive(Debug, Clone)]
 pub struct Explanation {
+    /// Verdict on the declared model as a whole.
     pub verdict: Verdict,
+    /// Effects that are named, each with its estimates and its worth.
     pub effects: Vec<Finding>,
     /// How much of each part of the motion is explained, and what is left.
     pub signals: Vec<SignalVerdict>,
@@ -136,15 +153,20 @@ pub struct Explanation {
     pub foreign: bool,
     /// The declared model with the effects at their values; what the simulator flies.
     pub completed: Hypothesis,
+    /// The declared model as it was given.
     pub declared: Hypothesis,
     /// The completed model holds a term learned from the residual, which describes what is left and names no cause.
     pub learned: bool,
     /// Disturbances under the declared and the completed model.
     pub disturbances: [Disturbances; 2],
+    /// Steps of the forward search, in order.
     pub path: Vec<Step>,
+    /// Findings about the residual that the named effects leave.
     pub leftover: Vec<Leftover>,
+    /// Prediction errors on the test flights, under the declared and the completed model.
     pub errors: Errors,
     /// Effects that these flights could not have shown, with the standard error of the first parameter, in its unit.
     pub not_excited: Vec<(&'static str, f64)>,
+    /// Wall-clock time that the explanation took.
     pub seconds: f64,
 }

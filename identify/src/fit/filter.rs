@@ -44,6 +44,7 @@ pub struct Disturbances {
 }
 
 impl Disturbances {
+    /// No disturbances: every standard deviation is 0.
     pub const NONE: Disturbances = Disturbances {
         force: GaussMarkov { sigma: 0.0, tau_s: 1.0 },
         lift: GaussMarkov { sigma: 0.0, tau_s: 1.0 },
@@ -58,7 +59,7 @@ impl Disturbances {
         [force, force, lift, torque, torque, turn, marker, marker, marker]
     }
 
-    pub fn processes_mut(&mut self) -> [&mut GaussMarkov; 5] {
+    pub(crate) fn processes_mut(&mut self) -> [&mut GaussMarkov; 5] {
         [&mut self.force, &mut self.lift, &mut self.torque, &mut self.turn, &mut self.marker]
     }
 }
@@ -66,6 +67,7 @@ impl Disturbances {
 /// Normal prior of the free parameters. After a flight it is the posterior, and the prior of the next flight.
 #[derive(Debug, Clone)]
 pub struct ParameterPrior {
+    /// Expected values, in the order of [`Hypothesis::free_values`].
     pub mean: Vec<f64>,
     /// Covariance, row by row.
     pub covariance: Vec<f64>,
@@ -82,6 +84,7 @@ impl ParameterPrior {
         ParameterPrior { mean, covariance }
     }
 
+    /// Returns the standard deviation of the parameter at this place, in its own unit.
     pub fn sd(&self, i: usize) -> f64 {
         self.covariance[i * self.mean.len() + i].max(0.0).sqrt()
     }
@@ -90,9 +93,11 @@ impl ParameterPrior {
 /// A measured number less its prediction from all that came before, in standard deviations of that difference.
 #[derive(Debug, Clone, Copy)]
 pub struct Innovation {
+    /// Time of the measurement since the first tick of the flight.
     pub t_s: f64,
     /// See [`super::predict::PredictedMeasurement::channel`].
     pub channel: usize,
+    /// The difference in its standard deviations, outliers as they are.
     pub normalised: f64,
     /// Logarithm of that standard deviation, over the measurement's own.
     pub log_sd: f64,
@@ -105,6 +110,7 @@ pub struct Innovation {
 pub struct FilterResult {
     /// Negative log-likelihood of the measurements, robust as in the fits.
     pub loss: f64,
+    /// One innovation per measured number, tick by tick.
     pub innovations: Vec<Innovation>,
     /// The free parameters after the flight.
     pub posterior: ParameterPrior,

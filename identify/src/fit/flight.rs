@@ -25,14 +25,18 @@ const ROUNDING_S: f64 = 1e-6;
 /// Standard deviation of a white measurement error, per axis; of a measurement that scatters as usual.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MeasurementNoise {
+    /// Roll, pitch and yaw.
     pub att_rad: [f64; 3],
+    /// x, y and z in the world frame.
     pub pos_m: [f64; 3],
 }
 
 /// Three numbers measured at a time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {
+    /// Time since the first tick of the flight.
     pub t_s: f64,
+    /// Roll, pitch and yaw in rad, or x, y and z in m.
     pub value: [f64; 3],
     /// Standard deviation of each number over the usual one of [`Flight::noise`].
     pub noise_scale: [f64; 3],
@@ -47,9 +51,13 @@ impl Sample {
 /// A flight on the world's clock: tick `k` lasts from `k tick_s` to `(k + 1) tick_s`, time counting from the first tick.
 #[derive(Debug, Clone)]
 pub struct Flight {
+    /// Name of the log.
     pub name: String,
+    /// Length of a control tick.
     pub tick_s: f64,
+    /// Number of ticks.
     pub ticks: usize,
+    /// Vertical form that the lift of the commands is for.
     pub input: VerticalInput,
     /// Time of the log at which the first tick begins.
     pub start_s: f64,
@@ -64,6 +72,7 @@ pub struct Flight {
     pub angles: Vec<Sample>,
     /// Marker positions by capture time.
     pub fixes: Vec<Sample>,
+    /// Usual noise of [`Flight::angles`] and [`Flight::fixes`].
     pub noise: MeasurementNoise,
     measured_states: Vec<State<f64>>,
     /// Sampling interval of the attitude.
@@ -75,7 +84,9 @@ pub struct Flight {
 /// A stretch of a flight predicted from a start of its own.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Window {
+    /// Place of the flight in the list of the fit.
     pub flight: usize,
+    /// Ticks that are predicted.
     pub ticks: Range<usize>,
 }
 

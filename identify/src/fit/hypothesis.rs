@@ -12,7 +12,9 @@ const LAGGED_PUSH_SD: [f64; 2] = [0.3, 1.0];
 /// An effect with values for all its parameters, some of them free.
 #[derive(Clone)]
 pub struct Term {
+    /// Registry entry of the effect.
     pub entry: &'static Entry,
+    /// Values of all parameters, in the order and units of the entry.
     pub values: Vec<f64>,
     /// Indices of the free parameters.
     pub free: Vec<usize>,
@@ -59,9 +61,11 @@ impl std::fmt::Debug for Term {
 /// A model with free numbers and effects.
 #[derive(Debug, Clone)]
 pub struct Hypothesis {
+    /// Model with its free numbers at their present values.
     pub model: Model,
     /// Paths of the model's free numbers.
     pub free: Vec<String>,
+    /// Effects beside those of the model, in registry order.
     pub terms: Vec<Term>,
     /// Physics steps per second are at most so many, although an effect asks for more.
     pub max_physics_hz: Option<u32>,
@@ -93,10 +97,12 @@ impl Hypothesis {
         less
     }
 
+    /// Tells whether an effect is among the terms, by its registry name.
     pub fn has(&self, effect: &str) -> bool {
         self.term(effect).is_some()
     }
 
+    /// Returns the term of an effect, by its registry name.
     pub fn term(&self, effect: &str) -> Option<&Term> {
         self.terms.iter().find(|t| t.entry.name == effect)
     }
@@ -177,6 +183,7 @@ impl Hypothesis {
         fixed
     }
 
+    /// Returns lower and upper bound of each free number, in the order of [`Hypothesis::free_values`].
     pub fn bounds(&self) -> Vec<[f64; 2]> {
         let of_model = self.free.iter().map(|path| {
             let value = self.model.parameter(path).unwrap_or(0.0);

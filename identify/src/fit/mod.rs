@@ -2,8 +2,8 @@
 
 pub mod filter;
 pub mod flight;
-pub mod heteroscedastic;
+pub(crate) mod heteroscedastic;
 pub mod hypothesis;
-pub mod packet_loss_moments;
+pub(crate) mod packet_loss_moments;
 pub mod predict;
 pub mod solve;

@@ -19,8 +19,11 @@ pub const PUSH: usize = 6;
 
 /// The output-error fit of a hypothesis to windows of flights.
 pub struct OutputErrorProblem<'a> {
+    /// Flights that the windows are of.
     pub flights: &'a [Flight],
+    /// Windows to fit, each with a start of its own.
     pub windows: &'a [Window],
+    /// Hypothesis whose free numbers are fitted.
     pub hypothesis: &'a Hypothesis,
     /// Standard deviations are taken this many times as large: for residuals that are not white.
     pub inflation: f64,
@@ -29,11 +32,15 @@ pub struct OutputErrorProblem<'a> {
 /// A measured number and its prediction.
 #[derive(Debug, Clone, Copy)]
 pub struct PredictedMeasurement {
+    /// Time since the first tick of the flight.
     pub t_s: f64,
     /// 0 to 2: roll, pitch, yaw; 3 to 5: x, y, z.
     pub channel: usize,
+    /// Measured value, in rad or m by its channel.
     pub measured: f64,
+    /// Predicted value, in the same unit.
     pub predicted: f64,
+    /// Standard deviation of the measurement, in the same unit.
     pub sigma: f64,
     /// See [`super::flight::Sample::noise_scale`].
     pub noise_scale: f64,

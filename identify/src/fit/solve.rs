@@ -17,13 +17,18 @@ const WINDOWS_PER_WORKER: usize = 6;
 /// The normal equations of one window: the loss, its gradient and its curvature (Gauss-Newton), in the window's own unknowns, then the shared.
 #[derive(Debug, Clone)]
 pub struct NormalEquations {
+    /// Sum of Huber's loss over the residuals.
     pub loss: f64,
+    /// Number of residuals.
     pub rows: usize,
+    /// Weighted sum of slopes times residuals, one entry per unknown.
     pub gradient: DVector<f64>,
+    /// Weighted sum of products of two slopes; only the upper triangle until [`NormalEquations::symmetrise`].
     pub curvature: DMatrix<f64>,
 }
 
 impl NormalEquations {
+    /// Makes the equations of no residuals in so many unknowns.
     pub fn new(unknowns: usize) -> Self {
         NormalEquations { loss: 0.0, rows: 0, gradient: DVector::zeros(unknowns), curvature: DMatrix::zeros(unknowns, unknowns) }
     }
@@ -57,7 +62,9 @@ impl NormalEquations {
 /// Normal prior of one number.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Prior {
+    /// Expected value.
     pub mean: f64,
+    /// Standard deviation, above 0.
     pub sd: f64,
 }
 
@@ -65,11 +72,13 @@ pub struct Prior {
 pub trait Problem: Sync {
     /// State that a thread prepares once for given shared parameters.
     type Worker;
+    /// Returns the number of windows.
     fn windows(&self) -> usize;
     /// Unknowns of each window.
     fn own_unknowns(&self) -> usize;
     /// Lower and upper bound of each shared parameter.
     fn bounds(&self) -> Vec<[f64; 2]>;
+    /// Prepares the state of a thread for these values of the shared parameters.
     fn worker(&self, shared: &[f64]) -> Self::Worker;
     /// How many of the shared parameters, the first ones, all windows share. Others belong to groups of windows, such as those of one flight.
     fn common(&self) -> usize {
@@ -90,22 +99,30 @@ pub trait Problem: Sync {
 /// The reduced normal equations of a window, its own unknowns eliminated: its information on the shared parameters.
 #[derive(Debug, Clone)]
 pub struct ReducedEquations {
+    /// Huber's loss of the window.
     pub loss: f64,
+    /// Number of residuals of the window.
     pub rows: usize,
+    /// Gradient in the shared parameters, as in [`NormalEquations::gradient`].
     pub gradient: DVector<f64>,
+    /// Information matrix of the shared parameters.
     pub information: DMatrix<f64>,
 }
 
 /// Values and equations at which the fit ended.
 #[derive(Debug, Clone)]
 pub struct Solution {
+    /// Fitted values of the shared parameters.
     pub shared: Vec<f64>,
+    /// Fitted unknowns of each window.
     pub own: Vec<Vec<f64>>,
     /// Negative log-likelihood, up to a constant.
     pub loss: f64,
     /// Reduced equations of each window in the parameters that all windows share.
     pub reduced: Vec<ReducedEquations>,
+    /// Number of steps tried.
     pub steps: usize,
+    /// Whether the fit ended because no step gained enough, and not at the limit of steps.
     pub converged: bool,
 }
 
@@ -305,7 +322,7 @@ impl Solution {
 
 /// Gradient and information of data that are independent of the rest, at the fitted values of the parameters.
 #[derive(Debug, Clone)]
-pub struct Cluster {
+pub(crate) struct Cluster {
     pub gradient: DVector<f64>,
     pub information: DMatrix<f64>,
 }
@@ -318,7 +335,7 @@ impl Cluster {
 
 /// Cluster-robust covariance of fitted parameters: a sandwich over clusters, as if each had been left out in turn (CR3; Bell and McCaffrey 2002,
 /// Survey Methodology 28). A cluster that decides a parameter nearly alone pulls the fit to itself and hides its own error.
-pub fn cluster_robust_covariance(clusters: &[Cluster]) -> Option<DMatrix<f64>> {
+pub(crate) fn cluster_robust_covariance(clusters: &[Cluster]) -> Option<DMatrix<f64>> {
     let n = clusters.first()?.gradient.len();
     let information = clusters.iter().fold(DMatrix::zeros(n, n), |sum, c| sum + &c.information);
     let bread = pseudo_inverse(&information)?;
@@ -335,7 +352,7 @@ pub fn cluster_robust_covariance(clusters: &[Cluster]) -> Option<DMatrix<f64>> {
 }
 
 /// The inverse, after scaling to a unit diagonal; a parameter without any information gets an infinite variance.
-pub fn pseudo_inverse(information: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+pub(crate) fn pseudo_inverse(information: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let n = information.nrows();
     let scale: Vec<f64> = (0..n).map(|i| information[(i, i)].max(0.0).sqrt()).collect();
     let known: Vec<usize> = (0..n).filter(|i| scale[*i] > 0.0).collect();

@@ -31,14 +31,17 @@ const CONVERGED: f64 = 1e-5;
 pub struct MotorModel {
     /// Unit of the rotor speeds.
     pub median_speed: f64,
+    /// Fitted parameters, in the order and units of [`FORM`].
     pub values: [f64; PARAMETERS],
     /// Standard errors, clustered by flight; zero for what lies at a bound.
     pub stderr: [f64; PARAMETERS],
+    /// Whether each parameter stands at one of its bounds in [`FORM`].
     pub at_bound: [bool; PARAMETERS],
 }
 
 /// Reason why a form cannot be fitted.
 #[derive(Debug, Error, PartialEq)]
+#[allow(missing_docs, reason = "each variant's message says what went wrong")]
 pub enum MotorFitError {
     #[error("no flight to fit")]
     NoFlights,

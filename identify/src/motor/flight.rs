@@ -17,6 +17,7 @@ const LEAST_ROWS: usize = 300;
 /// Measured motion and rotor commands, row by row.
 #[derive(Debug, Clone)]
 pub struct MotorFlight {
+    /// Name of the log.
     pub name: String,
     /// Position, velocity, roll, pitch, yaw and body rates.
     pub motion: Vec<[f64; 12]>,
@@ -26,6 +27,7 @@ pub struct MotorFlight {
 
 /// Reason why a log cannot drive a motor-level model.
 #[derive(Debug, Error, PartialEq)]
+#[allow(missing_docs, reason = "each variant's message says what went wrong")]
 pub enum MotorFlightError {
     #[error("{name}: the log lacks {missing}")]
     Missing { name: String, missing: &'static str },

@@ -17,14 +17,18 @@ pub type HorizonErrors = [[f64; 3]; 4];
 /// Errors of a model, and of a vehicle that goes on at its velocity and its body rates.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct HorizonTable {
+    /// Errors of the fitted model.
     pub model: HorizonErrors,
+    /// Errors of a vehicle that keeps its velocity and its body rates.
     pub unchanged: HorizonErrors,
+    /// Number of predictions over all flights.
     pub predictions: usize,
 }
 
 /// A published row, after 50 steps.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct PublishedRow {
+    /// Label of the row in a table.
     pub name: &'static str,
     /// In the order of [`QUANTITIES`]; `None` where it was not told.
     pub errors: [Option<f64>; 4],

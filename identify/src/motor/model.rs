@@ -12,11 +12,17 @@ const SIGNS: [[f64; 4]; 3] = [[-1.0, -1.0, 1.0, 1.0], [-1.0, 1.0, 1.0, -1.0], [-
 /// A parameter of the form: name, unit, start of a fit, bounds.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Parameter {
+    /// Identifier in snake case, for tables.
     pub name: &'static str,
+    /// Unit of the start, the bounds and the fitted value.
     pub unit: &'static str,
+    /// Value from which a fit starts.
     pub start: f64,
+    /// Lower bound of a fit.
     pub low: f64,
+    /// Upper bound of a fit.
     pub high: f64,
+    /// Physical meaning in a few words.
     pub about: &'static str,
 }
 
@@ -51,23 +57,23 @@ pub const FORM: [Parameter; PARAMETERS] = [
 ];
 
 /// Position, velocity (world), roll, pitch and yaw, body rates.
-pub type MotionState<R> = [R; 12];
+pub(crate) type MotionState<R> = [R; 12];
 
 /// Specific force and angular acceleration in the body frame that stay for a prediction.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct MotorTrim<R> {
+pub(crate) struct MotorTrim<R> {
     pub force_mps2: [R; 3],
     pub torque_radps2: [R; 3],
 }
 
 impl<R: Scalar> MotorTrim<R> {
-    pub fn zero() -> Self {
+    pub(crate) fn zero() -> Self {
         Self { force_mps2: [R::zero(); 3], torque_radps2: [R::zero(); 3] }
     }
 }
 
 /// Rows of the rotation from the body frame to the world, roll after pitch after yaw.
-pub fn rotation<R: Scalar>([roll, pitch, yaw]: [R; 3]) -> [[R; 3]; 3] {
+pub(crate) fn rotation<R: Scalar>([roll, pitch, yaw]: [R; 3]) -> [[R; 3]; 3] {
     let ((sr, cr), (sp, cp), (sy, cy)) = (roll.sin_cos(), pitch.sin_cos(), yaw.sin_cos());
     [
         [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
@@ -77,18 +83,18 @@ pub fn rotation<R: Scalar>([roll, pitch, yaw]: [R; 3]) -> [[R; 3]; 3] {
 }
 
 /// A world vector in the body frame.
-pub fn into_body<R: Scalar>(m: &[[R; 3]; 3], v: [R; 3]) -> [R; 3] {
+pub(crate) fn into_body<R: Scalar>(m: &[[R; 3]; 3], v: [R; 3]) -> [R; 3] {
     std::array::from_fn(|i| m[0][i] * v[0] + m[1][i] * v[1] + m[2][i] * v[2])
 }
 
 /// Rotor speeds a step later: first order towards what is commanded.
-pub fn lag_rotors<R: Scalar>(p: &[R; PARAMETERS], speeds: [R; 4], commanded: [f64; 4], step_s: f64) -> [R; 4] {
+pub(crate) fn lag_rotors<R: Scalar>(p: &[R; PARAMETERS], speeds: [R; 4], commanded: [f64; 4], step_s: f64) -> [R; 4] {
     let gain = R::from_f64(1.0) - (-R::from_f64(step_s) / p[1]).exp();
     std::array::from_fn(|i| speeds[i] + gain * (R::from_f64(commanded[i]) - speeds[i]))
 }
 
 /// Specific force and angular acceleration in the body frame, without trim.
-pub fn accelerations<R: Scalar>(p: &[R; PARAMETERS], x: &MotionState<R>, turn: &[[R; 3]; 3], speeds: &[R; 4]) -> MotorTrim<R> {
+pub(crate) fn accelerations<R: Scalar>(p: &[R; PARAMETERS], x: &MotionState<R>, turn: &[[R; 3]; 3], speeds: &[R; 4]) -> MotorTrim<R> {
     let squares = speeds.map(|w| w * w);
     let sum = |signs: [f64; 4]| {
         let [a, b, c, d]: [R; 4] = std::array::from_fn(|i| R::from_f64(0.25 * signs[i]) * squares[i]);
@@ -102,7 +108,13 @@ pub fn accelerations<R: Scalar>(p: &[R; PARAMETERS], x: &MotionState<R>, turn: &
 }
 
 /// The motion a step later. Rates and velocity by Euler, attitude and position by the mean over the step.
-pub fn step<R: Scalar>(p: &[R; PARAMETERS], x: &MotionState<R>, speeds: &[R; 4], trim: &MotorTrim<R>, step_s: f64) -> MotionState<R> {
+pub(crate) fn step<R: Scalar>(
+    p: &[R; PARAMETERS],
+    x: &MotionState<R>,
+    speeds: &[R; 4],
+    trim: &MotorTrim<R>,
+    step_s: f64,
+) -> MotionState<R> {
     let turn = rotation([x[6], x[7], x[8]]);
     let model = accelerations(p, x, &turn, speeds);
     let force: [R; 3] = std::array::from_fn(|i| model.force_mps2[i] + trim.force_mps2[i]);

@@ -4,7 +4,9 @@ use thiserror::Error;
 
 use crate::metrics::MetricError;
 
+/// Reason why a log cannot be replayed on a model, nor prepared for a fit.
 #[derive(Debug, Clone, PartialEq, Error)]
+#[allow(missing_docs, reason = "each variant's message says what went wrong")]
 pub enum ReplayError {
     #[error("the log holds no {what}, so there is nothing to drive the model with")]
     NoCommands { what: &'static str },

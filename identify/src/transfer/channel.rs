@@ -8,16 +8,23 @@ use super::{IdentifyError, Offset, Structure};
 /// An input and an output of the vehicle, one for each experiment of the thesis (5.1).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Channel {
+    /// Roll command to roll.
     Roll,
+    /// Pitch command to pitch.
     Pitch,
+    /// Yaw-rate command to yaw.
     Yaw,
+    /// Height command to height.
     Height,
+    /// Thrust command to height.
     Pwm,
     /// Measured angles, turned into the world by the measured heading, to velocity (4.10).
     Vx,
+    /// The same along y.
     Vy,
     /// Commanded angles to velocity (5.5).
     CommandVx,
+    /// The same along y.
     CommandVy,
 }
 
@@ -70,6 +77,7 @@ impl Channel {
         &CHANNELS[self as usize]
     }
 
+    /// Returns the channel's name on the command line, such as `command-vx`.
     pub fn name(self) -> &'static str {
         self.spec().name
     }
@@ -110,11 +118,15 @@ impl Channel {
 /// A held input and a sampled output, on one clock.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Record {
+    /// Name of the log.
     pub name: String,
     /// The input holds from its time to the next one's.
     pub input_t_s: Vec<f64>,
+    /// Values of the input, one per time, in the second of [`Channel::units`].
     pub input: Vec<f64>,
+    /// Times of the output's samples, on the same clock.
     pub output_t_s: Vec<f64>,
+    /// Values of the output, one per time, in the first of [`Channel::units`] or its integral.
     pub output: Vec<f64>,
     /// Where to look.
     pub span_s: [f64; 2],

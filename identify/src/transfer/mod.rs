@@ -26,16 +26,23 @@ const WINDOW_MIN_S: f64 = 0.5;
 /// An identified transfer function: values, standard errors, and predictions of the logs.
 #[derive(Debug, Clone)]
 pub struct TransferFunctionEstimate {
+    /// Input and output that it relates.
     pub channel: Channel,
+    /// Structure that was fitted.
     pub structure: Structure,
+    /// Transfer function at the fitted values.
     pub function: TransferFunction,
     /// Coefficients, highest power first, then delay and offsets.
     pub parameters: Vec<ParameterEstimate>,
     /// Standard deviation of what the model leaves, in the unit of the output (of its integral, where velocity is not measured).
     pub noise: f64,
+    /// Information criteria, to compare structures on the same logs.
     pub criteria: Criteria,
+    /// Groups behind the standard errors.
     pub clusters: Clusters,
+    /// Whether the fit ended before its limit of steps.
     pub converged: bool,
+    /// Number of output samples in the fit.
     pub samples: usize,
     /// Every log of the fit.
     pub fit: Vec<Comparison>,
@@ -48,6 +55,7 @@ pub struct TransferFunctionEstimate {
 pub enum WindowLength {
     /// [`Channel::window_s`].
     OfChannel,
+    /// This many seconds, at least 0.5.
     Seconds(f64),
     /// Each flight is one window.
     Whole,

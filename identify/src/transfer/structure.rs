@@ -18,6 +18,7 @@ const FAR: f64 = 1e9;
 /// Whether the input counts from a value of its own, such as the PWM at which the rotors begin to lift (5.1.3).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Offset {
+    /// The input counts from 0.
     None,
     /// The same for all flights.
     Shared,
@@ -28,12 +29,15 @@ pub enum Offset {
 /// Structure of a transfer function: degrees, integrator, delay, offset.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Structure {
+    /// Degree, below that of the denominator.
     pub numerator: usize,
     /// Degree, the integrator included.
     pub denominator: usize,
     /// One pole at zero.
     pub integrator: bool,
+    /// Whether a dead time of the input is fitted.
     pub delay: bool,
+    /// Value from which the input counts.
     pub offset: Offset,
     /// No pole to the right of zero.
     pub stable: bool,
@@ -156,18 +160,23 @@ impl Structure {
 /// numerator / denominator, highest power first, the denominator monic, of a delayed input that counts from its offset.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TransferFunction {
+    /// Coefficients, highest power first.
     pub numerator: Vec<f64>,
+    /// Coefficients, highest power first; the first is 1.
     pub denominator: Vec<f64>,
+    /// Dead time of the input.
     pub delay_s: f64,
     /// None, one, or one per flight.
     pub offsets: Vec<f64>,
 }
 
 impl TransferFunction {
+    /// Computes the poles, in 1/s.
     pub fn poles(&self) -> Vec<Complex<f64>> {
         roots(&self.denominator)
     }
 
+    /// Computes the zeros, in 1/s.
     pub fn zeros(&self) -> Vec<Complex<f64>> {
         roots(&self.numerator)
     }

@@ -85,10 +85,15 @@ pub struct ModelEstimate {
     pub left_out: Vec<String>,
     /// Standard deviation of what the model leaves: roll, pitch, yaw, x, y, z.
     pub noise: [f64; 6],
+    /// Information criteria, to compare forms on the same logs.
     pub criteria: Criteria,
+    /// Groups behind the standard errors.
     pub clusters: Clusters,
+    /// Whether the fit ended before its limit of steps.
     pub converged: bool,
+    /// Number of measured values in the fit.
     pub samples: usize,
+    /// Vertical form that the logs drive.
     pub input: VerticalInput,
     /// The logs of the fit.
     pub fit: ModelComparison,

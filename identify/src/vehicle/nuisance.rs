@@ -51,6 +51,7 @@ pub(super) fn centre_hover(hypothesis: &mut Hypothesis, flights: usize, shared: 
 /// The nuisance parameters of one flight.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NuisanceParameters {
+    /// Name of the flight's log.
     pub log: String,
     /// Name, unit and value of each; the hover PWM among them, where thrust is commanded.
     pub values: Vec<(String, &'static str, f64)>,

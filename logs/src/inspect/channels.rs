@@ -10,13 +10,17 @@ use crate::FlightLog;
 pub struct ChannelSummary {
     /// Name as in a mapping file.
     pub name: &'static str,
+    /// Unit of the three values below.
     pub unit: &'static str,
     /// New values per second: a channel that is held between its packets changes less often than rows come. 0 is a constant.
     pub rate_hz: f64,
     /// Longest time without a new value, within the flight.
     pub longest_hold_s: f64,
+    /// Lowest value of the whole log.
     pub lowest: f64,
+    /// Median over the whole log.
     pub median: f64,
+    /// Highest value of the whole log.
     pub highest: f64,
 }
 

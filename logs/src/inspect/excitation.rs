@@ -21,7 +21,9 @@ const HIGH: f64 = 0.99;
 /// Size and speed of one command in flight.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CommandExcitation {
+    /// Channel as in a mapping file, such as `cmd_roll` or `motor_1`.
     pub name: &'static str,
+    /// Unit of [`CommandExcitation::rms`].
     pub unit: &'static str,
     /// Root mean square about the mean.
     pub rms: f64,
@@ -34,8 +36,11 @@ pub struct CommandExcitation {
 pub struct Motion {
     /// Over the resting place, where that is known; else as logged.
     pub height_m: [f64; 2],
+    /// Horizontal speed that 1 % of the samples exceed.
     pub speed_mps: f64,
+    /// Vertical speed, up or down, that 1 % of the samples exceed.
     pub climb_mps: f64,
+    /// Angle of roll and pitch together that 1 % of the rows exceed.
     pub tilt_deg: f64,
     /// Way that the yaw went, back and forth added up.
     pub yaw_turned_deg: f64,

@@ -20,20 +20,31 @@ pub use signs::{SignCheck, SignVerdict};
 pub struct Inspection {
     /// The format in words.
     pub format: &'static str,
+    /// Instruments behind the channels.
     pub provenance: Provenance,
+    /// Number of rows.
     pub rows: usize,
+    /// Time from the first row to the last.
     pub duration_s: f64,
     /// Usual number of rows per second.
     pub rate_hz: f64,
+    /// Gaps between rows.
     pub gaps: Gaps,
     /// First and last second of the flight, on the log's clock; `None` if it never flies.
     pub airborne_s: Option<[f64; 2]>,
+    /// Height of the vehicle at rest, see [`FlightLog::resting_height_m`].
     pub resting_height_m: Option<f64>,
+    /// Delays between sets of channels.
     pub clocks: Clocks,
+    /// Every channel that the log holds.
     pub channels: Vec<ChannelSummary>,
+    /// Checks of signs; empty where the flight is too short.
     pub signs: Vec<SignCheck>,
+    /// Size and speed of every command and motor in flight.
     pub commands: Vec<CommandExcitation>,
+    /// Extent of the motion; `None` if the vehicle never flies.
     pub motion: Option<Motion>,
+    /// Commands of the program, with what each lacks in this log.
     pub needs: Vec<CommandRequirement>,
     /// The reader's remarks, in words.
     pub notes: Vec<String>,
@@ -42,7 +53,9 @@ pub struct Inspection {
 /// Steps between rows that are longer than usual.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Gaps {
+    /// Number of steps longer than 1.5 of the usual step.
     pub count: usize,
+    /// Longest of them; 0 if there is none.
     pub longest_s: f64,
 }
 

@@ -11,6 +11,7 @@ const SHORTEST_S: f64 = 5.0;
 /// One command and whether the log suffices for it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CommandRequirement {
+    /// Command of the program, such as `replay`.
     pub command: &'static str,
     /// Missing channels; empty if the log suffices.
     pub missing: Vec<&'static str>,

@@ -22,7 +22,9 @@ const LEAST_RMS: f64 = 0.009;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SignVerdict {
+    /// Both sides move together, as the sign says.
     Agrees,
+    /// The sides move against each other: the sign is wrong.
     Contradicts,
     /// The flight moves too little, or something else moves the vehicle.
     NotSeen,
@@ -35,9 +37,11 @@ pub struct SignCheck {
     pub expectation: &'static str,
     /// The channel whose sign is wrong if the data contradicts.
     pub channel: &'static str,
+    /// Correlation of both sides, -1 to 1; of a command, at the delay where it is strongest.
     pub correlation: f64,
     /// Expected side per unit of the channel, by least squares.
     pub slope: f64,
+    /// Outcome of the check.
     pub verdict: SignVerdict,
 }
 
