@@ -21,6 +21,7 @@ pub struct CollisionAvoidance {
     pub range_m: f64,
     /// How hard they push, and how hard they turn aside, at no distance.
     pub push_mps: f64,
+    /// Speed at which they turn aside, at no distance.
     pub vortex_mps: f64,
     /// So far the motion of both is extended.
     pub horizon_s: f64,

@@ -22,8 +22,11 @@ const NEWER_S: f64 = 1e-3;
 /// Where the vehicle is, world frame.
 #[derive(Debug, Clone, Copy)]
 pub struct Estimate<R> {
+    /// Position over the marker.
     pub pos_m: [R; 3],
+    /// Velocity along the axes of the world.
     pub vel_mps: [R; 3],
+    /// Heading over the marker, from -pi to pi.
     pub yaw_rad: R,
     /// Acceleration that the attitude does not explain: what the accelerometer shows of pushes, and the filter's own.
     pub push_mps2: [R; 3],

@@ -6,11 +6,15 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Loop {
+    /// Proportional gain, output per unit of the error.
     pub kp: f64,
+    /// Integral gain, output per unit of the integrated error.
     pub ki: f64,
+    /// Derivative gain, output per unit of the rate of the error.
     pub kd: f64,
     /// Limits of the integral of the error.
     pub integral: [f64; 2],
+    /// Limits of the output, in its own unit.
     pub output: [f64; 2],
 }
 
@@ -18,9 +22,13 @@ pub struct Loop {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Gains {
+    /// Loop that turns the error along x into a pitch.
     pub x: Loop,
+    /// Loop that turns the error along y into a roll.
     pub y: Loop,
+    /// Loop that turns the error of the height into a thrust.
     pub z: Loop,
+    /// Loop that turns the error of the heading into a yaw rate.
     pub yaw: Loop,
 }
 

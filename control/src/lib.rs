@@ -1,6 +1,8 @@
 //! Controllers are clients of the environment: they read the observation an agent gets and answer with an action. One controller is one small file
 //! here plus one line in [`registry`]; command line, benchmark and Python read the registry.
 
+#![warn(missing_docs)]
+
 pub mod avoidance;
 mod batch;
 mod estimator;
@@ -83,10 +85,13 @@ impl Mode {
 pub struct ControllerContext<'a> {
     /// What it may believe of the vehicle: the declared model, which the effects of an environment depart from.
     pub model: &'a Model,
+    /// Meaning of its actions.
     pub interface: Interface,
     /// Seconds from one observation to the next.
     pub tick_s: f64,
+    /// Environments that it flies at once: rows of an observation.
     pub envs: usize,
+    /// State in which it begins.
     pub mode: Mode,
 }
 
@@ -119,9 +124,11 @@ impl ControllerConfig<'_> {
 
 /// A controller as the rest of the program sees it.
 pub struct Entry {
+    /// Key on the command line and in configurations.
     pub name: &'static str,
     /// Another name of it.
     pub also: Option<&'static str>,
+    /// Description for users.
     pub about: &'static str,
     /// Equation, paper or derivation.
     pub source: &'static str,

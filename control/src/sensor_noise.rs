@@ -8,10 +8,13 @@ use serde::{Deserialize, Serialize};
 pub struct SensorNoise {
     /// Of a fix from 70 cm: sideways, in height, in heading.
     pub xy_m: f64,
+    /// Of a fix in height, from 70 cm.
     pub z_m: f64,
+    /// Of a fix in heading.
     pub yaw_deg: f64,
     /// Of what the accelerations miss in a second: as white noise, in m/s after 1 s, and as a bias that wanders, in m/s^2 after 1 s.
     pub white_mps: f64,
+    /// Of the bias after a second.
     pub bias_mps2: f64,
     /// Of the heading's drift after a second.
     pub yaw_drift_deg: f64,

@@ -32,7 +32,9 @@ pub(crate) fn effect_table<'de, D: serde::Deserializer<'de>>(from: D) -> std::re
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum EffectParams {
+    /// Value of the first parameter; the others stay off.
     First(Number),
+    /// Values by parameter name; absent ones stay off.
     Named(BTreeMap<String, Number>),
 }
 
@@ -40,7 +42,9 @@ pub enum EffectParams {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum Number {
+    /// The same value for every drone and episode, in the unit of the parameter.
     Fixed(f64),
+    /// One draw per drone and episode.
     Distribution(Distribution),
     /// As a model file says it.
     Sourced(SourcedValue),
@@ -50,8 +54,11 @@ pub enum Number {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SourcedValue {
+    /// Amount in `unit`.
     pub value: f64,
+    /// Symbol of the unit, which must be that of the parameter ("m/s^2"; "1" for a pure number).
     pub unit: String,
+    /// Origin, in free text: an equation, a table, a measurement.
     #[serde(default)]
     pub source: String,
 }
@@ -208,18 +215,22 @@ pub struct Each {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Options {
+    /// Name in [`crate::task::registry`]; "hover" by default.
     pub task: String,
     /// The task's own options.
     pub task_options: serde_json::Value,
     /// Which of the model's height inputs is commanded; the model's first unless given.
     pub vertical: Option<VerticalInput>,
+    /// Effects that are on, by name; an entry replaces that of the model file.
     #[serde(deserialize_with = "effect_table")]
     pub effects: EffectTable,
     /// Physics steps per second; what the active effects need unless given. The linear model itself is exact at any rate.
     pub physics_hz: Option<u32>,
+    /// Treatment of environments whose episode has ended.
     pub autoreset: Autoreset,
     /// Episodes are truncated after so many steps; 0 for never.
     pub max_episode_steps: u32,
+    /// Threads that step the batch, the caller among them; the results are the same for any number.
     pub threads: usize,
     /// "baseline", "avx2" or "avx512"; the machine's best unless given. The results are the same.
     pub isa: Option<String>,

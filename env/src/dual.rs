@@ -12,7 +12,9 @@ pub const DIRECTIONS: usize = 24;
 /// of a fit goes to moving them about.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Dual {
+    /// Value in double precision, the same as a plain `f64` would have.
     pub value: f64,
+    /// Partial derivatives of the value, one for each direction.
     pub slope: [f32; DIRECTIONS],
 }
 

@@ -2,6 +2,7 @@
 
 /// Every error of the simulator names the value, the place and what was expected.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[allow(missing_docs, reason = "each variant's message says what went wrong")]
 pub enum Error {
     #[error("{what}: expected {want}, got {got}")]
     Shape { what: &'static str, want: String, got: String },

@@ -49,6 +49,7 @@ impl Level {
         found.ok_or_else(|| unknown("instruction set of this machine", name, levels.iter().map(|l| l.name())))
     }
 
+    /// Returns the name that [`Level::named`] reads.
     pub fn name(self) -> &'static str {
         match self.0 {
             Kind::Baseline => "baseline",

@@ -152,6 +152,7 @@ impl Lanes {
     pub fn array(&self) -> &[f32; LANES] {
         bytemuck::cast_ref(&self.0)
     }
+    /// Returns the lanes in order, to be written.
     #[inline(always)]
     pub fn array_mut(&mut self) -> &mut [f32; LANES] {
         bytemuck::cast_mut(&mut self.0)

@@ -3,6 +3,8 @@
 //! One way for data: [`model`] -> [`effects`] -> [`world`] -> [`task`] -> [`vector`], a batch of environments with one drone or several that share
 //! the air ([`coupling`]). No input or output, no clock, no Python here.
 
+#![warn(missing_docs)]
+
 mod archive;
 pub mod config;
 pub mod coupling;
@@ -22,7 +24,7 @@ pub mod plant;
 mod pool;
 mod rows;
 pub mod scalar;
-pub mod schedule;
+mod schedule;
 pub mod sim_scalar;
 pub mod task;
 pub mod vector;

@@ -15,8 +15,11 @@ pub const THESIS_TOML: &str = include_str!("../models/thesis.toml");
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Quantity {
+    /// Amount in `unit`.
     pub value: f64,
+    /// Symbol of the unit; each path of a model file demands a certain one.
     pub unit: String,
+    /// Origin, in free text: an equation, a table, a measurement.
     pub source: String,
 }
 
@@ -24,8 +27,11 @@ pub struct Quantity {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Tilt {
+    /// Angular acceleration per commanded angle, 1/s^2.
     pub gain: Quantity,
+    /// Angular deceleration per rate, 1/s.
     pub damping: Quantity,
+    /// Angular deceleration per angle, 1/s^2; `gain / stiffness` is the static gain.
     pub stiffness: Quantity,
 }
 
@@ -34,18 +40,35 @@ pub struct Tilt {
 #[serde(tag = "form", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Yaw {
     /// gain / s   (thesis 5.2)
-    Integrator { gain: Quantity },
+    Integrator {
+        /// Yaw rate per commanded yaw rate, pure number; -1 in the thesis.
+        gain: Quantity,
+    },
     /// gain * bandwidth / (s (s + bandwidth)): a first-order loop on the yaw rate
-    Rate { gain: Quantity, bandwidth: Quantity },
+    Rate {
+        /// Static yaw rate per commanded yaw rate, pure number.
+        gain: Quantity,
+        /// Inverse time constant of the rate loop, 1/s.
+        bandwidth: Quantity,
+    },
     /// gain / (s^2 + damping s + stiffness)   (thesis 4.15)
-    SecondOrder { gain: Quantity, damping: Quantity, stiffness: Quantity },
+    SecondOrder {
+        /// Angular acceleration per commanded yaw rate, 1/s.
+        gain: Quantity,
+        /// Angular deceleration per rate, 1/s.
+        damping: Quantity,
+        /// Angular deceleration per angle, 1/s^2.
+        stiffness: Quantity,
+    },
 }
 
 /// velocity / angle = gravity / (s + drag)   (thesis 4.10; drag is k1/m of 4.15)
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Lateral {
+    /// Horizontal acceleration per tilt angle in radians, m/s^2.
     pub gravity: Quantity,
+    /// Horizontal deceleration per velocity, 1/s; 0 in the thesis.
     pub drag: Quantity,
 }
 
@@ -55,11 +78,38 @@ pub struct Lateral {
 pub enum Vertical {
     /// z' = gain (u - offset) - pole z + w, w' = push - push_damping w   (thesis 5.3, 5.4). The identified form has velocity for
     /// its input, so a push (an acceleration) needs a lag of its own, `w`, which is zero without effects.
-    FirstOrder { gain: Quantity, pole: Quantity, offset: Option<Quantity>, hover: Option<Quantity>, push_damping: Quantity },
+    FirstOrder {
+        /// Climb rate per input: 1/s for a height command, m/s for PWM counts.
+        gain: Quantity,
+        /// Decay rate of the height, 1/s.
+        pole: Quantity,
+        /// Input at which the height settles at zero, in metres or PWM counts; 0 unless given.
+        offset: Option<Quantity>,
+        /// Input that carries the weight, in PWM counts; needed for a PWM form.
+        hover: Option<Quantity>,
+        /// Decay rate of `w`, 1/s.
+        push_damping: Quantity,
+    },
     /// z'' = gain (u - offset) - damping z' - stiffness z + push   (thesis 4.15)
-    SecondOrder { gain: Quantity, damping: Quantity, stiffness: Quantity, offset: Option<Quantity>, hover: Option<Quantity> },
+    SecondOrder {
+        /// Upward acceleration per input: 1/s^2 for a height command, m/s^2 for PWM counts.
+        gain: Quantity,
+        /// Deceleration per climb rate, 1/s.
+        damping: Quantity,
+        /// Deceleration per height, 1/s^2.
+        stiffness: Quantity,
+        /// Input at which the height settles at zero, in metres or PWM counts; 0 unless given.
+        offset: Option<Quantity>,
+        /// Input that carries the weight, in PWM counts; needed for a PWM form.
+        hover: Option<Quantity>,
+    },
     /// z'' = gravity (u / hover - 1) - heave z' + push
-    Thrust { hover: Quantity, heave: Quantity },
+    Thrust {
+        /// Input that carries the weight, in PWM counts.
+        hover: Quantity,
+        /// Deceleration per climb rate, 1/s.
+        heave: Quantity,
+    },
 }
 
 /// The height inputs that the model has; at least one.
@@ -69,10 +119,13 @@ pub struct Verticals {
     /// The form that is driven unless another is asked for: where the vehicle was identified. The first that the model has, unless given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub default: Option<VerticalInput>,
+    /// Form with the commanded height in metres for its input (thesis 5.3).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub height: Option<Vertical>,
+    /// Form of first or second order with the thrust PWM for its input (thesis 5.4).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pwm: Option<Vertical>,
+    /// Form in which the thrust PWM accelerates the vehicle; a flight log can be fitted to it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub thrust: Option<Vertical>,
 }
@@ -81,9 +134,13 @@ pub struct Verticals {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CommandLimits {
+    /// Largest roll and pitch angle, deg.
     pub tilt_max: Quantity,
+    /// Largest yaw rate to either side, deg/s.
     pub yaw_rate_max: Quantity,
+    /// Largest commanded height, m; the smallest is 0.
     pub height_max: Quantity,
+    /// Largest thrust PWM, counts; the smallest is 0.
     pub pwm_max: Quantity,
 }
 
@@ -91,10 +148,15 @@ pub struct CommandLimits {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Airframe {
+    /// Mass as flown, kg, camera and casing included.
     pub mass: Quantity,
+    /// Radius of one propeller, m.
     pub rotor_radius: Quantity,
+    /// Distance from the centre to a motor, m.
     pub arm: Quantity,
+    /// Charge of the full battery, C.
     pub battery_capacity: Quantity,
+    /// Battery current of a hover, A.
     pub hover_current: Quantity,
     /// Voltage at which the model's thrust holds; that of a full cell, 4.2 V, unless given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -105,8 +167,11 @@ pub struct Airframe {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Rig {
+    /// Rate of commands and of the controller, Hz.
     pub control: Quantity,
+    /// Rate of the inertial sensors, Hz.
     pub imu: Quantity,
+    /// Rate of camera frames, Hz.
     pub camera: Quantity,
 }
 
@@ -114,17 +179,28 @@ pub struct Rig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Model {
+    /// Version of the file format; 1 is the only one.
     pub schema: u32,
+    /// Title of the vehicle in reports and errors.
     pub name: String,
+    /// Free text for users.
     #[serde(default)]
     pub description: String,
+    /// Attitude dynamics about the body x axis.
     pub roll: Tilt,
+    /// Attitude dynamics about the body y axis.
     pub pitch: Tilt,
+    /// Heading dynamics.
     pub yaw: Yaw,
+    /// Horizontal motion that a tilt causes.
     pub lateral: Lateral,
+    /// Height dynamics, one form for each input.
     pub vertical: Verticals,
+    /// Ranges of the commands.
     pub command: CommandLimits,
+    /// Mass, lengths and battery.
     pub vehicle: Airframe,
+    /// Rates of control and sensors.
     pub rig: Rig,
     /// Effects that belong to this vehicle and are on unless the configuration says otherwise.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty", deserialize_with = "crate::config::effect_table")]
@@ -162,9 +238,13 @@ impl VerticalInput {
 /// One axis as z'' or z' = ... in the two states (x, w): x' = a_xx x + a_xw w + b_x u + e_x push, likewise w; rate = x'.
 #[derive(Debug, Clone, Copy)]
 pub struct AxisForm {
+    /// Coefficients of x and w: the rows `[a_xx, a_xw]` and `[a_wx, a_ww]`.
     pub a: [[f64; 2]; 2],
+    /// Coefficients of the input above its offset: `[b_x, b_w]`.
     pub u: [f64; 2],
+    /// Coefficients of the push, an acceleration: `[e_x, e_w]`.
     pub push: [f64; 2],
+    /// Amount taken off the input first, in the unit of the input.
     pub offset: f64,
 }
 
@@ -191,6 +271,7 @@ fn or_zero(q: &Option<Quantity>) -> f64 {
 }
 
 impl Yaw {
+    /// Returns the differential equation of the yaw angle; a push is an angular acceleration.
     pub fn form(&self) -> AxisForm {
         match self {
             Yaw::Integrator { gain } => AxisForm::first_order(gain.value, 0.0, 0.0, YAW_PUSH_DAMPING),
@@ -206,6 +287,7 @@ impl Yaw {
 }
 
 impl Vertical {
+    /// Returns the differential equation of the height, with `gravity` in m/s^2.
     pub fn form(&self, gravity: f64) -> AxisForm {
         match self {
             Vertical::FirstOrder { gain, pole, offset, push_damping, .. } => {
@@ -468,8 +550,11 @@ impl Model {
 /// x' = A x + B u, y = C x   (thesis 4.14)
 #[derive(Debug, Clone, PartialEq)]
 pub struct StateSpace {
+    /// System matrix A; [`Model::state_space`] lists the states.
     pub a: SMatrix<f64, 12, 12>,
+    /// Input matrix B, commands in SI units and PWM counts.
     pub b: SMatrix<f64, 12, 4>,
+    /// Output matrix C, one row per measured quantity.
     pub c: SMatrix<f64, 7, 12>,
 }
 

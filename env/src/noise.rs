@@ -36,7 +36,7 @@ pub const fn channel(name: &str) -> u32 {
 
 /// The episode keys of a tile's lanes.
 #[derive(Clone, Copy, Debug)]
-pub struct EpisodeKeys<R: Scalar> {
+pub(crate) struct EpisodeKeys<R: Scalar> {
     low: R::Word,
     high: R::Word,
 }

@@ -16,13 +16,19 @@ pub const ACTION: usize = 4;
 /// One block of an observation row.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Field {
+    /// Key in lists of the layout, with the unit as its suffix.
     pub name: &'static str,
+    /// Index of its first number within the row.
     pub first: usize,
+    /// Count of its numbers.
     pub length: usize,
+    /// Symbols of the units; "1" for a pure number.
     pub unit: &'static str,
     /// Bounds; a reading outside is cut off, as the sensor's range or the clock's display would.
     pub low: f64,
+    /// Upper bound, in the same unit.
     pub high: f64,
+    /// Description for users, without a full stop.
     pub about: &'static str,
 }
 
@@ -35,8 +41,11 @@ impl Field {
     }
 }
 
+/// Flag of the newest camera frame, index 5 of a row.
 pub const MARKER_VALID: Field = field("marker_valid", 5, 1, "1", [0.0, 1.0], "1 while the newest frame showed the marker");
+/// Target position and heading in the world frame, from index 16 of a row.
 pub const SETPOINT: Field = field("setpoint", 16, 4, "m, rad", [-10.0, 10.0], "where to be now: x, y, z, yaw");
+/// Action of the tick before, from index 20 of a row.
 pub const LAST_ACTION: Field = field("last_action", 20, 4, "1", [-1.0, 1.0], "the previous action");
 
 /// The layout of an observation row.
@@ -67,7 +76,9 @@ pub(crate) const fn field(
 /// Where to be: position within the room and yaw within [-pi, pi], as the tasks see to.
 #[derive(Debug, Clone, Copy)]
 pub struct Setpoint<R> {
+    /// Position in the world frame, with the marker at the origin.
     pub pos_m: [R; 3],
+    /// Heading, right-handed about the upward axis.
     pub yaw_rad: R,
 }
 
@@ -148,8 +159,10 @@ impl<R: Scalar> ActionScale<R> {
 /// The command interface: what an action of -1..1 means.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Interface {
+    /// Height input that the fourth number of an action stands for.
     #[serde(rename = "vertical")]
     pub input: VerticalInput,
+    /// Roll and pitch that an action of 1 commands.
     pub tilt_max_rad: f64,
     /// In the vehicle's own sign (5.2): +1 turns clockwise on the thesis's Crazyflie.
     pub yaw_rate_max_radps: f64,

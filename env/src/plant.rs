@@ -9,7 +9,9 @@ use crate::scalar::{Scalar, dot};
 /// What moves. World frame: x right, y forward, z up; right-handed angles; +pitch accelerates to +x, +roll to -y at zero yaw.
 #[derive(Debug, Clone, Copy)]
 pub struct State<R> {
+    /// Position of the centre of mass.
     pub pos_m: [R; 3],
+    /// Velocity of the centre of mass.
     pub vel_mps: [R; 3],
     /// Roll, pitch, yaw.
     pub att_rad: [R; 3],
@@ -22,7 +24,9 @@ pub struct State<R> {
 /// What is commanded, held over a control tick.
 #[derive(Debug, Clone, Copy)]
 pub struct Command<R> {
+    /// Roll angle; positive accelerates to -y at zero yaw.
     pub roll_rad: R,
+    /// Pitch angle; positive accelerates to +x at zero yaw.
     pub pitch_rad: R,
     /// In the vehicle's own sign: positive turns clockwise on the thesis's Crazyflie (5.2).
     pub yaw_rate_radps: R,
@@ -33,13 +37,15 @@ pub struct Command<R> {
 /// What effects add to the motion: accelerations in the world frame, angular accelerations about the body axes.
 #[derive(Debug, Clone, Copy)]
 pub struct Accelerations<R> {
+    /// Linear accelerations along x, y, z.
     pub acc_mps2: [R; 3],
+    /// Angular accelerations: roll, pitch, yaw.
     pub ang_radps2: [R; 3],
 }
 
 /// Sine and cosine of a yaw.
 #[derive(Debug, Clone, Copy)]
-pub struct YawRotation<R> {
+pub(crate) struct YawRotation<R> {
     pub sin: R,
     pub cos: R,
 }
@@ -54,6 +60,7 @@ impl<R: Scalar> State<R> {
 }
 
 impl<R: Scalar> Accelerations<R> {
+    /// Returns zero on all axes.
     #[inline(always)]
     pub fn none() -> Self {
         Accelerations { acc_mps2: [R::zero(); 3], ang_radps2: [R::zero(); 3] }
@@ -194,7 +201,7 @@ impl<R: Scalar> Plant<R> {
 
 /// The model over one step of fixed length.
 #[derive(Debug, Clone, Copy)]
-pub struct Plant<R> {
+pub(crate) struct Plant<R> {
     roll: TiltStep<R>,
     pitch: TiltStep<R>,
     yaw: AxisStep<R>,

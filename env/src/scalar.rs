@@ -32,7 +32,9 @@ pub trait Scalar:
 
     /// The same number in every lane.
     fn from_f64(value: f64) -> Self;
+    /// Takes the square root, rounded as IEEE 754 says.
     fn sqrt(self) -> Self;
+    /// Takes the magnitude, lane by lane.
     fn abs(self) -> Self;
     /// The smaller of two numbers; `self` where either is NaN.
     fn min(self, other: Self) -> Self;
@@ -40,11 +42,17 @@ pub trait Scalar:
     fn max(self, other: Self) -> Self;
     /// The nearest integer; exact for |self| < 2^22.
     fn round(self) -> Self;
+    /// Compares lane by lane: `self < other`, false where either is NaN.
     fn lt(self, other: Self) -> Self::Mask;
+    /// Compares lane by lane: `self <= other`, false where either is NaN.
     fn le(self, other: Self) -> Self::Mask;
+    /// Picks `yes` in the lanes of `mask` and `no` in the others.
     fn select(mask: Self::Mask, yes: Self, no: Self) -> Self;
+    /// Tells whether some lane is true.
     fn any(mask: Self::Mask) -> bool;
+    /// Tells whether every lane is true.
     fn all(mask: Self::Mask) -> bool;
+    /// Returns a mask that is false in every lane.
     fn nothing() -> Self::Mask;
     /// A word as a number strictly between 0 and 1.
     fn unit(word: Self::Word) -> Self;
@@ -57,14 +65,17 @@ pub trait Scalar:
     /// Replace the number in one lane.
     fn set_lane(&mut self, lane: usize, value: f64);
 
+    /// Returns 0 in every lane.
     #[inline(always)]
     fn zero() -> Self {
         Self::from_f64(0.0)
     }
+    /// Compares lane by lane: `self > other`, false where either is NaN.
     #[inline(always)]
     fn gt(self, other: Self) -> Self::Mask {
         other.lt(self)
     }
+    /// Limits each lane to `low..=high`.
     #[inline(always)]
     fn clamp(self, low: Self, high: Self) -> Self {
         self.max(low).min(high)
@@ -215,10 +226,15 @@ fn poly<R: Scalar, const N: usize>(x: R, single: usize, coefficients: &[f64; N])
 
 /// Integers modulo 2^32, one per lane.
 pub trait Word: Copy + Debug + Send + Sync + BitXor<Output = Self> {
+    /// Puts the same word into every lane.
     fn from_u32(value: u32) -> Self;
+    /// Adds modulo 2^32.
     fn add(self, other: Self) -> Self;
+    /// Multiplies modulo 2^32.
     fn mul(self, other: Self) -> Self;
+    /// Shifts right by `bits`, below 32, and fills with zeros.
     fn shr(self, bits: u32) -> Self;
+    /// Replaces the word in one lane.
     fn set_lane(&mut self, lane: usize, value: u32);
 }
 

@@ -166,6 +166,7 @@ impl VectorEnv {
         Ok(VectorEnv { shards, config, envs, metrics, share, team, ready: false, level, tick_s, fingerprint })
     }
 
+    /// Returns the size of the batch: environments, not drones.
     pub fn num_envs(&self) -> usize {
         self.envs
     }

@@ -61,14 +61,18 @@ struct Group<R: Scalar> {
 /// Speed at which the floor was hit, and whether the vehicle stands on it.
 #[derive(Debug, Clone, Copy)]
 pub struct Contact<R: Scalar> {
+    /// Greatest sinking speed at which the floor was hit during the tick; 0 where it was not.
     pub impact_mps: R,
+    /// Lanes whose vehicle stands on the floor at the end of the tick.
     pub standing: R::Mask,
 }
 
 /// What a tick brought: returned, not kept, because a large batch waits for memory.
 #[derive(Debug, Clone, Copy)]
 pub struct Tick<R: Scalar> {
+    /// Touch of the floor during the tick.
     pub contact: Contact<R>,
+    /// Sensors at the end of the tick.
     pub reading: Reading<R>,
 }
 
@@ -77,7 +81,9 @@ pub struct Tick<R: Scalar> {
 pub struct Around<'a, R> {
     /// See [`HookContext::neighbours`] and [`HookContext::own`].
     pub neighbours: &'a [Neighbour<R>],
+    /// Index of the drone itself among `neighbours`.
     pub own: usize,
+    /// Accelerations from outside, such as the pull of a rope.
     pub push: Accelerations<R>,
 }
 
@@ -136,6 +142,7 @@ pub struct World<R: SimScalar> {
 /// Physics settings of a world.
 #[derive(Debug, Clone, Copy)]
 pub struct Settings {
+    /// Height input of the model that commands drive.
     pub input: VerticalInput,
     /// See [`crate::config::Options::physics_hz`].
     pub physics_hz: Option<u32>,

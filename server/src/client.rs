@@ -14,7 +14,9 @@ const REPLY_TIMEOUT: Duration = Duration::from_secs(60);
 /// Size of the read buffer. A step's reply as JSON takes about 12 kB.
 const REPLY_BYTES: usize = 32 << 10;
 
+/// Reason that a request got no answer, or one that says no.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "each variant's message says what went wrong")]
 pub enum Error {
     // it is not repeated: a password may be in it
     #[error("the server's URL: expected ws://host:port or wss://host:port, without a user")]

@@ -26,6 +26,7 @@ impl<T: Read + Write + Send + Sync> ByteStream for T {}
 
 /// An open WebSocket to a server.
 pub struct ServerConnection {
+    /// WebSocket after the handshake, in blocking mode.
     pub ws: WebSocket<Box<dyn ByteStream>>,
     /// The TCP stream beneath, for the caller's timeouts. Reads first time out after 10 s.
     pub tcp: TcpStream,
@@ -33,6 +34,7 @@ pub struct ServerConnection {
 
 /// Reason that a connection could not be made.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "each variant's message says what went wrong")]
 pub enum ConnectError {
     #[error("the URL: {0}")]
     Url(tungstenite::Error),

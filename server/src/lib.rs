@@ -1,4 +1,6 @@
 //! The server, the benchmark that it offers, and flights with a controller in the loop.
+
+#![warn(missing_docs)]
 #![forbid(unsafe_code)]
 
 pub mod bench;

@@ -34,9 +34,13 @@ pub enum Knowledge {
     /// Where they truly are, now.
     Ideal,
     /// The same, of those within range.
-    Range { range_m: f64 },
+    Range {
+        /// Largest distance between two drones that know of each other, 0 to 100 m.
+        range_m: f64,
+    },
     /// Each says by radio where its camera says it is; that comes late, and sometimes not at all.
     Radio {
+        /// Time from a message to its arrival, at most 31 control ticks.
         #[serde(default)]
         delay_s: f64,
         /// Probability that one receiver misses one message.

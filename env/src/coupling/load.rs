@@ -6,6 +6,7 @@ use crate::scalar::Scalar;
 /// What hangs, and how.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Load {
+    /// Mass of the load alone, without the ropes, which weigh nothing.
     pub mass_kg: f64,
     /// Length of each rope.
     pub rope_m: f64,
@@ -21,11 +22,14 @@ const STEPS: usize = 8;
 /// A load in motion.
 #[derive(Debug, Clone, Copy)]
 pub struct State<R> {
+    /// Position in the world frame.
     pub pos_m: [R; 3],
+    /// Velocity in the world frame.
     pub vel_mps: [R; 3],
 }
 
 impl<R: Scalar> State<R> {
+    /// Returns a load at the origin without velocity.
     pub fn rest() -> Self {
         State { pos_m: [R::zero(); 3], vel_mps: [R::zero(); 3] }
     }
@@ -105,8 +109,10 @@ impl Load {
 
 /// Room for the drones' motion within a tick, and what comes of the ropes.
 pub struct Ropes<'a, R> {
+    /// Scratch space: the drones between the start and the end of the tick.
     pub moving: &'a mut [Neighbour<R>],
     /// What each drone gets.
     pub pulls_mps2: &'a mut [[R; 3]],
+    /// Mass of each drone.
     pub drone_kg: &'a [R],
 }

@@ -16,13 +16,19 @@ pub(crate) use stage::{Build, Stage, Tiles};
 /// One parameter of an effect.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Param {
+    /// Key in configurations, with the unit as its suffix.
     pub name: &'static str,
+    /// Symbol of the unit; "1" for a pure number.
     pub unit: &'static str,
     /// The value with which the parameter has no effect.
     pub off: f64,
+    /// Smallest value that a configuration may give.
     pub low: f64,
+    /// Largest value that a configuration may give.
     pub high: f64,
+    /// Description for users, without a full stop.
     pub about: &'static str,
+    /// Treatment by fits.
     pub role: Role,
     /// Values from which a search begins; empty for "off" alone. A length or a frequency has no slope while its effect is off.
     pub starts: &'static [f64],
@@ -47,7 +53,7 @@ pub enum Role {
 }
 
 /// A parameter of an effect, for its [`Effect::PARAMS`].
-pub const fn param(name: &'static str, unit: &'static str, off: f64, range: [f64; 2], about: &'static str) -> Param {
+pub(crate) const fn param(name: &'static str, unit: &'static str, off: f64, range: [f64; 2], about: &'static str) -> Param {
     Param { name, unit, off, low: range[0], high: range[1], about, role: Role::Free, starts: &[], least: 0.0 }
 }
 
@@ -154,24 +160,29 @@ pub struct Hooks {
 }
 
 impl Hooks {
+    /// Changes of the command alone.
     pub const COMMAND: Hooks = Hooks { command: true, push: false, frame: false, sense: false };
-    pub const PUSH: Hooks = Hooks { command: false, push: true, frame: false, sense: false };
-    pub const FRAME: Hooks = Hooks { command: false, push: false, frame: true, sense: false };
-    pub const SENSE: Hooks = Hooks { command: false, push: false, frame: false, sense: true };
-    pub const COMMAND_AND_PUSH: Hooks = Hooks { command: true, ..Hooks::PUSH };
-    pub const COMMAND_AND_SENSE: Hooks = Hooks { command: true, ..Hooks::SENSE };
-    pub const PUSH_AND_SENSE: Hooks = Hooks { push: true, ..Hooks::SENSE };
-    pub const FRAME_AND_SENSE: Hooks = Hooks { frame: true, ..Hooks::SENSE };
+    pub(crate) const PUSH: Hooks = Hooks { command: false, push: true, frame: false, sense: false };
+    pub(crate) const FRAME: Hooks = Hooks { command: false, push: false, frame: true, sense: false };
+    pub(crate) const SENSE: Hooks = Hooks { command: false, push: false, frame: false, sense: true };
+    pub(crate) const COMMAND_AND_PUSH: Hooks = Hooks { command: true, ..Hooks::PUSH };
+    pub(crate) const COMMAND_AND_SENSE: Hooks = Hooks { command: true, ..Hooks::SENSE };
+    pub(crate) const PUSH_AND_SENSE: Hooks = Hooks { push: true, ..Hooks::SENSE };
+    pub(crate) const FRAME_AND_SENSE: Hooks = Hooks { frame: true, ..Hooks::SENSE };
 }
 
 /// Constants of the vehicle that effects need.
 #[derive(Debug, Clone, Copy)]
 pub struct VehicleConstants<R> {
+    /// Magnitude of the gravitational acceleration.
     pub gravity_mps2: R,
+    /// Mass of the vehicle as it flies, battery and camera included.
     pub mass_kg: R,
+    /// Radius of one propeller.
     pub rotor_radius_m: R,
     /// 1 / (charge of the full battery in coulombs).
     pub per_battery_capacity_pc: R,
+    /// Battery current of a hover.
     pub hover_current_a: R,
     /// Voltage at which the model's thrust holds.
     pub battery_reference_v: R,
@@ -188,11 +199,15 @@ pub struct VehicleConstants<R> {
     /// Yaw dynamics: angle'' = gain command - damping angle' - stiffness angle. An integrator (5.2) stands for a rate loop with the damping with
     /// which a push on it dies away.
     pub yaw_gain_ps2: R,
+    /// Damping of the yaw dynamics, of the form above.
     pub yaw_damping_ps: R,
+    /// Stiffness of the yaw dynamics, of the form above.
     pub yaw_stiffness_ps2: R,
     /// Roll and pitch dynamics (5.1): angle'' = gain command - damping angle' - stiffness angle.
     pub tilt_gain_ps2: [R; 2],
+    /// Damping of the tilt dynamics of the form above: roll, pitch.
     pub tilt_damping_ps: [R; 2],
+    /// Stiffness of the tilt dynamics of the form above: roll, pitch.
     pub tilt_stiffness_ps2: [R; 2],
 }
 
@@ -259,6 +274,7 @@ impl<R: Scalar> VehicleConstants<R> {
 /// Where and when a hook is called.
 #[derive(Debug, Clone, Copy)]
 pub struct HookContext<'a, R: Scalar> {
+    /// Constants of the vehicle that the effect acts on.
     pub body: &'a VehicleConstants<R>,
     /// Length of the physics step for `command` and `push`, of the control tick for `sense`, from frame to frame for `frame`.
     pub h_s: f64,
@@ -285,7 +301,9 @@ pub struct HookContext<'a, R: Scalar> {
 /// A drone as the others of its world feel it.
 #[derive(Debug, Clone, Copy)]
 pub struct Neighbour<R> {
+    /// Position in the world frame.
     pub pos_m: [R; 3],
+    /// Velocity in the world frame.
     pub vel_mps: [R; 3],
     /// 1 while it flies, 0 when it is gone.
     pub here: R,
@@ -306,7 +324,9 @@ pub struct Frame<R: Scalar> {
     pub captured: R::Mask,
     /// How many markers were found in it; none means a lost marker.
     pub markers: R,
+    /// Position of the vehicle over the marker, in the world frame.
     pub pos_m: [R; 3],
+    /// Heading over the marker, right-handed about the upward axis.
     pub yaw_rad: R,
     /// Capture time.
     pub t_s: R,
@@ -319,8 +339,11 @@ pub struct Frame<R: Scalar> {
 /// The last marker pose that arrived.
 #[derive(Debug, Clone, Copy)]
 pub struct PoseFix<R> {
+    /// Position of the vehicle over the marker, in the world frame.
     pub pos_m: [R; 3],
+    /// Heading over the marker, right-handed about the upward axis.
     pub yaw_rad: R,
+    /// Capture time of its frame, since the episode began.
     pub t_s: R,
     /// 1 while the newest frame showed a marker, 0 after a frame without.
     pub valid: R,
@@ -343,31 +366,40 @@ impl<R: Scalar> PoseFix<R> {
 /// What the rig can measure at a control tick.
 #[derive(Debug, Clone, Copy)]
 pub struct Reading<R> {
+    /// Pose by the camera.
     pub marker: PoseFix<R>,
     /// Roll, pitch, yaw by the IMU.
     pub att_rad: [R; 3],
+    /// Angular rates by the gyroscopes: roll, pitch, yaw.
     pub gyro_radps: [R; 3],
     /// Specific force along the body axes.
     pub acc_mps2: [R; 3],
+    /// Voltage at the battery terminals.
     pub vbat_v: R,
 }
 
 /// An effect with `P` parameters and `S` numbers of state, generic over the number type. Only the hooks named in `HOOKS` are called.
 pub trait Effect<const P: usize, const S: usize>: Send + 'static {
+    /// Key in configurations and in the registry, in snake case.
     const NAME: &'static str;
+    /// Description for users, without a full stop.
     const ABOUT: &'static str;
     /// Equation, paper or derivation.
     const SOURCE: &'static str;
+    /// Parameters in the order in which hooks get their values.
     const PARAMS: [Param; P];
+    /// Functions of the trait that are called.
     const HOOKS: Hooks;
     /// Physics steps per second that the effect needs. Pushes are held over a step and see the state at its middle, which is good to second
     /// order; only what feeds back on the fast attitude dynamics (5.1 has a pole at -28.8 1/s) needs more than the control rate.
     const PHYSICS_HZ: u32 = 50;
+    /// Trace that the effect leaves in the log of a flight.
     const OBSERVABILITY: Observability = Observability::Deterministic;
     /// Part of what a small-angle model leaves out by its form: all effects of this kind are one finding.
     const GEOMETRY: Geometry = Geometry::None;
     /// The number of the model that says the same as the effect's first parameter, by its path: the two add up.
     const MODEL_NUMBER: Option<&'static str> = None;
+    /// Share of real vehicles that show the effect.
     const UBIQUITY: Ubiquity = Ubiquity::Some;
     /// How many of its numbers of state, the last ones, follow the vehicle's motion: a fit has to estimate them with it. (What follows the
     /// commands alone it can run up.)
@@ -404,12 +436,19 @@ pub trait Effect<const P: usize, const S: usize>: Send + 'static {
 
 /// An effect as the rest of the program sees it.
 pub struct Entry {
+    /// See [`Effect::NAME`].
     pub name: &'static str,
+    /// See [`Effect::ABOUT`].
     pub about: &'static str,
+    /// See [`Effect::SOURCE`].
     pub source: &'static str,
+    /// See [`Effect::PARAMS`].
     pub params: &'static [Param],
+    /// See [`Effect::HOOKS`].
     pub hooks: Hooks,
+    /// See [`Effect::PHYSICS_HZ`].
     pub physics_hz: u32,
+    /// See [`Effect::OBSERVABILITY`].
     pub observability: Observability,
     /// See [`Effect::GEOMETRY`].
     pub geometry: Geometry,
@@ -419,6 +458,7 @@ pub struct Entry {
     pub ubiquity: Ubiquity,
     /// See [`Effect::LAGS`] and [`Effect::LAG_SD`].
     pub lags: usize,
+    /// See [`Effect::LAG_SD`].
     pub lag_sd: f64,
     /// See [`Effect::MOTION_MEMORY_S`].
     pub motion_memory_s: f64,

@@ -38,7 +38,7 @@ pub(crate) const ROOM_M: [f64; 2] = [2.5, 2.8];
 
 /// How a drone's episode begins: at rest, here.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Start {
+pub(crate) struct Start {
     pub pos_m: [f64; 3],
     pub yaw_rad: f64,
     pub goal: [f64; GOAL],
@@ -46,7 +46,7 @@ pub struct Start {
 
 /// What a task knows of an environment at a tick.
 #[derive(Debug, Clone, Copy)]
-pub struct Scene<'a, R: Scalar> {
+pub(crate) struct Scene<'a, R: Scalar> {
     /// The drones as they truly are; empty for a task of one drone.
     pub drones: &'a [Neighbour<R>],
     /// What hangs below them, where something does.
@@ -59,17 +59,23 @@ pub struct Scene<'a, R: Scalar> {
 /// What a drone is judged on, at the end of a control tick.
 #[derive(Debug, Clone, Copy)]
 pub struct Situation<'a, R: Scalar> {
+    /// True state of the drone.
     pub x: &'a State<R>,
+    /// Target of this tick, world frame.
     pub setpoint: Setpoint<R>,
+    /// Action that the drone obeyed in this tick, each number from -1 to 1.
     pub action: &'a [R; ACTION],
+    /// Action of the tick before.
     pub last_action: &'a [R; ACTION],
+    /// Touch of the floor during this tick.
     pub contact: &'a Contact<R>,
+    /// Time since the episode began.
     pub t_s: R,
 }
 
 /// What comes of a tick for one drone.
 #[derive(Debug, Clone, Copy)]
-pub struct Outcome<R: Scalar> {
+pub(crate) struct Outcome<R: Scalar> {
     pub reward: R,
     /// How far it is from where it should be.
     pub error_m: R,
@@ -80,7 +86,7 @@ pub struct Outcome<R: Scalar> {
 }
 
 /// A task, generic over the number type. Crashes, collisions and the walls are the environment's business.
-pub trait Task: Send + Sync + Sized + 'static {
+pub(crate) trait Task: Send + Sync + Sized + 'static {
     const NAME: &'static str;
     /// The Gymnasium id.
     const ID: &'static str;
@@ -129,12 +135,15 @@ pub(crate) trait Visitor {
 
 /// A task as the rest of the program sees it.
 pub struct Entry {
+    /// Key in configurations and on the command line.
     pub name: &'static str,
     /// The Gymnasium id.
     pub id: &'static str,
+    /// Description for users, without a full stop.
     pub about: &'static str,
     /// The reward of one drone's step, in words and formula.
     pub reward: &'static str,
+    /// Control ticks after which Gymnasium truncates an episode, unless the user says otherwise.
     pub max_episode_steps: u32,
     /// Drones of an environment unless the user says otherwise.
     pub drones: usize,

@@ -8,6 +8,7 @@ use crate::observation::{ACTION, OBSERVATION};
 pub struct StepBuffers<'a> {
     /// Rows of [`super::VectorEnv::width`]. They are written a tenth to a fifth faster where they begin at a multiple of 32 bytes.
     pub observations: &'a mut [f32],
+    /// One reward per drone, for this step alone.
     pub rewards: &'a mut [f32],
     /// The drone's flight ended in this step: collided, crashed, or its part done.
     pub terminated: &'a mut [bool],

@@ -9,7 +9,8 @@ use super::{AttemptEntry, BUILD, Bench};
 /// A body and its type.
 #[derive(Debug)]
 pub struct ApiBody {
-    pub content_type: &'static str,
+    pub(crate) content_type: &'static str,
+    /// Payload of the reply, in the encoding that the type names.
     pub bytes: Vec<u8>,
 }
 

@@ -16,6 +16,7 @@ use crate::flight::{Trace, phase_at};
 /// A controller that enters the benchmark.
 #[derive(Debug, Clone)]
 pub struct Entrant {
+    /// Controller of the registry, with its options.
     pub controller: ControllerSpec,
     /// Drones that share the air keep out of each other's way.
     pub avoid: bool,
@@ -30,8 +31,11 @@ impl From<ControllerSpec> for Entrant {
 /// Interface and size of an attempt, for the controller that flies it.
 #[derive(Debug, Clone, Copy)]
 pub struct AttemptSpec {
+    /// Meaning of the actions.
     pub interface: Interface,
+    /// Time from one action to the next.
     pub tick_s: f64,
+    /// Flights of the attempt, all flown at once.
     pub episodes: usize,
     /// In each episode.
     pub drones: usize,

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 /// Names what was asked for, and what would have been right.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "each variant's message says what went wrong")]
 pub enum Error {
     #[error("unknown scenario {name:?}; known: {known}")]
     Scenario { name: String, known: String },
@@ -94,4 +95,5 @@ impl Error {
     }
 }
 
+/// Results of the benchmark.
 pub type Result<T> = std::result::Result<T, Error>;

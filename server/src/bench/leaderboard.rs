@@ -14,23 +14,28 @@ use super::{Bench, Scenario};
 /// A row of the leaderboard.
 #[derive(Debug, Clone, Serialize)]
 pub struct LeaderboardRow {
+    /// Place, from 1 on; rows of the same score share it.
     pub rank: usize,
     /// The attempt that stands for all of them: the middle one, the worse of two.
     pub attempt: String,
+    /// Name under which it was submitted.
     pub controller: String,
+    /// Owner of the token, or "local".
     pub team: String,
+    /// Score of the middle attempt, with its interval; 0 where that was abandoned.
     #[serde(flatten)]
     pub score: Score,
     /// None where the middle attempt was abandoned.
     #[serde(flatten)]
     pub metrics: Option<Metrics>,
+    /// Count of the attempts that the row stands for, abandoned ones too.
     pub attempts: usize,
-    pub abandoned: usize,
+    pub(crate) abandoned: usize,
     /// When the attempt was begun, seconds since 1970.
     pub at: f64,
     /// Of the attempt's document, in hex.
     pub signature: String,
-    pub build: String,
+    pub(crate) build: String,
 }
 
 impl Bench {

@@ -35,7 +35,8 @@ pub use leaderboard::LeaderboardRow;
 pub use record::Document;
 pub use scenario::{PlannedPhase, Scenario};
 pub use sqlite::default_path;
-pub use teams::{Submitter, TeamLimits};
+pub(crate) use teams::Submitter;
+pub use teams::TeamLimits;
 pub use verify::Verdict;
 
 use record::AttemptRow;
@@ -62,8 +63,9 @@ struct Inner {
 /// An attempt in the list of attempts.
 #[derive(Debug, Clone)]
 pub struct AttemptEntry {
+    /// Random name of the attempt, in hex.
     pub id: String,
-    pub signature: Vec<u8>,
+    pub(crate) signature: Vec<u8>,
     /// The document, or the problem of a row that was tampered with.
     pub document: std::result::Result<Document, String>,
 }
@@ -94,6 +96,7 @@ impl Bench {
         Bench::open(path, TeamLimits::default())
     }
 
+    /// Lists the scenarios in the order of their files.
     pub fn scenarios(&self) -> &[Scenario] {
         &self.0.scenarios
     }

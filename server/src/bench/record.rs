@@ -38,16 +38,22 @@ impl Status {
 pub struct Document {
     /// Counted up without gaps, so that a row that was taken away is missed.
     pub number: i64,
+    /// Random name of the attempt, in hex.
     pub id: String,
+    /// Scenario as `name@version`.
     pub scenario: String,
-    pub scenario_hash: String,
+    pub(crate) scenario_hash: String,
     /// Fingerprint of the program's sources.
     pub build: String,
+    /// Owner of the token, or "local".
     pub team: String,
+    /// Name under which it was submitted.
     pub controller: String,
     /// Milliseconds since 1970, UTC.
     pub begun_ms: i64,
+    /// Progress when it was signed.
     pub status: Status,
+    /// Score and flights, of a finished attempt alone.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub result: Option<AttemptResult>,
 }

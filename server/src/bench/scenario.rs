@@ -82,9 +82,9 @@ pub(super) struct MultiDronePlan {
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PlannedPhase {
-    pub name: String,
-    pub from_s: f64,
-    pub mode: String,
+    pub(crate) name: String,
+    pub(crate) from_s: f64,
+    pub(crate) mode: String,
 }
 
 impl PlannedPhase {
@@ -149,14 +149,17 @@ impl Scenario {
         format!("{}@{}", self.plan.name, self.plan.version)
     }
 
+    /// Returns the SHA-256 of all that it says, in hex.
     pub fn hash(&self) -> &str {
         &self.hash
     }
 
+    /// Returns a short description for users.
     pub fn title(&self) -> &str {
         &self.plan.title
     }
 
+    /// Returns the number of flights of an attempt.
     pub fn episodes(&self) -> usize {
         self.plan.episodes
     }
@@ -170,6 +173,7 @@ impl Scenario {
         &self.plan.phases
     }
 
+    /// Returns the length of an episode.
     pub fn seconds(&self) -> f64 {
         self.plan.seconds
     }

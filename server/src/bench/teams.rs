@@ -17,8 +17,8 @@ const PREFIX: &str = "cft_";
 /// Limits for each team.
 #[derive(Debug, Clone, Copy)]
 pub struct TeamLimits {
-    pub attempts_per_minute: u32,
-    pub at_once: u32,
+    pub(crate) attempts_per_minute: u32,
+    pub(crate) at_once: u32,
 }
 
 impl Default for TeamLimits {
@@ -29,7 +29,7 @@ impl Default for TeamLimits {
 
 /// The account that begins an attempt.
 #[derive(Clone, Copy)]
-pub enum Submitter<'a> {
+pub(crate) enum Submitter<'a> {
     /// The command line beside the database: it could write there anyway.
     Local,
     Token(&'a str),
@@ -66,6 +66,7 @@ impl Bench {
         Ok(token)
     }
 
+    /// Lists all tokens, revoked ones too, without their secrets.
     pub fn tokens(&self) -> Result<Vec<Token>> {
         let all = self.store().tokens()?;
         let token =

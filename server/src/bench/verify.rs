@@ -10,6 +10,7 @@ use super::secrets::sha256_hex;
 use super::store::AttemptFilter;
 use super::{BUILD, Bench, Scenario};
 
+/// Outcome of a verification.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {

@@ -18,9 +18,11 @@ const CRASH_MPS: f64 = 1.5;
 /// One controlled axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AxisSpec {
+    /// Symbol of the axis: x, y, z or yaw.
     pub name: &'static str,
     /// Unit for people of errors, and how many make one SI unit.
     pub unit: &'static str,
+    /// Factor from metres or radians to `unit`.
     pub per_si: f64,
     state: usize,
     setpoint: usize,
@@ -29,6 +31,7 @@ pub struct AxisSpec {
 
 const DEG: f64 = 180.0 / std::f64::consts::PI;
 
+/// Controlled axes, in the order of [`PhaseFigures::axes`].
 pub const AXES: [AxisSpec; 4] = [
     AxisSpec { name: "x", unit: "cm", per_si: 100.0, state: 0, setpoint: 16, band: BAND_M },
     AxisSpec { name: "y", unit: "cm", per_si: 100.0, state: 1, setpoint: 17, band: BAND_M },
@@ -41,17 +44,22 @@ pub const AXES: [AxisSpec; 4] = [
 pub enum Settling {
     /// The set-point moves: the question makes no sense.
     Moving,
+    /// Outside the band at the end of the phase.
     Never,
+    /// Seconds from the start of the phase until it left the band no more.
     At(f64),
 }
 
 /// One axis over one phase, SI and radians.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AxisFigures {
+    /// Time until the error stays within the band.
     pub settling: Settling,
     /// Beyond the set-point, seen from the start; from a start at the set-point the largest deviation.
     pub overshoot: Option<f64>,
+    /// Root mean square of the error.
     pub rmse: f64,
+    /// Mean magnitude of the error over the last second.
     pub final_error: f64,
     /// Root mean square of the command that serves the axis: degrees of pitch for x, of roll for y, percent of the hover PWM about it
     /// (or cm about the set-point) for z, deg/s for yaw.
@@ -60,21 +68,31 @@ pub struct AxisFigures {
     pub travel_per_s: f64,
 }
 
+/// Figures of one phase.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PhaseFigures {
+    /// Title of the phase, as planned.
     pub name: String,
+    /// Time of its first row in the air, from the start of the flight.
     pub from_s: f64,
+    /// Time of its last row, from the start of the flight.
     pub to_s: f64,
+    /// Figures of x, y, z and yaw.
     pub axes: [AxisFigures; 4],
 }
 
+/// Figures of one flight.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Figures {
+    /// Phases that the flight reached, in order.
     pub phases: Vec<PhaseFigures>,
+    /// Reason that the flight ended.
     pub end: FlightEnd,
+    /// Time of the last row.
     pub end_s: f64,
     /// Number of times that the marker was lost, and the time without it in all.
     pub marker_losses: usize,
+    /// Time without the marker, over all losses.
     pub marker_lost_s: f64,
     /// The height at the end of a flight that was to land and did not.
     pub not_landed_m: Option<f64>,
@@ -93,6 +111,7 @@ impl Figures {
     }
 }
 
+/// Measures a flight, phase by phase as `planned`.
 pub fn figures(planned: &[Phase], trace: &Trace) -> Figures {
     let rows = &trace.rows;
     let valid: Vec<bool> = rows.iter().map(TraceRow::sees_marker).collect();

@@ -23,20 +23,28 @@ pub use scenario::{FlightScenario, LAB_LATENCY_S, Phase, SCENARIOS, lab_rig, pha
 /// Everything that decides a flight, besides its seed.
 #[derive(Debug, Clone)]
 pub struct Setup {
+    /// Vehicle that flies, and that the controller is made for.
     pub model: Model,
+    /// Task, start and phases of the flight.
     pub scenario: &'static FlightScenario,
     /// In place of the scenario's own, if given.
     pub task_options: Option<serde_json::Value>,
+    /// Controller of the registry, with its options.
     pub controller: ControllerSpec,
+    /// Effects that are on, besides those of the model.
     pub effects: EffectTable,
+    /// Height input that actions command.
     pub vertical: VerticalInput,
+    /// Longest time of a flight.
     pub seconds: f64,
 }
 
 /// Observation, state and action of one control tick.
 #[derive(Debug, Clone, Copy)]
 pub struct TraceRow {
+    /// Reading of the tick, laid out as [`crazyflie_env::observation::FIELDS`].
     pub observation: [f32; OBSERVATION],
+    /// True state of the vehicle, SI units; position first.
     pub state: [f32; STATE],
     /// The controller's action; in force until the next row.
     pub action: [f32; ACTION],
@@ -67,10 +75,13 @@ pub fn squared_distance(a: &[f32], b: &[f32]) -> f64 {
 /// End of a flight.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum FlightEnd {
+    /// The planned time was over.
     Time,
+    /// Beyond the walls or the ceiling of the thesis's room.
     LeftRoom,
     /// On the floor, at this speed, where the task ends there.
     Floor {
+        /// Sinking speed at the touch.
         impact_mps: f64,
     },
 }
@@ -78,17 +89,23 @@ pub enum FlightEnd {
 /// One flight.
 #[derive(Debug, Clone)]
 pub struct Trace {
+    /// Time from one row to the next.
     pub tick_s: f64,
+    /// Meaning of the actions.
     pub interface: Interface,
+    /// Rows from the start until the end, one per control tick.
     pub rows: Vec<TraceRow>,
+    /// Reason that there are no more rows.
     pub end: FlightEnd,
 }
 
 impl Trace {
+    /// Returns the time of a row, from the start of the flight.
     pub fn t_s(&self, row: usize) -> f64 {
         row as f64 * self.tick_s
     }
 
+    /// Returns the command of a row: SI units, and PWM counts or metres.
     pub fn command(&self, row: usize) -> Command<f64> {
         self.interface.command(&self.rows[row].action.map(f64::from))
     }

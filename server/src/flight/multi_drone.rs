@@ -13,12 +13,14 @@ use crate::frames::separations_m;
 /// One flight of several drones, each until it flew no more.
 #[derive(Debug, Clone)]
 pub struct MultiDroneTrace {
+    /// Flight of each drone, in the order of the environment.
     pub drones: Vec<Trace>,
     /// Of the whole flight, in the order of [`METRICS`].
     pub metrics: [f32; METRICS.len()],
 }
 
 impl MultiDroneTrace {
+    /// Returns the metric of that name, NaN for an unknown one.
     pub fn metric(&self, name: &str) -> f32 {
         METRICS.iter().zip(self.metrics).find(|((known, ..), _)| *known == name).map_or(f32::NAN, |(_, value)| value)
     }
@@ -34,6 +36,7 @@ impl MultiDroneTrace {
 pub struct MultiDroneSetup {
     /// 0 for the task's own number.
     pub drones: usize,
+    /// Whether [`crazyflie_control::avoidance`] stands between set-points and controllers.
     pub avoid: bool,
 }
 

@@ -10,22 +10,31 @@ use serde_json::Value;
 /// A part of a flight with one set-point and one state of the controller.
 #[derive(Debug, Clone)]
 pub struct Phase {
+    /// Title in tables.
     pub name: Cow<'static, str>,
+    /// Start of the phase, from the start of the flight.
     pub from_s: f64,
     /// In place of the task's.
     pub setpoint_m: Option<[f32; 3]>,
+    /// State that the controller is told to be in.
     pub mode: Mode,
 }
 
+/// Flight that can be asked for by name.
 #[derive(Debug)]
 pub struct FlightScenario {
+    /// Key on the command line.
     pub name: &'static str,
+    /// Description for users.
     pub about: &'static str,
     /// Section and figure of the thesis; empty for a plain task.
     pub source: &'static str,
+    /// Name of the task in [`crazyflie_env::task::registry`].
     pub task: &'static str,
     options: &'static str,
+    /// Length of the flight unless the user says otherwise.
     pub seconds: f64,
+    /// Phases in order of time, the first from 0 on.
     pub phases: &'static [Phase],
 }
 

@@ -67,8 +67,11 @@ pub(crate) struct Peer {
 /// Totals of a server that has stopped.
 #[derive(Debug, Clone, Serialize)]
 pub struct Report {
+    /// Connections that were accepted.
     pub connections: u64,
+    /// Sessions that were begun.
     pub sessions: u64,
+    /// Sessions by the way they ended.
     pub ended: BTreeMap<SessionEnd, u64>,
     /// Connections that had not ended when the time to stop was over.
     pub cut: usize,

@@ -12,6 +12,7 @@ use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer};
 /// Everything that can be chosen about a server, besides where it listens.
 #[derive(Clone, Debug, Default)]
 pub struct Settings {
+    /// Bounds on time, memory and number of clients.
     pub limits: Limits,
     /// Certificate and key; needed wherever others than this machine can connect.
     pub tls: Option<Arc<ServerConfig>>,
@@ -44,9 +45,13 @@ pub struct Limits {
     pub window: usize,
     /// The same in bytes.
     pub window_bytes: usize,
+    /// Connections of all clients together.
     pub connections: usize,
+    /// Connections from one IP address.
     pub connections_per_address: usize,
+    /// Connections with one token of the benchmark.
     pub connections_per_token: usize,
+    /// Environments of one session.
     pub envs_per_session: usize,
     /// Environments of all sessions together: what bounds the memory.
     pub envs: usize,
@@ -85,6 +90,7 @@ impl Default for Limits {
 
 /// Reason that a server did not start, or stopped by itself.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "each variant's message says what went wrong")]
 pub enum ServeError {
     #[error("{0} can be reached from other machines: give --tls-cert and --tls-key, or listen on 127.0.0.1")]
     TlsRequired(SocketAddr),

@@ -15,7 +15,7 @@ const FORMAT: &str = "crazyflie.world.v1";
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[repr(u8)]
-pub enum ActionSource {
+pub(crate) enum ActionSource {
     Pilot,
     /// The pilot was late: its last action, the autopilot's if it has given none.
     Late,
@@ -58,11 +58,13 @@ struct TickRecord {
 /// State of a flight, as the last line of the log has it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct WorldSummary {
+    /// Control ticks that were flown.
     pub ticks: u64,
     /// Number of ticks in which each drone's pilot was late.
     pub late: Vec<u64>,
+    /// Values by the names of [`crazyflie_env::vector::METRICS`].
     pub metrics: BTreeMap<String, f32>,
-    pub over: bool,
+    pub(crate) over: bool,
     /// Hash of all states and observations, see [`WorldFlight::hash`].
     pub sha256: String,
 }
@@ -88,8 +90,11 @@ pub enum LogError {
 /// Replay of a log, with both summaries.
 #[derive(Debug, Serialize)]
 pub struct WorldReplay {
+    /// Name of the world on its server.
     pub world: String,
+    /// Name of the task that was flown.
     pub mission: String,
+    /// Drones of the world, piloted or not.
     pub drones: usize,
     /// The summary in the log.
     #[serde(rename = "told")]

@@ -11,7 +11,8 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 pub(crate) use flight::WorldFlight;
-pub use log::{ActionSource, WorldLog, WorldReplay, WorldSummary, replay_log};
+pub(crate) use log::ActionSource;
+pub use log::{WorldLog, WorldReplay, WorldSummary, replay_log};
 
 /// Plan of a world: all that its flight depends on, besides the actions of its pilots.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
