@@ -1,7 +1,8 @@
-//! The fingerprint of everything that decides an attempt's result: simulator, scenarios, scoring and the versions of all libraries.
+//! The fingerprint of everything that decides an attempt's result: simulator, scenarios, scoring and the
+//! versions of all libraries.
 //!
-//! Sources rather than the binary: the same sources give the same bits on every machine and in every profile, so an attempt can be
-//! re-run elsewhere.
+//! Sources rather than the binary: the same sources give the same bits on every machine and in every profile,
+//! so an attempt can be re-run elsewhere.
 
 use std::path::{Path, PathBuf};
 use std::{env, fs, io};
@@ -42,7 +43,8 @@ fn main() -> io::Result<()> {
     Ok(())
 }
 
-/// Files under `path`, but for tests, with their names relative to the workspace, which are the same on every system.
+/// Files under `path`, but for tests, with their names relative to the workspace, which are the same on every
+/// system.
 fn collect(path: &Path, name: &str, files: &mut Vec<(String, PathBuf)>) -> io::Result<()> {
     if !path.is_dir() {
         files.push((name.to_owned(), path.to_owned()));

@@ -66,7 +66,11 @@ pub(crate) fn changes_table(diagnosis: &Diagnosis) -> Table {
 /// Derivation of the verdict.
 fn method(diagnosis: &Diagnosis) -> String {
     let [thrust, yaw, swing] = diagnosis.p_values;
-    let sd: Vec<String> = diagnosis.standard_deviations.iter().map(|s| percent(*s).trim_start_matches('+').to_owned()).collect();
+    let sd: Vec<String> = diagnosis
+        .standard_deviations
+        .iter()
+        .map(|s| percent(*s).trim_start_matches('+').to_owned())
+        .collect();
     let mut text = format!(
         "Demand by {}, in shares of the hover thrust, against the normal mean. A new normal set-up differs by {} (thrust, roll, pitch, yaw; \
          standard deviations with {}, {} degrees of freedom for thrust and yaw). Chances times three looks: thrust {}, yaw {}, swing {}; \
@@ -80,8 +84,13 @@ fn method(diagnosis: &Diagnosis) -> String {
         number(swing, 3),
     );
     let _ = match diagnosis.normal_alarms {
-        Some([alarms, tried]) => writeln!(text, "Each normal set-up against the others: {alarms} of {tried} raise an alarm."),
-        None => writeln!(text, "One normal set-up only: how far set-ups differ is taken from how its flights do, which may be less."),
+        Some([alarms, tried]) => {
+            writeln!(text, "Each normal set-up against the others: {alarms} of {tried} raise an alarm.")
+        }
+        None => writeln!(
+            text,
+            "One normal set-up only: how far set-ups differ is taken from how its flights do, which may be less."
+        ),
     };
     for line in &diagnosis.left_out {
         let _ = writeln!(text, "Left out: {line}.");
@@ -90,7 +99,12 @@ fn method(diagnosis: &Diagnosis) -> String {
 }
 
 pub(crate) fn as_text(diagnosis: &Diagnosis, demands: &[EffectDemand]) -> String {
-    format!("{}\n\n{}\n{}", verdict_text(diagnosis, demands), changes_table(diagnosis).plain(), method(diagnosis))
+    format!(
+        "{}\n\n{}\n{}",
+        verdict_text(diagnosis, demands),
+        changes_table(diagnosis).plain(),
+        method(diagnosis)
+    )
 }
 
 pub(crate) fn as_markdown(diagnosis: &Diagnosis, demands: &[EffectDemand]) -> String {
@@ -104,8 +118,10 @@ pub(crate) fn as_markdown(diagnosis: &Diagnosis, demands: &[EffectDemand]) -> St
 
 fn fault_json(fit: &FaultFit) -> Json {
     match &fit.fault {
-        Fault::AddedWeight { mass_kg, left, front } => json!({"effect": "mass_change", "added_kg": mass_kg, "stderr_kg": fit.stderr,
-            "left": left, "front": front, "side": side_of(*left, *front), "misfit": fit.misfit}),
+        Fault::AddedWeight { mass_kg, left, front } => {
+            json!({"effect": "mass_change", "added_kg": mass_kg, "stderr_kg": fit.stderr,
+            "left": left, "front": front, "side": side_of(*left, *front), "misfit": fit.misfit})
+        }
         Fault::WeakMotor { motor, loss } => {
             json!({"effect": "weak_motor", "motor": motor, "loss": loss, "stderr": fit.stderr, "misfit": fit.misfit})
         }
@@ -117,7 +133,9 @@ pub(crate) fn as_json(diagnosis: &Diagnosis, demands: &[EffectDemand]) -> Json {
         DiagnosisVerdict::TooFew { freedom } => ("too_few", json!({"degrees_of_freedom": freedom})),
         DiagnosisVerdict::Nothing => ("nothing", Json::Null),
         DiagnosisVerdict::Unnamed => ("unnamed", Json::Null),
-        DiagnosisVerdict::SlungLoad { line, length_m } => ("slung_load", json!({"frequency_hz": line.frequency_hz, "length_m": length_m})),
+        DiagnosisVerdict::SlungLoad { line, length_m } => {
+            ("slung_load", json!({"frequency_hz": line.frequency_hz, "length_m": length_m}))
+        }
         DiagnosisVerdict::Fault(fit) => match fit.fault {
             Fault::AddedWeight { .. } => ("added_weight", fault_json(fit)),
             Fault::WeakMotor { .. } => ("weak_motor", fault_json(fit)),
@@ -148,16 +166,25 @@ pub(crate) fn as_json(diagnosis: &Diagnosis, demands: &[EffectDemand]) -> Json {
 
 /// Changes by set-up: thrust against yaw, which tell faults, and roll against pitch, which tell where.
 pub(crate) fn picture(diagnosis: &Diagnosis) -> Result<String, PictureError> {
-    let points = |set_ups: &[SetUp], i: usize| set_ups.iter().map(|s| 100.0 * s.change[i]).collect::<Vec<f64>>();
+    let points =
+        |set_ups: &[SetUp], i: usize| set_ups.iter().map(|s| 100.0 * s.change[i]).collect::<Vec<f64>>();
     let ellipse = |i: usize, j: usize| -> [Vec<f64>; 2] {
-        let [a, b] = [i, j].map(|k| 200.0 * Some(diagnosis.standard_deviations[k]).filter(|s| s.is_finite()).unwrap_or(0.0));
+        let [a, b] = [i, j]
+            .map(|k| 200.0 * Some(diagnosis.standard_deviations[k]).filter(|s| s.is_finite()).unwrap_or(0.0));
         let angles = || (0..=72).map(|k| f64::from(k) * std::f64::consts::TAU / 72.0);
         [angles().map(|t| a * t.cos()).collect(), angles().map(|t| b * t.sin()).collect()]
     };
     // to the right is to the right, so that the picture lies as the vehicle does
     let axes = [
         (3, 0, "yaw (% of thrust)", "thrust (%)", "What is wrong", 1.0),
-        (1, 2, "roll, to the left or to the right (% of thrust)", "pitch, to the front or to the back (% of thrust)", "Where", -1.0),
+        (
+            1,
+            2,
+            "roll, to the left or to the right (% of thrust)",
+            "pitch, to the front or to the back (% of thrust)",
+            "Where",
+            -1.0,
+        ),
     ];
     let data: Vec<[Vec<f64>; 6]> = axes
         .iter()
@@ -182,7 +209,13 @@ pub(crate) fn picture(diagnosis: &Diagnosis) -> Result<String, PictureError> {
             x_label,
             y_label,
             series: vec![
-                Series { label: "two standard deviations of a set-up", x: ex, y: ey, style: Style::Dashed, color: PALETTE[3] },
+                Series {
+                    label: "two standard deviations of a set-up",
+                    x: ex,
+                    y: ey,
+                    style: Style::Dashed,
+                    color: PALETTE[3],
+                },
                 Series { label: "normal set-ups", x: nx, y: ny, style: Style::Points, color: PALETTE[0] },
                 Series { label: "suspect set-ups", x: sx, y: sy, style: Style::Points, color: PALETTE[1] },
             ],

@@ -50,7 +50,9 @@ impl fmt::Display for Failure {
 impl From<EnvError> for Failure {
     fn from(error: EnvError) -> Self {
         match error {
-            EnvError::Unknown { .. } | EnvError::Range { .. } | EnvError::Config(_) => Failure::Usage(error.to_string()),
+            EnvError::Unknown { .. } | EnvError::Range { .. } | EnvError::Config(_) => {
+                Failure::Usage(error.to_string())
+            }
             other => Failure::Failed(other.to_string()),
         }
     }
@@ -59,7 +61,9 @@ impl From<EnvError> for Failure {
 impl From<BenchError> for Failure {
     fn from(error: BenchError) -> Self {
         match error {
-            BenchError::Scenario { .. } | BenchError::Attempt(_) | BenchError::Name { .. } => Failure::Usage(error.to_string()),
+            BenchError::Scenario { .. } | BenchError::Attempt(_) | BenchError::Name { .. } => {
+                Failure::Usage(error.to_string())
+            }
             other => Failure::Failed(other.to_string()),
         }
     }
@@ -69,7 +73,9 @@ impl From<ClientError> for Failure {
     fn from(error: ClientError) -> Self {
         match &error {
             ClientError::Url => Failure::Usage(error.to_string()),
-            ClientError::Refused { code, .. } if matches!(&code[..], "unknown_scenario" | "bad_name") => Failure::Usage(error.to_string()),
+            ClientError::Refused { code, .. } if matches!(&code[..], "unknown_scenario" | "bad_name") => {
+                Failure::Usage(error.to_string())
+            }
             _ => Failure::Failed(error.to_string()),
         }
     }
@@ -83,7 +89,9 @@ impl From<PictureError> for Failure {
 
 impl From<serde_json::Error> for Failure {
     fn from(error: serde_json::Error) -> Self {
-        error.io_error_kind().map_or_else(|| Failure::about("JSON", &error), |kind| io::Error::from(kind).into())
+        error
+            .io_error_kind()
+            .map_or_else(|| Failure::about("JSON", &error), |kind| io::Error::from(kind).into())
     }
 }
 

@@ -1,6 +1,5 @@
 //! The program `crazyflie`. The binary and the Python package both call [`main_from`].
 
-#![warn(missing_docs)]
 #![forbid(unsafe_code)]
 
 mod commands;

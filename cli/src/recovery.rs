@@ -1,4 +1,5 @@
-//! The identification flights of chapter 5, flown by the simulator, recorded, and identified: the thesis's equations must come back.
+//! The identification flights of chapter 5, flown by the simulator, recorded, and identified: the thesis's
+//! equations must come back.
 
 use crazyflie_control::ControllerSpec;
 use crazyflie_env::Error;
@@ -16,7 +17,8 @@ use crazyflie_server::flight::{FlightScenario, Setup, fly_with_override, lab_rig
 const HOVER_S: f64 = 10.0;
 const STEP_RAD: f64 = 7.5 * std::f64::consts::PI / 180.0;
 const YAW_RADPS: f64 = 36.0 * std::f64::consts::PI / 180.0;
-/// The white error of the angles that the rig adds to the lab's camera. The thesis gives none; this is the scatter of a Crazyflie at hover.
+/// The white error of the angles that the rig adds to the lab's camera. The thesis gives none; this is the
+/// scatter of a Crazyflie at hover.
 const ANGLE_NOISE_DEG: f64 = 0.2;
 
 /// Sensors of the flights.
@@ -37,7 +39,8 @@ impl Sensors {
         if self == Sensors::Ideal {
             return EffectTable::new();
         }
-        let angles = EffectParams::Named([("angle_noise_deg".to_owned(), Number::Fixed(ANGLE_NOISE_DEG))].into());
+        let angles =
+            EffectParams::Named([("angle_noise_deg".to_owned(), Number::Fixed(ANGLE_NOISE_DEG))].into());
         lab_rig().into_iter().chain([("gyro_bias".to_owned(), angles)]).collect()
     }
 }
@@ -102,7 +105,12 @@ const EXPERIMENTS: [Experiment; 6] = [
 pub(crate) const COUNT: usize = 2 * EXPERIMENTS.len() + 2;
 
 /// The log of an experiment, hover first, by the thesis's PID until the experiment overrules it.
-fn fly_experiment(model: &Model, experiment: &Experiment, sensors: Sensors, seed: u64) -> Result<FlightLog, Error> {
+fn fly_experiment(
+    model: &Model,
+    experiment: &Experiment,
+    sensors: Sensors,
+    seed: u64,
+) -> Result<FlightLog, Error> {
     let setup = Setup {
         model: model.clone(),
         scenario: FlightScenario::find("hover-70cm")?,
@@ -115,21 +123,30 @@ fn fly_experiment(model: &Model, experiment: &Experiment, sensors: Sensors, seed
     // half a tick of margin for the clock's rounding
     let after = |t_s: f64| t_s > HOVER_S - 5e-3;
     let height = |t_s: f64| if after(t_s) { experiment.height_m } else { 0.7 };
-    let traces = fly_with_override(&setup, &[seed], &height, &|t_s, u| if after(t_s) { (experiment.command)(u) } else { u })?;
+    let traces = fly_with_override(&setup, &[seed], &height, &|t_s, u| {
+        if after(t_s) { (experiment.command)(u) } else { u }
+    })?;
     // as a recording: through the project's CSV
     let mut bytes = Vec::new();
-    let written = log(&traces[0]).write_csv(&mut bytes).and_then(|()| FlightLog::from_bytes(experiment.name, &bytes));
+    let written =
+        log(&traces[0]).write_csv(&mut bytes).and_then(|()| FlightLog::from_bytes(experiment.name, &bytes));
     written.map_err(|e| Error::Config(format!("{}: {e}", experiment.name)))
 }
 
 /// Every coefficient of 5.1 to 5.5 by itself, as the thesis did. `done` is called after each experiment.
-pub(crate) fn equations(model: &Model, sensors: Sensors, seed: u64, done: &dyn Fn()) -> Result<Vec<RecoveredParameter>, IdentifyError> {
+pub(crate) fn equations(
+    model: &Model,
+    sensors: Sensors,
+    seed: u64,
+    done: &dyn Fn(),
+) -> Result<Vec<RecoveredParameter>, IdentifyError> {
     let mut all = Vec::new();
     for experiment in &EXPERIMENTS {
         let log = fly_experiment(model, experiment, sensors, seed)?;
         let record = Record::from_log(experiment.name, &log, experiment.channel)?;
         // a simulated flight needs no new start: nothing disturbs it
-        let identified = identify(&[record], experiment.channel, experiment.channel.structure(), WindowLength::Whole)?;
+        let identified =
+            identify(&[record], experiment.channel, experiment.channel.structure(), WindowLength::Whole)?;
         let fit_percent = identified.fit.first().and_then(|c| c.fit.fit_percent);
         let line = |(estimate, truth): (&ParameterEstimate, f64)| RecoveredParameter {
             equation: experiment.equation,
@@ -161,15 +178,25 @@ fn truths(model: &Model, channel: Channel) -> Vec<f64> {
         Channel::Height => first_order(&model.vertical.height),
         Channel::Pwm => first_order(&model.vertical.pwm),
         // 5.5 is 5.1 times g / s
-        _ => vec![model.pitch.gain.value * model.lateral.gravity.value, model.pitch.damping.value, model.pitch.stiffness.value],
+        _ => vec![
+            model.pitch.gain.value * model.lateral.gravity.value,
+            model.pitch.damping.value,
+            model.pitch.stiffness.value,
+        ],
     }
 }
 
 /// Factor by which the start values of the whole model are wrong.
 const WRONG: f64 = 1.3;
 
-/// The numbers of the model, all at once from the flights that PWM commands, starting from numbers that are 30 % off.
-pub(crate) fn whole_model(model: &Model, sensors: Sensors, seed: u64, done: &dyn Fn()) -> Result<Vec<RecoveredParameter>, IdentifyError> {
+/// The numbers of the model, all at once from the flights that PWM commands, starting from numbers that are
+/// 30 % off.
+pub(crate) fn whole_model(
+    model: &Model,
+    sensors: Sensors,
+    seed: u64,
+    done: &dyn Fn(),
+) -> Result<Vec<RecoveredParameter>, IdentifyError> {
     let mut logs = Vec::new();
     for experiment in EXPERIMENTS[..5].iter().filter(|e| e.vertical == VerticalInput::Pwm) {
         logs.push((experiment.name.to_owned(), fly_experiment(model, experiment, sensors, seed)?));
@@ -187,7 +214,14 @@ pub(crate) fn whole_model(model: &Model, sensors: Sensors, seed: u64, done: &dyn
     let line = |estimate: &ParameterEstimate| {
         let truth = model.parameter(&estimate.name)?;
         let experiment = "all PWM flights, all numbers";
-        Ok(RecoveredParameter { equation: "4.15", experiment, sensors, truth, estimate: estimate.clone(), fit_percent: None })
+        Ok(RecoveredParameter {
+            equation: "4.15",
+            experiment,
+            sensors,
+            truth,
+            estimate: estimate.clone(),
+            fit_percent: None,
+        })
     };
     identified.parameters.iter().map(line).collect()
 }
@@ -205,7 +239,8 @@ mod tests {
         }
     }
 
-    /// Through the camera within four standard errors, and these within what one step of 7.5 degrees or 10 cm can give.
+    /// Through the camera within four standard errors, and these within what one step of 7.5 degrees or 10 cm
+    /// can give.
     #[test]
     fn the_equations_come_back_through_the_camera() {
         for recovered in equations(&Model::thesis(), Sensors::Rig, 0, &|| ()).unwrap() {

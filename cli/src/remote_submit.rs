@@ -1,4 +1,5 @@
-//! Attempts of built-in controllers on a remote server, over the protocol of `docs/protocol.md` like any other client.
+//! Attempts of built-in controllers on a remote server, over the protocol of `docs/protocol.md` like any
+//! other client.
 
 use crazyflie_env::observation::{ACTION, Interface};
 use serde::Deserialize;
@@ -79,16 +80,20 @@ impl RemoteAttempts {
             return Err(self.client.unexpected("an attempt without phases or episodes"));
         }
         let mode = |tick: u32| phase_at(&phases, f64::from(tick) * tick_s).mode;
-        let mut pilot = entrant.pilot(AttemptSpec { interface, tick_s, episodes: rows / drones, drones }, mode(0))?;
+        let mut pilot =
+            entrant.pilot(AttemptSpec { interface, tick_s, episodes: rows / drones, drones }, mode(0))?;
         let mut actions = vec![0.0; rows * ACTION];
         for tick in 0.. {
             pilot.set_mode(mode(tick));
             pilot.act(&observation.concat(), &mut actions)?;
             // as the f64 that they are: they come back bit for bit
-            let fields: Vec<[f64; ACTION]> = actions.as_chunks().0.iter().map(|row: &[f32; ACTION]| row.map(f64::from)).collect();
+            let fields: Vec<[f64; ACTION]> =
+                actions.as_chunks().0.iter().map(|row: &[f32; ACTION]| row.map(f64::from)).collect();
             match self.client.request("step", json!({"action": fields}))? {
                 Response::Result { observation: _, over: true } => break,
-                Response::Result { observation: next, over: false } if next.len() == rows => observation = next,
+                Response::Result { observation: next, over: false } if next.len() == rows => {
+                    observation = next
+                }
                 other => return Err(unexpected_response(&self.client, &other)),
             }
         }

@@ -1,4 +1,5 @@
-//! Controllers where the vehicle is what they believe, where it is drawn anew in every flight, and where something is wrong that none was told of.
+//! Controllers where the vehicle is what they believe, where it is drawn anew in every flight, and where
+//! something is wrong that none was told of.
 
 use crazyflie_control::ControllerSpec;
 use crazyflie_env::config::EffectTable;
@@ -58,7 +59,8 @@ pub(crate) struct RobustnessRow {
     pub first: [Vec<f64>; 2],
 }
 
-/// Flies every controller in every scenario under every condition, with the same seeds; `done` is called after each.
+/// Flies every controller in every scenario under every condition, with the same seeds; `done` is called
+/// after each.
 ///
 /// # Errors
 /// Those of the benchmark.
@@ -81,7 +83,12 @@ pub(crate) fn compare(
     Ok(lines)
 }
 
-fn line(controller: &ControllerSpec, scenario: &Scenario, condition: &'static str, seeds: &[u64]) -> Result<RobustnessRow, Error> {
+fn line(
+    controller: &ControllerSpec,
+    scenario: &Scenario,
+    condition: &'static str,
+    seeds: &[u64],
+) -> Result<RobustnessRow, Error> {
     let (judged, first) = evaluate(scenario, &controller.clone().into(), seeds)?;
     let (s, m) = (judged.score, judged.metrics);
     Ok(RobustnessRow {
@@ -124,16 +131,26 @@ pub(crate) fn picture(lines: &[RobustnessRow]) -> Result<String, PictureError> {
     let controllers = names(lines, |l| &l.controller);
     let scenarios: Vec<(&str, Vec<ScoreCurve>)> = names(lines, |l| &l.scenario)
         .into_iter()
-        .map(|scenario| (scenario, controllers.iter().enumerate().map(|(i, c)| curve(lines, scenario, c, i)).collect()))
+        .map(|scenario| {
+            (scenario, controllers.iter().enumerate().map(|(i, c)| curve(lines, scenario, c, i)).collect())
+        })
         .collect();
-    let panels: Vec<Panel> =
-        scenarios.iter().flat_map(|(scenario, curves)| [scores(scenario, &controllers, curves), flights(scenario, lines)]).collect();
-    chart(&panels, 2, "Score and 95 % interval: 1 nominal, 2 randomised, 3 undeclared effect; beside it the first nominal flight")
+    let panels: Vec<Panel> = scenarios
+        .iter()
+        .flat_map(|(scenario, curves)| [scores(scenario, &controllers, curves), flights(scenario, lines)])
+        .collect();
+    chart(
+        &panels,
+        2,
+        "Score and 95 % interval: 1 nominal, 2 randomised, 3 undeclared effect; beside it the first nominal flight",
+    )
 }
 
 /// Distances over time.
 fn flights<'a>(scenario: &'a str, lines: &'a [RobustnessRow]) -> Panel<'a> {
-    let nominal = lines.iter().filter(|l| l.scenario == scenario && l.condition == CONDITIONS[0].name && !l.first[0].is_empty());
+    let nominal = lines
+        .iter()
+        .filter(|l| l.scenario == scenario && l.condition == CONDITIONS[0].name && !l.first[0].is_empty());
     let series = nominal.enumerate().map(|(i, l)| Series {
         label: &l.controller,
         x: &l.first[0],
@@ -141,7 +158,13 @@ fn flights<'a>(scenario: &'a str, lines: &'a [RobustnessRow]) -> Panel<'a> {
         style: Style::Solid,
         color: PALETTE[i % PALETTE.len()],
     });
-    Panel { title: scenario, x_label: "time (s)", y_label: "distance to the set-point (m)", series: series.collect(), ..Panel::default() }
+    Panel {
+        title: scenario,
+        x_label: "time (s)",
+        y_label: "distance to the set-point (m)",
+        series: series.collect(),
+        ..Panel::default()
+    }
 }
 
 /// Points of one controller, and its intervals from below to above.
@@ -162,7 +185,8 @@ fn names<'a>(lines: &'a [RobustnessRow], name_of: impl Fn(&'a RobustnessRow) -> 
 }
 
 fn curve(lines: &[RobustnessRow], scenario: &str, controller: &str, place: usize) -> ScoreCurve {
-    let own: Vec<&RobustnessRow> = lines.iter().filter(|l| l.scenario == scenario && l.controller == controller).collect();
+    let own: Vec<&RobustnessRow> =
+        lines.iter().filter(|l| l.scenario == scenario && l.controller == controller).collect();
     // side by side, so that intervals can be told apart
     let x: Vec<f64> = (0..own.len()).map(|i| 1.0 + i as f64 + 0.04 * place as f64).collect();
     let intervals = x.iter().zip(&own).map(|(x, l)| ([*x, *x], [l.low, l.high])).collect();

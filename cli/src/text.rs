@@ -28,7 +28,9 @@ impl Table {
     /// Columns padded with spaces.
     pub(crate) fn plain(&self) -> String {
         let lines = || std::iter::once(&self.header).chain(&self.rows);
-        let width = |column: usize| lines().filter_map(|l| l.get(column)).map(|c| c.chars().count()).max().unwrap_or(0);
+        let width = |column: usize| {
+            lines().filter_map(|l| l.get(column)).map(|c| c.chars().count()).max().unwrap_or(0)
+        };
         let widths: Vec<usize> = (0..self.header.len()).map(width).collect();
         let mut text = String::new();
         for line in lines() {
@@ -37,7 +39,11 @@ impl Table {
                 let gap = " ".repeat(width - cell.chars().count());
                 let between = if column == 0 { "" } else { "  " };
                 built += between;
-                built += &if self.left.contains(&column) { format!("{cell}{gap}") } else { format!("{gap}{cell}") };
+                built += &if self.left.contains(&column) {
+                    format!("{cell}{gap}")
+                } else {
+                    format!("{gap}{cell}")
+                };
             }
             text += built.trim_end();
             text.push('\n');
@@ -47,9 +53,12 @@ impl Table {
 
     /// As Markdown; a bar within a cell is escaped.
     pub(crate) fn markdown(&self) -> String {
-        let line = |cells: &[String]| format!("| {} |\n", cells.iter().map(|c| c.replace('|', "\\|")).collect::<Vec<_>>().join(" | "));
+        let line = |cells: &[String]| {
+            format!("| {} |\n", cells.iter().map(|c| c.replace('|', "\\|")).collect::<Vec<_>>().join(" | "))
+        };
         let mut text = line(&self.header);
-        let rule: Vec<&str> = (0..self.header.len()).map(|c| if self.left.contains(&c) { "---" } else { "---:" }).collect();
+        let rule: Vec<&str> =
+            (0..self.header.len()).map(|c| if self.left.contains(&c) { "---" } else { "---:" }).collect();
         let _ = writeln!(text, "|{}|", rule.join("|"));
         self.rows.iter().for_each(|row| text += &line(row));
         text

@@ -1,4 +1,5 @@
-//! What an answer of each controller costs: rows per second, one thread, on observations of a flight through the lab's camera.
+//! What an answer of each controller costs: rows per second, one thread, on observations of a flight through
+//! the lab's camera.
 
 use std::hint::black_box;
 
@@ -17,11 +18,20 @@ const OPTIONS: &str = r#"{"task": "hover", "vertical": "thrust", "effects": {"ca
 /// The controller, and what it sees in its own flight.
 fn flown(name: &str) -> (Box<dyn Controller>, Vec<Vec<f32>>) {
     let model = Model::thesis();
-    let mut env = VectorEnv::new(std::slice::from_ref(&model), &Options::parse(OPTIONS).expect("options"), ENVS).expect("environments");
-    let site = ControllerContext { model: &model, interface: env.interfaces()[0], tick_s: env.tick_s(), envs: ENVS, mode: Mode::Automatic };
+    let mut env =
+        VectorEnv::new(std::slice::from_ref(&model), &Options::parse(OPTIONS).expect("options"), ENVS)
+            .expect("environments");
+    let site = ControllerContext {
+        model: &model,
+        interface: env.interfaces()[0],
+        tick_s: env.tick_s(),
+        envs: ENVS,
+        mode: Mode::Automatic,
+    };
     let mut pilot = ControllerSpec::named(name).and_then(|chosen| chosen.build(&site)).expect("controller");
     let (mut observations, mut actions) = (vec![0.0; ENVS * OBSERVATION], vec![0.0; ENVS * ACTION]);
-    let (mut rewards, mut terminated, mut truncated) = (vec![0.0; ENVS], vec![false; ENVS], vec![false; ENVS]);
+    let (mut rewards, mut terminated, mut truncated) =
+        (vec![0.0; ENVS], vec![false; ENVS], vec![false; ENVS]);
     let seeds: Vec<u64> = (0..ENVS as u64).collect();
     env.reset(Some(&seeds), None, &mut observations).expect("reset");
     let mut seen = Vec::new();

@@ -1,4 +1,5 @@
-//! Keep out of each other's way: a layer between what a mission asks of a drone and the controller that flies it.
+//! Keep out of each other's way: a layer between what a mission asks of a drone and the controller that flies
+//! it.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,9 +8,10 @@ use crazyflie_env::error::Result;
 use crazyflie_env::error::check_range;
 use crazyflie_env::scalar::Scalar;
 
-/// An artificial potential (Khatib 1986, Int. J. Robotics Research 5(1)) about where two drones will be nearest, with a vortex about each
-/// of the others so that all pass on the same side instead of standing face to face (De Luca and Oriolo 1994). The fields move a set-point
-/// of the drone's own, which follows the mission's at a limited speed: that is what the controller flies to.
+/// An artificial potential (Khatib 1986, Int. J. Robotics Research 5(1)) about where two drones will be
+/// nearest, with a vortex about each of the others so that all pass on the same side instead of standing face
+/// to face (De Luca and Oriolo 1994). The fields move a set-point of the drone's own, which follows the
+/// mission's at a limited speed: that is what the controller flies to.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct CollisionAvoidance {
@@ -29,7 +31,14 @@ pub struct CollisionAvoidance {
 
 impl Default for CollisionAvoidance {
     fn default() -> Self {
-        CollisionAvoidance { speed_mps: 0.5, leash_m: 0.5, range_m: 0.8, push_mps: 1.0, vortex_mps: 0.6, horizon_s: 1.0 }
+        CollisionAvoidance {
+            speed_mps: 0.5,
+            leash_m: 0.5,
+            range_m: 0.8,
+            push_mps: 1.0,
+            vortex_mps: 0.6,
+            horizon_s: 1.0,
+        }
     }
 }
 
@@ -45,7 +54,8 @@ impl CollisionAvoidance {
         check_range("avoid.horizon_s", self.horizon_s, 0.0, 10.0).map(drop)
     }
 
-    /// Move the set-point `at_m` on by `dt_s`, towards `target_m`, for a drone at `own_m`; `others` are the observation's blocks of neighbours.
+    /// Move the set-point `at_m` on by `dt_s`, towards `target_m`, for a drone at `own_m`; `others` are the
+    /// observation's blocks of neighbours.
     #[inline(always)]
     pub fn advance<R: Scalar>(
         &self,
@@ -56,14 +66,16 @@ impl CollisionAvoidance {
         others: impl Iterator<Item = [R; NEIGHBOUR]>,
     ) {
         // as fast as it may be, but not past the target
-        let mut speed_mps = limited([0, 1, 2].map(|i| (target_m[i] - at_m[i]) * R::from_f64(1.0 / dt_s)), self.speed_mps);
+        let mut speed_mps =
+            limited([0, 1, 2].map(|i| (target_m[i] - at_m[i]) * R::from_f64(1.0 / dt_s)), self.speed_mps);
         for other in others {
             for (speed, more) in speed_mps.iter_mut().zip(self.field(other)) {
                 *speed += more;
             }
         }
         let speed_mps = limited(speed_mps, self.speed_mps);
-        let led = limited([0, 1, 2].map(|i| at_m[i] + speed_mps[i] * R::from_f64(dt_s) - own_m[i]), self.leash_m);
+        let led =
+            limited([0, 1, 2].map(|i| at_m[i] + speed_mps[i] * R::from_f64(dt_s) - own_m[i]), self.leash_m);
         for i in 0..3 {
             at_m[i] = own_m[i] + led[i];
         }

@@ -1,10 +1,11 @@
 //! Where the vehicle is, by camera and IMU: a Kalman filter that knows how old a fix is.
 //!
-//! The filter's state stands at the capture of the last frame that it took in. A new fix moves it on to its own capture, along the accelerations that the
-//! IMU has shown since, and corrects it there; where the vehicle is now follows along the rest. So a fix that arrives 50 ms late is held against where the
-//! vehicle was, with no error from the delay (out-of-sequence measurements by re-running the history: Bar-Shalom, Li, Kirubarajan, Estimation with
-//! Applications to Tracking and Navigation, 2001, ch. 11). Per axis: position, velocity, and an acceleration that nothing explains, a random walk, which
-//! takes the error of a tilted IMU.
+//! The filter's state stands at the capture of the last frame that it took in. A new fix moves it on to its
+//! own capture, along the accelerations that the IMU has shown since, and corrects it there; where the
+//! vehicle is now follows along the rest. So a fix that arrives 50 ms late is held against where the vehicle
+//! was, with no error from the delay (out-of-sequence measurements by re-running the history: Bar-Shalom, Li,
+//! Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, ch. 11). Per axis: position,
+//! velocity, and an acceleration that nothing explains, a random walk, which takes the error of a tilted IMU.
 
 use super::prediction::{Axis, Covariance, START, overlap, predict_covariance, predict_mean};
 use super::sensor_noise::{NoiseVariance, SensorNoise};
@@ -12,7 +13,8 @@ use crazyflie_env::model::{Model, Vertical, VerticalInput};
 use crazyflie_env::observation::{OBSERVATION, wrap};
 use crazyflie_env::scalar::{Scalar, tabulate};
 
-/// Ticks of history: a fix older than this is of no use. At 50 Hz 0.24 s, twice the longest latency that the simulator has.
+/// Ticks of history: a fix older than this is of no use. At 50 Hz 0.24 s, twice the longest latency that the
+/// simulator has.
 const HISTORY: usize = 12;
 /// So many outliers in a row are the truth.
 const RELOCK: f64 = 6.0;
@@ -28,7 +30,8 @@ pub struct Estimate<R> {
     pub vel_mps: [R; 3],
     /// Heading over the marker, from -pi to pi.
     pub yaw_rad: R,
-    /// Acceleration that the attitude does not explain: what the accelerometer shows of pushes, and the filter's own.
+    /// Acceleration that the attitude does not explain: what the accelerometer shows of pushes, and the
+    /// filter's own.
     pub push_mps2: [R; 3],
 }
 
@@ -45,7 +48,8 @@ pub struct Estimator<R: Scalar> {
     spread: [Covariance<R>; 2],
     age_s: R,
     outliers: R,
-    /// Accelerations of the last ticks in the world frame, the newest first, and the IMU's heading at their ends, unwrapped.
+    /// Accelerations of the last ticks in the world frame, the newest first, and the IMU's heading at their
+    /// ends, unwrapped.
     acc_mps2: [[R; 3]; HISTORY],
     imu_yaw_rad: [R; HISTORY + 1],
     /// By the attitude at the last tick.
@@ -195,7 +199,8 @@ impl<R: Scalar> Estimator<R> {
     #[inline(always)]
     fn look(&mut self, on: R::Mask, o: &[R; OBSERVATION]) {
         let age = o[4];
-        let newer = on & age.lt(self.seen_s - R::from_f64(NEWER_S)) & age.le(self.age_s + R::from_f64(NEWER_S));
+        let newer =
+            on & age.lt(self.seen_s - R::from_f64(NEWER_S)) & age.le(self.age_s + R::from_f64(NEWER_S));
         if !R::any(newer) {
             return;
         }
@@ -215,7 +220,10 @@ impl<R: Scalar> Estimator<R> {
     fn correct(&mut self, newer: R::Mask, o: &[R; OBSERVATION]) {
         // pixel noise through a pinhole: sideways as the distance, along the line of sight as its square
         let far = (self.axes[2][0] * R::from_f64(1.0 / 0.7)).max(R::from_f64(0.3));
-        let noise = [R::from_f64(self.noise.fix[0]) * far * far, R::from_f64(self.noise.fix[1]) * far * far * far * far];
+        let noise = [
+            R::from_f64(self.noise.fix[0]) * far * far,
+            R::from_f64(self.noise.fix[1]) * far * far * far * far,
+        ];
         let total = [self.spread[0][0] + noise[0], self.spread[1][0] + noise[1]];
         let off: [R; 3] = tabulate(
             #[inline(always)]
@@ -224,7 +232,11 @@ impl<R: Scalar> Estimator<R> {
         let distance = (off[0] * off[0] + off[1] * off[1]) / total[0] + off[2] * off[2] / total[1];
         let outlier = newer & R::from_f64(self.noise.gate).lt(distance);
         let lost = outlier & R::from_f64(RELOCK - 1.5).lt(self.outliers);
-        self.outliers = R::select(newer, R::select(outlier & !lost, self.outliers + R::from_f64(1.0), R::zero()), self.outliers);
+        self.outliers = R::select(
+            newer,
+            R::select(outlier & !lost, self.outliers + R::from_f64(1.0), R::zero()),
+            self.outliers,
+        );
         let good = newer & !outlier;
         for (k, total) in total.into_iter().enumerate() {
             let [pp, pv, pb, vv, vb, bb] = self.spread[k];
@@ -235,7 +247,10 @@ impl<R: Scalar> Estimator<R> {
                 }
                 // several in a row that agree against the filter: it begins again
                 let restart = [o[i], R::zero(), R::zero()];
-                self.axes[i].iter_mut().zip(restart).for_each(|(slot, value)| *slot = R::select(lost, value, *slot));
+                self.axes[i]
+                    .iter_mut()
+                    .zip(restart)
+                    .for_each(|(slot, value)| *slot = R::select(lost, value, *slot));
             }
             let [g, u, w] = gain;
             let less = [pp - g * pp, pv - g * pv, pb - g * pb, vv - u * pv, vb - u * pb, bb - w * pb];
@@ -259,7 +274,8 @@ impl<R: Scalar> Estimator<R> {
         let gain = self.turned_spread / (self.turned_spread + R::from_f64(self.noise.yaw));
         let off = wrap(o[3] - then - self.turned_rad);
         self.turned_rad += R::select(good, gain * off, R::zero());
-        self.turned_spread = R::select(good, self.turned_spread - gain * self.turned_spread, self.turned_spread);
+        self.turned_spread =
+            R::select(good, self.turned_spread - gain * self.turned_spread, self.turned_spread);
     }
 
     /// From the last capture to now.

@@ -18,7 +18,11 @@ pub(super) struct FilteredController {
 }
 
 impl FilteredController {
-    pub(super) fn new(inner: Box<dyn Controller>, site: &ControllerContext<'_>, belief: &SensorNoise) -> Self {
+    pub(super) fn new(
+        inner: Box<dyn Controller>,
+        site: &ControllerContext<'_>,
+        belief: &SensorNoise,
+    ) -> Self {
         let estimator = Estimator::new(site.model, site.interface.input, site.tick_s, belief);
         FilteredController {
             tiles: vec![estimator; site.envs.div_ceil(LANES)],

@@ -18,7 +18,8 @@ pub struct Loop {
     pub output: [f64; 2],
 }
 
-/// The four loops. Pitch (x) and roll (y) give degrees per metre, yaw deg/s per radian, height PWM counts per metre.
+/// The four loops. Pitch (x) and roll (y) give degrees per metre, yaw deg/s per radian, height PWM counts per
+/// metre.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Gains {
@@ -37,7 +38,8 @@ const fn gains(kp: f64, ki: f64, kd: f64, integral: f64, output: [f64; 2]) -> Lo
 }
 
 impl Gains {
-    /// Table 7.1, "new": what the thesis's PID tuner found. The table has no integral clamps; the package's are used.
+    /// Table 7.1, "new": what the thesis's PID tuner found. The table has no integral clamps; the package's
+    /// are used.
     pub const THESIS: Gains = Gains {
         x: gains(12.0, 0.06, 10.0, 0.1, [-10.0, 10.0]),
         y: gains(12.0, 0.06, 10.0, 0.1, [-10.0, 10.0]),
@@ -45,7 +47,8 @@ impl Gains {
         yaw: gains(20.0, 0.0, 5.0, 0.0, [-200.0, 200.0]),
     };
 
-    /// `crazyflie_ros` defaults (config/crazyflie2.yaml): the package that the thesis calls "old", which it does not print.
+    /// `crazyflie_ros` defaults (config/crazyflie2.yaml): the package that the thesis calls "old", which it
+    /// does not print.
     pub const CRAZYFLIE_ROS: Gains = Gains {
         x: gains(40.0, 2.0, 20.0, 0.1, [-10.0, 10.0]),
         y: gains(40.0, 2.0, 20.0, 0.1, [-10.0, 10.0]),
@@ -53,8 +56,8 @@ impl Gains {
         yaw: gains(200.0, 0.0, 20.0, 0.0, [-200.0, 200.0]),
     };
 
-    /// The height loop in parts of the PWM that carries the vehicle: the same acceleration per metre on a vehicle with another hover PWM as on the
-    /// thesis's (39 342.5, read off 5.4).
+    /// The height loop in parts of the PWM that carries the vehicle: the same acceleration per metre on a
+    /// vehicle with another hover PWM as on the thesis's (39 342.5, read off 5.4).
     #[must_use]
     pub fn for_hover(mut self, hover_pwm: f64) -> Gains {
         let by = hover_pwm / THESIS_HOVER_PWM;
@@ -72,7 +75,10 @@ impl Gains {
                 return Err(format!("the loop {name} is {l:?}, expected finite numbers"));
             }
             if l.integral[0] > l.integral[1] || l.output[0] > l.output[1] {
-                return Err(format!("the loop {name} has the limits {:?} and {:?}, expected the lower one first", l.integral, l.output));
+                return Err(format!(
+                    "the loop {name} has the limits {:?} and {:?}, expected the lower one first",
+                    l.integral, l.output
+                ));
             }
         }
         Ok(())

@@ -38,7 +38,8 @@ impl Controller for Hover {
     fn act(&mut self, observations: &[f32], actions: &mut [f32]) -> Result<()> {
         check(self.envs, observations, actions)?;
         for (action, seen) in actions.chunks_exact_mut(ACTION).zip(observations.chunks_exact(OBSERVATION)) {
-            let lift = if self.interface.input.is_pwm() { self.interface.hover_lift } else { f64::from(seen[18]) };
+            let lift =
+                if self.interface.input.is_pwm() { self.interface.hover_lift } else { f64::from(seen[18]) };
             action.copy_from_slice(&self.interface.action(&Command::level(lift)).map(|a| a as f32));
         }
         Ok(())

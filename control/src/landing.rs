@@ -1,4 +1,5 @@
-//! Coming down: the set-point's height goes to the floor, slower the nearer, and the motors are cut where the legs touch.
+//! Coming down: the set-point's height goes to the floor, slower the nearer, and the motors are cut where the
+//! legs touch.
 
 use super::Mode;
 use crazyflie_env::scalar::Scalar;
@@ -8,7 +9,8 @@ const SINK_PS: f64 = 1.5;
 const SINK_MPS: [f64; 2] = [0.15, 0.7];
 /// Motors off below this.
 const TOUCH_M: f64 = 0.01;
-/// The set-point goes on this far below the floor: an estimate that hangs above it has to be brought down as well.
+/// The set-point goes on this far below the floor: an estimate that hangs above it has to be brought down as
+/// well.
 const BELOW_M: f64 = 0.1;
 
 /// The landing of one drone, or of lanes.

@@ -1,7 +1,6 @@
-//! Controllers are clients of the environment: they read the observation an agent gets and answer with an action. One controller is one small file
-//! here plus one line in [`registry`]; command line, benchmark and Python read the registry.
-
-#![warn(missing_docs)]
+//! Controllers are clients of the environment: they read the observation an agent gets and answer with an
+//! action. One controller is one small file here plus one line in [`registry`]; command line, benchmark and
+//! Python read the registry.
 
 pub mod avoidance;
 mod batch;
@@ -38,8 +37,8 @@ pub use multi::MultiController;
 pub use sensor_noise::SensorNoise;
 pub use spec::{ControllerSpec, choose};
 
-/// A controller of a batch of environments. What it answers to a row depends on that environment's rows alone: not on the others, nor on how many
-/// there are, to the bit.
+/// A controller of a batch of environments. What it answers to a row depends on that environment's rows
+/// alone: not on the others, nor on how many there are, to the bit.
 pub trait Controller: Send {
     /// Go on in another state, keeping what is remembered.
     fn set_mode(&mut self, _mode: Mode) {}
@@ -47,7 +46,8 @@ pub trait Controller: Send {
     /// Forget the flights of the environments that `of` names: called for every one that begins an episode.
     fn reset(&mut self, of: &dyn Fn(usize) -> bool);
 
-    /// Actions (`envs` rows of [`crazyflie_env::observation::ACTION`]) for observations (`envs` rows of [`crazyflie_env::observation::OBSERVATION`]).
+    /// Actions (`envs` rows of [`crazyflie_env::observation::ACTION`]) for observations (`envs` rows of
+    /// [`crazyflie_env::observation::OBSERVATION`]).
     ///
     /// # Errors
     /// [`Error::Shape`].
@@ -83,7 +83,8 @@ impl Mode {
 /// What a controller is made for.
 #[derive(Debug, Clone, Copy)]
 pub struct ControllerContext<'a> {
-    /// What it may believe of the vehicle: the declared model, which the effects of an environment depart from.
+    /// What it may believe of the vehicle: the declared model, which the effects of an environment depart
+    /// from.
     pub model: &'a Model,
     /// Meaning of its actions.
     pub interface: Interface,
@@ -132,7 +133,8 @@ pub struct Entry {
     pub about: &'static str,
     /// Equation, paper or derivation.
     pub source: &'static str,
-    /// What is in the file that is named after the name and a colon (`NAME:FILE`); `None` where there is none.
+    /// What is in the file that is named after the name and a colon (`NAME:FILE`); `None` where there is
+    /// none.
     pub file: Option<&'static str>,
     /// Its options, and what each means.
     pub options: &'static [(&'static str, &'static str)],
@@ -182,5 +184,7 @@ pub fn registry() -> &'static [&'static Entry] {
 /// [`Error::Unknown`] with a proposal.
 pub fn find(name: &str) -> Result<&'static Entry> {
     let found = registry().iter().copied().find(|e| e.name == name || e.also == Some(name));
-    found.ok_or_else(|| unknown("controller", name, registry().iter().flat_map(|e| std::iter::once(e.name).chain(e.also))))
+    found.ok_or_else(|| {
+        unknown("controller", name, registry().iter().flat_map(|e| std::iter::once(e.name).chain(e.also)))
+    })
 }

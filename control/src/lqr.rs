@@ -92,7 +92,8 @@ impl Options {
     /// Diagonals of Q and R.
     pub(super) fn costs(&self, site: &ControllerContext<'_>) -> (SVector<f64, 12>, SVector<f64, 4>) {
         let (p, v, free) = (self.position_m, self.velocity_mps, f64::INFINITY);
-        let q = costs([p, p, self.height_m, free, free, self.yaw_deg.to_radians(), v, v, free, free, free, free]);
+        let q =
+            costs([p, p, self.height_m, free, free, self.yaw_deg.to_radians(), v, v, free, free, free, free]);
         let tilt = self.tilt_deg.to_radians();
         (q, costs([tilt, tilt, self.yaw_rate_degps.to_radians(), self.lift_share * site.interface.lift_max]))
     }

@@ -68,7 +68,13 @@ impl Mpc {
 }
 
 /// One lane's first moves: pitch, roll, lift.
-fn plan(horizons: &mut [Horizon; 3], limits: [&[f64; 3]; 2], reach_m: f64, seen: &TrackingError<Lanes>, lane: usize) -> [f64; 3] {
+fn plan(
+    horizons: &mut [Horizon; 3],
+    limits: [&[f64; 3]; 2],
+    reach_m: f64,
+    seen: &TrackingError<Lanes>,
+    lane: usize,
+) -> [f64; 3] {
     let still = [seen.still.pitch_rad, seen.still.roll_rad, seen.still.lift].map(|u| u.lane(lane));
     std::array::from_fn(|axis| {
         let mut x = [0.0; 4];
@@ -99,7 +105,8 @@ impl Controller for Mpc {
             let seen = observer.see(&rows(seen_rows));
             let mut u = Command { yaw_rate_radps: -dot(&self.yaw_gain, seen.off), ..seen.still };
             for lane in 0..out.len() / ACTION {
-                let [pitch, roll, lift] = plan(&mut self.horizons, [&self.least, &self.most], self.reach_m, &seen, lane);
+                let [pitch, roll, lift] =
+                    plan(&mut self.horizons, [&self.least, &self.most], self.reach_m, &seen, lane);
                 u.pitch_rad.set_lane(lane, pitch);
                 u.roll_rad.set_lane(lane, roll);
                 u.lift.set_lane(lane, lift);

@@ -1,4 +1,5 @@
-//! Any controller of the registry for worlds of several drones, with the layer that avoids collisions or without it.
+//! Any controller of the registry for worlds of several drones, with the layer that avoids collisions or
+//! without it.
 
 use super::avoidance::CollisionAvoidance;
 use super::{Controller, Mode};
@@ -40,7 +41,12 @@ impl MultiController {
     ///
     /// # Errors
     /// [`crazyflie_env::Error::Range`] for `avoid`.
-    pub fn new(controllers: Vec<Box<dyn Controller>>, worlds: usize, avoid: Option<CollisionAvoidance>, tick_s: f64) -> Result<Self> {
+    pub fn new(
+        controllers: Vec<Box<dyn Controller>>,
+        worlds: usize,
+        avoid: Option<CollisionAvoidance>,
+        tick_s: f64,
+    ) -> Result<Self> {
         let others = controllers.len().saturating_sub(1);
         MultiController::among(controllers, others, worlds, avoid, tick_s)
     }
@@ -85,7 +91,8 @@ impl MultiController {
         self.controllers.iter_mut().for_each(|controller| controller.reset(of));
         for tiles in &mut self.moved {
             for (tile, moved) in tiles.iter_mut().enumerate() {
-                moved.fresh = moved.fresh | LaneMask::from(std::array::from_fn(|lane| of(tile * LANES + lane)));
+                moved.fresh =
+                    moved.fresh | LaneMask::from(std::array::from_fn(|lane| of(tile * LANES + lane)));
             }
         }
     }
@@ -96,7 +103,8 @@ impl MultiController {
         self.moved[drone].iter_mut().for_each(|moved| moved.fresh = !Lanes::nothing());
     }
 
-    /// Actions (worlds x drones rows of [`ACTION`]) for observations (worlds x drones rows of [`crazyflie_env::vector::VectorEnv::width`]).
+    /// Actions (worlds x drones rows of [`ACTION`]) for observations (worlds x drones rows of
+    /// [`crazyflie_env::vector::VectorEnv::width`]).
     ///
     /// # Errors
     /// [`crazyflie_env::Error::Shape`].

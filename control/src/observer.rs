@@ -1,4 +1,5 @@
-//! All states of the declared model, and what the vehicle does that the model does not say, from observation rows alone.
+//! All states of the declared model, and what the vehicle does that the model does not say, from observation
+//! rows alone.
 
 use nalgebra::{SMatrix, SVector};
 
@@ -28,7 +29,8 @@ pub(super) struct DiscreteModel {
 /// One row: where the vehicle is against where it should be.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct TrackingError<R: Scalar> {
-    /// The model's twelve states (4.14) less those of a vehicle that flies along with the set-point; positions and velocities along the vehicle's heading.
+    /// The model's twelve states (4.14) less those of a vehicle that flies along with the set-point;
+    /// positions and velocities along the vehicle's heading.
     pub off: [R; 12],
     /// The command with which it would stay there.
     pub still: Command<R>,
@@ -60,7 +62,11 @@ pub(super) struct Observer<R: Scalar> {
 }
 
 impl<R: Scalar> Observer<R> {
-    pub(super) fn new(site: &ControllerContext<'_>, model: &DiscreteModel, belief: &SensorNoise) -> Result<Self> {
+    pub(super) fn new(
+        site: &ControllerContext<'_>,
+        model: &DiscreteModel,
+        belief: &SensorNoise,
+    ) -> Result<Self> {
         let ControllerContext { interface, tick_s, mode, .. } = *site;
         let (zero, none) = (R::zero(), R::nothing());
         let tilts = [&site.model.roll, &site.model.pitch];
@@ -70,7 +76,9 @@ impl<R: Scalar> Observer<R> {
             interface,
             landing: Landing::new(mode, tick_s),
             gravity_mps2,
-            tilt: [0, 1].map(|i| [model.a[(9 + i, 3 + i)], model.a[(9 + i, 9 + i)], model.b[(9 + i, i)]].map(R::from_f64)),
+            tilt: [0, 1].map(|i| {
+                [model.a[(9 + i, 3 + i)], model.a[(9 + i, 9 + i)], model.b[(9 + i, i)]].map(R::from_f64)
+            }),
             per_tilt: tilts.map(|t| t.stiffness.value / t.gain.value),
             vertical: site.model.vertical(interface.input)?.form(gravity_mps2),
             yaw: site.model.yaw.form(),
@@ -126,7 +134,9 @@ impl<R: Scalar> Observer<R> {
         let f = &self.vertical;
         let unexplained = if f.u[0] == 0.0 {
             // the newest acceleration against that of the form
-            o[14] - R::from_f64(self.gravity_mps2) - (R::from_f64(f.a[1][0]) * z + R::from_f64(f.a[1][1]) * vz + R::from_f64(f.u[1]) * lift)
+            o[14]
+                - R::from_f64(self.gravity_mps2)
+                - (R::from_f64(f.a[1][0]) * z + R::from_f64(f.a[1][1]) * vz + R::from_f64(f.u[1]) * lift)
         } else {
             vz - (R::from_f64(f.a[0][0]) * z + R::from_f64(f.u[0]) * lift)
         };
@@ -136,7 +146,8 @@ impl<R: Scalar> Observer<R> {
             let expected = dot(&self.tilt[i], [self.last[i], self.last[2 + i], asked[i] + self.trim[i]]);
             missing[i] = self.trim[i] + (o[9 + i] - expected) / self.tilt[i][2];
         }
-        let limits = [self.interface.tilt_max_rad, self.interface.tilt_max_rad, 0.4 * self.interface.lift_max];
+        let limits =
+            [self.interface.tilt_max_rad, self.interface.tilt_max_rad, 0.4 * self.interface.lift_max];
         for i in 0..3 {
             let learned = self.trim[i] + slow * (missing[i] - self.trim[i]);
             let limit = R::from_f64(limits[i]);
@@ -153,7 +164,14 @@ impl<R: Scalar> Observer<R> {
     }
 
     #[inline(always)]
-    fn against(&self, o: &[R; OBSERVATION], e: &Estimate<R>, target: &[R; 3], rates: &[R; 3], turns: &[R; 2]) -> TrackingError<R> {
+    fn against(
+        &self,
+        o: &[R; OBSERVATION],
+        e: &Estimate<R>,
+        target: &[R; 3],
+        rates: &[R; 3],
+        turns: &[R; 2],
+    ) -> TrackingError<R> {
         let (sin, cos) = e.yaw_rad.sin_cos();
         let along = |x: R, y: R| [cos * x + sin * y, cos * y - sin * x];
         let [front, left] = along(e.pos_m[0] - target[0], e.pos_m[1] - target[1]);
@@ -165,14 +183,31 @@ impl<R: Scalar> Observer<R> {
         let zero = R::zero();
         let f = &self.vertical;
         let (climb, lift) = if f.u[0] == 0.0 {
-            (e.vel_mps[2] - rates[2], (-R::from_f64(f.a[1][0]) * target[2] - R::from_f64(f.a[1][1]) * rates[2]) * R::from_f64(1.0 / f.u[1]))
+            (
+                e.vel_mps[2] - rates[2],
+                (-R::from_f64(f.a[1][0]) * target[2] - R::from_f64(f.a[1][1]) * rates[2])
+                    * R::from_f64(1.0 / f.u[1]),
+            )
         } else {
             (zero, (rates[2] - R::from_f64(f.a[0][0]) * target[2]) * R::from_f64(1.0 / f.u[0]))
         };
         let turned = wrap(e.yaw_rad - o[19]);
         let turning = if self.yaw.u[0] == 0.0 { o[11] } else { zero };
         TrackingError {
-            off: [front, left, e.pos_m[2] - target[2], o[6] - roll, o[7] - pitch, turned, front_mps, left_mps, climb, o[9], o[10], turning],
+            off: [
+                front,
+                left,
+                e.pos_m[2] - target[2],
+                o[6] - roll,
+                o[7] - pitch,
+                turned,
+                front_mps,
+                left_mps,
+                climb,
+                o[9],
+                o[10],
+                turning,
+            ],
             still: Command {
                 roll_rad: roll * R::from_f64(self.per_tilt[0]) - self.trim[0],
                 pitch_rad: pitch * R::from_f64(self.per_tilt[1]) - self.trim[1],

@@ -1,12 +1,16 @@
-//! The PID of `crazyflie_ros` (W. Hoenig, package `crazyflie_controller`), the controller that the thesis flew and tuned (7.2).
+//! The PID of `crazyflie_ros` (W. Hoenig, package `crazyflie_controller`), the controller that the thesis
+//! flew and tuned (7.2).
 //!
-//! Signs: error = reference - measured, gains positive, right-handed frames. The vehicle's own command signs (roll to -y, the yaw rate
-//! of 5.2) are applied to the output, which makes table 7.1's negative gains. Written once, for one drone or for lanes.
+//! Signs: error = reference - measured, gains positive, right-handed frames. The vehicle's own command signs
+//! (roll to -y, the yaw rate of 5.2) are applied to the output, which makes table 7.1's negative gains.
+//! Written once, for one drone or for lanes.
 
 use serde::{Deserialize, Serialize};
 
 pub use super::gains::{Gains, Loop};
-use super::{Batch, ControlLaw, Controller, ControllerConfig, ControllerContext, Entry, Mode, defaults, options_json};
+use super::{
+    Batch, ControlLaw, Controller, ControllerConfig, ControllerContext, Entry, Mode, defaults, options_json,
+};
 use crazyflie_env::error::Result;
 use crazyflie_env::observation::{ACTION, Interface, OBSERVATION, wrap};
 use crazyflie_env::plant::Command;
@@ -36,9 +40,18 @@ struct Options {
 }
 
 /// These gains, but for the loops that the options give.
-fn with_options(gains: Gains, given: &ControllerConfig<'_>, site: &ControllerContext<'_>) -> Result<Box<dyn Controller>> {
+fn with_options(
+    gains: Gains,
+    given: &ControllerConfig<'_>,
+    site: &ControllerContext<'_>,
+) -> Result<Box<dyn Controller>> {
     let Options { x, y, z, yaw } = given.options()?;
-    let gains = Gains { x: x.unwrap_or(gains.x), y: y.unwrap_or(gains.y), z: z.unwrap_or(gains.z), yaw: yaw.unwrap_or(gains.yaw) };
+    let gains = Gains {
+        x: x.unwrap_or(gains.x),
+        y: y.unwrap_or(gains.y),
+        z: z.unwrap_or(gains.z),
+        yaw: yaw.unwrap_or(gains.yaw),
+    };
     gains.check().map_err(|problem| given.problem(problem))?;
     Ok(batch(gains, site))
 }
@@ -74,7 +87,8 @@ pub(super) const GIVEN: Entry = Entry {
     options: OPTIONS,
     defaults: defaults::<Options>,
     build: |given, site| {
-        let gains = serde_json::from_slice(given.file.unwrap_or_default()).map_err(|e| given.problem(format!("the file of gains: {e}")))?;
+        let gains = serde_json::from_slice(given.file.unwrap_or_default())
+            .map_err(|e| given.problem(format!("the file of gains: {e}")))?;
         with_options(gains, given, site)
     },
 };
@@ -99,7 +113,8 @@ impl<R: Scalar> Memory<R> {
     /// As pid.hpp: integrate and clamp, derivative of the error, clamp the sum. Only lanes of `on` remember.
     #[inline(always)]
     fn update(&mut self, l: &Loop, error: R, dt_s: f64, on: R::Mask) -> R {
-        let integral = (self.integral + error * R::from_f64(dt_s)).clamp(R::from_f64(l.integral[0]), R::from_f64(l.integral[1]));
+        let integral = (self.integral + error * R::from_f64(dt_s))
+            .clamp(R::from_f64(l.integral[0]), R::from_f64(l.integral[1]));
         let slope = (error - self.last) * R::from_f64(1.0 / dt_s);
         self.integral = R::select(on, integral, self.integral);
         self.last = R::select(on, error, self.last);
@@ -176,7 +191,8 @@ impl<R: Scalar> Pid<R> {
         self.fresh = R::nothing();
     }
 
-    /// Off the ground: as the package does, reset the loops and preset the height integral to the thrust that lifted.
+    /// Off the ground: as the package does, reset the loops and preset the height integral to the thrust that
+    /// lifted.
     #[inline(always)]
     fn leave_ramp(&mut self, lifted: R::Mask) {
         let per_ki = R::from_f64(preset(1.0, self.gains.z.ki));
@@ -217,7 +233,8 @@ impl<R: Scalar> Pid<R> {
 }
 
 impl<R: Scalar> ControlLaw<R> for Pid<R> {
-    /// Go on in another state, as the package's take-off and landing services do: the loops keep what they remember.
+    /// Go on in another state, as the package's take-off and landing services do: the loops keep what they
+    /// remember.
     fn set_mode(&mut self, mode: Mode) {
         self.mode = mode;
     }
@@ -230,7 +247,8 @@ impl<R: Scalar> ControlLaw<R> for Pid<R> {
     fn act(&mut self, o: &[R; OBSERVATION]) -> [R; ACTION] {
         let height = o[2];
         self.begin(height);
-        let climbed = (self.start_m + R::from_f64(CLEAR_M)).lt(height) | R::from_f64(RAMP_END_PWM).lt(self.ramp_pwm);
+        let climbed =
+            (self.start_m + R::from_f64(CLEAR_M)).lt(height) | R::from_f64(RAMP_END_PWM).lt(self.ramp_pwm);
         self.leave_ramp(self.ramping & climbed);
         let mut target = [o[16], o[17], o[18]];
         if self.mode == Mode::Landing {
@@ -239,11 +257,17 @@ impl<R: Scalar> ControlLaw<R> for Pid<R> {
         }
         let flying = !(self.ramping | self.idle);
         let u = self.fly(o, target, flying);
-        self.ramp_pwm = R::select(self.ramping, self.ramp_pwm + R::from_f64(RAMP_PWM_PER_S * self.dt_s), self.ramp_pwm);
+        self.ramp_pwm =
+            R::select(self.ramping, self.ramp_pwm + R::from_f64(RAMP_PWM_PER_S * self.dt_s), self.ramp_pwm);
         let off = self.ramping | self.idle;
         let still = |v: R| R::select(off, R::zero(), v);
         let lift = R::select(self.idle, R::zero(), R::select(self.ramping, self.ramp_pwm, u.lift));
-        let u = Command { roll_rad: still(u.roll_rad), pitch_rad: still(u.pitch_rad), yaw_rate_radps: still(u.yaw_rate_radps), lift };
+        let u = Command {
+            roll_rad: still(u.roll_rad),
+            pitch_rad: still(u.pitch_rad),
+            yaw_rate_radps: still(u.yaw_rate_radps),
+            lift,
+        };
         self.interface.action(&u)
     }
 }

@@ -1,5 +1,6 @@
-//! A trained policy from a file: a multi-layer perceptron over features that need no velocity sensor. The file (safetensors) holds the network, how
-//! its inputs are normalised and what it remembers; `crazyflie_gym.policy` writes it, and says the same in Python.
+//! A trained policy from a file: a multi-layer perceptron over features that need no velocity sensor. The
+//! file (safetensors) holds the network, how its inputs are normalised and what it remembers;
+//! `crazyflie_gym.policy` writes it, and says the same in Python.
 
 use std::sync::Arc;
 
@@ -35,7 +36,8 @@ pub(super) const ENTRY: Entry = Entry {
 const FORMAT: &str = "crazyflie-policy-1";
 /// Signals with moving averages: position error (3), roll, pitch, last action from level (4), set-point (3).
 const SIGNALS: usize = 12;
-/// What is measured now: position error (3), yaw error, roll, pitch, gyro (3), last action from level (4), age of the marker.
+/// What is measured now: position error (3), yaw error, roll, pitch, gyro (3), last action from level (4),
+/// age of the marker.
 const PRESENT: usize = 14;
 /// Normalised features beyond so many standard deviations are cut off.
 const CLIP: f64 = 5.0;
@@ -65,15 +67,19 @@ struct Network {
 
 impl Network {
     /// # Errors
-    /// [`crazyflie_env::Error::Config`] saying which tensor is missing, has another shape or type or holds what is no number; or that the policy was trained for
-    /// another tick or cannot command this vertical form.
+    /// [`crazyflie_env::Error::Config`] saying which tensor is missing, has another shape or type or holds
+    /// what is no number; or that the policy was trained for another tick or cannot command this vertical
+    /// form.
     fn read(given: &ControllerConfig<'_>, site: &ControllerContext<'_>) -> Result<Self> {
         let bytes = given.file.unwrap_or_default();
         let bad = |what: String| given.problem(format!("the file of the policy: {what}"));
         let (_, header) = SafeTensors::read_metadata(bytes).map_err(|e| bad(e.to_string()))?;
         let about = |key: &str| header.metadata().as_ref().and_then(|all| all.get(key)).map(String::as_str);
         if about("format") != Some(FORMAT) {
-            return Err(bad(format!("its format is {:?}, expected {FORMAT:?}", about("format").unwrap_or("not said"))));
+            return Err(bad(format!(
+                "its format is {:?}, expected {FORMAT:?}",
+                about("format").unwrap_or("not said")
+            )));
         }
         let tick_s: f64 = about("tick_s").and_then(|text| text.parse().ok()).unwrap_or(f64::NAN);
         // half a microsecond for the rounding of a decimal
@@ -81,7 +87,9 @@ impl Network {
             return Err(bad(format!("it was trained for ticks of {tick_s} s, expected {} s", site.tick_s)));
         }
         if !site.interface.input.is_pwm() {
-            return Err(given.problem("it commands a thrust, and a height is asked for: expected the vertical form pwm or thrust"));
+            return Err(given.problem(
+                "it commands a thrust, and a height is asked for: expected the vertical form pwm or thrust",
+            ));
         }
         let tensors = SafeTensors::deserialize(bytes).map_err(|e| bad(e.to_string()))?;
         let (taus, _) = tensor(&tensors, "taus_s", 1).map_err(bad)?;
@@ -105,10 +113,18 @@ impl Network {
 }
 
 /// A tensor of finite single-precision numbers with so many dimensions, and its shape.
-fn tensor(tensors: &SafeTensors<'_>, name: &str, dimensions: usize) -> std::result::Result<(Vec<f32>, Vec<usize>), String> {
+fn tensor(
+    tensors: &SafeTensors<'_>,
+    name: &str,
+    dimensions: usize,
+) -> std::result::Result<(Vec<f32>, Vec<usize>), String> {
     let view = tensors.tensor(name).map_err(|_| format!("it lacks {name}"))?;
     if view.dtype() != Dtype::F32 || view.shape().len() != dimensions {
-        return Err(format!("{name} is {:?} with shape {:?}, expected F32 with {dimensions} dimension(s)", view.dtype(), view.shape()));
+        return Err(format!(
+            "{name} is {:?} with shape {:?}, expected F32 with {dimensions} dimension(s)",
+            view.dtype(),
+            view.shape()
+        ));
     }
     let (words, _) = view.data().as_chunks::<4>();
     let values: Vec<f32> = words.iter().map(|word| f32::from_le_bytes(*word)).collect();
@@ -138,7 +154,9 @@ fn layers(tensors: &SafeTensors<'_>, features: usize) -> std::result::Result<Vec
     }
     if !(1..=MOST_LAYERS).contains(&layers.len()) || inputs != ACTION {
         let count = layers.len();
-        return Err(format!("{count} layers end in {inputs} numbers, expected 1 to {MOST_LAYERS} that end in {ACTION}"));
+        return Err(format!(
+            "{count} layers end in {inputs} numbers, expected 1 to {MOST_LAYERS} that end in {ACTION}"
+        ));
     }
     Ok(layers)
 }
@@ -159,7 +177,8 @@ struct Policy<R: Scalar> {
 
 impl<R: Scalar> Policy<R> {
     fn new(network: Network, site: &ControllerContext<'_>) -> Self {
-        let widest = network.layers.iter().map(|layer| layer.bias.len()).max().unwrap_or(0).max(network.mean.len());
+        let widest =
+            network.layers.iter().map(|layer| layer.bias.len()).max().unwrap_or(0).max(network.mean.len());
         let none = R::nothing();
         Policy {
             averages: vec![R::zero(); SIGNALS * network.gains.len()],
@@ -182,10 +201,23 @@ impl<R: Scalar> Policy<R> {
             #[inline(always)]
             |i| o[20 + i] - rest[i],
         );
-        let signals = [error[0], error[1], error[2], o[6], o[7], off[0], off[1], off[2], off[3], o[16], o[17], height];
+        let signals =
+            [error[0], error[1], error[2], o[6], o[7], off[0], off[1], off[2], off[3], o[16], o[17], height];
         x.clear();
         x.extend(turned(sin, cos, [error[0], error[1], error[2]]));
-        x.extend([wrap(o[19] - o[3]), o[6], o[7], o[9], o[10], o[11], off[0], off[1], off[2], off[3], o[4].min(R::from_f64(AGE_MAX_S))]);
+        x.extend([
+            wrap(o[19] - o[3]),
+            o[6],
+            o[7],
+            o[9],
+            o[10],
+            o[11],
+            off[0],
+            off[1],
+            off[2],
+            off[3],
+            o[4].min(R::from_f64(AGE_MAX_S)),
+        ]);
         for (averages, gain) in self.averages.chunks_exact_mut(SIGNALS).zip(&self.network.gains) {
             let mut from = [R::zero(); SIGNALS];
             for i in 0..SIGNALS {
@@ -206,7 +238,8 @@ impl<R: Scalar> Policy<R> {
         let Network { layers, mean, std, .. } = &*self.network;
         let [x, y] = &mut self.layer;
         for ((x, mean), std) in x.iter_mut().zip(mean).zip(std) {
-            *x = ((*x - R::from_f64((*mean).into())) / R::from_f64((*std).into())).clamp(R::from_f64(-CLIP), R::from_f64(CLIP));
+            *x = ((*x - R::from_f64((*mean).into())) / R::from_f64((*std).into()))
+                .clamp(R::from_f64(-CLIP), R::from_f64(CLIP));
         }
         for (i, layer) in layers.iter().enumerate() {
             y.clear();

@@ -24,12 +24,25 @@ pub(super) fn predict_mean<R: Scalar>(&[p, v, b]: &Axis<R>, acc: R, dt_s: R, car
     [p + (v + R::from_f64(carry) * gained) * dt_s, v + gained, b]
 }
 
-/// The covariance `dt_s` later, with white noise and a wandering bias of so much variance per second: F P F' + Q.
+/// The covariance `dt_s` later, with white noise and a wandering bias of so much variance per second: F P F'
+/// + Q.
 #[inline(always)]
-pub(super) fn predict_covariance<R: Scalar>(&[pp, pv, pb, vv, vb, bb]: &Covariance<R>, dt_s: R, white: f64, bias: f64) -> Covariance<R> {
+pub(super) fn predict_covariance<R: Scalar>(
+    &[pp, pv, pb, vv, vb, bb]: &Covariance<R>,
+    dt_s: R,
+    white: f64,
+    bias: f64,
+) -> Covariance<R> {
     let half = R::from_f64(0.5) * dt_s * dt_s;
     // F P, then (F P) F', with F = [1 dt dt^2/2; 0 1 dt; 0 0 1]
     let (a, b, c) = (pp + dt_s * pv + half * pb, pv + dt_s * vv + half * vb, pb + dt_s * vb + half * bb);
     let (d, e) = (vv + dt_s * vb, vb + dt_s * bb);
-    [a + dt_s * b + half * c, b + dt_s * c, c, d + dt_s * e + R::from_f64(white) * dt_s, e, bb + R::from_f64(bias) * dt_s]
+    [
+        a + dt_s * b + half * c,
+        b + dt_s * c,
+        c,
+        d + dt_s * e + R::from_f64(white) * dt_s,
+        e,
+        bb + R::from_f64(bias) * dt_s,
+    ]
 }

@@ -8,7 +8,8 @@ use super::observer::DiscreteModel;
 use super::riccati::solve;
 use crazyflie_env::error::{Error, Result};
 
-/// Moves that are decided, and for how many ticks each holds: fine where it matters, one second in all at 50 Hz.
+/// Moves that are decided, and for how many ticks each holds: fine where it matters, one second in all at 50
+/// Hz.
 const MOVES: usize = 10;
 const HOLD: [usize; MOVES] = [1, 1, 2, 2, 4, 4, 6, 8, 10, 12];
 /// States of an axis, at most; missing ones are zeros.
@@ -32,8 +33,15 @@ impl Horizon {
     ///
     /// # Errors
     /// As [`solve`].
-    pub(super) fn new(model: &DiscreteModel, states: &[usize], input: usize, q: &SVector<f64, 12>, r: f64) -> Result<Self> {
-        let (mut a, mut b, mut cost) = (SMatrix::<f64, STATES, STATES>::zeros(), State::zeros(), State::zeros());
+    pub(super) fn new(
+        model: &DiscreteModel,
+        states: &[usize],
+        input: usize,
+        q: &SVector<f64, 12>,
+        r: f64,
+    ) -> Result<Self> {
+        let (mut a, mut b, mut cost) =
+            (SMatrix::<f64, STATES, STATES>::zeros(), State::zeros(), State::zeros());
         for (i, from) in states.iter().enumerate() {
             (b[i], cost[i]) = (model.b[(*from, input)], q[*from]);
             for (j, to) in states.iter().enumerate() {
@@ -41,9 +49,11 @@ impl Horizon {
             }
         }
         let end = solve(&a, &b, &cost, &SVector::<f64, 1>::new(r))?;
-        let (mut hessian, mut slope) = (SMatrix::<f64, MOVES, MOVES>::zeros(), SMatrix::<f64, MOVES, STATES>::zeros());
+        let (mut hessian, mut slope) =
+            (SMatrix::<f64, MOVES, MOVES>::zeros(), SMatrix::<f64, MOVES, STATES>::zeros());
         // the state as a function of the moves and of the state now
-        let (mut by_moves, mut by_state) = (SMatrix::<f64, STATES, MOVES>::zeros(), SMatrix::<f64, STATES, STATES>::identity());
+        let (mut by_moves, mut by_state) =
+            (SMatrix::<f64, STATES, MOVES>::zeros(), SMatrix::<f64, STATES, STATES>::identity());
         let every = SMatrix::from_diagonal(&cost);
         for held in HOLD.iter().enumerate().flat_map(|(held, ticks)| std::iter::repeat_n(held, *ticks)) {
             hessian += by_moves.transpose() * every * by_moves;
@@ -55,9 +65,17 @@ impl Horizon {
         }
         hessian += by_moves.transpose() * end * by_moves;
         slope += by_moves.transpose() * end * by_state;
-        let inverse = hessian.try_inverse().ok_or_else(|| Error::Config("the horizon has no unique best moves".into()))?;
+        let inverse = hessian
+            .try_inverse()
+            .ok_or_else(|| Error::Config("the horizon has no unique best moves".into()))?;
         let solver = solver(&hessian)?;
-        Ok(Horizon { slope, free: inverse * slope, solver, gradient: vec![0.0; MOVES], limits: vec![0.0; 2 * MOVES] })
+        Ok(Horizon {
+            slope,
+            free: inverse * slope,
+            solver,
+            gradient: vec![0.0; MOVES],
+            limits: vec![0.0; 2 * MOVES],
+        })
     }
 
     /// The first of the best moves from `x` with every move within the limits.
@@ -75,7 +93,8 @@ impl Horizon {
         if told {
             self.solver.solve();
         }
-        let solved = told && matches!(self.solver.solution.status, SolverStatus::Solved | SolverStatus::AlmostSolved);
+        let solved =
+            told && matches!(self.solver.solution.status, SolverStatus::Solved | SolverStatus::AlmostSolved);
         let best = if solved { self.solver.solution.x[0] } else { free[0] };
         best.clamp(least, most)
     }
@@ -93,8 +112,13 @@ fn solver(hessian: &SMatrix<f64, MOVES, MOVES>) -> Result<DefaultSolver<f64>> {
     }
     let p = CscMatrix::new_from_triplets(MOVES, MOVES, row, column, value);
     let both = (0..2 * MOVES).map(|i| if i < MOVES { 1.0 } else { -1.0 }).collect();
-    let limits =
-        CscMatrix::new_from_triplets(2 * MOVES, MOVES, (0..2 * MOVES).collect(), (0..2 * MOVES).map(|i| i % MOVES).collect(), both);
+    let limits = CscMatrix::new_from_triplets(
+        2 * MOVES,
+        MOVES,
+        (0..2 * MOVES).collect(),
+        (0..2 * MOVES).map(|i| i % MOVES).collect(),
+        both,
+    );
     let settings = DefaultSettings {
         verbose: false,
         presolve_enable: false,
@@ -117,12 +141,14 @@ mod tests {
     fn horizon() -> Horizon {
         let model = Model::thesis();
         let interface = Interface::from_model(&model, VerticalInput::Thrust).unwrap();
-        let site = ControllerContext { model: &model, interface, tick_s: 0.02, envs: 1, mode: Mode::Automatic };
+        let site =
+            ControllerContext { model: &model, interface, tick_s: 0.02, envs: 1, mode: Mode::Automatic };
         let q = SVector::from([100.0, 100.0, 100.0, 0.0, 0.0, 30.0, 6.0, 6.0, 0.0, 0.0, 0.0, 0.0]);
         Horizon::new(&DiscreteModel::of(&site).unwrap(), &[0, 4, 6, 10], 1, &q, 130.0).unwrap()
     }
 
-    /// Within the limits the horizon with the Riccati solution at its end is the LQR, whatever its length and blocks; a limit far away is none.
+    /// Within the limits the horizon with the Riccati solution at its end is the LQR, whatever its length and
+    /// blocks; a limit far away is none.
     #[test]
     fn the_solver_agrees_with_the_formula() {
         let mut h = horizon();
@@ -138,7 +164,13 @@ mod tests {
     fn a_limit_that_binds_is_kept_and_braking_comes_before_the_goal() {
         let mut h = horizon();
         let most = 0.17;
-        assert!((h.first_move(&[-0.8, 0.0, 0.0, 0.0], [-most, most]) - most).abs() < 1e-6, "far off: full tilt towards it");
-        assert!((h.first_move(&[-0.2, 0.0, 1.2, 0.0], [-most, most]) + most).abs() < 1e-6, "fast and near: full tilt against it");
+        assert!(
+            (h.first_move(&[-0.8, 0.0, 0.0, 0.0], [-most, most]) - most).abs() < 1e-6,
+            "far off: full tilt towards it"
+        );
+        assert!(
+            (h.first_move(&[-0.2, 0.0, 1.2, 0.0], [-most, most]) + most).abs() < 1e-6,
+            "fast and near: full tilt against it"
+        );
     }
 }

@@ -7,10 +7,11 @@ use crazyflie_env::error::{Error, Result};
 /// Doublings: each squares the distance to the solution, so that 30 reach 2^30 ticks.
 const DOUBLINGS: usize = 30;
 
-/// The gain K of u = -K x that minimises the sum of x' Q x + u' R u over x+ = A x + B u, with diagonal Q and R.
+/// The gain K of u = -K x that minimises the sum of x' Q x + u' R u over x+ = A x + B u, with diagonal Q and
+/// R.
 ///
-/// By the structure-preserving doubling algorithm (Chu, Fan, Lin, Wang: Structure-preserving algorithms for periodic discrete-time algebraic Riccati
-/// equations, Int. J. Control 77, 2004).
+/// By the structure-preserving doubling algorithm (Chu, Fan, Lin, Wang: Structure-preserving algorithms for
+/// periodic discrete-time algebraic Riccati equations, Int. J. Control 77, 2004).
 ///
 /// # Errors
 /// [`Error::Config`] where no gain stabilises what costs.
@@ -64,7 +65,8 @@ mod tests {
     #[test]
     fn the_solution_satisfies_the_equation() {
         let a = SMatrix::<f64, 3, 3>::new(1.0, 0.1, 0.005, 0.0, 1.0, 0.1, 0.0, 0.0, 0.9);
-        let (b, q, r) = (SVector::from([0.0, 0.01, 0.3]), SVector::from([4.0, 1.0, 0.0]), SVector::from([0.5]));
+        let (b, q, r) =
+            (SVector::from([0.0, 0.01, 0.3]), SVector::from([4.0, 1.0, 0.0]), SVector::from([0.5]));
         let p = solve(&a, &b, &q, &r).unwrap();
         let k = regulator(&a, &b, &q, &r).unwrap();
         let back = SMatrix::from_diagonal(&q) + a.transpose() * p * (a - b * k);

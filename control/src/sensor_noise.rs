@@ -12,7 +12,8 @@ pub struct SensorNoise {
     pub z_m: f64,
     /// Of a fix in heading.
     pub yaw_deg: f64,
-    /// Of what the accelerations miss in a second: as white noise, in m/s after 1 s, and as a bias that wanders, in m/s^2 after 1 s.
+    /// Of what the accelerations miss in a second: as white noise, in m/s after 1 s, and as a bias that
+    /// wanders, in m/s^2 after 1 s.
     pub white_mps: f64,
     /// Of the bias after a second.
     pub bias_mps2: f64,
@@ -24,7 +25,15 @@ pub struct SensorNoise {
 
 impl Default for SensorNoise {
     fn default() -> Self {
-        SensorNoise { xy_m: 0.005, z_m: 0.01, yaw_deg: 1.0, white_mps: 0.03, bias_mps2: 0.1, yaw_drift_deg: 1.0, gate: 4.5 }
+        SensorNoise {
+            xy_m: 0.005,
+            z_m: 0.01,
+            yaw_deg: 1.0,
+            white_mps: 0.03,
+            bias_mps2: 0.1,
+            yaw_drift_deg: 1.0,
+            gate: 4.5,
+        }
     }
 }
 

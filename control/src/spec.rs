@@ -22,12 +22,18 @@ pub struct ControllerSpec {
 /// The name of a controller behind a Kalman filter begins so.
 const FILTERED: &str = "kalman+";
 
-/// The controller that `text` asks for: `NAME`, or `NAME:FILE` where the controller comes from a file, which `read` reads; either after `kalman+`
-/// with a Kalman filter in front. `options` is an object of options, or null; its `filter` is what the filter believes (see [`SensorNoise`]).
+/// The controller that `text` asks for: `NAME`, or `NAME:FILE` where the controller comes from a file, which
+/// `read` reads; either after `kalman+` with a Kalman filter in front. `options` is an object of options, or
+/// null; its `filter` is what the filter believes (see [`SensorNoise`]).
 ///
 /// # Errors
-/// [`Error::Unknown`] with a proposal; [`Error::Config`] for a file that cannot be read, is missing, or that the controller has no use for.
-pub fn choose(text: &str, mut options: Value, read: &dyn Fn(&str) -> std::io::Result<Vec<u8>>) -> Result<ControllerSpec> {
+/// [`Error::Unknown`] with a proposal; [`Error::Config`] for a file that cannot be read, is missing, or that
+/// the controller has no use for.
+pub fn choose(
+    text: &str,
+    mut options: Value,
+    read: &dyn Fn(&str) -> std::io::Result<Vec<u8>>,
+) -> Result<ControllerSpec> {
     let (filtered, text) = text.strip_prefix(FILTERED).map_or((false, text), |inner| (true, inner));
     let (name, path) = text.split_once(':').map_or((text, None), |(name, path)| (name, Some(path)));
     let entry = find(name)?;
@@ -36,7 +42,10 @@ pub fn choose(text: &str, mut options: Value, read: &dyn Fn(&str) -> std::io::Re
     if belief.is_some() && !filtered {
         return Err(problem(format!("the option filter is for {FILTERED}{name}")));
     }
-    let belief = belief.map(serde_json::from_value).transpose().map_err(|e| problem(format!("options: filter: {e}")))?;
+    let belief = belief
+        .map(serde_json::from_value)
+        .transpose()
+        .map_err(|e| problem(format!("options: filter: {e}")))?;
     let filter = filtered.then(|| belief.unwrap_or_default());
     let (file, label) = match (entry.file, path) {
         (None, None) => (None, entry.name.to_owned()),
@@ -44,7 +53,8 @@ pub fn choose(text: &str, mut options: Value, read: &dyn Fn(&str) -> std::io::Re
         (Some(what), None) => return Err(problem(format!("needs a file: {name}:FILE with {what}"))),
         (Some(_), Some(path)) => {
             let bytes = read(path).map_err(|e| problem(format!("{path}: {e}")))?;
-            let stem = std::path::Path::new(path).file_stem().map_or(path.into(), |stem| stem.to_string_lossy());
+            let stem =
+                std::path::Path::new(path).file_stem().map_or(path.into(), |stem| stem.to_string_lossy());
             (Some(bytes), format!("{}:{stem}", entry.name))
         }
     };
@@ -58,7 +68,9 @@ impl ControllerSpec {
     /// # Errors
     /// As [`choose`].
     pub fn named(name: &str) -> Result<ControllerSpec> {
-        choose(name, Value::Null, &|path| Err(std::io::Error::other(format!("{path} is not to be read here"))))
+        choose(name, Value::Null, &|path| {
+            Err(std::io::Error::other(format!("{path} is not to be read here")))
+        })
     }
 
     /// Ready to fly.
@@ -66,7 +78,8 @@ impl ControllerSpec {
     /// # Errors
     /// As [`Entry::build`].
     pub fn build(&self, site: &ControllerContext<'_>) -> Result<Box<dyn Controller>> {
-        let given = ControllerConfig { name: self.entry.name, options: &self.options, file: self.file.as_deref() };
+        let given =
+            ControllerConfig { name: self.entry.name, options: &self.options, file: self.file.as_deref() };
         let inner = (self.entry.build)(&given, site)?;
         Ok(match &self.filter {
             Some(belief) => Box::new(FilteredController::new(inner, site, belief)),
@@ -127,24 +140,31 @@ mod tests {
         }
     }
 
-    /// Every controller without a file gives an environment the same bits in a batch of 1 and of 37, whatever its neighbours do.
+    /// Every controller without a file gives an environment the same bits in a batch of 1 and of 37, whatever
+    /// its neighbours do.
     #[test]
     fn a_row_is_answered_by_itself() {
         let model = Model::thesis();
-        let wave = |env: usize, tick: usize, k: usize| (0.37 * (1.0 + env as f32) * (tick as f32 + 3.0 * k as f32)).sin() * 0.3;
+        let wave = |env: usize, tick: usize, k: usize| {
+            (0.37 * (1.0 + env as f32) * (tick as f32 + 3.0 * k as f32)).sin() * 0.3
+        };
         for entry in registry().iter().filter(|e| e.file.is_none()) {
             let fly = |envs: &[usize]| {
-                let mut controller = ControllerSpec::named(entry.name).unwrap().build(&site(&model, envs.len())).unwrap();
+                let mut controller =
+                    ControllerSpec::named(entry.name).unwrap().build(&site(&model, envs.len())).unwrap();
                 controller.reset(&|_| true);
                 let mut log = vec![Vec::new(); envs.len()];
-                let (mut o, mut a) = (vec![0.0_f32; envs.len() * OBSERVATION], vec![0.0_f32; envs.len() * ACTION]);
+                let (mut o, mut a) =
+                    (vec![0.0_f32; envs.len() * OBSERVATION], vec![0.0_f32; envs.len() * ACTION]);
                 for tick in 0..40 {
                     for (row, env) in o.chunks_exact_mut(OBSERVATION).zip(envs) {
                         row.iter_mut().enumerate().for_each(|(k, v)| *v = wave(*env, tick, k));
                         (row[2], row[4], row[5], row[14], row[18]) = (0.7, 0.05, 1.0, 9.81, 0.7);
                     }
                     controller.act(&o, &mut a).unwrap();
-                    log.iter_mut().zip(a.chunks_exact(ACTION)).for_each(|(log, a)| log.extend(a.iter().map(|a| a.to_bits())));
+                    log.iter_mut()
+                        .zip(a.chunks_exact(ACTION))
+                        .for_each(|(log, a)| log.extend(a.iter().map(|a| a.to_bits())));
                 }
                 log
             };
@@ -155,7 +175,11 @@ mod tests {
             if entry.name != "random" {
                 assert_eq!(fly(&[23])[0], batch[23], "{}", entry.name);
             }
-            assert!(batch.iter().flatten().all(|bits| (-1.0..=1.0).contains(&f32::from_bits(*bits))), "{}", entry.name);
+            assert!(
+                batch.iter().flatten().all(|bits| (-1.0..=1.0).contains(&f32::from_bits(*bits))),
+                "{}",
+                entry.name
+            );
         }
     }
 }

@@ -1,4 +1,5 @@
-//! The velocity controller that the thesis asks for (chapter 8): position to velocity to angle, each loop inside the one before.
+//! The velocity controller that the thesis asks for (chapter 8): position to velocity to angle, each loop
+//! inside the one before.
 
 use serde::{Deserialize, Serialize};
 
@@ -107,7 +108,8 @@ impl<R: Scalar> Velocity<R> {
         let stiff = [o.velocity_ps, o.velocity_ps, o.climb_ps];
         let slow = [o.integral_ps2, o.integral_ps2, o.climb_integral_ps2];
         // not more than the command can give, sideways; half the weight upwards
-        let sideways = self.gravity_mps2 * self.interface.tilt_max_rad / self.per_tilt[0].max(self.per_tilt[1]);
+        let sideways =
+            self.gravity_mps2 * self.interface.tilt_max_rad / self.per_tilt[0].max(self.per_tilt[1]);
         let most = [sideways, sideways, 0.5 * self.gravity_mps2];
         let mut acceleration = [R::zero(); 3];
         for i in 0..3 {
@@ -158,7 +160,10 @@ impl<R: Scalar> ControlLaw<R> for Velocity<R> {
         let wanted = [(sin * ax - cos * ay) * per_g, (cos * ax + sin * ay) * per_g];
         let [roll_rad, pitch_rad] = tabulate(
             #[inline(always)]
-            |i| R::from_f64(self.per_tilt[i]) * wanted[i] + R::from_f64(self.options.angle) * (wanted[i] - o[6 + i]),
+            |i| {
+                R::from_f64(self.per_tilt[i]) * wanted[i]
+                    + R::from_f64(self.options.angle) * (wanted[i] - o[6 + i])
+            },
         );
         let turn = R::from_f64(self.options.yaw_ps * self.interface.yaw_sign) * wrap(o[19] - e.yaw_rad);
         let lift = if self.interface.input.is_pwm() {
@@ -168,7 +173,12 @@ impl<R: Scalar> ControlLaw<R> for Velocity<R> {
         };
         let off = R::zero();
         let still = |v: R| R::select(self.landing.idle, off, v);
-        let u = Command { roll_rad: still(roll_rad), pitch_rad: still(pitch_rad), yaw_rate_radps: still(turn), lift: still(lift) };
+        let u = Command {
+            roll_rad: still(roll_rad),
+            pitch_rad: still(pitch_rad),
+            yaw_rate_radps: still(turn),
+            lift: still(lift),
+        };
         self.interface.action(&u)
     }
 }

@@ -1,13 +1,17 @@
-//! Controllers in the simulator: all come to the marker, the filter knows better than the last fix, and what the model lacks is trimmed away.
+//! Controllers in the simulator: all come to the marker, the filter knows better than the last fix, and what
+//! the model lacks is trimmed away.
 
-use crazyflie_control::{Controller, ControllerContext, ControllerSpec, Estimator, Mode, SensorNoise, registry};
+use crazyflie_control::{
+    Controller, ControllerContext, ControllerSpec, Estimator, Mode, SensorNoise, registry,
+};
 use crazyflie_env::config::Options;
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::{ACTION, OBSERVATION};
 use crazyflie_env::vector::{STATE, StepBuffers, VectorEnv};
 
 /// The lab's camera: 30 frames a second, 50 ms old, with the noise of a good ArUco pose.
-const CAMERA: &str = r#""camera": 1, "camera_latency": 0.05, "camera_noise": {"xy_m": 0.005, "z_m": 0.01, "yaw_deg": 1}"#;
+const CAMERA: &str =
+    r#""camera": 1, "camera_latency": 0.05, "camera_noise": {"xy_m": 0.005, "z_m": 0.01, "yaw_deg": 1}"#;
 const ENVS: usize = 16;
 
 /// A batch with all that a step returns.
@@ -20,11 +24,18 @@ struct Flight {
 
 impl Flight {
     fn new(controller: &str, vertical: &str, task: &str, effects: &str) -> Flight {
-        let options = Options::parse(&format!(r#"{{"vertical": "{vertical}", {task}, "effects": {{{effects}}}}}"#)).unwrap();
+        let options =
+            Options::parse(&format!(r#"{{"vertical": "{vertical}", {task}, "effects": {{{effects}}}}}"#))
+                .unwrap();
         let model = Model::thesis();
         let mut env = VectorEnv::new(std::slice::from_ref(&model), &options, ENVS).unwrap();
-        let site =
-            ControllerContext { model: &model, interface: env.interfaces()[0], tick_s: env.tick_s(), envs: ENVS, mode: Mode::Automatic };
+        let site = ControllerContext {
+            model: &model,
+            interface: env.interfaces()[0],
+            tick_s: env.tick_s(),
+            envs: ENVS,
+            mode: Mode::Automatic,
+        };
         let pilot = ControllerSpec::named(controller).unwrap().build(&site).unwrap();
         let mut observations = vec![0.0; ENVS * OBSERVATION];
         let seeds: Vec<u64> = (100..100 + ENVS as u64).collect();
@@ -51,7 +62,9 @@ impl Flight {
             self.step();
             if tick >= from {
                 let rows = self.states.chunks(STATE).zip(self.observations.chunks(OBSERVATION));
-                squares += rows.map(|(x, o)| (0..3).map(|i| f64::from(x[i] - o[16 + i]).powi(2)).sum::<f64>()).sum::<f64>();
+                squares += rows
+                    .map(|(x, o)| (0..3).map(|i| f64::from(x[i] - o[16 + i]).powi(2)).sum::<f64>())
+                    .sum::<f64>();
             }
         }
         (squares / (ENVS * (ticks - from)) as f64).sqrt()
@@ -68,16 +81,26 @@ fn every_controller_comes_to_the_marker_with_every_vertical_form() {
             let error = Flight::new(entry.name, vertical, HOVER, CAMERA).error_m(400, 600);
             println!("{} by {vertical}: {:.1} cm after 8 s", entry.name, 100.0 * error);
             // table 7.1 swings with this dead time: its 9 degrees of margin are all it has
-            assert!(error < if entry.name.ends_with("pid") { 0.4 } else { 0.05 }, "{} by {vertical}: {error}", entry.name);
+            assert!(
+                error < if entry.name.ends_with("pid") { 0.4 } else { 0.05 },
+                "{} by {vertical}: {error}",
+                entry.name
+            );
         }
     }
 }
 
-/// Errors of the newest fix and of the estimate over flights of the thesis's PID from the second second on: root mean square, and the largest.
+/// Errors of the newest fix and of the estimate over flights of the thesis's PID from the second second on:
+/// root mean square, and the largest.
 fn localisation(effects: &str, task: &str) -> [[f64; 2]; 2] {
     let mut flight = Flight::new("thesis-pid", "pwm", task, effects);
     let model = Model::thesis();
-    let estimator = Estimator::<f64>::new(&model, flight.env.interfaces()[0].input, flight.env.tick_s(), &SensorNoise::default());
+    let estimator = Estimator::<f64>::new(
+        &model,
+        flight.env.interfaces()[0].input,
+        flight.env.tick_s(),
+        &SensorNoise::default(),
+    );
     let mut all = vec![estimator; ENVS];
     let (mut squares, mut most, from, ticks) = ([0.0; 2], [0.0_f64; 2], 50, 600);
     for tick in 0..ticks {
@@ -100,9 +123,15 @@ fn localisation(effects: &str, task: &str) -> [[f64; 2]; 2] {
 fn the_filter_knows_better_than_the_last_fix() {
     let outliers = format!(r#"{CAMERA}, "camera_outliers": {{"probability": 0.03}}"#);
     let tilted = format!(r#"{CAMERA}, "imu_tilt": {{"roll_deg": 1, "pitch_deg": -1}}"#);
-    let drifting = format!(r#"{CAMERA}, "gyro_bias": {{"bias_degps": 1, "rate_noise_degps": 0.1, "angle_noise_deg": 0.2}}"#);
-    let cases =
-        [("ArUco noise", CAMERA, 2.0), ("outliers", &outliers, 2.5), ("a tilted IMU", &tilted, 2.0), ("a drifting gyro", &drifting, 2.0)];
+    let drifting = format!(
+        r#"{CAMERA}, "gyro_bias": {{"bias_degps": 1, "rate_noise_degps": 0.1, "angle_noise_deg": 0.2}}"#
+    );
+    let cases = [
+        ("ArUco noise", CAMERA, 2.0),
+        ("outliers", &outliers, 2.5),
+        ("a tilted IMU", &tilted, 2.0),
+        ("a drifting gyro", &drifting, 2.0),
+    ];
     for (what, effects, better) in cases {
         let [[fix, estimate], [worst_fix, worst]] = localisation(effects, HOVER);
         println!(
@@ -120,8 +149,14 @@ fn the_filter_knows_better_than_the_last_fix() {
 #[test]
 fn a_late_fix_is_held_against_where_the_vehicle_was() {
     let late = r#""camera": 1, "camera_latency": 0.1"#;
-    let [[fix, estimate], [_, worst]] = localisation(late, r#""task": "track", "task_options": {"period_s": 4}"#);
-    println!("100 ms late: fix {:.2} cm, estimate {:.3} cm, at worst {:.3} cm", 100.0 * fix, 100.0 * estimate, 100.0 * worst);
+    let [[fix, estimate], [_, worst]] =
+        localisation(late, r#""task": "track", "task_options": {"period_s": 4}"#);
+    println!(
+        "100 ms late: fix {:.2} cm, estimate {:.3} cm, at worst {:.3} cm",
+        100.0 * fix,
+        100.0 * estimate,
+        100.0 * worst
+    );
     assert!(fix > 0.03 && estimate < 0.004 && worst < 0.02, "{fix} {estimate} {worst}");
 }
 
@@ -129,11 +164,16 @@ fn a_late_fix_is_held_against_where_the_vehicle_was() {
 fn the_filter_steadies_the_thesis_pid() {
     let error = |name| Flight::new(name, "pwm", HOVER, CAMERA).error_m(250, 750);
     let (alone, filtered) = (error("thesis-pid"), error("kalman+thesis-pid"));
-    println!("thesis PID from 5 s on: {:.1} cm by the last fix, {:.1} cm by the filter", 100.0 * alone, 100.0 * filtered);
+    println!(
+        "thesis PID from 5 s on: {:.1} cm by the last fix, {:.1} cm by the filter",
+        100.0 * alone,
+        100.0 * filtered
+    );
     assert!(2.0 * filtered < alone, "{alone} {filtered}");
 }
 
-/// A constant torque, a tilted command frame, a wind, more mass: the model-based controllers learn what it takes.
+/// A constant torque, a tilted command frame, a wind, more mass: the model-based controllers learn what it
+/// takes.
 #[test]
 fn what_the_model_lacks_is_trimmed_away() {
     for (what, effect) in [

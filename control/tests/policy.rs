@@ -30,16 +30,21 @@ fn policy() -> (Tensors, About) {
         ("layer1.weight", (numbers(HIDDEN * ACTION, 0.3), vec![HIDDEN, ACTION])),
         ("layer1.bias", (numbers(ACTION, 0.1), vec![ACTION])),
     ]);
-    let about = [("format", "crazyflie-policy-1"), ("tick_s", "0.02")].map(|(k, v)| (k.to_owned(), v.to_owned()));
+    let about =
+        [("format", "crazyflie-policy-1"), ("tick_s", "0.02")].map(|(k, v)| (k.to_owned(), v.to_owned()));
     (tensors, HashMap::from(about))
 }
 
 fn file((tensors, about): &(Tensors, About)) -> Vec<u8> {
     let bytes: Vec<_> = tensors
         .iter()
-        .map(|(name, (values, shape))| (*name, shape, values.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>()))
+        .map(|(name, (values, shape))| {
+            (*name, shape, values.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>())
+        })
         .collect();
-    let views = bytes.iter().map(|(name, shape, bytes)| (*name, TensorView::new(Dtype::F32, shape.to_vec(), bytes).unwrap()));
+    let views = bytes
+        .iter()
+        .map(|(name, shape, bytes)| (*name, TensorView::new(Dtype::F32, shape.to_vec(), bytes).unwrap()));
     safetensors::serialize(views, Some(about.clone())).unwrap()
 }
 
@@ -48,7 +53,13 @@ fn chosen(bytes: Vec<u8>) -> ControllerSpec {
 }
 
 fn site(model: &Model, envs: usize, input: VerticalInput) -> ControllerContext<'_> {
-    ControllerContext { model, interface: Interface::from_model(model, input).unwrap(), tick_s: 0.02, envs, mode: Mode::Automatic }
+    ControllerContext {
+        model,
+        interface: Interface::from_model(model, input).unwrap(),
+        tick_s: 0.02,
+        envs,
+        mode: Mode::Automatic,
+    }
 }
 
 fn wave(env: usize, tick: usize, k: usize) -> f32 {
@@ -56,9 +67,16 @@ fn wave(env: usize, tick: usize, k: usize) -> f32 {
 }
 
 /// The formulas of `crazyflie_gym/policy.py` once more, in `f64` and as plainly as they can be said.
-fn plainly(o: &[f32], averages: &mut [[f64; 12]; 2], fresh: bool, rest: f64, (t, _): &(Tensors, About)) -> Vec<f64> {
+fn plainly(
+    o: &[f32],
+    averages: &mut [[f64; 12]; 2],
+    fresh: bool,
+    rest: f64,
+    (t, _): &(Tensors, About),
+) -> Vec<f64> {
     let o: Vec<f64> = o.iter().map(|v| f64::from(*v)).collect();
-    let turned = |v: &[f64]| [o[3].cos() * v[0] + o[3].sin() * v[1], o[3].cos() * v[1] - o[3].sin() * v[0], v[2]];
+    let turned =
+        |v: &[f64]| [o[3].cos() * v[0] + o[3].sin() * v[1], o[3].cos() * v[1] - o[3].sin() * v[0], v[2]];
     let error = [o[16] - o[0], o[17] - o[1], o[18] - o[2]];
     let last = [o[20], o[21], o[22], o[23] - rest];
     let signals = [&error[..], &o[6..8], &last, &o[16..19]].concat();
@@ -77,7 +95,12 @@ fn plainly(o: &[f32], averages: &mut [[f64; 12]; 2], fresh: bool, rest: f64, (t,
     let layer = |x: &[f64], name: &str| -> Vec<f64> {
         let (weights, bias) = (&t[&*format!("{name}.weight")].0, &t[&*format!("{name}.bias")].0);
         let outputs = bias.len();
-        (0..outputs).map(|j| f64::from(bias[j]) + (0..x.len()).map(|i| x[i] * f64::from(weights[i * outputs + j])).sum::<f64>()).collect()
+        (0..outputs)
+            .map(|j| {
+                f64::from(bias[j])
+                    + (0..x.len()).map(|i| x[i] * f64::from(weights[i * outputs + j])).sum::<f64>()
+            })
+            .collect()
     };
     let hidden: Vec<f64> = layer(&x, "layer0").iter().map(|x| x.tanh()).collect();
     let out = layer(&hidden, "layer1");
@@ -98,7 +121,8 @@ fn it_answers_what_its_formulas_say_alone_as_in_a_batch() {
             batch.reset(&|env| env == 23);
             alone.reset(&|_| true);
         }
-        let rows: Vec<f32> = (0..37).flat_map(|env| (0..OBSERVATION).map(move |k| wave(env, tick, k))).collect();
+        let rows: Vec<f32> =
+            (0..37).flat_map(|env| (0..OBSERVATION).map(move |k| wave(env, tick, k))).collect();
         let (mut all, mut one) = (vec![0.0; 37 * ACTION], vec![0.0; ACTION]);
         let row = &rows[23 * OBSERVATION..24 * OBSERVATION];
         batch.act(&rows, &mut all).unwrap();
@@ -133,26 +157,43 @@ fn what_is_wrong_with_a_file_is_said() {
         (|p| drop(p.1.insert("tick_s".into(), "0.01".into())), "ticks of 0.01 s, expected 0.02 s"),
         (|p| drop(p.1.insert("tick_s".into(), "soon".into())), "ticks of NaN s"),
         (|p| drop(p.0.remove("feature_std")), "it lacks feature_std"),
-        (|p| p.0.get_mut("feature_std").unwrap().0[3] = 0.0, "feature_std holds 0, expected positive numbers"),
-        (|p| p.0.get_mut("layer0.weight").unwrap().0[7] = f32::NAN, "layer0.weight holds NaN, expected finite numbers"),
+        (
+            |p| p.0.get_mut("feature_std").unwrap().0[3] = 0.0,
+            "feature_std holds 0, expected positive numbers",
+        ),
+        (
+            |p| p.0.get_mut("layer0.weight").unwrap().0[7] = f32::NAN,
+            "layer0.weight holds NaN, expected finite numbers",
+        ),
         (|p| p.0.get_mut("layer1.bias").unwrap().0[0] = f32::INFINITY, "layer1.bias holds inf"),
         (|p| drop(p.0.insert("taus_s", (vec![0.1], vec![1]))), "feature_mean has 38 numbers, expected 26"),
-        (|p| drop(p.0.insert("taus_s", (vec![0.1, -1.0], vec![2]))), "taus_s is [0.1, -1.0], expected 1 to 8 positive times"),
+        (
+            |p| drop(p.0.insert("taus_s", (vec![0.1, -1.0], vec![2]))),
+            "taus_s is [0.1, -1.0], expected 1 to 8 positive times",
+        ),
         (
             |p| p.0.get_mut("layer0.weight").unwrap().1 = vec![HIDDEN, FEATURES],
             "layer0 has weights [8, 38] and 8 biases, expected 38 inputs",
         ),
-        (|p| p.0.get_mut("layer0.weight").unwrap().1 = vec![HIDDEN * FEATURES], "expected F32 with 2 dimension(s)"),
+        (
+            |p| p.0.get_mut("layer0.weight").unwrap().1 = vec![HIDDEN * FEATURES],
+            "expected F32 with 2 dimension(s)",
+        ),
         (|p| drop(p.0.remove("layer1.weight")), "1 layers end in 8 numbers, expected 1 to 8 that end in 4"),
         (|p| drop(p.0.remove("layer1.bias")), "it lacks layer1.bias"),
     ];
     let model = Model::thesis();
-    let told = |bytes: Vec<u8>, input| chosen(bytes).build(&site(&model, 1, input)).map(|_| ()).unwrap_err().to_string();
+    let told = |bytes: Vec<u8>, input| {
+        chosen(bytes).build(&site(&model, 1, input)).map(|_| ()).unwrap_err().to_string()
+    };
     for (spoil, words) in cases {
         let mut given = policy();
         spoil(&mut given);
         let error = told(file(&given), VerticalInput::Pwm);
-        assert!(error.contains("controller policy") && error.contains(words), "expected {words:?} in: {error}");
+        assert!(
+            error.contains("controller policy") && error.contains(words),
+            "expected {words:?} in: {error}"
+        );
     }
     let whole = file(&policy());
     for cut in [0, 4, 100, whole.len() - 1] {

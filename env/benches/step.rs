@@ -1,6 +1,7 @@
-//! Drone-steps per second of the Rust core: bare and with effects, each including action mapping, observation, reward, termination and
-//! automatic reset; on one core with every instruction set of the machine, and on two. Criterion prints the median in the middle of its
-//! three figures. `cargo bench -p crazyflie-env`.
+//! Drone-steps per second of the Rust core: bare and with effects, each including action mapping,
+//! observation, reward, termination and automatic reset; on one core with every instruction set of the
+//! machine, and on two. Criterion prints the median in the middle of its three figures. `cargo bench -p
+//! crazyflie-env`.
 
 use std::hint::black_box;
 
@@ -40,9 +41,18 @@ impl Rig {
         // small tilts to all sides, the weight carried: flights last, and still end at all times
         let hover = env.interfaces()[0];
         let lift = if effects { (2.0 * hover.hover_lift / hover.lift_max - 1.0) as f32 } else { 0.0 };
-        let actions =
-            (0..envs * ACTION).map(|i| if i % ACTION == 3 { lift } else { 0.02 * ((i * 7919 % 199) as f32 / 99.0 - 1.0) }).collect();
-        Rig { env, actions, room, skip, rewards: vec![0.0; envs], terminated: vec![false; envs], truncated: vec![false; envs] }
+        let actions = (0..envs * ACTION)
+            .map(|i| if i % ACTION == 3 { lift } else { 0.02 * ((i * 7919 % 199) as f32 / 99.0 - 1.0) })
+            .collect();
+        Rig {
+            env,
+            actions,
+            room,
+            skip,
+            rewards: vec![0.0; envs],
+            terminated: vec![false; envs],
+            truncated: vec![false; envs],
+        }
     }
 
     fn step(&mut self) {
@@ -57,8 +67,16 @@ impl Rig {
 }
 
 fn bench(c: &mut Criterion) {
-    println!("{}, {} logical cores, load {}", processor(), std::thread::available_parallelism().map_or(0, usize::from), load());
-    println!("hover, next-step resets, at most 500 steps per episode; five effects: {}", EFFECTS.replace("\n   ", ""));
+    println!(
+        "{}, {} logical cores, load {}",
+        processor(),
+        std::thread::available_parallelism().map_or(0, usize::from),
+        load()
+    );
+    println!(
+        "hover, next-step resets, at most 500 steps per episode; five effects: {}",
+        EFFECTS.replace("\n   ", "")
+    );
     for (name, effects) in [("bare", false), ("five_effects", true)] {
         for level in Level::available() {
             let mut group = c.benchmark_group(format!("{name}/{}", level.name()));
@@ -72,7 +90,9 @@ fn bench(c: &mut Criterion) {
                 }
                 group.throughput(Throughput::Elements(envs as u64));
                 let cores = if threads == 1 { "one_core" } else { "two_cores" };
-                group.bench_function(BenchmarkId::from_parameter(format!("{envs}_envs_{cores}")), |b| b.iter(|| rig.step()));
+                group.bench_function(BenchmarkId::from_parameter(format!("{envs}_envs_{cores}")), |b| {
+                    b.iter(|| rig.step())
+                });
             }
             group.finish();
         }

@@ -1,5 +1,6 @@
-//! Drone-steps per second of worlds that several drones share, with downwash and collisions, observations of all neighbours, rewards,
-//! metrics and automatic resets, on one core; beside them the single drone with the same effects. `cargo bench -p crazyflie-env --bench swarm`.
+//! Drone-steps per second of worlds that several drones share, with downwash and collisions, observations of
+//! all neighbours, rewards, metrics and automatic resets, on one core; beside them the single drone with the
+//! same effects. `cargo bench -p crazyflie-env --bench swarm`.
 
 #[path = "../tests/simulator/fleet.rs"]
 mod fleet;
@@ -29,9 +30,12 @@ fn bench(c: &mut Criterion) {
                 fleet.step(&actions).expect("step");
             }
             group.throughput(Throughput::Elements((worlds * drones) as u64));
-            group.bench_function(BenchmarkId::from_parameter(format!("{drones}_drones_{worlds}_worlds")), |b| {
-                b.iter(|| fleet.step(black_box(&actions)).expect("step"));
-            });
+            group.bench_function(
+                BenchmarkId::from_parameter(format!("{drones}_drones_{worlds}_worlds")),
+                |b| {
+                    b.iter(|| fleet.step(black_box(&actions)).expect("step"));
+                },
+            );
         }
         group.finish();
     }

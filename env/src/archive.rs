@@ -1,4 +1,5 @@
-//! The state of a batch as bytes: written down, and taken back in the same order. Little-endian, the same for every thread count and instruction set.
+//! The state of a batch as bytes: written down, and taken back in the same order. Little-endian, the same for
+//! every thread count and instruction set.
 
 use crate::lanes::LANES;
 use crate::sim_scalar::BatchScalar;

@@ -1,4 +1,5 @@
-//! What a user can ask for, and the checks on it. Effects are looked up in the registry; nothing here knows any of them.
+//! What a user can ask for, and the checks on it. Effects are looked up in the registry; nothing here knows
+//! any of them.
 
 use std::collections::BTreeMap;
 
@@ -17,7 +18,9 @@ use crate::task;
 pub type EffectTable = BTreeMap<String, EffectParams>;
 
 /// Reads a table of effects; an error names the effect, which an untagged enum alone would not.
-pub(crate) fn effect_table<'de, D: serde::Deserializer<'de>>(from: D) -> std::result::Result<EffectTable, D::Error> {
+pub(crate) fn effect_table<'de, D: serde::Deserializer<'de>>(
+    from: D,
+) -> std::result::Result<EffectTable, D::Error> {
     let table = BTreeMap::<String, serde_json::Value>::deserialize(from)?;
     let read = |(name, value): (String, serde_json::Value)| match serde_json::from_value(value.clone()) {
         Ok(params) => Ok((name, params)),
@@ -94,7 +97,9 @@ impl Number {
                 libm::exp(libm::log(*a) + (libm::log(*b) - libm::log(*a)) * rng.random::<f64>())
             }
             // the deviation was checked to be finite and not negative
-            Number::Distribution(Distribution::Normal([mean, sd])) => Normal::new(*mean, *sd).map_or(*mean, |n| n.sample(rng)),
+            Number::Distribution(Distribution::Normal([mean, sd])) => {
+                Normal::new(*mean, *sd).map_or(*mean, |n| n.sample(rng))
+            }
             Number::Distribution(Distribution::Choice(of)) => of[rng.random_range(0..of.len())],
         }
     }
@@ -105,7 +110,11 @@ impl Number {
             if (param.low..=param.high).contains(&value) {
                 return Ok(());
             }
-            Err(Error::Range { name: name(), value, want: format!("{} to {} {}", param.low, param.high, param.unit) })
+            Err(Error::Range {
+                name: name(),
+                value,
+                want: format!("{} to {} {}", param.low, param.high, param.unit),
+            })
         };
         match self {
             Number::Fixed(value) => within(*value),
@@ -113,16 +122,26 @@ impl Number {
                 Err(Error::Config(format!("{} has the unit {:?}, expected {:?}", name(), q.unit, param.unit)))
             }
             Number::Sourced(q) => within(q.value),
-            Number::Distribution(Distribution::Uniform([a, b]) | Distribution::LogUniform([a, b])) if a > b => {
+            Number::Distribution(Distribution::Uniform([a, b]) | Distribution::LogUniform([a, b]))
+                if a > b =>
+            {
                 Err(Error::Config(format!("{}: the lower bound {a} is above the upper bound {b}", name())))
             }
-            Number::Distribution(Distribution::LogUniform([a, _])) if *a <= 0.0 => {
-                Err(Error::Range { name: name(), value: *a, want: "a positive lower bound for log_uniform".into() })
+            Number::Distribution(Distribution::LogUniform([a, _])) if *a <= 0.0 => Err(Error::Range {
+                name: name(),
+                value: *a,
+                want: "a positive lower bound for log_uniform".into(),
+            }),
+            Number::Distribution(Distribution::Uniform([a, b]) | Distribution::LogUniform([a, b])) => {
+                within(*a).and_then(|()| within(*b))
             }
-            Number::Distribution(Distribution::Uniform([a, b]) | Distribution::LogUniform([a, b])) => within(*a).and_then(|()| within(*b)),
             Number::Distribution(Distribution::Normal([mean, sd])) => {
                 if !(*sd >= 0.0 && sd.is_finite()) {
-                    return Err(Error::Range { name: name(), value: *sd, want: "a standard deviation of at least 0".into() });
+                    return Err(Error::Range {
+                        name: name(),
+                        value: *sd,
+                        want: "a standard deviation of at least 0".into(),
+                    });
                 }
                 within(*mean)
             }
@@ -174,8 +193,13 @@ pub fn check_effects(table: &EffectTable) -> Result<()> {
         if let EffectParams::Named(map) = given {
             for param in map.keys() {
                 if !entry.params.iter().any(|p| p.name == param) {
-                    let known: Vec<String> = entry.params.iter().map(|p| format!("{name}.{}", p.name)).collect();
-                    return Err(unknown("parameter of this effect", &format!("{name}.{param}"), known.iter().map(String::as_str)));
+                    let known: Vec<String> =
+                        entry.params.iter().map(|p| format!("{name}.{}", p.name)).collect();
+                    return Err(unknown(
+                        "parameter of this effect",
+                        &format!("{name}.{param}"),
+                        known.iter().map(String::as_str),
+                    ));
                 }
             }
         }
@@ -199,7 +223,8 @@ pub enum Autoreset {
     Disabled,
 }
 
-/// Lift that one Crazyflie loses a quarter of a metre below another (see the effect `downwash`): drones that share the air feel each other.
+/// Lift that one Crazyflie loses a quarter of a metre below another (see the effect `downwash`): drones that
+/// share the air feel each other.
 const DOWNWASH_N: f64 = 0.118;
 
 /// What differs from drone to drone of a world.
@@ -224,7 +249,8 @@ pub struct Options {
     /// Effects that are on, by name; an entry replaces that of the model file.
     #[serde(deserialize_with = "effect_table")]
     pub effects: EffectTable,
-    /// Physics steps per second; what the active effects need unless given. The linear model itself is exact at any rate.
+    /// Physics steps per second; what the active effects need unless given. The linear model itself is exact
+    /// at any rate.
     pub physics_hz: Option<u32>,
     /// Treatment of environments whose episode has ended.
     pub autoreset: Autoreset,
@@ -266,14 +292,19 @@ impl Default for Options {
 }
 
 impl Options {
-    /// From JSON. Where a task has several drones, the effect `downwash` is on unless the text says otherwise.
+    /// From JSON. Where a task has several drones, the effect `downwash` is on unless the text says
+    /// otherwise.
     ///
     /// # Errors
-    /// [`Error::Config`] for bad JSON or unknown fields, [`Error::Unknown`] for the task, [`Error::Range`]; see also [`check_effects`].
+    /// [`Error::Config`] for bad JSON or unknown fields, [`Error::Unknown`] for the task, [`Error::Range`];
+    /// see also [`check_effects`].
     pub fn parse(text: &str) -> Result<Options> {
         let mut options: Options = serde_json::from_str(text).map_err(|e| Error::Config(e.to_string()))?;
         if task::find(&options.task)?.drones > 1 {
-            options.effects.entry("downwash".into()).or_insert(EffectParams::First(Number::Fixed(DOWNWASH_N)));
+            options
+                .effects
+                .entry("downwash".into())
+                .or_insert(EffectParams::First(Number::Fixed(DOWNWASH_N)));
         }
         check_effects(&options.effects)?;
         options.each.iter().try_for_each(|each| check_effects(&each.effects))?;
@@ -292,10 +323,16 @@ impl Options {
     /// # Errors
     /// [`Error::Range`] unless there are as many entries of `each` and `models` as drones (or one model).
     pub(crate) fn check_drones(&self, drones: usize, models: usize) -> Result<()> {
-        let wrong = |name: &str, value: usize, want: String| Err(Error::Range { name: name.into(), value: value as f64, want });
+        let wrong = |name: &str, value: usize, want: String| {
+            Err(Error::Range { name: name.into(), value: value as f64, want })
+        };
         let each = self.each.len();
         if each != 0 && each != drones {
-            return wrong("the number of entries of each", each, format!("0 or {drones}, one for each drone"));
+            return wrong(
+                "the number of entries of each",
+                each,
+                format!("0 or {drones}, one for each drone"),
+            );
         }
         if models != 1 && models != drones {
             return wrong("the number of models", models, format!("1 or {drones}, one for each drone"));

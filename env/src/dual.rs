@@ -1,5 +1,6 @@
-//! A number with its derivatives in [`DIRECTIONS`] directions (forward-mode automatic differentiation): fitting runs the simulator's own
-//! formulas on it. Draws of noise are their means, so that a world of duals predicts what is expected.
+//! A number with its derivatives in [`DIRECTIONS`] directions (forward-mode automatic differentiation):
+//! fitting runs the simulator's own formulas on it. Draws of noise are their means, so that a world of duals
+//! predicts what is expected.
 
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
@@ -8,8 +9,8 @@ use crate::scalar::Scalar;
 /// Derivatives carried along: twelve states, six disturbances and six parameters fit in one pass of a filter.
 pub const DIRECTIONS: usize = 24;
 
-/// A value and its derivatives, of single precision: they say in which direction to step and how far off an estimate may be, and half of the time
-/// of a fit goes to moving them about.
+/// A value and its derivatives, of single precision: they say in which direction to step and how far off an
+/// estimate may be, and half of the time of a fit goes to moving them about.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Dual {
     /// Value in double precision, the same as a plain `f64` would have.
@@ -207,7 +208,8 @@ mod tests {
     fn formula<R: Scalar>(x: R, y: R) -> R {
         let (s, c) = (x * y).sin_cos();
         let bent = R::select(x.lt(y), x.max(y).sqrt(), x.min(y)) + (x - y).abs();
-        (s / (R::from_f64(2.0) + c)).exp() * bent.powf(y) - x.tan() + (-y).clamp(R::from_f64(-0.9), R::from_f64(0.9))
+        (s / (R::from_f64(2.0) + c)).exp() * bent.powf(y) - x.tan()
+            + (-y).clamp(R::from_f64(-0.9), R::from_f64(0.9))
     }
 
     #[test]
@@ -216,9 +218,17 @@ mod tests {
             let dual = formula(Dual::variable(x, 3), Dual::variable(y, 9));
             assert_eq!(dual.value, formula(x, y));
             let h = 1e-6;
-            let by_difference = [(formula(x + h, y) - formula(x - h, y)) / (2.0 * h), (formula(x, y + h) - formula(x, y - h)) / (2.0 * h)];
-            for (slope, difference) in [dual.slope[3], dual.slope[9]].map(f64::from).into_iter().zip(by_difference) {
-                assert!((slope - difference).abs() < 1e-6 * (1.0 + difference.abs()), "{x} {y}: {slope} against {difference}");
+            let by_difference = [
+                (formula(x + h, y) - formula(x - h, y)) / (2.0 * h),
+                (formula(x, y + h) - formula(x, y - h)) / (2.0 * h),
+            ];
+            for (slope, difference) in
+                [dual.slope[3], dual.slope[9]].map(f64::from).into_iter().zip(by_difference)
+            {
+                assert!(
+                    (slope - difference).abs() < 1e-6 * (1.0 + difference.abs()),
+                    "{x} {y}: {slope} against {difference}"
+                );
             }
             assert_eq!(dual.slope[0], 0.0);
         }

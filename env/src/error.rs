@@ -41,7 +41,11 @@ pub fn unknown<'a>(what: &'static str, name: &str, known: impl IntoIterator<Item
 /// # Errors
 /// [`Error::Shape`] unless `got == want`.
 pub fn check_length(what: &'static str, want: usize, got: usize) -> Result<()> {
-    if want == got { Ok(()) } else { Err(Error::Shape { what, want: format!("{want} numbers"), got: got.to_string() }) }
+    if want == got {
+        Ok(())
+    } else {
+        Err(Error::Shape { what, want: format!("{want} numbers"), got: got.to_string() })
+    }
 }
 
 /// The value, where it is within `low..=high`.
@@ -49,5 +53,9 @@ pub fn check_length(what: &'static str, want: usize, got: usize) -> Result<()> {
 /// # Errors
 /// [`Error::Range`] elsewhere.
 pub fn check_range(name: &str, value: f64, low: f64, high: f64) -> Result<f64> {
-    if (low..=high).contains(&value) { Ok(value) } else { Err(Error::Range { name: name.into(), value, want: format!("{low} to {high}") }) }
+    if (low..=high).contains(&value) {
+        Ok(value)
+    } else {
+        Err(Error::Range { name: name.into(), value, want: format!("{low} to {high}") })
+    }
 }

@@ -65,8 +65,9 @@ impl Level {
     }
 }
 
-/// Functions that run a piece of code compiled for an instruction set. The compiler does not fuse multiplications with additions on its
-/// own, also where the instruction set would have it (AVX-512 does): that would change the bits.
+/// Functions that run a piece of code compiled for an instruction set. The compiler does not fuse
+/// multiplications with additions on its own, also where the instruction set would have it (AVX-512 does):
+/// that would change the bits.
 #[cfg(target_arch = "x86_64")]
 macro_rules! compiled_for {
     ($name:ident, $features:literal) => {

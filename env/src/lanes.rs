@@ -1,5 +1,5 @@
-//! Sixteen drones at once in four registers of four, which every target has (SSE2, NEON, or arrays where there are none).
-//! [`crate::lanes_avx2`] and [`crate::lanes_avx512`] are the same in wider registers.
+//! Sixteen drones at once in four registers of four, which every target has (SSE2, NEON, or arrays where
+//! there are none). [`crate::lanes_avx2`] and [`crate::lanes_avx512`] are the same in wider registers.
 
 use std::ops::{Add, AddAssign, BitAnd, BitOr, BitXor, Div, Mul, Neg, Not, Sub, SubAssign};
 
@@ -37,8 +37,8 @@ macro_rules! quads {
     }};
 }
 
-/// What lanes in registers have in common: the numbers in their order, and what follows from the operators. The one that invokes it
-/// promises that the types are plain registers of 16 * 32 bits.
+/// What lanes in registers have in common: the numbers in their order, and what follows from the operators.
+/// The one that invokes it promises that the types are plain registers of 16 * 32 bits.
 #[cfg(target_arch = "x86_64")]
 macro_rules! in_registers {
     ($lanes:ident, $words:ident, $mask:ident) => {
@@ -46,7 +46,8 @@ macro_rules! in_registers {
             /// The lanes in order.
             #[inline(always)]
             pub fn array(&self) -> &[f32; LANES] {
-                // SAFETY: the same size, at least the alignment, and every bit pattern is a value of both types
+                // SAFETY: the same size, at least the alignment, and every bit pattern is a value of both
+                // types
                 unsafe { &*std::ptr::from_ref(self).cast() }
             }
             #[inline(always)]
@@ -206,7 +207,8 @@ impl Word for LaneWord {
     }
 }
 
-/// Adding and subtracting 1.5 * 2^23 leaves the nearest integer of an `f32`: a rounding that every instruction set has.
+/// Adding and subtracting 1.5 * 2^23 leaves the nearest integer of an `f32`: a rounding that every
+/// instruction set has.
 const ROUND_F32: f32 = 12_582_912.0;
 
 /// Words as the signed integers that they are, as numbers.
@@ -255,7 +257,12 @@ impl Scalar for Lanes {
     #[inline(always)]
     fn select(mask: LaneMask, yes: Self, no: Self) -> Self {
         let (m, y, n) = (mask.0, yes.0, no.0);
-        Lanes([m[0].bitselect(y[0], n[0]), m[1].bitselect(y[1], n[1]), m[2].bitselect(y[2], n[2]), m[3].bitselect(y[3], n[3])])
+        Lanes([
+            m[0].bitselect(y[0], n[0]),
+            m[1].bitselect(y[1], n[1]),
+            m[2].bitselect(y[2], n[2]),
+            m[3].bitselect(y[3], n[3]),
+        ])
     }
     #[inline(always)]
     fn any(mask: LaneMask) -> bool {
@@ -288,7 +295,9 @@ impl Scalar for Lanes {
     fn scale_exponent(self, exponent: Self) -> Self {
         // 2^n from the low bits of n + 1.5 * 2^23, which hold the integer n
         let integer = exponent + Lanes::splat(ROUND_F32);
-        let power = quads!(integer, |n: f32x4| bytemuck::cast((bytemuck::cast::<_, u32x4>(n) + u32x4::splat(127)) << 23_u32));
+        let power = quads!(integer, |n: f32x4| bytemuck::cast(
+            (bytemuck::cast::<_, u32x4>(n) + u32x4::splat(127)) << 23_u32
+        ));
         self * Lanes(power)
     }
     #[inline(always)]

@@ -1,8 +1,10 @@
-//! Sixteen drones at once in two AVX2 registers; operation for operation the same results as [`crate::lanes::Lanes`].
+//! Sixteen drones at once in two AVX2 registers; operation for operation the same results as
+//! [`crate::lanes::Lanes`].
 //!
-//! SAFETY, for all of this file: the intrinsics need a processor with AVX2. Values of these types are made only inside tiles, stages and
-//! judges that [`crate::vector`] builds for a [`crate::isa::Level`] of AVX2, and such a level exists only after
-//! `is_x86_feature_detected!("avx2")` said yes (see `isa.rs`). The types are private to the crate, so nobody else can make one.
+//! SAFETY, for all of this file: the intrinsics need a processor with AVX2. Values of these types are made
+//! only inside tiles, stages and judges that [`crate::vector`] builds for a [`crate::isa::Level`] of AVX2,
+//! and such a level exists only after `is_x86_feature_detected!("avx2")` said yes (see `isa.rs`). The types
+//! are private to the crate, so nobody else can make one.
 #![allow(unsafe_code)]
 
 use std::arch::x86_64::*;
@@ -104,7 +106,12 @@ impl Word for Words {
     fn shr(self, bits: u32) -> Self {
         let count = bits as i32;
         // SAFETY: see the head of this file
-        Words(unsafe { [_mm256_srl_epi32(self.0[0], _mm_cvtsi32_si128(count)), _mm256_srl_epi32(self.0[1], _mm_cvtsi32_si128(count))] })
+        Words(unsafe {
+            [
+                _mm256_srl_epi32(self.0[0], _mm_cvtsi32_si128(count)),
+                _mm256_srl_epi32(self.0[1], _mm_cvtsi32_si128(count)),
+            ]
+        })
     }
     fn set_lane(&mut self, lane: usize, value: u32) {
         self.array_mut()[lane] = value;
@@ -226,14 +233,16 @@ impl Scalar for Lanes {
         const SQRT_HALF_BITS: u32 = 0x3f35_04f3;
         let shifted = self.words().add(word(SQRT_HALF_BITS.wrapping_neg()));
         // SAFETY: see the head of this file
-        let exponent = Words(unsafe { [_mm256_srai_epi32::<23>(shifted.0[0]), _mm256_srai_epi32::<23>(shifted.0[1])] });
+        let exponent =
+            Words(unsafe { [_mm256_srai_epi32::<23>(shifted.0[0]), _mm256_srai_epi32::<23>(shifted.0[1])] });
         (shifted.and(word(0x007f_ffff)).add(word(SQRT_HALF_BITS)).lanes(), exponent.numbers())
     }
     #[inline(always)]
     fn scale_exponent(self, exponent: Self) -> Self {
         let integer = (exponent + Self::from_f64(ROUND)).words().add(word(127));
         // SAFETY: see the head of this file
-        let power = Words(unsafe { [_mm256_slli_epi32::<23>(integer.0[0]), _mm256_slli_epi32::<23>(integer.0[1])] });
+        let power =
+            Words(unsafe { [_mm256_slli_epi32::<23>(integer.0[0]), _mm256_slli_epi32::<23>(integer.0[1])] });
         self * power.lanes()
     }
     #[inline(always)]
@@ -259,16 +268,20 @@ fn transpose(r: [__m256; 8]) -> [__m256; 8] {
     // SAFETY: see the head of this file
     unsafe {
         let pairs = |a, b| (_mm256_unpacklo_ps(a, b), _mm256_unpackhi_ps(a, b));
-        let ((a0, a1), (a2, a3), (a4, a5), (a6, a7)) = (pairs(r[0], r[1]), pairs(r[2], r[3]), pairs(r[4], r[5]), pairs(r[6], r[7]));
+        let ((a0, a1), (a2, a3), (a4, a5), (a6, a7)) =
+            (pairs(r[0], r[1]), pairs(r[2], r[3]), pairs(r[4], r[5]), pairs(r[6], r[7]));
         let fours = |a, b| (_mm256_shuffle_ps::<0x44>(a, b), _mm256_shuffle_ps::<0xee>(a, b));
-        let ((b0, b1), (b2, b3), (b4, b5), (b6, b7)) = (fours(a0, a2), fours(a1, a3), fours(a4, a6), fours(a5, a7));
+        let ((b0, b1), (b2, b3), (b4, b5), (b6, b7)) =
+            (fours(a0, a2), fours(a1, a3), fours(a4, a6), fours(a5, a7));
         let halves = |a, b| (_mm256_permute2f128_ps::<0x20>(a, b), _mm256_permute2f128_ps::<0x31>(a, b));
-        let ((c0, c4), (c1, c5), (c2, c6), (c3, c7)) = (halves(b0, b4), halves(b1, b5), halves(b2, b6), halves(b3, b7));
+        let ((c0, c4), (c1, c5), (c2, c6), (c3, c7)) =
+            (halves(b0, b4), halves(b1, b5), halves(b2, b6), halves(b3, b7));
         [c0, c1, c2, c3, c4, c5, c6, c7]
     }
 }
 
-/// Lanes as sixteen rows of `N` numbers, `stride` apart: blocks of eight columns through registers, a rest one by one.
+/// Lanes as sixteen rows of `N` numbers, `stride` apart: blocks of eight columns through registers, a rest
+/// one by one.
 ///
 /// # Panics
 /// If `rows` ends before the last of them does.
@@ -284,7 +297,8 @@ pub fn write<const N: usize>(values: &[Lanes; N], rows: &mut [f32], stride: usiz
             }
             let block = transpose(block);
             for i in 0..8 {
-                // SAFETY: lane 8 * half + i < 16 and first + 8 <= N, so the eight numbers lie within what the assertion says is there
+                // SAFETY: lane 8 * half + i < 16 and first + 8 <= N, so the eight numbers lie within what the
+                // assertion says is there
                 unsafe { _mm256_storeu_ps(out.add((8 * half + i) * stride + first), block[i]) };
             }
         }
@@ -308,7 +322,12 @@ pub fn read4(rows: &[f32]) -> [Lanes; 4] {
         // SAFETY: 32 numbers from 32 * half on lie within the 64 of the assertion
         let [a, b, c, d] = unsafe {
             let at = rows.as_ptr().add(32 * half);
-            [_mm256_loadu_ps(at), _mm256_loadu_ps(at.add(8)), _mm256_loadu_ps(at.add(16)), _mm256_loadu_ps(at.add(24))]
+            [
+                _mm256_loadu_ps(at),
+                _mm256_loadu_ps(at.add(8)),
+                _mm256_loadu_ps(at.add(16)),
+                _mm256_loadu_ps(at.add(24)),
+            ]
         };
         // SAFETY: see the head of this file
         let columns = unsafe {

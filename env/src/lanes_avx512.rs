@@ -1,8 +1,10 @@
-//! Sixteen drones at once in one AVX-512 register; operation for operation the same results as [`crate::lanes::Lanes`].
+//! Sixteen drones at once in one AVX-512 register; operation for operation the same results as
+//! [`crate::lanes::Lanes`].
 //!
-//! SAFETY, for all of this file: the intrinsics need a processor with AVX-512 F and DQ. Values of these types are made only inside tiles,
-//! stages and judges that [`crate::vector`] builds for a [`crate::isa::Level`] of AVX-512, and such a level exists only after
-//! `is_x86_feature_detected!` said yes to both (see `isa.rs`). The types are private to the crate, so nobody else can make one.
+//! SAFETY, for all of this file: the intrinsics need a processor with AVX-512 F and DQ. Values of these types
+//! are made only inside tiles, stages and judges that [`crate::vector`] builds for a [`crate::isa::Level`] of
+//! AVX-512, and such a level exists only after `is_x86_feature_detected!` said yes to both (see `isa.rs`).
+//! The types are private to the crate, so nobody else can make one.
 #![allow(unsafe_code)]
 
 use std::arch::x86_64::*;
@@ -256,7 +258,8 @@ impl Scalar for Lanes {
     }
 }
 
-/// Four columns of sixteen rows: number `i` of the result has the rows `i`, `i` + 4, `i` + 8 and `i` + 12, one in each quarter.
+/// Four columns of sixteen rows: number `i` of the result has the rows `i`, `i` + 4, `i` + 8 and `i` + 12,
+/// one in each quarter.
 #[inline(always)]
 fn quarters(values: &[Lanes]) -> [Lanes; 4] {
     let (a, b, c, d) = (values[0].0, values[1].0, values[2].0, values[3].0);
@@ -273,8 +276,9 @@ fn quarters(values: &[Lanes]) -> [Lanes; 4] {
     }
 }
 
-/// Lanes as sixteen rows of `N` numbers, `stride` apart: blocks of sixteen columns, then of eight, then of four, through registers. (Wide stores, because
-/// of narrow ones the compiler makes narrow shuffles, and of those the processor does one per cycle.)
+/// Lanes as sixteen rows of `N` numbers, `stride` apart: blocks of sixteen columns, then of eight, then of
+/// four, through registers. (Wide stores, because of narrow ones the compiler makes narrow shuffles, and of
+/// those the processor does one per cycle.)
 ///
 /// # Panics
 /// If `rows` ends before the last of them does. It does not compile unless `N` is divisible by four.
@@ -284,8 +288,8 @@ pub fn write<const N: usize>(values: &[Lanes; N], rows: &mut [f32], stride: usiz
     assert!(rows.len() >= (LANES - 1) * stride + N);
     let out = rows.as_mut_ptr();
     let mut first = 0;
-    // SAFETY: each call writes the columns from `first` on, of which there are as many as the condition says, in sixteen rows of N numbers,
-    // of which the assertion says that they are there
+    // SAFETY: each call writes the columns from `first` on, of which there are as many as the condition says,
+    // in sixteen rows of N numbers, of which the assertion says that they are there
     unsafe {
         while first + 16 <= N {
             write16(&values[first..first + 16], out.add(first), stride);
@@ -305,13 +309,16 @@ pub fn write<const N: usize>(values: &[Lanes; N], rows: &mut [f32], stride: usiz
 /// There must be 16 numbers in each of 16 rows at `out`, `stride` apart.
 #[inline(always)]
 unsafe fn write16(values: &[Lanes], out: *mut f32, stride: usize) {
-    let (a, b, c, d) = (quarters(&values[..4]), quarters(&values[4..8]), quarters(&values[8..12]), quarters(&values[12..]));
+    let (a, b, c, d) =
+        (quarters(&values[..4]), quarters(&values[4..8]), quarters(&values[8..12]), quarters(&values[12..]));
     for i in 0..4 {
         // SAFETY: row i + 12 is at most the last; and see the head of this file
         unsafe {
             // quarters of even and of odd rows, then row by row
-            let (ab, cd) = (_mm512_shuffle_f32x4::<0x88>(a[i].0, b[i].0), _mm512_shuffle_f32x4::<0x88>(c[i].0, d[i].0));
-            let (ef, gh) = (_mm512_shuffle_f32x4::<0xdd>(a[i].0, b[i].0), _mm512_shuffle_f32x4::<0xdd>(c[i].0, d[i].0));
+            let (ab, cd) =
+                (_mm512_shuffle_f32x4::<0x88>(a[i].0, b[i].0), _mm512_shuffle_f32x4::<0x88>(c[i].0, d[i].0));
+            let (ef, gh) =
+                (_mm512_shuffle_f32x4::<0xdd>(a[i].0, b[i].0), _mm512_shuffle_f32x4::<0xdd>(c[i].0, d[i].0));
             _mm512_storeu_ps(out.add(i * stride), _mm512_shuffle_f32x4::<0x88>(ab, cd));
             _mm512_storeu_ps(out.add((i + 4) * stride), _mm512_shuffle_f32x4::<0x88>(ef, gh));
             _mm512_storeu_ps(out.add((i + 8) * stride), _mm512_shuffle_f32x4::<0xdd>(ab, cd));
@@ -328,7 +335,8 @@ unsafe fn write8(values: &[Lanes], out: *mut f32, stride: usize) {
     for i in 0..4 {
         // SAFETY: row i + 12 is at most the last; and see the head of this file
         unsafe {
-            let (low, high) = (_mm512_setr_epi64(0, 1, 8, 9, 2, 3, 10, 11), _mm512_setr_epi64(4, 5, 12, 13, 6, 7, 14, 15));
+            let (low, high) =
+                (_mm512_setr_epi64(0, 1, 8, 9, 2, 3, 10, 11), _mm512_setr_epi64(4, 5, 12, 13, 6, 7, 14, 15));
             let (x, y) = (_mm512_castps_pd(a[i].0), _mm512_castps_pd(b[i].0));
             let (low, high) = (_mm512_permutex2var_pd(x, low, y), _mm512_permutex2var_pd(x, high, y));
             _mm256_storeu_pd(out.add(i * stride).cast(), _mm512_castpd512_pd256(low));
@@ -365,7 +373,12 @@ pub fn read4(rows: &[f32]) -> [Lanes; 4] {
     // SAFETY: four times sixteen numbers lie within the 64 of the assertion
     unsafe {
         let at = rows.as_ptr();
-        let [a, b, c, d] = [_mm512_loadu_ps(at), _mm512_loadu_ps(at.add(16)), _mm512_loadu_ps(at.add(32)), _mm512_loadu_ps(at.add(48))];
+        let [a, b, c, d] = [
+            _mm512_loadu_ps(at),
+            _mm512_loadu_ps(at.add(16)),
+            _mm512_loadu_ps(at.add(32)),
+            _mm512_loadu_ps(at.add(48)),
+        ];
         // eight rows of two columns, one in each half
         let first = _mm512_setr_epi32(0, 4, 8, 12, 16, 20, 24, 28, 1, 5, 9, 13, 17, 21, 25, 29);
         let third = _mm512_setr_epi32(2, 6, 10, 14, 18, 22, 26, 30, 3, 7, 11, 15, 19, 23, 27, 31);

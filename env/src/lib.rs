@@ -1,9 +1,7 @@
 //! The Crazyflie that the TU Darmstadt thesis identified, as a fast, vectorised environment.
 //!
-//! One way for data: [`model`] -> [`effects`] -> [`world`] -> [`task`] -> [`vector`], a batch of environments with one drone or several that share
-//! the air ([`coupling`]). No input or output, no clock, no Python here.
-
-#![warn(missing_docs)]
+//! One way for data: [`model`] -> [`effects`] -> [`world`] -> [`task`] -> [`vector`], a batch of environments
+//! with one drone or several that share the air ([`coupling`]). No input or output, no clock, no Python here.
 
 mod archive;
 pub mod config;

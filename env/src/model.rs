@@ -1,4 +1,5 @@
-//! A model is data: transfer functions with units and provenance, read from one TOML or JSON text. The thesis's is built in.
+//! A model is data: transfer functions with units and provenance, read from one TOML or JSON text. The
+//! thesis's is built in.
 
 use std::collections::BTreeMap;
 
@@ -76,8 +77,9 @@ pub struct Lateral {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "form", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Vertical {
-    /// z' = gain (u - offset) - pole z + w, w' = push - push_damping w   (thesis 5.3, 5.4). The identified form has velocity for
-    /// its input, so a push (an acceleration) needs a lag of its own, `w`, which is zero without effects.
+    /// z' = gain (u - offset) - pole z + w, w' = push - push_damping w   (thesis 5.3, 5.4). The identified
+    /// form has velocity for its input, so a push (an acceleration) needs a lag of its own, `w`, which is
+    /// zero without effects.
     FirstOrder {
         /// Climb rate per input: 1/s for a height command, m/s for PWM counts.
         gain: Quantity,
@@ -116,7 +118,8 @@ pub enum Vertical {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Verticals {
-    /// The form that is driven unless another is asked for: where the vehicle was identified. The first that the model has, unless given.
+    /// The form that is driven unless another is asked for: where the vehicle was identified. The first that
+    /// the model has, unless given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub default: Option<VerticalInput>,
     /// Form with the commanded height in metres for its input (thesis 5.3).
@@ -203,7 +206,11 @@ pub struct Model {
     /// Rates of control and sensors.
     pub rig: Rig,
     /// Effects that belong to this vehicle and are on unless the configuration says otherwise.
-    #[serde(default, skip_serializing_if = "BTreeMap::is_empty", deserialize_with = "crate::config::effect_table")]
+    #[serde(
+        default,
+        skip_serializing_if = "BTreeMap::is_empty",
+        deserialize_with = "crate::config::effect_table"
+    )]
     pub effects: EffectTable,
 }
 
@@ -235,7 +242,8 @@ impl VerticalInput {
     }
 }
 
-/// One axis as z'' or z' = ... in the two states (x, w): x' = a_xx x + a_xw w + b_x u + e_x push, likewise w; rate = x'.
+/// One axis as z'' or z' = ... in the two states (x, w): x' = a_xx x + a_xw w + b_x u + e_x push, likewise w;
+/// rate = x'.
 #[derive(Debug, Clone, Copy)]
 pub struct AxisForm {
     /// Coefficients of x and w: the rows `[a_xx, a_xw]` and `[a_wx, a_ww]`.
@@ -262,8 +270,9 @@ impl AxisForm {
     }
 }
 
-/// Push damping of the yaw integrator (thesis 5.2): a torque acts through the rate loop that the integrator idealises; 25 1/s is the
-/// bandwidth of the Crazyflie's yaw-rate loop used by the declared models of the simulated flights.
+/// Push damping of the yaw integrator (thesis 5.2): a torque acts through the rate loop that the integrator
+/// idealises; 25 1/s is the bandwidth of the Crazyflie's yaw-rate loop used by the declared models of the
+/// simulated flights.
 const YAW_PUSH_DAMPING: f64 = 25.0;
 
 fn or_zero(q: &Option<Quantity>) -> f64 {
@@ -275,8 +284,12 @@ impl Yaw {
     pub fn form(&self) -> AxisForm {
         match self {
             Yaw::Integrator { gain } => AxisForm::first_order(gain.value, 0.0, 0.0, YAW_PUSH_DAMPING),
-            Yaw::Rate { gain, bandwidth } => AxisForm::second_order(gain.value * bandwidth.value, bandwidth.value, 0.0, 0.0),
-            Yaw::SecondOrder { gain, damping, stiffness } => AxisForm::second_order(gain.value, damping.value, stiffness.value, 0.0),
+            Yaw::Rate { gain, bandwidth } => {
+                AxisForm::second_order(gain.value * bandwidth.value, bandwidth.value, 0.0, 0.0)
+            }
+            Yaw::SecondOrder { gain, damping, stiffness } => {
+                AxisForm::second_order(gain.value, damping.value, stiffness.value, 0.0)
+            }
         }
     }
     /// +1 or -1: the sign with which a commanded yaw rate turns the vehicle in the right-handed frame.
@@ -296,13 +309,17 @@ impl Vertical {
             Vertical::SecondOrder { gain, damping, stiffness, offset, .. } => {
                 AxisForm::second_order(gain.value, damping.value, stiffness.value, or_zero(offset))
             }
-            Vertical::Thrust { hover, heave } => AxisForm::second_order(gravity / hover.value, heave.value, 0.0, hover.value),
+            Vertical::Thrust { hover, heave } => {
+                AxisForm::second_order(gravity / hover.value, heave.value, 0.0, hover.value)
+            }
         }
     }
     /// The PWM that carries the weight; infinite where the command is a height.
     pub fn hover_pwm(&self) -> Option<f64> {
         match self {
-            Vertical::FirstOrder { hover, .. } | Vertical::SecondOrder { hover, .. } => hover.as_ref().map(|q| q.value),
+            Vertical::FirstOrder { hover, .. } | Vertical::SecondOrder { hover, .. } => {
+                hover.as_ref().map(|q| q.value)
+            }
             Vertical::Thrust { hover, .. } => Some(hover.value),
         }
     }
@@ -318,7 +335,8 @@ impl Model {
     /// Read a model from TOML or JSON (told apart by the first character).
     ///
     /// # Errors
-    /// [`Error::Model`] with line and column for a syntax error, or naming the quantity whose unit or value is wrong.
+    /// [`Error::Model`] with line and column for a syntax error, or naming the quantity whose unit or value
+    /// is wrong.
     pub fn parse(text: &str) -> Result<Model> {
         let bad = |problem: String| Error::Model { name: "text".into(), problem };
         let model: Model = if text.trim_start().starts_with('{') {
@@ -405,15 +423,22 @@ impl Model {
         all.push(("vehicle.arm".into(), &self.vehicle.arm, "m", POSITIVE));
         all.push(("vehicle.battery_capacity".into(), &self.vehicle.battery_capacity, "C", POSITIVE));
         all.push(("vehicle.hover_current".into(), &self.vehicle.hover_current, "A", POSITIVE));
-        all.extend(self.vehicle.battery_reference.iter().map(|q| ("vehicle.battery_reference".into(), q, "V", [1.0, 100.0])));
-        for (name, q) in [("control", &self.rig.control), ("imu", &self.rig.imu), ("camera", &self.rig.camera)] {
+        all.extend(
+            self.vehicle
+                .battery_reference
+                .iter()
+                .map(|q| ("vehicle.battery_reference".into(), q, "V", [1.0, 100.0])),
+        );
+        for (name, q) in
+            [("control", &self.rig.control), ("imu", &self.rig.imu), ("camera", &self.rig.camera)]
+        {
             all.push((format!("rig.{name}"), q, "Hz", [1.0, 2000.0]));
         }
         all
     }
 
-    /// Whether the second state of the vertical and of the yaw form is a lagged push, and not the rate itself: a state of its own, that no
-    /// measured rate tells.
+    /// Whether the second state of the vertical and of the yaw form is a lagged push, and not the rate
+    /// itself: a state of its own, that no measured rate tells.
     ///
     /// # Errors
     /// [`Error::Unknown`] if the model lacks the vertical input.
@@ -434,7 +459,9 @@ impl Model {
     pub fn parameter(&self, path: &str) -> Result<f64> {
         let all = self.quantities();
         let found = all.iter().find(|(name, ..)| name == path);
-        found.map(|(_, q, ..)| q.value).ok_or_else(|| unknown("parameter of the model", path, all.iter().map(|(name, ..)| name.as_str())))
+        found.map(|(_, q, ..)| q.value).ok_or_else(|| {
+            unknown("parameter of the model", path, all.iter().map(|(name, ..)| name.as_str()))
+        })
     }
 
     /// A copy with another value for one of [`Model::parameters`].
@@ -467,18 +494,24 @@ impl Model {
             }
         }
         if matches!(self.vertical.height, Some(Vertical::Thrust { .. })) {
-            return Err(self.problem("vertical.height has the form \"thrust\", whose input is a PWM: name it vertical.thrust".into()));
+            return Err(self.problem(
+                "vertical.height has the form \"thrust\", whose input is a PWM: name it vertical.thrust"
+                    .into(),
+            ));
         }
         for (name, vertical) in [("pwm", &self.vertical.pwm), ("thrust", &self.vertical.thrust)] {
             if vertical.as_ref().is_some_and(|v| v.hover_pwm().is_none()) {
-                return Err(self.problem(format!("vertical.{name} needs hover, the PWM that carries the weight")));
+                return Err(
+                    self.problem(format!("vertical.{name} needs hover, the PWM that carries the weight"))
+                );
             }
         }
         if self.inputs().is_empty() {
             return Err(self.problem("vertical has no form: give height, pwm or thrust".into()));
         }
         if let Some(default) = self.vertical.default.filter(|input| !self.inputs().contains(input)) {
-            return Err(self.problem(format!("vertical.default is {:?}, a form that the model lacks", default.name())));
+            return Err(self
+                .problem(format!("vertical.default is {:?}, a form that the model lacks", default.name())));
         }
         crate::schedule::Schedule::from_model(self)?;
         crate::config::check_effects(&self.effects)
@@ -487,8 +520,13 @@ impl Model {
     /// The height inputs that this model has, the default first.
     pub fn inputs(&self) -> Vec<VerticalInput> {
         let v = &self.vertical;
-        let all = [(VerticalInput::Height, &v.height), (VerticalInput::Pwm, &v.pwm), (VerticalInput::Thrust, &v.thrust)];
-        let mut inputs: Vec<VerticalInput> = all.into_iter().filter_map(|(input, form)| form.as_ref().map(|_| input)).collect();
+        let all = [
+            (VerticalInput::Height, &v.height),
+            (VerticalInput::Pwm, &v.pwm),
+            (VerticalInput::Thrust, &v.thrust),
+        ];
+        let mut inputs: Vec<VerticalInput> =
+            all.into_iter().filter_map(|(input, form)| form.as_ref().map(|_| input)).collect();
         inputs.sort_by_key(|input| Some(*input) != v.default);
         inputs
     }
@@ -505,12 +543,15 @@ impl Model {
             VerticalInput::Thrust => (&v.thrust, "thrust"),
         };
         let known = [("height", &v.height), ("pwm", &v.pwm), ("thrust", &v.thrust)];
-        form.as_ref().ok_or_else(|| unknown("vertical form of this model", name, known.iter().filter(|k| k.1.is_some()).map(|k| k.0)))
+        form.as_ref().ok_or_else(|| {
+            unknown("vertical form of this model", name, known.iter().filter(|k| k.1.is_some()).map(|k| k.0))
+        })
     }
 
-    /// The 12-state form (thesis 4.14, 4.15): A, B and C for the states (x y z, roll pitch yaw, their rates), the inputs (roll, pitch,
-    /// yaw rate, height or PWM above its offset), the outputs (z, roll, pitch, yaw, vx, vy, vz). The drag terms stand on the diagonal
-    /// and roll accelerates to -y, as in a right-handed frame. A first-order vertical or yaw form has its pole on the position itself.
+    /// The 12-state form (thesis 4.14, 4.15): A, B and C for the states (x y z, roll pitch yaw, their rates),
+    /// the inputs (roll, pitch, yaw rate, height or PWM above its offset), the outputs (z, roll, pitch, yaw,
+    /// vx, vy, vz). The drag terms stand on the diagonal and roll accelerates to -y, as in a right-handed
+    /// frame. A first-order vertical or yaw form has its pole on the position itself.
     ///
     /// # Errors
     /// [`Error::Unknown`] if the model has no such vertical form.
@@ -559,7 +600,8 @@ pub struct StateSpace {
 }
 
 impl StateSpace {
-    /// A and B over `duration_s` with the input held: exact, by the matrix exponential of the augmented system.
+    /// A and B over `duration_s` with the input held: exact, by the matrix exponential of the augmented
+    /// system.
     pub fn discrete(&self, duration_s: f64) -> (SMatrix<f64, 12, 12>, SMatrix<f64, 12, 4>) {
         let mut augmented = SMatrix::<f64, 16, 16>::zeros();
         augmented.fixed_view_mut::<12, 12>(0, 0).copy_from(&self.a);

@@ -1,9 +1,10 @@
-//! Counter-based noise: a draw is a pure function of (episode key, tick, channel), so it does not depend on the batch size, the
-//! number of threads, or on which other effects draw.
+//! Counter-based noise: a draw is a pure function of (episode key, tick, channel), so it does not depend on
+//! the batch size, the number of threads, or on which other effects draw.
 
 use crate::scalar::{Scalar, Word};
 
-/// Bijective 32-bit mixing with low bias; constants from the search of C. Wellons, "Prospecting for hash functions" (2018).
+/// Bijective 32-bit mixing with low bias; constants from the search of C. Wellons, "Prospecting for hash
+/// functions" (2018).
 #[inline(always)]
 fn mix<W: Word>(x: W) -> W {
     let x = (x ^ x.shr(16)).mul(W::from_u32(0x7feb_352d));
@@ -11,7 +12,8 @@ fn mix<W: Word>(x: W) -> W {
     x ^ x.shr(16)
 }
 
-/// 64-bit finaliser of splitmix64 (Steele, Lea, Flood 2014): seeds that differ by one bit give unrelated keys.
+/// 64-bit finaliser of splitmix64 (Steele, Lea, Flood 2014): seeds that differ by one bit give unrelated
+/// keys.
 pub fn scramble(x: u64) -> u64 {
     let x = x.wrapping_add(0x9e37_79b9_7f4a_7c15);
     let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

@@ -1,4 +1,5 @@
-//! What an agent and a controller see: what the rig could measure, as one row of numbers, and the commands they give.
+//! What an agent and a controller see: what the rig could measure, as one row of numbers, and the commands
+//! they give.
 
 use serde::{Deserialize, Serialize};
 
@@ -42,21 +43,37 @@ impl Field {
 }
 
 /// Flag of the newest camera frame, index 5 of a row.
-pub const MARKER_VALID: Field = field("marker_valid", 5, 1, "1", [0.0, 1.0], "1 while the newest frame showed the marker");
+pub const MARKER_VALID: Field =
+    field("marker_valid", 5, 1, "1", [0.0, 1.0], "1 while the newest frame showed the marker");
 /// Target position and heading in the world frame, from index 16 of a row.
-pub const SETPOINT: Field = field("setpoint", 16, 4, "m, rad", [-10.0, 10.0], "where to be now: x, y, z, yaw");
+pub const SETPOINT: Field =
+    field("setpoint", 16, 4, "m, rad", [-10.0, 10.0], "where to be now: x, y, z, yaw");
 /// Action of the tick before, from index 20 of a row.
 pub const LAST_ACTION: Field = field("last_action", 20, 4, "1", [-1.0, 1.0], "the previous action");
 
 /// The layout of an observation row.
 pub const FIELDS: [Field; 10] = [
-    field("marker_pos_m", 0, 3, "m", [-10.0, 10.0], "position over the marker, from the last camera frame that showed it"),
+    field(
+        "marker_pos_m",
+        0,
+        3,
+        "m",
+        [-10.0, 10.0],
+        "position over the marker, from the last camera frame that showed it",
+    ),
     field("marker_yaw_rad", 3, 1, "rad", [-PI, PI], "heading from the same frame"),
     field("marker_age_s", 4, 1, "s", [0.0, 60.0], "time since that frame was captured"),
     MARKER_VALID,
     field("attitude_rad", 6, 3, "rad", [-PI, PI], "roll, pitch, yaw by the IMU"),
     field("gyro_radps", 9, 3, "rad/s", [-34.9, 34.9], "rates by the IMU; range of the MPU-9250, 2000 deg/s"),
-    field("acc_mps2", 12, 3, "m/s^2", [-157.0, 157.0], "specific force along the body axes; range of the MPU-9250, 16 g"),
+    field(
+        "acc_mps2",
+        12,
+        3,
+        "m/s^2",
+        [-157.0, 157.0],
+        "specific force along the body axes; range of the MPU-9250, 16 g",
+    ),
     field("vbat_v", 15, 1, "V", [0.0, 5.0], "battery voltage"),
     SETPOINT,
     LAST_ACTION,
@@ -108,7 +125,12 @@ fn angle<R: Scalar>(a: R) -> R {
 
 /// The observation row of a reading.
 #[inline(always)]
-pub fn observe<R: Scalar>(y: &Reading<R>, now_s: R, setpoint: &Setpoint<R>, action: &[R; ACTION]) -> [R; OBSERVATION] {
+pub fn observe<R: Scalar>(
+    y: &Reading<R>,
+    now_s: R,
+    setpoint: &Setpoint<R>,
+    action: &[R; ACTION],
+) -> [R; OBSERVATION] {
     let m = &y.marker;
     let [px, py, pz] = each(
         m.pos_m,
@@ -116,7 +138,8 @@ pub fn observe<R: Scalar>(y: &Reading<R>, now_s: R, setpoint: &Setpoint<R>, acti
         |p| cut(p, 10.0),
     );
     let age = (now_s - m.t_s).min(R::from_f64(60.0));
-    let [ar, ap, ay] = [cut(y.att_rad[0], PI as f32 as f64), cut(y.att_rad[1], PI as f32 as f64), angle(y.att_rad[2])];
+    let [ar, ap, ay] =
+        [cut(y.att_rad[0], PI as f32 as f64), cut(y.att_rad[1], PI as f32 as f64), angle(y.att_rad[2])];
     let [gx, gy, gz] = each(
         y.gyro_radps,
         #[inline(always)]
@@ -132,7 +155,10 @@ pub fn observe<R: Scalar>(y: &Reading<R>, now_s: R, setpoint: &Setpoint<R>, acti
     let [a0, a1, a2, a3] = *action;
     let m_yaw = angle(m.yaw_rad);
     let s_yaw = setpoint.yaw_rad;
-    [px, py, pz, m_yaw, age, m.valid, ar, ap, ay, gx, gy, gz, ax, ay_, az, vbat, sx, sy, sz, s_yaw, a0, a1, a2, a3]
+    [
+        px, py, pz, m_yaw, age, m.valid, ar, ap, ay, gx, gy, gz, ax, ay_, az, vbat, sx, sy, sz, s_yaw, a0,
+        a1, a2, a3,
+    ]
 }
 
 /// What an action of 1 commands, as numbers of the lanes.

@@ -1,4 +1,5 @@
-//! The identified linear model, stepped exactly: zero-order hold of commands and pushes, by the matrix exponential.
+//! The identified linear model, stepped exactly: zero-order hold of commands and pushes, by the matrix
+//! exponential.
 
 use nalgebra::SMatrix;
 
@@ -6,7 +7,8 @@ use crate::error::Result;
 use crate::model::{AxisForm, Model, Tilt, VerticalInput};
 use crate::scalar::{Scalar, dot};
 
-/// What moves. World frame: x right, y forward, z up; right-handed angles; +pitch accelerates to +x, +roll to -y at zero yaw.
+/// What moves. World frame: x right, y forward, z up; right-handed angles; +pitch accelerates to +x, +roll to
+/// -y at zero yaw.
 #[derive(Debug, Clone, Copy)]
 pub struct State<R> {
     /// Position of the centre of mass.
@@ -17,7 +19,8 @@ pub struct State<R> {
     pub att_rad: [R; 3],
     /// Their rates.
     pub rate_radps: [R; 3],
-    /// Second state of the vertical and of the yaw form: the rate itself for a second-order form, the lagged push for a first-order one.
+    /// Second state of the vertical and of the yaw form: the rate itself for a second-order form, the lagged
+    /// push for a first-order one.
     pub aux: [R; 2],
 }
 
@@ -34,7 +37,8 @@ pub struct Command<R> {
     pub lift: R,
 }
 
-/// What effects add to the motion: accelerations in the world frame, angular accelerations about the body axes.
+/// What effects add to the motion: accelerations in the world frame, angular accelerations about the body
+/// axes.
 #[derive(Debug, Clone, Copy)]
 pub struct Accelerations<R> {
     /// Linear accelerations along x, y, z.
@@ -104,7 +108,12 @@ impl<R: Scalar> AxisStep<R> {
         }
         let e = (m * h_s).exp();
         let row = |i: usize| std::array::from_fn(|j| R::from_f64(e[(i, j)]));
-        AxisStep { x: row(0), w: row(1), rate: [form.a[0][0], form.a[0][1], form.u[0]].map(R::from_f64), offset: R::from_f64(form.offset) }
+        AxisStep {
+            x: row(0),
+            w: row(1),
+            rate: [form.a[0][0], form.a[0][1], form.u[0]].map(R::from_f64),
+            offset: R::from_f64(form.offset),
+        }
     }
 
     #[inline(always)]
@@ -116,7 +125,8 @@ impl<R: Scalar> AxisStep<R> {
     }
 }
 
-/// One tilt axis with the sideways motion that it causes: rows for angle, rate, velocity and distance gained along the body axis.
+/// One tilt axis with the sideways motion that it causes: rows for angle, rate, velocity and distance gained
+/// along the body axis.
 #[derive(Debug, Clone, Copy)]
 struct TiltStep<R> {
     angle: [R; 3],
@@ -132,7 +142,12 @@ impl<R: Scalar> TiltStep<R> {
     fn step(&self, angle: R, rate: R, command: R, push: R) -> [R; 4] {
         let u = command + push * self.per_push;
         let held = [angle, rate, u];
-        [dot(&self.angle, held), dot(&self.rate, held), dot(&self.gained_mps, held), dot(&self.gained_m, held)]
+        [
+            dot(&self.angle, held),
+            dot(&self.rate, held),
+            dot(&self.gained_mps, held),
+            dot(&self.gained_m, held),
+        ]
     }
 }
 
@@ -206,7 +221,8 @@ pub(crate) struct Plant<R> {
     pitch: TiltStep<R>,
     yaw: AxisStep<R>,
     vertical: AxisStep<R>,
-    /// What is left of a velocity, how far it carries, and both for a held acceleration (drag of 4.15; none in the thesis).
+    /// What is left of a velocity, how far it carries, and both for a held acceleration (drag of 4.15; none
+    /// in the thesis).
     keep: R,
     carry_s: R,
     acc_s: R,
@@ -220,8 +236,8 @@ impl<R: Scalar> Plant<R> {
     /// [`crate::Error::Unknown`] if the model lacks the vertical input.
     pub fn new(model: &Model, input: VerticalInput, h_s: f64) -> Result<Self> {
         let (g, drag) = (model.lateral.gravity.value, model.lateral.drag.value);
-        // Matrices of static size: nalgebra multiplies dynamic ones with a kernel that picks fused multiply-add at run time, and the
-        // last bits would depend on the machine.
+        // Matrices of static size: nalgebra multiplies dynamic ones with a kernel that picks fused
+        // multiply-add at run time, and the last bits would depend on the machine.
         let tilt_step = |tilt: &Tilt| {
             // states: distance, velocity, angle, rate; input: commanded angle
             let mut m = SMatrix::<f64, 5, 5>::zeros();
@@ -234,7 +250,13 @@ impl<R: Scalar> Plant<R> {
             m[(3, 4)] = tilt.gain.value;
             let e = (m * h_s).exp();
             let row = |i: usize| [2, 3, 4].map(|j| R::from_f64(e[(i, j)]));
-            TiltStep { angle: row(2), rate: row(3), gained_mps: row(1), gained_m: row(0), per_push: R::from_f64(1.0 / tilt.gain.value) }
+            TiltStep {
+                angle: row(2),
+                rate: row(3),
+                gained_mps: row(1),
+                gained_m: row(0),
+                per_push: R::from_f64(1.0 / tilt.gain.value),
+            }
         };
         // states: distance, velocity; input: acceleration
         let e = (SMatrix::<f64, 3, 3>::new(0.0, 1.0, 0.0, 0.0, -drag, 1.0, 0.0, 0.0, 0.0) * h_s).exp();
@@ -251,13 +273,21 @@ impl<R: Scalar> Plant<R> {
         })
     }
 
-    /// The state one step later, and the heading at mid-step, command and push held. Exact for the linear model; a turning vehicle's sideways acceleration is
-    /// taken along its heading at mid-step.
+    /// The state one step later, and the heading at mid-step, command and push held. Exact for the linear
+    /// model; a turning vehicle's sideways acceleration is taken along its heading at mid-step.
     #[inline(always)]
-    pub fn advance(&self, x: &State<R>, u: &Command<R>, push: &Accelerations<R>) -> (State<R>, YawRotation<R>) {
-        let [roll, roll_rate, right_mps, right_m] = self.roll.step(x.att_rad[0], x.rate_radps[0], u.roll_rad, push.ang_radps2[0]);
-        let [pitch, pitch_rate, front_mps, front_m] = self.pitch.step(x.att_rad[1], x.rate_radps[1], u.pitch_rad, push.ang_radps2[1]);
-        let (yaw, yaw_aux, yaw_rate) = self.yaw.step(x.att_rad[2], x.aux[1], u.yaw_rate_radps, push.ang_radps2[2]);
+    pub fn advance(
+        &self,
+        x: &State<R>,
+        u: &Command<R>,
+        push: &Accelerations<R>,
+    ) -> (State<R>, YawRotation<R>) {
+        let [roll, roll_rate, right_mps, right_m] =
+            self.roll.step(x.att_rad[0], x.rate_radps[0], u.roll_rad, push.ang_radps2[0]);
+        let [pitch, pitch_rate, front_mps, front_m] =
+            self.pitch.step(x.att_rad[1], x.rate_radps[1], u.pitch_rad, push.ang_radps2[1]);
+        let (yaw, yaw_aux, yaw_rate) =
+            self.yaw.step(x.att_rad[2], x.aux[1], u.yaw_rate_radps, push.ang_radps2[2]);
         let (z, z_aux, z_rate) = self.vertical.step(x.pos_m[2], x.aux[0], u.lift, push.acc_mps2[2]);
         let (sin, cos) = (R::from_f64(0.5) * (x.att_rad[2] + yaw)).sin_cos();
         // body x gains from pitch, body y loses from roll

@@ -1,5 +1,6 @@
-//! Threads that wait for parts of a step. A pool with queues costs more than a step of a small batch takes: it allocates, and sleeps and
-//! wakes its threads each time. Here a thread is handed one closure at a time, and looks out for the next one a while before it sleeps.
+//! Threads that wait for parts of a step. A pool with queues costs more than a step of a small batch takes:
+//! it allocates, and sleeps and wakes its threads each time. Here a thread is handed one closure at a time,
+//! and looks out for the next one a while before it sleeps.
 #![allow(unsafe_code)]
 
 use std::any::Any;
@@ -10,8 +11,9 @@ use std::thread::{self, JoinHandle, Thread};
 
 use crate::error::{Error, Result};
 
-/// How often to look for what is awaited before letting others have the processor for a moment, and how often to do that before going to
-/// sleep: some ten microseconds each on an idle machine, which is longer than what is between two steps of a loop that does little else.
+/// How often to look for what is awaited before letting others have the processor for a moment, and how often
+/// to do that before going to sleep: some ten microseconds each on an idle machine, which is longer than what
+/// is between two steps of a loop that does little else.
 const LOOKS: u32 = 300;
 const YIELDS: u32 = 50;
 
@@ -25,7 +27,8 @@ impl WorkerPool {
         Ok(WorkerPool((0..workers).map(|_| Worker::new()).collect::<Result<_>>()?))
     }
 
-    /// `work` on every part: one part for each thread, the last for the caller, which also takes what is left over.
+    /// `work` on every part: one part for each thread, the last for the caller, which also takes what is left
+    /// over.
     pub fn each<P: Send>(&mut self, parts: impl Iterator<Item = P>, work: impl Fn(P) + Sync) {
         share(&mut self.0, parts, &work);
     }
@@ -67,10 +70,15 @@ impl Worker {
         Ok(Worker { desk, thread: Some(thread.map_err(|e| Error::Config(format!("a thread: {e}")))?) })
     }
 
-    /// Runs `there` on the worker and `here` on this thread, and returns when both are done. A panic of either is passed on.
+    /// Runs `there` on the worker and `here` on this thread, and returns when both are done. A panic of
+    /// either is passed on.
     fn join(&mut self, there: impl FnOnce() + Send, here: impl FnOnce()) {
         let mut task = (Some(there), Outcome::None);
-        let mut job = Job { call: call_of(&task), closure: std::ptr::from_mut(&mut task).cast(), waiting: thread::current() };
+        let mut job = Job {
+            call: call_of(&task),
+            closure: std::ptr::from_mut(&mut task).cast(),
+            waiting: thread::current(),
+        };
         self.desk.store(&raw mut job, Ordering::Release);
         if let Some(thread) = &self.thread {
             thread.thread().unpark();
@@ -120,8 +128,9 @@ fn attend(desk: &AtomicPtr<Job>) {
         if job == quit() {
             return;
         }
-        // SAFETY: `join` put the job here and waits until the desk is empty, so that the job and its closure live until the store below;
-        // the closure may be called on another thread (`Send`), and it is called once, because the desk is emptied before the next look.
+        // SAFETY: `join` put the job here and waits until the desk is empty, so that the job and its closure
+        // live until the store below; the closure may be called on another thread (`Send`), and it is called
+        // once, because the desk is emptied before the next look.
         let waiting = unsafe {
             ((*job).call)((*job).closure);
             (*job).waiting.clone()

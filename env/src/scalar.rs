@@ -1,6 +1,7 @@
-//! What a formula may ask of a number. Every formula of the simulator is written once, generic over [`Scalar`], and runs on
-//! [`crate::lanes::Lanes`] (16 drones at once, `f32`) in the simulator and on `f64` as the reference. Only IEEE basic operations are
-//! used, never a fused multiply-add or a system maths library, so that one formula gives the same bits on every machine.
+//! What a formula may ask of a number. Every formula of the simulator is written once, generic over
+//! [`Scalar`], and runs on [`crate::lanes::Lanes`] (16 drones at once, `f32`) in the simulator and on `f64`
+//! as the reference. Only IEEE basic operations are used, never a fused multiply-add or a system maths
+//! library, so that one formula gives the same bits on every machine.
 
 use std::fmt::Debug;
 use std::ops::{Add, AddAssign, BitAnd, BitOr, BitXor, Div, Mul, Neg, Not, Sub, SubAssign};
@@ -21,7 +22,13 @@ pub trait Scalar:
     + SubAssign
 {
     /// One truth value per lane.
-    type Mask: Copy + Debug + Send + Sync + BitAnd<Output = Self::Mask> + BitOr<Output = Self::Mask> + Not<Output = Self::Mask>;
+    type Mask: Copy
+        + Debug
+        + Send
+        + Sync
+        + BitAnd<Output = Self::Mask>
+        + BitOr<Output = Self::Mask>
+        + Not<Output = Self::Mask>;
     /// One 32-bit word per lane: what the noise generator computes with.
     type Word: Word;
 
@@ -81,8 +88,8 @@ pub trait Scalar:
         self.max(low).min(high)
     }
 
-    /// Sine and cosine. Cody-Waite reduction to [-pi/4, pi/4] and the Taylor polynomials there: absolute error below 3e-7 in
-    /// `f32` and 1e-11 in `f64` for |self| < 1e4 rad.
+    /// Sine and cosine. Cody-Waite reduction to [-pi/4, pi/4] and the Taylor polynomials there: absolute
+    /// error below 3e-7 in `f32` and 1e-11 in `f64` for |self| < 1e4 rad.
     #[inline(always)]
     fn sin_cos(self) -> (Self, Self) {
         let quarter = (self * Self::from_f64(std::f64::consts::FRAC_2_PI)).round();
@@ -92,13 +99,20 @@ pub trait Scalar:
             - quarter * Self::from_f64(4.837_512_969_970_703e-4)
             - quarter * Self::from_f64(7.549_789_948_768_648e-8);
         let r2 = r * r;
-        let sin = r + r * r2 * poly(r2, 4, &[-1.0 / 6.0, 1.0 / 120.0, -1.0 / 5040.0, 1.0 / 362_880.0, -1.0 / 39_916_800.0]);
+        let sin = r + r
+            * r2
+            * poly(r2, 4, &[-1.0 / 6.0, 1.0 / 120.0, -1.0 / 5040.0, 1.0 / 362_880.0, -1.0 / 39_916_800.0]);
         let cos = Self::from_f64(1.0)
-            + r2 * poly(r2, 4, &[-0.5, 1.0 / 24.0, -1.0 / 720.0, 1.0 / 40_320.0, -1.0 / 3_628_800.0, 1.0 / 479_001_600.0]);
+            + r2 * poly(
+                r2,
+                4,
+                &[-0.5, 1.0 / 24.0, -1.0 / 720.0, 1.0 / 40_320.0, -1.0 / 3_628_800.0, 1.0 / 479_001_600.0],
+            );
         Self::turned(quarter, sin, cos)
     }
 
-    /// Sine and cosine of an angle `quarter` (a whole number) quarter turns beyond the one whose sine and cosine are given.
+    /// Sine and cosine of an angle `quarter` (a whole number) quarter turns beyond the one whose sine and
+    /// cosine are given.
     #[inline(always)]
     fn turned(quarter: Self, sin: Self, cos: Self) -> (Self, Self) {
         // quarter modulo 4 in {-2, -1, 0, 1, 2} decides which of the two and the signs
@@ -110,14 +124,18 @@ pub trait Scalar:
         (Self::select(flip_sin, -s, s), Self::select(flip_cos, -c, c))
     }
 
-    /// Sine and cosine of an angle within [-pi/2, pi/2]: Taylor polynomials, absolute error below 1e-7 in `f32` and 1e-9 in `f64`.
+    /// Sine and cosine of an angle within [-pi/2, pi/2]: Taylor polynomials, absolute error below 1e-7 in
+    /// `f32` and 1e-9 in `f64`.
     #[inline(always)]
     fn sin_cos_quarter(self) -> (Self, Self) {
         let x2 = self * self;
-        let (s3, s5, s7, s9, s11) = (-1.0 / 6.0, 1.0 / 120.0, -1.0 / 5040.0, 1.0 / 362_880.0, -1.0 / 39_916_800.0);
+        let (s3, s5, s7, s9, s11) =
+            (-1.0 / 6.0, 1.0 / 120.0, -1.0 / 5040.0, 1.0 / 362_880.0, -1.0 / 39_916_800.0);
         let sin = self + self * x2 * poly(x2, 5, &[s3, s5, s7, s9, s11, 1.0 / 6_227_020_800.0]);
-        let (c4, c6, c8, c10, c12) = (1.0 / 24.0, -1.0 / 720.0, 1.0 / 40_320.0, -1.0 / 3_628_800.0, 1.0 / 479_001_600.0);
-        let cos = Self::from_f64(1.0) + x2 * poly(x2, 6, &[-0.5, c4, c6, c8, c10, c12, -1.0 / 87_178_291_200.0]);
+        let (c4, c6, c8, c10, c12) =
+            (1.0 / 24.0, -1.0 / 720.0, 1.0 / 40_320.0, -1.0 / 3_628_800.0, 1.0 / 479_001_600.0);
+        let cos =
+            Self::from_f64(1.0) + x2 * poly(x2, 6, &[-0.5, c4, c6, c8, c10, c12, -1.0 / 87_178_291_200.0]);
         (sin, cos)
     }
 
@@ -128,7 +146,8 @@ pub trait Scalar:
         s / c
     }
 
-    /// Exponential for arguments within [-80, 80]; clamped outside. Relative error below 2e-7 in `f32`, 1e-13 in `f64`.
+    /// Exponential for arguments within [-80, 80]; clamped outside. Relative error below 2e-7 in `f32`, 1e-13
+    /// in `f64`.
     #[inline(always)]
     fn exp(self) -> Self {
         let x = self.clamp(Self::from_f64(-80.0), Self::from_f64(80.0));
@@ -162,7 +181,8 @@ pub trait Scalar:
         // ln m = 2 atanh(t), t = (m-1)/(m+1), |t| < 0.172
         let t = (m - Self::from_f64(1.0)) / (m + Self::from_f64(1.0));
         let t2 = t * t;
-        n * Self::from_f64(std::f64::consts::LN_2) + t * poly(t2, 4, &[2.0, 2.0 / 3.0, 2.0 / 5.0, 2.0 / 7.0, 2.0 / 9.0, 2.0 / 11.0])
+        n * Self::from_f64(std::f64::consts::LN_2)
+            + t * poly(t2, 4, &[2.0, 2.0 / 3.0, 2.0 / 5.0, 2.0 / 7.0, 2.0 / 9.0, 2.0 / 11.0])
     }
 
     /// `self^exponent` for positive `self`.
@@ -172,7 +192,8 @@ pub trait Scalar:
     }
 }
 
-/// `values` through `f`. Unlike `[T; N]::map` it is inlined always, which a caller compiled for wider registers needs.
+/// `values` through `f`. Unlike `[T; N]::map` it is inlined always, which a caller compiled for wider
+/// registers needs.
 #[inline(always)]
 pub fn each<R: Scalar, const N: usize>(values: [R; N], f: impl Fn(R) -> R) -> [R; N] {
     let mut out = values;
@@ -202,8 +223,8 @@ pub fn tabulate<R: Scalar, const N: usize>(f: impl Fn(usize) -> R) -> [R; N] {
     out
 }
 
-/// A polynomial, lowest coefficient first: by Horner's scheme, or in single precision, which cannot tell the coefficients beyond the first
-/// few, by Estrin's, whose chains of dependent operations are half as long.
+/// A polynomial, lowest coefficient first: by Horner's scheme, or in single precision, which cannot tell the
+/// coefficients beyond the first few, by Estrin's, whose chains of dependent operations are half as long.
 #[inline(always)]
 fn poly<R: Scalar, const N: usize>(x: R, single: usize, coefficients: &[f64; N]) -> R {
     let c = |i: usize| R::from_f64(coefficients[i]);
@@ -304,7 +325,11 @@ impl Scalar for f64 {
     }
     fn split_exponent(self) -> (Self, Self) {
         let (mantissa, exponent) = libm::frexp(self);
-        if mantissa < std::f64::consts::FRAC_1_SQRT_2 { (mantissa * 2.0, f64::from(exponent - 1)) } else { (mantissa, f64::from(exponent)) }
+        if mantissa < std::f64::consts::FRAC_1_SQRT_2 {
+            (mantissa * 2.0, f64::from(exponent - 1))
+        } else {
+            (mantissa, f64::from(exponent))
+        }
     }
     fn scale_exponent(self, exponent: Self) -> Self {
         libm::ldexp(self, exponent as i32)
@@ -322,7 +347,13 @@ mod tests {
     use super::*;
     use crate::lanes::{LANES, LaneWord, Lanes};
 
-    fn worst(low: f64, high: f64, ours: impl Fn(Lanes) -> Lanes, ours64: impl Fn(f64) -> f64, truth: impl Fn(f64) -> f64) -> (f64, f64) {
+    fn worst(
+        low: f64,
+        high: f64,
+        ours: impl Fn(Lanes) -> Lanes,
+        ours64: impl Fn(f64) -> f64,
+        truth: impl Fn(f64) -> f64,
+    ) -> (f64, f64) {
         let (mut e32, mut e64) = (0.0_f64, 0.0_f64);
         for i in 0..=20_000 {
             let x = low + (high - low) * f64::from(i) / 20_000.0;

@@ -1,4 +1,5 @@
-//! The rig's clocks on one base clock: 50 Hz control, 100 Hz IMU and 30 Hz camera all tick on whole counts of 300 Hz.
+//! The rig's clocks on one base clock: 50 Hz control, 100 Hz IMU and 30 Hz camera all tick on whole counts of
+//! 300 Hz.
 
 use crate::error::{Error, Result};
 use crate::model::Model;
@@ -24,14 +25,16 @@ impl Schedule {
     /// Of a model's rig.
     ///
     /// # Errors
-    /// [`Error::Model`] unless the rates are whole numbers, the IMU's a multiple of the control rate, the camera's at most the control
-    /// rate (one new frame per observation), and the base clock at most 20 kHz.
+    /// [`Error::Model`] unless the rates are whole numbers, the IMU's a multiple of the control rate, the
+    /// camera's at most the control rate (one new frame per observation), and the base clock at most 20 kHz.
     pub fn from_model(model: &Model) -> Result<Schedule> {
         let bad = |problem: String| Error::Model { name: model.name.clone(), problem };
         let mut hz = [0_u32; 3];
-        for (slot, (name, q)) in
-            hz.iter_mut().zip([("control", &model.rig.control), ("imu", &model.rig.imu), ("camera", &model.rig.camera)])
-        {
+        for (slot, (name, q)) in hz.iter_mut().zip([
+            ("control", &model.rig.control),
+            ("imu", &model.rig.imu),
+            ("camera", &model.rig.camera),
+        ]) {
             if q.value.fract() != 0.0 {
                 return Err(bad(format!("rig.{name} is {} Hz, expected a whole number", q.value)));
             }
@@ -39,12 +42,17 @@ impl Schedule {
         }
         let [control, imu, camera] = hz;
         let imu_multiple = u64::from(imu) / u64::from(gcd(control, imu)) * u64::from(control);
-        let base = imu_multiple / gcd((imu_multiple % u64::from(camera)) as u32, camera) as u64 * u64::from(camera);
+        let base =
+            imu_multiple / gcd((imu_multiple % u64::from(camera)) as u32, camera) as u64 * u64::from(camera);
         if !imu.is_multiple_of(control) {
-            return Err(bad(format!("rig.imu is {imu} Hz, expected a multiple of rig.control, {control} Hz")));
+            return Err(bad(format!(
+                "rig.imu is {imu} Hz, expected a multiple of rig.control, {control} Hz"
+            )));
         }
         if camera > control {
-            return Err(bad(format!("rig.camera is {camera} Hz, expected at most rig.control, {control} Hz: one frame per observation")));
+            return Err(bad(format!(
+                "rig.camera is {camera} Hz, expected at most rig.control, {control} Hz: one frame per observation"
+            )));
         }
         if base > 20_000 {
             return Err(bad(format!(
@@ -80,9 +88,12 @@ mod tests {
 
     #[test]
     fn impossible_rigs_are_refused() {
-        for (control, imu, camera, word) in
-            [(50.0, 75.0, 30.0, "multiple"), (50.0, 100.0, 60.0, "at most"), (50.5, 100.0, 30.0, "whole"), (997.0, 997.0, 991.0, "clock")]
-        {
+        for (control, imu, camera, word) in [
+            (50.0, 75.0, 30.0, "multiple"),
+            (50.0, 100.0, 60.0, "at most"),
+            (50.5, 100.0, 30.0, "whole"),
+            (997.0, 997.0, 991.0, "clock"),
+        ] {
             let mut m = Model::thesis();
             (m.rig.control.value, m.rig.imu.value, m.rig.camera.value) = (control, imu, camera);
             let error = Schedule::from_model(&m).unwrap_err().to_string();

@@ -87,7 +87,8 @@ impl BatchScalar for Lanes {
     }
 }
 
-/// Lanes in registers: `$level` names the module's level, the registry's builder for it and the function that compiles for it.
+/// Lanes in registers: `$level` names the module's level, the registry's builder for it and the function that
+/// compiles for it.
 #[cfg(target_arch = "x86_64")]
 macro_rules! in_registers {
     ($level:ident, $lanes:ident, $with:ident) => {
@@ -102,7 +103,8 @@ macro_rules! in_registers {
                 #[inline(always)]
                 #[allow(unsafe_code)]
                 fn run<T>(code: impl FnOnce() -> T) -> T {
-                    // SAFETY: this type is used only on a processor with its instruction set, see the head of the file of the lanes
+                    // SAFETY: this type is used only on a processor with its instruction set, see the head of
+                    // the file of the lanes
                     unsafe { crate::isa::$with(code) }
                 }
             }

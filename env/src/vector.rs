@@ -1,8 +1,9 @@
-//! A batch of environments, each a world of one drone or of several that share the air: caller-owned buffers in and out, automatic resets,
-//! nothing allocated per step.
+//! A batch of environments, each a world of one drone or of several that share the air: caller-owned buffers
+//! in and out, automatic resets, nothing allocated per step.
 //!
-//! Environment `i` is the same whatever the size of the batch: an episode is a function of its seed, its number and its actions. A tile is
-//! sixteen environments. Rows of numbers are environment by environment, and within one drone by drone.
+//! Environment `i` is the same whatever the size of the batch: an episode is a function of its seed, its
+//! number and its actions. A tile is sixteen environments. Rows of numbers are environment by environment,
+//! and within one drone by drone.
 
 mod buffers;
 mod coupled;
@@ -70,9 +71,17 @@ pub struct VectorEnv {
     fingerprint: u64,
 }
 
-/// A contiguous part of the batch with worlds of its own, stepped by one thread, whatever its number type and its task.
+/// A contiguous part of the batch with worlds of its own, stepped by one thread, whatever its number type and
+/// its task.
 trait Shard: Send {
-    fn reset(&mut self, config: &BatchConfig, first: usize, seeds: Option<&[u64]>, mask: Option<&[bool]>, observations: &mut [f32]);
+    fn reset(
+        &mut self,
+        config: &BatchConfig,
+        first: usize,
+        seeds: Option<&[u64]>,
+        mask: Option<&[bool]>,
+        observations: &mut [f32],
+    );
     fn run(&mut self, config: &BatchConfig, actions: &[f32], out: StepBuffers<'_>);
     fn first_ended(&self) -> Option<usize>;
     fn first_bad_action(&self, actions: &[f32]) -> Option<usize>;
@@ -117,11 +126,12 @@ impl<R: BatchScalar> Visitor for ShardBuilder<'_, R> {
 }
 
 impl VectorEnv {
-    /// A batch of `envs` environments; one model for all drones of an environment, or one for each. Call [`VectorEnv::reset`] before the first step.
+    /// A batch of `envs` environments; one model for all drones of an environment, or one for each. Call
+    /// [`VectorEnv::reset`] before the first step.
     ///
     /// # Errors
-    /// [`Error::Range`] for no environments, too many drones, or rigs whose ticks differ; [`Error::Unknown`], [`Error::Range`] or
-    /// [`Error::Config`] for what `options` asks.
+    /// [`Error::Range`] for no environments, too many drones, or rigs whose ticks differ; [`Error::Unknown`],
+    /// [`Error::Range`] or [`Error::Config`] for what `options` asks.
     pub fn new(models: &[Model], options: &Options, envs: usize) -> Result<Self> {
         let range = |name: &str, value: f64, want: String| Error::Range { name: name.into(), value, want };
         if envs == 0 {
@@ -146,7 +156,13 @@ impl VectorEnv {
         let shards = (0..envs)
             .step_by(share)
             .map(|first| {
-                let spec = ShardSpec { models: &models, inputs: &inputs, options, envs: share.min(envs - first), tick_s };
+                let spec = ShardSpec {
+                    models: &models,
+                    inputs: &inputs,
+                    options,
+                    envs: share.min(envs - first),
+                    tick_s,
+                };
                 match level.kind() {
                     Kind::Baseline => spec.shard::<Lanes>(),
                     #[cfg(target_arch = "x86_64")]
@@ -156,10 +172,23 @@ impl VectorEnv {
                 }
             })
             .collect::<Result<Vec<_>>>()?;
-        let interfaces = models.iter().zip(&inputs).map(|(model, input)| Interface::from_model(model, *input)).collect::<Result<_>>()?;
-        let last_s = if options.max_episode_steps == 0 { f64::INFINITY } else { (f64::from(options.max_episode_steps) - 0.5) * tick_s };
-        let config =
-            BatchConfig { interfaces, autoreset: options.autoreset, last_s, radius_m: options.radius_m, crash_cost: entry.crash_cost };
+        let interfaces = models
+            .iter()
+            .zip(&inputs)
+            .map(|(model, input)| Interface::from_model(model, *input))
+            .collect::<Result<_>>()?;
+        let last_s = if options.max_episode_steps == 0 {
+            f64::INFINITY
+        } else {
+            (f64::from(options.max_episode_steps) - 0.5) * tick_s
+        };
+        let config = BatchConfig {
+            interfaces,
+            autoreset: options.autoreset,
+            last_s,
+            radius_m: options.radius_m,
+            crash_cost: entry.crash_cost,
+        };
         let team = WorkerPool::new(shards.len() - 1)?;
         let metrics = if entry.drones == 1 { 0 } else { METRICS.len() };
         let fingerprint = fingerprint(&models, options, drones)?;
@@ -176,12 +205,14 @@ impl VectorEnv {
         self.config.interfaces.len()
     }
 
-    /// Numbers in a drone's observation: its own [`OBSERVATION`], then [`NEIGHBOUR`] for each of the others in order.
+    /// Numbers in a drone's observation: its own [`OBSERVATION`], then [`NEIGHBOUR`] for each of the others
+    /// in order.
     pub fn width(&self) -> usize {
         OBSERVATION + NEIGHBOUR * (self.num_drones() - 1)
     }
 
-    /// Numbers of an environment in [`StepBuffers::metrics`]: as many as [`METRICS`], or none for a task of one drone.
+    /// Numbers of an environment in [`StepBuffers::metrics`]: as many as [`METRICS`], or none for a task of
+    /// one drone.
     pub fn num_metrics(&self) -> usize {
         self.metrics
     }
@@ -201,12 +232,19 @@ impl VectorEnv {
         self.level
     }
 
-    /// Begin episodes in the environments of `mask` (all, if `None`) and write their first observations; other rows are left alone.
-    /// With `seeds` (one per environment) the first episode of that seed begins, without them the next one.
+    /// Begin episodes in the environments of `mask` (all, if `None`) and write their first observations;
+    /// other rows are left alone. With `seeds` (one per environment) the first episode of that seed begins,
+    /// without them the next one.
     ///
     /// # Errors
-    /// [`Error::Shape`] for buffers of the wrong length; [`Error::NotReset`] if the very first reset leaves some environments out.
-    pub fn reset(&mut self, seeds: Option<&[u64]>, mask: Option<&[bool]>, observations: &mut [f32]) -> Result<()> {
+    /// [`Error::Shape`] for buffers of the wrong length; [`Error::NotReset`] if the very first reset leaves
+    /// some environments out.
+    pub fn reset(
+        &mut self,
+        seeds: Option<&[u64]>,
+        mask: Option<&[bool]>,
+        observations: &mut [f32],
+    ) -> Result<()> {
         let per_env = self.num_drones() * self.width();
         check_length("observations", self.envs * per_env, observations.len())?;
         check_length("seeds", self.envs, seeds.map_or(self.envs, <[u64]>::len))?;
@@ -214,23 +252,28 @@ impl VectorEnv {
         if !self.ready && mask.is_some_and(|m| m.iter().any(|on| !on)) {
             return Err(Error::NotReset);
         }
-        for (i, (shard, rows)) in self.shards.iter_mut().zip(observations.chunks_mut(self.share * per_env)).enumerate() {
+        for (i, (shard, rows)) in
+            self.shards.iter_mut().zip(observations.chunks_mut(self.share * per_env)).enumerate()
+        {
             shard.reset(&self.config, i * self.share, seeds, mask, rows);
         }
         self.ready = true;
         Ok(())
     }
 
-    /// One step of every environment. Actions of drones that no longer fly are ignored, but must be numbers from -1 to 1 too.
+    /// One step of every environment. Actions of drones that no longer fly are ignored, but must be numbers
+    /// from -1 to 1 too.
     ///
     /// # Errors
-    /// Before anything moves: [`Error::NotReset`], [`Error::Shape`], [`Error::Action`] or [`Error::DroneAction`], and [`Error::Ended`] if an
-    /// environment has ended and automatic resets are disabled.
+    /// Before anything moves: [`Error::NotReset`], [`Error::Shape`], [`Error::Action`] or
+    /// [`Error::DroneAction`], and [`Error::Ended`] if an environment has ended and automatic resets are
+    /// disabled.
     pub fn step(&mut self, actions: &[f32], mut out: StepBuffers<'_>) -> Result<()> {
         if !self.ready {
             return Err(Error::NotReset);
         }
-        let (envs, drones, width, metrics, share) = (self.envs, self.num_drones(), self.width(), self.metrics, self.share);
+        let (envs, drones, width, metrics, share) =
+            (self.envs, self.num_drones(), self.width(), self.metrics, self.share);
         let rows = envs * drones;
         check_length("actions", rows * ACTION, actions.len())?;
         check_length("observations", rows * width, out.observations.len())?;
@@ -254,11 +297,14 @@ impl VectorEnv {
     fn check_actions(&mut self, actions: &[f32]) -> Result<()> {
         let drones = self.num_drones();
         let (share, bad) = (self.share * drones * ACTION, AtomicUsize::new(usize::MAX));
-        self.team.each(self.shards.iter_mut().zip(actions.chunks(share)).enumerate(), |(i, (shard, actions))| {
-            if let Some(at) = shard.first_bad_action(actions) {
-                bad.fetch_min(i * share + at, Ordering::Relaxed);
-            }
-        });
+        self.team.each(
+            self.shards.iter_mut().zip(actions.chunks(share)).enumerate(),
+            |(i, (shard, actions))| {
+                if let Some(at) = shard.first_bad_action(actions) {
+                    bad.fetch_min(i * share + at, Ordering::Relaxed);
+                }
+            },
+        );
         let at = bad.into_inner();
         if at == usize::MAX {
             return Ok(());
@@ -272,7 +318,8 @@ impl VectorEnv {
     }
 
     fn check_running(&self) -> Result<()> {
-        let ended = self.shards.iter().enumerate().find_map(|(i, shard)| Some(i * self.share + shard.first_ended()?));
+        let ended =
+            self.shards.iter().enumerate().find_map(|(i, shard)| Some(i * self.share + shard.first_ended()?));
         ended.map_or(Ok(()), |env| Err(Error::Ended { env }))
     }
 
@@ -308,7 +355,8 @@ impl VectorEnv {
         Ok(rows.fold(true, |all, (shard, rows)| shard.loads(rows) && all))
     }
 
-    /// All that the flights go on from, as bytes for [`VectorEnv::restore`]; the same for every thread count and instruction set.
+    /// All that the flights go on from, as bytes for [`VectorEnv::restore`]; the same for every thread count
+    /// and instruction set.
     pub fn snapshot(&mut self) -> Vec<u8> {
         let mut archive = Archive::Write(self.snapshot_head().to_vec());
         self.archive(&mut archive);
@@ -321,8 +369,8 @@ impl VectorEnv {
     /// Goes on from where another batch of the same models and options was: to the bit as that one does.
     ///
     /// # Errors
-    /// [`Error::Config`] for bytes that are none of [`VectorEnv::snapshot`], are damaged, or are of other models, options or size; nothing has
-    /// changed then.
+    /// [`Error::Config`] for bytes that are none of [`VectorEnv::snapshot`], are damaged, or are of other
+    /// models, options or size; nothing has changed then.
     pub fn restore(&mut self, bytes: &[u8]) -> Result<()> {
         let bad = |problem: &str| Err(Error::Config(format!("state: {problem}")));
         if !bytes.starts_with(SNAPSHOT_MARK) {
@@ -331,7 +379,9 @@ impl VectorEnv {
         if !bytes.starts_with(&self.snapshot_head()) {
             return bad("it is of a batch of other models, options or size");
         }
-        let Some((body, sum)) = bytes[SNAPSHOT_HEAD..].split_last_chunk() else { return bad("it is cut off") };
+        let Some((body, sum)) = bytes[SNAPSHOT_HEAD..].split_last_chunk() else {
+            return bad("it is cut off");
+        };
         if checksum(body).to_le_bytes() != *sum {
             return bad("it is cut off or damaged");
         }
@@ -355,8 +405,8 @@ impl VectorEnv {
         self.shards.iter_mut().for_each(|shard| shard.archive(archive));
     }
 
-    /// With [`Autoreset::SameStep`]: last observations and true states of the episode that ended in the last step in environment `env`, rows for
-    /// each drone.
+    /// With [`Autoreset::SameStep`]: last observations and true states of the episode that ended in the last
+    /// step in environment `env`, rows for each drone.
     pub fn last_of_episode(&self, env: usize) -> Option<(&[f32], &[f32])> {
         self.shards.get(env / self.share)?.last_of_episode(env % self.share)
     }
@@ -381,5 +431,7 @@ fn fingerprint(models: &[&Model], options: &Options, drones: usize) -> Result<u6
 
 fn input(model: &Model, asked: Option<VerticalInput>) -> Result<VerticalInput> {
     // a checked model has at least one input
-    asked.or(model.inputs().first().copied()).ok_or_else(|| Error::Config("the model has no vertical form".into()))
+    asked
+        .or(model.inputs().first().copied())
+        .ok_or_else(|| Error::Config("the model has no vertical form".into()))
 }

@@ -1,4 +1,5 @@
-//! The data path: command -> effects on it -> pushes -> exact step -> camera frame -> reading. Reads like one drone; a tile is sixteen.
+//! The data path: command -> effects on it -> pushes -> exact step -> camera frame -> reading. Reads like one
+//! drone; a tile is sixteen.
 
 mod archive;
 mod camera_clock;
@@ -45,7 +46,8 @@ struct Tile<R: Scalar> {
     fix: PoseFix<R>,
 }
 
-/// What the steps of a group of tiles hand to each other; kept because filling it anew costs more than a step of it.
+/// What the steps of a group of tiles hand to each other; kept because filling it anew costs more than a step
+/// of it.
 #[derive(Debug, Clone)]
 struct Group<R: Scalar> {
     u: [Command<R>; GROUP],
@@ -152,7 +154,8 @@ impl<R: SimScalar> World<R> {
     /// A world of `tiles` tiles at rest on the floor.
     ///
     /// # Errors
-    /// [`Error::Unknown`] or [`Error::Range`] for effects; [`Error::Range`] if `physics_hz` does not divide the tick into whole base counts.
+    /// [`Error::Unknown`] or [`Error::Range`] for effects; [`Error::Range`] if `physics_hz` does not divide
+    /// the tick into whole base counts.
     pub fn new(model: &Model, effects: &EffectTable, settings: Settings, tiles: usize) -> Result<Self> {
         crate::config::check_effects(effects)?;
         Self::assemble(model, active(&model.effects, effects)?, settings, tiles)
@@ -220,7 +223,8 @@ impl<R: SimScalar> World<R> {
         })
     }
 
-    /// The same world without a floor, for a recorded flight's commands: where they would sink the model, the linear model says how far.
+    /// The same world without a floor, for a recorded flight's commands: where they would sink the model, the
+    /// linear model says how far.
     #[must_use]
     pub fn without_floor(self) -> Self {
         World { floor: false, ..self }
@@ -264,7 +268,8 @@ impl<R: SimScalar> World<R> {
         self.ages[tile].draw()
     }
 
-    /// Prepare one lane for a new episode: its noise key and its drawn parameters. Call [`World::start`] for all such lanes after.
+    /// Prepare one lane for a new episode: its noise key and its drawn parameters. Call [`World::start`] for
+    /// all such lanes after.
     pub fn draw_lane(&mut self, tile: usize, lane: usize, key: u64, rng: &mut rand_pcg::Pcg64Mcg) {
         self.ages[tile].keys.set_lane(lane, key);
         self.ages[tile].tick.set_lane(lane, 0);
@@ -277,8 +282,8 @@ impl<R: SimScalar> World<R> {
         }
     }
 
-    /// Begin episodes in the lanes of `mask` from the state `x`, with the command `u` in force until now. The reading holds for those lanes
-    /// only.
+    /// Begin episodes in the lanes of `mask` from the state `x`, with the command `u` in force until now. The
+    /// reading holds for those lanes only.
     #[inline(never)]
     pub fn start(&mut self, tile: usize, mask: R::Mask, x: &State<R>, u: &Command<R>) -> Reading<R> {
         R::run(
@@ -316,7 +321,10 @@ impl<R: SimScalar> World<R> {
         }
         let mut frame = Frame::of(&x, mask, cx.t_s);
         for &i in &self.order.frame {
-            self.stages[i].frame(&Tiles { first: tile, cx: from_ref(&cx), x: from_ref(&x), u: &[] }, from_mut(&mut frame));
+            self.stages[i].frame(
+                &Tiles { first: tile, cx: from_ref(&cx), x: from_ref(&x), u: &[] },
+                from_mut(&mut frame),
+            );
         }
         // whatever its latency, the pose from before the episode is known when it begins
         let none = [R::zero(); 3];
@@ -361,16 +369,26 @@ impl<R: SimScalar> World<R> {
         let climb_mps2 = (next.vel_mps[2] - x.vel_mps[2]) * self.times.per_tick;
         let specific_mps2 = [R::zero(), R::zero(), climb_mps2 + self.gravity_mps2];
         *x = next;
-        Tick { contact, reading: Reading::of(&next, specific_mps2, PoseFix::ideal(&next, age.ticks * self.times.tick_s)) }
+        Tick {
+            contact,
+            reading: Reading::of(&next, specific_mps2, PoseFix::ideal(&next, age.ticks * self.times.tick_s)),
+        }
     }
 
-    /// One control tick of the tiles from `first` on, as many as there are commands, at most [`GROUP`]; `around` says who is near.
+    /// One control tick of the tiles from `first` on, as many as there are commands, at most [`GROUP`];
+    /// `around` says who is near.
     ///
     /// # Panics
     /// Unless there are as many `ticks` as commands.
     // one copy for all tasks: a call is nothing beside what it does
     #[inline(never)]
-    pub fn step_group(&mut self, first: usize, commands: &[Command<R>], around: Option<&[Around<'_, R>; GROUP]>, ticks: &mut [Tick<R>]) {
+    pub fn step_group(
+        &mut self,
+        first: usize,
+        commands: &[Command<R>],
+        around: Option<&[Around<'_, R>; GROUP]>,
+        ticks: &mut [Tick<R>],
+    ) {
         R::run(
             #[inline(always)]
             || self.step_group_now(first, commands, around, ticks),
@@ -378,14 +396,36 @@ impl<R: SimScalar> World<R> {
     }
 
     #[inline(always)]
-    fn step_group_now(&mut self, first: usize, commands: &[Command<R>], around: Option<&[Around<'_, R>; GROUP]>, ticks: &mut [Tick<R>]) {
+    fn step_group_now(
+        &mut self,
+        first: usize,
+        commands: &[Command<R>],
+        around: Option<&[Around<'_, R>; GROUP]>,
+        ticks: &mut [Tick<R>],
+    ) {
         let n = commands.len().min(GROUP);
         assert!(n > 0 && ticks.len() == n);
-        let World { body, plant, states, ages, tiles, clocks, stages, order, times, group, voltage_v, disturbance, .. } = self;
-        let (states, tiles, ages) = (&mut states[first..first + n], &mut tiles[first..first + n], &mut ages[first..first + n]);
+        let World {
+            body,
+            plant,
+            states,
+            ages,
+            tiles,
+            clocks,
+            stages,
+            order,
+            times,
+            group,
+            voltage_v,
+            disturbance,
+            ..
+        } = self;
+        let (states, tiles, ages) =
+            (&mut states[first..first + n], &mut tiles[first..first + n], &mut ages[first..first + n]);
         let (tick_s, h_s) = (self.tick_s, self.tick_s / f64::from(self.steps_per_tick));
         let filming = CameraClock { counts_per_step: self.counts_per_step, schedule: self.schedule, h_s };
-        let (commanding, pushing, films) = (!order.command.is_empty(), !order.push.is_empty(), !order.frame.is_empty());
+        let (commanding, pushing, films) =
+            (!order.command.is_empty(), !order.push.is_empty(), !order.frame.is_empty());
         let undisturbed = disturbance.unwrap_or(Accelerations::none());
         let from_outside = around.is_some() || disturbance.is_some();
         for i in 0..n {
@@ -400,7 +440,8 @@ impl<R: SimScalar> World<R> {
         let b = n - 1;
         let draws = [ages[0].draw(), ages[b].draw()];
         let now = Now { body, h_s, tick_s, times, voltage_v: voltage_v.as_ref() };
-        let mut cx = [now.cx(&ages[0], &draws[0], clocks[first]), now.cx(&ages[b], &draws[1], clocks[first + b])];
+        let mut cx =
+            [now.cx(&ages[0], &draws[0], clocks[first]), now.cx(&ages[b], &draws[1], clocks[first + b])];
         if let Some(around) = around {
             for (cx, around) in cx.iter_mut().zip(around) {
                 (cx.neighbours, cx.own) = (around.neighbours, around.own);
@@ -416,7 +457,8 @@ impl<R: SimScalar> World<R> {
             }
             if pushing {
                 for i in 0..n {
-                    // what pushes from outside comes last: effects on the thrust take what is there for thrust
+                    // what pushes from outside comes last: effects on the thrust take what is there for
+                    // thrust
                     group.push[i] = Accelerations::none();
                     group.middle[i] = states[i].ahead(&tiles[i].acc_mps2, 0.5 * h_s);
                 }
@@ -452,7 +494,8 @@ impl<R: SimScalar> World<R> {
         }
         if films {
             for i in 0..n {
-                let t_s = ages[i].began_s(times) + tiles[i].until_frame * R::from_f64(self.schedule.seconds(1));
+                let t_s =
+                    ages[i].began_s(times) + tiles[i].until_frame * R::from_f64(self.schedule.seconds(1));
                 group.frames[i] = Frame::of(&group.seen[i], group.captured[i], t_s);
                 cx[i].t_s = ages[i].ticks * times.tick_s;
                 cx[i].h_s = self.schedule.seconds(self.schedule.camera);
@@ -515,7 +558,11 @@ impl<'a, R: Scalar> Now<'a, R> {
 
 /// What pushes a tile besides the effects: what its neighbours do, or a filter's disturbance.
 #[inline(always)]
-fn outside<R: Scalar>(around: Option<&[Around<'_, R>; GROUP]>, tile: usize, undisturbed: Accelerations<R>) -> Accelerations<R> {
+fn outside<R: Scalar>(
+    around: Option<&[Around<'_, R>; GROUP]>,
+    tile: usize,
+    undisturbed: Accelerations<R>,
+) -> Accelerations<R> {
     match around {
         Some(around) => around[tile].push,
         None => undisturbed,

@@ -40,7 +40,12 @@ fn no_allocation(threads: usize) {
     let text = r#"{"max_episode_steps": 20, "threads": THREADS, "vertical": "pwm", "autoreset": "same_step", "effects": {"camera_noise": {"xy_m": 0.004}, "camera_latency": 0.05,
         "cmd_delay": 0.03, "battery_sag": {"exponent": 1}, "drag_linear": {"uniform": [0, 1]}, "gust": 0.2}}"#;
     let n = 100;
-    let mut env = VectorEnv::new(&[Model::thesis()], &Options::parse(&text.replace("THREADS", &threads.to_string())).unwrap(), n).unwrap();
+    let mut env = VectorEnv::new(
+        &[Model::thesis()],
+        &Options::parse(&text.replace("THREADS", &threads.to_string())).unwrap(),
+        n,
+    )
+    .unwrap();
     let mut observations = vec![0.0; n * OBSERVATION];
     let seeds: Vec<u64> = (0..n as u64).collect();
     env.reset(Some(&seeds), None, &mut observations).unwrap();

@@ -1,5 +1,6 @@
-//! Errors of prediction axis by axis, flight by flight: from the state at one instant the commands alone drive a model, so and so far ahead.
-//! Sideways, vertical and attitude errors stand apart, because a norm over all of them hides what happens to the smaller ones.
+//! Errors of prediction axis by axis, flight by flight: from the state at one instant the commands alone
+//! drive a model, so and so far ahead. Sideways, vertical and attitude errors stand apart, because a norm
+//! over all of them hides what happens to the smaller ones.
 
 use std::ops::Range;
 
@@ -13,7 +14,8 @@ use crazyflie_statistics::paired_p_value;
 /// How far ahead.
 pub const HORIZONS_S: [f64; 2] = [0.5, 2.0];
 /// The axes with their units: horizontal velocity, vertical velocity, velocity in space, roll and pitch.
-pub const AXES: [(&str, &str); 4] = [("sideways", "m/s"), ("vertical", "m/s"), ("velocity", "m/s"), ("attitude", "rad")];
+pub const AXES: [(&str, &str); 4] =
+    [("sideways", "m/s"), ("vertical", "m/s"), ("velocity", "m/s"), ("attitude", "rad")];
 /// Predictions start this far apart.
 const EVERY_S: f64 = 0.25;
 /// Fewer flights do not tell a change from chance.
@@ -33,21 +35,35 @@ pub struct AxisErrors {
 /// Squared errors of one prediction.
 type SquaredErrors = [[f64; 2]; 4];
 
-/// Errors of a hypothesis without free numbers from `from_s` seconds into the flight on. Predictions start from `states`, one per tick, or from what
-/// was measured. `None` where the flight is too short or the hypothesis cannot be simulated.
-pub fn axis_errors(hypothesis: &Hypothesis, flight: &Flight, from_s: f64, states: Option<&[Vec<f64>]>) -> Option<AxisErrors> {
+/// Errors of a hypothesis without free numbers from `from_s` seconds into the flight on. Predictions start
+/// from `states`, one per tick, or from what was measured. `None` where the flight is too short or the
+/// hypothesis cannot be simulated.
+pub fn axis_errors(
+    hypothesis: &Hypothesis,
+    flight: &Flight,
+    from_s: f64,
+    states: Option<&[Vec<f64>]>,
+) -> Option<AxisErrors> {
     stretch_errors(hypothesis, flight, (from_s / flight.tick_s).round() as usize..flight.ticks, states)
 }
 
 /// As [`axis_errors`], of predictions that start and end between two ticks.
-pub fn stretch_errors(hypothesis: &Hypothesis, flight: &Flight, stretch: Range<usize>, states: Option<&[Vec<f64>]>) -> Option<AxisErrors> {
+pub fn stretch_errors(
+    hypothesis: &Hypothesis,
+    flight: &Flight,
+    stretch: Range<usize>,
+    states: Option<&[Vec<f64>]>,
+) -> Option<AxisErrors> {
     let ticks = |s: f64| (s / flight.tick_s).round() as usize;
     let last = stretch.end.checked_sub(ticks(HORIZONS_S[1]) + 1)?;
     let starts: Vec<usize> = (stretch.start..last).step_by(ticks(EVERY_S).max(1)).collect();
-    let squares = |simulator: &mut Option<SensitivitySimulator>, start: &usize| squared_errors(simulator.as_mut()?, flight, *start, states);
+    let squares = |simulator: &mut Option<SensitivitySimulator>, start: &usize| {
+        squared_errors(simulator.as_mut()?, flight, *start, states)
+    };
     let simulator = || SensitivitySimulator::new(hypothesis, flight, false, false).ok();
     let all: Vec<SquaredErrors> = starts.par_iter().map_init(simulator, squares).collect::<Option<_>>()?;
-    let mean = |axis: usize, horizon: usize| all.iter().map(|s| s[axis][horizon]).sum::<f64>() / all.len() as f64;
+    let mean =
+        |axis: usize, horizon: usize| all.iter().map(|s| s[axis][horizon]).sum::<f64>() / all.len() as f64;
     let rms = std::array::from_fn(|axis| std::array::from_fn(|horizon| mean(axis, horizon).sqrt()));
     (!all.is_empty()).then(|| AxisErrors { flight: flight.name.clone(), predictions: all.len(), rms })
 }
@@ -70,12 +86,18 @@ fn squared_errors(
     simulator.predict(flight, &Window { flight: 0, ticks: start..start + ahead[1] + 1 }, &own);
     let mut squares = [[f64::NAN; 2]; 4];
     for (horizon, ticks) in ahead.into_iter().enumerate() {
-        let (predicted, measured) = (simulator.reported_velocity(flight, ticks)?, flight.measured_state(start + ticks).vel_mps);
+        let (predicted, measured) =
+            (simulator.reported_velocity(flight, ticks)?, flight.measured_state(start + ticks).vel_mps);
         let [x, y, z]: [f64; 3] = std::array::from_fn(|i| (predicted[i] - measured[i]).powi(2));
         (squares[0][horizon], squares[1][horizon], squares[2][horizon]) = (x + y, z, x + y + z);
         let about_s = (start + ticks) as f64 * flight.tick_s;
-        let near = simulator.rows().iter().filter(|row| row.channel < 2 && (row.t_s - about_s).abs() < 0.6 * flight.tick_s);
-        let (sum, count) = near.fold((0.0, 0.0), |(sum, count), row| (sum + (row.measured - row.predicted).powi(2), count + 1.0));
+        let near = simulator
+            .rows()
+            .iter()
+            .filter(|row| row.channel < 2 && (row.t_s - about_s).abs() < 0.6 * flight.tick_s);
+        let (sum, count) = near.fold((0.0, 0.0), |(sum, count), row| {
+            (sum + (row.measured - row.predicted).powi(2), count + 1.0)
+        });
         // roll and pitch together
         squares[3][horizon] = 2.0 * sum / count;
     }
@@ -108,11 +130,17 @@ pub fn axis_changes(before: &[AxisErrors], after: &[AxisErrors]) -> Vec<AxisChan
     let cells = (0..AXES.len()).flat_map(|axis| (0..HORIZONS_S.len()).map(move |horizon| (axis, horizon)));
     let change = |(axis, horizon): (usize, usize)| {
         let rms = |all: &[AxisErrors]| {
-            let sums = all.iter().map(|e| (e.predictions as f64 * e.rms[axis][horizon].powi(2), e.predictions as f64));
+            let sums = all
+                .iter()
+                .map(|e| (e.predictions as f64 * e.rms[axis][horizon].powi(2), e.predictions as f64));
             let (sum, count) = sums.fold((0.0, 0.0), |(a, b), (c, d)| (a + c, b + d));
             f64::sqrt(sum / count)
         };
-        let ratios: Vec<f64> = before.iter().zip(after).map(|(b, a)| (a.rms[axis][horizon] / b.rms[axis][horizon]).ln()).collect();
+        let ratios: Vec<f64> = before
+            .iter()
+            .zip(after)
+            .map(|(b, a)| (a.rms[axis][horizon] / b.rms[axis][horizon]).ln())
+            .collect();
         AxisChange {
             axis: AXES[axis].0,
             unit: AXES[axis].1,
@@ -148,9 +176,17 @@ mod tests {
         for change in &changes {
             match change.axis {
                 "vertical" => {
-                    assert!(change.p_value.unwrap() < 1e-6 && change.better == 6 && change.after < 0.7 * change.before, "{change:?}")
+                    assert!(
+                        change.p_value.unwrap() < 1e-6
+                            && change.better == 6
+                            && change.after < 0.7 * change.before,
+                        "{change:?}"
+                    )
                 }
-                _ => assert!(change.p_value.is_none() && change.better == 0 && change.after == change.before, "{change:?}"),
+                _ => assert!(
+                    change.p_value.is_none() && change.better == 0 && change.after == change.before,
+                    "{change:?}"
+                ),
             }
         }
         assert_eq!(axis_changes(&before[..5], &after[..5])[2].p_value, None);

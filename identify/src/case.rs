@@ -72,7 +72,8 @@ impl Case {
     /// [`CaseError`] names the file, and line and column of what is malformed.
     pub fn read(path: &Path) -> Result<Self, CaseError> {
         let file = path.display().to_string();
-        let text = std::fs::read_to_string(path).map_err(|source| CaseError::Io { file: file.clone(), source })?;
+        let text =
+            std::fs::read_to_string(path).map_err(|source| CaseError::Io { file: file.clone(), source })?;
         let mut case: Case = serde_json::from_str(&text).map_err(|e| CaseError::Malformed {
             file,
             line: e.line(),
@@ -95,7 +96,11 @@ impl Case {
     /// [`CaseError::Model`] for values that a model cannot have.
     pub fn model(&self) -> Result<Model, CaseError> {
         let Declaration { attitude, height, yaw } = &self.declared_model;
-        let quantity = |value: f64, unit: &str| Quantity { value, unit: unit.into(), source: format!("declared in case {}", self.id) };
+        let quantity = |value: f64, unit: &str| Quantity {
+            value,
+            unit: unit.into(),
+            source: format!("declared in case {}", self.id),
+        };
         let mut model = Model::thesis();
         model.name = format!("{}-declared", self.id);
         model.description = format!("As declared in case {}", self.id);
@@ -106,7 +111,8 @@ impl Case {
         }
         model.yaw = Yaw::Rate { gain: quantity(-1.0, "1"), bandwidth: quantity(yaw.k, "1/s") };
         model.lateral.drag = quantity(0.0, "1/s");
-        let thrust = Vertical::Thrust { hover: quantity(height.hover_pwm, "1"), heave: quantity(height.heave, "1/s") };
+        let thrust =
+            Vertical::Thrust { hover: quantity(height.hover_pwm, "1"), heave: quantity(height.heave, "1/s") };
         model.vertical = Verticals { default: None, height: None, pwm: None, thrust: Some(thrust) };
         model.vehicle.mass = quantity(self.mass_kg, "kg");
         model.vehicle.battery_reference = self.vbat_ref.map(|v| quantity(v, "V"));

@@ -1,5 +1,5 @@
-//! The thesis's first simulation block (7.1.1): the commands of a recorded flight drive the model open loop, and what it predicts is
-//! compared with what was measured.
+//! The thesis's first simulation block (7.1.1): the commands of a recorded flight drive the model open loop,
+//! and what it predicts is compared with what was measured.
 
 mod error;
 pub(crate) mod measurements;
@@ -80,13 +80,19 @@ pub struct ReplayOptions {
     pub horizon_s: Option<f64>,
     /// Source of the PWM at which the model hovers.
     pub hover: HoverSource,
-    /// Give the model the measured yaw rate for a command, where the log holds none, so that its heading is right.
+    /// Give the model the measured yaw rate for a command, where the log holds none, so that its heading is
+    /// right.
     pub measured_yaw_rate: bool,
 }
 
 impl Default for ReplayOptions {
     fn default() -> Self {
-        ReplayOptions { vertical: None, horizon_s: None, hover: HoverSource::OfModel, measured_yaw_rate: false }
+        ReplayOptions {
+            vertical: None,
+            horizon_s: None,
+            hover: HoverSource::OfModel,
+            measured_yaw_rate: false,
+        }
     }
 }
 
@@ -124,17 +130,30 @@ impl fmt::Display for Remark {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::VelocityDerived { half_window_s } => {
-                write!(f, "velocity is not measured: derived from the position by local cubics over +-{half_window_s} s")
+                write!(
+                    f,
+                    "velocity is not measured: derived from the position by local cubics over +-{half_window_s} s"
+                )
             }
-            Self::VelocityOfTruth => write!(f, "velocity is not measured: taken from the simulator's truth in the log"),
+            Self::VelocityOfTruth => {
+                write!(f, "velocity is not measured: taken from the simulator's truth in the log")
+            }
             Self::YawCommandZero => write!(f, "no yaw-rate command in the log: taken as 0"),
             Self::YawCommandMeasured => {
-                write!(f, "no yaw-rate command in the log: the measured yaw rate is given instead, so the fit of yaw says nothing")
+                write!(
+                    f,
+                    "no yaw-rate command in the log: the measured yaw rate is given instead, so the fit of yaw says nothing"
+                )
             }
             Self::HoverPwm { flight, model } => {
-                write!(f, "median thrust command of the flight {flight:.0} PWM; the model hovers at {model:.0} PWM")
+                write!(
+                    f,
+                    "median thrust command of the flight {flight:.0} PWM; the model hovers at {model:.0} PWM"
+                )
             }
-            Self::HoverTaken { pwm, instead_of } => write!(f, "hover PWM taken as {pwm:.0} instead of the model's {instead_of:.0}"),
+            Self::HoverTaken { pwm, instead_of } => {
+                write!(f, "hover PWM taken as {pwm:.0} instead of the model's {instead_of:.0}")
+            }
         }
     }
 }
@@ -170,7 +189,8 @@ pub struct Replay {
 /// Replays a recorded flight on a model.
 ///
 /// # Errors
-/// [`ReplayError`]: the log lacks commands or never flies, the model lacks the vertical form, or its effects are drawn at random.
+/// [`ReplayError`]: the log lacks commands or never flies, the model lacks the vertical form, or its effects
+/// are drawn at random.
 pub fn replay(model: &Model, log: &FlightLog, plan: &ReplayOptions) -> Result<Replay, ReplayError> {
     let horizon_ticks = horizon_ticks(plan.horizon_s)?;
     if log.cmd_roll_rad.is_none() && log.cmd_thrust_pwm.is_none() && log.cmd_height_m.is_none() {
@@ -216,13 +236,20 @@ fn refuse_drawn(effects: &EffectTable) -> Result<(), ReplayError> {
 }
 
 /// Which vertical form, and the log's command for it.
-fn vertical_command<'a>(model: &Model, log: &'a FlightLog, plan: &ReplayOptions) -> Result<(VerticalInput, &'a [f64]), ReplayError> {
-    let command_for = |input: VerticalInput| if input.is_pwm() { &log.cmd_thrust_pwm } else { &log.cmd_height_m };
+fn vertical_command<'a>(
+    model: &Model,
+    log: &'a FlightLog,
+    plan: &ReplayOptions,
+) -> Result<(VerticalInput, &'a [f64]), ReplayError> {
+    let command_for =
+        |input: VerticalInput| if input.is_pwm() { &log.cmd_thrust_pwm } else { &log.cmd_height_m };
     let wanted = match (plan.vertical, plan.hover) {
         (Some(input), _) => input,
-        (None, HoverSource::OfModel) => {
-            model.inputs().into_iter().find(|input| command_for(*input).is_some()).unwrap_or(VerticalInput::Pwm)
-        }
+        (None, HoverSource::OfModel) => model
+            .inputs()
+            .into_iter()
+            .find(|input| command_for(*input).is_some())
+            .unwrap_or(VerticalInput::Pwm),
         (None, _) => VerticalInput::Thrust,
     };
     model.vertical(wanted)?;
@@ -253,12 +280,15 @@ fn model_on_replay_clock(
     if plan.hover == HoverSource::OfModel {
         let hover = match model.vertical(input)? {
             Vertical::Thrust { hover, .. } => Some(hover.value),
-            Vertical::FirstOrder { hover, .. } | Vertical::SecondOrder { hover, .. } => hover.as_ref().map(|q| q.value),
+            Vertical::FirstOrder { hover, .. } | Vertical::SecondOrder { hover, .. } => {
+                hover.as_ref().map(|q| q.value)
+            }
         };
         remarks.extend(hover.map(|model| Remark::HoverPwm { flight, model }));
         return Ok(model);
     }
-    let (VerticalInput::Thrust, Some(Vertical::Thrust { hover, .. })) = (input, &mut model.vertical.thrust) else {
+    let (VerticalInput::Thrust, Some(Vertical::Thrust { hover, .. })) = (input, &mut model.vertical.thrust)
+    else {
         return Err(ReplayError::HoverWithoutThrustForm);
     };
     let pwm = if let HoverSource::Given(pwm) = plan.hover { pwm } else { flight };
@@ -303,7 +333,14 @@ impl<'a> Commands<'a> {
                 None
             }
         };
-        Ok(Commands { t_s: &log.t_s, vbat_v: log.vbat_v.as_deref(), roll_rad, pitch_rad, yaw_rate_radps, lift })
+        Ok(Commands {
+            t_s: &log.t_s,
+            vbat_v: log.vbat_v.as_deref(),
+            roll_rad,
+            pitch_rad,
+            yaw_rate_radps,
+            lift,
+        })
     }
 
     fn row(&self, t_s: f64) -> usize {
@@ -328,7 +365,13 @@ impl<'a> Commands<'a> {
 }
 
 /// The eight signals over one open-loop run, one row per tick, the start included.
-fn run_open_loop(world: &mut World<f64>, start: &State<f64>, begin_s: f64, ticks: usize, commands: &Commands<'_>) -> Vec<[f64; 8]> {
+fn run_open_loop(
+    world: &mut World<f64>,
+    start: &State<f64>,
+    begin_s: f64,
+    ticks: usize,
+    commands: &Commands<'_>,
+) -> Vec<[f64; 8]> {
     world.start(0, true, start, &commands.command_at(begin_s - TICK_S));
     let mut rows = Vec::with_capacity(ticks + 1);
     rows.push(outputs(start));
@@ -356,7 +399,8 @@ struct OpenLoopRuns {
 }
 
 impl OpenLoopRuns {
-    /// A signal at a time after the start. At the moment of a new start the run before it is asked: its prediction is the older one.
+    /// A signal at a time after the start. At the moment of a new start the run before it is asked: its
+    /// prediction is the older one.
     fn value_at(&self, signal: usize, t_s: f64) -> f64 {
         let tick = ((t_s - self.start_s) * TICK_HZ).max(0.0);
         let run = ((tick - ROUNDING_S).max(0.0) / self.each as f64) as usize;
@@ -369,7 +413,12 @@ impl OpenLoopRuns {
     }
 }
 
-fn compare(measured: &Measurements, prediction: &OpenLoopRuns, start_s: f64, end_s: f64) -> Result<[SignalComparison; 8], ReplayError> {
+fn compare(
+    measured: &Measurements,
+    prediction: &OpenLoopRuns,
+    start_s: f64,
+    end_s: f64,
+) -> Result<[SignalComparison; 8], ReplayError> {
     let mut all = Vec::with_capacity(SIGNALS.len());
     for (index, signal) in SIGNALS.iter().enumerate() {
         let track = measured.track(index);
@@ -377,7 +426,8 @@ fn compare(measured: &Measurements, prediction: &OpenLoopRuns, start_s: f64, end
         let t_s = track.t_s[start..end].to_vec();
         let measured = track.values[start..end].to_vec();
         let predicted: Vec<f64> = t_s.iter().map(|t| prediction.value_at(index, *t)).collect();
-        let fit = Fit::new(&measured, &predicted).map_err(|source| ReplayError::Compare { signal: signal.name, source })?;
+        let fit = Fit::new(&measured, &predicted)
+            .map_err(|source| ReplayError::Compare { signal: signal.name, source })?;
         all.push(SignalComparison { t_s, measured, predicted, fit });
     }
     // one per signal

@@ -46,7 +46,9 @@ fn a_flight_is_airborne_above_where_it_stood() {
 fn one_flight_under_two_names_is_one_flight() {
     let (fast, slow) = (read(FAST), read(SLOW));
     let again = shortened(&fast, 400);
-    assert!(fast.1.is_same_flight(&again.1) && again.1.is_same_flight(&fast.1) && !fast.1.is_same_flight(&slow.1));
+    assert!(
+        fast.1.is_same_flight(&again.1) && again.1.is_same_flight(&fast.1) && !fast.1.is_same_flight(&slow.1)
+    );
     assert_eq!(first_duplicate(&[&slow.1, &fast.1, &again.1]), Some([1, 2]));
     let refused = identify(&Model::thesis(), &[fast, again], &FitOptions::default(), &|| ());
     assert!(matches!(refused, Err(IdentifyError::Duplicate { .. })), "{refused:?}");
@@ -70,12 +72,21 @@ fn a_real_vehicle_is_identified_and_predicts_a_flight_that_was_not_fitted() {
         assert!(!p.at_bound && p.standard_error.is_finite(), "{p:?}");
     }
     let model = Model::parse(&found.model.to_toml().unwrap()).unwrap();
-    assert_eq!((&model.name[..], model.vehicle.mass.value, model.vertical.default), ("mine", 0.034, Some(VerticalInput::Thrust)));
+    assert_eq!(
+        (&model.name[..], model.vehicle.mass.value, model.vertical.default),
+        ("mine", 0.034, Some(VerticalInput::Thrust))
+    );
     assert!(model.effects.contains_key("thrust_slope") && !model.effects.contains_key("imu_tilt"));
     // the hover PWM of each flight is its own, near the median command
     let (_, _, hover_pwm) = found.fit.trims[0].values.iter().find(|(name, ..)| name == "hover_pwm").unwrap();
     assert!((40_000.0..75_000.0).contains(hover_pwm), "{hover_pwm}");
-    let (before, after) = (found.compare_with(&Model::thesis(), &test).unwrap(), found.compare_logs(&test).unwrap());
+    let (before, after) =
+        (found.compare_with(&Model::thesis(), &test).unwrap(), found.compare_logs(&test).unwrap());
     assert!(error(&after, "sideways") < 0.25 && error(&after, "vertical") < 0.35, "{:?}", after.errors);
-    assert!(error(&after, "velocity") < 0.3 * error(&before, "velocity"), "{:?} {:?}", before.errors, after.errors);
+    assert!(
+        error(&after, "velocity") < 0.3 * error(&before, "velocity"),
+        "{:?} {:?}",
+        before.errors,
+        after.errors
+    );
 }

@@ -14,11 +14,14 @@ use crazyflie_identify::fit::hypothesis::{Hypothesis, Term};
 
 #[test]
 fn values_settle_where_the_likelihood_is_highest() {
-    let Some(folder) = data("values_settle_where_the_likelihood_is_highest", "hidden_effects") else { return };
+    let Some(folder) = data("values_settle_where_the_likelihood_is_highest", "hidden_effects") else {
+        return;
+    };
     // a quadratic drag of 0.465 1/m
     let case = Case::read(&folder.join("d06.json")).unwrap();
     let model = case.model().unwrap();
-    let flights = [Flight::from_log("d06_a", &FlightLog::read(&case.identify_on).unwrap(), &model, None).unwrap()];
+    let flights =
+        [Flight::from_log("d06_a", &FlightLog::read(&case.identify_on).unwrap(), &model, None).unwrap()];
     let hypothesis = Hypothesis::from_model(&model).with(Term::off(find("drag_quadratic").unwrap().1));
     let search = Search::new(&flights);
     let mut judged = search.judge(&hypothesis, &[0.05], &FLOOR).unwrap();

@@ -1,7 +1,9 @@
 //! Transfer functions come back from records that an independent integration made.
 
 use crazyflie_identify::estimate::{Clusters, ResidualTests};
-use crazyflie_identify::transfer::{Channel, IdentifyError, Offset, Record, Structure, TransferFunctionEstimate, WindowLength, identify};
+use crazyflie_identify::transfer::{
+    Channel, IdentifyError, Offset, Record, Structure, TransferFunctionEstimate, WindowLength, identify,
+};
 
 /// Normal numbers of a linear congruential generator.
 struct Noise(u64);
@@ -27,7 +29,8 @@ struct Plant {
 
 const ROLL: Plant = Plant { b: 123.2, a1: 31.86, a0: 81.85, delay_s: 0.0, offset: 0.0 };
 
-/// A record of `seconds`: steps of random height and length, integrated in steps of 0.1 ms by the midpoint rule.
+/// A record of `seconds`: steps of random height and length, integrated in steps of 0.1 ms by the midpoint
+/// rule.
 fn record(plant: &Plant, seed: u64, seconds: f64, sigma: f64) -> Record {
     let mut noise = Noise(seed);
     let (tick_s, fine) = (0.01, 100);
@@ -53,7 +56,15 @@ fn record(plant: &Plant, seed: u64, seconds: f64, sigma: f64) -> Record {
         output_t_s.push((k + 1) as f64 * tick_s);
     }
     let input_t_s = (0..input.len()).map(|k| k as f64 * tick_s).collect();
-    Record { name: format!("r{seed}"), input_t_s, input, output_t_s, output, span_s: [0.0, seconds], integrated: false }
+    Record {
+        name: format!("r{seed}"),
+        input_t_s,
+        input,
+        output_t_s,
+        output,
+        span_s: [0.0, seconds],
+        integrated: false,
+    }
 }
 
 fn order(numerator: usize, denominator: usize) -> Structure {
@@ -63,7 +74,13 @@ fn order(numerator: usize, denominator: usize) -> Structure {
 fn assert_near(found: &TransferFunctionEstimate, truth: &[f64], share: f64) {
     for (p, truth) in found.parameters.iter().zip(truth) {
         let off = (p.value - truth).abs();
-        assert!(off < share * truth.abs() && off < 4.5 * p.standard_error, "{} {} +- {}, truly {truth}", p.name, p.value, p.standard_error);
+        assert!(
+            off < share * truth.abs() && off < 4.5 * p.standard_error,
+            "{} {} +- {}, truly {truth}",
+            p.name,
+            p.value,
+            p.standard_error
+        );
     }
 }
 
@@ -85,7 +102,9 @@ fn a_second_order_comes_back_without_a_guess() {
 fn a_delay_of_any_fraction_of_a_sample_is_found() {
     let late = Plant { delay_s: 0.0373, ..ROLL };
     let records = [record(&late, 5, 30.0, 0.003)];
-    let found = identify(&records, Channel::Roll, Structure { delay: true, ..order(0, 2) }, WindowLength::OfChannel).unwrap();
+    let found =
+        identify(&records, Channel::Roll, Structure { delay: true, ..order(0, 2) }, WindowLength::OfChannel)
+            .unwrap();
     assert_near(&found, &[123.2, 31.86, 81.85, 0.0373], 0.08);
     assert!((found.function.delay_s - 0.0373).abs() < 0.002);
     // what no delay explains, the input still does
@@ -98,7 +117,8 @@ fn a_delay_of_any_fraction_of_a_sample_is_found() {
 #[test]
 fn the_order_that_made_the_data_has_the_best_criterion() {
     let records = [record(&ROLL, 7, 30.0, 0.003)];
-    let bic = |n, d| identify(&records, Channel::Roll, order(n, d), WindowLength::OfChannel).unwrap().criteria.bic;
+    let bic =
+        |n, d| identify(&records, Channel::Roll, order(n, d), WindowLength::OfChannel).unwrap().criteria.bic;
     let right = bic(0, 2);
     assert!(right < bic(0, 1) - 10.0 && right < bic(1, 2) && right < bic(0, 3));
 }
@@ -107,7 +127,13 @@ fn the_order_that_made_the_data_has_the_best_criterion() {
 fn offsets_per_flight() {
     let flights = [0.05, -0.08].map(|offset| Plant { offset, ..ROLL });
     let records = [record(&flights[0], 11, 20.0, 0.003), record(&flights[1], 12, 20.0, 0.003)];
-    let found = identify(&records, Channel::Roll, Structure { offset: Offset::PerFlight, ..order(0, 2) }, WindowLength::OfChannel).unwrap();
+    let found = identify(
+        &records,
+        Channel::Roll,
+        Structure { offset: Offset::PerFlight, ..order(0, 2) },
+        WindowLength::OfChannel,
+    )
+    .unwrap();
     assert_near(&found, &[123.2, 31.86, 81.85, 0.05, -0.08], 0.08);
     assert_eq!(found.parameters[4].name, "offset r12");
 }
@@ -125,11 +151,15 @@ fn an_integrator_seen_as_a_position() {
 #[test]
 fn what_the_data_does_not_tell_is_said() {
     let still = Record { input: vec![0.1; 2000], ..record(&ROLL, 1, 20.0, 0.005) };
-    let refused = |records: &[Record], structure| identify(records, Channel::Roll, structure, WindowLength::OfChannel).unwrap_err();
+    let refused = |records: &[Record], structure| {
+        identify(records, Channel::Roll, structure, WindowLength::OfChannel).unwrap_err()
+    };
     let message = refused(std::slice::from_ref(&still), order(0, 2)).to_string();
     assert!(message.contains("roll command does not move"), "{message}");
     assert_eq!(refused(&[], order(0, 2)), IdentifyError::NoLogs);
     assert!(matches!(refused(&[still], order(3, 2)), IdentifyError::Order { numerator: 3, .. }));
-    let short = identify(&[record(&ROLL, 1, 20.0, 0.005)], Channel::Roll, order(0, 2), WindowLength::Seconds(0.1)).unwrap_err();
+    let short =
+        identify(&[record(&ROLL, 1, 20.0, 0.005)], Channel::Roll, order(0, 2), WindowLength::Seconds(0.1))
+            .unwrap_err();
     assert!(matches!(short, IdentifyError::Window { .. }));
 }

@@ -1,8 +1,9 @@
 //! Signals that were recorded on different clocks, brought to one.
 //!
-//! The thesis starts both signals at their first message and repeats the last command for every sample of the IMU
-//! (6.3.3, Annex 3). Here commands are held in the same way, but time stamps are compared message by message, and where
-//! they say nothing the camera's delay is measured by correlating what it saw with what the gyro felt.
+//! The thesis starts both signals at their first message and repeats the last command for every sample of the
+//! IMU (6.3.3, Annex 3). Here commands are held in the same way, but time stamps are compared message by
+//! message, and where they say nothing the camera's delay is measured by correlating what it saw with what
+//! the gyro felt.
 
 use super::attitude::Rotation;
 use super::signal::unwrap;
@@ -15,7 +16,8 @@ const G_MPS2: f64 = 9.80665;
 const LONGEST_TRANSPORT_S: f64 = 0.25;
 /// Stamps in the future by rounding are still the same clock.
 const ROUNDING_S: f64 = 0.002;
-/// Queues only ever add to the transport time, so the fastest messages show the clocks; of outliers, not the very fastest.
+/// Queues only ever add to the transport time, so the fastest messages show the clocks; of outliers, not the
+/// very fastest.
 const FASTEST_SHARE: f64 = 0.05;
 /// Drift is the slope of the fastest message of so many parts.
 const DRIFT_PARTS: usize = 10;
@@ -25,8 +27,8 @@ const SHORTEST_DRIFT_S: f64 = 10.0;
 /// How the clock that stamped a topic's messages differs from the recorder's.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct ClockOffset {
-    /// Add this to a stamp for the recorder's time of the same moment: 0 where both are one clock, else the difference
-    /// that the fastest messages show, transport included.
+    /// Add this to a stamp for the recorder's time of the same moment: 0 where both are one clock, else the
+    /// difference that the fastest messages show, transport included.
     pub(super) offset_s: f64,
     /// Whether the stamps are of the recorder's clock.
     pub(super) same: bool,
@@ -39,7 +41,8 @@ pub(super) struct ClockOffset {
 
 /// Compares the stamps of messages with the times at which they were recorded.
 pub(super) fn clock_offset(stamped_s: &[f64], recorded_s: &[f64]) -> ClockOffset {
-    let late: Vec<f64> = recorded_s.iter().zip(stamped_s).map(|(recorded, stamped)| recorded - stamped).collect();
+    let late: Vec<f64> =
+        recorded_s.iter().zip(stamped_s).map(|(recorded, stamped)| recorded - stamped).collect();
     let fastest = quantile(&late, FASTEST_SHARE).unwrap_or(0.0);
     let same = (-ROUNDING_S..=LONGEST_TRANSPORT_S).contains(&fastest);
     let offset_s = if same { 0.0 } else { fastest };
@@ -60,14 +63,17 @@ fn drift_ppm(recorded_s: &[f64], late_s: &[f64]) -> Option<f64> {
         return None;
     }
     let fastest = |rows: &[f64]| rows.iter().copied().fold(f64::INFINITY, f64::min);
-    let times: Vec<f64> = recorded_s.chunks_exact(part).map(|part| quantile(part, 0.5).unwrap_or(0.0)).collect();
+    let times: Vec<f64> =
+        recorded_s.chunks_exact(part).map(|part| quantile(part, 0.5).unwrap_or(0.0)).collect();
     let lates: Vec<f64> = late_s.chunks_exact(part).map(fastest).collect();
     let pairs = (0..times.len()).flat_map(|a| (0..a).map(move |b| (a, b)));
-    let slopes: Vec<f64> = pairs.map(|(a, b)| (lates[a] - lates[b]) / (times[a] - times[b])).filter(|s| s.is_finite()).collect();
+    let slopes: Vec<f64> =
+        pairs.map(|(a, b)| (lates[a] - lates[b]) / (times[a] - times[b])).filter(|s| s.is_finite()).collect();
     (!slopes.is_empty()).then(|| quantile(&slopes, 0.5).unwrap_or(0.0) * 1e6)
 }
 
-/// For each of `rows_s`, the index of the last of `t_s` that is not later: a held input. `None` before the first.
+/// For each of `rows_s`, the index of the last of `t_s` that is not later: a held input. `None` before the
+/// first.
 pub(super) fn last_index_before(t_s: &[f64], rows_s: &[f64]) -> Vec<Option<usize>> {
     rows_s.iter().map(|row| t_s.partition_point(|t| t <= row).checked_sub(1)).collect()
 }
@@ -83,7 +89,10 @@ impl Track<'_> {
     /// Interpolated linearly, held beyond the ends; 0 without samples.
     pub(super) fn value_at(&self, t_s: f64) -> f64 {
         let after = self.t_s.partition_point(|t| *t <= t_s);
-        match (after.checked_sub(1).map(|i| (self.t_s[i], self.values[i])), self.t_s.get(after).zip(self.values.get(after))) {
+        match (
+            after.checked_sub(1).map(|i| (self.t_s[i], self.values[i])),
+            self.t_s.get(after).zip(self.values.get(after)),
+        ) {
             (Some((t0, v0)), Some((t1, v1))) => v0 + (t_s - t0) / (t1 - t0) * (v1 - v0),
             (Some((_, v)), None) => v,
             (None, Some((_, v))) => *v,
@@ -97,7 +106,8 @@ impl Track<'_> {
 pub(super) struct MotionPair<'a> {
     pub(super) seen: Track<'a>,
     pub(super) felt: Track<'a>,
-    /// Order of the differences that are compared: slope (1) or curvature (2). Offsets or straight drifts fall out.
+    /// Order of the differences that are compared: slope (1) or curvature (2). Offsets or straight drifts
+    /// fall out.
     pub(super) differences: usize,
     pub(super) name: &'static str,
 }
@@ -138,7 +148,9 @@ fn pair_lag(pair: &MotionPair<'_>) -> Option<Lag> {
     while start + part + REACH <= seen.len() {
         let rows = start..start + part;
         // lag L: what is felt at t is seen at t + L
-        let correlation_at = |shift: usize| correlation(&seen[rows.start + shift - REACH..rows.end + shift - REACH], &felt[rows.clone()]);
+        let correlation_at = |shift: usize| {
+            correlation(&seen[rows.start + shift - REACH..rows.end + shift - REACH], &felt[rows.clone()])
+        };
         let by_lag: Vec<f64> = (0..=2 * REACH).map(correlation_at).collect();
         if let Some((at, top)) = peak(&by_lag, LEAST_CORRELATION) {
             lags.push((at - REACH as f64) * GRID_S);
@@ -151,8 +163,10 @@ fn pair_lag(pair: &MotionPair<'_>) -> Option<Lag> {
     }
     let lag_s = quantile(&lags, 0.5).unwrap_or(0.0);
     let off: Vec<f64> = lags.iter().map(|lag| (lag - lag_s).abs()).collect();
-    // Median deviation to standard deviation, then to the error of a median; no better than a tenth of the grid.
-    let sigma_s = (1.4826 * 1.2533 * quantile(&off, 0.5).unwrap_or(0.0) / (lags.len() as f64).sqrt()).max(0.1 * GRID_S);
+    // Median deviation to standard deviation, then to the error of a median; no better than a tenth of the
+    // grid.
+    let sigma_s =
+        (1.4826 * 1.2533 * quantile(&off, 0.5).unwrap_or(0.0) / (lags.len() as f64).sqrt()).max(0.1 * GRID_S);
     Some(Lag { lag_s, sigma_s, correlation: quantile(&best, 0.5).unwrap_or(0.0), by: pair.name })
 }
 
@@ -171,7 +185,8 @@ fn differences(track: Track<'_>, pair: &MotionPair<'_>) -> Option<Vec<f64>> {
     })
 }
 
-/// Place and height of the highest value, refined by a parabola; `None` if it lies at an end or below `least`.
+/// Place and height of the highest value, refined by a parabola; `None` if it lies at an end or below
+/// `least`.
 pub(super) fn peak(by_lag: &[f64], least: f64) -> Option<(f64, f64)> {
     let at = (1..by_lag.len().checked_sub(1)?).max_by(|a, b| by_lag[*a].total_cmp(&by_lag[*b]))?;
     let [before, top, after] = [by_lag[at - 1], by_lag[at], by_lag[at + 1]];
@@ -210,7 +225,8 @@ pub(super) fn integrate_twice(t_s: &[f64], values: &[f64]) -> Vec<f64> {
 }
 
 impl FlightLog {
-    /// How much later the fixes appear than the attitude, by what both say of the motion. `None` where the attitude is no measurement.
+    /// How much later the fixes appear than the attitude, by what both say of the motion. `None` where the
+    /// attitude is no measurement.
     pub(super) fn position_lag(&self) -> Option<Lag> {
         let fixes = &self.fixes;
         let is_ordered = fixes.capture_t_s.windows(2).all(|pair| pair[0] < pair[1]);
@@ -221,10 +237,20 @@ impl FlightLog {
     }
 
     /// How much later positions appear than the attitude: acceleration by tilt in x and y, and yaw.
-    pub(super) fn lag_of_positions(&self, seen_s: &[f64], pos_m: &[Vec<f64>; 3], yaw_rad: Option<&[f64]>) -> Option<Lag> {
-        let up = |row: usize| Rotation::from_angles([self.roll_rad[row], self.pitch_rad[row], self.yaw_rad[row]]).turn([0.0, 0.0, 1.0]);
+    pub(super) fn lag_of_positions(
+        &self,
+        seen_s: &[f64],
+        pos_m: &[Vec<f64>; 3],
+        yaw_rad: Option<&[f64]>,
+    ) -> Option<Lag> {
+        let up = |row: usize| {
+            Rotation::from_angles([self.roll_rad[row], self.pitch_rad[row], self.yaw_rad[row]])
+                .turn([0.0, 0.0, 1.0])
+        };
         // A thrust that carries the weight; beyond 80 degrees of tilt nothing is known.
-        let push = |axis: usize| (0..self.len()).map(up).map(|up| G_MPS2 * up[axis] / up[2].max(0.2)).collect::<Vec<f64>>();
+        let push = |axis: usize| {
+            (0..self.len()).map(up).map(|up| G_MPS2 * up[axis] / up[2].max(0.2)).collect::<Vec<f64>>()
+        };
         let felt = [0, 1].map(|axis| integrate_twice(&self.t_s, &push(axis)));
         let track = |values| Track { t_s: &self.t_s, values };
         let seen = |values| Track { t_s: seen_s, values };
@@ -238,7 +264,12 @@ impl FlightLog {
             MotionPair { seen: seen(&pos_m[1]), felt: track(&felt[1]), differences: 2, name: "y and tilt" },
         ];
         if let Some(yaw) = &yaw {
-            pairs.push(MotionPair { seen: seen(yaw), felt: track(&self.yaw_rad), differences: 1, name: "yaw" });
+            pairs.push(MotionPair {
+                seen: seen(yaw),
+                felt: track(&self.yaw_rad),
+                differences: 1,
+                name: "yaw",
+            });
         }
         lag(&pairs)
     }
@@ -264,7 +295,8 @@ mod tests {
     #[test]
     fn the_delay_of_a_noisy_camera_is_found() {
         let frames: Vec<f64> = (0..1200).map(|i| i as f64 / 30.0).collect();
-        let seen: Vec<f64> = frames.iter().enumerate().map(|(i, t)| position(t - 0.083) + 0.01 * noise(i)).collect();
+        let seen: Vec<f64> =
+            frames.iter().enumerate().map(|(i, t)| position(t - 0.083) + 0.01 * noise(i)).collect();
         let imu: Vec<f64> = (0..4000).map(|i| i as f64 * 0.01).collect();
         let felt: Vec<f64> = imu.iter().map(|t| acceleration(*t) + 0.05).collect();
         let felt = integrate_twice(&imu, &felt);
@@ -286,7 +318,8 @@ mod tests {
     fn a_clock_since_boot_is_told_from_a_slow_transport() {
         let recorded: Vec<f64> = (0..6000).map(|i| i as f64 * 0.01).collect();
         let queue = |i: usize| 0.004 * (noise(i) + 0.5).powi(2);
-        let stamped: Vec<f64> = recorded.iter().enumerate().map(|(i, t)| t * (1.0 - 50e-6) - 1234.5 - queue(i)).collect();
+        let stamped: Vec<f64> =
+            recorded.iter().enumerate().map(|(i, t)| t * (1.0 - 50e-6) - 1234.5 - queue(i)).collect();
         let clock = clock_offset(&stamped, &recorded);
         assert!(!clock.same && (clock.offset_s - 1234.5).abs() < 2e-3, "{clock:?}");
         assert!((clock.drift_ppm.unwrap() - 50.0).abs() < 10.0, "{clock:?}");
@@ -297,6 +330,9 @@ mod tests {
 
     #[test]
     fn inputs_hold_until_the_next() {
-        assert_eq!(last_index_before(&[1.0, 2.0], &[0.5, 1.0, 1.9, 2.0, 9.0]), [None, Some(0), Some(0), Some(1), Some(1)]);
+        assert_eq!(
+            last_index_before(&[1.0, 2.0], &[0.5, 1.0, 1.9, 2.0, 9.0]),
+            [None, Some(0), Some(0), Some(1), Some(1)]
+        );
     }
 }

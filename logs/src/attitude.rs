@@ -1,4 +1,5 @@
-//! Attitude where a log holds none: integrated from the gyro, or read off the direction of the specific force.
+//! Attitude where a log holds none: integrated from the gyro, or read off the direction of the specific
+//! force.
 
 use super::signal::centred_mean;
 
@@ -84,9 +85,13 @@ impl Rotation {
     }
 }
 
-/// Roll, pitch and yaw from the gyro, by the trapezoidal rule (thesis, 6.3.1), on the rotation group rather than axis by
-/// axis. Where `known` gives angles, they hold and the integration starts anew. Yaw may wrap.
-pub(super) fn integrate(t_s: &[f64], gyro_radps: &[Vec<f64>; 3], known: impl Fn(usize) -> Option<[f64; 3]>) -> [Vec<f64>; 3] {
+/// Roll, pitch and yaw from the gyro, by the trapezoidal rule (thesis, 6.3.1), on the rotation group rather
+/// than axis by axis. Where `known` gives angles, they hold and the integration starts anew. Yaw may wrap.
+pub(super) fn integrate(
+    t_s: &[f64],
+    gyro_radps: &[Vec<f64>; 3],
+    known: impl Fn(usize) -> Option<[f64; 3]>,
+) -> [Vec<f64>; 3] {
     let mut rotation = Rotation::from_angles(known(0).unwrap_or([0.0; 3]));
     let mut angles = [const { Vec::new() }; 3];
     for row in 0..t_s.len() {
@@ -103,7 +108,8 @@ pub(super) fn integrate(t_s: &[f64], gyro_radps: &[Vec<f64>; 3], known: impl Fn(
     angles
 }
 
-/// Roll and pitch that point the thrust along the specific force (world frame, multiples of g, gravity taken out), averaged; drag, which is small, is taken for tilt.
+/// Roll and pitch that point the thrust along the specific force (world frame, multiples of g, gravity taken
+/// out), averaged; drag, which is small, is taken for tilt.
 pub(super) fn tilt(t_s: &[f64], [ax, ay, az]: &[Vec<f64>; 3], yaw: &[f64]) -> [Vec<f64>; 2] {
     let [mut roll, mut pitch] = [const { Vec::new() }; 2];
     for (row, yaw) in yaw.iter().enumerate() {
@@ -139,7 +145,10 @@ mod tests {
         let up = [0.0, 0.0, 1.0];
         assert!(Rotation::from_angles([0.0, 0.1, 0.0]).turn(up)[0] > 0.09);
         assert!(Rotation::from_angles([0.1, 0.0, 0.0]).turn(up)[1] < -0.09);
-        assert!(close(Rotation::from_angles([0.0, 0.0, 1.0]).turn([1.0, 0.0, 0.0]), [1_f64.cos(), 1_f64.sin(), 0.0]));
+        assert!(close(
+            Rotation::from_angles([0.0, 0.0, 1.0]).turn([1.0, 0.0, 0.0]),
+            [1_f64.cos(), 1_f64.sin(), 0.0]
+        ));
     }
 
     #[test]

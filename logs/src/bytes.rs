@@ -73,7 +73,8 @@ impl<'a> Bytes<'a> {
         Some(block)
     }
 
-    /// Text up to a zero byte, which is skipped; `None` if there is none within `longest` bytes or it is no text.
+    /// Text up to a zero byte, which is skipped; `None` if there is none within `longest` bytes or it is no
+    /// text.
     pub(super) fn c_string(&mut self, longest: usize) -> Option<&'a str> {
         let rest = &self.data[self.at..];
         let end = rest.iter().take(longest + 1).position(|byte| *byte == 0)?;

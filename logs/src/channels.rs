@@ -18,7 +18,8 @@ pub(crate) struct Facts {
     pub(crate) airborne_above_m: Option<f64>,
 }
 
-/// Channels by the names of a mapping file, in the log's units, each on its own times; and the times of the rows.
+/// Channels by the names of a mapping file, in the log's units, each on its own times; and the times of the
+/// rows.
 pub(crate) struct Channels {
     rows_s: Vec<f64>,
     series: Vec<Series>,
@@ -33,7 +34,8 @@ impl Channels {
     /// The rows: the times at which the vehicle's motion was measured most often, commands aside.
     fn rows(series: &[Series]) -> Option<Vec<f64>> {
         let measures = ["roll", "qw", "gyro_x", "acc_x", "vx", "x"];
-        let measured = series.iter().filter(|series| measures.contains(&series.name.as_str()) && series.t_s.len() > 1);
+        let measured =
+            series.iter().filter(|series| measures.contains(&series.name.as_str()) && series.t_s.len() > 1);
         measured.max_by_key(|series| series.t_s.len()).map(|series| series.t_s.clone())
     }
 
@@ -45,7 +47,11 @@ impl Channels {
     fn at_rows(&self, name: &str, between: Interpolation) -> Option<Vec<f64>> {
         let turn = if name.ends_with("yaw") { TURN_RAD } else { None };
         let series = self.get(name)?;
-        Some(if series.t_s == self.rows_s { series.values.clone() } else { series.resample(&self.rows_s, between, turn) })
+        Some(if series.t_s == self.rows_s {
+            series.values.clone()
+        } else {
+            series.resample(&self.rows_s, between, turn)
+        })
     }
 
     fn all<const N: usize>(&self, names: [&str; N], between: Interpolation) -> Option<[Vec<f64>; N]> {
@@ -56,7 +62,8 @@ impl Channels {
     /// The flight that they make up.
     pub(crate) fn flight(&self, format: &'static str, facts: &Facts, mut notes: Vec<Note>) -> FlightLog {
         time_gaps(&self.rows_s, &mut notes);
-        let resampled: Vec<String> = self.series.iter().filter(|s| s.t_s != self.rows_s).map(|s| s.name.clone()).collect();
+        let resampled: Vec<String> =
+            self.series.iter().filter(|s| s.t_s != self.rows_s).map(|s| s.name.clone()).collect();
         if !resampled.is_empty() {
             notes.push(Note::Resampled { channels: resampled });
         }
@@ -124,11 +131,22 @@ impl Channels {
         let source = PositionSource::of_step(usual_step(&arrived_s));
         let (row, which) = arrivals(&arrived_s, &self.rows_s);
         let pick = |values: &[f64]| which.iter().map(|at| values[kept[*at]]).collect::<Vec<f64>>();
-        let captured = self.get("capture_time").map_or(x.t_s.clone(), |series| series.resample(&x.t_s, Interpolation::Held, None));
-        (Fixes { row, capture_t_s: pick(&captured), pos_m: pos_m.each_ref().map(|axis| pick(axis)), yaw_rad: None }, source)
+        let captured = self
+            .get("capture_time")
+            .map_or(x.t_s.clone(), |series| series.resample(&x.t_s, Interpolation::Held, None));
+        (
+            Fixes {
+                row,
+                capture_t_s: pick(&captured),
+                pos_m: pos_m.each_ref().map(|axis| pick(axis)),
+                yaw_rad: None,
+            },
+            source,
+        )
     }
 
-    /// Roll, pitch and yaw by the best of what is there: angles, a quaternion, the gyro, or the acceleration of the motion.
+    /// Roll, pitch and yaw by the best of what is there: angles, a quaternion, the gyro, or the acceleration
+    /// of the motion.
     fn attitude(&self, notes: &mut Vec<Note>) -> ([Vec<f64>; 3], AttitudeSource) {
         let yaw = self.at_rows("yaw", Interpolation::Line);
         let heading = || yaw.clone().unwrap_or_else(|| vec![0.0; self.rows_s.len()]);
@@ -146,8 +164,11 @@ impl Channels {
             return (integrate(&self.rows_s, &gyro, |_| None), AttitudeSource::Imu);
         }
         let zero = vec![0.0; self.rows_s.len()];
-        let pos_m = self.all(["x", "y", "z"], Interpolation::Line).unwrap_or_else(|| [zero.clone(), zero.clone(), zero]);
-        let in_g = acceleration_of(&self.rows_s, &pos_m).map(|axis| axis.into_iter().map(|a| a / G_MPS2).collect());
+        let pos_m = self
+            .all(["x", "y", "z"], Interpolation::Line)
+            .unwrap_or_else(|| [zero.clone(), zero.clone(), zero]);
+        let in_g =
+            acceleration_of(&self.rows_s, &pos_m).map(|axis| axis.into_iter().map(|a| a / G_MPS2).collect());
         let [roll, pitch] = tilt(&self.rows_s, &in_g, &heading());
         notes.push(Note::TiltFromAcceleration { roll: true, pitch: true, yaw_taken_as_zero: yaw.is_none() });
         ([roll, pitch, heading()], AttitudeSource::Motion)

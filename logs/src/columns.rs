@@ -5,7 +5,8 @@ use super::{LogError, MissingColumn, Note};
 
 /// With a smaller share of a format's columns than this, a file is not taken for that format at all.
 pub(crate) const LEAST_SHARE: f64 = 0.3;
-/// Jaro-Winkler similarity from which a name is offered as a misspelling (`imu_rol_deg` for `imu_roll_deg` has 0.98).
+/// Jaro-Winkler similarity from which a name is offered as a misspelling (`imu_rol_deg` for `imu_roll_deg`
+/// has 0.98).
 const ALIKE: f64 = 0.85;
 
 /// The columns a format needs and the ones it may have besides.
@@ -27,7 +28,12 @@ impl Columns {
     }
 
     /// Checks that a table holds all that the format needs, and notes the columns that it does not know.
-    pub(crate) fn check(&self, format: &'static str, table: &Table, notes: &mut Vec<Note>) -> Result<(), LogError> {
+    pub(crate) fn check(
+        &self,
+        format: &'static str,
+        table: &Table,
+        notes: &mut Vec<Note>,
+    ) -> Result<(), LogError> {
         let lists = [self.required, self.optional, self.alternatives, self.together];
         let is_unknown = |c: &&String| !lists.iter().any(|list| list.contains(&c.as_str()));
         let unknown: Vec<&String> = table.header.iter().filter(is_unknown).collect();

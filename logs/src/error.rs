@@ -41,12 +41,23 @@ pub enum LogError {
     FieldCount { file: String, line: u64, expected: usize, found: usize },
     #[error("{file}, line {line}, column \"{column}\": found \"{value}\", expected {expected}")]
     BadValue { file: String, line: u64, column: String, value: String, expected: &'static str },
-    #[error("{file}, line {line}, column \"{column}\": found {value} s after {previous} s, expected a later time")]
+    #[error(
+        "{file}, line {line}, column \"{column}\": found {value} s after {previous} s, expected a later time"
+    )]
     TimeNotIncreasing { file: String, line: u64, column: String, value: f64, previous: f64 },
     #[error("{file}, line {line}: {problem}")]
     BadMapping { file: String, line: u64, problem: String },
-    #[error("{file}: has no column \"{column}\", which {mapping} maps to {channel}{}", proposal(did_you_mean))]
-    UnmappedColumn { file: String, column: String, mapping: String, channel: String, did_you_mean: Option<String> },
+    #[error(
+        "{file}: has no column \"{column}\", which {mapping} maps to {channel}{}",
+        proposal(did_you_mean)
+    )]
+    UnmappedColumn {
+        file: String,
+        column: String,
+        mapping: String,
+        channel: String,
+        did_you_mean: Option<String>,
+    },
     #[error("{file}: is no ROS 2 bag with the tables topics and messages ({reason})")]
     BadDatabase { file: String, reason: String },
     #[error("{file}, byte {byte}: expected {expected}")]

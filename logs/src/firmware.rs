@@ -1,7 +1,9 @@
-//! The variables of the Crazyflie's firmware as a flight, whatever recorded them: the micro-SD deck, cfclient or cflib.
+//! The variables of the Crazyflie's firmware as a flight, whatever recorded them: the micro-SD deck, cfclient
+//! or cflib.
 //!
-//! Which variables a file holds is up to whoever flew: what is there is used. Without a position from outside,
-//! position and velocity are the vehicle's estimate. In the firmware, pitch and its rate are inverted, see [`Variables::attitude`].
+//! Which variables a file holds is up to whoever flew: what is there is used. Without a position from
+//! outside, position and velocity are the vehicle's estimate. In the firmware, pitch and its rate are
+//! inverted, see [`Variables::attitude`].
 
 use super::attitude::{integrate, tilt};
 use super::series::{Interpolation, Series};
@@ -28,18 +30,26 @@ const ACCELERATION: [([&str; 3], f64); 2] = [
     (["stateEstimateZ.ax", "stateEstimateZ.ay", "stateEstimateZ.az"], 1e-3 / G_MPS2),
 ];
 /// Positions that a system outside sent to the vehicle.
-const OUTSIDE: [[&str; 3]; 2] = [["locSrv.x", "locSrv.y", "locSrv.z"], ["lighthouse.x", "lighthouse.y", "lighthouse.z"]];
-const ANGLES: [[&str; 3]; 2] =
-    [["stateEstimate.roll", "stateEstimate.pitch", "stateEstimate.yaw"], ["stabilizer.roll", "stabilizer.pitch", "stabilizer.yaw"]];
-const CONTROL: [&str; 4] = ["controller.cmd_thrust", "controller.cmd_roll", "controller.cmd_pitch", "controller.cmd_yaw"];
+const OUTSIDE: [[&str; 3]; 2] =
+    [["locSrv.x", "locSrv.y", "locSrv.z"], ["lighthouse.x", "lighthouse.y", "lighthouse.z"]];
+const ANGLES: [[&str; 3]; 2] = [
+    ["stateEstimate.roll", "stateEstimate.pitch", "stateEstimate.yaw"],
+    ["stabilizer.roll", "stabilizer.pitch", "stabilizer.yaw"],
+];
+const CONTROL: [&str; 4] =
+    ["controller.cmd_thrust", "controller.cmd_roll", "controller.cmd_pitch", "controller.cmd_yaw"];
 const RATES: [&str; 3] = ["controller.r_roll", "controller.r_pitch", "controller.r_yaw"];
 const WANTED_RATES: [&str; 3] = ["controller.rollRate", "controller.pitchRate", "controller.yawRate"];
 const GYRO: [&str; 3] = ["gyro.x", "gyro.y", "gyro.z"];
 const FORCE: [&str; 3] = ["acc.x", "acc.y", "acc.z"];
 const FORCE_Z: &str = "controller.accelz";
 /// Commands of the attitude loop; the set-point has them where the pilot commands angles.
-const WANTED_ANGLES: [[&str; 2]; 2] = [["controller.roll", "controller.pitch"], ["ctrltarget.roll", "ctrltarget.pitch"]];
-const SETPOINT: [[&str; 3]; 2] = [["ctrltarget.x", "ctrltarget.y", "ctrltarget.z"], ["posCtl.targetX", "posCtl.targetY", "posCtl.targetZ"]];
+const WANTED_ANGLES: [[&str; 2]; 2] =
+    [["controller.roll", "controller.pitch"], ["ctrltarget.roll", "ctrltarget.pitch"]];
+const SETPOINT: [[&str; 3]; 2] = [
+    ["ctrltarget.x", "ctrltarget.y", "ctrltarget.z"],
+    ["posCtl.targetX", "posCtl.targetY", "posCtl.targetZ"],
+];
 /// The thrust command, 16 bits wide.
 pub(super) const PWM_VARIABLES: [&str; 2] = [CONTROL[0], "stabilizer.thrust"];
 const VBAT: [&str; 2] = ["pm.vbat", "pm.vbatMV"];
@@ -54,7 +64,11 @@ const AT_REST_RADPS: f64 = 0.05;
 const LARGEST: f64 = 1e12;
 
 /// A flight out of the firmware's variables; `format` is the name of the reader.
-pub(super) fn flight(format: &'static str, variables: &Variables, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
+pub(super) fn flight(
+    format: &'static str,
+    variables: &Variables,
+    mut notes: Vec<Note>,
+) -> Result<FlightLog, LogError> {
     let t_s = &variables.t_s;
     time_gaps(t_s, &mut notes);
     let onboard = variables.onboard();
@@ -64,9 +78,14 @@ pub(super) fn flight(format: &'static str, variables: &Variables, mut notes: Vec
     let mut log = FlightLog {
         provenance: Provenance { format, position, attitude, onboard_interpolated: false },
         airborne: 0..0,
-        cmd_roll_rad: variables.first(&WANTED_ANGLES.map(|[roll, _]| ([roll], 1.0))).map(|[roll]| radians(roll)),
-        cmd_pitch_rad: variables.first(&WANTED_ANGLES.map(|[_, pitch]| ([pitch], 1.0))).map(|[pitch]| negate(radians(pitch))),
-        // The attitude loop's rate is no command of the pilot, and holds a trim that the rate loop works off for seconds.
+        cmd_roll_rad: variables
+            .first(&WANTED_ANGLES.map(|[roll, _]| ([roll], 1.0)))
+            .map(|[roll]| radians(roll)),
+        cmd_pitch_rad: variables
+            .first(&WANTED_ANGLES.map(|[_, pitch]| ([pitch], 1.0)))
+            .map(|[pitch]| negate(radians(pitch))),
+        // The attitude loop's rate is no command of the pilot, and holds a trim that the rate loop works off
+        // for seconds.
         cmd_yaw_rate_radps: None,
         cmd_thrust_pwm: variables.thrust(&onboard, &mut notes)?,
         cmd_height_m: None,
@@ -92,7 +111,8 @@ pub(super) fn flight(format: &'static str, variables: &Variables, mut notes: Vec
 }
 
 impl FlightLog {
-    /// Airborne: above the ground with the motors on, since the estimated height of a vehicle that stands may be anything.
+    /// Airborne: above the ground with the motors on, since the estimated height of a vehicle that stands may
+    /// be anything.
     fn find_flight(&mut self, notes: &mut Vec<Note>) {
         let Some(z) = height_by_row(self.len(), &self.fixes) else {
             notes.push(Note::NoPosition);
@@ -100,12 +120,15 @@ impl FlightLog {
         };
         let thrust = self.cmd_thrust_pwm.as_ref();
         let is_on = |row: usize| thrust.is_none_or(|thrust| thrust[row] > 0.0);
-        let height: Vec<f64> = z.iter().enumerate().map(|(row, z)| if is_on(row) { *z } else { 0.0 }).collect();
+        let height: Vec<f64> =
+            z.iter().enumerate().map(|(row, z)| if is_on(row) { *z } else { 0.0 }).collect();
         self.airborne = longest_above(&self.t_s, &height, AIRBORNE_M);
         if self.airborne.is_empty() {
             notes.push(Note::NeverAirborne { above_m: AIRBORNE_M });
         }
-        let level = |row: &usize| self.onboard.as_ref().and_then(|o| o.acc_z_mps2.as_ref()).is_none_or(|acc| acc[*row] > 0.0);
+        let level = |row: &usize| {
+            self.onboard.as_ref().and_then(|o| o.acc_z_mps2.as_ref()).is_none_or(|acc| acc[*row] > 0.0)
+        };
         let fallen = (0..self.len()).filter(|row| !level(row)).count();
         if fallen as f64 > FALLEN_SHARE * self.len() as f64 {
             notes.push(Note::UpsideDown { share: fallen as f64 / self.len() as f64 });
@@ -127,7 +150,11 @@ pub(super) struct Variables {
 
 impl Variables {
     /// The variables of all events on the clock of the one with the most values.
-    pub(super) fn from_events(file: &str, events: Vec<Event>, notes: &mut Vec<Note>) -> Result<Self, LogError> {
+    pub(super) fn from_events(
+        file: &str,
+        events: Vec<Event>,
+        notes: &mut Vec<Note>,
+    ) -> Result<Self, LogError> {
         let mut events: Vec<Event> = events.into_iter().filter(|event| !event.t_s.is_empty()).collect();
         // A stable sort: of equals, the last one counts.
         events.sort_by_key(|event| event.t_s.len() * event.variables.len());
@@ -140,16 +167,27 @@ impl Variables {
                 rows_s.clone_from(&event.t_s);
             }
             let columns = event.variables.into_iter().zip(event.columns);
-            let fresh = columns.filter(|(name, _)| at == 0 || (is_used(name) && !series.iter().any(|known| known.name == *name)));
-            let fresh: Vec<Series> = fresh.map(|(name, values)| Series { name, t_s: event.t_s.clone(), values }).collect();
+            let fresh = columns.filter(|(name, _)| {
+                at == 0 || (is_used(name) && !series.iter().any(|known| known.name == *name))
+            });
+            let fresh: Vec<Series> =
+                fresh.map(|(name, values)| Series { name, t_s: event.t_s.clone(), values }).collect();
             series.extend(fresh);
         }
         Self::on_rows(file, &rows_s, series, notes)
     }
 
-    /// Series of times of their own, brought to the times of the rows: commands are held, measurements interpolated.
-    pub(super) fn on_rows(file: &str, rows_s: &[f64], series: Vec<Series>, notes: &mut Vec<Note>) -> Result<Self, LogError> {
-        let Some(start_s) = rows_s.first().copied() else { return Err(LogError::NoRows { file: file.to_owned() }) };
+    /// Series of times of their own, brought to the times of the rows: commands are held, measurements
+    /// interpolated.
+    pub(super) fn on_rows(
+        file: &str,
+        rows_s: &[f64],
+        series: Vec<Series>,
+        notes: &mut Vec<Note>,
+    ) -> Result<Self, LogError> {
+        let Some(start_s) = rows_s.first().copied() else {
+            return Err(LogError::NoRows { file: file.to_owned() });
+        };
         notes.push(Note::TimeShifted { start_s });
         let mut resampled = Vec::new();
         let mut columns = Vec::new();
@@ -202,14 +240,17 @@ impl Variables {
 
     /// Fixes from outside, where they were logged; else the estimate.
     fn fixes(&self, onboard: &Onboard, notes: &mut Vec<Note>) -> (Fixes, PositionSource) {
-        if let Some(fixes) =
-            self.first(&OUTSIDE.map(|names| (names, 1.0))).map(|pos_m| self.new_fixes(&pos_m)).filter(|f| f.row.len() >= LEAST_FIXES)
+        if let Some(fixes) = self
+            .first(&OUTSIDE.map(|names| (names, 1.0)))
+            .map(|pos_m| self.new_fixes(&pos_m))
+            .filter(|f| f.row.len() >= LEAST_FIXES)
         {
             return (fixes, PositionSource::MotionCapture);
         }
         let Some(pos_m) = onboard.pos_m.clone() else { return (Fixes::default(), PositionSource::Absent) };
         notes.push(Note::PositionEstimated);
-        let fixes = Fixes { row: (0..self.t_s.len()).collect(), capture_t_s: self.t_s.clone(), pos_m, yaw_rad: None };
+        let fixes =
+            Fixes { row: (0..self.t_s.len()).collect(), capture_t_s: self.t_s.clone(), pos_m, yaw_rad: None };
         (fixes, PositionSource::Estimate)
     }
 
@@ -218,7 +259,12 @@ impl Variables {
         let is_new = |row: &usize| *row == 0 || pos_m.iter().any(|axis| axis[*row] != axis[row - 1]);
         let row: Vec<usize> = (0..self.t_s.len()).filter(is_new).collect();
         let pick = |values: &[f64]| row.iter().map(|at| values[*at]).collect::<Vec<f64>>();
-        Fixes { capture_t_s: pick(&self.t_s), pos_m: pos_m.each_ref().map(|axis| pick(axis)), yaw_rad: None, row: row.clone() }
+        Fixes {
+            capture_t_s: pick(&self.t_s),
+            pos_m: pos_m.each_ref().map(|axis| pick(axis)),
+            yaw_rad: None,
+            row: row.clone(),
+        }
     }
 
     /// Body rates, right-handed. The controller's are those of the gyro with pitch inverted.
@@ -233,11 +279,14 @@ impl Variables {
     }
 
     fn onboard(&self) -> Onboard {
-        let angles =
-            self.first(&ANGLES.map(|names| (names, 1.0))).map(|[roll, pitch, yaw]| [radians(roll), negate(radians(pitch)), radians(yaw)]);
+        let angles = self
+            .first(&ANGLES.map(|names| (names, 1.0)))
+            .map(|[roll, pitch, yaw]| [radians(roll), negate(radians(pitch)), radians(yaw)]);
         let pwm = self.all(MOTOR_PWM);
-        // Newer firmware logs in `motor` what the motors get; only beside `pwm` it is known to be the request.
-        let requests = pwm.as_ref().and_then(|_| self.all(MOTOR)).or_else(|| self.all(CONTROL).map(mix_motors));
+        // Newer firmware logs in `motor` what the motors get; only beside `pwm` it is known to be the
+        // request.
+        let requests =
+            pwm.as_ref().and_then(|_| self.all(MOTOR)).or_else(|| self.all(CONTROL).map(mix_motors));
         Onboard {
             pos_m: self.first(&POSITION),
             vel_mps: self.first(&VELOCITY),
@@ -245,15 +294,22 @@ impl Variables {
             motor_pwm: pwm.or_else(|| self.all(MOTOR)),
             rotor_radps: None,
             setpoint_yaw_rate_radps: None,
-            cmd_rates_radps: self.all(WANTED_RATES).map(|[roll, pitch, yaw]| [radians(roll), negate(radians(pitch)), radians(yaw)]),
+            cmd_rates_radps: self
+                .all(WANTED_RATES)
+                .map(|[roll, pitch, yaw]| [radians(roll), negate(radians(pitch)), radians(yaw)]),
             motor_request_pwm: requests,
             acc_world_mps2: self.first(&ACCELERATION).map(in_mps2),
-            acc_z_mps2: self.get(FORCE_Z).or_else(|| self.get(FORCE[2])).map(|acc| in_mps2([acc])).map(|[acc]| acc),
+            acc_z_mps2: self
+                .get(FORCE_Z)
+                .or_else(|| self.get(FORCE[2]))
+                .map(|acc| in_mps2([acc]))
+                .map(|[acc]| acc),
             late_s: None,
         }
     }
 
-    /// The thrust command: logged, or the mean of the motors' requests, from which the mixer's moments cancel.
+    /// The thrust command: logged, or the mean of the motors' requests, from which the mixer's moments
+    /// cancel.
     fn thrust(&self, onboard: &Onboard, notes: &mut Vec<Note>) -> Result<Option<Vec<f64>>, LogError> {
         for name in PWM_VARIABLES {
             if let Some(thrust) = self.get(name) {
@@ -273,23 +329,38 @@ impl Variables {
         }
         let Some(requests) = &onboard.motor_request_pwm else { return Ok(None) };
         notes.push(Note::ThrustFromMotors);
-        Ok(Some((0..self.t_s.len()).map(|row| requests.iter().map(|m| m[row].clamp(0.0, 65_535.0)).sum::<f64>() / 4.0).collect()))
+        Ok(Some(
+            (0..self.t_s.len())
+                .map(|row| requests.iter().map(|m| m[row].clamp(0.0, 65_535.0)).sum::<f64>() / 4.0)
+                .collect(),
+        ))
     }
 
-    /// The estimated attitude; what of it is not logged is derived. Positive pitch of the firmware lifts the nose.
-    fn attitude(&self, onboard: &Onboard, notes: &mut Vec<Note>) -> Result<([Vec<f64>; 3], AttitudeSource), LogError> {
+    /// The estimated attitude; what of it is not logged is derived. Positive pitch of the firmware lifts the
+    /// nose.
+    fn attitude(
+        &self,
+        onboard: &Onboard,
+        notes: &mut Vec<Note>,
+    ) -> Result<([Vec<f64>; 3], AttitudeSource), LogError> {
         let whole = ANGLES.into_iter().find(|names| self.all(*names).is_some());
         if let Some((names, angles)) = whole.zip(onboard.attitude_rad.clone()) {
-            notes.push(Note::Negated { columns: if names == ANGLES[0] { &["stateEstimate.pitch"] } else { &["stabilizer.pitch"] } });
+            notes.push(Note::Negated {
+                columns: if names == ANGLES[0] { &["stateEstimate.pitch"] } else { &["stabilizer.pitch"] },
+            });
             return Ok((angles, AttitudeSource::Imu));
         }
-        let [roll, pitch, yaw] = [0, 1, 2].map(|axis| self.first(&ANGLES.map(|names| ([names[axis]], 1.0))).map(|[angle]| radians(angle)));
+        let [roll, pitch, yaw] = [0, 1, 2]
+            .map(|axis| self.first(&ANGLES.map(|names| ([names[axis]], 1.0))).map(|[angle]| radians(angle)));
         if let Some(gyro) = self.gyro() {
             notes.push(Note::AttitudeIntegrated { bias_radps: None, at_rest: true });
             return Ok((integrate(&self.t_s, &gyro, |row| self.at_rest(&gyro, row)), AttitudeSource::Imu));
         }
-        let moved =
-            || onboard.pos_m.as_ref().map(|pos| acceleration_of(&self.t_s, pos).map(|axis| axis.into_iter().map(|a| a / G_MPS2).collect()));
+        let moved = || {
+            onboard.pos_m.as_ref().map(|pos| {
+                acceleration_of(&self.t_s, pos).map(|axis| axis.into_iter().map(|a| a / G_MPS2).collect())
+            })
+        };
         let Some(acc) = self.first(&ACCELERATION).or_else(moved) else {
             let missing = "attitude (stateEstimate or stabilizer roll, pitch, yaw), gyro (gyro or controller.r_*), acceleration \
                            (stateEstimate.ax, ay, az) or position (stateEstimate.x, y, z)";
@@ -297,12 +368,18 @@ impl Variables {
         };
         let heading = yaw.clone().unwrap_or_else(|| vec![0.0; self.t_s.len()]);
         let [derived_roll, derived_pitch] = tilt(&self.t_s, &acc, &heading);
-        notes.push(Note::TiltFromAcceleration { roll: roll.is_none(), pitch: pitch.is_none(), yaw_taken_as_zero: yaw.is_none() });
-        let source = if roll.is_none() || pitch.is_none() { AttitudeSource::Motion } else { AttitudeSource::Imu };
+        notes.push(Note::TiltFromAcceleration {
+            roll: roll.is_none(),
+            pitch: pitch.is_none(),
+            yaw_taken_as_zero: yaw.is_none(),
+        });
+        let source =
+            if roll.is_none() || pitch.is_none() { AttitudeSource::Motion } else { AttitudeSource::Imu };
         Ok(([roll.unwrap_or(derived_roll), pitch.map_or(derived_pitch, negate), heading], source))
     }
 
-    /// The attitude of a vehicle that stands: level, and with motors off the yaw setpoint follows the estimate.
+    /// The attitude of a vehicle that stands: level, and with motors off the yaw setpoint follows the
+    /// estimate.
     fn at_rest(&self, gyro: &[Vec<f64>; 3], row: usize) -> Option<[f64; 3]> {
         let off = self.column(CONTROL[0])?[row] == 0.0;
         let still = gyro.iter().all(|g| g[row].abs() < AT_REST_RADPS);
@@ -355,7 +432,8 @@ fn is_command(name: &str) -> bool {
 /// Whether a variable has a place in a flight. Others may hold anything.
 pub(super) fn is_used(name: &str) -> bool {
     let measured = [RATES, GYRO, FORCE].concat();
-    let estimated = POSITION.iter().chain(&VELOCITY).chain(&ACCELERATION).any(|(names, _)| names.contains(&name));
+    let estimated =
+        POSITION.iter().chain(&VELOCITY).chain(&ACCELERATION).any(|(names, _)| names.contains(&name));
     is_command(name)
         || measured.contains(&name)
         || estimated
@@ -365,13 +443,21 @@ pub(super) fn is_used(name: &str) -> bool {
         || VBAT.contains(&name)
 }
 
-/// Outputs of the mixer to the four motors, before limits: thrust, and moments about roll, pitch (firmware) and yaw.
+/// Outputs of the mixer to the four motors, before limits: thrust, and moments about roll, pitch (firmware)
+/// and yaw.
 fn mix_motors([thrust, roll, pitch, yaw]: [Vec<f64>; 4]) -> [Vec<f64>; 4] {
     let motor_pwm = |signs: [f64; 3]| {
-        let motor = |row: usize| thrust[row] + signs[0] * roll[row] / 2.0 + signs[1] * pitch[row] / 2.0 + signs[2] * yaw[row];
+        let motor = |row: usize| {
+            thrust[row] + signs[0] * roll[row] / 2.0 + signs[1] * pitch[row] / 2.0 + signs[2] * yaw[row]
+        };
         (0..thrust.len()).map(motor).map(|pwm| pwm.clamp(0.0, 65_535.0)).collect()
     };
-    [motor_pwm([-1.0, 1.0, 1.0]), motor_pwm([-1.0, -1.0, -1.0]), motor_pwm([1.0, -1.0, 1.0]), motor_pwm([1.0, 1.0, -1.0])]
+    [
+        motor_pwm([-1.0, 1.0, 1.0]),
+        motor_pwm([-1.0, -1.0, -1.0]),
+        motor_pwm([1.0, -1.0, 1.0]),
+        motor_pwm([1.0, 1.0, -1.0]),
+    ]
 }
 
 fn in_mps2<const N: usize>(acc: [Vec<f64>; N]) -> [Vec<f64>; N] {

@@ -15,10 +15,12 @@ const RESTING_SPREAD_M: f64 = 0.03;
 const LEAST_CLIMB_M: f64 = 0.15;
 /// A command that is a larger share of the flight's carries the vehicle.
 const CARRYING_SHARE: f64 = 0.7;
-/// Above its resting place by so much, a vehicle flies: NanoBench's stand at 0.053 to 0.072 m and fly above 0.1 m.
+/// Above its resting place by so much, a vehicle flies: NanoBench's stand at 0.053 to 0.072 m and fly above
+/// 0.1 m.
 const OVER_REST_M: f64 = 0.05;
 
-/// Position measurements, each with the time it was captured. They exist only where one arrived: k fixes, k <= rows.
+/// Position measurements, each with the time it was captured. They exist only where one arrived: k fixes, k
+/// <= rows.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Fixes {
     /// Row of the log in which the fix arrived, ascending.
@@ -32,7 +34,8 @@ pub struct Fixes {
     pub yaw_rad: Option<Vec<f64>>,
 }
 
-/// The vehicle's own estimates, one value per row. NanoBench has them on their own clock, see [`Note::ClockSkew`].
+/// The vehicle's own estimates, one value per row. NanoBench has them on their own clock, see
+/// [`Note::ClockSkew`].
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Onboard {
     /// Position in the world frame: x, y, z.
@@ -47,8 +50,9 @@ pub struct Onboard {
     pub setpoint_yaw_rate_radps: Option<Vec<f64>>,
     /// Body rates that the attitude loop asks of the rate loop, right-handed.
     pub cmd_rates_radps: Option<[Vec<f64>; 3]>,
-    /// Requests of the mixer to the four motors before battery compensation, counts: their mean is the thrust command, their
-    /// differences are the moments that the rate controller needs to keep the vehicle straight.
+    /// Requests of the mixer to the four motors before battery compensation, counts: their mean is the thrust
+    /// command, their differences are the moments that the rate controller needs to keep the vehicle
+    /// straight.
     pub motor_request_pwm: Option<[Vec<f64>; 4]>,
     /// Speeds of the four rotors.
     pub rotor_radps: Option<[Vec<f64>; 4]>,
@@ -56,8 +60,8 @@ pub struct Onboard {
     pub acc_world_mps2: Option<[Vec<f64>; 3]>,
     /// Specific force along the body's z axis, where the log holds no more of it than that.
     pub acc_z_mps2: Option<Vec<f64>>,
-    /// How much later than the motion of the row onboard data appears, the commands among it, where its clock wanders: what belongs to time `t` stands
-    /// at `t` plus this. Nothing was shifted.
+    /// How much later than the motion of the row onboard data appears, the commands among it, where its clock
+    /// wanders: what belongs to time `t` stands at `t` plus this. Nothing was shifted.
     pub late_s: Option<Vec<f64>>,
 }
 
@@ -78,8 +82,8 @@ pub struct Truth {
 
 /// One flight. SI units and radians; right-handed, z up, +pitch accelerates to +x, +roll to -y.
 ///
-/// Every `Vec` outside [`Fixes`] has one finite value per row. A channel that the file lacks, or whose packets
-/// never came, is `None`.
+/// Every `Vec` outside [`Fixes`] has one finite value per row. A channel that the file lacks, or whose
+/// packets never came, is `None`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FlightLog {
     /// Origin of the channels.
@@ -87,9 +91,9 @@ pub struct FlightLog {
     /// Time of each row, strictly increasing.
     pub t_s: Vec<f64>,
     /// Rows during which the vehicle flies, empty if it never does: above 0.1 m for NanoBench, whose vehicle
-    /// stands at up to 0.072 m and for ROS, above 0.05 m in project files, above 0.15 m with the motors on in micro-SD logs,
-    /// whose height is an estimate, and all rows of hidden-effects files, which hold
-    /// neither take-off nor landing. The ends fly through ground effect: see [`FlightLog::interval_above`].
+    /// stands at up to 0.072 m and for ROS, above 0.05 m in project files, above 0.15 m with the motors on in
+    /// micro-SD logs, whose height is an estimate, and all rows of hidden-effects files, which hold neither
+    /// take-off nor landing. The ends fly through ground effect: see [`FlightLog::interval_above`].
     pub airborne: Range<usize>,
 
     /// Roll setpoint of the attitude loop; positive accelerates to -y.
@@ -107,8 +111,8 @@ pub struct FlightLog {
     /// As recorded (may wrap).
     pub setpoint_yaw_rad: Option<Vec<f64>>,
 
-    /// Camera fixes, or motion capture (one fix per row), or the vehicle's estimate where nothing else measured it, see
-    /// [`Note::PositionEstimated`].
+    /// Camera fixes, or motion capture (one fix per row), or the vehicle's estimate where nothing else
+    /// measured it, see [`Note::PositionEstimated`].
     pub fixes: Fixes,
     /// Measured velocity in the world frame (motion capture only).
     pub vel_mps: Option<[Vec<f64>; 3]>,
@@ -134,23 +138,26 @@ pub struct FlightLog {
 }
 
 impl FlightLog {
-    /// Reads a log file, gzipped or not, of any of the formats of [`readers`](crate::readers); a mapping file beside it is used,
-    /// see [`Mapping::path_beside`].
+    /// Reads a log file, gzipped or not, of any of the formats of [`readers`](crate::readers); a mapping file
+    /// beside it is used, see [`Mapping::path_beside`].
     ///
     /// # Errors
-    /// [`LogError`] names the file and, where there is one, the line, the column, the value and what was expected.
+    /// [`LogError`] names the file and, where there is one, the line, the column, the value and what was
+    /// expected.
     pub fn read(path: &Path) -> Result<Self, LogError> {
         Self::read_mapped(path, Mapping::path_beside(path).as_deref())
     }
 
-    /// Reads a log file by a mapping file, which counts for text only: binary formats say themselves what they hold.
+    /// Reads a log file by a mapping file, which counts for text only: binary formats say themselves what
+    /// they hold.
     ///
     /// # Errors
     /// As [`FlightLog::read`], and for the mapping as [`Mapping::read`].
     pub fn read_mapped(path: &Path, mapping: Option<&Path>) -> Result<Self, LogError> {
         let file = path.display().to_string();
         let bytes = text::load(path, &file)?;
-        let mapping = mapping.map(|path| Ok((path.display().to_string(), Mapping::read(path)?))).transpose()?;
+        let mapping =
+            mapping.map(|path| Ok((path.display().to_string(), Mapping::read(path)?))).transpose()?;
         Self::from_content(&file, &bytes, mapping)
     }
 
@@ -188,8 +195,8 @@ impl FlightLog {
 
     /// The longest interval of rows during which the vehicle stays above `height_m`, empty if there is none.
     ///
-    /// Dips shorter than 0.5 s are bridged: they are outliers of the marker. Between fixes the last one holds;
-    /// without any fix the true height is used, where the log has it.
+    /// Dips shorter than 0.5 s are bridged: they are outliers of the marker. Between fixes the last one
+    /// holds; without any fix the true height is used, where the log has it.
     pub fn interval_above(&self, height_m: f64) -> Range<usize> {
         match signal::height_by_row(self.len(), &self.fixes) {
             Some(z) => signal::longest_above(&self.t_s, &z, height_m),
@@ -200,15 +207,17 @@ impl FlightLog {
         }
     }
 
-    /// The height at which the vehicle stands before take-off or, if the log starts in the air, after landing. `None` if it does
-    /// neither, or never leaves that height. A vehicle whose motors run as in flight does not stand, however still it is.
+    /// The height at which the vehicle stands before take-off or, if the log starts in the air, after
+    /// landing. `None` if it does neither, or never leaves that height. A vehicle whose motors run as in
+    /// flight does not stand, however still it is.
     pub fn resting_height_m(&self) -> Option<f64> {
         let z = &self.fixes.pos_m[2];
         let (first_s, last_s) = (*self.fixes.capture_t_s.first()?, *self.fixes.capture_t_s.last()?);
         let (bottom, top) = (quantile(z, 0.02).unwrap_or(0.0), quantile(z, 0.95).unwrap_or(0.0));
         let still = |from_s: f64| {
             let within = |t: &f64| (from_s..=from_s + RESTING_S).contains(t);
-            let seen: Vec<f64> = self.fixes.capture_t_s.iter().zip(z).filter(|(t, _)| within(t)).map(|(_, z)| *z).collect();
+            let seen: Vec<f64> =
+                self.fixes.capture_t_s.iter().zip(z).filter(|(t, _)| within(t)).map(|(_, z)| *z).collect();
             let height_m = quantile(&seen, 0.5).unwrap_or(0.0);
             let spread_m = quantile(&seen, 0.9).unwrap_or(0.0) - quantile(&seen, 0.1).unwrap_or(0.0);
             let hangs = self.motors_carry(from_s..from_s + RESTING_S);
@@ -221,7 +230,8 @@ impl FlightLog {
     /// Whether the thrust command of a stretch is that of the flight; false where none is logged.
     fn motors_carry(&self, stretch_s: Range<f64>) -> bool {
         let Some(thrust) = &self.cmd_thrust_pwm else { return false };
-        let within: Vec<f64> = self.t_s.iter().zip(thrust).filter(|(t, _)| stretch_s.contains(t)).map(|(_, pwm)| *pwm).collect();
+        let within: Vec<f64> =
+            self.t_s.iter().zip(thrust).filter(|(t, _)| stretch_s.contains(t)).map(|(_, pwm)| *pwm).collect();
         let usual = quantile(thrust, 0.75).unwrap_or(0.0);
         usual > 0.0 && quantile(&within, 0.5).unwrap_or(0.0) > CARRYING_SHARE * usual
     }
@@ -254,7 +264,8 @@ impl FlightLog {
         }
     }
 
-    /// Fills `airborne` from the resting height where there is one: the whole log else, if it starts and ends in the air.
+    /// Fills `airborne` from the resting height where there is one: the whole log else, if it starts and ends
+    /// in the air.
     pub(crate) fn find_airborne_over_rest(&mut self) {
         match self.resting_height_m() {
             Some(rest_m) => self.find_airborne(rest_m + OVER_REST_M),

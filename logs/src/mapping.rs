@@ -196,18 +196,22 @@ impl Mapping {
     /// Checks the text of a mapping file; `file` is its name in errors.
     ///
     /// # Errors
-    /// [`LogError::BadMapping`] names the file, the line and what was expected there; what is unknown comes with what is spelled
-    /// most alike.
+    /// [`LogError::BadMapping`] names the file, the line and what was expected there; what is unknown comes
+    /// with what is spelled most alike.
     pub fn parse(file: &str, content: &str) -> Result<Self, LogError> {
         let place = Place { file, content };
         let read = toml::from_str::<File>(content);
-        let raw = read.map_err(|error| place.bad(error.span().map_or(0, |span| span.start), error.message().to_owned()))?;
+        let raw = read.map_err(|error| {
+            place.bad(error.span().map_or(0, |span| span.start), error.message().to_owned())
+        })?;
         let mut sources = Vec::new();
         for (name, entry) in raw.channels {
             sources.push(place.source(&name, entry, raw.frame.as_ref())?);
         }
         if let Some(above) = raw.airborne_above_m.as_ref().filter(|above| !above.get_ref().is_finite()) {
-            return Err(place.bad(above.span().start, "airborne_above_m: expected a finite height".to_owned()));
+            return Err(
+                place.bad(above.span().start, "airborne_above_m: expected a finite height".to_owned())
+            );
         }
         let unit = |unit: &Spanned<String>| {
             let known = TIME_UNITS.iter().find(|known| known.name == unit.get_ref()).copied();
@@ -225,12 +229,14 @@ impl Mapping {
         Ok(mapping)
     }
 
-    /// The mapping that belongs to a log: `flight.mapping.toml` beside `flight.csv`, or `mapping.toml` for a whole folder.
+    /// The mapping that belongs to a log: `flight.mapping.toml` beside `flight.csv`, or `mapping.toml` for a
+    /// whole folder.
     pub fn path_beside(log: &Path) -> Option<PathBuf> {
         let name = log.file_name()?.to_string_lossy().into_owned();
         let stem = name.strip_suffix(".gz").unwrap_or(&name);
         let stem = stem.rsplit_once('.').map_or(stem, |(stem, _)| stem);
-        let candidates = [log.with_file_name(format!("{stem}.mapping.toml")), log.with_file_name("mapping.toml")];
+        let candidates =
+            [log.with_file_name(format!("{stem}.mapping.toml")), log.with_file_name("mapping.toml")];
         candidates.into_iter().find(|path| path.is_file())
     }
 
@@ -241,11 +247,14 @@ impl Mapping {
     /// A position is needed, and what belongs together has to be there together.
     fn check_groups(&self, place: &Place<'_>) -> Result<(), LogError> {
         for channel in CHANNELS {
-            let begun = channel.group == "position" || self.sources.iter().any(|source| source.channel.group == channel.group);
+            let begun = channel.group == "position"
+                || self.sources.iter().any(|source| source.channel.group == channel.group);
             if begun && self.source(channel.name).is_none() {
-                let others: Vec<&str> = CHANNELS.iter().filter(|c| c.group == channel.group).map(|c| c.name).collect();
+                let others: Vec<&str> =
+                    CHANNELS.iter().filter(|c| c.group == channel.group).map(|c| c.name).collect();
                 let needed = if channel.group == "position" { "every flight needs" } else { "go together" };
-                let problem = format!("channel \"{}\" is not mapped: {} {needed}", channel.name, others.join(", "));
+                let problem =
+                    format!("channel \"{}\" is not mapped: {} {needed}", channel.name, others.join(", "));
                 return Err(place.bad(place.content.len().saturating_sub(1), problem));
             }
         }
@@ -271,7 +280,12 @@ impl Place<'_> {
     }
 
     /// The source that an entry describes.
-    fn source(&self, name: &str, entry: Spanned<Entry>, of_file: Option<&Spanned<String>>) -> Result<Source, LogError> {
+    fn source(
+        &self,
+        name: &str,
+        entry: Spanned<Entry>,
+        of_file: Option<&Spanned<String>>,
+    ) -> Result<Source, LogError> {
         let at = entry.span().start;
         let entry = entry.into_inner();
         let Some(channel) = CHANNELS.into_iter().find(|channel| channel.name == name) else {
@@ -296,9 +310,20 @@ impl Place<'_> {
         let sign = match &entry.sign {
             None => 1.0,
             Some(sign) if sign.get_ref().abs() == 1 => *sign.get_ref() as f64,
-            Some(sign) => return Err(self.bad(sign.span().start, format!("sign of {name}: found {}, expected 1 or -1", sign.get_ref()))),
+            Some(sign) => {
+                return Err(self.bad(
+                    sign.span().start,
+                    format!("sign of {name}: found {}, expected 1 or -1", sign.get_ref()),
+                ));
+            }
         };
-        Ok(Source { channel, column: entry.column, unit, factor: scale * sign * channel.signs[frame], time: entry.time })
+        Ok(Source {
+            channel,
+            column: entry.column,
+            unit,
+            factor: scale * sign * channel.signs[frame],
+            time: entry.time,
+        })
     }
 }
 
@@ -314,19 +339,31 @@ fn unknown(found: &str, kind: &str, known: &[&str]) -> String {
 mod tests {
     use super::*;
 
-    const POSITION: &str = "[channels]\nx = { column = \"a\" }\ny = { column = \"b\" }\nz = { column = \"c\" }\n";
+    const POSITION: &str =
+        "[channels]\nx = { column = \"a\" }\ny = { column = \"b\" }\nz = { column = \"c\" }\n";
 
     fn problem(more: &str) -> String {
-        Mapping::parse("lab.toml", &format!("[time]\ncolumn = \"t\"\n{POSITION}{more}")).unwrap_err().to_string()
+        Mapping::parse("lab.toml", &format!("[time]\ncolumn = \"t\"\n{POSITION}{more}"))
+            .unwrap_err()
+            .to_string()
     }
 
     #[test]
     fn what_is_unknown_is_refused_where_it_stands_with_a_proposal() {
         let cases = [
-            ("cmd_rol = { column = \"r\" }", "line 7: unknown channel \"cmd_rol\": did you mean \"cmd_roll\"?"),
-            ("vbat = { column = \"r\", unit = \"mVs\" }", "line 7: unknown unit of vbat \"mVs\": did you mean \"mV\"?"),
+            (
+                "cmd_rol = { column = \"r\" }",
+                "line 7: unknown channel \"cmd_rol\": did you mean \"cmd_roll\"?",
+            ),
+            (
+                "vbat = { column = \"r\", unit = \"mVs\" }",
+                "line 7: unknown unit of vbat \"mVs\": did you mean \"mV\"?",
+            ),
             ("yaw = { column = \"r\", unit = \"turns\" }", "expected one of rad, deg"),
-            ("yaw = { column = \"r\", frame = \"nedd\" }", "line 7: unknown frame \"nedd\": did you mean \"ned\"?"),
+            (
+                "yaw = { column = \"r\", frame = \"nedd\" }",
+                "line 7: unknown frame \"nedd\": did you mean \"ned\"?",
+            ),
             ("yaw = { column = \"r\", sign = 2 }", "line 7: sign of yaw: found 2, expected 1 or -1"),
             ("roll = { column = \"r\" }", "channel \"pitch\" is not mapped: roll, pitch go together"),
             ("yaw = { colum = \"r\" }", "line 7: unknown field `colum`"),
@@ -336,7 +373,8 @@ mod tests {
             let message = problem(more);
             assert!(message.contains("lab.toml") && message.contains(expected), "{message}");
         }
-        let message = Mapping::parse("lab.toml", "[time]\ncolumn = \"t\"\n[channels]\n").unwrap_err().to_string();
+        let message =
+            Mapping::parse("lab.toml", "[time]\ncolumn = \"t\"\n[channels]\n").unwrap_err().to_string();
         assert!(message.contains("x, y, z every flight needs"), "{message}");
     }
 
@@ -354,7 +392,11 @@ mod tests {
     #[test]
     fn the_page_lists_every_channel_unit_and_frame() {
         let page = include_str!("../../docs/logs.md");
-        let units = CHANNELS.iter().filter(|c| c.quantity != Quantity::Time).flat_map(|c| c.quantity.units()).map(|(unit, _)| *unit);
+        let units = CHANNELS
+            .iter()
+            .filter(|c| c.quantity != Quantity::Time)
+            .flat_map(|c| c.quantity.units())
+            .map(|(unit, _)| *unit);
         for name in CHANNELS.iter().map(|c| c.name).chain(units).chain(FRAMES) {
             assert!(page.contains(&format!("`{name}`")), "{name} is not on the page");
         }

@@ -18,10 +18,12 @@ pub(super) struct Marker {
 }
 
 impl Marker {
-    /// Reads poses of the vehicle over the marker, or of the marker in the frame of a camera that looks down on it, as
-    /// `ar_sys` publishes them: then the marker's z axis points at the camera, and the pose is turned round.
+    /// Reads poses of the vehicle over the marker, or of the marker in the frame of a camera that looks down
+    /// on it, as `ar_sys` publishes them: then the marker's z axis points at the camera, and the pose is
+    /// turned round.
     pub(super) fn from_samples(samples: Samples, notes: &mut Vec<Note>) -> Self {
-        let rotations: Option<Vec<Rotation>> = samples.values.iter().map(|v| Rotation::from_xyzw([v[3], v[4], v[5], v[6]])).collect();
+        let rotations: Option<Vec<Rotation>> =
+            samples.values.iter().map(|v| Rotation::from_xyzw([v[3], v[4], v[5], v[6]])).collect();
         let Some(mut rotations) = rotations else {
             let pos_m = samples.triple(0);
             return Self { samples, pos_m, yaw_rad: None, angles_rad: None };
@@ -57,8 +59,8 @@ impl Marker {
     }
 }
 
-/// The rows in which samples arrive, ascending, and which sample each holds. A row holds one: a second one waits for the
-/// next row. What arrives after the last row is left out.
+/// The rows in which samples arrive, ascending, and which sample each holds. A row holds one: a second one
+/// waits for the next row. What arrives after the last row is left out.
 pub(super) fn arrivals(arrived_s: &[f64], rows_s: &[f64]) -> (Vec<usize>, Vec<usize>) {
     let mut order: Vec<usize> = (0..arrived_s.len()).collect();
     order.sort_by(|a, b| arrived_s[*a].total_cmp(&arrived_s[*b]));
@@ -88,14 +90,19 @@ mod tests {
 
     #[test]
     fn a_marker_seen_from_above_gives_the_vehicle_over_it() {
-        // The vehicle at (0.3, -0.2, 0.7) over the marker with a yaw of 0.4; the camera turned half round its x axis.
+        // The vehicle at (0.3, -0.2, 0.7) over the marker with a yaw of 0.4; the camera turned half round its
+        // x axis.
         let vehicle = Rotation::from_angles([0.0, 0.0, 0.4]);
         let camera = vehicle.then(Rotation::from_angles([std::f64::consts::PI, 0.0, 0.0]));
         let seen = camera.inverse().turn([-0.3, 0.2, -0.7]);
         // The pose of the marker in the camera's frame.
         let [x, y, z, w] = camera.inverse().xyzw();
-        let samples =
-            Samples { t_s: vec![0.0], arrived_s: vec![0.0], values: vec![vec![seen[0], seen[1], seen[2], x, y, z, w]], clock: None };
+        let samples = Samples {
+            t_s: vec![0.0],
+            arrived_s: vec![0.0],
+            values: vec![vec![seen[0], seen[1], seen[2], x, y, z, w]],
+            clock: None,
+        };
         assert!(seen[2] > 0.6);
         let mut notes = Vec::new();
         let marker = Marker::from_samples(samples, &mut notes);

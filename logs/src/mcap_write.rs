@@ -16,8 +16,8 @@ pub(super) const SCHEMA: &str = "crazyflie.FlightRow";
 pub(super) const ENCODING: &str = "json";
 
 impl FlightLog {
-    /// Writes the log as MCAP: one JSON message per row with the columns of the project CSV, in the same digits; the marker's
-    /// are absent where no frame arrived. It reads back as the CSV does, to the bit.
+    /// Writes the log as MCAP: one JSON message per row with the columns of the project CSV, in the same
+    /// digits; the marker's are absent where no frame arrived. It reads back as the CSV does, to the bit.
     ///
     /// # Errors
     /// [`LogError::CannotWrite`] as [`FlightLog::write_csv`]; [`LogError::WriteMcap`] when `out` fails.
@@ -39,10 +39,13 @@ impl FlightLog {
         let mut next_fix = 0;
         for (row, t_s) in self.t_s.iter().enumerate() {
             let has_fix = self.fixes.row.get(next_fix) == Some(&row);
-            let cells = columns.iter().filter_map(|column| Some((column.name, column.cell(row, has_fix.then_some(next_fix))?)));
+            let cells = columns
+                .iter()
+                .filter_map(|column| Some((column.name, column.cell(row, has_fix.then_some(next_fix))?)));
             let fields: Vec<String> = cells.map(|(name, cell)| format!("\"{name}\":{cell}")).collect();
             let time_ns = ((t_s - start_s) * 1e9).round() as u64;
-            let header = MessageHeader { channel_id, sequence: row as u32, log_time: time_ns, publish_time: time_ns };
+            let header =
+                MessageHeader { channel_id, sequence: row as u32, log_time: time_ns, publish_time: time_ns };
             writer.write_to_known_channel(&header, format!("{{{}}}", fields.join(",")).as_bytes())?;
             next_fix += usize::from(has_fix);
         }
@@ -54,8 +57,12 @@ impl FlightLog {
 
 /// A JSON schema: every column a number, all but the marker's in every message.
 fn schema(columns: &[Column<'_>]) -> String {
-    let properties: serde_json::Map<String, serde_json::Value> =
-        columns.iter().map(|column| (column.name.to_owned(), serde_json::json!({"type": "number"}))).collect();
-    let required: Vec<&str> = columns.iter().filter(|column| column.is_dense()).map(|column| column.name).collect();
-    serde_json::json!({"title": SCHEMA, "type": "object", "properties": properties, "required": required}).to_string()
+    let properties: serde_json::Map<String, serde_json::Value> = columns
+        .iter()
+        .map(|column| (column.name.to_owned(), serde_json::json!({"type": "number"})))
+        .collect();
+    let required: Vec<&str> =
+        columns.iter().filter(|column| column.is_dense()).map(|column| column.name).collect();
+    serde_json::json!({"title": SCHEMA, "type": "object", "properties": properties, "required": required})
+        .to_string()
 }

@@ -63,8 +63,8 @@ impl Kind {
     }
 }
 
-/// A message: when its header says it was taken (nanoseconds; `None` without header or if nobody filled it), and its numbers
-/// in the order of its definition.
+/// A message: when its header says it was taken (nanoseconds; `None` without header or if nobody filled it),
+/// and its numbers in the order of its definition.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Message {
     pub(super) stamp_ns: Option<u64>,

@@ -134,7 +134,8 @@ pub enum Note {
     },
     /// The check sum at the end of the file is not that of its content.
     WrongChecksum,
-    /// Rows or messages of `source` that hold values that are not finite, or cannot be decoded, were left out.
+    /// Rows or messages of `source` that hold values that are not finite, or cannot be decoded, were left
+    /// out.
     OddValues {
         /// Name of the topic, event or quantity.
         source: String,
@@ -163,7 +164,8 @@ pub enum Note {
         /// Name of the topic.
         topic: String,
     },
-    /// The stamps' clock against the recorder's. If it is another (`!same`), `offset_s` was added; the drift never is.
+    /// The stamps' clock against the recorder's. If it is another (`!same`), `offset_s` was added; the drift
+    /// never is.
     TopicClock {
         /// Name of the topic.
         topic: String,
@@ -194,8 +196,9 @@ pub enum Note {
         /// Longest time between two messages.
         longest_s: f64,
     },
-    /// The camera against the IMU, by what both measured of the motion: positive when the camera's data appears later than
-    /// its stamps say. `shifted`: the capture times were corrected by it, since their stamps say nothing.
+    /// The camera against the IMU, by what both measured of the motion: positive when the camera's data
+    /// appears later than its stamps say. `shifted`: the capture times were corrected by it, since their
+    /// stamps say nothing.
     CameraLag {
         /// Delay of the camera's data.
         lag_s: f64,
@@ -217,8 +220,9 @@ pub enum Note {
         /// Angle added, positive counter-clockwise.
         offset_rad: f64,
     },
-    /// Roll, pitch and yaw are the integrated gyro, less this bias, measured before take-off or (`!at_rest`) the mean of roll
-    /// and pitch rates over the file; `None`: the file's rates have none, and the integration restarts wherever the vehicle stands.
+    /// Roll, pitch and yaw are the integrated gyro, less this bias, measured before take-off or (`!at_rest`)
+    /// the mean of roll and pitch rates over the file; `None`: the file's rates have none, and the
+    /// integration restarts wherever the vehicle stands.
     AttitudeIntegrated {
         /// Bias about the body's x, y and z axes.
         bias_radps: Option<[f64; 3]>,
@@ -297,7 +301,10 @@ impl fmt::Display for Note {
                 write!(f, "battery voltage held from {from_s:.2} s, its last packet")
             }
             Self::RadioGaps { channels, count, longest_s } => {
-                write!(f, "{channels}: {count} gaps filled by interpolation in flight, the longest {longest_s:.2} s")
+                write!(
+                    f,
+                    "{channels}: {count} gaps filled by interpolation in flight, the longest {longest_s:.2} s"
+                )
             }
             Self::Negated { columns } => write!(f, "negated {}", columns.join(", ")),
             Self::ReadAs { columns, unit } => write!(f, "{columns} read as {unit}"),
@@ -309,7 +316,9 @@ impl fmt::Display for Note {
                 highest_s * 1e3
             ),
             Self::ClockSkewUnknown => write!(f, "too little motion to compare the onboard clock"),
-            Self::YawOffset { median_rad } => write!(f, "onboard yaw is {:.2} degrees above motion capture", median_rad.to_degrees()),
+            Self::YawOffset { median_rad } => {
+                write!(f, "onboard yaw is {:.2} degrees above motion capture", median_rad.to_degrees())
+            }
             Self::NoYawRateCommand => write!(f, "no yaw-rate command in the log"),
             Self::Unwrapped { channel, jumps } => {
                 write!(f, "{channel} made continuous over {jumps} wraps")
@@ -331,29 +340,52 @@ impl Note {
     /// The remarks on recordings: bags, MCAP and micro-SD logs.
     fn write_recording(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::CutShort { byte, kept, unit, reason } => write!(f, "reading ended at byte {byte} ({reason}); used {kept} {unit}"),
-            Self::DamagedDatabase { kept, reason } => write!(f, "the database is damaged ({reason}); used {kept} messages"),
+            Self::CutShort { byte, kept, unit, reason } => {
+                write!(f, "reading ended at byte {byte} ({reason}); used {kept} {unit}")
+            }
+            Self::DamagedDatabase { kept, reason } => {
+                write!(f, "the database is damaged ({reason}); used {kept} messages")
+            }
             Self::WrongChecksum => write!(f, "the check sum does not match: the file is damaged or cut"),
-            Self::OddValues { source, count } => write!(f, "{source}: left out {count} records that cannot be read or are not finite"),
-            Self::StampsOutOfOrder { source, count } => write!(f, "{source}: {count} time stamps not later than the one before"),
+            Self::OddValues { source, count } => {
+                write!(f, "{source}: left out {count} records that cannot be read or are not finite")
+            }
+            Self::StampsOutOfOrder { source, count } => {
+                write!(f, "{source}: {count} time stamps not later than the one before")
+            }
             Self::TopicMissing { topic } => write!(f, "no {topic} (whatever its namespace)"),
             Self::IgnoredTopics { topics } => write!(f, "ignored topics {}", topics.join(", ")),
             Self::NoStamps { topic } => write!(f, "{topic}: no time stamps, times of record used"),
             Self::TopicClock { topic, same, offset_s, transport_s, spread_s, drift_ppm } => {
                 let drift = drift_ppm.map_or(String::new(), |ppm| format!(", drift {ppm:.0} ppm"));
                 let (transport_ms, spread_ms) = (transport_s * 1e3, spread_s * 1e3);
-                let clock =
-                    if *same { "stamps on the recorder's clock".into() } else { format!("stamps on another clock, {offset_s:.3} s added") };
-                write!(f, "{topic}: {clock}; recorded {transport_ms:.1} ms later (spread {spread_ms:.1} ms){drift}")
+                let clock = if *same {
+                    "stamps on the recorder's clock".into()
+                } else {
+                    format!("stamps on another clock, {offset_s:.3} s added")
+                };
+                write!(
+                    f,
+                    "{topic}: {clock}; recorded {transport_ms:.1} ms later (spread {spread_ms:.1} ms){drift}"
+                )
             }
-            Self::StrayStamps { topic, count } => write!(f, "{topic}: {count} stray time stamps, times of record used"),
-            Self::LostMessages { topic, count, longest_s } => write!(f, "{topic}: {count} messages lost, the longest gap {longest_s:.3} s"),
+            Self::StrayStamps { topic, count } => {
+                write!(f, "{topic}: {count} stray time stamps, times of record used")
+            }
+            Self::LostMessages { topic, count, longest_s } => {
+                write!(f, "{topic}: {count} messages lost, the longest gap {longest_s:.3} s")
+            }
             Self::CameraLag { lag_s, sigma_s, correlation, by, shifted } => {
                 let (lag_ms, sigma_ms) = (lag_s * 1e3, sigma_s * 1e3);
                 let done = if *shifted { "capture times corrected" } else { "not corrected" };
-                write!(f, "camera {lag_ms:.0} +- {sigma_ms:.0} ms later than the IMU by {by} (correlation {correlation:.2}), {done}")
+                write!(
+                    f,
+                    "camera {lag_ms:.0} +- {sigma_ms:.0} ms later than the IMU by {by} (correlation {correlation:.2}), {done}"
+                )
             }
-            Self::CameraLagUnknown => write!(f, "too little motion to compare the camera's clock with the IMU's"),
+            Self::CameraLagUnknown => {
+                write!(f, "too little motion to compare the camera's clock with the IMU's")
+            }
             other => other.write_derived(f),
         }
     }
@@ -361,32 +393,57 @@ impl Note {
     /// The remarks on quantities that a recording lacks and that were derived.
     fn write_derived(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::SeenFromCamera => write!(f, "marker poses are in the camera's frame: turned into the vehicle's over the marker"),
-            Self::YawFromMarker { offset_rad } => write!(f, "yaw turned by {:.2} degrees to the marker's", offset_rad.to_degrees()),
-            Self::AttitudeIntegrated { bias_radps: None, .. } => write!(f, "attitude integrated from the gyro, from every standstill on"),
+            Self::SeenFromCamera => {
+                write!(f, "marker poses are in the camera's frame: turned into the vehicle's over the marker")
+            }
+            Self::YawFromMarker { offset_rad } => {
+                write!(f, "yaw turned by {:.2} degrees to the marker's", offset_rad.to_degrees())
+            }
+            Self::AttitudeIntegrated { bias_radps: None, .. } => {
+                write!(f, "attitude integrated from the gyro, from every standstill on")
+            }
             Self::AttitudeIntegrated { bias_radps: Some(bias), at_rest } => {
                 let [x, y, z] = bias.map(f64::to_degrees);
                 let how = if *at_rest { "at rest" } else { "on average: no standstill to tell it better" };
-                write!(f, "attitude integrated from the gyro, less its bias of {x:.3}, {y:.3}, {z:.3} degrees per second {how}")
+                write!(
+                    f,
+                    "attitude integrated from the gyro, less its bias of {x:.3}, {y:.3}, {z:.3} degrees per second {how}"
+                )
             }
             Self::AttitudeFromMarker => write!(f, "no IMU: attitude of the marker, interpolated"),
             Self::TiltFromAcceleration { roll, pitch, yaw_taken_as_zero } => {
-                let named = [(*roll, "roll"), (*pitch, "pitch")].into_iter().filter(|(is, _)| *is).map(|(_, name)| name);
+                let named = [(*roll, "roll"), (*pitch, "pitch")]
+                    .into_iter()
+                    .filter(|(is, _)| *is)
+                    .map(|(_, name)| name);
                 let named: Vec<&str> = named.collect();
-                let derived = (!named.is_empty()).then(|| format!("not logged, derived from the acceleration: {}", named.join(", ")));
+                let derived = (!named.is_empty())
+                    .then(|| format!("not logged, derived from the acceleration: {}", named.join(", ")));
                 let yaw = yaw_taken_as_zero.then(|| "yaw is not logged, taken as 0".to_owned());
                 write!(f, "{}", derived.into_iter().chain(yaw).collect::<Vec<_>>().join("; "))
             }
-            Self::PositionEstimated => write!(f, "no outside measurement: position is the vehicle's own estimate"),
+            Self::PositionEstimated => {
+                write!(f, "no outside measurement: position is the vehicle's own estimate")
+            }
             Self::ThrustFromMotors => write!(f, "thrust command: mean of the four motors' requests"),
-            Self::Resampled { channels } => write!(f, "brought to the clock of the rows: {}", channels.join(", ")),
+            Self::Resampled { channels } => {
+                write!(f, "brought to the clock of the rows: {}", channels.join(", "))
+            }
             Self::TimeUnit { column, unit } => write!(f, "{column} read as {unit}"),
             Self::RepeatedPositions { share } => {
-                write!(f, "{:.0} % of the positions repeat the one before: no fix arrived there", share * 100.0)
+                write!(
+                    f,
+                    "{:.0} % of the positions repeat the one before: no fix arrived there",
+                    share * 100.0
+                )
             }
-            Self::ScaledToPwm { channel, unit } => write!(f, "{channel}: {unit} scaled to PWM, 65535 being all"),
+            Self::ScaledToPwm { channel, unit } => {
+                write!(f, "{channel}: {unit} scaled to PWM, 65535 being all")
+            }
             Self::DecimalCommas => write!(f, "numbers have a decimal comma"),
-            Self::UpsideDown { share } => write!(f, "on its back for {:.0} % of the time: a crash", share * 100.0),
+            Self::UpsideDown { share } => {
+                write!(f, "on its back for {:.0} % of the time: a crash", share * 100.0)
+            }
             // All others are written by `fmt`.
             _ => Ok(()),
         }

@@ -30,7 +30,8 @@ pub enum AttitudeSource {
     MotionCapture,
     /// The pose of a marker seen by a camera.
     Marker,
-    /// No instrument: the tilt that the logged acceleration or motion asks for. It holds no information of its own.
+    /// No instrument: the tilt that the logged acceleration or motion asks for. It holds no information of
+    /// its own.
     Motion,
 }
 
@@ -43,8 +44,8 @@ pub struct Provenance {
     pub position: PositionSource,
     /// Instrument behind roll, pitch and yaw.
     pub attitude: AttitudeSource,
-    /// Commands and on-board sensors come from another clock and were interpolated to the rows: steps of commands are
-    /// ramps, and the gyro does not line up with an attitude from outside.
+    /// Commands and on-board sensors come from another clock and were interpolated to the rows: steps of
+    /// commands are ramps, and the gyro does not line up with an attitude from outside.
     pub onboard_interpolated: bool,
 }
 

@@ -1,8 +1,9 @@
 //! Where radio data that was resampled to another clock is real.
 //!
-//! NanoBench interpolates each group of onboard channels linearly between its packets and extrapolates the last two
-//! packets to the end of the file. On such a stretch every channel of the group has exactly constant slope, to the
-//! rounding of the file; measured data never has, since at least one channel of a group carries noise.
+//! NanoBench interpolates each group of onboard channels linearly between its packets and extrapolates the
+//! last two packets to the end of the file. On such a stretch every channel of the group has exactly constant
+//! slope, to the rounding of the file; measured data never has, since at least one channel of a group carries
+//! noise.
 
 use std::ops::Range;
 
@@ -10,7 +11,8 @@ use std::ops::Range;
 const ROUNDING: f64 = 1e-9;
 /// Unix time as a double steps by 2.4e-7 s: 5e-5 of a step of 10 ms.
 const TIME_ROUNDING: f64 = 5e-5;
-/// Packets of a group come every 10 to 30 ms; this long a straight line is no coincidence and no ordinary interval.
+/// Packets of a group come every 10 to 30 ms; this long a straight line is no coincidence and no ordinary
+/// interval.
 pub(super) const SHORTEST_TAIL_S: f64 = 0.05;
 /// Motors are cut up to 0.1 s before the vehicle is below the airborne height; 1 s is safely more.
 const TOUCH_DOWN_S: f64 = 1.0;
@@ -49,8 +51,9 @@ impl<'a> Group<'a> {
         bend.map_or(0, |at| at + 1)
     }
 
-    /// Judges the straight line at the end of the file, given the rows in which the vehicle `flies` and whether the
-    /// group's real values may stand still in flight (setpoints may, anything measured or controlled does not).
+    /// Judges the straight line at the end of the file, given the rows in which the vehicle `flies` and
+    /// whether the group's real values may stand still in flight (setpoints may, anything measured or
+    /// controlled does not).
     pub(super) fn end(&self, flies: &Range<usize>, may_stand_still: bool) -> End {
         let start = self.tail_start();
         let end = self.t_s.len().saturating_sub(1);
@@ -109,7 +112,8 @@ fn is_straight(t_s: &[f64], x: &[f64], row: usize) -> bool {
     let after_s = t_s[row + 1] - t_s[row];
     let before = (x[row] - x[row - 1]) / before_s;
     let after = (x[row + 1] - x[row]) / after_s;
-    let tolerance = ROUNDING * (1.0 / before_s + 1.0 / after_s) + TIME_ROUNDING * before.abs().max(after.abs());
+    let tolerance =
+        ROUNDING * (1.0 / before_s + 1.0 / after_s) + TIME_ROUNDING * before.abs().max(after.abs());
     (after - before).abs() <= tolerance
 }
 
@@ -131,7 +135,9 @@ mod tests {
     /// Noisy until row `last`, extrapolated from the two values before it afterwards.
     fn extrapolate_from(last: usize) -> Vec<f64> {
         let slope = noise(last) - noise(last - 1);
-        (0..ROWS).map(|i| if i <= last { noise(i) } else { noise(last) + slope * (i - last) as f64 }).collect()
+        (0..ROWS)
+            .map(|i| if i <= last { noise(i) } else { noise(last) + slope * (i - last) as f64 })
+            .collect()
     }
 
     #[test]

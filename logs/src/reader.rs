@@ -67,5 +67,8 @@ pub(crate) fn read(content: &Content<'_>, mut notes: Vec<Note>) -> Result<Flight
         return reader.read(content, notes);
     }
     let table = content.table(&mut notes)?;
-    Err(LogError::UnknownFormat { file: content.file.to_owned(), found: table.header.join(", ").chars().take(200).collect() })
+    Err(LogError::UnknownFormat {
+        file: content.file.to_owned(),
+        found: table.header.join(", ").chars().take(200).collect(),
+    })
 }

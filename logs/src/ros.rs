@@ -1,8 +1,8 @@
 //! The topics of the thesis's rig as a flight: `crazyflie_ros` commands and IMU, the marker's pose.
 //!
-//! Units and signs are those of that driver: `cmd_vel` holds pitch (linear x) and roll (linear y) in degrees, +pitch to +x and
-//! +roll to -y, thrust 0..60000 (linear z) and the yaw rate in degrees per second with the thesis's sign (angular z); the IMU
-//! has rates in rad/s and specific force in m/s2, and no orientation.
+//! Units and signs are those of that driver: `cmd_vel` holds pitch (linear x) and roll (linear y) in degrees,
+//! +pitch to +x and +roll to -y, thrust 0..60000 (linear z) and the yaw rate in degrees per second with the
+//! thesis's sign (angular z); the IMU has rates in rad/s and specific force in m/s2, and no orientation.
 
 use super::align::{Lag, Track, last_index_before};
 use super::attitude::{Rotation, integrate};
@@ -36,9 +36,14 @@ const COVARIANCE: usize = 4;
 const RATE: usize = 5;
 const ACCELERATION: usize = 8;
 
-pub(super) fn read(format: &'static str, file: &str, topics: &Topics, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
-    let parts =
-        [TopicRole::Command, TopicRole::Imu, TopicRole::Pose, TopicRole::Goal, TopicRole::Battery].map(|part| topics.best_for(part));
+pub(super) fn read(
+    format: &'static str,
+    file: &str,
+    topics: &Topics,
+    mut notes: Vec<Note>,
+) -> Result<FlightLog, LogError> {
+    let parts = [TopicRole::Command, TopicRole::Imu, TopicRole::Pose, TopicRole::Goal, TopicRole::Battery]
+        .map(|part| topics.best_for(part));
     topics.note_unused(&parts, &mut notes);
     let start_ns = parts.iter().flatten().filter_map(|topic| topic.recorded_ns.iter().min()).min().copied();
     let missing = "IMU (sensor_msgs/Imu) or pose (geometry_msgs/PoseStamped) messages";
@@ -50,17 +55,22 @@ pub(super) fn read(format: &'static str, file: &str, topics: &Topics, mut notes:
             notes.push(Note::TopicMissing { topic: part.usual_name() });
         }
     }
-    let [command, imu, pose, goal, battery] = parts.map(|topic| topic.map(|topic| Samples::from_topic(topic, origin_ns, &mut notes)));
+    let [command, imu, pose, goal, battery] =
+        parts.map(|topic| topic.map(|topic| Samples::from_topic(topic, origin_ns, &mut notes)));
     let marker = pose.map(|pose| Marker::from_samples(pose, &mut notes));
     let t_s = rows(imu.as_ref(), marker.as_ref()).ok_or_else(no_signals)?;
     let [roll_rad, pitch_rad, mut yaw_rad] = match &imu {
         Some(imu) => attitude(imu, command.as_ref(), &mut notes),
-        None => marker.as_ref().and_then(|marker| marker.attitude(&t_s, &mut notes)).ok_or_else(no_signals)?,
+        None => {
+            marker.as_ref().and_then(|marker| marker.attitude(&t_s, &mut notes)).ok_or_else(no_signals)?
+        }
     };
     unwrap(&mut yaw_rad, "IMU yaw", &mut notes);
     let provenance = Provenance {
         format,
-        position: marker.as_ref().map_or(PositionSource::Absent, |marker| PositionSource::of_step(usual_step(&marker.samples.t_s))),
+        position: marker.as_ref().map_or(PositionSource::Absent, |marker| {
+            PositionSource::of_step(usual_step(&marker.samples.t_s))
+        }),
         attitude: if imu.is_some() { AttitudeSource::Imu } else { AttitudeSource::Marker },
         onboard_interpolated: false,
     };
@@ -81,7 +91,9 @@ pub(super) fn read(format: &'static str, file: &str, topics: &Topics, mut notes:
         yaw_rad,
         gyro_radps: imu.as_ref().map(|imu| imu.triple(RATE)),
         acc_mps2: imu.as_ref().map(|imu| acceleration(imu, &mut notes)),
-        vbat_v: battery.as_ref().map(|battery| hold(battery, &battery.channel(0), &t_s, battery.values[0][0])),
+        vbat_v: battery
+            .as_ref()
+            .map(|battery| hold(battery, &battery.channel(0), &t_s, battery.values[0][0])),
         onboard: None,
         truth: None,
         t_s,
@@ -112,23 +124,29 @@ fn rows(imu: Option<&Samples>, marker: Option<&Marker>) -> Option<Vec<f64>> {
 
 /// A value held from message to message; `before` until the first.
 fn hold(samples: &Samples, values: &[f64], rows_s: &[f64], before: f64) -> Vec<f64> {
-    last_index_before(&samples.t_s, rows_s).into_iter().map(|index| index.map_or(before, |i| values[i])).collect()
+    last_index_before(&samples.t_s, rows_s)
+        .into_iter()
+        .map(|index| index.map_or(before, |i| values[i]))
+        .collect()
 }
 
-/// The IMU's orientation where somebody filled it, else its rates integrated as the thesis did, less their bias.
+/// The IMU's orientation where somebody filled it, else its rates integrated as the thesis did, less their
+/// bias.
 fn attitude(imu: &Samples, command: Option<&Samples>, notes: &mut Vec<Note>) -> [Vec<f64>; 3] {
     let rotation = |values: &[f64]| {
         let filled = values[COVARIANCE] >= 0.0;
         let xyzw: [f64; 4] = values[ORIENTATION..ORIENTATION + 4].try_into().ok()?;
         Rotation::from_xyzw(xyzw).filter(|_| filled)
     };
-    let recorded: Option<Vec<[f64; 3]>> = imu.values.iter().map(|values| rotation(values).map(Rotation::angles)).collect();
+    let recorded: Option<Vec<[f64; 3]>> =
+        imu.values.iter().map(|values| rotation(values).map(Rotation::angles)).collect();
     if let Some(angles) = recorded {
         return [0, 1, 2].map(|axis| angles.iter().map(|a| a[axis]).collect());
     }
     let mut gyro = imu.triple(RATE);
     let off = command.map_or(0, |command| {
-        let sent_s = command.t_s.iter().zip(&command.values).find(|(_, values)| values[2] > 0.0).map(|(t, _)| *t);
+        let sent_s =
+            command.t_s.iter().zip(&command.values).find(|(_, values)| values[2] > 0.0).map(|(t, _)| *t);
         sent_s.map_or(0, |sent_s| imu.t_s.partition_point(|t| *t < sent_s))
     });
     let is_still = |rates: &[f64]| {
@@ -138,7 +156,11 @@ fn attitude(imu: &Samples, command: Option<&Samples>, notes: &mut Vec<Note>) -> 
     let at_rest = off >= REST_ROWS && gyro.iter().all(|g| is_still(&g[..off]));
     let mean = |g: &[f64]| g.iter().sum::<f64>() / g.len() as f64;
     // Without a standstill: a flight that starts and ends level turns by nothing about x and y.
-    let bias = if at_rest { gyro.each_ref().map(|g| mean(&g[..off])) } else { [mean(&gyro[0]), mean(&gyro[1]), 0.0] };
+    let bias = if at_rest {
+        gyro.each_ref().map(|g| mean(&g[..off]))
+    } else {
+        [mean(&gyro[0]), mean(&gyro[1]), 0.0]
+    };
     for (rates, bias) in gyro.iter_mut().zip(bias) {
         rates.iter_mut().for_each(|rate| *rate -= bias);
     }
@@ -149,7 +171,8 @@ fn attitude(imu: &Samples, command: Option<&Samples>, notes: &mut Vec<Note>) -> 
 /// Specific force; some drivers leave it in g.
 fn acceleration(imu: &Samples, notes: &mut Vec<Note>) -> [Vec<f64>; 3] {
     let mut acc = imu.triple(ACCELERATION);
-    let size: Vec<f64> = (0..imu.t_s.len()).map(|i| acc.iter().map(|a| a[i] * a[i]).sum::<f64>().sqrt()).collect();
+    let size: Vec<f64> =
+        (0..imu.t_s.len()).map(|i| acc.iter().map(|a| a[i] * a[i]).sum::<f64>().sqrt()).collect();
     if (0.5..2.0).contains(&quantile(&size, 0.5).unwrap_or(0.0)) {
         notes.push(Note::ReadAs { columns: "linear_acceleration", unit: "multiples of g" });
         acc.iter_mut().flatten().for_each(|a| *a *= G_MPS2);
@@ -167,7 +190,8 @@ impl FlightLog {
         self.cmd_yaw_rate_radps = Some(radians(held(3)));
     }
 
-    /// Puts the marker's poses into the rows in which they arrived, and compares the camera's clock with the IMU's.
+    /// Puts the marker's poses into the rows in which they arrived, and compares the camera's clock with the
+    /// IMU's.
     fn set_marker(&mut self, mut marker: Marker, has_imu: bool, notes: &mut Vec<Note>) {
         if has_imu {
             self.turn_to_marker(&marker, notes);
@@ -195,12 +219,14 @@ impl FlightLog {
         check_capture(&self.t_s, &self.fixes, notes);
     }
 
-    /// An integrated yaw counts from the take-off, the marker's from the marker: the first seconds' difference is added.
+    /// An integrated yaw counts from the take-off, the marker's from the marker: the first seconds'
+    /// difference is added.
     fn turn_to_marker(&mut self, marker: &Marker, notes: &mut Vec<Note>) {
         let Some(yaw) = marker.yaw_rad.as_ref() else { return };
         let own = Track { t_s: &self.t_s, values: &self.yaw_rad };
         let first = marker.samples.t_s.iter().zip(yaw).take(YAW_FIXES);
-        let offsets: Vec<f64> = first.map(|(t, seen)| seen - own.value_at(*t)).map(|d| d.sin().atan2(d.cos())).collect();
+        let offsets: Vec<f64> =
+            first.map(|(t, seen)| seen - own.value_at(*t)).map(|d| d.sin().atan2(d.cos())).collect();
         let offset_rad = quantile(&offsets, 0.5).unwrap_or(0.0);
         self.yaw_rad.iter_mut().for_each(|yaw| *yaw += offset_rad);
         notes.push(Note::YawFromMarker { offset_rad });

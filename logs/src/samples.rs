@@ -23,13 +23,19 @@ pub(super) struct Samples {
 }
 
 impl Samples {
-    /// Brings a topic to the recorder's clock, in seconds from `origin_ns`, and notes what was odd on the way.
+    /// Brings a topic to the recorder's clock, in seconds from `origin_ns`, and notes what was odd on the
+    /// way.
     pub(super) fn from_topic(topic: &Topic, origin_ns: u64, notes: &mut Vec<Note>) -> Self {
         let seconds = |ns: u64| (i128::from(ns) - i128::from(origin_ns)) as f64 * 1e-9;
         let arrived_s: Vec<f64> = topic.recorded_ns.iter().map(|ns| seconds(*ns)).collect();
-        let stamped: Vec<(f64, f64)> =
-            topic.stamp_ns.iter().zip(&arrived_s).filter_map(|(stamp, arrived)| Some((seconds((*stamp)?), *arrived))).collect();
-        let mut samples = Self { t_s: arrived_s.clone(), arrived_s, values: topic.values.clone(), clock: None };
+        let stamped: Vec<(f64, f64)> = topic
+            .stamp_ns
+            .iter()
+            .zip(&arrived_s)
+            .filter_map(|(stamp, arrived)| Some((seconds((*stamp)?), *arrived)))
+            .collect();
+        let mut samples =
+            Self { t_s: arrived_s.clone(), arrived_s, values: topic.values.clone(), clock: None };
         if 2 * stamped.len() > topic.values.len() {
             let (stamps, arrivals): (Vec<f64>, Vec<f64>) = stamped.into_iter().unzip();
             let clock = clock_offset(&stamps, &arrivals);
@@ -43,7 +49,13 @@ impl Samples {
     }
 
     /// Replaces times of record by stamps, except where a stamp strays.
-    fn stamp(&mut self, topic: &Topic, clock: ClockOffset, seconds: impl Fn(u64) -> f64, notes: &mut Vec<Note>) {
+    fn stamp(
+        &mut self,
+        topic: &Topic,
+        clock: ClockOffset,
+        seconds: impl Fn(u64) -> f64,
+        notes: &mut Vec<Note>,
+    ) {
         let mut stray = 0;
         for ((t, stamp), arrived) in self.t_s.iter_mut().zip(&topic.stamp_ns).zip(&self.arrived_s) {
             let on_clock = stamp.map(|ns| seconds(ns) + clock.offset_s);
@@ -84,7 +96,8 @@ impl Samples {
         if usual_s <= 0.0 {
             return;
         }
-        let gaps = self.t_s.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > GAP_STEPS * usual_s);
+        let gaps =
+            self.t_s.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > GAP_STEPS * usual_s);
         let (mut lost, mut longest_s) = (0.0, 0.0_f64);
         for gap in gaps {
             lost += (gap / usual_s).round() - 1.0;

@@ -38,8 +38,8 @@ impl Series {
         kept
     }
 
-    /// Values at the times of the rows; the first and last hold beyond the ends. A channel that wraps after `turn` goes the
-    /// shorter way round.
+    /// Values at the times of the rows; the first and last hold beyond the ends. A channel that wraps after
+    /// `turn` goes the shorter way round.
     pub(crate) fn resample(&self, rows_s: &[f64], between: Interpolation, turn: Option<f64>) -> Vec<f64> {
         rows_s.iter().map(|t| self.value(*t, between, turn)).collect()
     }
@@ -66,7 +66,10 @@ mod tests {
     #[test]
     fn commands_hold_and_measurements_go_the_short_way_round() {
         let series = Series { name: "yaw".into(), t_s: vec![1.0, 2.0], values: vec![170.0, -170.0] };
-        assert_eq!(series.resample(&[0.0, 1.5, 2.0, 9.0], Interpolation::Held, None), [170.0, 170.0, -170.0, -170.0]);
+        assert_eq!(
+            series.resample(&[0.0, 1.5, 2.0, 9.0], Interpolation::Held, None),
+            [170.0, 170.0, -170.0, -170.0]
+        );
         assert_eq!(series.resample(&[1.5], Interpolation::Line, None), [0.0]);
         assert_eq!(series.resample(&[1.25, 1.5], Interpolation::Line, Some(360.0)), [175.0, 180.0]);
     }

@@ -39,7 +39,8 @@ pub(super) fn unwrap(angle_rad: &mut [f64], channel: &'static str, notes: &mut V
     }
 }
 
-/// Acceleration of positions: the curvature of the parabola through the samples within 0.1 s, or through five of a slow one.
+/// Acceleration of positions: the curvature of the parabola through the samples within 0.1 s, or through five
+/// of a slow one.
 pub(super) fn acceleration_of(t_s: &[f64], pos_m: &[Vec<f64>; 3]) -> [Vec<f64>; 3] {
     acceleration_over(t_s, pos_m, CURVATURE_HALF_S)
 }
@@ -49,14 +50,16 @@ pub(super) fn acceleration_over(t_s: &[f64], pos_m: &[Vec<f64>; 3], half_s: f64)
     let half_s = half_s.max(2.5 * usual_step(t_s));
     pos_m.each_ref().map(|x| {
         let at = |row: usize| {
-            let near = t_s.partition_point(|t| *t < t_s[row] - half_s)..t_s.partition_point(|t| *t <= t_s[row] + half_s);
+            let near = t_s.partition_point(|t| *t < t_s[row] - half_s)
+                ..t_s.partition_point(|t| *t <= t_s[row] + half_s);
             curvature(&t_s[near.clone()], &x[near])
         };
         (0..t_s.len()).map(at).collect()
     })
 }
 
-/// Second derivative of the least-squares parabola, in polynomials that are orthogonal on the samples; 0 for fewer than three.
+/// Second derivative of the least-squares parabola, in polynomials that are orthogonal on the samples; 0 for
+/// fewer than three.
 fn curvature(t_s: &[f64], x: &[f64]) -> f64 {
     if t_s.len() < 3 {
         return 0.0;

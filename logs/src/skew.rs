@@ -9,11 +9,13 @@ use super::signal::usual_step;
 
 /// Wider than any skew seen (79 ms), narrow enough not to find the next period of a manoeuvre.
 const LONGEST_LAG_S: f64 = 0.3;
-/// Below this correlation the peak is noise. The files have 0.65 to 0.97, least where the skew itself wanders.
+/// Below this correlation the peak is noise. The files have 0.65 to 0.97, least where the skew itself
+/// wanders.
 const LEAST_CORRELATION: f64 = 0.6;
-/// The skew is a line between knots this far apart, each of which may differ from the one before by [`WANDER_S`] times the root of this. Chosen on
-/// flights of the fit, trims fitted to each (no flight was left out): horizontal velocity predicted 2 s ahead by commands was off by 0.139 m/s with one skew for all, by 0.127 with knots every second
-/// and 0.02, by 0.125 with these, by 0.123 with twice as many and 0.04.
+/// The skew is a line between knots this far apart, each of which may differ from the one before by
+/// [`WANDER_S`] times the root of this. Chosen on flights of the fit, trims fitted to each (no flight was
+/// left out): horizontal velocity predicted 2 s ahead by commands was off by 0.139 m/s with one skew for all,
+/// by 0.127 with knots every second and 0.02, by 0.125 with these, by 0.123 with twice as many and 0.04.
 const KNOT_S: f64 = 0.5;
 /// How far the skew wanders in one second.
 const WANDER_S: f64 = 0.03;
@@ -24,7 +26,8 @@ const SETTLED_S: f64 = 2e-4;
 const LONGEST_STEP_S: f64 = 0.03;
 /// Residuals beyond so many standard deviations count linearly.
 const HUBER: f64 = 2.0;
-/// Averaging over 0.15 s takes the motor vibration out of the gyro; both sides are averaged, so no lag results.
+/// Averaging over 0.15 s takes the motor vibration out of the gyro; both sides are averaged, so no lag
+/// results.
 const AVERAGED_S: f64 = 0.15;
 
 /// The same rates as seen by motion capture (angles, still to be differentiated) and by the onboard gyro.
@@ -51,15 +54,19 @@ pub(super) fn estimate(rates: &Rates<'_>, rows: &Range<usize>) -> Note {
     }
 }
 
-/// How much later the onboard data appears at each row, from where it is least in `rows` apart: least squares of the rates of both sides over a skew
-/// that wanders. `None` where the rates say nothing.
+/// How much later the onboard data appears at each row, from where it is least in `rows` apart: least squares
+/// of the rates of both sides over a skew that wanders. `None` where the rates say nothing.
 pub(super) fn wander(rates: &Rates<'_>, rows: &Range<usize>) -> Option<Vec<f64>> {
     let usual_s = lag(rates, rows)?;
     let t_s = &rates.t_s[rows.clone()];
     let (first_s, last_s) = (*t_s.first()?, *t_s.last()?);
     let knots = ((last_s - first_s) / KNOT_S).ceil() as usize + 1;
-    let sides: Vec<[Vec<f64>; 3]> =
-        rates.angles_rad.iter().zip(rates.gyro_radps).map(|(angle, gyro)| sides(rates.t_s, angle, gyro)).collect();
+    let sides: Vec<[Vec<f64>; 3]> = rates
+        .angles_rad
+        .iter()
+        .zip(rates.gyro_radps)
+        .map(|(angle, gyro)| sides(rates.t_s, angle, gyro))
+        .collect();
     let hat = |t: f64| {
         let at = ((t - first_s) / KNOT_S).clamp(0.0, (knots - 1) as f64);
         let knot = (at as usize).min(knots.saturating_sub(2));
@@ -71,22 +78,40 @@ pub(super) fn wander(rates: &Rates<'_>, rows: &Range<usize>) -> Option<Vec<f64>>
         for [seen, felt, slope] in &sides {
             let meet = |row: usize| {
                 let (knot, share) = hat(rates.t_s[row]);
-                let at_s = rates.t_s[row] + late_s[knot] + share * (late_s[(knot + 1).min(knots - 1)] - late_s[knot]);
-                (knot, share, seen[row] - interpolate(rates.t_s, felt, at_s), interpolate(rates.t_s, slope, at_s))
+                let at_s = rates.t_s[row]
+                    + late_s[knot]
+                    + share * (late_s[(knot + 1).min(knots - 1)] - late_s[knot]);
+                (
+                    knot,
+                    share,
+                    seen[row] - interpolate(rates.t_s, felt, at_s),
+                    interpolate(rates.t_s, slope, at_s),
+                )
             };
             let all: Vec<_> = rows.clone().map(meet).collect();
             let apart: Vec<f64> = all.iter().map(|(_, _, apart, _)| *apart).collect();
             let offset = quantile(&apart, 0.5).unwrap_or(0.0);
-            let scatter = quantile(&apart.iter().map(|e| (e - offset).abs()).collect::<Vec<_>>(), 0.5).unwrap_or(0.0) / 0.6745;
+            let scatter = quantile(&apart.iter().map(|e| (e - offset).abs()).collect::<Vec<_>>(), 0.5)
+                .unwrap_or(0.0)
+                / 0.6745;
             // averaged rates are no more samples than fit side by side into the recording
             let alone = AVERAGED_S / usual_step(t_s);
             for (knot, share, apart, slope) in all {
                 let far = ((apart - offset).abs() / scatter).max(1e-9);
-                system.add(knot, share, slope, apart - offset, (HUBER / far).min(1.0) / (scatter * scatter * alone));
+                system.add(
+                    knot,
+                    share,
+                    slope,
+                    apart - offset,
+                    (HUBER / far).min(1.0) / (scatter * scatter * alone),
+                );
             }
         }
         let steps = system.solve();
-        late_s.iter_mut().zip(&steps).for_each(|(late, step)| *late += step.clamp(-LONGEST_STEP_S, LONGEST_STEP_S));
+        late_s
+            .iter_mut()
+            .zip(&steps)
+            .for_each(|(late, step)| *late += step.clamp(-LONGEST_STEP_S, LONGEST_STEP_S));
         if steps.iter().all(|step| step.abs() < SETTLED_S) {
             break;
         }
@@ -252,7 +277,13 @@ mod tests {
         // one skew for all would be off by 35 ms
         assert!(rms_s < 0.006, "{rms_s}");
         let still = vec![0.0; 3000];
-        assert_eq!(wander(&Rates { t_s: &t_s, angles_rad: [&still, &still], gyro_radps: [&still, &still] }, &(100..2900)), None);
+        assert_eq!(
+            wander(
+                &Rates { t_s: &t_s, angles_rad: [&still, &still], gyro_radps: [&still, &still] },
+                &(100..2900)
+            ),
+            None
+        );
     }
 
     #[test]

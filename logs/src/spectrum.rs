@@ -1,8 +1,10 @@
-//! The power of a series by frequency. One place: the library's algorithms are compiled where they are first named.
+//! The power of a series by frequency. One place: the library's algorithms are compiled where they are first
+//! named.
 
 use realfft::RealFftPlanner;
 
-/// Power by bin, from frequency 0 on, of samples at even steps; bin `i` is at `i / (samples * step)`. Empty of fewer than two samples.
+/// Power by bin, from frequency 0 on, of samples at even steps; bin `i` is at `i / (samples * step)`. Empty
+/// of fewer than two samples.
 pub fn power_spectrum(mut samples: Vec<f64>) -> Vec<f64> {
     if samples.len() < 2 {
         return Vec::new();
@@ -21,7 +23,8 @@ mod tests {
 
     #[test]
     fn the_power_of_a_sine_lies_in_its_bin_and_sums_to_its_variance() {
-        let samples: Vec<f64> = (0..60).map(|i| 3.0 * (std::f64::consts::TAU * 7.0 * f64::from(i) / 60.0).sin()).collect();
+        let samples: Vec<f64> =
+            (0..60).map(|i| 3.0 * (std::f64::consts::TAU * 7.0 * f64::from(i) / 60.0).sin()).collect();
         let power = power_spectrum(samples.clone());
         assert_eq!(power.len(), 31);
         // Parseval: twice the power of one side is the sum of squares times the number of samples

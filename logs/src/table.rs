@@ -25,7 +25,8 @@ pub(super) const NUMBER: Accept = Accept { low: -LARGEST, high: LARGEST, expecte
 /// Thrust and motor commands are 16 bits wide.
 pub(super) const PWM: Accept = Accept { low: 0.0, high: 65_535.0, expected: "a PWM command from 0 to 65535" };
 /// An angle in radians that wraps: anything larger is degrees.
-pub(super) const RADIANS: Accept = Accept { low: -6.3, high: 6.3, expected: "an angle in radians (-6.3 to 6.3)" };
+pub(super) const RADIANS: Accept =
+    Accept { low: -6.3, high: 6.3, expected: "an angle in radians (-6.3 to 6.3)" };
 
 impl Accept {
     pub(super) const fn between(low: f64, high: f64, expected: &'static str) -> Self {
@@ -62,17 +63,33 @@ impl Table {
         }
         let delimiter = delimiter(first.unwrap_or_default());
         let lines = whole_lines(text, notes);
-        let mut reader = ReaderBuilder::new().has_headers(false).flexible(true).trim(Trim::All).delimiter(delimiter).from_reader(lines);
+        let mut reader = ReaderBuilder::new()
+            .has_headers(false)
+            .flexible(true)
+            .trim(Trim::All)
+            .delimiter(delimiter)
+            .from_reader(lines);
         let comma_is_decimal = delimiter != b',';
-        let mut table = Self { file: file.to_owned(), header: Vec::new(), comma_is_decimal, records: Vec::new(), lines: Vec::new() };
+        let mut table = Self {
+            file: file.to_owned(),
+            header: Vec::new(),
+            comma_is_decimal,
+            records: Vec::new(),
+            lines: Vec::new(),
+        };
         let mut record = ByteRecord::new();
-        while reader.read_byte_record(&mut record).map_err(|error| LogError::Io { file: file.to_owned(), source: error.into() })? {
+        while reader
+            .read_byte_record(&mut record)
+            .map_err(|error| LogError::Io { file: file.to_owned(), source: error.into() })?
+        {
             table.push(&record)?;
         }
         if table.records.is_empty() {
             return Err(LogError::NoRows { file: file.to_owned() });
         }
-        if comma_is_decimal && table.records.iter().take(10).flatten().any(|field| decimal_point(field).is_some()) {
+        if comma_is_decimal
+            && table.records.iter().take(10).flatten().any(|field| decimal_point(field).is_some())
+        {
             notes.push(Note::DecimalCommas);
         }
         Ok(table)
@@ -90,14 +107,22 @@ impl Table {
             self.header = record.iter().map(shown).collect();
             for (at, column) in self.header.iter().enumerate() {
                 if self.header[..at].contains(column) {
-                    return Err(LogError::DuplicateColumn { file: self.file.clone(), column: column.clone() });
+                    return Err(LogError::DuplicateColumn {
+                        file: self.file.clone(),
+                        column: column.clone(),
+                    });
                 }
             }
             return Ok(());
         }
         let line = record.position().map_or(0, csv::Position::line);
         if record.len() != self.header.len() {
-            return Err(LogError::FieldCount { file: self.file.clone(), line, expected: self.header.len(), found: record.len() });
+            return Err(LogError::FieldCount {
+                file: self.file.clone(),
+                line,
+                expected: self.header.len(),
+                found: record.len(),
+            });
         }
         self.records.push(record.clone());
         self.lines.push(line);
@@ -141,7 +166,8 @@ impl Table {
         }
     }
 
-    /// Columns that are empty together wherever nothing was measured: the rows that hold values, and the values.
+    /// Columns that are empty together wherever nothing was measured: the rows that hold values, and the
+    /// values.
     pub(super) fn sparse(&self, columns: &[&str]) -> Result<(Vec<usize>, Vec<Vec<f64>>), LogError> {
         let positions = columns.iter().map(|c| self.position(c)).collect::<Result<Vec<_>, _>>()?;
         let mut rows = Vec::new();
@@ -180,13 +206,15 @@ impl Table {
 
     fn position(&self, column: &str) -> Result<usize, LogError> {
         let found = self.header.iter().position(|name| name == column);
-        found.ok_or_else(|| LogError::UnknownFormat { file: self.file.clone(), found: self.header.join(", ") })
+        found
+            .ok_or_else(|| LogError::UnknownFormat { file: self.file.clone(), found: self.header.join(", ") })
     }
 
     fn value(&self, row: usize, at: usize, column: &str, accept: Accept) -> Result<f64, LogError> {
         let field = &self.records[row][at];
         let number = |field: &[u8]| std::str::from_utf8(field).ok().and_then(|text| text.parse::<f64>().ok());
-        let with_comma = || decimal_point(field).filter(|_| self.comma_is_decimal).and_then(|field| number(&field));
+        let with_comma =
+            || decimal_point(field).filter(|_| self.comma_is_decimal).and_then(|field| number(&field));
         let parsed = number(field).or_else(with_comma);
         match parsed {
             // Comparisons are false for NaN, so this also refuses what is not finite.
@@ -210,8 +238,11 @@ impl Table {
 pub(super) fn header(text: &[u8]) -> Vec<String> {
     let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text);
     let line = text.split(|b| matches!(b, b'\n' | b'\r')).find(|line| !line.is_empty());
-    let Some(line) = line.filter(|line| line.len() <= LONGEST_LINE && is_text(line)) else { return Vec::new() };
-    let mut reader = ReaderBuilder::new().has_headers(false).trim(Trim::All).delimiter(delimiter(line)).from_reader(line);
+    let Some(line) = line.filter(|line| line.len() <= LONGEST_LINE && is_text(line)) else {
+        return Vec::new();
+    };
+    let mut reader =
+        ReaderBuilder::new().has_headers(false).trim(Trim::All).delimiter(delimiter(line)).from_reader(line);
     let mut record = ByteRecord::new();
     match reader.read_byte_record(&mut record) {
         Ok(true) => record.iter().map(shown).collect(),
@@ -245,6 +276,8 @@ fn check_line_lengths(file: &str, text: &[u8]) -> Result<(), LogError> {
     let mut lines = text.split(|b| *b == b'\n');
     match lines.position(|line| line.len() > LONGEST_LINE) {
         None => Ok(()),
-        Some(at) => Err(LogError::LineTooLong { file: file.to_owned(), line: at as u64 + 1, limit: LONGEST_LINE }),
+        Some(at) => {
+            Err(LogError::LineTooLong { file: file.to_owned(), line: at as u64 + 1, limit: LONGEST_LINE })
+        }
     }
 }

@@ -21,7 +21,8 @@ pub(super) fn load(path: &Path, file: &str) -> Result<Vec<u8>, LogError> {
     within_limit(file, bytes)
 }
 
-/// Unpacks gzip, known by its magic bytes, and leaves anything else as it is. A truncated stream gives what it holds.
+/// Unpacks gzip, known by its magic bytes, and leaves anything else as it is. A truncated stream gives what
+/// it holds.
 pub(super) fn decompress(file: &str, bytes: &[u8], notes: &mut Vec<Note>) -> Result<Vec<u8>, LogError> {
     if !bytes.starts_with(&GZIP_MAGIC) {
         return Ok(bytes.to_vec());
@@ -53,8 +54,8 @@ fn within_limit(file: &str, bytes: Vec<u8>) -> Result<Vec<u8>, LogError> {
     Ok(bytes)
 }
 
-/// The part of `text` that consists of whole lines: a line is whole when its line end is there, since otherwise its
-/// last number may be cut short without a trace.
+/// The part of `text` that consists of whole lines: a line is whole when its line end is there, since
+/// otherwise its last number may be cut short without a trace.
 pub(super) fn whole_lines<'a>(text: &'a [u8], notes: &mut Vec<Note>) -> &'a [u8] {
     let end = text.iter().rposition(|b| matches!(b, b'\n' | b'\r')).map_or(0, |at| at + 1);
     if text[end..].iter().any(|b| !b.is_ascii_whitespace()) {

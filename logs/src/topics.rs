@@ -57,21 +57,25 @@ impl TopicRole {
         }
     }
 
-    /// How well a topic fits: 0 not at all, more is better. Goals and batteries have to be named so, since other topics have
-    /// the same types; names may have any namespace in front.
+    /// How well a topic fits: 0 not at all, more is better. Goals and batteries have to be named so, since
+    /// other topics have the same types; names may have any namespace in front.
     fn fit(self, topic: &Topic) -> usize {
         let name = topic.name.trim_matches('/');
         let last = name.rsplit('/').next().unwrap_or(name);
         let kinds: &[Kind] = match self {
             Self::Command => &[Kind::Twist, Kind::TwistStamped],
             Self::Imu => &[Kind::Imu],
-            Self::Pose => &[Kind::PoseStamped, Kind::TransformStamped, Kind::PoseWithCovarianceStamped, Kind::Odometry],
+            Self::Pose => {
+                &[Kind::PoseStamped, Kind::TransformStamped, Kind::PoseWithCovarianceStamped, Kind::Odometry]
+            }
             Self::Goal => &[Kind::PoseStamped],
             Self::Battery => &[Kind::Float32],
         };
         let usual = self.usual_name();
         let named = usual.rsplit('/').next() == Some(last);
-        if !kinds.contains(&topic.kind) || (matches!(self, Self::Goal | Self::Battery) && !named) || (self == Self::Pose && last == "goal")
+        if !kinds.contains(&topic.kind)
+            || (matches!(self, Self::Goal | Self::Battery) && !named)
+            || (self == Self::Pose && last == "goal")
         {
             return 0;
         }
@@ -90,7 +94,13 @@ pub(super) struct Topics {
 
 impl Topics {
     /// Adds a message; `read_as` is `None` for a type that no flight needs.
-    pub(super) fn add(&mut self, name: &str, type_name: &str, message: StoredMessage<'_>, read_as: Option<(Kind, Encoding)>) {
+    pub(super) fn add(
+        &mut self,
+        name: &str,
+        type_name: &str,
+        message: StoredMessage<'_>,
+        read_as: Option<(Kind, Encoding)>,
+    ) {
         self.messages += 1;
         let Some((kind, encoding)) = read_as else {
             let shown = format!("{name} ({type_name})");
@@ -103,7 +113,14 @@ impl Topics {
         let found = self.list.iter().position(|topic| topic.name == name && topic.kind == kind);
         let at = found.unwrap_or_else(|| {
             let name = name.to_owned();
-            self.list.push(Topic { name, kind, recorded_ns: Vec::new(), stamp_ns: Vec::new(), values: Vec::new(), bad: 0 });
+            self.list.push(Topic {
+                name,
+                kind,
+                recorded_ns: Vec::new(),
+                stamp_ns: Vec::new(),
+                values: Vec::new(),
+                bad: 0,
+            });
             self.list.len() - 1
         });
         let topic = &mut self.list[at];
@@ -137,7 +154,9 @@ impl Topics {
 
     /// Notes topics that play no role and messages that could not be read.
     pub(super) fn note_unused(&self, parts: &[Option<&Topic>], notes: &mut Vec<Note>) {
-        let plays = |topic: &Topic| parts.iter().flatten().any(|used| used.name == topic.name && used.kind == topic.kind);
+        let plays = |topic: &Topic| {
+            parts.iter().flatten().any(|used| used.name == topic.name && used.kind == topic.kind)
+        };
         let idle = self.list.iter().filter(|topic| !plays(topic)).map(|topic| topic.name.clone());
         let topics: Vec<String> = idle.chain(self.unread.iter().cloned()).collect();
         if !topics.is_empty() {

@@ -1,8 +1,9 @@
 //! The file format of the Crazyflie's micro-SD deck: typed variables of the firmware, in events.
 //!
-//! `0xBC`, u16 version, u16 number of event types; for each its u16 id, name, u16 number of variables and those as
-//! `name(t)` with a type letter of Python's `struct`; then records of u16 event id, time stamp (version 1: u32 ms,
-//! version 2: u64 us) and values; at the end a CRC-32 of all before. Text ends with a zero byte; little endian, packed.
+//! `0xBC`, u16 version, u16 number of event types; for each its u16 id, name, u16 number of variables and
+//! those as `name(t)` with a type letter of Python's `struct`; then records of u16 event id, time stamp
+//! (version 1: u32 ms, version 2: u64 us) and values; at the end a CRC-32 of all before. Text ends with a
+//! zero byte; little endian, packed.
 
 use super::bytes::Bytes;
 use super::{LogError, Note};
@@ -52,24 +53,36 @@ impl Type {
     }
 }
 
-/// Reads the events of a file. What is cut off or damaged after the table of events ends the reading with a note.
+/// Reads the events of a file. What is cut off or damaged after the table of events ends the reading with a
+/// note.
 pub(super) fn parse(file: &str, data: &[u8], notes: &mut Vec<Note>) -> Result<Vec<Event>, LogError> {
     let mut bytes = Bytes::new(data);
-    let (version, mut events) =
-        table(&mut bytes).map_err(|expected| LogError::BadBinary { file: file.to_owned(), byte: bytes.position(), expected })?;
+    let (version, mut events) = table(&mut bytes).map_err(|expected| LogError::BadBinary {
+        file: file.to_owned(),
+        byte: bytes.position(),
+        expected,
+    })?;
     let (mut records, mut values) = (0, 0);
     while bytes.remaining() > CRC_BYTES {
         let start = bytes.position();
         match record(&mut bytes, version, &mut events) {
             Ok(count) => values += count,
             Err(reason) => {
-                notes.push(Note::CutShort { byte: start, kept: records, unit: "records", reason: reason.to_owned() });
+                notes.push(Note::CutShort {
+                    byte: start,
+                    kept: records,
+                    unit: "records",
+                    reason: reason.to_owned(),
+                });
                 return Ok(events);
             }
         }
         records += 1;
         if values > MOST_VALUES {
-            return Err(LogError::TooLarge { file: file.to_owned(), limit_mib: (MOST_VALUES * 8) as u64 >> 20 });
+            return Err(LogError::TooLarge {
+                file: file.to_owned(),
+                limit_mib: (MOST_VALUES * 8) as u64 >> 20,
+            });
         }
     }
     let sum = crc32fast::hash(&data[..bytes.position()]);
@@ -91,7 +104,10 @@ fn table(bytes: &mut Bytes<'_>) -> Result<(u16, Vec<Event>), &'static str> {
     if bytes.u8() != Some(MAGIC) {
         return Err("the magic byte 0xBC");
     }
-    let version = bytes.u16().filter(|version| matches!(version, 1 | 2)).ok_or("version 1 or 2 of the micro-SD format")?;
+    let version = bytes
+        .u16()
+        .filter(|version| matches!(version, 1 | 2))
+        .ok_or("version 1 or 2 of the micro-SD format")?;
     let count = bytes.u16().ok_or("the number of event types")?;
     let mut events: Vec<Event> = Vec::new();
     let mut variables = 0;
@@ -113,7 +129,8 @@ fn event(bytes: &mut Bytes<'_>) -> Result<Event, &'static str> {
     let id = bytes.u16().ok_or("the id of an event type")?;
     let name = bytes.c_string(LONGEST_NAME).ok_or("the name of an event type")?.to_owned();
     let count = bytes.u16().ok_or("the number of variables of an event type")?;
-    let mut event = Event { id, name, variables: Vec::new(), types: Vec::new(), t_s: Vec::new(), columns: Vec::new() };
+    let mut event =
+        Event { id, name, variables: Vec::new(), types: Vec::new(), t_s: Vec::new(), columns: Vec::new() };
     for _ in 0..count {
         let expected = "a variable as name(type), the type one of bBhHiIqQfd";
         let text = bytes.c_string(LONGEST_NAME).ok_or(expected)?;

@@ -3,8 +3,8 @@
 use std::io::Write;
 
 use super::formats::project::{
-    ACC, ATTITUDE, CMD_HEIGHT, CMD_PITCH, CMD_ROLL, CMD_THRUST, CMD_YAW_RATE, GYRO, MARKER, SETPOINT, SETPOINT_YAW, TIME, TRUE_ATTITUDE,
-    TRUE_POS, TRUE_VEL, VBAT,
+    ACC, ATTITUDE, CMD_HEIGHT, CMD_PITCH, CMD_ROLL, CMD_THRUST, CMD_YAW_RATE, GYRO, MARKER, SETPOINT,
+    SETPOINT_YAW, TIME, TRUE_ATTITUDE, TRUE_POS, TRUE_VEL, VBAT,
 };
 use super::{Fixes, FlightLog, LogError};
 
@@ -20,13 +20,13 @@ pub(super) struct Column<'a> {
 impl FlightLog {
     /// Writes the log as a project CSV: degrees for angles, empty marker cells where no frame arrived.
     ///
-    /// Numbers are written with as many digits as it takes to read the same bits back; angles, converted to degrees
-    /// and back, agree to a relative 1e-12. `t_s`, commands, setpoint, marker, IMU, battery and truth survive;
-    /// `vel_mps`, `onboard` and `notes` have no column.
+    /// Numbers are written with as many digits as it takes to read the same bits back; angles, converted to
+    /// degrees and back, agree to a relative 1e-12. `t_s`, commands, setpoint, marker, IMU, battery and truth
+    /// survive; `vel_mps`, `onboard` and `notes` have no column.
     ///
     /// # Errors
-    /// [`LogError::CannotWrite`] when a channel that the format requires is absent, has the wrong length or holds a
-    /// value that is not finite; [`LogError::Write`] when `out` fails.
+    /// [`LogError::CannotWrite`] when a channel that the format requires is absent, has the wrong length or
+    /// holds a value that is not finite; [`LogError::Write`] when `out` fails.
     pub fn write_csv(&self, out: impl Write) -> Result<(), LogError> {
         let columns = self.columns()?;
         self.write_rows(&columns, out).map_err(LogError::Write)
@@ -106,7 +106,10 @@ impl Column<'_> {
         if let Some(at) = self.rows {
             let ascending = at.windows(2).all(|pair| pair[0] < pair[1]);
             if !ascending || at.last().is_some_and(|last| *last >= rows) {
-                return Err(invalid_channel(self.name, "has fixes in rows that do not ascend or do not exist"));
+                return Err(invalid_channel(
+                    self.name,
+                    "has fixes in rows that do not ascend or do not exist",
+                ));
             }
         }
         Ok(())

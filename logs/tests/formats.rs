@@ -17,7 +17,8 @@ fn corpus() -> PathBuf {
 }
 
 fn entries(folder: &Path) -> Vec<PathBuf> {
-    let mut paths: Vec<PathBuf> = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+    let mut paths: Vec<PathBuf> =
+        std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
     paths.sort();
     paths
 }
@@ -34,16 +35,24 @@ fn every_format_reads_its_corpus_and_every_corpus_has_a_format() {
         own.iter().for_each(check);
     }
     names.sort_unstable();
-    let folders: Vec<String> = entries(&corpus()).iter().map(|path| path.file_name().unwrap().to_string_lossy().into_owned()).collect();
+    let folders: Vec<String> = entries(&corpus())
+        .iter()
+        .map(|path| path.file_name().unwrap().to_string_lossy().into_owned())
+        .collect();
     assert_eq!(folders, names);
 }
 
 #[test]
 fn damaged_files_of_every_format_give_a_log_or_an_error_that_names_the_file() {
     for reader in readers() {
-        let files: Vec<Vec<u8>> = entries(&corpus().join(reader.name())).iter().map(|path| std::fs::read(path).unwrap()).collect();
+        let files: Vec<Vec<u8>> =
+            entries(&corpus().join(reader.name())).iter().map(|path| std::fs::read(path).unwrap()).collect();
         let cases = (0..files.len(), prop::collection::vec(damage(), 1..4));
-        let mut runner = TestRunner::new(ProptestConfig { cases: CASES, failure_persistence: None, ..ProptestConfig::default() });
+        let mut runner = TestRunner::new(ProptestConfig {
+            cases: CASES,
+            failure_persistence: None,
+            ..ProptestConfig::default()
+        });
         let run = runner.run(&cases, |(which, damages)| {
             let mut bytes = files[which].clone();
             damages.iter().for_each(|damage| damage.apply(&mut bytes));

@@ -111,8 +111,12 @@ fn what_is_no_log_is_named() {
         (vec![0xbc, 0, 1, 2, 255, 10, 3, 10], |e| matches!(e, LogError::BadBinary { byte: 3, .. })),
         (b"name,price\napple,3\n".to_vec(), |e| matches!(e, LogError::UnknownFormat { .. })),
         (format!("{header},t_s\n").into_bytes(), |e| matches!(e, LogError::DuplicateColumn { .. })),
-        (format!("{text}1,2\n").into_bytes(), |e| matches!(e, LogError::FieldCount { line: 14, found: 2, .. })),
-        (format!("{text}{}\n", "9".repeat(100_000)).into_bytes(), |e| matches!(e, LogError::LineTooLong { line: 14, .. })),
+        (format!("{text}1,2\n").into_bytes(), |e| {
+            matches!(e, LogError::FieldCount { line: 14, found: 2, .. })
+        }),
+        (format!("{text}{}\n", "9".repeat(100_000)).into_bytes(), |e| {
+            matches!(e, LogError::LineTooLong { line: 14, .. })
+        }),
         (text.replace("0.02,", "0.02\u{fffd},").into_bytes(), |e| matches!(e, LogError::BadValue { .. })),
     ];
     for (bytes, expected) in cases {

@@ -65,8 +65,21 @@ fn cfclient(separator: char, decimal: char) -> String {
     for t in times() {
         let s = sway(t);
         let (roll, pitch) = (s.roll_rad.to_degrees(), -s.pitch_rad.to_degrees());
-        let cells = [123_000.0 + (t * 1000.0).round(), s.x_m, s.y_m, s.z_m, roll, pitch, 0.0, roll, pitch, thrust(t), 3.9];
-        let cells: Vec<String> = cells.iter().map(|v| v.to_string().replace('.', &decimal.to_string())).collect();
+        let cells = [
+            123_000.0 + (t * 1000.0).round(),
+            s.x_m,
+            s.y_m,
+            s.z_m,
+            roll,
+            pitch,
+            0.0,
+            roll,
+            pitch,
+            thrust(t),
+            3.9,
+        ];
+        let cells: Vec<String> =
+            cells.iter().map(|v| v.to_string().replace('.', &decimal.to_string())).collect();
         text += &(cells.join(&separator.to_string()) + "\n");
     }
     text
@@ -123,7 +136,11 @@ fn packets_of_several_blocks_are_brought_to_one_clock() {
     }
     let log = read(&text);
     assert_eq!(log.len(), 1200);
-    assert!(log.notes.iter().any(|note| matches!(note, Note::Resampled { channels } if channels.len() == 3)), "{:?}", log.notes);
+    assert!(
+        log.notes.iter().any(|note| matches!(note, Note::Resampled { channels } if channels.len() == 3)),
+        "{:?}",
+        log.notes
+    );
     // Interpolated over 20 ms: the curvature of 1.7 m/s2 leaves 0.1 mm.
     let tail = 300..1190;
     close(&log.fixes.pos_m[0][tail.clone()], times().skip(300).map(|t| sway(t).x_m), 2e-4);
@@ -166,7 +183,12 @@ fn with_cell(text: &str, column: usize, value: &str) -> String {
 #[test]
 fn a_mapping_makes_any_csv_a_flight() {
     let mapped = |mapping: &str| {
-        let log = FlightLog::from_mapped_bytes("lab.csv", unknown().as_bytes(), Mapping::parse("lab.toml", mapping).unwrap()).unwrap();
+        let log = FlightLog::from_mapped_bytes(
+            "lab.csv",
+            unknown().as_bytes(),
+            Mapping::parse("lab.toml", mapping).unwrap(),
+        )
+        .unwrap();
         sound::check(&log);
         log
     };
@@ -175,14 +197,18 @@ fn a_mapping_makes_any_csv_a_flight() {
     close(&log.fixes.pos_m[2], times().map(|t| sway(t).z_m), 1e-12);
     close(log.cmd_pitch_rad.as_ref().unwrap(), times().map(|t| sway(t).pitch_rad), 1e-12);
     close(log.cmd_thrust_pwm.as_ref().unwrap(), times().map(thrust), 1e-6);
-    assert_eq!((log.provenance.attitude, log.provenance.position), (AttitudeSource::Motion, PositionSource::MotionCapture));
+    assert_eq!(
+        (log.provenance.attitude, log.provenance.position),
+        (AttitudeSource::Motion, PositionSource::MotionCapture)
+    );
     // Derived from the position alone, over windows of 0.2 s.
     close(&log.pitch_rad[350..1150], times().skip(350).map(|t| sway(t).pitch_rad), 0.01);
     assert!((log.resting_height_m().unwrap() - 0.03).abs() < 1e-9);
     let take_off_s = log.t_s[log.airborne.start];
     assert!((take_off_s - 1.1).abs() < 0.02, "{take_off_s}");
-    let measured =
-        mapped(&format!("{MAPPING}roll = {{ column = \"phi\", unit = \"deg\" }}\npitch = {{ column = \"theta\", unit = \"deg\" }}\n"));
+    let measured = mapped(&format!(
+        "{MAPPING}roll = {{ column = \"phi\", unit = \"deg\" }}\npitch = {{ column = \"theta\", unit = \"deg\" }}\n"
+    ));
     assert_eq!(measured.provenance.attitude, AttitudeSource::Imu);
     close(&measured.pitch_rad, times().map(|t| sway(t).pitch_rad), 1e-12);
 }
@@ -208,16 +234,29 @@ fn a_vehicle_that_hovers_still_does_not_stand() {
 #[test]
 fn what_a_mapping_asks_for_and_the_file_lacks_is_named() {
     let with = |mapping: &str, text: &str| {
-        FlightLog::from_mapped_bytes("lab.csv", text.as_bytes(), Mapping::parse("lab.toml", mapping).unwrap()).unwrap_err().to_string()
+        FlightLog::from_mapped_bytes("lab.csv", text.as_bytes(), Mapping::parse("lab.toml", mapping).unwrap())
+            .unwrap_err()
+            .to_string()
     };
     let message = with(&MAPPING.replace("\"north\"", "\"nort\""), &unknown());
-    assert!(message.contains("lab.csv") && message.contains("\"nort\"") && message.contains("did you mean \"north\"?"), "{message}");
+    assert!(
+        message.contains("lab.csv")
+            && message.contains("\"nort\"")
+            && message.contains("did you mean \"north\"?"),
+        "{message}"
+    );
     let message = with(MAPPING, &with_cell(&unknown(), 6, "101"));
-    assert!(message.contains("line 2, column \"u3\"") && message.contains("101") && message.contains("0 to 100"), "{message}");
+    assert!(
+        message.contains("line 2, column \"u3\"") && message.contains("101") && message.contains("0 to 100"),
+        "{message}"
+    );
     let message = with(MAPPING, &with_cell(&unknown(), 1, "abc"));
     assert!(message.contains("line 2, column \"north\": found \"abc\""), "{message}");
     let error = FlightLog::from_bytes("lab.csv", unknown().as_bytes()).unwrap_err();
-    assert!(matches!(&error, LogError::UnknownFormat { .. }) && error.to_string().contains("inspect"), "{error}");
+    assert!(
+        matches!(&error, LogError::UnknownFormat { .. }) && error.to_string().contains("inspect"),
+        "{error}"
+    );
 }
 
 /// Columns as a lab may call them, with a pitch of the wrong sign: the flight itself tells.
@@ -230,7 +269,11 @@ fn a_draft_guesses_names_units_and_signs() {
         let [roll, pitch] = [s.roll_rad, -s.pitch_rad].map(f64::to_degrees);
         let [p, q] = [s.roll_rate_radps, -s.pitch_rate_radps];
         let [x, y, z] = [s.x_m, s.y_m, s.z_m].map(|v| v * 1000.0);
-        let _ = writeln!(text, "{t};{x};{y};{z};{roll};{pitch};{p};{q};0;{roll};{pitch};{};21.5", thrust(t) / 65_535.0);
+        let _ = writeln!(
+            text,
+            "{t};{x};{y};{z};{roll};{pitch};{p};{q};0;{roll};{pitch};{};21.5",
+            thrust(t) / 65_535.0
+        );
     }
     let draft = Draft::from_bytes("lab.csv", text.as_bytes()).unwrap();
     println!("{}", draft.text);

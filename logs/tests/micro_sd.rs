@@ -11,7 +11,8 @@ use crazyflie_logs::{FlightLog, LogError, Note};
 use proptest::prelude::*;
 use recording::{Card, check};
 
-const CONDITIONS: [&str; 4] = ["normal_flight", "add_weight_W1_near_M3_M4", "cut_propeller_M3_2mm", "weight_on_string_W2_near_M3"];
+const CONDITIONS: [&str; 4] =
+    ["normal_flight", "add_weight_W1_near_M3_M4", "cut_propeller_M3_2mm", "weight_on_string_W2_near_M3"];
 /// The one flight that turned over at take-off.
 const CRASHED: &str = "controller_data/weight_on_string_W2_near_M3/E8_log02";
 
@@ -25,8 +26,10 @@ fn read_recordings() -> Vec<(String, FlightLog)> {
     let mut all = Vec::new();
     for kind in ["controller_data", "motor_data"] {
         for condition in CONDITIONS {
-            let mut files: Vec<PathBuf> =
-                std::fs::read_dir(folder.join(kind).join(condition)).unwrap().map(|e| e.unwrap().path()).collect();
+            let mut files: Vec<PathBuf> = std::fs::read_dir(folder.join(kind).join(condition))
+                .unwrap()
+                .map(|e| e.unwrap().path())
+                .collect();
             files.sort();
             for path in files {
                 let name = path.strip_prefix(&folder).unwrap().display().to_string();
@@ -47,7 +50,13 @@ fn every_recorded_file_is_whole() {
         assert!((2585..=2606).contains(&log.len()), "{name}: {}", log.len());
         assert!(log.notes.contains(&Note::PositionEstimated), "{name}");
         let damaged = |note: &Note| {
-            matches!(note, Note::CutShort { .. } | Note::WrongChecksum | Note::OddValues { .. } | Note::StampsOutOfOrder { .. })
+            matches!(
+                note,
+                Note::CutShort { .. }
+                    | Note::WrongChecksum
+                    | Note::OddValues { .. }
+                    | Note::StampsOutOfOrder { .. }
+            )
         };
         assert!(!log.notes.iter().any(damaged), "{name}: {:?}", log.notes);
         let fallen = log.notes.iter().any(|note| matches!(note, Note::UpsideDown { .. }));
@@ -97,11 +106,14 @@ fn pitch_accelerates_forward() {
 fn motor_requests_show_the_planted_weight() {
     let logs = read_recordings();
     let left_heavier = |name: &str, kind: &str| {
-        let flights = logs.iter().filter(|(n, log)| n.contains(name) && n.contains(kind) && n != CRASHED && log.onboard.is_some());
+        let flights = logs
+            .iter()
+            .filter(|(n, log)| n.contains(name) && n.contains(kind) && n != CRASHED && log.onboard.is_some());
         let moments: Vec<f64> = flights
             .map(|(_, log)| {
                 let motors = log.onboard.as_ref().unwrap().motor_request_pwm.as_ref().unwrap();
-                let mean = |m: &Vec<f64>| m[log.airborne.clone()].iter().sum::<f64>() / log.airborne.len() as f64;
+                let mean =
+                    |m: &Vec<f64>| m[log.airborne.clone()].iter().sum::<f64>() / log.airborne.len() as f64;
                 let [m1, m2, m3, m4] = motors.each_ref().map(mean);
                 (m3 + m4 - m1 - m2) / 2.0
             })
@@ -117,20 +129,39 @@ fn motor_requests_show_the_planted_weight() {
 #[test]
 fn both_versions_and_all_types_are_read() {
     for version in [1, 2] {
-        let mut card =
-            Card::new(version, &["stateEstimate.roll(f)", "stateEstimate.pitch(d)", "stateEstimate.yaw(h)", "pm.vbatMV(H)", "odd(q)"]);
+        let mut card = Card::new(
+            version,
+            &[
+                "stateEstimate.roll(f)",
+                "stateEstimate.pitch(d)",
+                "stateEstimate.yaw(h)",
+                "pm.vbatMV(H)",
+                "odd(q)",
+            ],
+        );
         for i in 0..20_u8 {
-            let values: [&[u8]; 5] =
-                [&1.5_f32.to_le_bytes(), &(-2.0_f64).to_le_bytes(), &(-3_i16).to_le_bytes(), &3700_u16.to_le_bytes(), &[i; 8]];
+            let values: [&[u8]; 5] = [
+                &1.5_f32.to_le_bytes(),
+                &(-2.0_f64).to_le_bytes(),
+                &(-3_i16).to_le_bytes(),
+                &3700_u16.to_le_bytes(),
+                &[i; 8],
+            ];
             card.record(u64::from(i) * 10_000 + 5_000_000, &values.concat());
         }
         let log = read(&card.finish()).unwrap();
         check(&log);
-        assert_eq!((log.len(), log.roll_rad[3], log.pitch_rad[3]), (20, 1.5_f64.to_radians(), 2.0_f64.to_radians()));
+        assert_eq!(
+            (log.len(), log.roll_rad[3], log.pitch_rad[3]),
+            (20, 1.5_f64.to_radians(), 2.0_f64.to_radians())
+        );
         assert_eq!((log.yaw_rad[0], log.vbat_v.as_ref().unwrap()[0]), ((-3.0_f64).to_radians(), 3.7));
         assert!((log.t_s[19] - 0.19).abs() < 1e-12);
         let negated = Note::Negated { columns: &["stateEstimate.pitch"] };
-        assert_eq!(log.notes, [Note::TimeShifted { start_s: 5.0 }, negated, Note::NoYawRateCommand, Note::NoPosition]);
+        assert_eq!(
+            log.notes,
+            [Note::TimeShifted { start_s: 5.0 }, negated, Note::NoYawRateCommand, Note::NoPosition]
+        );
     }
 }
 
@@ -141,7 +172,11 @@ fn a_cut_file_gives_its_whole_records_and_says_so() {
     let log = read(&bytes[..bytes.len() - 30]).unwrap();
     assert_eq!(log.len(), whole.len() - 1);
     assert_eq!(log.pitch_rad, whole.pitch_rad[..log.len()]);
-    assert!(log.notes.iter().any(|note| matches!(note, Note::CutShort { kept, .. } if *kept == log.len())), "{:?}", log.notes);
+    assert!(
+        log.notes.iter().any(|note| matches!(note, Note::CutShort { kept, .. } if *kept == log.len())),
+        "{:?}",
+        log.notes
+    );
     let mut flipped = bytes.clone();
     *flipped.last_mut().unwrap() ^= 1;
     assert!(read(&flipped).unwrap().notes.contains(&Note::WrongChecksum));
@@ -152,7 +187,15 @@ fn what_is_wrong_is_named_with_its_place() {
     let unknown = Card::new(2, &["a(f)"]);
     let mut useless = Card::new(2, &["a(f)"]);
     useless.record(1, &1_f32.to_le_bytes());
-    let mut thrust = Card::new(2, &["stateEstimate.roll(f)", "stateEstimate.pitch(f)", "stateEstimate.yaw(f)", "controller.cmd_thrust(f)"]);
+    let mut thrust = Card::new(
+        2,
+        &[
+            "stateEstimate.roll(f)",
+            "stateEstimate.pitch(f)",
+            "stateEstimate.yaw(f)",
+            "controller.cmd_thrust(f)",
+        ],
+    );
     thrust.record(1, &[0, 0, 0, 1e6_f32.to_bits()].map(u32::to_le_bytes).concat());
     type Case = (Vec<u8>, &'static str);
     let cases: [Case; 6] = [

@@ -29,7 +29,8 @@ const FILES: [&str; 18] = [
     "B9_trefoil_slow_rep12",
     "B9_trefoil_slow_rep15",
 ];
-/// In these two the controller's packets never came: all four columns stand still from the first row to the last.
+/// In these two the controller's packets never came: all four columns stand still from the first row to the
+/// last.
 const NO_COMMANDS: [&str; 2] = ["B9_trefoil_medium_rep10", "B9_trefoil_slow_rep12"];
 
 fn path(folder: &Path, name: &str) -> std::path::PathBuf {
@@ -41,7 +42,8 @@ static LOGS: OnceLock<Vec<FlightLog>> = OnceLock::new();
 
 fn each(mut check: impl FnMut(&str, &FlightLog)) {
     let folder = data("nanobench");
-    let logs = LOGS.get_or_init(|| FILES.iter().map(|name| FlightLog::read(&path(&folder, name)).unwrap()).collect());
+    let logs = LOGS
+        .get_or_init(|| FILES.iter().map(|name| FlightLog::read(&path(&folder, name)).unwrap()).collect());
     for (name, log) in FILES.into_iter().zip(logs) {
         check(name, log);
     }
@@ -126,7 +128,8 @@ fn commands_and_tilt_have_right_handed_signs() {
         let reach = 7;
         let t = part(&log.t_s);
         let velocity = log.vel_mps.as_ref().unwrap();
-        let (ax, ay) = (derivative(&t, &part(&velocity[0]), reach), derivative(&t, &part(&velocity[1]), reach));
+        let (ax, ay) =
+            (derivative(&t, &part(&velocity[0]), reach), derivative(&t, &part(&velocity[1]), reach));
         let inner = reach..t.len() - reach;
         let yaw = &yaw[inner.clone()];
         let turned = || ax.iter().zip(&ay).zip(yaw);
@@ -208,7 +211,8 @@ fn skew_and_yaw_are_compared_with_motion_capture() {
     });
 }
 
-/// Traps in the columns' names: one is the yaw setpoint, the other its rate, both with the sign of the measured yaw.
+/// Traps in the columns' names: one is the yaw setpoint, the other its rate, both with the sign of the
+/// measured yaw.
 #[test]
 #[ignore = "needs ../shared/data: cargo test -p crazyflie-logs -- --ignored"]
 fn the_yaw_setpoint_and_its_rate_belong_together() {
@@ -221,7 +225,8 @@ fn the_yaw_setpoint_and_its_rate_belong_together() {
         // On the ground the setpoint is the estimated yaw, so it shows the sign.
         let estimate = &log.onboard.as_ref().unwrap().attitude_rad.as_ref().unwrap()[2];
         assert!((yaw[100] - estimate[100]).abs() < 0.005, "{name}");
-        // Take-off turns to 0 within 2 s of the start at about 2 s: the rate integrates to what the setpoint turned.
+        // Take-off turns to 0 within 2 s of the start at about 2 s: the rate integrates to what the setpoint
+        // turned.
         let (start, end) = (190, 430);
         let turned = yaw[end] - yaw[start];
         let integral: f64 = (start..end).map(|i| rate[i] * (log.t_s[i + 1] - log.t_s[i])).sum();
@@ -240,7 +245,8 @@ fn packets_lost_in_flight_cut_the_log_there() {
     let bytes = std::fs::read(path(&folder, "B2_circle_fast_rep2")).unwrap();
     let mut text = String::new();
     std::io::Read::read_to_string(&mut flate2::read::GzDecoder::new(&bytes[..]), &mut text).unwrap();
-    let mut rows: Vec<Vec<String>> = text.lines().map(|l| l.split(',').map(str::to_owned).collect()).collect();
+    let mut rows: Vec<Vec<String>> =
+        text.lines().map(|l| l.split(',').map(str::to_owned).collect()).collect();
     let last = 1 + 1500;
     for column in 0..rows[0].len() {
         if !rows[0][column].starts_with("pid_controller") {
@@ -270,7 +276,8 @@ fn a_motion_capture_angle_in_degrees_is_refused() {
     let bytes = std::fs::read(piece("nanobench_start.csv.gz")).unwrap();
     let mut text = String::new();
     std::io::Read::read_to_string(&mut flate2::read::GzDecoder::new(&bytes[..]), &mut text).unwrap();
-    let mut rows: Vec<Vec<String>> = text.lines().take(50).map(|l| l.split(',').map(str::to_owned).collect()).collect();
+    let mut rows: Vec<Vec<String>> =
+        text.lines().take(50).map(|l| l.split(',').map(str::to_owned).collect()).collect();
     rows[7][8] = "-12.5".to_owned();
     let text: Vec<String> = rows.iter().map(|r| r.join(",") + "\n").collect();
     match FlightLog::from_bytes("degrees", text.concat().as_bytes()) {

@@ -23,7 +23,10 @@ fn verdict(inspection: &Inspection, channel: &str) -> Option<SignVerdict> {
 fn a_real_take_off_under_motion_capture_is_understood() {
     let (log, inspection) = read("nanobench_start.csv.gz");
     let provenance = inspection.provenance;
-    assert_eq!((provenance.position, provenance.attitude), (PositionSource::MotionCapture, AttitudeSource::MotionCapture));
+    assert_eq!(
+        (provenance.position, provenance.attitude),
+        (PositionSource::MotionCapture, AttitudeSource::MotionCapture)
+    );
     assert!(provenance.onboard_interpolated && (inspection.rate_hz - 100.0).abs() < 1.0);
     // The markers of a vehicle that stands are 53 to 72 mm above the floor.
     let rest_m = inspection.resting_height_m.unwrap();
@@ -31,9 +34,18 @@ fn a_real_take_off_under_motion_capture_is_understood() {
     let [from_s, _] = inspection.airborne_s.unwrap();
     assert!((0.9..2.2).contains(&from_s), "{from_s}");
     for channel in ["pitch", "roll", "acc_z", "gyro_x"] {
-        assert_eq!(verdict(&inspection, channel), Some(SignVerdict::Agrees), "{channel}: {:?}", inspection.signs);
+        assert_eq!(
+            verdict(&inspection, channel),
+            Some(SignVerdict::Agrees),
+            "{channel}: {:?}",
+            inspection.signs
+        );
     }
-    assert!(inspection.signs.iter().all(|check| check.verdict != SignVerdict::Contradicts), "{:?}", inspection.signs);
+    assert!(
+        inspection.signs.iter().all(|check| check.verdict != SignVerdict::Contradicts),
+        "{:?}",
+        inspection.signs
+    );
     let diagnose = inspection.needs.iter().find(|need| need.command == "diagnose").unwrap();
     assert!(diagnose.missing.iter().any(|missing| missing.starts_with("motor requests")), "{diagnose:?}");
     assert!(log.vbat_v.is_some() && log.onboard.unwrap().motor_pwm.is_some());
@@ -49,7 +61,10 @@ fn a_wrong_sign_in_a_real_flight_is_seen() {
 #[test]
 fn the_end_of_a_real_flight_is_cut_at_its_last_packet() {
     let (log, inspection) = read("nanobench_end.csv.gz");
-    let cut = log.notes.iter().find_map(|note| if let Note::CutAfterLastPacket { cut_s, .. } = note { Some(*cut_s) } else { None });
+    let cut = log
+        .notes
+        .iter()
+        .find_map(|note| if let Note::CutAfterLastPacket { cut_s, .. } = note { Some(*cut_s) } else { None });
     assert!((0.15..0.5).contains(&cut.unwrap()), "{cut:?}");
     let motors = log.onboard.as_ref().unwrap().motor_pwm.as_ref().unwrap();
     assert!(motors.iter().flatten().all(|pwm| (0.0..=65_535.0).contains(pwm)));
@@ -60,7 +75,9 @@ fn the_end_of_a_real_flight_is_cut_at_its_last_packet() {
 #[test]
 fn commands_that_never_came_are_missing() {
     let (log, inspection) = read("nanobench_no_commands.csv.gz");
-    assert!(log.cmd_roll_rad.is_none() && log.notes.iter().any(|note| matches!(note, Note::DeadChannels { .. })));
+    assert!(
+        log.cmd_roll_rad.is_none() && log.notes.iter().any(|note| matches!(note, Note::DeadChannels { .. }))
+    );
     let replay = inspection.needs.iter().find(|need| need.command == "replay").unwrap();
     assert!(replay.missing.contains(&"roll and pitch commands"), "{replay:?}");
 }
@@ -69,12 +86,20 @@ fn commands_that_never_came_are_missing() {
 fn cards_of_real_flights_hold_what_the_deck_logged() {
     for (file, has_commands) in [("crazypad_controller.usd.gz", true), ("crazypad_motor.usd.gz", false)] {
         let (log, inspection) = read(file);
-        assert_eq!((log.provenance.format, log.provenance.position), ("micro_sd", PositionSource::Estimate), "{file}");
+        assert_eq!(
+            (log.provenance.format, log.provenance.position),
+            ("micro_sd", PositionSource::Estimate),
+            "{file}"
+        );
         assert!(!log.notes.contains(&Note::WrongChecksum), "{file}");
         assert_eq!(log.cmd_pitch_rad.is_some(), has_commands, "{file}: {:?}", inspection.channels);
         assert_eq!(log.vbat_v.is_some(), !has_commands, "{file}");
         let diagnose = inspection.needs.iter().find(|need| need.command == "diagnose").unwrap();
         assert_eq!(diagnose.missing, [""; 0], "{file}");
-        assert!(inspection.signs.iter().all(|check| check.verdict != SignVerdict::Contradicts), "{file}: {:?}", inspection.signs);
+        assert!(
+            inspection.signs.iter().all(|check| check.verdict != SignVerdict::Contradicts),
+            "{file}: {:?}",
+            inspection.signs
+        );
     }
 }

@@ -112,15 +112,27 @@ fn a_missing_column_is_named_with_what_it_may_have_been() {
     let message = error.to_string();
     let LogError::MissingColumns { missing, format, .. } = error else { panic!("{message}") };
     assert_eq!(format, "a project CSV");
-    let like = |name: &str, found: &str| MissingColumn { name: name.to_owned(), did_you_mean: Some(found.to_owned()) };
+    let like = |name: &str, found: &str| MissingColumn {
+        name: name.to_owned(),
+        did_you_mean: Some(found.to_owned()),
+    };
     let vertical = like("cmd_thrust_pwm or cmd_height_m", "cmd_trust_pwm");
     assert_eq!(missing, [like("imu_roll_deg", "imu_rol_deg"), vertical]);
-    assert!(message.contains("flight.csv") && message.contains("did you mean that by \"imu_rol_deg\"?"), "{message}");
+    assert!(
+        message.contains("flight.csv") && message.contains("did you mean that by \"imu_rol_deg\"?"),
+        "{message}"
+    );
 }
 
 #[test]
 fn a_bad_value_is_named_with_file_line_column_and_expectation() {
-    for (column, value) in [("gyro_x_radps", "abc"), ("t_s", "NaN"), ("vbat_v", "inf"), ("vbat_v", ""), ("cmd_thrust_pwm", "4.6e6")] {
+    for (column, value) in [
+        ("gyro_x_radps", "abc"),
+        ("t_s", "NaN"),
+        ("vbat_v", "inf"),
+        ("vbat_v", ""),
+        ("cmd_thrust_pwm", "4.6e6"),
+    ] {
         let error = read(&with_cell(&text(true), 5, column, value)).unwrap_err();
         let message = error.to_string();
         for part in ["flight.csv", "line 5", column, value, "expected"] {
@@ -134,7 +146,10 @@ fn a_bad_value_is_named_with_file_line_column_and_expectation() {
 fn a_half_empty_marker_row_is_refused() {
     // Fixes are in rows 0, 3, 6, so line 5 holds one.
     let error = read(&with_cell(&text(false), 5, "marker_y_m", "")).unwrap_err();
-    assert!(matches!(&error, LogError::BadValue { line: 5, column, .. } if column == "marker_y_m"), "{error}");
+    assert!(
+        matches!(&error, LogError::BadValue { line: 5, column, .. } if column == "marker_y_m"),
+        "{error}"
+    );
 }
 
 #[test]
@@ -163,7 +178,9 @@ fn odd_capture_times_are_noted() {
 #[test]
 fn a_wrapping_yaw_is_made_continuous_and_a_gap_in_time_noted() {
     let mut turned = with_cell(&text(false), 2, "imu_yaw_deg", "179");
-    for (line, yaw) in (3..14).zip(["-179", "-177", "-175", "-173", "-171", "-169", "-167", "-165", "-163", "-161", "-159"]) {
+    for (line, yaw) in
+        (3..14).zip(["-179", "-177", "-175", "-173", "-171", "-169", "-167", "-165", "-163", "-161", "-159"])
+    {
         turned = with_cell(&turned, line, "imu_yaw_deg", yaw);
     }
     let log = read(&with_cell(&turned, 13, "t_s", "0.5")).unwrap();

@@ -32,7 +32,12 @@ fn foreign(rows: &[&str]) -> Vec<u8> {
     let schema = writer.add_schema("crazyflie.FlightRow", "jsonschema", b"{}").unwrap();
     let channel_id = writer.add_channel(schema, "/anything", "json", &Default::default()).unwrap();
     for (at, row) in rows.iter().enumerate() {
-        let header = mcap::records::MessageHeader { channel_id, sequence: at as u32, log_time: at as u64, publish_time: at as u64 };
+        let header = mcap::records::MessageHeader {
+            channel_id,
+            sequence: at as u32,
+            log_time: at as u64,
+            publish_time: at as u64,
+        };
         writer.write_to_known_channel(&header, row.as_bytes()).unwrap();
     }
     writer.finish().unwrap();
@@ -106,7 +111,11 @@ fn a_truncated_file_gives_its_whole_messages_and_says_so() {
     check(&half);
     assert!(half.len() > 500 && half.len() < 2500, "{}", half.len());
     assert_eq!(half.t_s, log.t_s[..half.len()]);
-    assert!(half.notes.iter().any(|note| matches!(note, Note::CutShort { kept, .. } if *kept == half.len())), "{:?}", half.notes);
+    assert!(
+        half.notes.iter().any(|note| matches!(note, Note::CutShort { kept, .. } if *kept == half.len())),
+        "{:?}",
+        half.notes
+    );
     // Only the index at the end is lost: all that was measured is there.
     assert_eq!(read(&whole[..whole.len() - 40]).unwrap(), read(&whole).unwrap());
 }
@@ -115,17 +124,32 @@ fn a_truncated_file_gives_its_whole_messages_and_says_so() {
 fn what_is_wrong_with_a_row_is_named() {
     let good = r#"{"t_s":0}"#;
     let error = read(&foreign(&[good, "[1]"])).unwrap_err();
-    assert!(matches!(&error, LogError::BadMessage { index: 1, topic, .. } if topic == "/anything"), "{error}");
-    let message = read(&foreign(&[r#"{"t_s":0,"imu_rol_deg":1,"imu_pitch_deg":1,"imu_yaw_deg":1,"vbat_v":3,"cmd_roll_deg":1,
-        "cmd_pitch_deg":0,"cmd_yaw_rate_degps":0,"cmd_thrust_pwm":1}"#]));
+    assert!(
+        matches!(&error, LogError::BadMessage { index: 1, topic, .. } if topic == "/anything"),
+        "{error}"
+    );
+    let message = read(&foreign(&[
+        r#"{"t_s":0,"imu_rol_deg":1,"imu_pitch_deg":1,"imu_yaw_deg":1,"vbat_v":3,"cmd_roll_deg":1,
+        "cmd_pitch_deg":0,"cmd_yaw_rate_degps":0,"cmd_thrust_pwm":1}"#,
+    ]));
     let message = message.unwrap_err().to_string();
     assert!(message.contains("imu_rol_deg") && message.contains("topic /anything"), "{message}");
     let row = |value: &str| {
-        let names = text(false).lines().next().unwrap().split(',').map(|name| format!("\"{name}\":0")).collect::<Vec<_>>().join(",");
+        let names = text(false)
+            .lines()
+            .next()
+            .unwrap()
+            .split(',')
+            .map(|name| format!("\"{name}\":0"))
+            .collect::<Vec<_>>()
+            .join(",");
         format!("{{{}}}", names.replace("\"vbat_v\":0", &format!("\"vbat_v\":{value}")))
     };
     let message = read(&foreign(&[&row("\"full\"")])).unwrap_err().to_string();
-    assert!(message.contains("line 1") && message.contains("vbat_v") && message.contains("full"), "{message}");
+    assert!(
+        message.contains("line 1") && message.contains("vbat_v") && message.contains("full"),
+        "{message}"
+    );
     assert_eq!(read(&foreign(&[&row("3.9")])).unwrap().vbat_v, Some(vec![3.9]));
 }
 

@@ -32,7 +32,9 @@ fn a_ulog_is_turned_from_ned_to_z_up() {
     assert!(furthest(&fixes.capture_t_s, &fixes.pos_m[2], height_m) < 1e-6);
     // Nose up in FRD is a negative pitch in z-up; the set-point comes with every third row.
     assert!(furthest(&log.t_s, &log.pitch_rad, |t| -0.05 * t.sin()) < 1e-6);
-    assert!(furthest(&log.t_s, log.cmd_pitch_rad.as_ref().unwrap(), |t| -0.05 * t.sin()) < 0.05 * 0.04 + 1e-6);
+    assert!(
+        furthest(&log.t_s, log.cmd_pitch_rad.as_ref().unwrap(), |t| -0.05 * t.sin()) < 0.05 * 0.04 + 1e-6
+    );
     let thrust = log.cmd_thrust_pwm.as_ref().unwrap();
     assert!(thrust.iter().all(|pwm| (pwm - 0.6 * 65_535.0).abs() < 0.01), "{}", thrust[0]);
     assert!((log.vbat_v.as_ref().unwrap()[5] - 3.9).abs() < 1e-6);
@@ -42,7 +44,9 @@ fn a_ulog_is_turned_from_ned_to_z_up() {
 
 #[test]
 fn a_ulog_whose_format_names_itself_is_no_flight() {
-    let bytes = std::fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/../fuzz/corpus/flight_log/ulog/self-nested.ulg")).unwrap();
+    let bytes =
+        std::fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/../fuzz/corpus/flight_log/ulog/self-nested.ulg"))
+            .unwrap();
     let error = FlightLog::from_bytes("x.ulg", &bytes).unwrap_err();
     assert!(matches!(error, LogError::MissingSignals { .. }), "{error}");
 }
@@ -60,7 +64,12 @@ fn a_ros2_bag_in_sqlite_reads_as_an_mcap_of_the_same_messages_does() {
     assert!(furthest(&log.t_s, pitch, |t| (2.0 * t.sin()).to_radians()) < 2_f64.to_radians() * 0.041);
     let odometry = read("ros2_bag/odometry.db3");
     assert!(furthest(&odometry.fixes.capture_t_s, &odometry.fixes.pos_m[2], height_m) < 1e-6);
-    assert!(odometry.notes.iter().any(|note| matches!(note, Note::IgnoredTopics { topics } if topics[0].contains("/rosout"))));
+    assert!(
+        odometry
+            .notes
+            .iter()
+            .any(|note| matches!(note, Note::IgnoredTopics { topics } if topics[0].contains("/rosout")))
+    );
 }
 
 #[test]

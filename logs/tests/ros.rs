@@ -29,7 +29,8 @@ fn furthest(t_s: &[f64], values: &[f64], truth: impl Fn(f64) -> f64) -> f64 {
 fn units_signs_and_times_are_those_of_the_rig() {
     let log = flown(RIG);
     assert_eq!((log.provenance.format, log.len()), ("ros_bag", 4000));
-    // The bag starts with the first command at 0; the IMU is stamped when it measures, 3 ms before it is recorded.
+    // The bag starts with the first command at 0; the IMU is stamped when it measures, 3 ms before it is
+    // recorded.
     assert!(furthest(&log.t_s, &log.t_s, |t| (t * 100.0).round() / 100.0) < 1e-6);
     let row = log.t_s.partition_point(|t| *t < 10.005);
     let at = log.t_s[row];
@@ -39,7 +40,11 @@ fn units_signs_and_times_are_those_of_the_rig() {
     assert!((log.cmd_yaw_rate_radps.as_ref().unwrap()[row] - 12_f64.to_radians()).abs() < 1e-12);
     assert_eq!(log.cmd_thrust_pwm.as_ref().unwrap()[row], 38_000.0);
     // The gyro's bias was measured on the ground and taken out.
-    assert!(log.notes.iter().any(|note| matches!(note, Note::AttitudeIntegrated { at_rest: true, .. })), "{:?}", log.notes);
+    assert!(
+        log.notes.iter().any(|note| matches!(note, Note::AttitudeIntegrated { at_rest: true, .. })),
+        "{:?}",
+        log.notes
+    );
     assert!(furthest(&log.t_s, &log.pitch_rad, pitch_rad) < 1e-3);
     assert!(furthest(&log.fixes.capture_t_s, &log.fixes.pos_m[0], x_m) < 1e-5);
     let age = log.t_s[log.fixes.row[500]] - log.fixes.capture_t_s[500];
@@ -78,7 +83,8 @@ fn a_camera_without_stamps_is_corrected_by_what_both_saw() {
     let corrected = log.notes.iter().any(|note| matches!(note, Note::CameraLag { shifted: true, .. }));
     assert!(corrected, "{:?}", log.notes);
     let fixes = &log.fixes;
-    let ages: Vec<f64> = fixes.row.iter().zip(&fixes.capture_t_s).map(|(row, captured)| log.t_s[*row] - captured).collect();
+    let ages: Vec<f64> =
+        fixes.row.iter().zip(&fixes.capture_t_s).map(|(row, captured)| log.t_s[*row] - captured).collect();
     let mean = ages.iter().sum::<f64>() / ages.len() as f64;
     assert!((mean - 0.095).abs() < 0.006, "{mean}");
 }
@@ -111,26 +117,37 @@ fn lost_late_and_repeated_messages_are_noted() {
     messages.retain(|message| !(message.topic.ends_with("imu") && gone.contains(&message.recorded_ns)));
     let log = read(&bag(&messages, "none")).unwrap();
     check(&log);
-    let repeated = |note: &Note| matches!(note, Note::StampsOutOfOrder { source, count: 1 } if source.ends_with("imu"));
-    let lost = |note: &Note| matches!(note, Note::LostMessages { topic, count: 21, .. } if topic.ends_with("imu"));
+    let repeated =
+        |note: &Note| matches!(note, Note::StampsOutOfOrder { source, count: 1 } if source.ends_with("imu"));
+    let lost =
+        |note: &Note| matches!(note, Note::LostMessages { topic, count: 21, .. } if topic.ends_with("imu"));
     assert!(log.notes.iter().any(repeated) && log.notes.iter().any(lost), "{:?}", log.notes);
-    assert!(log.notes.contains(&Note::IgnoredTopics { topics: vec!["/camera/image (sensor_msgs/Image)".to_owned()] }));
+    assert!(
+        log.notes
+            .contains(&Note::IgnoredTopics { topics: vec!["/camera/image (sensor_msgs/Image)".to_owned()] })
+    );
 }
 
 #[test]
 fn a_flight_without_commands_or_without_imu_is_read() {
     let without = |part: &str| {
-        let kept: Vec<Stored> = messages(Rig { seconds: 5.0, ..RIG }).into_iter().filter(|m| !m.topic.ends_with(part)).collect();
+        let kept: Vec<Stored> =
+            messages(Rig { seconds: 5.0, ..RIG }).into_iter().filter(|m| !m.topic.ends_with(part)).collect();
         read(&bag(&kept, "none"))
     };
     let log = without("cmd_vel").unwrap();
     check(&log);
-    assert!(log.cmd_roll_rad.is_none() && log.notes.contains(&Note::TopicMissing { topic: "crazyflie/cmd_vel" }));
+    assert!(
+        log.cmd_roll_rad.is_none() && log.notes.contains(&Note::TopicMissing { topic: "crazyflie/cmd_vel" })
+    );
     let log = without("imu").unwrap();
     check(&log);
     assert!(log.notes.contains(&Note::AttitudeFromMarker) && log.gyro_radps.is_none());
     let none = read(&bag(&messages(RIG)[100..101], "none")).unwrap_err();
-    assert!(matches!(&none, LogError::MissingSignals { found, .. } if found.contains("/camera/image")), "{none}");
+    assert!(
+        matches!(&none, LogError::MissingSignals { found, .. } if found.contains("/camera/image")),
+        "{none}"
+    );
 }
 
 #[test]
@@ -140,7 +157,8 @@ fn a_truncated_bag_gives_what_is_whole_and_says_so() {
         let bytes = bag(&all, compression);
         let log = read(&bytes[..bytes.len() - 400]).unwrap();
         check(&log);
-        let cut = |note: &Note| matches!(note, Note::CutShort { kept, .. } if *kept >= least && *kept < all.len());
+        let cut =
+            |note: &Note| matches!(note, Note::CutShort { kept, .. } if *kept >= least && *kept < all.len());
         assert!(log.notes.iter().any(cut), "{compression}: {:?}", log.notes);
     }
 }

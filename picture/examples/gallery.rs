@@ -9,7 +9,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use crazyflie_picture::{Band, Drone, HLine, Marker, PALETTE, Panel, Path3, Scene, Series, Style, ansi, chart, path3d, render};
+use crazyflie_picture::{
+    Band, Drone, HLine, Marker, PALETTE, Panel, Path3, Scene, Series, Style, ansi, chart, path3d, render,
+};
 
 const MARKERS: [Marker; 1] = [Marker { x_m: 0.0, y_m: 0.0, yaw_rad: 0.0, side_m: 0.197 }];
 
@@ -53,7 +55,12 @@ fn scenes(folder: &Path) -> Result<(), Box<dyn Error>> {
     save(folder, "approach", &view, (480, 360))?;
     save(folder, "approach_large", &view, (1200, 900))?;
     save(folder, "start", &Scene { drones: &start, trails_m: &[], fix_m: None, ..view }, (480, 360))?;
-    save(folder, "pair", &Scene { drones: &pair, path_m: &path, trails_m: &[&path[..5]], ..plain }, (640, 400))?;
+    save(
+        folder,
+        "pair",
+        &Scene { drones: &pair, path_m: &path, trails_m: &[&path[..5]], ..plain },
+        (640, 400),
+    )?;
     save(folder, "hover", &Scene { drones: &hovering, ..plain }, (480, 360))?;
     save(folder, "ground", &Scene { drones: &landed, ..plain }, (480, 360))?;
     save(folder, "small", &view, (96, 96))
@@ -87,23 +94,38 @@ fn step_response() -> Result<String, Box<dyn Error>> {
     let target = sample(&|t| if t < 0.4 { 0.0 } else { 0.7 });
     let pwm = sample(&|t| 42_000.0 + 9_000.0 * (-1.2 * t).exp() * (3.0 * t).cos());
     let camera: Vec<f64> = time.iter().step_by(12).copied().collect();
-    let fixes: Vec<f64> = height.iter().step_by(12).enumerate().map(|(i, h)| h + 0.03 * (i as f64 * 7.0).sin()).collect();
+    let fixes: Vec<f64> =
+        height.iter().step_by(12).enumerate().map(|(i, h)| h + 0.03 * (i as f64 * 7.0).sin()).collect();
     let line = |label, y, style, color: usize| Series { label, x: &time, y, style, color: PALETTE[color] };
-    let panel = |title, y_label, series| Panel { title, x_label: "time (s)", y_label, series, ..Panel::default() };
+    let panel =
+        |title, y_label, series| Panel { title, x_label: "time (s)", y_label, series, ..Panel::default() };
     let mut panels = vec![
         panel(
             "Approach from 0.8 m",
             "x (m)",
-            vec![line("crazyflie_ros defaults", &old, Style::Dashed, 1), line("thesis gains (table 7.1)", &new, Style::Solid, 0)],
+            vec![
+                line("crazyflie_ros defaults", &old, Style::Dashed, 1),
+                line("thesis gains (table 7.1)", &new, Style::Solid, 0),
+            ],
         ),
-        panel("Pitch", "angle (deg)", vec![line("command", &command, Style::Step, 1), line("measured", &pitch, Style::Solid, 0)]),
+        panel(
+            "Pitch",
+            "angle (deg)",
+            vec![line("command", &command, Style::Step, 1), line("measured", &pitch, Style::Solid, 0)],
+        ),
         panel(
             "Take-off",
             "height (m)",
             vec![
                 line("command", &target, Style::Step, 1),
                 line("height", &height, Style::Solid, 0),
-                Series { label: "camera fixes", x: &camera, y: &fixes, style: Style::Points, color: PALETTE[3] },
+                Series {
+                    label: "camera fixes",
+                    x: &camera,
+                    y: &fixes,
+                    style: Style::Points,
+                    color: PALETTE[3],
+                },
             ],
         ),
         panel("Thrust", "PWM (counts)", vec![line("thrust", &pwm, Style::Solid, 0)]),
@@ -126,7 +148,8 @@ fn long_series() -> Result<String, Box<dyn Error>> {
 
 fn trajectory() -> Result<String, Box<dyn Error>> {
     let turn = |i: u32| f64::from(i) / 400.0 * TAU64;
-    let wanted: Vec<[f64; 3]> = (0..=400).map(|i| [0.8 * turn(i).sin(), 0.5 * (2.0 * turn(i)).sin(), 0.7]).collect();
+    let wanted: Vec<[f64; 3]> =
+        (0..=400).map(|i| [0.8 * turn(i).sin(), 0.5 * (2.0 * turn(i)).sin(), 0.7]).collect();
     let lag = |i: u32| {
         let a = turn(i) - 0.15;
         [0.84 * a.sin(), 0.55 * (2.0 * a).sin(), 0.7 * (1.0 - (-f64::from(i) / 25.0).exp())]

@@ -4,15 +4,16 @@ use std::fmt::Write as _;
 
 use crate::PictureError;
 
-/// Turns an RGB frame (`height * width * 3` bytes, row after row) into text for a terminal with 24-bit colour.
+/// Turns an RGB frame (`height * width * 3` bytes, row after row) into text for a terminal with 24-bit
+/// colour.
 ///
-/// Each character is an upper half block over two picture cells. The text is `columns` characters wide (never more
-/// than `width`) and as many lines high as keeps the picture's proportions with characters twice as high as wide. Every
-/// line ends with a colour reset and a newline. No cursor movement is included.
+/// Each character is an upper half block over two picture cells. The text is `columns` characters wide (never
+/// more than `width`) and as many lines high as keeps the picture's proportions with characters twice as high
+/// as wide. Every line ends with a colour reset and a newline. No cursor movement is included.
 ///
 /// # Errors
-/// [`PictureError::ZeroSize`] when a size or `columns` is zero, [`PictureError::TooLarge`] for sizes that overflow,
-/// [`PictureError::BufferLength`].
+/// [`PictureError::ZeroSize`] when a size or `columns` is zero, [`PictureError::TooLarge`] for sizes that
+/// overflow, [`PictureError::BufferLength`].
 pub fn ansi(rgb: &[u8], width: usize, height: usize, columns: usize) -> Result<String, PictureError> {
     if width == 0 || height == 0 || columns == 0 {
         return Err(PictureError::ZeroSize { width: width.min(columns), height });
@@ -26,13 +27,16 @@ pub fn ansi(rgb: &[u8], width: usize, height: usize, columns: usize) -> Result<S
     let columns = columns.min(width);
     let lines = (height * columns + width) / (2 * width);
     let lines = lines.clamp(1, height.div_ceil(2));
-    let cell = |column: usize, row: usize| mean(rgb, width, span(column, columns, width), span(row.min(2 * lines - 1), 2 * lines, height));
+    let cell = |column: usize, row: usize| {
+        mean(rgb, width, span(column, columns, width), span(row.min(2 * lines - 1), 2 * lines, height))
+    };
     let mut text = String::with_capacity(lines * columns * 24);
     for line in 0..lines {
         let mut before = None;
         for column in 0..columns {
             let pair = (cell(column, 2 * line), cell(column, 2 * line + 1));
-            // Long runs of one colour are common; naming it once keeps a frame small enough for slow terminals.
+            // Long runs of one colour are common; naming it once keeps a frame small enough for slow
+            // terminals.
             if before != Some(pair) {
                 let ([r, g, b], [s, h, c]) = pair;
                 let colours = write!(text, "\x1b[38;2;{r};{g};{b};48;2;{s};{h};{c}m");

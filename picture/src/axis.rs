@@ -14,7 +14,8 @@ pub(crate) struct Axis {
     digits: Digits,
 }
 
-/// How numbers on an axis are written: with so many decimals, or so many behind the first digit and an exponent.
+/// How numbers on an axis are written: with so many decimals, or so many behind the first digit and an
+/// exponent.
 #[derive(Debug, Clone, Copy)]
 enum Digits {
     Fixed(usize),
@@ -22,14 +23,16 @@ enum Digits {
 }
 
 impl Axis {
-    /// An axis over exactly this range; its numbers are 1, 2, 2.5 or 5 times a power of ten apart, `count` at most or so.
+    /// An axis over exactly this range; its numbers are 1, 2, 2.5 or 5 times a power of ten apart, `count` at
+    /// most or so.
     pub(crate) fn exact(range: Range<f64>, count: usize) -> Self {
         let step = step(&range, count);
         let (first, last) = (range.start / step - 1e-6, range.end / step + 1e-6);
         Self::with(range, step, first.ceil() as i64, last.floor() as i64)
     }
 
-    /// As [`Axis::exact`], but ended on a number that is less than 2 % farther out; recordings end just short of one.
+    /// As [`Axis::exact`], but ended on a number that is less than 2 % farther out; recordings end just short
+    /// of one.
     pub(crate) fn tidy(range: Range<f64>, count: usize) -> Self {
         let (step, reach) = (step(&range, count), 0.02 * (range.end - range.start));
         let (low, high) = ((range.start / step).floor() * step, (range.end / step).ceil() * step);
@@ -166,7 +169,8 @@ mod tests {
 
     #[test]
     fn every_axis_has_three_different_numbers_or_more() {
-        let awkward = [9.0e5..9.00001e5, -0.004..0.001, 0.0..65535.0, -4.6..8.6, 1e7..1e7 + 1.0, -1e300..1e300];
+        let awkward =
+            [9.0e5..9.00001e5, -0.004..0.001, 0.0..65535.0, -4.6..8.6, 1e7..1e7 + 1.0, -1e300..1e300];
         for range in awkward {
             let mut texts = exact(range);
             let count = texts.len();

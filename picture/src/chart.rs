@@ -6,7 +6,10 @@ use plotters::style::text_anchor::HPos;
 use crate::axis::{Axis, span};
 use crate::legend;
 use crate::panel::{check, entries};
-use crate::sheet::{Area, FAINT, FINE, FRAME, Style, dot, fine, fit, font, line, page, rgb, stroke, svg_error, text, text_width};
+use crate::sheet::{
+    Area, FAINT, FINE, FRAME, Style, dot, fine, fit, font, line, page, rgb, stroke, svg_error, text,
+    text_width,
+};
 use crate::{Panel, PictureError, Series, thin};
 
 const TICK_PX: f64 = 11.0;
@@ -14,7 +17,8 @@ const LABEL_PX: f64 = 12.5;
 const TITLE_PX: f64 = 14.0;
 const HEAD_PX: f64 = 17.0;
 const MARGIN_PX: f64 = 14.0;
-/// Height of the plots, of a panel's title row, of the axis numbers with the axis label, and of the document's title.
+/// Height of the plots, of a panel's title row, of the axis numbers with the axis label, and of the
+/// document's title.
 const PLOT_PX: f64 = 200.0;
 const TITLE_ROW_PX: f64 = 24.0;
 const AXIS_PX: f64 = 42.0;
@@ -25,13 +29,14 @@ const X_NUMBER_PX: f64 = 52.0;
 
 /// Draws a grid of panels, filled row by row, as one SVG document with a white background.
 ///
-/// Axes include all curves, bands and lines. Long series are thinned to what the width can show, keeping every peak.
-/// The text is set in the reader's Helvetica, Arial or sans-serif; texts that are too long are set smaller.
+/// Axes include all curves, bands and lines. Long series are thinned to what the width can show, keeping
+/// every peak. The text is set in the reader's Helvetica, Arial or sans-serif; texts that are too long are
+/// set smaller.
 ///
 /// # Errors
 /// [`PictureError::Empty`] without panels, for a panel without series and a series without points,
-/// [`PictureError::ZeroSize`] for no columns, [`PictureError::LengthMismatch`], and with the series' name and the
-/// element's index [`PictureError::NonFinite`] and [`PictureError::OutOfRange`] (beyond 1e300).
+/// [`PictureError::ZeroSize`] for no columns, [`PictureError::LengthMismatch`], and with the series' name and
+/// the element's index [`PictureError::NonFinite`] and [`PictureError::OutOfRange`] (beyond 1e300).
 pub fn chart(panels: &[Panel], columns: usize, title: &str) -> Result<String, PictureError> {
     if panels.is_empty() {
         return Err(PictureError::Empty { what: "the list of panels".to_owned() });
@@ -78,13 +83,15 @@ impl Layout {
         for (i, panel) in panels.iter().enumerate() {
             let (x, y) = axes(panel, width);
             let size = |(_, text): (f64, String)| text_width(&text, TICK_PX);
-            let (wide, last) = (y.numbers().map(size).fold(0.0, f64::max), x.numbers().last().map_or(0.0, size));
+            let (wide, last) =
+                (y.numbers().map(size).fold(0.0, f64::max), x.numbers().last().map_or(0.0, size));
             let (left, right) = (&mut left[i % columns], &mut right[i % columns]);
             *left = left.max(wide + LABEL_PX + 16.0);
             *right = right.max(0.5 * last + 6.0 - MARGIN_PX);
         }
-        let legend =
-            |(i, panel): (usize, &Panel)| legend::rows(&entries(panel), width - left[i % columns] - right[i % columns] - 2.0 * MARGIN_PX);
+        let legend = |(i, panel): (usize, &Panel)| {
+            legend::rows(&entries(panel), width - left[i % columns] - right[i % columns] - 2.0 * MARGIN_PX)
+        };
         let legend_rows = panels.iter().enumerate().map(legend).max().unwrap_or(0);
         let titled = panels.iter().any(|panel| !panel.title.is_empty());
         let title_row = if titled { TITLE_ROW_PX } else { 0.0 };

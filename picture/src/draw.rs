@@ -1,6 +1,9 @@
 //! Polygons and lines of the room on a tiny-skia canvas.
 
-use tiny_skia::{Color, FillRule, LineCap, LineJoin, Paint, Path, PathBuilder, Pixmap, Shader, Stroke, StrokeDash, Transform};
+use tiny_skia::{
+    Color, FillRule, LineCap, LineJoin, Paint, Path, PathBuilder, Pixmap, Shader, Stroke, StrokeDash,
+    Transform,
+};
 
 use crate::vector::{V3, mix};
 use crate::view::{NEAR_M, View};
@@ -74,8 +77,9 @@ impl Canvas {
 
     /// Draws a straight line between two points in metres whose opacity (0 to 1) is looked up by image row.
     ///
-    /// A floor grid is a hundred lines across the whole frame; tiny-skia blends them a pixel at a time through its
-    /// general pipeline, which took two thirds of a frame. The area covered in each row or column is exact enough here.
+    /// A floor grid is a hundred lines across the whole frame; tiny-skia blends them a pixel at a time
+    /// through its general pipeline, which took two thirds of a frame. The area covered in each row or column
+    /// is exact enough here.
     pub(crate) fn draw_ruled_line(&mut self, from: V3, to: V3, width: f32, color: [u8; 3], opacity: &[f32]) {
         for piece in clip_line(&self.view, &[from, to]) {
             if let [a, b] = piece[..] {
@@ -121,7 +125,8 @@ fn paint(ink: Ink) -> Paint<'static> {
     Paint { shader, anti_alias: true, ..Paint::default() }
 }
 
-/// Steps along the longer axis of the line from `a` to `b` and, in each step, spreads its width over the pixels across.
+/// Steps along the longer axis of the line from `a` to `b` and, in each step, spreads its width over the
+/// pixels across.
 fn rule(pixmap: &mut Pixmap, a: [f32; 2], b: [f32; 2], width: f32, color: [u8; 3], opacity: &[f32]) {
     let size = [pixmap.width() as usize, pixmap.height() as usize];
     let along = usize::from((b[0] - a[0]).abs() < (b[1] - a[1]).abs());

@@ -79,7 +79,9 @@ impl PictureError {
     pub(crate) fn at_element(self, element: usize) -> Self {
         match self {
             Self::NonFinite { what, .. } => Self::NonFinite { what, index: element },
-            Self::OutOfRange { what, value, low, high, .. } => Self::OutOfRange { what, index: element, value, low, high },
+            Self::OutOfRange { what, value, low, high, .. } => {
+                Self::OutOfRange { what, index: element, value, low, high }
+            }
             other => other,
         }
     }

@@ -15,7 +15,8 @@ const GRID: [(f32, f32); 4] = [(0.25, 0.36), (1.0, 0.65), (10.0, 0.85), (100.0, 
 const FADE_PX: (f32, f32) = (3.0, 12.0);
 /// Bits of marker 582 of the original ArUco dictionary, row by row from the +y side; 1 is white.
 const BITS: [u8; 5] = [0b01001, 0b10111, 0b10000, 0b10111, 0b01001];
-/// White border around the black square, as a share of its side; detectors need one, and it sets the marker off.
+/// White border around the black square, as a share of its side; detectors need one, and it sets the marker
+/// off.
 const QUIET: f32 = 1.0 / 7.0;
 
 pub(crate) fn paint(scene: &Scene, canvas: &mut Canvas) {
@@ -47,7 +48,9 @@ fn grid(canvas: &mut Canvas, spacing: f32, opacity: f32) {
     }
     let width = canvas.width();
     let corners = [(0.0, near), (width, near), (0.0, far), (width, far)].map(|(c, d)| view.floor_point(c, d));
-    let bounds = |axis: usize| corners.iter().fold((f32::MAX, f32::MIN), |(low, high), p| (low.min(p[axis]), high.max(p[axis])));
+    let bounds = |axis: usize| {
+        corners.iter().fold((f32::MAX, f32::MIN), |(low, high), p| (low.min(p[axis]), high.max(p[axis])))
+    };
     let (x, y) = (bounds(0), bounds(1));
     let opacity = fade(canvas, spacing, opacity, far);
     let pen = canvas.pen(1.0).min(1.5);
@@ -65,7 +68,8 @@ fn indices((low, high): (f32, f32), spacing: f32) -> impl Iterator<Item = f32> {
     (first..=last).map(move |k| k as f32 * spacing)
 }
 
-/// Opacity of the lines in every image row: a row shows one depth of the floor, so lines fade where they run together.
+/// Opacity of the lines in every image row: a row shows one depth of the floor, so lines fade where they run
+/// together.
 fn fade(canvas: &Canvas, spacing: f32, opacity: f32, far: f32) -> Vec<f32> {
     let view = canvas.view;
     let shown = |row: usize| {
@@ -84,7 +88,9 @@ fn paint_marker(canvas: &mut Canvas, marker: &Marker) {
 
 /// Shapes of a marker, in the order of drawing: paper, black square, white cells.
 pub(crate) fn marker_shapes(marker: &Marker) -> [(Vec<[V3; 4]>, [u8; 3]); 3] {
-    let square = |half: f32| vec![[(-half, -half), (half, -half), (half, half), (-half, half)].map(|(u, v)| marker.point(u, v))];
+    let square = |half: f32| {
+        vec![[(-half, -half), (half, -half), (half, half), (-half, half)].map(|(u, v)| marker.point(u, v))]
+    };
     let cells = white_cells().map(|(column, row)| cell(marker, column, row)).collect();
     [(square(0.5 + QUIET), [255; 3]), (square(0.5), [16, 18, 20]), (cells, [255; 3])]
 }
@@ -99,5 +105,6 @@ fn cell(marker: &Marker, column: usize, row: usize) -> [V3; 4] {
     let left = (column as f32 + 1.0) / 7.0 - 0.5;
     let low = 0.5 - (row as f32 + 2.0) / 7.0;
     let side = 1.0 / 7.0;
-    [(left, low), (left + side, low), (left + side, low + side), (left, low + side)].map(|(u, v)| marker.point(u, v))
+    [(left, low), (left + side, low), (left + side, low + side), (left, low + side)]
+        .map(|(u, v)| marker.point(u, v))
 }

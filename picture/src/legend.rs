@@ -47,7 +47,12 @@ pub(crate) fn rows(entries: &[Entry], width: f64) -> usize {
 }
 
 /// Draws the legend with its upper left corner at `origin`, all in CSS pixels.
-pub(crate) fn draw(area: &Area, entries: &[Entry], origin: (f64, f64), width: f64) -> Result<(), PictureError> {
+pub(crate) fn draw(
+    area: &Area,
+    entries: &[Entry],
+    origin: (f64, f64),
+    width: f64,
+) -> Result<(), PictureError> {
     for (entry, (x, row)) in entries.iter().zip(places(entries, width)) {
         let (left, y) = (origin.0 + x, origin.1 + (row as f64 + 0.5) * ROW_PX);
         sample(area, entry, left, y)?;
@@ -70,7 +75,9 @@ fn sample(area: &Area, entry: &Entry, left: f64, y: f64) -> Result<(), PictureEr
             let steps = [(left, y + 4.0), (middle, y + 4.0), (middle, y - 4.0), (right, y - 4.0)];
             line(area, &steps, stroke(color, 2.0, false))
         }
-        Sample::Line(Style::Points) => [-8.0, 0.0, 8.0].iter().try_for_each(|shift| dot(area, (middle + shift, y), 2.0, color)),
+        Sample::Line(Style::Points) => {
+            [-8.0, 0.0, 8.0].iter().try_for_each(|shift| dot(area, (middle + shift, y), 2.0, color))
+        }
         Sample::Level => line(area, &flat, stroke(color, 1.2, true)),
         Sample::Band => {
             let corners = [(left, y - 5.0), (right, y - 5.0), (right, y + 5.0), (left, y + 5.0)];

@@ -5,7 +5,6 @@
 //! - [`ansi`] turns such a buffer into text for a terminal.
 
 #![forbid(unsafe_code)]
-#![warn(missing_docs)]
 
 mod ansi;
 mod axis;

@@ -8,7 +8,9 @@ use plotters::style::text_anchor::HPos;
 use crate::axis::{Axis, span};
 use crate::legend::{self, Entry, Sample};
 use crate::panel::finite;
-use crate::sheet::{Area, FAINT, FRAME, Style, dot, fit, font, line, page, polygon, rgb, stroke, text, text_width};
+use crate::sheet::{
+    Area, FAINT, FRAME, Style, dot, fit, font, line, page, polygon, rgb, stroke, text, text_width,
+};
 use crate::view::{AZIMUTH_DEG, ELEVATION_DEG};
 use crate::{Marker, PictureError, floor, thin};
 
@@ -39,13 +41,13 @@ pub struct Path3<'a> {
     pub color: [u8; 3],
 }
 
-/// Draws trajectories in a box with metric axes of one scale as an SVG document, seen as with MATLAB's `view(43, 24)`,
-/// with the 0.197 m marker at the origin. Each path leaves a faint copy on the floor; a ring marks its first point and
-/// a dot its last.
+/// Draws trajectories in a box with metric axes of one scale as an SVG document, seen as with MATLAB's
+/// `view(43, 24)`, with the 0.197 m marker at the origin. Each path leaves a faint copy on the floor; a ring
+/// marks its first point and a dot its last.
 ///
 /// # Errors
-/// [`PictureError::Empty`] without paths or for a path without points; with the path's name and the point's index
-/// [`PictureError::NonFinite`] and [`PictureError::OutOfRange`] (beyond 1000 km).
+/// [`PictureError::Empty`] without paths or for a path without points; with the path's name and the point's
+/// index [`PictureError::NonFinite`] and [`PictureError::OutOfRange`] (beyond 1000 km).
 pub fn path3d(paths: &[Path3], title: &str) -> Result<String, PictureError> {
     if paths.is_empty() {
         return Err(PictureError::Empty { what: "the list of paths".to_owned() });
@@ -108,7 +110,8 @@ impl Space {
         let height = f64::from(PAGE_PX.1) - header - ROOM_PX.1 - MARGIN_PX;
         space.px_per_m = (width / (x.end - x.start)).min(height / (y.end - y.start));
         let centre = |range: Range<f64>| -0.5 * (range.start + range.end) * space.px_per_m;
-        space.shift = (0.5 * f64::from(PAGE_PX.0) + centre(x), header + 0.5 * height + 0.5 * MARGIN_PX + centre(y));
+        space.shift =
+            (0.5 * f64::from(PAGE_PX.0) + centre(x), header + 0.5 * height + 0.5 * MARGIN_PX + centre(y));
         space
     }
 
@@ -143,14 +146,23 @@ impl Space {
         for (z, _) in self.axes[2].numbers() {
             trace(&[[left, front, z], [left, back, z], [right, back, z]], FAINT)?;
         }
-        trace(&[[left, front, top], [left, front, floor], [right, front, floor], [right, back, floor]], FRAME)?;
+        trace(
+            &[[left, front, top], [left, front, floor], [right, front, floor], [right, back, floor]],
+            FRAME,
+        )?;
         self.draw_axis(area, 0, |x| [x, front, floor], (-0.6, 1.0))?;
         self.draw_axis(area, 1, |y| [right, y, floor], (0.6, 1.0))?;
         self.draw_axis(area, 2, |z| [left, front, z], (-1.0, 0.0))
     }
 
     /// Ticks, numbers and the label of one axis; `away` points from the box to where they stand.
-    fn draw_axis(&self, area: &Area, index: usize, edge: impl Fn(f64) -> [f64; 3], away: (f64, f64)) -> Result<(), PictureError> {
+    fn draw_axis(
+        &self,
+        area: &Area,
+        index: usize,
+        edge: impl Fn(f64) -> [f64; 3],
+        away: (f64, f64),
+    ) -> Result<(), PictureError> {
         let (axis, label) = (&self.axes[index], LABELS[index]);
         let anchor = if away.0 < 0.0 { HPos::Right } else { HPos::Left };
         let beside = |value: f64, distance: f64| {

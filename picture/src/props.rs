@@ -1,4 +1,5 @@
-//! Props in the air besides the drones: trail, reference path, setpoint, camera fix, height lines, view cones.
+//! Props in the air besides the drones: trail, reference path, setpoint, camera fix, height lines, view
+//! cones.
 
 use std::ops::Range;
 
@@ -52,7 +53,10 @@ pub(crate) fn items(scene: &Scene, canvas: &Canvas) -> Vec<Item> {
     }
     for (i, drone) in scene.drones.iter().enumerate() {
         push(drone.pos_m, What::Drone(i));
-        push(mix(drone.pos_m, on_floor(drone.pos_m), 0.5), What::Plumb { from: drone.pos_m, ink: Ink(PLUMB, 190) });
+        push(
+            mix(drone.pos_m, on_floor(drone.pos_m), 0.5),
+            What::Plumb { from: drone.pos_m, ink: Ink(PLUMB, 190) },
+        );
         if let Some(fov) = scene.camera_fov_rad {
             let (from, corners) = rays(drone, fov);
             corners.into_iter().for_each(|to| push(mix(from, to, 0.5), What::Ray { from, to }));
@@ -102,8 +106,8 @@ fn rays(drone: &Drone, fov: f32) -> (V3, [V3; 4]) {
     (from, corners)
 }
 
-/// Thins a line to what the frame resolves and cuts it into pieces that share their end points, each with its place
-/// along the line (0 at the first point, 1 at the last).
+/// Thins a line to what the frame resolves and cuts it into pieces that share their end points, each with its
+/// place along the line (0 at the first point, 1 at the last).
 fn pieces(canvas: &Canvas, line: &[V3]) -> Vec<(Vec<V3>, f32)> {
     let mut kept: Vec<(V3, usize)> = Vec::new();
     let mut before: Option<[f32; 2]> = None;
@@ -142,7 +146,8 @@ fn plumb(canvas: &mut Canvas, from: V3, ink: Ink) {
     }
 }
 
-/// Setpoint and camera fix, after everything else: a drone that is where it should be must not hide the setpoint.
+/// Setpoint and camera fix, after everything else: a drone that is where it should be must not hide the
+/// setpoint.
 pub(crate) fn marks(scene: &Scene, canvas: &mut Canvas) {
     scene.fix_m.iter().for_each(|at| fix(canvas, *at));
     scene.setpoints_m.iter().for_each(|at| setpoint(canvas, *at));
@@ -191,7 +196,8 @@ pub(crate) fn axes(canvas: &mut Canvas) {
         let length = direction[0].hypot(direction[1]).max(0.1);
         let [x, y] = along(arm + 2.4 * letter / length);
         for stroke in strokes {
-            let stroke: Vec<[f32; 2]> = stroke.iter().map(|p| [x + letter * p[0], y + letter * p[1]]).collect();
+            let stroke: Vec<[f32; 2]> =
+                stroke.iter().map(|p| [x + letter * p[0], y + letter * p[1]]).collect();
             canvas.line_px(&stroke, canvas.pen(1.3), ink);
         }
     }

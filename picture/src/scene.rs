@@ -6,13 +6,14 @@ use crate::vector::V3;
 use crate::view::View;
 use crate::{floor, props, vehicle};
 
-/// Largest distance from the origin that is drawn, in metres; beyond it `f32` pixels are no longer trustworthy.
+/// Largest distance from the origin that is drawn, in metres; beyond it `f32` pixels are no longer
+/// trustworthy.
 const FARTHEST_M: f32 = 1.0e4;
 /// Largest accepted frame side in pixels.
 const LARGEST_SIDE: usize = 8192;
 
-/// A drone: position of its centre of mass in metres (x right, y forward, z up), attitude in radians (right-handed;
-/// positive pitch accelerates to +x, positive roll to -y), colour as RGB.
+/// A drone: position of its centre of mass in metres (x right, y forward, z up), attitude in radians
+/// (right-handed; positive pitch accelerates to +x, positive roll to -y), colour as RGB.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Drone {
     /// Position of the centre of mass in metres.
@@ -64,7 +65,8 @@ impl Marker {
 pub struct Scene<'a> {
     /// The drones.
     pub drones: &'a [Drone],
-    /// Positions flown so far by each drone, oldest first; they fade with age. Each has its drone's colour, a single one its own.
+    /// Positions flown so far by each drone, oldest first; they fade with age. Each has its drone's colour, a
+    /// single one its own.
     pub trails_m: &'a [&'a [[f32; 3]]],
     /// Where the controllers want the drones to be.
     pub setpoints_m: &'a [[f32; 3]],
@@ -74,20 +76,22 @@ pub struct Scene<'a> {
     pub markers: &'a [Marker],
     /// Last position that the camera reported.
     pub fix_m: Option<[f32; 3]>,
-    /// Angle of view of each drone's downward camera over the image diagonal, in radians, between 0 and pi. The image
-    /// is 3 wide (along the body's x) by 2 high, as 720 x 480.
+    /// Angle of view of each drone's downward camera over the image diagonal, in radians, between 0 and pi.
+    /// The image is 3 wide (along the body's x) by 2 high, as 720 x 480.
     pub camera_fov_rad: Option<f32>,
 }
 
-/// Draws the scene into `out`: RGB, 8 bits each, row after row from the upper left, `height * width * 3` bytes.
+/// Draws the scene into `out`: RGB, 8 bits each, row after row from the upper left, `height * width * 3`
+/// bytes.
 ///
-/// The camera frames the scene by itself, see [`View::frame`]; a drone that would be too small to read is drawn larger
-/// than life, see [`View::exaggeration`]. The same input gives the same bytes.
+/// The camera frames the scene by itself, see [`View::frame`]; a drone that would be too small to read is
+/// drawn larger than life, see [`View::exaggeration`]. The same input gives the same bytes.
 ///
 /// # Errors
 /// [`PictureError::ZeroSize`], [`PictureError::TooLarge`] (over 8192 pixels on a side),
-/// [`PictureError::BufferLength`], [`PictureError::NonFinite`], and [`PictureError::OutOfRange`] for positions farther
-/// than 10 km out, a marker side that is not between 1 mm and 100 m and an angle of view not between 0.01 and 3.1 rad.
+/// [`PictureError::BufferLength`], [`PictureError::NonFinite`], and [`PictureError::OutOfRange`] for
+/// positions farther than 10 km out, a marker side that is not between 1 mm and 100 m and an angle of view
+/// not between 0.01 and 3.1 rad.
 pub fn render(scene: &Scene, width: u32, height: u32, out: &mut [u8]) -> Result<(), PictureError> {
     let (columns, rows) = (width as usize, height as usize);
     if columns == 0 || rows == 0 {

@@ -8,12 +8,13 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use crate::PictureError;
 
-/// plotters places everything on whole pixels. The page is laid out this much larger and shown at its proper size, so
-/// that curves are smooth.
+/// plotters places everything on whole pixels. The page is laid out this much larger and shown at its proper
+/// size, so that curves are smooth.
 pub(crate) const FINE: i32 = 4;
 /// Name of the typeface; whatever the reader has.
 const FAMILY: FontFamily<'static> = FontFamily::Name("Helvetica, Arial, sans-serif");
-/// Opacity that stands for "dashed": plotters cannot say `stroke-dasharray`, so [`page`] swaps it in for this value.
+/// Opacity that stands for "dashed": plotters cannot say `stroke-dasharray`, so [`page`] swaps it in for this
+/// value.
 const DASHED: f64 = 0.998;
 pub(crate) const TEXT: RGBColor = RGBColor(38, 44, 52);
 pub(crate) const FAINT: RGBColor = RGBColor(226, 230, 235);
@@ -21,10 +22,18 @@ pub(crate) const FRAME: RGBColor = RGBColor(120, 130, 142);
 
 pub(crate) type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 
-/// The Okabe-Ito colours, told apart by readers with any colour vision; ordered so that the first few differ most in
-/// print. Yellow comes last because thin yellow lines fade on white.
-pub const PALETTE: [[u8; 3]; 8] =
-    [[0, 114, 178], [213, 94, 0], [0, 158, 115], [204, 121, 167], [0, 0, 0], [86, 180, 233], [230, 159, 0], [240, 228, 66]];
+/// The Okabe-Ito colours, told apart by readers with any colour vision; ordered so that the first few differ
+/// most in print. Yellow comes last because thin yellow lines fade on white.
+pub const PALETTE: [[u8; 3]; 8] = [
+    [0, 114, 178],
+    [213, 94, 0],
+    [0, 158, 115],
+    [204, 121, 167],
+    [0, 0, 0],
+    [86, 180, 233],
+    [230, 159, 0],
+    [240, 228, 66],
+];
 
 /// How the points of a series are joined.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -60,7 +69,10 @@ pub(crate) fn stroke(color: RGBColor, width: f64, dashed: bool) -> ShapeStyle {
 }
 
 /// Writes an SVG document of the given size in CSS pixels with a white background.
-pub(crate) fn page((width, height): (u32, u32), draw: impl FnOnce(&Area) -> Result<(), PictureError>) -> Result<String, PictureError> {
+pub(crate) fn page(
+    (width, height): (u32, u32),
+    draw: impl FnOnce(&Area) -> Result<(), PictureError>,
+) -> Result<String, PictureError> {
     let mut svg = String::new();
     let (wide, high) = (width * FINE as u32, height * FINE as u32);
     {
@@ -76,7 +88,8 @@ pub(crate) fn page((width, height): (u32, u32), draw: impl FnOnce(&Area) -> Resu
     Ok(svg.replacen(&written, &wanted, 1).replace(&format!("opacity=\"{DASHED}\""), &dashes))
 }
 
-/// Estimated width in CSS pixels, after DejaVu Sans: the widest of the usual sans-serif faces, so there is room.
+/// Estimated width in CSS pixels, after DejaVu Sans: the widest of the usual sans-serif faces, so there is
+/// room.
 pub(crate) fn text_width(text: &str, size: f64) -> f64 {
     let ems = |character| match character {
         'i' | 'j' | 'l' | 'I' | '\'' | '|' => 0.29,
@@ -106,7 +119,13 @@ pub(crate) fn font(size: f64, bold: bool) -> TextStyle<'static> {
 }
 
 /// Writes a text with its vertical middle at `y`.
-pub(crate) fn text(area: &Area, text: &str, (x, y): (f64, f64), style: TextStyle, anchor: HPos) -> Result<(), PictureError> {
+pub(crate) fn text(
+    area: &Area,
+    text: &str,
+    (x, y): (f64, f64),
+    style: TextStyle,
+    anchor: HPos,
+) -> Result<(), PictureError> {
     let style = style.pos(Pos::new(anchor, VPos::Center));
     area.draw(&Text::new(text.to_owned(), (fine(x), fine(y)), style)).map_err(svg_error)
 }

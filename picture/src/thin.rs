@@ -9,8 +9,8 @@ const MOST_DOTS: usize = 2500;
 
 /// Points of a line as they appear on the page, thinned to what `column_px` wide columns can show.
 ///
-/// While x never decreases, each column keeps its first, lowest, highest and last point, so that no peak is lost.
-/// Otherwise it is thinned as a [`curve`].
+/// While x never decreases, each column keeps its first, lowest, highest and last point, so that no peak is
+/// lost. Otherwise it is thinned as a [`curve`].
 pub(crate) fn line(points: Vec<(f64, f64)>, column_px: f64) -> Vec<(f64, f64)> {
     if points.windows(2).all(|pair| pair[0].0 <= pair[1].0) {
         return by_column(&points, column_px);
@@ -18,8 +18,8 @@ pub(crate) fn line(points: Vec<(f64, f64)>, column_px: f64) -> Vec<(f64, f64)> {
     curve(points)
 }
 
-/// A curve that may run in any direction: points nearer than half a pixel to the last one kept are dropped, or farther
-/// ones if there are still too many.
+/// A curve that may run in any direction: points nearer than half a pixel to the last one kept are dropped,
+/// or farther ones if there are still too many.
 pub(crate) fn curve(points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
     let mut apart = 0.5;
     loop {

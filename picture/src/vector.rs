@@ -31,7 +31,8 @@ pub(crate) fn on_floor(a: V3) -> V3 {
     [a[0], a[1], 0.0]
 }
 
-/// Turns body vectors into world vectors: yaw about z, then pitch about y, then roll about x, all right-handed.
+/// Turns body vectors into world vectors: yaw about z, then pitch about y, then roll about x, all
+/// right-handed.
 #[derive(Clone, Copy)]
 pub(crate) struct Rotation([V3; 3]);
 

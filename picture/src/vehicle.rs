@@ -115,7 +115,11 @@ fn arm(canvas: &mut Canvas, pose: &Pose, drone: &Drone, index: usize, upright: b
     let tint = if front { nose_color(drone) } else { drone.color };
     let frame = |canvas: &mut Canvas| {
         canvas.line(&[pose.to_world([0.0; 3]), pose.to_world(hub)], 0.0065 * pixels, Ink(DARK, 255));
-        canvas.line(&[pose.to_world(add(hub, [0.0, 0.0, -0.007])), pose.to_world(tip)], 0.0075 * pixels, Ink([96, 104, 114], 255));
+        canvas.line(
+            &[pose.to_world(add(hub, [0.0, 0.0, -0.007])), pose.to_world(tip)],
+            0.0075 * pixels,
+            Ink([96, 104, 114], 255),
+        );
     };
     let rotor = |canvas: &mut Canvas| {
         let mut rim = disc.clone();
@@ -160,7 +164,8 @@ fn body(canvas: &mut Canvas, pose: &Pose, drone: &Drone, upright: bool) {
     }
 }
 
-/// A box; of a convex body the faces that look at the camera never cover each other, so order does not matter.
+/// A box; of a convex body the faces that look at the camera never cover each other, so order does not
+/// matter.
 fn cuboid(canvas: &mut Canvas, pose: &Pose, centre: V3, half: V3, color: [u8; 3]) {
     let light = [0.30, -0.45, 0.84];
     for axis in 0..3 {

@@ -3,7 +3,8 @@
 use crate::scene::Scene;
 use crate::vector::{V3, add, dot, length, mix, on_floor, scale, sub};
 
-/// Direction of sight, as MATLAB's `view(43, 24)`: x runs to the right and away, y to the left-to-right and away.
+/// Direction of sight, as MATLAB's `view(43, 24)`: x runs to the right and away, y to the left-to-right and
+/// away.
 pub(crate) const AZIMUTH_DEG: f64 = 43.0;
 pub(crate) const ELEVATION_DEG: f64 = 24.0;
 /// Vertical opening angle; narrow enough that perspective does not bend the reading of distances.
@@ -19,7 +20,8 @@ const MARKER_REACH_M: f32 = 0.5;
 
 /// A perspective camera over the scene, with x right and y down in the image.
 ///
-/// [`View::frame`] places it exactly as [`render`](crate::render) does, so that an overlay can find its pixels.
+/// [`View::frame`] places it exactly as [`render`](crate::render) does, so that an overlay can find its
+/// pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct View {
     eye: V3,
@@ -32,10 +34,10 @@ pub struct View {
 }
 
 impl View {
-    /// Places the camera: fixed azimuth and elevation, aimed at the midpoint of the drones and the setpoint (at the
-    /// origin when there are none), shifted along the image's vertical so that what must be seen is centred, and as
-    /// close as the drones, the setpoint, the reference path, their shadows and the nearest marker allow.
-    /// Continuous in all positions, so an animation does not jump.
+    /// Places the camera: fixed azimuth and elevation, aimed at the midpoint of the drones and the setpoint
+    /// (at the origin when there are none), shifted along the image's vertical so that what must be seen is
+    /// centred, and as close as the drones, the setpoint, the reference path, their shadows and the nearest
+    /// marker allow. Continuous in all positions, so an animation does not jump.
     pub fn frame(scene: &Scene, width: u32, height: u32) -> Self {
         let (size_x, size_y) = (width as f32, height as f32);
         let focal_px = 0.5 * size_y / (0.5 * FIELD_OF_VIEW_DEG).to_radians().tan();
@@ -54,7 +56,8 @@ impl View {
         let focus = focus(scene);
         let margin = |size: f32| (0.5 * size - 0.04 * size - 0.8 * least_span_px).max(0.2 * size);
         let (slope_x, slope_y) = (margin(size_x) / focal_px, margin(size_y) / focal_px);
-        // For a camera at distance d and shifted up by s, a point (a, b, c) along right, up and forward is inside when
+        // For a camera at distance d and shifted up by s, a point (a, b, c) along right, up and forward is
+        // inside when
         // |a| <= (d + c) slope_x and |b - s| <= (d + c) slope_y; the best d and s follow from the extremes.
         let (mut distance, mut top, mut bottom) = (CLOSEST_M, f32::MIN, f32::MIN);
         for_each_framed(scene, focus, |point| {
@@ -73,16 +76,16 @@ impl View {
         view
     }
 
-    /// Pixel position (x right, y down, in pixels from the upper left corner) of a point of the room in metres;
-    /// `None` when the point is behind the camera. The position may lie outside the frame.
+    /// Pixel position (x right, y down, in pixels from the upper left corner) of a point of the room in
+    /// metres; `None` when the point is behind the camera. The position may lie outside the frame.
     pub fn project(&self, point_m: [f32; 3]) -> Option<[f32; 2]> {
         let depth = self.depth(point_m);
         (depth >= NEAR_M).then(|| self.project_at(point_m, depth))
     }
 
     /// How many times larger than life a drone at this point is drawn: 1 when its 92 mm span covers at least
-    /// 40 pixels (a ninth of the frame's height in frames taller than 360 pixels, a third of it in frames lower than
-    /// 120), otherwise as much as brings it there.
+    /// 40 pixels (a ninth of the frame's height in frames taller than 360 pixels, a third of it in frames
+    /// lower than 120), otherwise as much as brings it there.
     pub fn exaggeration(&self, point_m: [f32; 3]) -> f32 {
         (self.least_span_px / (SPAN_M * self.pixels_per_m(point_m))).max(1.0)
     }
@@ -101,7 +104,8 @@ impl View {
         self.focal_px / self.depth(point).max(NEAR_M)
     }
 
-    /// True when a plane through `point` shows its upper side, the one `normal` points away from, to the camera.
+    /// True when a plane through `point` shows its upper side, the one `normal` points away from, to the
+    /// camera.
     pub(crate) fn faces(&self, point: V3, normal: V3) -> bool {
         dot(sub(self.eye, point), normal) > 0.0
     }
@@ -111,8 +115,8 @@ impl View {
         self.eye[2]
     }
 
-    /// Depth of the floor seen in an image row; `None` above the horizon. The camera does not roll, so that all floor
-    /// points of one row share it.
+    /// Depth of the floor seen in an image row; `None` above the horizon. The camera does not roll, so that
+    /// all floor points of one row share it.
     pub(crate) fn floor_depth(&self, row: f32) -> Option<f32> {
         let slope = (row - self.centre_px[1]) * self.up[2] / self.focal_px - self.forward[2];
         (slope > 1e-4 && self.eye[2] > 0.0).then(|| self.eye[2] / slope)
@@ -168,8 +172,9 @@ fn for_each_framed(scene: &Scene, focus: V3, mut visit: impl FnMut(V3)) {
         visit(on_floor(point));
     }
     scene.path_m.iter().copied().for_each(&mut visit);
-    // The nearest marker stays in view. Farther ones are let go gradually, or a drone over one of a row of markers would
-    // be shown from the end of the corridor; pulling them towards the focus keeps the framing continuous.
+    // The nearest marker stays in view. Farther ones are let go gradually, or a drone over one of a row of
+    // markers would be shown from the end of the corridor; pulling them towards the focus keeps the framing
+    // continuous.
     let near = centre(scene).unwrap_or(focus);
     let far = |m: &crate::Marker| length(sub([m.x_m, m.y_m, 0.0], on_floor(near)));
     let nearest = scene.markers.iter().map(far).fold(f32::INFINITY, f32::min);

@@ -33,7 +33,8 @@ fn proportions_are_kept() {
 
 #[test]
 fn colours_are_averaged() {
-    let stripes: Vec<u8> = (0..16).flat_map(|i| if i % 2 == 0 { [0, 10, 255] } else { [100, 10, 0] }).collect();
+    let stripes: Vec<u8> =
+        (0..16).flat_map(|i| if i % 2 == 0 { [0, 10, 255] } else { [100, 10, 0] }).collect();
     let text = ansi(&stripes, 4, 4, 2).unwrap();
     assert!(text.starts_with("\x1b[38;2;50;10;128;48;2;50;10;128m"), "{text:?}");
     // A run of one colour names it once.

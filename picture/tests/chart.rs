@@ -28,7 +28,9 @@ fn a_grid_of_panels_names_everything_with_units() {
     let svg = chart(&panels, 2, "Flight").unwrap();
     let document = Document::parse(&svg).unwrap();
     let texts = texts(&document);
-    for wanted in ["Flight", "time (s)", "height (m)", "a < b & \"c\"", "tolerance", "limit"].iter().chain(&labels) {
+    for wanted in
+        ["Flight", "time (s)", "height (m)", "a < b & \"c\"", "tolerance", "limit"].iter().chain(&labels)
+    {
         assert!(texts.iter().any(|text| text == wanted), "{wanted} is missing in {texts:?}");
     }
     let first = document.descendants().find(|node| node.has_tag_name("rect")).unwrap();
@@ -107,7 +109,11 @@ fn awkward_ranges_are_drawn() {
         [35000.0, 35000.001, 35000.002],
     ];
     for y in cases {
-        let svg = chart(&[panel(vec![series("s", &X, &y, Style::Solid), series("t", &y, &X, Style::Solid)])], 1, "");
+        let svg = chart(
+            &[panel(vec![series("s", &X, &y, Style::Solid), series("t", &y, &X, Style::Solid)])],
+            1,
+            "",
+        );
         assert_on_page(&Document::parse(&svg.unwrap()).unwrap());
     }
     let single = chart(&[panel(vec![series("s", &[1.0], &[2.0], Style::Solid)])], 3, "").unwrap();

@@ -19,7 +19,8 @@ fn drone_setpoint_and_marker_stay_in_the_frame() {
         for drone in [[0.0, 0.0, 0.03], [0.8, 0.0, 0.7], [-2.4, 2.4, 2.8], [30.0, -12.0, 5.0]] {
             for setpoint in [[0.0, 0.0, 0.7], [-1.0, 2.0, 1.5]] {
                 let drones = [drone_at(drone, BLUE)];
-                let scene = Scene { drones: &drones, setpoints_m: &[setpoint], markers: &MARKER, ..Scene::default() };
+                let scene =
+                    Scene { drones: &drones, setpoints_m: &[setpoint], markers: &MARKER, ..Scene::default() };
                 let camera = View::frame(&scene, width, height);
                 for point in [drone, setpoint, [0.0; 3], [drone[0], drone[1], 0.0]] {
                     let [x, y] = camera.project(point).unwrap();

@@ -46,7 +46,9 @@ fn trajectories_mark_the_marker_start_and_end() {
     let path = Path3 { label: "", points_m: &points, style: Style::Solid, color: PALETTE[1] };
     let svg = path3d(&[path], "").unwrap();
     let document = Document::parse(&svg).unwrap();
-    let black = document.descendants().filter(|n| n.has_tag_name("polygon") && n.attribute("fill") == Some("#101214"));
+    let black = document
+        .descendants()
+        .filter(|n| n.has_tag_name("polygon") && n.attribute("fill") == Some("#101214"));
     assert_eq!(black.count(), 1);
     assert_eq!(document.descendants().filter(|node| node.has_tag_name("circle")).count(), 3);
     assert_on_page(&document);

@@ -16,7 +16,13 @@ fn odd_scenes_are_drawn_all_the_same() {
         Drone { roll_rad: 3.1, pitch_rad: -1.5, yaw_rad: 40.0, ..drone_at([9.9e3, -9.9e3, 9.9e3], GREEN) },
     ];
     let far: Vec<[f32; 3]> = (0..2000).map(|i| [5.0 * i as f32, 0.0, (i % 7) as f32]).collect();
-    let full = Scene { drones: &drones, trails_m: &[&far], path_m: &far[..1], camera_fov_rad: Some(3.1), ..Scene::default() };
+    let full = Scene {
+        drones: &drones,
+        trails_m: &[&far],
+        path_m: &far[..1],
+        camera_fov_rad: Some(3.1),
+        ..Scene::default()
+    };
     for scene in [Scene::default(), full, Scene { drones: &drones[..1], ..full }] {
         for (width, height) in [(1, 1), (3, 50), (320, 240)] {
             render(&scene, width, height, &mut vec![0; (width * height * 3) as usize]).unwrap();
@@ -53,7 +59,8 @@ fn numbers_that_cannot_be_drawn_are_named_and_nothing_is_written() {
     for (scene, name, element) in cases {
         let mut rgb = vec![7; 300];
         let error = render(&scene, 10, 10, &mut rgb).unwrap_err();
-        let (PictureError::NonFinite { what, index } | PictureError::OutOfRange { what, index, .. }) = error else {
+        let (PictureError::NonFinite { what, index } | PictureError::OutOfRange { what, index, .. }) = error
+        else {
             panic!("{error}");
         };
         assert_eq!((what.as_str(), index), (name, element));

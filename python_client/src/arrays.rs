@@ -1,6 +1,10 @@
-//! Borrowing NumPy arrays: the dtype, the shape and the layout are checked, and what is wrong is said with what was expected.
+//! Borrowing NumPy arrays: the dtype, the shape and the layout are checked, and what is wrong is said with
+//! what was expected.
 
-use numpy::{Element, PyArray1, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyReadwriteArrayDyn};
+use numpy::{
+    Element, PyArray1, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn,
+    PyReadwriteArrayDyn,
+};
 use numpy::{PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
@@ -32,17 +36,28 @@ fn wrong_type<T: Element>(what: &str, shape: &[usize], got: &Bound<'_, PyAny>) -
     ))
 }
 
-fn check_shape<'a, 'py, T: Element>(what: &str, shape: &[usize], object: &'a Bound<'py, PyAny>) -> PyResult<&'a Bound<'py, PyArrayDyn<T>>> {
+fn check_shape<'a, 'py, T: Element>(
+    what: &str,
+    shape: &[usize],
+    object: &'a Bound<'py, PyAny>,
+) -> PyResult<&'a Bound<'py, PyArrayDyn<T>>> {
     let Ok(array) = object.cast::<PyArrayDyn<T>>() else { return Err(wrong_type::<T>(what, shape, object)) };
     if array.shape() != shape {
-        return Err(PyValueError::new_err(format!("{what}: expected shape {}, got {}", tuple(shape), tuple(array.shape()))));
+        return Err(PyValueError::new_err(format!(
+            "{what}: expected shape {}, got {}",
+            tuple(shape),
+            tuple(array.shape())
+        )));
     }
     if !array.is_c_contiguous() {
-        let hint = "expected a C-contiguous array, got one with other strides; numpy.ascontiguousarray makes one";
+        let hint =
+            "expected a C-contiguous array, got one with other strides; numpy.ascontiguousarray makes one";
         return Err(PyValueError::new_err(format!("{what}: {hint}")));
     }
     if !array.is_aligned() {
-        return Err(PyValueError::new_err(format!("{what}: expected an aligned array, got one that is not; numpy.copy makes one")));
+        return Err(PyValueError::new_err(format!(
+            "{what}: expected an aligned array, got one that is not; numpy.copy makes one"
+        )));
     }
     Ok(array)
 }
@@ -50,8 +65,13 @@ fn check_shape<'a, 'py, T: Element>(what: &str, shape: &[usize], object: &'a Bou
 /// An array to read.
 ///
 /// # Errors
-/// `TypeError` for another type or dtype, `ValueError` for another shape or layout, or while it is being written to.
-pub fn input<'py, T: Element>(what: &str, shape: &[usize], object: &Bound<'py, PyAny>) -> PyResult<PyReadonlyArrayDyn<'py, T>> {
+/// `TypeError` for another type or dtype, `ValueError` for another shape or layout, or while it is being
+/// written to.
+pub fn input<'py, T: Element>(
+    what: &str,
+    shape: &[usize],
+    object: &Bound<'py, PyAny>,
+) -> PyResult<PyReadonlyArrayDyn<'py, T>> {
     let array = check_shape::<T>(what, shape, object)?;
     array.try_readonly().map_err(|e| PyValueError::new_err(format!("{what}: {e}")))
 }
@@ -60,12 +80,17 @@ pub fn input<'py, T: Element>(what: &str, shape: &[usize], object: &Bound<'py, P
 ///
 /// # Errors
 /// As [`input`]; also if it is read-only or passed twice.
-pub fn output<'py, T: Element>(what: &str, shape: &[usize], object: &Bound<'py, PyAny>) -> PyResult<PyReadwriteArrayDyn<'py, T>> {
+pub fn output<'py, T: Element>(
+    what: &str,
+    shape: &[usize],
+    object: &Bound<'py, PyAny>,
+) -> PyResult<PyReadwriteArrayDyn<'py, T>> {
     let array = check_shape::<T>(what, shape, object)?;
     array.try_readwrite().map_err(|e| PyValueError::new_err(format!("{what}: {e}")))
 }
 
-/// A mask as a list. NumPy lets the bytes of a bool array be other than 0 and 1, which a Rust `bool` must not be.
+/// A mask as a list. NumPy lets the bytes of a bool array be other than 0 and 1, which a Rust `bool` must not
+/// be.
 ///
 /// # Errors
 /// As [`input`].
@@ -78,7 +103,10 @@ pub fn mask(what: &str, shape: &[usize], object: &Bound<'_, PyAny>) -> PyResult<
 ///
 /// # Errors
 /// What NumPy raises.
-pub fn empty<'py, T: Element>(py: Python<'py>, shape: impl IntoPyObject<'py, Target = PyTuple>) -> PyResult<Bound<'py, PyAny>> {
+pub fn empty<'py, T: Element>(
+    py: Python<'py>,
+    shape: impl IntoPyObject<'py, Target = PyTuple>,
+) -> PyResult<Bound<'py, PyAny>> {
     static EMPTY: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
     EMPTY.import(py, "numpy", "empty")?.call1((shape, numpy::dtype::<T>(py)))
 }

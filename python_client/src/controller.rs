@@ -15,9 +15,10 @@ use crate::errors::guarded;
 use crate::guarded_cell::GuardedCell;
 use crate::sim::{Interface, MAX_ENVS, Sim, detached};
 
-/// The controller `name` (see `crazyflie_gym.controllers()`), or `name:file`, for `num_envs` environments with the command interface of `of` (a `Sim` or its
-/// `interface`). It reads what an agent reads. `options` is JSON; `model` the text of the model file that it believes in, the thesis's unless
-/// given; `mode`: "automatic", "takeoff" or "landing".
+/// The controller `name` (see `crazyflie_gym.controllers()`), or `name:file`, for `num_envs` environments
+/// with the command interface of `of` (a `Sim` or its `interface`). It reads what an agent reads. `options`
+/// is JSON; `model` the text of the model file that it believes in, the thesis's unless given; `mode`:
+/// "automatic", "takeoff" or "landing".
 #[pyclass(subclass, module = "crazyflie_gym._native")]
 pub struct Controller {
     inner: GuardedCell<Box<dyn control::Controller>>,
@@ -37,13 +38,22 @@ impl Controller {
         }
         let of = if of.is_instance_of::<Sim>() { of.getattr("interface")? } else { of.clone() };
         let Ok(interface) = of.cast::<Interface>() else {
-            return Err(PyTypeError::new_err(format!("of: expected a Sim or an Interface, got {}", of.get_type().name()?)));
+            return Err(PyTypeError::new_err(format!(
+                "of: expected a Sim or an Interface, got {}",
+                of.get_type().name()?
+            )));
         };
         let (interface, tick_s) = (interface.get().inner, interface.get().tick_s);
         let envs = num_envs as usize;
         let inner = guarded(|| {
             let model = model.map_or_else(|| Ok(Model::thesis()), Model::parse)?;
-            chosen()?.build(&ControllerContext { model: &model, interface, tick_s, envs, mode: Mode::named(mode)? })
+            chosen()?.build(&ControllerContext {
+                model: &model,
+                interface,
+                tick_s,
+                envs,
+                mode: Mode::named(mode)?,
+            })
         })?;
         Ok(Controller { inner: GuardedCell::new(inner), envs })
     }
@@ -53,9 +63,17 @@ impl Controller {
 impl Controller {
     #[new]
     #[pyo3(signature = (name, num_envs, of, *, options = "null", model = None, mode = "automatic"))]
-    fn new(name: &str, num_envs: i64, of: &Bound<'_, PyAny>, options: &str, model: Option<&str>, mode: &str) -> PyResult<Self> {
+    fn new(
+        name: &str,
+        num_envs: i64,
+        of: &Bound<'_, PyAny>,
+        options: &str,
+        model: Option<&str>,
+        mode: &str,
+    ) -> PyResult<Self> {
         Self::build(num_envs, of, model, mode, || {
-            let options: Value = serde_json::from_str(options).map_err(|e| Error::Config(format!("options: {e}")))?;
+            let options: Value =
+                serde_json::from_str(options).map_err(|e| Error::Config(format!("options: {e}")))?;
             choose(name, options, &|path| std::fs::read(path))
         })
     }
@@ -73,12 +91,15 @@ impl Controller {
         Ok(())
     }
 
-    /// New actions, float32 (num_envs, 4), for observations, float32 (num_envs, 24); for one environment also (4,) for (24,).
+    /// New actions, float32 (num_envs, 4), for observations, float32 (num_envs, 24); for one environment also
+    /// (4,) for (24,).
     fn act<'py>(&mut self, py: Python<'py>, observations: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
-        let flat = self.envs == 1 && observations.cast::<PyUntypedArray>().is_ok_and(|array| array.ndim() == 1);
+        let flat =
+            self.envs == 1 && observations.cast::<PyUntypedArray>().is_ok_and(|array| array.ndim() == 1);
         let rows = [self.envs, OBSERVATION];
         let rows = input::<f32>("observations", &rows[usize::from(flat)..], observations)?;
-        let actions = if flat { empty::<f32>(py, (ACTION,))? } else { empty::<f32>(py, (self.envs, ACTION))? };
+        let actions =
+            if flat { empty::<f32>(py, (ACTION,))? } else { empty::<f32>(py, (self.envs, ACTION))? };
         let shape = [self.envs, ACTION];
         let mut out = output::<f32>("actions", &shape[usize::from(flat)..], &actions)?;
         let (envs, rows, out, inner) = (self.envs, rows.as_slice()?, out.as_slice_mut()?, self.inner.get()?);
@@ -86,7 +107,8 @@ impl Controller {
         Ok(actions)
     }
 
-    /// Forget the flights: all, or those of `mask` (bool, num_envs). Call it for every environment that begins an episode.
+    /// Forget the flights: all, or those of `mask` (bool, num_envs). Call it for every environment that
+    /// begins an episode.
     #[pyo3(signature = (mask = None))]
     fn reset(&mut self, mask: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
         let mask = mask.map(|mask| read_mask("mask", &[self.envs], mask)).transpose()?;
@@ -104,14 +126,19 @@ pub struct Pid;
 impl Pid {
     #[new]
     #[pyo3(signature = (num_envs, of, gains = "thesis", mode = "automatic"))]
-    fn new(num_envs: i64, of: &Bound<'_, PyAny>, gains: &str, mode: &str) -> PyResult<PyClassInitializer<Self>> {
+    fn new(
+        num_envs: i64,
+        of: &Bound<'_, PyAny>,
+        gains: &str,
+        mode: &str,
+    ) -> PyResult<PyClassInitializer<Self>> {
         let controller = Controller::build(num_envs, of, None, mode, || ControllerSpec::named(gains))?;
         Ok(PyClassInitializer::from(controller).add_subclass(Pid))
     }
 }
 
-/// Every controller, as a dict: name, also (another name, or None), about, source, file (what is in the file that is named with it, or None),
-/// options (name and meaning), defaults (JSON).
+/// Every controller, as a dict: name, also (another name, or None), about, source, file (what is in the file
+/// that is named with it, or None), options (name and meaning), defaults (JSON).
 #[pyfunction]
 pub fn controllers(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
     let controller_dict = |entry: &&control::Entry| {

@@ -6,8 +6,9 @@ use crazyflie_env::Error;
 use pyo3::PyResult;
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 
-/// Run a call of the simulator: its error becomes `ValueError` (wrong argument) or `RuntimeError` (wrong moment), and a panic, which
-/// would be a bug, becomes a `RuntimeError` as well instead of pyo3's `PanicException`, which no `except Exception` catches.
+/// Run a call of the simulator: its error becomes `ValueError` (wrong argument) or `RuntimeError` (wrong
+/// moment), and a panic, which would be a bug, becomes a `RuntimeError` as well instead of pyo3's
+/// `PanicException`, which no `except Exception` catches.
 pub fn guarded<T, E: Into<Failure>>(call: impl FnOnce() -> Result<T, E>) -> PyResult<T> {
     match catch_unwind(AssertUnwindSafe(call)) {
         Ok(result) => result.map_err(|error| match error.into() {
@@ -15,8 +16,12 @@ pub fn guarded<T, E: Into<Failure>>(call: impl FnOnce() -> Result<T, E>) -> PyRe
             Failure::Moment(text) => PyRuntimeError::new_err(text),
         }),
         Err(panic) => {
-            let text = panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());
-            Err(PyRuntimeError::new_err(format!("a bug in crazyflie_gym, please report it: {}", text.unwrap_or("no message"))))
+            let text =
+                panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());
+            Err(PyRuntimeError::new_err(format!(
+                "a bug in crazyflie_gym, please report it: {}",
+                text.unwrap_or("no message")
+            )))
         }
     }
 }

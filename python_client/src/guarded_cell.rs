@@ -5,7 +5,8 @@ use std::sync::Mutex;
 use pyo3::PyResult;
 use pyo3::exceptions::PyRuntimeError;
 
-/// A mutex that makes a class `Sync`, as pyo3 demands. Access is through `&mut self`, or short, so it costs nothing.
+/// A mutex that makes a class `Sync`, as pyo3 demands. Access is through `&mut self`, or short, so it costs
+/// nothing.
 pub struct GuardedCell<T>(Mutex<T>);
 
 impl<T> GuardedCell<T> {

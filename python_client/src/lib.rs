@@ -1,4 +1,5 @@
-//! The native half of the Python package: borrow the arrays, let go of the interpreter, translate the error. No logic lives here.
+//! The native half of the Python package: borrow the arrays, let go of the interpreter, translate the error.
+//! No logic lives here.
 
 mod arrays;
 mod controller;
@@ -20,7 +21,9 @@ mod _native {
     #[pymodule_export]
     use crate::picture::{ansi, path, render};
     #[pymodule_export]
-    use crate::registry::{check_model, cli, effects, model_text, neighbour_fields, observation_fields, tasks};
+    use crate::registry::{
+        check_model, cli, effects, model_text, neighbour_fields, observation_fields, tasks,
+    };
     #[pymodule_export]
     use crate::remote::Remote;
     #[pymodule_export]

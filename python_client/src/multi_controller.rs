@@ -18,8 +18,8 @@ fn bad(what: &'static str) -> impl Fn(serde_json::Error) -> Error {
     move |e| Error::Config(format!("{what}: {e}"))
 }
 
-/// A controller of `crazyflie_gym.controllers()` for every drone of a `Sim` whose task has several, with a layer that avoids collisions (`avoid`: JSON of its
-/// parameters) or without it (`None`). `options` is JSON.
+/// A controller of `crazyflie_gym.controllers()` for every drone of a `Sim` whose task has several, with a
+/// layer that avoids collisions (`avoid`: JSON of its parameters) or without it (`None`). `options` is JSON.
 #[pyclass(module = "crazyflie_gym._native")]
 pub struct Crowd {
     inner: GuardedCell<control::MultiController>,
@@ -33,13 +33,21 @@ impl Crowd {
     #[new]
     #[pyo3(signature = (name, of, *, options = "null", avoid = None))]
     fn new(name: &str, of: &Sim, options: &str, avoid: Option<&str>) -> PyResult<Self> {
-        let ([worlds, drones, width], known, tick_s) = (of.size(), of.interfaces_and_models()?, of.seconds_per_step()?);
+        let ([worlds, drones, width], known, tick_s) =
+            (of.size(), of.interfaces_and_models()?, of.seconds_per_step()?);
         let inner = guarded(|| {
             let options: Value = serde_json::from_str(options).map_err(bad("options"))?;
-            let avoid = avoid.map(serde_json::from_str::<CollisionAvoidance>).transpose().map_err(bad("avoid"))?;
+            let avoid =
+                avoid.map(serde_json::from_str::<CollisionAvoidance>).transpose().map_err(bad("avoid"))?;
             let chosen = choose(name, options, &|path| std::fs::read(path))?;
             let controller = |(interface, model): &(crazyflie_env::observation::Interface, Model)| {
-                chosen.build(&ControllerContext { model, interface: *interface, tick_s, envs: worlds, mode: Mode::Automatic })
+                chosen.build(&ControllerContext {
+                    model,
+                    interface: *interface,
+                    tick_s,
+                    envs: worlds,
+                    mode: Mode::Automatic,
+                })
             };
             let controllers = known.iter().map(controller).collect::<Result<_>>()?;
             control::MultiController::new(controllers, worlds, avoid, tick_s)
@@ -47,7 +55,8 @@ impl Crowd {
         Ok(Crowd { inner: GuardedCell::new(inner), worlds, drones, width })
     }
 
-    /// New actions, float32 (num_envs, num_drones, 4), for observations, float32 (num_envs, num_drones, width).
+    /// New actions, float32 (num_envs, num_drones, 4), for observations, float32 (num_envs, num_drones,
+    /// width).
     fn act<'py>(&mut self, py: Python<'py>, observations: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
         let (w, n) = (self.worlds, self.drones);
         let rows = input::<f32>("observations", &[w, n, self.width], observations)?;
@@ -59,17 +68,20 @@ impl Crowd {
         Ok(actions)
     }
 
-    /// Forget the flights: all, or those of the worlds of `mask` (bool, num_envs). Call it for every world that begins an episode.
+    /// Forget the flights: all, or those of the worlds of `mask` (bool, num_envs). Call it for every world
+    /// that begins an episode.
     #[pyo3(signature = (mask = None))]
     fn reset(&mut self, mask: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
         let mask = mask.map(|mask| read_mask("mask", &[self.worlds], mask)).transpose()?;
-        let is_chosen = |world: usize| mask.as_ref().is_none_or(|mask| mask.get(world).copied().unwrap_or(false));
+        let is_chosen =
+            |world: usize| mask.as_ref().is_none_or(|mask| mask.get(world).copied().unwrap_or(false));
         self.inner.get()?.reset(&is_chosen);
         Ok(())
     }
 }
 
-/// What is measured of an episode of several drones, in the order of the columns of `Sim.metrics()`: names, units, meanings.
+/// What is measured of an episode of several drones, in the order of the columns of `Sim.metrics()`: names,
+/// units, meanings.
 #[pyfunction]
 pub fn metrics() -> Vec<(&'static str, &'static str, &'static str)> {
     METRICS.to_vec()

@@ -11,14 +11,16 @@ use crate::errors::{Failure, guarded};
 /// Rows of an array of `N` columns.
 fn rows<const N: usize>(what: &str, object: Option<&Bound<'_, PyAny>>) -> PyResult<Vec<[f32; N]>> {
     let Some(object) = object else { return Ok(Vec::new()) };
-    let count = object.cast::<PyUntypedArray>().ok().and_then(|array| array.shape().first().copied()).unwrap_or(0);
+    let count =
+        object.cast::<PyUntypedArray>().ok().and_then(|array| array.shape().first().copied()).unwrap_or(0);
     let array = input::<f32>(what, &[count, N], object)?;
     Ok(array.as_slice()?.as_chunks::<N>().0.to_vec())
 }
 
 /// A line for each drone: (n, 3) for a single one, or (lines, n, 3).
 fn lines(what: &str, object: Option<&Bound<'_, PyAny>>) -> PyResult<Vec<Vec<[f32; 3]>>> {
-    let shape = object.and_then(|object| object.cast::<PyUntypedArray>().ok()).map(|array| array.shape().to_vec());
+    let shape =
+        object.and_then(|object| object.cast::<PyUntypedArray>().ok()).map(|array| array.shape().to_vec());
     let (Some(object), Some([count, points, _])) = (object, shape.as_deref()) else {
         return Ok(object.map(|object| rows::<3>(what, Some(object))).transpose()?.into_iter().collect());
     };
@@ -33,10 +35,10 @@ fn point(what: &str, object: Option<&Bound<'_, PyAny>>) -> PyResult<Option<[f32;
     Ok(array.as_slice()?.first_chunk().copied())
 }
 
-/// A picture as a new uint8 array (height, width, 3). All lengths in metres, angles in radians, arrays float32: `drones` (n, 6) with
-/// position and roll, pitch, yaw; `trail` (n, 3), or (drones, n, 3); `path` (n, 3); `markers` (n, 3) with x, y, yaw; `setpoint` (3,) or (n, 3);
-/// `fix` (3,). The camera's
-/// view is drawn where `camera_fov_rad`, the angle over the picture's diagonal, is given.
+/// A picture as a new uint8 array (height, width, 3). All lengths in metres, angles in radians, arrays
+/// float32: `drones` (n, 6) with position and roll, pitch, yaw; `trail` (n, 3), or (drones, n, 3); `path` (n,
+/// 3); `markers` (n, 3) with x, y, yaw; `setpoint` (3,) or (n, 3); `fix` (3,). The camera's view is drawn
+/// where `camera_fov_rad`, the angle over the picture's diagonal, is given.
 #[pyfunction]
 #[pyo3(signature = (width, height, *, drones = None, trail = None, setpoint = None, path = None, markers = None, marker_side_m = 0.197, fix = None, camera_fov_rad = None))]
 #[allow(clippy::too_many_arguments)]
@@ -76,8 +78,14 @@ pub fn render<'py>(
         .collect();
     let (trails, path) = (lines("trail", trail)?, rows::<3>("path", path)?);
     let trails: Vec<&[_]> = trails.iter().map(Vec::as_slice).collect();
-    let single = setpoint.and_then(|object| object.cast::<PyUntypedArray>().ok()).is_some_and(|array| array.ndim() == 1);
-    let setpoints = if single { point("setpoint", setpoint)?.into_iter().collect() } else { rows::<3>("setpoint", setpoint)? };
+    let single = setpoint
+        .and_then(|object| object.cast::<PyUntypedArray>().ok())
+        .is_some_and(|array| array.ndim() == 1);
+    let setpoints = if single {
+        point("setpoint", setpoint)?.into_iter().collect()
+    } else {
+        rows::<3>("setpoint", setpoint)?
+    };
     let fix_m = point("fix", fix)?;
     let picture = PyArray3::<u8>::zeros(py, [height as usize, width as usize, 3], false);
     let mut pixels = picture.try_readwrite()?;
@@ -98,11 +106,13 @@ pub fn render<'py>(
     Ok(picture)
 }
 
-/// A picture (uint8, height x width x 3) as text for a terminal with 24-bit colour, at most `columns` characters wide.
+/// A picture (uint8, height x width x 3) as text for a terminal with 24-bit colour, at most `columns`
+/// characters wide.
 #[pyfunction]
 #[pyo3(signature = (picture, columns = 80))]
 pub fn ansi(picture: &Bound<'_, PyAny>, columns: i64) -> PyResult<String> {
-    let columns = usize::try_from(columns).map_err(|_| PyValueError::new_err(format!("columns is {columns}, expected at least 1")))?;
+    let columns = usize::try_from(columns)
+        .map_err(|_| PyValueError::new_err(format!("columns is {columns}, expected at least 1")))?;
     let (height, width) = match picture.cast::<PyUntypedArray>().ok().map(|array| array.shape().to_vec()) {
         Some(shape) if shape.len() == 3 => (shape[0], shape[1]),
         _ => (0, 0),
@@ -112,12 +122,19 @@ pub fn ansi(picture: &Bound<'_, PyAny>, columns: i64) -> PyResult<String> {
     guarded(|| draw::ansi(pixels, width, height, columns))
 }
 
-/// Where the set-point of a task goes in the first `ticks` steps of `tick_s` seconds, (n, 3) float32; no rows where it stands still or
-/// differs from episode to episode. `options` is JSON.
+/// Where the set-point of a task goes in the first `ticks` steps of `tick_s` seconds, (n, 3) float32; no rows
+/// where it stands still or differs from episode to episode. `options` is JSON.
 #[pyfunction]
-pub fn path<'py>(py: Python<'py>, task: &str, options: &str, tick_s: f64, ticks: u32) -> PyResult<Bound<'py, PyAny>> {
+pub fn path<'py>(
+    py: Python<'py>,
+    task: &str,
+    options: &str,
+    tick_s: f64,
+    ticks: u32,
+) -> PyResult<Bound<'py, PyAny>> {
     let points = guarded(|| -> Result<_, Failure> {
-        let options = serde_json::from_str(options).map_err(|error| Failure::Argument(format!("task_options: {error}")))?;
+        let options = serde_json::from_str(options)
+            .map_err(|error| Failure::Argument(format!("task_options: {error}")))?;
         Ok(crazyflie_env::task::path(task, &options, tick_s, ticks)?)
     })?;
     let rows = crate::arrays::empty::<f32>(py, (points.len(), 3))?;

@@ -9,7 +9,8 @@ use pyo3::types::PyDict;
 
 use crate::errors::guarded;
 
-/// Every effect in the order of application, as a dict: name, about, source, hooks, params (name, unit, off, low, high, about).
+/// Every effect in the order of application, as a dict: name, about, source, hooks, params (name, unit, off,
+/// low, high, about).
 #[pyfunction]
 pub fn effects(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
     let effect_dict = |entry: &effect::Entry| {
@@ -43,7 +44,9 @@ fn param_dict<'py>(py: Python<'py>, param: &effect::Param) -> PyResult<Bound<'py
 pub fn tasks(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
     let task_dict = |entry: &task::Entry| {
         let dict = PyDict::new(py);
-        for (key, text) in [("name", entry.name), ("id", entry.id), ("about", entry.about), ("reward", entry.reward)] {
+        for (key, text) in
+            [("name", entry.name), ("id", entry.id), ("about", entry.about), ("reward", entry.reward)]
+        {
             dict.set_item(key, text)?;
         }
         dict.set_item("max_episode_steps", entry.max_episode_steps)?;
@@ -91,7 +94,8 @@ pub fn check_model(text: &str) -> PyResult<String> {
     guarded(|| Model::parse(text).map(|model| model.name))
 }
 
-/// The command line `crazyflie` with these arguments (the program's name is not one of them); returns the exit status.
+/// The command line `crazyflie` with these arguments (the program's name is not one of them); returns the
+/// exit status.
 #[pyfunction]
 pub fn cli(py: Python<'_>, argv: Vec<String>) -> PyResult<i32> {
     let argv = std::iter::once("crazyflie".to_owned()).chain(argv);

@@ -54,8 +54,20 @@ impl Interface {
     ) -> PyResult<Self> {
         let known = [VerticalInput::Height, VerticalInput::Pwm, VerticalInput::Thrust];
         let input = known.into_iter().find(|input| input.name() == vertical);
-        let input = input.ok_or_else(|| PyValueError::new_err(format!("vertical is {vertical:?}, expected height, pwm or thrust")))?;
-        Ok(Interface { inner: observation::Interface { input, tilt_max_rad, yaw_rate_max_radps, lift_max, hover_lift, yaw_sign }, tick_s })
+        let input = input.ok_or_else(|| {
+            PyValueError::new_err(format!("vertical is {vertical:?}, expected height, pwm or thrust"))
+        })?;
+        Ok(Interface {
+            inner: observation::Interface {
+                input,
+                tilt_max_rad,
+                yaw_rate_max_radps,
+                lift_max,
+                hover_lift,
+                yaw_sign,
+            },
+            tick_s,
+        })
     }
 
     /// Which height input is commanded: "height", "pwm" or "thrust".
@@ -90,8 +102,8 @@ impl Interface {
     }
 }
 
-/// A batch of `num_envs` environments. `options` is JSON (see `crazyflie_gym.options`), `models` the texts of model files: none for the
-/// thesis's, one for all drones, or one for each drone of an environment.
+/// A batch of `num_envs` environments. `options` is JSON (see `crazyflie_gym.options`), `models` the texts of
+/// model files: none for the thesis's, one for all drones, or one for each drone of an environment.
 #[pyclass(module = "crazyflie_gym._native")]
 pub struct Sim {
     env: GuardedCell<VectorEnv>,
@@ -109,7 +121,11 @@ pub struct Sim {
 }
 
 /// Run a call without holding the interpreter, if it is long enough to be worth it.
-pub fn detached<T: Send>(py: Python<'_>, envs: usize, call: impl FnOnce() -> Result<T> + Send) -> PyResult<T> {
+pub fn detached<T: Send>(
+    py: Python<'_>,
+    envs: usize,
+    call: impl FnOnce() -> Result<T> + Send,
+) -> PyResult<T> {
     if envs <= FEW_ENVS { guarded(call) } else { py.detach(|| guarded(call)) }
 }
 
@@ -165,8 +181,22 @@ impl Sim {
             })
         })?;
         let (drones, width, metrics) = (env.num_drones(), env.width(), env.num_metrics());
-        let (lead, flying) = if metrics == 0 { (vec![envs], Vec::new()) } else { (vec![envs, drones], vec![true; envs * drones]) };
-        Ok(Sim { env: GuardedCell::new(env), models, envs, drones, width, lead, flying, metrics: vec![0.0; envs * metrics], made_from })
+        let (lead, flying) = if metrics == 0 {
+            (vec![envs], Vec::new())
+        } else {
+            (vec![envs, drones], vec![true; envs * drones])
+        };
+        Ok(Sim {
+            env: GuardedCell::new(env),
+            models,
+            envs,
+            drones,
+            width,
+            lead,
+            flying,
+            metrics: vec![0.0; envs * metrics],
+            made_from,
+        })
     }
 
     /// Environments in the batch.
@@ -214,12 +244,15 @@ impl Sim {
     /// What an action means, for each drone of an environment.
     #[getter]
     fn interfaces(&self) -> PyResult<Vec<Interface>> {
-        self.env.glance(|env| env.interfaces().iter().map(|inner| Interface { inner: *inner, tick_s: env.tick_s() }).collect())
+        self.env.glance(|env| {
+            env.interfaces().iter().map(|inner| Interface { inner: *inner, tick_s: env.tick_s() }).collect()
+        })
     }
 
-    /// Begin episodes: in all environments, or in those of `mask`. With `seeds` the first episode of each seed, without them the next.
-    /// Writes the rows of `observations` (num_envs, 24) that begin, or makes a new array, and returns it. Where a task has several drones,
-    /// the shape is (num_envs, num_drones, width).
+    /// Begin episodes: in all environments, or in those of `mask`. With `seeds` the first episode of each
+    /// seed, without them the next. Writes the rows of `observations` (num_envs, 24) that begin, or makes a
+    /// new array, and returns it. Where a task has several drones, the shape is (num_envs, num_drones,
+    /// width).
     #[pyo3(signature = (seeds = None, mask = None, observations = None))]
     fn reset<'py>(
         &mut self,
@@ -243,9 +276,10 @@ impl Sim {
         Ok(rows)
     }
 
-    /// One step of every environment: float32 actions (num_envs, 4) from -1 to 1. Returns new arrays: observations (num_envs, 24),
-    /// rewards, terminated, truncated (num_envs,), and the number of flights that ended. Where a task has several drones, (num_envs,) is
-    /// (num_envs, num_drones) in all of these, and 24 is `width`; see also `flying` and `metrics`.
+    /// One step of every environment: float32 actions (num_envs, 4) from -1 to 1. Returns new arrays:
+    /// observations (num_envs, 24), rewards, terminated, truncated (num_envs,), and the number of flights
+    /// that ended. Where a task has several drones, (num_envs,) is (num_envs, num_drones) in all of these,
+    /// and 24 is `width`; see also `flying` and `metrics`.
     fn step<'py>(&mut self, py: Python<'py>, actions: &Bound<'py, PyAny>) -> PyResult<Step<'py>> {
         let (wide, lead) = (PyTuple::new(py, self.shape(self.width))?, PyTuple::new(py, &self.lead)?);
         let (observations, rewards) = (empty::<f32>(py, wide)?, empty::<f32>(py, lead.clone())?);
@@ -275,50 +309,67 @@ impl Sim {
         let (observations, rewards) = (observations.as_slice_mut()?, rewards.as_slice_mut()?);
         let (terminated, truncated) = (terminated.as_slice_mut()?, truncated.as_slice_mut()?);
         detached(py, count, || {
-            let out = StepBuffers { observations, rewards, terminated: &mut *terminated, truncated: &mut *truncated, flying, metrics };
+            let out = StepBuffers {
+                observations,
+                rewards,
+                terminated: &mut *terminated,
+                truncated: &mut *truncated,
+                flying,
+                metrics,
+            };
             env.step(actions, out)?;
             Ok(terminated.iter().zip(&*truncated).map(|(t, o)| usize::from(t | o)).sum())
         })
     }
 
-    /// The step of a batch of one, as `gymnasium.Env.step` returns it: float32 action (4,), observation (24,), empty info.
+    /// The step of a batch of one, as `gymnasium.Env.step` returns it: float32 action (4,), observation
+    /// (24,), empty info.
     fn step_one<'py>(&mut self, py: Python<'py>, action: &Bound<'py, PyAny>) -> PyResult<StepOne<'py>> {
         if self.rows() != 1 || self.several() {
             return Err(PyValueError::new_err("step_one is for a single environment of one drone"));
         }
         let action = input::<f32>("action", &[ACTION], action)?;
-        let (mut observation, mut reward, mut terminated, mut truncated) = ([0.0; OBSERVATION], [0.0], [false], [false]);
+        let (mut observation, mut reward, mut terminated, mut truncated) =
+            ([0.0; OBSERVATION], [0.0], [false], [false]);
         let env = self.env.get()?;
         let out = StepBuffers::new(&mut observation, &mut reward, &mut terminated, &mut truncated);
         let actions = action.as_slice()?;
         guarded(|| {
             env.step(actions, out).map_err(|error| match error {
                 // there is only one: no number and no mask to name it by
-                Error::Ended { .. } => Failure::Moment("the episode has ended: call reset() before the next step()".into()),
+                Error::Ended { .. } => {
+                    Failure::Moment("the episode has ended: call reset() before the next step()".into())
+                }
                 other => other.into(),
             })
         })?;
         Ok((row(py, &observation), f64::from(reward[0]), terminated[0], truncated[0], PyDict::new(py)))
     }
 
-    /// After a step of a task of several drones: bool (num_envs, num_drones), which ones fly on, so that their next action counts.
-    /// `None` where a task has one drone.
+    /// After a step of a task of several drones: bool (num_envs, num_drones), which ones fly on, so that
+    /// their next action counts. `None` where a task has one drone.
     fn flying<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
         if !self.several() {
             return Ok(None);
         }
-        PyArray1::from_slice(py, &self.flying).call_method1("reshape", (PyTuple::new(py, &self.lead)?,)).map(Some)
+        PyArray1::from_slice(py, &self.flying)
+            .call_method1("reshape", (PyTuple::new(py, &self.lead)?,))
+            .map(Some)
     }
 
-    /// After a step of a task of several drones: float32 (num_envs, 6), see `crazyflie_gym.metrics()`. `None` where a task has one drone.
+    /// After a step of a task of several drones: float32 (num_envs, 6), see `crazyflie_gym.metrics()`. `None`
+    /// where a task has one drone.
     fn metrics<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
         if !self.several() {
             return Ok(None);
         }
-        PyArray1::from_slice(py, &self.metrics).call_method1("reshape", ((self.envs, METRICS.len()),)).map(Some)
+        PyArray1::from_slice(py, &self.metrics)
+            .call_method1("reshape", ((self.envs, METRICS.len()),))
+            .map(Some)
     }
 
-    /// All that the flights go on from, as bytes for `set_state`; the same for every thread count and instruction set.
+    /// All that the flights go on from, as bytes for `set_state`; the same for every thread count and
+    /// instruction set.
     fn get_state<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         let env = self.env.get()?;
         let mut bytes = py.detach(|| env.snapshot());
@@ -327,8 +378,8 @@ impl Sim {
         Ok(PyBytes::new(py, &bytes))
     }
 
-    /// Go on from where another `Sim` of the same models and options was, to the bit as that one does. `ValueError` for the bytes of another
-    /// batch, and for damaged ones; nothing has changed then.
+    /// Go on from where another `Sim` of the same models and options was, to the bit as that one does.
+    /// `ValueError` for the bytes of another batch, and for damaged ones; nothing has changed then.
     fn set_state(&mut self, py: Python<'_>, state: &[u8]) -> PyResult<()> {
         let (flags, numbers) = (self.flying.len(), 4 * self.metrics.len());
         let Some(at) = state.len().checked_sub(flags + numbers) else {
@@ -354,8 +405,8 @@ impl Sim {
         self.set_state(py, state)
     }
 
-    /// The true states, float32 (num_envs, 12): position, velocity, roll pitch yaw, their rates; metres, seconds, radians. Where a task has
-    /// several drones, (num_envs, num_drones, 12).
+    /// The true states, float32 (num_envs, 12): position, velocity, roll pitch yaw, their rates; metres,
+    /// seconds, radians. Where a task has several drones, (num_envs, num_drones, 12).
     fn states<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let shape = self.shape(STATE);
         let states = empty::<f32>(py, PyTuple::new(py, &shape)?)?;
@@ -374,9 +425,9 @@ impl Sim {
         Ok(carried.then_some(loads))
     }
 
-    /// Of an episode that ended in the last step of environment `env`, when automatic resets happen in the same step: the last
-    /// observation (24,) and the last true state (12,); where a task has several drones, (num_drones, width) and (num_drones, 12). `None`
-    /// in the other modes and out of range.
+    /// Of an episode that ended in the last step of environment `env`, when automatic resets happen in the
+    /// same step: the last observation (24,) and the last true state (12,); where a task has several drones,
+    /// (num_drones, width) and (num_drones, 12). `None` in the other modes and out of range.
     fn last_of_episode<'py>(&mut self, py: Python<'py>, env: usize) -> PyResult<Option<Last<'py>>> {
         if env >= self.envs {
             return Ok(None);

@@ -56,8 +56,11 @@ impl Client {
     /// [`Error::Url`] and [`Error::Connect`].
     pub fn open(url: &str) -> Result<Client, Error> {
         let url = server_url(url)?;
-        let ServerConnection { ws, tcp } = connect(&url, REPLY_BYTES).map_err(|problem| Error::Connect { url: url.clone(), problem })?;
-        let limit = tcp.set_read_timeout(Some(REPLY_TIMEOUT)).and_then(|()| tcp.set_write_timeout(Some(REPLY_TIMEOUT)));
+        let ServerConnection { ws, tcp } =
+            connect(&url, REPLY_BYTES).map_err(|problem| Error::Connect { url: url.clone(), problem })?;
+        let limit = tcp
+            .set_read_timeout(Some(REPLY_TIMEOUT))
+            .and_then(|()| tcp.set_write_timeout(Some(REPLY_TIMEOUT)));
         limit.map_err(|e| Error::Connect { url: url.clone(), problem: e.into() })?;
         Ok(Client { ws, url, id: 0 })
     }
@@ -76,7 +79,8 @@ impl Client {
             (Err(problem), Error::Lost { url, .. }) => Error::Lost { url, problem },
             (_, error) => error,
         })?;
-        let ReplyHeader { id, code, message } = serde_json::from_str(&reply).map_err(|e| self.unexpected(e))?;
+        let ReplyHeader { id, code, message } =
+            serde_json::from_str(&reply).map_err(|e| self.unexpected(e))?;
         match (code, message) {
             (Some(code), Some(message)) => Err(Error::Refused { code, message }),
             _ if id == Some(self.id) => serde_json::from_str(&reply).map_err(|e| self.unexpected(e)),
@@ -91,7 +95,9 @@ impl Client {
                 Ok(Message::Text(text)) => return Ok(text),
                 Ok(Message::Binary(_)) => return Err(self.unexpected("a binary message")),
                 Ok(Message::Close(frame)) => {
-                    let why = frame.map_or(String::new(), |frame| format!(": {} (close code {})", frame.reason, u16::from(frame.code)));
+                    let why = frame.map_or(String::new(), |frame| {
+                        format!(": {} (close code {})", frame.reason, u16::from(frame.code))
+                    });
                     return Err(Error::Closed { url: self.url.clone(), why });
                 }
                 Ok(_) => {}

@@ -56,7 +56,8 @@ pub enum ConnectError {
     Socket(#[from] io::Error),
 }
 
-/// Connects to `url`, ws:// or wss:// with a path. `reply_bytes` is the size of the usual reply and sizes the read buffer.
+/// Connects to `url`, ws:// or wss:// with a path. `reply_bytes` is the size of the usual reply and sizes the
+/// read buffer.
 ///
 /// # Errors
 /// [`ConnectError`].
@@ -65,7 +66,8 @@ pub fn connect(url: &str, reply_bytes: usize) -> Result<ServerConnection, Connec
     request.headers_mut().insert("sec-websocket-protocol", HeaderValue::from_static(PROTOCOL));
     let tcp = connect_tcp(request.uri())?;
     let tcp_handle = tcp.try_clone()?;
-    let stream: Box<dyn ByteStream> = if is_secure(request.uri()) { tls_stream(tcp, request.uri())? } else { Box::new(tcp) };
+    let stream: Box<dyn ByteStream> =
+        if is_secure(request.uri()) { tls_stream(tcp, request.uri())? } else { Box::new(tcp) };
     let config = WebSocketConfig::default()
         .read_buffer_size(reply_bytes.clamp(4 << 10, 1 << 20))
         .max_message_size(Some(MAX_MESSAGE_BYTES))

@@ -1,11 +1,12 @@
-//! Flights as the page draws them, live or replayed: a header once ([`Header::bytes`]), then rows of little-endian f32 ([`COLUMNS`]), for each
-//! moment as many as there are drones.
+//! Flights as the page draws them, live or replayed: a header once ([`Header::bytes`]), then rows of
+//! little-endian f32 ([`COLUMNS`]), for each moment as many as there are drones.
 
 use crazyflie_env::observation::{ACTION, Interface, OBSERVATION};
 use crazyflie_env::vector::STATE;
 use serde::Serialize;
 
-/// Columns of a row, SI units and radians. `fix` is the pose that the camera measures, `u` the command in force from the row on.
+/// Columns of a row, SI units and radians. `fix` is the pose that the camera measures, `u` the command in
+/// force from the row on.
 pub(crate) const COLUMNS: [&str; 25] = [
     "t_s",
     "x",
@@ -34,8 +35,8 @@ pub(crate) const COLUMNS: [&str; 25] = [
     "reward",
 ];
 
-/// Further columns of drones that share a world: whether the drone flies, its distance to the nearest other flying one, and the smallest
-/// distance so far between any two.
+/// Further columns of drones that share a world: whether the drone flies, its distance to the nearest other
+/// flying one, and the smallest distance so far between any two.
 pub(crate) const WORLD_COLUMNS: [&str; 3] = ["flying", "separation_m", "least_separation_m"];
 
 /// [`COLUMNS`] and [`WORLD_COLUMNS`].
@@ -71,7 +72,8 @@ pub(crate) struct Header {
 }
 
 impl Header {
-    /// Length as little-endian u32, JSON, padding with spaces so that the rows begin at a multiple of four bytes.
+    /// Length as little-endian u32, JSON, padding with spaces so that the rows begin at a multiple of four
+    /// bytes.
     ///
     /// # Errors
     /// Of serde, for numbers that JSON cannot say.
@@ -108,12 +110,14 @@ pub(crate) fn row(
     out
 }
 
-/// The distance of each drone that flies to the nearest other one that does; infinite without one. `states` are rows of [`STATE`].
+/// The distance of each drone that flies to the nearest other one that does; infinite without one. `states`
+/// are rows of [`STATE`].
 pub(crate) fn separations_m(states: &[f32], flying: &[bool]) -> impl Iterator<Item = f32> {
     let (states, _) = states.as_chunks::<STATE>();
     (0..states.len()).map(move |own| {
         let others = (0..states.len()).filter(|other| *other != own && flying[own] && flying[*other]);
-        let distance_m = |other: usize| (0..3).map(|i| (states[own][i] - states[other][i]).powi(2)).sum::<f32>().sqrt();
+        let distance_m =
+            |other: usize| (0..3).map(|i| (states[own][i] - states[other][i]).powi(2)).sum::<f32>().sqrt();
         others.map(distance_m).fold(f32::INFINITY, f32::min)
     })
 }

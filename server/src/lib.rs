@@ -1,6 +1,5 @@
 //! The server, the benchmark that it offers, and flights with a controller in the loop.
 
-#![warn(missing_docs)]
 #![forbid(unsafe_code)]
 
 pub mod bench;

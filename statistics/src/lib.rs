@@ -1,11 +1,12 @@
-//! Statistics of samples, and tests of the residuals of a model. Every crate that needs a median or a test takes it from here.
+//! Statistics of samples, and tests of the residuals of a model. Every crate that needs a median or a test
+//! takes it from here.
 #![forbid(unsafe_code)]
-#![warn(missing_docs)]
 
 mod residuals;
 
 pub use residuals::{
-    CONFIDENCE, Criteria, Independence, LAGS, StatisticsError, Whiteness, criteria, independence, paired_p_value, whiteness,
+    CONFIDENCE, Criteria, Independence, LAGS, StatisticsError, Whiteness, criteria, independence,
+    paired_p_value, whiteness,
 };
 
 /// Arithmetic mean; none of no samples.
@@ -44,12 +45,18 @@ mod tests {
 
     #[test]
     fn summaries_of_samples_and_of_none() {
-        assert_eq!([mean(&[1.0, 2.0, 6.0]), rms(&[3.0, 4.0, 5.0]).map(|r| r * r)], [Some(3.0), Some(50.0 / 3.0)]);
+        assert_eq!(
+            [mean(&[1.0, 2.0, 6.0]), rms(&[3.0, 4.0, 5.0]).map(|r| r * r)],
+            [Some(3.0), Some(50.0 / 3.0)]
+        );
         assert_eq!(
             [median(&[]), median(&[3.0]), median(&[8.0, 1.0, 3.0]), median(&[8.0, 3.0, 1.0, 4.0])],
             [None, Some(3.0), Some(3.0), Some(3.5)]
         );
-        assert_eq!([0.0, 0.5, 1.0].map(|share| quantile(&[3.0, 1.0, 2.0], share)), [Some(1.0), Some(2.0), Some(3.0)]);
+        assert_eq!(
+            [0.0, 0.5, 1.0].map(|share| quantile(&[3.0, 1.0, 2.0], share)),
+            [Some(1.0), Some(2.0), Some(3.0)]
+        );
         assert_eq!([mean(&[]), rms(&[]), quantile(&[], 0.5)], [None; 3]);
     }
 }

@@ -1,8 +1,8 @@
-//! Tests of the residuals of a model: whether anything is left in them (whiteness), whether the input still explains some of it
-//! (independence), and whether another parameter was worth its place (AIC, BIC).
+//! Tests of the residuals of a model: whether anything is left in them (whiteness), whether the input still
+//! explains some of it (independence), and whether another parameter was worth its place (AIC, BIC).
 //!
-//! Several flights are several segments: products are only taken within a segment, sums over all of them. The bounds are those of MATLAB's
-//! `resid`, at 99 %.
+//! Several flights are several segments: products are only taken within a segment, sums over all of them. The
+//! bounds are those of MATLAB's `resid`, at 99 %.
 
 use statrs::distribution::{ChiSquared, ContinuousCDF, Normal, StudentsT};
 use thiserror::Error;
@@ -26,8 +26,8 @@ pub enum StatisticsError {
     NotFinite { signal: &'static str },
 }
 
-/// The autocorrelation of residuals. White residuals leave nothing to predict; an output-error fit to coloured measurement noise is
-/// right and still fails, so this test informs and [`Independence`] decides.
+/// The autocorrelation of residuals. White residuals leave nothing to predict; an output-error fit to
+/// coloured measurement noise is right and still fails, so this test informs and [`Independence`] decides.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Whiteness {
     /// At lags 1, 2, ...; at lag 0 it is 1.
@@ -56,15 +56,17 @@ impl Whiteness {
 /// The correlation of residuals with the input before and after them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Independence {
-    /// From `-lags` to `lags`. At a positive lag the input came first: what correlates there the model should have explained. At a negative
-    /// lag the residual came first: a controller answers it, which is feedback and no fault of the model.
+    /// From `-lags` to `lags`. At a positive lag the input came first: what correlates there the model should
+    /// have explained. At a negative lag the residual came first: a controller answers it, which is feedback
+    /// and no fault of the model.
     pub lags: Vec<isize>,
     /// Correlation at each of [`Independence::lags`], between -1 and 1.
     pub correlation: Vec<f64>,
-    /// An input that has nothing to do with the residuals stays within, at each lag with a probability of 99 %. Wider than for white
-    /// signals where both are coloured.
+    /// An input that has nothing to do with the residuals stays within, at each lag with a probability of 99
+    /// %. Wider than for white signals where both are coloured.
     pub bound: f64,
-    /// As [`Independence::bound`], for all lags from 0 on together (Bonferroni, over as many lags as are independent).
+    /// As [`Independence::bound`], for all lags from 0 on together (Bonferroni, over as many lags as are
+    /// independent).
     pub joint_bound: f64,
     /// Lags from 0 on outside [`Independence::bound`].
     pub outside: usize,
@@ -91,7 +93,9 @@ pub fn whiteness(residuals: &[&[f64]], lags: usize, parameters: usize) -> Result
     let power = products(&e, &e, 0);
     let correlation: Vec<f64> = (1..=lags).map(|lag| products(&e, &e, lag as isize) / power).collect();
     let n = samples as f64;
-    let ljung_box = correlation.iter().enumerate().map(|(i, r)| r * r / (n - (i + 1) as f64)).sum::<f64>() * n * (n + 2.0);
+    let ljung_box = correlation.iter().enumerate().map(|(i, r)| r * r / (n - (i + 1) as f64)).sum::<f64>()
+        * n
+        * (n + 2.0);
     let bound = quantile(0.5 * (1.0 + CONFIDENCE)) / n.sqrt();
     let freedom = lags.saturating_sub(parameters).max(1);
     let p_value = ChiSquared::new(freedom as f64).map_or(f64::NAN, |chi| chi.sf(ljung_box));
@@ -103,7 +107,11 @@ pub fn whiteness(residuals: &[&[f64]], lags: usize, parameters: usize) -> Result
 ///
 /// # Errors
 /// [`StatisticsError`]: unequal lengths, too short, constant, not finite.
-pub fn independence(input: &[&[f64]], residuals: &[&[f64]], lags: usize) -> Result<Independence, StatisticsError> {
+pub fn independence(
+    input: &[&[f64]],
+    residuals: &[&[f64]],
+    lags: usize,
+) -> Result<Independence, StatisticsError> {
     for (segment, (e, u)) in residuals.iter().zip(input).enumerate() {
         if e.len() != u.len() {
             return Err(StatisticsError::LengthMismatch { segment, residuals: e.len(), inputs: u.len() });
@@ -114,7 +122,8 @@ pub fn independence(input: &[&[f64]], residuals: &[&[f64]], lags: usize) -> Resu
     let scale = (products(&e, &e, 0) * products(&u, &u, 0)).sqrt();
     let all: Vec<isize> = (-(lags as isize)..=lags as isize).collect();
     let correlation: Vec<f64> = all.iter().map(|lag| products(&e, &u, *lag) / scale).collect();
-    // the variance of a correlation of independent signals is the sum of the products of their autocorrelations (Bartlett 1935)
+    // the variance of a correlation of independent signals is the sum of the products of their
+    // autocorrelations (Bartlett 1935)
     let spread = (1..=3 * lags as isize).map(|lag| {
         let taper = 1.0 - lag as f64 / (3 * lags + 1) as f64;
         taper * products(&e, &e, lag) / products(&e, &e, 0) * products(&u, &u, lag) / products(&u, &u, 0)
@@ -125,13 +134,16 @@ pub fn independence(input: &[&[f64]], residuals: &[&[f64]], lags: usize) -> Resu
     // neighbouring lags of coloured signals say nearly the same: so many are left that do not
     let tests = ((lags + 1) as f64 / spread).clamp(1.0, (lags + 1) as f64);
     let joint_bound = quantile(1.0 - 0.5 * (1.0 - CONFIDENCE) / tests) * sd;
-    let outside = |judged: bool| all.iter().zip(&correlation).filter(|(lag, r)| (**lag >= 0) == judged && r.abs() > bound).count();
+    let outside = |judged: bool| {
+        all.iter().zip(&correlation).filter(|(lag, r)| (**lag >= 0) == judged && r.abs() > bound).count()
+    };
     let (outside, feedback) = (outside(true), outside(false));
     Ok(Independence { lags: all, correlation, bound, joint_bound, outside, feedback, samples })
 }
 
-/// Information criteria of a model: its likelihood with a penalty for its parameters; the smaller the better. Only differences between models of the same data
-/// mean anything. Residuals that are not white hold less information than their number says: both then favour too many parameters.
+/// Information criteria of a model: its likelihood with a penalty for its parameters; the smaller the better.
+/// Only differences between models of the same data mean anything. Residuals that are not white hold less
+/// information than their number says: both then favour too many parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Criteria {
     /// N ln(sum e^2 / N) + 2 p, the first term summed over the outputs   (Akaike 1974)
@@ -143,11 +155,13 @@ pub struct Criteria {
 /// Of a fit with normal errors whose size is unknown, per output: sums of squared residuals, and how many.
 pub fn criteria(outputs: &[(f64, usize)], parameters: usize) -> Criteria {
     let (n, p) = (outputs.iter().map(|(_, samples)| *samples as f64).sum::<f64>(), parameters as f64);
-    let likelihood: f64 = outputs.iter().map(|(squares, samples)| *samples as f64 * (squares / *samples as f64).ln()).sum();
+    let likelihood: f64 =
+        outputs.iter().map(|(squares, samples)| *samples as f64 * (squares / *samples as f64).ln()).sum();
     Criteria { aic: likelihood + 2.0 * p, bic: likelihood + p * n.ln() }
 }
 
-/// Student's paired t test: the two-sided p value of differences whose mean is zero; `None` for fewer than two, or where they do not vary.
+/// Student's paired t test: the two-sided p value of differences whose mean is zero; `None` for fewer than
+/// two, or where they do not vary.
 pub fn paired_p_value(differences: &[f64]) -> Option<f64> {
     let n = differences.len() as f64;
     if n < 2.0 {
@@ -169,7 +183,11 @@ fn count(segments: &[Vec<f64>]) -> usize {
 }
 
 /// The segments less their common mean.
-fn centre_segments(segments: &[&[f64]], signal: &'static str, lags: usize) -> Result<Vec<Vec<f64>>, StatisticsError> {
+fn centre_segments(
+    segments: &[&[f64]],
+    signal: &'static str,
+    lags: usize,
+) -> Result<Vec<Vec<f64>>, StatisticsError> {
     let samples: usize = segments.iter().map(|s| s.len()).sum();
     let least = 4 * lags.max(1);
     if samples < least {
@@ -189,7 +207,8 @@ fn centre_segments(segments: &[&[f64]], signal: &'static str, lags: usize) -> Re
 /// Sum of `a(t) b(t - lag)` within segments.
 fn products(a: &[Vec<f64>], b: &[Vec<f64>], lag: isize) -> f64 {
     let shift = lag.unsigned_abs();
-    let sum = |late: &[f64], early: &[f64]| late.iter().skip(shift).zip(early).map(|(x, y)| x * y).sum::<f64>();
+    let sum =
+        |late: &[f64], early: &[f64]| late.iter().skip(shift).zip(early).map(|(x, y)| x * y).sum::<f64>();
     a.iter().zip(b).map(|(a, b)| if lag >= 0 { sum(a, b) } else { sum(b, a) }).sum()
 }
 
@@ -219,7 +238,8 @@ mod tests {
 
     #[test]
     fn white_noise_passes_as_often_as_promised() {
-        let tests: Vec<Whiteness> = (0..200).map(|seed| whiteness(&[&noise(seed, 600)], LAGS, 0).unwrap()).collect();
+        let tests: Vec<Whiteness> =
+            (0..200).map(|seed| whiteness(&[&noise(seed, 600)], LAGS, 0).unwrap()).collect();
         let failed = tests.iter().filter(|w| !w.is_white()).count();
         assert!(failed <= 7, "{failed} of 200 failed a test that 1 % fail");
         // 1 % of 5000 correlations lie outside
@@ -254,7 +274,10 @@ mod tests {
     fn independent_signals_pass_even_where_both_are_coloured() {
         let pass = |share: f64| {
             let seed_passes = |seed: u64| {
-                let (u, e) = (coloured_noise(2 * seed + 1000, 800, share), coloured_noise(2 * seed + 1001, 800, share));
+                let (u, e) = (
+                    coloured_noise(2 * seed + 1000, 800, share),
+                    coloured_noise(2 * seed + 1001, 800, share),
+                );
                 independence(&[&u], &[&e], LAGS).unwrap().is_independent()
             };
             (0..100).filter(|seed| seed_passes(*seed)).count()
@@ -270,7 +293,9 @@ mod tests {
         let explained: Vec<f64> = (0..1000).map(|t| e[t] + 0.3 * late(4, &u, t)).collect();
         let found = independence(&[&u], &[&explained], LAGS).unwrap();
         assert!(!found.is_independent() && found.outside >= 1);
-        let strongest = (0..51).max_by(|a, b| found.correlation[*a].abs().total_cmp(&found.correlation[*b].abs())).unwrap();
+        let strongest = (0..51)
+            .max_by(|a, b| found.correlation[*a].abs().total_cmp(&found.correlation[*b].abs()))
+            .unwrap();
         assert_eq!(found.lags[strongest], 4);
         // a controller answers the residual four samples later
         let answered: Vec<f64> = (0..1000).map(|t| u[t] + 0.5 * late(4, &e, t)).collect();
@@ -298,13 +323,19 @@ mod tests {
 
     #[test]
     fn what_cannot_be_tested_is_refused() {
-        assert_eq!(whiteness(&[&[1.0; 20]], LAGS, 0), Err(StatisticsError::TooShort { samples: 20, lags: LAGS, least: 100 }));
+        assert_eq!(
+            whiteness(&[&[1.0; 20]], LAGS, 0),
+            Err(StatisticsError::TooShort { samples: 20, lags: LAGS, least: 100 })
+        );
         assert_eq!(whiteness(&[&[0.1; 200]], LAGS, 0), Err(StatisticsError::Constant { signal: "residual" }));
         let (e, u) = (noise(1, 200), noise(2, 199));
         let unequal = StatisticsError::LengthMismatch { segment: 0, residuals: 200, inputs: 199 };
         assert_eq!(independence(&[&u], &[&e], LAGS), Err(unequal));
         let mut bad = e.clone();
         bad[7] = f64::NAN;
-        assert_eq!(independence(&[&e], &[&bad], LAGS), Err(StatisticsError::NotFinite { signal: "residual" }));
+        assert_eq!(
+            independence(&[&e], &[&bad], LAGS),
+            Err(StatisticsError::NotFinite { signal: "residual" })
+        );
     }
 }

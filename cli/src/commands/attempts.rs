@@ -44,7 +44,9 @@ pub(super) struct Args {
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let bench = Bench::open_existing(&args.data)?;
     let reply = match (&args.attempt, &args.csv) {
-        (Some(id), Some(file)) => return files::write(file, &api::log_csv(&bench, id, args.episode, args.drone)?.bytes),
+        (Some(id), Some(file)) => {
+            return files::write(file, &api::log_csv(&bench, id, args.episode, args.drone)?.bytes);
+        }
         (Some(id), None) => api::attempt(&bench, id)?,
         (None, _) if args.json => api::attempts(&bench, args.scenario.as_deref())?,
         (None, _) => return list(&bench, args.scenario.as_deref(), out),
@@ -55,7 +57,8 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 
 fn list(bench: &Bench, scenario: Option<&str>, out: &mut dyn Write) -> Outcome {
     let scenario = scenario.map(|name| bench.scenario(name)).transpose()?.map(|s| s.id());
-    let mut table = Table::new(&["attempt", "begun", "scenario", "team", "controller", "status", "score"]).left(&[1, 2, 3, 4, 5]);
+    let mut table = Table::new(&["attempt", "begun", "scenario", "team", "controller", "status", "score"])
+        .left(&[1, 2, 3, 4, 5]);
     for AttemptEntry { id, document, .. } in bench.attempts(scenario.as_deref())? {
         let Ok(d) = document else {
             table.row(vec![id, "damaged: see crazyflie bench verify".into()]);
@@ -63,7 +66,15 @@ fn list(bench: &Bench, scenario: Option<&str>, out: &mut dyn Write) -> Outcome {
         };
         let begun = Timestamp::from_millisecond(d.begun_ms).map_err(|e| Failure::about(&d.id, e))?;
         let score = d.result.as_ref().map_or("-".into(), |result| number(result.score.score, 1));
-        table.row(vec![d.id, format!("{begun:.0}"), d.scenario, d.team, d.controller, d.status.name().into(), score]);
+        table.row(vec![
+            d.id,
+            format!("{begun:.0}"),
+            d.scenario,
+            d.team,
+            d.controller,
+            d.status.name().into(),
+            score,
+        ]);
     }
     Ok(write!(out, "{}", table.plain())?)
 }

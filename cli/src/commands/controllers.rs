@@ -54,7 +54,8 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 pub(super) fn chosen(controller: &str, options: Option<&str>) -> Outcome<ControllerSpec> {
     let options = match options {
         None => Value::Null,
-        Some(text) => serde_json::from_str(text).map_err(|e| Failure::Usage(format!("--controller-options is not JSON: {e}")))?,
+        Some(text) => serde_json::from_str(text)
+            .map_err(|e| Failure::Usage(format!("--controller-options is not JSON: {e}")))?,
     };
     Ok(choose(controller, options, &|path| std::fs::read(path))?)
 }

@@ -16,10 +16,11 @@ Examples:
   crazyflie diagnose --normal normal/E8_* --suspect repaired/E8_* --mass-g 33 --out found/
   crazyflie diagnose --normal normal/ --suspect odd/ --json";
 
-/// Name what is wrong with a vehicle: an added weight, a weak motor or a swinging load, from the motors in its logs.
+/// Name what is wrong with a vehicle: an added weight, a weak motor or a swinging load, from the motors in
+/// its logs.
 ///
-/// Files of one folder are one set-up (one battery put in, one trim); where file names begin alike up to an underscore on both sides (E8_log00),
-/// that names the vehicle. All suspect flights are of one condition.
+/// Files of one folder are one set-up (one battery put in, one trim); where file names begin alike up to an
+/// underscore on both sides (E8_log00), that names the vehicle. All suspect flights are of one condition.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {
@@ -55,7 +56,8 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let mut unread = Vec::new();
     let normal = read_trims(&args.normal, &mut unread)?;
     let suspect = read_trims(&args.suspect, &mut unread)?;
-    let mut diagnosis = diagnose(&normal, &suspect, &demands).map_err(|e| Failure::Failed(e.to_string() + &list(&unread)))?;
+    let mut diagnosis =
+        diagnose(&normal, &suspect, &demands).map_err(|e| Failure::Failed(e.to_string() + &list(&unread)))?;
     diagnosis.left_out.extend(unread);
     let json = serde_json::to_string_pretty(&report::as_json(&diagnosis, &demands))?;
     let text = report::as_text(&diagnosis, &demands);

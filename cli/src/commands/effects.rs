@@ -42,9 +42,25 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         return Ok(write!(out, "{}", table(&chosen).markdown())?);
     }
     for e in chosen {
-        writeln!(out, "{} ({})\n    {}\n    source: {}", e.name, hooks(e.hooks).join(", "), e.about, e.source)?;
+        writeln!(
+            out,
+            "{} ({})\n    {}\n    source: {}",
+            e.name,
+            hooks(e.hooks).join(", "),
+            e.about,
+            e.source
+        )?;
         for p in e.params {
-            writeln!(out, "    .{} [{}], {} to {}, default {}: {}", p.name, p.unit, p.low, p.high, p.off, about(p))?;
+            writeln!(
+                out,
+                "    .{} [{}], {} to {}, default {}: {}",
+                p.name,
+                p.unit,
+                p.low,
+                p.high,
+                p.off,
+                about(p)
+            )?;
         }
     }
     Ok(())
@@ -58,7 +74,8 @@ fn hooks(h: Hooks) -> Vec<&'static str> {
 
 /// Meaning of a parameter, and the size from which `explain` calls it a cause.
 fn about(p: &Param) -> String {
-    let least = if p.least > 0.0 { format!(" (a cause from {} off the default)", p.least) } else { String::new() };
+    let least =
+        if p.least > 0.0 { format!(" (a cause from {} off the default)", p.least) } else { String::new() };
     format!("{}{least}", p.about)
 }
 
@@ -72,14 +89,23 @@ fn as_json(e: &Entry) -> Value {
 }
 
 fn table(chosen: &[&Entry]) -> Table {
-    let mut table = Table::new(&["effect", "parameter", "unit", "default", "range", "what", "source"]).left(&[1, 2, 5, 6]);
+    let mut table = Table::new(&["effect", "parameter", "unit", "default", "range", "what", "source"])
+        .left(&[1, 2, 5, 6]);
     for e in chosen {
         for (i, p) in e.params.iter().enumerate() {
             let first = |text: String| if i == 0 { text } else { String::new() };
             let what = if i == 0 { format!("{}. {}", e.about, about(p)) } else { about(p) };
             let range = format!("{} to {}", p.low, p.high);
             let name = first(format!("`{}`", e.name));
-            table.row(vec![name, format!("`{}`", p.name), p.unit.into(), p.off.to_string(), range, what, first(e.source.into())]);
+            table.row(vec![
+                name,
+                format!("`{}`", p.name),
+                p.unit.into(),
+                p.off.to_string(),
+                range,
+                what,
+                first(e.source.into()),
+            ]);
         }
     }
     table

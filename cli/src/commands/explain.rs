@@ -17,11 +17,13 @@ Examples:
   crazyflie explain ../shared/data/hidden_effects/d05.json --out found/        a case file names its own flights
   crazyflie explain my.toml --fit flight1.csv --test flight2.csv --out found/ --json";
 
-/// Find out which effects a model lacks: fitted to some flights, judged on others. Writes the completed model and a page about it.
+/// Find out which effects a model lacks: fitted to some flights, judged on others. Writes the completed model
+/// and a page about it.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {
-    /// Model file (TOML or JSON), "thesis" for the built-in one, or a case file that declares a vehicle and names its flights
+    /// Model file (TOML or JSON), "thesis" for the built-in one, or a case file that declares a vehicle and
+    /// names its flights
     model: PathBuf,
     /// Logs to fit, of any format that crazyflie inspect reads
     #[arg(long, num_args = 1.., value_name = "LOG")]
@@ -29,8 +31,8 @@ pub(super) struct Args {
     /// Logs to judge with, which the fit does not see
     #[arg(long, num_args = 1.., value_name = "LOG")]
     test: Vec<PathBuf>,
-    /// Which vertical form of the model is driven: height, pwm or thrust [default: of those that the logs command, the one that predicts the
-    /// logs of --fit better]
+    /// Which vertical form of the model is driven: height, pwm or thrust [default: of those that the logs
+    /// command, the one that predicts the logs of --fit better]
     #[arg(long, value_parser = files::vertical, value_name = "FORM")]
     vertical: Option<VerticalInput>,
     /// Folder for model.toml, report.html and report.json
@@ -43,7 +45,9 @@ pub(super) struct Args {
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let declared = DeclaredModel::read(&args.model).map_err(|e| failure_with_causes(&e))?;
-    let own = |of: &dyn Fn(&crazyflie_identify::case::Case) -> PathBuf| declared.case.iter().map(of).collect::<Vec<_>>();
+    let own = |of: &dyn Fn(&crazyflie_identify::case::Case) -> PathBuf| {
+        declared.case.iter().map(of).collect::<Vec<_>>()
+    };
     let fit = if args.fit.is_empty() { own(&|c| c.identify_on.clone()) } else { args.fit.clone() };
     let test = if args.test.is_empty() { own(&|c| c.held_out.clone()) } else { args.test.clone() };
     if fit.is_empty() {
@@ -51,11 +55,14 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     }
     if test.is_empty() {
         return Err(Failure::Usage(
-            "name at least one other flight with --test: errors are only honest on flights the fit never saw".into(),
+            "name at least one other flight with --test: errors are only honest on flights the fit never saw"
+                .into(),
         ));
     }
     let bar = spinner(args.json);
-    let run = Run::explain_flights(declared.model, args.vertical, [&fit, &test], &|what| bar.set_message(what.to_owned()));
+    let run = Run::explain_flights(declared.model, args.vertical, [&fit, &test], &|what| {
+        bar.set_message(what.to_owned())
+    });
     let is_model = declared.case.is_none() && args.model.exists();
     let model_file = is_model.then(|| args.model.display().to_string());
     let run = Run { model_file, ..run.map_err(|e| failure_with_causes(&e))? };
@@ -80,7 +87,10 @@ fn spinner(silent: bool) -> ProgressBar {
     }
     let bar = ProgressBar::new_spinner();
     // the template is a constant that a test runs
-    bar.set_style(ProgressStyle::with_template("{spinner} {elapsed} {msg}").unwrap_or_else(|_| ProgressStyle::default_spinner()));
+    bar.set_style(
+        ProgressStyle::with_template("{spinner} {elapsed} {msg}")
+            .unwrap_or_else(|_| ProgressStyle::default_spinner()),
+    );
     bar.enable_steady_tick(Duration::from_millis(120));
     bar
 }

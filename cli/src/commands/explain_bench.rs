@@ -19,7 +19,8 @@ Examples:
 /// Standard output, as a file name.
 const STDOUT: &str = "-";
 
-/// Explain every case of some folders (dNN.json), then score what was named against the truth (dNN.answer.json).
+/// Explain every case of some folders (dNN.json), then score what was named against the truth
+/// (dNN.answer.json).
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {
@@ -32,7 +33,8 @@ pub(super) struct Args {
     /// Compare the errors on the held-out flight with those of a fit that is given the answer; takes time
     #[arg(long, visible_alias = "told")]
     oracle: bool,
-    /// Cases side by side; as many as there are processors unless given. The seconds of a case are of its share of these
+    /// Cases side by side; as many as there are processors unless given. The seconds of a case are of its
+    /// share of these
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: Option<u16>,
     /// Take the results of earlier runs (made with --json) instead of running
@@ -59,7 +61,9 @@ fn is_stdout(path: &Path) -> bool {
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     if [&args.json, &args.markdown].into_iter().flatten().filter(|path| is_stdout(path)).count() > 1 {
-        return Err(Failure::Usage("--json and --markdown cannot both go to standard output: name a file".into()));
+        return Err(Failure::Usage(
+            "--json and --markdown cannot both go to standard output: name a file".into(),
+        ));
     }
     let runs = if args.from.is_empty() { vec![run_cases(args)?] } else { read_runs(&args.from)? };
     if let Some(path) = &args.json {
@@ -73,13 +77,20 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     if !args.prints_document() {
         runs.iter().try_for_each(|results| write!(out, "{}", explain_bench_table::plain(results)))?;
     }
-    let failures: Vec<String> =
-        runs.iter().flat_map(|run| &run.cases).filter_map(|r| Some(format!("{}: {}", r.case, r.failed.as_ref()?))).collect();
+    let failures: Vec<String> = runs
+        .iter()
+        .flat_map(|run| &run.cases)
+        .filter_map(|r| Some(format!("{}: {}", r.case, r.failed.as_ref()?)))
+        .collect();
     if failures.is_empty() {
         return Ok(());
     }
     let count: usize = runs.iter().map(|run| run.cases.len()).sum();
-    Err(Failure::Failed(format!("{} of {count} cases could not be explained\n{}", failures.len(), failures.join("\n"))))
+    Err(Failure::Failed(format!(
+        "{} of {count} cases could not be explained\n{}",
+        failures.len(),
+        failures.join("\n")
+    )))
 }
 
 fn write_document(path: &Path, text: &str, out: &mut dyn Write) -> Outcome {

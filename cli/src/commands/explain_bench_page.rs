@@ -7,7 +7,8 @@ use super::Table;
 use super::explain_bench_table::{LEGEND, fault, rate_tables, summary};
 use crate::score::{CaseRecord, Rates, Results};
 
-/// Below so many cases a rate of 97 % cannot be told from one of 90 %: Wilson's interval around it is wider than that.
+/// Below so many cases a rate of 97 % cannot be told from one of 90 %: Wilson's interval around it is wider
+/// than that.
 const FEW_CASES: usize = 100;
 
 /// A page with a section a run.
@@ -70,14 +71,23 @@ fn seeds(records: &[CaseRecord]) -> String {
 
 /// Cases that are answered wrongly, with their circumstances; `None` where there is none.
 fn wrong_table(records: &[CaseRecord]) -> Option<Table> {
-    let mut table = Table::new(&["case", "group", "tier", "excitation", "noise", "truth", "verdict", "fault"]).left(&[1, 2, 3, 4, 5, 6, 7]);
+    let mut table =
+        Table::new(&["case", "group", "tier", "excitation", "noise", "truth", "verdict", "fault"])
+            .left(&[1, 2, 3, 4, 5, 6, 7]);
     let mut wrong = 0;
     for record in records {
         let Some(fault) = fault(record) else { continue };
         let score = &record.score;
         let truth: Vec<&str> = score.truth.iter().map(|effect| effect.name.as_str()).collect();
-        let about =
-            [record.case.as_str(), score.group.name(), &score.tier, &score.excitation, &score.noise, &truth.join(", "), &record.verdict];
+        let about = [
+            record.case.as_str(),
+            score.group.name(),
+            &score.tier,
+            &score.excitation,
+            &score.noise,
+            &truth.join(", "),
+            &record.verdict,
+        ];
         table.row(about.map(str::to_owned).into_iter().chain([fault]).collect());
         wrong += 1;
     }
@@ -102,9 +112,20 @@ mod tests {
     #[test]
     fn a_page_says_what_is_wrong_and_whether_it_is_only_a_trial() {
         let page = page(&[results(4), results(100)]);
-        assert!(page.contains("## pop: 4 cases") && page.contains("| single | 3 of 4, 75 % (30-95) |"), "{page}");
-        assert!(page.contains("| wind | 4 | 3 of 4, 75 % (30-95) | 3 |  | gust 1 |  | explained 1 |"), "{page}");
-        assert!(page.contains("| d0 | single | linear | mix | mid | wind | explained | misses wind; wrongly names gust |"), "{page}");
+        assert!(
+            page.contains("## pop: 4 cases") && page.contains("| single | 3 of 4, 75 % (30-95) |"),
+            "{page}"
+        );
+        assert!(
+            page.contains("| wind | 4 | 3 of 4, 75 % (30-95) | 3 |  | gust 1 |  | explained 1 |"),
+            "{page}"
+        );
+        assert!(
+            page.contains(
+                "| d0 | single | linear | mix | mid | wind | explained | misses wind; wrongly names gust |"
+            ),
+            "{page}"
+        );
         assert_eq!(page.matches("A trial run").count(), 1);
         assert!(page.contains("seed 5") && page.contains("99 of 100, 99 % (95-100)"), "{page}");
     }

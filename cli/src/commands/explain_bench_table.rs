@@ -7,7 +7,8 @@ use serde_json::{Map, Value, json};
 use super::{Table, number};
 use crate::explanation::{significant, with_error};
 use crate::score::{
-    Answer, CRITERIA, CaseRecord, EffectRow, Group, HiddenEffect, NamedEffect, Rate, Rates, Results, Stratum, ValueStatistics, WORST_RATIO,
+    Answer, CRITERIA, CaseRecord, EffectRow, Group, HiddenEffect, NamedEffect, Rate, Rates, Results, Stratum,
+    ValueStatistics, WORST_RATIO,
 };
 
 pub(super) const LEGEND: &str = "\
@@ -25,7 +26,9 @@ pub(super) fn plain(results: &Results) -> String {
     }
     text += &format!("{}\n{LEGEND}\n", summary(&rates).join("\n"));
     if has_oracle(&rates) {
-        text += &format!("oracle: largest error at 0.5 s and 2 s over that of a fit given the answer, at most {WORST_RATIO}.\n");
+        text += &format!(
+            "oracle: largest error at 0.5 s and 2 s over that of a fit given the answer, at most {WORST_RATIO}.\n"
+        );
     }
     text
 }
@@ -60,12 +63,18 @@ pub(super) fn line(record: &CaseRecord) -> String {
 
 /// A row a case.
 pub(super) fn case_table(records: &[CaseRecord]) -> Table {
-    let mut table = Table::new(&["case", "group", "tier", "truth", "verdict", "named", "name", "15 %", "3 stderr", "oracle", "s"]);
+    let mut table = Table::new(&[
+        "case", "group", "tier", "truth", "verdict", "named", "name", "15 %", "3 stderr", "oracle", "s",
+    ]);
     table = table.left(&[1, 2, 3, 4, 5, 6, 7, 8]);
     for record in records {
         let (score, criteria) = (&record.score, record.score.criteria);
-        let mut cells = vec![record.case.clone(), score.group.name().to_owned(), score.tier.clone(), truth(&score.truth)];
-        cells.extend([record.verdict.clone(), record.failed.clone().unwrap_or_else(|| named_effects_text(record))]);
+        let mut cells =
+            vec![record.case.clone(), score.group.name().to_owned(), score.tier.clone(), truth(&score.truth)];
+        cells.extend([
+            record.verdict.clone(),
+            record.failed.clone().unwrap_or_else(|| named_effects_text(record)),
+        ]);
         cells.extend([Some(criteria.named), criteria.near, criteria.within].map(|m| mark(m).to_owned()));
         cells.push(optional(score.told_ratio, 2));
         cells.push(optional(record.seconds, 0));
@@ -94,8 +103,13 @@ fn named_effects_text(record: &CaseRecord) -> String {
 
 fn brief(effect: &NamedEffect) -> String {
     let value = |v: Option<f64>| v.unwrap_or(f64::NAN);
-    let values: Vec<String> = effect.params.iter().map(|p| with_error(value(p.value), value(p.stderr))).collect();
-    let rivals = if effect.confusable_with.is_empty() { String::new() } else { format!(" [{}]", effect.confusable_with.join(", ")) };
+    let values: Vec<String> =
+        effect.params.iter().map(|p| with_error(value(p.value), value(p.stderr))).collect();
+    let rivals = if effect.confusable_with.is_empty() {
+        String::new()
+    } else {
+        format!(" [{}]", effect.confusable_with.join(", "))
+    };
     format!("{} {}{rivals}", effect.name, values.join(", "))
 }
 
@@ -120,7 +134,14 @@ fn share(rate: Rate) -> String {
         return "n/a".into();
     }
     let percent = |share: f64| number(100.0 * share, 0);
-    format!("{} of {}, {} % ({}-{})", rate.ok, rate.of, percent(rate.ok as f64 / rate.of as f64), percent(rate.low), percent(rate.high))
+    format!(
+        "{} of {}, {} % ({}-{})",
+        rate.ok,
+        rate.of,
+        percent(rate.ok as f64 / rate.of as f64),
+        percent(rate.low),
+        percent(rate.high)
+    )
 }
 
 fn group_table(rates: &Rates) -> Table {
@@ -144,7 +165,9 @@ fn verdict_table(rates: &Rates) -> Table {
     header.extend(verdicts.iter().map(|verdict| verdict.as_str()));
     let mut table = Table::new(&header);
     for row in &rates.groups {
-        let cells = verdicts.iter().map(|verdict| row.verdicts.get(*verdict).map_or_else(|| "-".to_owned(), usize::to_string));
+        let cells = verdicts
+            .iter()
+            .map(|verdict| row.verdicts.get(*verdict).map_or_else(|| "-".to_owned(), usize::to_string));
         table.row(std::iter::once(row.group.to_owned()).chain(cells).collect());
     }
     table
@@ -152,11 +175,20 @@ fn verdict_table(rates: &Rates) -> Table {
 
 /// The confusion matrix, a row a hidden effect; of its columns only those that are not empty.
 fn confusion_table(rows: &[EffectRow]) -> Table {
-    let header =
-        ["hidden", "cases", "right as a whole", "by name", "in the group of", "missed for", "wrong beside it", "verdicts of the wrong"];
+    let header = [
+        "hidden",
+        "cases",
+        "right as a whole",
+        "by name",
+        "in the group of",
+        "missed for",
+        "wrong beside it",
+        "verdicts of the wrong",
+    ];
     let mut table = Table::new(&header).left(&[2, 4, 5, 6, 7]);
     for row in rows {
-        let mut cells = vec![row.effect.clone(), row.cases.to_string(), share(row.right), row.by_name.to_string()];
+        let mut cells =
+            vec![row.effect.clone(), row.cases.to_string(), share(row.right), row.by_name.to_string()];
         cells.extend([&row.in_group, &row.instead, &row.besides, &row.wrong_verdicts].map(tally));
         table.row(cells);
     }
@@ -165,15 +197,25 @@ fn confusion_table(rows: &[EffectRow]) -> Table {
 
 /// "gust 2, wind 1".
 fn tally(counts: &BTreeMap<String, usize>) -> String {
-    let all: Vec<String> = counts.iter().map(|(name, count)| format!("{} {count}", if name == "-" { "no name" } else { name })).collect();
+    let all: Vec<String> = counts
+        .iter()
+        .map(|(name, count)| format!("{} {count}", if name == "-" { "no name" } else { name }))
+        .collect();
     all.join(", ")
 }
 
 fn value_table(rows: &[EffectRow]) -> Table {
-    let mut table = Table::new(&["effect", "values within 15 %", "within 3 stderr", "mean z", "deviation of z"]);
+    let mut table =
+        Table::new(&["effect", "values within 15 %", "within 3 stderr", "mean z", "deviation of z"]);
     for row in rows.iter().filter(|row| row.values.near.of > 0) {
         let ValueStatistics { near, within, z_mean, z_deviation } = &row.values;
-        table.row(vec![row.effect.clone(), share(*near), share(*within), optional(*z_mean, 2), optional(*z_deviation, 2)]);
+        table.row(vec![
+            row.effect.clone(),
+            share(*near),
+            share(*within),
+            optional(*z_mean, 2),
+            optional(*z_deviation, 2),
+        ]);
     }
     table
 }
@@ -188,7 +230,11 @@ fn stratum_table(strata: &[Stratum]) -> Table {
     let mut table = Table::new(&header).left(&[1]);
     for stratum in strata {
         let mut cells = vec![stratum.kind.to_owned(), stratum.value.clone()];
-        cells.extend(groups.iter().map(|group| stratum.groups.get(group).map_or_else(|| "-".to_owned(), |rate| share(*rate))));
+        cells.extend(
+            groups
+                .iter()
+                .map(|group| stratum.groups.get(group).map_or_else(|| "-".to_owned(), |rate| share(*rate))),
+        );
         cells.push(share(stratum.all));
         table.row(cells);
     }
@@ -206,7 +252,11 @@ pub(super) fn summary(rates: &Rates) -> Vec<String> {
             optional(values.z_mean, 2),
             optional(values.z_deviation, 2)
         ),
-        format!("Time of a case: median {} s, worst {} s.", optional(rates.median_s, 1), optional(rates.worst_s, 1)),
+        format!(
+            "Time of a case: median {} s, worst {} s.",
+            optional(rates.median_s, 1),
+            optional(rates.worst_s, 1)
+        ),
     ]
 }
 
@@ -215,7 +265,12 @@ pub(super) fn totals_json(rates: &Rates) -> Value {
     let criteria = |row: &[Rate; CRITERIA.len()]| {
         CRITERIA.iter().zip(row).map(|(name, rate)| ((*name).to_owned(), json!(rate))).collect::<Map<_, _>>()
     };
-    rates.groups.iter().map(|row| (row.group.to_owned(), Value::Object(criteria(&row.criteria)))).collect::<Map<_, _>>().into()
+    rates
+        .groups
+        .iter()
+        .map(|row| (row.group.to_owned(), Value::Object(criteria(&row.criteria))))
+        .collect::<Map<_, _>>()
+        .into()
 }
 
 /// Error of a case, for a page.

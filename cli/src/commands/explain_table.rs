@@ -9,8 +9,9 @@ use crazyflie_identify::explain::verdict::{Explanation, Finding};
 
 use super::{Outcome, Table, number};
 use crate::explanation::{
-    NextStep, Run, SHORT_HORIZONS, ahead, axis_units, change_percent, closed_loop_line, confusable, flight_axis_errors, foreign_sentence,
-    next_steps, p_value, sentence, signal_rows, signed_percent, significant, total_lines, with_error,
+    NextStep, Run, SHORT_HORIZONS, ahead, axis_units, change_percent, closed_loop_line, confusable,
+    flight_axis_errors, foreign_sentence, next_steps, p_value, sentence, signal_rows, signed_percent,
+    significant, total_lines, with_error,
 };
 
 pub(super) fn print(run: &Run, written: &[PathBuf], out: &mut dyn Write) -> Outcome {
@@ -18,7 +19,13 @@ pub(super) fn print(run: &Run, written: &[PathBuf], out: &mut dyn Write) -> Outc
     if let Some(foreign) = run.foreign_model() {
         writeln!(out, "{}\n  {}\n", foreign_sentence(run, &foreign), foreign.commands.join("\n  "))?;
     }
-    writeln!(out, "model {}, vertical form {}\n{}\n", run.model.name, run.vertical().name(), sentence(found))?;
+    writeln!(
+        out,
+        "model {}, vertical form {}\n{}\n",
+        run.model.name,
+        run.vertical().name(),
+        sentence(found)
+    )?;
     signals(run, out)?;
     if !found.effects.is_empty() {
         write!(out, "\nmissing\n{}", effects(&found.effects).plain())?;
@@ -30,13 +37,21 @@ pub(super) fn print(run: &Run, written: &[PathBuf], out: &mut dyn Write) -> Outc
         write!(out, "\nlowers the errors, accounts for nothing\n{}", effects(&found.partial).plain())?;
     }
     if !found.corrections.is_empty() {
-        write!(out, "\ntoo small to be causes: they make up for declared numbers\n{}", effects(&found.corrections).plain())?;
+        write!(
+            out,
+            "\ntoo small to be causes: they make up for declared numbers\n{}",
+            effects(&found.corrections).plain()
+        )?;
     }
     if !found.confirmed.is_empty() {
         write!(out, "\nthe model holds it already, and needs it\n{}", effects(&found.confirmed).plain())?;
     }
-    if ![&found.effects, &found.partial, &found.corrections, &found.confirmed].into_iter().all(Vec::is_empty) {
-        writeln!(out, "worth: log-likelihood lost without the effect, on the flights of the fit and of the test")?;
+    if ![&found.effects, &found.partial, &found.corrections, &found.confirmed].into_iter().all(Vec::is_empty)
+    {
+        writeln!(
+            out,
+            "worth: log-likelihood lost without the effect, on the flights of the fit and of the test"
+        )?;
     }
     if !found.needless.is_empty() {
         writeln!(out, "the model holds, and predictions do not miss: {}", found.needless.join(", "))?;
@@ -45,7 +60,14 @@ pub(super) fn print(run: &Run, written: &[PathBuf], out: &mut dyn Write) -> Outc
         writeln!(out, "\nnumbers of the model, fitted beside the effects")?;
     }
     for number in &found.numbers {
-        writeln!(out, "{} {} -> {} {}", number.path, significant(number.declared, 4), significant(number.value, 4), number.unit)?;
+        writeln!(
+            out,
+            "{} {} -> {} {}",
+            number.path,
+            significant(number.declared, 4),
+            significant(number.value, 4),
+            number.unit
+        )?;
     }
     writeln!(out, "\nerrors of prediction on the test flights, RMS\n{}", errors(found).plain())?;
     writeln!(out, "errors of each test flight, 2 s ahead\n{}", flights(run).plain())?;
@@ -62,12 +84,17 @@ fn signals(run: &Run, out: &mut dyn Write) -> Outcome {
     for row in signal_rows(run) {
         let [half, two] = row.explained.each_ref().map(|cell| cell.text());
         let [p_half, p_two] = &row.sure;
-        let by = [("by", &row.effects), ("lowered by", &row.lowered_by)].map(|(how, names)| match names.as_str() {
-            "" => String::new(),
-            names => format!(", {how} {names}"),
+        let by = [("by", &row.effects), ("lowered by", &row.lowered_by)].map(|(how, names)| {
+            match names.as_str() {
+                "" => String::new(),
+                names => format!(", {how} {names}"),
+            }
         });
         writeln!(out, "{}: {}{}", row.name, row.state, by.concat())?;
-        writeln!(out, "  explained: {half} of the error 0.5 s ahead (p {p_half}), {two} of that 2 s ahead (p {p_two})")?;
+        writeln!(
+            out,
+            "  explained: {half} of the error 0.5 s ahead (p {p_half}), {two} of that 2 s ahead (p {p_two})"
+        )?;
         writeln!(out, "  left: {}", row.left_line())?;
         for finding in &row.structure {
             writeln!(out, "  left in {finding}")?;
@@ -77,7 +104,9 @@ fn signals(run: &Run, out: &mut dyn Write) -> Outcome {
 }
 
 fn effects(of: &[Finding]) -> Table {
-    let mut table = Table::new(&["effect", "parameter", "declared", "value", "unit", "worth, fit", "test", "or instead"]).left(&[1, 4, 7]);
+    let mut table =
+        Table::new(&["effect", "parameter", "declared", "value", "unit", "worth, fit", "test", "or instead"])
+            .left(&[1, 4, 7]);
     for effect in of.iter().flat_map(Finding::all) {
         for (i, e) in effect.params.iter().enumerate() {
             // what concerns the effect stands in its first line only
@@ -98,7 +127,8 @@ fn effects(of: &[Finding]) -> Table {
 }
 
 fn errors(found: &Explanation) -> Table {
-    let mut table = Table::new(&["", "ahead", "declared", "completed", "no model", "unit", "change", "p"]).left(&[1, 5]);
+    let mut table =
+        Table::new(&["", "ahead", "declared", "completed", "no model", "unit", "change", "p"]).left(&[1, 5]);
     let axes = &found.errors.axes;
     for axis in 0..AXES.len() {
         let (name, unit, one) = axis_units(axis);

@@ -59,7 +59,8 @@ pub(crate) fn vertical(name: &str) -> Result<VerticalInput, String> {
     }
 }
 
-/// The form that the model names. Without a name: the controllers command a PWM, so that form, if the model has one.
+/// The form that the model names. Without a name: the controllers command a PWM, so that form, if the model
+/// has one.
 pub(crate) fn default_vertical(model: &Model) -> VerticalInput {
     if let Some(default) = model.vertical.default {
         return default;
@@ -71,7 +72,8 @@ pub(crate) fn default_vertical(model: &Model) -> VerticalInput {
 
 /// A finite number of seconds between bounds, for clap.
 pub(crate) fn seconds(text: &str, low: f64, high: f64) -> Result<f64, String> {
-    let value: f64 = text.parse().map_err(|_| format!("expected a number of seconds from {low} to {high}"))?;
+    let value: f64 =
+        text.parse().map_err(|_| format!("expected a number of seconds from {low} to {high}"))?;
     // NaN is in no range
     if (low..=high).contains(&value) { Ok(value) } else { Err(format!("expected {low} to {high} seconds")) }
 }

@@ -38,7 +38,8 @@ pub(super) struct Args {
     /// The controller's options, as JSON
     #[arg(long, value_name = "JSON")]
     controller_options: Option<String>,
-    /// An effect as NAME=VALUE or NAME.PARAMETER=VALUE, or several as JSON; may be repeated (see `crazyflie effects`)
+    /// An effect as NAME=VALUE or NAME.PARAMETER=VALUE, or several as JSON; may be repeated (see `crazyflie
+    /// effects`)
     #[arg(long, value_name = "EFFECT")]
     effects: Vec<String>,
     /// ideal, or lab: a 30 Hz camera with 50 ms latency and noise; --effects come on top
@@ -53,7 +54,8 @@ pub(super) struct Args {
     /// Keep several drones out of each other's way
     #[arg(long)]
     collision_avoidance: bool,
-    /// Which vertical form of the model is commanded: height, pwm or thrust [default: pwm, if the model has it]
+    /// Which vertical form of the model is commanded: height, pwm or thrust [default: pwm, if the model has
+    /// it]
     #[arg(long, value_parser = files::vertical, value_name = "FORM")]
     vertical: Option<VerticalInput>,
     /// How long to fly [default: as the task says]
@@ -65,7 +67,8 @@ pub(super) struct Args {
     /// Fly so many seeds, from --seed on, and print median and spread
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100_000), value_name = "N")]
     runs: u32,
-    /// Write the (first) flight as a log that `replay` reads: CSV, or MCAP for a file ending in .mcap; of several drones one file each, FILE-0 and so on
+    /// Write the (first) flight as a log that `replay` reads: CSV, or MCAP for a file ending in .mcap; of
+    /// several drones one file each, FILE-0 and so on
     #[arg(long, visible_alias = "log", value_name = "FILE")]
     csv: Option<PathBuf>,
     /// Draw the (first) flight over time
@@ -157,7 +160,10 @@ fn setup(args: &Args) -> Outcome<Setup> {
     check_effects(&effects)?;
     let task_options = match &args.task_options {
         None => None,
-        Some(text) => Some(serde_json::from_str(text).map_err(|e| Failure::Usage(format!("--task-options is not JSON: {e}")))?),
+        Some(text) => Some(
+            serde_json::from_str(text)
+                .map_err(|e| Failure::Usage(format!("--task-options is not JSON: {e}")))?,
+        ),
     };
     let model = files::model(args.model.as_deref())?;
     let vertical = args.vertical.unwrap_or_else(|| files::default_vertical(&model));
@@ -168,8 +174,8 @@ fn setup(args: &Args) -> Outcome<Setup> {
 /// Adds the effects of one `--effects`.
 fn add_effects(table: &mut EffectTable, text: &str) -> Outcome {
     if text.trim_start().starts_with('{') {
-        let more: EffectTable =
-            serde_json::from_str(text).map_err(|e| Failure::Usage(format!("--effects is not a JSON object of effects: {e}")))?;
+        let more: EffectTable = serde_json::from_str(text)
+            .map_err(|e| Failure::Usage(format!("--effects is not a JSON object of effects: {e}")))?;
         table.extend(more);
         return Ok(());
     }
@@ -179,7 +185,10 @@ fn add_effects(table: &mut EffectTable, text: &str) -> Outcome {
     let names = || entry.params.iter().map(|p| p.name);
     if value.is_empty() {
         let known: Vec<&str> = names().collect();
-        return Err(Failure::Usage(format!("the effect {name} needs a value: {name}.PARAMETER=VALUE with one of {}", known.join(", "))));
+        return Err(Failure::Usage(format!(
+            "the effect {name} needs a value: {name}.PARAMETER=VALUE with one of {}",
+            known.join(", ")
+        )));
     }
     let param = if param.is_empty() { names().next().unwrap_or_default() } else { param };
     let number = match value.parse::<f64>() {
@@ -191,7 +200,9 @@ fn add_effects(table: &mut EffectTable, text: &str) -> Outcome {
     // parameters of one effect may come one by one
     let mut params = match table.remove(name) {
         Some(EffectParams::Named(params)) => params,
-        Some(EffectParams::First(first)) => names().next().map(|p| (p.to_owned(), first)).into_iter().collect(),
+        Some(EffectParams::First(first)) => {
+            names().next().map(|p| (p.to_owned(), first)).into_iter().collect()
+        }
         None => Default::default(),
     };
     params.insert(param.to_owned(), number);

@@ -21,7 +21,8 @@ pub(super) fn table(flights: &[MultiDroneTrace], avoids: bool, out: &mut dyn Wri
         let value = match flights {
             [flight] => number(flight.metrics[i].into(), 3),
             many => {
-                let [low, middle, high] = quartiles(many.iter().map(|flight| flight.metrics[i].into()).collect());
+                let [low, middle, high] =
+                    quartiles(many.iter().map(|flight| flight.metrics[i].into()).collect());
                 format!("{} ({} to {})", number(middle, 3), number(low, 3), number(high, 3))
             }
         };
@@ -33,7 +34,10 @@ pub(super) fn table(flights: &[MultiDroneTrace], avoids: bool, out: &mut dyn Wri
     }
     let collided: f32 = flights.iter().map(|flight| flight.metric("collisions")).sum();
     if collided > 0.0 && !avoids {
-        writeln!(out, "{collided} drones collided: --collision-avoidance puts a layer before the controllers that keeps them apart")?;
+        writeln!(
+            out,
+            "{collided} drones collided: --collision-avoidance puts a layer before the controllers that keeps them apart"
+        )?;
     }
     Ok(())
 }
@@ -44,14 +48,22 @@ fn drones(flight: &MultiDroneTrace) -> Table {
         let errors = flight.errors_m(drone);
         let last = errors.last().copied().unwrap_or(f64::NAN);
         let flew_s = trace.t_s(trace.rows.len().saturating_sub(1));
-        table.row(vec![drone.to_string(), number(flew_s, 2), number(rms(&errors).unwrap_or(0.0), 3), number(last, 3)]);
+        table.row(vec![
+            drone.to_string(),
+            number(flew_s, 2),
+            number(rms(&errors).unwrap_or(0.0), 3),
+            number(last, 3),
+        ]);
     }
     table
 }
 
 pub(super) fn as_json(flight: &MultiDroneTrace) -> Value {
-    let metrics: Map<String, Value> =
-        METRICS.iter().zip(flight.metrics).map(|((name, ..), value)| ((*name).to_owned(), value.into())).collect();
+    let metrics: Map<String, Value> = METRICS
+        .iter()
+        .zip(flight.metrics)
+        .map(|((name, ..), value)| ((*name).to_owned(), value.into()))
+        .collect();
     let drone = |(drone, trace): (usize, &flight::Trace)| {
         let errors = flight.errors_m(drone);
         json!({"flew_s": trace.t_s(trace.rows.len().saturating_sub(1)), "rms_error_m": rms(&errors), "final_error_m": errors.last()})

@@ -7,7 +7,8 @@ use serde_json::{Value, json};
 use super::{Outcome, Table, number};
 use crazyflie_server::flight::{AXES, AxisSpec, Figures, FlightEnd, PhaseFigures, Settling, Trace};
 
-const HEADER: [&str; 7] = ["axis", "settled (s)", "overshoot", "RMSE", "final error", "effort RMS", "travel/s"];
+const HEADER: [&str; 7] =
+    ["axis", "settled (s)", "overshoot", "RMSE", "final error", "effort RMS", "travel/s"];
 
 /// Writes the figures of one flight.
 pub(super) fn write_flight(figures: &Figures, trace: &Trace, out: &mut dyn Write) -> Outcome {
@@ -45,13 +46,23 @@ pub(super) fn write_runs(all: &[Figures], trace: &Trace, out: &mut dyn Write) ->
         title(phase_of_runs[0], out)?;
         let mut table = Table::new(&HEADER);
         for (i, axis) in AXES.iter().enumerate() {
-            let values_of = |value: &dyn Fn(&PhaseFigures) -> f64| phase_of_runs.iter().map(|p| value(p)).collect::<Vec<f64>>();
-            let error = |value: &dyn Fn(&PhaseFigures) -> f64| with_unit_spread(values_of(value), axis.per_si, axis.unit);
-            let command = |value: &dyn Fn(&PhaseFigures) -> f64| with_unit_spread(values_of(value), 1.0, command_unit(axis, trace));
+            let values_of = |value: &dyn Fn(&PhaseFigures) -> f64| {
+                phase_of_runs.iter().map(|p| value(p)).collect::<Vec<f64>>()
+            };
+            let error = |value: &dyn Fn(&PhaseFigures) -> f64| {
+                with_unit_spread(values_of(value), axis.per_si, axis.unit)
+            };
+            let command = |value: &dyn Fn(&PhaseFigures) -> f64| {
+                with_unit_spread(values_of(value), 1.0, command_unit(axis, trace))
+            };
             let moving = phase_of_runs[0].axes[i].overshoot.is_none();
             table.row(vec![
                 axis.name.into(),
-                if moving { "-".into() } else { settling_spread(values_of(&|p| seconds(p.axes[i].settling))) },
+                if moving {
+                    "-".into()
+                } else {
+                    settling_spread(values_of(&|p| seconds(p.axes[i].settling)))
+                },
                 if moving { "-".into() } else { error(&|p| p.axes[i].overshoot.unwrap_or(0.0)) },
                 error(&|p| p.axes[i].rmse),
                 error(&|p| p.axes[i].final_error),
@@ -79,7 +90,10 @@ fn write_legend(out: &mut dyn Write) -> Outcome {
         out,
         "settled: within 5 cm (5 deg) for good, counted from the phase's start or lift-off; final error: mean of the last second;"
     )?;
-    Ok(writeln!(out, "effort and travel: of the command that serves the axis (x: pitch, y: roll, z: lift about hover)")?)
+    Ok(writeln!(
+        out,
+        "effort and travel: of the command that serves the axis (x: pitch, y: roll, z: lift about hover)"
+    )?)
 }
 
 fn settling_text(settling: Settling) -> String {
@@ -99,7 +113,8 @@ fn seconds(settling: Settling) -> f64 {
 }
 
 fn settling_spread(values: Vec<f64>) -> String {
-    let [low, middle, high] = quartiles(values).map(|s| if s.is_finite() { number(s, 2) } else { "never".into() });
+    let [low, middle, high] =
+        quartiles(values).map(|s| if s.is_finite() { number(s, 2) } else { "never".into() });
     format!("{middle} ({low} to {high})")
 }
 
@@ -133,7 +148,9 @@ fn end_text(figures: &Figures) -> String {
     }
     let landed = match (figures.end, figures.not_landed_m, figures.touch_down) {
         (FlightEnd::Floor { impact_mps }, ..) => format!(", touched down at {impact_mps:.2} m/s"),
-        (_, Some(m), _) => format!(", NOT LANDED: still {:.1} cm up (the controller stops the motors at 5 cm)", 100.0 * m),
+        (_, Some(m), _) => {
+            format!(", NOT LANDED: still {:.1} cm up (the controller stops the motors at 5 cm)", 100.0 * m)
+        }
         (_, _, Some((t_s, mps))) => format!(", last touch-down at {t_s:.2} s with {mps:.2} m/s"),
         _ => String::new(),
     };

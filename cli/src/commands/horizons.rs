@@ -6,7 +6,9 @@ use std::path::PathBuf;
 use crazyflie_identify::FlightLog;
 use crazyflie_identify::motor::fit::{MotorModel, fit};
 use crazyflie_identify::motor::flight::MotorFlight;
-use crazyflie_identify::motor::horizons::{HORIZON_STEPS, HorizonErrors, HorizonTable, PUBLISHED, QUANTITIES, horizon_table};
+use crazyflie_identify::motor::horizons::{
+    HORIZON_STEPS, HorizonErrors, HorizonTable, PUBLISHED, QUANTITIES, horizon_table,
+};
 use crazyflie_identify::motor::model::FORM;
 use serde_json::{Value as Json, json};
 
@@ -20,10 +22,12 @@ Examples:
 /// A prediction starts every so many rows of a test flight.
 const TEST_STRIDE: usize = 5;
 
-/// Fit thrust, motor lag, drag, authority and damping to the motors in logs, and table the errors after 1, 10 and 50 steps of 10 ms.
+/// Fit thrust, motor lag, drag, authority and damping to the motors in logs, and table the errors after 1, 10
+/// and 50 steps of 10 ms.
 ///
-/// The table is that of the nano-drone system-identification benchmark. Each prediction starts from the measured state and from what was learnt
-/// before it; then the logged motors alone drive the model. Logs need motor PWM, battery voltage, body rates and velocity at 100 Hz.
+/// The table is that of the nano-drone system-identification benchmark. Each prediction starts from the
+/// measured state and from what was learnt before it; then the logged motors alone drive the model. Logs need
+/// motor PWM, battery voltage, body rates and velocity at 100 Hz.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {
@@ -46,7 +50,9 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let fitted = flights(&args.fit, &mut left_out)?;
     let tested = flights(&args.test, &mut left_out)?;
     if let Some((a, b)) = same_flight(&fitted, &tested) {
-        return Err(Failure::Usage(format!("{a} is to be fitted and {b} to be predicted, and they are the same flight")));
+        return Err(Failure::Usage(format!(
+            "{a} is to be fitted and {b} to be predicted, and they are the same flight"
+        )));
     }
     if tested.is_empty() {
         return Err(Failure::Failed(format!("no flight to predict{}", lines(&left_out))));
@@ -71,7 +77,8 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         "Published rows: Busetto, Cereda et al., arXiv 2512.14450, on flights of their own, of another vehicle: a yardstick, no contest on the same data.\n"
     )?;
     write!(out, "{}", text(parameters_table(&model)))?;
-    let stuck: Vec<&str> = FORM.iter().zip(model.at_bound).filter(|(_, at)| *at).map(|(p, _)| p.name).collect();
+    let stuck: Vec<&str> =
+        FORM.iter().zip(model.at_bound).filter(|(_, at)| *at).map(|(p, _)| p.name).collect();
     if !stuck.is_empty() {
         writeln!(
             out,

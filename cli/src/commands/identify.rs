@@ -39,10 +39,12 @@ pub(super) struct Args {
     /// Logs to judge by, which the fit does not see
     #[arg(long, num_args = 1.., value_name = "LOG")]
     test: Vec<PathBuf>,
-    /// Numbers of the model to fit, such as roll.gain or vertical.thrust.hover [default: all that these logs can tell]
+    /// Numbers of the model to fit, such as roll.gain or vertical.thrust.hover [default: all that these logs
+    /// can tell]
     #[arg(long, num_args = 1.., value_name = "PATH", conflicts_with = "transfer")]
     free: Vec<String>,
-    /// Fit a transfer function instead: roll, pitch, yaw, height, pwm, vx, vy (from the measured angle), command-vx, command-vy
+    /// Fit a transfer function instead: roll, pitch, yaw, height, pwm, vx, vy (from the measured angle),
+    /// command-vx, command-vy
     #[arg(long, value_parser = |name: &str| Channel::from_name(name).map_err(|e| e.to_string()), value_name = "CHANNEL")]
     transfer: Option<Channel>,
     /// Degrees of numerator and denominator; repeat to compare orders [default: the thesis's]
@@ -54,13 +56,15 @@ pub(super) struct Args {
     /// Fit a delay of the input as well
     #[arg(long, requires = "transfer")]
     delay: bool,
-    /// From what the input counts: none (zero), one for all flights, or each its own [default: one for pwm, else none]
+    /// From what the input counts: none (zero), one for all flights, or each its own [default: one for pwm,
+    /// else none]
     #[arg(long, value_parser = offset, value_name = "none|one|each", requires = "transfer")]
     offset: Option<Offset>,
     /// Allow no pole to the right of zero
     #[arg(long, requires = "transfer")]
     stable: bool,
-    /// Windows of so many seconds start from states of their own; whole for one per flight [default: 2, for slow channels 5 or 10]
+    /// Windows of so many seconds start from states of their own; whole for one per flight [default: 2, for
+    /// slow channels 5 or 10]
     #[arg(long, value_parser = window, value_name = "SECONDS|whole", requires = "transfer")]
     window: Option<WindowLength>,
     /// Which vertical form of the model is driven: height, pwm or thrust [default: as the logs command]
@@ -69,8 +73,8 @@ pub(super) struct Args {
     /// Let every flight have trims and a hover PWM of its own [default: true under motion capture]
     #[arg(long, value_name = "BOOL", conflicts_with = "transfer")]
     trim: Option<bool>,
-    /// Effects that are fitted too and belong to the model then; none for none [default: those of the powertrain where flights have trims of their
-    /// own and command the thrust]
+    /// Effects that are fitted too and belong to the model then; none for none [default: those of the
+    /// powertrain where flights have trims of their own and command the thrust]
     #[arg(long, num_args = 1.., value_name = "EFFECT", conflicts_with = "transfer")]
     effects: Vec<String>,
     /// Mass of the vehicle that flew, in kilograms [default: that of the model to start from]
@@ -97,7 +101,8 @@ pub(super) struct Args {
 }
 
 fn order(text: &str) -> Result<(usize, usize), String> {
-    let parsed = text.split_once(',').and_then(|(n, d)| Some((n.trim().parse().ok()?, d.trim().parse().ok()?)));
+    let parsed =
+        text.split_once(',').and_then(|(n, d)| Some((n.trim().parse().ok()?, d.trim().parse().ok()?)));
     parsed.ok_or_else(|| "expected two degrees such as 0,2".into())
 }
 
@@ -146,11 +151,20 @@ fn read(paths: &[PathBuf]) -> Outcome<Vec<(String, FlightLog)>> {
     paths.iter().map(read).collect()
 }
 
-fn transfer(args: &Args, channel: Channel, model: &Model, (fit, test): (&Logs, &Logs), out: &mut dyn Write) -> Outcome {
-    let records = |logs: &Logs| logs.iter().map(|(name, log)| Record::from_log(name, log, channel)).collect::<Result<Vec<_>, _>>();
+fn transfer(
+    args: &Args,
+    channel: Channel,
+    model: &Model,
+    (fit, test): (&Logs, &Logs),
+    out: &mut dyn Write,
+) -> Outcome {
+    let records = |logs: &Logs| {
+        logs.iter().map(|(name, log)| Record::from_log(name, log, channel)).collect::<Result<Vec<_>, _>>()
+    };
     let (fit, test) = (records(fit)?, records(test)?);
     let structures = structures(args, channel);
-    let bar = if structures.len() > 1 { ProgressBar::new(structures.len() as u64) } else { ProgressBar::hidden() };
+    let bar =
+        if structures.len() > 1 { ProgressBar::new(structures.len() as u64) } else { ProgressBar::hidden() };
     let (mut found, mut failed) = (Vec::new(), Vec::new());
     for structure in structures {
         match transfer::identify(&fit, channel, structure, args.window.unwrap_or(WindowLength::OfChannel)) {
@@ -167,7 +181,8 @@ fn transfer(args: &Args, channel: Channel, model: &Model, (fit, test): (&Logs, &
     if found.is_empty() && !failed.is_empty() {
         return Err(failed.remove(0).1.into());
     }
-    let failed: Vec<String> = failed.into_iter().map(|(order, error)| format!("order {order}: {error}")).collect();
+    let failed: Vec<String> =
+        failed.into_iter().map(|(order, error)| format!("order {order}: {error}")).collect();
     // the first is the best
     found.sort_by(|(a, _), (b, _)| a.criteria.bic.total_cmp(&b.criteria.bic));
     if args.json {
@@ -185,7 +200,8 @@ fn transfer(args: &Args, channel: Channel, model: &Model, (fit, test): (&Logs, &
 
 fn structures(args: &Args, channel: Channel) -> Vec<Structure> {
     let usual = channel.structure();
-    let orders = if args.order.is_empty() { vec![(usual.numerator, usual.denominator)] } else { args.order.clone() };
+    let orders =
+        if args.order.is_empty() { vec![(usual.numerator, usual.denominator)] } else { args.order.clone() };
     let structure = |(numerator, denominator): (usize, usize)| Structure {
         numerator,
         denominator,
@@ -201,10 +217,15 @@ fn identify_model(args: &Args, model: &Model, (fit, test): (&Logs, &Logs), out: 
     let plan = plan(args, model, fit);
     let bar = ProgressBar::new(vehicle::STAGES as u64);
     let found = vehicle::identify(model, fit, &plan, &|| bar.inc(1))?;
-    let judged = if test.is_empty() { None } else { Some([found.compare_with(model, test)?, found.compare_logs(test)?]) };
+    let judged = if test.is_empty() {
+        None
+    } else {
+        Some([found.compare_with(model, test)?, found.compare_logs(test)?])
+    };
     bar.finish_and_clear();
     let before_fit = found.compare_with(model, fit)?;
-    let shown = identify_table::ModelIdentification { found: &found, before_fit: &before_fit, test: judged.as_ref() };
+    let shown =
+        identify_table::ModelIdentification { found: &found, before_fit: &before_fit, test: judged.as_ref() };
     if args.json {
         identify_table::write_model_json(&shown, out)?;
     } else {
@@ -219,9 +240,12 @@ fn identify_model(args: &Args, model: &Model, (fit, test): (&Logs, &Logs), out: 
 
 /// Plan of the fit, by the options and otherwise by the contents of the logs.
 fn plan(args: &Args, model: &Model, fit: &Logs) -> vehicle::FitOptions {
-    let nuisance = args.trim.unwrap_or_else(|| fit.iter().any(|(_, log)| log.provenance.attitude == AttitudeSource::MotionCapture));
+    let nuisance = args.trim.unwrap_or_else(|| {
+        fit.iter().any(|(_, log)| log.provenance.attitude == AttitudeSource::MotionCapture)
+    });
     let vertical = args.vertical.or(model.vertical.default);
-    let commands_thrust = fit.iter().all(|(_, log)| log.cmd_thrust_pwm.is_some()) && vertical.is_none_or(|v| v == VerticalInput::Thrust);
+    let commands_thrust = fit.iter().all(|(_, log)| log.cmd_thrust_pwm.is_some())
+        && vertical.is_none_or(|v| v == VerticalInput::Thrust);
     let effects = match &args.effects[..] {
         [] if nuisance && commands_thrust => vehicle::ubiquitous_effects(fit),
         [none] if none == "none" => Vec::new(),
@@ -255,9 +279,10 @@ impl From<IdentifyError> for Failure {
     fn from(error: IdentifyError) -> Self {
         match error {
             IdentifyError::Model(error) => error.into(),
-            IdentifyError::Order { .. } | IdentifyError::NoLogs | IdentifyError::Window { .. } | IdentifyError::Duplicate { .. } => {
-                Failure::Usage(error.to_string())
-            }
+            IdentifyError::Order { .. }
+            | IdentifyError::NoLogs
+            | IdentifyError::Window { .. }
+            | IdentifyError::Duplicate { .. } => Failure::Usage(error.to_string()),
             other => Failure::Failed(other.to_string()),
         }
     }

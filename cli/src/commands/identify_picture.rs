@@ -1,4 +1,5 @@
-//! Picture of `crazyflie identify`: per signal the prediction, the autocorrelation of the residuals and their correlation with the input.
+//! Picture of `crazyflie identify`: per signal the prediction, the autocorrelation of the residuals and their
+//! correlation with the input.
 
 use crazyflie_identify::estimate::{Comparison, ResidualTests};
 use crazyflie_picture::{Band, PALETTE, Panel, PictureError, Series, Style, chart};
@@ -17,7 +18,8 @@ struct PanelData {
     bound: Option<f64>,
 }
 
-/// A row of three panels per signal and part; of several logs the first one's prediction, and the correlations of all.
+/// A row of three panels per signal and part; of several logs the first one's prediction, and the
+/// correlations of all.
 pub(super) fn draw(fit: &[Comparison], test: &[Comparison]) -> Result<String, PictureError> {
     let mut panel_data = Vec::new();
     for (part, all) in [("fit", fit), ("test", test)] {
@@ -31,7 +33,8 @@ pub(super) fn draw(fit: &[Comparison], test: &[Comparison]) -> Result<String, Pi
 
 fn row(part: &str, signal: &str, group: &[&Comparison]) -> Vec<PanelData> {
     let first = group[0];
-    let (scale, unit) = if first.unit == "rad" { (180.0 / std::f64::consts::PI, "deg") } else { (1.0, first.unit) };
+    let (scale, unit) =
+        if first.unit == "rad" { (180.0 / std::f64::consts::PI, "deg") } else { (1.0, first.unit) };
     let values = |signal: &[f64]| signal.iter().map(|v| v * scale).collect::<Vec<f64>>();
     let mut panel_data = vec![PanelData {
         title: format!("{part}: {}", first.log),
@@ -46,11 +49,23 @@ fn row(part: &str, signal: &str, group: &[&Comparison]) -> Vec<PanelData> {
     let tests = ResidualTests::new(group, 0);
     if let Ok(w) = &tests.whiteness {
         let lags: Vec<f64> = (1..=w.correlation.len()).map(|lag| lag as f64).collect();
-        panel_data.push(correlation("autocorrelation of the residuals", format!("{part}: {signal}"), lags, &w.correlation, w.bound));
+        panel_data.push(correlation(
+            "autocorrelation of the residuals",
+            format!("{part}: {signal}"),
+            lags,
+            &w.correlation,
+            w.bound,
+        ));
     }
     if let Ok(i) = &tests.independence {
         let lags = i.lags.iter().map(|lag| *lag as f64).collect();
-        panel_data.push(correlation("correlation with the input before (+)", format!("{part}: {signal}"), lags, &i.correlation, i.bound));
+        panel_data.push(correlation(
+            "correlation with the input before (+)",
+            format!("{part}: {signal}"),
+            lags,
+            &i.correlation,
+            i.bound,
+        ));
     }
     // what cannot be tested leaves no hole in the grid
     while panel_data.len() < 3 {
@@ -73,8 +88,15 @@ fn correlation(y_label: &str, title: String, lags: Vec<f64>, values: &[f64], bou
 
 impl PanelData {
     fn panel(&self) -> Panel<'_> {
-        let series = self.curves.iter().map(|(label, x, y, style, color)| Series { label, x, y, style: *style, color: *color });
-        let band = self.bound.map(|bound| Band { label: "99 %", low: -bound, high: bound, color: PALETTE[2] });
+        let series = self.curves.iter().map(|(label, x, y, style, color)| Series {
+            label,
+            x,
+            y,
+            style: *style,
+            color: *color,
+        });
+        let band =
+            self.bound.map(|bound| Band { label: "99 %", low: -bound, high: bound, color: PALETTE[2] });
         Panel {
             title: &self.title,
             x_label: self.x_label,

@@ -19,7 +19,8 @@ type TransferResult = (TransferFunctionEstimate, Vec<Comparison>);
 /// Transfer functions, the best first.
 pub(super) fn transfer(all: &[TransferResult], failed: &[String], out: &mut dyn Write) -> Outcome {
     let Some((best, test)) = all.first() else { return Ok(()) };
-    let windows = best.window_s().map_or("one window per flight".to_owned(), |s| format!("windows of about {s} s"));
+    let windows =
+        best.window_s().map_or("one window per flight".to_owned(), |s| format!("windows of about {s} s"));
     let (from, to) = (best.channel.input(), best.channel.output());
     writeln!(out, "{from} to {to}: {} logs, {} samples, {windows}\n", best.fit.len(), best.samples)?;
     if all.len() > 1 {
@@ -31,12 +32,30 @@ pub(super) fn transfer(all: &[TransferResult], failed: &[String], out: &mut dyn 
     writeln!(out, "{}", best.function)?;
     let poles: Vec<String> = best.function.poles().iter().map(|p| complex(p.re, p.im)).collect();
     let gain = best.function.gain().map_or(String::new(), |gain| format!(", gain at rest {gain:.5}"));
-    writeln!(out, "poles {} 1/s{gain}{}\n", poles.join(", "), if best.converged { "" } else { "; the fit did not converge" })?;
+    writeln!(
+        out,
+        "poles {} 1/s{gain}{}\n",
+        poles.join(", "),
+        if best.converged { "" } else { "; the fit did not converge" }
+    )?;
     let mut table = Table::new(&["coefficient", "estimate", "standard error", "unit", ""]).left(&[3, 4]);
     for p in &best.parameters {
-        table.row(vec![p.name.clone(), significant(p.value), significant(p.standard_error), p.unit.clone(), bound(p).into()]);
+        table.row(vec![
+            p.name.clone(),
+            significant(p.value),
+            significant(p.standard_error),
+            p.unit.clone(),
+            bound(p).into(),
+        ]);
     }
-    writeln!(out, "{}standard errors are {}; noise {} of {}\n", table.plain(), best.clusters, significant(best.noise), signal(&best.fit))?;
+    writeln!(
+        out,
+        "{}standard errors are {}; noise {} of {}\n",
+        table.plain(),
+        best.clusters,
+        significant(best.noise),
+        signal(&best.fit)
+    )?;
     fits(&best.fit, test, out)?;
     residuals("fit", &best.fit, best.parameters.len(), out)?;
     residuals("test", test, 0, out)
@@ -47,7 +66,11 @@ fn signal(all: &[Comparison]) -> String {
 }
 
 fn complex(re: f64, im: f64) -> String {
-    if im == 0.0 { number(re, 3) } else { format!("{} {} {}i", number(re, 3), if im < 0.0 { "-" } else { "+" }, number(im.abs(), 3)) }
+    if im == 0.0 {
+        number(re, 3)
+    } else {
+        format!("{} {} {}i", number(re, 3), if im < 0.0 { "-" } else { "+" }, number(im.abs(), 3))
+    }
 }
 
 /// Four digits are more than any log gives.
@@ -74,7 +97,9 @@ pub(super) fn order(s: &Structure) -> String {
 
 fn orders(all: &[TransferResult], out: &mut dyn Write) -> Outcome {
     let mut table = Table::new(&["order", "AIC - best", "BIC - best", "fit", "test", "function"]).left(&[5]);
-    let least = |value: &dyn Fn(&TransferFunctionEstimate) -> f64| all.iter().map(|(i, _)| value(i)).fold(f64::INFINITY, f64::min);
+    let least = |value: &dyn Fn(&TransferFunctionEstimate) -> f64| {
+        all.iter().map(|(i, _)| value(i)).fold(f64::INFINITY, f64::min)
+    };
     let (aic, bic) = (least(&|i| i.criteria.aic), least(&|i| i.criteria.bic));
     for (identified, test) in all {
         table.row(vec![
@@ -94,7 +119,10 @@ fn mean_fit_percent(comparisons: &[Comparison]) -> Option<f64> {
 }
 
 fn percent(fit: Option<f64>) -> String {
-    fit.map_or("-".into(), |fit| if fit < -9999.0 { "< -9999 %".into() } else { format!("{} %", number(fit, 2)) })
+    fit.map_or(
+        "-".into(),
+        |fit| if fit < -9999.0 { "< -9999 %".into() } else { format!("{} %", number(fit, 2)) },
+    )
 }
 
 fn rmse(fit: &Fit, unit: &str) -> String {
@@ -106,12 +134,21 @@ fn rmse(fit: &Fit, unit: &str) -> String {
 }
 
 fn fits(fit: &[Comparison], test: &[Comparison], out: &mut dyn Write) -> Outcome {
-    let mut table = Table::new(&["log", "part", "signal", "windows: fit", "RMSE", "whole flight: fit", "RMSE"]).left(&[1, 2]);
+    let mut table =
+        Table::new(&["log", "part", "signal", "windows: fit", "RMSE", "whole flight: fit", "RMSE"])
+            .left(&[1, 2]);
     for (part, all) in [("fit", fit), ("test", test)] {
         for c in all {
             let whole = c.whole.as_ref();
-            let (of_whole, rmse_whole) = (whole.and_then(|f| f.fit_percent), whole.map_or("-".into(), |f| rmse(f, c.unit)));
-            let own = [c.log.clone(), part.into(), c.signal.into(), percent(c.fit.fit_percent), rmse(&c.fit, c.unit)];
+            let (of_whole, rmse_whole) =
+                (whole.and_then(|f| f.fit_percent), whole.map_or("-".into(), |f| rmse(f, c.unit)));
+            let own = [
+                c.log.clone(),
+                part.into(),
+                c.signal.into(),
+                percent(c.fit.fit_percent),
+                rmse(&c.fit, c.unit),
+            ];
             table.row(own.into_iter().chain([percent(of_whole), rmse_whole]).collect());
         }
     }
@@ -147,8 +184,17 @@ fn independence(tests: &ResidualTests) -> String {
     match &tests.independence {
         Err(why) => format!("independence of the input not tested ({why})"),
         Ok(i) => {
-            let name = if i.is_independent() { "independent of past input" } else { "past input explains some of them" };
-            format!("{name} ({} of {} lags outside 99 %; feedback at {} negative lags)", i.outside, i.lags.len() / 2 + 1, i.feedback)
+            let name = if i.is_independent() {
+                "independent of past input"
+            } else {
+                "past input explains some of them"
+            };
+            format!(
+                "{name} ({} of {} lags outside 99 %; feedback at {} negative lags)",
+                i.outside,
+                i.lags.len() / 2 + 1,
+                i.feedback
+            )
         }
     }
 }
@@ -173,12 +219,18 @@ pub(super) fn write_model(shown: &ModelIdentification<'_>, out: &mut dyn Write) 
     let found = shown.found;
     let form = found.input.name();
     let logs = found.fit.comparisons.len() / 6;
-    writeln!(out, "model {}: {logs} logs, {} samples, vertical form {form}", found.model.name, found.samples)?;
+    writeln!(
+        out,
+        "model {}: {logs} logs, {} samples, vertical form {form}",
+        found.model.name, found.samples
+    )?;
     writeln!(out, "{}", if found.converged { "" } else { "the fit did not converge\n" })?;
     let mut table = Table::new(&["number", "before", "estimate", "standard error", "unit", ""]).left(&[4, 5]);
     for (p, before) in found.parameters.iter().zip(&found.before) {
         let numbers = [significant(*before), significant(p.value), significant(p.standard_error)];
-        table.row(std::iter::once(p.name.clone()).chain(numbers).chain([p.unit.clone(), bound(p).into()]).collect());
+        table.row(
+            std::iter::once(p.name.clone()).chain(numbers).chain([p.unit.clone(), bound(p).into()]).collect(),
+        );
     }
     writeln!(
         out,
@@ -209,7 +261,8 @@ pub(super) fn write_model(shown: &ModelIdentification<'_>, out: &mut dyn Write) 
 
 /// Measured and predicted signals, in windows and over whole flights.
 fn signals(shown: &ModelIdentification<'_>, out: &mut dyn Write) -> Outcome {
-    let header = ["log", "part", "signal", "windows: before", "fit", "RMSE", "whole flight: before", "fit", "RMSE"];
+    let header =
+        ["log", "part", "signal", "windows: before", "fit", "RMSE", "whole flight: before", "fit", "RMSE"];
     let mut table = Table::new(&header).left(&[1, 2]);
     for (part, before, after) in shown.parts() {
         for (c, before) in after.comparisons.iter().zip(&before.comparisons) {
@@ -233,9 +286,13 @@ fn signals(shown: &ModelIdentification<'_>, out: &mut dyn Write) -> Outcome {
 /// Trims of each flight.
 fn trims(shown: &ModelIdentification<'_>, out: &mut dyn Write) -> Outcome {
     let Some(first) = shown.found.fit.trims.first() else { return Ok(()) };
-    let header: Vec<String> =
-        first.values.iter().map(|(name, unit, _)| if *unit == "1" { name.clone() } else { format!("{name} ({unit})") }).collect();
-    let header: Vec<&str> = ["of its own: log", "part"].into_iter().chain(header.iter().map(String::as_str)).collect();
+    let header: Vec<String> = first
+        .values
+        .iter()
+        .map(|(name, unit, _)| if *unit == "1" { name.clone() } else { format!("{name} ({unit})") })
+        .collect();
+    let header: Vec<&str> =
+        ["of its own: log", "part"].into_iter().chain(header.iter().map(String::as_str)).collect();
     let mut table = Table::new(&header).left(&[1]);
     for (part, _, judged) in shown.parts() {
         for trim in &judged.trims {
@@ -251,7 +308,16 @@ fn axes(part: &str, before: &ModelComparison, after: &ModelComparison, out: &mut
     if after.errors.is_empty() || before.errors.len() != after.errors.len() {
         return Ok(());
     }
-    let mut table = Table::new(&[&format!("{part}: error of the"), "ahead", "before", "after", "unit", "better", "paired p"]).left(&[4]);
+    let mut table = Table::new(&[
+        &format!("{part}: error of the"),
+        "ahead",
+        "before",
+        "after",
+        "unit",
+        "better",
+        "paired p",
+    ])
+    .left(&[4]);
     for change in axis_changes(&before.errors, &after.errors) {
         let value = |v: f64| significant(if change.unit == "rad" { v.to_degrees() } else { v });
         table.row(vec![
@@ -310,10 +376,18 @@ pub(super) fn write_model_json(shown: &ModelIdentification<'_>, out: &mut dyn Wr
 /// Trims and errors of each flight.
 fn flights_json(judged: &ModelComparison) -> Value {
     let values = |trim: &vehicle::NuisanceParameters| -> serde_json::Map<String, Value> {
-        trim.values.iter().map(|(name, unit, value)| (name.clone(), json!({"value": value, "unit": unit}))).collect()
+        trim.values
+            .iter()
+            .map(|(name, unit, value)| (name.clone(), json!({"value": value, "unit": unit})))
+            .collect()
     };
-    let trims: Vec<Value> = judged.trims.iter().map(|trim| json!({"log": trim.log, "own": values(trim)})).collect();
-    let errors: Vec<Value> = judged.errors.iter().map(|e| json!({"log": e.flight, "predictions": e.predictions, "rms": e.rms})).collect();
+    let trims: Vec<Value> =
+        judged.trims.iter().map(|trim| json!({"log": trim.log, "own": values(trim)})).collect();
+    let errors: Vec<Value> = judged
+        .errors
+        .iter()
+        .map(|e| json!({"log": e.flight, "predictions": e.predictions, "rms": e.rms}))
+        .collect();
     json!({"own": trims, "errors": errors})
 }
 

@@ -30,12 +30,26 @@ pub(super) fn run(model: &Model, seed: u64, as_json: bool, out: &mut dyn Write) 
         serde_json::to_writer_pretty(&mut *out, &all.iter().map(line).collect::<Vec<_>>())?;
         return Ok(writeln!(out)?);
     }
-    let header = ["equation", "experiment", "sensors", "number", "true", "estimate", "standard error", "off by", "in s.e.", "fit"];
+    let header = [
+        "equation",
+        "experiment",
+        "sensors",
+        "number",
+        "true",
+        "estimate",
+        "standard error",
+        "off by",
+        "in s.e.",
+        "fit",
+    ];
     let mut table = Table::new(&header).left(&[1, 2, 3]);
     for recovered in &all {
         let digits = |value: f64| format!("{value:.4e}");
-        let off =
-            if recovered.truth == 0.0 { digits(recovered.relative()) } else { format!("{} %", number(100.0 * recovered.relative(), 2)) };
+        let off = if recovered.truth == 0.0 {
+            digits(recovered.relative())
+        } else {
+            format!("{} %", number(100.0 * recovered.relative(), 2))
+        };
         table.row(vec![
             recovered.equation.into(),
             recovered.experiment.into(),
@@ -45,7 +59,11 @@ pub(super) fn run(model: &Model, seed: u64, as_json: bool, out: &mut dyn Write) 
             digits(recovered.estimate.value),
             digits(recovered.estimate.standard_error),
             off,
-            if recovered.sensors == Sensors::Ideal { String::new() } else { number(recovered.deviations(), 1) },
+            if recovered.sensors == Sensors::Ideal {
+                String::new()
+            } else {
+                number(recovered.deviations(), 1)
+            },
             recovered.fit_percent.map_or(String::new(), |fit| format!("{} %", number(fit, 2))),
         ]);
     }

@@ -21,7 +21,8 @@ Examples:
 
 A mapping file beside a log is used by every command: flight.mapping.toml for flight.csv, or mapping.toml for a folder.";
 
-/// Say what was understood of flight logs: channels, gaps, clocks, signs, excitation, and for which command they suffice.
+/// Say what was understood of flight logs: channels, gaps, clocks, signs, excitation, and for which command
+/// they suffice.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {
@@ -54,7 +55,10 @@ pub(super) struct InspectedLog {
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let is_svg = args.picture.as_deref().is_some_and(files::is_svg);
     if is_svg && args.files.len() > 1 {
-        return Err(Failure::Usage(format!("--picture names one file, but there are {} logs: name a folder", args.files.len())));
+        return Err(Failure::Usage(format!(
+            "--picture names one file, but there are {} logs: name a folder",
+            args.files.len()
+        )));
     }
     if let Some(target) = &args.mapping_out {
         let [file] = &args.files[..] else {
@@ -75,7 +79,10 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     }
     let failed: Vec<String> = failed.iter().map(ToString::to_string).collect();
     if args.json {
-        let logs: Vec<_> = inspected.iter().map(|i| json!({"file": i.file, "by_draft": i.by_draft, "inspection": i.inspection})).collect();
+        let logs: Vec<_> = inspected
+            .iter()
+            .map(|i| json!({"file": i.file, "by_draft": i.by_draft, "inspection": i.inspection}))
+            .collect();
         serde_json::to_writer_pretty(&mut *out, &json!({"logs": logs, "failed": failed}))?;
         writeln!(out)?;
     } else {
@@ -83,14 +90,23 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     }
     if let Some(target) = &args.picture {
         for found in &inspected {
-            let file = if is_svg { target.clone() } else { target.join(format!("{}.svg", replay::stem(&found.file))) };
+            let file = if is_svg {
+                target.clone()
+            } else {
+                target.join(format!("{}.svg", replay::stem(&found.file)))
+            };
             files::write(&file, inspect_picture::draw(found)?.as_bytes())?;
         }
     }
     if failed.is_empty() {
         return Ok(());
     }
-    Err(Failure::Failed(format!("{} of {} logs cannot be read:\n  {}", failed.len(), args.files.len(), failed.join("\n  "))))
+    Err(Failure::Failed(format!(
+        "{} of {} logs cannot be read:\n  {}",
+        failed.len(),
+        args.files.len(),
+        failed.join("\n  ")
+    )))
 }
 
 /// Reads a log; one of unknown columns, or with some of a format's, by a draft, if that suffices.
@@ -99,13 +115,17 @@ fn inspect(args: &Args, path: &Path) -> Outcome<InspectedLog> {
     let read = FlightLog::read_mapped(path, args.mapping.as_deref().or(beside.as_deref()));
     let (log, by_draft) = match read {
         Ok(log) => (log, false),
-        Err(error @ (LogError::UnknownFormat { .. } | LogError::MissingColumns { .. })) => match draft(path)?.log {
-            Ok(log) => (log, true),
-            Err(reason) => {
-                let hint = "crazyflie inspect --mapping-out FILE.toml writes what could be guessed";
-                return Err(Failure::Failed(format!("{error}\n  the draft of a mapping does not suffice ({reason}); {hint}")));
+        Err(error @ (LogError::UnknownFormat { .. } | LogError::MissingColumns { .. })) => {
+            match draft(path)?.log {
+                Ok(log) => (log, true),
+                Err(reason) => {
+                    let hint = "crazyflie inspect --mapping-out FILE.toml writes what could be guessed";
+                    return Err(Failure::Failed(format!(
+                        "{error}\n  the draft of a mapping does not suffice ({reason}); {hint}"
+                    )));
+                }
             }
-        },
+        }
         Err(error) => return Err(Failure::Failed(with_cause(&error))),
     };
     let inspection = Inspection::from_log(&log);
@@ -114,5 +134,6 @@ fn inspect(args: &Args, path: &Path) -> Outcome<InspectedLog> {
 
 fn draft(path: &Path) -> Outcome<Draft> {
     let bytes = std::fs::read(path).map_err(|error| Failure::about(path.display(), error))?;
-    Draft::from_bytes(&path.display().to_string(), &bytes).map_err(|error| Failure::Failed(with_cause(&error)))
+    Draft::from_bytes(&path.display().to_string(), &bytes)
+        .map_err(|error| Failure::Failed(with_cause(&error)))
 }

@@ -16,16 +16,25 @@ struct PanelData {
 
 pub(super) fn draw(found: &InspectedLog) -> Result<String, PictureError> {
     let log = &found.log;
-    let rows = |label, values: &[f64], scale: f64, style| (label, log.t_s.clone(), values.iter().map(|v| v * scale).collect(), style);
+    let rows = |label, values: &[f64], scale: f64, style| {
+        (label, log.t_s.clone(), values.iter().map(|v| v * scale).collect(), style)
+    };
     let deg = 180.0 / std::f64::consts::PI;
     let mut panel_data = Vec::new();
     let axes = [("x", "x (m)", 0), ("y", "y (m)", 1), ("z", "z (m)", 2)];
     for (title, y_label, axis) in axes {
         let mut curves = Vec::new();
         if !log.fixes.row.is_empty() {
-            curves.push(("measured", log.fixes.capture_t_s.clone(), log.fixes.pos_m[axis].clone(), Style::Solid));
+            curves.push((
+                "measured",
+                log.fixes.capture_t_s.clone(),
+                log.fixes.pos_m[axis].clone(),
+                Style::Solid,
+            ));
         }
-        curves.extend(log.setpoint_m.as_ref().map(|setpoint| rows("set-point", &setpoint[axis], 1.0, Style::Dashed)));
+        curves.extend(
+            log.setpoint_m.as_ref().map(|setpoint| rows("set-point", &setpoint[axis], 1.0, Style::Dashed)),
+        );
         panel_data.push(PanelData { title, y_label, curves });
     }
     let tilts = [
@@ -38,13 +47,17 @@ pub(super) fn draw(found: &InspectedLog) -> Result<String, PictureError> {
         curves.extend(command.map(|command| rows("command", command, deg, Style::Dashed)));
         panel_data.push(PanelData { title, y_label, curves });
     }
-    let mut lift: Vec<Curve> = log.cmd_thrust_pwm.iter().map(|thrust| rows("thrust command", thrust, 1e-3, Style::Solid)).collect();
+    let mut lift: Vec<Curve> =
+        log.cmd_thrust_pwm.iter().map(|thrust| rows("thrust command", thrust, 1e-3, Style::Solid)).collect();
     let motors = log.onboard.as_ref().and_then(|onboard| onboard.motor_pwm.as_ref());
-    for (label, motor) in ["motor 1", "motor 2", "motor 3", "motor 4"].into_iter().zip(motors.into_iter().flatten()) {
+    for (label, motor) in
+        ["motor 1", "motor 2", "motor 3", "motor 4"].into_iter().zip(motors.into_iter().flatten())
+    {
         lift.push(rows(label, motor, 1e-3, Style::Solid));
     }
     panel_data.push(PanelData { title: "lift", y_label: "PWM (thousands)", curves: lift });
-    let rate = log.cmd_yaw_rate_radps.iter().map(|rate| rows("yaw-rate command", rate, deg, Style::Solid)).collect();
+    let rate =
+        log.cmd_yaw_rate_radps.iter().map(|rate| rows("yaw-rate command", rate, deg, Style::Solid)).collect();
     panel_data.push(PanelData { title: "yaw rate", y_label: "command (deg/s)", curves: rate });
     let battery = log.vbat_v.iter().map(|v| rows("battery", v, 1.0, Style::Solid)).collect();
     panel_data.push(PanelData { title: "battery", y_label: "voltage (V)", curves: battery });
@@ -58,5 +71,11 @@ fn panel(panel_data: &PanelData) -> Panel<'_> {
         let color = PALETTE[i % PALETTE.len()];
         Series { label, x, y, style: *style, color }
     });
-    Panel { title: panel_data.title, x_label: "time (s)", y_label: panel_data.y_label, series: series.collect(), ..Panel::default() }
+    Panel {
+        title: panel_data.title,
+        x_label: "time (s)",
+        y_label: panel_data.y_label,
+        series: series.collect(),
+        ..Panel::default()
+    }
 }

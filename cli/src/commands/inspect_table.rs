@@ -14,7 +14,14 @@ pub(super) fn write(found: &InspectedLog, out: &mut dyn Write) -> Outcome {
     let i = &found.inspection;
     let by_draft = if found.by_draft { ", by a draft of a mapping: check it (--mapping-out)" } else { "" };
     writeln!(out, "{}: {}{by_draft}", found.file, i.format)?;
-    writeln!(out, "  {} rows, {} s at {} Hz; {}", i.rows, number(i.duration_s, 1), number(i.rate_hz, 1), gaps(i))?;
+    writeln!(
+        out,
+        "  {} rows, {} s at {} Hz; {}",
+        i.rows,
+        number(i.duration_s, 1),
+        number(i.rate_hz, 1),
+        gaps(i)
+    )?;
     writeln!(out, "  position: {}; attitude: {}", i.provenance.position, i.provenance.attitude)?;
     writeln!(out, "  {}", flight(i))?;
     i.motion.iter().try_for_each(|m| writeln!(out, "  {}", motion(m)))?;
@@ -27,7 +34,11 @@ pub(super) fn write(found: &InspectedLog, out: &mut dyn Write) -> Outcome {
         writeln!(out, "{}", signs(i).plain())?;
     }
     for need in &i.needs {
-        let state = if need.missing.is_empty() { "suffices".to_owned() } else { format!("lacks {}", need.missing.join("; ")) };
+        let state = if need.missing.is_empty() {
+            "suffices".to_owned()
+        } else {
+            format!("lacks {}", need.missing.join("; "))
+        };
         let weak = if need.weak.is_empty() { String::new() } else { format!(" ({})", need.weak.join("; ")) };
         writeln!(out, "{:9} {state}{weak}", need.command)?;
     }
@@ -57,7 +68,9 @@ fn flight(i: &Inspection) -> String {
 }
 
 fn motion(m: &Motion) -> String {
-    let voltage = m.voltage_v.map_or(String::new(), |[from, to]| format!(", battery {} to {} V", number(from, 2), number(to, 2)));
+    let voltage = m
+        .voltage_v
+        .map_or(String::new(), |[from, to]| format!(", battery {} to {} V", number(from, 2), number(to, 2)));
     format!(
         "height {} to {} m, speed to {} m/s, climb to {} m/s, tilt to {} deg, yaw turned {} deg{voltage}",
         number(m.height_m[0], 2),
@@ -72,10 +85,16 @@ fn motion(m: &Motion) -> String {
 fn clocks(clocks: &Clocks) -> Vec<String> {
     let ms = |s: f64| number(s * 1e3, 0);
     let gyro = clocks.gyro_late_s.map(|[median, lowest, highest]| {
-        format!("the gyro appears {} ms later than the attitude ({} to {} ms)", ms(median), ms(lowest), ms(highest))
+        format!(
+            "the gyro appears {} ms later than the attitude ({} to {} ms)",
+            ms(median),
+            ms(lowest),
+            ms(highest)
+        )
     });
-    let position =
-        clocks.position_late_s.map(|[lag, sigma]| format!("the position appears {} +- {} ms later than the attitude", ms(lag), ms(sigma)));
+    let position = clocks.position_late_s.map(|[lag, sigma]| {
+        format!("the position appears {} +- {} ms later than the attitude", ms(lag), ms(sigma))
+    });
     gyro.into_iter().chain(position).collect()
 }
 
@@ -90,13 +109,25 @@ fn shown(unit: &'static str) -> (f64, &'static str, usize) {
 }
 
 fn channels(i: &Inspection) -> Table {
-    let mut table = Table::new(&["channel", "unit", "new values (Hz)", "longest hold (s)", "lowest", "median", "highest"]).left(&[1]);
+    let mut table = Table::new(&[
+        "channel",
+        "unit",
+        "new values (Hz)",
+        "longest hold (s)",
+        "lowest",
+        "median",
+        "highest",
+    ])
+    .left(&[1]);
     for channel in &i.channels {
         let (scale, unit, decimals) = shown(channel.unit);
         let value = |v: f64| number(v * scale, decimals);
         let rate = if channel.rate_hz == 0.0 { "constant".into() } else { number(channel.rate_hz, 1) };
         let range = [channel.lowest, channel.median, channel.highest].map(value);
-        table.row([vec![channel.name.into(), unit.into(), rate, number(channel.longest_hold_s, 2)], range.to_vec()].concat());
+        table.row(
+            [vec![channel.name.into(), unit.into(), rate, number(channel.longest_hold_s, 2)], range.to_vec()]
+                .concat(),
+        );
     }
     table
 }
@@ -119,7 +150,12 @@ fn signs(i: &Inspection) -> Table {
             SignVerdict::Contradicts => "CONTRADICTS: the sign is wrong, or the axes are",
             SignVerdict::NotSeen => "not seen",
         };
-        table.row(vec![check.expectation.into(), check.channel.into(), number(check.correlation, 2), verdict.into()]);
+        table.row(vec![
+            check.expectation.into(),
+            check.channel.into(),
+            number(check.correlation, 2),
+            verdict.into(),
+        ]);
     }
     table
 }

@@ -53,8 +53,19 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 }
 
 fn table(rows: &[LeaderboardRow]) -> Table {
-    let mut table = Table::new(&["rank", "controller", "team", "score", "95 %", "failed", "attempts", "RMS error", "nearest", "attempt"])
-        .left(&[1, 2, 9]);
+    let mut table = Table::new(&[
+        "rank",
+        "controller",
+        "team",
+        "score",
+        "95 %",
+        "failed",
+        "attempts",
+        "RMS error",
+        "nearest",
+        "attempt",
+    ])
+    .left(&[1, 2, 9]);
     for row in rows {
         let cm = |m: Option<f64>| m.map_or("-".into(), |m| format!("{} cm", number(100.0 * m, 1)));
         let metrics = row.metrics.as_ref();

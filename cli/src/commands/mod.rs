@@ -1,4 +1,5 @@
-//! Commands, one file each. A command writes to `out` and returns what went wrong; only [`main_from`] talks to the process.
+//! Commands, one file each. A command writes to `out` and returns what went wrong; only [`main_from`] talks
+//! to the process.
 
 mod attempts;
 mod controllers;
@@ -148,7 +149,8 @@ fn with_new_names(words: Vec<String>) -> (Vec<String>, Vec<(&'static str, String
     let mut found = Vec::new();
     let mut renamed = Vec::new();
     for (place, word) in words.into_iter().enumerate() {
-        let (name, value) = word.split_once('=').map_or((&word[..], None), |(name, value)| (name, Some(value)));
+        let (name, value) =
+            word.split_once('=').map_or((&word[..], None), |(name, value)| (name, Some(value)));
         if let Some((old, new)) = RENAMED.iter().find(|(old, _)| place == 1 && *old == word) {
             found.push((*old, new.join(" ")));
             renamed.extend(new.iter().map(|part| (*part).to_owned()));
@@ -162,11 +164,15 @@ fn with_new_names(words: Vec<String>) -> (Vec<String>, Vec<(&'static str, String
     (renamed, found)
 }
 
-/// Runs the command line; `args` begin with the program's name. Returns the exit code: 0, 2 for usage, 1 for failures.
+/// Runs the command line; `args` begin with the program's name. Returns the exit code: 0, 2 for usage, 1 for
+/// failures.
 pub fn main_from(args: impl IntoIterator<Item = String>) -> i32 {
     let (args, renamed) = with_new_names(args.into_iter().collect());
     for (old, new) in renamed {
-        let _ = writeln!(io::stderr(), "crazyflie: `{old}` is now called `{new}`; the old name works for one release");
+        let _ = writeln!(
+            io::stderr(),
+            "crazyflie: `{old}` is now called `{new}`; the old name works for one release"
+        );
     }
     let cli = match Cli::try_parse_from(args) {
         Ok(cli) => cli,
@@ -226,9 +232,13 @@ mod tests {
 
     /// Words that lead to each option that names a picture, the option last.
     fn picture_options(command: &clap::Command, before: &[String]) -> Vec<Vec<String>> {
-        let named = |arg: &clap::Arg| arg.get_long().filter(|long| long.starts_with("picture")).map(|long| format!("--{long}"));
+        let named = |arg: &clap::Arg| {
+            arg.get_long().filter(|long| long.starts_with("picture")).map(|long| format!("--{long}"))
+        };
         let own = command.get_arguments().filter_map(named).map(|option| [before, &[option]].concat());
-        let below = command.get_subcommands().flat_map(|sub| picture_options(sub, &[before, &[sub.get_name().to_owned()]].concat()));
+        let below = command
+            .get_subcommands()
+            .flat_map(|sub| picture_options(sub, &[before, &[sub.get_name().to_owned()]].concat()));
         own.chain(below).collect()
     }
 
@@ -243,7 +253,10 @@ mod tests {
             assert_eq!(refused.kind(), ErrorKind::ValueValidation, "{words:?}");
             assert!(refused.to_string().contains("name a file that ends in .svg"), "{words:?}: {refused}");
             for fine in ["x.svg", "x.SVG", "pictures/", "pictures"] {
-                assert!(kind(fine).is_none_or(|e| e.kind() != ErrorKind::ValueValidation), "{words:?} refuses {fine}");
+                assert!(
+                    kind(fine).is_none_or(|e| e.kind() != ErrorKind::ValueValidation),
+                    "{words:?} refuses {fine}"
+                );
             }
         }
     }

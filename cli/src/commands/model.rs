@@ -54,7 +54,9 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 }
 
 fn describe(m: &Model, out: &mut dyn Write) -> Outcome {
-    let tilt = |t: &crazyflie_env::model::Tilt| format!("{} / (s^2 + {} s + {})", t.gain.value, t.damping.value, t.stiffness.value);
+    let tilt = |t: &crazyflie_env::model::Tilt| {
+        format!("{} / (s^2 + {} s + {})", t.gain.value, t.damping.value, t.stiffness.value)
+    };
     writeln!(out, "model {}: {}", m.name, m.description)?;
     writeln!(out, "  roll   {}\n  pitch  {}", tilt(&m.roll), tilt(&m.pitch))?;
     let inputs: Vec<&str> = m.inputs().into_iter().map(crazyflie_env::model::VerticalInput::name).collect();
@@ -75,7 +77,14 @@ fn object(required: &[(&str, Value)], optional: &[(&str, Value)]) -> Value {
 }
 
 fn quantity(unit: &str) -> Value {
-    object(&[("value", json!({"type": "number"})), ("unit", json!({"const": unit})), ("source", json!({"type": "string"}))], &[])
+    object(
+        &[
+            ("value", json!({"type": "number"})),
+            ("unit", json!({"const": unit})),
+            ("source", json!({"type": "string"})),
+        ],
+        &[],
+    )
 }
 
 fn form(name: &str, mut required: Vec<(&str, Value)>, optional: &[(&str, Value)]) -> Value {
@@ -83,18 +92,26 @@ fn form(name: &str, mut required: Vec<(&str, Value)>, optional: &[(&str, Value)]
     object(&required, optional)
 }
 
-/// The schema of a vertical form whose input has this unit; gains turn it into m/s (first order) or m/s^2 (second order).
+/// The schema of a vertical form whose input has this unit; gains turn it into m/s (first order) or m/s^2
+/// (second order).
 fn vertical(input: &str, first: &str, second: &str) -> Value {
     let more = [("offset", quantity(input)), ("hover", quantity(input))];
-    let poles = |gain: &str| vec![("gain", quantity(gain)), ("pole", quantity("1/s")), ("push_damping", quantity("1/s"))];
-    let second = vec![("gain", quantity(second)), ("damping", quantity("1/s")), ("stiffness", quantity("1/s^2"))];
+    let poles = |gain: &str| {
+        vec![("gain", quantity(gain)), ("pole", quantity("1/s")), ("push_damping", quantity("1/s"))]
+    };
+    let second =
+        vec![("gain", quantity(second)), ("damping", quantity("1/s")), ("stiffness", quantity("1/s^2"))];
     json!({"oneOf": [form("first_order", poles(first), &more), form("second_order", second, &more)]})
 }
 
 /// Mirrors [`Model`]; a test compares it with the built-in model, member by member.
 fn schema() -> Value {
-    let tilt = object(&[("gain", quantity("1/s^2")), ("damping", quantity("1/s")), ("stiffness", quantity("1/s^2"))], &[]);
-    let second_yaw = vec![("gain", quantity("1/s")), ("damping", quantity("1/s")), ("stiffness", quantity("1/s^2"))];
+    let tilt = object(
+        &[("gain", quantity("1/s^2")), ("damping", quantity("1/s")), ("stiffness", quantity("1/s^2"))],
+        &[],
+    );
+    let second_yaw =
+        vec![("gain", quantity("1/s")), ("damping", quantity("1/s")), ("stiffness", quantity("1/s^2"))];
     let yaw = json!({"oneOf": [
         form("integrator", vec![("gain", quantity("1"))], &[]),
         form("rate", vec![("gain", quantity("1")), ("bandwidth", quantity("1/s"))], &[]),
@@ -103,10 +120,22 @@ fn schema() -> Value {
     let thrust = form("thrust", vec![("hover", quantity("1")), ("heave", quantity("1/s"))], &[]);
     let pwm = json!({"oneOf": [vertical("1", "m/s", "m/s^2"), thrust]});
     let default = json!({"enum": ["height", "pwm", "thrust"], "description": "the form that is driven unless another is asked for"});
-    let verticals = [("default", default), ("height", vertical("m", "1/s", "1/s^2")), ("pwm", pwm.clone()), ("thrust", pwm)];
-    let quantities =
-        |units: &[(&'static str, &str)]| object(&units.iter().map(|(name, unit)| (*name, quantity(unit))).collect::<Vec<_>>(), &[]);
-    let vehicle = [("mass", "kg"), ("rotor_radius", "m"), ("arm", "m"), ("battery_capacity", "C"), ("hover_current", "A")];
+    let verticals = [
+        ("default", default),
+        ("height", vertical("m", "1/s", "1/s^2")),
+        ("pwm", pwm.clone()),
+        ("thrust", pwm),
+    ];
+    let quantities = |units: &[(&'static str, &str)]| {
+        object(&units.iter().map(|(name, unit)| (*name, quantity(unit))).collect::<Vec<_>>(), &[])
+    };
+    let vehicle = [
+        ("mass", "kg"),
+        ("rotor_radius", "m"),
+        ("arm", "m"),
+        ("battery_capacity", "C"),
+        ("hover_current", "A"),
+    ];
     let vehicle = vehicle.map(|(name, unit)| (name, quantity(unit)));
     let mut schema = object(
         &[
@@ -117,7 +146,15 @@ fn schema() -> Value {
             ("yaw", yaw),
             ("lateral", quantities(&[("gravity", "m/s^2"), ("drag", "1/s")])),
             ("vertical", object(&[], &verticals)),
-            ("command", quantities(&[("tilt_max", "deg"), ("yaw_rate_max", "deg/s"), ("height_max", "m"), ("pwm_max", "1")])),
+            (
+                "command",
+                quantities(&[
+                    ("tilt_max", "deg"),
+                    ("yaw_rate_max", "deg/s"),
+                    ("height_max", "m"),
+                    ("pwm_max", "1"),
+                ]),
+            ),
             ("vehicle", object(&vehicle, &[("battery_reference", quantity("V"))])),
             ("rig", quantities(&[("control", "Hz"), ("imu", "Hz"), ("camera", "Hz")])),
         ],
@@ -139,7 +176,9 @@ mod tests {
     fn fits(value: &Value, schema: &Value, path: &str) {
         if let Some(options) = schema["oneOf"].as_array() {
             let form = &value["form"];
-            let flat = options.iter().flat_map(|o| o["oneOf"].as_array().map_or_else(|| vec![o], |inner| inner.iter().collect()));
+            let flat = options
+                .iter()
+                .flat_map(|o| o["oneOf"].as_array().map_or_else(|| vec![o], |inner| inner.iter().collect()));
             let option = flat.into_iter().find(|o| o["properties"]["form"]["const"] == *form);
             return fits(value, option.unwrap_or_else(|| panic!("{path}: no form {form}")), path);
         }
@@ -152,7 +191,11 @@ mod tests {
             assert!(members.contains_key(name.as_str().unwrap()), "{path} lacks {name}");
         }
         for (name, member) in members.iter().filter(|(_, member)| !member.is_null()) {
-            fits(member, properties.get(name).unwrap_or_else(|| panic!("{path}.{name} is not in the schema")), &format!("{path}.{name}"));
+            fits(
+                member,
+                properties.get(name).unwrap_or_else(|| panic!("{path}.{name} is not in the schema")),
+                &format!("{path}.{name}"),
+            );
         }
     }
 

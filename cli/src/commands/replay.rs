@@ -19,20 +19,24 @@ Examples:
   crazyflie replay --hover-pwm auto --horizon 1 flights/*.csv.gz --picture pictures/
   crazyflie replay my.toml flight.csv --json";
 
-/// Replay recorded flights: their commands drive the model, and its prediction is compared with the measurement.
+/// Replay recorded flights: their commands drive the model, and its prediction is compared with the
+/// measurement.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {
     /// Logs of any format that crazyflie inspect reads; a first file ending in .toml or .json is the model
     #[arg(required = true, value_name = "[MODEL] LOG")]
     files: Vec<PathBuf>,
-    /// Start again from the measurement every so many seconds [default: the free run, and horizons of 2 and 0.5 s]
+    /// Start again from the measurement every so many seconds [default: the free run, and horizons of 2 and
+    /// 0.5 s]
     #[arg(long, value_parser = |text: &str| files::seconds(text, 0.01, 3600.0), value_name = "SECONDS")]
     horizon: Option<f64>,
-    /// Which vertical form of the model is driven: height, pwm or thrust [default: the first whose command the log holds]
+    /// Which vertical form of the model is driven: height, pwm or thrust [default: the first whose command
+    /// the log holds]
     #[arg(long, value_parser = files::vertical, value_name = "FORM")]
     vertical: Option<VerticalInput>,
-    /// The PWM that carries the vehicle, for the thrust form: a number, or auto for the median thrust command of each flight
+    /// The PWM that carries the vehicle, for the thrust form: a number, or auto for the median thrust command
+    /// of each flight
     #[arg(long, value_parser = hover, value_name = "auto|PWM")]
     hover_pwm: Option<HoverSource>,
     /// Where a log has no yaw-rate command, give the model the measured yaw rate instead of zero
@@ -66,7 +70,10 @@ pub(super) struct LogReplay {
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let (model, logs) = inputs(&args.files)?;
     if logs.len() > 1 && args.picture.as_deref().is_some_and(files::is_svg) {
-        return Err(Failure::Usage(format!("--picture names one file, but there are {} logs: name a folder", logs.len())));
+        return Err(Failure::Usage(format!(
+            "--picture names one file, but there are {} logs: name a folder",
+            logs.len()
+        )));
     }
     let bar = if logs.len() > 3 { ProgressBar::new(logs.len() as u64) } else { ProgressBar::hidden() };
     let (mut replays, mut failed) = (Vec::new(), Vec::new());
@@ -85,7 +92,10 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     if args.json {
         let logs: Vec<_> = replays.iter().map(replay_table::as_json).collect();
         let failed: Vec<String> = failed.iter().map(ToString::to_string).collect();
-        serde_json::to_writer_pretty(&mut *out, &json!({"model": model.name, "logs": logs, "failed": failed}))?;
+        serde_json::to_writer_pretty(
+            &mut *out,
+            &json!({"model": model.name, "logs": logs, "failed": failed}),
+        )?;
         writeln!(out)?;
     } else {
         for log_replay in &replays {
@@ -143,7 +153,11 @@ fn draw(args: &Args, replays: &[LogReplay]) -> Outcome {
     let Some(target) = &args.picture else { return Ok(()) };
     for log_replay in replays {
         let svg = replay_table::picture(log_replay)?;
-        let file = if files::is_svg(target) { target.clone() } else { target.join(format!("{}.svg", stem(&log_replay.file))) };
+        let file = if files::is_svg(target) {
+            target.clone()
+        } else {
+            target.join(format!("{}.svg", stem(&log_replay.file)))
+        };
         files::write(&file, svg.as_bytes())?;
     }
     Ok(())

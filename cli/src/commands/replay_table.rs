@@ -14,7 +14,11 @@ use super::{Outcome, Table, number};
 pub(super) fn write_replay(log_replay: &LogReplay, model: &str, out: &mut dyn Write) -> Outcome {
     let Some((_, first)) = log_replay.runs.first() else { return Ok(()) };
     let form = first.input.name();
-    writeln!(out, "{} on model {model}, vertical form {form}, {:.2} to {:.2} s", log_replay.file, first.start_s, first.end_s)?;
+    writeln!(
+        out,
+        "{} on model {model}, vertical form {form}, {:.2} to {:.2} s",
+        log_replay.file, first.start_s, first.end_s
+    )?;
     for note in &log_replay.log.notes {
         writeln!(out, "  log: {note}")?;
     }
@@ -59,7 +63,10 @@ pub(super) fn write_summary(replays: &[LogReplay], out: &mut dyn Write) -> Outco
         table.row(cells);
     }
     writeln!(out, "{}", table.plain())?;
-    Ok(writeln!(out, "fit: 100 (1 - |y - yhat| / |y - mean y|), as MATLAB's compare; 100 is perfect, 0 no better than the mean")?)
+    Ok(writeln!(
+        out,
+        "fit: 100 (1 - |y - yhat| / |y - mean y|), as MATLAB's compare; 100 is perfect, 0 no better than the mean"
+    )?)
 }
 
 /// The middle value; of two middle ones the mean.
@@ -69,7 +76,10 @@ fn horizon_name(horizon_s: Option<f64>) -> String {
 
 fn percent(fit: Option<f64>) -> String {
     // a free run of an integrator leaves any frame
-    fit.map_or("-".into(), |fit| if fit < -9999.0 { "< -9999 %".into() } else { format!("{} %", number(fit, 1)) })
+    fit.map_or(
+        "-".into(),
+        |fit| if fit < -9999.0 { "< -9999 %".into() } else { format!("{} %", number(fit, 1)) },
+    )
 }
 
 fn rmse(signal: &Signal, si: f64) -> String {
@@ -95,9 +105,11 @@ fn run_json(horizon_s: Option<f64>, run: &Replay) -> Value {
         "remarks": remarks, "signals": signals.collect::<serde_json::Map<_, _>>()})
 }
 
-/// One panel per signal: measured, each prediction, and for roll and pitch the command. A prediction that leaves the frame is cut there.
+/// One panel per signal: measured, each prediction, and for roll and pitch the command. A prediction that
+/// leaves the frame is cut there.
 pub(super) fn picture(log_replay: &LogReplay) -> Result<String, PictureError> {
-    let shown: Vec<Vec<Curve>> = SIGNALS.iter().enumerate().map(|(at, signal)| curves(log_replay, at, signal)).collect();
+    let shown: Vec<Vec<Curve>> =
+        SIGNALS.iter().enumerate().map(|(at, signal)| curves(log_replay, at, signal)).collect();
     let labels: Vec<String> = SIGNALS.iter().map(|s| format!("{} ({})", s.name, s.unit)).collect();
     let panels: Vec<Panel> = shown
         .iter()
@@ -141,11 +153,18 @@ fn curves(log_replay: &LogReplay, at: usize, signal: &Signal) -> Vec<Curve> {
     };
     let mut all = Vec::new();
     if let Some(command) = command {
-        let rows = (0..log_replay.log.len()).filter(|&i| (first.start_s..=first.end_s).contains(&log_replay.log.t_s[i]));
+        let rows = (0..log_replay.log.len())
+            .filter(|&i| (first.start_s..=first.end_s).contains(&log_replay.log.t_s[i]));
         let (x, y) = rows.map(|i| (log_replay.log.t_s[i], signal.in_unit(command[i]))).unzip();
         all.push(Curve { label: "command".into(), x, y, style: Style::Step, color: [190, 196, 204] });
     }
-    all.push(Curve { label: "measured".into(), x: measured.t_s.clone(), y, style: Style::Solid, color: PALETTE[4] });
+    all.push(Curve {
+        label: "measured".into(),
+        x: measured.t_s.clone(),
+        y,
+        style: Style::Solid,
+        color: PALETTE[4],
+    });
     for ((horizon_s, run), color) in log_replay.runs.iter().zip([PALETTE[1], PALETTE[0], PALETTE[2]]) {
         // three predictions hide each other: the shortest horizon is in the table
         if log_replay.runs.len() == 3 && *horizon_s == Some(0.5) {
@@ -154,8 +173,11 @@ fn curves(log_replay: &LogReplay, at: usize, signal: &Signal) -> Vec<Curve> {
         let compared = &run.signals[at];
         let within = within(&compared.t_s, &scale(&compared.predicted), low - room, high + room);
         for (i, (x, y)) in within.into_iter().enumerate() {
-            let label =
-                if i == 0 { horizon_s.map_or("predicted, free run".into(), |s| format!("predicted, {s} s")) } else { String::new() };
+            let label = if i == 0 {
+                horizon_s.map_or("predicted, free run".into(), |s| format!("predicted, {s} s"))
+            } else {
+                String::new()
+            };
             all.push(Curve { label, x, y, style: Style::Solid, color });
         }
     }

@@ -57,7 +57,17 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 }
 
 fn table(all: &[ScorecardRow]) -> Table {
-    let header = ["experiment", "thesis", "gains", "quantity", "thesis's figure", "ours, ideal", "ours, camera rig", "mark", "why"];
+    let header = [
+        "experiment",
+        "thesis",
+        "gains",
+        "quantity",
+        "thesis's figure",
+        "ours, ideal",
+        "ours, camera rig",
+        "mark",
+        "why",
+    ];
     let mut table = Table::new(&header).left(&[1, 2, 3, 4, 7, 8]);
     let mut before = "";
     for line in all {

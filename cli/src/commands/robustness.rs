@@ -14,11 +14,13 @@ Examples:
   crazyflie bench robustness --picture robustness.svg
   crazyflie bench robustness --controllers thesis-pid,lqr,policy:hover.safetensors --seeds 100 --json";
 
-/// Fly controllers in scenarios of the benchmark as declared, with everything drawn anew in every flight, and with an effect that none was told of.
+/// Fly controllers in scenarios of the benchmark as declared, with everything drawn anew in every flight, and
+/// with an effect that none was told of.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {
-    /// Which controllers, as NAME, NAME:FILE or kalman+NAME [default: all that need no file, and the thesis's PID behind the Kalman filter]
+    /// Which controllers, as NAME, NAME:FILE or kalman+NAME [default: all that need no file, and the thesis's
+    /// PID behind the Kalman filter]
     #[arg(long, value_delimiter = ',', value_name = "NAMES")]
     controllers: Vec<String>,
     /// Which scenarios (see `crazyflie bench scenarios`)
@@ -42,10 +44,15 @@ pub(super) struct Args {
 }
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
-    let default: Vec<String> =
-        registry().iter().filter(|e| e.file.is_none()).map(|e| e.name.to_owned()).chain(["kalman+thesis-pid".into()]).collect();
+    let default: Vec<String> = registry()
+        .iter()
+        .filter(|e| e.file.is_none())
+        .map(|e| e.name.to_owned())
+        .chain(["kalman+thesis-pid".into()])
+        .collect();
     let controllers = if args.controllers.is_empty() { &default } else { &args.controllers };
-    let chosen = controllers.iter().map(|name| controllers::chosen(name, None)).collect::<Outcome<Vec<_>>>()?;
+    let chosen =
+        controllers.iter().map(|name| controllers::chosen(name, None)).collect::<Outcome<Vec<_>>>()?;
     let seeds: Vec<u64> = (0..u64::from(args.seeds)).map(|i| args.first_seed.wrapping_add(i)).collect();
     let bar = ProgressBar::new((chosen.len() * args.scenarios.len() * CONDITIONS.len()) as u64);
     let lines = compare(&chosen, &args.scenarios, &seeds, &|| bar.inc(1))?;
@@ -69,11 +76,23 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 }
 
 fn table(lines: &[RobustnessRow]) -> Table {
-    let mut table =
-        Table::new(&["scenario", "condition", "controller", "score", "95 %", "failed", "RMS error", "overshoot", "settled"]).left(&[1, 2]);
+    let mut table = Table::new(&[
+        "scenario",
+        "condition",
+        "controller",
+        "score",
+        "95 %",
+        "failed",
+        "RMS error",
+        "overshoot",
+        "settled",
+    ])
+    .left(&[1, 2]);
     let cm = |m: Option<f64>| m.map_or("-".into(), |m| format!("{} cm", number(100.0 * m, 1)));
     for l in lines {
-        let settled = l.settling_s.map_or("-".into(), |s| format!("{} of {} in {} s", l.settled, l.flights, number(s, 1)));
+        let settled = l
+            .settling_s
+            .map_or("-".into(), |s| format!("{} of {} in {} s", l.settled, l.flights, number(s, 1)));
         table.row(vec![
             l.scenario.clone(),
             l.condition.into(),

@@ -15,7 +15,8 @@ Examples:
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {
-    /// The benchmark's database: its secret decides what the mystery scenario hides, and so that scenario's hash
+    /// The benchmark's database: its secret decides what the mystery scenario hides, and so that scenario's
+    /// hash
     #[arg(long, default_value_os_t = crazyflie_server::bench::default_path(), value_name = "FILE")]
     data: PathBuf,
     /// For machines
@@ -32,7 +33,13 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     }
     let mut table = Table::new(&["scenario", "what", "episodes", "seconds", "hash"]).left(&[1, 4]);
     for s in bench.scenarios() {
-        table.row(vec![s.id(), s.title().into(), s.episodes().to_string(), number(s.seconds(), 0), s.hash()[..12].into()]);
+        table.row(vec![
+            s.id(),
+            s.title().into(),
+            s.episodes().to_string(),
+            number(s.seconds(), 0),
+            s.hash()[..12].into(),
+        ]);
     }
     Ok(write!(out, "{}", table.plain())?)
 }

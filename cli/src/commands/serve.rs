@@ -60,7 +60,8 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         // for programs that start a server on port 0 and must know where it is
         writeln!(out, "listening on {}", listener.local_addr()?)?;
         out.flush()?;
-        let (mut terminate, mut interrupt) = (signal(SignalKind::terminate())?, signal(SignalKind::interrupt())?);
+        let (mut terminate, mut interrupt) =
+            (signal(SignalKind::terminate())?, signal(SignalKind::interrupt())?);
         let stop = async {
             tokio::select! { _ = terminate.recv() => {} _ = interrupt.recv() => {} }
         };
@@ -73,7 +74,8 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 }
 
 fn settings(args: &Args) -> Outcome<Settings> {
-    let mut settings = Settings { origins: args.allow_origin.clone(), data: Some(args.data.clone()), ..Settings::default() };
+    let mut settings =
+        Settings { origins: args.allow_origin.clone(), data: Some(args.data.clone()), ..Settings::default() };
     if let (Some(cert), Some(key)) = (&args.tls_cert, &args.tls_key) {
         settings.tls = Some(serve::tls(cert, key).map_err(|e| Failure::Failed(e.to_string()))?);
     }
@@ -83,7 +85,8 @@ fn settings(args: &Args) -> Outcome<Settings> {
 }
 
 fn log(args: &Args) -> Outcome {
-    let filter = tracing_subscriber::EnvFilter::try_new(&args.log).map_err(|e| Failure::Usage(format!("--log {}: {e}", args.log)))?;
+    let filter = tracing_subscriber::EnvFilter::try_new(&args.log)
+        .map_err(|e| Failure::Usage(format!("--log {}: {e}", args.log)))?;
     let subscriber = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
     // a second server in one process logs through the first one's subscriber
     let _ = if args.log_json { subscriber.json().try_init() } else { subscriber.try_init() };

@@ -46,7 +46,8 @@ pub(super) struct Args {
     /// Fly on this server instead of here, as any client would: ws://host:port or wss://host:port
     #[arg(long, value_name = "URL", conflicts_with = "data")]
     server: Option<String>,
-    /// The team's token there. Whoever lists processes sees it: better use --token-file, or set CRAZYFLIE_TOKEN
+    /// The team's token there. Whoever lists processes sees it: better use --token-file, or set
+    /// CRAZYFLIE_TOKEN
     #[arg(long, value_name = "TOKEN", requires = "server", conflicts_with = "token_file")]
     token: Option<Token>,
     /// A file with the token
@@ -111,7 +112,9 @@ fn token(args: &Args) -> Outcome<String> {
     if let Some(Token(token)) = &args.token {
         return Ok(token.clone());
     }
-    let missing = || Failure::Usage(format!("--server wants a team's token: give --token-file or --token, or set {TOKEN}"));
+    let missing = || {
+        Failure::Usage(format!("--server wants a team's token: give --token-file or --token, or set {TOKEN}"))
+    };
     let text = match &args.token_file {
         Some(path) => std::fs::read_to_string(path).map_err(|e| Failure::about(path.display(), e))?,
         None => std::env::var(TOKEN).map_err(|_| missing())?,
@@ -152,12 +155,16 @@ fn write_json(document: &Document, out: &mut dyn Write) -> Outcome {
 }
 
 fn table(documents: &[Document]) -> Table {
-    let mut table = Table::new(&["scenario", "attempt", "score", "95 %", "failed", "RMS error", "settled", "overshoot"]).left(&[1]);
+    let mut table =
+        Table::new(&["scenario", "attempt", "score", "95 %", "failed", "RMS error", "settled", "overshoot"])
+            .left(&[1]);
     for document in documents {
         let Some(result) = &document.result else { continue };
         let (score, metrics) = (&result.score, &result.metrics);
         let cm = |m: Option<f64>| m.map_or("-".into(), |m| format!("{} cm", number(100.0 * m, 1)));
-        let settled = metrics.settling_s.map_or("-".into(), |s| format!("{} of {} in {} s", metrics.settled, score.episodes, number(s, 1)));
+        let settled = metrics.settling_s.map_or("-".into(), |s| {
+            format!("{} of {} in {} s", metrics.settled, score.episodes, number(s, 1))
+        });
         table.row(vec![
             document.scenario.clone(),
             document.id.clone(),

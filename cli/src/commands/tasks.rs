@@ -40,7 +40,8 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         return Ok(writeln!(out)?);
     }
     if args.markdown {
-        let mut table = Table::new(&["task", "Gymnasium id", "what", "reward and end", "steps", "drones"]).left(&[1, 2, 3]);
+        let mut table = Table::new(&["task", "Gymnasium id", "what", "reward and end", "steps", "drones"])
+            .left(&[1, 2, 3]);
         for t in registry() {
             table.row(vec![
                 format!("`{}`", t.name),
@@ -53,7 +54,12 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         }
         let mut flights = Table::new(&["flight", "what", "thesis", "seconds"]).left(&[1, 2]);
         for s in thesis_flights() {
-            flights.row(vec![format!("`{}`", s.name), s.about.into(), s.source.into(), s.seconds.to_string()]);
+            flights.row(vec![
+                format!("`{}`", s.name),
+                s.about.into(),
+                s.source.into(),
+                s.seconds.to_string(),
+            ]);
         }
         return Ok(write!(out, "{}\n{}", table.markdown(), flights.markdown())?);
     }

@@ -54,7 +54,11 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         }
         Command::List => return list(&bench, args.json, out),
         Command::Revoke { team } => match bench.revoke_tokens(team)? {
-            0 => return Err(Failure::Failed(format!("team {team:?} has no tokens in force; see crazyflie bench token list"))),
+            0 => {
+                return Err(Failure::Failed(format!(
+                    "team {team:?} has no tokens in force; see crazyflie bench token list"
+                )));
+            }
             n => writeln!(out, "{n} tokens of {team} revoked")?,
         },
     }
@@ -67,10 +71,16 @@ fn list(bench: &Bench, json: bool, out: &mut dyn Write) -> Outcome {
         serde_json::to_writer_pretty(&mut *out, &tokens)?;
         return Ok(writeln!(out)?);
     }
-    let date = |ms: i64| Timestamp::from_millisecond(ms).map_or_else(|_| ms.to_string(), |t| format!("{t:.0}"));
+    let date =
+        |ms: i64| Timestamp::from_millisecond(ms).map_or_else(|_| ms.to_string(), |t| format!("{t:.0}"));
     let mut table = Table::new(&["number", "team", "created", "revoked"]).left(&[1, 2, 3]);
     for t in &tokens {
-        table.row(vec![t.number.to_string(), t.team.clone(), date(t.created_ms), t.revoked_ms.map_or("-".into(), date)]);
+        table.row(vec![
+            t.number.to_string(),
+            t.team.clone(),
+            date(t.created_ms),
+            t.revoked_ms.map_or("-".into(), date),
+        ]);
     }
     Ok(write!(out, "{}", table.plain())?)
 }

@@ -9,7 +9,9 @@ use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
 use super::{Failure, Outcome, Table, files, number};
-use crate::tune::{AXES, GainComparison, LoopEvaluation, LoopRequirements, TuningSetup, dead_time_s, picture, tune};
+use crate::tune::{
+    AXES, GainComparison, LoopEvaluation, LoopRequirements, TuningSetup, dead_time_s, picture, tune,
+};
 use crazyflie_server::flight::{FlightScenario, LAB_LATENCY_S, lab_rig};
 
 const EXAMPLES: &str = "\
@@ -19,17 +21,20 @@ Examples:
   crazyflie tune --model my.toml --phase-margin 45
   crazyflie tune --task track --json";
 
-/// Search the PID's gains for a model: the fastest response without overshoot, with a margin, and compare them with the thesis's.
+/// Search the PID's gains for a model: the fastest response without overshoot, with a margin, and compare
+/// them with the thesis's.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {
     /// Model file; the thesis's model unless given
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
-    /// Which vertical form of the model is commanded: height, pwm or thrust [default: pwm, if the model has it]
+    /// Which vertical form of the model is commanded: height, pwm or thrust [default: pwm, if the model has
+    /// it]
     #[arg(long, value_parser = files::vertical, value_name = "FORM")]
     vertical: Option<VerticalInput>,
-    /// Besides steps of 50 cm, 30 cm of height and 30 degrees, the error in this task or flight counts (see `crazyflie tasks`)
+    /// Besides steps of 50 cm, 30 cm of height and 30 degrees, the error in this task or flight counts (see
+    /// `crazyflie tasks`)
     #[arg(long, value_name = "NAME")]
     task: Option<String>,
     /// ideal, or lab: a 30 Hz camera with 50 ms latency and noise, whose dead time the margins contain
@@ -70,9 +75,14 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         other => return Err(crazyflie_env::error::unknown("rig", other, ["ideal", "lab"]).into()),
     };
     // without a camera a command is held for a tick, half of which is its mean age
-    let dead_time_s = latency_s.map_or(0.5 / model.rig.control.value, |latency_s| dead_time_s(&model, latency_s));
-    let requirements =
-        LoopRequirements { phase_deg: args.phase_margin, gain_db: args.gain_margin, overshoot: 0.01 * args.overshoot, dead_time_s };
+    let dead_time_s =
+        latency_s.map_or(0.5 / model.rig.control.value, |latency_s| dead_time_s(&model, latency_s));
+    let requirements = LoopRequirements {
+        phase_deg: args.phase_margin,
+        gain_db: args.gain_margin,
+        overshoot: 0.01 * args.overshoot,
+        dead_time_s,
+    };
     let task = args.task.as_deref().map(FlightScenario::find).transpose()?;
     let vertical = args.vertical.unwrap_or_else(|| files::default_vertical(&model));
     let tuning = TuningSetup { model: &model, vertical, effects, task, seeds: (0..SEEDS).collect() };
@@ -88,7 +98,10 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     }
     if args.json {
         let loops: Vec<Value> = comparisons.iter().map(as_json).collect();
-        serde_json::to_writer_pretty(&mut *out, &json!({"dead_time_s": dead_time_s, "gains": gains, "loops": loops}))?;
+        serde_json::to_writer_pretty(
+            &mut *out,
+            &json!({"dead_time_s": dead_time_s, "gains": gains, "loops": loops}),
+        )?;
         return Ok(writeln!(out)?);
     }
     writeln!(
@@ -103,14 +116,25 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 }
 
 fn as_json(t: &GainComparison) -> Value {
-    let evaluation =
-        |d: &LoopEvaluation| json!({"gains": d.gains, "margins": d.margins, "response": d.figures, "task_error_s": d.task_error_s});
+    let evaluation = |d: &LoopEvaluation| json!({"gains": d.gains, "margins": d.margins, "response": d.figures, "task_error_s": d.task_error_s});
     json!({"loop": t.axis.name(), "tried": t.tried, "crazyflie_ros": evaluation(&t.stock), "table_7_1": evaluation(&t.thesis), "tuned": evaluation(&t.found)})
 }
 
 fn table(comparisons: &[GainComparison]) -> Table {
-    let header =
-        ["loop", "gains", "Kp", "Ki", "Kd", "phase margin", "gain margin", "delay margin", "overshoot", "settled", "error", "in the task"];
+    let header = [
+        "loop",
+        "gains",
+        "Kp",
+        "Ki",
+        "Kd",
+        "phase margin",
+        "gain margin",
+        "delay margin",
+        "overshoot",
+        "settled",
+        "error",
+        "in the task",
+    ];
     let mut table = Table::new(&header).left(&[1]);
     let or_none = |value: f64, decimals: usize, unit: &str| {
         if value.is_finite() { format!("{} {unit}", number(value, decimals)) } else { "-".into() }

@@ -41,19 +41,32 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     };
     bar.finish_and_clear();
     if args.json {
-        serde_json::to_writer_pretty(&mut *out, &json!({"attempts": found, "missing": missing, "public_key": bench.public_key()}))?;
+        serde_json::to_writer_pretty(
+            &mut *out,
+            &json!({"attempts": found, "missing": missing, "public_key": bench.public_key()}),
+        )?;
         writeln!(out)?;
     } else {
-        let mut table = Table::new(&["attempt", "scenario", "controller", "verdict", "findings"]).left(&[1, 2, 3, 4]);
+        let mut table =
+            Table::new(&["attempt", "scenario", "controller", "verdict", "findings"]).left(&[1, 2, 3, 4]);
         for v in &found {
-            table.row(vec![v.id.clone(), v.scenario.clone(), v.controller.clone(), words(v.verdict).into(), v.findings.join("; ")]);
+            table.row(vec![
+                v.id.clone(),
+                v.scenario.clone(),
+                v.controller.clone(),
+                words(v.verdict).into(),
+                v.findings.join("; "),
+            ]);
         }
         write!(out, "{}", table.plain())?;
         missing.iter().try_for_each(|number| writeln!(out, "attempt number {number} is missing"))?;
     }
     match found.iter().filter(|v| v.verdict == Verdict::Wrong).count() + missing.len() {
         0 => Ok(()),
-        wrong => Err(Failure::Failed(format!("{wrong} of {} attempts are wrong or missing", found.len() + missing.len()))),
+        wrong => Err(Failure::Failed(format!(
+            "{wrong} of {} attempts are wrong or missing",
+            found.len() + missing.len()
+        ))),
     }
 }
 

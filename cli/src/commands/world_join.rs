@@ -1,4 +1,5 @@
-//! `crazyflie world join`: one drone of a shared world, flown over the network by a controller of the registry.
+//! `crazyflie world join`: one drone of a shared world, flown over the network by a controller of the
+//! registry.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -99,7 +100,8 @@ fn fly(args: &Args) -> Outcome<(SlotInfo, TickResult)> {
     let spec = choose(&args.controller, Value::Null, &|path| std::fs::read(path))?;
     let mut client = Client::open(&args.server)?;
     if let Some(mission) = &args.mission {
-        let options: Value = serde_json::from_str(&args.options).map_err(|e| Failure::Usage(format!("--options: {e}")))?;
+        let options: Value =
+            serde_json::from_str(&args.options).map_err(|e| Failure::Usage(format!("--options: {e}")))?;
         let fields = json!({"name": args.world, "mission": mission, "options": options, "pilots": args.pilots, "seed": args.seed});
         match client.request::<Value>("world", fields) {
             Err(Error::Refused { code, .. }) if code == "world_taken" => {}
@@ -126,7 +128,9 @@ fn fly(args: &Args) -> Outcome<(SlotInfo, TickResult)> {
         pilot.act(&observation, &mut action)?;
         let tick_result: TickResult = client.request("fly", json!({"action": action.map(f64::from)}))?;
         if tick_result.observation.len() < OBSERVATION {
-            return Err(client.unexpected(format!("an observation of {} numbers", tick_result.observation.len())).into());
+            return Err(client
+                .unexpected(format!("an observation of {} numbers", tick_result.observation.len()))
+                .into());
         }
         if !tick_result.flying {
             return Ok((joined, tick_result));

@@ -40,7 +40,10 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     }
 }
 
-fn write_text(WorldReplay { world, mission, drones, logged, replayed }: &WorldReplay, out: &mut dyn Write) -> Outcome {
+fn write_text(
+    WorldReplay { world, mission, drones, logged, replayed }: &WorldReplay,
+    out: &mut dyn Write,
+) -> Outcome {
     writeln!(out, "world {world}: {mission}, {drones} drones, {} ticks", replayed.ticks)?;
     for (name, value) in &replayed.metrics {
         writeln!(out, "  {name} {value}")?;

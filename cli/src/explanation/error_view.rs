@@ -1,6 +1,8 @@
 //! Errors of prediction as tables show them: axes apart, with their tests.
 
-use crazyflie_identify::explain::errors::{AXES, ComponentTable, Errors, ErrorsByComponent, HORIZONS, LEAST_STRETCHES};
+use crazyflie_identify::explain::errors::{
+    AXES, ComponentTable, Errors, ErrorsByComponent, HORIZONS, LEAST_STRETCHES,
+};
 use crazyflie_identify::explain::signals::{HORIZONS as JUDGED, Signal};
 use serde::Serialize;
 
@@ -60,17 +62,29 @@ pub(super) fn tables(errors: &Errors, horizons: &[usize]) -> Vec<ErrorTable> {
 fn table(errors: &Errors, axis: usize, horizons: &[usize]) -> ErrorTable {
     let (name, unit, one) = axis_units(axis);
     let axes = &errors.axes;
-    let all = [("before", &axes.before), ("after", &axes.after), ("naive", &axes.naive)].map(|(when, table)| (when, table[axis]));
+    let all = [("before", &axes.before), ("after", &axes.after), ("naive", &axes.naive)]
+        .map(|(when, table)| (when, table[axis]));
     let log = LogScale::spanning(all.iter().flat_map(|(_, row)| horizons.iter().map(|h| row[*h])));
     let row = |h: &usize| {
         let pointer = |when: &str| format!("/error/axes/{when}/{}/{}", axis_key(axis), HORIZONS[*h]);
-        let [before, after, naive] = all.map(|(when, row)| Cell::new(significant(row[*h] / one, 3), row[*h], pointer(when)));
+        let [before, after, naive] =
+            all.map(|(when, row)| Cell::new(significant(row[*h] / one, 3), row[*h], pointer(when)));
         let (change, p) = (change_percent(all[0].1[*h], all[1].1[*h]), axes.p_value[axis][*h]);
         let class = change.filter(|_| p < SURE).map_or("", |c| if c < 0.0 { "better" } else { "worse" });
         let stretches = axes.stretches[axis][*h];
         let p = Cell::new(p_value(p, stretches), p, pointer("p_value"));
         let change = change.map_or("-".into(), signed_percent);
-        ErrorRow { ahead: ahead(*h), before, after, naive, change, class, p, stretches, lengths: all.map(|(_, row)| log.length(row[*h])) }
+        ErrorRow {
+            ahead: ahead(*h),
+            before,
+            after,
+            naive,
+            change,
+            class,
+            p,
+            stretches,
+            lengths: all.map(|(_, row)| log.length(row[*h])),
+        }
     };
     ErrorTable { axis: name, unit, rows: horizons.iter().map(row).collect() }
 }
@@ -95,9 +109,12 @@ pub(crate) fn p_value(p: f64, stretches: usize) -> String {
     }
 }
 
-/// Error of a flight in a signal, before and after, 2 s ahead or as far as the flight goes; in the unit of the signal's axis.
+/// Error of a flight in a signal, before and after, 2 s ahead or as far as the flight goes; in the unit of
+/// the signal's axis.
 pub(crate) fn flight_axis_errors(flight: &ErrorsByComponent, signal: Signal) -> [f64; 2] {
-    let error = |table: &ComponentTable, h: usize| signal.components().map(|row| table[row][h].powi(2)).sum::<f64>().sqrt();
+    let error = |table: &ComponentTable, h: usize| {
+        signal.components().map(|row| table[row][h].powi(2)).sum::<f64>().sqrt()
+    };
     let known = JUDGED.into_iter().rev().find(|h| error(&flight.before, *h).is_finite()).unwrap_or(JUDGED[1]);
     [&flight.before, &flight.after].map(|table| error(table, known))
 }

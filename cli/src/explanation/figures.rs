@@ -1,4 +1,5 @@
-//! The pictures of the page: panels of one size, which the page sets in as many columns as its reader has room for.
+//! The pictures of the page: panels of one size, which the page sets in as many columns as its reader has
+//! room for.
 
 use crazyflie_identify::explain::verdict::Explanation;
 use crazyflie_identify::fit::flight::Flight;
@@ -36,7 +37,8 @@ struct StyledCurve {
 type Axes = (String, Vec<StyledCurve>, Option<f64>);
 
 fn figure(id: &'static str, x_label: &str, axes: &[Axes]) -> Result<Figure, PictureError> {
-    let band = |b: &f64| Band { label: "99 % of an independent series", low: -b, high: *b, color: PALETTE[2] };
+    let band =
+        |b: &f64| Band { label: "99 % of an independent series", low: -b, high: *b, color: PALETTE[2] };
     let mut panels = Vec::new();
     for (y_label, lines, bound) in axes {
         let (series, bands) = (lines.iter().map(series).collect(), bound.iter().map(band).collect());
@@ -46,10 +48,15 @@ fn figure(id: &'static str, x_label: &str, axes: &[Axes]) -> Result<Figure, Pict
     let [width, height] = size(&svg);
     let rows = panels.len().div_ceil(COLUMNS);
     let (wide, high) = (width / COLUMNS as f64, height / rows as f64);
-    let tile = |i: usize| format!("{} {} {wide} {high}", (i % COLUMNS) as f64 * wide, (i / COLUMNS) as f64 * high);
+    let tile =
+        |i: usize| format!("{} {} {wide} {high}", (i % COLUMNS) as f64 * wide, (i / COLUMNS) as f64 * high);
     let tiles = (0..panels.len()).map(tile).collect();
     // within a page the name space goes without saying
-    let svg = svg.replacen(" xmlns=\"http://www.w3.org/2000/svg\"", "", 1).replacen("<svg ", &format!("<svg id=\"{id}\" "), 1);
+    let svg = svg.replacen(" xmlns=\"http://www.w3.org/2000/svg\"", "", 1).replacen(
+        "<svg ",
+        &format!("<svg id=\"{id}\" "),
+        1,
+    );
     let svg = svg.trim_start_matches(|c| c != '<').to_owned();
     Ok(Figure { id, svg, tiles, aspect: format!("{wide} / {high}") })
 }
@@ -101,10 +108,13 @@ pub(super) fn liveliest_flight(flights: &[Flight]) -> Option<&Flight> {
 pub(super) fn free_run(found: &Explanation, flight: &Flight) -> Result<Option<Figure>, PictureError> {
     let (_, stretch) = liveliest(flight, FREE_S);
     let prediction = |h: &Hypothesis| predict(&without_disturbances(h), flight, stretch.clone());
-    let (Some(before), Some(after)) = (prediction(&found.declared), prediction(&found.completed)) else { return Ok(None) };
+    let (Some(before), Some(after)) = (prediction(&found.declared), prediction(&found.completed)) else {
+        return Ok(None);
+    };
     let panel = |at: usize| {
         let ([measured, first], [_, second]) = (&before[at], &after[at]);
-        let (low, high) = measured.y.iter().fold((f64::MAX, f64::MIN), |(low, high), v| (low.min(*v), high.max(*v)));
+        let (low, high) =
+            measured.y.iter().fold((f64::MAX, f64::MIN), |(low, high), v| (low.min(*v), high.max(*v)));
         // the measured span to each side, and at least a little
         let room = (high - low).max(if at < 3 { 2.0 } else { 0.1 });
         let mut lines = vec![StyledCurve { label: "measured", curve: measured.clone(), color: MEASURED }];
@@ -127,7 +137,9 @@ pub(super) fn white(found: &Explanation, flight: &Flight) -> Result<WhitenessFig
     let [first, second] = &found.disturbances;
     let before = whiteness(&without_disturbances(&found.declared), first, flight);
     let after = whiteness(&without_disturbances(&found.completed), second, flight);
-    let (Some(before), Some(after)) = (before, after) else { return Ok(WhitenessFigure { figure: None, rows: Vec::new() }) };
+    let (Some(before), Some(after)) = (before, after) else {
+        return Ok(WhitenessFigure { figure: None, rows: Vec::new() });
+    };
     let shown: Vec<usize> = SHOWN.into_iter().filter(|at| !before[*at].correlation.x.is_empty()).collect();
     let panel = |at: &usize| {
         let line = |label, w: &Whiteness, color| StyledCurve { label, curve: w.correlation.clone(), color };

@@ -7,7 +7,8 @@ use serde::Serialize;
 use super::{FlightSource, Run};
 use crate::text::number;
 
-/// Hover PWM of one vehicle spread by 3 % from flight to flight (11 real flights): a vehicle that is off by five times that is another.
+/// Hover PWM of one vehicle spread by 3 % from flight to flight (11 real flights): a vehicle that is off by
+/// five times that is another.
 const FOREIGN: f64 = 0.15;
 
 /// A model whose vehicle is not the one that flew.
@@ -26,10 +27,12 @@ pub(crate) struct HoverPwm {
 }
 
 impl Run {
-    /// A warning if the flights hover at another PWM than the model, or if numbers fitted to them predict far better.
+    /// A warning if the flights hover at another PWM than the model, or if numbers fitted to them predict far
+    /// better.
     pub(crate) fn foreign_model(&self) -> Option<ForeignModel> {
         let hover_pwm = self.foreign_hover_pwm();
-        (hover_pwm.is_some() || self.found.foreign).then(|| ForeignModel { hover_pwm, commands: self.own_model_commands() })
+        (hover_pwm.is_some() || self.found.foreign)
+            .then(|| ForeignModel { hover_pwm, commands: self.own_model_commands() })
     }
 
     fn foreign_hover_pwm(&self) -> Option<HoverPwm> {
@@ -42,7 +45,8 @@ impl Run {
 
     /// Median over flights of the PWM that carries the vehicle.
     fn flown_hover_pwm(&self) -> Option<f64> {
-        let by_trim = self.trims.iter().filter_map(|trim| trim.values.iter().find(|(name, ..)| name == "hover_pwm"));
+        let by_trim =
+            self.trims.iter().filter_map(|trim| trim.values.iter().find(|(name, ..)| name == "hover_pwm"));
         let mut hovers: Vec<f64> = by_trim.map(|(.., pwm)| *pwm).collect();
         // a model with effects of its own may need another command than the mean to hover
         if hovers.is_empty() && self.model.effects.is_empty() {
@@ -54,9 +58,12 @@ impl Run {
 
     /// Gets the numbers of the vehicle that flew, then asks what that model lacks.
     fn own_model_commands(&self) -> [String; 2] {
-        let files = |sources: &[FlightSource]| sources.iter().map(|s| shell_quoted(&s.file)).collect::<Vec<_>>().join(" ");
+        let files = |sources: &[FlightSource]| {
+            sources.iter().map(|s| shell_quoted(&s.file)).collect::<Vec<_>>().join(" ")
+        };
         let (fit, test) = (files(&self.fit.sources), files(&self.test.sources));
-        let start = self.model_file.as_deref().map_or(String::new(), |file| format!("{} ", shell_quoted(file)));
+        let start =
+            self.model_file.as_deref().map_or(String::new(), |file| format!("{} ", shell_quoted(file)));
         [
             format!("crazyflie identify {start}--fit {fit} --out mine.toml"),
             format!("crazyflie explain mine.toml --fit {fit} --test {test} --out explained"),
@@ -64,8 +71,8 @@ impl Run {
     }
 }
 
-/// The mean thrust command in flight: over a flight it carries the weight. Only of recordings: in a simulated flight another thrust is what one looks
-/// for.
+/// The mean thrust command in flight: over a flight it carries the weight. Only of recordings: in a simulated
+/// flight another thrust is what one looks for.
 fn mean_thrust_pwm(source: &FlightSource) -> Option<f64> {
     let (log, origin) = (&source.log, source.log.provenance);
     if origin.attitude != AttitudeSource::MotionCapture && origin.position != PositionSource::Estimate {
@@ -90,7 +97,11 @@ pub(crate) fn foreign_sentence(run: &Run, foreign: &ForeignModel) -> String {
 /// A file name as a shell reads it.
 pub(super) fn shell_quoted(file: &str) -> String {
     let plain = |c: char| c.is_alphanumeric() || "_-./+=:,@%".contains(c);
-    if !file.is_empty() && file.chars().all(plain) { file.to_owned() } else { format!("'{}'", file.replace('\'', "'\\''")) }
+    if !file.is_empty() && file.chars().all(plain) {
+        file.to_owned()
+    } else {
+        format!("'{}'", file.replace('\'', "'\\''"))
+    }
 }
 
 #[cfg(test)]
@@ -99,6 +110,9 @@ mod tests {
 
     #[test]
     fn file_names_are_quoted_only_where_a_shell_would_split_them() {
-        assert_eq!(["a/b-1.csv.gz", "my flight.csv", "it's.csv"].map(shell_quoted), ["a/b-1.csv.gz", "'my flight.csv'", "'it'\\''s.csv'"]);
+        assert_eq!(
+            ["a/b-1.csv.gz", "my flight.csv", "it's.csv"].map(shell_quoted),
+            ["a/b-1.csv.gz", "'my flight.csv'", "'it'\\''s.csv'"]
+        );
     }
 }

@@ -80,10 +80,12 @@ pub(crate) fn verdict_name(verdict: Verdict) -> &'static str {
 }
 
 fn effect(effect: &Finding) -> Value {
-    let params = effect
-        .params
-        .iter()
-        .map(|p| (p.name.to_owned(), json!({"value": p.value, "stderr": p.stderr, "unit": p.unit, "declared": p.declared})));
+    let params = effect.params.iter().map(|p| {
+        (
+            p.name.to_owned(),
+            json!({"value": p.value, "stderr": p.stderr, "unit": p.unit, "declared": p.declared}),
+        )
+    });
     json!({"name": effect.name, "params": params.collect::<Map<_, _>>(), "confusable_with": effect.confusable_with,
         "manoeuvre": effect.manoeuvre, "worth": {"fit": effect.worth_fit, "test": effect.worth_test},
         "with": effect.with.iter().map(self::effect).collect::<Vec<_>>()})
@@ -95,7 +97,9 @@ fn signals(run: &Run) -> Vec<Value> {
     let signal = |verdict: &SignalVerdict| {
         let after = &run.found.errors.components.after;
         let left = left_cells(&run.found, verdict.signal).into_iter();
-        let left = left.map(|(row, h)| (component_key(row), json!({HORIZONS[h]: after[row][h]}))).collect::<Map<_, _>>();
+        let left = left
+            .map(|(row, h)| (component_key(row), json!({HORIZONS[h]: after[row][h]})))
+            .collect::<Map<_, _>>();
         let mut value = json!(verdict);
         value["left_by_axis"] = left.into();
         value["next"] = json!(next_of_signal(run, &logged, verdict));
@@ -106,7 +110,9 @@ fn signals(run: &Run) -> Vec<Value> {
 
 /// Numbers by name and horizon.
 fn by_horizon<T: Serialize>(names: impl Iterator<Item = String>, table: &[[T; 5]]) -> Value {
-    let row = |row: &[T; 5]| HORIZONS.iter().zip(row).map(|(name, v)| ((*name).to_owned(), json!(v))).collect::<Map<_, _>>();
+    let row = |row: &[T; 5]| {
+        HORIZONS.iter().zip(row).map(|(name, v)| ((*name).to_owned(), json!(v))).collect::<Map<_, _>>()
+    };
     names.zip(table).map(|(name, values)| (name, Value::Object(row(values)))).collect::<Map<_, _>>().into()
 }
 
@@ -139,7 +145,8 @@ fn flights(run: &Run) -> Vec<Value> {
     run.test.sources.iter().zip(&run.found.errors.flights).map(flight).collect()
 }
 
-/// Effects that the flights could not have shown. No standard error: without a slope at "off", only trial fits spoke of it.
+/// Effects that the flights could not have shown. No standard error: without a slope at "off", only trial
+/// fits spoke of it.
 fn not_excited(found: &Explanation) -> Vec<Value> {
     let entry = |(name, stderr): (&'static str, f64)| {
         let param = estimated_param(name).map(|(_, param)| param);

@@ -39,7 +39,9 @@ pub(crate) use json::{as_json, verdict_name};
 pub(crate) use next::{NextStep, next_steps};
 pub(crate) use report::report;
 pub(crate) use signal_view::{SignalRow, signal_rows};
-pub(crate) use words::{change_percent, closed_loop_line, confusable, sentence, significant, total_lines, totals, with_error};
+pub(crate) use words::{
+    change_percent, closed_loop_line, confusable, sentence, significant, total_lines, totals, with_error,
+};
 
 /// Reason that flights could not be explained.
 #[derive(Debug, Error)]
@@ -69,7 +71,9 @@ pub(crate) enum ExplainError {
     },
     #[error("{first} and {other} differ in their clock or in what they command; explain them one at a time")]
     Unlike { first: String, other: String },
-    #[error("{first} and {second} hold the same flight; name it once: errors are only honest on flights that the fit never saw")]
+    #[error(
+        "{first} and {second} hold the same flight; name it once: errors are only honest on flights that the fit never saw"
+    )]
     Same { first: String, second: String },
     #[error(transparent)]
     Trims(#[from] IdentifyError),
@@ -98,7 +102,8 @@ impl DeclaredModel {
             return Ok(DeclaredModel { model: Model::thesis(), case: None });
         }
         let file = path.display().to_string();
-        let text = std::fs::read_to_string(path).map_err(|source| ExplainError::Io { file: file.clone(), source })?;
+        let text = std::fs::read_to_string(path)
+            .map_err(|source| ExplainError::Io { file: file.clone(), source })?;
         if Case::is_case(&text) {
             let case = Case::read(path)?;
             return Ok(DeclaredModel { model: case.model()?, case: Some(case) });
@@ -124,21 +129,35 @@ fn read(paths: [&[PathBuf]; 2]) -> Result<[Vec<FlightSource>; 2], ExplainError> 
         let alone = paths.concat().iter().filter(|other| short(other) == short(path)).count() == 1;
         short(path).filter(|_| alone).unwrap_or_else(|| path.display().to_string())
     };
-    let source = |path: &PathBuf| Ok(FlightSource { file: path.display().to_string(), name: name(path), log: FlightLog::read(path)? });
+    let source = |path: &PathBuf| {
+        Ok(FlightSource { file: path.display().to_string(), name: name(path), log: FlightLog::read(path)? })
+    };
     let [fit, test] = paths.map(|part| part.iter().map(source).collect::<Result<Vec<_>, ExplainError>>());
     Ok([fit?, test?])
 }
 
-fn flights(sources: &[FlightSource], model: &Model, vertical: Option<VerticalInput>) -> Result<Vec<Flight>, ExplainError> {
+fn flights(
+    sources: &[FlightSource],
+    model: &Model,
+    vertical: Option<VerticalInput>,
+) -> Result<Vec<Flight>, ExplainError> {
     let flight = |FlightSource { file, name, log }: &FlightSource| {
-        let problem = |why| ExplainError::Flight { file: file.clone(), model: model.name.clone(), source: Box::new(why) };
+        let problem = |why| ExplainError::Flight {
+            file: file.clone(),
+            model: model.name.clone(),
+            source: Box::new(why),
+        };
         Flight::from_log(name, log, model, vertical).map_err(problem)
     };
     sources.iter().map(flight).collect()
 }
 
-/// A thrust command does not say which of two forms of the model flew it: of these, the one that predicts the flights better as it is.
-fn likelier_vertical_form(model: &Model, fit: &[FlightSource]) -> Result<Option<VerticalInput>, ExplainError> {
+/// A thrust command does not say which of two forms of the model flew it: of these, the one that predicts the
+/// flights better as it is.
+fn likelier_vertical_form(
+    model: &Model,
+    fit: &[FlightSource],
+) -> Result<Option<VerticalInput>, ExplainError> {
     if model.vertical.default.is_some() {
         return Ok(model.vertical.default);
     }
@@ -160,7 +179,11 @@ pub(crate) struct Flights {
 }
 
 impl Flights {
-    fn from_sources(sources: Vec<FlightSource>, model: &Model, vertical: Option<VerticalInput>) -> Result<Self, ExplainError> {
+    fn from_sources(
+        sources: Vec<FlightSource>,
+        model: &Model,
+        vertical: Option<VerticalInput>,
+    ) -> Result<Self, ExplainError> {
         Ok(Flights { flights: flights(&sources, model, vertical)?, sources })
     }
 
@@ -188,12 +211,14 @@ pub(crate) struct Run {
     /// Trims of each flight, which were taken out of it; empty where trims are what one looks for.
     pub trims: Vec<NuisanceParameters>,
     pub found: Explanation,
-    /// The controller that flew, along the set-points of the test flights, on the declared and on the completed model; `None` where it is not known.
+    /// The controller that flew, along the set-points of the test flights, on the declared and on the
+    /// completed model; `None` where it is not known.
     pub closed_loop: Option<(Controller, [Distances; 2])>,
 }
 
 impl Run {
-    /// Reads the flights and explains them, by this vertical form of the model or the one that predicts them better.
+    /// Reads the flights and explains them, by this vertical form of the model or the one that predicts them
+    /// better.
     pub(crate) fn explain_flights(
         model: Model,
         vertical: Option<VerticalInput>,
@@ -203,8 +228,10 @@ impl Run {
         progress("reading the flights");
         let [fit, test] = read([fit, test])?;
         progress("the vertical form");
-        let vertical = vertical.map_or_else(|| likelier_vertical_form(&model, &fit), |given| Ok(Some(given)))?;
-        let (fit, test) = (Flights::from_sources(fit, &model, vertical)?, Flights::from_sources(test, &model, vertical)?);
+        let vertical =
+            vertical.map_or_else(|| likelier_vertical_form(&model, &fit), |given| Ok(Some(given)))?;
+        let (fit, test) =
+            (Flights::from_sources(fit, &model, vertical)?, Flights::from_sources(test, &model, vertical)?);
         check_alike(&fit, &test)?;
         let (mut found, trims) = if fit.are_recorded() {
             let input = fit.flights.first().map_or(VerticalInput::Thrust, |f| f.input);
@@ -225,19 +252,22 @@ impl Run {
             let (file, model) = (source.file.clone(), model.name.clone());
             move |why| ExplainError::Flight { file, model, source: Box::new(why) }
         };
-        let recognised = self
-            .test
-            .with_sources()
-            .map(|(source, flight)| Controller::recognise(&self.model, &source.log, flight).map_err(problem(source, &self.model)));
+        let recognised = self.test.with_sources().map(|(source, flight)| {
+            Controller::recognise(&self.model, &source.log, flight).map_err(problem(source, &self.model))
+        });
         let recognised: Vec<Option<Controller>> = recognised.collect::<Result<_, _>>()?;
-        let Some(controller) = recognised.first().copied().flatten().filter(|first| recognised.iter().all(|c| c == &Some(*first))) else {
+        let Some(controller) = recognised
+            .first()
+            .copied()
+            .flatten()
+            .filter(|first| recognised.iter().all(|c| c == &Some(*first)))
+        else {
             return Ok(None);
         };
         let tracked = |model: &Model| -> Result<Vec<Tracking>, ExplainError> {
-            let tracks = self
-                .test
-                .with_sources()
-                .map(|(source, flight)| follow(model, &source.log, flight, controller).map_err(problem(source, model)));
+            let tracks = self.test.with_sources().map(|(source, flight)| {
+                follow(model, &source.log, flight, controller).map_err(problem(source, model))
+            });
             tracks.filter_map(Result::transpose).collect()
         };
         let (before, after) = (tracked(&self.model)?, tracked(&completed)?);
@@ -276,7 +306,12 @@ fn withhold_weak_tests(found: &mut Explanation) {
 /// Reports effects with the values of the completed model. A term that was learned later may have moved them.
 fn take_values_of_completed(found: &mut Explanation) {
     let terms = &found.completed.terms;
-    found.effects.iter_mut().chain(&mut found.partial).chain(&mut found.corrections).for_each(|effect| take_values(effect, terms));
+    found
+        .effects
+        .iter_mut()
+        .chain(&mut found.partial)
+        .chain(&mut found.corrections)
+        .for_each(|effect| take_values(effect, terms));
 }
 
 fn take_values(effect: &mut Finding, terms: &[Term]) {
@@ -313,7 +348,8 @@ mod tests {
 
     #[test]
     fn an_effect_is_reported_as_the_completed_model_has_it() {
-        let estimate = |name, value| EffectParameterEstimate { name, value, stderr: 0.01, unit: "1", declared: 0.0 };
+        let estimate =
+            |name, value| EffectParameterEstimate { name, value, stderr: 0.01, unit: "1", declared: 0.0 };
         let finding = |name, params, with| Finding {
             name,
             params,

@@ -50,9 +50,11 @@ type Residuals = [[Vec<Curve>; 6]; 2];
 /// A row per test flight.
 pub(super) fn flight_rows(run: &Run) -> Vec<FlightRow> {
     let found = &run.found;
-    let (declared, completed) = (without_disturbances(&found.declared), without_disturbances(&found.completed));
+    let (declared, completed) =
+        (without_disturbances(&found.declared), without_disturbances(&found.completed));
     let residuals_of = |hypothesis: &Hypothesis, flight| residuals(hypothesis, flight).unwrap_or_default();
-    let all: Vec<Residuals> = run.test.flights.iter().map(|f| [residuals_of(&declared, f), residuals_of(&completed, f)]).collect();
+    let all: Vec<Residuals> =
+        run.test.flights.iter().map(|f| [residuals_of(&declared, f), residuals_of(&completed, f)]).collect();
     let frames: [f64; 6] = std::array::from_fn(|at| frame(&all, at));
     let row = |(i, residuals): (usize, &Residuals)| {
         let flight = &run.test.flights[i];
@@ -64,11 +66,24 @@ pub(super) fn flight_rows(run: &Run) -> Vec<FlightRow> {
                 Cell::new(significant(error / one, 2), error, flight_pointer(i, when, component, JUDGED[1]))
             };
             let errors = &found.errors.flights[i];
-            let [declared, completed] = residuals.each_ref().map(|curves| path(&curves[at], length_s, frames[at]));
+            let [declared, completed] =
+                residuals.each_ref().map(|curves| path(&curves[at], length_s, frames[at]));
             let (before, after) = (error("before", &errors.before), error("after", &errors.after));
-            Plot { channel: name, unit, before, after, frame: significant(frames[at], 2), declared, completed }
+            Plot {
+                channel: name,
+                unit,
+                before,
+                after,
+                frame: significant(frames[at], 2),
+                declared,
+                completed,
+            }
         };
-        FlightRow { name: flight.name.clone(), duration: number(length_s, 0), plots: SHOWN.into_iter().zip(COMPONENTS).map(plot).collect() }
+        FlightRow {
+            name: flight.name.clone(),
+            duration: number(length_s, 0),
+            plots: SHOWN.into_iter().zip(COMPONENTS).map(plot).collect(),
+        }
     };
     all.iter().enumerate().map(row).collect()
 }
@@ -76,7 +91,8 @@ pub(super) fn flight_rows(run: &Run) -> Vec<FlightRow> {
 /// Half height that holds all but the outliers of a channel, over all flights.
 fn frame(all: &[Residuals], at: usize) -> f64 {
     let curves = all.iter().flatten().flat_map(|channels| &channels[at]);
-    let mut sizes: Vec<f64> = curves.flat_map(|c| c.y.iter().map(|y| y.abs())).filter(|y| y.is_finite()).collect();
+    let mut sizes: Vec<f64> =
+        curves.flat_map(|c| c.y.iter().map(|y| y.abs())).filter(|y| y.is_finite()).collect();
     sizes.sort_by(f64::total_cmp);
     let max = sizes.get((WITHIN * sizes.len() as f64) as usize).or(sizes.last()).copied().unwrap_or(1.0);
     // two digits say it: the picture is drawn to what is written beside it

@@ -41,7 +41,9 @@ pub(crate) fn next_steps(run: &Run) -> Vec<NextStep> {
         steps.push(NextStep { commands: foreign.commands.to_vec(), ..NextStep::new(None, text) });
     }
     let logged = LogContents::from_run(run);
-    let of_signal = |verdict: &SignalVerdict| next_of_signal(run, &logged, verdict).map(|text| NextStep::new(Some(verdict.signal), text));
+    let of_signal = |verdict: &SignalVerdict| {
+        next_of_signal(run, &logged, verdict).map(|text| NextStep::new(Some(verdict.signal), text))
+    };
     steps.extend(run.found.signals.iter().filter_map(of_signal));
     steps.extend(more_test_flight(run).map(|text| NextStep::new(None, text)));
     if run.found.verdict == Verdict::NotDecidable {
@@ -80,8 +82,14 @@ impl LogContents {
 /// The next manoeuvre or log channel for a signal; `None` where nothing is open.
 pub(super) fn next_of_signal(run: &Run, logged: &LogContents, verdict: &SignalVerdict) -> Option<String> {
     let signal = verdict.signal;
-    let rivals = run.found.effects.iter().flat_map(Finding::all).filter(|e| main_signal(e) == signal && !e.confusable_with.is_empty());
-    let mut all: Vec<String> = rivals.map(|e| format!("To tell {} from {}: {}.", e.name, confusable(e), e.manoeuvre)).collect();
+    let rivals = run
+        .found
+        .effects
+        .iter()
+        .flat_map(Finding::all)
+        .filter(|e| main_signal(e) == signal && !e.confusable_with.is_empty());
+    let mut all: Vec<String> =
+        rivals.map(|e| format!("To tell {} from {}: {}.", e.name, confusable(e), e.manoeuvre)).collect();
     if matches!(verdict.state, SignalState::PartlyExplained | SignalState::Unexplained) {
         all.push(format!("Fly {}.", manoeuvre(signal)));
         all.extend(missing_channels(logged, signal));
@@ -111,7 +119,8 @@ type Channel = (&'static str, &'static str, &'static str);
 const MOTORS: Channel = ("motor_1", "motor.m1 to motor.m4", "what the motors were asked for");
 const ROTORS: Channel = ("rotor_1", "rpm.m1 to rpm.m4", "whether motors or air make the difference");
 const GYRO: Channel = ("gyro_x", "gyro.x, gyro.y and gyro.z", "body rates, which differences of angles blur");
-const FORCE: Channel = ("acc_x", "acc.x, acc.y and acc.z", "a push on the body, apart from an error of the attitude");
+const FORCE: Channel =
+    ("acc_x", "acc.x, acc.y and acc.z", "a push on the body, apart from an error of the attitude");
 const VOLTAGE: Channel = ("vbat", "pm.vbat", "a sagging battery, which looks like lost thrust");
 const TURN_COMMAND: Channel = ("cmd_yaw_rate", "the yaw-rate command", "what the yaw was asked for");
 
@@ -136,7 +145,9 @@ fn too_calm(logged: &LogContents, signal: Signal) -> Option<String> {
         Signal::Tilt => (logged.largest(|m| m.tilt_deg), LEAST_TILT_DEG, "degrees of tilt", 1),
         Signal::Yaw => (logged.largest(|m| m.yaw_turned_deg), LEAST_TURN_DEG, "degrees of turning", 0),
     };
-    let text = || format!("These flights reached only {} {unit}: fly {}.", number(value, decimals), manoeuvre(signal));
+    let text = || {
+        format!("These flights reached only {} {unit}: fly {}.", number(value, decimals), manoeuvre(signal))
+    };
     (value < least).then(text)
 }
 

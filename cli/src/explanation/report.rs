@@ -11,8 +11,8 @@ use super::error_view::{ErrorTable, tables};
 use super::figures::{Figure, free_run, liveliest_flight, white};
 use super::multiples::{FlightRow, flight_rows};
 use super::{
-    NextStep, Run, SHORT_HORIZONS, SignalRow, closed_loop_line, foreign_sentence, next_steps, sentence, signal_rows, total_lines,
-    verdict_name, view,
+    NextStep, Run, SHORT_HORIZONS, SignalRow, closed_loop_line, foreign_sentence, next_steps, sentence,
+    signal_rows, total_lines, verdict_name, view,
 };
 use crate::text::number;
 

@@ -44,12 +44,20 @@ pub(super) fn without_disturbances(hypothesis: &Hypothesis) -> Hypothesis {
 }
 
 /// Measured and predicted per channel over some ticks, from the state measured at their start.
-pub(super) fn predict(hypothesis: &Hypothesis, flight: &Flight, ticks: Range<usize>) -> Option<[[Curve; 2]; 6]> {
+pub(super) fn predict(
+    hypothesis: &Hypothesis,
+    flight: &Flight,
+    ticks: Range<usize>,
+) -> Option<[[Curve; 2]; 6]> {
     let mut worker = SensitivitySimulator::new(hypothesis, flight, false, false).ok()?;
     Some(predict_curves(&mut worker, flight, ticks))
 }
 
-fn predict_curves(worker: &mut SensitivitySimulator, flight: &Flight, ticks: Range<usize>) -> [[Curve; 2]; 6] {
+fn predict_curves(
+    worker: &mut SensitivitySimulator,
+    flight: &Flight,
+    ticks: Range<usize>,
+) -> [[Curve; 2]; 6] {
     let mut own = flight.measured_numbers(ticks.start);
     let lags = worker.initial_lags(flight, ticks.start, &own);
     own.extend(lags);
@@ -69,7 +77,9 @@ pub(super) fn residuals(hypothesis: &Hypothesis, flight: &Flight) -> Option<[Vec
     let mut worker = SensitivitySimulator::new(hypothesis, flight, false, false).ok()?;
     let mut all: [Vec<Curve>; 6] = Default::default();
     for window in flight.windows(0, WINDOW_S) {
-        for (channel, [measured, predicted]) in predict_curves(&mut worker, flight, window.ticks).into_iter().enumerate() {
+        for (channel, [measured, predicted]) in
+            predict_curves(&mut worker, flight, window.ticks).into_iter().enumerate()
+        {
             let y = measured.y.iter().zip(&predicted.y).map(|(m, p)| m - p).collect();
             all[channel].push(Curve { x: measured.x, y });
         }
@@ -101,11 +111,16 @@ pub(super) struct Whiteness {
 }
 
 /// Per channel; `None` where the filter breaks down.
-pub(super) fn whiteness(hypothesis: &Hypothesis, disturbances: &Disturbances, flight: &Flight) -> Option<[Whiteness; 6]> {
+pub(super) fn whiteness(
+    hypothesis: &Hypothesis,
+    disturbances: &Disturbances,
+    flight: &Flight,
+) -> Option<[Whiteness; 6]> {
     let nothing = ParameterPrior::independent(Vec::new(), &[]);
     let filtered = filter(flight, flight.all_ticks(), hypothesis, &nothing, disturbances)?;
     Some(std::array::from_fn(|channel| {
-        let own: Vec<Innovation> = filtered.innovations.iter().filter(|i| i.channel == channel).copied().collect();
+        let own: Vec<Innovation> =
+            filtered.innovations.iter().filter(|i| i.channel == channel).copied().collect();
         whiteness_of(&own)
     }))
 }
@@ -113,7 +128,9 @@ pub(super) fn whiteness(hypothesis: &Hypothesis, disturbances: &Disturbances, fl
 fn whiteness_of(own: &[Innovation]) -> Whiteness {
     let mut steps: Vec<f64> = own.windows(2).map(|i| i[1].t_s - i[0].t_s).collect();
     steps.sort_by(f64::total_cmp);
-    let Some(step_s) = steps.get(steps.len() / 2).copied().filter(|s| *s > 0.0) else { return Whiteness::default() };
+    let Some(step_s) = steps.get(steps.len() / 2).copied().filter(|s| *s > 0.0) else {
+        return Whiteness::default();
+    };
     let e: Vec<f64> = own.iter().map(|i| i.normalised.clamp(-OUTLIER, OUTLIER)).collect();
     let power = e.iter().map(|v| v * v).sum::<f64>() / e.len() as f64;
     let bound = BOUND / (e.len() as f64).sqrt();
@@ -136,7 +153,15 @@ mod tests {
     use super::*;
 
     fn innovations(of: impl Fn(usize) -> f64) -> Vec<Innovation> {
-        (0..3000).map(|i| Innovation { t_s: i as f64 * 0.01, channel: 0, normalised: of(i), log_sd: 0.0, loss: 0.0 }).collect()
+        (0..3000)
+            .map(|i| Innovation {
+                t_s: i as f64 * 0.01,
+                channel: 0,
+                normalised: of(i),
+                log_sd: 0.0,
+                loss: 0.0,
+            })
+            .collect()
     }
 
     #[test]

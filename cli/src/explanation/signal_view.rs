@@ -1,7 +1,10 @@
-//! The verdict on each signal as people read it: how much is explained, what is left by axis, what to do next.
+//! The verdict on each signal as people read it: how much is explained, what is left by axis, what to do
+//! next.
 
 use crazyflie_identify::explain::errors::{COMPONENTS, HORIZONS};
-use crazyflie_identify::explain::signals::{HORIZONS as JUDGED, Signal, SignalState, SignalVerdict, main_signal};
+use crazyflie_identify::explain::signals::{
+    HORIZONS as JUDGED, Signal, SignalState, SignalVerdict, main_signal,
+};
 use crazyflie_identify::explain::verdict::{Explanation, Finding, Leftover};
 use crazyflie_identify::fit::filter::GaussMarkov;
 use serde::Serialize;
@@ -112,7 +115,8 @@ fn percent(share: f64) -> String {
 /// Component and horizon of the errors that are left in a signal: as far ahead as the flights go.
 pub(super) fn left_cells(found: &Explanation, signal: Signal) -> Vec<(usize, usize)> {
     let after = &found.errors.components.after;
-    let farthest = |row: usize| JUDGED.into_iter().rev().find(|h| after[row][*h].is_finite()).unwrap_or(JUDGED[1]);
+    let farthest =
+        |row: usize| JUDGED.into_iter().rev().find(|h| after[row][*h].is_finite()).unwrap_or(JUDGED[1]);
     signal.components().map(|row| (row, farthest(row))).collect()
 }
 
@@ -137,7 +141,11 @@ fn shaken(found: &Explanation, signal: Signal) -> String {
     let [_, after] = &found.disturbances;
     let say = |does: &str, by: GaussMarkov, unit: &str| match by.sigma {
         0.0 => format!("not {does}"),
-        sigma => format!("still {does} by ±{} {unit} for {} s at a time", significant(sigma, 2), significant(by.tau_s, 2)),
+        sigma => format!(
+            "still {does} by ±{} {unit} for {} s at a time",
+            significant(sigma, 2),
+            significant(by.tau_s, 2)
+        ),
     };
     match signal {
         Signal::Sideways => say("pushed", after.force, "m/s²"),

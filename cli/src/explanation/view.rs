@@ -76,8 +76,14 @@ pub(super) struct ModelNumber {
 
 pub(super) fn numbers(all: &[NumberEstimate]) -> Vec<ModelNumber> {
     let row = |(i, n): (usize, &NumberEstimate)| {
-        let cell = |name: &str, value| Cell::new(significant(value, 4), value, format!("/numbers/{i}/{name}"));
-        ModelNumber { path: n.path.clone(), declared: cell("declared", n.declared), fitted: cell("value", n.value), unit: unit(n.unit) }
+        let cell =
+            |name: &str, value| Cell::new(significant(value, 4), value, format!("/numbers/{i}/{name}"));
+        ModelNumber {
+            path: n.path.clone(),
+            declared: cell("declared", n.declared),
+            fitted: cell("value", n.value),
+            unit: unit(n.unit),
+        }
     };
     all.iter().enumerate().map(row).collect()
 }
@@ -95,7 +101,11 @@ pub(super) fn effects(list: &'static str, effects: &[Finding]) -> Vec<Effect> {
     };
     let group = |(i, effect): (usize, &Finding)| {
         let first = effect_row(effect, format!("/{list}/{i}"));
-        let others = effect.with.iter().enumerate().map(|(j, other)| effect_row(other, format!("/{list}/{i}/with/{j}")));
+        let others = effect
+            .with
+            .iter()
+            .enumerate()
+            .map(|(j, other)| effect_row(other, format!("/{list}/{i}/with/{j}")));
         std::iter::once(first).chain(others).collect::<Vec<_>>()
     };
     effects.iter().enumerate().flat_map(group).collect()
@@ -109,7 +119,11 @@ fn params(effect: &Finding, pointer: &str) -> Vec<ValueRow> {
             effect: effect.name,
             name: e.name,
             about: param.about,
-            value: Cell::new(with_error(e.value, e.stderr), e.value, format!("{pointer}/params/{}/value", e.name)),
+            value: Cell::new(
+                with_error(e.value, e.stderr),
+                e.value,
+                format!("{pointer}/params/{}/value", e.name),
+            ),
             interval: interval(e),
             unit: unit(e.unit).trim().into(),
             range: range(param, e.value),
@@ -147,7 +161,9 @@ pub(super) fn rounds(path: &[Step]) -> Vec<Round> {
     let round = |(i, step): (usize, &Step)| {
         let next = path.get(i + 1);
         let chosen = next.and_then(|n| n.effects.iter().find(|e| !step.effects.contains(e))).copied();
-        let log = LogScale::spanning(step.ranking.iter().map(|r| r.gain).chain([LEAST_BAR]).filter(|g| *g >= LEAST_BAR));
+        let log = LogScale::spanning(
+            step.ranking.iter().map(|r| r.gain).chain([LEAST_BAR]).filter(|g| *g >= LEAST_BAR),
+        );
         let bar = |r: &crazyflie_identify::explain::verdict::RankedCandidate| Bar {
             name: r.name,
             gain: significant(r.gain, 3),
@@ -212,13 +228,19 @@ pub(super) fn hidden(found: &Explanation) -> Vec<UndetectableEffect> {
 
 /// Effects without a slope at "off", such as a delay: only trial fits spoke for or against them.
 pub(super) fn sloped_nowhere(found: &Explanation) -> String {
-    let names: Vec<&str> = not_excited(found).filter(|(_, stderr)| !stderr.is_finite()).map(|(name, _)| name).collect();
+    let names: Vec<&str> =
+        not_excited(found).filter(|(_, stderr)| !stderr.is_finite()).map(|(name, _)| name).collect();
     join_words(&names, "and")
 }
 
-/// Effects that the flights did not excite. Named effects are left out, whatever the first step of the search found.
+/// Effects that the flights did not excite. Named effects are left out, whatever the first step of the search
+/// found.
 pub(super) fn not_excited(found: &Explanation) -> impl Iterator<Item = (&'static str, f64)> {
-    found.not_excited.iter().copied().filter(|(name, _)| found.effects.iter().flat_map(Finding::all).all(|e| e.name != *name))
+    found
+        .not_excited
+        .iter()
+        .copied()
+        .filter(|(name, _)| found.effects.iter().flat_map(Finding::all).all(|e| e.name != *name))
 }
 
 /// The parameter that a standard error is of: the first that is estimated.
@@ -248,7 +270,11 @@ pub(super) fn logs(run: &Run) -> Vec<Recording> {
             notes: source.log.notes.iter().map(ToString::to_string).collect(),
         }
     };
-    run.fit.with_sources().map(recording("fit")).chain(run.test.with_sources().map(recording("test"))).collect()
+    run.fit
+        .with_sources()
+        .map(recording("fit"))
+        .chain(run.test.with_sources().map(recording("test")))
+        .collect()
 }
 
 fn noise(flight: &Flight) -> String {

@@ -1,7 +1,9 @@
 //! Numbers with their uncertainty, and findings in sentences.
 
 use crazyflie_env::effects::{Entry, registry};
-use crazyflie_identify::explain::verdict::{EffectParameterEstimate, Explanation, Finding, Leftover, Verdict};
+use crazyflie_identify::explain::verdict::{
+    EffectParameterEstimate, Explanation, Finding, Leftover, Verdict,
+};
 
 use super::Run;
 use crate::text::number;
@@ -47,8 +49,11 @@ pub(crate) fn unit(unit: &str) -> String {
 
 pub(crate) fn estimate(e: &EffectParameterEstimate) -> String {
     // most effects are off at zero, and an effect that the model lacks is off
-    let declared =
-        if e.declared == 0.0 || e.declared == 1.0 { String::new() } else { format!(" (declared {})", significant(e.declared, 3)) };
+    let declared = if e.declared == 0.0 || e.declared == 1.0 {
+        String::new()
+    } else {
+        format!(" (declared {})", significant(e.declared, 3))
+    };
     format!("{} {}{}{declared}", e.name, with_error(e.value, e.stderr), unit(e.unit))
 }
 
@@ -71,11 +76,16 @@ pub(crate) fn confusable(effect: &Finding) -> String {
 /// An effect with its values, and what else it may be.
 fn effect_phrase(effect: &Finding) -> String {
     let values: Vec<String> = effect.params.iter().map(estimate).collect();
-    let or = if effect.confusable_with.is_empty() { String::new() } else { format!(", or {} instead", confusable(effect)) };
+    let or = if effect.confusable_with.is_empty() {
+        String::new()
+    } else {
+        format!(", or {} instead", confusable(effect))
+    };
     format!("{} ({}{or})", effect.name, values.join(", "))
 }
 
-/// Sums of numbers of the model and of the effects that add to them: path, sum, standard error of the effect, unit.
+/// Sums of numbers of the model and of the effects that add to them: path, sum, standard error of the effect,
+/// unit.
 pub(crate) fn totals(run: &Run) -> Vec<(&'static str, f64, f64, &'static str)> {
     let named = || run.found.effects.iter().chain(&run.found.partial).flat_map(Finding::all);
     let total = |entry: &Entry| {
@@ -98,9 +108,12 @@ pub(crate) fn total_lines(run: &Run) -> Vec<String> {
 
 /// The verdict in one sentence.
 pub(crate) fn sentence(found: &Explanation) -> String {
-    let names = |effects: &[Finding]| join_words(&effects.iter().flat_map(Finding::all).map(effect_phrase).collect::<Vec<_>>(), "and");
+    let names = |effects: &[Finding]| {
+        join_words(&effects.iter().flat_map(Finding::all).map(effect_phrase).collect::<Vec<_>>(), "and")
+    };
     let (effects, partial) = (names(&found.effects), names(&found.partial));
-    let left = findings(found).first().map_or_else(String::new, |l| format!(" ({}: {})", l.signal, l.finding));
+    let left =
+        findings(found).first().map_or_else(String::new, |l| format!(" ({}: {})", l.signal, l.finding));
     let besides = if partial.is_empty() {
         String::new()
     } else {
@@ -165,7 +178,10 @@ mod tests {
         assert_eq!(with_error(0.374_21, 0.004_13), "0.3742 ± 0.0041");
         assert_eq!(with_error(39_342.0, 12.0), "39342 ± 12");
         assert_eq!(with_error(0.5, f64::INFINITY), "0.5000");
-        assert_eq!([significant(0.012_34, 3), significant(123.4, 3), significant(0.0, 3)], ["0.0123", "123", "0"]);
+        assert_eq!(
+            [significant(0.012_34, 3), significant(123.4, 3), significant(0.0, 3)],
+            ["0.0123", "123", "0"]
+        );
         assert_eq!(significant(f64::NAN, 3), "-");
     }
 

@@ -45,8 +45,9 @@ pub(super) struct FlightSet {
 }
 
 impl FlightSet {
-    /// The same flights, each with its thrust command in parts of its own median, times a common PWM. The vehicle hovers on the whole, so the
-    /// median command is the one that carries it: nothing but commands goes into this.
+    /// The same flights, each with its thrust command in parts of its own median, times a common PWM. The
+    /// vehicle hovers on the whole, so the median command is the one that carries it: nothing but commands
+    /// goes into this.
     pub(super) fn flights_with_own_hover(&self, model: &Model, common_pwm: f64) -> Vec<Flight> {
         let with_own_hover = |r: &RecordedFlight| {
             let mut log = r.log.clone();
@@ -61,8 +62,12 @@ impl FlightSet {
 
     /// The median thrust command of each flight.
     pub(super) fn hovers_pwm(&self) -> Vec<f64> {
-        let hover_pwm =
-            |r: &RecordedFlight| Some(quantile(r.log.cmd_thrust_pwm.as_ref()?.get(r.log.airborne.clone())?, 0.5).unwrap_or(f64::NAN));
+        let hover_pwm = |r: &RecordedFlight| {
+            Some(
+                quantile(r.log.cmd_thrust_pwm.as_ref()?.get(r.log.airborne.clone())?, 0.5)
+                    .unwrap_or(f64::NAN),
+            )
+        };
         self.recorded.iter().filter_map(hover_pwm).collect()
     }
 

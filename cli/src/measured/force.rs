@@ -49,12 +49,20 @@ pub(super) fn force(flight: &Flight, at: &Hypothesis) -> Option<SpecificForce> {
 
 /// Root mean square error over flights.
 pub(super) fn error(flights: &[Flight], at: &Hypothesis) -> f64 {
-    let errors = |f: SpecificForce| f.measured_mps2.into_iter().zip(f.predicted_mps2).map(|(m, p)| m - p).collect();
-    rms(&flights.iter().filter_map(|f| force(f, at)).flat_map::<Vec<f64>, _>(errors).collect::<Vec<_>>()).unwrap_or(f64::NAN)
+    let errors =
+        |f: SpecificForce| f.measured_mps2.into_iter().zip(f.predicted_mps2).map(|(m, p)| m - p).collect();
+    rms(&flights.iter().filter_map(|f| force(f, at)).flat_map::<Vec<f64>, _>(errors).collect::<Vec<_>>())
+        .unwrap_or(f64::NAN)
 }
 
 /// The same of a prediction that the vehicle always carries its weight.
 pub(super) fn constant_gravity_error(flights: &[Flight]) -> f64 {
     let at = |f: &Flight| force(f, &Hypothesis::from_model(&Model::thesis()));
-    rms(&flights.iter().filter_map(at).flat_map(|f| f.measured_mps2).map(|m| m - GRAVITY_MPS2).collect::<Vec<_>>()).unwrap_or(f64::NAN)
+    rms(&flights
+        .iter()
+        .filter_map(at)
+        .flat_map(|f| f.measured_mps2)
+        .map(|m| m - GRAVITY_MPS2)
+        .collect::<Vec<_>>())
+    .unwrap_or(f64::NAN)
 }

@@ -12,7 +12,8 @@ use super::ladder::FittedValue;
 const LOW_M: f64 = 0.3;
 const WINDOW_S: f64 = 0.5;
 const STEPS: usize = 15;
-/// A standing vehicle is 29 mm high (Bitcraze's data sheet, with feet), its rotors on top; the marker frame then is at 55 mm in these files.
+/// A standing vehicle is 29 mm high (Bitcraze's data sheet, with feet), its rotors on top; the marker frame
+/// then is at 55 mm in these files.
 pub(super) const ROTORS_FROM_MARKER_M: f64 = 0.029 - 0.055;
 /// Effects of the floor, and effects that look like them.
 const CANDIDATES: [&str; 4] = ["ground_effect", "ground_effect_exp", "tilt_loss", "drag_linear"];
@@ -35,7 +36,10 @@ pub(super) struct GroundStudy {
 /// Each rival beside the completed model, whose thrust may differ there.
 pub(super) fn ground(completed: &Hypothesis, fit: &[Flight], test: &[Flight]) -> Option<GroundStudy> {
     let (low, low_test) = (low_windows(fit), low_windows(test));
-    let mut base = Hypothesis { free: vec!["vertical.thrust.hover".into(), "vertical.thrust.heave".into()], ..completed.without_free() };
+    let mut base = Hypothesis {
+        free: vec!["vertical.thrust.hover".into(), "vertical.thrust.heave".into()],
+        ..completed.without_free()
+    };
     if let Some(slope) = base.terms.iter_mut().find(|t| t.entry.name == "thrust_slope") {
         slope.free = vec![0];
     }
@@ -63,8 +67,15 @@ pub(super) fn ground(completed: &Hypothesis, fit: &[Flight], test: &[Flight]) ->
             stderr: covariance.map_or(f64::INFINITY, |c| c[(i, i)].max(0.0).sqrt()),
             at_bound: solution.shared[i] <= least || solution.shared[i] >= max,
         };
-        let gain_test = 1.0 - solve(&with.with_values(&solution.shared).without_free(), test, &low_test).loss / calm_test;
-        candidates.push(GroundCandidate { effect, value, off: entry.params[0].off, gain_fit: 1.0 - solution.loss / calm.loss, gain_test });
+        let gain_test =
+            1.0 - solve(&with.with_values(&solution.shared).without_free(), test, &low_test).loss / calm_test;
+        candidates.push(GroundCandidate {
+            effect,
+            value,
+            off: entry.params[0].off,
+            gain_fit: 1.0 - solution.loss / calm.loss,
+            gain_test,
+        });
     }
     Some(GroundStudy { windows: [low.len(), low_test.len()], candidates })
 }

@@ -24,7 +24,8 @@ const FREE: [&str; 9] = [
     "lateral.drag",
 ];
 /// Effects in the order in which they are tried: thrust, trim, then the others.
-const EFFECTS: [&str; 7] = ["thrust_slope", "tilt_loss", "imu_tilt", "com_offset", "battery_sag", "drag_quadratic", "wind"];
+const EFFECTS: [&str; 7] =
+    ["thrust_slope", "tilt_loss", "imu_tilt", "com_offset", "battery_sag", "drag_quadratic", "wind"];
 const STEPS: usize = 40;
 const STEPS_MORE: usize = 12;
 /// A fall of the velocity error on the test flights that chance brings about less often is one.
@@ -66,7 +67,10 @@ pub(super) struct FitProblem<'a> {
 
 impl<'a> FitProblem<'a> {
     pub(super) fn new(flights: &'a [Flight], window_s: f64) -> Self {
-        FitProblem { flights, windows: flights.iter().enumerate().flat_map(|(i, f)| f.windows(i, window_s)).collect() }
+        FitProblem {
+            flights,
+            windows: flights.iter().enumerate().flat_map(|(i, f)| f.windows(i, window_s)).collect(),
+        }
     }
 
     /// Fits the numbers of the model again.
@@ -77,7 +81,12 @@ impl<'a> FitProblem<'a> {
     }
 
     fn solve(&self, at: &Hypothesis, own: Option<&[Vec<f64>]>, steps: usize) -> FitResult {
-        let prediction = OutputErrorProblem { flights: self.flights, windows: &self.windows, hypothesis: at, inflation: 1.0 };
+        let prediction = OutputErrorProblem {
+            flights: self.flights,
+            windows: &self.windows,
+            hypothesis: at,
+            inflation: 1.0,
+        };
         let own = own.map_or_else(|| prediction.measured_starts(), <[_]>::to_vec);
         let solution = solve_within(&prediction, own, at.free_values(), steps, ENOUGH);
         let values = self.values(at, &solution);
@@ -91,7 +100,9 @@ impl<'a> FitProblem<'a> {
         let unit = |path: &String| known.iter().find(|(p, ..)| p == path).map_or("", |(_, _, unit)| *unit);
         let of_model = at.free.iter().map(|path| (path.clone(), unit(path).to_owned()));
         let of_terms = at.terms.iter().flat_map(|t| {
-            t.free.iter().map(|i| (format!("{}.{}", t.entry.name, t.entry.params[*i].name), t.entry.params[*i].unit.to_owned()))
+            t.free.iter().map(|i| {
+                (format!("{}.{}", t.entry.name, t.entry.params[*i].name), t.entry.params[*i].unit.to_owned())
+            })
         });
         let bounds = at.bounds();
         let value = |(i, (name, unit)): (usize, (String, String))| {
@@ -99,7 +110,8 @@ impl<'a> FitProblem<'a> {
             let stderr = covariance.as_ref().map_or(f64::INFINITY, |c| c[(i, i)].max(0.0).sqrt());
             let near = 1e-6 * (bounds[i][1] - bounds[i][0]);
             // "nothing" is where a drag or a share begins, and no failure to converge
-            let at_bound = (value - bounds[i][1]).abs() < near || ((value - bounds[i][0]).abs() < near && value != 0.0);
+            let at_bound =
+                (value - bounds[i][1]).abs() < near || ((value - bounds[i][0]).abs() < near && value != 0.0);
             FittedValue { name, unit, value, stderr, at_bound }
         };
         of_model.chain(of_terms).enumerate().map(value).collect()
@@ -122,7 +134,9 @@ impl<'a> FitProblem<'a> {
             let force_mps2 = [&now, &more].map(|f| force::error(test, &f.hypothesis));
             let own = |v: &&FittedValue| v.name.starts_with(&format!("{effect}."));
             let values: Vec<FittedValue> = more.values.iter().filter(own).map(FittedValue::copy).collect();
-            let off = |v: &FittedValue| entry.params.iter().find(|p| v.name.ends_with(p.name)).map_or(0.0, |p| p.off);
+            let off = |v: &FittedValue| {
+                entry.params.iter().find(|p| v.name.ends_with(p.name)).map_or(0.0, |p| p.off)
+            };
             let clear = values.iter().any(|v| (v.value - off(v)).abs() > CLEAR * v.stderr);
             let kept = clear && helps(&errors);
             effect_trials.push(EffectTrial { effect, values, errors, force_mps2, kept });
@@ -134,7 +148,8 @@ impl<'a> FitProblem<'a> {
     }
 }
 
-/// Whether the velocity errors 0.5 s and 2 s ahead fall, at least one of them by more than chance, and neither rises.
+/// Whether the velocity errors 0.5 s and 2 s ahead fall, at least one of them by more than chance, and
+/// neither rises.
 fn helps(errors: &Errors) -> bool {
     let by_chance = |h: usize| errors.p_value[1][h] >= 0.5 * SIGNIFICANT;
     let falls = |h: usize| errors.after[1][h] < errors.before[1][h];

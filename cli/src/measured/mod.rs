@@ -29,8 +29,8 @@ pub(crate) use picture::pictures;
 /// Largest number of calls of `progress`.
 pub(crate) const STAGES: u64 = 15;
 
-/// Windows of the fits. Hover PWM differ from flight to flight, and over 5 s that is seen as damping rather than as a force; with the hover PWM of
-/// each flight known, 2 s tell the force.
+/// Windows of the fits. Hover PWM differ from flight to flight, and over 5 s that is seen as damping rather
+/// than as a force; with the hover PWM of each flight known, 2 s tell the force.
 const LONG_S: f64 = 5.0;
 const SHORT_S: f64 = 2.0;
 /// Start of a fit without a better value.
@@ -55,7 +55,9 @@ pub(crate) struct ClosedLoop {
 
 impl ClosedLoop {
     fn follow_setpoints(model: &Model, test: &FlightSet, controller: Controller) -> Self {
-        let fly = |r: &data::RecordedFlight| Some((r.flight.name.clone(), follow(model, &r.log, &r.flight, controller).ok()??));
+        let fly = |r: &data::RecordedFlight| {
+            Some((r.flight.name.clone(), follow(model, &r.log, &r.flight, controller).ok()??))
+        };
         let flights: Vec<(String, Tracking)> = test.recorded.iter().filter_map(fly).collect();
         let all: Vec<Tracking> = flights.iter().map(|(_, t)| t.clone()).collect();
         ClosedLoop { distances: Distances::new(&all), flights }
@@ -82,7 +84,8 @@ pub(crate) struct RecordedReport {
     force_mps2: [f64; 4],
     /// Of the constant g.
     still_mps2: f64,
-    /// The thesis PID and the firmware's controller along the set-points of the test flights: on the thesis model, re-identified, explained.
+    /// The thesis PID and the firmware's controller along the set-points of the test flights: on the thesis
+    /// model, re-identified, explained.
     closed_loop: [[ClosedLoop; 3]; 2],
     parts: Vec<SubsetFit>,
     ground: Option<ground::GroundStudy>,
@@ -102,7 +105,11 @@ impl RecordedReport {
 ///
 /// # Errors
 /// Recordings that are missing or cannot be read, in words.
-pub(crate) fn study_recordings(data: &Path, quick: bool, progress: &dyn Fn(&str)) -> Result<RecordedReport, String> {
+pub(crate) fn study_recordings(
+    data: &Path,
+    quick: bool,
+    progress: &dyn Fn(&str),
+) -> Result<RecordedReport, String> {
     let began = Instant::now();
     let model = Model::thesis();
     progress("reading");
@@ -116,7 +123,8 @@ pub(crate) fn study_recordings(data: &Path, quick: bool, progress: &dyn Fn(&str)
     let d = noise::tune_disturbances(&fitted[0], &again, None);
     progress("the hover PWM of each flight");
     let common_pwm = quantile(&fit.hovers_pwm(), 0.5).unwrap_or(f64::NAN);
-    let (fitted_trim, judged_trim) = (fit.flights_with_own_hover(&model, common_pwm), test.flights_with_own_hover(&model, common_pwm));
+    let (fitted_trim, judged_trim) =
+        (fit.flights_with_own_hover(&model, common_pwm), test.flights_with_own_hover(&model, common_pwm));
     let all = FitProblem::new(&fitted_trim, SHORT_S);
     let trim = all.reidentify(&model, common_pwm);
     let trimmed = Hypothesis::from_model(&trim.hypothesis.model);
@@ -137,8 +145,8 @@ pub(crate) fn study_recordings(data: &Path, quick: bool, progress: &dyn Fn(&str)
     let still_mps2 = force::constant_gravity_error(&judged);
     progress("closed loop");
     let models = [&thesis, &again, &explained].map(|h| h.to_model("fitted"));
-    let closed_loop =
-        [Controller::Thesis, Controller::Firmware].map(|c| models.each_ref().map(|m| ClosedLoop::follow_setpoints(m, &test, c)));
+    let closed_loop = [Controller::Thesis, Controller::Firmware]
+        .map(|c| models.each_ref().map(|m| ClosedLoop::follow_setpoints(m, &test, c)));
     let parts = if quick { Vec::new() } else { parts(&thesis, &again, &d, &judged) };
     progress("near the floor");
     let ground = if quick { None } else { ground::ground(&explained, &fitted_trim, &judged_trim) };
@@ -170,7 +178,12 @@ pub(crate) fn study_recordings(data: &Path, quick: bool, progress: &dyn Fn(&str)
 }
 
 /// Fits of the thesis model with the numbers of one of its equations taken from the fit.
-fn parts(thesis: &Hypothesis, again: &Hypothesis, d: &crazyflie_identify::fit::filter::Disturbances, test: &[Flight]) -> Vec<SubsetFit> {
+fn parts(
+    thesis: &Hypothesis,
+    again: &Hypothesis,
+    d: &crazyflie_identify::fit::filter::Disturbances,
+    test: &[Flight],
+) -> Vec<SubsetFit> {
     let with = |prefixes: &[&str]| {
         let mut model = thesis.model.clone();
         for (path, value, _) in again.model.parameters() {

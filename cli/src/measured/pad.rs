@@ -24,8 +24,13 @@ pub(super) struct DefectStudy {
 
 /// `None` where the recordings are absent, or the model cannot hover by a thrust command.
 pub(super) fn pad(model: &Model, folder: &Path) -> Option<DefectStudy> {
-    let folders =
-        |condition: &str| KINDS.map(|k| folder.join(k).join(condition)).into_iter().filter(|p| p.is_dir()).collect::<Vec<PathBuf>>();
+    let folders = |condition: &str| {
+        KINDS
+            .map(|k| folder.join(k).join(condition))
+            .into_iter()
+            .filter(|p| p.is_dir())
+            .collect::<Vec<PathBuf>>()
+    };
     let demands = effect_demands(model).ok()?;
     let normal = read_trims(&folders(NORMAL), &mut Vec::new()).ok()?;
     let mut names: Vec<String> = KINDS

@@ -51,7 +51,8 @@ fn nanobench(report: &RecordedReport, folder: &str, text: &mut String) {
     for (name, why) in report.fit.skipped.iter().chain(&report.test.skipped) {
         let _ = writeln!(text, "- `{name}` is not used: {why}.");
     }
-    let _ = writeln!(text, "\n{}\n![Errors over the horizon]({folder}/errors.svg)\n", errors(report).markdown());
+    let _ =
+        writeln!(text, "\n{}\n![Errors over the horizon]({folder}/errors.svg)\n", errors(report).markdown());
     let [again, explained] = [report.errors[0].after[1][4], report.errors[1].after[1][4]];
     if explained > again {
         let _ = writeln!(
@@ -62,9 +63,14 @@ fn nanobench(report: &RecordedReport, folder: &str, text: &mut String) {
             number(again, 3)
         );
     }
-    let _ = writeln!(text, "The numbers, standard errors clustered by flight:\n\n{}", numbers(report).markdown());
+    let _ =
+        writeln!(text, "The numbers, standard errors clustered by flight:\n\n{}", numbers(report).markdown());
     let range = |v: &[f64]| {
-        format!("{} to {}", number(v.iter().copied().fold(f64::MAX, f64::min), 0), number(v.iter().copied().fold(0.0, f64::max), 0))
+        format!(
+            "{} to {}",
+            number(v.iter().copied().fold(f64::MAX, f64::min), 0),
+            number(v.iter().copied().fold(0.0, f64::max), 0)
+        )
     };
     let _ = writeln!(
         text,
@@ -100,7 +106,8 @@ fn nanobench(report: &RecordedReport, folder: &str, text: &mut String) {
 
 fn errors(report: &RecordedReport) -> Table {
     let mut header = vec!["quantity", "model"];
-    let horizons = HORIZONS.map(|h| if h == "one_step" { "one step (0.02 s)".to_owned() } else { h.replace('_', " ") });
+    let horizons =
+        HORIZONS.map(|h| if h == "one_step" { "one step (0.02 s)".to_owned() } else { h.replace('_', " ") });
     header.extend(horizons.iter().map(String::as_str));
     let mut table = Table::new(&header).left(&[1]);
     let [a, b] = &report.errors;
@@ -139,13 +146,26 @@ fn numbers(report: &RecordedReport) -> Table {
 }
 
 fn effect_trials(effect_trials: &[EffectTrial]) -> Table {
-    let header = ["effect", "found", "2 s velocity (m/s)", "p", "0.5 s velocity (m/s)", "p", "specific force (m/s^2)", "verdict"];
+    let header = [
+        "effect",
+        "found",
+        "2 s velocity (m/s)",
+        "p",
+        "0.5 s velocity (m/s)",
+        "p",
+        "specific force (m/s^2)",
+        "verdict",
+    ];
     let mut table = Table::new(&header).left(&[1, 7]);
     for effect_trial in effect_trials {
         let e = &effect_trial.errors;
-        let pair = |q: usize, h: usize| format!("{} to {}", number(e.before[q][h], 4), number(e.after[q][h], 4));
-        let values: Vec<String> = effect_trial.values.iter().map(|v| value_text(v, effect_trial.effect)).collect();
-        let p = |h: usize| if e.p_value[1][h] < 0.001 { "< 0.001".to_owned() } else { number(e.p_value[1][h], 3) };
+        let pair =
+            |q: usize, h: usize| format!("{} to {}", number(e.before[q][h], 4), number(e.after[q][h], 4));
+        let values: Vec<String> =
+            effect_trial.values.iter().map(|v| value_text(v, effect_trial.effect)).collect();
+        let p = |h: usize| {
+            if e.p_value[1][h] < 0.001 { "< 0.001".to_owned() } else { number(e.p_value[1][h], 3) }
+        };
         table.row(vec![
             format!("`{}`", effect_trial.effect),
             values.join(", "),
@@ -175,7 +195,8 @@ pub(crate) fn as_json(report: &RecordedReport) -> Json {
         "values": r.values.iter().map(value).collect::<Vec<_>>()})
     };
     let distances = |loops: &[super::ClosedLoop; 3]| json!({"thesis": loops[0].distances, "reidentified": loops[1].distances, "explained": loops[2].distances});
-    let names = |side: &super::FlightSet| side.recorded.iter().map(|r| r.flight.name.clone()).collect::<Vec<_>>();
+    let names =
+        |side: &super::FlightSet| side.recorded.iter().map(|r| r.flight.name.clone()).collect::<Vec<_>>();
     json!({
         "fit": names(&report.fit),
         "test": names(&report.test),

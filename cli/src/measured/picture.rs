@@ -13,7 +13,11 @@ const SHOWN_S: [f64; 2] = [5.0, 17.0];
 /// # Errors
 /// Numbers that cannot be drawn.
 pub(crate) fn pictures(report: &RecordedReport) -> Result<Vec<(&'static str, String)>, PictureError> {
-    Ok(vec![("errors.svg", errors(report)?), ("force.svg", specific_force(report)?), ("closed_loop.svg", closed_loop(report)?)])
+    Ok(vec![
+        ("errors.svg", errors(report)?),
+        ("force.svg", specific_force(report)?),
+        ("closed_loop.svg", closed_loop(report)?),
+    ])
 }
 
 /// The first test flight as flown, and as the firmware's controller is predicted to fly it on two models.
@@ -24,7 +28,14 @@ fn closed_loop(report: &RecordedReport) -> Result<String, PictureError> {
     };
     let axis = |points: &[[f64; 3]], i: usize| points.iter().map(|p| p[i]).collect::<Vec<f64>>();
     let curves: Vec<[Vec<f64>; 4]> = (0..3)
-        .map(|i| [axis(&before.setpoint_m, i), axis(&before.measured_m, i), axis(&before.predicted_m, i), axis(&after.predicted_m, i)])
+        .map(|i| {
+            [
+                axis(&before.setpoint_m, i),
+                axis(&before.measured_m, i),
+                axis(&before.predicted_m, i),
+                axis(&after.predicted_m, i),
+            ]
+        })
         .collect();
     let looks = [
         ("set-point", PALETTE[3], Style::Dashed),
@@ -51,10 +62,18 @@ fn closed_loop(report: &RecordedReport) -> Result<String, PictureError> {
 /// Error over horizon, the decimal logarithm of both: three orders of magnitude lie between the ends.
 fn errors(report: &RecordedReport) -> Result<String, PictureError> {
     let x: Vec<f64> = HORIZONS_S.iter().map(|s| s.log10()).collect();
-    let log_errors = |table: &[[f64; 5]; 3], q: usize| table[q][..4].iter().map(|e| e.log10()).collect::<Vec<f64>>();
+    let log_errors =
+        |table: &[[f64; 5]; 3], q: usize| table[q][..4].iter().map(|e| e.log10()).collect::<Vec<f64>>();
     let [a, b] = &report.errors;
     let curves: Vec<[Vec<f64>; 4]> = (0..QUANTITIES.len())
-        .map(|q| [log_errors(&a.before, q), log_errors(&a.after, q), log_errors(&b.after, q), log_errors(&a.naive, q)])
+        .map(|q| {
+            [
+                log_errors(&a.before, q),
+                log_errors(&a.after, q),
+                log_errors(&b.after, q),
+                log_errors(&a.naive, q),
+            ]
+        })
         .collect();
     let looks = [
         ("thesis model", PALETTE[1], Style::Solid),
@@ -68,7 +87,11 @@ fn errors(report: &RecordedReport) -> Result<String, PictureError> {
             title: QUANTITIES[q].0,
             x_label: "log10 of the horizon (s)",
             y_label: labels[q],
-            series: curves[q].iter().zip(looks).map(|(y, (label, color, style))| Series { label, x: &x, y, style, color }).collect(),
+            series: curves[q]
+                .iter()
+                .zip(looks)
+                .map(|(y, (label, color, style))| Series { label, x: &x, y, style, color })
+                .collect(),
             ..Panel::default()
         })
         .collect();
@@ -86,8 +109,15 @@ fn specific_force(report: &RecordedReport) -> Result<String, PictureError> {
     .collect();
     let mut panels = Vec::new();
     for (label, color, force) in &forces {
-        let measured = Series { label: "measured", x: &force.t_s, y: &force.measured_mps2, style: Style::Solid, color: PALETTE[0] };
-        let predicted = Series { label, x: &force.t_s, y: &force.predicted_mps2, style: Style::Solid, color: *color };
+        let measured = Series {
+            label: "measured",
+            x: &force.t_s,
+            y: &force.measured_mps2,
+            style: Style::Solid,
+            color: PALETTE[0],
+        };
+        let predicted =
+            Series { label, x: &force.t_s, y: &force.predicted_mps2, style: Style::Solid, color: *color };
         panels.push(Panel {
             title: label,
             x_label: "time (s)",
@@ -100,7 +130,8 @@ fn specific_force(report: &RecordedReport) -> Result<String, PictureError> {
 }
 
 fn cut(force: force::SpecificForce) -> force::SpecificForce {
-    let kept: Vec<usize> = (0..force.t_s.len()).filter(|i| (SHOWN_S[0]..SHOWN_S[1]).contains(&force.t_s[*i])).collect();
+    let kept: Vec<usize> =
+        (0..force.t_s.len()).filter(|i| (SHOWN_S[0]..SHOWN_S[1]).contains(&force.t_s[*i])).collect();
     let select = |v: &[f64]| kept.iter().map(|i| v[*i]).collect();
     force::SpecificForce {
         t_s: select(&force.t_s),

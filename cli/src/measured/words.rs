@@ -16,7 +16,12 @@ pub(super) fn transfer(report: &RecordedReport, text: &mut String) {
         return;
     }
     let [a, _] = &report.errors;
-    let mut table = Table::new(&["thesis model with", "attitude after 0.5 s (rad)", "velocity after 2 s (m/s)", "p against unchanged"]);
+    let mut table = Table::new(&[
+        "thesis model with",
+        "attitude after 0.5 s (rad)",
+        "velocity after 2 s (m/s)",
+        "p against unchanged",
+    ]);
     let mut row = |what: &str, attitude: f64, velocity: f64, p: Option<f64>| {
         let p = p.map_or(String::new(), |p| if p < 0.001 { "< 0.001".into() } else { number(p, 3) });
         table.row(vec![what.into(), number(attitude, 4), number(velocity, 3), p]);
@@ -26,7 +31,8 @@ pub(super) fn transfer(report: &RecordedReport, text: &mut String) {
         row(part.what, part.attitude_rad, part.velocity_mps, Some(part.p_value));
     }
     row("all numbers fitted", a.after[2][2], a.after[1][3], Some(a.p_value[1][3]));
-    let model = |hypothesis: &super::Hypothesis, path: &str| hypothesis.model.parameter(path).unwrap_or(f64::NAN);
+    let model =
+        |hypothesis: &super::Hypothesis, path: &str| hypothesis.model.parameter(path).unwrap_or(f64::NAN);
     let gain = |hypothesis: &super::Hypothesis, axis: &str| {
         model(hypothesis, &format!("{axis}.gain")) / model(hypothesis, &format!("{axis}.stiffness"))
     };
@@ -138,6 +144,7 @@ pub(super) fn pad(report: &RecordedReport, text: &mut String) {
         text.push('\n');
     }
     if let Some([alarms, tried]) = pad.conditions.first().and_then(|c| c.diagnosis.normal_alarms) {
-        let _ = writeln!(text, "Each normal set-up against the others: {alarms} of {tried} raise an alarm.\n");
+        let _ =
+            writeln!(text, "Each normal set-up against the others: {alarms} of {tried} raise an alarm.\n");
     }
 }

@@ -55,7 +55,9 @@ impl CaseFile {
     fn check_flight(&self, path: &Path) -> Result<(), CaseFileError> {
         let name = || (path.display().to_string(), self.id.clone());
         let is_packed = path.extension().is_some_and(|extension| extension == "gz");
-        let length = File::open(path).and_then(|file| if is_packed { count_bytes(MultiGzDecoder::new(file)) } else { count_bytes(file) });
+        let length = File::open(path).and_then(|file| {
+            if is_packed { count_bytes(MultiGzDecoder::new(file)) } else { count_bytes(file) }
+        });
         match length {
             Err(source) if source.kind() != io::ErrorKind::UnexpectedEof => {
                 let (file, case) = name();
@@ -77,7 +79,10 @@ fn count_bytes(mut source: impl Read) -> io::Result<u64> {
 
 /// The cases of a folder, in the order of their names.
 pub(crate) fn find_cases(folder: &Path) -> io::Result<Vec<CaseFile>> {
-    let name = folder.canonicalize()?.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+    let name = folder
+        .canonicalize()?
+        .file_name()
+        .map_or_else(String::new, |name| name.to_string_lossy().into_owned());
     let mut cases = Vec::new();
     for entry in std::fs::read_dir(folder)? {
         let path = entry?.path();
@@ -103,7 +108,12 @@ mod tests {
     #[test]
     fn answers_are_no_cases() {
         let is_case = |name: &str| is_case(Path::new(name));
-        assert!(is_case("x/d05.json") && !is_case("x/d05.answer.json") && !is_case("d.json") && !is_case("d05_a.csv.gz"));
+        assert!(
+            is_case("x/d05.json")
+                && !is_case("x/d05.answer.json")
+                && !is_case("d.json")
+                && !is_case("d05_a.csv.gz")
+        );
         assert_eq!(CaseFile::new("x/d05.json".into(), "x").id, "d05");
     }
 }

@@ -41,7 +41,8 @@ fn explain(file: &CaseFile, progress: &dyn Fn(&str)) -> Result<Run, String> {
     let explained = |e: ExplainError| with_cause(&e);
     let declared = DeclaredModel::read(&file.path).map_err(explained)?;
     let case = declared.case.ok_or_else(|| format!("{}: not a case file", file.path.display()))?;
-    Run::explain_flights(declared.model, None, [&[case.identify_on], &[case.held_out]], progress).map_err(explained)
+    Run::explain_flights(declared.model, None, [&[case.identify_on], &[case.held_out]], progress)
+        .map_err(explained)
 }
 
 /// Schedule of the cases that are scored side by side.
@@ -53,8 +54,8 @@ pub(crate) struct Schedule {
     pub with_oracle: bool,
 }
 
-/// Scores cases side by side, each job on threads of its own, so that the seconds of a case are its own. `done` is told of each as it
-/// ends; the records are in the order of the cases.
+/// Scores cases side by side, each job on threads of its own, so that the seconds of a case are its own.
+/// `done` is told of each as it ends; the records are in the order of the cases.
 pub(crate) fn score_all(
     cases: &[CaseFile],
     schedule: Schedule,
@@ -66,7 +67,9 @@ pub(crate) fn score_all(
     let run_job = || -> Result<(), String> {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(schedule.threads).build();
         let pool = pool.map_err(|e| format!("no threads for a job: {e}"))?;
-        while let Some((at, case)) = Some(next.fetch_add(1, Ordering::Relaxed)).and_then(|at| Some((at, cases.get(at)?))) {
+        while let Some((at, case)) =
+            Some(next.fetch_add(1, Ordering::Relaxed)).and_then(|at| Some((at, cases.get(at)?)))
+        {
             let record = pool.install(|| score(case, schedule.with_oracle, &|stage| progress(case, stage)));
             let record = record.map_err(|e| with_cause(&e))?;
             done(&record);

@@ -8,7 +8,8 @@ use crazyflie_identify::fit::hypothesis::{Hypothesis, Term};
 use super::truth::{HiddenEffect, Truth};
 use crate::explanation::Run;
 
-/// Horizons that are compared, of those of the errors: 0.5 s and 2 s. Shorter ones show noise, the free run chance.
+/// Horizons that are compared, of those of the errors: 0.5 s and 2 s. Shorter ones show noise, the free run
+/// chance.
 const HORIZONS: [usize; 2] = [2, 3];
 
 /// Standard errors that the oracle's estimate must lie from "off" for the flights to show an effect at all.
@@ -42,9 +43,14 @@ pub(super) fn compare_with_oracle(run: &Run, truth: &Truth) -> Option<OracleComp
     let [disturbances, _] = &run.found.disturbances;
     let fitted = search.refit(&hypothesis, disturbances)?;
     let (declared, test) = (Hypothesis::from_model(&run.model), &run.test.flights[..]);
-    let oracle = compare_errors((&declared, disturbances, test), (&fitted.at_posterior(), &fitted.disturbances, test));
-    let shows = |effect: &HiddenEffect| !hypothesis.has(&effect.name) || fitted.clearance(&effect.name) > SHOWN;
-    Some(OracleComparison { ratio: largest_ratio(&run.found.errors, &oracle), shown: truth.effects.iter().all(shows) })
+    let oracle =
+        compare_errors((&declared, disturbances, test), (&fitted.at_posterior(), &fitted.disturbances, test));
+    let shows =
+        |effect: &HiddenEffect| !hypothesis.has(&effect.name) || fitted.clearance(&effect.name) > SHOWN;
+    Some(OracleComparison {
+        ratio: largest_ratio(&run.found.errors, &oracle),
+        shown: truth.effects.iter().all(shows),
+    })
 }
 
 /// An effect that starts at the true values: a delay or a limit would not be found from "off".

@@ -1,4 +1,5 @@
-//! Rates over many cases: by group, effect, tier, excitation and noise, with intervals; what is taken for what; honesty of errors.
+//! Rates over many cases: by group, effect, tier, excitation and noise, with intervals; what is taken for
+//! what; honesty of errors.
 
 use crazyflie_statistics::median;
 use std::collections::BTreeMap;
@@ -11,7 +12,8 @@ use super::truth::Group;
 /// Quantile of the normal distribution that leaves 2.5 % on either side.
 const Z_95: f64 = 1.959_964;
 
-/// Rate at which something holds, with Wilson's 95 % interval (Wilson 1927): it stays within 0 and 1 and holds for few cases too.
+/// Rate at which something holds, with Wilson's 95 % interval (Wilson 1927): it stays within 0 and 1 and
+/// holds for few cases too.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub(crate) struct Rate {
     pub ok: usize,
@@ -68,7 +70,8 @@ impl ValueStatistics {
     }
 }
 
-/// Criteria of a group of cases, or of all (`group` is "all"), in the order of [`CRITERIA`], and how often each verdict was given.
+/// Criteria of a group of cases, or of all (`group` is "all"), in the order of [`CRITERIA`], and how often
+/// each verdict was given.
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct GroupRow {
     pub group: &'static str,
@@ -126,7 +129,8 @@ impl Rates {
         let mut groups: Vec<Group> = records.iter().map(|r| r.score.group).collect();
         groups.sort();
         groups.dedup();
-        let row = |group: &Group| GroupRow::new(group.name(), records.iter().filter(|r| r.score.group == *group));
+        let row =
+            |group: &Group| GroupRow::new(group.name(), records.iter().filter(|r| r.score.group == *group));
         let mut rows: Vec<GroupRow> = groups.iter().map(row).collect();
         rows.push(GroupRow::new("all", records));
         let mut seconds: Vec<f64> = records.iter().filter_map(|r| r.seconds).collect();
@@ -151,7 +155,8 @@ impl GroupRow {
             let c = r.score.criteria;
             [Some(c.named), c.named_where_shown, c.near, c.within, c.held_out]
         };
-        let criteria = std::array::from_fn(|at| Rate::from_marks(records.iter().filter_map(|r| marks(r)[at])));
+        let criteria =
+            std::array::from_fn(|at| Rate::from_marks(records.iter().filter_map(|r| marks(r)[at])));
         GroupRow { group, criteria, verdicts: count(records.iter().map(|r| r.verdict.clone())) }
     }
 }
@@ -223,7 +228,8 @@ impl EffectRow {
             }
         }
         let wrong = cases.iter().filter(|(record, _)| !record.score.criteria.named);
-        let values = cases.iter().flat_map(|(record, _)| &record.score.values).filter(|value| value.effect == effect);
+        let values =
+            cases.iter().flat_map(|(record, _)| &record.score.values).filter(|value| value.effect == effect);
         EffectRow {
             effect: effect.to_owned(),
             cases: cases.len(),
@@ -244,13 +250,21 @@ mod tests {
     use proptest::prelude::*;
     use serde_json::json;
 
-    fn record(group: &str, truth: &[&str], answers: serde_json::Value, extra: &[&str], named: bool, z: &[f64]) -> CaseRecord {
+    fn record(
+        group: &str,
+        truth: &[&str],
+        answers: serde_json::Value,
+        extra: &[&str],
+        named: bool,
+        z: &[f64],
+    ) -> CaseRecord {
         let hidden: Vec<_> = truth.iter().map(|name| json!({"name": name, "params": {}})).collect();
         let value = |z: &f64| json!({"effect": truth[0], "parameter": "p", "truth": 1.0, "estimate": 1.1, "share": 0.1, "z": z});
         let values: Vec<_> = z.iter().map(value).collect();
         let score = json!({"group": group, "tier": "rigid", "excitation": "mix", "noise": "mid", "truth": hidden, "answers": answers,
             "criteria": {"named": named, "15 %": null, "3 stderr": null, "held-out error": null}, "extra": extra, "values": values});
-        serde_json::from_value(json!({"case": "d0", "verdict": "explained", "score": score, "seconds": 2.0})).unwrap()
+        serde_json::from_value(json!({"case": "d0", "verdict": "explained", "score": score, "seconds": 2.0}))
+            .unwrap()
     }
 
     #[test]
@@ -267,24 +281,42 @@ mod tests {
         let records = [
             record("single", &["wind"], json!(["by_name"]), &[], true, &[1.0, -1.0]),
             record("single", &["wind"], json!(["missed"]), &["gust", "flap"], false, &[]),
-            record("compound", &["wind", "flap"], json!([{"in_group": "imu_tilt"}, "missed"]), &[], false, &[]),
+            record(
+                "compound",
+                &["wind", "flap"],
+                json!([{"in_group": "imu_tilt"}, "missed"]),
+                &[],
+                false,
+                &[],
+            ),
             record("null", &[], json!([]), &["gust"], false, &[]),
         ];
         let rates = Rates::from_records(&records);
         let row = |name: &str| rates.effects.iter().find(|row| row.effect == name).unwrap();
-        let counts = |pairs: &[(&str, usize)]| pairs.iter().map(|(name, n)| ((*name).to_owned(), *n)).collect::<BTreeMap<_, _>>();
+        let counts = |pairs: &[(&str, usize)]| {
+            pairs.iter().map(|(name, n)| ((*name).to_owned(), *n)).collect::<BTreeMap<_, _>>()
+        };
         let wind = row("wind");
         assert_eq!((wind.cases, wind.by_name, wind.right.ok), (3, 1, 1));
-        assert_eq!((&wind.in_group, &wind.instead), (&counts(&[("imu_tilt", 1)]), &counts(&[("gust", 1), ("flap", 1)])));
+        assert_eq!(
+            (&wind.in_group, &wind.instead),
+            (&counts(&[("imu_tilt", 1)]), &counts(&[("gust", 1), ("flap", 1)]))
+        );
         assert_eq!(row("flap").instead, counts(&[("-", 1)]));
         assert_eq!(row("nothing").besides, counts(&[("gust", 1)]));
         assert_eq!(
             rates.groups.iter().map(|g| (g.group, g.criteria[0].ok, g.criteria[0].of)).collect::<Vec<_>>(),
             [("null", 0, 1), ("single", 1, 2), ("compound", 0, 1), ("all", 1, 4)]
         );
-        assert!((rates.values.z_deviation.unwrap() - 2_f64.sqrt()).abs() < 1e-12 && rates.values.z_mean == Some(0.0));
+        assert!(
+            (rates.values.z_deviation.unwrap() - 2_f64.sqrt()).abs() < 1e-12
+                && rates.values.z_mean == Some(0.0)
+        );
         assert_eq!((rates.median_s, rates.worst_s), (Some(2.0), Some(2.0)));
-        assert_eq!(rates.strata.iter().map(|s| (s.kind, s.all.of)).collect::<Vec<_>>(), [("tier", 4), ("excitation", 4), ("noise", 4)]);
+        assert_eq!(
+            rates.strata.iter().map(|s| (s.kind, s.all.of)).collect::<Vec<_>>(),
+            [("tier", 4), ("excitation", 4), ("noise", 4)]
+        );
     }
 
     #[test]

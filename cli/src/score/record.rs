@@ -87,7 +87,8 @@ pub(crate) struct Score {
 pub(crate) struct Criteria {
     /// Named what is hidden and nothing else, or said rightly that nothing can be named.
     pub named: bool,
-    /// The same where the flights show what is hidden: a fit that is given the answer finds each effect four standard errors from "off".
+    /// The same where the flights show what is hidden: a fit that is given the answer finds each effect four
+    /// standard errors from "off".
     #[serde(default, rename = "named where shown")]
     pub named_where_shown: Option<bool>,
     /// Every comparable parameter within 15 %.
@@ -166,14 +167,33 @@ impl CaseRecord {
         let verdict = verdict_name(found.verdict).to_owned();
         let effects: Vec<NamedEffect> = found.effects.iter().map(NamedEffect::from).collect();
         let score = Score::new(truth, Some((verdict.as_str(), &effects[..])), oracle);
-        let partial = found.partial.iter().flat_map(Finding::all).map(|named| named.name.to_owned()).collect();
-        CaseRecord { case, folder, failed: None, verdict, effects, partial, score, seconds: Some(found.seconds) }
+        let partial =
+            found.partial.iter().flat_map(Finding::all).map(|named| named.name.to_owned()).collect();
+        CaseRecord {
+            case,
+            folder,
+            failed: None,
+            verdict,
+            effects,
+            partial,
+            score,
+            seconds: Some(found.seconds),
+        }
     }
 
     /// A case that could not: a miss, whatever is hidden.
     pub(super) fn from_failure(case: String, folder: String, problem: String, truth: Truth) -> Self {
         let (verdict, score) = ("failed".to_owned(), Score::new(truth, None, None));
-        CaseRecord { case, folder, failed: Some(problem), verdict, effects: Vec::new(), partial: Vec::new(), score, seconds: None }
+        CaseRecord {
+            case,
+            folder,
+            failed: Some(problem),
+            verdict,
+            effects: Vec::new(),
+            partial: Vec::new(),
+            score,
+            seconds: None,
+        }
     }
 }
 
@@ -182,7 +202,8 @@ impl Score {
         let effects = found.map_or(&[][..], |(_, effects)| effects);
         let (answers, extra) = truth.answers(effects);
         let values = truth.value_errors(effects);
-        let all_values = |good: fn(&ValueError) -> bool| (!values.is_empty()).then(|| values.iter().all(good));
+        let all_values =
+            |good: fn(&ValueError) -> bool| (!values.is_empty()).then(|| values.iter().all(good));
         let told_ratio = oracle.as_ref().map(|oracle| oracle.ratio);
         let named = found.is_some_and(|(verdict, _)| truth.is_answered(verdict, &answers, &extra));
         let criteria = Criteria {
@@ -195,6 +216,19 @@ impl Score {
         let benign = truth.benign().into_iter().map(str::to_owned).collect();
         let Truth { group, tier, excitation, noise, seed, effects: hidden, .. } = truth;
         let excitation = excitation.first().cloned().unwrap_or_default();
-        Score { group, tier, excitation, noise, seed, truth: hidden, benign, criteria, answers, extra, values, told_ratio }
+        Score {
+            group,
+            tier,
+            excitation,
+            noise,
+            seed,
+            truth: hidden,
+            benign,
+            criteria,
+            answers,
+            extra,
+            values,
+            told_ratio,
+        }
     }
 }

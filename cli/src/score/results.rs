@@ -39,7 +39,9 @@ pub(crate) enum ResultsError {
         #[source]
         source: std::io::Error,
     },
-    #[error("{file}, line {line}, column {column}: not the results of `crazyflie explain-bench --json`: {reason}")]
+    #[error(
+        "{file}, line {line}, column {column}: not the results of `crazyflie explain-bench --json`: {reason}"
+    )]
     Malformed { file: String, line: usize, column: usize, reason: String },
     #[error("{file}: holds no cases")]
     Empty { file: String },
@@ -48,7 +50,8 @@ pub(crate) enum ResultsError {
 impl Results {
     pub(crate) fn read(path: &Path) -> Result<Self, ResultsError> {
         let file = path.display().to_string();
-        let text = std::fs::read_to_string(path).map_err(|source| ResultsError::Io { file: file.clone(), source })?;
+        let text = std::fs::read_to_string(path)
+            .map_err(|source| ResultsError::Io { file: file.clone(), source })?;
         Results::parse(file, &text)
     }
 
@@ -56,7 +59,12 @@ impl Results {
         match serde_json::from_str::<Results>(text) {
             Ok(results) if results.cases.is_empty() => Err(ResultsError::Empty { file }),
             Ok(results) => Ok(results),
-            Err(e) => Err(ResultsError::Malformed { file, line: e.line(), column: e.column(), reason: e.to_string() }),
+            Err(e) => Err(ResultsError::Malformed {
+                file,
+                line: e.line(),
+                column: e.column(),
+                reason: e.to_string(),
+            }),
         }
     }
 
@@ -85,7 +93,10 @@ impl Provenance {
 fn describe_machine() -> String {
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let listing = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let name = listing.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':')).map(|(_, name)| name.trim());
+    let name = listing
+        .lines()
+        .find_map(|line| line.strip_prefix("model name")?.split_once(':'))
+        .map(|(_, name)| name.trim());
     format!("{}, {threads} threads", name.unwrap_or(std::env::consts::ARCH))
 }
 
@@ -110,7 +121,11 @@ mod tests {
     #[test]
     fn bad_results_say_where() {
         let problem = |text: &str| Results::parse("r.json".into(), text).unwrap_err().to_string();
-        assert!(problem("{\"cases\": [\n{}]}").contains("r.json, line 2, column 2"), "{}", problem("{\"cases\": [\n{}]}"));
+        assert!(
+            problem("{\"cases\": [\n{}]}").contains("r.json, line 2, column 2"),
+            "{}",
+            problem("{\"cases\": [\n{}]}")
+        );
         assert_eq!(problem("{\"cases\": []}"), "r.json: holds no cases");
     }
 

@@ -98,7 +98,9 @@ pub(crate) struct HiddenEffect {
 impl HiddenEffect {
     /// Parameters under our names.
     pub(crate) fn ours(&self) -> Vec<(&'static str, f64)> {
-        let ours = |(theirs, value): (&String, &f64)| Some((NAMES.iter().find(|(name, _)| name == theirs)?.1, *value));
+        let ours = |(theirs, value): (&String, &f64)| {
+            Some((NAMES.iter().find(|(name, _)| name == theirs)?.1, *value))
+        };
         self.params.iter().filter_map(ours).collect()
     }
 }
@@ -123,7 +125,8 @@ impl Truth {
     pub(crate) fn beside(case: &Path) -> Result<Self, TruthError> {
         let path = case.with_extension("answer.json");
         let file = path.display().to_string();
-        let text = std::fs::read_to_string(&path).map_err(|source| TruthError::Io { file: file.clone(), source })?;
+        let text =
+            std::fs::read_to_string(&path).map_err(|source| TruthError::Io { file: file.clone(), source })?;
         Truth::parse(&file, &text)
     }
 
@@ -142,7 +145,11 @@ impl Truth {
             Group::Outside | Group::Unexcited => ("one effect or more", |count| count >= 1),
         };
         let count = truth.effects.len();
-        if fits(count) { Ok(truth) } else { Err(TruthError::Count { file: file.to_owned(), group: truth.group.name(), expected, count }) }
+        if fits(count) {
+            Ok(truth)
+        } else {
+            Err(TruthError::Count { file: file.to_owned(), group: truth.group.name(), expected, count })
+        }
     }
 
     /// Effects that may be named though they are not what was hidden.
@@ -151,7 +158,8 @@ impl Truth {
         self.benign.iter().map(String::as_str).chain(rigid).collect()
     }
 
-    /// Whether the answers are right, by the rule of the group. What no effect described when it was flown may have a name since.
+    /// Whether the answers are right, by the rule of the group. What no effect described when it was flown
+    /// may have a name since.
     pub(super) fn is_answered(&self, verdict: &str, answers: &[Answer], extra: &[String]) -> bool {
         let all = answers.iter().all(|answer| *answer != Answer::Missed);
         match self.group {
@@ -171,18 +179,26 @@ impl Truth {
         };
         let answers = self.effects.iter().zip(&matches).map(answer).collect();
         let benign = self.benign();
-        let extra = rest.into_iter().map(|e| e.name.clone()).filter(|name| !benign.contains(&name.as_str())).collect();
+        let extra = rest
+            .into_iter()
+            .map(|e| e.name.clone())
+            .filter(|name| !benign.contains(&name.as_str()))
+            .collect();
         (answers, extra)
     }
 
     /// Named effects for each hidden one, and the other named effects.
-    fn matches<'a>(&self, effects: &'a [NamedEffect]) -> (Vec<Option<&'a NamedEffect>>, Vec<&'a NamedEffect>) {
+    fn matches<'a>(
+        &self,
+        effects: &'a [NamedEffect],
+    ) -> (Vec<Option<&'a NamedEffect>>, Vec<&'a NamedEffect>) {
         let mut free: Vec<&NamedEffect> = effects.iter().flat_map(NamedEffect::all).collect();
         let mut matches = vec![None; self.effects.len()];
         // by its own name first: a rival's group is for what is then still to be found
         for exact in [true, false] {
             for (hidden, found) in self.effects.iter().zip(&mut matches) {
-                let fits = |e: &&NamedEffect| if exact { e.name == hidden.name } else { in_group(e, &hidden.name) };
+                let fits =
+                    |e: &&NamedEffect| if exact { e.name == hidden.name } else { in_group(e, &hidden.name) };
                 if found.is_none() {
                     *found = free.iter().position(fits).map(|at| free.remove(at));
                 }
@@ -194,14 +210,22 @@ impl Truth {
     /// The errors of all parameters of effects that were named by their own name.
     pub(super) fn value_errors(&self, effects: &[NamedEffect]) -> Vec<ValueError> {
         let (matches, _) = self.matches(effects);
-        let pairs = self.effects.iter().zip(matches).filter_map(|(h, e)| Some((h, e.filter(|e| e.name == h.name)?)));
-        pairs.flat_map(|(hidden, named)| hidden.ours().into_iter().map(|(name, truth)| ValueError::new(named, name, truth))).collect()
+        let pairs =
+            self.effects.iter().zip(matches).filter_map(|(h, e)| Some((h, e.filter(|e| e.name == h.name)?)));
+        pairs
+            .flat_map(|(hidden, named)| {
+                hidden.ours().into_iter().map(|(name, truth)| ValueError::new(named, name, truth))
+            })
+            .collect()
     }
 }
 
 impl ValueError {
     fn new(named: &NamedEffect, parameter: &str, truth: f64) -> Self {
-        let off = find(&named.name).ok().and_then(|(_, e)| e.params.iter().find(|p| p.name == parameter)).map_or(0.0, |p| p.off);
+        let off = find(&named.name)
+            .ok()
+            .and_then(|(_, e)| e.params.iter().find(|p| p.name == parameter))
+            .map_or(0.0, |p| p.off);
         // a parameter that stayed idle was not found
         let found = named.params.iter().find(|p| p.name == parameter);
         let estimate = found.and_then(|p| p.value);
@@ -226,7 +250,8 @@ impl ValueError {
     }
 }
 
-/// Size of the change by a parameter: of a scale of 0.9, the tenth that is missing; of a limit, the limit itself.
+/// Size of the change by a parameter: of a scale of 0.9, the tenth that is missing; of a limit, the limit
+/// itself.
 fn reach(truth: f64, off: f64) -> f64 {
     truth.abs().min((truth - off).abs())
 }
@@ -244,11 +269,19 @@ mod tests {
 
     fn named(name: &str, confusable_with: &[&str]) -> NamedEffect {
         let confusable_with = confusable_with.iter().map(|&rival| rival.to_owned()).collect();
-        NamedEffect { name: name.into(), params: Vec::new(), confusable_with, worth_fit: None, worth_test: None, with: Vec::new() }
+        NamedEffect {
+            name: name.into(),
+            params: Vec::new(),
+            confusable_with,
+            worth_fit: None,
+            worth_test: None,
+            with: Vec::new(),
+        }
     }
 
     fn truth(group: &str, names: &[&str]) -> Truth {
-        let effects: Vec<_> = names.iter().map(|name| serde_json::json!({"name": name, "params": {}})).collect();
+        let effects: Vec<_> =
+            names.iter().map(|name| serde_json::json!({"name": name, "params": {}})).collect();
         let answer = serde_json::json!({"group": group, "tier": "rigid", "effects": effects, "benign": ["inertia_scale"]});
         Truth::parse("d.answer.json", &answer.to_string()).unwrap()
     }
@@ -261,10 +294,21 @@ mod tests {
     #[test]
     fn a_group_counts_for_one_effect_and_what_is_benign_is_not_extra() {
         let pair = truth("compound", &["mass_change", "wind"]);
-        let both = [named("thrust_scale", &["mass_change"]), named("wind", &[]), named("gust", &[]), named("inertia_scale", &[])];
-        assert_eq!(pair.answers(&both), (vec![Answer::InGroup("thrust_scale".into()), Answer::ByName], vec![]));
+        let both = [
+            named("thrust_scale", &["mass_change"]),
+            named("wind", &[]),
+            named("gust", &[]),
+            named("inertia_scale", &[]),
+        ];
+        assert_eq!(
+            pair.answers(&both),
+            (vec![Answer::InGroup("thrust_scale".into()), Answer::ByName], vec![])
+        );
         assert!(is_right(&pair, "explained", &both) && !is_right(&pair, "explained", &both[..1]));
-        assert_eq!(pair.answers(&[named("drag_linear", &[])]), (vec![Answer::Missed; 2], vec!["drag_linear".into()]));
+        assert_eq!(
+            pair.answers(&[named("drag_linear", &[])]),
+            (vec![Answer::Missed; 2], vec!["drag_linear".into()])
+        );
         // one name stands for one effect, though its group holds both
         let one = [named("thrust_scale", &["mass_change", "wind"])];
         assert_eq!(pair.answers(&one).0, [Answer::InGroup("thrust_scale".into()), Answer::Missed]);
@@ -277,12 +321,20 @@ mod tests {
     fn each_group_has_its_rule() {
         let wrong = [named("drag_linear", &[])];
         let null = truth("null", &[]);
-        assert!(is_right(&null, "nothing_missing", &[]) && is_right(&null, "explained", &[named("gust", &[])]));
+        assert!(
+            is_right(&null, "nothing_missing", &[]) && is_right(&null, "explained", &[named("gust", &[])])
+        );
         assert!(!is_right(&null, "explained", &wrong));
         let outside = truth("outside", &["slung_load"]);
         assert!(is_right(&outside, "unexplained", &[]) && !is_right(&outside, "nothing_missing", &[]));
-        assert!(is_right(&outside, "partly_explained", &[named("gust", &[])]) && !is_right(&outside, "unexplained", &wrong));
-        assert!(!is_right(&outside, "explained", &wrong) && is_right(&outside, "explained", &[named("slung_load", &[])]));
+        assert!(
+            is_right(&outside, "partly_explained", &[named("gust", &[])])
+                && !is_right(&outside, "unexplained", &wrong)
+        );
+        assert!(
+            !is_right(&outside, "explained", &wrong)
+                && is_right(&outside, "explained", &[named("slung_load", &[])])
+        );
         let unexcited = truth("unexcited", &["drag_quadratic"]);
         assert!(is_right(&unexcited, "not_decidable", &[]) && !is_right(&unexcited, "explained", &wrong));
     }
@@ -290,7 +342,12 @@ mod tests {
     #[test]
     fn errors_are_shares_of_what_a_parameter_changes() {
         let mut scale = named("thrust_scale", &[]);
-        let estimate = |value, stderr| ParameterEstimate { name: "scale".into(), value: Some(value), stderr, unit: "1".into() };
+        let estimate = |value, stderr| ParameterEstimate {
+            name: "scale".into(),
+            value: Some(value),
+            stderr,
+            unit: "1".into(),
+        };
         scale.params = vec![estimate(0.91, Some(0.004))];
         let error = ValueError::new(&scale, "scale", 0.9);
         assert!((error.share.unwrap() - 0.1).abs() < 1e-9 && (error.z.unwrap() - 2.5).abs() < 1e-9);
@@ -305,7 +362,11 @@ mod tests {
     #[test]
     fn answers_that_cannot_be_say_where() {
         let problem = |text: &str| Truth::parse("d1.answer.json", text).unwrap_err().to_string();
-        assert!(problem("{\n\"group\": \"singel\"").contains("d1.answer.json, line 2"), "{}", problem("{\n\"group\": \"singel\""));
+        assert!(
+            problem("{\n\"group\": \"singel\"").contains("d1.answer.json, line 2"),
+            "{}",
+            problem("{\n\"group\": \"singel\"")
+        );
         let two = r#"{"group": "single", "tier": "linear", "effects": [], "benign": []}"#;
         assert_eq!(problem(two), "d1.answer.json: a single case hides one effect, not 0");
     }

@@ -28,7 +28,12 @@ pub(super) struct Pair {
     pub rig: Vec<Trace>,
 }
 
-pub(super) fn fly_pair(model: &Model, name: &str, controller: &str, vertical: VerticalInput) -> Result<Pair, Error> {
+pub(super) fn fly_pair(
+    model: &Model,
+    name: &str,
+    controller: &str,
+    vertical: VerticalInput,
+) -> Result<Pair, Error> {
     let scenario = FlightScenario::find(name)?;
     let ideal = Setup {
         model: model.clone(),
@@ -83,7 +88,12 @@ fn lines(
                 quantity: a.quantity,
                 claim: a.claim.clone(),
                 ideal: if a.quiet { None } else { figure((a.quantity_of)(&pair.ideal), a.unit, a.decimals) },
-                rig: figure((a.aggregate)(&pair.rig.iter().map(a.quantity_of).collect::<Vec<_>>()).unwrap_or(f64::NAN), a.unit, a.decimals),
+                rig: figure(
+                    (a.aggregate)(&pair.rig.iter().map(a.quantity_of).collect::<Vec<_>>())
+                        .unwrap_or(f64::NAN),
+                    a.unit,
+                    a.decimals,
+                ),
                 why: a.why,
             });
         }
@@ -92,13 +102,24 @@ fn lines(
 }
 
 const LOW_MARGIN: &str = "under 2 degrees of phase margin, none from 10 ms of delay on";
-const SOME_MARGIN: &str = "19 degrees of phase margin, 9 with 77 ms of delay: 5.1 and 5.5 oscillate with these gains";
+const SOME_MARGIN: &str =
+    "19 degrees of phase margin, 9 with 77 ms of delay: 5.1 and 5.5 oscillate with these gains";
 
 /// The share of flights that ended outside the room.
 fn leaves(gains: &'static str, why: &'static str, quiet: bool) -> Measure {
     let quantity_of: fn(&Trace) -> f64 = |t| if t.end == FlightEnd::LeftRoom { 100.0 } else { 0.0 };
     let claim = Claim::AtMost(0.0, "no");
-    Measure { gains, quantity: "leaves the room", unit: "% of flights", decimals: 0, quantity_of, claim, aggregate: mean, quiet, why }
+    Measure {
+        gains,
+        quantity: "leaves the room",
+        unit: "% of flights",
+        decimals: 0,
+        quantity_of,
+        claim,
+        aggregate: mean,
+        quiet,
+        why,
+    }
 }
 
 /// Figures 7.4 to 7.8.
@@ -120,7 +141,14 @@ fn fly_80_cm(model: &Model) -> Result<Vec<ScorecardRow>, Error> {
         measure("old", "overshoot", "cm", overshoot, about(50.0, "almost 50 cm"), LOW_MARGIN),
         measure("old", "stable over the marker after", "s", stable, about(4.5, "about 4.5 s"), LOW_MARGIN),
         leaves("old", LOW_MARGIN, false),
-        measure("new", "overshoot", "cm", overshoot, Claim::AtMost(9.85, "small, within the marker"), SOME_MARGIN),
+        measure(
+            "new",
+            "overshoot",
+            "cm",
+            overshoot,
+            Claim::AtMost(9.85, "small, within the marker"),
+            SOME_MARGIN,
+        ),
         measure("new", "stable over the marker after", "s", stable, about(2.0, "about 2 s"), SOME_MARGIN),
         leaves("new", SOME_MARGIN, false),
     ];
@@ -159,17 +187,29 @@ fn takeoff_measures(old: &'static str, new: &'static str) -> [Measure; 6] {
 /// Figure 7.9 on the form that the thesis identified.
 fn takeoff(model: &Model) -> Result<Vec<ScorecardRow>, Error> {
     let measures = takeoff_measures(SWINGS, FIRST_ORDER);
-    lines(model, ("7.3, fig. 7.9", "take-off to 70 cm, on 5.4"), ("takeoff-70cm", VerticalInput::Pwm), &measures)
+    lines(
+        model,
+        ("7.3, fig. 7.9", "take-off to 70 cm, on 5.4"),
+        ("takeoff-70cm", VerticalInput::Pwm),
+        &measures,
+    )
 }
 
 /// Figure 7.9 on the acceleration form.
 fn takeoff_by_thrust(model: &Model) -> Result<Vec<ScorecardRow>, Error> {
     let measures = takeoff_measures(PRESET, PRESET);
-    lines(model, ("7.3, fig. 7.9", "take-off to 70 cm, thrust form"), ("takeoff-70cm", VerticalInput::Thrust), &measures)
+    lines(
+        model,
+        ("7.3, fig. 7.9", "take-off to 70 cm, thrust form"),
+        ("takeoff-70cm", VerticalInput::Thrust),
+        &measures,
+    )
 }
 
-const CYCLE: &str = "with this delay the old gains are unstable on 5.1 and 5.5: the swing grows until the room ends";
-const CALM: &str = "the new gains have half the derivative gain: through a noisy camera they are the calmer ones";
+const CYCLE: &str =
+    "with this delay the old gains are unstable on 5.1 and 5.5: the swing grows until the room ends";
+const CALM: &str =
+    "the new gains have half the derivative gain: through a noisy camera they are the calmer ones";
 
 /// Figures 7.10 to 7.14.
 fn hover(model: &Model) -> Result<Vec<ScorecardRow>, Error> {
@@ -193,7 +233,14 @@ fn hover(model: &Model) -> Result<Vec<ScorecardRow>, Error> {
         why,
     };
     let measures = [
-        measure("old", "distance from the centre, RMS", "cm", off, Claim::Words("\"quite good\", small overshoot"), CYCLE),
+        measure(
+            "old",
+            "distance from the centre, RMS",
+            "cm",
+            off,
+            Claim::Words("\"quite good\", small overshoot"),
+            CYCLE,
+        ),
         measure("old", "travel of the pitch command", "deg/s", travel, Claim::Words("smooth"), CYCLE),
         leaves("old", CYCLE, true),
         measure("new", "distance from the centre, RMS", "cm", off, Claim::Words("more accurate"), ""),

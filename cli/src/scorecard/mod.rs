@@ -9,7 +9,8 @@ use crazyflie_env::model::Model;
 
 pub(crate) use picture::pictures;
 
-/// Figures that agree within this share are called the same: the thesis reads most of its own off plots, with words like "almost".
+/// Figures that agree within this share are called the same: the thesis reads most of its own off plots, with
+/// words like "almost".
 const TOLERANCE: f64 = 0.25;
 
 /// Claim of the thesis about a quantity.

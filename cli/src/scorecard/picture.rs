@@ -27,7 +27,8 @@ struct Plot {
     band: Band<'static>,
 }
 
-const MARKER: Band<'static> = Band { label: "over the marker", low: -0.0985, high: 0.0985, color: PALETTE[2] };
+const MARKER: Band<'static> =
+    Band { label: "over the marker", low: -0.0985, high: 0.0985, color: PALETTE[2] };
 const HEIGHT: Band<'static> = Band { label: "70 cm +- 5 cm", low: 0.65, high: 0.75, color: PALETTE[2] };
 
 const PLOTS: [Plot; 4] = [
@@ -107,5 +108,9 @@ fn draw(model: &Model, plot: &Plot) -> Result<String, DrawError> {
 
 fn series(curves: &[(Vec<f64>, Vec<f64>)]) -> Vec<Series<'_>> {
     let looks = [("old gains (crazyflie_ros)", PALETTE[1]), ("new gains (table 7.1)", PALETTE[0])];
-    curves.iter().zip(looks).map(|((x, y), (label, color))| Series { label, x, y, style: Style::Solid, color }).collect()
+    curves
+        .iter()
+        .zip(looks)
+        .map(|((x, y), (label, color))| Series { label, x, y, style: Style::Solid, color })
+        .collect()
 }

@@ -74,8 +74,19 @@ fn tilts(model: &Model) -> Result<Vec<ScorecardRow>, Error> {
             (true, _) => Command { roll_rad: STEP_RAD, ..level() },
         };
         let (trace, first) = fly(model, VerticalInput::Height, EffectTable::new(), 1.2, &command)?;
-        let exact = |t: f64| STEP_RAD * second_order_step(tilt.gain.value, tilt.damping.value, tilt.stiffness.value, t);
-        let line = |quantity, claim, ideal, why| ScorecardRow { place, experiment, gains: "", quantity, claim, ideal, rig: None, why };
+        let exact = |t: f64| {
+            STEP_RAD * second_order_step(tilt.gain.value, tilt.damping.value, tilt.stiffness.value, t)
+        };
+        let line = |quantity, claim, ideal, why| ScorecardRow {
+            place,
+            experiment,
+            gains: "",
+            quantity,
+            claim,
+            ideal,
+            rig: None,
+            why,
+        };
         lines.push(line("fit of 5.1", claim, fit_to(&trace, first, state, &exact), NEEDS_RECORDING));
         let after = first + (1.0 / trace.tick_s).round() as usize;
         let angle = f64::from(trace.rows[after].state[state]).to_degrees();
@@ -114,12 +125,18 @@ fn yaw(model: &Model) -> Result<Vec<ScorecardRow>, Error> {
         why,
     };
     Ok(vec![
-        line("fit of 5.2", Claim::Words("by hand; automatic 20 %"), fit_to(&trace, first, 8, &|t| -rate * t), NEEDS_RECORDING),
+        line(
+            "fit of 5.2",
+            Claim::Words("by hand; automatic 20 %"),
+            fit_to(&trace, first, 8, &|t| -rate * t),
+            NEEDS_RECORDING,
+        ),
         line("turned in 10 s", about(-360.0, "-360 deg by 5.2"), figure(turned, "deg", 2), ""),
     ])
 }
 
-/// The fit of an equation for the height to the marker's readings through the lab's camera, and the largest difference.
+/// The fit of an equation for the height to the marker's readings through the lab's camera, and the largest
+/// difference.
 fn fit_to_marker(trace: &Trace, first: usize, exact: &dyn Fn(f64) -> f64) -> (f64, f64) {
     let log = crazyflie_server::flight::log(trace);
     let start_s = trace.t_s(first);
@@ -131,7 +148,9 @@ fn fit_to_marker(trace: &Trace, first: usize, exact: &dyn Fn(f64) -> f64) -> (f6
 
 /// 5.1.3: the height command from 70 to 80 cm.
 fn height(model: &Model) -> Result<Vec<ScorecardRow>, Error> {
-    let Vertical::FirstOrder { gain, pole, .. } = model.vertical(VerticalInput::Height)? else { return Ok(Vec::new()) };
+    let Vertical::FirstOrder { gain, pole, .. } = model.vertical(VerticalInput::Height)? else {
+        return Ok(Vec::new());
+    };
     let (gain, pole) = (gain.value, pole.value);
     let command = |t: f64| Command::level(if t >= 0.0 { 0.8 } else { 0.7 });
     let (trace, first) = fly(model, VerticalInput::Height, EffectTable::new(), 6.0, &command)?;
@@ -141,19 +160,37 @@ fn height(model: &Model) -> Result<Vec<ScorecardRow>, Error> {
     let (fit, largest) = fit_to_marker(&seen, first, &exact);
     let end = f64::from(trace.rows[trace.rows.len() - 1].state[2]);
     let (place, experiment) = ("5.1.3, fig. 5.12", "height 70 to 80 cm");
-    let line = |quantity, claim, ideal, rig, why| ScorecardRow { place, experiment, gains: "", quantity, claim, ideal, rig, why };
+    let line = |quantity, claim, ideal, rig, why| ScorecardRow {
+        place,
+        experiment,
+        gains: "",
+        quantity,
+        claim,
+        ideal,
+        rig,
+        why,
+    };
     let record = "a fit needs the lab's recording: it grows with the span of the record, and ours is the 10 cm step alone";
     let noise = "our marker noise is white, 10 mm, without the lab's outliers of 10 cm";
     Ok(vec![
         line("fit of 5.3 to the marker's height", about(77.76, "77.76 %"), None, figure(fit, "%", 2), record),
-        line("largest error of 5.3", about(10.0, "about 10 cm"), None, figure(100.0 * largest, "cm", 1), noise),
+        line(
+            "largest error of 5.3",
+            about(10.0, "about 10 cm"),
+            None,
+            figure(100.0 * largest, "cm", 1),
+            noise,
+        ),
         line("height 6 s later", by(exact(6.0), "5.3"), figure(100.0 * end, "cm", 1), None, ""),
     ])
 }
 
 /// 5.1.3: the same step by PWM.
 fn pwm(model: &Model) -> Result<Vec<ScorecardRow>, Error> {
-    let Vertical::FirstOrder { gain, pole, offset: Some(offset), .. } = model.vertical(VerticalInput::Pwm)? else { return Ok(Vec::new()) };
+    let Vertical::FirstOrder { gain, pole, offset: Some(offset), .. } = model.vertical(VerticalInput::Pwm)?
+    else {
+        return Ok(Vec::new());
+    };
     let (gain, pole, offset) = (gain.value, pole.value, offset.value);
     let holds = |z: f64| offset + pole * z / gain;
     let command = |t: f64| Command::level(holds(if t >= 0.0 { 0.8 } else { 0.7 }));
@@ -162,7 +199,16 @@ fn pwm(model: &Model) -> Result<Vec<ScorecardRow>, Error> {
     let exact = |t: f64| 0.8 - 0.1 * (-pole * t).exp();
     let (fit, _) = fit_to_marker(&seen, first, &exact);
     let (place, experiment) = ("5.1.3, fig. 5.15", "height 70 to 80 cm by PWM");
-    let line = |quantity, claim, ideal, rig, why| ScorecardRow { place, experiment, gains: "", quantity, claim, ideal, rig, why };
+    let line = |quantity, claim, ideal, rig, why| ScorecardRow {
+        place,
+        experiment,
+        gains: "",
+        quantity,
+        claim,
+        ideal,
+        rig,
+        why,
+    };
     let end = 100.0 * f64::from(trace.rows[trace.rows.len() - 1].state[2]);
     Ok(vec![
         line(
@@ -188,13 +234,23 @@ fn angle_speed(model: &Model) -> Result<Vec<ScorecardRow>, Error> {
     let (trace, first) = fly(model, VerticalInput::Height, field_of_view(), 2.0, &command)?;
     let lost = (first..trace.rows.len()).find(|&row| !trace.rows[row].sees_marker());
     let (t, g) = (&model.pitch, model.lateral.gravity.value);
-    let speed = |t_s: f64| g * STEP_RAD * integral_of_step(t.gain.value, t.damping.value, t.stiffness.value, t_s);
+    let speed =
+        |t_s: f64| g * STEP_RAD * integral_of_step(t.gain.value, t.damping.value, t.stiffness.value, t_s);
     let at = lost.unwrap_or(trace.rows.len() - 1);
     let (since_s, row) = (trace.t_s(at - first), &trace.rows[at]);
     let rig = lab_rig().into_iter().chain(field_of_view()).collect();
     let (seen, _) = fly(model, VerticalInput::Height, rig, since_s, &command)?;
     let (place, experiment) = ("5.1.4, fig. 5.17", "pitch 7.5 deg until the marker is lost");
-    let line = |quantity, claim, ideal, rig, why| ScorecardRow { place, experiment, gains: "", quantity, claim, ideal, rig, why };
+    let line = |quantity, claim, ideal, rig, why| ScorecardRow {
+        place,
+        experiment,
+        gains: "",
+        quantity,
+        claim,
+        ideal,
+        rig,
+        why,
+    };
     let not_given = || Claim::Words("not given");
     let fit = fit_of_speed(&seen, first, &speed);
     Ok(vec![
@@ -236,7 +292,8 @@ fn fit_of_speed(trace: &Trace, first: usize, speed: &dyn Fn(f64) -> f64) -> f64 
     let log = crazyflie_server::flight::log(trace);
     let (t, x, start_s) = (&log.fixes.capture_t_s, &log.fixes.pos_m[0], trace.t_s(first));
     let pairs = (1..t.len()).filter(|&i| t[i - 1] >= start_s);
-    let (model, measured): (Vec<f64>, Vec<f64>) =
-        pairs.map(|i| (speed(0.5 * (t[i] + t[i - 1]) - start_s), (x[i] - x[i - 1]) / (t[i] - t[i - 1]))).unzip();
+    let (model, measured): (Vec<f64>, Vec<f64>) = pairs
+        .map(|i| (speed(0.5 * (t[i] + t[i - 1]) - start_s), (x[i] - x[i - 1]) / (t[i] - t[i - 1])))
+        .unzip();
     fit_percent(&measured, &model).ok().flatten().unwrap_or(f64::NAN)
 }

@@ -1,4 +1,5 @@
-//! The thesis's "PID Tuner" (7.2): the fastest response without overshoot, with a margin, by CMA-ES over flights in the simulator.
+//! The thesis's "PID Tuner" (7.2): the fastest response without overshoot, with a margin, by CMA-ES over
+//! flights in the simulator.
 
 mod margins;
 mod picture;
@@ -76,8 +77,16 @@ pub(crate) fn tune(
         let (best, tried) = search(tuning, requirements, &gains, axis)?;
         gains = with_loop(&gains, axis, best);
         // each loop of the others in the same company, so that loops are compared and nothing else
-        let with = |table: &Gains| evaluate(tuning, requirements, &with_loop(&gains, axis, *loop_of(table, axis)), axis);
-        all.push(GainComparison { axis, stock: with(&stock)?, thesis: with(&thesis)?, found: with(&gains)?, tried });
+        let with = |table: &Gains| {
+            evaluate(tuning, requirements, &with_loop(&gains, axis, *loop_of(table, axis)), axis)
+        };
+        all.push(GainComparison {
+            axis,
+            stock: with(&stock)?,
+            thesis: with(&thesis)?,
+            found: with(&gains)?,
+            tried,
+        });
         done(axis);
     }
     Ok((gains, all))
@@ -92,7 +101,8 @@ fn loop_of(gains: &Gains, axis: LoopAxis) -> &Loop {
     }
 }
 
-/// With another loop. What is tried in x is tried in y as well, until y has its turn: a flight is no better than the worse of the two.
+/// With another loop. What is tried in x is tried in y as well, until y has its turn: a flight is no better
+/// than the worse of the two.
 fn with_loop(gains: &Gains, axis: LoopAxis, new: Loop) -> Gains {
     match axis {
         LoopAxis::X => Gains { x: new, y: new, ..*gains },
@@ -102,7 +112,12 @@ fn with_loop(gains: &Gains, axis: LoopAxis, new: Loop) -> Gains {
     }
 }
 
-fn evaluate(tuning: &TuningSetup<'_>, requirements: &LoopRequirements, gains: &Gains, axis: LoopAxis) -> Result<LoopEvaluation, Error> {
+fn evaluate(
+    tuning: &TuningSetup<'_>,
+    requirements: &LoopRequirements,
+    gains: &Gains,
+    axis: LoopAxis,
+) -> Result<LoopEvaluation, Error> {
     let plant = Plant::from_model(tuning.model, tuning.vertical, axis)?;
     let response = tuning.response(gains, axis)?;
     let (own, task_error_s) = (*loop_of(gains, axis), tuning.task_error_s(gains, axis)?);
@@ -116,7 +131,12 @@ fn evaluate(tuning: &TuningSetup<'_>, requirements: &LoopRequirements, gains: &G
 }
 
 /// The gains of one loop that cost least, and how many were tried.
-fn search(tuning: &TuningSetup<'_>, requirements: &LoopRequirements, gains: &Gains, axis: LoopAxis) -> Result<(Loop, usize), Error> {
+fn search(
+    tuning: &TuningSetup<'_>,
+    requirements: &LoopRequirements,
+    gains: &Gains,
+    axis: LoopAxis,
+) -> Result<(Loop, usize), Error> {
     let start = *loop_of(gains, axis);
     let plant = Plant::from_model(tuning.model, tuning.vertical, axis)?;
     // in logarithms, from the start; a gain of nothing stays nothing
@@ -128,21 +148,32 @@ fn search(tuning: &TuningSetup<'_>, requirements: &LoopRequirements, gains: &Gai
         let own = gains_at(point);
         let margins = margins(&plant, &own, requirements.dead_time_s);
         let gains = with_loop(gains, axis, own);
-        let flights = tuning.response(&gains, axis).and_then(|response| Ok((response, tuning.task_error_s(&gains, axis)?)));
+        let flights = tuning
+            .response(&gains, axis)
+            .and_then(|response| Ok((response, tuning.task_error_s(&gains, axis)?)));
         // gains that cannot be flown are the worst; the flight at the end says what is wrong
         flights.map_or(f64::MAX, |(response, task_error_s)| {
             penalised_error_s(requirements, &margins, &response, axis) + task_error_s.unwrap_or(0.0)
         })
     };
-    let options = CMAESOptions::new(vec![0.0; 3], 0.35).population_size(POPULATION).max_generations(GENERATIONS).seed(SEED);
-    let mut search = options.build(cost).map_err(|e| Error::Config(format!("the search cannot begin: {e:?}")))?;
+    let options = CMAESOptions::new(vec![0.0; 3], 0.35)
+        .population_size(POPULATION)
+        .max_generations(GENERATIONS)
+        .seed(SEED);
+    let mut search =
+        options.build(cost).map_err(|e| Error::Config(format!("the search cannot begin: {e:?}")))?;
     let search_result = search.run_parallel();
     let best = search_result.overall_best.map_or(start, |best| gains_at(&best.point));
     Ok((best, search.function_evals()))
 }
 
 /// Seconds of error, and for what is not as wanted more of them.
-fn penalised_error_s(requirements: &LoopRequirements, margins: &Margins, response: &Response, axis: LoopAxis) -> f64 {
+fn penalised_error_s(
+    requirements: &LoopRequirements,
+    margins: &Margins,
+    response: &Response,
+    axis: LoopAxis,
+) -> f64 {
     let f = response.figures(axis);
     let over = (f.overshoot - requirements.overshoot).max(0.0);
     let phase = (requirements.phase_deg - margins.phase_deg).clamp(0.0, 180.0);
@@ -150,7 +181,8 @@ fn penalised_error_s(requirements: &LoopRequirements, margins: &Margins, respons
     f.error_s + 20.0 * over + 0.1 * phase + 0.2 * gain + 0.05 * response.travel_per_s
 }
 
-/// Dead time of the position loops on this rig: latency of the camera, and the mean age of a held frame and of a held command.
+/// Dead time of the position loops on this rig: latency of the camera, and the mean age of a held frame and
+/// of a held command.
 pub(crate) fn dead_time_s(model: &Model, latency_s: f64) -> f64 {
     latency_s + 0.5 / model.rig.camera.value + 0.5 / model.rig.control.value
 }

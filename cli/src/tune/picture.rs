@@ -20,7 +20,13 @@ pub(crate) fn picture(comparisons: &[GainComparison], title: &str) -> Result<Str
             series: LOOKS
                 .iter()
                 .zip(y)
-                .map(|((label, style, color), y)| Series { label, x: &t.found.response.t_s, y, style: *style, color: PALETTE[*color] })
+                .map(|((label, style, color), y)| Series {
+                    label,
+                    x: &t.found.response.t_s,
+                    y,
+                    style: *style,
+                    color: PALETTE[*color],
+                })
                 .collect(),
             ..Panel::default()
         })
@@ -28,8 +34,12 @@ pub(crate) fn picture(comparisons: &[GainComparison], title: &str) -> Result<Str
     chart(&panels, 2, title)
 }
 
-const LOOKS: [(&str, Style, usize); 4] =
-    [("set-point", Style::Dashed, 4), ("crazyflie_ros", Style::Solid, 1), ("table 7.1", Style::Solid, 0), ("tuned", Style::Solid, 2)];
+const LOOKS: [(&str, Style, usize); 4] = [
+    ("set-point", Style::Dashed, 4),
+    ("crazyflie_ros", Style::Solid, 1),
+    ("table 7.1", Style::Solid, 0),
+    ("tuned", Style::Solid, 2),
+];
 
 fn heading(t: &GainComparison) -> String {
     let phase = |deg: f64| if deg.is_finite() { format!("{deg:.0}") } else { "-".into() };
@@ -46,7 +56,8 @@ fn label(axis: LoopAxis) -> &'static str {
     }
 }
 
-/// Set-point and responses; one that leaves the picture is cut off at twice the set-point's range, so that the others can be seen.
+/// Set-point and responses; one that leaves the picture is cut off at twice the set-point's range, so that
+/// the others can be seen.
 fn curves(t: &GainComparison) -> Vec<Vec<f64>> {
     let unit = if t.axis == LoopAxis::Yaw { 1.0_f64.to_degrees() } else { 1.0 };
     let target = &t.found.response.target;
@@ -56,7 +67,14 @@ fn curves(t: &GainComparison) -> Vec<Vec<f64>> {
     let length = t.found.response.t_s.len();
     let cut = |values: &[f64]| -> Vec<f64> {
         let last = values.last().copied().unwrap_or(0.0);
-        (0..length).map(|i| unit * values.get(i).copied().unwrap_or(last).clamp(low - room, high + room)).collect()
+        (0..length)
+            .map(|i| unit * values.get(i).copied().unwrap_or(last).clamp(low - room, high + room))
+            .collect()
     };
-    vec![cut(target), cut(&t.stock.response.value), cut(&t.thesis.response.value), cut(&t.found.response.value)]
+    vec![
+        cut(target),
+        cut(&t.stock.response.value),
+        cut(&t.thesis.response.value),
+        cut(&t.found.response.value),
+    ]
 }

@@ -55,7 +55,10 @@ fn step(axis: LoopAxis) -> (Value, f64) {
         LoopAxis::Yaw => (0.0, 0.0, 0.7, 30.0),
     };
     let size = x + y + (z - 0.7) + f64::to_radians(yaw);
-    (json!({"start_m": [0, 0, 0.7], "steps": [{"from_s": STEP_S, "setpoint_m": [x, y, z], "setpoint_yaw_deg": yaw}]}), size)
+    (
+        json!({"start_m": [0, 0, 0.7], "steps": [{"from_s": STEP_S, "setpoint_m": [x, y, z], "setpoint_yaw_deg": yaw}]}),
+        size,
+    )
 }
 
 /// Indices of an axis in state, observation (set-point) and action.
@@ -78,7 +81,12 @@ pub(crate) fn controller(gains: &Gains) -> Result<ControllerSpec, Error> {
 }
 
 impl TuningSetup<'_> {
-    fn setup(&self, gains: &Gains, scenario: &'static FlightScenario, steps: Option<Value>) -> Result<Setup, Error> {
+    fn setup(
+        &self,
+        gains: &Gains,
+        scenario: &'static FlightScenario,
+        steps: Option<Value>,
+    ) -> Result<Setup, Error> {
         Ok(Setup {
             model: self.model.clone(),
             scenario,
@@ -99,8 +107,8 @@ impl TuningSetup<'_> {
         Ok(mean(&fly(&setup, &self.seeds)?, axis))
     }
 
-    /// Time integral of the absolute error of an axis in the task, in steps and per as many seconds as a step is watched; a flight that ends early goes on
-    /// as it ended.
+    /// Time integral of the absolute error of an axis in the task, in steps and per as many seconds as a step
+    /// is watched; a flight that ends early goes on as it ended.
     ///
     /// # Errors
     /// Those of the flight.
@@ -110,9 +118,14 @@ impl TuningSetup<'_> {
         let ([state, setpoint, _], size) = (signal_indices(axis), step(axis).1);
         let flights = fly(&setup, &self.seeds)?;
         let absolute_error_s = |trace: &Trace| {
-            let errors: Vec<f64> = trace.rows.iter().map(|r| f64::from((r.state[state] - r.observation[setpoint]).abs())).collect();
+            let errors: Vec<f64> = trace
+                .rows
+                .iter()
+                .map(|r| f64::from((r.state[state] - r.observation[setpoint]).abs()))
+                .collect();
             let missing = setup.seconds - errors.len() as f64 * trace.tick_s;
-            errors.iter().sum::<f64>() * trace.tick_s + errors.last().copied().unwrap_or(0.0) * missing.max(0.0)
+            errors.iter().sum::<f64>() * trace.tick_s
+                + errors.last().copied().unwrap_or(0.0) * missing.max(0.0)
         };
         let all: f64 = flights.iter().map(absolute_error_s).sum();
         Ok(Some(all / (flights.len().max(1) as f64 * size) * RESPONSE_S / setup.seconds))
@@ -131,7 +144,12 @@ fn mean(traces: &[Trace], axis: LoopAxis) -> Response {
         value[row] = rows().map(|r| f64::from(r.state[state])).sum::<f64>() * share;
         target[row] = rows().map(|r| f64::from(r.observation[setpoint])).sum::<f64>() * share;
     }
-    let travel = |t: &Trace| t.rows.windows(2).map(|pair| f64::from((pair[1].action[action] - pair[0].action[action]).abs())).sum::<f64>();
+    let travel = |t: &Trace| {
+        t.rows
+            .windows(2)
+            .map(|pair| f64::from((pair[1].action[action] - pair[0].action[action]).abs()))
+            .sum::<f64>()
+    };
     let tick_s = traces.first().map_or(1.0, |t| t.tick_s);
     Response {
         t_s: (0..length).map(|row| row as f64 * tick_s).collect(),

@@ -8,22 +8,49 @@ fn from_a_submission_to_a_log_that_replays() {
     let folder = folder("submission");
     let (data, log) = (folder.join("bench.sqlite"), folder.join("flight.csv"));
     let data = text(&data);
-    let table = stdout_of(&["bench", "submit", "--controller", "thesis-pid", "--scenario", "hover-aruco", "--data", data]);
+    let table = stdout_of(&[
+        "bench",
+        "submit",
+        "--controller",
+        "thesis-pid",
+        "--scenario",
+        "hover-aruco",
+        "--data",
+        data,
+    ]);
     assert!(table.contains("hover-aruco@1.0.0") && table.contains("0 of 24"), "{table}");
-    stdout_of(&["bench", "submit", "--controller", "hover", "--scenario", "hover-aruco@1.0.0", "--data", data]);
+    stdout_of(&[
+        "bench",
+        "submit",
+        "--controller",
+        "hover",
+        "--scenario",
+        "hover-aruco@1.0.0",
+        "--data",
+        data,
+    ]);
     let board = json(&["bench", "leaderboard", "--data", data, "--json"]);
     let rows = board["hover-aruco@1.0.0"].as_array().unwrap();
     assert_eq!((rows.len(), &rows[0]["controller"], &rows[1]["rank"]), (2, &"thesis-pid".into(), &2.into()));
-    assert!(stdout_of(&["bench", "leaderboard", "--data", data, "--scenario", "wind"]).contains("no attempts yet"));
+    assert!(
+        stdout_of(&["bench", "leaderboard", "--data", data, "--scenario", "wind"])
+            .contains("no attempts yet")
+    );
     let id = rows[0]["attempt"].as_str().unwrap();
-    assert_eq!(json(&["bench", "attempts", id, "--data", data])["result"]["episodes"].as_array().unwrap().len(), 24);
+    assert_eq!(
+        json(&["bench", "attempts", id, "--data", data])["result"]["episodes"].as_array().unwrap().len(),
+        24
+    );
     assert!(stdout_of(&["bench", "attempts", "--data", data]).contains(id));
     stdout_of(&["bench", "attempts", id, "--data", data, "--episode", "7", "--csv", text(&log)]);
     let back = json(&["replay", text(&log), "--json"]);
     let fit = back["logs"][0]["runs"][0]["signals"]["vx"]["fit_percent"].as_f64().unwrap();
     assert!(fit > 99.0, "the log of a flight without disturbances fits the model that flew it: {fit} %");
     assert!(stdout_of(&["bench", "verify", "--data", data]).matches("confirmed").count() == 2);
-    assert_eq!(json(&["bench", "verify", id, "--data", data, "--json"])["attempts"][0]["verdict"], "confirmed");
+    assert_eq!(
+        json(&["bench", "verify", id, "--data", data, "--json"])["attempts"][0]["verdict"],
+        "confirmed"
+    );
     assert_fails(
         2,
         &["bench", "submit", "--controller", "hover", "--scenario", "hoover", "--data", data],
@@ -31,11 +58,24 @@ fn from_a_submission_to_a_log_that_replays() {
     );
     assert_fails(2, &["bench", "verify", "0", "--data", data], &["no attempt \"0\""]);
     let nowhere = folder.join("nowhere.sqlite");
-    for command in [&["bench", "leaderboard"][..], &["bench", "attempts"], &["bench", "verify"], &["bench", "token", "list"]] {
-        assert_fails(1, &[command, &["--data", text(&nowhere)]].concat(), &["nowhere.sqlite", "no such file", "crazyflie bench submit"]);
+    for command in [
+        &["bench", "leaderboard"][..],
+        &["bench", "attempts"],
+        &["bench", "verify"],
+        &["bench", "token", "list"],
+    ] {
+        assert_fails(
+            1,
+            &[command, &["--data", text(&nowhere)]].concat(),
+            &["nowhere.sqlite", "no such file", "crazyflie bench submit"],
+        );
     }
     assert!(!nowhere.exists());
-    assert_fails(1, &["bench", "attempts", id, "--data", data, "--episode", "24", "--csv", text(&log)], &["episodes 0 to 23"]);
+    assert_fails(
+        1,
+        &["bench", "attempts", id, "--data", data, "--episode", "24", "--csv", text(&log)],
+        &["episodes 0 to 23"],
+    );
 }
 
 #[test]
@@ -43,10 +83,22 @@ fn a_row_that_was_changed_is_wrong_and_loses_its_rank() {
     let folder = folder("changed");
     let data = folder.join("bench.sqlite");
     let submit = |controller: &str| {
-        stdout_of(&["bench", "submit", "--controller", controller, "--scenario", "wind", "--data", text(&data), "--json"])
+        stdout_of(&[
+            "bench",
+            "submit",
+            "--controller",
+            controller,
+            "--scenario",
+            "wind",
+            "--data",
+            text(&data),
+            "--json",
+        ])
     };
     let (honest, cheat) = (submit("thesis-pid"), submit("hover"));
-    let id = |line: &str| serde_json::from_str::<serde_json::Value>(line).unwrap()["id"].as_str().unwrap().to_owned();
+    let id = |line: &str| {
+        serde_json::from_str::<serde_json::Value>(line).unwrap()["id"].as_str().unwrap().to_owned()
+    };
     let db = Connection::open(&data).unwrap();
     let better = cheat.trim().replacen("\"score\":0.0", "\"score\":99.0", 1);
     assert_ne!(better, cheat.trim());
@@ -62,7 +114,9 @@ fn a_row_that_was_changed_is_wrong_and_loses_its_rank() {
 #[test]
 fn other_files_are_refused_and_left_alone() {
     let folder = folder("other_files");
-    let open = |name: &str| ["bench".to_owned(), "scenarios".into(), "--data".into(), text(&folder.join(name)).into()];
+    let open = |name: &str| {
+        ["bench".to_owned(), "scenarios".into(), "--data".into(), text(&folder.join(name)).into()]
+    };
     let refused = |name: &str, words: &[&str]| {
         let args = open(name);
         assert_fails(1, &args.each_ref().map(String::as_str), words);
@@ -76,12 +130,21 @@ fn other_files_are_refused_and_left_alone() {
 
     let foreign = Connection::open(folder.join("foreign.sqlite")).unwrap();
     foreign.execute_batch("CREATE TABLE mine (x); INSERT INTO mine VALUES (1)").unwrap();
-    std::fs::write(folder.join("text.sqlite"), "this is no database at all, but a text that is long enough".repeat(40)).unwrap();
+    std::fs::write(
+        folder.join("text.sqlite"),
+        "this is no database at all, but a text that is long enough".repeat(40),
+    )
+    .unwrap();
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
-        let mode = |name: &str, mode| std::fs::set_permissions(folder.join(name), std::fs::Permissions::from_mode(mode)).unwrap();
-        assert_eq!(std::fs::metadata(folder.join("bench.sqlite")).unwrap().permissions().mode() & 0o777, 0o600);
+        let mode = |name: &str, mode| {
+            std::fs::set_permissions(folder.join(name), std::fs::Permissions::from_mode(mode)).unwrap()
+        };
+        assert_eq!(
+            std::fs::metadata(folder.join("bench.sqlite")).unwrap().permissions().mode() & 0o777,
+            0o600
+        );
         mode("bench.sqlite", 0o644);
         refused("bench.sqlite", &["signing key", "mode 644", "chmod 600"]);
         ["foreign.sqlite", "text.sqlite"].iter().for_each(|name| mode(name, 0o600));
@@ -90,7 +153,10 @@ fn other_files_are_refused_and_left_alone() {
     refused("foreign.sqlite", &["foreign.sqlite is a database of another program"]);
     refused("text.sqlite", &["text.sqlite is a database of another program"]);
     assert_eq!(std::fs::read(folder.join("text.sqlite")).unwrap(), before);
-    assert_eq!(foreign.query_row("SELECT count(*) FROM sqlite_schema", [], |row| row.get::<_, i64>(0)).unwrap(), 1);
+    assert_eq!(
+        foreign.query_row("SELECT count(*) FROM sqlite_schema", [], |row| row.get::<_, i64>(0)).unwrap(),
+        1
+    );
     refused("no/such/folder.sqlite", &["no/such/folder.sqlite", "No such file"]);
 }
 
@@ -98,9 +164,26 @@ fn other_files_are_refused_and_left_alone() {
 fn several_processes_submit_at_once() {
     let folder = folder("at_once");
     let data = folder.join("bench.sqlite");
-    let args =
-        ["bench", "submit", "--controller", "hover", "--scenario", "ground-landing", "--repeat", "15", "--json", "--data", text(&data)];
-    let spawn = |_| std::process::Command::new(crate::common::BINARY).args(args).stdout(std::process::Stdio::piped()).spawn().unwrap();
+    let args = [
+        "bench",
+        "submit",
+        "--controller",
+        "hover",
+        "--scenario",
+        "ground-landing",
+        "--repeat",
+        "15",
+        "--json",
+        "--data",
+        text(&data),
+    ];
+    let spawn = |_| {
+        std::process::Command::new(crate::common::BINARY)
+            .args(args)
+            .stdout(std::process::Stdio::piped())
+            .spawn()
+            .unwrap()
+    };
     let all: Vec<_> = (0..4).map(spawn).collect();
     let lines: usize = all
         .into_iter()
@@ -112,7 +195,8 @@ fn several_processes_submit_at_once() {
         .sum();
     assert_eq!(lines, 60);
     let verified = json(&["bench", "verify", "--data", text(&data), "--json"]);
-    let confirmed = verified["attempts"].as_array().unwrap().iter().filter(|v| v["verdict"] == "confirmed").count();
+    let confirmed =
+        verified["attempts"].as_array().unwrap().iter().filter(|v| v["verdict"] == "confirmed").count();
     assert_eq!((confirmed, verified["missing"].as_array().unwrap().len()), (60, 0));
 }
 

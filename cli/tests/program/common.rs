@@ -14,7 +14,8 @@ pub struct ProgramRun {
 
 /// Runs the binary to its end.
 pub fn run(args: &[&str]) -> ProgramRun {
-    let Output { status, stdout, stderr } = Command::new(BINARY).args(args).stdin(Stdio::null()).output().unwrap();
+    let Output { status, stdout, stderr } =
+        Command::new(BINARY).args(args).stdin(Stdio::null()).output().unwrap();
     let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
     ProgramRun { code: status.code().expect("no signal"), out: text(stdout), err: text(stderr) }
 }

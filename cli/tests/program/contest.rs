@@ -1,4 +1,5 @@
-//! An attempt at the benchmark from afar: lock-step, scored by the server, signed, verified by flying it again.
+//! An attempt at the benchmark from afar: lock-step, scored by the server, signed, verified by flying it
+//! again.
 
 use crate::common::{folder, json, stdout_of, text};
 use crate::net::{Client, Server, floats, le, request};
@@ -55,15 +56,25 @@ fn an_attempt_from_afar_is_listed_and_confirmed() {
     let wrong = client.ask(&object!({"id": 4, "type": "state"}));
     assert_eq!(wrong["code"], "no_session", "no true states in an attempt: {wrong}");
     let first = client.ask(&object!({"id": 5, "type": "step", "action": vec![[0.0; 4]; ENVS]}));
-    assert_eq!((&first["type"], &first["over"], first.get("state")), (&object!("result"), &object!(false), None));
+    assert_eq!(
+        (&first["type"], &first["over"], first.get("state")),
+        (&object!("result"), &object!(false), None)
+    );
     let ticks = 1 + fly(&mut client);
     let done = client.ask(&object!({"id": 90_000, "type": "finish"}));
     assert_eq!(done["type"], "finished", "{done}");
-    let (id, score) = (done["attempt"]["id"].as_str().unwrap(), done["attempt"]["result"]["score"]["score"].as_f64().unwrap());
+    let (id, score) = (
+        done["attempt"]["id"].as_str().unwrap(),
+        done["attempt"]["result"]["score"]["score"].as_f64().unwrap(),
+    );
     println!("{ticks} ticks, score {score}");
     assert_eq!(begun["attempt"], done["attempt"]["id"]);
     let board: Value = serde_json::from_str(&setup.server.get("/api/v1/leaderboard?scenario=wind")).unwrap();
-    assert_eq!((&board[0]["team"], &board[0]["controller"]), (&object!("team-a"), &object!("still")), "{board}");
+    assert_eq!(
+        (&board[0]["team"], &board[0]["controller"]),
+        (&object!("team-a"), &object!("still")),
+        "{board}"
+    );
     assert!(stdout_of(&["bench", "verify", id, "--data", text(&setup.data)]).contains("confirmed"));
     setup.server.stop();
 }
@@ -95,7 +106,9 @@ fn who_has_no_token_is_told_so_and_who_asks_too_much_when_to_come_back() {
     let mut client = setup.server.connect();
     let ask = |token: &str| object!({"id": 1, "type": "benchmark", "scenario": "wind", "controller": "x", "token": token});
     assert_eq!(client.ask(&ask("cft_00"))["code"], "bad_token");
-    let unknown = client.ask(&object!({"id": 2, "type": "benchmark", "scenario": "wnd", "controller": "x", "token": setup.token}));
+    let unknown = client.ask(
+        &object!({"id": 2, "type": "benchmark", "scenario": "wnd", "controller": "x", "token": setup.token}),
+    );
     assert_eq!(unknown["code"], "unknown_scenario");
     let mut held: Vec<Client> = Vec::new();
     let refused = loop {

@@ -11,13 +11,24 @@ fn the_list_says_what_fly_and_submit_know() {
     for name in &names {
         assert!(listed.contains(name), "{name}");
     }
-    for name in names.iter().filter(|name| all.as_array().unwrap().iter().any(|c| c["name"] == **name && c["file"].is_null())) {
+    for name in names
+        .iter()
+        .filter(|name| all.as_array().unwrap().iter().any(|c| c["name"] == **name && c["file"].is_null()))
+    {
         let flown = json(&["fly", "--controller", name, "--seconds", "1", "--json"]);
         assert_eq!(flown["setup"]["controller"], **name);
     }
     assert_fails(2, &["fly", "--controller", "lqx"], &["did you mean \"lqr\""]);
-    assert_fails(2, &["fly", "--controller", "lqr", "--controller-options", "{\"position\": 1}"], &["controller lqr", "position"]);
-    assert_fails(2, &["fly", "--controller", "lqr", "--controller-options", "{"], &["--controller-options is not JSON"]);
+    assert_fails(
+        2,
+        &["fly", "--controller", "lqr", "--controller-options", "{\"position\": 1}"],
+        &["controller lqr", "position"],
+    );
+    assert_fails(
+        2,
+        &["fly", "--controller", "lqr", "--controller-options", "{"],
+        &["--controller-options is not JSON"],
+    );
     assert_fails(2, &["bench", "submit", "--controller", "pid:nowhere.json"], &["nowhere.json"]);
 }
 
@@ -25,13 +36,28 @@ fn the_list_says_what_fly_and_submit_know() {
 fn a_controller_behind_the_filter_is_submitted_under_its_name() {
     let data = folder("filtered").join("bench.sqlite");
     let submit = |name: &str| {
-        let line = stdout_of(&["bench", "submit", "--controller", name, "--scenario", "hover-aruco", "--data", text(&data), "--json"]);
+        let line = stdout_of(&[
+            "bench",
+            "submit",
+            "--controller",
+            name,
+            "--scenario",
+            "hover-aruco",
+            "--data",
+            text(&data),
+            "--json",
+        ]);
         serde_json::from_str::<Value>(&line).unwrap()
     };
     let score = |document: &Value| document["result"]["score"]["score"].as_f64().unwrap();
     let (plain, filtered, lqr) = (submit("thesis-pid"), submit("kalman+thesis-pid"), submit("lqr"));
     assert_eq!(filtered["controller"], "kalman+thesis-pid");
-    println!("hover-aruco: thesis-pid {:.1}, kalman+thesis-pid {:.1}, lqr {:.1}", score(&plain), score(&filtered), score(&lqr));
+    println!(
+        "hover-aruco: thesis-pid {:.1}, kalman+thesis-pid {:.1}, lqr {:.1}",
+        score(&plain),
+        score(&filtered),
+        score(&lqr)
+    );
     assert!(score(&filtered) > score(&plain) + 5.0 && score(&lqr) > score(&plain) + 5.0);
 }
 
@@ -58,16 +84,37 @@ fn the_tuner_explains_table_7_1_and_finds_better_gains_that_fly() {
         );
         assert!(error(found) <= error(new), "{l}");
         if l["loop"] == "x" || l["loop"] == "y" {
-            assert!(number(old, "margins", "phase_deg").unwrap() < 0.0 && number(new, "margins", "phase_deg").unwrap() > 0.0, "{l}");
-            assert!(number(found, "margins", "phase_deg").unwrap() > 25.0 && number(found, "response", "overshoot").unwrap() < 0.1, "{l}");
+            assert!(
+                number(old, "margins", "phase_deg").unwrap() < 0.0
+                    && number(new, "margins", "phase_deg").unwrap() > 0.0,
+                "{l}"
+            );
+            assert!(
+                number(found, "margins", "phase_deg").unwrap() > 25.0
+                    && number(found, "response", "overshoot").unwrap() < 0.1,
+                "{l}"
+            );
         }
     }
     assert!(std::fs::read_to_string(&picture).unwrap().contains("table 7.1"));
-    let flights =
-        |controller: &str| json(&["fly", "--task", "fly-80cm", "--sensors", "lab", "--runs", "20", "--json", "--controller", controller]);
+    let flights = |controller: &str| {
+        json(&[
+            "fly",
+            "--task",
+            "fly-80cm",
+            "--sensors",
+            "lab",
+            "--runs",
+            "20",
+            "--json",
+            "--controller",
+            controller,
+        ])
+    };
     let rmse = |flown: &Value| {
         let runs = flown["runs"].as_array().unwrap();
-        let mut all: Vec<f64> = runs.iter().map(|r| r["phases"][0]["axes"]["x"]["rmse"].as_f64().unwrap()).collect();
+        let mut all: Vec<f64> =
+            runs.iter().map(|r| r["phases"][0]["axes"]["x"]["rmse"].as_f64().unwrap()).collect();
         all.sort_by(f64::total_cmp);
         all[all.len() / 2]
     };
@@ -96,13 +143,18 @@ fn robustness_flies_everything_under_every_condition() {
     assert_eq!(lines.len(), 6);
     for line in lines {
         println!("{line}");
-        let (low, score, high) = (line["low"].as_f64().unwrap(), line["score"].as_f64().unwrap(), line["high"].as_f64().unwrap());
+        let (low, score, high) =
+            (line["low"].as_f64().unwrap(), line["score"].as_f64().unwrap(), line["high"].as_f64().unwrap());
         assert!(low <= score && score <= high && line["flights"] == 20);
     }
     let of = |name: &str, condition: &str| {
-        lines.iter().find(|l| l["controller"] == name && l["condition"] == condition).unwrap()["score"].as_f64()
+        lines.iter().find(|l| l["controller"] == name && l["condition"] == condition).unwrap()["score"]
+            .as_f64()
     };
-    assert!(of("thesis-pid", "nominal") > of("thesis-pid", "undeclared"), "what nobody was told of costs something");
+    assert!(
+        of("thesis-pid", "nominal") > of("thesis-pid", "undeclared"),
+        "what nobody was told of costs something"
+    );
     assert!(of("lqr", "undeclared") > of("thesis-pid", "undeclared"));
     assert_eq!(json(&args), Value::Array(lines.clone()), "the same seeds, the same figures");
     assert_fails(2, &["bench", "robustness", "--scenarios", "mystery"], &["unknown scenario", "hover-aruco"]);

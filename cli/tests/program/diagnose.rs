@@ -59,11 +59,20 @@ fn what_cannot_be_compared_is_said() {
     crate::common::assert_fails(1, &["diagnose", "--normal", &file, "--suspect", &file], &["same flight"]);
 }
 
-/// From the motors alone, half a second ahead: better than going on as before, on a flight that the fit has not seen.
+/// From the motors alone, half a second ahead: better than going on as before, on a flight that the fit has
+/// not seen.
 #[test]
 fn motors_predict_what_comes() {
-    let [fit, test]: [PathBuf; 2] = ["B8_star_fast_rep1", "B8_star_medium_rep1"].map(|n| data(&format!("nanobench/{n}.csv.gz")).into());
-    let table = json(&["horizons", "--fit", &fit.display().to_string(), "--test", &test.display().to_string(), "--json"]);
+    let [fit, test]: [PathBuf; 2] =
+        ["B8_star_fast_rep1", "B8_star_medium_rep1"].map(|n| data(&format!("nanobench/{n}.csv.gz")).into());
+    let table = json(&[
+        "horizons",
+        "--fit",
+        &fit.display().to_string(),
+        "--test",
+        &test.display().to_string(),
+        "--json",
+    ]);
     let error = |of: &str, quantity: usize| table["errors"][of][quantity][2].as_f64().unwrap();
     for quantity in 0..3 {
         let (model, unchanged) = (error("model", quantity), error("unchanged", quantity));

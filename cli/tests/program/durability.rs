@@ -17,12 +17,27 @@ fn spread(i: u32) -> f64 {
 
 /// Submits without end; is killed at a moment of its own. Returns the ids that it printed before.
 fn submit_and_kill(data: &str, after: Duration) -> Vec<String> {
-    let args =
-        ["bench", "submit", "--controller", "hover", "--scenario", "ground-landing", "--repeat", "1000000", "--json", "--data", data];
-    let mut child = Command::new(BINARY).args(args).stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
+    let args = [
+        "bench",
+        "submit",
+        "--controller",
+        "hover",
+        "--scenario",
+        "ground-landing",
+        "--repeat",
+        "1000000",
+        "--json",
+        "--data",
+        data,
+    ];
+    let mut child =
+        Command::new(BINARY).args(args).stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
     let out = BufReader::new(child.stdout.take().unwrap());
     let reader = std::thread::spawn(move || {
-        let whole = out.lines().map_while(Result::ok).filter_map(|line| serde_json::from_str::<serde_json::Value>(&line).ok());
+        let whole = out
+            .lines()
+            .map_while(Result::ok)
+            .filter_map(|line| serde_json::from_str::<serde_json::Value>(&line).ok());
         whole.map(|row| row["id"].as_str().unwrap().to_owned()).collect::<Vec<_>>()
     });
     std::thread::sleep(after);
@@ -63,7 +78,8 @@ fn no_acknowledged_row_is_lost_in_a_hundred_kills() {
     // what is there is whole, and none is missing
     let verified = json(&["bench", "verify", "--data", text(&data), "--json"]);
     assert_eq!(verified["missing"].as_array().unwrap().len(), 0);
-    let confirmed = verified["attempts"].as_array().unwrap().iter().filter(|v| v["verdict"] == "confirmed").count();
+    let confirmed =
+        verified["attempts"].as_array().unwrap().iter().filter(|v| v["verdict"] == "confirmed").count();
     assert_eq!(confirmed, finished.len());
     println!(
         "{KILLS} kills: {} rows acknowledged, {} finished, {} cut short, 0 lost, integrity ok, {:.0} s",

@@ -1,4 +1,5 @@
-//! Explanations from the command line: flights of our own simulator, the files that come out, and what is refused.
+//! Explanations from the command line: flights of our own simulator, the files that come out, and what is
+//! refused.
 
 use std::path::{Path, PathBuf};
 
@@ -6,7 +7,8 @@ use crate::common::{assert_fails, folder, json, recordings, stdout_of, text};
 use serde_json::Value;
 
 /// Effects of imperfect sensors, which make a simulated flight like a measured one.
-const SENSORS: [&str; 3] = ["camera_noise.xy_m=0.004", "camera_noise.z_m=0.006", "gyro_bias.angle_noise_deg=0.2"];
+const SENSORS: [&str; 3] =
+    ["camera_noise.xy_m=0.004", "camera_noise.z_m=0.006", "gyro_bias.angle_noise_deg=0.2"];
 
 /// Two flights of a vehicle that the thesis's model declares but for some effects.
 fn fly(folder: &Path, effects: &[&str]) -> [PathBuf; 2] {
@@ -21,7 +23,17 @@ fn fly_for(seconds: &str, folder: &Path, vertical: &str, period_s: u32, effects:
     [("a", "1"), ("b", "2")].map(|(name, seed)| {
         let log = folder.join(format!("{name}.csv"));
         let options = format!("{{\"shape\": \"figure_eight\", \"period_s\": {period_s}}}");
-        let mut args = vec!["fly", "--task", "track", "--task-options", &options, "--vertical", vertical, "--seconds", seconds];
+        let mut args = vec![
+            "fly",
+            "--task",
+            "track",
+            "--task-options",
+            &options,
+            "--vertical",
+            vertical,
+            "--seconds",
+            seconds,
+        ];
         args.extend(["--seed", seed, "--csv", text(&log)]);
         args.extend(SENSORS.iter().chain(effects).flat_map(|e| ["--effects", e]));
         stdout_of(&args);
@@ -54,7 +66,8 @@ fn a_hidden_drag_is_found_and_written_down() {
     assert!(found["error"]["p_value"]["position_m"]["free_run"].is_null());
     assert_eq!(found["error"]["stretches"]["position_m"]["free_run"], 1);
     let out = folder.join("out");
-    let written: Value = serde_json::from_str(&std::fs::read_to_string(out.join("report.json")).unwrap()).unwrap();
+    let written: Value =
+        serde_json::from_str(&std::fs::read_to_string(out.join("report.json")).unwrap()).unwrap();
     assert_eq!(written, found);
     let model = std::fs::read_to_string(out.join("model.toml")).unwrap();
     assert!(model.contains("[effects.drag_linear") && model.contains("estimated on a.csv"), "{model}");
@@ -64,8 +77,16 @@ fn a_hidden_drag_is_found_and_written_down() {
 
 /// The page has its parts in the order in which they are asked for, and asks nobody for anything.
 fn page(html: &str) {
-    let parts =
-        ["What is missing", "sideways (x, y)", "vertical (z)", "How sure", "drag_linear", "How much better", "id=\"flights\"", "b.csv"];
+    let parts = [
+        "What is missing",
+        "sideways (x, y)",
+        "vertical (z)",
+        "How sure",
+        "drag_linear",
+        "How much better",
+        "id=\"flights\"",
+        "b.csv",
+    ];
     let later = ["id=\"freerun\"", "id=\"white\"", "What these flights could not show", "id=\"next\""];
     let mut from = 0;
     for part in parts.into_iter().chain(later) {
@@ -81,7 +102,11 @@ fn page(html: &str) {
 /// A page with its characters as a browser reads them, and the object for machines beside it.
 fn written(out: &Path) -> (String, Value) {
     let read = |name: &str| std::fs::read_to_string(out.join(name)).unwrap();
-    let plain = read("report.html").replace("&#x2f;", "/").replace("&#x27;", "'").replace("&lt;", "<").replace("&gt;", ">");
+    let plain = read("report.html")
+        .replace("&#x2f;", "/")
+        .replace("&#x27;", "'")
+        .replace("&lt;", "<")
+        .replace("&gt;", ">");
     (plain, serde_json::from_str(&read("report.json")).unwrap())
 }
 
@@ -90,7 +115,9 @@ fn numbers(html: &str) -> Vec<(&str, Option<f64>, &str)> {
     let mut all = Vec::new();
     for piece in html.split("<data ").skip(1) {
         let (at, end) = (piece.find("data-json=\"").unwrap(), piece.find("</data>").unwrap());
-        let value = piece[..at].split_once("value=\"").map(|(_, rest)| rest.split_once('"').unwrap().0.parse().unwrap());
+        let value = piece[..at]
+            .split_once("value=\"")
+            .map(|(_, rest)| rest.split_once('"').unwrap().0.parse().unwrap());
         let (pointer, rest) = piece[at + 11..end].split_once('"').unwrap();
         all.push((pointer, value, rest.split_once('>').unwrap().1));
     }
@@ -109,12 +136,17 @@ fn same_values(out: &Path) {
     }
     let model = json(&["model", text(&out.join("model.toml")), "--json"]);
     let lists = ["effects", "partial", "corrections"].map(|list| object[list].as_array().unwrap());
-    for effect in lists.into_iter().flatten().flat_map(|e| [e].into_iter().chain(e["with"].as_array().unwrap())) {
+    for effect in
+        lists.into_iter().flatten().flat_map(|e| [e].into_iter().chain(e["with"].as_array().unwrap()))
+    {
         for (param, estimate) in effect["params"].as_object().unwrap() {
             let (name, value) = (effect["name"].as_str().unwrap(), &estimate["value"]);
             assert_eq!(&model["effects"][name][param]["value"], value, "{name}.{param}");
             let as_text = value.as_f64().unwrap().to_string();
-            assert!(html.contains(&format!("<data value=\"{as_text}\"")), "{name}.{param} {as_text} is not on the page");
+            assert!(
+                html.contains(&format!("<data value=\"{as_text}\"")),
+                "{name}.{param} {as_text} is not on the page"
+            );
         }
     }
 }
@@ -126,17 +158,48 @@ fn page_object_and_model_hold_the_same_values_and_every_flight_is_named() {
     let other = folder.join("elsewhere").join("b.csv");
     std::fs::create_dir(folder.join("elsewhere")).unwrap();
     let options = "{\"shape\": \"figure_eight\", \"period_s\": 5}";
-    let again = ["fly", "--task", "track", "--task-options", options, "--vertical", "thrust", "--seconds", "12", "--seed", "9"];
+    let again = [
+        "fly",
+        "--task",
+        "track",
+        "--task-options",
+        options,
+        "--vertical",
+        "thrust",
+        "--seconds",
+        "12",
+        "--seed",
+        "9",
+    ];
     stdout_of(
-        &[&again[..], &["--csv", text(&other), "--effects", "drag_linear=0.4"], &SENSORS.map(|s| ["--effects", s]).concat()].concat(),
+        &[
+            &again[..],
+            &["--csv", text(&other), "--effects", "drag_linear=0.4"],
+            &SENSORS.map(|s| ["--effects", s]).concat(),
+        ]
+        .concat(),
     );
     let (model, out) = (thesis(&folder), folder.join("out"));
-    let printed = stdout_of(&["explain", text(&model), "--fit", text(&fit), "--test", text(&test), text(&other), "--out", text(&out)]);
+    let printed = stdout_of(&[
+        "explain",
+        text(&model),
+        "--fit",
+        text(&fit),
+        "--test",
+        text(&test),
+        text(&other),
+        "--out",
+        text(&out),
+    ]);
     same_values(&out);
     let (html, object) = written(&out);
     // two files of one name are told apart by their paths
     for (i, flight) in [&test, &other].into_iter().enumerate() {
-        assert!(html.contains(&format!("<h3>{}</h3>", flight.display())) && printed.contains(text(flight)), "{}", flight.display());
+        assert!(
+            html.contains(&format!("<h3>{}</h3>", flight.display())) && printed.contains(text(flight)),
+            "{}",
+            flight.display()
+        );
         assert_eq!(object["error"]["flights"][i]["name"], text(flight));
     }
     assert_eq!(html.matches("<figure class=\"plot\">").count(), 2 * 6);
@@ -144,26 +207,47 @@ fn page_object_and_model_hold_the_same_values_and_every_flight_is_named() {
     assert!(html.contains("too few") && printed.contains("too few"), "{printed}");
     assert_eq!(object["error"]["axes"]["stretches"]["yaw_rad"]["free_run"], 2);
     assert!(object["error"]["axes"]["p_value"]["yaw_rad"]["free_run"].is_null());
-    for signal in ["sideways (x, y): explained, by drag_linear", "vertical (z): nothing missing", "tilt (roll, pitch): ", "yaw: "] {
+    for signal in [
+        "sideways (x, y): explained, by drag_linear",
+        "vertical (z): nothing missing",
+        "tilt (roll, pitch): ",
+        "yaw: ",
+    ] {
         assert!(printed.contains(signal), "{printed}");
     }
     assert!(printed.contains("what to do next\n1. ") && object["foreign_model"].is_null(), "{printed}");
 }
 
-/// The thesis's numbers are not those of a recorded vehicle: that is said before anything else, with what to run.
+/// The thesis's numbers are not those of a recorded vehicle: that is said before anything else, with what to
+/// run.
 #[test]
 fn a_recorded_flight_of_another_vehicle_is_told_first() {
     let name = "a_recorded_flight_of_another_vehicle_is_told_first";
     let Some(flights) = recordings(name, "nanobench") else { return };
-    let [fit, test] = ["B8_star_slow_rep1.csv.gz", "B2_circle_slow_rep2.csv.gz"].map(|file| flights.join(file));
+    let [fit, test] =
+        ["B8_star_slow_rep1.csv.gz", "B2_circle_slow_rep2.csv.gz"].map(|file| flights.join(file));
     let folder = folder("explain_foreign");
     for vertical in ["thrust", "pwm"] {
         let out = folder.join(vertical);
-        let printed =
-            stdout_of(&["explain", "thesis", "--vertical", vertical, "--fit", text(&fit), "--test", text(&test), "--out", text(&out)]);
+        let printed = stdout_of(&[
+            "explain",
+            "thesis",
+            "--vertical",
+            vertical,
+            "--fit",
+            text(&fit),
+            "--test",
+            text(&test),
+            "--out",
+            text(&out),
+        ]);
         let first = printed.lines().take(3).collect::<Vec<_>>();
         let command = format!("crazyflie identify --fit {} --out mine.toml", fit.display());
-        assert!(first[0].contains("The numbers of the model thesis are not this vehicle's") && first[1].trim() == command, "{printed}");
+        assert!(
+            first[0].contains("The numbers of the model thesis are not this vehicle's")
+                && first[1].trim() == command,
+            "{printed}"
+        );
         assert!(first[2].trim().starts_with("crazyflie explain mine.toml --fit "), "{printed}");
         let (html, object) = written(&out);
         let (warned, verdict) = (html.find("id=\"foreign\"").unwrap(), html.find("class=\"verdict").unwrap());
@@ -202,7 +286,8 @@ fn a_weak_gain_on_a_large_inertia_keeps_its_name() {
     let folder = folder("explain_gain_and_inertia");
     let flights = fly(&folder, &["attitude_gain=0.82", "inertia_scale=1.5"]);
     let found = explain(&folder, &flights);
-    let names: Vec<&str> = found["effects"].as_array().unwrap().iter().map(|e| e["name"].as_str().unwrap()).collect();
+    let names: Vec<&str> =
+        found["effects"].as_array().unwrap().iter().map(|e| e["name"].as_str().unwrap()).collect();
     assert!(names.contains(&"attitude_gain"), "{found}");
 }
 
@@ -211,7 +296,8 @@ fn lost_packets_are_told_from_a_delay_and_counted() {
     let folder = folder("explain_loss");
     let found = explain(&folder, &fly(&folder, &["packet_loss=0.3"]));
     assert_eq!(found["verdict"], "explained", "{found}");
-    let names: Vec<&str> = found["effects"].as_array().unwrap().iter().map(|e| e["name"].as_str().unwrap()).collect();
+    let names: Vec<&str> =
+        found["effects"].as_array().unwrap().iter().map(|e| e["name"].as_str().unwrap()).collect();
     assert_eq!(names, ["packet_loss"], "{}", found["effects"]);
     let share = &found["effects"][0]["params"]["probability"];
     let (value, stderr) = (share["value"].as_f64().unwrap(), share["stderr"].as_f64().unwrap());
@@ -248,7 +334,8 @@ fn a_thrust_that_is_always_less_does_not_pass_for_a_draught() {
     // at one height, and for 16 s, nothing but its being there from the start tells it from air that sinks
     let found = explain(&folder, &fly(&folder, &["thrust_scale=0.95", "gust.sigma_mps2=0.03"]));
     let effects = found["effects"].as_array().unwrap();
-    let group = |e: &Value| [&[e["name"].clone()], e["confusable_with"].as_array().unwrap().as_slice()].concat();
+    let group =
+        |e: &Value| [&[e["name"].clone()], e["confusable_with"].as_array().unwrap().as_slice()].concat();
     let named: Vec<Value> = effects.iter().flat_map(group).collect();
     assert!(effects.len() == 1 && named.contains(&"thrust_scale".into()) && named.len() <= 3, "{effects:?}");
 }
@@ -258,7 +345,11 @@ fn a_load_is_found_although_the_air_could_sink_as_much() {
     let folder = folder("explain_load");
     let found = explain(&folder, &fly_by(&folder, "thrust", 4, &["mass_change=0.002"]));
     let added = &found["effects"][0]["params"]["added_kg"]["value"];
-    assert!(found["verdict"] == "explained" && (added.as_f64().unwrap() - 0.002).abs() < 1e-4, "{}", found["effects"]);
+    assert!(
+        found["verdict"] == "explained" && (added.as_f64().unwrap() - 0.002).abs() < 1e-4,
+        "{}",
+        found["effects"]
+    );
 }
 
 /// In air that moves by itself too: a wind that stays was taken for a gust of nine seconds.
@@ -273,13 +364,18 @@ fn a_steady_wind_in_moving_air_is_no_gust() {
     assert!(effects.iter().all(|e| e["name"] != "gust"), "{found}");
 }
 
-/// The thesis's yaw and PWM forms are of first order: what pushes them is lagged, and the lagged push is not to be forgotten from tick to tick.
+/// The thesis's yaw and PWM forms are of first order: what pushes them is lagged, and the lagged push is not
+/// to be forgotten from tick to tick.
 #[test]
 fn true_kinematics_are_found_on_the_forms_of_the_thesis() {
     for vertical in ["thrust", "pwm"] {
         let folder = folder(&format!("explain_true_{vertical}"));
         let found = explain(&folder, &fly_by(&folder, vertical, 4, &["euler_kinematics=1"]));
-        assert_eq!((&found["verdict"], &found["vertical"]), (&"explained".into(), &vertical.into()), "{found}");
+        assert_eq!(
+            (&found["verdict"], &found["vertical"]),
+            (&"explained".into(), &vertical.into()),
+            "{found}"
+        );
         let amount = &found["effects"][0]["params"]["amount"]["value"];
         assert!((amount.as_f64().unwrap() - 1.0).abs() < 0.05, "{}", found["effects"]);
     }
@@ -291,10 +387,26 @@ fn of_two_forms_for_the_pwm_the_one_that_flew_is_taken() {
     let folder = folder("explain_form");
     let flights = fly_by(&folder, "pwm", 6, &[]);
     let found = explain(&folder, &flights);
-    assert_eq!((&found["verdict"], &found["vertical"]), (&"nothing_missing".into(), &"pwm".into()), "{found}");
+    assert_eq!(
+        (&found["verdict"], &found["vertical"]),
+        (&"nothing_missing".into(), &"pwm".into()),
+        "{found}"
+    );
     let [fit, test] = flights.each_ref().map(|f| text(f));
     let out = folder.join("other");
-    let other = json(&["explain", "thesis", "--vertical", "thrust", "--fit", fit, "--test", test, "--out", text(&out), "--json"]);
+    let other = json(&[
+        "explain",
+        "thesis",
+        "--vertical",
+        "thrust",
+        "--fit",
+        fit,
+        "--test",
+        test,
+        "--out",
+        text(&out),
+        "--json",
+    ]);
     assert_eq!((&other["verdict"], &other["vertical"]), (&"unexplained".into(), &"thrust".into()), "{other}");
     assert_fails(
         1,
@@ -309,7 +421,11 @@ fn fixes_that_scatter_far_from_the_marker_do_not_hide_a_gust() {
     let folder = folder("explain_far");
     let found = explain(&folder, &fly_by(&folder, "thrust", 4, &["gust.sigma_mps2=0.4"]));
     let names: Vec<&Value> = found["effects"].as_array().unwrap().iter().map(|e| &e["name"]).collect();
-    assert_eq!((found["verdict"].as_str(), &names[..]), (Some("explained"), &[&"gust".into()][..]), "{found}");
+    assert_eq!(
+        (found["verdict"].as_str(), &names[..]),
+        (Some("explained"), &[&"gust".into()][..]),
+        "{found}"
+    );
 }
 
 #[test]
@@ -323,7 +439,11 @@ fn what_cannot_be_explained_is_refused_with_a_reason() {
     let junk = folder.join("junk.csv");
     std::fs::write(&junk, "a,b\n1,2\n").unwrap();
     let (m, l, out) = (text(&model), text(&log), folder.join("out"));
-    assert_fails(2, &["explain", m, "--fit", l, "--out", text(&out)], &["--test", "errors are only honest on flights the fit never saw"]);
+    assert_fails(
+        2,
+        &["explain", m, "--fit", l, "--out", text(&out)],
+        &["--test", "errors are only honest on flights the fit never saw"],
+    );
     assert_fails(2, &["explain", m, "--test", l, "--out", text(&out)], &["--fit"]);
     assert_fails(2, &["explain", m, "--fit", l, "--test", l], &["--out"]);
     assert_fails(
@@ -331,10 +451,26 @@ fn what_cannot_be_explained_is_refused_with_a_reason() {
         &["explain", m, "--fit", l, "--test", text(&copy), "--out", text(&out)],
         &["flight.csv", "copy.csv", "the same flight"],
     );
-    assert_fails(1, &["explain", m, "--fit", text(&junk), "--test", l, "--out", text(&out)], &["junk.csv", "no known log format"]);
-    assert_fails(1, &["explain", m, "--fit", "no/such.csv", "--test", l, "--out", text(&out)], &["no/such.csv", "No such file"]);
-    assert_fails(1, &["explain", l, "--fit", l, "--test", l, "--out", text(&out)], &["flight.csv", "not a model", "line 1"]);
-    assert_fails(1, &["explain", "no/model.toml", "--fit", l, "--test", l, "--out", text(&out)], &["no/model.toml", "No such file"]);
+    assert_fails(
+        1,
+        &["explain", m, "--fit", text(&junk), "--test", l, "--out", text(&out)],
+        &["junk.csv", "no known log format"],
+    );
+    assert_fails(
+        1,
+        &["explain", m, "--fit", "no/such.csv", "--test", l, "--out", text(&out)],
+        &["no/such.csv", "No such file"],
+    );
+    assert_fails(
+        1,
+        &["explain", l, "--fit", l, "--test", l, "--out", text(&out)],
+        &["flight.csv", "not a model", "line 1"],
+    );
+    assert_fails(
+        1,
+        &["explain", "no/model.toml", "--fit", l, "--test", l, "--out", text(&out)],
+        &["no/model.toml", "No such file"],
+    );
     let case = folder.join("d00.json");
     std::fs::write(&case, "{\"declared_model\": 3}").unwrap();
     assert_fails(1, &["explain", text(&case), "--out", text(&out)], &["d00.json", "not a case file"]);
@@ -347,7 +483,11 @@ fn scores_need_cases() {
     assert_fails(1, &["explain-bench", text(&folder)], &["holds no case files"]);
     assert_fails(1, &["explain-bench", "no/such"], &["no/such"]);
     std::fs::write(folder.join("d07.json"), "{}").unwrap();
-    assert_fails(2, &["explain-bench", text(&folder), "--only", "d70"], &["unknown case \"d70\"", "did you mean \"d07\""]);
+    assert_fails(
+        2,
+        &["explain-bench", text(&folder), "--only", "d70"],
+        &["unknown case \"d70\"", "did you mean \"d07\""],
+    );
     assert_fails(1, &["explain-bench", text(&folder)], &["d07.json", "not a case file"]);
 }
 

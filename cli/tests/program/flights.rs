@@ -11,7 +11,18 @@ fn fit(replay: &Value, signal: &str) -> f64 {
 #[test]
 fn the_same_seed_gives_the_same_bytes() {
     let folder = folder("deterministic");
-    let args = ["fly", "--task", "hover", "--sensors", "lab", "--effects", "gust.sigma_mps2=0.3", "--seconds", "3", "--seed"];
+    let args = [
+        "fly",
+        "--task",
+        "hover",
+        "--sensors",
+        "lab",
+        "--effects",
+        "gust.sigma_mps2=0.3",
+        "--seconds",
+        "3",
+        "--seed",
+    ];
     let fly = |seed: &str, name: &str| {
         let files = [".csv", ".svg", ".3d.svg"].map(|ending| folder.join(format!("{name}{ending}")));
         let [csv, svg, path] = &files;
@@ -26,26 +37,50 @@ fn the_same_seed_gives_the_same_bytes() {
 
 #[test]
 fn a_run_of_a_batch_is_the_run_alone() {
-    let of = |seed: &str, runs: &str| json(&["fly", "--sensors", "lab", "--seconds", "3", "--json", "--seed", seed, "--runs", runs]);
+    let of = |seed: &str, runs: &str| {
+        json(&["fly", "--sensors", "lab", "--seconds", "3", "--json", "--seed", seed, "--runs", runs])
+    };
     let batch = of("3", "70");
     assert_eq!(batch["runs"].as_array().unwrap().len(), 70);
     for (i, seed) in [(0, "3"), (17, "20"), (69, "72")] {
         assert_eq!(batch["runs"][i], of(seed, "1")["runs"][0], "seed {seed}");
     }
     let table = stdout_of(&["fly", "--runs", "5", "--seconds", "3"]);
-    assert!(table.contains("5 flights: median (first to third quartile)") && table.contains("crashed: 0 of 5"), "{table}");
+    assert!(
+        table.contains("5 flights: median (first to third quartile)") && table.contains("crashed: 0 of 5"),
+        "{table}"
+    );
 }
 
 #[test]
 fn a_flight_replayed_on_its_own_model_fits() {
     let folder = folder("round_trip");
     let log = folder.join("flight.csv");
-    let forms = [("pwm", "fly-80cm"), ("thrust", "fly-80cm"), ("height", "fly-80cm"), ("pwm", "takeoff-70cm"), ("thrust", "track")];
+    let forms = [
+        ("pwm", "fly-80cm"),
+        ("thrust", "fly-80cm"),
+        ("height", "fly-80cm"),
+        ("pwm", "takeoff-70cm"),
+        ("thrust", "track"),
+    ];
     for (form, task) in forms {
         // turned a little, so that every axis has something to do
-        let options =
-            if task == "fly-80cm" { "{\"start_m\": [0.8, -0.3, 0.6], \"setpoint_yaw_deg\": 30, \"start_yaw_deg\": 20}" } else { "null" };
-        stdout_of(&["fly", "--task", task, "--task-options", options, "--vertical", form, "--csv", text(&log)]);
+        let options = if task == "fly-80cm" {
+            "{\"start_m\": [0.8, -0.3, 0.6], \"setpoint_yaw_deg\": 30, \"start_yaw_deg\": 20}"
+        } else {
+            "null"
+        };
+        stdout_of(&[
+            "fly",
+            "--task",
+            task,
+            "--task-options",
+            options,
+            "--vertical",
+            form,
+            "--csv",
+            text(&log),
+        ]);
         let back = json(&["replay", text(&log), "--vertical", form, "--json"]);
         for signal in ["roll", "pitch", "z", "vx", "vy", "x", "y"] {
             let signals = &back["logs"][0]["runs"][0]["signals"][signal];
@@ -95,7 +130,8 @@ fn the_whole_flight_of_the_thesis_is_flown() {
     let flight = json(&["fly", "--task", "whole-flight", "--json"]);
     let run = &flight["runs"][0];
     assert!(run["crash"].is_null(), "{run}");
-    let names: Vec<&str> = run["phases"].as_array().unwrap().iter().map(|p| p["name"].as_str().unwrap()).collect();
+    let names: Vec<&str> =
+        run["phases"].as_array().unwrap().iter().map(|p| p["name"].as_str().unwrap()).collect();
     assert_eq!(names, ["take off", "fly 80 cm", "land"]);
     let over = |phase: usize, axis: &str| run["phases"][phase]["axes"][axis]["final_error"].as_f64().unwrap();
     assert!(over(0, "z") < 2.0 && over(1, "x") < 2.0 && over(1, "z") < 2.0, "{run}");
@@ -103,19 +139,29 @@ fn the_whole_flight_of_the_thesis_is_flown() {
 
 #[test]
 fn a_derived_velocity_and_a_model_of_ones_own() {
-    let Some(folder) = recordings("a_derived_velocity_and_a_model_of_ones_own", "hidden_effects") else { return };
+    let Some(folder) = recordings("a_derived_velocity_and_a_model_of_ones_own", "hidden_effects") else {
+        return;
+    };
     let log = folder.join("d00_a.csv.gz");
     let back = json(&["replay", text(&log), "--hover-pwm", "auto", "--horizon", "2", "--json"]);
     let remarks = back["logs"][0]["runs"][0]["remarks"].to_string();
-    assert!(remarks.contains("derived from the position") && remarks.contains("hover PWM taken as"), "{remarks}");
+    assert!(
+        remarks.contains("derived from the position") && remarks.contains("hover PWM taken as"),
+        "{remarks}"
+    );
     assert!(fit(&back, "roll") > 85.0 && fit(&back, "pitch") > 85.0 && fit(&back, "x") > 80.0, "{back}");
 }
 
 #[test]
 fn every_nanobench_flight_is_replayed_as_published() {
-    let Some(folder) = recordings("every_nanobench_flight_is_replayed_as_published", "nanobench") else { return };
-    let mut files: Vec<_> =
-        std::fs::read_dir(folder).unwrap().map(|f| f.unwrap().path()).filter(|f| f.extension().is_some_and(|e| e == "gz")).collect();
+    let Some(folder) = recordings("every_nanobench_flight_is_replayed_as_published", "nanobench") else {
+        return;
+    };
+    let mut files: Vec<_> = std::fs::read_dir(folder)
+        .unwrap()
+        .map(|f| f.unwrap().path())
+        .filter(|f| f.extension().is_some_and(|e| e == "gz"))
+        .collect();
     files.sort();
     assert_eq!(files.len(), 18);
     let without_commands = ["B9_trefoil_medium_rep10", "B9_trefoil_slow_rep12"];
@@ -127,13 +173,23 @@ fn every_nanobench_flight_is_replayed_as_published() {
         for more in [&[][..], &["--hover-pwm", "auto"], &["--measured-yaw-rate"]] {
             let back = json(&[&["replay", text(file), "--json"], more].concat());
             let half_second = &back["logs"][0]["runs"][2]["signals"];
-            assert!(half_second["x"]["fit_percent"].as_f64().unwrap() > 60.0, "{}: {half_second}", text(file));
+            assert!(
+                half_second["x"]["fit_percent"].as_f64().unwrap() > 60.0,
+                "{}: {half_second}",
+                text(file)
+            );
         }
     }
     // all at once: the good ones are reported, the exit code tells of the two others
     let all: Vec<&str> = ["replay"].into_iter().chain(files.iter().map(|f| text(f))).collect();
     let program = crate::common::run(&all);
-    assert!(program.code == 1 && program.out.contains("median of 16 flights") && program.err.contains("2 of 18 logs"), "{}", program.err);
+    assert!(
+        program.code == 1
+            && program.out.contains("median of 16 flights")
+            && program.err.contains("2 of 18 logs"),
+        "{}",
+        program.err
+    );
 }
 
 #[test]
@@ -164,7 +220,10 @@ fn several_drones_swap_places_unless_nothing_keeps_them_apart() {
     assert!([svg, path].iter().all(|file| std::fs::read_to_string(file).unwrap().contains("drone 4")));
     assert!(json(&flight)["runs"][0]["metrics"]["collisions"].as_f64().unwrap() > 0.0);
     let advice = stdout_of(&["fly", "--task", "swap", "--runs", "3"]);
-    assert!(advice.contains("3 flights: median") && advice.contains("--collision-avoidance puts a layer"), "{advice}");
+    assert!(
+        advice.contains("3 flights: median") && advice.contains("--collision-avoidance puts a layer"),
+        "{advice}"
+    );
     assert_fails(2, &["fly", "--collision-avoidance"], &["for tasks of several drones"]);
     assert_fails(2, &["fly", "--task", "swap", "--drones", "65"], &["drones is 65"]);
 }

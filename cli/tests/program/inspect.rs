@@ -1,4 +1,5 @@
-//! `inspect` from the command line: a flight of the simulator, and the same flight under names that nobody knows.
+//! `inspect` from the command line: a flight of the simulator, and the same flight under names that nobody
+//! knows.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -31,7 +32,10 @@ fn a_simulated_flight_suffices_and_its_signs_agree() {
     let (file, svg) = (flight(&folder), folder.join("look.svg"));
     let output = json(&["inspect", text(&file), "--picture", text(&svg), "--json"]);
     let log = &output["logs"][0]["inspection"];
-    assert_eq!((&log["provenance"]["format"], &log["provenance"]["position"]), (&"project_csv".into(), &"camera".into()));
+    assert_eq!(
+        (&log["provenance"]["format"], &log["provenance"]["position"]),
+        (&"project_csv".into(), &"camera".into())
+    );
     let signs = log["signs"].as_array().unwrap();
     for channel in ["pitch", "roll", "cmd_pitch", "cmd_roll", "acc_z"] {
         let check = signs.iter().find(|check| check["channel"] == channel).unwrap();
@@ -39,12 +43,23 @@ fn a_simulated_flight_suffices_and_its_signs_agree() {
     }
     let needs = log["needs"].as_array().unwrap();
     assert!(
-        needs.iter().filter(|need| need["command"] != "diagnose").all(|need| need["missing"].as_array().unwrap().is_empty()),
+        needs
+            .iter()
+            .filter(|need| need["command"] != "diagnose")
+            .all(|need| need["missing"].as_array().unwrap().is_empty()),
         "{needs:?}"
     );
     assert!(std::fs::read_to_string(&svg).unwrap().contains("pitch (deg)"));
     let words = stdout_of(&["inspect", text(&file)]);
-    for part in ["a project CSV", "position: camera", "cmd_thrust", "bandwidth", "agrees", "explain   suffices", "diagnose  lacks"] {
+    for part in [
+        "a project CSV",
+        "position: camera",
+        "cmd_thrust",
+        "bandwidth",
+        "agrees",
+        "explain   suffices",
+        "diagnose  lacks",
+    ] {
         assert!(words.contains(part), "{part}: {words}");
     }
 }

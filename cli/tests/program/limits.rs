@@ -46,7 +46,10 @@ fn messages_beyond_the_cap_are_answered_with_1009() {
 #[test]
 fn half_open_sockets_are_closed_and_hinder_nobody() {
     more_descriptors();
-    let server = Server::start(settings_with(Limits { handshake_timeout: Duration::from_secs(5), ..Limits::default() }));
+    let server = Server::start(settings_with(Limits {
+        handshake_timeout: Duration::from_secs(5),
+        ..Limits::default()
+    }));
     let heads = ["", "G", "GET /ws HTTP/1.1\r\n", "GET /ws HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\n"];
     let mut half: Vec<(TcpStream, Instant)> = (0..200)
         .map(|i| {
@@ -66,7 +69,9 @@ fn half_open_sockets_are_closed_and_hinder_nobody() {
         stream.read_to_end(&mut rest).unwrap();
         worst_s = worst_s.max(began.elapsed().as_secs_f64());
     }
-    println!("200 half-open sockets: closed within {worst_s:.2} s; meanwhile another client was served in {other_s:.3} s");
+    println!(
+        "200 half-open sockets: closed within {worst_s:.2} s; meanwhile another client was served in {other_s:.3} s"
+    );
     assert!((4.5..6.5).contains(&worst_s) && other_s < 1.0);
     eventually("their places are free", 2.0, || server.metric("crazyflie_connections") <= 2.0);
 }
@@ -96,7 +101,11 @@ fn silence_is_pinged_and_then_closed() {
 
 #[test]
 fn connections_are_capped_by_address_and_by_token() {
-    let server = Server::start(settings_with(Limits { connections_per_address: 6, connections_per_token: 2, ..Limits::default() }));
+    let server = Server::start(settings_with(Limits {
+        connections_per_address: 6,
+        connections_per_token: 2,
+        ..Limits::default()
+    }));
     let hello = json!({"id": 1, "type": "hello", "token": "team secret"});
     let mut clients: Vec<Client> = (0..6).map(|_| server.connect()).collect();
     assert_eq!(clients[0].ask(&hello)["type"], "welcome");
@@ -159,14 +168,19 @@ fn who_never_reads_is_cheap() {
 
 #[test]
 fn who_never_reads_is_closed() {
-    let server = Server::start(settings_with(Limits { write_timeout: Duration::from_millis(400), ..Limits::default() }));
+    let server = Server::start(settings_with(Limits {
+        write_timeout: Duration::from_millis(400),
+        ..Limits::default()
+    }));
     let mut lazy = server.connect();
     make(&mut lazy, 4096);
     lazy.ws.get_mut().set_write_timeout(Some(Duration::from_secs(3))).unwrap();
     let step = |id| Message::binary(request(id, 2, 0, 1, 4096, &le(&[0.0; 4096 * 4])));
     let refused = (3..5000).find(|id| lazy.ws.send(step(*id)).is_err());
     assert!(refused.is_some(), "5000 requests and no end");
-    eventually("it is closed", 5.0, || server.metric("crazyflie_connections_refused_total{reason=\"stalled\"}") == 1.0);
+    eventually("it is closed", 5.0, || {
+        server.metric("crazyflie_connections_refused_total{reason=\"stalled\"}") == 1.0
+    });
     assert_eq!(server.stop().ended[&SessionEnd::Stopped], 1, "the session waited to be resumed");
 }
 
@@ -180,27 +194,35 @@ fn two_thousand_idle_connections_are_cheap() {
     let rss = process.rss_kib();
     let hello = json!({"id": 1, "type": "hello"});
     assert!([0, 777, 1999].iter().all(|i| clients[*i].ask(&hello)["type"] == "welcome"));
-    println!("2000 idle connections: {:.1} MiB, the whole process {:.1} MiB", (rss - before) as f64 / 1024.0, rss as f64 / 1024.0);
+    println!(
+        "2000 idle connections: {:.1} MiB, the whole process {:.1} MiB",
+        (rss - before) as f64 / 1024.0,
+        rss as f64 / 1024.0
+    );
     assert!(rss < 60 << 10, "{rss} KiB");
 }
 
 #[test]
 fn ten_thousand_connections_leave_nothing() {
     let process = Process::start(&[]);
-    let cycles = |n: usize| {
-        for i in 0..n {
-            let mut client = process.client();
-            if i % 10 == 0 {
-                make(&mut client, 16);
+    let cycles =
+        |n: usize| {
+            for i in 0..n {
+                let mut client = process.client();
+                if i % 10 == 0 {
+                    make(&mut client, 16);
+                }
+                match i % 3 {
+                    2 if i % 10 == 0 => drop(client.ask(&json!({"id": 7, "type": "close"}))),
+                    0 => drop(client.ws.close(Some(tungstenite::protocol::CloseFrame {
+                        code: 1000.into(),
+                        reason: "".into(),
+                    }))),
+                    1 => drop(client.ask(&json!({"id": 7, "type": "close"}))),
+                    _ => {}
+                }
             }
-            match i % 3 {
-                2 if i % 10 == 0 => drop(client.ask(&json!({"id": 7, "type": "close"}))),
-                0 => drop(client.ws.close(Some(tungstenite::protocol::CloseFrame { code: 1000.into(), reason: "".into() }))),
-                1 => drop(client.ask(&json!({"id": 7, "type": "close"}))),
-                _ => {}
-            }
-        }
-    };
+        };
     let settled = || {
         eventually("connections end", 5.0, || process.descriptors() < 30);
         (process.rss_kib(), process.descriptors())
@@ -228,7 +250,9 @@ fn a_server_that_is_told_to_stop_loses_no_result() {
                         return (id, None);
                     }
                     match client.ws.read() {
-                        Ok(Message::Binary(reply)) => assert_eq!(reply[24..32], (id - 2).to_le_bytes(), "a reply is missing"),
+                        Ok(Message::Binary(reply)) => {
+                            assert_eq!(reply[24..32], (id - 2).to_le_bytes(), "a reply is missing")
+                        }
                         Ok(Message::Close(frame)) => return (id, frame.map(|frame| u16::from(frame.code))),
                         other => panic!("{other:?}"),
                     }
@@ -241,7 +265,10 @@ fn a_server_that_is_told_to_stop_loses_no_result() {
     let (report, code, took) = process.terminate();
     let ends: Vec<_> = threads.into_iter().map(|thread| thread.join().unwrap()).collect();
     let steps: u64 = ends.iter().map(|(id, _)| id - 3).sum();
-    println!("SIGTERM under load: {steps} steps answered, all goodbyes 1001, exit after {:.2} s; {report}", took.as_secs_f64());
+    println!(
+        "SIGTERM under load: {steps} steps answered, all goodbyes 1001, exit after {:.2} s; {report}",
+        took.as_secs_f64()
+    );
     assert!(ends.iter().all(|(_, code)| *code == Some(1001)), "{ends:?}");
     assert_eq!((code, &report["cut"], &report["ended"]["stopped"]), (Some(0), &json!(0), &json!(8)));
     assert!(took < Duration::from_secs(10));
@@ -266,6 +293,9 @@ fn two_hundred_clients_are_served_at_once() {
         })
         .collect();
     let failed = threads.into_iter().filter_map(|thread| thread.join().err()).count();
-    println!("200 clients of one environment, 50 steps each: {failed} failed, {:.2} s", began.elapsed().as_secs_f64());
+    println!(
+        "200 clients of one environment, 50 steps each: {failed} failed, {:.2} s",
+        began.elapsed().as_secs_f64()
+    );
     assert_eq!(failed, 0);
 }

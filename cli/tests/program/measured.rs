@@ -18,10 +18,17 @@ fn the_velocity_error_falls_seven_times() {
     // flown by the controller of the recordings along their set-points
     let distance = |of: &str| story["closed_loop"]["firmware"][of]["predicted_m"].as_f64().unwrap();
     let (before, after) = (distance("thesis"), distance("explained"));
-    println!("closed loop: {before:.3} m from the measured flight on the thesis model, {after:.3} m explained");
+    println!(
+        "closed loop: {before:.3} m from the measured flight on the thesis model, {after:.3} m explained"
+    );
     assert!(after < 0.5 * before, "{before} {after}");
     if recordings("the_velocity_error_falls_seven_times", "crazypad").is_some() {
         let verdict = |i: usize| story["planted"][i]["diagnosis"]["verdict"].as_str().unwrap();
-        assert_eq!([verdict(0), verdict(1), verdict(2)], ["added_weight", "weak_motor", "nothing"], "{}", story["planted"]);
+        assert_eq!(
+            [verdict(0), verdict(1), verdict(2)],
+            ["added_weight", "weak_motor", "nothing"],
+            "{}",
+            story["planted"]
+        );
     }
 }

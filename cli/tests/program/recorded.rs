@@ -13,10 +13,15 @@ fn cuts(names: &[&str]) -> Vec<PathBuf> {
     names.iter().map(|name| data.join(format!("{name}.csv.gz"))).collect()
 }
 
-/// Recordings beside the project. One that is missing is a failure: these tests are ignored where nobody asks for them.
+/// Recordings beside the project. One that is missing is a failure: these tests are ignored where nobody asks
+/// for them.
 fn recordings(names: &[&str]) -> Vec<PathBuf> {
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
-    names.iter().map(|name| data.join(name)).inspect(|path| assert!(path.exists(), "{} is missing", path.display())).collect()
+    names
+        .iter()
+        .map(|name| data.join(name))
+        .inspect(|path| assert!(path.exists(), "{} is missing", path.display()))
+        .collect()
 }
 
 fn args<'a>(model: &'a str, fit: &'a [PathBuf], test: &'a [PathBuf], out: &'a str) -> Vec<&'a str> {
@@ -38,29 +43,38 @@ fn names(found: &Value, list: &str) -> Vec<String> {
 
 fn estimate(found: &Value, effect: &str, param: &str) -> f64 {
     let lists = ["effects", "confirmed"].map(|list| found[list].as_array().unwrap().clone()).concat();
-    let known = lists.iter().find(|e| e["name"] == effect).unwrap_or_else(|| panic!("no {effect} in {found}"));
+    let known =
+        lists.iter().find(|e| e["name"] == effect).unwrap_or_else(|| panic!("no {effect} in {found}"));
     known["params"][param]["value"].as_f64().unwrap()
 }
 
 /// The largest ratio of the errors after and before, over axes, 0.5 and 2 s ahead.
 fn worst_ratio(found: &Value) -> f64 {
-    let cell = |when: &str, axis: &str, ahead: &str| found["error"]["axes"][when][axis][ahead].as_f64().unwrap();
-    let ratios = AXES.iter().flat_map(|axis| ["0.5_s", "2_s"].map(|ahead| cell("after", axis, ahead) / cell("before", axis, ahead)));
+    let cell =
+        |when: &str, axis: &str, ahead: &str| found["error"]["axes"][when][axis][ahead].as_f64().unwrap();
+    let ratios = AXES.iter().flat_map(|axis| {
+        ["0.5_s", "2_s"].map(|ahead| cell("after", axis, ahead) / cell("before", axis, ahead))
+    });
     ratios.fold(0.0, f64::max)
 }
 
 #[test]
 fn of_a_foreign_model_it_is_said_first_that_its_numbers_are_not_this_vehicles() {
     let folder = folder("explain_foreign");
-    let (fit, test) = (cuts(&["B3_figure8_fast_rep1", "B8_star_fast_rep1", "B8_star_medium_rep1"]), cuts(&["B3_figure8_slow_rep1"]));
+    let (fit, test) = (
+        cuts(&["B3_figure8_fast_rep1", "B8_star_fast_rep1", "B8_star_medium_rep1"]),
+        cuts(&["B3_figure8_slow_rep1"]),
+    );
     let output = stdout_of(&args("thesis", &fit, &test, text(&folder.join("out"))));
     assert!(
-        output.starts_with("The numbers of the model thesis are not this vehicle's") && output.contains("crazyflie identify --fit"),
+        output.starts_with("The numbers of the model thesis are not this vehicle's")
+            && output.contains("crazyflie identify --fit"),
         "{output}"
     );
     let found = explain("thesis", &fit, &test, &folder.join("json"));
     assert!(found["foreign_model"].is_object());
-    // some seconds of flight are too few for the drag's value, but not for its existence, and it is not quadratic
+    // some seconds of flight are too few for the drag's value, but not for its existence, and it is not
+    // quadratic
     assert_eq!(names(&found, "effects"), ["drag_linear"], "{found}");
     assert!(worst_ratio(&found) < 0.8, "{}", found["error"]);
     // the firmware's cascade flew, and is recognised
@@ -75,35 +89,58 @@ fn of_a_foreign_model_it_is_said_first_that_its_numbers_are_not_this_vehicles() 
 #[test]
 fn what_an_identified_model_holds_is_confirmed_and_not_found_again() {
     let folder = folder("explain_identified");
-    let (fit, test) = (cuts(&["B3_figure8_fast_rep1", "B8_star_fast_rep1", "B8_star_medium_rep1"]), cuts(&["B3_figure8_slow_rep1"]));
+    let (fit, test) = (
+        cuts(&["B3_figure8_fast_rep1", "B8_star_fast_rep1", "B8_star_medium_rep1"]),
+        cuts(&["B3_figure8_slow_rep1"]),
+    );
     let model = folder.join("mine.toml");
     let mut identify = vec!["identify", "--mass", "0.034", "--out", text(&model), "--fit"];
     identify.extend(fit.iter().map(|path| text(path)));
     stdout_of(&identify);
     let found = explain(text(&model), &fit, &test, &folder.join("out"));
     assert_eq!(found["verdict"], "nothing_missing", "{found}");
-    assert!(names(&found, "confirmed").contains(&"drag_linear".to_owned()) && found["foreign_model"].is_null(), "{found}");
+    assert!(
+        names(&found, "confirmed").contains(&"drag_linear".to_owned()) && found["foreign_model"].is_null(),
+        "{found}"
+    );
     assert_eq!(worst_ratio(&found), 1.0);
 }
 
-/// The reference is an independent fit of other flights of the set, from measured tilt: a drag of 0.412 1/s. An accelerometer takes all of it for tilt, so
-/// kappa is drag over gravity.
+/// The reference is an independent fit of other flights of the set, from measured tilt: a drag of 0.412 1/s.
+/// An accelerometer takes all of it for tilt, so kappa is drag over gravity.
 #[test]
 #[ignore = "flies on recordings beside the project"]
 fn drag_and_the_tilt_of_the_estimator_are_named_on_flights_under_motion_capture() {
     let folder = folder("explain_recorded");
     let file = |name: &&str| format!("nanobench/{name}.csv.gz");
-    let named = |names: &[&str]| recordings(&names.iter().map(file).collect::<Vec<_>>().iter().map(String::as_str).collect::<Vec<_>>());
-    let fit =
-        named(&["B2_circle_fast_rep2", "B3_figure8_fast_rep1", "B5_helix_medium_rep1", "B9_trefoil_fast_rep14", "B10_lissajous_fast_rep1"]);
-    let test = named(&["B2_circle_slow_rep2", "B3_figure8_slow_rep1", "B7_oval_fast_rep3", "B8_star_medium_rep1", "B9_trefoil_slow_rep15"]);
+    let named = |names: &[&str]| {
+        recordings(&names.iter().map(file).collect::<Vec<_>>().iter().map(String::as_str).collect::<Vec<_>>())
+    };
+    let fit = named(&[
+        "B2_circle_fast_rep2",
+        "B3_figure8_fast_rep1",
+        "B5_helix_medium_rep1",
+        "B9_trefoil_fast_rep14",
+        "B10_lissajous_fast_rep1",
+    ]);
+    let test = named(&[
+        "B2_circle_slow_rep2",
+        "B3_figure8_slow_rep1",
+        "B7_oval_fast_rep3",
+        "B8_star_medium_rep1",
+        "B9_trefoil_slow_rep15",
+    ]);
     let found = explain("thesis", &fit, &test, &folder);
     let named = names(&found, "effects");
     // the thrust curve of another vehicle bends elsewhere
     let known = ["estimator_tilt", "drag_linear", "thrust_slope"];
     assert!(named.iter().all(|name| known.contains(&name.as_str())), "{named:?}");
-    let (kappa, drag) = (estimate(&found, "estimator_tilt", "kappa_radspm"), estimate(&found, "drag_linear", "rate_ps"));
-    assert!((kappa - drag / 9.81).abs() < 0.15 * kappa && (drag - 0.412).abs() < 0.03, "kappa {kappa}, drag {drag}");
+    let (kappa, drag) =
+        (estimate(&found, "estimator_tilt", "kappa_radspm"), estimate(&found, "drag_linear", "rate_ps"));
+    assert!(
+        (kappa - drag / 9.81).abs() < 0.15 * kappa && (drag - 0.412).abs() < 0.03,
+        "kappa {kappa}, drag {drag}"
+    );
     assert!(worst_ratio(&found) < 0.6, "{}", found["error"]["axes"]);
 }
 

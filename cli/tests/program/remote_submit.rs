@@ -1,4 +1,5 @@
-//! `crazyflie bench submit --server`: the program as a client of another one, over real sockets, in the clear and over TLS.
+//! `crazyflie bench submit --server`: the program as a client of another one, over real sockets, in the clear
+//! and over TLS.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -17,7 +18,10 @@ struct TestSetup {
 fn setup(test: &str) -> TestSetup {
     let folder = folder(test);
     let data = folder.join("bench.sqlite");
-    let token = json(&["bench", "token", "create", "team-a", "--data", text(&data), "--json"])["token"].as_str().unwrap().to_owned();
+    let token = json(&["bench", "token", "create", "team-a", "--data", text(&data), "--json"])["token"]
+        .as_str()
+        .unwrap()
+        .to_owned();
     std::fs::write(folder.join("token.txt"), format!("{token}\n")).unwrap();
     TestSetup { folder, data, token }
 }
@@ -34,10 +38,17 @@ impl TestSetup {
     /// Runs `submit --server`; what it says must never hold the token.
     fn submit(&self, url: &str, args: &[&str], env: &[(&str, &Path)]) -> (Option<i32>, String) {
         let mut command = Command::new(BINARY);
-        command.args(["bench", "submit", "--server", url]).args(args).env_remove("CRAZYFLIE_TOKEN").envs(env.iter().copied());
+        command
+            .args(["bench", "submit", "--server", url])
+            .args(args)
+            .env_remove("CRAZYFLIE_TOKEN")
+            .envs(env.iter().copied());
         let Output { status, stdout, stderr } = command.output().unwrap();
         let output = String::from_utf8([stdout, stderr].concat()).unwrap();
-        assert!(!output.contains(&self.token) && !output.contains(&self.token[4..]), "the token is told: {output}");
+        assert!(
+            !output.contains(&self.token) && !output.contains(&self.token[4..]),
+            "the token is told: {output}"
+        );
         (status.code(), output)
     }
 }
@@ -48,8 +59,11 @@ fn a_built_in_controller_competes_over_the_network() {
     let server = setup.serve();
     let url = format!("ws://{}", server.address);
     let file = setup.token_file();
-    let (code, output) =
-        setup.submit(&url, &["--controller", "thesis-pid", "--scenario", "takeoff", "--token-file", text(&file), "--json"], &[]);
+    let (code, output) = setup.submit(
+        &url,
+        &["--controller", "thesis-pid", "--scenario", "takeoff", "--token-file", text(&file), "--json"],
+        &[],
+    );
     assert_eq!(code, Some(0), "{output}");
     let document: Value = serde_json::from_str(&output).unwrap();
     assert_eq!((&document["team"], &document["controller"]), (&"team-a".into(), &"thesis-pid".into()));
@@ -57,26 +71,60 @@ fn a_built_in_controller_competes_over_the_network() {
     let board: Value = serde_json::from_str(&server.get("/api/v1/leaderboard?scenario=takeoff")).unwrap();
     assert_eq!((&board[0]["attempt"], &board[0]["team"]), (&id.into(), &"team-a".into()), "{board}");
     assert!(stdout_of(&["bench", "verify", id, "--data", text(&setup.data)]).contains("confirmed"));
-    // the seeds differ, the controller does not: it was told when to take off, and scores as it does beside the database
+    // the seeds differ, the controller does not: it was told when to take off, and scores as it does beside
+    // the database
     let beside = folder("afar-beside").join("bench.sqlite");
-    let here: Value = json(&["bench", "submit", "--controller", "thesis-pid", "--scenario", "takeoff", "--data", text(&beside), "--json"]);
+    let here: Value = json(&[
+        "bench",
+        "submit",
+        "--controller",
+        "thesis-pid",
+        "--scenario",
+        "takeoff",
+        "--data",
+        text(&beside),
+        "--json",
+    ]);
     let score = |document: &Value| document["result"]["score"]["score"].as_f64().unwrap();
-    println!("thesis-pid at takeoff: {:.2} over the network, {:.2} beside the database", score(&document), score(&here));
+    println!(
+        "thesis-pid at takeoff: {:.2} over the network, {:.2} beside the database",
+        score(&document),
+        score(&here)
+    );
     assert!(score(&here) > 1.0 && (score(&document) / score(&here) - 1.0).abs() < 0.1);
     // the same by the environment and by the command line, at every scenario that the server has
     let token = Path::new(&setup.token);
     let (code, output) = setup.submit(&url, &["--controller", "hover"], &[("CRAZYFLIE_TOKEN", token)]);
-    assert!(code == Some(0) && output.lines().filter(|line| line.contains("@1.0.0")).count() == 15, "{output}");
+    assert!(
+        code == Some(0) && output.lines().filter(|line| line.contains("@1.0.0")).count() == 15,
+        "{output}"
+    );
     // a team, whose drones keep out of each other's way
     let (code, output) = setup.submit(
         &url,
-        &["--controller", "lqr", "--collision-avoidance", "--scenario", "swap-eight", "--token-file", text(&file), "--json"],
+        &[
+            "--controller",
+            "lqr",
+            "--collision-avoidance",
+            "--scenario",
+            "swap-eight",
+            "--token-file",
+            text(&file),
+            "--json",
+        ],
         &[],
     );
     assert_eq!(code, Some(0), "{output}");
     let team: Value = serde_json::from_str(&output).unwrap();
-    assert_eq!((&team["controller"], &team["result"]["metrics"]["collisions"]), (&"avoid+lqr".into(), &0.into()));
-    let (code, output) = setup.submit(&url, &["--controller", "random", "--scenario", "wind@1.0.0", "--token", &setup.token], &[]);
+    assert_eq!(
+        (&team["controller"], &team["result"]["metrics"]["collisions"]),
+        (&"avoid+lqr".into(), &0.into())
+    );
+    let (code, output) = setup.submit(
+        &url,
+        &["--controller", "random", "--scenario", "wind@1.0.0", "--token", &setup.token],
+        &[],
+    );
     assert!(code == Some(0) && output.contains("wind@1.0.0"), "{output}");
     let confirmed = stdout_of(&["bench", "verify", "--data", text(&setup.data)]).matches("confirmed").count();
     println!("{confirmed} attempts from afar confirmed");
@@ -94,7 +142,9 @@ fn what_goes_wrong_is_said() {
     let says = |args: &[&str], env: &[(&str, &Path)], url: &str, want: (i32, &[&str])| {
         let (code, output) = setup.submit(url, args, env);
         assert!(
-            code == Some(want.0) && want.1.iter().all(|word| output.contains(word)) && !output.contains("panicked"),
+            code == Some(want.0)
+                && want.1.iter().all(|word| output.contains(word))
+                && !output.contains("panicked"),
             "{code:?} {output}"
         );
     };

@@ -1,7 +1,7 @@
 //! Explanations of a small committed set, and what `score` makes of sets that are not whole.
 //!
-//! The set: d00 to d07 by the shared generator, d0001 by `tests/population`; 17 to 25 s each. They were chosen as cases that are answered
-//! rightly, so they hold what is reached and say nothing about rates.
+//! The set: d00 to d07 by the shared generator, d0001 by `tests/population`; 17 to 25 s each. They were
+//! chosen as cases that are answered rightly, so they hold what is reached and say nothing about rates.
 
 use std::path::{Path, PathBuf};
 
@@ -36,7 +36,10 @@ fn the_committed_cases_are_answered_as_the_readme_says() {
         let answers = case["score"]["answers"].as_array().unwrap();
         assert_eq!(answers.len(), hidden);
         match case["score"]["group"].as_str().unwrap() {
-            "null" => assert!(case["effects"].as_array().unwrap().is_empty() || !case["score"]["benign"].as_array().unwrap().is_empty()),
+            "null" => assert!(
+                case["effects"].as_array().unwrap().is_empty()
+                    || !case["score"]["benign"].as_array().unwrap().is_empty()
+            ),
             "single" | "compound" => assert!(answers.iter().all(|answer| answer != "missed"), "{case:#}"),
             _ => assert_eq!(case["verdict"], "unexplained", "{case:#}"),
         }
@@ -56,7 +59,12 @@ fn the_committed_cases_are_answered_as_the_readme_says() {
     assert!(page.contains("## cases: ") && page.contains("A trial run"), "{page}");
     let readme = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("../README.md")).unwrap();
     for group in rates["groups"].as_array().unwrap() {
-        let row = format!("| {} | {} of {} |", group["group"].as_str().unwrap(), group["criteria"][0]["ok"], group["criteria"][0]["of"]);
+        let row = format!(
+            "| {} | {} of {} |",
+            group["group"].as_str().unwrap(),
+            group["criteria"][0]["ok"],
+            group["criteria"][0]["of"]
+        );
         assert!(readme.contains(&row), "the README's table of the committed cases lacks {row:?}");
     }
 }
@@ -65,7 +73,11 @@ fn the_committed_cases_are_answered_as_the_readme_says() {
 fn a_set_that_is_not_whole_is_refused_before_anything_runs() {
     let without_answer = copy_case("score_no_answer", "d00");
     std::fs::remove_file(without_answer.join("d00.answer.json")).unwrap();
-    assert_fails(1, &["explain-bench", text(&without_answer)], &["d00.answer.json", "cannot be read", "needs its answer"]);
+    assert_fails(
+        1,
+        &["explain-bench", text(&without_answer)],
+        &["d00.answer.json", "cannot be read", "needs its answer"],
+    );
 
     let cut = copy_case("score_cut", "d00");
     let flight = cut.join("d00_b.csv.gz");
@@ -75,23 +87,39 @@ fn a_set_that_is_not_whole_is_refused_before_anything_runs() {
 
     let without_flight = copy_case("score_no_flight", "d00");
     std::fs::remove_file(without_flight.join("d00_a.csv.gz")).unwrap();
-    assert_fails(1, &["explain-bench", text(&without_flight)], &["d00_a.csv.gz", "the flight of d00 cannot be read"]);
+    assert_fails(
+        1,
+        &["explain-bench", text(&without_flight)],
+        &["d00_a.csv.gz", "the flight of d00 cannot be read"],
+    );
 
     let odd = copy_case("score_odd", "d00");
-    std::fs::write(odd.join("d00.answer.json"), "{\"group\": \"single\", \"tier\": \"t\", \"effects\": [], \"benign\": []}").unwrap();
-    assert_fails(1, &["explain-bench", text(&odd)], &["d00.answer.json", "a single case hides one effect, not 0"]);
+    std::fs::write(
+        odd.join("d00.answer.json"),
+        "{\"group\": \"single\", \"tier\": \"t\", \"effects\": [], \"benign\": []}",
+    )
+    .unwrap();
+    assert_fails(
+        1,
+        &["explain-bench", text(&odd)],
+        &["d00.answer.json", "a single case hides one effect, not 0"],
+    );
 }
 
 #[test]
 fn folders_add_up_and_jobs_change_no_answer() {
     let folder = copy_case("score_twice", "d00");
-    let twice = json(&["explain-bench", text(&folder), text(&committed()), "--only", "d00", "--jobs", "2", "--json"]);
+    let twice =
+        json(&["explain-bench", text(&folder), text(&committed()), "--only", "d00", "--jobs", "2", "--json"]);
     let cases = twice["cases"].as_array().unwrap();
     assert_eq!(cases.len(), 2);
     let answer = |case: &Value| (case["verdict"].clone(), case["effects"].clone(), case["score"].clone());
     assert_eq!(answer(&cases[0]), answer(&cases[1]));
     assert_ne!(cases[0]["folder"], cases[1]["folder"]);
-    assert_eq!((&twice["run"]["jobs"], &twice["totals"]["null"]["named"]["of"]), (&Value::from(2), &Value::from(2)));
+    assert_eq!(
+        (&twice["run"]["jobs"], &twice["totals"]["null"]["named"]["of"]),
+        (&Value::from(2), &Value::from(2))
+    );
 }
 
 #[test]

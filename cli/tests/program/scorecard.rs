@@ -28,7 +28,8 @@ fn what_the_equations_fix_agrees_exactly() {
     let lines = lines.as_array().unwrap();
     let mut exact = 0;
     for line in lines.iter().filter(|line| line["thesis"].as_str().unwrap().contains(" by 5.")) {
-        let (value, off) = (line["ideal"]["value"].as_f64().unwrap(), line["ideal"]["deviation"].as_f64().unwrap());
+        let (value, off) =
+            (line["ideal"]["value"].as_f64().unwrap(), line["ideal"]["deviation"].as_f64().unwrap());
         assert!(off.abs() < 1e-4 * value.abs(), "{line}");
         exact += 1;
     }

@@ -34,13 +34,21 @@ fn with_tls(limits: Limits) -> (Settings, CertificateDer<'static>) {
     let (cert, key) = (folder.join("cert.pem"), folder.join("key.pem"));
     std::fs::write(&cert, made.cert.pem()).unwrap();
     std::fs::write(&key, made.signing_key.serialize_pem()).unwrap();
-    crate::common::assert_fails(1, &["serve", "--tls-cert", crate::common::text(&key), "--tls-key", crate::common::text(&cert)], &["PEM"]);
-    (Settings { tls: Some(serve::tls(&cert, &key).unwrap()), limits, ..Settings::default() }, made.cert.der().clone())
+    crate::common::assert_fails(
+        1,
+        &["serve", "--tls-cert", crate::common::text(&key), "--tls-key", crate::common::text(&cert)],
+        &["PEM"],
+    );
+    (
+        Settings { tls: Some(serve::tls(&cert, &key).unwrap()), limits, ..Settings::default() },
+        made.cert.der().clone(),
+    )
 }
 
 #[test]
 fn over_tls_it_is_the_same_protocol() {
-    let (settings, cert) = with_tls(Limits { handshake_timeout: Duration::from_millis(500), ..Limits::default() });
+    let (settings, cert) =
+        with_tls(Limits { handshake_timeout: Duration::from_millis(500), ..Limits::default() });
     assert!(settings.check("192.0.2.1:1".parse().unwrap()).is_ok());
     let server = Server::start(settings);
     let mut roots = RootCertStore::empty();
@@ -53,14 +61,16 @@ fn over_tls_it_is_the_same_protocol() {
     let mut asked = format!("wss://localhost:{}/ws", server.address.port()).into_client_request().unwrap();
     asked.headers_mut().insert("sec-websocket-protocol", "crazyflie.v1".parse().unwrap());
     let (mut ws, _) = tungstenite::client(asked, stream).unwrap();
-    ws.send(tungstenite::Message::text(json!({"id": 1, "type": "make", "num_envs": 512}).to_string())).unwrap();
+    ws.send(tungstenite::Message::text(json!({"id": 1, "type": "make", "num_envs": 512}).to_string()))
+        .unwrap();
     assert!(ws.read().unwrap().to_text().unwrap().contains("made"));
     ws.send(tungstenite::Message::binary(request(2, 1, 0, 0, 512, &[]))).unwrap();
     assert_eq!(ws.read().unwrap().len(), 32 + 512 * 96);
     ws.send(tungstenite::Message::binary(request(3, 2, 0, 1, 512, &le(&[0.0; 2048])))).unwrap();
     assert_eq!(ws.read().unwrap().len(), 32 + 512 * 102);
     // in the clear there is nothing to hear, and nobody may wait for ever
-    let (mut plain, mut silent) = (TcpStream::connect(server.address).unwrap(), TcpStream::connect(server.address).unwrap());
+    let (mut plain, mut silent) =
+        (TcpStream::connect(server.address).unwrap(), TcpStream::connect(server.address).unwrap());
     plain.write_all(b"GET /healthz HTTP/1.1\r\nhost: x\r\n\r\n").unwrap();
     let began = Instant::now();
     for stream in [&mut plain, &mut silent] {
@@ -84,7 +94,8 @@ fn status(server: &Server, path: &str, lines: &str) -> u16 {
 
 #[test]
 fn strange_pages_and_broken_handshakes_are_turned_away() {
-    let server = Server::start(Settings { origins: vec!["https://lab.example".into()], ..Settings::default() });
+    let server =
+        Server::start(Settings { origins: vec!["https://lab.example".into()], ..Settings::default() });
     let good = "Connection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n";
     let own = format!("Origin: http://{}\r\n", server.address);
     let local = format!("Origin: http://localhost:{}\r\n", server.address.port());
@@ -92,7 +103,13 @@ fn strange_pages_and_broken_handshakes_are_turned_away() {
         for origin in ["", &own, &local, "Origin: https://lab.example\r\n"] {
             assert_eq!(status(&server, path, &format!("{good}{origin}")), 101, "{path} {origin}");
         }
-        for origin in ["https://evil.example", "null", "http://localhost:1", "https://lab.example.evil.example", "http://127.0.0.1"] {
+        for origin in [
+            "https://evil.example",
+            "null",
+            "http://localhost:1",
+            "https://lab.example.evil.example",
+            "http://127.0.0.1",
+        ] {
             assert_eq!(status(&server, path, &format!("{good}Origin: {origin}\r\n")), 403, "{path} {origin}");
         }
     }
@@ -106,7 +123,10 @@ fn strange_pages_and_broken_handshakes_are_turned_away() {
     ] {
         assert_eq!(status(&server, "/ws", &lines), 400, "{why}");
     }
-    assert_eq!(status(&server, "/ws", &format!("{good}Sec-WebSocket-Protocol: chess, crazyflie.v1\r\n")), 101);
+    assert_eq!(
+        status(&server, "/ws", &format!("{good}Sec-WebSocket-Protocol: chess, crazyflie.v1\r\n")),
+        101
+    );
     assert_eq!(status(&server, "/nothing", ""), 404);
     let long = format!("X-Long: {}\r\n", "x".repeat(20_000));
     assert_eq!(status(&server, "/healthz", &long), 431);
@@ -116,7 +136,8 @@ fn strange_pages_and_broken_handshakes_are_turned_away() {
 #[test]
 fn the_log_is_json_says_how_sessions_end_and_no_secrets() {
     let path = crate::common::folder("log").join("log.jsonl");
-    let process = Process::start_logging(&["--log", "trace", "--log-json"], File::create(&path).unwrap().into());
+    let process =
+        Process::start_logging(&["--log", "trace", "--log-json"], File::create(&path).unwrap().into());
     let mut client = process.client();
     let secret = "team-token-that-nobody-may-read";
     client.ask(&json!({"id": 1, "type": "hello", "token": secret, "client": "a test"}));
@@ -133,7 +154,16 @@ fn the_log_is_json_says_how_sessions_end_and_no_secrets() {
     }
     let lines: Vec<Value> = log.lines().map(|line| serde_json::from_str(line).expect(line)).collect();
     let messages: Vec<&str> = lines.iter().filter_map(|line| line["fields"]["message"].as_str()).collect();
-    for message in ["listening", "connected", "hello", "session began", "session resumed", "session ended", "stopping", "stopped"] {
+    for message in [
+        "listening",
+        "connected",
+        "hello",
+        "session began",
+        "session resumed",
+        "session ended",
+        "stopping",
+        "stopped",
+    ] {
         assert!(messages.contains(&message), "the log does not say {message:?}:\n{log}");
     }
     let ended = lines.iter().find(|line| line["fields"]["message"] == "session ended").unwrap();
@@ -163,5 +193,7 @@ fn metrics_count_what_happened() {
     assert!(server.get("/metrics").ends_with("# EOF\n"));
     assert_eq!(server.get("/healthz"), "ok\n");
     client.ask(&json!({"id": 5, "type": "close"}));
-    eventually("it is counted", 2.0, || server.metric("crazyflie_sessions_ended_total{end=\"Closed\"}") == 1.0);
+    eventually("it is counted", 2.0, || {
+        server.metric("crazyflie_sessions_ended_total{end=\"Closed\"}") == 1.0
+    });
 }

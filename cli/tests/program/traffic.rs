@@ -1,4 +1,5 @@
-//! No secret is in any byte that the server sends: a proxy keeps them all, over whole attempts and everything else that can be asked for.
+//! No secret is in any byte that the server sends: a proxy keeps them all, over whole attempts and everything
+//! else that can be asked for.
 
 use std::path::{Path, PathBuf};
 
@@ -23,7 +24,10 @@ struct TestSetup {
 
 fn setup(test: &str) -> TestSetup {
     let data = folder(test).join("bench.sqlite");
-    let token = json(&["bench", "token", "create", "team-a", "--data", text(&data), "--json"])["token"].as_str().unwrap().to_owned();
+    let token = json(&["bench", "token", "create", "team-a", "--data", text(&data), "--json"])["token"]
+        .as_str()
+        .unwrap()
+        .to_owned();
     let server = Server::start(Settings { data: Some(data.clone()), ..Settings::default() });
     let tap = Tap::in_front_of(server.address);
     TestSetup { server, tap, data, token }
@@ -34,7 +38,8 @@ fn stored_secret(data: &Path, name: &str) -> Vec<u8> {
     db.query_row("SELECT value FROM secrets WHERE name = ?1", [name], |row| row.get(0)).unwrap()
 }
 
-/// The seed of an episode, written down once more: HMAC-SHA256 under the secret over the parts, each after its length.
+/// The seed of an episode, written down once more: HMAC-SHA256 under the secret over the parts, each after
+/// its length.
 fn seed(secret: &[u8], attempt: &str, scenario_hash: &str, episode: u64) -> u64 {
     let mut mac = Hmac::<Sha256>::new_from_slice(secret).unwrap();
     for part in [&b"seed"[..], attempt.as_bytes(), scenario_hash.as_bytes(), &episode.to_le_bytes()] {
@@ -73,8 +78,12 @@ impl TestSetup {
         let mut client = self.client();
         client.ask(&object!({"id": 0, "type": "hello", "client": "scan", "token": self.token}));
         let begun = self.begin(&mut client, &self.token);
-        let first =
-            begun["observation"].as_array().unwrap().iter().flat_map(|row| row.as_array().unwrap()).map(|v| v.as_f64().unwrap() as f32);
+        let first = begun["observation"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .flat_map(|row| row.as_array().unwrap())
+            .map(|v| v.as_f64().unwrap() as f32);
         client.ask(&object!({"id": 2, "type": "step", "action": vec![[0.0; 4]; EPISODES]}));
         for id in 3.. {
             let reply = client.ask_binary(request(id, 2, 0, 1, EPISODES as u32, &le(&[0.0; 4 * EPISODES])));
@@ -110,13 +119,19 @@ impl TestSetup {
     /// Everything that the server tells over HTTP; how many answers.
     fn read(&self) -> usize {
         let mut paths: Vec<String> =
-            ["", "metrics", "healthz", "js/main.js", "api/v1/scenarios", "api/v1/key"].map(|path| format!("/{path}")).into();
-        paths.extend([format!("/api/v1/leaderboard?scenario={SCENARIO}"), format!("/api/v1/attempts?scenario={SCENARIO}")]);
+            ["", "metrics", "healthz", "js/main.js", "api/v1/scenarios", "api/v1/key"]
+                .map(|path| format!("/{path}"))
+                .into();
+        paths.extend([
+            format!("/api/v1/leaderboard?scenario={SCENARIO}"),
+            format!("/api/v1/attempts?scenario={SCENARIO}"),
+        ]);
         for attempt in self.attempts() {
             let path = format!("/api/v1/attempts/{}", attempt["id"].as_str().unwrap());
             if attempt["status"] == "finished" {
                 paths.extend(["actions.bin", "verify"].map(|what| format!("{path}/{what}")));
-                let each = |episode| ["replay", "log.csv"].map(|what| format!("{path}/{what}?episode={episode}"));
+                let each =
+                    |episode| ["replay", "log.csv"].map(|what| format!("{path}/{what}?episode={episode}"));
                 paths.extend((0..EPISODES).flat_map(each));
             }
             paths.push(path);
@@ -145,7 +160,9 @@ fn no_secret_is_in_the_traffic() {
         ("the token's number".into(), hex::decode(&setup.token[4..]).unwrap()),
     ];
     for attempt in &attempts {
-        let named = |(i, seed): (usize, &u64)| (format!("seed {i} of {}", attempt["id"]), seed.to_le_bytes().to_vec());
+        let named = |(i, seed): (usize, &u64)| {
+            (format!("seed {i} of {}", attempt["id"]), seed.to_le_bytes().to_vec())
+        };
         forbidden.extend(seeds(&setup.data, attempt).iter().enumerate().map(named));
     }
     these_are_the_seeds(&setup.server, &seeds(&setup.data, &attempts[0]), &first);
@@ -154,7 +171,12 @@ fn no_secret_is_in_the_traffic() {
     let heard = tap.received();
     let needles = Needles::new(&forbidden);
     for output in &heard {
-        assert_eq!(needles.find(output), None, "in {}", String::from_utf8_lossy(&output[..output.len().min(200)]));
+        assert_eq!(
+            needles.find(output),
+            None,
+            "in {}",
+            String::from_utf8_lossy(&output[..output.len().min(200)])
+        );
     }
     let bytes: usize = heard.iter().map(Vec::len).sum();
     println!(
@@ -163,7 +185,9 @@ fn no_secret_is_in_the_traffic() {
         needles.all.len(),
         heard.len()
     );
-    println!("({answers} answers over HTTP, one attempt of {EPISODES} episodes flown, one left, a session and its watcher): none");
+    println!(
+        "({answers} answers over HTTP, one attempt of {EPISODES} episodes flown, one left, a session and its watcher): none"
+    );
     assert!(bytes > 3_000_000 && heard.len() > answers);
     // what is looked for would be found, wherever it stood
     let mut longest = heard.into_iter().max_by_key(Vec::len).unwrap();
@@ -179,8 +203,7 @@ fn no_secret_is_in_the_traffic() {
 fn these_are_the_seeds(server: &Server, seeds: &[u64], first: &[f32]) {
     let scenarios: Vec<Value> = serde_json::from_str(&server.get("/api/v1/scenarios")).unwrap();
     let plan = scenarios.iter().find(|plan| plan["name"] == SCENARIO).unwrap();
-    let options =
-        object!({"task": plan["task"], "task_options": plan["task_options"], "vertical": plan["vertical"], "effects": plan["effects"]});
+    let options = object!({"task": plan["task"], "task_options": plan["task_options"], "vertical": plan["vertical"], "effects": plan["effects"]});
     let mut client = server.connect();
     let made = client.ask(&object!({"id": 1, "type": "make", "num_envs": EPISODES, "options": options}));
     assert_eq!(made["type"], "made", "{made}");
@@ -192,19 +215,23 @@ fn these_are_the_seeds(server: &Server, seeds: &[u64], first: &[f32]) {
 /// A server that is made to say a seed: OpenEnv's episodes have the names that their clients gave them.
 #[test]
 fn a_seed_in_the_traffic_is_found() {
-    for (name, spell) in [("decimal", (|seed: u64| seed.to_string()) as fn(u64) -> String), ("hex", |seed| hex::encode(seed.to_be_bytes()))]
-    {
+    for (name, spell) in [
+        ("decimal", (|seed: u64| seed.to_string()) as fn(u64) -> String),
+        ("hex", |seed| hex::encode(seed.to_be_bytes())),
+    ] {
         let setup = setup(&format!("traffic-{name}"));
         setup.begin(&mut setup.client(), &setup.token);
         let seed_in_reply = seeds(&setup.data, &setup.attempts()[0])[7];
         let mut client = Client::connect(setup.tap.address, None);
-        client.ask(&object!({"type": "reset", "data": {"episode_id": format!("x{}x", spell(seed_in_reply))}}));
+        client
+            .ask(&object!({"type": "reset", "data": {"episode_id": format!("x{}x", spell(seed_in_reply))}}));
         client.ask(&object!({"type": "state"}));
         drop(client);
         let TestSetup { server, tap, .. } = setup;
         server.stop();
         let needles = Needles::new(&[("seed 7".into(), seed_in_reply.to_le_bytes().into())]);
-        let found: Vec<&str> = tap.received().iter().filter_map(|output| needles.find(output).map(|_| "seed 7")).collect();
+        let found: Vec<&str> =
+            tap.received().iter().filter_map(|output| needles.find(output).map(|_| "seed 7")).collect();
         assert_eq!(found, ["seed 7"], "{name}");
     }
 }

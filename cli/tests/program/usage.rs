@@ -10,7 +10,11 @@ fn listed_commands(help: &str) -> Vec<String> {
     let Some((_, listed)) = help.split_once("Commands:") else { return Vec::new() };
     let lines = listed.trim_start_matches('\n').split("\n\n").next().unwrap().lines();
     let commands = lines.filter_map(|line| line.strip_prefix("  ")).filter(|line| !line.starts_with(' '));
-    commands.filter_map(|line| line.split_whitespace().next()).filter(|name| *name != "help").map(str::to_owned).collect()
+    commands
+        .filter_map(|line| line.split_whitespace().next())
+        .filter(|name| *name != "help")
+        .map(str::to_owned)
+        .collect()
 }
 
 /// Goes down to the commands that do something; `token` shows its examples once for its three.
@@ -29,7 +33,10 @@ fn assert_helpful(words: &[&str]) -> usize {
 #[test]
 fn every_command_has_help_with_examples() {
     let commands = listed_commands(&stdout_of(&["--help"]));
-    assert!(commands.iter().any(|name| name == "fly") && commands.iter().any(|name| name == "bench"), "{commands:?}");
+    assert!(
+        commands.iter().any(|name| name == "fly") && commands.iter().any(|name| name == "bench"),
+        "{commands:?}"
+    );
     let helpful: usize = commands.iter().map(|command| assert_helpful(&[command])).sum();
     assert!(helpful >= 20, "{helpful}");
     assert!(stdout_of(&["--version"]).starts_with("crazyflie "));
@@ -53,7 +60,11 @@ fn usage_errors_exit_with_2() {
     assert_fails(2, &[], &["Usage"]);
     assert_fails(2, &["flie"], &["unrecognized subcommand", "fly"]);
     assert_fails(2, &["replay"], &["required"]);
-    assert_fails(2, &["fly", "--task", "hovver"], &["unknown task or flight \"hovver\"", "did you mean \"hover\""]);
+    assert_fails(
+        2,
+        &["fly", "--task", "hovver"],
+        &["unknown task or flight \"hovver\"", "did you mean \"hover\""],
+    );
     assert_fails(2, &["fly", "--controller", "theses"], &["did you mean \"thesis\""]);
     assert_fails(2, &["fly", "--sensors", "labb"], &["did you mean \"lab\""]);
     assert_fails(2, &["fly", "--vertical", "pmw"], &["expected height, pwm or thrust"]);
@@ -70,14 +81,26 @@ fn usage_errors_exit_with_2() {
 
 #[test]
 fn effects_are_checked_by_name_range_and_kind() {
-    assert_fails(2, &["fly", "--effects", "drag_lineer=0.3"], &["unknown effect \"drag_lineer\"", "did you mean \"drag_linear\""]);
+    assert_fails(
+        2,
+        &["fly", "--effects", "drag_lineer=0.3"],
+        &["unknown effect \"drag_lineer\"", "did you mean \"drag_linear\""],
+    );
     assert_fails(2, &["fly", "--effects", "wind.x_mps=1"], &["wind.x_mps", "did you mean \"wind.x_mps2\""]);
     assert_fails(2, &["fly", "--effects", "wind=50"], &["wind.x_mps2 is 50", "-5 to 5 m/s^2"]);
     assert_fails(2, &["fly", "--effects", "wind=NaN"], &["wind.x_mps2 is NaN"]);
     assert_fails(2, &["fly", "--effects", "wind"], &["needs a value", "x_mps2"]);
     assert_fails(2, &["fly", "--effects", "wind=strong"], &["neither a number nor a distribution"]);
     assert_fails(2, &["fly", "--effects", "{\"wind\": }"], &["not a JSON object of effects"]);
-    stdout_of(&["fly", "--seconds", "1", "--effects", "wind.x_mps2={\"uniform\": [-1, 1]}", "--effects", "wind.y_mps2=0.2"]);
+    stdout_of(&[
+        "fly",
+        "--seconds",
+        "1",
+        "--effects",
+        "wind.x_mps2={\"uniform\": [-1, 1]}",
+        "--effects",
+        "wind.y_mps2=0.2",
+    ]);
 }
 
 #[test]
@@ -87,19 +110,35 @@ fn missing_and_broken_files_exit_with_1() {
     assert_fails(1, &["fly", "--model", "no/such/model.toml"], &["no/such/model.toml", "No such file"]);
     let model = folder.join("model.toml");
     let thesis = stdout_of(&["model", "--show"]);
-    std::fs::write(&model, thesis.replace("value = 123.2, unit = \"1/s^2\"", "value = 123.2, unit = \"1/s\"")).unwrap();
-    assert_fails(1, &["model", text(&model)], &[text(&model), "roll.gain has the unit \"1/s\", expected \"1/s^2\""]);
+    std::fs::write(
+        &model,
+        thesis.replace("value = 123.2, unit = \"1/s^2\"", "value = 123.2, unit = \"1/s\""),
+    )
+    .unwrap();
+    assert_fails(
+        1,
+        &["model", text(&model)],
+        &[text(&model), "roll.gain has the unit \"1/s\", expected \"1/s^2\""],
+    );
     std::fs::write(&model, "schema = ").unwrap();
     assert_fails(1, &["fly", "--model", text(&model)], &[text(&model), "line 1"]);
     let log = folder.join("flight.csv");
     stdout_of(&["fly", "--seconds", "1", "--csv", text(&log)]);
     let whole = std::fs::read_to_string(&log).unwrap();
     std::fs::write(&log, whole.replace("imu_roll_deg", "imu_rol_deg")).unwrap();
-    assert_fails(1, &["replay", text(&log)], &[text(&log), "\"imu_roll_deg\" (did you mean that by \"imu_rol_deg\"?)"]);
+    assert_fails(
+        1,
+        &["replay", text(&log)],
+        &[text(&log), "\"imu_roll_deg\" (did you mean that by \"imu_rol_deg\"?)"],
+    );
     let mut lines: Vec<String> = whole.lines().map(str::to_owned).collect();
     lines[6] = lines[6].replacen(',', ",NaN", 1);
     std::fs::write(&log, lines.join("\n") + "\n").unwrap();
-    assert_fails(1, &["replay", text(&log)], &[text(&log), "line 7", "column \"setpoint_x_m\"", "NaN", "expected a finite number"]);
+    assert_fails(
+        1,
+        &["replay", text(&log)],
+        &[text(&log), "line 7", "column \"setpoint_x_m\"", "NaN", "expected a finite number"],
+    );
     std::fs::write(&log, "").unwrap();
     assert_fails(1, &["replay", text(&log)], &[text(&log), "is empty"]);
     assert_fails(1, &["fly", "--seconds", "1", "--csv", text(&folder)], &[text(&folder)]);
@@ -122,8 +161,14 @@ fn a_truncated_gzip_is_read_as_far_as_it_goes_and_says_so() {
 
 #[test]
 fn a_closed_pipe_is_no_error() {
-    for args in [&["effects", "--json"][..], &["fly", "--runs", "3", "--json"], &["reproduce", "thesis", "--markdown"], &["--help"]] {
-        let mut child = Command::new(BINARY).args(args).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    for args in [
+        &["effects", "--json"][..],
+        &["fly", "--runs", "3", "--json"],
+        &["reproduce", "thesis", "--markdown"],
+        &["--help"],
+    ] {
+        let mut child =
+            Command::new(BINARY).args(args).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
         drop(child.stdout.take());
         let mut err = String::new();
         child.stderr.take().unwrap().read_to_string(&mut err).unwrap();
@@ -137,13 +182,24 @@ fn registries_are_listed_for_people_machines_and_docs() {
     let effects = effects.as_array().unwrap();
     assert!(effects.len() > 30);
     for effect in effects {
-        assert!(!effect["source"].as_str().unwrap().is_empty() && !effect["params"].as_array().unwrap().is_empty(), "{effect}");
+        assert!(
+            !effect["source"].as_str().unwrap().is_empty()
+                && !effect["params"].as_array().unwrap().is_empty(),
+            "{effect}"
+        );
     }
-    assert!(stdout_of(&["effects"]).contains("source: ") && stdout_of(&["effects", "--markdown"]).starts_with("| effect |"));
+    assert!(
+        stdout_of(&["effects"]).contains("source: ")
+            && stdout_of(&["effects", "--markdown"]).starts_with("| effect |")
+    );
     let tasks = json(&["tasks", "--json"]);
-    let several = tasks["tasks"].as_array().unwrap().iter().filter(|task| task["drones"].as_u64().unwrap() > 1);
+    let several =
+        tasks["tasks"].as_array().unwrap().iter().filter(|task| task["drones"].as_u64().unwrap() > 1);
     assert_eq!((tasks["tasks"].as_array().unwrap().len(), several.count()), (10, 6));
-    assert!(stdout_of(&["tasks"]).contains("fly-80cm") && stdout_of(&["tasks", "--markdown"]).contains("`Crazyflie-v0`"));
+    assert!(
+        stdout_of(&["tasks"]).contains("fly-80cm")
+            && stdout_of(&["tasks", "--markdown"]).contains("`Crazyflie-v0`")
+    );
     assert_eq!(json(&["model", "--json"])["name"], "thesis");
     assert_eq!(json(&["model", "--schema"])["properties"]["schema"]["const"], 1);
     assert!(stdout_of(&["model"]).contains("123.2 / (s^2 + 31.86 s + 81.85)"));

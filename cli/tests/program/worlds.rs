@@ -59,14 +59,22 @@ fn four_clients_in_lock_step_get_the_bits_of_the_library() {
     let server = Server::start(Settings::default());
     let mut host = server.connect();
     let reply = create_world(&mut host, "four", json!({"pilots": 4}));
-    assert_eq!((&reply["type"], &reply["drones"], &reply["width"]), (&json!("world"), &json!(4), &json!(48)), "{reply}");
+    assert_eq!(
+        (&reply["type"], &reply["drones"], &reply["width"]),
+        (&json!("world"), &json!(4), &json!(48)),
+        "{reply}"
+    );
     let began = Instant::now();
     let pilots: Vec<_> = (0..4)
         .map(|drone| {
             let mut client = server.connect();
             std::thread::spawn(move || {
                 let joined = join(&mut client, "four", Some(drone));
-                assert_eq!((&joined["type"], &joined["drone"], &joined["tick"]), (&json!("joined"), &json!(drone), &json!(0)), "{joined}");
+                assert_eq!(
+                    (&joined["type"], &joined["drone"], &joined["tick"]),
+                    (&json!("joined"), &json!(drone), &json!(0)),
+                    "{joined}"
+                );
                 let mut rows = vec![(row(&joined), 0, true)];
                 for tick in 0..TICKS {
                     let flown = fly(&mut client, action(tick, drone));
@@ -92,11 +100,19 @@ fn four_clients_in_lock_step_get_the_bits_of_the_library() {
     fleet.reset(7);
     let mut compared = 0;
     for tick in 0..=TICKS {
-        let seen: Vec<_> = fleet.observations.chunks(48).map(|row| row.iter().map(|n| n.to_bits()).collect::<Vec<_>>()).collect();
+        let seen: Vec<_> = fleet
+            .observations
+            .chunks(48)
+            .map(|row| row.iter().map(|n| n.to_bits()).collect::<Vec<_>>())
+            .collect();
         for (drone, rows) in rows.iter().enumerate() {
             if let Some((observation, reward, flying)) = rows.get(tick) {
                 assert_eq!(observation, &seen[drone], "drone {drone}, tick {tick}");
-                assert!(tick == 0 || (*reward == fleet.rewards[drone].to_bits() && *flying == fleet.flying[drone]), "tick {tick}");
+                assert!(
+                    tick == 0
+                        || (*reward == fleet.rewards[drone].to_bits() && *flying == fleet.flying[drone]),
+                    "tick {tick}"
+                );
                 compared += 48;
             }
         }
@@ -106,7 +122,10 @@ fn four_clients_in_lock_step_get_the_bits_of_the_library() {
         }
     }
     let lengths: Vec<_> = rows.iter().map(|rows| rows.len() - 1).collect();
-    println!("four clients: ticks {lengths:?}, {compared} numbers equal bit for bit; {:.0} ticks/s", lengths[0] as f64 / wall_s);
+    println!(
+        "four clients: ticks {lengths:?}, {compared} numbers equal bit for bit; {:.0} ticks/s",
+        lengths[0] as f64 / wall_s
+    );
     assert!(lengths.iter().all(|n| *n >= 40), "{lengths:?}");
     let (_, again) = replay_world(&server, "four");
     assert_eq!((&again["told"], &again["flown"]["over"]), (&again["flown"], &json!(true)));
@@ -130,14 +149,19 @@ fn who_is_late_is_counted_and_stops_nobody() {
     slow.receive();
     let late = fly(&mut slow, action(41, 1));
     let counted = late["late"].as_u64().unwrap();
-    println!("40 ticks beside a silent pilot took {wall_s:.2} s with a deadline of 0.02 s; it was late {counted} times");
+    println!(
+        "40 ticks beside a silent pilot took {wall_s:.2} s with a deadline of 0.02 s; it was late {counted} times"
+    );
     assert!((38..=40).contains(&counted) && (0.02 * 38.0..10.0).contains(&wall_s), "{late}");
     drop((quick, slow));
     let (text, again) = replay_world(&server, "late");
     let ticks: Vec<Value> = text.lines().skip(1).map(|line| serde_json::from_str(line).unwrap()).collect();
     let held = ticks.iter().filter(|tick| tick["by"][1] == "late");
     let held: Vec<_> = held.map(|tick| tick["actions"][1].clone()).collect();
-    assert!(held.len() as u64 >= counted && held[..38].iter().all(|a| a[0] == json!(f64::from(0.05_f32))), "it holds its last command");
+    assert!(
+        held.len() as u64 >= counted && held[..38].iter().all(|a| a[0] == json!(f64::from(0.05_f32))),
+        "it holds its last command"
+    );
     assert_eq!(again["told"], again["flown"]);
 }
 
@@ -150,7 +174,11 @@ fn pilots_come_and_go() {
     assert_eq!((&first["drone"], &first["tick"]), (&json!(0), &json!(0)));
     (0..5).for_each(|tick| assert_eq!(fly(&mut a, action(tick, 0))["tick"], tick + 1));
     let second = join(&mut b, "open", None);
-    assert_eq!((&second["drone"], &second["tick"]), (&json!(1), &json!(5)), "a late joiner begins where the world is");
+    assert_eq!(
+        (&second["drone"], &second["tick"]),
+        (&json!(1), &json!(5)),
+        "a late joiner begins where the world is"
+    );
     assert_eq!(world(&server, "open")["by"], json!(["pilot", "pilot"]));
     // one connection is cut; the autopilot takes its drone, and the world does not wait
     drop(b);
@@ -171,8 +199,13 @@ fn pilots_come_and_go() {
     assert_eq!(c.ask(&json!({"id": 9, "type": "leave"}))["type"], "left");
     assert_eq!(b.ask(&json!({"id": 9, "type": "leave"}))["type"], "left");
     let before = world(&server, "open")["ticks"].as_u64().unwrap();
-    eventually("the autopilot flies on", 5.0, || world(&server, "open")["ticks"].as_u64().unwrap() >= before + 20);
-    println!("joined at tick 5, lost, flown on ({:.2} ms a tick), joined again at 15; {before} ticks with pilots", 100.0 * alone_s);
+    eventually("the autopilot flies on", 5.0, || {
+        world(&server, "open")["ticks"].as_u64().unwrap() >= before + 20
+    });
+    println!(
+        "joined at tick 5, lost, flown on ({:.2} ms a tick), joined again at 15; {before} ticks with pilots",
+        100.0 * alone_s
+    );
     assert!(alone_s < 4.0, "nobody waits for who is gone");
     let (_, again) = replay_world(&server, "open");
     assert_eq!(again["told"], again["flown"]);
@@ -199,13 +232,21 @@ fn a_log_is_flown_again_to_the_same_bits_and_another_one_is_not() {
     lines[30] = tick.to_string();
     let file = crate::common::folder("world-changed").join("log.jsonl");
     std::fs::write(&file, lines.join("\n")).unwrap();
-    crate::common::assert_fails(1, &["world", "replay", crate::common::text(&file)], &["not the one that the log tells of"]);
+    crate::common::assert_fails(
+        1,
+        &["world", "replay", crate::common::text(&file)],
+        &["not the one that the log tells of"],
+    );
     lines.truncate(20);
     std::fs::write(&file, lines.join("\n")).unwrap();
     crate::common::assert_fails(1, &["world", "replay", crate::common::text(&file)], &["no last line"]);
     lines[7] = "{}".into();
     std::fs::write(&file, lines.join("\n")).unwrap();
-    crate::common::assert_fails(1, &["world", "replay", crate::common::text(&file)], &["line 8", "expected actions and by"]);
+    crate::common::assert_fails(
+        1,
+        &["world", "replay", crate::common::text(&file)],
+        &["line 8", "expected actions and by"],
+    );
 }
 
 #[test]
@@ -218,7 +259,10 @@ fn a_watcher_sees_all_drones_and_how_near_they_are() {
     let head = live.receive_binary();
     let length = u32::from_le_bytes(head[..4].try_into().unwrap()) as usize;
     let header: Value = serde_json::from_slice(&head[4..4 + length]).unwrap();
-    assert_eq!((&header["drones"], &header["world"], header["columns"].as_array().unwrap().len()), (&json!(3), &json!("seen"), 28));
+    assert_eq!(
+        (&header["drones"], &header["world"], header["columns"].as_array().unwrap().len()),
+        (&json!(3), &json!("seen"), 28)
+    );
     join(&mut client, "seen", None);
     let rows = loop {
         fly(&mut client, action(0, 0));
@@ -237,7 +281,10 @@ fn a_watcher_sees_all_drones_and_how_near_they_are() {
     println!("three drones, {now:.3} m apart now, {least:.3} m at least so far");
     assert!(least <= now && least > 1.0, "{now} {least}");
     let listed: Value = serde_json::from_str(&server.get("/api/v1/sessions")).unwrap();
-    assert_eq!((&listed[0]["drones"], &listed[0]["num_envs"], &listed[0]["world"]), (&json!(3), &json!(1), &json!("seen")));
+    assert_eq!(
+        (&listed[0]["drones"], &listed[0]["num_envs"], &listed[0]["world"]),
+        (&json!(3), &json!(1), &json!("seen"))
+    );
 }
 
 #[test]
@@ -282,7 +329,8 @@ fn mistakes_are_told_and_the_others_fly_on() {
         ("[0,0,0,NaN]", "bad_json"),
         ("[0,0,0,1e999]", "bad_message"),
     ] {
-        a.ws.send(tungstenite::Message::text(format!(r#"{{"id": 5, "type": "fly", "action": {wrong}}}"#))).unwrap();
+        a.ws.send(tungstenite::Message::text(format!(r#"{{"id": 5, "type": "fly", "action": {wrong}}}"#)))
+            .unwrap();
         assert_eq!(code(a.receive()), want, "{wrong}");
     }
     // one drone falls to the floor; its pilot is told, the other one flies on
@@ -300,11 +348,17 @@ fn mistakes_are_told_and_the_others_fly_on() {
         ticks += 1;
     }
     let (refused, last) = falling.join().unwrap();
-    assert_eq!((&last["terminated"], &refused["code"]), (&json!(true), &json!("drone_ended")), "{last} {refused}");
+    assert_eq!(
+        (&last["terminated"], &refused["code"]),
+        (&json!(true), &json!("drone_ended")),
+        "{last} {refused}"
+    );
     assert_eq!(code(join(&mut c, "one", Some(0))), "drone_ended");
     println!("one drone ended at tick {}, the other one flew on to {ticks}", last["tick"]);
     // a world for which nobody comes is over, and its name free
     create_world(&mut c, "two", json!({}));
     assert_eq!(code(create_world(&mut c, "three", json!({}))), "too_many");
-    eventually("nobody came", 5.0, || world(&server, "two")["ticks"] == 0 && create_world(&mut c, "two", json!({}))["type"] == "world");
+    eventually("nobody came", 5.0, || {
+        world(&server, "two")["ticks"] == 0 && create_world(&mut c, "two", json!({}))["type"] == "world"
+    });
 }

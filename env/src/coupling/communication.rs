@@ -96,7 +96,11 @@ impl<R: Scalar> Communication<R> {
         let fix = PoseFix { pos_m: [R::zero(); 3], yaw_rad: R::zero(), t_s: R::zero(), valid: R::zero() };
         let (late, radio) = match how {
             Knowledge::Radio { delay_s, .. } => {
-                let radio = Radio { said: vec![none; RING * drones], heard: vec![none; drones * drones], fixes: vec![fix; drones] };
+                let radio = Radio {
+                    said: vec![none; RING * drones],
+                    heard: vec![none; drones * drones],
+                    fixes: vec![fix; drones],
+                };
                 ((delay_s / tick_s).round() as usize, Some(radio))
             }
             _ => (0, None),
@@ -131,7 +135,8 @@ impl<R: Scalar> Communication<R> {
             *slot = chosen(mask, &message, slot);
         }
         let f = &mut radio.fixes[drone];
-        *f = PoseFix { pos_m: chosen(mask, &fix.pos_m, &f.pos_m), t_s: R::select(mask, fix.t_s, f.t_s), ..*f };
+        *f =
+            PoseFix { pos_m: chosen(mask, &fix.pos_m, &f.pos_m), t_s: R::select(mask, fix.t_s, f.t_s), ..*f };
     }
 
     /// One more tick.
@@ -148,13 +153,18 @@ impl<R: Scalar> Communication<R> {
         let before = radio.said[(self.clock + RING - 1) % RING * self.drones + drone];
         let newer = last.t_s.lt(fix.t_s);
         let per_s = R::from_f64(1.0) / (fix.t_s - last.t_s).max(R::from_f64(1e-3));
-        let mut message = [fix.pos_m[0], fix.pos_m[1], fix.pos_m[2], R::zero(), R::zero(), R::zero(), fix.t_s];
+        let mut message =
+            [fix.pos_m[0], fix.pos_m[1], fix.pos_m[2], R::zero(), R::zero(), R::zero(), fix.t_s];
         for i in 0..3 {
             // half of what is new: one outlier of a fix is not a velocity
             let moved = (fix.pos_m[i] - last.pos_m[i]) * per_s;
             message[3 + i] = R::select(newer, R::from_f64(0.5) * (before[3 + i] + moved), before[3 + i]);
         }
-        *last = PoseFix { pos_m: chosen(newer, &fix.pos_m, &last.pos_m), t_s: R::select(newer, fix.t_s, last.t_s), ..*last };
+        *last = PoseFix {
+            pos_m: chosen(newer, &fix.pos_m, &last.pos_m),
+            t_s: R::select(newer, fix.t_s, last.t_s),
+            ..*last
+        };
         radio.said[self.clock % RING * self.drones + drone] = message;
     }
 
@@ -179,10 +189,19 @@ impl<R: Scalar> Communication<R> {
 
     /// What `to` knows of `from`, relative to what it knows of itself.
     #[inline(always)]
-    pub(crate) fn neighbour_row(&self, to: usize, from: usize, truth: &[Neighbour<R>], now_s: R) -> [R; NEIGHBOUR] {
+    pub(crate) fn neighbour_row(
+        &self,
+        to: usize,
+        from: usize,
+        truth: &[Neighbour<R>],
+        now_s: R,
+    ) -> [R; NEIGHBOUR] {
         let (mut row, valid, age) = match (&self.how, &self.radio) {
             (Knowledge::Radio { .. }, Some(radio)) => {
-                let (own, other) = (&radio.said[self.clock % RING * self.drones + to], &radio.heard[to * self.drones + from]);
+                let (own, other) = (
+                    &radio.said[self.clock % RING * self.drones + to],
+                    &radio.heard[to * self.drones + from],
+                );
                 let age = now_s - other[6];
                 let mut row = between(own, other);
                 // a fix may be an outlier; where drones truly are, the walls say
@@ -206,7 +225,16 @@ impl<R: Scalar> Communication<R> {
             *v = R::select(valid, *v, R::zero());
         }
         let [x, y, z, vx, vy, vz] = row;
-        [x, y, z, vx, vy, vz, R::select(valid, age.max(R::zero()), R::zero()), R::select(valid, R::from_f64(1.0), R::zero())]
+        [
+            x,
+            y,
+            z,
+            vx,
+            vy,
+            vz,
+            R::select(valid, age.max(R::zero()), R::zero()),
+            R::select(valid, R::from_f64(1.0), R::zero()),
+        ]
     }
 }
 

@@ -16,7 +16,8 @@ pub struct Load {
 const STIFFNESS_NPM: f64 = 40.0;
 /// Damping along a rope: a tenth of critical for 10 g.
 const DAMPING_NSPM: f64 = 0.12;
-/// The load swings on steps of a control tick divided by this: a rope's own oscillation lasts a tenth of a second.
+/// The load swings on steps of a control tick divided by this: a rope's own oscillation lasts a tenth of a
+/// second.
 const STEPS: usize = 8;
 
 /// A load in motion.
@@ -40,12 +41,18 @@ impl Load {
     pub fn hangs(&self, places: impl ExactSizeIterator<Item = [f64; 3]> + Clone) -> [f64; 3] {
         let n = places.len() as f64;
         let middle: [f64; 3] = std::array::from_fn(|i| places.clone().map(|p| p[i]).sum::<f64>() / n);
-        let across2 = places.map(|p| (p[0] - middle[0]).powi(2) + (p[1] - middle[1]).powi(2)).fold(0.0, f64::max);
-        [middle[0], middle[1], (middle[2] - libm::sqrt((self.rope_m * self.rope_m - across2).max(0.0))).max(0.0)]
+        let across2 =
+            places.map(|p| (p[0] - middle[0]).powi(2) + (p[1] - middle[1]).powi(2)).fold(0.0, f64::max);
+        [
+            middle[0],
+            middle[1],
+            (middle[2] - libm::sqrt((self.rope_m * self.rope_m - across2).max(0.0))).max(0.0),
+        ]
     }
 
-    /// Move on by a tick of `tick_s`, with `drones` as they are at its start, accelerating by `free_mps2` if no rope pulled. Writes the mean
-    /// acceleration that its rope gives each drone of `drone_kg` over the tick.
+    /// Move on by a tick of `tick_s`, with `drones` as they are at its start, accelerating by `free_mps2` if
+    /// no rope pulled. Writes the mean acceleration that its rope gives each drone of `drone_kg` over the
+    /// tick.
     #[inline(always)]
     pub fn step<R: Scalar>(
         &self,

@@ -1,4 +1,5 @@
-//! What the drones of a world have to do with each other besides the air: what they know of each other, and the load that they carry.
+//! What the drones of a world have to do with each other besides the air: what they know of each other, and
+//! the load that they carry.
 
 mod communication;
 pub mod load;

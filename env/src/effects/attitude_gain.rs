@@ -1,6 +1,6 @@
 //! Angles that come out smaller or larger than commanded.
 
-use super::{HookContext, Effect, Hooks, Param, param};
+use super::{Effect, HookContext, Hooks, Param, param};
 use crate::plant::{Command, State};
 use crate::scalar::Scalar;
 
@@ -9,12 +9,20 @@ pub struct AttitudeGain;
 impl Effect<1, 0> for AttitudeGain {
     const NAME: &'static str = "attitude_gain";
     const ABOUT: &'static str = "Commanded roll and pitch act scaled by this gain";
-    const SOURCE: &'static str = "Gain of 5.1 differs between vehicles; the roll fit of 5.1.1 differs from the pitch fit";
-    const PARAMS: [Param; 1] = [param("gain", "1", 1.0, [0.2, 3.0], "angle obeyed over angle commanded").at_least(0.03)];
+    const SOURCE: &'static str =
+        "Gain of 5.1 differs between vehicles; the roll fit of 5.1.1 differs from the pitch fit";
+    const PARAMS: [Param; 1] =
+        [param("gain", "1", 1.0, [0.2, 3.0], "angle obeyed over angle commanded").at_least(0.03)];
     const HOOKS: Hooks = Hooks::COMMAND;
 
     #[inline(always)]
-    fn command<R: Scalar>(&[gain]: &[R; 1], _: &mut [R; 0], _: &HookContext<R>, _: &State<R>, u: &mut Command<R>) {
+    fn command<R: Scalar>(
+        &[gain]: &[R; 1],
+        _: &mut [R; 0],
+        _: &HookContext<R>,
+        _: &State<R>,
+        u: &mut Command<R>,
+    ) {
         u.roll_rad = gain * u.roll_rad;
         u.pitch_rad = gain * u.pitch_rad;
     }

@@ -1,6 +1,6 @@
 //! Play between the command and what obeys it.
 
-use super::{HookContext, Effect, Hooks, Param, param};
+use super::{Effect, HookContext, Hooks, Param, param};
 use crate::plant::{Command, State};
 use crate::scalar::Scalar;
 
@@ -9,8 +9,10 @@ pub struct Backlash;
 impl Effect<1, 2> for Backlash {
     const NAME: &'static str = "backlash";
     const ABOUT: &'static str = "Play: the obeyed roll and pitch stay where they are until the command has crossed the play, then are dragged along half of it behind";
-    const SOURCE: &'static str = "Play operator of hysteresis (Krasnosel'skii and Pokrovskii 1989); the backlash of control textbooks";
-    const PARAMS: [Param; 1] = [param("play_deg", "deg", 0.0, [0.0, 10.0], "full width of the play").starting_from(&[0.8, 2.0])];
+    const SOURCE: &'static str =
+        "Play operator of hysteresis (Krasnosel'skii and Pokrovskii 1989); the backlash of control textbooks";
+    const PARAMS: [Param; 1] =
+        [param("play_deg", "deg", 0.0, [0.0, 10.0], "full width of the play").starting_from(&[0.8, 2.0])];
     const HOOKS: Hooks = Hooks::COMMAND;
 
     #[inline(always)]
@@ -19,7 +21,13 @@ impl Effect<1, 2> for Backlash {
     }
 
     #[inline(always)]
-    fn command<R: Scalar>(&[play_deg]: &[R; 1], obeyed: &mut [R; 2], _: &HookContext<R>, _: &State<R>, u: &mut Command<R>) {
+    fn command<R: Scalar>(
+        &[play_deg]: &[R; 1],
+        obeyed: &mut [R; 2],
+        _: &HookContext<R>,
+        _: &State<R>,
+        u: &mut Command<R>,
+    ) {
         let half = play_deg * R::from_f64(0.5 * std::f64::consts::PI / 180.0);
         for (angle, obeyed) in [&mut u.roll_rad, &mut u.pitch_rad].into_iter().zip(obeyed) {
             *angle -= (*angle - *obeyed).clamp(-half, half);

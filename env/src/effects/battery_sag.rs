@@ -1,7 +1,7 @@
 //! A battery that empties.
 
-use super::{HookContext, Effect, Hooks, Param, Reading, Ubiquity, param};
-use crate::plant::{Command, Accelerations, State};
+use super::{Effect, HookContext, Hooks, Param, Reading, Ubiquity, param};
+use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;
 
 pub struct BatterySag;
@@ -9,12 +9,24 @@ pub struct BatterySag;
 impl Effect<4, 4> for BatterySag {
     const NAME: &'static str = "battery_sag";
     const ABOUT: &'static str = "The voltage falls with charge and current; thrust goes with a power of it";
-    const SOURCE: &'static str =
-        "Discharge curve of Tremblay, Dessaint and Dekkiche 2007 with 4.2 V full; current as thrust^1.5 (momentum theory)";
+    const SOURCE: &'static str = "Discharge curve of Tremblay, Dessaint and Dekkiche 2007 with 4.2 V full; current as thrust^1.5 (momentum theory)";
     const PARAMS: [Param; 4] = [
-        param("exponent", "1", 0.0, [0.0, 4.0], "thrust goes as (voltage / reference voltage)^exponent; 2 without compensation"),
+        param(
+            "exponent",
+            "1",
+            0.0,
+            [0.0, 4.0],
+            "thrust goes as (voltage / reference voltage)^exponent; 2 without compensation",
+        ),
         param("charge", "1", 1.0, [0.05, 1.0], "at the start of the episode").constant(),
-        param("resistance_ohm", "ohm", 0.0, [0.0, 0.5], "inner resistance; about 0.1 measured on a Crazyflie").constant(),
+        param(
+            "resistance_ohm",
+            "ohm",
+            0.0,
+            [0.0, 0.5],
+            "inner resistance; about 0.1 measured on a Crazyflie",
+        )
+        .constant(),
         param(
             "torque_share",
             "1",
@@ -27,13 +39,25 @@ impl Effect<4, 4> for BatterySag {
     const UBIQUITY: Ubiquity = Ubiquity::AllWithVoltage;
 
     #[inline(always)]
-    fn start<R: Scalar>(&[_, charge, _, _]: &[R; 4], _: &HookContext<R>, _: &State<R>, _: &Command<R>) -> [R; 4] {
+    fn start<R: Scalar>(
+        &[_, charge, _, _]: &[R; 4],
+        _: &HookContext<R>,
+        _: &State<R>,
+        _: &Command<R>,
+    ) -> [R; 4] {
         let bulge = (R::from_f64(DECAY) * (charge - R::from_f64(1.0))).exp();
         [charge, R::zero(), open_circuit_v(charge, bulge), bulge]
     }
 
     #[inline(always)]
-    fn push<R: Scalar>(p: &[R; 4], s: &mut [R; 4], cx: &HookContext<R>, x: &State<R>, u: &Command<R>, out: &mut Accelerations<R>) {
+    fn push<R: Scalar>(
+        p: &[R; 4],
+        s: &mut [R; 4],
+        cx: &HookContext<R>,
+        x: &State<R>,
+        u: &Command<R>,
+        out: &mut Accelerations<R>,
+    ) {
         let &[exponent, _, resistance_ohm, torque_share] = p;
         // the charge moves slowly: once per control tick is enough
         if cx.first {
@@ -46,7 +70,10 @@ impl Effect<4, 4> for BatterySag {
             let reference = cx.body.battery_reference_v;
             let (voltage, full) = match cx.voltage_v {
                 Some(measured) => (*measured, reference),
-                None => (open_circuit_v(s[0], s[3]) - resistance_ohm * current, reference - resistance_ohm * cx.body.hover_current_a),
+                None => (
+                    open_circuit_v(s[0], s[3]) - resistance_ohm * current,
+                    reference - resistance_ohm * cx.body.hover_current_a,
+                ),
             };
             s[2] = voltage.max(R::from_f64(1.0));
             s[1] = (s[2] / full).powf(exponent) - R::from_f64(1.0);
@@ -56,7 +83,14 @@ impl Effect<4, 4> for BatterySag {
     }
 
     #[inline(always)]
-    fn sense<R: Scalar>(_: &[R; 4], s: &mut [R; 4], _: &HookContext<R>, _: &State<R>, _: &Command<R>, y: &mut Reading<R>) {
+    fn sense<R: Scalar>(
+        _: &[R; 4],
+        s: &mut [R; 4],
+        _: &HookContext<R>,
+        _: &State<R>,
+        _: &Command<R>,
+        y: &mut Reading<R>,
+    ) {
         y.vbat_v = s[2];
     }
 }
@@ -64,12 +98,13 @@ impl Effect<4, 4> for BatterySag {
 /// Of a full lithium-polymer cell.
 const FULL_V: f64 = 4.2;
 
-/// E0 - K / charge + A exp(-DECAY (1 - charge)), with A and K from the full (4.2 V), nominal (3.7 V) and empty points of a 240 mAh cell;
-/// `bulge` is the exponential.
+/// E0 - K / charge + A exp(-DECAY (1 - charge)), with A and K from the full (4.2 V), nominal (3.7 V) and
+/// empty points of a 240 mAh cell; `bulge` is the exponential.
 #[inline(always)]
 fn open_circuit_v<R: Scalar>(charge: R, bulge: R) -> R {
     let (knee, a) = (0.01, 0.45);
-    R::from_f64(FULL_V + knee - a) - R::from_f64(knee) / charge.max(R::from_f64(0.01)) + R::from_f64(a) * bulge
+    R::from_f64(FULL_V + knee - a) - R::from_f64(knee) / charge.max(R::from_f64(0.01))
+        + R::from_f64(a) * bulge
 }
 
 const DECAY: f64 = 3.0;

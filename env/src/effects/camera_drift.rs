@@ -1,6 +1,6 @@
 //! A slow error of the marker pose.
 
-use super::{HookContext, GaussMarkovSignal, Effect, Frame, Hooks, Param, Observability, param};
+use super::{Effect, Frame, GaussMarkovSignal, HookContext, Hooks, Observability, Param, param};
 use crate::plant::{Command, State};
 use crate::scalar::Scalar;
 
@@ -19,12 +19,19 @@ impl Effect<2, 3> for CameraDrift {
 
     #[inline(always)]
     fn start<R: Scalar>(&[sigma_m, _]: &[R; 2], cx: &HookContext<R>, _: &State<R>, _: &Command<R>) -> [R; 3] {
-        let ([a, b], [c, _]) = (cx.draw.normals(Self::NOISE.wrapping_add(10)), cx.draw.normals(Self::NOISE.wrapping_add(11)));
+        let ([a, b], [c, _]) =
+            (cx.draw.normals(Self::NOISE.wrapping_add(10)), cx.draw.normals(Self::NOISE.wrapping_add(11)));
         [sigma_m * a, sigma_m * b, sigma_m * c]
     }
 
     #[inline(always)]
-    fn frame<R: Scalar>(&[sigma_m, tau_s]: &[R; 2], error: &mut [R; 3], cx: &HookContext<R>, _: &State<R>, f: &mut Frame<R>) {
+    fn frame<R: Scalar>(
+        &[sigma_m, tau_s]: &[R; 2],
+        error: &mut [R; 3],
+        cx: &HookContext<R>,
+        _: &State<R>,
+        f: &mut Frame<R>,
+    ) {
         let keep = (R::from_f64(-cx.h_s) / tau_s).exp();
         let spread = sigma_m * (R::from_f64(1.0) - keep * keep).sqrt();
         let ([a, b], [c, _]) = (cx.draw.normals(Self::NOISE), cx.draw.normals(Self::NOISE.wrapping_add(1)));

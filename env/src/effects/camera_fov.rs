@@ -1,6 +1,6 @@
 //! What the camera can see: markers leave the picture and come back.
 
-use super::{HookContext, Effect, Frame, Hooks, Param, Observability, param};
+use super::{Effect, Frame, HookContext, Hooks, Observability, Param, param};
 use crate::plant::State;
 use crate::scalar::{Scalar, dot, tabulate};
 
@@ -8,9 +8,9 @@ pub struct CameraFov;
 
 impl Effect<5, 1> for CameraFov {
     const NAME: &'static str = "camera_fov";
-    const ABOUT: &'static str = "Field of view: a marker is found only with all four corners in the picture, and near enough";
-    const SOURCE: &'static str =
-        "Thesis 3.1.2 (120 degrees, 720 x 480), 4.1.1 (lens 2 cm below the centre), marker of 197 mm; pinhole camera";
+    const ABOUT: &'static str =
+        "Field of view: a marker is found only with all four corners in the picture, and near enough";
+    const SOURCE: &'static str = "Thesis 3.1.2 (120 degrees, 720 x 480), 4.1.1 (lens 2 cm below the centre), marker of 197 mm; pinhole camera";
     const PARAMS: [Param; 5] = [
         param(
             "diagonal_deg",
@@ -22,7 +22,13 @@ impl Effect<5, 1> for CameraFov {
         param("lens_below_m", "m", 0.02, [0.0, 0.2], "lens below the centre of mass"),
         param("side_m", "m", 0.197, [0.01, 2.0], "side of a marker"),
         param("range_m", "m", 5.0, [0.1, 100.0], "farthest distance at which a marker is found"),
-        param("reacquire_s", "s", 0.0, [0.0, 2.0], "time for which a lost marker must be in view again before it counts"),
+        param(
+            "reacquire_s",
+            "s",
+            0.0,
+            [0.0, 2.0],
+            "time for which a lost marker must be in view again before it counts",
+        ),
     ];
     const HOOKS: Hooks = Hooks::FRAME;
     const OBSERVABILITY: Observability = Observability::Visibility;
@@ -66,11 +72,19 @@ fn look<R: Scalar>(
             if !R::any(exists) {
                 break;
             }
-            let centre = [(c - R::from_f64(0.5) * (columns - R::from_f64(1.0))) * pitch_m, (r - R::from_f64(0.5) * (rows - R::from_f64(1.0))) * pitch_m];
+            let centre = [
+                (c - R::from_f64(0.5) * (columns - R::from_f64(1.0))) * pitch_m,
+                (r - R::from_f64(0.5) * (rows - R::from_f64(1.0))) * pitch_m,
+            ];
             let mut seen = exists;
             for (sx, sy) in [(-0.5, -0.5), (-0.5, 0.5), (0.5, -0.5), (0.5, 0.5)] {
-                let [u, v, depth] = camera.project(centre[0] + R::from_f64(sx) * side_m, centre[1] + R::from_f64(sy) * side_m);
-                seen = seen & depth.gt(R::from_f64(1e-3)) & u.abs().lt(wide * depth) & v.abs().lt(high * depth) & depth.lt(range_m);
+                let [u, v, depth] = camera
+                    .project(centre[0] + R::from_f64(sx) * side_m, centre[1] + R::from_f64(sy) * side_m);
+                seen = seen
+                    & depth.gt(R::from_f64(1e-3))
+                    & u.abs().lt(wide * depth)
+                    & v.abs().lt(high * depth)
+                    & depth.lt(range_m);
             }
             found = R::select(seen, found + R::from_f64(1.0), found);
             let (dx, dy) = (x.pos_m[0] - centre[0], x.pos_m[1] - centre[1]);

@@ -1,6 +1,6 @@
 //! Marker poses that arrive late.
 
-use super::{HookContext, Effect, Frame, Hooks, Param, Reading, param};
+use super::{Effect, Frame, HookContext, Hooks, Param, Reading, param};
 use crate::plant::{Command, State};
 use crate::scalar::Scalar;
 
@@ -33,7 +33,13 @@ impl Effect<2, NUMBERS> for CameraLatency {
             "from capture to arrival; above 500 frames a second at most 60 frames are under way",
         )
         .constant(),
-        param("undeclared_s", "s", 0.0, [-0.05, LONGEST_S], "how much later than the capture the time stamp is"),
+        param(
+            "undeclared_s",
+            "s",
+            0.0,
+            [-0.05, LONGEST_S],
+            "how much later than the capture the time stamp is",
+        ),
     ];
     const HOOKS: Hooks = Hooks::FRAME_AND_SENSE;
 
@@ -52,7 +58,13 @@ impl Effect<2, NUMBERS> for CameraLatency {
 
     /// Put the new frame first in the queue and keep it from arriving now.
     #[inline(always)]
-    fn frame<R: Scalar>(&[_, undeclared_s]: &[R; 2], queue: &mut [R; NUMBERS], cx: &HookContext<R>, _: &State<R>, f: &mut Frame<R>) {
+    fn frame<R: Scalar>(
+        &[_, undeclared_s]: &[R; 2],
+        queue: &mut [R; NUMBERS],
+        cx: &HookContext<R>,
+        _: &State<R>,
+        f: &mut Frame<R>,
+    ) {
         f.t_s += undeclared_s;
         let new = [f.pos_m[0], f.pos_m[1], f.pos_m[2], f.yaw_rad, f.t_s, f.markers];
         for i in (0..numbers(cx.tick_s)).rev() {

@@ -1,6 +1,6 @@
 //! A camera that is not where the vehicle is.
 
-use super::{HookContext, Effect, Frame, Hooks, Param, param};
+use super::{Effect, Frame, HookContext, Hooks, Param, param};
 use crate::plant::State;
 use crate::scalar::Scalar;
 
@@ -9,8 +9,7 @@ pub struct CameraLever;
 impl Effect<3, 0> for CameraLever {
     const NAME: &'static str = "camera_lever";
     const ABOUT: &'static str = "The reported position is that of a point off the centre of mass";
-    const SOURCE: &'static str =
-        "Lever arm turned by heading and, to first order, by roll and pitch; the thesis's lens is 2 cm below the centre";
+    const SOURCE: &'static str = "Lever arm turned by heading and, to first order, by roll and pitch; the thesis's lens is 2 cm below the centre";
     const PARAMS: [Param; 3] = [
         param("x_m", "m", 0.0, [-0.3, 0.3], "forward of the centre"),
         param("y_m", "m", 0.0, [-0.3, 0.3], "left of the centre"),
@@ -19,7 +18,13 @@ impl Effect<3, 0> for CameraLever {
     const HOOKS: Hooks = Hooks::FRAME;
 
     #[inline(always)]
-    fn frame<R: Scalar>(&[lever_x, lever_y, lever_z]: &[R; 3], _: &mut [R; 0], _: &HookContext<R>, x: &State<R>, f: &mut Frame<R>) {
+    fn frame<R: Scalar>(
+        &[lever_x, lever_y, lever_z]: &[R; 3],
+        _: &mut [R; 0],
+        _: &HookContext<R>,
+        x: &State<R>,
+        f: &mut Frame<R>,
+    ) {
         let [roll, pitch, yaw] = x.att_rad;
         let (sin, cos) = yaw.sin_cos();
         let (front, left) = (lever_x + pitch * lever_z, lever_y - roll * lever_z);

@@ -1,6 +1,6 @@
 //! Noise of the marker pose.
 
-use super::{HookContext, Effect, Frame, Hooks, Param, Observability, param};
+use super::{Effect, Frame, HookContext, Hooks, Observability, Param, param};
 use crate::plant::State;
 use crate::scalar::Scalar;
 
@@ -8,8 +8,7 @@ pub struct CameraNoise;
 
 impl Effect<3, 0> for CameraNoise {
     const NAME: &'static str = "camera_noise";
-    const ABOUT: &'static str =
-        "White noise of the marker pose, growing with distance and view angle, shrinking with the number of markers";
+    const ABOUT: &'static str = "White noise of the marker pose, growing with distance and view angle, shrinking with the number of markers";
     const SOURCE: &'static str = "Pixel noise through the pinhole: sideways as distance, along the line of sight as distance squared, both over cos(view angle); given at 70 cm straight above";
     const PARAMS: [Param; 3] = [
         param("xy_m", "m", 0.0, [0.0, 0.2], "standard deviation of x and y at 70 cm"),
@@ -20,7 +19,13 @@ impl Effect<3, 0> for CameraNoise {
     const OBSERVABILITY: Observability = Observability::Variance;
 
     #[inline(always)]
-    fn frame<R: Scalar>(&[xy_m, z_m, yaw_deg]: &[R; 3], _: &mut [R; 0], cx: &HookContext<R>, x: &State<R>, f: &mut Frame<R>) {
+    fn frame<R: Scalar>(
+        &[xy_m, z_m, yaw_deg]: &[R; 3],
+        _: &mut [R; 0],
+        cx: &HookContext<R>,
+        x: &State<R>,
+        f: &mut Frame<R>,
+    ) {
         let [dx, dy] = [x.pos_m[0] - f.nearest_m[0], x.pos_m[1] - f.nearest_m[1]];
         let height = x.pos_m[2].max(R::from_f64(0.02));
         let distance = (dx * dx + dy * dy + height * height).sqrt();

@@ -1,6 +1,6 @@
 //! Marker poses that are plainly wrong.
 
-use super::{HookContext, Effect, Frame, Hooks, Param, Observability, param};
+use super::{Effect, Frame, HookContext, Hooks, Observability, Param, param};
 use crate::plant::State;
 use crate::scalar::Scalar;
 
@@ -20,11 +20,18 @@ impl Effect<4, 0> for CameraOutliers {
     const OBSERVABILITY: Observability = Observability::Variance;
 
     #[inline(always)]
-    fn frame<R: Scalar>(&[probability, size_m, near_m, far_m]: &[R; 4], _: &mut [R; 0], cx: &HookContext<R>, x: &State<R>, f: &mut Frame<R>) {
+    fn frame<R: Scalar>(
+        &[probability, size_m, near_m, far_m]: &[R; 4],
+        _: &mut [R; 0],
+        cx: &HookContext<R>,
+        x: &State<R>,
+        f: &mut Frame<R>,
+    ) {
         let [dx, dy] = [x.pos_m[0] - f.nearest_m[0], x.pos_m[1] - f.nearest_m[1]];
         let distance = (dx * dx + dy * dy + x.pos_m[2] * x.pos_m[2]).sqrt();
         let hit = cx.draw.uniform(Self::NOISE).lt(probability) & near_m.le(distance) & distance.le(far_m);
-        let ([a, b], [c, _]) = (cx.draw.normals(Self::NOISE.wrapping_add(1)), cx.draw.normals(Self::NOISE.wrapping_add(2)));
+        let ([a, b], [c, _]) =
+            (cx.draw.normals(Self::NOISE.wrapping_add(1)), cx.draw.normals(Self::NOISE.wrapping_add(2)));
         let length = (a * a + b * b + c * c + R::from_f64(1e-12)).sqrt();
         let reach = R::select(hit, size_m / length, R::zero());
         for (i, n) in [a, b, c].into_iter().enumerate() {

@@ -1,6 +1,6 @@
 //! Commands too small to move anything.
 
-use super::{HookContext, Effect, Hooks, Param, param};
+use super::{Effect, HookContext, Hooks, Param, param};
 use crate::plant::{Command, State};
 use crate::scalar::Scalar;
 
@@ -8,13 +8,22 @@ pub struct CmdDeadband;
 
 impl Effect<1, 0> for CmdDeadband {
     const NAME: &'static str = "cmd_deadband";
-    const ABOUT: &'static str = "Roll and pitch commands smaller than this do nothing, larger ones act by what they exceed it";
-    const SOURCE: &'static str = "Static friction of the trim and quantisation of the radio link; the dead zone of control textbooks";
-    const PARAMS: [Param; 1] = [param("tilt_deg", "deg", 0.0, [0.0, 10.0], "width of the dead band to each side")];
+    const ABOUT: &'static str =
+        "Roll and pitch commands smaller than this do nothing, larger ones act by what they exceed it";
+    const SOURCE: &'static str =
+        "Static friction of the trim and quantisation of the radio link; the dead zone of control textbooks";
+    const PARAMS: [Param; 1] =
+        [param("tilt_deg", "deg", 0.0, [0.0, 10.0], "width of the dead band to each side")];
     const HOOKS: Hooks = Hooks::COMMAND;
 
     #[inline(always)]
-    fn command<R: Scalar>(&[tilt_deg]: &[R; 1], _: &mut [R; 0], _: &HookContext<R>, _: &State<R>, u: &mut Command<R>) {
+    fn command<R: Scalar>(
+        &[tilt_deg]: &[R; 1],
+        _: &mut [R; 0],
+        _: &HookContext<R>,
+        _: &State<R>,
+        u: &mut Command<R>,
+    ) {
         let width = tilt_deg * R::from_f64(std::f64::consts::PI / 180.0);
         for angle in [&mut u.roll_rad, &mut u.pitch_rad] {
             *angle -= angle.clamp(-width, width);

@@ -1,6 +1,6 @@
 //! Commands that arrive late.
 
-use super::{HookContext, Effect, Hooks, Param, param};
+use super::{Effect, HookContext, Hooks, Param, param};
 use crate::plant::{Command, State};
 use crate::scalar::Scalar;
 
@@ -21,10 +21,15 @@ fn slots(tick_s: f64) -> usize {
 impl Effect<1, NUMBERS> for CmdDelay {
     const NAME: &'static str = "cmd_delay";
     const ABOUT: &'static str = "Pure delay between the command and the vehicle";
-    const SOURCE: &'static str =
-        "The delayed held command is averaged over the physics step, which is exact for the integral of the command";
-    const PARAMS: [Param; 1] =
-        [param("delay_s", "s", 0.0, [0.0, LONGEST_S], "from command to effect; above 500 Hz control at most 70 ticks").at_least(0.01)];
+    const SOURCE: &'static str = "The delayed held command is averaged over the physics step, which is exact for the integral of the command";
+    const PARAMS: [Param; 1] = [param(
+        "delay_s",
+        "s",
+        0.0,
+        [0.0, LONGEST_S],
+        "from command to effect; above 500 Hz control at most 70 ticks",
+    )
+    .at_least(0.01)];
     const HOOKS: Hooks = Hooks::COMMAND;
 
     fn states_in_use(tick_s: f64) -> usize {
@@ -38,14 +43,21 @@ impl Effect<1, NUMBERS> for CmdDelay {
     }
 
     #[inline(always)]
-    fn command<R: Scalar>(&[delay_s]: &[R; 1], past: &mut [R; NUMBERS], cx: &HookContext<R>, _: &State<R>, u: &mut Command<R>) {
+    fn command<R: Scalar>(
+        &[delay_s]: &[R; 1],
+        past: &mut [R; NUMBERS],
+        cx: &HookContext<R>,
+        _: &State<R>,
+        u: &mut Command<R>,
+    ) {
         // a ring of commands; all lanes tick together
         let slots = slots(cx.tick_s);
         let slot = |k: usize| 4 * ((cx.clock + slots - k) % slots);
         if cx.first {
             past[slot(0)..slot(0) + 4].copy_from_slice(&[u.roll_rad, u.pitch_rad, u.yaw_rate_radps, u.lift]);
         }
-        // command k (0 is the newest) was given from -k ticks to -k + 1 ticks; this step sees the span [begin, begin + h)
+        // command k (0 is the newest) was given from -k ticks to -k + 1 ticks; this step sees the span
+        // [begin, begin + h)
         let begin = R::from_f64(cx.since_tick_s) - delay_s.min(R::from_f64((slots - 1) as f64 * cx.tick_s));
         let end = begin + R::from_f64(cx.h_s);
         let mut sum = [R::zero(); 4];

@@ -1,6 +1,6 @@
 //! Commands cut off at a limit.
 
-use super::{HookContext, Effect, Hooks, Param, param};
+use super::{Effect, HookContext, Hooks, Param, param};
 use crate::plant::{Command, State};
 use crate::scalar::Scalar;
 
@@ -9,7 +9,8 @@ pub struct CmdLimit;
 impl Effect<4, 0> for CmdLimit {
     const NAME: &'static str = "cmd_limit";
     const ABOUT: &'static str = "The vehicle obeys commands only up to a limit";
-    const SOURCE: &'static str = "Saturation in the firmware; table 7.1 has the limits of the thesis's own loops";
+    const SOURCE: &'static str =
+        "Saturation in the firmware; table 7.1 has the limits of the thesis's own loops";
     const PARAMS: [Param; 4] = [
         param("tilt_deg", "deg", 90.0, [0.0, 90.0], "largest roll or pitch"),
         param("yaw_rate_degps", "deg/s", 2000.0, [0.0, 2000.0], "largest yaw rate"),

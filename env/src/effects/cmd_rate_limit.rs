@@ -1,6 +1,6 @@
 //! Commands that cannot jump.
 
-use super::{HookContext, Effect, Hooks, Param, param};
+use super::{Effect, HookContext, Hooks, Param, param};
 use crate::plant::{Command, State};
 use crate::scalar::Scalar;
 
@@ -11,9 +11,9 @@ const UNLIMITED_DEGPS: f64 = 2000.0;
 
 impl Effect<1, 2> for CmdRateLimit {
     const NAME: &'static str = "cmd_rate_limit";
-    const ABOUT: &'static str = "Roll and pitch commands are obeyed no faster than at a largest rate of change";
-    const SOURCE: &'static str =
-        "Slew-rate limit of set-points in the firmware; the obeyed ramp is averaged over the physics step, which is exact";
+    const ABOUT: &'static str =
+        "Roll and pitch commands are obeyed no faster than at a largest rate of change";
+    const SOURCE: &'static str = "Slew-rate limit of set-points in the firmware; the obeyed ramp is averaged over the physics step, which is exact";
     const PARAMS: [Param; 1] = [param(
         "tilt_degps",
         "deg/s",
@@ -29,7 +29,13 @@ impl Effect<1, 2> for CmdRateLimit {
     }
 
     #[inline(always)]
-    fn command<R: Scalar>(&[tilt_degps]: &[R; 1], reached: &mut [R; 2], cx: &HookContext<R>, _: &State<R>, u: &mut Command<R>) {
+    fn command<R: Scalar>(
+        &[tilt_degps]: &[R; 1],
+        reached: &mut [R; 2],
+        cx: &HookContext<R>,
+        _: &State<R>,
+        u: &mut Command<R>,
+    ) {
         let limited = tilt_degps.lt(R::from_f64(UNLIMITED_DEGPS));
         let most = tilt_degps * R::from_f64(cx.h_s * std::f64::consts::PI / 180.0);
         for (angle, reached) in [&mut u.roll_rad, &mut u.pitch_rad].into_iter().zip(reached) {

@@ -1,6 +1,6 @@
 //! Centre of mass off centre, or bad trim.
 
-use super::{HookContext, Effect, Hooks, Param, param};
+use super::{Effect, HookContext, Hooks, Param, param};
 use crate::plant::{Command, State};
 use crate::scalar::Scalar;
 
@@ -8,16 +8,36 @@ pub struct ComOffset;
 
 impl Effect<2, 0> for ComOffset {
     const NAME: &'static str = "com_offset";
-    const ABOUT: &'static str = "A torque in proportion to the thrust, said as the roll and pitch at which it is balanced in hover";
-    const SOURCE: &'static str = "Lever arm of the thrust about the centre of mass; held against by trim in crazyflie_ros";
+    const ABOUT: &'static str =
+        "A torque in proportion to the thrust, said as the roll and pitch at which it is balanced in hover";
+    const SOURCE: &'static str =
+        "Lever arm of the thrust about the centre of mass; held against by trim in crazyflie_ros";
     const PARAMS: [Param; 2] = [
-        param("roll_deg", "deg", 0.0, [-10.0, 10.0], "roll at which the vehicle settles in hover under a level command"),
-        param("pitch_deg", "deg", 0.0, [-10.0, 10.0], "pitch at which the vehicle settles in hover under a level command"),
+        param(
+            "roll_deg",
+            "deg",
+            0.0,
+            [-10.0, 10.0],
+            "roll at which the vehicle settles in hover under a level command",
+        ),
+        param(
+            "pitch_deg",
+            "deg",
+            0.0,
+            [-10.0, 10.0],
+            "pitch at which the vehicle settles in hover under a level command",
+        ),
     ];
     const HOOKS: Hooks = Hooks::COMMAND;
 
     #[inline(always)]
-    fn command<R: Scalar>(lean_deg: &[R; 2], _: &mut [R; 0], cx: &HookContext<R>, _: &State<R>, u: &mut Command<R>) {
+    fn command<R: Scalar>(
+        lean_deg: &[R; 2],
+        _: &mut [R; 0],
+        cx: &HookContext<R>,
+        _: &State<R>,
+        u: &mut Command<R>,
+    ) {
         let per_deg = R::from_f64(std::f64::consts::PI / 180.0) * cx.body.thrust_ratio(u);
         for (i, angle) in [&mut u.roll_rad, &mut u.pitch_rad].into_iter().enumerate() {
             // the command that holds this angle in 5.1

@@ -1,7 +1,7 @@
 //! Less lift in the wake of a drone above.
 
-use super::{HookContext, Effect, Hooks, Param, Observability, param};
-use crate::plant::{Command, Accelerations, State};
+use super::{Effect, HookContext, Hooks, Observability, Param, param};
+use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;
 
 pub struct Downwash;
@@ -14,8 +14,21 @@ impl Effect<5, 0> for Downwash {
     const ABOUT: &'static str = "Lift lost below another drone: a turbulent jet, gone 15 cm sideways";
     const SOURCE: &'static str = "Two Crazyflies on top of each other: 12 g at 25 cm, 9 g at 30 cm, gone beyond 15 cm sideways (Shi, Hoenig, Yue, Chung 2020, Neural-Swarm, arXiv 2003.02992); form: dynamic pressure of a jet, (z + origin)^-2 and Gaussian across, from 2.5 motor distances down (Bauersfeld et al. 2024, arXiv 2403.13321)";
     const PARAMS: [Param; 5] = [
-        param("force_n", "N", 0.0, [0.0, 0.5], "lift lost a quarter of a metre straight below; 0.118 measured"),
-        param("origin_m", "m", 0.073, [0.0, 0.5], "the jet seems to begin so far above the drone: from the two forces").constant(),
+        param(
+            "force_n",
+            "N",
+            0.0,
+            [0.0, 0.5],
+            "lift lost a quarter of a metre straight below; 0.118 measured",
+        ),
+        param(
+            "origin_m",
+            "m",
+            0.073,
+            [0.0, 0.5],
+            "the jet seems to begin so far above the drone: from the two forces",
+        )
+        .constant(),
         param(
             "near_m",
             "m",
@@ -24,7 +37,8 @@ impl Effect<5, 0> for Downwash {
             "nearer than this the jet is not formed, and the force falls to nothing at the same height",
         )
         .constant(),
-        param("width_m", "m", 0.055, [0.01, 0.3], "standard deviation across at the drone: its own size").constant(),
+        param("width_m", "m", 0.055, [0.01, 0.3], "standard deviation across at the drone: its own size")
+            .constant(),
         param(
             "spread",
             "1",
@@ -38,7 +52,14 @@ impl Effect<5, 0> for Downwash {
     const OBSERVABILITY: Observability = Observability::Neighbours;
 
     #[inline(always)]
-    fn push<R: Scalar>(p: &[R; 5], _: &mut [R; 0], cx: &HookContext<R>, x: &State<R>, _: &Command<R>, out: &mut Accelerations<R>) {
+    fn push<R: Scalar>(
+        p: &[R; 5],
+        _: &mut [R; 0],
+        cx: &HookContext<R>,
+        x: &State<R>,
+        _: &Command<R>,
+        out: &mut Accelerations<R>,
+    ) {
         let &[force_n, origin_m, near_m, width_m, spread] = p;
         let per_near = R::from_f64(1.0) / near_m;
         let reference = R::from_f64(REFERENCE_M) + origin_m;
@@ -47,13 +68,18 @@ impl Effect<5, 0> for Downwash {
             if i == cx.own {
                 continue;
             }
-            let [dx, dy, above] = [other.pos_m[0] - x.pos_m[0], other.pos_m[1] - x.pos_m[1], other.pos_m[2] - x.pos_m[2]];
+            let [dx, dy, above] =
+                [other.pos_m[0] - x.pos_m[0], other.pos_m[1] - x.pos_m[1], other.pos_m[2] - x.pos_m[2]];
             let flies = other.here * R::select(above.gt(R::zero()), R::from_f64(1.0), R::zero());
             let down = above.max(near_m) + origin_m;
             let grown = spread * down;
             let across = (dx * dx + dy * dy) / (width_m * width_m + grown * grown);
             let strength = reference / down;
-            lost += flies * (above * per_near).min(R::from_f64(1.0)) * strength * strength * (R::from_f64(-0.5) * across).exp();
+            lost += flies
+                * (above * per_near).min(R::from_f64(1.0))
+                * strength
+                * strength
+                * (R::from_f64(-0.5) * across).exp();
         }
         out.acc_mps2[2] -= force_n * lost / cx.body.mass_kg;
     }

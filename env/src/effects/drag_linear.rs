@@ -1,7 +1,7 @@
 //! Air drag in proportion to speed.
 
-use super::{HookContext, Effect, Hooks, Param, param};
-use crate::plant::{Command, Accelerations, State};
+use super::{Effect, HookContext, Hooks, Param, param};
+use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;
 
 pub struct DragLinear;
@@ -15,7 +15,14 @@ impl Effect<1, 0> for DragLinear {
     const MODEL_NUMBER: Option<&'static str> = Some("lateral.drag");
 
     #[inline(always)]
-    fn push<R: Scalar>(&[rate_ps]: &[R; 1], _: &mut [R; 0], _: &HookContext<R>, x: &State<R>, _: &Command<R>, out: &mut Accelerations<R>) {
+    fn push<R: Scalar>(
+        &[rate_ps]: &[R; 1],
+        _: &mut [R; 0],
+        _: &HookContext<R>,
+        x: &State<R>,
+        _: &Command<R>,
+        out: &mut Accelerations<R>,
+    ) {
         for i in 0..2 {
             out.acc_mps2[i] -= rate_ps * x.vel_mps[i];
         }

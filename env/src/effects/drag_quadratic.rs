@@ -1,20 +1,29 @@
 //! Air drag in proportion to speed squared.
 
-use super::{HookContext, Effect, Hooks, Param, param};
-use crate::plant::{Command, Accelerations, State};
+use super::{Effect, HookContext, Hooks, Param, param};
+use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;
 
 pub struct DragQuadratic;
 
 impl Effect<1, 0> for DragQuadratic {
     const NAME: &'static str = "drag_quadratic";
-    const ABOUT: &'static str = "Drag in proportion to speed squared: acc = -coefficient |v| v, in all directions";
+    const ABOUT: &'static str =
+        "Drag in proportion to speed squared: acc = -coefficient |v| v, in all directions";
     const SOURCE: &'static str = "The second-order drag that thesis 4.2.3 neglects";
-    const PARAMS: [Param; 1] = [param("coefficient_pm", "1/m", 0.0, [0.0, 3.0], "drag per mass and speed squared")];
+    const PARAMS: [Param; 1] =
+        [param("coefficient_pm", "1/m", 0.0, [0.0, 3.0], "drag per mass and speed squared")];
     const HOOKS: Hooks = Hooks::PUSH;
 
     #[inline(always)]
-    fn push<R: Scalar>(&[coefficient_pm]: &[R; 1], _: &mut [R; 0], _: &HookContext<R>, x: &State<R>, _: &Command<R>, out: &mut Accelerations<R>) {
+    fn push<R: Scalar>(
+        &[coefficient_pm]: &[R; 1],
+        _: &mut [R; 0],
+        _: &HookContext<R>,
+        x: &State<R>,
+        _: &Command<R>,
+        out: &mut Accelerations<R>,
+    ) {
         // the small number keeps the derivative at rest finite
         let [vx, vy, vz] = x.vel_mps;
         let speed = (vx * vx + vy * vy + vz * vz + R::from_f64(1e-12)).sqrt();

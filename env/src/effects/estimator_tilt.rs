@@ -1,7 +1,7 @@
 //! An on-board estimator that takes drag for tilt.
 
 use super::time::lag_shares;
-use super::{HookContext, Effect, Hooks, Param, Reading, Ubiquity, param};
+use super::{Effect, HookContext, Hooks, Param, Reading, Ubiquity, param};
 use crate::plant::{Command, State};
 use crate::scalar::Scalar;
 
@@ -19,7 +19,14 @@ impl Effect<2, 4> for EstimatorTilt {
             [0.0, 0.2],
             "true minus estimated tilt towards the velocity, per speed; drag over gravity, so never below zero",
         ),
-        param("lag_s", "s", 0.0, [0.0, 1.5], "the estimate follows the velocity through two lags of this time constant").companion(&[0.35]),
+        param(
+            "lag_s",
+            "s",
+            0.0,
+            [0.0, 1.5],
+            "the estimate follows the velocity through two lags of this time constant",
+        )
+        .companion(&[0.35]),
     ];
     const HOOKS: Hooks = Hooks::COMMAND_AND_SENSE;
     const UBIQUITY: Ubiquity = Ubiquity::All;
@@ -33,7 +40,13 @@ impl Effect<2, 4> for EstimatorTilt {
     }
 
     #[inline(always)]
-    fn command<R: Scalar>(&[kappa, lag_s]: &[R; 2], followed: &mut [R; 4], cx: &HookContext<R>, x: &State<R>, u: &mut Command<R>) {
+    fn command<R: Scalar>(
+        &[kappa, lag_s]: &[R; 2],
+        followed: &mut [R; 4],
+        cx: &HookContext<R>,
+        x: &State<R>,
+        u: &mut Command<R>,
+    ) {
         let [left, mean] = lag_shares(lag_s, cx.h_s);
         // of each lag: where it stands at the end of the step, and its mean over it
         let follow = |to: R, from: R| (to + (from - to) * left, to + (from - to) * mean);
@@ -51,16 +64,28 @@ impl Effect<2, 4> for EstimatorTilt {
     }
 
     #[inline(always)]
-    fn sense<R: Scalar>(&[kappa, lag_s]: &[R; 2], followed: &mut [R; 4], _: &HookContext<R>, x: &State<R>, _: &Command<R>, y: &mut Reading<R>) {
+    fn sense<R: Scalar>(
+        &[kappa, lag_s]: &[R; 2],
+        followed: &mut [R; 4],
+        _: &HookContext<R>,
+        x: &State<R>,
+        _: &Command<R>,
+        y: &mut Reading<R>,
+    ) {
         // what was followed is of the last physics step: without a lag, of now
         let lags = lag_s.gt(R::zero());
-        let excess = excess_tilt_rad(kappa, std::array::from_fn(|i| R::select(lags, followed[2 + i], x.vel_mps[i])), x);
+        let excess = excess_tilt_rad(
+            kappa,
+            std::array::from_fn(|i| R::select(lags, followed[2 + i], x.vel_mps[i])),
+            x,
+        );
         y.att_rad[0] -= excess[0];
         y.att_rad[1] -= excess[1];
     }
 }
 
-/// True less estimated roll and pitch by the velocity that the estimate has followed: +pitch leans forward, +roll to the right.
+/// True less estimated roll and pitch by the velocity that the estimate has followed: +pitch leans forward,
+/// +roll to the right.
 #[inline(always)]
 fn excess_tilt_rad<R: Scalar>(kappa: R, vel_mps: [R; 2], x: &State<R>) -> [R; 2] {
     let (sin, cos) = x.att_rad[2].sin_cos();

@@ -1,26 +1,41 @@
 //! Turning mixes roll and pitch.
 
-use super::{HookContext, Effect, Geometry, Hooks, Param, param};
-use crate::plant::{Command, Accelerations, State};
+use super::{Effect, Geometry, HookContext, Hooks, Param, param};
+use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;
 
 pub struct EulerKinematics;
 
 impl Effect<2, 0> for EulerKinematics {
     const NAME: &'static str = "euler_kinematics";
-    const ABOUT: &'static str = "A turning, tilted vehicle trades roll for pitch, and a rolled one that pitches turns";
+    const ABOUT: &'static str =
+        "A turning, tilted vehicle trades roll for pitch, and a rolled one that pitches turns";
     const SOURCE: &'static str = "Euler angle kinematics (roll' = p + r pitch, pitch' = q - r roll, yaw' = r + q roll + r (pitch^2 - roll^2) / 2), as the torque that has \
                                   the same result in 5.1 and 5.2";
     const PARAMS: [Param; 2] = [
         param("amount", "1", 0.0, [0.0, 1.0], "1 for the true kinematics"),
-        param("heading_kept", "1", 0.0, [0.0, 1.0], "1 leaves yaw' = r, as models of roll and pitch alone do").choice(),
+        param(
+            "heading_kept",
+            "1",
+            0.0,
+            [0.0, 1.0],
+            "1 leaves yaw' = r, as models of roll and pitch alone do",
+        )
+        .choice(),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
     const GEOMETRY: Geometry = Geometry::Part;
     const PHYSICS_HZ: u32 = 150;
 
     #[inline(always)]
-    fn push<R: Scalar>(&[amount, heading_kept]: &[R; 2], _: &mut [R; 0], cx: &HookContext<R>, x: &State<R>, u: &Command<R>, out: &mut Accelerations<R>) {
+    fn push<R: Scalar>(
+        &[amount, heading_kept]: &[R; 2],
+        _: &mut [R; 0],
+        cx: &HookContext<R>,
+        x: &State<R>,
+        u: &Command<R>,
+        out: &mut Accelerations<R>,
+    ) {
         let ([roll, pitch, _], [p, q, r]) = (x.att_rad, x.rate_radps);
         let turn = amount * r;
         // with angle' = rate + d the rate of the angle obeys 5.1 with the push damping d + d'
@@ -29,6 +44,7 @@ impl Effect<2, 0> for EulerKinematics {
         let [_, q_dot] = cx.body.tilt_torque_radps2(x, u);
         let d = q * roll + R::from_f64(0.5) * r * (pitch * pitch - roll * roll);
         let d_dot = q_dot * roll + q * p + r * (pitch * q - roll * p);
-        out.ang_radps2[2] += amount * (R::from_f64(1.0) - heading_kept) * (cx.body.yaw_damping_ps * d + d_dot);
+        out.ang_radps2[2] +=
+            amount * (R::from_f64(1.0) - heading_kept) * (cx.body.yaw_damping_ps * d + d_dot);
     }
 }

@@ -1,7 +1,7 @@
 //! Sideways acceleration at large angles.
 
-use super::{HookContext, Effect, Geometry, Hooks, Param, param};
-use crate::plant::{Command, Accelerations, State};
+use super::{Effect, Geometry, HookContext, Hooks, Param, param};
+use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;
 
 pub struct ExactTan;
@@ -15,7 +15,14 @@ impl Effect<1, 0> for ExactTan {
     const GEOMETRY: Geometry = Geometry::Part;
 
     #[inline(always)]
-    fn push<R: Scalar>(&[amount]: &[R; 1], _: &mut [R; 0], cx: &HookContext<R>, x: &State<R>, _: &Command<R>, out: &mut Accelerations<R>) {
+    fn push<R: Scalar>(
+        &[amount]: &[R; 1],
+        _: &mut [R; 0],
+        cx: &HookContext<R>,
+        x: &State<R>,
+        _: &Command<R>,
+        out: &mut Accelerations<R>,
+    ) {
         let (front, right) = (excess(x.att_rad[1]), excess(x.att_rad[0]));
         let (sin, cos) = x.att_rad[2].sin_cos();
         let strength = amount * cx.body.gravity_mps2;

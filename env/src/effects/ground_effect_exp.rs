@@ -1,7 +1,7 @@
 //! More thrust near the floor, exponential law.
 
-use super::{HookContext, Effect, Hooks, Param, param};
-use crate::plant::{Command, Accelerations, State};
+use super::{Effect, HookContext, Hooks, Param, param};
+use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;
 
 pub struct GroundEffectExp;
@@ -25,7 +25,14 @@ impl Effect<3, 0> for GroundEffectExp {
     const HOOKS: Hooks = Hooks::PUSH;
 
     #[inline(always)]
-    fn push<R: Scalar>(&[amount, decay, rest_m]: &[R; 3], _: &mut [R; 0], cx: &HookContext<R>, x: &State<R>, u: &Command<R>, out: &mut Accelerations<R>) {
+    fn push<R: Scalar>(
+        &[amount, decay, rest_m]: &[R; 3],
+        _: &mut [R; 0],
+        cx: &HookContext<R>,
+        x: &State<R>,
+        u: &Command<R>,
+        out: &mut Accelerations<R>,
+    ) {
         let share = amount * (-decay * (x.pos_m[2] - rest_m).max(R::zero()) / cx.body.rotor_radius_m).exp();
         out.acc_mps2[2] += cx.body.thrust_mps2(u, out) * share / (R::from_f64(1.0) - share);
     }

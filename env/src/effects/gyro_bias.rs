@@ -1,6 +1,6 @@
 //! A gyro that drifts, and IMU noise.
 
-use super::{HookContext, Effect, Hooks, Param, Reading, Observability, param};
+use super::{Effect, HookContext, Hooks, Observability, Param, Reading, param};
 use crate::plant::{Command, State};
 use crate::scalar::Scalar;
 
@@ -8,7 +8,8 @@ pub struct GyroBias;
 
 impl Effect<4, 4> for GyroBias {
     const NAME: &'static str = "gyro_bias";
-    const ABOUT: &'static str = "Gyro bias that wanders, white noise on rates and angles, a heading that integrates the bias";
+    const ABOUT: &'static str =
+        "Gyro bias that wanders, white noise on rates and angles, a heading that integrates the bias";
     const SOURCE: &'static str = "Standard gyro error model (bias random walk and white noise); noise of the MPU-9250, 0.01 deg/s/sqrt(Hz)";
     const PARAMS: [Param; 4] = [
         param("bias_degps", "deg/s", 0.0, [0.0, 20.0], "standard deviation of the bias at the start"),
@@ -20,17 +21,34 @@ impl Effect<4, 4> for GyroBias {
     const OBSERVABILITY: Observability = Observability::Variance;
 
     #[inline(always)]
-    fn start<R: Scalar>(&[bias_degps, ..]: &[R; 4], cx: &HookContext<R>, _: &State<R>, _: &Command<R>) -> [R; 4] {
-        let ([a, b], [c, _]) = (cx.draw.normals(Self::NOISE.wrapping_add(10)), cx.draw.normals(Self::NOISE.wrapping_add(11)));
+    fn start<R: Scalar>(
+        &[bias_degps, ..]: &[R; 4],
+        cx: &HookContext<R>,
+        _: &State<R>,
+        _: &Command<R>,
+    ) -> [R; 4] {
+        let ([a, b], [c, _]) =
+            (cx.draw.normals(Self::NOISE.wrapping_add(10)), cx.draw.normals(Self::NOISE.wrapping_add(11)));
         [bias_degps * a, bias_degps * b, bias_degps * c, R::zero()]
     }
 
     #[inline(always)]
-    fn sense<R: Scalar>(p: &[R; 4], s: &mut [R; 4], cx: &HookContext<R>, _: &State<R>, _: &Command<R>, y: &mut Reading<R>) {
+    fn sense<R: Scalar>(
+        p: &[R; 4],
+        s: &mut [R; 4],
+        cx: &HookContext<R>,
+        _: &State<R>,
+        _: &Command<R>,
+        y: &mut Reading<R>,
+    ) {
         let &[_, walk_degps_sqrts, rate_noise_degps, angle_noise_deg] = p;
-        let ([a, b], [c, d], [e, f]) =
-            (cx.draw.normals(Self::NOISE), cx.draw.normals(Self::NOISE.wrapping_add(1)), cx.draw.normals(Self::NOISE.wrapping_add(2)));
-        let ([g, h], [i, _]) = (cx.draw.normals(Self::NOISE.wrapping_add(3)), cx.draw.normals(Self::NOISE.wrapping_add(4)));
+        let ([a, b], [c, d], [e, f]) = (
+            cx.draw.normals(Self::NOISE),
+            cx.draw.normals(Self::NOISE.wrapping_add(1)),
+            cx.draw.normals(Self::NOISE.wrapping_add(2)),
+        );
+        let ([g, h], [i, _]) =
+            (cx.draw.normals(Self::NOISE.wrapping_add(3)), cx.draw.normals(Self::NOISE.wrapping_add(4)));
         let per_deg = R::from_f64(std::f64::consts::PI / 180.0);
         let step = walk_degps_sqrts * R::from_f64(cx.h_s).sqrt();
         for (axis, (walk, white, angle)) in [(a, d, g), (b, e, h), (c, f, i)].into_iter().enumerate() {

@@ -1,7 +1,7 @@
 //! Damping of vertical motion.
 
-use super::{HookContext, Effect, Hooks, Param, param};
-use crate::plant::{Command, Accelerations, State};
+use super::{Effect, HookContext, Hooks, Param, param};
+use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;
 
 pub struct HeaveDamping;
@@ -9,13 +9,21 @@ pub struct HeaveDamping;
 impl Effect<1, 0> for HeaveDamping {
     const NAME: &'static str = "heave_damping";
     const ABOUT: &'static str = "Vertical damping beyond the declared: acc = -added vz";
-    const SOURCE: &'static str = "Inflow through the rotors damps climb (Leishman, Principles of Helicopter Aerodynamics)";
+    const SOURCE: &'static str =
+        "Inflow through the rotors damps climb (Leishman, Principles of Helicopter Aerodynamics)";
     const PARAMS: [Param; 1] = [param("added_ps", "1/s", 0.0, [-1.0, 5.0], "damping per mass")];
     const HOOKS: Hooks = Hooks::PUSH;
     const MODEL_NUMBER: Option<&'static str> = Some("vertical.thrust.heave");
 
     #[inline(always)]
-    fn push<R: Scalar>(&[added_ps]: &[R; 1], _: &mut [R; 0], _: &HookContext<R>, x: &State<R>, _: &Command<R>, out: &mut Accelerations<R>) {
+    fn push<R: Scalar>(
+        &[added_ps]: &[R; 1],
+        _: &mut [R; 0],
+        _: &HookContext<R>,
+        x: &State<R>,
+        _: &Command<R>,
+        out: &mut Accelerations<R>,
+    ) {
         out.acc_mps2[2] -= added_ps * x.vel_mps[2];
     }
 }

@@ -1,7 +1,7 @@
 //! What is left when no named effect accounts for it: a small linear term, learned from data.
 
-use super::{HookContext, Effect, Hooks, Param, Observability, param};
-use crate::plant::{Command, Accelerations, State};
+use super::{Effect, HookContext, Hooks, Observability, Param, param};
+use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;
 
 pub struct Learned;
@@ -31,7 +31,14 @@ impl Effect<14, 0> for Learned {
     const OBSERVABILITY: Observability = Observability::Surrogate;
 
     #[inline(always)]
-    fn push<R: Scalar>(p: &[R; 14], _: &mut [R; 0], cx: &HookContext<R>, x: &State<R>, u: &Command<R>, out: &mut Accelerations<R>) {
+    fn push<R: Scalar>(
+        p: &[R; 14],
+        _: &mut [R; 0],
+        cx: &HookContext<R>,
+        x: &State<R>,
+        u: &Command<R>,
+        out: &mut Accelerations<R>,
+    ) {
         let (sin, cos) = x.att_rad[2].sin_cos();
         let [vx, vy, vz] = x.vel_mps;
         let (front, left) = (cos * vx + sin * vy, cos * vy - sin * vx);
@@ -41,6 +48,7 @@ impl Effect<14, 0> for Learned {
         let aside = p[5] + p[6] * left + p[7] * speed * left + p[8] * x.att_rad[0] + p[9] * u.roll_rad;
         out.acc_mps2[0] += cos * ahead - sin * aside;
         out.acc_mps2[1] += sin * ahead + cos * aside;
-        out.acc_mps2[2] += p[10] + p[11] * vz + p[12] * (cx.body.thrust_ratio(u) - R::from_f64(1.0)) + p[13] * square;
+        out.acc_mps2[2] +=
+            p[10] + p[11] * vz + p[12] * (cx.body.thrust_ratio(u) - R::from_f64(1.0)) + p[13] * square;
     }
 }

@@ -1,6 +1,6 @@
 //! A lens that bends the picture.
 
-use super::{HookContext, Effect, Frame, Hooks, Param, param};
+use super::{Effect, Frame, HookContext, Hooks, Param, param};
 use crate::plant::State;
 use crate::scalar::Scalar;
 
@@ -8,11 +8,10 @@ pub struct LensDistortion;
 
 impl Effect<1, 0> for LensDistortion {
     const NAME: &'static str = "lens_distortion";
-    const ABOUT: &'static str =
-        "Marker positions sideways of the optical axis are scaled by 1 + k1 r^2, r the tangent of the angle off that axis";
-    const SOURCE: &'static str =
-        "Radial term of Brown 1966, as in OpenCV, left over from calibration; level at height z: x and y scale by 1 + k1 (x^2 + y^2) / z^2";
-    const PARAMS: [Param; 1] = [param("k1", "1", 0.0, [-0.5, 0.5], "radial coefficient; negative for a barrel")];
+    const ABOUT: &'static str = "Marker positions sideways of the optical axis are scaled by 1 + k1 r^2, r the tangent of the angle off that axis";
+    const SOURCE: &'static str = "Radial term of Brown 1966, as in OpenCV, left over from calibration; level at height z: x and y scale by 1 + k1 (x^2 + y^2) / z^2";
+    const PARAMS: [Param; 1] =
+        [param("k1", "1", 0.0, [-0.5, 0.5], "radial coefficient; negative for a barrel")];
     const HOOKS: Hooks = Hooks::FRAME;
 
     #[inline(always)]
@@ -32,5 +31,6 @@ impl Effect<1, 0> for LensDistortion {
 }
 
 const LEAST_HEIGHT_M: f64 = 0.05;
-/// Squared tangent of the widest angle at which a lens shows a marker, 63 degrees; beyond it the law says nothing.
+/// Squared tangent of the widest angle at which a lens shows a marker, 63 degrees; beyond it the law says
+/// nothing.
 const WIDEST: f64 = 4.0;

@@ -1,6 +1,6 @@
 //! A field of markers instead of one.
 
-use super::{HookContext, Effect, Frame, Hooks, Param, Observability, param};
+use super::{Effect, Frame, HookContext, Hooks, Observability, Param, param};
 use crate::plant::State;
 use crate::scalar::Scalar;
 
@@ -8,7 +8,8 @@ pub struct Markers;
 
 impl Effect<3, 0> for Markers {
     const NAME: &'static str = "markers";
-    const ABOUT: &'static str = "Columns and rows of markers centred on the origin, for the field of view and the noise";
+    const ABOUT: &'static str =
+        "Columns and rows of markers centred on the origin, for the field of view and the noise";
     const SOURCE: &'static str = "Thesis chapter 8, future work 1: combined markers";
     const PARAMS: [Param; 3] = [
         param("columns", "1", 1.0, [1.0, 9.0], "along x"),

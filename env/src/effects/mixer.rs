@@ -9,7 +9,8 @@ pub(super) const TILT_INERTIA_KGM2: f64 = 1.657e-5;
 pub(super) const YAW_INERTIA_KGM2: f64 = 2.926e-5;
 /// Torque about the vertical per thrust (Foerster 2015).
 pub(super) const YAW_LEVER_M: f64 = 5.96e-3;
-/// Motors 1 to 4: +1 where it is in front, +1 where it is on the left. Numbers 1 and 3 turn counter-clockwise and push the frame clockwise.
+/// Motors 1 to 4: +1 where it is in front, +1 where it is on the left. Numbers 1 and 3 turn counter-clockwise
+/// and push the frame clockwise.
 pub(super) const MOTORS: [[f64; 2]; 4] = [[1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]];
 
 /// From the centre to the line between the motors of a side.
@@ -18,9 +19,16 @@ pub(super) fn side_m<R: Scalar>(body: &VehicleConstants<R>) -> R {
     body.arm_m * R::from_f64(std::f64::consts::FRAC_1_SQRT_2)
 }
 
-/// Take thrust from a motor, and the torques that come with it; `lost_mps2` is per mass of the vehicle, `yaw_lever` a multiple of [`YAW_LEVER_M`].
+/// Take thrust from a motor, and the torques that come with it; `lost_mps2` is per mass of the vehicle,
+/// `yaw_lever` a multiple of [`YAW_LEVER_M`].
 #[inline(always)]
-pub(super) fn weaken<R: Scalar>(body: &VehicleConstants<R>, [front, left]: [R; 2], lost_mps2: R, yaw_lever: R, out: &mut Accelerations<R>) {
+pub(super) fn weaken<R: Scalar>(
+    body: &VehicleConstants<R>,
+    [front, left]: [R; 2],
+    lost_mps2: R,
+    yaw_lever: R,
+    out: &mut Accelerations<R>,
+) {
     let (lost_n, side_m) = (lost_mps2 * body.mass_kg, side_m(body));
     out.acc_mps2[2] -= lost_mps2;
     out.ang_radps2[0] -= left * lost_n * side_m * R::from_f64(1.0 / TILT_INERTIA_KGM2);
@@ -31,7 +39,8 @@ pub(super) fn weaken<R: Scalar>(body: &VehicleConstants<R>, [front, left]: [R; 2
 /// All four motors at their limit, over the weight: 0.16 N each on 33.2 g (Foerster 2015).
 pub(super) const THRUST_TO_WEIGHT: f64 = 1.96;
 
-/// Thrust and torques that are asked of four motors: thrusts per mass of the vehicle and motor, torques as angular accelerations.
+/// Thrust and torques that are asked of four motors: thrusts per mass of the vehicle and motor, torques as
+/// angular accelerations.
 pub(super) struct Demand<R> {
     level_mps2: R,
     per_tilt: R,
@@ -64,7 +73,13 @@ impl<R: Scalar> Demand<R> {
         for motor in MOTORS {
             let place = motor.map(R::from_f64);
             let asked_mps2 = self.thrust_mps2(place);
-            weaken(body, place, asked_mps2 - asked_mps2.clamp(R::zero(), most_mps2), R::from_f64(1.0), &mut lost);
+            weaken(
+                body,
+                place,
+                asked_mps2 - asked_mps2.clamp(R::zero(), most_mps2),
+                R::from_f64(1.0),
+                &mut lost,
+            );
         }
         lost
     }

@@ -1,5 +1,5 @@
-//! Effects: what the identified linear model lacks. One effect is one small file here plus one line in [`registry`]; everything else
-//! (configuration, command line, Python, docs, fitting) reads the registry.
+//! Effects: what the identified linear model lacks. One effect is one small file here plus one line in
+//! [`registry`]; everything else (configuration, command line, Python, docs, fitting) reads the registry.
 
 mod mixer;
 mod stage;
@@ -30,11 +30,13 @@ pub struct Param {
     pub about: &'static str,
     /// Treatment by fits.
     pub role: Role,
-    /// Values from which a search begins; empty for "off" alone. A length or a frequency has no slope while its effect is off.
+    /// Values from which a search begins; empty for "off" alone. A length or a frequency has no slope while
+    /// its effect is off.
     pub starts: &'static [f64],
-    /// How far from "off" it must lie to be a cause of its own; 0 where any size is. Nearer, it makes up for a declared number that is not known
-    /// better, or for dynamics of a higher order than declared. Chosen below what `hidden_flights.py` hides, on its seed 404 and on rotorpy's 301, 401 and 402;
-    /// judged on 606 and 707.
+    /// How far from "off" it must lie to be a cause of its own; 0 where any size is. Nearer, it makes up for
+    /// a declared number that is not known better, or for dynamics of a higher order than declared. Chosen
+    /// below what `hidden_flights.py` hides, on its seed 404 and on rotorpy's 301, 401 and 402; judged on 606
+    /// and 707.
     pub least: f64,
 }
 
@@ -47,13 +49,19 @@ pub enum Role {
     Constant,
     /// A whole number that selects a variant: each is tried.
     Choice,
-    /// It has no slope while its effect is off: a search for effects leaves it, a fit that has the effect anyway estimates it, from the first of
-    /// its `starts`.
+    /// It has no slope while its effect is off: a search for effects leaves it, a fit that has the effect
+    /// anyway estimates it, from the first of its `starts`.
     Companion,
 }
 
 /// A parameter of an effect, for its [`Effect::PARAMS`].
-pub(crate) const fn param(name: &'static str, unit: &'static str, off: f64, range: [f64; 2], about: &'static str) -> Param {
+pub(crate) const fn param(
+    name: &'static str,
+    unit: &'static str,
+    off: f64,
+    range: [f64; 2],
+    about: &'static str,
+) -> Param {
     Param { name, unit, off, low: range[0], high: range[1], about, role: Role::Free, starts: &[], least: 0.0 }
 }
 
@@ -93,18 +101,21 @@ pub enum GaussMarkovSignal {
 pub enum Observability {
     /// It changes what is expected.
     Deterministic,
-    /// It changes what is expected, and swings at a frequency of its own: a force that comes and goes by the clock may pass for it.
+    /// It changes what is expected, and swings at a frequency of its own: a force that comes and goes by the
+    /// clock may pass for it.
     Resonant,
-    /// It holds on to the command before with a probability, its only parameter: it changes what is expected, and by how much commands miss it.
+    /// It holds on to the command before with a probability, its only parameter: it changes what is expected,
+    /// and by how much commands miss it.
     HeldCommand,
     /// It is random: it changes how far off the expectation is.
     Variance,
-    /// It is random and slow, a first-order Gauss-Markov process on this; its parameters are standard deviation and correlation time.
+    /// It is random and slow, a first-order Gauss-Markov process on this; its parameters are standard
+    /// deviation and correlation time.
     GaussMarkov(GaussMarkovSignal),
     /// It decides what is seen at all.
     Visibility,
-    /// It changes what is expected from a time on, at a frequency or beyond a limit of its own. Off, it has no slope: a search cannot find it from
-    /// there, but has to read from the residuals where to begin.
+    /// It changes what is expected from a time on, at a frequency or beyond a limit of its own. Off, it has
+    /// no slope: a search cannot find it from there, but has to read from the residuals where to begin.
     Located,
     /// It describes what no other effect explains, and names no cause.
     Surrogate,
@@ -124,7 +135,8 @@ impl Observability {
     }
 }
 
-/// Whether real vehicles under a thrust command show an effect, so that `identify` fits it beside the numbers of the model.
+/// Whether real vehicles under a thrust command show an effect, so that `identify` fits it beside the numbers
+/// of the model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ubiquity {
     /// Some do.
@@ -196,8 +208,8 @@ pub struct VehicleConstants<R> {
     pub heave_ps: R,
     /// +1 or -1: the sign with which a commanded yaw rate turns the vehicle.
     pub yaw_sign: R,
-    /// Yaw dynamics: angle'' = gain command - damping angle' - stiffness angle. An integrator (5.2) stands for a rate loop with the damping with
-    /// which a push on it dies away.
+    /// Yaw dynamics: angle'' = gain command - damping angle' - stiffness angle. An integrator (5.2) stands
+    /// for a rate loop with the damping with which a push on it dies away.
     pub yaw_gain_ps2: R,
     /// Damping of the yaw dynamics, of the form above.
     pub yaw_damping_ps: R,
@@ -243,28 +255,35 @@ impl<R: Scalar> VehicleConstants<R> {
     #[inline(always)]
     pub fn tilt_torque_radps2(&self, x: &State<R>, u: &Command<R>) -> [R; 2] {
         let asked = |i: usize, command: R| {
-            self.tilt_gain_ps2[i] * command - self.tilt_damping_ps[i] * x.rate_radps[i] - self.tilt_stiffness_ps2[i] * x.att_rad[i]
+            self.tilt_gain_ps2[i] * command
+                - self.tilt_damping_ps[i] * x.rate_radps[i]
+                - self.tilt_stiffness_ps2[i] * x.att_rad[i]
         };
         [asked(0, u.roll_rad), asked(1, u.pitch_rad)]
     }
     /// Angular acceleration of yaw by the declared dynamics.
     #[inline(always)]
     pub fn yaw_torque_radps2(&self, x: &State<R>, u: &Command<R>) -> R {
-        self.yaw_gain_ps2 * u.yaw_rate_radps - self.yaw_damping_ps * x.rate_radps[2] - self.yaw_stiffness_ps2 * x.att_rad[2]
+        self.yaw_gain_ps2 * u.yaw_rate_radps
+            - self.yaw_damping_ps * x.rate_radps[2]
+            - self.yaw_stiffness_ps2 * x.att_rad[2]
     }
-    /// Add this share `more` of the declared torques. They are taken at the middle of a physics step of `h_s`: the state expected there holds the
-    /// rates of the step's start, which the damping of 5.1 (28.8 1/s) changes by a quarter within 10 ms.
+    /// Add this share `more` of the declared torques. They are taken at the middle of a physics step of
+    /// `h_s`: the state expected there holds the rates of the step's start, which the damping of 5.1 (28.8
+    /// 1/s) changes by a quarter within 10 ms.
     #[inline(always)]
     pub fn add_torque(&self, more: R, h_s: f64, x: &State<R>, u: &Command<R>, out: &mut Accelerations<R>) {
         let [roll, pitch] = self.tilt_torque_radps2(x, u);
         let at_start = [roll, pitch, self.yaw_torque_radps2(x, u)];
         let damping_ps = [self.tilt_damping_ps[0], self.tilt_damping_ps[1], self.yaw_damping_ps];
         for i in 0..3 {
-            let slowed = R::from_f64(1.0) + R::from_f64(0.5 * h_s) * damping_ps[i] * (R::from_f64(1.0) + more);
+            let slowed =
+                R::from_f64(1.0) + R::from_f64(0.5 * h_s) * damping_ps[i] * (R::from_f64(1.0) + more);
             out.ang_radps2[i] += more * at_start[i] / slowed;
         }
     }
-    /// Thrust per mass, with what the effects before make of it: `out` holds nothing else upwards where those of the thrust are asked.
+    /// Thrust per mass, with what the effects before make of it: `out` holds nothing else upwards where those
+    /// of the thrust are asked.
     #[inline(always)]
     pub fn thrust_mps2(&self, u: &Command<R>, out: &Accelerations<R>) -> R {
         self.gravity_mps2 * self.thrust_ratio(u) + out.acc_mps2[2]
@@ -276,7 +295,8 @@ impl<R: Scalar> VehicleConstants<R> {
 pub struct HookContext<'a, R: Scalar> {
     /// Constants of the vehicle that the effect acts on.
     pub body: &'a VehicleConstants<R>,
-    /// Length of the physics step for `command` and `push`, of the control tick for `sense`, from frame to frame for `frame`.
+    /// Length of the physics step for `command` and `push`, of the control tick for `sense`, from frame to
+    /// frame for `frame`.
     pub h_s: f64,
     /// Length of a control tick.
     pub tick_s: f64,
@@ -330,7 +350,8 @@ pub struct Frame<R: Scalar> {
     pub yaw_rad: R,
     /// Capture time.
     pub t_s: R,
-    /// The field of markers: columns, rows and pitch; one marker at the origin unless an effect says otherwise.
+    /// The field of markers: columns, rows and pitch; one marker at the origin unless an effect says
+    /// otherwise.
     pub field: [R; 3],
     /// Horizontal offset of the nearest marker centre that is in view.
     pub nearest_m: [R; 2],
@@ -350,7 +371,8 @@ pub struct PoseFix<R> {
 }
 
 impl<R: Scalar> PoseFix<R> {
-    /// Take a frame for the lanes of `arrived`; one without markers keeps the last pose and only says that it is no longer valid.
+    /// Take a frame for the lanes of `arrived`; one without markers keeps the last pose and only says that it
+    /// is no longer valid.
     #[inline(always)]
     pub fn deliver(&mut self, arrived: R::Mask, pos_m: [R; 3], yaw_rad: R, t_s: R, markers: R) {
         let found = arrived & markers.gt(R::zero());
@@ -378,7 +400,8 @@ pub struct Reading<R> {
     pub vbat_v: R,
 }
 
-/// An effect with `P` parameters and `S` numbers of state, generic over the number type. Only the hooks named in `HOOKS` are called.
+/// An effect with `P` parameters and `S` numbers of state, generic over the number type. Only the hooks named
+/// in `HOOKS` are called.
 pub trait Effect<const P: usize, const S: usize>: Send + 'static {
     /// Key in configurations and in the registry, in snake case.
     const NAME: &'static str;
@@ -390,23 +413,27 @@ pub trait Effect<const P: usize, const S: usize>: Send + 'static {
     const PARAMS: [Param; P];
     /// Functions of the trait that are called.
     const HOOKS: Hooks;
-    /// Physics steps per second that the effect needs. Pushes are held over a step and see the state at its middle, which is good to second
-    /// order; only what feeds back on the fast attitude dynamics (5.1 has a pole at -28.8 1/s) needs more than the control rate.
+    /// Physics steps per second that the effect needs. Pushes are held over a step and see the state at its
+    /// middle, which is good to second order; only what feeds back on the fast attitude dynamics (5.1 has a
+    /// pole at -28.8 1/s) needs more than the control rate.
     const PHYSICS_HZ: u32 = 50;
     /// Trace that the effect leaves in the log of a flight.
     const OBSERVABILITY: Observability = Observability::Deterministic;
     /// Part of what a small-angle model leaves out by its form: all effects of this kind are one finding.
     const GEOMETRY: Geometry = Geometry::None;
-    /// The number of the model that says the same as the effect's first parameter, by its path: the two add up.
+    /// The number of the model that says the same as the effect's first parameter, by its path: the two add
+    /// up.
     const MODEL_NUMBER: Option<&'static str> = None;
     /// Share of real vehicles that show the effect.
     const UBIQUITY: Ubiquity = Ubiquity::Some;
-    /// How many of its numbers of state, the last ones, follow the vehicle's motion: a fit has to estimate them with it. (What follows the
-    /// commands alone it can run up.)
+    /// How many of its numbers of state, the last ones, follow the vehicle's motion: a fit has to estimate
+    /// them with it. (What follows the commands alone it can run up.)
     const LAGS: usize = 0;
-    /// How long its numbers of state that are no lags remember the motion, in seconds: a fit runs them up on what was measured.
+    /// How long its numbers of state that are no lags remember the motion, in seconds: a fit runs them up on
+    /// what was measured.
     const MOTION_MEMORY_S: f64 = 0.0;
-    /// How many of its numbers of state, the first ones, are in use where a control tick is so long. The others are never read.
+    /// How many of its numbers of state, the first ones, are in use where a control tick is so long. The
+    /// others are never read.
     fn states_in_use(_tick_s: f64) -> usize {
         S
     }
@@ -422,16 +449,47 @@ pub trait Effect<const P: usize, const S: usize>: Send + 'static {
     }
     /// Change the command for the coming physics step.
     #[inline(always)]
-    fn command<R: Scalar>(_p: &[R; P], _s: &mut [R; S], _cx: &HookContext<R>, _x: &State<R>, _u: &mut Command<R>) {}
+    fn command<R: Scalar>(
+        _p: &[R; P],
+        _s: &mut [R; S],
+        _cx: &HookContext<R>,
+        _x: &State<R>,
+        _u: &mut Command<R>,
+    ) {
+    }
     /// Add accelerations for the coming physics step; `x` is the state expected at its middle.
     #[inline(always)]
-    fn push<R: Scalar>(_p: &[R; P], _s: &mut [R; S], _cx: &HookContext<R>, _x: &State<R>, _u: &Command<R>, _out: &mut Accelerations<R>) {}
-    /// Change a camera frame; `x` is the true state at capture. Called only when some lane captured one: change state under `f.captured`.
+    fn push<R: Scalar>(
+        _p: &[R; P],
+        _s: &mut [R; S],
+        _cx: &HookContext<R>,
+        _x: &State<R>,
+        _u: &Command<R>,
+        _out: &mut Accelerations<R>,
+    ) {
+    }
+    /// Change a camera frame; `x` is the true state at capture. Called only when some lane captured one:
+    /// change state under `f.captured`.
     #[inline(always)]
-    fn frame<R: Scalar>(_p: &[R; P], _s: &mut [R; S], _cx: &HookContext<R>, _x: &State<R>, _f: &mut Frame<R>) {}
+    fn frame<R: Scalar>(
+        _p: &[R; P],
+        _s: &mut [R; S],
+        _cx: &HookContext<R>,
+        _x: &State<R>,
+        _f: &mut Frame<R>,
+    ) {
+    }
     /// Change the reading at the end of a control tick.
     #[inline(always)]
-    fn sense<R: Scalar>(_p: &[R; P], _s: &mut [R; S], _cx: &HookContext<R>, _x: &State<R>, _u: &Command<R>, _y: &mut Reading<R>) {}
+    fn sense<R: Scalar>(
+        _p: &[R; P],
+        _s: &mut [R; S],
+        _cx: &HookContext<R>,
+        _x: &State<R>,
+        _u: &Command<R>,
+        _y: &mut Reading<R>,
+    ) {
+    }
 }
 
 /// An effect as the rest of the program sees it.
@@ -482,9 +540,10 @@ macro_rules! registry {
     };
 }
 
-// Command effects stand in the order in which a command passes them: ground station, radio, firmware, motors. What changes the thrust stands
-// before what turns it, and so do torques, which the rigid body turns into angles; forces of another kind after. Frame effects: what is in view, then what the detection makes of it, then the way to the
-// controller.
+// Command effects stand in the order in which a command passes them: ground station, radio, firmware, motors.
+// What changes the thrust stands before what turns it, and so do torques, which the rigid body turns into
+// angles; forces of another kind after. Frame effects: what is in view, then what the detection makes of it,
+// then the way to the controller.
 registry![
     cmd_deadband::CmdDeadband,
     packet_loss::PacketLoss,

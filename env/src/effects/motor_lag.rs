@@ -1,20 +1,26 @@
 //! Motors that take time.
 
 use super::time::lag_shares;
-use super::{HookContext, Effect, Hooks, Param, param};
-use crate::plant::{Command, Accelerations, State};
+use super::{Effect, HookContext, Hooks, Param, param};
+use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;
 
 pub struct MotorLag;
 
 impl Effect<2, 3> for MotorLag {
     const NAME: &'static str = "motor_lag";
-    const ABOUT: &'static str = "Thrust and torques follow what is asked of the motors with a first-order lag";
-    const SOURCE: &'static str =
-        "First-order motor model (Foerster, System Identification of the Crazyflie 2.0, ETH 2015); torque as in 5.1, feedback included";
+    const ABOUT: &'static str =
+        "Thrust and torques follow what is asked of the motors with a first-order lag";
+    const SOURCE: &'static str = "First-order motor model (Foerster, System Identification of the Crazyflie 2.0, ETH 2015); torque as in 5.1, feedback included";
     const PARAMS: [Param; 2] = [
         param("lag_s", "s", 0.0, [0.0, 0.3], "time constant of the thrust"),
-        param("torque_lag_s", "s", 0.0, [0.0, 0.3], "time constant of the torques, beyond what the identified attitude dynamics contain"),
+        param(
+            "torque_lag_s",
+            "s",
+            0.0,
+            [0.0, 0.3],
+            "time constant of the torques, beyond what the identified attitude dynamics contain",
+        ),
     ];
     const HOOKS: Hooks = Hooks::COMMAND_AND_PUSH;
     const PHYSICS_HZ: u32 = 300;
@@ -27,7 +33,13 @@ impl Effect<2, 3> for MotorLag {
     }
 
     #[inline(always)]
-    fn command<R: Scalar>(&[lag_s, _]: &[R; 2], motor: &mut [R; 3], cx: &HookContext<R>, _: &State<R>, u: &mut Command<R>) {
+    fn command<R: Scalar>(
+        &[lag_s, _]: &[R; 2],
+        motor: &mut [R; 3],
+        cx: &HookContext<R>,
+        _: &State<R>,
+        u: &mut Command<R>,
+    ) {
         let [left, mean] = lag_shares(lag_s, cx.h_s);
         let behind = motor[0] - u.lift;
         motor[0] = u.lift + behind * left;
@@ -35,7 +47,14 @@ impl Effect<2, 3> for MotorLag {
     }
 
     #[inline(always)]
-    fn push<R: Scalar>(&[_, torque_lag_s]: &[R; 2], motor: &mut [R; 3], cx: &HookContext<R>, x: &State<R>, u: &Command<R>, out: &mut Accelerations<R>) {
+    fn push<R: Scalar>(
+        &[_, torque_lag_s]: &[R; 2],
+        motor: &mut [R; 3],
+        cx: &HookContext<R>,
+        x: &State<R>,
+        u: &Command<R>,
+        out: &mut Accelerations<R>,
+    ) {
         let [left, mean] = lag_shares(torque_lag_s, cx.h_s);
         for (i, asked) in cx.body.tilt_torque_radps2(x, u).into_iter().enumerate() {
             let behind = motor[1 + i] - asked;

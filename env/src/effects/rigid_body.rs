@@ -1,8 +1,8 @@
 //! The rigid body with four motors behind a mixer: what small angles leave out, all at once.
 
 use super::mixer::{Demand, THRUST_TO_WEIGHT, TILT_INERTIA_KGM2, YAW_INERTIA_KGM2};
-use super::{HookContext, Effect, Geometry, Hooks, Param, param};
-use crate::plant::{Command, Accelerations, State};
+use super::{Effect, Geometry, HookContext, Hooks, Param, param};
+use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;
 
 pub struct RigidBody;
@@ -36,7 +36,13 @@ impl Effect<2, 0> for RigidBody {
     const ABOUT: &'static str = "The exact rigid body: thrust along the tilted axis, Euler angle kinematics, gyroscopic torque, and four motors with limits behind a mixer";
     const SOURCE: &'static str = "Newton and Euler (thesis 4.1 to 4.9) with the declared loops as laws of the body rates; inertia and torque per thrust: Foerster 2015";
     const PARAMS: [Param; 2] = [
-        param("amount", "1", 0.0, [0.0, 1.0], "1 for the exact body; then tilt_loss, exact_tan and euler_kinematics count twice"),
+        param(
+            "amount",
+            "1",
+            0.0,
+            [0.0, 1.0],
+            "1 for the exact body; then tilt_loss, exact_tan and euler_kinematics count twice",
+        ),
         param(
             "thrust_to_weight",
             "1",
@@ -51,7 +57,14 @@ impl Effect<2, 0> for RigidBody {
     const GEOMETRY: Geometry = Geometry::Whole;
 
     #[inline(always)]
-    fn push<R: Scalar>(&[amount, thrust_to_weight]: &[R; 2], _: &mut [R; 0], cx: &HookContext<R>, x: &State<R>, u: &Command<R>, out: &mut Accelerations<R>) {
+    fn push<R: Scalar>(
+        &[amount, thrust_to_weight]: &[R; 2],
+        _: &mut [R; 0],
+        cx: &HookContext<R>,
+        x: &State<R>,
+        u: &Command<R>,
+        out: &mut Accelerations<R>,
+    ) {
         let body = cx.body;
         let angles = [0, 1].map(|i| x.att_rad[i].sin_cos());
         let [(sin_roll, cos_roll), (sin_pitch, cos_pitch)] = angles;
@@ -71,7 +84,8 @@ impl Effect<2, 0> for RigidBody {
         out.acc_mps2[1] += amount * (sin_yaw * front - cos_yaw * right);
         out.acc_mps2[2] += amount * (thrust * cos_roll * cos_pitch - declared);
 
-        // rotation: angular acceleration of the body by motors and effects, then of the angles, less what 5.1 and 5.2 make of it
+        // rotation: angular acceleration of the body by motors and effects, then of the angles, less what 5.1
+        // and 5.2 make of it
         let [p, q, r] = rotation.rate_radps;
         let gyroscopic = R::from_f64((TILT_INERTIA_KGM2 - YAW_INERTIA_KGM2) / TILT_INERTIA_KGM2);
         let [_, asked_q, asked_r] = rotation.demand_radps2;
@@ -81,10 +95,16 @@ impl Effect<2, 0> for RigidBody {
         let [roll_rate, pitch_rate, yaw_rate] = x.rate_radps;
         let per_cos_pitch = R::from_f64(1.0) / cos_pitch;
         let pitch_acc = cos_roll * q_dot - sin_roll * r_dot - roll_rate * yaw_rate * cos_pitch;
-        let yaw_acc = (sin_roll * q_dot + cos_roll * r_dot + roll_rate * pitch_rate + yaw_rate * pitch_rate * sin_pitch) * per_cos_pitch;
-        let roll_more = lost.ang_radps2[0] + gyroscopic * q * r + yaw_acc * sin_pitch + yaw_rate * pitch_rate * cos_pitch;
+        let yaw_acc = (sin_roll * q_dot
+            + cos_roll * r_dot
+            + roll_rate * pitch_rate
+            + yaw_rate * pitch_rate * sin_pitch)
+            * per_cos_pitch;
+        let roll_more =
+            lost.ang_radps2[0] + gyroscopic * q * r + yaw_acc * sin_pitch + yaw_rate * pitch_rate * cos_pitch;
         out.ang_radps2[0] += amount * (roll_more + body.tilt_damping_ps[0] * (roll_rate - p));
-        out.ang_radps2[1] += amount * (pitch_acc - asked_q - pushed_q + body.tilt_damping_ps[1] * (pitch_rate - q));
+        out.ang_radps2[1] +=
+            amount * (pitch_acc - asked_q - pushed_q + body.tilt_damping_ps[1] * (pitch_rate - q));
         out.ang_radps2[2] += amount * (yaw_acc - asked_r - pushed_r + body.yaw_damping_ps * (yaw_rate - r));
     }
 }

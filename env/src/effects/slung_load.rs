@@ -1,15 +1,14 @@
 //! A weight on a thread.
 
-use super::{HookContext, Effect, Hooks, Param, Observability, param};
-use crate::plant::{Command, Accelerations, State};
+use super::{Effect, HookContext, Hooks, Observability, Param, param};
+use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;
 
 pub struct SlungLoad;
 
 impl Effect<4, 4> for SlungLoad {
     const NAME: &'static str = "slung_load";
-    const ABOUT: &'static str =
-        "A weight swings on a thread below the centre of mass: a pendulum that the vehicle drags, and that pulls it";
+    const ABOUT: &'static str = "A weight swings on a thread below the centre of mass: a pendulum that the vehicle drags, and that pulls it";
     const SOURCE: &'static str = "Two bodies and a taut thread, small swings: load'' = -w^2 r, vehicle'' = g lean + ratio (w^2 r + g lean), w^2 = g / length: the declared g lean turns both as one body, but the vehicle leans alone";
     const PARAMS: [Param; 4] = [
         param("mass_ratio", "1", 0.0, [0.0, 0.6], "weight of the load over that of the vehicle"),
@@ -29,9 +28,17 @@ impl Effect<4, 4> for SlungLoad {
         [R::zero(), R::zero(), x.vel_mps[0], x.vel_mps[1]]
     }
 
-    /// `load` is where it is from the vehicle, and its own velocity: the vehicle's acceleration is not needed then.
+    /// `load` is where it is from the vehicle, and its own velocity: the vehicle's acceleration is not needed
+    /// then.
     #[inline(always)]
-    fn push<R: Scalar>(p: &[R; 4], load: &mut [R; 4], cx: &HookContext<R>, x: &State<R>, u: &Command<R>, out: &mut Accelerations<R>) {
+    fn push<R: Scalar>(
+        p: &[R; 4],
+        load: &mut [R; 4],
+        cx: &HookContext<R>,
+        x: &State<R>,
+        u: &Command<R>,
+        out: &mut Accelerations<R>,
+    ) {
         let &[mass_ratio, length_m, damping_ps, declared] = p;
         let leans_alone = R::select(declared.gt(R::from_f64(1.5)), R::zero(), R::from_f64(1.0));
         let carried_mps2 = cx.body.thrust_mps2(u, out) - cx.body.heave_ps * x.vel_mps[2];

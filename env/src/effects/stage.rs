@@ -35,7 +35,8 @@ pub trait Stage<R: Scalar>: Send {
     fn put(&mut self, params: &[R]);
     /// Show all that the effect remembers, or of that only the lags (see [`Effect::LAGS`]).
     fn visit(&mut self, only_lags: bool, see: &mut dyn FnMut(&mut R));
-    /// Show all that is of one tile: parameters that differ from drone to drone, and what the effect remembers.
+    /// Show all that is of one tile: parameters that differ from drone to drone, and what the effect
+    /// remembers.
     fn visit_tile(&mut self, tile: usize, see: &mut dyn FnMut(&mut R));
     /// Begin an episode in the lanes of `mask`.
     fn start(&mut self, tile: usize, mask: R::Mask, cx: &HookContext<R>, x: &State<R>, u: &Command<R>);
@@ -43,7 +44,8 @@ pub trait Stage<R: Scalar>: Send {
     fn push(&mut self, of: &Tiles<R>, out: &mut [Accelerations<R>]);
     fn frame(&mut self, of: &Tiles<R>, frames: &mut [Frame<R>]);
     fn sense(&mut self, of: &Tiles<R>, ticks: &mut [Tick<R>]);
-    /// As `sense`, but no state moves on: for the first reading of an episode, while the tile's other lanes are under way.
+    /// As `sense`, but no state moves on: for the first reading of an episode, while the tile's other lanes
+    /// are under way.
     fn peek(&self, tile: usize, cx: &HookContext<R>, x: &State<R>, u: &Command<R>, y: &mut Reading<R>);
 }
 
@@ -114,7 +116,8 @@ impl<E: Effect<P, S>, R: SimScalar, const P: usize, const S: usize> Stage<R> for
     }
 
     fn start(&mut self, tile: usize, mask: R::Mask, cx: &HookContext<R>, x: &State<R>, u: &Command<R>) {
-        let (params, states, in_use) = (&self.params[tile * self.stride], &mut self.states[tile], self.in_use);
+        let (params, states, in_use) =
+            (&self.params[tile * self.stride], &mut self.states[tile], self.in_use);
         R::run(
             #[inline(always)]
             || {

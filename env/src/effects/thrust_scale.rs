@@ -1,7 +1,7 @@
 //! Propellers that pull more or less than thought.
 
-use super::{HookContext, Effect, Hooks, Param, param};
-use crate::plant::{Command, Accelerations, State};
+use super::{Effect, HookContext, Hooks, Param, param};
+use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;
 
 pub struct ThrustScale;
@@ -23,7 +23,14 @@ impl Effect<2, 0> for ThrustScale {
     const HOOKS: Hooks = Hooks::PUSH;
 
     #[inline(always)]
-    fn push<R: Scalar>(&[scale, torque_share]: &[R; 2], _: &mut [R; 0], cx: &HookContext<R>, x: &State<R>, u: &Command<R>, out: &mut Accelerations<R>) {
+    fn push<R: Scalar>(
+        &[scale, torque_share]: &[R; 2],
+        _: &mut [R; 0],
+        cx: &HookContext<R>,
+        x: &State<R>,
+        u: &Command<R>,
+        out: &mut Accelerations<R>,
+    ) {
         let more = scale - R::from_f64(1.0);
         out.acc_mps2[2] += cx.body.thrust_mps2(u, out) * more;
         cx.body.add_torque(torque_share * more, cx.h_s, x, u, out);

@@ -1,8 +1,8 @@
 //! Thrust that changes in flight.
 
 use super::time::step_share;
-use super::{HookContext, Effect, Hooks, Param, Observability, param};
-use crate::plant::{Command, Accelerations, State};
+use super::{Effect, HookContext, Hooks, Observability, Param, param};
+use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;
 
 pub struct ThrustStep;
@@ -10,8 +10,7 @@ pub struct ThrustStep;
 impl Effect<2, 0> for ThrustStep {
     const NAME: &'static str = "thrust_step";
     const ABOUT: &'static str = "From a time on the thrust is scaled";
-    const SOURCE: &'static str =
-        "A propeller that chips or a motor that overheats in flight; the step is a ramp of 0.2 s centred on its time";
+    const SOURCE: &'static str = "A propeller that chips or a motor that overheats in flight; the step is a ramp of 0.2 s centred on its time";
     const PARAMS: [Param; 2] = [
         param("scale", "1", 1.0, [0.5, 1.5], "thrust after over thrust before"),
         param("t_s", "s", 1.0, [0.0, 600.0], "since the flight began"),
@@ -20,7 +19,14 @@ impl Effect<2, 0> for ThrustStep {
     const OBSERVABILITY: Observability = Observability::Located;
 
     #[inline(always)]
-    fn push<R: Scalar>(&[scale, t_s]: &[R; 2], _: &mut [R; 0], cx: &HookContext<R>, _: &State<R>, u: &Command<R>, out: &mut Accelerations<R>) {
+    fn push<R: Scalar>(
+        &[scale, t_s]: &[R; 2],
+        _: &mut [R; 0],
+        cx: &HookContext<R>,
+        _: &State<R>,
+        u: &Command<R>,
+        out: &mut Accelerations<R>,
+    ) {
         out.acc_mps2[2] += cx.body.thrust_mps2(u, out) * (scale - R::from_f64(1.0)) * step_share(t_s, cx);
     }
 }

@@ -1,7 +1,7 @@
 //! Thrust lost to tilt.
 
-use super::{HookContext, Effect, Geometry, Hooks, Param, Ubiquity, param};
-use crate::plant::{Command, Accelerations, State};
+use super::{Effect, Geometry, HookContext, Hooks, Param, Ubiquity, param};
+use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;
 
 pub struct TiltLoss;
@@ -26,7 +26,14 @@ impl Effect<2, 0> for TiltLoss {
     const GEOMETRY: Geometry = Geometry::Part;
 
     #[inline(always)]
-    fn push<R: Scalar>(&[amount, sideways]: &[R; 2], _: &mut [R; 0], cx: &HookContext<R>, x: &State<R>, u: &Command<R>, out: &mut Accelerations<R>) {
+    fn push<R: Scalar>(
+        &[amount, sideways]: &[R; 2],
+        _: &mut [R; 0],
+        cx: &HookContext<R>,
+        x: &State<R>,
+        u: &Command<R>,
+        out: &mut Accelerations<R>,
+    ) {
         let [(sin_roll, cos_roll), (sin_pitch, cos_pitch)] = [0, 1].map(|i| x.att_rad[i].sin_cos());
         let thrust = cx.body.thrust_mps2(u, out);
         out.acc_mps2[2] += amount * thrust * (cos_roll * cos_pitch - R::from_f64(1.0));

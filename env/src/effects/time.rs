@@ -6,7 +6,8 @@ use crate::scalar::Scalar;
 /// How long a step takes. A fit needs a slope to find its time, and motors and air take about as long.
 const RAMP_S: f64 = 0.2;
 
-/// Of what a first-order lag is behind at the start of a physics step: what is left at its end, and its mean over the step.
+/// Of what a first-order lag is behind at the start of a physics step: what is left at its end, and its mean
+/// over the step.
 #[inline(always)]
 pub(super) fn lag_shares<R: Scalar>(lag_s: R, h_s: f64) -> [R; 2] {
     // no lag at all would divide by zero; a microsecond leaves nothing of the past
@@ -14,7 +15,8 @@ pub(super) fn lag_shares<R: Scalar>(lag_s: R, h_s: f64) -> [R; 2] {
     [left, lag_s * R::from_f64(1.0 / h_s) * (R::from_f64(1.0) - left)]
 }
 
-/// How much of a step at `t_s` has happened by the middle of the physics step: a ramp from 0 to 1, centred on that time.
+/// How much of a step at `t_s` has happened by the middle of the physics step: a ramp from 0 to 1, centred on
+/// that time.
 #[inline(always)]
 pub(super) fn step_share<R: Scalar>(t_s: R, cx: &HookContext<R>) -> R {
     let since_s = cx.t_s + R::from_f64(0.5 * cx.h_s) - t_s;

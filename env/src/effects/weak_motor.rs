@@ -1,8 +1,8 @@
 //! One motor that pulls less.
 
 use super::mixer::{Demand, THRUST_TO_WEIGHT, YAW_LEVER_M, weaken};
-use super::{HookContext, Effect, Hooks, Param, param};
-use crate::plant::{Command, Accelerations, State};
+use super::{Effect, HookContext, Hooks, Param, param};
+use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;
 
 pub struct WeakMotor;
@@ -10,8 +10,7 @@ pub struct WeakMotor;
 impl Effect<3, 0> for WeakMotor {
     const NAME: &'static str = "weak_motor";
     const ABOUT: &'static str = "One motor (1 front right, 2 back right, 3 back left, 4 front left) loses a share of its thrust, and of the torques that come with it";
-    const SOURCE: &'static str =
-        "X configuration of thesis 4.1; inertia 1.657e-5 and 2.926e-5 kg m^2, torque per thrust 5.96 mm: Foerster 2015";
+    const SOURCE: &'static str = "X configuration of thesis 4.1; inertia 1.657e-5 and 2.926e-5 kg m^2, torque per thrust 5.96 mm: Foerster 2015";
     const PARAMS: [Param; 3] = [
         param("motor", "1", 1.0, [1.0, 4.0], "which; front is where +pitch leads").choice(),
         param("loss", "1", 0.0, [0.0, 1.0], "share of its thrust that is lost").at_least(0.005),
@@ -27,7 +26,14 @@ impl Effect<3, 0> for WeakMotor {
     const PHYSICS_HZ: u32 = 300;
 
     #[inline(always)]
-    fn push<R: Scalar>(&[motor, loss, yaw_m]: &[R; 3], _: &mut [R; 0], cx: &HookContext<R>, x: &State<R>, u: &Command<R>, out: &mut Accelerations<R>) {
+    fn push<R: Scalar>(
+        &[motor, loss, yaw_m]: &[R; 3],
+        _: &mut [R; 0],
+        cx: &HookContext<R>,
+        x: &State<R>,
+        u: &Command<R>,
+        out: &mut Accelerations<R>,
+    ) {
         let body = cx.body;
         let one = R::from_f64(1.0);
         let front = R::select(motor.lt(R::from_f64(1.5)) | motor.gt(R::from_f64(3.5)), one, -one);
@@ -35,8 +41,10 @@ impl Effect<3, 0> for WeakMotor {
         // a share of all that the mixer asks of the motor is lost: of the thrust and of the torques
         let [roll, pitch] = body.tilt_torque_radps2(x, u);
         let torque_radps2 = [roll, pitch, body.yaw_torque_radps2(x, u)];
-        let asked_mps2 = Demand::new(body, R::from_f64(0.25) * body.thrust_mps2(u, out), torque_radps2).thrust_mps2([front, left]);
-        let given_mps2 = asked_mps2.clamp(R::zero(), R::from_f64(0.25 * THRUST_TO_WEIGHT) * body.gravity_mps2);
+        let asked_mps2 = Demand::new(body, R::from_f64(0.25) * body.thrust_mps2(u, out), torque_radps2)
+            .thrust_mps2([front, left]);
+        let given_mps2 =
+            asked_mps2.clamp(R::zero(), R::from_f64(0.25 * THRUST_TO_WEIGHT) * body.gravity_mps2);
         weaken(body, [front, left], loss * given_mps2, yaw_m / R::from_f64(YAW_LEVER_M), out);
     }
 }

@@ -1,7 +1,7 @@
 //! A yaw rate that falls short and comes late.
 
 use super::time::lag_shares;
-use super::{HookContext, Effect, Hooks, Param, param};
+use super::{Effect, HookContext, Hooks, Param, param};
 use crate::plant::{Command, State};
 use crate::scalar::Scalar;
 
@@ -9,9 +9,9 @@ pub struct YawRateLoop;
 
 impl Effect<2, 1> for YawRateLoop {
     const NAME: &'static str = "yaw_rate_loop";
-    const ABOUT: &'static str = "The vehicle obeys the yaw rate times a gain, through a first-order lag beyond the declared one";
-    const SOURCE: &'static str =
-        "Rate loop without integral against the drag of the rotors: real yaw turns about 2 % slower than 5.2 and follows as second order";
+    const ABOUT: &'static str =
+        "The vehicle obeys the yaw rate times a gain, through a first-order lag beyond the declared one";
+    const SOURCE: &'static str = "Rate loop without integral against the drag of the rotors: real yaw turns about 2 % slower than 5.2 and follows as second order";
     const PARAMS: [Param; 2] = [
         param("gain", "1", 1.0, [0.5, 1.5], "yaw rate obeyed over yaw rate commanded").at_least(0.01),
         param("lag_s", "s", 0.0, [0.0, 0.3], "time constant beyond the declared dynamics").at_least(0.01),
@@ -24,7 +24,13 @@ impl Effect<2, 1> for YawRateLoop {
     }
 
     #[inline(always)]
-    fn command<R: Scalar>(&[gain, lag_s]: &[R; 2], obeyed: &mut [R; 1], cx: &HookContext<R>, _: &State<R>, u: &mut Command<R>) {
+    fn command<R: Scalar>(
+        &[gain, lag_s]: &[R; 2],
+        obeyed: &mut [R; 1],
+        cx: &HookContext<R>,
+        _: &State<R>,
+        u: &mut Command<R>,
+    ) {
         let asked = gain * u.yaw_rate_radps;
         let [left, mean] = lag_shares(lag_s, cx.h_s);
         let behind = obeyed[0] - asked;

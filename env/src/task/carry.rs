@@ -3,7 +3,9 @@
 use rand_pcg::Pcg64Mcg;
 use serde::Deserialize;
 
-use super::{GOAL, Outcome, Scene, Situation, Start, Task, distance, jerk, jitter, on_circle, room_on_circle, start_at};
+use super::{
+    GOAL, Outcome, Scene, Situation, Start, Task, distance, jerk, jitter, on_circle, room_on_circle, start_at,
+};
 use crate::coupling::load::Load;
 use crate::error::{Result, check_range};
 use crate::observation::Setpoint;
@@ -77,7 +79,11 @@ impl Task for Carry {
         let [x, y] = self.way(scene.t_s);
         let [dx, dy] = on_circle(own, self.drones, self.options.ring_m, 0.0);
         Setpoint {
-            pos_m: [x + R::from_f64(dx), y + R::from_f64(dy), R::from_f64(self.options.height_m + self.above_m)],
+            pos_m: [
+                x + R::from_f64(dx),
+                y + R::from_f64(dy),
+                R::from_f64(self.options.height_m + self.above_m),
+            ],
             yaw_rad: R::zero(),
         }
     }
@@ -92,7 +98,9 @@ impl Task for Carry {
             |load| distance(&load.pos_m, &place),
         );
         let own_m = distance(&s.x.pos_m, &s.setpoint.pos_m);
-        let near = |d: R, half: f64| R::from_f64(0.5) / (R::from_f64(1.0) + d * d * R::from_f64(1.0 / (half * half)));
+        let near = |d: R, half: f64| {
+            R::from_f64(0.5) / (R::from_f64(1.0) + d * d * R::from_f64(1.0 / (half * half)))
+        };
         let reward = near(error_m, 0.15) + near(own_m, 0.3) - R::from_f64(0.05) * jerk(s);
         Outcome { reward, error_m, arrived: error_m.lt(R::from_f64(0.1)), ends: R::nothing() }
     }

@@ -95,7 +95,11 @@ impl Task for Cover {
         }
         for (drone, next) in next.iter_mut().enumerate() {
             for (i, marker) in self.share(drone).enumerate() {
-                *next = R::select(is(*next, i) & looked[marker].gt(R::zero()), R::from_f64(i as f64 + 1.0), *next);
+                *next = R::select(
+                    is(*next, i) & looked[marker].gt(R::zero()),
+                    R::from_f64(i as f64 + 1.0),
+                    *next,
+                );
             }
         }
     }

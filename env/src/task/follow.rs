@@ -67,7 +67,10 @@ impl Task for Follow {
         let [ax, ay] = self.oval(scene.t_s - R::from_f64((own - 1) as f64 * o.behind_s));
         let late = [ahead.here * (ahead.pos_m[0] - ax), ahead.here * (ahead.pos_m[1] - ay)];
         let limit = R::from_f64(0.3);
-        Setpoint { pos_m: [x + late[0].clamp(-limit, limit), y + late[1].clamp(-limit, limit), z], yaw_rad: R::zero() }
+        Setpoint {
+            pos_m: [x + late[0].clamp(-limit, limit), y + late[1].clamp(-limit, limit), z],
+            yaw_rad: R::zero(),
+        }
     }
 }
 

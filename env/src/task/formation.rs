@@ -41,7 +41,8 @@ const CHANGE_S: f64 = 3.0;
 impl Task for Formation {
     const NAME: &'static str = "formation";
     const ID: &'static str = "CrazyflieFormation-v0";
-    const ABOUT: &'static str = "Hold a ring, then rows, then a ring again, while the middle of the formation moves on a circle";
+    const ABOUT: &'static str =
+        "Hold a ring, then rows, then a ring again, while the middle of the formation moves on a circle";
     const REWARD: &'static str = "closeness - 0.05 jerk to the own place, as for hover; -10 for a collision, a crash or leaving the room, which end a drone's flight";
     const MAX_EPISODE_STEPS: u32 = 1000;
     const DRONES: usize = 4;
@@ -54,9 +55,17 @@ impl Task for Formation {
         check_range("period_s", o.period_s, 2.0, 600.0)?;
         check_range("change_s", o.change_s, 0.0, 600.0)?;
         if o.change_s != 0.0 && o.change_s < CHANGE_S {
-            return Err(Error::Range { name: "change_s".into(), value: o.change_s, want: format!("0 or at least {CHANGE_S}") });
+            return Err(Error::Range {
+                name: "change_s".into(),
+                value: o.change_s,
+                want: format!("0 or at least {CHANGE_S}"),
+            });
         }
-        let radius_m = if drones == 1 { 0.0 } else { o.spacing_m / (2.0 * libm::sin(std::f64::consts::PI / drones as f64)) };
+        let radius_m = if drones == 1 {
+            0.0
+        } else {
+            o.spacing_m / (2.0 * libm::sin(std::f64::consts::PI / drones as f64))
+        };
         let columns = libm::ceil(libm::sqrt(drones as f64)) as usize;
         let rows = drones.div_ceil(columns);
         let widest_m = radius_m.max(0.5 * o.spacing_m * (columns - 1) as f64) + o.roam_m;
@@ -64,7 +73,11 @@ impl Task for Formation {
         let fits = widest_m < 2.3;
         let square = |i: usize, n: usize| (i as f64 - 0.5 * (n as f64 - 1.0)) * o.spacing_m;
         if square(columns, columns + 1) + o.roam_m > 2.4 {
-            return Err(Error::Range { name: "spacing_m".into(), value: o.spacing_m, want: format!("room for {drones} drones in 4.8 m") });
+            return Err(Error::Range {
+                name: "spacing_m".into(),
+                value: o.spacing_m,
+                want: format!("room for {drones} drones in 4.8 m"),
+            });
         }
         let place = |i: usize| {
             let row = [square(i % columns, columns), square(i / columns, rows)];
@@ -118,7 +131,8 @@ fn assigned(places: Vec<[[f64; 2]; 2]>) -> Vec<[[f64; 2]; 2]> {
         .iter()
         .map(|[ring, _]| {
             let far = |p: &[f64; 2]| (p[0] - ring[0]).powi(2) + (p[1] - ring[1]).powi(2);
-            let nearest = (0..rows.len()).min_by(|a, b| far(&rows[*a]).total_cmp(&far(&rows[*b]))).unwrap_or(0);
+            let nearest =
+                (0..rows.len()).min_by(|a, b| far(&rows[*a]).total_cmp(&far(&rows[*b]))).unwrap_or(0);
             [*ring, rows.remove(nearest)]
         })
         .collect()

@@ -63,8 +63,15 @@ impl Task for Hover {
         check_range("start_radius_m", o.start_radius_m, 0.0, 2.0)?;
         check_range("start_yaw_deg", o.start_yaw_deg, 0.0, 180.0)?;
         let steps = o.steps.iter().map(|step| &step.setpoint_m);
-        for (p, high) in o.start_m.iter().chain([&o.setpoint_m]).chain(steps).flat_map(|p| p.iter().zip([2.4, 2.4, 2.6])) {
-            check_range("a coordinate of start_m or setpoint_m", *p, if high > 2.5 { 0.0 } else { -high }, high)?;
+        for (p, high) in
+            o.start_m.iter().chain([&o.setpoint_m]).chain(steps).flat_map(|p| p.iter().zip([2.4, 2.4, 2.6]))
+        {
+            check_range(
+                "a coordinate of start_m or setpoint_m",
+                *p,
+                if high > 2.5 { 0.0 } else { -high },
+                high,
+            )?;
         }
         check_range("setpoint_yaw_deg", o.setpoint_yaw_deg, -180.0, 180.0)?;
         let mut earliest_s = 0.0;
@@ -82,7 +89,11 @@ impl Task for Hover {
         let [gx, gy, gz] = o.setpoint_m;
         let yaw_rad = o.setpoint_yaw_deg.to_radians();
         let pos_m = o.start_m.unwrap_or([gx + x, gy + y, gz]);
-        starts.fill(Start { pos_m, yaw_rad: yaw_rad + turned.to_radians(), goal: [gx, gy, gz, yaw_rad, 0.0, 0.0, 0.0, 0.0] });
+        starts.fill(Start {
+            pos_m,
+            yaw_rad: yaw_rad + turned.to_radians(),
+            goal: [gx, gy, gz, yaw_rad, 0.0, 0.0, 0.0, 0.0],
+        });
     }
 
     #[inline(always)]
@@ -123,7 +134,9 @@ mod tests {
     #[test]
     fn steps_come_in_order_and_within_the_room() {
         let step = |from_s, x| Step { from_s, setpoint_m: [x, 0.0, 0.7], setpoint_yaw_deg: 0.0 };
-        let made = |steps: Vec<Step>| Hover::new(Options { steps, ..Options::default() }, 1).map(|_| ()).map_err(|e| e.to_string());
+        let made = |steps: Vec<Step>| {
+            Hover::new(Options { steps, ..Options::default() }, 1).map(|_| ()).map_err(|e| e.to_string())
+        };
         made(vec![step(1.0, 0.0), step(2.0, 0.1)]).unwrap();
         for (steps, word) in [
             (vec![step(2.0, 0.0), step(1.0, 0.0)], "from_s of a step, in order is 1"),

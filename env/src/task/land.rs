@@ -54,8 +54,14 @@ impl Task for Land {
         let approach = R::from_f64(0.1) * (closeness(s) - one) - R::from_f64(0.005) * jerk(s);
         let off2 = s.x.pos_m[0] * s.x.pos_m[0] + s.x.pos_m[1] * s.x.pos_m[1];
         let impact2 = s.contact.impact_mps * s.contact.impact_mps;
-        let touch = R::from_f64(10.0) / ((one + R::from_f64(1.0 / 0.01) * off2) * (one + R::from_f64(1.0 / 0.09) * impact2));
+        let touch = R::from_f64(10.0)
+            / ((one + R::from_f64(1.0 / 0.01) * off2) * (one + R::from_f64(1.0 / 0.09) * impact2));
         let down = s.contact.standing;
-        Outcome { reward: approach + R::select(down, touch, R::zero()), arrived: down, ends: down, ..keeping(s) }
+        Outcome {
+            reward: approach + R::select(down, touch, R::zero()),
+            arrived: down,
+            ends: down,
+            ..keeping(s)
+        }
     }
 }

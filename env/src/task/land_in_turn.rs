@@ -3,7 +3,10 @@
 use rand_pcg::Pcg64Mcg;
 use serde::Deserialize;
 
-use super::{GOAL, Outcome, Scene, Situation, Start, Task, closeness, distance, is, jerk, jitter, on_circle, room_on_circle, start_at};
+use super::{
+    GOAL, Outcome, Scene, Situation, Start, Task, closeness, distance, is, jerk, jitter, on_circle,
+    room_on_circle, start_at,
+};
 use crate::error::{Result, check_range};
 use crate::observation::Setpoint;
 use crate::scalar::{Scalar, tabulate};
@@ -37,8 +40,7 @@ const CUT_M: f64 = 0.05;
 impl Task for LandInTurn {
     const NAME: &'static str = "land_in_turn";
     const ID: &'static str = "CrazyflieLandInTurn-v0";
-    const ABOUT: &'static str =
-        "Drones wait on a circle and land on one marker, one after another: motors are cut 5 cm up, and who has landed is carried away";
+    const ABOUT: &'static str = "Drones wait on a circle and land on one marker, one after another: motors are cut 5 cm up, and who has landed is carried away";
     const REWARD: &'static str = "0.1 (closeness - 1) - 0.005 jerk per step; at touch-down once 10 / (1 + (off / 0.1 m)^2) / (1 + (impact / 0.3 m/s)^2); -10 for a collision, a crash or leaving the room, which end a drone's flight";
     const MAX_EPISODE_STEPS: u32 = 2000;
     const DRONES: usize = 4;
@@ -77,14 +79,21 @@ impl Task for LandInTurn {
     }
 
     #[inline(always)]
-    fn setpoint<R: Scalar>(&self, own: usize, goal: &mut [R; GOAL], board: &[R], scene: &Scene<R>) -> Setpoint<R> {
+    fn setpoint<R: Scalar>(
+        &self,
+        own: usize,
+        goal: &mut [R; GOAL],
+        board: &[R],
+        scene: &Scene<R>,
+    ) -> Setpoint<R> {
         let o = &self.0;
         let mine = is(board[TURN], own);
         let gone_m = (scene.t_s - board[SINCE]) * R::from_f64(o.speed_mps);
         let share = (gone_m * R::from_f64(1.0 / o.radius_m)).clamp(R::zero(), R::from_f64(1.0));
         let inwards = R::select(mine, R::from_f64(1.0) - share, R::from_f64(1.0));
         // a second's way above the marker, then down into the floor, so that it is reached
-        let sunk = (gone_m - R::from_f64(o.radius_m + o.speed_mps)).clamp(R::zero(), R::from_f64(o.height_m + 0.1));
+        let sunk =
+            (gone_m - R::from_f64(o.radius_m + o.speed_mps)).clamp(R::zero(), R::from_f64(o.height_m + 0.1));
         let height = R::from_f64(o.height_m) - R::select(mine, sunk, R::zero());
         let [x, y] = tabulate(
             #[inline(always)]
@@ -99,7 +108,8 @@ impl Task for LandInTurn {
         let off2 = s.x.pos_m[0] * s.x.pos_m[0] + s.x.pos_m[1] * s.x.pos_m[1];
         let sinking_mps = s.contact.impact_mps.max(-s.x.vel_mps[2]);
         let impact2 = sinking_mps * sinking_mps;
-        let touch = R::from_f64(10.0) / ((one + R::from_f64(1.0 / 0.01) * off2) * (one + R::from_f64(1.0 / 0.09) * impact2));
+        let touch = R::from_f64(10.0)
+            / ((one + R::from_f64(1.0 / 0.01) * off2) * (one + R::from_f64(1.0 / 0.09) * impact2));
         let had_its_turn = R::from_f64(own as f64 - 0.5).lt(board[TURN]);
         let down = (s.contact.standing | s.x.pos_m[2].lt(R::from_f64(CUT_M))) & had_its_turn;
         let approach = R::from_f64(0.1) * (closeness(s) - one) - R::from_f64(0.005) * jerk(s);

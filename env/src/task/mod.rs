@@ -1,4 +1,5 @@
-//! Tasks: where an episode starts, where to be, what is rewarded, when it ends, for one drone or several. One small file each plus one registry line.
+//! Tasks: where an episode starts, where to be, what is rewarded, when it ends, for one drone or several. One
+//! small file each plus one registry line.
 
 mod carry;
 mod cover;
@@ -93,7 +94,8 @@ pub(crate) trait Task: Send + Sync + Sized + 'static {
     const ABOUT: &'static str;
     const REWARD: &'static str;
     const MAX_EPISODE_STEPS: u32;
-    /// Drones of an environment unless the user says otherwise. A task of one drone is for one drone only: nothing couples it.
+    /// Drones of an environment unless the user says otherwise. A task of one drone is for one drone only:
+    /// nothing couples it.
     const DRONES: usize = 1;
     /// Reward that a collision, a crash or leaving the room takes; all three end a drone's flight.
     const CRASH_COST: f64 = if Self::DRONES > 1 { 10.0 } else { 0.0 };
@@ -113,13 +115,20 @@ pub(crate) trait Task: Send + Sync + Sized + 'static {
     fn load(&self) -> Option<load::Load> {
         None
     }
-    /// Draw the start of an episode: a place for each drone, and what stands on the board. A load begins at rest below them.
+    /// Draw the start of an episode: a place for each drone, and what stands on the board. A load begins at
+    /// rest below them.
     fn start(&self, rng: &mut Pcg64Mcg, starts: &mut [Start], board: &mut [f64]);
     /// Move the board on, once per tick.
     #[inline(always)]
     fn turn<R: Scalar>(&self, _board: &mut [R], _scene: &Scene<R>) {}
     /// Where drone `own` is to be now; may move its goal on.
-    fn setpoint<R: Scalar>(&self, own: usize, goal: &mut [R; GOAL], board: &[R], scene: &Scene<R>) -> Setpoint<R>;
+    fn setpoint<R: Scalar>(
+        &self,
+        own: usize,
+        goal: &mut [R; GOAL],
+        board: &[R],
+        scene: &Scene<R>,
+    ) -> Setpoint<R>;
     /// What its tick was worth; `s` has the set-point of now.
     #[inline(always)]
     fn judge<R: Scalar>(&self, _own: usize, s: &Situation<R>, _board: &[R], _scene: &Scene<R>) -> Outcome<R> {
@@ -178,7 +187,9 @@ impl Entry {
                 value: asked as f64,
                 want: format!("1: the task {} is for one drone", self.name),
             }),
-            _ => Err(Error::Range { name: "drones".into(), value: asked as f64, want: format!("1 to {most}") }),
+            _ => {
+                Err(Error::Range { name: "drones".into(), value: asked as f64, want: format!("1 to {most}") })
+            }
         }
     }
 }
@@ -186,7 +197,8 @@ impl Entry {
 fn build<T: Task>(options: &serde_json::Value, drones: usize) -> Result<T> {
     let options = match options {
         serde_json::Value::Null => T::Options::default(),
-        given => serde_json::from_value(given.clone()).map_err(|e| Error::Config(format!("options of the task {}: {e}", T::NAME)))?,
+        given => serde_json::from_value(given.clone())
+            .map_err(|e| Error::Config(format!("options of the task {}: {e}", T::NAME)))?,
     };
     T::new(options, drones)
 }
@@ -202,7 +214,8 @@ macro_rules! registry {
         /// The task `name` for `drones` (0 for its own number), made with `options`, given to `visitor`.
         ///
         /// # Errors
-        /// [`Error::Unknown`] with a proposal, [`Error::Config`] and [`Error::Range`] for the options, and what the visitor returns.
+        /// [`Error::Unknown`] with a proposal, [`Error::Config`] and [`Error::Range`] for the options, and
+        /// what the visitor returns.
         pub(crate) fn visit<V: Visitor>(name: &str, drones: usize, options: &serde_json::Value, visitor: V) -> Result<V::Output> {
             let entry = find(name)?;
             let drones = entry.drones(drones)?;
@@ -231,14 +244,22 @@ registry![
 /// # Errors
 /// [`Error::Unknown`] with a proposal.
 pub fn find(name: &str) -> Result<&'static Entry> {
-    registry().iter().find(|e| e.name == name).ok_or_else(|| unknown("task", name, registry().iter().map(|e| e.name)))
+    registry()
+        .iter()
+        .find(|e| e.name == name)
+        .ok_or_else(|| unknown("task", name, registry().iter().map(|e| e.name)))
 }
 
 /// Being where one should be, and arrived within 10 cm.
 #[inline(always)]
 pub(crate) fn keeping<R: Scalar>(s: &Situation<R>) -> Outcome<R> {
     let error_m = distance(&s.x.pos_m, &s.setpoint.pos_m);
-    Outcome { reward: closeness(s) - R::from_f64(0.05) * jerk(s), error_m, arrived: error_m.lt(R::from_f64(0.1)), ends: R::nothing() }
+    Outcome {
+        reward: closeness(s) - R::from_f64(0.05) * jerk(s),
+        error_m,
+        arrived: error_m.lt(R::from_f64(0.1)),
+        ends: R::nothing(),
+    }
 }
 
 #[inline(always)]
@@ -269,7 +290,11 @@ pub(crate) fn room_on_circle(name: &str, radius_m: f64, n: usize, least_m: f64) 
     if n < 2 || gap_m >= least_m {
         return Ok(());
     }
-    Err(Error::Range { name: name.into(), value: radius_m, want: format!("{:.0} cm between {n} drones", 100.0 * least_m) })
+    Err(Error::Range {
+        name: name.into(),
+        value: radius_m,
+        want: format!("{:.0} cm between {n} drones", 100.0 * least_m),
+    })
 }
 
 /// Uniform from `-size` to `size`.
@@ -297,7 +322,8 @@ pub(crate) fn closeness<R: Scalar>(s: &Situation<R>) -> R {
         |i| s.x.pos_m[i] - s.setpoint.pos_m[i],
     );
     let turned = wrap(s.x.att_rad[2] - s.setpoint.yaw_rad);
-    let near = R::from_f64(1.0) / (R::from_f64(1.0) + (dx * dx + dy * dy + dz * dz) * R::from_f64(1.0 / 0.09));
+    let near =
+        R::from_f64(1.0) / (R::from_f64(1.0) + (dx * dx + dy * dy + dz * dz) * R::from_f64(1.0 / 0.09));
     let facing = R::from_f64(1.0) / (R::from_f64(1.0) + turned * turned);
     near * (R::from_f64(0.8) + R::from_f64(0.2) * facing)
 }
@@ -320,7 +346,8 @@ pub(crate) fn outside<R: Scalar>(x: &State<R>) -> R::Mask {
     x.pos_m[0].abs().gt(half) | x.pos_m[1].abs().gt(half) | x.pos_m[2].gt(top)
 }
 
-/// Hit the floor faster than this and it is a crash. The package that the thesis flew cuts the motors 5 cm up, which lands at 1 m/s.
+/// Hit the floor faster than this and it is a crash. The package that the thesis flew cuts the motors 5 cm
+/// up, which lands at 1 m/s.
 #[inline(always)]
 pub(crate) fn crashed<R: Scalar>(contact: &Contact<R>) -> R::Mask {
     contact.impact_mps.gt(R::from_f64(1.5))

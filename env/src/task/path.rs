@@ -10,11 +10,12 @@ use crate::lanes::Lanes;
 use crate::noise::EpisodeKeys;
 use crate::scalar::{Scalar, Word};
 
-/// The set-point of the first drone at the first `ticks` ticks of `tick_s` seconds of an episode, if nobody flies; empty where it stands still or
-/// differs from episode to episode.
+/// The set-point of the first drone at the first `ticks` ticks of `tick_s` seconds of an episode, if nobody
+/// flies; empty where it stands still or differs from episode to episode.
 ///
 /// # Errors
-/// [`crate::Error::Unknown`] for the name of the task, [`crate::Error::Config`] and [`crate::Error::Range`] for its options.
+/// [`crate::Error::Unknown`] for the name of the task, [`crate::Error::Config`] and [`crate::Error::Range`]
+/// for its options.
 pub fn path(name: &str, options: &serde_json::Value, tick_s: f64, ticks: u32) -> Result<Vec<[f32; 3]>> {
     super::visit(name, 0, options, Path { tick_s, ticks })
 }
@@ -46,7 +47,12 @@ impl Path {
         let gone = vec![Neighbour::gone(); drones];
         let at = |tick: u32| {
             let word = <Lanes as Scalar>::Word::from_u32(tick);
-            let scene = Scene { drones: &gone, load: None, t_s: Lanes::from_f64(f64::from(tick) * self.tick_s), draw: keys.at(&word) };
+            let scene = Scene {
+                drones: &gone,
+                load: None,
+                t_s: Lanes::from_f64(f64::from(tick) * self.tick_s),
+                draw: keys.at(&word),
+            };
             task.setpoint(0, &mut goal, &board, &scene).pos_m.map(|p| p.lane(0) as f32)
         };
         (0..self.ticks).map(at).collect()

@@ -33,8 +33,7 @@ pub struct Swap(Options);
 impl Task for Swap {
     const NAME: &'static str = "swap";
     const ID: &'static str = "CrazyflieSwap-v0";
-    const ABOUT: &'static str =
-        "Drones on a circle change to the opposite places, all at once, straight through the middle unless they avoid each other";
+    const ABOUT: &'static str = "Drones on a circle change to the opposite places, all at once, straight through the middle unless they avoid each other";
     const REWARD: &'static str = "closeness - 0.05 jerk to the new place, as for hover; -10 for a collision, a crash or leaving the room, which end a drone's flight";
     const MAX_EPISODE_STEPS: u32 = 1000;
     const DRONES: usize = 8;
@@ -62,7 +61,8 @@ impl Task for Swap {
     #[inline(always)]
     fn setpoint<R: Scalar>(&self, _: usize, goal: &mut [R; GOAL], _: &[R], scene: &Scene<R>) -> Setpoint<R> {
         // half a millisecond of margin for the clock's rounding
-        let side = R::select(scene.t_s.lt(R::from_f64(self.0.wait_s - 5e-4)), R::from_f64(1.0), R::from_f64(-1.0));
+        let side =
+            R::select(scene.t_s.lt(R::from_f64(self.0.wait_s - 5e-4)), R::from_f64(1.0), R::from_f64(-1.0));
         Setpoint { pos_m: [side * goal[0], side * goal[1], R::from_f64(self.0.height_m)], yaw_rad: R::zero() }
     }
 }

@@ -27,8 +27,7 @@ impl Task for Takeoff {
     const NAME: &'static str = "takeoff";
     const ID: &'static str = "CrazyflieTakeoff-v0";
     const ABOUT: &'static str = "Take off from the marker and hover 70 cm over it, without overshoot";
-    const REWARD: &'static str =
-        "closeness - 0.05 jerk - 2 overshoot, as for hover; overshoot = metres above the set-point; ends in a crash or outside the room";
+    const REWARD: &'static str = "closeness - 0.05 jerk - 2 overshoot, as for hover; overshoot = metres above the set-point; ends in a crash or outside the room";
     const MAX_EPISODE_STEPS: u32 = 500;
     type Options = Options;
 
@@ -38,7 +37,11 @@ impl Task for Takeoff {
     }
 
     fn start(&self, _: &mut Pcg64Mcg, starts: &mut [Start], _: &mut [f64]) {
-        starts.fill(Start { pos_m: [0.0; 3], yaw_rad: 0.0, goal: [0.0, 0.0, self.0.height_m, 0.0, 0.0, 0.0, 0.0, 0.0] });
+        starts.fill(Start {
+            pos_m: [0.0; 3],
+            yaw_rad: 0.0,
+            goal: [0.0, 0.0, self.0.height_m, 0.0, 0.0, 0.0, 0.0, 0.0],
+        });
     }
 
     #[inline(always)]

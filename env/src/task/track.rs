@@ -52,7 +52,8 @@ impl Task for Track {
     const NAME: &'static str = "track";
     const ID: &'static str = "CrazyflieTrack-v0";
     const ABOUT: &'static str = "Follow a moving set-point: figure_eight, circle, square, helix or waypoints";
-    const REWARD: &'static str = "closeness - 0.05 jerk to the moving set-point, as for hover; ends in a crash or outside the room";
+    const REWARD: &'static str =
+        "closeness - 0.05 jerk to the moving set-point, as for hover; ends in a crash or outside the room";
     const MAX_EPISODE_STEPS: u32 = 1000;
     type Options = Options;
 
@@ -62,7 +63,11 @@ impl Task for Track {
         check_range("height_m", o.height_m, 0.2, 2.5)?;
         check_range("rise_m", o.rise_m, 0.0, 1.0)?;
         if o.height_m - o.rise_m < 0.1 {
-            return Err(Error::Range { name: "height_m - rise_m".into(), value: o.height_m - o.rise_m, want: "at least 0.1".into() });
+            return Err(Error::Range {
+                name: "height_m - rise_m".into(),
+                value: o.height_m - o.rise_m,
+                want: "at least 0.1".into(),
+            });
         }
         Ok(Track(o))
     }
@@ -91,8 +96,9 @@ impl Task for Track {
         let spread = [o.size_m, o.size_m, o.rise_m];
         for i in 0..3 {
             let middle = if i == 2 { R::from_f64(o.height_m) } else { R::zero() };
-            let drawn =
-                middle + R::from_f64(2.0 * spread[i]) * (draw.uniform(channel("waypoint").wrapping_add(i as u32)) - R::from_f64(0.5));
+            let drawn = middle
+                + R::from_f64(2.0 * spread[i])
+                    * (draw.uniform(channel("waypoint").wrapping_add(i as u32)) - R::from_f64(0.5));
             goal[FROM + i] = R::select(arrived, goal[TO + i], goal[FROM + i]);
             goal[TO + i] = R::select(arrived, drawn, goal[TO + i]);
         }
@@ -121,7 +127,11 @@ impl Track {
             Shape::FigureEight | Shape::Waypoints => [a * sin, a * sin * cos, z],
             Shape::Circle => [a * cos, a * sin, z],
             // up and down once in four rounds
-            Shape::Helix => [a * cos, a * sin, z + R::from_f64(o.rise_m) * (R::from_f64(std::f64::consts::FRAC_PI_2) * turns).sin_cos().0],
+            Shape::Helix => [
+                a * cos,
+                a * sin,
+                z + R::from_f64(o.rise_m) * (R::from_f64(std::f64::consts::FRAC_PI_2) * turns).sin_cos().0,
+            ],
             Shape::Square => {
                 // both coordinates are clipped triangle waves of the same round, a quarter apart
                 [self.edge(turns, 0.125), self.edge(turns, 0.375), z]

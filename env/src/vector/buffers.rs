@@ -6,7 +6,8 @@ use crate::observation::{ACTION, OBSERVATION};
 /// The caller's buffers for the results of a step: a row for each drone, environment by environment.
 #[derive(Debug)]
 pub struct StepBuffers<'a> {
-    /// Rows of [`super::VectorEnv::width`]. They are written a tenth to a fifth faster where they begin at a multiple of 32 bytes.
+    /// Rows of [`super::VectorEnv::width`]. They are written a tenth to a fifth faster where they begin at a
+    /// multiple of 32 bytes.
     pub observations: &'a mut [f32],
     /// One reward per drone, for this step alone.
     pub rewards: &'a mut [f32],
@@ -16,19 +17,30 @@ pub struct StepBuffers<'a> {
     pub truncated: &'a mut [bool],
     /// It flies on: its next action counts. May be empty where a task has one drone.
     pub flying: &'a mut [bool],
-    /// Rows of [`super::METRICS`], one for each environment, empty where a task has one drone; in an episode's last step those of the whole
-    /// episode, also where the next one began at once.
+    /// Rows of [`super::METRICS`], one for each environment, empty where a task has one drone; in an
+    /// episode's last step those of the whole episode, also where the next one began at once.
     pub metrics: &'a mut [f32],
 }
 
 impl<'a> StepBuffers<'a> {
     /// For a task of one drone, whose flag of flying on is of no interest.
-    pub fn new(observations: &'a mut [f32], rewards: &'a mut [f32], terminated: &'a mut [bool], truncated: &'a mut [bool]) -> Self {
+    pub fn new(
+        observations: &'a mut [f32],
+        rewards: &'a mut [f32],
+        terminated: &'a mut [bool],
+        truncated: &'a mut [bool],
+    ) -> Self {
         StepBuffers { observations, rewards, terminated, truncated, flying: &mut [], metrics: &mut [] }
     }
 
     /// Cuts off the buffers of the first `envs` environments of `drones`, or of all that are left.
-    pub(super) fn split(&mut self, envs: usize, drones: usize, width: usize, metrics: usize) -> StepBuffers<'a> {
+    pub(super) fn split(
+        &mut self,
+        envs: usize,
+        drones: usize,
+        width: usize,
+        metrics: usize,
+    ) -> StepBuffers<'a> {
         let rows = envs * drones;
         StepBuffers {
             observations: cut(&mut self.observations, rows * width),
@@ -56,7 +68,8 @@ pub(super) struct TileRows<'a> {
     pub(super) truncated: &'a mut [bool; LANES],
 }
 
-/// A step's buffers by tiles. A last tile of fewer than sixteen environments is stepped in buffers of its own.
+/// A step's buffers by tiles. A last tile of fewer than sixteen environments is stepped in buffers of its
+/// own.
 pub(super) struct TileBuffers<'a> {
     actions: &'a [[f32; LANES * ACTION]],
     observations: &'a mut [[f32; LANES * OBSERVATION]],
@@ -98,7 +111,15 @@ impl<'a> TileBuffers<'a> {
         let (terminated, last_terminated) = out.terminated.as_chunks_mut();
         let (truncated, last_truncated) = out.truncated.as_chunks_mut();
         let last = StepBuffers::new(last_observations, last_rewards, last_terminated, last_truncated);
-        TileBuffers { actions: actions.as_chunks().0, observations, rewards, terminated, truncated, last, tail }
+        TileBuffers {
+            actions: actions.as_chunks().0,
+            observations,
+            rewards,
+            terminated,
+            truncated,
+            last,
+            tail,
+        }
     }
 
     #[inline(always)]

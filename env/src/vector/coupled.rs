@@ -114,7 +114,14 @@ impl<R: BatchScalar, T: Task> CoupledShard<R, T> {
 }
 
 impl<R: BatchScalar, T: Task> Shard for CoupledShard<R, T> {
-    fn reset(&mut self, config: &BatchConfig, first: usize, seeds: Option<&[u64]>, mask: Option<&[bool]>, observations: &mut [f32]) {
+    fn reset(
+        &mut self,
+        config: &BatchConfig,
+        first: usize,
+        seeds: Option<&[u64]>,
+        mask: Option<&[bool]>,
+        observations: &mut [f32],
+    ) {
         for tile in 0..self.batch.tiles() {
             let (env, mut bits) = (first + tile * LANES, 0);
             for lane in lanes_of(self.batch.used(tile)).filter(|lane| mask.is_none_or(|m| m[env + lane])) {

@@ -1,4 +1,5 @@
-//! A part of the batch whose environments have one drone each: nothing couples it, and where nothing is called in a step, all stays in registers.
+//! A part of the batch whose environments have one drone each: nothing couples it, and where nothing is
+//! called in a step, all stays in registers.
 
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
@@ -47,7 +48,8 @@ pub(super) struct UncoupledShard<R: BatchScalar, T> {
     slots: Vec<Slot<R>>,
     bits: Vec<Bits>,
     episodes: Vec<Episodes>,
-    /// Last observation and true state of episodes that ended in the last step, kept when the environment was reset in that step.
+    /// Last observation and true state of episodes that ended in the last step, kept when the environment was
+    /// reset in that step.
     final_observations: Vec<f32>,
     final_states: Vec<f32>,
 }
@@ -59,11 +61,20 @@ impl Bits {
 }
 
 impl<R: BatchScalar, T: Task> Shard for UncoupledShard<R, T> {
-    fn reset(&mut self, config: &BatchConfig, first: usize, seeds: Option<&[u64]>, mask: Option<&[bool]>, observations: &mut [f32]) {
+    fn reset(
+        &mut self,
+        config: &BatchConfig,
+        first: usize,
+        seeds: Option<&[u64]>,
+        mask: Option<&[bool]>,
+        observations: &mut [f32],
+    ) {
         for (tile, rows) in observations.chunks_mut(LANES * OBSERVATION).enumerate() {
             let env = first + tile * LANES;
             let mut bits = 0;
-            for lane in lanes_of(self.bits[tile].used.into()).filter(|lane| mask.is_none_or(|m| m[env + lane])) {
+            for lane in
+                lanes_of(self.bits[tile].used.into()).filter(|lane| mask.is_none_or(|m| m[env + lane]))
+            {
                 bits |= 1 << lane;
                 if let Some(seeds) = seeds {
                     let episodes = &mut self.episodes[tile];
@@ -120,7 +131,8 @@ impl<R: BatchScalar, T: Task> Shard for UncoupledShard<R, T> {
 
     fn archive(&mut self, archive: &mut Archive<'_>) {
         for tile in 0..self.bits.len() {
-            let (slot, bits, episodes) = (&mut self.slots[tile], &mut self.bits[tile], &mut self.episodes[tile]);
+            let (slot, bits, episodes) =
+                (&mut self.slots[tile], &mut self.bits[tile], &mut self.episodes[tile]);
             archive.numbers(&mut slot.last_action);
             archive.numbers(&mut slot.goal);
             archive.bits(&mut bits.ended);
@@ -172,7 +184,10 @@ impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
             }
             // in the air it has been hovering, on the floor the motors stand still
             let flying = if start.pos_m[2] > 0.0 { 1.0 } else { 0.0 };
-            u.lift.set_lane(lane, if interface.input.is_pwm() { flying * interface.hover_lift } else { start.pos_m[2] });
+            u.lift.set_lane(
+                lane,
+                if interface.input.is_pwm() { flying * interface.hover_lift } else { start.pos_m[2] },
+            );
         }
         self.bits[tile].ended &= !(bits as u16);
         let mask = R::mask(bits);
@@ -242,11 +257,21 @@ impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
         let scene = Scene { drones: &[], load: None, t_s: now_s, draw: self.world.draw(tile) };
         let setpoint = self.task.setpoint(0, &mut slot.goal, &[], &scene);
         let x = self.world.state(tile);
-        let situation = Situation { x, setpoint, action, last_action: &slot.last_action, contact: &tick.contact, t_s: now_s };
+        let situation = Situation {
+            x,
+            setpoint,
+            action,
+            last_action: &slot.last_action,
+            contact: &tick.contact,
+            t_s: now_s,
+        };
         let outcome = self.task.judge(0, &situation, &[], &scene);
         let broken = outside(x) | crashed(&tick.contact);
-        let reward =
-            if T::CRASH_COST == 0.0 { outcome.reward } else { outcome.reward - R::select(broken, R::from_f64(T::CRASH_COST), R::zero()) };
+        let reward = if T::CRASH_COST == 0.0 {
+            outcome.reward
+        } else {
+            outcome.reward - R::select(broken, R::from_f64(T::CRASH_COST), R::zero())
+        };
         let over = now_s.gt(params.last_s);
         slot.last_action = *action;
         R::write(&observe(&tick.reading, now_s, &setpoint, action), out.observations, OBSERVATION);

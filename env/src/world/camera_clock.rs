@@ -29,7 +29,8 @@ impl CameraClock {
         let left = R::from_f64(f64::from(self.counts_per_step * step)) - until_frame;
         let now = R::zero().le(left) & left.lt(counts);
         if R::any(now) {
-            let here = from.look_back(to, left * R::from_f64(1.0 / f64::from(self.counts_per_step)), self.h_s);
+            let here =
+                from.look_back(to, left * R::from_f64(1.0 / f64::from(self.counts_per_step)), self.h_s);
             *seen = if R::any(*captured) { seen.merge(now, &here) } else { here };
             *captured = *captured | now;
         }
@@ -37,7 +38,12 @@ impl CameraClock {
 
     /// Gives a tick's frame to the controller and says when the next one is due.
     #[inline(always)]
-    pub(super) fn deliver<R: Scalar>(&self, captured: R::Mask, frame: &Frame<R>, t: &mut Tile<R>) -> PoseFix<R> {
+    pub(super) fn deliver<R: Scalar>(
+        &self,
+        captured: R::Mask,
+        frame: &Frame<R>,
+        t: &mut Tile<R>,
+    ) -> PoseFix<R> {
         t.fix.deliver(frame.captured, frame.pos_m, frame.yaw_rad, frame.t_s, frame.markers);
         let more = R::select(captured, R::from_f64(f64::from(self.schedule.camera)), R::zero());
         t.until_frame = t.until_frame + more - R::from_f64(f64::from(self.schedule.control));

@@ -1,5 +1,5 @@
-//! What fitting needs of a world beyond stepping it: effects that stay in the loop at whatever value, parameters and states that carry
-//! derivatives, and a camera frame at any time.
+//! What fitting needs of a world beyond stepping it: effects that stay in the loop at whatever value,
+//! parameters and states that carry derivatives, and a camera frame at any time.
 
 use std::slice::{from_mut, from_ref};
 
@@ -13,12 +13,14 @@ use crate::model::Model;
 use crate::plant::{Accelerations, Plant};
 use crate::sim_scalar::SimScalar;
 
-/// How far a model parameter is moved to each side, relative to its value, for the derivatives of the discretised model.
+/// How far a model parameter is moved to each side, relative to its value, for the derivatives of the
+/// discretised model.
 const NUDGE: f64 = 1e-5;
 
 impl<R: SimScalar> World<R> {
-    /// One drone without a floor, with the model's own effects and `tried` in the loop, whatever the values of their parameters. A voltage
-    /// given later by [`World::set_voltage`] takes the place of the simulated battery.
+    /// One drone without a floor, with the model's own effects and `tried` in the loop, whatever the values
+    /// of their parameters. A voltage given later by [`World::set_voltage`] takes the place of the simulated
+    /// battery.
     ///
     /// # Errors
     /// As [`World::new`].
@@ -40,7 +42,9 @@ impl<R: SimScalar> World<R> {
     /// [`Error::Unknown`] for an effect that is not in the loop.
     pub fn put(&mut self, effect: &str, params: &[R]) -> Result<()> {
         let found = self.names.iter().position(|name| *name == effect);
-        let stage = found.ok_or_else(|| crate::error::unknown("effect of this world", effect, self.names.iter().copied()))?;
+        let stage = found.ok_or_else(|| {
+            crate::error::unknown("effect of this world", effect, self.names.iter().copied())
+        })?;
         self.stages[stage].put(params);
         Ok(())
     }
@@ -58,8 +62,9 @@ impl<R: SimScalar> World<R> {
         }
     }
 
-    /// Show what is remembered of the motion besides velocities and rates: the lagged pushes of the model's forms where it has them (see
-    /// [`Model::lags_push`]), then what effects remember (see [`effects::Effect::LAGS`]), effect by effect.
+    /// Show what is remembered of the motion besides velocities and rates: the lagged pushes of the model's
+    /// forms where it has them (see [`Model::lags_push`]), then what effects remember (see
+    /// [`effects::Effect::LAGS`]), effect by effect.
     pub fn visit_lags(&mut self, lags_push: [bool; 2], see: &mut dyn FnMut(&mut R)) {
         let pushes = self.states[0].aux.iter_mut().zip(lags_push);
         pushes.filter(|(_, lags)| *lags).for_each(|(push, _)| see(push));
@@ -88,7 +93,8 @@ impl<R: SimScalar> World<R> {
         before.look_back(after, share, self.tick_s)
     }
 
-    /// The frame that the marker detection would report of the state `x`, captured at `t_s`; its time is the stamp that it would carry.
+    /// The frame that the marker detection would report of the state `x`, captured at `t_s`; its time is the
+    /// stamp that it would carry.
     pub fn film(&mut self, x: &State<R>, t_s: R) -> Frame<R> {
         let all = R::zero().le(R::zero());
         let mut frame = Frame::of(x, all, t_s);
@@ -108,14 +114,16 @@ impl<R: SimScalar> World<R> {
             own: 0,
         };
         for &i in &self.order.frame {
-            self.stages[i].frame(&Tiles { first: 0, cx: from_ref(&cx), x: from_ref(x), u: &[] }, from_mut(&mut frame));
+            self.stages[i]
+                .frame(&Tiles { first: 0, cx: from_ref(&cx), x: from_ref(x), u: &[] }, from_mut(&mut frame));
         }
         frame
     }
 }
 
 impl World<Dual> {
-    /// Carry the derivatives of the model itself: `seeds` names parameters by path (see [`Model::parameters`]) and the direction of each.
+    /// Carry the derivatives of the model itself: `seeds` names parameters by path (see
+    /// [`Model::parameters`]) and the direction of each.
     ///
     /// # Errors
     /// [`Error::Unknown`] for a path that the model lacks.
@@ -130,7 +138,9 @@ impl World<Dual> {
             let value = model.parameter(path)?;
             let step = NUDGE * value.abs().max(NUDGE);
             // at the edge of what a model may hold (no drag), to one side only
-            let moved = |to: f64| model.with_parameter(path, to).map_or_else(|_| (value, model.clone()), |model| (to, model));
+            let moved = |to: f64| {
+                model.with_parameter(path, to).map_or_else(|_| (value, model.clone()), |model| (to, model))
+            };
             let ((high, up), (low, down)) = (moved(value + step), moved(value - step));
             for (number, (up, down)) in numbers.iter_mut().zip(of(&up)?.into_iter().zip(of(&down)?)) {
                 number.slope[*direction] = if high > low { ((up - down) / (high - low)) as f32 } else { 0.0 };

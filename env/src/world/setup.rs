@@ -1,4 +1,5 @@
-//! What a world is made from: the effects that are on, the length of a physics step, the constants of the vehicle.
+//! What a world is made from: the effects that are on, the length of a physics step, the constants of the
+//! vehicle.
 
 use crate::config::{BoundedNumber, EffectTable, Number, numbers};
 use crate::effects::{self, VehicleConstants};
@@ -16,7 +17,8 @@ pub(super) fn with_ranges(entry: &effects::Entry, values: Vec<Number>) -> Vec<Bo
 
 pub(super) type Active = (usize, &'static effects::Entry, Vec<Number>);
 
-/// The effects of the model and of the configuration that are not off, the configuration's winning, in registry order.
+/// The effects of the model and of the configuration that are not off, the configuration's winning, in
+/// registry order.
 pub(super) fn active(of_model: &EffectTable, of_config: &EffectTable) -> Result<Vec<Active>> {
     let mut table = of_model.clone();
     table.extend(of_config.iter().map(|(name, given)| (name.clone(), given.clone())));
@@ -33,7 +35,8 @@ pub(super) fn active(of_model: &EffectTable, of_config: &EffectTable) -> Result<
     Ok(active)
 }
 
-/// As often as the neediest active effect asks, unless the user says otherwise; the linear model itself is exact at any rate.
+/// As often as the neediest active effect asks, unless the user says otherwise; the linear model itself is
+/// exact at any rate.
 pub(super) fn counts_per_step(schedule: &Schedule, physics_hz: Option<u32>, needed_hz: u32) -> Result<u32> {
     let good = |counts: &u32| schedule.control.is_multiple_of(*counts);
     let Some(hz) = physics_hz else {
@@ -42,8 +45,13 @@ pub(super) fn counts_per_step(schedule: &Schedule, physics_hz: Option<u32>, need
     };
     let counts = schedule.base_hz.checked_div(hz).unwrap_or(0);
     if counts == 0 || !schedule.base_hz.is_multiple_of(hz) || !good(&counts) {
-        let rates: Vec<String> = (1..=schedule.control).filter(good).map(|c| (schedule.base_hz / c).to_string()).collect();
-        return Err(Error::Range { name: "physics_hz".into(), value: f64::from(hz), want: format!("one of {}", rates.join(", ")) });
+        let rates: Vec<String> =
+            (1..=schedule.control).filter(good).map(|c| (schedule.base_hz / c).to_string()).collect();
+        return Err(Error::Range {
+            name: "physics_hz".into(),
+            value: f64::from(hz),
+            want: format!("one of {}", rates.join(", ")),
+        });
     }
     Ok(counts)
 }
@@ -52,18 +60,25 @@ pub(super) fn body<R: Scalar>(model: &Model, input: VerticalInput) -> Result<Veh
     let hover = model.vertical(input)?.hover_pwm().filter(|_| input.is_pwm());
     let tilts = [&model.roll, &model.pitch];
     let yaw = model.yaw.form();
-    let (yaw_gain_ps2, yaw_stiffness_ps2) = if yaw.lags_push() { (-yaw.a[1][1] * yaw.u[0], 0.0) } else { (yaw.u[1], -yaw.a[1][0]) };
+    let (yaw_gain_ps2, yaw_stiffness_ps2) =
+        if yaw.lags_push() { (-yaw.a[1][1] * yaw.u[0], 0.0) } else { (yaw.u[1], -yaw.a[1][0]) };
     Ok(VehicleConstants {
         gravity_mps2: R::from_f64(model.lateral.gravity.value),
         mass_kg: R::from_f64(model.vehicle.mass.value),
         rotor_radius_m: R::from_f64(model.vehicle.rotor_radius.value),
         per_battery_capacity_pc: R::from_f64(1.0 / model.vehicle.battery_capacity.value),
         hover_current_a: R::from_f64(model.vehicle.hover_current.value),
-        battery_reference_v: R::from_f64(model.vehicle.battery_reference.as_ref().map_or(FULL_CELL_V, |q| q.value)),
+        battery_reference_v: R::from_f64(
+            model.vehicle.battery_reference.as_ref().map_or(FULL_CELL_V, |q| q.value),
+        ),
         per_hover_pwm: R::from_f64(hover.map_or(0.0, |h| 1.0 / h)),
         height_command: R::from_f64(if hover.is_some() { 0.0 } else { 1.0 }),
         arm_m: R::from_f64(model.vehicle.arm.value),
-        heave_ps: R::from_f64(if let Vertical::Thrust { heave, .. } = model.vertical(input)? { heave.value } else { 0.0 }),
+        heave_ps: R::from_f64(if let Vertical::Thrust { heave, .. } = model.vertical(input)? {
+            heave.value
+        } else {
+            0.0
+        }),
         yaw_sign: R::from_f64(model.yaw.sign()),
         yaw_gain_ps2: R::from_f64(yaw_gain_ps2),
         yaw_damping_ps: R::from_f64(-yaw.a[1][1]),

@@ -1,5 +1,5 @@
-//! The simulator on numbers with derivatives: the values of `f64`, and slopes that differences confirm, for every effect that changes what is
-//! expected.
+//! The simulator on numbers with derivatives: the values of `f64`, and slopes that differences confirm, for
+//! every effect that changes what is expected.
 
 use crazyflie_env::dual::Dual;
 use crazyflie_env::effects::{Entry, Observability, Role, registry};
@@ -29,7 +29,13 @@ fn fly_keyed<R: SimScalar>(entry: &'static Entry, params: &[R], start: [R; 12], 
     world.draw_lane(0, 0, key, &mut rand_pcg::Pcg64Mcg::new(1));
     world.put(entry.name, params).unwrap();
     let three = |i: usize| [start[i], start[i + 1], start[i + 2]];
-    let x = State { pos_m: three(0), vel_mps: three(3), att_rad: three(6), rate_radps: three(9), aux: [start[5], R::zero()] };
+    let x = State {
+        pos_m: three(0),
+        vel_mps: three(3),
+        att_rad: three(6),
+        rate_radps: three(9),
+        aux: [start[5], R::zero()],
+    };
     let command = |k: usize| {
         let wave = |hz: f64, phase: f64| (k as f64 * 0.02 * hz * std::f64::consts::TAU + phase).sin();
         Command {
@@ -71,7 +77,10 @@ fn lively(entry: &Entry) -> Vec<f64> {
 
 #[test]
 fn values_are_those_of_f64_and_slopes_those_of_differences() {
-    for entry in registry().iter().filter(|e| e.observability.shapes_mean() || e.observability == Observability::Surrogate) {
+    for entry in registry()
+        .iter()
+        .filter(|e| e.observability.shapes_mean() || e.observability == Observability::Surrogate)
+    {
         let at = lively(entry);
         // of what is random, numbers with derivatives carry what is expected
         let random = fly_keyed(entry, &at, start(), 1) != fly_keyed(entry, &at, start(), 2);
@@ -119,9 +128,14 @@ fn what_is_expected_of_lost_packets_is_their_mean() {
     for (k, number) in expected.iter().enumerate() {
         let mean = flights.iter().map(|f| f[k]).sum::<f64>() / FLIGHTS as f64;
         let variance = flights.iter().map(|f| (f[k] - mean).powi(2)).sum::<f64>() / FLIGHTS as f64;
-        // the frame's stamp is not random; the path bends a little, so the mean is not quite that of the mean command
+        // the frame's stamp is not random; the path bends a little, so the mean is not quite that of the mean
+        // command
         let within = 4.0 * (variance / FLIGHTS as f64).sqrt() + 0.02 * variance.sqrt() + 1e-12;
-        assert!((number.value - mean).abs() < within, "output {k}: {} against {mean} +- {within}", number.value);
+        assert!(
+            (number.value - mean).abs() < within,
+            "output {k}: {} against {mean} +- {within}",
+            number.value
+        );
     }
 }
 
@@ -182,7 +196,8 @@ fn a_drifting_heading_is_read_and_not_flown() {
 
 #[test]
 fn a_late_stamp_and_a_turned_marker_frame_show_in_the_frame() {
-    let entries: Vec<&'static Entry> = registry().iter().filter(|e| e.name == "frame_yaw" || e.name == "camera_latency").collect();
+    let entries: Vec<&'static Entry> =
+        registry().iter().filter(|e| e.name == "frame_yaw" || e.name == "camera_latency").collect();
     let mut world = World::<f64>::for_fitting(&model(), &entries, SETTINGS).unwrap();
     world.put("frame_yaw", &[90.0]).unwrap();
     world.put("camera_latency", &[0.0, 0.04]).unwrap();

@@ -34,10 +34,13 @@ fn fly<R: SimScalar>(effects: &EffectTable, physics_hz: Option<u32>, seconds: f6
             };
             let y = step_below_another(&mut world, &u).reading;
             let x = world.state(0);
-            let mut row: Vec<f64> = [x.pos_m, x.vel_mps, x.att_rad, x.rate_radps].iter().flatten().map(|v| v.lane(0)).collect();
+            let mut row: Vec<f64> =
+                [x.pos_m, x.vel_mps, x.att_rad, x.rate_radps].iter().flatten().map(|v| v.lane(0)).collect();
             let m = &y.marker;
             let flat = [m.pos_m, y.att_rad, y.gyro_radps, y.acc_mps2];
-            row.extend(flat.iter().flatten().chain([&m.yaw_rad, &m.t_s, &m.valid, &y.vbat_v]).map(|v| v.lane(0)));
+            row.extend(
+                flat.iter().flatten().chain([&m.yaw_rad, &m.t_s, &m.valid, &y.vbat_v]).map(|v| v.lane(0)),
+            );
             row
         })
         .collect()
@@ -61,8 +64,12 @@ fn difference(a: &[Vec<f64>], b: &[Vec<f64>]) -> f64 {
 
 /// An effect with every parameter drawn from a choice of one: it runs although it is off.
 fn forced(entry: &crazyflie_env::effects::Entry, value: impl Fn(usize) -> f64) -> String {
-    let params: Vec<String> =
-        entry.params.iter().enumerate().map(|(i, p)| format!("\"{}\": {{\"choice\": [{}]}}", p.name, value(i))).collect();
+    let params: Vec<String> = entry
+        .params
+        .iter()
+        .enumerate()
+        .map(|(i, p)| format!("\"{}\": {{\"choice\": [{}]}}", p.name, value(i)))
+        .collect();
     format!("\"{}\": {{{}}}", entry.name, params.join(", "))
 }
 
@@ -73,15 +80,23 @@ fn off_changes_nothing() {
         let base = if entry.hooks.frame { "\"camera\": 1".to_owned() } else { String::new() };
         let with = format!(
             "{{{}}}",
-            [base.clone(), forced(entry, |i| entry.params[i].off)].iter().filter(|s| !s.is_empty()).cloned().collect::<Vec<_>>().join(", ")
+            [base.clone(), forced(entry, |i| entry.params[i].off)]
+                .iter()
+                .filter(|s| !s.is_empty())
+                .cloned()
+                .collect::<Vec<_>>()
+                .join(", ")
         );
         let hz = Some(300);
         let with = if entry.name == "camera" { "{\"camera\": {\"choice\": [0]}}".to_owned() } else { with };
-        let (off, none) = (fly::<f64>(&table(&with), hz, 3.0), fly::<f64>(&table(&format!("{{{base}}}")), hz, 3.0));
+        let (off, none) =
+            (fly::<f64>(&table(&with), hz, 3.0), fly::<f64>(&table(&format!("{{{base}}}")), hz, 3.0));
         let d = difference(&off, &none);
         // the battery shows its voltage also where it does not sag
         let battery = entry.name == "battery_sag";
-        let rows = |f: &[Vec<f64>]| f.iter().map(|r| r[..r.len() - usize::from(battery)].to_vec()).collect::<Vec<_>>();
+        let rows = |f: &[Vec<f64>]| {
+            f.iter().map(|r| r[..r.len() - usize::from(battery)].to_vec()).collect::<Vec<_>>()
+        };
         let d = if battery { difference(&rows(&off), &rows(&none)) } else { d };
         assert!(d < 1e-12, "{} off changes something by {d:e}", entry.name);
     }
@@ -111,7 +126,9 @@ fn on_changes_something() {
                 "camera_outliers" => [0.5, 0.1, 0.0, 5.0][i],
                 "camera_fov" => [60.0, 0.02, 0.197, 5.0, 0.1][i],
                 "markers" => [3.0, 3.0, 0.2][i],
-                _ if p.high.is_finite() => p.off + 0.5 * (p.high - p.off) + if p.high == p.off { 0.5 * (p.low - p.off) } else { 0.0 },
+                _ if p.high.is_finite() => {
+                    p.off + 0.5 * (p.high - p.off) + if p.high == p.off { 0.5 * (p.low - p.off) } else { 0.0 }
+                }
                 _ => p.off + 1.0,
             }
         };
@@ -120,9 +137,17 @@ fn on_changes_something() {
             with += &format!(", {NOISY_VIEW}");
         }
         let without = if entry.name == "markers" { NOISY_VIEW } else { base };
-        let join = |a: &str, b: &str| format!("{{{a}{}{b}}}", if a.is_empty() || b.is_empty() { "" } else { ", " });
-        let (changed, plain) = (fly::<f64>(&table(&join(base, &with)), None, 3.0), fly::<f64>(&table(&join(without, "")), None, 3.0));
-        assert!(changed.iter().flatten().all(|v| v.is_finite()), "{} gives a number that is none", entry.name);
+        let join =
+            |a: &str, b: &str| format!("{{{a}{}{b}}}", if a.is_empty() || b.is_empty() { "" } else { ", " });
+        let (changed, plain) = (
+            fly::<f64>(&table(&join(base, &with)), None, 3.0),
+            fly::<f64>(&table(&join(without, "")), None, 3.0),
+        );
+        assert!(
+            changed.iter().flatten().all(|v| v.is_finite()),
+            "{} gives a number that is none",
+            entry.name
+        );
         let d = difference(&changed, &plain);
         assert!(d > 1e-4, "{} on changes nothing ({d:e})", entry.name);
     }
@@ -144,9 +169,13 @@ fn lanes_agree_with_the_double_precision_reference() {
 
 #[test]
 fn held_pushes_converge_to_second_order() {
-    let effects = table(r#"{"drag_linear": 0.8, "ground_effect": 8.0, "drag_quadratic": 0.5, "tilt_loss": 1, "exact_tan": 1}"#);
+    let effects = table(
+        r#"{"drag_linear": 0.8, "ground_effect": 8.0, "drag_quadratic": 0.5, "tilt_loss": 1, "exact_tan": 1}"#,
+    );
     // the true state; the IMU's force is a mean over the last step, whose length differs
-    let at = |hz| fly::<f64>(&effects, Some(hz), 4.0).into_iter().map(|row| row[..12].to_vec()).collect::<Vec<_>>();
+    let at = |hz| {
+        fly::<f64>(&effects, Some(hz), 4.0).into_iter().map(|row| row[..12].to_vec()).collect::<Vec<_>>()
+    };
     let truth = at(300);
     let (coarse, fine) = (difference(&at(50), &truth), difference(&at(100), &truth));
     println!("largest deviation from 300 Hz physics after 4 s: {coarse:.1e} at 50 Hz, {fine:.1e} at 100 Hz");
@@ -155,7 +184,9 @@ fn held_pushes_converge_to_second_order() {
 
 /// Last row of a flight with a held level command after `seconds`.
 fn hover(effects: &str, input: VerticalInput, lift: f64, z: f64, seconds: f64) -> State<f64> {
-    let mut world = World::<f64>::new(&Model::thesis(), &table(effects), Settings { input, physics_hz: Some(300) }, 1).unwrap();
+    let mut world =
+        World::<f64>::new(&Model::thesis(), &table(effects), Settings { input, physics_hz: Some(300) }, 1)
+            .unwrap();
     let mut x = State::rest();
     x.pos_m[2] = z;
     let u = Command::level(lift);
@@ -176,12 +207,20 @@ fn forces_have_the_size_that_their_formula_says() {
         (r#"{"thrust_scale": 0.9}"#, -0.981),
         (r#"{"wind": {"z_mps2": 0.4}}"#, 0.4),
         // what changes the thrust does so one after another, and wind is no thrust
-        (r#"{"mass_change": 0.0046, "thrust_scale": 0.9, "wind": {"z_mps2": 0.4}}"#, 9.81 * (0.9 * 0.0368 / 0.0414 - 1.0) + 0.4),
+        (
+            r#"{"mass_change": 0.0046, "thrust_scale": 0.9, "wind": {"z_mps2": 0.4}}"#,
+            9.81 * (0.9 * 0.0368 / 0.0414 - 1.0) + 0.4,
+        ),
     ] {
         let got = thrust(effects);
-        assert!((got - acc * mean).abs() < 0.01 * acc.abs() + 2e-3, "{effects}: {got} instead of {}", acc * mean);
+        assert!(
+            (got - acc * mean).abs() < 0.01 * acc.abs() + 2e-3,
+            "{effects}: {got} instead of {}",
+            acc * mean
+        );
     }
-    // a weak motor loses its share of the thrust, and soon of what the attitude loop asks of it besides: a tenth more within a tenth of a second
+    // a weak motor loses its share of the thrust, and soon of what the attitude loop asks of it besides: a
+    // tenth more within a tenth of a second
     for (effects, scale) in [("", 1.0), (r#""thrust_scale": 0.9, "#, 0.9)] {
         let with = thrust(&format!(r#"{{{effects}"weak_motor": {{"motor": 2, "loss": 0.2}}}}"#));
         let lost = 9.81 * (scale - 1.0) * mean - with;
@@ -205,7 +244,8 @@ fn forces_have_the_size_that_their_formula_says() {
     assert!((world.state(0).vel_mps[0] - (-1.0_f64).exp()).abs() < 1e-4);
 }
 
-/// A vehicle whose estimator takes drag for tilt settles where drag balances a lean of `kappa v` more than it thinks, whichever way it faces.
+/// A vehicle whose estimator takes drag for tilt settles where drag balances a lean of `kappa v` more than it
+/// thinks, whichever way it faces.
 #[test]
 fn an_estimator_that_takes_drag_for_tilt_lets_the_vehicle_lean_farther() {
     let (kappa, drag_ps, yaw_rad) = (0.03, 0.8, 0.6);
@@ -224,11 +264,17 @@ fn an_estimator_that_takes_drag_for_tilt_lets_the_vehicle_lean_farther() {
     let x = world.state(0);
     let front = yaw_rad.cos() * x.vel_mps[0] + yaw_rad.sin() * x.vel_mps[1];
     let right = yaw_rad.sin() * x.vel_mps[0] - yaw_rad.cos() * x.vel_mps[1];
-    for (axis, (tilt, command, speed)) in [(&model.roll, u.roll_rad, right), (&model.pitch, u.pitch_rad, front)].into_iter().enumerate() {
+    for (axis, (tilt, command, speed)) in
+        [(&model.roll, u.roll_rad, right), (&model.pitch, u.pitch_rad, front)].into_iter().enumerate()
+    {
         // the estimate obeys the command as the angle does in 5.1, and is what the vehicle reports
         let estimated = command * tilt.gain.value / tilt.stiffness.value;
         assert!((reading[axis] - estimated).abs() < 1e-4, "axis {axis}: {} {estimated}", reading[axis]);
-        assert!((x.att_rad[axis] - estimated - kappa * speed).abs() < 1e-4, "axis {axis}: {} {estimated} {speed}", x.att_rad[axis]);
+        assert!(
+            (x.att_rad[axis] - estimated - kappa * speed).abs() < 1e-4,
+            "axis {axis}: {} {estimated} {speed}",
+            x.att_rad[axis]
+        );
         let settled = 9.81 * estimated / (drag_ps + model.lateral.drag.value - 9.81 * kappa);
         assert!((speed / settled - 1.0).abs() < 0.01, "axis {axis}: {speed} {settled}");
     }
@@ -238,7 +284,8 @@ fn an_estimator_that_takes_drag_for_tilt_lets_the_vehicle_lean_farther() {
 #[test]
 fn what_pulls_from_outside_is_no_thrust() {
     let settings = Settings { input: VerticalInput::Thrust, physics_hz: Some(300) };
-    let mut world = World::<f64>::new(&Model::thesis(), &table(r#"{"thrust_scale": 0.9}"#), settings, 1).unwrap();
+    let mut world =
+        World::<f64>::new(&Model::thesis(), &table(r#"{"thrust_scale": 0.9}"#), settings, 1).unwrap();
     let u = Command::level(39_342.5);
     world.start(0, true, &State { pos_m: [0.0, 0.0, 1.0], ..State::rest() }, &u);
     let push = Accelerations { acc_mps2: [0.0, 0.0, -2.0], ..Accelerations::none() };
@@ -248,7 +295,8 @@ fn what_pulls_from_outside_is_no_thrust() {
     assert!((got + 2.981).abs() < 0.05, "{got}");
 }
 
-/// Sideways too, whatever the thrust of the moment: held at an attitude, the vehicle accelerates along its own axis and falls.
+/// Sideways too, whatever the thrust of the moment: held at an attitude, the vehicle accelerates along its
+/// own axis and falls.
 #[test]
 fn thrust_points_along_the_vehicles_axis() {
     let model = Model::thesis();
@@ -262,7 +310,8 @@ fn thrust_points_along_the_vehicles_axis() {
     world.start(0, true, &State { pos_m: [0.0, 0.0, 1.0], att_rad, ..State::rest() }, &u);
     world.step(0, &u);
     let [roll, pitch, yaw] = att_rad;
-    let thrust = nalgebra::Rotation3::from_euler_angles(roll, pitch, yaw) * nalgebra::Vector3::new(0.0, 0.0, 1.2 * 9.81);
+    let thrust = nalgebra::Rotation3::from_euler_angles(roll, pitch, yaw)
+        * nalgebra::Vector3::new(0.0, 0.0, 1.2 * 9.81);
     for (i, truth) in [thrust.x, thrust.y, thrust.z - 9.81].into_iter().enumerate() {
         let got = world.state(0).vel_mps[i] / 0.02;
         // a hundredth for heave damping
@@ -272,11 +321,13 @@ fn thrust_points_along_the_vehicles_axis() {
 
 #[test]
 fn ground_effect_carries_more_near_the_floor() {
-    let climb = |effects: &str, z: f64| hover(effects, VerticalInput::Thrust, 39_342.5, z, 0.02).vel_mps[2] / 0.02;
+    let climb =
+        |effects: &str, z: f64| hover(effects, VerticalInput::Thrust, 39_342.5, z, 0.02).vel_mps[2] / 0.02;
     for z in [0.05, 0.1, 0.2] {
-        for (rotors_m, effects) in
-            [(0.0, r#"{"ground_effect": 8.0}"#), (0.03, r#"{"ground_effect": {"coefficient": 8.0, "rotor_height_m": 0.03}}"#)]
-        {
+        for (rotors_m, effects) in [
+            (0.0, r#"{"ground_effect": 8.0}"#),
+            (0.03, r#"{"ground_effect": {"coefficient": 8.0, "rotor_height_m": 0.03}}"#),
+        ] {
             let near: f64 = 0.0225 / (4.0 * (z + rotors_m));
             let expected = 9.81 * (1.0 / (1.0 - 8.0 * near * near) - 1.0);
             let got = climb(effects, z);
@@ -319,8 +370,13 @@ fn a_delayed_command_is_the_same_command_later() {
 
 /// Age and validity of the marker at every tick of a hover.
 fn marker(effects: &str, pitch: f64, seconds: f64) -> Vec<(f64, f64, [f64; 3])> {
-    let mut world =
-        World::<f64>::new(&Model::thesis(), &table(effects), Settings { input: VerticalInput::Height, physics_hz: None }, 1).unwrap();
+    let mut world = World::<f64>::new(
+        &Model::thesis(),
+        &table(effects),
+        Settings { input: VerticalInput::Height, physics_hz: None },
+        1,
+    )
+    .unwrap();
     world.draw_lane(0, 0, 77, &mut Pcg64Mcg::seed_from_u64(1));
     let mut x = State::rest();
     x.pos_m[2] = 0.7;
@@ -337,10 +393,14 @@ fn marker(effects: &str, pitch: f64, seconds: f64) -> Vec<(f64, f64, [f64; 3])> 
 
 #[test]
 fn frames_come_at_30_hz_between_ticks_and_late() {
-    let ages: Vec<i64> = marker(r#"{"camera": 1}"#, 0.0, 0.2).iter().map(|m| (m.0 * 300.0).round() as i64).collect();
+    let ages: Vec<i64> =
+        marker(r#"{"camera": 1}"#, 0.0, 0.2).iter().map(|m| (m.0 * 300.0).round() as i64).collect();
     // frames at 0, 10, 20, 30 ... counts of 300 Hz, ticks at 6, 12, 18 ...
     assert_eq!(ages, [6, 2, 8, 4, 0, 6, 2, 8, 4, 0]);
-    let late: Vec<i64> = marker(r#"{"camera_latency": 0.05}"#, 0.0, 0.4).iter().map(|m| (m.0 * 300.0).round() as i64).collect();
+    let late: Vec<i64> = marker(r#"{"camera_latency": 0.05}"#, 0.0, 0.4)
+        .iter()
+        .map(|m| (m.0 * 300.0).round() as i64)
+        .collect();
     // 15 counts later: the newest frame that is at least 15 counts old
     let expected: Vec<i64> = (1..=20).map(|tick| 6 * tick - (6 * tick - 15).max(0) / 10 * 10).collect();
     assert_eq!(late, expected);
@@ -356,7 +416,12 @@ fn a_frame_shows_where_the_vehicle_was_when_it_was_taken() {
     };
     for (i, (age, _, pos)) in marker(r#"{"camera": 1}"#, 0.1, 1.0).iter().enumerate() {
         let taken = 0.02 * (i + 1) as f64 - age;
-        assert!((pos[0] - truth(taken)).abs() < 5e-6, "frame of {taken}: {} instead of {}", pos[0], truth(taken));
+        assert!(
+            (pos[0] - truth(taken)).abs() < 5e-6,
+            "frame of {taken}: {} instead of {}",
+            pos[0],
+            truth(taken)
+        );
     }
 }
 
@@ -365,13 +430,18 @@ fn the_marker_is_lost_at_the_edge_of_the_view_and_kept_in_mind() {
     let seen = marker(r#"{"camera_fov": {"diagonal_deg": 120}}"#, 7.5_f64.to_radians(), 3.0);
     let lost = seen.iter().position(|m| m.1 < 0.5).expect("flying away loses the marker");
     let x = seen[lost - 1].2[0];
-    // Nose down by 11.3 degrees the camera looks back: the far corners leave 55.2 + 11.3 degrees behind, seen from 0.68 m.
+    // Nose down by 11.3 degrees the camera looks back: the far corners leave 55.2 + 11.3 degrees behind, seen
+    // from 0.68 m.
     let expected = 0.68 * (55.2_f64 + 11.3).to_radians().tan() - 0.0985;
     assert!((x - expected).abs() < 0.06, "lost at {x} m, expected about {expected}");
     assert!(seen[lost..].iter().all(|m| m.1 < 0.5 && (m.2[0] - x).abs() < 1e-12), "the last pose is kept");
     let age = seen.last().unwrap().0;
     assert!(age > 1.0, "its age grows: {age}");
-    let field = marker(r#"{"camera_fov": {"diagonal_deg": 120}, "markers": {"columns": 9, "pitch_m": 0.5}}"#, 7.5_f64.to_radians(), 2.0);
+    let field = marker(
+        r#"{"camera_fov": {"diagonal_deg": 120}, "markers": {"columns": 9, "pitch_m": 0.5}}"#,
+        7.5_f64.to_radians(),
+        2.0,
+    );
     assert!(field.iter().all(|m| m.1 > 0.5), "a field of markers carries farther");
 }
 
@@ -389,7 +459,10 @@ fn noise_has_its_size_and_grows_with_distance() {
         .map(|m| ((m.2[0]).powi(2) + m.2[1].powi(2) + (m.2[2] - 0.7).powi(2)).sqrt())
         .collect();
     let hits = vertical.iter().filter(|d| **d > 0.05).count() as f64 / vertical.len() as f64;
-    assert!((hits - 0.1).abs() < 0.03 && vertical.iter().all(|d| *d < 0.01 || (d - 0.1).abs() < 0.01), "{hits}");
+    assert!(
+        (hits - 0.1).abs() < 0.03 && vertical.iter().all(|d| *d < 0.01 || (d - 0.1).abs() < 0.01),
+        "{hits}"
+    );
 }
 
 #[test]
@@ -413,7 +486,11 @@ fn every_parameter_says_what_it_is() {
         "rad s/m",
     ];
     for entry in registry() {
-        assert!(!entry.about.is_empty() && entry.source.len() > 5 && !entry.params.is_empty(), "{}", entry.name);
+        assert!(
+            !entry.about.is_empty() && entry.source.len() > 5 && !entry.params.is_empty(),
+            "{}",
+            entry.name
+        );
         for p in entry.params {
             assert!(
                 p.low <= p.off && p.off <= p.high && p.low < p.high,
@@ -430,19 +507,28 @@ fn every_parameter_says_what_it_is() {
     }
 }
 
-/// The exact kinematics of a turning rigid body whose rates obey 5.1 and 5.2, by Runge-Kutta: roll, pitch and yaw under the commands of [`fly`].
+/// The exact kinematics of a turning rigid body whose rates obey 5.1 and 5.2, by Runge-Kutta: roll, pitch and
+/// yaw under the commands of [`fly`].
 fn exact_attitude(seconds: f64) -> [f64; 3] {
     let (model, h) = (Model::thesis(), 0.0005);
     let of = |path: &str| model.parameter(path).unwrap();
-    let tilt = ["roll", "pitch"].map(|axis| ["gain", "damping", "stiffness"].map(|n| of(&format!("{axis}.{n}"))));
+    let tilt =
+        ["roll", "pitch"].map(|axis| ["gain", "damping", "stiffness"].map(|n| of(&format!("{axis}.{n}"))));
     let mut x = [0.0; 5];
     for step in 0..(seconds / h) as usize {
         let t = 0.02 * ((step as f64 * h + 1e-9) / 0.02).floor();
         let (u, r) = ([0.10 * libm::sin(3.1 * t), 0.12 * libm::sin(2.3 * t)], -0.8 * libm::sin(0.9 * t));
         let slope = |[roll, pitch, _, p, q]: [f64; 5]| {
             let turned = q * roll.sin() + r * roll.cos();
-            let torque = |i: usize, angle: f64, rate: f64| tilt[i][0] * u[i] - tilt[i][1] * rate - tilt[i][2] * angle;
-            [p + pitch.tan() * turned, q * roll.cos() - r * roll.sin(), turned / pitch.cos(), torque(0, roll, p), torque(1, pitch, q)]
+            let torque =
+                |i: usize, angle: f64, rate: f64| tilt[i][0] * u[i] - tilt[i][1] * rate - tilt[i][2] * angle;
+            [
+                p + pitch.tan() * turned,
+                q * roll.cos() - r * roll.sin(),
+                turned / pitch.cos(),
+                torque(0, roll, p),
+                torque(1, pitch, q),
+            ]
         };
         let moved = |k: [f64; 5], by: f64| std::array::from_fn(|i| x[i] + by * k[i]);
         let a = slope(x);
@@ -456,10 +542,14 @@ fn exact_attitude(seconds: f64) -> [f64; 3] {
 
 #[test]
 fn euler_kinematics_are_those_of_a_rigid_body() {
-    let attitude = |effects: &str, seconds: f64| fly::<f64>(&table(effects), Some(300), seconds).last().unwrap()[6..9].to_vec();
+    let attitude = |effects: &str, seconds: f64| {
+        fly::<f64>(&table(effects), Some(300), seconds).last().unwrap()[6..9].to_vec()
+    };
     for seconds in [1.0, 2.5, 4.0] {
         let exact = exact_attitude(seconds);
-        let off = |effects: &str| attitude(effects, seconds).iter().zip(exact).map(|(a, e)| (a - e).abs()).collect::<Vec<f64>>();
+        let off = |effects: &str| {
+            attitude(effects, seconds).iter().zip(exact).map(|(a, e)| (a - e).abs()).collect::<Vec<f64>>()
+        };
         let (small, turned) = (off("{}"), off(r#"{"euler_kinematics": 1}"#));
         for axis in 0..3 {
             assert!(turned[axis] < 0.2 * small[axis] + 2e-4, "{seconds} s: {turned:?} against {small:?}");

@@ -1,4 +1,5 @@
-//! Effects against solutions on paper: step responses, steady states, swings; and the same at any control rate.
+//! Effects against solutions on paper: step responses, steady states, swings; and the same at any control
+//! rate.
 
 use crazyflie_env::config::{EffectTable, Options};
 use crazyflie_env::effects::{Entry, Hooks, Observability, Param, Role, find, registry};
@@ -19,8 +20,13 @@ fn world_of(model: &Model, effects: &str, physics_hz: Option<u32>) -> World<f64>
     World::<f64>::new(model, &table(effects), settings, 1).unwrap().without_floor()
 }
 
-/// A vehicle at rest one metre up with a level command in force, flown by `command` of the tick; the states at the ends of the ticks.
-fn fly(world: &mut World<f64>, ticks: usize, mut command: impl FnMut(usize) -> Command<f64>) -> Vec<State<f64>> {
+/// A vehicle at rest one metre up with a level command in force, flown by `command` of the tick; the states
+/// at the ends of the ticks.
+fn fly(
+    world: &mut World<f64>,
+    ticks: usize,
+    mut command: impl FnMut(usize) -> Command<f64>,
+) -> Vec<State<f64>> {
     world.start(0, true, &State { pos_m: [0.0, 0.0, 1.0], ..State::rest() }, &level());
     let state_after = |tick: usize| {
         world.step(0, &command(tick));
@@ -50,12 +56,19 @@ fn static_gain() -> f64 {
 #[test]
 fn a_yaw_rate_loop_answers_a_step_with_its_gain_and_lag() {
     let turning = |_| Command { yaw_rate_radps: 0.5, ..level() };
-    let (plain, slow) = (flight("{}", 100, turning), flight(r#"{"yaw_rate_loop": {"gain": 0.98, "lag_s": 0.12}}"#, 100, turning));
+    let (plain, slow) = (
+        flight("{}", 100, turning),
+        flight(r#"{"yaw_rate_loop": {"gain": 0.98, "lag_s": 0.12}}"#, 100, turning),
+    );
     for (tick, (plain, slow)) in plain.iter().zip(&slow).enumerate() {
         let t = (tick + 1) as f64 * TICK_S;
         // the integral of 1 - exp(-t / lag), where the plain vehicle turns by t
         let expected = plain.att_rad[2] / t * 0.98 * (t - 0.12 * (1.0 - (-t / 0.12).exp()));
-        assert!((slow.att_rad[2] - expected).abs() < 1e-9, "{t} s: {} instead of {expected}", slow.att_rad[2]);
+        assert!(
+            (slow.att_rad[2] - expected).abs() < 1e-9,
+            "{t} s: {} instead of {expected}",
+            slow.att_rad[2]
+        );
     }
 }
 
@@ -73,9 +86,12 @@ fn play_stays_until_it_is_crossed_and_lags_half_its_width() {
 
 #[test]
 fn a_rate_limit_makes_a_ramp_of_a_step() {
-    let (plain, limited) = (flight("{}", 400, |_| pitched(10.0)), flight(r#"{"cmd_rate_limit": 47.0}"#, 400, |_| pitched(10.0)));
-    // in the long run only the area between step and ramp counts, and a linear plant multiplies it by its static gain
-    let area: f64 = plain.iter().zip(&limited).map(|(p, l)| (p.att_rad[1] - l.att_rad[1]).to_degrees() * TICK_S).sum();
+    let (plain, limited) =
+        (flight("{}", 400, |_| pitched(10.0)), flight(r#"{"cmd_rate_limit": 47.0}"#, 400, |_| pitched(10.0)));
+    // in the long run only the area between step and ramp counts, and a linear plant multiplies it by its
+    // static gain
+    let area: f64 =
+        plain.iter().zip(&limited).map(|(p, l)| (p.att_rad[1] - l.att_rad[1]).to_degrees() * TICK_S).sum();
     let expected = static_gain() * 10.0 * 10.0 / (2.0 * 47.0);
     assert!((area - expected).abs() < 1e-6, "{area} instead of {expected}");
     let down = flight(r#"{"cmd_rate_limit": 47.0}"#, 400, |_| pitched(-10.0));
@@ -115,7 +131,9 @@ fn two_saturated_motors_take_half_of_the_torque_and_their_thrust() {
 #[test]
 fn a_slung_load_swings_as_a_pendulum_on_a_free_vehicle() {
     let (ratio, length_m, v0) = (0.2, 0.63, 0.3);
-    let effects = format!("{{\"slung_load\": {{\"mass_ratio\": {ratio}, \"length_m\": {length_m}, \"damping_ps\": 0}}}}");
+    let effects = format!(
+        "{{\"slung_load\": {{\"mass_ratio\": {ratio}, \"length_m\": {length_m}, \"damping_ps\": 0}}}}"
+    );
     let mut world = world_of(&Model::thesis(), &effects, None);
     let command = Command::level((1.0 + ratio) * HOVER_PWM);
     world.start(0, true, &State { pos_m: [0.0, 0.0, 1.0], ..State::rest() }, &command);
@@ -136,11 +154,16 @@ fn a_slung_load_swings_as_a_pendulum_on_a_free_vehicle() {
 #[test]
 fn a_dragged_load_hangs_back_and_costs_nothing_in_the_long_run() {
     let lean = |tick: usize| if tick < 1000 { pitched(1.0) } else { level() };
-    let with = flight(r#"{"slung_load": {"mass_ratio": 0.15, "length_m": 0.3, "damping_ps": 1, "declared": 1}}"#, 2000, lean);
+    let with = flight(
+        r#"{"slung_load": {"mass_ratio": 0.15, "length_m": 0.3, "damping_ps": 1, "declared": 1}}"#,
+        2000,
+        lean,
+    );
     let alone = flight("{}", 2000, lean);
     let (got, expected) = (with[1999].vel_mps[0], alone[1999].vel_mps[0]);
     assert!((got / expected - 1.0).abs() < 0.01 && expected > 1.0, "{got} instead of {expected}");
-    let shaken = with.iter().zip(&alone).map(|(a, b)| (a.vel_mps[0] - b.vel_mps[0]).abs()).fold(0.0, f64::max);
+    let shaken =
+        with.iter().zip(&alone).map(|(a, b)| (a.vel_mps[0] - b.vel_mps[0]).abs()).fold(0.0, f64::max);
     assert!(shaken > 0.002, "{shaken}");
 }
 
@@ -157,8 +180,16 @@ fn a_declared_load_only_swings() {
             world.state(0).vel_mps[0]
         })
         .collect();
-    let swing = |of: &[f64]| of.iter().copied().fold(f64::NEG_INFINITY, f64::max) - of.iter().copied().fold(f64::INFINITY, f64::min);
-    assert!(swing(&speeds[..100]) > 0.04 && swing(&speeds[1300..]) < 0.005, "{} {}", swing(&speeds[..100]), swing(&speeds[1300..]));
+    let swing = |of: &[f64]| {
+        of.iter().copied().fold(f64::NEG_INFINITY, f64::max)
+            - of.iter().copied().fold(f64::INFINITY, f64::min)
+    };
+    assert!(
+        swing(&speeds[..100]) > 0.04 && swing(&speeds[1300..]) < 0.005,
+        "{} {}",
+        swing(&speeds[..100]),
+        swing(&speeds[1300..])
+    );
     assert!(world.state(0).vel_mps[2].abs() < 1e-9);
 }
 
@@ -191,7 +222,9 @@ fn a_periodic_force_gives_a_swing_of_speed() {
 #[test]
 fn torques_that_share_the_loss_are_those_of_a_weaker_attitude_loop() {
     let mut weaker = Model::thesis();
-    for path in ["gain", "damping", "stiffness"].iter().flat_map(|n| [format!("roll.{n}"), format!("pitch.{n}")]) {
+    for path in
+        ["gain", "damping", "stiffness"].iter().flat_map(|n| [format!("roll.{n}"), format!("pitch.{n}")])
+    {
         weaker = weaker.with_parameter(&path, 0.8 * weaker.parameter(&path).unwrap()).unwrap();
     }
     let commands = |tick: usize| Command { roll_rad: -0.05, ..pitched(if tick < 25 { 8.0 } else { -8.0 }) };
@@ -200,10 +233,14 @@ fn torques_that_share_the_loss_are_those_of_a_weaker_attitude_loop() {
         let shared = r#"{"thrust_scale": {"scale": 0.8, "torque_share": 1}}"#;
         let got = fly(&mut world_of(&Model::thesis(), shared, Some(hz)), 100, commands);
         let off = |of: &[State<f64>]| {
-            let by = of.iter().zip(&truth).flat_map(|(a, b)| (0..3).map(move |i| (a.att_rad[i] - b.att_rad[i]).abs()));
+            let by = of
+                .iter()
+                .zip(&truth)
+                .flat_map(|(a, b)| (0..3).map(move |i| (a.att_rad[i] - b.att_rad[i]).abs()));
             by.fold(0.0, f64::max)
         };
-        let alone = off(&fly(&mut world_of(&Model::thesis(), r#"{"thrust_scale": 0.8}"#, Some(hz)), 100, commands));
+        let alone =
+            off(&fly(&mut world_of(&Model::thesis(), r#"{"thrust_scale": 0.8}"#, Some(hz)), 100, commands));
         let (with, most) = (off(&got), if hz == 50 { 0.15 } else { 0.02 });
         assert!(with < most * alone, "{hz} Hz: {with} rad off, {alone} without the torques");
         assert!((got[99].vel_mps[2] - truth[99].vel_mps[2]).abs() < 1e-9);
@@ -239,7 +276,8 @@ fn a_ground_effect_counts_from_where_the_vehicle_rests() {
 
 fn fitting(names: &[&str], model: &Model) -> World<f64> {
     let entries: Vec<&'static Entry> = names.iter().map(|name| find(name).unwrap().1).collect();
-    World::<f64>::for_fitting(model, &entries, Settings { input: VerticalInput::Thrust, physics_hz: None }).unwrap()
+    World::<f64>::for_fitting(model, &entries, Settings { input: VerticalInput::Thrust, physics_hz: None })
+        .unwrap()
 }
 
 #[test]
@@ -248,11 +286,19 @@ fn a_lens_bends_by_the_square_of_the_angle() {
     world.put("lens_distortion", &[-0.1]).unwrap();
     let level = world.film(&State { pos_m: [0.3, -0.4, 1.25], ..State::rest() }, 0.0);
     let scale = 1.0 - 0.1 * 0.25 / (1.25 * 1.25);
-    assert!((level.pos_m[0] - 0.3 * scale).abs() < 1e-12 && (level.pos_m[1] + 0.4 * scale).abs() < 1e-12, "{:?}", level.pos_m);
+    assert!(
+        (level.pos_m[0] - 0.3 * scale).abs() < 1e-12 && (level.pos_m[1] + 0.4 * scale).abs() < 1e-12,
+        "{:?}",
+        level.pos_m
+    );
     // a vehicle that leans so that it looks at the marker sees it straight
     let aimed = State { pos_m: [0.125, -0.25, 1.25], att_rad: [0.2, 0.1, 0.0], ..State::rest() };
     let frame = world.film(&aimed, 0.0);
-    assert!((frame.pos_m[0] - 0.125).abs() < 1e-12 && (frame.pos_m[1] + 0.25).abs() < 1e-12, "{:?}", frame.pos_m);
+    assert!(
+        (frame.pos_m[0] - 0.125).abs() < 1e-12 && (frame.pos_m[1] + 0.25).abs() < 1e-12,
+        "{:?}",
+        frame.pos_m
+    );
 }
 
 /// However fast the control ticks, a command that does not change is obeyed as it is.
@@ -271,15 +317,23 @@ fn a_constant_command_means_the_same_at_any_control_rate() {
         let x = world.state(0);
         [x.att_rad[0], x.att_rad[1], x.rate_radps[2]]
     };
-    for entry in registry().iter().filter(|e| e.hooks == Hooks::COMMAND && e.observability == Observability::Deterministic) {
+    for entry in registry()
+        .iter()
+        .filter(|e| e.hooks == Hooks::COMMAND && e.observability == Observability::Deterministic)
+    {
         for share in [0.3, 0.72, 1.0] {
-            let value = |p: &Param| if p.role == Role::Choice { p.off } else { p.off + share * (p.far() - p.off) };
+            let value =
+                |p: &Param| if p.role == Role::Choice { p.off } else { p.off + share * (p.far() - p.off) };
             let values: Vec<f64> = entry.params.iter().map(value).collect();
             let usual = settled(50.0, entry, &values);
             for hz in [60.0, 100.0, 200.0, 500.0] {
                 let got = settled(hz, entry, &values);
                 for (got, usual) in got.iter().zip(usual) {
-                    assert!((got - usual).abs() < 1e-4, "{} {values:?} at {hz} Hz: {got} instead of {usual}", entry.name);
+                    assert!(
+                        (got - usual).abs() < 1e-4,
+                        "{} {values:?} at {hz} Hz: {got} instead of {usual}",
+                        entry.name
+                    );
                 }
             }
         }
@@ -304,7 +358,10 @@ fn a_late_camera_shows_what_stands_still_at_any_rate() {
                 let age_s = now_s - m.t_s;
                 assert!(m.valid == 1.0 && (m.pos_m[0] - 0.1).abs() < 1e-12, "{hz} Hz, {latency_s} s: {m:?}");
                 let late = latency_s - 1e-3..latency_s + 1.0 / hz + 1e-3;
-                assert!(now_s < latency_s + 2.0 / hz || late.contains(&age_s), "{hz} Hz, {latency_s} s: {age_s} s old");
+                assert!(
+                    now_s < latency_s + 2.0 / hz || late.contains(&age_s),
+                    "{hz} Hz, {latency_s} s: {age_s} s old"
+                );
             }
             assert!(tick.reading.marker.t_s > 0.2);
         }

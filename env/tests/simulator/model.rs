@@ -8,11 +8,22 @@ use crazyflie_env::sim_scalar::SimScalar;
 use crazyflie_env::world::{Settings, World};
 
 /// Fly `seconds` with a held command from `x`; the state at every tick.
-fn fly<R: SimScalar>(input: VerticalInput, x: &State<f64>, u: &Command<f64>, seconds: f64) -> Vec<State<f64>> {
+fn fly<R: SimScalar>(
+    input: VerticalInput,
+    x: &State<f64>,
+    u: &Command<f64>,
+    seconds: f64,
+) -> Vec<State<f64>> {
     let settings = Settings { input, physics_hz: None };
-    let mut world = World::<R>::new(&Model::thesis(), &EffectTable::new(), settings, 1).unwrap().without_floor();
+    let mut world =
+        World::<R>::new(&Model::thesis(), &EffectTable::new(), settings, 1).unwrap().without_floor();
     let of = |v: f64| R::from_f64(v);
-    let u = Command { roll_rad: of(u.roll_rad), pitch_rad: of(u.pitch_rad), yaw_rate_radps: of(u.yaw_rate_radps), lift: of(u.lift) };
+    let u = Command {
+        roll_rad: of(u.roll_rad),
+        pitch_rad: of(u.pitch_rad),
+        yaw_rate_radps: of(u.yaw_rate_radps),
+        lift: of(u.lift),
+    };
     let start = State {
         pos_m: x.pos_m.map(of),
         vel_mps: x.vel_mps.map(of),
@@ -38,9 +49,21 @@ fn fly<R: SimScalar>(input: VerticalInput, x: &State<f64>, u: &Command<f64>, sec
 }
 
 /// Compare one quantity at every tick with its formula: 1e-9 in f64, 1e-4 in f32.
-fn check(name: &str, input: VerticalInput, x: &State<f64>, u: &Command<f64>, of: impl Fn(&State<f64>) -> f64, truth: impl Fn(f64) -> f64) {
-    let worst =
-        |flight: Vec<State<f64>>| flight.iter().enumerate().map(|(i, x)| (of(x) - truth(0.02 * (i + 1) as f64)).abs()).fold(0.0, f64::max);
+fn check(
+    name: &str,
+    input: VerticalInput,
+    x: &State<f64>,
+    u: &Command<f64>,
+    of: impl Fn(&State<f64>) -> f64,
+    truth: impl Fn(f64) -> f64,
+) {
+    let worst = |flight: Vec<State<f64>>| {
+        flight
+            .iter()
+            .enumerate()
+            .map(|(i, x)| (of(x) - truth(0.02 * (i + 1) as f64)).abs())
+            .fold(0.0, f64::max)
+    };
     let (double, single) = (worst(fly::<f64>(input, x, u, 4.0)), worst(fly::<Lanes>(input, x, u, 4.0)));
     println!("{name}: {double:.1e} in f64, {single:.1e} in f32");
     assert!(double < 1e-9, "{name} in f64: {double:e}");
@@ -93,7 +116,14 @@ fn yaw_follows_5_2() {
 #[test]
 fn height_follows_5_3() {
     let end = 1.615 * 0.8 / 1.592;
-    check("height", VerticalInput::Height, &at_70_cm(), &Command::level(0.8), |x| x.pos_m[2], |t| end + (0.7 - end) * (-1.592 * t).exp());
+    check(
+        "height",
+        VerticalInput::Height,
+        &at_70_cm(),
+        &Command::level(0.8),
+        |x| x.pos_m[2],
+        |t| end + (0.7 - end) * (-1.592 * t).exp(),
+    );
 }
 
 #[test]
@@ -113,7 +143,14 @@ fn height_from_pwm_follows_5_4() {
 fn height_from_thrust_follows_its_equation() {
     let (a, heave) = (9.81 * (40_000.0 / 39_342.5 - 1.0), 1.2_f64);
     let truth = |t: f64| 0.7 + a / heave * (t - (1.0 - (-heave * t).exp()) / heave);
-    check("height by thrust", VerticalInput::Thrust, &at_70_cm(), &Command::level(40_000.0), |x| x.pos_m[2], truth);
+    check(
+        "height by thrust",
+        VerticalInput::Thrust,
+        &at_70_cm(),
+        &Command::level(40_000.0),
+        |x| x.pos_m[2],
+        truth,
+    );
 }
 
 #[test]
@@ -136,9 +173,11 @@ fn the_twelve_state_form_4_15_is_the_same_model() {
         let end = space.advance(&x, &held, 2.0);
         let last = flight.last().unwrap();
         for i in 0..3 {
-            for (name, ours, theirs) in
-                [("position", last.pos_m[i], end[i]), ("angle", last.att_rad[i], end[3 + i]), ("rate", last.rate_radps[i], end[9 + i])]
-            {
+            for (name, ours, theirs) in [
+                ("position", last.pos_m[i], end[i]),
+                ("angle", last.att_rad[i], end[3 + i]),
+                ("rate", last.rate_radps[i], end[9 + i]),
+            ] {
                 assert!((ours - theirs).abs() < 1e-9, "{input:?} {name} {i}: {ours} against {theirs}");
             }
         }
@@ -153,7 +192,8 @@ fn the_twelve_state_form_4_15_is_the_same_model() {
 fn a_turned_vehicle_flies_where_it_points() {
     let mut x = at_70_cm();
     x.att_rad[2] = std::f64::consts::FRAC_PI_2;
-    let flight = fly::<f64>(VerticalInput::Height, &x, &Command { pitch_rad: 0.05, ..Command::level(0.7) }, 1.0);
+    let flight =
+        fly::<f64>(VerticalInput::Height, &x, &Command { pitch_rad: 0.05, ..Command::level(0.7) }, 1.0);
     let last = flight.last().unwrap();
     assert!(last.pos_m[1] > 0.1 && last.pos_m[0].abs() < 1e-9, "{:?}", last.pos_m);
 }
@@ -163,13 +203,19 @@ fn broken_models_are_refused_with_their_place() {
     let good = crazyflie_env::model::THESIS_TOML;
     let cases = [
         (good.replace("schema = 1", "schema = 2"), "schema is 2"),
-        (good.replace("value = 31.86, unit = \"1/s\"", "value = -31.86, unit = \"1/s\""), "roll.damping is -31.86"),
+        (
+            good.replace("value = 31.86, unit = \"1/s\"", "value = -31.86, unit = \"1/s\""),
+            "roll.damping is -31.86",
+        ),
         (good.replace("value = 31.86, unit = \"1/s\"", "value = nan, unit = \"1/s\""), "roll.damping is NaN"),
         (good.replace("unit = \"1/s^2\"", "unit = \"1/s\""), "roll.gain has the unit \"1/s\""),
         (good.replace("damping =", "dampening ="), "line 15"),
         (good.replace("form = \"integrator\"", "form = \"integrat0r\""), "integrat0r"),
         (good[..good.len() / 2].to_owned(), "unclosed inline table"),
-        (good.replace("value = 100.0, unit = \"Hz\"", "value = 75.0, unit = \"Hz\""), "multiple of rig.control"),
+        (
+            good.replace("value = 100.0, unit = \"Hz\"", "value = 75.0, unit = \"Hz\""),
+            "multiple of rig.control",
+        ),
         ("{\"schema\": 1,".to_owned(), "line 1"),
         (format!("{good}\n[effects.drag_lineer]\nrate_ps = 0.3\n"), "did you mean \"drag_linear\""),
     ];

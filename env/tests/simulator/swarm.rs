@@ -29,7 +29,8 @@ fn crowd(fleet: &Fleet, avoid: Option<CollisionAvoidance>) -> MultiController {
         };
         ControllerSpec::named("thesis-pid").unwrap().build(&site).unwrap()
     };
-    MultiController::new((0..env.num_drones()).map(one).collect(), env.num_envs(), avoid, env.tick_s()).unwrap()
+    MultiController::new((0..env.num_drones()).map(one).collect(), env.num_envs(), avoid, env.tick_s())
+        .unwrap()
 }
 
 /// The metrics of every world's first episode.
@@ -105,7 +106,13 @@ fn a_load_hangs_with_its_weight_on_the_ropes() {
     // drones that hold still: what they would do without a rope is what undoes its pull
     let mut free = [[0.0; 3]; 3];
     for _ in 0..500 {
-        load.step(&mut state, &drones, &free, Ropes { moving: &mut moving, pulls_mps2: &mut pulls, drone_kg: &kg }, [0.02, 9.81]);
+        load.step(
+            &mut state,
+            &drones,
+            &free,
+            Ropes { moving: &mut moving, pulls_mps2: &mut pulls, drone_kg: &kg },
+            [0.02, 9.81],
+        );
         free = pulls.map(|pull| pull.map(|p: f64| -p));
     }
     let weight: f64 = pulls.iter().map(|pull| -0.027 * pull[2]).sum();
@@ -127,7 +134,9 @@ fn rows(options: &str, worlds: usize, first: u64) -> Vec<Vec<u32>> {
         crowd.act(&fleet.observations, &mut actions).unwrap();
         fleet.step(&actions).unwrap();
         for (world, row) in out.iter_mut().enumerate() {
-            let all = |values: &[f32], per: usize| values[world * per..(world + 1) * per].iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+            let all = |values: &[f32], per: usize| {
+                values[world * per..(world + 1) * per].iter().map(|v| v.to_bits()).collect::<Vec<_>>()
+            };
             row.extend(all(&fleet.observations, n * width));
             row.extend(all(&fleet.rewards, n));
             row.extend(all(&fleet.metrics, METRICS.len()));
@@ -150,7 +159,11 @@ fn the_same_bits_for_any_batch_thread_and_instruction_set() {
             assert!(reference == other, "{} differs on {}", entry.name, level.name());
         }
         assert!(reference[7..10] == rows(&options(""), 3, 7), "{} differs with the batch", entry.name);
-        assert!(reference[..] == rows(&options(", \"threads\": 2"), 35, 0)[..20], "{} differs with threads", entry.name);
+        assert!(
+            reference[..] == rows(&options(", \"threads\": 2"), 35, 0)[..20],
+            "{} differs with threads",
+            entry.name
+        );
     }
 }
 
@@ -164,7 +177,13 @@ fn eight_swap_without_a_collision_if_they_avoid_each_other() {
         let mut settled: Vec<f32> = metrics.iter().map(|m| m[3]).collect();
         settled.sort_by(f32::total_cmp);
         let least = metrics.iter().map(|m| m[2]).fold(f32::MAX, f32::min);
-        (sum(&metrics, "collisions"), sum(&metrics, "crashes"), sum(&metrics, "done"), least, settled[seeds / 2])
+        (
+            sum(&metrics, "collisions"),
+            sum(&metrics, "crashes"),
+            sum(&metrics, "done"),
+            least,
+            settled[seeds / 2],
+        )
     };
     let (with, without) = (run(Some(CollisionAvoidance::default())), run(None));
     println!("swap of 8, {seeds} seeds: collided, crashed, arrived, least separation (m), median time (s)");
@@ -176,14 +195,20 @@ fn eight_swap_without_a_collision_if_they_avoid_each_other() {
 #[test]
 fn every_task_can_be_flown_by_the_thesis_pid() {
     for entry in task::registry().iter().filter(|entry| entry.drones > 1) {
-        let options = format!("{{\"task\": \"{}\", \"max_episode_steps\": {}}}", entry.name, entry.max_episode_steps);
+        let options =
+            format!("{{\"task\": \"{}\", \"max_episode_steps\": {}}}", entry.name, entry.max_episode_steps);
         let mut fleet = Fleet::new(32, &options);
         fleet.reset(0);
         let metrics = fly(&mut fleet, Some(CollisionAvoidance::default()));
         let mean = |name: &str| sum(&metrics, name) / 32.0;
         let figures: Vec<String> = METRICS.iter().map(|m| format!("{} {:.3}", m.0, mean(m.0))).collect();
         println!("{:13} {}", entry.name, figures.join(", "));
-        assert!(mean("collisions") == 0.0 && mean("crashes") == 0.0, "{}: {}", entry.name, figures.join(", "));
+        assert!(
+            mean("collisions") == 0.0 && mean("crashes") == 0.0,
+            "{}: {}",
+            entry.name,
+            figures.join(", ")
+        );
         let all = mean("done") == entry.drones as f32;
         let ends = ["swap", "cover", "land_in_turn"].contains(&entry.name);
         assert!(all || !ends && mean("rms_error_m") < 0.7, "{}: {}", entry.name, figures.join(", "));
@@ -214,7 +239,9 @@ fn who_collides_is_gone_and_the_others_fly_on() {
             assert!(fleet.observations[..width].iter().any(|v| *v != 0.0), "its last observation is its own");
             when = Some(tick);
         } else if when.is_some() {
-            assert!(fleet.observations[..2 * width].iter().all(|v| *v == 0.0) && fleet.rewards[..2] == [0.0, 0.0]);
+            assert!(
+                fleet.observations[..2 * width].iter().all(|v| *v == 0.0) && fleet.rewards[..2] == [0.0, 0.0]
+            );
             // the third sees them no more
             assert_eq!(fleet.observations[2 * width + OBSERVATION + 7], 0.0);
             if tick < 299 {
@@ -241,7 +268,8 @@ fn radio_is_late_and_lossy_and_range_is_short() {
             fleet.step(&actions).unwrap();
             for row in fleet.observations.chunks(width).filter(|_| tick > 20) {
                 for other in row[OBSERVATION..].chunks(NEIGHBOUR) {
-                    (age, valid, count) = (age + f64::from(other[6]), valid + f64::from(other[7]), count + 1.0);
+                    (age, valid, count) =
+                        (age + f64::from(other[6]), valid + f64::from(other[7]), count + 1.0);
                 }
             }
         }
@@ -286,7 +314,10 @@ fn mistakes_are_named() {
         (r#"{"neighbours": {"by": "radio", "delay_s": 9}}"#, vec!["neighbours.delay_s is 9"]),
         (r#"{"neighbours": {"by": "smell"}}"#, vec!["smell", "ideal"]),
         (r#"{"task": "swap", "task_options": {"radius": 1}}"#, vec!["swap", "radius"]),
-        (r#"{"task": "swap", "drones": 64, "task_options": {"radius_m": 0.5}}"#, vec!["radius_m is 0.5", "64 drones"]),
+        (
+            r#"{"task": "swap", "drones": 64, "task_options": {"radius_m": 0.5}}"#,
+            vec!["radius_m is 0.5", "64 drones"],
+        ),
         (r#"{"radius_m": -1}"#, vec!["radius_m is -1"]),
     ] {
         let error = made(options).unwrap_err().to_string();

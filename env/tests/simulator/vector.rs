@@ -1,4 +1,5 @@
-//! The batch of environments: the same bits for any batch size, number of threads and instruction set; resets; mistakes.
+//! The batch of environments: the same bits for any batch size, number of threads and instruction set;
+//! resets; mistakes.
 
 use crazyflie_control::pid::{Gains, Pid};
 use crazyflie_control::{self as control, Controller, Mode};
@@ -47,13 +48,19 @@ impl Batch {
     }
 
     fn step(&mut self, actions: &[f32]) -> crazyflie_env::Result<()> {
-        let out = StepBuffers::new(&mut self.observations, &mut self.rewards, &mut self.terminated, &mut self.truncated);
+        let out = StepBuffers::new(
+            &mut self.observations,
+            &mut self.rewards,
+            &mut self.terminated,
+            &mut self.truncated,
+        );
         self.env.step(actions, out)
     }
 
     /// What environment `i` shows, bit by bit.
     fn row(&self, i: usize) -> Vec<u32> {
-        let mut row: Vec<u32> = self.observations[i * OBSERVATION..(i + 1) * OBSERVATION].iter().map(|v| v.to_bits()).collect();
+        let mut row: Vec<u32> =
+            self.observations[i * OBSERVATION..(i + 1) * OBSERVATION].iter().map(|v| v.to_bits()).collect();
         row.extend([self.rewards[i].to_bits(), u32::from(self.terminated[i]), u32::from(self.truncated[i])]);
         row
     }
@@ -73,7 +80,8 @@ fn trajectory(envs: usize, first: u64, seed: u64, options: &Options, steps: u64)
     let i = (seed - first) as usize;
     let mut rows = vec![batch.row(i)];
     for step in 0..steps {
-        let actions: Vec<f32> = (0..envs * ACTION).map(|k| action(first + (k / ACTION) as u64, step, k % ACTION)).collect();
+        let actions: Vec<f32> =
+            (0..envs * ACTION).map(|k| action(first + (k / ACTION) as u64, step, k % ACTION)).collect();
         batch.step(&actions).unwrap();
         rows.push(batch.row(i));
     }
@@ -89,17 +97,28 @@ fn the_same_bits_for_any_batch_threads_and_instruction_set() {
             ))
         };
         let reference = trajectory(1, 40, 40, &with(1, "baseline"), 200);
-        assert!(reference.iter().any(|r| r[OBSERVATION + 1] == 1 || r[OBSERVATION + 2] == 1), "episodes end within the test");
+        assert!(
+            reference.iter().any(|r| r[OBSERVATION + 1] == 1 || r[OBSERVATION + 2] == 1),
+            "episodes end within the test"
+        );
         let plain = |threads: usize, isa: &str| {
-            options(&format!(r#"{{"max_episode_steps": 70, "autoreset": "{mode}", "threads": {threads}, "isa": "{isa}"}}"#))
+            options(&format!(
+                r#"{{"max_episode_steps": 70, "autoreset": "{mode}", "threads": {threads}, "isa": "{isa}"}}"#
+            ))
         };
         let bare = trajectory(1, 40, 40, &plain(1, "baseline"), 200);
         for level in Level::available() {
             for (envs, first, threads) in [(1, 40, 1), (100, 0, 1), (100, 7, 3)] {
                 let same = trajectory(envs, first, 40, &plain(threads, level.name()), 200) == bare;
-                assert!(same, "{mode}, no effects: {envs} environments, {threads} threads, {} differ", level.name());
+                assert!(
+                    same,
+                    "{mode}, no effects: {envs} environments, {threads} threads, {} differ",
+                    level.name()
+                );
             }
-            for (envs, first, threads) in [(1, 40, 1), (3, 38, 1), (16, 40, 1), (17, 24, 1), (100, 0, 1), (100, 0, 2), (100, 7, 3)] {
+            for (envs, first, threads) in
+                [(1, 40, 1), (3, 38, 1), (16, 40, 1), (17, 24, 1), (100, 0, 1), (100, 0, 2), (100, 7, 3)]
+            {
                 let same = trajectory(envs, first, 40, &with(threads, level.name()), 200) == reference;
                 assert!(same, "{mode}: {envs} environments, {threads} threads, {} differ", level.name());
             }
@@ -112,7 +131,9 @@ fn the_same_bits_for_any_batch_threads_and_instruction_set() {
 fn golden_hash() {
     for level in Level::available() {
         let isa = level.name();
-        let o = options(&format!(r#"{{"effects": {EVERYTHING}, "vertical": "thrust", "max_episode_steps": 70, "isa": "{isa}"}}"#));
+        let o = options(&format!(
+            r#"{{"effects": {EVERYTHING}, "vertical": "thrust", "max_episode_steps": 70, "isa": "{isa}"}}"#
+        ));
         let hash = trajectory(20, 0, 11, &o, 300)
             .iter()
             .flatten()
@@ -144,7 +165,8 @@ fn observations_stay_within_their_bounds_and_measure_the_state() {
     let mut batch = Batch::new(64, &options(r#"{"vertical": "thrust"}"#));
     batch.reset(0);
     for step in 0..400 {
-        let actions: Vec<f32> = (0..64 * ACTION).map(|k| action((k / ACTION) as u64, step, k % ACTION)).collect();
+        let actions: Vec<f32> =
+            (0..64 * ACTION).map(|k| action((k / ACTION) as u64, step, k % ACTION)).collect();
         batch.step(&actions).unwrap();
         let mut states = vec![0.0; 64 * STATE];
         batch.env.states(&mut states).unwrap();
@@ -162,11 +184,22 @@ fn observations_stay_within_their_bounds_and_measure_the_state() {
 }
 
 /// Fly a task with the PID; rewards and the final true states.
-fn fly_pid(task: &str, gains: Gains, mode: Mode, vertical: &str, effects: &str, steps: usize) -> (Vec<f32>, Vec<Vec<f32>>) {
+fn fly_pid(
+    task: &str,
+    gains: Gains,
+    mode: Mode,
+    vertical: &str,
+    effects: &str,
+    steps: usize,
+) -> (Vec<f32>, Vec<Vec<f32>>) {
     let n = 32;
-    let mut batch = Batch::new(n, &options(&format!(r#"{{"task": "{task}", "vertical": "{vertical}", "effects": {effects}}}"#)));
+    let mut batch = Batch::new(
+        n,
+        &options(&format!(r#"{{"task": "{task}", "vertical": "{vertical}", "effects": {effects}}}"#)),
+    );
     batch.reset(1);
-    let mut pid = control::Batch::new(n, Pid::new(gains, batch.env.interfaces()[0], batch.env.tick_s(), mode));
+    let mut pid =
+        control::Batch::new(n, Pid::new(gains, batch.env.interfaces()[0], batch.env.tick_s(), mode));
     let mut actions = vec![0.0; n * ACTION];
     let mut sum = vec![0.0; n];
     let mut states = vec![0.0; n * STATE];
@@ -188,7 +221,10 @@ fn the_thesis_pid_settles_over_the_marker_with_every_loop_of_the_right_sign() {
         let (rewards, flights) = fly_pid("hover", Gains::THESIS, Mode::Automatic, vertical, "{}", 1000);
         for x in flights.last().unwrap().chunks(STATE) {
             let off = (x[0] * x[0] + x[1] * x[1]).sqrt();
-            assert!(off < 0.02 && (x[2] - 0.7).abs() < 0.02 && x[5].abs() < 0.02, "{vertical}: ends at {x:?}");
+            assert!(
+                off < 0.02 && (x[2] - 0.7).abs() < 0.02 && x[5].abs() < 0.02,
+                "{vertical}: ends at {x:?}"
+            );
         }
         assert!(rewards.iter().all(|r| *r > 700.0), "{vertical}: {rewards:?}");
     }
@@ -203,14 +239,21 @@ fn yaw_errors_to_both_sides_are_turned_back() {
             );
             let mut batch = Batch::new(4, &options(&o));
             batch.reset(3);
-            let mut pid = control::Batch::new(4, Pid::new(gains, batch.env.interfaces()[0], batch.env.tick_s(), Mode::Automatic));
+            let mut pid = control::Batch::new(
+                4,
+                Pid::new(gains, batch.env.interfaces()[0], batch.env.tick_s(), Mode::Automatic),
+            );
             let mut actions = [0.0; 16];
             for _ in 0..500 {
                 pid.act(&batch.observations, &mut actions).unwrap();
                 batch.step(&actions).unwrap();
             }
             for row in batch.observations.chunks(OBSERVATION) {
-                assert!((row[8].to_degrees() - yaw as f32).abs() < 3.0, "yaw is {} instead of {yaw}", row[8].to_degrees());
+                assert!(
+                    (row[8].to_degrees() - yaw as f32).abs() < 3.0,
+                    "yaw is {} instead of {yaw}",
+                    row[8].to_degrees()
+                );
             }
         }
     }
@@ -275,7 +318,9 @@ fn bad_actions_and_buffers_are_named_and_nothing_moves() {
     assert_eq!(batch.step(&[0.0; 160]), Err(Error::NotReset));
     batch.reset(0);
     let before = batch.observations.clone();
-    for (value, at, env, axis) in [(f32::NAN, 5, 1, 1), (1.5, 159, 39, 3), (f32::INFINITY, 0, 0, 0), (-1.000_001, 64, 16, 0)] {
+    for (value, at, env, axis) in
+        [(f32::NAN, 5, 1, 1), (1.5, 159, 39, 3), (f32::INFINITY, 0, 0, 0), (-1.000_001, 64, 16, 0)]
+    {
         let mut actions = [0.0; 160];
         actions[at] = value;
         match batch.step(&actions) {
@@ -283,7 +328,10 @@ fn bad_actions_and_buffers_are_named_and_nothing_moves() {
             other => panic!("{other:?}"),
         }
     }
-    assert_eq!(batch.step(&[0.0; 156]), Err(Error::Shape { what: "actions", want: "160 numbers".into(), got: "156".into() }));
+    assert_eq!(
+        batch.step(&[0.0; 156]),
+        Err(Error::Shape { what: "actions", want: "160 numbers".into(), got: "156".into() })
+    );
     assert_eq!(before, batch.observations);
     let mut fresh = Batch::new(40, &options("{}"));
     fresh.reset(0);

@@ -1,6 +1,7 @@
-//! The position controller of the Crazyflie's firmware (`position_controller_pid.c`, default gains of the Crazyflie 2.x platform): a loop on position
-//! asks for a velocity, a loop on that for tilt and thrust. On NanoBench's flights a regression of the logged commands on position error and
-//! velocity gives 49 to 50 deg/m and -24.5 deg/(m/s), which is what these gains say (2 x 25 and 25).
+//! The position controller of the Crazyflie's firmware (`position_controller_pid.c`, default gains of the
+//! Crazyflie 2.x platform): a loop on position asks for a velocity, a loop on that for tilt and thrust. On
+//! NanoBench's flights a regression of the logged commands on position error and velocity gives 49 to 50
+//! deg/m and -24.5 deg/(m/s), which is what these gains say (2 x 25 and 25).
 
 use crazyflie_env::observation::{Setpoint, wrap};
 use crazyflie_env::plant::{Command, State};
@@ -46,10 +47,18 @@ pub(super) struct FirmwareCascade {
 }
 
 impl FirmwareCascade {
-    /// Called every `dt_s` seconds, on a vehicle that hovers at `hover_pwm`: in flight, the thrust integral carries the rest of the weight.
+    /// Called every `dt_s` seconds, on a vehicle that hovers at `hover_pwm`: in flight, the thrust integral
+    /// carries the rest of the weight.
     pub(super) fn new(dt_s: f64, hover_pwm: f64, yaw_sign: f64) -> Self {
         let climb = PiLoop { integral: (hover_pwm - THRUST_BASE_PWM) / THRUST_SCALE / CLIMB.1 };
-        FirmwareCascade { dt_s, yaw_sign, position: Default::default(), velocity: Default::default(), height: PiLoop::default(), climb }
+        FirmwareCascade {
+            dt_s,
+            yaw_sign,
+            position: Default::default(),
+            velocity: Default::default(),
+            height: PiLoop::default(),
+            climb,
+        }
     }
 
     /// The command at a state, which the vehicle's estimator is taken to know.

@@ -1,5 +1,5 @@
-//! The thesis's second simulation block (7.1.2): a controller flies the model along the set-points of a recorded flight, and the flight that comes
-//! out is compared with the recorded one.
+//! The thesis's second simulation block (7.1.2): a controller flies the model along the set-points of a
+//! recorded flight, and the flight that comes out is compared with the recorded one.
 
 mod firmware;
 
@@ -21,11 +21,12 @@ use crate::replay::ReplayError;
 /// Frames that arrive later than this after they were taken (s) came from a camera.
 const LATENCY_S: f64 = 0.005;
 const ROUNDING_S: f64 = 1e-6;
-/// A controller that gives this share of the commands is the one that flew: of another's commands, the thesis PID and the firmware's cascade give less than
-/// nothing or hardly anything.
+/// A controller that gives this share of the commands is the one that flew: of another's commands, the thesis
+/// PID and the firmware's cascade give less than nothing or hardly anything.
 const LEAST_SHARE: f64 = 0.5;
 
-/// A recorded flight and the one that a controller is predicted to fly along its set-points, at the times of the recorded positions.
+/// A recorded flight and the one that a controller is predicted to fly along its set-points, at the times of
+/// the recorded positions.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tracking {
     /// Capture times of the recorded positions after the start, on the clock of the log.
@@ -43,7 +44,8 @@ pub struct Tracking {
 pub struct Distances {
     /// Of the predicted flight from the measured one.
     pub predicted_m: f64,
-    /// Of the set-point from the measured flight: its tracking error, and the error of who predicts "where it is told to be".
+    /// Of the set-point from the measured flight: its tracking error, and the error of who predicts "where it
+    /// is told to be".
     pub measured_tracking_m: f64,
     /// Of the set-point from the predicted flight: the predicted tracking error.
     pub predicted_tracking_m: f64,
@@ -71,8 +73,8 @@ impl Distances {
 /// The controllers that may have flown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Controller {
-    /// The thesis PID with its new gains on what the rig measures. The height loop's gains are in parts of the PWM that carries the model, as table
-    /// 7.1's are of the thesis's vehicle.
+    /// The thesis PID with its new gains on what the rig measures. The height loop's gains are in parts of
+    /// the PWM that carries the model, as table 7.1's are of the thesis's vehicle.
     Thesis,
     /// The firmware's cascade with its default gains, on the true state.
     Firmware,
@@ -87,8 +89,8 @@ impl Controller {
         }
     }
 
-    /// The controller that flew, by its logged commands for roll and pitch: told the measured states and the set-points, it gives most of them. `None`
-    /// if none does, or the log holds no set-points.
+    /// The controller that flew, by its logged commands for roll and pitch: told the measured states and the
+    /// set-points, it gives most of them. `None` if none does, or the log holds no set-points.
     ///
     /// # Errors
     /// [`ReplayError`] if the model cannot be flown.
@@ -104,8 +106,14 @@ impl Controller {
     }
 }
 
-/// Share of the squared roll and pitch commands of a flight, in their mean over both, that a controller gives on the measured states.
-fn command_share(model: &Model, log: &FlightLog, flight: &Flight, controller: Controller) -> Result<Option<f64>, ReplayError> {
+/// Share of the squared roll and pitch commands of a flight, in their mean over both, that a controller gives
+/// on the measured states.
+fn command_share(
+    model: &Model,
+    log: &FlightLog,
+    flight: &Flight,
+    controller: Controller,
+) -> Result<Option<f64>, ReplayError> {
     let Some(targets) = Targets::from_log(log) else { return Ok(None) };
     let mut control_loop = ControlLoop::new(model, log, flight)?;
     let first = targets.first_tick(flight);
@@ -117,7 +125,8 @@ fn command_share(model: &Model, log: &FlightLog, flight: &Flight, controller: Co
         let flown = flight.command(tick as isize);
         let reading = control_loop.world.start(0, true, &state, flown);
         let predicted = control_loop.command(controller, &reading, t_s, &Setpoint { pos_m, yaw_rad });
-        left += (predicted.roll_rad - flown.roll_rad).powi(2) + (predicted.pitch_rad - flown.pitch_rad).powi(2);
+        left +=
+            (predicted.roll_rad - flown.roll_rad).powi(2) + (predicted.pitch_rad - flown.pitch_rad).powi(2);
         all += flown.roll_rad.powi(2) + flown.pitch_rad.powi(2);
     }
     Ok((all > 0.0).then(|| 1.0 - left / all))
@@ -134,7 +143,12 @@ struct ControlLoop {
 
 impl ControlLoop {
     fn new(model: &Model, log: &FlightLog, flight: &Flight) -> Result<Self, ReplayError> {
-        let world = World::<f64>::new(model, &localisation_effects(log, model), Settings { input: flight.input, physics_hz: None }, 1)?;
+        let world = World::<f64>::new(
+            model,
+            &localisation_effects(log, model),
+            Settings { input: flight.input, physics_hz: None },
+            1,
+        )?;
         let interface = Interface::from_model(model, flight.input)?;
         let (tick_s, hover) = (world.tick_s(), interface.hover_lift);
         let pid = Pid::<f64>::new(Gains::THESIS.for_hover(hover), interface, tick_s, Mode::Automatic);
@@ -142,7 +156,13 @@ impl ControlLoop {
         Ok(ControlLoop { world, interface, pid, firmware, action: [0.0; 4] })
     }
 
-    fn command(&mut self, controller: Controller, reading: &Reading<f64>, t_s: f64, setpoint: &Setpoint<f64>) -> Command<f64> {
+    fn command(
+        &mut self,
+        controller: Controller,
+        reading: &Reading<f64>,
+        t_s: f64,
+        setpoint: &Setpoint<f64>,
+    ) -> Command<f64> {
         match controller {
             Controller::Thesis => {
                 self.action = self.pid.act(&observe(reading, t_s, setpoint, &self.action));
@@ -153,13 +173,18 @@ impl ControlLoop {
     }
 }
 
-/// Flies a controller on a model along the set-points of a log, from the state in which the recorded flight begins. Where positions came late, as
-/// from a camera, the thesis PID sees 30 frames a second that late. `None` if the log holds no set-points, or the firmware is asked for other commands
-/// than thrust.
+/// Flies a controller on a model along the set-points of a log, from the state in which the recorded flight
+/// begins. Where positions came late, as from a camera, the thesis PID sees 30 frames a second that late.
+/// `None` if the log holds no set-points, or the firmware is asked for other commands than thrust.
 ///
 /// # Errors
 /// [`ReplayError`] if the model cannot be flown.
-pub fn follow(model: &Model, log: &FlightLog, flight: &Flight, controller: Controller) -> Result<Option<Tracking>, ReplayError> {
+pub fn follow(
+    model: &Model,
+    log: &FlightLog,
+    flight: &Flight,
+    controller: Controller,
+) -> Result<Option<Tracking>, ReplayError> {
     let Some(targets) = Targets::from_log(log) else { return Ok(None) };
     let mut control_loop = ControlLoop::new(model, log, flight)?;
     let interface = control_loop.interface;
@@ -171,7 +196,12 @@ pub fn follow(model: &Model, log: &FlightLog, flight: &Flight, controller: Contr
     let start = with_lags(model, flight.input, *flight.measured_state(first));
     let offset_s = first as f64 * flight.tick_s;
     let lift = if interface.input.is_pwm() { interface.hover_lift } else { start.pos_m[2] };
-    let mut reading = control_loop.world.start(0, true, &start, &Command { roll_rad: 0.0, pitch_rad: 0.0, yaw_rate_radps: 0.0, lift });
+    let mut reading = control_loop.world.start(
+        0,
+        true,
+        &start,
+        &Command { roll_rad: 0.0, pitch_rad: 0.0, yaw_rate_radps: 0.0, lift },
+    );
     let mut positions = vec![start.pos_m];
     for tick in 0..((flight.ticks as f64 * flight.tick_s - offset_s) / tick_s + ROUNDING_S) as usize {
         let t_s = tick as f64 * tick_s;
@@ -184,8 +214,15 @@ pub fn follow(model: &Model, log: &FlightLog, flight: &Flight, controller: Contr
 }
 
 /// The predicted flight at the times of the measured positions.
-fn compare(flight: &Flight, targets: &Targets<'_>, offset_s: f64, tick_s: f64, positions: &[[f64; 3]]) -> Tracking {
-    let mut out = Tracking { t_s: Vec::new(), setpoint_m: Vec::new(), measured_m: Vec::new(), predicted_m: Vec::new() };
+fn compare(
+    flight: &Flight,
+    targets: &Targets<'_>,
+    offset_s: f64,
+    tick_s: f64,
+    positions: &[[f64; 3]],
+) -> Tracking {
+    let mut out =
+        Tracking { t_s: Vec::new(), setpoint_m: Vec::new(), measured_m: Vec::new(), predicted_m: Vec::new() };
     for fix in flight.fixes.iter().filter(|f| f.t_s > offset_s) {
         let tick = (fix.t_s - offset_s) / tick_s;
         let (before, share) = (tick as usize, tick.fract());
@@ -201,7 +238,13 @@ fn compare(flight: &Flight, targets: &Targets<'_>, offset_s: f64, tick_s: f64, p
 /// The localisation that the log speaks of: a camera as late as its frames are, or none.
 fn localisation_effects(log: &FlightLog, model: &Model) -> EffectTable {
     const LATENCY: &str = "camera_latency";
-    let late: Vec<f64> = log.fixes.row.iter().zip(&log.fixes.capture_t_s).map(|(row, captured)| log.t_s[*row] - captured).collect();
+    let late: Vec<f64> = log
+        .fixes
+        .row
+        .iter()
+        .zip(&log.fixes.capture_t_s)
+        .map(|(row, captured)| log.t_s[*row] - captured)
+        .collect();
     let latency_s = late.iter().sum::<f64>() / late.len().max(1) as f64;
     if latency_s < LATENCY_S {
         return EffectTable::new();
@@ -230,7 +273,13 @@ impl<'a> Targets<'a> {
         let has_setpoint = |row: &usize| pos_m.iter().any(|axis| axis[*row] != 0.0);
         let first = (0..log.t_s.len()).find(has_setpoint)?;
         let last_row = (0..log.t_s.len()).rev().find(has_setpoint)?;
-        Some(Targets { t_s: &log.t_s, pos_m, yaw_rad: log.setpoint_yaw_rad.as_deref(), first_s: log.t_s[first], last_row })
+        Some(Targets {
+            t_s: &log.t_s,
+            pos_m,
+            yaw_rad: log.setpoint_yaw_rad.as_deref(),
+            first_s: log.t_s[first],
+            last_row,
+        })
     }
 
     /// The first tick of a flight with a set-point.

@@ -1,5 +1,6 @@
-//! Motor demand of the effects: a controller with an integral makes up for whatever is wrong with a vehicle, so an effect shows in hover as
-//! what the mixer must ask of the four motors to undo it. The simulator says what that is; there is no second formula.
+//! Motor demand of the effects: a controller with an integral makes up for whatever is wrong with a vehicle,
+//! so an effect shows in hover as what the mixer must ask of the four motors to undo it. The simulator says
+//! what that is; there is no second formula.
 
 use crazyflie_env::effects::{self, Entry};
 use crazyflie_env::model::{Model, VerticalInput};
@@ -10,8 +11,8 @@ use nalgebra::{Matrix4, Vector4};
 use crate::explain::candidates::candidates;
 use crate::fit::hypothesis::{Hypothesis, Term};
 
-/// Components of a motor demand: the mean of all motors, then a quarter of left less right, of front less back, and of motors 1 and 3
-/// less 2 and 4, which turn the other way.
+/// Components of a motor demand: the mean of all motors, then a quarter of left less right, of front less
+/// back, and of motors 1 and 3 less 2 and 4, which turn the other way.
 pub const DEMAND: [&str; 4] = ["thrust", "roll", "pitch", "yaw"];
 /// The same by motor: 1 front right, 2 back right, 3 back left, 4 front left.
 const MIX: [f64; 16] = [1.0, 1.0, 1.0, 1.0, -1.0, -1.0, 1.0, 1.0, 1.0, -1.0, -1.0, 1.0, 1.0, -1.0, 1.0, -1.0];
@@ -48,7 +49,10 @@ pub struct EffectDemand {
 /// A model that cannot be flown by a thrust command.
 pub fn effect_demands(model: &Model) -> crazyflie_env::Result<Vec<EffectDemand>> {
     let motors = effects::find(MOTOR)?.1;
-    let all: Vec<Term> = candidates(&Hypothesis::from_model(model)).iter().flat_map(|c| c.starts[..c.variants].to_vec()).collect();
+    let all: Vec<Term> = candidates(&Hypothesis::from_model(model))
+        .iter()
+        .flat_map(|c| c.starts[..c.variants].to_vec())
+        .collect();
     let none = after_a_tick(&Hypothesis::from_model(model))?;
     // each motor's share of the motion, from the motion that is lost with it
     let mut gives = Matrix4::zeros();
@@ -58,7 +62,8 @@ pub fn effect_demands(model: &Model) -> crazyflie_env::Result<Vec<EffectDemand>>
     let Some(needed) = gives.try_inverse() else { return Ok(Vec::new()) };
     let mut found = Vec::new();
     for term in &all {
-        let choice = term.entry.params.iter().zip(&term.values).find(|(p, _)| p.role == effects::Role::Choice);
+        let choice =
+            term.entry.params.iter().zip(&term.values).find(|(p, _)| p.role == effects::Role::Choice);
         for i in &term.free {
             let p = &term.entry.params[*i];
             let asked: Vector4<f64> = mix() * needed * -slope(model, term, *i, &none)?;
@@ -85,7 +90,12 @@ fn slope(model: &Model, term: &Term, i: usize, none: &Vector4<f64>) -> crazyflie
 
 fn after_a_tick(hypothesis: &Hypothesis) -> crazyflie_env::Result<Vector4<f64>> {
     let model = hypothesis.to_model("hover");
-    let mut world = World::<f64>::new(&model, &Default::default(), Settings { input: VerticalInput::Thrust, physics_hz: None }, 1)?;
+    let mut world = World::<f64>::new(
+        &model,
+        &Default::default(),
+        Settings { input: VerticalInput::Thrust, physics_hz: None },
+        1,
+    )?;
     let mut start = State::rest();
     start.pos_m[2] = HEIGHT_M;
     let command = Command::level(model.parameter("vertical.thrust.hover")?);
@@ -104,17 +114,22 @@ mod tests {
     fn demands_are_those_of_newton_and_of_the_mixer() {
         let model = Model::thesis();
         let demands = effect_demands(&model).unwrap();
-        let demand_of = |effect: &str, variant: Option<usize>| demands.iter().find(|d| d.effect == effect && d.variant == variant).unwrap();
+        let demand_of = |effect: &str, variant: Option<usize>| {
+            demands.iter().find(|d| d.effect == effect && d.variant == variant).unwrap()
+        };
         let mass_kg = model.parameter("vehicle.mass").unwrap();
         let heavier = demand_of("mass_change", None).per_unit;
         assert!((heavier[0] * mass_kg - 1.0).abs() < 2e-3, "{heavier:?}");
         assert!(heavier[1..].iter().all(|d| (d * mass_kg).abs() < 1e-6), "{heavier:?}");
-        // back left: a quarter of what it lacks is thrust, and to the left, to the back, and against the turn of 1 and 3
+        // back left: a quarter of what it lacks is thrust, and to the left, to the back, and against the turn
+        // of 1 and 3
         for (demand, sign) in demand_of("weak_motor", Some(3)).per_unit.iter().zip([1.0, 1.0, -1.0, 1.0]) {
             assert!((demand / 0.25 - sign).abs() < 1e-6, "{demand}");
         }
         // what leans to the right, which is positive roll, asks the right for more
         assert!(demand_of("com_offset", None).per_unit[1] < 0.0);
-        assert!(demands.iter().all(|d| !["drag_linear", "wind", "cmd_delay", "imu_tilt"].contains(&d.effect)));
+        assert!(
+            demands.iter().all(|d| !["drag_linear", "wind", "cmd_delay", "imu_tilt"].contains(&d.effect))
+        );
     }
 }

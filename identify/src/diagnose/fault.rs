@@ -1,17 +1,19 @@
-//! Named faults fitted to a change of the hover trim, with what the registry's effects would ask of the motors.
+//! Named faults fitted to a change of the hover trim, with what the registry's effects would ask of the
+//! motors.
 
 use super::demand::{DEMAND, EffectDemand};
 
 /// The effect of a payload, and of a worn motor or propeller.
 const MASS: &str = "mass_change";
 const MOTOR: &str = "weak_motor";
-/// A payload sits within this many motor spacings of the centre: propeller guards reach so far. In hover a payload over a motor moves
-/// the balance by as much as it adds thrust.
+/// A payload sits within this many motor spacings of the centre: propeller guards reach so far. In hover a
+/// payload over a motor moves the balance by as much as it adds thrust.
 const REACH: f64 = 1.5;
-/// A propeller whose diameter is a share d shorter loses 4 d of its thrust and 5 d of its torque at equal speed; relieved, a brushed motor turns
-/// faster by some 1.2 d, which leaves a loss of about 1.5 d. At equal thrust its torque stays d smaller, so yaw is asked for (1.5 + 1) / 1.5
-/// times as much as the effect says, which knows a motor whose torque goes with its thrust (1 times). How far a motor slows under load is
-/// known to a factor of 1.5 at best.
+/// A propeller whose diameter is a share d shorter loses 4 d of its thrust and 5 d of its torque at equal
+/// speed; relieved, a brushed motor turns faster by some 1.2 d, which leaves a loss of about 1.5 d. At equal
+/// thrust its torque stays d smaller, so yaw is asked for (1.5 + 1) / 1.5 times as much as the effect says,
+/// which knows a motor whose torque goes with its thrust (1 times). How far a motor slows under load is known
+/// to a factor of 1.5 at best.
 const YAW_SHARE: f64 = 1.7;
 const YAW_SHARE_LOG_SD: f64 = 0.4;
 /// Range of the logarithm of that share, three standard deviations, and the points it is searched on.
@@ -75,8 +77,10 @@ pub(crate) fn fit_faults(change: &TrimChange, demands: &[EffectDemand]) -> Vec<F
 /// Effects that ask the same of the motors as a payload, so that no hover tells them from it.
 #[must_use]
 pub fn look_alikes(demands: &[EffectDemand]) -> Vec<&'static str> {
-    let asks_thrust_alone = |d: &&EffectDemand| d.per_unit[1..].iter().all(|x| x.abs() < 1e-3 * d.per_unit[0].abs());
-    let mut names: Vec<&'static str> = demands.iter().filter(|d| d.effect != MASS).filter(asks_thrust_alone).map(|d| d.effect).collect();
+    let asks_thrust_alone =
+        |d: &&EffectDemand| d.per_unit[1..].iter().all(|x| x.abs() < 1e-3 * d.per_unit[0].abs());
+    let mut names: Vec<&'static str> =
+        demands.iter().filter(|d| d.effect != MASS).filter(asks_thrust_alone).map(|d| d.effect).collect();
     // an effect that a search begins at several values has a demand at each, one after the other
     names.dedup();
     names
@@ -86,12 +90,19 @@ fn fit_weight(change: &TrimChange, demand: &EffectDemand) -> Option<FaultFit> {
     let TrimChange { by, variances } = change;
     let per_kg = demand.per_unit[0];
     let off = |i: usize, share: f64| (by[i].abs() - REACH * share).max(0.0).powi(2) / variances[i];
-    let misfit = |share: f64| (by[0] - share).powi(2) / variances[0] + off(1, share) + off(2, share) + by[3].powi(2) / variances[3];
+    let misfit = |share: f64| {
+        (by[0] - share).powi(2) / variances[0] + off(1, share) + off(2, share) + by[3].powi(2) / variances[3]
+    };
     let share = least(misfit, MOST.min(demand.range[1] * per_kg));
     let place = |i: usize| (by[i] / share).clamp(-REACH, REACH);
     let fault = Fault::AddedWeight { mass_kg: share / per_kg, left: place(1), front: place(2) };
     // the mass and the place
-    (share > 0.0).then(|| FaultFit { fault, stderr: variances[0].sqrt() / per_kg, misfit: misfit(share), criterion: misfit(share) + 6.0 })
+    (share > 0.0).then(|| FaultFit {
+        fault,
+        stderr: variances[0].sqrt() / per_kg,
+        misfit: misfit(share),
+        criterion: misfit(share) + 6.0,
+    })
 }
 
 fn fit_motor(change: &TrimChange, demand: &EffectDemand) -> Option<FaultFit> {
@@ -110,7 +121,12 @@ fn fit_motor(change: &TrimChange, demand: &EffectDemand) -> Option<FaultFit> {
     let loss = least(misfit, MOST.min(demand.range[1]));
     let fault = Fault::WeakMotor { motor: demand.variant?, loss };
     // the loss and the share of yaw
-    (loss > 0.0).then(|| FaultFit { fault, stderr: width(misfit, loss), misfit: misfit(loss), criterion: misfit(loss) + 4.0 })
+    (loss > 0.0).then(|| FaultFit {
+        fault,
+        stderr: width(misfit, loss),
+        misfit: misfit(loss),
+        criterion: misfit(loss) + 4.0,
+    })
 }
 
 /// Standard error by likelihood: how far from the best size the misfit has grown by one.
@@ -127,7 +143,8 @@ fn width(misfit: impl Fn(f64) -> f64, best: f64) -> f64 {
 /// The place between 0 and `high` where a function of one valley, or flat on a part of it, is least.
 fn least(value: impl Fn(f64) -> f64, high: f64) -> f64 {
     let step = high / GRID as f64;
-    let best = (0..=GRID).min_by(|a, b| value(*a as f64 * step).total_cmp(&value(*b as f64 * step))).unwrap_or(0);
+    let best =
+        (0..=GRID).min_by(|a, b| value(*a as f64 * step).total_cmp(&value(*b as f64 * step))).unwrap_or(0);
     let (mut low, mut top) = ((best as f64 - 1.0).max(0.0) * step, ((best + 1) as f64 * step).min(high));
     for _ in 0..40 {
         let (a, b) = (low + (top - low) / 3.0, top - (top - low) / 3.0);
@@ -146,7 +163,12 @@ impl Fault {
                 format!("weight added: {:.2} +- {:.2} g{side}", 1e3 * mass_kg, 1e3 * stderr)
             }
             Self::WeakMotor { motor, loss } => {
-                format!("weak motor {motor} ({}): {:.1} +- {:.1} % of its thrust lost", place_of(*motor), 100.0 * loss, 100.0 * stderr)
+                format!(
+                    "weak motor {motor} ({}): {:.1} +- {:.1} % of its thrust lost",
+                    place_of(*motor),
+                    100.0 * loss,
+                    100.0 * stderr
+                )
             }
         }
     }
@@ -161,7 +183,8 @@ fn place_of(motor: usize) -> &'static str {
     }
 }
 
-/// Direction of a place by the motors it lies towards. `None` near the middle, a quarter of the way to a motor.
+/// Direction of a place by the motors it lies towards. `None` near the middle, a quarter of the way to a
+/// motor.
 #[must_use]
 pub fn side_of(left: f64, front: f64) -> Option<&'static str> {
     const MIDDLE: f64 = 0.25;
@@ -206,8 +229,14 @@ mod tests {
         let mass_kg = model.parameter("vehicle.mass").unwrap();
         let found = best([0.06, 0.06, -0.06, 0.0]);
         let Fault::AddedWeight { mass_kg: added, left, front } = found.fault else { panic!("{found:?}") };
-        assert!((added - 0.06 * mass_kg).abs() < 2e-3 * mass_kg && side_of(left, front) == Some("towards M3 (back left)"), "{found:?}");
-        for (motor, signs) in [(1, [-1.0, 1.0, 1.0]), (2, [-1.0, -1.0, -1.0]), (3, [1.0, -1.0, 1.0]), (4, [1.0, 1.0, -1.0])] {
+        assert!(
+            (added - 0.06 * mass_kg).abs() < 2e-3 * mass_kg
+                && side_of(left, front) == Some("towards M3 (back left)"),
+            "{found:?}"
+        );
+        for (motor, signs) in
+            [(1, [-1.0, 1.0, 1.0]), (2, [-1.0, -1.0, -1.0]), (3, [1.0, -1.0, 1.0]), (4, [1.0, 1.0, -1.0])]
+        {
             // a cut propeller asks for more yaw than thrust
             let found = best([0.05, 0.05 * signs[0], 0.05 * signs[1], 0.08 * signs[2]]);
             let Fault::WeakMotor { motor: named, loss } = found.fault else { panic!("{found:?}") };

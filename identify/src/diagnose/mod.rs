@@ -1,8 +1,10 @@
-//! Planted faults by hover trim: suspect flights against normal ones, compared by what hovering asks of the motors.
+//! Planted faults by hover trim: suspect flights against normal ones, compared by what hovering asks of the
+//! motors.
 //!
-//! First [`trim`]: each flight's mean demand of thrust, roll, pitch and yaw. Then [`spread`]: how far normal set-ups differ. One test follows whether the
-//! suspects differ by more: of the thrust, the yaw and the strongest swing ([`swing`]), times three for the three looks. Roll and pitch are not
-//! tested: a battery put in askew moves them. Only after an alarm, [`fault`]: which fault asks the same of the motors ([`demand`]).
+//! First [`trim`]: each flight's mean demand of thrust, roll, pitch and yaw. Then [`spread`]: how far normal
+//! set-ups differ. One test follows whether the suspects differ by more: of the thrust, the yaw and the
+//! strongest swing ([`swing`]), times three for the three looks. Roll and pitch are not tested: a battery put
+//! in askew moves them. Only after an alarm, [`fault`]: which fault asks the same of the motors ([`demand`]).
 
 pub mod demand;
 pub mod fault;
@@ -25,7 +27,8 @@ pub const ALARM_RATE: f64 = 0.05;
 const LOOKS: f64 = 3.0;
 /// A fault that leaves a misfit of less than this chance does not describe the change.
 const UNFIT: f64 = 0.01;
-/// Faults whose criteria differ by less cannot be told apart (Burnham and Anderson 2002: substantial support within 2).
+/// Faults whose criteria differ by less cannot be told apart (Burnham and Anderson 2002: substantial support
+/// within 2).
 const ALIKE: f64 = 2.0;
 /// Degrees of freedom below which a spread is hardly known: the 5 % bound of Student's t is above 4.
 const LEAST_FREEDOM: f64 = 2.0;
@@ -36,7 +39,9 @@ const LEAST_FREEDOM: f64 = 2.0;
 pub enum DiagnoseError {
     #[error("no flight of the {0} ones has a hover trim")]
     NoFlights(&'static str),
-    #[error("no quantity that says what the motors are asked for is in all logs: mixer requests, or motor PWM with battery voltage")]
+    #[error(
+        "no quantity that says what the motors are asked for is in all logs: mixer requests, or motor PWM with battery voltage"
+    )]
     NoCommonSource,
     #[error("{normal} and {suspect} are the same flight: normal and suspect flights must differ")]
     SameFlight { normal: String, suspect: String },
@@ -103,7 +108,8 @@ pub struct Diagnosis {
     pub verdict: DiagnosisVerdict,
     /// Faults that do as well as the named one.
     pub alternatives: Vec<FaultFit>,
-    /// Alarms among the normal set-ups, each taken as suspect against the others, and how many could be tried. `None` with one set-up.
+    /// Alarms among the normal set-ups, each taken as suspect against the others, and how many could be
+    /// tried. `None` with one set-up.
     pub normal_alarms: Option<[usize; 2]>,
     /// Flights that are not used, and why.
     pub left_out: Vec<String>,
@@ -113,7 +119,11 @@ pub struct Diagnosis {
 ///
 /// # Errors
 /// [`DiagnoseError`]: no flights, nothing common to all logs, or one flight on both sides.
-pub fn diagnose(normal: &[FlightTrim], suspect: &[FlightTrim], demands: &[EffectDemand]) -> Result<Diagnosis, DiagnoseError> {
+pub fn diagnose(
+    normal: &[FlightTrim],
+    suspect: &[FlightTrim],
+    demands: &[EffectDemand],
+) -> Result<Diagnosis, DiagnoseError> {
     for a in normal {
         if let Some(b) = suspect.iter().find(|b| a.is_same_flight(b)) {
             return Err(DiagnoseError::SameFlight { normal: a.name.clone(), suspect: b.name.clone() });
@@ -149,7 +159,8 @@ fn without_copies<'a>(flights: &'a [FlightTrim], left_out: &mut Vec<String>) -> 
     kept
 }
 
-/// Whether the beginnings of file names are those of vehicles: each flew normally more than once, and one at least is suspect too.
+/// Whether the beginnings of file names are those of vehicles: each flew normally more than once, and one at
+/// least is suspect too.
 fn names_tell_vehicles(normal: &[&FlightTrim], suspect: &[&FlightTrim]) -> bool {
     let flights = |vehicle: &str| normal.iter().filter(|n| n.vehicle == vehicle).count();
     let is_known = normal.iter().all(|n| !n.vehicle.is_empty() && flights(&n.vehicle) > 1);
@@ -157,7 +168,11 @@ fn names_tell_vehicles(normal: &[&FlightTrim], suspect: &[&FlightTrim]) -> bool 
 }
 
 /// Suspects whose vehicle, by its name, flew normally too.
-fn of_normal_vehicles<'a>(normal: &[&FlightTrim], suspect: Vec<&'a FlightTrim>, left_out: &mut Vec<String>) -> Vec<&'a FlightTrim> {
+fn of_normal_vehicles<'a>(
+    normal: &[&FlightTrim],
+    suspect: Vec<&'a FlightTrim>,
+    left_out: &mut Vec<String>,
+) -> Vec<&'a FlightTrim> {
     let flew = |s: &&FlightTrim| normal.iter().any(|n| n.vehicle == s.vehicle);
     let (kept, foreign): (Vec<&FlightTrim>, Vec<&FlightTrim>) = suspect.into_iter().partition(flew);
     left_out.extend(foreign.iter().map(|f| format!("{} (no normal flight of {})", f.name, f.vehicle)));
@@ -185,7 +200,9 @@ impl TrimComparison {
     fn set_ups<'a>(&self, flights: &[&'a FlightTrim]) -> Vec<Vec<&'a FlightTrim>> {
         let mut groups: Vec<Vec<&FlightTrim>> = Vec::new();
         for flight in flights {
-            let same = |g: &&mut Vec<&FlightTrim>| g[0].folder == flight.folder && self.vehicle(g[0]) == self.vehicle(flight);
+            let same = |g: &&mut Vec<&FlightTrim>| {
+                g[0].folder == flight.folder && self.vehicle(g[0]) == self.vehicle(flight)
+            };
             match groups.iter_mut().find(same) {
                 Some(group) => group.push(flight),
                 None => groups.push(vec![flight]),
@@ -196,26 +213,41 @@ impl TrimComparison {
 
     fn name(&self, set_up: &[&FlightTrim]) -> String {
         let first = set_up[0];
-        let name = if self.by_name { format!("{} {}", first.folder, first.vehicle) } else { first.folder.clone() };
+        let name =
+            if self.by_name { format!("{} {}", first.folder, first.vehicle) } else { first.folder.clone() };
         if name.is_empty() { first.name.clone() } else { name }
     }
 
-    fn diagnose(&self, normal: &[&FlightTrim], suspect: &[&FlightTrim], demands: &[EffectDemand]) -> Diagnosis {
+    fn diagnose(
+        &self,
+        normal: &[&FlightTrim],
+        suspect: &[&FlightTrim],
+        demands: &[EffectDemand],
+    ) -> Diagnosis {
         let (normal_groups, groups) = (self.set_ups(normal), self.set_ups(suspect));
         let trims = |g: &[&FlightTrim]| g.iter().map(|f| self.relative(f)).collect::<Vec<_>>();
         let mut vehicles: Vec<&str> = normal.iter().map(|f| self.vehicle(f)).collect();
         vehicles.sort_unstable();
         vehicles.dedup();
-        let by_vehicle: Vec<Vec<Vec<RelativeTrim>>> =
-            vehicles.iter().map(|v| normal_groups.iter().filter(|g| self.vehicle(g[0]) == *v).map(|g| trims(g)).collect()).collect();
+        let by_vehicle: Vec<Vec<Vec<RelativeTrim>>> = vehicles
+            .iter()
+            .map(|v| normal_groups.iter().filter(|g| self.vehicle(g[0]) == *v).map(|g| trims(g)).collect())
+            .collect();
         let means: Vec<RelativeTrim> = by_vehicle.iter().map(|v| mean_trim(&v.concat())).collect();
         let change_of = |group: &Vec<&FlightTrim>| {
-            let middle = vehicles.iter().position(|v| *v == self.vehicle(group[0])).map_or([f64::NAN; 4], |at| means[at]);
+            let middle = vehicles
+                .iter()
+                .position(|v| *v == self.vehicle(group[0]))
+                .map_or([f64::NAN; 4], |at| means[at]);
             let own = mean_trim(&trims(group));
             std::array::from_fn(|i| own[i] - middle[i])
         };
-        let set_up =
-            |group: &Vec<&FlightTrim>| SetUp { name: self.name(group), flights: group.len(), change: change_of(group), fault: None };
+        let set_up = |group: &Vec<&FlightTrim>| SetUp {
+            name: self.name(group),
+            flights: group.len(),
+            change: change_of(group),
+            fault: None,
+        };
         let mut diagnosis = Diagnosis {
             source: self.source,
             normal: normal_groups.iter().map(set_up).collect(),
@@ -232,7 +264,9 @@ impl TrimComparison {
             left_out: Vec::new(),
         };
         if let Some(spread) = NormalSpread::from_set_ups(&by_vehicle) {
-            let spectra = |flights: &[&FlightTrim]| flights.iter().map(|f| f.swing.clone()).collect::<Vec<SwingSpectrum>>();
+            let spectra = |flights: &[&FlightTrim]| {
+                flights.iter().map(|f| f.swing.clone()).collect::<Vec<SwingSpectrum>>()
+            };
             let (a, b) = (spectra(normal), spectra(suspect));
             diagnosis.line = strongest_line(&a.iter().collect::<Vec<_>>(), &b.iter().collect::<Vec<_>>());
             // as well known as the mean of the vehicle that flew least
@@ -249,7 +283,8 @@ impl TrimComparison {
         let groups = self.set_ups(normal);
         let mut counts = [0, 0];
         for held in &groups {
-            let rest: Vec<&FlightTrim> = normal.iter().filter(|f| !held.iter().any(|h| std::ptr::eq(*h, **f))).copied().collect();
+            let rest: Vec<&FlightTrim> =
+                normal.iter().filter(|f| !held.iter().any(|h| std::ptr::eq(*h, **f))).copied().collect();
             if !rest.iter().any(|f| self.vehicle(f) == self.vehicle(held[0])) {
                 continue;
             }
@@ -275,7 +310,8 @@ impl Diagnosis {
             return;
         }
         let swing = self.line.map_or(1.0, |l| l.p_value);
-        self.p_values = [spread.chance(0, self.z[0]), spread.chance(3, self.z[3]), swing].map(|p| (LOOKS * p).min(1.0));
+        self.p_values =
+            [spread.chance(0, self.z[0]), spread.chance(3, self.z[3]), swing].map(|p| (LOOKS * p).min(1.0));
         if self.p_values.iter().all(|p| *p > ALARM_RATE) {
             self.verdict = DiagnosisVerdict::Nothing;
             return;
@@ -293,7 +329,8 @@ impl Diagnosis {
         };
         let DiagnosisVerdict::Fault(named) = &self.verdict else { return };
         let named = named.clone();
-        self.alternatives = fits.into_iter().filter(|f| *f != named && f.criterion < named.criterion + ALIKE).collect();
+        self.alternatives =
+            fits.into_iter().filter(|f| *f != named && f.criterion < named.criterion + ALIKE).collect();
         let alone = spread.difference_variances(normal, 1);
         for set_up in &mut self.suspect {
             let fits = fit_faults(&TrimChange { by: set_up.change, variances: alone }, demands);
@@ -354,7 +391,9 @@ mod tests {
             let mut random = Pcg64::seed_from_u64(seed);
             let normal = set_ups(&mut random, "normal", 5, [0.0; 4]);
             let suspect = set_ups(&mut random, "suspect", 1, [0.0; 4]);
-            alarms += usize::from(diagnose(&normal, &suspect, &demands).unwrap().verdict != DiagnosisVerdict::Nothing);
+            alarms += usize::from(
+                diagnose(&normal, &suspect, &demands).unwrap().verdict != DiagnosisVerdict::Nothing,
+            );
         }
         // 5 % of 400 are 20, with a standard deviation of 4.4; thrust and yaw are two of the three looks
         assert!((2..=29).contains(&alarms), "{alarms} of 400");
@@ -367,18 +406,26 @@ mod tests {
         let normal = set_ups(&mut random, "normal", 6, [0.0; 4]);
         // 8 % more thrust, to the back left
         let heavy = set_ups(&mut random, "heavy", 2, [0.077, 0.07, -0.07, 0.0]);
-        let DiagnosisVerdict::Fault(FaultFit { fault: Fault::AddedWeight { mass_kg, left, front }, stderr, .. }) =
-            diagnose(&normal, &heavy, &demands).unwrap().verdict
+        let DiagnosisVerdict::Fault(FaultFit {
+            fault: Fault::AddedWeight { mass_kg, left, front },
+            stderr,
+            ..
+        }) = diagnose(&normal, &heavy, &demands).unwrap().verdict
         else {
             panic!("no weight")
         };
         let truth_kg = 0.08 * Model::thesis().parameter("vehicle.mass").unwrap();
-        assert!((mass_kg - truth_kg).abs() < 3.0 * stderr && stderr < 0.3 * truth_kg, "{mass_kg} +- {stderr} for {truth_kg}");
+        assert!(
+            (mass_kg - truth_kg).abs() < 3.0 * stderr && stderr < 0.3 * truth_kg,
+            "{mass_kg} +- {stderr} for {truth_kg}"
+        );
         assert_eq!(side_of(left, front), Some("towards M3 (back left)"));
         // motor 2 lost 16 %: a quarter of it in thrust, and more in yaw
         let weak = set_ups(&mut random, "weak", 2, [0.04, -0.04, -0.04, -0.065]);
         let found = diagnose(&normal, &weak, &demands).unwrap().verdict;
-        let DiagnosisVerdict::Fault(FaultFit { fault: Fault::WeakMotor { motor: 2, loss }, stderr, .. }) = found else {
+        let DiagnosisVerdict::Fault(FaultFit { fault: Fault::WeakMotor { motor: 2, loss }, stderr, .. }) =
+            found
+        else {
             panic!("{found:?}")
         };
         assert!((loss - 0.16).abs() < 3.0 * stderr && stderr < 0.08, "{loss} +- {stderr}");

@@ -50,8 +50,8 @@ pub(crate) fn mean_trim(trims: &[RelativeTrim]) -> RelativeTrim {
 }
 
 impl NormalSpread {
-    /// Spread about the mean of each vehicle. Roll and pitch share one: a battery is put in askew either way. `None` for fewer than three
-    /// flights, or if nothing differs.
+    /// Spread about the mean of each vehicle. Roll and pitch share one: a battery is put in askew either way.
+    /// `None` for fewer than three flights, or if nothing differs.
     ///
     /// `vehicles` holds for each vehicle its set-ups, for each set-up its flights.
     #[must_use]
@@ -83,25 +83,29 @@ impl NormalSpread {
         self.components.map(|c| c.freedom)
     }
 
-    /// Variances of the difference between the mean of suspect flights and that of normal ones. What a set-up has of its own may be common
-    /// to all of its flights, however alike they are: each suspect set-up counts as one draw.
+    /// Variances of the difference between the mean of suspect flights and that of normal ones. What a set-up
+    /// has of its own may be common to all of its flights, however alike they are: each suspect set-up counts
+    /// as one draw.
     #[must_use]
     pub fn difference_variances(&self, normal: SampleSize, suspect_set_ups: usize) -> [f64; 4] {
         let (k, n) = (normal.set_ups as f64, normal.flights as f64);
-        self.components.map(|c| (c.between + c.within) / suspect_set_ups as f64 + c.between / k + c.within / n)
+        self.components
+            .map(|c| (c.between + c.within) / suspect_set_ups as f64 + c.between / k + c.within / n)
     }
 
     /// Two-sided chance of a difference of so many standard deviations in one of the four numbers.
     #[must_use]
     pub fn chance(&self, number: usize, z: f64) -> f64 {
-        StudentsT::new(0.0, 1.0, self.components[number].freedom).map_or(1.0, |t| 2.0 * (1.0 - t.cdf(z.abs())))
+        StudentsT::new(0.0, 1.0, self.components[number].freedom)
+            .map_or(1.0, |t| 2.0 * (1.0 - t.cdf(z.abs())))
     }
 }
 
 /// Analysis of variance with unequal groups: `n0` is the effective number of flights of a set-up.
 fn components(vehicles: &[Vec<Vec<RelativeTrim>>], i: usize) -> Option<Components> {
     let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;
-    let (mut within, mut within_freedom, mut between, mut between_freedom, mut n0) = (0.0, 0.0, 0.0, 0.0, 0.0);
+    let (mut within, mut within_freedom, mut between, mut between_freedom, mut n0) =
+        (0.0, 0.0, 0.0, 0.0, 0.0);
     for set_ups in vehicles {
         let values: Vec<Vec<f64>> = set_ups.iter().map(|s| s.iter().map(|t| t[i]).collect()).collect();
         let all: Vec<f64> = values.concat();

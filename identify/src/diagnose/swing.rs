@@ -16,8 +16,8 @@ const STEP_HZ: f64 = 0.05;
 const SHORTEST_S: f64 = 3.0;
 const G_MPS2: f64 = 9.81;
 
-/// Logarithm of the power of the roll and pitch demands, less its mean over the band: how loud a flight is cancels. Empty if the flight
-/// is too short.
+/// Logarithm of the power of the roll and pitch demands, less its mean over the band: how loud a flight is
+/// cancels. Empty if the flight is too short.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SwingSpectrum {
     /// Logarithm of the power less its mean over the band, at each of [`frequencies_hz`].
@@ -38,8 +38,8 @@ pub struct SwingLine {
 }
 
 impl SwingLine {
-    /// Length of a thread whose load swings so under a vehicle that moves with it; `load` is the load's mass over the vehicle's.
-    /// f = sqrt(g (1 + load) / L) / (2 pi).
+    /// Length of a thread whose load swings so under a vehicle that moves with it; `load` is the load's mass
+    /// over the vehicle's. f = sqrt(g (1 + load) / L) / (2 pi).
     #[must_use]
     pub fn length_m(&self, load: f64) -> f64 {
         G_MPS2 * (1.0 + load) / (TAU * self.frequency_hz).powi(2)
@@ -63,10 +63,15 @@ impl SwingSpectrum {
         }
         let mut power = vec![0.0; frequencies_hz().len()];
         for stretch in &long {
-            let demand: Vec<Vector4<f64>> =
-                (*stretch).clone().map(|row| mix() * Vector4::from_iterator(motors.iter().map(|m| m[row]))).collect();
+            let demand: Vec<Vector4<f64>> = (*stretch)
+                .clone()
+                .map(|row| mix() * Vector4::from_iterator(motors.iter().map(|m| m[row])))
+                .collect();
             for axis in [1, 2] {
-                let signal = DVector::from_iterator(demand.len(), demand.iter().map(|d| d[axis] / d[0].max(f64::MIN_POSITIVE)));
+                let signal = DVector::from_iterator(
+                    demand.len(),
+                    demand.iter().map(|d| d[axis] / d[0].max(f64::MIN_POSITIVE)),
+                );
                 for (sum, hz) in power.iter_mut().zip(frequencies_hz()) {
                     *sum += line_power(&t_s[(*stretch).clone()], &signal, hz);
                 }
@@ -97,23 +102,31 @@ fn line_power(t_s: &[f64], signal: &DVector<f64>, hz: f64) -> f64 {
     fitted[2].powi(2) + fitted[3].powi(2)
 }
 
-/// The strongest line of the suspect flights against the normal ones: Student's t at each frequency, each flight one observation, times the
-/// number of frequencies that the shortest stretch tells apart. `None` with fewer than two flights on a side.
+/// The strongest line of the suspect flights against the normal ones: Student's t at each frequency, each
+/// flight one observation, times the number of frequencies that the shortest stretch tells apart. `None` with
+/// fewer than two flights on a side.
 #[must_use]
 pub fn strongest_line(normal: &[&SwingSpectrum], suspect: &[&SwingSpectrum]) -> Option<SwingLine> {
-    let usable =
-        |spectra: &[&SwingSpectrum]| spectra.iter().filter(|s| !s.relative.is_empty()).map(|s| s.relative.clone()).collect::<Vec<_>>();
+    let usable = |spectra: &[&SwingSpectrum]| {
+        spectra.iter().filter(|s| !s.relative.is_empty()).map(|s| s.relative.clone()).collect::<Vec<_>>()
+    };
     let (a, b) = (usable(normal), usable(suspect));
     if a.len() < 2 || b.len() < 2 {
         return None;
     }
-    let shortest_s = normal.iter().chain(suspect).filter(|s| s.stretch_s > 0.0).map(|s| s.stretch_s).fold(f64::INFINITY, f64::min);
+    let shortest_s = normal
+        .iter()
+        .chain(suspect)
+        .filter(|s| s.stretch_s > 0.0)
+        .map(|s| s.stretch_s)
+        .fold(f64::INFINITY, f64::min);
     let looks = ((HIGHEST_HZ - LOWEST_HZ) * shortest_s).ceil();
     let (n, m) = (a.len() as f64, b.len() as f64);
     let student = StudentsT::new(0.0, 1.0, n + m - 2.0).ok()?;
     let at = |i: usize, hz: f64| {
         let mean = |spectra: &[Vec<f64>]| spectra.iter().map(|s| s[i]).sum::<f64>() / spectra.len() as f64;
-        let squares = |spectra: &[Vec<f64>], mean: f64| spectra.iter().map(|s| (s[i] - mean).powi(2)).sum::<f64>();
+        let squares =
+            |spectra: &[Vec<f64>], mean: f64| spectra.iter().map(|s| (s[i] - mean).powi(2)).sum::<f64>();
         let (normal, suspect) = (mean(&a), mean(&b));
         let variance = (squares(&a, normal) + squares(&b, suspect)) / (n + m - 2.0);
         let t = (suspect - normal) / (variance * (1.0 / n + 1.0 / m)).sqrt().max(f64::MIN_POSITIVE);
@@ -136,20 +149,28 @@ mod tests {
     fn spectrum(seed: u64, swing: f64, hz: f64) -> SwingSpectrum {
         let t_s: Vec<f64> = (0..1000).map(|i| f64::from(i) * 0.01).collect();
         let noise = |i: usize| ((i as f64 + 1.0) * (12.9898 + seed as f64)).sin() * 43_758.547;
-        let roll = |i: usize| 0.01 * (noise(i) - noise(i).floor() - 0.5) + swing * (TAU * hz * t_s[i] + seed as f64).sin();
+        let roll = |i: usize| {
+            0.01 * (noise(i) - noise(i).floor() - 0.5) + swing * (TAU * hz * t_s[i] + seed as f64).sin()
+        };
         let side = |sign: f64| (0..1000).map(|i| 40_000.0 * (1.0 + sign * roll(i))).collect::<Vec<f64>>();
-        SwingSpectrum::from_demand(&t_s, &[side(-1.0), side(-1.0), side(1.0), side(1.0)], std::slice::from_ref(&(0..1000)))
+        SwingSpectrum::from_demand(
+            &t_s,
+            &[side(-1.0), side(-1.0), side(1.0), side(1.0)],
+            std::slice::from_ref(&(0..1000)),
+        )
     }
 
     #[test]
     fn a_swing_is_a_line_whose_frequency_gives_the_thread() {
         let normal: Vec<SwingSpectrum> = (1..6).map(|seed| spectrum(seed, 0.0, 1.0)).collect();
         let swinging: Vec<SwingSpectrum> = (11..15).map(|seed| spectrum(seed, 0.003, 0.65)).collect();
-        let line = strongest_line(&normal.iter().collect::<Vec<_>>(), &swinging.iter().collect::<Vec<_>>()).unwrap();
+        let line =
+            strongest_line(&normal.iter().collect::<Vec<_>>(), &swinging.iter().collect::<Vec<_>>()).unwrap();
         assert!(line.p_value < 1e-3 && (line.frequency_hz - 0.65).abs() < 0.06, "{line:?}");
         assert!((line.length_m(0.05) - 0.62).abs() < 0.12, "{line:?}");
         let quiet: Vec<SwingSpectrum> = (21..25).map(|seed| spectrum(seed, 0.0, 1.0)).collect();
-        let line = strongest_line(&normal.iter().collect::<Vec<_>>(), &quiet.iter().collect::<Vec<_>>()).unwrap();
+        let line =
+            strongest_line(&normal.iter().collect::<Vec<_>>(), &quiet.iter().collect::<Vec<_>>()).unwrap();
         assert!(line.p_value > 0.05, "{line:?}");
     }
 

@@ -1,4 +1,5 @@
-//! Hover trim of a flight: what the four motors are asked for on average while the vehicle hovers or flies steadily.
+//! Hover trim of a flight: what the four motors are asked for on average while the vehicle hovers or flies
+//! steadily.
 
 use std::ops::Range;
 
@@ -26,7 +27,8 @@ const FULL_PWM: f64 = 65_535.0;
 pub enum DemandSource {
     /// Requests of the mixer before battery compensation, which the firmware makes proportional to thrust.
     Request,
-    /// Square of motor PWM times battery voltage: a rotor's speed follows its mean voltage, its thrust the square of the speed.
+    /// Square of motor PWM times battery voltage: a rotor's speed follows its mean voltage, its thrust the
+    /// square of the speed.
     SquaredVoltage,
 }
 
@@ -89,12 +91,14 @@ impl FlightTrim {
         let onboard = log.onboard.as_ref();
         let request = onboard.and_then(|o| o.motor_request_pwm.as_ref());
         let pwm = onboard.and_then(|o| o.motor_pwm.as_ref());
-        let squared: Option<[Vec<f64>; 4]> = pwm
-            .zip(log.vbat_v.as_ref())
-            .map(|(pwm, vbat)| pwm.each_ref().map(|motor| motor.iter().zip(vbat).map(|(m, v)| (m / FULL_PWM * v).powi(2)).collect()));
+        let squared: Option<[Vec<f64>; 4]> = pwm.zip(log.vbat_v.as_ref()).map(|(pwm, vbat)| {
+            pwm.each_ref()
+                .map(|motor| motor.iter().zip(vbat).map(|(m, v)| (m / FULL_PWM * v).powi(2)).collect())
+        });
         let Some(motors) = request.or(squared.as_ref()) else { return Err(TrimError::NoMotors { name }) };
         let stretches = steady_stretches(log, motors);
-        let steady_s: f64 = stretches.iter().map(|s| log.t_s[s.end - 1] - log.t_s[s.start]).fold(0.0, |sum, s| sum + s);
+        let steady_s: f64 =
+            stretches.iter().map(|s| log.t_s[s.end - 1] - log.t_s[s.start]).fold(0.0, |sum, s| sum + s);
         if steady_s < LEAST_S {
             return Err(TrimError::NoHover { name, steady_s });
         }
@@ -118,7 +122,8 @@ impl FlightTrim {
         }
     }
 
-    /// Whether two logs are of one flight: means over hundreds of noisy rows never agree to the last bit by chance.
+    /// Whether two logs are of one flight: means over hundreds of noisy rows never agree to the last bit by
+    /// chance.
     #[must_use]
     pub fn is_same_flight(&self, other: &Self) -> bool {
         let agrees = |a: Option<Trim>, b: Option<Trim>| a.is_some() && a == b;
@@ -133,7 +138,8 @@ fn mean_trim(motors: &[Vec<f64>; 4], stretches: &[Range<usize>]) -> Trim {
     Trim { thrust: demand[0], shares: [1, 2, 3].map(|i| demand[i] / demand[0]) }
 }
 
-/// Stretches of rows with the motors on and well off the floor, their ends cut away. Some logs hold several flights with landings between.
+/// Stretches of rows with the motors on and well off the floor, their ends cut away. Some logs hold several
+/// flights with landings between.
 fn steady_stretches(log: &FlightLog, motors: &[Vec<f64>; 4]) -> Vec<Range<usize>> {
     let is_on = |row: usize| motors.iter().all(|m| m[row] > 0.0);
     let height = heights(log);
@@ -157,7 +163,8 @@ fn steady_stretches(log: &FlightLog, motors: &[Vec<f64>; 4]) -> Vec<Range<usize>
     stretches.into_iter().map(inner).filter(is_long).collect()
 }
 
-/// Height by row; the last fix holds. Zero throughout where nothing measured it, so that the motors alone decide.
+/// Height by row; the last fix holds. Zero throughout where nothing measured it, so that the motors alone
+/// decide.
 fn heights(log: &FlightLog) -> Vec<f64> {
     let mut fixes = log.fixes.row.iter().zip(&log.fixes.pos_m[2]).peekable();
     let mut last_m = log.fixes.pos_m[2].first().copied().unwrap_or(0.0);

@@ -12,7 +12,9 @@ pub enum IdentifyError {
     NoLogs,
     #[error("{log}: no {what} in this log")]
     MissingChannel { log: String, what: &'static str },
-    #[error("{log}: only {seconds:.2} s of flight with {samples} samples, expected at least {least_s:.1} s and {least} samples")]
+    #[error(
+        "{log}: only {seconds:.2} s of flight with {samples} samples, expected at least {least_s:.1} s and {least} samples"
+    )]
     TooShort { log: String, seconds: f64, samples: usize, least_s: f64, least: usize },
     #[error("the {input} does not move in any of the logs, so it says nothing about {about}")]
     NoExcitation { input: &'static str, about: String },

@@ -1,4 +1,5 @@
-//! Results of every identification, of a transfer function or of the whole vehicle: numbers with their errors, predictions beside measurements.
+//! Results of every identification, of a transfer function or of the whole vehicle: numbers with their
+//! errors, predictions beside measurements.
 
 mod error;
 
@@ -96,7 +97,10 @@ impl ResidualTests {
         let residuals: Vec<Vec<f64>> = all.iter().map(|c| c.residuals()).collect();
         let residuals: Vec<&[f64]> = residuals.iter().map(Vec::as_slice).collect();
         let input: Vec<&[f64]> = all.iter().map(|c| c.input.as_slice()).collect();
-        ResidualTests { whiteness: whiteness(&residuals, LAGS, parameters), independence: independence(&input, &residuals, LAGS) }
+        ResidualTests {
+            whiteness: whiteness(&residuals, LAGS, parameters),
+            independence: independence(&input, &residuals, LAGS),
+        }
     }
 }
 
@@ -110,7 +114,8 @@ pub(crate) fn covariance(
     names: &[String],
     bounds: &[[f64; 2]],
 ) -> Result<(DMatrix<f64>, Clusters), IdentifyError> {
-    let singular = |parameter: String, reason: &str| IdentifyError::Singular { parameter, reason: reason.to_owned() };
+    let singular =
+        |parameter: String, reason: &str| IdentifyError::Singular { parameter, reason: reason.to_owned() };
     let h = solution.information();
     let free: Vec<usize> = (0..names.len()).filter(|i| !at_bound(solution.shared[*i], bounds[*i])).collect();
     if let Some(i) = free.iter().find(|i| h[(**i, **i)].is_nan() || h[(**i, **i)] <= 0.0) {
@@ -124,9 +129,17 @@ pub(crate) fn covariance(
     if let Some(least) = (0..free.len()).find(|i| eigen.eigenvalues[*i] < LEAST_INFORMATION) {
         let direction = eigen.eigenvectors.column(least);
         let largest = direction.iter().fold(0.0_f64, |a, v| a.max(v.abs()));
-        let part = free.iter().zip(direction.iter()).filter(|(_, v)| v.abs() > 0.3 * largest).map(|(i, _)| names[*i].as_str());
+        let part = free
+            .iter()
+            .zip(direction.iter())
+            .filter(|(_, v)| v.abs() > 0.3 * largest)
+            .map(|(i, _)| names[*i].as_str());
         let part: Vec<&str> = part.collect();
-        let reason = if part.len() > 1 { "only a combination of them shows" } else { "the prediction hardly depends on it" };
+        let reason = if part.len() > 1 {
+            "only a combination of them shows"
+        } else {
+            "the prediction hardly depends on it"
+        };
         return Err(singular(part.join(", "), reason));
     }
     let mut flights = flight_of.to_vec();
@@ -136,7 +149,9 @@ pub(crate) fn covariance(
         (_, 1) => (vec![0], Clusters::None),
         (_, n) => ((0..n).collect(), Clusters::Windows(n)),
     };
-    let covariance = solution.covariance(&cluster_of).ok_or_else(|| singular(names.join(", "), "their information cannot be inverted"))?;
+    let covariance = solution
+        .covariance(&cluster_of)
+        .ok_or_else(|| singular(names.join(", "), "their information cannot be inverted"))?;
     Ok((covariance, clusters))
 }
 

@@ -1,11 +1,12 @@
 //! Every number that the search for causes depends on, with its unit and where it comes from.
 //!
-//! A value without a derivation was set on flights of `tests/population` and of the shared generator, and judged on other seeds: docs/rates.md.
+//! A value without a derivation was set on flights of `tests/population` and of the shared generator, and
+//! judged on other seeds: docs/rates.md.
 
 /// Numbers of the stage `verdict`.
 pub mod verdict {
-    /// Log-likelihood that an effect must be worth on the flights of the fit: three, and the logarithm of the number of candidates, and as much
-    /// again for what the noise model does not cover.
+    /// Log-likelihood that an effect must be worth on the flights of the fit: three, and the logarithm of the
+    /// number of candidates, and as much again for what the noise model does not cover.
     pub const WORTH_FIT: f64 = 15.0;
     /// And on the test flights, where nothing was fitted.
     pub const WORTH_TEST: f64 = 3.0;
@@ -19,7 +20,8 @@ pub mod verdict {
 
 /// Numbers of the stage `candidates`.
 pub mod candidates {
-    /// Shares of a parameter's range, from "off", at which a search starts where "off" itself says nothing: a lag or a limit has no slope there.
+    /// Shares of a parameter's range, from "off", at which a search starts where "off" itself says nothing: a
+    /// lag or a limit has no slope there.
     pub const STARTS: [f64; 6] = [0.03, 0.12, 0.3, 0.9, 0.945, 0.97];
 }
 
@@ -43,7 +45,8 @@ pub mod search {
     pub const MOST_EFFECTS: usize = 6;
     /// Width of the prior before the flight, in standard errors of the proposal.
     pub const WIDEN: f64 = 10.0;
-    /// How well the filter that scores knows a parameter beforehand, as a share of its range: enough for the slopes to hold.
+    /// How well the filter that scores knows a parameter beforehand, as a share of its range: enough for the
+    /// slopes to hold.
     pub const TIGHT: f64 = 0.003;
     /// A step forward must gain this much; whether an effect earns its place is decided at the end.
     pub const LEAST_GAIN: f64 = 5.0;
@@ -53,9 +56,11 @@ pub mod search {
     pub const KEPT: f64 = 0.5;
     /// A rival scores at least so much of what the effect itself scores.
     pub const LEAST_SHARE: f64 = 0.3;
-    /// Log-likelihood that the unknown start of a lag costs: a prior of 0.3 (m or m/s) over the 0.015 to which a flight tells it.
+    /// Log-likelihood that the unknown start of a lag costs: a prior of 0.3 (m or m/s) over the 0.015 to
+    /// which a flight tells it.
     pub const LAG_PENALTY: f64 = 3.0;
-    /// A fitted start is believed so far from the measured one: several times what markers scatter, in metres.
+    /// A fitted start is believed so far from the measured one: several times what markers scatter, in
+    /// metres.
     pub const NEAR_M: f64 = 0.1;
     /// And so far in velocity, in m/s.
     pub const NEAR_MPS: f64 = 0.5;
@@ -81,7 +86,8 @@ pub mod search {
 pub mod selection {
     /// Share of the power of a force in one line that asks whether it comes by the clock.
     pub const LINE_SHARE: f64 = 0.15;
-    /// Standard deviation of the frequency of a line (Hz), three quarters of a line's width in a minute; as all proposals, it is widened tenfold.
+    /// Standard deviation of the frequency of a line (Hz), three quarters of a line's width in a minute; as
+    /// all proposals, it is widened tenfold.
     pub const LINE_SD_HZ: f64 = 0.0012;
     /// Standard deviation of a periodic force (m/s^2); widened tenfold, half a metre per second squared.
     pub const LINE_FORCE_SD_MPS2: f64 = 0.05;
@@ -101,17 +107,20 @@ pub mod finding {
 
 /// Numbers of the stage `completion`.
 pub mod completion {
-    /// Effects that do not account for the structure are kept beside it if they lower the 2 s errors of position or velocity on the test flights by this share.
+    /// Effects that do not account for the structure are kept beside it if they lower the 2 s errors of
+    /// position or velocity on the test flights by this share.
     pub const HELPS: f64 = 0.05;
-    /// Beside structure in its own signal, an effect stays named if the named effects explain this share of the signal's error.
+    /// Beside structure in its own signal, an effect stays named if the named effects explain this share of
+    /// the signal's error.
     pub const MOST: f64 = 0.5;
     /// An axis is worse if its error grows by this share, and chance does so less often than this.
     pub const WORSE: f64 = 0.01;
     /// As [`WORSE`]: one in twenty, over six looks (three axes, two horizons).
     pub const CHANCE: f64 = 0.008;
-    /// And by more than this share of the error that holding the state would make. Commands answer the noise of markers, so that a measured velocity and a
-    /// prediction share some of it, and a right latency looks like harm. Chosen on three latencies of the shared generator's seed 404: at 0.03 two
-    /// of them were taken out, at 0.1 none.
+    /// And by more than this share of the error that holding the state would make. Commands answer the noise
+    /// of markers, so that a measured velocity and a prediction share some of it, and a right latency looks
+    /// like harm. Chosen on three latencies of the shared generator's seed 404: at 0.03 two of them were
+    /// taken out, at 0.1 none.
     pub const MATTERS: f64 = 0.1;
 }
 
@@ -137,8 +146,8 @@ pub mod noise {
         turn: GaussMarkov { sigma: 0.02, tau_s: 1.0 },
         marker: GaussMarkov { sigma: 0.0, tau_s: 3.0 },
     };
-    /// Log-likelihood that a disturbance must be worth for each factor of e beyond its floor: without it, a constant in a short flight passes for
-    /// a disturbance that began large and hardly changed.
+    /// Log-likelihood that a disturbance must be worth for each factor of e beyond its floor: without it, a
+    /// constant in a short flight passes for a disturbance that began large and hardly changed.
     pub const LOG_SIZE_PENALTY: f64 = 3.0;
     /// A disturbance this many times its floor can mask an effect.
     pub const MASKING: f64 = 2.5;
@@ -168,21 +177,24 @@ pub mod leftover {
     pub const LONGEST_S: f64 = 1.0;
     /// Lags whose correlations are taken together.
     pub const TOGETHER_S: f64 = 0.5;
-    /// A statistic of which there are few, and whose spread is known, is a finding beyond so many standard deviations.
+    /// A statistic of which there are few, and whose spread is known, is a finding beyond so many standard
+    /// deviations.
     pub const CLEAR: f64 = 5.0;
-    /// A test statistic beyond so many standard deviations is a finding. Outliers and rounding make small ones ordinary.
+    /// A test statistic beyond so many standard deviations is a finding. Outliers and rounding make small
+    /// ones ordinary.
     pub const FINDING: f64 = 7.0;
-    /// From one frame to the next marker positions tell how well their own white and slow errors are known, not what moves the vehicle.
+    /// From one frame to the next marker positions tell how well their own white and slow errors are known,
+    /// not what moves the vehicle.
     pub const WHITE_S: f64 = 0.1;
-    /// A line holds so much of the power of a channel, and so much that chance would give it to one white series in ten thousand, above this frequency:
-    /// below it everything drifts.
+    /// A line holds so much of the power of a channel, and so much that chance would give it to one white
+    /// series in ten thousand, above this frequency: below it everything drifts.
     pub const LINE_SHARE: f64 = 0.04;
     /// As [`LINE_SHARE`].
     pub const LINE_CHANCE: f64 = 1e-4;
     /// As [`LINE_CHANCE`].
     pub const LINE_FROM_HZ: f64 = 0.2;
-    /// Innovations this much smaller than the measurement is trusted to be right (in standard deviations, RMS) hold nothing that a measurement could show:
-    /// a simulator's log has an attitude without noise.
+    /// Innovations this much smaller than the measurement is trusted to be right (in standard deviations,
+    /// RMS) hold nothing that a measurement could show: a simulator's log has an attitude without noise.
     pub const TRUSTED: f64 = 0.3;
 }
 
@@ -190,7 +202,8 @@ pub mod leftover {
 pub mod shape {
     /// Estimates are taken so far apart.
     pub const EVERY_S: f64 = 0.2;
-    /// A vehicle that is pushed is elsewhere soon after: what grows within this time is a consequence, not a cause.
+    /// A vehicle that is pushed is elsewhere soon after: what grows within this time is a consequence, not a
+    /// cause.
     pub const AFTER_S: f64 = 2.0;
     /// Changes of a force are taken within this time, once the filter has settled.
     pub const CHANGE_S: f64 = 1.0;
@@ -208,7 +221,8 @@ pub mod place {
     pub const APART_S: f64 = 3.0;
     /// As [`APART_S`].
     pub const FORGOTTEN: f64 = 2.0;
-    /// A vehicle that is pushed is elsewhere soon after: if a force is more alike where it leads to within this time, the place is its consequence.
+    /// A vehicle that is pushed is elsewhere soon after: if a force is more alike where it leads to within
+    /// this time, the place is its consequence.
     pub const AFTER_S: f64 = 2.0;
     /// An estimate comes so much after what it estimates.
     pub const BEHIND_S: f64 = 0.4;
@@ -238,8 +252,9 @@ pub mod learn {
 
 /// Numbers of the search on recorded flights.
 pub mod recorded {
-    /// From so many flights on, whole flights are left out of the fit in turn; of fewer, stretches. (Of five flights, stretches named a damping of climb
-    /// that tripled the error on other flights: the rest of a flight tells its hover PWM.)
+    /// From so many flights on, whole flights are left out of the fit in turn; of fewer, stretches. (Of five
+    /// flights, stretches named a damping of climb that tripled the error on other flights: the rest of a
+    /// flight tells its hover PWM.)
     pub const FLIGHTS_TO_LEAVE_OUT: usize = 3;
     /// From so many flights on, tests are over flights; of fewer, over their stretches.
     pub const FLIGHTS_TO_TEST: usize = 6;
@@ -249,7 +264,8 @@ pub mod recorded {
     pub const STRETCH_WINDOWS: usize = 3;
     /// So many windows are enough to propose.
     pub const WINDOWS_TO_PROPOSE: usize = 40;
-    /// Steps of a fit that proposes, of one to all windows, and of one without a fold, which begins where that ended.
+    /// Steps of a fit that proposes, of one to all windows, and of one without a fold, which begins where
+    /// that ended.
     pub const STEPS_TO_PROPOSE: usize = 3;
     /// As [`STEPS_TO_PROPOSE`].
     pub const STEPS: usize = 8;
@@ -260,23 +276,25 @@ pub mod recorded {
     /// Candidates of a round whose predictions are looked at.
     pub const SHORTLIST: usize = 6;
     pub const MOST_EFFECTS: usize = 8;
-    /// An effect lowers the errors of what was left out by this share, in the geometric mean over axes and horizons.
+    /// An effect lowers the errors of what was left out by this share, in the geometric mean over axes and
+    /// horizons.
     pub const LEAST_GAIN: f64 = 0.005;
     /// And chance does so less often than this, over all that are looked at in a round.
     pub const CHANCE: f64 = 0.05;
-    /// An axis is worse if its error grows by this share, and chance does so less often than [`CHANCE_OF_HARM`]: one in twenty over six looks.
+    /// An axis is worse if its error grows by this share, and chance does so less often than
+    /// [`CHANCE_OF_HARM`]: one in twenty over six looks.
     pub const HARM: f64 = 0.01;
     /// As [`HARM`].
     pub const CHANCE_OF_HARM: f64 = 0.008;
-    /// And on the flights of the test by more than this share of the error that holding the state would make: below it lie fractions of a millimetre per
-    /// second.
+    /// And on the flights of the test by more than this share of the error that holding the state would make:
+    /// below it lie fractions of a millimetre per second.
     pub const MATTERS: f64 = 0.005;
     /// Standard errors that a parameter lies from "off": that it is there at all, predictions say.
     pub const CLEAR: f64 = 2.0;
     /// A term without a name is worth this share.
     pub const LEAST_LEARNED_GAIN: f64 = 0.03;
-    /// Numbers of the model are another vehicle's if numbers that were fitted lower the errors by this share: those of one vehicle differ from flight to
-    /// flight by a few per cent.
+    /// Numbers of the model are another vehicle's if numbers that were fitted lower the errors by this share:
+    /// those of one vehicle differ from flight to flight by a few per cent.
     pub const FOREIGN_GAIN: f64 = 0.2;
     /// A declared value is confirmed within so many standard errors.
     pub const SAME: f64 = 3.0;
@@ -284,7 +302,8 @@ pub mod recorded {
 
 /// Numbers of the stage `validation`.
 pub mod validation {
-    /// From so many flights of the fit on, some of them choose, and the flights of the test are looked at once.
+    /// From so many flights of the fit on, some of them choose, and the flights of the test are looked at
+    /// once.
     pub const LEAST_FLIGHTS: usize = 6;
     /// One in so many of the flights of the fit chooses.
     pub const EVERY: usize = 3;

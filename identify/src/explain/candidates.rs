@@ -13,12 +13,18 @@ pub struct Candidate {
     pub variants: usize,
 }
 
-/// Every effect of the registry that changes what is expected and that the hypothesis does not have yet. In a whole geometry no part of it is missing.
+/// Every effect of the registry that changes what is expected and that the hypothesis does not have yet. In a
+/// whole geometry no part of it is missing.
 pub fn candidates(hypothesis: &Hypothesis) -> Vec<Candidate> {
     let has = |e: &Entry| hypothesis.has(e.name) || hypothesis.model.effects.contains_key(e.name);
     let is_whole = registry().iter().any(|e| e.geometry == Geometry::Whole && has(e));
-    let absent = |e: &&Entry| e.observability.is_expected() && !has(e) && !(is_whole && e.geometry == Geometry::Part);
-    registry().iter().filter(absent).map(|entry| Candidate { entry, starts: starts(entry), variants: variants(entry).len() }).collect()
+    let absent =
+        |e: &&Entry| e.observability.is_expected() && !has(e) && !(is_whole && e.geometry == Geometry::Part);
+    registry()
+        .iter()
+        .filter(absent)
+        .map(|entry| Candidate { entry, starts: starts(entry), variants: variants(entry).len() })
+        .collect()
 }
 
 fn starts(entry: &'static Entry) -> Vec<Term> {
@@ -41,12 +47,15 @@ fn starts(entry: &'static Entry) -> Vec<Term> {
     all
 }
 
-/// One term per combination of the parameters that select a variant, or that have values of their own to start from.
+/// One term per combination of the parameters that select a variant, or that have values of their own to
+/// start from.
 fn variants(entry: &'static Entry) -> Vec<Term> {
     let mut all = vec![Term::off(entry)];
     for (i, p) in entry.params.iter().enumerate() {
         let values: Vec<f64> = match p.role {
-            Role::Choice => (p.low.round() as i64..=p.high.round() as i64).map(|choice| choice as f64).collect(),
+            Role::Choice => {
+                (p.low.round() as i64..=p.high.round() as i64).map(|choice| choice as f64).collect()
+            }
             Role::Companion => continue,
             _ if !p.starts.is_empty() => [&[p.off], p.starts].concat(),
             _ => continue,

@@ -38,22 +38,33 @@ impl Completion {
         let mut hypothesis = last.at_posterior();
         hypothesis.terms.retain(|t| has(&effects, t) || has(&corrections, t));
         let errors = errors_beside(declared, &hypothesis, &disturbances, test);
-        Completion { effects, partial: Vec::new(), corrections, learned: false, hypothesis, disturbances, errors }
+        Completion {
+            effects,
+            partial: Vec::new(),
+            corrections,
+            learned: false,
+            hypothesis,
+            disturbances,
+            errors,
+        }
     }
 
-    /// Without the names whose own signal still holds structure, unless they explain most of its error. What lowers the errors stays in the model, as a
-    /// description and not as a cause.
+    /// Without the names whose own signal still holds structure, unless they explain most of its error. What
+    /// lowers the errors stays in the model, as a description and not as a cause.
     pub fn withdraw(mut self, declared: &FilteredHypothesis, leftover: &[Leftover], test: &[Flight]) -> Self {
         let stands = |effect: &Finding| {
             let signal = signals::main_signal(effect);
             let share = signals::explained_share(&self.errors, signal).into_iter().fold(0.0, f64::max);
             !signals::is_structured(leftover, signal) || share > MOST
         };
-        let (kept, withdrawn): (Vec<Finding>, Vec<Finding>) = std::mem::take(&mut self.effects).into_iter().partition(stands);
+        let (kept, withdrawn): (Vec<Finding>, Vec<Finding>) =
+            std::mem::take(&mut self.effects).into_iter().partition(stands);
         if withdrawn.is_empty() {
             return Completion { effects: kept, ..self };
         }
-        if (0..2).any(|q| self.errors.after[q][HORIZONS[1]] < (1.0 - HELPS) * self.errors.before[q][HORIZONS[1]]) {
+        if (0..2)
+            .any(|q| self.errors.after[q][HORIZONS[1]] < (1.0 - HELPS) * self.errors.before[q][HORIZONS[1]])
+        {
             return Completion { effects: kept, partial: withdrawn, ..self };
         }
         self.hypothesis.terms.retain(|t| has(&kept, t) || has(&self.corrections, t));
@@ -61,7 +72,8 @@ impl Completion {
         Completion { effects: kept, ..self }
     }
 
-    /// Without what makes any axis worse, one effect at a time: first the one without which the worst axis is best.
+    /// Without what makes any axis worse, one effect at a time: first the one without which the worst axis is
+    /// best.
     pub fn without_harm(mut self, declared: &FilteredHypothesis, test: &[Flight]) -> Self {
         while worst_harm(&self.errors, MATTERS) > 0.0 {
             let names: Vec<&'static str> = self.hypothesis.terms.iter().map(|t| t.entry.name).collect();
@@ -70,9 +82,14 @@ impl Completion {
                 let errors = errors_beside(declared, &less, &self.disturbances, test);
                 (worst_harm(&errors, MATTERS), less, errors)
             };
-            let Some((_, hypothesis, errors)) = names.iter().map(without).min_by(|a, b| a.0.total_cmp(&b.0)) else { break };
+            let Some((_, hypothesis, errors)) = names.iter().map(without).min_by(|a, b| a.0.total_cmp(&b.0))
+            else {
+                break;
+            };
             let stays = |e: &Finding| e.all().all(|e| hypothesis.has(e.name) || !names.contains(&e.name));
-            [&mut self.effects, &mut self.partial, &mut self.corrections].into_iter().for_each(|list| list.retain(stays));
+            [&mut self.effects, &mut self.partial, &mut self.corrections]
+                .into_iter()
+                .for_each(|list| list.retain(stays));
             (self.hypothesis, self.errors) = (hypothesis, errors);
         }
         if self.hypothesis.terms.is_empty() && self.effects.is_empty() {
@@ -88,8 +105,8 @@ impl Completion {
         Completion { errors: errors_beside(declared, &self.hypothesis, &self.disturbances, test), ..self }
     }
 
-    /// With a term learned from the residual, if it lowers the errors of every axis on the flights that choose, and the 2 s errors by a share that
-    /// is worth a term without a name.
+    /// With a term learned from the residual, if it lowers the errors of every axis on the flights that
+    /// choose, and the 2 s errors by a share that is worth a term without a name.
     pub fn with_learned_term(
         self,
         search: &Search,
@@ -98,7 +115,9 @@ impl Completion {
         declared: &FilteredHypothesis,
         test: &[Flight],
     ) -> Self {
-        let described = search.refit(&self.hypothesis, &last.disturbances).and_then(|named| learn::learn(search, judge, &named));
+        let described = search
+            .refit(&self.hypothesis, &last.disturbances)
+            .and_then(|named| learn::learn(search, judge, &named));
         let Some(described) = described else { return self };
         let (hypothesis, disturbances) = (described.at_posterior(), described.disturbances);
         let errors = errors_beside(declared, &hypothesis, &disturbances, test);
@@ -111,11 +130,14 @@ impl Completion {
         }
     }
 
-    /// The model to fly: effects that were named but are random, and so no part of what was fitted, belong to it too.
+    /// The model to fly: effects that were named but are random, and so no part of what was fitted, belong to
+    /// it too.
     pub fn with_random_effects(&self) -> Hypothesis {
         let mut all = self.hypothesis.clone();
         for effect in &self.effects {
-            let Some(entry) = registry().iter().find(|e| e.name == effect.name && matches!(e.observability, Observability::GaussMarkov(_)))
+            let Some(entry) = registry()
+                .iter()
+                .find(|e| e.name == effect.name && matches!(e.observability, Observability::GaussMarkov(_)))
             else {
                 continue;
             };
@@ -135,16 +157,28 @@ fn has(findings: &[Finding], term: &Term) -> bool {
     findings.iter().flat_map(Finding::all).any(|e| e.name == term.entry.name)
 }
 
-/// Growth of the error of the worst axis, as a share of that error. 0 where none grew beyond chance, or by more than `matters`: a share of the error
-/// that holding the state would make.
+/// Growth of the error of the worst axis, as a share of that error. 0 where none grew beyond chance, or by
+/// more than `matters`: a share of the error that holding the state would make.
 pub fn worst_harm(errors: &Errors, matters: f64) -> f64 {
     let axes = &errors.axes;
-    let counts = |(row, h): &(usize, usize)| axes.after[*row][*h] - axes.before[*row][*h] > matters * axes.naive[*row][*h];
+    let counts = |(row, h): &(usize, usize)| {
+        axes.after[*row][*h] - axes.before[*row][*h] > matters * axes.naive[*row][*h]
+    };
     let cells = JUDGED_AXES.iter().flat_map(|row| HORIZONS.iter().map(|h| (*row, *h))).filter(counts);
-    let grown = cells.filter(|(row, h)| axes.p_value[*row][*h] < CHANCE).map(|(row, h)| axes.after[row][h] / axes.before[row][h] - 1.0);
+    let grown = cells
+        .filter(|(row, h)| axes.p_value[*row][*h] < CHANCE)
+        .map(|(row, h)| axes.after[row][h] / axes.before[row][h] - 1.0);
     grown.filter(|share| *share > WORSE).fold(0.0, f64::max)
 }
 
-fn errors_beside(declared: &FilteredHypothesis, hypothesis: &Hypothesis, disturbances: &Disturbances, test: &[Flight]) -> Errors {
-    errors::compare_errors((&declared.hypothesis, &declared.disturbances, test), (hypothesis, disturbances, test))
+fn errors_beside(
+    declared: &FilteredHypothesis,
+    hypothesis: &Hypothesis,
+    disturbances: &Disturbances,
+    test: &[Flight],
+) -> Errors {
+    errors::compare_errors(
+        (&declared.hypothesis, &declared.disturbances, test),
+        (hypothesis, disturbances, test),
+    )
 }

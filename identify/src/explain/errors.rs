@@ -1,4 +1,5 @@
-//! Errors of prediction on flights that the fit never saw: from an estimated state, by the commands alone, so and so far ahead.
+//! Errors of prediction on flights that the fit never saw: from an estimated state, by the commands alone, so
+//! and so far ahead.
 
 use std::ops::Range;
 
@@ -51,7 +52,8 @@ pub const COMPONENTS: [(&str, &str); 9] = [
 const QUANTITY_COMPONENTS: [Range<usize>; 3] = [0..3, 3..6, 6..9];
 /// Components of each of [`AXES`].
 pub const AXIS_COMPONENTS: [Range<usize>; 6] = [0..2, 2..3, 3..5, 5..6, 6..8, 8..9];
-/// A paired test of fewer stretches says too little: five that all agree still do so by chance in one of sixteen tests (sign test, two-sided).
+/// A paired test of fewer stretches says too little: five that all agree still do so by chance in one of
+/// sixteen tests (sign test, two-sided).
 pub const LEAST_STRETCHES: usize = 6;
 /// Root mean square error per quantity and horizon, in the order of [`QUANTITIES`] and [`HORIZONS`].
 pub type QuantityTable = [[f64; 5]; 3];
@@ -93,7 +95,8 @@ pub struct Errors {
     pub after: QuantityTable,
     /// Of holding the position, velocity and attitude from which the prediction starts.
     pub naive: QuantityTable,
-    /// Two-sided p value of the paired differences between before and after, per quantity and horizon, over stretches of the flights.
+    /// Two-sided p value of the paired differences between before and after, per quantity and horizon, over
+    /// stretches of the flights.
     pub p_value: QuantityTable,
     /// Stretches behind each p value; below [`LEAST_STRETCHES`] it says too little.
     pub stretches: [[usize; 5]; 3],
@@ -113,19 +116,28 @@ type StretchErrors = Vec<Vec<SquaredErrors>>;
 /// A hypothesis with its disturbances, and the flights as it sees them: without what each has of its own.
 pub type PredictionSetup<'a> = (&'a Hypothesis, &'a Disturbances, &'a [Flight]);
 
-/// Errors of two hypotheses on the same flights. Predictions start from what the filter of each knows then; from there
-/// on the commands alone decide.
+/// Errors of two hypotheses on the same flights. Predictions start from what the filter of each knows then;
+/// from there on the commands alone decide.
 pub fn compare_errors(before: PredictionSetup, after: PredictionSetup) -> Errors {
     let errors_of = |(hypothesis, disturbances, flights): PredictionSetup, naive| {
         squared_errors(&hypothesis.without_free(), disturbances, flights, naive)
     };
-    let (before, (after, naive)) =
-        rayon::join(|| errors_of(before, false), || rayon::join(|| errors_of(after, false), || errors_of(before, true)));
-    let of_flight = |(b, a): (&StretchErrors, &StretchErrors)| ErrorsByComponent { before: component_table(b), after: component_table(a) };
+    let (before, (after, naive)) = rayon::join(
+        || errors_of(before, false),
+        || rayon::join(|| errors_of(after, false), || errors_of(before, true)),
+    );
+    let of_flight = |(b, a): (&StretchErrors, &StretchErrors)| ErrorsByComponent {
+        before: component_table(b),
+        after: component_table(a),
+    };
     let flights = before.iter().zip(&after).map(of_flight).collect();
     let [b, a, n] = [before, after, naive].map(|flights| flights.concat());
-    let quantity = |q: usize| move |s: &SquaredErrors, h: usize| QUANTITY_COMPONENTS[q].clone().map(|row| s[row][h]).sum::<f64>();
-    let axis = |axis: usize| move |s: &SquaredErrors, h: usize| AXIS_COMPONENTS[axis].clone().map(|row| s[row][h]).sum::<f64>();
+    let quantity = |q: usize| {
+        move |s: &SquaredErrors, h: usize| QUANTITY_COMPONENTS[q].clone().map(|row| s[row][h]).sum::<f64>()
+    };
+    let axis = |axis: usize| {
+        move |s: &SquaredErrors, h: usize| AXIS_COMPONENTS[axis].clone().map(|row| s[row][h]).sum::<f64>()
+    };
     Errors {
         before: std::array::from_fn(|q| root_means(&b, quantity(q))),
         after: std::array::from_fn(|q| root_means(&a, quantity(q))),
@@ -149,7 +161,11 @@ fn component_table(stretches: &[Vec<SquaredErrors>]) -> ComponentTable {
 }
 
 /// Mean over predictions of some square at a horizon, where there is one.
-fn mean_square<'a>(all: impl Iterator<Item = &'a SquaredErrors>, square: impl Fn(&SquaredErrors, usize) -> f64, horizon: usize) -> f64 {
+fn mean_square<'a>(
+    all: impl Iterator<Item = &'a SquaredErrors>,
+    square: impl Fn(&SquaredErrors, usize) -> f64,
+    horizon: usize,
+) -> f64 {
     let known: Vec<f64> = all.map(|s| square(s, horizon)).filter(|v| v.is_finite()).collect();
     known.iter().sum::<f64>() / known.len() as f64
 }
@@ -158,7 +174,8 @@ fn root_means(stretches: &[Vec<SquaredErrors>], square: impl Fn(&SquaredErrors, 
     std::array::from_fn(|horizon| mean_square(stretches.iter().flatten(), &square, horizon).sqrt())
 }
 
-/// Per horizon, the p value of the paired differences between two models over stretches of the flights, and of how many.
+/// Per horizon, the p value of the paired differences between two models over stretches of the flights, and
+/// of how many.
 fn paired_test(
     before: &[Vec<SquaredErrors>],
     after: &[Vec<SquaredErrors>],
@@ -173,20 +190,35 @@ fn paired_test(
 }
 
 /// Squared errors of all predictions, by flights and their stretches.
-fn squared_errors(hypothesis: &Hypothesis, disturbances: &Disturbances, flights: &[Flight], naive: bool) -> Vec<StretchErrors> {
+fn squared_errors(
+    hypothesis: &Hypothesis,
+    disturbances: &Disturbances,
+    flights: &[Flight],
+    naive: bool,
+) -> Vec<StretchErrors> {
     let nothing = ParameterPrior::independent(Vec::new(), &[]);
     let per_flight = |flight: &Flight| -> StretchErrors {
-        let Some(filtered) = filter(flight, flight.all_ticks(), hypothesis, &nothing, disturbances) else { return Vec::new() };
+        let Some(filtered) = filter(flight, flight.all_ticks(), hypothesis, &nothing, disturbances) else {
+            return Vec::new();
+        };
         let ticks = |s: f64| (s / flight.tick_s).round() as usize;
         // the filter has to find the state first
-        let stretches: Vec<usize> =
-            (ticks(SETTLE_S)..flight.ticks.saturating_sub(ticks(0.5 * STRETCH_S))).step_by(ticks(STRETCH_S)).collect();
+        let stretches: Vec<usize> = (ticks(SETTLE_S)..flight.ticks.saturating_sub(ticks(0.5 * STRETCH_S)))
+            .step_by(ticks(STRETCH_S))
+            .collect();
         let stretch_errors = |first: &usize| {
             let mut simulator = SensitivitySimulator::new(hypothesis, flight, false, false).ok();
             let starts = (*first..(first + ticks(STRETCH_S)).min(flight.ticks)).step_by(ticks(EVERY_S));
             starts
                 .filter_map(|start| {
-                    prediction_errors(simulator.as_mut()?, flight, &filtered.states[start], start, start == ticks(SETTLE_S), naive)
+                    prediction_errors(
+                        simulator.as_mut()?,
+                        flight,
+                        &filtered.states[start],
+                        start,
+                        start == ticks(SETTLE_S),
+                        naive,
+                    )
                 })
                 .collect()
         };
@@ -211,10 +243,14 @@ fn prediction_errors(
     }
     simulator.predict(flight, &Window { flight: 0, ticks: start..end }, own);
     let from = flight.measured_state(start);
-    let held = |r: &PredictedMeasurement| if r.channel < 3 { from.att_rad[r.channel] } else { from.pos_m[r.channel - 3] };
+    let held = |r: &PredictedMeasurement| {
+        if r.channel < 3 { from.att_rad[r.channel] } else { from.pos_m[r.channel - 3] }
+    };
     let mean = |channel: usize, about_s: f64, reach_s: f64| -> f64 {
-        let near = simulator.rows().iter().filter(|r| r.channel == channel && (r.t_s - about_s).abs() <= reach_s);
-        let errors: Vec<f64> = near.map(|r| (r.measured - if naive { held(r) } else { r.predicted }).powi(2)).collect();
+        let near =
+            simulator.rows().iter().filter(|r| r.channel == channel && (r.t_s - about_s).abs() <= reach_s);
+        let errors: Vec<f64> =
+            near.map(|r| (r.measured - if naive { held(r) } else { r.predicted }).powi(2)).collect();
         errors.iter().sum::<f64>() / errors.len() as f64
     };
     let mut out = [[f64::NAN; 5]; 9];
@@ -227,13 +263,15 @@ fn prediction_errors(
         }
     }
     if free {
-        let (about_s, reach_s) = (0.5 * (start + end) as f64 * flight.tick_s, 0.5 * (end - start) as f64 * flight.tick_s);
+        let (about_s, reach_s) =
+            (0.5 * (start + end) as f64 * flight.tick_s, 0.5 * (end - start) as f64 * flight.tick_s);
         for i in 0..3 {
             (out[i][4], out[6 + i][4]) = (mean(3 + i, about_s, reach_s), mean(i, about_s, reach_s));
         }
     }
     let mut velocity = |tick: usize| -> [f64; 3] {
-        let predicted = if naive { Some(from.vel_mps) } else { simulator.reported_velocity(flight, tick - start) };
+        let predicted =
+            if naive { Some(from.vel_mps) } else { simulator.reported_velocity(flight, tick - start) };
         let measured = flight.measured_state(tick).vel_mps;
         predicted.map_or([f64::NAN; 3], |v| std::array::from_fn(|i| (v[i] - measured[i]).powi(2)))
     };

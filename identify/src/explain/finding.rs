@@ -17,8 +17,11 @@ use crate::fit::hypothesis::Hypothesis;
 /// Negative log-likelihood of the test flights by signal, all parameters as they are.
 fn signal_losses(judge: &Search, hypothesis: &Hypothesis, disturbances: &Disturbances) -> Option<[f64; 4]> {
     let (hypothesis, nothing) = (hypothesis.without_free(), ParameterPrior::independent(Vec::new(), &[]));
-    let filtered: Vec<FilterResult> =
-        judge.flights.iter().map(|f| filter(f, f.all_ticks(), &hypothesis, &nothing, disturbances)).collect::<Option<_>>()?;
+    let filtered: Vec<FilterResult> = judge
+        .flights
+        .iter()
+        .map(|f| filter(f, f.all_ticks(), &hypothesis, &nothing, disturbances))
+        .collect::<Option<_>>()?;
     Some(losses_by_signal(&filtered))
 }
 
@@ -41,12 +44,23 @@ pub fn findings(judge: &Search, selection: &Selection) -> Option<Vec<Finding>> {
             }
         });
         let params: Vec<EffectParameterEstimate> = params.collect();
-        let confusable_with = rivals.iter().find(|(other, _)| other == name).map_or_else(Vec::new, |(_, r)| r.clone());
-        let manoeuvre = if confusable_with.is_empty() { String::new() } else { manoeuvre(term.entry, &confusable_with) };
+        let confusable_with =
+            rivals.iter().find(|(other, _)| other == name).map_or_else(Vec::new, |(_, r)| r.clone());
+        let manoeuvre =
+            if confusable_with.is_empty() { String::new() } else { manoeuvre(term.entry, &confusable_with) };
         let worth_fit = less.loss - ablation.full.loss;
         let without = signal_losses(judge, &less.at_posterior(), &less.disturbances)?;
         let worth_by_signal = std::array::from_fn(|i| without[i] - with[i]);
-        Some(Finding { name, params, confusable_with, manoeuvre, worth_fit, worth_test, worth_by_signal, with: Vec::new() })
+        Some(Finding {
+            name,
+            params,
+            confusable_with,
+            manoeuvre,
+            worth_fit,
+            worth_test,
+            worth_by_signal,
+            with: Vec::new(),
+        })
     };
     ablation.without.par_iter().zip(worths).map(|(each, worth)| describe(each, worth)).collect()
 }
@@ -58,7 +72,8 @@ pub fn is_model_form(effect: &Finding) -> bool {
 
 /// One finding in place of all parts of the exact geometry: what the declared model leaves out by its form.
 pub fn group_model_form(effects: Vec<Finding>) -> Vec<Finding> {
-    let (mut geometry, mut others): (Vec<Finding>, Vec<Finding>) = effects.into_iter().partition(is_model_form);
+    let (mut geometry, mut others): (Vec<Finding>, Vec<Finding>) =
+        effects.into_iter().partition(is_model_form);
     if !geometry.is_empty() {
         let with = geometry.split_off(1);
         others.extend(geometry.pop().map(|first| Finding { with, ..first }));
@@ -83,7 +98,11 @@ pub fn manoeuvre(effect: &Entry, others: &[&'static str]) -> String {
 }
 
 /// An effect that is there for good and as likely as a slow gust, and that leaves no gust beside it.
-fn constant_alternative(search: &Search, last: &FilteredHypothesis, gust: &GustCandidate) -> Option<&'static str> {
+fn constant_alternative(
+    search: &Search,
+    last: &FilteredHypothesis,
+    gust: &GustCandidate,
+) -> Option<&'static str> {
     (gust.disturbances.force.tau_s > SLOW_GUST_S).then_some(())?;
     let other = search.extend(last).1.filter(|other| other.loss < last.loss + ALIKE)?;
     noise::reportable(&other.disturbances).all(|(kind, _)| kind != NotableDisturbance::Force).then_some(())?;
@@ -91,20 +110,35 @@ fn constant_alternative(search: &Search, last: &FilteredHypothesis, gust: &GustC
 }
 
 /// The wandering force as the effect of the registry that is one.
-pub fn gust_finding(search: &Search, judge: &Search, last: &FilteredHypothesis, gust: &GustCandidate) -> Option<Finding> {
-    let entry = registry().iter().find(|e| e.observability == Observability::GaussMarkov(GaussMarkovSignal::Force))?;
+pub fn gust_finding(
+    search: &Search,
+    judge: &Search,
+    last: &FilteredHypothesis,
+    gust: &GustCandidate,
+) -> Option<Finding> {
+    let entry = registry()
+        .iter()
+        .find(|e| e.observability == Observability::GaussMarkov(GaussMarkovSignal::Force))?;
     let force = gust.disturbances.force;
-    let calm = Disturbances { force: GaussMarkov { sigma: noise::FLOOR.force.sigma, ..force }, ..gust.disturbances };
+    let calm =
+        Disturbances { force: GaussMarkov { sigma: noise::FLOOR.force.sigma, ..force }, ..gust.disturbances };
     let at = last.at_posterior();
     let (without, with) = (signal_losses(judge, &at, &calm)?, signal_losses(judge, &at, &gust.disturbances)?);
     let worth_by_signal: [f64; 4] = std::array::from_fn(|i| without[i] - with[i]);
     let worth_test = worth_by_signal.iter().sum();
     let estimates = entry.params.iter().zip([force.sigma, force.tau_s]).zip(gust.sd);
     let params = estimates
-        .map(|((p, value), stderr)| EffectParameterEstimate { name: p.name, value, stderr, unit: p.unit, declared: p.off })
+        .map(|((p, value), stderr)| EffectParameterEstimate {
+            name: p.name,
+            value,
+            stderr,
+            unit: p.unit,
+            declared: p.off,
+        })
         .collect();
     let confusable_with: Vec<&'static str> = constant_alternative(search, last, gust).into_iter().collect();
-    let manoeuvre = if confusable_with.is_empty() { String::new() } else { manoeuvre(entry, &confusable_with) };
+    let manoeuvre =
+        if confusable_with.is_empty() { String::new() } else { manoeuvre(entry, &confusable_with) };
     (worth_test > WORTH_TEST).then_some(Finding {
         name: entry.name,
         params,
@@ -117,7 +151,8 @@ pub fn gust_finding(search: &Search, judge: &Search, last: &FilteredHypothesis, 
     })
 }
 
-/// Effects of which a tenth of the range of every free parameter would not have shown at four standard errors.
+/// Effects of which a tenth of the range of every free parameter would not have shown at four standard
+/// errors.
 pub fn not_excited(steps: &[Step]) -> Vec<(&'static str, f64)> {
     let first = steps.first().map_or(&[][..], |s| &s.ranking);
     let hidden = |r: &RankedCandidate| {
@@ -137,7 +172,16 @@ mod tests {
     fn finding(name: &'static str) -> Finding {
         let (params, confusable_with, manoeuvre) = (Vec::new(), Vec::new(), String::new());
         let worth_by_signal = [20.0, 0.0, 0.0, 0.0];
-        Finding { name, params, confusable_with, manoeuvre, worth_fit: 20.0, worth_test: 20.0, worth_by_signal, with: Vec::new() }
+        Finding {
+            name,
+            params,
+            confusable_with,
+            manoeuvre,
+            worth_fit: 20.0,
+            worth_test: 20.0,
+            worth_by_signal,
+            with: Vec::new(),
+        }
     }
 
     #[test]

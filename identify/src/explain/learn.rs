@@ -1,4 +1,5 @@
-//! A residual without a name can still be described: a few terms of a library of functions, kept only if they help where they were not fitted.
+//! A residual without a name can still be described: a few terms of a library of functions, kept only if they
+//! help where they were not fitted.
 
 use crazyflie_env::effects::{Observability, registry};
 
@@ -25,10 +26,12 @@ pub fn learn(search: &Search, judge: &Search, from: &FilteredHypothesis) -> Opti
         if term.free.is_empty() {
             return None;
         }
-        let sd: Vec<f64> = (0..now.posterior.mean.len()).filter(|at| *at != least).map(|at| now.posterior.sd(at)).collect();
+        let sd: Vec<f64> =
+            (0..now.posterior.mean.len()).filter(|at| *at != least).map(|at| now.posterior.sd(at)).collect();
         now = search.judge(&fewer, &sd, &now.disturbances)?;
     }
     let tuned = search.retune(&now)?;
-    let gain = judge.plug_in(&from.at_posterior(), &from.disturbances)? - judge.plug_in(&tuned.at_posterior(), &tuned.disturbances)?;
+    let gain = judge.plug_in(&from.at_posterior(), &from.disturbances)?
+        - judge.plug_in(&tuned.at_posterior(), &tuned.disturbances)?;
     (gain > WORTH_TEST).then_some(tuned)
 }

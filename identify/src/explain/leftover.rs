@@ -1,9 +1,12 @@
-//! Tests of what is left: the filter's innovations must be independent of each other and of past commands, and hold no line.
+//! Tests of what is left: the filter's innovations must be independent of each other and of past commands,
+//! and hold no line.
 
 use crazyflie_logs::spectrum::power_spectrum;
 
 pub use super::calibration::leftover::{CLEAR, FINDING};
-use super::calibration::leftover::{LINE_CHANCE, LINE_FROM_HZ, LINE_SHARE, LONGEST_S, TOGETHER_S, TRUSTED, WHITE_S};
+use super::calibration::leftover::{
+    LINE_CHANCE, LINE_FROM_HZ, LINE_SHARE, LONGEST_S, TOGETHER_S, TRUSTED, WHITE_S,
+};
 use super::signals::Signal;
 use super::verdict::Leftover;
 use crate::fit::filter::FilterResult;
@@ -27,30 +30,36 @@ fn innovations_by_tick(flight: &Flight, filtered: &FilterResult, channel: usize)
 /// Correlation with a signal so many ticks before, and of how many pairs.
 fn lagged_correlation(e: &[Option<f64>], past: &[Option<f64>], lag: usize) -> (f64, f64) {
     let (mut ab, mut aa, mut bb, mut n) = (0.0, 0.0, 0.0, 0.0);
-    for (a, b) in e.get(lag..).unwrap_or_default().iter().zip(past).filter_map(|(a, b)| Some(((*a)?, (*b)?))) {
+    for (a, b) in e.get(lag..).unwrap_or_default().iter().zip(past).filter_map(|(a, b)| Some(((*a)?, (*b)?)))
+    {
         (ab, aa, bb, n) = (ab + a * b, aa + a * a, bb + b * b, n + 1.0);
     }
     if aa * bb > 0.0 { (ab / f64::sqrt(aa * bb), n) } else { (0.0, n) }
 }
 
-/// Largest correlation with a signal of the past, in standard deviations of that of independent series, and its lag.
+/// Largest correlation with a signal of the past, in standard deviations of that of independent series, and
+/// its lag.
 fn largest_correlation(e: &[Option<f64>], past: &[Option<f64>], nearest_s: f64, tick_s: f64) -> (f64, f64) {
     let lags = ((nearest_s / tick_s).ceil() as usize).max(1)..=(LONGEST_S / tick_s) as usize;
     let z_at_lag = |lag: usize| {
         let (r, n) = lagged_correlation(e, past, lag);
         (r * n.sqrt(), lag as f64 * tick_s)
     };
-    lags.map(z_at_lag).fold((0.0, 0.0), |best: (f64, f64), now| if now.0.abs() > best.0.abs() { now } else { best })
+    lags.map(z_at_lag)
+        .fold((0.0, 0.0), |best: (f64, f64), now| if now.0.abs() > best.0.abs() { now } else { best })
 }
 
-/// The sum of the squared correlations with a signal of the past over many lags (Haugh 1976), as standard deviations of a normal: what a command does
-/// over a while, and never much at one time. The signal's own correlation leaves fewer degrees of freedom than lags (Satterthwaite 1946); the cube
-/// root of a chi-square is all but normal (Wilson, Hilferty 1931). None for less than chance would have, or a signal that never moves.
+/// The sum of the squared correlations with a signal of the past over many lags (Haugh 1976), as standard
+/// deviations of a normal: what a command does over a while, and never much at one time. The signal's own
+/// correlation leaves fewer degrees of freedom than lags (Satterthwaite 1946); the cube root of a chi-square
+/// is all but normal (Wilson, Hilferty 1931). None for less than chance would have, or a signal that never
+/// moves.
 fn haugh_statistic(e: &[Option<f64>], past: &[Option<f64>], tick_s: f64) -> f64 {
     let lags = (TOGETHER_S / tick_s) as usize;
     let sum: f64 = (0..lags).map(|lag| lagged_correlation(e, past, lag)).map(|(r, n)| r * r * n).sum();
     let own: Vec<f64> = (0..lags).map(|lag| lagged_correlation(past, past, lag).0).collect();
-    let spread: f64 = (0..lags).flat_map(|i| (0..lags).map(move |j| i.abs_diff(j))).map(|lag| own[lag].powi(2)).sum();
+    let spread: f64 =
+        (0..lags).flat_map(|i| (0..lags).map(move |j| i.abs_diff(j))).map(|lag| own[lag].powi(2)).sum();
     if spread == 0.0 {
         return 0.0;
     }
@@ -68,7 +77,11 @@ pub fn strongest_line(series: &[f64], tick_s: f64) -> (f64, f64) {
 pub fn strongest_line_above(series: &[f64], tick_s: f64, from_hz: f64) -> (f64, f64) {
     let n = series.len();
     let mean = series.iter().sum::<f64>() / n as f64;
-    let input: Vec<f64> = series.iter().enumerate().map(|(i, v)| (v - mean) * (std::f64::consts::PI * i as f64 / n as f64).sin()).collect();
+    let input: Vec<f64> = series
+        .iter()
+        .enumerate()
+        .map(|(i, v)| (v - mean) * (std::f64::consts::PI * i as f64 / n as f64).sin())
+        .collect();
     let power = power_spectrum(input);
     if power.is_empty() {
         return (0.0, 0.0);
@@ -77,13 +90,15 @@ pub fn strongest_line_above(series: &[f64], tick_s: f64, from_hz: f64) -> (f64, 
     let first = (from_hz / per_bin_hz).ceil() as usize;
     let total: f64 = power.iter().sum();
     // the window spreads a line over three bins
-    let strongest = (first.max(1)..power.len().saturating_sub(1)).map(|i| (power[i - 1..=i + 1].iter().sum::<f64>(), i));
+    let strongest =
+        (first.max(1)..power.len().saturating_sub(1)).map(|i| (power[i - 1..=i + 1].iter().sum::<f64>(), i));
     let (most, at) = strongest.max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((0.0, 0));
     (if total > 0.0 { most / total } else { 0.0 }, at as f64 * per_bin_hz)
 }
 
-/// The share that makes a finding of a line in a series of so many samples: the shorter, the more of a white one lies in three neighbouring bins by
-/// chance. Behind the sine window their powers are together distributed as exponentials with means of 1 and 1 +- 1/sqrt 2.
+/// The share that makes a finding of a line in a series of so many samples: the shorter, the more of a white
+/// one lies in three neighbouring bins by chance. Behind the sine window their powers are together
+/// distributed as exponentials with means of 1 and 1 +- 1/sqrt 2.
 fn line_finding_share(samples: usize) -> f64 {
     let bins = samples as f64 / 2.0;
     let widest = 1.0 + std::f64::consts::FRAC_1_SQRT_2;
@@ -119,7 +134,8 @@ pub fn leftover_findings(flight: &Flight, filtered: &FilterResult) -> Vec<Leftov
         let part = Signal::from_channel(channel);
         let nearest_s = if channel < 3 { 0.0 } else { WHITE_S };
         let (z, lag_s) = largest_correlation(&e, &e, nearest_s, flight.tick_s);
-        let autocorrelation = Leftover::new(part, name, format!("correlated with itself {lag_s:.2} s before"), z);
+        let autocorrelation =
+            Leftover::new(part, name, format!("correlated with itself {lag_s:.2} s before"), z);
         let series: Vec<f64> = e.iter().map(|v| v.unwrap_or(0.0)).collect();
         let (share, hz) = strongest_line(&series, flight.tick_s);
         // in units of what makes a finding
@@ -128,12 +144,22 @@ pub fn leftover_findings(flight: &Flight, filtered: &FilterResult) -> Vec<Leftov
         found.extend([autocorrelation, line]);
         for (input, past) in commands.iter().chain(&changes) {
             let (z, lag_s) = largest_correlation(&e, past, 0.0, flight.tick_s);
-            found.push(Leftover::new(part, name, format!("correlated with the {input} {lag_s:.2} s before"), z));
+            found.push(Leftover::new(
+                part,
+                name,
+                format!("correlated with the {input} {lag_s:.2} s before"),
+                z,
+            ));
         }
         // a slow signal is much the same at all lags: only the changes tell more together than one by one
         for (input, past) in &changes {
             let finding = format!("correlated with the {input}s of the last {TOGETHER_S} s, taken together");
-            found.push(Leftover::new(part, name, finding, FINDING * haugh_statistic(&e, past, flight.tick_s) / CLEAR));
+            found.push(Leftover::new(
+                part,
+                name,
+                finding,
+                FINDING * haugh_statistic(&e, past, flight.tick_s) / CLEAR,
+            ));
         }
     }
     found.sort_by(|a, b| b.size.abs().total_cmp(&a.size.abs()));
@@ -150,10 +176,12 @@ mod tests {
 
     const TICK_S: f64 = 0.02;
 
-    /// Changes of a command that is given anew now and then, and residuals that follow them by a little for a while.
+    /// Changes of a command that is given anew now and then, and residuals that follow them by a little for a
+    /// while.
     fn series(seed: u64, follow: f64) -> [Vec<Option<f64>>; 2] {
         let mut rng = Pcg64Mcg::seed_from_u64(seed);
-        let changes: Vec<f64> = (0..1500).map(|k| if k % 20 == 0 { rng.sample(StandardNormal) } else { 0.0 }).collect();
+        let changes: Vec<f64> =
+            (0..1500).map(|k| if k % 20 == 0 { rng.sample(StandardNormal) } else { 0.0 }).collect();
         let shape = |lag: usize| if lag < 8 { -1.0 } else { 1.0 };
         let residual = |k: usize| {
             let followed: f64 = (0..16.min(k)).map(|lag| shape(lag) * changes[k - lag]).sum();
@@ -184,7 +212,8 @@ mod tests {
             for _ in 0..200 {
                 let white: Vec<f64> = (0..samples).map(|_| rng.sample(StandardNormal)).collect();
                 assert!(strongest_line(&white, TICK_S).0 < line_finding_share(samples), "{samples}");
-                let lined: Vec<f64> = white.iter().enumerate().map(|(i, w)| w + 2.0 * (i as f64 * 0.7).sin()).collect();
+                let lined: Vec<f64> =
+                    white.iter().enumerate().map(|(i, w)| w + 2.0 * (i as f64 * 0.7).sin()).collect();
                 assert!(strongest_line(&lined, TICK_S).0 > line_finding_share(samples), "{samples}");
             }
         }

@@ -1,4 +1,5 @@
-//! From the residual of a model to its cause. The stages go one way: model form, forward search, elimination, residual tests, verdict.
+//! From the residual of a model to its cause. The stages go one way: model form, forward search, elimination,
+//! residual tests, verdict.
 
 mod calibration;
 pub(crate) mod candidates;
@@ -31,11 +32,16 @@ use search::Search;
 use validation::Split;
 use verdict::{Explanation, Finding, Verdict};
 
-/// Explains what a model lacks: fitted on `fit`, judged on `test`. `progress` is told what is being done. Of many flights to fit, a part chooses what
-/// is kept, and the flights of the test are looked at once.
+/// Explains what a model lacks: fitted on `fit`, judged on `test`. `progress` is told what is being done. Of
+/// many flights to fit, a part chooses what is kept, and the flights of the test are looked at once.
 ///
 /// Returns `None` if the declared model cannot be run on the flights.
-pub fn explain(model: &Model, fit: &[Flight], test: &[Flight], progress: &dyn Fn(&str)) -> Option<Explanation> {
+pub fn explain(
+    model: &Model,
+    fit: &[Flight],
+    test: &[Flight],
+    progress: &dyn Fn(&str),
+) -> Option<Explanation> {
     let began = Instant::now();
     let split = Split::new(fit, test);
     let (fit, choosing) = (&split.fitted[..], &split.choosing[..]);
@@ -51,9 +57,14 @@ pub fn explain(model: &Model, fit: &[Flight], test: &[Flight], progress: &dyn Fn
     let last = &selection.ablation.full;
     let settled = last.at_posterior();
     let found = finding::findings(&judge, &selection)?;
-    let (mut effects, corrections): (Vec<Finding>, Vec<Finding>) = found.into_iter().partition(|e| settled.is_cause(e.name));
+    let (mut effects, corrections): (Vec<Finding>, Vec<Finding>) =
+        found.into_iter().partition(|e| settled.is_cause(e.name));
     let mut disturbances = last.disturbances;
-    if let Some(gust) = residual.gust.as_ref().filter(|_| !signals::is_structured(&residual.leftover, signals::Signal::Sideways)) {
+    if let Some(gust) = residual
+        .gust
+        .as_ref()
+        .filter(|_| !signals::is_structured(&residual.leftover, signals::Signal::Sideways))
+    {
         effects.extend(finding::gust_finding(&search, &judge, last, gust));
         disturbances = gust.disturbances;
     }
@@ -61,7 +72,13 @@ pub fn explain(model: &Model, fit: &[Flight], test: &[Flight], progress: &dyn Fn
     let dropped = selection.dropped && effects.is_empty();
     let undecided = selection.ablation.unclear_worth > UNDECIDED || effects.iter().any(is_vague) || dropped;
     effects.retain(|e| !is_vague(e));
-    let completed = Completion::new(&declared, last, [finding::group_model_form(effects), corrections], disturbances, choosing);
+    let completed = Completion::new(
+        &declared,
+        last,
+        [finding::group_model_form(effects), corrections],
+        disturbances,
+        choosing,
+    );
     let completed = completed.withdraw(&declared, &residual.leftover, choosing);
     let names_before = completed.effects.len();
     let completed = completed.without_harm(&declared, choosing);
@@ -111,7 +128,8 @@ pub fn explain(model: &Model, fit: &[Flight], test: &[Flight], progress: &dyn Fn
     })
 }
 
-/// How badly a model predicts flights as it is: the negative log-likelihood, with what is random about them. `None` if it cannot be run on them.
+/// How badly a model predicts flights as it is: the negative log-likelihood, with what is random about them.
+/// `None` if it cannot be run on them.
 pub fn declared_loss(model: &Model, flights: &[Flight]) -> Option<f64> {
     Some(Search::new(flights).judge_declared(&Hypothesis::from_model(model))?.loss)
 }

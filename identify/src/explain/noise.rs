@@ -1,4 +1,5 @@
-//! How large the disturbances of a flight are: the sizes and correlation times under which the filter's likelihood is highest.
+//! How large the disturbances of a flight are: the sizes and correlation times under which the filter's
+//! likelihood is highest.
 
 use std::ops::Range;
 
@@ -6,7 +7,8 @@ use nalgebra::{Matrix2, Vector2};
 use rayon::prelude::*;
 
 use super::calibration::noise::{
-    DAMPING, FIRST, LEAST, LOG_SIZE_PENALTY, MASKING, QUIESCENCE, TAU_S, TIMES_FORCE, TIMES_FORCE_IN_STILL_AIR, TUNE_S, WORTH,
+    DAMPING, FIRST, LEAST, LOG_SIZE_PENALTY, MASKING, QUIESCENCE, TAU_S, TIMES_FORCE,
+    TIMES_FORCE_IN_STILL_AIR, TUNE_S, WORTH,
 };
 pub use super::calibration::noise::{FLOOR, GUST_S, LONGEST_S};
 use crate::fit::filter::{Disturbances, GaussMarkov, LinearisedSegment};
@@ -15,7 +17,8 @@ use crate::fit::hypothesis::Hypothesis;
 
 /// A force that wanders by more than this (m/s^2) is more than a draught; for longer than this (s), a gust.
 pub const REPORTABLE_FORCE_MPS2: f64 = 0.1;
-/// A lift that wanders by more than this (m/s^2) is no small error of the thrust if it is so many times the force: air moves in all directions.
+/// A lift that wanders by more than this (m/s^2) is no small error of the thrust if it is so many times the
+/// force: air moves in all directions.
 const REPORTABLE_LIFT_MPS2: f64 = 0.2;
 /// In still air even a smaller one is none.
 const LIFT_IN_STILL_AIR_MPS2: f64 = 0.045;
@@ -41,13 +44,21 @@ fn apply_move(from: &Disturbances, change: Move) -> Option<Disturbances> {
     let list = to.processes_mut();
     match change {
         Move::Off(i) if list[i].sigma > floor[i].sigma => *list[i] = *floor[i],
-        Move::Sigma(i, by) if list[i].sigma > 0.0 && list[i].sigma * by >= (LEAST * first[i].sigma).max(floor[i].sigma) => {
+        Move::Sigma(i, by)
+            if list[i].sigma > 0.0 && list[i].sigma * by >= (LEAST * first[i].sigma).max(floor[i].sigma) =>
+        {
             list[i].sigma *= by
         }
         // what is off may come back, small
         Move::Sigma(i, by) if list[i].sigma == 0.0 && by > 1.0 => list[i].sigma = 0.2 * first[i].sigma,
-        Move::Tau(i, by) if list[i].sigma > floor[i].sigma && (TAU_S[0]..=TAU_S[1]).contains(&(list[i].tau_s * by)) => list[i].tau_s *= by,
-        Move::Both(i, by) => return apply_move(&apply_move(from, Move::Tau(i, by))?, Move::Sigma(i, by.sqrt())),
+        Move::Tau(i, by)
+            if list[i].sigma > floor[i].sigma && (TAU_S[0]..=TAU_S[1]).contains(&(list[i].tau_s * by)) =>
+        {
+            list[i].tau_s *= by
+        }
+        Move::Both(i, by) => {
+            return apply_move(&apply_move(from, Move::Tau(i, by))?, Move::Sigma(i, by.sqrt()));
+        }
         _ => return None,
     }
     Some(to)
@@ -73,21 +84,35 @@ impl DisturbanceLoss {
 
 impl Segments<'_> {
     /// `None` where the loss falls hopelessly behind that of `best`.
-    fn evaluate(&self, disturbances: Disturbances, best: Option<&DisturbanceLoss>) -> Option<DisturbanceLoss> {
+    fn evaluate(
+        &self,
+        disturbances: Disturbances,
+        best: Option<&DisturbanceLoss>,
+    ) -> Option<DisturbanceLoss> {
         let least = |i: usize| best.map(|b| b.losses[i].as_slice());
-        let losses = self.linearised.iter().enumerate().map(|(i, segment)| segment.losses(self.flight, &disturbances, least(i)));
+        let losses = self
+            .linearised
+            .iter()
+            .enumerate()
+            .map(|(i, segment)| segment.losses(self.flight, &disturbances, least(i)));
         Some(DisturbanceLoss { disturbances, losses: losses.collect::<Option<_>>()? })
     }
 
-    /// The best of all moves by one factor, or of those that gain anything taken together. `None` if none does.
+    /// The best of all moves by one factor, or of those that gain anything taken together. `None` if none
+    /// does.
     fn improve(&self, best: &DisturbanceLoss, by: f64) -> Option<DisturbanceLoss> {
         let both_ways = |change: fn(usize, f64) -> Move, i: usize| [change(i, by), change(i, 1.0 / by)];
-        let moves_of =
-            |i| [Move::Sigma, Move::Tau, Move::Both].into_iter().flat_map(move |change| both_ways(change, i)).chain([Move::Off(i)]);
+        let moves_of = |i| {
+            [Move::Sigma, Move::Tau, Move::Both]
+                .into_iter()
+                .flat_map(move |change| both_ways(change, i))
+                .chain([Move::Off(i)])
+        };
         let moves: Vec<Move> = (0..5).flat_map(moves_of).collect();
         let evaluate = |m: Move| Some((m, self.evaluate(apply_move(&best.disturbances, m)?, Some(best))?));
         let gains = |m: Move| if matches!(m, Move::Off(_)) { -WORTH } else { WORTH };
-        let tried = moves.into_par_iter().filter_map(evaluate).filter(|(m, w)| w.loss() < best.loss() - gains(*m));
+        let tried =
+            moves.into_par_iter().filter_map(evaluate).filter(|(m, w)| w.loss() < best.loss() - gains(*m));
         let mut better: Vec<(Move, DisturbanceLoss)> = tried.collect();
         better.sort_by(|a, b| a.1.loss().total_cmp(&b.1.loss()));
         // each disturbance changed at most once
@@ -120,14 +145,19 @@ pub(crate) fn reportable(disturbances: &Disturbances) -> impl Iterator<Item = (N
     let beside = |times: f64, least: f64| (lift.sigma / least).min(lift.sigma / (times * force.sigma));
     let all = [
         (NotableDisturbance::Force, force.sigma / REPORTABLE_FORCE_MPS2),
-        (NotableDisturbance::Lift, beside(TIMES_FORCE, REPORTABLE_LIFT_MPS2).max(beside(TIMES_FORCE_IN_STILL_AIR, LIFT_IN_STILL_AIR_MPS2))),
+        (
+            NotableDisturbance::Lift,
+            beside(TIMES_FORCE, REPORTABLE_LIFT_MPS2)
+                .max(beside(TIMES_FORCE_IN_STILL_AIR, LIFT_IN_STILL_AIR_MPS2)),
+        ),
         (NotableDisturbance::Torque, torque.sigma / REPORTABLE_TORQUE_RADPS2),
         (NotableDisturbance::Turn, turn.sigma / REPORTABLE_TURN_RADPS2),
     ];
     all.into_iter().filter(|(_, size)| *size > 1.0)
 }
 
-/// Penalty of disturbances, in units of log-likelihood. Most flights are quiet, and a disturbance that is reported must gain as much as an effect.
+/// Penalty of disturbances, in units of log-likelihood. Most flights are quiet, and a disturbance that is
+/// reported must gain as much as an effect.
 pub fn penalty(disturbances: &Disturbances) -> f64 {
     let mut penalty = super::WORTH_FIT * reportable(disturbances).count() as f64;
     rescale(disturbances, |sigma, floor| {
@@ -160,20 +190,28 @@ pub fn quiescent(disturbances: &Disturbances) -> Disturbances {
 /// Other sizes for the disturbances that have a floor, by size and floor.
 fn rescale(disturbances: &Disturbances, mut to: impl FnMut(f64, f64) -> f64) -> Disturbances {
     let (mut rescaled, mut floor) = (*disturbances, FLOOR);
-    for (process, floor) in rescaled.processes_mut().into_iter().zip(floor.processes_mut()).filter(|(_, floor)| floor.sigma > 0.0) {
+    for (process, floor) in
+        rescaled.processes_mut().into_iter().zip(floor.processes_mut()).filter(|(_, floor)| floor.sigma > 0.0)
+    {
         process.sigma = to(process.sigma, floor.sigma);
     }
     rescaled
 }
 
 /// The disturbances of a flight under a hypothesis, searched from those given, or from scratch.
-pub fn tune_disturbances(flight: &Flight, hypothesis: &Hypothesis, from: Option<&Disturbances>) -> Disturbances {
+pub fn tune_disturbances(
+    flight: &Flight,
+    hypothesis: &Hypothesis,
+    from: Option<&Disturbances>,
+) -> Disturbances {
     let ticks = ((TUNE_S / flight.tick_s) as usize).min(flight.ticks / 2);
     let ends = [0..ticks, flight.ticks - ticks..flight.ticks];
     let mut found = from.copied().unwrap_or(FIRST);
-    let (factors, sweeps): (&[f64], usize) = if from.is_some() { (&[2.0, 1.5], 2) } else { (&[4.0, 2.0, 1.5], 3) };
+    let (factors, sweeps): (&[f64], usize) =
+        if from.is_some() { (&[2.0, 1.5], 2) } else { (&[4.0, 2.0, 1.5], 3) };
     for by in factors {
-        let segment = |ticks: &Range<usize>| LinearisedSegment::new(flight, ticks.clone(), hypothesis, &found);
+        let segment =
+            |ticks: &Range<usize>| LinearisedSegment::new(flight, ticks.clone(), hypothesis, &found);
         let Some(linearised) = ends.par_iter().map(segment).collect() else { return found };
         let segments = Segments { flight, linearised };
         let Some(mut best) = segments.evaluate(found, None) else { return found };
@@ -186,9 +224,13 @@ pub fn tune_disturbances(flight: &Flight, hypothesis: &Hypothesis, from: Option<
     found
 }
 
-/// The horizontal force finely: size and correlation time where the likelihood of whole flights is highest, each with its standard error from
-/// the curvature there, the other unknown too.
-pub fn tune_force(flights: &[Flight], hypothesis: &Hypothesis, from: &Disturbances) -> (Disturbances, [f64; 2]) {
+/// The horizontal force finely: size and correlation time where the likelihood of whole flights is highest,
+/// each with its standard error from the curvature there, the other unknown too.
+pub fn tune_force(
+    flights: &[Flight],
+    hypothesis: &Hypothesis,
+    from: &Disturbances,
+) -> (Disturbances, [f64; 2]) {
     let linearised: Option<Vec<LinearisedSegment>> =
         flights.par_iter().map(|f| LinearisedSegment::new(f, f.all_ticks(), hypothesis, from)).collect();
     let Some(linearised) = linearised else { return (*from, [f64::INFINITY; 2]) };
@@ -196,13 +238,16 @@ pub fn tune_force(flights: &[Flight], hypothesis: &Hypothesis, from: &Disturbanc
         let force = GaussMarkov { sigma: log[0].exp(), tau_s: log[1].exp().clamp(TAU_S[0], LONGEST_S) };
         Disturbances { force, ..*from }
     };
-    let loss =
-        |log: [f64; 2]| -> f64 { linearised.iter().zip(flights).map(|(segment, flight)| segment.loss(flight, &with_force(log))).sum() };
+    let loss = |log: [f64; 2]| -> f64 {
+        linearised.iter().zip(flights).map(|(segment, flight)| segment.loss(flight, &with_force(log))).sum()
+    };
     let mut log_force = [from.force.sigma.ln(), from.force.tau_s.ln()];
     let mut sd = [f64::INFINITY; 2];
     for step in [0.5, 0.25, 0.15, 0.15] {
         // nine points around, and the vertex of the paraboloid through them
-        let grid_point = |i: usize| [log_force[0] + step * (i / 3) as f64 - step, log_force[1] + step * (i % 3) as f64 - step];
+        let grid_point = |i: usize| {
+            [log_force[0] + step * (i / 3) as f64 - step, log_force[1] + step * (i % 3) as f64 - step]
+        };
         let near: Vec<f64> = (0..9).into_par_iter().map(|i| loss(grid_point(i))).collect();
         let gradient = Vector2::new(near[7] - near[1], near[5] - near[3]) / (2.0 * step);
         let across = (near[8] - near[6] - near[2] + near[0]) / (4.0 * step * step);
@@ -256,9 +301,20 @@ mod tests {
         for tau_s in [0.1, 1.0, 10.0] {
             let gust = |sigma: f64| Disturbances { force: GaussMarkov { sigma, tau_s }, ..FLOOR };
             assert_eq!((kinds(&gust(0.1)), kinds(&gust(0.11))), (vec![], vec![NotableDisturbance::Force]));
-            assert!((penalty(&gust(0.11)) - penalty(&gust(0.1)) - LOG_SIZE_PENALTY * 1.1_f64.ln() - super::super::WORTH_FIT).abs() < 1e-9);
+            assert!(
+                (penalty(&gust(0.11))
+                    - penalty(&gust(0.1))
+                    - LOG_SIZE_PENALTY * 1.1_f64.ln()
+                    - super::super::WORTH_FIT)
+                    .abs()
+                    < 1e-9
+            );
         }
-        let strong = Disturbances { torque: GaussMarkov { sigma: 0.3, tau_s: 0.3 }, turn: GaussMarkov { sigma: 0.2, tau_s: 4.0 }, ..FLOOR };
+        let strong = Disturbances {
+            torque: GaussMarkov { sigma: 0.3, tau_s: 0.3 },
+            turn: GaussMarkov { sigma: 0.2, tau_s: 4.0 },
+            ..FLOOR
+        };
         assert_eq!(kinds(&strong), [NotableDisturbance::Torque, NotableDisturbance::Turn]);
     }
 }

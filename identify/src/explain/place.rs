@@ -1,4 +1,5 @@
-//! Spatial repeatability of a wandering force: whether it is the same again where the vehicle comes again. The cause may be a fan, a wall, a warm floor.
+//! Spatial repeatability of a wandering force: whether it is the same again where the vehicle comes again.
+//! The cause may be a fan, a wall, a warm floor.
 
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
@@ -19,8 +20,9 @@ struct Revisits {
     every_s: f64,
 }
 
-/// A finding if the horizontal force of some flights, where it is large, is alike wherever they come again: each flight by itself, all together. A
-/// measured place may be the consequence of the force; a set-point is not.
+/// A finding if the horizontal force of some flights, where it is large, is alike wherever they come again:
+/// each flight by itself, all together. A measured place may be the consequence of the force; a set-point is
+/// not.
 pub fn spatial_repeatability<'a>(
     flights: impl Iterator<Item = (&'a Flight, &'a FilterResult)> + Clone,
     disturbances: &Disturbances,
@@ -32,7 +34,10 @@ pub fn spatial_repeatability<'a>(
     let z_by_cause = |(flight, filtered): (&Flight, &FilterResult)| {
         let measured = Revisits::new(flight, filtered, |k| Some([0, 1, 2].map(|i| filtered.states[k][i])));
         let setpoints = Revisits::new(flight, filtered, |k| flight.setpoint_m(k));
-        [measured.and_then(|v| v.similarity_z(tau_s, Cause::Either)), setpoints.and_then(|v| v.similarity_z(tau_s, Cause::Place))]
+        [
+            measured.and_then(|v| v.similarity_z(tau_s, Cause::Either)),
+            setpoints.and_then(|v| v.similarity_z(tau_s, Cause::Place)),
+        ]
     };
     let found: Vec<[Option<f64>; 2]> = flights.map(z_by_cause).collect();
     let combined_z = |which: usize| {
@@ -57,11 +62,18 @@ enum Cause {
 struct RevisitPair(usize, usize, f64);
 
 impl Revisits {
-    fn new(flight: &Flight, filtered: &FilterResult, place: impl Fn(usize) -> Option<[f64; 3]>) -> Option<Self> {
+    fn new(
+        flight: &Flight,
+        filtered: &FilterResult,
+        place: impl Fn(usize) -> Option<[f64; 3]>,
+    ) -> Option<Self> {
         let every = ((EVERY_S / flight.tick_s).round() as usize).max(1);
         let some = (0..filtered.states.len()).step_by(every);
         Some(Revisits {
-            force_mps2: some.clone().map(|k| [filtered.disturbance_estimates[k][0], filtered.disturbance_estimates[k][1]]).collect(),
+            force_mps2: some
+                .clone()
+                .map(|k| [filtered.disturbance_estimates[k][0], filtered.disturbance_estimates[k][1]])
+                .collect(),
             pos_m: some.map(place).collect::<Option<_>>()?,
             every_s: every as f64 * flight.tick_s,
         })
@@ -78,8 +90,9 @@ impl Revisits {
         all.map(|(i, j)| RevisitPair(i, j, near(i, j))).filter(|pair| pair.2 > 0.01).collect()
     }
 
-    /// How much more alike the forces of different visits are than chance would have it, in standard deviations of the same for forces that
-    /// wander with that correlation time. `None` if the places are the consequence, or none was visited again.
+    /// How much more alike the forces of different visits are than chance would have it, in standard
+    /// deviations of the same for forces that wander with that correlation time. `None` if the places are the
+    /// consequence, or none was visited again.
     fn similarity_z(&self, tau_s: f64, cause: Cause) -> Option<f64> {
         let pairs = self.pairs(tau_s);
         if pairs.is_empty() {
@@ -95,7 +108,8 @@ impl Revisits {
         }
         let mut rng = Pcg64Mcg::seed_from_u64(0);
         let keep = (-self.every_s / tau_s).exp();
-        let mut draws = || most(&simulate_gauss_markov(self.force_mps2.len(), keep, &mut rng), 0..=samples(BEHIND_S));
+        let mut draws =
+            || most(&simulate_gauss_markov(self.force_mps2.len(), keep, &mut rng), 0..=samples(BEHIND_S));
         let chance: Vec<f64> = (0..DRAWS).map(|_| draws()).collect();
         let mean = chance.iter().sum::<f64>() / DRAWS as f64;
         let sd = (chance.iter().map(|c| (c - mean).powi(2)).sum::<f64>() / DRAWS as f64).sqrt();
@@ -103,7 +117,8 @@ impl Revisits {
     }
 }
 
-/// Mean product of the forces of two visits, over their mean square; the forces taken `shift` samples after the visit.
+/// Mean product of the forces of two visits, over their mean square; the forces taken `shift` samples after
+/// the visit.
 fn force_similarity(force: &[[f64; 2]], pairs: &[RevisitPair], shift: isize) -> f64 {
     let n = force.len() as f64;
     let mean = [0, 1].map(|k| force.iter().map(|f| f[k]).sum::<f64>() / n);
@@ -111,7 +126,11 @@ fn force_similarity(force: &[[f64; 2]], pairs: &[RevisitPair], shift: isize) -> 
     let square = (0..force.len()).map(|i| off(i).iter().map(|v| v * v).sum::<f64>()).sum::<f64>() / n;
     let (mut sum, mut weight) = (0.0, 0.0);
     for RevisitPair(i, j, near) in pairs {
-        let (Some(i), Some(j)) = (i.checked_add_signed(shift), j.checked_add_signed(shift).filter(|j| *j < force.len())) else { continue };
+        let (Some(i), Some(j)) =
+            (i.checked_add_signed(shift), j.checked_add_signed(shift).filter(|j| *j < force.len()))
+        else {
+            continue;
+        };
         let (a, b) = (off(i), off(j));
         sum += near * (a[0] * b[0] + a[1] * b[1]);
         weight += near;
@@ -161,12 +180,14 @@ mod tests {
     #[test]
     fn gusts_know_no_places() {
         for seed in 1..40 {
-            let z = Revisits { force_mps2: gusts(seed), pos_m: track(), every_s: EVERY_S }.similarity_z(TAU_S, Cause::Either);
+            let z = Revisits { force_mps2: gusts(seed), pos_m: track(), every_s: EVERY_S }
+                .similarity_z(TAU_S, Cause::Either);
             assert!(z.is_none_or(|z| z < CLEAR), "{seed}: {z:?}");
         }
     }
 
-    /// Blown about over one spot, the vehicle is in the same place because the same force has brought it there.
+    /// Blown about over one spot, the vehicle is in the same place because the same force has brought it
+    /// there.
     #[test]
     fn a_place_may_be_the_consequence() {
         for seed in 1..10 {
@@ -174,21 +195,24 @@ mod tests {
             let pushed = |k: usize| force_mps2[k.saturating_sub(5)].map(|f| 0.1 * f);
             let pos_m = (0..SAMPLES).map(|k| [pushed(k)[0], pushed(k)[1], 1.0]).collect();
             assert_eq!(
-                Revisits { force_mps2: force_mps2.clone(), pos_m, every_s: EVERY_S }.similarity_z(TAU_S, Cause::Either),
+                Revisits { force_mps2: force_mps2.clone(), pos_m, every_s: EVERY_S }
+                    .similarity_z(TAU_S, Cause::Either),
                 None,
                 "{seed}"
             );
         }
     }
 
-    /// Round after round, a force that belongs to places is as much alike later as at once; where the vehicle was told to be, nothing blew it.
+    /// Round after round, a force that belongs to places is as much alike later as at once; where the vehicle
+    /// was told to be, nothing blew it.
     #[test]
     fn rounds_of_one_track_need_to_be_told() {
         let at = |k: usize| (0.8 * k as f64 * EVERY_S).sin_cos();
         let pos_m: Vec<[f64; 3]> = (0..SAMPLES).map(|k| [at(k).0, at(k).1, 1.0]).collect();
         let spot = |k: usize| [0.5 * (-((at(k).0 - 0.5).powi(2)) / 0.1).exp() * at(k).1, 0.0];
-        let z_of =
-            |force_mps2: Vec<[f64; 2]>| Revisits { force_mps2, pos_m: pos_m.clone(), every_s: EVERY_S }.similarity_z(TAU_S, Cause::Place);
+        let z_of = |force_mps2: Vec<[f64; 2]>| {
+            Revisits { force_mps2, pos_m: pos_m.clone(), every_s: EVERY_S }.similarity_z(TAU_S, Cause::Place)
+        };
         assert!(z_of((0..SAMPLES).map(|k| spot(k.saturating_sub(3))).collect()).unwrap() > CLEAR);
         for seed in 1..40 {
             let z = z_of(gusts(seed)).unwrap();
@@ -199,6 +223,9 @@ mod tests {
     #[test]
     fn a_place_never_visited_again_says_nothing() {
         let pos_m = (0..SAMPLES).map(|k| [k as f64, 0.0, 1.0]).collect();
-        assert_eq!(Revisits { force_mps2: gusts(1), pos_m, every_s: EVERY_S }.similarity_z(TAU_S, Cause::Either), None);
+        assert_eq!(
+            Revisits { force_mps2: gusts(1), pos_m, every_s: EVERY_S }.similarity_z(TAU_S, Cause::Either),
+            None
+        );
     }
 }

@@ -1,5 +1,6 @@
-//! The last word on the parameters: where the likelihood of the flights is highest with every parameter a constant, and how far off that may be.
-//! The filter that learns them on the way is linear about what it believed at each moment, and takes its own noise for the truth.
+//! The last word on the parameters: where the likelihood of the flights is highest with every parameter a
+//! constant, and how far off that may be. The filter that learns them on the way is linear about what it
+//! believed at each moment, and takes its own noise for the truth.
 
 use std::collections::BTreeMap;
 
@@ -20,7 +21,11 @@ struct FilterRun {
     innovations: Vec<(usize, Innovation)>,
 }
 
-fn filter_flights(flights: &[Flight], hypothesis: &Hypothesis, disturbances: &Disturbances) -> Option<FilterRun> {
+fn filter_flights(
+    flights: &[Flight],
+    hypothesis: &Hypothesis,
+    disturbances: &Disturbances,
+) -> Option<FilterRun> {
     let nothing = ParameterPrior::independent(Vec::new(), &[]);
     let (fixed, mut first) = (hypothesis.without_free(), 0);
     let mut all = FilterRun { loss: 0.0, innovations: Vec::new() };
@@ -56,7 +61,8 @@ fn clusters(
     for (row, (stretch, innovation)) in here.innovations.iter().enumerate() {
         let slope = |i: usize, number: fn(&Innovation) -> f64| {
             let [low, high] = sides(i);
-            (number(&runs[2 * i + 1].innovations[row].1) - number(&runs[2 * i].innovations[row].1)) / (high - low)
+            (number(&runs[2 * i + 1].innovations[row].1) - number(&runs[2 * i].innovations[row].1))
+                / (high - low)
         };
         let z = DVector::from_fn(n, |i, _| slope(i, |v| v.normalised));
         // a parameter that changes how far predictions miss is known by that too
@@ -70,8 +76,8 @@ fn clusters(
     Some(clusters.into_values().collect())
 }
 
-/// The most likely values and their covariance, clustered by stretches of the flights: it holds although the innovations are not quite
-/// independent. `None` if nothing is free or the filter breaks down.
+/// The most likely values and their covariance, clustered by stretches of the flights: it holds although the
+/// innovations are not quite independent. `None` if nothing is free or the filter breaks down.
 pub fn refine(flights: &[Flight], judged: &FilteredHypothesis) -> Option<ParameterPrior> {
     let mut hypothesis = judged.at_posterior();
     let (n, bounds) = (hypothesis.free_values().len(), hypothesis.bounds());
@@ -87,8 +93,12 @@ pub fn refine(flights: &[Flight], judged: &FilteredHypothesis) -> Option<Paramet
         let gradient: DVector<f64> = known.iter().map(|c| &c.gradient).sum();
         let bread = pseudo_inverse(&known.iter().map(|c| &c.information).sum())?;
         let step = &bread * gradient;
-        let to: Vec<f64> =
-            hypothesis.free_values().iter().enumerate().map(|(i, v)| (v - step[i]).clamp(bounds[i][0], bounds[i][1])).collect();
+        let to: Vec<f64> = hypothesis
+            .free_values()
+            .iter()
+            .enumerate()
+            .map(|(i, v)| (v - step[i]).clamp(bounds[i][0], bounds[i][1]))
+            .collect();
         if to.iter().any(|v| v.is_nan()) {
             return None;
         }
@@ -102,5 +112,8 @@ pub fn refine(flights: &[Flight], judged: &FilteredHypothesis) -> Option<Paramet
         sd = (0..n).map(|i| inside(bread[(i, i)].sqrt(), i)).collect();
         known = clusters(flights, &hypothesis, &here, &sd, &judged.disturbances)?;
     }
-    Some(ParameterPrior { mean: hypothesis.free_values(), covariance: cluster_robust_covariance(&known)?.as_slice().to_vec() })
+    Some(ParameterPrior {
+        mean: hypothesis.free_values(),
+        covariance: cluster_robust_covariance(&known)?.as_slice().to_vec(),
+    })
 }

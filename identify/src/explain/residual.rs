@@ -1,4 +1,5 @@
-//! The residual under an explanation: correlation and lines in the innovations, and disturbances too large for a model's small errors.
+//! The residual under an explanation: correlation and lines in the innovations, and disturbances too large
+//! for a model's small errors.
 
 use rayon::prelude::*;
 
@@ -15,16 +16,20 @@ use super::verdict::Leftover;
 use crate::fit::filter::{Disturbances, FilterResult, GaussMarkov, ParameterPrior, filter};
 use crate::fit::flight::Flight;
 
-/// A wandering force that may be a gust: disturbances with its size and correlation time finely, and the standard errors of these.
+/// A wandering force that may be a gust: disturbances with its size and correlation time finely, and the
+/// standard errors of these.
 pub struct GustCandidate {
     pub disturbances: Disturbances,
     pub sd: [f64; 2],
 }
 
-/// Sizes are tuned on short stretches, where a small gust may not be worth its penalty: at the limit of what is reported, whole flights decide.
+/// Sizes are tuned on short stretches, where a small gust may not be worth its penalty: at the limit of what
+/// is reported, whole flights decide.
 fn gust_candidate(search: &Search, last: &FilteredHypothesis) -> Option<GustCandidate> {
-    let is_gust =
-        |d: &Disturbances| d.force.tau_s > noise::GUST_S && noise::reportable(d).any(|(kind, _)| kind == NotableDisturbance::Force);
+    let is_gust = |d: &Disturbances| {
+        d.force.tau_s > noise::GUST_S
+            && noise::reportable(d).any(|(kind, _)| kind == NotableDisturbance::Force)
+    };
     let before = &last.disturbances;
     if !is_gust(before) && before.force.sigma < noise::REPORTABLE_FORCE_MPS2 {
         return None;
@@ -55,51 +60,90 @@ impl Residual {
     }
 }
 
-/// Residual of a selection, and the selection. An effect that nearly earned its place comes back if it accounts for all structure that is left without it.
-pub fn rescue(search: &Search, judge: &Search, mut selection: Selection, test: &[Flight]) -> (Selection, Residual) {
+/// Residual of a selection, and the selection. An effect that nearly earned its place comes back if it
+/// accounts for all structure that is left without it.
+pub fn rescue(
+    search: &Search,
+    judge: &Search,
+    mut selection: Selection,
+    test: &[Flight],
+) -> (Selection, Residual) {
     let residual = Residual::from_selection(search, test, &selection);
     let near_miss = selection.ablation.near_miss.take().filter(|_| residual.is_structured());
-    let other = near_miss.and_then(|near_miss| validate(search, judge, search.ablate(near_miss), selection.rivals.clone()));
-    let other = other.map(|other| (Residual::from_selection(search, test, &other), other)).filter(|(left, _)| !left.is_structured());
+    let other = near_miss
+        .and_then(|near_miss| validate(search, judge, search.ablate(near_miss), selection.rivals.clone()));
+    let other = other
+        .map(|other| (Residual::from_selection(search, test, &other), other))
+        .filter(|(left, _)| !left.is_structured());
     other.map_or((selection, residual), |(residual, other)| (other, residual))
 }
 
 /// Disturbances too large for the small errors of a model; their size in units of what makes a finding.
 fn excess_disturbances(disturbances: &Disturbances, gust: Option<&GustCandidate>) -> Vec<Leftover> {
     let Disturbances { lift, torque, turn, .. } = *disturbances;
-    let finding = |part: Signal, signal: &str, words: String, size: f64| Leftover::new(part, signal, words, leftover::FINDING * size);
+    let finding = |part: Signal, signal: &str, words: String, size: f64| {
+        Leftover::new(part, signal, words, leftover::FINDING * size)
+    };
     let words = |what: &str, by: GaussMarkov, unit: &str| {
-        format!("{what} shaken by {:.2} {unit}, for {:.2} s at a time, whatever the commands", by.sigma, by.tau_s)
+        format!(
+            "{what} shaken by {:.2} {unit}, for {:.2} s at a time, whatever the commands",
+            by.sigma, by.tau_s
+        )
     };
     let finding_for = |(kind, size): (NotableDisturbance, f64)| {
         Some(match kind {
             NotableDisturbance::Force => return None,
-            NotableDisturbance::Lift => finding(Signal::Vertical, "lift", words("the thrust is", lift, "m/s^2"), size),
-            NotableDisturbance::Torque => finding(Signal::Tilt, "torque", words("roll and pitch are", torque, "rad/s^2"), size),
-            NotableDisturbance::Turn => finding(Signal::Yaw, "turn", words("the yaw is", turn, "rad/s^2"), size),
+            NotableDisturbance::Lift => {
+                finding(Signal::Vertical, "lift", words("the thrust is", lift, "m/s^2"), size)
+            }
+            NotableDisturbance::Torque => {
+                finding(Signal::Tilt, "torque", words("roll and pitch are", torque, "rad/s^2"), size)
+            }
+            NotableDisturbance::Turn => {
+                finding(Signal::Yaw, "turn", words("the yaw is", turn, "rad/s^2"), size)
+            }
         })
     };
     let mut found: Vec<Leftover> = noise::reportable(disturbances).filter_map(finding_for).collect();
     let endless = gust.map(|g| g.disturbances).filter(|d| d.force.tau_s >= noise::LONGEST_S);
-    let endless = endless.and_then(|d| Some((d, noise::reportable(&d).find(|(kind, _)| *kind == NotableDisturbance::Force)?.1)));
+    let endless = endless.and_then(|d| {
+        Some((d, noise::reportable(&d).find(|(kind, _)| *kind == NotableDisturbance::Force)?.1))
+    });
     found.extend(endless.map(|(d, size)| {
-        finding(Signal::Sideways, "force", format!("wanders by {:.2} m/s^2, for longer than gusts do", d.force.sigma), size)
+        finding(
+            Signal::Sideways,
+            "force",
+            format!("wanders by {:.2} m/s^2, for longer than gusts do", d.force.sigma),
+            size,
+        )
     }));
     found
 }
 
 /// The strongest findings in the innovations of the test flights, and in the forces of all.
-pub fn leftovers(fit: &[Flight], test: &[Flight], last: &FilteredHypothesis, gust: Option<&GustCandidate>) -> Vec<Leftover> {
-    let (hypothesis, disturbances, nothing) =
-        (last.at_posterior().without_free(), &last.disturbances, ParameterPrior::independent(Vec::new(), &[]));
+pub fn leftovers(
+    fit: &[Flight],
+    test: &[Flight],
+    last: &FilteredHypothesis,
+    gust: Option<&GustCandidate>,
+) -> Vec<Leftover> {
+    let (hypothesis, disturbances, nothing) = (
+        last.at_posterior().without_free(),
+        &last.disturbances,
+        ParameterPrior::independent(Vec::new(), &[]),
+    );
     let filtered = |f: &Flight| filter(f, f.all_ticks(), &hypothesis, &nothing, disturbances);
     let known: Vec<_> = fit.par_iter().filter_map(|f| Some((f, filtered(f)?))).collect();
     let tested: Vec<_> = test.par_iter().filter_map(|f| Some((f, filtered(f)?))).collect();
     let findings = |(flight, filtered): &(&Flight, FilterResult)| {
-        [leftover::leftover_findings(flight, filtered), shape::force_findings(flight, filtered, disturbances)].concat()
+        [leftover::leftover_findings(flight, filtered), shape::force_findings(flight, filtered, disturbances)]
+            .concat()
     };
     let mut all: Vec<Leftover> = tested.iter().flat_map(findings).collect();
-    all.extend(place::spatial_repeatability(known.iter().chain(&tested).map(|(flight, filtered)| (*flight, filtered)), disturbances));
+    all.extend(place::spatial_repeatability(
+        known.iter().chain(&tested).map(|(flight, filtered)| (*flight, filtered)),
+        disturbances,
+    ));
     all.sort_by(|a, b| b.size.abs().total_cmp(&a.size.abs()));
     // the strongest of each signal is reported, however strong the others
     let (mut kept, mut rest): (Vec<Leftover>, Vec<Leftover>) = (Vec::new(), Vec::new());
@@ -118,10 +162,13 @@ mod tests {
     #[test]
     fn a_force_that_wanders_on_and_on_is_structure() {
         let found = |tau_s: f64| {
-            let disturbances = Disturbances { force: GaussMarkov { sigma: 0.4, tau_s }, ..Disturbances::NONE };
+            let disturbances =
+                Disturbances { force: GaussMarkov { sigma: 0.4, tau_s }, ..Disturbances::NONE };
             excess_disturbances(&disturbances, Some(&GustCandidate { disturbances, sd: [0.1; 2] }))
         };
         assert!(found(3.0).is_empty());
-        assert!(found(noise::LONGEST_S).iter().all(Leftover::is_structure) && found(noise::LONGEST_S).len() == 1);
+        assert!(
+            found(noise::LONGEST_S).iter().all(Leftover::is_structure) && found(noise::LONGEST_S).len() == 1
+        );
     }
 }

@@ -1,13 +1,14 @@
-//! The search for effects. Windows of flights, fitted by output error, propose. The Kalman filter decides: its innovations are independent of each
-//! other whatever shakes the vehicle.
+//! The search for effects. Windows of flights, fitted by output error, propose. The Kalman filter decides:
+//! its innovations are independent of each other whatever shakes the vehicle.
 
 use crazyflie_env::effects::{self, Entry, Geometry, Observability};
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::calibration::search::{
-    BEYOND, ENOUGH, EVERY_TO_START, FAR_BEHIND, KEPT, LAG_PENALTY, LEAST_JOINED, LEAST_PROPOSAL, LEAST_SHARE, NEAR_M, NEAR_MPS, NEARLY,
-    PROBABILITIES, PROBABILITY_SD, SHORTLIST, SHORTLIST_DAMPED, STEPS, STEPS_TO_START, TIGHT, TUNED, WIDEN, WINDOWS_TO_PROPOSE,
+    BEYOND, ENOUGH, EVERY_TO_START, FAR_BEHIND, KEPT, LAG_PENALTY, LEAST_JOINED, LEAST_PROPOSAL, LEAST_SHARE,
+    NEAR_M, NEAR_MPS, NEARLY, PROBABILITIES, PROBABILITY_SD, SHORTLIST, SHORTLIST_DAMPED, STEPS,
+    STEPS_TO_START, TIGHT, TUNED, WIDEN, WINDOWS_TO_PROPOSE,
 };
 pub use super::calibration::search::{CLEAR, LEAST_GAIN, MOST_EFFECTS};
 use super::calibration::verdict::MOST_RIVALS;
@@ -29,7 +30,8 @@ pub struct FilteredHypothesis {
     pub posterior: ParameterPrior,
     /// Random disturbances that the filter took to act.
     pub disturbances: Disturbances,
-    /// Negative log-likelihood of the flights of the fit, the free parameters integrated out, and the penalty of the disturbances.
+    /// Negative log-likelihood of the flights of the fit, the free parameters integrated out, and the penalty
+    /// of the disturbances.
     pub loss: f64,
 }
 
@@ -40,7 +42,8 @@ pub(crate) struct Ablation {
     pub without: Vec<(&'static str, FilteredHypothesis)>,
     /// The most that an effect was worth that was taken out because its size was unclear.
     pub unclear_worth: f64,
-    /// The hypothesis with the effect that nearly earned its place: clear in size, and worth most of what it must be.
+    /// The hypothesis with the effect that nearly earned its place: clear in size, and worth most of what it
+    /// must be.
     pub near_miss: Option<FilteredHypothesis>,
 }
 
@@ -49,14 +52,20 @@ impl FilteredHypothesis {
     pub fn clearance(&self, effect: &str) -> f64 {
         let place = self.hypothesis.place(effect);
         let Some(term) = self.hypothesis.term(effect) else { return 0.0 };
-        let standard_errors =
-            |(i, at): (&usize, usize)| (self.posterior.mean[at] - term.entry.params[*i].off).abs() / self.posterior.sd(at);
+        let standard_errors = |(i, at): (&usize, usize)| {
+            (self.posterior.mean[at] - term.entry.params[*i].off).abs() / self.posterior.sd(at)
+        };
         term.free.iter().zip(place).map(standard_errors).fold(0.0, f64::max)
     }
 
-    /// Whether the first parameter of an effect, its strength, ran to a bound: something else is the cause. Of the exact geometry all is no bound.
+    /// Whether the first parameter of an effect, its strength, ran to a bound: something else is the cause.
+    /// Of the exact geometry all is no bound.
     fn is_at_bound(&self, effect: &str) -> bool {
-        let Some(term) = self.hypothesis.term(effect).filter(|t| t.entry.geometry == Geometry::None && t.free.first() == Some(&0)) else {
+        let Some(term) = self
+            .hypothesis
+            .term(effect)
+            .filter(|t| t.entry.geometry == Geometry::None && t.free.first() == Some(&0))
+        else {
             return false;
         };
         let (p, at) = (&term.entry.params[0], self.hypothesis.place(effect).start);
@@ -67,11 +76,13 @@ impl FilteredHypothesis {
     /// The hypothesis at the filter's values.
     pub fn at_posterior(&self) -> Hypothesis {
         let bounds = self.hypothesis.bounds();
-        let inside: Vec<f64> = self.posterior.mean.iter().zip(bounds).map(|(v, [low, high])| v.clamp(low, high)).collect();
+        let inside: Vec<f64> =
+            self.posterior.mean.iter().zip(bounds).map(|(v, [low, high])| v.clamp(low, high)).collect();
         self.hypothesis.with_values(&inside)
     }
 
-    /// The settled hypothesis with one more effect, and how well the free parameters are known, those of the effect about as well as `sd`.
+    /// The settled hypothesis with one more effect, and how well the free parameters are known, those of the
+    /// effect about as well as `sd`.
     pub fn with_term(&self, term: &Term, sd: &[f64]) -> (Hypothesis, Vec<f64>) {
         let hypothesis = self.at_posterior().with(term.clone());
         let mut known: Vec<f64> = (0..self.posterior.mean.len()).map(|i| self.posterior.sd(i)).collect();
@@ -88,7 +99,8 @@ pub struct Search<'a> {
     windows: Vec<Window>,
 }
 
-/// An effect proposed by the windows: the hypothesis with it, at the fitted values, and their standard errors.
+/// An effect proposed by the windows: the hypothesis with it, at the fitted values, and their standard
+/// errors.
 struct Proposal {
     hypothesis: Hypothesis,
     sd: Vec<f64>,
@@ -104,7 +116,8 @@ struct WindowSubset<'a> {
 }
 
 impl WindowSubset<'_> {
-    /// Of an effect without a slope at "off": the start from which the windows gain most, and what it gains there.
+    /// Of an effect without a slope at "off": the start from which the windows gain most, and what it gains
+    /// there.
     fn best_alternative_start(&self, hypothesis: &Hypothesis, starts: &[Term]) -> Option<Score> {
         let from = |start: &Term| {
             let with = hypothesis.with(start.clone());
@@ -125,7 +138,8 @@ pub struct Score {
     pub start: Term,
     /// In units of log-likelihood, the other parameters following.
     pub gain: f64,
-    /// Standard error of each of its free parameters that these flights allow, the other parameters unknown too.
+    /// Standard error of each of its free parameters that these flights allow, the other parameters unknown
+    /// too.
     pub sd: Vec<f64>,
 }
 
@@ -161,15 +175,18 @@ struct QuadraticModel {
 impl QuadraticModel {
     /// The gain of the parameters at `place`, those at `known` following.
     fn score(&self, start: &Term, place: &[usize], known: &[usize]) -> Score {
-        let block =
-            |rows: &[usize], columns: &[usize]| DMatrix::from_fn(rows.len(), columns.len(), |i, j| self.information[(rows[i], columns[j])]);
+        let block = |rows: &[usize], columns: &[usize]| {
+            DMatrix::from_fn(rows.len(), columns.len(), |i, j| self.information[(rows[i], columns[j])])
+        };
         let part = |rows: &[usize]| DVector::from_fn(rows.len(), |i, _| self.gradient[rows[i]]);
         let across = block(place, known);
-        let inverse = pseudo_inverse(&block(known, known)).unwrap_or_else(|| DMatrix::zeros(known.len(), known.len()));
+        let inverse =
+            pseudo_inverse(&block(known, known)).unwrap_or_else(|| DMatrix::zeros(known.len(), known.len()));
         let inverse = inverse.map(|v| if v.is_finite() { v } else { 0.0 });
         let information = block(place, place) - &across * &inverse * across.transpose();
         let gradient = part(place) - &across * &inverse * part(known);
-        let covariance = pseudo_inverse(&information).unwrap_or_else(|| DMatrix::zeros(place.len(), place.len()));
+        let covariance =
+            pseudo_inverse(&information).unwrap_or_else(|| DMatrix::zeros(place.len(), place.len()));
         let sd = (0..place.len()).map(|i| covariance[(i, i)].max(0.0).sqrt()).collect();
         let usable = covariance.map(|v| if v.is_finite() { v } else { 0.0 });
         let step = &usable * &gradient;
@@ -213,7 +230,11 @@ impl<'a> Search<'a> {
         self.with_physics_hz(judged, None)
     }
 
-    fn with_physics_hz(&self, judged: &FilteredHypothesis, max_physics_hz: Option<u32>) -> Option<FilteredHypothesis> {
+    fn with_physics_hz(
+        &self,
+        judged: &FilteredHypothesis,
+        max_physics_hz: Option<u32>,
+    ) -> Option<FilteredHypothesis> {
         let mut other = judged.clone();
         other.hypothesis.max_physics_hz = max_physics_hz;
         self.rejudge(&other, &judged.disturbances)
@@ -222,11 +243,16 @@ impl<'a> Search<'a> {
     /// Fits the free numbers of a hypothesis to the windows, in at most `most_steps` steps.
     /// The windows start from `own`, the starts of an earlier fit, or as measured.
     pub fn fit(&self, hypothesis: &Hypothesis, own: Option<&[Vec<f64>]>, most_steps: usize) -> Solution {
-        let hypothesis = &Hypothesis { max_physics_hz: hypothesis.max_physics_hz.or(Some(self.rough_hz(2))), ..hypothesis.clone() };
-        let prediction = OutputErrorProblem { flights: self.flights, windows: &self.windows, hypothesis, inflation: 1.0 };
+        let hypothesis = &Hypothesis {
+            max_physics_hz: hypothesis.max_physics_hz.or(Some(self.rough_hz(2))),
+            ..hypothesis.clone()
+        };
+        let prediction =
+            OutputErrorProblem { flights: self.flights, windows: &self.windows, hypothesis, inflation: 1.0 };
         let measured = prediction.measured_starts();
         let longer = |(known, start): (&Vec<f64>, &Vec<f64>)| {
-            // a start that makes up for what the other hypothesis lacks may lie below the floor, where a ground effect has no slope
+            // a start that makes up for what the other hypothesis lacks may lie below the floor, where a
+            // ground effect has no slope
             let known = if is_near(known, start) { &known[..] } else { &[] };
             // a lag that is new to the hypothesis has no value yet
             [known, &start[known.len().min(start.len())..]].concat()
@@ -236,9 +262,15 @@ impl<'a> Search<'a> {
     }
 
     /// Filters a hypothesis whose free parameters are known about as well as `sd`.
-    pub fn judge(&self, hypothesis: &Hypothesis, sd: &[f64], disturbances: &Disturbances) -> Option<FilteredHypothesis> {
+    pub fn judge(
+        &self,
+        hypothesis: &Hypothesis,
+        sd: &[f64],
+        disturbances: &Disturbances,
+    ) -> Option<FilteredHypothesis> {
         let ranges = hypothesis.bounds();
-        let wide: Vec<f64> = sd.iter().zip(&ranges).map(|(sd, [low, high])| (WIDEN * sd).min(0.25 * (high - low))).collect();
+        let wide: Vec<f64> =
+            sd.iter().zip(&ranges).map(|(sd, [low, high])| (WIDEN * sd).min(0.25 * (high - low))).collect();
         let mut prior = ParameterPrior::independent(hypothesis.free_values(), &wide);
         let mut loss = penalty(disturbances);
         for flight in self.flights {
@@ -246,14 +278,22 @@ impl<'a> Search<'a> {
             loss += filtered.loss;
             prior = filtered.posterior;
         }
-        Some(FilteredHypothesis { hypothesis: hypothesis.clone(), posterior: prior, disturbances: *disturbances, loss })
+        Some(FilteredHypothesis {
+            hypothesis: hypothesis.clone(),
+            posterior: prior,
+            disturbances: *disturbances,
+            loss,
+        })
     }
 
     /// Negative log-likelihood with all parameters as they are.
     pub fn plug_in(&self, hypothesis: &Hypothesis, disturbances: &Disturbances) -> Option<f64> {
         let nothing = ParameterPrior::independent(Vec::new(), &[]);
         let fixed = hypothesis.without_free();
-        self.flights.iter().map(|f| filter(f, f.all_ticks(), &fixed, &nothing, disturbances).map(|f| f.loss)).sum()
+        self.flights
+            .iter()
+            .map(|f| filter(f, f.all_ticks(), &fixed, &nothing, disturbances).map(|f| f.loss))
+            .sum()
     }
 
     /// The declared model, with what is random about the flight.
@@ -265,7 +305,8 @@ impl<'a> Search<'a> {
     /// The hypothesis fitted anew, disturbances tuned, judged.
     pub fn refit(&self, hypothesis: &Hypothesis, disturbances: &Disturbances) -> Option<FilteredHypothesis> {
         let solution = self.fit(hypothesis, None, STEPS);
-        let (fitted, sd) = drop_idle_parameters(&hypothesis.with_values(&solution.shared), &standard_errors(&solution), &[]);
+        let (fitted, sd) =
+            drop_idle_parameters(&hypothesis.with_values(&solution.shared), &standard_errors(&solution), &[]);
         let first = self.judge(&fitted, &sd, disturbances)?;
         let disturbances = tune_disturbances(&self.flights[0], &first.at_posterior(), Some(disturbances));
         self.judge(&fitted, &sd, &disturbances)
@@ -273,28 +314,42 @@ impl<'a> Search<'a> {
 
     /// One more effect: all scores, and the best by the filter of those that score highest.
     pub fn extend(&self, now: &FilteredHypothesis) -> (Vec<Score>, Option<FilteredHypothesis>) {
-        // what is missing for good may pass for a disturbance that wanders slowly: under damped disturbances it would stand out
+        // what is missing for good may pass for a disturbance that wanders slowly: under damped disturbances
+        // it would stand out
         let damped = Some(damped(&now.disturbances)).filter(|_| masks_effects(&now.disturbances));
-        let Some(Scores { usual: scored, damped: damped_scores, base }) = self.score(now, damped.as_ref()) else {
+        let Some(Scores { usual: scored, damped: damped_scores, base }) = self.score(now, damped.as_ref())
+        else {
             return (Vec::new(), None);
         };
         let settled = now.at_posterior();
         let worth = |s: &&Score| s.gain > LEAST_PROPOSAL;
         let mut worthy: Vec<&Score> = scored.iter().filter(worth).take(SHORTLIST).collect();
-        let seen = |worthy: &[&Score], s: &Score| worthy.iter().any(|w| w.start.entry.name == s.start.entry.name);
-        let more: Vec<&Score> = damped_scores.iter().filter(worth).filter(|s| !seen(&worthy, s)).take(SHORTLIST_DAMPED).collect();
+        let seen =
+            |worthy: &[&Score], s: &Score| worthy.iter().any(|w| w.start.entry.name == s.start.entry.name);
+        let more: Vec<&Score> =
+            damped_scores.iter().filter(worth).filter(|s| !seen(&worthy, s)).take(SHORTLIST_DAMPED).collect();
         worthy.extend(more);
-        let proposals: Vec<Proposal> = worthy.par_iter().filter_map(|s| self.propose(&settled, s, &base)).collect();
+        let proposals: Vec<Proposal> =
+            worthy.par_iter().filter_map(|s| self.propose(&settled, s, &base)).collect();
         let first = self.judge_all(&proposals, &now.disturbances);
         let mut judged = self.refine_nearest(&first, f64::INFINITY);
-        judged.extend(damped.iter().flat_map(|damped| self.refine_nearest(&self.judge_all(&proposals, damped), now.loss)));
+        judged.extend(
+            damped
+                .iter()
+                .flat_map(|damped| self.refine_nearest(&self.judge_all(&proposals, damped), now.loss)),
+        );
         let best = judged.into_iter().min_by(|a, b| a.loss.total_cmp(&b.loss));
         (scored, best.and_then(|best| self.retune(&self.join_round(best, first, now))))
     }
 
-    /// The best hypothesis of a round, and besides what others of the round added, as long as it keeps half of what it gained alone: what is
-    /// missing in several ways takes one round, not several.
-    fn join_round(&self, best: FilteredHypothesis, mut others: Vec<FilteredHypothesis>, before: &FilteredHypothesis) -> FilteredHypothesis {
+    /// The best hypothesis of a round, and besides what others of the round added, as long as it keeps half
+    /// of what it gained alone: what is missing in several ways takes one round, not several.
+    fn join_round(
+        &self,
+        best: FilteredHypothesis,
+        mut others: Vec<FilteredHypothesis>,
+        before: &FilteredHypothesis,
+    ) -> FilteredHypothesis {
         others.retain(|other| before.loss - other.loss > LEAST_JOINED);
         others.sort_by(|a, b| a.loss.total_cmp(&b.loss));
         let mut now = best;
@@ -306,13 +361,18 @@ impl<'a> Search<'a> {
             let sd: Vec<f64> = settled.place(term.entry.name).map(|i| other.posterior.sd(i)).collect();
             let (hypothesis, sd) = now.with_term(term, &sd);
             let both = self.judge(&hypothesis, &sd, &now.disturbances);
-            now = both.filter(|both| now.loss - both.loss > KEPT * alone && both.hypothesis.terms.len() <= MOST_EFFECTS).unwrap_or(now);
+            now = both
+                .filter(|both| {
+                    now.loss - both.loss > KEPT * alone && both.hypothesis.terms.len() <= MOST_EFFECTS
+                })
+                .unwrap_or(now);
         }
         now
     }
 
-    /// The best hypothesis with commands that may not arrive, if there is such an effect that it does not have. The windows see only what is
-    /// expected of it, a delay; that the vehicle is shaken just when commands change, the filter sees once its disturbances no longer stand for it.
+    /// The best hypothesis with commands that may not arrive, if there is such an effect that it does not
+    /// have. The windows see only what is expected of it, a delay; that the vehicle is shaken just when
+    /// commands change, the filter sees once its disturbances no longer stand for it.
     pub fn best_with_lost_commands(&self, now: &FilteredHypothesis) -> Option<FilteredHypothesis> {
         let unshaken = Disturbances { torque: FLOOR.torque, ..now.disturbances };
         let judge_loss_probability = |(entry, probability): (&'static Entry, f64)| {
@@ -321,16 +381,21 @@ impl<'a> Search<'a> {
             let (hypothesis, sd) = now.with_term(&term, &[PROBABILITY_SD]);
             self.judge(&hypothesis, &sd, &unshaken)
         };
-        let absent = candidates(&now.at_posterior()).into_iter().map(|c| c.entry).filter(|e| e.observability == Observability::HeldCommand);
+        let absent = candidates(&now.at_posterior())
+            .into_iter()
+            .map(|c| c.entry)
+            .filter(|e| e.observability == Observability::HeldCommand);
         let tried: Vec<_> = absent.flat_map(|entry| PROBABILITIES.map(|p| (entry, p))).collect();
-        let mut judged: Vec<FilteredHypothesis> = tried.into_par_iter().filter_map(judge_loss_probability).collect();
+        let mut judged: Vec<FilteredHypothesis> =
+            tried.into_par_iter().filter_map(judge_loss_probability).collect();
         judged.sort_by(|a, b| a.loss.total_cmp(&b.loss));
         judged.par_iter().take(TUNED).filter_map(|j| self.retune(j)).min_by(|a, b| a.loss.total_cmp(&b.loss))
     }
 
     /// The same hypothesis with the disturbances that suit it.
     pub fn retune(&self, judged: &FilteredHypothesis) -> Option<FilteredHypothesis> {
-        let disturbances = tune_disturbances(&self.flights[0], &judged.at_posterior(), Some(&judged.disturbances));
+        let disturbances =
+            tune_disturbances(&self.flights[0], &judged.at_posterior(), Some(&judged.disturbances));
         // tuned on a part of a flight, judged on all
         let retuned = self.rejudge(judged, &disturbances).filter(|retuned| retuned.loss < judged.loss);
         Some(retuned.unwrap_or_else(|| judged.clone()))
@@ -340,7 +405,10 @@ impl<'a> Search<'a> {
     pub fn judge_without(&self, judged: &FilteredHypothesis, effect: &str) -> Option<FilteredHypothesis> {
         let settled = judged.at_posterior();
         let place = settled.place(effect);
-        let sd: Vec<f64> = (0..judged.posterior.mean.len()).filter(|i| !place.contains(i)).map(|i| judged.posterior.sd(i)).collect();
+        let sd: Vec<f64> = (0..judged.posterior.mean.len())
+            .filter(|i| !place.contains(i))
+            .map(|i| judged.posterior.sd(i))
+            .collect();
         let first = self.judge(&settled.without(effect), &sd, &judged.disturbances)?;
         if first.loss - judged.loss > BEYOND { Some(first) } else { self.retune(&first) }
     }
@@ -348,18 +416,23 @@ impl<'a> Search<'a> {
     /// The ablation of a hypothesis: judged without each of its effects.
     pub(crate) fn ablate(&self, judged: FilteredHypothesis) -> Ablation {
         let names: Vec<&'static str> = judged.hypothesis.terms.iter().map(|t| t.entry.name).collect();
-        let without = names.into_par_iter().filter_map(|name| Some((name, self.judge_without(&judged, name)?))).collect();
+        let without = names
+            .into_par_iter()
+            .filter_map(|name| Some((name, self.judge_without(&judged, name)?)))
+            .collect();
         Ablation { full: judged, without, unclear_worth: 0.0, near_miss: None }
     }
 
-    /// Effects that do not earn their place at the end, when all others are there, are taken out again: each must be worth so much
-    /// log-likelihood, and one of its parameters must lie clear of "off".
+    /// Effects that do not earn their place at the end, when all others are there, are taken out again: each
+    /// must be worth so much log-likelihood, and one of its parameters must lie clear of "off".
     pub(crate) fn eliminate_backward(&self, from: FilteredHypothesis, worth: f64) -> Ablation {
         let mut now = self.ablate(from);
         let (mut unclear_worth, mut near_miss) = (0.0_f64, None);
         loop {
             let is_idle = |(name, less): &&(&'static str, FilteredHypothesis)| {
-                less.loss - now.full.loss < worth || now.full.clearance(name) < CLEAR || now.full.is_at_bound(name)
+                less.loss - now.full.loss < worth
+                    || now.full.clearance(name) < CLEAR
+                    || now.full.is_at_bound(name)
             };
             let idle = now.without.iter().filter(is_idle);
             let Some((name, less)) = idle.min_by(|a, b| a.1.loss.total_cmp(&b.1.loss)) else {
@@ -367,14 +440,18 @@ impl<'a> Search<'a> {
             };
             let worth_of_least = less.loss - now.full.loss;
             unclear_worth = unclear_worth.max(worth_of_least);
-            if worth_of_least > NEARLY * worth && now.full.clearance(name) >= CLEAR && !now.full.is_at_bound(name) {
+            if worth_of_least > NEARLY * worth
+                && now.full.clearance(name) >= CLEAR
+                && !now.full.is_at_bound(name)
+            {
                 near_miss = Some(now.full.clone());
             }
             now = self.ablate(less.clone());
         }
     }
 
-    /// Other effects in the place of one of a hypothesis: each as judged, within `noise` of the likelihood of the one that it replaces.
+    /// Other effects in the place of one of a hypothesis: each as judged, within `noise` of the likelihood of
+    /// the one that it replaces.
     pub fn rivals(
         &self,
         judged: &FilteredHypothesis,
@@ -391,16 +468,25 @@ impl<'a> Search<'a> {
         // of the exact geometry, a part is no rival of another or of the whole
         let is_geometry = effects::find(effect).is_ok_and(|(_, e)| e.geometry != Geometry::None);
         let is_rival = |s: &&Score| {
-            s.start.entry.name != effect && s.gain > LEAST_SHARE * own && !(is_geometry && s.start.entry.geometry != Geometry::None)
+            s.start.entry.name != effect
+                && s.gain > LEAST_SHARE * own
+                && !(is_geometry && s.start.entry.geometry != Geometry::None)
         };
         let others = scores.iter().filter(is_rival).take(SHORTLIST);
         let others: Vec<&Score> = others.collect();
-        let proposals: Vec<Proposal> = others.par_iter().filter_map(|s| self.propose(&settled, s, &base)).collect();
+        let proposals: Vec<Proposal> =
+            others.par_iter().filter_map(|s| self.propose(&settled, s, &base)).collect();
         let lags = |j: &FilteredHypothesis| j.hypothesis.terms.iter().map(|t| t.entry.lags).sum::<usize>();
         // a swing whose start nobody measured pays for that, which is no word against it
-        let behind = |j: &FilteredHypothesis| j.loss - judged.loss - LAG_PENALTY * lags(j).saturating_sub(lags(judged)) as f64;
-        let replaced = self.refine_nearest(&self.judge_all(&proposals, &judged.disturbances), judged.loss + noise).into_iter();
-        let named = |j: FilteredHypothesis| Some((j.hypothesis.terms.iter().find(|t| !judged.hypothesis.has(t.entry.name))?.entry.name, j));
+        let behind = |j: &FilteredHypothesis| {
+            j.loss - judged.loss - LAG_PENALTY * lags(j).saturating_sub(lags(judged)) as f64
+        };
+        let replaced = self
+            .refine_nearest(&self.judge_all(&proposals, &judged.disturbances), judged.loss + noise)
+            .into_iter();
+        let named = |j: FilteredHypothesis| {
+            Some((j.hypothesis.terms.iter().find(|t| !judged.hypothesis.has(t.entry.name))?.entry.name, j))
+        };
         let alike = replaced.filter_map(named).filter(|(_, j)| behind(j) < noise);
         let (mut rivals, swings): (Vec<_>, Vec<_>) = alike.partition(|(_, j)| j.loss - judged.loss < noise);
         // what is alike only but for its start does not make a name too vague to be said
@@ -412,22 +498,29 @@ impl<'a> Search<'a> {
         proposals.par_iter().filter_map(|p| self.judge(&p.hypothesis, &p.sd, disturbances)).collect()
     }
 
-    /// Proposals judged again from where they settled: what is then believed beforehand is as wide for every hypothesis, in its own standard
-    /// errors, so that all pay the same for a parameter. Those far behind the best, or the loss that is asked for, are left out.
+    /// Proposals judged again from where they settled: what is then believed beforehand is as wide for every
+    /// hypothesis, in its own standard errors, so that all pay the same for a parameter. Those far behind the
+    /// best, or the loss that is asked for, are left out.
     fn refine_nearest(&self, first: &[FilteredHypothesis], most: f64) -> Vec<FilteredHypothesis> {
         let least = first.iter().map(|j| j.loss).fold(f64::INFINITY, f64::min);
-        let near = first.par_iter().filter(|j| j.loss < if most.is_finite() { most } else { least } + FAR_BEHIND);
+        let near =
+            first.par_iter().filter(|j| j.loss < if most.is_finite() { most } else { least } + FAR_BEHIND);
         near.filter_map(|j| self.rejudge(j, &j.disturbances)).collect()
     }
 
     /// The same hypothesis judged from where it settled, under other disturbances.
-    fn rejudge(&self, judged: &FilteredHypothesis, disturbances: &Disturbances) -> Option<FilteredHypothesis> {
+    fn rejudge(
+        &self,
+        judged: &FilteredHypothesis,
+        disturbances: &Disturbances,
+    ) -> Option<FilteredHypothesis> {
         let sd: Vec<f64> = (0..judged.posterior.mean.len()).map(|i| judged.posterior.sd(i)).collect();
         self.judge(&judged.at_posterior(), &sd, disturbances)
     }
 
-    /// Scores of all effects, from one filter run that carries the parameters of all of them, each close to "off". An effect without a slope at
-    /// "off" is tried from other starts, on the windows, whose fit comes along.
+    /// Scores of all effects, from one filter run that carries the parameters of all of them, each close to
+    /// "off". An effect without a slope at "off" is tried from other starts, on the windows, whose fit comes
+    /// along.
     fn score(&self, now: &FilteredHypothesis, damped: Option<&Disturbances>) -> Option<Scores> {
         let settled = now.at_posterior();
         let fixed = settled.without_free();
@@ -439,22 +532,38 @@ impl<'a> Search<'a> {
         }
         let (model, (damped_model, base)) = rayon::join(
             || self.quadratic_model(&joint, &now.disturbances),
-            || rayon::join(|| damped.and_then(|damped| self.quadratic_model(&joint, damped)), || self.fit(&fixed, None, STEPS)),
+            || {
+                rayon::join(
+                    || damped.and_then(|damped| self.quadratic_model(&joint, damped)),
+                    || self.fit(&fixed, None, STEPS),
+                )
+            },
         );
         let (model, subset) = (model?, self.window_subset(&fixed, &base));
-        let known: Vec<usize> = settled.terms.iter().flat_map(|t| joint.place(t.entry.name)).chain(0..settled.free.len()).collect();
+        let known: Vec<usize> = settled
+            .terms
+            .iter()
+            .flat_map(|t| joint.place(t.entry.name))
+            .chain(0..settled.free.len())
+            .collect();
         let candidate_scores = |candidate: &Candidate| {
             let place: Vec<usize> = joint.place(candidate.entry.name).collect();
-            let has_no_slope = place.iter().all(|i| model.information[(*i, *i)] * joint_range(&joint, *i).powi(2) < 1.0);
+            let has_no_slope =
+                place.iter().all(|i| model.information[(*i, *i)] * joint_range(&joint, *i).powi(2) < 1.0);
             let here = (!has_no_slope).then(|| model.score(&candidate.starts[0], &place, &known));
-            let elsewhere = if has_no_slope { &candidate.starts[..] } else { &candidate.starts[..candidate.variants] };
+            let elsewhere =
+                if has_no_slope { &candidate.starts[..] } else { &candidate.starts[..candidate.variants] };
             let tried = has_no_slope || candidate.variants > 1;
             let there = if tried { subset.best_alternative_start(&fixed, elsewhere) } else { None };
             here.into_iter().chain(there).collect::<Vec<Score>>()
         };
         let usual = best_first(all.par_iter().flat_map_iter(candidate_scores).collect());
         let stands_out = |(candidate, model): (&Candidate, &QuadraticModel)| {
-            model.score(&candidate.starts[0], &joint.place(candidate.entry.name).collect::<Vec<usize>>(), &known)
+            model.score(
+                &candidate.starts[0],
+                &joint.place(candidate.entry.name).collect::<Vec<usize>>(),
+                &known,
+            )
         };
         let damped = best_first(all.iter().zip(damped_model.iter().cycle()).map(stands_out).collect());
         Some(Scores { usual, damped, base })
@@ -464,18 +573,30 @@ impl<'a> Search<'a> {
     fn window_subset(&self, hypothesis: &Hypothesis, base: &Solution) -> WindowSubset<'_> {
         let some: Vec<usize> = (0..self.windows.len()).step_by(EVERY_TO_START).collect();
         let own: Vec<Vec<f64>> = some.iter().map(|i| base.own[*i].clone()).collect();
-        let search = Search { flights: self.flights, windows: some.iter().map(|i| self.windows[*i].clone()).collect() };
+        let search = Search {
+            flights: self.flights,
+            windows: some.iter().map(|i| self.windows[*i].clone()).collect(),
+        };
         // as many steps as with an effect, or what they gain by themselves would be taken for its gain
         let before = search.fit(hypothesis, Some(&own), STEPS_TO_START).loss;
         WindowSubset { search, own, before, scale: self.windows.len() as f64 / some.len() as f64 }
     }
 
-    /// Likelihood, gradient and information at a hypothesis, by the filter with parameters known to a hundredth of their range.
-    fn quadratic_model(&self, hypothesis: &Hypothesis, disturbances: &Disturbances) -> Option<QuadraticModel> {
-        let ranges: Vec<f64> = (0..hypothesis.free_values().len()).map(|i| TIGHT * joint_range(hypothesis, i)).collect();
+    /// Likelihood, gradient and information at a hypothesis, by the filter with parameters known to a
+    /// hundredth of their range.
+    fn quadratic_model(
+        &self,
+        hypothesis: &Hypothesis,
+        disturbances: &Disturbances,
+    ) -> Option<QuadraticModel> {
+        let ranges: Vec<f64> =
+            (0..hypothesis.free_values().len()).map(|i| TIGHT * joint_range(hypothesis, i)).collect();
         let prior = ParameterPrior::independent(hypothesis.free_values(), &ranges);
-        let mut model =
-            QuadraticModel { loss: 0.0, gradient: DVector::zeros(ranges.len()), information: DMatrix::zeros(ranges.len(), ranges.len()) };
+        let mut model = QuadraticModel {
+            loss: 0.0,
+            gradient: DVector::zeros(ranges.len()),
+            information: DMatrix::zeros(ranges.len(), ranges.len()),
+        };
         for flight in self.flights {
             let filtered = filter(flight, flight.all_ticks(), hypothesis, &prior, disturbances)?;
             let n = ranges.len();
@@ -501,8 +622,13 @@ impl<'a> Search<'a> {
         let hypothesis = settled.with(score.start.clone());
         let solution = self.fit(&hypothesis, Some(&base.own), STEPS);
         let settled_names: Vec<&str> = settled.terms.iter().map(|t| t.entry.name).collect();
-        let (fitted, sd) = drop_idle_parameters(&hypothesis.with_values(&solution.shared), &standard_errors(&solution), &settled_names);
-        let useful = fitted.terms.iter().any(|t| t.entry.name == score.start.entry.name && !t.free.is_empty());
+        let (fitted, sd) = drop_idle_parameters(
+            &hypothesis.with_values(&solution.shared),
+            &standard_errors(&solution),
+            &settled_names,
+        );
+        let useful =
+            fitted.terms.iter().any(|t| t.entry.name == score.start.entry.name && !t.free.is_empty());
         useful.then_some(Proposal { hypothesis: fitted, sd })
     }
 }
@@ -517,11 +643,13 @@ fn is_near(fitted: &[f64], measured: &[f64]) -> bool {
 pub fn standard_errors(solution: &Solution) -> Vec<f64> {
     let clusters: Vec<usize> = (0..solution.reduced.len()).collect();
     let covariance = solution.covariance(&clusters);
-    (0..solution.shared.len()).map(|i| covariance.as_ref().map_or(f64::INFINITY, |c| c[(i, i)].max(0.0).sqrt())).collect()
+    (0..solution.shared.len())
+        .map(|i| covariance.as_ref().map_or(f64::INFINITY, |c| c[(i, i)].max(0.0).sqrt()))
+        .collect()
 }
 
-/// The hypothesis without free parameters that the windows do not determine. Those of `settled` effects stay free: beside a newcomer that does the
-/// same, only the filter can say which stays.
+/// The hypothesis without free parameters that the windows do not determine. Those of `settled` effects stay
+/// free: beside a newcomer that does the same, only the filter can say which stays.
 fn drop_idle_parameters(hypothesis: &Hypothesis, sd: &[f64], settled: &[&str]) -> (Hypothesis, Vec<f64>) {
     let mut kept = hypothesis.clone();
     let mut known = sd[..hypothesis.free.len()].to_vec();
@@ -531,7 +659,11 @@ fn drop_idle_parameters(hypothesis: &Hypothesis, sd: &[f64], settled: &[&str]) -
         let stays = settled.contains(&entry.name);
         let range = |i: usize| entry.params[i].high - entry.params[i].low;
         let bounded = |i: usize, sd: f64| if sd.is_finite() { sd.min(range(i)) } else { range(i) };
-        let free = term.free.iter().zip(rest.by_ref()).filter(|(i, sd)| stays || (sd.is_finite() && **sd < range(**i)));
+        let free = term
+            .free
+            .iter()
+            .zip(rest.by_ref())
+            .filter(|(i, sd)| stays || (sd.is_finite() && **sd < range(**i)));
         let free: Vec<(usize, f64)> = free.map(|(i, sd)| (*i, bounded(*i, *sd))).collect();
         term.free = free.iter().map(|(i, _)| *i).collect();
         known.extend(free.iter().map(|(_, sd)| *sd));

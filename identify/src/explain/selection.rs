@@ -1,9 +1,12 @@
-//! Selection of effects: forward by likelihood, then eliminated on the flights of the fit, beside rivals, and on the test flights.
+//! Selection of effects: forward by likelihood, then eliminated on the flights of the fit, beside rivals, and
+//! on the test flights.
 
 use crazyflie_env::effects::{Entry, Geometry, Observability, find, registry};
 use rayon::prelude::*;
 
-use super::calibration::selection::{AMOUNT_SD, CLOCKWORK_FROM_HZ, LINE_FORCE_SD_MPS2, LINE_SD_HZ, LINE_SHARE, MORE_LIKELY};
+use super::calibration::selection::{
+    AMOUNT_SD, CLOCKWORK_FROM_HZ, LINE_FORCE_SD_MPS2, LINE_SD_HZ, LINE_SHARE, MORE_LIKELY,
+};
 use super::leftover::strongest_line_above;
 use super::noise;
 use super::refine;
@@ -28,7 +31,8 @@ pub struct Selection {
     pub dropped: bool,
 }
 
-/// The declared model, or its exact geometric form if that is likelier: one look, before effects are tried beside it.
+/// The declared model, or its exact geometric form if that is likelier: one look, before effects are tried
+/// beside it.
 pub fn model_form(search: &Search, declared: FilteredHypothesis) -> FilteredHypothesis {
     let absent = |name: &str| !declared.hypothesis.model.effects.contains_key(name);
     let wholes = registry().iter().filter(|e| e.geometry == Geometry::Whole && absent(e.name));
@@ -41,29 +45,43 @@ pub fn model_form(search: &Search, declared: FilteredHypothesis) -> FilteredHypo
         let first = search.judge(&declared.hypothesis.with(term), &sd, &declared.disturbances)?;
         search.retune(&first)
     });
-    let likelier = judged.filter(|j| declared.loss - j.loss > search::LEAST_GAIN).min_by(|a, b| a.loss.total_cmp(&b.loss));
+    let likelier = judged
+        .filter(|j| declared.loss - j.loss > search::LEAST_GAIN)
+        .min_by(|a, b| a.loss.total_cmp(&b.loss));
     likelier.unwrap_or(declared)
 }
 
 /// Adds effects, one at a time, while the filter gains anything.
-pub fn select_forward(search: &Search, from: &FilteredHypothesis, progress: &dyn Fn(&str)) -> (FilteredHypothesis, Vec<Step>) {
+pub fn select_forward(
+    search: &Search,
+    from: &FilteredHypothesis,
+    progress: &dyn Fn(&str),
+) -> (FilteredHypothesis, Vec<Step>) {
     let mut now = from.clone();
     let mut steps = Vec::new();
     let mut gain = 0.0;
     loop {
         let names: Vec<&'static str> = now.hypothesis.terms.iter().map(|t| t.entry.name).collect();
-        progress(&format!("candidates besides {}", if names.is_empty() { "nothing".into() } else { names.join(", ") }));
+        progress(&format!(
+            "candidates besides {}",
+            if names.is_empty() { "nothing".into() } else { names.join(", ") }
+        ));
         let (scores, next) = search.extend(&now);
         steps.push(Step { effects: names, gain, ranking: scores.iter().map(ranking_entry).collect() });
-        let gains =
-            |next: &FilteredHypothesis| now.loss - next.loss > search::LEAST_GAIN && next.hypothesis.terms.len() <= search::MOST_EFFECTS;
+        let gains = |next: &FilteredHypothesis| {
+            now.loss - next.loss > search::LEAST_GAIN && next.hypothesis.terms.len() <= search::MOST_EFFECTS
+        };
         let shaken = now.disturbances.torque.sigma > LOST_COMMANDS_RADPS2;
-        // what the windows propose of lost commands is their delay, under disturbances that stand for the rest of them
+        // what the windows propose of lost commands is their delay, under disturbances that stand for the
+        // rest of them
         let proposed = next.filter(gains);
-        let with_lost_commands = (shaken && proposed.as_ref().is_none_or(|next| loses_commands(next) && !loses_commands(&now)))
-            .then(|| search.best_with_lost_commands(&now).filter(gains))
-            .flatten();
-        let Some(next) = proposed.into_iter().chain(with_lost_commands).min_by(|a, b| a.loss.total_cmp(&b.loss)) else {
+        let with_lost_commands = (shaken
+            && proposed.as_ref().is_none_or(|next| loses_commands(next) && !loses_commands(&now)))
+        .then(|| search.best_with_lost_commands(&now).filter(gains))
+        .flatten();
+        let Some(next) =
+            proposed.into_iter().chain(with_lost_commands).min_by(|a, b| a.loss.total_cmp(&b.loss))
+        else {
             return (now, steps);
         };
         gain = now.loss - next.loss;
@@ -80,14 +98,25 @@ fn ranking_entry(score: &Score) -> RankedCandidate {
     RankedCandidate { name: score.start.entry.name, gain: score.gain, stderr: score.sd.clone() }
 }
 
-/// Takes out what did not earn its place: on the flights of the fit, beside rivals, on the test flights, and by the last word on the parameters.
-pub fn eliminate(search: &Search, judge: &Search, path: FilteredHypothesis, progress: &dyn Fn(&str)) -> Option<Selection> {
+/// Takes out what did not earn its place: on the flights of the fit, beside rivals, on the test flights, and
+/// by the last word on the parameters.
+pub fn eliminate(
+    search: &Search,
+    judge: &Search,
+    path: FilteredHypothesis,
+    progress: &dyn Fn(&str),
+) -> Option<Selection> {
     progress("backward");
     let mut rivals = Vec::new();
     let settled = settle_rivals(search, search.eliminate_backward(path, WORTH_FIT), &mut rivals, progress);
     let exact = search.eliminate_backward(search.judge_exactly(&settled.full)?, WORTH_FIT);
     progress("the test flights");
-    validate(search, judge, Ablation { unclear_worth: exact.unclear_worth.max(settled.unclear_worth), ..exact }, rivals)
+    validate(
+        search,
+        judge,
+        Ablation { unclear_worth: exact.unclear_worth.max(settled.unclear_worth), ..exact },
+        rivals,
+    )
 }
 
 /// Keeps what is worth its place on the test flights, at the most likely values of its parameters.
@@ -96,8 +125,8 @@ pub fn validate(search: &Search, judge: &Search, from: Ablation, rivals: Rivals)
     Some(Selection { ablation: refine_parameters(search, ablation), rivals, dropped })
 }
 
-/// Looks for rivals of each effect. One that is likelier takes its place, and one that lets another effect go: what a mass does, a thrust scale and a
-/// damping do together.
+/// Looks for rivals of each effect. One that is likelier takes its place, and one that lets another effect
+/// go: what a mass does, a thrust scale and a damping do together.
 fn settle_rivals(search: &Search, from: Ablation, rivals: &mut Rivals, progress: &dyn Fn(&str)) -> Ablation {
     let penalised_loss = |a: &Ablation| a.full.loss + WORTH_FIT * a.without.len() as f64;
     let mut now = from;
@@ -109,7 +138,8 @@ fn settle_rivals(search: &Search, from: Ablation, rivals: &mut Rivals, progress:
         // what will have no name needs no rivals
         let settled = now.full.at_posterior();
         let named = now.without.par_iter().filter(|(name, _)| settled.is_cause(name));
-        let all: Vec<_> = named.map(|(name, less)| (*name, search.rivals(&now.full, name, less, ALIKE))).collect();
+        let all: Vec<_> =
+            named.map(|(name, less)| (*name, search.rivals(&now.full, name, less, ALIKE))).collect();
         let found = all.iter().flat_map(|(_, found)| found).map(|(_, judged)| judged);
         let likelier = found.filter(|judged| swaps < 2 && judged.loss < now.full.loss - MORE_LIKELY);
         if let Some(best) = likelier.min_by(|a, b| a.loss.total_cmp(&b.loss)) {
@@ -134,10 +164,11 @@ fn settle_rivals(search: &Search, from: Ablation, rivals: &mut Rivals, progress:
     }
 }
 
-/// Takes out what swings by itself where a force that comes by the clock is likelier, at the frequency of the line that is left without it: a load swings
-/// as the vehicle moves it.
+/// Takes out what swings by itself where a force that comes by the clock is likelier, at the frequency of the
+/// line that is left without it: a load swings as the vehicle moves it.
 fn without_clockwork(search: &Search, from: Ablation) -> Ablation {
-    let resonant = |name: &str| find(name).is_ok_and(|(_, entry)| entry.observability == Observability::Resonant);
+    let resonant =
+        |name: &str| find(name).is_ok_and(|(_, entry)| entry.observability == Observability::Resonant);
     let clockwork = |(name, less): &(&'static str, FilteredHypothesis)| {
         resonant(name) && clockwork_loss(search, less).is_some_and(|loss| loss < from.full.loss)
     };
@@ -150,22 +181,27 @@ fn without_clockwork(search: &Search, from: Ablation) -> Ablation {
 /// Loss of a hypothesis with a periodic force at the strongest line of the force that it lacks.
 fn clockwork_loss(search: &Search, judged: &FilteredHypothesis) -> Option<f64> {
     let frequency = |entry: &Entry| entry.params.iter().position(|p| p.unit == "Hz");
-    let absent = |entry: &&Entry| entry.observability == Observability::Located && !judged.hypothesis.has(entry.name);
+    let absent =
+        |entry: &&Entry| entry.observability == Observability::Located && !judged.hypothesis.has(entry.name);
     let (entry, at) = registry().iter().filter(absent).find_map(|entry| Some((entry, frequency(entry)?)))?;
     let (share, line_hz) = force_line(search.flights, judged)?;
     let mut term = Term::off(entry);
     term.values[at] = line_hz;
-    let sd: Vec<f64> = term.free.iter().map(|i| if *i == at { LINE_SD_HZ } else { LINE_FORCE_SD_MPS2 }).collect();
+    let sd: Vec<f64> =
+        term.free.iter().map(|i| if *i == at { LINE_SD_HZ } else { LINE_FORCE_SD_MPS2 }).collect();
     let rival = (share > LINE_SHARE).then(|| judged.with_term(&term, &sd))?;
     Some(search.judge(&rival.0, &rival.1, &judged.disturbances)?.loss)
 }
 
-/// Share of the power of the estimated horizontal force that its strongest line holds, and its frequency: the largest of all flights and axes.
+/// Share of the power of the estimated horizontal force that its strongest line holds, and its frequency: the
+/// largest of all flights and axes.
 fn force_line(flights: &[Flight], judged: &FilteredHypothesis) -> Option<(f64, f64)> {
-    let (hypothesis, nothing) = (judged.at_posterior().without_free(), ParameterPrior::independent(Vec::new(), &[]));
+    let (hypothesis, nothing) =
+        (judged.at_posterior().without_free(), ParameterPrior::independent(Vec::new(), &[]));
     let lines = flights.iter().filter_map(|flight| {
         let filtered = filter(flight, flight.all_ticks(), &hypothesis, &nothing, &judged.disturbances)?;
-        let force = |axis: usize| filtered.disturbance_estimates.iter().map(|w| w[axis]).collect::<Vec<f64>>();
+        let force =
+            |axis: usize| filtered.disturbance_estimates.iter().map(|w| w[axis]).collect::<Vec<f64>>();
         Some([0, 1].map(|axis| strongest_line_above(&force(axis), flight.tick_s, CLOCKWORK_FROM_HZ)))
     });
     lines.flatten().max_by(|a, b| a.0.total_cmp(&b.0))
@@ -193,17 +229,22 @@ fn refine_parameters(search: &Search, from: Ablation) -> Ablation {
         now.full.posterior = posterior;
         let clearances = now.without.iter().map(|(name, _)| now.full.clearance(name)).enumerate();
         match clearances.min_by(|a, b| a.1.total_cmp(&b.1)) {
-            Some((least, clearance)) if clearance < search::CLEAR => now = search.ablate(now.without.swap_remove(least).1),
+            Some((least, clearance)) if clearance < search::CLEAR => {
+                now = search.ablate(now.without.swap_remove(least).1)
+            }
             _ => break,
         }
     }
     now
 }
 
-/// Log-likelihood of the test flights that each effect is worth. Where nothing shakes a vehicle as much as the floor of the disturbances has it, a
-/// damping is worth something for that alone: an effect must be worth it under quiescent disturbances too.
+/// Log-likelihood of the test flights that each effect is worth. Where nothing shakes a vehicle as much as
+/// the floor of the disturbances has it, a damping is worth something for that alone: an effect must be worth
+/// it under quiescent disturbances too.
 pub fn test_worths(judge: &Search, ablation: &Ablation) -> Option<Vec<f64>> {
-    let loss = |j: &FilteredHypothesis, air: fn(&Disturbances) -> Disturbances| judge.plug_in(&j.at_posterior(), &air(&j.disturbances));
+    let loss = |j: &FilteredHypothesis, air: fn(&Disturbances) -> Disturbances| {
+        judge.plug_in(&j.at_posterior(), &air(&j.disturbances))
+    };
     let worth = |air: fn(&Disturbances) -> Disturbances| -> Option<Vec<f64>> {
         let full = loss(&ablation.full, air)?;
         ablation.without.par_iter().map(|(_, less)| Some(loss(less, air)? - full)).collect()

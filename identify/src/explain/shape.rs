@@ -1,5 +1,6 @@
-//! Structure in a wandering force: correlation with the state of the vehicle, and sudden changes. Air that moves by itself knows nothing of where the
-//! vehicle is. A force that is there whenever the vehicle is in one place, or late in the flight, is structure.
+//! Structure in a wandering force: correlation with the state of the vehicle, and sudden changes. Air that
+//! moves by itself knows nothing of where the vehicle is. A force that is there whenever the vehicle is in
+//! one place, or late in the flight, is structure.
 
 pub use super::calibration::shape::EVERY_S;
 use super::calibration::shape::{AFTER_S, CHANGE_S, SETTLED_S, UNEVEN};
@@ -28,18 +29,26 @@ impl StandardSeries {
         self.0.iter().zip(other.0.get(later..).unwrap_or_default()).map(|(a, b)| a * b).sum()
     }
 
-    /// Correlation with another one in standard deviations of that of independent series as slow as these (Bartlett). `None` if it is larger later.
+    /// Correlation with another one in standard deviations of that of independent series as slow as these
+    /// (Bartlett). `None` if it is larger later.
     fn correlation_z(&self, other: &StandardSeries) -> Option<f64> {
         let (n, r) = (self.0.len(), self.correlation(other, 0));
-        let after = (1..=(AFTER_S / EVERY_S) as usize).map(|lag| self.correlation(other, lag).abs()).fold(0.0, f64::max);
-        let slow = 1.0 + 2.0 * (1..n / 4).map(|lag| self.correlation(self, lag) * other.correlation(other, lag)).sum::<f64>();
+        let after = (1..=(AFTER_S / EVERY_S) as usize)
+            .map(|lag| self.correlation(other, lag).abs())
+            .fold(0.0, f64::max);
+        let slow = 1.0
+            + 2.0
+                * (1..n / 4)
+                    .map(|lag| self.correlation(self, lag) * other.correlation(other, lag))
+                    .sum::<f64>();
         let independent = n as f64 / slow.max(1.0);
-        (r.abs() > after && independent > 4.0).then(|| r.clamp(-0.999, 0.999).atanh() * (independent - 3.0).sqrt())
+        (r.abs() > after && independent > 4.0)
+            .then(|| r.clamp(-0.999, 0.999).atanh() * (independent - 3.0).sqrt())
     }
 }
 
-/// How unevenly a force changes: the fourth moment of what it changes by within [`CHANGE_S`], over the square of the second. 3 for air that moves by
-/// itself, as many as there are changes for one that comes at once.
+/// How unevenly a force changes: the fourth moment of what it changes by within [`CHANGE_S`], over the square
+/// of the second. 3 for air that moves by itself, as many as there are changes for one that comes at once.
 fn change_kurtosis(axes: &[Vec<f64>]) -> f64 {
     let changes = || axes.iter().flat_map(|force| force.windows(2).map(|w| w[1] - w[0]));
     let mean = |power: i32| changes().map(|c| c.powi(power)).sum::<f64>() / changes().count() as f64;
@@ -47,9 +56,15 @@ fn change_kurtosis(axes: &[Vec<f64>]) -> f64 {
 }
 
 /// Findings about the forces of a filtered flight, where they are large.
-pub fn force_findings(flight: &Flight, filtered: &FilterResult, disturbances: &Disturbances) -> Vec<Leftover> {
+pub fn force_findings(
+    flight: &Flight,
+    filtered: &FilterResult,
+    disturbances: &Disturbances,
+) -> Vec<Leftover> {
     let every = ((EVERY_S / flight.tick_s).round() as usize).max(1);
-    let sample = |value: &dyn Fn(usize) -> f64| StandardSeries::new((0..filtered.states.len()).step_by(every).map(value).collect());
+    let sample = |value: &dyn Fn(usize) -> f64| {
+        StandardSeries::new((0..filtered.states.len()).step_by(every).map(value).collect())
+    };
     let state = |i: usize| sample(&|k| filtered.states[k][i]);
     let with = [
         ("x", state(0)),
@@ -57,7 +72,10 @@ pub fn force_findings(flight: &Flight, filtered: &FilterResult, disturbances: &D
         ("height", state(2)),
         ("speed", sample(&|k| filtered.states[k][3..6].iter().map(|v| v * v).sum::<f64>().sqrt())),
         ("time", sample(&|k| k as f64)),
-        ("battery voltage", flight.voltage_v(0).and_then(|_| sample(&|k| flight.voltage_v(k as isize).unwrap_or(0.0)))),
+        (
+            "battery voltage",
+            flight.voltage_v(0).and_then(|_| sample(&|k| flight.voltage_v(k as isize).unwrap_or(0.0))),
+        ),
     ];
     let forces = [
         (Signal::Sideways, "force in x", 0, disturbances.force),
@@ -75,7 +93,9 @@ pub fn force_findings(flight: &Flight, filtered: &FilterResult, disturbances: &D
     }
     let apart = ((CHANGE_S / flight.tick_s).round() as usize).max(1);
     let settled = (SETTLED_S / flight.tick_s) as usize;
-    let axis = |i: usize| filtered.disturbance_estimates.iter().skip(settled).step_by(apart).map(|w| w[i]).collect::<Vec<f64>>();
+    let axis = |i: usize| {
+        filtered.disturbance_estimates.iter().skip(settled).step_by(apart).map(|w| w[i]).collect::<Vec<f64>>()
+    };
     let all = [
         (Signal::Sideways, "force", vec![axis(0), axis(1)], disturbances.force),
         (Signal::Vertical, "lift", vec![axis(2)], disturbances.lift),
@@ -83,7 +103,9 @@ pub fn force_findings(flight: &Flight, filtered: &FilterResult, disturbances: &D
     for (part, name, axes, wander) in all {
         let kurtosis = change_kurtosis(&axes);
         if wander.sigma > LEAST_MPS2 && kurtosis.is_finite() {
-            let finding = format!("comes and goes at once (fourth moment of its changes {kurtosis:.1}; of air that moves by itself 3)");
+            let finding = format!(
+                "comes and goes at once (fourth moment of its changes {kurtosis:.1}; of air that moves by itself 3)"
+            );
             found.push(Leftover::new(part, name, finding, FINDING * (kurtosis - 3.0) / (UNEVEN - 3.0)));
         }
     }
@@ -114,7 +136,10 @@ mod tests {
         // the vehicle is there a second after it was pushed
         assert!(series(&walk[5..]).correlation_z(&place).is_none());
         for seed in 2..20 {
-            assert!(series(&random_walk(seed)).correlation_z(&place).is_none_or(|z| z.abs() < CLEAR), "{seed}");
+            assert!(
+                series(&random_walk(seed)).correlation_z(&place).is_none_or(|z| z.abs() < CLEAR),
+                "{seed}"
+            );
         }
     }
 
@@ -125,7 +150,12 @@ mod tests {
             let by_second = |seed: u64| random_walk(seed).into_iter().step_by(5).collect();
             assert!(change_kurtosis(&[by_second(seed), by_second(100 + seed)]) < UNEVEN, "{seed}");
         }
-        let fan: Vec<f64> = random_walk(1).iter().take(60).enumerate().map(|(k, v)| 0.02 * v + if k > 25 { 0.5 } else { 0.0 }).collect();
+        let fan: Vec<f64> = random_walk(1)
+            .iter()
+            .take(60)
+            .enumerate()
+            .map(|(k, v)| 0.02 * v + if k > 25 { 0.5 } else { 0.0 })
+            .collect();
         assert!(change_kurtosis(&[fan]) > UNEVEN);
         assert!(change_kurtosis(&[Vec::new()]).is_nan());
     }

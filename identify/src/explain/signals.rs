@@ -31,7 +31,8 @@ impl Signal {
         ["sideways", "vertical", "tilt", "yaw"][self as usize]
     }
 
-    /// The signal that a measured channel belongs to (see [`crate::fit::predict::PredictedMeasurement::channel`]).
+    /// The signal that a measured channel belongs to (see
+    /// [`crate::fit::predict::PredictedMeasurement::channel`]).
     pub fn from_channel(channel: usize) -> Self {
         match channel {
             0 | 1 => Signal::Tilt,
@@ -92,7 +93,8 @@ pub struct SignalVerdict {
     pub signal: Signal,
     /// Outcome for this part of the motion.
     pub state: SignalState,
-    /// Share of the declared model's error on the test flights that the completed model removes, 0.5 s and 2 s ahead (root mean square).
+    /// Share of the declared model's error on the test flights that the completed model removes, 0.5 s and 2
+    /// s ahead (root mean square).
     pub explained_share: [f64; 2],
     /// Standard deviation of what still shakes the signal, whatever the commands, and its unit.
     pub left: f64,
@@ -116,7 +118,9 @@ pub fn is_structured(leftover: &[Leftover], signal: Signal) -> bool {
 
 /// The signal that an effect is worth most in.
 pub fn main_signal(effect: &Finding) -> Signal {
-    let best = Signal::ALL.into_iter().max_by(|a, b| effect.worth_by_signal[*a as usize].total_cmp(&effect.worth_by_signal[*b as usize]));
+    let best = Signal::ALL
+        .into_iter()
+        .max_by(|a, b| effect.worth_by_signal[*a as usize].total_cmp(&effect.worth_by_signal[*b as usize]));
     best.unwrap_or(Signal::Sideways)
 }
 

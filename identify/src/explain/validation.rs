@@ -17,7 +17,9 @@ impl Split {
             return Split { fitted: fit.to_vec(), choosing: test.to_vec(), spares_test: false };
         }
         let chooses = |i: usize| i % EVERY == EVERY - 1;
-        let part = |choosing: bool| fit.iter().enumerate().filter(|(i, _)| chooses(*i) == choosing).map(|(_, f)| f.clone()).collect();
+        let part = |choosing: bool| {
+            fit.iter().enumerate().filter(|(i, _)| chooses(*i) == choosing).map(|(_, f)| f.clone()).collect()
+        };
         Split { fitted: part(false), choosing: part(true), spares_test: true }
     }
 }

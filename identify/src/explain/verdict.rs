@@ -14,7 +14,8 @@ use crate::fit::hypothesis::Hypothesis;
 pub enum Verdict {
     /// Named effects account for the residual.
     Explained,
-    /// Named effects account for some signals, or for most of the error; structure is left that none accounts for.
+    /// Named effects account for some signals, or for most of the error; structure is left that none accounts
+    /// for.
     PartlyExplained,
     /// The declared model accounts for the flights.
     NothingMissing,
@@ -136,16 +137,20 @@ pub struct Explanation {
     pub effects: Vec<Finding>,
     /// How much of each part of the motion is explained, and what is left.
     pub signals: Vec<SignalVerdict>,
-    /// Beside structure that nothing explains: effects that lower the errors on the test flights but do not account for it.
+    /// Beside structure that nothing explains: effects that lower the errors on the test flights but do not
+    /// account for it.
     pub partial: Vec<Finding>,
-    /// Effects so small that they make up for declared numbers that are not known better, and are no causes. Only on simulated flights.
+    /// Effects so small that they make up for declared numbers that are not known better, and are no causes.
+    /// Only on simulated flights.
     pub corrections: Vec<Finding>,
-    /// Effects that the declared model holds, needs, and holds at the right values. Only looked for on flights of real vehicles.
+    /// Effects that the declared model holds, needs, and holds at the right values. Only looked for on
+    /// flights of real vehicles.
     pub confirmed: Vec<Finding>,
-    /// Effects that the declared model holds and predictions do not miss: the completed model is without them.
+    /// Effects that the declared model holds and predictions do not miss: the completed model is without
+    /// them.
     pub needless: Vec<&'static str>,
-    /// Effects that lower the errors on flights of the fit and raise one on the test flights: the model stays as declared. Only on flights of real
-    /// vehicles.
+    /// Effects that lower the errors on flights of the fit and raise one on the test flights: the model stays
+    /// as declared. Only on flights of real vehicles.
     pub withdrawn: Vec<&'static str>,
     /// Numbers of the model that were fitted with the effects. Only on flights of real vehicles.
     pub numbers: Vec<NumberEstimate>,
@@ -155,7 +160,8 @@ pub struct Explanation {
     pub completed: Hypothesis,
     /// The declared model as it was given.
     pub declared: Hypothesis,
-    /// The completed model holds a term learned from the residual, which describes what is left and names no cause.
+    /// The completed model holds a term learned from the residual, which describes what is left and names no
+    /// cause.
     pub learned: bool,
     /// Disturbances under the declared and the completed model.
     pub disturbances: [Disturbances; 2],
@@ -165,7 +171,8 @@ pub struct Explanation {
     pub leftover: Vec<Leftover>,
     /// Prediction errors on the test flights, under the declared and the completed model.
     pub errors: Errors,
-    /// Effects that these flights could not have shown, with the standard error of the first parameter, in its unit.
+    /// Effects that these flights could not have shown, with the standard error of the first parameter, in
+    /// its unit.
     pub not_excited: Vec<(&'static str, f64)>,
     /// Wall-clock time that the explanation took.
     pub seconds: f64,

@@ -1,5 +1,6 @@
-//! An extended Kalman filter around the simulator. Its innovations tell whether anything is left, and its likelihood compares hypotheses.
-//! Besides the vehicle's state it estimates slow disturbances, and parameters of the hypothesis as constants still to be learned.
+//! An extended Kalman filter around the simulator. Its innovations tell whether anything is left, and its
+//! likelihood compares hypotheses. Besides the vehicle's state it estimates slow disturbances, and parameters
+//! of the hypothesis as constants still to be learned.
 
 use std::ops::Range;
 
@@ -90,7 +91,8 @@ impl ParameterPrior {
     }
 }
 
-/// A measured number less its prediction from all that came before, in standard deviations of that difference.
+/// A measured number less its prediction from all that came before, in standard deviations of that
+/// difference.
 #[derive(Debug, Clone, Copy)]
 pub struct Innovation {
     /// Time of the measurement since the first tick of the flight.
@@ -114,7 +116,8 @@ pub struct FilterResult {
     pub innovations: Vec<Innovation>,
     /// The free parameters after the flight.
     pub posterior: ParameterPrior,
-    /// The vehicle's own numbers at the start of each tick (see [`SensitivitySimulator`]), from all measurements before it.
+    /// The vehicle's own numbers at the start of each tick (see [`SensitivitySimulator`]), from all
+    /// measurements before it.
     pub states: Vec<Vec<f64>>,
     /// Estimated disturbance after each tick: push, then marker.
     pub disturbance_estimates: Vec<[f64; PUSH + 3]>,
@@ -133,7 +136,8 @@ struct AugmentedState {
     gain: f64,
 }
 
-/// The augmented states: parameters still to be learned, disturbances that are not nothing, deviations of the obeyed command.
+/// The augmented states: parameters still to be learned, disturbances that are not nothing, deviations of the
+/// obeyed command.
 fn augmented_states(
     flight: &Flight,
     own: usize,
@@ -141,7 +145,14 @@ fn augmented_states(
     disturbances: &Disturbances,
     packet_loss: Option<&PacketLossMoments>,
 ) -> Vec<AugmentedState> {
-    let constant = |i: usize| AugmentedState { column: Some(own + i), axis: 0, unit: 1.0, decay: 1.0, variance: 0.0, gain: 0.0 };
+    let constant = |i: usize| AugmentedState {
+        column: Some(own + i),
+        axis: 0,
+        unit: 1.0,
+        decay: 1.0,
+        variance: 0.0,
+        gain: 0.0,
+    };
     let gauss_markov = |(i, w): (usize, GaussMarkov)| {
         let (decay, variance) = ((-flight.tick_s / w.tau_s).exp(), w.sigma * w.sigma);
         let column = (i < PUSH).then_some(own + learned + i);
@@ -152,11 +163,22 @@ fn augmented_states(
         let PacketLossMoments { probability, push_per_unit, variance, .. } = *packet_loss;
         let deviation = move |i: usize| {
             let column = Some(own + learned + AXES[i]);
-            AugmentedState { column, axis: AXES[i], unit: push_per_unit[i], decay: probability, variance: variance[i], gain: 0.0 }
+            AugmentedState {
+                column,
+                axis: AXES[i],
+                unit: push_per_unit[i],
+                decay: probability,
+                variance: variance[i],
+                gain: 0.0,
+            }
         };
         (0..AXES.len()).map(deviation)
     };
-    (0..learned).map(constant).chain(disturbed.map(gauss_markov)).chain(packet_loss.into_iter().flat_map(deviations)).collect()
+    (0..learned)
+        .map(constant)
+        .chain(disturbed.map(gauss_markov))
+        .chain(packet_loss.into_iter().flat_map(deviations))
+        .collect()
 }
 
 /// Estimate and covariance, with room to compute.
@@ -219,14 +241,23 @@ impl KalmanFilter {
         }
     }
 
-    /// Measurement update for a row whose prediction at the estimate, and its slopes in standard deviations, are known. `None` where the filter breaks
-    /// down.
-    fn update(&mut self, row: &PredictedMeasurement, predicted: f64, marker: f64, slopes: &[f64]) -> Option<Innovation> {
+    /// Measurement update for a row whose prediction at the estimate, and its slopes in standard deviations,
+    /// are known. `None` where the filter breaks down.
+    fn update(
+        &mut self,
+        row: &PredictedMeasurement,
+        predicted: f64,
+        marker: f64,
+        slopes: &[f64],
+    ) -> Option<Innovation> {
         let own = self.own;
         self.h[..own].copy_from_slice(&slopes[..own]);
         for (slot, state) in self.h[own..].iter_mut().zip(&self.augmented) {
             let seen = || if state.axis == PUSH + row.channel - 3 { 1.0 / row.sigma } else { 0.0 };
-            *slot = state.column.map_or_else(|| if row.channel < 3 { 0.0 } else { seen() }, |column| slopes[column] * state.unit);
+            *slot = state.column.map_or_else(
+                || if row.channel < 3 { 0.0 } else { seen() },
+                |column| slopes[column] * state.unit,
+            );
         }
         let already: f64 = self.h.iter().zip(&self.correction).map(|(h, m)| h * m).sum();
         // in standard deviations of the measurement, whose variance is then 1
@@ -252,8 +283,8 @@ fn marker_error(row: &PredictedMeasurement, disturbed: &[f64; PUSH + 3]) -> f64 
     if row.channel < 3 { 0.0 } else { disturbed[PUSH + row.channel - 3] }
 }
 
-/// Run the filter over some ticks of a flight. The parameters that `hypothesis` has free are learned, starting from `prior`. `None` if
-/// the hypothesis cannot be simulated or the filter breaks down.
+/// Run the filter over some ticks of a flight. The parameters that `hypothesis` has free are learned,
+/// starting from `prior`. `None` if the hypothesis cannot be simulated or the filter breaks down.
 pub fn filter(
     flight: &Flight,
     ticks: Range<usize>,
@@ -284,8 +315,14 @@ fn filter_observed(
     let mut start = flight.measured_numbers(ticks.start);
     let lags = simulator.initial_lags(flight, ticks.start, &start);
     start.extend(lags);
-    let mut k =
-        KalmanFilter::new(flight, start, &lags_sd, prior, disturbances, PacketLossMoments::at_tick(&start_hypothesis, flight, ticks.start));
+    let mut k = KalmanFilter::new(
+        flight,
+        start,
+        &lags_sd,
+        prior,
+        disturbances,
+        PacketLossMoments::at_tick(&start_hypothesis, flight, ticks.start),
+    );
     let mut out = FilterResult {
         loss: 0.0,
         innovations: Vec::new(),
@@ -332,8 +369,8 @@ struct LinearisedTick {
     end_slopes: Vec<f64>,
 }
 
-/// A filtered segment of a flight, linearised about its estimate. Under other disturbances it is filtered again without the simulator, exact to
-/// first order in the difference of the estimates.
+/// A filtered segment of a flight, linearised about its estimate. Under other disturbances it is filtered
+/// again without the simulator, exact to first order in the difference of the estimates.
 pub struct LinearisedSegment {
     start: Vec<f64>,
     lags_sd: Vec<f64>,
@@ -344,10 +381,16 @@ pub struct LinearisedSegment {
 
 impl LinearisedSegment {
     /// Filters a segment and keeps its linearisation. Nothing is learned.
-    pub fn new(flight: &Flight, ticks: Range<usize>, hypothesis: &Hypothesis, disturbances: &Disturbances) -> Option<Self> {
+    pub fn new(
+        flight: &Flight,
+        ticks: Range<usize>,
+        hypothesis: &Hypothesis,
+        disturbances: &Disturbances,
+    ) -> Option<Self> {
         let nothing = ParameterPrior::independent(Vec::new(), &[]);
         let mut linearised = Vec::with_capacity(ticks.len());
-        let (first, packet_loss) = (ticks.start as isize, PacketLossMoments::at_tick(hypothesis, flight, ticks.start));
+        let (first, packet_loss) =
+            (ticks.start as isize, PacketLossMoments::at_tick(hypothesis, flight, ticks.start));
         let mut linearise = |simulator: &SensitivitySimulator, x: &[f64], disturbed: &[f64; PUSH + 3]| {
             let (end, end_slopes) = simulator.end();
             linearised.push(LinearisedTick {
@@ -358,7 +401,14 @@ impl LinearisedSegment {
                 end_slopes: end_slopes.to_vec(),
             });
         };
-        let filtered = filter_observed(flight, ticks, &hypothesis.without_free(), &nothing, disturbances, &mut linearise)?;
+        let filtered = filter_observed(
+            flight,
+            ticks,
+            &hypothesis.without_free(),
+            &nothing,
+            disturbances,
+            &mut linearise,
+        )?;
         Some(LinearisedSegment {
             start: filtered.states.into_iter().next()?,
             lags_sd: hypothesis.lags_sd(flight.input),
@@ -368,10 +418,23 @@ impl LinearisedSegment {
         })
     }
 
-    /// Negative log-likelihood under other disturbances, summed up to each tick. Ends early where it has fallen hopelessly behind `least`.
-    pub fn losses(&self, flight: &Flight, disturbances: &Disturbances, least: Option<&[f64]>) -> Option<Vec<f64>> {
+    /// Negative log-likelihood under other disturbances, summed up to each tick. Ends early where it has
+    /// fallen hopelessly behind `least`.
+    pub fn losses(
+        &self,
+        flight: &Flight,
+        disturbances: &Disturbances,
+        least: Option<&[f64]>,
+    ) -> Option<Vec<f64>> {
         let nothing = ParameterPrior::independent(Vec::new(), &[]);
-        let mut k = KalmanFilter::new(flight, self.start.clone(), &self.lags_sd, &nothing, disturbances, self.packet_loss.clone());
+        let mut k = KalmanFilter::new(
+            flight,
+            self.start.clone(),
+            &self.lags_sd,
+            &nothing,
+            disturbances,
+            self.packet_loss.clone(),
+        );
         let (own, mut loss) = (k.own, 0.0);
         let (mut off, mut end) = (vec![0.0; own + PUSH], vec![0.0; own]);
         let mut losses = Vec::with_capacity(self.ticks.len());
@@ -391,7 +454,9 @@ impl LinearisedSegment {
             if least.is_some_and(|least| loss > least[index] + ABANDON_LOSS) {
                 return None;
             }
-            for ((end, end_at_point), slopes) in end.iter_mut().zip(&tick.end).zip(tick.end_slopes.chunks_exact(own + PUSH)) {
+            for ((end, end_at_point), slopes) in
+                end.iter_mut().zip(&tick.end).zip(tick.end_slopes.chunks_exact(own + PUSH))
+            {
                 *end = end_at_point + change_along(slopes);
             }
             propagate(&end, &tick.end_slopes, &mut k);
@@ -401,12 +466,19 @@ impl LinearisedSegment {
 
     /// Negative log-likelihood of the whole segment.
     pub fn loss(&self, flight: &Flight, disturbances: &Disturbances) -> f64 {
-        self.losses(flight, disturbances, None).and_then(|losses| losses.last().copied()).unwrap_or(f64::INFINITY)
+        self.losses(flight, disturbances, None)
+            .and_then(|losses| losses.last().copied())
+            .unwrap_or(f64::INFINITY)
     }
 }
 
 /// The filter's state and covariance before the first measurement.
-fn initial_estimate(start: Vec<f64>, lags_sd: &[f64], prior: &ParameterPrior, augmented: &[AugmentedState]) -> (Vec<f64>, Vec<f64>) {
+fn initial_estimate(
+    start: Vec<f64>,
+    lags_sd: &[f64],
+    prior: &ParameterPrior,
+    augmented: &[AugmentedState],
+) -> (Vec<f64>, Vec<f64>) {
     let (own, learned) = (start.len(), prior.mean.len());
     let n = own + augmented.len();
     let mut x = start;

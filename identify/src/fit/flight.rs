@@ -1,4 +1,5 @@
-//! A flight made ready for fitting: commands per tick, measurements with their times and their noise, cut into windows.
+//! A flight made ready for fitting: commands per tick, measurements with their times and their noise, cut
+//! into windows.
 
 use crazyflie_statistics::quantile;
 use std::ops::Range;
@@ -13,7 +14,8 @@ use crate::FlightLog;
 use crate::replay::ReplayError;
 use crate::replay::measurements::Measurements;
 
-/// Long enough for a slow pole of 2.8 1/s and for drag to show, short enough that the small-angle plant has not run away.
+/// Long enough for a slow pole of 2.8 1/s and for drag to show, short enough that the small-angle plant has
+/// not run away.
 pub const WINDOW_S: f64 = 2.0;
 /// How far back effects may remember commands.
 pub const MEMORY_S: f64 = 0.3;
@@ -48,7 +50,8 @@ impl Sample {
     }
 }
 
-/// A flight on the world's clock: tick `k` lasts from `k tick_s` to `(k + 1) tick_s`, time counting from the first tick.
+/// A flight on the world's clock: tick `k` lasts from `k tick_s` to `(k + 1) tick_s`, time counting from the
+/// first tick.
 #[derive(Debug, Clone)]
 pub struct Flight {
     /// Name of the log.
@@ -91,14 +94,20 @@ pub struct Window {
 }
 
 impl Flight {
-    /// Prepare a log for a model. The vertical form that is driven is the thrust form, if the log holds a thrust command and the model has the
-    /// form, unless given.
+    /// Prepare a log for a model. The vertical form that is driven is the thrust form, if the log holds a
+    /// thrust command and the model has the form, unless given.
     ///
     /// # Errors
     /// [`ReplayError`]: no commands, no position, never airborne, too short.
-    pub fn from_log(name: &str, log: &FlightLog, model: &Model, vertical: Option<VerticalInput>) -> Result<Self, ReplayError> {
+    pub fn from_log(
+        name: &str,
+        log: &FlightLog,
+        model: &Model,
+        vertical: Option<VerticalInput>,
+    ) -> Result<Self, ReplayError> {
         let measured = Measurements::from_log(log, &mut Vec::new())?;
-        let row_s = quantile(&log.t_s.windows(2).map(|t| t[1] - t[0]).collect::<Vec<_>>(), 0.5).unwrap_or(0.0);
+        let row_s =
+            quantile(&log.t_s.windows(2).map(|t| t[1] - t[0]).collect::<Vec<_>>(), 0.5).unwrap_or(0.0);
         // the controller of a 100 Hz log runs at 50 Hz, or its commands are interpolated from less
         let interpolated = log.provenance.onboard_interpolated;
         let tick_s = if interpolated || changes_every_second_row(log) { 2.0 * row_s } else { row_s };
@@ -107,24 +116,39 @@ impl Flight {
         let start_s = log.t_s[0] + ((first_s - log.t_s[0]) / tick_s - ROUNDING_S).ceil() * tick_s;
         let (_, rows) = measured.interval(log, row_s)?;
         let ticks = ((first_s + rows as f64 * row_s - start_s) / tick_s + ROUNDING_S) as usize;
-        let memory = (((start_s - log.t_s[0]) / tick_s + ROUNDING_S) as usize).min((MEMORY_S / tick_s).ceil() as usize);
-        let (input, commands) =
-            resample_commands(log, model, vertical, &measured, start_s - memory as f64 * tick_s, tick_s, ticks + memory)?;
+        let memory = (((start_s - log.t_s[0]) / tick_s + ROUNDING_S) as usize)
+            .min((MEMORY_S / tick_s).ceil() as usize);
+        let (input, commands) = resample_commands(
+            log,
+            model,
+            vertical,
+            &measured,
+            start_s - memory as f64 * tick_s,
+            tick_s,
+            ticks + memory,
+        )?;
         let row_at = |t: f64| log.t_s.partition_point(|row| *row <= t + ROUNDING_S).saturating_sub(1);
-        let voltage_v =
-            log.vbat_v.as_ref().map(|v| (0..ticks + memory).map(|k| v[row_at(start_s + (k as f64 - memory as f64) * tick_s)]).collect());
-        let setpoint = |axes: &[Vec<f64>; 3], k: usize| axes.each_ref().map(|axis| axis[row_at(start_s + k as f64 * tick_s)]);
-        let setpoints_m = log.setpoint_m.as_ref().map(|axes| (0..=ticks).map(|k| setpoint(axes, k)).collect());
+        let voltage_v = log.vbat_v.as_ref().map(|v| {
+            (0..ticks + memory).map(|k| v[row_at(start_s + (k as f64 - memory as f64) * tick_s)]).collect()
+        });
+        let setpoint = |axes: &[Vec<f64>; 3], k: usize| {
+            axes.each_ref().map(|axis| axis[row_at(start_s + k as f64 * tick_s)])
+        };
+        let setpoints_m =
+            log.setpoint_m.as_ref().map(|axes| (0..=ticks).map(|k| setpoint(axes, k)).collect());
         let end_s = ticks as f64 * tick_s;
         let inside = |s: &Sample| s.t_s > ROUNDING_S && s.t_s <= end_s + ROUNDING_S;
         let attitude = |i: usize| [log.roll_rad[i], log.pitch_rad[i], log.yaw_rad[i]];
-        let mut angles: Vec<Sample> =
-            (0..log.len()).map(|i| Sample::with_usual_noise(log.t_s[i] - start_s, attitude(i))).filter(inside).collect();
+        let mut angles: Vec<Sample> = (0..log.len())
+            .map(|i| Sample::with_usual_noise(log.t_s[i] - start_s, attitude(i)))
+            .filter(inside)
+            .collect();
         if log.provenance.attitude == AttitudeSource::MotionCapture {
             remove_mean_tilt(&mut angles);
         }
         let place = |i: usize| log.fixes.pos_m.each_ref().map(|axis| axis[i]);
-        let fixes = (0..log.fixes.row.len()).map(|i| Sample::with_usual_noise(log.fixes.capture_t_s[i] - start_s, place(i)));
+        let fixes = (0..log.fixes.row.len())
+            .map(|i| Sample::with_usual_noise(log.fixes.capture_t_s[i] - start_s, place(i)));
         let mut fixes: Vec<Sample> = fixes.filter(inside).collect();
         fixes.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
         let by_motion_capture = log.provenance.position == PositionSource::MotionCapture;
@@ -133,8 +157,13 @@ impl Flight {
         if !by_motion_capture {
             set_noise_scales(&mut fixes, &|t_s| measured.state(start_s + t_s).pos_m);
         }
-        let noise = MeasurementNoise { att_rad: white_noise_sd(&angles, floor.att_rad), pos_m: white_noise_sd(&fixes, floor.pos_m) };
-        let measured_states = (0..=ticks).map(|k| with_lags(model, input, measured.state(start_s + k as f64 * tick_s))).collect();
+        let noise = MeasurementNoise {
+            att_rad: white_noise_sd(&angles, floor.att_rad),
+            pos_m: white_noise_sd(&fixes, floor.pos_m),
+        };
+        let measured_states = (0..=ticks)
+            .map(|k| with_lags(model, input, measured.state(start_s + k as f64 * tick_s)))
+            .collect();
         let before_s = start_s - log.t_s[0];
         Ok(Flight {
             name: name.to_owned(),
@@ -156,19 +185,28 @@ impl Flight {
         })
     }
 
-    /// Whether two flights have the same control ticks: clocks drift apart by millionths, rates that differ do so by a hundredth at least.
+    /// Whether two flights have the same control ticks: clocks drift apart by millionths, rates that differ
+    /// do so by a hundredth at least.
     pub fn shares_clock(&self, other: &Flight) -> bool {
         (self.tick_s / other.tick_s - 1.0).abs() < SAME_CLOCK
     }
 
-    /// The flight as it would have been logged without its trims. These are a lean of the vehicle under a level command and a tilt of the frame of the
-    /// measured attitude, both of roll and pitch in radians, and a factor on the thrust of the model.
+    /// The flight as it would have been logged without its trims. These are a lean of the vehicle under a
+    /// level command and a tilt of the frame of the measured attitude, both of roll and pitch in radians, and
+    /// a factor on the thrust of the model.
     #[must_use]
-    pub fn without_trims(&self, model: &Model, lean_rad: [f64; 2], frame_rad: [f64; 2], thrust_scale: f64) -> Self {
+    pub fn without_trims(
+        &self,
+        model: &Model,
+        lean_rad: [f64; 2],
+        frame_rad: [f64; 2],
+        thrust_scale: f64,
+    ) -> Self {
         let mut flight = self.clone();
         let tilts = [&model.roll, &model.pitch];
         // the command that holds this angle in 5.1, seen from the true frame
-        let lean = [0, 1].map(|i| (lean_rad[i] - frame_rad[i]) * tilts[i].stiffness.value / tilts[i].gain.value);
+        let lean =
+            [0, 1].map(|i| (lean_rad[i] - frame_rad[i]) * tilts[i].stiffness.value / tilts[i].gain.value);
         for u in &mut flight.commands {
             u.roll_rad += lean[0];
             u.pitch_rad += lean[1];
@@ -208,8 +246,9 @@ impl Flight {
         &self.measured_states[tick]
     }
 
-    /// Standard deviations of [`Flight::measured_numbers`] where motion capture tells them well enough to hold a window to them: left free, a start takes up
-    /// what the model lacks, and predictions from measured states gain nothing.
+    /// Standard deviations of [`Flight::measured_numbers`] where motion capture tells them well enough to
+    /// hold a window to them: left free, a start takes up what the model lacks, and predictions from measured
+    /// states gain nothing.
     pub fn measured_sd(&self) -> Option<[f64; 12]> {
         self.sees_true_attitude.then(|| std::array::from_fn(|i| START_SD_MOCAP[i / 3]))
     }
@@ -224,12 +263,18 @@ impl Flight {
     pub fn windows(&self, flight: usize, length_s: f64) -> Vec<Window> {
         let each = ((length_s / self.tick_s).round() as usize).max(1);
         let count = (self.ticks / each).max(1);
-        (0..count).map(|w| Window { flight, ticks: w * each..if w + 1 == count { self.ticks } else { (w + 1) * each } }).collect()
+        (0..count)
+            .map(|w| Window {
+                flight,
+                ticks: w * each..if w + 1 == count { self.ticks } else { (w + 1) * each },
+            })
+            .collect()
     }
 
     /// Measurements after the start of a window up to its end, whose last instant belongs to it.
     pub fn samples_in<'a>(&self, samples: &'a [Sample], ticks: &Range<usize>) -> &'a [Sample] {
-        let after = |tick: usize| samples.partition_point(|s| s.t_s <= tick as f64 * self.tick_s + ROUNDING_S);
+        let after =
+            |tick: usize| samples.partition_point(|s| s.t_s <= tick as f64 * self.tick_s + ROUNDING_S);
         &samples[after(ticks.start)..after(ticks.end)]
     }
 }
@@ -239,14 +284,17 @@ const LEAST_SEEN_M: f64 = 1e-3;
 /// Least noise of a recording, whatever its third differences say.
 const FLOOR: MeasurementNoise = MeasurementNoise { att_rad: [1e-4; 3], pos_m: [1e-4; 3] };
 /// Motion capture is filtered and its markers shake: differences of neighbours are smaller than its error.
-const FLOOR_MOCAP: MeasurementNoise = MeasurementNoise { att_rad: [0.01, 0.01, 0.01], pos_m: [0.002, 0.002, 0.002] };
+const FLOOR_MOCAP: MeasurementNoise =
+    MeasurementNoise { att_rad: [0.01, 0.01, 0.01], pos_m: [0.002, 0.002, 0.002] };
 
-/// Standard deviations of position, velocity, attitude and rates by motion capture. Two ways to take the velocity differ by 2 to 10 mm/s on real
-/// flights. The attitude is as [`FLOOR_MOCAP`]; rates are its slopes over 0.06 s.
+/// Standard deviations of position, velocity, attitude and rates by motion capture. Two ways to take the
+/// velocity differ by 2 to 10 mm/s on real flights. The attitude is as [`FLOOR_MOCAP`]; rates are its slopes
+/// over 0.06 s.
 const START_SD_MOCAP: [f64; 4] = [0.002, 0.01, 0.01, 0.3];
 
-/// The frame of motion-capture markers is tilted against the vehicle, differently in each session. Over a flight that begins and ends at rest
-/// the mean tilt is next to nothing, so the mean of what was measured is the frame's.
+/// The frame of motion-capture markers is tilted against the vehicle, differently in each session. Over a
+/// flight that begins and ends at rest the mean tilt is next to nothing, so the mean of what was measured is
+/// the frame's.
 fn remove_mean_tilt(angles: &mut [Sample]) {
     for axis in 0..2 {
         let mean = angles.iter().map(|s| s.value[axis]).sum::<f64>() / angles.len() as f64;
@@ -262,7 +310,13 @@ fn changes_every_second_row(log: &FlightLog) -> bool {
         let differs = |v: &Vec<f64>| (1..v.len()).any(|i| i % 2 == parity && v[i] != v[i - 1]);
         commands.as_ref().is_some_and(differs)
     };
-    let all = [&log.cmd_roll_rad, &log.cmd_pitch_rad, &log.cmd_yaw_rate_radps, &log.cmd_thrust_pwm, &log.cmd_height_m];
+    let all = [
+        &log.cmd_roll_rad,
+        &log.cmd_pitch_rad,
+        &log.cmd_yaw_rate_radps,
+        &log.cmd_thrust_pwm,
+        &log.cmd_height_m,
+    ];
     all.iter().any(|c| changed_on(c, 0)) && !all.iter().any(|c| changed_on(c, 1))
 }
 
@@ -278,15 +332,25 @@ fn resample_commands(
     let (Some(roll), Some(pitch)) = (&log.cmd_roll_rad, &log.cmd_pitch_rad) else {
         return Err(ReplayError::NoCommands { what: "roll and pitch commands" });
     };
-    let wanted = if log.cmd_thrust_pwm.is_some() { [VerticalInput::Thrust, VerticalInput::Pwm] } else { [VerticalInput::Height; 2] };
+    let wanted = if log.cmd_thrust_pwm.is_some() {
+        [VerticalInput::Thrust, VerticalInput::Pwm]
+    } else {
+        [VerticalInput::Height; 2]
+    };
     let declared = model.vertical.default.filter(|input| input.is_pwm() == log.cmd_thrust_pwm.is_some());
-    let input = vertical.or(declared).or_else(|| wanted.into_iter().find(|input| model.vertical(*input).is_ok())).unwrap_or(wanted[0]);
+    let input = vertical
+        .or(declared)
+        .or_else(|| wanted.into_iter().find(|input| model.vertical(*input).is_ok()))
+        .unwrap_or(wanted[0]);
     model.vertical(input)?;
     let lift = if input.is_pwm() { &log.cmd_thrust_pwm } else { &log.cmd_height_m };
     let lift = lift.as_ref().ok_or(ReplayError::NoCommands { what: "thrust or height command" })?;
     let sign = model.yaw.sign();
-    let skew_s =
-        log.notes.iter().find_map(|n| if let Note::ClockSkew { median_s, .. } = n { Some(*median_s) } else { None }).unwrap_or(0.0);
+    let skew_s = log
+        .notes
+        .iter()
+        .find_map(|n| if let Note::ClockSkew { median_s, .. } = n { Some(*median_s) } else { None })
+        .unwrap_or(0.0);
     let row_at = |t_s: f64| log.t_s.partition_point(|t| *t <= t_s + ROUNDING_S).saturating_sub(1);
     let late_s = log.onboard.as_ref().and_then(|onboard| onboard.late_s.as_ref());
     let command = |k: usize| {
@@ -296,14 +360,20 @@ fn resample_commands(
         let (row, last) = (row_at(t_s), row_at(t_s + tick_s - 2.0 * ROUNDING_S));
         let mean = |v: &[f64]| v[row..=last].iter().sum::<f64>() / (last - row + 1) as f64;
         // without a logged command the heading follows what was measured: the fit of yaw then says nothing
-        let yaw_rate_radps = log.cmd_yaw_rate_radps.as_ref().map_or_else(|| sign * measured.yaw_rate(t_s), |v| mean(v));
+        let yaw_rate_radps =
+            log.cmd_yaw_rate_radps.as_ref().map_or_else(|| sign * measured.yaw_rate(t_s), |v| mean(v));
         Command { roll_rad: mean(roll), pitch_rad: mean(pitch), yaw_rate_radps, lift: mean(lift) }
     };
     Ok((input, (0..ticks).map(command).collect()))
 }
 
-/// A measured state with the second states of the model's forms: the rate itself, or no lagged push (see [`Model::lags_push`]).
-pub fn with_lags<R: crazyflie_env::scalar::Scalar>(model: &Model, input: VerticalInput, mut x: State<R>) -> State<R> {
+/// A measured state with the second states of the model's forms: the rate itself, or no lagged push (see
+/// [`Model::lags_push`]).
+pub fn with_lags<R: crazyflie_env::scalar::Scalar>(
+    model: &Model,
+    input: VerticalInput,
+    mut x: State<R>,
+) -> State<R> {
     let [climb, turn] = model.lags_push(input).unwrap_or_default();
     x.aux = [if climb { R::zero() } else { x.vel_mps[2] }, if turn { R::zero() } else { x.rate_radps[2] }];
     x
@@ -322,18 +392,23 @@ fn set_noise_scales(fixes: &mut [Sample], place_m: &dyn Fn(f64) -> [f64; 3]) {
 /// The white part of the error per axis, by the median against outliers.
 fn white_noise_sd(samples: &[Sample], floor: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|axis| {
-        let all: Vec<f64> =
-            third_differences(samples, axis).iter().map(|(i, third)| third.abs() / samples[i + 1].noise_scale[axis]).collect();
+        let all: Vec<f64> = third_differences(samples, axis)
+            .iter()
+            .map(|(i, third)| third.abs() / samples[i + 1].noise_scale[axis])
+            .collect();
         // the median of |normal| is 0.6745 standard deviations
         (quantile(&all, 0.5).unwrap_or(0.0) / 0.6745).max(floor[axis])
     })
 }
 
-/// Third differences of four neighbours none of which is missing, with the index of the first, scaled to the variance of one white error: the
-/// squares of 1, 3, 3 and 1 are 20 together.
+/// Third differences of four neighbours none of which is missing, with the index of the first, scaled to the
+/// variance of one white error: the squares of 1, 3, 3 and 1 are 20 together.
 fn third_differences(samples: &[Sample], axis: usize) -> Vec<(usize, f64)> {
-    let usual = quantile(&samples.windows(2).map(|s| s[1].t_s - s[0].t_s).collect::<Vec<_>>(), 0.5).unwrap_or(0.0);
+    let usual =
+        quantile(&samples.windows(2).map(|s| s[1].t_s - s[0].t_s).collect::<Vec<_>>(), 0.5).unwrap_or(0.0);
     let whole = |four: &[Sample]| four[3].t_s - four[0].t_s < 3.5 * usual;
-    let third = |s: &[Sample]| (s[3].value[axis] - 3.0 * (s[2].value[axis] - s[1].value[axis]) - s[0].value[axis]) / 20.0_f64.sqrt();
+    let third = |s: &[Sample]| {
+        (s[3].value[axis] - 3.0 * (s[2].value[axis] - s[1].value[axis]) - s[0].value[axis]) / 20.0_f64.sqrt()
+    };
     samples.windows(4).enumerate().filter(|(_, four)| whole(four)).map(|(i, four)| (i, third(four))).collect()
 }

@@ -1,4 +1,5 @@
-//! Hypotheses about a vehicle: a model with some of its numbers free, and effects with some of their parameters free.
+//! Hypotheses about a vehicle: a model with some of its numbers free, and effects with some of their
+//! parameters free.
 
 use crazyflie_env::config::{EffectParams, Number, SourcedValue};
 use crazyflie_env::effects::{self, Entry, Role};
@@ -18,7 +19,8 @@ pub struct Term {
     pub values: Vec<f64>,
     /// Indices of the free parameters.
     pub free: Vec<usize>,
-    /// If every flight has its own values of the free parameters (nuisance parameters of a fit): what is known of each beforehand.
+    /// If every flight has its own values of the free parameters (nuisance parameters of a fit): what is
+    /// known of each beforehand.
     pub per_flight: Option<Vec<Prior>>,
 }
 
@@ -29,16 +31,20 @@ impl Term {
         Term { entry, values: entry.params.iter().map(|p| p.off).collect(), free, per_flight: None }
     }
 
-    /// Whether it is larger than what makes up for declared numbers that are not known better ([`effects::Param::least`]).
+    /// Whether it is larger than what makes up for declared numbers that are not known better
+    /// ([`effects::Param::least`]).
     pub fn is_cause(&self) -> bool {
         let mut sized = self.entry.params.iter().zip(&self.values).filter(|(p, _)| p.least > 0.0).peekable();
         sized.peek().is_none() || sized.any(|(p, value)| (value - p.off).abs() >= p.least)
     }
 
-    /// The same with parameters free too that only show beside the first, where a fit holds the flight to its measured motion.
+    /// The same with parameters free too that only show beside the first, where a fit holds the flight to its
+    /// measured motion.
     #[must_use]
     pub fn with_companions(mut self) -> Self {
-        for (i, param) in self.entry.params.iter().enumerate().filter(|(_, param)| param.role == Role::Companion) {
+        for (i, param) in
+            self.entry.params.iter().enumerate().filter(|(_, param)| param.role == Role::Companion)
+        {
             self.values[i] = param.starts.first().copied().unwrap_or(param.off);
             self.free.push(i);
         }
@@ -69,14 +75,21 @@ pub struct Hypothesis {
     pub terms: Vec<Term>,
     /// Physics steps per second are at most so many, although an effect asks for more.
     pub max_physics_hz: Option<u32>,
-    /// Estimates the lagged pushes of first-order forms: something may have pushed the vehicle before a window began.
+    /// Estimates the lagged pushes of first-order forms: something may have pushed the vehicle before a
+    /// window began.
     pub estimates_lagged_push: bool,
 }
 
 impl Hypothesis {
     /// The model as it is.
     pub fn from_model(model: &Model) -> Self {
-        Hypothesis { model: model.clone(), free: Vec::new(), terms: Vec::new(), max_physics_hz: None, estimates_lagged_push: true }
+        Hypothesis {
+            model: model.clone(),
+            free: Vec::new(),
+            terms: Vec::new(),
+            max_physics_hz: None,
+            estimates_lagged_push: true,
+        }
     }
 
     /// The same with one more effect, in registry order.
@@ -117,11 +130,18 @@ impl Hypothesis {
         if self.estimates_lagged_push { self.model.lags_push(input).unwrap_or_default() } else { [false; 2] }
     }
 
-    /// Initial standard deviations of the lag states, each in its state's unit: lagged pushes of the model's forms, then the states of effects.
+    /// Initial standard deviations of the lag states, each in its state's unit: lagged pushes of the model's
+    /// forms, then the states of effects.
     pub fn lags_sd(&self, input: VerticalInput) -> Vec<f64> {
         let of_model = self.lags_push(input).into_iter().zip(LAGGED_PUSH_SD).filter(|(lags, _)| *lags);
-        let declared = self.model.effects.keys().filter(|name| !self.has(name)).filter_map(|name| effects::find(name).ok());
-        let mut entries: Vec<&Entry> = declared.map(|(_, entry)| entry).chain(self.terms.iter().map(|t| t.entry)).collect();
+        let declared = self
+            .model
+            .effects
+            .keys()
+            .filter(|name| !self.has(name))
+            .filter_map(|name| effects::find(name).ok());
+        let mut entries: Vec<&Entry> =
+            declared.map(|(_, entry)| entry).chain(self.terms.iter().map(|t| t.entry)).collect();
         // as the world shows them: in registry order
         entries.sort_by_key(|entry| effects::find(entry.name).map_or(usize::MAX, |(place, _)| place));
         let of_effects = entries.into_iter().flat_map(|entry| std::iter::repeat_n(entry.lag_sd, entry.lags));
@@ -134,11 +154,16 @@ impl Hypothesis {
         of_model.chain(self.terms.iter().flat_map(Term::free_values)).collect()
     }
 
-    /// The prior of each free number that every flight has for itself; `None` for a number that all flights share.
+    /// The prior of each free number that every flight has for itself; `None` for a number that all flights
+    /// share.
     pub fn per_flight(&self) -> Vec<Option<Prior>> {
         let of_term = |t: &Term| -> Vec<Option<Prior>> {
             let priors = t.per_flight.iter().flatten().map(|prior| Some(*prior));
-            if t.per_flight.is_some() { priors.take(t.free.len()).collect() } else { vec![None; t.free.len()] }
+            if t.per_flight.is_some() {
+                priors.take(t.free.len()).collect()
+            } else {
+                vec![None; t.free.len()]
+            }
         };
         std::iter::repeat_n(None, self.free.len()).chain(self.terms.iter().flat_map(of_term)).collect()
     }
@@ -155,7 +180,8 @@ impl Hypothesis {
         at..at
     }
 
-    /// The same with other values for the free numbers. (Model numbers stay where the model would refuse the value.)
+    /// The same with other values for the free numbers. (Model numbers stay where the model would refuse the
+    /// value.)
     #[must_use]
     pub fn with_values(&self, shared: &[f64]) -> Self {
         let mut moved = self.clone();
@@ -191,7 +217,10 @@ impl Hypothesis {
             let reach = if value == 0.0 { 10.0 } else { 20.0 * value.abs() };
             if value < 0.0 { [-reach, 0.0] } else { [0.0, reach] }
         });
-        let of_terms = self.terms.iter().flat_map(|t| t.free.iter().map(|i| [t.entry.params[*i].low, t.entry.params[*i].high]));
+        let of_terms = self
+            .terms
+            .iter()
+            .flat_map(|t| t.free.iter().map(|i| [t.entry.params[*i].low, t.entry.params[*i].high]));
         of_model.chain(of_terms).collect()
     }
 
@@ -200,7 +229,14 @@ impl Hypothesis {
         let mut model = self.model.clone();
         for term in &self.terms {
             let sourced = |(p, value): (&effects::Param, &f64)| {
-                (p.name.to_owned(), Number::Sourced(SourcedValue { value: *value, unit: p.unit.to_owned(), source: source.to_owned() }))
+                (
+                    p.name.to_owned(),
+                    Number::Sourced(SourcedValue {
+                        value: *value,
+                        unit: p.unit.to_owned(),
+                        source: source.to_owned(),
+                    }),
+                )
             };
             let params = term.entry.params.iter().zip(&term.values).map(sourced).collect();
             model.effects.insert(term.entry.name.to_owned(), EffectParams::Named(params));

@@ -11,7 +11,8 @@ use super::hypothesis::Hypothesis;
 /// Places of roll, pitch, yaw rate and lift among the numbers of a push.
 pub const AXES: [usize; 4] = [3, 4, 5, 2];
 
-/// The first two moments of the command that is obeyed when each is lost with a probability and the one before holds on: tick by tick, exactly.
+/// The first two moments of the command that is obeyed when each is lost with a probability and the one
+/// before holds on: tick by tick, exactly.
 #[derive(Debug, Clone)]
 pub struct PacketLossMoments {
     pub probability: f64,
@@ -26,8 +27,11 @@ fn loss_probability(hypothesis: &Hypothesis) -> Option<f64> {
     if let Some(term) = hypothesis.terms.iter().find(|t| holds(t.entry)) {
         return term.values.first().copied();
     }
-    let declared = hypothesis.model.effects.iter().filter_map(|(name, given)| Some((find(name).ok()?.1, given)));
-    declared.filter(|(entry, _)| holds(entry)).find_map(|(entry, given)| numbers(entry, given).first()?.fixed())
+    let declared =
+        hypothesis.model.effects.iter().filter_map(|(name, given)| Some((find(name).ok()?.1, given)));
+    declared
+        .filter(|(entry, _)| holds(entry))
+        .find_map(|(entry, given)| numbers(entry, given).first()?.fixed())
 }
 
 fn command_numbers(u: &Command<f64>) -> [f64; AXES.len()] {
@@ -49,15 +53,20 @@ impl PacketLossMoments {
         let lift = hover.map_or(0.0, |pwm| model.lateral.gravity.value / pwm);
         let push_per_unit = [model.roll.gain.value, model.pitch.gain.value, yaw, lift];
         let before = tick as isize - (MEMORY_TICKS as isize);
-        let mut moments =
-            PacketLossMoments { probability, push_per_unit, mean: command_numbers(flight.command(before)), variance: [0.0; AXES.len()] };
+        let mut moments = PacketLossMoments {
+            probability,
+            push_per_unit,
+            mean: command_numbers(flight.command(before)),
+            variance: [0.0; AXES.len()],
+        };
         for k in before + 1..=tick as isize {
             moments.advance(flight.command(k));
         }
         Some(moments)
     }
 
-    /// Goes on to the tick of this command. Returns the variances that came in with it; of the deviation before, the share `probability` stays.
+    /// Goes on to the tick of this command. Returns the variances that came in with it; of the deviation
+    /// before, the share `probability` stays.
     pub fn advance(&mut self, u: &Command<f64>) -> [f64; AXES.len()] {
         let p = self.probability;
         std::array::from_fn(|i| {
@@ -81,9 +90,14 @@ mod tests {
     #[test]
     fn mean_and_variance_are_those_of_many_radios() {
         let probability = 0.35;
-        let command_for = |angle: f64| Command { roll_rad: angle, yaw_rate_radps: angle, ..Command::level(0.0) };
-        let mut moments =
-            PacketLossMoments { probability, push_per_unit: [1.0; AXES.len()], mean: [0.0; AXES.len()], variance: [0.0; AXES.len()] };
+        let command_for =
+            |angle: f64| Command { roll_rad: angle, yaw_rate_radps: angle, ..Command::level(0.0) };
+        let mut moments = PacketLossMoments {
+            probability,
+            push_per_unit: [1.0; AXES.len()],
+            mean: [0.0; AXES.len()],
+            variance: [0.0; AXES.len()],
+        };
         let mut radios = vec![0.0; 40_000];
         let mut state = 1_u64;
         let mut uniform = || {
@@ -102,8 +116,16 @@ mod tests {
             let mean = radios.iter().sum::<f64>() / n;
             let variance = radios.iter().map(|r| (r - mean).powi(2)).sum::<f64>() / n;
             assert!((moments.mean[0] - mean).abs() < 0.02, "{k}: {} against {mean}", moments.mean[0]);
-            assert!((moments.variance[0] - variance).abs() < 0.02, "{k}: {} against {variance}", moments.variance[0]);
-            assert_eq!([moments.mean[0], moments.variance[0]], [moments.mean[2], moments.variance[2]], "a yaw rate is lost alike");
+            assert!(
+                (moments.variance[0] - variance).abs() < 0.02,
+                "{k}: {} against {variance}",
+                moments.variance[0]
+            );
+            assert_eq!(
+                [moments.mean[0], moments.variance[0]],
+                [moments.mean[2], moments.variance[2]],
+                "a yaw rate is lost alike"
+            );
         }
     }
 }

@@ -14,7 +14,8 @@ use super::solve::{NormalEquations, Prior, Problem};
 
 /// Count of the numbers that a window starts from: position, velocity, attitude, rates.
 pub const START: usize = 12;
-/// Count of the numbers of a push: accelerations in the world frame, angular accelerations about the body axes.
+/// Count of the numbers of a push: accelerations in the world frame, angular accelerations about the body
+/// axes.
 pub const PUSH: usize = 6;
 
 /// The output-error fit of a hypothesis to windows of flights.
@@ -46,8 +47,8 @@ pub struct PredictedMeasurement {
     pub noise_scale: f64,
 }
 
-/// A parameter is simulated at most this share of its range beyond a bound: a filter may pass through an inertia below zero, and nothing comes back from
-/// there.
+/// A parameter is simulated at most this share of its range beyond a bound: a filter may pass through an
+/// inertia below zero, and nothing comes back from there.
 const BEYOND: f64 = 0.05;
 
 /// Directions of one pass: all unknowns do not fit one dual.
@@ -61,8 +62,13 @@ impl DerivativePass {
     fn state_without_slopes<'a>(model: &'a Model, flight: &'a Flight) -> impl Fn(&[f64]) -> State<Dual> + 'a {
         move |numbers| {
             let triple = |from: usize| std::array::from_fn(|i| Dual::from_f64(numbers[from + i]));
-            let x =
-                State { pos_m: triple(0), vel_mps: triple(3), att_rad: triple(6), rate_radps: triple(9), aux: [Dual::from_f64(0.0); 2] };
+            let x = State {
+                pos_m: triple(0),
+                vel_mps: triple(3),
+                att_rad: triple(6),
+                rate_radps: triple(9),
+                aux: [Dual::from_f64(0.0); 2],
+            };
             with_lags(model, flight.input, x)
         }
     }
@@ -100,28 +106,43 @@ pub struct SensitivitySimulator {
     /// Per effect: name, values, and which are free.
     terms: Vec<Term>,
     free_of_model: usize,
-    /// Acting during [`SensitivitySimulator::predict_from`], with slopes behind those of the shared parameters.
+    /// Acting during [`SensitivitySimulator::predict_from`], with slopes behind those of the shared
+    /// parameters.
     push: Option<[f64; PUSH]>,
 }
 
 impl SensitivitySimulator {
     /// # Errors
     /// As [`World::new`].
-    pub fn new(hypothesis: &Hypothesis, flight: &Flight, with_slopes: bool, pushed: bool) -> crazyflie_env::Result<Self> {
+    pub fn new(
+        hypothesis: &Hypothesis,
+        flight: &Flight,
+        with_slopes: bool,
+        pushed: bool,
+    ) -> crazyflie_env::Result<Self> {
         let mut model = hypothesis.model.clone();
         let hz = (1.0 / flight.tick_s).round();
-        // the base clock is the IMU's here, fast enough for every effect and even; frames are filmed when the log has them, not by the rig's clock
+        // the base clock is the IMU's here, fast enough for every effect and even; frames are filmed when the
+        // log has them, not by the rig's clock
         let fastest_hz = registry().iter().map(|e| e.physics_hz).max().unwrap_or(1);
         let base_hz = 2.0 * hz * (f64::from(fastest_hz) / (2.0 * hz)).ceil();
         (model.rig.control.value, model.rig.imu.value, model.rig.camera.value) = (hz, base_hz, 1.0);
         let entries: Vec<&'static Entry> = hypothesis.terms.iter().map(|t| t.entry).collect();
-        let declared = hypothesis.model.effects.keys().filter_map(|name| effects::find(name).ok().map(|(_, entry)| entry));
+        let declared = hypothesis
+            .model
+            .effects
+            .keys()
+            .filter_map(|name| effects::find(name).ok().map(|(_, entry)| entry));
         let all: Vec<&'static Entry> = entries.iter().copied().chain(declared).collect();
         let needed_hz = all.iter().map(|e| e.physics_hz).max().unwrap_or(1);
-        let settings = Settings { input: flight.input, physics_hz: hypothesis.max_physics_hz.filter(|most| needed_hz > *most) };
+        let settings = Settings {
+            input: flight.input,
+            physics_hz: hypothesis.max_physics_hz.filter(|most| needed_hz > *most),
+        };
         let lags_push = hypothesis.lags_push(flight.input);
         let own = START + hypothesis.lags_sd(flight.input).len();
-        let shared: usize = hypothesis.free.len() + hypothesis.terms.iter().map(|t| t.free.len()).sum::<usize>();
+        let shared: usize =
+            hypothesis.free.len() + hypothesis.terms.iter().map(|t| t.free.len()).sum::<usize>();
         let unknowns = if with_slopes { own + shared + if pushed { PUSH } else { 0 } } else { 0 };
         let mut passes = Vec::new();
         for first in (0..unknowns.max(1)).step_by(DIRECTIONS) {
@@ -130,7 +151,9 @@ impl SensitivitySimulator {
                 .free
                 .iter()
                 .enumerate()
-                .filter_map(|(i, path)| Some((path.as_str(), (own + i).checked_sub(first).filter(|d| *d < DIRECTIONS)?)))
+                .filter_map(|(i, path)| {
+                    Some((path.as_str(), (own + i).checked_sub(first).filter(|d| *d < DIRECTIONS)?))
+                })
                 .collect();
             if !seeds.is_empty() && with_slopes {
                 pass.world.seed_model(&model, settings, &seeds)?;
@@ -187,7 +210,8 @@ impl SensitivitySimulator {
                 for i in &term.free {
                     let Param { low, high, .. } = term.entry.params[*i];
                     let beyond = BEYOND * (high - low);
-                    params[*i] = pass.variable(values[unknown - first].clamp(low - beyond, high + beyond), unknown);
+                    params[*i] =
+                        pass.variable(values[unknown - first].clamp(low - beyond, high + beyond), unknown);
                     unknown += 1;
                 }
                 pass.world.put(term.entry.name, &params)?;
@@ -202,7 +226,8 @@ impl SensitivitySimulator {
         self.predict_from(flight, window, own);
     }
 
-    /// Warms up the memory of effects: commands before a tick, and the motion as measured. The vehicle itself will start anew.
+    /// Warms up the memory of effects: commands before a tick, and the motion as measured. The vehicle itself
+    /// will start anew.
     pub fn warm_up(&mut self, flight: &Flight, tick: usize, own: &[f64]) {
         let first = tick as isize;
         let ticks = |s: f64| (s / flight.tick_s).ceil() as isize;
@@ -238,7 +263,9 @@ impl SensitivitySimulator {
     /// Predict a window from its start, effects remembering what came before.
     pub fn predict_from(&mut self, flight: &Flight, window: &Window, own: &[f64]) {
         self.rows.clear();
-        let count = 3 * (flight.samples_in(&flight.angles, &window.ticks).len() + flight.samples_in(&flight.fixes, &window.ticks).len());
+        let count = 3
+            * (flight.samples_in(&flight.angles, &window.ticks).len()
+                + flight.samples_in(&flight.fixes, &window.ticks).len());
         self.slopes.clear();
         self.slopes.resize(count * self.unknowns, 0.0);
         self.end_slopes.clear();
@@ -259,7 +286,13 @@ impl SensitivitySimulator {
 
     fn start(&self, pass: &DerivativePass, flight: &Flight, own: &[f64]) -> State<Dual> {
         let triple = |from: usize| std::array::from_fn(|i| pass.variable(own[from + i], from + i));
-        let x = State { pos_m: triple(0), vel_mps: triple(3), att_rad: triple(6), rate_radps: triple(9), aux: [Dual::from_f64(0.0); 2] };
+        let x = State {
+            pos_m: triple(0),
+            vel_mps: triple(3),
+            att_rad: triple(6),
+            rate_radps: triple(9),
+            aux: [Dual::from_f64(0.0); 2],
+        };
         with_lags(&self.model, flight.input, x)
     }
 
@@ -366,11 +399,26 @@ impl SensitivitySimulator {
     }
 
     #[inline(always)]
-    fn store_row(&mut self, first: usize, row: usize, sample: &Sample, channel: usize, predicted: Dual, usual: f64) {
+    fn store_row(
+        &mut self,
+        first: usize,
+        row: usize,
+        sample: &Sample,
+        channel: usize,
+        predicted: Dual,
+        usual: f64,
+    ) {
         let (measured, noise_scale) = (sample.value[channel % 3], sample.noise_scale[channel % 3]);
         let sigma = usual * noise_scale;
         if first == 0 {
-            self.rows.push(PredictedMeasurement { t_s: sample.t_s, channel, measured, predicted: predicted.value, sigma, noise_scale });
+            self.rows.push(PredictedMeasurement {
+                t_s: sample.t_s,
+                channel,
+                measured,
+                predicted: predicted.value,
+                sigma,
+                noise_scale,
+            });
         }
         let here = first.min(self.unknowns)..(first + DIRECTIONS).min(self.unknowns);
         let (slopes, per_sigma) = (&mut self.slopes[row * self.unknowns..][here], 1.0 / sigma);
@@ -384,8 +432,8 @@ impl SensitivitySimulator {
         &self.rows
     }
 
-    /// The velocity of the position that would be reported, at a tick of the window, from the ticks around it. A frame with a stamp that is late shows where
-    /// the vehicle was before.
+    /// The velocity of the position that would be reported, at a tick of the window, from the ticks around
+    /// it. A frame with a stamp that is late shows where the vehicle was before.
     pub fn reported_velocity(&mut self, flight: &Flight, tick: usize) -> Option<[f64; 3]> {
         let world = &mut self.passes.first_mut()?.world;
         let (states, tick_s) = (&self.states, flight.tick_s);
@@ -415,18 +463,24 @@ impl SensitivitySimulator {
 }
 
 fn dual_command(u: &Command<f64>) -> Command<Dual> {
-    let [roll_rad, pitch_rad, yaw_rate_radps, lift] = [u.roll_rad, u.pitch_rad, u.yaw_rate_radps, u.lift].map(Dual::from_f64);
+    let [roll_rad, pitch_rad, yaw_rate_radps, lift] =
+        [u.roll_rad, u.pitch_rad, u.yaw_rate_radps, u.lift].map(Dual::from_f64);
     Command { roll_rad, pitch_rad, yaw_rate_radps, lift }
 }
 
 impl OutputErrorProblem<'_> {
     /// The windows' starts as measured.
     pub fn measured_starts(&self) -> Vec<Vec<f64>> {
-        let mut simulator = self.flights.first().and_then(|flight| SensitivitySimulator::new(self.hypothesis, flight, false, false).ok());
+        let mut simulator = self
+            .flights
+            .first()
+            .and_then(|flight| SensitivitySimulator::new(self.hypothesis, flight, false, false).ok());
         let start = |w: &Window| {
             let flight = &self.flights[w.flight];
             let mut own = flight.measured_numbers(w.ticks.start);
-            let lags = simulator.as_mut().map_or_else(Vec::new, |simulator| simulator.initial_lags(flight, w.ticks.start, &own));
+            let lags = simulator
+                .as_mut()
+                .map_or_else(Vec::new, |simulator| simulator.initial_lags(flight, w.ticks.start, &own));
             own.extend(lags);
             own
         };
@@ -434,7 +488,8 @@ impl OutputErrorProblem<'_> {
     }
 }
 
-/// Free numbers of a hypothesis: those that all flights share, and those that each has for itself, by their places in [`Hypothesis::free_values`].
+/// Free numbers of a hypothesis: those that all flights share, and those that each has for itself, by their
+/// places in [`Hypothesis::free_values`].
 struct ParameterLayout {
     common: Vec<usize>,
     per_flight: Vec<usize>,
@@ -460,7 +515,8 @@ impl ParameterLayout {
 }
 
 impl OutputErrorProblem<'_> {
-    /// The free numbers: those that all flights share, then those of each flight in turn. Without numbers of flights, [`Hypothesis::free_values`].
+    /// The free numbers: those that all flights share, then those of each flight in turn. Without numbers of
+    /// flights, [`Hypothesis::free_values`].
     pub fn shared(&self) -> Vec<f64> {
         self.repeat_per_flight(&self.hypothesis.free_values())
     }
@@ -470,7 +526,8 @@ impl OutputErrorProblem<'_> {
         ParameterLayout::new(self.hypothesis).places(flight).into_iter().map(|place| shared[place]).collect()
     }
 
-    /// All free numbers, out of those of each flight in the order of [`Hypothesis::free_values`]: the inverse of [`OutputErrorProblem::flight_numbers`].
+    /// All free numbers, out of those of each flight in the order of [`Hypothesis::free_values`]: the inverse
+    /// of [`OutputErrorProblem::flight_numbers`].
     pub fn join_flights(&self, each: &[Vec<f64>]) -> Vec<f64> {
         let layout = ParameterLayout::new(self.hypothesis);
         let common = layout.common.iter().filter_map(|i| each.first().map(|numbers| numbers[*i]));
@@ -515,12 +572,21 @@ impl Problem for OutputErrorProblem<'_> {
     }
     fn worker(&self, shared: &[f64]) -> Option<FlightSimulator> {
         // all flights of a fit share the clock and the inputs of the first
-        let worker =
-            SensitivitySimulator::new(&self.hypothesis.with_values(&self.flight_numbers(shared, 0)), self.flights.first()?, true, false)
-                .ok()?;
+        let worker = SensitivitySimulator::new(
+            &self.hypothesis.with_values(&self.flight_numbers(shared, 0)),
+            self.flights.first()?,
+            true,
+            false,
+        )
+        .ok()?;
         Some(FlightSimulator { worker, shared: shared.to_vec(), flight: 0 })
     }
-    fn normal_equations(&self, simulator: &mut Option<FlightSimulator>, window: usize, own: &[f64]) -> NormalEquations {
+    fn normal_equations(
+        &self,
+        simulator: &mut Option<FlightSimulator>,
+        window: usize,
+        own: &[f64],
+    ) -> NormalEquations {
         let window = &self.windows[window];
         let unknowns = self.own_unknowns() + self.hypothesis.per_flight().len();
         let mut normal = NormalEquations::new(unknowns);

@@ -1,5 +1,6 @@
-//! Least squares over many windows: every window has unknowns of its own (the state it starts from), all share the parameters. The windows'
-//! unknowns are eliminated by a Schur complement, the step is Levenberg and Marquardt's, the loss is Huber's, and parameters stay in bounds.
+//! Least squares over many windows: every window has unknowns of its own (the state it starts from), all
+//! share the parameters. The windows' unknowns are eliminated by a Schur complement, the step is Levenberg
+//! and Marquardt's, the loss is Huber's, and parameters stay in bounds.
 
 use std::collections::BTreeMap;
 
@@ -14,7 +15,8 @@ const MOST_STEPS: usize = 40;
 /// Below this, preparing a worker costs more than a second thread brings.
 const WINDOWS_PER_WORKER: usize = 6;
 
-/// The normal equations of one window: the loss, its gradient and its curvature (Gauss-Newton), in the window's own unknowns, then the shared.
+/// The normal equations of one window: the loss, its gradient and its curvature (Gauss-Newton), in the
+/// window's own unknowns, then the shared.
 #[derive(Debug, Clone)]
 pub struct NormalEquations {
     /// Sum of Huber's loss over the residuals.
@@ -30,14 +32,20 @@ pub struct NormalEquations {
 impl NormalEquations {
     /// Makes the equations of no residuals in so many unknowns.
     pub fn new(unknowns: usize) -> Self {
-        NormalEquations { loss: 0.0, rows: 0, gradient: DVector::zeros(unknowns), curvature: DMatrix::zeros(unknowns, unknowns) }
+        NormalEquations {
+            loss: 0.0,
+            rows: 0,
+            gradient: DVector::zeros(unknowns),
+            curvature: DMatrix::zeros(unknowns, unknowns),
+        }
     }
 
     /// Add a residual in standard deviations and the slopes of the prediction, in the same unit.
     pub fn add(&mut self, residual: f64, slopes: &[f64]) {
         let is_outlier = residual.abs() > HUBER;
         let weight = if is_outlier { HUBER / residual.abs() } else { 1.0 };
-        self.loss += if is_outlier { HUBER * (residual.abs() - 0.5 * HUBER) } else { 0.5 * residual * residual };
+        self.loss +=
+            if is_outlier { HUBER * (residual.abs() - 0.5 * HUBER) } else { 0.5 * residual * residual };
         self.rows += 1;
         let n = slopes.len();
         let curvature = self.curvature.as_mut_slice();
@@ -80,11 +88,13 @@ pub trait Problem: Sync {
     fn bounds(&self) -> Vec<[f64; 2]>;
     /// Prepares the state of a thread for these values of the shared parameters.
     fn worker(&self, shared: &[f64]) -> Self::Worker;
-    /// How many of the shared parameters, the first ones, all windows share. Others belong to groups of windows, such as those of one flight.
+    /// How many of the shared parameters, the first ones, all windows share. Others belong to groups of
+    /// windows, such as those of one flight.
     fn common(&self) -> usize {
         self.bounds().len()
     }
-    /// The shared parameters that a window depends on, by their places among all; those of all windows come first.
+    /// The shared parameters that a window depends on, by their places among all; those of all windows come
+    /// first.
     fn places(&self, _window: usize) -> Vec<usize> {
         (0..self.bounds().len()).collect()
     }
@@ -96,7 +106,8 @@ pub trait Problem: Sync {
     fn normal_equations(&self, worker: &mut Self::Worker, window: usize, own: &[f64]) -> NormalEquations;
 }
 
-/// The reduced normal equations of a window, its own unknowns eliminated: its information on the shared parameters.
+/// The reduced normal equations of a window, its own unknowns eliminated: its information on the shared
+/// parameters.
 #[derive(Debug, Clone)]
 pub struct ReducedEquations {
     /// Huber's loss of the window.
@@ -152,7 +163,13 @@ fn eliminate(normal: &NormalEquations, own: usize, damping: f64) -> Option<Windo
 }
 
 /// The step in the shared parameters, those at a bound that it would leave held fast.
-fn shared_step(gradient: &DVector<f64>, information: &DMatrix<f64>, damping: f64, at: &[f64], bounds: &[[f64; 2]]) -> Option<DVector<f64>> {
+fn shared_step(
+    gradient: &DVector<f64>,
+    information: &DMatrix<f64>,
+    damping: f64,
+    at: &[f64],
+    bounds: &[[f64; 2]],
+) -> Option<DVector<f64>> {
     let n = gradient.len();
     let mut held = vec![false; n];
     loop {
@@ -168,7 +185,8 @@ fn shared_step(gradient: &DVector<f64>, information: &DMatrix<f64>, damping: f64
             }
         }
         let step = Cholesky::new(system)?.solve(&right);
-        let leaves = |i: usize| (at[i] <= bounds[i][0] && step[i] < 0.0) || (at[i] >= bounds[i][1] && step[i] > 0.0);
+        let leaves =
+            |i: usize| (at[i] <= bounds[i][0] && step[i] < 0.0) || (at[i] >= bounds[i][1] && step[i] > 0.0);
         match (0..n).find(|i| !held[*i] && leaves(*i)) {
             Some(i) => held[i] = true,
             None => return Some(step),
@@ -176,7 +194,8 @@ fn shared_step(gradient: &DVector<f64>, information: &DMatrix<f64>, damping: f64
     }
 }
 
-/// Gradient and information of all windows, each with the places of its parameters among all, and of the priors.
+/// Gradient and information of all windows, each with the places of its parameters among all, and of the
+/// priors.
 fn sum_equations<'a>(
     windows: impl Iterator<Item = (&'a ReducedEquations, &'a Vec<usize>)>,
     priors: &[Option<Prior>],
@@ -202,11 +221,15 @@ fn sum_equations<'a>(
 }
 
 fn prior_loss(priors: &[Option<Prior>], shared: &[f64]) -> f64 {
-    priors.iter().zip(shared).filter_map(|(prior, value)| prior.map(|p| 0.5 * ((value - p.mean) / p.sd).powi(2))).sum()
+    priors
+        .iter()
+        .zip(shared)
+        .filter_map(|(prior, value)| prior.map(|p| 0.5 * ((value - p.mean) / p.sd).powi(2)))
+        .sum()
 }
 
-/// Reduced equations of each window in the `common` parameters, those of its group eliminated. The prior of a group's parameter counts with the first
-/// window of the group.
+/// Reduced equations of each window in the `common` parameters, those of its group eliminated. The prior of a
+/// group's parameter counts with the first window of the group.
 fn eliminate_groups(
     windows: Vec<ReducedEquations>,
     places: &[Vec<usize>],
@@ -228,7 +251,11 @@ fn eliminate_groups(
             Some(group) => -taken[(i, group)],
             None => f64::from(u8::from(places[j] == i)),
         });
-        ReducedEquations { gradient: &onto * &window.gradient, information: &onto * &window.information * onto.transpose(), ..window }
+        ReducedEquations {
+            gradient: &onto * &window.gradient,
+            information: &onto * &window.information * onto.transpose(),
+            ..window
+        }
     };
     let mut eliminated: Vec<ReducedEquations> = windows.into_iter().zip(places).map(eliminate).collect();
     for (i, prior) in priors.iter().enumerate().skip(common) {
@@ -248,30 +275,43 @@ pub fn solve(problem: &impl Problem, own: Vec<Vec<f64>>, shared: Vec<f64>) -> So
 }
 
 /// As [`solve`], stopping after so many steps, converged or not, or when one gains less than `enough`.
-pub fn solve_within(problem: &impl Problem, own: Vec<Vec<f64>>, shared: Vec<f64>, most_steps: usize, enough: f64) -> Solution {
+pub fn solve_within(
+    problem: &impl Problem,
+    own: Vec<Vec<f64>>,
+    shared: Vec<f64>,
+    most_steps: usize,
+    enough: f64,
+) -> Solution {
     let (mut own, mut shared) = (own, shared);
     let (n, bounds, priors) = (problem.own_unknowns(), problem.bounds(), problem.priors());
     let places: Vec<Vec<usize>> = (0..problem.windows()).map(|w| problem.places(w)).collect();
     let evaluate = |own: &[Vec<f64>], shared: &[f64]| -> Vec<NormalEquations> {
         let windows = (0..problem.windows()).into_par_iter().with_min_len(WINDOWS_PER_WORKER);
-        windows.map_init(|| problem.worker(shared), |worker, w| problem.normal_equations(worker, w, &own[w])).collect()
+        windows
+            .map_init(|| problem.worker(shared), |worker, w| problem.normal_equations(worker, w, &own[w]))
+            .collect()
     };
-    let loss_of = |normals: &[NormalEquations], shared: &[f64]| normals.iter().map(|n| n.loss).sum::<f64>() + prior_loss(&priors, shared);
+    let loss_of = |normals: &[NormalEquations], shared: &[f64]| {
+        normals.iter().map(|n| n.loss).sum::<f64>() + prior_loss(&priors, shared)
+    };
     let mut normals = evaluate(&own, &shared);
     let (mut loss, mut damping, mut steps, mut converged) = (loss_of(&normals, &shared), 1e-4, 0, false);
     while steps < most_steps && !converged && damping < 1e9 {
         steps += 1;
-        let eliminated: Option<Vec<WindowElimination>> = normals.iter().map(|normal| eliminate(normal, n, damping)).collect();
+        let eliminated: Option<Vec<WindowElimination>> =
+            normals.iter().map(|normal| eliminate(normal, n, damping)).collect();
         let stepped = eliminated.and_then(|all| {
             let (g, h) = sum_equations(all.iter().map(|e| &e.reduced).zip(&places), &priors, &shared);
             let step = shared_step(&g, &h, damping, &shared, &bounds)?;
-            let next: Vec<f64> = (0..shared.len()).map(|i| (shared[i] + step[i]).clamp(bounds[i][0], bounds[i][1])).collect();
+            let next: Vec<f64> =
+                (0..shared.len()).map(|i| (shared[i] + step[i]).clamp(bounds[i][0], bounds[i][1])).collect();
             let next_own: Vec<Vec<f64>> = all
                 .iter()
                 .zip(&own)
                 .zip(&places)
                 .map(|((e, at), places)| {
-                    let moved = DVector::from_iterator(places.len(), places.iter().map(|i| next[*i] - shared[*i]));
+                    let moved =
+                        DVector::from_iterator(places.len(), places.iter().map(|i| next[*i] - shared[*i]));
                     let step = e.factor.solve(&(&e.own_gradient - &e.coupling * &moved));
                     at.iter().zip(step.iter()).map(|(a, s)| a + s).collect()
                 })
@@ -293,15 +333,18 @@ pub fn solve_within(problem: &impl Problem, own: Vec<Vec<f64>>, shared: Vec<f64>
             damping *= 10.0;
         }
     }
-    let eliminated = normals.iter().zip(places).filter_map(|(normal, places)| Some((eliminate(normal, n, 0.0)?.reduced, places)));
+    let eliminated = normals
+        .iter()
+        .zip(places)
+        .filter_map(|(normal, places)| Some((eliminate(normal, n, 0.0)?.reduced, places)));
     let (reduced, places): (Vec<ReducedEquations>, Vec<Vec<usize>>) = eliminated.unzip();
     let reduced = eliminate_groups(reduced, &places, &priors, &shared, problem.common());
     Solution { shared, own, loss, reduced, steps, converged: converged || damping >= 1e9 }
 }
 
 impl Solution {
-    /// Covariance of the shared parameters, clustered by `cluster` (one number per window): windows of one flight, and neighbours under one
-    /// gust, are not independent.
+    /// Covariance of the shared parameters, clustered by `cluster` (one number per window): windows of one
+    /// flight, and neighbours under one gust, are not independent.
     pub fn covariance(&self, cluster: &[usize]) -> Option<DMatrix<f64>> {
         let n = self.reduced.first()?.gradient.len();
         let mut clusters = BTreeMap::new();
@@ -333,8 +376,9 @@ impl Cluster {
     }
 }
 
-/// Cluster-robust covariance of fitted parameters: a sandwich over clusters, as if each had been left out in turn (CR3; Bell and McCaffrey 2002,
-/// Survey Methodology 28). A cluster that decides a parameter nearly alone pulls the fit to itself and hides its own error.
+/// Cluster-robust covariance of fitted parameters: a sandwich over clusters, as if each had been left out in
+/// turn (CR3; Bell and McCaffrey 2002, Survey Methodology 28). A cluster that decides a parameter nearly
+/// alone pulls the fit to itself and hides its own error.
 pub(crate) fn cluster_robust_covariance(clusters: &[Cluster]) -> Option<DMatrix<f64>> {
     let n = clusters.first()?.gradient.len();
     let information = clusters.iter().fold(DMatrix::zeros(n, n), |sum, c| sum + &c.information);
@@ -342,16 +386,19 @@ pub(crate) fn cluster_robust_covariance(clusters: &[Cluster]) -> Option<DMatrix<
     let count = clusters.len() as f64;
     let mut sum = DMatrix::zeros(n, n);
     for cluster in clusters {
-        let others = pseudo_inverse(&(&information - &cluster.information)).map(|inverse| inverse * &cluster.gradient);
+        let others =
+            pseudo_inverse(&(&information - &cluster.information)).map(|inverse| inverse * &cluster.gradient);
         // what one cluster alone knows has no spread between clusters
-        let moved = others.filter(|m| m.iter().all(|v| v.is_finite())).unwrap_or_else(|| &bread * &cluster.gradient);
+        let moved =
+            others.filter(|m| m.iter().all(|v| v.is_finite())).unwrap_or_else(|| &bread * &cluster.gradient);
         sum.ger((count - 1.0).max(1.0) / count, &moved, &moved, 1.0);
     }
     // by chance it may come out too small: never below what white noise would give
     Some(DMatrix::from_fn(n, n, |i, j| if i == j { sum[(i, j)].max(bread[(i, j)]) } else { sum[(i, j)] }))
 }
 
-/// The inverse, after scaling to a unit diagonal; a parameter without any information gets an infinite variance.
+/// The inverse, after scaling to a unit diagonal; a parameter without any information gets an infinite
+/// variance.
 pub(crate) fn pseudo_inverse(information: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let n = information.nrows();
     let scale: Vec<f64> = (0..n).map(|i| information[(i, i)].max(0.0).sqrt()).collect();
@@ -425,14 +472,20 @@ mod tests {
     fn shared_parameters_are_found_beside_the_windows_own() {
         let found = solve(&lines(0.1), vec![vec![0.0]; 10], vec![0.1, 0.0]);
         assert!(found.converged);
-        assert!((found.shared[0] - 0.8).abs() < 0.02 && (found.shared[1] - 0.1).abs() < 0.03, "{:?}", found.shared);
+        assert!(
+            (found.shared[0] - 0.8).abs() < 0.02 && (found.shared[1] - 0.1).abs() < 0.03,
+            "{:?}",
+            found.shared
+        );
         assert!((found.own[4][0] - 4.0).abs() < 0.02, "{:?}", found.own[4]);
         let sd = found.covariance(&(0..10).collect::<Vec<_>>()).unwrap();
-        // the inverse of the information that 20 points, one of them an outlier of weight 0.1, give in each of 10 windows
+        // the inverse of the information that 20 points, one of them an outlier of weight 0.1, give in each
+        // of 10 windows
         assert!((sd[(0, 0)].sqrt() / 0.0128 - 1.0).abs() < 0.1, "{sd}");
     }
 
-    /// The same lines in pairs of windows, each pair with an offset of its own beside the windows' own slopes: x enters as `own x`.
+    /// The same lines in pairs of windows, each pair with an offset of its own beside the windows' own
+    /// slopes: x enters as `own x`.
     struct Pairs(Lines);
 
     impl Problem for Pairs {
@@ -474,11 +527,21 @@ mod tests {
     fn parameters_of_groups_are_found_and_their_uncertainty_passes_to_the_common_ones() {
         let point = |w: usize, i: usize| {
             let x = i as f64 / 20.0;
-            (x, (w / 2) as f64 + 0.3 * w as f64 * x + 0.7 * x * x + 0.01 * ((w * 31 + i * 17) as f64 * 1.7).sin())
+            (
+                x,
+                (w / 2) as f64
+                    + 0.3 * w as f64 * x
+                    + 0.7 * x * x
+                    + 0.01 * ((w * 31 + i * 17) as f64 * 1.7).sin(),
+            )
         };
         let pairs = Pairs(Lines { data: (0..10).map(|w| (0..20).map(|i| point(w, i)).collect()).collect() });
         let found = solve(&pairs, vec![vec![0.0]; 10], vec![0.0; 6]);
-        assert!((found.shared[0] - 0.7).abs() < 0.02 && (found.shared[4] - 3.0).abs() < 0.01, "{:?}", found.shared);
+        assert!(
+            (found.shared[0] - 0.7).abs() < 0.02 && (found.shared[4] - 3.0).abs() < 0.01,
+            "{:?}",
+            found.shared
+        );
         // the textbook's covariance: the inverse of the whole design with all offsets and slopes in it
         let columns = 1 + 5 + 10;
         let mut whole = DMatrix::zeros(columns, columns);
@@ -519,8 +582,10 @@ mod tests {
         let mean = values.iter().sum::<f64>() / 6.0;
         // as if each were known to a tenth, which is far less than they scatter
         let known = 100.0;
-        let cluster =
-            |v: f64| Cluster { gradient: DVector::from_element(1, known * (v - mean)), information: DMatrix::from_element(1, 1, known) };
+        let cluster = |v: f64| Cluster {
+            gradient: DVector::from_element(1, known * (v - mean)),
+            information: DMatrix::from_element(1, 1, known),
+        };
         let variance = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (6.0 * 5.0);
         let found = cluster_robust_covariance(&values.map(cluster)).unwrap()[(0, 0)];
         assert!((found / variance - 1.0).abs() < 1e-6, "{found} {variance}");

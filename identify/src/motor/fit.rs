@@ -8,7 +8,9 @@ use serde::Serialize;
 use thiserror::Error;
 
 use super::flight::{MotorFlight, STEP_S, median_speed};
-use super::model::{FORM, MotionState, MotorTrim, PARAMETERS, accelerations, into_body, lag_rotors, rotation, step};
+use super::model::{
+    FORM, MotionState, MotorTrim, PARAMETERS, accelerations, into_body, lag_rotors, rotation, step,
+};
 use crate::fit::solve::NormalEquations;
 
 /// Predictions start this long after the first row, so that trims are learnt.
@@ -57,8 +59,14 @@ pub(super) struct Start<R> {
     pub trim: MotorTrim<R>,
 }
 
-/// Starts every `stride` rows. Trims are exponential means of how far the model was off from row to row, up to the start and no further.
-pub(super) fn starts<R: Scalar>(p: &[R; PARAMETERS], flight: &MotorFlight, median_speed: f64, stride: usize) -> Vec<Start<R>> {
+/// Starts every `stride` rows. Trims are exponential means of how far the model was off from row to row, up
+/// to the start and no further.
+pub(super) fn starts<R: Scalar>(
+    p: &[R; PARAMETERS],
+    flight: &MotorFlight,
+    median_speed: f64,
+    stride: usize,
+) -> Vec<Start<R>> {
     let keep = [p[PARAMETERS - 2], p[PARAMETERS - 1]].map(|memory| (-R::from_f64(STEP_S) / memory).exp());
     let mut weight = [R::zero(); 2];
     let mut sum = MotorTrim::<R>::zero();
@@ -69,16 +77,20 @@ pub(super) fn starts<R: Scalar>(p: &[R; PARAMETERS], flight: &MotorFlight, media
         let turn = rotation([before[6], before[7], before[8]]);
         let difference = |i: usize| (now[i] - before[i]) / STEP_S;
         let force = into_body(&turn, [difference(3), difference(4), difference(5) + G_MPS2]);
-        let model = accelerations(p, &before.map(R::from_f64), &turn.map(|row| row.map(R::from_f64)), &speeds);
+        let model =
+            accelerations(p, &before.map(R::from_f64), &turn.map(|row| row.map(R::from_f64)), &speeds);
         for i in 0..3 {
             sum.force_mps2[i] = keep[0] * sum.force_mps2[i] + R::from_f64(force[i]) - model.force_mps2[i];
-            sum.torque_radps2[i] = keep[1] * sum.torque_radps2[i] + R::from_f64(difference(9 + i)) - model.torque_radps2[i];
+            sum.torque_radps2[i] =
+                keep[1] * sum.torque_radps2[i] + R::from_f64(difference(9 + i)) - model.torque_radps2[i];
         }
         weight = [0, 1].map(|i| keep[i] * weight[i] + R::from_f64(1.0));
         speeds = lag_rotors(p, speeds, scale_speeds(flight.speeds[row - 1], median_speed), STEP_S);
         if row >= LEARNING_ROWS && (row - LEARNING_ROWS).is_multiple_of(stride) {
-            let trim =
-                MotorTrim { force_mps2: sum.force_mps2.map(|s| s / weight[0]), torque_radps2: sum.torque_radps2.map(|s| s / weight[1]) };
+            let trim = MotorTrim {
+                force_mps2: sum.force_mps2.map(|s| s / weight[0]),
+                torque_radps2: sum.torque_radps2.map(|s| s / weight[1]),
+            };
             found.push(Start { row, speeds, trim });
         }
     }
@@ -90,7 +102,12 @@ fn scale_speeds(speeds: [f64; 4], median_speed: f64) -> [f64; 4] {
 }
 
 /// The motion predicted from a start by the motors alone, after 1, 2, ... rows.
-pub(super) fn predict<R: Scalar>(p: &[R; PARAMETERS], flight: &MotorFlight, median_speed: f64, start: &Start<R>) -> Vec<MotionState<R>> {
+pub(super) fn predict<R: Scalar>(
+    p: &[R; PARAMETERS],
+    flight: &MotorFlight,
+    median_speed: f64,
+    start: &Start<R>,
+) -> Vec<MotionState<R>> {
     let mut x: MotionState<R> = flight.motion[start.row].map(R::from_f64);
     let mut speeds = start.speeds;
     (0..HORIZON_ROWS)
@@ -152,7 +169,11 @@ fn sum(normals: &[NormalEquations]) -> NormalEquations {
 }
 
 /// One set of normal equations for each flight.
-fn normal_equations(values: &[f64; PARAMETERS], flights: &[MotorFlight], median_speed: f64) -> Vec<NormalEquations> {
+fn normal_equations(
+    values: &[f64; PARAMETERS],
+    flights: &[MotorFlight],
+    median_speed: f64,
+) -> Vec<NormalEquations> {
     let p: [Dual; PARAMETERS] = std::array::from_fn(|i| Dual::variable(values[i], i));
     let equations = |flight: &MotorFlight| {
         let mut normal = NormalEquations::new(PARAMETERS);
@@ -162,7 +183,8 @@ fn normal_equations(values: &[f64; PARAMETERS], flights: &[MotorFlight], median_
                 let measured = &flight.motion[start.row + row];
                 for i in 0..12 {
                     let by = 1.0 / SCALES[i / 3];
-                    let slopes: [f64; PARAMETERS] = std::array::from_fn(|j| by * f64::from(predicted[row - 1][i].slope[j]));
+                    let slopes: [f64; PARAMETERS] =
+                        std::array::from_fn(|j| by * f64::from(predicted[row - 1][i].slope[j]));
                     normal.add(by * (predicted[row - 1][i].value - measured[i]), &slopes);
                 }
             }
@@ -234,8 +256,8 @@ mod tests {
             let wanted = [0.15 * (1.3 * t + phase).sin(), 0.15 * (1.7 * t + 2.0 * phase).cos()];
             let moment = [0, 1].map(|i| 0.1 * (wanted[i] - x[6 + i]) - 0.02 * x[9 + i]);
             let lift = 0.05 * (0.9 * t + phase).sin() - 0.1 * (x[2] - 1.0) - 0.1 * x[5];
-            let command: [f64; 4] =
-                [(-1.0, -1.0), (-1.0, 1.0), (1.0, 1.0), (1.0, -1.0)].map(|(r, q)| 1.0 + lift + r * moment[0] + q * moment[1]);
+            let command: [f64; 4] = [(-1.0, -1.0), (-1.0, 1.0), (1.0, 1.0), (1.0, -1.0)]
+                .map(|(r, q)| 1.0 + lift + r * moment[0] + q * moment[1]);
             motion.push(x);
             commands.push(command.map(|c| 3.0 * c));
             x = step(&p, &x, &speeds, &MotorTrim::zero(), STEP_S);
@@ -249,9 +271,15 @@ mod tests {
         let flights = [flight(1), flight(2), flight(3)];
         let model = fit(&flights).unwrap();
         let value_of = |name: &str| model.values[FORM.iter().position(|p| p.name == name).unwrap()];
-        for (name, truth) in [("motor_lag", 0.08), ("roll_authority", 70.0), ("pitch_authority", 60.0), ("roll_damping", 2.0)] {
+        for (name, truth) in
+            [("motor_lag", 0.08), ("roll_authority", 70.0), ("pitch_authority", 60.0), ("roll_damping", 2.0)]
+        {
             // the unit of the speeds is their median, which is not quite hover
-            assert!((value_of(name) / truth - 1.0).abs() < 0.1, "{name}: {} for {truth}: {model:?}", value_of(name));
+            assert!(
+                (value_of(name) / truth - 1.0).abs() < 0.1,
+                "{name}: {} for {truth}: {model:?}",
+                value_of(name)
+            );
         }
         assert!((value_of("drag_x") - 0.5).abs() < 0.1, "{model:?}");
     }

@@ -21,7 +21,8 @@ pub struct MotorFlight {
     pub name: String,
     /// Position, velocity, roll, pitch, yaw and body rates.
     pub motion: Vec<[f64; 12]>,
-    /// Rotor speeds in rad/s where they were measured, else the mean voltage of each motor: share of full PWM times battery voltage.
+    /// Rotor speeds in rad/s where they were measured, else the mean voltage of each motor: share of full PWM
+    /// times battery voltage.
     pub speeds: Vec<[f64; 4]>,
 }
 
@@ -45,9 +46,14 @@ impl MotorFlight {
     pub fn from_log(name: &str, log: &FlightLog) -> Result<Self, MotorFlightError> {
         let missing = |missing| MotorFlightError::Missing { name: name.to_owned(), missing };
         let onboard = log.onboard.as_ref();
-        let speeds = rotor_speeds(log).ok_or(missing("rotor speeds, and motor PWM with battery voltage in their place"))?;
+        let speeds = rotor_speeds(log)
+            .ok_or(missing("rotor speeds, and motor PWM with battery voltage in their place"))?;
         let gyro = log.gyro_radps.as_ref().ok_or(missing("body rates"))?;
-        let velocity = log.vel_mps.as_ref().or_else(|| onboard.and_then(|o| o.vel_mps.as_ref())).ok_or(missing("velocity"))?;
+        let velocity = log
+            .vel_mps
+            .as_ref()
+            .or_else(|| onboard.and_then(|o| o.vel_mps.as_ref()))
+            .ok_or(missing("velocity"))?;
         if log.fixes.row.len() != log.len() {
             return Err(missing("a position in every row"));
         }
@@ -70,7 +76,11 @@ impl MotorFlight {
                 _ => gyro[i - 9][row],
             })
         };
-        Ok(Self { name: name.to_owned(), motion: rows.clone().map(motion).collect(), speeds: speeds[rows].to_vec() })
+        Ok(Self {
+            name: name.to_owned(),
+            motion: rows.clone().map(motion).collect(),
+            speeds: speeds[rows].to_vec(),
+        })
     }
 }
 

@@ -1,4 +1,5 @@
-//! Errors of predictions from the motors alone, by horizon: the table of the nano-drone system-identification benchmark.
+//! Errors of predictions from the motors alone, by horizon: the table of the nano-drone system-identification
+//! benchmark.
 
 use serde::Serialize;
 
@@ -9,9 +10,11 @@ use super::model::rotation;
 /// Horizons in steps of 10 ms.
 pub const HORIZON_STEPS: [usize; 3] = [1, 10, 50];
 /// Quantities of the table and their units.
-pub const QUANTITIES: [(&str, &str); 4] = [("position", "m"), ("velocity", "m/s"), ("attitude", "rad"), ("body rate", "rad/s")];
+pub const QUANTITIES: [(&str, &str); 4] =
+    [("position", "m"), ("velocity", "m/s"), ("attitude", "rad"), ("body rate", "rad/s")];
 
-/// Mean absolute errors, `[quantity][horizon]`: the mean over all predictions of the error's length; of attitude, of the angle between.
+/// Mean absolute errors, `[quantity][horizon]`: the mean over all predictions of the error's length; of
+/// attitude, of the angle between.
 pub type HorizonErrors = [[f64; 3]; 4];
 
 /// Errors of a model, and of a vehicle that goes on at its velocity and its body rates.
@@ -34,11 +37,14 @@ pub struct PublishedRow {
     pub errors: [Option<f64>; 4],
 }
 
-/// Best published figures of Busetto, Cereda et al., "Nonlinear System Identification Nano-drone Benchmark" (arXiv 2512.14450, 2025), on its own
-/// flights of a Crazyflie 2.1 Brushless with measured rotor speeds.
+/// Best published figures of Busetto, Cereda et al., "Nonlinear System Identification Nano-drone Benchmark"
+/// (arXiv 2512.14450, 2025), on its own flights of a Crazyflie 2.1 Brushless with measured rotor speeds.
 pub const PUBLISHED: [PublishedRow; 2] = [
     PublishedRow { name: "published, physics", errors: [Some(0.127), None, None, None] },
-    PublishedRow { name: "published, hybrid or best", errors: [Some(0.112), Some(0.556), Some(0.227), Some(0.598)] },
+    PublishedRow {
+        name: "published, hybrid or best",
+        errors: [Some(0.112), Some(0.556), Some(0.227), Some(0.598)],
+    },
 ];
 
 /// Errors over the flights, with a prediction every `stride` rows.
@@ -53,7 +59,11 @@ pub fn horizon_table(model: &MotorModel, flights: &[MotorFlight], stride: usize)
             for (h, steps) in HORIZON_STEPS.into_iter().enumerate() {
                 let measured = &flight.motion[start.row + steps];
                 let still = hold_motion(&begin, steps as f64 * STEP_S);
-                for (q, (model, naive)) in lengths(&predicted[steps - 1], measured).into_iter().zip(lengths(&still, measured)).enumerate() {
+                for (q, (model, naive)) in lengths(&predicted[steps - 1], measured)
+                    .into_iter()
+                    .zip(lengths(&still, measured))
+                    .enumerate()
+                {
                     table.model[q][h] += model;
                     table.unchanged[q][h] += naive;
                 }
@@ -77,14 +87,16 @@ fn hold_motion(x: &[f64; 12], time_s: f64) -> [f64; 12] {
 }
 
 fn lengths(predicted: &[f64; 12], measured: &[f64; 12]) -> [f64; 4] {
-    let length = |first: usize| (first..first + 3).map(|i| (predicted[i] - measured[i]).powi(2)).sum::<f64>().sqrt();
+    let length =
+        |first: usize| (first..first + 3).map(|i| (predicted[i] - measured[i]).powi(2)).sum::<f64>().sqrt();
     [length(0), length(3), angle_between(predicted, measured), length(9)]
 }
 
 /// Angle of the rotation from one attitude to the other.
 fn angle_between(a: &[f64; 12], b: &[f64; 12]) -> f64 {
     let [p, q] = [a, b].map(|x| rotation([x[6], x[7], x[8]]));
-    let distance: f64 = (0..3).flat_map(|i| (0..3).map(move |j| (i, j))).map(|(i, j)| (p[i][j] - q[i][j]).powi(2)).sum();
+    let distance: f64 =
+        (0..3).flat_map(|i| (0..3).map(move |j| (i, j))).map(|(i, j)| (p[i][j] - q[i][j]).powi(2)).sum();
     // |P - Q| = 2 sqrt(2) |sin(angle / 2)|, exact near zero where a cosine is not
     2.0 * (distance / 8.0).sqrt().min(1.0).asin()
 }
@@ -115,6 +127,8 @@ mod tests {
     fn a_vehicle_that_goes_on_is_predicted_by_going_on() {
         let x = [0.0, 0.0, 1.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.2];
         let later = hold_motion(&x, 0.5);
-        assert!((later[0] - 0.25).abs() < 1e-12 && (later[8] - 0.1).abs() < 1e-12 && lengths(&x, &later)[0] > 0.2);
+        assert!(
+            (later[0] - 0.25).abs() < 1e-12 && (later[8] - 0.1).abs() < 1e-12 && lengths(&x, &later)[0] > 0.2
+        );
     }
 }

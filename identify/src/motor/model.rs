@@ -1,12 +1,12 @@
-//! Motor-level form of a quadrotor: rotor speeds in, rigid-body motion out. Generic over the number type, so that a fit carries derivatives
-//! through the same formulas.
+//! Motor-level form of a quadrotor: rotor speeds in, rigid-body motion out. Generic over the number type, so
+//! that a fit carries derivatives through the same formulas.
 
 use crazyflie_env::scalar::Scalar;
 
 /// Standard gravity.
 const G_MPS2: f64 = 9.81;
-/// Mixing signs of roll, pitch and yaw by motor: 1 front right, 2 back right, 3 back left, 4 front left. Positive pitch lowers the nose;
-/// motors 1 and 3 turn counter-clockwise and push the frame clockwise.
+/// Mixing signs of roll, pitch and yaw by motor: 1 front right, 2 back right, 3 back left, 4 front left.
+/// Positive pitch lowers the nose; motors 1 and 3 turn counter-clockwise and push the frame clockwise.
 const SIGNS: [[f64; 4]; 3] = [[-1.0, -1.0, 1.0, 1.0], [-1.0, 1.0, 1.0, -1.0], [-1.0, 1.0, -1.0, 1.0]];
 
 /// A parameter of the form: name, unit, start of a fit, bounds.
@@ -26,21 +26,47 @@ pub struct Parameter {
     pub about: &'static str,
 }
 
-const fn parameter(name: &'static str, unit: &'static str, [start, low, high]: [f64; 3], about: &'static str) -> Parameter {
+const fn parameter(
+    name: &'static str,
+    unit: &'static str,
+    [start, low, high]: [f64; 3],
+    about: &'static str,
+) -> Parameter {
     Parameter { name, unit, start, low, high, about }
 }
 
 /// Number of parameters.
 pub const PARAMETERS: usize = 13;
 
-/// All parameters, in the order of the arrays below. Speeds are in parts of their median, so that thrust is near gravity on every vehicle.
-/// Negative authority is unphysical: a controller that fights a disturbance would pass for it.
+/// All parameters, in the order of the arrays below. Speeds are in parts of their median, so that thrust is
+/// near gravity on every vehicle. Negative authority is unphysical: a controller that fights a disturbance
+/// would pass for it.
 pub const FORM: [Parameter; PARAMETERS] = [
-    parameter("thrust", "m/s^2", [9.81, 5.0, 15.0], "specific thrust at the median rotor speed, c sum w^2 / m"),
+    parameter(
+        "thrust",
+        "m/s^2",
+        [9.81, 5.0, 15.0],
+        "specific thrust at the median rotor speed, c sum w^2 / m",
+    ),
     parameter("motor_lag", "s", [0.05, 0.002, 0.3], "time constant of the rotor speeds"),
-    parameter("roll_authority", "rad/s^2", [40.0, 0.0, 1000.0], "roll acceleration per w^2 of left less right"),
-    parameter("pitch_authority", "rad/s^2", [40.0, 0.0, 1000.0], "pitch acceleration per w^2 of back less front"),
-    parameter("yaw_authority", "rad/s^2", [5.0, 0.0, 200.0], "yaw acceleration per w^2 of motors 2 and 4 less 1 and 3"),
+    parameter(
+        "roll_authority",
+        "rad/s^2",
+        [40.0, 0.0, 1000.0],
+        "roll acceleration per w^2 of left less right",
+    ),
+    parameter(
+        "pitch_authority",
+        "rad/s^2",
+        [40.0, 0.0, 1000.0],
+        "pitch acceleration per w^2 of back less front",
+    ),
+    parameter(
+        "yaw_authority",
+        "rad/s^2",
+        [5.0, 0.0, 200.0],
+        "yaw acceleration per w^2 of motors 2 and 4 less 1 and 3",
+    ),
     parameter("drag_x", "1/s", [0.3, 0.0, 3.0], "linear drag along the body's x axis"),
     parameter("drag_y", "1/s", [0.3, 0.0, 3.0], "linear drag along the body's y axis"),
     parameter("drag_z", "1/s", [0.3, 0.0, 3.0], "linear drag along the body's z axis"),
@@ -53,7 +79,12 @@ pub const FORM: [Parameter; PARAMETERS] = [
         [0.3, 0.05, 10.0],
         "time over which the start of a prediction learns thrust scale and marker tilt from the past",
     ),
-    parameter("torque_memory", "s", [5.0, 0.05, 60.0], "time over which it learns the torque of an off-centre mass"),
+    parameter(
+        "torque_memory",
+        "s",
+        [5.0, 0.05, 60.0],
+        "time over which it learns the torque of an off-centre mass",
+    ),
 ];
 
 /// Position, velocity (world), roll, pitch and yaw, body rates.
@@ -88,13 +119,23 @@ pub(crate) fn into_body<R: Scalar>(m: &[[R; 3]; 3], v: [R; 3]) -> [R; 3] {
 }
 
 /// Rotor speeds a step later: first order towards what is commanded.
-pub(crate) fn lag_rotors<R: Scalar>(p: &[R; PARAMETERS], speeds: [R; 4], commanded: [f64; 4], step_s: f64) -> [R; 4] {
+pub(crate) fn lag_rotors<R: Scalar>(
+    p: &[R; PARAMETERS],
+    speeds: [R; 4],
+    commanded: [f64; 4],
+    step_s: f64,
+) -> [R; 4] {
     let gain = R::from_f64(1.0) - (-R::from_f64(step_s) / p[1]).exp();
     std::array::from_fn(|i| speeds[i] + gain * (R::from_f64(commanded[i]) - speeds[i]))
 }
 
 /// Specific force and angular acceleration in the body frame, without trim.
-pub(crate) fn accelerations<R: Scalar>(p: &[R; PARAMETERS], x: &MotionState<R>, turn: &[[R; 3]; 3], speeds: &[R; 4]) -> MotorTrim<R> {
+pub(crate) fn accelerations<R: Scalar>(
+    p: &[R; PARAMETERS],
+    x: &MotionState<R>,
+    turn: &[[R; 3]; 3],
+    speeds: &[R; 4],
+) -> MotorTrim<R> {
     let squares = speeds.map(|w| w * w);
     let sum = |signs: [f64; 4]| {
         let [a, b, c, d]: [R; 4] = std::array::from_fn(|i| R::from_f64(0.25 * signs[i]) * squares[i]);
@@ -158,11 +199,22 @@ mod tests {
 
     #[test]
     fn motors_turn_the_vehicle_the_way_they_stand() {
-        let rates = |speeds: [f64; 4]| step(&start_values(), &[0.0; 12], &speeds, &MotorTrim::zero(), 0.01)[9..].to_vec();
+        let rates = |speeds: [f64; 4]| {
+            step(&start_values(), &[0.0; 12], &speeds, &MotorTrim::zero(), 0.01)[9..].to_vec()
+        };
         // left: to the right; back: nose down; 1 and 3, counter-clockwise: frame clockwise
-        assert!(rates([1.0, 1.0, 1.1, 1.1])[0] > 0.0 && rates([1.0, 1.1, 1.1, 1.0])[1] > 0.0 && rates([1.1, 1.0, 1.1, 1.0])[2] < 0.0);
-        let tilted =
-            step(&start_values(), &[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.1, 0.1, 0.0, 0.0, 0.0, 0.0], &[1.0; 4], &MotorTrim::zero(), 0.01);
+        assert!(
+            rates([1.0, 1.0, 1.1, 1.1])[0] > 0.0
+                && rates([1.0, 1.1, 1.1, 1.0])[1] > 0.0
+                && rates([1.1, 1.0, 1.1, 1.0])[2] < 0.0
+        );
+        let tilted = step(
+            &start_values(),
+            &[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.1, 0.1, 0.0, 0.0, 0.0, 0.0],
+            &[1.0; 4],
+            &MotorTrim::zero(),
+            0.01,
+        );
         assert!(tilted[3] > 0.0 && tilted[4] < 0.0, "{tilted:?}");
     }
 

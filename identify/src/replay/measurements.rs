@@ -1,4 +1,5 @@
-//! The measured side of a replay: signals with their times, and the full state at any time, derivatives included.
+//! The measured side of a replay: signals with their times, and the full state at any time, derivatives
+//! included.
 
 use std::ops::Range;
 
@@ -59,7 +60,8 @@ impl Track {
     }
 }
 
-/// Value and slope at x = 0 of the least-squares cubic, in polynomials that are orthogonal on the samples (Forsythe 1957).
+/// Value and slope at x = 0 of the least-squares cubic, in polynomials that are orthogonal on the samples
+/// (Forsythe 1957).
 fn cubic_at_zero(x: &[f64], y: &[f64]) -> (f64, f64) {
     let sum = |term: &dyn Fn(usize) -> f64| (0..x.len()).map(term).sum::<f64>();
     let (mut old, mut p) = (vec![0.0; x.len()], vec![1.0; x.len()]);
@@ -93,9 +95,12 @@ pub(crate) struct Measurements {
 impl Measurements {
     pub(crate) fn from_log(log: &FlightLog, remarks: &mut Vec<Remark>) -> Result<Self, ReplayError> {
         let attitude = [&log.roll_rad, &log.pitch_rad, &log.yaw_rad].map(|v| Track::new(&log.t_s, v));
-        // a gyro on another clock than the attitude does not line up with it: then rates are derivatives of the measured angles
+        // a gyro on another clock than the attitude does not line up with it: then rates are derivatives of
+        // the measured angles
         let rates = match &log.gyro_radps {
-            Some(gyro) if !log.provenance.onboard_interpolated => gyro.each_ref().map(|v| Track::new(&log.t_s, v)),
+            Some(gyro) if !log.provenance.onboard_interpolated => {
+                gyro.each_ref().map(|v| Track::new(&log.t_s, v))
+            }
             _ => attitude.each_ref().map(|angle| angle.derivative(ATTITUDE_WINDOW_S)),
         };
         let position = position(log)?;
@@ -129,7 +134,9 @@ impl Measurements {
 
     /// The state at a time; the second states of the model's forms are left at zero.
     pub(crate) fn state(&self, t_s: f64) -> State<f64> {
-        let position = |track: &Track| if self.derived { track.local(t_s, POSITION_WINDOW_S).0 } else { track.value_at(t_s) };
+        let position = |track: &Track| {
+            if self.derived { track.local(t_s, POSITION_WINDOW_S).0 } else { track.value_at(t_s) }
+        };
         State {
             pos_m: self.position.each_ref().map(position),
             vel_mps: self.velocity.each_ref().map(|v| v.value_at(t_s)),
@@ -139,7 +146,8 @@ impl Measurements {
         }
     }
 
-    /// Where the replay starts, and how many ticks it has: the flight, less what the windows of derivatives need before it.
+    /// Where the replay starts, and how many ticks it has: the flight, less what the windows of derivatives
+    /// need before it.
     pub(crate) fn interval(&self, log: &FlightLog, tick_s: f64) -> Result<(f64, usize), ReplayError> {
         if log.airborne.is_empty() {
             return Err(ReplayError::NeverAirborne);

@@ -108,8 +108,8 @@ impl Channel {
         Structure { numerator, denominator, integrator, delay: false, offset, stable: false }
     }
 
-    /// Long enough for the slowest pole of that form to show, and for the response to outweigh the free initial states, which would else take
-    /// slow errors for dynamics.
+    /// Long enough for the slowest pole of that form to show, and for the response to outweigh the free
+    /// initial states, which would else take slow errors for dynamics.
     pub fn window_s(self) -> f64 {
         self.spec().window_s
     }
@@ -130,7 +130,8 @@ pub struct Record {
     pub output: Vec<f64>,
     /// Where to look.
     pub span_s: [f64; 2],
-    /// The output is the integral of what the transfer function gives: a position in place of a velocity that nobody measured.
+    /// The output is the integral of what the transfer function gives: a position in place of a velocity that
+    /// nobody measured.
     pub integrated: bool,
 }
 
@@ -152,15 +153,30 @@ impl Record {
         let inside = track.between(span_s[0], span_s[1]);
         let (seconds, samples) = (span_s[1] - span_s[0], inside.len());
         if seconds < LEAST_S || samples < LEAST_SAMPLES {
-            return Err(IdentifyError::TooShort { log: name.to_owned(), seconds, samples, least_s: LEAST_S, least: LEAST_SAMPLES });
+            return Err(IdentifyError::TooShort {
+                log: name.to_owned(),
+                seconds,
+                samples,
+                least_s: LEAST_S,
+                least: LEAST_SAMPLES,
+            });
         }
         let (output_t_s, output) = (track.t_s[inside.clone()].to_vec(), track.values[inside].to_vec());
-        Ok(Record { name: name.to_owned(), input_t_s: log.t_s.clone(), input, output_t_s, output, span_s, integrated })
+        Ok(Record {
+            name: name.to_owned(),
+            input_t_s: log.t_s.clone(),
+            input,
+            output_t_s,
+            output,
+            span_s,
+            integrated,
+        })
     }
 
     /// Whether the input changes while the vehicle flies.
     pub fn is_excited(&self) -> bool {
-        let rows = self.input_t_s.partition_point(|t| *t < self.span_s[0])..self.input_t_s.partition_point(|t| *t <= self.span_s[1]);
+        let rows = self.input_t_s.partition_point(|t| *t < self.span_s[0])
+            ..self.input_t_s.partition_point(|t| *t <= self.span_s[1]);
         let flown = &self.input[rows];
         let largest = flown.iter().fold(0.0_f64, |a, v| a.max(v.abs()));
         flown.iter().any(|v| (v - flown[0]).abs() > 1e-6 * largest)
@@ -175,15 +191,21 @@ impl Record {
 fn input(log: &FlightLog, channel: Channel) -> Option<Vec<f64>> {
     let (cos, sin): (Vec<f64>, Vec<f64>) = log.yaw_rad.iter().map(|yaw| (yaw.cos(), yaw.sin())).unzip();
     // the tilt along world x and against world y, from tilts about the vehicle's axes
-    let along_x = |roll: &[f64], pitch: &[f64]| (0..log.len()).map(|i| pitch[i] * cos[i] + roll[i] * sin[i]).collect::<Vec<_>>();
-    let along_y = |roll: &[f64], pitch: &[f64]| (0..log.len()).map(|i| roll[i] * cos[i] - pitch[i] * sin[i]).collect::<Vec<_>>();
+    let along_x = |roll: &[f64], pitch: &[f64]| {
+        (0..log.len()).map(|i| pitch[i] * cos[i] + roll[i] * sin[i]).collect::<Vec<_>>()
+    };
+    let along_y = |roll: &[f64], pitch: &[f64]| {
+        (0..log.len()).map(|i| roll[i] * cos[i] - pitch[i] * sin[i]).collect::<Vec<_>>()
+    };
     let commands = log.cmd_roll_rad.as_ref().zip(log.cmd_pitch_rad.as_ref());
     match channel {
         Channel::Roll => log.cmd_roll_rad.clone(),
         Channel::Pitch => log.cmd_pitch_rad.clone(),
         Channel::Yaw => log.cmd_yaw_rate_radps.clone(),
         // the height that a controller was told is what the thesis takes for the command (5.1.3)
-        Channel::Height => log.cmd_height_m.clone().or_else(|| log.setpoint_m.as_ref().map(|[_, _, z]| z.clone())),
+        Channel::Height => {
+            log.cmd_height_m.clone().or_else(|| log.setpoint_m.as_ref().map(|[_, _, z]| z.clone()))
+        }
         Channel::Pwm => log.cmd_thrust_pwm.clone(),
         Channel::Vx => Some(between(along_x(&log.roll_rad, &log.pitch_rad))),
         Channel::Vy => Some(between(along_y(&log.roll_rad, &log.pitch_rad))),
@@ -213,7 +235,8 @@ fn output(name: &str, log: &FlightLog, channel: Channel) -> Result<(Track, bool)
     if let (Some(velocity), true) = (&log.vel_mps, axis < 2) {
         return Ok((of_rows(&velocity[axis]), false));
     }
-    let measured = Measurements::from_log(log, &mut Vec::new()).map_err(|source| IdentifyError::Flight { log: name.to_owned(), source })?;
+    let measured = Measurements::from_log(log, &mut Vec::new())
+        .map_err(|source| IdentifyError::Flight { log: name.to_owned(), source })?;
     // by their places among the signals of a replay: z, x, y
     let place = [6, 7, 3][axis];
     Ok((measured.track(place).clone(), axis < 2))

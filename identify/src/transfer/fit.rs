@@ -1,4 +1,5 @@
-//! Output error with multiple shooting: the numbers that let the simulation from free initial states come closest to the measurement.
+//! Output error with multiple shooting: the numbers that let the simulation from free initial states come
+//! closest to the measurement.
 
 use crazyflie_statistics::quantile;
 use nalgebra::{Cholesky, DMatrix};
@@ -72,7 +73,8 @@ impl MultipleShooting<'_> {
 
     fn residuals(&self, numbers: &[f64], own: &[Vec<f64>]) -> Vec<f64> {
         let predicted = self.predict(numbers, own);
-        let segment_residuals = |(s, p): (&Segment, Vec<f64>)| s.samples().zip(p).map(|(y, p)| y - p).collect::<Vec<_>>();
+        let segment_residuals =
+            |(s, p): (&Segment, Vec<f64>)| s.samples().zip(p).map(|(y, p)| y - p).collect::<Vec<_>>();
         self.segments.iter().zip(predicted).flat_map(segment_residuals).collect()
     }
 }
@@ -84,7 +86,8 @@ fn own_step(normal: &NormalEquations, n: usize) -> Option<Vec<f64>> {
     let block = normal.curvature.view((0, 0), (n, n));
     let size: Vec<f64> = (0..n).map(|i| block[(i, i)].sqrt().max(f64::MIN_POSITIVE)).collect();
     // a state that leaves no trace in a short segment stays where it is
-    let scaled = DMatrix::from_fn(n, n, |i, j| block[(i, j)] / (size[i] * size[j]) + if i == j { 1e-10 } else { 0.0 });
+    let scaled =
+        DMatrix::from_fn(n, n, |i, j| block[(i, j)] / (size[i] * size[j]) + if i == j { 1e-10 } else { 0.0 });
     let right = nalgebra::DVector::from_fn(n, |i, _| normal.gradient[i] / size[i]);
     let x = Cholesky::new(scaled)?.solve(&right);
     Some((0..n).map(|i| x[i] / size[i]).collect())
@@ -105,7 +108,12 @@ impl Problem for MultipleShooting<'_> {
     fn worker(&self, shared: &[f64]) -> Self::Worker {
         (Simulator::new(self.structure, self.integrated, shared), shared.to_vec())
     }
-    fn normal_equations(&self, (simulator, shared): &mut Self::Worker, window: usize, own: &[f64]) -> NormalEquations {
+    fn normal_equations(
+        &self,
+        (simulator, shared): &mut Self::Worker,
+        window: usize,
+        own: &[f64],
+    ) -> NormalEquations {
         let segment = &self.segments[window];
         let (states, dynamic) = (self.states(), self.structure.dynamic());
         let place = self.offset(segment.flight);
@@ -114,7 +122,10 @@ impl Problem for MultipleShooting<'_> {
         let mut finite = true;
         simulator.run(segment, own, place.map_or(0.0, |i| shared[i]), |measured, y| {
             let common = states + dynamic;
-            slopes[..common].iter_mut().zip(&y.slope).for_each(|(to, from)| *to = f64::from(*from) / self.sigma);
+            slopes[..common]
+                .iter_mut()
+                .zip(&y.slope)
+                .for_each(|(to, from)| *to = f64::from(*from) / self.sigma);
             if let Some(place) = place {
                 slopes[states + place] = f64::from(y.slope[common]) / self.sigma;
             }
@@ -129,7 +140,8 @@ impl Problem for MultipleShooting<'_> {
     }
 }
 
-/// The best fit from the best candidates, and the noise level that goes with it. `None` without a candidate that can be simulated.
+/// The best fit from the best candidates, and the noise level that goes with it. `None` without a candidate
+/// that can be simulated.
 pub(super) fn fit_best(
     records: &[Record],
     structure: &Structure,
@@ -138,7 +150,8 @@ pub(super) fn fit_best(
 ) -> Option<(Solution, f64)> {
     let spread = standard_deviation(segments);
     let integrated = records.first().is_some_and(|r| r.integrated);
-    let mut shooting = MultipleShooting { structure, segments, flights: records.len(), integrated, sigma: 0.1 * spread };
+    let mut shooting =
+        MultipleShooting { structure, segments, flights: records.len(), integrated, sigma: 0.1 * spread };
     let mut starts: Vec<(f64, Vec<f64>, Vec<Vec<f64>>)> = Vec::new();
     for candidate in candidates {
         let mut numbers = candidate.clone();
@@ -176,7 +189,8 @@ fn standard_deviation(segments: &[Segment]) -> f64 {
     (all.iter().map(|y| (y - mean).powi(2)).sum::<f64>() / all.len().max(1) as f64).sqrt().max(1e-12)
 }
 
-/// The standard deviation, by the median against outliers: the median of |normal| is 0.6745 standard deviations.
+/// The standard deviation, by the median against outliers: the median of |normal| is 0.6745 standard
+/// deviations.
 pub(crate) fn robust_sd(residuals: &[f64]) -> f64 {
     quantile(&residuals.iter().map(|e| e.abs()).collect::<Vec<_>>(), 0.5).unwrap_or(0.0) / 0.6745
 }

@@ -1,7 +1,7 @@
 //! Transfer functions from flight logs, as the thesis found its own (5.1): of a given order, by output error.
 //!
-//! The thesis used MATLAB's `tfest` on one recording each. Here every log of a list counts, and windows start from states of their own. The input
-//! is held as the vehicle held it, delayed by any fraction of a sample.
+//! The thesis used MATLAB's `tfest` on one recording each. Here every log of a list counts, and windows start
+//! from states of their own. The input is held as the vehicle held it, delayed by any fraction of a sample.
 
 mod channel;
 mod fit;
@@ -34,7 +34,8 @@ pub struct TransferFunctionEstimate {
     pub function: TransferFunction,
     /// Coefficients, highest power first, then delay and offsets.
     pub parameters: Vec<ParameterEstimate>,
-    /// Standard deviation of what the model leaves, in the unit of the output (of its integral, where velocity is not measured).
+    /// Standard deviation of what the model leaves, in the unit of the output (of its integral, where
+    /// velocity is not measured).
     pub noise: f64,
     /// Information criteria, to compare structures on the same logs.
     pub criteria: Criteria,
@@ -64,7 +65,8 @@ pub enum WindowLength {
 /// Fits a transfer function to records of one channel.
 ///
 /// # Errors
-/// [`IdentifyError`]: no records, no excitation, an order that is not supported, numbers that the records do not tell.
+/// [`IdentifyError`]: no records, no excitation, an order that is not supported, numbers that the records do
+/// not tell.
 pub fn identify(
     records: &[Record],
     channel: Channel,
@@ -76,18 +78,26 @@ pub fn identify(
         WindowLength::Whole => None,
         WindowLength::OfChannel => Some(channel.window_s()),
         WindowLength::Seconds(s) if s >= WINDOW_MIN_S && s.is_finite() => Some(s),
-        WindowLength::Seconds(value_s) => return Err(IdentifyError::Window { value_s, least_s: WINDOW_MIN_S }),
+        WindowLength::Seconds(value_s) => {
+            return Err(IdentifyError::Window { value_s, least_s: WINDOW_MIN_S });
+        }
     };
     let first = records.first().ok_or(IdentifyError::NoLogs)?;
     if let Some(other) = records.iter().find(|r| r.integrated != first.integrated) {
         return Err(IdentifyError::Mixed { first: first.name.clone(), second: other.name.clone() });
     }
     if !records.iter().any(Record::is_excited) {
-        return Err(IdentifyError::NoExcitation { input: channel.input(), about: format!("{}'s response to it", channel.output()) });
+        return Err(IdentifyError::NoExcitation {
+            input: channel.input(),
+            about: format!("{}'s response to it", channel.output()),
+        });
     }
-    let segments: Vec<Segment> = records.iter().enumerate().flat_map(|(i, r)| Segment::cut(i, r, window_s)).collect();
+    let segments: Vec<Segment> =
+        records.iter().enumerate().flat_map(|(i, r)| Segment::cut(i, r, window_s)).collect();
     let candidates = start::candidates(&structure, records);
-    let what = || IdentifyError::NoStart { what: format!("{} to {} transfer function", channel.input(), channel.output()) };
+    let what = || IdentifyError::NoStart {
+        what: format!("{} to {} transfer function", channel.input(), channel.output()),
+    };
     let (solution, noise) = fit_best(records, &structure, &segments, &candidates).ok_or_else(what)?;
     let flights: Vec<String> = records.iter().map(|r| r.name.clone()).collect();
     let names = structure.names(channel.ratio(), channel.units()[1], &flights);
@@ -121,13 +131,15 @@ pub fn identify(
     identified.fit = identified.compare(records)?;
     let squares: f64 = identified.fit.iter().flat_map(Comparison::residuals).map(|e| e * e).sum();
     // the windows' initial states are parameters too, and a larger order has more of them
-    let unknowns = identified.numbers.len() + segments.len() * (structure.denominator + usize::from(first.integrated));
+    let unknowns =
+        identified.numbers.len() + segments.len() * (structure.denominator + usize::from(first.integrated));
     identified.criteria = criteria(&[(squares, identified.samples)], unknowns);
     Ok(identified)
 }
 
 impl TransferFunctionEstimate {
-    /// Predicts records, which the fit need not have seen: only initial states are taken from them, and the offset where each flight has its own.
+    /// Predicts records, which the fit need not have seen: only initial states are taken from them, and the
+    /// offset where each flight has its own.
     ///
     /// # Errors
     /// [`IdentifyError::TooShort`].
@@ -141,7 +153,8 @@ impl TransferFunctionEstimate {
             _ => Structure { offset: Offset::Shared, ..self.structure },
         };
         let (dynamic, offsets) = self.numbers.split_at(structure.dynamic());
-        let own = self.parameters.iter().find(|p| p.name == format!("offset {}", record.name)).map(|p| p.value);
+        let own =
+            self.parameters.iter().find(|p| p.name == format!("offset {}", record.name)).map(|p| p.value);
         let mut numbers = dynamic.to_vec();
         numbers.extend(own.or(offsets.first().copied()));
         if own.is_none() && self.structure.offset == Offset::PerFlight {
@@ -149,7 +162,8 @@ impl TransferFunctionEstimate {
         }
         let (windows, fit) = predict(record, &structure, &numbers, self.window_s)?;
         let (_, whole) = predict(record, &structure, &numbers, None)?;
-        let t_s: Vec<f64> = record.output_t_s.iter().copied().filter(|t| *t > record.span_s[0] + 5e-6).collect();
+        let t_s: Vec<f64> =
+            record.output_t_s.iter().copied().filter(|t| *t > record.span_s[0] + 5e-6).collect();
         // what was filtered by time and what was counted by clock must be the same samples
         let t_s = t_s[t_s.len() - windows.0.len()..].to_vec();
         let input = t_s.iter().map(|t| record.input_at(*t)).collect();
@@ -160,7 +174,17 @@ impl TransferFunctionEstimate {
             (false, name) => (name, unit),
         };
         let (measured, predicted) = windows;
-        Ok(Comparison { log: record.name.clone(), signal, unit, t_s, measured, predicted, input, fit, whole: Some(whole) })
+        Ok(Comparison {
+            log: record.name.clone(),
+            signal,
+            unit,
+            t_s,
+            measured,
+            predicted,
+            input,
+            fit,
+            whole: Some(whole),
+        })
     }
 
     /// Residual noise, the window length: what a reader needs to judge the errors.
@@ -169,8 +193,14 @@ impl TransferFunctionEstimate {
     }
 }
 
-/// Puts the offset in its place, which is last, that fits a record best: the prediction is linear in it, the loss a parabola.
-fn own_offset(record: &Record, structure: &Structure, numbers: &mut [f64], window_s: Option<f64>) -> Result<(), IdentifyError> {
+/// Puts the offset in its place, which is last, that fits a record best: the prediction is linear in it, the
+/// loss a parabola.
+fn own_offset(
+    record: &Record,
+    structure: &Structure,
+    numbers: &mut [f64],
+    window_s: Option<f64>,
+) -> Result<(), IdentifyError> {
     let (at, spread) = (numbers.len() - 1, standard_deviation(&record.input).max(1e-9));
     let (here, mut losses) = (numbers[at], [0.0; 3]);
     for (loss, by) in losses.iter_mut().zip([-spread, 0.0, spread]) {
@@ -192,11 +222,17 @@ fn standard_deviation(values: &[f64]) -> f64 {
 type SamplePair = (Vec<f64>, Vec<f64>);
 
 /// Measured and predicted samples of a record in windows whose initial states are fitted.
-fn predict(record: &Record, structure: &Structure, numbers: &[f64], window_s: Option<f64>) -> Result<(SamplePair, Fit), IdentifyError> {
+fn predict(
+    record: &Record,
+    structure: &Structure,
+    numbers: &[f64],
+    window_s: Option<f64>,
+) -> Result<(SamplePair, Fit), IdentifyError> {
     let segments = Segment::cut(0, record, window_s);
     // so wide that no sample is taken for an outlier: initial states as MATLAB's `compare` has them
     let sigma = record.output.iter().fold(1e-9_f64, |a, y| a.max(y.abs()));
-    let shooting = MultipleShooting { structure, segments: &segments, flights: 1, integrated: record.integrated, sigma };
+    let shooting =
+        MultipleShooting { structure, segments: &segments, flights: 1, integrated: record.integrated, sigma };
     let failed = || IdentifyError::NoStart { what: format!("prediction of {}", record.name) };
     let (own, _) = shooting.settle(numbers).ok_or_else(failed)?;
     let measured: Vec<f64> = segments.iter().flat_map(Segment::samples).collect();

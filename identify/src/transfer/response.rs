@@ -1,7 +1,8 @@
 //! The response of a transfer function to a held input, exact at any time, with derivatives by every number.
 //!
-//! Times are counted in clock ticks of 10 us, so that the few distances between inputs and samples that a log has are found again and their
-//! matrix exponentials computed once. The delay is not rounded: it moves all inputs against all samples.
+//! Times are counted in clock ticks of 10 us, so that the few distances between inputs and samples that a log
+//! has are found again and their matrix exponentials computed once. The delay is not rounded: it moves all
+//! inputs against all samples.
 
 use std::collections::HashMap;
 
@@ -31,7 +32,8 @@ impl Segment {
         let [from_s, to_s] = record.span_s;
         let count = length_s.map_or(1.0, |length_s| ((to_s - from_s) / length_s).floor()).max(1.0);
         let edge = |i: f64| from_s + (to_s - from_s) * i / count;
-        let each = (0..count as usize).map(|i| Segment::between(flight, record, edge(i as f64), edge(i as f64 + 1.0)));
+        let each = (0..count as usize)
+            .map(|i| Segment::between(flight, record, edge(i as f64), edge(i as f64 + 1.0)));
         each.filter(|s| !s.samples.is_empty()).collect()
     }
 
@@ -41,9 +43,15 @@ impl Segment {
         // the last input that the longest delay brings here, and all after it
         let first = record.input_t_s.partition_point(|t| *t <= from_s - DELAY_MAX_S).saturating_sub(1);
         let last = record.input_t_s.partition_point(|t| *t < to_s);
-        let inputs = (first..last.max(first + 1)).map(|i| (clock(record.input_t_s[i]), record.input[i])).collect();
+        let inputs =
+            (first..last.max(first + 1)).map(|i| (clock(record.input_t_s[i]), record.input[i])).collect();
         let samples = record.output_t_s.iter().zip(&record.output).map(|(t, y)| (clock(*t), *y));
-        Segment { flight, start, inputs, samples: samples.filter(|(t, _)| (start + 1..=end).contains(t)).collect() }
+        Segment {
+            flight,
+            start,
+            inputs,
+            samples: samples.filter(|(t, _)| (start + 1..=end).contains(t)).collect(),
+        }
     }
 
     pub(super) fn samples(&self) -> impl Iterator<Item = f64> + '_ {
@@ -68,8 +76,8 @@ struct Transition {
     input: Vec<Dual>,
 }
 
-/// The transfer function in observer form: y = x0, x0' = -a_(n-1) x0 + x1 + b_(n-1) u, and so on. Directions of the duals: states, then
-/// [`Structure::dynamic`], then the offset.
+/// The transfer function in observer form: y = x0, x0' = -a_(n-1) x0 + x1 + b_(n-1) u, and so on. Directions
+/// of the duals: states, then [`Structure::dynamic`], then the offset.
 pub(super) struct Simulator {
     states: usize,
     output: usize,
@@ -86,7 +94,11 @@ impl Simulator {
     pub(super) fn new(structure: &Structure, integrated: bool, numbers: &[f64]) -> Self {
         let n = structure.denominator;
         let states = n + usize::from(integrated);
-        let dynamic: Vec<Dual> = numbers[..structure.dynamic()].iter().enumerate().map(|(i, v)| Dual::variable(*v, states + i)).collect();
+        let dynamic: Vec<Dual> = numbers[..structure.dynamic()]
+            .iter()
+            .enumerate()
+            .map(|(i, v)| Dual::variable(*v, states + i))
+            .collect();
         let factors = structure.factors(&dynamic, Dual::from_f64(1.0), Dual::from_f64(0.0));
         let denominator = factors.iter().fold(vec![Dual::from_f64(1.0)], |product, factor| {
             let mut next = vec![Dual::from_f64(0.0); product.len() + factor.len() - 1];
@@ -111,16 +123,35 @@ impl Simulator {
         let delay = if structure.delay { dynamic[structure.dynamic() - 1] } else { Dual::from_f64(0.0) };
         let output = if integrated { n } else { 0 };
         let offset_direction = states + structure.dynamic();
-        Simulator { states, output, a, b, delay, late: delay.value / CLOCK_S, offset_direction, transitions: HashMap::new() }
+        Simulator {
+            states,
+            output,
+            a,
+            b,
+            delay,
+            late: delay.value / CLOCK_S,
+            offset_direction,
+            transitions: HashMap::new(),
+        }
     }
 
     /// The output at every sample of a segment that starts from a state, the input counting from its offset.
-    pub(super) fn run(&mut self, segment: &Segment, start: &[f64], offset: f64, mut each: impl FnMut(f64, Dual)) {
+    pub(super) fn run(
+        &mut self,
+        segment: &Segment,
+        start: &[f64],
+        offset: f64,
+        mut each: impl FnMut(f64, Dual),
+    ) {
         let mut x: Vec<Dual> = start.iter().enumerate().map(|(i, v)| Dual::variable(*v, i)).collect();
-        let offset =
-            if self.offset_direction < DIRECTIONS { Dual::variable(offset, self.offset_direction) } else { Dual::from_f64(offset) };
+        let offset = if self.offset_direction < DIRECTIONS {
+            Dual::variable(offset, self.offset_direction)
+        } else {
+            Dual::from_f64(offset)
+        };
         let late = self.late;
-        let mut next = segment.inputs.partition_point(|(t, _)| *t as f64 + late <= segment.start as f64).max(1);
+        let mut next =
+            segment.inputs.partition_point(|(t, _)| *t as f64 + late <= segment.start as f64).max(1);
         let mut u = Dual::from_f64(segment.inputs[next - 1].1) - offset;
         let mut now = Instant { clock: segment.start, delayed: false };
         for (clock, measured) in &segment.samples {
@@ -184,7 +215,8 @@ impl Transition {
 
 /// By scaling, the Taylor polynomial and squaring.
 fn exponential(mut m: Vec<Dual>, k: usize) -> Vec<Dual> {
-    // columns are as different in size as units: what counts are the eigenvalues, and the last column is of no power
+    // columns are as different in size as units: what counts are the eigenvalues, and the last column is of
+    // no power
     let norm = (0..k).map(|i| (0..k - 1).map(|j| m[i * k + j].value.abs()).sum::<f64>()).fold(0.0, f64::max);
     let halvings = if norm.is_finite() { (norm / 0.5).log2().ceil().clamp(0.0, 60.0) as i32 } else { 0 };
     let scale = Dual::from_f64(0.5_f64.powi(halvings));
@@ -241,19 +273,34 @@ mod tests {
     #[test]
     fn a_delayed_step_is_answered_in_closed_form() {
         // (s + 3) / ((s + 2)(s + 5)) after 37.31 ms, which fall on no tick
-        let form = Structure { numerator: 1, denominator: 2, integrator: false, delay: true, offset: Offset::Shared, stable: true };
+        let form = Structure {
+            numerator: 1,
+            denominator: 2,
+            integrator: false,
+            delay: true,
+            offset: Offset::Shared,
+            stable: true,
+        };
         let all = simulate(&form, false, &[1.0, 3.0, 7.0, 10.0, 0.03731], 0.0);
         for (i, y) in all.iter().enumerate() {
             let t = (i + 1) as f64 * 0.0333 - 1.03731;
             // partial fractions: 3/10 - e^(-2t)/6 - 2 e^(-5t)/15
-            let exact = if t > 0.0 { 0.3 - (-2.0 * t).exp() / 6.0 - 2.0 * (-5.0 * t).exp() / 15.0 } else { 0.0 };
+            let exact =
+                if t > 0.0 { 0.3 - (-2.0 * t).exp() / 6.0 - 2.0 * (-5.0 * t).exp() / 15.0 } else { 0.0 };
             assert!((y.value - exact).abs() < 1e-12, "{i}: {} {exact}", y.value);
         }
     }
 
     #[test]
     fn slopes_are_the_derivatives() {
-        let form = Structure { numerator: 1, denominator: 3, integrator: true, delay: true, offset: Offset::Shared, stable: true };
+        let form = Structure {
+            numerator: 1,
+            denominator: 3,
+            integrator: true,
+            delay: true,
+            offset: Offset::Shared,
+            stable: true,
+        };
         let numbers = [2.0, 30.0, 9.0, 25.0, 0.0213];
         for integrated in [false, true] {
             let outputs = |numbers: &[f64], offset| simulate(&form, integrated, numbers, offset);
@@ -267,8 +314,12 @@ mod tests {
                     *number += h;
                 }
                 for (i, (after, before)) in outputs(&moved, offset).iter().zip(&here).enumerate() {
-                    let (slope, difference) = (f64::from(before.slope[states + p]), (after.value - before.value) / h);
-                    assert!((slope - difference).abs() < 2e-5 * (1.0 + difference.abs()), "{p} {i}: {slope} {difference}");
+                    let (slope, difference) =
+                        (f64::from(before.slope[states + p]), (after.value - before.value) / h);
+                    assert!(
+                        (slope - difference).abs() < 2e-5 * (1.0 + difference.abs()),
+                        "{p} {i}: {slope} {difference}"
+                    );
                 }
             }
         }

@@ -1,8 +1,11 @@
-//! Where to start: the transfer function by linear least squares on filtered signals, so that nobody needs to guess.
+//! Where to start: the transfer function by linear least squares on filtered signals, so that nobody needs to
+//! guess.
 //!
-//! Input and output pass the filter 1 / L(s) of the denominator's degree; its states are their filtered derivatives, and the transfer function
-//! becomes a linear equation between them. What is unknown of the initial state adds the filter's own free responses, an offset a constant.
-//! Then L is replaced by the denominator found, and again (Steiglitz and McBride 1965). Which L and delay were good the simulation decides.
+//! Input and output pass the filter 1 / L(s) of the denominator's degree; its states are their filtered
+//! derivatives, and the transfer function becomes a linear equation between them. What is unknown of the
+//! initial state adds the filter's own free responses, an offset a constant. Then L is replaced by the
+//! denominator found, and again (Steiglitz and McBride 1965). Which L and delay were good the simulation
+//! decides.
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 
@@ -28,7 +31,9 @@ pub(super) fn candidates(structure: &Structure, records: &[Record]) -> Vec<Vec<f
             let n = structure.denominator + usize::from(records.first().is_some_and(|r| r.integrated));
             let mut filter = (0..n).fold(vec![1.0], |product, _| multiply(&product, &[1.0, filter_ps]));
             for _ in 0..ROUNDS {
-                let Some((numbers, denominator)) = regress(structure, &signals, &filter, *delay_s) else { break };
+                let Some((numbers, denominator)) = regress(structure, &signals, &filter, *delay_s) else {
+                    break;
+                };
                 found.push(numbers);
                 filter = stabilise(&denominator);
             }
@@ -47,8 +52,15 @@ pub(super) fn candidates(structure: &Structure, records: &[Record]) -> Vec<Vec<f
 }
 
 /// The numerator and offsets that fit best with these poles.
-fn gains(structure: &Structure, flights: &[GridSignals], records: &[Record], poles: &[f64], delay_s: f64) -> Option<Vec<f64>> {
-    let zeros = usize::from(structure.integrator) + usize::from(records.first().is_some_and(|r| r.integrated));
+fn gains(
+    structure: &Structure,
+    flights: &[GridSignals],
+    records: &[Record],
+    poles: &[f64],
+    delay_s: f64,
+) -> Option<Vec<f64>> {
+    let zeros =
+        usize::from(structure.integrator) + usize::from(records.first().is_some_and(|r| r.integrated));
     let whole: Vec<f64> = poles.iter().copied().chain(std::iter::repeat_n(0.0, zeros)).collect();
     let equation = Equation::solve(structure, flights, &whole, Poles::Known)?;
     Some(equation.numbers(structure, poles, delay_s)).filter(|numbers| numbers.iter().all(|v| v.is_finite()))
@@ -78,7 +90,8 @@ fn interpolate(record: &Record, t_s: f64) -> f64 {
     y[after - 1] + share * (y[after] - y[after - 1])
 }
 
-/// 1 / L(s) by exact steps of a held input: its states are the filtered signal and its derivatives, lowest first.
+/// 1 / L(s) by exact steps of a held input: its states are the filtered signal and its derivatives, lowest
+/// first.
 struct StateVariableFilter {
     state: DMatrix<f64>,
     input: DVector<f64>,
@@ -99,7 +112,11 @@ impl StateVariableFilter {
         }
         m[(n - 1, n)] = STEP_S;
         let e = m.exp();
-        StateVariableFilter { state: e.view((0, 0), (n, n)).into_owned(), input: e.view((0, n), (n, 1)).column(0).into_owned(), l }
+        StateVariableFilter {
+            state: e.view((0, 0), (n, n)).into_owned(),
+            input: e.view((0, n), (n, 1)).column(0).into_owned(),
+            l,
+        }
     }
 
     /// Filtered derivatives 0 to n of a signal, a row per step.
@@ -115,7 +132,12 @@ impl StateVariableFilter {
 }
 
 /// The numbers and the whole denominator that fit the filtered equation best.
-fn regress(structure: &Structure, flights: &[GridSignals], filter: &[f64], delay_s: f64) -> Option<(Vec<f64>, Vec<f64>)> {
+fn regress(
+    structure: &Structure,
+    flights: &[GridSignals],
+    filter: &[f64],
+    delay_s: f64,
+) -> Option<(Vec<f64>, Vec<f64>)> {
     let equation = Equation::solve(structure, flights, filter, Poles::Unknown)?;
     let denominator: Vec<f64> = std::iter::once(1.0).chain(equation.poles.iter().rev().copied()).collect();
     let zeros = filter.len() - denominator.len();
@@ -178,7 +200,11 @@ impl Equation {
         }
         let x = scaled_solve(h, &g)?;
         let part = |from: usize, count: usize| x.rows(from, count).iter().copied().collect();
-        Some(Equation { poles: part(0, poles), gains: part(poles, gains), constants: part(poles + gains, constants) })
+        Some(Equation {
+            poles: part(0, poles),
+            gains: part(poles, gains),
+            constants: part(poles + gains, constants),
+        })
     }
 
     /// As [`Structure::function`] takes them.
@@ -205,7 +231,8 @@ fn accumulate(h: &mut DMatrix<f64>, g: &mut DVector<f64>, row: &[f64], value: f6
 fn scaled_solve(h: DMatrix<f64>, g: &DVector<f64>) -> Option<DVector<f64>> {
     let n = g.len();
     let size: Vec<f64> = (0..n).map(|i| h[(i, i)].sqrt()).map(|s| if s > 0.0 { s } else { 1.0 }).collect();
-    let scaled = DMatrix::from_fn(n, n, |i, j| h[(i, j)] / (size[i] * size[j]) + if i == j { 1e-11 } else { 0.0 });
+    let scaled =
+        DMatrix::from_fn(n, n, |i, j| h[(i, j)] / (size[i] * size[j]) + if i == j { 1e-11 } else { 0.0 });
     let right = DVector::from_fn(n, |i, _| g[i] / size[i]);
     let x = Cholesky::new(scaled)?.solve(&right);
     Some(DVector::from_fn(n, |i, _| x[i] / size[i]))

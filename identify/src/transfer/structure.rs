@@ -1,7 +1,7 @@
 //! The form of a transfer function, and the numbers that a fit moves.
 //!
-//! A denominator is a product of s^2 + p s + q and at most one s + p: every polynomial is one, and a vehicle that comes to rest has no
-//! negative p or q. So stability is a matter of bounds.
+//! A denominator is a product of s^2 + p s + q and at most one s + p: every polynomial is one, and a vehicle
+//! that comes to rest has no negative p or q. So stability is a matter of bounds.
 
 use std::fmt;
 
@@ -9,13 +9,15 @@ use nalgebra::{Complex, DMatrix};
 
 use super::IdentifyError;
 
-/// Degree of the largest denominator: its states, its numbers, delay and offset then fit the directions of a dual number.
+/// Degree of the largest denominator: its states, its numbers, delay and offset then fit the directions of a
+/// dual number.
 pub const LARGEST: usize = 4;
 /// No vehicle of this size answers later.
 pub const DELAY_MAX_S: f64 = 0.3;
 const FAR: f64 = 1e9;
 
-/// Whether the input counts from a value of its own, such as the PWM at which the rotors begin to lift (5.1.3).
+/// Whether the input counts from a value of its own, such as the PWM at which the rotors begin to lift
+/// (5.1.3).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Offset {
     /// The input counts from 0.
@@ -48,8 +50,12 @@ impl Structure {
     /// [`IdentifyError::Order`].
     pub fn check(&self) -> Result<(), IdentifyError> {
         let reason = match () {
-            () if self.denominator == 0 || self.denominator > LARGEST => "the denominator's degree must be 1 to 4",
-            () if self.numerator >= self.denominator => "the numerator's degree must be less than the denominator's",
+            () if self.denominator == 0 || self.denominator > LARGEST => {
+                "the denominator's degree must be 1 to 4"
+            }
+            () if self.numerator >= self.denominator => {
+                "the numerator's degree must be less than the denominator's"
+            }
             () => return Ok(()),
         };
         Err(IdentifyError::Order { numerator: self.numerator, denominator: self.denominator, reason })
@@ -77,10 +83,15 @@ impl Structure {
         let numerator = std::iter::repeat_n([-FAR, FAR], self.numerator + 1);
         let poles = std::iter::repeat_n([if self.stable { 0.0 } else { -FAR }, FAR], self.poles());
         let delay = std::iter::repeat_n([0.0, DELAY_MAX_S], usize::from(self.delay));
-        numerator.chain(poles).chain(delay).chain(std::iter::repeat_n([-FAR, FAR], self.offsets(flights))).collect()
+        numerator
+            .chain(poles)
+            .chain(delay)
+            .chain(std::iter::repeat_n([-FAR, FAR], self.offsets(flights)))
+            .collect()
     }
 
-    /// The factors of the denominator, highest power first: quadratic ones, a linear one if one is left, the integrator.
+    /// The factors of the denominator, highest power first: quadratic ones, a linear one if one is left, the
+    /// integrator.
     pub(super) fn factors<N: Copy>(&self, numbers: &[N], one: N, zero: N) -> Vec<Vec<N>> {
         let poles = &numbers[self.numerator + 1..][..self.poles()];
         let free = poles.chunks(2).map(|part| std::iter::once(one).chain(part.iter().copied()).collect());
@@ -89,17 +100,23 @@ impl Structure {
 
     /// The transfer function of these numbers.
     pub fn function(&self, numbers: &[f64]) -> TransferFunction {
-        let denominator = self.factors(numbers, 1.0, 0.0).iter().fold(vec![1.0], |product, factor| multiply(&product, factor));
+        let denominator = self
+            .factors(numbers, 1.0, 0.0)
+            .iter()
+            .fold(vec![1.0], |product, factor| multiply(&product, factor));
         let at = self.numerator + 1 + self.poles();
         let delay_s = if self.delay { numbers[at] } else { 0.0 };
         let offsets = numbers[self.dynamic()..].to_vec();
         TransferFunction { numerator: numbers[..=self.numerator].to_vec(), denominator, delay_s, offsets }
     }
 
-    /// The numbers of a denominator, its integrator left out. Real roots are paired, the slowest with the next; an odd one stays alone.
+    /// The numbers of a denominator, its integrator left out. Real roots are paired, the slowest with the
+    /// next; an odd one stays alone.
     pub(super) fn numbers_of(&self, denominator: &[f64]) -> Vec<f64> {
         let mut roots = roots(&denominator[..=self.poles()]);
-        roots.sort_by(|a, b| (a.im == 0.0).cmp(&(b.im == 0.0)).then(a.re.total_cmp(&b.re)).then(a.im.total_cmp(&b.im)));
+        roots.sort_by(|a, b| {
+            (a.im == 0.0).cmp(&(b.im == 0.0)).then(a.re.total_cmp(&b.re)).then(a.im.total_cmp(&b.im))
+        });
         let positive = |p: f64| if self.stable { p.max(0.0) } else { p };
         let pair = |two: &[Complex<f64>]| match two {
             [a, b] => vec![positive(-(a + b).re), positive((a * b).re)],
@@ -109,8 +126,8 @@ impl Structure {
         roots.chunks(2).flat_map(pair).collect()
     }
 
-    /// Names and units of the coefficients that [`Structure::coefficients`] gives, then delay and offsets. `ratio` is the unit of output over
-    /// input and its power of the second.
+    /// Names and units of the coefficients that [`Structure::coefficients`] gives, then delay and offsets.
+    /// `ratio` is the unit of output over input and its power of the second.
     pub(super) fn names(&self, ratio: (&str, i32), input: &str, flights: &[String]) -> Vec<(String, String)> {
         let per = |power: usize, (unit, seconds): (&str, i32)| match (seconds - power as i32, unit) {
             (0, unit) => unit.to_owned(),
@@ -121,7 +138,8 @@ impl Structure {
         };
         let b = (0..=self.numerator).rev().map(|i| (format!("b{i}"), per(self.denominator - i, ratio)));
         let least = usize::from(self.integrator);
-        let a = (least..self.denominator).rev().map(|i| (format!("a{i}"), per(self.denominator - i, ("1", 0))));
+        let a =
+            (least..self.denominator).rev().map(|i| (format!("a{i}"), per(self.denominator - i, ("1", 0))));
         let delay = self.delay.then(|| ("delay".to_owned(), "s".to_owned()));
         let offset = |name: String| (name, input.to_owned());
         let offsets = match self.offset {
@@ -141,12 +159,17 @@ impl Structure {
         let mut slopes = DMatrix::identity(count, count);
         let factors = self.factors(numbers, 1.0, 0.0);
         for p in 0..poles {
-            // the derivative of a product by a coefficient of one factor is the power that it stands with, times the other factors
+            // the derivative of a product by a coefficient of one factor is the power that it stands with,
+            // times the other factors
             let (own, place) = (p / 2, p % 2);
             let degree = factors[own].len() - 1;
             let mut power = vec![0.0; degree - place];
             power[0] = 1.0;
-            let others = factors.iter().enumerate().filter(|(f, _)| *f != own).fold(power, |product, (_, f)| multiply(&product, f));
+            let others = factors
+                .iter()
+                .enumerate()
+                .filter(|(f, _)| *f != own)
+                .fold(power, |product, (_, f)| multiply(&product, f));
             for row in 0..poles {
                 // both end at the constant; the denominator has its leading one in front
                 let at = (row + 1 + others.len()).checked_sub(function.denominator.len());
@@ -157,7 +180,8 @@ impl Structure {
     }
 }
 
-/// numerator / denominator, highest power first, the denominator monic, of a delayed input that counts from its offset.
+/// numerator / denominator, highest power first, the denominator monic, of a delayed input that counts from
+/// its offset.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TransferFunction {
     /// Coefficients, highest power first.
@@ -220,7 +244,11 @@ fn polynomial(coefficients: &[f64]) -> String {
             3 => "s^3",
             _ => "s^4",
         };
-        let size = if *c == 1.0 && !power.is_empty() { String::new() } else { digits(if text.is_empty() { *c } else { c.abs() }) };
+        let size = if *c == 1.0 && !power.is_empty() {
+            String::new()
+        } else {
+            digits(if text.is_empty() { *c } else { c.abs() })
+        };
         let sign = match (text.is_empty(), *c < 0.0) {
             (true, _) => "",
             (false, true) => " - ",
@@ -243,7 +271,8 @@ pub(super) fn multiply(a: &[f64], b: &[f64]) -> Vec<f64> {
     product
 }
 
-/// The roots of a polynomial, highest power first: the eigenvalues of its companion matrix. Almost real ones are real.
+/// The roots of a polynomial, highest power first: the eigenvalues of its companion matrix. Almost real ones
+/// are real.
 pub(super) fn roots(polynomial: &[f64]) -> Vec<Complex<f64>> {
     let first = polynomial.iter().position(|c| *c != 0.0).unwrap_or(polynomial.len());
     let (lead, rest) = match polynomial[first..].split_first() {
@@ -251,7 +280,9 @@ pub(super) fn roots(polynomial: &[f64]) -> Vec<Complex<f64>> {
         _ => return Vec::new(),
     };
     let n = rest.len();
-    let companion = DMatrix::from_fn(n, n, |i, j| if j == n - 1 { -rest[n - 1 - i] / lead } else { f64::from(u8::from(i == j + 1)) });
+    let companion = DMatrix::from_fn(n, n, |i, j| {
+        if j == n - 1 { -rest[n - 1 - i] / lead } else { f64::from(u8::from(i == j + 1)) }
+    });
     let real = |z: &Complex<f64>| if z.im.abs() < 1e-9 * z.norm() { Complex::new(z.re, 0.0) } else { *z };
     companion.complex_eigenvalues().iter().map(real).collect()
 }
@@ -282,7 +313,11 @@ mod tests {
             moved[p] += 1e-6;
             for (row, after) in form.coefficients(&moved).0.iter().enumerate() {
                 let slope = (after - values[row]) / 1e-6;
-                assert!((slope - slopes[(row, p)]).abs() < 1e-4 * (1.0 + slope.abs()), "{row} {p}: {slope} {}", slopes[(row, p)]);
+                assert!(
+                    (slope - slopes[(row, p)]).abs() < 1e-4 * (1.0 + slope.abs()),
+                    "{row} {p}: {slope} {}",
+                    slopes[(row, p)]
+                );
             }
         }
     }
@@ -293,8 +328,16 @@ mod tests {
         assert_eq!(form.function(&[123.2, 31.86, 81.85]).to_string(), "123.2 / (s^2 + 31.86 s + 81.85)");
         let yaw = structure(0, 1, true).function(&[-1.0]);
         assert_eq!(yaw.to_string(), "-1 / s");
-        assert_eq!(structure(0, 1, false).function(&[9.87e-5, 0.6123]).to_string(), "9.8700e-5 / (s + 0.6123)");
-        let late = TransferFunction { numerator: vec![1.0, -2.0], denominator: vec![1.0, 3.5], delay_s: 0.02, offsets: vec![] };
+        assert_eq!(
+            structure(0, 1, false).function(&[9.87e-5, 0.6123]).to_string(),
+            "9.8700e-5 / (s + 0.6123)"
+        );
+        let late = TransferFunction {
+            numerator: vec![1.0, -2.0],
+            denominator: vec![1.0, 3.5],
+            delay_s: 0.02,
+            offsets: vec![],
+        };
         assert_eq!(late.to_string(), "exp(-0.02 s) (s - 2) / (s + 3.5)");
     }
 

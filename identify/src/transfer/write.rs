@@ -8,7 +8,8 @@ impl TransferFunctionEstimate {
     /// A copy of the model with this transfer function in its place; `logs` name where it comes from.
     ///
     /// # Errors
-    /// [`IdentifyError::Order`] if the model has no such form, [`IdentifyError::Model`] if it refuses a value.
+    /// [`IdentifyError::Order`] if the model has no such form, [`IdentifyError::Model`] if it refuses a
+    /// value.
     pub fn in_model(&self, model: &Model, logs: &str) -> Result<Model, IdentifyError> {
         let Structure { numerator, denominator, integrator, delay, .. } = self.structure;
         let refused = |reason| IdentifyError::Order { numerator, denominator, reason };
@@ -18,11 +19,16 @@ impl TransferFunctionEstimate {
         let quantity = |name: &str, unit: &str, sign: f64| {
             let found = self.parameters.iter().find(|p| p.name == name);
             found.map(|p| {
-                let source = format!("identified from {logs}: standard error {:.3e}, {}", p.standard_error, self.clusters);
+                let source = format!(
+                    "identified from {logs}: standard error {:.3e}, {}",
+                    p.standard_error, self.clusters
+                );
                 Quantity { value: sign * p.value, unit: unit.to_owned(), source }
             })
         };
-        let need = |name, unit, sign| quantity(name, unit, sign).ok_or_else(|| refused("the model has no such form"));
+        let need = |name, unit, sign| {
+            quantity(name, unit, sign).ok_or_else(|| refused("the model has no such form"))
+        };
         let mut model = model.clone();
         match (self.channel, numerator, denominator, integrator) {
             (Channel::Roll | Channel::Pitch, 0, 2, false) => {
@@ -38,11 +44,19 @@ impl TransferFunctionEstimate {
                 gain.source = format!("identified from {logs}: b0 / a1");
                 model.yaw = Yaw::Rate { gain, bandwidth };
             }
-            (Channel::Height, 0, 1, false) => {
-                put_vertical(&mut model.vertical.height, need("b0", "1/s", 1.0)?, need("a0", "1/s", 1.0)?, None)?
-            }
+            (Channel::Height, 0, 1, false) => put_vertical(
+                &mut model.vertical.height,
+                need("b0", "1/s", 1.0)?,
+                need("a0", "1/s", 1.0)?,
+                None,
+            )?,
             (Channel::Pwm, 0, 1, false) => {
-                put_vertical(&mut model.vertical.pwm, need("b0", "m/s", 1.0)?, need("a0", "1/s", 1.0)?, quantity("offset", "1", 1.0))?;
+                put_vertical(
+                    &mut model.vertical.pwm,
+                    need("b0", "m/s", 1.0)?,
+                    need("a0", "1/s", 1.0)?,
+                    quantity("offset", "1", 1.0),
+                )?;
             }
             (Channel::Vx | Channel::Vy, 0, 1, _) => {
                 // roll accelerates to -y
@@ -66,7 +80,11 @@ fn put_vertical(
     new_offset: Option<Quantity>,
 ) -> Result<(), IdentifyError> {
     let Some(Vertical::FirstOrder { gain, pole, offset, .. }) = form else {
-        return Err(IdentifyError::Order { numerator: 0, denominator: 1, reason: "the model's vertical form is not of first order" });
+        return Err(IdentifyError::Order {
+            numerator: 0,
+            denominator: 1,
+            reason: "the model's vertical form is not of first order",
+        });
     };
     (*gain, *pole) = (new_gain, new_pole);
     if new_offset.is_some() {

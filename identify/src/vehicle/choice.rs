@@ -20,7 +20,8 @@ fn parts(logs: &[(String, FlightLog)], input: VerticalInput) -> Vec<ModelPart> {
     };
     let roll = moves(&|log| log.cmd_roll_rad.as_ref());
     let pitch = moves(&|log| log.cmd_pitch_rad.as_ref());
-    let lift = moves(&|log| if input.is_pwm() { log.cmd_thrust_pwm.as_ref() } else { log.cmd_height_m.as_ref() });
+    let lift =
+        moves(&|log| if input.is_pwm() { log.cmd_thrust_pwm.as_ref() } else { log.cmd_height_m.as_ref() });
     let (form, lift_name) = vertical_form(input);
     let part = |prefix: &str, input, moves| ModelPart { prefix: prefix.to_owned(), input, moves };
     vec![
@@ -47,16 +48,20 @@ fn changes_in_flight(log: &FlightLog, values: &[f64]) -> bool {
     flown.iter().any(|v| (v - flown[0]).abs() > 1e-6 * largest)
 }
 
-/// Numbers that no log of commands and poses tells: gravity is known, a hover PWM beside an offset and the damping of pushes do nothing in flight.
+/// Numbers that no log of commands and poses tells: gravity is known, a hover PWM beside an offset and the
+/// damping of pushes do nothing in flight.
 fn is_observable(path: &str) -> bool {
-    let idle = path.ends_with(".push_damping") || (path.ends_with(".hover") && !path.starts_with("vertical.thrust."));
+    let idle = path.ends_with(".push_damping")
+        || (path.ends_with(".hover") && !path.starts_with("vertical.thrust."));
     path != "lateral.gravity" && !idle
 }
 
 /// The numbers that are fitted unless others are named: those of the equations of motion whose input moves.
 pub fn visible(model: &Model, logs: &[(String, FlightLog)], input: VerticalInput) -> Vec<String> {
     let parts = parts(logs, input);
-    let shows = |path: &String| is_observable(path) && parts.iter().any(|part| part.moves && path.starts_with(&part.prefix));
+    let shows = |path: &String| {
+        is_observable(path) && parts.iter().any(|part| part.moves && path.starts_with(&part.prefix))
+    };
     model.parameters().into_iter().map(|(path, ..)| path).filter(shows).collect()
 }
 
@@ -69,7 +74,8 @@ pub(super) fn check(
 ) -> Result<Vec<String>, IdentifyError> {
     let Some(asked) = asked else {
         let all = visible(model, logs, input);
-        let none = || IdentifyError::NoExcitation { input: "command", about: "any number of the model".into() };
+        let none =
+            || IdentifyError::NoExcitation { input: "command", about: "any number of the model".into() };
         return if all.is_empty() { Err(none()) } else { Ok(all) };
     };
     let parts = parts(logs, input);
@@ -86,7 +92,9 @@ pub(super) fn check(
                 )));
             }
             None => return Err(singular("it is no part of the equations of motion".into())),
-            Some(part) if !part.moves => return Err(IdentifyError::NoExcitation { input: part.input, about: path.clone() }),
+            Some(part) if !part.moves => {
+                return Err(IdentifyError::NoExcitation { input: part.input, about: path.clone() });
+            }
             Some(_) if !paths.contains(path) => paths.push(path.clone()),
             Some(_) => {}
         }
@@ -94,8 +102,8 @@ pub(super) fn check(
     Ok(paths)
 }
 
-/// Leaves out of a fit the common numbers that ran to a bound, and effects whose first parameter, their strength, did. Returns their names. Numbers of
-/// the model stay if they were `asked` for.
+/// Leaves out of a fit the common numbers that ran to a bound, and effects whose first parameter, their
+/// strength, did. Returns their names. Numbers of the model stay if they were `asked` for.
 pub(super) fn leave_out(hypothesis: &mut Hypothesis, shared: &[f64], asked: bool) -> Vec<String> {
     let (bounds, per_flight) = (hypothesis.bounds(), hypothesis.per_flight());
     let mut common = shared.iter();
@@ -106,13 +114,24 @@ pub(super) fn leave_out(hypothesis: &mut Hypothesis, shared: &[f64], asked: bool
         .map(|(bounds, own)| own.is_none() && common.next().is_some_and(|value| at_bound(*value, *bounds)))
         .collect();
     let mut place = hypothesis.free.len();
-    let mut names: Vec<String> =
-        hypothesis.free.iter().zip(&ran).filter(|(_, ran)| **ran && !asked).map(|(path, _)| path.clone()).collect();
+    let mut names: Vec<String> = hypothesis
+        .free
+        .iter()
+        .zip(&ran)
+        .filter(|(_, ran)| **ran && !asked)
+        .map(|(path, _)| path.clone())
+        .collect();
     hypothesis.free.retain(|path| !names.contains(path));
     let mut gone = Vec::new();
     for term in &mut hypothesis.terms {
         let count = term.free.len();
-        let ran: Vec<usize> = term.free.iter().zip(&ran[place..place + count]).filter(|(_, ran)| **ran).map(|(i, _)| *i).collect();
+        let ran: Vec<usize> = term
+            .free
+            .iter()
+            .zip(&ran[place..place + count])
+            .filter(|(_, ran)| **ran)
+            .map(|(i, _)| *i)
+            .collect();
         place += count;
         if ran.contains(&0) {
             gone.push(term.entry.name);
@@ -129,8 +148,8 @@ pub(super) fn leave_out(hypothesis: &mut Hypothesis, shared: &[f64], asked: bool
     names
 }
 
-/// The model that was found, under its own name: its numbers and effects say where they come from, its vertical form is the one that flew. What
-/// belongs to single flights is left out.
+/// The model that was found, under its own name: its numbers and effects say where they come from, its
+/// vertical form is the one that flew. What belongs to single flights is left out.
 pub(super) fn model_with_sources(
     found: &Hypothesis,
     plan: &FitOptions,
@@ -143,7 +162,10 @@ pub(super) fn model_with_sources(
     let mut own = found.clone();
     own.terms.retain(|term| term.per_flight.is_none());
     let mut model = own.to_model(&format!("as in the fit of {logs}"));
-    let bad = |e: serde_json::Error| crazyflie_env::Error::Model { name: found.model.name.clone(), problem: e.to_string() };
+    let bad = |e: serde_json::Error| crazyflie_env::Error::Model {
+        name: found.model.name.clone(),
+        problem: e.to_string(),
+    };
     if let Some(name) = &plan.name {
         model.description = format!("identified from {logs}, starting from the model {}", model.name);
         model.name.clone_from(name);
@@ -152,7 +174,10 @@ pub(super) fn model_with_sources(
     let mut tree = serde_json::to_value(&model).map_err(bad)?;
     for estimate in estimates {
         let at_bound = if estimate.at_bound { ", at its bound" } else { "" };
-        let text = format!("identified from {logs}: standard error {:.3e}, {clusters}{at_bound}", estimate.standard_error);
+        let text = format!(
+            "identified from {logs}: standard error {:.3e}, {clusters}{at_bound}",
+            estimate.standard_error
+        );
         let path = format!("/{}", estimate.name.replace('.', "/"));
         let pointer = if tree.pointer(&path).is_some() { path } else { format!("/effects{path}") };
         if let Some(slot) = tree.pointer_mut(&pointer) {

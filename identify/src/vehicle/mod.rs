@@ -1,4 +1,5 @@
-//! The numbers of a model file from flight logs: output error through the simulator itself, all outputs at once.
+//! The numbers of a model file from flight logs: output error through the simulator itself, all outputs at
+//! once.
 
 mod choice;
 mod nuisance;
@@ -36,11 +37,11 @@ const HEAVE: &str = "vertical.thrust.heave";
 pub struct FitOptions {
     /// Paths of the model's numbers; those that the logs can tell unless given, see [`visible`].
     pub free: Option<Vec<String>>,
-    /// Which vertical form is driven; the model's own, or the thrust form if the logs hold a thrust command and the model has the form, unless
-    /// given.
+    /// Which vertical form is driven; the model's own, or the thrust form if the logs hold a thrust command
+    /// and the model has the form, unless given.
     pub vertical: Option<VerticalInput>,
-    /// Fit also what differs from flight to flight: trims of markers and vehicle, and the hover PWM. A degree of trim would move the vehicle by
-    /// 34 cm in 2 s.
+    /// Fit also what differs from flight to flight: trims of markers and vehicle, and the hover PWM. A degree
+    /// of trim would move the vehicle by 34 cm in 2 s.
     pub nuisance: bool,
     /// Effects that are fitted with the model and belong to it then, see [`ubiquitous_effects`].
     pub effects: Vec<String>,
@@ -50,7 +51,8 @@ pub struct FitOptions {
     pub mass_kg: Option<f64>,
 }
 
-/// Effects that every real vehicle under a thrust command shows; that of the battery only where all logs hold its voltage.
+/// Effects that every real vehicle under a thrust command shows; that of the battery only where all logs hold
+/// its voltage.
 pub fn ubiquitous_effects(logs: &[(String, FlightLog)]) -> Vec<String> {
     let shows = |entry: &&Entry| match entry.ubiquity {
         Ubiquity::Some => false,
@@ -80,8 +82,8 @@ pub struct ModelEstimate {
     pub parameters: Vec<ParameterEstimate>,
     /// The values before the fit.
     pub before: Vec<f64>,
-    /// Numbers and effect parameters that would have run to a bound: these logs cannot tell them. They stay as they were, and an effect whose strength is
-    /// one of them is left out.
+    /// Numbers and effect parameters that would have run to a bound: these logs cannot tell them. They stay
+    /// as they were, and an effect whose strength is one of them is left out.
     pub left_out: Vec<String>,
     /// Standard deviation of what the model leaves: roll, pitch, yaw, x, y, z.
     pub noise: [f64; 6],
@@ -108,29 +110,44 @@ pub struct ModelEstimate {
 /// [`IdentifyError::Duplicate`] names the two.
 pub fn refuse_duplicates(logs: &[&(String, FlightLog)]) -> Result<(), IdentifyError> {
     let bare: Vec<&FlightLog> = logs.iter().map(|(_, log)| log).collect();
-    first_duplicate(&bare)
-        .map_or(Ok(()), |[first, second]| Err(IdentifyError::Duplicate { first: logs[first].0.clone(), second: logs[second].0.clone() }))
+    first_duplicate(&bare).map_or(Ok(()), |[first, second]| {
+        Err(IdentifyError::Duplicate { first: logs[first].0.clone(), second: logs[second].0.clone() })
+    })
 }
 
-/// Fits numbers of a model to logs, each with its name. `done` is called after each of at most [`STAGES`] stages.
+/// Fits numbers of a model to logs, each with its name. `done` is called after each of at most [`STAGES`]
+/// stages.
 ///
 /// # Errors
-/// [`IdentifyError`]: logs that cannot be flown, hold one flight twice or do not go together, paths that do not exist or cannot be told.
-pub fn identify(model: &Model, logs: &[(String, FlightLog)], plan: &FitOptions, done: &dyn Fn()) -> Result<ModelEstimate, IdentifyError> {
+/// [`IdentifyError`]: logs that cannot be flown, hold one flight twice or do not go together, paths that do
+/// not exist or cannot be told.
+pub fn identify(
+    model: &Model,
+    logs: &[(String, FlightLog)],
+    plan: &FitOptions,
+    done: &dyn Fn(),
+) -> Result<ModelEstimate, IdentifyError> {
     refuse_duplicates(&logs.iter().collect::<Vec<_>>())?;
     let mut flights = prepare(model, plan.vertical, logs)?;
     let input = flights[0].input;
     let mut free = choice::check(model, logs, input, plan.free.as_deref())?;
     let per_flight_hover = plan.nuisance && input == VerticalInput::Thrust;
     if per_flight_hover {
-        free = if plan.free.is_some() { free.into_iter().filter(|path| path != HOVER).collect() } else { beside_hover(free) };
+        free = if plan.free.is_some() {
+            free.into_iter().filter(|path| path != HOVER).collect()
+        } else {
+            beside_hover(free)
+        };
         if free.is_empty() {
             let reason = "every flight has its own: name another number with it".to_owned();
             return Err(IdentifyError::Singular { parameter: HOVER.to_owned(), reason });
         }
     }
-    let mut hypothesis =
-        Hypothesis { free, estimates_lagged_push: false, ..Hypothesis::from_model(&model_near_vehicle(model, logs, plan)?) };
+    let mut hypothesis = Hypothesis {
+        free,
+        estimates_lagged_push: false,
+        ..Hypothesis::from_model(&model_near_vehicle(model, logs, plan)?)
+    };
     if plan.nuisance {
         hypothesis = nuisance::terms(input)?.into_iter().fold(hypothesis, |h, term| h.with(term));
     }
@@ -140,21 +157,24 @@ pub fn identify(model: &Model, logs: &[(String, FlightLog)], plan: &FitOptions, 
     let windows = windows(&flights);
     let mut left_out = Vec::new();
     let fitted = loop {
-        let fitted = fit(&mut flights, &windows, &mut hypothesis, done).ok_or(IdentifyError::NoStart { what: "model".into() })?;
+        let fitted = fit(&mut flights, &windows, &mut hypothesis, done)
+            .ok_or(IdentifyError::NoStart { what: "model".into() })?;
         let untold = choice::leave_out(&mut hypothesis, &fitted.0.shared, plan.free.is_some());
         if untold.is_empty() {
             break fitted;
         }
         left_out.extend(untold);
     };
-    let before: Vec<f64> = hypothesis.free.iter().map(|path| model.parameter(path)).collect::<Result<_, _>>()?;
+    let before: Vec<f64> =
+        hypothesis.free.iter().map(|path| model.parameter(path)).collect::<Result<_, _>>()?;
     let identified = report(model, logs, plan, &flights, &windows, &hypothesis, fitted, before)?;
     done();
     Ok(ModelEstimate { left_out, ..identified })
 }
 
-/// Numbers to fit beside a hover PWM of each flight, whose mean is the model's. The damping of climb is not among them: beside these hover PWMs, a bend
-/// of the thrust curve and trims, positions over 2 s do not tell it.
+/// Numbers to fit beside a hover PWM of each flight, whose mean is the model's. The damping of climb is not
+/// among them: beside these hover PWMs, a bend of the thrust curve and trims, positions over 2 s do not tell
+/// it.
 pub(crate) fn beside_hover(free: Vec<String>) -> Vec<String> {
     free.into_iter().filter(|path| path != HOVER && path != HEAVE).collect()
 }
@@ -162,7 +182,8 @@ pub(crate) fn beside_hover(free: Vec<String>) -> Vec<String> {
 /// An effect that joins the model, beside others: what is exact by geometry is not fitted.
 fn fitted_effect(name: &str, all: &[String]) -> Result<Term, IdentifyError> {
     let mut term = Term::off(effects::find(name)?.1);
-    let geometric = |name: &String| effects::find(name).is_ok_and(|(_, entry)| entry.geometry != Geometry::None);
+    let geometric =
+        |name: &String| effects::find(name).is_ok_and(|(_, entry)| entry.geometry != Geometry::None);
     if term.entry.geometry != Geometry::None {
         term.free.clear();
         term.values[0] = 1.0;
@@ -176,11 +197,22 @@ fn fitted_effect(name: &str, all: &[String]) -> Result<Term, IdentifyError> {
 }
 
 /// The model with a mass and a hover PWM near those of the vehicle that flew: it hovers on the whole.
-fn model_near_vehicle(model: &Model, logs: &[(String, FlightLog)], plan: &FitOptions) -> Result<Model, IdentifyError> {
-    let mut near = plan.mass_kg.map_or_else(|| Ok(model.clone()), |mass_kg| model.with_parameter("vehicle.mass", mass_kg))?;
-    let flown = |log: &FlightLog| Some(quantile(log.cmd_thrust_pwm.as_ref()?.get(log.airborne.clone())?, 0.5).unwrap_or(0.0));
+fn model_near_vehicle(
+    model: &Model,
+    logs: &[(String, FlightLog)],
+    plan: &FitOptions,
+) -> Result<Model, IdentifyError> {
+    let mut near = plan
+        .mass_kg
+        .map_or_else(|| Ok(model.clone()), |mass_kg| model.with_parameter("vehicle.mass", mass_kg))?;
+    let flown = |log: &FlightLog| {
+        Some(quantile(log.cmd_thrust_pwm.as_ref()?.get(log.airborne.clone())?, 0.5).unwrap_or(0.0))
+    };
     let hovers: Vec<f64> = logs.iter().filter_map(|(_, log)| flown(log)).filter(|pwm| *pwm > 0.0).collect();
-    if plan.nuisance && !hovers.is_empty() && plan.free.as_ref().is_none_or(|free| free.iter().any(|path| path == HOVER)) {
+    if plan.nuisance
+        && !hovers.is_empty()
+        && plan.free.as_ref().is_none_or(|free| free.iter().any(|path| path == HOVER))
+    {
         near = near.with_parameter(HOVER, quantile(&hovers, 0.5).unwrap_or(0.0)).unwrap_or(near);
     }
     Ok(near)
@@ -214,13 +246,22 @@ fn report(
     let mut parameters: Vec<ParameterEstimate> = names.into_iter().enumerate().map(estimate).collect();
     let of_terms = hypothesis.terms.iter().filter(|t| t.per_flight.is_none());
     before.extend(of_terms.flat_map(|t| t.free.iter().map(|i| t.entry.params[*i].off)));
-    if let Some(standard_error) = nuisance::centre_hover(&mut hypothesis.clone(), flights.len(), &mut solution.shared.clone()) {
+    if let Some(standard_error) =
+        nuisance::centre_hover(&mut hypothesis.clone(), flights.len(), &mut solution.shared.clone())
+    {
         let value = hypothesis.model.parameter(HOVER)?;
-        parameters.push(ParameterEstimate { name: HOVER.to_owned(), unit: "1".to_owned(), value, standard_error, at_bound: false });
+        parameters.push(ParameterEstimate {
+            name: HOVER.to_owned(),
+            unit: "1".to_owned(),
+            value,
+            standard_error,
+            at_bound: false,
+        });
         before.push(model.parameter(HOVER)?);
     }
-    let each: Vec<Hypothesis> =
-        (0..flights.len()).map(|f| hypothesis.with_values(&prediction.flight_numbers(&solution.shared, f)).without_free()).collect();
+    let each: Vec<Hypothesis> = (0..flights.len())
+        .map(|f| hypothesis.with_values(&prediction.flight_numbers(&solution.shared, f)).without_free())
+        .collect();
     let found = hypothesis.with_values(&prediction.flight_numbers(&solution.shared, 0));
     let names: Vec<&str> = logs.iter().map(|(name, _)| name.as_str()).collect();
     let model = choice::model_with_sources(&found, plan, flights[0].input, &parameters, &names, clusters)?;
@@ -260,8 +301,8 @@ pub(crate) fn open_per_flight(found: &Hypothesis) -> Hypothesis {
 pub const STAGES: usize = ROUNDS + 1;
 
 impl ModelEstimate {
-    /// Predicts logs that the fit has not seen: only initial states are taken from them and, from their first [`SETTLE_S`] seconds, what every
-    /// flight has of its own.
+    /// Predicts logs that the fit has not seen: only initial states are taken from them and, from their first
+    /// [`SETTLE_S`] seconds, what every flight has of its own.
     ///
     /// # Errors
     /// As [`identify`].
@@ -273,7 +314,11 @@ impl ModelEstimate {
     ///
     /// # Errors
     /// As [`identify`].
-    pub fn compare_with(&self, model: &Model, logs: &[(String, FlightLog)]) -> Result<ModelComparison, IdentifyError> {
+    pub fn compare_with(
+        &self,
+        model: &Model,
+        logs: &[(String, FlightLog)],
+    ) -> Result<ModelComparison, IdentifyError> {
         let mut hypothesis = Hypothesis { estimates_lagged_push: false, ..Hypothesis::from_model(model) };
         if self.plan.nuisance {
             hypothesis = nuisance::terms(self.input)?.into_iter().fold(hypothesis, |h, term| h.with(term));
@@ -281,10 +326,15 @@ impl ModelEstimate {
         self.compare_by(&hypothesis, logs)
     }
 
-    fn compare_by(&self, hypothesis: &Hypothesis, logs: &[(String, FlightLog)]) -> Result<ModelComparison, IdentifyError> {
+    fn compare_by(
+        &self,
+        hypothesis: &Hypothesis,
+        logs: &[(String, FlightLog)],
+    ) -> Result<ModelComparison, IdentifyError> {
         let mut flights = prepare(&hypothesis.model, Some(self.input), logs)?;
         flights.iter_mut().for_each(|f| f.noise = measurement_noise(&self.noise));
-        let each: Vec<Hypothesis> = flights.iter().map(|flight| nuisance::fit_on_start(hypothesis, flight)).collect();
+        let each: Vec<Hypothesis> =
+            flights.iter().map(|flight| nuisance::fit_on_start(hypothesis, flight)).collect();
         Ok(compare_flights(&each, &flights, &self.plan))
     }
 }
@@ -299,24 +349,38 @@ fn compare_flights(each: &[Hypothesis], flights: &[Flight], plan: &FitOptions) -
             .map(|(hypothesis, flight)| nuisance::trim(&flight.name, hypothesis))
             .filter(|trim| !trim.values.is_empty())
             .collect(),
-        errors: pairs().filter_map(|(hypothesis, flight)| axis_errors(hypothesis, flight, from_s, None)).collect(),
+        errors: pairs()
+            .filter_map(|(hypothesis, flight)| axis_errors(hypothesis, flight, from_s, None))
+            .collect(),
     }
 }
 
 /// Names and units of the free numbers that all flights share: the model's, then the effects'.
 fn names(model: &Model, hypothesis: &Hypothesis) -> Vec<(String, String)> {
     let known = model.parameters();
-    let unit = |path: &String| known.iter().find(|(p, ..)| p == path).map_or(String::new(), |(_, _, unit)| (*unit).to_owned());
+    let unit = |path: &String| {
+        known.iter().find(|(p, ..)| p == path).map_or(String::new(), |(_, _, unit)| (*unit).to_owned())
+    };
     let of_term = |t: &Term| -> Vec<(String, String)> {
-        t.free.iter().map(|i| (format!("{}.{}", t.entry.name, t.entry.params[*i].name), t.entry.params[*i].unit.to_owned())).collect()
+        t.free
+            .iter()
+            .map(|i| {
+                (format!("{}.{}", t.entry.name, t.entry.params[*i].name), t.entry.params[*i].unit.to_owned())
+            })
+            .collect()
     };
     let of_terms = hypothesis.terms.iter().filter(|t| t.per_flight.is_none()).flat_map(of_term);
     hypothesis.free.iter().map(|path| (path.clone(), unit(path))).chain(of_terms).collect()
 }
 
-pub(crate) fn prepare(model: &Model, vertical: Option<VerticalInput>, logs: &[(String, FlightLog)]) -> Result<Vec<Flight>, IdentifyError> {
+pub(crate) fn prepare(
+    model: &Model,
+    vertical: Option<VerticalInput>,
+    logs: &[(String, FlightLog)],
+) -> Result<Vec<Flight>, IdentifyError> {
     let flight = |(name, log): &(String, FlightLog)| {
-        Flight::from_log(name, log, model, vertical).map_err(|source| IdentifyError::Flight { log: name.clone(), source })
+        Flight::from_log(name, log, model, vertical)
+            .map_err(|source| IdentifyError::Flight { log: name.clone(), source })
     };
     let flights: Vec<Flight> = logs.iter().map(flight).collect::<Result<_, _>>()?;
     let first = flights.first().ok_or(IdentifyError::NoLogs)?;
@@ -330,7 +394,8 @@ fn windows(flights: &[Flight]) -> Vec<Window> {
     flights.iter().enumerate().flat_map(|(i, f)| f.windows(i, WINDOW_S)).collect()
 }
 
-/// The numbers, fitted again with the noise that they leave, and with what flights differ by, until both stay.
+/// The numbers, fitted again with the noise that they leave, and with what flights differ by, until both
+/// stay.
 pub(crate) fn fit(
     flights: &mut [Flight],
     windows: &[Window],
@@ -341,13 +406,16 @@ pub(crate) fn fit(
     let mut found: Option<Solution> = None;
     for _ in 0..ROUNDS {
         let prediction = OutputErrorProblem { flights, windows, hypothesis, inflation: 1.0 };
-        let (own, shared) = found.map_or_else(|| (prediction.measured_starts(), prediction.shared()), |f| (f.own, f.shared));
+        let (own, shared) =
+            found.map_or_else(|| (prediction.measured_starts(), prediction.shared()), |f| (f.own, f.shared));
         let solution = solve(&prediction, own, shared);
         if !solution.loss.is_finite() {
             return None;
         }
-        let numbers: Vec<Vec<f64>> = (0..flights.len()).map(|f| prediction.flight_numbers(&solution.shared, f)).collect();
-        let each: Vec<Hypothesis> = numbers.iter().map(|numbers| hypothesis.with_values(numbers).without_free()).collect();
+        let numbers: Vec<Vec<f64>> =
+            (0..flights.len()).map(|f| prediction.flight_numbers(&solution.shared, f)).collect();
+        let each: Vec<Hypothesis> =
+            numbers.iter().map(|numbers| hypothesis.with_values(numbers).without_free()).collect();
         let left = rows(&each, flights, windows, &solution.own).noise(&FLOOR);
         done();
         let same = noise.iter().zip(&left).all(|(a, b): (&f64, &f64)| (b / a - 1.0).abs() < 0.03);

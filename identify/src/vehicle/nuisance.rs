@@ -1,4 +1,5 @@
-//! Nuisance parameters: trims, and the PWM that carries the vehicle on that day's battery. They differ from flight to flight.
+//! Nuisance parameters: trims, and the PWM that carries the vehicle on that day's battery. They differ from
+//! flight to flight.
 
 use crazyflie_env::effects;
 use crazyflie_env::model::{Model, VerticalInput};
@@ -10,29 +11,35 @@ use crate::fit::hypothesis::{Hypothesis, Term};
 use crate::fit::predict::OutputErrorProblem;
 use crate::fit::solve::{Prior, solve};
 
-/// Marker frames lie askew by about a degree, differently in each session, and so does a trim: with room to spare.
+/// Marker frames lie askew by about a degree, differently in each session, and so does a trim: with room to
+/// spare.
 const TRIM_SD_DEG: f64 = 3.0;
 /// Hover PWM of one vehicle spread by 3 % over flights (batteries, repairs): with room to spare.
 const SCALE_SD: f64 = 0.1;
-/// The effects that say so, with the standard deviation of each parameter over flights before any flight was seen.
+/// The effects that say so, with the standard deviation of each parameter over flights before any flight was
+/// seen.
 const TERMS: [(&str, f64); 3] = [("com_offset", TRIM_SD_DEG), ("imu_tilt", TRIM_SD_DEG), (SCALE, SCALE_SD)];
 const SCALE: &str = "thrust_scale";
 /// Fewer flights do not tell how much flights differ.
 const LEAST_FLIGHTS: usize = 4;
-/// Flights that agree by chance do not make a number certain: no prior gets narrower than this share of the first.
+/// Flights that agree by chance do not make a number certain: no prior gets narrower than this share of the
+/// first.
 const NARROWEST: f64 = 0.1;
-/// Factor on standard deviations in fits of a few seconds. The error of a model does not average out over five seconds of one manoeuvre, so rows
-/// say far less than their number. Chosen on five flights of the fit predicted from six others: horizontal velocity 2 s ahead
-/// was off by 0.154 m/s at 7, 0.150 at 15, 0.148 at 25 and at 50.
+/// Factor on standard deviations in fits of a few seconds. The error of a model does not average out over
+/// five seconds of one manoeuvre, so rows say far less than their number. Chosen on five flights of the fit
+/// predicted from six others: horizontal velocity 2 s ahead was off by 0.154 m/s at 7, 0.150 at 15, 0.148 at
+/// 25 and at 50.
 const INFLATION: f64 = 25.0;
 /// Of a flight that the fit has not seen, this much from its start tells its nuisance parameters.
 pub const SETTLE_S: f64 = 5.0;
-/// Of these, the first pass through ground effect and climb, where perhaps a wrong damping of climb passes for another hover PWM. Chosen on the flights of the
-/// fit, one half predicted from the other: with 2 s velocities 2 s ahead were off by 0.372 and 0.217 m/s, with 1 s by 0.381 and 0.273.
+/// Of these, the first pass through ground effect and climb, where perhaps a wrong damping of climb passes
+/// for another hover PWM. Chosen on the flights of the fit, one half predicted from the other: with 2 s
+/// velocities 2 s ahead were off by 0.372 and 0.217 m/s, with 1 s by 0.381 and 0.273.
 const TAKE_OFF_S: f64 = 2.0;
 
-/// The hover PWM of the model moves to the mean of the flights', so that their thrust scales, which `shared` holds among all numbers of a fit, are 1 in the
-/// mean. Returns its standard error by how much flights differ.
+/// The hover PWM of the model moves to the mean of the flights', so that their thrust scales, which `shared`
+/// holds among all numbers of a fit, are 1 in the mean. Returns its standard error by how much flights
+/// differ.
 pub(super) fn centre_hover(hypothesis: &mut Hypothesis, flights: usize, shared: &mut [f64]) -> Option<f64> {
     let local = hypothesis.place(SCALE).next()?;
     let priors = hypothesis.per_flight();
@@ -68,7 +75,8 @@ pub(crate) fn terms(input: VerticalInput) -> Result<Vec<Term>, IdentifyError> {
     TERMS.iter().filter(|(name, _)| *name != SCALE || commands_thrust).map(term).collect()
 }
 
-/// The priors after a look at the flights of a fit, of which `each` holds all free numbers: how much flights differ is itself estimated.
+/// The priors after a look at the flights of a fit, of which `each` holds all free numbers: how much flights
+/// differ is itself estimated.
 pub(super) fn learn_priors(hypothesis: &mut Hypothesis, each: &[Vec<f64>]) {
     if each.len() < LEAST_FLIGHTS {
         return;
@@ -89,41 +97,56 @@ pub(super) fn learn_priors(hypothesis: &mut Hypothesis, each: &[Vec<f64>]) {
     }
 }
 
-/// The hypothesis with the nuisance parameters of a flight found from its first seconds; nothing else in it is free.
+/// The hypothesis with the nuisance parameters of a flight found from its first seconds; nothing else in it
+/// is free.
 pub(crate) fn fit_on_start(hypothesis: &Hypothesis, flight: &Flight) -> Hypothesis {
-    // two windows of the first seconds, or what there is of a shorter flight, without the take-off through ground effect
+    // two windows of the first seconds, or what there is of a shorter flight, without the take-off through
+    // ground effect
     let tick = |s: f64| (s / flight.tick_s).round() as usize;
     let last = tick(SETTLE_S).min(flight.ticks);
     let first = if last == tick(SETTLE_S) { tick(TAKE_OFF_S) } else { 0 };
     let middle = (first + last) / 2;
     let windows = [first..middle, middle..last].map(|ticks| Window { flight: 0, ticks });
     let flights = std::slice::from_ref(flight);
-    // what carries a flight shows within seconds, and differs far more than five seconds leave open: only trims are held to those of other flights
+    // what carries a flight shows within seconds, and differs far more than five seconds leave open: only
+    // trims are held to those of other flights
     let mut hypothesis = hypothesis.clone();
     let scale = hypothesis.terms.iter_mut().filter(|t| t.entry.name == SCALE);
     scale.flat_map(|t| t.per_flight.iter_mut().flatten()).for_each(|prior| prior.sd *= INFLATION);
-    let prediction = OutputErrorProblem { flights, windows: &windows, hypothesis: &hypothesis, inflation: INFLATION };
+    let prediction =
+        OutputErrorProblem { flights, windows: &windows, hypothesis: &hypothesis, inflation: INFLATION };
     let solution = solve(&prediction, prediction.measured_starts(), prediction.shared());
     hypothesis.with_values(&prediction.flight_numbers(&solution.shared, 0)).without_free()
 }
 
-/// Flights of a fit and of a test without what each has of its own, as a model sees it, and what that was. Of flights of the fit all is used, of
-/// those of the test the first [`SETTLE_S`] seconds. Only under motion capture: elsewhere trims are what one looks for.
+/// Flights of a fit and of a test without what each has of its own, as a model sees it, and what that was. Of
+/// flights of the fit all is used, of those of the test the first [`SETTLE_S`] seconds. Only under motion
+/// capture: elsewhere trims are what one looks for.
 ///
 /// # Errors
 /// None, unless the registry of effects lacks one of the nuisance effects.
-pub fn settle_flights(model: &Model, fit: &mut [Flight], test: &mut [Flight]) -> Result<Vec<NuisanceParameters>, IdentifyError> {
-    let Some(input) = fit.first().map(|f| f.input).filter(|_| fit.iter().chain(&*test).all(|f| f.sees_true_attitude)) else {
+pub fn settle_flights(
+    model: &Model,
+    fit: &mut [Flight],
+    test: &mut [Flight],
+) -> Result<Vec<NuisanceParameters>, IdentifyError> {
+    let Some(input) =
+        fit.first().map(|f| f.input).filter(|_| fit.iter().chain(&*test).all(|f| f.sees_true_attitude))
+    else {
         return Ok(Vec::new());
     };
     let mut hypothesis = terms(input)?
         .into_iter()
-        .fold(Hypothesis { estimates_lagged_push: false, ..Hypothesis::from_model(model) }, |h, term| h.with(term));
+        .fold(Hypothesis { estimates_lagged_push: false, ..Hypothesis::from_model(model) }, |h, term| {
+            h.with(term)
+        });
     let settled = |hypothesis: &Hypothesis, flight: &Flight, windows: &[Window]| {
-        let prediction = OutputErrorProblem { flights: std::slice::from_ref(flight), windows, hypothesis, inflation: 1.0 };
+        let prediction =
+            OutputErrorProblem { flights: std::slice::from_ref(flight), windows, hypothesis, inflation: 1.0 };
         solve(&prediction, prediction.measured_starts(), prediction.shared()).shared
     };
-    let each: Vec<Vec<f64>> = fit.iter().map(|flight| settled(&hypothesis, flight, &flight.windows(0, WINDOW_S))).collect();
+    let each: Vec<Vec<f64>> =
+        fit.iter().map(|flight| settled(&hypothesis, flight, &flight.windows(0, WINDOW_S))).collect();
     learn_priors(&mut hypothesis, &each);
     let mut trims = Vec::new();
     for (flight, numbers) in fit.iter_mut().zip(&each) {
@@ -141,7 +164,8 @@ pub fn settle_flights(model: &Model, fit: &mut [Flight], test: &mut [Flight]) ->
 
 fn without_trims(flight: &Flight, own: &Hypothesis) -> Flight {
     let values = |name: &str| own.term(name).map(|t| t.values.clone());
-    let tilt_rad = |name: &str| values(name).map_or([0.0; 2], |deg| [deg[0].to_radians(), deg[1].to_radians()]);
+    let tilt_rad =
+        |name: &str| values(name).map_or([0.0; 2], |deg| [deg[0].to_radians(), deg[1].to_radians()]);
     let scale = values(SCALE).map_or(1.0, |v| v[0]);
     flight.without_trims(&own.model, tilt_rad("com_offset"), tilt_rad("imu_tilt"), scale)
 }
@@ -154,7 +178,13 @@ pub(super) fn trim(log: &str, hypothesis: &Hypothesis) -> NuisanceParameters {
             let hover = hypothesis.model.parameter(HOVER).unwrap_or(f64::NAN);
             values.push(("hover_pwm".to_owned(), "1", hover / term.values[0]));
         } else {
-            values.extend(term.entry.params.iter().zip(&term.values).map(|(p, v)| (format!("{}.{}", term.entry.name, p.name), p.unit, *v)));
+            values.extend(
+                term.entry
+                    .params
+                    .iter()
+                    .zip(&term.values)
+                    .map(|(p, v)| (format!("{}.{}", term.entry.name, p.name), p.unit, *v)),
+            );
         }
     }
     NuisanceParameters { log: log.to_owned(), values }

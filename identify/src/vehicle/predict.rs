@@ -11,16 +11,24 @@ use crate::fit::solve::solve;
 use crate::metrics::Fit;
 
 /// Outputs by their channel in [`PredictedMeasurement`].
-const SIGNALS: [(&str, &str); 6] = [("roll", "rad"), ("pitch", "rad"), ("yaw", "rad"), ("x", "m"), ("y", "m"), ("z", "m")];
+const SIGNALS: [(&str, &str); 6] =
+    [("roll", "rad"), ("pitch", "rad"), ("yaw", "rad"), ("x", "m"), ("y", "m"), ("z", "m")];
 
 /// Measurements with their predictions.
 pub(super) struct ResidualRows(Vec<PredictedMeasurement>);
 
 /// The predictions of hypotheses without free numbers, one for each flight, from these initial states.
-pub(super) fn rows(each: &[Hypothesis], flights: &[Flight], windows: &[Window], own: &[Vec<f64>]) -> ResidualRows {
+pub(super) fn rows(
+    each: &[Hypothesis],
+    flights: &[Flight],
+    windows: &[Window],
+    own: &[Vec<f64>],
+) -> ResidualRows {
     let window_rows = |(window, own): (&Window, &Vec<f64>)| {
         let flight = &flights[window.flight];
-        let Ok(mut simulator) = SensitivitySimulator::new(&each[window.flight], flight, false, false) else { return Vec::new() };
+        let Ok(mut simulator) = SensitivitySimulator::new(&each[window.flight], flight, false, false) else {
+            return Vec::new();
+        };
         simulator.predict(flight, window, own);
         simulator.rows().to_vec()
     };
@@ -32,8 +40,11 @@ impl ResidualRows {
     pub(super) fn noise(&self, floor: &MeasurementNoise) -> [f64; 6] {
         let least = [floor.att_rad, floor.pos_m].concat();
         std::array::from_fn(|channel| {
-            let residuals =
-                self.0.iter().filter(|row| row.channel == channel).map(|row| (row.measured - row.predicted).abs() / row.noise_scale);
+            let residuals = self
+                .0
+                .iter()
+                .filter(|row| row.channel == channel)
+                .map(|row| (row.measured - row.predicted).abs() / row.noise_scale);
             // the median of |normal| is 0.6745 standard deviations
             (quantile(&residuals.collect::<Vec<_>>(), 0.5).unwrap_or(0.0) / 0.6745).max(least[channel])
         })
@@ -53,7 +64,8 @@ impl ResidualRows {
     }
 }
 
-/// Every signal of a flight by a hypothesis without free numbers, in windows and in one run over the whole flight, from initial states that are fitted.
+/// Every signal of a flight by a hypothesis without free numbers, in windows and in one run over the whole
+/// flight, from initial states that are fitted.
 pub(super) fn compare(hypothesis: &Hypothesis, flight: &Flight) -> Vec<Comparison> {
     let flights = std::slice::from_ref(flight);
     let settled = |windows: Vec<Window>| {
@@ -64,8 +76,9 @@ pub(super) fn compare(hypothesis: &Hypothesis, flight: &Flight) -> Vec<Compariso
     let windows = settled(super::windows(flights));
     let whole = settled(vec![Window { flight: 0, ticks: flight.all_ticks() }]);
     let signals = SIGNALS.into_iter().enumerate();
-    let signal_comparison =
-        |(channel, (signal, unit))| comparison(flight, channel, signal, unit, &windows.channel(channel), fit_of(&whole.channel(channel)));
+    let signal_comparison = |(channel, (signal, unit))| {
+        comparison(flight, channel, signal, unit, &windows.channel(channel), fit_of(&whole.channel(channel)))
+    };
     signals.filter_map(signal_comparison).collect()
 }
 

@@ -41,7 +41,10 @@ impl Draft {
         let mut notes = Vec::new();
         let unpacked = text::decompress(file, bytes, &mut notes)?;
         let table = Table::parse(file, &unpacked, &mut notes)?;
-        let time = time_column(&table.header).or(table.header.first().map(String::as_str)).unwrap_or_default().to_owned();
+        let time = time_column(&table.header)
+            .or(table.header.first().map(String::as_str))
+            .unwrap_or_default()
+            .to_owned();
         let (mut entries, rest) = entries(&table, &time);
         let frame = frame(&entries);
         let read = |text: &str| {
@@ -82,7 +85,10 @@ fn entries(table: &Table, time: &str) -> (Vec<Entry>, Vec<String>) {
         match best.iter_mut().find(|(_, known)| known.channel.name == channel.name) {
             None => best.push((guess, entry)),
             Some((known, old)) if guess.score > known.score => {
-                rest.push(format!("{}: {:.4} to {:.4}, or {} instead", old.column, old.range[0], old.range[2], channel.name));
+                rest.push(format!(
+                    "{}: {:.4} to {:.4}, or {} instead",
+                    old.column, old.range[0], old.range[2], channel.name
+                ));
                 (*known, *old) = (guess, entry);
             }
             Some(_) => rest.push(format!("{}, or {} instead", shown(), channel.name)),
@@ -94,9 +100,13 @@ fn entries(table: &Table, time: &str) -> (Vec<Entry>, Vec<String>) {
         let needed = CHANNELS.iter().filter(|c| c.group == group);
         needed.clone().all(|c| entries.iter().any(|entry| entry.channel.name == c.name))
     };
-    let (whole, part): (Vec<bool>, Vec<&Entry>) = entries.iter().map(|e| (is_whole(e.channel.group, &entries), e)).unzip();
+    let (whole, part): (Vec<bool>, Vec<&Entry>) =
+        entries.iter().map(|e| (is_whole(e.channel.group, &entries), e)).unzip();
     rest.extend(
-        part.iter().zip(&whole).filter(|(_, whole)| !**whole).map(|(e, _)| format!("{}: {} without the others", e.column, e.channel.name)),
+        part.iter()
+            .zip(&whole)
+            .filter(|(_, whole)| !**whole)
+            .map(|(e, _)| format!("{}: {} without the others", e.column, e.channel.name)),
     );
     let mut keep = whole.into_iter();
     entries.retain(|entry| keep.next() == Some(true) || entry.channel.group == "position");
@@ -134,13 +144,20 @@ fn unit(guess: &Guess, channel: Channel, [low, median, high]: [f64; 3]) -> &'sta
 /// NED, if the height is negative nearly always.
 fn frame(entries: &[Entry]) -> &'static str {
     let height = entries.iter().find(|entry| entry.channel.name == "z");
-    if height.is_some_and(|z| z.range[1] < 0.0 && -z.range[0] > 3.0 * z.range[2].max(0.0)) { "ned" } else { "z-up" }
+    if height.is_some_and(|z| z.range[1] < 0.0 && -z.range[0] > 3.0 * z.range[2].max(0.0)) {
+        "ned"
+    } else {
+        "z-up"
+    }
 }
 
-/// Turns the signs that the flight contradicts. An attitude comes first: commands and gyro are checked against it.
+/// Turns the signs that the flight contradicts. An attitude comes first: commands and gyro are checked
+/// against it.
 fn turn_signs(entries: &mut [Entry], log: &FlightLog) {
     let checks = Inspection::from_log(log).signs;
-    let contradicted = |name: &str| checks.iter().find(|check| check.channel == name && check.verdict == SignVerdict::Contradicts);
+    let contradicted = |name: &str| {
+        checks.iter().find(|check| check.channel == name && check.verdict == SignVerdict::Contradicts)
+    };
     let (roll, pitch) = (contradicted("roll").is_some(), contradicted("pitch").is_some());
     for entry in entries {
         let name = entry.channel.name;
@@ -152,8 +169,11 @@ fn turn_signs(entries: &mut [Entry], log: &FlightLog) {
         };
         let check = contradicted(name);
         if check.is_some() != with_angle {
-            entry.flipped =
-                Some(check.map_or("goes with the measured angle, whose sign the flight contradicts", |check| check.expectation));
+            entry.flipped = Some(
+                check.map_or("goes with the measured angle, whose sign the flight contradicts", |check| {
+                    check.expectation
+                }),
+            );
         }
     }
 }
@@ -176,9 +196,14 @@ fn write(table: &Table, time: &str, frame: &str, entries: &[Entry], rest: &[Stri
         let [low, _, high] = entry.range;
         let why = entry.flipped.map_or(String::new(), |why| format!("; turned: {why}"));
         let (name, column, unit) = (entry.channel.name, quote(&entry.column), quote(entry.unit));
-        let _ = writeln!(text, "{name} = {{ column = {column}, unit = {unit}{sign} }}  # {low:.4} to {high:.4}{why}");
+        let _ = writeln!(
+            text,
+            "{name} = {{ column = {column}, unit = {unit}{sign} }}  # {low:.4} to {high:.4}{why}"
+        );
     }
-    for channel in CHANNELS.iter().filter(|c| c.group == "position" && !entries.iter().any(|e| e.channel.name == c.name)) {
+    for channel in
+        CHANNELS.iter().filter(|c| c.group == "position" && !entries.iter().any(|e| e.channel.name == c.name))
+    {
         let _ = writeln!(text, "# {} = {{ column = \"?\", unit = \"m\" }}  # needed", channel.name);
     }
     if !rest.is_empty() {

@@ -4,14 +4,27 @@
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Guess {
     pub(super) channel: &'static str,
-    /// How sure: the share of the name's words that were understood, more for the vehicle's own position than for an estimate.
+    /// How sure: the share of the name's words that were understood, more for the vehicle's own position than
+    /// for an estimate.
     pub(super) score: f64,
     /// A unit that the name says.
     pub(super) unit: Option<String>,
 }
 
-const COMMAND: [&str; 12] =
-    ["cmd", "command", "commanded", "des", "desired", "ref", "reference", "target", "sp", "setpoint", "wanted", "goal"];
+const COMMAND: [&str; 12] = [
+    "cmd",
+    "command",
+    "commanded",
+    "des",
+    "desired",
+    "ref",
+    "reference",
+    "target",
+    "sp",
+    "setpoint",
+    "wanted",
+    "goal",
+];
 const ESTIMATE: [&str; 6] = ["est", "estimate", "estimated", "ekf", "kalman", "odom"];
 const OUTSIDE: [&str; 8] = ["mocap", "vicon", "optitrack", "qualisys", "truth", "gt", "true", "marker"];
 const POSITION: [&str; 5] = ["pos", "position", "p", "loc", "location"];
@@ -58,11 +71,17 @@ const UNITS: [(&str, &str); 26] = [
 /// The channel that a column's name stands for.
 pub(super) fn channel_of(column: &str) -> Option<Guess> {
     let words = words(column);
-    let unit = words.iter().find_map(|word| UNITS.iter().find(|(name, _)| name == word)).map(|(_, unit)| (*unit).to_owned());
+    let unit = words
+        .iter()
+        .find_map(|word| UNITS.iter().find(|(name, _)| name == word))
+        .map(|(_, unit)| (*unit).to_owned());
     let has = |list: &[&str]| words.iter().any(|word| list.contains(&word.as_str()));
     let (command, estimate, outside) = (has(&COMMAND), has(&ESTIMATE), has(&OUTSIDE));
     let axis = words.iter().find_map(|word| ["x", "y", "z"].iter().position(|axis| axis == word));
-    let turn = [["roll", "phi"], ["pitch", "theta"], ["yaw", "psi"]].iter().position(|names| has(names)).or(has(&["heading"]).then_some(2));
+    let turn = [["roll", "phi"], ["pitch", "theta"], ["yaw", "psi"]]
+        .iter()
+        .position(|names| has(names))
+        .or(has(&["heading"]).then_some(2));
     let number = words.iter().find_map(|word| word.parse::<usize>().ok());
     let rated = has(&GYRO) || matches!(unit.as_deref(), Some("deg/s" | "rad/s"));
     let channel = match (turn, axis, number) {
@@ -76,14 +95,20 @@ pub(super) fn channel_of(column: &str) -> Option<Guess> {
         _ if has(&["qw"]) || (has(&ROTATION) && has(&["w"])) => "qw",
         (_, Some(axis), _) if has(&ACCELERATION) && !command => ["acc_x", "acc_y", "acc_z"][axis],
         (_, Some(axis), _) if has(&GYRO) && !command => ["gyro_x", "gyro_y", "gyro_z"][axis],
-        (_, Some(axis), _) if has(&VELOCITY) && estimate => ["estimate_vx", "estimate_vy", "estimate_vz"][axis],
+        (_, Some(axis), _) if has(&VELOCITY) && estimate => {
+            ["estimate_vx", "estimate_vy", "estimate_vz"][axis]
+        }
         (_, Some(_), _) if (has(&VELOCITY) || has(&ACCELERATION) || has(&GYRO)) && command => return None,
         (_, Some(axis), _) if has(&VELOCITY) => ["vx", "vy", "vz"][axis],
         (_, Some(axis), _) if command => ["setpoint_x", "setpoint_y", "setpoint_z"][axis],
         (_, Some(axis), _) if estimate => ["estimate_x", "estimate_y", "estimate_z"][axis],
         (_, Some(axis), _) => ["x", "y", "z"][axis],
-        (_, _, Some(n)) if has(&ROTOR) && (1..=4).contains(&n) => ["rotor_1", "rotor_2", "rotor_3", "rotor_4"][n - 1],
-        (_, _, Some(n)) if has(&MOTOR) && (1..=4).contains(&n) => ["motor_1", "motor_2", "motor_3", "motor_4"][n - 1],
+        (_, _, Some(n)) if has(&ROTOR) && (1..=4).contains(&n) => {
+            ["rotor_1", "rotor_2", "rotor_3", "rotor_4"][n - 1]
+        }
+        (_, _, Some(n)) if has(&MOTOR) && (1..=4).contains(&n) => {
+            ["motor_1", "motor_2", "motor_3", "motor_4"][n - 1]
+        }
         _ if has(&THRUST) => "cmd_thrust",
         _ if has(&VOLTAGE) => "vbat",
         _ if has(&HEIGHT) && command => "cmd_height",
@@ -117,7 +142,8 @@ pub(super) fn channel_of(column: &str) -> Option<Guess> {
     Some(Guess { channel, score: understood + if outside { 1.0 } else { 0.0 }, unit })
 }
 
-/// The words of a name in lower case: parted at signs and capitals, and an axis or number parted from what it is glued to.
+/// The words of a name in lower case: parted at signs and capitals, and an axis or number parted from what it
+/// is glued to.
 fn words(column: &str) -> Vec<String> {
     let mut words: Vec<String> = Vec::new();
     let (name, unit) = match column.find(['[', '(']) {
@@ -144,8 +170,18 @@ fn words(column: &str) -> Vec<String> {
 
 /// Words with an axis or a number behind them, such as `px`, `gyrox` or `m1`.
 fn part(word: &str) -> Vec<String> {
-    let known: [&[&str]; 10] =
-        [&COMMAND, &ESTIMATE, &OUTSIDE, &POSITION, &VELOCITY, &ACCELERATION, &GYRO, &ROTATION, &MOTOR, &["g", "t", "rpm", "rotor", "r"]];
+    let known: [&[&str]; 10] = [
+        &COMMAND,
+        &ESTIMATE,
+        &OUTSIDE,
+        &POSITION,
+        &VELOCITY,
+        &ACCELERATION,
+        &GYRO,
+        &ROTATION,
+        &MOTOR,
+        &["g", "t", "rpm", "rotor", "r"],
+    ];
     let (head, tail) = match word.char_indices().last() {
         Some((at, last)) if at > 0 && ("xyzw".contains(last) || last.is_ascii_digit()) => word.split_at(at),
         _ => return vec![word.to_owned()],
@@ -187,7 +223,12 @@ mod tests {
             ("target_x", "setpoint_x"),
             ("ekf_vy", "estimate_vy"),
         ] {
-            assert_eq!(channel_of(column).map(|guess| guess.channel), Some(channel), "{column}: {:?}", words(column));
+            assert_eq!(
+                channel_of(column).map(|guess| guess.channel),
+                Some(channel),
+                "{column}: {:?}",
+                words(column)
+            );
         }
         assert_eq!(channel_of("temperature"), None);
         assert_eq!(channel_of("Position Y [mm]").unwrap().unit.as_deref(), Some("mm"));

@@ -1,7 +1,8 @@
-//! CSV of the Crazyflie's own variables: what cfclient writes, and what scripts with cflib write in its manner.
+//! CSV of the Crazyflie's own variables: what cfclient writes, and what scripts with cflib write in its
+//! manner.
 //!
-//! A time stamp and variables such as `stateEstimate.x`, in any order; a cell is empty where the variable's packet did not
-//! come in that row. Units and signs are the firmware's.
+//! A time stamp and variables such as `stateEstimate.x`, in any order; a cell is empty where the variable's
+//! packet did not come in that row. Units and signs are the firmware's.
 
 use crate::firmware::{self, PWM_VARIABLES, Variables, is_used};
 use crate::series::Series;
@@ -38,13 +39,17 @@ impl Reader for FirmwareCsv {
             return Err(LogError::UnknownFormat { file: table.file, found: table.header.join(", ") });
         };
         let series = series(&table, time, &mut notes)?;
-        let rows_s = series.iter().max_by_key(|series| series.t_s.len()).map_or(Vec::new(), |series| series.t_s.clone());
+        let rows_s = series
+            .iter()
+            .max_by_key(|series| series.t_s.len())
+            .map_or(Vec::new(), |series| series.t_s.clone());
         let variables = Variables::on_rows(content.file, &rows_s, series, &mut notes)?;
         firmware::flight(self.name(), &variables, notes)
     }
 }
 
-/// The firmware's name of a column, if a flight has a use for it; some scripts write an underscore for the dot.
+/// The firmware's name of a column, if a flight has a use for it; some scripts write an underscore for the
+/// dot.
 fn variable(column: &str) -> Option<String> {
     let name = if column.contains('.') { column.to_owned() } else { column.replacen('_', ".", 1) };
     is_used(&name).then_some(name)

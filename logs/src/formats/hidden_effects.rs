@@ -64,7 +64,8 @@ pub(crate) fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, Log
             attitude: AttitudeSource::Imu,
             onboard_interpolated: false,
         },
-        // These flights start and end in the air. Height cannot say so: some hover at 0.1 m with a biased sensor.
+        // These flights start and end in the air. Height cannot say so: some hover at 0.1 m with a biased
+        // sensor.
         airborne: 0..t_s.len(),
         cmd_roll_rad: Some(angle("cmd_roll")?),
         cmd_pitch_rad: Some(angle("cmd_pitch")?),

@@ -30,7 +30,11 @@ impl Reader for MappedReader {
             return Err(LogError::UnknownFormat { file: table.file, found: table.header.join(", ") });
         };
         check_columns(&table, mapping_file, mapping)?;
-        let facts = Facts { position: mapping.position, attitude: mapping.attitude, airborne_above_m: mapping.airborne_above_m };
+        let facts = Facts {
+            position: mapping.position,
+            attitude: mapping.attitude,
+            airborne_above_m: mapping.airborne_above_m,
+        };
         Ok(channels(&table, mapping, &mut notes)?.flight(self.name(), &facts, notes))
     }
 }
@@ -38,7 +42,12 @@ impl Reader for MappedReader {
 /// Every column that the mapping names has to be there.
 fn check_columns(table: &Table, mapping_file: &str, mapping: &Mapping) -> Result<(), LogError> {
     let times = mapping.sources.iter().filter_map(|source| Some((source.time.as_ref()?, "time")));
-    let named = mapping.sources.iter().map(|source| (&source.column, source.channel.name)).chain(times).chain([(&mapping.time, "time")]);
+    let named = mapping
+        .sources
+        .iter()
+        .map(|source| (&source.column, source.channel.name))
+        .chain(times)
+        .chain([(&mapping.time, "time")]);
     for (column, channel) in named {
         if !table.has(column) {
             return Err(LogError::UnmappedColumn {
@@ -69,15 +78,23 @@ fn channels(table: &Table, mapping: &Mapping, notes: &mut Vec<Note>) -> Result<C
         let own = source.time.as_ref().map(|column| table.column(column, NUMBER)).transpose()?;
         let times = own.as_ref().unwrap_or(&times);
         // The capture time of a fix is a time itself.
-        let value = |value: &f64| if source.channel.quantity == Quantity::Time { seconds(*value) } else { *value };
+        let value =
+            |value: &f64| if source.channel.quantity == Quantity::Time { seconds(*value) } else { *value };
         let t_s = rows.iter().map(|row| seconds(times[*row])).collect();
         let name = source.channel.name.to_owned();
         series.push(Series { name, t_s, values: values.iter().map(value).collect() }.in_order(notes));
         if source.channel.quantity == Quantity::Pwm && source.unit != "pwm" {
-            notes.push(Note::ScaledToPwm { channel: source.channel.name.to_owned(), unit: source.unit.to_owned() });
+            notes.push(Note::ScaledToPwm {
+                channel: source.channel.name.to_owned(),
+                unit: source.unit.to_owned(),
+            });
         }
     }
-    let rows = Series { name: mapping.time.clone(), t_s: times.iter().map(|t| seconds(*t)).collect(), values: times.clone() };
+    let rows = Series {
+        name: mapping.time.clone(),
+        t_s: times.iter().map(|t| seconds(*t)).collect(),
+        values: times.clone(),
+    };
     Ok(Channels::new(series, || rows.in_order(notes).t_s))
 }
 

@@ -130,14 +130,17 @@ impl Recording<'_> {
         if self.unpacked >= MOST_UNPACKED {
             return Err(LogError::TooLarge { file: self.file.to_owned(), limit_mib: MOST_UNPACKED >> 20 });
         }
-        // Bits that changed would be taken for measurements: a chunk counts as a whole or, if it is cut, up to the cut.
+        // Bits that changed would be taken for measurements: a chunk counts as a whole or, if it is cut, up
+        // to the cut.
         let is_whole = is_whole && chunk.is_whole;
         if is_whole && chunk.sum != 0 && chunk.sum != crc32fast::hash(&unpacked) {
             return Ok(Some("a chunk's check sum does not match"));
         }
         let mut bytes = Bytes::new(&unpacked);
         while bytes.remaining() > 0 {
-            let Some((opcode, body)) = record(&mut bytes) else { return Ok(Some("a record in a chunk is not whole")) };
+            let Some((opcode, body)) = record(&mut bytes) else {
+                return Ok(Some("a record in a chunk is not whole"));
+            };
             if let Some(reason) = self.take(opcode, body) {
                 return Ok(Some(reason));
             }
@@ -186,7 +189,12 @@ impl Recording<'_> {
             self.rows_topic.clone_from(&channel.topic);
             self.rows.push(data.to_vec());
         } else {
-            self.topics.add(&channel.topic, &channel.type_name, StoredMessage { recorded_ns, data }, channel.read_as);
+            self.topics.add(
+                &channel.topic,
+                &channel.type_name,
+                StoredMessage { recorded_ns, data },
+                channel.read_as,
+            );
         }
         Some(())
     }
@@ -243,8 +251,11 @@ fn table(name: String, content: &Recording<'_>) -> Result<Table, LogError> {
             return Err(bad(index, format!("more than {MOST_COLUMNS} names")));
         }
     }
-    let cell = |value: Option<&&RawValue>| value.map(|raw| raw.get()).filter(|text| *text != "null").unwrap_or_default().to_owned();
-    let records = rows.iter().map(|row| header.iter().map(|name| cell(row.get(*name))).collect::<Vec<String>>());
+    let cell = |value: Option<&&RawValue>| {
+        value.map(|raw| raw.get()).filter(|text| *text != "null").unwrap_or_default().to_owned()
+    };
+    let records =
+        rows.iter().map(|row| header.iter().map(|name| cell(row.get(*name))).collect::<Vec<String>>());
     let records = records.map(ByteRecord::from).collect();
     Ok(Table::of_cells(name, header.into_iter().cloned().collect(), records))
 }

@@ -1,8 +1,8 @@
 //! NanoBench: real Crazyflie 2.1 flights under motion capture, onboard data resampled to the capture clock.
 //!
-//! The traps, all measured on the files: pitch is inverted in the firmware; the motion capture angles are radians;
-//! `sp_ctrltarget_yaw` is a rate, the derivative of `pid_controller_yaw`, which is the yaw setpoint; onboard data is
-//! extrapolated after its last packet; whole packet groups may be dead.
+//! The traps, all measured on the files: pitch is inverted in the firmware; the motion capture angles are
+//! radians; `sp_ctrltarget_yaw` is a rate, the derivative of `pid_controller_yaw`, which is the yaw setpoint;
+//! onboard data is extrapolated after its last packet; whole packet groups may be dead.
 
 use crazyflie_statistics::quantile;
 use std::ops::Range;
@@ -12,13 +12,15 @@ use crate::radio::{End, Group, SHORTEST_TAIL_S};
 use crate::signal::{radians, time_gaps, unwrap};
 use crate::skew::{self, Rates};
 use crate::table::{NUMBER, PWM, RADIANS, Table};
-use crate::{AttitudeSource, Content, Fixes, FlightLog, LogError, Note, Onboard, PositionSource, Provenance, Reader};
+use crate::{
+    AttitudeSource, Content, Fixes, FlightLog, LogError, Note, Onboard, PositionSource, Provenance, Reader,
+};
 
 /// Columns that are used.
 const REQUIRED: [&str; 37] = [
-    "t", "px", "py", "pz", "roll", "pitch", "yaw", "vx", "vy", "vz", IMU[0], IMU[1], IMU[2], IMU[3], IMU[4], IMU[5], MOTOR[0], MOTOR[1],
-    MOTOR[2], MOTOR[3], EST[0], EST[1], EST[2], EST[3], EST[4], EST[5], ATT[0], ATT[1], ATT[2], SP[0], SP[1], SP[2], SP[3], PID[0], PID[1],
-    PID[2], PID[3],
+    "t", "px", "py", "pz", "roll", "pitch", "yaw", "vx", "vy", "vz", IMU[0], IMU[1], IMU[2], IMU[3], IMU[4],
+    IMU[5], MOTOR[0], MOTOR[1], MOTOR[2], MOTOR[3], EST[0], EST[1], EST[2], EST[3], EST[4], EST[5], ATT[0],
+    ATT[1], ATT[2], SP[0], SP[1], SP[2], SP[3], PID[0], PID[1], PID[2], PID[3],
 ];
 /// Columns that may be absent. Only the battery voltage among them is used.
 const OPTIONAL: [&str; 15] = [
@@ -38,7 +40,8 @@ const OPTIONAL: [&str; 15] = [
     "att_stateEstimate_qw",
     VBAT,
 ];
-const COLUMNS: Columns = Columns { required: &REQUIRED, optional: &OPTIONAL, alternatives: &[], together: &[] };
+const COLUMNS: Columns =
+    Columns { required: &REQUIRED, optional: &OPTIONAL, alternatives: &[], together: &[] };
 const IMU: [&str; 6] = ["imu_acc_x", "imu_acc_y", "imu_acc_z", "imu_gyro_x", "imu_gyro_y", "imu_gyro_z"];
 const MOTOR: [&str; 4] = ["motor_motor_m1", "motor_motor_m2", "motor_motor_m3", "motor_motor_m4"];
 const EST: [&str; 6] = [
@@ -51,7 +54,8 @@ const EST: [&str; 6] = [
 ];
 const ATT: [&str; 3] = ["att_stateEstimate_roll", "att_stateEstimate_pitch", "att_stateEstimate_yaw"];
 const SP: [&str; 4] = ["sp_ctrltarget_x", "sp_ctrltarget_y", "sp_ctrltarget_z", "sp_ctrltarget_yaw"];
-const PID: [&str; 4] = ["pid_controller_roll", "pid_controller_pitch", "pid_controller_yaw", "pid_controller_cmd_thrust"];
+const PID: [&str; 4] =
+    ["pid_controller_roll", "pid_controller_pitch", "pid_controller_yaw", "pid_controller_cmd_thrust"];
 const SETPOINT_NAME: &str = "the setpoint";
 const VBAT: &str = "pwr_pm_vbat";
 
@@ -116,11 +120,21 @@ pub(crate) fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, Log
     log.set_imu(imu);
     let (pos_m, vel_mps) = est.map(|[x, y, z, vx, vy, vz]| ([x, y, z], [vx, vy, vz])).unzip();
     let attitude_rad = att.map(|angles| to_right_handed(angles, &mut notes));
-    log.onboard = Some(Onboard { pos_m, vel_mps, attitude_rad, motor_pwm, setpoint_yaw_rate_radps, ..Onboard::default() });
+    log.onboard = Some(Onboard {
+        pos_m,
+        vel_mps,
+        attitude_rad,
+        motor_pwm,
+        setpoint_yaw_rate_radps,
+        ..Onboard::default()
+    });
     log.compare_clocks(&mut notes);
     notes.push(Note::Negated { columns: &["pid_controller_pitch", "att_stateEstimate_pitch"] });
     notes.push(Note::ReadAs { columns: "pid_controller_yaw", unit: "the yaw setpoint in degrees" });
-    notes.push(Note::ReadAs { columns: "sp_ctrltarget_yaw", unit: "the rate of the yaw setpoint in degrees per second" });
+    notes.push(Note::ReadAs {
+        columns: "sp_ctrltarget_yaw",
+        unit: "the rate of the yaw setpoint in degrees per second",
+    });
     notes.push(Note::NoYawRateCommand);
     notes.append(&mut log.notes);
     log.notes = notes;
@@ -174,7 +188,8 @@ fn motion_capture(table: &Table, notes: &mut Vec<Note>) -> Result<FlightLog, Log
     })
 }
 
-/// The battery voltage comes twice a second or so: after its last packet that value holds, rather than costing rows.
+/// The battery voltage comes twice a second or so: after its last packet that value holds, rather than
+/// costing rows.
 fn battery(table: &Table, t_s: &[f64], notes: &mut Vec<Note>) -> Result<Option<Vec<f64>>, LogError> {
     if !table.has(VBAT) {
         return Ok(None);
@@ -234,8 +249,8 @@ impl FlightLog {
         }
     }
 
-    /// Returns the rate of the yaw setpoint. It is not the yaw-rate command, which the firmware computes from the
-    /// yaw error and does not log.
+    /// Returns the rate of the yaw setpoint. It is not the yaw-rate command, which the firmware computes from
+    /// the yaw error and does not log.
     fn set_setpoint(&mut self, sp: Option<[Vec<f64>; 4]>) -> Option<Vec<f64>> {
         let [x, y, z, yaw_rate] = sp?;
         self.setpoint_m = Some([x, y, z]);
@@ -253,7 +268,8 @@ impl FlightLog {
     /// Finds how onboard time differs from motion capture and notes it, and how yaw does, in flight.
     fn compare_clocks(&mut self, notes: &mut Vec<Note>) {
         if let Some([gx, gy, _]) = &self.gyro_radps {
-            let rates = Rates { t_s: &self.t_s, angles_rad: [&self.roll_rad, &self.pitch_rad], gyro_radps: [gx, gy] };
+            let rates =
+                Rates { t_s: &self.t_s, angles_rad: [&self.roll_rad, &self.pitch_rad], gyro_radps: [gx, gy] };
             notes.push(skew::estimate(&rates, &self.airborne));
             let late_s = skew::wander(&rates, &self.airborne);
             self.onboard.get_or_insert_default().late_s = late_s;
@@ -275,7 +291,13 @@ struct Packets<const N: usize> {
 }
 
 impl<const N: usize> Packets<N> {
-    fn read(table: &Table, t_s: &[f64], flies: &Range<usize>, name: &'static str, names: [&str; N]) -> Result<Self, LogError> {
+    fn read(
+        table: &Table,
+        t_s: &[f64],
+        flies: &Range<usize>,
+        name: &'static str,
+        names: [&str; N],
+    ) -> Result<Self, LogError> {
         let mut columns = [const { Vec::new() }; N];
         for (values, column) in columns.iter_mut().zip(names) {
             *values = table.column(column, NUMBER)?;

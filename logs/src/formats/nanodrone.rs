@@ -1,15 +1,20 @@
-//! The nano-drone system-identification benchmark (Busetto, Cereda et al. 2025, arXiv 2512.14450): a Crazyflie 2.1 Brushless at 100 Hz, whose
-//! speed controllers report the speed of each rotor. State is the vehicle's estimate with motion capture in it.
+//! The nano-drone system-identification benchmark (Busetto, Cereda et al. 2025, arXiv 2512.14450): a
+//! Crazyflie 2.1 Brushless at 100 Hz, whose speed controllers report the speed of each rotor. State is the
+//! vehicle's estimate with motion capture in it.
 
 use crate::attitude::Rotation;
 use crate::columns::Columns;
 use crate::signal::{time_gaps, unwrap};
 use crate::table::{Accept, NUMBER, Table};
-use crate::{AttitudeSource, Content, Fixes, FlightLog, LogError, Note, Onboard, PositionSource, Provenance, Reader};
+use crate::{
+    AttitudeSource, Content, Fixes, FlightLog, LogError, Note, Onboard, PositionSource, Provenance, Reader,
+};
 
 /// Columns that are used.
-const REQUIRED: [&str; 18] =
-    ["t", "x", "y", "z", "qx", "qy", "qz", "qw", "vx", "vy", "vz", "wx", "wy", "wz", MOTOR[0], MOTOR[1], MOTOR[2], MOTOR[3]];
+const REQUIRED: [&str; 18] = [
+    "t", "x", "y", "z", "qx", "qy", "qz", "qw", "vx", "vy", "vz", "wx", "wy", "wz", MOTOR[0], MOTOR[1],
+    MOTOR[2], MOTOR[3],
+];
 const COLUMNS: Columns = Columns { required: &REQUIRED, optional: &[VBAT], alternatives: &[], together: &[] };
 const MOTOR: [&str; 4] = ["m1_rads", "m2_rads", "m3_rads", "m4_rads"];
 const VBAT: &str = "Vbat";
@@ -61,7 +66,12 @@ fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
         cmd_height_m: None,
         setpoint_m: None,
         setpoint_yaw_rad: None,
-        fixes: Fixes { row: (0..t_s.len()).collect(), capture_t_s: t_s.clone(), pos_m: table.triple(["x", "y", "z"])?, yaw_rad: None },
+        fixes: Fixes {
+            row: (0..t_s.len()).collect(),
+            capture_t_s: t_s.clone(),
+            pos_m: table.triple(["x", "y", "z"])?,
+            yaw_rad: None,
+        },
         vel_mps: Some(table.triple(["vx", "vy", "vz"])?),
         roll_rad,
         pitch_rad,
@@ -99,12 +109,18 @@ fn attitude(table: &Table) -> Result<[Vec<f64>; 3], LogError> {
 mod tests {
     use super::*;
 
-    /// Three rows at a height, turned by 0.2 rad about y, the published order of columns with one that nobody needs.
+    /// Three rows at a height, turned by 0.2 rad about y, the published order of columns with one that nobody
+    /// needs.
     fn text(speed: &str) -> String {
-        let mut text = String::from(",t,x,y,z,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz,m1_rads,m2_rads,m3_rads,m4_rads,Vbat,is_flying\n");
+        let mut text = String::from(
+            ",t,x,y,z,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz,m1_rads,m2_rads,m3_rads,m4_rads,Vbat,is_flying\n",
+        );
         for row in 0..3 {
-            text +=
-                &format!("{row},0.0{row},0,0,0.5,0,{},0,{},0,0,0,0,0,0,{speed},1700,1700,1700,3.9,True\n", 0.1_f64.sin(), 0.1_f64.cos());
+            text += &format!(
+                "{row},0.0{row},0,0,0.5,0,{},0,{},0,0,0,0,0,0,{speed},1700,1700,1700,3.9,True\n",
+                0.1_f64.sin(),
+                0.1_f64.cos()
+            );
         }
         text
     }
@@ -134,6 +150,9 @@ mod tests {
     #[test]
     fn a_speed_that_no_rotor_has_is_an_error_with_its_line() {
         let error = FlightLog::from_bytes("made.csv", text("-5").as_bytes()).unwrap_err().to_string();
-        assert!(error.contains("line 2") && error.contains("m1_rads") && error.contains("rotor speed"), "{error}");
+        assert!(
+            error.contains("line 2") && error.contains("m1_rads") && error.contains("rotor speed"),
+            "{error}"
+        );
     }
 }

@@ -3,9 +3,12 @@
 use crate::columns::Columns;
 use crate::signal::{check_capture, radians, time_gaps, unwrap};
 use crate::table::{Accept, NUMBER, PWM, Table};
-use crate::{AttitudeSource, Content, Fixes, FlightLog, LogError, Note, PositionSource, Provenance, Reader, Truth};
+use crate::{
+    AttitudeSource, Content, Fixes, FlightLog, LogError, Note, PositionSource, Provenance, Reader, Truth,
+};
 
-/// The height above the start from which the stock driver takes the vehicle for flying (`crazyflie_ros` take-off).
+/// The height above the start from which the stock driver takes the vehicle for flying (`crazyflie_ros`
+/// take-off).
 pub(crate) const AIRBORNE_M: f64 = 0.05;
 
 pub(crate) const TIME: &str = "t_s";
@@ -17,7 +20,8 @@ pub(crate) const CMD_YAW_RATE: &str = "cmd_yaw_rate_degps";
 pub(crate) const CMD_THRUST: &str = "cmd_thrust_pwm";
 pub(crate) const CMD_HEIGHT: &str = "cmd_height_m";
 /// Position, yaw and capture time of a marker fix: empty together where no new frame arrived.
-pub(crate) const MARKER: [&str; 5] = ["marker_x_m", "marker_y_m", "marker_z_m", "marker_yaw_deg", "marker_t_s"];
+pub(crate) const MARKER: [&str; 5] =
+    ["marker_x_m", "marker_y_m", "marker_z_m", "marker_yaw_deg", "marker_t_s"];
 pub(crate) const ATTITUDE: [&str; 3] = ["imu_roll_deg", "imu_pitch_deg", "imu_yaw_deg"];
 pub(crate) const GYRO: [&str; 3] = ["gyro_x_radps", "gyro_y_radps", "gyro_z_radps"];
 pub(crate) const ACC: [&str; 3] = ["acc_x_mps2", "acc_y_mps2", "acc_z_mps2"];
@@ -55,9 +59,19 @@ const REQUIRED: [&str; 23] = [
 /// The vertical command: at least one of the two.
 const VERTICAL: [&str; 2] = [CMD_THRUST, CMD_HEIGHT];
 /// A simulator's truth: all of it or none.
-const TRUTH: [&str; 9] =
-    [TRUE_POS[0], TRUE_POS[1], TRUE_POS[2], TRUE_VEL[0], TRUE_VEL[1], TRUE_VEL[2], TRUE_ATTITUDE[0], TRUE_ATTITUDE[1], TRUE_ATTITUDE[2]];
-const COLUMNS: Columns = Columns { required: &REQUIRED, optional: &[], alternatives: &VERTICAL, together: &TRUTH };
+const TRUTH: [&str; 9] = [
+    TRUE_POS[0],
+    TRUE_POS[1],
+    TRUE_POS[2],
+    TRUE_VEL[0],
+    TRUE_VEL[1],
+    TRUE_VEL[2],
+    TRUE_ATTITUDE[0],
+    TRUE_ATTITUDE[1],
+    TRUE_ATTITUDE[2],
+];
+const COLUMNS: Columns =
+    Columns { required: &REQUIRED, optional: &[], alternatives: &VERTICAL, together: &TRUTH };
 
 pub(crate) struct ProjectCsv;
 
@@ -135,7 +149,12 @@ fn read_fixes(table: &Table) -> Result<Fixes, LogError> {
     Ok(Fixes { row, pos_m: [next(), next(), next()], yaw_rad: Some(radians(next())), capture_t_s: next() })
 }
 
-fn read_attitude(table: &Table, columns: [&str; 3], yaw_name: &'static str, notes: &mut Vec<Note>) -> Result<[Vec<f64>; 3], LogError> {
+fn read_attitude(
+    table: &Table,
+    columns: [&str; 3],
+    yaw_name: &'static str,
+    notes: &mut Vec<Note>,
+) -> Result<[Vec<f64>; 3], LogError> {
     let mut angles = table.triple(columns)?.map(radians);
     unwrap(&mut angles[2], yaw_name, notes);
     Ok(angles)
@@ -146,5 +165,11 @@ fn read_truth(table: &Table, notes: &mut Vec<Note>) -> Result<Option<Truth>, Log
         return Ok(None);
     }
     let [roll_rad, pitch_rad, yaw_rad] = read_attitude(table, TRUE_ATTITUDE, "true yaw", notes)?;
-    Ok(Some(Truth { pos_m: table.triple(TRUE_POS)?, vel_mps: table.triple(TRUE_VEL)?, roll_rad, pitch_rad, yaw_rad }))
+    Ok(Some(Truth {
+        pos_m: table.triple(TRUE_POS)?,
+        vel_mps: table.triple(TRUE_VEL)?,
+        roll_rad,
+        pitch_rad,
+        yaw_rad,
+    }))
 }

@@ -11,8 +11,8 @@ use crate::topics::{StoredMessage, Topics};
 use crate::{Content, FlightLog, LogError, Note, Reader, ros};
 
 const MAGIC: &[u8] = b"SQLite format 3\0";
-/// A virtual machine of SQLite that runs longer than a thousand times this many instructions reads no recording: a flight of
-/// an hour has a million messages.
+/// A virtual machine of SQLite that runs longer than a thousand times this many instructions reads no
+/// recording: a flight of an hour has a million messages.
 const MOST_KILO_STEPS: u32 = 1_000_000;
 
 pub(crate) struct Ros2Bag;
@@ -31,7 +31,10 @@ impl Reader for Ros2Bag {
     }
 
     fn read(&self, content: &Content<'_>, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
-        let bad = |error: rusqlite::Error| LogError::BadDatabase { file: content.file.to_owned(), reason: error.to_string() };
+        let bad = |error: rusqlite::Error| LogError::BadDatabase {
+            file: content.file.to_owned(),
+            reason: error.to_string(),
+        };
         let connection = open(content.bytes).map_err(bad)?;
         let sources = sources(&connection).map_err(bad)?;
         let mut topics = Topics::default();
@@ -48,7 +51,8 @@ fn open(bytes: &[u8]) -> rusqlite::Result<Connection> {
     connection.set_db_config(DbConfig::SQLITE_DBCONFIG_DEFENSIVE, true)?;
     connection.set_db_config(DbConfig::SQLITE_DBCONFIG_TRUSTED_SCHEMA, false)?;
     let mut bytes = bytes.to_vec();
-    // A bag whose recorder was killed says that its journal is a file beside it (versions 2); alone, it is read as it is.
+    // A bag whose recorder was killed says that its journal is a file beside it (versions 2); alone, it is
+    // read as it is.
     bytes.iter_mut().skip(18).take(2).for_each(|version| *version = 1);
     connection.deserialize_read_exact(MAIN_DB, &bytes[..], bytes.len(), true)?;
     let mut left = MOST_KILO_STEPS;
@@ -78,19 +82,26 @@ fn sources(connection: &Connection) -> rusqlite::Result<HashMap<i64, Source>> {
     let mut statement = connection.prepare("SELECT id, name, type, serialization_format FROM topics")?;
     let source = |row: &Row<'_>| {
         let (name, type_name, format): (String, String, String) = (row.get(1)?, row.get(2)?, row.get(3)?);
-        let read_as = Kind::from_name(&type_name).filter(|_| format == "cdr").map(|kind| (kind, Encoding::Cdr));
+        let read_as =
+            Kind::from_name(&type_name).filter(|_| format == "cdr").map(|kind| (kind, Encoding::Cdr));
         Ok((row.get(0)?, Source { name, type_name, read_as }))
     };
     statement.query_map([], source)?.collect()
 }
 
 /// Adds the messages in the order of the file.
-fn messages(connection: &Connection, sources: &HashMap<i64, Source>, topics: &mut Topics) -> rusqlite::Result<()> {
+fn messages(
+    connection: &Connection,
+    sources: &HashMap<i64, Source>,
+    topics: &mut Topics,
+) -> rusqlite::Result<()> {
     let mut statement = connection.prepare("SELECT topic_id, timestamp, data FROM messages")?;
     let mut rows = statement.query([])?;
     while let Some(row) = rows.next()? {
         let (id, recorded_ns): (i64, i64) = (row.get(0)?, row.get(1)?);
-        let (Some(source), Ok(recorded_ns), ValueRef::Blob(data)) = (sources.get(&id), u64::try_from(recorded_ns), row.get_ref(2)?) else {
+        let (Some(source), Ok(recorded_ns), ValueRef::Blob(data)) =
+            (sources.get(&id), u64::try_from(recorded_ns), row.get_ref(2)?)
+        else {
             continue;
         };
         topics.add(&source.name, &source.type_name, StoredMessage { recorded_ns, data }, source.read_as);

@@ -1,7 +1,8 @@
-//! ROS 1 bags, format 2.0: records of named header fields and data, messages in chunks that may be compressed.
+//! ROS 1 bags, format 2.0: records of named header fields and data, messages in chunks that may be
+//! compressed.
 //!
-//! Read here rather than by a crate: the one there is maps files by unsafe code, panics on a bag whose recorder was
-//! killed (its index position is 0), and allocates what a damaged header asks for.
+//! Read here rather than by a crate: the one there is maps files by unsafe code, panics on a bag whose
+//! recorder was killed (its index position is 0), and allocates what a damaged header asks for.
 
 use std::collections::HashMap;
 
@@ -48,7 +49,9 @@ fn header(fields: &[u8]) -> Option<Header<'_>> {
         match name {
             b"op" => header.op = number.u8()?,
             b"conn" => header.connection = number.u32(),
-            b"time" => header.time_ns = Some(u64::from(number.u32()?) * 1_000_000_000 + u64::from(number.u32()?)),
+            b"time" => {
+                header.time_ns = Some(u64::from(number.u32()?) * 1_000_000_000 + u64::from(number.u32()?))
+            }
             b"topic" => header.topic = std::str::from_utf8(value).ok(),
             b"type" => header.kind = std::str::from_utf8(value).ok(),
             b"compression" => header.compression = std::str::from_utf8(value).ok(),
@@ -80,10 +83,15 @@ impl Reader for RosBag {
     }
 }
 
-/// The messages of a bag, by topic. What is cut off or damaged after the first record ends the reading with a note.
+/// The messages of a bag, by topic. What is cut off or damaged after the first record ends the reading with a
+/// note.
 fn topics(file: &str, data: &[u8], notes: &mut Vec<Note>) -> Result<Topics, LogError> {
     let mut bytes = Bytes::new(data);
-    let bad = |bytes: &Bytes<'_>, expected| LogError::BadBinary { file: file.to_owned(), byte: bytes.position(), expected };
+    let bad = |bytes: &Bytes<'_>, expected| LogError::BadBinary {
+        file: file.to_owned(),
+        byte: bytes.position(),
+        expected,
+    };
     bytes.take(MAGIC.len());
     let mut bag = Bag { file, connections: HashMap::new(), topics: Topics::default(), unpacked: 0 };
     if record(&mut bytes).is_none_or(|(header, _)| header.op != OP_HEADER) {
@@ -100,7 +108,12 @@ fn topics(file: &str, data: &[u8], notes: &mut Vec<Note>) -> Result<Topics, LogE
             Some((header, data)) => bag.take(&header, data),
         };
         if let Some(reason) = reason {
-            notes.push(Note::CutShort { byte: start, kept: bag.topics.messages(), unit: "messages", reason: reason.to_owned() });
+            notes.push(Note::CutShort {
+                byte: start,
+                kept: bag.topics.messages(),
+                unit: "messages",
+                reason: reason.to_owned(),
+            });
             break;
         }
     }
@@ -142,7 +155,9 @@ impl Bag<'_> {
         }
         let mut bytes = Bytes::new(&unpacked);
         while bytes.remaining() > 0 {
-            let Some((header, data)) = record(&mut bytes) else { return Ok(Some("a record in a chunk is not whole")) };
+            let Some((header, data)) = record(&mut bytes) else {
+                return Ok(Some("a record in a chunk is not whole"));
+            };
             if let Some(reason) = self.take(&header, data) {
                 return Ok(Some(reason));
             }
@@ -164,7 +179,12 @@ impl Bag<'_> {
                 let Some(((topic, kind), recorded_ns)) = self.connections.get(&id).zip(header.time_ns) else {
                     return Some("a message belongs to no connection");
                 };
-                self.topics.add(topic, kind, StoredMessage { recorded_ns, data }, Kind::from_name(kind).map(|kind| (kind, Encoding::Ros1)));
+                self.topics.add(
+                    topic,
+                    kind,
+                    StoredMessage { recorded_ns, data },
+                    Kind::from_name(kind).map(|kind| (kind, Encoding::Ros1)),
+                );
             }
             (OP_CONNECTION | OP_MESSAGE, None) => return Some("a record names no connection"),
             // Index and chunk information repeat what the chunks hold.

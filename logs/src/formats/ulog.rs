@@ -1,7 +1,7 @@
 //! ULog, the log format of PX4: definitions of messages, subscriptions, and data, little endian.
 //!
-//! Written down at <https://docs.px4.io/main/en/dev_log/ulog_file_format.html>. PX4's world is NED (x north, y east, z down),
-//! its body FRD: both are turned by half a turn about x.
+//! Written down at <https://docs.px4.io/main/en/dev_log/ulog_file_format.html>. PX4's world is NED (x north,
+//! y east, z down), its body FRD: both are turned by half a turn about x.
 
 use std::collections::HashMap;
 
@@ -41,7 +41,8 @@ impl Reader for ULog {
     fn read(&self, content: &Content<'_>, mut notes: Vec<Note>) -> Result<FlightLog, LogError> {
         let recording = Recording::read(content.file, content.bytes, &mut notes)?;
         let outside = OUTSIDE.iter().find(|fields| recording.has(&fields[0]));
-        let position = if outside.is_some() { PositionSource::MotionCapture } else { PositionSource::Estimate };
+        let position =
+            if outside.is_some() { PositionSource::MotionCapture } else { PositionSource::Estimate };
         let mut series = recording.channels(outside.copied().unwrap_or(ESTIMATE), &mut notes);
         if outside.is_none() {
             notes.push(Note::PositionEstimated);
@@ -49,7 +50,11 @@ impl Reader for ULog {
         let start_s = series.iter().filter_map(|s| s.t_s.first().copied()).fold(f64::INFINITY, f64::min);
         if !start_s.is_finite() {
             let missing = "topics of a flight (vehicle_local_position, vehicle_attitude)";
-            return Err(LogError::MissingSignals { file: content.file.to_owned(), missing, found: recording.names() });
+            return Err(LogError::MissingSignals {
+                file: content.file.to_owned(),
+                missing,
+                found: recording.names(),
+            });
         }
         notes.push(Note::TimeShifted { start_s });
         series.iter_mut().flat_map(|s| &mut s.t_s).for_each(|t| *t -= start_s);
@@ -83,7 +88,8 @@ const OUTSIDE: [[Field; 3]; 3] = [
     position("vehicle_mocap_odometry", ["x", "y", "z"]),
 ];
 const ESTIMATE: [Field; 3] = position("vehicle_local_position", ["x", "y", "z"]);
-/// All other channels; of several fields for one channel the first that is logged counts. Thrust and motors are shares.
+/// All other channels; of several fields for one channel the first that is logged counts. Thrust and motors
+/// are shares.
 const FIELDS: [Field; 36] = [
     field("vehicle_local_position", "x", "estimate_x", 1.0),
     field("vehicle_local_position", "y", "estimate_y", -1.0),
@@ -241,7 +247,12 @@ impl Recording {
     }
 
     /// Takes a subscription: a topic, if a flight needs it; only its first instance counts.
-    fn subscribe(&mut self, formats: &HashMap<String, String>, by_id: &mut HashMap<u16, usize>, body: &[u8]) -> Option<()> {
+    fn subscribe(
+        &mut self,
+        formats: &HashMap<String, String>,
+        by_id: &mut HashMap<u16, usize>,
+        body: &[u8],
+    ) -> Option<()> {
         let mut bytes = Bytes::new(body);
         let (instance, id) = (bytes.u8()?, bytes.u16()?);
         let name = std::str::from_utf8(bytes.rest()).ok()?;
@@ -258,7 +269,12 @@ impl Recording {
         }
         let known = self.topics.iter().position(|topic| topic.name == name);
         let at = known.unwrap_or_else(|| {
-            self.topics.push(Topic { name: name.to_owned(), slots: layout.slots, t_s: Vec::new(), rows: Vec::new() });
+            self.topics.push(Topic {
+                name: name.to_owned(),
+                slots: layout.slots,
+                t_s: Vec::new(),
+                rows: Vec::new(),
+            });
             self.topics.len() - 1
         });
         by_id.insert(id, at);
@@ -304,7 +320,8 @@ impl Recording {
         if !all.iter().any(|series| series.name == "cmd_roll") {
             all.extend(self.wanted_tilt(notes));
         }
-        let shares: Vec<&Series> = all.iter().filter(|s| s.name == "cmd_thrust" || s.name.starts_with("motor")).collect();
+        let shares: Vec<&Series> =
+            all.iter().filter(|s| s.name == "cmd_thrust" || s.name.starts_with("motor")).collect();
         for series in shares {
             notes.push(Note::ScaledToPwm { channel: series.name.clone(), unit: "fraction".to_owned() });
         }
@@ -331,7 +348,11 @@ impl Recording {
             Some((topic, at))
         });
         let [Some((topic, x)), Some((_, y)), Some((_, z)), Some((_, w))] = parts else { return Vec::new() };
-        let [mut roll, mut pitch] = ["cmd_roll", "cmd_pitch"].map(|name| Series { name: name.into(), t_s: Vec::new(), values: Vec::new() });
+        let [mut roll, mut pitch] = ["cmd_roll", "cmd_pitch"].map(|name| Series {
+            name: name.into(),
+            t_s: Vec::new(),
+            values: Vec::new(),
+        });
         for (t_s, row) in topic.t_s.iter().zip(&topic.rows) {
             let Some(rotation) = Rotation::from_xyzw([row[x], -row[y], -row[z], row[w]]) else { continue };
             let [r, p, _] = rotation.angles();

@@ -12,7 +12,8 @@ pub struct ChannelSummary {
     pub name: &'static str,
     /// Unit of the three values below.
     pub unit: &'static str,
-    /// New values per second: a channel that is held between its packets changes less often than rows come. 0 is a constant.
+    /// New values per second: a channel that is held between its packets changes less often than rows come. 0
+    /// is a constant.
     pub rate_hz: f64,
     /// Longest time without a new value, within the flight.
     pub longest_hold_s: f64,
@@ -46,9 +47,17 @@ pub(super) fn rows(log: &FlightLog) -> Vec<(&'static str, &'static str, &[f64])>
         (["acc_x", "acc_y", "acc_z"], "m/s2", log.acc_mps2.as_ref()),
         (["setpoint_x", "setpoint_y", "setpoint_z"], "m", log.setpoint_m.as_ref()),
     ];
-    all.extend([("roll", "rad", &log.roll_rad[..]), ("pitch", "rad", &log.pitch_rad), ("yaw", "rad", &log.yaw_rad)]);
+    all.extend([
+        ("roll", "rad", &log.roll_rad[..]),
+        ("pitch", "rad", &log.pitch_rad),
+        ("yaw", "rad", &log.yaw_rad),
+    ]);
     for (names, unit, values) in triples {
-        all.extend(values.into_iter().flat_map(|values| names.into_iter().zip(values).map(move |(name, v)| (name, unit, &v[..]))));
+        all.extend(
+            values
+                .into_iter()
+                .flat_map(|values| names.into_iter().zip(values).map(move |(name, v)| (name, unit, &v[..]))),
+        );
     }
     let single = [
         ("setpoint_yaw", "rad", &log.setpoint_yaw_rad),
@@ -66,19 +75,33 @@ pub(super) fn rows(log: &FlightLog) -> Vec<(&'static str, &'static str, &[f64])>
             (["motor_1", "motor_2", "motor_3", "motor_4"], "pwm", motors),
             (["rotor_1", "rotor_2", "rotor_3", "rotor_4"], "rad/s", onboard.rotor_radps.as_ref()),
         ] {
-            all.extend(values.into_iter().flat_map(|values| names.into_iter().zip(values).map(move |(name, v)| (name, unit, &v[..]))));
+            all.extend(
+                values.into_iter().flat_map(|values| {
+                    names.into_iter().zip(values).map(move |(name, v)| (name, unit, &v[..]))
+                }),
+            );
         }
     }
     all
 }
 
-fn summary(log: &FlightLog, name: &'static str, unit: &'static str, t_s: &[f64], values: &[f64]) -> Option<ChannelSummary> {
+fn summary(
+    log: &FlightLog,
+    name: &'static str,
+    unit: &'static str,
+    t_s: &[f64],
+    values: &[f64],
+) -> Option<ChannelSummary> {
     let (first_s, last_s) = (*t_s.first()?, *t_s.last()?);
-    let flies = match (log.t_s.get(log.airborne.start), log.airborne.end.checked_sub(1).and_then(|row| log.t_s.get(row))) {
+    let flies = match (
+        log.t_s.get(log.airborne.start),
+        log.airborne.end.checked_sub(1).and_then(|row| log.t_s.get(row)),
+    ) {
         (Some(from), Some(to)) if !log.airborne.is_empty() => [*from, *to],
         _ => [first_s, last_s],
     };
-    let changed: Vec<f64> = (1..values.len()).filter(|i| values[*i] != values[i - 1]).map(|i| t_s[i]).collect();
+    let changed: Vec<f64> =
+        (1..values.len()).filter(|i| values[*i] != values[i - 1]).map(|i| t_s[i]).collect();
     let inside: Vec<f64> = changed.iter().copied().filter(|t| (flies[0]..=flies[1]).contains(t)).collect();
     let edges: Vec<f64> = [&[flies[0]][..], &inside, &[flies[1]]].concat();
     let longest_hold_s = edges.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);

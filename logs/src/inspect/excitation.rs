@@ -49,7 +49,9 @@ pub struct Motion {
 }
 
 pub(super) fn commands(log: &FlightLog) -> Vec<CommandExcitation> {
-    let commands = super::channels::rows(log).into_iter().filter(|(name, ..)| name.starts_with("cmd_") || name.starts_with("motor_"));
+    let commands = super::channels::rows(log)
+        .into_iter()
+        .filter(|(name, ..)| name.starts_with("cmd_") || name.starts_with("motor_"));
     let rows = log.airborne.clone();
     if rows.len() < LEAST_SAMPLES {
         return Vec::new();
@@ -100,7 +102,8 @@ pub(super) fn motion(log: &FlightLog) -> Option<Motion> {
     let flown = |t: f64| (from_s..=to_s).contains(&t);
     let at: Vec<usize> = (0..log.fixes.row.len()).filter(|i| flown(log.t_s[log.fixes.row[*i]])).collect();
     let axis = |axis: usize| at.iter().map(|i| log.fixes.pos_m[axis][*i]).collect::<Vec<f64>>();
-    let (t_s, pos_m) = (at.iter().map(|i| log.fixes.capture_t_s[*i]).collect::<Vec<f64>>(), [axis(0), axis(1), axis(2)]);
+    let (t_s, pos_m) =
+        (at.iter().map(|i| log.fixes.capture_t_s[*i]).collect::<Vec<f64>>(), [axis(0), axis(1), axis(2)]);
     let rest_m = log.resting_height_m().unwrap_or(0.0);
     let velocity = match &log.vel_mps {
         Some(velocity) => velocity.each_ref().map(|v| v[rows.clone()].to_vec()),
@@ -108,7 +111,8 @@ pub(super) fn motion(log: &FlightLog) -> Option<Motion> {
     };
     let speed: Vec<f64> = velocity[0].iter().zip(&velocity[1]).map(|(x, y)| x.hypot(*y)).collect();
     let climb: Vec<f64> = velocity[2].iter().map(|v| v.abs()).collect();
-    let tilt: Vec<f64> = rows.clone().map(|row| log.roll_rad[row].hypot(log.pitch_rad[row]).to_degrees()).collect();
+    let tilt: Vec<f64> =
+        rows.clone().map(|row| log.roll_rad[row].hypot(log.pitch_rad[row]).to_degrees()).collect();
     let yaw_turned_deg = smooth_way(&log.t_s[rows.clone()], &log.yaw_rad[rows.clone()]).to_degrees();
     let voltage_v = log.vbat_v.as_ref().map(|v| [v[rows.start], v[rows.end - 1]]);
     Some(Motion {
@@ -135,7 +139,9 @@ fn slopes(t_s: &[f64], x: &[f64]) -> Vec<f64> {
 /// The way of an angle back and forth, in steps of half a second, so that noise does not add up.
 fn smooth_way(t_s: &[f64], angle_rad: &[f64]) -> f64 {
     let mut way = 0.0;
-    let Some((mut last_s, mut last)) = t_s.first().copied().zip(angle_rad.first().copied()) else { return 0.0 };
+    let Some((mut last_s, mut last)) = t_s.first().copied().zip(angle_rad.first().copied()) else {
+        return 0.0;
+    };
     for (t, angle) in t_s.iter().zip(angle_rad) {
         if t - last_s >= 0.5 {
             way += (angle - last).abs();

@@ -59,7 +59,8 @@ pub struct Gaps {
     pub longest_s: f64,
 }
 
-/// Clocks against each other: how much later one set of channels appears than another. `None` where nothing moves enough.
+/// Clocks against each other: how much later one set of channels appears than another. `None` where nothing
+/// moves enough.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Clocks {
     /// Gyro against the measured attitude: median, lowest and highest of the thirds of the flight.
@@ -101,7 +102,8 @@ fn clocks(log: &FlightLog) -> Clocks {
     });
     let gyro_late_s = noted.or_else(|| {
         let [x, y, _] = log.gyro_radps.as_ref()?;
-        let rates = skew::Rates { t_s: &log.t_s, angles_rad: [&log.roll_rad, &log.pitch_rad], gyro_radps: [x, y] };
+        let rates =
+            skew::Rates { t_s: &log.t_s, angles_rad: [&log.roll_rad, &log.pitch_rad], gyro_radps: [x, y] };
         match skew::estimate(&rates, &log.airborne) {
             Note::ClockSkew { median_s, lowest_s, highest_s } => Some([median_s, lowest_s, highest_s]),
             _ => None,

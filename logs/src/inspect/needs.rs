@@ -20,7 +20,10 @@ pub struct CommandRequirement {
 }
 
 pub(super) fn needs(log: &FlightLog) -> Vec<CommandRequirement> {
-    let flown_s = match (log.t_s.get(log.airborne.start), log.airborne.end.checked_sub(1).and_then(|row| log.t_s.get(row))) {
+    let flown_s = match (
+        log.t_s.get(log.airborne.start),
+        log.airborne.end.checked_sub(1).and_then(|row| log.t_s.get(row)),
+    ) {
         (Some(from), Some(to)) if !log.airborne.is_empty() => to - from,
         _ => 0.0,
     };
@@ -28,21 +31,27 @@ pub(super) fn needs(log: &FlightLog) -> Vec<CommandRequirement> {
     let requests = onboard.is_some_and(|onboard| onboard.motor_request_pwm.is_some());
     let motors = onboard.is_some_and(|onboard| onboard.motor_pwm.is_some() || onboard.rotor_radps.is_some());
     let no_position = (log.fixes.row.len() < LEAST_FIXES, "position (x, y, z)");
-    let no_tilt_command = (log.cmd_roll_rad.is_none() || log.cmd_pitch_rad.is_none(), "roll and pitch commands");
-    let no_lift_command = (log.cmd_thrust_pwm.is_none() && log.cmd_height_m.is_none(), "a thrust or height command");
+    let no_tilt_command =
+        (log.cmd_roll_rad.is_none() || log.cmd_pitch_rad.is_none(), "roll and pitch commands");
+    let no_lift_command =
+        (log.cmd_thrust_pwm.is_none() && log.cmd_height_m.is_none(), "a thrust or height command");
     let never_flies = (flown_s < SHORTEST_S, "five seconds of flight");
     let commanded = [no_position, no_tilt_command, no_lift_command, never_flies];
     let derived = (log.provenance.attitude == AttitudeSource::Motion, "attitude is derived from the motion");
-    let estimated = (log.provenance.position == PositionSource::Estimate, "position is the vehicle's own estimate");
+    let estimated =
+        (log.provenance.position == PositionSource::Estimate, "position is the vehicle's own estimate");
     let no_yaw = (log.cmd_yaw_rate_radps.is_none(), "no yaw-rate command: yaw follows the measurement");
     let no_voltage = (log.vbat_v.is_none(), "no battery voltage: a sagging battery looks like lost thrust");
     let no_motors = (!motors && !requests, "no motors: a motor's fault cannot be told from the body's");
     let weak = [derived, estimated, no_yaw, no_voltage, no_motors];
     let requirement = |command, lacks: &[(bool, &'static str)], weak: &[(bool, &'static str)]| {
-        let texts = |list: &[(bool, &'static str)]| list.iter().filter(|(is, _)| *is).map(|(_, text)| *text).collect();
+        let texts = |list: &[(bool, &'static str)]| {
+            list.iter().filter(|(is, _)| *is).map(|(_, text)| *text).collect()
+        };
         CommandRequirement { command, missing: texts(lacks), weak: texts(weak) }
     };
-    let no_requests = (!requests, "motor requests before battery compensation (motors beside pwm, or the mixer's inputs)");
+    let no_requests =
+        (!requests, "motor requests before battery compensation (motors beside pwm, or the mixer's inputs)");
     vec![
         requirement("replay", &commanded, &weak[..3]),
         requirement("identify", &commanded, &weak[..4]),

@@ -9,7 +9,8 @@ use crate::{AttitudeSource, FlightLog};
 
 /// Both sides are averaged over this: the camera's noise of 5 mm is then 0.1 m/s2 of acceleration.
 const AVERAGED_S: f64 = 0.5;
-/// Beyond this correlation a sign is taken for seen: an eighth of the variance. Chosen by judgement, not set on a split of recordings.
+/// Beyond this correlation a sign is taken for seen: an eighth of the variance. Chosen by judgement, not set
+/// on a split of recordings.
 const SEEN: f64 = 0.35;
 /// Loops and lags of a small vehicle answer within this time.
 const LONGEST_LAG_S: f64 = 0.4;
@@ -59,11 +60,26 @@ pub(super) fn checks(log: &FlightLog) -> Vec<SignCheck> {
     let measured = log.provenance.attitude != AttitudeSource::Motion;
     if let Some([forward, left, up]) = &acceleration {
         if measured {
-            checks.push(view.averaged_check("+pitch accelerates forward (+x at yaw 0)", "pitch", &pitch, forward));
-            checks.push(view.averaged_check("+roll accelerates to the right (-y at yaw 0)", "roll", &negate(&roll), left));
+            checks.push(view.averaged_check(
+                "+pitch accelerates forward (+x at yaw 0)",
+                "pitch",
+                &pitch,
+                forward,
+            ));
+            checks.push(view.averaged_check(
+                "+roll accelerates to the right (-y at yaw 0)",
+                "roll",
+                &negate(&roll),
+                left,
+            ));
         }
         if let Some(thrust) = &log.cmd_thrust_pwm {
-            checks.push(view.lagged_check("more thrust accelerates upwards", "cmd_thrust", &part(thrust), up));
+            checks.push(view.lagged_check(
+                "more thrust accelerates upwards",
+                "cmd_thrust",
+                &part(thrust),
+                up,
+            ));
         }
     }
     let commands = [
@@ -71,12 +87,22 @@ pub(super) fn checks(log: &FlightLog) -> Vec<SignCheck> {
         ("pitch follows its command", "cmd_pitch", &log.cmd_pitch_rad, &pitch),
     ];
     for (expectation, channel, command, angle) in commands {
-        checks.extend(command.as_ref().filter(|_| measured).map(|command| view.lagged_check(expectation, channel, &part(command), angle)));
+        checks.extend(
+            command
+                .as_ref()
+                .filter(|_| measured)
+                .map(|command| view.lagged_check(expectation, channel, &part(command), angle)),
+        );
     }
     let rates = [&roll, &pitch, &yaw].map(|angle| view.slopes(angle));
     if let Some(command) = &log.cmd_yaw_rate_radps {
         let turned = negate(&part(command));
-        checks.push(view.lagged_check("the yaw rate follows its command (+ turns clockwise)", "cmd_yaw_rate", &turned, &rates[2]));
+        checks.push(view.lagged_check(
+            "the yaw rate follows its command (+ turns clockwise)",
+            "cmd_yaw_rate",
+            &turned,
+            &rates[2],
+        ));
     }
     if let Some(gyro) = log.gyro_radps.as_ref().filter(|_| measured) {
         let names = [
@@ -92,7 +118,13 @@ pub(super) fn checks(log: &FlightLog) -> Vec<SignCheck> {
         let mean = part(z).iter().sum::<f64>() / rows.len() as f64;
         let verdict = if mean > 0.0 { SignVerdict::Agrees } else { SignVerdict::Contradicts };
         let expectation = "the accelerometer's z is about +9.81 m/s2 in flight";
-        checks.push(SignCheck { expectation, channel: "acc_z", correlation: 1.0_f64.copysign(mean), slope: mean / 9.806_65, verdict });
+        checks.push(SignCheck {
+            expectation,
+            channel: "acc_z",
+            correlation: 1.0_f64.copysign(mean),
+            slope: mean / 9.806_65,
+            verdict,
+        });
     }
     checks
 }
@@ -138,25 +170,51 @@ impl View<'_> {
     }
 
     /// A check of two channels that go together, both averaged.
-    fn averaged_check(&self, expectation: &'static str, channel: &'static str, measured: &[f64], expected: &[f64]) -> SignCheck {
-        let [measured, expected] = [measured, expected].map(|values| centred_mean(self.t_s, values, AVERAGED_S));
+    fn averaged_check(
+        &self,
+        expectation: &'static str,
+        channel: &'static str,
+        measured: &[f64],
+        expected: &[f64],
+    ) -> SignCheck {
+        let [measured, expected] =
+            [measured, expected].map(|values| centred_mean(self.t_s, values, AVERAGED_S));
         check_sign(expectation, channel, &measured, &expected)
     }
 
     /// A check of a command and its answer, which comes later: at the lag of the largest correlation.
-    fn lagged_check(&self, expectation: &'static str, channel: &'static str, command: &[f64], answer: &[f64]) -> SignCheck {
+    fn lagged_check(
+        &self,
+        expectation: &'static str,
+        channel: &'static str,
+        command: &[f64],
+        answer: &[f64],
+    ) -> SignCheck {
         let series = Series { name: String::new(), t_s: self.t_s.to_vec(), values: answer.to_vec() };
         let checks = (0..LAGS).map(|lag| {
             let later_s = LONGEST_LAG_S * lag as f64 / (LAGS - 1) as f64;
             let times: Vec<f64> = self.t_s.iter().map(|t| t + later_s).collect();
-            self.averaged_check(expectation, channel, command, &series.resample(&times, Interpolation::Line, None))
+            self.averaged_check(
+                expectation,
+                channel,
+                command,
+                &series.resample(&times, Interpolation::Line, None),
+            )
         });
         let first = self.averaged_check(expectation, channel, command, answer);
-        checks.fold(first, |best, next| if next.correlation.abs() > best.correlation.abs() { next } else { best })
+        checks.fold(
+            first,
+            |best, next| if next.correlation.abs() > best.correlation.abs() { next } else { best },
+        )
     }
 }
 
-fn check_sign(expectation: &'static str, channel: &'static str, measured: &[f64], expected: &[f64]) -> SignCheck {
+fn check_sign(
+    expectation: &'static str,
+    channel: &'static str,
+    measured: &[f64],
+    expected: &[f64],
+) -> SignCheck {
     let correlation = correlation(measured, expected);
     let standard_deviation = |values: &[f64]| {
         let mean = values.iter().sum::<f64>() / values.len() as f64;

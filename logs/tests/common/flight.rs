@@ -16,11 +16,19 @@ pub struct Shape {
 
 pub fn shape() -> impl Strategy<Value = Shape> {
     let value = -1.5..1.5_f64;
-    (2..40_usize, prop::collection::vec(value, 64), 1..5_usize, any::<bool>(), any::<bool>())
-        .prop_map(|(rows, values, fix_every, by_height, with_truth)| Shape { rows, values, fix_every, by_height, with_truth })
+    (2..40_usize, prop::collection::vec(value, 64), 1..5_usize, any::<bool>(), any::<bool>()).prop_map(
+        |(rows, values, fix_every, by_height, with_truth)| Shape {
+            rows,
+            values,
+            fix_every,
+            by_height,
+            with_truth,
+        },
+    )
 }
 
-/// A flight whose every channel is another slice of the shape's values; yaws stay within 90 degrees, so none wraps.
+/// A flight whose every channel is another slice of the shape's values; yaws stay within 90 degrees, so none
+/// wraps.
 pub fn flight(shape: &Shape) -> FlightLog {
     let rows = shape.rows;
     let mut channel = 0;

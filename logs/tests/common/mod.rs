@@ -35,7 +35,8 @@ pub fn slope(x: &[f64], y: &[f64]) -> f64 {
     xy / xx
 }
 
-/// Central differences over `reach` samples to each side, the ends left out: entry 0 belongs to sample `reach`.
+/// Central differences over `reach` samples to each side, the ends left out: entry 0 belongs to sample
+/// `reach`.
 pub fn derivative(t: &[f64], x: &[f64], reach: usize) -> Vec<f64> {
     (reach..x.len() - reach).map(|i| (x[i + reach] - x[i - reach]) / (t[i + reach] - t[i - reach])).collect()
 }

@@ -45,15 +45,41 @@ impl Card {
 
 /// A hop of two seconds with the variables of the controller.
 pub fn hop() -> Vec<u8> {
-    let names =
-        ["stateEstimate.x", "stateEstimate.y", "stateEstimate.z", "controller.cmd_thrust", "controller.cmd_roll", "controller.cmd_pitch"];
-    let more = ["controller.cmd_yaw", "controller.r_roll", "controller.r_pitch", "controller.r_yaw", "controller.accelz", "controller.yaw"];
+    let names = [
+        "stateEstimate.x",
+        "stateEstimate.y",
+        "stateEstimate.z",
+        "controller.cmd_thrust",
+        "controller.cmd_roll",
+        "controller.cmd_pitch",
+    ];
+    let more = [
+        "controller.cmd_yaw",
+        "controller.r_roll",
+        "controller.r_pitch",
+        "controller.r_yaw",
+        "controller.accelz",
+        "controller.yaw",
+    ];
     let variables: Vec<String> = names.iter().chain(&more).map(|name| format!("{name}(f)")).collect();
     let mut card = Card::new(2, &variables.iter().map(String::as_str).collect::<Vec<_>>());
     for i in 0..200_u64 {
         let t = i as f32 * 0.01;
         let on = if i > 50 { 1.0 } else { 0.0 };
-        let values = [t, 0.1, on * (t - 0.5), on * 40_000.0, 10.0, -20.0, 500.0, 0.1 * on, 0.2 * on, -0.3 * on, 1.0, 5.0];
+        let values = [
+            t,
+            0.1,
+            on * (t - 0.5),
+            on * 40_000.0,
+            10.0,
+            -20.0,
+            500.0,
+            0.1 * on,
+            0.2 * on,
+            -0.3 * on,
+            1.0,
+            5.0,
+        ];
         card.record(i * 10_000, &values.map(f32::to_le_bytes).concat());
     }
     card.finish()

@@ -25,7 +25,13 @@ pub struct Rig {
     pub from_camera: bool,
 }
 
-pub const RIG: Rig = Rig { seconds: 40.0, imu_since_boot: false, camera_stamps: true, camera_delay_s: 0.05, from_camera: false };
+pub const RIG: Rig = Rig {
+    seconds: 40.0,
+    imu_since_boot: false,
+    camera_stamps: true,
+    camera_delay_s: 0.05,
+    from_camera: false,
+};
 pub const START_NS: u64 = 1_500_000_000_000_000_000;
 const BOOT_NS: u64 = 7_000_000_000;
 const G: f64 = 9.81;
@@ -73,13 +79,23 @@ pub fn messages(rig: Rig) -> Vec<Stored> {
         values[13..16].copy_from_slice(&[0.01, rate - 0.02, 0.0]);
         values[25..28].copy_from_slice(&[0.0, 0.0, G]);
         let data = [header(stamp), numbers(&values)].concat();
-        all.push(Stored { topic: "/cf1/crazyflie/imu", kind: "sensor_msgs/Imu", recorded_ns: ns(t + 0.003), data });
+        all.push(Stored {
+            topic: "/cf1/crazyflie/imu",
+            kind: "sensor_msgs/Imu",
+            recorded_ns: ns(t + 0.003),
+            data,
+        });
     }
     for i in 0..(rig.seconds * 50.0) as usize {
         let t = i as f64 * 0.02;
         let thrust = if t < 2.0 { 0.0 } else { 38_000.0 };
         let data = numbers(&[pitch_rad(t).to_degrees(), -1.5, thrust, 0.0, 0.0, 12.0]);
-        all.push(Stored { topic: "/cf1/crazyflie/cmd_vel", kind: "geometry_msgs/Twist", recorded_ns: ns(t), data });
+        all.push(Stored {
+            topic: "/cf1/crazyflie/cmd_vel",
+            kind: "geometry_msgs/Twist",
+            recorded_ns: ns(t),
+            data,
+        });
     }
     for i in 0..(rig.seconds * 30.0) as usize {
         let t = i as f64 / 30.0;
@@ -100,7 +116,8 @@ pub fn messages(rig: Rig) -> Vec<Stored> {
         });
     }
     all.sort_by_key(|message| message.recorded_ns);
-    let picture = Stored { topic: "/camera/image", kind: "sensor_msgs/Image", recorded_ns: ns(1.0), data: vec![0; 64] };
+    let picture =
+        Stored { topic: "/camera/image", kind: "sensor_msgs/Image", recorded_ns: ns(1.0), data: vec![0; 64] };
     all.insert(100, picture);
     all
 }
@@ -117,7 +134,12 @@ fn record(fields: &[Vec<u8>], data: &[u8]) -> Vec<u8> {
 /// A bag of messages, 500 to a chunk, without index: as a recorder that was killed leaves it.
 pub fn bag(messages: &[Stored], compression: &str) -> Vec<u8> {
     let mut topics: Vec<(&str, &str)> = Vec::new();
-    let start = [field("op", &[3]), field("index_pos", &[0; 8]), field("conn_count", &[0; 4]), field("chunk_count", &[0; 4])];
+    let start = [
+        field("op", &[3]),
+        field("index_pos", &[0; 8]),
+        field("conn_count", &[0; 4]),
+        field("chunk_count", &[0; 4]),
+    ];
     let mut bytes = [&b"#ROSBAG V2.0\n"[..], &record(&start, &[b' '; 40])].concat();
     for chunk in messages.chunks(500) {
         let mut inner = Vec::new();
@@ -127,16 +149,31 @@ pub fn bag(messages: &[Stored], compression: &str) -> Vec<u8> {
             let id_bytes = (id as u32).to_le_bytes();
             if known.is_none() {
                 topics.push((message.topic, message.kind));
-                let about =
-                    [field("topic", message.topic.as_bytes()), field("type", message.kind.as_bytes()), field("md5sum", b"*")].concat();
-                inner.extend(record(&[field("op", &[7]), field("conn", &id_bytes), field("topic", message.topic.as_bytes())], &about));
+                let about = [
+                    field("topic", message.topic.as_bytes()),
+                    field("type", message.kind.as_bytes()),
+                    field("md5sum", b"*"),
+                ]
+                .concat();
+                inner.extend(record(
+                    &[field("op", &[7]), field("conn", &id_bytes), field("topic", message.topic.as_bytes())],
+                    &about,
+                ));
             }
-            let (s, ns) = ((message.recorded_ns / 1_000_000_000) as u32, (message.recorded_ns % 1_000_000_000) as u32);
+            let (s, ns) =
+                ((message.recorded_ns / 1_000_000_000) as u32, (message.recorded_ns % 1_000_000_000) as u32);
             let time = [s.to_le_bytes(), ns.to_le_bytes()].concat();
-            inner.extend(record(&[field("op", &[2]), field("conn", &id_bytes), field("time", &time)], &message.data));
+            inner.extend(record(
+                &[field("op", &[2]), field("conn", &id_bytes), field("time", &time)],
+                &message.data,
+            ));
         }
         let packed = pack(&inner, compression);
-        let fields = [field("op", &[5]), field("compression", compression.as_bytes()), field("size", &(inner.len() as u32).to_le_bytes())];
+        let fields = [
+            field("op", &[5]),
+            field("compression", compression.as_bytes()),
+            field("size", &(inner.len() as u32).to_le_bytes()),
+        ];
         bytes.extend(record(&fields, &packed));
     }
     bytes
@@ -165,7 +202,8 @@ pub fn mcap(messages: &[Stored], encoding: &str) -> Vec<u8> {
         let schema = writer.add_schema(message.kind, "", b"").unwrap();
         let channel_id = writer.add_channel(schema, message.topic, encoding, &Default::default()).unwrap();
         let time = message.recorded_ns;
-        let header = mcap::records::MessageHeader { channel_id, sequence: 0, log_time: time, publish_time: time };
+        let header =
+            mcap::records::MessageHeader { channel_id, sequence: 0, log_time: time, publish_time: time };
         writer.write_to_known_channel(&header, &message.data).unwrap();
     }
     writer.finish().unwrap();

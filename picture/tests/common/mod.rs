@@ -11,7 +11,9 @@ pub fn texts(document: &Document) -> Vec<String> {
 pub fn curves(document: &Document, color: [u8; 3]) -> Vec<Vec<(f64, f64)>> {
     let [r, g, b] = color;
     let wanted = format!("#{r:02X}{g:02X}{b:02X}");
-    let lines = document.descendants().filter(|n| n.has_tag_name("polyline") && n.attribute("stroke") == Some(&wanted));
+    let lines = document
+        .descendants()
+        .filter(|n| n.has_tag_name("polyline") && n.attribute("stroke") == Some(&wanted));
     lines.map(points).filter(|points| points.len() > 2).collect()
 }
 

@@ -41,13 +41,24 @@ impl Client {
     /// # Errors
     /// [`ClientError`] of any kind.
     pub fn open(url: &str, token: Option<&str>, reply_bytes: usize) -> Result<Client, ClientError> {
-        let mut hello = Map::from_iter([("client".into(), concat!("crazyflie_gym ", env!("CARGO_PKG_VERSION")).into())]);
+        let mut hello =
+            Map::from_iter([("client".into(), concat!("crazyflie_gym ", env!("CARGO_PKG_VERSION")).into())]);
         if let Some(token) = token {
             hello.insert("token".into(), token.into());
         }
         let socket = Socket::connect(url, reply_bytes)?;
         let welcome = Welcome { max_text_bytes: usize::MAX, resume_s: 0.0, ping_s: 20.0, idle_s: 60.0 };
-        let mut client = Client { socket, url: url.into(), hello, reply_bytes, id: 0, session: None, welcome, resume_s: 0.0, resumed: 0 };
+        let mut client = Client {
+            socket,
+            url: url.into(),
+            hello,
+            reply_bytes,
+            id: 0,
+            session: None,
+            welcome,
+            resume_s: 0.0,
+            resumed: 0,
+        };
         let welcome = client.request("hello", client.hello.clone())?;
         client.welcome = client.read(welcome)?;
         client.resume_s = client.welcome.resume_s;
@@ -140,8 +151,10 @@ impl Client {
             message: Option<String>,
         }
         let head: ReplyHeader = serde_json::from_str(text).map_err(|e| self.unexpected(e.to_string()))?;
-        let refused = (head.kind == "error")
-            .then(|| ClientError::Refused { code: head.code.unwrap_or_default(), message: head.message.unwrap_or_default() });
+        let refused = (head.kind == "error").then(|| ClientError::Refused {
+            code: head.code.unwrap_or_default(),
+            message: head.message.unwrap_or_default(),
+        });
         Ok((head.id, refused))
     }
 
@@ -157,7 +170,10 @@ impl Client {
                 }
                 Err(ClientError::Lost { .. }) if began.elapsed().as_secs_f64() < self.resume_s => {}
                 Err(ClientError::Refused { message, .. }) => {
-                    return Err(ClientError::Ended { url: self.url.clone(), why: format!("{lost}; {message}") });
+                    return Err(ClientError::Ended {
+                        url: self.url.clone(),
+                        why: format!("{lost}; {message}"),
+                    });
                 }
                 Err(ClientError::Lost { .. }) => return Err(lost),
                 Err(other) => return Err(other),

@@ -33,8 +33,12 @@ impl From<ClientError> for PyErr {
     }
 }
 
-/// Whether a code of the protocol blames the arguments, as opposed to the moment. `crazyflie_gym.remote_client` has the same list.
+/// Whether a code of the protocol blames the arguments, as opposed to the moment.
+/// `crazyflie_gym.remote_client` has the same list.
 fn is_argument(code: &str) -> bool {
-    let codes = ["bad_message", "bad_frame", "wrong_length", "bad_action", "bad_options", "bad_model", "too_large"];
-    codes.contains(&code) || ["unknown_scenario", "bad_token", "bad_name", "bad_shape", "unknown_world", "unknown_drone"].contains(&code)
+    let codes =
+        ["bad_message", "bad_frame", "wrong_length", "bad_action", "bad_options", "bad_model", "too_large"];
+    codes.contains(&code)
+        || ["unknown_scenario", "bad_token", "bad_name", "bad_shape", "unknown_world", "unknown_drone"]
+            .contains(&code)
 }

@@ -28,12 +28,14 @@ use wire::Layout;
 /// Stack of the thread that keeps a connection alive: it does little.
 const STACK_BYTES: usize = 64 << 10;
 
-/// Observations, rewards, terminated, truncated; true states, final observations, final states where they were asked for.
+/// Observations, rewards, terminated, truncated; true states, final observations, final states where they
+/// were asked for.
 type Steps<'py> = (Step<'py>, Option<Bound<'py, PyAny>>, Bound<'py, PyAny>, Option<Bound<'py, PyAny>>);
 /// The last observation of an episode, and its last true state if such are sent.
 type Last<'py> = (Bound<'py, PyAny>, Option<Bound<'py, PyAny>>);
 
-/// A connection to a server at `url` (ws:// or wss://); `token` is a team's, `num_envs` how many environments it will be used for.
+/// A connection to a server at `url` (ws:// or wss://); `token` is a team's, `num_envs` how many environments
+/// it will be used for.
 #[pyclass(frozen, module = "crazyflie_gym._native")]
 pub struct Remote {
     session: Arc<Mutex<Session>>,
@@ -49,12 +51,17 @@ struct StartedSession {
 }
 
 impl Remote {
-    /// The session. Whoever holds it may want the interpreter, to look for signals: it must not be waited for with the interpreter held.
+    /// The session. Whoever holds it may want the interpreter, to look for signals: it must not be waited for
+    /// with the interpreter held.
     fn with<T: Send>(&self, py: Python<'_>, act: impl FnOnce(&mut Session) -> T + Send) -> T {
         py.detach(|| act(&mut self.session.lock().unwrap_or_else(PoisonError::into_inner)))
     }
 
-    fn with_session<T: Send>(&self, py: Python<'_>, act: impl FnOnce(&mut Session) -> Result<T, ClientError> + Send) -> PyResult<T> {
+    fn with_session<T: Send>(
+        &self,
+        py: Python<'_>,
+        act: impl FnOnce(&mut Session) -> Result<T, ClientError> + Send,
+    ) -> PyResult<T> {
         self.with(py, act).map_err(PyErr::from)
     }
 
@@ -75,14 +82,16 @@ impl Remote {
         Ok(Remote { session, started: OnceLock::new(), _alive: Mutex::new(alive) })
     }
 
-    /// Sends a request in JSON, such as "state", with the `fields` of a JSON object, and returns the reply, JSON.
+    /// Sends a request in JSON, such as "state", with the `fields` of a JSON object, and returns the reply,
+    /// JSON.
     #[pyo3(signature = (kind, fields = "{}"))]
     fn ask(&self, py: Python<'_>, kind: &str, fields: &str) -> PyResult<String> {
         let fields = object(fields)?;
         self.with_session(py, |session| session.client.request(kind, fields)).map(|reply| reply.to_string())
     }
 
-    /// As `ask`, for the requests that begin a session: "make" or "benchmark". With `states` every reply brings the true states along.
+    /// As `ask`, for the requests that begin a session: "make" or "benchmark". With `states` every reply
+    /// brings the true states along.
     #[pyo3(signature = (kind, fields, states = false))]
     fn begin(&self, py: Python<'_>, kind: &str, fields: &str, states: bool) -> PyResult<String> {
         let fields = object(fields)?;
@@ -132,7 +141,8 @@ impl Remote {
     /// What an action means.
     #[getter]
     fn interface(&self) -> PyResult<Interface> {
-        self.started().map(|StartedSession { info, .. }| Interface { inner: info.interface, tick_s: info.tick_s })
+        self.started()
+            .map(|StartedSession { info, .. }| Interface { inner: info.interface, tick_s: info.tick_s })
     }
 
     /// The most steps that one request of `step_many` may ask for.
@@ -182,7 +192,8 @@ impl Remote {
 
     /// As of `Sim`.
     fn step<'py>(&self, py: Python<'py>, actions: &Bound<'py, PyAny>) -> PyResult<Step<'py>> {
-        let (wide, lead) = (PyTuple::new(py, self.shape(&[], self.width()?)?)?, PyTuple::new(py, self.lead(&[])?)?);
+        let (wide, lead) =
+            (PyTuple::new(py, self.shape(&[], self.width()?)?)?, PyTuple::new(py, self.lead(&[])?)?);
         let (observations, rewards) = (empty::<f32>(py, wide)?, empty::<f32>(py, lead.clone())?);
         let (terminated, truncated) = (empty::<bool>(py, lead.clone())?, empty::<bool>(py, lead)?);
         let ended = self.step_into(py, actions, &observations, &rewards, &terminated, &truncated)?;
@@ -209,33 +220,44 @@ impl Remote {
         if self.num_envs()? != 1 || self.has_drone_axis()? {
             return Err(PyValueError::new_err("step_one is for a single environment of one drone"));
         }
-        let (mut observations, mut reward, mut terminated, mut truncated) = ([0.0; OBSERVATION], [0.0], [false], [false]);
+        let (mut observations, mut reward, mut terminated, mut truncated) =
+            ([0.0; OBSERVATION], [0.0], [false], [false]);
         let (rows, rewards) = (&mut observations[..], &mut reward[..]);
         let out = StepBuffers::new(rows, rewards, &mut terminated[..], &mut truncated[..]);
         self.with_session(py, |session| session.step(1, action, out))?;
         Ok((row(py, &observations), f64::from(reward[0]), terminated[0], truncated[0], PyDict::new(py)))
     }
 
-    /// Several steps in one request: float32 actions (steps, num_envs, 4), at most `max_steps`. Returns what `step` returns, with an axis
-    /// of steps in front; true states (steps, num_envs, 12) or `None`; of the episodes that ended, when automatic resets happen in the
-    /// same step, the last observations (episodes, 24) and true states (episodes, 12) or `None`, by step and environment.
+    /// Several steps in one request: float32 actions (steps, num_envs, 4), at most `max_steps`. Returns what
+    /// `step` returns, with an axis of steps in front; true states (steps, num_envs, 12) or `None`; of the
+    /// episodes that ended, when automatic resets happen in the same step, the last observations (episodes,
+    /// 24) and true states (episodes, 12) or `None`, by step and environment.
     fn step_many<'py>(&self, py: Python<'py>, actions: &Bound<'py, PyAny>) -> PyResult<Steps<'py>> {
-        let steps = actions.cast::<PyUntypedArray>().ok().and_then(|array| array.shape().first().copied()).unwrap_or(0);
+        let steps = actions
+            .cast::<PyUntypedArray>()
+            .ok()
+            .and_then(|array| array.shape().first().copied())
+            .unwrap_or(0);
         if self.has_drone_axis()? {
             return Err(PyValueError::new_err("step_many is for environments of one drone"));
         }
         let n = self.num_envs()?;
-        let (observations, rewards) = (empty::<f32>(py, (steps, n, self.width()?))?, empty::<f32>(py, (steps, n))?);
+        let (observations, rewards) =
+            (empty::<f32>(py, (steps, n, self.width()?))?, empty::<f32>(py, (steps, n))?);
         let (terminated, truncated) = (empty::<bool>(py, (steps, n))?, empty::<bool>(py, (steps, n))?);
         let ended = self.fly(py, actions, Some(steps), [&observations, &rewards, &terminated, &truncated])?;
         let (with_states, own) = (self.started()?.with_states, self.width()?);
-        let (width, states, finals) = self.with(py, |session| (session.final_width(), session.states.clone(), session.finals.clone()));
+        let (width, states, finals) =
+            self.with(py, |session| (session.final_width(), session.states.clone(), session.finals.clone()));
         let rows = |from: std::ops::Range<usize>| {
-            let numbers: Vec<f32> = finals.chunks_exact(width).flat_map(|row| &row[from.clone()]).copied().collect();
+            let numbers: Vec<f32> =
+                finals.chunks_exact(width).flat_map(|row| &row[from.clone()]).copied().collect();
             PyArray1::from_vec(py, numbers).call_method1("reshape", ((finals.len() / width, from.len()),))
         };
         let final_states = with_states.then(|| rows(own..width)).transpose()?;
-        let states = with_states.then(|| PyArray1::from_vec(py, states).call_method1("reshape", ((steps, n, STATE),))).transpose()?;
+        let states = with_states
+            .then(|| PyArray1::from_vec(py, states).call_method1("reshape", ((steps, n, STATE),)))
+            .transpose()?;
         Ok(((observations, rewards, terminated, truncated, ended), states, rows(0..own)?, final_states))
     }
 
@@ -271,11 +293,17 @@ impl Remote {
     /// As of `Sim`; the true state is `None` unless the session was begun with `states`.
     fn last_of_episode<'py>(&self, py: Python<'py>, env: usize) -> PyResult<Option<Last<'py>>> {
         let layout = self.layout()?;
-        let Some(last) = self.with(py, |session| session.final_of(env).map(<[f32]>::to_vec)) else { return Ok(None) };
+        let Some(last) = self.with(py, |session| session.final_of(env).map(<[f32]>::to_vec)) else {
+            return Ok(None);
+        };
         let (observation, state) = last.split_at(layout.drones * layout.width);
         let shaped = |numbers: &[f32], width: usize| {
             let flat = row(py, numbers);
-            if layout.metrics > 0 { flat.call_method1("reshape", ((layout.drones, width),)) } else { Ok(flat.into_any()) }
+            if layout.metrics > 0 {
+                flat.call_method1("reshape", ((layout.drones, width),))
+            } else {
+                Ok(flat.into_any())
+            }
         };
         let state = if state.is_empty() { None } else { Some(shaped(state, STATE)?) };
         Ok(Some((shaped(observation, layout.width)?, state)))
@@ -292,7 +320,8 @@ impl Remote {
         self.started().map(|started| started.info.layout())
     }
 
-    /// The first axes of arrays: what stands in front, environments, and where a task has several drones also these.
+    /// The first axes of arrays: what stands in front, environments, and where a task has several drones also
+    /// these.
     fn lead(&self, front: &[usize]) -> PyResult<Vec<usize>> {
         let layout = self.layout()?;
         let axes: &[usize] = if layout.metrics > 0 { &[layout.envs, layout.drones] } else { &[layout.envs] };
@@ -313,7 +342,10 @@ impl Remote {
         let front: Vec<usize> = steps.into_iter().collect();
         let steps = steps.unwrap_or(1);
         let (Ok(count @ 1..), true) = (u16::try_from(steps), steps <= self.max_steps()?) else {
-            return Err(PyValueError::new_err(format!("actions: {steps} steps, expected 1 to {}", self.max_steps()?)));
+            return Err(PyValueError::new_err(format!(
+                "actions: {steps} steps, expected 1 to {}",
+                self.max_steps()?
+            )));
         };
         let lead = self.lead(&front)?;
         let actions = input::<f32>("actions", &self.shape(&front, ACTION)?, actions)?;
@@ -321,9 +353,12 @@ impl Remote {
         let mut rewards = output::<f32>("rewards", &lead, into[1])?;
         let mut terminated = output::<bool>("terminated", &lead, into[2])?;
         let mut truncated = output::<bool>("truncated", &lead, into[3])?;
-        let (actions, observations, rewards) = (actions.as_slice()?, observations.as_slice_mut()?, rewards.as_slice_mut()?);
+        let (actions, observations, rewards) =
+            (actions.as_slice()?, observations.as_slice_mut()?, rewards.as_slice_mut()?);
         let (terminated, truncated) = (terminated.as_slice_mut()?, truncated.as_slice_mut()?);
-        self.with_session(py, |session| session.step(count, actions, StepBuffers::new(observations, rewards, terminated, truncated)))
+        self.with_session(py, |session| {
+            session.step(count, actions, StepBuffers::new(observations, rewards, terminated, truncated))
+        })
     }
 }
 

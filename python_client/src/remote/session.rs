@@ -36,10 +36,19 @@ fn default_drones() -> usize {
 
 impl SessionInfo {
     pub fn layout(&self) -> Layout {
-        let session_width = self.observation.as_ref().and_then(serde_json::Value::as_u64).and_then(|width| usize::try_from(width).ok());
+        let session_width = self
+            .observation
+            .as_ref()
+            .and_then(serde_json::Value::as_u64)
+            .and_then(|width| usize::try_from(width).ok());
         // an attempt tells its drones, and counts them as environments
         let drones = if self.width.is_some() { 1 } else { self.drones };
-        Layout { envs: self.num_envs, drones, width: self.width.or(session_width).unwrap_or(OBSERVATION), metrics: self.metrics }
+        Layout {
+            envs: self.num_envs,
+            drones,
+            width: self.width.or(session_width).unwrap_or(OBSERVATION),
+            metrics: self.metrics,
+        }
     }
 }
 
@@ -68,7 +77,17 @@ impl Session {
         let layout = Layout { envs: 0, drones: 1, width: OBSERVATION, metrics: 0 };
         let (states, finals, ended) = (Vec::new(), Vec::new(), Vec::new());
         let (flying, metrics) = (Vec::new(), Vec::new());
-        Session { client, writer: RequestWriter::default(), with_states: false, layout, flying, metrics, states, finals, ended }
+        Session {
+            client,
+            writer: RequestWriter::default(),
+            with_states: false,
+            layout,
+            flying,
+            metrics,
+            states,
+            finals,
+            ended,
+        }
     }
 
     /// Numbers of the last rows of an environment.
@@ -78,7 +97,12 @@ impl Session {
 
     /// # Errors
     /// [`ClientError`] of any kind.
-    pub fn reset(&mut self, seeds: Option<&[u64]>, mask: Option<&[bool]>, rows: &mut [f32]) -> Result<(), ClientError> {
+    pub fn reset(
+        &mut self,
+        seeds: Option<&[u64]>,
+        mask: Option<&[bool]>,
+        rows: &mut [f32],
+    ) -> Result<(), ClientError> {
         let id = self.client.next_id();
         let request = self.writer.reset(id, self.with_states, self.layout.envs, seeds, mask);
         let reply = self.exchange(id, request)?;
@@ -87,7 +111,10 @@ impl Session {
             None => wire::copy(reply.observations, rows),
             Some(mask) => {
                 let numbers = self.layout.drones * self.layout.width;
-                let chosen = rows.chunks_exact_mut(numbers).zip(reply.observations.chunks_exact(4 * numbers)).zip(mask);
+                let chosen = rows
+                    .chunks_exact_mut(numbers)
+                    .zip(reply.observations.chunks_exact(4 * numbers))
+                    .zip(mask);
                 chosen.filter(|(_, chosen)| **chosen).for_each(|((row, from), _)| wire::copy(from, row));
             }
         }
@@ -123,9 +150,15 @@ impl Session {
         self.ended.clear();
         if !self.finals.is_empty() {
             let drones = self.layout.drones;
-            // where one has crashed and others fly on, nothing has ended; who was reset in the same step flies again
-            let all = |env: &usize| self.flying.get(env * drones..(env + 1) * drones).is_none_or(|flying| !flying.contains(&false));
-            let over = ends.chunks(drones).enumerate().filter(|(_, ends)| ends.contains(&true)).map(|(env, _)| env);
+            // where one has crashed and others fly on, nothing has ended; who was reset in the same step
+            // flies again
+            let all = |env: &usize| {
+                self.flying
+                    .get(env * drones..(env + 1) * drones)
+                    .is_none_or(|flying| !flying.contains(&false))
+            };
+            let over =
+                ends.chunks(drones).enumerate().filter(|(_, ends)| ends.contains(&true)).map(|(env, _)| env);
             self.ended.extend(over.filter(all));
             let (got, count) = (self.finals.len() / self.final_width(), self.ended.len());
             if got != count {
@@ -164,7 +197,13 @@ impl Session {
         }
     }
 
-    fn parse_reply<'a>(&self, bytes: &'a [u8], kind: FrameKind, steps: u16) -> Result<Reply<'a>, ClientError> {
-        Reply::parse(bytes, kind, self.with_states, steps, &self.layout).map_err(|why| self.client.unexpected(why))
+    fn parse_reply<'a>(
+        &self,
+        bytes: &'a [u8],
+        kind: FrameKind,
+        steps: u16,
+    ) -> Result<Reply<'a>, ClientError> {
+        Reply::parse(bytes, kind, self.with_states, steps, &self.layout)
+            .map_err(|why| self.client.unexpected(why))
     }
 }

@@ -31,7 +31,8 @@ impl Socket {
     /// [`ClientError::Lost`] if nobody answers, or not in this protocol.
     pub fn connect(url: &str, reply_bytes: usize) -> Result<Socket, ClientError> {
         let lost_error = |why: String| ClientError::Lost { url: url.into(), why };
-        let ServerConnection { ws, tcp } = connect(url, reply_bytes).map_err(|e| lost_error(e.to_string()))?;
+        let ServerConnection { ws, tcp } =
+            connect(url, reply_bytes).map_err(|e| lost_error(e.to_string()))?;
         tcp.set_read_timeout(Some(SIGNAL_POLL)).map_err(|e| lost_error(e.to_string()))?;
         tcp.set_write_timeout(Some(WRITE_TIMEOUT)).map_err(|e| lost_error(e.to_string()))?;
         Ok(Socket { ws, url: url.into() })
@@ -53,7 +54,8 @@ impl Socket {
     /// The next text or binary message.
     ///
     /// # Errors
-    /// [`ClientError::Lost`] also if none comes within `timeout`, [`ClientError::Ended`], and what Python's signal handlers raise.
+    /// [`ClientError::Lost`] also if none comes within `timeout`, [`ClientError::Ended`], and what Python's
+    /// signal handlers raise.
     pub fn receive(&mut self, timeout: Duration) -> Result<Message, ClientError> {
         let began = Instant::now();
         loop {
@@ -61,7 +63,12 @@ impl Socket {
                 Ok(message @ (Message::Text(_) | Message::Binary(_))) => return Ok(message),
                 Ok(Message::Close(frame)) => return Err(self.close_error(frame)),
                 Ok(_) => {}
-                Err(Error::Io(error)) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted) => {
+                Err(Error::Io(error))
+                    if matches!(
+                        error.kind(),
+                        ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted
+                    ) =>
+                {
                     Python::attach(|py| py.check_signals())?;
                     if began.elapsed() > timeout {
                         return Err(self.lost_error(format!("no reply within {} s", timeout.as_secs())));

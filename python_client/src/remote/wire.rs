@@ -40,9 +40,22 @@ impl RequestWriter {
         self.0.split().freeze()
     }
 
-    pub fn reset(&mut self, id: u64, states: bool, envs: usize, seeds: Option<&[u64]>, mask: Option<&[bool]>) -> Bytes {
+    pub fn reset(
+        &mut self,
+        id: u64,
+        states: bool,
+        envs: usize,
+        seeds: Option<&[u64]>,
+        mask: Option<&[bool]>,
+    ) -> Bytes {
         let flag = |given: bool, flag: u8| if given { flag } else { 0 };
-        self.begin(id, FrameKind::Reset, flag(states, STATES) | flag(seeds.is_some(), SEEDS) | flag(mask.is_some(), MASK), 0, envs);
+        self.begin(
+            id,
+            FrameKind::Reset,
+            flag(states, STATES) | flag(seeds.is_some(), SEEDS) | flag(mask.is_some(), MASK),
+            0,
+            envs,
+        );
         seeds.unwrap_or_default().iter().for_each(|seed| self.0.put_u64_le(*seed));
         mask.unwrap_or_default().iter().for_each(|chosen| self.0.put_u8(u8::from(*chosen)));
         self.0.split().freeze()
@@ -101,16 +114,28 @@ impl Layout {
 impl<'a> Reply<'a> {
     /// # Errors
     /// For a reply that does not fit the request.
-    pub fn parse(bytes: &'a [u8], kind: FrameKind, states: bool, steps: u16, layout: &Layout) -> Result<Self, String> {
+    pub fn parse(
+        bytes: &'a [u8],
+        kind: FrameKind,
+        states: bool,
+        steps: u16,
+        layout: &Layout,
+    ) -> Result<Self, String> {
         let Layout { envs, width, metrics, .. } = *layout;
-        let word = |at: usize| bytes.get(at..at + 4).and_then(|word| word.try_into().ok()).map(u32::from_le_bytes);
-        let (Some(head), Some(got_envs), Some(finals)) = (word(8).map(|head| head & !(u32::from(OVER) << 8)), word(12), word(16)) else {
+        let word =
+            |at: usize| bytes.get(at..at + 4).and_then(|word| word.try_into().ok()).map(u32::from_le_bytes);
+        let (Some(head), Some(got_envs), Some(finals)) =
+            (word(8).map(|head| head & !(u32::from(OVER) << 8)), word(12), word(16))
+        else {
             return Err(format!("a message of {} bytes", bytes.len()));
         };
         let flags = if states && kind != FrameKind::State { STATES } else { 0 };
-        let want = u32::from_le_bytes([kind as u8 | 0x80, flags, steps.to_le_bytes()[0], steps.to_le_bytes()[1]]);
+        let want =
+            u32::from_le_bytes([kind as u8 | 0x80, flags, steps.to_le_bytes()[0], steps.to_le_bytes()[1]]);
         if head != want || got_envs as usize != envs {
-            return Err(format!("a header {head:#010x} of {got_envs} environments, expected {want:#010x} of {envs}"));
+            return Err(format!(
+                "a header {head:#010x} of {got_envs} environments, expected {want:#010x} of {envs}"
+            ));
         }
         let ticks = if kind == FrameKind::Step { usize::from(steps) } else { 1 };
         let rows = ticks * layout.rows();
@@ -128,13 +153,18 @@ impl<'a> Reply<'a> {
         ];
         let mut rest = bytes.get(HEADER..).unwrap_or_default();
         if parts.iter().sum::<usize>() != rest.len() {
-            return Err(format!("{} bytes after the header, expected {}", rest.len(), parts.iter().sum::<usize>()));
+            return Err(format!(
+                "{} bytes after the header, expected {}",
+                rest.len(),
+                parts.iter().sum::<usize>()
+            ));
         }
-        let [observations, rewards, states, metrics, finals, terminated, truncated, flying] = parts.map(|count| {
-            let (part, after) = rest.split_at(count);
-            rest = after;
-            part
-        });
+        let [observations, rewards, states, metrics, finals, terminated, truncated, flying] =
+            parts.map(|count| {
+                let (part, after) = rest.split_at(count);
+                rest = after;
+                part
+            });
         Ok(Reply { observations, rewards, states, metrics, finals, terminated, truncated, flying })
     }
 }

@@ -29,7 +29,8 @@ pub(crate) fn leaderboard(bench: &Bench, scenario: &str) -> Result<ApiBody> {
     json_body(&bench.leaderboard(bench.scenario(scenario)?)?)
 }
 
-/// `GET /api/v1/attempts?scenario=ID`: every attempt, without its episodes; of all scenarios if none is named.
+/// `GET /api/v1/attempts?scenario=ID`: every attempt, without its episodes; of all scenarios if none is
+/// named.
 pub fn attempts(bench: &Bench, scenario: Option<&str>) -> Result<ApiBody> {
     let scenario = scenario.map(|name| bench.scenario(name)).transpose()?.map(|s| s.id());
     let short_json = |entry: &AttemptEntry| {
@@ -82,5 +83,7 @@ pub(crate) fn verification(bench: &Bench, id: &str) -> Result<ApiBody> {
 /// `GET /api/v1/key`: what signatures are checked with, and over which bytes.
 pub(crate) fn key(bench: &Bench) -> Result<ApiBody> {
     let over = "the canonical JSON (RFC 8785) of an attempt without \"signature\" and \"at\"";
-    json_body(&json!({"algorithm": "Ed25519", "public_key": bench.public_key(), "over": over, "build": BUILD}))
+    json_body(
+        &json!({"algorithm": "Ed25519", "public_key": bench.public_key(), "over": over, "build": BUILD}),
+    )
 }

@@ -32,11 +32,21 @@ impl Bench {
     /// Begins an attempt; from here on it is listed.
     ///
     /// # Errors
-    /// [`Error::Scenario`], [`Error::Token`], [`Error::Name`] for the controller, [`Error::TooMany`], [`Error::Busy`].
-    pub(crate) fn begin(&self, scenario: &str, submitter: Submitter<'_>, controller: &str) -> Result<Attempt> {
+    /// [`Error::Scenario`], [`Error::Token`], [`Error::Name`] for the controller, [`Error::TooMany`],
+    /// [`Error::Busy`].
+    pub(crate) fn begin(
+        &self,
+        scenario: &str,
+        submitter: Submitter<'_>,
+        controller: &str,
+    ) -> Result<Attempt> {
         let scenario = self.scenario(scenario)?.clone();
         if !(1..=64).contains(&controller.chars().count()) || controller.chars().any(char::is_control) {
-            return Err(Error::Name { what: "controller", name: controller.into(), want: "1 to 64 characters, none of them a control" });
+            return Err(Error::Name {
+                what: "controller",
+                name: controller.into(),
+                want: "1 to 64 characters, none of them a control",
+            });
         }
         self.sweep()?;
         let team = self.team(submitter)?;
@@ -56,8 +66,16 @@ impl Bench {
             status: Status::Running,
             result: None,
         };
-        document.number = self.store().begin(&|number| Document { number, ..document.clone() }.to_row(&self.0.secrets))?;
-        Ok(Attempt { bench: self.clone(), scenario, document, episodes: Some(episodes), actions: Vec::new(), _permit: permit })
+        document.number =
+            self.store().begin(&|number| Document { number, ..document.clone() }.to_row(&self.0.secrets))?;
+        Ok(Attempt {
+            bench: self.clone(),
+            scenario,
+            document,
+            episodes: Some(episodes),
+            actions: Vec::new(),
+            _permit: permit,
+        })
     }
 
     /// Marks running attempts as abandoned whose time is over.
@@ -66,7 +84,10 @@ impl Bench {
         for row in store.running_since_before(now_ms() - LIMIT_MS)? {
             // a damaged row is left as it is, for verify to find
             let Ok(document) = row.document(&self.0.secrets) else { continue };
-            store.conclude(&Document { status: Status::Abandoned, ..document }.to_row(&self.0.secrets)?, None)?;
+            store.conclude(
+                &Document { status: Status::Abandoned, ..document }.to_row(&self.0.secrets)?,
+                None,
+            )?;
         }
         Ok(())
     }
@@ -114,7 +135,8 @@ impl Attempt {
     /// # Errors
     /// [`Error::Over`].
     pub(crate) fn phase(&self) -> Result<&Phase> {
-        self.flying().map(|episodes| phase_at(&self.scenario.phases, episodes.tick() as f64 * episodes.tick_s()))
+        self.flying()
+            .map(|episodes| phase_at(&self.scenario.phases, episodes.tick() as f64 * episodes.tick_s()))
     }
 
     /// The latest observations, rows of all episodes; a flight that is over keeps its last.
@@ -125,11 +147,12 @@ impl Attempt {
         self.flying().map(EpisodeBatch::observations)
     }
 
-    /// One tick of all episodes. Flights that are over stay as they ended, with no reward, and their actions are ignored. True when the last
-    /// one is over.
+    /// One tick of all episodes. Flights that are over stay as they ended, with no reward, and their actions
+    /// are ignored. True when the last one is over.
     ///
     /// # Errors
-    /// Before anything moves: [`Error::Over`]; [`Error::Env`] for wrong lengths and actions that are not from -1 to 1.
+    /// Before anything moves: [`Error::Over`]; [`Error::Env`] for wrong lengths and actions that are not from
+    /// -1 to 1.
     pub(crate) fn step(&mut self, actions: &[f32], out: StepBuffers<'_>) -> Result<bool> {
         let episodes = self.episodes.as_mut().ok_or(Error::Over)?;
         episodes.check(&out)?;
@@ -171,7 +194,8 @@ impl Attempt {
     /// Marks the attempt as abandoned in the database. If that fails, `sweep` does it after the time limit.
     fn abandon(&self) {
         let document = Document { status: Status::Abandoned, ..self.document.clone() };
-        let _ = document.to_row(&self.bench.0.secrets).and_then(|row| self.bench.store().conclude(&row, None));
+        let _ =
+            document.to_row(&self.bench.0.secrets).and_then(|row| self.bench.store().conclude(&row, None));
     }
 }
 
@@ -194,12 +218,20 @@ pub struct AttemptScore {
 pub(super) fn score_attempt(scenario: &Scenario, flights: &[Episode]) -> Result<AttemptScore> {
     let episode_result = |flight: &Episode| {
         let metrics = metrics::episode_metrics(scenario, flight)?;
-        Ok(EpisodeResult { score: scenario.plan.cost.score(&metrics)?, states_sha256: flight.state_hash(), metrics })
+        Ok(EpisodeResult {
+            score: scenario.plan.cost.score(&metrics)?,
+            states_sha256: flight.state_hash(),
+            metrics,
+        })
     };
     let episodes = flights.iter().map(episode_result).collect::<Result<Vec<_>>>()?;
     let scores: Vec<(f64, bool)> = episodes.iter().map(|e| (e.score, e.metrics.failed.is_some())).collect();
     let all: Vec<EpisodeMetrics> = episodes.iter().map(|e| e.metrics.clone()).collect();
-    Ok(AttemptScore { score: score::attempt_score(&scores)?, metrics: metrics::attempt_metrics(&all)?, episodes })
+    Ok(AttemptScore {
+        score: score::attempt_score(&scores)?,
+        metrics: metrics::attempt_metrics(&all)?,
+        episodes,
+    })
 }
 
 impl AttemptScore {

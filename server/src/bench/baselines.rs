@@ -51,9 +51,22 @@ impl Entrant {
     /// Built for the scenarios' vehicle, which is the thesis's.
     pub fn pilot(&self, spec: AttemptSpec, mode: Mode) -> crazyflie_env::Result<MultiController> {
         let AttemptSpec { interface, tick_s, episodes, drones } = spec;
-        let controller = |_| self.controller.build(&ControllerContext { model: &Model::thesis(), interface, tick_s, envs: episodes, mode });
+        let controller = |_| {
+            self.controller.build(&ControllerContext {
+                model: &Model::thesis(),
+                interface,
+                tick_s,
+                envs: episodes,
+                mode,
+            })
+        };
         let avoid = (self.avoid && drones > 1).then(CollisionAvoidance::default);
-        MultiController::new((0..drones).map(controller).collect::<crazyflie_env::Result<_>>()?, episodes, avoid, tick_s)
+        MultiController::new(
+            (0..drones).map(controller).collect::<crazyflie_env::Result<_>>()?,
+            episodes,
+            avoid,
+            tick_s,
+        )
     }
 }
 
@@ -68,7 +81,8 @@ fn fly(attempt: &mut Attempt, entrant: &Entrant) -> Result<()> {
     let rows = attempt.rows()?;
     let mut pilot = entrant.pilot(attempt.spec()?, attempt.phase()?.mode)?;
     let (mut observations, mut actions) = (attempt.observations()?.to_vec(), vec![0.0; rows * ACTION]);
-    let (mut rewards, mut terminated, mut truncated) = (vec![0.0; rows], vec![false; rows], vec![false; rows]);
+    let (mut rewards, mut terminated, mut truncated) =
+        (vec![0.0; rows], vec![false; rows], vec![false; rows]);
     loop {
         pilot.set_mode(attempt.phase()?.mode);
         pilot.act(&observations, &mut actions)?;
@@ -79,8 +93,13 @@ fn fly(attempt: &mut Attempt, entrant: &Entrant) -> Result<()> {
     }
 }
 
-/// Flies the scenario for the given seeds and scores it like an attempt, but stores nothing. Also returns the first trace.
-pub fn evaluate(scenario: &Scenario, entrant: &Entrant, seeds: &[u64]) -> Result<(AttemptScore, Option<Trace>)> {
+/// Flies the scenario for the given seeds and scores it like an attempt, but stores nothing. Also returns the
+/// first trace.
+pub fn evaluate(
+    scenario: &Scenario,
+    entrant: &Entrant,
+    seeds: &[u64],
+) -> Result<(AttemptScore, Option<Trace>)> {
     let mut episodes = EpisodeBatch::begin(scenario, seeds)?;
     let spec = episodes.spec();
     let mut pilot = entrant.pilot(spec, scenario.phases[0].mode)?;

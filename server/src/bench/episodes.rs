@@ -64,14 +64,20 @@ impl EpisodeBatch {
             metrics: vec![0.0; seeds.len() * env.num_metrics()],
         };
         env.reset(Some(seeds), None, &mut inner.observations)?;
-        let trace = Trace { tick_s: env.tick_s(), interface: env.interfaces()[0], rows: Vec::new(), end: FlightEnd::Time };
+        let trace = Trace {
+            tick_s: env.tick_s(),
+            interface: env.interfaces()[0],
+            rows: Vec::new(),
+            end: FlightEnd::Time,
+        };
         let path = DronePath { trace, rewards: vec![0.0], over: false };
         let world_metrics = (env.num_metrics() > 0).then_some([0.0; METRICS.len()]);
         let all = vec![Episode { paths: vec![path; env.num_drones()], world_metrics }; seeds.len()];
         let ticks = (scenario.seconds() / env.tick_s()).round() as usize;
         let (mut states, observations) = (vec![0.0; drones * STATE], inner.observations.clone());
         env.states(&mut states)?;
-        let (applied_actions, rewards, flags) = (vec![0.0; drones * ACTION], vec![0.0; drones], vec![false; drones]);
+        let (applied_actions, rewards, flags) =
+            (vec![0.0; drones * ACTION], vec![0.0; drones], vec![false; drones]);
         Ok(EpisodeBatch {
             env,
             all,
@@ -131,25 +137,36 @@ impl EpisodeBatch {
     /// One tick of every flight; `actions` of flights that are over are ignored.
     ///
     /// # Errors
-    /// Before anything moves: [`Error::Over`], and the environment's for a wrong number of actions or one that is not from -1 to 1.
+    /// Before anything moves: [`Error::Over`], and the environment's for a wrong number of actions or one
+    /// that is not from -1 to 1.
     pub(super) fn step(&mut self, actions: &[f32]) -> Result<bool> {
         if self.running() == 0 {
             return Err(Error::Over);
         }
         if actions.len() != self.applied_actions.len() {
             let want = format!("{} numbers", self.applied_actions.len());
-            return Err(crazyflie_env::Error::Shape { what: "actions", want, got: actions.len().to_string() }.into());
+            return Err(crazyflie_env::Error::Shape {
+                what: "actions",
+                want,
+                got: actions.len().to_string(),
+            }
+            .into());
         }
         let mut applied_actions = vec![0.0; actions.len()];
         for (i, _) in self.paths() {
-            applied_actions[i * ACTION..(i + 1) * ACTION].copy_from_slice(&actions[i * ACTION..(i + 1) * ACTION]);
+            applied_actions[i * ACTION..(i + 1) * ACTION]
+                .copy_from_slice(&actions[i * ACTION..(i + 1) * ACTION]);
         }
         let seen = self.inner.observations.clone();
         let StepArrays { observations, rewards, terminated, truncated, flying, metrics } = &mut self.inner;
-        self.env.step(&applied_actions, StepBuffers { observations, rewards, terminated, truncated, flying, metrics })?;
+        self.env.step(
+            &applied_actions,
+            StepBuffers { observations, rewards, terminated, truncated, flying, metrics },
+        )?;
         self.applied_actions = applied_actions;
         let (width, before) = (self.width(), self.states.clone());
-        self.paths().for_each(|(i, path)| path.trace.rows.push(flight::row(i, width, &seen, &before, actions)));
+        self.paths()
+            .for_each(|(i, path)| path.trace.rows.push(flight::row(i, width, &seen, &before, actions)));
         self.env.states(&mut self.states)?;
         self.tick += 1;
         self.take_results();
@@ -177,9 +194,19 @@ impl EpisodeBatch {
             path.rewards.push(self.inner.rewards[i]);
             path.over = self.terminated[i] || out_of_time;
             if path.over {
-                path.trace.rows.push(flight::row(i, width, &self.inner.observations, &self.states, &self.applied_actions));
+                path.trace.rows.push(flight::row(
+                    i,
+                    width,
+                    &self.inner.observations,
+                    &self.states,
+                    &self.applied_actions,
+                ));
                 // why one of several ended is told by the figures of its world
-                path.trace.end = if self.terminated[i] && drones == 1 { flight::end(&path.trace.rows) } else { FlightEnd::Time };
+                path.trace.end = if self.terminated[i] && drones == 1 {
+                    flight::end(&path.trace.rows)
+                } else {
+                    FlightEnd::Time
+                };
             }
         }
     }
@@ -193,7 +220,11 @@ impl EpisodeBatch {
         if want == got {
             return Ok(());
         }
-        let shape = crazyflie_env::Error::Shape { what: "buffers of a step", want: format!("{want:?}"), got: format!("{got:?}") };
+        let shape = crazyflie_env::Error::Shape {
+            what: "buffers of a step",
+            want: format!("{want:?}"),
+            got: format!("{got:?}"),
+        };
         Err(shape.into())
     }
 

@@ -20,9 +20,13 @@ pub enum Error {
     Token,
     #[error("the {what} {name:?} is no good: expected {want}")]
     Name { what: &'static str, name: String, want: &'static str },
-    #[error("team {team} has begun {limit} attempts within a minute, which is the limit: try again in {retry_after_s} s")]
+    #[error(
+        "team {team} has begun {limit} attempts within a minute, which is the limit: try again in {retry_after_s} s"
+    )]
     TooMany { team: String, limit: u32, retry_after_s: u64 },
-    #[error("team {team} has {limit} attempts under way, which is the limit: finish or close one first, or try again in {retry_after_s} s")]
+    #[error(
+        "team {team} has {limit} attempts under way, which is the limit: finish or close one first, or try again in {retry_after_s} s"
+    )]
     Busy { team: String, limit: u32, retry_after_s: u64 },
     #[error("the attempt is over: finish it")]
     Over,
@@ -68,7 +72,9 @@ impl Error {
             Error::Over => "attempt_over",
             Error::NotOver { .. } => "attempt_under_way",
             Error::TooLate { .. } => "attempt_too_late",
-            Error::Env(crazyflie_env::Error::Action { .. } | crazyflie_env::Error::DroneAction { .. }) => "bad_action",
+            Error::Env(crazyflie_env::Error::Action { .. } | crazyflie_env::Error::DroneAction { .. }) => {
+                "bad_action"
+            }
             Error::Env(crazyflie_env::Error::Shape { .. }) => "bad_shape",
             _ => "internal",
         }

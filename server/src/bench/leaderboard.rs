@@ -1,5 +1,6 @@
-//! The leaderboard. One row per team and controller, by the median of all its attempts at a scenario: trying until luck comes does not help,
-//! and an attempt that was abandoned counts as 0, so that going away when it goes badly does not help either.
+//! The leaderboard. One row per team and controller, by the median of all its attempts at a scenario: trying
+//! until luck comes does not help, and an attempt that was abandoned counts as 0, so that going away when it
+//! goes badly does not help either.
 
 use std::collections::BTreeMap;
 
@@ -45,13 +46,18 @@ impl Bench {
         for entry in self.attempts(Some(&scenario.id()))? {
             let Ok(document) = entry.document else { continue };
             if document.status != Status::Running && document.scenario_hash == scenario.hash() {
-                groups.entry((document.team.clone(), document.controller.clone())).or_default().push((document, entry.signature));
+                groups
+                    .entry((document.team.clone(), document.controller.clone()))
+                    .or_default()
+                    .push((document, entry.signature));
             }
         }
-        let mut rows: Vec<LeaderboardRow> = groups.into_values().filter_map(|group| median_row(group, scenario)).collect();
+        let mut rows: Vec<LeaderboardRow> =
+            groups.into_values().filter_map(|group| median_row(group, scenario)).collect();
         rows.sort_by(|a, b| b.score.score.total_cmp(&a.score.score));
         let scores: Vec<f64> = rows.iter().map(|row| row.score.score).collect();
-        rows.iter_mut().for_each(|row| row.rank = 1 + scores.iter().filter(|score| **score > row.score.score).count());
+        rows.iter_mut()
+            .for_each(|row| row.rank = 1 + scores.iter().filter(|score| **score > row.score.score).count());
         Ok(rows)
     }
 }
@@ -62,8 +68,16 @@ fn median_row(mut group: Vec<(Document, Vec<u8>)>, scenario: &Scenario) -> Optio
     let attempts = group.len();
     let abandoned = group.iter().filter(|(document, _)| document.status == Status::Abandoned).count();
     let (document, signature) = group.into_iter().nth(attempts.checked_sub(1)? / 2)?;
-    let nothing = Score { score: 0.0, low: 0.0, high: 0.0, median: 0.0, failed: scenario.episodes(), episodes: scenario.episodes() };
-    let (score, metrics) = document.result.map_or((nothing, None), |result| (result.score, Some(result.metrics)));
+    let nothing = Score {
+        score: 0.0,
+        low: 0.0,
+        high: 0.0,
+        median: 0.0,
+        failed: scenario.episodes(),
+        episodes: scenario.episodes(),
+    };
+    let (score, metrics) =
+        document.result.map_or((nothing, None), |result| (result.score, Some(result.metrics)));
     Some(LeaderboardRow {
         rank: 0,
         attempt: document.id,

@@ -17,7 +17,8 @@ pub struct EpisodeMetrics {
     /// Reason that the flight counts as a failure.
     pub failed: Option<String>,
     pub duration_s: f64,
-    /// From the start of a phase until x, y and z stay within 5 cm, in the slowest phase; none if the set-point moves or they never do.
+    /// From the start of a phase until x, y and z stay within 5 cm, in the slowest phase; none if the
+    /// set-point moves or they never do.
     pub settling_s: Option<f64>,
     /// Beyond the set-point, largest of x, y, z and of all phases; none if the set-point moves.
     pub overshoot_m: Option<f64>,
@@ -32,7 +33,8 @@ pub struct EpisodeMetrics {
     /// Speed and distance from the set-point at touch-down, in scenarios that land.
     pub touch_mps: Option<f64>,
     pub touch_off_m: Option<f64>,
-    /// Drones that hit another, and the smallest distance between two that flew; only if several share the air.
+    /// Drones that hit another, and the smallest distance between two that flew; only if several share the
+    /// air.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub collisions: Option<usize>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -72,21 +74,35 @@ pub(super) fn episode_metrics(scenario: &Scenario, episode: &Episode) -> Result<
 }
 
 /// Metrics of the world of several drones, and means over the drones.
-fn multi_drone_metrics(scenario: &Scenario, each: &[EpisodeMetrics], world_metrics: &[f32; METRICS.len()]) -> Result<EpisodeMetrics> {
-    let world_metric =
-        |name: &str| METRICS.iter().position(|(known, ..)| *known == name).map_or(f64::NAN, |at| f64::from(world_metrics[at]));
-    let over = |value: &dyn Fn(&EpisodeMetrics) -> f64| round_figure(mean(&each.iter().map(value).collect::<Vec<_>>()).unwrap_or(0.0));
+fn multi_drone_metrics(
+    scenario: &Scenario,
+    each: &[EpisodeMetrics],
+    world_metrics: &[f32; METRICS.len()],
+) -> Result<EpisodeMetrics> {
+    let world_metric = |name: &str| {
+        METRICS
+            .iter()
+            .position(|(known, ..)| *known == name)
+            .map_or(f64::NAN, |at| f64::from(world_metrics[at]))
+    };
+    let over = |value: &dyn Fn(&EpisodeMetrics) -> f64| {
+        round_figure(mean(&each.iter().map(value).collect::<Vec<_>>()).unwrap_or(0.0))
+    };
     let squares = |value: &dyn Fn(&EpisodeMetrics) -> f64| {
         round_figure(mean(&each.iter().map(|e| value(e).powi(2)).collect::<Vec<_>>()).unwrap_or(0.0).sqrt())
     };
-    let (drones, collisions, crashes, done) = (each.len(), world_metric("collisions"), world_metric("crashes"), world_metric("done"));
+    let (drones, collisions, crashes, done) =
+        (each.len(), world_metric("collisions"), world_metric("crashes"), world_metric("done"));
     let all_done = done >= drones as f64;
     // where it counts when they are done, they must be
     let late = scenario.plan.cost.settling_s.is_some() && !all_done;
     let failed = match (collisions > 0.0, crashes > 0.0, late) {
         (true, ..) => Some(format!("{collisions} of {drones} drones collided")),
         (_, true, _) => Some(format!("{crashes} of {drones} drones hit the floor or left the room")),
-        (.., true) => Some(format!("{} of {drones} drones were not where they should be in the end", drones as f64 - done)),
+        (.., true) => Some(format!(
+            "{} of {drones} drones were not where they should be in the end",
+            drones as f64 - done
+        )),
         _ => None,
     };
     Ok(EpisodeMetrics {
@@ -111,8 +127,12 @@ fn path_metrics(scenario: &Scenario, path: &DronePath) -> Result<EpisodeMetrics>
     let trace = &path.trace;
     let figures = flight::figures(&scenario.phases, trace);
     let last = trace.rows.last().ok_or_else(|| Error::Internal("an episode without rows".into()))?;
-    let squares: Vec<f64> = trace.rows.iter().map(|row| flight::squared_distance(&row.state[..3], row.setpoint())).collect();
-    let yaw = trace.rows.iter().map(|row| wrap_angle(f64::from(row.state[8] - row.setpoint()[3])).to_degrees().powi(2));
+    let squares: Vec<f64> =
+        trace.rows.iter().map(|row| flight::squared_distance(&row.state[..3], row.setpoint())).collect();
+    let yaw = trace
+        .rows
+        .iter()
+        .map(|row| wrap_angle(f64::from(row.state[8] - row.setpoint()[3])).to_degrees().powi(2));
     let touch = figures.touch_down.filter(|_| scenario.lands());
     let metrics = EpisodeMetrics {
         failed: failure(scenario, &figures, trace),
@@ -121,19 +141,24 @@ fn path_metrics(scenario: &Scenario, path: &DronePath) -> Result<EpisodeMetrics>
         overshoot_m: overshoot(&figures).map(round_figure).transpose()?,
         rmse_m: round_figure(mean(&squares).unwrap_or(0.0).sqrt())?,
         yaw_rmse_deg: round_figure(mean(&yaw.collect::<Vec<_>>()).unwrap_or(0.0).sqrt())?,
-        effort_deg: round_figure(over_phases(&figures, |[x, y, ..]| x.effort.powi(2) + y.effort.powi(2)).sqrt())?,
+        effort_deg: round_figure(
+            over_phases(&figures, |[x, y, ..]| x.effort.powi(2) + y.effort.powi(2)).sqrt(),
+        )?,
         travel_degps: round_figure(over_phases(&figures, |[x, y, ..]| x.travel_per_s + y.travel_per_s))?,
         marker_losses: figures.marker_losses,
         marker_lost_s: round_figure(figures.marker_lost_s)?,
         touch_mps: touch.map(|(_, mps)| round_figure(mps)).transpose()?,
-        touch_off_m: touch.map(|_| round_figure(flight::squared_distance(&last.state[..2], last.setpoint()).sqrt())).transpose()?,
+        touch_off_m: touch
+            .map(|_| round_figure(flight::squared_distance(&last.state[..2], last.setpoint()).sqrt()))
+            .transpose()?,
         collisions: None,
         min_separation_m: None,
     };
     Ok(metrics)
 }
 
-/// Breaking the vehicle, leaving the room, ending on the floor when flying was asked or in the air when landing was.
+/// Breaking the vehicle, leaving the room, ending on the floor when flying was asked or in the air when
+/// landing was.
 fn failure(scenario: &Scenario, figures: &Figures, trace: &Trace) -> Option<String> {
     let down = trace.rows.last().is_some_and(|row| row.state[2] <= 0.0);
     let wrong_place = match scenario.lands() {
@@ -145,7 +170,8 @@ fn failure(scenario: &Scenario, figures: &Figures, trace: &Trace) -> Option<Stri
 
 fn settling(figures: &Figures) -> Option<f64> {
     let axes = figures.phases.iter().flat_map(|phase| &phase.axes[..3]);
-    axes.map(|axis| if let Settling::At(s) = axis.settling { Some(s) } else { None }).try_fold(0.0, |worst, s| Some(f64::max(worst, s?)))
+    axes.map(|axis| if let Settling::At(s) = axis.settling { Some(s) } else { None })
+        .try_fold(0.0, |worst, s| Some(f64::max(worst, s?)))
 }
 
 fn overshoot(figures: &Figures) -> Option<f64> {
@@ -169,7 +195,11 @@ fn wrap_angle(angle: f64) -> f64 {
 /// # Errors
 /// [`Error::Internal`] for what is not a finite number: no score may come from it.
 pub(super) fn round_figure(value: f64) -> Result<f64> {
-    if value.is_finite() { Ok((value * 1e6).round() / 1e6) } else { Err(Error::Internal(format!("a figure is {value}"))) }
+    if value.is_finite() {
+        Ok((value * 1e6).round() / 1e6)
+    } else {
+        Err(Error::Internal(format!("a figure is {value}")))
+    }
 }
 
 pub(super) fn attempt_metrics(episodes: &[EpisodeMetrics]) -> Result<Metrics> {

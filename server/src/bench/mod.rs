@@ -1,5 +1,5 @@
-//! The benchmark: fixed scenarios, attempts that can be verified, a leaderboard. It has no sockets, and a clock only for dates; `serve` and the
-//! command line stand in front.
+//! The benchmark: fixed scenarios, attempts that can be verified, a leaderboard. It has no sockets, and a
+//! clock only for dates; `serve` and the command line stand in front.
 
 pub mod api;
 mod attempt;
@@ -106,7 +106,8 @@ impl Bench {
     /// # Errors
     /// [`Error::Scenario`] with the names that there are.
     pub fn scenario(&self, name: &str) -> Result<&Scenario> {
-        let scenario = self.scenarios().iter().find(|s| s.id() == name || s.id().split('@').next() == Some(name));
+        let scenario =
+            self.scenarios().iter().find(|s| s.id() == name || s.id().split('@').next() == Some(name));
         scenario.ok_or_else(|| Error::Scenario {
             name: name.into(),
             known: self.scenarios().iter().map(Scenario::id).collect::<Vec<_>>().join(", "),

@@ -1,5 +1,5 @@
-//! The effect that a scenario does not declare: drawn from a pool by the server's secret, so that each server has its own, and committed to, so that
-//! the server cannot change it unseen.
+//! The effect that a scenario does not declare: drawn from a pool by the server's secret, so that each server
+//! has its own, and committed to, so that the server cannot change it unseen.
 
 use crazyflie_env::config::{EffectParams, EffectTable, Number, check_effects};
 use rand::{RngExt, SeedableRng};
@@ -47,7 +47,9 @@ impl EffectPool {
         let chosen = self.0.get(rng.random_range(0..self.0.len().max(1))).ok_or_else(|| bad("empty"))?;
         let mut params = std::collections::BTreeMap::new();
         for (param, ranges) in &chosen.ranges {
-            let [low, high] = ranges.get(rng.random_range(0..ranges.len().max(1))).ok_or_else(|| bad("a parameter without a range"))?;
+            let [low, high] = ranges
+                .get(rng.random_range(0..ranges.len().max(1)))
+                .ok_or_else(|| bad("a parameter without a range"))?;
             params.insert(param.clone(), Number::Fixed(low + (high - low) * rng.random::<f64>()));
         }
         let effects = EffectTable::from([(chosen.effect.clone(), EffectParams::Named(params))]);
@@ -65,6 +67,9 @@ impl EffectPool {
             let params = c.ranges.iter().map(|(name, ranges)| (name.clone(), value(ranges))).collect();
             EffectTable::from([(c.effect.clone(), EffectParams::Named(params))])
         };
-        self.0.iter().flat_map(|c| [0, 1].into_iter().flat_map(move |end| [0, 1].map(|range| corner(c, end, range)))).collect()
+        self.0
+            .iter()
+            .flat_map(|c| [0, 1].into_iter().flat_map(move |end| [0, 1].map(|range| corner(c, end, range))))
+            .collect()
     }
 }

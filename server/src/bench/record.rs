@@ -80,7 +80,8 @@ pub struct EpisodeResult {
     pub metrics: EpisodeMetrics,
 }
 
-/// A row of the database, as it was found there. Columns besides the document are for searching; they say nothing that it does not say.
+/// A row of the database, as it was found there. Columns besides the document are for searching; they say
+/// nothing that it does not say.
 #[derive(Debug, Clone)]
 pub(crate) struct AttemptRow {
     pub number: i64,
@@ -122,7 +123,8 @@ impl AttemptRow {
         if !secrets.is_signature_valid(&self.document, &self.signature) {
             return Err(damaged("the signature does not fit the document"));
         }
-        let document: Document = serde_json::from_slice(&self.document).map_err(|e| damaged(&format!("document: {e}")))?;
+        let document: Document =
+            serde_json::from_slice(&self.document).map_err(|e| damaged(&format!("document: {e}")))?;
         let columns = [
             ("number", self.number == document.number),
             ("id", self.id == document.id),
@@ -133,7 +135,9 @@ impl AttemptRow {
             ("status", self.status == document.status.name()),
         ];
         match columns.iter().find(|(_, same)| !same) {
-            Some((column, _)) => Err(damaged(&format!("the column {column} differs from the signed document"))),
+            Some((column, _)) => {
+                Err(damaged(&format!("the column {column} differs from the signed document")))
+            }
             None => Ok(document),
         }
     }

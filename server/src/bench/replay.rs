@@ -19,7 +19,8 @@ pub(crate) struct Replay {
 
 impl Bench {
     /// # Errors
-    /// [`Error::Attempt`], [`Error::Episode`], [`Error::Unfinished`], [`Error::Damaged`] if it comes out differently now.
+    /// [`Error::Attempt`], [`Error::Episode`], [`Error::Unfinished`], [`Error::Damaged`] if it comes out
+    /// differently now.
     pub(crate) fn replay(&self, id: &str, episode: usize) -> Result<Replay> {
         let (scenario, result, actions) = self.stored_flights(id)?;
         let all = result.episodes.len();
@@ -36,7 +37,11 @@ impl Bench {
         }
         let replayed = flight.finish().ok().and_then(|mut all| all.pop());
         let same = replayed.filter(|replayed| replayed.state_hash() == stored.states_sha256);
-        let differs = || Error::Damaged(format!("attempt {id}: the flight comes out differently by this build; see verify"));
+        let differs = || {
+            Error::Damaged(format!(
+                "attempt {id}: the flight comes out differently by this build; see verify"
+            ))
+        };
         let episode = same.ok_or_else(differs)?;
         Ok(Replay { scenario, episode, result: stored.clone() })
     }
@@ -57,7 +62,12 @@ impl Bench {
             return Err(Error::Unfinished { id: id.into(), status: document.status.name() });
         };
         let same = |s: &&Scenario| s.id() == document.scenario && s.hash() == document.scenario_hash;
-        let lost = || Error::Damaged(format!("attempt {id}: this build does not have its scenario {}", document.scenario));
+        let lost = || {
+            Error::Damaged(format!(
+                "attempt {id}: this build does not have its scenario {}",
+                document.scenario
+            ))
+        };
         let scenario = self.scenarios().iter().find(same).ok_or_else(lost)?.clone();
         let actions = unpack(&packed, result.ticks * result.episodes.len() * scenario.drones() * ACTION)?;
         Ok((scenario, result, actions))
@@ -80,7 +90,12 @@ impl Replay {
                 fov_deg: self.scenario.declared_param("camera_fov", "diagonal_deg").unwrap_or(0.0),
                 offset_m: self.scenario.declared_param("camera_fov", "lens_below_m").unwrap_or(0.0),
             },
-            end: self.result.metrics.failed.clone().unwrap_or_else(|| if self.scenario.lands() { "landed" } else { "time" }.into()),
+            end: self
+                .result
+                .metrics
+                .failed
+                .clone()
+                .unwrap_or_else(|| if self.scenario.lands() { "landed" } else { "time" }.into()),
         };
         let mut bytes = header.bytes().map_err(|e| Error::Internal(e.to_string()))?;
         let mut least_m = f32::INFINITY;
@@ -88,13 +103,21 @@ impl Replay {
             // who is down stays as it ended
             let now: Vec<usize> = paths.iter().map(|path| i.min(path.trace.rows.len() - 1)).collect();
             let flying: Vec<bool> = paths.iter().map(|path| i < path.trace.rows.len()).collect();
-            let states: Vec<f32> = paths.iter().zip(&now).flat_map(|(path, at)| path.trace.rows[*at].state).collect();
+            let states: Vec<f32> =
+                paths.iter().zip(&now).flat_map(|(path, at)| path.trace.rows[*at].state).collect();
             let apart_m: Vec<f32> = frames::separations_m(&states, &flying).collect();
             least_m = apart_m.iter().copied().fold(least_m, f32::min);
             for (drone, (path, at)) in paths.iter().zip(&now).enumerate() {
                 let DronePath { trace, rewards, .. } = path;
                 let row = &trace.rows[*at];
-                let row = frames::row(lead.t_s(i), &row.observation, &row.state, &row.action, &trace.interface, rewards[*at]);
+                let row = frames::row(
+                    lead.t_s(i),
+                    &row.observation,
+                    &row.state,
+                    &row.action,
+                    &trace.interface,
+                    rewards[*at],
+                );
                 let shared = [f32::from(u8::from(flying[drone])), apart_m[drone], least_m];
                 let shared = if self.episode.world_metrics.is_some() { &shared[..] } else { &[] };
                 bytes.extend(row.iter().chain(shared).flat_map(|number| number.to_le_bytes()));
@@ -109,7 +132,8 @@ impl Replay {
     /// [`Error::Drone`].
     pub(crate) fn csv(&self, drone: usize) -> Result<Vec<u8>> {
         let paths = &self.episode.paths;
-        let path = paths.get(drone).ok_or_else(|| Error::Drone { drone, last: paths.len().saturating_sub(1) })?;
+        let path =
+            paths.get(drone).ok_or_else(|| Error::Drone { drone, last: paths.len().saturating_sub(1) })?;
         let mut out = Vec::new();
         flight::log(&path.trace).write_csv(&mut out).map_err(|e| Error::Internal(e.to_string()))?;
         Ok(out)
@@ -119,13 +143,16 @@ impl Replay {
 /// The flight of the drone that flew to the end.
 fn longest(paths: &[DronePath]) -> Result<&Trace> {
     let traces = paths.iter().map(|path| &path.trace).filter(|trace| !trace.rows.is_empty());
-    traces.max_by_key(|trace| trace.rows.len()).ok_or_else(|| Error::Internal("an episode without rows".into()))
+    traces
+        .max_by_key(|trace| trace.rows.len())
+        .ok_or_else(|| Error::Internal("an episode without rows".into()))
 }
 
 /// As the effect `markers` lays them out: a grid about the origin.
 fn markers(scenario: &Scenario) -> Vec<[f64; 3]> {
     let number = |param: &str, off: f64| scenario.declared_param("markers", param).unwrap_or(off);
-    let (columns, rows, pitch_m) = (number("columns", 1.0) as usize, number("rows", 1.0) as usize, number("pitch_m", 0.5));
+    let (columns, rows, pitch_m) =
+        (number("columns", 1.0) as usize, number("rows", 1.0) as usize, number("pitch_m", 0.5));
     let at = |i: usize, n: usize| (i as f64 - 0.5 * (n as f64 - 1.0)) * pitch_m;
     (0..columns).flat_map(|i| (0..rows).map(move |j| [at(i, columns), at(j, rows), 0.0])).collect()
 }

@@ -1,4 +1,5 @@
-//! Scenarios: data files under `server/scenarios`, embedded, checked, and known by the hash of all that they say.
+//! Scenarios: data files under `server/scenarios`, embedded, checked, and known by the hash of all that they
+//! say.
 
 use std::borrow::Cow;
 
@@ -115,9 +116,17 @@ impl Scenario {
         let bad = |problem: String| Error::ScenarioFile { file, problem };
         let plan: ScenarioPlan = toml::from_str(text).map_err(|e| bad(e.to_string()))?;
         check(&plan).map_err(bad)?;
-        let phases = plan.phases.iter().map(|p| p.phase().map_err(|e| bad(e.to_string()))).collect::<Result<Vec<_>>>()?;
+        let phases = plan
+            .phases
+            .iter()
+            .map(|p| p.phase().map_err(|e| bad(e.to_string())))
+            .collect::<Result<Vec<_>>>()?;
         let public = content_hash(&plan, None)?;
-        let hidden = plan.hidden.as_ref().map(|pool| pool.draw(secrets, &public).map_err(|e| bad(e.to_string()))).transpose()?;
+        let hidden = plan
+            .hidden
+            .as_ref()
+            .map(|pool| pool.draw(secrets, &public).map_err(|e| bad(e.to_string())))
+            .transpose()?;
         let hash = content_hash(&plan, hidden.as_ref().map(|h| h.commitment.as_str()))?;
         let scenario = Scenario { plan, phases, hidden, hash };
         scenario.env(1).map_err(|e| bad(e.to_string()))?;
@@ -129,12 +138,22 @@ impl Scenario {
     /// # Errors
     /// [`Error::Scenario`] for a name that is unknown or hides something; those of a bad table of effects.
     pub fn with_effects(name: &str, more: EffectTable) -> Result<Scenario> {
-        let plans = FILES.iter().map(|(file, text)| toml::from_str::<ScenarioPlan>(text).map(|plan| (*file, *text, plan)));
-        let plans = plans.collect::<std::result::Result<Vec<_>, _>>().map_err(|e| Error::Internal(e.to_string()))?;
+        let plans = FILES
+            .iter()
+            .map(|(file, text)| toml::from_str::<ScenarioPlan>(text).map(|plan| (*file, *text, plan)));
+        let plans =
+            plans.collect::<std::result::Result<Vec<_>, _>>().map_err(|e| Error::Internal(e.to_string()))?;
         let open = |plan: &ScenarioPlan| plan.hidden.is_none();
-        let found = plans.iter().find(|(.., plan)| open(plan) && (plan.name == name || format!("{}@{}", plan.name, plan.version) == name));
+        let found = plans.iter().find(|(.., plan)| {
+            open(plan) && (plan.name == name || format!("{}@{}", plan.name, plan.version) == name)
+        });
         let Some((file, text, _)) = found else {
-            let known: Vec<&str> = plans.iter().map(|(.., plan)| plan).filter(|plan| open(plan)).map(|plan| plan.name.as_str()).collect();
+            let known: Vec<&str> = plans
+                .iter()
+                .map(|(.., plan)| plan)
+                .filter(|plan| open(plan))
+                .map(|plan| plan.name.as_str())
+                .collect();
             return Err(Error::Scenario { name: name.into(), known: known.join(", ") });
         };
         // nothing is hidden in it: no secret is asked
@@ -178,8 +197,8 @@ impl Scenario {
         self.plan.seconds
     }
 
-    /// The environments of an attempt. They reset on their own, because in lock-step those that have ended are stepped along; nothing after
-    /// an end is shown or counted.
+    /// The environments of an attempt. They reset on their own, because in lock-step those that have ended
+    /// are stepped along; nothing after an end is shown or counted.
     pub(super) fn env(&self, episodes: usize) -> Result<VectorEnv> {
         let mut effects = self.plan.effects.clone();
         effects.extend(self.hidden.iter().flat_map(|hidden| hidden.effects.clone()));
@@ -193,7 +212,9 @@ impl Scenario {
         };
         let options = match &self.plan.team {
             None => options,
-            Some(MultiDronePlan { drones, neighbours }) => Options { drones: *drones, neighbours: *neighbours, ..options },
+            Some(MultiDronePlan { drones, neighbours }) => {
+                Options { drones: *drones, neighbours: *neighbours, ..options }
+            }
         };
         Ok(VectorEnv::new(&[Model::thesis()], &options, episodes)?)
     }
@@ -204,7 +225,9 @@ impl Scenario {
 
     /// One parameter of a declared effect, if it is the same in every episode.
     pub(super) fn declared_param(&self, effect: &str, param: &str) -> Option<f64> {
-        let crazyflie_env::config::EffectParams::Named(params) = self.plan.effects.get(effect)? else { return None };
+        let crazyflie_env::config::EffectParams::Named(params) = self.plan.effects.get(effect)? else {
+            return None;
+        };
         params.get(param)?.fixed()
     }
 
@@ -220,7 +243,8 @@ impl Scenario {
     }
 }
 
-/// SHA-256 over the canonical JSON of the file's content, of the model's numbers, and of the commitment to what is hidden.
+/// SHA-256 over the canonical JSON of the file's content, of the model's numbers, and of the commitment to
+/// what is hidden.
 pub(super) fn content_hash(plan: &ScenarioPlan, commitment: Option<&str>) -> Result<String> {
     let model = sha256_hex(&canonical(&Model::thesis().parameters())?);
     Ok(sha256_hex(&canonical(&json!({"scenario": plan, "model": model, "commitment": commitment}))?))
@@ -248,7 +272,8 @@ fn check(plan: &ScenarioPlan) -> std::result::Result<(), String> {
 mod tests {
     use super::*;
 
-    /// The public part of every scenario, by hash. A scenario that has been published does not change: give it a new version, and keep the old file.
+    /// The public part of every scenario, by hash. A scenario that has been published does not change: give
+    /// it a new version, and keep the old file.
     const PINNED: &[(&str, &str)] = &[
         ("hover-aruco@1.0.0", "51b43b62d495ab0239c5556d21dcd1a416ca51170720f80653765c910207b75c"),
         ("fly-80cm@1.0.0", "1d5f0f57b63c1e5cc1a0231dd986d2a840d2d1b03918bdc28c29dbedd831c4c2"),
@@ -287,7 +312,11 @@ mod tests {
             for (at, digit) in text.match_indices(|c: char| c.is_ascii_digit()) {
                 // another digit in its place, where what comes of it can be read
                 let other = if digit == "5" { "6" } else { "5" };
-                let Ok(new) = toml::from_str::<ScenarioPlan>(&format!("{}{other}{}", &text[..at], &text[at + 1..])) else { continue };
+                let Ok(new) =
+                    toml::from_str::<ScenarioPlan>(&format!("{}{other}{}", &text[..at], &text[at + 1..]))
+                else {
+                    continue;
+                };
                 assert_ne!(content_hash(&new, None).unwrap(), hash, "{file} at byte {at}");
                 changed += 1;
             }

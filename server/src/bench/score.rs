@@ -1,11 +1,13 @@
 //! The score.
 //!
-//! An episode is worth 0 if it failed, else `100 exp(-cost)`, with the cost a sum of terms, each a figure of the flight over the size of it
-//! that costs 1: always better when flown better, and nothing to be had by a trick at a threshold.
+//! An episode is worth 0 if it failed, else `100 exp(-cost)`, with the cost a sum of terms, each a figure of
+//! the flight over the size of it that costs 1: always better when flown better, and nothing to be had by a
+//! trick at a threshold.
 //!
-//! An attempt's score is the median over all episodes, failures counted as 0, times the share of episodes that did not fail. The median alone
-//! would forgive a controller the failure of nearly half its flights, and so reward gambling for speed; with the factor every failure costs.
-//! The interval is the 95 % percentile bootstrap of that same score over episodes, with a generator that always begins at the same place.
+//! An attempt's score is the median over all episodes, failures counted as 0, times the share of episodes
+//! that did not fail. The median alone would forgive a controller the failure of nearly half its flights, and
+//! so reward gambling for speed; with the factor every failure costs. The interval is the 95 % percentile
+//! bootstrap of that same score over episodes, with a generator that always begins at the same place.
 
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -37,7 +39,8 @@ pub(super) struct Cost {
 
 impl Cost {
     pub(super) fn check(&self) -> std::result::Result<(), String> {
-        let Cost { rmse_m, yaw_rmse_deg, travel_degps, touch_off_m, touch_mps, duration_s, settling_s } = self;
+        let Cost { rmse_m, yaw_rmse_deg, travel_degps, touch_off_m, touch_mps, duration_s, settling_s } =
+            self;
         let terms = [rmse_m, yaw_rmse_deg, travel_degps, touch_off_m, touch_mps, duration_s, settling_s];
         if terms.iter().all(|size| size.is_none()) {
             return Err("the cost has no terms".into());
@@ -128,7 +131,8 @@ mod tests {
         let all: Vec<f64> = (0..=24).map(|failed| score(&flights(24 - failed, 60.0, failed))).collect();
         assert!(all.windows(2).take(13).all(|pair| pair[1] < pair[0]), "{all:?}");
         assert!(all[13..].iter().all(|s| *s == 0.0), "{all:?}");
-        // a third better where it works, but it fails in two flights of five: the median alone would prefer it
+        // a third better where it works, but it fails in two flights of five: the median alone would prefer
+        // it
         let (safe, gambler) = (flights(25, 60.0, 0), flights(15, 80.0, 10));
         assert!(score(&safe) > score(&gambler));
         assert!(attempt_score(&gambler).unwrap().median > attempt_score(&safe).unwrap().median);
@@ -136,7 +140,8 @@ mod tests {
 
     #[test]
     fn the_interval_holds_the_score_and_is_the_same_every_time() {
-        let episodes: Vec<(f64, bool)> = (0..24).map(|i| (40.0 + f64::from(i), false)).chain([(0.0, true)]).collect();
+        let episodes: Vec<(f64, bool)> =
+            (0..24).map(|i| (40.0 + f64::from(i), false)).chain([(0.0, true)]).collect();
         let first = attempt_score(&episodes).unwrap();
         assert!(first.low < first.score && first.score < first.high, "{first:?}");
         assert_eq!((first.failed, first.episodes), (1, 25));
@@ -145,7 +150,8 @@ mod tests {
         assert_eq!((same.low, same.score, same.high), (50.0, 50.0, 50.0));
     }
 
-    /// The sampling error of a median is known: 1.2533 sigma / sqrt(n) for a normal distribution, so 95 % lie within 2.46 sigma / sqrt(n).
+    /// The sampling error of a median is known: 1.2533 sigma / sqrt(n) for a normal distribution, so 95 % lie
+    /// within 2.46 sigma / sqrt(n).
     #[test]
     fn the_interval_is_as_wide_as_theory_says() {
         use rand_distr::{Distribution, Normal};

@@ -1,4 +1,5 @@
-//! The signing key, the secret that seeds are derived from, and what is made of them. Nothing here can be printed.
+//! The signing key, the secret that seeds are derived from, and what is made of them. Nothing here can be
+//! printed.
 
 use ed25519_dalek::{Signature, Signer, SigningKey, VerifyingKey};
 use hmac::{Hmac, KeyInit, Mac};
@@ -28,12 +29,14 @@ impl Secrets {
     }
 
     pub(super) fn is_signature_valid(&self, bytes: &[u8], signature: &[u8]) -> bool {
-        Signature::from_slice(signature).is_ok_and(|signature| self.public_key().verify_strict(bytes, &signature).is_ok())
+        Signature::from_slice(signature)
+            .is_ok_and(|signature| self.public_key().verify_strict(bytes, &signature).is_ok())
     }
 
     /// HMAC-SHA256 under the secret. The parts are told apart by their lengths.
     pub(super) fn derive(&self, parts: &[&[u8]]) -> Result<Bytes> {
-        let mut mac = Hmac::<Sha256>::new_from_slice(&self.secret).map_err(|e| Error::Internal(e.to_string()))?;
+        let mut mac =
+            Hmac::<Sha256>::new_from_slice(&self.secret).map_err(|e| Error::Internal(e.to_string()))?;
         for part in parts {
             mac.update(&(part.len() as u64).to_le_bytes());
             mac.update(part);
@@ -44,7 +47,12 @@ impl Secrets {
     /// The seeds of an attempt's episodes.
     pub(super) fn seeds(&self, attempt: &str, scenario_hash: &str, episodes: usize) -> Result<Vec<u64>> {
         let seed = |episode: usize| {
-            let bytes = self.derive(&[b"seed", attempt.as_bytes(), scenario_hash.as_bytes(), &(episode as u64).to_le_bytes()])?;
+            let bytes = self.derive(&[
+                b"seed",
+                attempt.as_bytes(),
+                scenario_hash.as_bytes(),
+                &(episode as u64).to_le_bytes(),
+            ])?;
             Ok(u64::from_le_bytes(std::array::from_fn(|i| bytes[i])))
         };
         (0..episodes).map(seed).collect()
@@ -54,7 +62,8 @@ impl Secrets {
 /// Random bytes of the operating system.
 pub(super) fn random<const N: usize>() -> Result<[u8; N]> {
     let mut bytes = [0; N];
-    getrandom::fill(&mut bytes).map_err(|e| Error::Internal(format!("the operating system gives no random numbers: {e}")))?;
+    getrandom::fill(&mut bytes)
+        .map_err(|e| Error::Internal(format!("the operating system gives no random numbers: {e}")))?;
     Ok(bytes)
 }
 

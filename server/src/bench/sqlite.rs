@@ -1,5 +1,6 @@
-//! The store on SQLite: one file with everything, the signing key and the secret too. One file is backed up, moved and protected (mode 0600)
-//! as a whole; a key in a file beside it could be lost or mixed up with another.
+//! The store on SQLite: one file with everything, the signing key and the secret too. One file is backed up,
+//! moved and protected (mode 0600) as a whole; a key in a file beside it could be lost or mixed up with
+//! another.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -46,12 +47,16 @@ const BUSY: Duration = Duration::from_secs(10);
 /// Between two tries where SQLite itself does not wait.
 const RETRY: Duration = Duration::from_millis(20);
 
-/// Turns write-ahead logging on. Processes that open a new file at once all ask for it, and SQLite tells some that it is busy without having waited.
+/// Turns write-ahead logging on. Processes that open a new file at once all ask for it, and SQLite tells some
+/// that it is busy without having waited.
 fn log_ahead(db: &Connection) -> rusqlite::Result<()> {
     let began = Instant::now();
     loop {
         match db.pragma_update(None, "journal_mode", "WAL") {
-            Err(e) if e.sqlite_error_code() == Some(rusqlite::ErrorCode::DatabaseBusy) && began.elapsed() < BUSY => {
+            Err(e)
+                if e.sqlite_error_code() == Some(rusqlite::ErrorCode::DatabaseBusy)
+                    && began.elapsed() < BUSY =>
+            {
                 std::thread::sleep(RETRY);
             }
             answer => return answer,
@@ -70,8 +75,13 @@ impl Sqlite {
         let mut db = Connection::open(path)?;
         db.busy_timeout(BUSY)?;
         let foreign = || Error::Foreign { path: path.to_owned() };
-        let not_ours =
-            |e: rusqlite::Error| if e.sqlite_error_code() == Some(rusqlite::ErrorCode::NotADatabase) { foreign() } else { e.into() };
+        let not_ours = |e: rusqlite::Error| {
+            if e.sqlite_error_code() == Some(rusqlite::ErrorCode::NotADatabase) {
+                foreign()
+            } else {
+                e.into()
+            }
+        };
         // every commit reaches the disk before it is acknowledged
         log_ahead(&db).map_err(not_ours)?;
         db.pragma_update(None, "synchronous", "FULL")?;
@@ -83,9 +93,13 @@ impl Sqlite {
     pub(super) fn secrets(&mut self) -> Result<Secrets> {
         let tx = self.db.transaction_with_behavior(TransactionBehavior::Immediate)?;
         let read = |name: &str| -> Result<Bytes> {
-            let found: Option<Vec<u8>> = tx.query_row("SELECT value FROM secrets WHERE name = ?1", [name], |row| row.get(0)).optional()?;
+            let found: Option<Vec<u8>> = tx
+                .query_row("SELECT value FROM secrets WHERE name = ?1", [name], |row| row.get(0))
+                .optional()?;
             if let Some(found) = found {
-                return found.try_into().map_err(|_| Error::Damaged(format!("the {name} has the wrong length")));
+                return found
+                    .try_into()
+                    .map_err(|_| Error::Damaged(format!("the {name} has the wrong length")));
             }
             let made = random()?;
             tx.execute("INSERT INTO secrets (name, value) VALUES (?1, ?2)", params![name, made])?;
@@ -107,7 +121,8 @@ fn protect(path: &Path) -> Result<()> {
     let file = options.open(path).map_err(failed)?;
     #[cfg(unix)]
     {
-        let mode = std::os::unix::fs::PermissionsExt::mode(&file.metadata().map_err(failed)?.permissions()) & 0o777;
+        let mode =
+            std::os::unix::fs::PermissionsExt::mode(&file.metadata().map_err(failed)?.permissions()) & 0o777;
         if mode & 0o077 != 0 {
             return Err(Error::Exposed { path: path.to_owned(), mode });
         }
@@ -132,7 +147,9 @@ fn migrate(db: &mut Connection, path: &Path) -> Result<()> {
     if owner == APPLICATION_ID && found == known {
         return Ok(());
     }
-    for migration in &MIGRATIONS[usize::try_from(found).map_err(|_| Error::Damaged(format!("schema version {found}")))?..] {
+    for migration in &MIGRATIONS
+        [usize::try_from(found).map_err(|_| Error::Damaged(format!("schema version {found}")))?..]
+    {
         tx.execute_batch(migration)?;
     }
     tx.pragma_update(None, "application_id", APPLICATION_ID)?;
@@ -196,20 +213,27 @@ impl Store for Sqlite {
     }
 
     fn attempts(&self, filter: AttemptFilter<'_>) -> Result<Vec<AttemptRow>> {
-        let sql = format!("SELECT {COLUMNS} FROM attempts WHERE (?1 IS NULL OR scenario = ?1) AND (?2 IS NULL OR id = ?2) ORDER BY number");
+        let sql = format!(
+            "SELECT {COLUMNS} FROM attempts WHERE (?1 IS NULL OR scenario = ?1) AND (?2 IS NULL OR id = ?2) ORDER BY number"
+        );
         let mut query = self.db.prepare(&sql)?;
         let rows = query.query_map(params![filter.scenario, filter.id], attempt_row)?;
         Ok(rows.collect::<rusqlite::Result<_>>()?)
     }
 
     fn running_since_before(&self, ms: i64) -> Result<Vec<AttemptRow>> {
-        let mut query = self.db.prepare(&format!("SELECT {COLUMNS} FROM attempts WHERE status = 'running' AND begun_ms < ?1"))?;
+        let mut query = self
+            .db
+            .prepare(&format!("SELECT {COLUMNS} FROM attempts WHERE status = 'running' AND begun_ms < ?1"))?;
         let rows = query.query_map([ms], attempt_row)?;
         Ok(rows.collect::<rusqlite::Result<_>>()?)
     }
 
     fn actions(&self, id: &str) -> Result<Option<Vec<u8>>> {
-        let found = self.db.query_row("SELECT actions FROM attempts WHERE id = ?1", [id], |row| row.get(0)).optional()?;
+        let found = self
+            .db
+            .query_row("SELECT actions FROM attempts WHERE id = ?1", [id], |row| row.get(0))
+            .optional()?;
         Ok(found.flatten())
     }
 
@@ -218,33 +242,51 @@ impl Store for Sqlite {
     }
 
     fn begun_since(&self, team: &str, since_ms: i64) -> Result<Vec<i64>> {
-        let mut query = self.db.prepare("SELECT begun_ms FROM attempts WHERE team = ?1 AND begun_ms > ?2 ORDER BY begun_ms")?;
+        let mut query = self
+            .db
+            .prepare("SELECT begun_ms FROM attempts WHERE team = ?1 AND begun_ms > ?2 ORDER BY begun_ms")?;
         let rows = query.query_map(params![team, since_ms], |row| row.get(0))?;
         Ok(rows.collect::<rusqlite::Result<_>>()?)
     }
 
     fn add_token(&mut self, team: &str, hash: &[u8; 32], now_ms: i64) -> Result<()> {
-        self.db.execute("INSERT INTO tokens (team, hash, created_ms) VALUES (?1, ?2, ?3)", params![team, hash, now_ms])?;
+        self.db.execute(
+            "INSERT INTO tokens (team, hash, created_ms) VALUES (?1, ?2, ?3)",
+            params![team, hash, now_ms],
+        )?;
         Ok(())
     }
 
     fn tokens(&self) -> Result<Vec<StoredToken>> {
-        let mut query = self.db.prepare("SELECT number, team, hash, created_ms, revoked_ms FROM tokens ORDER BY number")?;
+        let mut query = self
+            .db
+            .prepare("SELECT number, team, hash, created_ms, revoked_ms FROM tokens ORDER BY number")?;
         let token = |row: &Row<'_>| {
-            Ok(StoredToken { number: row.get(0)?, team: row.get(1)?, hash: row.get(2)?, created_ms: row.get(3)?, revoked_ms: row.get(4)? })
+            Ok(StoredToken {
+                number: row.get(0)?,
+                team: row.get(1)?,
+                hash: row.get(2)?,
+                created_ms: row.get(3)?,
+                revoked_ms: row.get(4)?,
+            })
         };
         let rows = query.query_map([], token)?;
         Ok(rows.collect::<rusqlite::Result<_>>()?)
     }
 
     fn revoke(&mut self, team: &str, now_ms: i64) -> Result<usize> {
-        Ok(self.db.execute("UPDATE tokens SET revoked_ms = ?2 WHERE team = ?1 AND revoked_ms IS NULL", params![team, now_ms])?)
+        Ok(self.db.execute(
+            "UPDATE tokens SET revoked_ms = ?2 WHERE team = ?1 AND revoked_ms IS NULL",
+            params![team, now_ms],
+        )?)
     }
 }
 
 /// Counted by SQLite, which remembers it when rows are taken away.
 fn last_number(db: &Connection) -> Result<i64> {
-    let found: Option<i64> = db.query_row("SELECT seq FROM sqlite_sequence WHERE name = 'attempts'", [], |row| row.get(0)).optional()?;
+    let found: Option<i64> = db
+        .query_row("SELECT seq FROM sqlite_sequence WHERE name = 'attempts'", [], |row| row.get(0))
+        .optional()?;
     Ok(found.unwrap_or(0))
 }
 

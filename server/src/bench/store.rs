@@ -24,7 +24,8 @@ pub(super) struct AttemptFilter<'a> {
 pub(super) trait Store: Send {
     /// Adds the row that `make` says of the number it is given, and returns the number.
     fn begin(&mut self, make: &dyn Fn(i64) -> Result<AttemptRow>) -> Result<i64>;
-    /// Puts another document, and the actions of a finished attempt, in place of those of a running one; false if it runs no more.
+    /// Puts another document, and the actions of a finished attempt, in place of those of a running one;
+    /// false if it runs no more.
     fn conclude(&mut self, row: &AttemptRow, actions: Option<&[u8]>) -> Result<bool>;
     /// In the order in which they were begun.
     fn attempts(&self, filter: AttemptFilter<'_>) -> Result<Vec<AttemptRow>>;

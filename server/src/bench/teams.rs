@@ -69,8 +69,12 @@ impl Bench {
     /// Lists all tokens, revoked ones too, without their secrets.
     pub fn tokens(&self) -> Result<Vec<Token>> {
         let all = self.store().tokens()?;
-        let token =
-            |t: super::store::StoredToken| Token { number: t.number, team: t.team, created_ms: t.created_ms, revoked_ms: t.revoked_ms };
+        let token = |t: super::store::StoredToken| Token {
+            number: t.number,
+            team: t.team,
+            created_ms: t.created_ms,
+            revoked_ms: t.revoked_ms,
+        };
         Ok(all.into_iter().map(token).collect())
     }
 
@@ -105,11 +109,16 @@ impl Bench {
             let limit = limits.attempts_per_minute as usize;
             if let Some(oldest) = begun.len().checked_sub(limit).and_then(|first| begun.get(first)) {
                 let retry_after_s = (oldest + MINUTE_MS - now).max(0).unsigned_abs().div_ceil(1000).max(1);
-                return Err(Error::TooMany { team: team.into(), limit: limits.attempts_per_minute, retry_after_s });
+                return Err(Error::TooMany {
+                    team: team.into(),
+                    limit: limits.attempts_per_minute,
+                    retry_after_s,
+                });
             }
             if running.get(team).is_some_and(|n| *n >= limits.at_once) {
                 // the slowest scenario, flown in real time
-                let retry_after_s = self.scenarios().iter().map(|s| s.seconds().ceil() as u64).max().unwrap_or(1);
+                let retry_after_s =
+                    self.scenarios().iter().map(|s| s.seconds().ceil() as u64).max().unwrap_or(1);
                 return Err(Error::Busy { team: team.into(), limit: limits.at_once, retry_after_s });
             }
         }

@@ -42,13 +42,16 @@ impl Bench {
         self.verify_row(&row)
     }
 
-    /// Every attempt, and the numbers of rows that are missing; `progress` is told how many of how many are done.
+    /// Every attempt, and the numbers of rows that are missing; `progress` is told how many of how many are
+    /// done.
     pub fn verify_all(&self, progress: &dyn Fn(usize, usize)) -> Result<(Vec<Verification>, Vec<i64>)> {
         let (rows, last) = {
             let store = self.store();
             (store.attempts(AttemptFilter::default())?, store.last_number()?)
         };
-        let missing = (1..=last).filter(|number| rows.binary_search_by_key(number, |row| row.number).is_err()).collect();
+        let missing = (1..=last)
+            .filter(|number| rows.binary_search_by_key(number, |row| row.number).is_err())
+            .collect();
         let verification = |(done, row)| {
             progress(done, rows.len());
             self.verify_row(row)
@@ -62,36 +65,66 @@ impl Bench {
             Err(Error::Damaged(problem)) => (Verdict::Wrong, vec![problem]),
             Err(other) => return Err(other),
         };
-        Ok(Verification { id: row.id.clone(), scenario: row.scenario.clone(), controller: row.controller.clone(), verdict, findings })
+        Ok(Verification {
+            id: row.id.clone(),
+            scenario: row.scenario.clone(),
+            controller: row.controller.clone(),
+            verdict,
+            findings,
+        })
     }
 
     fn check(&self, row: &AttemptRow) -> Result<(Verdict, Vec<String>)> {
         let document = row.document(&self.0.secrets)?;
         let actions = self.store().actions(&row.id)?;
         let (Some(result), Some(actions)) = (&document.result, &actions) else {
-            let consistent = document.result.is_none() && actions.is_none() && document.status != Status::Finished;
-            let lost = || Error::Damaged("the flights of a finished attempt are missing, or there are some of one that is not".into());
+            let consistent =
+                document.result.is_none() && actions.is_none() && document.status != Status::Finished;
+            let lost = || {
+                Error::Damaged(
+                    "the flights of a finished attempt are missing, or there are some of one that is not"
+                        .into(),
+                )
+            };
             return if consistent { Ok((Verdict::Unfinished, Vec::new())) } else { Err(lost()) };
         };
         if sha256_hex(actions) != result.actions_sha256 {
             return Err(Error::Damaged("the actions are not those that were signed".into()));
         }
-        let Some(scenario) = self.scenarios().iter().find(|s| s.id() == document.scenario && s.hash() == document.scenario_hash) else {
-            return Ok((Verdict::OtherBuild, vec!["this build does not have the scenario with this hash".into()]));
+        let Some(scenario) = self
+            .scenarios()
+            .iter()
+            .find(|s| s.id() == document.scenario && s.hash() == document.scenario_hash)
+        else {
+            return Ok((
+                Verdict::OtherBuild,
+                vec!["this build does not have the scenario with this hash".into()],
+            ));
         };
         let findings = match self.run_again(scenario, &document, result, actions) {
             Ok(again) => differences(&again, result),
-            Err(Error::Over | Error::NotOver { .. }) => vec!["the flights end at other ticks than stored".into()],
+            Err(Error::Over | Error::NotOver { .. }) => {
+                vec!["the flights end at other ticks than stored".into()]
+            }
             Err(other) => return Err(other),
         };
         match (findings.is_empty(), document.build == BUILD) {
             (true, _) => Ok((Verdict::Confirmed, findings)),
-            (false, false) => Ok((Verdict::OtherBuild, vec![format!("made by build {:.12}, this is {BUILD:.12}", document.build)])),
+            (false, false) => Ok((
+                Verdict::OtherBuild,
+                vec![format!("made by build {:.12}, this is {BUILD:.12}", document.build)],
+            )),
             (false, true) => Ok((Verdict::Wrong, findings)),
         }
     }
 
-    fn run_again(&self, scenario: &Scenario, document: &Document, result: &AttemptResult, packed: &[u8]) -> Result<AttemptScore> {
+    fn run_again(
+        &self,
+        scenario: &Scenario,
+        document: &Document,
+        result: &AttemptResult,
+        packed: &[u8],
+    ) -> Result<AttemptScore> {
         let seeds = self.0.secrets.seeds(&document.id, &document.scenario_hash, scenario.episodes())?;
         let mut episodes = EpisodeBatch::begin(scenario, &seeds)?;
         let width = episodes.applied_actions().len();
@@ -107,7 +140,11 @@ impl Bench {
 fn differences(again: &AttemptScore, stored: &AttemptResult) -> Vec<String> {
     let mut differences = Vec::new();
     if again.episodes.len() != stored.episodes.len() {
-        differences.push(format!("{} episodes stored, {} flown", stored.episodes.len(), again.episodes.len()));
+        differences.push(format!(
+            "{} episodes stored, {} flown",
+            stored.episodes.len(),
+            again.episodes.len()
+        ));
     }
     for (i, (new, old)) in again.episodes.iter().zip(&stored.episodes).enumerate() {
         if new.states_sha256 != old.states_sha256 {

@@ -8,11 +8,14 @@ use super::Trace;
 /// Capture times are known to the rounding of a 32-bit clock.
 const ROUNDING_S: f64 = 1e-5;
 
-/// The log that a recorder beside the controller would have written, and the truth. Marker fixes stand where a new frame arrived.
+/// The log that a recorder beside the controller would have written, and the truth. Marker fixes stand where
+/// a new frame arrived.
 pub fn log(trace: &Trace) -> FlightLog {
     let rows = 0..trace.rows.len();
     let commands: Vec<_> = rows.clone().map(|row| trace.command(row)).collect();
-    let lift = |pwm: bool| (trace.interface.input.is_pwm() == pwm).then(|| commands.iter().map(|u| u.lift).collect());
+    let lift = |pwm: bool| {
+        (trace.interface.input.is_pwm() == pwm).then(|| commands.iter().map(|u| u.lift).collect())
+    };
     let triple = |first: usize| [0, 1, 2].map(|i| trace.observation_column(first + i));
     let truth = |first: usize| [0, 1, 2].map(|i| trace.state(first + i));
     let [roll_rad, pitch_rad, yaw_rad] = triple(6);
@@ -42,7 +45,13 @@ pub fn log(trace: &Trace) -> FlightLog {
         acc_mps2: Some(triple(12)),
         vbat_v: Some(trace.observation_column(15)),
         onboard: None,
-        truth: Some(Truth { pos_m: truth(0), vel_mps: truth(3), roll_rad: true_roll, pitch_rad: true_pitch, yaw_rad: true_yaw }),
+        truth: Some(Truth {
+            pos_m: truth(0),
+            vel_mps: truth(3),
+            roll_rad: true_roll,
+            pitch_rad: true_pitch,
+            yaw_rad: true_yaw,
+        }),
         notes: Vec::new(),
     }
 }

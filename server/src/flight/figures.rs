@@ -61,8 +61,8 @@ pub struct AxisFigures {
     pub rmse: f64,
     /// Mean magnitude of the error over the last second.
     pub final_error: f64,
-    /// Root mean square of the command that serves the axis: degrees of pitch for x, of roll for y, percent of the hover PWM about it
-    /// (or cm about the set-point) for z, deg/s for yaw.
+    /// Root mean square of the command that serves the axis: degrees of pitch for x, of roll for y, percent
+    /// of the hover PWM about it (or cm about the set-point) for z, deg/s for yaw.
     pub effort: f64,
     /// Travel of that command per second.
     pub travel_per_s: f64,
@@ -105,7 +105,9 @@ impl Figures {
     pub fn crash(&self) -> Option<String> {
         match self.end {
             FlightEnd::LeftRoom => Some("left the room".into()),
-            FlightEnd::Floor { impact_mps } if impact_mps > CRASH_MPS => Some(format!("hit the floor at {impact_mps:.1} m/s")),
+            FlightEnd::Floor { impact_mps } if impact_mps > CRASH_MPS => {
+                Some(format!("hit the floor at {impact_mps:.1} m/s"))
+            }
             _ => None,
         }
     }
@@ -124,7 +126,12 @@ pub fn figures(planned: &[Phase], trace: &Trace) -> Figures {
         let first = lift_off(&rows[..end], starts[i]);
         if first < end {
             let axes = AXES.map(|axis| axis_figures(trace, &axis, first, end));
-            phases.push(PhaseFigures { name: phase.name.to_string(), from_s: trace.t_s(first), to_s: trace.t_s(end - 1), axes });
+            phases.push(PhaseFigures {
+                name: phase.name.to_string(),
+                from_s: trace.t_s(first),
+                to_s: trace.t_s(end - 1),
+                axes,
+            });
         }
     }
     Figures {
@@ -153,7 +160,8 @@ fn lift_off(rows: &[TraceRow], start: usize) -> usize {
 fn axis_figures(trace: &Trace, axis: &AxisSpec, first: usize, end: usize) -> AxisFigures {
     let rows = &trace.rows[first..end];
     let setpoint = |row: &TraceRow| f64::from(row.observation[axis.setpoint]);
-    let errors: Vec<f64> = rows.iter().map(|row| wrap(axis, f64::from(row.state[axis.state]) - setpoint(row))).collect();
+    let errors: Vec<f64> =
+        rows.iter().map(|row| wrap(axis, f64::from(row.state[axis.state]) - setpoint(row))).collect();
     let moving = rows.iter().any(|row| (setpoint(row) - setpoint(&rows[0])).abs() > 1e-6);
     let last = (FINAL_S / trace.tick_s).round() as usize;
     let tail = &errors[errors.len().saturating_sub(last.max(1))..];

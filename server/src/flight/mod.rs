@@ -1,4 +1,5 @@
-//! Closed-loop flights: a scenario, a controller and effects, flown for many seeds at once, and the figures of the flights.
+//! Closed-loop flights: a scenario, a controller and effects, flown for many seeds at once, and the figures
+//! of the flights.
 
 mod csv;
 mod figures;
@@ -16,7 +17,9 @@ use crazyflie_env::vector::{STATE, StepBuffers, VectorEnv};
 
 pub use csv::log;
 pub use figures::{AXES, AxisFigures, AxisSpec, Figures, PhaseFigures, Settling, figures};
-pub use multi_drone::{MultiDroneSetup, MultiDroneTrace, fly_multi_drone, multi_drone_path, multi_drone_picture};
+pub use multi_drone::{
+    MultiDroneSetup, MultiDroneTrace, fly_multi_drone, multi_drone_path, multi_drone_picture,
+};
 pub use picture::{path, picture};
 pub use scenario::{FlightScenario, LAB_LATENCY_S, Phase, SCENARIOS, lab_rig, phase_at};
 
@@ -130,7 +133,13 @@ type ControlLoop<'a> = dyn FnMut(f64, &mut [f32], &mut [f32]) -> Result<(), Erro
 /// The setup's controller for these environments.
 fn pilot(setup: &Setup, env: &VectorEnv) -> Result<Box<dyn Controller>, Error> {
     let (interface, tick_s, envs) = (env.interfaces()[0], env.tick_s(), env.num_envs());
-    let site = ControllerContext { model: &setup.model, interface, tick_s, envs, mode: setup.scenario.phases[0].mode };
+    let site = ControllerContext {
+        model: &setup.model,
+        interface,
+        tick_s,
+        envs,
+        mode: setup.scenario.phases[0].mode,
+    };
     setup.controller.build(&site)
 }
 
@@ -142,7 +151,9 @@ pub fn fly(setup: &Setup, seeds: &[u64]) -> Result<Vec<Trace>, Error> {
     fly_by(&mut env, setup.seconds, seeds, &mut |t_s, observations, actions| {
         let phase = phase_at(phases, t_s);
         if let Some(setpoint_m) = phase.setpoint_m {
-            observations.chunks_exact_mut(OBSERVATION).for_each(|row| row[16..19].copy_from_slice(&setpoint_m));
+            observations
+                .chunks_exact_mut(OBSERVATION)
+                .for_each(|row| row[16..19].copy_from_slice(&setpoint_m));
         }
         pilot.set_mode(phase.mode);
         pilot.act(observations, actions)
@@ -150,7 +161,11 @@ pub fn fly(setup: &Setup, seeds: &[u64]) -> Result<Vec<Trace>, Error> {
 }
 
 /// Flies the setup once per seed with commands that depend on time alone, as in the identification flights.
-pub fn fly_open_loop(setup: &Setup, seeds: &[u64], command: &dyn Fn(f64) -> Command<f64>) -> Result<Vec<Trace>, Error> {
+pub fn fly_open_loop(
+    setup: &Setup,
+    seeds: &[u64],
+    command: &dyn Fn(f64) -> Command<f64>,
+) -> Result<Vec<Trace>, Error> {
     let mut env = env(setup, seeds.len())?;
     let interface = env.interfaces()[0];
     fly_by(&mut env, setup.seconds, seeds, &mut |t_s, _, actions| {
@@ -160,8 +175,8 @@ pub fn fly_open_loop(setup: &Setup, seeds: &[u64], command: &dyn Fn(f64) -> Comm
     })
 }
 
-/// Flies the setup once per seed by its controller towards a height that depends on time, its commands passed through `change`: the modified controllers
-/// of the thesis's identification flights (5.1).
+/// Flies the setup once per seed by its controller towards a height that depends on time, its commands passed
+/// through `change`: the modified controllers of the thesis's identification flights (5.1).
 pub fn fly_with_override(
     setup: &Setup,
     seeds: &[u64],
@@ -200,16 +215,25 @@ pub fn options(setup: &Setup, drones: usize) -> Result<Options, Error> {
 
 fn env(setup: &Setup, envs: usize) -> Result<VectorEnv, Error> {
     if setup.scenario.flies_several()? {
-        return Err(Error::Config(format!("the task {} is for several drones; this flies one", setup.scenario.task)));
+        return Err(Error::Config(format!(
+            "the task {} is for several drones; this flies one",
+            setup.scenario.task
+        )));
     }
     VectorEnv::new(std::slice::from_ref(&setup.model), &options(setup, 0)?, envs)
 }
 
-fn fly_by(env: &mut VectorEnv, seconds: f64, seeds: &[u64], answer: &mut ControlLoop<'_>) -> Result<Vec<Trace>, Error> {
+fn fly_by(
+    env: &mut VectorEnv,
+    seconds: f64,
+    seeds: &[u64],
+    answer: &mut ControlLoop<'_>,
+) -> Result<Vec<Trace>, Error> {
     let (envs, tick_s, interface) = (seeds.len(), env.tick_s(), env.interfaces()[0]);
     let mut observations = vec![0.0; envs * OBSERVATION];
     let (mut actions, mut states) = (vec![0.0; envs * ACTION], vec![0.0; envs * STATE]);
-    let (mut rewards, mut truncated, mut terminated) = (vec![0.0; envs], vec![false; envs], vec![false; envs]);
+    let (mut rewards, mut truncated, mut terminated) =
+        (vec![0.0; envs], vec![false; envs], vec![false; envs]);
     let mut traces = vec![Trace { tick_s, interface, rows: Vec::new(), end: FlightEnd::Time }; envs];
     let mut over = vec![false; envs];
     env.reset(Some(seeds), None, &mut observations)?;
@@ -217,7 +241,9 @@ fn fly_by(env: &mut VectorEnv, seconds: f64, seeds: &[u64], answer: &mut Control
     for tick in 0..=ticks {
         answer(tick as f64 * tick_s, &mut observations, &mut actions)?;
         env.states(&mut states)?;
-        for (i, (trace, over)) in traces.iter_mut().zip(&mut over).enumerate().filter(|(_, (_, over))| !**over) {
+        for (i, (trace, over)) in
+            traces.iter_mut().zip(&mut over).enumerate().filter(|(_, (_, over))| !**over)
+        {
             trace.rows.push(row(i, OBSERVATION, &observations, &states, &actions));
             if terminated[i] {
                 trace.end = end(&trace.rows);

@@ -22,7 +22,11 @@ pub struct MultiDroneTrace {
 impl MultiDroneTrace {
     /// Returns the metric of that name, NaN for an unknown one.
     pub fn metric(&self, name: &str) -> f32 {
-        METRICS.iter().zip(self.metrics).find(|((known, ..), _)| *known == name).map_or(f32::NAN, |(_, value)| value)
+        METRICS
+            .iter()
+            .zip(self.metrics)
+            .find(|((known, ..), _)| *known == name)
+            .map_or(f32::NAN, |(_, value)| value)
     }
 
     /// Distance of a drone from where it should be, at each of its rows.
@@ -41,22 +45,47 @@ pub struct MultiDroneSetup {
 }
 
 /// Flies the setup once per seed, every drone by its controller.
-pub fn fly_multi_drone(setup: &Setup, multi_drone: MultiDroneSetup, seeds: &[u64]) -> Result<Vec<MultiDroneTrace>, Error> {
+pub fn fly_multi_drone(
+    setup: &Setup,
+    multi_drone: MultiDroneSetup,
+    seeds: &[u64],
+) -> Result<Vec<MultiDroneTrace>, Error> {
     let options = options(setup, multi_drone.drones)?;
     let mut env = VectorEnv::new(std::slice::from_ref(&setup.model), &options, seeds.len())?;
     let (tick_s, n, width) = (env.tick_s(), env.num_drones(), env.width());
     let pilot = |interface: &Interface| {
         let (interface, envs) = (*interface, seeds.len());
-        setup.controller.build(&ControllerContext { model: &setup.model, interface, tick_s, envs, mode: Mode::Automatic })
+        setup.controller.build(&ControllerContext {
+            model: &setup.model,
+            interface,
+            tick_s,
+            envs,
+            mode: Mode::Automatic,
+        })
     };
     let controllers = env.interfaces().iter().map(pilot).collect::<Result<_, _>>()?;
-    let mut crowd = MultiController::new(controllers, seeds.len(), multi_drone.avoid.then(CollisionAvoidance::default), tick_s)?;
+    let mut crowd = MultiController::new(
+        controllers,
+        seeds.len(),
+        multi_drone.avoid.then(CollisionAvoidance::default),
+        tick_s,
+    )?;
     let all = seeds.len() * n;
     let mut observations = vec![0.0; all * width];
-    let (mut actions, mut states, mut metrics) = (vec![0.0; all * ACTION], vec![0.0; all * STATE], vec![0.0; seeds.len() * METRICS.len()]);
-    let (mut rewards, [mut terminated, mut truncated, mut flying]) = (vec![0.0; all], [(); 3].map(|()| vec![true; all]));
-    let trace = |interface: &Interface| Trace { tick_s, interface: *interface, rows: Vec::new(), end: FlightEnd::Time };
-    let flight = MultiDroneTrace { drones: env.interfaces().iter().map(trace).collect(), metrics: [0.0; METRICS.len()] };
+    let (mut actions, mut states, mut metrics) =
+        (vec![0.0; all * ACTION], vec![0.0; all * STATE], vec![0.0; seeds.len() * METRICS.len()]);
+    let (mut rewards, [mut terminated, mut truncated, mut flying]) =
+        (vec![0.0; all], [(); 3].map(|()| vec![true; all]));
+    let trace = |interface: &Interface| Trace {
+        tick_s,
+        interface: *interface,
+        rows: Vec::new(),
+        end: FlightEnd::Time,
+    };
+    let flight = MultiDroneTrace {
+        drones: env.interfaces().iter().map(trace).collect(),
+        metrics: [0.0; METRICS.len()],
+    };
     let mut flights = vec![flight; seeds.len()];
     let mut over = vec![false; all];
     env.reset(Some(seeds), None, &mut observations)?;
@@ -93,7 +122,8 @@ pub fn fly_multi_drone(setup: &Setup, multi_drone: MultiDroneSetup, seeds: &[u64
 /// Heights, distances from where each should be, and distances to the nearest other one, over time.
 pub fn multi_drone_picture(flight: &MultiDroneTrace, title: &str) -> Result<String, PictureError> {
     let longest = flight.drones.iter().max_by_key(|trace| trace.rows.len());
-    let t_s: Vec<f64> = longest.map_or_else(Vec::new, |trace| (0..trace.rows.len()).map(|row| trace.t_s(row)).collect());
+    let t_s: Vec<f64> =
+        longest.map_or_else(Vec::new, |trace| (0..trace.rows.len()).map(|row| trace.t_s(row)).collect());
     let names: Vec<String> = (0..flight.drones.len()).map(|drone| format!("drone {drone}")).collect();
     let heights: Vec<Vec<f64>> = flight.drones.iter().map(|trace| trace.state(2)).collect();
     let errors: Vec<Vec<f64>> = (0..names.len()).map(|drone| flight.errors_m(drone)).collect();
@@ -102,15 +132,24 @@ pub fn multi_drone_picture(flight: &MultiDroneTrace, title: &str) -> Result<Stri
         let flying: Vec<bool> = flight.drones.iter().map(|trace| moment < trace.rows.len()).collect();
         let state = |trace: &Trace| trace.rows.get(moment).map_or([0.0; STATE], |row| row.state);
         let states: Vec<f32> = flight.drones.iter().flat_map(state).collect();
-        for (apart, separation_m) in apart.iter_mut().zip(separations_m(&states, &flying)).filter(|(_, s)| s.is_finite()) {
+        for (apart, separation_m) in
+            apart.iter_mut().zip(separations_m(&states, &flying)).filter(|(_, s)| s.is_finite())
+        {
             apart.push(f64::from(separation_m));
         }
     }
-    let drawn = [("height (m)", &heights), ("from its set-point (m)", &errors), ("to the nearest other (m)", &apart)];
+    let drawn =
+        [("height (m)", &heights), ("from its set-point (m)", &errors), ("to the nearest other (m)", &apart)];
     let mut panels = Vec::new();
     for (y_label, all) in drawn {
         let lines = all.iter().zip(&names).zip(PALETTE.iter().cycle());
-        let series = lines.map(|((y, label), color)| Series { label, x: &t_s[..y.len()], y, style: Style::Solid, color: *color });
+        let series = lines.map(|((y, label), color)| Series {
+            label,
+            x: &t_s[..y.len()],
+            y,
+            style: Style::Solid,
+            color: *color,
+        });
         panels.push(Panel { x_label: "time (s)", y_label, series: series.collect(), ..Panel::default() });
     }
     chart(&panels, 1, title)
@@ -118,11 +157,14 @@ pub fn multi_drone_picture(flight: &MultiDroneTrace, title: &str) -> Result<Stri
 
 /// The ways through space.
 pub fn multi_drone_path(flight: &MultiDroneTrace, title: &str) -> Result<String, PictureError> {
-    let flown = |trace: &Trace| trace.rows.iter().map(|row| [0, 1, 2].map(|i| f64::from(row.state[i]))).collect::<Vec<_>>();
+    let flown = |trace: &Trace| {
+        trace.rows.iter().map(|row| [0, 1, 2].map(|i| f64::from(row.state[i]))).collect::<Vec<_>>()
+    };
     let ways: Vec<Vec<[f64; 3]>> = flight.drones.iter().map(flown).collect();
     let names: Vec<String> = (0..ways.len()).map(|drone| format!("drone {drone}")).collect();
     let paths = ways.iter().zip(&names).zip(PALETTE.iter().cycle());
-    let paths: Vec<Path3<'_>> =
-        paths.map(|((points_m, label), color)| Path3 { label, points_m, style: Style::Solid, color: *color }).collect();
+    let paths: Vec<Path3<'_>> = paths
+        .map(|((points_m, label), color)| Path3 { label, points_m, style: Style::Solid, color: *color })
+        .collect();
     path3d(&paths, title)
 }

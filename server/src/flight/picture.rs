@@ -18,7 +18,8 @@ pub fn picture(trace: &Trace, title: &str) -> Result<String, PictureError> {
     let degrees = |values: &[f64]| values.iter().map(|v| v.to_degrees()).collect::<Vec<_>>();
     let (yaw, yaw_set) = (degrees(&trace.state(8)), degrees(&trace.observation_column(19)));
     let tilts = [degrees(&trace.state(7)), degrees(&trace.state(6))];
-    let commanded = [&flight.cmd_pitch_rad, &flight.cmd_roll_rad].map(|c| degrees(c.as_deref().unwrap_or_default()));
+    let commanded =
+        [&flight.cmd_pitch_rad, &flight.cmd_roll_rad].map(|c| degrees(c.as_deref().unwrap_or_default()));
     let lift = flight.cmd_thrust_pwm.as_ref().or(flight.cmd_height_m.as_ref()).cloned().unwrap_or_default();
     let mut panels = Vec::new();
     for (i, label) in ["x (m)", "y (m)", "z (m)"].into_iter().enumerate() {
@@ -36,15 +37,26 @@ pub fn picture(trace: &Trace, title: &str) -> Result<String, PictureError> {
             ..Panel::default()
         });
     }
-    panels.push(panel("yaw (deg)", vec![line("set-point", t, &yaw_set, Style::Dashed, 4), line("vehicle", t, &yaw, Style::Solid, 0)]));
-    for (label, (angle, command)) in ["pitch (deg)", "roll (deg)"].into_iter().zip(tilts.iter().zip(&commanded)) {
-        panels.push(panel(label, vec![line("command", t, command, Style::Step, 1), line("vehicle", t, angle, Style::Solid, 0)]));
+    panels.push(panel(
+        "yaw (deg)",
+        vec![line("set-point", t, &yaw_set, Style::Dashed, 4), line("vehicle", t, &yaw, Style::Solid, 0)],
+    ));
+    for (label, (angle, command)) in
+        ["pitch (deg)", "roll (deg)"].into_iter().zip(tilts.iter().zip(&commanded))
+    {
+        panels.push(panel(
+            label,
+            vec![line("command", t, command, Style::Step, 1), line("vehicle", t, angle, Style::Solid, 0)],
+        ));
     }
     let label = if trace.interface.input.is_pwm() { "thrust (PWM counts)" } else { "commanded height (m)" };
     panels.push(panel(label, vec![line("command", t, &lift, Style::Step, 1)]));
     let speeds = [3, 4, 5].map(|i| trace.state(i));
     let named = ["vx", "vy", "vz"].iter().zip(&speeds).zip([0, 1, 2]);
-    panels.push(panel("velocity (m/s)", named.map(|((name, v), color)| line(name, t, v, Style::Solid, color)).collect()));
+    panels.push(panel(
+        "velocity (m/s)",
+        named.map(|((name, v), color)| line(name, t, v, Style::Solid, color)).collect(),
+    ));
     chart(&panels, 2, title)
 }
 

@@ -43,7 +43,9 @@ impl FlightScenario {
     /// With a proposal, if there is no such task or flight.
     pub fn find(name: &str) -> crazyflie_env::Result<&'static FlightScenario> {
         let all = || SCENARIOS.iter().chain(other_tasks());
-        all().find(|s| s.name == name).ok_or_else(|| crazyflie_env::error::unknown("task or flight", name, all().map(|s| s.name)))
+        all()
+            .find(|s| s.name == name)
+            .ok_or_else(|| crazyflie_env::error::unknown("task or flight", name, all().map(|s| s.name)))
     }
 
     /// Whether its task has several drones.
@@ -65,8 +67,12 @@ impl FlightScenario {
 fn other_tasks() -> &'static [FlightScenario] {
     static OTHERS: OnceLock<Vec<FlightScenario>> = OnceLock::new();
     OTHERS.get_or_init(|| {
-        let tasks = crazyflie_env::task::registry().iter().filter(|entry| SCENARIOS.iter().all(|s| s.name != entry.name));
-        tasks.map(|entry| task(entry.name, entry.about, f64::from(entry.max_episode_steps) / EPISODE_HZ, HOLD)).collect()
+        let tasks = crazyflie_env::task::registry()
+            .iter()
+            .filter(|entry| SCENARIOS.iter().all(|s| s.name != entry.name));
+        tasks
+            .map(|entry| task(entry.name, entry.about, f64::from(entry.max_episode_steps) / EPISODE_HZ, HOLD))
+            .collect()
     })
 }
 
@@ -85,15 +91,22 @@ const fn phase(name: &'static str, from_s: f64, setpoint_m: Option<[f32; 3]>, mo
 const HOLD: &[Phase] = &[phase("", 0.0, None, Mode::Automatic)];
 const TAKEOFF: &[Phase] = &[phase("", 0.0, None, Mode::Takeoff)];
 const LAND: &[Phase] = &[phase("", 0.0, None, Mode::Landing)];
-const STEP: &[Phase] =
-    &[phase("hover", 0.0, Some([0.0, 0.0, 0.7]), Mode::Automatic), phase("step", 5.0, Some([0.0, 0.0, 0.8]), Mode::Automatic)];
+const STEP: &[Phase] = &[
+    phase("hover", 0.0, Some([0.0, 0.0, 0.7]), Mode::Automatic),
+    phase("step", 5.0, Some([0.0, 0.0, 0.8]), Mode::Automatic),
+];
 const WHOLE: &[Phase] = &[
     phase("take off", 0.0, Some([0.8, 0.0, 0.7]), Mode::Takeoff),
     phase("fly 80 cm", 15.0, Some([0.0, 0.0, 0.7]), Mode::Takeoff),
     phase("land", 30.0, Some([0.0, 0.0, 0.05]), Mode::Landing),
 ];
 
-const fn task(name: &'static str, about: &'static str, seconds: f64, phases: &'static [Phase]) -> FlightScenario {
+const fn task(
+    name: &'static str,
+    about: &'static str,
+    seconds: f64,
+    phases: &'static [Phase],
+) -> FlightScenario {
     FlightScenario { name, about, source: "", task: name, options: "null", seconds, phases }
 }
 
@@ -153,11 +166,14 @@ pub static SCENARIOS: &[FlightScenario] = &[
 /// From the capture of a frame to its pose.
 pub const LAB_LATENCY_S: f64 = 0.05;
 
-/// The camera rig of the lab as effects: 30 Hz frames that arrive 50 ms after capture, with the noise of a good ArUco pose at 70 cm.
-/// With the mean age of a held frame (17 ms) and of a held command (10 ms) that is 77 ms of delay in all.
+/// The camera rig of the lab as effects: 30 Hz frames that arrive 50 ms after capture, with the noise of a
+/// good ArUco pose at 70 cm. With the mean age of a held frame (17 ms) and of a held command (10 ms) that is
+/// 77 ms of delay in all.
 pub fn lab_rig() -> EffectTable {
     let named = |params: &[(&str, f64)]| {
-        EffectParams::Named(params.iter().map(|(name, value)| ((*name).to_owned(), Number::Fixed(*value))).collect())
+        EffectParams::Named(
+            params.iter().map(|(name, value)| ((*name).to_owned(), Number::Fixed(*value))).collect(),
+        )
     };
     EffectTable::from([
         ("camera".to_owned(), named(&[("on", 1.0)])),

@@ -1,5 +1,6 @@
-//! The bodies of the fuzz targets in `fuzz/`: every parser, and what must hold of what it accepts. They are here, where the parsers are, so
-//! that nothing has to be public for them; only tests and cargo-fuzz compile them.
+//! The bodies of the fuzz targets in `fuzz/`: every parser, and what must hold of what it accepts. They are
+//! here, where the parsers are, so that nothing has to be public for them; only tests and cargo-fuzz compile
+//! them.
 
 #[cfg(test)]
 mod tests;
@@ -9,7 +10,8 @@ use crazyflie_env::model::Model;
 use crazyflie_env::observation::ACTION;
 use crazyflie_env::vector::{STATE, StepBuffers, VectorEnv};
 
-/// A name, that of its binary and of the folder of its corpus, and what it does: whether the input was accepted.
+/// A name, that of its binary and of the folder of its corpus, and what it does: whether the input was
+/// accepted.
 pub type Target = (&'static str, fn(&[u8]) -> bool);
 
 /// All of them.
@@ -45,7 +47,8 @@ fn flight_log(bytes: &[u8]) -> bool {
 fn model(bytes: &[u8]) -> bool {
     let Ok(text) = std::str::from_utf8(bytes) else { return false };
     let Ok(model) = Model::parse(text) else { return false };
-    let again = Model::parse(&model.to_toml().expect("what was read can be written")).expect("and read again");
+    let again =
+        Model::parse(&model.to_toml().expect("what was read can be written")).expect("and read again");
     assert_eq!(again.parameters(), model.parameters());
     VectorEnv::new(std::slice::from_ref(&model), &Options::default(), 2).map(fly_env).is_ok()
 }
@@ -54,7 +57,8 @@ fn options(bytes: &[u8]) -> bool {
     let Ok(text) = std::str::from_utf8(bytes) else { return false };
     let options = Options::parse(text).map_err(|error| assert!(!error.to_string().is_empty()));
     // threads are a machine's to give
-    let env = options.map(|options| VectorEnv::new(&[Model::thesis()], &Options { threads: 1, ..options }, 2));
+    let env =
+        options.map(|options| VectorEnv::new(&[Model::thesis()], &Options { threads: 1, ..options }, 2));
     env.is_ok_and(|env| env.map(fly_env).is_ok())
 }
 
@@ -62,7 +66,8 @@ fn options(bytes: &[u8]) -> bool {
 pub(crate) fn fly_env(mut env: VectorEnv) {
     let (envs, rows) = (env.num_envs(), env.num_envs() * env.num_drones());
     let mut observations = vec![0.0; rows * env.width()];
-    let (mut rewards, mut states, mut metrics) = (vec![0.0; rows], vec![0.0; rows * STATE], vec![0.0; envs * env.num_metrics()]);
+    let (mut rewards, mut states, mut metrics) =
+        (vec![0.0; rows], vec![0.0; rows * STATE], vec![0.0; envs * env.num_metrics()]);
     let [mut terminated, mut truncated, mut flying] = [(); 3].map(|()| vec![false; rows]);
     let seeds: Vec<u64> = (0..envs as u64).collect();
     env.reset(Some(&seeds), None, &mut observations).expect("a reset of all");

@@ -16,7 +16,8 @@ const CASES: u32 = 2000;
 
 /// The files of a target, in the order of their names, those of folders in it included.
 fn corpus(target: &str) -> Vec<(PathBuf, Vec<u8>)> {
-    let mut folders = vec![PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../fuzz/corpus")).join(target)];
+    let mut folders =
+        vec![PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../fuzz/corpus")).join(target)];
     let mut paths = Vec::new();
     while let Some(folder) = folders.pop() {
         let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
@@ -30,7 +31,10 @@ fn corpus(target: &str) -> Vec<(PathBuf, Vec<u8>)> {
 
 /// Damage to bytes, and pieces of text that mean something somewhere.
 fn damage() -> impl Strategy<Value = Damage> {
-    let tokens = ["NaN", "-inf", "1e999", "-1", "0", "1e-320", "\"", "[", "{", "]", "}", ",", ":", "=", "\n", "null", "\u{feff}", "true"];
+    let tokens = [
+        "NaN", "-inf", "1e999", "-1", "0", "1e-320", "\"", "[", "{", "]", "}", ",", ":", "=", "\n", "null",
+        "\u{feff}", "true",
+    ];
     let piece = (any::<u32>(), prop::sample::select(tokens.to_vec()));
     prop_oneof![damages::damage(), piece.prop_map(|(at, piece)| Damage::Insert(at as usize, piece.into()))]
 }
@@ -47,7 +51,11 @@ fn every_target_bears_its_corpus_and_damaged_copies_of_it() {
         });
         assert!(accepted.count() >= 1, "{name} accepts nothing of its corpus");
         let cases = (0..files.len(), prop::collection::vec(damage(), 1..4));
-        let mut runner = TestRunner::new(ProptestConfig { cases: CASES, failure_persistence: None, ..ProptestConfig::default() });
+        let mut runner = TestRunner::new(ProptestConfig {
+            cases: CASES,
+            failure_persistence: None,
+            ..ProptestConfig::default()
+        });
         let run = runner.run(&cases, |(which, damages)| {
             let mut bytes = files[which].1.clone();
             damages.iter().for_each(|damage| damage.apply(&mut bytes));
@@ -66,7 +74,10 @@ fn each_target_is_a_program_of_cargo_fuzz() {
     let manifest = std::fs::read_to_string(format!("{folder}/Cargo.toml")).unwrap();
     for (name, _) in TARGETS {
         let program = std::fs::read_to_string(format!("{folder}/fuzz_targets/{name}.rs")).unwrap();
-        assert!(program.contains(&format!("run(\"{name}\"")) && manifest.contains(&format!("name = \"{name}\"")), "{name}");
+        assert!(
+            program.contains(&format!("run(\"{name}\"")) && manifest.contains(&format!("name = \"{name}\"")),
+            "{name}"
+        );
     }
     assert_eq!(manifest.matches("[[bin]]").count(), TARGETS.len());
 }

@@ -1,5 +1,6 @@
-//! An attempt at a benchmark over a connection: all its episodes in lock-step, and the signed row at the end. Score, clock and seeds stay with
-//! the server. A connection that is lost before `finish` leaves an attempt that is listed as abandoned.
+//! An attempt at a benchmark over a connection: all its episodes in lock-step, and the signed row at the end.
+//! Score, clock and seeds stay with the server. A connection that is lost before `finish` leaves an attempt
+//! that is listed as abandoned.
 
 use std::sync::Arc;
 
@@ -34,7 +35,9 @@ impl AttemptSession {
     /// # Errors
     /// Of the benchmark: its scenario, its token, its limits.
     pub(crate) fn begin(bench: &Bench, id: u64, request: &Benchmark) -> Result<(Self, Reply), ProtocolError> {
-        let attempt = Box::new(block_in_place(|| bench.begin(&request.scenario, Submitter::Token(&request.token), &request.controller))?);
+        let attempt = Box::new(block_in_place(|| {
+            bench.begin(&request.scenario, Submitter::Token(&request.token), &request.controller)
+        })?);
         let envs = attempt.rows()?;
         let session = AttemptSession {
             bench: bench.clone(),
@@ -67,7 +70,10 @@ impl AttemptSession {
     /// Before anything moves.
     pub(crate) fn binary(&mut self, request: &BinaryRequest<'_>) -> Result<Reply, ProtocolError> {
         if request.kind != FrameKind::Step || request.steps != 1 || request.states {
-            return Err(ProtocolError::new(Code::BadFrame, "in an attempt: a step (kind 2) of K = 1, without true states"));
+            return Err(ProtocolError::new(
+                Code::BadFrame,
+                "in an attempt: a step (kind 2) of K = 1, without true states",
+            ));
         }
         request.actions(&mut self.actions);
         let mut frame = self.step_once()?;
@@ -75,7 +81,15 @@ impl AttemptSession {
         let envs = self.terminated.len();
         frame.head(
             request.id,
-            FrameHeader { kind: FrameKind::Step, states: false, over: self.over, steps: 1, envs, finals: 0, ticks: self.ticks },
+            FrameHeader {
+                kind: FrameKind::Step,
+                states: false,
+                over: self.over,
+                steps: 1,
+                envs,
+                finals: 0,
+                ticks: self.ticks,
+            },
         );
         Ok(Reply::Binary(Arc::new(frame)))
     }
@@ -124,8 +138,10 @@ impl AttemptSession {
     /// `attempt_under_way` before the last episode is over: the attempt is then abandoned.
     pub(crate) fn finish(self, id: u64) -> Result<Reply, ProtocolError> {
         let AttemptSession { bench, attempt, .. } = self;
-        let stored = block_in_place(|| attempt.finish().and_then(|document| api::attempt(&bench, &document.id)))?;
-        let attempt: Value = serde_json::from_slice(&stored.bytes).map_err(|e| ProtocolError::new(Code::Unavailable, e.to_string()))?;
+        let stored =
+            block_in_place(|| attempt.finish().and_then(|document| api::attempt(&bench, &document.id)))?;
+        let attempt: Value = serde_json::from_slice(&stored.bytes)
+            .map_err(|e| ProtocolError::new(Code::Unavailable, e.to_string()))?;
         Ok(json_reply(&Response::Finished { id, attempt }))
     }
 }

@@ -1,5 +1,5 @@
-//! Routes `/api/v1/...` of the benchmark. Replays and verification simulate flights again, so they run on a thread where nothing else waits,
-//! and few at a time.
+//! Routes `/api/v1/...` of the benchmark. Replays and verification simulate flights again, so they run on a
+//! thread where nothing else waits, and few at a time.
 
 use std::sync::Arc;
 
@@ -40,13 +40,20 @@ pub(crate) fn routes() -> Router<Arc<Server>> {
                 answer(s, move |b| api::attempts(b, query.scenario.as_deref()))
             }),
         )
-        .route("/attempts/{id}", get(|State(s): State<Arc<Server>>, Path(id): Path<String>| answer(s, move |b| api::attempt(b, &id))))
+        .route(
+            "/attempts/{id}",
+            get(|State(s): State<Arc<Server>>, Path(id): Path<String>| {
+                answer(s, move |b| api::attempt(b, &id))
+            }),
+        )
         .route("/attempts/{id}/replay", get(replay))
         .route("/attempts/{id}/log.csv", get(log_csv))
         .route("/attempts/{id}/actions.bin", get(actions))
         .route(
             "/attempts/{id}/verify",
-            get(|State(s): State<Arc<Server>>, Path(id): Path<String>| answer_after_simulation(s, move |b| api::verification(b, &id))),
+            get(|State(s): State<Arc<Server>>, Path(id): Path<String>| {
+                answer_after_simulation(s, move |b| api::verification(b, &id))
+            }),
         )
         .route("/key", get(|State(s): State<Arc<Server>>| answer(s, api::key)))
 }
@@ -58,14 +65,26 @@ async fn leaderboard(State(server): State<Arc<Server>>, Query(query): Query<Atte
     answer(server, move |bench| api::leaderboard(bench, &scenario)).await
 }
 
-async fn replay(State(server): State<Arc<Server>>, Path(id): Path<String>, Query(query): Query<AttemptQuery>) -> Response {
+async fn replay(
+    State(server): State<Arc<Server>>,
+    Path(id): Path<String>,
+    Query(query): Query<AttemptQuery>,
+) -> Response {
     answer_after_simulation(server, move |bench| api::replay(bench, &id, query.episode)).await
 }
 
-async fn log_csv(State(server): State<Arc<Server>>, Path(id): Path<String>, Query(query): Query<AttemptQuery>) -> Response {
+async fn log_csv(
+    State(server): State<Arc<Server>>,
+    Path(id): Path<String>,
+    Query(query): Query<AttemptQuery>,
+) -> Response {
     let drone = if query.drone == 0 { String::new() } else { format!("-drone-{}", query.drone) };
     let name = format!("{id}-episode-{}{drone}.csv", query.episode);
-    as_attachment(&name, answer_after_simulation(server, move |bench| api::log_csv(bench, &id, query.episode, query.drone)).await)
+    as_attachment(
+        &name,
+        answer_after_simulation(server, move |bench| api::log_csv(bench, &id, query.episode, query.drone))
+            .await,
+    )
 }
 
 async fn actions(State(server): State<Arc<Server>>, Path(id): Path<String>) -> Response {
@@ -74,21 +93,29 @@ async fn actions(State(server): State<Arc<Server>>, Path(id): Path<String>) -> R
 }
 
 /// An answer that needs a simulation: it waits for its turn.
-async fn answer_after_simulation(server: Arc<Server>, ask: impl FnOnce(&Bench) -> Result<ApiBody> + Send + 'static) -> Response {
+async fn answer_after_simulation(
+    server: Arc<Server>,
+    ask: impl FnOnce(&Bench) -> Result<ApiBody> + Send + 'static,
+) -> Response {
     let Ok(_turn) = server.flights.clone().acquire_owned().await else {
         return error_response(StatusCode::SERVICE_UNAVAILABLE, "unavailable", "the server stops");
     };
     answer(server, ask).await
 }
 
-async fn answer(server: Arc<Server>, ask: impl FnOnce(&Bench) -> Result<ApiBody> + Send + 'static) -> Response {
+async fn answer(
+    server: Arc<Server>,
+    ask: impl FnOnce(&Bench) -> Result<ApiBody> + Send + 'static,
+) -> Response {
     let Some(bench) = server.bench.clone() else {
         return error_response(StatusCode::NOT_FOUND, "unavailable", "this server has no benchmark");
     };
     match spawn_blocking(move || ask(&bench)).await {
-        Ok(Ok(json_body)) => {
-            ([(header::CONTENT_TYPE, json_body.content_type), (header::CACHE_CONTROL, "no-store")], json_body.bytes).into_response()
-        }
+        Ok(Ok(json_body)) => (
+            [(header::CONTENT_TYPE, json_body.content_type), (header::CACHE_CONTROL, "no-store")],
+            json_body.bytes,
+        )
+            .into_response(),
         Ok(Err(problem)) => bench_error_response(&problem),
         Err(bug) => {
             error!(%bug, "the benchmark broke");
@@ -115,7 +142,8 @@ pub(crate) fn error_response(status: StatusCode, code: &str, message: &str) -> R
 
 /// A download. Its file name keeps letters, digits and `-._`.
 pub(crate) fn as_attachment(name: &str, mut response: Response) -> Response {
-    let plain: String = name.chars().map(|c| if c.is_ascii_alphanumeric() || "-._".contains(c) { c } else { '_' }).collect();
+    let plain: String =
+        name.chars().map(|c| if c.is_ascii_alphanumeric() || "-._".contains(c) { c } else { '_' }).collect();
     if response.status().is_success()
         && let Ok(value) = format!("attachment; filename=\"{plain}\"").parse()
     {

@@ -1,4 +1,5 @@
-//! One connection that speaks `crazyflie.v1`: requests in, replies out, in order. A request is carried out where it is read.
+//! One connection that speaks `crazyflie.v1`: requests in, replies out, in order. A request is carried out
+//! where it is read.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -36,7 +37,12 @@ pub(crate) struct Connection {
 }
 
 /// Serves a connection to its end.
-pub(crate) async fn serve_socket(server: Arc<Server>, peer: Arc<Peer>, mut socket: Socket, leave: CancellationToken) {
+pub(crate) async fn serve_socket(
+    server: Arc<Server>,
+    peer: Arc<Peer>,
+    mut socket: Socket,
+    leave: CancellationToken,
+) {
     let mut connection = Connection { server, peer, leave, session: None, attempt: None, pilot: None };
     let disconnect = loop {
         let reply = match socket.next().await {
@@ -68,7 +74,11 @@ impl Connection {
 
     fn binary(&mut self, bytes: &Bytes) -> Reply {
         let start = Instant::now();
-        let drones = self.session.as_ref().filter(|_| self.attempt.is_none()).map_or(1, |session| session.layout.drones);
+        let drones = self
+            .session
+            .as_ref()
+            .filter(|_| self.attempt.is_none())
+            .map_or(1, |session| session.layout.drones);
         let answer = BinaryRequest::parse(bytes, drones).and_then(|request| match &mut self.attempt {
             Some(attempt) => attempt.binary(&request),
             None => self.session.as_mut().ok_or_else(no_session)?.binary(&request),
@@ -109,7 +119,8 @@ impl Connection {
             Request::Resume(resume) => self.resume(id, &resume).await,
             Request::Benchmark(request) => {
                 let bench = self.server.bench.as_ref();
-                let bench = bench.ok_or_else(|| ProtocolError::new(Code::Unavailable, "this server has no benchmark"))?;
+                let bench = bench
+                    .ok_or_else(|| ProtocolError::new(Code::Unavailable, "this server has no benchmark"))?;
                 let (attempt, reply) = AttemptSession::begin(bench, id, &request)?;
                 if let Some(before) = self.session.take() {
                     before.finish(SessionEnd::Closed);
@@ -118,7 +129,12 @@ impl Connection {
                 Ok(reply)
             }
             Request::Finish => {
-                let none = || ProtocolError::new(Code::NoSession, "this connection has no attempt: send benchmark first");
+                let none = || {
+                    ProtocolError::new(
+                        Code::NoSession,
+                        "this connection has no attempt: send benchmark first",
+                    )
+                };
                 self.attempt.take().ok_or_else(none)?.finish(id)
             }
             Request::Close if self.attempt.take().is_some() => Ok(json_reply(&Response::Closed { id })),
@@ -134,16 +150,23 @@ impl Connection {
                 session.step(id, &step)
             }
             Request::State => self.session.as_mut().ok_or_else(no_session)?.state(id),
-            Request::World(request) => Ok(json_reply(&Response::World(worlds::create_world(&self.server, id, &request)?))),
+            Request::World(request) => {
+                Ok(json_reply(&Response::World(worlds::create_world(&self.server, id, &request)?)))
+            }
             Request::Join(join) => self.join(id, join).await,
             Request::Fly(fly) => self.pilot.as_ref().ok_or_else(no_pilot_slot)?.fly(id, &fly).await,
-            Request::Leave => self.pilot.take().map(|_| json_reply(&Response::Left { id })).ok_or_else(no_pilot_slot),
+            Request::Leave => {
+                self.pilot.take().map(|_| json_reply(&Response::Left { id })).ok_or_else(no_pilot_slot)
+            }
         }
     }
 
     async fn join(&mut self, id: u64, request: Join) -> Result<Reply, ProtocolError> {
         if let Some(pilot) = &self.pilot {
-            return Err(ProtocolError::new(Code::BadMessage, format!("this connection flies {}: leave it first", pilot.label())));
+            return Err(ProtocolError::new(
+                Code::BadMessage,
+                format!("this connection flies {}: leave it first", pilot.label()),
+            ));
         }
         let (pilot, reply) = Pilot::join(&self.server.worlds, id, request).await?;
         self.pilot = Some(pilot);

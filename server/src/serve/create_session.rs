@@ -23,8 +23,12 @@ pub(crate) const PROTOCOL: &str = "crazyflie.v1";
 
 pub(crate) fn server_info(server: &Server, id: u64) -> ServerInfo {
     let limits = &server.settings.limits;
-    let env_info =
-        |entry: &task::Entry| EnvInfo { env: entry.id, task: entry.name, max_episode_steps: entry.max_episode_steps, drones: entry.drones };
+    let env_info = |entry: &task::Entry| EnvInfo {
+        env: entry.id,
+        task: entry.name,
+        max_episode_steps: entry.max_episode_steps,
+        drones: entry.drones,
+    };
     ServerInfo {
         id,
         protocol: PROTOCOL,
@@ -44,23 +48,35 @@ pub(crate) fn server_info(server: &Server, id: u64) -> ServerInfo {
 
 /// # Errors
 /// For options and models that do not fit, and `too_many` for more than the server carries.
-pub(crate) fn create_session(server: &Arc<Server>, id: u64, request: &Make) -> Result<(Session, SessionInfo), ProtocolError> {
+pub(crate) fn create_session(
+    server: &Arc<Server>,
+    id: u64,
+    request: &Make,
+) -> Result<(Session, SessionInfo), ProtocolError> {
     let limits = &server.settings.limits;
     let (options, entry) = options(request)?;
     let drones = entry.drones(options.drones)?;
     let max = limits.envs_per_session / drones;
     if !(1..=max).contains(&request.num_envs) {
         let drones_each = if drones == 1 { String::new() } else { format!(" of {drones} drones each") };
-        return Err(ProtocolError::new(Code::BadOptions, format!("num_envs is {}, expected 1 to {max}{drones_each}", request.num_envs)));
+        return Err(ProtocolError::new(
+            Code::BadOptions,
+            format!("num_envs is {}, expected 1 to {max}{drones_each}", request.num_envs),
+        ));
     }
     let model = request.model.as_deref().map_or_else(|| Ok(Model::thesis()), Model::parse)?;
     let reservation = server.sessions.reserve_envs(request.num_envs * drones)?;
     let env = VectorEnv::new(std::slice::from_ref(&model), &options, request.num_envs)?;
     let (tick_s, interface) = (env.tick_s(), env.interfaces()[0]);
-    let feed = if env.num_metrics() == 0 { Feed::new(&options, tick_s) } else { Feed::for_multi_drone(&options, tick_s, drones) };
+    let feed = if env.num_metrics() == 0 {
+        Feed::new(&options, tick_s)
+    } else {
+        Feed::for_multi_drone(&options, tick_s, drones)
+    };
     let slot = server.sessions.enter(entry.id.into(), reservation, feed)?;
     let (session, token) = (slot.entry.name(), slot.entry.token());
-    let (autoreset, max_episode_steps, num_envs) = (options.autoreset, options.max_episode_steps, request.num_envs);
+    let (autoreset, max_episode_steps, num_envs) =
+        (options.autoreset, options.max_episode_steps, request.num_envs);
     let created = Session::new(env, autoreset, slot, limits);
     if let Some(bytes) = created.too_large() {
         created.finish(SessionEnd::Closed);
@@ -97,11 +113,16 @@ fn options(request: &Make) -> Result<(Options, &'static task::Entry), ProtocolEr
     let mut map = request.options.clone();
     if let Some(id) = &request.env {
         let registry = task::registry();
-        let entry =
-            registry.iter().find(|entry| entry.id == id).ok_or_else(|| unknown("env", id, registry.iter().map(|entry| entry.id)))?;
+        let entry = registry
+            .iter()
+            .find(|entry| entry.id == id)
+            .ok_or_else(|| unknown("env", id, registry.iter().map(|entry| entry.id)))?;
         let task = map.entry("task").or_insert_with(|| entry.name.into());
         if task != entry.name {
-            return Err(ProtocolError::new(Code::BadOptions, format!("the env {id} is the task {:?}, the options say {task}", entry.name)));
+            return Err(ProtocolError::new(
+                Code::BadOptions,
+                format!("the env {id} is the task {:?}, the options say {task}", entry.name),
+            ));
         }
     }
     map.insert("threads".into(), 1.into());

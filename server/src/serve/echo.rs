@@ -1,4 +1,5 @@
-//! `crazyflie.echo.v1`: every message comes back as it is. For conformance runners, and to tell the network's time from the simulator's.
+//! `crazyflie.echo.v1`: every message comes back as it is. For conformance runners, and to tell the network's
+//! time from the simulator's.
 
 use tokio_tungstenite::tungstenite::Message;
 

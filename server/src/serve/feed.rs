@@ -1,5 +1,5 @@
-//! The feed that a session shows to its watchers: the newest rows of its first environments, or of all drones of a shared world, written in place.
-//! A session never waits for a watcher and never wakes one.
+//! The feed that a session shows to its watchers: the newest rows of its first environments, or of all drones
+//! of a shared world, written in place. A session never waits for a watcher and never wakes one.
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
@@ -59,7 +59,8 @@ impl Feed {
     }
 
     fn with_header(header: Value, envs: usize, drones: usize, width: usize) -> Self {
-        let (watchers, version, rows) = (AtomicUsize::new(0), AtomicU64::new(0), Mutex::new(vec![0.0; envs * width]));
+        let (watchers, version, rows) =
+            (AtomicUsize::new(0), AtomicU64::new(0), Mutex::new(vec![0.0; envs * width]));
         Feed { header, drones, watchers, version, rows, width }
     }
 
@@ -107,9 +108,17 @@ impl Feed {
         let slots = rows.chunks_mut(ALL_COLUMNS.len()).zip(now.observations.chunks(now.width));
         for (drone, ((slot, observation), separation_m)) in slots.zip(separations_m).enumerate() {
             let Some(observation) = observation.first_chunk() else { return };
-            let (interface, reward) = (&now.interfaces[drone], now.rewards.map_or(0.0, |rewards| rewards[drone]));
+            let (interface, reward) =
+                (&now.interfaces[drone], now.rewards.map_or(0.0, |rewards| rewards[drone]));
             let (own, shared) = slot.split_at_mut(COLUMNS.len());
-            own.copy_from_slice(&frames::row(now.t_s, observation, &states[drone], &actions[drone], interface, reward));
+            own.copy_from_slice(&frames::row(
+                now.t_s,
+                observation,
+                &states[drone],
+                &actions[drone],
+                interface,
+                reward,
+            ));
             let flying = if now.flying[drone] { 1.0 } else { 0.0 };
             shared.copy_from_slice(&[flying, separation_m, now.least_separation_m]);
         }
@@ -118,7 +127,8 @@ impl Feed {
     }
 }
 
-/// Results of a step or a reset: rows for each drone of all environments. A reset has neither rewards nor metrics.
+/// Results of a step or a reset: rows for each drone of all environments. A reset has neither rewards nor
+/// metrics.
 pub(crate) struct FeedRows<'a> {
     pub observations: &'a [f32],
     pub rewards: Option<&'a [f32]>,
@@ -183,10 +193,14 @@ impl EpisodeClocks {
             return;
         }
         let observations = &shown.observations[..drones * width];
-        let actions: Vec<f32> = observations.chunks(width).flat_map(|row| &row[LAST_ACTION.range()]).copied().collect();
+        let actions: Vec<f32> =
+            observations.chunks(width).flat_map(|row| &row[LAST_ACTION.range()]).copied().collect();
         let begun = vec![true; drones];
         let flying = shown.flying.get(..drones).unwrap_or(&begun);
-        let measured = METRICS.iter().position(|(name, ..)| *name == "min_separation_m").and_then(|at| shown.metrics.get(at));
+        let measured = METRICS
+            .iter()
+            .position(|(name, ..)| *name == "min_separation_m")
+            .and_then(|at| shown.metrics.get(at));
         let now_m = || frames::separations_m(&states, flying).fold(f32::INFINITY, f32::min);
         feed.show_all_drones(&MultiDroneRows {
             t_s: f64::from(self.steps[0]) * self.tick_s,
@@ -216,7 +230,9 @@ impl EpisodeClocks {
         let interface = env.interfaces()[0];
         let mut rows = lock(&feed.rows);
         let drones_now = observations.as_chunks::<OBSERVATION>().0.iter().zip(states.as_chunks::<STATE>().0);
-        for (env, (row, (observation, state))) in rows.chunks_mut(COLUMNS.len()).zip(drones_now).take(n).enumerate() {
+        for (env, (row, (observation, state))) in
+            rows.chunks_mut(COLUMNS.len()).zip(drones_now).take(n).enumerate()
+        {
             let reward = rewards.map_or(0.0, |rewards| rewards[env]);
             let action = std::array::from_fn(|i| observation[LAST_ACTION.first + i]);
             let t_s = f64::from(self.steps[env]) * self.tick_s;
@@ -242,8 +258,10 @@ fn header(options: &Options, tick_s: f64) -> Value {
         let count = number("markers", param, first, 1.0).round();
         (0..count as usize).map(move |i| (i as f64 - 0.5 * (count - 1.0)) * pitch_m)
     };
-    let marker: Vec<_> = side("columns", true).flat_map(|x| side("rows", false).map(move |y| [x, y, 0.0])).collect();
-    let (fov_deg, offset_m) = (number("camera_fov", "diagonal_deg", true, 0.0), number("camera_fov", "lens_below_m", false, 0.02));
+    let marker: Vec<_> =
+        side("columns", true).flat_map(|x| side("rows", false).map(move |y| [x, y, 0.0])).collect();
+    let (fov_deg, offset_m) =
+        (number("camera_fov", "diagonal_deg", true, 0.0), number("camera_fov", "lens_below_m", false, 0.02));
     let camera = json!({"fov_deg": if fov_deg > 0.0 { Some(fov_deg) } else { None }, "offset_m": offset_m});
     let side_m = number("camera_fov", "side_m", false, 0.197);
     json!({"columns": COLUMNS, "drones": 1, "rows": null, "tick_s": tick_s, "marker": marker, "marker_side_m": side_m, "camera": camera, "end": null})

@@ -31,7 +31,10 @@ pub(crate) fn router(server: &Arc<Server>) -> Router {
 
 /// JSON about what the server does and has.
 fn api() -> Router<Arc<Server>> {
-    bench_routes::routes().route("/sessions", get(sessions)).route("/worlds", get(worlds)).route("/worlds/{name}/log", get(world_log))
+    bench_routes::routes()
+        .route("/sessions", get(sessions))
+        .route("/worlds", get(worlds))
+        .route("/worlds/{name}/log", get(world_log))
 }
 
 async fn metrics(State(server): State<Arc<Server>>) -> Response {
@@ -77,14 +80,20 @@ async fn worlds(State(server): State<Arc<Server>>) -> Response {
 async fn world_log(State(server): State<Arc<Server>>, Path(name): Path<String>) -> Response {
     let entry = match server.worlds.find(&name) {
         Ok(entry) => entry,
-        Err(error) => return bench_routes::error_response(StatusCode::NOT_FOUND, "unknown_world", &error.message),
+        Err(error) => {
+            return bench_routes::error_response(StatusCode::NOT_FOUND, "unknown_world", &error.message);
+        }
     };
     match spawn_blocking(move || entry.log()).await {
         Ok(Ok(text)) => {
             let kind = [(header::CONTENT_TYPE, "application/x-ndjson"), (header::CACHE_CONTROL, "no-store")];
             bench_routes::as_attachment(&format!("{name}.jsonl"), (kind, text).into_response())
         }
-        _ => bench_routes::error_response(StatusCode::INTERNAL_SERVER_ERROR, "internal", "the log cannot be written"),
+        _ => bench_routes::error_response(
+            StatusCode::INTERNAL_SERVER_ERROR,
+            "internal",
+            "the log cannot be written",
+        ),
     }
 }
 
@@ -97,7 +106,8 @@ async fn live(State(server): State<Arc<Server>>, request: Request) -> Response {
 }
 
 fn upgrade_response(server: &Arc<Server>, request: Request, dialects: &upgrade::Dialects) -> Response {
-    upgrade::upgrade(server, request, dialects).unwrap_or_else(|(status, why)| (status, format!("{why}\n")).into_response())
+    upgrade::upgrade(server, request, dialects)
+        .unwrap_or_else(|(status, why)| (status, format!("{why}\n")).into_response())
 }
 
 /// A status and words for people.

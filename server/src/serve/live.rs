@@ -1,4 +1,5 @@
-//! `/live`: a session watched as it runs. Header, then the newest row, at most thirty times a second; what a slow watcher misses is gone.
+//! `/live`: a session watched as it runs. Header, then the newest row, at most thirty times a second; what a
+//! slow watcher misses is gone.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -54,7 +55,11 @@ pub(crate) async fn serve_socket(server: Arc<Server>, mut socket: Socket) {
 }
 
 /// The state that a message of the client asks for.
-async fn next_state(server: &Server, socket: &mut Socket, incoming: Incoming) -> Result<LiveState, Disconnect> {
+async fn next_state(
+    server: &Server,
+    socket: &mut Socket,
+    incoming: Incoming,
+) -> Result<LiveState, Disconnect> {
     match requested_state(server, &incoming) {
         Ok(next) => Ok(next),
         Err(error) => {
@@ -74,7 +79,9 @@ pub(crate) fn parse(text: &str) -> Result<WatchRequest, ProtocolError> {
 }
 
 fn requested_state(server: &Server, incoming: &Incoming) -> Result<LiveState, ProtocolError> {
-    let Incoming::Text(text) = incoming else { return Err(ProtocolError::new(Code::BadMessage, "expected {\"watch\": session}")) };
+    let Incoming::Text(text) = incoming else {
+        return Err(ProtocolError::new(Code::BadMessage, "expected {\"watch\": session}"));
+    };
     let request = parse(text)?;
     let Some(name) = request.watch else { return Ok(LiveState::Nothing) };
     let unknown = || ProtocolError::new(Code::UnknownSession, format!("there is no session {name:?}"));
@@ -90,7 +97,12 @@ fn requested_state(server: &Server, incoming: &Incoming) -> Result<LiveState, Pr
 }
 
 /// Until the client wants something else or the session is over.
-async fn watch(server: &Server, socket: &mut Socket, entry: &SessionEntry, env: usize) -> Result<LiveState, Disconnect> {
+async fn watch(
+    server: &Server,
+    socket: &mut Socket,
+    entry: &SessionEntry,
+    env: usize,
+) -> Result<LiveState, Disconnect> {
     let _watching = entry.feed.watch();
     socket.send(Message::binary(header(entry, env))).await?;
     let mut seen = 0;

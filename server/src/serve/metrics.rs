@@ -109,6 +109,11 @@ where
 fn histogram(registry: &mut Registry) -> Histogram {
     let buckets = [1e-5, 2e-5, 5e-5, 1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2, 0.1, 1.0];
     let histogram = Histogram::new(buckets);
-    registry.register_with_unit("request", "Time to carry out a request, without the network", Unit::Seconds, histogram.clone());
+    registry.register_with_unit(
+        "request",
+        "Time to carry out a request, without the network",
+        Unit::Seconds,
+        histogram.clone(),
+    );
     histogram
 }

@@ -1,4 +1,5 @@
-//! The network server: environments over WebSocket, pages and metrics over HTTP, on one port. `docs/protocol.md` is its contract.
+//! The network server: environments over WebSocket, pages and metrics over HTTP, on one port.
+//! `docs/protocol.md` is its contract.
 
 mod attempt_session;
 mod bench_routes;

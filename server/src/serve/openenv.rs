@@ -1,5 +1,6 @@
-//! The dialect of `openenv-core` on `/ws` without a subprotocol: `{"type": "reset" | "step" | "state" | "close", "data"}`. One environment per
-//! connection; a step after the end of an episode is an error until the next reset.
+//! The dialect of `openenv-core` on `/ws` without a subprotocol: `{"type": "reset" | "step" | "state" |
+//! "close", "data"}`. One environment per connection; a step after the end of an episode is an error until
+//! the next reset.
 
 use std::sync::Arc;
 
@@ -96,7 +97,9 @@ pub(crate) async fn serve_socket(server: Arc<Server>, mut socket: Socket, leave:
     let disconnect = loop {
         let answer = match socket.next().await {
             Ok(Incoming::Text(text)) => connection.answer(&text),
-            Ok(Incoming::Binary(_)) => Some(Err((OpenEnvCode::ValidationError, "expected text, got a binary message".into()))),
+            Ok(Incoming::Binary(_)) => {
+                Some(Err((OpenEnvCode::ValidationError, "expected text, got a binary message".into())))
+            }
             Err(disconnect) => break disconnect,
         };
         server.metrics.requests.inc();
@@ -132,9 +135,11 @@ impl OpenEnvSession {
             let mut options = reset.options.unwrap_or_default();
             options.insert("autoreset".into(), "disabled".into());
             let make = Make { env: reset.env, options, num_envs: 1, model: None };
-            let (session, info) = create_session::create_session(&self.server, 0, &make).map_err(openenv_error)?;
+            let (session, info) =
+                create_session::create_session(&self.server, 0, &make).map_err(openenv_error)?;
             if info.metrics > 0 {
-                let problem = format!("OpenEnv flies one drone, and the task {} has {}", info.task, info.drones);
+                let problem =
+                    format!("OpenEnv flies one drone, and the task {} has {}", info.task, info.drones);
                 return Err((OpenEnvCode::ValidationError, problem));
             }
             session.entry().hold(&self.leave);
@@ -144,8 +149,10 @@ impl OpenEnvSession {
         }
         let session = self.session.as_mut().ok_or_else(not_reset)?;
         let seeds = reset.seed.map(|seed| [seed]);
-        let frame = session.begin(seeds.as_ref().map(<[u64; 1]>::as_slice), None, false).map_err(openenv_error)?;
-        self.episode = reset.episode_id.unwrap_or_else(|| format!("{}-{}", session.entry().name(), session.ticks()));
+        let frame =
+            session.begin(seeds.as_ref().map(<[u64; 1]>::as_slice), None, false).map_err(openenv_error)?;
+        self.episode =
+            reset.episode_id.unwrap_or_else(|| format!("{}-{}", session.entry().name(), session.ticks()));
         self.steps = 0;
         Ok(observation(frame.numbers(), None, [false, false]))
     }
@@ -162,7 +169,9 @@ impl OpenEnvSession {
         let mut state = [0.0; STATE];
         self.session.as_ref().ok_or_else(not_reset)?.states(&mut state).map_err(openenv_error)?;
         let state = state.map(f64::from);
-        Ok(json!({"type": "state", "data": {"episode_id": self.episode, "step_count": self.steps, "true_state": state}}))
+        Ok(
+            json!({"type": "state", "data": {"episode_id": self.episode, "step_count": self.steps, "true_state": state}}),
+        )
     }
 }
 
@@ -187,9 +196,13 @@ fn openenv_error(error: ProtocolError) -> OpenEnvError {
 
 /// An observation by the names of its fields, with reward and flags.
 fn observation(row: &[f32], reward: Option<f32>, [terminated, truncated]: [bool; 2]) -> Value {
-    let numbers = |first: usize, length: usize| row[first..first + length].iter().map(|v| f64::from(*v)).collect::<Vec<_>>();
-    let mut fields: Map<String, Value> =
-        FIELDS.iter().map(|field| (field.name.to_owned(), numbers(field.first, field.length).into())).collect();
+    let numbers = |first: usize, length: usize| {
+        row[first..first + length].iter().map(|v| f64::from(*v)).collect::<Vec<_>>()
+    };
+    let mut fields: Map<String, Value> = FIELDS
+        .iter()
+        .map(|field| (field.name.to_owned(), numbers(field.first, field.length).into()))
+        .collect();
     fields.insert("terminated".into(), terminated.into());
     fields.insert("truncated".into(), truncated.into());
     let done = terminated | truncated;

@@ -1,7 +1,8 @@
 //! The page: files of `server/page/`, built into the program.
 
 use axum::http::header::{
-    ALLOW, CACHE_CONTROL, CONTENT_SECURITY_POLICY, CONTENT_TYPE, ETAG, IF_NONE_MATCH, REFERRER_POLICY, X_CONTENT_TYPE_OPTIONS,
+    ALLOW, CACHE_CONTROL, CONTENT_SECURITY_POLICY, CONTENT_TYPE, ETAG, IF_NONE_MATCH, REFERRER_POLICY,
+    X_CONTENT_TYPE_OPTIONS,
 };
 use axum::http::{HeaderMap, Method, StatusCode, Uri};
 use axum::response::{IntoResponse, Response};
@@ -29,11 +30,12 @@ fn content_type(path: &str) -> Option<&'static str> {
     TYPES.iter().find(|(known, _)| *known == ending).map(|(_, content_type)| *content_type)
 }
 
-/// Answers whatever no other route does. The page is new after every update of the program: browsers ask each time, and are told by the
-/// file's hash that nothing has changed.
+/// Answers whatever no other route does. The page is new after every update of the program: browsers ask each
+/// time, and are told by the file's hash that nothing has changed.
 pub(crate) async fn page(method: Method, uri: Uri, headers: HeaderMap) -> Response {
     if method != Method::GET && method != Method::HEAD {
-        return (StatusCode::METHOD_NOT_ALLOWED, [(ALLOW, "GET, HEAD")], "this path is only read\n").into_response();
+        return (StatusCode::METHOD_NOT_ALLOWED, [(ALLOW, "GET, HEAD")], "this path is only read\n")
+            .into_response();
     }
     let path = match uri.path().trim_start_matches('/') {
         "" => "index.html",
@@ -47,7 +49,9 @@ pub(crate) async fn page(method: Method, uri: Uri, headers: HeaderMap) -> Respon
 
 fn answer(file: EmbeddedFile, content_type: &'static str, request_headers: &HeaderMap) -> Response {
     let tag = format!("\"{}\"", hex::encode(&file.metadata.sha256_hash()[..16]));
-    let known = request_headers.get(IF_NONE_MATCH).is_some_and(|known| known.to_str().is_ok_and(|known| known.contains(&tag)));
+    let known = request_headers
+        .get(IF_NONE_MATCH)
+        .is_some_and(|known| known.to_str().is_ok_and(|known| known.contains(&tag)));
     let headers = [
         (CONTENT_TYPE, content_type.to_owned()),
         (CONTENT_SECURITY_POLICY, POLICY.to_owned()),
@@ -56,7 +60,11 @@ fn answer(file: EmbeddedFile, content_type: &'static str, request_headers: &Head
         (CACHE_CONTROL, "no-cache".to_owned()),
         (ETAG, tag),
     ];
-    if known { (StatusCode::NOT_MODIFIED, headers).into_response() } else { (headers, file.data).into_response() }
+    if known {
+        (StatusCode::NOT_MODIFIED, headers).into_response()
+    } else {
+        (headers, file.data).into_response()
+    }
 }
 
 #[cfg(test)]
@@ -72,8 +80,11 @@ mod tests {
     #[test]
     fn nothing_is_inline_and_nothing_comes_from_elsewhere() {
         let own = Files::iter().filter(|path| !path.starts_with("vendor/"));
-        let texts: Vec<_> =
-            own.map(|path| (path.to_string(), String::from_utf8(Files::get(&path).unwrap().data.into_owned()).unwrap())).collect();
+        let texts: Vec<_> = own
+            .map(|path| {
+                (path.to_string(), String::from_utf8(Files::get(&path).unwrap().data.into_owned()).unwrap())
+            })
+            .collect();
         assert!(texts.len() > 20, "{} files of our own", texts.len());
         for (path, text) in texts {
             // the name of a format, not a place
@@ -83,6 +94,9 @@ mod tests {
             }
         }
         let index = String::from_utf8(Files::get("index.html").unwrap().data.into_owned()).unwrap();
-        assert!(index.matches("<script").count() == 1 && index.contains("<script type=\"module\" src=\"js/main.js\">"));
+        assert!(
+            index.matches("<script").count() == 1
+                && index.contains("<script type=\"module\" src=\"js/main.js\">")
+        );
     }
 }

@@ -14,9 +14,19 @@ use super::worlds::{WorldEntry, WorldRegistry};
 
 /// A command for the task that owns a world.
 pub(crate) enum WorldCommand {
-    Join { drone: Option<usize>, token: Option<String>, answer: oneshot::Sender<Result<SlotGrant, ProtocolError>> },
-    Fly { key: SlotKey, action: [f32; ACTION], answer: oneshot::Sender<Result<TickResult, ProtocolError>> },
-    Leave { key: SlotKey },
+    Join {
+        drone: Option<usize>,
+        token: Option<String>,
+        answer: oneshot::Sender<Result<SlotGrant, ProtocolError>>,
+    },
+    Fly {
+        key: SlotKey,
+        action: [f32; ACTION],
+        answer: oneshot::Sender<Result<TickResult, ProtocolError>>,
+    },
+    Leave {
+        key: SlotKey,
+    },
 }
 
 /// Identity of a pilot slot. A slot that was taken over gets a new secret.
@@ -66,9 +76,18 @@ impl Pilot {
     ///
     /// # Errors
     /// `unknown_world`, `unknown_drone`, `no_free_drone`, `drone_taken`, `drone_ended`, `world_over`.
-    pub(crate) async fn join(worlds: &WorldRegistry, id: u64, request: Join) -> Result<(Pilot, Reply), ProtocolError> {
+    pub(crate) async fn join(
+        worlds: &WorldRegistry,
+        id: u64,
+        request: Join,
+    ) -> Result<(Pilot, Reply), ProtocolError> {
         let world = worlds.find(&request.name)?;
-        let grant = send_command(&world, |answer| WorldCommand::Join { drone: request.drone, token: request.token, answer }).await?;
+        let grant = send_command(&world, |answer| WorldCommand::Join {
+            drone: request.drone,
+            token: request.token,
+            answer,
+        })
+        .await?;
         let SlotGrant { key, tick, tick_s, deadline_s, drones, interface, observation } = grant;
         let reply = json_reply(&Response::Joined(Box::new(SlotInfo {
             id,
@@ -94,7 +113,16 @@ impl Pilot {
         let TickResult { tick, observation, reward, terminated, truncated, flying, late } =
             send_command(&self.world, |answer| WorldCommand::Fly { key: self.key, action, answer }).await?;
         let (observation, reward) = (Numbers(&observation), f64::from(reward));
-        Ok(json_reply(&Response::Flown { id, tick, observation, reward, terminated, truncated, flying, late }))
+        Ok(json_reply(&Response::Flown {
+            id,
+            tick,
+            observation,
+            reward,
+            terminated,
+            truncated,
+            flying,
+            late,
+        }))
     }
 
     /// The world and the drone, in words.
@@ -109,7 +137,12 @@ async fn send_command<T>(
     command: impl FnOnce(oneshot::Sender<Result<T, ProtocolError>>) -> WorldCommand,
 ) -> Result<T, ProtocolError> {
     let (answer, answered) = oneshot::channel();
-    let world_over = || ProtocolError::new(Code::WorldOver, format!("the world {:?} is over; its log can still be had", world.name));
+    let world_over = || {
+        ProtocolError::new(
+            Code::WorldOver,
+            format!("the world {:?} is over; its log can still be had", world.name),
+        )
+    };
     world.commands.send(command(answer)).map_err(|_| world_over())?;
     answered.await.map_err(|_| world_over())?
 }

@@ -117,12 +117,20 @@ impl std::fmt::Debug for Benchmark {
 pub(crate) fn parse(text: &str) -> (Option<u64>, Result<Request, ProtocolError>) {
     let envelope: Envelope = match serde_json::from_str(text) {
         Ok(envelope) => envelope,
-        Err(e) if e.is_data() => return (None, Err(ProtocolError::new(Code::BadMessage, format!("expected a JSON object: {e}")))),
+        Err(e) if e.is_data() => {
+            return (None, Err(ProtocolError::new(Code::BadMessage, format!("expected a JSON object: {e}"))));
+        }
         Err(e) => return (None, Err(ProtocolError::new(Code::BadJson, e.to_string()))),
     };
     let Some(id) = envelope.id.as_ref().and_then(Value::as_u64).filter(|id| *id <= MAX_ID) else {
         let got = envelope.id.map_or("nothing".into(), |id| id.to_string());
-        return (None, Err(ProtocolError::new(Code::BadMessage, format!("id: expected an integer from 0 to {MAX_ID}, got {got}"))));
+        return (
+            None,
+            Err(ProtocolError::new(
+                Code::BadMessage,
+                format!("id: expected an integer from 0 to {MAX_ID}, got {got}"),
+            )),
+        );
     };
     (Some(id), parse_request(envelope.kind, text))
 }
@@ -145,7 +153,8 @@ fn parse_request(kind: Option<Value>, text: &str) -> Result<Request, ProtocolErr
 /// Reads the fields of a request.
 type ReadFields = fn(&str, &str) -> Result<Request, ProtocolError>;
 
-/// Every request by its type. A test compares them with the table of docs/protocol.md, and another sends every one of them to a server.
+/// Every request by its type. A test compares them with the table of docs/protocol.md, and another sends
+/// every one of them to a server.
 pub(crate) const REQUESTS: [(&str, ReadFields); 13] = [
     ("hello", |kind, text| fields(kind, text).map(Request::Hello)),
     ("make", |kind, text| fields(kind, text).map(Request::Make)),

@@ -65,7 +65,9 @@ impl From<Error> for ProtocolError {
         };
         // how to mend it is said in the words of the protocol, not of Python
         let message = match error {
-            Error::Ended { env } => format!("environment {env} has ended: reset it (with a mask) before the next step"),
+            Error::Ended { env } => {
+                format!("environment {env} has ended: reset it (with a mask) before the next step")
+            }
             Error::NotReset => "the first request of a session is a reset of all environments".into(),
             other => other.to_string(),
         };

@@ -80,8 +80,12 @@ mod tests {
 
     #[test]
     fn an_ipv6_network_is_one_household() {
-        let [a, b, c] = ["2001:db8:1:2::1", "2001:db8:1:2:ffff::9", "2001:db8:1:3::1"].map(|s| address_group(s.parse().unwrap()));
+        let [a, b, c] = ["2001:db8:1:2::1", "2001:db8:1:2:ffff::9", "2001:db8:1:3::1"]
+            .map(|s| address_group(s.parse().unwrap()));
         assert!(a == b && b != c);
-        assert_eq!(address_group("::ffff:10.0.0.1".parse().unwrap()), address_group("10.0.0.1".parse().unwrap()));
+        assert_eq!(
+            address_group("::ffff:10.0.0.1".parse().unwrap()),
+            address_group("10.0.0.1".parse().unwrap())
+        );
     }
 }

@@ -35,7 +35,8 @@ use super::socket::Stream;
 use super::worlds::WorldRegistry;
 use crate::bench::Bench;
 
-/// A plain HTTP connection is closed after this time, whatever it does: a reader that stands still holds its place no longer.
+/// A plain HTTP connection is closed after this time, whatever it does: a reader that stands still holds its
+/// place no longer.
 const HTTP_FOR: Duration = Duration::from_secs(600);
 
 /// State that all connections share.
@@ -81,7 +82,11 @@ pub struct Report {
 ///
 /// # Errors
 /// [`ServeError`] before the first connection: settings that do not fit where the listener listens.
-pub async fn run(listener: TcpListener, settings: Settings, stop: impl Future<Output = ()>) -> Result<Report, ServeError> {
+pub async fn run(
+    listener: TcpListener,
+    settings: Settings,
+    stop: impl Future<Output = ()>,
+) -> Result<Report, ServeError> {
     let address = listener.local_addr()?;
     settings.check(address)?;
     let server = Server::new(settings, address)?;
@@ -107,13 +112,19 @@ pub async fn run(listener: TcpListener, settings: Settings, stop: impl Future<Ou
 
 impl Server {
     fn new(settings: Settings, address: SocketAddr) -> Result<Arc<Self>, ServeError> {
-        let about = |path: &PathBuf, problem: crate::bench::Error| ServeError::Data { path: path.clone(), problem: problem.to_string() };
-        let open = |path: &PathBuf| Bench::open(path, crate::bench::TeamLimits::default()).map_err(|e| about(path, e));
+        let about = |path: &PathBuf, problem: crate::bench::Error| ServeError::Data {
+            path: path.clone(),
+            problem: problem.to_string(),
+        };
+        let open = |path: &PathBuf| {
+            Bench::open(path, crate::bench::TeamLimits::default()).map_err(|e| about(path, e))
+        };
         let bench = settings.data.as_ref().map(open).transpose()?;
         let (limits, metrics) = (settings.limits.clone(), Arc::new(Metrics::new()));
         let sessions = Arc::new(SessionRegistry::new(limits.envs, metrics.clone()));
         let (stop, tasks) = (CancellationToken::new(), TaskTracker::new());
-        let (addresses, tokens) = (Quota::new(limits.connections_per_address), Quota::new(limits.connections_per_token));
+        let (addresses, tokens) =
+            (Quota::new(limits.connections_per_address), Quota::new(limits.connections_per_token));
         let (all, flights) = (Quota::new(limits.connections), Arc::new(Semaphore::new(FLIGHTS_AT_ONCE)));
         Ok(Arc::new(Server {
             settings,
@@ -136,7 +147,9 @@ impl Server {
             self.metrics.record_refusal("too many connections");
             debug!(peer = %address, "too many connections");
             if self.settings.tls.is_none() {
-                let _ = stream.try_write(b"HTTP/1.1 503 Service Unavailable\r\nconnection: close\r\ncontent-length: 0\r\n\r\n");
+                let _ = stream.try_write(
+                    b"HTTP/1.1 503 Service Unavailable\r\nconnection: close\r\ncontent-length: 0\r\n\r\n",
+                );
             }
             return;
         };

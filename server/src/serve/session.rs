@@ -1,4 +1,5 @@
-//! A session: a batch of environments and its last replies. Its results depend on options, seeds and actions alone.
+//! A session: a batch of environments and its last replies. Its results depend on options, seeds and actions
+//! alone.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -49,7 +50,21 @@ impl Session {
         let (replies, max_bytes) = (ReplyCache::new(limits), limits.batch_bytes);
         let layout = Layout::new(&env);
         let (actions, [terminated, truncated, flying, over]) = (Vec::new(), [(); 4].map(|()| Vec::new()));
-        Session { env, layout, autoreset, slot, replies, actions, terminated, truncated, flying, over, max_bytes, ready: false, clocks }
+        Session {
+            env,
+            layout,
+            autoreset,
+            slot,
+            replies,
+            actions,
+            terminated,
+            truncated,
+            flying,
+            over,
+            max_bytes,
+            ready: false,
+            clocks,
+        }
     }
 
     pub(crate) fn entry(&self) -> &Arc<SessionEntry> {
@@ -81,8 +96,11 @@ impl Session {
 
     /// At most: every episode may end in every step.
     fn reply_bytes(&self, steps: usize, states: bool) -> usize {
-        let finals = if self.autoreset == Autoreset::SameStep { 4 * self.layout.final_numbers(states) } else { 0 };
-        self.layout.reply_bytes(steps, states).saturating_add(finals.saturating_mul(steps).saturating_mul(self.layout.envs))
+        let finals =
+            if self.autoreset == Autoreset::SameStep { 4 * self.layout.final_numbers(states) } else { 0 };
+        self.layout
+            .reply_bytes(steps, states)
+            .saturating_add(finals.saturating_mul(steps).saturating_mul(self.layout.envs))
     }
 
     /// # Errors
@@ -102,7 +120,12 @@ impl Session {
     ///
     /// # Errors
     /// For seeds and masks that do not fit.
-    pub(crate) fn begin(&mut self, seeds: Option<&[u64]>, mask: Option<&[bool]>, states: bool) -> Result<ReplyFrame, ProtocolError> {
+    pub(crate) fn begin(
+        &mut self,
+        seeds: Option<&[u64]>,
+        mask: Option<&[bool]>,
+        states: bool,
+    ) -> Result<ReplyFrame, ProtocolError> {
         let numbers = self.layout.rows() * self.layout.width;
         let mut frame = ReplyFrame::new(self.replies.spare(), numbers + self.layout.state_numbers(states));
         let (observations, rest) = frame.numbers_mut().split_at_mut(numbers);
@@ -141,7 +164,8 @@ impl Session {
         let Layout { envs, width, metrics, .. } = self.layout;
         let n = self.layout.rows();
         let wide = self.layout.state_numbers(states);
-        let mut frame = ReplyFrame::new(self.replies.spare(), steps * (n * (width + 1) + wide + envs * metrics));
+        let mut frame =
+            ReplyFrame::new(self.replies.spare(), steps * (n * (width + 1) + wide + envs * metrics));
         self.terminated.resize(steps * n, false);
         self.truncated.resize(steps * n, false);
         self.flying.resize(if metrics == 0 { 0 } else { steps * n }, false);
@@ -164,7 +188,8 @@ impl Session {
                 self.env.states(&mut state_rows[k * wide..(k + 1) * wide])?;
             }
             // nobody asks when the other episodes end
-            let observed_envs = if self.autoreset == Autoreset::SameStep { envs } else { envs.min(WATCHABLE) };
+            let observed_envs =
+                if self.autoreset == Autoreset::SameStep { envs } else { envs.min(WATCHABLE) };
             let mut over = std::mem::take(&mut self.over);
             over.clear();
             over.extend((0..observed_envs).map(|env| self.has_ended(k, env)));
@@ -180,13 +205,19 @@ impl Session {
             let (observations, rest) = frame.numbers()[last * n * width..].split_at(n * width);
             let (rewards, rest) = rest.split_at(steps * n);
             let measured = &rest[steps * wide + last * envs * metrics..][..metrics];
-            let (rewards, flying) = (Some(&rewards[last * n..]), self.flying.get(last * n..).unwrap_or_default());
-            self.clocks.show(&self.slot.entry.feed, &self.env, &FeedRows { observations, rewards, flying, metrics: measured });
+            let (rewards, flying) =
+                (Some(&rewards[last * n..]), self.flying.get(last * n..).unwrap_or_default());
+            self.clocks.show(
+                &self.slot.entry.feed,
+                &self.env,
+                &FeedRows { observations, rewards, flying, metrics: measured },
+            );
         }
         Ok(StepReply { frame, steps, states, finals })
     }
 
-    /// Whether the episode of an environment ended in step `k`: with several drones, when the last one's flight did.
+    /// Whether the episode of an environment ended in step `k`: with several drones, when the last one's
+    /// flight did.
     fn has_ended(&self, k: usize, env: usize) -> bool {
         let Layout { drones, metrics, .. } = self.layout;
         let from = k * self.layout.rows() + env * drones;
@@ -197,7 +228,11 @@ impl Session {
         }
         // who was reset in the same step flies again
         let flags = &self.flying[part];
-        any && if self.autoreset == Autoreset::SameStep { flags.iter().all(|flies| *flies) } else { !flags.contains(&true) }
+        any && if self.autoreset == Autoreset::SameStep {
+            flags.iter().all(|flies| *flies)
+        } else {
+            !flags.contains(&true)
+        }
     }
 
     /// Adds the last rows of the episodes that are `over`; how many.
@@ -232,13 +267,19 @@ impl Session {
         }
         if self.actions.len() != steps * n * ACTION {
             let want = steps * n * ACTION;
-            return Err(ProtocolError::new(Code::WrongLength, format!("actions: expected {want} numbers, got {}", self.actions.len())));
+            return Err(ProtocolError::new(
+                Code::WrongLength,
+                format!("actions: expected {want} numbers, got {}", self.actions.len()),
+            ));
         }
         if steps == 1 {
             return Ok(());
         }
         if self.autoreset == Autoreset::Disabled {
-            return Err(ProtocolError::new(Code::BadFrame, "several steps in one message need automatic resets"));
+            return Err(ProtocolError::new(
+                Code::BadFrame,
+                "several steps in one message need automatic resets",
+            ));
         }
         let bad = |a: &f32| !(-1.0..=1.0).contains(a);
         if !self.actions.iter().fold(false, |any, action| any | bad(action)) {
@@ -246,7 +287,14 @@ impl Session {
         }
         let at = self.actions.iter().position(bad).unwrap_or_default();
         let (step, row, axis, value) = (at / (n * ACTION), at / ACTION % n, at % ACTION, self.actions[at]);
-        let place = if self.layout.metrics == 0 { format!("[{row}]") } else { format!("[{}][{}]", row / drones, row % drones) };
-        Err(ProtocolError::new(Code::BadAction, format!("step {step}: actions{place}[{axis}] is {value}, expected a number from -1 to 1")))
+        let place = if self.layout.metrics == 0 {
+            format!("[{row}]")
+        } else {
+            format!("[{}][{}]", row / drones, row % drones)
+        };
+        Err(ProtocolError::new(
+            Code::BadAction,
+            format!("step {step}: actions{place}[{axis}] is {value}, expected a number from -1 to 1"),
+        ))
     }
 }

@@ -16,7 +16,18 @@ use super::protocol_error::{Code, ProtocolError};
 use super::session::Session;
 
 /// Reason that a session ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, prometheus_client::encoding::EncodeLabelValue, serde::Serialize)]
+#[derive(
+    Debug,
+    Clone,
+    Copy,
+    PartialEq,
+    Eq,
+    Hash,
+    PartialOrd,
+    Ord,
+    prometheus_client::encoding::EncodeLabelValue,
+    serde::Serialize,
+)]
 #[serde(rename_all = "snake_case")]
 pub enum SessionEnd {
     /// By its client.
@@ -49,7 +60,8 @@ impl SessionEntry {
         self.id.to_string()
     }
 
-    /// Number of environments that can be watched one by one. The drones of a shared world are watched together.
+    /// Number of environments that can be watched one by one. The drones of a shared world are watched
+    /// together.
     pub(crate) fn batch(&self) -> usize {
         self.num_envs / self.feed.drones
     }
@@ -115,7 +127,14 @@ pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 impl SessionRegistry {
     pub(crate) fn new(max_envs: usize, metrics: Arc<Metrics>) -> Self {
         let (entries, parked) = (Mutex::default(), Mutex::default());
-        SessionRegistry { entries, parked, next: AtomicU64::new(1), envs: AtomicUsize::new(0), max_envs, metrics }
+        SessionRegistry {
+            entries,
+            parked,
+            next: AtomicU64::new(1),
+            envs: AtomicUsize::new(0),
+            max_envs,
+            metrics,
+        }
     }
 
     /// Reserves `num_envs` environments. Their number bounds the memory, so this comes before they are made.
@@ -142,13 +161,28 @@ impl SessionRegistry {
     ///
     /// # Errors
     /// `unavailable` without randomness for a token.
-    pub(crate) fn enter(self: &Arc<Self>, env: String, reservation: EnvReservation, feed: Feed) -> Result<SessionSlot, ProtocolError> {
+    pub(crate) fn enter(
+        self: &Arc<Self>,
+        env: String,
+        reservation: EnvReservation,
+        feed: Feed,
+    ) -> Result<SessionSlot, ProtocolError> {
         let mut secret = [0; 16];
-        getrandom::fill(&mut secret).map_err(|e| ProtocolError::new(Code::Unavailable, format!("no randomness for a token: {e}")))?;
+        getrandom::fill(&mut secret)
+            .map_err(|e| ProtocolError::new(Code::Unavailable, format!("no randomness for a token: {e}")))?;
         let (id, num_envs) = (self.next.fetch_add(1, Ordering::Relaxed), reservation.num_envs);
         let (steps, since) = (AtomicU64::new(0), Instant::now());
-        let entry =
-            Arc::new(SessionEntry { id, env, num_envs, steps, since, feed, secret, held_by: Mutex::new(None), parked: Notify::new() });
+        let entry = Arc::new(SessionEntry {
+            id,
+            env,
+            num_envs,
+            steps,
+            since,
+            feed,
+            secret,
+            held_by: Mutex::new(None),
+            parked: Notify::new(),
+        });
         lock(&self.entries).insert(id, entry.clone());
         self.metrics.record_session_start();
         info!(session = id, env = entry.env, num_envs, "session began");
@@ -197,7 +231,8 @@ impl SessionRegistry {
     /// # Errors
     /// `unknown_session` without such a session, or with another token.
     pub(crate) async fn resume(&self, name: &str, token: &str) -> Result<Session, ProtocolError> {
-        let unknown = || ProtocolError::new(Code::UnknownSession, "no session of this name and token waits here");
+        let unknown =
+            || ProtocolError::new(Code::UnknownSession, "no session of this name and token waits here");
         let entry = self.find(name).ok_or_else(unknown)?;
         if !bool::from(entry.token().as_bytes().ct_eq(token.as_bytes())) {
             return Err(unknown());

@@ -17,7 +17,11 @@ const LONG: usize = 8192;
 
 impl Session {
     /// Executes a request once: a repeated id gets the reply that is kept, a new one is executed by `act`.
-    fn run_once(&mut self, id: u64, act: impl FnOnce(&mut Self) -> Result<Reply, ProtocolError>) -> Result<Reply, ProtocolError> {
+    fn run_once(
+        &mut self,
+        id: u64,
+        act: impl FnOnce(&mut Self) -> Result<Reply, ProtocolError>,
+    ) -> Result<Reply, ProtocolError> {
         if let Some(reply) = self.replies.recall(id)? {
             return Ok(reply);
         }
@@ -32,23 +36,29 @@ impl Session {
         self.run_once(request.id, |session| {
             let envs = session.env.num_envs();
             if request.envs != envs {
-                return Err(ProtocolError::new(Code::WrongLength, format!("{} environments, the session has {envs}", request.envs)));
+                return Err(ProtocolError::new(
+                    Code::WrongLength,
+                    format!("{} environments, the session has {envs}", request.envs),
+                ));
             }
             let frame = match request.kind {
                 FrameKind::Step => {
                     request.actions(&mut session.actions);
-                    let stepped =
-                        run_off_thread_if_long(request.steps * session.layout.rows(), || session.advance(request.steps, request.states))?;
+                    let stepped = run_off_thread_if_long(request.steps * session.layout.rows(), || {
+                        session.advance(request.steps, request.states)
+                    })?;
                     session.with_flags(request.id, stepped)
                 }
                 FrameKind::Reset => {
                     let (seeds, mask) = (request.seeds(), request.mask()?);
-                    let frame =
-                        run_off_thread_if_long(session.layout.rows(), || session.begin(seeds.as_deref(), mask.as_deref(), request.states))?;
+                    let frame = run_off_thread_if_long(session.layout.rows(), || {
+                        session.begin(seeds.as_deref(), mask.as_deref(), request.states)
+                    })?;
                     session.with_header(request, frame)
                 }
                 FrameKind::State => {
-                    let mut frame = ReplyFrame::new(session.replies.spare(), session.layout.state_numbers(true));
+                    let mut frame =
+                        ReplyFrame::new(session.replies.spare(), session.layout.state_numbers(true));
                     session.states(frame.numbers_mut())?;
                     session.with_header(request, frame)
                 }
@@ -59,7 +69,10 @@ impl Session {
 
     fn with_header(&self, request: &BinaryRequest<'_>, mut frame: ReplyFrame) -> ReplyFrame {
         let (kind, states, envs) = (request.kind, request.states, request.envs);
-        frame.head(request.id, FrameHeader { kind, states, over: false, steps: 0, envs, finals: 0, ticks: self.ticks() });
+        frame.head(
+            request.id,
+            FrameHeader { kind, states, over: false, steps: 0, envs, finals: 0, ticks: self.ticks() },
+        );
         frame
     }
 
@@ -68,7 +81,15 @@ impl Session {
         frame.flags(&[&self.terminated, &self.truncated, &self.flying]);
         frame.head(
             id,
-            FrameHeader { kind: FrameKind::Step, states, over: false, steps, envs: self.env.num_envs(), finals, ticks: self.ticks() },
+            FrameHeader {
+                kind: FrameKind::Step,
+                states,
+                over: false,
+                steps,
+                envs: self.env.num_envs(),
+                finals,
+                ticks: self.ticks(),
+            },
         );
         frame
     }
@@ -78,8 +99,15 @@ impl Session {
     pub(crate) fn reset(&mut self, id: u64, request: &Reset) -> Result<Reply, ProtocolError> {
         self.run_once(id, |session| {
             let seeds = match (request.seed, &request.seeds) {
-                (Some(_), Some(_)) => return Err(ProtocolError::new(Code::BadMessage, "reset: either seed or seeds, not both")),
-                (Some(seed), None) => Some((0..session.env.num_envs() as u64).map(|i| seed.wrapping_add(i)).collect()),
+                (Some(_), Some(_)) => {
+                    return Err(ProtocolError::new(
+                        Code::BadMessage,
+                        "reset: either seed or seeds, not both",
+                    ));
+                }
+                (Some(seed), None) => {
+                    Some((0..session.env.num_envs() as u64).map(|i| seed.wrapping_add(i)).collect())
+                }
                 (None, seeds) => seeds.clone(),
             };
             let frame = session.begin(seeds.as_deref(), request.mask.as_deref(), request.states)?;
@@ -124,10 +152,16 @@ impl Session {
         let (rewards, rest) = rest.split_at(n);
         let (states, rest) = rest.split_at(self.layout.state_numbers(stepped.states));
         let (measured, finals) = rest.split_at(envs * metrics);
-        let finals = self.ended_envs().zip(finals.chunks(self.layout.final_numbers(stepped.states))).map(|(env, row)| {
-            let (observation, state) = row.split_at(self.layout.drones * width);
-            FinalRow { env, observation: Numbers(observation), state: stepped.states.then_some(Numbers(state)) }
-        });
+        let finals = self.ended_envs().zip(finals.chunks(self.layout.final_numbers(stepped.states))).map(
+            |(env, row)| {
+                let (observation, state) = row.split_at(self.layout.drones * width);
+                FinalRow {
+                    env,
+                    observation: Numbers(observation),
+                    state: stepped.states.then_some(Numbers(state)),
+                }
+            },
+        );
         StepResult {
             id,
             observation: Rows { numbers: rows, width },
@@ -163,12 +197,18 @@ fn run_off_thread_if_long<T>(steps: usize, work: impl FnOnce() -> T) -> T {
 }
 
 pub(crate) fn error_reply(id: Option<u64>, error: &ProtocolError) -> Reply {
-    json_reply(&Response::Error { id, code: error.code, message: &error.message, retry_after_s: error.retry_after_s })
+    json_reply(&Response::Error {
+        id,
+        code: error.code,
+        message: &error.message,
+        retry_after_s: error.retry_after_s,
+    })
 }
 
 /// A message as JSON text.
 pub(crate) fn json_reply(response: &Response<'_>) -> Reply {
     // the types of `Response` have neither maps with odd keys nor writers that fail
-    let text = serde_json::to_string(response).unwrap_or_else(|e| format!("{{\"type\":\"error\",\"id\":null,\"message\":\"{e}\"}}"));
+    let text = serde_json::to_string(response)
+        .unwrap_or_else(|e| format!("{{\"type\":\"error\",\"id\":null,\"message\":\"{e}\"}}"));
     Reply::Text(Utf8Bytes::from(text))
 }

@@ -106,7 +106,8 @@ pub enum ServeError {
 
 impl Settings {
     /// # Errors
-    /// [`ServeError::TlsRequired`] off loopback without TLS, [`ServeError::Origin`] for an origin that no browser would send.
+    /// [`ServeError::TlsRequired`] off loopback without TLS, [`ServeError::Origin`] for an origin that no
+    /// browser would send.
     pub fn check(&self, address: SocketAddr) -> Result<(), ServeError> {
         if self.tls.is_none() && !address.ip().is_loopback() {
             return Err(ServeError::TlsRequired(address));
@@ -127,7 +128,8 @@ pub fn tls(cert: &Path, key: &Path) -> Result<Arc<ServerConfig>, ServeError> {
     let about = |path: &Path, problem: String| ServeError::Tls { path: path.to_owned(), problem };
     let certs = CertificateDer::pem_file_iter(cert).and_then(Iterator::collect::<Result<Vec<_>, _>>);
     let certs = certs.map_err(|e| about(cert, format!("expected PEM certificates: {e}")))?;
-    let private = PrivateKeyDer::from_pem_file(key).map_err(|e| about(key, format!("expected a PEM private key: {e}")))?;
+    let private = PrivateKeyDer::from_pem_file(key)
+        .map_err(|e| about(key, format!("expected a PEM private key: {e}")))?;
     let provider = Arc::new(tokio_rustls::rustls::crypto::ring::default_provider());
     let config = ServerConfig::builder_with_provider(provider)
         .with_safe_default_protocol_versions()

@@ -21,7 +21,8 @@ use super::settings::Limits;
 
 pub(crate) type Stream = Either<TcpStream, Box<TlsStream<TcpStream>>>;
 
-/// Size of the read buffer of each connection. It is allocated at once, so it is the cost of an idle connection.
+/// Size of the read buffer of each connection. It is allocated at once, so it is the cost of an idle
+/// connection.
 const READ_BYTES: usize = 8 << 10;
 /// Small replies are sent together up to this size.
 const WRITE_BYTES: usize = 16 << 10;
@@ -106,7 +107,9 @@ impl Socket {
                 Some(Ok(Message::Binary(bytes))) => return Ok(Incoming::Binary(bytes)),
                 // pings are answered by the library, with the next thing that is written or read
                 Some(Ok(Message::Ping(_) | Message::Pong(_) | Message::Frame(_))) => {}
-                Some(Ok(Message::Close(frame))) => return Err(Disconnect::Closed(frame.map(|frame| frame.code.into()))),
+                Some(Ok(Message::Close(frame))) => {
+                    return Err(Disconnect::Closed(frame.map(|frame| frame.code.into())));
+                }
                 Some(Err(error)) => return Err(error.into()),
                 None => return Err(Disconnect::Lost("closed".into())),
             }
@@ -165,7 +168,8 @@ impl Socket {
         }
     }
 
-    /// Sends the close frame that fits, and reads on for a moment. Otherwise a TCP reset could destroy the frame.
+    /// Sends the close frame that fits, and reads on for a moment. Otherwise a TCP reset could destroy the
+    /// frame.
     pub(crate) async fn goodbye(mut self, disconnect: &Disconnect, server: &Server) {
         let stopping = server.stop.is_cancelled();
         if let Some(rule) = disconnect.rule() {
@@ -181,7 +185,14 @@ impl Socket {
         };
         let goodbye = async {
             match code {
-                Some(code) => self.ws.send(Message::Close(Some(CloseFrame { code: CloseCode::from(code), reason: reason.into() }))).await?,
+                Some(code) => {
+                    self.ws
+                        .send(Message::Close(Some(CloseFrame {
+                            code: CloseCode::from(code),
+                            reason: reason.into(),
+                        })))
+                        .await?
+                }
                 None => self.ws.flush().await?,
             }
             let stream = self.ws.get_mut();

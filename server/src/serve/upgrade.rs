@@ -32,20 +32,31 @@ pub(crate) struct Dialects {
     unnamed: Dialect,
 }
 
-pub(crate) const WS: Dialects =
-    Dialects { named: &[(PROTOCOL, Dialect::Crazyflie), (echo::PROTOCOL, Dialect::Echo)], unnamed: Dialect::OpenEnv };
-pub(crate) const LIVE: Dialects = Dialects { named: &[(live::PROTOCOL, Dialect::Live)], unnamed: Dialect::Live };
+pub(crate) const WS: Dialects = Dialects {
+    named: &[(PROTOCOL, Dialect::Crazyflie), (echo::PROTOCOL, Dialect::Echo)],
+    unnamed: Dialect::OpenEnv,
+};
+pub(crate) const LIVE: Dialects =
+    Dialects { named: &[(live::PROTOCOL, Dialect::Live)], unnamed: Dialect::Live };
 
 /// Answers the request for a WebSocket and leaves the rest to a task.
 ///
 /// # Errors
-/// 403 for pages of strange origins, 400 for what is no WebSocket handshake or asks for protocols that are not spoken here.
-pub(crate) fn upgrade(server: &Arc<Server>, mut request: Request, dialects: &Dialects) -> Result<Response, HttpError> {
+/// 403 for pages of strange origins, 400 for what is no WebSocket handshake or asks for protocols that are
+/// not spoken here.
+pub(crate) fn upgrade(
+    server: &Arc<Server>,
+    mut request: Request,
+    dialects: &Dialects,
+) -> Result<Response, HttpError> {
     if let Some(origin) = request.headers().get(ORIGIN)
         && !is_origin_allowed(origin, server.address, &server.settings.origins)
     {
         server.metrics.record_refusal("origin");
-        return Err((StatusCode::FORBIDDEN, format!("pages of {origin:?} may not connect: see --allow-origin")));
+        return Err((
+            StatusCode::FORBIDDEN,
+            format!("pages of {origin:?} may not connect: see --allow-origin"),
+        ));
     }
     let (dialect, protocol) = dialects.choose(request.headers())?;
     let peer = request.extensions().get::<Arc<Peer>>().cloned();
@@ -65,7 +76,8 @@ pub(crate) fn upgrade(server: &Arc<Server>, mut request: Request, dialects: &Dia
         };
         info!(peer = %peer.address, ?dialect, "connected");
         let leave = server.stop.child_token();
-        let socket = Socket::new(parts.io.into_inner(), parts.read_buf, &server.settings.limits, leave.clone()).await;
+        let socket =
+            Socket::new(parts.io.into_inner(), parts.read_buf, &server.settings.limits, leave.clone()).await;
         match dialect {
             Dialect::Crazyflie => connection::serve_socket(server, peer, socket, leave).await,
             Dialect::OpenEnv => openenv::serve_socket(server, socket, leave).await,
@@ -86,13 +98,15 @@ impl Dialects {
         }
         let dialect_entry = offered.find_map(|name| self.named.iter().find(|(known, _)| *known == name));
         let known = || self.named.iter().map(|(known, _)| *known).collect::<Vec<_>>().join(", ");
-        let no_dialect = || (StatusCode::BAD_REQUEST, format!("none of the subprotocols is spoken here; known: {}", known()));
+        let no_dialect = || {
+            (StatusCode::BAD_REQUEST, format!("none of the subprotocols is spoken here; known: {}", known()))
+        };
         dialect_entry.map(|(name, dialect)| (*dialect, Some(*name))).ok_or_else(no_dialect)
     }
 }
 
-/// Whether a page of this origin may connect: the server's own at its port, and those of the list. The request's `Host` proves nothing:
-/// a name of the attacker's may lead here.
+/// Whether a page of this origin may connect: the server's own at its port, and those of the list. The
+/// request's `Host` proves nothing: a name of the attacker's may lead here.
 fn is_origin_allowed(origin: &HeaderValue, address: SocketAddr, allowed: &[String]) -> bool {
     let Ok(origin) = origin.to_str() else { return false };
     if allowed.iter().any(|known| known.eq_ignore_ascii_case(origin)) {
@@ -111,10 +125,15 @@ mod tests {
     fn only_own_and_listed_origins_are_welcome() {
         let address: SocketAddr = "127.0.0.1:8765".parse().unwrap();
         let allowed = ["https://lab.example".to_owned()];
-        let is_allowed = |origin: &str| is_origin_allowed(&HeaderValue::from_str(origin).unwrap(), address, &allowed);
-        for good in
-            ["http://127.0.0.1:8765", "http://localhost:8765", "https://localhost:8765", "https://lab.example", "https://LAB.example"]
-        {
+        let is_allowed =
+            |origin: &str| is_origin_allowed(&HeaderValue::from_str(origin).unwrap(), address, &allowed);
+        for good in [
+            "http://127.0.0.1:8765",
+            "http://localhost:8765",
+            "https://localhost:8765",
+            "https://lab.example",
+            "https://LAB.example",
+        ] {
             assert!(is_allowed(good), "{good}");
         }
         for bad in [

@@ -66,7 +66,10 @@ impl<'a> BinaryRequest<'a> {
     pub(crate) fn parse(bytes: &'a [u8], drones: usize) -> Result<Self, ProtocolError> {
         let bad = |message: String| ProtocolError::new(Code::BadFrame, message);
         if bytes.len() < REQUEST_HEADER {
-            return Err(bad(format!("a message of {} bytes, expected a header of {REQUEST_HEADER}", bytes.len())));
+            return Err(bad(format!(
+                "a message of {} bytes, expected a header of {REQUEST_HEADER}",
+                bytes.len()
+            )));
         }
         let (header, payload) = bytes.split_at(REQUEST_HEADER);
         let id = id_of(header).ok_or_else(|| bad(format!("the id is above {MAX_ID}")))?;
@@ -78,7 +81,10 @@ impl<'a> BinaryRequest<'a> {
         };
         let flags = header[9];
         if flags & !known != 0 {
-            return Err(bad(format!("flags {flags:#04x}, expected only {known:#04x} with kind {}", header[8])));
+            return Err(bad(format!(
+                "flags {flags:#04x}, expected only {known:#04x} with kind {}",
+                header[8]
+            )));
         }
         let steps = usize::from(u16::from_le_bytes(array(header, 10)));
         if (kind == FrameKind::Step) != (steps > 0) {
@@ -88,7 +94,10 @@ impl<'a> BinaryRequest<'a> {
         let [seeds, mask, actions] = lengths(kind, flags, steps, [envs, drones]);
         if seeds + mask + actions != payload.len() as u128 {
             let want = seeds + mask + actions;
-            return Err(ProtocolError::new(Code::WrongLength, format!("{} bytes after the header, expected {want}", payload.len())));
+            return Err(ProtocolError::new(
+                Code::WrongLength,
+                format!("{} bytes after the header, expected {want}", payload.len()),
+            ));
         }
         // they add up to the payload's length, so they fit
         let (seeds, rest) = payload.split_at(seeds as usize);
@@ -115,7 +124,10 @@ impl<'a> BinaryRequest<'a> {
     pub(crate) fn mask(&self) -> Result<Option<Vec<bool>>, ProtocolError> {
         let Some(mask) = self.mask else { return Ok(None) };
         match mask.iter().position(|byte| *byte > 1) {
-            Some(at) => Err(ProtocolError::new(Code::BadFrame, format!("mask[{at}] is {}, expected 0 or 1", mask[at]))),
+            Some(at) => Err(ProtocolError::new(
+                Code::BadFrame,
+                format!("mask[{at}] is {}, expected 0 or 1", mask[at]),
+            )),
             None => Ok(Some(mask.iter().map(|byte| *byte == 1).collect())),
         }
     }
@@ -132,7 +144,11 @@ fn lengths(kind: FrameKind, flags: u8, steps: usize, size: [usize; 2]) -> [u128;
     let [envs, drones] = size.map(|count| count as u128);
     let seeds = if flags & SEEDS != 0 { 8 * envs } else { 0 };
     let mask = if flags & MASK != 0 { envs } else { 0 };
-    [seeds, mask, if kind == FrameKind::Step { steps as u128 * envs * drones * 4 * ACTION as u128 } else { 0 }]
+    [
+        seeds,
+        mask,
+        if kind == FrameKind::Step { steps as u128 * envs * drones * 4 * ACTION as u128 } else { 0 },
+    ]
 }
 
 /// Sizes of a session's replies.
@@ -149,7 +165,12 @@ pub(crate) struct Layout {
 
 impl Layout {
     pub(crate) fn new(env: &VectorEnv) -> Self {
-        Layout { envs: env.num_envs(), drones: env.num_drones(), width: env.width(), metrics: env.num_metrics() }
+        Layout {
+            envs: env.num_envs(),
+            drones: env.num_drones(),
+            width: env.width(),
+            metrics: env.num_metrics(),
+        }
     }
 
     /// Drones of all environments.
@@ -200,7 +221,8 @@ pub(crate) struct FrameHeader {
 }
 
 impl ReplyFrame {
-    /// In the memory of `words`, with so many numbers after the header; what they were before may still be there.
+    /// In the memory of `words`, with so many numbers after the header; what they were before may still be
+    /// there.
     pub(crate) fn new(words: Vec<f32>, numbers: usize) -> Self {
         let mut frame = ReplyFrame { words, bytes: 0 };
         frame.words.resize(REPLY_WORDS + numbers, 0.0);

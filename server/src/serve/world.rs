@@ -1,5 +1,5 @@
-//! The task that owns a shared world. A tick is flown as soon as every pilot has given its action, or when the deadline has passed; without a
-//! pilot in the air the world goes on in real time, by the autopilot.
+//! The task that owns a shared world. A tick is flown as soon as every pilot has given its action, or when
+//! the deadline has passed; without a pilot in the air the world goes on in real time, by the autopilot.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -121,18 +121,26 @@ impl World {
     /// The slots of the pilots whose drones fly.
     fn flying_pilots(&self) -> impl Iterator<Item = &PilotSlot> {
         let flying: Vec<bool> = lock(&self.entry.state).flight.flying.clone();
-        self.pilot_slots.iter().zip(flying).filter(|(_, flying)| *flying).filter_map(|(slot, _)| slot.as_ref())
+        self.pilot_slots
+            .iter()
+            .zip(flying)
+            .filter(|(_, flying)| *flying)
+            .filter_map(|(slot, _)| slot.as_ref())
     }
 
     /// Whether every pilot in the air has given its action.
     fn is_ready(&self) -> bool {
-        self.begun && self.flying_pilots().next().is_some() && self.flying_pilots().all(|slot| slot.pending.is_some())
+        self.begun
+            && self.flying_pilots().next().is_some()
+            && self.flying_pilots().all(|slot| slot.pending.is_some())
     }
 
     fn execute(&mut self, command: WorldCommand) {
         // whoever has asked may be gone by now
         match command {
-            WorldCommand::Join { drone, token, answer } => drop(answer.send(self.join(drone, token.as_deref()))),
+            WorldCommand::Join { drone, token, answer } => {
+                drop(answer.send(self.join(drone, token.as_deref())))
+            }
             WorldCommand::Fly { key, action, answer } => match self.pilot_slot(key) {
                 Ok(slot) => slot.pending = Some(PendingAction { action, answer }),
                 Err(error) => drop(answer.send(Err(error))),
@@ -160,7 +168,8 @@ impl World {
     fn join(&mut self, requested: Option<usize>, token: Option<&str>) -> Result<SlotGrant, ProtocolError> {
         let drone = self.choose_drone(requested, token)?;
         let mut secret = [0; 16];
-        getrandom::fill(&mut secret).map_err(|e| ProtocolError::new(Code::Unavailable, format!("no randomness for a token: {e}")))?;
+        getrandom::fill(&mut secret)
+            .map_err(|e| ProtocolError::new(Code::Unavailable, format!("no randomness for a token: {e}")))?;
         let last = self.pilot_slots[drone].take().and_then(|before| {
             if let Some(pending) = before.pending {
                 let _ = pending.answer.send(Err(slot_lost(drone)));
@@ -190,20 +199,26 @@ impl World {
         let state = lock(&self.entry.state);
         let flying = &state.flight.flying;
         let Some(drone) = requested else {
-            let free = self.pilot_slots.iter().zip(flying).position(|(slot, flying)| slot.is_none() && *flying);
-            return free.ok_or_else(|| ProtocolError::new(Code::NoFreeDrone, "every drone that flies has a pilot"));
+            let free =
+                self.pilot_slots.iter().zip(flying).position(|(slot, flying)| slot.is_none() && *flying);
+            return free
+                .ok_or_else(|| ProtocolError::new(Code::NoFreeDrone, "every drone that flies has a pilot"));
         };
         let max = flying.len() - 1;
-        let flies =
-            flying.get(drone).ok_or_else(|| ProtocolError::new(Code::UnknownDrone, format!("drone is {drone}, expected 0 to {max}")))?;
+        let flies = flying.get(drone).ok_or_else(|| {
+            ProtocolError::new(Code::UnknownDrone, format!("drone is {drone}, expected 0 to {max}"))
+        })?;
         if !flies {
             return Err(flight_ended(drone));
         }
-        let mine = |slot: &PilotSlot| token.is_some_and(|token| hex::encode(slot.secret).as_bytes().ct_eq(token.as_bytes()).into());
+        let mine = |slot: &PilotSlot| {
+            token.is_some_and(|token| hex::encode(slot.secret).as_bytes().ct_eq(token.as_bytes()).into())
+        };
         match &self.pilot_slots[drone] {
-            Some(slot) if !mine(slot) => {
-                Err(ProtocolError::new(Code::DroneTaken, format!("drone {drone} has a pilot; with its token it is yours")))
-            }
+            Some(slot) if !mine(slot) => Err(ProtocolError::new(
+                Code::DroneTaken,
+                format!("drone {drone} has a pilot; with its token it is yours"),
+            )),
             _ => Ok(drone),
         }
     }

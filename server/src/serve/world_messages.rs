@@ -35,12 +35,19 @@ impl WorldRequest {
     /// `bad_name` and `bad_options`.
     pub(crate) fn check(&self) -> Result<(), ProtocolError> {
         let plain = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
-        if !(1..=64).contains(&self.name.len()) || !self.name.chars().all(plain) || self.name.starts_with('.') {
+        if !(1..=64).contains(&self.name.len()) || !self.name.chars().all(plain) || self.name.starts_with('.')
+        {
             let want = "1 to 64 letters, digits, and -, _ or . but not at the beginning";
-            return Err(ProtocolError::new(Code::BadName, format!("the name of a world is {want}, not {:?}", self.name)));
+            return Err(ProtocolError::new(
+                Code::BadName,
+                format!("the name of a world is {want}, not {:?}", self.name),
+            ));
         }
         if !(0.001..=10.0).contains(&self.deadline_s) {
-            return Err(ProtocolError::new(Code::BadOptions, format!("deadline_s is {}, expected 0.001 to 10", self.deadline_s)));
+            return Err(ProtocolError::new(
+                Code::BadOptions,
+                format!("deadline_s is {}, expected 0.001 to 10", self.deadline_s),
+            ));
         }
         Ok(())
     }
@@ -71,12 +78,18 @@ impl Fly {
     /// # Errors
     /// `wrong_length` and `bad_action`.
     pub(crate) fn action(&self) -> Result<[f32; ACTION], ProtocolError> {
-        let wrong = || ProtocolError::new(Code::WrongLength, format!("action: expected {ACTION} numbers, got {}", self.action.len()));
+        let wrong = || {
+            ProtocolError::new(
+                Code::WrongLength,
+                format!("action: expected {ACTION} numbers, got {}", self.action.len()),
+            )
+        };
         let action = self.action.as_slice().try_into().map_err(|_| wrong())?;
         match self.action.iter().enumerate().find(|(_, number)| !(-1.0..=1.0).contains(*number)) {
-            Some((axis, number)) => {
-                Err(ProtocolError::new(Code::BadAction, format!("action[{axis}] is {number}, expected a number from -1 to 1")))
-            }
+            Some((axis, number)) => Err(ProtocolError::new(
+                Code::BadAction,
+                format!("action[{axis}] is {number}, expected a number from -1 to 1"),
+            )),
             None => Ok(action),
         }
     }

@@ -1,4 +1,5 @@
-//! Every shared world of the server: those that fly, and the newest of those that are over, whose logs can still be had.
+//! Every shared world of the server: those that fly, and the newest of those that are over, whose logs can
+//! still be had.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -67,7 +68,16 @@ impl WorldEntry {
         let (plan, drones, by) = (state.log.plan(), state.flight.drones(), state.by.clone());
         let (mission, seed, end) = (plan.mission.clone(), plan.seed, state.end());
         let (world, session) = (self.name.clone(), self.session.clone());
-        WorldRow { world, session, mission, seed, drones, by, since_s: self.since.elapsed().as_secs_f64(), end }
+        WorldRow {
+            world,
+            session,
+            mission,
+            seed,
+            drones,
+            by,
+            since_s: self.since.elapsed().as_secs_f64(),
+            end,
+        }
     }
 
     /// The log's text, up to now.
@@ -100,10 +110,16 @@ impl WorldRegistry {
     /// `unknown_world`.
     pub(crate) fn find(&self, name: &str) -> Result<Arc<WorldEntry>, ProtocolError> {
         let entry = lock(&self.all).get(name).cloned();
-        entry.ok_or_else(|| ProtocolError::new(Code::UnknownWorld, format!("there is no world {name:?}: found it with the message world")))
+        entry.ok_or_else(|| {
+            ProtocolError::new(
+                Code::UnknownWorld,
+                format!("there is no world {name:?}: found it with the message world"),
+            )
+        })
     }
 
-    /// Adds the world that `make` creates under this name, which must be free. The oldest worlds that are over are removed.
+    /// Adds the world that `make` creates under this name, which must be free. The oldest worlds that are
+    /// over are removed.
     fn enter<T>(
         &self,
         name: &str,
@@ -113,13 +129,20 @@ impl WorldRegistry {
         let mut all = lock(&self.all);
         let over = |entry: &WorldEntry| entry.over.load(Ordering::Acquire);
         if all.get(name).is_some_and(|before| !over(before)) {
-            return Err(ProtocolError::new(Code::WorldTaken, format!("there is a world {name:?} already: join it, or take another name")));
+            return Err(ProtocolError::new(
+                Code::WorldTaken,
+                format!("there is a world {name:?} already: join it, or take another name"),
+            ));
         }
         let flying = all.values().filter(|entry| !over(entry)).count();
         if flying >= max {
-            return Err(ProtocolError::new(Code::TooMany, format!("{flying} worlds are flown here, the server carries {max}")));
+            return Err(ProtocolError::new(
+                Code::TooMany,
+                format!("{flying} worlds are flown here, the server carries {max}"),
+            ));
         }
-        let mut ended: Vec<_> = all.values().filter(|entry| over(entry)).map(|entry| (entry.since, entry.name.clone())).collect();
+        let mut ended: Vec<_> =
+            all.values().filter(|entry| over(entry)).map(|entry| (entry.since, entry.name.clone())).collect();
         ended.sort_unstable();
         let too_many = (ended.len() + 1).saturating_sub(max);
         ended.iter().take(too_many).for_each(|(_, name)| drop(all.remove(name)));
@@ -133,26 +156,56 @@ impl WorldRegistry {
 ///
 /// # Errors
 /// For plans that cannot be flown, `world_taken` and `too_many`.
-pub(crate) fn create_world(server: &Arc<Server>, id: u64, request: &WorldRequest) -> Result<WorldInfo, ProtocolError> {
+pub(crate) fn create_world(
+    server: &Arc<Server>,
+    id: u64,
+    request: &WorldRequest,
+) -> Result<WorldInfo, ProtocolError> {
     let limits = &server.settings.limits;
     request.check()?;
     let options = request.plan.options()?;
     let flight = WorldFlight::new(&request.plan)?;
-    let (drones, width, tick_s, steps) = (flight.drones(), flight.width(), flight.tick_s(), options.max_episode_steps);
+    let (drones, width, tick_s, steps) =
+        (flight.drones(), flight.width(), flight.tick_s(), options.max_episode_steps);
     fits(request.pilots, drones, steps, limits)?;
     let (commands, inbox) = unbounded_channel();
     let (entry, slot) = server.worlds.enter(&request.name, limits.worlds, || {
         let feed = Feed::for_world(&options, tick_s, drones, &request.name);
-        let slot = server.sessions.enter(task::find(&request.plan.mission)?.id.into(), server.sessions.reserve_envs(drones)?, feed)?;
-        let (log, by) = (WorldLog::new(&request.name, &request.plan, &flight), vec![ActionSource::Autopilot; drones]);
-        let (name, session, state) = (request.name.clone(), slot.entry.name(), Mutex::new(WorldState { flight, log, by }));
-        let entry = WorldEntry { name, session, since: Instant::now(), commands, over: AtomicBool::new(false), state };
+        let slot = server.sessions.enter(
+            task::find(&request.plan.mission)?.id.into(),
+            server.sessions.reserve_envs(drones)?,
+            feed,
+        )?;
+        let (log, by) =
+            (WorldLog::new(&request.name, &request.plan, &flight), vec![ActionSource::Autopilot; drones]);
+        let (name, session, state) =
+            (request.name.clone(), slot.entry.name(), Mutex::new(WorldState { flight, log, by }));
+        let entry = WorldEntry {
+            name,
+            session,
+            since: Instant::now(),
+            commands,
+            over: AtomicBool::new(false),
+            state,
+        };
         Ok((Arc::new(entry), slot))
     })?;
-    let (world, session, mission) = (request.name.clone(), entry.session.clone(), request.plan.mission.clone());
+    let (world, session, mission) =
+        (request.name.clone(), entry.session.clone(), request.plan.mission.clone());
     server.tasks.spawn(World::new(entry, slot, inbox, request, limits.world_waits).run(server.stop.clone()));
     let (deadline_s, pilots) = (request.deadline_s, request.pilots);
-    Ok(WorldInfo { id, world, session, mission, drones, width, tick_s, deadline_s, pilots, max_episode_steps: steps })
+    Ok(WorldInfo {
+        id,
+        world,
+        session,
+        mission,
+        drones,
+        width,
+        tick_s,
+        deadline_s,
+        pilots,
+        max_episode_steps: steps,
+    })
 }
 
 /// # Errors
@@ -164,7 +217,9 @@ fn fits(pilots: usize, drones: usize, steps: u32, limits: &Limits) -> Result<(),
     }
     let (bytes, max) = (WorldLog::bytes(drones, steps), limits.world_bytes);
     if bytes > max {
-        return wrong(format!("the log of {drones} drones and {steps} steps takes {bytes} bytes, at most {max}"));
+        return wrong(format!(
+            "the log of {drones} drones and {steps} steps takes {bytes} bytes, at most {max}"
+        ));
     }
     Ok(())
 }

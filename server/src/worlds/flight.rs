@@ -36,7 +36,13 @@ impl WorldFlight {
         let (n, tick_s) = (env.num_drones(), env.tick_s());
         let controller = ControllerSpec::named(&plan.autopilot)?;
         let pilot = |interface: &Interface| {
-            controller.build(&ControllerContext { model: &model, interface: *interface, tick_s, envs: 1, mode: Mode::Automatic })
+            controller.build(&ControllerContext {
+                model: &model,
+                interface: *interface,
+                tick_s,
+                envs: 1,
+                mode: Mode::Automatic,
+            })
         };
         let autopilot = MultiController::new(
             env.interfaces().iter().map(pilot).collect::<Result<_>>()?,
@@ -114,7 +120,11 @@ impl WorldFlight {
     /// As [`WorldFlight::step`], and for another number of actions.
     pub(crate) fn step_with(&mut self, actions: &[[f32; ACTION]]) -> Result<()> {
         if actions.len() != self.drones() {
-            return Err(Error::Config(format!("actions of {} drones, the world has {}", actions.len(), self.drones())));
+            return Err(Error::Config(format!(
+                "actions of {} drones, the world has {}",
+                actions.len(),
+                self.drones()
+            )));
         }
         self.actions.copy_from_slice(actions.as_flattened());
         self.advance()
@@ -141,14 +151,19 @@ impl WorldFlight {
         Ok(())
     }
 
-    /// SHA-256 of the true states and observations of all drones at every tick from the first on, as little-endian `f32`, in hexadecimal.
+    /// SHA-256 of the true states and observations of all drones at every tick from the first on, as
+    /// little-endian `f32`, in hexadecimal.
     pub(crate) fn hash(&self) -> String {
         hex::encode(self.digest.clone().finalize())
     }
 
     /// By name; none before the first tick.
     pub(crate) fn metrics(&self) -> impl Iterator<Item = (&'static str, f32)> {
-        METRICS.iter().zip(&self.metrics).filter(|_| self.ticks > 0).map(|((name, _, _), value)| (*name, *value))
+        METRICS
+            .iter()
+            .zip(&self.metrics)
+            .filter(|_| self.ticks > 0)
+            .map(|((name, _, _), value)| (*name, *value))
     }
 
     /// Smallest distance so far between two drones that flew.

@@ -1,4 +1,5 @@
-//! Log of a world: the actions of every tick, from which the flight can be replayed. Its text is JSON lines: plan, ticks, summary.
+//! Log of a world: the actions of every tick, from which the flight can be replayed. Its text is JSON lines:
+//! plan, ticks, summary.
 
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -107,13 +108,22 @@ pub struct WorldReplay {
 impl WorldLog {
     pub(crate) fn new(world: &str, plan: &WorldPlan, flight: &WorldFlight) -> WorldLog {
         let (format, program) = (FORMAT.into(), concat!("crazyflie ", env!("CARGO_PKG_VERSION")).into());
-        let head = LogHeader { format, program, world: world.into(), drones: flight.drones(), tick_s: flight.tick_s(), plan: plan.clone() };
+        let head = LogHeader {
+            format,
+            program,
+            world: world.into(),
+            drones: flight.drones(),
+            tick_s: flight.tick_s(),
+            plan: plan.clone(),
+        };
         WorldLog { head, actions: Vec::new(), by: Vec::new(), late: vec![0; flight.drones()] }
     }
 
     /// Memory of the log of a world with this many drones and steps.
     pub(crate) fn bytes(drones: usize, steps: u32) -> usize {
-        drones.saturating_mul(steps as usize).saturating_mul(size_of::<[f32; ACTION]>() + size_of::<ActionSource>())
+        drones
+            .saturating_mul(steps as usize)
+            .saturating_mul(size_of::<[f32; ACTION]>() + size_of::<ActionSource>())
     }
 
     /// Adds the tick that `flight` has just flown.
@@ -150,7 +160,13 @@ fn count(late: &mut [u64], by: &[ActionSource]) {
 impl WorldSummary {
     pub(crate) fn from_flight(flight: &WorldFlight, late: &[u64]) -> WorldSummary {
         let metrics = flight.metrics().map(|(name, value)| (name.to_owned(), value)).collect();
-        WorldSummary { ticks: flight.ticks, late: late.into(), metrics, over: flight.is_over(), sha256: flight.hash() }
+        WorldSummary {
+            ticks: flight.ticks,
+            late: late.into(),
+            metrics,
+            over: flight.is_over(),
+            sha256: flight.hash(),
+        }
     }
 }
 
@@ -162,22 +178,32 @@ pub fn replay_log(text: &str) -> Result<WorldReplay, LogError> {
     let mut lines = text.lines().enumerate().map(|(i, text)| (i + 1, text));
     let problem = |line, problem: String| LogError::Line { line, problem };
     let (_, first) = lines.next().ok_or(LogError::Cut)?;
-    let head: LogHeader = serde_json::from_str(first).map_err(|e| problem(1, format!("expected the plan of a world: {e}")))?;
+    let head: LogHeader =
+        serde_json::from_str(first).map_err(|e| problem(1, format!("expected the plan of a world: {e}")))?;
     if head.format != FORMAT {
         return Err(problem(1, format!("the format is {:?}, expected {FORMAT:?}", head.format)));
     }
     let mut flight = WorldFlight::new(&head.plan).map_err(|problem| LogError::Flight { line: 1, problem })?;
     let mut late = vec![0; flight.drones()];
     for (line, text) in lines {
-        match serde_json::from_str(text).map_err(|_| problem(line, "expected actions and by of every drone, or the end".into()))? {
+        match serde_json::from_str(text)
+            .map_err(|_| problem(line, "expected actions and by of every drone, or the end".into()))?
+        {
             LogLine::Tick(tick) => {
-                let actions: Vec<_> = tick.actions.iter().map(|action| action.map(|number| number as f32)).collect();
+                let actions: Vec<_> =
+                    tick.actions.iter().map(|action| action.map(|number| number as f32)).collect();
                 flight.step_with(&actions).map_err(|problem| LogError::Flight { line, problem })?;
                 count(&mut late, &tick.by);
             }
             LogLine::End(logged) => {
                 let (world, mission, drones) = (head.world, head.plan.mission, flight.drones());
-                return Ok(WorldReplay { world, mission, drones, logged, replayed: WorldSummary::from_flight(&flight, &late) });
+                return Ok(WorldReplay {
+                    world,
+                    mission,
+                    drones,
+                    logged,
+                    replayed: WorldSummary::from_flight(&flight, &late),
+                });
             }
         }
     }

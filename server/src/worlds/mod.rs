@@ -1,4 +1,5 @@
-//! Worlds that several pilots share: the plan of a world, its flight, and the log that the flight can be replayed from.
+//! Worlds that several pilots share: the plan of a world, its flight, and the log that the flight can be
+//! replayed from.
 
 mod flight;
 mod log;

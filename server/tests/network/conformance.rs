@@ -1,4 +1,5 @@
-//! RFC 6455, case by case as the Autobahn suite numbers them (groups 1 to 7, 9 and 10), over raw sockets against the server's echo protocol.
+//! RFC 6455, case by case as the Autobahn suite numbers them (groups 1 to 7, 9 and 10), over raw sockets
+//! against the server's echo protocol.
 
 use crate::net::Server;
 use crate::raw::{BINARY, CLOSE, CONTINUE, Case, PING, PONG, Received, TEXT, close, frame, play};
@@ -15,7 +16,9 @@ fn binary(name: &str, payload: &[u8]) -> Case {
 /// A message of several frames.
 fn parts(opcode: u8, parts: &[&[u8]]) -> Vec<u8> {
     let last = parts.len() - 1;
-    let piece = |(i, part): (usize, &&[u8])| frame(if i == 0 { opcode } else { CONTINUE }, part).fin(i == last).bytes();
+    let piece = |(i, part): (usize, &&[u8])| {
+        frame(if i == 0 { opcode } else { CONTINUE }, part).fin(i == last).bytes()
+    };
     parts.iter().enumerate().flat_map(piece).collect()
 }
 
@@ -31,7 +34,9 @@ fn framing() -> Vec<Case> {
 }
 
 fn pings() -> Vec<Case> {
-    let ping = |name: &str, payload: &[u8]| Case::new(name).send(frame(PING, payload)).hear(Received::Pong(payload.to_vec()));
+    let ping = |name: &str, payload: &[u8]| {
+        Case::new(name).send(frame(PING, payload)).hear(Received::Pong(payload.to_vec()))
+    };
     let mut ten = Case::new("2.10 ten pings");
     for i in 0..10 {
         ten = ten.send(frame(PING, format!("payload-{i}").as_bytes()));
@@ -67,7 +72,9 @@ fn reserved_bit_cases() -> Vec<Case> {
             let bad = || frame(opcode, b"ab").rsv(rsv);
             cases.push(Case::new(&format!("3.1 rsv {rsv} in {kind}")).send(bad()).fails(1002));
             let after = text(&format!("3.2 rsv {rsv} in {kind} after a message"), b"Hello").send(bad());
-            cases.push(after.clone().with_name(&format!("3.3 the same chopped, {}", after.name)).chop(1).fails(1002));
+            cases.push(
+                after.clone().with_name(&format!("3.3 the same chopped, {}", after.name)).chop(1).fails(1002),
+            );
             cases.push(after.fails(1002));
         }
     }
@@ -75,10 +82,19 @@ fn reserved_bit_cases() -> Vec<Case> {
         for payload in [&b""[..], b"reserved opcode payload"] {
             let name = format!("4 opcode {opcode} with {} bytes", payload.len());
             cases.push(Case::new(&name).send(frame(opcode, payload)).fails(1002));
-            cases.push(text(&format!("{name} after a message"), b"Hello").send(frame(opcode, payload)).send(frame(PING, b"")).fails(1002));
+            cases.push(
+                text(&format!("{name} after a message"), b"Hello")
+                    .send(frame(opcode, payload))
+                    .send(frame(PING, b""))
+                    .fails(1002),
+            );
         }
     }
-    cases.push(Case::new("5.1 of RFC: a frame without a mask").send(frame(TEXT, b"Hello").without_mask()).fails(1002));
+    cases.push(
+        Case::new("5.1 of RFC: a frame without a mask")
+            .send(frame(TEXT, b"Hello").without_mask())
+            .fails(1002),
+    );
     cases
 }
 
@@ -91,7 +107,9 @@ fn fragments() -> Vec<Case> {
     let between = |name: &str, pings: usize| {
         let mut case = Case::new(name).send(frame(TEXT, b"fragment1").fin(false));
         for i in 0..pings {
-            case = case.send(frame(PING, format!("pongme {i}").as_bytes())).hear(Received::Pong(format!("pongme {i}").into_bytes()));
+            case = case
+                .send(frame(PING, format!("pongme {i}").as_bytes()))
+                .hear(Received::Pong(format!("pongme {i}").into_bytes()));
         }
         case.send(frame(CONTINUE, b"fragment2")).hear(Received::Text(b"fragment1fragment2".to_vec()))
     };
@@ -99,8 +117,14 @@ fn fragments() -> Vec<Case> {
         Case::new(name).send(frame(CONTINUE, b"non-continuation payload").fin(fin)).send(then).fails(1002)
     };
     let mut cases = vec![
-        Case::new("5.1 ping in fragments").send(frame(PING, b"fragment1").fin(false)).send(frame(CONTINUE, b"fragment2")).fails(1002),
-        Case::new("5.2 pong in fragments").send(frame(PONG, b"fragment1").fin(false)).send(frame(CONTINUE, b"fragment2")).fails(1002),
+        Case::new("5.1 ping in fragments")
+            .send(frame(PING, b"fragment1").fin(false))
+            .send(frame(CONTINUE, b"fragment2"))
+            .fails(1002),
+        Case::new("5.2 pong in fragments")
+            .send(frame(PONG, b"fragment1").fin(false))
+            .send(frame(CONTINUE, b"fragment2"))
+            .fails(1002),
         whole("5.3 text in two", TEXT, &[b"fragment1", b"fragment2"]),
         whole("5.4 the same in one write", TEXT, &[b"fragment1", b"fragment2"]).chop(usize::MAX),
         whole("5.5 the same octet by octet", TEXT, &[b"fragment1", b"fragment2"]).chop(1),
@@ -111,8 +135,14 @@ fn fragments() -> Vec<Case> {
         between("5.8 the same octet by octet", 1).chop(1),
         between("5.19 two pings between", 2),
         between("5.20 two pings between, octet by octet", 2).chop(1),
-        Case::new("5.18 a message within a message").send(frame(TEXT, b"fragment1").fin(false)).send(frame(TEXT, b"fragment2")).fails(1002),
-        Case::new("5.18b binary within text").send(frame(TEXT, b"fragment1").fin(false)).send(frame(BINARY, b"fragment2")).fails(1002),
+        Case::new("5.18 a message within a message")
+            .send(frame(TEXT, b"fragment1").fin(false))
+            .send(frame(TEXT, b"fragment2"))
+            .fails(1002),
+        Case::new("5.18b binary within text")
+            .send(frame(TEXT, b"fragment1").fin(false))
+            .send(frame(BINARY, b"fragment2"))
+            .fails(1002),
     ];
     for (i, fin) in [(9, true), (12, false)] {
         let hello = || frame(TEXT, b"Hello, world!").bytes();
@@ -121,13 +151,20 @@ fn fragments() -> Vec<Case> {
         cases.push(stray(&format!("5.{} the same octet by octet", i + 2), fin, hello()).chop(1));
     }
     for (i, fin) in [(15, true), (16, false), (17, true)] {
-        let first = whole(&format!("5.{i} a message, then continuation of nothing"), TEXT, &[b"fragment1", b"fragment2"]);
-        cases.push(first.send(frame(CONTINUE, b"fragment3").fin(fin)).send(frame(TEXT, b"fragment4")).fails(1002));
+        let first = whole(
+            &format!("5.{i} a message, then continuation of nothing"),
+            TEXT,
+            &[b"fragment1", b"fragment2"],
+        );
+        cases.push(
+            first.send(frame(CONTINUE, b"fragment3").fin(fin)).send(frame(TEXT, b"fragment4")).fails(1002),
+        );
     }
     cases
 }
 
-/// Sequences that are no UTF-8, as groups 6.3 and 6.5 to 6.21 have them: overlong, surrogates, truncated, out of range.
+/// Sequences that are no UTF-8, as groups 6.3 and 6.5 to 6.21 have them: overlong, surrogates, truncated, out
+/// of range.
 const BROKEN: [&[u8]; 27] = [
     b"\xce\xba\xe1\xbd\xb9\xcf\x83\xce\xbc\xce\xb5\xed\xa0\x80edited",
     b"\xce\xba\xe1\xbd\xb9\xcf\x83\xce\xbc\xce\xb5\xf4\x90\x80\x80edited",
@@ -165,15 +202,26 @@ fn utf8() -> Vec<Case> {
     let (a, b) = long.as_bytes().split_at(17);
     cases.push(Case::new("6.2.2 valid in two").send(parts(TEXT, &[a, b])).hear(Received::Text(long.into())));
     let octets: Vec<&[u8]> = long.as_bytes().chunks(1).collect();
-    cases.push(Case::new("6.2.3 valid, a frame per octet").send(parts(TEXT, &octets)).hear(Received::Text(long.into())));
-    for first in "\u{0}\u{80}\u{800}\u{10000}\u{7f}\u{7ff}\u{ffff}\u{10ffff}\u{d7ff}\u{e000}\u{fffd}\u{1fffe}\u{2ffff}".chars() {
+    cases.push(
+        Case::new("6.2.3 valid, a frame per octet")
+            .send(parts(TEXT, &octets))
+            .hear(Received::Text(long.into())),
+    );
+    for first in
+        "\u{0}\u{80}\u{800}\u{10000}\u{7f}\u{7ff}\u{ffff}\u{10ffff}\u{d7ff}\u{e000}\u{fffd}\u{1fffe}\u{2ffff}"
+            .chars()
+    {
         cases.push(text(&format!("6.6 and 6.22 U+{:04X}", first as u32), first.to_string().as_bytes()));
     }
     for broken in BROKEN {
         cases.push(Case::new(&format!("6.3 {broken:02x?}")).send(frame(TEXT, broken)).fails(1007));
         let octets: Vec<&[u8]> = broken.chunks(1).collect();
         if octets.len() > 1 {
-            cases.push(Case::new(&format!("6.3 {broken:02x?}, a frame per octet")).send(parts(TEXT, &octets)).fails(1007));
+            cases.push(
+                Case::new(&format!("6.3 {broken:02x?}, a frame per octet"))
+                    .send(parts(TEXT, &octets))
+                    .fails(1007),
+            );
         }
     }
     let unfinished = frame(TEXT, b"\xce\xba\xf4\x90\x80\x80").fin(false);
@@ -183,12 +231,17 @@ fn utf8() -> Vec<Case> {
 }
 
 fn closing() -> Vec<Case> {
-    let goodbye = |name: &str, payload: &[u8], code: Option<u16>| Case::new(name).send(frame(CLOSE, payload)).closes(code);
+    let goodbye = |name: &str, payload: &[u8], code: Option<u16>| {
+        Case::new(name).send(frame(CLOSE, payload)).closes(code)
+    };
     let mut cases = vec![
         text("7.1.1 a message, then close", b"Hello World!"),
         Case::new("7.1.2 two closes").send(close(1000, b"")).send(close(1000, b"")).closes(Some(1000)),
         Case::new("7.1.3 ping after close").send(close(1000, b"")).send(frame(PING, b"")).closes(Some(1000)),
-        Case::new("7.1.4 message after close").send(close(1000, b"")).send(frame(TEXT, b"late")).closes(Some(1000)),
+        Case::new("7.1.4 message after close")
+            .send(close(1000, b""))
+            .send(frame(TEXT, b"late"))
+            .closes(Some(1000)),
         Case::new("7.1.5 close within a message")
             .send(frame(TEXT, b"a").fin(false))
             .send(close(1000, b""))
@@ -206,7 +259,9 @@ fn closing() -> Vec<Case> {
         Case::new("7.3.4 with reason").send(close(1000, b"Hello World!")).closes(Some(1000)),
         Case::new("7.3.5 with the longest reason").send(close(1000, &[b'*'; 123])).closes(Some(1000)),
         Case::new("7.3.6 with too long a reason").send(close(1000, &[b'*'; 124])).closes(Some(1002)),
-        Case::new("7.5.1 with a reason that is no UTF-8").send(close(1000, b"\xce\xba\xf4\x90\x80\x80")).closes(Some(1007)),
+        Case::new("7.5.1 with a reason that is no UTF-8")
+            .send(close(1000, b"\xce\xba\xf4\x90\x80\x80"))
+            .closes(Some(1007)),
         Case::new("7 close in fragments").send(frame(CLOSE, &1000u16.to_be_bytes()).fin(false)).fails(1002),
     ];
     for code in [1000, 1001, 1002, 1003, 1007, 1008, 1009, 1010, 1011, 3000, 3999, 4000, 4999] {
@@ -236,7 +291,8 @@ fn limits() -> Vec<Case> {
         cases.push(binary(&format!("9.6 binary of 64 KiB in chops of {chop}"), &[3; 65536]).chop(chop));
     }
     for n in [0, 16, 64, 256, 1024] {
-        let (mut texts, mut binaries) = (Case::new(&format!("9.7 1000 texts of {n}")), Case::new(&format!("9.8 1000 binaries of {n}")));
+        let (mut texts, mut binaries) =
+            (Case::new(&format!("9.7 1000 texts of {n}")), Case::new(&format!("9.8 1000 binaries of {n}")));
         for _ in 0..1000 {
             texts = texts.send(frame(TEXT, &vec![b'*'; n])).hear(Received::Text(vec![b'*'; n]));
             binaries = binaries.send(frame(BINARY, &vec![0xfe; n])).hear(Received::Binary(vec![0xfe; n]));
@@ -245,7 +301,11 @@ fn limits() -> Vec<Case> {
     }
     let long = vec![b'*'; 65536];
     let pieces: Vec<&[u8]> = long.chunks(1300).collect();
-    cases.push(Case::new("10.1.1 text of 64 KiB in frames of 1300").send(parts(TEXT, &pieces)).hear(Received::Text(long.clone())));
+    cases.push(
+        Case::new("10.1.1 text of 64 KiB in frames of 1300")
+            .send(parts(TEXT, &pieces))
+            .hear(Received::Text(long.clone())),
+    );
     // beyond what the server announces
     cases.push(Case::new("9 text above 64 KiB").send(frame(TEXT, &[b'*'; 65537])).fails(1009));
     cases.push(Case::new("9 binary above 2 MiB").send(frame(BINARY, &vec![1; (2 << 20) + 1])).fails(1009));
@@ -263,7 +323,8 @@ fn limits() -> Vec<Case> {
 fn every_case_of_the_suite() {
     let server = Server::start(Settings::default());
     let (mut count, mut failures) = (0, vec![]);
-    for case in [framing(), pings(), reserved_bit_cases(), fragments(), utf8(), closing(), limits()].concat() {
+    for case in [framing(), pings(), reserved_bit_cases(), fragments(), utf8(), closing(), limits()].concat()
+    {
         count += 1;
         if let Err(problem) = play(server.address, &case) {
             failures.push(format!("{}: {problem}", case.name));
@@ -282,8 +343,14 @@ fn the_runner_notices_what_is_wrong() {
         (sent().hear(Received::Text(b"b".to_vec())), "another echo"),
         (sent(), "an echo that is not expected"),
         (sent().hear(Received::Binary(b"a".to_vec())), "another opcode"),
-        (sent().hear(Received::Text(b"a".to_vec())).hear(Received::Pong(vec![])), "a pong that does not come"),
-        (sent().hear(Received::Text(b"a".to_vec())).send(close(1001, b"")).closes(Some(1000)), "another code"),
+        (
+            sent().hear(Received::Text(b"a".to_vec())).hear(Received::Pong(vec![])),
+            "a pong that does not come",
+        ),
+        (
+            sent().hear(Received::Text(b"a".to_vec())).send(close(1001, b"")).closes(Some(1000)),
+            "another code",
+        ),
         (Case::new("wrong").send(frame(TEXT, b"\xff")).fails(1002), "1007 where 1002 is expected"),
     ] {
         assert!(play(server.address, &case).is_err(), "{problem} was not noticed");

@@ -1,4 +1,5 @@
-//! Watching: what is shown is what flies, only the newest, and a watcher who does not look costs the session nothing.
+//! Watching: what is shown is what flies, only the newest, and a watcher who does not look costs the session
+//! nothing.
 
 use std::io::Read;
 use std::time::{Duration, Instant};
@@ -40,9 +41,16 @@ fn a_watcher_sees_the_newest_row() {
     let (mut client, name) = session(&server, 20);
     let mut live = watcher(&server);
     let header = watch(&mut live, &name, 3);
-    assert_eq!((&header["session"], &header["tick_s"], &header["env_id"]), (&json!(name), &json!(0.02), &json!("Crazyflie-v0")));
-    assert_eq!((&header["camera"]["fov_deg"], &header["marker"]), (&json!(120.0), &json!([[-0.5, 0.0, 0.0], [0.5, 0.0, 0.0]])));
-    let columns: Vec<&str> = header["columns"].as_array().unwrap().iter().map(|c| c.as_str().unwrap()).collect();
+    assert_eq!(
+        (&header["session"], &header["tick_s"], &header["env_id"]),
+        (&json!(name), &json!(0.02), &json!("Crazyflie-v0"))
+    );
+    assert_eq!(
+        (&header["camera"]["fov_deg"], &header["marker"]),
+        (&json!(120.0), &json!([[-0.5, 0.0, 0.0], [0.5, 0.0, 0.0]]))
+    );
+    let columns: Vec<&str> =
+        header["columns"].as_array().unwrap().iter().map(|c| c.as_str().unwrap()).collect();
     assert_eq!(columns.len(), 25);
     let rows: Value = serde_json::from_str(&server.get("/api/v1/sessions")).unwrap();
     let row = &rows[0];
@@ -55,7 +63,8 @@ fn a_watcher_sees_the_newest_row() {
         reply = client.ask_binary(request(3 + step, 2, 1, 1, 20, &le(&[0.2; 80])));
     }
     let numbers = floats(&reply[32..32 + 4 * 20 * (24 + 1 + 12)]);
-    let (observation, reward, state) = (&numbers[3 * 24..4 * 24], numbers[20 * 24 + 3], &numbers[20 * 25 + 36..20 * 25 + 48]);
+    let (observation, reward, state) =
+        (&numbers[3 * 24..4 * 24], numbers[20 * 24 + 3], &numbers[20 * 25 + 36..20 * 25 + 48]);
     let shown = loop {
         let row = floats(&live.receive_binary());
         assert_eq!(row.len(), 25);

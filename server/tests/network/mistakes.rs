@@ -1,4 +1,5 @@
-//! Bad input of every kind is answered with a typed error, and the session flies on as if nothing had happened.
+//! Bad input of every kind is answered with a typed error, and the session flies on as if nothing had
+//! happened.
 
 use crate::net::{Server, floats, le, request};
 use crazyflie_server::serve::{SessionEnd, Settings};
@@ -75,7 +76,10 @@ fn every_mistake_is_named_and_the_session_lives() {
     let make = json!({"id": 1, "type": "make", "num_envs": 2});
     for c in [&mut client, &mut good] {
         assert_eq!(c.ask(&make)["type"], "made");
-        assert_eq!(c.ask(&json!({"id": 2, "type": "step", "action": [[0, 0, 0, 0], [0, 0, 0, 0]]}))["code"], "not_reset");
+        assert_eq!(
+            c.ask(&json!({"id": 2, "type": "step", "action": [[0, 0, 0, 0], [0, 0, 0, 0]]}))["code"],
+            "not_reset"
+        );
         assert_eq!(c.ask(&json!({"id": 3, "type": "state"}))["code"], "not_reset");
         c.ask_binary(request(4, 1, 0, 0, 2, &[]));
     }
@@ -127,6 +131,16 @@ fn an_ended_episode_is_said_to_be_so_and_large_requests_are_refused() {
     let max = made["max_steps"].as_u64().unwrap() as u16;
     client.ask_binary(request(9, 1, 0, 0, 1000, &[]));
     client.ask_binary(request(10, 2, 0, max, 1000, &le(&vec![0.0; 4000 * usize::from(max)])));
-    client.ws.send(Message::binary(request(11, 2, 0, max + 1, 1000, &le(&vec![0.0; 4000 * (usize::from(max) + 1)])))).unwrap();
+    client
+        .ws
+        .send(Message::binary(request(
+            11,
+            2,
+            0,
+            max + 1,
+            1000,
+            &le(&vec![0.0; 4000 * (usize::from(max) + 1)]),
+        )))
+        .unwrap();
     assert_eq!(client.receive()["code"], "too_large");
 }

@@ -24,7 +24,10 @@ fn a_conversation_flies_as_in_process() {
     let (mut observation, mut reward, mut terminated, mut truncated) = ([0.0; 24], [0.0], [false], [false]);
     let data = json!({"seed": 3, "episode_id": "mine", "env": "CrazyflieTrack-v0", "options": {"max_episode_steps": 5}});
     let first = client.ask(&json!({"type": "reset", "data": data}));
-    assert_eq!((&first["type"], &first["data"]["reward"], &first["data"]["done"]), (&json!("observation"), &Value::Null, &json!(false)));
+    assert_eq!(
+        (&first["type"], &first["data"]["reward"], &first["data"]["done"]),
+        (&json!("observation"), &Value::Null, &json!(false))
+    );
     local.reset(Some(&[3]), None, &mut observation).unwrap();
     assert_eq!(row(&first["data"]), observation);
     for step in 1..=5 {
@@ -32,7 +35,10 @@ fn a_conversation_flies_as_in_process() {
         let reply = client.ask(&json!({"type": "step", "data": {"action": action}}));
         let out = StepBuffers::new(&mut observation, &mut reward, &mut terminated, &mut truncated);
         local.step(&action, out).unwrap();
-        assert_eq!((row(&reply["data"]), reply["data"]["reward"].as_f64().unwrap() as f32), (observation.to_vec(), reward[0]));
+        assert_eq!(
+            (row(&reply["data"]), reply["data"]["reward"].as_f64().unwrap() as f32),
+            (observation.to_vec(), reward[0])
+        );
         assert_eq!(reply["data"]["done"], json!(step == 5));
     }
     let state = client.ask(&json!({"type": "state"}));
@@ -66,11 +72,18 @@ fn mistakes_have_the_codes_of_openenv() {
     ] {
         client.ws.send(Message::text(text)).unwrap();
         let reply = client.receive();
-        assert_eq!((&reply["type"], &reply["data"]["code"]), (&json!("error"), &json!(code)), "{text}: {reply}");
+        assert_eq!(
+            (&reply["type"], &reply["data"]["code"]),
+            (&json!("error"), &json!(code)),
+            "{text}: {reply}"
+        );
     }
     client.ws.send(Message::binary(vec![1, 2])).unwrap();
     assert_eq!(client.receive()["data"]["code"], "VALIDATION_ERROR");
     assert_eq!(client.ask(&json!({"type": "reset", "data": {"seed": 1}}))["type"], "observation");
-    assert_eq!(client.ask(&json!({"type": "step", "data": {"action": [5, 0, 0, 0]}}))["data"]["code"], "VALIDATION_ERROR");
+    assert_eq!(
+        client.ask(&json!({"type": "step", "data": {"action": [5, 0, 0, 0]}}))["data"]["code"],
+        "VALIDATION_ERROR"
+    );
     assert_eq!(client.ask(&json!({"type": "step", "data": {"action": [1, 0, 0, 0]}}))["type"], "observation");
 }

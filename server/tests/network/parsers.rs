@@ -1,4 +1,5 @@
-//! Parsers on the wire under fire: anything may be sent, a session lives through all of it. What once mattered is kept in `fuzz/corpus` and sent first.
+//! Parsers on the wire under fire: anything may be sent, a session lives through all of it. What once
+//! mattered is kept in `fuzz/corpus` and sent first.
 
 use std::path::Path;
 
@@ -13,7 +14,10 @@ const CORPUS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../fuzz/corpus");
 
 /// The files of a folder of the corpus, in the order of their names.
 fn corpus(folder: &str) -> Vec<Vec<u8>> {
-    let mut paths: Vec<_> = std::fs::read_dir(Path::new(CORPUS).join(folder)).unwrap().map(|entry| entry.unwrap().path()).collect();
+    let mut paths: Vec<_> = std::fs::read_dir(Path::new(CORPUS).join(folder))
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .collect();
     paths.sort();
     assert!(paths.len() >= 8, "only {} files in {folder}", paths.len());
     paths.iter().map(|path| std::fs::read(path).unwrap()).collect()
@@ -36,15 +40,16 @@ fn nearly() -> impl Strategy<Value = String> {
     ];
     let kinds: Vec<&str> = crazyflie_server::serve::request_kinds().chain(["x"]).collect();
     let names = [
-        "id", "env", "options", "num_envs", "model", "seed", "seeds", "mask", "states", "action", "session", "token", "client", "watch",
-        "data",
+        "id", "env", "options", "num_envs", "model", "seed", "seeds", "mask", "states", "action", "session",
+        "token", "client", "watch", "data",
     ];
     let fields = prop::collection::vec((prop::sample::select(names.to_vec()), value), 0..6);
     (prop::sample::select(kinds), 0..64u64, fields).prop_map(|(kind, id, fields)| {
         let mut message = json!({"type": kind, "id": id});
         for (name, value) in fields {
             // no batches that take the test's time
-            let value = if name == "num_envs" && value.as_u64().is_some_and(|n| n > 64) { json!(3) } else { value };
+            let value =
+                if name == "num_envs" && value.as_u64().is_some_and(|n| n > 64) { json!(3) } else { value };
             message[name] = value;
         }
         message.to_string()
@@ -53,13 +58,14 @@ fn nearly() -> impl Strategy<Value = String> {
 
 fn frames() -> impl Strategy<Value = Vec<u8>> {
     let header = (0..40u64, 0..5u8, 0..9u8, 0..4u16, 0..4u32);
-    let near =
-        (header, prop::collection::vec(any::<u8>(), 0..120), any::<bool>()).prop_map(|((id, kind, flags, steps, envs), payload, fit)| {
+    let near = (header, prop::collection::vec(any::<u8>(), 0..120), any::<bool>()).prop_map(
+        |((id, kind, flags, steps, envs), payload, fit)| {
             // half of them with a payload of the length that the header promises
             let want = if fit { usize::from(steps) * envs as usize * 16 } else { payload.len() };
             let payload: Vec<u8> = payload.iter().copied().chain(std::iter::repeat(0)).take(want).collect();
             request(id, kind, flags, steps, envs, &payload)
-        });
+        },
+    );
     prop_oneof![near, prop::collection::vec(any::<u8>(), 0..64)]
 }
 
@@ -69,7 +75,8 @@ fn heard(client: &mut Client, message: Message) -> Result<(), TestCaseError> {
     match client.ws.read() {
         Ok(Message::Binary(reply)) => prop_assert!(reply.len() >= 32),
         Ok(Message::Text(text)) => {
-            let reply: serde_json::Value = serde_json::from_str(&text).map_err(|e| TestCaseError::fail(e.to_string()))?;
+            let reply: serde_json::Value =
+                serde_json::from_str(&text).map_err(|e| TestCaseError::fail(e.to_string()))?;
             prop_assert!(reply["type"].is_string(), "{}", reply);
         }
         other => prop_assert!(false, "{other:?}"),
@@ -111,7 +118,9 @@ fn anything_may_be_sent() {
         Ok(())
     });
     let goodbye = |text: &String| text.contains("\"close\"");
-    fire(700, nearly().prop_filter("no goodbye", move |text| !goodbye(text)), |text| heard(&mut plain, Message::text(text)));
+    fire(700, nearly().prop_filter("no goodbye", move |text| !goodbye(text)), |text| {
+        heard(&mut plain, Message::text(text))
+    });
     fire(300, ".{0,40}", |text| heard(&mut live, Message::text(text)));
     println!("{} kept inputs and 6000 drawn ones: one reply to each", texts.len() + binaries.len());
     client.ask(&json!({"id": 100, "type": "make"}));

@@ -36,13 +36,18 @@ fn plain(mut value: Value) -> Value {
 fn check(client: &mut Client, want: &str) {
     match client.ws.read().unwrap() {
         Message::Text(text) => {
-            let (got, want): (Value, Value) = (serde_json::from_str(&text).unwrap(), serde_json::from_str(want).expect(want));
+            let (got, want): (Value, Value) =
+                (serde_json::from_str(&text).unwrap(), serde_json::from_str(want).expect(want));
             assert_eq!(plain(got.clone()), plain(want), "the page is stale; the server says\n< {got}");
         }
         Message::Binary(bytes) => {
-            let (want, whole) = want.strip_suffix("...").map_or_else(|| (hex(want), true), |start| (hex(start), false));
+            let (want, whole) =
+                want.strip_suffix("...").map_or_else(|| (hex(want), true), |start| (hex(start), false));
             let got: String = bytes.iter().take(64).map(|b| format!("{b:02x}")).collect();
-            assert!(bytes.starts_with(&want) && (!whole || bytes.len() == want.len()), "the page is stale; the server says\n< {got}...");
+            assert!(
+                bytes.starts_with(&want) && (!whole || bytes.len() == want.len()),
+                "the page is stale; the server says\n< {got}..."
+            );
         }
         other => panic!("expected {want}, got {other:?}"),
     }

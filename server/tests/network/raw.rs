@@ -98,7 +98,15 @@ pub struct Case {
 
 impl Case {
     pub fn new(name: &str) -> Case {
-        Case { name: name.into(), send: vec![], chop: None, hear: vec![], close: Some(1000), polite: true, lossy: false }
+        Case {
+            name: name.into(),
+            send: vec![],
+            chop: None,
+            hear: vec![],
+            close: Some(1000),
+            polite: true,
+            lossy: false,
+        }
     }
 
     pub fn with_name(self, name: &str) -> Case {
@@ -222,11 +230,20 @@ pub fn play(address: SocketAddr, case: &Case) -> Result<(), String> {
 
 fn agree(heard: &[Received], case: &Case) -> Result<(), String> {
     if let [Received::Pongs(all)] = &case.hear[..] {
-        let pongs: Vec<&Vec<u8>> = heard.iter().filter_map(|h| if let Received::Pong(p) = h { Some(p) } else { None }).collect();
+        let pongs: Vec<&Vec<u8>> =
+            heard.iter().filter_map(|h| if let Received::Pong(p) = h { Some(p) } else { None }).collect();
         let mut rest = all.iter();
         let ordered = pongs.iter().all(|pong| rest.any(|p| p == *pong));
-        return if ordered && pongs.last().copied() == all.last() { Ok(()) } else { Err(format!("heard {heard:?}")) };
+        return if ordered && pongs.last().copied() == all.last() {
+            Ok(())
+        } else {
+            Err(format!("heard {heard:?}"))
+        };
     }
     let right = if case.lossy { case.hear.starts_with(heard) } else { heard == case.hear };
-    if right { Ok(()) } else { Err(format!("heard {} frames otherwise than the {} expected", heard.len(), case.hear.len())) }
+    if right {
+        Ok(())
+    } else {
+        Err(format!("heard {} frames otherwise than the {} expected", heard.len(), case.hear.len()))
+    }
 }

@@ -1,4 +1,5 @@
-//! Lost connections: a session waits for its client and goes on exactly; nothing is stepped twice; whatever the network does, every session ends.
+//! Lost connections: a session waits for its client and goes on exactly; nothing is stepped twice; whatever
+//! the network does, every session ends.
 
 use std::io::{Read, Write};
 use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
@@ -12,7 +13,10 @@ use serde_json::{Value, json};
 use tungstenite::Message;
 
 fn settings(resume_ms: u64) -> Settings {
-    Settings { limits: Limits { resume_for: Duration::from_millis(resume_ms), ..Limits::default() }, ..Settings::default() }
+    Settings {
+        limits: Limits { resume_for: Duration::from_millis(resume_ms), ..Limits::default() },
+        ..Settings::default()
+    }
 }
 
 fn make(client: &mut Client) -> Value {
@@ -27,7 +31,14 @@ fn resume(client: &mut Client, made: &Value) -> Value {
 /// Request 2 resets, the others step.
 fn nth(id: u64) -> Vec<u8> {
     if id == 2 {
-        return request(2, 1, 2, 0, 3, &[5u64, 6, 7].iter().flat_map(|s| s.to_le_bytes()).collect::<Vec<_>>());
+        return request(
+            2,
+            1,
+            2,
+            0,
+            3,
+            &[5u64, 6, 7].iter().flat_map(|s| s.to_le_bytes()).collect::<Vec<_>>(),
+        );
     }
     let actions: Vec<f32> = (0..12).map(|i| ((id as usize * 13 + i * 5) % 37) as f32 / 18.5 - 1.0).collect();
     request(id, 2, 1, 1, 3, &le(&actions))
@@ -53,15 +64,25 @@ fn a_session_goes_on_where_it_was() {
     }
     // sent, carried out, and the reply never read
     client.ws.send(Message::binary(nth(31))).unwrap();
-    eventually("request 31 is carried out", 5.0, || server.metric("crazyflie_env_steps_total") >= 3.0 * (58.0 + 29.0));
+    eventually("request 31 is carried out", 5.0, || {
+        server.metric("crazyflie_env_steps_total") >= 3.0 * (58.0 + 29.0)
+    });
     client.ws.get_ref().shutdown(Shutdown::Both).unwrap();
     drop(client);
 
     let mut client = server.connect();
     let resumed = resume(&mut client, &made);
-    assert_eq!((&resumed["type"], &resumed["last_id"], &resumed["ticks"]), (&json!("resumed"), &json!(31), &json!(29)), "{resumed}");
+    assert_eq!(
+        (&resumed["type"], &resumed["last_id"], &resumed["ticks"]),
+        (&json!("resumed"), &json!(31), &json!(29)),
+        "{resumed}"
+    );
     for id in [31, 30, 31, 20, 31] {
-        assert_eq!(client.ask_binary(nth(id)), want[id as usize - 2], "a repeated request gets the reply it had");
+        assert_eq!(
+            client.ask_binary(nth(id)),
+            want[id as usize - 2],
+            "a repeated request gets the reply it had"
+        );
     }
     for id in 32..=60 {
         assert_eq!(client.ask_binary(nth(id)), want[id as usize - 2], "request {id}");
@@ -98,7 +119,10 @@ fn who_comes_too_late_finds_nothing() {
     assert_eq!(resume(&mut server.connect(), &made)["code"], "unknown_session");
     let mut polite = server.connect();
     let made = make(&mut polite);
-    polite.ws.close(Some(tungstenite::protocol::CloseFrame { code: 1000.into(), reason: "".into() })).unwrap();
+    polite
+        .ws
+        .close(Some(tungstenite::protocol::CloseFrame { code: 1000.into(), reason: "".into() }))
+        .unwrap();
     eventually("a goodbye ends it", 5.0, || server.metric("crazyflie_sessions") == 0.0);
     assert_eq!(resume(&mut server.connect(), &made)["code"], "unknown_session");
     let report = server.stop();
@@ -165,7 +189,8 @@ fn carry(mut from: TcpStream, mut to: TcpStream, random: u64, cuts: &AtomicUsize
     let _ = to.shutdown(Shutdown::Write);
 }
 
-/// A client that does not give up: flies the requests 2 to `last`, four at a time in flight, and returns the replies.
+/// A client that does not give up: flies the requests 2 to `last`, four at a time in flight, and returns the
+/// replies.
 fn stubborn(address: SocketAddr, last: u64) -> Vec<Vec<u8>> {
     let (mut made, mut replies) = (None, Vec::new());
     for _ in 0..400 {
@@ -182,13 +207,16 @@ type Net<T> = Result<T, Box<dyn std::error::Error>>;
 fn attempt(address: SocketAddr, last: u64, made: &mut Option<Value>, replies: &mut Vec<Vec<u8>>) -> Net<()> {
     let stream = TcpStream::connect(address)?;
     stream.set_read_timeout(Some(Duration::from_millis(400)))?;
-    let mut request = tungstenite::client::IntoClientRequest::into_client_request(format!("ws://{address}/ws"))?;
+    let mut request =
+        tungstenite::client::IntoClientRequest::into_client_request(format!("ws://{address}/ws"))?;
     request.headers_mut().insert("sec-websocket-protocol", "crazyflie.v1".parse()?);
     let mut client = Client { ws: tungstenite::client(request, stream).map_err(|e| e.to_string())?.0 };
     let first = match &*made {
         Some(made) => json!({"id": 1, "type": "resume", "session": made["session"], "token": made["token"]}),
-        None => json!({"id": 1, "type": "make", "num_envs": 3, "options": {"effects": {"gust": {"sigma_mps2": 0.5}, "camera_noise": 0.01},
-            "max_episode_steps": 20}}),
+        None => {
+            json!({"id": 1, "type": "make", "num_envs": 3, "options": {"effects": {"gust": {"sigma_mps2": 0.5}, "camera_noise": 0.01},
+            "max_episode_steps": 20}})
+        }
     };
     client.ws.send(Message::text(first.to_string()))?;
     let answer: Value = serde_json::from_str(client.ws.read()?.to_text()?)?;

@@ -12,8 +12,9 @@ pub struct Needles {
 
 impl Needles {
     pub fn new(secrets: &[(String, Vec<u8>)]) -> Needles {
-        let spelled =
-            |(name, bytes): &(String, Vec<u8>)| spellings(bytes).into_iter().map(|spelling| (name.clone(), spelling)).collect::<Vec<_>>();
+        let spelled = |(name, bytes): &(String, Vec<u8>)| {
+            spellings(bytes).into_iter().map(|spelling| (name.clone(), spelling)).collect::<Vec<_>>()
+        };
         let all: Vec<_> = secrets.iter().flat_map(spelled).collect();
         let searcher = AhoCorasick::new(all.iter().map(|(_, spelling)| spelling)).unwrap();
         Needles { all, searcher }
@@ -25,7 +26,8 @@ impl Needles {
     }
 }
 
-/// As bytes, from either end; in hex; in base64 at any place of a longer text; as numbers where they are eight.
+/// As bytes, from either end; in hex; in base64 at any place of a longer text; as numbers where they are
+/// eight.
 fn spellings(bytes: &[u8]) -> Vec<Vec<u8>> {
     let reversed: Vec<u8> = bytes.iter().rev().copied().collect();
     let mut all = Vec::new();

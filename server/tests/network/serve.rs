@@ -1,4 +1,5 @@
-//! Environments over a real socket are those of the library, bit for bit; mistakes are answered and the session lives.
+//! Environments over a real socket are those of the library, bit for bit; mistakes are answered and the
+//! session lives.
 
 use crate::net::{Client, Server, floats, le, request};
 use crazyflie_env::config::Options;
@@ -44,8 +45,20 @@ impl Local {
     fn step(&mut self, actions: &[f32]) -> Row {
         let n = self.n;
         let (observations, rewards, states) = (vec![0.0; n * 24], vec![0.0; n], vec![0.0; n * STATE]);
-        let mut row = Row { observations, rewards, states, finals: vec![], terminated: vec![false; n], truncated: vec![false; n] };
-        let out = StepBuffers::new(&mut row.observations, &mut row.rewards, &mut row.terminated, &mut row.truncated);
+        let mut row = Row {
+            observations,
+            rewards,
+            states,
+            finals: vec![],
+            terminated: vec![false; n],
+            truncated: vec![false; n],
+        };
+        let out = StepBuffers::new(
+            &mut row.observations,
+            &mut row.rewards,
+            &mut row.terminated,
+            &mut row.truncated,
+        );
         self.env.step(actions, out).unwrap();
         self.env.states(&mut row.states).unwrap();
         for env in (0..n).filter(|i| row.terminated[*i] | row.truncated[*i]) {
@@ -83,10 +96,15 @@ fn check_reply(reply: &[u8], id: u64, ticks: u64, n: usize, rows: &[Row]) {
     assert_eq!(reply[16..24], (finals as u64).to_le_bytes());
     assert_eq!(reply[24..32], ticks.to_le_bytes());
     let numbers = bits(&floats(&reply[32..32 + 4 * (k * n * (24 + 1 + 12) + finals * 36)]));
-    let want = [join(|r| &r.observations), join(|r| &r.rewards), join(|r| &r.states), join(|r| &r.finals)].concat();
+    let want =
+        [join(|r| &r.observations), join(|r| &r.rewards), join(|r| &r.states), join(|r| &r.finals)].concat();
     assert!(numbers == want, "the numbers differ");
-    let flags: Vec<u8> =
-        rows.iter().flat_map(|r| &r.terminated).chain(rows.iter().flat_map(|r| &r.truncated)).map(|b| u8::from(*b)).collect();
+    let flags: Vec<u8> = rows
+        .iter()
+        .flat_map(|r| &r.terminated)
+        .chain(rows.iter().flat_map(|r| &r.truncated))
+        .map(|b| u8::from(*b))
+        .collect();
     assert_eq!(&reply[32 + 4 * numbers.len()..], flags);
 }
 
@@ -125,7 +143,9 @@ fn json_flies_as_in_process() {
     let mut local = Local::new(OPTIONS, 3);
     let numbers = |v: &Value| -> Vec<u32> {
         let rows = v.as_array().unwrap().iter();
-        rows.flat_map(|row| row.as_array().cloned().unwrap_or(vec![row.clone()])).map(|v| (v.as_f64().unwrap() as f32).to_bits()).collect()
+        rows.flat_map(|row| row.as_array().cloned().unwrap_or(vec![row.clone()]))
+            .map(|v| (v.as_f64().unwrap() as f32).to_bits())
+            .collect()
     };
     let first = client.ask(&json!({"id": 2, "type": "reset", "seed": 9}));
     assert_eq!(numbers(&first["observation"]), bits(&local.reset(&[9, 10, 11])));
@@ -138,9 +158,13 @@ fn json_flies_as_in_process() {
         assert_eq!(numbers(&reply["observation"]), bits(&row.observations));
         assert_eq!(numbers(&reply["reward"]), bits(&row.rewards));
         assert_eq!(numbers(&reply["state"]), bits(&row.states));
-        assert_eq!((&reply["terminated"], &reply["truncated"]), (&json!(row.terminated), &json!(row.truncated)));
+        assert_eq!(
+            (&reply["terminated"], &reply["truncated"]),
+            (&json!(row.terminated), &json!(row.truncated))
+        );
         let finals = reply["final"].as_array().cloned().unwrap_or_default();
-        let sent: Vec<u32> = finals.iter().flat_map(|f| [numbers(&f["observation"]), numbers(&f["state"])].concat()).collect();
+        let sent: Vec<u32> =
+            finals.iter().flat_map(|f| [numbers(&f["observation"]), numbers(&f["state"])].concat()).collect();
         assert_eq!(sent, bits(&row.finals));
     }
     assert_eq!(client.ask(&json!({"id": 99, "type": "close"})), json!({"type": "closed", "id": 99}));
@@ -156,7 +180,10 @@ fn requests_in_flight_are_answered_in_order() {
     let mut local = Local::new(OPTIONS, 2);
     local.reset(&[0, 0]);
     for id in 2..66 {
-        client.ws.write(tungstenite::Message::binary(request(id, 2, 1, 1, 2, &le(&actions(id as usize, 2))))).unwrap();
+        client
+            .ws
+            .write(tungstenite::Message::binary(request(id, 2, 1, 1, 2, &le(&actions(id as usize, 2)))))
+            .unwrap();
     }
     client.ws.flush().unwrap();
     for id in 2..66 {

@@ -34,7 +34,8 @@ pub(in crate::vector) struct Tile<R: BatchScalar> {
     pub(in crate::vector) stats: EpisodeStats<R>,
     pub(in crate::vector) seed: [u64; LANES],
     pub(in crate::vector) number: [u64; LANES],
-    /// Environments of the batch (the last tile may have fewer than sixteen), and those whose episode has ended.
+    /// Environments of the batch (the last tile may have fewer than sixteen), and those whose episode has
+    /// ended.
     pub(in crate::vector) used: u16,
     pub(in crate::vector) ended: u16,
 }
@@ -94,7 +95,12 @@ pub(in crate::vector) struct DroneBatch<R: BatchScalar> {
 }
 
 impl<R: BatchScalar> DroneBatch<R> {
-    pub(in crate::vector) fn new(spec: &ShardSpec<'_>, load: Option<Load>, board: usize, drones: usize) -> Result<Self> {
+    pub(in crate::vector) fn new(
+        spec: &ShardSpec<'_>,
+        load: Option<Load>,
+        board: usize,
+        drones: usize,
+    ) -> Result<Self> {
         let ShardSpec { models, inputs, options, envs, tick_s } = *spec;
         let tiles = envs.div_ceil(LANES);
         let one = |j: usize| {
@@ -102,12 +108,21 @@ impl<R: BatchScalar> DroneBatch<R> {
             World::new(models[j], &options.drone_effects(j), settings, tiles)
         };
         let zero = R::zero();
-        let slot = DroneSlot { last_action: [zero; ACTION], goal: [zero; GOAL], pull_mps2: [zero; 3], flying: 0 };
+        let slot =
+            DroneSlot { last_action: [zero; ACTION], goal: [zero; GOAL], pull_mps2: [zero; 3], flying: 0 };
         let tile = |i: usize| {
             let left = envs - i * LANES;
             let used = if left >= LANES { u16::MAX } else { (1 << left) - 1 };
             let known = Communication::new(options.neighbours, drones, tick_s);
-            Tile { known, load: load::State::rest(), stats: EpisodeStats::none(), seed: [0; LANES], number: [0; LANES], used, ended: 0 }
+            Tile {
+                known,
+                load: load::State::rest(),
+                stats: EpisodeStats::none(),
+                seed: [0; LANES],
+                number: [0; LANES],
+                used,
+                ended: 0,
+            }
         };
         let kept = if options.autoreset == Autoreset::SameStep { envs } else { 0 };
         Ok(DroneBatch {
@@ -169,7 +184,12 @@ impl<R: BatchScalar> DroneBatch<R> {
 
     /// A drone's goal, with the board and the scene that it is moved on by.
     #[inline(always)]
-    pub(in crate::vector) fn goal(&mut self, tile: usize, place: usize, drone: usize) -> (&mut [R; GOAL], &[R], Scene<'_, R>) {
+    pub(in crate::vector) fn goal(
+        &mut self,
+        tile: usize,
+        place: usize,
+        drone: usize,
+    ) -> (&mut [R; GOAL], &[R], Scene<'_, R>) {
         let n = self.drones.len();
         let DroneBatch { drones, load, tiles, slots, boards, scratch, .. } = self;
         let size = scratch.begun.len();
@@ -180,7 +200,13 @@ impl<R: BatchScalar> DroneBatch<R> {
     /// One tick of motion for `n` tiles from `first` on.
     // one copy for all tasks, as of everything here
     #[inline(never)]
-    pub(in crate::vector) fn advance(&mut self, config: &BatchConfig, first: usize, n: usize, actions: &[f32]) {
+    pub(in crate::vector) fn advance(
+        &mut self,
+        config: &BatchConfig,
+        first: usize,
+        n: usize,
+        actions: &[f32],
+    ) {
         R::run(
             #[inline(always)]
             || {
@@ -214,7 +240,9 @@ impl<R: BatchScalar> DroneBatch<R> {
             }
             let ropes = Ropes { moving: &mut scratch.moving, pulls_mps2: &mut scratch.pulls_mps2, drone_kg };
             load.step(&mut tiles[tile].load, scene, &scratch.free_mps2, ropes, [tick_s, *gravity_mps2]);
-            for ((slot, pull), push) in slots.iter_mut().zip(&scratch.pulls_mps2).zip(&mut scratch.push[place * n..]) {
+            for ((slot, pull), push) in
+                slots.iter_mut().zip(&scratch.pulls_mps2).zip(&mut scratch.push[place * n..])
+            {
                 slot.pull_mps2 = *pull;
                 push.acc_mps2 = *pull;
             }
@@ -251,8 +279,11 @@ impl<R: BatchScalar> DroneBatch<R> {
                 scratch.ticks[drone][i] = world.step_plain(first + i, &commands[i]);
             }
         } else {
-            let around =
-                |i: usize| Around { neighbours: &scratch.scene[i * all..(i + 1) * all], own: drone, push: scratch.push[i * all + drone] };
+            let around = |i: usize| Around {
+                neighbours: &scratch.scene[i * all..(i + 1) * all],
+                own: drone,
+                push: scratch.push[i * all + drone],
+            };
             let around = [around(0), around(n - 1)];
             world.step_group(first, &commands[..n], Some(&around), &mut scratch.ticks[drone][..n]);
         }
@@ -279,7 +310,10 @@ impl<R: BatchScalar> DroneBatch<R> {
     pub(in crate::vector) fn last_of_episode(&self, env: usize) -> Option<(&[f32], &[f32])> {
         let observations = self.final_observations.len() / self.envs;
         let states = self.len() * STATE;
-        let observations = self.final_observations.get(env * observations..(env + 1) * observations).filter(|rows| !rows.is_empty())?;
+        let observations = self
+            .final_observations
+            .get(env * observations..(env + 1) * observations)
+            .filter(|rows| !rows.is_empty())?;
         Some((observations, self.final_states.get(env * states..(env + 1) * states)?))
     }
 }
@@ -294,7 +328,12 @@ fn scene<'a, R: BatchScalar>(
     place: usize,
 ) -> Scene<'a, R> {
     let n = drones.len();
-    Scene { drones: &group[place * n..(place + 1) * n], load, t_s: drones[0].time_s(tile), draw: drones[0].draw(tile) }
+    Scene {
+        drones: &group[place * n..(place + 1) * n],
+        load,
+        t_s: drones[0].time_s(tile),
+        draw: drones[0].draw(tile),
+    }
 }
 
 impl<R: BatchScalar> Tile<R> {
@@ -302,7 +341,8 @@ impl<R: BatchScalar> Tile<R> {
         self.known.archive(archive);
         archive.numbers(&mut self.load.pos_m);
         archive.numbers(&mut self.load.vel_mps);
-        let EpisodeStats { collisions, crashes, done, nearest2_m2, settled_s, error2_m2, flown } = &mut self.stats;
+        let EpisodeStats { collisions, crashes, done, nearest2_m2, settled_s, error2_m2, flown } =
+            &mut self.stats;
         for number in [collisions, crashes, done, nearest2_m2, settled_s, error2_m2, flown] {
             archive.number(number);
         }
@@ -322,12 +362,22 @@ impl<R: BatchScalar> DroneSlot<R> {
 
 #[inline(always)]
 pub(in crate::vector) fn neighbour<R: BatchScalar>(x: &State<R>, flying: u16) -> Neighbour<R> {
-    Neighbour { pos_m: x.pos_m, vel_mps: x.vel_mps, here: R::select(R::mask(flying.into()), R::from_f64(1.0), R::zero()) }
+    Neighbour {
+        pos_m: x.pos_m,
+        vel_mps: x.vel_mps,
+        here: R::select(R::mask(flying.into()), R::from_f64(1.0), R::zero()),
+    }
 }
 
 /// A drone's actions in sixteen envs from `first` on; none where there are no more envs.
 #[inline(always)]
-fn gather<R: BatchScalar>(actions: &[f32], first: usize, envs: usize, drone: usize, drones: usize) -> [R; ACTION] {
+fn gather<R: BatchScalar>(
+    actions: &[f32],
+    first: usize,
+    envs: usize,
+    drone: usize,
+    drones: usize,
+) -> [R; ACTION] {
     let mut rows = [0.0; LANES * ACTION];
     let count = LANES.min(envs - first);
     for (lane, row) in rows.chunks_exact_mut(ACTION).take(count).enumerate() {
@@ -369,7 +419,15 @@ impl<R: BatchScalar> EpisodeStats<R> {
         let zero = R::zero();
         // nobody is nearer than the room is wide
         let nearest2_m2 = R::from_f64(100.0);
-        EpisodeStats { collisions: zero, crashes: zero, done: zero, nearest2_m2, settled_s: zero, error2_m2: zero, flown: zero }
+        EpisodeStats {
+            collisions: zero,
+            crashes: zero,
+            done: zero,
+            nearest2_m2,
+            settled_s: zero,
+            error2_m2: zero,
+            flown: zero,
+        }
     }
 
     /// In the order of [`METRICS`].

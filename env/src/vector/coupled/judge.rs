@@ -31,12 +31,14 @@ impl<R: BatchScalar> DroneBatch<R> {
         for (drone, seen) in scene.iter_mut().enumerate() {
             *seen = neighbour(self.drones[drone].state(tile), self.slots[tile * n + drone].flying);
         }
-        let (near2, stats) = (R::from_f64(4.0 * config.radius_m * config.radius_m), &mut self.tiles[tile].stats);
+        let (near2, stats) =
+            (R::from_f64(4.0 * config.radius_m * config.radius_m), &mut self.tiles[tile].stats);
         self.scratch.hit.fill(R::nothing());
         for a in 0..n {
             for b in a + 1..n {
                 let (p, q) = (&scene[a], &scene[b]);
-                let [dx, dy, dz] = [p.pos_m[0] - q.pos_m[0], p.pos_m[1] - q.pos_m[1], p.pos_m[2] - q.pos_m[2]];
+                let [dx, dy, dz] =
+                    [p.pos_m[0] - q.pos_m[0], p.pos_m[1] - q.pos_m[1], p.pos_m[2] - q.pos_m[2]];
                 let both = R::zero().lt(p.here * q.here);
                 let far2 = R::select(both, dx * dx + dy * dy + dz * dz, stats.nearest2_m2);
                 stats.nearest2_m2 = stats.nearest2_m2.min(far2);
@@ -60,9 +62,16 @@ impl<R: BatchScalar> DroneBatch<R> {
         known.listen(&self.scratch.scene[place * n..(place + 1) * n], &self.drones[0].draw(tile));
     }
 
-    /// Ends, rows and metrics of a tick, from the task's outcomes on the scratch. Returns the environments that had ended before.
+    /// Ends, rows and metrics of a tick, from the task's outcomes on the scratch. Returns the environments
+    /// that had ended before.
     #[inline(never)]
-    pub(in crate::vector) fn write_step(&mut self, config: &BatchConfig, tile: usize, place: usize, out: &mut StepBuffers<'_>) -> u16 {
+    pub(in crate::vector) fn write_step(
+        &mut self,
+        config: &BatchConfig,
+        tile: usize,
+        place: usize,
+        out: &mut StepBuffers<'_>,
+    ) -> u16 {
         R::run(
             #[inline(always)]
             || self.write_step_now(config, tile, place, out),
@@ -70,7 +79,13 @@ impl<R: BatchScalar> DroneBatch<R> {
     }
 
     #[inline(always)]
-    fn write_step_now(&mut self, config: &BatchConfig, tile: usize, place: usize, out: &mut StepBuffers<'_>) -> u16 {
+    fn write_step_now(
+        &mut self,
+        config: &BatchConfig,
+        tile: usize,
+        place: usize,
+        out: &mut StepBuffers<'_>,
+    ) -> u16 {
         let n = self.drones.len();
         let now_s = self.drones[0].time_s(tile);
         let over = R::bits(now_s.gt(R::from_f64(config.last_s))) as u16;
@@ -81,16 +96,22 @@ impl<R: BatchScalar> DroneBatch<R> {
             let before = self.slot(tile, drone).flying;
             let end = self.end(config, tile, place, drone, over);
             late = late | R::mask(before.into()) & !end.arrived;
-            arrived += R::select(R::mask(u32::from(before & !end.terminated)) & end.arrived, R::from_f64(1.0), R::zero());
+            arrived += R::select(
+                R::mask(u32::from(before & !end.terminated)) & end.arrived,
+                R::from_f64(1.0),
+                R::zero(),
+            );
             flying |= end.flying;
             let first = tile * LANES * n + drone;
             let rewards = end.reward.array();
             for (to, reward) in out.rewards.iter_mut().skip(first).step_by(n).zip(rewards) {
                 *to = *reward;
             }
-            for (bits, flags) in
-                [(end.terminated, &mut *out.terminated), (end.truncated, &mut *out.truncated), (end.flying, &mut *out.flying)]
-            {
+            for (bits, flags) in [
+                (end.terminated, &mut *out.terminated),
+                (end.truncated, &mut *out.truncated),
+                (end.flying, &mut *out.flying),
+            ] {
                 for (lane, flag) in flags.iter_mut().skip(first).step_by(n).take(LANES).enumerate() {
                     *flag = bits >> lane & 1 == 1;
                 }
@@ -98,7 +119,9 @@ impl<R: BatchScalar> DroneBatch<R> {
             self.write(tile, place, drone, &mut near, (lanes, before.into()), out.observations);
         }
         self.scratch.rows = near;
-        for (seen, slot) in self.scratch.scene[place * n..].iter_mut().zip(&self.slots[tile * n..(tile + 1) * n]) {
+        for (seen, slot) in
+            self.scratch.scene[place * n..].iter_mut().zip(&self.slots[tile * n..(tile + 1) * n])
+        {
             seen.here = R::select(R::mask(slot.flying.into()), R::from_f64(1.0), R::zero());
         }
         let of = &mut self.tiles[tile];
@@ -146,31 +169,52 @@ impl<R: BatchScalar> DroneBatch<R> {
         let mut near = std::mem::take(&mut self.scratch.rows);
         R::run(
             #[inline(always)]
-            || (0..self.len()).for_each(|drone| self.write(tile, 0, drone, &mut near, (bits, bits), observations)),
+            || {
+                (0..self.len())
+                    .for_each(|drone| self.write(tile, 0, drone, &mut near, (bits, bits), observations))
+            },
         );
         self.scratch.rows = near;
     }
 
-    /// A drone's rows in the envs of `lanes`: what it observes where it flew (`flew`), zeros elsewhere. They are put together in `near`,
-    /// which stays in the cache, because the envs of a tile are far from each other.
+    /// A drone's rows in the envs of `lanes`: what it observes where it flew (`flew`), zeros elsewhere. They
+    /// are put together in `near`, which stays in the cache, because the envs of a tile are far from each
+    /// other.
     #[inline(always)]
-    fn write(&self, tile: usize, place: usize, drone: usize, near: &mut [f32], (lanes, flew): (u32, u32), observations: &mut [f32]) {
+    fn write(
+        &self,
+        tile: usize,
+        place: usize,
+        drone: usize,
+        near: &mut [f32],
+        (lanes, flew): (u32, u32),
+        observations: &mut [f32],
+    ) {
         let n = self.drones.len();
         let width = OBSERVATION + NEIGHBOUR * (n - 1);
         let now_s = self.drones[drone].time_s(tile);
         let reading = &self.scratch.ticks[drone][place].reading;
-        let own = observe(reading, now_s, &self.scratch.setpoints[drone], &self.slot(tile, drone).last_action);
+        let own =
+            observe(reading, now_s, &self.scratch.setpoints[drone], &self.slot(tile, drone).last_action);
         R::write(&own, near, width);
         let truth = &self.scratch.scene[place * n..(place + 1) * n];
         let mut at = OBSERVATION;
         for other in (0..n).filter(|other| *other != drone) {
-            R::write(&self.tiles[tile].known.neighbour_row(drone, other, truth, now_s), &mut near[at..], width);
+            R::write(
+                &self.tiles[tile].known.neighbour_row(drone, other, truth, now_s),
+                &mut near[at..],
+                width,
+            );
             at += NEIGHBOUR;
         }
         let first = (tile * LANES * n + drone) * width;
         for lane in lanes_of(lanes) {
             let row = &mut observations[first + lane * n * width..][..width];
-            if flew >> lane & 1 == 1 { copy(&near[lane * width..(lane + 1) * width], row) } else { row.fill(0.0) }
+            if flew >> lane & 1 == 1 {
+                copy(&near[lane * width..(lane + 1) * width], row)
+            } else {
+                row.fill(0.0)
+            }
         }
     }
 }

@@ -109,9 +109,15 @@ impl<R: BatchScalar> DroneBatch<R> {
             let DroneBatch { drones, slots, tiles, .. } = self;
             tiles[tile].archive(archive);
             let Tile { seed, number, .. } = &tiles[tile];
-            for (drone, (world, slot)) in drones.iter_mut().zip(&mut slots[tile * n..(tile + 1) * n]).enumerate() {
+            for (drone, (world, slot)) in
+                drones.iter_mut().zip(&mut slots[tile * n..(tile + 1) * n]).enumerate()
+            {
                 slot.archive(archive);
-                world.archive(tile, |lane| drone_key(episode_key(seed[lane], number[lane].wrapping_sub(1)), drone), archive);
+                world.archive(
+                    tile,
+                    |lane| drone_key(episode_key(seed[lane], number[lane].wrapping_sub(1)), drone),
+                    archive,
+                );
             }
         }
     }
@@ -123,7 +129,12 @@ impl<R: BatchScalar> DroneBatch<R> {
             let env = tile * LANES + lane;
             let rows = env * size..(env + 1) * size;
             self.final_observations[rows.clone()].copy_from_slice(&observations[rows]);
-            for (drone, row) in self.final_states.chunks_exact_mut(STATE).skip(env * self.drones.len()).take(self.drones.len()).enumerate()
+            for (drone, row) in self
+                .final_states
+                .chunks_exact_mut(STATE)
+                .skip(env * self.drones.len())
+                .take(self.drones.len())
+                .enumerate()
             {
                 write_lane(&state_row(self.drones[drone].state(tile)), lane, row);
             }

@@ -1,5 +1,6 @@
-//! Recorded flights as a bench for hypotheses. The fit runs in windows that start where the flight was measured, with the nuisance parameters of
-//! each flight. Predictions of stretches that were left out of the fit judge it.
+//! Recorded flights as a bench for hypotheses. The fit runs in windows that start where the flight was
+//! measured, with the nuisance parameters of each flight. Predictions of stretches that were left out of the
+//! fit judge it.
 
 use std::ops::Range;
 
@@ -8,7 +9,8 @@ use rayon::prelude::*;
 use super::gain::Gain;
 use crate::axis_errors::{AxisErrors, HORIZONS_S, stretch_errors};
 use crate::explain::calibration::recorded::{
-    FLIGHTS_TO_LEAVE_OUT, FLIGHTS_TO_TEST, FOLDS, STEPS, STEPS_WITHOUT_A_FOLD, STRETCH_WINDOWS, WINDOWS_TO_PROPOSE,
+    FLIGHTS_TO_LEAVE_OUT, FLIGHTS_TO_TEST, FOLDS, STEPS, STEPS_WITHOUT_A_FOLD, STRETCH_WINDOWS,
+    WINDOWS_TO_PROPOSE,
 };
 use crate::fit::flight::{Flight, WINDOW_S, Window};
 use crate::fit::hypothesis::{Hypothesis, Term};
@@ -63,7 +65,8 @@ impl Bench {
             windows.extend(own);
         }
         // a prediction has to end within its stretch
-        let long_enough = |s: &HeldOutStretch| s.ticks.len() as f64 * flights[s.flight].tick_s > HORIZONS_S[1] + WINDOW_S;
+        let long_enough =
+            |s: &HeldOutStretch| s.ticks.len() as f64 * flights[s.flight].tick_s > HORIZONS_S[1] + WINDOW_S;
         stretches.retain(long_enough);
         Bench { flights, windows, folds, stretches, by_flight }
     }
@@ -78,9 +81,12 @@ impl Bench {
 
     /// The hypothesis at a solution over all windows.
     pub fn apply_solution(&self, hypothesis: &Hypothesis, solution: Solution) -> FittedHypothesis {
-        let prediction = OutputErrorProblem { flights: &self.flights, windows: &self.windows, hypothesis, inflation: 1.0 };
-        let each: Vec<Vec<f64>> = (0..self.flights.len()).map(|f| prediction.flight_numbers(&solution.shared, f)).collect();
-        let hypothesis = each.first().map_or_else(|| hypothesis.clone(), |numbers| hypothesis.with_values(numbers));
+        let prediction =
+            OutputErrorProblem { flights: &self.flights, windows: &self.windows, hypothesis, inflation: 1.0 };
+        let each: Vec<Vec<f64>> =
+            (0..self.flights.len()).map(|f| prediction.flight_numbers(&solution.shared, f)).collect();
+        let hypothesis =
+            each.first().map_or_else(|| hypothesis.clone(), |numbers| hypothesis.with_values(numbers));
         FittedHypothesis { hypothesis, each, solution }
     }
 
@@ -90,7 +96,12 @@ impl Bench {
     }
 
     /// And so roughly that it only proposes: few steps on some of the windows.
-    pub fn propose(&self, hypothesis: &Hypothesis, from: &FittedHypothesis, steps: usize) -> FittedHypothesis {
+    pub fn propose(
+        &self,
+        hypothesis: &Hypothesis,
+        from: &FittedHypothesis,
+        steps: usize,
+    ) -> FittedHypothesis {
         let every = self.windows.len().div_ceil(WINDOWS_TO_PROPOSE).max(1);
         self.fit_windows(hypothesis, from, &|w| w % every == 0, steps)
     }
@@ -102,25 +113,39 @@ impl Bench {
         takes: &dyn Fn(usize) -> bool,
         steps: usize,
     ) -> FittedHypothesis {
-        let windows: Vec<Window> = self.windows.iter().enumerate().filter(|(w, _)| takes(*w)).map(|(_, window)| window.clone()).collect();
-        let prediction = OutputErrorProblem { flights: &self.flights, windows: &windows, hypothesis, inflation: 1.0 };
-        let each: Vec<Vec<f64>> = from.each.iter().map(|numbers| carry_over(&from.hypothesis, numbers, hypothesis)).collect();
+        let windows: Vec<Window> = self
+            .windows
+            .iter()
+            .enumerate()
+            .filter(|(w, _)| takes(*w))
+            .map(|(_, window)| window.clone())
+            .collect();
+        let prediction =
+            OutputErrorProblem { flights: &self.flights, windows: &windows, hypothesis, inflation: 1.0 };
+        let each: Vec<Vec<f64>> =
+            from.each.iter().map(|numbers| carry_over(&from.hypothesis, numbers, hypothesis)).collect();
         let starts = prediction.measured_starts();
         let known = from.solution.own.iter().enumerate().filter(|(w, _)| takes(*w)).map(|(_, own)| own);
         // starts of the same hypothesis without one of its lags have another length
-        let same = from.solution.own.len() == self.windows.len() && from.solution.own.first().map(Vec::len) == starts.first().map(Vec::len);
+        let same = from.solution.own.len() == self.windows.len()
+            && from.solution.own.first().map(Vec::len) == starts.first().map(Vec::len);
         let own = if same { known.cloned().collect() } else { starts };
         let solution = solve_within(&prediction, own, prediction.join_flights(&each), steps, ENOUGH);
-        let each: Vec<Vec<f64>> = (0..self.flights.len()).map(|f| prediction.flight_numbers(&solution.shared, f)).collect();
-        let hypothesis = each.first().map_or_else(|| hypothesis.clone(), |numbers| hypothesis.with_values(numbers));
+        let each: Vec<Vec<f64>> =
+            (0..self.flights.len()).map(|f| prediction.flight_numbers(&solution.shared, f)).collect();
+        let hypothesis =
+            each.first().map_or_else(|| hypothesis.clone(), |numbers| hypothesis.with_values(numbers));
         FittedHypothesis { hypothesis, each, solution }
     }
 
-    /// Errors on every stretch, predicted by a fit of all that is not in its fold. `None` where the hypothesis cannot be simulated.
+    /// Errors on every stretch, predicted by a fit of all that is not in its fold. `None` where the
+    /// hypothesis cannot be simulated.
     pub fn held_out_errors(&self, fitted: &FittedHypothesis) -> Option<Vec<AxisErrors>> {
         let folds: Vec<FittedHypothesis> = (0..FOLDS)
             .into_par_iter()
-            .map(|fold| self.fit_windows(&fitted.hypothesis, fitted, &|w| self.folds[w] != fold, STEPS_WITHOUT_A_FOLD))
+            .map(|fold| {
+                self.fit_windows(&fitted.hypothesis, fitted, &|w| self.folds[w] != fold, STEPS_WITHOUT_A_FOLD)
+            })
             .collect();
         let errors = |stretch: &HeldOutStretch| {
             let (fold_fit, flight) = (&folds[stretch.fold], &self.flights[stretch.flight]);
@@ -140,16 +165,21 @@ impl Bench {
         Some((Gain::new(before, &after), after))
     }
 
-    /// Standard errors of the free numbers that all flights share, by how much flights, or windows of few flights, contradict each other.
+    /// Standard errors of the free numbers that all flights share, by how much flights, or windows of few
+    /// flights, contradict each other.
     pub fn standard_errors(&self, fitted: &FittedHypothesis) -> Vec<f64> {
-        let clusters: Vec<usize> =
-            if self.by_flight { self.windows.iter().map(|w| w.flight).collect() } else { (0..self.windows.len()).collect() };
+        let clusters: Vec<usize> = if self.by_flight {
+            self.windows.iter().map(|w| w.flight).collect()
+        } else {
+            (0..self.windows.len()).collect()
+        };
         let Some(covariance) = fitted.solution.covariance(&clusters) else { return Vec::new() };
         (0..covariance.nrows()).map(|i| covariance[(i, i)].max(0.0).sqrt()).collect()
     }
 }
 
-/// The free numbers of one flight under a hypothesis, put in the places of another; what is new there stays as the other has it.
+/// The free numbers of one flight under a hypothesis, put in the places of another; what is new there stays
+/// as the other has it.
 fn carry_over(from: &Hypothesis, numbers: &[f64], to: &Hypothesis) -> Vec<f64> {
     let mut all = to.free_values();
     for (slot, path) in all.iter_mut().zip(&to.free) {
@@ -157,7 +187,8 @@ fn carry_over(from: &Hypothesis, numbers: &[f64], to: &Hypothesis) -> Vec<f64> {
             *slot = numbers[i];
         }
     }
-    let known = |term: &Term| from.terms.iter().any(|t| t.entry.name == term.entry.name && t.free == term.free);
+    let known =
+        |term: &Term| from.terms.iter().any(|t| t.entry.name == term.entry.name && t.free == term.free);
     for term in to.terms.iter().filter(|term| known(term)) {
         let (source, target) = (from.place(term.entry.name), to.place(term.entry.name));
         all[target].copy_from_slice(&numbers[source]);
@@ -167,8 +198,13 @@ fn carry_over(from: &Hypothesis, numbers: &[f64], to: &Hypothesis) -> Vec<f64> {
 
 /// Places of the free parameters of an effect among the shared numbers.
 pub fn shared_range(hypothesis: &Hypothesis, effect: &str) -> Range<usize> {
-    let before: usize =
-        hypothesis.terms.iter().take_while(|t| t.entry.name != effect).filter(|t| t.per_flight.is_none()).map(|t| t.free.len()).sum();
+    let before: usize = hypothesis
+        .terms
+        .iter()
+        .take_while(|t| t.entry.name != effect)
+        .filter(|t| t.per_flight.is_none())
+        .map(|t| t.free.len())
+        .sum();
     let own = hypothesis.term(effect).map_or(0, |t| t.free.len());
     let first = hypothesis.free.len() + before;
     first..first + own

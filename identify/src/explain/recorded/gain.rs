@@ -6,7 +6,8 @@ use crate::axis_errors::AxisErrors;
 use crate::explain::calibration::recorded::{CHANCE_OF_HARM, FLIGHTS_TO_TEST, HARM};
 use crazyflie_statistics::{mean, paired_p_value};
 
-/// Rows of [`AxisErrors`] that are judged: sideways and vertical velocity, and tilt. The velocity in space holds nothing more.
+/// Rows of [`AxisErrors`] that are judged: sideways and vertical velocity, and tilt. The velocity in space
+/// holds nothing more.
 const JUDGED: [usize; 3] = [0, 1, 3];
 
 /// Logarithms of errors over those before: per stretch, judged axis and horizon.
@@ -18,8 +19,13 @@ pub struct Gain {
 
 impl Gain {
     pub fn new(before: &[AxisErrors], after: &[AxisErrors]) -> Self {
-        let ratio = |(b, a): (&AxisErrors, &AxisErrors)| JUDGED.map(|axis| [0, 1].map(|h| (a.rms[axis][h] / b.rms[axis][h]).ln()));
-        Gain { log_ratios: before.iter().zip(after).map(ratio).collect(), flights: before.iter().map(|e| e.flight.clone()).collect() }
+        let ratio = |(b, a): (&AxisErrors, &AxisErrors)| {
+            JUDGED.map(|axis| [0, 1].map(|h| (a.rms[axis][h] / b.rms[axis][h]).ln()))
+        };
+        Gain {
+            log_ratios: before.iter().zip(after).map(ratio).collect(),
+            flights: before.iter().map(|e| e.flight.clone()).collect(),
+        }
     }
 
     /// Of each stretch, the mean over axes and horizons.
@@ -35,7 +41,14 @@ impl Gain {
     /// Of each judged axis.
     pub fn by_axis(&self) -> [f64; 3] {
         [0, 1, 2].map(|axis| {
-            mean(&self.log_ratios.iter().map(|cells| 0.5 * (cells[axis][0] + cells[axis][1])).collect::<Vec<_>>()).unwrap_or(f64::NAN)
+            mean(
+                &self
+                    .log_ratios
+                    .iter()
+                    .map(|cells| 0.5 * (cells[axis][0] + cells[axis][1]))
+                    .collect::<Vec<_>>(),
+            )
+            .unwrap_or(f64::NAN)
         })
     }
 
@@ -47,24 +60,29 @@ impl Gain {
     /// Whether any axis is worse at any horizon, beyond what chance does.
     pub fn harms(&self) -> bool {
         let cells = (0..3).flat_map(|axis| (0..2).map(move |h| (axis, h)));
-        cells.map(|(axis, h)| self.log_ratios.iter().map(|cells| cells[axis][h]).collect::<Vec<f64>>()).any(|ratios| {
-            let worse = mean(&ratios).unwrap_or(f64::NAN);
-            worse > HARM && paired_p_value(&ratios).is_none_or(|p| p < CHANCE_OF_HARM)
-        })
+        cells.map(|(axis, h)| self.log_ratios.iter().map(|cells| cells[axis][h]).collect::<Vec<f64>>()).any(
+            |ratios| {
+                let worse = mean(&ratios).unwrap_or(f64::NAN);
+                worse > HARM && paired_p_value(&ratios).is_none_or(|p| p < CHANCE_OF_HARM)
+            },
+        )
     }
 
-    /// Of few flights, whether every one gains: stretches of one flight are not independent, and a test over them takes the trait of one for that of all.
+    /// Of few flights, whether every one gains: stretches of one flight are not independent, and a test over
+    /// them takes the trait of one for that of all.
     pub fn helps_every_flight(&self) -> bool {
         let mut by_flight: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
         for (flight, ratio) in self.flights.iter().zip(self.per_stretch()) {
             by_flight.entry(flight).or_default().push(ratio);
         }
-        by_flight.len() >= FLIGHTS_TO_TEST || by_flight.values().all(|ratios| mean(ratios).unwrap_or(f64::NAN) < 0.0)
+        by_flight.len() >= FLIGHTS_TO_TEST
+            || by_flight.values().all(|ratios| mean(ratios).unwrap_or(f64::NAN) < 0.0)
     }
 
     /// Whether every axis is better at every horizon.
     pub fn helps_everywhere(&self) -> bool {
-        (0..3).all(|axis| (0..2).all(|h| self.log_ratios.iter().map(|cells| cells[axis][h]).sum::<f64>() < 0.0))
+        (0..3)
+            .all(|axis| (0..2).all(|h| self.log_ratios.iter().map(|cells| cells[axis][h]).sum::<f64>() < 0.0))
     }
 }
 

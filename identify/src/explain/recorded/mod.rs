@@ -1,6 +1,7 @@
-//! The search for effects on recorded flights. Something always shakes a real vehicle, and a filter that may take everything for shaking finds no cause. So
-//! effects are fitted together with the numbers of the model and with what differs from flight to flight, and are taken or left by predictions of
-//! flights, or stretches of few flights, that the fit did not see. The flights of the test are looked at once, at the end.
+//! The search for effects on recorded flights. Something always shakes a real vehicle, and a filter that may
+//! take everything for shaking finds no cause. So effects are fitted together with the numbers of the model
+//! and with what differs from flight to flight, and are taken or left by predictions of flights, or stretches
+//! of few flights, that the fit did not see. The flights of the test are looked at once, at the end.
 
 mod bench;
 mod gain;
@@ -33,7 +34,8 @@ use selection::{RecordedSelection, is_missed, shared_terms};
 /// A log with its name.
 pub type NamedLog = (String, FlightLog);
 
-/// Explains what a model lacks on logs of real flights, driven by this vertical form. Also returns what each flight has of its own.
+/// Explains what a model lacks on logs of real flights, driven by this vertical form. Also returns what each
+/// flight has of its own.
 ///
 /// # Errors
 /// [`IdentifyError`]: logs that cannot be flown, hold one flight twice or do not go together.
@@ -61,9 +63,17 @@ pub fn explain_recorded(
     progress("the test flights");
     let flights = [fitted_flights, tested];
     let before = ModelEvaluation::new(&Hypothesis::from_model(model), flights.clone())?;
-    let findings: Vec<Finding> =
-        selection.names().into_iter().filter(is_cause).filter_map(|name| finding(&bench, &base, &selection, &flights[1], name)).collect();
-    let unchanged = |outcome| RecordedCompletion { outcome, errors: errors_between(&before, &before), evaluation: before.clone() };
+    let findings: Vec<Finding> = selection
+        .names()
+        .into_iter()
+        .filter(is_cause)
+        .filter_map(|name| finding(&bench, &base, &selection, &flights[1], name))
+        .collect();
+    let unchanged = |outcome| RecordedCompletion {
+        outcome,
+        errors: errors_between(&before, &before),
+        evaluation: before.clone(),
+    };
     let completion = if base.is_surpassed_by(&selection) {
         let evaluation = ModelEvaluation::new(&completed_hypothesis(&selection.fitted, &base, fit), flights)?;
         let errors = errors_between(&before, &evaluation);
@@ -119,7 +129,12 @@ struct Baseline {
 }
 
 impl Baseline {
-    fn new(model: &Model, logs: &[NamedLog], input: VerticalInput, bench: &mut Bench) -> Result<Self, IdentifyError> {
+    fn new(
+        model: &Model,
+        logs: &[NamedLog],
+        input: VerticalInput,
+        bench: &mut Bench,
+    ) -> Result<Self, IdentifyError> {
         let free = vehicle::visible(model, logs, input);
         let sees_trims = bench.flights.iter().all(|f| f.sees_true_attitude);
         let own_hover = input == VerticalInput::Thrust && sees_trims;
@@ -129,9 +144,11 @@ impl Baseline {
         let kept = Hypothesis { estimates_lagged_push: false, ..Hypothesis::from_model(&open) };
         let kept = nuisance.into_iter().chain(declared_terms(&declared)).fold(kept, |h, term| h.with(term));
         let says_effect = |path: &String| registry().iter().any(|e| e.model_number == Some(path.as_str()));
-        let mut refitted = Hypothesis { free: free.into_iter().filter(|path| !says_effect(path)).collect(), ..kept.clone() };
+        let mut refitted =
+            Hypothesis { free: free.into_iter().filter(|path| !says_effect(path)).collect(), ..kept.clone() };
         let windows = bench.windows().to_vec();
-        let (solution, _) = vehicle::fit(bench.flights_mut(), &windows, &mut refitted, &|| {}).ok_or_else(cannot_simulate)?;
+        let (solution, _) =
+            vehicle::fit(bench.flights_mut(), &windows, &mut refitted, &|| {}).ok_or_else(cannot_simulate)?;
         let refitted = bench.apply_solution(&refitted, solution);
         // the declared model with the values of its effects, and what each flight has of its own
         let mut as_declared = kept;
@@ -139,18 +156,22 @@ impl Baseline {
         let as_declared = bench.fit(&as_declared, &refitted);
         let before = bench.held_out_errors(&as_declared).ok_or_else(cannot_simulate)?;
         let (gain, _) = bench.gain(&refitted, &before).ok_or_else(cannot_simulate)?;
-        let numbers_before = refitted.hypothesis.free.iter().filter_map(|path| model.parameter(path).ok()).collect();
+        let numbers_before =
+            refitted.hypothesis.free.iter().filter_map(|path| model.parameter(path).ok()).collect();
         Ok(Baseline { foreign: gain.mean() < -FOREIGN_GAIN, fitted: refitted, declared, numbers_before })
     }
 
-    /// Whether a selection takes the place of the declared model: an effect joined, which predictions beside new numbers say, or the declared numbers are of
-    /// another vehicle. Otherwise new numbers would only follow the flights of the fit.
+    /// Whether a selection takes the place of the declared model: an effect joined, which predictions beside
+    /// new numbers say, or the declared numbers are of another vehicle. Otherwise new numbers would only
+    /// follow the flights of the fit.
     fn is_surpassed_by(&self, selection: &RecordedSelection) -> bool {
         self.foreign || selection.learned || selection.holds_more_than(&self.fitted)
     }
 
     fn declares(&self, effect: &str) -> bool {
-        let is_on = |(entry, values): &(&'static Entry, Vec<f64>)| entry.params.iter().zip(values).any(|(p, v)| *v != p.off);
+        let is_on = |(entry, values): &(&'static Entry, Vec<f64>)| {
+            entry.params.iter().zip(values).any(|(p, v)| *v != p.off)
+        };
         self.declared.iter().filter(|known| is_on(known)).any(|(entry, _)| entry.name == effect)
     }
 
@@ -161,13 +182,16 @@ impl Baseline {
     }
 }
 
-/// The model without effects that can be estimated anew, and these with their values. A number to fit that says the same as an effect is one of these, also
-/// at zero: numbers are fitted, and drag and an estimator that takes drag for tilt only show together.
+/// The model without effects that can be estimated anew, and these with their values. A number to fit that
+/// says the same as an effect is one of these, also at zero: numbers are fitted, and drag and an estimator
+/// that takes drag for tilt only show together.
 fn open_effects(model: &Model, free: &[String]) -> (Model, Vec<(&'static Entry, Vec<f64>)>) {
     let (mut open, mut declared) = (model.clone(), Vec::new());
     for entry in registry().iter().filter(|e| e.observability.is_expected() && e.geometry == Geometry::None) {
-        let given =
-            model.effects.get(entry.name).map(|given| numbers(entry, given).iter().map(|n| n.fixed()).collect::<Option<Vec<f64>>>());
+        let given = model
+            .effects
+            .get(entry.name)
+            .map(|given| numbers(entry, given).iter().map(|n| n.fixed()).collect::<Option<Vec<f64>>>());
         let fitted = entry.model_number.filter(|path| free.iter().any(|known| known == path));
         let number = fitted.and_then(|path| Some((path, model.parameter(path).ok()?)));
         let mut values: Vec<f64> = match given {
@@ -191,8 +215,10 @@ fn open_effects(model: &Model, free: &[String]) -> (Model, Vec<(&'static Entry, 
 fn declared_terms(declared: &[(&'static Entry, Vec<f64>)]) -> Vec<Term> {
     let term = |(entry, values): &(&'static Entry, Vec<f64>)| {
         // a parameter that is off may belong to a variant that nobody asked for
-        let free = (0..values.len())
-            .filter(|i| matches!(entry.params[*i].role, Role::Free | Role::Companion) && (*i == 0 || values[*i] != entry.params[*i].off));
+        let free = (0..values.len()).filter(|i| {
+            matches!(entry.params[*i].role, Role::Free | Role::Companion)
+                && (*i == 0 || values[*i] != entry.params[*i].off)
+        });
         Term { free: free.collect(), values: values.clone(), ..Term::off(entry) }
     };
     declared.iter().map(term).collect()
@@ -240,7 +266,13 @@ impl ModelEvaluation {
 }
 
 /// An effect with its values and what is lost without it, if predictions would miss it.
-fn finding(bench: &Bench, base: &Baseline, selection: &RecordedSelection, test: &[Flight], name: &'static str) -> Option<Finding> {
+fn finding(
+    bench: &Bench,
+    base: &Baseline,
+    selection: &RecordedSelection,
+    test: &[Flight],
+    name: &'static str,
+) -> Option<Finding> {
     let hypothesis = &selection.fitted.hypothesis;
     let term = shared_terms(hypothesis).find(|t| t.entry.name == name)?;
     let (less, lost) = selection.without(bench, name).filter(|(_, lost)| is_missed(lost))?;
@@ -250,7 +282,13 @@ fn finding(bench: &Bench, base: &Baseline, selection: &RecordedSelection, test: 
     let params = term.free.iter().zip(shared_range(hypothesis, name)).map(|(i, at)| {
         let p = &term.entry.params[*i];
         let stderr = sd.get(at).copied().unwrap_or(f64::NAN);
-        EffectParameterEstimate { name: p.name, value: term.values[*i], stderr, unit: p.unit, declared: declared[*i] }
+        EffectParameterEstimate {
+            name: p.name,
+            value: term.values[*i],
+            stderr,
+            unit: p.unit,
+            declared: declared[*i],
+        }
     });
     let rivals = selection.rivals(bench, name);
     Some(Finding {
@@ -277,7 +315,9 @@ fn loss_on_unseen(hypothesis: &Hypothesis, flights: &[Flight]) -> f64 {
 
 /// Whether the model holds an effect already, at a value that these flights do not contradict.
 fn is_confirmed(base: &Baseline, finding: &Finding) -> bool {
-    let agrees = |p: &EffectParameterEstimate| (p.value - p.declared).abs() < SAME * p.stderr.max(0.02 * p.value.abs());
+    let agrees = |p: &EffectParameterEstimate| {
+        (p.value - p.declared).abs() < SAME * p.stderr.max(0.02 * p.value.abs())
+    };
     base.declares(finding.name) && finding.params.iter().all(agrees)
 }
 
@@ -290,7 +330,8 @@ fn explanation(
     began: Instant,
 ) -> Explanation {
     let keeps = outcome == Outcome::Completed;
-    let (confirmed, named): (Vec<Finding>, Vec<Finding>) = findings.into_iter().partition(|f| is_confirmed(base, f));
+    let (confirmed, named): (Vec<Finding>, Vec<Finding>) =
+        findings.into_iter().partition(|f| is_confirmed(base, f));
     let (partial, effects): (Vec<Finding>, Vec<Finding>) =
         named.into_iter().filter(|_| keeps).partition(|f| f.confusable_with.len() > MOST_RIVALS);
     let learned = selection.learned && keeps;
@@ -298,7 +339,9 @@ fn explanation(
         (true, true) => Verdict::Unexplained,
         (true, false) => Verdict::PartlyExplained,
         (false, false) => Verdict::Explained,
-        (false, true) if !partial.is_empty() || base.foreign || outcome == Outcome::Withdrawn => Verdict::NotDecidable,
+        (false, true) if !partial.is_empty() || base.foreign || outcome == Outcome::Withdrawn => {
+            Verdict::NotDecidable
+        }
         (false, true) => Verdict::NothingMissing,
     };
     Explanation {
@@ -337,7 +380,11 @@ fn joined_effects(base: &Baseline, selection: &RecordedSelection) -> Vec<&'stati
 
 /// Effects that the model declares and the completed one is without.
 fn needless_effects(base: &Baseline, completed: &Hypothesis) -> Vec<&'static str> {
-    base.declared.iter().map(|(entry, _)| entry.name).filter(|name| base.declares(name) && !completed.has(name)).collect()
+    base.declared
+        .iter()
+        .map(|(entry, _)| entry.name)
+        .filter(|name| base.declares(name) && !completed.has(name))
+        .collect()
 }
 
 /// The numbers of the model, fitted beside the effects.
@@ -347,7 +394,12 @@ fn number_estimates(base: &Baseline, selection: &RecordedSelection) -> Vec<Numbe
     let units = |path: &String| known.iter().find(|(p, ..)| p == path).map_or("", |(_, _, unit)| *unit);
     let paths = hypothesis.free.iter().zip(&base.numbers_before);
     let estimate = |(path, declared): (&String, &f64)| {
-        Some(NumberEstimate { path: path.clone(), declared: *declared, value: hypothesis.model.parameter(path).ok()?, unit: units(path) })
+        Some(NumberEstimate {
+            path: path.clone(),
+            declared: *declared,
+            value: hypothesis.model.parameter(path).ok()?,
+            unit: units(path),
+        })
     };
     paths.filter_map(estimate).collect()
 }

@@ -34,13 +34,19 @@ struct Trial {
 }
 
 impl Trial {
-    fn new(bench: &Bench, entry: &'static Entry, hypothesis: &Hypothesis, now: &RecordedSelection) -> Option<Self> {
+    fn new(
+        bench: &Bench,
+        entry: &'static Entry,
+        hypothesis: &Hypothesis,
+        now: &RecordedSelection,
+    ) -> Option<Self> {
         let fitted = bench.fit(hypothesis, &now.fitted);
         let (gain, errors) = bench.gain(&fitted, &now.errors)?;
         Some(Trial { entry, fitted, errors, gain })
     }
 
-    /// Whether it helps beyond chance, given how many are looked at in a round, harms no axis, and its size is known.
+    /// Whether it helps beyond chance, given how many are looked at in a round, harms no axis, and its size
+    /// is known.
     fn is_worth_its_place(&self, bench: &Bench) -> bool {
         self.gain.mean() < -LEAST_GAIN
             && self.gain.p_value() < CHANCE / SHORTLIST as f64
@@ -68,7 +74,9 @@ fn clearance(bench: &Bench, fitted: &FittedHypothesis, effect: &str) -> f64 {
     let sd = bench.standard_errors(fitted);
     let Some(term) = fitted.hypothesis.term(effect) else { return 0.0 };
     let places = shared_range(&fitted.hypothesis, effect);
-    let distance = |(i, at): (&usize, usize)| sd.get(at).map_or(0.0, |sd| (term.values[*i] - term.entry.params[*i].off).abs() / sd);
+    let distance = |(i, at): (&usize, usize)| {
+        sd.get(at).map_or(0.0, |sd| (term.values[*i] - term.entry.params[*i].off).abs() / sd)
+    };
     term.free.iter().zip(places).map(distance).filter(|d| d.is_finite()).fold(0.0, f64::max)
 }
 
@@ -76,7 +84,13 @@ impl RecordedSelection {
     /// Of a hypothesis without effects to choose.
     pub fn new(bench: &Bench, fitted: FittedHypothesis) -> Option<Self> {
         let errors = bench.held_out_errors(&fitted)?;
-        Some(RecordedSelection { fitted, errors, steps: Vec::new(), alternatives: Vec::new(), learned: false })
+        Some(RecordedSelection {
+            fitted,
+            errors,
+            steps: Vec::new(),
+            alternatives: Vec::new(),
+            learned: false,
+        })
     }
 
     /// Whether an effect joined.
@@ -93,7 +107,10 @@ impl RecordedSelection {
     pub fn extend(&mut self, bench: &Bench, progress: &dyn Fn(&str)) {
         while self.names().len() < MOST_EFFECTS {
             let names = self.names();
-            progress(&format!("candidates besides {}", if names.is_empty() { "nothing".into() } else { names.join(", ") }));
+            progress(&format!(
+                "candidates besides {}",
+                if names.is_empty() { "nothing".into() } else { names.join(", ") }
+            ));
             let proposals = self.proposals(bench);
             self.steps.push(Step {
                 effects: names,
@@ -101,9 +118,13 @@ impl RecordedSelection {
                 ranking: proposals.iter().map(|(gain, term)| ranking_entry(*gain, term)).collect(),
             });
             let tries: Vec<&Term> = proposals.iter().take(SHORTLIST).map(|(_, term)| term).collect();
-            progress(&format!("predictions with {}", tries.iter().map(|t| t.entry.name).collect::<Vec<_>>().join(", ")));
-            let trials =
-                tries.into_par_iter().filter_map(|term| Trial::new(bench, term.entry, &self.fitted.hypothesis.with(term.clone()), self));
+            progress(&format!(
+                "predictions with {}",
+                tries.iter().map(|t| t.entry.name).collect::<Vec<_>>().join(", ")
+            ));
+            let trials = tries.into_par_iter().filter_map(|term| {
+                Trial::new(bench, term.entry, &self.fitted.hypothesis.with(term.clone()), self)
+            });
             let mut worthy: Vec<Trial> = trials.filter(|trial| trial.is_worth_its_place(bench)).collect();
             worthy.sort_by(|a, b| a.gain.mean().total_cmp(&b.gain.mean()));
             if worthy.is_empty() {
@@ -159,7 +180,9 @@ impl RecordedSelection {
 
     /// A sparse term without a name, where it helps on every axis what was left out of the fit.
     pub fn add_learned_term(&mut self, bench: &Bench, progress: &dyn Fn(&str)) {
-        let Some(entry) = registry().iter().find(|e| e.observability == Observability::Surrogate) else { return };
+        let Some(entry) = registry().iter().find(|e| e.observability == Observability::Surrogate) else {
+            return;
+        };
         progress("a term learned from the residual");
         let mut term = Term::off(entry);
         while !term.free.is_empty() {
@@ -167,11 +190,19 @@ impl RecordedSelection {
             let sd = bench.standard_errors(&fitted);
             let Some(known) = fitted.hypothesis.term(entry.name) else { return };
             let places = shared_range(&fitted.hypothesis, entry.name);
-            let clearances = known.free.iter().zip(places).map(|(i, at)| (*i, sd.get(at).map_or(0.0, |sd| known.values[*i].abs() / sd)));
+            let clearances = known
+                .free
+                .iter()
+                .zip(places)
+                .map(|(i, at)| (*i, sd.get(at).map_or(0.0, |sd| known.values[*i].abs() / sd)));
             let unclear: Vec<(usize, f64)> = clearances.filter(|(_, c)| c.is_nan() || *c < CLEAR).collect();
             if unclear.is_empty() {
                 let Some((gain, errors)) = bench.gain(&fitted, &self.errors) else { return };
-                if gain.mean() < -LEAST_LEARNED_GAIN && gain.p_value() < CHANCE && gain.helps_everywhere() && !gain.harms() {
+                if gain.mean() < -LEAST_LEARNED_GAIN
+                    && gain.p_value() < CHANCE
+                    && gain.helps_everywhere()
+                    && !gain.harms()
+                {
                     (self.fitted, self.errors, self.learned) = (fitted, errors, true);
                 }
                 return;
@@ -180,18 +211,21 @@ impl RecordedSelection {
             let mut least = unclear;
             least.sort_by(|a, b| a.1.total_cmp(&b.1));
             least.truncate(least.len().div_ceil(2));
-            term = Term { free: known.free.iter().copied().filter(|i| least.iter().all(|(l, _)| l != i)).collect(), ..Term::off(entry) };
+            term = Term {
+                free: known.free.iter().copied().filter(|i| least.iter().all(|(l, _)| l != i)).collect(),
+                ..Term::off(entry)
+            };
         }
     }
 
     /// Effects that would do as well in the place of one.
     pub fn rivals(&self, bench: &Bench, name: &str) -> Vec<&'static str> {
-        let others = self.alternatives.iter().find(|(known, _)| *known == name).map_or(&[][..], |(_, others)| others);
+        let others =
+            self.alternatives.iter().find(|(known, _)| *known == name).map_or(&[][..], |(_, others)| others);
         let absent = |term: &&Term| !self.fitted.hypothesis.has(term.entry.name);
-        let trials = others
-            .par_iter()
-            .filter(absent)
-            .filter_map(|term| Trial::new(bench, term.entry, &self.fitted.hypothesis.without(name).with(term.clone()), self));
+        let trials = others.par_iter().filter(absent).filter_map(|term| {
+            Trial::new(bench, term.entry, &self.fitted.hypothesis.without(name).with(term.clone()), self)
+        });
         trials.filter(|trial| !is_missed(&trial.gain)).map(|trial| trial.entry.name).collect()
     }
 

@@ -9,7 +9,11 @@ use super::*;
 
 /// Actions under which some flights end early: full thrust and a tilt for some, calm for the others.
 fn uneven(n: usize, tick: usize) -> Vec<f32> {
-    (0..n).flat_map(|i| if i % 3 == 0 { [0.4, (tick % 7) as f32 * 0.1, 0.0, 1.0] } else { [0.0, 0.0, 0.0, 0.312] }).collect()
+    (0..n)
+        .flat_map(
+            |i| if i % 3 == 0 { [0.4, (tick % 7) as f32 * 0.1, 0.0, 1.0] } else { [0.0, 0.0, 0.0, 0.312] },
+        )
+        .collect()
 }
 
 #[test]
@@ -116,12 +120,18 @@ fn the_leaderboard_takes_the_middle_attempt_not_the_luckiest() {
     submit(&bench, "packet-loss", "hover");
     let scenario = bench.scenario("packet-loss").unwrap();
     let board = bench.leaderboard(scenario).unwrap();
-    let thesis = bench.attempts(Some(&scenario.id())).unwrap().into_iter().map(|listed| listed.document.unwrap());
-    let mut scores: Vec<f64> =
-        thesis.filter(|d| d.controller == "thesis-pid").map(|document| document.result.unwrap().score.score).collect();
+    let thesis =
+        bench.attempts(Some(&scenario.id())).unwrap().into_iter().map(|listed| listed.document.unwrap());
+    let mut scores: Vec<f64> = thesis
+        .filter(|d| d.controller == "thesis-pid")
+        .map(|document| document.result.unwrap().score.score)
+        .collect();
     scores.sort_by(f64::total_cmp);
     assert!(scores[2] < scores[4], "{scores:?}");
-    assert_eq!((board[0].controller.as_str(), board[0].score.score, board[0].rank), ("thesis-pid", scores[2], 1));
+    assert_eq!(
+        (board[0].controller.as_str(), board[0].score.score, board[0].rank),
+        ("thesis-pid", scores[2], 1)
+    );
     assert_eq!((board[1].controller.as_str(), board[1].rank), ("hover", 2));
 }
 
@@ -137,7 +147,9 @@ fn resign(bench: &Bench, change: impl Fn(&mut Document)) -> AttemptRow {
 fn an_attempt_of_another_build_is_told_from_a_wrong_one() {
     let bench = open("other_build");
     submit(&bench, "wind", "thesis-pid");
-    let worse = |document: &mut Document| document.result.as_mut().unwrap().episodes[3].states_sha256 = "0".repeat(64);
+    let worse = |document: &mut Document| {
+        document.result.as_mut().unwrap().episodes[3].states_sha256 = "0".repeat(64)
+    };
     let other = |document: &mut Document| document.build = "another".into();
     let verdict = |row: &AttemptRow| bench.verify_row(row).unwrap();
     assert_eq!(verdict(&resign(&bench, |_| {})).verdict, Verdict::Confirmed);
@@ -145,7 +157,10 @@ fn an_attempt_of_another_build_is_told_from_a_wrong_one() {
     let both = verdict(&resign(&bench, |d| (worse(d), other(d)).0));
     assert!(both.verdict == Verdict::OtherBuild && both.findings[0].contains("another"), "{both:?}");
     let wrong = verdict(&resign(&bench, worse));
-    assert!(wrong.verdict == Verdict::Wrong && wrong.findings == ["episode 3: the states differ"], "{wrong:?}");
+    assert!(
+        wrong.verdict == Verdict::Wrong && wrong.findings == ["episode 3: the states differ"],
+        "{wrong:?}"
+    );
     let better = verdict(&resign(&bench, |d| d.result.as_mut().unwrap().score.score += 1e-6));
     assert!(better.verdict == Verdict::Wrong && better.findings[0].contains("the score is"), "{better:?}");
     let gone = verdict(&resign(&bench, |d| d.scenario_hash = "0".repeat(64)));

@@ -1,4 +1,5 @@
-//! The scenarios are worth flying: the baselines come out as they should, and none is at the end of the scale.
+//! The scenarios are worth flying: the baselines come out as they should, and none is at the end of the
+//! scale.
 
 use super::*;
 
@@ -18,6 +19,10 @@ fn the_thesis_pid_is_best_everywhere_and_leaves_room() {
         assert_eq!(best.controller, "thesis-pid", "{}", scenario.id());
         assert!((10.0..80.0).contains(&best.score.score), "{}: {:?}", scenario.id(), best.score);
         // by more than chance
-        assert!(rest.len() == 3 && rest.iter().all(|row| row.score.score < best.score.low), "{}", scenario.id());
+        assert!(
+            rest.len() == 3 && rest.iter().all(|row| row.score.score < best.score.low),
+            "{}",
+            scenario.id()
+        );
     }
 }

@@ -49,9 +49,13 @@ fn whatever_is_hidden_can_be_flown_and_leaves_room() {
     let pool = scenario.plan.hidden.clone().unwrap();
     for effects in pool.corners() {
         let words = serde_json::to_string(&effects).unwrap();
-        let scenario = Scenario { hidden: Some(HiddenDraw { effects, commitment: String::new() }), ..scenario.clone() };
+        let scenario =
+            Scenario { hidden: Some(HiddenDraw { effects, commitment: String::new() }), ..scenario.clone() };
         let (thesis, hover) = (score(&scenario, "thesis-pid"), score(&scenario, "hover"));
         println!("thesis-pid {thesis:.1}, hover {hover:.1} with {words}");
-        assert!((8.0..70.0).contains(&thesis) && hover < thesis, "{words}: thesis-pid {thesis}, hover {hover}");
+        assert!(
+            (8.0..70.0).contains(&thesis) && hover < thesis,
+            "{words}: thesis-pid {thesis}, hover {hover}"
+        );
     }
 }

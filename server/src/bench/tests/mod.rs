@@ -51,7 +51,12 @@ impl Buffers {
     fn new(attempt: &Attempt) -> Buffers {
         let n = attempt.rows().unwrap();
         let (rewards, flags) = (vec![0.0; n], vec![false; n]);
-        Buffers { observations: vec![0.0; n * attempt.width().unwrap()], rewards, terminated: flags.clone(), truncated: flags }
+        Buffers {
+            observations: vec![0.0; n * attempt.width().unwrap()],
+            rewards,
+            terminated: flags.clone(),
+            truncated: flags,
+        }
     }
 
     fn step(&mut self, attempt: &mut Attempt, actions: &[f32]) -> Result<bool> {

@@ -23,13 +23,18 @@ fn baselines_come_out_as_they_should() {
         ("land-in-turn", &["lqr", "avoid+lqr"]),
         ("carry-load", &["lqr"]),
     ] {
-        for (controller, avoid) in [("thesis-pid", false), ("thesis-pid", true), ("lqr", false), ("lqr", true)] {
+        for (controller, avoid) in
+            [("thesis-pid", false), ("thesis-pid", true), ("lqr", false), ("lqr", true)]
+        {
             fly(&bench, scenario, controller, avoid);
         }
         let board = bench.leaderboard(bench.scenario(scenario).unwrap()).unwrap();
         let line = |row: &LeaderboardRow| {
             let (s, m) = (&row.score, row.metrics.as_ref().unwrap());
-            format!("{} {:.1} ({} failed, {:?} collisions, {:?} m)", row.controller, s.score, s.failed, m.collisions, m.min_separation_m)
+            format!(
+                "{} {:.1} ({} failed, {:?} collisions, {:?} m)",
+                row.controller, s.score, s.failed, m.collisions, m.min_separation_m
+            )
         };
         println!("{scenario}: {}", board.iter().map(line).collect::<Vec<_>>().join(", "));
         assert!(best.contains(&board[0].controller.as_str()), "{scenario}");
@@ -40,13 +45,24 @@ fn baselines_come_out_as_they_should() {
 #[test]
 fn who_keeps_out_of_the_others_way_arrives() {
     let bench = open("swap");
-    let (through, around) = (fly(&bench, "swap-eight", "thesis-pid", false), fly(&bench, "swap-eight", "thesis-pid", true));
+    let (through, around) =
+        (fly(&bench, "swap-eight", "thesis-pid", false), fly(&bench, "swap-eight", "thesis-pid", true));
     let result = |document: &Document| document.result.clone().unwrap();
     let (collided, kept) = (result(&through), result(&around));
-    assert!(collided.metrics.collisions.unwrap() > 24 && collided.score.failed > 20, "{:?}", collided.metrics);
+    assert!(
+        collided.metrics.collisions.unwrap() > 24 && collided.score.failed > 20,
+        "{:?}",
+        collided.metrics
+    );
     assert_eq!((kept.metrics.collisions, kept.score.failed), (Some(0), 0), "{:?}", kept.metrics);
     assert!(kept.metrics.min_separation_m.unwrap() > 2.0 * 0.069);
-    assert!(collided.episodes.iter().any(|e| e.metrics.failed.as_ref().is_some_and(|why| why.contains("of 8 drones collided"))));
+    assert!(
+        collided.episodes.iter().any(|e| e
+            .metrics
+            .failed
+            .as_ref()
+            .is_some_and(|why| why.contains("of 8 drones collided")))
+    );
     for document in [&through, &around] {
         assert_eq!(bench.verify(&document.id).unwrap().verdict, Verdict::Confirmed);
     }
@@ -65,11 +81,15 @@ fn a_team_flies_again_and_is_watched_drone_by_drone() {
     let columns = header["columns"].as_array().unwrap();
     assert_eq!((drones, (bytes.len() - 4 - length) as u64), (4, 4 * 4 * rows * columns.len() as u64));
     let flying = columns.iter().position(|name| name == "flying").unwrap();
-    let numbers: Vec<f32> = bytes[4 + length..].chunks_exact(4).map(|b| f32::from_le_bytes(b.try_into().unwrap())).collect();
+    let numbers: Vec<f32> =
+        bytes[4 + length..].chunks_exact(4).map(|b| f32::from_le_bytes(b.try_into().unwrap())).collect();
     // who has landed flies no more: fewer and fewer do
     let count = |moment: &[f32]| moment.chunks_exact(columns.len()).filter(|row| row[flying] == 1.0).count();
     let counts: Vec<usize> = numbers.chunks_exact(4 * columns.len()).map(count).collect();
-    assert!(counts[0] == 4 && counts.is_sorted_by(|a, b| a >= b) && *counts.last().unwrap() == 1, "{counts:?}");
+    assert!(
+        counts[0] == 4 && counts.is_sorted_by(|a, b| a >= b) && *counts.last().unwrap() == 1,
+        "{counts:?}"
+    );
     let log = |drone: usize| api::log_csv(&bench, &document.id, 3, drone).map(|reply| reply.bytes);
     assert_ne!(log(0).unwrap(), log(3).unwrap());
     assert_eq!(log(4).unwrap_err().code(), "unknown_drone");
@@ -79,7 +99,8 @@ fn a_team_flies_again_and_is_watched_drone_by_drone() {
 fn a_drone_that_is_down_holds_still_while_the_others_fly() {
     let bench = open("down");
     let mut attempt = bench.begin("swap-eight", Submitter::Local, "one falls").unwrap();
-    let (rows, width, mut buffers) = (attempt.rows().unwrap(), attempt.width().unwrap(), Buffers::new(&attempt));
+    let (rows, width, mut buffers) =
+        (attempt.rows().unwrap(), attempt.width().unwrap(), Buffers::new(&attempt));
     assert_eq!((rows, width), (24 * 8, 24 + 8 * 7));
     let interface = attempt.spec().unwrap().interface;
     let hover = interface.action(&Command::level(interface.hover_lift)).map(|a| a as f32);

@@ -34,9 +34,13 @@ fn a_flipped_bit_anywhere_is_found() {
     assert!(sound(&bench));
     let mut tried = Vec::new();
     for column in ["id", "scenario", "team", "controller", "status", "document", "signature", "actions"] {
-        let value: Vec<u8> = db.query_row(&format!("SELECT CAST({column} AS BLOB) FROM attempts"), [], |row| row.get(0)).unwrap();
+        let value: Vec<u8> = db
+            .query_row(&format!("SELECT CAST({column} AS BLOB) FROM attempts"), [], |row| row.get(0))
+            .unwrap();
         let cast = if matches!(column, "signature" | "actions") { "?1" } else { "CAST(?1 AS TEXT)" };
-        let set = |bytes: &[u8]| db.execute(&format!("UPDATE attempts SET {column} = {cast}"), params![bytes]).unwrap();
+        let set = |bytes: &[u8]| {
+            db.execute(&format!("UPDATE attempts SET {column} = {cast}"), params![bytes]).unwrap()
+        };
         for bit in bits(value.len()) {
             set(&flip_bit(&value, bit));
             assert!(!sound(&bench), "bit {bit} of {column}");
@@ -45,7 +49,8 @@ fn a_flipped_bit_anywhere_is_found() {
         tried.push(format!("{} of {} bits of {column}", bits(value.len()).count(), value.len() * 8));
     }
     for column in ["number", "begun_ms"] {
-        let value: i64 = db.query_row(&format!("SELECT {column} FROM attempts"), [], |row| row.get(0)).unwrap();
+        let value: i64 =
+            db.query_row(&format!("SELECT {column} FROM attempts"), [], |row| row.get(0)).unwrap();
         let set = |value: i64| db.execute(&format!("UPDATE attempts SET {column} = ?1"), [value]).unwrap();
         for bit in 0..64 {
             set(value ^ (1 << bit));
@@ -65,8 +70,11 @@ fn flipped_keys_rows_that_are_gone_and_swapped_flights_are_found() {
     drop(bench);
     let db = Connection::open(path("gone")).unwrap();
     for name in ["signing key", "seed secret"] {
-        let value: Vec<u8> = db.query_row("SELECT value FROM secrets WHERE name = ?1", [name], |row| row.get(0)).unwrap();
-        let set = |bytes: &[u8]| db.execute("UPDATE secrets SET value = ?2 WHERE name = ?1", params![name, bytes]).unwrap();
+        let value: Vec<u8> =
+            db.query_row("SELECT value FROM secrets WHERE name = ?1", [name], |row| row.get(0)).unwrap();
+        let set = |bytes: &[u8]| {
+            db.execute("UPDATE secrets SET value = ?2 WHERE name = ?1", params![name, bytes]).unwrap()
+        };
         for bit in [0, 77, 128, 255] {
             set(&flip_bit(&value, bit));
             assert!(!sound(&open("gone")), "bit {bit} of the {name}");

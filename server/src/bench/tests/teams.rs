@@ -17,9 +17,13 @@ fn a_token_opens_its_team_until_it_is_revoked_and_nothing_else_does() {
     for at in 0..token.len() {
         let mut bytes = token.clone().into_bytes();
         bytes[at] = if bytes[at] == b'0' { b'1' } else { b'0' };
-        assert!(matches!(bench.team(Submitter::Token(std::str::from_utf8(&bytes).unwrap())), Err(Error::Token)), "byte {at}");
+        assert!(
+            matches!(bench.team(Submitter::Token(std::str::from_utf8(&bytes).unwrap())), Err(Error::Token)),
+            "byte {at}"
+        );
     }
-    for wrong in ["", "blue", "local", &token[..token.len() - 1], &format!("{token}0"), &token.to_uppercase()] {
+    for wrong in ["", "blue", "local", &token[..token.len() - 1], &format!("{token}0"), &token.to_uppercase()]
+    {
         assert!(matches!(bench.team(Submitter::Token(wrong)), Err(Error::Token)), "{wrong:?}");
     }
     let second = bench.create_token("blue").unwrap();
@@ -42,7 +46,9 @@ fn the_database_holds_no_token() {
     for file in std::fs::read_dir(path("no_token").parent().unwrap()).unwrap() {
         let bytes = std::fs::read(file.unwrap().path()).unwrap();
         let raw = hex::decode(&token[4..]).unwrap();
-        assert!(!bytes.windows(64).any(|w| w == &token.as_bytes()[4..]) && !bytes.windows(32).any(|w| w == raw));
+        assert!(
+            !bytes.windows(64).any(|w| w == &token.as_bytes()[4..]) && !bytes.windows(32).any(|w| w == raw)
+        );
     }
 }
 
@@ -53,7 +59,10 @@ fn names_are_checked() {
         assert!(matches!(bench.create_token(team), Err(Error::Name { .. })), "{team:?}");
     }
     for controller in ["", "x\n", "\u{1b}[2J", &"x".repeat(65)] {
-        assert!(matches!(bench.begin("wind", Submitter::Local, controller), Err(Error::Name { .. })), "{controller:?}");
+        assert!(
+            matches!(bench.begin("wind", Submitter::Local, controller), Err(Error::Name { .. })),
+            "{controller:?}"
+        );
     }
     assert!(matches!(bench.begin("wnd", Submitter::Local, "x"), Err(Error::Scenario { .. })));
 }
@@ -80,7 +89,10 @@ fn a_team_is_held_to_so_many_attempts_at_once() {
     let begin = || bench.begin("wind", Submitter::Token(&blue), "x");
     let (first, _second) = (begin().unwrap(), begin().unwrap());
     let error = begin().map(|_| ()).unwrap_err();
-    assert!(error.code() == "too_many_at_once" && error.status() == 429 && error.retry_after_s().is_some(), "{error}");
+    assert!(
+        error.code() == "too_many_at_once" && error.status() == 429 && error.retry_after_s().is_some(),
+        "{error}"
+    );
     drop(first);
     drop(begin().unwrap());
 }
