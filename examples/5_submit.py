@@ -28,7 +28,15 @@ def main():
     for panel, scenario in zip(panels, SCENARIOS, strict=True):
         for controller in controllers:
             told = crazyflie(
-                "bench", "submit", "--controller", controller, "--scenario", scenario, "--data", "bench.sqlite", "--json"
+                "bench",
+                "submit",
+                "--controller",
+                controller,
+                "--scenario",
+                scenario,
+                "--data",
+                "bench.sqlite",
+                "--json",
             )
             row = json.loads(told)
             score = row["result"]["score"]

@@ -15,7 +15,17 @@ HIDDEN = {"drag_linear": 0.5, "wind": {"x_mps2": 0.3}}
 # x, y, z, yaw; to a vehicle that never turns, a wind is a tilted IMU
 PLACES = [(0.6, 0.0, 0.8, 0), (-0.4, 0.5, 0.6, 90), (0.3, -0.5, 0.9, 180), (-0.3, 0.3, 0.7, -90)]
 STEPS = [{"from_s": 5 * i, "setpoint_m": p[:3], "setpoint_yaw_deg": p[3]} for i, p in enumerate(PLACES)]
-FLIGHT = ["fly", "--task", "hover", "--task-options", json.dumps({"steps": STEPS}), "--sensors", "lab", "--seconds", "20"]
+FLIGHT = [
+    "fly",
+    "--task",
+    "hover",
+    "--task-options",
+    json.dumps({"steps": STEPS}),
+    "--sensors",
+    "lab",
+    "--seconds",
+    "20",
+]
 
 
 def crazyflie(*args):

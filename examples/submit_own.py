@@ -4,19 +4,22 @@ import sys
 
 import numpy as np
 
+from crazyflie_gym import split
 from crazyflie_gym.remote import Benchmark
 
 
 def controller(interface):
     error, rate = None, 0.0
 
-    def act(obs):  # a PD; a row of observations for each episode, laid out as crazyflie_gym.observation_fields() says
+    def act(obs):  # a PD; a row of observations for each episode
         nonlocal error, rate
-        before, error = error, obs[:, 16:19] - obs[:, 0:3]
+        fields = split(obs)
+        setpoint = fields["setpoint"]
+        before, error = error, setpoint[:, :3] - fields["marker_pos_m"]
         rate += 0.2 * (((error - before) / interface.tick_s if before is not None else 0.0) - rate)
         x, y, z = 0.6 * (error + rate).T
-        yaw = -interface.yaw_sign * obs[:, 3]
-        lift = interface.hover_lift * (1 + 0.4 * z) if interface.hover_lift else obs[:, 18]
+        yaw = -interface.yaw_sign * fields["marker_yaw_rad"][:, 0]
+        lift = interface.hover_lift * (1 + 0.4 * z) if interface.hover_lift else setpoint[:, 2]
         return np.clip(np.stack([-y, x, yaw, 2 * lift / interface.lift_max - 1], axis=1), -1, 1)
 
     return act

@@ -9,6 +9,7 @@ import sys
 
 import numpy as np
 
+from crazyflie_gym import split
 from crazyflie_gym.remote import Pilot, found_world
 
 
@@ -18,9 +19,10 @@ def limited(vector, most):
 
 def aside(obs):
     """How fast to go out of the way: from the other drone, and to its right, so that both pass on the same side."""
-    other, speed, valid = obs[24:27], obs[27:30], obs[31]
+    fields = split(obs)
+    other, speed, known = fields["neighbour_pos_m"][0], fields["neighbour_vel_mps"][0], fields["neighbour_known"][0, 0]
     soon = other + np.clip(-other @ speed / (speed @ speed + 1e-4), 0.0, 1.0) * speed
-    near = valid * max(0.0, 1.0 - 0.5 * (np.linalg.norm(other) + np.linalg.norm(soon)))
+    near = known * max(0.0, 1.0 - 0.5 * (np.linalg.norm(other) + np.linalg.norm(soon)))
     right = np.array([other[1], -other[0], 0.0])
     return near * (1.2 * right - other) / max(np.linalg.norm(other), 0.05)
 
@@ -30,14 +32,15 @@ def controller(interface):
 
     def act(obs):  # the PD of submit_own.py, after a goal that moves at half a metre per second
         nonlocal goal, error, rate
-        own = obs[0:3]
+        fields = split(obs)
+        own, setpoint = fields["marker_pos_m"], fields["setpoint"]
         goal = own if goal is None else goal
-        speed = limited(limited((obs[16:19] - goal) / tick_s, 0.5) + aside(obs), 0.5)
+        speed = limited(limited((setpoint[:3] - goal) / tick_s, 0.5) + aside(obs), 0.5)
         goal = own + limited(goal + tick_s * speed - own, 0.5)
         before, error = error, goal - own
         rate = rate + 0.2 * ((error - before) / tick_s - rate) if before is not None else rate
         x, y, z = 0.6 * (error + rate)
-        yaw = -interface.yaw_sign * obs[3]
+        yaw = -interface.yaw_sign * fields["marker_yaw_rad"][0]
         lift = interface.hover_lift * (1 + 0.4 * z) if interface.hover_lift else goal[2]
         return np.clip([-y, x, yaw, 2 * lift / interface.lift_max - 1], -1, 1)
 
@@ -51,7 +54,8 @@ with Pilot(url, name, drone=0) as pilot:
     act = controller(pilot.interface)
     while pilot.flying:
         pilot.fly(act(pilot.observation))
-    off_m = np.linalg.norm(pilot.observation[16:19] - pilot.observation[0:3])
+    fields = split(pilot.observation)
+    off_m = np.linalg.norm(fields["setpoint"][:3] - fields["marker_pos_m"])
     how = "its flight ended" if pilot.terminated else "the time was over"
     print(
         f"drone {pilot.drone} of {pilot.world}: {pilot.tick} ticks, {how}; late {pilot.late} times; {off_m:.3f} m away"

@@ -12,7 +12,9 @@ def main():
     readme = pathlib.Path(__file__).parent.parent / "README.md"
     before, _, after = readme.read_text().split(MARK)
     program = pathlib.Path(sys.executable).parent / "crazyflie"
-    block = subprocess.run([program, "reproduce", "thesis", "--markdown"], check=True, capture_output=True, text=True).stdout
+    block = subprocess.run(
+        [program, "reproduce", "thesis", "--markdown"], check=True, capture_output=True, text=True
+    ).stdout
     readme.write_text(f"{before}{MARK}\n{block.strip()}\n{MARK}{after}")
 
 

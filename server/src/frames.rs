@@ -1,5 +1,5 @@
-//! Flights as the page draws them, live or replayed: a header once ([`Header::bytes`]), then rows of
-//! little-endian f32 ([`COLUMNS`]), for each moment as many as there are drones.
+//! Flights as the page draws them, live or replayed: a header once (`Header::bytes`), then rows of
+//! little-endian f32 (`COLUMNS`), for each moment as many as there are drones.
 
 use crazyflie_env::observation::{ACTION, Interface, OBSERVATION};
 use crazyflie_env::vector::STATE;

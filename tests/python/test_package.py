@@ -1,6 +1,7 @@
 """The package as it is installed: types, stubs, command line, files."""
 
 import importlib.metadata
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -60,6 +61,27 @@ def test_only_numpy_and_gymnasium_are_required():
     heavy = {"torch", "stable_baselines3", "jax", "ray", "cmaes", "tqdm"}
     loaded = run("-c", f"import sys, crazyflie_gym; print({heavy} & set(sys.modules))")
     assert loaded.stdout.split() == ["set()"], loaded.stderr
+
+
+@pytest.mark.parametrize("page", ["ARCHITECTURE.md", "CONTRIBUTING.md"])
+def test_every_path_that_a_page_names_exists(page):
+    text = (ROOT / page).read_text()
+    crates = [path.parent.name for path in ROOT.glob("*/Cargo.toml")] + ["tests", "docs", "examples"]
+    folder, missing = ROOT, []
+    for path in re.findall(r"`([\w./{},*-]+(?:/|\.rs|\.md|\.py|\.toml))`", text):
+        if "NAME" in path or "..." in path:
+            continue
+        for word in re.findall(r"\{([^}]*)\}", path)[0].split(",") if "{" in path else [""]:
+            named = re.sub(r"\{[^}]*\}", word, path)
+            if named.split("/")[0] in crates:
+                folder = (ROOT / named) if named.endswith("/") else (ROOT / named).parent
+                found = [ROOT / named]
+            else:
+                # a name beside or below the path before it, or anywhere in the code
+                found = [folder / named, *ROOT.glob(f"*/src/**/{named}"), *ROOT.glob(named)]
+            if not any(place.exists() for place in found):
+                missing.append(named)
+    assert not missing
 
 
 def test_the_command_line_runs():

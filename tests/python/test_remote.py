@@ -468,7 +468,18 @@ def test_a_client_that_is_forgotten_goes_away(server):
 
 @pytest.fixture(scope="module")
 def token(server):
-    command = [sys.executable, "-m", "crazyflie_gym", "bench", "token", "create", "team-a", "--json", "--data", server.data]
+    command = [
+        sys.executable,
+        "-m",
+        "crazyflie_gym",
+        "bench",
+        "token",
+        "create",
+        "team-a",
+        "--json",
+        "--data",
+        server.data,
+    ]
     return json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)["token"]
 
 

@@ -99,7 +99,18 @@ def test_two_processes_in_two_languages_swap_places(url, tmp_path):
         [sys.executable, EXAMPLES / "swap_places.py", url, "places"], stdout=subprocess.PIPE, text=True
     )
     assert "waits" in here.stdout.readline()
-    command = [*CRAZYFLIE, "world", "join", "--server", url, "--world", "places", "--drone", "1", "--collision-avoidance"]
+    command = [
+        *CRAZYFLIE,
+        "world",
+        "join",
+        "--server",
+        url,
+        "--world",
+        "places",
+        "--drone",
+        "1",
+        "--collision-avoidance",
+    ]
     there = subprocess.run(command, capture_output=True, text=True, timeout=120)
     output = here.communicate(timeout=60)[0]
     print(output, there.stdout, there.stderr)
@@ -111,6 +122,8 @@ def test_two_processes_in_two_languages_swap_places(url, tmp_path):
     assert row["metrics"]["done"] == 2 and row["metrics"]["min_separation_m"] > 0.14
     log = tmp_path / "log.jsonl"
     log.write_bytes(get(url, "/api/v1/worlds/places/log"))
-    again = subprocess.run([*CRAZYFLIE, "world", "replay", str(log), "--json"], capture_output=True, text=True, timeout=60)
+    again = subprocess.run(
+        [*CRAZYFLIE, "world", "replay", str(log), "--json"], capture_output=True, text=True, timeout=60
+    )
     assert again.returncode == 0, again.stderr
     assert json.loads(again.stdout)["flown"]["sha256"] == row["sha256"]

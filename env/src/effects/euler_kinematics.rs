@@ -24,7 +24,7 @@ impl Effect<2, 0> for EulerKinematics {
         .choice(),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
-    const GEOMETRY: Geometry = Geometry::Part;
+    const MODEL_FORM: Geometry = Geometry::Part;
     const PHYSICS_HZ: u32 = 150;
 
     #[inline(always)]

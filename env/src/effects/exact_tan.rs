@@ -12,7 +12,7 @@ impl Effect<1, 0> for ExactTan {
     const SOURCE: &'static str = "Thesis 4.8";
     const PARAMS: [Param; 1] = [param("amount", "1", 0.0, [0.0, 1.0], "1 for the exact tangent")];
     const HOOKS: Hooks = Hooks::PUSH;
-    const GEOMETRY: Geometry = Geometry::Part;
+    const MODEL_FORM: Geometry = Geometry::Part;
 
     #[inline(always)]
     fn push<R: Scalar>(

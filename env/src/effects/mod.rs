@@ -82,7 +82,7 @@ impl Param {
         Param { role: Role::Companion, starts, ..self }
     }
     /// The end of the range that lies farther from "off".
-    pub fn far(&self) -> f64 {
+    pub fn farthest_bound(&self) -> f64 {
         if (self.high - self.off).abs() >= (self.low - self.off).abs() { self.high } else { self.low }
     }
 }
@@ -420,7 +420,7 @@ pub trait Effect<const P: usize, const S: usize>: Send + 'static {
     /// Trace that the effect leaves in the log of a flight.
     const OBSERVABILITY: Observability = Observability::Deterministic;
     /// Part of what a small-angle model leaves out by its form: all effects of this kind are one finding.
-    const GEOMETRY: Geometry = Geometry::None;
+    const MODEL_FORM: Geometry = Geometry::None;
     /// The number of the model that says the same as the effect's first parameter, by its path: the two add
     /// up.
     const MODEL_NUMBER: Option<&'static str> = None;
@@ -428,7 +428,7 @@ pub trait Effect<const P: usize, const S: usize>: Send + 'static {
     const UBIQUITY: Ubiquity = Ubiquity::Some;
     /// How many of its numbers of state, the last ones, follow the vehicle's motion: a fit has to estimate
     /// them with it. (What follows the commands alone it can run up.)
-    const LAGS: usize = 0;
+    const MOTION_STATES: usize = 0;
     /// How long its numbers of state that are no lags remember the motion, in seconds: a fit runs them up on
     /// what was measured.
     const MOTION_MEMORY_S: f64 = 0.0;
@@ -508,13 +508,13 @@ pub struct Entry {
     pub physics_hz: u32,
     /// See [`Effect::OBSERVABILITY`].
     pub observability: Observability,
-    /// See [`Effect::GEOMETRY`].
+    /// See [`Effect::MODEL_FORM`].
     pub geometry: Geometry,
     /// See [`Effect::MODEL_NUMBER`].
     pub model_number: Option<&'static str>,
     /// See [`Effect::UBIQUITY`].
     pub ubiquity: Ubiquity,
-    /// See [`Effect::LAGS`] and [`Effect::LAG_SD`].
+    /// See [`Effect::MOTION_STATES`] and [`Effect::LAG_SD`].
     pub lags: usize,
     /// See [`Effect::LAG_SD`].
     pub lag_sd: f64,

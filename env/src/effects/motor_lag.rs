@@ -24,7 +24,7 @@ impl Effect<2, 3> for MotorLag {
     ];
     const HOOKS: Hooks = Hooks::COMMAND_AND_PUSH;
     const PHYSICS_HZ: u32 = 300;
-    const LAGS: usize = 2;
+    const MOTION_STATES: usize = 2;
 
     #[inline(always)]
     fn start<R: Scalar>(_: &[R; 2], cx: &HookContext<R>, x: &State<R>, u: &Command<R>) -> [R; 3] {

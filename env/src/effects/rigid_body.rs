@@ -54,7 +54,7 @@ impl Effect<2, 0> for RigidBody {
     ];
     const HOOKS: Hooks = Hooks::PUSH;
     const PHYSICS_HZ: u32 = 300;
-    const GEOMETRY: Geometry = Geometry::Whole;
+    const MODEL_FORM: Geometry = Geometry::Whole;
 
     #[inline(always)]
     fn push<R: Scalar>(

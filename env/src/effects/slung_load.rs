@@ -18,7 +18,7 @@ impl Effect<4, 4> for SlungLoad {
     ];
     const HOOKS: Hooks = Hooks::PUSH;
     const OBSERVABILITY: Observability = Observability::Resonant;
-    const LAGS: usize = 4;
+    const MOTION_STATES: usize = 4;
     /// Metres and metres per second: a swing is small.
     const LAG_SD: f64 = 0.3;
 

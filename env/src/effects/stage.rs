@@ -33,7 +33,7 @@ pub trait Stage<R: Scalar>: Send {
     fn set(&mut self, tile: usize, lane: usize, params: &[f64]);
     /// Set the parameters that all lanes share, with whatever the number type carries.
     fn put(&mut self, params: &[R]);
-    /// Show all that the effect remembers, or of that only the lags (see [`Effect::LAGS`]).
+    /// Show all that the effect remembers, or of that only the lags (see [`Effect::MOTION_STATES`]).
     fn visit(&mut self, only_lags: bool, see: &mut dyn FnMut(&mut R));
     /// Show all that is of one tile: parameters that differ from drone to drone, and what the effect
     /// remembers.
@@ -100,7 +100,7 @@ impl<E: Effect<P, S>, R: SimScalar, const P: usize, const S: usize> Stage<R> for
     }
 
     fn visit(&mut self, only_lags: bool, see: &mut dyn FnMut(&mut R)) {
-        let seen = if only_lags { S - E::LAGS..S } else { 0..self.in_use };
+        let seen = if only_lags { S - E::MOTION_STATES..S } else { 0..self.in_use };
         for state in &mut self.states {
             for number in &mut state[seen.clone()] {
                 see(number);
@@ -219,10 +219,10 @@ pub(super) const fn entry<E: Effect<P, S>, const P: usize, const S: usize>(_effe
         hooks: E::HOOKS,
         physics_hz: E::PHYSICS_HZ,
         observability: E::OBSERVABILITY,
-        geometry: E::GEOMETRY,
+        geometry: E::MODEL_FORM,
         model_number: E::MODEL_NUMBER,
         ubiquity: E::UBIQUITY,
-        lags: E::LAGS,
+        lags: E::MOTION_STATES,
         lag_sd: E::LAG_SD,
         motion_memory_s: E::MOTION_MEMORY_S,
         lanes: StageOf::<E, _, P, S>::boxed,

@@ -23,7 +23,7 @@ impl Effect<2, 0> for TiltLoss {
     ];
     const HOOKS: Hooks = Hooks::PUSH;
     const UBIQUITY: Ubiquity = Ubiquity::All;
-    const GEOMETRY: Geometry = Geometry::Part;
+    const MODEL_FORM: Geometry = Geometry::Part;
 
     #[inline(always)]
     fn push<R: Scalar>(

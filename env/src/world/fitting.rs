@@ -64,7 +64,7 @@ impl<R: SimScalar> World<R> {
 
     /// Show what is remembered of the motion besides velocities and rates: the lagged pushes of the model's
     /// forms where it has them (see [`Model::lags_push`]), then what effects remember (see
-    /// [`effects::Effect::LAGS`]), effect by effect.
+    /// [`effects::Effect::MOTION_STATES`]), effect by effect.
     pub fn visit_lags(&mut self, lags_push: [bool; 2], see: &mut dyn FnMut(&mut R)) {
         let pushes = self.states[0].aux.iter_mut().zip(lags_push);
         pushes.filter(|(_, lags)| *lags).for_each(|(push, _)| see(push));

@@ -39,7 +39,7 @@ fn starts(entry: &'static Entry) -> Vec<Term> {
             let p = &entry.params[*i];
             all.extend(STARTS.iter().map(|share| {
                 let mut term = variant.clone();
-                term.values[*i] = p.off + share * (p.far() - p.off);
+                term.values[*i] = p.off + share * (p.farthest_bound() - p.off);
                 term
             }));
         }

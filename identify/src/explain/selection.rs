@@ -39,7 +39,7 @@ pub fn model_form(search: &Search, declared: FilteredHypothesis) -> FilteredHypo
     let judged = wholes.filter_map(|entry| {
         let mut term = Term::off(entry);
         for i in term.free.clone() {
-            term.values[i] = entry.params[i].far();
+            term.values[i] = entry.params[i].farthest_bound();
         }
         let sd = vec![AMOUNT_SD; term.free.len()];
         let first = search.judge(&declared.hypothesis.with(term), &sd, &declared.disturbances)?;

@@ -190,7 +190,7 @@ fn fitted_effect(name: &str, all: &[String]) -> Result<Term, IdentifyError> {
         // the only one brings all of the geometry that it can
         if all.iter().filter(|name| geometric(name)).count() == 1 {
             let choices = term.entry.params.iter().enumerate().filter(|(_, p)| p.role == Role::Choice);
-            choices.for_each(|(i, p)| term.values[i] = p.far());
+            choices.for_each(|(i, p)| term.values[i] = p.farthest_bound());
         }
     }
     Ok(term.with_companions())

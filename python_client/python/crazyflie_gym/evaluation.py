@@ -21,6 +21,7 @@ import gymnasium as gym
 import numpy as np
 
 from crazyflie_gym import _native
+from crazyflie_gym.spaces import STATE_FIELDS, split
 from crazyflie_gym.vector import CrazyflieVectorEnv
 
 
@@ -111,12 +112,15 @@ def _count(envs: CrazyflieVectorEnv, pilot: Any, work: Work) -> list[Flight]:
     reward, square, turned, travel, ticks = np.zeros((5, work.count))
     flying = np.ones(work.count, np.bool_)
     for _ in range(work.scenario.ticks):
-        off, turn = states[:, 0:3] - rows[:, 16:19], states[:, 8] - rows[:, 19]
+        fields = split(rows)
+        setpoint = fields["setpoint"]
+        off = states[:, STATE_FIELDS["pos_m"]] - setpoint[:, :3]
+        turn = states[:, STATE_FIELDS["att_rad"]][:, 2] - setpoint[:, 3]
         square += flying * (off.astype(np.float64) ** 2).sum(1)
         turned += flying * np.arctan2(np.sin(turn), np.cos(turn)) ** 2
         ticks += flying
         actions = pilot.act(rows)
-        travel += flying * np.abs(actions[:, 0:2] - rows[:, 20:22]).sum(1)
+        travel += flying * np.abs(actions[:, 0:2] - fields["last_action"][:, 0:2]).sum(1)
         step = envs.step(actions)
         rows, states = cast("Any", step[0]), step[4]["true_state"]
         reward += flying * step[1]

@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -19,6 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from safetensors import safe_open
 from safetensors.numpy import save_file
+
+from crazyflie_gym.spaces import split
 
 FORMAT = "crazyflie-policy-1"
 SIGNALS = 12  # position error (3), roll, pitch, last action from level (4), set-point (3)
@@ -92,17 +94,19 @@ def features(o: Array, averages: Array, fresh: Array, gains: Any, rest: Any) -> 
         gains: tick / (tau + tick) for each time constant.
         rest: the level action.
     """
-    yaw = o[:, 3]
-    signals = jnp.concatenate([o[:, 16:19] - o[:, 0:3], o[:, 6:8], o[:, 20:24] - rest, o[:, 16:19]], -1)
+    f: Any = split(cast("Any", o))
+    yaw, setpoint, tilt = f["marker_yaw_rad"][:, 0], f["setpoint"], f["attitude_rad"][:, :2]
+    goal = setpoint[:, :3]
+    signals = jnp.concatenate([goal - f["marker_pos_m"], tilt, f["last_action"] - rest, goal], -1)
     now = signals[:, None]
     averages = jnp.where(fresh[:, None, None], now, averages + gains[:, None] * (now - averages))
     off = now - averages
     turned = jnp.broadcast_to(yaw[:, None], off.shape[:2])
     off = jnp.concatenate([rotated(off[..., 0:3], turned), off[..., 3:9], rotated(off[..., 9:12], turned)], -1)
-    turn = o[:, 19] - yaw
+    turn = setpoint[:, 3] - yaw
     turn = turn - 2 * jnp.pi * jnp.round(turn / (2 * jnp.pi))
-    age = jnp.minimum(o[:, 4:5], AGE_MAX_S)
-    present = [rotated(signals[:, 0:3], yaw), turn[:, None], o[:, 6:8], o[:, 9:12], signals[:, 5:9], age]
+    age = jnp.minimum(f["marker_age_s"], AGE_MAX_S)
+    present = [rotated(signals[:, 0:3], yaw), turn[:, None], tilt, f["gyro_radps"], signals[:, 5:9], age]
     return jnp.concatenate([*present, off.reshape(len(o), -1)], -1), averages
 
 

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from crazyflie_gym.policy import SIGNALS, Layers, Policy, features, gains, level, mlp, normalised, rotated, width
+from crazyflie_gym.spaces import STATE_FIELDS, split
 from crazyflie_gym.training import RANDOMISED, TASKS, Batches, Config
 
 
@@ -42,9 +43,9 @@ class Rollout(NamedTuple):
 
 def critic_view(x: Any, observations: Any, states: Any) -> jax.Array:
     """Return features and the true state: position error and velocity along the heading, attitude, rates."""
-    yaw = states[..., 8]
-    error, velocity = observations[..., 16:19] - states[..., 0:3], states[..., 3:6]
-    return jnp.concatenate([x, rotated(error, yaw), rotated(velocity, yaw), states[..., 6:12]], -1)
+    pos, velocity, attitude, rate = (states[..., at] for at in STATE_FIELDS.values())
+    error, yaw = split(observations)["setpoint"][..., :3] - pos, attitude[..., 2]
+    return jnp.concatenate([x, rotated(error, yaw), rotated(velocity, yaw), attitude, rate], -1)
 
 
 def network(rng: np.random.Generator, sizes: list[int], last: float) -> Layers:
@@ -170,8 +171,9 @@ class Trainer:
 
     def reward(self, rewards: NDArray[np.float32], ends: NDArray[np.bool_]) -> NDArray[np.float32]:
         """Return what is learned from: the task's reward, less the shaping, as shares of a discounted return."""
-        c, off = self.config, self.states[:, 0:3] - self.observations[:, 16:19]
-        turn = np.abs(self.states[:, 8] - self.observations[:, 19])
+        c, setpoint = self.config, split(self.observations)["setpoint"]
+        off = self.states[:, STATE_FIELDS["pos_m"]] - setpoint[:, :3]
+        turn = np.abs(self.states[:, STATE_FIELDS["att_rad"]][:, 2] - setpoint[:, 3])
         shaping = c.per_metre * np.sqrt((off**2).sum(1)) + c.per_radian * turn
         return (1 - c.discount) * (rewards - np.where(ends, 0, shaping))
 

@@ -33,12 +33,8 @@ mod world_messages;
 mod worlds;
 
 pub(crate) use create_session::PROTOCOL;
+pub use protocol::request_kinds;
 pub use session_registry::SessionEnd;
-
-/// The types of all requests in JSON, as a server names them.
-pub fn request_kinds() -> impl Iterator<Item = &'static str> {
-    protocol::REQUESTS.into_iter().map(|(kind, _)| kind)
-}
 
 pub use server::{Report, run};
 pub use settings::{Limits, ServeError, Settings, tls};

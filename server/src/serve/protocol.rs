@@ -144,7 +144,7 @@ fn parse_request(kind: Option<Value>, text: &str) -> Result<Request, ProtocolErr
         }
     };
     let Some((_, read)) = REQUESTS.iter().find(|(known, _)| *known == kind) else {
-        let known = REQUESTS.map(|(known, _)| known).join(", ");
+        let known = request_kinds().collect::<Vec<_>>().join(", ");
         return Err(ProtocolError::new(Code::UnknownType, format!("unknown type {kind:?}; known: {known}")));
     };
     read(&kind, text)
@@ -155,7 +155,7 @@ type ReadFields = fn(&str, &str) -> Result<Request, ProtocolError>;
 
 /// Every request by its type. A test compares them with the table of docs/protocol.md, and another sends
 /// every one of them to a server.
-pub(crate) const REQUESTS: [(&str, ReadFields); 13] = [
+pub(crate) const REQUESTS: &[(&str, ReadFields)] = &[
     ("hello", |kind, text| fields(kind, text).map(Request::Hello)),
     ("make", |kind, text| fields(kind, text).map(Request::Make)),
     ("reset", |kind, text| fields(kind, text).map(Request::Reset)),
@@ -171,6 +171,11 @@ pub(crate) const REQUESTS: [(&str, ReadFields); 13] = [
     ("leave", |kind, text| fields::<Empty>(kind, text).map(|_| Request::Leave)),
 ];
 
+/// The types of all requests in JSON, as a server names them.
+pub fn request_kinds() -> impl Iterator<Item = &'static str> {
+    REQUESTS.iter().map(|(kind, _)| *kind)
+}
+
 fn fields<T: DeserializeOwned>(kind: &str, text: &str) -> Result<T, ProtocolError> {
     serde_json::from_str(text).map_err(|e| ProtocolError::new(Code::BadMessage, format!("{kind}: {e}")))
 }
@@ -185,6 +190,6 @@ mod tests {
         let table = page.split_once("| request | fields").expect("a table of requests").1;
         let rows = table.lines().skip(2).take_while(|line| line.starts_with('|'));
         let documented: Vec<&str> = rows.filter_map(|row| row.split('`').nth(1)).collect();
-        assert_eq!(documented, REQUESTS.map(|(kind, _)| kind));
+        assert_eq!(documented, request_kinds().collect::<Vec<_>>());
     }
 }

@@ -66,7 +66,7 @@ pub struct WorldSummary {
     /// Values by the names of [`crazyflie_env::vector::METRICS`].
     pub metrics: BTreeMap<String, f32>,
     pub(crate) over: bool,
-    /// Hash of all states and observations, see [`WorldFlight::hash`].
+    /// Hash of all states and observations, see `WorldFlight::hash`.
     pub sha256: String,
 }
 
@@ -173,7 +173,7 @@ impl WorldSummary {
 /// Replays a log.
 ///
 /// # Errors
-/// [`LogError`] with the line that is not as it should be.
+/// An error with the line that is not as it should be.
 pub fn replay_log(text: &str) -> Result<WorldReplay, LogError> {
     let mut lines = text.lines().enumerate().map(|(i, text)| (i + 1, text));
     let problem = |line, problem: String| LogError::Line { line, problem };

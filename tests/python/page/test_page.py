@@ -121,7 +121,9 @@ def test_leaderboard(visit):
 def test_a_run_of_several_drones_is_replayed_whole(visit, data):
     command = [sys.executable, "-m", "crazyflie_gym", "bench", "submit", "--data", data, "--json"]
     flown = subprocess.run(
-        [*command, "--controller", "lqr", "--collision-avoidance", "--scenario", "swap-eight"], check=True, capture_output=True
+        [*command, "--controller", "lqr", "--collision-avoidance", "--scenario", "swap-eight"],
+        check=True,
+        capture_output=True,
     )
     attempt = json.loads(flown.stdout)["id"]
     page = visit(f"#replay?scenario=swap-eight&a={attempt}&t=4.5")
