@@ -34,6 +34,7 @@ compiled:
 	rustfmt --edition 2024 --check $(UNREACHED)
 	sh tests/deny.sh
 	$(CARGO) clippy --workspace --all-targets --quiet -- -D warnings
+	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --workspace --no-deps --quiet
 	$(CARGO) test --workspace --quiet --no-run
 
 bench: $(VENV)/.bench
@@ -56,7 +57,7 @@ docs: $(VENV)/.demo
 CASES ?= 24
 SEED ?= 1
 .PHONY: rates
-rates: $(VENV)/.test
+rates: $(VENV)/.rates
 	mkdir -p out/rates
 	$(BIN)/python tests/population out/rates/rotorpy-$(SEED) --cases $(CASES) --seed $(SEED)
 	$(BIN)/crazyflie explain-bench out/rates/rotorpy-$(SEED) --oracle --json out/rates/rotorpy-$(SEED).json
@@ -81,7 +82,14 @@ $(VENV)/.demo: $(BIN)/uv $(SOURCES)
 	$(INSTALL) .
 	touch $@
 
+# The tests take the profile of the Rust tests, with their assertions: the code is compiled once, not twice. Demo and benchmarks put
+# the optimised build back.
 $(VENV)/.test: $(BIN)/uv $(SOURCES)
+	$(INSTALL) --config-setting "build-args=--profile dev" ".[test]"
+	rm -f $(VENV)/.demo $(VENV)/.bench $(VENV)/.rates
+	touch $@
+
+$(VENV)/.rates: $(BIN)/uv $(SOURCES)
 	$(INSTALL) ".[test]"
 	touch $@ $(VENV)/.demo
 
