@@ -322,8 +322,9 @@ fn a_constant_command_means_the_same_at_any_control_rate() {
         .filter(|e| e.hooks == Hooks::COMMAND && e.observability == Observability::Deterministic)
     {
         for share in [0.3, 0.72, 1.0] {
-            let value =
-                |p: &Param| if p.role == Role::Choice { p.off } else { p.off + share * (p.farthest_bound() - p.off) };
+            let value = |p: &Param| {
+                if p.role == Role::Choice { p.off } else { p.off + share * (p.farthest_bound() - p.off) }
+            };
             let values: Vec<f64> = entry.params.iter().map(value).collect();
             let usual = settled(50.0, entry, &values);
             for hz in [60.0, 100.0, 200.0, 500.0] {

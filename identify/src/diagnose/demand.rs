@@ -85,7 +85,8 @@ fn slope(model: &Model, term: &Term, i: usize, none: &Vector4<f64>) -> crazyflie
     let p = &term.entry.params[i];
     let mut moved = term.clone();
     moved.values[i] = p.off + STEP * (p.farthest_bound() - p.off);
-    Ok((after_a_tick(&Hypothesis::from_model(model).with(moved))? - none) / (STEP * (p.farthest_bound() - p.off)))
+    Ok((after_a_tick(&Hypothesis::from_model(model).with(moved))? - none)
+        / (STEP * (p.farthest_bound() - p.off)))
 }
 
 fn after_a_tick(hypothesis: &Hypothesis) -> crazyflie_env::Result<Vector4<f64>> {
