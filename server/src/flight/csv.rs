@@ -1,7 +1,6 @@
 //! A flight as a log, which the project's CSV is written from.
 
-use crazyflie_identify::FlightLog;
-use crazyflie_logs::{AttitudeSource, Fixes, PositionSource, Provenance, Truth};
+use crazyflie_logs::{AttitudeSource, Fixes, FlightLog, PositionSource, Provenance, Truth};
 
 use super::Trace;
 

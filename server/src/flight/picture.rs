@@ -1,6 +1,6 @@
 //! Pictures of a flight.
 
-use crazyflie_identify::FlightLog;
+use crazyflie_logs::FlightLog;
 use crazyflie_picture::{Band, PALETTE, Panel, Path3, PictureError, Series, Style, chart, path3d};
 
 use super::{Trace, log};
