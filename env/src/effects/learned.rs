@@ -8,8 +8,7 @@ pub struct Learned;
 
 impl Effect<14, 0> for Learned {
     const NAME: &'static str = "learned";
-    const ABOUT: &'static str =
-        "Accelerations linear in functions of state and command, fitted to a residual that no other effect explains";
+    const ABOUT: &'static str = "Accelerations linear in functions of state and command, fitted to a residual that no other effect explains";
     const SOURCE: &'static str = "Sparse regression on a library of functions (Brunton, Proctor, Kutz 2016); a description, not a cause";
     const PARAMS: [Param; 14] = [
         param("front_bias_mps2", "m/s^2", 0.0, [-5.0, 5.0], "forward, constant"),
