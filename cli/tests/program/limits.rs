@@ -199,7 +199,8 @@ fn two_thousand_idle_connections_are_cheap() {
         (rss - before) as f64 / 1024.0,
         rss as f64 / 1024.0
     );
-    assert!(rss < 60 << 10, "{rss} KiB");
+    // 20 KiB each; the rest of the process is mapped code, as large as the build makes it
+    assert!(rss - before < 40 << 10, "{} KiB", rss - before);
 }
 
 #[test]
