@@ -15,17 +15,8 @@ HIDDEN = {"drag_linear": 0.5, "wind": {"x_mps2": 0.3}}
 # x, y, z, yaw; to a vehicle that never turns, a wind is a tilted IMU
 PLACES = [(0.6, 0.0, 0.8, 0), (-0.4, 0.5, 0.6, 90), (0.3, -0.5, 0.9, 180), (-0.3, 0.3, 0.7, -90)]
 STEPS = [{"from_s": 5 * i, "setpoint_m": p[:3], "setpoint_yaw_deg": p[3]} for i, p in enumerate(PLACES)]
-FLIGHT = [
-    "fly",
-    "--task",
-    "hover",
-    "--task-options",
-    json.dumps({"steps": STEPS}),
-    "--sensors",
-    "lab",
-    "--seconds",
-    "20",
-]
+FLIGHT = ["fly", "--task", "hover", "--sensors", "lab", "--seconds", "20", "--vertical", "thrust"]
+FLIGHT += ["--task-options", json.dumps({"steps": STEPS}), "--effects", json.dumps(HIDDEN)]
 
 
 def crazyflie(*args):
@@ -48,8 +39,7 @@ def flown(effects, model="thesis", ticks=500):
 
 def main():
     for seed in "123":
-        hidden = ["--vertical", "thrust", "--effects", json.dumps(HIDDEN)]
-        crazyflie(*FLIGHT, *hidden, "--seed", seed, "--csv", f"flight{seed}.csv")
+        crazyflie(*FLIGHT, "--seed", seed, "--csv", f"flight{seed}.csv")
     logs = ["--fit", "flight1.csv", "flight2.csv", "--test", "flight3.csv"]
     print(crazyflie("explain", "thesis", *logs, "--out", "found").decode().splitlines()[0])
     real = flown(HIDDEN)

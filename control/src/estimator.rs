@@ -10,7 +10,7 @@
 use super::prediction::{Axis, Covariance, START, overlap, predict_covariance, predict_mean};
 use super::sensor_noise::{NoiseVariance, SensorNoise};
 use crazyflie_env::model::{Model, Vertical, VerticalInput};
-use crazyflie_env::observation::{OBSERVATION, wrap};
+use crazyflie_env::observation::{OBSERVATION, index, wrap};
 use crazyflie_env::scalar::{Scalar, tabulate};
 
 /// Ticks of history: a fix older than this is of no use. At 50 Hz 0.24 s, twice the longest latency that the
@@ -100,7 +100,7 @@ impl<R: Scalar> Estimator<R> {
             self.begin(fresh, o);
             self.fresh = R::nothing();
         }
-        let yaw = o[8] + self.turned_rad;
+        let yaw = o[index::YAW] + self.turned_rad;
         let push = self.push(o, yaw);
         self.remember(!fresh, o, yaw, push);
         self.look(!fresh, o);
@@ -121,27 +121,33 @@ impl<R: Scalar> Estimator<R> {
             set(&mut spread[0], R::from_f64(self.noise.fix[i]));
         }
         self.acc_mps2.iter_mut().flatten().for_each(|slot| set(slot, zero));
-        self.imu_yaw_rad.iter_mut().for_each(|slot| set(slot, o[8]));
-        let tilts = self.tilts(o, o[3]);
+        self.imu_yaw_rad.iter_mut().for_each(|slot| set(slot, o[index::YAW]));
+        let tilts = self.tilts(o, o[index::MARKER_YAW]);
         self.last_mps2.iter_mut().zip(tilts).for_each(|(slot, value)| set(slot, value));
-        set(&mut self.turned_rad, wrap(o[3] - o[8]));
+        set(&mut self.turned_rad, wrap(o[index::MARKER_YAW] - o[index::YAW]));
         set(&mut self.turned_spread, R::from_f64(self.noise.yaw));
         set(&mut self.outliers, zero);
-        set(&mut self.age_s, o[4]);
-        set(&mut self.seen_s, o[4]);
+        set(&mut self.age_s, o[index::MARKER_AGE]);
+        set(&mut self.seen_s, o[index::MARKER_AGE]);
     }
 
     /// Acceleration by the tilt, world frame: +pitch to +x, +roll to -y (4.10).
     #[inline(always)]
     fn tilts(&self, o: &[R; OBSERVATION], yaw: R) -> [R; 2] {
-        turn([o[7] * R::from_f64(self.gravity_mps2), -o[6] * R::from_f64(self.gravity_mps2)], yaw)
+        turn(
+            [
+                o[index::PITCH] * R::from_f64(self.gravity_mps2),
+                -o[index::ROLL] * R::from_f64(self.gravity_mps2),
+            ],
+            yaw,
+        )
     }
 
     /// What the accelerometer shows besides: it does not feel gravity, nor therefore the tilt.
     #[inline(always)]
     fn push(&self, o: &[R; OBSERVATION], yaw: R) -> [R; 3] {
-        let [x, y] = turn([o[12], o[13]], yaw);
-        [x, y, o[14] - R::from_f64(self.gravity_mps2)]
+        let [x, y] = turn([o[index::ACC_X], o[index::ACC_Y]], yaw);
+        [x, y, o[index::ACC_Z] - R::from_f64(self.gravity_mps2)]
     }
 
     /// One tick more of history.
@@ -171,7 +177,7 @@ impl<R: Scalar> Estimator<R> {
         for (slot, value) in self.acc_mps2[0].iter_mut().zip([mean[0], mean[1], push[2]]) {
             *slot = keep(value, *slot);
         }
-        let newest = self.imu_yaw_rad[0] + wrap(o[8] - self.imu_yaw_rad[0]);
+        let newest = self.imu_yaw_rad[0] + wrap(o[index::YAW] - self.imu_yaw_rad[0]);
         for j in (1..=HISTORY).rev() {
             self.imu_yaw_rad[j] = keep(self.imu_yaw_rad[j - 1], self.imu_yaw_rad[j]);
         }
@@ -198,7 +204,7 @@ impl<R: Scalar> Estimator<R> {
     /// Takes a new fix in.
     #[inline(always)]
     fn look(&mut self, on: R::Mask, o: &[R; OBSERVATION]) {
-        let age = o[4];
+        let age = o[index::MARKER_AGE];
         let newer =
             on & age.lt(self.seen_s - R::from_f64(NEWER_S)) & age.le(self.age_s + R::from_f64(NEWER_S));
         if !R::any(newer) {
@@ -265,14 +271,14 @@ impl<R: Scalar> Estimator<R> {
     /// The heading: the IMU's, turned by what the marker shows of it.
     #[inline(always)]
     fn correct_yaw(&mut self, good: R::Mask, o: &[R; OBSERVATION]) {
-        let ticks = o[4] * R::from_f64(1.0 / self.tick_s);
+        let ticks = o[index::MARKER_AGE] * R::from_f64(1.0 / self.tick_s);
         let mut then = R::zero();
         for (j, yaw) in self.imu_yaw_rad.iter().enumerate() {
             let share = (R::from_f64(1.0) - (ticks - R::from_f64(j as f64)).abs()).max(R::zero());
             then += share * *yaw;
         }
         let gain = self.turned_spread / (self.turned_spread + R::from_f64(self.noise.yaw));
-        let off = wrap(o[3] - then - self.turned_rad);
+        let off = wrap(o[index::MARKER_YAW] - then - self.turned_rad);
         self.turned_rad += R::select(good, gain * off, R::zero());
         self.turned_spread =
             R::select(good, self.turned_spread - gain * self.turned_spread, self.turned_spread);
@@ -292,7 +298,7 @@ impl<R: Scalar> Estimator<R> {
         Estimate {
             pos_m: [x[0], y[0], z[0].max(R::zero())],
             vel_mps: [x[1], y[1], z[1]],
-            yaw_rad: wrap(o[8] + self.turned_rad),
+            yaw_rad: wrap(o[index::YAW] + self.turned_rad),
             push_mps2: [push[0] + x[2], push[1] + y[2], push[2] + z[2]],
         }
     }

@@ -7,11 +7,8 @@ use crazyflie_env::coupling::NEIGHBOUR;
 use crazyflie_env::error::Result;
 use crazyflie_env::error::check_length;
 use crazyflie_env::lanes::{LANES, LaneMask, Lanes};
-use crazyflie_env::observation::{ACTION, OBSERVATION};
+use crazyflie_env::observation::{ACTION, OBSERVATION, SETPOINT};
 use crazyflie_env::scalar::{Scalar, tabulate};
-
-/// Numbers of an observation's set-point that the avoidance replaces.
-const SETPOINT: usize = 16;
 
 /// The set-point of a drone in sixteen worlds, where the avoidance has moved it.
 #[derive(Clone)]
@@ -143,13 +140,13 @@ impl MultiController {
                 }
                 v
             };
-            let (own_m, target_m) = (tabulate(read), tabulate(|i| read(SETPOINT + i)));
+            let (own_m, target_m) = (tabulate(read), tabulate(|i| read(SETPOINT.first + i)));
             moved.at_m = tabulate(|i| Lanes::select(moved.fresh, own_m[i], moved.at_m[i]));
             moved.fresh = Lanes::nothing();
             let others = (0..others).map(|k| tabulate(|c| read(OBSERVATION + k * NEIGHBOUR + c)));
             avoid.advance(&mut moved.at_m, own_m, target_m, self.tick_s, others);
             for lane in 0..lanes {
-                let row = &mut self.observations[(first + lane) * OBSERVATION + SETPOINT..];
+                let row = &mut self.observations[(first + lane) * OBSERVATION + SETPOINT.first..];
                 for (slot, at) in row.iter_mut().zip(&moved.at_m) {
                     *slot = at.array()[lane];
                 }

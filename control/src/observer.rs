@@ -9,7 +9,7 @@ use super::sensor_noise::SensorNoise;
 use super::{ControllerContext, Mode};
 use crazyflie_env::error::Result;
 use crazyflie_env::model::AxisForm;
-use crazyflie_env::observation::{ACTION, Interface, OBSERVATION, wrap};
+use crazyflie_env::observation::{ACTION, Interface, OBSERVATION, index, wrap};
 use crazyflie_env::plant::Command;
 use crazyflie_env::scalar::{Scalar, dot, tabulate};
 
@@ -104,8 +104,8 @@ impl<R: Scalar> Observer<R> {
     #[inline(always)]
     pub(super) fn see(&mut self, o: &[R; OBSERVATION]) -> TrackingError<R> {
         let estimate = self.estimator.update(o);
-        let height = self.landing.target(self.fresh, o[18], estimate.pos_m[2]);
-        let target = [o[16], o[17], height];
+        let height = self.landing.target(self.fresh, o[index::SETPOINT_Z], estimate.pos_m[2]);
+        let target = [o[index::SETPOINT_X], o[index::SETPOINT_Y], height];
         self.learn(o, &estimate, &target);
         let per_tick = R::from_f64(1.0 / self.tick_s);
         let small = |v: R, limit: f64| R::select(v.abs().lt(R::from_f64(limit)), v, R::zero());
@@ -118,7 +118,7 @@ impl<R: Scalar> Observer<R> {
             |i| small((rates[i] - self.along_mps[i]) * per_tick, JUMP_MPS2),
         );
         (self.target, self.along_mps) = (target, rates);
-        self.last = [o[6], o[7], o[9], o[10]];
+        self.last = [o[index::ROLL], o[index::PITCH], o[index::ROLL_RATE], o[index::PITCH_RATE]];
         self.fresh = R::nothing();
         self.against(o, &estimate, &target, &rates, &turns)
     }
@@ -127,14 +127,14 @@ impl<R: Scalar> Observer<R> {
     #[inline(always)]
     fn learn(&mut self, o: &[R; OBSERVATION], estimate: &Estimate<R>, target: &[R; 3]) {
         let fresh = self.fresh;
-        let u = self.interface.command(&[o[20], o[21], o[22], o[23]]);
+        let u = self.interface.command(&std::array::from_fn(|i| o[index::LAST_ACTION + i]));
         let slow = R::from_f64(self.tick_s / TRIM_S);
         let lift = u.lift - R::from_f64(self.vertical.offset);
         let [z, vz] = [estimate.pos_m[2], estimate.vel_mps[2]];
         let f = &self.vertical;
         let unexplained = if f.u[0] == 0.0 {
             // the newest acceleration against that of the form
-            o[14]
+            o[index::ACC_Z]
                 - R::from_f64(self.gravity_mps2)
                 - (R::from_f64(f.a[1][0]) * z + R::from_f64(f.a[1][1]) * vz + R::from_f64(f.u[1]) * lift)
         } else {
@@ -144,7 +144,7 @@ impl<R: Scalar> Observer<R> {
         let mut missing = [R::zero(), R::zero(), unexplained * R::from_f64(1.0 / (f.u[0] + f.u[1]))];
         for i in 0..2 {
             let expected = dot(&self.tilt[i], [self.last[i], self.last[2 + i], asked[i] + self.trim[i]]);
-            missing[i] = self.trim[i] + (o[9 + i] - expected) / self.tilt[i][2];
+            missing[i] = self.trim[i] + (o[index::ROLL_RATE + i] - expected) / self.tilt[i][2];
         }
         let limits =
             [self.interface.tilt_max_rad, self.interface.tilt_max_rad, 0.4 * self.interface.lift_max];
@@ -191,21 +191,21 @@ impl<R: Scalar> Observer<R> {
         } else {
             (zero, (rates[2] - R::from_f64(f.a[0][0]) * target[2]) * R::from_f64(1.0 / f.u[0]))
         };
-        let turned = wrap(e.yaw_rad - o[19]);
-        let turning = if self.yaw.u[0] == 0.0 { o[11] } else { zero };
+        let turned = wrap(e.yaw_rad - o[index::SETPOINT_YAW]);
+        let turning = if self.yaw.u[0] == 0.0 { o[index::YAW_RATE] } else { zero };
         TrackingError {
             off: [
                 front,
                 left,
                 e.pos_m[2] - target[2],
-                o[6] - roll,
-                o[7] - pitch,
+                o[index::ROLL] - roll,
+                o[index::PITCH] - pitch,
                 turned,
                 front_mps,
                 left_mps,
                 climb,
-                o[9],
-                o[10],
+                o[index::ROLL_RATE],
+                o[index::PITCH_RATE],
                 turning,
             ],
             still: Command {

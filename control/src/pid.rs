@@ -12,7 +12,7 @@ use super::{
     Batch, ControlLaw, Controller, ControllerConfig, ControllerContext, Entry, Mode, defaults, options_json,
 };
 use crazyflie_env::error::Result;
-use crazyflie_env::observation::{ACTION, Interface, OBSERVATION, wrap};
+use crazyflie_env::observation::{ACTION, Interface, OBSERVATION, index, wrap};
 use crazyflie_env::plant::Command;
 use crazyflie_env::scalar::{Scalar, tabulate};
 
@@ -211,7 +211,8 @@ impl<R: Scalar> Pid<R> {
             #[inline(always)]
             |i| target[i] - o[i],
         );
-        let [(sr, cr), (sp, cp), (sy, cy)] = [o[6].sin_cos(), o[7].sin_cos(), o[3].sin_cos()];
+        let [(sr, cr), (sp, cp), (sy, cy)] =
+            [o[index::ROLL].sin_cos(), o[index::PITCH].sin_cos(), o[index::MARKER_YAW].sin_cos()];
         let (front, left) = (cy * e[0] + sy * e[1], cy * e[1] - sy * e[0]);
         // world to body: yaw, then pitch, then roll
         let (bx, down) = (cp * front - sp * e[2], sp * front + cp * e[2]);
@@ -221,7 +222,7 @@ impl<R: Scalar> Pid<R> {
         let pitch = self.x.update(&g.x, bx, dt, on);
         let roll = self.y.update(&g.y, by, dt, on);
         let lift = self.z.update(&g.z, bz, dt, on);
-        let turn = self.yaw.update(&g.yaw, wrap(o[19] - o[3]), dt, on);
+        let turn = self.yaw.update(&g.yaw, wrap(o[index::SETPOINT_YAW] - o[index::MARKER_YAW]), dt, on);
         Command {
             roll_rad: -roll * deg,
             pitch_rad: pitch * deg,
@@ -245,12 +246,12 @@ impl<R: Scalar> ControlLaw<R> for Pid<R> {
 
     #[inline(always)]
     fn act(&mut self, o: &[R; OBSERVATION]) -> [R; ACTION] {
-        let height = o[2];
+        let height = o[index::MARKER_Z];
         self.begin(height);
         let climbed =
             (self.start_m + R::from_f64(CLEAR_M)).lt(height) | R::from_f64(RAMP_END_PWM).lt(self.ramp_pwm);
         self.leave_ramp(self.ramping & climbed);
-        let mut target = [o[16], o[17], o[18]];
+        let mut target = [o[index::SETPOINT_X], o[index::SETPOINT_Y], o[index::SETPOINT_Z]];
         if self.mode == Mode::Landing {
             target[2] = R::from_f64(CLEAR_M);
             self.idle = self.idle | height.le(target[2]);

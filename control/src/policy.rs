@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Batch, ControlLaw, ControllerConfig, ControllerContext, Entry, Mode, defaults};
 use crazyflie_env::error::Result;
-use crazyflie_env::observation::{ACTION, Interface, OBSERVATION, wrap};
+use crazyflie_env::observation::{ACTION, Interface, OBSERVATION, index, wrap};
 use crazyflie_env::plant::Command;
 use crazyflie_env::scalar::{Scalar, tabulate};
 
@@ -195,28 +195,44 @@ impl<R: Scalar> Policy<R> {
     #[inline(always)]
     fn see(&mut self, o: &[R; OBSERVATION], height: R, rest: &[R; ACTION]) {
         let (fresh, x) = (self.fresh, &mut self.layer[0]);
-        let (sin, cos) = o[3].sin_cos();
-        let error = [o[16] - o[0], o[17] - o[1], height - o[2]];
+        let (sin, cos) = o[index::MARKER_YAW].sin_cos();
+        let error = [
+            o[index::SETPOINT_X] - o[index::MARKER_X],
+            o[index::SETPOINT_Y] - o[index::MARKER_Y],
+            height - o[index::MARKER_Z],
+        ];
         let off: [R; ACTION] = tabulate(
             #[inline(always)]
-            |i| o[20 + i] - rest[i],
+            |i| o[index::LAST_ACTION + i] - rest[i],
         );
-        let signals =
-            [error[0], error[1], error[2], o[6], o[7], off[0], off[1], off[2], off[3], o[16], o[17], height];
-        x.clear();
-        x.extend(turned(sin, cos, [error[0], error[1], error[2]]));
-        x.extend([
-            wrap(o[19] - o[3]),
-            o[6],
-            o[7],
-            o[9],
-            o[10],
-            o[11],
+        let signals = [
+            error[0],
+            error[1],
+            error[2],
+            o[index::ROLL],
+            o[index::PITCH],
             off[0],
             off[1],
             off[2],
             off[3],
-            o[4].min(R::from_f64(AGE_MAX_S)),
+            o[index::SETPOINT_X],
+            o[index::SETPOINT_Y],
+            height,
+        ];
+        x.clear();
+        x.extend(turned(sin, cos, [error[0], error[1], error[2]]));
+        x.extend([
+            wrap(o[index::SETPOINT_YAW] - o[index::MARKER_YAW]),
+            o[index::ROLL],
+            o[index::PITCH],
+            o[index::ROLL_RATE],
+            o[index::PITCH_RATE],
+            o[index::YAW_RATE],
+            off[0],
+            off[1],
+            off[2],
+            off[3],
+            o[index::MARKER_AGE].min(R::from_f64(AGE_MAX_S)),
         ]);
         for (averages, gain) in self.averages.chunks_exact_mut(SIGNALS).zip(&self.network.gains) {
             let mut from = [R::zero(); SIGNALS];
@@ -283,10 +299,10 @@ impl<R: Scalar> ControlLaw<R> for Policy<R> {
 
     #[inline(always)]
     fn act(&mut self, o: &[R; OBSERVATION]) -> [R; ACTION] {
-        let mut height = o[18];
+        let mut height = o[index::SETPOINT_Z];
         if self.mode == Mode::Landing {
             height = R::from_f64(CLEAR_M);
-            self.idle = self.idle | o[2].le(height);
+            self.idle = self.idle | o[index::MARKER_Z].le(height);
         }
         let rest = self.interface.action(&Command::level(R::from_f64(self.interface.hover_lift)));
         self.see(o, height, &rest);

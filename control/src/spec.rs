@@ -93,7 +93,7 @@ mod tests {
     use super::*;
     use crate::{Mode, registry};
     use crazyflie_env::model::{Model, VerticalInput};
-    use crazyflie_env::observation::{ACTION, Interface, OBSERVATION};
+    use crazyflie_env::observation::{ACTION, Interface, OBSERVATION, index};
 
     fn site(model: &Model, envs: usize) -> ControllerContext<'_> {
         ControllerContext {
@@ -159,7 +159,15 @@ mod tests {
                 for tick in 0..40 {
                     for (row, env) in o.chunks_exact_mut(OBSERVATION).zip(envs) {
                         row.iter_mut().enumerate().for_each(|(k, v)| *v = wave(*env, tick, k));
-                        (row[2], row[4], row[5], row[14], row[18]) = (0.7, 0.05, 1.0, 9.81, 0.7);
+                        for (at, value) in [
+                            (index::MARKER_Z, 0.7),
+                            (index::MARKER_AGE, 0.05),
+                            (index::MARKER_VALID, 1.0),
+                            (index::ACC_Z, 9.81),
+                            (index::SETPOINT_Z, 0.7),
+                        ] {
+                            row[at] = value;
+                        }
                     }
                     controller.act(&o, &mut a).unwrap();
                     log.iter_mut()

@@ -8,7 +8,7 @@ use super::landing::Landing;
 use super::sensor_noise::{BELIEF, SensorNoise};
 use super::{Batch, ControlLaw, ControllerContext, Entry, Mode, defaults};
 use crazyflie_env::error::Result;
-use crazyflie_env::observation::{ACTION, Interface, OBSERVATION, wrap};
+use crazyflie_env::observation::{ACTION, Interface, OBSERVATION, index, wrap};
 use crazyflie_env::plant::Command;
 use crazyflie_env::scalar::{Scalar, tabulate};
 
@@ -151,7 +151,11 @@ impl<R: Scalar> ControlLaw<R> for Velocity<R> {
     #[inline(always)]
     fn act(&mut self, o: &[R; OBSERVATION]) -> [R; ACTION] {
         let e = self.estimator.update(o);
-        let target = [o[16], o[17], self.landing.target(self.fresh, o[18], e.pos_m[2])];
+        let target = [
+            o[index::SETPOINT_X],
+            o[index::SETPOINT_Y],
+            self.landing.target(self.fresh, o[index::SETPOINT_Z], e.pos_m[2]),
+        ];
         self.begin(&target);
         let [ax, ay, az] = self.acceleration(&e, &target);
         self.target = target;
@@ -162,10 +166,11 @@ impl<R: Scalar> ControlLaw<R> for Velocity<R> {
             #[inline(always)]
             |i| {
                 R::from_f64(self.per_tilt[i]) * wanted[i]
-                    + R::from_f64(self.options.angle) * (wanted[i] - o[6 + i])
+                    + R::from_f64(self.options.angle) * (wanted[i] - o[index::ROLL + i])
             },
         );
-        let turn = R::from_f64(self.options.yaw_ps * self.interface.yaw_sign) * wrap(o[19] - e.yaw_rad);
+        let turn = R::from_f64(self.options.yaw_ps * self.interface.yaw_sign)
+            * wrap(o[index::SETPOINT_YAW] - e.yaw_rad);
         let lift = if self.interface.input.is_pwm() {
             R::from_f64(self.interface.hover_lift) * (R::from_f64(1.0) + az * per_g)
         } else {

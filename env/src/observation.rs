@@ -42,42 +42,92 @@ impl Field {
     }
 }
 
-/// Flag of the newest camera frame, index 5 of a row.
+/// Position over the marker.
+pub const MARKER_POS: Field = field(
+    "marker_pos_m",
+    0,
+    3,
+    "m",
+    [-10.0, 10.0],
+    "position over the marker, from the last camera frame that showed it",
+);
+/// Heading over the marker.
+pub const MARKER_YAW: Field = field("marker_yaw_rad", 3, 1, "rad", [-PI, PI], "heading from the same frame");
+/// Age of the marker's pose.
+pub const MARKER_AGE: Field =
+    field("marker_age_s", 4, 1, "s", [0.0, 60.0], "time since that frame was captured");
+/// Flag of the newest camera frame.
 pub const MARKER_VALID: Field =
     field("marker_valid", 5, 1, "1", [0.0, 1.0], "1 while the newest frame showed the marker");
-/// Target position and heading in the world frame, from index 16 of a row.
+/// Attitude by the IMU.
+pub const ATTITUDE: Field = field("attitude_rad", 6, 3, "rad", [-PI, PI], "roll, pitch, yaw by the IMU");
+/// Rates by the gyroscope.
+pub const GYRO: Field =
+    field("gyro_radps", 9, 3, "rad/s", [-34.9, 34.9], "rates by the IMU; range of the MPU-9250, 2000 deg/s");
+/// Specific force by the accelerometer.
+pub const ACC: Field = field(
+    "acc_mps2",
+    12,
+    3,
+    "m/s^2",
+    [-157.0, 157.0],
+    "specific force along the body axes; range of the MPU-9250, 16 g",
+);
+/// Voltage of the battery.
+pub const VBAT: Field = field("vbat_v", 15, 1, "V", [0.0, 5.0], "battery voltage");
+/// Target position and heading in the world frame.
 pub const SETPOINT: Field =
     field("setpoint", 16, 4, "m, rad", [-10.0, 10.0], "where to be now: x, y, z, yaw");
-/// Action of the tick before, from index 20 of a row.
+/// Action of the tick before.
 pub const LAST_ACTION: Field = field("last_action", 20, 4, "1", [-1.0, 1.0], "the previous action");
 
 /// The layout of an observation row.
-pub const FIELDS: [Field; 10] = [
-    field(
-        "marker_pos_m",
-        0,
-        3,
-        "m",
-        [-10.0, 10.0],
-        "position over the marker, from the last camera frame that showed it",
-    ),
-    field("marker_yaw_rad", 3, 1, "rad", [-PI, PI], "heading from the same frame"),
-    field("marker_age_s", 4, 1, "s", [0.0, 60.0], "time since that frame was captured"),
-    MARKER_VALID,
-    field("attitude_rad", 6, 3, "rad", [-PI, PI], "roll, pitch, yaw by the IMU"),
-    field("gyro_radps", 9, 3, "rad/s", [-34.9, 34.9], "rates by the IMU; range of the MPU-9250, 2000 deg/s"),
-    field(
-        "acc_mps2",
-        12,
-        3,
-        "m/s^2",
-        [-157.0, 157.0],
-        "specific force along the body axes; range of the MPU-9250, 16 g",
-    ),
-    field("vbat_v", 15, 1, "V", [0.0, 5.0], "battery voltage"),
-    SETPOINT,
-    LAST_ACTION,
-];
+pub const FIELDS: [Field; 10] =
+    [MARKER_POS, MARKER_YAW, MARKER_AGE, MARKER_VALID, ATTITUDE, GYRO, ACC, VBAT, SETPOINT, LAST_ACTION];
+
+/// Where numbers stand in an observation row, by name: nobody else counts.
+pub mod index {
+    /// Position over the marker, m.
+    pub const MARKER_X: usize = super::MARKER_POS.first;
+    /// See [`MARKER_X`].
+    pub const MARKER_Y: usize = MARKER_X + 1;
+    /// See [`MARKER_X`].
+    pub const MARKER_Z: usize = MARKER_X + 2;
+    /// Heading over the marker, rad.
+    pub const MARKER_YAW: usize = super::MARKER_YAW.first;
+    /// Age of the marker's pose, s.
+    pub const MARKER_AGE: usize = super::MARKER_AGE.first;
+    /// 1 while the newest frame showed the marker.
+    pub const MARKER_VALID: usize = super::MARKER_VALID.first;
+    /// Attitude by the IMU, rad.
+    pub const ROLL: usize = super::ATTITUDE.first;
+    /// See [`ROLL`].
+    pub const PITCH: usize = ROLL + 1;
+    /// See [`ROLL`].
+    pub const YAW: usize = ROLL + 2;
+    /// Rates by the gyroscope, rad/s.
+    pub const ROLL_RATE: usize = super::GYRO.first;
+    /// See [`ROLL_RATE`].
+    pub const PITCH_RATE: usize = ROLL_RATE + 1;
+    /// See [`ROLL_RATE`].
+    pub const YAW_RATE: usize = ROLL_RATE + 2;
+    /// Specific force along the body axes, m/s^2.
+    pub const ACC_X: usize = super::ACC.first;
+    /// See [`ACC_X`].
+    pub const ACC_Y: usize = ACC_X + 1;
+    /// See [`ACC_X`].
+    pub const ACC_Z: usize = ACC_X + 2;
+    /// Where to be, m.
+    pub const SETPOINT_X: usize = super::SETPOINT.first;
+    /// See [`SETPOINT_X`].
+    pub const SETPOINT_Y: usize = SETPOINT_X + 1;
+    /// See [`SETPOINT_X`].
+    pub const SETPOINT_Z: usize = SETPOINT_X + 2;
+    /// Heading to have, rad.
+    pub const SETPOINT_YAW: usize = SETPOINT_X + 3;
+    /// The previous action: roll, pitch, yaw rate, lift.
+    pub const LAST_ACTION: usize = super::LAST_ACTION.first;
+}
 
 pub(crate) const fn field(
     name: &'static str,

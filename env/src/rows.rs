@@ -8,6 +8,26 @@ use crate::sim_scalar::BatchScalar;
 /// Numbers per true state: position, velocity, attitude, rates.
 pub const STATE: usize = 12;
 
+/// Where numbers stand in a row of true state, by name: nobody else counts.
+pub mod state_index {
+    /// Position in the world frame, m: x, and y, z behind it.
+    pub const POS: usize = 0;
+    /// Height, m.
+    pub const HEIGHT: usize = POS + 2;
+    /// Velocity in the world frame, m/s: x, and y, z behind it.
+    pub const VEL: usize = 3;
+    /// Vertical velocity, m/s.
+    pub const CLIMB: usize = VEL + 2;
+    /// Roll, rad.
+    pub const ROLL: usize = 6;
+    /// Pitch, rad.
+    pub const PITCH: usize = 7;
+    /// Yaw, rad.
+    pub const YAW: usize = 8;
+    /// Rates of roll, pitch and yaw, rad/s.
+    pub const RATE: usize = 9;
+}
+
 #[inline(always)]
 pub(crate) fn state_row<R: Scalar>(x: &State<R>) -> [R; STATE] {
     let ([a, b, c], [d, e, f], [g, h, i], [j, k, l]) = (x.pos_m, x.vel_mps, x.att_rad, x.rate_radps);

@@ -29,7 +29,7 @@ use crate::task::{self, Task, Visitor};
 use coupled::CoupledShard;
 use uncoupled::UncoupledShard;
 
-pub use crate::rows::STATE;
+pub use crate::rows::{STATE, state_index};
 pub use buffers::StepBuffers;
 
 /// What is measured of the episode so far in an environment of several drones, in this order.

@@ -1,8 +1,8 @@
 //! Flights as the page draws them, live or replayed: a header once (`Header::bytes`), then rows of
 //! little-endian f32 (`COLUMNS`), for each moment as many as there are drones.
 
-use crazyflie_env::observation::{ACTION, Interface, OBSERVATION};
-use crazyflie_env::vector::STATE;
+use crazyflie_env::observation::{ACTION, Interface, MARKER_POS, OBSERVATION, SETPOINT, index};
+use crazyflie_env::vector::{STATE, state_index};
 use serde::Serialize;
 
 /// Columns of a row, SI units and radians. `fix` is the pose that the camera measures, `u` the command in
@@ -99,12 +99,12 @@ pub(crate) fn row(
     let u = interface.command(&action.map(f64::from));
     let mut out = [0.0; COLUMNS.len()];
     out[0] = t_s as f32;
-    out[1..4].copy_from_slice(&x[0..3]);
-    out[4..7].copy_from_slice(&x[6..9]);
-    out[7..10].copy_from_slice(&x[3..6]);
-    out[10..14].copy_from_slice(&o[16..20]);
-    out[14..18].copy_from_slice(&o[0..4]);
-    out[18..20].copy_from_slice(&[o[5], o[4]]);
+    out[1..4].copy_from_slice(&x[state_index::POS..][..3]);
+    out[4..7].copy_from_slice(&x[state_index::ROLL..=state_index::YAW]);
+    out[7..10].copy_from_slice(&x[state_index::VEL..][..3]);
+    out[10..14].copy_from_slice(&o[SETPOINT.range()]);
+    out[14..18].copy_from_slice(&o[MARKER_POS.first..=index::MARKER_YAW]);
+    out[18..20].copy_from_slice(&[o[index::MARKER_VALID], o[index::MARKER_AGE]]);
     out[20..24].copy_from_slice(&[u.roll_rad, u.pitch_rad, u.yaw_rate_radps, u.lift].map(|v| v as f32));
     out[24] = reward;
     out

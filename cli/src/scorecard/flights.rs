@@ -4,6 +4,7 @@ use crazyflie_control::ControllerSpec;
 use crazyflie_env::Error;
 use crazyflie_env::config::EffectTable;
 use crazyflie_env::model::{Model, VerticalInput};
+use crazyflie_env::vector::state_index;
 use crazyflie_statistics::{mean, quantile};
 
 use super::{Claim, ScorecardRow, about, figure};
@@ -214,7 +215,9 @@ const CALM: &str =
 /// Figures 7.10 to 7.14.
 fn hover(model: &Model) -> Result<Vec<ScorecardRow>, Error> {
     let off: fn(&Trace) -> f64 = |t| {
-        let squares = t.rows.iter().map(|r| f64::from(r.state[0]).powi(2) + f64::from(r.state[1]).powi(2));
+        let squares = t.rows.iter().map(|r| {
+            f64::from(r.state[state_index::POS]).powi(2) + f64::from(r.state[state_index::POS + 1]).powi(2)
+        });
         100.0 * (squares.sum::<f64>() / t.rows.len() as f64).sqrt()
     };
     let travel: fn(&Trace) -> f64 = |t| {

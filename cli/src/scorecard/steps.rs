@@ -5,6 +5,7 @@ use crazyflie_env::Error;
 use crazyflie_env::config::{EffectParams, EffectTable, Number};
 use crazyflie_env::model::{Model, Vertical, VerticalInput};
 use crazyflie_env::plant::Command;
+use crazyflie_env::vector::state_index;
 use crazyflie_identify::metrics::fit_percent;
 
 use super::{Claim, Measurement, ScorecardRow, about, figure};
@@ -112,7 +113,7 @@ fn yaw(model: &Model) -> Result<Vec<ScorecardRow>, Error> {
     let rate = 36_f64.to_radians();
     let command = |t: f64| if t >= 0.0 { Command { yaw_rate_radps: rate, ..level() } } else { level() };
     let (trace, first) = fly(model, VerticalInput::Height, EffectTable::new(), 10.0, &command)?;
-    let turned = f64::from(trace.rows[trace.rows.len() - 1].state[8]).to_degrees();
+    let turned = f64::from(trace.rows[trace.rows.len() - 1].state[state_index::YAW]).to_degrees();
     let place = "5.1.2, fig. 5.8";
     let line = |quantity, claim, ideal, why| ScorecardRow {
         place,
@@ -158,7 +159,7 @@ fn height(model: &Model) -> Result<Vec<ScorecardRow>, Error> {
     let (before, after) = (0.7 * gain / pole, 0.8 * gain / pole);
     let exact = |t: f64| after - (after - before) * (-pole * t).exp();
     let (fit, largest) = fit_to_marker(&seen, first, &exact);
-    let end = f64::from(trace.rows[trace.rows.len() - 1].state[2]);
+    let end = f64::from(trace.rows[trace.rows.len() - 1].state[state_index::HEIGHT]);
     let (place, experiment) = ("5.1.3, fig. 5.12", "height 70 to 80 cm");
     let line = |quantity, claim, ideal, rig, why| ScorecardRow {
         place,
@@ -209,7 +210,7 @@ fn pwm(model: &Model) -> Result<Vec<ScorecardRow>, Error> {
         rig,
         why,
     };
-    let end = 100.0 * f64::from(trace.rows[trace.rows.len() - 1].state[2]);
+    let end = 100.0 * f64::from(trace.rows[trace.rows.len() - 1].state[state_index::HEIGHT]);
     Ok(vec![
         line(
             "fit of 5.4 to the marker's height",
@@ -261,11 +262,17 @@ fn angle_speed(model: &Model) -> Result<Vec<ScorecardRow>, Error> {
             None,
             "field of view of 120 degrees over the diagonal",
         ),
-        line("way until then", not_given(), figure(100.0 * f64::from(row.state[0]), "cm", 1), None, ""),
+        line(
+            "way until then",
+            not_given(),
+            figure(100.0 * f64::from(row.state[state_index::POS]), "cm", 1),
+            None,
+            "",
+        ),
         line(
             "speed then",
             about(speed(since_s), format!("{:.3} m/s by 5.5", speed(since_s))),
-            figure(f64::from(row.state[3]), "m/s", 3),
+            figure(f64::from(row.state[state_index::VEL]), "m/s", 3),
             None,
             "",
         ),

@@ -3,7 +3,7 @@
 use crazyflie_statistics::{mean, median};
 use serde::{Deserialize, Serialize};
 
-use crazyflie_env::vector::METRICS;
+use crazyflie_env::vector::{METRICS, state_index};
 
 use super::episodes::{DronePath, Episode};
 use super::error::{Error, Result};
@@ -129,10 +129,9 @@ fn path_metrics(scenario: &Scenario, path: &DronePath) -> Result<EpisodeMetrics>
     let last = trace.rows.last().ok_or_else(|| Error::Internal("an episode without rows".into()))?;
     let squares: Vec<f64> =
         trace.rows.iter().map(|row| flight::squared_distance(&row.state[..3], row.setpoint())).collect();
-    let yaw = trace
-        .rows
-        .iter()
-        .map(|row| wrap_angle(f64::from(row.state[8] - row.setpoint()[3])).to_degrees().powi(2));
+    let yaw = trace.rows.iter().map(|row| {
+        wrap_angle(f64::from(row.state[state_index::YAW] - row.setpoint()[3])).to_degrees().powi(2)
+    });
     let touch = figures.touch_down.filter(|_| scenario.lands());
     let metrics = EpisodeMetrics {
         failed: failure(scenario, &figures, trace),
@@ -160,7 +159,7 @@ fn path_metrics(scenario: &Scenario, path: &DronePath) -> Result<EpisodeMetrics>
 /// Breaking the vehicle, leaving the room, ending on the floor when flying was asked or in the air when
 /// landing was.
 fn failure(scenario: &Scenario, figures: &Figures, trace: &Trace) -> Option<String> {
-    let down = trace.rows.last().is_some_and(|row| row.state[2] <= 0.0);
+    let down = trace.rows.last().is_some_and(|row| row.state[state_index::HEIGHT] <= 0.0);
     let wrong_place = match scenario.lands() {
         true => (!down).then(|| "did not land".to_owned()),
         false => down.then(|| "ended on the floor".to_owned()),

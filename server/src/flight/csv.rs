@@ -1,5 +1,6 @@
 //! A flight as a log, which the project's CSV is written from.
 
+use crazyflie_env::observation::{MARKER_POS, index};
 use crazyflie_logs::{AttitudeSource, Fixes, FlightLog, PositionSource, Provenance, Truth};
 
 use super::Trace;
@@ -60,15 +61,16 @@ fn fixes(trace: &Trace) -> Fixes {
     let mut newest_s = f64::NEG_INFINITY;
     for (i, row) in trace.rows.iter().enumerate() {
         let o = row.observation.map(f64::from);
-        let captured_s = (((trace.t_s(i) - o[4]) / ROUNDING_S).round() * ROUNDING_S).min(trace.t_s(i));
+        let captured_s =
+            (((trace.t_s(i) - o[index::MARKER_AGE]) / ROUNDING_S).round() * ROUNDING_S).min(trace.t_s(i));
         if captured_s < newest_s + 10.0 * ROUNDING_S {
             continue;
         }
         newest_s = captured_s;
         fixes.row.push(i);
         fixes.capture_t_s.push(captured_s);
-        fixes.pos_m.iter_mut().zip(&o[0..3]).for_each(|(list, value)| list.push(*value));
-        fixes.yaw_rad.iter_mut().for_each(|list| list.push(o[3]));
+        fixes.pos_m.iter_mut().zip(&o[MARKER_POS.range()]).for_each(|(list, value)| list.push(*value));
+        fixes.yaw_rad.iter_mut().for_each(|list| list.push(o[index::MARKER_YAW]));
     }
     fixes
 }

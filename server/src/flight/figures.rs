@@ -1,6 +1,7 @@
 //! The figures of a flight: how fast, how far over, how exact, with how much effort.
 
 use crazyflie_control::Mode;
+use crazyflie_env::vector::state_index;
 use crazyflie_statistics::rms;
 
 use super::{FlightEnd, Phase, Trace, TraceRow, touch_down_mps};
@@ -118,7 +119,9 @@ pub fn figures(planned: &[Phase], trace: &Trace) -> Figures {
     let rows = &trace.rows;
     let valid: Vec<bool> = rows.iter().map(TraceRow::sees_marker).collect();
     let lost = valid.iter().filter(|valid| !**valid).count();
-    let touched = (1..rows.len()).rev().find(|&i| rows[i].state[2] <= 0.0 && rows[i - 1].state[2] > 0.0);
+    let touched = (1..rows.len())
+        .rev()
+        .find(|&i| rows[i].state[state_index::HEIGHT] <= 0.0 && rows[i - 1].state[state_index::HEIGHT] > 0.0);
     let starts: Vec<usize> = planned.iter().map(|p| (p.from_s / trace.tick_s).round() as usize).collect();
     let mut phases = Vec::new();
     for (i, phase) in planned.iter().enumerate() {
@@ -148,13 +151,13 @@ pub fn figures(planned: &[Phase], trace: &Trace) -> Figures {
 /// The height of a vehicle that is still in the air though the last phase is a landing.
 fn height_if_not_landed(planned: &[Phase], trace: &Trace) -> Option<f64> {
     let landing = planned.last().is_some_and(|phase| phase.mode == Mode::Landing);
-    let height = trace.rows.last().map(|row| f64::from(row.state[2]));
+    let height = trace.rows.last().map(|row| f64::from(row.state[state_index::HEIGHT]));
     height.filter(|z| landing && trace.end == FlightEnd::Time && *z > 0.0)
 }
 
 /// The first row from `start` on in which the vehicle is in the air; `start` if it never is.
 fn lift_off(rows: &[TraceRow], start: usize) -> usize {
-    (start..rows.len()).find(|&i| rows[i].state[2] > LIFT_OFF_M).unwrap_or(start)
+    (start..rows.len()).find(|&i| rows[i].state[state_index::HEIGHT] > LIFT_OFF_M).unwrap_or(start)
 }
 
 fn axis_figures(trace: &Trace, axis: &AxisSpec, first: usize, end: usize) -> AxisFigures {

@@ -11,9 +11,9 @@ use crazyflie_control::{Controller, ControllerContext, ControllerSpec};
 use crazyflie_env::Error;
 use crazyflie_env::config::{Autoreset, EffectTable, Options};
 use crazyflie_env::model::{Model, VerticalInput};
-use crazyflie_env::observation::{ACTION, Interface, MARKER_VALID, OBSERVATION, SETPOINT};
+use crazyflie_env::observation::{ACTION, Interface, MARKER_VALID, OBSERVATION, SETPOINT, index};
 use crazyflie_env::plant::Command;
-use crazyflie_env::vector::{STATE, StepBuffers, VectorEnv};
+use crazyflie_env::vector::{STATE, StepBuffers, VectorEnv, state_index};
 
 pub use csv::log;
 pub use figures::{AXES, AxisFigures, AxisSpec, Figures, PhaseFigures, Settling, figures};
@@ -153,7 +153,7 @@ pub fn fly(setup: &Setup, seeds: &[u64]) -> Result<Vec<Trace>, Error> {
         if let Some(setpoint_m) = phase.setpoint_m {
             observations
                 .chunks_exact_mut(OBSERVATION)
-                .for_each(|row| row[16..19].copy_from_slice(&setpoint_m));
+                .for_each(|row| row[SETPOINT.range()][..3].copy_from_slice(&setpoint_m));
         }
         pilot.set_mode(phase.mode);
         pilot.act(observations, actions)
@@ -187,7 +187,7 @@ pub fn fly_with_override(
     let interface = env.interfaces()[0];
     let mut pilot = pilot(setup, &env)?;
     fly_by(&mut env, setup.seconds, seeds, &mut |t_s, observations, actions| {
-        observations.chunks_exact_mut(OBSERVATION).for_each(|row| row[18] = height_m(t_s));
+        observations.chunks_exact_mut(OBSERVATION).for_each(|row| row[index::SETPOINT_Z] = height_m(t_s));
         pilot.act(observations, actions)?;
         for row in actions.chunks_exact_mut(ACTION) {
             let action: [f64; ACTION] = std::array::from_fn(|i| f64::from(row[i]));
@@ -281,5 +281,5 @@ pub(crate) fn end(rows: &[TraceRow]) -> FlightEnd {
 /// Sinking speed with which the floor was met between the row before `at` and that row.
 pub(crate) fn touch_down_mps(rows: &[TraceRow], at: usize) -> f64 {
     let before = &rows[at.saturating_sub(1)];
-    f64::from(-before.state[5]).max(0.0)
+    f64::from(-before.state[state_index::CLIMB]).max(0.0)
 }
