@@ -1,5 +1,5 @@
 //! Sixteen drones at once in four registers of four, which every target has (SSE2, NEON, or arrays where
-//! there are none). [`crate::lanes_avx2`] and [`crate::lanes_avx512`] are the same in wider registers.
+//! there are none). `lanes_avx2` and `lanes_avx512` are the same in wider registers.
 
 use std::ops::{Add, AddAssign, BitAnd, BitOr, BitXor, Div, Mul, Neg, Not, Sub, SubAssign};
 

@@ -154,8 +154,8 @@ impl<R: SimScalar> World<R> {
     /// A world of `tiles` tiles at rest on the floor.
     ///
     /// # Errors
-    /// [`Error::Unknown`] or [`Error::Range`] for effects; [`Error::Range`] if `physics_hz` does not divide
-    /// the tick into whole base counts.
+    /// [`crate::Error::Unknown`] or [`crate::Error::Range`] for effects; [`crate::Error::Range`] if
+    /// `physics_hz` does not divide the tick into whole base counts.
     pub fn new(model: &Model, effects: &EffectTable, settings: Settings, tiles: usize) -> Result<Self> {
         crate::config::check_effects(effects)?;
         Self::assemble(model, active(&model.effects, effects)?, settings, tiles)

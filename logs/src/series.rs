@@ -56,7 +56,7 @@ impl Series {
     }
 }
 
-/// A full turn of a channel in radians, for [`Series::at`].
+/// A full turn of a channel in radians, for [`Series::resample`].
 pub(crate) const TURN_RAD: Option<f64> = Some(TAU);
 
 #[cfg(test)]

@@ -1,8 +1,8 @@
 //! Pictures of a flight, without a display server and without fonts.
 //!
 //! - [`render`] draws a [`Scene`] (drones, marker, trail, setpoint, camera cone) into an RGB buffer,
-//! - [`chart`] and [`path3d`] write SVG documents,
-//! - [`ansi`] turns such a buffer into text for a terminal.
+//! - [`chart()`] and [`path3d()`] write SVG documents,
+//! - [`ansi()`] turns such a buffer into text for a terminal.
 
 #![forbid(unsafe_code)]
 

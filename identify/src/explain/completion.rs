@@ -4,9 +4,13 @@ use crazyflie_env::effects::{Observability, registry};
 
 use super::calibration::completion::{CHANCE, HELPS, MATTERS, MOST, WORSE};
 use super::errors::{self, Errors};
+use super::finding::{NamedEffects, is_model_form};
 use super::learn;
+use super::residual::Residual;
 use super::search::{FilteredHypothesis, Search};
+use super::selection::Selection;
 use super::signals::{self, HORIZONS};
+use super::validation::Split;
 use super::verdict::{Finding, Leftover};
 use crate::fit::filter::Disturbances;
 use crate::fit::flight::Flight;
@@ -149,6 +153,45 @@ impl Completion {
             all = all.with(term);
         }
         all
+    }
+}
+
+/// What the stages behind the search need: flights to fit and to choose, and the declared model on them.
+pub struct Stages<'a> {
+    pub search: &'a Search<'a>,
+    pub judge: &'a Search<'a>,
+    pub declared: &'a FilteredHypothesis,
+    pub split: &'a Split,
+}
+
+impl Stages<'_> {
+    /// The completed model, by its predictions of the flights that choose: names are withdrawn whose signal
+    /// holds structure, then what makes an axis worse; where no name is left, a term may be learned. Also
+    /// whether the question stays open.
+    pub fn complete(
+        &self,
+        selection: &Selection,
+        residual: &Residual,
+        named: NamedEffects,
+        progress: &dyn Fn(&str),
+    ) -> (Completion, bool) {
+        let Stages { search, judge, declared, split } = self;
+        let (last, choosing) = (&selection.ablation.full, &split.choosing[..]);
+        let lists = [named.effects, named.corrections];
+        let completed = Completion::new(declared, last, lists, named.disturbances, choosing).withdraw(
+            declared,
+            &residual.leftover,
+            choosing,
+        );
+        let names_before = completed.effects.len();
+        let completed = completed.without_harm(declared, choosing);
+        // an effect that earned its place and yet makes predictions worse leaves the question open
+        let undecided = named.undecided || completed.effects.len() < names_before;
+        if !residual.is_structured() || !completed.effects.iter().all(is_model_form) {
+            return (completed, undecided);
+        }
+        progress("a term learned from the residual");
+        (completed.with_learned_term(search, judge, last, declared, choosing), undecided)
     }
 }
 

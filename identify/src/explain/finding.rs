@@ -4,11 +4,12 @@ use crazyflie_env::effects::{Entry, GaussMarkovSignal, Geometry, Observability, 
 use rayon::prelude::*;
 
 use super::calibration::finding::SLOW_GUST_S;
+use super::calibration::verdict::{MOST_RIVALS, UNDECIDED};
 use super::noise::{self, NotableDisturbance};
-use super::residual::GustCandidate;
+use super::residual::{GustCandidate, Residual};
 use super::search::{FilteredHypothesis, Search};
 use super::selection::{Selection, test_worths};
-use super::signals::losses_by_signal;
+use super::signals::{self, Signal, losses_by_signal};
 use super::verdict::{EffectParameterEstimate, Finding, RankedCandidate, Step};
 use super::{ALIKE, WORTH_TEST};
 use crate::fit::filter::{Disturbances, FilterResult, GaussMarkov, ParameterPrior, filter};
@@ -26,7 +27,7 @@ fn signal_losses(judge: &Search, hypothesis: &Hypothesis, disturbances: &Disturb
 }
 
 /// The effects of a selection.
-pub fn findings(judge: &Search, selection: &Selection) -> Option<Vec<Finding>> {
+fn findings(judge: &Search, selection: &Selection) -> Option<Vec<Finding>> {
     let Selection { ablation, rivals, .. } = selection;
     let settled = ablation.full.at_posterior();
     let worths = test_worths(judge, ablation)?;
@@ -65,13 +66,50 @@ pub fn findings(judge: &Search, selection: &Selection) -> Option<Vec<Finding>> {
     ablation.without.par_iter().zip(worths).map(|(each, worth)| describe(each, worth)).collect()
 }
 
+/// Effects that likelihood names, before predictions have judged them.
+pub struct NamedEffects {
+    pub effects: Vec<Finding>,
+    /// Too small to be causes.
+    pub corrections: Vec<Finding>,
+    /// Disturbances beside them: of the gust, where one is named.
+    pub disturbances: Disturbances,
+    /// Something is missing, and these flights cannot tell which effect it is.
+    pub undecided: bool,
+}
+
+/// The findings of a selection, with a gust where nothing else is left in the sideways signal, and without
+/// those that too many others could be as well.
+pub fn name_effects(
+    search: &Search,
+    judge: &Search,
+    selection: &Selection,
+    residual: &Residual,
+) -> Option<NamedEffects> {
+    let last = &selection.ablation.full;
+    let settled = last.at_posterior();
+    let (mut effects, corrections): (Vec<Finding>, Vec<Finding>) =
+        findings(judge, selection)?.into_iter().partition(|e| settled.is_cause(e.name));
+    let mut disturbances = last.disturbances;
+    if let Some(gust) =
+        residual.gust.as_ref().filter(|_| !signals::is_structured(&residual.leftover, Signal::Sideways))
+    {
+        effects.extend(gust_finding(search, judge, last, gust));
+        disturbances = gust.disturbances;
+    }
+    let is_vague = |e: &Finding| e.confusable_with.len() > MOST_RIVALS;
+    let dropped = selection.dropped && effects.is_empty();
+    let undecided = selection.ablation.unclear_worth > UNDECIDED || effects.iter().any(is_vague) || dropped;
+    effects.retain(|e| !is_vague(e));
+    Some(NamedEffects { effects: group_model_form(effects), corrections, disturbances, undecided })
+}
+
 /// Whether a finding is of the exact geometry, which any vehicle has.
 pub fn is_model_form(effect: &Finding) -> bool {
     registry().iter().any(|entry| entry.name == effect.name && entry.geometry != Geometry::None)
 }
 
 /// One finding in place of all parts of the exact geometry: what the declared model leaves out by its form.
-pub fn group_model_form(effects: Vec<Finding>) -> Vec<Finding> {
+fn group_model_form(effects: Vec<Finding>) -> Vec<Finding> {
     let (mut geometry, mut others): (Vec<Finding>, Vec<Finding>) =
         effects.into_iter().partition(is_model_form);
     if !geometry.is_empty() {
@@ -110,7 +148,7 @@ fn constant_alternative(
 }
 
 /// The wandering force as the effect of the registry that is one.
-pub fn gust_finding(
+fn gust_finding(
     search: &Search,
     judge: &Search,
     last: &FilteredHypothesis,

@@ -1,9 +1,11 @@
-//! From the residual of a model to its cause. The stages go one way: model form, forward search, elimination,
-//! residual tests, verdict.
+//! From the residual of a model to its cause. The stages go one way: score, propose and judge (`selection`),
+//! eliminate, test what is left (`residual`), name (`finding`), validate by predictions (`completion`), and
+//! the verdict (`conclusion`). Wording is the command line's.
 
 mod calibration;
 pub(crate) mod candidates;
 mod completion;
+mod conclusion;
 pub mod errors;
 mod finding;
 pub mod learn;
@@ -26,11 +28,10 @@ use crazyflie_env::model::Model;
 
 use crate::fit::flight::Flight;
 use crate::fit::hypothesis::Hypothesis;
-use calibration::verdict::{ALIKE, MOST_RIVALS, UNDECIDED, WORTH_FIT, WORTH_TEST};
-use completion::Completion;
+use calibration::verdict::{ALIKE, WORTH_FIT, WORTH_TEST};
 use search::Search;
 use validation::Split;
-use verdict::{Explanation, Finding, Verdict};
+use verdict::Explanation;
 
 /// Explains what a model lacks: fitted on `fit`, judged on `test`. `progress` is told what is being done. Of
 /// many flights to fit, a part chooses what is kept, and the flights of the test are looked at once.
@@ -44,88 +45,22 @@ pub fn explain(
 ) -> Option<Explanation> {
     let began = Instant::now();
     let split = Split::new(fit, test);
-    let (fit, choosing) = (&split.fitted[..], &split.choosing[..]);
-    let (search, judge) = (Search::new(fit), Search::new(choosing));
+    let (search, judge) = (Search::new(&split.fitted), Search::new(&split.choosing));
     progress("disturbances of the declared model");
     let declared = search.judge_declared(&Hypothesis::from_model(model))?;
     progress("the exact form of the model");
     let form = selection::model_form(&search, search.judge_roughly(&declared)?);
+    // score, propose and judge, one effect at a time
     let (path, steps) = selection::select_forward(&search, &form, progress);
     let selection = selection::eliminate(&search, &judge, path, progress)?;
     progress("what is left");
-    let (selection, residual) = residual::rescue(&search, &judge, selection, choosing);
-    let last = &selection.ablation.full;
-    let settled = last.at_posterior();
-    let found = finding::findings(&judge, &selection)?;
-    let (mut effects, corrections): (Vec<Finding>, Vec<Finding>) =
-        found.into_iter().partition(|e| settled.is_cause(e.name));
-    let mut disturbances = last.disturbances;
-    if let Some(gust) = residual
-        .gust
-        .as_ref()
-        .filter(|_| !signals::is_structured(&residual.leftover, signals::Signal::Sideways))
-    {
-        effects.extend(finding::gust_finding(&search, &judge, last, gust));
-        disturbances = gust.disturbances;
-    }
-    let is_vague = |e: &Finding| e.confusable_with.len() > MOST_RIVALS;
-    let dropped = selection.dropped && effects.is_empty();
-    let undecided = selection.ablation.unclear_worth > UNDECIDED || effects.iter().any(is_vague) || dropped;
-    effects.retain(|e| !is_vague(e));
-    let completed = Completion::new(
-        &declared,
-        last,
-        [finding::group_model_form(effects), corrections],
-        disturbances,
-        choosing,
-    );
-    let completed = completed.withdraw(&declared, &residual.leftover, choosing);
-    let names_before = completed.effects.len();
-    let completed = completed.without_harm(&declared, choosing);
-    // an effect that earned its place and yet makes predictions worse leaves the question open
-    let undecided = undecided || completed.effects.len() < names_before;
-    let structured = residual.is_structured();
-    let completed = if structured && completed.effects.iter().all(finding::is_model_form) {
-        progress("a term learned from the residual");
-        completed.with_learned_term(&search, &judge, last, &declared, choosing)
-    } else {
-        completed
-    };
+    let (selection, residual) = residual::rescue(&search, &judge, selection, &split.choosing);
+    let named = finding::name_effects(&search, &judge, &selection, &residual)?;
+    let stages = completion::Stages { search: &search, judge: &judge, declared: &declared, split: &split };
+    let (completed, undecided) = stages.complete(&selection, &residual, named, progress);
     let completed = if split.spares_test { completed.evaluate_on(&declared, test) } else { completed };
-    // the exact geometry is a form of the model, and no cause of what is left beside it
-    let verdict = match (structured, completed.effects.is_empty(), undecided) {
-        (true, ..) if completed.effects.iter().all(finding::is_model_form) => Verdict::Unexplained,
-        (true, ..) => Verdict::PartlyExplained,
-        (false, false, _) => Verdict::Explained,
-        (false, true, true) => Verdict::NotDecidable,
-        (false, true, false) => Verdict::NothingMissing,
-    };
-    Some(Explanation {
-        verdict,
-        completed: completed.with_random_effects(),
-        signals: signals::signal_verdicts(
-            |signal| completed.effects.iter().any(|e| signals::main_signal(e) == signal),
-            |signal| signals::is_structured(&residual.leftover, signal),
-            &completed.errors,
-            &completed.disturbances,
-        ),
-        effects: completed.effects,
-        confirmed: Vec::new(),
-        needless: Vec::new(),
-        withdrawn: Vec::new(),
-        numbers: Vec::new(),
-        foreign: false,
-        partial: completed.partial,
-        corrections: completed.corrections,
-        learned: completed.learned,
-        disturbances: [declared.disturbances, completed.disturbances],
-        declared: declared.hypothesis,
-        not_excited: finding::not_excited(&steps),
-        path: steps,
-        leftover: residual.leftover,
-        errors: completed.errors,
-        seconds: began.elapsed().as_secs_f64(),
-    })
+    let seconds = began.elapsed().as_secs_f64();
+    Some(conclusion::conclude(&declared, (completed, undecided), residual, steps, seconds))
 }
 
 /// How badly a model predicts flights as it is: the negative log-likelihood, with what is random about them.
