@@ -34,6 +34,7 @@ compiled:
 	rustfmt --edition 2024 --check $(UNREACHED)
 	sh tests/deny.sh
 	$(CARGO) clippy --workspace --all-targets --quiet -- -D warnings
+	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --workspace --no-deps --quiet
 	$(CARGO) test --workspace --quiet --no-run
 
 bench: $(VENV)/.bench
@@ -79,18 +80,23 @@ $(BIN)/uv:
 
 $(VENV)/.demo: $(BIN)/uv $(SOURCES)
 	$(INSTALL) .
+	rm -f $(VENV)/.test
 	touch $@
 
+# The wheel in the profile of the Rust tests, which share what is compiled; it is slower, and no demo is run with it.
 $(VENV)/.test: $(BIN)/uv $(SOURCES)
-	$(INSTALL) ".[test]"
-	touch $@ $(VENV)/.demo
+	$(INSTALL) --config-setting "build-args=--profile dev" ".[test]"
+	rm -f $(VENV)/.demo $(VENV)/.rates $(VENV)/.bench
+	touch $@
 
 $(VENV)/.rates: $(BIN)/uv $(SOURCES)
 	$(INSTALL) ".[test]"
+	rm -f $(VENV)/.test
 	touch $@ $(VENV)/.demo
 
 $(VENV)/.bench: $(BIN)/uv $(SOURCES)
 	$(INSTALL) ".[bench,train]"
+	rm -f $(VENV)/.test
 	touch $@ $(VENV)/.demo
 
 format:
