@@ -2,7 +2,8 @@
 //! versions of all libraries.
 //!
 //! Sources rather than the binary: the same sources give the same bits on every machine and in every profile,
-//! so an attempt can be re-run elsewhere.
+//! so an attempt can be re-run elsewhere. Also the list of the scenarios: a file in their folder is all that one
+//! needs.
 
 use std::path::{Path, PathBuf};
 use std::{env, fs, io};
@@ -40,7 +41,19 @@ fn main() -> io::Result<()> {
         hash.update(text);
     }
     println!("cargo::rustc-env=CRAZYFLIE_BUILD={}", hex::encode(hash.finalize()));
-    Ok(())
+    list_scenarios(&server.join("scenarios"))
+}
+
+/// Writes the names and texts of the scenarios as a slice, in the order of their names.
+fn list_scenarios(folder: &Path) -> io::Result<()> {
+    let mut files: Vec<PathBuf> =
+        fs::read_dir(folder)?.map(|entry| entry.map(|e| e.path())).collect::<io::Result<_>>()?;
+    files.sort();
+    let entry = |path: &PathBuf| {
+        format!("    ({:?}, include_str!({path:?})),\n", path.file_name().unwrap_or_default())
+    };
+    let list = format!("&[\n{}]\n", files.iter().map(entry).collect::<String>());
+    fs::write(PathBuf::from(env::var_os("OUT_DIR").unwrap_or_default()).join("scenarios.rs"), list)
 }
 
 /// Files under `path`, but for tests, with their names relative to the workspace, which are the same on every

@@ -2,7 +2,8 @@
 
     python tests/add_one_of_each.py
 
-An effect, a task, a controller, a log format and a request, each a copy of one that is there, under another name.
+An effect, a task, a controller, a log format, a scenario and a request, each a copy of one that is there under another
+name.
 It counts the files touched, then asks the command line, the generated docs, a flight, and the test that holds the
 requests against their page. Building takes minutes, so this is a command of its own: make doors.
 """
@@ -17,6 +18,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 EFFECTS, TASKS = "env/src/effects", "env/src/task"
 CONTROLLERS, FORMATS, SERVE = "control/src", "logs/src/formats", "server/src/serve"
+SCENARIOS = "server/scenarios"
 LOG = "fuzz/corpus/flight_log/firmware_csv/cfclient.csv"
 
 
@@ -86,10 +88,27 @@ def add_request(at):
     insert(at / "docs/protocol.md", "| `close` | |", "| `added_state` | | as `state` |\n")
 
 
+def add_scenario(at):
+    """One file."""
+    folder = at / SCENARIOS
+    text = (folder / "wind.toml").read_text()
+    (folder / "added-scenario.toml").write_text(text.replace('"wind"', '"added-scenario"', 1))
+
+
 def touched(at):
     """Returns the files that differ from the last commit."""
     said = subprocess.run(["git", "status", "--short"], cwd=at, capture_output=True, text=True, check=True).stdout
     return sorted(line[3:] for line in said.splitlines())
+
+
+MOST_FILES = {
+    add_effect: 2,
+    add_task: 2,
+    add_controller: 2,
+    add_log_format: 2,
+    add_scenario: 1,
+    add_request: 2,
+}
 
 
 def main():
@@ -98,7 +117,7 @@ def main():
         at = Path(folder) / "copy"
         subprocess.run(["git", "clone", "--quiet", str(ROOT), str(at)], check=True)
         places = {}
-        for add, most in [(add_effect, 2), (add_task, 2), (add_controller, 2), (add_log_format, 2), (add_request, 2)]:
+        for add, most in MOST_FILES.items():
             before = set(touched(at))
             add(at)
             code = [path for path in touched(at) if path not in before and not path.startswith("docs/")]
@@ -128,6 +147,7 @@ def main():
             "1",
         )
         assert re.search("added-task", flown)
+        assert "added-scenario@1.0.0" in said("bench", "scenarios", "--data", str(Path(folder) / "bench.sqlite"))
         assert "an added kind" in said("inspect", str(at / LOG))
         # fails where the table of the page and the requests, which the fuzz tests draw from, are not the same
         test = ["-p", "crazyflie-server", "--lib", "the_page_of_the_protocol"]

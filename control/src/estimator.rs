@@ -69,7 +69,7 @@ impl<R: Scalar> Estimator<R> {
         // a first-order form's velocity jumps at the start of a tick and holds
         let jumps = matches!(model.vertical(input), Ok(Vertical::FirstOrder { .. }));
         Estimator {
-            noise: NoiseVariance::of(belief),
+            noise: NoiseVariance::from_belief(belief),
             tick_s,
             gravity_mps2: model.lateral.gravity.value,
             carry: [0.5, 0.5, if jumps { 1.0 } else { 0.5 }],

@@ -77,7 +77,7 @@ struct Lqr<R: Scalar> {
 
 impl<R: Scalar> Lqr<R> {
     fn new(options: Options, site: &ControllerContext<'_>) -> Result<Self> {
-        let model = DiscreteModel::of(site)?;
+        let model = DiscreteModel::from_context(site)?;
         let (q, r) = options.costs(site);
         let k = regulator(&model.a, &model.b, &q, &r)?;
         Ok(Lqr {
@@ -110,7 +110,7 @@ impl<R: Scalar> ControlLaw<R> for Lqr<R> {
 
     #[inline(always)]
     fn act(&mut self, o: &[R; OBSERVATION]) -> [R; ACTION] {
-        let seen = self.observer.see(o);
+        let seen = self.observer.update(o);
         let mut off = seen.off;
         for slot in &mut off[..3] {
             *slot = slot.clamp(-self.reach_m, self.reach_m);
@@ -145,7 +145,7 @@ mod tests {
                 envs: 1,
                 mode: Mode::Automatic,
             };
-            let discrete = DiscreteModel::of(&site).unwrap();
+            let discrete = DiscreteModel::from_context(&site).unwrap();
             let (q, r) = Options::default().costs(&site);
             let k = regulator(&discrete.a, &discrete.b, &q, &r).unwrap();
             let closed = discrete.a - discrete.b * k;

@@ -48,7 +48,7 @@ struct Mpc {
 
 impl Mpc {
     fn new(options: lqr::Options, site: &ControllerContext<'_>) -> Result<Self> {
-        let model = DiscreteModel::of(site)?;
+        let model = DiscreteModel::from_context(site)?;
         let (q, r) = options.costs(site);
         let gain = regulator(&model.a, &model.b, &q, &r)?;
         let horizon = |(states, input): (&[usize], usize)| Horizon::new(&model, states, input, &q, r[input]);
@@ -102,7 +102,7 @@ impl Controller for Mpc {
         check(self.envs, observations, actions)?;
         let tiles = observations.chunks(LANES * OBSERVATION).zip(actions.chunks_mut(LANES * ACTION));
         for (observer, (seen_rows, out)) in self.tiles.iter_mut().zip(tiles) {
-            let seen = observer.see(&rows(seen_rows));
+            let seen = observer.update(&rows(seen_rows));
             let mut u = Command { yaw_rate_radps: -dot(&self.yaw_gain, seen.off), ..seen.still };
             for lane in 0..out.len() / ACTION {
                 let [pitch, roll, lift] =

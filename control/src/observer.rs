@@ -102,7 +102,7 @@ impl<R: Scalar> Observer<R> {
     }
 
     #[inline(always)]
-    pub(super) fn see(&mut self, o: &[R; OBSERVATION]) -> TrackingError<R> {
+    pub(super) fn update(&mut self, o: &[R; OBSERVATION]) -> TrackingError<R> {
         let estimate = self.estimator.update(o);
         let height = self.landing.target(self.fresh, o[index::SETPOINT_Z], estimate.pos_m[2]);
         let target = [o[index::SETPOINT_X], o[index::SETPOINT_Y], height];
@@ -235,7 +235,7 @@ impl DiscreteModel {
     ///
     /// # Errors
     /// [`crazyflie_env::Error::Unknown`] if it lacks the vertical form.
-    pub(super) fn of(site: &ControllerContext<'_>) -> Result<Self> {
+    pub(super) fn from_context(site: &ControllerContext<'_>) -> Result<Self> {
         let whole = site.model.state_space(site.interface.input)?;
         let (a, b) = whole.discrete(site.tick_s);
         Ok(DiscreteModel { a, b })

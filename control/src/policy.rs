@@ -193,7 +193,7 @@ impl<R: Scalar> Policy<R> {
 
     /// The features of a row go into the first layer.
     #[inline(always)]
-    fn see(&mut self, o: &[R; OBSERVATION], height: R, rest: &[R; ACTION]) {
+    fn read_signals(&mut self, o: &[R; OBSERVATION], height: R, rest: &[R; ACTION]) {
         let (fresh, x) = (self.fresh, &mut self.layer[0]);
         let (sin, cos) = o[index::MARKER_YAW].sin_cos();
         let error = [
@@ -305,7 +305,7 @@ impl<R: Scalar> ControlLaw<R> for Policy<R> {
             self.idle = self.idle | o[index::MARKER_Z].le(height);
         }
         let rest = self.interface.action(&Command::level(R::from_f64(self.interface.hover_lift)));
-        self.see(o, height, &rest);
+        self.read_signals(o, height, &rest);
         let thought = self.think();
         let off = self.interface.action(&Command::level(R::zero()));
         let one = R::from_f64(1.0);

@@ -144,7 +144,7 @@ mod tests {
         let site =
             ControllerContext { model: &model, interface, tick_s: 0.02, envs: 1, mode: Mode::Automatic };
         let q = SVector::from([100.0, 100.0, 100.0, 0.0, 0.0, 30.0, 6.0, 6.0, 0.0, 0.0, 0.0, 0.0]);
-        Horizon::new(&DiscreteModel::of(&site).unwrap(), &[0, 4, 6, 10], 1, &q, 130.0).unwrap()
+        Horizon::new(&DiscreteModel::from_context(&site).unwrap(), &[0, 4, 6, 10], 1, &q, 130.0).unwrap()
     }
 
     /// Within the limits the horizon with the Riccati solution at its end is the LQR, whatever its length and

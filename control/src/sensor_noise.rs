@@ -53,7 +53,7 @@ pub(super) struct NoiseVariance {
 }
 
 impl NoiseVariance {
-    pub(super) fn of(belief: &SensorNoise) -> Self {
+    pub(super) fn from_belief(belief: &SensorNoise) -> Self {
         let square = |v: f64| v * v;
         NoiseVariance {
             fix: [square(belief.xy_m), square(belief.z_m)],

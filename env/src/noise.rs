@@ -53,7 +53,7 @@ impl<R: Scalar> EpisodeKeys<R> {
     }
     /// What can be drawn at one tick.
     #[inline(always)]
-    pub fn at<'a>(&'a self, tick: &'a R::Word) -> TickRng<'a, R> {
+    pub fn draw<'a>(&'a self, tick: &'a R::Word) -> TickRng<'a, R> {
         TickRng { keys: self, tick }
     }
 }
@@ -111,7 +111,7 @@ mod tests {
         (0..n)
             .flat_map(|i| {
                 keys.set_lane(0, episode_key(u64::from(i / 500), 3));
-                keys.at(&(i % 500)).normals(channel)
+                keys.draw(&(i % 500)).normals(channel)
             })
             .collect()
     }

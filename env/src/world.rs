@@ -319,7 +319,7 @@ impl<R: SimScalar> World<R> {
         for stage in &mut self.stages {
             stage.start(tile, mask, &cx, &x, u);
         }
-        let mut frame = Frame::of(&x, mask, cx.t_s);
+        let mut frame = Frame::from_state(&x, mask, cx.t_s);
         for &i in &self.order.frame {
             self.stages[i].frame(
                 &Tiles { first: tile, cx: from_ref(&cx), x: from_ref(&x), u: &[] },
@@ -331,7 +331,7 @@ impl<R: SimScalar> World<R> {
         let mut marker = PoseFix { pos_m: none, yaw_rad: R::zero(), t_s: cx.t_s, valid: R::zero() };
         marker.deliver(mask, frame.pos_m, frame.yaw_rad, frame.t_s, frame.markers);
         t.acc_mps2 = merge(mask, t.acc_mps2, none);
-        let mut y = Reading::of(&x, [R::zero(), R::zero(), self.gravity_mps2], marker);
+        let mut y = Reading::from_state(&x, [R::zero(), R::zero(), self.gravity_mps2], marker);
         for &i in &self.order.sense {
             self.stages[i].peek(tile, &cx, &x, u, &mut y);
         }
@@ -371,7 +371,11 @@ impl<R: SimScalar> World<R> {
         *x = next;
         Tick {
             contact,
-            reading: Reading::of(&next, specific_mps2, PoseFix::ideal(&next, age.ticks * self.times.tick_s)),
+            reading: Reading::from_state(
+                &next,
+                specific_mps2,
+                PoseFix::ideal(&next, age.ticks * self.times.tick_s),
+            ),
         }
     }
 
@@ -496,7 +500,7 @@ impl<R: SimScalar> World<R> {
             for i in 0..n {
                 let t_s =
                     ages[i].began_s(times) + tiles[i].until_frame * R::from_f64(self.schedule.seconds(1));
-                group.frames[i] = Frame::of(&group.seen[i], group.captured[i], t_s);
+                group.frames[i] = Frame::from_state(&group.seen[i], group.captured[i], t_s);
                 cx[i].t_s = ages[i].ticks * times.tick_s;
                 cx[i].h_s = self.schedule.seconds(self.schedule.camera);
             }
@@ -513,7 +517,7 @@ impl<R: SimScalar> World<R> {
             } else {
                 PoseFix::ideal(&states[i], cx[i].t_s)
             };
-            ticks[i].reading = Reading::of(&states[i], ticks[i].reading.acc_mps2, marker);
+            ticks[i].reading = Reading::from_state(&states[i], ticks[i].reading.acc_mps2, marker);
         }
         let of = Tiles { first, cx: &cx[..n], x: states, u: &group.u[..n] };
         for &stage in &order.sense {

@@ -8,7 +8,7 @@ mod ros;
 use crazyflie_logs::{FlightLog, LogError, Note, Provenance};
 use proptest::prelude::*;
 use recording::check;
-use ros::{RIG, Rig, Stored, bag, height_m, messages, pitch_rad, x_m};
+use ros::{RIG, Rig, StoredMessage, bag, height_m, messages, pitch_rad, x_m};
 
 fn read(bytes: &[u8]) -> Result<FlightLog, LogError> {
     FlightLog::from_bytes("flight.bag", bytes)
@@ -131,7 +131,7 @@ fn lost_late_and_repeated_messages_are_noted() {
 #[test]
 fn a_flight_without_commands_or_without_imu_is_read() {
     let without = |part: &str| {
-        let kept: Vec<Stored> =
+        let kept: Vec<StoredMessage> =
             messages(Rig { seconds: 5.0, ..RIG }).into_iter().filter(|m| !m.topic.ends_with(part)).collect();
         read(&bag(&kept, "none"))
     };
@@ -187,9 +187,9 @@ proptest! {
         let stored = |(at, mut data): (usize, Vec<u8>)| {
             data.splice(0..0, [0, order, 0, 0]);
             let (topic, kind) = [("cf/imu", "sensor_msgs/msg/Imu"), ("pose", "geometry_msgs/msg/PoseStamped")][at % 2];
-            Stored { topic, kind, recorded_ns: at as u64, data }
+            StoredMessage { topic, kind, recorded_ns: at as u64, data }
         };
-        let messages: Vec<Stored> = bodies.into_iter().enumerate().map(stored).collect();
+        let messages: Vec<StoredMessage> = bodies.into_iter().enumerate().map(stored).collect();
         if let Ok(log) = read(&ros::mcap(&messages, "cdr")) {
             check(&log);
         }

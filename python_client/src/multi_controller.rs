@@ -1,9 +1,9 @@
 //! Controllers for several drones that share the air.
 
 use crazyflie_control::avoidance::CollisionAvoidance;
-use crazyflie_control::{self as control, ControllerContext, Mode, choose};
+use crazyflie_control::{self as control, ControllerContext, ControllerSpec, Mode, choose};
 use crazyflie_env::model::Model;
-use crazyflie_env::observation::ACTION;
+use crazyflie_env::observation::{ACTION, Interface};
 use crazyflie_env::vector::METRICS;
 use crazyflie_env::{Error, Result};
 use pyo3::prelude::*;
@@ -18,8 +18,8 @@ fn bad(what: &'static str) -> impl Fn(serde_json::Error) -> Error {
     move |e| Error::Config(format!("{what}: {e}"))
 }
 
-/// A controller of `crazyflie_gym.controllers()` for every drone of a `Sim` whose task has several, with a
-/// layer that avoids collisions (`avoid`: JSON of its parameters) or without it (`None`). `options` is JSON.
+/// Controllers of `crazyflie_gym.controllers()` for the drones of a `Sim` whose task has several: one name for
+/// all of them, or one for each. With a layer that avoids collisions (`avoid`: JSON of its parameters) or without it (`None`). `options` is JSON.
 #[pyclass(module = "crazyflie_gym._native")]
 pub struct Crowd {
     inner: GuardedCell<control::MultiController>,
@@ -31,17 +31,27 @@ pub struct Crowd {
 #[pymethods]
 impl Crowd {
     #[new]
-    #[pyo3(signature = (name, of, *, options = "null", avoid = None))]
-    fn new(name: &str, of: &Sim, options: &str, avoid: Option<&str>) -> PyResult<Self> {
+    #[pyo3(signature = (names, of, *, options = "null", avoid = None))]
+    fn new(names: Vec<String>, of: &Sim, options: &str, avoid: Option<&str>) -> PyResult<Self> {
         let ([worlds, drones, width], known, tick_s) =
             (of.size(), of.interfaces_and_models()?, of.seconds_per_step()?);
         let inner = guarded(|| {
             let options: Value = serde_json::from_str(options).map_err(bad("options"))?;
             let avoid =
                 avoid.map(serde_json::from_str::<CollisionAvoidance>).transpose().map_err(bad("avoid"))?;
-            let chosen = choose(name, options, &|path| std::fs::read(path))?;
-            let controller = |(interface, model): &(crazyflie_env::observation::Interface, Model)| {
-                chosen.build(&ControllerContext {
+            if names.len() != 1 && names.len() != drones {
+                let got = names.len();
+                return Err(Error::Config(format!(
+                    "controller: expected one name, or one for each of the {drones} drones, got {got} names"
+                )));
+            }
+            let read = |path: &str| std::fs::read(path);
+            let chosen = names
+                .iter()
+                .map(|name| choose(name, options.clone(), &read))
+                .collect::<Result<Vec<ControllerSpec>>>()?;
+            let controller = |(drone, (interface, model)): (usize, &(Interface, Model))| {
+                chosen[drone % chosen.len()].build(&ControllerContext {
                     model,
                     interface: *interface,
                     tick_s,
@@ -49,7 +59,7 @@ impl Crowd {
                     mode: Mode::Automatic,
                 })
             };
-            let controllers = known.iter().map(controller).collect::<Result<_>>()?;
+            let controllers = known.iter().enumerate().map(controller).collect::<Result<_>>()?;
             control::MultiController::new(controllers, worlds, avoid, tick_s)
         })?;
         Ok(Crowd { inner: GuardedCell::new(inner), worlds, drones, width })

@@ -109,6 +109,31 @@ def test_eight_swap_places_and_nobody_is_hit():
     np.testing.assert_allclose(worlds.states()[..., :2], -starts, atol=0.25)
 
 
+def test_agents_carry_different_controllers_and_models():
+    module = pytest.importorskip("crazyflie_gym.parallel")
+    light = crazyflie_gym.model_text()
+    heavy = light.replace("mass = { value = 0.0368", "mass = { value = 0.0468")
+    assert heavy != light
+    models = [light, heavy, light]
+    env = module.parallel_env("formation", drones=3, model=models, vertical="thrust")
+    team = env.controller(["lqr", "thesis-pid", "velocity"])
+    observations, _ = env.reset(seed=4)
+    same = CrazyflieSwarm(1, "formation", drones=3, model=models, vertical="thrust")
+    apart = {name: same.controller(name) for name in ("lqr", "thesis-pid", "velocity")}
+    for _ in range(150):
+        rows = np.stack([observations[agent] for agent in env.possible_agents])[None]
+        actions = team.act(observations)
+        # each agent's action is what a team of its own kind would do in its place
+        for j, (agent, crowd) in enumerate(zip(env.possible_agents, apart.values(), strict=True)):
+            np.testing.assert_array_equal(actions[agent], crowd.act(rows)[0, j])
+        observations, *_ = env.step(actions)
+    assert len(env.agents) == 3
+    with pytest.raises(ValueError, match="one for each of the 3 drones, got 2"):
+        env.controller(["lqr", "hover"])
+    with pytest.raises(ValueError, match="one drone, got 2"):
+        crazyflie_gym.CrazyflieEnv().controller(["lqr", "hover"])
+
+
 def test_a_load_hangs_below_those_who_carry_it():
     worlds = CrazyflieSwarm(3, "carry")
     worlds.reset(seed=5)

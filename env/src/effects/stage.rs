@@ -32,7 +32,7 @@ pub trait Stage<R: Scalar>: Send {
     /// Set a lane's parameters.
     fn set(&mut self, tile: usize, lane: usize, params: &[f64]);
     /// Set the parameters that all lanes share, with whatever the number type carries.
-    fn put(&mut self, params: &[R]);
+    fn set_params(&mut self, params: &[R]);
     /// Show all that the effect remembers, or of that only the lags (see [`Effect::MOTION_STATES`]).
     fn visit(&mut self, only_lags: bool, see: &mut dyn FnMut(&mut R));
     /// Show all that is of one tile: parameters that differ from drone to drone, and what the effect
@@ -95,7 +95,7 @@ impl<E: Effect<P, S>, R: SimScalar, const P: usize, const S: usize> Stage<R> for
         }
     }
 
-    fn put(&mut self, params: &[R]) {
+    fn set_params(&mut self, params: &[R]) {
         self.params[0].copy_from_slice(params);
     }
 

@@ -70,8 +70,6 @@ pub struct Situation<'a, R: Scalar> {
     pub last_action: &'a [R; ACTION],
     /// Touch of the floor during this tick.
     pub contact: &'a Contact<R>,
-    /// Time since the episode began.
-    pub t_s: R,
 }
 
 /// What comes of a tick for one drone.

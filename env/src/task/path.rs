@@ -51,7 +51,7 @@ impl Path {
                 drones: &gone,
                 load: None,
                 t_s: Lanes::from_f64(f64::from(tick) * self.tick_s),
-                draw: keys.at(&word),
+                draw: keys.draw(&word),
             };
             task.setpoint(0, &mut goal, &board, &scene).pos_m.map(|p| p.lane(0) as f32)
         };

@@ -41,7 +41,6 @@ impl<R: BatchScalar, T: Task> CoupledShard<R, T> {
                 action: &batch.scratch.actions[drone][place],
                 last_action: &batch.slot(tile, drone).last_action,
                 contact: &batch.scratch.contacts[drone],
-                t_s: scene.t_s,
             };
             let outcome = self.task.judge(drone, &s, batch.board(tile), &scene);
             self.batch.scratch.outcomes[drone] = outcome;

@@ -257,14 +257,8 @@ impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
         let scene = Scene { drones: &[], load: None, t_s: now_s, draw: self.world.draw(tile) };
         let setpoint = self.task.setpoint(0, &mut slot.goal, &[], &scene);
         let x = self.world.state(tile);
-        let situation = Situation {
-            x,
-            setpoint,
-            action,
-            last_action: &slot.last_action,
-            contact: &tick.contact,
-            t_s: now_s,
-        };
+        let situation =
+            Situation { x, setpoint, action, last_action: &slot.last_action, contact: &tick.contact };
         let outcome = self.task.judge(0, &situation, &[], &scene);
         let broken = outside(x) | crashed(&tick.contact);
         let reward = if T::CRASH_COST == 0.0 {

@@ -40,12 +40,12 @@ impl<R: SimScalar> World<R> {
     ///
     /// # Errors
     /// [`Error::Unknown`] for an effect that is not in the loop.
-    pub fn put(&mut self, effect: &str, params: &[R]) -> Result<()> {
+    pub fn set_params(&mut self, effect: &str, params: &[R]) -> Result<()> {
         let found = self.names.iter().position(|name| *name == effect);
         let stage = found.ok_or_else(|| {
             crate::error::unknown("effect of this world", effect, self.names.iter().copied())
         })?;
-        self.stages[stage].put(params);
+        self.stages[stage].set_params(params);
         Ok(())
     }
 
@@ -97,7 +97,7 @@ impl<R: SimScalar> World<R> {
     /// stamp that it would carry.
     pub fn film(&mut self, x: &State<R>, t_s: R) -> Frame<R> {
         let all = R::zero().le(R::zero());
-        let mut frame = Frame::of(x, all, t_s);
+        let mut frame = Frame::from_state(x, all, t_s);
         let draw = self.ages[0].draw();
         let h_s = self.schedule.seconds(self.schedule.camera);
         let cx = HookContext {

@@ -70,7 +70,7 @@ impl<R: Scalar> Age<R> {
     }
     #[inline(always)]
     pub(super) fn draw(&self) -> TickRng<'_, R> {
-        self.keys.at(&self.tick)
+        self.keys.draw(&self.tick)
     }
 }
 
@@ -83,7 +83,7 @@ impl<R: Scalar> Group<R> {
             middle: [x; GROUP],
             seen: [x; GROUP],
             captured: [nothing; GROUP],
-            frames: [Frame::of(&x, nothing, R::zero()); GROUP],
+            frames: [Frame::from_state(&x, nothing, R::zero()); GROUP],
         }
     }
 }
@@ -104,7 +104,7 @@ impl<R: Scalar> Tick<R> {
 impl<R: Scalar> Reading<R> {
     /// What the sensors show of a state, before any effect.
     #[inline(always)]
-    pub(super) fn of(x: &State<R>, acc_mps2: [R; 3], marker: PoseFix<R>) -> Self {
+    pub(super) fn from_state(x: &State<R>, acc_mps2: [R; 3], marker: PoseFix<R>) -> Self {
         Reading {
             marker,
             att_rad: x.att_rad,
@@ -117,7 +117,7 @@ impl<R: Scalar> Reading<R> {
 
 impl<R: Scalar> Frame<R> {
     #[inline(always)]
-    pub(super) fn of(x: &State<R>, captured: R::Mask, t_s: R) -> Self {
+    pub(super) fn from_state(x: &State<R>, captured: R::Mask, t_s: R) -> Self {
         let (one, zero) = (R::from_f64(1.0), R::zero());
         Frame {
             captured,

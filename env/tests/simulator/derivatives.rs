@@ -27,7 +27,7 @@ fn fly<R: SimScalar>(entry: &'static Entry, params: &[R], start: [R; 12]) -> Vec
 fn fly_keyed<R: SimScalar>(entry: &'static Entry, params: &[R], start: [R; 12], key: u64) -> Vec<R> {
     let mut world = World::<R>::for_fitting(&model(), &[entry], SETTINGS).unwrap();
     world.draw_lane(0, 0, key, &mut rand_pcg::Pcg64Mcg::new(1));
-    world.put(entry.name, params).unwrap();
+    world.set_params(entry.name, params).unwrap();
     let three = |i: usize| [start[i], start[i + 1], start[i + 2]];
     let x = State {
         pos_m: three(0),
@@ -167,7 +167,7 @@ fn the_start_has_slopes_too() {
 fn an_offset_of_the_centre_of_mass_settles_at_its_angle() {
     let entry = registry().iter().find(|e| e.name == "com_offset").unwrap();
     let mut world = World::<f64>::for_fitting(&model(), &[entry], SETTINGS).unwrap();
-    world.put("com_offset", &[2.0, -1.0]).unwrap();
+    world.set_params("com_offset", &[2.0, -1.0]).unwrap();
     // the arm is the same under more thrust, the torque is not
     for ratio in [1.0, 1.2] {
         let command = Command::level(ratio * 39_342.5);
@@ -184,7 +184,7 @@ fn an_offset_of_the_centre_of_mass_settles_at_its_angle() {
 fn a_drifting_heading_is_read_and_not_flown() {
     let entry = registry().iter().find(|e| e.name == "yaw_drift").unwrap();
     let mut world = World::<f64>::for_fitting(&model(), &[entry], SETTINGS).unwrap();
-    world.put("yaw_drift", &[3.0]).unwrap();
+    world.set_params("yaw_drift", &[3.0]).unwrap();
     world.start(0, true, &State::rest(), &Command::level(39_342.0));
     let mut read = 0.0;
     for _ in 0..50 {
@@ -199,8 +199,8 @@ fn a_late_stamp_and_a_turned_marker_frame_show_in_the_frame() {
     let entries: Vec<&'static Entry> =
         registry().iter().filter(|e| e.name == "frame_yaw" || e.name == "camera_latency").collect();
     let mut world = World::<f64>::for_fitting(&model(), &entries, SETTINGS).unwrap();
-    world.put("frame_yaw", &[90.0]).unwrap();
-    world.put("camera_latency", &[0.0, 0.04]).unwrap();
+    world.set_params("frame_yaw", &[90.0]).unwrap();
+    world.set_params("camera_latency", &[0.0, 0.04]).unwrap();
     let x = State { pos_m: [1.0, 0.0, 0.5], ..State::rest() };
     let frame = world.film(&x, 2.0);
     // seen from a frame turned to the left, what lies ahead lies to the right

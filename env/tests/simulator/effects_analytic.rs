@@ -283,7 +283,7 @@ fn fitting(names: &[&str], model: &Model) -> World<f64> {
 #[test]
 fn a_lens_bends_by_the_square_of_the_angle() {
     let mut world = fitting(&["lens_distortion"], &Model::thesis());
-    world.put("lens_distortion", &[-0.1]).unwrap();
+    world.set_params("lens_distortion", &[-0.1]).unwrap();
     let level = world.film(&State { pos_m: [0.3, -0.4, 1.25], ..State::rest() }, 0.0);
     let scale = 1.0 - 0.1 * 0.25 / (1.25 * 1.25);
     assert!(
@@ -309,7 +309,7 @@ fn a_constant_command_means_the_same_at_any_control_rate() {
         let mut model = Model::thesis();
         (model.rig.control.value, model.rig.imu.value) = (hz, hz);
         let mut world = fitting(&[entry.name], &model);
-        world.put(entry.name, values).unwrap();
+        world.set_params(entry.name, values).unwrap();
         world.start(0, true, &State::rest(), &Command { lift: HOVER_PWM, ..Command::level(0.0) });
         for _ in 0..(3.0 * hz) as usize {
             world.step(0, &command);

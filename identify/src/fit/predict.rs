@@ -214,7 +214,7 @@ impl SensitivitySimulator {
                         pass.variable(values[unknown - first].clamp(low - beyond, high + beyond), unknown);
                     unknown += 1;
                 }
-                pass.world.put(term.entry.name, &params)?;
+                pass.world.set_params(term.entry.name, &params)?;
             }
         }
         Ok(())

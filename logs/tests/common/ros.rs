@@ -5,7 +5,7 @@ use std::io::Write;
 
 /// A message as a recorder stores it.
 #[derive(Clone)]
-pub struct Stored {
+pub struct StoredMessage {
     pub topic: &'static str,
     pub kind: &'static str,
     pub recorded_ns: u64,
@@ -67,7 +67,7 @@ fn numbers(values: &[f64]) -> Vec<u8> {
 }
 
 /// The flight: 2 s on the ground, then up to 0.7 m and back and forth along x.
-pub fn messages(rig: Rig) -> Vec<Stored> {
+pub fn messages(rig: Rig) -> Vec<StoredMessage> {
     let mut all = Vec::new();
     for i in 0..(rig.seconds * 100.0) as usize {
         let t = i as f64 * 0.01;
@@ -79,7 +79,7 @@ pub fn messages(rig: Rig) -> Vec<Stored> {
         values[13..16].copy_from_slice(&[0.01, rate - 0.02, 0.0]);
         values[25..28].copy_from_slice(&[0.0, 0.0, G]);
         let data = [header(stamp), numbers(&values)].concat();
-        all.push(Stored {
+        all.push(StoredMessage {
             topic: "/cf1/crazyflie/imu",
             kind: "sensor_msgs/Imu",
             recorded_ns: ns(t + 0.003),
@@ -90,7 +90,7 @@ pub fn messages(rig: Rig) -> Vec<Stored> {
         let t = i as f64 * 0.02;
         let thrust = if t < 2.0 { 0.0 } else { 38_000.0 };
         let data = numbers(&[pitch_rad(t).to_degrees(), -1.5, thrust, 0.0, 0.0, 12.0]);
-        all.push(Stored {
+        all.push(StoredMessage {
             topic: "/cf1/crazyflie/cmd_vel",
             kind: "geometry_msgs/Twist",
             recorded_ns: ns(t),
@@ -108,7 +108,7 @@ pub fn messages(rig: Rig) -> Vec<Stored> {
         };
         let stamp = if rig.camera_stamps { ns(t) } else { 0 };
         let data = [header(stamp), numbers(&pose)].concat();
-        all.push(Stored {
+        all.push(StoredMessage {
             topic: "ar_single_board/pose",
             kind: "geometry_msgs/PoseStamped",
             recorded_ns: ns(t + rig.camera_delay_s),
@@ -116,8 +116,12 @@ pub fn messages(rig: Rig) -> Vec<Stored> {
         });
     }
     all.sort_by_key(|message| message.recorded_ns);
-    let picture =
-        Stored { topic: "/camera/image", kind: "sensor_msgs/Image", recorded_ns: ns(1.0), data: vec![0; 64] };
+    let picture = StoredMessage {
+        topic: "/camera/image",
+        kind: "sensor_msgs/Image",
+        recorded_ns: ns(1.0),
+        data: vec![0; 64],
+    };
     all.insert(100, picture);
     all
 }
@@ -132,7 +136,7 @@ fn record(fields: &[Vec<u8>], data: &[u8]) -> Vec<u8> {
 }
 
 /// A bag of messages, 500 to a chunk, without index: as a recorder that was killed leaves it.
-pub fn bag(messages: &[Stored], compression: &str) -> Vec<u8> {
+pub fn bag(messages: &[StoredMessage], compression: &str) -> Vec<u8> {
     let mut topics: Vec<(&str, &str)> = Vec::new();
     let start = [
         field("op", &[3]),
@@ -196,7 +200,7 @@ fn pack(data: &[u8], compression: &str) -> Vec<u8> {
 }
 
 /// The same messages as MCAP.
-pub fn mcap(messages: &[Stored], encoding: &str) -> Vec<u8> {
+pub fn mcap(messages: &[StoredMessage], encoding: &str) -> Vec<u8> {
     let mut writer = mcap::Writer::new(std::io::Cursor::new(Vec::new())).unwrap();
     for message in messages {
         let schema = writer.add_schema(message.kind, "", b"").unwrap();

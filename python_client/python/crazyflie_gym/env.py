@@ -127,7 +127,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
 
     def controller(
         self,
-        name: str = "thesis-pid",
+        name: str | Sequence[str] = "thesis-pid",
         mode: str = "automatic",
         *,
         avoid: bool | Mapping[str, float] = True,
@@ -136,8 +136,9 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         """Return a controller of `crazyflie_gym.controllers()`, or `NAME:FILE`, for this environment.
 
         It acts on flat observations, and believes in the model of the environment but knows none of its effects. For
-        several drones it wants an axis of environments in front, and `avoid` keeps them out of each other's way: True,
-        False, or a dict of the layer's parameters (speed_mps, leash_m, range_m, push_mps, vortex_mps, horizon_s).
+        several drones it wants an axis of environments in front, and `name` may be a list with one for each. `avoid`
+        then keeps them out of each other's way: True, False, or a dict of the layer's parameters (speed_mps, leash_m,
+        range_m, push_mps, vortex_mps, horizon_s).
 
         Raises:
             ValueError: naming the controller, option or mode that is wrong, with a proposal where a name is unknown.

@@ -81,26 +81,29 @@ def episode_steps(task: str, max_episode_steps: int | None) -> int:
 
 
 def make_controller(
-    name: str,
+    name: str | Sequence[str],
     sim: Sim | RemoteBackend,
     model: Model | Sequence[Model],
     mode: str,
     avoid: bool | Mapping[str, float],
     options: Mapping[str, Any],
 ) -> Controller | Crowd:
-    """Return the controller of that name for a simulation; it believes in `model`.
+    """Return the controller of that name for a simulation; it believes in `model`. Several drones may have one each.
 
     Raises:
         ValueError: naming the controller, option or mode that is wrong, with a proposal where a name is unknown.
     """
     options_json = to_json(**options) if options else "null"
+    names = [name] if isinstance(name, str) else list(name)
     if not sim.has_drone_axis:
+        if len(names) != 1:
+            raise ValueError(f"controller: expected one name for one drone, got {len(names)}")
         return Controller(
-            name, sim.num_envs, sim.interface, options=options_json, model=model_sources(model)[0][0], mode=mode
+            names[0], sim.num_envs, sim.interface, options=options_json, model=model_sources(model)[0][0], mode=mode
         )
     if mode != "automatic":
         raise ValueError(f'mode is {mode!r}, expected "automatic": several drones begin in the air')
     if not isinstance(sim, Sim):
         raise ValueError("controllers of several drones fly in this process, not on a server")
     layer = None if avoid is False else json.dumps({} if avoid is True else dict(avoid))
-    return Crowd(name, sim, options=options_json, avoid=layer)
+    return Crowd(names, sim, options=options_json, avoid=layer)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -15,12 +15,42 @@ try:
 except ImportError as error:
     raise ImportError("PettingZoo is missing: pip install 'crazyflie-gym[swarm]'") from error
 
+from crazyflie_gym._native import Crowd
 from crazyflie_gym._types import FloatArray
 from crazyflie_gym.rendering import RENDER_MODES, Screen, check_render_mode
 from crazyflie_gym.state import EnvState
 from crazyflie_gym.swarm import METRICS, CrazyflieSwarm
 
 _Results = tuple[dict[str, FloatArray], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]
+
+
+class AgentController:
+    """Controllers of `crazyflie_gym.controllers()` for agents: dictionaries in, dictionaries out."""
+
+    def __init__(self, agents: Sequence[str], crowd: Crowd) -> None:
+        self._places = {agent: j for j, agent in enumerate(agents)}
+        self._crowd = crowd
+        self._rows: FloatArray | None = None
+
+    def act(self, observations: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+        """Return an action, float32 (4,), for each agent whose observation is given.
+
+        Raises:
+            KeyError: for an agent that is unknown.
+        """
+        for agent, row in observations.items():
+            if self._rows is None:
+                self._rows = np.zeros((1, len(self._places), len(row)), np.float32)
+            self._rows[0, self._places[agent]] = row
+        if self._rows is None:
+            return {}
+        actions = self._crowd.act(self._rows)
+        return {agent: actions[0, self._places[agent]] for agent in observations}
+
+    def reset(self) -> None:
+        """Forget the flight; call it where an episode begins."""
+        self._rows = None
+        self._crowd.reset()
 
 
 class CrazyflieParallelEnv(ParallelEnv[str, FloatArray, FloatArray]):  # type: ignore[misc]
@@ -105,6 +135,15 @@ class CrazyflieParallelEnv(ParallelEnv[str, FloatArray, FloatArray]):  # type: i
             {agent: bool(truncated[0, j]) for agent, j in flew},
             {agent: {"metrics": measured} for agent, _ in flew},
         )
+
+    def controller(
+        self,
+        name: str | Sequence[str] = "thesis-pid",
+        avoid: bool | Mapping[str, float] = True,
+        **options: Any,
+    ) -> AgentController:
+        """Return a controller for all agents, or by a list of names one for each; as of `CrazyflieSwarm.controller`."""
+        return AgentController(self.possible_agents, self.swarm.controller(name, avoid, **options))
 
     def state(self) -> FloatArray:
         """Return the true states of all drones, one after the other, float32 (drones * 12,); see `STATE_FIELDS`."""

@@ -100,11 +100,16 @@ class CrazyflieSwarm:
         self._rows: FloatArray | None = None
         self._seeded = False
 
-    def controller(self, name: str = "thesis-pid", avoid: bool | Mapping[str, float] = True, **options: Any) -> Crowd:
+    def controller(
+        self,
+        name: str | Sequence[str] = "thesis-pid",
+        avoid: bool | Mapping[str, float] = True,
+        **options: Any,
+    ) -> Crowd:
         """Return a controller of `crazyflie_gym.controllers()` for every drone.
 
         Args:
-            name: which.
+            name: which; one for all drones, or one for each.
             avoid: keep out of each other's way: True, False, or a dict of the layer's parameters (speed_mps, leash_m,
                 range_m, push_mps, vortex_mps, horizon_s).
             options: the controller's own.

@@ -128,7 +128,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
 
     def controller(
         self,
-        name: str = "thesis-pid",
+        name: str | Sequence[str] = "thesis-pid",
         mode: str = "automatic",
         *,
         avoid: bool | Mapping[str, float] = True,

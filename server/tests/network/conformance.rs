@@ -2,15 +2,15 @@
 //! against the server's echo protocol.
 
 use crate::net::Server;
-use crate::raw::{BINARY, CLOSE, CONTINUE, Case, PING, PONG, Received, TEXT, close, frame, play};
+use crate::raw::{BINARY, CLOSE, CONTINUE, Case, PING, PONG, ServerMessage, TEXT, close, frame, play};
 use crazyflie_server::serve::Settings;
 
 fn text(name: &str, payload: &[u8]) -> Case {
-    Case::new(name).send(frame(TEXT, payload)).hear(Received::Text(payload.to_vec()))
+    Case::new(name).send(frame(TEXT, payload)).hear(ServerMessage::Text(payload.to_vec()))
 }
 
 fn binary(name: &str, payload: &[u8]) -> Case {
-    Case::new(name).send(frame(BINARY, payload)).hear(Received::Binary(payload.to_vec()))
+    Case::new(name).send(frame(BINARY, payload)).hear(ServerMessage::Binary(payload.to_vec()))
 }
 
 /// A message of several frames.
@@ -35,7 +35,7 @@ fn framing() -> Vec<Case> {
 
 fn pings() -> Vec<Case> {
     let ping = |name: &str, payload: &[u8]| {
-        Case::new(name).send(frame(PING, payload)).hear(Received::Pong(payload.to_vec()))
+        Case::new(name).send(frame(PING, payload)).hear(ServerMessage::Pong(payload.to_vec()))
     };
     let mut ten = Case::new("2.10 ten pings");
     for i in 0..10 {
@@ -44,7 +44,8 @@ fn pings() -> Vec<Case> {
     let ten = |name: &str| {
         let mut case = ten.clone().with_name(name);
         // one pong may answer several pings, the last must be answered
-        case.hear = vec![Received::Pongs((0..10).map(|i| format!("payload-{i}").into_bytes()).collect())];
+        case.hear =
+            vec![ServerMessage::Pongs((0..10).map(|i| format!("payload-{i}").into_bytes()).collect())];
         case
     };
     vec![
@@ -59,7 +60,7 @@ fn pings() -> Vec<Case> {
         Case::new("2.9 pong unasked for, then ping")
             .send(frame(PONG, b"unsolicited"))
             .send(frame(PING, b"ping"))
-            .hear(Received::Pong(b"ping".to_vec())),
+            .hear(ServerMessage::Pong(b"ping".to_vec())),
         ten("2.10 ten pings"),
         ten("2.11 ten pings, octet by octet").chop(1),
     ]
@@ -101,7 +102,7 @@ fn reserved_bit_cases() -> Vec<Case> {
 fn fragments() -> Vec<Case> {
     let whole = |name: &str, opcode: u8, pieces: &[&[u8]]| {
         let joined = pieces.concat();
-        let heard = if opcode == TEXT { Received::Text(joined) } else { Received::Binary(joined) };
+        let heard = if opcode == TEXT { ServerMessage::Text(joined) } else { ServerMessage::Binary(joined) };
         Case::new(name).send(parts(opcode, pieces)).hear(heard)
     };
     let between = |name: &str, pings: usize| {
@@ -109,9 +110,9 @@ fn fragments() -> Vec<Case> {
         for i in 0..pings {
             case = case
                 .send(frame(PING, format!("pongme {i}").as_bytes()))
-                .hear(Received::Pong(format!("pongme {i}").into_bytes()));
+                .hear(ServerMessage::Pong(format!("pongme {i}").into_bytes()));
         }
-        case.send(frame(CONTINUE, b"fragment2")).hear(Received::Text(b"fragment1fragment2".to_vec()))
+        case.send(frame(CONTINUE, b"fragment2")).hear(ServerMessage::Text(b"fragment1fragment2".to_vec()))
     };
     let stray = |name: &str, fin: bool, then: Vec<u8>| {
         Case::new(name).send(frame(CONTINUE, b"non-continuation payload").fin(fin)).send(then).fails(1002)
@@ -200,12 +201,14 @@ fn utf8() -> Vec<Case> {
     let long = "Hello-µ@ßöäüàá-UTF-8!! 微波 🚁 κόσμε \u{ffff}\u{fffe}\u{10ffff}\u{d7ff}\u{e000}\u{0}\u{7f}\u{80}\u{7ff}\u{800}\u{10000}";
     cases.push(text("6.2.1 valid", long.as_bytes()));
     let (a, b) = long.as_bytes().split_at(17);
-    cases.push(Case::new("6.2.2 valid in two").send(parts(TEXT, &[a, b])).hear(Received::Text(long.into())));
+    cases.push(
+        Case::new("6.2.2 valid in two").send(parts(TEXT, &[a, b])).hear(ServerMessage::Text(long.into())),
+    );
     let octets: Vec<&[u8]> = long.as_bytes().chunks(1).collect();
     cases.push(
         Case::new("6.2.3 valid, a frame per octet")
             .send(parts(TEXT, &octets))
-            .hear(Received::Text(long.into())),
+            .hear(ServerMessage::Text(long.into())),
     );
     for first in
         "\u{0}\u{80}\u{800}\u{10000}\u{7f}\u{7ff}\u{ffff}\u{10ffff}\u{d7ff}\u{e000}\u{fffd}\u{1fffe}\u{2ffff}"
@@ -249,7 +252,7 @@ fn closing() -> Vec<Case> {
             .closes(Some(1000)),
         Case::new("7.1.6 a long message, close, ping")
             .send(frame(BINARY, &[7; 262_144]))
-            .hear(Received::Binary(vec![7; 262_144]))
+            .hear(ServerMessage::Binary(vec![7; 262_144]))
             .send(close(1000, b""))
             .send(frame(PING, b""))
             .closes(Some(1000)),
@@ -282,7 +285,7 @@ fn limits() -> Vec<Case> {
         cases.push(
             Case::new(&format!("9.4 binary of {kib} KiB in 64 frames"))
                 .send(parts(BINARY, &pieces))
-                .hear(Received::Binary(payload.clone())),
+                .hear(ServerMessage::Binary(payload.clone())),
         );
     }
     cases.push(text("9.1.1 text of 64 KiB", &[b'*'; 65536]));
@@ -294,8 +297,9 @@ fn limits() -> Vec<Case> {
         let (mut texts, mut binaries) =
             (Case::new(&format!("9.7 1000 texts of {n}")), Case::new(&format!("9.8 1000 binaries of {n}")));
         for _ in 0..1000 {
-            texts = texts.send(frame(TEXT, &vec![b'*'; n])).hear(Received::Text(vec![b'*'; n]));
-            binaries = binaries.send(frame(BINARY, &vec![0xfe; n])).hear(Received::Binary(vec![0xfe; n]));
+            texts = texts.send(frame(TEXT, &vec![b'*'; n])).hear(ServerMessage::Text(vec![b'*'; n]));
+            binaries =
+                binaries.send(frame(BINARY, &vec![0xfe; n])).hear(ServerMessage::Binary(vec![0xfe; n]));
         }
         cases.extend([texts.chop(usize::MAX), binaries.chop(usize::MAX)]);
     }
@@ -304,7 +308,7 @@ fn limits() -> Vec<Case> {
     cases.push(
         Case::new("10.1.1 text of 64 KiB in frames of 1300")
             .send(parts(TEXT, &pieces))
-            .hear(Received::Text(long.clone())),
+            .hear(ServerMessage::Text(long.clone())),
     );
     // beyond what the server announces
     cases.push(Case::new("9 text above 64 KiB").send(frame(TEXT, &[b'*'; 65537])).fails(1009));
@@ -340,15 +344,15 @@ fn the_runner_notices_what_is_wrong() {
     let server = Server::start(Settings::default());
     let sent = || Case::new("wrong").send(frame(TEXT, b"a"));
     for (case, problem) in [
-        (sent().hear(Received::Text(b"b".to_vec())), "another echo"),
+        (sent().hear(ServerMessage::Text(b"b".to_vec())), "another echo"),
         (sent(), "an echo that is not expected"),
-        (sent().hear(Received::Binary(b"a".to_vec())), "another opcode"),
+        (sent().hear(ServerMessage::Binary(b"a".to_vec())), "another opcode"),
         (
-            sent().hear(Received::Text(b"a".to_vec())).hear(Received::Pong(vec![])),
+            sent().hear(ServerMessage::Text(b"a".to_vec())).hear(ServerMessage::Pong(vec![])),
             "a pong that does not come",
         ),
         (
-            sent().hear(Received::Text(b"a".to_vec())).send(close(1001, b"")).closes(Some(1000)),
+            sent().hear(ServerMessage::Text(b"a".to_vec())).send(close(1001, b"")).closes(Some(1000)),
             "another code",
         ),
         (Case::new("wrong").send(frame(TEXT, b"\xff")).fails(1002), "1007 where 1002 is expected"),

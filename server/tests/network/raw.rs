@@ -73,7 +73,7 @@ impl From<Frame> for Vec<u8> {
 
 /// A message from the server.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Received {
+pub enum ServerMessage {
     Text(Vec<u8>),
     Binary(Vec<u8>),
     Pong(Vec<u8>),
@@ -87,7 +87,7 @@ pub struct Case {
     pub name: String,
     send: Vec<Vec<u8>>,
     chop: Option<usize>,
-    pub hear: Vec<Received>,
+    pub hear: Vec<ServerMessage>,
     /// The code of the server's Close; with `None` one without a code.
     close: Option<u16>,
     /// The test closes the connection at the end.
@@ -118,7 +118,7 @@ impl Case {
         self
     }
 
-    pub fn hear(mut self, heard: Received) -> Case {
+    pub fn hear(mut self, heard: ServerMessage) -> Case {
         self.hear.push(heard);
         self
     }
@@ -208,9 +208,9 @@ pub fn play(address: SocketAddr, case: &Case) -> Result<(), String> {
     let closed = loop {
         match read(&mut stream).map_err(|e| format!("no Close: {e}; heard {} frames", heard.len()))? {
             Some((0x88, payload)) => break payload,
-            Some((0x81, payload)) => heard.push(Received::Text(payload)),
-            Some((0x82, payload)) => heard.push(Received::Binary(payload)),
-            Some((0x8a, payload)) => heard.push(Received::Pong(payload)),
+            Some((0x81, payload)) => heard.push(ServerMessage::Text(payload)),
+            Some((0x82, payload)) => heard.push(ServerMessage::Binary(payload)),
+            Some((0x8a, payload)) => heard.push(ServerMessage::Pong(payload)),
             Some((first, _)) => return Err(format!("heard a frame that begins {first:#04x}")),
             None => return Err("the connection ended without Close".into()),
         }
@@ -228,10 +228,12 @@ pub fn play(address: SocketAddr, case: &Case) -> Result<(), String> {
     agree(&heard, case)
 }
 
-fn agree(heard: &[Received], case: &Case) -> Result<(), String> {
-    if let [Received::Pongs(all)] = &case.hear[..] {
-        let pongs: Vec<&Vec<u8>> =
-            heard.iter().filter_map(|h| if let Received::Pong(p) = h { Some(p) } else { None }).collect();
+fn agree(heard: &[ServerMessage], case: &Case) -> Result<(), String> {
+    if let [ServerMessage::Pongs(all)] = &case.hear[..] {
+        let pongs: Vec<&Vec<u8>> = heard
+            .iter()
+            .filter_map(|h| if let ServerMessage::Pong(p) = h { Some(p) } else { None })
+            .collect();
         let mut rest = all.iter();
         let ordered = pongs.iter().all(|pong| rest.any(|p| p == *pong));
         return if ordered && pongs.last().copied() == all.last() {
