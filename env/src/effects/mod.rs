@@ -104,8 +104,8 @@ pub enum Observability {
     /// It changes what is expected, and swings at a frequency of its own: a force that comes and goes by the
     /// clock may pass for it.
     Resonant,
-    /// It holds on to the command before with a probability, its only parameter: it changes what is expected,
-    /// and by how much commands miss it.
+    /// It holds on to the command before with a probability, its first parameter, and in bursts by its second:
+    /// it changes what is expected, and by how much commands miss it.
     HeldCommand,
     /// It is random: it changes how far off the expectation is.
     Variance,

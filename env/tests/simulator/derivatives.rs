@@ -122,20 +122,27 @@ fn values_are_those_of_f64_and_slopes_those_of_differences() {
 #[test]
 fn what_is_expected_of_lost_packets_is_their_mean() {
     const FLIGHTS: u64 = 4000;
-    let entry = registry().iter().find(|e| e.name == "packet_loss").unwrap();
-    let expected = fly(entry, &[Dual::from_f64(0.4)], start().map(Dual::from_f64));
-    let flights: Vec<Vec<f64>> = (0..FLIGHTS).map(|key| fly_keyed(entry, &[0.4], start(), key)).collect();
-    for (k, number) in expected.iter().enumerate() {
-        let mean = flights.iter().map(|f| f[k]).sum::<f64>() / FLIGHTS as f64;
-        let variance = flights.iter().map(|f| (f[k] - mean).powi(2)).sum::<f64>() / FLIGHTS as f64;
-        // the frame's stamp is not random; the path bends a little, so the mean is not quite that of the mean
-        // command
-        let within = 4.0 * (variance / FLIGHTS as f64).sqrt() + 0.02 * variance.sqrt() + 1e-12;
-        assert!(
-            (number.value - mean).abs() < within,
-            "output {k}: {} against {mean} +- {within}",
-            number.value
-        );
+    for burst in [0.0, 0.6] {
+        check(burst);
+    }
+
+    fn check(burst: f64) {
+        let entry = registry().iter().find(|e| e.name == "packet_loss").unwrap();
+        let expected = fly(entry, &[0.4, burst].map(Dual::from_f64), start().map(Dual::from_f64));
+        let flights: Vec<Vec<f64>> =
+            (0..FLIGHTS).map(|key| fly_keyed(entry, &[0.4, burst], start(), key)).collect();
+        for (k, number) in expected.iter().enumerate() {
+            let mean = flights.iter().map(|f| f[k]).sum::<f64>() / FLIGHTS as f64;
+            let variance = flights.iter().map(|f| (f[k] - mean).powi(2)).sum::<f64>() / FLIGHTS as f64;
+            // the frame's stamp is not random; the path bends a little, so the mean is not quite that of the mean
+            // command
+            let within = 4.0 * (variance / FLIGHTS as f64).sqrt() + 0.02 * variance.sqrt() + 1e-12;
+            assert!(
+                (number.value - mean).abs() < within,
+                "burst {burst}, output {k}: {} against {mean} +- {within}",
+                number.value
+            );
+        }
     }
 }
 

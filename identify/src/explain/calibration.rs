@@ -74,8 +74,15 @@ pub mod search {
     pub const FAR_BEHIND: f64 = 50.0;
     /// Shares of lost commands that are tried.
     pub const PROBABILITIES: [f64; 5] = [0.05, 0.12, 0.22, 0.38, 0.65];
-    /// Standard deviation of each of [`PROBABILITIES`].
-    pub const PROBABILITY_SD: f64 = 0.01;
+    /// Correlations of a loss with the one before that are tried with each: one by one, and bursts of about
+    /// two and four packets.
+    pub const BURSTS: [f64; 3] = [0.0, 0.4, 0.7];
+    /// Beside the best of these, so far to both sides.
+    pub const BURST_STEP: f64 = 0.15;
+    /// And the share of lost packets by this factor.
+    pub const SHARE_STEP: f64 = 1.25;
+    /// How firmly the search holds probability and burst: a tenth of what a flight tells of them.
+    pub const LOSS_SD: f64 = 0.002;
     /// Of these tries, the disturbances are tuned for so many.
     pub const TUNED: usize = 2;
     /// Less than this, in units of log-likelihood, is not worth a proposal.

@@ -6,9 +6,9 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::calibration::search::{
-    BEYOND, ENOUGH, EVERY_TO_START, FAR_BEHIND, KEPT, LAG_PENALTY, LEAST_JOINED, LEAST_PROPOSAL, LEAST_SHARE,
-    NEAR_M, NEAR_MPS, NEARLY, PROBABILITIES, PROBABILITY_SD, SHORTLIST, SHORTLIST_DAMPED, STEPS,
-    STEPS_TO_START, TIGHT, TUNED, WIDEN, WINDOWS_TO_PROPOSE,
+    BEYOND, BURST_STEP, BURSTS, ENOUGH, EVERY_TO_START, FAR_BEHIND, KEPT, LAG_PENALTY, LEAST_JOINED,
+    LEAST_PROPOSAL, LEAST_SHARE, LOSS_SD, NEAR_M, NEAR_MPS, NEARLY, PROBABILITIES, SHARE_STEP, SHORTLIST,
+    SHORTLIST_DAMPED, STEPS, STEPS_TO_START, TIGHT, TUNED, WIDEN, WINDOWS_TO_PROPOSE,
 };
 pub use super::calibration::search::{CLEAR, LEAST_GAIN, MOST_EFFECTS};
 use super::calibration::verdict::MOST_RIVALS;
@@ -269,8 +269,13 @@ impl<'a> Search<'a> {
         disturbances: &Disturbances,
     ) -> Option<FilteredHypothesis> {
         let ranges = hypothesis.bounds();
-        let wide: Vec<f64> =
+        let mut wide: Vec<f64> =
             sd.iter().zip(&ranges).map(|(sd, [low, high])| (WIDEN * sd).min(0.25 * (high - low))).collect();
+        // the filter learns from the mean alone, where lost commands are a delay; what they are shows in the
+        // spread, which the last word on the parameters weighs
+        for term in hypothesis.terms.iter().filter(|t| t.entry.observability == Observability::HeldCommand) {
+            wide[hypothesis.place(term.entry.name)].fill(LOSS_SD);
+        }
         let mut prior = ParameterPrior::independent(hypothesis.free_values(), &wide);
         let mut loss = penalty(disturbances);
         for flight in self.flights {
@@ -375,21 +380,52 @@ impl<'a> Search<'a> {
     /// commands change, the filter sees once its disturbances no longer stand for it.
     pub fn best_with_lost_commands(&self, now: &FilteredHypothesis) -> Option<FilteredHypothesis> {
         let unshaken = Disturbances { torque: FLOOR.torque, ..now.disturbances };
-        let judge_loss_probability = |(entry, probability): (&'static Entry, f64)| {
+        let judge_losses = |(entry, values): (&'static Entry, [f64; 2])| {
             let mut term = Term::off(entry);
-            *term.values.first_mut()? = probability;
-            let (hypothesis, sd) = now.with_term(&term, &[PROBABILITY_SD]);
+            term.values.copy_from_slice(&values);
+            // lost one by one, the bursts are at their bound and have no estimate
+            term.free = if values[1] > 0.0 { vec![0, 1] } else { vec![0] };
+            let (hypothesis, sd) = now.with_term(&term, &vec![LOSS_SD; term.free.len()]);
             self.judge(&hypothesis, &sd, &unshaken)
         };
         let absent = candidates(&now.at_posterior())
             .into_iter()
             .map(|c| c.entry)
             .filter(|e| e.observability == Observability::HeldCommand);
-        let tried: Vec<_> = absent.flat_map(|entry| PROBABILITIES.map(|p| (entry, p))).collect();
-        let mut judged: Vec<FilteredHypothesis> =
-            tried.into_par_iter().filter_map(judge_loss_probability).collect();
+        let tried: Vec<_> = absent
+            .flat_map(|entry| {
+                PROBABILITIES.iter().flat_map(move |p| BURSTS.map(|burst| (entry, [*p, burst])))
+            })
+            .collect();
+        let mut judged: Vec<FilteredHypothesis> = tried.into_par_iter().filter_map(judge_losses).collect();
+        judged.sort_by(|a, b| a.loss.total_cmp(&b.loss));
+        let neighbours: Vec<(&'static Entry, [f64; 2])> = judged.first().map_or_else(Vec::new, |best| {
+            let held = |t: &&Term| t.entry.observability == Observability::HeldCommand;
+            let Some(term) = best.hypothesis.terms.iter().find(held) else { return Vec::new() };
+            let &[p, burst] = term.values.as_slice() else { return Vec::new() };
+            let bursts = [burst - BURST_STEP, burst, burst + BURST_STEP];
+            let shares = [p / SHARE_STEP, p, (p * SHARE_STEP).min(0.95)];
+            let grid = bursts.into_iter().flat_map(|burst| shares.map(|p| (term.entry, [p, burst])));
+            grid.filter(|(_, near)| (0.0..0.95).contains(&near[1]) && *near != [p, burst]).collect()
+        });
+        judged.extend(neighbours.into_par_iter().filter_map(judge_losses).collect::<Vec<_>>());
         judged.sort_by(|a, b| a.loss.total_cmp(&b.loss));
         judged.par_iter().take(TUNED).filter_map(|j| self.retune(j)).min_by(|a, b| a.loss.total_cmp(&b.loss))
+    }
+
+    /// Lost commands sought anew, if a hypothesis has them: another effect may have stood for how they are
+    /// lost.
+    fn with_other_losses(&self, judged: &FilteredHypothesis) -> Option<FilteredHypothesis> {
+        let settled = judged.at_posterior();
+        let held =
+            settled.terms.iter().find(|t| t.entry.observability == Observability::HeldCommand)?.entry.name;
+        let place = settled.place(held);
+        let sd: Vec<f64> = (0..judged.posterior.mean.len())
+            .filter(|i| !place.contains(i))
+            .map(|i| judged.posterior.sd(i))
+            .collect();
+        let without = self.judge(&settled.without(held), &sd, &judged.disturbances)?;
+        self.best_with_lost_commands(&without)
     }
 
     /// The same hypothesis with the disturbances that suit it.
@@ -410,6 +446,8 @@ impl<'a> Search<'a> {
             .map(|i| judged.posterior.sd(i))
             .collect();
         let first = self.judge(&settled.without(effect), &sd, &judged.disturbances)?;
+        let other_losses = self.with_other_losses(&first);
+        let first = other_losses.into_iter().chain([first]).min_by(|a, b| a.loss.total_cmp(&b.loss))?;
         if first.loss - judged.loss > BEYOND { Some(first) } else { self.retune(&first) }
     }
 

@@ -160,14 +160,14 @@ fn augmented_states(
     };
     let disturbed = disturbances.processes().into_iter().enumerate().filter(|(_, w)| w.sigma > 0.0);
     let deviations = |packet_loss: &PacketLossMoments| {
-        let PacketLossMoments { probability, push_per_unit, variance, .. } = *packet_loss;
+        let (push_per_unit, variance) = (packet_loss.push_per_unit, packet_loss.variance());
         let deviation = move |i: usize| {
             let column = Some(own + learned + AXES[i]);
             AugmentedState {
                 column,
                 axis: AXES[i],
                 unit: push_per_unit[i],
-                decay: probability,
+                decay: 0.0,
                 variance: variance[i],
                 gain: 0.0,
             }
@@ -236,8 +236,8 @@ impl KalmanFilter {
     fn accept_command(&mut self, u: &Command<f64>) {
         let Some(packet_loss) = &mut self.packet_loss else { return };
         let first = self.augmented.len() - AXES.len();
-        for (state, gain) in self.augmented[first..].iter_mut().zip(packet_loss.advance(u)) {
-            state.gain = gain;
+        for (state, deviation) in self.augmented[first..].iter_mut().zip(packet_loss.advance(u)) {
+            (state.decay, state.gain) = (deviation.stays, deviation.gain);
         }
     }
 

@@ -1,6 +1,6 @@
 //! Mean and variance of the command that a vehicle obeys when each packet may be lost.
 
-use crazyflie_env::config::numbers;
+use crazyflie_env::config::{Number, numbers};
 use crazyflie_env::effects::{Entry, Observability, find};
 use crazyflie_env::model::Yaw;
 use crazyflie_env::plant::Command;
@@ -11,27 +11,83 @@ use super::hypothesis::Hypothesis;
 /// Places of roll, pitch, yaw rate and lift among the numbers of a push.
 pub const AXES: [usize; 4] = [3, 4, 5, 2];
 
-/// The first two moments of the command that is obeyed when each is lost with a probability and the one
-/// before holds on: tick by tick, exactly.
+/// The first two moments of the command that is obeyed when each is lost with a probability, in bursts or
+/// not, and the one before holds on: tick by tick, exactly.
 #[derive(Debug, Clone)]
 pub struct PacketLossMoments {
-    pub probability: f64,
+    losses: Losses,
     /// Acceleration per unit of each command.
     pub push_per_unit: [f64; AXES.len()],
-    mean: [f64; AXES.len()],
-    pub variance: [f64; AXES.len()],
+    moments: [Moments; AXES.len()],
 }
 
-fn loss_probability(hypothesis: &Hypothesis) -> Option<f64> {
-    let holds = |entry: &Entry| entry.observability == Observability::HeldCommand;
-    if let Some(term) = hypothesis.terms.iter().find(|t| holds(t.entry)) {
-        return term.values.first().copied();
+/// How packets are lost: the share of them, and the correlation of a loss with the one before.
+#[derive(Debug, Clone, Copy)]
+struct Losses {
+    probability: f64,
+    burst: f64,
+}
+
+/// Of one number of the command: mean and mean square, and the parts of both that came by a lost packet.
+#[derive(Debug, Clone, Copy)]
+struct Moments {
+    mean: f64,
+    square: f64,
+    lost_mean: f64,
+    lost_square: f64,
+}
+
+/// The deviation of the obeyed command from its mean, as it goes on to the next tick: the share that stays,
+/// and the variance that comes in.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Deviation {
+    pub stays: f64,
+    pub gain: f64,
+}
+
+impl Moments {
+    /// Of a command that has long been in force.
+    fn constant(u: f64, losses: Losses) -> Self {
+        let p = losses.probability;
+        Moments { mean: u, square: u * u, lost_mean: p * u, lost_square: p * u * u }
     }
-    let declared =
-        hypothesis.model.effects.iter().filter_map(|(name, given)| Some((find(name).ok()?.1, given)));
-    declared
-        .filter(|(entry, _)| holds(entry))
-        .find_map(|(entry, given)| numbers(entry, given).first()?.fixed())
+
+    fn variance(&self) -> f64 {
+        (self.square - self.mean * self.mean).max(0.0)
+    }
+
+    fn advance(&mut self, u: f64, Losses { probability: p, burst }: Losses) -> Deviation {
+        let [after_loss, after_arrival] = [p + burst * (1.0 - p), p * (1.0 - burst)];
+        let before = *self;
+        self.lost_mean = before.lost_mean * after_loss + (before.mean - before.lost_mean) * after_arrival;
+        self.lost_square =
+            before.lost_square * after_loss + (before.square - before.lost_square) * after_arrival;
+        self.mean = (1.0 - p) * u + self.lost_mean;
+        self.square = (1.0 - p) * u * u + self.lost_square;
+        // where the new packet is lost the command is the one before; where it arrives it is the new one
+        let product = self.lost_square + u * (before.mean - self.lost_mean);
+        let variance = before.variance();
+        // below this share of the square, rounding is what is left
+        let known = variance > 1e-9 * before.square;
+        let stays = if known { (product - self.mean * before.mean) / variance } else { 0.0 };
+        Deviation { stays, gain: (self.variance() - stays * stays * variance).max(0.0) }
+    }
+}
+
+fn losses(hypothesis: &Hypothesis) -> Option<Losses> {
+    let holds = |entry: &Entry| entry.observability == Observability::HeldCommand;
+    let values: Vec<f64> = match hypothesis.terms.iter().find(|t| holds(t.entry)) {
+        Some(term) => term.values.clone(),
+        None => {
+            let declared = hypothesis.model.effects.iter();
+            let (entry, given) = declared
+                .filter_map(|(name, given)| Some((find(name).ok()?.1, given)))
+                .find(|(entry, _)| holds(entry))?;
+            numbers(entry, given).iter().map(Number::fixed).collect::<Option<_>>()?
+        }
+    };
+    let &[probability, burst] = values.as_slice() else { return None };
+    (probability > 0.0 && probability < 1.0).then_some(Losses { probability, burst })
 }
 
 fn command_numbers(u: &Command<f64>) -> [f64; AXES.len()] {
@@ -41,7 +97,7 @@ fn command_numbers(u: &Command<f64>) -> [f64; AXES.len()] {
 impl PacketLossMoments {
     /// The moments in a tick of a flight. `None` if the hypothesis loses nothing.
     pub fn at_tick(hypothesis: &Hypothesis, flight: &Flight, tick: usize) -> Option<Self> {
-        let probability = loss_probability(hypothesis).filter(|p| *p > 0.0 && *p < 1.0)?;
+        let losses = losses(hypothesis)?;
         let model = &hypothesis.model;
         let hover = model.vertical(flight.input).ok()?.hover_pwm().filter(|_| flight.input.is_pwm());
         // a heading that is the command's integral (5.2) turns by no push
@@ -54,10 +110,9 @@ impl PacketLossMoments {
         let push_per_unit = [model.roll.gain.value, model.pitch.gain.value, yaw, lift];
         let before = tick as isize - (MEMORY_TICKS as isize);
         let mut moments = PacketLossMoments {
-            probability,
+            losses,
             push_per_unit,
-            mean: command_numbers(flight.command(before)),
-            variance: [0.0; AXES.len()],
+            moments: command_numbers(flight.command(before)).map(|u| Moments::constant(u, losses)),
         };
         for k in before + 1..=tick as isize {
             moments.advance(flight.command(k));
@@ -65,67 +120,71 @@ impl PacketLossMoments {
         Some(moments)
     }
 
-    /// Goes on to the tick of this command. Returns the variances that came in with it; of the deviation
-    /// before, the share `probability` stays.
-    pub fn advance(&mut self, u: &Command<f64>) -> [f64; AXES.len()] {
-        let p = self.probability;
-        std::array::from_fn(|i| {
-            let change = command_numbers(u)[i] - self.mean[i];
-            let new = p * (1.0 - p) * (self.variance[i] + change * change);
-            self.mean[i] += (1.0 - p) * change;
-            self.variance[i] = p * p * self.variance[i] + new;
-            new
-        })
+    /// Variances of the obeyed command about its mean.
+    pub fn variance(&self) -> [f64; AXES.len()] {
+        self.moments.map(|m| m.variance())
+    }
+
+    /// Goes on to the tick of this command.
+    pub fn advance(&mut self, u: &Command<f64>) -> [Deviation; AXES.len()] {
+        let (u, losses) = (command_numbers(u), self.losses);
+        std::array::from_fn(|i| self.moments[i].advance(u[i], losses))
     }
 }
 
 /// Commands older than this no longer count.
-const MEMORY_TICKS: usize = 15;
+const MEMORY_TICKS: usize = 40;
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rand::{RngExt as _, SeedableRng as _};
+    use rand_pcg::Pcg64;
 
-    /// Against a count over 40 000 radios that lose each packet by chance.
+    /// Against a count over 40 000 radios that lose packets by chance, one by one and in bursts.
     #[test]
-    fn mean_and_variance_are_those_of_many_radios() {
-        let probability = 0.35;
-        let command_for =
-            |angle: f64| Command { roll_rad: angle, yaw_rate_radps: angle, ..Command::level(0.0) };
-        let mut moments = PacketLossMoments {
-            probability,
-            push_per_unit: [1.0; AXES.len()],
-            mean: [0.0; AXES.len()],
-            variance: [0.0; AXES.len()],
-        };
-        let mut radios = vec![0.0; 40_000];
-        let mut state = 1_u64;
-        let mut uniform = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 11) as f64 / (1_u64 << 53) as f64
-        };
-        for k in 0..30 {
-            let command = (0.7 * k as f64).sin();
-            moments.advance(&command_for(command));
-            for radio in &mut radios {
-                if uniform() >= probability {
-                    *radio = command;
+    fn moments_are_those_of_many_radios() {
+        for burst in [0.0, 0.6] {
+            let losses = Losses { probability: 0.35, burst };
+            let mut moments = Moments::constant(0.0, losses);
+            let mut rng = Pcg64::seed_from_u64(1);
+            let mut radios: Vec<(bool, f64)> =
+                (0..40_000).map(|_| (rng.random::<f64>() < 0.35, 0.0)).collect();
+            let mut before: Vec<f64> = vec![0.0; radios.len()];
+            for k in 0..30 {
+                let command = (0.7 * k as f64).sin();
+                let (mean_before, variance_before) = (moments.mean, moments.variance());
+                let deviation = moments.advance(command, losses);
+                for (lost, radio) in &mut radios {
+                    *lost =
+                        rng.random::<f64>() < if *lost { 0.35 + burst * 0.65 } else { 0.35 * (1.0 - burst) };
+                    *radio = if *lost { *radio } else { command };
                 }
+                let average =
+                    |f: &dyn Fn(usize) -> f64| (0..radios.len()).map(f).sum::<f64>() / radios.len() as f64;
+                let mean = average(&|i| radios[i].1);
+                let variance = average(&|i| (radios[i].1 - mean).powi(2));
+                let product = average(&|i| (radios[i].1 - mean) * (before[i] - mean_before));
+                assert!((moments.mean - mean).abs() < 0.02, "{k}: {} against {mean}", moments.mean);
+                assert!(
+                    (moments.variance() - variance).abs() < 0.02,
+                    "{k}: {} against {variance}",
+                    moments.variance()
+                );
+                let stays = deviation.stays * variance_before;
+                assert!((stays - product).abs() < 0.02, "{k}: {stays} against {product}");
+                before = radios.iter().map(|(_, radio)| *radio).collect();
             }
-            let n = radios.len() as f64;
-            let mean = radios.iter().sum::<f64>() / n;
-            let variance = radios.iter().map(|r| (r - mean).powi(2)).sum::<f64>() / n;
-            assert!((moments.mean[0] - mean).abs() < 0.02, "{k}: {} against {mean}", moments.mean[0]);
-            assert!(
-                (moments.variance[0] - variance).abs() < 0.02,
-                "{k}: {} against {variance}",
-                moments.variance[0]
-            );
-            assert_eq!(
-                [moments.mean[0], moments.variance[0]],
-                [moments.mean[2], moments.variance[2]],
-                "a yaw rate is lost alike"
-            );
         }
+    }
+
+    /// Lost one by one, the share of the deviation that stays is the probability.
+    #[test]
+    fn without_bursts_the_probability_stays() {
+        let losses = Losses { probability: 0.3, burst: 0.0 };
+        let mut moments = Moments::constant(0.0, losses);
+        moments.advance(1.0, losses);
+        let deviation = moments.advance(0.5, losses);
+        assert!((deviation.stays - 0.3).abs() < 1e-12, "{deviation:?}");
     }
 }
