@@ -10,6 +10,7 @@ pub mod errors;
 mod finding;
 pub mod learn;
 pub mod leftover;
+mod lost_commands;
 pub mod noise;
 mod place;
 pub mod recorded;

@@ -1,19 +1,20 @@
 //! The search for effects. Windows of flights, fitted by output error, propose. The Kalman filter decides:
 //! its innovations are independent of each other whatever shakes the vehicle.
 
-use crazyflie_env::effects::{self, Entry, Geometry, Observability};
+use crazyflie_env::effects::{self, Entry, Geometry};
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::calibration::search::{
-    BEYOND, BURST_STEP, BURSTS, ENOUGH, EVERY_TO_START, FAR_BEHIND, KEPT, LAG_PENALTY, LEAST_JOINED,
-    LEAST_PROPOSAL, LEAST_SHARE, LOSS_SD, NEAR_M, NEAR_MPS, NEARLY, PROBABILITIES, SHARE_STEP, SHORTLIST,
-    SHORTLIST_DAMPED, STEPS, STEPS_TO_START, TIGHT, TUNED, WIDEN, WINDOWS_TO_PROPOSE,
+    BEYOND, ENOUGH, EVERY_TO_START, FAR_BEHIND, KEPT, LAG_PENALTY, LEAST_JOINED, LEAST_PROPOSAL, LEAST_SHARE,
+    LOSS_SD, NEAR_M, NEAR_MPS, NEARLY, SHORTLIST, SHORTLIST_DAMPED, STEPS, STEPS_TO_START, TIGHT, WIDEN,
+    WINDOWS_TO_PROPOSE,
 };
 pub use super::calibration::search::{CLEAR, LEAST_GAIN, MOST_EFFECTS};
 use super::calibration::verdict::MOST_RIVALS;
 use super::candidates::{Candidate, candidates};
-use super::noise::{FLOOR, damped, masks_effects, penalty, tune_disturbances};
+use super::lost_commands::is_lossy;
+use super::noise::{damped, masks_effects, penalty, tune_disturbances};
 use crate::estimate::at_bound;
 use crate::fit::filter::{Disturbances, ParameterPrior, filter};
 use crate::fit::flight::{Flight, WINDOW_S, Window};
@@ -273,7 +274,7 @@ impl<'a> Search<'a> {
             sd.iter().zip(&ranges).map(|(sd, [low, high])| (WIDEN * sd).min(0.25 * (high - low))).collect();
         // the filter learns from the mean alone, where lost commands are a delay; what they are shows in the
         // spread, which the last word on the parameters weighs
-        for term in hypothesis.terms.iter().filter(|t| t.entry.observability == Observability::HeldCommand) {
+        for term in hypothesis.terms.iter().filter(|t| is_lossy(t)) {
             wide[hypothesis.place(term.entry.name)].fill(LOSS_SD);
         }
         let mut prior = ParameterPrior::independent(hypothesis.free_values(), &wide);
@@ -373,59 +374,6 @@ impl<'a> Search<'a> {
                 .unwrap_or(now);
         }
         now
-    }
-
-    /// The best hypothesis with commands that may not arrive, if there is such an effect that it does not
-    /// have. The windows see only what is expected of it, a delay; that the vehicle is shaken just when
-    /// commands change, the filter sees once its disturbances no longer stand for it.
-    pub fn best_with_lost_commands(&self, now: &FilteredHypothesis) -> Option<FilteredHypothesis> {
-        let unshaken = Disturbances { torque: FLOOR.torque, ..now.disturbances };
-        let judge_losses = |(entry, values): (&'static Entry, [f64; 2])| {
-            let mut term = Term::off(entry);
-            term.values.copy_from_slice(&values);
-            // lost one by one, the bursts are at their bound and have no estimate
-            term.free = if values[1] > 0.0 { vec![0, 1] } else { vec![0] };
-            let (hypothesis, sd) = now.with_term(&term, &vec![LOSS_SD; term.free.len()]);
-            self.judge(&hypothesis, &sd, &unshaken)
-        };
-        let absent = candidates(&now.at_posterior())
-            .into_iter()
-            .map(|c| c.entry)
-            .filter(|e| e.observability == Observability::HeldCommand);
-        let tried: Vec<_> = absent
-            .flat_map(|entry| {
-                PROBABILITIES.iter().flat_map(move |p| BURSTS.map(|burst| (entry, [*p, burst])))
-            })
-            .collect();
-        let mut judged: Vec<FilteredHypothesis> = tried.into_par_iter().filter_map(judge_losses).collect();
-        judged.sort_by(|a, b| a.loss.total_cmp(&b.loss));
-        let neighbours: Vec<(&'static Entry, [f64; 2])> = judged.first().map_or_else(Vec::new, |best| {
-            let held = |t: &&Term| t.entry.observability == Observability::HeldCommand;
-            let Some(term) = best.hypothesis.terms.iter().find(held) else { return Vec::new() };
-            let &[p, burst] = term.values.as_slice() else { return Vec::new() };
-            let bursts = [burst - BURST_STEP, burst, burst + BURST_STEP];
-            let shares = [p / SHARE_STEP, p, (p * SHARE_STEP).min(0.95)];
-            let grid = bursts.into_iter().flat_map(|burst| shares.map(|p| (term.entry, [p, burst])));
-            grid.filter(|(_, near)| (0.0..0.95).contains(&near[1]) && *near != [p, burst]).collect()
-        });
-        judged.extend(neighbours.into_par_iter().filter_map(judge_losses).collect::<Vec<_>>());
-        judged.sort_by(|a, b| a.loss.total_cmp(&b.loss));
-        judged.par_iter().take(TUNED).filter_map(|j| self.retune(j)).min_by(|a, b| a.loss.total_cmp(&b.loss))
-    }
-
-    /// Lost commands sought anew, if a hypothesis has them: another effect may have stood for how they are
-    /// lost.
-    fn with_other_losses(&self, judged: &FilteredHypothesis) -> Option<FilteredHypothesis> {
-        let settled = judged.at_posterior();
-        let held =
-            settled.terms.iter().find(|t| t.entry.observability == Observability::HeldCommand)?.entry.name;
-        let place = settled.place(held);
-        let sd: Vec<f64> = (0..judged.posterior.mean.len())
-            .filter(|i| !place.contains(i))
-            .map(|i| judged.posterior.sd(i))
-            .collect();
-        let without = self.judge(&settled.without(held), &sd, &judged.disturbances)?;
-        self.best_with_lost_commands(&without)
     }
 
     /// The same hypothesis with the disturbances that suit it.

@@ -8,6 +8,7 @@ use super::calibration::selection::{
     AMOUNT_SD, CLOCKWORK_FROM_HZ, LINE_FORCE_SD_MPS2, LINE_SD_HZ, LINE_SHARE, MORE_LIKELY,
 };
 use super::leftover::strongest_line_above;
+use super::lost_commands::is_lossy;
 use super::noise;
 use super::refine;
 use super::search::{self, Ablation, FilteredHypothesis, Score, Search};
@@ -91,7 +92,7 @@ pub fn select_forward(
 
 /// Whether commands may not have arrived.
 fn loses_commands(judged: &FilteredHypothesis) -> bool {
-    judged.hypothesis.terms.iter().any(|term| term.entry.observability == Observability::HeldCommand)
+    judged.hypothesis.terms.iter().any(is_lossy)
 }
 
 fn ranking_entry(score: &Score) -> RankedCandidate {
