@@ -268,6 +268,8 @@ mod tests {
     fn a_hash_covers_every_line_of_a_scenario() {
         let plan = |text: &str| toml::from_str::<ScenarioPlan>(text).unwrap();
         for (file, text) in FILES {
+            // the first line holds the hash itself
+            let text = text.split_once('\n').unwrap().1;
             let hash = content_hash(&plan(text), None).unwrap();
             let mut changed = 0;
             for (at, digit) in text.match_indices(|c: char| c.is_ascii_digit()) {
