@@ -1,0 +1,77 @@
+//! Commands that may not have arrived. In the mean they are a delay, which other effects can stand for; how they
+//! are lost shows in how far the motion misses that mean. So probability and burst are sought on a grid, and only
+//! the last fit estimates them.
+
+use crazyflie_env::effects::{Entry, Observability};
+use rayon::prelude::*;
+
+use super::calibration::search::{BURST_STEP, BURSTS, LOSS_SD, PROBABILITIES, SHARE_STEP, TUNED};
+use super::candidates::candidates;
+use super::noise::FLOOR;
+use super::search::{FilteredHypothesis, Search};
+use crate::fit::filter::Disturbances;
+use crate::fit::hypothesis::Term;
+
+/// An effect with its probability and burst.
+type Losses = (&'static Entry, [f64; 2]);
+
+/// Other probabilities and bursts, beside those of a hypothesis.
+fn nearby_losses(judged: &FilteredHypothesis) -> Vec<Losses> {
+    let Some(term) = judged.hypothesis.terms.iter().find(|t| is_lossy(t)) else { return Vec::new() };
+    let &[p, burst] = term.values.as_slice() else { return Vec::new() };
+    let bursts = [burst - BURST_STEP, burst, burst + BURST_STEP];
+    let shares = [p / SHARE_STEP, p, (p * SHARE_STEP).min(0.95)];
+    let grid = bursts.into_iter().flat_map(|burst| shares.map(|p| (term.entry, [p, burst])));
+    grid.filter(|(_, near)| (0.0..0.95).contains(&near[1]) && *near != [p, burst]).collect()
+}
+
+/// Whether commands may not arrive by this term.
+pub fn is_lossy(term: &Term) -> bool {
+    term.entry.observability == Observability::HeldCommand
+}
+
+impl Search<'_> {
+    /// The best hypothesis with commands that may not arrive, if there is such an effect that it does not
+    /// have. The windows see only what is expected of it, a delay; that the vehicle is shaken just when
+    /// commands change, the filter sees once its disturbances no longer stand for it.
+    pub fn best_with_lost_commands(&self, now: &FilteredHypothesis) -> Option<FilteredHypothesis> {
+        let unshaken = Disturbances { torque: FLOOR.torque, ..now.disturbances };
+        let judge_losses = |(entry, values): Losses| {
+            let mut term = Term::off(entry);
+            term.values.copy_from_slice(&values);
+            // lost one by one, the bursts are at their bound and have no estimate
+            term.free = if values[1] > 0.0 { vec![0, 1] } else { vec![0] };
+            let (hypothesis, sd) = now.with_term(&term, &vec![LOSS_SD; term.free.len()]);
+            self.judge(&hypothesis, &sd, &unshaken)
+        };
+        let absent = candidates(&now.at_posterior())
+            .into_iter()
+            .map(|c| c.entry)
+            .filter(|e| e.observability == Observability::HeldCommand);
+        let tried: Vec<_> = absent
+            .flat_map(|entry| {
+                PROBABILITIES.iter().flat_map(move |p| BURSTS.map(|burst| (entry, [*p, burst])))
+            })
+            .collect();
+        let mut judged: Vec<FilteredHypothesis> = tried.into_par_iter().filter_map(judge_losses).collect();
+        judged.sort_by(|a, b| a.loss.total_cmp(&b.loss));
+        let neighbours = judged.first().map_or_else(Vec::new, nearby_losses);
+        judged.extend(neighbours.into_par_iter().filter_map(judge_losses).collect::<Vec<_>>());
+        judged.sort_by(|a, b| a.loss.total_cmp(&b.loss));
+        judged.par_iter().take(TUNED).filter_map(|j| self.retune(j)).min_by(|a, b| a.loss.total_cmp(&b.loss))
+    }
+
+    /// Lost commands sought anew, if a hypothesis has them: another effect may have stood for how they are
+    /// lost.
+    pub(super) fn with_other_losses(&self, judged: &FilteredHypothesis) -> Option<FilteredHypothesis> {
+        let settled = judged.at_posterior();
+        let held = settled.terms.iter().find(|t| is_lossy(t))?.entry.name;
+        let place = settled.place(held);
+        let sd: Vec<f64> = (0..judged.posterior.mean.len())
+            .filter(|i| !place.contains(i))
+            .map(|i| judged.posterior.sd(i))
+            .collect();
+        let without = self.judge(&settled.without(held), &sd, &judged.disturbances)?;
+        self.best_with_lost_commands(&without)
+    }
+}
