@@ -663,6 +663,7 @@ mod tests {
     use crazyflie_env::model::Model;
 
     use super::*;
+    use crate::explain::noise::FLOOR;
 
     fn filtered_hypothesis(effect: &str, strength: f64) -> FilteredHypothesis {
         let hypothesis = Hypothesis::from_model(&Model::thesis()).with(Term::off(find(effect).unwrap().1));
