@@ -43,7 +43,7 @@ bench: $(VENV)/.bench
 	$(BIN)/python python_client/bench_training.py
 	$(BIN)/python python_client/bench_remote.py
 
-# an effect, a task, a controller, a log format and a request are added to a copy and found everywhere: minutes of compiling
+# One of each that CONTRIBUTING.md tells how to add is added to a copy and found everywhere: minutes of compiling.
 .PHONY: doors
 doors:
 	$(PYTHON) tests/add_one_of_each.py

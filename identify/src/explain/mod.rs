@@ -2,6 +2,7 @@
 //! eliminate, test what is left (`residual`), name (`finding`), validate by predictions (`completion`), and
 //! the verdict (`conclusion`). Wording is the command line's.
 
+mod ablation;
 mod calibration;
 pub(crate) mod candidates;
 mod completion;

@@ -1,17 +1,15 @@
 //! The search for effects. Windows of flights, fitted by output error, propose. The Kalman filter decides:
 //! its innovations are independent of each other whatever shakes the vehicle.
 
-use crazyflie_env::effects::{self, Entry, Geometry};
+use crazyflie_env::effects::{Entry, Geometry};
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::calibration::search::{
-    BEYOND, ENOUGH, EVERY_TO_START, FAR_BEHIND, KEPT, LAG_PENALTY, LEAST_JOINED, LEAST_PROPOSAL, LEAST_SHARE,
-    LOSS_SD, NEAR_M, NEAR_MPS, NEARLY, SHORTLIST, SHORTLIST_DAMPED, STEPS, STEPS_TO_START, TIGHT, WIDEN,
-    WINDOWS_TO_PROPOSE,
-};
 pub use super::calibration::search::{CLEAR, LEAST_GAIN, MOST_EFFECTS};
-use super::calibration::verdict::MOST_RIVALS;
+use super::calibration::search::{
+    ENOUGH, EVERY_TO_START, FAR_BEHIND, KEPT, LEAST_JOINED, LEAST_PROPOSAL, LOSS_SD, NEAR_M, NEAR_MPS,
+    SHORTLIST, SHORTLIST_DAMPED, STEPS, STEPS_TO_START, TIGHT, WIDEN, WINDOWS_TO_PROPOSE,
+};
 use super::candidates::{Candidate, candidates};
 use super::lost_commands::is_lossy;
 use super::noise::{damped, masks_effects, penalty, tune_disturbances};
@@ -36,18 +34,6 @@ pub struct FilteredHypothesis {
     pub loss: f64,
 }
 
-/// Ablation study of a hypothesis: itself, and each that lacks one of its effects.
-#[derive(Debug, Clone)]
-pub(crate) struct Ablation {
-    pub full: FilteredHypothesis,
-    pub without: Vec<(&'static str, FilteredHypothesis)>,
-    /// The most that an effect was worth that was taken out because its size was unclear.
-    pub unclear_worth: f64,
-    /// The hypothesis with the effect that nearly earned its place: clear in size, and worth most of what it
-    /// must be.
-    pub near_miss: Option<FilteredHypothesis>,
-}
-
 impl FilteredHypothesis {
     /// Standard errors between "off" and the value of an effect's clearest parameter.
     pub fn clearance(&self, effect: &str) -> f64 {
@@ -61,7 +47,7 @@ impl FilteredHypothesis {
 
     /// Whether the first parameter of an effect, its strength, ran to a bound: something else is the cause.
     /// Of the exact geometry all is no bound.
-    fn is_at_bound(&self, effect: &str) -> bool {
+    pub(super) fn is_at_bound(&self, effect: &str) -> bool {
         let Some(term) = self
             .hypothesis
             .term(effect)
@@ -102,7 +88,7 @@ pub struct Search<'a> {
 
 /// An effect proposed by the windows: the hypothesis with it, at the fitted values, and their standard
 /// errors.
-struct Proposal {
+pub(super) struct Proposal {
     hypothesis: Hypothesis,
     sd: Vec<f64>,
 }
@@ -145,12 +131,12 @@ pub struct Score {
 }
 
 /// Scores of all effects, the best first.
-struct Scores {
-    usual: Vec<Score>,
+pub(super) struct Scores {
+    pub usual: Vec<Score>,
     /// Those with a slope at "off", under damped disturbances.
     damped: Vec<Score>,
     /// The windows' fit without any of them.
-    base: Solution,
+    pub base: Solution,
 }
 
 /// The best first, of one effect its best start.
@@ -385,109 +371,18 @@ impl<'a> Search<'a> {
         Some(retuned.unwrap_or_else(|| judged.clone()))
     }
 
-    /// Without one of its effects, the others and the disturbances settled anew.
-    pub fn judge_without(&self, judged: &FilteredHypothesis, effect: &str) -> Option<FilteredHypothesis> {
-        let settled = judged.at_posterior();
-        let place = settled.place(effect);
-        let sd: Vec<f64> = (0..judged.posterior.mean.len())
-            .filter(|i| !place.contains(i))
-            .map(|i| judged.posterior.sd(i))
-            .collect();
-        let first = self.judge(&settled.without(effect), &sd, &judged.disturbances)?;
-        let other_losses = self.with_other_losses(&first);
-        let first = other_losses.into_iter().chain([first]).min_by(|a, b| a.loss.total_cmp(&b.loss))?;
-        if first.loss - judged.loss > BEYOND { Some(first) } else { self.retune(&first) }
-    }
-
-    /// The ablation of a hypothesis: judged without each of its effects.
-    pub(crate) fn ablate(&self, judged: FilteredHypothesis) -> Ablation {
-        let names: Vec<&'static str> = judged.hypothesis.terms.iter().map(|t| t.entry.name).collect();
-        let without = names
-            .into_par_iter()
-            .filter_map(|name| Some((name, self.judge_without(&judged, name)?)))
-            .collect();
-        Ablation { full: judged, without, unclear_worth: 0.0, near_miss: None }
-    }
-
-    /// Effects that do not earn their place at the end, when all others are there, are taken out again: each
-    /// must be worth so much log-likelihood, and one of its parameters must lie clear of "off".
-    pub(crate) fn eliminate_backward(&self, from: FilteredHypothesis, worth: f64) -> Ablation {
-        let mut now = self.ablate(from);
-        let (mut unclear_worth, mut near_miss) = (0.0_f64, None);
-        loop {
-            let is_idle = |(name, less): &&(&'static str, FilteredHypothesis)| {
-                less.loss - now.full.loss < worth
-                    || now.full.clearance(name) < CLEAR
-                    || now.full.is_at_bound(name)
-            };
-            let idle = now.without.iter().filter(is_idle);
-            let Some((name, less)) = idle.min_by(|a, b| a.1.loss.total_cmp(&b.1.loss)) else {
-                return Ablation { unclear_worth, near_miss, ..now };
-            };
-            let worth_of_least = less.loss - now.full.loss;
-            unclear_worth = unclear_worth.max(worth_of_least);
-            if worth_of_least > NEARLY * worth
-                && now.full.clearance(name) >= CLEAR
-                && !now.full.is_at_bound(name)
-            {
-                near_miss = Some(now.full.clone());
-            }
-            now = self.ablate(less.clone());
-        }
-    }
-
-    /// Other effects in the place of one of a hypothesis: each as judged, within `noise` of the likelihood of
-    /// the one that it replaces.
-    pub fn rivals(
+    pub(super) fn judge_all(
         &self,
-        judged: &FilteredHypothesis,
-        effect: &str,
-        without: &FilteredHypothesis,
-        noise: f64,
-    ) -> Vec<(&'static str, FilteredHypothesis)> {
-        // as the effects were settled with it, and as without it
-        let kept = FilteredHypothesis { disturbances: judged.disturbances, ..without.clone() };
-        let Some(without) = self.rejudge(&kept, &judged.disturbances) else { return Vec::new() };
-        let settled = without.at_posterior();
-        let Some(Scores { usual: scores, base, .. }) = self.score(&without, None) else { return Vec::new() };
-        let own = scores.iter().find(|s| s.start.entry.name == effect).map_or(0.0, |s| s.gain);
-        // of the exact geometry, a part is no rival of another or of the whole
-        let is_geometry = effects::find(effect).is_ok_and(|(_, e)| e.geometry != Geometry::None);
-        let is_rival = |s: &&Score| {
-            s.start.entry.name != effect
-                && s.gain > LEAST_SHARE * own
-                && !(is_geometry && s.start.entry.geometry != Geometry::None)
-        };
-        let others = scores.iter().filter(is_rival).take(SHORTLIST);
-        let others: Vec<&Score> = others.collect();
-        let proposals: Vec<Proposal> =
-            others.par_iter().filter_map(|s| self.propose(&settled, s, &base)).collect();
-        let lags = |j: &FilteredHypothesis| j.hypothesis.terms.iter().map(|t| t.entry.lags).sum::<usize>();
-        // a swing whose start nobody measured pays for that, which is no word against it
-        let behind = |j: &FilteredHypothesis| {
-            j.loss - judged.loss - LAG_PENALTY * lags(j).saturating_sub(lags(judged)) as f64
-        };
-        let replaced = self
-            .refine_nearest(&self.judge_all(&proposals, &judged.disturbances), judged.loss + noise)
-            .into_iter();
-        let named = |j: FilteredHypothesis| {
-            Some((j.hypothesis.terms.iter().find(|t| !judged.hypothesis.has(t.entry.name))?.entry.name, j))
-        };
-        let alike = replaced.filter_map(named).filter(|(_, j)| behind(j) < noise);
-        let (mut rivals, swings): (Vec<_>, Vec<_>) = alike.partition(|(_, j)| j.loss - judged.loss < noise);
-        // what is alike only but for its start does not make a name too vague to be said
-        rivals.extend(swings.into_iter().take(MOST_RIVALS.saturating_sub(rivals.len())));
-        rivals
-    }
-
-    fn judge_all(&self, proposals: &[Proposal], disturbances: &Disturbances) -> Vec<FilteredHypothesis> {
+        proposals: &[Proposal],
+        disturbances: &Disturbances,
+    ) -> Vec<FilteredHypothesis> {
         proposals.par_iter().filter_map(|p| self.judge(&p.hypothesis, &p.sd, disturbances)).collect()
     }
 
     /// Proposals judged again from where they settled: what is then believed beforehand is as wide for every
     /// hypothesis, in its own standard errors, so that all pay the same for a parameter. Those far behind the
     /// best, or the loss that is asked for, are left out.
-    fn refine_nearest(&self, first: &[FilteredHypothesis], most: f64) -> Vec<FilteredHypothesis> {
+    pub(super) fn refine_nearest(&self, first: &[FilteredHypothesis], most: f64) -> Vec<FilteredHypothesis> {
         let least = first.iter().map(|j| j.loss).fold(f64::INFINITY, f64::min);
         let near =
             first.par_iter().filter(|j| j.loss < if most.is_finite() { most } else { least } + FAR_BEHIND);
@@ -495,7 +390,7 @@ impl<'a> Search<'a> {
     }
 
     /// The same hypothesis judged from where it settled, under other disturbances.
-    fn rejudge(
+    pub(super) fn rejudge(
         &self,
         judged: &FilteredHypothesis,
         disturbances: &Disturbances,
@@ -507,7 +402,7 @@ impl<'a> Search<'a> {
     /// Scores of all effects, from one filter run that carries the parameters of all of them, each close to
     /// "off". An effect without a slope at "off" is tried from other starts, on the windows, whose fit comes
     /// along.
-    fn score(&self, now: &FilteredHypothesis, damped: Option<&Disturbances>) -> Option<Scores> {
+    pub(super) fn score(&self, now: &FilteredHypothesis, damped: Option<&Disturbances>) -> Option<Scores> {
         let settled = now.at_posterior();
         let fixed = settled.without_free();
         let all = candidates(&settled);
@@ -604,7 +499,7 @@ impl<'a> Search<'a> {
         Some(model)
     }
 
-    fn propose(&self, settled: &Hypothesis, score: &Score, base: &Solution) -> Option<Proposal> {
+    pub(super) fn propose(&self, settled: &Hypothesis, score: &Score, base: &Solution) -> Option<Proposal> {
         let hypothesis = settled.with(score.start.clone());
         let solution = self.fit(&hypothesis, Some(&base.own), STEPS);
         let settled_names: Vec<&str> = settled.terms.iter().map(|t| t.entry.name).collect();

@@ -4,6 +4,7 @@
 use crazyflie_env::effects::{Entry, Geometry, Observability, find, registry};
 use rayon::prelude::*;
 
+use super::ablation::Ablation;
 use super::calibration::selection::{
     AMOUNT_SD, CLOCKWORK_FROM_HZ, LINE_FORCE_SD_MPS2, LINE_SD_HZ, LINE_SHARE, MORE_LIKELY,
 };
@@ -11,7 +12,7 @@ use super::leftover::strongest_line_above;
 use super::lost_commands::is_lossy;
 use super::noise;
 use super::refine;
-use super::search::{self, Ablation, FilteredHypothesis, Score, Search};
+use super::search::{self, FilteredHypothesis, Score, Search};
 use super::verdict::{RankedCandidate, Step};
 use super::{ALIKE, WORTH_FIT, WORTH_TEST};
 use crate::fit::filter::{Disturbances, ParameterPrior, filter};

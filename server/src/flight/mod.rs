@@ -11,7 +11,7 @@ use crazyflie_control::{Controller, ControllerContext, ControllerSpec};
 use crazyflie_env::Error;
 use crazyflie_env::config::{Autoreset, EffectTable, Options};
 use crazyflie_env::model::{Model, VerticalInput};
-use crazyflie_env::observation::{ACTION, Interface, MARKER_VALID, OBSERVATION, SETPOINT, index};
+use crazyflie_env::observation::{ACTION, Interface, OBSERVATION, SETPOINT, index};
 use crazyflie_env::plant::Command;
 use crazyflie_env::vector::{STATE, StepBuffers, VectorEnv, state_index};
 
@@ -61,7 +61,7 @@ impl TraceRow {
 
     /// Whether the newest camera frame showed the marker.
     pub fn sees_marker(&self) -> bool {
-        self.observation[MARKER_VALID.first] > 0.5
+        self.observation[index::MARKER_VALID] > 0.5
     }
 
     /// Distance of the true position from the setpoint.

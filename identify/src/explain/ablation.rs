@@ -1,0 +1,118 @@
+//! Backward elimination: a hypothesis without each of its effects, and others in their places.
+
+use crazyflie_env::effects::{self, Geometry};
+use rayon::prelude::*;
+
+use super::calibration::search::{BEYOND, LAG_PENALTY, LEAST_SHARE, NEARLY, SHORTLIST};
+use super::calibration::verdict::MOST_RIVALS;
+use super::search::{CLEAR, FilteredHypothesis, Proposal, Score, Scores, Search};
+
+/// Ablation study of a hypothesis: itself, and each that lacks one of its effects.
+#[derive(Debug, Clone)]
+pub(crate) struct Ablation {
+    pub full: FilteredHypothesis,
+    pub without: Vec<(&'static str, FilteredHypothesis)>,
+    /// The most that an effect was worth that was taken out because its size was unclear.
+    pub unclear_worth: f64,
+    /// The hypothesis with the effect that nearly earned its place: clear in size, and worth most of what it
+    /// must be.
+    pub near_miss: Option<FilteredHypothesis>,
+}
+
+impl Search<'_> {
+    /// Without one of its effects, the others and the disturbances settled anew.
+    pub fn judge_without(&self, judged: &FilteredHypothesis, effect: &str) -> Option<FilteredHypothesis> {
+        let settled = judged.at_posterior();
+        let place = settled.place(effect);
+        let sd: Vec<f64> = (0..judged.posterior.mean.len())
+            .filter(|i| !place.contains(i))
+            .map(|i| judged.posterior.sd(i))
+            .collect();
+        let first = self.judge(&settled.without(effect), &sd, &judged.disturbances)?;
+        if let Some(other) = self.with_other_losses(&first).filter(|other| other.loss < first.loss) {
+            return Some(other);
+        }
+        if first.loss - judged.loss > BEYOND { Some(first) } else { self.retune(&first) }
+    }
+
+    /// The ablation of a hypothesis: judged without each of its effects.
+    pub(crate) fn ablate(&self, judged: FilteredHypothesis) -> Ablation {
+        let names: Vec<&'static str> = judged.hypothesis.terms.iter().map(|t| t.entry.name).collect();
+        let without = names
+            .into_par_iter()
+            .filter_map(|name| Some((name, self.judge_without(&judged, name)?)))
+            .collect();
+        Ablation { full: judged, without, unclear_worth: 0.0, near_miss: None }
+    }
+
+    /// Effects that do not earn their place at the end, when all others are there, are taken out again: each
+    /// must be worth so much log-likelihood, and one of its parameters must lie clear of "off".
+    pub(crate) fn eliminate_backward(&self, from: FilteredHypothesis, worth: f64) -> Ablation {
+        let mut now = self.ablate(from);
+        let (mut unclear_worth, mut near_miss) = (0.0_f64, None);
+        loop {
+            let is_idle = |(name, less): &&(&'static str, FilteredHypothesis)| {
+                less.loss - now.full.loss < worth
+                    || now.full.clearance(name) < CLEAR
+                    || now.full.is_at_bound(name)
+            };
+            let idle = now.without.iter().filter(is_idle);
+            let Some((name, less)) = idle.min_by(|a, b| a.1.loss.total_cmp(&b.1.loss)) else {
+                return Ablation { unclear_worth, near_miss, ..now };
+            };
+            let worth_of_least = less.loss - now.full.loss;
+            unclear_worth = unclear_worth.max(worth_of_least);
+            if worth_of_least > NEARLY * worth
+                && now.full.clearance(name) >= CLEAR
+                && !now.full.is_at_bound(name)
+            {
+                near_miss = Some(now.full.clone());
+            }
+            now = self.ablate(less.clone());
+        }
+    }
+
+    /// Other effects in the place of one of a hypothesis: each as judged, within `noise` of the likelihood of
+    /// the one that it replaces.
+    pub fn rivals(
+        &self,
+        judged: &FilteredHypothesis,
+        effect: &str,
+        without: &FilteredHypothesis,
+        noise: f64,
+    ) -> Vec<(&'static str, FilteredHypothesis)> {
+        // as the effects were settled with it, and as without it
+        let kept = FilteredHypothesis { disturbances: judged.disturbances, ..without.clone() };
+        let Some(without) = self.rejudge(&kept, &judged.disturbances) else { return Vec::new() };
+        let settled = without.at_posterior();
+        let Some(Scores { usual: scores, base, .. }) = self.score(&without, None) else { return Vec::new() };
+        let own = scores.iter().find(|s| s.start.entry.name == effect).map_or(0.0, |s| s.gain);
+        // of the exact geometry, a part is no rival of another or of the whole
+        let is_geometry = effects::find(effect).is_ok_and(|(_, e)| e.geometry != Geometry::None);
+        let is_rival = |s: &&Score| {
+            s.start.entry.name != effect
+                && s.gain > LEAST_SHARE * own
+                && !(is_geometry && s.start.entry.geometry != Geometry::None)
+        };
+        let others = scores.iter().filter(is_rival).take(SHORTLIST);
+        let others: Vec<&Score> = others.collect();
+        let proposals: Vec<Proposal> =
+            others.par_iter().filter_map(|s| self.propose(&settled, s, &base)).collect();
+        let lags = |j: &FilteredHypothesis| j.hypothesis.terms.iter().map(|t| t.entry.lags).sum::<usize>();
+        // a swing whose start nobody measured pays for that, which is no word against it
+        let behind = |j: &FilteredHypothesis| {
+            j.loss - judged.loss - LAG_PENALTY * lags(j).saturating_sub(lags(judged)) as f64
+        };
+        let replaced = self
+            .refine_nearest(&self.judge_all(&proposals, &judged.disturbances), judged.loss + noise)
+            .into_iter();
+        let named = |j: FilteredHypothesis| {
+            Some((j.hypothesis.terms.iter().find(|t| !judged.hypothesis.has(t.entry.name))?.entry.name, j))
+        };
+        let alike = replaced.filter_map(named).filter(|(_, j)| behind(j) < noise);
+        let (mut rivals, swings): (Vec<_>, Vec<_>) = alike.partition(|(_, j)| j.loss - judged.loss < noise);
+        // what is alike only but for its start does not make a name too vague to be said
+        rivals.extend(swings.into_iter().take(MOST_RIVALS.saturating_sub(rivals.len())));
+        rivals
+    }
+}
