@@ -155,6 +155,10 @@ impl Scalar for Dual {
     fn select(mask: bool, yes: Self, no: Self) -> Self {
         if mask { yes } else { no }
     }
+    #[inline(always)]
+    fn is_zero(self) -> bool {
+        self.value == 0.0 && self.slope == [0.0; DIRECTIONS]
+    }
     fn any(mask: bool) -> bool {
         mask
     }

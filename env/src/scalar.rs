@@ -82,6 +82,11 @@ pub trait Scalar:
     fn gt(self, other: Self) -> Self::Mask {
         other.lt(self)
     }
+    /// Tells whether every lane is 0, with all that the type carries: what is multiplied by it may be left out.
+    #[inline(always)]
+    fn is_zero(self) -> bool {
+        Self::all(self.abs().le(Self::zero()))
+    }
     /// Limits each lane to `low..=high`.
     #[inline(always)]
     fn clamp(self, low: Self, high: Self) -> Self {

@@ -1,26 +1,25 @@
 //! Marker poses that arrive late.
 
-use super::{Effect, Frame, HookContext, Hooks, Param, Reading, param};
+use super::time::slots;
+use super::{Build, Effect, Frame, HookContext, Hooks, Param, Reading, Stage, param, stage};
 use crate::plant::{Command, State};
 use crate::scalar::Scalar;
+use crate::sim_scalar::SimScalar;
 
-pub struct CameraLatency;
+/// Remembers `S / 6` frames.
+pub struct CameraLatency<const S: usize>;
 
 const LONGEST_S: f64 = 0.12;
 /// Numbers of a frame under way: pose, stamp, markers.
 const FRAME: usize = 6;
-/// Frames that are under way at most: one per control tick for the longest latency at 500 Hz, and the newest.
-const SLOTS: usize = 61;
-const NUMBERS: usize = FRAME * SLOTS;
+/// Frames under way at the longest latency, one per control tick and the newest, up to 50, 100 and 500 Hz.
+const SLOTS: [usize; 3] = [7, 13, 61];
 
-/// Numbers of all frames that can be under way; a tick brings one at most.
-#[inline(always)]
-fn numbers(tick_s: f64) -> usize {
-    // a whole number of ticks may come out a little longer
-    FRAME * ((LONGEST_S / tick_s - 1e-9).ceil() as usize + 1).min(SLOTS)
+impl CameraLatency<{ FRAME * SLOTS[0] }> {
+    pub const NEW: Self = CameraLatency;
 }
 
-impl Effect<2, NUMBERS> for CameraLatency {
+impl<const S: usize> Effect<2, S> for CameraLatency<S> {
     const NAME: &'static str = "camera_latency";
     const ABOUT: &'static str = "Time from the exposure of a frame to the pose at the controller";
     const SOURCE: &'static str = "Exposure, transmission and detection; a queue of frames";
@@ -43,13 +42,20 @@ impl Effect<2, NUMBERS> for CameraLatency {
     ];
     const HOOKS: Hooks = Hooks::FRAME_AND_SENSE;
 
-    fn states_in_use(tick_s: f64) -> usize {
-        numbers(tick_s)
+    fn wider<R: SimScalar>(build: Build) -> Option<Box<dyn Stage<R>>> {
+        let needed = slots(LONGEST_S, build.tick_s).min(SLOTS[2]);
+        (S / FRAME < needed).then(|| {
+            if needed <= SLOTS[1] {
+                stage::boxed(&CameraLatency::<{ FRAME * SLOTS[1] }>, build)
+            } else {
+                stage::boxed(&CameraLatency::<{ FRAME * SLOTS[2] }>, build)
+            }
+        })
     }
 
     #[inline(always)]
-    fn start<R: Scalar>(_: &[R; 2], _: &HookContext<R>, _: &State<R>, _: &Command<R>) -> [R; NUMBERS] {
-        let mut queue = [R::zero(); NUMBERS];
+    fn start<R: Scalar>(_: &[R; 2], _: &HookContext<R>, _: &State<R>, _: &Command<R>) -> [R; S] {
+        let mut queue = [R::zero(); S];
         for slot in queue.chunks_exact_mut(FRAME) {
             slot[4] = R::from_f64(EMPTY_S);
         }
@@ -60,14 +66,14 @@ impl Effect<2, NUMBERS> for CameraLatency {
     #[inline(always)]
     fn frame<R: Scalar>(
         &[_, undeclared_s]: &[R; 2],
-        queue: &mut [R; NUMBERS],
-        cx: &HookContext<R>,
+        queue: &mut [R; S],
+        _: &HookContext<R>,
         _: &State<R>,
         f: &mut Frame<R>,
     ) {
         f.t_s += undeclared_s;
         let new = [f.pos_m[0], f.pos_m[1], f.pos_m[2], f.yaw_rad, f.t_s, f.markers];
-        for i in (0..numbers(cx.tick_s)).rev() {
+        for i in (0..S).rev() {
             let value = if i < FRAME { new[i] } else { queue[i - FRAME] };
             queue[i] = R::select(f.captured, value, queue[i]);
         }
@@ -78,7 +84,7 @@ impl Effect<2, NUMBERS> for CameraLatency {
     #[inline(always)]
     fn sense<R: Scalar>(
         &[latency_s, undeclared_s]: &[R; 2],
-        queue: &mut [R; NUMBERS],
+        queue: &mut [R; S],
         cx: &HookContext<R>,
         _: &State<R>,
         _: &Command<R>,
@@ -86,7 +92,7 @@ impl Effect<2, NUMBERS> for CameraLatency {
     ) {
         // a frame due exactly now is not lost to rounding
         let due = cx.t_s - latency_s + undeclared_s + R::from_f64(1e-4);
-        for slot in queue[..numbers(cx.tick_s)].chunks_exact_mut(FRAME).rev() {
+        for slot in queue.chunks_exact_mut(FRAME).rev() {
             let arrived = slot[4].le(due);
             if R::any(arrived) {
                 y.marker.deliver(arrived, [slot[0], slot[1], slot[2]], slot[3], slot[4], slot[5]);

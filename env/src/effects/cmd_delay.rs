@@ -1,24 +1,25 @@
 //! Commands that arrive late.
 
-use super::{Effect, HookContext, Hooks, Param, param};
+use super::time::slots;
+use super::{Build, Effect, HookContext, Hooks, Param, Stage, param, stage};
 use crate::plant::{Command, State};
 use crate::scalar::Scalar;
+use crate::sim_scalar::SimScalar;
 
-pub struct CmdDelay;
+/// Remembers `S / 4` commands.
+pub struct CmdDelay<const S: usize>;
 
 const LONGEST_S: f64 = 0.14;
-/// Commands that are remembered at most: the longest delay at 500 Hz, and the newest.
-const SLOTS: usize = 71;
-const NUMBERS: usize = 4 * SLOTS;
+/// Numbers of a command.
+const COMMAND: usize = 4;
+/// Commands that cover the longest delay, and the newest, up to 50, 100 and 500 Hz.
+const SLOTS: [usize; 3] = [8, 15, 71];
 
-/// Commands that are remembered: the longest delay in control ticks, and the newest.
-#[inline(always)]
-fn slots(tick_s: f64) -> usize {
-    // a whole number of ticks may come out a little longer
-    ((LONGEST_S / tick_s - 1e-9).ceil() as usize + 1).min(SLOTS)
+impl CmdDelay<{ COMMAND * SLOTS[0] }> {
+    pub const NEW: Self = CmdDelay;
 }
 
-impl Effect<1, NUMBERS> for CmdDelay {
+impl<const S: usize> Effect<1, S> for CmdDelay<S> {
     const NAME: &'static str = "cmd_delay";
     const ABOUT: &'static str = "Pure delay between the command and the vehicle";
     const SOURCE: &'static str = "The delayed held command is averaged over the physics step, which is exact for the integral of the command";
@@ -32,40 +33,52 @@ impl Effect<1, NUMBERS> for CmdDelay {
     .at_least(0.01)];
     const HOOKS: Hooks = Hooks::COMMAND;
 
-    fn states_in_use(tick_s: f64) -> usize {
-        4 * slots(tick_s)
+    fn wider<R: SimScalar>(build: Build) -> Option<Box<dyn Stage<R>>> {
+        let needed = slots(LONGEST_S, build.tick_s).min(SLOTS[2]);
+        (S / COMMAND < needed).then(|| {
+            if needed <= SLOTS[1] {
+                stage::boxed(&CmdDelay::<{ COMMAND * SLOTS[1] }>, build)
+            } else {
+                stage::boxed(&CmdDelay::<{ COMMAND * SLOTS[2] }>, build)
+            }
+        })
     }
 
     #[inline(always)]
-    fn start<R: Scalar>(_: &[R; 1], _: &HookContext<R>, _: &State<R>, u: &Command<R>) -> [R; NUMBERS] {
+    fn start<R: Scalar>(_: &[R; 1], _: &HookContext<R>, _: &State<R>, u: &Command<R>) -> [R; S] {
         let one = [u.roll_rad, u.pitch_rad, u.yaw_rate_radps, u.lift];
-        std::array::from_fn(|i| one[i % 4])
+        std::array::from_fn(|i| one[i % COMMAND])
     }
 
     #[inline(always)]
     fn command<R: Scalar>(
         &[delay_s]: &[R; 1],
-        past: &mut [R; NUMBERS],
+        past: &mut [R; S],
         cx: &HookContext<R>,
         _: &State<R>,
         u: &mut Command<R>,
     ) {
         // a ring of commands; all lanes tick together
-        let slots = slots(cx.tick_s);
-        let slot = |k: usize| 4 * ((cx.clock + slots - k) % slots);
+        let slots = S / COMMAND;
+        let slot = |k: usize| COMMAND * ((cx.clock + slots - k) % slots);
         if cx.first {
-            past[slot(0)..slot(0) + 4].copy_from_slice(&[u.roll_rad, u.pitch_rad, u.yaw_rate_radps, u.lift]);
+            past[slot(0)..slot(0) + COMMAND].copy_from_slice(&[
+                u.roll_rad,
+                u.pitch_rad,
+                u.yaw_rate_radps,
+                u.lift,
+            ]);
         }
         // command k (0 is the newest) was given from -k ticks to -k + 1 ticks; this step sees the span
         // [begin, begin + h)
         let begin = R::from_f64(cx.since_tick_s) - delay_s.min(R::from_f64((slots - 1) as f64 * cx.tick_s));
         let end = begin + R::from_f64(cx.h_s);
-        let mut sum = [R::zero(); 4];
+        let mut sum = [R::zero(); COMMAND];
         for k in 0..slots {
             let given = R::from_f64(-(k as f64) * cx.tick_s);
             let overlap = (end.min(given + R::from_f64(cx.tick_s)) - begin.max(given)).max(R::zero());
             let share = overlap * R::from_f64(1.0 / cx.h_s);
-            for (sum, past) in sum.iter_mut().zip(&past[slot(k)..slot(k) + 4]) {
+            for (sum, past) in sum.iter_mut().zip(&past[slot(k)..slot(k) + COMMAND]) {
                 *sum += share * *past;
             }
             // rounding may leave the begin of a delay of whole ticks a little early

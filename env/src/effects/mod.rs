@@ -10,6 +10,7 @@ use crate::lanes::Lanes;
 use crate::noise::{TickRng, channel};
 use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;
+use crate::sim_scalar::SimScalar;
 
 pub(crate) use stage::{Build, Stage, Tiles};
 
@@ -273,6 +274,10 @@ impl<R: Scalar> VehicleConstants<R> {
     /// 1/s) changes by a quarter within 10 ms.
     #[inline(always)]
     pub fn add_torque(&self, more: R, h_s: f64, x: &State<R>, u: &Command<R>, out: &mut Accelerations<R>) {
+        // most effects of thrust leave the torques alone
+        if more.is_zero() {
+            return;
+        }
         let [roll, pitch] = self.tilt_torque_radps2(x, u);
         let at_start = [roll, pitch, self.yaw_torque_radps2(x, u)];
         let damping_ps = [self.tilt_damping_ps[0], self.tilt_damping_ps[1], self.yaw_damping_ps];
@@ -432,10 +437,9 @@ pub trait Effect<const P: usize, const S: usize>: Send + 'static {
     /// How long its numbers of state that are no lags remember the motion, in seconds: a fit runs them up on
     /// what was measured.
     const MOTION_MEMORY_S: f64 = 0.0;
-    /// How many of its numbers of state, the first ones, are in use where a control tick is so long. The
-    /// others are never read.
-    fn states_in_use(_tick_s: f64) -> usize {
-        S
+    /// The effect with more numbers of state, where `S` do not hold what it remembers at this control rate.
+    fn wider<R: SimScalar>(_build: Build) -> Option<Box<dyn Stage<R>>> {
+        None
     }
     /// Standard deviation of these at first, in their own units (rad/s^2 for what motors give).
     const LAG_SD: f64 = 20.0;
@@ -530,11 +534,11 @@ pub struct Entry {
 }
 
 macro_rules! registry {
-    ($($module:ident :: $effect:ident),* $(,)?) => {
+    ($($module:ident :: $effect:ident $(:: $value:ident)?),* $(,)?) => {
         $(mod $module;)*
         /// Every effect, in the order in which they are applied.
         pub fn registry() -> &'static [Entry] {
-            static REGISTRY: &[Entry] = &[$(stage::entry(&$module::$effect)),*];
+            static REGISTRY: &[Entry] = &[$(stage::entry(&$module::$effect $(:: $value)?)),*];
             REGISTRY
         }
     };
@@ -547,7 +551,7 @@ macro_rules! registry {
 registry![
     cmd_deadband::CmdDeadband,
     packet_loss::PacketLoss,
-    cmd_delay::CmdDelay,
+    cmd_delay::CmdDelay::NEW,
     cmd_limit::CmdLimit,
     cmd_rate_limit::CmdRateLimit,
     backlash::Backlash,
@@ -598,7 +602,7 @@ registry![
     camera_drift::CameraDrift,
     camera_outliers::CameraOutliers,
     camera_flip::CameraFlip,
-    camera_latency::CameraLatency,
+    camera_latency::CameraLatency::NEW,
 ];
 
 /// The entry of an effect and its place in the registry.

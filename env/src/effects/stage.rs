@@ -54,13 +54,14 @@ pub struct StageOf<E, R, const P: usize, const S: usize> {
     states: Vec<[R; S]>,
     /// 1 where each tile has parameters of its own, 0 where all share the first.
     stride: usize,
-    /// See [`Effect::states_in_use`].
-    in_use: usize,
     effect: PhantomData<fn() -> E>,
 }
 
 impl<E: Effect<P, S>, R: SimScalar, const P: usize, const S: usize> StageOf<E, R, P, S> {
     fn boxed(build: Build) -> Box<dyn Stage<R>> {
+        if let Some(wider) = E::wider(build) {
+            return wider;
+        }
         let mut off = [R::zero(); P];
         for i in 0..P {
             off[i] = R::from_f64(E::PARAMS[i].off);
@@ -69,7 +70,6 @@ impl<E: Effect<P, S>, R: SimScalar, const P: usize, const S: usize> StageOf<E, R
             params: vec![off; if build.per_drone { build.tiles } else { 1 }],
             states: vec![[R::zero(); S]; build.tiles],
             stride: usize::from(build.per_drone),
-            in_use: E::states_in_use(build.tick_s),
             effect: PhantomData,
         })
     }
@@ -100,7 +100,7 @@ impl<E: Effect<P, S>, R: SimScalar, const P: usize, const S: usize> Stage<R> for
     }
 
     fn visit(&mut self, only_lags: bool, see: &mut dyn FnMut(&mut R)) {
-        let seen = if only_lags { S - E::MOTION_STATES..S } else { 0..self.in_use };
+        let seen = if only_lags { S - E::MOTION_STATES..S } else { 0..S };
         for state in &mut self.states {
             for number in &mut state[seen.clone()] {
                 see(number);
@@ -112,17 +112,16 @@ impl<E: Effect<P, S>, R: SimScalar, const P: usize, const S: usize> Stage<R> for
         if self.stride == 1 {
             self.params[tile].iter_mut().for_each(&mut *see);
         }
-        self.states[tile][..self.in_use].iter_mut().for_each(see);
+        self.states[tile].iter_mut().for_each(see);
     }
 
     fn start(&mut self, tile: usize, mask: R::Mask, cx: &HookContext<R>, x: &State<R>, u: &Command<R>) {
-        let (params, states, in_use) =
-            (&self.params[tile * self.stride], &mut self.states[tile], self.in_use);
+        let (params, states) = (&self.params[tile * self.stride], &mut self.states[tile]);
         R::run(
             #[inline(always)]
             || {
                 let fresh = E::start(params, cx, x, u);
-                for i in 0..in_use {
+                for i in 0..S {
                     states[i] = R::select(mask, fresh[i], states[i]);
                 }
             },
@@ -207,6 +206,14 @@ impl<E: Effect<P, S>, R: SimScalar, const P: usize, const S: usize> Stage<R> for
             || E::sense(&self.params[tile * self.stride], &mut state, cx, x, u, y),
         );
     }
+}
+
+/// An effect built. Takes a reference so that `P` and `S` are inferred from the one impl.
+pub(super) fn boxed<E: Effect<P, S>, R: SimScalar, const P: usize, const S: usize>(
+    _effect: &E,
+    build: Build,
+) -> Box<dyn Stage<R>> {
+    StageOf::<E, R, P, S>::boxed(build)
 }
 
 /// The registry entry of an effect. Takes a reference so that `P` and `S` are inferred from the one impl.
