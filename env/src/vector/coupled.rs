@@ -106,7 +106,11 @@ impl<R: BatchScalar, T: Task> CoupledShard<R, T> {
         self.batch.start(config, tile, bits);
         R::run(
             #[inline(always)]
-            || (0..self.batch.len()).for_each(|drone| self.place_begun(tile, drone, R::mask(bits))),
+            || {
+                for drone in 0..self.batch.len() {
+                    self.place_begun(tile, drone, R::mask(bits));
+                }
+            },
         );
         self.batch.show(tile, bits, observations);
     }

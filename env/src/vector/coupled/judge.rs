@@ -170,8 +170,10 @@ impl<R: BatchScalar> DroneBatch<R> {
         R::run(
             #[inline(always)]
             || {
-                (0..self.len())
-                    .for_each(|drone| self.write(tile, 0, drone, &mut near, (bits, bits), observations))
+                // no closure in a closure: it may be compiled without the instructions of `run`
+                for drone in 0..self.len() {
+                    self.write(tile, 0, drone, &mut near, (bits, bits), observations);
+                }
             },
         );
         self.scratch.rows = near;
