@@ -1,0 +1,115 @@
+//! Constants of the vehicle that effects act on.
+
+use crate::plant::{Accelerations, Command, State};
+use crate::scalar::Scalar;
+
+/// Constants of the vehicle that effects need.
+#[derive(Debug, Clone, Copy)]
+pub struct VehicleConstants<R> {
+    /// Magnitude of the gravitational acceleration.
+    pub gravity_mps2: R,
+    /// Mass of the vehicle as it flies, battery and camera included.
+    pub mass_kg: R,
+    /// Radius of one propeller.
+    pub rotor_radius_m: R,
+    /// 1 / (charge of the full battery in coulombs).
+    pub per_battery_capacity_pc: R,
+    /// Battery current of a hover.
+    pub hover_current_a: R,
+    /// Voltage at which the model's thrust holds.
+    pub battery_reference_v: R,
+    /// 1 / (PWM that carries the weight); zero where the command is a height.
+    pub per_hover_pwm: R,
+    /// 1 where the command is a height (then the thrust is taken as the weight), 0 where it is a PWM.
+    pub height_command: R,
+    /// Centre to motor.
+    pub arm_m: R,
+    /// Vertical damping per mass, where the model has it.
+    pub heave_ps: R,
+    /// +1 or -1: the sign with which a commanded yaw rate turns the vehicle.
+    pub yaw_sign: R,
+    /// Yaw dynamics: angle'' = gain command - damping angle' - stiffness angle. An integrator (5.2) stands
+    /// for a rate loop with the damping with which a push on it dies away.
+    pub yaw_gain_ps2: R,
+    /// Damping of the yaw dynamics, of the form above.
+    pub yaw_damping_ps: R,
+    /// Stiffness of the yaw dynamics, of the form above.
+    pub yaw_stiffness_ps2: R,
+    /// Roll and pitch dynamics (5.1): angle'' = gain command - damping angle' - stiffness angle.
+    pub tilt_gain_ps2: [R; 2],
+    /// Damping of the tilt dynamics of the form above: roll, pitch.
+    pub tilt_damping_ps: [R; 2],
+    /// Stiffness of the tilt dynamics of the form above: roll, pitch.
+    pub tilt_stiffness_ps2: [R; 2],
+}
+
+crate::plant::listed!(
+    VehicleConstants,
+    22,
+    gravity_mps2,
+    mass_kg,
+    rotor_radius_m,
+    per_battery_capacity_pc,
+    hover_current_a,
+    battery_reference_v,
+    per_hover_pwm,
+    height_command,
+    arm_m,
+    heave_ps,
+    yaw_sign,
+    yaw_gain_ps2,
+    yaw_damping_ps,
+    yaw_stiffness_ps2,
+    tilt_gain_ps2[2],
+    tilt_damping_ps[2],
+    tilt_stiffness_ps2[2]
+);
+
+impl<R: Scalar> VehicleConstants<R> {
+    /// Thrust over weight.
+    #[inline(always)]
+    pub fn thrust_ratio(&self, u: &Command<R>) -> R {
+        self.height_command + u.lift * self.per_hover_pwm
+    }
+    /// Angular acceleration of roll and pitch by the declared attitude dynamics (5.1).
+    #[inline(always)]
+    pub fn tilt_torque_radps2(&self, x: &State<R>, u: &Command<R>) -> [R; 2] {
+        let asked = |i: usize, command: R| {
+            self.tilt_gain_ps2[i] * command
+                - self.tilt_damping_ps[i] * x.rate_radps[i]
+                - self.tilt_stiffness_ps2[i] * x.att_rad[i]
+        };
+        [asked(0, u.roll_rad), asked(1, u.pitch_rad)]
+    }
+    /// Angular acceleration of yaw by the declared dynamics.
+    #[inline(always)]
+    pub fn yaw_torque_radps2(&self, x: &State<R>, u: &Command<R>) -> R {
+        self.yaw_gain_ps2 * u.yaw_rate_radps
+            - self.yaw_damping_ps * x.rate_radps[2]
+            - self.yaw_stiffness_ps2 * x.att_rad[2]
+    }
+    /// Add this share `more` of the declared torques. They are taken at the middle of a physics step of
+    /// `h_s`: the state expected there holds the rates of the step's start, which the damping of 5.1 (28.8
+    /// 1/s) changes by a quarter within 10 ms.
+    #[inline(always)]
+    pub fn add_torque(&self, more: R, h_s: f64, x: &State<R>, u: &Command<R>, out: &mut Accelerations<R>) {
+        // most effects of thrust leave the torques alone
+        if more.is_zero() {
+            return;
+        }
+        let [roll, pitch] = self.tilt_torque_radps2(x, u);
+        let at_start = [roll, pitch, self.yaw_torque_radps2(x, u)];
+        let damping_ps = [self.tilt_damping_ps[0], self.tilt_damping_ps[1], self.yaw_damping_ps];
+        for i in 0..3 {
+            let slowed =
+                R::from_f64(1.0) + R::from_f64(0.5 * h_s) * damping_ps[i] * (R::from_f64(1.0) + more);
+            out.ang_radps2[i] += more * at_start[i] / slowed;
+        }
+    }
+    /// Thrust per mass, with what the effects before make of it: `out` holds nothing else upwards where those
+    /// of the thrust are asked.
+    #[inline(always)]
+    pub fn thrust_mps2(&self, u: &Command<R>, out: &Accelerations<R>) -> R {
+        self.gravity_mps2 * self.thrust_ratio(u) + out.acc_mps2[2]
+    }
+}
