@@ -241,16 +241,16 @@ fn refine_parameters(search: &Search, from: Ablation) -> Ablation {
 }
 
 /// Log-likelihood of the test flights that each effect is worth. Where nothing shakes a vehicle as much as
-/// the floor of the disturbances has it, a damping is worth something for that alone: an effect must be worth
-/// it under quiescent disturbances too.
+/// the floor of the disturbances has it, a damping is worth something for that alone: each hypothesis may
+/// take the quiescent disturbances where they are likelier.
 pub fn test_worths(judge: &Search, ablation: &Ablation) -> Option<Vec<f64>> {
-    let loss = |j: &FilteredHypothesis, air: fn(&Disturbances) -> Disturbances| {
-        judge.plug_in(&j.at_posterior(), &air(&j.disturbances))
+    let loss = |judged: &FilteredHypothesis| -> Option<f64> {
+        let hypothesis = judged.at_posterior();
+        let under = |disturbances: &Disturbances| judge.plug_in(&hypothesis, disturbances);
+        let (usual, quiescent) =
+            rayon::join(|| under(&judged.disturbances), || under(&noise::quiescent(&judged.disturbances)));
+        Some(usual?.min(quiescent?))
     };
-    let worth = |air: fn(&Disturbances) -> Disturbances| -> Option<Vec<f64>> {
-        let full = loss(&ablation.full, air)?;
-        ablation.without.par_iter().map(|(_, less)| Some(loss(less, air)? - full)).collect()
-    };
-    let (usual, quiescent) = rayon::join(|| worth(|d| *d), || worth(noise::quiescent));
-    Some(usual?.into_iter().zip(quiescent?).map(|(a, b)| a.min(b)).collect())
+    let full = loss(&ablation.full)?;
+    ablation.without.par_iter().map(|(_, less)| Some(loss(less)? - full)).collect()
 }
