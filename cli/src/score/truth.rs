@@ -10,7 +10,7 @@ use thiserror::Error;
 use super::record::{Answer, NamedEffect, ValueError};
 
 /// Parameters by the names of the answers and by ours.
-const NAMES: [(&str, &str); 28] = [
+const NAMES: [(&str, &str); 29] = [
     ("drag_linear", "rate_ps"),
     ("drag_quadratic", "coefficient_pm"),
     ("wind_x", "x_mps2"),
@@ -21,6 +21,7 @@ const NAMES: [(&str, &str); 28] = [
     ("battery_exponent", "exponent"),
     ("cmd_delay", "delay_s"),
     ("motor_lag", "lag_s"),
+    ("motor_lag", "torque_lag_s"),
     ("com_roll", "roll_deg"),
     ("com_pitch", "pitch_deg"),
     ("imu_tilt_roll", "roll_deg"),
@@ -97,11 +98,11 @@ pub(crate) struct HiddenEffect {
 
 impl HiddenEffect {
     /// Parameters under our names.
-    pub(crate) fn ours(&self) -> Vec<(&'static str, f64)> {
-        let ours = |(theirs, value): (&String, &f64)| {
-            Some((NAMES.iter().find(|(name, _)| name == theirs)?.1, *value))
+    pub(crate) fn ours<'a>(&'a self) -> Vec<(&'static str, f64)> {
+        let ours = |(theirs, value): (&'a String, &'a f64)| {
+            NAMES.iter().filter(move |(name, _)| name == theirs).map(|(_, ours)| (*ours, *value))
         };
-        self.params.iter().filter_map(ours).collect()
+        self.params.iter().flat_map(ours).collect()
     }
 }
 

@@ -20,7 +20,8 @@ impl Effect<2, 3> for MotorLag {
             0.0,
             [0.0, 0.3],
             "time constant of the torques, beyond what the identified attitude dynamics contain",
-        ),
+        )
+        .starting_from(&[0.03, 0.09]),
     ];
     const HOOKS: Hooks = Hooks::COMMAND_AND_PUSH;
     const PHYSICS_HZ: u32 = 300;
@@ -56,7 +57,15 @@ impl Effect<2, 3> for MotorLag {
         out: &mut Accelerations<R>,
     ) {
         let [left, mean] = lag_shares(torque_lag_s, cx.h_s);
-        for (i, asked) in cx.body.tilt_torque_radps2(x, u).into_iter().enumerate() {
+        let (one, half_s) = (R::from_f64(1.0), R::from_f64(0.5 * cx.h_s));
+        for (i, at_start) in cx.body.tilt_torque_radps2(x, u).into_iter().enumerate() {
+            // the rates are those of the step's start: what is asked falls as they grow, by the damping of 5.1,
+            // and the mean over the step follows from what the motors give by then
+            let fall = half_s * cx.body.tilt_damping_ps[i];
+            let others = out.ang_radps2[i];
+            let given = ((at_start - fall * others) * (one - mean) + motor[1 + i] * mean)
+                / (one + fall * (one - mean));
+            let asked = at_start - fall * (given + others);
             let behind = motor[1 + i] - asked;
             motor[1 + i] = asked + behind * left;
             out.ang_radps2[i] += behind * mean;
