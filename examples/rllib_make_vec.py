@@ -9,10 +9,13 @@ def main():
     parser.add_argument("--envs", type=int, default=16)
     args = parser.parse_args()
     try:
+        import ray
         from ray.rllib.algorithms.ppo import PPOConfig
     except ImportError:
         print('SKIPPED: RLlib is not installed: pip install "crazyflie-gym[rllib]"')
         return
+    # a cluster of its own: one that another program runs may end at any time
+    ray.init(address="local")
     config = (
         PPOConfig()
         # the module before the colon is imported in every worker; env_config goes to gymnasium.make_vec
@@ -31,6 +34,7 @@ def main():
         result = algorithm.train()["env_runners"]
         print(f"iteration {iteration + 1}: mean return {result['episode_return_mean']:.2f}")
     algorithm.stop()
+    ray.shutdown()
 
 
 if __name__ == "__main__":

@@ -35,6 +35,8 @@ def test_rllib_trains():
     pytest.importorskip("ray.rllib", reason="RLlib is not installed (extra rllib): the run with it is not tested")
     from ray.rllib.algorithms.ppo import PPOConfig
 
+    # not the cluster of another test, which ends when that test does
+    ray.init(address="local")
     config = (
         PPOConfig()
         .environment("crazyflie_gym:Crazyflie-v0", env_config={"max_episode_steps": 50})
