@@ -103,6 +103,7 @@ struct Times<R> {
 #[derive(Debug, Default)]
 struct Order {
     command: Vec<usize>,
+    rates: Vec<usize>,
     push: Vec<usize>,
     frame: Vec<usize>,
     sense: Vec<usize>,
@@ -180,6 +181,7 @@ impl<R: SimScalar> World<R> {
             let hooks = entry.hooks;
             let lists = [
                 (hooks.command, &mut order.command),
+                (hooks.rates, &mut order.rates),
                 (hooks.push, &mut order.push),
                 (hooks.frame, &mut order.frame),
                 (hooks.sense, &mut order.sense),
@@ -465,6 +467,10 @@ impl<R: SimScalar> World<R> {
                     // thrust
                     group.push[i] = Accelerations::none();
                     group.middle[i] = states[i].ahead(&tiles[i].acc_mps2, 0.5 * h_s);
+                }
+                for &stage in &order.rates {
+                    let of = Tiles { first, cx: &cx[..n], x: &[], u: &[] };
+                    stages[stage].rates(&of, &mut group.middle[..n]);
                 }
                 let of = Tiles { first, cx: &cx[..n], x: &group.middle[..n], u: &group.u[..n] };
                 for &stage in &order.push {

@@ -166,6 +166,8 @@ pub enum Geometry {
 pub struct Hooks {
     /// On the command, before the vehicle obeys it.
     pub command: bool,
+    /// On the rates that torques depend on.
+    pub rates: bool,
     /// On the motion, as an acceleration.
     pub push: bool,
     /// On a camera frame when it is captured.
@@ -175,13 +177,16 @@ pub struct Hooks {
 }
 
 impl Hooks {
+    pub(crate) const NONE: Hooks =
+        Hooks { command: false, rates: false, push: false, frame: false, sense: false };
     /// Changes of the command alone.
-    pub const COMMAND: Hooks = Hooks { command: true, push: false, frame: false, sense: false };
-    pub(crate) const PUSH: Hooks = Hooks { command: false, push: true, frame: false, sense: false };
-    pub(crate) const FRAME: Hooks = Hooks { command: false, push: false, frame: true, sense: false };
-    pub(crate) const SENSE: Hooks = Hooks { command: false, push: false, frame: false, sense: true };
+    pub const COMMAND: Hooks = Hooks { command: true, ..Hooks::NONE };
+    pub(crate) const PUSH: Hooks = Hooks { push: true, ..Hooks::NONE };
+    pub(crate) const FRAME: Hooks = Hooks { frame: true, ..Hooks::NONE };
+    pub(crate) const SENSE: Hooks = Hooks { sense: true, ..Hooks::NONE };
     pub(crate) const COMMAND_AND_PUSH: Hooks = Hooks { command: true, ..Hooks::PUSH };
     pub(crate) const COMMAND_AND_SENSE: Hooks = Hooks { command: true, ..Hooks::SENSE };
+    pub(crate) const RATES_AND_PUSH: Hooks = Hooks { rates: true, ..Hooks::PUSH };
     pub(crate) const PUSH_AND_SENSE: Hooks = Hooks { push: true, ..Hooks::SENSE };
     pub(crate) const FRAME_AND_SENSE: Hooks = Hooks { frame: true, ..Hooks::SENSE };
 }
@@ -352,7 +357,13 @@ pub trait Effect<const P: usize, const S: usize>: Send + 'static {
         _u: &mut Command<R>,
     ) {
     }
-    /// Add accelerations for the coming physics step; `x` is the state expected at its middle.
+    /// The rates about the body axes, which torques depend on, of a state whose rates are those of the angles.
+    #[inline(always)]
+    fn body_rates<R: Scalar>(_p: &[R; P], x: &State<R>) -> [R; 3] {
+        x.rate_radps
+    }
+    /// Add accelerations for the coming physics step; `x` is the state expected at its middle, its rates those
+    /// of [`Effect::body_rates`] where an effect has them.
     #[inline(always)]
     fn push<R: Scalar>(
         _p: &[R; P],

@@ -7,27 +7,41 @@ use crate::scalar::Scalar;
 
 pub struct RigidBody;
 
-/// Rates about the body axes, and what the declared loops ask of them.
-struct Rotation<R> {
-    rate_radps: [R; 3],
-    demand_radps2: [R; 3],
+/// Sine and cosine of roll and pitch.
+#[derive(Clone, Copy)]
+struct Tilt<R> {
+    roll: (R, R),
+    pitch: (R, R),
 }
 
-impl<R: Scalar> Rotation<R> {
-    /// The declared loops (5.1, 5.2) read as laws of the body rates.
+impl<R: Scalar> Tilt<R> {
     #[inline(always)]
-    fn from_state(cx: &HookContext<R>, x: &State<R>, u: &Command<R>, sin_cos: &[(R, R); 2]) -> Self {
-        let [(sin_roll, cos_roll), (sin_pitch, cos_pitch)] = *sin_cos;
-        let [roll_rate, pitch_rate, yaw_rate] = x.rate_radps;
-        let rate_radps = [
+    fn from_state(x: &State<R>) -> Self {
+        Tilt { roll: x.att_rad[0].sin_cos(), pitch: x.att_rad[1].sin_cos() }
+    }
+
+    /// Rates about the body axes of a vehicle whose angles have these rates.
+    #[inline(always)]
+    fn body_rates(&self, [roll_rate, pitch_rate, yaw_rate]: [R; 3]) -> [R; 3] {
+        let Tilt { roll: (sin_roll, cos_roll), pitch: (sin_pitch, cos_pitch) } = *self;
+        [
             roll_rate - yaw_rate * sin_pitch,
             pitch_rate * cos_roll + yaw_rate * cos_pitch * sin_roll,
             yaw_rate * cos_pitch * cos_roll - pitch_rate * sin_roll,
-        ];
-        let turning = State { rate_radps, ..*x };
-        let [roll, pitch] = cx.body.tilt_torque_radps2(&turning, u);
-        let turn = cx.body.yaw_torque_radps2(&turning, u);
-        Rotation { rate_radps, demand_radps2: [roll, pitch, turn] }
+        ]
+    }
+
+    /// The rates of the angles from rates of which the share `amount` is about the body axes.
+    #[inline(always)]
+    fn angle_rates(&self, amount: R, [p, q, r]: [R; 3]) -> [R; 3] {
+        let Tilt { roll: (sin_roll, cos_roll), pitch: (sin_pitch, cos_pitch) } = *self;
+        let rest = R::from_f64(1.0) - amount;
+        let (by_pitch, by_yaw) = (rest + amount * cos_roll, rest + amount * cos_pitch * cos_roll);
+        let per_determinant =
+            R::from_f64(1.0) / (by_pitch * by_yaw + amount * amount * sin_roll * sin_roll * cos_pitch);
+        let pitch_rate = (by_yaw * q - amount * cos_pitch * sin_roll * r) * per_determinant;
+        let yaw_rate = (by_pitch * r + amount * sin_roll * q) * per_determinant;
+        [p + amount * sin_pitch * yaw_rate, pitch_rate, yaw_rate]
     }
 }
 
@@ -52,9 +66,18 @@ impl Effect<2, 0> for RigidBody {
         )
         .constant(),
     ];
-    const HOOKS: Hooks = Hooks::PUSH;
+    const HOOKS: Hooks = Hooks::RATES_AND_PUSH;
     const PHYSICS_HZ: u32 = 300;
     const MODEL_FORM: Geometry = Geometry::Whole;
+
+    #[inline(always)]
+    fn body_rates<R: Scalar>(&[amount, _]: &[R; 2], x: &State<R>) -> [R; 3] {
+        let body = Tilt::from_state(x).body_rates(x.rate_radps);
+        std::array::from_fn(
+            #[inline(always)]
+            |i| x.rate_radps[i] + amount * (body[i] - x.rate_radps[i]),
+        )
+    }
 
     #[inline(always)]
     fn push<R: Scalar>(
@@ -66,12 +89,17 @@ impl Effect<2, 0> for RigidBody {
         out: &mut Accelerations<R>,
     ) {
         let body = cx.body;
-        let angles = [0, 1].map(|i| x.att_rad[i].sin_cos());
-        let [(sin_roll, cos_roll), (sin_pitch, cos_pitch)] = angles;
-        let rotation = Rotation::from_state(cx, x, u, &angles);
+        let tilt = Tilt::from_state(x);
+        let Tilt { roll: (sin_roll, cos_roll), pitch: (sin_pitch, cos_pitch) } = tilt;
+        let angle_rates = tilt.angle_rates(amount, x.rate_radps);
+        let body_rates = tilt.body_rates(angle_rates);
+        // the declared loops (5.1, 5.2) read as laws of the body rates
+        let turning = State { rate_radps: body_rates, ..*x };
+        let [asked_roll, asked_pitch] = body.tilt_torque_radps2(&turning, u);
+        let asked_radps2 = [asked_roll, asked_pitch, body.yaw_torque_radps2(&turning, u)];
         let quarter_mps2 = R::from_f64(0.25) * body.gravity_mps2;
         let level_mps2 = quarter_mps2 * body.thrust_ratio(u);
-        let demand = Demand::new(body, level_mps2, rotation.demand_radps2);
+        let demand = Demand::new(body, level_mps2, asked_radps2);
         let lost = demand.push_beyond_limits(body, quarter_mps2 * thrust_to_weight);
 
         // force: thrust along the tilted axis, less what the small-angle model has of it
@@ -86,13 +114,13 @@ impl Effect<2, 0> for RigidBody {
 
         // rotation: angular acceleration of the body by motors and effects, then of the angles, less what 5.1
         // and 5.2 make of it
-        let [p, q, r] = rotation.rate_radps;
+        let [p, q, r] = body_rates;
         let gyroscopic = R::from_f64((TILT_INERTIA_KGM2 - YAW_INERTIA_KGM2) / TILT_INERTIA_KGM2);
-        let [_, asked_q, asked_r] = rotation.demand_radps2;
+        let [_, asked_q, asked_r] = asked_radps2;
         let [_, pushed_q, pushed_r] = out.ang_radps2;
         let q_dot = asked_q + pushed_q + lost.ang_radps2[1] - gyroscopic * p * r;
         let r_dot = asked_r + pushed_r + lost.ang_radps2[2];
-        let [roll_rate, pitch_rate, yaw_rate] = x.rate_radps;
+        let [roll_rate, pitch_rate, yaw_rate] = angle_rates;
         let per_cos_pitch = R::from_f64(1.0) / cos_pitch;
         let pitch_acc = cos_roll * q_dot - sin_roll * r_dot - roll_rate * yaw_rate * cos_pitch;
         let yaw_acc = (sin_roll * q_dot

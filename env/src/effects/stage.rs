@@ -41,6 +41,8 @@ pub trait Stage<R: Scalar>: Send {
     /// Begin an episode in the lanes of `mask`.
     fn start(&mut self, tile: usize, mask: R::Mask, cx: &HookContext<R>, x: &State<R>, u: &Command<R>);
     fn command(&mut self, of: &Tiles<R>, u: &mut [Command<R>]);
+    /// Replaces the rates of states by those that torques depend on.
+    fn rates(&mut self, of: &Tiles<R>, middle: &mut [State<R>]);
     fn push(&mut self, of: &Tiles<R>, out: &mut [Accelerations<R>]);
     fn frame(&mut self, of: &Tiles<R>, frames: &mut [Frame<R>]);
     fn sense(&mut self, of: &Tiles<R>, ticks: &mut [Tick<R>]);
@@ -139,6 +141,22 @@ impl<E: Effect<P, S>, R: SimScalar, const P: usize, const S: usize> Stage<R> for
                     of,
                     #[inline(always)]
                     |i, p, s| E::command(p, s, &of.cx[i], &of.x[i], &mut u[i]),
+                );
+            },
+        );
+    }
+
+    fn rates(&mut self, of: &Tiles<R>, middle: &mut [State<R>]) {
+        if const { !E::HOOKS.rates } {
+            return;
+        }
+        R::run(
+            #[inline(always)]
+            || {
+                self.each(
+                    of,
+                    #[inline(always)]
+                    |i, p, _| middle[i].rate_radps = E::body_rates(p, &middle[i]),
                 );
             },
         );
