@@ -541,11 +541,13 @@ fn exact_attitude(seconds: f64, inertia: f64) -> [f64; 3] {
     [x[0], x[1], x[2]]
 }
 
+/// Roll, pitch and yaw after a flight of [`fly`].
+fn attitude(effects: &str, seconds: f64) -> Vec<f64> {
+    fly::<f64>(&table(effects), Some(300), seconds).last().unwrap()[6..9].to_vec()
+}
+
 #[test]
 fn euler_kinematics_are_those_of_a_rigid_body() {
-    let attitude = |effects: &str, seconds: f64| {
-        fly::<f64>(&table(effects), Some(300), seconds).last().unwrap()[6..9].to_vec()
-    };
     for seconds in [1.0, 2.5, 4.0] {
         let exact = exact_attitude(seconds, 1.0);
         let off = |effects: &str| {
@@ -563,9 +565,6 @@ fn euler_kinematics_are_those_of_a_rigid_body() {
 #[test]
 fn a_larger_inertia_turns_a_rigid_body_as_slowly_about_its_own_axes() {
     // torques that depend on the rates of the angles instead were 3 rad/s^2 off in a turn
-    let attitude = |effects: &str, seconds: f64| {
-        fly::<f64>(&table(effects), Some(300), seconds).last().unwrap()[6..9].to_vec()
-    };
     for seconds in [1.0, 2.5, 4.0] {
         let exact = exact_attitude(seconds, 1.6);
         let rigid = attitude(r#"{"inertia_scale": 1.6, "rigid_body": 1}"#, seconds);

@@ -23,12 +23,7 @@ impl Search<'_> {
     /// Without one of its effects, the others and the disturbances settled anew.
     pub fn judge_without(&self, judged: &FilteredHypothesis, effect: &str) -> Option<FilteredHypothesis> {
         let settled = judged.at_posterior();
-        let place = settled.place(effect);
-        let sd: Vec<f64> = (0..judged.posterior.mean.len())
-            .filter(|i| !place.contains(i))
-            .map(|i| judged.posterior.sd(i))
-            .collect();
-        let first = self.judge(&settled.without(effect), &sd, &judged.disturbances)?;
+        let first = self.judge(&settled.without(effect), &judged.sd_without(effect), &judged.disturbances)?;
         if let Some(other) = self.with_other_losses(&first).filter(|other| other.loss < first.loss) {
             return Some(other);
         }

@@ -66,12 +66,7 @@ impl Search<'_> {
     pub(super) fn with_other_losses(&self, judged: &FilteredHypothesis) -> Option<FilteredHypothesis> {
         let settled = judged.at_posterior();
         let held = settled.terms.iter().find(|t| is_lossy(t))?.entry.name;
-        let place = settled.place(held);
-        let sd: Vec<f64> = (0..judged.posterior.mean.len())
-            .filter(|i| !place.contains(i))
-            .map(|i| judged.posterior.sd(i))
-            .collect();
-        let without = self.judge(&settled.without(held), &sd, &judged.disturbances)?;
+        let without = self.judge(&settled.without(held), &judged.sd_without(held), &judged.disturbances)?;
         self.best_with_lost_commands(&without)
     }
 }

@@ -45,6 +45,12 @@ impl FilteredHypothesis {
         term.free.iter().zip(place).map(standard_errors).fold(0.0, f64::max)
     }
 
+    /// Standard errors of the free parameters, those of an effect left out.
+    pub(super) fn sd_without(&self, effect: &str) -> Vec<f64> {
+        let place = self.hypothesis.place(effect);
+        (0..self.posterior.mean.len()).filter(|i| !place.contains(i)).map(|i| self.posterior.sd(i)).collect()
+    }
+
     /// Whether the first parameter of an effect, its strength, ran to a bound: something else is the cause.
     /// Of the exact geometry all is no bound.
     pub(super) fn is_at_bound(&self, effect: &str) -> bool {
