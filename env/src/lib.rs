@@ -24,6 +24,7 @@ mod rows;
 pub mod scalar;
 mod schedule;
 pub mod sim_scalar;
+mod state_space;
 pub mod task;
 pub mod vector;
 pub mod world;

@@ -3,7 +3,7 @@
 use crazyflie_env::effects;
 use crazyflie_identify::fit::flight::{Flight, Window};
 use crazyflie_identify::fit::hypothesis::{Hypothesis, Term};
-use crazyflie_identify::fit::predict::OutputErrorProblem;
+use crazyflie_identify::fit::output_error::OutputErrorProblem;
 use crazyflie_identify::fit::solve::{ENOUGH, Solution, solve_within};
 
 use super::ladder::FittedValue;

@@ -6,7 +6,7 @@ use crazyflie_identify::explain::errors::{self, Errors};
 use crazyflie_identify::fit::filter::Disturbances;
 use crazyflie_identify::fit::flight::{Flight, Window};
 use crazyflie_identify::fit::hypothesis::{Hypothesis, Term};
-use crazyflie_identify::fit::predict::OutputErrorProblem;
+use crazyflie_identify::fit::output_error::OutputErrorProblem;
 use crazyflie_identify::fit::solve::{ENOUGH, Solution, solve_within};
 
 use super::force;

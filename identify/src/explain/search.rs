@@ -17,7 +17,7 @@ use crate::estimate::at_bound;
 use crate::fit::filter::{Disturbances, ParameterPrior, filter};
 use crate::fit::flight::{Flight, WINDOW_S, Window};
 use crate::fit::hypothesis::{Hypothesis, Term};
-use crate::fit::predict::OutputErrorProblem;
+use crate::fit::output_error::OutputErrorProblem;
 use crate::fit::solve::{Solution, pseudo_inverse, solve_within};
 
 /// A hypothesis judged by the filter: posterior of its parameters, disturbances and loss.

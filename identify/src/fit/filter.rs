@@ -10,6 +10,7 @@ use crazyflie_env::sim_scalar::SimScalar;
 
 use super::flight::{Flight, Window};
 use super::hypothesis::Hypothesis;
+use super::matrix::{add_scaled, subtract_outer_product, symmetric_product};
 use super::packet_loss_moments::{AXES, PacketLossMoments};
 use super::predict::{PUSH, PredictedMeasurement, START, SensitivitySimulator};
 use super::solve::HUBER;
@@ -498,44 +499,6 @@ fn initial_estimate(
         p[i * n + i] = state.variance;
     }
     (x, p)
-}
-
-/// `to += by * from`.
-#[inline(always)]
-fn add_scaled(to: &mut [f64], by: f64, from: &[f64]) {
-    let from = &from[..to.len()];
-    for i in 0..to.len() {
-        to[i] += by * from[i];
-    }
-}
-
-/// A symmetric matrix times a vector: row by row, so that the compiler can take several numbers at once.
-fn symmetric_product(matrix: &[f64], by: &[f64], out: &mut [f64]) {
-    Dual::run(
-        #[inline(always)]
-        || {
-            let n = by.len();
-            out.fill(0.0);
-            for i in 0..n {
-                if by[i] != 0.0 {
-                    add_scaled(out, by[i], &matrix[i * n..(i + 1) * n]);
-                }
-            }
-        },
-    );
-}
-
-/// `matrix -= by * v v^T`.
-fn subtract_outer_product(matrix: &mut [f64], by: f64, v: &[f64]) {
-    Dual::run(
-        #[inline(always)]
-        || {
-            let n = v.len();
-            for i in 0..n {
-                add_scaled(&mut matrix[i * n..(i + 1) * n], -(by * v[i]), v);
-            }
-        },
-    );
 }
 
 /// Matrices of [`propagate`].

@@ -4,6 +4,8 @@ pub mod filter;
 pub mod flight;
 pub(crate) mod heteroscedastic;
 pub mod hypothesis;
+mod matrix;
+pub mod output_error;
 pub(crate) mod packet_loss_moments;
 pub mod predict;
 pub mod solve;

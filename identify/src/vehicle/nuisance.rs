@@ -8,7 +8,7 @@ use super::HOVER;
 use crate::estimate::IdentifyError;
 use crate::fit::flight::{Flight, WINDOW_S, Window};
 use crate::fit::hypothesis::{Hypothesis, Term};
-use crate::fit::predict::OutputErrorProblem;
+use crate::fit::output_error::OutputErrorProblem;
 use crate::fit::solve::{Prior, solve};
 
 /// Marker frames lie askew by about a degree, differently in each session, and so does a trim: with room to

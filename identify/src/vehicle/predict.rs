@@ -6,7 +6,8 @@ use rayon::prelude::*;
 use crate::estimate::Comparison;
 use crate::fit::flight::{Flight, MeasurementNoise, Window};
 use crate::fit::hypothesis::Hypothesis;
-use crate::fit::predict::{OutputErrorProblem, PredictedMeasurement, SensitivitySimulator};
+use crate::fit::output_error::OutputErrorProblem;
+use crate::fit::predict::{PredictedMeasurement, SensitivitySimulator};
 use crate::fit::solve::solve;
 use crate::metrics::Fit;
 

@@ -14,7 +14,7 @@ use crate::explain::calibration::recorded::{
 };
 use crate::fit::flight::{Flight, WINDOW_S, Window};
 use crate::fit::hypothesis::{Hypothesis, Term};
-use crate::fit::predict::OutputErrorProblem;
+use crate::fit::output_error::OutputErrorProblem;
 use crate::fit::solve::{ENOUGH, Solution, solve_within};
 use crate::vehicle::{self, SETTLE_S};
 
