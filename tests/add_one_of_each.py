@@ -74,7 +74,7 @@ def add_log_format(at):
 def add_request(at):
     """A case, a line of the table, where it is carried out, and a row of the page."""
     folder = at / SERVE
-    protocol = folder / "protocol.rs"
+    protocol = at / "server/src/protocol/request.rs"
     insert(protocol, "    State,\n    Close,", "    AddedState,\n")
     insert(
         protocol,

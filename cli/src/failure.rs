@@ -8,6 +8,7 @@ use crazyflie_picture::PictureError;
 
 use crazyflie_server::bench::Error as BenchError;
 use crazyflie_server::client::Error as ClientError;
+use crazyflie_server::protocol::Code;
 
 /// Result of a command.
 pub(crate) type Outcome<T = ()> = Result<T, Failure>;
@@ -73,7 +74,8 @@ impl From<ClientError> for Failure {
     fn from(error: ClientError) -> Self {
         match &error {
             ClientError::Url => Failure::Usage(error.to_string()),
-            ClientError::Refused { code, .. } if matches!(&code[..], "unknown_scenario" | "bad_name") => {
+            ClientError::Refused { code: Code::BadName, .. } => Failure::Usage(error.to_string()),
+            ClientError::Refused { code: Code::Other(code), .. } if code == "unknown_scenario" => {
                 Failure::Usage(error.to_string())
             }
             _ => Failure::Failed(error.to_string()),

@@ -2,12 +2,11 @@
 
 use std::time::Duration;
 
-use serde::Deserialize;
-use serde::de::DeserializeOwned;
-use serde_json::Value;
+use serde::{Deserialize, Serialize};
 use tokio_tungstenite::tungstenite::{self, Message, WebSocket};
 
 use crate::connect::{ByteStream, ConnectError, ServerConnection, connect};
+use crate::protocol::{Code, Request, Response};
 
 /// Time to wait for a reply. Scoring an attempt and a tick of a shared world take a part of it.
 const REPLY_TIMEOUT: Duration = Duration::from_secs(60);
@@ -29,19 +28,25 @@ pub enum Error {
     Closed { url: String, why: String },
     /// An error reply, in the server's words.
     #[error("{message}")]
-    Refused { code: String, message: String },
+    Refused { code: Code, message: String },
     #[error("{url} answers in a way that the protocol does not know: {problem}")]
     Unexpected { url: String, problem: String },
     #[error(transparent)]
     Env(#[from] crazyflie_env::Error),
 }
 
-/// Fields that every reply has, and those of an error.
+/// A request with its id.
+#[derive(Debug, Serialize)]
+struct Envelope<'a> {
+    id: u64,
+    #[serde(flatten)]
+    request: &'a Request,
+}
+
+/// The field that every reply has.
 #[derive(Debug, Deserialize)]
-struct ReplyHeader {
+struct ReplyId {
     id: Option<u64>,
-    code: Option<String>,
-    message: Option<String>,
 }
 
 /// A connection to a server.
@@ -69,21 +74,21 @@ impl Client {
     ///
     /// # Errors
     /// [`Error`] of most kinds.
-    pub fn request<T: DeserializeOwned>(&mut self, kind: &str, mut message: Value) -> Result<T, Error> {
+    pub fn request(&mut self, request: &Request) -> Result<Response<'static>, Error> {
         self.id += 1;
-        message["id"] = self.id.into();
-        message["type"] = kind.into();
-        let sent = self.ws.send(Message::text(message.to_string()));
+        let message = serde_json::to_string(&Envelope { id: self.id, request });
+        let sent = self.ws.send(Message::text(message.map_err(|e| self.unexpected(e))?));
         // the last reply of the server explains it better than a broken pipe
         let reply = self.read_text().map_err(|error| match (sent, error) {
             (Err(problem), Error::Lost { url, .. }) => Error::Lost { url, problem },
             (_, error) => error,
         })?;
-        let ReplyHeader { id, code, message } =
-            serde_json::from_str(&reply).map_err(|e| self.unexpected(e))?;
-        match (code, message) {
-            (Some(code), Some(message)) => Err(Error::Refused { code, message }),
-            _ if id == Some(self.id) => serde_json::from_str(&reply).map_err(|e| self.unexpected(e)),
+        let ReplyId { id } = serde_json::from_str(&reply).map_err(|e| self.unexpected(e))?;
+        match serde_json::from_str(&reply).map_err(|e| self.unexpected(e))? {
+            Response::Error { code, message, .. } => {
+                Err(Error::Refused { code, message: message.into_owned() })
+            }
+            response if id == Some(self.id) => Ok(response),
             _ => Err(self.unexpected(format!("a reply with the id {id:?}, expected {}", self.id))),
         }
     }
@@ -109,6 +114,12 @@ impl Client {
     /// An error for a reply that does not fit the protocol.
     pub fn unexpected(&self, problem: impl ToString) -> Error {
         Error::Unexpected { url: self.url.clone(), problem: problem.to_string() }
+    }
+
+    /// An error for a reply to another request than the one that was sent.
+    pub fn unexpected_response(&self, response: &Response<'_>) -> Error {
+        let words: String = format!("{response:?}").chars().take(80).collect();
+        self.unexpected(format!("an unexpected reply, {words}"))
     }
 }
 

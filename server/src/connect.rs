@@ -13,7 +13,7 @@ use tokio_tungstenite::tungstenite::http::{HeaderValue, Uri};
 use tokio_tungstenite::tungstenite::protocol::WebSocketConfig;
 use tokio_tungstenite::tungstenite::{self, WebSocket};
 
-use crate::serve::PROTOCOL;
+use crate::protocol::PROTOCOL;
 
 /// Limit for the TCP connection, and again for each handshake.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);

@@ -9,5 +9,6 @@ pub mod flight;
 pub mod frames;
 #[cfg(any(test, fuzzing))]
 pub mod fuzzed;
+pub mod protocol;
 pub mod serve;
 pub mod worlds;

@@ -6,13 +6,16 @@ use std::path::PathBuf;
 
 use crazyflie_control::avoidance::CollisionAvoidance;
 use crazyflie_control::{ControllerContext, Mode, MultiController, choose};
-use crazyflie_env::observation::{ACTION, Interface, OBSERVATION, SETPOINT};
-use serde::Deserialize;
+use crazyflie_env::observation::{ACTION, OBSERVATION, SETPOINT};
+use crazyflie_server::client::{Client, Error};
+use crazyflie_server::flight::squared_distance;
+use crazyflie_server::protocol::{
+    Code, Fly, Join, Numbers, Request, Response, SlotInfo, TickResult, WorldRequest,
+};
+use crazyflie_server::worlds::WorldPlan;
 use serde_json::{Value, json};
 
 use super::{Failure, Outcome, files};
-use crazyflie_server::client::{Client, Error};
-use crazyflie_server::flight::squared_distance;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -59,29 +62,9 @@ pub(super) struct Args {
     json: bool,
 }
 
-/// Reply to `join`: the drone's slot and its first observation.
-#[derive(Deserialize)]
-struct SlotInfo {
-    drone: usize,
-    drones: usize,
-    tick_s: f64,
-    interface: Interface,
-    observation: Vec<f32>,
-}
-
-/// Reply to `fly`: the result of one tick.
-#[derive(Deserialize)]
-struct TickResult {
-    tick: u64,
-    observation: Vec<f32>,
-    terminated: bool,
-    flying: bool,
-    late: u64,
-}
-
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let (joined, last) = fly(args)?;
-    let off_m = squared_distance(&last.observation[..3], &last.observation[SETPOINT.range()]).sqrt();
+    let off_m = squared_distance(&last.observation.0[..3], &last.observation.0[SETPOINT.range()]).sqrt();
     let outcome = if last.terminated { "its flight ended" } else { "the time was over" };
     let (drone, world, TickResult { tick, late, .. }) = (joined.drone, &args.world, &last);
     if args.json {
@@ -95,20 +78,18 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     Ok(())
 }
 
-fn fly(args: &Args) -> Outcome<(SlotInfo, TickResult)> {
+fn fly(args: &Args) -> Outcome<(SlotInfo<'static>, TickResult<'static>)> {
     let model = files::model(args.model.as_deref())?;
     let spec = choose(&args.controller, Value::Null, &|path| std::fs::read(path))?;
     let mut client = Client::open(&args.server)?;
     if let Some(mission) = &args.mission {
-        let options: Value =
-            serde_json::from_str(&args.options).map_err(|e| Failure::Usage(format!("--options: {e}")))?;
-        let fields = json!({"name": args.world, "mission": mission, "options": options, "pilots": args.pilots, "seed": args.seed});
-        match client.request::<Value>("world", fields) {
-            Err(Error::Refused { code, .. }) if code == "world_taken" => {}
-            reply => drop(reply?),
-        }
+        create_world(&mut client, args, mission)?;
     }
-    let joined: SlotInfo = client.request("join", json!({"name": args.world, "drone": args.drone}))?;
+    let join = Join { name: args.world.clone(), drone: args.drone, token: None };
+    let joined = match client.request(&Request::Join(join))? {
+        Response::Joined(slot) => *slot,
+        other => return Err(client.unexpected_response(&other).into()),
+    };
     let controller = spec.build(&ControllerContext {
         model: &model,
         interface: joined.interface,
@@ -125,16 +106,32 @@ fn fly(args: &Args) -> Outcome<(SlotInfo, TickResult)> {
     )?;
     let (mut observation, mut action) = (joined.observation.clone(), [0.0; ACTION]);
     loop {
-        pilot.act(&observation, &mut action)?;
-        let tick_result: TickResult = client.request("fly", json!({"action": action.map(f64::from)}))?;
-        if tick_result.observation.len() < OBSERVATION {
-            return Err(client
-                .unexpected(format!("an observation of {} numbers", tick_result.observation.len()))
-                .into());
+        pilot.act(&observation.0, &mut action)?;
+        let fly = Fly { action: Numbers(action.to_vec().into()) };
+        let result = match client.request(&Request::Fly(fly))? {
+            Response::Flown { result, .. } => result,
+            other => return Err(client.unexpected_response(&other).into()),
+        };
+        let width = result.observation.0.len();
+        if width < OBSERVATION {
+            return Err(client.unexpected(format!("an observation of {width} numbers")).into());
         }
-        if !tick_result.flying {
-            return Ok((joined, tick_result));
+        if !result.flying {
+            return Ok((joined, result));
         }
-        observation.clone_from(&tick_result.observation);
+        observation = result.observation;
+    }
+}
+
+/// Makes the world, unless there is one of that name.
+fn create_world(client: &mut Client, args: &Args, mission: &str) -> Outcome {
+    let options =
+        serde_json::from_str(&args.options).map_err(|e| Failure::Usage(format!("--options: {e}")))?;
+    let plan = WorldPlan { options, seed: args.seed, ..WorldPlan::new(mission) };
+    let request = WorldRequest { pilots: args.pilots, ..WorldRequest::new(&args.world, plan) };
+    match client.request(&Request::World(Box::new(request))) {
+        Ok(Response::World(_)) | Err(Error::Refused { code: Code::WorldTaken, .. }) => Ok(()),
+        Ok(other) => Err(client.unexpected_response(&other).into()),
+        Err(error) => Err(error.into()),
     }
 }

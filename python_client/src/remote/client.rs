@@ -3,6 +3,7 @@
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+use crazyflie_server::protocol::{Response, ServerInfo};
 use pyo3::Python;
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
@@ -22,17 +23,16 @@ pub struct Client {
     id: u64,
     /// Name and token of a session to come back to.
     pub session: Option<(String, String)>,
-    pub welcome: Welcome,
+    pub limits: ServerLimits,
     /// Seconds for which a lost session is looked for.
     pub resume_s: f64,
     pub resumed: u64,
 }
 
-/// Reply to `hello`, as far as it is needed.
-#[derive(Debug, Clone, Deserialize)]
-pub struct Welcome {
+/// Limits of the server, as far as they are needed.
+#[derive(Debug, Clone)]
+pub struct ServerLimits {
     pub max_text_bytes: usize,
-    pub resume_s: f64,
     pub ping_s: f64,
     pub idle_s: f64,
 }
@@ -47,7 +47,7 @@ impl Client {
             hello.insert("token".into(), token.into());
         }
         let socket = Socket::connect(url, reply_bytes)?;
-        let welcome = Welcome { max_text_bytes: usize::MAX, resume_s: 0.0, ping_s: 20.0, idle_s: 60.0 };
+        let limits = ServerLimits { max_text_bytes: usize::MAX, ping_s: 20.0, idle_s: 60.0 };
         let mut client = Client {
             socket,
             url: url.into(),
@@ -55,13 +55,17 @@ impl Client {
             reply_bytes,
             id: 0,
             session: None,
-            welcome,
+            limits,
             resume_s: 0.0,
             resumed: 0,
         };
-        let welcome = client.request("hello", client.hello.clone())?;
-        client.welcome = client.read(welcome)?;
-        client.resume_s = client.welcome.resume_s;
+        let reply = client.request("hello", client.hello.clone())?;
+        let ServerInfo { max_text_bytes, resume_s, ping_s, idle_s, .. } = match client.read(reply)? {
+            Response::Welcome(info) => info,
+            other => return Err(client.unexpected(format!("{other:?}"))),
+        };
+        client.limits = ServerLimits { max_text_bytes, ping_s, idle_s };
+        client.resume_s = resume_s;
         Ok(client)
     }
 
@@ -71,11 +75,11 @@ impl Client {
         self.id
     }
 
-    /// A reply as the type that is expected of it.
+    /// The reply in its parts.
     ///
     /// # Errors
     /// [`ClientError::Unexpected`].
-    pub fn read<T: serde::de::DeserializeOwned>(&self, reply: Value) -> Result<T, ClientError> {
+    pub fn read(&self, reply: Value) -> Result<Response<'static>, ClientError> {
         serde_json::from_value(reply).map_err(|e| self.unexpected(e.to_string()))
     }
 
@@ -92,7 +96,7 @@ impl Client {
         fields.insert("id".into(), id.into());
         fields.insert("type".into(), kind.into());
         let text = Value::Object(fields).to_string();
-        let max = self.welcome.max_text_bytes;
+        let max = self.limits.max_text_bytes;
         if text.len() > max {
             let message = format!("{kind}: a message of {} bytes, the server takes {max}", text.len());
             return Err(ClientError::Refused { code: "too_large".into(), message });
@@ -119,7 +123,7 @@ impl Client {
 
     fn attempt(&mut self, id: u64, request: Message) -> Result<Message, ClientError> {
         self.socket.send(request)?;
-        let timeout = Duration::from_secs_f64(self.welcome.idle_s);
+        let timeout = Duration::from_secs_f64(self.limits.idle_s);
         loop {
             let message = self.socket.receive(timeout)?;
             let got = match &message {

@@ -12,6 +12,7 @@ use std::time::Duration;
 
 use crazyflie_env::observation::{ACTION, OBSERVATION};
 use crazyflie_env::vector::{STATE, StepBuffers};
+use crazyflie_server::protocol::frame::Layout;
 use numpy::{PyArray1, PyArrayDyn, PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
@@ -22,8 +23,7 @@ use crate::arrays::{empty, input, mask as read_mask, output, row};
 use crate::sim::{Interface, Step, StepOne};
 use client::Client;
 use client_error::ClientError;
-use session::{Session, SessionInfo};
-use wire::Layout;
+use session::{Session, StartedSession};
 
 /// Stack of the thread that keeps a connection alive: it does little.
 const STACK_BYTES: usize = 64 << 10;
@@ -42,12 +42,6 @@ pub struct Remote {
     started: OnceLock<StartedSession>,
     /// Dropped with the connection, which ends the thread that keeps it alive.
     _alive: Mutex<Sender<()>>,
-}
-
-/// Data of the session that do not change after it has begun.
-struct StartedSession {
-    info: SessionInfo,
-    with_states: bool,
 }
 
 impl Remote {
@@ -76,7 +70,7 @@ impl Remote {
     #[pyo3(signature = (url, token = None, num_envs = 1))]
     fn new(py: Python<'_>, url: &str, token: Option<&str>, num_envs: usize) -> PyResult<Self> {
         let client = py.detach(|| Client::open(url, token, wire::reply_bytes(num_envs)))?;
-        let pause = Duration::from_secs_f64((0.5 * client.welcome.ping_s).clamp(0.01, 3600.0));
+        let pause = Duration::from_secs_f64((0.5 * client.limits.ping_s).clamp(0.01, 3600.0));
         let session = Arc::new(Mutex::new(Session::new(client)));
         let alive = keep_alive(Arc::downgrade(&session), pause)?;
         Ok(Remote { session, started: OnceLock::new(), _alive: Mutex::new(alive) })
@@ -95,15 +89,16 @@ impl Remote {
     #[pyo3(signature = (kind, fields, states = false))]
     fn begin(&self, py: Python<'_>, kind: &str, fields: &str, states: bool) -> PyResult<String> {
         let fields = object(fields)?;
-        let (reply, info) = self.with_session(py, |session| {
+        let (reply, started) = self.with_session(py, |session| {
             let reply = session.client.request(kind, fields)?;
-            let info: SessionInfo = session.client.read(reply.clone())?;
-            (session.with_states, session.layout) = (states, info.layout());
-            session.client.session = info.session.clone().zip(info.token.clone());
-            Ok((reply, info))
+            let started = StartedSession::new(session.client.read(reply.clone())?, states)
+                .ok_or_else(|| session.client.unexpected(format!("a reply to {kind} that begins nothing")))?;
+            (session.with_states, session.layout) = (states, started.layout);
+            session.client.session.clone_from(&started.key);
+            Ok((reply, started))
         })?;
         self.started
-            .set(StartedSession { info, with_states: states })
+            .set(started)
             .map_err(|_| PyRuntimeError::new_err("this connection has a session already"))?;
         Ok(reply.to_string())
     }
@@ -111,7 +106,7 @@ impl Remote {
     /// Environments in the batch.
     #[getter]
     fn num_envs(&self) -> PyResult<usize> {
-        self.started().map(|started| started.info.num_envs)
+        self.started().map(|started| started.layout.envs)
     }
 
     /// Drones in each environment.
@@ -135,22 +130,21 @@ impl Remote {
     /// Seconds per step.
     #[getter]
     fn tick_s(&self) -> PyResult<f64> {
-        self.started().map(|started| started.info.tick_s)
+        self.started().map(|started| started.tick_s)
     }
 
     /// What an action means.
     #[getter]
     fn interface(&self) -> PyResult<Interface> {
-        self.started()
-            .map(|StartedSession { info, .. }| Interface { inner: info.interface, tick_s: info.tick_s })
+        self.started().map(|started| Interface { inner: started.interface, tick_s: started.tick_s })
     }
 
     /// The most steps that one request of `step_many` may ask for.
     #[getter]
     fn max_steps(&self) -> PyResult<usize> {
         // the server counts without true states, which make a reply half as long again
-        let StartedSession { info, with_states } = self.started()?;
-        Ok(if *with_states { usize::from(info.max_steps) * 2 / 3 } else { info.max_steps.into() }.max(1))
+        let StartedSession { max_steps, with_states, .. } = *self.started()?;
+        Ok(if with_states { max_steps * 2 / 3 } else { max_steps }.max(1))
     }
 
     /// For how long a lost session is looked for, in seconds; at first as the server says.
@@ -317,7 +311,7 @@ impl Remote {
 
 impl Remote {
     fn layout(&self) -> PyResult<Layout> {
-        self.started().map(|started| started.info.layout())
+        self.started().map(|started| started.layout)
     }
 
     /// The first axes of arrays: what stands in front, environments, and where a task has several drones also

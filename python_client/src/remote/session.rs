@@ -2,58 +2,47 @@
 
 use crazyflie_env::observation::{Interface, OBSERVATION};
 use crazyflie_env::vector::StepBuffers;
-use serde::Deserialize;
+use crazyflie_server::protocol::frame::{FrameKind, Layout};
+use crazyflie_server::protocol::{AttemptInfo, Response, SessionInfo};
 use tungstenite::Message;
 
 use super::client::Client;
 use super::client_error::ClientError;
-use super::wire::{self, FrameKind, Layout, Reply, RequestWriter};
+use super::wire::{self, Reply, RequestWriter};
 
-/// Reply to `make` or `benchmark`: the new session or attempt.
-#[derive(Debug, Clone, Deserialize)]
-pub struct SessionInfo {
-    pub num_envs: usize,
-    /// In each environment. An attempt's rows are all its drones'.
-    #[serde(default = "default_drones", rename = "drones")]
-    drones: usize,
-    /// Numbers in a row of observations: `observation` of a session, `width` of an attempt.
-    observation: Option<serde_json::Value>,
-    width: Option<usize>,
-    #[serde(default)]
-    metrics: usize,
+/// What a session or an attempt is, from the reply that began it.
+#[derive(Debug, Clone)]
+pub struct StartedSession {
+    pub layout: Layout,
     pub tick_s: f64,
     pub interface: Interface,
     /// Of one binary request; an attempt at the benchmark is flown tick by tick.
-    #[serde(default = "default_max_steps")]
-    pub max_steps: u16,
-    pub session: Option<String>,
-    pub token: Option<String>,
+    pub max_steps: usize,
+    /// Name and token of a session to come back to; an attempt has none.
+    pub key: Option<(String, String)>,
+    /// True states come with every reply.
+    pub with_states: bool,
 }
 
-fn default_drones() -> usize {
-    1
-}
-
-impl SessionInfo {
-    pub fn layout(&self) -> Layout {
-        let session_width = self
-            .observation
-            .as_ref()
-            .and_then(serde_json::Value::as_u64)
-            .and_then(|width| usize::try_from(width).ok());
-        // an attempt tells its drones, and counts them as environments
-        let drones = if self.width.is_some() { 1 } else { self.drones };
-        Layout {
-            envs: self.num_envs,
-            drones,
-            width: self.width.or(session_width).unwrap_or(OBSERVATION),
-            metrics: self.metrics,
-        }
+impl StartedSession {
+    /// None for a reply that begins nothing.
+    pub fn new(reply: Response<'_>, with_states: bool) -> Option<Self> {
+        Some(match reply {
+            Response::Made(info) => {
+                let SessionInfo { num_envs, drones, metrics, max_steps, tick_s, interface, .. } = *info;
+                let layout = Layout { envs: num_envs, drones, width: info.observation, metrics };
+                let key = Some((info.session, info.token));
+                StartedSession { layout, tick_s, interface, max_steps, key, with_states }
+            }
+            // an attempt counts its drones as environments
+            Response::Begun(info) => {
+                let AttemptInfo { num_envs, width, tick_s, interface, .. } = *info;
+                let layout = Layout { envs: num_envs, drones: 1, width, metrics: 0 };
+                StartedSession { layout, tick_s, interface, max_steps: 1, key: None, with_states }
+            }
+            _ => return None,
+        })
     }
-}
-
-fn default_max_steps() -> u16 {
-    1
 }
 
 pub struct Session {

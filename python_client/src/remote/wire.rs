@@ -3,23 +3,7 @@
 use bytes::{BufMut, Bytes, BytesMut};
 use crazyflie_env::observation::OBSERVATION;
 use crazyflie_env::vector::STATE;
-
-// numbers are copied as they are
-const _: () = assert!(cfg!(target_endian = "little"));
-
-const HEADER: usize = 32;
-const STATES: u8 = 1;
-/// In the reply to the last step of an attempt; the rows say so as well.
-const OVER: u8 = 2;
-const SEEDS: u8 = 2;
-const MASK: u8 = 4;
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum FrameKind {
-    Reset = 1,
-    Step = 2,
-    State = 3,
-}
+use crazyflie_server::protocol::frame::{FrameKind, Layout, MASK, OVER, REPLY, REPLY_HEADER, SEEDS, STATES};
 
 /// The memory of requests: each is written where the one before was.
 #[derive(Default)]
@@ -84,31 +68,7 @@ pub struct Reply<'a> {
 
 /// The bytes of a usual reply with its WebSocket header.
 pub fn reply_bytes(envs: usize) -> usize {
-    HEADER + envs * (4 * (OBSERVATION + 1 + STATE) + 2) + 16
-}
-
-/// Sizes of a session's messages.
-#[derive(Debug, Clone, Copy)]
-pub struct Layout {
-    pub envs: usize,
-    /// Of each environment.
-    pub drones: usize,
-    /// Of a drone's observation.
-    pub width: usize,
-    /// Of an environment's metrics: none where a task has one drone.
-    pub metrics: usize,
-}
-
-impl Layout {
-    /// Drones of all environments.
-    pub fn rows(&self) -> usize {
-        self.envs * self.drones
-    }
-
-    /// Numbers of the last rows of an environment whose episode ended.
-    pub fn final_numbers(&self, states: bool) -> usize {
-        self.drones * (self.width + if states { STATE } else { 0 })
-    }
+    REPLY_HEADER + envs * (4 * (OBSERVATION + 1 + STATE) + 2) + 16
 }
 
 impl<'a> Reply<'a> {
@@ -131,7 +91,7 @@ impl<'a> Reply<'a> {
         };
         let flags = if states && kind != FrameKind::State { STATES } else { 0 };
         let want =
-            u32::from_le_bytes([kind as u8 | 0x80, flags, steps.to_le_bytes()[0], steps.to_le_bytes()[1]]);
+            u32::from_le_bytes([kind as u8 | REPLY, flags, steps.to_le_bytes()[0], steps.to_le_bytes()[1]]);
         if head != want || got_envs as usize != envs {
             return Err(format!(
                 "a header {head:#010x} of {got_envs} environments, expected {want:#010x} of {envs}"
@@ -151,7 +111,7 @@ impl<'a> Reply<'a> {
             rows * step,
             if metrics == 0 { 0 } else { rows * step },
         ];
-        let mut rest = bytes.get(HEADER..).unwrap_or_default();
+        let mut rest = bytes.get(REPLY_HEADER..).unwrap_or_default();
         if parts.iter().sum::<usize>() != rest.len() {
             return Err(format!(
                 "{} bytes after the header, expected {}",

@@ -6,16 +6,16 @@ use std::sync::Arc;
 
 use crazyflie_env::observation::ACTION;
 use crazyflie_env::vector::StepBuffers;
-use serde_json::Value;
 use tokio::task::block_in_place;
 
-use super::protocol::{Actions, Benchmark, Step};
-use super::protocol_error::{Code, ProtocolError};
 use super::replies::Reply;
-use super::response::{AttemptInfo, Numbers, Response, Rows, StepResult};
 use super::session_requests::json_reply;
-use super::wire::{BinaryRequest, FrameHeader, FrameKind, ReplyFrame};
+use super::wire::{BinaryRequest, FrameHeader, ReplyFrame};
 use crate::bench::{Attempt, AttemptSpec, Bench, Submitter, api};
+use crate::protocol::frame::FrameKind;
+use crate::protocol::{
+    Actions, AttemptInfo, Benchmark, Code, Numbers, ProtocolError, Response, Rows, Step, StepResult,
+};
 
 pub(crate) struct AttemptSession {
     bench: Bench,
@@ -52,16 +52,16 @@ impl AttemptSession {
         let AttemptSpec { interface, tick_s, drones, .. } = attempt.spec()?;
         let reply = json_reply(&Response::Begun(Box::new(AttemptInfo {
             id,
-            attempt: attempt.id(),
+            attempt: attempt.id().into(),
             scenario: scenario.id(),
-            scenario_hash: scenario.hash(),
+            scenario_hash: scenario.hash().into(),
             num_envs: envs,
             drones,
             width: attempt.width()?,
             tick_s,
             interface,
-            phases: scenario.planned_phases(),
-            observation: Rows { numbers: attempt.observations()?, width: attempt.width()? },
+            phases: scenario.planned_phases().into(),
+            observation: Rows { numbers: attempt.observations()?.into(), width: attempt.width()? },
         })));
         Ok((session, reply))
     }
@@ -110,10 +110,10 @@ impl AttemptSession {
         let (rows, rewards) = frame.numbers().split_at(self.terminated.len() * width);
         Ok(json_reply(&Response::Result(Box::new(StepResult {
             id,
-            observation: Rows { numbers: rows, width },
-            reward: Numbers(rewards),
-            terminated: &self.terminated,
-            truncated: &self.truncated,
+            observation: Rows { numbers: rows.into(), width },
+            reward: Numbers(rewards.into()),
+            terminated: (&self.terminated).into(),
+            truncated: (&self.truncated).into(),
             state: None,
             finals: Vec::new(),
             flying: None,
@@ -140,7 +140,7 @@ impl AttemptSession {
         let AttemptSession { bench, attempt, .. } = self;
         let stored =
             block_in_place(|| attempt.finish().and_then(|document| api::attempt(&bench, &document.id)))?;
-        let attempt: Value = serde_json::from_slice(&stored.bytes)
+        let attempt = serde_json::from_slice(&stored.bytes)
             .map_err(|e| ProtocolError::new(Code::Unavailable, e.to_string()))?;
         Ok(json_reply(&Response::Finished { id, attempt }))
     }

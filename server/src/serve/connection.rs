@@ -11,18 +11,15 @@ use tracing::{debug, info};
 use super::attempt_session::AttemptSession;
 use super::create_session;
 use super::pilot::Pilot;
-use super::protocol::{self, Hello, Request, Resume};
-use super::protocol_error::{Code, ProtocolError};
 use super::replies::Reply;
-use super::response::Response;
 use super::server::{Peer, Server};
 use super::session::Session;
 use super::session_registry::SessionEnd;
 use super::session_requests::{error_reply, json_reply};
 use super::socket::{Disconnect, Incoming, Socket};
 use super::wire::{self, BinaryRequest};
-use super::world_messages::Join;
 use super::worlds;
+use crate::protocol::{self, Code, Hello, Join, ProtocolError, Request, Response, Resume};
 
 pub(crate) struct Connection {
     server: Arc<Server>,

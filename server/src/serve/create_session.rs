@@ -11,27 +11,23 @@ use crazyflie_env::vector::VectorEnv;
 use serde_json::Value;
 
 use super::feed::Feed;
-use super::protocol::Make;
-use super::protocol_error::{Code, ProtocolError};
-use super::response::{EnvInfo, ServerInfo, SessionInfo};
 use super::server::Server;
 use super::session::Session;
 use super::session_registry::SessionEnd;
 use crate::bench::{Bench, Scenario};
-
-pub(crate) const PROTOCOL: &str = "crazyflie.v1";
+use crate::protocol::{Code, EnvInfo, Make, PROTOCOL, ProtocolError, ServerInfo, SessionInfo};
 
 pub(crate) fn server_info(server: &Server, id: u64) -> ServerInfo {
     let limits = &server.settings.limits;
     let env_info = |entry: &task::Entry| EnvInfo {
-        env: entry.id,
-        task: entry.name,
+        env: entry.id.into(),
+        task: entry.name.into(),
         max_episode_steps: entry.max_episode_steps,
         drones: entry.drones,
     };
     ServerInfo {
         id,
-        protocol: PROTOCOL,
+        protocol: PROTOCOL.into(),
         server: concat!("crazyflie ", env!("CARGO_PKG_VERSION")).into(),
         window: limits.window,
         window_bytes: limits.window_bytes,

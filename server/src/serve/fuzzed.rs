@@ -1,7 +1,9 @@
 //! Fuzz targets of the messages to a server, with the conditions that every parsed message meets.
 
-use super::wire::{BinaryRequest, FrameKind, MAX_ID};
-use super::{live, openenv, protocol};
+use super::wire::BinaryRequest;
+use super::{live, openenv};
+use crate::protocol::frame::FrameKind;
+use crate::protocol::{self, MAX_ID};
 
 pub(crate) fn control_message(bytes: &[u8]) -> bool {
     let Ok(text) = std::str::from_utf8(bytes) else { return false };

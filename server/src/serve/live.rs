@@ -10,12 +10,12 @@ use tokio::time::{MissedTickBehavior, interval};
 use tokio_tungstenite::tungstenite::Message;
 
 use super::feed::WATCHABLE;
-use super::protocol_error::{Code, ProtocolError};
 use super::replies::Reply;
 use super::server::Server;
 use super::session_registry::SessionEntry;
 use super::session_requests::error_reply;
 use super::socket::{Disconnect, Incoming, Socket};
+use crate::protocol::{Code, ProtocolError};
 
 pub(crate) const PROTOCOL: &str = "crazyflie.live.v1";
 const PERIOD: Duration = Duration::from_micros(33_334);

@@ -15,11 +15,8 @@ mod metrics;
 mod openenv;
 mod page;
 mod pilot;
-mod protocol;
-mod protocol_error;
 mod quota;
 mod replies;
-mod response;
 mod server;
 mod session;
 mod session_registry;
@@ -29,11 +26,8 @@ mod socket;
 mod upgrade;
 mod wire;
 mod world;
-mod world_messages;
 mod worlds;
 
-pub(crate) use create_session::PROTOCOL;
-pub use protocol::request_kinds;
 pub use session_registry::SessionEnd;
 
 pub use server::{Report, run};

@@ -12,12 +12,11 @@ use tokio_tungstenite::tungstenite::Message;
 use tokio_util::sync::CancellationToken;
 
 use super::create_session;
-use super::protocol::Make;
-use super::protocol_error::{Code, ProtocolError};
 use super::server::Server;
 use super::session::Session;
 use super::session_registry::SessionEnd;
 use super::socket::{Disconnect, Incoming, Socket};
+use crate::protocol::{Code, Make, ProtocolError};
 
 /// A message whose fields are not read yet.
 #[derive(Debug, Deserialize)]

@@ -5,12 +5,10 @@ use std::sync::Arc;
 use crazyflie_env::observation::{ACTION, Interface};
 use tokio::sync::oneshot;
 
-use super::protocol_error::{Code, ProtocolError};
 use super::replies::Reply;
-use super::response::{Numbers, Response};
 use super::session_requests::json_reply;
-use super::world_messages::{Fly, Join, SlotInfo};
 use super::worlds::{WorldEntry, WorldRegistry};
+use crate::protocol::{Code, Fly, Join, Numbers, ProtocolError, Response, SlotInfo, TickResult};
 
 /// A command for the task that owns a world.
 pub(crate) enum WorldCommand {
@@ -22,7 +20,7 @@ pub(crate) enum WorldCommand {
     Fly {
         key: SlotKey,
         action: [f32; ACTION],
-        answer: oneshot::Sender<Result<TickResult, ProtocolError>>,
+        answer: oneshot::Sender<Result<TickResult<'static>, ProtocolError>>,
     },
     Leave {
         key: SlotKey,
@@ -45,17 +43,6 @@ pub(crate) struct SlotGrant {
     pub drones: usize,
     pub interface: Interface,
     pub observation: Vec<f32>,
-}
-
-/// The results of a tick for one drone.
-pub(crate) struct TickResult {
-    pub tick: u64,
-    pub observation: Vec<f32>,
-    pub reward: f32,
-    pub terminated: bool,
-    pub truncated: bool,
-    pub flying: bool,
-    pub late: u64,
 }
 
 /// Control over one drone, given back when dropped.
@@ -91,7 +78,7 @@ impl Pilot {
         let SlotGrant { key, tick, tick_s, deadline_s, drones, interface, observation } = grant;
         let reply = json_reply(&Response::Joined(Box::new(SlotInfo {
             id,
-            world: &world.name,
+            world: (&world.name).into(),
             drone: key.drone,
             drones,
             token: hex::encode(key.secret),
@@ -99,7 +86,7 @@ impl Pilot {
             tick_s,
             deadline_s,
             interface,
-            observation: Numbers(&observation),
+            observation: Numbers(observation.into()),
         })));
         Ok((Pilot { world, key }, reply))
     }
@@ -110,19 +97,9 @@ impl Pilot {
     /// `wrong_length`, `bad_action`, `drone_ended`, `seat_lost`, `world_over`.
     pub(crate) async fn fly(&self, id: u64, request: &Fly) -> Result<Reply, ProtocolError> {
         let action = request.action()?;
-        let TickResult { tick, observation, reward, terminated, truncated, flying, late } =
+        let result =
             send_command(&self.world, |answer| WorldCommand::Fly { key: self.key, action, answer }).await?;
-        let (observation, reward) = (Numbers(&observation), f64::from(reward));
-        Ok(json_reply(&Response::Flown {
-            id,
-            tick,
-            observation,
-            reward,
-            terminated,
-            truncated,
-            flying,
-            late,
-        }))
+        Ok(json_reply(&Response::Flown { id, result }))
     }
 
     /// The world and the drone, in words.

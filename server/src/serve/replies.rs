@@ -5,9 +5,9 @@ use std::sync::Arc;
 
 use tokio_tungstenite::tungstenite::{Message, Utf8Bytes};
 
-use super::protocol_error::{Code, ProtocolError};
 use super::settings::Limits;
 use super::wire::{self, ReplyFrame};
+use crate::protocol::{Code, ProtocolError};
 
 /// A reply in the form in which it is sent.
 #[derive(Debug, Clone)]

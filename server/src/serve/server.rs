@@ -26,7 +26,6 @@ use tracing::{debug, info, warn};
 use super::bench_routes::FLIGHTS_AT_ONCE;
 use super::http;
 use super::metrics::Metrics;
-use super::protocol_error::{Code, ProtocolError};
 use super::quota::{Quota, QuotaSlot, address_group, token_digest};
 use super::session::Session;
 use super::session_registry::{SessionEnd, SessionRegistry, lock};
@@ -34,6 +33,7 @@ use super::settings::{ServeError, Settings};
 use super::socket::Stream;
 use super::worlds::WorldRegistry;
 use crate::bench::Bench;
+use crate::protocol::{Code, ProtocolError};
 
 /// A plain HTTP connection is closed after this time, whatever it does: a reader that stands still holds its
 /// place no longer.

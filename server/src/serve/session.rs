@@ -10,11 +10,12 @@ use crazyflie_env::observation::ACTION;
 use crazyflie_env::vector::{StepBuffers, VectorEnv};
 
 use super::feed::{EpisodeClocks, FeedRows, WATCHABLE};
-use super::protocol_error::{Code, ProtocolError};
 use super::replies::ReplyCache;
 use super::session_registry::{SessionEnd, SessionEntry, SessionSlot};
 use super::settings::Limits;
-use super::wire::{Layout, ReplyFrame};
+use super::wire::ReplyFrame;
+use crate::protocol::frame::Layout;
+use crate::protocol::{Code, ProtocolError};
 
 pub(crate) struct Session {
     pub(super) env: VectorEnv,
@@ -90,8 +91,8 @@ impl Session {
         if self.autoreset == Autoreset::Disabled {
             return 1;
         }
-        let step_bytes = self.reply_bytes(1, false) - super::wire::REPLY_HEADER;
-        ((self.max_bytes - super::wire::REPLY_HEADER) / step_bytes).clamp(1, usize::from(u16::MAX))
+        let step_bytes = self.reply_bytes(1, false) - crate::protocol::frame::REPLY_HEADER;
+        ((self.max_bytes - crate::protocol::frame::REPLY_HEADER) / step_bytes).clamp(1, usize::from(u16::MAX))
     }
 
     /// At most: every episode may end in every step.

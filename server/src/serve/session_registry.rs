@@ -12,8 +12,8 @@ use tracing::info;
 
 use super::feed::Feed;
 use super::metrics::Metrics;
-use super::protocol_error::{Code, ProtocolError};
 use super::session::Session;
+use crate::protocol::{Code, ProtocolError};
 
 /// Reason that a session ended.
 #[derive(

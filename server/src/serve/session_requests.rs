@@ -5,12 +5,13 @@ use std::sync::Arc;
 use crazyflie_env::vector::STATE;
 use tokio_tungstenite::tungstenite::Utf8Bytes;
 
-use super::protocol::{Actions, Reset, Step};
-use super::protocol_error::{Code, ProtocolError};
 use super::replies::Reply;
-use super::response::{FinalRow, Numbers, Response, Rows, StepResult};
 use super::session::{Session, StepReply};
-use super::wire::{BinaryRequest, FrameHeader, FrameKind, Layout, ReplyFrame};
+use super::wire::{BinaryRequest, FrameHeader, ReplyFrame};
+use crate::protocol::frame::{FrameKind, Layout};
+use crate::protocol::{
+    Actions, Code, FinalRow, Numbers, ProtocolError, Reset, Response, Rows, Step, StepResult,
+};
 
 /// Environment-steps of one request from which a blocking thread is worth the change of threads.
 const LONG: usize = 8192;
@@ -115,7 +116,7 @@ impl Session {
             let (rows, states) = frame.numbers().split_at(session.layout.rows() * width);
             session.text(&Response::Observation {
                 id,
-                observation: Rows { numbers: rows, width },
+                observation: Rows { numbers: rows.into(), width },
                 state: request.states.then_some(state_rows(states)),
             })
         })
@@ -157,21 +158,21 @@ impl Session {
                 let (observation, state) = row.split_at(self.layout.drones * width);
                 FinalRow {
                     env,
-                    observation: Numbers(observation),
-                    state: stepped.states.then_some(Numbers(state)),
+                    observation: Numbers(observation.into()),
+                    state: stepped.states.then_some(Numbers(state.into())),
                 }
             },
         );
         StepResult {
             id,
-            observation: Rows { numbers: rows, width },
-            reward: Numbers(rewards),
-            terminated: &self.terminated,
-            truncated: &self.truncated,
+            observation: Rows { numbers: rows.into(), width },
+            reward: Numbers(rewards.into()),
+            terminated: (&self.terminated).into(),
+            truncated: (&self.truncated).into(),
             state: stepped.states.then_some(state_rows(states)),
             finals: finals.collect(),
-            flying: (metrics > 0).then_some(&self.flying[..]),
-            metrics: (metrics > 0).then_some(Rows { numbers: measured, width: metrics.max(1) }),
+            flying: (metrics > 0).then_some((&self.flying[..]).into()),
+            metrics: (metrics > 0).then_some(Rows { numbers: measured.into(), width: metrics.max(1) }),
             over: None,
         }
     }
@@ -188,7 +189,7 @@ impl Session {
 }
 
 fn state_rows(numbers: &[f32]) -> Rows<'_> {
-    Rows { numbers, width: STATE }
+    Rows { numbers: numbers.into(), width: STATE }
 }
 
 /// Runs work of `steps` environment-steps. Other connections of this thread do not wait for long work.
@@ -199,8 +200,8 @@ fn run_off_thread_if_long<T>(steps: usize, work: impl FnOnce() -> T) -> T {
 pub(crate) fn error_reply(id: Option<u64>, error: &ProtocolError) -> Reply {
     json_reply(&Response::Error {
         id,
-        code: error.code,
-        message: &error.message,
+        code: error.code.clone(),
+        message: (&error.message).into(),
         retry_after_s: error.retry_after_s,
     })
 }

@@ -12,11 +12,11 @@ use hyper_util::rt::TokioIo;
 use tokio_tungstenite::tungstenite::handshake::server::create_response_with_body;
 use tracing::{debug, info};
 
-use super::create_session::PROTOCOL;
 use super::http::HttpError;
 use super::server::{Peer, Server};
 use super::socket::{Socket, Stream};
 use super::{connection, echo, live, openenv};
+use crate::protocol::PROTOCOL;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Dialect {

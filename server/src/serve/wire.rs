@@ -5,34 +5,12 @@ use std::sync::Arc;
 use bytemuck::{cast_slice, cast_slice_mut};
 use bytes::Bytes;
 use crazyflie_env::observation::ACTION;
-use crazyflie_env::vector::{STATE, VectorEnv};
 
-use super::protocol_error::{Code, ProtocolError};
+use crate::protocol::frame::{FrameKind, MASK, OVER, REPLY, REPLY_HEADER, REQUEST_HEADER, SEEDS, STATES};
+use crate::protocol::{Code, MAX_ID, ProtocolError};
 
-// replies are copied from memory as they are
-const _: () = assert!(cfg!(target_endian = "little"));
-
-pub(crate) const REQUEST_HEADER: usize = 16;
-/// In bytes and in words of four.
-pub(crate) const REPLY_HEADER: usize = 32;
-pub(crate) const REPLY_WORDS: usize = REPLY_HEADER / 4;
-
-/// Also send the true states.
-pub(crate) const STATES: u8 = 1;
-/// Of a reply: the attempt is over.
-const OVER: u8 = 2;
-const SEEDS: u8 = 2;
-const MASK: u8 = 4;
-
-/// The largest id: JSON numbers are exact up to here in every language.
-pub(crate) const MAX_ID: u64 = (1 << 53) - 1;
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum FrameKind {
-    Reset = 1,
-    Step = 2,
-    State = 3,
-}
+/// A reply's header in words of four bytes.
+const REPLY_WORDS: usize = REPLY_HEADER / 4;
 
 /// A request, its payload still as bytes.
 #[derive(Debug, PartialEq)]
@@ -151,55 +129,6 @@ fn lengths(kind: FrameKind, flags: u8, steps: usize, size: [usize; 2]) -> [u128;
     ]
 }
 
-/// Sizes of a session's replies.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Layout {
-    pub envs: usize,
-    /// Of each environment.
-    pub drones: usize,
-    /// Of a drone's observation.
-    pub width: usize,
-    /// Of an environment's metrics: none where a task has one drone.
-    pub metrics: usize,
-}
-
-impl Layout {
-    pub(crate) fn new(env: &VectorEnv) -> Self {
-        Layout {
-            envs: env.num_envs(),
-            drones: env.num_drones(),
-            width: env.width(),
-            metrics: env.num_metrics(),
-        }
-    }
-
-    /// Drones of all environments.
-    pub(crate) fn rows(&self) -> usize {
-        self.envs * self.drones
-    }
-
-    /// Numbers of true states in one step.
-    pub(crate) fn state_numbers(&self, states: bool) -> usize {
-        if states { self.rows() * STATE } else { 0 }
-    }
-
-    /// Numbers that an episode's end adds to a step's reply, with same-step resets.
-    pub(crate) fn final_numbers(&self, states: bool) -> usize {
-        self.drones * (self.width + if states { STATE } else { 0 })
-    }
-
-    /// Truth values of each drone: terminated, truncated, and where there are several whether it flies on.
-    fn flags(&self) -> usize {
-        if self.metrics == 0 { 2 } else { 3 }
-    }
-
-    /// Bytes of a step's reply if no episode ends.
-    pub(crate) fn reply_bytes(&self, steps: usize, states: bool) -> usize {
-        let numbers = self.rows() * (self.width + 1) + self.state_numbers(states) + self.envs * self.metrics;
-        REPLY_HEADER + steps.saturating_mul(4 * numbers + self.rows() * self.flags())
-    }
-}
-
 /// A reply in the form in which it is sent.
 #[derive(Debug, Default)]
 pub struct ReplyFrame {
@@ -258,7 +187,7 @@ impl ReplyFrame {
         let bytes: &mut [u8] = cast_slice_mut(&mut self.words[..REPLY_WORDS]);
         bytes.fill(0);
         bytes[..8].copy_from_slice(&id.to_le_bytes());
-        bytes[8] = head.kind as u8 | 0x80;
+        bytes[8] = head.kind as u8 | REPLY;
         bytes[9] = if head.states { STATES } else { 0 } | if head.over { OVER } else { 0 };
         bytes[10..12].copy_from_slice(&(head.steps as u16).to_le_bytes());
         bytes[12..16].copy_from_slice(&(head.envs as u32).to_le_bytes());

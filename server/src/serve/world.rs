@@ -13,11 +13,10 @@ use tokio::time::{Instant, sleep_until};
 use tokio_util::sync::CancellationToken;
 use tracing::{error, info};
 
-use super::pilot::{SlotGrant, SlotKey, TickResult, WorldCommand};
-use super::protocol_error::{Code, ProtocolError};
+use super::pilot::{SlotGrant, SlotKey, WorldCommand};
 use super::session_registry::{SessionEnd, SessionSlot, lock};
-use super::world_messages::WorldRequest;
 use super::worlds::{WorldEntry, WorldState};
+use crate::protocol::{Code, Numbers, ProtocolError, TickResult, WorldRequest};
 use crate::worlds::ActionSource;
 
 struct PilotSlot {
@@ -29,7 +28,7 @@ struct PilotSlot {
 
 struct PendingAction {
     action: [f32; ACTION],
-    answer: oneshot::Sender<Result<TickResult, ProtocolError>>,
+    answer: oneshot::Sender<Result<TickResult<'static>, ProtocolError>>,
 }
 
 pub(crate) struct World {
@@ -254,8 +253,8 @@ impl World {
         for (drone, answer) in answers {
             let over = TickResult {
                 tick: flight.ticks,
-                observation: flight.observation(drone).to_vec(),
-                reward: flight.rewards[drone],
+                observation: Numbers(flight.observation(drone).to_vec().into()),
+                reward: flight.rewards[drone].into(),
                 terminated: flight.terminated[drone],
                 truncated: flight.truncated[drone],
                 flying: flight.flying[drone],

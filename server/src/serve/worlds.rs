@@ -12,12 +12,11 @@ use tokio::sync::mpsc::{UnboundedSender, unbounded_channel};
 
 use super::feed::Feed;
 use super::pilot::WorldCommand;
-use super::protocol_error::{Code, ProtocolError};
 use super::server::Server;
 use super::session_registry::lock;
 use super::settings::Limits;
 use super::world::World;
-use super::world_messages::{WorldInfo, WorldRequest};
+use crate::protocol::{Code, ProtocolError, WorldInfo, WorldRequest};
 use crate::worlds::{ActionSource, WorldFlight, WorldLog, WorldSummary};
 
 /// A world as the server lists it.

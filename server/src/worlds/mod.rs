@@ -17,7 +17,8 @@ pub use log::{WorldLog, WorldReplay, WorldSummary, replay_log};
 
 /// Plan of a world: all that its flight depends on, besides the actions of its pilots.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub(crate) struct WorldPlan {
+#[allow(missing_docs, reason = "docs/protocol.md says what every field means")]
+pub struct WorldPlan {
     pub mission: String,
     /// See [`Options`].
     #[serde(default)]
@@ -37,6 +38,12 @@ fn thesis_pid() -> String {
 }
 
 impl WorldPlan {
+    /// The mission as it is, with the thesis's controller for the drones without a pilot.
+    pub fn new(mission: &str) -> Self {
+        let options = Map::new();
+        WorldPlan { mission: mission.into(), options, seed: 0, autopilot: thesis_pid(), model: None }
+    }
+
     /// The options in full: one episode of the mission, on one thread.
     ///
     /// # Errors

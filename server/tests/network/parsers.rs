@@ -38,7 +38,7 @@ fn nearly() -> impl Strategy<Value = String> {
         Just(json!("Crazyflie-v0")),
         Just(json!(1)),
     ];
-    let kinds: Vec<&str> = crazyflie_server::serve::request_kinds().chain(["x"]).collect();
+    let kinds: Vec<&str> = crazyflie_server::protocol::request_kinds().chain(["x"]).collect();
     let names = [
         "id", "env", "options", "num_envs", "model", "seed", "seeds", "mask", "states", "action", "session",
         "token", "client", "watch", "data",

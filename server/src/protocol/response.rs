@@ -1,44 +1,25 @@
-//! Responses in JSON: `docs/protocol.md` says what every field means.
+//! Responses. A client's own the data that a server's borrow.
+
+#![allow(
+    missing_docs,
+    reason = "docs/protocol.md says what every field means, in one place for every language"
+)]
+
+use std::borrow::Cow;
 
 use crazyflie_env::config::Autoreset;
 use crazyflie_env::observation::Interface;
-use serde::ser::SerializeSeq;
-use serde::{Serialize, Serializer};
-use serde_json::Value;
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
 
-use super::protocol_error::Code;
-use super::world_messages::{SlotInfo, WorldInfo};
+use super::error::Code;
+use super::numbers::{Numbers, Rows};
+use super::shared_world::{SlotInfo, TickResult, WorldInfo};
 use crate::bench::PlannedPhase;
 
-/// Numbers of `f32` as rows; sent as the `f64` that they are, so that they come back bit for bit.
-#[derive(Debug)]
-pub(crate) struct Rows<'a> {
-    pub numbers: &'a [f32],
-    pub width: usize,
-}
-
-impl Serialize for Rows<'_> {
-    fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
-        let mut rows = to.serialize_seq(Some(self.numbers.len() / self.width))?;
-        for row in self.numbers.chunks(self.width) {
-            rows.serialize_element(&Numbers(row))?;
-        }
-        rows.end()
-    }
-}
-
-#[derive(Debug)]
-pub(crate) struct Numbers<'a>(pub &'a [f32]);
-
-impl Serialize for Numbers<'_> {
-    fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
-        to.collect_seq(self.0.iter().map(|number| f64::from(*number)))
-    }
-}
-
 /// The last row of an episode that ended in the step.
-#[derive(Debug, Serialize)]
-pub(crate) struct FinalRow<'a> {
+#[derive(Debug, Serialize, Deserialize)]
+pub struct FinalRow<'a> {
     pub env: usize,
     pub observation: Numbers<'a>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -46,9 +27,9 @@ pub(crate) struct FinalRow<'a> {
 }
 
 /// A response, apart from binary frames.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case")]
-pub(crate) enum Response<'a> {
+pub enum Response<'a> {
     Welcome(ServerInfo),
     Made(Box<SessionInfo>),
     Observation {
@@ -77,7 +58,7 @@ pub(crate) enum Response<'a> {
     /// The stored row of an attempt.
     Finished {
         id: u64,
-        attempt: Value,
+        attempt: Map<String, Value>,
     },
     /// A new shared world.
     World(WorldInfo),
@@ -85,15 +66,8 @@ pub(crate) enum Response<'a> {
     /// A tick of a shared world is over.
     Flown {
         id: u64,
-        /// Ticks so far.
-        tick: u64,
-        observation: Numbers<'a>,
-        reward: f64,
-        terminated: bool,
-        truncated: bool,
-        flying: bool,
-        /// Number of ticks that were flown without this pilot's action.
-        late: u64,
+        #[serde(flatten)]
+        result: TickResult<'a>,
     },
     Left {
         id: u64,
@@ -101,28 +75,28 @@ pub(crate) enum Response<'a> {
     Error {
         id: Option<u64>,
         code: Code,
-        message: &'a str,
+        message: Cow<'a, str>,
         #[serde(skip_serializing_if = "Option::is_none")]
         retry_after_s: Option<u64>,
     },
 }
 
 /// Reply to `step`.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, Deserialize)]
 pub struct StepResult<'a> {
     pub id: u64,
     pub observation: Rows<'a>,
     pub reward: Numbers<'a>,
-    pub terminated: &'a [bool],
-    pub truncated: &'a [bool],
+    pub terminated: Cow<'a, [bool]>,
+    pub truncated: Cow<'a, [bool]>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub state: Option<Rows<'a>>,
     /// With same-step resets.
-    #[serde(rename = "final", skip_serializing_if = "Vec::is_empty")]
+    #[serde(rename = "final", default, skip_serializing_if = "Vec::is_empty")]
     pub finals: Vec<FinalRow<'a>>,
     /// For tasks of several drones: the ones that fly on, and rows for each environment.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub flying: Option<&'a [bool]>,
+    pub flying: Option<Cow<'a, [bool]>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub metrics: Option<Rows<'a>>,
     /// In an attempt: the last episode has ended.
@@ -131,12 +105,12 @@ pub struct StepResult<'a> {
 }
 
 /// Reply to `benchmark`: the attempt and its first observations.
-#[derive(Debug, Serialize)]
-pub(crate) struct AttemptInfo<'a> {
+#[derive(Debug, Serialize, Deserialize)]
+pub struct AttemptInfo<'a> {
     pub id: u64,
-    pub attempt: &'a str,
+    pub attempt: Cow<'a, str>,
     pub scenario: String,
-    pub scenario_hash: &'a str,
+    pub scenario_hash: Cow<'a, str>,
     /// Rows in and out: the drones of all episodes, in lock-step.
     pub num_envs: usize,
     /// In each episode.
@@ -146,15 +120,15 @@ pub(crate) struct AttemptInfo<'a> {
     pub tick_s: f64,
     pub interface: Interface,
     /// The parts of the flight, for controllers that want to be told when to take off and when to land.
-    pub phases: &'a [PlannedPhase],
+    pub phases: Cow<'a, [PlannedPhase]>,
     pub observation: Rows<'a>,
 }
 
 /// Reply to `hello`: the server's limits and offer.
-#[derive(Debug, Serialize)]
-pub(crate) struct ServerInfo {
+#[derive(Debug, Serialize, Deserialize)]
+pub struct ServerInfo {
     pub id: u64,
-    pub protocol: &'static str,
+    pub protocol: Cow<'static, str>,
     pub server: String,
     pub window: usize,
     pub window_bytes: usize,
@@ -170,18 +144,18 @@ pub(crate) struct ServerInfo {
 }
 
 /// An environment that the server offers.
-#[derive(Debug, Serialize)]
-pub(crate) struct EnvInfo {
-    pub env: &'static str,
-    pub task: &'static str,
+#[derive(Debug, Serialize, Deserialize)]
+pub struct EnvInfo {
+    pub env: Cow<'static, str>,
+    pub task: Cow<'static, str>,
     pub max_episode_steps: u32,
     /// Unless the options say otherwise.
     pub drones: usize,
 }
 
 /// Reply to `make`: the new session.
-#[derive(Debug, Serialize)]
-pub(crate) struct SessionInfo {
+#[derive(Debug, Serialize, Deserialize)]
+pub struct SessionInfo {
     pub id: u64,
     pub session: String,
     /// Needed to resume; nobody else has it.

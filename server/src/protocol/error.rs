@@ -1,5 +1,7 @@
 //! Errors of requests. The session lives on.
 
+use std::borrow::Cow;
+
 use crazyflie_env::Error;
 
 /// An error reply: a code for programs, words for people.
@@ -13,9 +15,10 @@ pub(crate) struct ProtocolError {
 }
 
 /// The codes of `docs/protocol.md`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub(crate) enum Code {
+#[allow(missing_docs, reason = "docs/protocol.md says what every code means")]
+pub enum Code {
     BadJson,
     BadMessage,
     UnknownType,
@@ -42,9 +45,9 @@ pub(crate) enum Code {
     TooLarge,
     TooMany,
     Unavailable,
-    /// Of the benchmark, in its own words.
+    /// Of the benchmark, in its own words, or of a server that knows more codes.
     #[serde(untagged)]
-    Benchmark(&'static str),
+    Other(Cow<'static, str>),
 }
 
 impl ProtocolError {
@@ -78,7 +81,7 @@ impl From<Error> for ProtocolError {
 impl From<crate::bench::Error> for ProtocolError {
     fn from(error: crate::bench::Error) -> Self {
         let retry_after_s = error.retry_after_s();
-        let code = Code::Benchmark(error.code());
+        let code = Code::Other(error.code().into());
         ProtocolError { code, message: error.to_string(), retry_after_s }
     }
 }

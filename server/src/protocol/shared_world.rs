@@ -1,16 +1,22 @@
-//! JSON messages about shared worlds: `docs/protocol.md` says what every field means.
+//! Messages about shared worlds.
+
+#![allow(
+    missing_docs,
+    reason = "docs/protocol.md says what every field means, in one place for every language"
+)]
+
+use std::borrow::Cow;
 
 use crazyflie_env::observation::{ACTION, Interface};
 use serde::{Deserialize, Serialize};
 
-use super::protocol_error::{Code, ProtocolError};
-use super::response::Numbers;
+use super::error::{Code, ProtocolError};
+use super::numbers::Numbers;
 use crate::worlds::WorldPlan;
 
 /// Request for a new shared world.
-#[derive(Debug, Deserialize)]
-#[serde(rename = "Founding")]
-pub(crate) struct WorldRequest {
+#[derive(Debug, Serialize, Deserialize)]
+pub struct WorldRequest {
     pub name: String,
     #[serde(flatten)]
     pub plan: WorldPlan,
@@ -31,6 +37,11 @@ fn default_pilots() -> usize {
 }
 
 impl WorldRequest {
+    /// A world with the deadline and the one pilot that are usual.
+    pub fn new(name: &str, plan: WorldPlan) -> Self {
+        WorldRequest { name: name.into(), plan, deadline_s: default_deadline_s(), pilots: default_pilots() }
+    }
+
     /// # Errors
     /// `bad_name` and `bad_options`.
     pub(crate) fn check(&self) -> Result<(), ProtocolError> {
@@ -53,12 +64,14 @@ impl WorldRequest {
     }
 }
 
-#[derive(Deserialize)]
-pub(crate) struct Join {
+#[derive(Serialize, Deserialize)]
+pub struct Join {
     pub name: String,
     /// The first that is free, unless given.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub drone: Option<usize>,
     /// Token of the slot that is taken over.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub token: Option<String>,
 }
 
@@ -69,9 +82,9 @@ impl std::fmt::Debug for Join {
     }
 }
 
-#[derive(Debug, Deserialize)]
-pub(crate) struct Fly {
-    action: Vec<f32>,
+#[derive(Debug, Serialize, Deserialize)]
+pub struct Fly {
+    pub action: Numbers<'static>,
 }
 
 impl Fly {
@@ -81,11 +94,11 @@ impl Fly {
         let wrong = || {
             ProtocolError::new(
                 Code::WrongLength,
-                format!("action: expected {ACTION} numbers, got {}", self.action.len()),
+                format!("action: expected {ACTION} numbers, got {}", self.action.0.len()),
             )
         };
-        let action = self.action.as_slice().try_into().map_err(|_| wrong())?;
-        match self.action.iter().enumerate().find(|(_, number)| !(-1.0..=1.0).contains(*number)) {
+        let action = (&*self.action.0).try_into().map_err(|_| wrong())?;
+        match self.action.0.iter().enumerate().find(|(_, number)| !(-1.0..=1.0).contains(*number)) {
             Some((axis, number)) => Err(ProtocolError::new(
                 Code::BadAction,
                 format!("action[{axis}] is {number}, expected a number from -1 to 1"),
@@ -96,8 +109,8 @@ impl Fly {
 }
 
 /// Reply to `world`: the new shared world.
-#[derive(Debug, Serialize)]
-pub(crate) struct WorldInfo {
+#[derive(Debug, Serialize, Deserialize)]
+pub struct WorldInfo {
     pub id: u64,
     pub world: String,
     pub session: String,
@@ -112,10 +125,10 @@ pub(crate) struct WorldInfo {
 }
 
 /// Reply to `join`: the drone and its first observation.
-#[derive(Debug, Serialize)]
-pub(crate) struct SlotInfo<'a> {
+#[derive(Debug, Serialize, Deserialize)]
+pub struct SlotInfo<'a> {
     pub id: u64,
-    pub world: &'a str,
+    pub world: Cow<'a, str>,
     pub drone: usize,
     pub drones: usize,
     /// Lets another connection take the slot over.
@@ -125,4 +138,18 @@ pub(crate) struct SlotInfo<'a> {
     pub deadline_s: f64,
     pub interface: Interface,
     pub observation: Numbers<'a>,
+}
+
+/// Reply to `fly`, when the tick is over.
+#[derive(Debug, Serialize, Deserialize)]
+pub struct TickResult<'a> {
+    /// Ticks so far.
+    pub tick: u64,
+    pub observation: Numbers<'a>,
+    pub reward: f64,
+    pub terminated: bool,
+    pub truncated: bool,
+    pub flying: bool,
+    /// Number of ticks that were flown without this pilot's action.
+    pub late: u64,
 }

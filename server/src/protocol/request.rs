@@ -1,25 +1,32 @@
-//! Requests in JSON: `docs/protocol.md` says what every field means.
+//! Requests.
+
+#![allow(
+    missing_docs,
+    reason = "docs/protocol.md says what every field means, in one place for every language"
+)]
 
 use crazyflie_env::observation::ACTION;
-use serde::Deserialize;
 use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize, Serializer};
 use serde_json::Value;
 
-use super::protocol_error::{Code, ProtocolError};
-use super::wire::MAX_ID;
-use super::world_messages::{Fly, Join, WorldRequest};
+use super::MAX_ID;
+use super::error::{Code, ProtocolError};
+use super::numbers::Numbers;
+use super::shared_world::{Fly, Join, WorldRequest};
 
 /// Fields that every message has. The others are read when the type is known.
 #[derive(Debug, Deserialize)]
-pub(crate) struct Envelope {
-    pub id: Option<Value>,
+struct Envelope {
+    id: Option<Value>,
     #[serde(rename = "type")]
-    pub kind: Option<Value>,
+    kind: Option<Value>,
 }
 
 /// A request, apart from its id.
-#[derive(Debug)]
-pub(crate) enum Request {
+#[derive(Debug, Serialize)]
+#[serde(tag = "type", rename_all = "snake_case")]
+pub enum Request {
     Hello(Hello),
     Make(Box<Make>),
     Reset(Reset),
@@ -39,18 +46,20 @@ pub(crate) enum Request {
 #[derive(Debug, Deserialize)]
 struct Empty {}
 
-#[derive(Debug, Deserialize)]
-pub(crate) struct Hello {
+#[derive(Debug, Serialize, Deserialize)]
+pub struct Hello {
     /// Name of the client, for the log.
     #[serde(default)]
     pub client: String,
     /// A team's token: its connections are counted.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub token: Option<String>,
 }
 
-#[derive(Debug, Deserialize)]
-pub(crate) struct Make {
+#[derive(Debug, Serialize, Deserialize)]
+pub struct Make {
     /// A Gymnasium id; the task of the options, unless given.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub env: Option<String>,
     /// As in Python: task, effects, autoreset and so on.
     #[serde(default)]
@@ -58,6 +67,7 @@ pub(crate) struct Make {
     #[serde(default = "default_num_envs")]
     pub num_envs: usize,
     /// The text of a model file.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub model: Option<String>,
 }
 
@@ -65,18 +75,21 @@ fn default_num_envs() -> usize {
     1
 }
 
-#[derive(Debug, Deserialize)]
-pub(crate) struct Reset {
+#[derive(Debug, Serialize, Deserialize)]
+pub struct Reset {
     /// Environment `i` begins with `seed + i`.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub seed: Option<u64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub seeds: Option<Vec<u64>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub mask: Option<Vec<bool>>,
     #[serde(default)]
     pub states: bool,
 }
 
-#[derive(Debug, Deserialize)]
-pub(crate) struct Step {
+#[derive(Debug, Serialize, Deserialize)]
+pub struct Step {
     pub action: Actions,
     #[serde(default)]
     pub states: bool,
@@ -85,20 +98,29 @@ pub(crate) struct Step {
 /// A row per environment; a single environment may do without the outer list.
 #[derive(Debug, Deserialize)]
 #[serde(untagged, expecting = "a list of rows of 4 numbers, or one such row for a single environment")]
-pub(crate) enum Actions {
+pub enum Actions {
     One([f32; ACTION]),
     Many(Vec<[f32; ACTION]>),
 }
 
-#[derive(Debug, Deserialize)]
-pub(crate) struct Resume {
+impl Serialize for Actions {
+    fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
+        match self {
+            Actions::One(row) => Numbers(row[..].into()).serialize(to),
+            Actions::Many(rows) => to.collect_seq(rows.iter().map(|row| Numbers(row[..].into()))),
+        }
+    }
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+pub struct Resume {
     pub session: String,
     pub token: String,
 }
 
 /// An attempt at a scenario of the benchmark.
-#[derive(Deserialize)]
-pub(crate) struct Benchmark {
+#[derive(Serialize, Deserialize)]
+pub struct Benchmark {
     /// `name@version`, or a name alone.
     pub scenario: String,
     pub controller: String,
@@ -182,7 +204,12 @@ fn fields<T: DeserializeOwned>(kind: &str, text: &str) -> Result<T, ProtocolErro
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+
+    use serde_json::json;
+
     use super::*;
+    use crate::worlds::WorldPlan;
 
     #[test]
     fn the_page_of_the_protocol_has_every_request_and_no_other() {
@@ -191,5 +218,51 @@ mod tests {
         let rows = table.lines().skip(2).take_while(|line| line.starts_with('|'));
         let documented: Vec<&str> = rows.filter_map(|row| row.split('`').nth(1)).collect();
         assert_eq!(documented, request_kinds().collect::<Vec<_>>());
+    }
+
+    /// A request of each kind that has fields, with every field that is optional.
+    fn examples() -> Vec<Request> {
+        let text = || Some("text".to_owned());
+        let action = [0.1, -1.0, f32::MIN_POSITIVE, 1.0 / 3.0];
+        let options = serde_json::Map::from_iter([("drones".to_owned(), 3.into())]);
+        let plan = WorldPlan { options: options.clone(), model: text(), ..WorldPlan::new("swap") };
+        vec![
+            Request::Hello(Hello { client: "test".into(), token: text() }),
+            Request::Make(Box::new(Make { env: text(), options, num_envs: 2, model: text() })),
+            Request::Reset(Reset {
+                seed: Some(1),
+                seeds: Some(vec![2]),
+                mask: Some(vec![true]),
+                states: true,
+            }),
+            Request::Step(Step { action: Actions::Many(vec![action; 2]), states: true }),
+            Request::Resume(Resume { session: "1".into(), token: "2".into() }),
+            Request::Benchmark(Benchmark {
+                scenario: "hover".into(),
+                controller: "c".into(),
+                token: "t".into(),
+            }),
+            Request::World(Box::new(WorldRequest::new("room", plan))),
+            Request::Join(Join { name: "room".into(), drone: Some(1), token: text() }),
+            Request::Fly(Fly { action: Numbers(action.to_vec().into()) }),
+        ]
+    }
+
+    #[test]
+    fn a_server_reads_every_request_as_the_client_wrote_it() {
+        let mut messages: BTreeMap<String, Value> =
+            request_kinds().map(|kind| (kind.to_owned(), json!({"type": kind}))).collect();
+        for request in examples() {
+            let message = serde_json::to_value(&request).expect("a request is an object");
+            let kind = message["type"].as_str().expect("a type").to_owned();
+            assert!(messages.insert(kind, message).is_some(), "{request:?} is not in REQUESTS");
+        }
+        for (id, mut message) in (0..).zip(messages.into_values()) {
+            let sent = message.clone();
+            message["id"] = id.into();
+            let (read_id, read) = parse(&message.to_string());
+            assert_eq!(read_id, Some(id));
+            assert_eq!(serde_json::to_value(read.expect("a request")).expect("an object"), sent);
+        }
     }
 }
