@@ -48,6 +48,11 @@ bench: $(VENV)/.bench
 doors:
 	$(PYTHON) tests/add_one_of_each.py
 
+# The program compiles for Windows, macOS and ARM: checked with a C compiler for all of them, nothing is run. Minutes.
+.PHONY: systems
+systems:
+	sh tests/other_systems.sh out/other_systems
+
 docs: $(VENV)/.demo
 	$(BIN)/crazyflie effects --markdown > docs/effects.md
 	$(BIN)/crazyflie model --schema > docs/model.schema.json

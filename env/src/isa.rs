@@ -26,16 +26,17 @@ impl Level {
 
     /// All that this machine has, narrowest first. The one place where a level is made.
     pub fn available() -> Vec<Level> {
-        let mut levels = vec![Level(Kind::Baseline)];
-        #[cfg(target_arch = "x86_64")]
-        if std::arch::is_x86_feature_detected!("avx2") {
-            levels.push(Level(Kind::Avx2));
-        }
-        #[cfg(target_arch = "x86_64")]
-        if std::arch::is_x86_feature_detected!("avx512f") && std::arch::is_x86_feature_detected!("avx512dq") {
-            levels.push(Level(Kind::Avx512));
-        }
-        levels
+        let kinds = [
+            (Kind::Baseline, true),
+            #[cfg(target_arch = "x86_64")]
+            (Kind::Avx2, std::arch::is_x86_feature_detected!("avx2")),
+            #[cfg(target_arch = "x86_64")]
+            (Kind::Avx512, {
+                std::arch::is_x86_feature_detected!("avx512f")
+                    && std::arch::is_x86_feature_detected!("avx512dq")
+            }),
+        ];
+        kinds.into_iter().filter(|(_, has)| *has).map(|(kind, _)| Level(kind)).collect()
     }
 
     /// "baseline", "avx2", "avx512"; `None` asks for the best.

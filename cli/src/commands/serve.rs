@@ -5,7 +5,10 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use tokio::net::TcpListener;
-use tokio::signal::unix::{SignalKind, signal};
+use tracing_subscriber::Layer as _;
+use tracing_subscriber::filter::Targets;
+use tracing_subscriber::layer::SubscriberExt as _;
+use tracing_subscriber::util::SubscriberInitExt as _;
 
 use super::{Failure, Outcome};
 use crazyflie_server::serve::{self, Settings};
@@ -60,12 +63,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         // for programs that start a server on port 0 and must know where it is
         writeln!(out, "listening on {}", listener.local_addr()?)?;
         out.flush()?;
-        let (mut terminate, mut interrupt) =
-            (signal(SignalKind::terminate())?, signal(SignalKind::interrupt())?);
-        let stop = async {
-            tokio::select! { _ = terminate.recv() => {} _ = interrupt.recv() => {} }
-        };
-        serve::run(listener, settings, stop).await.map_err(|e| Failure::Failed(e.to_string()))
+        serve::run(listener, settings, stop_signal()?).await.map_err(|e| Failure::Failed(e.to_string()))
     })?;
     // what has not ended by now will not
     runtime.shutdown_background();
@@ -85,15 +83,39 @@ fn settings(args: &Args) -> Outcome<Settings> {
 }
 
 fn log(args: &Args) -> Outcome {
-    let filter = tracing_subscriber::EnvFilter::try_new(&args.log)
-        .map_err(|e| Failure::Usage(format!("--log {}: {e}", args.log)))?;
-    let subscriber = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    let filter: Targets = args.log.parse().map_err(|e| Failure::Usage(format!("--log {}: {e}", args.log)))?;
+    let layer = tracing_subscriber::fmt::layer().with_writer(std::io::stderr);
+    let layer = if args.log_json { layer.json().boxed() } else { layer.boxed() };
     // a second server in one process logs through the first one's subscriber
-    let _ = if args.log_json { subscriber.json().try_init() } else { subscriber.try_init() };
+    let _ = tracing_subscriber::registry().with(layer.with_filter(filter)).try_init();
     Ok(())
 }
 
+/// Waits until the program is told to stop.
+///
+/// # Errors
+/// Of the system, if it does not let the program wait for signals.
+#[cfg(unix)]
+fn stop_signal() -> std::io::Result<impl Future<Output = ()>> {
+    use tokio::signal::unix::{SignalKind, signal};
+    let (mut terminate, mut interrupt) = (signal(SignalKind::terminate())?, signal(SignalKind::interrupt())?);
+    Ok(async move {
+        tokio::select! { _ = terminate.recv() => {} _ = interrupt.recv() => {} }
+    })
+}
+
+#[cfg(not(unix))]
+fn stop_signal() -> std::io::Result<impl Future<Output = ()>> {
+    Ok(async {
+        if let Err(error) = tokio::signal::ctrl_c().await {
+            tracing::error!(%error, "the program cannot be told to stop");
+            std::future::pending().await
+        }
+    })
+}
+
 /// A connection is a descriptor: as many as the system allows.
+#[cfg(unix)]
 fn more_descriptors() {
     use rustix::process::{Resource, getrlimit, setrlimit};
     let mut limit = getrlimit(Resource::Nofile);
@@ -102,3 +124,7 @@ fn more_descriptors() {
         tracing::warn!(%error, "the number of open files stays limited");
     }
 }
+
+/// Other systems do not count sockets against a limit of the process.
+#[cfg(not(unix))]
+fn more_descriptors() {}

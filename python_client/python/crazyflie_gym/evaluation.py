@@ -99,10 +99,11 @@ def fly(work: Work) -> list[Flight]:
     if work.file is None:
         pilot = envs.controller(work.controller, **work.options)
     else:
-        with tempfile.NamedTemporaryFile() as file:
-            file.write(work.file)
-            file.flush()
-            pilot = envs.controller(f"{work.controller}:{file.name}", **work.options)
+        # an open temporary file cannot be opened again on every system
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder, "controller")
+            file.write_bytes(work.file)
+            pilot = envs.controller(f"{work.controller}:{file}", **work.options)
     return _count(envs, pilot, work)
 
 
