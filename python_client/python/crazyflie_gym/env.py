@@ -11,6 +11,7 @@ from gymnasium.vector import AutoresetMode
 
 from crazyflie_gym._native import Controller, Crowd, Interface, Pid, Sim, metrics
 from crazyflie_gym._types import FloatArray, Observation
+from crazyflie_gym.actions import fly_with
 from crazyflie_gym.backend import RemoteBackend
 from crazyflie_gym.make_backend import make_backend, make_controller
 from crazyflie_gym.options import Model
@@ -53,6 +54,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
             numbers for each of the others after a drone's own 24, `crazyflie_gym.neighbour_fields()`.
         true_state: give the true state, float32 (12,), or (drones, 12), as info["true_state"]; its layout is
             STATE_FIELDS.
+        clip: cut actions off at -1 and 1. Without it more than round-off is an error.
         render_mode: None, "rgb_array", or "human" for the terminal.
         isa: "baseline", "avx2" or "avx512"; by default the best of the machine. The results are the same.
         remote: the address of a server, such as "ws://127.0.0.1:8765": it simulates there. The results are the same.
@@ -81,6 +83,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         radius_m: float | None = None,
         observation: str = "flat",
         true_state: bool = False,
+        clip: bool = False,
         render_mode: str | None = None,
         isa: str | None = None,
         remote: str | None = None,
@@ -115,6 +118,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         self._screen = None if render_mode is None else Screen(self.sim, task, task_options, effects)
         self._by_field = observation == "dict"
         self._true_state = true_state
+        self._clip = clip
         self._several = rows is not None
         self._plain = not (self._by_field or true_state or self._screen or self._several)
         self._model = model
@@ -170,14 +174,24 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         return self._dress(row, {})
 
     def step(self, action: FloatArray) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Fly one control tick, `interface.tick_s`, with an action, float32 (4,) or (drones, 4), from -1 to 1.
+        """Fly one control tick, `interface.tick_s`, with an action, (4,) or (drones, 4) numbers from -1 to 1.
+
+        A float32 array is read where it is; lists, other dtypes, and arrays of torch and jax are converted.
 
         Raises:
             ValueError: for another shape, and for numbers that are not from -1 to 1; nothing has moved then.
-            TypeError: for another dtype.
+            TypeError: for what does not hold numbers.
             RuntimeError: before the first reset, and after the end of an episode.
         """
-        result = self._step_several(action) if self._several else self.sim.step_one(action)
+        fly = self._step_several if self._several else self.sim.step_one
+        result = None
+        # not by fly_with at once: a call more takes a thirtieth of a step
+        try:  # noqa: SIM105
+            result = fly(action)
+        except (TypeError, ValueError):
+            pass
+        if result is None:
+            result = fly_with(fly, action, self._clip)
         if self._plain:
             return result
         row, reward, terminated, truncated, info = result
@@ -190,7 +204,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
     def _step_several(self, action: FloatArray) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
         if not isinstance(action, np.ndarray) or action.shape != self.action_space.shape:
             got = action.shape if isinstance(action, np.ndarray) else type(action).__name__
-            raise ValueError(f"action: expected a float32 array of shape {self.action_space.shape}, got {got}")
+            raise ValueError(f"action: expected shape {self.action_space.shape}, got {got}")
         rows, rewards, *_ = self.sim.step(action[np.newaxis])
         flying, measured = self.sim.flying(), self.sim.metrics()
         assert flying is not None and measured is not None

@@ -17,6 +17,7 @@ except ImportError as error:
 
 from crazyflie_gym._native import Crowd
 from crazyflie_gym._types import FloatArray
+from crazyflie_gym.actions import as_array
 from crazyflie_gym.rendering import RENDER_MODES, Screen, check_render_mode
 from crazyflie_gym.state import EnvState
 from crazyflie_gym.swarm import METRICS, CrazyflieSwarm
@@ -115,9 +116,10 @@ class CrazyflieParallelEnv(ParallelEnv[str, FloatArray, FloatArray]):  # type: i
         rows = np.zeros((1, len(self.possible_agents), 4), np.float32)
         places = {agent: j for j, agent in enumerate(self.possible_agents)}
         for agent, action in actions.items():
-            if np.shape(action) != (4,):
-                raise ValueError(f"action of {agent}: expected shape (4,), got {np.shape(action)}")
-            rows[0, places[agent]] = action
+            row = as_array(action)
+            if row.shape != (4,):
+                raise ValueError(f"action of {agent}: expected shape (4,), got {row.shape}")
+            rows[0, places[agent]] = row
         if not self.agents:
             return {}, {}, {}, {}, {}
         seen, rewards, terminated, truncated, info = self.swarm.step(rows)

@@ -21,10 +21,7 @@ def check_actions(actions: FloatArray, lead: tuple[int, ...]) -> None:
 
     Raises:
         ValueError: for another shape, and for numbers that are not from -1 to 1.
-        TypeError: for another type.
     """
-    if not isinstance(actions, np.ndarray):
-        raise TypeError(f"actions: expected a numpy array of float32, got {type(actions).__name__}")
     if actions.shape[1:] != (*lead, 4) or len(actions) == 0:
         shape = ", ".join(["ticks", *map(str, lead), "4"])
         raise ValueError(f"actions: expected shape ({shape}) with at least one tick, got {actions.shape}")

@@ -12,6 +12,7 @@ from gymnasium.vector import AutoresetMode
 
 from crazyflie_gym._native import Crowd, Sim
 from crazyflie_gym._types import BoolArray, FloatArray
+from crazyflie_gym.actions import fly_with
 from crazyflie_gym.env import METRICS
 from crazyflie_gym.make_backend import episode_steps, make_backend, make_controller
 from crazyflie_gym.options import Model
@@ -66,6 +67,7 @@ class CrazyflieSwarm:
         max_episode_steps: int | None = None,
         threads: int = 1,
         isa: str | None = None,
+        clip: bool = False,
     ) -> None:
         self.mode = mode_named(autoreset_mode)
         sim = make_backend(
@@ -99,6 +101,7 @@ class CrazyflieSwarm:
         self._np_random: np.random.Generator | None = None
         self._rows: FloatArray | None = None
         self._seeded = False
+        self._clip = clip
 
     def controller(
         self,
@@ -151,9 +154,9 @@ class CrazyflieSwarm:
         return self._np_random
 
     def step(self, actions: FloatArray) -> _Step:
-        """Fly one control tick: actions from -1 to 1, float32 (num_worlds, num_drones, 4).
+        """Fly one control tick: actions, (num_worlds, num_drones, 4) numbers from -1 to 1.
 
-        What drones do that no longer fly is ignored.
+        They are converted as by `CrazyflieVectorEnv.step`. What drones do that no longer fly is ignored.
 
         Returns:
             Observations (num_worlds, num_drones, width), zeros of drones that did not fly; rewards, terminations and
@@ -163,10 +166,10 @@ class CrazyflieSwarm:
 
         Raises:
             ValueError: for another shape, and for numbers that are not from -1 to 1; nothing has moved then.
-            TypeError: for another dtype.
+            TypeError: for what does not hold numbers.
             RuntimeError: before the first reset, and for ended worlds when automatic resets are disabled.
         """
-        rows, rewards, terminated, truncated, _ = self.sim.step(actions)
+        rows, rewards, terminated, truncated, _ = fly_with(self.sim.step, actions, self._clip)
         self._rows = rows
         flying = self.sim.flying()
         assert flying is not None

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from crazyflie_gym import step_many
 from crazyflie_gym._native import Controller, Crowd, Interface, Pid, Sim
 from crazyflie_gym._types import BoolArray, FloatArray, Observation
+from crazyflie_gym.actions import as_array, clip_actions, fly_with
 from crazyflie_gym.backend import RemoteBackend
 from crazyflie_gym.make_backend import episode_steps, make_backend, make_controller
 from crazyflie_gym.options import Model, autoreset_mode
@@ -68,6 +69,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         radius_m: float | None = None,
         observation: str = "flat",
         true_state: bool = False,
+        clip: bool = False,
         render_mode: str | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         max_episode_steps: int | None = None,
@@ -111,6 +113,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         self._screen = None if render_mode is None else Screen(self.sim, task, task_options, effects)
         self._by_field = observation == "dict"
         self._true_state = true_state
+        self._clip = clip
         self._lead = (self.num_envs,) if rows is None else (self.num_envs, rows)
         self._several = rows is not None
         dressed = self._by_field or true_state or self._screen or self._several
@@ -208,24 +211,19 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         self.sim.reset(None, chosen & ~given, rows)
 
     def step(self, actions: FloatArray) -> _Step:
-        """Fly one control tick with actions from -1 to 1, float32 (num_envs, 4), C-contiguous; or a list of such rows.
+        """Fly one control tick with actions, (num_envs, 4) numbers from -1 to 1.
+
+        A float32 array in C order is read where it is; lists, other dtypes, and arrays of torch and jax are converted.
 
         Returns:
             Observations (num_envs, 24) or by field; rewards, terminations and truncations (num_envs,); infos.
 
         Raises:
-            ValueError: for another shape or layout, and for numbers that are not from -1 to 1; nothing has moved then.
-            TypeError: for another dtype.
+            ValueError: for another shape, and for numbers that are not from -1 to 1; nothing has moved then.
+            TypeError: for what does not hold numbers.
             RuntimeError: before the first reset, and for ended environments when automatic resets are disabled.
         """
-        # RLlib hands over a list of rows
-        actions = actions if isinstance(actions, np.ndarray) else np.asarray(actions)
-        if self._sets is None:
-            rows, rewards, terminated, truncated, ended = self.sim.step(actions)
-        else:
-            self._sets.reverse()
-            rows, rewards, terminated, truncated = self._sets[0]
-            ended = self.sim.step_into(actions, rows, rewards, terminated, truncated)
+        rows, rewards, terminated, truncated, ended = fly_with(self._fly, actions, self._clip)
         infos: dict[str, Any] = {}
         if self._plain:
             self._rows = rows
@@ -241,6 +239,15 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
             self._draw(rows, rewards, terminated | truncated)
         return self._form(rows), rewards, terminated, truncated, infos
 
+    def _fly(self, actions: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray, int]:
+        """Step into new arrays, or into those whose turn it is."""
+        if self._sets is None:
+            return self.sim.step(actions)
+        rows, rewards, terminated, truncated = self._sets[1]
+        ended = self.sim.step_into(actions, rows, rewards, terminated, truncated)
+        self._sets.reverse()
+        return rows, rewards, terminated, truncated, ended
+
     def _join(
         self, rewards: FloatArray, terminated: BoolArray, truncated: BoolArray, infos: dict[str, Any]
     ) -> tuple[FloatArray, BoolArray, BoolArray]:
@@ -255,7 +262,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         return np.asarray(rewards.mean(axis=1)), over & ~late, over & late
 
     def step_many(self, actions: FloatArray) -> _Step:
-        """Fly several control ticks with actions from -1 to 1, float32 (ticks, num_envs, 4): one request to a server.
+        """Fly several control ticks with actions, (ticks, num_envs, 4) numbers from -1 to 1: one request to a server.
 
         Returns:
             As `step`, with an axis of ticks in front; infos are "true_state" (ticks, num_envs, 12) and, where resets
@@ -264,11 +271,12 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
 
         Raises:
             ValueError: for another shape, and for numbers that are not from -1 to 1; nothing has moved then.
-            TypeError: for another dtype.
+            TypeError: for what does not hold numbers.
             RuntimeError: before the first reset, when automatic resets are disabled, and with a `render_mode`.
         """
         if self._mode is AutoresetMode.DISABLED or self._screen:
             raise RuntimeError("several ticks at once need automatic resets, and draw no pictures")
+        actions = clip_actions(as_array(actions), self._clip)
         step_many.check_actions(actions, self._lead)
         if self._several:
             return step_many.join_steps([self.step(tick) for tick in actions])
