@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::config::EffectTable;
 use crate::error::{Error, Result, unknown};
+use crate::identified::IdentifiedVehicle;
 pub use crate::state_space::StateSpace;
 
 /// The text of the model that the thesis identified.
@@ -165,6 +166,9 @@ pub struct Airframe {
     /// Voltage at which the model's thrust holds; that of a full cell, 4.2 V, unless given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub battery_reference: Option<Quantity>,
+    /// The vehicle with which the forms were identified; this one unless given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub identified: Option<IdentifiedVehicle>,
 }
 
 /// The clocks of the rig, which are part of the model: 30 Hz frames do not fall on 50 Hz ticks.
@@ -346,7 +350,7 @@ impl Model {
             toml::from_str(text).map_err(|e| bad(e.to_string()))?
         };
         model.check()?;
-        Ok(model)
+        model.scale_to_vehicle()
     }
 
     /// As TOML.
@@ -424,6 +428,10 @@ impl Model {
         all.push(("vehicle.arm".into(), &self.vehicle.arm, "m", POSITIVE));
         all.push(("vehicle.battery_capacity".into(), &self.vehicle.battery_capacity, "C", POSITIVE));
         all.push(("vehicle.hover_current".into(), &self.vehicle.hover_current, "A", POSITIVE));
+        if let Some(identified) = &self.vehicle.identified {
+            all.push(("vehicle.identified.mass".into(), &identified.mass, "kg", POSITIVE));
+            all.push(("vehicle.identified.arm".into(), &identified.arm, "m", POSITIVE));
+        }
         all.extend(
             self.vehicle
                 .battery_reference
@@ -465,7 +473,7 @@ impl Model {
         })
     }
 
-    /// A copy with another value for one of [`Model::parameters`].
+    /// A copy with another value for one of [`Model::parameters`], whose forms then hold for its vehicle.
     ///
     /// # Errors
     /// [`Error::Unknown`] with a proposal; [`Error::Model`] for a value outside its interval.
@@ -477,7 +485,8 @@ impl Model {
         if let Some(slot) = tree.pointer_mut(&pointer) {
             *slot = value.into();
         }
-        let model: Model = serde_json::from_value(tree).map_err(bad)?;
+        let mut model: Model = serde_json::from_value(tree).map_err(bad)?;
+        model.mark_identified();
         model.check()?;
         Ok(model)
     }

@@ -115,6 +115,7 @@ impl Case {
             Vertical::Thrust { hover: quantity(height.hover_pwm, "1"), heave: quantity(height.heave, "1/s") };
         model.vertical = Verticals { default: None, height: None, pwm: None, thrust: Some(thrust) };
         model.vehicle.mass = quantity(self.mass_kg, "kg");
+        model.mark_identified();
         model.vehicle.battery_reference = self.vbat_ref.map(|v| quantity(v, "V"));
         let written = model.to_toml().and_then(|text| Model::parse(&text));
         written.map_err(|source| CaseError::Model { file: self.id.clone(), source })

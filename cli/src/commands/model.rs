@@ -137,6 +137,7 @@ fn schema() -> Value {
         ("hover_current", "A"),
     ];
     let vehicle = vehicle.map(|(name, unit)| (name, quantity(unit)));
+    let identified = quantities(&[("mass", "kg"), ("arm", "m")]);
     let mut schema = object(
         &[
             ("schema", json!({"const": 1})),
@@ -155,7 +156,10 @@ fn schema() -> Value {
                     ("pwm_max", "1"),
                 ]),
             ),
-            ("vehicle", object(&vehicle, &[("battery_reference", quantity("V"))])),
+            (
+                "vehicle",
+                object(&vehicle, &[("battery_reference", quantity("V")), ("identified", identified)]),
+            ),
             ("rig", quantities(&[("control", "Hz"), ("imu", "Hz"), ("camera", "Hz")])),
         ],
         &[
