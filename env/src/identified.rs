@@ -15,6 +15,17 @@ pub struct IdentifiedVehicle {
     pub arm: Quantity,
 }
 
+impl IdentifiedVehicle {
+    /// As of the model's numbers: path, unit and interval of each.
+    pub(crate) fn quantities(&self) -> [(String, &Quantity, &'static str, [f64; 2]); 2] {
+        const POSITIVE: [f64; 2] = [f64::MIN_POSITIVE, 1e6];
+        [
+            ("vehicle.identified.mass".into(), &self.mass, "kg", POSITIVE),
+            ("vehicle.identified.arm".into(), &self.arm, "m", POSITIVE),
+        ]
+    }
+}
+
 impl Model {
     /// Says that the forms hold for the vehicle as it is.
     pub fn mark_identified(&mut self) {

@@ -428,10 +428,6 @@ impl Model {
         all.push(("vehicle.arm".into(), &self.vehicle.arm, "m", POSITIVE));
         all.push(("vehicle.battery_capacity".into(), &self.vehicle.battery_capacity, "C", POSITIVE));
         all.push(("vehicle.hover_current".into(), &self.vehicle.hover_current, "A", POSITIVE));
-        if let Some(identified) = &self.vehicle.identified {
-            all.push(("vehicle.identified.mass".into(), &identified.mass, "kg", POSITIVE));
-            all.push(("vehicle.identified.arm".into(), &identified.arm, "m", POSITIVE));
-        }
         all.extend(
             self.vehicle
                 .battery_reference
@@ -495,7 +491,9 @@ impl Model {
         if self.schema != 1 {
             return Err(self.problem(format!("schema is {}, this program reads schema 1", self.schema)));
         }
-        for (path, q, unit, [low, high]) in self.quantities() {
+        // those of the identified vehicle are no parameters: a flight does not depend on them
+        let identified = self.vehicle.identified.iter().flat_map(IdentifiedVehicle::quantities);
+        for (path, q, unit, [low, high]) in self.quantities().into_iter().chain(identified) {
             if q.unit != unit {
                 return Err(self.problem(format!("{path} has the unit {:?}, expected {unit:?}", q.unit)));
             }
