@@ -54,6 +54,27 @@ fn static_gain() -> f64 {
 }
 
 #[test]
+fn a_heavier_model_file_flies_as_the_lighter_one_with_a_payload() {
+    let mut thesis = Model::thesis();
+    (thesis.vertical.height, thesis.vertical.pwm) = (None, None);
+    let text = thesis.to_toml().unwrap();
+    let (head, vehicle) = text.split_once("[vehicle.mass]").unwrap();
+    let heavier =
+        Model::parse(&format!("{head}[vehicle.mass]{}", vehicle.replacen("0.0368", "0.046", 1))).unwrap();
+    assert_eq!((heavier.vehicle.mass.value, thesis.vehicle.mass.value), (0.046, 0.0368));
+    let climbing =
+        |tick: usize| Command { pitch_rad: 0.05, ..Command::level(42_000.0 + 100.0 * tick as f64) };
+    let loaded = fly(&mut world_of(&thesis, r#"{"mass_change": 0.0092}"#, None), 100, climbing);
+    let plain = fly(&mut world_of(&thesis, "{}", None), 100, climbing);
+    let heavy = fly(&mut world_of(&heavier, "{}", None), 100, climbing);
+    let apart = |a: &[State<f64>], b: &[State<f64>]| {
+        a.iter().zip(b).map(|(a, b)| (a.pos_m[2] - b.pos_m[2]).abs()).fold(0.0, f64::max)
+    };
+    // the effect's push is held over a physics step, the model's own forces are stepped exactly
+    assert!(apart(&loaded, &heavy) < 2e-3 && apart(&plain, &heavy) > 1.0, "{}", apart(&loaded, &heavy));
+}
+
+#[test]
 fn a_yaw_rate_loop_answers_a_step_with_its_gain_and_lag() {
     let turning = |_| Command { yaw_rate_radps: 0.5, ..level() };
     let (plain, slow) = (
