@@ -1,10 +1,10 @@
 //! Better localisation for any controller: the marker's pose in its observation is replaced by the filter's.
 
 use super::batch::{check, mask, rows, write};
-use super::estimator::Estimator;
-use super::sensor_noise::SensorNoise;
 use super::{Controller, ControllerContext, Mode};
 use crazyflie_env::error::Result;
+use crazyflie_env::estimator::Estimator;
+use crazyflie_env::estimator::SensorNoise;
 use crazyflie_env::lanes::{LANES, Lanes};
 use crazyflie_env::observation::OBSERVATION;
 use crazyflie_env::scalar::Scalar;

@@ -4,7 +4,6 @@
 
 pub mod avoidance;
 mod batch;
-mod estimator;
 mod filtered;
 mod gains;
 mod hover;
@@ -15,11 +14,9 @@ mod multi;
 mod observer;
 pub mod pid;
 mod policy;
-mod prediction;
 mod qp;
 mod random;
 pub mod riccati;
-mod sensor_noise;
 mod spec;
 mod velocity;
 
@@ -32,9 +29,8 @@ use crazyflie_env::model::Model;
 use crazyflie_env::observation::Interface;
 
 pub use batch::{Batch, ControlLaw};
-pub use estimator::{Estimate, Estimator};
+pub use crazyflie_env::estimator::{Estimate, Estimator, SensorNoise};
 pub use multi::MultiController;
-pub use sensor_noise::SensorNoise;
 pub use spec::{ControllerSpec, choose};
 
 /// A controller of a batch of environments. What it answers to a row depends on that environment's rows

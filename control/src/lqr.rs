@@ -5,9 +5,9 @@ use serde::{Deserialize, Serialize};
 
 use super::observer::{DiscreteModel, Observer, costs};
 use super::riccati::regulator;
-use super::sensor_noise::{BELIEF, SensorNoise};
 use super::{Batch, ControlLaw, ControllerContext, Entry, Mode, defaults};
 use crazyflie_env::error::Result;
+use crazyflie_env::estimator::{BELIEF, SensorNoise};
 use crazyflie_env::observation::{ACTION, OBSERVATION};
 use crazyflie_env::plant::Command;
 use crazyflie_env::scalar::{Scalar, dot};

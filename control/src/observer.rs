@@ -3,11 +3,11 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::estimator::{Estimate, Estimator};
 use super::landing::Landing;
-use super::sensor_noise::SensorNoise;
 use super::{ControllerContext, Mode};
 use crazyflie_env::error::Result;
+use crazyflie_env::estimator::SensorNoise;
+use crazyflie_env::estimator::{Estimate, Estimator};
 use crazyflie_env::model::AxisForm;
 use crazyflie_env::observation::{ACTION, Interface, OBSERVATION, index, wrap};
 use crazyflie_env::plant::Command;

@@ -3,9 +3,9 @@
 use serde_json::Value;
 
 use super::filtered::FilteredController;
-use super::sensor_noise::SensorNoise;
 use super::{Controller, ControllerConfig, ControllerContext, Entry, find};
 use crazyflie_env::error::{Error, Result};
+use crazyflie_env::estimator::SensorNoise;
 
 /// A controller that was asked for; it is built for a site.
 #[derive(Debug, Clone)]

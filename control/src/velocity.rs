@@ -3,11 +3,11 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::estimator::{Estimate, Estimator};
 use super::landing::Landing;
-use super::sensor_noise::{BELIEF, SensorNoise};
 use super::{Batch, ControlLaw, ControllerContext, Entry, Mode, defaults};
 use crazyflie_env::error::Result;
+use crazyflie_env::estimator::{BELIEF, SensorNoise};
+use crazyflie_env::estimator::{Estimate, Estimator};
 use crazyflie_env::observation::{ACTION, Interface, OBSERVATION, index, wrap};
 use crazyflie_env::plant::Command;
 use crazyflie_env::scalar::{Scalar, tabulate};

@@ -40,6 +40,10 @@ impl Archive<'_> {
         *value = word as usize;
     }
 
+    pub(crate) fn float(&mut self, value: &mut f32) {
+        *value = f32::from_le_bytes(self.bytes(value.to_le_bytes()));
+    }
+
     /// A bit per lane.
     pub(crate) fn bits(&mut self, value: &mut u16) {
         *value = u16::from_le_bytes(self.bytes(value.to_le_bytes()));

@@ -12,6 +12,7 @@ use crate::coupling::Knowledge;
 use crate::effects::{self, Entry, Param};
 use crate::error::{Error, Result, check_range, unknown};
 use crate::model::VerticalInput;
+use crate::observation::ObservationChoice;
 use crate::task;
 
 /// Effects by name, each with its parameters by name.
@@ -268,6 +269,17 @@ pub struct Options {
     pub each: Vec<Each>,
     /// Two drones nearer than twice this have collided.
     pub radius_m: f64,
+    /// What an observation holds.
+    #[serde(skip_serializing_if = "ObservationChoice::is_default")]
+    pub observation: ObservationChoice,
+    /// Ticks that an observation holds, the newest last; 1 for now alone.
+    #[serde(skip_serializing_if = "is_one")]
+    pub history: usize,
+}
+
+/// What was not chosen is not written: so published configurations keep their hash.
+fn is_one(number: &usize) -> bool {
+    *number == 1
 }
 
 impl Default for Options {
@@ -287,6 +299,8 @@ impl Default for Options {
             each: Vec::new(),
             // motor to motor across 92 mm, propellers of 46 mm (thesis 3.1): tips at 69 mm from the centre
             radius_m: 0.069,
+            observation: ObservationChoice::default(),
+            history: 1,
         }
     }
 }
@@ -310,6 +324,11 @@ impl Options {
         options.each.iter().try_for_each(|each| check_effects(&each.effects))?;
         check_range("radius_m", options.radius_m, 0.0, 0.5)?;
         Ok(options)
+    }
+
+    /// Whether an observation holds something else than what is measured now.
+    pub(crate) fn observes(&self) -> bool {
+        !self.observation.is_default() || self.history != 1
     }
 
     /// The effects of drone `drone` of an environment.

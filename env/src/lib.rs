@@ -9,6 +9,7 @@ pub mod coupling;
 pub mod dual;
 pub mod effects;
 pub mod error;
+pub mod estimator;
 pub mod identified;
 pub mod isa;
 pub mod lanes;

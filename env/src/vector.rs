@@ -7,6 +7,7 @@
 
 mod buffers;
 mod coupled;
+mod observer;
 mod uncoupled;
 
 use std::marker::PhantomData;
@@ -59,6 +60,10 @@ pub struct VectorEnv {
     shards: Vec<Box<dyn Shard>>,
     config: BatchConfig,
     envs: usize,
+    /// Numbers in a drone's observation.
+    width: usize,
+    /// What is measured, where observations hold something else.
+    measured: Vec<f32>,
     /// Numbers per environment in [`StepBuffers::metrics`].
     metrics: usize,
     /// Environments per shard but the last.
@@ -80,9 +85,17 @@ trait Shard: Send {
         first: usize,
         seeds: Option<&[u64]>,
         mask: Option<&[bool]>,
+        measured: &mut [f32],
         observations: &mut [f32],
     );
-    fn run(&mut self, config: &BatchConfig, actions: &[f32], out: StepBuffers<'_>);
+    /// `measured` is empty where the observations are what is measured.
+    fn run<'a>(
+        &mut self,
+        config: &BatchConfig,
+        actions: &[f32],
+        measured: &'a mut [f32],
+        out: StepBuffers<'a>,
+    );
     fn first_ended(&self) -> Option<usize>;
     fn first_bad_action(&self, actions: &[f32]) -> Option<usize>;
     fn states(&self, rows: &mut [f32]);
@@ -192,7 +205,22 @@ impl VectorEnv {
         let team = WorkerPool::new(shards.len() - 1)?;
         let metrics = if entry.drones == 1 { 0 } else { METRICS.len() };
         let fingerprint = fingerprint(&models, options, drones)?;
-        Ok(VectorEnv { shards, config, envs, metrics, share, team, ready: false, level, tick_s, fingerprint })
+        let width = observer::row_width(options, drones)?;
+        let kept = if options.observes() { envs * drones * measured_width(drones) } else { 0 };
+        Ok(VectorEnv {
+            shards,
+            config,
+            envs,
+            width,
+            measured: vec![0.0; kept],
+            metrics,
+            share,
+            team,
+            ready: false,
+            level,
+            tick_s,
+            fingerprint,
+        })
     }
 
     /// Returns the size of the batch: environments, not drones.
@@ -205,10 +233,21 @@ impl VectorEnv {
         self.config.interfaces.len()
     }
 
-    /// Numbers in a drone's observation: its own [`OBSERVATION`], then [`NEIGHBOUR`] for each of the others
-    /// in order.
+    /// Numbers in a drone's observation. Of a tick these are its own, [`OBSERVATION`] unless something else
+    /// than what is measured was asked for, then [`NEIGHBOUR`] for each of the others in order.
     pub fn width(&self) -> usize {
-        OBSERVATION + NEIGHBOUR * (self.num_drones() - 1)
+        self.width
+    }
+
+    /// Rows of what was measured in the last step or reset, whose results were `observations`: for each drone
+    /// [`OBSERVATION`] numbers, then [`NEIGHBOUR`] for each of the others.
+    pub fn measured<'a>(&'a self, observations: &'a [f32]) -> &'a [f32] {
+        if self.measured.is_empty() { observations } else { &self.measured }
+    }
+
+    /// Numbers in a row of [`VectorEnv::measured`].
+    pub fn measured_width(&self) -> usize {
+        measured_width(self.num_drones())
     }
 
     /// Numbers of an environment in [`StepBuffers::metrics`]: as many as [`METRICS`], or none for a task of
@@ -252,10 +291,13 @@ impl VectorEnv {
         if !self.ready && mask.is_some_and(|m| m.iter().any(|on| !on)) {
             return Err(Error::NotReset);
         }
+        let per_shard = self.share * self.num_drones() * self.measured_width();
+        let mut measured = &mut self.measured[..];
         for (i, (shard, rows)) in
             self.shards.iter_mut().zip(observations.chunks_mut(self.share * per_env)).enumerate()
         {
-            shard.reset(&self.config, i * self.share, seeds, mask, rows);
+            let measured = buffers::cut(&mut measured, per_shard);
+            shard.reset(&self.config, i * self.share, seeds, mask, measured, rows);
         }
         self.ready = true;
         Ok(())
@@ -289,8 +331,12 @@ impl VectorEnv {
         }
         let config = &self.config;
         let parts = self.shards.iter_mut().zip(actions.chunks(share * drones * ACTION));
-        let parts = parts.map(|(shard, actions)| (shard, actions, out.split(share, drones, width, metrics)));
-        self.team.each(parts, |(shard, actions, out)| shard.run(config, actions, out));
+        let (mut measured, per_shard) = (&mut self.measured[..], share * drones * measured_width(drones));
+        let parts = parts.map(|(shard, actions)| {
+            let measured = buffers::cut(&mut measured, per_shard);
+            (shard, actions, measured, out.split(share, drones, width, metrics))
+        });
+        self.team.each(parts, |(shard, actions, measured, out)| shard.run(config, actions, measured, out));
         Ok(())
     }
 
@@ -410,6 +456,10 @@ impl VectorEnv {
     pub fn last_of_episode(&self, env: usize) -> Option<(&[f32], &[f32])> {
         self.shards.get(env / self.share)?.last_of_episode(env % self.share)
     }
+}
+
+fn measured_width(drones: usize) -> usize {
+    OBSERVATION + NEIGHBOUR * (drones - 1)
 }
 
 /// What the bytes of a snapshot begin with: format and version.

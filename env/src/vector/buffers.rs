@@ -53,7 +53,8 @@ impl<'a> StepBuffers<'a> {
     }
 }
 
-fn cut<'a, T>(rest: &mut &'a mut [T], count: usize) -> &'a mut [T] {
+/// Takes the first `count` away, or all that are left.
+pub(super) fn cut<'a, T>(rest: &mut &'a mut [T], count: usize) -> &'a mut [T] {
     let count = count.min(rest.len());
     let (first, others) = std::mem::take(rest).split_at_mut(count);
     *rest = others;
@@ -66,6 +67,8 @@ pub(super) struct TileRows<'a> {
     pub(super) rewards: &'a mut [f32; LANES],
     pub(super) terminated: &'a mut [bool; LANES],
     pub(super) truncated: &'a mut [bool; LANES],
+    /// Where an [`super::observer::Observer`] writes, of all tiles; empty where there is none.
+    pub(super) observed: &'a mut [f32],
 }
 
 /// A step's buffers by tiles. A last tile of fewer than sixteen environments is stepped in buffers of its
@@ -76,6 +79,7 @@ pub(super) struct TileBuffers<'a> {
     rewards: &'a mut [[f32; LANES]],
     terminated: &'a mut [[bool; LANES]],
     truncated: &'a mut [[bool; LANES]],
+    observed: &'a mut [f32],
     /// Where the last tile's results go.
     last: StepBuffers<'a>,
     tail: &'a mut TailBuffers,
@@ -105,7 +109,12 @@ impl TailBuffers {
 }
 
 impl<'a> TileBuffers<'a> {
-    pub(super) fn new(actions: &'a [f32], out: StepBuffers<'a>, tail: &'a mut TailBuffers) -> Self {
+    pub(super) fn new(
+        actions: &'a [f32],
+        observed: &'a mut [f32],
+        out: StepBuffers<'a>,
+        tail: &'a mut TailBuffers,
+    ) -> Self {
         let (observations, last_observations) = out.observations.as_chunks_mut();
         let (rewards, last_rewards) = out.rewards.as_chunks_mut();
         let (terminated, last_terminated) = out.terminated.as_chunks_mut();
@@ -117,6 +126,7 @@ impl<'a> TileBuffers<'a> {
             rewards,
             terminated,
             truncated,
+            observed,
             last,
             tail,
         }
@@ -131,13 +141,15 @@ impl<'a> TileBuffers<'a> {
     pub(super) fn rows(&mut self, tile: usize) -> TileRows<'_> {
         if tile == self.observations.len() {
             let TailBuffers { observations, rewards, terminated, truncated, .. } = &mut *self.tail;
-            return TileRows { observations, rewards, terminated, truncated };
+            let observed = &mut *self.observed;
+            return TileRows { observations, rewards, terminated, truncated, observed };
         }
         TileRows {
             observations: &mut self.observations[tile],
             rewards: &mut self.rewards[tile],
             terminated: &mut self.terminated[tile],
             truncated: &mut self.truncated[tile],
+            observed: &mut *self.observed,
         }
     }
 

@@ -78,7 +78,14 @@ impl<R: BatchScalar, T: Task> CoupledShard<R, T> {
     /// Environments that ended, in this step or before: as the mode says.
     #[cold]
     #[inline(never)]
-    fn autoreset(&mut self, config: &BatchConfig, tile: usize, before: u16, out: &mut StepBuffers<'_>) {
+    fn autoreset(
+        &mut self,
+        config: &BatchConfig,
+        tile: usize,
+        before: u16,
+        measured: &mut [f32],
+        out: &mut StepBuffers<'_>,
+    ) {
         let again = match config.autoreset {
             Autoreset::Disabled => return,
             Autoreset::NextStep => before,
@@ -87,7 +94,7 @@ impl<R: BatchScalar, T: Task> CoupledShard<R, T> {
         if config.autoreset == Autoreset::SameStep {
             self.batch.keep(tile, again.into(), out.observations);
         }
-        self.begin(config, tile, again.into(), out.observations);
+        self.begin(config, tile, again.into(), measured, out.observations);
         let n = self.batch.len();
         for lane in lanes_of(again.into()) {
             let env = (tile * LANES + lane) * n;
@@ -96,7 +103,14 @@ impl<R: BatchScalar, T: Task> CoupledShard<R, T> {
     }
 
     /// Begin the next episode in the environments of `bits` and write their drones' observations.
-    fn begin(&mut self, config: &BatchConfig, tile: usize, bits: u32, observations: &mut [f32]) {
+    fn begin(
+        &mut self,
+        config: &BatchConfig,
+        tile: usize,
+        bits: u32,
+        measured: &mut [f32],
+        observations: &mut [f32],
+    ) {
         for lane in lanes_of(bits) {
             let mut rng = self.batch.next_episode(tile, lane);
             let scratch = &mut self.batch.scratch;
@@ -112,7 +126,7 @@ impl<R: BatchScalar, T: Task> CoupledShard<R, T> {
                 }
             },
         );
-        self.batch.show(tile, bits, observations);
+        self.batch.show(tile, bits, measured, observations);
     }
 }
 
@@ -123,6 +137,7 @@ impl<R: BatchScalar, T: Task> Shard for CoupledShard<R, T> {
         first: usize,
         seeds: Option<&[u64]>,
         mask: Option<&[bool]>,
+        measured: &mut [f32],
         observations: &mut [f32],
     ) {
         for tile in 0..self.batch.tiles() {
@@ -133,11 +148,17 @@ impl<R: BatchScalar, T: Task> Shard for CoupledShard<R, T> {
                     self.batch.seed(tile, lane, seeds[env + lane]);
                 }
             }
-            self.begin(config, tile, bits, observations);
+            self.begin(config, tile, bits, measured, observations);
         }
     }
 
-    fn run(&mut self, config: &BatchConfig, actions: &[f32], mut out: StepBuffers<'_>) {
+    fn run<'a>(
+        &mut self,
+        config: &BatchConfig,
+        actions: &[f32],
+        measured: &'a mut [f32],
+        mut out: StepBuffers<'a>,
+    ) {
         let tiles = self.batch.tiles();
         for first in (0..tiles).step_by(GROUP) {
             let n = GROUP.min(tiles - first);
@@ -149,13 +170,13 @@ impl<R: BatchScalar, T: Task> Shard for CoupledShard<R, T> {
                     #[inline(always)]
                     || self.decide(tile, place),
                 );
-                let before = self.batch.write_step(config, tile, place, &mut out);
+                let before = self.batch.write_step(config, tile, place, measured, &mut out);
                 R::run(
                     #[inline(always)]
                     || self.turn(tile, place),
                 );
                 if (before | self.batch.ended(tile)) != 0 {
-                    self.autoreset(config, tile, before, &mut out);
+                    self.autoreset(config, tile, before, measured, &mut out);
                 }
             }
         }

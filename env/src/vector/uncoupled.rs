@@ -5,6 +5,7 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 
 use super::buffers::{StepBuffers, TailBuffers, TileBuffers, TileRows};
+use super::observer::{Observer, RowPlace, Sight, row_width};
 use super::{BatchConfig, Shard, ShardSpec};
 use crate::archive::Archive;
 use crate::config::Autoreset;
@@ -48,6 +49,9 @@ pub(super) struct UncoupledShard<R: BatchScalar, T> {
     slots: Vec<Slot<R>>,
     bits: Vec<Bits>,
     episodes: Vec<Episodes>,
+    observer: Option<Observer<R>>,
+    /// Numbers of an observation.
+    width: usize,
     /// Last observation and true state of episodes that ended in the last step, kept when the environment was
     /// reset in that step.
     final_observations: Vec<f32>,
@@ -67,9 +71,12 @@ impl<R: BatchScalar, T: Task> Shard for UncoupledShard<R, T> {
         first: usize,
         seeds: Option<&[u64]>,
         mask: Option<&[bool]>,
+        measured: &mut [f32],
         observations: &mut [f32],
     ) {
-        for (tile, rows) in observations.chunks_mut(LANES * OBSERVATION).enumerate() {
+        let (rows, observed) =
+            if self.observer.is_some() { (measured, observations) } else { (observations, measured) };
+        for (tile, rows) in rows.chunks_mut(LANES * OBSERVATION).enumerate() {
             let env = first + tile * LANES;
             let mut bits = 0;
             for lane in
@@ -83,16 +90,27 @@ impl<R: BatchScalar, T: Task> Shard for UncoupledShard<R, T> {
             }
             R::run(
                 #[inline(always)]
-                || self.begin(&config.interfaces[0], tile, bits, rows),
+                || self.begin(&config.interfaces[0], tile, bits, rows, observed),
             );
         }
     }
 
-    fn run(&mut self, config: &BatchConfig, actions: &[f32], mut out: StepBuffers<'_>) {
+    fn run<'a>(
+        &mut self,
+        config: &BatchConfig,
+        actions: &[f32],
+        measured: &'a mut [f32],
+        mut out: StepBuffers<'a>,
+    ) {
         let flying = std::mem::take(&mut out.flying);
+        let observed = if self.observer.is_some() {
+            std::mem::replace(&mut out.observations, measured)
+        } else {
+            measured
+        };
         R::run(
             #[inline(always)]
-            || self.run_now(config, actions, out),
+            || self.run_now(config, actions, observed, out),
         );
         for (flags, bits) in flying.chunks_mut(LANES).zip(&self.bits) {
             flags.iter_mut().enumerate().for_each(|(lane, flag)| *flag = bits.ended >> lane & 1 == 0);
@@ -121,7 +139,7 @@ impl<R: BatchScalar, T: Task> Shard for UncoupledShard<R, T> {
     }
 
     fn last_of_episode(&self, env: usize) -> Option<(&[f32], &[f32])> {
-        let observation = self.final_observations.get(env * OBSERVATION..(env + 1) * OBSERVATION)?;
+        let observation = self.final_observations.get(env * self.width..(env + 1) * self.width)?;
         Some((observation, self.final_states.get(env * STATE..(env + 1) * STATE)?))
     }
 
@@ -141,6 +159,9 @@ impl<R: BatchScalar, T: Task> Shard for UncoupledShard<R, T> {
             }
             let key = |lane: usize| episode_key(episodes.seed[lane], episodes.number[lane].wrapping_sub(1));
             self.world.archive(tile, key, archive);
+            if let Some(observer) = &mut self.observer {
+                observer.archive(tile, archive);
+            }
         }
     }
 }
@@ -151,20 +172,30 @@ impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
         let tiles = envs.div_ceil(LANES);
         let settings = Settings { input: spec.inputs[0], physics_hz: options.physics_hz };
         let kept = if options.autoreset == Autoreset::SameStep { envs } else { 0 };
+        let width = row_width(options, 1)?;
         Ok(UncoupledShard {
             world: World::new(spec.models[0], &options.drone_effects(0), settings, tiles)?,
             task,
             slots: vec![Slot { last_action: [R::zero(); ACTION], goal: [R::zero(); GOAL] }; tiles],
             bits: (0..tiles).map(|tile| Bits::new(envs - tile * LANES)).collect(),
             episodes: vec![Episodes { seed: [0; LANES], number: [0; LANES] }; tiles],
-            final_observations: vec![0.0; kept * OBSERVATION],
+            observer: Observer::new(spec, 1)?,
+            width,
+            final_observations: vec![0.0; kept * width],
             final_states: vec![0.0; kept * STATE],
         })
     }
 
     /// Begin the next episode in the lanes of `bits` and write their observations.
     #[inline(always)]
-    fn begin(&mut self, interface: &Interface, tile: usize, bits: u32, rows: &mut [f32]) {
+    fn begin(
+        &mut self,
+        interface: &Interface,
+        tile: usize,
+        bits: u32,
+        rows: &mut [f32],
+        observed: &mut [f32],
+    ) {
         let (slot, episodes) = (&mut self.slots[tile], &mut self.episodes[tile]);
         let mut x = State::<R>::rest();
         let mut u = Command::level(R::zero());
@@ -207,14 +238,18 @@ impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
         for lane in lanes_of(bits) {
             write_lane(&row, lane, &mut rows[lane * OBSERVATION..(lane + 1) * OBSERVATION]);
         }
+        if let Some(observer) = &mut self.observer {
+            let place = RowPlace { tile, drone: 0, lanes: bits, flying: bits, begins: true };
+            observer.write(place, &Sight { own: &row, x: self.world.state(tile), rows: &[] }, observed);
+        }
     }
 
     /// One step of every tile.
     #[inline(always)]
-    fn run_now(&mut self, config: &BatchConfig, actions: &[f32], out: StepBuffers<'_>) {
+    fn run_now(&mut self, config: &BatchConfig, actions: &[f32], observed: &mut [f32], out: StepBuffers<'_>) {
         let params = StepParams { reach: config.interfaces[0].reach(), last_s: R::from_f64(config.last_s) };
         let mut tail = TailBuffers::new(actions);
-        let mut buffers = TileBuffers::new(actions, out, &mut tail);
+        let mut buffers = TileBuffers::new(actions, observed, out, &mut tail);
         let tiles = self.bits.len();
         if self.world.is_plain() {
             for tile in 0..tiles {
@@ -234,7 +269,8 @@ impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
                 }
                 self.world.step_group(first, &commands[..n], None, &mut ticks[..n]);
                 for i in 0..n {
-                    self.judge(config, &params, first + i, &actions[i], &ticks[i], buffers.rows(first + i));
+                    let out = buffers.rows(first + i);
+                    self.judge(config, &params, first + i, &actions[i], &ticks[i], out);
                 }
             }
         }
@@ -268,7 +304,13 @@ impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
         };
         let over = now_s.gt(params.last_s);
         slot.last_action = *action;
-        R::write(&observe(&tick.reading, now_s, &setpoint, action), out.observations, OBSERVATION);
+        let row = observe(&tick.reading, now_s, &setpoint, action);
+        R::write(&row, out.observations, OBSERVATION);
+        if let Some(observer) = &mut self.observer {
+            let used = self.bits[tile].used.into();
+            let place = RowPlace { tile, drone: 0, lanes: used, flying: used, begins: false };
+            observer.write(place, &Sight { own: &row, x, rows: &[] }, out.observed);
+        }
         *out.rewards = *reward.array();
         let (terminated, truncated) = (R::bits(outcome.ends | broken), R::bits(over));
         flags(terminated, out.terminated);
@@ -299,18 +341,23 @@ impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
                 for lane in lanes_of(before) {
                     (out.rewards[lane], out.terminated[lane], out.truncated[lane]) = (0.0, false, false);
                 }
-                self.begin(&config.interfaces[0], tile, before, out.observations);
+                self.begin(&config.interfaces[0], tile, before, out.observations, out.observed);
             }
             Autoreset::SameStep => {
                 let ended = u32::from(self.bits[tile].ended);
                 let states = state_row(self.world.state(tile));
                 for lane in lanes_of(ended) {
                     let env = tile * LANES + lane;
-                    let row = &out.observations[lane * OBSERVATION..(lane + 1) * OBSERVATION];
-                    self.final_observations[env * OBSERVATION..(env + 1) * OBSERVATION].copy_from_slice(row);
+                    let numbers = env * self.width..(env + 1) * self.width;
+                    let row = if self.observer.is_some() {
+                        &out.observed[numbers.clone()]
+                    } else {
+                        &out.observations[lane * OBSERVATION..(lane + 1) * OBSERVATION]
+                    };
+                    self.final_observations[numbers].copy_from_slice(row);
                     write_lane(&states, lane, &mut self.final_states[env * STATE..(env + 1) * STATE]);
                 }
-                self.begin(&config.interfaces[0], tile, ended, out.observations);
+                self.begin(&config.interfaces[0], tile, ended, out.observations, out.observed);
             }
         }
     }

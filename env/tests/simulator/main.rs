@@ -5,6 +5,7 @@ mod effects;
 mod effects_analytic;
 mod fleet;
 mod model;
+mod observations;
 mod snapshot;
 mod swarm;
 mod vector;

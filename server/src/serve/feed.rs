@@ -186,13 +186,13 @@ impl EpisodeClocks {
 
     /// The first environment, whose drones are watched together.
     fn show_all_drones(&self, feed: &Feed, env: &VectorEnv, shown: &FeedRows<'_>) {
-        let (drones, width) = (env.num_drones(), env.width());
+        let (drones, width) = (env.num_drones(), env.measured_width());
         let mut states = vec![0.0; drones * STATE];
         // the buffer is whole rows of drones that exist
         if env.first_states(&mut states).is_err() {
             return;
         }
-        let observations = &shown.observations[..drones * width];
+        let observations = &env.measured(shown.observations)[..drones * width];
         let actions: Vec<f32> =
             observations.chunks(width).flat_map(|row| &row[LAST_ACTION.range()]).copied().collect();
         let begun = vec![true; drones];
@@ -229,6 +229,7 @@ impl EpisodeClocks {
         }
         let interface = env.interfaces()[0];
         let mut rows = lock(&feed.rows);
+        let observations = env.measured(observations);
         let drones_now = observations.as_chunks::<OBSERVATION>().0.iter().zip(states.as_chunks::<STATE>().0);
         for (env, (row, (observation, state))) in
             rows.chunks_mut(COLUMNS.len()).zip(drones_now).take(n).enumerate()

@@ -12,6 +12,7 @@ use crate::plant::{Accelerations, Command, State};
 use crate::rows::{STATE, state_row, write_lane};
 use crate::sim_scalar::BatchScalar;
 use crate::task::{GOAL, Outcome, Scene, Start};
+use crate::vector::observer::{Observer, row_width};
 use crate::vector::{BatchConfig, METRICS, ShardSpec};
 use crate::world::{Around, Contact, GROUP, Settings, Tick, World};
 
@@ -90,6 +91,7 @@ pub(in crate::vector) struct DroneBatch<R: BatchScalar> {
     /// By tile.
     boards: Vec<R>,
     pub(in crate::vector) scratch: Scratch<R>,
+    pub(in crate::vector) observer: Option<Observer<R>>,
     pub(in crate::vector) final_observations: Vec<f32>,
     pub(in crate::vector) final_states: Vec<f32>,
 }
@@ -135,7 +137,8 @@ impl<R: BatchScalar> DroneBatch<R> {
             slots: vec![slot; tiles * drones],
             boards: vec![zero; tiles * board],
             scratch: Scratch::new(drones, board),
-            final_observations: vec![0.0; kept * drones * (OBSERVATION + NEIGHBOUR * (drones - 1))],
+            observer: Observer::new(spec, drones)?,
+            final_observations: vec![0.0; kept * drones * row_width(options, drones)?],
             final_states: vec![0.0; kept * drones * STATE],
         })
     }

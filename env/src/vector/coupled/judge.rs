@@ -8,6 +8,7 @@ use crate::rows::{lanes_of, write_lane};
 use crate::scalar::Scalar;
 use crate::sim_scalar::BatchScalar;
 use crate::task::{crashed, outside};
+use crate::vector::observer::{RowPlace, Sight};
 use crate::vector::{BatchConfig, METRICS, StepBuffers};
 
 impl<R: BatchScalar> DroneBatch<R> {
@@ -70,11 +71,12 @@ impl<R: BatchScalar> DroneBatch<R> {
         config: &BatchConfig,
         tile: usize,
         place: usize,
+        measured: &mut [f32],
         out: &mut StepBuffers<'_>,
     ) -> u16 {
         R::run(
             #[inline(always)]
-            || self.write_step_now(config, tile, place, out),
+            || self.write_step_now(config, tile, place, measured, out),
         )
     }
 
@@ -84,6 +86,7 @@ impl<R: BatchScalar> DroneBatch<R> {
         config: &BatchConfig,
         tile: usize,
         place: usize,
+        measured: &mut [f32],
         out: &mut StepBuffers<'_>,
     ) -> u16 {
         let n = self.drones.len();
@@ -116,7 +119,8 @@ impl<R: BatchScalar> DroneBatch<R> {
                     *flag = bits >> lane & 1 == 1;
                 }
             }
-            self.write(tile, place, drone, &mut near, (lanes, before.into()), out.observations);
+            let to = RowPlace { tile, drone, lanes, flying: before.into(), begins: false };
+            self.write(place, to, &mut near, measured, out.observations);
         }
         self.scratch.rows = near;
         for (seen, slot) in
@@ -165,34 +169,40 @@ impl<R: BatchScalar> DroneBatch<R> {
 
     /// The first observations of the envs of `bits`.
     #[inline(never)]
-    pub(in crate::vector) fn show(&mut self, tile: usize, bits: u32, observations: &mut [f32]) {
+    pub(in crate::vector) fn show(
+        &mut self,
+        tile: usize,
+        bits: u32,
+        measured: &mut [f32],
+        observations: &mut [f32],
+    ) {
         let mut near = std::mem::take(&mut self.scratch.rows);
         R::run(
             #[inline(always)]
             || {
                 // no closure in a closure: it may be compiled without the instructions of `run`
                 for drone in 0..self.len() {
-                    self.write(tile, 0, drone, &mut near, (bits, bits), observations);
+                    let to = RowPlace { tile, drone, lanes: bits, flying: bits, begins: true };
+                    self.write(0, to, &mut near, measured, observations);
                 }
             },
         );
         self.scratch.rows = near;
     }
 
-    /// A drone's rows in the envs of `lanes`: what it observes where it flew (`flew`), zeros elsewhere. They
+    /// A drone's rows: what it observes where it flew, zeros elsewhere. They
     /// are put together in `near`, which stays in the cache, because the envs of a tile are far from each
     /// other.
     #[inline(always)]
     fn write(
-        &self,
-        tile: usize,
+        &mut self,
         place: usize,
-        drone: usize,
+        to: RowPlace,
         near: &mut [f32],
-        (lanes, flew): (u32, u32),
+        measured: &mut [f32],
         observations: &mut [f32],
     ) {
-        let n = self.drones.len();
+        let (n, RowPlace { tile, drone, lanes, flying, .. }) = (self.drones.len(), to);
         let width = OBSERVATION + NEIGHBOUR * (n - 1);
         let now_s = self.drones[drone].time_s(tile);
         let reading = &self.scratch.ticks[drone][place].reading;
@@ -209,10 +219,17 @@ impl<R: BatchScalar> DroneBatch<R> {
             );
             at += NEIGHBOUR;
         }
+        let rows = if let Some(observer) = &mut self.observer {
+            let sight = Sight { own: &own, x: self.drones[drone].state(tile), rows: near };
+            observer.write(to, &sight, observations);
+            measured
+        } else {
+            observations
+        };
         let first = (tile * LANES * n + drone) * width;
         for lane in lanes_of(lanes) {
-            let row = &mut observations[first + lane * n * width..][..width];
-            if flew >> lane & 1 == 1 {
+            let row = &mut rows[first + lane * n * width..][..width];
+            if flying >> lane & 1 == 1 {
                 copy(&near[lane * width..(lane + 1) * width], row)
             } else {
                 row.fill(0.0)

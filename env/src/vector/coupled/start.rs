@@ -119,6 +119,9 @@ impl<R: BatchScalar> DroneBatch<R> {
                     archive,
                 );
             }
+            if let Some(observer) = &mut self.observer {
+                observer.archive(tile, archive);
+            }
         }
     }
 

@@ -7,11 +7,18 @@
 //! Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, ch. 11). Per axis: position,
 //! velocity, and an acceleration that nothing explains, a random walk, which takes the error of a tilted IMU.
 
-use super::prediction::{Axis, Covariance, START, overlap, predict_covariance, predict_mean};
-use super::sensor_noise::{NoiseVariance, SensorNoise};
-use crazyflie_env::model::{Model, Vertical, VerticalInput};
-use crazyflie_env::observation::{OBSERVATION, index, wrap};
-use crazyflie_env::scalar::{Scalar, tabulate};
+mod prediction;
+mod sensor_noise;
+
+use crate::archive::Archive;
+use crate::model::{Model, Vertical, VerticalInput};
+use crate::observation::{OBSERVATION, index, wrap};
+use crate::scalar::{Scalar, tabulate};
+use crate::sim_scalar::BatchScalar;
+use prediction::{Axis, Covariance, START, overlap, predict_covariance, predict_mean};
+use sensor_noise::NoiseVariance;
+
+pub use sensor_noise::{BELIEF, SensorNoise};
 
 /// Ticks of history: a fix older than this is of no use. At 50 Hz 0.24 s, twice the longest latency that the
 /// simulator has.
@@ -90,6 +97,14 @@ impl<R: Scalar> Estimator<R> {
     /// Forget the flight in the lanes of `mask`.
     pub fn reset(&mut self, mask: R::Mask) {
         self.fresh = self.fresh | mask;
+    }
+
+    /// Begins flights in the lanes of `mask` with their first rows; where the vehicle is, in these lanes.
+    #[inline(always)]
+    pub fn start(&mut self, mask: R::Mask, o: &[R; OBSERVATION]) -> Estimate<R> {
+        self.begin(mask, o);
+        self.fresh = self.fresh & !mask;
+        self.now(o, self.push(o, o[index::YAW] + self.turned_rad))
     }
 
     /// Where the vehicle is at the time of this observation row, the next one since the last call.
@@ -300,6 +315,30 @@ impl<R: Scalar> Estimator<R> {
             vel_mps: [x[1], y[1], z[1]],
             yaw_rad: wrap(o[index::YAW] + self.turned_rad),
             push_mps2: [push[0] + x[2], push[1] + y[2], push[2] + z[2]],
+        }
+    }
+
+    /// What it goes on from; every lane has begun.
+    pub(crate) fn archive(&mut self, archive: &mut Archive<'_>)
+    where
+        R: BatchScalar,
+    {
+        archive.numbers(self.axes.as_flattened_mut());
+        archive.numbers(self.spread.as_flattened_mut());
+        archive.numbers(self.acc_mps2.as_flattened_mut());
+        archive.numbers(&mut self.imu_yaw_rad);
+        archive.numbers(&mut self.last_mps2);
+        for number in [
+            &mut self.age_s,
+            &mut self.outliers,
+            &mut self.turned_rad,
+            &mut self.turned_spread,
+            &mut self.seen_s,
+        ] {
+            archive.number(number);
+        }
+        if archive.reads() {
+            self.fresh = R::nothing();
         }
     }
 }

@@ -1,6 +1,6 @@
 //! One axis under a held acceleration: where it goes, and how sure that is.
 
-use crazyflie_env::scalar::Scalar;
+use crate::scalar::Scalar;
 
 /// Position, velocity, and the acceleration that nothing explains.
 pub(super) type Axis<R> = [R; 3];

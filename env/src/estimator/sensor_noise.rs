@@ -38,7 +38,7 @@ impl Default for SensorNoise {
 }
 
 /// What each number of a [`SensorNoise`] means, for the registry.
-pub(super) const BELIEF: &str = "what the filter believes, as standard deviations: of a fix from 70 cm xy_m, z_m, yaw_deg; of the IMU over a second white_mps, \
+pub const BELIEF: &str = "what the filter believes, as standard deviations: of a fix from 70 cm xy_m, z_m, yaw_deg; of the IMU over a second white_mps, \
      bias_mps2, yaw_drift_deg; beyond gate of them a fix is an outlier";
 
 /// A [`SensorNoise`] as variances.

@@ -1,6 +1,8 @@
 //! What an agent and a controller see: what the rig could measure, as one row of numbers, and the commands
 //! they give.
 
+mod choice;
+
 use serde::{Deserialize, Serialize};
 
 use crate::effects::Reading;
@@ -8,6 +10,11 @@ use crate::error::Result;
 use crate::model::{Model, VerticalInput};
 use crate::plant::Command;
 use crate::scalar::{Scalar, each};
+
+pub(crate) use choice::YAW_ERROR;
+pub use choice::{
+    ALL_FIELDS, CHOICES, LONGEST_HISTORY, NamedChoice, OBSERVABLE, ObservationChoice, find_field,
+};
 
 /// Numbers per observation.
 pub const OBSERVATION: usize = 24;
@@ -36,6 +43,11 @@ pub struct Field {
 const PI: f64 = std::f64::consts::PI;
 
 impl Field {
+    /// The place behind its last number.
+    pub const fn end(&self) -> usize {
+        self.first + self.length
+    }
+
     /// Its numbers within the row.
     pub const fn range(&self) -> std::ops::Range<usize> {
         self.first..self.first + self.length

@@ -1,0 +1,201 @@
+//! Observations that hold something else than what is measured: the fields that were asked for, of now or of
+//! the last few ticks, as numbers of the lanes until they are rows.
+
+use super::ShardSpec;
+use crate::archive::Archive;
+use crate::coupling::NEIGHBOUR;
+use crate::error::{Result, check_range};
+use crate::estimator::{Estimate, Estimator, SensorNoise};
+use crate::lanes::LANES;
+use crate::observation::{Field, LONGEST_HISTORY, OBSERVABLE, OBSERVATION, YAW_ERROR, index, wrap};
+use crate::plant::State;
+use crate::rows::{lanes_of, state_index, state_row};
+use crate::scalar::tabulate;
+use crate::sim_scalar::BatchScalar;
+
+/// Which rows are written.
+#[derive(Clone, Copy)]
+pub(super) struct RowPlace {
+    pub(super) tile: usize,
+    pub(super) drone: usize,
+    /// Lanes whose rows are written.
+    pub(super) lanes: u32,
+    /// Those of them in which the drone flies; rows of others are zeros.
+    pub(super) flying: u32,
+    /// Their episodes begin here.
+    pub(super) begins: bool,
+}
+
+/// What a drone sees, and how it truly is.
+pub(super) struct Sight<'a, R> {
+    pub(super) own: &'a [R; OBSERVATION],
+    pub(super) x: &'a State<R>,
+    /// Rows of what is measured, a row for each lane: behind the drone's own numbers those of the others.
+    pub(super) rows: &'a [f32],
+}
+
+/// What a part of the batch remembers for such observations.
+pub(super) struct Observer<R: BatchScalar> {
+    fields: Vec<Field>,
+    drones: usize,
+    /// Numbers of one tick: a drone's own, then those of the others.
+    width: usize,
+    history: usize,
+    /// By tile, then by drone; empty where nothing is estimated.
+    estimators: Vec<Estimator<R>>,
+    /// The rows of the last ticks, the newest last, by environment and drone; empty where one tick is all.
+    past: Vec<f32>,
+    /// Of one drone in a tile.
+    now: Vec<f32>,
+}
+
+/// Numbers of a row of one tick that holds `fields`.
+fn own_width(fields: &[Field]) -> usize {
+    fields.iter().map(|field| field.length).sum()
+}
+
+/// Numbers of a drone's observation.
+///
+/// # Errors
+/// [`crate::Error::Range`] for the history; as [`crate::observation::ObservationChoice::sources`].
+pub(super) fn row_width(options: &crate::config::Options, drones: usize) -> Result<usize> {
+    check_range("history", options.history as f64, 1.0, LONGEST_HISTORY as f64)?;
+    Ok(options.history * (own_width(&options.observation.sources()?) + NEIGHBOUR * (drones - 1)))
+}
+
+impl<R: BatchScalar> Observer<R> {
+    /// None where what is measured is all that was asked for.
+    pub(super) fn new(spec: &ShardSpec<'_>, drones: usize) -> Result<Option<Self>> {
+        let ShardSpec { models, inputs, options, envs, tick_s } = *spec;
+        if !options.observes() {
+            return Ok(None);
+        }
+        let (fields, tiles) = (options.observation.sources()?, envs.div_ceil(LANES));
+        let width = own_width(&fields) + NEIGHBOUR * (drones - 1);
+        let estimates = fields.iter().any(|field| field.first > YAW_ERROR.first);
+        let estimator = |i: usize| {
+            Estimator::new(models[i % drones], inputs[i % drones], tick_s, &SensorNoise::default())
+        };
+        let kept = if options.history == 1 { 0 } else { envs * drones * options.history * width };
+        Ok(Some(Observer {
+            fields,
+            drones,
+            width,
+            history: options.history,
+            estimators: (0..if estimates { tiles * drones } else { 0 }).map(estimator).collect(),
+            past: vec![0.0; kept],
+            now: vec![0.0; LANES * width],
+        }))
+    }
+
+    /// Writes the rows of a drone in a tile, of all rows of this part of the batch.
+    // a function of its own, so that it does not weigh on steps without it
+    #[inline(never)]
+    pub(super) fn write(&mut self, place: RowPlace, sight: &Sight<'_, R>, rows: &mut [f32]) {
+        R::run(
+            #[inline(always)]
+            || self.write_now(place, sight, rows),
+        );
+    }
+
+    #[inline(always)]
+    fn write_now(&mut self, place: RowPlace, sight: &Sight<'_, R>, rows: &mut [f32]) {
+        let numbers = self.observable(place, sight);
+        self.select(&numbers, sight.rows);
+        let long = self.history * self.width;
+        for lane in lanes_of(place.lanes) {
+            let row = (place.tile * LANES + lane) * self.drones + place.drone;
+            let out = &mut rows[row * long..(row + 1) * long];
+            if place.flying >> lane & 1 == 0 {
+                out.fill(0.0);
+                continue;
+            }
+            let now = &self.now[lane * self.width..(lane + 1) * self.width];
+            if self.past.is_empty() {
+                out.copy_from_slice(now);
+                continue;
+            }
+            let past = &mut self.past[row * long..(row + 1) * long];
+            if place.begins {
+                past.chunks_exact_mut(self.width).for_each(|tick| tick.copy_from_slice(now));
+            } else {
+                past.copy_within(self.width.., 0);
+                past[long - self.width..].copy_from_slice(now);
+            }
+            out.copy_from_slice(past);
+        }
+    }
+
+    /// Every number that an observation may hold, in the order of [`crate::observation::ALL_FIELDS`].
+    #[inline(always)]
+    fn observable(&mut self, place: RowPlace, sight: &Sight<'_, R>) -> [R; OBSERVABLE] {
+        let (own, zero) = (sight.own, R::zero());
+        let setpoint_m = [own[index::SETPOINT_X], own[index::SETPOINT_Y], own[index::SETPOINT_Z]];
+        let error = |pos_m: &[R; 3]| {
+            tabulate::<R, 3>(
+                #[inline(always)]
+                |i| setpoint_m[i] - pos_m[i],
+            )
+        };
+        let turn = |yaw_rad: R| wrap(own[index::SETPOINT_YAW] - yaw_rad);
+        let mut all = [zero; OBSERVABLE];
+        let mut end = 0;
+        let mut add = |numbers: &[R]| {
+            all[end..end + numbers.len()].copy_from_slice(numbers);
+            end += numbers.len();
+        };
+        add(own);
+        let mut state = state_row(sight.x);
+        state[state_index::YAW] = wrap(sight.x.att_rad[2]);
+        add(&state);
+        add(&error(&sight.x.pos_m));
+        add(&[turn(sight.x.att_rad[2])]);
+        let Some(estimator) = self.estimators.get_mut(place.tile * self.drones + place.drone) else {
+            return all;
+        };
+        let Estimate { pos_m, vel_mps, yaw_rad, push_mps2 } =
+            if place.begins { estimator.start(R::mask(place.lanes), own) } else { estimator.update(own) };
+        add(&pos_m);
+        add(&vel_mps);
+        add(&[yaw_rad]);
+        add(&push_mps2);
+        add(&error(&pos_m));
+        add(&[turn(yaw_rad)]);
+        all
+    }
+
+    /// The rows of this tick: what was asked for, within its bounds, and what is known of the others.
+    #[inline(always)]
+    fn select(&mut self, all: &[R; OBSERVABLE], measured: &[f32]) {
+        let mut at = 0;
+        for field in &self.fields {
+            let (low, high) = (R::from_f64(field.low), R::from_f64(field.high));
+            for number in &all[field.range()] {
+                let values = number.clamp(low, high);
+                for (row, value) in self.now.chunks_exact_mut(self.width).zip(values.array()) {
+                    row[at] = *value;
+                }
+                at += 1;
+            }
+        }
+        if self.drones > 1 {
+            let wide = OBSERVATION + NEIGHBOUR * (self.drones - 1);
+            for (row, measured) in self.now.chunks_exact_mut(self.width).zip(measured.chunks_exact(wide)) {
+                row[at..].copy_from_slice(&measured[OBSERVATION..]);
+            }
+        }
+    }
+
+    /// What a tile's flights go on from.
+    pub(super) fn archive(&mut self, tile: usize, archive: &mut Archive<'_>) {
+        let per_tile = tile * self.drones..(tile + 1) * self.drones;
+        for estimator in self.estimators.get_mut(per_tile).unwrap_or_default() {
+            estimator.archive(archive);
+        }
+        let numbers = LANES * self.drones * self.history * self.width;
+        let end = self.past.len().min((tile + 1) * numbers);
+        for number in &mut self.past[(tile * numbers).min(end)..end] {
+            archive.float(number);
+        }
+    }
+}
