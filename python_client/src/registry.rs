@@ -2,7 +2,7 @@
 
 use crazyflie_env::coupling::NEIGHBOUR_FIELDS;
 use crazyflie_env::model::{Model, THESIS_TOML};
-use crazyflie_env::observation::{FIELDS, Field};
+use crazyflie_env::observation::{ALL_FIELDS, CHOICES, Field, NamedChoice, ObservationChoice};
 use crazyflie_env::{effects as effect, task};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -56,13 +56,47 @@ pub fn tasks(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
     task::registry().iter().map(task_dict).collect()
 }
 
-/// The layout of an observation row, as dicts: name, first, length, unit, low, high, about.
+/// The layout of an observation row that holds `observation`: the name of a choice, or a list of names of
+/// fields. As dicts: name, first, length, unit, low, high, about.
 #[pyfunction]
-pub fn observation_fields(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
-    FIELDS.iter().map(|field| field_dict(py, field)).collect()
+#[pyo3(signature = (observation = NameOrNames::Name("measured".into())))]
+pub fn observation_fields(py: Python<'_>, observation: NameOrNames) -> PyResult<Vec<Bound<'_, PyDict>>> {
+    let choice = match observation {
+        NameOrNames::Name(name) => ObservationChoice::Named(name),
+        NameOrNames::Names(names) => ObservationChoice::Fields(names),
+    };
+    let fields = guarded(|| choice.fields())?;
+    fields.iter().map(|field| field_dict(py, field)).collect()
 }
 
-/// The layout of what follows it for each of the other drones of an environment.
+/// A choice by its name, or fields by theirs.
+#[derive(FromPyObject)]
+pub enum NameOrNames {
+    Name(String),
+    Names(Vec<String>),
+}
+
+/// Every field that an observation may hold, as dicts like those of `observation_fields`; "first" is the
+/// place where all are asked for in this order.
+#[pyfunction]
+pub fn observable_fields(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
+    ALL_FIELDS.iter().map(|field| field_dict(py, field)).collect()
+}
+
+/// Every choice of fields that has a name, as dicts: name, about, fields (their names, in order).
+#[pyfunction]
+pub fn observation_choices(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
+    let choice_dict = |choice: &NamedChoice| {
+        let dict = PyDict::new(py);
+        dict.set_item("name", choice.name)?;
+        dict.set_item("about", choice.about)?;
+        dict.set_item("fields", choice.fields.iter().map(|field| field.name).collect::<Vec<_>>())?;
+        Ok(dict)
+    };
+    CHOICES.iter().map(choice_dict).collect()
+}
+
+/// The layout of what follows an observation row for each of the other drones of an environment.
 #[pyfunction]
 pub fn neighbour_fields(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
     NEIGHBOUR_FIELDS.iter().map(|field| field_dict(py, field)).collect()

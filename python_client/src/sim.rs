@@ -2,7 +2,7 @@
 
 use crazyflie_env::config::Options;
 use crazyflie_env::model::{Model, VerticalInput};
-use crazyflie_env::observation::{self, ACTION, OBSERVATION};
+use crazyflie_env::observation::{self, ACTION};
 use crazyflie_env::vector::{METRICS, STATE, StepBuffers, VectorEnv};
 use crazyflie_env::{Error, Result};
 use numpy::{PyArray1, PyArrayDyn};
@@ -116,6 +116,8 @@ pub struct Sim {
     /// Of the last step, where a task has several drones.
     flying: Vec<bool>,
     metrics: Vec<f32>,
+    /// The observation of a batch of one.
+    row: Vec<f32>,
     /// What it was made from, for pickling.
     made_from: (String, Option<Vec<String>>),
 }
@@ -195,6 +197,7 @@ impl Sim {
             lead,
             flying,
             metrics: vec![0.0; envs * metrics],
+            row: vec![0.0; if envs == 1 { drones * width } else { 0 }],
             made_from,
         })
     }
@@ -211,7 +214,7 @@ impl Sim {
         self.drones
     }
 
-    /// Numbers in a drone's observation: its own 24, then 8 for each of the others.
+    /// Numbers in a drone's observation.
     #[getter]
     fn width(&self) -> usize {
         self.width
@@ -329,10 +332,10 @@ impl Sim {
             return Err(PyValueError::new_err("step_one is for a single environment of one drone"));
         }
         let action = input::<f32>("action", &[ACTION], action)?;
-        let (mut observation, mut reward, mut terminated, mut truncated) =
-            ([0.0; OBSERVATION], [0.0], [false], [false]);
-        let env = self.env.get()?;
-        let out = StepBuffers::new(&mut observation, &mut reward, &mut terminated, &mut truncated);
+        let (mut reward, mut terminated, mut truncated) = ([0.0], [false], [false]);
+        let Sim { env, row: observation, .. } = self;
+        let env = env.get()?;
+        let out = StepBuffers::new(observation, &mut reward, &mut terminated, &mut truncated);
         let actions = action.as_slice()?;
         guarded(|| {
             env.step(actions, out).map_err(|error| match error {
@@ -343,7 +346,27 @@ impl Sim {
                 other => other.into(),
             })
         })?;
-        Ok((row(py, &observation), f64::from(reward[0]), terminated[0], truncated[0], PyDict::new(py)))
+        Ok((row(py, observation), f64::from(reward[0]), terminated[0], truncated[0], PyDict::new(py)))
+    }
+
+    /// What was measured in the last step or reset, whose result was `observations`: float32 (num_envs, 24),
+    /// or (num_envs, num_drones, 24 and 8 for each of the others). These are the observations themselves
+    /// unless something else was asked for.
+    fn measured<'py>(
+        &self,
+        py: Python<'py>,
+        observations: Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let kept = self.env.glance(|env| {
+            let rows = env.measured(&[]);
+            (!rows.is_empty()).then(|| (rows.to_vec(), env.measured_width()))
+        })?;
+        match kept {
+            None => Ok(observations),
+            Some((rows, width)) => {
+                PyArray1::from_vec(py, rows).call_method1("reshape", (PyTuple::new(py, self.shape(width))?,))
+            }
+        }
     }
 
     /// After a step of a task of several drones: bool (num_envs, num_drones), which ones fly on, so that

@@ -113,7 +113,7 @@ def test_disabled():
 
 
 def test_final_observations_by_field():
-    envs = make("same_step", observation="dict")
+    envs = make("same_step", form="dict")
     flat = make("same_step")
     envs.reset(seed=1)
     flat.reset(seed=1)

@@ -15,10 +15,10 @@ import crazyflie_gym
 EFFECTS = {"wind": {"x_mps2": {"uniform": [-0.5, 0.5]}}, "camera_noise": {"xy_m": 0.01}, "camera_fov": 120}
 
 
-@pytest.mark.parametrize("observation", ["flat", "dict"])
+@pytest.mark.parametrize("form", ["flat", "dict"])
 @pytest.mark.parametrize("extra", [{}, {"effects": EFFECTS, "true_state": True, "vertical": "pwm"}])
-def test_check_env_has_nothing_to_say(env_id, observation, extra):
-    env = gym.make(env_id, observation=observation, **extra)
+def test_check_env_has_nothing_to_say(env_id, form, extra):
+    env = gym.make(env_id, form=form, **extra)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         check_env(env.unwrapped)
@@ -38,7 +38,7 @@ def test_the_time_limit_is_the_tasks(env_id):
 
 
 def test_specs_survive_pickle_and_json(env_id):
-    env = gym.make(env_id, effects=EFFECTS, vertical="pwm", observation="dict", true_state=True)
+    env = gym.make(env_id, effects=EFFECTS, vertical="pwm", form="dict", true_state=True)
     for spec in (EnvSpec.from_json(env.spec.to_json()), pickle.loads(pickle.dumps(env.spec))):
         again = gym.make(spec)
         (a, _), (b, _) = env.reset(seed=7), again.reset(seed=7)
@@ -66,9 +66,9 @@ def test_the_autoreset_mode_is_in_the_metadata(mode):
     assert crazyflie_gym.CrazyflieVectorEnv.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
 
 
-@pytest.mark.parametrize("observation", ["flat", "dict"])
-def test_vector_spaces_hold_what_is_returned(env_id, observation):
-    envs = gym.make_vec(env_id, num_envs=5, observation=observation)
+@pytest.mark.parametrize("form", ["flat", "dict"])
+def test_vector_spaces_hold_what_is_returned(env_id, form):
+    envs = gym.make_vec(env_id, num_envs=5, form=form)
     assert envs.observation_space == gym.vector.utils.batch_space(envs.single_observation_space, 5)
     obs, info = envs.reset(seed=3)
     assert envs.observation_space.contains(obs) and info == {}

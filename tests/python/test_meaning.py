@@ -51,9 +51,7 @@ def test_without_effects_the_rig_measures_the_truth():
 
 
 def test_by_field_is_the_same_as_flat():
-    flat, by_field = (
-        gym.make("Crazyflie-v0", observation=form, effects=FIVE, vertical="pwm") for form in ("flat", "dict")
-    )
+    flat, by_field = (gym.make("Crazyflie-v0", form=form, effects=FIVE, vertical="pwm") for form in ("flat", "dict"))
     a, b = flat.reset(seed=3)[0], by_field.reset(seed=3)[0]
     assert np.array_equal(a, flatten(b)) and list(b) == [f["name"] for f in crazyflie_gym.observation_fields()]
     action = np.array([0.1, -0.2, 0.3, 0.2], np.float32)

@@ -81,7 +81,17 @@ def same(a, b, where="result"):
 
 
 def test_a_single_environment(server, client, env_id):
-    for kwargs in ({}, {"effects": DRAWN, "vertical": "pwm", "true_state": True, "observation": "dict"}):
+    for kwargs in (
+        {},
+        {
+            "effects": DRAWN,
+            "vertical": "pwm",
+            "true_state": True,
+            "form": "dict",
+            "observation": "estimate",
+            "history": 2,
+        },
+    ):
         here = gym.make(env_id, **kwargs)
         there = gym.make(env_id, remote=server.url, remote_client=client, **kwargs)
         assert there.observation_space == here.observation_space and there.action_space == here.action_space
@@ -102,7 +112,7 @@ def test_a_single_environment(server, client, env_id):
 def test_a_batch(server, client, mode):
     count = 7
     ends = 0
-    for kwargs in ({}, {"true_state": True, "observation": "dict", "effects": DRAWN}, {"copy": False}):
+    for kwargs in ({}, {"true_state": True, "form": "dict", "observation": "state", "effects": DRAWN}, {"copy": False}):
         args = {"num_envs": count, "autoreset_mode": mode, **WALL, **kwargs}
         here = gym.make_vec("Crazyflie-v0", **args)
         there = gym.make_vec("Crazyflie-v0", remote=server.url, remote_client=client, **args)

@@ -30,7 +30,20 @@ def fly(env, actions):
 
 
 @pytest.mark.parametrize("how", COPIES)
-@pytest.mark.parametrize("extra", [{}, {"effects": FIVE, "true_state": True, "observation": "dict", "vertical": "pwm"}])
+@pytest.mark.parametrize(
+    "extra",
+    [
+        {},
+        {
+            "effects": FIVE,
+            "true_state": True,
+            "form": "dict",
+            "observation": "estimate",
+            "history": 2,
+            "vertical": "pwm",
+        },
+    ],
+)
 def test_a_copy_flies_on_as_the_original(env_id, how, extra):
     env = gym.make(env_id, max_episode_steps=70, **extra)
     env.reset(seed=3)

@@ -53,7 +53,7 @@ def test_agents_have_a_true_state_and_a_picture():
 
 
 def test_observations_name_what_is_known_of_the_others():
-    env = gymnasium.make("CrazyflieSwap-v0", drones=3, observation="dict", true_state=True).unwrapped
+    env = gymnasium.make("CrazyflieSwap-v0", drones=3, form="dict", true_state=True).unwrapped
     fields, info = env.reset(seed=4)
     assert env.observation_space.contains(fields)
     assert fields["neighbour_pos_m"].shape == (3, 2, 3) and fields["neighbour_known"].tolist() == [[[1]] * 2] * 3

@@ -61,6 +61,14 @@ class FieldEntry(TypedDict):
     high: float
 
 
+class ChoiceEntry(TypedDict):
+    """A choice of fields of an observation that has a name."""
+
+    name: str
+    about: str
+    fields: list[str]
+
+
 class ControllerEntry(TypedDict):
     """A controller; `file` says what is in the file that is named with it, `defaults` is JSON."""
 

@@ -62,6 +62,9 @@ class Backend(Protocol):
     def step_one(self, action: FloatArray) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
         """Fly one tick of a batch of one."""
 
+    def measured(self, observations: FloatArray) -> FloatArray:
+        """Return what was measured in the step or reset whose result was `observations`."""
+
     def flying(self) -> BoolArray | None:
         """Return which of several drones fly on after the last step."""
 

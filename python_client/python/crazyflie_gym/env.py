@@ -17,7 +17,7 @@ from crazyflie_gym.make_backend import make_backend, make_controller
 from crazyflie_gym.options import Model
 from crazyflie_gym.rendering import RENDER_MODES, Screen, check_render_mode
 from crazyflie_gym.seeding import as_seeds, draw_seeds
-from crazyflie_gym.spaces import action_space, check_form, observation_space, split
+from crazyflie_gym.spaces import Choice, RowLayout, action_space, choice_and_form
 from crazyflie_gym.state import EnvState, simulation
 
 METRICS = tuple(name for name, _, _ in metrics())
@@ -28,7 +28,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
     """One world with a task; what the tasks are, and how many drones they have, `crazyflie_gym.tasks()` says.
 
     Actions are float32 (4,) from -1 to 1: roll, pitch, yaw rate, and height or PWM, as `interface` says. Observations
-    are what the rig could measure, `crazyflie_gym.observation_fields()`.
+    are what the rig could measure, unless `observation` says otherwise.
 
     Where a task has several drones, one agent flies them all: actions and observations have a row for each drone, the
     reward is the drones' mean, and the episode ends when none of them flies any more. info["drone_rewards"] and
@@ -50,8 +50,12 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
             "delay_s": ..., "loss": ...}, where each says where its own camera believes it is.
         each: for each drone, what it has in place of the others' effects: [{"effects": {...}}, ...].
         radius_m: two drones nearer than twice this have collided.
-        observation: "flat" for Box(24), "dict" for a Dict by field. Of several drones: Box(drones, width), with 8
-            numbers for each of the others after a drone's own 24, `crazyflie_gym.neighbour_fields()`.
+        observation: what an observation holds: "measured" (what the rig could measure), "estimate" (what a Kalman
+            filter makes of it), "state" (the true state), or a list of names of `crazyflie_gym.observable_fields()`. Of
+            several drones each has such a row, and after it 8 numbers for each of the others,
+            `crazyflie_gym.neighbour_fields()`.
+        form: "flat" for a Box of rows, "dict" for a Dict by field.
+        history: ticks that an observation holds, 1 to 64: the newest last, at the beginning all alike.
         true_state: give the true state, float32 (12,), or (drones, 12), as info["true_state"]; its layout is
             STATE_FIELDS.
         clip: cut actions off at -1 and 1. Without it more than round-off is an error.
@@ -81,7 +85,9 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         neighbours: Mapping[str, Any] | None = None,
         each: Sequence[Mapping[str, Any]] | None = None,
         radius_m: float | None = None,
-        observation: str = "flat",
+        observation: Choice = "measured",
+        form: str = "flat",
+        history: int = 1,
         true_state: bool = False,
         clip: bool = False,
         render_mode: str | None = None,
@@ -89,7 +95,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         remote: str | None = None,
         remote_client: str = "native",
     ) -> None:
-        check_form(observation)
+        observation, form = choice_and_form(observation, form)
         self.render_mode = check_render_mode(render_mode)
         self.sim: Sim | RemoteBackend = make_backend(
             1,
@@ -110,13 +116,17 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
             remote=remote,
             remote_client=remote_client,
             states=true_state or render_mode is not None,
+            draws=render_mode is not None,
+            observation=observation,
+            history=history,
         )
         rows = self.sim.num_drones if self.sim.has_drone_axis else None
-        self.observation_space = observation_space(observation, rows)
+        self._layout = RowLayout(observation, history, rows)
+        self.observation_space = self._layout.space(form)
         self.action_space = action_space(rows)
         self.metadata = {**self.metadata, "render_fps": round(1.0 / self.sim.tick_s)}
         self._screen = None if render_mode is None else Screen(self.sim, task, task_options, effects)
-        self._by_field = observation == "dict"
+        self._by_field = form == "dict"
         self._true_state = true_state
         self._clip = clip
         self._several = rows is not None
@@ -170,7 +180,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
             row = self.sim.reset(draw_seeds(self.np_random, 1))[0]
         self._seeded = True
         if self._screen:
-            self._screen.begin(row[np.newaxis])
+            self._screen.begin(self.sim.measured(row[np.newaxis]))
         return self._dress(row, {})
 
     def step(self, action: FloatArray) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -193,7 +203,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         result = fly_with(self._step_several if self._several else self.sim.step_one, action, self._clip)
         row, reward, terminated, truncated, info = result
         if self._screen:
-            self._screen.record(row[np.newaxis], reward)
+            self._screen.record(self.sim.measured(row[np.newaxis]), reward)
             if self.render_mode == "human":
                 self._screen.show()
         return *self._dress(row, info)[:1], reward, terminated, truncated, info
@@ -215,7 +225,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
     def _dress(self, row: FloatArray, info: dict[str, Any]) -> tuple[Observation, dict[str, Any]]:
         if self._true_state:
             info["true_state"] = self.sim.states()[0]
-        return (split(row) if self._by_field else row), info
+        return (self._layout.split(row) if self._by_field else row), info
 
     def get_state(self) -> EnvState:
         """Return all that this environment goes on from, for `set_state` of one that was made alike.

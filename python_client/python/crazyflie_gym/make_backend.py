@@ -12,6 +12,7 @@ from crazyflie_gym import remote as remote_module
 from crazyflie_gym._native import Controller, Crowd, Sim, check_model, model_text, tasks
 from crazyflie_gym.backend import RemoteBackend
 from crazyflie_gym.options import Model, model_sources, native_autoreset, to_json
+from crazyflie_gym.spaces import Choice
 
 
 def make_backend(
@@ -34,8 +35,13 @@ def make_backend(
     remote: str | None,
     remote_client: str,
     states: bool,
+    draws: bool = False,
+    observation: Choice = "measured",
+    history: int = 1,
 ) -> Sim | RemoteBackend:
-    """Return the simulation that the arguments of an environment ask for; `states` will be read every step.
+    """Return the simulation that the arguments of an environment ask for.
+
+    `states` will be read every step; `draws` asks for what pictures need.
 
     Raises:
         ValueError: naming the argument that is wrong, with a proposal where a name is unknown.
@@ -64,10 +70,17 @@ def make_backend(
         isa=isa,
         autoreset=native_autoreset(autoreset),
         max_episode_steps=max_episode_steps,
+        observation=observation if isinstance(observation, str) else list(observation),
+        history=history,
     )
     if remote is None:
         texts = [model_text() if text is None else text for text, _ in models]
         return Sim(num_envs, options, texts)
+    if draws and (observation != "measured" or history != 1):
+        raise ValueError(
+            'render_mode: pictures of a server\'s flights are drawn from observation="measured" with history=1, got '
+            f"{observation!r} with {history}"
+        )
     if len(models) > 1:
         raise ValueError(f"model: expected one for all drones where a server simulates, got {len(models)}")
     return remote_module.make(remote, remote_client, num_envs, options, models[0][0], states)

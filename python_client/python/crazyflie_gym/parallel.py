@@ -16,13 +16,14 @@ except ImportError as error:
     raise ImportError("PettingZoo is missing: pip install 'crazyflie-gym[swarm]'") from error
 
 from crazyflie_gym._native import Crowd
-from crazyflie_gym._types import FloatArray
+from crazyflie_gym._types import FloatArray, Observation
 from crazyflie_gym.actions import as_array
 from crazyflie_gym.rendering import RENDER_MODES, Screen, check_render_mode
+from crazyflie_gym.spaces import choice_and_form
 from crazyflie_gym.state import EnvState
 from crazyflie_gym.swarm import METRICS, CrazyflieSwarm
 
-_Results = tuple[dict[str, FloatArray], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]
+_Results = tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]
 
 
 class AgentController:
@@ -54,7 +55,7 @@ class AgentController:
         self._crowd.reset()
 
 
-class CrazyflieParallelEnv(ParallelEnv[str, FloatArray, FloatArray]):  # type: ignore[misc]
+class CrazyflieParallelEnv(ParallelEnv[str, Observation, FloatArray]):  # type: ignore[misc]
     """One world of several Crazyflies, each an agent: "drone_0", "drone_1", and so on.
 
     A drone that collides, crashes or is done terminates and leaves; when the time is over the others are truncated.
@@ -69,8 +70,12 @@ class CrazyflieParallelEnv(ParallelEnv[str, FloatArray, FloatArray]):  # type: i
         "is_parallelizable": True,
     }
 
-    def __init__(self, task: str = "formation", *, render_mode: str | None = None, **options: Any) -> None:
+    def __init__(
+        self, task: str = "formation", *, render_mode: str | None = None, form: str = "flat", **options: Any
+    ) -> None:
         self.render_mode = check_render_mode(render_mode)
+        _, form = choice_and_form(options.get("observation", "measured"), form)
+        self._by_field = form == "dict"
         self.swarm = CrazyflieSwarm(1, task, autoreset_mode=AutoresetMode.DISABLED, **options)
         sim = self.swarm.sim
         self.metadata = {**self.metadata, "render_fps": round(1.0 / sim.tick_s)}
@@ -80,14 +85,17 @@ class CrazyflieParallelEnv(ParallelEnv[str, FloatArray, FloatArray]):  # type: i
         self.possible_agents = [f"drone_{j}" for j in range(self.swarm.num_drones)]
         self.agents: list[str] = []
         # PettingZoo wants the same object each time
-        self.observation_spaces = {agent: self.swarm.single_observation_space for agent in self.possible_agents}
+        self.observation_spaces = {agent: self.swarm.layout.drone_space(form) for agent in self.possible_agents}
         self.action_spaces = {agent: self._action_space() for agent in self.possible_agents}
+
+    def _form(self, row: FloatArray) -> Observation:
+        return self.swarm.layout.split(row) if self._by_field else row
 
     def _action_space(self) -> spaces.Space[FloatArray]:
         space: Any = spaces.Box(-1.0, 1.0, (4,), np.float32)
         return space  # type: ignore[no-any-return]
 
-    def observation_space(self, agent: str) -> spaces.Space[FloatArray]:
+    def observation_space(self, agent: str) -> spaces.Space[Observation]:
         """Return the space of an agent's observations."""
         return self.observation_spaces[agent]
 
@@ -97,13 +105,14 @@ class CrazyflieParallelEnv(ParallelEnv[str, FloatArray, FloatArray]):  # type: i
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, FloatArray], dict[str, dict[str, Any]]]:
+    ) -> tuple[dict[str, Observation], dict[str, dict[str, Any]]]:
         """Begin the first episode of a seed, or without one the next episode; there are no options."""
         rows, _ = self.swarm.reset(seed=seed)
         if self._screen:
-            self._screen.begin(rows)
+            self._screen.begin(self.swarm.sim.measured(rows))
         self.agents = list(self.possible_agents)
-        return {agent: rows[0, j] for j, agent in enumerate(self.agents)}, {agent: {} for agent in self.agents}
+        observations = {agent: self._form(rows[0, j]) for j, agent in enumerate(self.agents)}
+        return observations, {agent: {} for agent in self.agents}
 
     def step(self, actions: Mapping[str, FloatArray]) -> _Results:
         """Fly one control tick with one action, float32 (4,) from -1 to 1, of every agent of `agents`.
@@ -124,14 +133,14 @@ class CrazyflieParallelEnv(ParallelEnv[str, FloatArray, FloatArray]):  # type: i
             return {}, {}, {}, {}, {}
         seen, rewards, terminated, truncated, info = self.swarm.step(rows)
         if self._screen:
-            self._screen.record(seen, float(rewards.mean()))
+            self._screen.record(self.swarm.sim.measured(seen), float(rewards.mean()))
             if self.render_mode == "human":
                 self._screen.show()
         measured = dict(zip(METRICS, info["metrics"][0].tolist(), strict=True))
         flew = [(agent, places[agent]) for agent in self.agents]
         self.agents = [agent for agent, j in flew if info["flying"][0, j]]
         return (
-            {agent: seen[0, j] for agent, j in flew},
+            {agent: self._form(seen[0, j]) for agent, j in flew},
             {agent: float(rewards[0, j]) for agent, j in flew},
             {agent: bool(terminated[0, j]) for agent, j in flew},
             {agent: bool(truncated[0, j]) for agent, j in flew},

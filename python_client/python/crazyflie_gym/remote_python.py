@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from crazyflie_gym._native import Interface
 from crazyflie_gym._types import BoolArray, FloatArray, Steps
 from crazyflie_gym.remote_client import REPLY, Client
-from crazyflie_gym.spaces import WIDTH
 
 ACTION, STATE = 4, 12
 _RESET, _STEP, _STATE = 1, 2, 3
@@ -30,7 +29,7 @@ class Remote:
         self._session: dict[str, Any] = {}
         self._with_states = False
         self._states: FloatArray | None = None
-        self._finals: FloatArray = np.empty((0, WIDTH), np.float32)
+        self._finals: FloatArray = np.empty((0, 0), np.float32)
         self._ended: list[int] = []
         self._flying: BoolArray | None = None
         self._metrics: FloatArray | None = None
@@ -97,6 +96,10 @@ class Remote:
     def _lead(self) -> tuple[int, ...]:
         """The first axes of all arrays."""
         return (self.num_envs, self.num_drones) if self.has_drone_axis else (self.num_envs,)
+
+    def measured(self, observations: FloatArray) -> FloatArray:
+        """Return the observations: pictures are drawn from no others (see `make_backend`)."""
+        return observations
 
     def flying(self) -> BoolArray | None:
         """Return which of several drones fly on after the last step."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import warnings
+from collections.abc import Mapping, Sequence
 from typing import cast
 
 import numpy as np
@@ -11,18 +12,7 @@ from gymnasium import spaces
 from crazyflie_gym._native import neighbour_fields, observation_fields
 from crazyflie_gym._types import FieldEntry, FloatArray, Observation
 
-FIELDS = observation_fields()
-WIDTH = sum(field["length"] for field in FIELDS)
 NEIGHBOUR_FIELDS = neighbour_fields()
-NEIGHBOUR_WIDTH = sum(field["length"] for field in NEIGHBOUR_FIELDS)
-
-
-def _slices(fields: list[FieldEntry], prefix: str = "") -> dict[str, slice]:
-    return {prefix + field["name"]: slice(field["first"], field["first"] + field["length"]) for field in fields}
-
-
-_SLICES = _slices(FIELDS)
-_NEIGHBOUR_SLICES = _slices(NEIGHBOUR_FIELDS, "neighbour_")
 
 STATE_FIELDS = {
     "pos_m": slice(0, 3),
@@ -31,6 +21,11 @@ STATE_FIELDS = {
     "rate_radps": slice(9, 12),
 }
 """The layout of a true state: position and velocity in the room; roll, pitch, yaw and their rates."""
+
+Choice = str | Sequence[str]
+"""What an observation holds: "measured", "estimate", "state", or names of `crazyflie_gym.observable_fields()`."""
+
+_FORMS = ("flat", "dict")
 
 
 def _box(low: FloatArray, high: FloatArray) -> spaces.Space[FloatArray]:
@@ -43,63 +38,114 @@ def action_space(drones: int | None = None) -> spaces.Space[FloatArray]:
     return _box(np.full(shape, -1.0, np.float32), np.full(shape, 1.0, np.float32))
 
 
-def check_form(form: str) -> str:
-    """Return the form of observations.
+def choice_and_form(observation: Choice, form: str) -> tuple[Choice, str]:
+    """Return what an observation holds, and its form. "flat" and "dict" as `observation` were the forms up to 0.1.
 
     Raises:
-        ValueError: unless it is "flat" or "dict".
+        ValueError: unless the form is "flat" or "dict".
     """
-    if form not in ("flat", "dict"):
-        raise ValueError(f'observation is {form!r}, expected "flat" or "dict"')
-    return form
-
-
-def _bounds(fields: list[FieldEntry]) -> tuple[FloatArray, FloatArray]:
-    """Return the least and the greatest numbers of a row of these fields."""
-    low = [np.full(field["length"], field["low"], np.float32) for field in fields]
-    high = [np.full(field["length"], field["high"], np.float32) for field in fields]
-    return np.concatenate(low), np.concatenate(high)
-
-
-def observation_space(form: str, drones: int | None = None) -> spaces.Space[Observation]:
-    """Return the space of observations: "flat" is a Box of rows, "dict" a Dict by field.
-
-    For one drone (None) rows are 24 numbers. For several, each drone has such a row, and 8 numbers more for each of the
-    others: float32 (drones, width).
-
-    Raises:
-        ValueError: for another form.
-    """
-    low, high = _bounds(FIELDS)
-    if drones is not None:
-        near = _bounds(NEIGHBOUR_FIELDS)
-        low, high = (
-            np.concatenate([own, *[other] * (drones - 1)]) for own, other in zip((low, high), near, strict=True)
+    if observation in _FORMS:
+        warnings.warn(
+            f'observation="{observation}" says the form: write form="{observation}"', DeprecationWarning, stacklevel=3
         )
-        low, high = (np.tile(row, (drones, 1)) for row in (low, high))
-    if check_form(form) == "flat":
-        return cast("spaces.Space[Observation]", _box(low, high))
-    lows, highs = split(low), split(high)
-    return cast("spaces.Space[Observation]", spaces.Dict({name: _box(lows[name], highs[name]) for name in lows}))
+        return "measured", str(observation)
+    if form not in _FORMS:
+        raise ValueError(f'form is {form!r}, expected "flat" or "dict"')
+    return observation if isinstance(observation, str) else list(observation), form
+
+
+class RowLayout:
+    """What stands where in a row of observations.
+
+    A row holds `history` ticks, the newest last. A tick holds the fields of the drone itself, and where there are
+    several drones those of each of the others.
+
+    Args:
+        observation: what an observation holds.
+        history: how many ticks.
+        drones: how many an environment has; None for a task of one drone.
+
+    Raises:
+        ValueError: for names that are unknown, with a proposal.
+    """
+
+    def __init__(self, observation: Choice = "measured", history: int = 1, drones: int | None = None) -> None:
+        self.fields = observation_fields(observation if isinstance(observation, str) else list(observation))
+        self.history, self.drones = history, drones
+        self.own = sum(field["length"] for field in self.fields)
+        self._slices = {field["name"]: _range(field) for field in self.fields}
+        self._near = {"neighbour_" + field["name"]: _range(field) for field in NEIGHBOUR_FIELDS}
+
+    @property
+    def width(self) -> int:
+        """Numbers in a row."""
+        others = 0 if self.drones is None else self.drones - 1
+        return self.history * (self.own + others * NEIGHBOUR_WIDTH)
+
+    def split(self, rows: FloatArray) -> dict[str, FloatArray]:
+        """Return the fields of a row, or of many, as views: (..., width) to (..., length) each.
+
+        Where rows hold other drones, these are the fields "neighbour_...": (..., others, length). A history of more
+        than one tick is an axis before these.
+        """
+        if self.history > 1:
+            rows = rows.reshape(*rows.shape[:-1], self.history, -1)
+        fields = {name: rows[..., at] for name, at in self._slices.items()}
+        others = (rows.shape[-1] - self.own) // NEIGHBOUR_WIDTH
+        if others:
+            near = rows[..., self.own :].reshape(*rows.shape[:-1], others, NEIGHBOUR_WIDTH)
+            fields |= {name: near[..., at] for name, at in self._near.items()}
+        return fields
+
+    def space(self, form: str) -> spaces.Space[Observation]:
+        """Return the space of observations: "flat" is a Box of rows, "dict" a Dict by field.
+
+        For one drone a row is (width,), for several they are (drones, width), float32.
+        """
+        return self._space(form, [] if self.drones is None else [self.drones])
+
+    def drone_space(self, form: str) -> spaces.Space[Observation]:
+        """Return the space of one of several drones' observations."""
+        return self._space(form, [])
+
+    def _space(self, form: str, rows: list[int]) -> spaces.Space[Observation]:
+        low, high = (np.tile(self._bound(side), (*rows, 1) if rows else 1) for side in ("low", "high"))
+        if form == "flat":
+            return cast("spaces.Space[Observation]", _box(low, high))
+        lows, highs = self.split(low), self.split(high)
+        return cast("spaces.Space[Observation]", spaces.Dict({name: _box(lows[name], highs[name]) for name in lows}))
+
+    def _bound(self, side: str) -> FloatArray:
+        """Return the least or the greatest numbers of a row."""
+        others = 0 if self.drones is None else self.drones - 1
+        tick = np.concatenate([_bounds(self.fields, side), *[_bounds(NEIGHBOUR_FIELDS, side)] * others])
+        return np.tile(tick, self.history)
+
+
+def _range(field: FieldEntry) -> slice:
+    return slice(field["first"], field["first"] + field["length"])
+
+
+def _bounds(fields: list[FieldEntry], side: str) -> FloatArray:
+    bound = {"low": [field["low"] for field in fields], "high": [field["high"] for field in fields]}[side]
+    return np.repeat(np.array(bound, np.float32), [field["length"] for field in fields])
+
+
+NEIGHBOUR_WIDTH = sum(field["length"] for field in NEIGHBOUR_FIELDS)
+MEASURED = RowLayout()
+"""What the rig could measure, of one tick."""
 
 
 def split(rows: FloatArray) -> dict[str, FloatArray]:
-    """Return the fields of an observation row, or of many, as views: (..., width) to (..., length) each.
-
-    Where rows hold other drones, these are the fields "neighbour_...": (..., others, length).
-    """
-    fields = {name: rows[..., at] for name, at in _SLICES.items()}
-    others = (rows.shape[-1] - WIDTH) // NEIGHBOUR_WIDTH
-    if others:
-        near = rows[..., WIDTH:].reshape(*rows.shape[:-1], others, NEIGHBOUR_WIDTH)
-        fields |= {name: near[..., at] for name, at in _NEIGHBOUR_SLICES.items()}
-    return fields
+    """Return the fields of measured rows; see `RowLayout.split`."""
+    return MEASURED.split(rows)
 
 
 def flatten(observation: Mapping[str, FloatArray]) -> FloatArray:
     """Return the row of an observation by fields, or the rows of many, for controllers: the inverse of `split`."""
-    own = np.concatenate([observation[name] for name in _SLICES], axis=-1)
-    if any(name not in observation for name in _NEIGHBOUR_SLICES):
+    own = np.concatenate([observation[field["name"]] for field in MEASURED.fields], axis=-1)
+    others = ["neighbour_" + field["name"] for field in NEIGHBOUR_FIELDS]
+    if any(name not in observation for name in others):
         return own
-    near = np.concatenate([observation[name] for name in _NEIGHBOUR_SLICES], axis=-1)
+    near = np.concatenate([observation[name] for name in others], axis=-1)
     return np.concatenate([own, near.reshape(*own.shape[:-1], -1)], axis=-1)

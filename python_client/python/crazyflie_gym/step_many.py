@@ -10,7 +10,6 @@ import numpy as np
 from crazyflie_gym._native import Sim
 from crazyflie_gym._types import BoolArray, FloatArray, Observation, Steps
 from crazyflie_gym.backend import RemoteBackend
-from crazyflie_gym.spaces import WIDTH
 
 Step = tuple[Observation, FloatArray, BoolArray, BoolArray, dict[str, Any]]
 """What a step of a vector environment returns."""
@@ -69,7 +68,7 @@ def _fly_step(sim: Sim, actions: FloatArray, with_states: bool) -> Steps:
     rows, rewards, terminated, truncated, ended = sim.step(actions)
     last = [sim.last_of_episode(int(env)) for env in np.flatnonzero(terminated | truncated)]
     finished = [pair for pair in last if pair is not None]
-    finals = np.array([row for row, _ in finished], np.float32).reshape(-1, WIDTH)
+    finals = np.array([row for row, _ in finished], np.float32).reshape(-1, sim.width)
     step = (rows[np.newaxis], rewards[np.newaxis], terminated[np.newaxis], truncated[np.newaxis], ended)
     if not with_states:
         return step, None, finals, None

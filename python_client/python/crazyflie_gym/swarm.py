@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from gymnasium import spaces
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
 
@@ -18,20 +17,12 @@ from crazyflie_gym.make_backend import episode_steps, make_backend, make_control
 from crazyflie_gym.options import Model
 from crazyflie_gym.options import autoreset_mode as mode_named
 from crazyflie_gym.seeding import Seeds, consecutive_seeds, draw_seeds, reset_mask
-from crazyflie_gym.spaces import action_space, observation_space
+from crazyflie_gym.spaces import Choice, RowLayout, action_space
 from crazyflie_gym.state import EnvState
 
 __all__ = ["METRICS", "CrazyflieSwarm"]
 
 _Step = tuple[FloatArray, FloatArray, BoolArray, BoolArray, dict[str, Any]]
-
-
-def drone_space(drones: int) -> spaces.Space[FloatArray]:
-    """Return the space of a drone's observation: the 24 numbers of a single drone, then 8 for each of the others."""
-    team = observation_space("flat", drones)
-    assert isinstance(team, spaces.Box)
-    space: Any = spaces.Box(team.low[0], team.high[0], dtype=np.float32)
-    return space  # type: ignore[no-any-return]
 
 
 class CrazyflieSwarm:
@@ -68,6 +59,8 @@ class CrazyflieSwarm:
         threads: int = 1,
         isa: str | None = None,
         clip: bool = False,
+        observation: Choice = "measured",
+        history: int = 1,
     ) -> None:
         self.mode = mode_named(autoreset_mode)
         sim = make_backend(
@@ -89,13 +82,16 @@ class CrazyflieSwarm:
             remote=None,
             remote_client="native",
             states=False,
+            observation=observation,
+            history=history,
         )
         assert isinstance(sim, Sim)
         if not sim.has_drone_axis:
             raise ValueError(f"task is {task!r}, which is for one drone: make it with gymnasium.make_vec")
         self.sim = sim
         self.num_worlds, self.num_drones = sim.num_envs, sim.num_drones
-        self.single_observation_space = drone_space(self.num_drones)
+        self.layout = RowLayout(observation, history, self.num_drones)
+        self.single_observation_space = self.layout.drone_space("flat")
         self.single_action_space = action_space()
         self._model = model
         self._np_random: np.random.Generator | None = None

@@ -21,7 +21,7 @@ from crazyflie_gym.make_backend import episode_steps, make_backend, make_control
 from crazyflie_gym.options import Model, autoreset_mode
 from crazyflie_gym.rendering import RENDER_MODES, Screen, check_render_mode
 from crazyflie_gym.seeding import Seeds, as_seeds, consecutive_seeds, draw_seeds, reset_mask
-from crazyflie_gym.spaces import action_space, check_form, observation_space, split
+from crazyflie_gym.spaces import Choice, RowLayout, action_space, choice_and_form
 from crazyflie_gym.state import EnvState, simulation
 
 _Step = tuple[Observation, FloatArray, BoolArray, BoolArray, dict[str, Any]]
@@ -67,7 +67,9 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         neighbours: Mapping[str, Any] | None = None,
         each: Sequence[Mapping[str, Any]] | None = None,
         radius_m: float | None = None,
-        observation: str = "flat",
+        observation: Choice = "measured",
+        form: str = "flat",
+        history: int = 1,
         true_state: bool = False,
         clip: bool = False,
         render_mode: str | None = None,
@@ -80,7 +82,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         remote_client: str = "native",
     ) -> None:
         mode = _mode(autoreset_mode)
-        check_form(observation)
+        observation, form = choice_and_form(observation, form)
         self.render_mode = check_render_mode(render_mode)
         self.sim: Sim | RemoteBackend = make_backend(
             num_envs,
@@ -101,17 +103,21 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
             remote=remote,
             remote_client=remote_client,
             states=true_state or render_mode is not None,
+            draws=render_mode is not None,
+            observation=observation,
+            history=history,
         )
         self.num_envs = self.sim.num_envs
         rows = self.sim.num_drones if self.sim.has_drone_axis else None
-        self.single_observation_space = observation_space(observation, rows)
+        self._layout = RowLayout(observation, history, rows)
+        self.single_observation_space = self._layout.space(form)
         self.single_action_space = action_space(rows)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.metadata = {**self.metadata, "render_fps": round(1.0 / self.sim.tick_s), "autoreset_mode": mode}
         self._mode = mode
         self._screen = None if render_mode is None else Screen(self.sim, task, task_options, effects)
-        self._by_field = observation == "dict"
+        self._by_field = form == "dict"
         self._true_state = true_state
         self._clip = clip
         self._lead = (self.num_envs,) if rows is None else (self.num_envs, rows)
@@ -184,7 +190,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         self._ended = np.zeros(self.num_envs, np.bool_)
         self._keep(rows)
         if self._screen:
-            self._screen.begin(rows.copy(), mask)
+            self._screen.begin(self.sim.measured(rows).copy(), mask)
         infos: dict[str, Any] = {}
         if self._true_state:
             self._add_states(infos, np.ones(self.num_envs, np.bool_) if mask is None else mask.copy())
@@ -295,7 +301,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         self._rows = rows.copy() if self._mode is AutoresetMode.DISABLED else rows
 
     def _form(self, rows: FloatArray) -> Observation:
-        return split(rows) if self._by_field else rows
+        return self._layout.split(rows) if self._by_field else rows
 
     def _add_states(self, infos: dict[str, Any], mask: BoolArray) -> None:
         infos["true_state"], infos["_true_state"] = self.sim.states(), mask
@@ -319,7 +325,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
     def _draw(self, rows: FloatArray, rewards: FloatArray, ended: BoolArray) -> None:
         if self._screen:
             begun = {AutoresetMode.NEXT_STEP: self._ended, AutoresetMode.SAME_STEP: ended}.get(self._mode)
-            self._screen.record(rows.copy(), float(rewards[0]), begun)
+            self._screen.record(self.sim.measured(rows).copy(), float(rewards[0]), begun)
             self._ended = ended
             if self.render_mode == "human":
                 self._screen.show()

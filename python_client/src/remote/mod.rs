@@ -10,7 +10,7 @@ use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError, Weak};
 use std::time::Duration;
 
-use crazyflie_env::observation::{ACTION, OBSERVATION};
+use crazyflie_env::observation::ACTION;
 use crazyflie_env::vector::{STATE, StepBuffers};
 use crazyflie_server::protocol::frame::Layout;
 use numpy::{PyArray1, PyArrayDyn, PyUntypedArray, PyUntypedArrayMethods};
@@ -214,8 +214,8 @@ impl Remote {
         if self.num_envs()? != 1 || self.has_drone_axis()? {
             return Err(PyValueError::new_err("step_one is for a single environment of one drone"));
         }
-        let (mut observations, mut reward, mut terminated, mut truncated) =
-            ([0.0; OBSERVATION], [0.0], [false], [false]);
+        let mut observations = vec![0.0; self.width()?];
+        let (mut reward, mut terminated, mut truncated) = ([0.0], [false], [false]);
         let (rows, rewards) = (&mut observations[..], &mut reward[..]);
         let out = StepBuffers::new(rows, rewards, &mut terminated[..], &mut truncated[..]);
         self.with_session(py, |session| session.step(1, action, out))?;
@@ -253,6 +253,11 @@ impl Remote {
             .then(|| PyArray1::from_vec(py, states).call_method1("reshape", ((steps, n, STATE),)))
             .transpose()?;
         Ok(((observations, rewards, terminated, truncated, ended), states, rows(0..own)?, final_states))
+    }
+
+    /// The observations: pictures are drawn from no others.
+    fn measured<'py>(&self, observations: Bound<'py, PyAny>) -> Bound<'py, PyAny> {
+        observations
     }
 
     /// As of `Sim`.

@@ -105,7 +105,7 @@ pub(crate) fn create_session(
 }
 
 /// The options of the request. The server chooses the threads, the registry the default length of an episode.
-fn options(request: &Make) -> Result<(Options, &'static task::Entry), ProtocolError> {
+pub(super) fn options(request: &Make) -> Result<(Options, &'static task::Entry), ProtocolError> {
     let mut map = request.options.clone();
     if let Some(id) = &request.env {
         let registry = task::registry();

@@ -4,7 +4,7 @@
 
 use std::sync::Arc;
 
-use crazyflie_env::observation::{ACTION, FIELDS};
+use crazyflie_env::observation::{ACTION, Field};
 use crazyflie_env::vector::STATE;
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
@@ -86,13 +86,16 @@ struct OpenEnvSession {
     server: Arc<Server>,
     leave: CancellationToken,
     session: Option<Session>,
+    /// What an observation holds.
+    fields: Vec<Field>,
     episode: String,
     steps: u64,
 }
 
 pub(crate) async fn serve_socket(server: Arc<Server>, mut socket: Socket, leave: CancellationToken) {
     let (episode, steps) = (String::new(), 0);
-    let mut connection = OpenEnvSession { server: server.clone(), leave, session: None, episode, steps };
+    let mut connection =
+        OpenEnvSession { server: server.clone(), leave, session: None, fields: Vec::new(), episode, steps };
     let disconnect = loop {
         let answer = match socket.next().await {
             Ok(Incoming::Text(text)) => connection.answer(&text),
@@ -136,6 +139,8 @@ impl OpenEnvSession {
             let make = Make { env: reset.env, options, num_envs: 1, model: None };
             let (session, info) =
                 create_session::create_session(&self.server, 0, &make).map_err(openenv_error)?;
+            let (options, _) = create_session::options(&make).map_err(openenv_error)?;
+            self.fields = options.observation.fields().map_err(|e| openenv_error(e.into()))?;
             if info.metrics > 0 {
                 let problem =
                     format!("OpenEnv flies one drone, and the task {} has {}", info.task, info.drones);
@@ -153,15 +158,15 @@ impl OpenEnvSession {
         self.episode =
             reset.episode_id.unwrap_or_else(|| format!("{}-{}", session.entry().name(), session.ticks()));
         self.steps = 0;
-        Ok(observation(frame.numbers(), None, [false, false]))
+        Ok(observation(&self.fields, frame.numbers(), None, [false, false]))
     }
 
     fn step(&mut self, step: &Step) -> Result<Value, OpenEnvError> {
         let session = self.session.as_mut().ok_or_else(not_reset)?;
         let (frame, ends) = session.act(&step.action).map_err(openenv_error)?;
         self.steps += 1;
-        let (row, reward) = frame.numbers().split_at(FIELDS.iter().map(|field| field.length).sum());
-        Ok(observation(row, reward.first().copied(), ends))
+        let (row, reward) = frame.numbers().split_at(session.layout.width);
+        Ok(observation(&self.fields, row, reward.first().copied(), ends))
     }
 
     fn state(&mut self) -> Result<Value, OpenEnvError> {
@@ -193,15 +198,19 @@ fn openenv_error(error: ProtocolError) -> OpenEnvError {
     (code, error.message)
 }
 
-/// An observation by the names of its fields, with reward and flags.
-fn observation(row: &[f32], reward: Option<f32>, [terminated, truncated]: [bool; 2]) -> Value {
-    let numbers = |first: usize, length: usize| {
-        row[first..first + length].iter().map(|v| f64::from(*v)).collect::<Vec<_>>()
+/// An observation by the names of its fields, with reward and flags. Of several ticks a field is a list of
+/// them, the newest last.
+fn observation(layout: &[Field], row: &[f32], reward: Option<f32>, [terminated, truncated]: [bool; 2]) -> Value {
+    let width: usize = layout.iter().map(|field| field.length).sum();
+    let ticks = |field: &Field| {
+        let tick = |row: &[f32]| row[field.range()].iter().map(|v| f64::from(*v)).collect::<Vec<_>>();
+        if row.len() == width {
+            return tick(row).into();
+        }
+        row.chunks_exact(width).map(tick).collect::<Vec<_>>().into()
     };
-    let mut fields: Map<String, Value> = FIELDS
-        .iter()
-        .map(|field| (field.name.to_owned(), numbers(field.first, field.length).into()))
-        .collect();
+    let mut fields: Map<String, Value> =
+        layout.iter().map(|field| (field.name.to_owned(), ticks(field))).collect();
     fields.insert("terminated".into(), terminated.into());
     fields.insert("truncated".into(), truncated.into());
     let done = terminated | truncated;

@@ -50,7 +50,7 @@ impl WorldPlan {
     /// [`Error::Config`], [`Error::Unknown`] and [`Error::Range`].
     pub(crate) fn options(&self) -> Result<Options> {
         let (entry, mut map) = (task::find(&self.mission)?, self.options.clone());
-        for fixed in ["task", "autoreset", "threads"] {
+        for fixed in ["task", "autoreset", "threads", "observation", "history"] {
             if map.contains_key(fixed) {
                 return Err(Error::Config(format!("options: {fixed} is not to be chosen in a shared world")));
             }

@@ -53,6 +53,28 @@ fn a_conversation_flies_as_in_process() {
 }
 
 #[test]
+fn an_observation_holds_the_fields_that_were_asked_for() {
+    let server = Server::start(Settings::default());
+    let mut client = Client::connect(server.address, None);
+    let reset = |options: Value| json!({"type": "reset", "data": {"seed": 1, "options": options}});
+    let first = client.ask(&reset(json!({"observation": ["vel_mps", "error_m"], "history": 2})));
+    let seen = &first["data"]["observation"];
+    assert_eq!(seen["vel_mps"], json!([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]));
+    assert_eq!(seen["error_m"].as_array().unwrap().len(), 2);
+    assert_eq!(seen.as_object().unwrap().len(), 4, "two fields and two flags");
+    let step = json!({"type": "step", "data": {"action": [0.5, 0, 0, 0]}});
+    let next = client.ask(&step);
+    let velocity = &next["data"]["observation"]["vel_mps"];
+    assert_eq!(velocity[0], json!([0.0, 0.0, 0.0]), "the older tick comes first");
+    assert_ne!(velocity[1], velocity[0]);
+    assert_eq!(client.ask(&step)["data"]["observation"]["vel_mps"][0], velocity[1]);
+    let state = client.ask(&reset(json!({"observation": "state"})));
+    assert_eq!(state["data"]["observation"]["pos_m"].as_array().unwrap().len(), 3);
+    let bad = client.ask(&reset(json!({"observation": ["vel_mp"]})));
+    assert!(bad["data"]["message"].as_str().unwrap().contains("did you mean \"vel_mps\""), "{bad}");
+}
+
+#[test]
 fn mistakes_have_the_codes_of_openenv() {
     let server = Server::start(Settings::default());
     let mut client = Client::connect(server.address, None);
