@@ -59,7 +59,7 @@ pub fn tasks(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
 /// The layout of an observation row that holds `observation`: the name of a choice, or a list of names of
 /// fields. As dicts: name, first, length, unit, low, high, about.
 #[pyfunction]
-#[pyo3(signature = (observation = NameOrNames::Name("measured".into())))]
+#[pyo3(signature = (observation = NameOrNames::Name("measured".into())), text_signature = "(observation='measured')")]
 pub fn observation_fields(py: Python<'_>, observation: NameOrNames) -> PyResult<Vec<Bound<'_, PyDict>>> {
     let choice = match observation {
         NameOrNames::Name(name) => ObservationChoice::Named(name),
