@@ -19,6 +19,7 @@ pub(super) const ENTRY: Entry = Entry {
     about: "Level, with the thrust that carries the weight: what no control at all is worth",
     source: "the model's hover PWM; where a height is commanded, the set-point's",
     file: None,
+    member: None,
     options: &[],
     defaults: defaults::<Options>,
     build: |given, site| {

@@ -14,6 +14,7 @@ mod multi;
 mod observer;
 pub mod pid;
 mod policy;
+mod python;
 mod qp;
 mod random;
 pub mod riccati;
@@ -31,7 +32,8 @@ use crazyflie_env::observation::Interface;
 pub use batch::{Batch, ControlLaw};
 pub use crazyflie_env::estimator::{Estimate, Estimator, SensorNoise};
 pub use multi::MultiController;
-pub use spec::{ControllerSpec, choose};
+pub use python::{PythonLoader, PythonSource, set_python_loader};
+pub use spec::{ControllerFactory, ControllerSpec, build_each, choose};
 
 /// A controller of a batch of environments. What it answers to a row depends on that environment's rows
 /// alone: not on the others, nor on how many there are, to the bit.
@@ -46,7 +48,7 @@ pub trait Controller: Send {
     /// [`crazyflie_env::observation::OBSERVATION`]).
     ///
     /// # Errors
-    /// [`Error::Shape`].
+    /// [`Error::Shape`]; [`Error::Controller`] of a controller that is not of this crate.
     fn act(&mut self, observations: &[f32], actions: &mut [f32]) -> Result<()>;
 }
 
@@ -62,17 +64,24 @@ pub enum Mode {
 }
 
 impl Mode {
+    /// As [`Mode::named`] takes it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Mode::Automatic => "automatic",
+            Mode::Takeoff => "takeoff",
+            Mode::Landing => "landing",
+        }
+    }
+
     /// "automatic", "takeoff" or "landing".
     ///
     /// # Errors
     /// [`Error::Unknown`] with a proposal.
     pub fn named(name: &str) -> Result<Mode> {
-        match name {
-            "automatic" => Ok(Mode::Automatic),
-            "takeoff" => Ok(Mode::Takeoff),
-            "landing" => Ok(Mode::Landing),
-            _ => Err(unknown("controller mode", name, ["automatic", "takeoff", "landing"])),
-        }
+        let all = [Mode::Automatic, Mode::Takeoff, Mode::Landing];
+        let found = all.into_iter().find(|mode| mode.name() == name);
+        found.ok_or_else(|| unknown("controller mode", name, all.map(Mode::name)))
     }
 }
 
@@ -99,23 +108,48 @@ pub struct ControllerConfig<'a> {
     options: &'a Value,
     /// The content of the file named with it, where its entry has one.
     pub file: Option<&'a [u8]>,
+    /// That file's path, as it was asked for.
+    path: &'a str,
+    /// What of the file was asked for, where its entry has a member.
+    member: &'a str,
 }
 
 impl ControllerConfig<'_> {
     /// The options, defaults filled in.
     ///
     /// # Errors
+    /// As [`ControllerConfig::options_over`].
+    pub fn options<T: Serialize + DeserializeOwned + Default>(&self) -> Result<T> {
+        self.options_over(&T::default())
+    }
+
+    /// The options merged into `base`: what is not given stays, inside groups as well.
+    ///
+    /// # Errors
     /// [`Error::Config`] naming the controller and the option.
-    pub fn options<T: DeserializeOwned + Default>(&self) -> Result<T> {
-        match self.options {
-            Value::Null => Ok(T::default()),
-            given => serde_json::from_value(given.clone()).map_err(|e| self.problem(format!("options: {e}"))),
-        }
+    pub fn options_over<T: Serialize + DeserializeOwned>(&self, base: &T) -> Result<T> {
+        let bad = |e: serde_json::Error| self.problem(format!("options: {e}"));
+        let mut merged = serde_json::to_value(base).map_err(bad)?;
+        merge(&mut merged, self.options);
+        serde_json::from_value(merged).map_err(bad)
     }
 
     /// An error about this controller.
     pub fn problem(&self, problem: impl std::fmt::Display) -> Error {
         Error::Config(format!("controller {}: {problem}", self.name))
+    }
+}
+
+/// Puts `given` into `base`, group by group; null changes nothing.
+fn merge(base: &mut Value, given: &Value) {
+    match (base, given) {
+        (_, Value::Null) => {}
+        (Value::Object(base), Value::Object(given)) => {
+            for (name, value) in given {
+                merge(base.entry(name.as_str()).or_insert(Value::Null), value);
+            }
+        }
+        (base, given) => *base = given.clone(),
     }
 }
 
@@ -132,6 +166,8 @@ pub struct Entry {
     /// What is in the file that is named after the name and a colon (`NAME:FILE`); `None` where there is
     /// none.
     pub file: Option<&'static str>,
+    /// What of the file is named after a second colon (`NAME:FILE:MEMBER`); `None` where the whole is meant.
+    pub member: Option<&'static str>,
     /// Its options, and what each means.
     pub options: &'static [(&'static str, &'static str)],
     /// The options as they are unless given.
@@ -168,6 +204,7 @@ pub fn registry() -> &'static [&'static Entry] {
         &velocity::ENTRY,
         &mpc::ENTRY,
         &policy::ENTRY,
+        &python::ENTRY,
         &hover::ENTRY,
         &random::ENTRY,
     ];

@@ -63,6 +63,7 @@ pub(super) const ENTRY: Entry = Entry {
     source: "DiscreteModel algebraic Riccati equation of the twelve-state form (4.14, 4.15) over one tick, exact for held commands; Anderson and Moore, \
              Optimal Control: Linear Quadratic Methods, 1990",
     file: None,
+    member: None,
     options: OPTIONS,
     defaults: defaults::<Options>,
     build: |given, site| Ok(Box::new(Batch::new(site.envs, Lqr::new(given.options()?, site)?))),

@@ -26,6 +26,7 @@ pub(super) const ENTRY: Entry = Entry {
     source: "Condensed form with blocked moves and the Riccati solution as the terminal cost; Maciejowski, Predictive Control with Constraints, 2002; solver \
              Clarabel (Goulart, Chen 2024)",
     file: None,
+    member: None,
     options: OPTIONS,
     defaults: defaults::<Options>,
     build: |given, site| Ok(Box::new(Mpc::new(given.options::<Options>()?.0, site)?)),

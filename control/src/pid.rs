@@ -5,7 +5,7 @@
 //! (roll to -y, the yaw rate of 5.2) are applied to the output, which makes table 7.1's negative gains.
 //! Written once, for one drone or for lanes.
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 pub use super::gains::{Gains, Loop};
 use super::{
@@ -29,31 +29,24 @@ const OPTIONS: &[(&str, &str)] = &[
     ("z", "the height loop, PWM counts per metre"),
 ];
 
-/// Some of the loops in place of a table's.
-#[derive(Debug, Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct Options {
-    x: Option<Loop>,
-    y: Option<Loop>,
-    z: Option<Loop>,
-    yaw: Option<Loop>,
-}
-
-/// These gains, but for the loops that the options give.
+/// These gains, but for what the options give.
 fn with_options(
     gains: Gains,
     given: &ControllerConfig<'_>,
     site: &ControllerContext<'_>,
 ) -> Result<Box<dyn Controller>> {
-    let Options { x, y, z, yaw } = given.options()?;
-    let gains = Gains {
-        x: x.unwrap_or(gains.x),
-        y: y.unwrap_or(gains.y),
-        z: z.unwrap_or(gains.z),
-        yaw: yaw.unwrap_or(gains.yaw),
-    };
+    let gains: Gains = given.options_over(&gains)?;
     gains.check().map_err(|problem| given.problem(problem))?;
     Ok(batch(gains, site))
+}
+
+/// The loops of a file stay as they are unless given.
+#[derive(Debug, Default, Serialize)]
+struct NoChange {
+    x: Option<Loop>,
+    y: Option<Loop>,
+    z: Option<Loop>,
+    yaw: Option<Loop>,
 }
 
 pub(super) const THESIS: Entry = Entry {
@@ -62,6 +55,7 @@ pub(super) const THESIS: Entry = Entry {
     about: "The thesis's PID with the gains that its tuner found (table 7.1, new)",
     source: SOURCE,
     file: None,
+    member: None,
     options: OPTIONS,
     defaults: || options_json(Gains::THESIS),
     build: |given, site| with_options(Gains::THESIS, given, site),
@@ -73,6 +67,7 @@ pub(super) const STOCK: Entry = Entry {
     about: "The same PID with the package's defaults, which the thesis calls old",
     source: SOURCE,
     file: None,
+    member: None,
     options: OPTIONS,
     defaults: || options_json(Gains::CRAZYFLIE_ROS),
     build: |given, site| with_options(Gains::CRAZYFLIE_ROS, given, site),
@@ -84,8 +79,9 @@ pub(super) const GIVEN: Entry = Entry {
     about: "The same PID with the gains of a file, as `crazyflie tune` writes it",
     source: SOURCE,
     file: Some("the gains of the loops x, y, z and yaw, as JSON"),
+    member: None,
     options: OPTIONS,
-    defaults: defaults::<Options>,
+    defaults: defaults::<NoChange>,
     build: |given, site| {
         let gains = serde_json::from_slice(given.file.unwrap_or_default())
             .map_err(|e| given.problem(format!("the file of gains: {e}")))?;

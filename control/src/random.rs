@@ -21,6 +21,7 @@ pub(super) const ENTRY: Entry = Entry {
     about: "Any action, as likely as any other",
     source: "uniform from -1 to 1, by PCG64 seeded with the seed plus the environment's place in the batch",
     file: None,
+    member: None,
     options: &[("seed", "where the dice begin")],
     defaults: defaults::<Options>,
     build: |given, site| {

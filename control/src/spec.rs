@@ -1,5 +1,9 @@
 //! A controller as a user asks for it: a name, perhaps with a file, and options.
 
+use std::fmt;
+use std::path::Path;
+use std::sync::Arc;
+
 use serde_json::Value;
 
 use super::filtered::FilteredController;
@@ -7,24 +11,64 @@ use super::{Controller, ControllerConfig, ControllerContext, Entry, find};
 use crazyflie_env::error::{Error, Result};
 use crazyflie_env::estimator::SensorNoise;
 
+/// Makes controllers that are not of the registry.
+pub trait ControllerFactory: Send + Sync {
+    /// A controller for this site.
+    ///
+    /// # Errors
+    /// [`Error::Controller`] for what goes wrong in it.
+    fn build(&self, site: &ControllerContext<'_>) -> Result<Box<dyn Controller>>;
+}
+
 /// A controller that was asked for; it is built for a site.
 #[derive(Debug, Clone)]
 pub struct ControllerSpec {
-    entry: &'static Entry,
-    options: Value,
-    file: Option<Vec<u8>>,
+    origin: Origin,
     /// What the Kalman filter in front of it believes, where there is one.
     filter: Option<SensorNoise>,
     /// What it is called: as it was asked for, a file by its name without folder and ending.
     pub label: String,
 }
 
+/// Where a controller comes from.
+#[derive(Clone)]
+enum Origin {
+    Registry { entry: &'static Entry, options: Value, file: Option<ControllerFile> },
+    Factory(Arc<dyn ControllerFactory>),
+}
+
+/// The file that was named with a controller.
+#[derive(Clone)]
+struct ControllerFile {
+    path: String,
+    content: Vec<u8>,
+    /// What of it is meant; empty for the whole.
+    member: String,
+}
+
+impl fmt::Debug for Origin {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Origin::Registry { entry, options, file } => {
+                let path = file.as_ref().map(|file| &file.path);
+                f.debug_struct("Registry")
+                    .field("entry", entry)
+                    .field("options", options)
+                    .field("path", &path)
+                    .finish()
+            }
+            Origin::Factory(_) => f.write_str("Factory"),
+        }
+    }
+}
+
 /// The name of a controller behind a Kalman filter begins so.
 const FILTERED: &str = "kalman+";
 
 /// The controller that `text` asks for: `NAME`, or `NAME:FILE` where the controller comes from a file, which
-/// `read` reads; either after `kalman+` with a Kalman filter in front. `options` is an object of options, or
-/// null; its `filter` is what the filter believes (see [`SensorNoise`]).
+/// `read` reads, or `NAME:FILE:MEMBER` where it is a part of that file; each after `kalman+` with a Kalman
+/// filter in front. `options` is an object of options, or null; its `filter` is what the filter believes (see
+/// [`SensorNoise`]).
 ///
 /// # Errors
 /// [`Error::Unknown`] with a proposal; [`Error::Config`] for a file that cannot be read, is missing, or that
@@ -47,19 +91,45 @@ pub fn choose(
         .transpose()
         .map_err(|e| problem(format!("options: filter: {e}")))?;
     let filter = filtered.then(|| belief.unwrap_or_default());
-    let (file, label) = match (entry.file, path) {
-        (None, None) => (None, entry.name.to_owned()),
-        (None, Some(path)) => return Err(problem(format!("it takes no file, got {path:?}"))),
-        (Some(what), None) => return Err(problem(format!("needs a file: {name}:FILE with {what}"))),
-        (Some(_), Some(path)) => {
-            let bytes = read(path).map_err(|e| problem(format!("{path}: {e}")))?;
-            let stem =
-                std::path::Path::new(path).file_stem().map_or(path.into(), |stem| stem.to_string_lossy());
-            (Some(bytes), format!("{}:{stem}", entry.name))
+    let file = read_file(entry, path, read).map_err(problem)?;
+    let label = match &file {
+        None => entry.name.to_owned(),
+        Some(ControllerFile { path, member, .. }) => {
+            let stem = Path::new(path).file_stem().map_or(path.into(), |stem| stem.to_string_lossy());
+            let member = if member.is_empty() { String::new() } else { format!(":{member}") };
+            format!("{}:{stem}{member}", entry.name)
         }
     };
     let label = if filtered { format!("{FILTERED}{label}") } else { label };
-    Ok(ControllerSpec { entry, options, file, filter, label })
+    Ok(ControllerSpec { origin: Origin::Registry { entry, options, file }, filter, label })
+}
+
+/// The file that an entry is named with, or what is wrong with it.
+fn read_file(
+    entry: &Entry,
+    path: Option<&str>,
+    read: &dyn Fn(&str) -> std::io::Result<Vec<u8>>,
+) -> std::result::Result<Option<ControllerFile>, String> {
+    let (what, path) = match (entry.file, path) {
+        (None, None) => return Ok(None),
+        (None, Some(path)) => return Err(format!("it takes no file, got {path:?}")),
+        (Some(what), path) => (what, path.filter(|path| !path.is_empty())),
+    };
+    let form = match entry.member {
+        None => format!("{}:FILE with {what}", entry.name),
+        Some(member) => format!("{}:FILE:NAME with {what}, and {member}", entry.name),
+    };
+    let path = path.ok_or_else(|| format!("needs a file: {form}"))?;
+    let (path, member) = match entry.member {
+        None => (path, ""),
+        // a path may hold a colon itself, as on Windows
+        Some(_) => path
+            .rsplit_once(':')
+            .filter(|(file, name)| !file.is_empty() && !name.is_empty() && !name.contains(['/', '\\', '.']))
+            .ok_or_else(|| format!("{path:?} names no part of the file: expected {form}"))?,
+    };
+    let content = read(path).map_err(|e| format!("{path}: {e}"))?;
+    Ok(Some(ControllerFile { path: path.into(), content, member: member.into() }))
 }
 
 impl ControllerSpec {
@@ -73,19 +143,53 @@ impl ControllerSpec {
         })
     }
 
+    /// One that `factory` makes.
+    pub fn from_factory(label: String, factory: Arc<dyn ControllerFactory>) -> ControllerSpec {
+        ControllerSpec { origin: Origin::Factory(factory), filter: None, label }
+    }
+
     /// Ready to fly.
     ///
     /// # Errors
-    /// As [`Entry::build`].
+    /// As [`Entry::build`] and [`ControllerFactory::build`].
     pub fn build(&self, site: &ControllerContext<'_>) -> Result<Box<dyn Controller>> {
-        let given =
-            ControllerConfig { name: self.entry.name, options: &self.options, file: self.file.as_deref() };
-        let inner = (self.entry.build)(&given, site)?;
+        let inner = match &self.origin {
+            Origin::Factory(factory) => factory.build(site)?,
+            Origin::Registry { entry, options, file } => {
+                let file = file.as_ref();
+                let given = ControllerConfig {
+                    name: entry.name,
+                    options,
+                    file: file.map(|file| &file.content[..]),
+                    path: file.map_or("", |file| &file.path),
+                    member: file.map_or("", |file| &file.member),
+                };
+                (entry.build)(&given, site)?
+            }
+        };
         Ok(match &self.filter {
             Some(belief) => Box::new(FilteredController::new(inner, site, belief)),
             None => inner,
         })
     }
+}
+
+/// A controller for each drone of a world: `specs` has one for all of them, or one for each; `sites` are the
+/// drones'.
+///
+/// # Errors
+/// [`Error::Config`] for another number of them; as [`ControllerSpec::build`].
+pub fn build_each<'a>(
+    specs: &[ControllerSpec],
+    sites: impl ExactSizeIterator<Item = ControllerContext<'a>>,
+) -> Result<Vec<Box<dyn Controller>>> {
+    if specs.len() != 1 && specs.len() != sites.len() {
+        let (drones, got) = (sites.len(), specs.len());
+        return Err(Error::Config(format!(
+            "controller: expected one, or one for each of the {drones} drones, got {got}"
+        )));
+    }
+    sites.enumerate().map(|(drone, site)| specs[drone % specs.len()].build(&site)).collect()
 }
 
 #[cfg(test)]
@@ -114,11 +218,19 @@ mod tests {
             ("pid", vec!["pid:FILE", "gains"]),
             ("pid:gone.json", vec!["gone.json", "no such file"]),
             ("kalman+lqt", vec!["lqt", "did you mean \"lqr\""]),
+            ("python:mine.py", vec!["names no part of the file", "python:FILE:NAME"]),
+            ("python:mine.py:Mine", vec!["mine.py", "no such file"]),
         ] {
             let error = choose(text, Value::Null, &none).unwrap_err().to_string();
             assert!(words.iter().all(|w| error.contains(w)), "{text} gave: {error}");
         }
         let model = Model::thesis();
+        // what a network names is never read, and no code of it is run
+        let named = ControllerSpec::named("python:mine.py:Mine").unwrap_err().to_string();
+        assert!(named.contains("not to be read here"), "{named}");
+        let mine = choose("python:mine.py:Mine", Value::Null, &|_| Ok(Vec::new())).unwrap();
+        let error = mine.build(&site(&model, 1)).map(|_| ()).unwrap_err().to_string();
+        assert!(error.contains("has no Python in it"), "{error}");
         let odd = choose("hover", serde_json::json!({"hight": 1}), &none).unwrap();
         let error = odd.build(&site(&model, 1)).map(|_| ()).unwrap_err().to_string();
         assert!(error.contains("controller hover") && error.contains("hight"), "{error}");

@@ -51,6 +51,7 @@ pub(super) const ENTRY: Entry = Entry {
     about: "Cascade: position error to velocity (P, limited), velocity error to acceleration (PI), acceleration to angle, closed over the IMU (P)",
     source: "thesis chapter 8, future work 4; the cascade of the Crazyflie's firmware (position_controller_pid.c), by a filtered velocity",
     file: None,
+    member: None,
     options: &[
         ("position_ps", "velocity asked for per metre of error, in all three directions"),
         ("speed_mps", "the most velocity that is asked for"),

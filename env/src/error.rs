@@ -16,6 +16,8 @@ pub enum Error {
     Range { name: String, value: f64, want: String },
     #[error("model {name}: {problem}")]
     Model { name: String, problem: String },
+    #[error("controller {name}: {problem}")]
+    Controller { name: String, problem: String },
     #[error("configuration: {0}")]
     Config(String),
     #[error("environment {env} has ended: reset it before the next step (options={{\"reset_mask\": ...}})")]

@@ -1,9 +1,9 @@
 //! The controllers of the registry, for a batch.
 
-use crazyflie_control::{self as control, ControllerContext, ControllerSpec, Mode, choose};
+use crazyflie_control::{self as control, ControllerContext, ControllerSpec, Mode};
+use crazyflie_env::Error;
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::{ACTION, OBSERVATION};
-use crazyflie_env::{Error, Result};
 use numpy::{PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
@@ -11,13 +11,16 @@ use pyo3::types::PyDict;
 use serde_json::Value;
 
 use crate::arrays::{empty, input, mask as read_mask, output};
+use crate::custom::spec;
 use crate::errors::guarded;
 use crate::guarded_cell::GuardedCell;
 use crate::sim::{Interface, MAX_ENVS, Sim, detached};
 
-/// The controller `name` (see `crazyflie_gym.controllers()`), or `name:file`, for `num_envs` environments
-/// with the command interface of `of` (a `Sim` or its `interface`). It reads what an agent reads. `options`
-/// is JSON; `model` the text of the model file that it believes in, the thesis's unless given; `mode`:
+/// The controller `name` (see `crazyflie_gym.controllers()`), `name:file` or `python:file:name`, for
+/// `num_envs` environments with the command interface of `of` (a `Sim` or its `interface`); or one of one's
+/// own, an object with `act(rows) -> actions`, or a class or function that makes one (see
+/// `crazyflie_gym.custom`). It reads what an agent reads. `options` is JSON; `file` the content of the file,
+/// which is read from the disk unless given; `model` the text of the model file that it believes in, the thesis's unless given; `mode`:
 /// "automatic", "takeoff" or "landing".
 #[pyclass(subclass, module = "crazyflie_gym._native")]
 pub struct Controller {
@@ -31,7 +34,7 @@ impl Controller {
         of: &Bound<'_, PyAny>,
         model: Option<&str>,
         mode: &str,
-        chosen: impl FnOnce() -> Result<ControllerSpec>,
+        chosen: &ControllerSpec,
     ) -> PyResult<Self> {
         if !(1..=MAX_ENVS).contains(&num_envs) {
             return Err(PyValueError::new_err(format!("num_envs is {num_envs}, expected 1 to {MAX_ENVS}")));
@@ -47,7 +50,7 @@ impl Controller {
         let envs = num_envs as usize;
         let inner = guarded(|| {
             let model = model.map_or_else(|| Ok(Model::thesis()), Model::parse)?;
-            chosen()?.build(&ControllerContext {
+            chosen.build(&ControllerContext {
                 model: &model,
                 interface,
                 tick_s,
@@ -62,20 +65,20 @@ impl Controller {
 #[pymethods]
 impl Controller {
     #[new]
-    #[pyo3(signature = (name, num_envs, of, *, options = "null", model = None, mode = "automatic"))]
+    #[pyo3(signature = (name, num_envs, of, *, options = "null", model = None, mode = "automatic", file = None))]
+    #[allow(clippy::too_many_arguments, reason = "keywords of Python")]
     fn new(
-        name: &str,
+        name: &Bound<'_, PyAny>,
         num_envs: i64,
         of: &Bound<'_, PyAny>,
         options: &str,
         model: Option<&str>,
         mode: &str,
+        file: Option<&[u8]>,
     ) -> PyResult<Self> {
-        Self::build(num_envs, of, model, mode, || {
-            let options: Value =
-                serde_json::from_str(options).map_err(|e| Error::Config(format!("options: {e}")))?;
-            choose(name, options, &|path| std::fs::read(path))
-        })
+        let options: Value =
+            guarded(|| serde_json::from_str(options).map_err(|e| Error::Config(format!("options: {e}"))))?;
+        Self::build(num_envs, of, model, mode, &spec(name, options, file)?)
     }
 
     /// Environments that this controls.
@@ -132,13 +135,14 @@ impl Pid {
         gains: &str,
         mode: &str,
     ) -> PyResult<PyClassInitializer<Self>> {
-        let controller = Controller::build(num_envs, of, None, mode, || ControllerSpec::named(gains))?;
+        let chosen = guarded(|| ControllerSpec::named(gains))?;
+        let controller = Controller::build(num_envs, of, None, mode, &chosen)?;
         Ok(PyClassInitializer::from(controller).add_subclass(Pid))
     }
 }
 
 /// Every controller, as a dict: name, also (another name, or None), about, source, file (what is in the file
-/// that is named with it, or None), options (name and meaning), defaults (JSON).
+/// that is named with it, or None), member (what of the file is named, or None), options (name and meaning), defaults (JSON).
 #[pyfunction]
 pub fn controllers(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
     let controller_dict = |entry: &&control::Entry| {
@@ -148,6 +152,7 @@ pub fn controllers(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
         }
         dict.set_item("also", entry.also)?;
         dict.set_item("file", entry.file)?;
+        dict.set_item("member", entry.member)?;
         let options = PyDict::new(py);
         entry.options.iter().try_for_each(|(name, about)| options.set_item(name, about))?;
         dict.set_item("options", options)?;

@@ -6,6 +6,8 @@ use crazyflie_env::Error;
 use pyo3::PyResult;
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 
+use crate::custom::take_raised;
+
 /// Run a call of the simulator: its error becomes `ValueError` (wrong argument) or `RuntimeError` (wrong
 /// moment), and a panic, which would be a bug, becomes a `RuntimeError` as well instead of pyo3's
 /// `PanicException`, which no `except Exception` catches.
@@ -14,6 +16,7 @@ pub fn guarded<T, E: Into<Failure>>(call: impl FnOnce() -> Result<T, E>) -> PyRe
         Ok(result) => result.map_err(|error| match error.into() {
             Failure::Argument(text) => PyValueError::new_err(text),
             Failure::Moment(text) => PyRuntimeError::new_err(text),
+            Failure::Raised(text) => take_raised().unwrap_or_else(|| PyRuntimeError::new_err(text)),
         }),
         Err(panic) => {
             let text =
@@ -30,13 +33,27 @@ pub fn guarded<T, E: Into<Failure>>(call: impl FnOnce() -> Result<T, E>) -> PyRe
 pub enum Failure {
     Argument(String),
     Moment(String),
+    /// A controller of the caller's own raised an exception.
+    Raised(String),
 }
 
 impl From<Error> for Failure {
     fn from(error: Error) -> Self {
         match error {
             Error::NotReset | Error::Ended { .. } => Failure::Moment(error.to_string()),
+            Error::Controller { .. } => Failure::Raised(error.to_string()),
             _ => Failure::Argument(error.to_string()),
+        }
+    }
+}
+
+impl From<crazyflie_server::bench::Error> for Failure {
+    fn from(error: crazyflie_server::bench::Error) -> Self {
+        use crazyflie_server::bench::Error as BenchError;
+        match error {
+            BenchError::Env(error) => error.into(),
+            BenchError::Scenario { .. } | BenchError::Name { .. } => Failure::Argument(error.to_string()),
+            _ => Failure::Moment(error.to_string()),
         }
     }
 }

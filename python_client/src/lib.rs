@@ -2,7 +2,9 @@
 //! No logic lives here.
 
 mod arrays;
+mod benchmark;
 mod controller;
+mod custom;
 mod errors;
 mod guarded_cell;
 mod multi_controller;
@@ -14,6 +16,8 @@ mod sim;
 /// The simulator in Rust. Use it through the package `crazyflie_gym`.
 #[pyo3::pymodule]
 mod _native {
+    #[pymodule_export]
+    use crate::benchmark::{robustness, submit};
     #[pymodule_export]
     use crate::controller::{Controller, Pid, controllers};
     #[pymodule_export]
@@ -29,4 +33,10 @@ mod _native {
     use crate::remote::Remote;
     #[pymodule_export]
     use crate::sim::{Interface, Sim};
+
+    #[pymodule_init]
+    fn init(_module: &pyo3::Bound<'_, pyo3::types::PyModule>) -> pyo3::PyResult<()> {
+        crazyflie_control::set_python_loader(crate::custom::load);
+        Ok(())
+    }
 }

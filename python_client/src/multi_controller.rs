@@ -1,15 +1,15 @@
 //! Controllers for several drones that share the air.
 
 use crazyflie_control::avoidance::CollisionAvoidance;
-use crazyflie_control::{self as control, ControllerContext, ControllerSpec, Mode, choose};
-use crazyflie_env::model::Model;
-use crazyflie_env::observation::{ACTION, Interface};
+use crazyflie_control::{self as control, ControllerContext, Mode, build_each};
+use crazyflie_env::Error;
+use crazyflie_env::observation::ACTION;
 use crazyflie_env::vector::METRICS;
-use crazyflie_env::{Error, Result};
 use pyo3::prelude::*;
 use serde_json::Value;
 
 use crate::arrays::{empty, input, mask as read_mask, output};
+use crate::custom::spec;
 use crate::errors::guarded;
 use crate::guarded_cell::GuardedCell;
 use crate::sim::{Sim, detached};
@@ -18,8 +18,8 @@ fn bad(what: &'static str) -> impl Fn(serde_json::Error) -> Error {
     move |e| Error::Config(format!("{what}: {e}"))
 }
 
-/// Controllers of `crazyflie_gym.controllers()` for the drones of a `Sim` whose task has several: one name for
-/// all of them, or one for each. With a layer that avoids collisions (`avoid`: JSON of its parameters) or without it (`None`). `options` is JSON.
+/// Controllers for the drones of a `Sim` whose task has several: one for all of them, or one for each, by
+/// their names or of one's own (see `Controller`). With a layer that avoids collisions (`avoid`: JSON of its parameters) or without it (`None`). `options` is JSON.
 #[pyclass(module = "crazyflie_gym._native")]
 pub struct Crowd {
     inner: GuardedCell<control::MultiController>,
@@ -32,35 +32,29 @@ pub struct Crowd {
 impl Crowd {
     #[new]
     #[pyo3(signature = (names, of, *, options = "null", avoid = None))]
-    fn new(names: Vec<String>, of: &Sim, options: &str, avoid: Option<&str>) -> PyResult<Self> {
+    fn new(names: Vec<Bound<'_, PyAny>>, of: &Sim, options: &str, avoid: Option<&str>) -> PyResult<Self> {
         let ([worlds, drones, width], known, tick_s) =
             (of.size(), of.interfaces_and_models()?, of.seconds_per_step()?);
-        let inner = guarded(|| {
+        let (options, avoid) = guarded(|| {
             let options: Value = serde_json::from_str(options).map_err(bad("options"))?;
-            let avoid =
-                avoid.map(serde_json::from_str::<CollisionAvoidance>).transpose().map_err(bad("avoid"))?;
-            if names.len() != 1 && names.len() != drones {
-                let got = names.len();
-                return Err(Error::Config(format!(
-                    "controller: expected one name, or one for each of the {drones} drones, got {got} names"
-                )));
+            let avoid = avoid.map(serde_json::from_str::<CollisionAvoidance>).transpose();
+            Ok::<_, Error>((options, avoid.map_err(bad("avoid"))?))
+        })?;
+        let chosen = match &options {
+            Value::Array(each) if each.len() == names.len() => {
+                names.iter().zip(each).map(|(name, options)| spec(name, options.clone(), None)).collect()
             }
-            let read = |path: &str| std::fs::read(path);
-            let chosen = names
-                .iter()
-                .map(|name| choose(name, options.clone(), &read))
-                .collect::<Result<Vec<ControllerSpec>>>()?;
-            let controller = |(drone, (interface, model)): (usize, &(Interface, Model))| {
-                chosen[drone % chosen.len()].build(&ControllerContext {
-                    model,
-                    interface: *interface,
-                    tick_s,
-                    envs: worlds,
-                    mode: Mode::Automatic,
-                })
-            };
-            let controllers = known.iter().enumerate().map(controller).collect::<Result<_>>()?;
-            control::MultiController::new(controllers, worlds, avoid, tick_s)
+            _ => names.iter().map(|name| spec(name, options.clone(), None)).collect::<PyResult<Vec<_>>>(),
+        }?;
+        let inner = guarded(|| {
+            let sites = known.iter().map(|(interface, model)| ControllerContext {
+                model,
+                interface: *interface,
+                tick_s,
+                envs: worlds,
+                mode: Mode::Automatic,
+            });
+            control::MultiController::new(build_each(&chosen, sites)?, worlds, avoid, tick_s)
         })?;
         Ok(Crowd { inner: GuardedCell::new(inner), worlds, drones, width })
     }

@@ -352,11 +352,7 @@ impl Sim {
     /// What was measured in the last step or reset, whose result was `observations`: float32 (num_envs, 24),
     /// or (num_envs, num_drones, 24 and 8 for each of the others). These are the observations themselves
     /// unless something else was asked for.
-    fn measured<'py>(
-        &self,
-        py: Python<'py>,
-        observations: Bound<'py, PyAny>,
-    ) -> PyResult<Bound<'py, PyAny>> {
+    fn measured<'py>(&self, py: Python<'py>, observations: Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
         let kept = self.env.glance(|env| {
             let rows = env.measured(&[]);
             (!rows.is_empty()).then(|| (rows.to_vec(), env.measured_width()))

@@ -11,7 +11,9 @@ const EXAMPLES: &str = "\
 Examples:
   crazyflie controllers
   crazyflie fly --controller stock-pid
-  crazyflie fly --controller thesis-pid --controller-options '{\"yaw\": {\"kp\": 10, \"ki\": 0, \"kd\": 0, \"integral\": [0, 0], \"output\": [-90, 90]}}'
+  crazyflie fly --controller thesis-pid --controller-options '{\"x\": {\"kp\": 8}, \"y\": {\"kp\": 8}}'
+  crazyflie fly --controller python:mine.py:Mine
+  crazyflie fly --task swap --controller lqr,lqr,python:mine.py:Mine,mpc
   crazyflie bench submit --controller pid:gains.json";
 
 /// List the controllers that `fly` and `submit` know, with their options.
@@ -29,7 +31,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
             .iter()
             .map(|e| {
                 let options: Vec<_> = e.options.iter().map(|(name, about)| json!({"name": name, "about": about})).collect();
-                json!({"name": e.name, "also": e.also, "about": e.about, "source": e.source, "file": e.file, "options": options,
+                json!({"name": e.name, "also": e.also, "about": e.about, "source": e.source, "file": e.file, "member": e.member, "options": options,
                     "defaults": (e.defaults)()})
             })
             .collect();
@@ -37,10 +39,17 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         return Ok(writeln!(out)?);
     }
     for e in registry() {
-        let file = if e.file.is_some() { ":FILE" } else { "" };
+        let file = match (e.file, e.member) {
+            (None, _) => "",
+            (Some(_), None) => ":FILE",
+            (Some(_), Some(_)) => ":FILE:NAME",
+        };
         writeln!(out, "{}{file}\n    {}\n    source: {}", e.name, e.about, e.source)?;
         if let Some(what) = e.file {
             writeln!(out, "    FILE: {what}")?;
+        }
+        if let Some(what) = e.member {
+            writeln!(out, "    NAME: {what}")?;
         }
         let defaults = (e.defaults)();
         for (option, about) in e.options {
@@ -58,4 +67,19 @@ pub(super) fn chosen(controller: &str, options: Option<&str>) -> Outcome<Control
             .map_err(|e| Failure::Usage(format!("--controller-options is not JSON: {e}")))?,
     };
     Ok(choose(controller, options, &|path| std::fs::read(path))?)
+}
+
+/// The controllers that `--controller NAME,NAME,...` asks for, one for each drone, or one for all. The options
+/// are a JSON object for all of them, or a list with one for each.
+pub(super) fn chosen_each(controllers: &str, options: Option<&str>) -> Outcome<Vec<ControllerSpec>> {
+    let names: Vec<&str> = controllers.split(',').collect();
+    let list = options.and_then(|text| serde_json::from_str::<Vec<Value>>(text).ok());
+    let Some(list) = list else { return names.iter().map(|name| chosen(name, options)).collect() };
+    if list.len() != names.len() {
+        let (want, got) = (names.len(), list.len());
+        return Err(Failure::Usage(format!(
+            "--controller-options: expected an object, or a list of {want}, one for each controller; got a list of {got}"
+        )));
+    }
+    names.iter().zip(list).map(|(name, options)| chosen(name, Some(&options.to_string()))).collect()
 }

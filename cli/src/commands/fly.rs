@@ -3,6 +3,7 @@
 use std::io::Write;
 use std::path::PathBuf;
 
+use crazyflie_control::ControllerSpec;
 use crazyflie_env::config::{EffectParams, EffectTable, Number, check_effects};
 use crazyflie_env::effects::find;
 use crazyflie_env::model::VerticalInput;
@@ -19,6 +20,7 @@ Examples:
   crazyflie fly --task whole-flight --sensors lab --csv flight.csv --picture3d path.svg
   crazyflie fly --task track --task-options '{\"shape\": \"helix\"}' --effects drag_linear=0.3
   crazyflie fly --task swap --collision-avoidance --picture3d swap.svg
+  crazyflie fly --controller python:mine.py:Mine --controller-options '{\"gain\": 0.6}'
   crazyflie fly --task carry --drones 4 --csv carry.csv
   crazyflie fly --effects gust.sigma_mps2=0.5 --effects '{\"battery_sag\": {\"exponent\": 2}}' --runs 100";
 
@@ -32,10 +34,11 @@ pub(super) struct Args {
     /// The task's options, as JSON
     #[arg(long, value_name = "JSON")]
     task_options: Option<String>,
-    /// Which one, as NAME or NAME:FILE (see `crazyflie controllers`)
+    /// Which one, as NAME, NAME:FILE or python:FILE:NAME (see `crazyflie controllers`); of several drones one
+    /// for each, separated by commas, or one for all
     #[arg(long, default_value = "thesis-pid", value_name = "NAME")]
     controller: String,
-    /// The controller's options, as JSON
+    /// The controller's options, as JSON, what is not given as it is; a list for several
     #[arg(long, value_name = "JSON")]
     controller_options: Option<String>,
     /// An effect as NAME=VALUE or NAME.PARAMETER=VALUE, or several as JSON; may be repeated (see `crazyflie
@@ -86,9 +89,17 @@ pub(super) struct Args {
 const BATCH: usize = 64;
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
-    let setup = setup(args)?;
+    let controllers = controllers::chosen_each(&args.controller, args.controller_options.as_deref())?;
+    let setup = setup(args, &controllers)?;
     if setup.scenario.flies_several()? {
-        return fly_multi_drone(args, &setup, out);
+        return fly_multi_drone(args, &setup, controllers, out);
+    }
+    if controllers.len() != 1 {
+        return Err(Failure::Usage(format!(
+            "--controller names {} controllers, {} has one drone",
+            controllers.len(),
+            setup.scenario.name
+        )));
     }
     if args.collision_avoidance || args.drones.is_some_and(|drones| drones != 1) {
         return Err(Failure::Usage(format!(
@@ -148,9 +159,12 @@ impl<'a> SetupSummary<'a> {
     }
 }
 
-fn setup(args: &Args) -> Outcome<Setup> {
+fn setup(args: &Args, controllers: &[ControllerSpec]) -> Outcome<Setup> {
     let scenario = FlightScenario::find(&args.task)?;
-    let controller = controllers::chosen(&args.controller, args.controller_options.as_deref())?;
+    // there is one at least: of several drones each may have its own, see `fly_multi_drone`
+    let labels: Vec<&str> = controllers.iter().map(|controller| &controller.label[..]).collect();
+    let mut controller = controllers[0].clone();
+    controller.label = labels.join(",");
     let mut effects = match &args.sensors[..] {
         "ideal" => EffectTable::new(),
         "lab" => flight::lab_rig(),
@@ -211,12 +225,18 @@ fn add_effects(table: &mut EffectTable, text: &str) -> Outcome {
 }
 
 /// A task of several drones: flown, printed and drawn together.
-fn fly_multi_drone(args: &Args, setup: &Setup, out: &mut dyn Write) -> Outcome {
-    let multi_drone = MultiDroneSetup { drones: args.drones.unwrap_or(0), avoid: args.collision_avoidance };
+fn fly_multi_drone(
+    args: &Args,
+    setup: &Setup,
+    controllers: Vec<ControllerSpec>,
+    out: &mut dyn Write,
+) -> Outcome {
+    let multi_drone =
+        MultiDroneSetup { drones: args.drones.unwrap_or(0), avoid: args.collision_avoidance, controllers };
     let seeds: Vec<u64> = (0..u64::from(args.runs)).map(|i| args.seed.wrapping_add(i)).collect();
     let mut flights = Vec::new();
     for seeds in seeds.chunks(BATCH) {
-        flights.extend(flight::fly_multi_drone(setup, multi_drone, seeds)?);
+        flights.extend(flight::fly_multi_drone(setup, &multi_drone, seeds)?);
     }
     let first = flights.first().ok_or_else(|| Failure::Usage("--runs must be at least 1".into()))?;
     let title = format!("{}, {}, seed {}", setup.scenario.name, setup.controller.label, args.seed);

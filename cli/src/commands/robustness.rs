@@ -7,7 +7,8 @@ use crazyflie_control::registry;
 use indicatif::ProgressBar;
 
 use super::{Outcome, Table, controllers, files, number};
-use crate::robustness::{CONDITIONS, RobustnessRow, compare, picture};
+use crate::robustness::picture;
+use crazyflie_server::bench::robustness::{CONDITIONS, RobustnessRow, compare};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -19,7 +20,7 @@ Examples:
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {
-    /// Which controllers, as NAME, NAME:FILE or kalman+NAME [default: all that need no file, and the thesis's
+    /// Which controllers, as NAME, NAME:FILE, python:FILE:NAME or kalman+NAME [default: all that need no file, and the thesis's
     /// PID behind the Kalman filter]
     #[arg(long, value_delimiter = ',', value_name = "NAMES")]
     controllers: Vec<String>,

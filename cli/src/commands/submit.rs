@@ -1,4 +1,4 @@
-//! `crazyflie bench submit`: the controllers of the registry through the benchmark.
+//! `crazyflie bench submit`: controllers through the benchmark.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -18,17 +18,19 @@ Examples:
   crazyflie bench submit --controller thesis-pid
   crazyflie bench submit --controller stock-pid --scenario hover-aruco@1.0.0
   crazyflie bench submit --controller hover --scenario wind --repeat 3 --json
+  crazyflie bench submit --controller python:mine.py:Mine --scenario hover-aruco
   crazyflie bench submit --controller lqr --collision-avoidance --scenario swap-eight
   crazyflie bench submit --controller thesis-pid --server wss://lab.example --token-file token.txt";
 
-/// Fly a built-in controller through the benchmark's scenarios, and store the attempts with their scores.
+/// Fly a controller through the benchmark's scenarios, and store the attempts with their scores.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {
-    /// Which one, as NAME or NAME:FILE (see `crazyflie controllers`)
+    /// Which one, as NAME, NAME:FILE or python:FILE:NAME (see `crazyflie controllers`); of several drones one
+    /// for each, separated by commas, or one for all
     #[arg(long, value_name = "NAME")]
     controller: String,
-    /// The controller's options, as JSON
+    /// The controller's options, as JSON; a list for several
     #[arg(long, value_name = "JSON")]
     controller_options: Option<String>,
     /// Where drones share the air, keep out of each other's way
@@ -123,8 +125,8 @@ fn token(args: &Args) -> Outcome<String> {
 }
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
-    let controller = controllers::chosen(&args.controller, args.controller_options.as_deref())?;
-    let entrant = Entrant { controller, avoid: args.collision_avoidance };
+    let controllers = controllers::chosen_each(&args.controller, args.controller_options.as_deref())?;
+    let entrant = Entrant { controllers, avoid: args.collision_avoidance };
     let mut target = AttemptTarget::open(args)?;
     let scenarios = target.scenarios(&args.scenario)?;
     let bar = ProgressBar::new(scenarios.len() as u64 * u64::from(args.repeat));

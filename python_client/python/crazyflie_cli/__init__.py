@@ -19,6 +19,8 @@ def _native() -> ModuleType:
             spec = spec_from_loader(_NAME, ExtensionFileLoader(_NAME, str(file))) if file.exists() else None
             if spec is not None and spec.loader is not None:
                 module = module_from_spec(spec)
+                # for the package, if a controller in Python imports it
+                sys.modules[_NAME] = module
                 spec.loader.exec_module(module)
                 return module
     raise ImportError("crazyflie_gym is not installed, or without its native module")

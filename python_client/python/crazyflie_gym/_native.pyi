@@ -1,5 +1,6 @@
 """The simulator in Rust. Use it through the package `crazyflie_gym`."""
 
+from os import PathLike
 from typing import Any, Literal, final
 
 import numpy as np
@@ -7,6 +8,7 @@ from numpy.typing import NDArray
 from typing_extensions import disjoint_base
 
 from crazyflie_gym._types import (
+    AnyController,
     BoolArray,
     ChoiceEntry,
     ControllerEntry,
@@ -37,6 +39,8 @@ __all__ = [
     "observation_fields",
     "path",
     "render",
+    "robustness",
+    "submit",
     "tasks",
 ]
 
@@ -168,17 +172,18 @@ class Remote:
 
 @disjoint_base
 class Controller:
-    """The controller `name`, or `name:file`, for `num_envs` environments. It reads what an agent reads."""
+    """The controller `name`, or one of one's own, for `num_envs` environments. It reads what an agent reads."""
 
     def __new__(
         cls,
-        name: str,
+        name: AnyController,
         num_envs: int,
         of: Sim | Interface,
         *,
         options: str = "null",
         model: str | None = None,
         mode: str = "automatic",
+        file: bytes | None = None,
     ) -> Controller: ...
     @property
     def num_envs(self) -> int: ...
@@ -208,6 +213,17 @@ def neighbour_fields() -> list[FieldEntry]: ...
 def model_text() -> str: ...
 def check_model(text: str) -> str: ...
 def cli(argv: list[str]) -> int: ...
+def submit(
+    controllers: list[AnyController],
+    scenario: str,
+    *,
+    options: str = "null",
+    collision_avoidance: bool = False,
+    data: str | PathLike[str] | None = None,
+) -> str: ...
+def robustness(
+    controllers: list[AnyController], scenarios: list[str], seeds: int, first_seed: int, *, options: str = "null"
+) -> str: ...
 def render(
     width: int,
     height: int,
@@ -228,7 +244,9 @@ def path(task: str, options: str, tick_s: float, ticks: int) -> FloatArray: ...
 class Crowd:
     """Controllers for the drones of a `Sim` whose task has several: one for all of them, or one for each."""
 
-    def __new__(cls, names: list[str], of: Sim, *, options: str = "null", avoid: str | None = None) -> Crowd: ...
+    def __new__(
+        cls, names: list[AnyController], of: Sim, *, options: str = "null", avoid: str | None = None
+    ) -> Crowd: ...
     def act(self, observations: FloatArray) -> FloatArray: ...
     def reset(self, mask: BoolArray | None = None) -> None: ...
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TypedDict
+from collections.abc import Callable
+from typing import Any, Protocol, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,12 +71,24 @@ class ChoiceEntry(TypedDict):
 
 
 class ControllerEntry(TypedDict):
-    """A controller; `file` says what is in the file that is named with it, `defaults` is JSON."""
+    """A controller; `file` says what is in the file that is named with it, `member` what of it; `defaults` is JSON."""
 
     name: str
     also: str | None
     about: str
     source: str
     file: str | None
+    member: str | None
     options: dict[str, str]
     defaults: str
+
+
+class OwnController(Protocol):
+    """A controller of one's own; see `crazyflie_gym.custom`."""
+
+    def act(self, rows: FloatArray, /) -> Any:
+        """Return actions (n, 4), from -1 to 1, for rows of observations, float32 (n, 24)."""
+
+
+AnyController = str | OwnController | Callable[..., OwnController]
+"""A name of `crazyflie_gym.controllers()`, an object with `act`, or a class or function that makes one."""

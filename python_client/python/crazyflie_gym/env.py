@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from crazyflie_gym._native import Controller, Crowd, Interface, Pid, Sim, metrics
-from crazyflie_gym._types import FloatArray, Observation
+from crazyflie_gym._types import AnyController, FloatArray, Observation
 from crazyflie_gym.actions import fly_with
 from crazyflie_gym.backend import RemoteBackend
 from crazyflie_gym.make_backend import make_backend, make_controller
@@ -141,13 +141,13 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
 
     def controller(
         self,
-        name: str | Sequence[str] = "thesis-pid",
+        name: AnyController | Sequence[AnyController] = "thesis-pid",
         mode: str = "automatic",
         *,
         avoid: bool | Mapping[str, float] = True,
         **options: Any,
     ) -> Controller | Crowd:
-        """Return a controller of `crazyflie_gym.controllers()`, or `NAME:FILE`, for this environment.
+        """Return a controller of `crazyflie_gym.controllers()`, `NAME:FILE`, or one of your own, for this environment.
 
         It acts on flat observations, and believes in the model of the environment but knows none of its effects. For
         several drones it wants an axis of environments in front, and `name` may be a list with one for each. `avoid`

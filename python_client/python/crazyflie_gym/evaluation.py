@@ -9,10 +9,11 @@ print(median(flights, "rmse_m"))
 from __future__ import annotations
 
 import hashlib
+import inspect
 import json
-import tempfile
+import pickle
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, TypedDict, cast
@@ -21,6 +22,9 @@ import gymnasium as gym
 import numpy as np
 
 from crazyflie_gym import _native
+from crazyflie_gym._native import controllers
+from crazyflie_gym._types import AnyController
+from crazyflie_gym.make_backend import make_controller
 from crazyflie_gym.spaces import STATE_FIELDS, split
 from crazyflie_gym.vector import CrazyflieVectorEnv
 
@@ -38,28 +42,67 @@ class Scenario:
 
 @dataclass(frozen=True)
 class Work:
-    """Flights of the seeds `first_seed`, `first_seed + 1`, ... by a controller of `crazyflie_gym.controllers()`.
+    """Flights of the seeds `first_seed`, `first_seed + 1`, ... by a controller.
 
-    `file` is the content of the file of a controller that has one, so that work can be done where the file is not.
+    Args:
+        controller: of `crazyflie_gym.controllers()`, or one of one's own (see `crazyflie_gym.custom`).
+        file: the content of the file of a controller that has one, so that work can be done where the file is not.
+        options: the controller's.
     """
 
     scenario: Scenario
-    controller: str
+    controller: AnyController
     first_seed: int
     count: int
     file: bytes | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
 
     @staticmethod
-    def of(scenario: Scenario, controller: str, first_seed: int, count: int, **options: Any) -> Work:
-        """Return the work for a controller as it is named elsewhere, `NAME` or `NAME:FILE`; the file is read."""
-        name, _, path = controller.partition(":")
-        return Work(scenario, name, first_seed, count, Path(path).read_bytes() if path else None, options)
+    def of(scenario: Scenario, controller: AnyController, first_seed: int, count: int, **options: Any) -> Work:
+        """Return the work for a controller; where its name has a file, `NAME:FILE`, that is read."""
+        path = file_of(controller)
+        return Work(scenario, controller, first_seed, count, Path(path).read_bytes() if path else None, options)
 
     def key(self) -> str:
-        """Return what is the same for the same work and differs for any other, and for another simulator."""
-        plain = asdict(self) | {"file": self.file and hashlib.sha256(self.file).hexdigest(), "simulator": _simulator()}
-        return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
+        """Return what is the same for the same work and differs for any other, and for another simulator.
+
+        Raises:
+            TypeError: for a controller of one's own that cannot be told from others: whose source is not in a file, or
+                that cannot be pickled.
+        """
+        plain = asdict(replace(self, controller="")) | {"simulator": _simulator()}
+        plain |= {"controller": _identity(self.controller), "file": self.file and _sha256(self.file)}
+        return _sha256(json.dumps(plain, sort_keys=True).encode())
+
+
+def file_of(controller: AnyController) -> str | None:
+    """Return the path of the file that a controller is named with, if it is named with one."""
+    if not isinstance(controller, str):
+        return None
+    name, _, path = controller.partition(":")
+    entry = next((e for e in controllers() if name.rpartition("+")[2] in (e["name"], e["also"])), None)
+    return path.rpartition(":")[0] if entry and entry["member"] else path or None
+
+
+def _identity(controller: AnyController) -> list[str]:
+    """Return what tells a controller from others, besides its file and its options."""
+    if isinstance(controller, str):
+        name, _, path = controller.partition(":")
+        # where the file is makes no difference, which part of it does
+        return [name, path.removeprefix(file_of(controller) or "")]
+    named = controller if hasattr(controller, "__qualname__") else type(controller)
+    try:
+        source = Path(inspect.getfile(cast("Any", named))).read_bytes()
+        state = b"" if named is controller else pickle.dumps(controller)
+    except Exception as error:
+        raise TypeError(
+            f"the controller {named.__qualname__} cannot be told from others ({error}): name it as python:FILE.py:NAME"
+        ) from None
+    return [named.__qualname__, _sha256(source), _sha256(state)]
+
+
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
 
 
 class Flight(TypedDict):
@@ -75,7 +118,7 @@ class Flight(TypedDict):
 
 @cache
 def _simulator() -> str:
-    return hashlib.sha256(Path(_native.__file__).read_bytes()).hexdigest()
+    return _sha256(Path(_native.__file__).read_bytes())
 
 
 def fly(work: Work) -> list[Flight]:
@@ -83,6 +126,7 @@ def fly(work: Work) -> list[Flight]:
 
     Raises:
         ValueError: for what `gymnasium.make_vec` and `CrazyflieVectorEnv.controller` refuse.
+        Exception: what a controller of one's own raises.
     """
     s = work.scenario
     made = gym.make_vec(
@@ -96,14 +140,10 @@ def fly(work: Work) -> list[Flight]:
         autoreset_mode="same_step",
     )
     envs = cast("CrazyflieVectorEnv", made)
-    if work.file is None:
-        pilot = envs.controller(work.controller, **work.options)
-    else:
-        # an open temporary file cannot be opened again on every system
-        with tempfile.TemporaryDirectory() as folder:
-            file = Path(folder, "controller")
-            file.write_bytes(work.file)
-            pilot = envs.controller(f"{work.controller}:{file}", **work.options)
+    name = work.controller
+    if work.file is not None and isinstance(name, str) and ":" not in name:
+        name = f"{name}:file"
+    pilot = make_controller(name, envs.sim, None, "automatic", False, work.options, work.file)
     return _count(envs, pilot, work)
 
 

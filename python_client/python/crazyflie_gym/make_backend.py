@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 from gymnasium.vector import AutoresetMode
 
 from crazyflie_gym import remote as remote_module
 from crazyflie_gym._native import Controller, Crowd, Sim, check_model, model_text, tasks
+from crazyflie_gym._types import AnyController
 from crazyflie_gym.backend import RemoteBackend
 from crazyflie_gym.options import Model, model_sources, native_autoreset, to_json
 from crazyflie_gym.spaces import Choice
@@ -94,25 +95,30 @@ def episode_steps(task: str, max_episode_steps: int | None) -> int:
 
 
 def make_controller(
-    name: str | Sequence[str],
+    name: AnyController | Sequence[AnyController],
     sim: Sim | RemoteBackend,
     model: Model | Sequence[Model],
     mode: str,
     avoid: bool | Mapping[str, float],
     options: Mapping[str, Any],
+    file: bytes | None = None,
 ) -> Controller | Crowd:
     """Return the controller of that name for a simulation; it believes in `model`. Several drones may have one each.
 
+    Instead of a name there may be a controller of one's own, see `crazyflie_gym.custom`.
+
     Raises:
         ValueError: naming the controller, option or mode that is wrong, with a proposal where a name is unknown.
+        TypeError: for what is neither a name nor a controller.
     """
     options_json = to_json(**options) if options else "null"
-    names = [name] if isinstance(name, str) else list(name)
+    names = list(name) if isinstance(name, (list, tuple)) else [cast("AnyController", name)]
     if not sim.has_drone_axis:
         if len(names) != 1:
-            raise ValueError(f"controller: expected one name for one drone, got {len(names)}")
+            raise ValueError(f"controller: expected one for one drone, got {len(names)}")
+        believed = model_sources(model)[0][0]
         return Controller(
-            names[0], sim.num_envs, sim.interface, options=options_json, model=model_sources(model)[0][0], mode=mode
+            names[0], sim.num_envs, sim.interface, options=options_json, model=believed, mode=mode, file=file
         )
     if mode != "automatic":
         raise ValueError(f'mode is {mode!r}, expected "automatic": several drones begin in the air')

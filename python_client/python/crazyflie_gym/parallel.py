@@ -16,7 +16,7 @@ except ImportError as error:
     raise ImportError("PettingZoo is missing: pip install 'crazyflie-gym[swarm]'") from error
 
 from crazyflie_gym._native import Crowd
-from crazyflie_gym._types import FloatArray, Observation
+from crazyflie_gym._types import AnyController, FloatArray, Observation
 from crazyflie_gym.actions import as_array
 from crazyflie_gym.rendering import RENDER_MODES, Screen, check_render_mode
 from crazyflie_gym.spaces import choice_and_form
@@ -149,7 +149,7 @@ class CrazyflieParallelEnv(ParallelEnv[str, Observation, FloatArray]):  # type: 
 
     def controller(
         self,
-        name: str | Sequence[str] = "thesis-pid",
+        name: AnyController | Sequence[AnyController] = "thesis-pid",
         avoid: bool | Mapping[str, float] = True,
         **options: Any,
     ) -> AgentController:

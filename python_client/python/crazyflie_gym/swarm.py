@@ -10,7 +10,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
 
 from crazyflie_gym._native import Crowd, Sim
-from crazyflie_gym._types import BoolArray, FloatArray
+from crazyflie_gym._types import AnyController, BoolArray, FloatArray
 from crazyflie_gym.actions import fly_with
 from crazyflie_gym.env import METRICS
 from crazyflie_gym.make_backend import episode_steps, make_backend, make_controller
@@ -101,7 +101,7 @@ class CrazyflieSwarm:
 
     def controller(
         self,
-        name: str | Sequence[str] = "thesis-pid",
+        name: AnyController | Sequence[AnyController] = "thesis-pid",
         avoid: bool | Mapping[str, float] = True,
         **options: Any,
     ) -> Crowd:

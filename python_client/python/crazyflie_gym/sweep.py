@@ -22,6 +22,7 @@ from typing import Any, cast
 
 from tqdm import tqdm
 
+from crazyflie_gym._types import AnyController
 from crazyflie_gym.evaluation import Flight, Scenario, Work, fly
 
 BATCH = 256
@@ -68,7 +69,7 @@ class Store:
         return False
 
 
-def split(scenario: Scenario, controller: str, seeds: int, first_seed: int = 0, **options: Any) -> list[Work]:
+def split(scenario: Scenario, controller: AnyController, seeds: int, first_seed: int = 0, **options: Any) -> list[Work]:
     """Return the work of `seeds` flights in units of `BATCH`."""
     starts = range(first_seed, first_seed + seeds, BATCH)
     end = first_seed + seeds

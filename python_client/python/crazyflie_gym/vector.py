@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from crazyflie_gym import step_many
 from crazyflie_gym._native import Controller, Crowd, Interface, Pid, Sim
-from crazyflie_gym._types import BoolArray, FloatArray, Observation
+from crazyflie_gym._types import AnyController, BoolArray, FloatArray, Observation
 from crazyflie_gym.actions import as_array, clip_actions, fly_with
 from crazyflie_gym.backend import RemoteBackend
 from crazyflie_gym.make_backend import episode_steps, make_backend, make_controller
@@ -137,13 +137,13 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
 
     def controller(
         self,
-        name: str | Sequence[str] = "thesis-pid",
+        name: AnyController | Sequence[AnyController] = "thesis-pid",
         mode: str = "automatic",
         *,
         avoid: bool | Mapping[str, float] = True,
         **options: Any,
     ) -> Controller | Crowd:
-        """Return a controller of `crazyflie_gym.controllers()`, or `NAME:FILE`, for this batch.
+        """Return a controller of `crazyflie_gym.controllers()`, `NAME:FILE`, or one of your own, for this batch.
 
         It acts on flat observations, and believes in the model of the environment but knows none of its effects;
         `avoid` is as of `CrazyflieEnv.controller`.

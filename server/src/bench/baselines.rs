@@ -1,7 +1,8 @@
-//! Attempts of the built-in controllers. They see the same observations as any client and take the same path.
+//! Attempts of controllers in this process. They see the same observations as any client and take the same
+//! path.
 
 use crazyflie_control::avoidance::CollisionAvoidance;
-use crazyflie_control::{ControllerContext, ControllerSpec, Mode, MultiController};
+use crazyflie_control::{ControllerContext, ControllerSpec, Mode, MultiController, build_each};
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::{ACTION, Interface};
 use crazyflie_env::vector::StepBuffers;
@@ -16,15 +17,15 @@ use crate::flight::{Trace, phase_at};
 /// A controller that enters the benchmark.
 #[derive(Debug, Clone)]
 pub struct Entrant {
-    /// Controller of the registry, with its options.
-    pub controller: ControllerSpec,
+    /// One controller for all drones, or one for each.
+    pub controllers: Vec<ControllerSpec>,
     /// Drones that share the air keep out of each other's way.
     pub avoid: bool,
 }
 
 impl From<ControllerSpec> for Entrant {
     fn from(controller: ControllerSpec) -> Entrant {
-        Entrant { controller, avoid: false }
+        Entrant { controllers: vec![controller], avoid: false }
     }
 }
 
@@ -45,28 +46,18 @@ impl Entrant {
     /// Name on the leaderboard, cut to 64 characters: a long file name must not fail an attempt.
     pub fn name(&self) -> String {
         let how = if self.avoid { "avoid+" } else { "" };
-        how.chars().chain(self.controller.label.chars()).filter(|c| !c.is_control()).take(64).collect()
+        let labels: Vec<&str> = self.controllers.iter().map(|controller| &controller.label[..]).collect();
+        how.chars().chain(labels.join(",").chars()).filter(|c| !c.is_control()).take(64).collect()
     }
 
     /// Built for the scenarios' vehicle, which is the thesis's.
     pub fn pilot(&self, spec: AttemptSpec, mode: Mode) -> crazyflie_env::Result<MultiController> {
         let AttemptSpec { interface, tick_s, episodes, drones } = spec;
-        let controller = |_| {
-            self.controller.build(&ControllerContext {
-                model: &Model::thesis(),
-                interface,
-                tick_s,
-                envs: episodes,
-                mode,
-            })
-        };
+        let model = Model::thesis();
+        let site = |_| ControllerContext { model: &model, interface, tick_s, envs: episodes, mode };
+        let controllers = build_each(&self.controllers, (0..drones).map(site))?;
         let avoid = (self.avoid && drones > 1).then(CollisionAvoidance::default);
-        MultiController::new(
-            (0..drones).map(controller).collect::<crazyflie_env::Result<_>>()?,
-            episodes,
-            avoid,
-            tick_s,
-        )
+        MultiController::new(controllers, episodes, avoid, tick_s)
     }
 }
 

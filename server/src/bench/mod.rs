@@ -13,6 +13,7 @@ mod metrics;
 mod mystery;
 mod record;
 mod replay;
+pub mod robustness;
 mod scenario;
 mod score;
 mod secrets;

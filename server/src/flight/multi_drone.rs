@@ -1,7 +1,7 @@
 //! Closed-loop flights of several drones that share the air.
 
 use crazyflie_control::avoidance::CollisionAvoidance;
-use crazyflie_control::{ControllerContext, Mode, MultiController};
+use crazyflie_control::{ControllerContext, ControllerSpec, Mode, MultiController, build_each};
 use crazyflie_env::Error;
 use crazyflie_env::observation::{ACTION, Interface};
 use crazyflie_env::vector::{METRICS, STATE, StepBuffers, VectorEnv};
@@ -36,34 +36,37 @@ impl MultiDroneTrace {
 }
 
 /// Drones as they are asked for, and whether a layer keeps them apart.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Default)]
 pub struct MultiDroneSetup {
     /// 0 for the task's own number.
     pub drones: usize,
     /// Whether [`crazyflie_control::avoidance`] stands between set-points and controllers.
     pub avoid: bool,
+    /// A controller for each drone; none for the setup's own for all.
+    pub controllers: Vec<ControllerSpec>,
 }
 
 /// Flies the setup once per seed, every drone by its controller.
 pub fn fly_multi_drone(
     setup: &Setup,
-    multi_drone: MultiDroneSetup,
+    multi_drone: &MultiDroneSetup,
     seeds: &[u64],
 ) -> Result<Vec<MultiDroneTrace>, Error> {
     let options = options(setup, multi_drone.drones)?;
     let mut env = VectorEnv::new(std::slice::from_ref(&setup.model), &options, seeds.len())?;
     let (tick_s, n, width) = (env.tick_s(), env.num_drones(), env.width());
-    let pilot = |interface: &Interface| {
-        let (interface, envs) = (*interface, seeds.len());
-        setup.controller.build(&ControllerContext {
-            model: &setup.model,
-            interface,
-            tick_s,
-            envs,
-            mode: Mode::Automatic,
-        })
+    let site = |interface: &Interface| ControllerContext {
+        model: &setup.model,
+        interface: *interface,
+        tick_s,
+        envs: seeds.len(),
+        mode: Mode::Automatic,
     };
-    let controllers = env.interfaces().iter().map(pilot).collect::<Result<_, _>>()?;
+    let specs = match &multi_drone.controllers[..] {
+        [] => std::slice::from_ref(&setup.controller),
+        each => each,
+    };
+    let controllers = build_each(specs, env.interfaces().iter().map(site))?;
     let mut crowd = MultiController::new(
         controllers,
         seeds.len(),

@@ -65,6 +65,8 @@ impl From<Error> for ProtocolError {
             Error::Model { .. } => Code::BadModel,
             Error::Ended { .. } => Code::Ended,
             Error::NotReset => Code::NotReset,
+            // a server flies no controller of a client's
+            Error::Controller { .. } => Code::Unavailable,
         };
         // how to mend it is said in the words of the protocol, not of Python
         let message = match error {

@@ -1,7 +1,7 @@
 //! One world in flight. Its results are a function of its plan and of the actions, to the bit.
 
 use crazyflie_control::avoidance::CollisionAvoidance;
-use crazyflie_control::{ControllerContext, ControllerSpec, Mode, MultiController};
+use crazyflie_control::{ControllerContext, ControllerSpec, Mode, MultiController, build_each};
 use crazyflie_env::error::{Error, Result};
 use crazyflie_env::observation::{ACTION, Interface};
 use crazyflie_env::vector::{METRICS, STATE, StepBuffers, VectorEnv};
@@ -35,21 +35,15 @@ impl WorldFlight {
         let env = VectorEnv::new(std::slice::from_ref(&model), &options, 1)?;
         let (n, tick_s) = (env.num_drones(), env.tick_s());
         let controller = ControllerSpec::named(&plan.autopilot)?;
-        let pilot = |interface: &Interface| {
-            controller.build(&ControllerContext {
-                model: &model,
-                interface: *interface,
-                tick_s,
-                envs: 1,
-                mode: Mode::Automatic,
-            })
-        };
-        let autopilot = MultiController::new(
-            env.interfaces().iter().map(pilot).collect::<Result<_>>()?,
-            1,
-            Some(CollisionAvoidance::default()),
+        let site = |interface: &Interface| ControllerContext {
+            model: &model,
+            interface: *interface,
             tick_s,
-        )?;
+            envs: 1,
+            mode: Mode::Automatic,
+        };
+        let controllers = build_each(&[controller], env.interfaces().iter().map(site))?;
+        let autopilot = MultiController::new(controllers, 1, Some(CollisionAvoidance::default()), tick_s)?;
         let mut flight = WorldFlight {
             autopilot,
             observations: vec![0.0; n * env.width()],

@@ -21,7 +21,9 @@ from cmaes import CMA
 from tqdm import tqdm
 
 from crazyflie_gym._native import controllers
-from crazyflie_gym.evaluation import Flight, Scenario, Work, fly
+from crazyflie_gym._types import AnyController
+from crazyflie_gym.custom import label
+from crazyflie_gym.evaluation import Flight, Scenario, Work, file_of, fly
 from crazyflie_gym.sweep import Store, run, split
 
 UNSEEN = 10**9
@@ -40,7 +42,8 @@ class Search:
 
     Args:
         scenario: what is flown.
-        controller: `NAME` or `NAME:FILE`, as `crazyflie_gym.controllers()` lists it.
+        controller: `NAME` or `NAME:FILE`, as `crazyflie_gym.controllers()` lists it, `python:FILE.py:NAME`, or a class
+            of one's own (see `crazyflie_gym.custom`), whose options say where the search starts.
         names: gains by their place in the options ("position_m", "x.kp"), or groups of them ("x"); all unless given.
         options: where the search starts, instead of the controller's defaults or what is in its file.
         figure: one of `FIGURES`, whose mean over the flights counts. A failed flight costs 1 more: all its reward, or a
@@ -53,7 +56,7 @@ class Search:
     """
 
     scenario: Scenario = field(default_factory=Scenario)
-    controller: str = "thesis-pid"
+    controller: AnyController = "thesis-pid"
     names: Sequence[str] = ()
     options: Mapping[str, Any] = field(default_factory=dict)
     figure: str = "reward"
@@ -103,7 +106,7 @@ def tune(search: Search, store: Store, ray_address: str | None = None, progress:
         seed=search.seed, population_size=search.population,
     )  # fmt: skip
     best, costs = start, _costs(search, [start], store, ray_address, progress)
-    bar = tqdm(range(search.generations), desc=search.controller, unit="generation", disable=not progress or None)
+    bar = tqdm(range(search.generations), desc=_label(search), unit="generation", disable=not progress or None)
     for _ in bar:
         asked = [optimiser.ask() for _ in range(search.population)]
         tried = [replaced(start, dict(zip(names, _plain(values * np.exp(point)), strict=True))) for point in asked]
@@ -131,12 +134,26 @@ def _check_search(search: Search) -> dict[str, Any]:
         raise ValueError(f"unknown figure {search.figure!r}, expected one of {', '.join(FIGURES)}")
     # one tick is enough for all that is wrong with a scenario, a controller or its options to be said
     fly(Work.of(replace(search.scenario, ticks=1), search.controller, 0, 1, **search.options))
-    name, _, path = search.controller.partition(":")
-    entry = next(e for e in controllers() if name.rpartition("+")[2] in (e["name"], e["also"]))
-    start: dict[str, Any] = json.loads(entry["defaults"])
-    if start and path:
-        start |= json.loads(Path(path).read_bytes())
-    return start | dict(search.options)
+    return merged(_defaults(search.controller), search.options)
+
+
+def _defaults(controller: AnyController) -> dict[str, Any]:
+    """Return a controller's options as they are unless given."""
+    if not isinstance(controller, str):
+        return {}
+    name = controller.partition(":")[0].rpartition("+")[2]
+    start: dict[str, Any] = json.loads(next(e for e in controllers() if name in (e["name"], e["also"]))["defaults"])
+    path = file_of(controller)
+    return merged(start, json.loads(Path(path).read_bytes())) if start and path else start
+
+
+def merged(base: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return `base` with what is given in its place, group by group, as controllers merge their options."""
+    result = dict(base)
+    for name, value in given.items():
+        old = result.get(name)
+        result[name] = merged(old, value) if isinstance(old, Mapping) and isinstance(value, Mapping) else value
+    return result
 
 
 def _gains(search: Search, start: Mapping[str, Any]) -> dict[str, float]:
@@ -144,11 +161,15 @@ def _gains(search: Search, start: Mapping[str, Any]) -> dict[str, float]:
     for name in search.names:
         if not any(_within(gain, name) for gain in every):
             there = ", ".join(every) or "none"
-            raise ValueError(f"{search.controller} has no gain {name!r} that is not 0; those that it has: {there}")
+            raise ValueError(f"{_label(search)} has no gain {name!r} that is not 0; those that it has: {there}")
     chosen = {g: v for g, v in every.items() if not search.names or any(_within(g, name) for name in search.names)}
     if not chosen:
-        raise ValueError(f"{search.controller} has no gains to tune")
+        raise ValueError(f"{_label(search)} has no gains to tune")
     return chosen
+
+
+def _label(search: Search) -> str:
+    return search.controller if isinstance(search.controller, str) else label(search.controller)
 
 
 def _within(gain: str, name: str) -> bool:

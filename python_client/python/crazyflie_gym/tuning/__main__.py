@@ -36,7 +36,7 @@ def _summary(flights: Sequence[Flight]) -> dict[str, float]:
 def _report(search: Search, tuned: Tuned) -> dict[str, Any]:
     pairs: Any = zip(tuned.before, tuned.after, strict=True)
     return {
-        "controller": search.controller,
+        "controller": str(search.controller),
         "figure": search.figure,
         "gains": {name: {"before": old, "after": new} for name, (old, new) in tuned.gains.items()},
         "options": tuned.options,
@@ -97,7 +97,7 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add, start, flown = parser.add_argument, Search(), Scenario()
-    add("controller", metavar="NAME", help="NAME or NAME:FILE, see `crazyflie controllers`")
+    add("controller", metavar="NAME", help="NAME, NAME:FILE or python:FILE:NAME, see `crazyflie controllers`")
     add("--options", type=_object, default={}, metavar="JSON", help="where the search starts, else the defaults")
     add("--gains", nargs="+", default=[], metavar="GAIN", help="x.kp, or all of a group: x (default: all)")
     add("--figure", choices=FIGURES, default=start.figure, help="what counts (default: %(default)s)")

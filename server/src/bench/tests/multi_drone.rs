@@ -9,7 +9,7 @@ use super::*;
 
 fn fly(bench: &Bench, scenario: &str, controller: &str, avoid: bool) -> Document {
     let controller = ControllerSpec::named(controller).unwrap();
-    submit_now(bench, scenario, &Entrant { controller, avoid }).unwrap()
+    submit_now(bench, scenario, &Entrant { controllers: vec![controller], avoid }).unwrap()
 }
 
 /// Straight through the middle nobody arrives; where all keep their places, avoidance only disturbs.

@@ -1,0 +1,62 @@
+//! Controllers that are written in Python. This crate knows no Python: the Python package says how they are
+//! made, where the program runs inside it.
+
+use std::sync::OnceLock;
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::spec::ControllerFactory;
+use super::{Entry, defaults};
+use crazyflie_env::error::Result;
+
+/// A controller as its file gives it.
+#[derive(Debug, Clone, Copy)]
+pub struct PythonSource<'a> {
+    /// Path of the file as it was asked for; for tracebacks and for imports from its folder.
+    pub path: &'a str,
+    /// What is in the file.
+    pub code: &'a [u8],
+    /// The class or function in it that makes the controller.
+    pub name: &'a str,
+    /// Keyword arguments of that class or function.
+    pub options: &'a Value,
+}
+
+/// Reads a file into what makes its controllers.
+pub type PythonLoader = fn(&PythonSource<'_>) -> Result<Box<dyn ControllerFactory>>;
+
+static LOADER: OnceLock<PythonLoader> = OnceLock::new();
+
+/// Says how Python files are read in this process; the first call counts.
+pub fn set_python_loader(loader: PythonLoader) {
+    LOADER.get_or_init(|| loader);
+}
+
+/// Whatever the class or function of the file takes.
+#[derive(Debug, Default, Serialize, Deserialize)]
+struct Options {}
+
+pub(super) const ENTRY: Entry = Entry {
+    name: "python",
+    also: None,
+    about: "A controller of one's own in Python: a class or function of a file, called as NAME(num_envs, interface, **options) for an object with \
+            act(rows) -> actions, called once a tick for all environments; reset(mask) and set_mode(mode) if it has them",
+    source: "the file",
+    file: Some("Python code"),
+    member: Some("the class or function in it that makes the controller"),
+    options: &[],
+    defaults: defaults::<Options>,
+    build: |given, site| {
+        let load = LOADER.get().ok_or_else(|| {
+            given.problem("this program has no Python in it: expected the one of the Python package (pip install crazyflie-gym)")
+        })?;
+        let source = PythonSource {
+            path: given.path,
+            code: given.file.unwrap_or_default(),
+            name: given.member,
+            options: given.options,
+        };
+        load(&source)?.build(site)
+    },
+};

@@ -1,0 +1,72 @@
+//! The benchmark in this process, without a server.
+
+use std::path::PathBuf;
+
+use crazyflie_server::bench::robustness::compare;
+use crazyflie_server::bench::{Bench, Entrant, Error, TeamLimits, baselines, default_path};
+use pyo3::prelude::*;
+use serde_json::Value;
+
+use crate::custom::spec;
+use crate::errors::guarded;
+
+fn json(value: &impl serde::Serialize) -> Result<String, Error> {
+    serde_json::to_string(value).map_err(|e| crazyflie_env::Error::Config(e.to_string()).into())
+}
+
+fn parsed(options: &str) -> PyResult<Value> {
+    guarded(|| {
+        serde_json::from_str(options).map_err(|e| crazyflie_env::Error::Config(format!("options: {e}")))
+    })
+}
+
+/// Attempts at a scenario (or "all") from beginning to end, stored in the database `data` (that of `crazyflie
+/// bench` unless given); `controllers`: one for all drones, or one for each. Returns the signed documents, a
+/// JSON list.
+#[pyfunction]
+#[pyo3(signature = (controllers, scenario, *, options = "null", collision_avoidance = false, data = None))]
+pub fn submit(
+    py: Python<'_>,
+    controllers: Vec<Bound<'_, PyAny>>,
+    scenario: &str,
+    options: &str,
+    collision_avoidance: bool,
+    data: Option<PathBuf>,
+) -> PyResult<String> {
+    let options = parsed(options)?;
+    let controllers =
+        controllers.iter().map(|asked| spec(asked, options.clone(), None)).collect::<PyResult<_>>()?;
+    let entrant = Entrant { controllers, avoid: collision_avoidance };
+    let data = data.unwrap_or_else(default_path);
+    py.detach(|| {
+        guarded(|| {
+            let bench = Bench::open(&data, TeamLimits::default())?;
+            let ids = match scenario {
+                "all" => bench.scenarios().iter().map(|scenario| scenario.id()).collect(),
+                name => vec![bench.scenario(name)?.id()],
+            };
+            let documents: Result<Vec<_>, Error> =
+                ids.iter().map(|id| baselines::submit(&bench, id, &entrant)).collect();
+            json(&documents?)
+        })
+    })
+}
+
+/// Flies controllers in scenarios under every condition of `crazyflie bench robustness`, for the seeds
+/// `first_seed` and so on. Returns a row for each, as a JSON list.
+#[pyfunction]
+#[pyo3(signature = (controllers, scenarios, seeds, first_seed, *, options = "null"))]
+pub fn robustness(
+    py: Python<'_>,
+    controllers: Vec<Bound<'_, PyAny>>,
+    scenarios: Vec<String>,
+    seeds: u32,
+    first_seed: u64,
+    options: &str,
+) -> PyResult<String> {
+    let options = parsed(options)?;
+    let chosen =
+        controllers.iter().map(|asked| spec(asked, options.clone(), None)).collect::<PyResult<Vec<_>>>()?;
+    let seeds: Vec<u64> = (0..u64::from(seeds)).map(|i| first_seed.wrapping_add(i)).collect();
+    py.detach(|| guarded(|| json(&compare(&chosen, &scenarios, &seeds, &|| {})?)))
+}
