@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use crate::coupling::Knowledge;
 use crate::effects::{self, Entry, Param};
 use crate::error::{Error, Result, check_range, unknown};
+use crate::expression::{find_expression_field, parse_reward, parse_termination};
 use crate::model::VerticalInput;
 use crate::observation::ObservationChoice;
 use crate::task;
@@ -275,6 +276,16 @@ pub struct Options {
     /// Ticks that an observation holds, the newest last; 1 for now alone.
     #[serde(skip_serializing_if = "is_one")]
     pub history: usize,
+    /// A reward of one's own in place of the task's: an expression over [`crate::expression::expression_fields`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reward: Option<String>,
+    /// A condition that ends a drone's flight in place of the task's own end. Crashes, collisions and the
+    /// walls end it anyway.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub termination: Option<String>,
+    /// Fields whose numbers at the end of a step, before any reset, are kept for the caller.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub watch: Vec<String>,
 }
 
 /// What was not chosen is not written: so published configurations keep their hash.
@@ -301,6 +312,9 @@ impl Default for Options {
             radius_m: 0.069,
             observation: ObservationChoice::default(),
             history: 1,
+            reward: None,
+            termination: None,
+            watch: Vec::new(),
         }
     }
 }
@@ -323,6 +337,9 @@ impl Options {
         check_effects(&options.effects)?;
         options.each.iter().try_for_each(|each| check_effects(&each.effects))?;
         check_range("radius_m", options.radius_m, 0.0, 0.5)?;
+        options.reward.as_deref().map(parse_reward).transpose()?;
+        options.termination.as_deref().map(parse_termination).transpose()?;
+        options.watch.iter().try_for_each(|name| find_expression_field(name).map(drop))?;
         Ok(options)
     }
 

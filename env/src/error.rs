@@ -20,6 +20,12 @@ pub enum Error {
     Controller { name: String, problem: String },
     #[error("configuration: {0}")]
     Config(String),
+    #[error("{name} {text:?}, column {column}: {problem}")]
+    Expression { name: &'static str, text: String, column: usize, problem: String },
+    #[error(
+        "{name} {text:?} is {value} in environment {env}, drone {drone}, at step {step} of its episode: expected a finite number"
+    )]
+    NotFinite { name: &'static str, text: String, value: f32, env: usize, drone: usize, step: u64 },
     #[error("environment {env} has ended: reset it before the next step (options={{\"reset_mask\": ...}})")]
     Ended { env: usize },
     #[error("call reset() before step()")]

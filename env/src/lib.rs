@@ -10,6 +10,7 @@ pub mod dual;
 pub mod effects;
 pub mod error;
 pub mod estimator;
+pub mod expression;
 pub mod identified;
 pub mod isa;
 pub mod lanes;

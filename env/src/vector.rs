@@ -7,6 +7,7 @@
 
 mod buffers;
 mod coupled;
+mod judgement;
 mod observer;
 mod uncoupled;
 
@@ -28,6 +29,7 @@ use crate::sim_scalar::BatchScalar;
 use crate::task::{self, Task, Visitor};
 
 use coupled::CoupledShard;
+use judgement::Fault;
 use uncoupled::UncoupledShard;
 
 pub use crate::rows::{STATE, state_index};
@@ -64,6 +66,10 @@ pub struct VectorEnv {
     width: usize,
     /// What is measured, where observations hold something else.
     measured: Vec<f32>,
+    /// Numbers of each drone in [`VectorEnv::watched`].
+    watched: usize,
+    /// Rewards and ends that are not the task's, as they were written.
+    texts: [Option<String>; 2],
     /// Numbers per environment in [`StepBuffers::metrics`].
     metrics: usize,
     /// Environments per shard but the last.
@@ -101,6 +107,10 @@ trait Shard: Send {
     fn states(&self, rows: &mut [f32]);
     fn last_of_episode(&self, env: usize) -> Option<(&[f32], &[f32])>;
     fn loads(&self, rows: &mut [f32]) -> bool;
+    /// Numbers of the last step that were asked for, a row for each drone.
+    fn watched(&self) -> &[f32];
+    /// The first number of the last step that is none, with its environment counted from the shard's first.
+    fn take_fault(&mut self) -> Option<Fault>;
     fn archive(&mut self, archive: &mut Archive<'_>);
 }
 
@@ -213,6 +223,8 @@ impl VectorEnv {
             envs,
             width,
             measured: vec![0.0; kept],
+            watched: judgement::watched_width(options)?,
+            texts: [options.reward.clone(), options.termination.clone()],
             metrics,
             share,
             team,
@@ -309,7 +321,7 @@ impl VectorEnv {
     /// # Errors
     /// Before anything moves: [`Error::NotReset`], [`Error::Shape`], [`Error::Action`] or
     /// [`Error::DroneAction`], and [`Error::Ended`] if an environment has ended and automatic resets are
-    /// disabled.
+    /// disabled. After the step: [`Error::NotFinite`] where a reward or end of the user's own is no number.
     pub fn step(&mut self, actions: &[f32], mut out: StepBuffers<'_>) -> Result<()> {
         if !self.ready {
             return Err(Error::NotReset);
@@ -337,7 +349,40 @@ impl VectorEnv {
             (shard, actions, measured, out.split(share, drones, width, metrics))
         });
         self.team.each(parts, |(shard, actions, measured, out)| shard.run(config, actions, measured, out));
+        self.check_finite()
+    }
+
+    /// Rewards and ends of a user's own were numbers in the last step.
+    fn check_finite(&mut self) -> Result<()> {
+        let share = self.share;
+        let faults = self.shards.iter_mut().map(|shard| shard.take_fault()).enumerate();
+        // all are taken, so that none is left for the next step
+        let first = faults.fold(None, |first, (i, fault)| first.or(fault.map(|fault| (i, fault))));
+        let Some((i, Fault { is_reward, value, env, drone, step })) = first else { return Ok(()) };
+        let (name, text) =
+            if is_reward { ("reward", &self.texts[0]) } else { ("termination", &self.texts[1]) };
+        let text = text.clone().unwrap_or_default();
+        Err(Error::NotFinite { name, text, value, env: i * share + env, drone, step })
+    }
+
+    /// Numbers that [`Options::watch`] asks for, of each drone at the end of the last step, before any reset.
+    ///
+    /// # Errors
+    /// [`Error::Shape`] unless `out` has [`VectorEnv::watched_width`] numbers for each drone.
+    pub fn watched(&self, out: &mut [f32]) -> Result<()> {
+        let per_env = self.num_drones() * self.watched;
+        check_length("watched", self.envs * per_env, out.len())?;
+        if per_env > 0 {
+            for (shard, rows) in self.shards.iter().zip(out.chunks_mut(self.share * per_env)) {
+                rows.copy_from_slice(shard.watched());
+            }
+        }
         Ok(())
+    }
+
+    /// Numbers of a drone in [`VectorEnv::watched`].
+    pub fn watched_width(&self) -> usize {
+        self.watched
     }
 
     fn check_actions(&mut self, actions: &[f32]) -> Result<()> {

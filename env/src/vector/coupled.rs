@@ -5,6 +5,7 @@ mod judge;
 mod start;
 
 use super::buffers::StepBuffers;
+use super::judgement::Fault;
 use super::{BatchConfig, Shard, ShardSpec};
 use crate::archive::Archive;
 use crate::config::Autoreset;
@@ -200,6 +201,14 @@ impl<R: BatchScalar, T: Task> Shard for CoupledShard<R, T> {
 
     fn loads(&self, rows: &mut [f32]) -> bool {
         self.batch.loads(rows)
+    }
+
+    fn watched(&self) -> &[f32] {
+        self.batch.watched()
+    }
+
+    fn take_fault(&mut self) -> Option<Fault> {
+        self.batch.take_fault()
     }
 
     fn archive(&mut self, archive: &mut Archive<'_>) {

@@ -5,11 +5,13 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 
 use super::buffers::{StepBuffers, TailBuffers, TileBuffers, TileRows};
+use super::judgement::{Fault, Judgement, Verdict};
 use super::observer::{Observer, RowPlace, Sight, row_width};
 use super::{BatchConfig, Shard, ShardSpec};
 use crate::archive::Archive;
 use crate::config::Autoreset;
 use crate::error::Result;
+use crate::expression::Moment;
 use crate::lanes::LANES;
 use crate::noise::episode_key;
 use crate::observation::{ACTION, ActionScale, Interface, OBSERVATION, observe};
@@ -50,6 +52,7 @@ pub(super) struct UncoupledShard<R: BatchScalar, T> {
     bits: Vec<Bits>,
     episodes: Vec<Episodes>,
     observer: Option<Observer<R>>,
+    judgement: Option<Judgement>,
     /// Numbers of an observation.
     width: usize,
     /// Last observation and true state of episodes that ended in the last step, kept when the environment was
@@ -147,6 +150,14 @@ impl<R: BatchScalar, T: Task> Shard for UncoupledShard<R, T> {
         false
     }
 
+    fn watched(&self) -> &[f32] {
+        self.judgement.as_ref().map_or(&[], Judgement::rows)
+    }
+
+    fn take_fault(&mut self) -> Option<Fault> {
+        self.judgement.as_mut()?.take_fault()
+    }
+
     fn archive(&mut self, archive: &mut Archive<'_>) {
         for tile in 0..self.bits.len() {
             let (slot, bits, episodes) =
@@ -180,6 +191,7 @@ impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
             bits: (0..tiles).map(|tile| Bits::new(envs - tile * LANES)).collect(),
             episodes: vec![Episodes { seed: [0; LANES], number: [0; LANES] }; tiles],
             observer: Observer::new(spec, 1)?,
+            judgement: Judgement::new(spec, 1)?,
             width,
             final_observations: vec![0.0; kept * width],
             final_states: vec![0.0; kept * STATE],
@@ -297,14 +309,32 @@ impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
             Situation { x, setpoint, action, last_action: &slot.last_action, contact: &tick.contact };
         let outcome = self.task.judge(0, &situation, &[], &scene);
         let broken = outside(x) | crashed(&tick.contact);
-        let reward = if T::CRASH_COST == 0.0 {
+        let mut reward = if T::CRASH_COST == 0.0 {
             outcome.reward
         } else {
             outcome.reward - R::select(broken, R::from_f64(T::CRASH_COST), R::zero())
         };
         let over = now_s.gt(params.last_s);
-        slot.last_action = *action;
         let row = observe(&tick.reading, now_s, &setpoint, action);
+        let mut ends = outcome.ends;
+        if let Some(judgement) = &mut self.judgement {
+            let moment = Moment {
+                own: &row,
+                x,
+                setpoint: &setpoint,
+                last_action: &slot.last_action,
+                impact_mps: tick.contact.impact_mps,
+                now_s,
+                broken,
+                arrived: outcome.arrived,
+                task_reward: reward,
+            };
+            let bits = self.bits[tile];
+            let mut verdict = Verdict { reward, ends };
+            judgement.decide(tile, 0, (bits.used & !bits.ended).into(), &moment, &mut verdict);
+            (reward, ends) = (verdict.reward, verdict.ends);
+        }
+        slot.last_action = *action;
         R::write(&row, out.observations, OBSERVATION);
         if let Some(observer) = &mut self.observer {
             let used = self.bits[tile].used.into();
@@ -312,7 +342,7 @@ impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
             observer.write(place, &Sight { own: &row, x, rows: &[] }, out.observed);
         }
         *out.rewards = *reward.array();
-        let (terminated, truncated) = (R::bits(outcome.ends | broken), R::bits(over));
+        let (terminated, truncated) = (R::bits(ends | broken), R::bits(over));
         flags(terminated, out.terminated);
         flags(truncated, out.truncated);
         let bits = &mut self.bits[tile];

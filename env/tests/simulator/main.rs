@@ -3,7 +3,9 @@
 mod derivatives;
 mod effects;
 mod effects_analytic;
+mod expressions;
 mod fleet;
+mod flight;
 mod model;
 mod observations;
 mod snapshot;

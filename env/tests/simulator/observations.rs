@@ -1,82 +1,19 @@
 //! What an observation may hold: the true state, a filter's estimate, fields by name, the last few ticks.
 
+use crate::flight::Flight;
 use crazyflie_env::config::Options;
 use crazyflie_env::estimator::{Estimator, SensorNoise};
 use crazyflie_env::isa::Level;
 use crazyflie_env::lanes::Lanes;
 use crazyflie_env::model::Model;
-use crazyflie_env::observation::{ACTION, ALL_FIELDS, OBSERVATION, find_field, index};
+use crazyflie_env::observation::{ALL_FIELDS, OBSERVATION, find_field, index};
 use crazyflie_env::scalar::Scalar;
-use crazyflie_env::vector::{STATE, StepBuffers, VectorEnv, state_index};
+use crazyflie_env::vector::{STATE, VectorEnv, state_index};
 
 /// Noise, late and lost frames, and a room full of disturbances.
 const EFFECTS: &str = r#""effects": {"camera_noise": {"xy_m": 0.004, "z_m": 0.008, "yaw_deg": 0.5}, "camera_latency": 0.05,
     "camera_fov": {"diagonal_deg": 120}, "drag_linear": {"uniform": [0, 0.5]}, "gust": {"sigma_mps2": 0.3}, "packet_loss": 0.05,
     "gyro_bias": {"bias_degps": 1, "rate_noise_degps": 0.5}}"#;
-
-struct Flight {
-    env: VectorEnv,
-    observations: Vec<f32>,
-    rewards: Vec<f32>,
-    terminated: Vec<bool>,
-    truncated: Vec<bool>,
-    flying: Vec<bool>,
-    metrics: Vec<f32>,
-    step: u64,
-}
-
-impl Flight {
-    fn new(envs: usize, options: &str) -> Self {
-        let options = Options::parse(&format!("{{{options}}}")).unwrap();
-        let mut env = VectorEnv::new(&[Model::thesis()], &options, envs).unwrap();
-        let rows = envs * env.num_drones();
-        let mut observations = vec![0.0; rows * env.width()];
-        let seeds: Vec<u64> = (0..envs as u64).collect();
-        env.reset(Some(&seeds), None, &mut observations).unwrap();
-        let (flying, metrics) =
-            if env.num_metrics() == 0 { (0, 0) } else { (rows, envs * env.num_metrics()) };
-        Flight {
-            env,
-            observations,
-            rewards: vec![0.0; rows],
-            terminated: vec![false; rows],
-            truncated: vec![false; rows],
-            flying: vec![true; flying],
-            metrics: vec![0.0; metrics],
-            step: 0,
-        }
-    }
-
-    /// Actions that depend on the environment and the step alone.
-    fn step(&mut self) {
-        let per_env = self.env.num_drones() * ACTION;
-        let action = |i: usize| {
-            let seed = (i / per_env) as u64 * 7919 + self.step * 64 + (i % per_env) as u64;
-            let share = (crazyflie_env::noise::scramble(seed) >> 40) as f32 / 8_388_608.0 - 1.0;
-            if i % ACTION == 3 { -0.3 + 0.1 * share } else { 0.6 * share }
-        };
-        let actions: Vec<f32> = (0..self.rewards.len() * ACTION).map(action).collect();
-        let out = StepBuffers {
-            observations: &mut self.observations,
-            rewards: &mut self.rewards,
-            terminated: &mut self.terminated,
-            truncated: &mut self.truncated,
-            flying: &mut self.flying,
-            metrics: &mut self.metrics,
-        };
-        self.env.step(&actions, out).unwrap();
-        self.step += 1;
-    }
-
-    fn row(&self, row: usize) -> &[f32] {
-        &self.observations[row * self.env.width()..(row + 1) * self.env.width()]
-    }
-
-    fn bits(&self, envs: usize) -> Vec<u32> {
-        let rows = envs * self.env.num_drones();
-        self.observations[..rows * self.env.width()].iter().map(|number| number.to_bits()).collect()
-    }
-}
 
 fn all_names() -> String {
     let names: Vec<String> = ALL_FIELDS.iter().map(|field| format!("{:?}", field.name)).collect();

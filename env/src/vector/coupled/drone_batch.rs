@@ -12,6 +12,7 @@ use crate::plant::{Accelerations, Command, State};
 use crate::rows::{STATE, state_row, write_lane};
 use crate::sim_scalar::BatchScalar;
 use crate::task::{GOAL, Outcome, Scene, Start};
+use crate::vector::judgement::{Fault, Judgement};
 use crate::vector::observer::{Observer, row_width};
 use crate::vector::{BatchConfig, METRICS, ShardSpec};
 use crate::world::{Around, Contact, GROUP, Settings, Tick, World};
@@ -92,6 +93,7 @@ pub(in crate::vector) struct DroneBatch<R: BatchScalar> {
     boards: Vec<R>,
     pub(in crate::vector) scratch: Scratch<R>,
     pub(in crate::vector) observer: Option<Observer<R>>,
+    pub(in crate::vector) judgement: Option<Judgement>,
     pub(in crate::vector) final_observations: Vec<f32>,
     pub(in crate::vector) final_states: Vec<f32>,
 }
@@ -138,11 +140,18 @@ impl<R: BatchScalar> DroneBatch<R> {
             boards: vec![zero; tiles * board],
             scratch: Scratch::new(drones, board),
             observer: Observer::new(spec, drones)?,
+            judgement: Judgement::new(spec, drones)?,
             final_observations: vec![0.0; kept * drones * row_width(options, drones)?],
             final_states: vec![0.0; kept * drones * STATE],
         })
     }
 
+    pub(in crate::vector) fn watched(&self) -> &[f32] {
+        self.judgement.as_ref().map_or(&[], Judgement::rows)
+    }
+    pub(in crate::vector) fn take_fault(&mut self) -> Option<Fault> {
+        self.judgement.as_mut()?.take_fault()
+    }
     pub(in crate::vector) fn len(&self) -> usize {
         self.drones.len()
     }

@@ -2,12 +2,14 @@
 
 use super::drone_batch::{DroneBatch, neighbour};
 use crate::coupling::NEIGHBOUR;
+use crate::expression::Moment;
 use crate::lanes::LANES;
 use crate::observation::{OBSERVATION, observe};
 use crate::rows::{lanes_of, write_lane};
 use crate::scalar::Scalar;
 use crate::sim_scalar::BatchScalar;
 use crate::task::{crashed, outside};
+use crate::vector::judgement::Verdict;
 use crate::vector::observer::{RowPlace, Sight};
 use crate::vector::{BatchConfig, METRICS, StepBuffers};
 
@@ -148,7 +150,11 @@ impl<R: BatchScalar> DroneBatch<R> {
         let flies = R::mask(self.slot(tile, drone).flying.into());
         let hit = flies & self.scratch.hit[drone];
         let crash = flies & (outside(x) | crashed(contact)) & !hit;
-        let done = flies & outcome.ends & !(hit | crash);
+        let cost = R::select(hit | crash, R::from_f64(config.crash_cost), R::zero());
+        let task_reward = R::select(flies, outcome.reward, R::zero()) - cost;
+        let mut verdict = Verdict { reward: task_reward, ends: outcome.ends };
+        self.judge_anew(tile, place, drone, hit | crash, &mut verdict);
+        let done = flies & verdict.ends & !(hit | crash);
         let one = |mask: R::Mask| R::select(mask, R::from_f64(1.0), R::zero());
         let stats = &mut self.tiles[tile].stats;
         stats.collisions += one(hit);
@@ -162,9 +168,38 @@ impl<R: BatchScalar> DroneBatch<R> {
         let truncated = slot.flying & !terminated & over;
         slot.flying &= !(terminated | over);
         slot.last_action = action;
-        let cost = R::select(hit | crash, R::from_f64(config.crash_cost), R::zero());
-        let reward = R::select(flies, outcome.reward, R::zero()) - cost;
+        let reward = R::select(flies, verdict.reward, R::zero());
         End { reward, arrived: outcome.arrived, terminated, truncated, flying: slot.flying }
+    }
+
+    /// A user's own reward and end in place of the task's.
+    #[inline(always)]
+    fn judge_anew(
+        &mut self,
+        tile: usize,
+        place: usize,
+        drone: usize,
+        broken: R::Mask,
+        verdict: &mut Verdict<R>,
+    ) {
+        let n = self.drones.len();
+        let Some(judgement) = &mut self.judgement else { return };
+        let (slot, world) = (&self.slots[tile * n + drone], &self.drones[drone]);
+        let (now_s, setpoint) = (world.time_s(tile), &self.scratch.setpoints[drone]);
+        let reading = &self.scratch.ticks[drone][place].reading;
+        let own = observe(reading, now_s, setpoint, &self.scratch.actions[drone][place]);
+        let moment = Moment {
+            own: &own,
+            x: world.state(tile),
+            setpoint,
+            last_action: &slot.last_action,
+            impact_mps: self.scratch.contacts[drone].impact_mps,
+            now_s,
+            broken,
+            arrived: self.scratch.outcomes[drone].arrived,
+            task_reward: verdict.reward,
+        };
+        judgement.decide(tile, drone, slot.flying.into(), &moment, verdict);
     }
 
     /// The first observations of the envs of `bits`.
