@@ -51,9 +51,10 @@ impl fmt::Display for Failure {
 impl From<EnvError> for Failure {
     fn from(error: EnvError) -> Self {
         match error {
-            EnvError::Unknown { .. } | EnvError::Range { .. } | EnvError::Config(_) => {
-                Failure::Usage(error.to_string())
-            }
+            EnvError::Unknown { .. }
+            | EnvError::Range { .. }
+            | EnvError::Config(_)
+            | EnvError::Expression { .. } => Failure::Usage(error.to_string()),
             other => Failure::Failed(other.to_string()),
         }
     }

@@ -27,9 +27,9 @@ struct Rig {
 }
 
 impl Rig {
-    fn new(envs: usize, threads: usize, isa: &str, effects: bool) -> Self {
+    fn new(envs: usize, threads: usize, isa: &str, effects: bool, more: &str) -> Self {
         let text = format!(
-            "{{\"max_episode_steps\": 500, \"threads\": {threads}, \"isa\": \"{isa}\"{}}}",
+            "{{\"max_episode_steps\": 500, \"threads\": {threads}, \"isa\": \"{isa}\"{}{more}}}",
             if effects { format!(", {EFFECTS}") } else { String::new() }
         );
         let options = Options::parse(&text).expect("options of the benchmark");
@@ -84,7 +84,7 @@ fn bench(c: &mut Criterion) {
             let one_core = sizes.into_iter().filter(|envs| best || *envs == 1024).map(|envs| (envs, 1));
             let others = [(1, 1), (65536, 2)].into_iter().filter(|_| best);
             for (envs, threads) in one_core.chain(others) {
-                let mut rig = Rig::new(envs, threads, level.name(), effects);
+                let mut rig = Rig::new(envs, threads, level.name(), effects, "");
                 for _ in 0..600 {
                     rig.step();
                 }
@@ -97,6 +97,23 @@ fn bench(c: &mut Criterion) {
             group.finish();
         }
     }
+}
+
+/// Rewards and ends of a user's own, beside the task's at the same size.
+fn bench_expressions(c: &mut Criterion) {
+    let mut group = c.benchmark_group("expression");
+    let own = r#", "reward": "exp(-4*dist**2) - 0.01*rate2""#;
+    let both = format!("{own}, \"termination\": \"dist > 2 or tilt > 0.8\"");
+    let watched = r#", "watch": ["dist", "rate2", "vel_mps"]"#;
+    for (name, more) in [("built_in", ""), ("reward", own), ("reward_and_end", &both), ("watched", watched)] {
+        let mut rig = Rig::new(4096, 1, Level::best().name(), false, more);
+        for _ in 0..600 {
+            rig.step();
+        }
+        group.throughput(Throughput::Elements(4096));
+        group.bench_function(name, |b| b.iter(|| rig.step()));
+    }
+    group.finish();
 }
 
 /// The processor's name, where the system says it.
@@ -112,5 +129,5 @@ fn load() -> String {
     load.split(' ').next().filter(|l| !l.is_empty()).unwrap_or("unknown").into()
 }
 
-criterion_group! { name = steps; config = Criterion::default().sample_size(20).measurement_time(std::time::Duration::from_secs(2)); targets = bench }
+criterion_group! { name = steps; config = Criterion::default().sample_size(20).measurement_time(std::time::Duration::from_secs(2)); targets = bench, bench_expressions }
 criterion_main!(steps);

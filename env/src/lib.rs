@@ -29,6 +29,7 @@ mod schedule;
 pub mod sim_scalar;
 mod state_space;
 pub mod task;
+pub mod task_file;
 pub mod vector;
 pub mod world;
 

@@ -107,6 +107,8 @@ trait Shard: Send {
     fn states(&self, rows: &mut [f32]);
     fn last_of_episode(&self, env: usize) -> Option<(&[f32], &[f32])>;
     fn loads(&self, rows: &mut [f32]) -> bool;
+    /// Ends flights, a flag for each drone.
+    fn end(&mut self, drones: &[bool]);
     /// Numbers of the last step that were asked for, a row for each drone.
     fn watched(&self) -> &[f32];
     /// The first number of the last step that is none, with its environment counted from the shard's first.
@@ -363,6 +365,27 @@ impl VectorEnv {
             if is_reward { ("reward", &self.texts[0]) } else { ("termination", &self.texts[1]) };
         let text = text.clone().unwrap_or_default();
         Err(Error::NotFinite { name, text, value, env: i * share + env, drone, step })
+    }
+
+    /// Ends flights by a caller's own rule, as a task's own end does: with [`Autoreset::NextStep`] the next
+    /// step resets an environment that has none left. A flag for each drone.
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::NotReset`], and [`Error::Config`] with [`Autoreset::SameStep`], whose resets have
+    /// been by now.
+    pub fn end_flights(&mut self, drones: &[bool]) -> Result<()> {
+        let per_env = self.num_drones();
+        check_length("ends", self.envs * per_env, drones.len())?;
+        if !self.ready {
+            return Err(Error::NotReset);
+        }
+        if self.config.autoreset == Autoreset::SameStep {
+            return Err(Error::Config("autoreset same_step: flights cannot be ended after a step".into()));
+        }
+        for (shard, flags) in self.shards.iter_mut().zip(drones.chunks(self.share * per_env)) {
+            shard.end(flags);
+        }
+        Ok(())
     }
 
     /// Numbers that [`Options::watch`] asks for, of each drone at the end of the last step, before any reset.

@@ -26,8 +26,8 @@ mod _native {
     use crate::picture::{ansi, path, render};
     #[pymodule_export]
     use crate::registry::{
-        check_model, cli, effects, model_text, neighbour_fields, observable_fields, observation_choices,
-        observation_fields, tasks,
+        check_model, cli, effects, expression_fields, expression_functions, model_text, neighbour_fields,
+        observable_fields, observation_choices, observation_fields, read_task, tasks,
     };
     #[pymodule_export]
     use crate::remote::Remote;

@@ -3,6 +3,7 @@
 use crazyflie_env::coupling::NEIGHBOUR_FIELDS;
 use crazyflie_env::model::{Model, THESIS_TOML};
 use crazyflie_env::observation::{ALL_FIELDS, CHOICES, Field, NamedChoice, ObservationChoice};
+use crazyflie_env::task_file::TaskFile;
 use crazyflie_env::{effects as effect, task};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -94,6 +95,26 @@ pub fn observation_choices(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
         Ok(dict)
     };
     CHOICES.iter().map(choice_dict).collect()
+}
+
+/// Every field that a reward or termination may name, as dicts like those of `observation_fields`.
+#[pyfunction]
+pub fn expression_fields(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
+    crazyflie_env::expression::expression_fields().map(|field| field_dict(py, field)).collect()
+}
+
+/// Every function that a reward or termination may call, by name.
+#[pyfunction]
+pub fn expression_functions() -> Vec<&'static str> {
+    crazyflie_env::expression::expression_functions().collect()
+}
+
+/// Read a task file (TOML or JSON) and return its id, its description and its options as JSON; `ValueError` says what
+/// is wrong and where.
+#[pyfunction]
+pub fn read_task(text: &str) -> PyResult<(String, String, String)> {
+    let file = guarded(|| TaskFile::parse(text))?;
+    Ok((file.id(), file.about.clone(), serde_json::Value::Object(file.options).to_string()))
 }
 
 /// The layout of what follows an observation row for each of the other drones of an environment.

@@ -104,7 +104,7 @@ impl Interface {
 
 /// A batch of `num_envs` environments. `options` is JSON (see `crazyflie_gym.options`), `models` the texts of
 /// model files: none for the thesis's, one for all drones, or one for each drone of an environment.
-#[pyclass(module = "crazyflie_gym._native")]
+#[pyclass(subclass, module = "crazyflie_gym._native")]
 pub struct Sim {
     env: GuardedCell<VectorEnv>,
     models: Vec<Model>,
@@ -363,6 +363,29 @@ impl Sim {
                 PyArray1::from_vec(py, rows).call_method1("reshape", (PyTuple::new(py, self.shape(width))?,))
             }
         }
+    }
+
+    /// The numbers that the option `watch` asks for, of each drone at the end of the last step, before any reset:
+    /// float32 (num_envs, numbers), or (num_envs, num_drones, numbers).
+    fn watched<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let env = self.env.get()?;
+        let shape = [&self.lead[..], &[env.watched_width()]].concat();
+        let rows = empty::<f32>(py, PyTuple::new(py, &shape)?)?;
+        let mut out = output::<f32>("watched", &shape, &rows)?;
+        guarded(|| env.watched(out.as_slice_mut().unwrap_or_default()))?;
+        Ok(rows)
+    }
+
+    /// End flights by a rule of one's own: bool (num_envs,), or (num_envs, num_drones). With resets in the next step
+    /// that step resets them. `ValueError` where resets happen in the same step.
+    fn end_flights(&mut self, ends: &Bound<'_, PyAny>) -> PyResult<()> {
+        let flags = read_mask("ends", &self.lead, ends)?;
+        let env = self.env.get()?;
+        guarded(|| env.end_flights(&flags))?;
+        for (flying, ends) in self.flying.iter_mut().zip(flags.iter()) {
+            *flying &= !ends;
+        }
+        Ok(())
     }
 
     /// After a step of a task of several drones: bool (num_envs, num_drones), which ones fly on, so that

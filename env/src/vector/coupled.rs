@@ -203,6 +203,10 @@ impl<R: BatchScalar, T: Task> Shard for CoupledShard<R, T> {
         self.batch.loads(rows)
     }
 
+    fn end(&mut self, drones: &[bool]) {
+        self.batch.end_flights(drones);
+    }
+
     fn watched(&self) -> &[f32] {
         self.batch.watched()
     }

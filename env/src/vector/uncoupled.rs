@@ -150,6 +150,14 @@ impl<R: BatchScalar, T: Task> Shard for UncoupledShard<R, T> {
         false
     }
 
+    fn end(&mut self, drones: &[bool]) {
+        for (bits, flags) in self.bits.iter_mut().zip(drones.chunks(LANES)) {
+            for (lane, _) in flags.iter().enumerate().filter(|(_, ends)| **ends) {
+                bits.ended |= 1 << lane;
+            }
+        }
+    }
+
     fn watched(&self) -> &[f32] {
         self.judgement.as_ref().map_or(&[], Judgement::rows)
     }

@@ -26,6 +26,8 @@ from crazyflie_gym._native import (
     check_model,
     controllers,
     effects,
+    expression_fields,
+    expression_functions,
     metrics,
     model_text,
     neighbour_fields,
@@ -36,6 +38,7 @@ from crazyflie_gym._native import (
     tasks,
 )
 from crazyflie_gym.env import CrazyflieEnv
+from crazyflie_gym.own_task import make_task, register_task
 from crazyflie_gym.png import save_png
 from crazyflie_gym.spaces import STATE_FIELDS, flatten, split
 from crazyflie_gym.swarm import CrazyflieSwarm
@@ -55,13 +58,17 @@ __all__ = [
     "check_model",
     "controllers",
     "effects",
+    "expression_fields",
+    "expression_functions",
     "flatten",
+    "make_task",
     "metrics",
     "model_text",
     "neighbour_fields",
     "observable_fields",
     "observation_choices",
     "observation_fields",
+    "register_task",
     "render",
     "save_png",
     "split",

@@ -15,6 +15,7 @@ from crazyflie_gym.actions import fly_with
 from crazyflie_gym.backend import RemoteBackend
 from crazyflie_gym.make_backend import make_backend, make_controller
 from crazyflie_gym.options import Model
+from crazyflie_gym.own_judgement import Reward
 from crazyflie_gym.rendering import RENDER_MODES, Screen, check_render_mode
 from crazyflie_gym.seeding import as_seeds, draw_seeds
 from crazyflie_gym.spaces import Choice, RowLayout, action_space, choice_and_form
@@ -56,6 +57,10 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
             `crazyflie_gym.neighbour_fields()`.
         form: "flat" for a Box of rows, "dict" for a Dict by field.
         history: ticks that an observation holds, 1 to 64: the newest last, at the beginning all alike.
+        reward: a reward of one's own: an expression over `crazyflie_gym.expression_fields()`, such as
+            "exp(-4*dist**2) - 0.01*rate2", or a function of such fields, which gets arrays of all environments.
+        termination: a condition that ends a flight in place of the task's own, such as "dist > 2", or a function that
+            returns bools. A crash, a collision and leaving the room end it anyway.
         true_state: give the true state, float32 (12,), or (drones, 12), as info["true_state"]; its layout is
             STATE_FIELDS.
         clip: cut actions off at -1 and 1. Without it more than round-off is an error.
@@ -88,6 +93,8 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         observation: Choice = "measured",
         form: str = "flat",
         history: int = 1,
+        reward: Reward = None,
+        termination: Reward = None,
         true_state: bool = False,
         clip: bool = False,
         render_mode: str | None = None,
@@ -119,6 +126,8 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
             draws=render_mode is not None,
             observation=observation,
             history=history,
+            reward=reward,
+            termination=termination,
         )
         rows = self.sim.num_drones if self.sim.has_drone_axis else None
         self._layout = RowLayout(observation, history, rows)

@@ -13,6 +13,7 @@ from crazyflie_gym._native import Controller, Crowd, Sim, check_model, model_tex
 from crazyflie_gym._types import AnyController
 from crazyflie_gym.backend import RemoteBackend
 from crazyflie_gym.options import Model, model_sources, native_autoreset, to_json
+from crazyflie_gym.own_judgement import JudgedSim, Reward, split_judgement
 from crazyflie_gym.spaces import Choice
 
 
@@ -39,6 +40,8 @@ def make_backend(
     draws: bool = False,
     observation: Choice = "measured",
     history: int = 1,
+    reward: Reward = None,
+    termination: Reward = None,
 ) -> Sim | RemoteBackend:
     """Return the simulation that the arguments of an environment ask for.
 
@@ -57,7 +60,9 @@ def make_backend(
                 check_model(text)
             except ValueError as error:
                 raise ValueError(f"{name}: {error}") from None
+    judgement, functions = split_judgement(reward, termination)
     options = to_json(
+        **judgement,
         task=task,
         task_options=task_options,
         vertical=vertical,
@@ -76,7 +81,9 @@ def make_backend(
     )
     if remote is None:
         texts = [model_text() if text is None else text for text, _ in models]
-        return Sim(num_envs, options, texts)
+        return JudgedSim(num_envs, options, texts, **functions) if functions else Sim(num_envs, options, texts)
+    if functions:
+        raise ValueError(f"{next(iter(functions))}: a server cannot call a function, expected an expression")
     if draws and (observation != "measured" or history != 1):
         raise ValueError(
             'render_mode: pictures of a server\'s flights are drawn from observation="measured" with history=1, got '

@@ -16,6 +16,7 @@ from crazyflie_gym.env import METRICS
 from crazyflie_gym.make_backend import episode_steps, make_backend, make_controller
 from crazyflie_gym.options import Model
 from crazyflie_gym.options import autoreset_mode as mode_named
+from crazyflie_gym.own_judgement import Reward
 from crazyflie_gym.seeding import Seeds, consecutive_seeds, draw_seeds, reset_mask
 from crazyflie_gym.spaces import Choice, RowLayout, action_space
 from crazyflie_gym.state import EnvState
@@ -61,6 +62,8 @@ class CrazyflieSwarm:
         clip: bool = False,
         observation: Choice = "measured",
         history: int = 1,
+        reward: Reward = None,
+        termination: Reward = None,
     ) -> None:
         self.mode = mode_named(autoreset_mode)
         sim = make_backend(
@@ -84,6 +87,8 @@ class CrazyflieSwarm:
             states=False,
             observation=observation,
             history=history,
+            reward=reward,
+            termination=termination,
         )
         assert isinstance(sim, Sim)
         if not sim.has_drone_axis:

@@ -19,6 +19,7 @@ from crazyflie_gym.actions import as_array, clip_actions, fly_with
 from crazyflie_gym.backend import RemoteBackend
 from crazyflie_gym.make_backend import episode_steps, make_backend, make_controller
 from crazyflie_gym.options import Model, autoreset_mode
+from crazyflie_gym.own_judgement import Reward
 from crazyflie_gym.rendering import RENDER_MODES, Screen, check_render_mode
 from crazyflie_gym.seeding import Seeds, as_seeds, consecutive_seeds, draw_seeds, reset_mask
 from crazyflie_gym.spaces import Choice, RowLayout, action_space, choice_and_form
@@ -70,6 +71,8 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         observation: Choice = "measured",
         form: str = "flat",
         history: int = 1,
+        reward: Reward = None,
+        termination: Reward = None,
         true_state: bool = False,
         clip: bool = False,
         render_mode: str | None = None,
@@ -106,6 +109,8 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
             draws=render_mode is not None,
             observation=observation,
             history=history,
+            reward=reward,
+            termination=termination,
         )
         self.num_envs = self.sim.num_envs
         rows = self.sim.num_drones if self.sim.has_drone_axis else None

@@ -61,7 +61,11 @@ impl From<Error> for ProtocolError {
         let code = match error {
             Error::Shape { .. } => Code::WrongLength,
             Error::Action { .. } | Error::DroneAction { .. } => Code::BadAction,
-            Error::Unknown { .. } | Error::Range { .. } | Error::Config(_) => Code::BadOptions,
+            Error::Unknown { .. }
+            | Error::Range { .. }
+            | Error::Config(_)
+            | Error::Expression { .. }
+            | Error::NotFinite { .. } => Code::BadOptions,
             Error::Model { .. } => Code::BadModel,
             Error::Ended { .. } => Code::Ended,
             Error::NotReset => Code::NotReset,

@@ -146,6 +146,18 @@ impl<R: BatchScalar> DroneBatch<R> {
         })
     }
 
+    /// A flag for each drone, environment by environment.
+    pub(in crate::vector) fn end_flights(&mut self, drones: &[bool]) {
+        let n = self.drones.len();
+        for (row, _) in drones.iter().enumerate().filter(|(_, ends)| **ends) {
+            let (env, drone) = (row / n, row % n);
+            self.slots[env / LANES * n + drone].flying &= !(1 << (env % LANES));
+        }
+        for (tile, slots) in self.tiles.iter_mut().zip(self.slots.chunks(n)) {
+            let flying = slots.iter().fold(0, |flying, slot| flying | slot.flying);
+            tile.ended = !flying & tile.used;
+        }
+    }
     pub(in crate::vector) fn watched(&self) -> &[f32] {
         self.judgement.as_ref().map_or(&[], Judgement::rows)
     }
