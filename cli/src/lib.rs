@@ -6,6 +6,7 @@ mod commands;
 mod diagnosis;
 mod explanation;
 mod failure;
+mod loop_plots;
 mod measured;
 mod recovery;
 mod remote_submit;
@@ -17,3 +18,4 @@ mod trims;
 mod tune;
 
 pub use commands::main_from;
+pub use loop_plots::{loop_picture, loop_reports, vertical_form};

@@ -1,6 +1,6 @@
 //! The picture of `crazyflie bench robustness`.
 
-use crazyflie_picture::{PALETTE, Panel, PictureError, Series, Style, chart};
+use crazyflie_picture::{PALETTE, Panel, PictureError, Scale, Series, Style, chart};
 
 use crazyflie_server::bench::robustness::{CONDITIONS, RobustnessRow};
 
@@ -10,21 +10,27 @@ use crazyflie_server::bench::robustness::{CONDITIONS, RobustnessRow};
 /// Those of drawing.
 pub(crate) fn picture(lines: &[RobustnessRow]) -> Result<String, PictureError> {
     let controllers = names(lines, |l| &l.controller);
+    let conditions = CONDITIONS.each_ref().map(|condition| condition.name);
     let scenarios: Vec<(&str, Vec<ScoreCurve>)> = names(lines, |l| &l.scenario)
         .into_iter()
         .map(|scenario| {
-            (scenario, controllers.iter().enumerate().map(|(i, c)| curve(lines, scenario, c, i)).collect())
+            (
+                scenario,
+                controllers
+                    .iter()
+                    .enumerate()
+                    .map(|(i, c)| curve(lines, scenario, c, i, controllers.len()))
+                    .collect(),
+            )
         })
         .collect();
     let panels: Vec<Panel> = scenarios
         .iter()
-        .flat_map(|(scenario, curves)| [scores(scenario, &controllers, curves), flights(scenario, lines)])
+        .flat_map(|(scenario, curves)| {
+            [scores(scenario, &conditions, &controllers, curves), flights(scenario, lines)]
+        })
         .collect();
-    chart(
-        &panels,
-        2,
-        "Score and 95 % interval: 1 nominal, 2 randomised, 3 undeclared effect; beside it the first nominal flight",
-    )
+    chart(&panels, 2, "Score and 95 % interval under each condition; beside it the first nominal flight")
 }
 
 /// Distances over time.
@@ -65,22 +71,35 @@ fn names<'a>(lines: &'a [RobustnessRow], name_of: impl Fn(&'a RobustnessRow) -> 
     all
 }
 
-fn curve(lines: &[RobustnessRow], scenario: &str, controller: &str, place: usize) -> ScoreCurve {
+fn curve(
+    lines: &[RobustnessRow],
+    scenario: &str,
+    controller: &str,
+    place: usize,
+    controllers: usize,
+) -> ScoreCurve {
     let own: Vec<&RobustnessRow> =
         lines.iter().filter(|l| l.scenario == scenario && l.controller == controller).collect();
     // side by side, so that intervals can be told apart
-    let x: Vec<f64> = (0..own.len()).map(|i| 1.0 + i as f64 + 0.04 * place as f64).collect();
+    let aside = 0.06 * (place as f64 - 0.5 * (controllers.saturating_sub(1)) as f64);
+    let x: Vec<f64> = (0..own.len()).map(|i| i as f64 + aside).collect();
     let intervals = x.iter().zip(&own).map(|(x, l)| ([*x, *x], [l.low, l.high])).collect();
     ScoreCurve { y: own.iter().map(|l| l.score).collect(), x, intervals }
 }
 
-fn scores<'a>(scenario: &'a str, controllers: &[&'a str], curves: &'a [ScoreCurve]) -> Panel<'a> {
+fn scores<'a>(
+    scenario: &'a str,
+    conditions: &'a [&'a str],
+    controllers: &[&'a str],
+    curves: &'a [ScoreCurve],
+) -> Panel<'a> {
     let mut series = Vec::new();
     for (i, (label, curve)) in controllers.iter().zip(curves).enumerate() {
         let color = PALETTE[i % PALETTE.len()];
         let all = curve.intervals.iter().map(|(x, y)| Series { label: "", x, y, style: Style::Solid, color });
         series.extend(all);
-        series.push(Series { label, x: &curve.x, y: &curve.y, style: Style::Dashed, color });
+        series.push(Series { label, x: &curve.x, y: &curve.y, style: Style::Points, color });
     }
-    Panel { title: scenario, x_label: "condition", y_label: "score", series, ..Panel::default() }
+    let x_scale = Scale::Categories(conditions);
+    Panel { title: scenario, x_label: "condition", y_label: "score", series, x_scale, ..Panel::default() }
 }

@@ -67,9 +67,11 @@ impl Gains {
         self
     }
 
+    /// Refuses gains that cannot be flown.
+    ///
     /// # Errors
     /// What is not a number, or limits the wrong way round.
-    pub(super) fn check(&self) -> std::result::Result<(), String> {
+    pub fn check(&self) -> std::result::Result<(), String> {
         for (name, l) in [("x", &self.x), ("y", &self.y), ("z", &self.z), ("yaw", &self.yaw)] {
             if [l.kp, l.ki, l.kd].iter().chain(&l.integral).chain(&l.output).any(|v| !v.is_finite()) {
                 return Err(format!("the loop {name} is {l:?}, expected finite numbers"));

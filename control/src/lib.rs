@@ -8,6 +8,7 @@ mod filtered;
 mod gains;
 mod hover;
 mod landing;
+pub mod loop_analysis;
 mod lqr;
 mod mpc;
 mod multi;

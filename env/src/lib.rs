@@ -30,6 +30,7 @@ pub mod sim_scalar;
 mod state_space;
 pub mod task;
 pub mod task_file;
+pub mod transfer_function;
 pub mod vector;
 pub mod world;
 

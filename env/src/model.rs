@@ -592,6 +592,8 @@ impl Model {
         }
         // a first-order form has no state for the velocity: the measured vz is the derivative of z
         c.set_row(6, &a.row(2));
-        Ok(StateSpace { a, b, c })
+        let mut d = SMatrix::<f64, 7, 4>::zeros();
+        d.set_row(6, &b.row(2));
+        Ok(StateSpace { a, b, c, d })
     }
 }

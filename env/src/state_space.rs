@@ -2,7 +2,7 @@
 
 use nalgebra::{SMatrix, SVector};
 
-/// x' = A x + B u, y = C x   (thesis 4.14)
+/// x' = A x + B u, y = C x + D u   (thesis 4.14)
 #[derive(Debug, Clone, PartialEq)]
 pub struct StateSpace {
     /// System matrix A; [`crate::model::Model::state_space`] lists the states.
@@ -11,6 +11,8 @@ pub struct StateSpace {
     pub b: SMatrix<f64, 12, 4>,
     /// Output matrix C, one row per measured quantity.
     pub c: SMatrix<f64, 7, 12>,
+    /// What a command changes at once: the climb rate of a first-order vertical form, and nothing else.
+    pub d: SMatrix<f64, 7, 4>,
 }
 
 impl StateSpace {

@@ -12,6 +12,8 @@ pub(crate) struct Axis {
     range: Range<f64>,
     at: Vec<f64>,
     digits: Digits,
+    /// In place of numbers, as many as `at`; empty for numbers.
+    names: Vec<String>,
 }
 
 /// How numbers on an axis are written: with so many decimals, or so many behind the first digit and an
@@ -58,7 +60,37 @@ impl Axis {
         } else {
             Digits::Exponent((1 + (size / step).log10().ceil() as usize).min(15))
         };
-        Self { range, at, digits }
+        Self { range, at, digits, names: Vec::new() }
+    }
+
+    /// An axis of decimal logarithms, with a number at each power of ten, or at 2 and 5 as well where there
+    /// would be fewer than two.
+    pub(crate) fn decades(range: Range<f64>) -> Self {
+        let (first, last) = (range.start.floor() as i32, range.end.ceil() as i32);
+        let fits = |power: &f64| *power >= range.start - 1e-9 && *power <= range.end + 1e-9;
+        let numbers = |parts: &[f64]| -> Vec<f64> {
+            let all =
+                (first..=last).flat_map(|decade| parts.iter().map(move |k| f64::from(decade) + k.log10()));
+            all.filter(fits).collect()
+        };
+        let mut at = numbers(&[1.0]);
+        if at.len() < 2 {
+            at = numbers(&[1.0, 2.0, 5.0]);
+        }
+        let text = |power: &f64| {
+            let (value, decimals) = (10_f64.powf(*power), (-power.floor()).max(0.0) as usize);
+            if (-4.0..6.0).contains(power) { format!("{value:.decimals$}") } else { format!("{value:.0e}") }
+        };
+        let names = at.iter().map(text).collect();
+        Self { range, at, digits: Digits::Fixed(0), names }
+    }
+
+    /// An axis with a name at each whole number from 0 on.
+    pub(crate) fn categories(names: &[&str]) -> Self {
+        let at = (0..names.len()).map(|i| i as f64).collect();
+        let names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
+        let range = -0.5..names.len() as f64 - 0.5;
+        Self { range, at, digits: Digits::Fixed(0), names }
     }
 
     pub(crate) fn start(&self) -> f64 {
@@ -100,6 +132,10 @@ impl Ranged for Axis {
 
 impl ValueFormatter<f64> for Axis {
     fn format_ext(&self, value: &f64) -> String {
+        let place = self.at.iter().position(|at| at == value);
+        if let Some(name) = place.and_then(|i| self.names.get(i)) {
+            return name.clone();
+        }
         match self.digits {
             Digits::Exponent(_) if *value == 0.0 => "0".to_owned(),
             Digits::Exponent(digits) => {
@@ -191,6 +227,13 @@ mod tests {
     fn recordings_that_end_short_of_a_number_get_it() {
         assert_eq!(Axis::tidy(0.0..7.98, 7).range, 0.0..8.0);
         assert_eq!(Axis::tidy(0.0..7.5, 7).range, 0.0..7.5);
+    }
+
+    #[test]
+    fn decades_and_categories_have_their_own_texts() {
+        assert_eq!(texts(&Axis::decades(-2.0..2.0)), ["0.01", "0.1", "1", "10", "100"]);
+        assert_eq!(texts(&Axis::decades(0.1..0.9)), ["2", "5"]);
+        assert_eq!(texts(&Axis::categories(&["a", "b"])), ["a", "b"]);
     }
 
     #[test]

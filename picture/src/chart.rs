@@ -6,6 +6,7 @@ use plotters::style::text_anchor::HPos;
 use crate::axis::{Axis, span};
 use crate::legend;
 use crate::panel::{check, entries};
+use crate::scale::{Scale, cut, x_axis};
 use crate::sheet::{
     Area, FAINT, FINE, FRAME, Style, dot, fine, fit, font, line, page, rgb, stroke, svg_error, text,
     text_width,
@@ -150,18 +151,21 @@ impl Plot {
             .draw()
             .map_err(svg_error)?;
         self.labels(area, panel)?;
+        let shown = y.start()..=y.end();
         for band in &panel.bands {
-            let corners = [(x.start(), band.low.min(band.high)), (x.end(), band.low.max(band.high))];
+            let edge = |value: f64| value.clamp(y.start(), y.end());
+            let corners =
+                [(x.start(), edge(band.low.min(band.high))), (x.end(), edge(band.low.max(band.high)))];
             let fill = rgb(band.color).mix(legend::BAND_OPACITY).filled();
             chart.draw_series([Rectangle::new(corners, fill)]).map_err(svg_error)?;
         }
-        for line in &panel.hlines {
+        for line in panel.hlines.iter().filter(|line| shown.contains(&line.y)) {
             let ends = vec![(x.start(), line.y), (x.end(), line.y)];
             let style = stroke(rgb(line.color), 1.2, true);
             chart.draw_series([PathElement::new(ends, style)]).map_err(svg_error)?;
         }
         let inside = chart.plotting_area().strip_coord_spec();
-        panel.series.iter().try_for_each(|series| curve(&inside, (&x, &y), series))
+        panel.series.iter().try_for_each(|series| curve(&inside, (&x, &y), panel.x_scale, series))
     }
 
     /// Axis labels, placed by hand so that neither can run into the numbers or out of the panel.
@@ -177,25 +181,42 @@ impl Plot {
     }
 }
 
-/// Draws a series on the plot's own page area, thinned to its pixels.
-fn curve(area: &Area, axes: (&Axis, &Axis), series: &Series) -> Result<(), PictureError> {
-    let points = place(series, axes, size(area));
+/// Draws a series on the plot's own page area, cut at its edges and thinned to its pixels.
+fn curve(area: &Area, axes: (&Axis, &Axis), scale: Scale, series: &Series) -> Result<(), PictureError> {
+    let (width, height) = size(area);
+    let points = place(series, axes, scale, (width, height));
     let color = rgb(series.color);
+    let is_inside = |(x, y): &(f64, f64)| (0.0..=width).contains(x) && (0.0..=height).contains(y);
     if series.style == Style::Points {
-        return thin::dots(points, 1.0).into_iter().try_for_each(|point| dot(area, point, 1.8, color));
+        let shown = points.into_iter().filter(is_inside).collect();
+        return thin::dots(shown, 1.0).into_iter().try_for_each(|point| dot(area, point, 1.8, color));
     }
-    let points = thin::line(points, 1.0);
-    if let [only] = points[..] {
-        return dot(area, only, 1.8, color);
+    let style = stroke(color, 1.6, series.style == Style::Dashed);
+    let thinned = |points| {
+        let points = thin::line(points, 1.0);
+        if let [only] = points[..] {
+            return dot(area, only, 1.8, color);
+        }
+        line(area, &points, style)
+    };
+    // rounding may leave the ends of an axis by a hair: only curves with limits leave it
+    let margin = |(x, y): &(f64, f64)| (-1.0..=width + 1.0).contains(x) && (-1.0..=height + 1.0).contains(y);
+    if points.iter().all(margin) {
+        return thinned(points);
     }
-    line(area, &points, stroke(color, 1.6, series.style == Style::Dashed))
+    cut(&points, width, height).into_iter().try_for_each(thinned)
 }
 
 /// From the units of the axes to CSS pixels within the plot.
-fn place(series: &Series, (x_axis, y_axis): (&Axis, &Axis), (width, height): (f64, f64)) -> Vec<(f64, f64)> {
+fn place(
+    series: &Series,
+    (x_axis, y_axis): (&Axis, &Axis),
+    scale: Scale,
+    (width, height): (f64, f64),
+) -> Vec<(f64, f64)> {
     let mut points = Vec::with_capacity(series.x.len());
     for (x, y) in series.x.iter().zip(series.y) {
-        let (right, down) = (x_axis.part(*x) * width, (1.0 - y_axis.part(*y)) * height);
+        let (right, down) = (x_axis.part(scale.position(*x)) * width, (1.0 - y_axis.part(*y)) * height);
         // A step holds the value before until the new one takes over.
         if let (Style::Step, Some((_, held))) = (series.style, points.last().copied()) {
             points.push((right, held));
@@ -213,12 +234,14 @@ fn size(area: &Area) -> (f64, f64) {
 
 /// The ranges of the axes: x the data, y the data, bands and lines with some room above and below.
 fn axes(panel: &Panel, panel_width: f64) -> (Axis, Axis) {
-    let x = span(panel.series.iter().flat_map(|s| s.x.iter().copied()));
+    let x = x_axis(panel, ((panel_width - 60.0) / X_NUMBER_PX) as usize);
+    if let Some([low, high]) = panel.y_limits {
+        return (x, Axis::exact(low..high, Y_NUMBERS));
+    }
     let levels = panel.hlines.iter().map(|line| line.y);
     let edges = panel.bands.iter().flat_map(|band| [band.low, band.high]);
     let values = panel.series.iter().flat_map(|s| s.y.iter().copied());
     let y = span(values.chain(levels).chain(edges));
     let room = 0.05 * (y.end - y.start);
-    let x_numbers = ((panel_width - 60.0) / X_NUMBER_PX) as usize;
-    (Axis::tidy(x, x_numbers), Axis::exact(y.start - room..y.end + room, Y_NUMBERS))
+    (x, Axis::exact(y.start - room..y.end + room, Y_NUMBERS))
 }

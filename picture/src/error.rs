@@ -69,6 +69,14 @@ pub enum PictureError {
         /// Title or label of the empty part.
         what: String,
     },
+    /// The ending of a file names no format.
+    #[error("no picture is drawn as {file:?}, name a file that ends in one of {known}")]
+    Format {
+        /// Path as given.
+        file: String,
+        /// Endings that there are.
+        known: String,
+    },
     /// The SVG writer failed.
     #[error("the SVG writer failed: {0}")]
     Svg(String),

@@ -2,6 +2,7 @@
 
 use crate::PictureError;
 use crate::legend::{Entry, Sample};
+use crate::scale::Scale;
 use crate::sheet::Style;
 
 /// Values whose size exceeds this cannot be laid out without overflowing.
@@ -61,6 +62,12 @@ pub struct Panel<'a> {
     pub bands: Vec<Band<'a>>,
     /// Horizontal lines behind the curves.
     pub hlines: Vec<HLine<'a>>,
+    /// What the x axis counts.
+    pub x_scale: Scale<'a>,
+    /// Lowest and highest x that is shown, in place of that of the curves, which are cut there.
+    pub x_limits: Option<[f64; 2]>,
+    /// Lowest and highest y that is shown, likewise.
+    pub y_limits: Option<[f64; 2]>,
 }
 
 /// The entries of the legend.
@@ -86,7 +93,19 @@ pub(crate) fn check(panel: &Panel) -> Result<(), PictureError> {
             return Err(PictureError::Empty { what: format!("series \"{label}\"") });
         }
         finite(&format!("series \"{label}\": x"), series.x, LARGEST)?;
+        panel.x_scale.check(&format!("series \"{label}\": x"), series.x)?;
         finite(&format!("series \"{label}\": y"), series.y, LARGEST)?;
+    }
+    for (axis, limits) in [("x", panel.x_limits), ("y", panel.y_limits)] {
+        let Some([low, high]) = limits else { continue };
+        let what = format!("the {axis} limits of \"{}\"", panel.title);
+        finite(&what, &[low, high], LARGEST)?;
+        if low >= high {
+            return Err(PictureError::OutOfRange { what, index: 1, value: high, low, high: LARGEST });
+        }
+    }
+    if let Some(limits) = panel.x_limits {
+        panel.x_scale.check(&format!("the x limits of \"{}\"", panel.title), &limits)?;
     }
     for band in &panel.bands {
         finite(&format!("band \"{}\"", band.label), &[band.low, band.high], LARGEST)?;

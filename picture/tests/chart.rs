@@ -3,7 +3,7 @@
 mod common;
 
 use common::{assert_on_page, curves, texts};
-use crazyflie_picture::{Band, HLine, PALETTE, Panel, PictureError, Series, Style, chart};
+use crazyflie_picture::{Band, HLine, PALETTE, Panel, PictureError, Scale, Series, Style, chart};
 use roxmltree::Document;
 
 const X: [f64; 3] = [0.0, 1.0, 2.0];
@@ -144,4 +144,43 @@ fn charts_that_cannot_be_drawn_say_why() {
     assert!(matches!(chart(&[panel(vec![])], 1, ""), Err(PictureError::Empty { .. })));
     let fine = panel(vec![series("", &X, &X, Style::Solid)]);
     assert!(matches!(chart(&[fine], 0, ""), Err(PictureError::ZeroSize { .. })));
+}
+
+#[test]
+fn a_curve_that_leaves_the_limits_ends_on_the_edge() {
+    let (x, y) = ([0.0, 1.0, 2.0, 3.0, 4.0], [0.0, 0.5, 1.0, 40.0, 9000.0]);
+    let mut shown = panel(vec![series("", &x, &y, Style::Solid)]);
+    shown.y_limits = Some([0.0, 2.0]);
+    let svg = chart(&[shown.clone()], 1, "").unwrap();
+    let document = Document::parse(&svg).unwrap();
+    let drawn = curves(&document, PALETTE[0]);
+    assert_eq!(drawn.len(), 1);
+    let (last, before) = (drawn[0][drawn[0].len() - 1], drawn[0][drawn[0].len() - 2]);
+    // it goes on rising to the edge, and is not drawn flat along it
+    assert!(last.1 < before.1 - 100.0 && last.0 > before.0, "{drawn:?}");
+    assert_on_page(&document);
+    shown.y_limits = Some([2.0, 2.0]);
+    assert!(matches!(chart(&[shown], 1, ""), Err(PictureError::OutOfRange { .. })));
+}
+
+#[test]
+fn categories_are_named_and_decades_are_evenly_apart() {
+    let mut shown = panel(vec![series("", &X, &[1.0, 2.0, 1.5], Style::Points)]);
+    shown.x_scale = Scale::Categories(&["nominal", "randomised", "undeclared"]);
+    let svg = chart(&[shown.clone()], 1, "").unwrap();
+    let all = texts(&Document::parse(&svg).unwrap());
+    assert!(["nominal", "randomised", "undeclared"].iter().all(|name| all.iter().any(|text| text == name)));
+    shown.x_scale = Scale::Categories(&["only"]);
+    assert!(matches!(chart(&[shown], 1, ""), Err(PictureError::OutOfRange { .. })));
+
+    let frequency = [0.1, 1.0, 10.0];
+    let mut bode = panel(vec![series("", &frequency, &[1.0, 2.0, 1.0], Style::Solid)]);
+    bode.x_scale = Scale::Log;
+    let svg = chart(&[bode.clone()], 1, "").unwrap();
+    let document = Document::parse(&svg).unwrap();
+    let drawn = &curves(&document, PALETTE[0])[0];
+    assert!((2.0 * drawn[1].0 - drawn[0].0 - drawn[2].0).abs() <= 2.0, "{drawn:?}");
+    assert!(["0.1", "1", "10"].iter().all(|number| texts(&document).iter().any(|text| text == number)));
+    bode.series[0].x = &X;
+    assert!(matches!(chart(&[bode], 1, ""), Err(PictureError::OutOfRange { .. })));
 }

@@ -7,6 +7,7 @@ mod controller;
 mod custom;
 mod errors;
 mod guarded_cell;
+mod linear;
 mod multi_controller;
 mod picture;
 mod registry;
@@ -20,6 +21,8 @@ mod _native {
     use crate::benchmark::{robustness, submit};
     #[pymodule_export]
     use crate::controller::{Controller, Pid, controllers};
+    #[pymodule_export]
+    use crate::linear::{loop_plots, loop_report, state_space, transfer_function};
     #[pymodule_export]
     use crate::multi_controller::{Crowd, metrics};
     #[pymodule_export]

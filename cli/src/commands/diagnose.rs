@@ -37,7 +37,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "GRAMS")]
     mass_g: Option<f64>,
     /// Draw the trims
-    #[arg(long, value_parser = files::picture, value_name = "FILE.svg")]
+    #[arg(long, value_parser = files::picture, value_name = "FILE.svg|png|pdf")]
     picture: Option<PathBuf>,
     /// Leave report.md, report.json and trims.svg here
     #[arg(long, value_name = "FOLDER")]
@@ -62,12 +62,12 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let json = serde_json::to_string_pretty(&report::as_json(&diagnosis, &demands))?;
     let text = report::as_text(&diagnosis, &demands);
     if let Some(picture) = &args.picture {
-        files::write(picture, report::picture(&diagnosis)?.as_bytes())?;
+        files::write_picture(picture, &report::picture(&diagnosis)?)?;
     }
     if let Some(folder) = &args.out {
         files::write(&folder.join("report.json"), json.as_bytes())?;
         files::write(&folder.join("report.md"), report::as_markdown(&diagnosis, &demands).as_bytes())?;
-        files::write(&folder.join("trims.svg"), report::picture(&diagnosis)?.as_bytes())?;
+        files::write_picture(&folder.join("trims.svg"), &report::picture(&diagnosis)?)?;
     }
     if args.json {
         writeln!(out, "{json}")?;

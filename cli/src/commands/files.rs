@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_identify::FlightLog;
+use crazyflie_picture::Format;
 
 use super::{Failure, Outcome};
 
@@ -25,19 +26,27 @@ pub(crate) fn write(path: &Path, bytes: &[u8]) -> Outcome {
     fs::write(path, bytes).map_err(failed)
 }
 
-/// Target of pictures, for clap: a file that ends in .svg, or a folder.
+/// File of a picture, for clap: its ending names a format.
 pub(crate) fn picture(text: &str) -> Result<PathBuf, String> {
     let path = PathBuf::from(text);
-    let is_folder = text.ends_with(std::path::is_separator) || path.is_dir();
-    if is_folder || path.extension().is_none() || is_svg(&path) {
-        return Ok(path);
-    }
-    Err("pictures are drawn as SVG; name a file that ends in .svg".into())
+    Format::from_path(&path).map(|_| path).map_err(|e| e.to_string())
+}
+
+/// Target of several pictures, for clap: a file whose ending names a format, or a folder.
+pub(crate) fn picture_or_folder(text: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    let is_folder = text.ends_with(std::path::is_separator) || path.is_dir() || path.extension().is_none();
+    if is_folder { Ok(path) } else { picture(text) }
 }
 
 /// Whether a path names one picture.
-pub(crate) fn is_svg(path: &Path) -> bool {
-    path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("svg"))
+pub(crate) fn is_picture(path: &Path) -> bool {
+    Format::from_path(path).is_ok()
+}
+
+/// Writes a chart in the format that the file's ending asks for.
+pub(crate) fn write_picture(path: &Path, svg: &str) -> Outcome {
+    write(path, &Format::from_path(path)?.encode(svg)?)
 }
 
 /// Writes a flight as CSV, or as MCAP if the file's name ends in that.

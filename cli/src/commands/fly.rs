@@ -75,10 +75,10 @@ pub(super) struct Args {
     #[arg(long, visible_alias = "log", value_name = "FILE")]
     csv: Option<PathBuf>,
     /// Draw the (first) flight over time
-    #[arg(long, value_parser = files::picture, value_name = "FILE.svg")]
+    #[arg(long, value_parser = files::picture, value_name = "FILE.svg|png|pdf")]
     picture: Option<PathBuf>,
     /// Draw the (first) flight's path through space
-    #[arg(long, value_parser = files::picture, value_name = "FILE.svg")]
+    #[arg(long, value_parser = files::picture, value_name = "FILE.svg|png|pdf")]
     picture3d: Option<PathBuf>,
     /// For machines
     #[arg(long)]
@@ -165,11 +165,7 @@ fn setup(args: &Args, controllers: &[ControllerSpec]) -> Outcome<Setup> {
     let labels: Vec<&str> = controllers.iter().map(|controller| &controller.label[..]).collect();
     let mut controller = controllers[0].clone();
     controller.label = labels.join(",");
-    let mut effects = match &args.sensors[..] {
-        "ideal" => EffectTable::new(),
-        "lab" => flight::lab_rig(),
-        other => return Err(crazyflie_env::error::unknown("rig", other, ["ideal", "lab"]).into()),
-    };
+    let (mut effects, _) = flight::sensor_rig(&args.sensors)?;
     args.effects.iter().try_for_each(|text| add_effects(&mut effects, text))?;
     check_effects(&effects)?;
     let task_options = match &args.task_options {
@@ -244,10 +240,10 @@ fn fly_multi_drone(
         fly_multi_drone::write_logs(file, first)?;
     }
     if let Some(file) = &args.picture {
-        files::write(file, flight::multi_drone_picture(first, &title)?.as_bytes())?;
+        files::write_picture(file, &flight::multi_drone_picture(first, &title)?)?;
     }
     if let Some(file) = &args.picture3d {
-        files::write(file, flight::multi_drone_path(first, &title)?.as_bytes())?;
+        files::write_picture(file, &flight::multi_drone_path(first, &title)?)?;
     }
     // between several drones downwash is on unless it is told otherwise
     let effects = serde_json::to_value(flight::options(setup, multi_drone.drones)?.effects)?;
@@ -283,10 +279,10 @@ fn write_files(args: &Args, setup: &Setup, first: &Trace) -> Outcome {
         files::write_log(file, &flight::log(first))?;
     }
     if let Some(file) = &args.picture {
-        files::write(file, flight::picture(first, &title)?.as_bytes())?;
+        files::write_picture(file, &flight::picture(first, &title)?)?;
     }
     if let Some(file) = &args.picture3d {
-        files::write(file, flight::path(first, &title)?.as_bytes())?;
+        files::write_picture(file, &flight::path(first, &title)?)?;
     }
     Ok(())
 }

@@ -87,7 +87,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "FILE.toml")]
     out: Option<PathBuf>,
     /// Draw prediction, measurement and the correlations of the residuals
-    #[arg(long, value_parser = files::picture, value_name = "FILE.svg")]
+    #[arg(long, value_parser = files::picture, value_name = "FILE.svg|png|pdf")]
     picture: Option<PathBuf>,
     /// Fly the thesis's identification flights, and recover its equations 5.1 to 5.5
     #[arg(long, conflicts_with_all = ["fit", "test", "free", "transfer", "out", "picture", "window", "vertical", "trim", "effects", "mass", "name"])]
@@ -271,7 +271,7 @@ fn write_model(file: &Path, model: &Model) -> Outcome {
 
 fn picture(args: &Args, fit: &[Comparison], test: &[Comparison]) -> Outcome {
     let Some(file) = &args.picture else { return Ok(()) };
-    files::write(file, identify_picture::draw(fit, test)?.as_bytes())
+    files::write_picture(file, &identify_picture::draw(fit, test)?)
 }
 
 /// What the logs cannot tell is a failure; what cannot be asked is the user's.

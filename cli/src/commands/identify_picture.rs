@@ -103,7 +103,7 @@ impl PanelData {
             y_label: &self.y_label,
             series: series.collect(),
             bands: band.into_iter().collect(),
-            hlines: Vec::new(),
+            ..Panel::default()
         }
     }
 }

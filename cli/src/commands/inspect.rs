@@ -36,7 +36,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "FILE.toml")]
     mapping_out: Option<PathBuf>,
     /// Draw position, attitude and commands; a folder if there are several logs
-    #[arg(long, value_parser = files::picture, value_name = "FILE.svg")]
+    #[arg(long, value_parser = files::picture_or_folder, value_name = "FILE.svg|png|pdf")]
     picture: Option<PathBuf>,
     /// For machines
     #[arg(long)]
@@ -53,7 +53,7 @@ pub(super) struct InspectedLog {
 }
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
-    let is_svg = args.picture.as_deref().is_some_and(files::is_svg);
+    let is_svg = args.picture.as_deref().is_some_and(files::is_picture);
     if is_svg && args.files.len() > 1 {
         return Err(Failure::Usage(format!(
             "--picture names one file, but there are {} logs: name a folder",
@@ -95,7 +95,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
             } else {
                 target.join(format!("{}.svg", replay::stem(&found.file)))
             };
-            files::write(&file, inspect_picture::draw(found)?.as_bytes())?;
+            files::write_picture(&file, &inspect_picture::draw(found)?)?;
         }
     }
     if failed.is_empty() {

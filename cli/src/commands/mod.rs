@@ -10,7 +10,7 @@ mod explain_bench;
 mod explain_bench_page;
 mod explain_bench_table;
 mod explain_table;
-mod files;
+pub(crate) mod files;
 mod fly;
 mod fly_multi_drone;
 mod fly_table;
@@ -24,6 +24,7 @@ mod inspect_picture;
 mod inspect_table;
 mod leaderboard;
 mod model;
+mod plot;
 mod replay;
 mod replay_table;
 mod report_recorded;
@@ -79,6 +80,7 @@ enum Command {
     Horizons(horizons::Args),
     ExplainBench(explain_bench::Args),
     Tune(tune::Args),
+    Plot(plot::Args),
     Effects(effects::Args),
     Tasks(tasks::Args),
     Controllers(controllers::Args),
@@ -204,6 +206,7 @@ fn run(command: &Command, out: &mut dyn Write) -> Outcome {
         Command::Horizons(args) => horizons::run(args, out),
         Command::ExplainBench(args) => explain_bench::run(args, out),
         Command::Tune(args) => tune::run(args, out),
+        Command::Plot(args) => plot::run(args, out),
         Command::Effects(args) => effects::run(args, out),
         Command::Tasks(args) => tasks::run(args, out),
         Command::Controllers(args) => controllers::run(args, out),
@@ -243,16 +246,18 @@ mod tests {
     }
 
     #[test]
-    fn every_command_that_draws_refuses_what_is_no_svg() {
+    fn every_command_that_draws_obeys_the_ending_and_lists_what_there_is() {
         let options = picture_options(&Cli::command(), &["crazyflie".to_owned()]);
         assert!(options.len() > 7, "{options:?}");
         for words in options {
             // what else a command requires is missed only after the values are read
             let kind = |file: &str| Cli::try_parse_from([&words[..], &[file.to_owned()]].concat()).err();
-            let refused = kind("x.png").unwrap_or_else(|| panic!("{words:?} takes x.png"));
-            assert_eq!(refused.kind(), ErrorKind::ValueValidation, "{words:?}");
-            assert!(refused.to_string().contains("name a file that ends in .svg"), "{words:?}: {refused}");
-            for fine in ["x.svg", "x.SVG", "pictures/", "pictures"] {
+            for file in ["x.jpg", "x.svg.gz", "a.b/x.gif"] {
+                let refused = kind(file).unwrap_or_else(|| panic!("{words:?} takes {file}"));
+                assert_eq!(refused.kind(), ErrorKind::ValueValidation, "{words:?}");
+                assert!(refused.to_string().contains(".svg, .png, .pdf"), "{words:?}: {refused}");
+            }
+            for fine in ["x.svg", "x.SVG", "x.png", "x.pdf"] {
                 assert!(
                     kind(fine).is_none_or(|e| e.kind() != ErrorKind::ValueValidation),
                     "{words:?} refuses {fine}"

@@ -43,7 +43,7 @@ pub(super) struct Args {
     #[arg(long)]
     measured_yaw_rate: bool,
     /// Draw measurement and prediction; a folder if there are several logs
-    #[arg(long, value_parser = files::picture, value_name = "FILE.svg")]
+    #[arg(long, value_parser = files::picture_or_folder, value_name = "FILE.svg|png|pdf")]
     picture: Option<PathBuf>,
     /// For machines
     #[arg(long)]
@@ -69,7 +69,7 @@ pub(super) struct LogReplay {
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let (model, logs) = inputs(&args.files)?;
-    if logs.len() > 1 && args.picture.as_deref().is_some_and(files::is_svg) {
+    if logs.len() > 1 && args.picture.as_deref().is_some_and(files::is_picture) {
         return Err(Failure::Usage(format!(
             "--picture names one file, but there are {} logs: name a folder",
             logs.len()
@@ -153,12 +153,12 @@ fn draw(args: &Args, replays: &[LogReplay]) -> Outcome {
     let Some(target) = &args.picture else { return Ok(()) };
     for log_replay in replays {
         let svg = replay_table::picture(log_replay)?;
-        let file = if files::is_svg(target) {
+        let file = if files::is_picture(target) {
             target.clone()
         } else {
             target.join(format!("{}.svg", stem(&log_replay.file)))
         };
-        files::write(&file, svg.as_bytes())?;
+        files::write_picture(&file, &svg)?;
     }
     Ok(())
 }

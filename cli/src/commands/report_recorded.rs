@@ -49,7 +49,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     }
     let folder = args.out.file_name().map_or_else(|| "measured".into(), |n| n.to_string_lossy().into_owned());
     for (name, svg) in pictures(&report)? {
-        files::write(&args.out.join(name), svg.as_bytes())?;
+        files::write_picture(&args.out.join(name), &svg)?;
     }
     let file = args.out.with_extension("md");
     files::write(&file, page(&report, &folder).as_bytes())?;

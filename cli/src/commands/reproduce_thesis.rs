@@ -26,7 +26,7 @@ pub(super) struct Args {
     #[arg(long)]
     markdown: bool,
     /// Draw the closed-loop flights, one SVG each
-    #[arg(long, value_parser = files::picture, value_name = "FOLDER")]
+    #[arg(long, value_parser = files::picture_or_folder, value_name = "FOLDER")]
     picture: Option<PathBuf>,
 }
 
@@ -41,7 +41,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     bar.finish_and_clear();
     if let Some(folder) = &args.picture {
         for (name, svg) in pictures().map_err(|e| Failure::about("the scorecard's pictures", e))? {
-            files::write(&folder.join(name), svg.as_bytes())?;
+            files::write_picture(&folder.join(name), &svg)?;
         }
     }
     if args.json {

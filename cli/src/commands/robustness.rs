@@ -34,7 +34,7 @@ pub(super) struct Args {
     #[arg(long, default_value_t = 1_000_000, value_name = "N")]
     first_seed: u64,
     /// Draw scores and intervals
-    #[arg(long, value_parser = files::picture, value_name = "FILE.svg")]
+    #[arg(long, value_parser = files::picture, value_name = "FILE.svg|png|pdf")]
     picture: Option<PathBuf>,
     /// For machines
     #[arg(long, conflicts_with = "markdown")]
@@ -59,7 +59,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let lines = compare(&chosen, &args.scenarios, &seeds, &|| bar.inc(1))?;
     bar.finish_and_clear();
     if let Some(file) = &args.picture {
-        files::write(file, picture(&lines)?.as_bytes())?;
+        files::write_picture(file, &picture(&lines)?)?;
     }
     if args.json {
         serde_json::to_writer_pretty(&mut *out, &lines)?;

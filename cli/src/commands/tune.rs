@@ -3,16 +3,17 @@
 use std::io::Write;
 use std::path::PathBuf;
 
-use crazyflie_env::config::EffectTable;
 use crazyflie_env::model::VerticalInput;
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
 use super::{Failure, Outcome, Table, files, number};
 use crate::tune::{
-    AXES, GainComparison, LoopEvaluation, LoopRequirements, TuningSetup, dead_time_s, picture, tune,
+    FormCheck, GainComparison, LoopEvaluation, LoopRequirements, TuningSetup, check_forms, picture, tune,
+    warnings,
 };
-use crazyflie_server::flight::{FlightScenario, LAB_LATENCY_S, lab_rig};
+use crazyflie_control::loop_analysis::{LoopAxis, dead_time_s};
+use crazyflie_server::flight::{FlightScenario, sensor_rig};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -22,7 +23,8 @@ Examples:
   crazyflie tune --task track --json";
 
 /// Search the PID's gains for a model: the fastest response without overshoot, with a margin, and compare
-/// them with the thesis's.
+/// them with the thesis's. Gains are written only if they are stable, and take off, on every vertical form of
+/// the model.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {
@@ -53,7 +55,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "FILE.json")]
     out: Option<PathBuf>,
     /// Draw the responses
-    #[arg(long, value_parser = files::picture, value_name = "FILE.svg")]
+    #[arg(long, value_parser = files::picture, value_name = "FILE.svg|png|pdf")]
     picture: Option<PathBuf>,
     /// For machines
     #[arg(long)]
@@ -69,14 +71,8 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         return Err(Failure::Usage(format!("a margin or overshoot is {bad}, expected 0 to 90")));
     }
     let model = files::model(args.model.as_deref())?;
-    let (effects, latency_s) = match &args.sensors[..] {
-        "ideal" => (EffectTable::new(), None),
-        "lab" => (lab_rig(), Some(LAB_LATENCY_S)),
-        other => return Err(crazyflie_env::error::unknown("rig", other, ["ideal", "lab"]).into()),
-    };
-    // without a camera a command is held for a tick, half of which is its mean age
-    let dead_time_s =
-        latency_s.map_or(0.5 / model.rig.control.value, |latency_s| dead_time_s(&model, latency_s));
+    let (effects, latency_s) = sensor_rig(&args.sensors)?;
+    let dead_time_s = dead_time_s(&model, latency_s);
     let requirements = LoopRequirements {
         phase_deg: args.phase_margin,
         gain_db: args.gain_margin,
@@ -86,23 +82,30 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let task = args.task.as_deref().map(FlightScenario::find).transpose()?;
     let vertical = args.vertical.unwrap_or_else(|| files::default_vertical(&model));
     let tuning = TuningSetup { model: &model, vertical, effects, task, seeds: (0..SEEDS).collect() };
-    let bar = ProgressBar::new(AXES.len() as u64);
+    let bar = ProgressBar::new(LoopAxis::ALL.len() as u64);
     let (gains, comparisons) = tune(&tuning, &requirements, &|_| bar.inc(1))?;
     bar.finish_and_clear();
-    if let Some(file) = &args.out {
+    let (checks, warnings) = (check_forms(&tuning, &requirements, &gains)?, warnings(&model));
+    for warning in &warnings {
+        writeln!(std::io::stderr(), "crazyflie: warning: {warning}")?;
+    }
+    let refused = refusal(&checks);
+    if let (Some(file), None) = (&args.out, &refused) {
         files::write(file, &serde_json::to_vec_pretty(&gains)?)?;
     }
     if let Some(file) = &args.picture {
         let title = format!("{}: PID gains, {:.0} ms of dead time", model.name, 1e3 * dead_time_s);
-        files::write(file, picture(&comparisons, &title)?.as_bytes())?;
+        files::write_picture(file, &picture(&comparisons, &title)?)?;
     }
     if args.json {
         let loops: Vec<Value> = comparisons.iter().map(as_json).collect();
+        let forms: Vec<Value> = checks.iter().map(check_as_json).collect();
         serde_json::to_writer_pretty(
             &mut *out,
-            &json!({"dead_time_s": dead_time_s, "gains": gains, "loops": loops}),
+            &json!({"dead_time_s": dead_time_s, "gains": gains, "loops": loops, "forms": forms, "warnings": warnings}),
         )?;
-        return Ok(writeln!(out)?);
+        writeln!(out)?;
+        return refused.map_or(Ok(()), Err);
     }
     writeln!(
         out,
@@ -112,7 +115,62 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         1e3 * dead_time_s
     )?;
     write!(out, "{}", table(&comparisons).plain())?;
-    Ok(writeln!(out, "\n{}", words(&comparisons))?)
+    writeln!(out, "\n{}\n", words(&comparisons))?;
+    write!(out, "{}", form_table(&checks).plain())?;
+    refused.map_or(Ok(()), Err)
+}
+
+/// Reasons that these gains may not be written, if there are any.
+fn refusal(checks: &[FormCheck]) -> Option<Failure> {
+    let problems: Vec<String> = checks
+        .iter()
+        .flat_map(|check| {
+            check.problems.iter().map(|p| format!("on the form {}, {p}", check.vertical.name()))
+        })
+        .collect();
+    (!problems.is_empty()).then(|| {
+        Failure::Failed(format!(
+            "no gains are written, because none were found that every vertical form of the model stands: {}",
+            problems.join("; ")
+        ))
+    })
+}
+
+fn check_as_json(check: &FormCheck) -> Value {
+    let margins: serde_json::Map<String, Value> =
+        check.margins.iter().map(|(axis, m)| (axis.name().into(), json!(m))).collect();
+    json!({"vertical": check.vertical, "margins": margins, "takeoff": check.takeoff, "problems": check.problems})
+}
+
+/// The gains that were found, on every vertical form.
+fn form_table(checks: &[FormCheck]) -> Table {
+    let mut table = Table::new(&[
+        "vertical form",
+        "phase margin of z",
+        "gain margin of z",
+        "take-off settled",
+        "overshoot",
+        "verdict",
+    ])
+    .left(&[5]);
+    for check in checks {
+        let z = check.margins.iter().find(|(axis, _)| *axis == LoopAxis::Z).map(|(_, m)| m);
+        let takeoff = &check.takeoff;
+        table.row(vec![
+            check.vertical.name().into(),
+            z.map_or("-".into(), |m| finite(m.phase_deg, 0, "deg")),
+            z.map_or("-".into(), |m| finite(m.gain_db, 1, "dB")),
+            takeoff.settling_s.map_or("never".into(), |s| format!("{} s", number(s, 1))),
+            format!("{} cm", number(100.0 * takeoff.overshoot_m, 1)),
+            if check.problems.is_empty() { "stable".into() } else { "refused".into() },
+        ]);
+    }
+    table
+}
+
+/// A number with its unit; a dash where there is none.
+fn finite(value: f64, decimals: usize, unit: &str) -> String {
+    if value.is_finite() { format!("{} {unit}", number(value, decimals)) } else { "-".into() }
 }
 
 fn as_json(t: &GainComparison) -> Value {
@@ -136,9 +194,6 @@ fn table(comparisons: &[GainComparison]) -> Table {
         "in the task",
     ];
     let mut table = Table::new(&header).left(&[1]);
-    let or_none = |value: f64, decimals: usize, unit: &str| {
-        if value.is_finite() { format!("{} {unit}", number(value, decimals)) } else { "-".into() }
-    };
     for t in comparisons {
         for (label, d) in [("crazyflie_ros", &t.stock), ("table 7.1", &t.thesis), ("tuned", &t.found)] {
             table.row(vec![
@@ -147,9 +202,9 @@ fn table(comparisons: &[GainComparison]) -> Table {
                 number(d.gains.kp, 2),
                 number(d.gains.ki, 3),
                 number(d.gains.kd, 2),
-                or_none(d.margins.phase_deg, 0, "deg"),
-                or_none(d.margins.gain_db, 1, "dB"),
-                or_none(d.margins.delay_ms, 0, "ms"),
+                finite(d.margins.phase_deg, 0, "deg"),
+                finite(d.margins.gain_db, 1, "dB"),
+                finite(d.margins.delay_ms, 0, "ms"),
                 format!("{} %", number(100.0 * d.figures.overshoot, 1)),
                 d.figures.settling_s.map_or("never".into(), |s| format!("{} s", number(s, 2))),
                 format!("{} s", number(d.figures.error_s, 2)),

@@ -93,7 +93,7 @@ fn draw(model: &Model, plot: &Plot) -> Result<String, DrawError> {
         y_label: curves,
         series: of,
         bands: vec![plot.band],
-        hlines: Vec::new(),
+        ..Panel::default()
     };
     let camera = "30 Hz camera, 50 ms late, noisy (seed 0)";
     let panels = if plot.scenario == "hover-70cm" {

@@ -1,21 +1,20 @@
 //! The thesis's "PID Tuner" (7.2): the fastest response without overshoot, with a margin, by CMA-ES over
 //! flights in the simulator.
 
-mod margins;
 mod picture;
 mod response;
+mod safety;
 
 use cmaes::{CMAESOptions, DVector};
+use crazyflie_control::loop_analysis::{FeedbackLoop, LoopAxis, Margins};
 use crazyflie_control::pid::{Gains, Loop};
 use crazyflie_env::Error;
-use crazyflie_env::model::Model;
+use crazyflie_env::model::VerticalInput;
 use crazyflie_env::observation::Interface;
 
-pub(crate) use margins::{AXES, LoopAxis, Margins, margins};
 pub(crate) use picture::picture;
 pub(crate) use response::{Response, StepFigures, TuningSetup};
-
-use margins::Plant;
+pub(crate) use safety::{FormCheck, check_forms, warnings};
 
 /// Requirements on a loop.
 #[derive(Debug, Clone, Copy)]
@@ -69,7 +68,7 @@ pub(crate) fn tune(
     let fit = |gains: Gains| if hover > 0.0 { gains.for_hover(hover) } else { gains };
     let (stock, thesis) = (fit(Gains::CRAZYFLIE_ROS), fit(Gains::THESIS));
     let (mut gains, mut all) = (thesis, Vec::new());
-    for axis in AXES {
+    for axis in LoopAxis::ALL {
         // a height command needs no height loop
         if axis == LoopAxis::Z && !tuning.vertical.is_pwm() {
             continue;
@@ -78,7 +77,7 @@ pub(crate) fn tune(
         gains = with_loop(&gains, axis, best);
         // each loop of the others in the same company, so that loops are compared and nothing else
         let with = |table: &Gains| {
-            evaluate(tuning, requirements, &with_loop(&gains, axis, *loop_of(table, axis)), axis)
+            evaluate(tuning, requirements, &with_loop(&gains, axis, *axis.gains(table)), axis)
         };
         all.push(GainComparison {
             axis,
@@ -90,15 +89,6 @@ pub(crate) fn tune(
         done(axis);
     }
     Ok((gains, all))
-}
-
-fn loop_of(gains: &Gains, axis: LoopAxis) -> &Loop {
-    match axis {
-        LoopAxis::X => &gains.x,
-        LoopAxis::Y => &gains.y,
-        LoopAxis::Z => &gains.z,
-        LoopAxis::Yaw => &gains.yaw,
-    }
 }
 
 /// With another loop. What is tried in x is tried in y as well, until y has its turn: a flight is no better
@@ -118,16 +108,25 @@ fn evaluate(
     gains: &Gains,
     axis: LoopAxis,
 ) -> Result<LoopEvaluation, Error> {
-    let plant = Plant::from_model(tuning.model, tuning.vertical, axis)?;
     let response = tuning.response(gains, axis)?;
-    let (own, task_error_s) = (*loop_of(gains, axis), tuning.task_error_s(gains, axis)?);
     Ok(LoopEvaluation {
-        gains: own,
-        margins: margins(&plant, &own, requirements.dead_time_s),
+        gains: *axis.gains(gains),
+        margins: margins(tuning, requirements, tuning.vertical, axis, gains)?,
         figures: response.figures(axis),
         response,
-        task_error_s,
+        task_error_s: tuning.task_error_s(gains, axis)?,
     })
+}
+
+fn margins(
+    tuning: &TuningSetup<'_>,
+    requirements: &LoopRequirements,
+    vertical: VerticalInput,
+    axis: LoopAxis,
+    gains: &Gains,
+) -> Result<Margins, Error> {
+    let dead_time_s = requirements.dead_time_s;
+    Ok(FeedbackLoop::from_model(tuning.model, vertical, axis, gains, dead_time_s)?.margins())
 }
 
 /// The gains of one loop that cost least, and how many were tried.
@@ -137,24 +136,18 @@ fn search(
     gains: &Gains,
     axis: LoopAxis,
 ) -> Result<(Loop, usize), Error> {
-    let start = *loop_of(gains, axis);
-    let plant = Plant::from_model(tuning.model, tuning.vertical, axis)?;
+    let start = *axis.gains(gains);
+    let forms = forms_of(tuning, axis);
     // in logarithms, from the start; a gain of nothing stays nothing
     let gains_at = |point: &DVector<f64>| {
         let scaled = |gain: f64, i: usize| gain * (SPAN * point[i].tanh()).exp();
         Loop { kp: scaled(start.kp, 0), ki: scaled(start.ki, 1), kd: scaled(start.kd, 2), ..start }
     };
     let cost = |point: &DVector<f64>| {
-        let own = gains_at(point);
-        let margins = margins(&plant, &own, requirements.dead_time_s);
-        let gains = with_loop(gains, axis, own);
-        let flights = tuning
-            .response(&gains, axis)
-            .and_then(|response| Ok((response, tuning.task_error_s(&gains, axis)?)));
-        // gains that cannot be flown are the worst; the flight at the end says what is wrong
-        flights.map_or(f64::MAX, |(response, task_error_s)| {
-            penalised_error_s(requirements, &margins, &response, axis) + task_error_s.unwrap_or(0.0)
-        })
+        let gains = with_loop(gains, axis, gains_at(point));
+        let costs = forms.iter().map(|form| error_on_form_s(tuning, requirements, *form, &gains, axis));
+        // what cannot be flown on one form is the worst of all
+        costs.map(|cost| cost.unwrap_or(f64::MAX)).sum::<f64>() / forms.len() as f64
     };
     let options = CMAESOptions::new(vec![0.0; 3], 0.35)
         .population_size(POPULATION)
@@ -165,6 +158,32 @@ fn search(
     let search_result = search.run_parallel();
     let best = search_result.overall_best.map_or(start, |best| gains_at(&best.point));
     Ok((best, search.function_evals()))
+}
+
+/// The vertical forms that a loop is judged on: those that the height loop commands; the other loops do not
+/// feel the form.
+fn forms_of(tuning: &TuningSetup<'_>, axis: LoopAxis) -> Vec<VerticalInput> {
+    if axis != LoopAxis::Z {
+        return vec![tuning.vertical];
+    }
+    tuning.model.inputs().into_iter().filter(|input| input.is_pwm()).collect()
+}
+
+/// Cost of gains on one vertical form, in seconds of error: a step, the task that is asked for, and a
+/// take-off for the height.
+fn error_on_form_s(
+    tuning: &TuningSetup<'_>,
+    requirements: &LoopRequirements,
+    vertical: VerticalInput,
+    gains: &Gains,
+    axis: LoopAxis,
+) -> Result<f64, Error> {
+    let on_form = TuningSetup { vertical, ..tuning.clone() };
+    let margins = margins(tuning, requirements, vertical, axis, gains)?;
+    let response = on_form.response(gains, axis)?;
+    let task_s = on_form.task_error_s(gains, axis)?.unwrap_or(0.0);
+    let takeoff_s = if axis == LoopAxis::Z { on_form.takeoff(gains)?.error_s() } else { 0.0 };
+    Ok(penalised_error_s(requirements, &margins, &response, axis) + task_s + takeoff_s)
 }
 
 /// Seconds of error, and for what is not as wanted more of them.
@@ -179,10 +198,4 @@ fn penalised_error_s(
     let phase = (requirements.phase_deg - margins.phase_deg).clamp(0.0, 180.0);
     let gain = (requirements.gain_db - margins.gain_db).clamp(0.0, 40.0);
     f.error_s + 20.0 * over + 0.1 * phase + 0.2 * gain + 0.05 * response.travel_per_s
-}
-
-/// Dead time of the position loops on this rig: latency of the camera, and the mean age of a held frame and
-/// of a held command.
-pub(crate) fn dead_time_s(model: &Model, latency_s: f64) -> f64 {
-    latency_s + 0.5 / model.rig.camera.value + 0.5 / model.rig.control.value
 }

@@ -1,14 +1,15 @@
 //! Step responses of the loops, one panel each.
 
+use crazyflie_control::loop_analysis::LoopAxis;
 use crazyflie_picture::{PALETTE, Panel, PictureError, Series, Style, chart};
 
-use super::{GainComparison, LoopAxis};
+use super::{GainComparison, Response};
 
 /// # Errors
 /// Those of drawing.
 pub(crate) fn picture(comparisons: &[GainComparison], title: &str) -> Result<String, PictureError> {
     let titles: Vec<String> = comparisons.iter().map(heading).collect();
-    let scaled: Vec<Vec<Vec<f64>>> = comparisons.iter().map(curves).collect();
+    let scaled: Vec<Vec<[Vec<f64>; 2]>> = comparisons.iter().map(curves).collect();
     let panels: Vec<Panel> = comparisons
         .iter()
         .zip(&titles)
@@ -20,14 +21,15 @@ pub(crate) fn picture(comparisons: &[GainComparison], title: &str) -> Result<Str
             series: LOOKS
                 .iter()
                 .zip(y)
-                .map(|((label, style, color), y)| Series {
+                .map(|((label, style, color), [x, y])| Series {
                     label,
-                    x: &t.found.response.t_s,
+                    x,
                     y,
                     style: *style,
                     color: PALETTE[*color],
                 })
                 .collect(),
+            y_limits: Some(limits(t)),
             ..Panel::default()
         })
         .collect();
@@ -56,25 +58,25 @@ fn label(axis: LoopAxis) -> &'static str {
     }
 }
 
-/// Set-point and responses; one that leaves the picture is cut off at twice the set-point's range, so that
-/// the others can be seen.
-fn curves(t: &GainComparison) -> Vec<Vec<f64>> {
-    let unit = if t.axis == LoopAxis::Yaw { 1.0_f64.to_degrees() } else { 1.0 };
+/// Set-point and responses as far as they were flown, in the unit of the axis.
+fn curves(t: &GainComparison) -> Vec<[Vec<f64>; 2]> {
+    let unit = unit(t.axis);
+    let in_unit = |r: &Response, values: &[f64]| {
+        [r.t_s[..values.len()].to_vec(), values.iter().map(|v| unit * v).collect()]
+    };
+    let flown = [&t.stock, &t.thesis, &t.found].map(|e| in_unit(&e.response, &e.response.value));
+    [in_unit(&t.found.response, &t.found.response.target)].into_iter().chain(flown).collect()
+}
+
+/// Twice the set-point's range: an unstable response leaves the picture there, and the others can be seen.
+fn limits(t: &GainComparison) -> [f64; 2] {
     let target = &t.found.response.target;
     let low = target.iter().copied().fold(f64::INFINITY, f64::min);
     let high = target.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let room = (high - low).max(0.1);
-    let length = t.found.response.t_s.len();
-    let cut = |values: &[f64]| -> Vec<f64> {
-        let last = values.last().copied().unwrap_or(0.0);
-        (0..length)
-            .map(|i| unit * values.get(i).copied().unwrap_or(last).clamp(low - room, high + room))
-            .collect()
-    };
-    vec![
-        cut(target),
-        cut(&t.stock.response.value),
-        cut(&t.thesis.response.value),
-        cut(&t.found.response.value),
-    ]
+    [low - room, high + room].map(|value| unit(t.axis) * value)
+}
+
+fn unit(axis: LoopAxis) -> f64 {
+    if axis == LoopAxis::Yaw { 1.0_f64.to_degrees() } else { 1.0 }
 }

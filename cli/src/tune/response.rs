@@ -1,18 +1,14 @@
 //! Response of a flight with some gains: to a step, or in a task.
 
+use crazyflie_control::loop_analysis::LoopAxis;
 use crazyflie_control::pid::Gains;
-use crazyflie_control::{ControllerSpec, choose};
 use crazyflie_env::Error;
 use crazyflie_env::config::EffectTable;
 use crazyflie_env::model::{Model, VerticalInput};
-use serde_json::{Value, json};
+use crazyflie_server::flight::{
+    FlightScenario, RESPONSE_S, STEP_S, Setup, Trace, fly, pid, signal_indices, step_options, step_setup,
+};
 
-use super::margins::LoopAxis;
-use crazyflie_server::flight::{FlightScenario, Setup, Trace, fly};
-
-/// Time of the set-point step, and the time that its response is recorded.
-const STEP_S: f64 = 0.5;
-const RESPONSE_S: f64 = 7.0;
 /// Settled within this share of the step.
 const BAND: f64 = 0.05;
 
@@ -46,53 +42,14 @@ pub(crate) struct StepFigures {
     pub error_s: f64,
 }
 
-/// The step of an axis: what it is, and its size.
-fn step(axis: LoopAxis) -> (Value, f64) {
-    let (x, y, z, yaw) = match axis {
-        LoopAxis::X => (0.5, 0.0, 0.7, 0.0),
-        LoopAxis::Y => (0.0, 0.5, 0.7, 0.0),
-        LoopAxis::Z => (0.0, 0.0, 1.0, 0.0),
-        LoopAxis::Yaw => (0.0, 0.0, 0.7, 30.0),
-    };
-    let size = x + y + (z - 0.7) + f64::to_radians(yaw);
-    (
-        json!({"start_m": [0, 0, 0.7], "steps": [{"from_s": STEP_S, "setpoint_m": [x, y, z], "setpoint_yaw_deg": yaw}]}),
-        size,
-    )
-}
-
-/// Indices of an axis in state, observation (set-point) and action.
-fn signal_indices(axis: LoopAxis) -> [usize; 3] {
-    match axis {
-        LoopAxis::X => [0, 16, 1],
-        LoopAxis::Y => [1, 17, 0],
-        LoopAxis::Z => [2, 18, 3],
-        LoopAxis::Yaw => [8, 19, 2],
-    }
-}
-
-/// The PID with these gains.
-///
-/// # Errors
-/// For gains that are not finite.
-pub(crate) fn controller(gains: &Gains) -> Result<ControllerSpec, Error> {
-    let bytes = serde_json::to_vec(gains).map_err(|e| Error::Config(e.to_string()))?;
-    choose("pid:tuned", Value::Null, &|_| Ok(bytes.clone()))
-}
-
 impl TuningSetup<'_> {
-    fn setup(
-        &self,
-        gains: &Gains,
-        scenario: &'static FlightScenario,
-        steps: Option<Value>,
-    ) -> Result<Setup, Error> {
+    pub(super) fn setup(&self, gains: &Gains, scenario: &'static FlightScenario) -> Result<Setup, Error> {
         Ok(Setup {
             model: self.model.clone(),
             scenario,
-            seconds: if steps.is_some() { STEP_S + RESPONSE_S } else { scenario.seconds },
-            task_options: steps,
-            controller: controller(gains)?,
+            seconds: scenario.seconds,
+            task_options: None,
+            controller: pid(gains)?,
             effects: self.effects.clone(),
             vertical: self.vertical,
         })
@@ -103,7 +60,7 @@ impl TuningSetup<'_> {
     /// # Errors
     /// Those of the flight.
     pub(crate) fn response(&self, gains: &Gains, axis: LoopAxis) -> Result<Response, Error> {
-        let setup = self.setup(gains, FlightScenario::find("hover-70cm")?, Some(step(axis).0))?;
+        let setup = step_setup(self.model, self.vertical, self.effects.clone(), gains, axis)?;
         Ok(mean(&fly(&setup, &self.seeds)?, axis))
     }
 
@@ -114,8 +71,8 @@ impl TuningSetup<'_> {
     /// Those of the flight.
     pub(crate) fn task_error_s(&self, gains: &Gains, axis: LoopAxis) -> Result<Option<f64>, Error> {
         let Some(task) = self.task else { return Ok(None) };
-        let setup = self.setup(gains, task, None)?;
-        let ([state, setpoint, _], size) = (signal_indices(axis), step(axis).1);
+        let setup = self.setup(gains, task)?;
+        let ([state, setpoint, _], size) = (signal_indices(axis), step_options(axis).1);
         let flights = fly(&setup, &self.seeds)?;
         let absolute_error_s = |trace: &Trace| {
             let errors: Vec<f64> = trace
@@ -162,7 +119,7 @@ fn mean(traces: &[Trace], axis: LoopAxis) -> Response {
 impl Response {
     /// Of the step of an axis.
     pub(crate) fn figures(&self, axis: LoopAxis) -> StepFigures {
-        let size = step(axis).1;
+        let size = step_options(axis).1;
         let dt_s = self.t_s.get(1).copied().unwrap_or(1.0);
         let error: Vec<f64> = self.value.iter().zip(&self.target).map(|(v, t)| (v - t) / size).collect();
         let first = (STEP_S / dt_s).round() as usize;

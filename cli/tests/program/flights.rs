@@ -227,3 +227,18 @@ fn several_drones_swap_places_unless_nothing_keeps_them_apart() {
     assert_fails(2, &["fly", "--collision-avoidance"], &["for tasks of several drones"]);
     assert_fails(2, &["fly", "--task", "swap", "--drones", "65"], &["drones is 65"]);
 }
+
+#[test]
+fn a_picture_is_what_its_ending_says() {
+    let folder = folder("endings");
+    for (ending, begins) in [("svg", &b"<svg"[..]), ("png", b"\x89PNG"), ("PDF", b"%PDF")] {
+        for option in ["--picture", "--picture3d"] {
+            let file = folder.join(format!("{}.{ending}", &option[2..]));
+            stdout_of(&["fly", "--seconds", "1", option, text(&file)]);
+            assert!(std::fs::read(&file).unwrap().starts_with(begins), "{option} {ending}");
+        }
+    }
+    for file in ["x.jpg", "x"] {
+        assert_fails(2, &["fly", "--picture", file], &[".svg, .png, .pdf"]);
+    }
+}

@@ -1,4 +1,5 @@
 //! Reading SVG documents back.
+#![allow(dead_code, reason = "each test file uses its part")]
 
 use roxmltree::{Document, Node};
 

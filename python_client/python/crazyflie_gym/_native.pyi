@@ -33,6 +33,8 @@ __all__ = [
     "effects",
     "expression_fields",
     "expression_functions",
+    "loop_plots",
+    "loop_report",
     "metrics",
     "model_text",
     "neighbour_fields",
@@ -43,8 +45,10 @@ __all__ = [
     "read_task",
     "render",
     "robustness",
+    "state_space",
     "submit",
     "tasks",
+    "transfer_function",
 ]
 
 @final
@@ -232,6 +236,27 @@ def submit(
 def robustness(
     controllers: list[AnyController], scenarios: list[str], seeds: int, first_seed: int, *, options: str = "null"
 ) -> str: ...
+def transfer_function(
+    channel: str, model: str | None = None, vertical: str | None = None
+) -> tuple[list[float], list[float]]: ...
+def state_space(
+    model: str | None = None, vertical: str | None = None
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]: ...
+def loop_report(
+    axis: str | None = None,
+    gains: str | None = None,
+    model: str | None = None,
+    vertical: str | None = None,
+    sensors: str = "lab",
+) -> str: ...
+def loop_plots(
+    file: str,
+    axis: str | None = None,
+    gains: str | None = None,
+    model: str | None = None,
+    vertical: str | None = None,
+    sensors: str = "lab",
+) -> bytes: ...
 def render(
     width: int,
     height: int,

@@ -1,17 +1,18 @@
-// Puts the page together: one 3D view and one set of charts, shared by the live view and the replay; and the leaderboard.
+// Puts the page together: one 3D view and one set of charts, shared by the live view and the replay; the leaderboard; and the tuner.
 
 import { byId } from "./dom.js";
 import { Display } from "./views/display.js";
 import { Board } from "./views/board.js";
 import { LiveView } from "./views/live_view.js";
 import { ReplayView } from "./views/replay_view.js";
+import { Tuner } from "./views/tuner.js";
 import { failure } from "./views/notice.js";
 import { here } from "./place.js";
 
-const TITLES = { live: "Live", board: "Leaderboard", replay: "Replay" };
+const TITLES = { live: "Live", board: "Leaderboard", replay: "Replay", tuner: "Tuner" };
 
 const display = new Display();
-const views = { live: new LiveView(display), board: new Board(), replay: new ReplayView(display) };
+const views = { live: new LiveView(display), board: new Board(), replay: new ReplayView(display), tuner: new Tuner() };
 /** @type {import("./place.js").View | null} */
 let shown = null;
 
@@ -21,8 +22,9 @@ async function route() {
   shown = view;
   document.title = `${TITLES[view]} – Crazyflie`;
   document.body.dataset.view = view;
-  byId("flight").hidden = view === "board";
+  byId("flight").hidden = view === "board" || view === "tuner";
   byId("board").hidden = view !== "board";
+  byId("tuner").hidden = view !== "tuner";
   for (const link of document.querySelectorAll("nav a")) {
     if (link instanceof HTMLElement && link.dataset.view === view) link.setAttribute("aria-current", "page");
     else link.removeAttribute("aria-current");

@@ -6,6 +6,7 @@ mod figures;
 mod multi_drone;
 mod picture;
 mod scenario;
+mod step_flight;
 
 use crazyflie_control::{Controller, ControllerContext, ControllerSpec};
 use crazyflie_env::Error;
@@ -21,7 +22,10 @@ pub use multi_drone::{
     MultiDroneSetup, MultiDroneTrace, fly_multi_drone, multi_drone_path, multi_drone_picture,
 };
 pub use picture::{path, picture};
-pub use scenario::{FlightScenario, LAB_LATENCY_S, Phase, SCENARIOS, lab_rig, phase_at};
+pub use scenario::{FlightScenario, LAB_LATENCY_S, Phase, SCENARIOS, lab_rig, phase_at, sensor_rig};
+pub use step_flight::{
+    QUANTILES, RESPONSE_S, STEP_S, StepBand, fly_band, pid, signal_indices, step_options, step_setup,
+};
 
 /// Everything that decides a flight, besides its seed.
 #[derive(Debug, Clone)]

@@ -182,6 +182,18 @@ pub fn lab_rig() -> EffectTable {
     ])
 }
 
+/// Effects of the sensors of that name, and the latency of their camera in seconds.
+///
+/// # Errors
+/// With a proposal, for anything but ideal and lab.
+pub fn sensor_rig(name: &str) -> crazyflie_env::Result<(EffectTable, Option<f64>)> {
+    match name {
+        "ideal" => Ok((EffectTable::new(), None)),
+        "lab" => Ok((lab_rig(), Some(LAB_LATENCY_S))),
+        other => Err(crazyflie_env::error::unknown("rig", other, ["ideal", "lab"])),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -3,7 +3,8 @@
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
-use axum::extract::{Path, Request, State};
+use axum::extract::rejection::QueryRejection;
+use axum::extract::{Path, Query, Request, State};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
@@ -11,11 +12,13 @@ use axum::{Json, Router};
 use serde::Serialize;
 use serde_json::Value;
 use tokio::task::spawn_blocking;
+use tracing::error;
 
 use super::bench_routes;
 use super::page;
 use super::server::Server;
 use super::upgrade;
+use crate::tuner::TunerQuery;
 
 /// All paths. The benchmark's routes and the page join here.
 pub(crate) fn router(server: &Arc<Server>) -> Router {
@@ -33,6 +36,7 @@ pub(crate) fn router(server: &Arc<Server>) -> Router {
 fn api() -> Router<Arc<Server>> {
     bench_routes::routes()
         .route("/sessions", get(sessions))
+        .route("/tuner", get(tuner))
         .route("/worlds", get(worlds))
         .route("/worlds/{name}/log", get(world_log))
 }
@@ -70,6 +74,46 @@ async fn sessions(State(server): State<Arc<Server>>) -> Response {
         watching: entry.feed.watchers(),
     });
     ([(header::CACHE_CONTROL, "no-store")], Json(rows.collect::<Vec<_>>())).into_response()
+}
+
+/// Gains on paper and in flight. A thousand flights keep a core busy, so a question waits for its turn, as
+/// replays do.
+async fn tuner(
+    State(server): State<Arc<Server>>,
+    query: Result<Query<TunerQuery>, QueryRejection>,
+) -> Response {
+    let query = match query {
+        Ok(Query(query)) => query,
+        Err(problem) => return bad_request(&problem.body_text()),
+    };
+    let Ok(turn) = server.flights.clone().acquire_owned().await else {
+        return bench_routes::error_response(
+            StatusCode::SERVICE_UNAVAILABLE,
+            "unavailable",
+            "the server stops",
+        );
+    };
+    // the turn ends with the flights, even if nobody waits for them any more
+    let flown = spawn_blocking(move || {
+        let _turn = turn;
+        query.answer()
+    });
+    match flown.await {
+        Ok(Ok(answer)) => ([(header::CACHE_CONTROL, "no-store")], Json(answer)).into_response(),
+        Ok(Err(problem)) => bad_request(&problem.to_string()),
+        Err(bug) => {
+            error!(%bug, "the tuner broke");
+            bench_routes::error_response(
+                StatusCode::INTERNAL_SERVER_ERROR,
+                "internal",
+                "a bug; the server's log says more",
+            )
+        }
+    }
+}
+
+fn bad_request(message: &str) -> Response {
+    bench_routes::error_response(StatusCode::BAD_REQUEST, "bad_message", message)
 }
 
 async fn worlds(State(server): State<Arc<Server>>) -> Response {
