@@ -43,6 +43,7 @@ pub(super) const ENTRY: Entry = Entry {
     about: "A controller of one's own in Python: a class or function of a file, called as NAME(num_envs, interface, **options) for an object with \
             act(rows) -> actions, called once a tick for all environments; reset(mask) and set_mode(mode) if it has them",
     source: "the file",
+    any_level: true,
     file: Some("Python code"),
     member: Some("the class or function in it that makes the controller"),
     options: &[],

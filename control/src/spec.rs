@@ -8,6 +8,7 @@ use serde_json::Value;
 
 use super::filtered::FilteredController;
 use super::{Controller, ControllerConfig, ControllerContext, Entry, find};
+use crazyflie_env::action::check_attitude;
 use crazyflie_env::error::{Error, Result};
 use crazyflie_env::estimator::SensorNoise;
 
@@ -156,6 +157,9 @@ impl ControllerSpec {
         let inner = match &self.origin {
             Origin::Factory(factory) => factory.build(site)?,
             Origin::Registry { entry, options, file } => {
+                if !entry.any_level {
+                    check_attitude(&format!("controller {}", entry.name), &site.interface)?;
+                }
                 let file = file.as_ref();
                 let given = ControllerConfig {
                     name: entry.name,

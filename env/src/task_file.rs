@@ -8,12 +8,13 @@ use crate::task;
 
 /// What a file may ask for besides its name: whatever makes a task. Threads, instruction sets and resets are the
 /// business of whoever flies it.
-const KEYS: [&str; 14] = [
+const KEYS: [&str; 15] = [
     "task",
     "task_options",
     "reward",
     "termination",
     "max_episode_steps",
+    "action",
     "observation",
     "history",
     "effects",

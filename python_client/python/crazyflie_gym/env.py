@@ -61,6 +61,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
             "exp(-4*dist**2) - 0.01*rate2", or a function of such fields, which gets arrays of all environments.
         termination: a condition that ends a flight in place of the task's own, such as "dist > 2", or a function that
             returns bools. A crash, a collision and leaving the room end it anyway.
+        action: what an action sets: "attitude", "velocity" or "position" (`crazyflie_gym.action_levels()`).
         true_state: give the true state, float32 (12,), or (drones, 12), as info["true_state"]; its layout is
             STATE_FIELDS.
         clip: cut actions off at -1 and 1. Without it more than round-off is an error.
@@ -95,6 +96,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         history: int = 1,
         reward: Reward = None,
         termination: Reward = None,
+        action: str = "attitude",
         true_state: bool = False,
         clip: bool = False,
         render_mode: str | None = None,
@@ -128,6 +130,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
             history=history,
             reward=reward,
             termination=termination,
+            action=action,
         )
         rows = self.sim.num_drones if self.sim.has_drone_axis else None
         self._layout = RowLayout(observation, history, rows)

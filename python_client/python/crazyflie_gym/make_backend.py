@@ -42,6 +42,7 @@ def make_backend(
     history: int = 1,
     reward: Reward = None,
     termination: Reward = None,
+    action: str = "attitude",
 ) -> Sim | RemoteBackend:
     """Return the simulation that the arguments of an environment ask for.
 
@@ -78,6 +79,7 @@ def make_backend(
         max_episode_steps=max_episode_steps,
         observation=observation if isinstance(observation, str) else list(observation),
         history=history,
+        action=action,
     )
     if remote is None:
         texts = [model_text() if text is None else text for text, _ in models]

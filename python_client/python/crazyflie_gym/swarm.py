@@ -64,6 +64,7 @@ class CrazyflieSwarm:
         history: int = 1,
         reward: Reward = None,
         termination: Reward = None,
+        action: str = "attitude",
     ) -> None:
         self.mode = mode_named(autoreset_mode)
         sim = make_backend(
@@ -89,6 +90,7 @@ class CrazyflieSwarm:
             history=history,
             reward=reward,
             termination=termination,
+            action=action,
         )
         assert isinstance(sim, Sim)
         if not sim.has_drone_axis:

@@ -73,6 +73,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         history: int = 1,
         reward: Reward = None,
         termination: Reward = None,
+        action: str = "attitude",
         true_state: bool = False,
         clip: bool = False,
         render_mode: str | None = None,
@@ -111,6 +112,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
             history=history,
             reward=reward,
             termination=termination,
+            action=action,
         )
         self.num_envs = self.sim.num_envs
         rows = self.sim.num_drones if self.sim.has_drone_axis else None
