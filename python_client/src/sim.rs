@@ -43,6 +43,7 @@ pub struct Interface {
 impl Interface {
     /// As a server describes it.
     #[new]
+    #[allow(clippy::too_many_arguments, reason = "each is a key of what a server says")]
     #[pyo3(signature = (*, tick_s, vertical, tilt_max_rad, yaw_rate_max_radps, lift_max, hover_lift, yaw_sign, set_point = None))]
     fn new(
         tick_s: f64,
