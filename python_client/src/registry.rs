@@ -1,9 +1,9 @@
 //! Effects, tasks and observation fields of the registries, as Python dicts.
 
 use crazyflie_env::coupling::NEIGHBOUR_FIELDS;
-use crazyflie_env::task_file::TaskFile;
 use crazyflie_env::model::{Model, THESIS_TOML, VerticalInput};
 use crazyflie_env::observation::{ALL_FIELDS, CHOICES, Field, Interface, NamedChoice, ObservationChoice};
+use crazyflie_env::task_file::TaskFile;
 use crazyflie_env::{action, effects as effect, task};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -115,6 +115,8 @@ pub fn expression_functions() -> Vec<&'static str> {
 pub fn read_task(text: &str) -> PyResult<(String, String, String)> {
     let file = guarded(|| TaskFile::parse(text))?;
     Ok((file.id(), file.about.clone(), serde_json::Value::Object(file.options).to_string()))
+}
+
 /// Every action level, as dicts: name, about, channels (name, unit, low, high, about, bandwidth_radps),
 /// validity, source. The ranges are those of a model: the built-in one in its default form, unless `model` is
 /// the text of another and `vertical` one of its forms.
