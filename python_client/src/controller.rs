@@ -1,9 +1,9 @@
 //! The controllers of the registry, for a batch.
 
 use crazyflie_control::{self as control, ControllerContext, ControllerSpec, Mode};
-use crazyflie_env::Error;
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::{ACTION, OBSERVATION};
+use crazyflie_env::{Error, Result};
 use numpy::{PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
@@ -14,7 +14,8 @@ use crate::arrays::{empty, input, mask as read_mask, output};
 use crate::custom::spec;
 use crate::errors::guarded;
 use crate::guarded_cell::GuardedCell;
-use crate::sim::{Interface, MAX_ENVS, Sim, detached};
+use crate::interface::Interface;
+use crate::sim::{MAX_ENVS, Sim, detached};
 
 /// The controller `name` (see `crazyflie_gym.controllers()`), `name:file` or `python:file:name`, for
 /// `num_envs` environments with the command interface of `of` (a `Sim` or its `interface`); or one of one's
@@ -24,8 +25,11 @@ use crate::sim::{Interface, MAX_ENVS, Sim, detached};
 /// "automatic", "takeoff" or "landing".
 #[pyclass(subclass, module = "crazyflie_gym._native")]
 pub struct Controller {
-    inner: GuardedCell<Box<dyn control::Controller>>,
+    /// One for each part of the batch that a thread flies by itself in a rollout.
+    inner: GuardedCell<Vec<Box<dyn control::Controller>>>,
     envs: usize,
+    /// Environments of each of them but the last.
+    share: usize,
 }
 
 impl Controller {
@@ -46,19 +50,24 @@ impl Controller {
                 of.get_type().name()?
             )));
         };
-        let (interface, tick_s) = (interface.get().inner, interface.get().tick_s);
+        let Interface { inner: interface, tick_s, shard_envs } = *interface.get();
         let envs = num_envs as usize;
+        let share = if chosen.is_divisible() { shard_envs.min(envs) } else { envs };
         let inner = guarded(|| {
             let model = model.map_or_else(|| Ok(Model::thesis()), Model::parse)?;
-            chosen.build(&ControllerContext {
-                model: &model,
-                interface,
-                tick_s,
-                envs,
-                mode: Mode::named(mode)?,
-            })
+            let mode = Mode::named(mode)?;
+            let part = |first: usize| {
+                let envs = share.min(envs - first);
+                chosen.build_part(&ControllerContext { model: &model, interface, tick_s, envs, mode }, first)
+            };
+            (0..envs).step_by(share).map(part).collect::<Result<Vec<_>>>()
         })?;
-        Ok(Controller { inner: GuardedCell::new(inner), envs })
+        Ok(Controller { inner: GuardedCell::new(inner), envs, share })
+    }
+
+    /// One for each part of a batch.
+    pub fn parts(&mut self) -> PyResult<&mut [Box<dyn control::Controller>]> {
+        self.inner.get().map(Vec::as_mut_slice)
     }
 }
 
@@ -90,7 +99,7 @@ impl Controller {
     /// Go on in another state: "automatic", "takeoff" or "landing".
     fn set_mode(&mut self, mode: &str) -> PyResult<()> {
         let mode = guarded(|| Mode::named(mode))?;
-        self.inner.get()?.set_mode(mode);
+        self.inner.get()?.iter_mut().for_each(|part| part.set_mode(mode));
         Ok(())
     }
 
@@ -105,8 +114,12 @@ impl Controller {
             if flat { empty::<f32>(py, (ACTION,))? } else { empty::<f32>(py, (self.envs, ACTION))? };
         let shape = [self.envs, ACTION];
         let mut out = output::<f32>("actions", &shape[usize::from(flat)..], &actions)?;
-        let (envs, rows, out, inner) = (self.envs, rows.as_slice()?, out.as_slice_mut()?, self.inner.get()?);
-        detached(py, envs, || inner.act(rows, out))?;
+        let (envs, share, rows, out) = (self.envs, self.share, rows.as_slice()?, out.as_slice_mut()?);
+        let parts = self.inner.get()?;
+        detached(py, envs, || {
+            let rows = rows.chunks(share * OBSERVATION).zip(out.chunks_mut(share * ACTION));
+            parts.iter_mut().zip(rows).try_for_each(|(part, (rows, out))| part.act(rows, out))
+        })?;
         Ok(actions)
     }
 
@@ -116,7 +129,9 @@ impl Controller {
     fn reset(&mut self, mask: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
         let mask = mask.map(|mask| read_mask("mask", &[self.envs], mask)).transpose()?;
         let is_chosen = |env: usize| mask.as_ref().is_none_or(|mask| mask.get(env).copied().unwrap_or(false));
-        self.inner.get()?.reset(&is_chosen);
+        for (i, part) in self.inner.get()?.iter_mut().enumerate() {
+            part.reset(&|env| is_chosen(i * self.share + env));
+        }
         Ok(())
     }
 }

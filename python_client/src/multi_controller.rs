@@ -1,10 +1,10 @@
 //! Controllers for several drones that share the air.
 
 use crazyflie_control::avoidance::CollisionAvoidance;
-use crazyflie_control::{self as control, ControllerContext, Mode, build_each};
-use crazyflie_env::Error;
+use crazyflie_control::{self as control, ControllerContext, ControllerSpec, Mode, build_each};
 use crazyflie_env::observation::ACTION;
 use crazyflie_env::vector::METRICS;
+use crazyflie_env::{Error, Result};
 use pyo3::prelude::*;
 use serde_json::Value;
 
@@ -22,10 +22,20 @@ fn bad(what: &'static str) -> impl Fn(serde_json::Error) -> Error {
 /// their names or of one's own (see `Controller`). With a layer that avoids collisions (`avoid`: JSON of its parameters) or without it (`None`). `options` is JSON.
 #[pyclass(module = "crazyflie_gym._native")]
 pub struct Crowd {
-    inner: GuardedCell<control::MultiController>,
+    /// One for each part of the batch that a thread flies by itself in a rollout.
+    inner: GuardedCell<Vec<control::MultiController>>,
+    /// Worlds of each of them but the last.
+    share: usize,
     worlds: usize,
     drones: usize,
     width: usize,
+}
+
+impl Crowd {
+    /// One for each part of a batch.
+    pub fn parts(&mut self) -> PyResult<&mut [control::MultiController]> {
+        self.inner.get().map(Vec::as_mut_slice)
+    }
 }
 
 #[pymethods]
@@ -46,17 +56,22 @@ impl Crowd {
             }
             _ => names.iter().map(|name| spec(name, options.clone(), None)).collect::<PyResult<Vec<_>>>(),
         }?;
+        let share = if chosen.iter().all(ControllerSpec::is_divisible) { of.shard_envs()? } else { worlds };
         let inner = guarded(|| {
-            let sites = known.iter().map(|(interface, model)| ControllerContext {
-                model,
-                interface: *interface,
-                tick_s,
-                envs: worlds,
-                mode: Mode::Automatic,
-            });
-            control::MultiController::new(build_each(&chosen, sites)?, worlds, avoid, tick_s)
+            let part = |first: usize| {
+                let envs = share.min(worlds - first);
+                let sites = known.iter().map(|(interface, model)| ControllerContext {
+                    model,
+                    interface: *interface,
+                    tick_s,
+                    envs,
+                    mode: Mode::Automatic,
+                });
+                control::MultiController::new(build_each(&chosen, sites, first)?, envs, avoid, tick_s)
+            };
+            (0..worlds).step_by(share).map(part).collect::<Result<Vec<_>>>()
         })?;
-        Ok(Crowd { inner: GuardedCell::new(inner), worlds, drones, width })
+        Ok(Crowd { inner: GuardedCell::new(inner), share, worlds, drones, width })
     }
 
     /// New actions, float32 (num_envs, num_drones, 4), for observations, float32 (num_envs, num_drones,
@@ -67,8 +82,11 @@ impl Crowd {
         let actions = empty::<f32>(py, (w, n, ACTION))?;
         let mut out = output::<f32>("actions", &[w, n, ACTION], &actions)?;
         let (rows, out) = (rows.as_slice()?, out.as_slice_mut()?);
-        let inner = self.inner.get()?;
-        detached(py, w * n, || inner.act(rows, out))?;
+        let (share, width, parts) = (self.share * n, self.width, self.inner.get()?);
+        detached(py, w * n, || {
+            let rows = rows.chunks(share * width).zip(out.chunks_mut(share * ACTION));
+            parts.iter_mut().zip(rows).try_for_each(|(part, (rows, out))| part.act(rows, out))
+        })?;
         Ok(actions)
     }
 
@@ -79,7 +97,9 @@ impl Crowd {
         let mask = mask.map(|mask| read_mask("mask", &[self.worlds], mask)).transpose()?;
         let is_chosen =
             |world: usize| mask.as_ref().is_none_or(|mask| mask.get(world).copied().unwrap_or(false));
-        self.inner.get()?.reset(&is_chosen);
+        for (i, part) in self.inner.get()?.iter_mut().enumerate() {
+            part.reset(&|world| is_chosen(i * self.share + world));
+        }
         Ok(())
     }
 }

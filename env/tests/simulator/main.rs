@@ -6,6 +6,7 @@ mod effects_analytic;
 mod fleet;
 mod model;
 mod observations;
+mod rollout;
 mod snapshot;
 mod swarm;
 mod vector;
