@@ -65,6 +65,11 @@ impl Controller {
         Ok(Controller { inner: GuardedCell::new(inner), envs, share })
     }
 
+    /// Environments, and those of a part.
+    pub fn size(&self) -> [usize; 2] {
+        [self.envs, self.share]
+    }
+
     /// One for each part of a batch.
     pub fn parts(&mut self) -> PyResult<&mut [Box<dyn control::Controller>]> {
         self.inner.get().map(Vec::as_mut_slice)

@@ -32,6 +32,11 @@ pub struct Crowd {
 }
 
 impl Crowd {
+    /// Worlds, and those of a part.
+    pub fn size(&self) -> [usize; 2] {
+        [self.worlds, self.share]
+    }
+
     /// One for each part of a batch.
     pub fn parts(&mut self) -> PyResult<&mut [control::MultiController]> {
         self.inner.get().map(Vec::as_mut_slice)

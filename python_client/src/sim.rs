@@ -65,6 +65,18 @@ fn interface(env: &VectorEnv, inner: observation::Interface) -> Interface {
     Interface { inner, tick_s: env.tick_s(), shard_envs: first_shard(env) }
 }
 
+/// `ValueError` unless a controller and a batch have the same environments in the same parts.
+fn check_batch(controller: [usize; 2], batch: [usize; 2]) -> PyResult<()> {
+    if controller == batch {
+        return Ok(());
+    }
+    let [[envs, part], [want, want_part]] = [controller, batch];
+    Err(PyValueError::new_err(format!(
+        "controller: it was made for another batch, of {envs} environments in parts of {part}; expected {want} in parts of {want_part}: \
+         the `controller` method of the environment makes one (one in Python answers for the whole batch: fly it with `step`)"
+    )))
+}
+
 /// Environments of each shard but the last.
 fn first_shard(env: &VectorEnv) -> usize {
     env.shard_envs().next().unwrap_or(1)
@@ -341,14 +353,17 @@ impl Sim {
         let flown = flown.as_slice_mut()?;
         let mut arrays =
             self.arrays(steps, [rows, returns], [rewards, observations], [terminated, truncated])?;
+        let share = self.shard_envs()?;
         let out = arrays.buffers(&mut self.last)?;
         let env = self.env.get()?;
         if let Ok(controller) = controller.cast::<Controller>() {
             let mut controller = controller.try_borrow_mut()?;
+            check_batch(controller.size(), [self.envs, share])?;
             let parts = controller.parts()?;
             py.detach(|| guarded(|| env.rollout_with(parts, steps, flown, out)))?;
         } else if let Ok(crowd) = controller.cast::<Crowd>() {
             let mut crowd = crowd.try_borrow_mut()?;
+            check_batch(crowd.size(), [self.envs, share])?;
             let parts = crowd.parts()?;
             py.detach(|| guarded(|| env.rollout_with(parts, steps, flown, out)))?;
         } else {
@@ -450,6 +465,40 @@ impl Sim {
             .zip(metrics)
             .for_each(|(number, bytes)| *number = f32::from_le_bytes(*bytes));
         Ok(())
+    }
+
+    /// Every environment goes on from where the one of another `Sim` of the same models and options was, given by
+    /// its `get_state`; with `seeds`, uint64 (num_envs,), each in the noise of its own seed.
+    #[pyo3(signature = (state, seeds = None))]
+    fn set_copies(&mut self, py: Python<'_>, state: &[u8], seeds: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
+        let seeds = seeds.map(|seeds| input::<u64>("seeds", &[self.envs], seeds)).transpose()?;
+        let seeds = seeds.as_ref().map(|seeds| seeds.as_slice()).transpose()?;
+        let (flags, numbers) = (self.last.flying.len() / self.envs, self.last.metrics.len() / self.envs);
+        let Some(at) = state.len().checked_sub(flags + 4 * numbers) else {
+            return Err(PyValueError::new_err(format!("state: {} bytes are too few", state.len())));
+        };
+        let (batch, last) = state.split_at(at);
+        let env = self.env.get()?;
+        py.detach(|| guarded(|| env.restore_copies(batch, seeds)))?;
+        self.last
+            .flying
+            .iter_mut()
+            .zip(last[..flags].iter().cycle())
+            .for_each(|(flies, byte)| *flies = *byte != 0);
+        let metrics = last[flags..].as_chunks().0.iter().cycle();
+        let metrics = self.last.metrics.iter_mut().zip(metrics);
+        metrics.for_each(|(number, bytes)| *number = f32::from_le_bytes(*bytes));
+        Ok(())
+    }
+
+    /// Forces from outside from now on: float32 (num_envs, 3), where a task has several drones (num_envs,
+    /// num_drones, 3), N in the world frame, or `None` for none.
+    #[pyo3(signature = (force_n))]
+    fn set_force(&mut self, force_n: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
+        let force_n = force_n.map(|rows| input::<f32>("force_n", &self.shape(3), rows)).transpose()?;
+        let force_n = force_n.as_ref().map(|rows| rows.as_slice()).transpose()?;
+        let env = self.env.get()?;
+        guarded(|| env.set_force(force_n))
     }
 
     /// For pickling and copying.
