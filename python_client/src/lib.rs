@@ -23,7 +23,7 @@ mod _native {
     #[pymodule_export]
     use crate::registry::{
         check_model, cli, effects, model_text, neighbour_fields, observable_fields, observation_choices,
-        observation_fields, tasks,
+        observation_fields, tasks, track_rows,
     };
     #[pymodule_export]
     use crate::remote::Remote;

@@ -18,6 +18,7 @@ Examples:
   crazyflie fly --task fly-80cm --controller stock-pid --picture old.svg
   crazyflie fly --task whole-flight --sensors lab --csv flight.csv --picture3d path.svg
   crazyflie fly --task track --task-options '{\"shape\": \"helix\"}' --effects drag_linear=0.3
+  crazyflie fly --task track --track way.csv
   crazyflie fly --task swap --collision-avoidance --picture3d swap.svg
   crazyflie fly --task carry --drones 4 --csv carry.csv
   crazyflie fly --effects gust.sigma_mps2=0.5 --effects '{\"battery_sag\": {\"exponent\": 2}}' --runs 100";
@@ -32,6 +33,10 @@ pub(super) struct Args {
     /// The task's options, as JSON
     #[arg(long, value_name = "JSON")]
     task_options: Option<String>,
+    /// CSV file with the track that the task `track` is to fly: columns t_s, x_m, y_m, z_m and, if wanted,
+    /// yaw_rad or yaw_deg
+    #[arg(long, value_name = "FILE.csv")]
+    track: Option<PathBuf>,
     /// Which one, as NAME or NAME:FILE (see `crazyflie controllers`)
     #[arg(long, default_value = "thesis-pid", value_name = "NAME")]
     controller: String,
@@ -158,13 +163,21 @@ fn setup(args: &Args) -> Outcome<Setup> {
     };
     args.effects.iter().try_for_each(|text| add_effects(&mut effects, text))?;
     check_effects(&effects)?;
-    let task_options = match &args.task_options {
+    let mut task_options: Option<serde_json::Value> = match &args.task_options {
         None => None,
         Some(text) => Some(
             serde_json::from_str(text)
                 .map_err(|e| Failure::Usage(format!("--task-options is not JSON: {e}")))?,
         ),
     };
+    if let Some(file) = &args.track {
+        let text = std::fs::read_to_string(file).map_err(|e| Failure::about(file.display(), e))?;
+        let points = crazyflie_env::task::track_rows(&text, &file.display().to_string())?;
+        let options = task_options.get_or_insert_with(|| json!({}));
+        if let Some(map) = options.as_object_mut() {
+            map.insert("points".into(), json!(points));
+        }
+    }
     let model = files::model(args.model.as_deref())?;
     let vertical = args.vertical.unwrap_or_else(|| files::default_vertical(&model));
     let seconds = args.seconds.unwrap_or(scenario.seconds);

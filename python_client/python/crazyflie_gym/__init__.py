@@ -39,6 +39,7 @@ from crazyflie_gym.env import CrazyflieEnv
 from crazyflie_gym.png import save_png
 from crazyflie_gym.spaces import STATE_FIELDS, flatten, split
 from crazyflie_gym.swarm import CrazyflieSwarm
+from crazyflie_gym.tracks import track
 from crazyflie_gym.vector import CrazyflieVectorEnv
 
 __all__ = [
@@ -66,6 +67,7 @@ __all__ = [
     "save_png",
     "split",
     "tasks",
+    "track",
 ]
 
 

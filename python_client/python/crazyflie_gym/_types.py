@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TypedDict
+from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,19 @@ class EffectEntry(TypedDict):
     params: list[ParamEntry]
 
 
+class OptionEntry(TypedDict):
+    """An option of a task; `drawn` ones may be a distribution."""
+
+    name: str
+    unit: str
+    default: Any
+    low: list[float]
+    high: list[float]
+    range: str
+    drawn: bool
+    about: str
+
+
 class TaskEntry(TypedDict):
     """A task, for one drone or for several."""
 
@@ -47,6 +60,7 @@ class TaskEntry(TypedDict):
     reward: str
     max_episode_steps: int
     drones: int
+    options: list[OptionEntry]
 
 
 class FieldEntry(TypedDict):
