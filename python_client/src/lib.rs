@@ -9,6 +9,7 @@ mod errors;
 mod guarded_cell;
 mod multi_controller;
 mod picture;
+mod policy;
 mod registry;
 mod remote;
 mod sim;
@@ -24,6 +25,8 @@ mod _native {
     use crate::multi_controller::{Crowd, metrics};
     #[pymodule_export]
     use crate::picture::{ansi, path, render};
+    #[pymodule_export]
+    use crate::policy::policy_c;
     #[pymodule_export]
     use crate::registry::{
         check_model, cli, effects, model_text, neighbour_fields, observable_fields, observation_choices,
