@@ -18,6 +18,7 @@ pub(super) const ENTRY: Entry = Entry {
     also: None,
     about: "Level, with the thrust that carries the weight: what no control at all is worth",
     source: "the model's hover PWM; where a height is commanded, the set-point's",
+    any_level: false,
     file: None,
     options: &[],
     defaults: defaults::<Options>,

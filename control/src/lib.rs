@@ -129,6 +129,8 @@ pub struct Entry {
     pub about: &'static str,
     /// Equation, paper or derivation.
     pub source: &'static str,
+    /// Whether it makes no difference to it what an action sets; the others command attitudes.
+    pub any_level: bool,
     /// What is in the file that is named after the name and a colon (`NAME:FILE`); `None` where there is
     /// none.
     pub file: Option<&'static str>,

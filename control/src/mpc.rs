@@ -25,6 +25,7 @@ pub(super) const ENTRY: Entry = Entry {
     about: "Linear model-predictive control: the LQR's costs over one second ahead, with the limits of tilt and lift as constraints of a quadratic program",
     source: "Condensed form with blocked moves and the Riccati solution as the terminal cost; Maciejowski, Predictive Control with Constraints, 2002; solver \
              Clarabel (Goulart, Chen 2024)",
+    any_level: false,
     file: None,
     options: OPTIONS,
     defaults: defaults::<Options>,

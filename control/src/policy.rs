@@ -23,6 +23,7 @@ pub(super) const ENTRY: Entry = Entry {
     also: None,
     about: "A policy trained by reinforcement learning (`python -m crazyflie_gym.ppo`), flown without Python",
     source: "Proximal policy optimisation (Schulman et al. 2017) with an asymmetric critic (Pinto et al. 2018)",
+    any_level: true,
     file: Some("network, normalisation and memory of a policy, as safetensors"),
     options: &[],
     defaults: defaults::<Options>,

@@ -20,6 +20,7 @@ pub(super) const ENTRY: Entry = Entry {
     also: None,
     about: "Any action, as likely as any other",
     source: "uniform from -1 to 1, by PCG64 seeded with the seed plus the environment's place in the batch",
+    any_level: true,
     file: None,
     options: &[("seed", "where the dice begin")],
     defaults: defaults::<Options>,

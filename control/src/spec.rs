@@ -4,6 +4,7 @@ use serde_json::Value;
 
 use super::filtered::FilteredController;
 use super::{Controller, ControllerConfig, ControllerContext, Entry, find};
+use crazyflie_env::action::check_attitude;
 use crazyflie_env::error::{Error, Result};
 use crazyflie_env::estimator::SensorNoise;
 
@@ -80,6 +81,9 @@ impl ControllerSpec {
     pub fn build(&self, site: &ControllerContext<'_>) -> Result<Box<dyn Controller>> {
         let given =
             ControllerConfig { name: self.entry.name, options: &self.options, file: self.file.as_deref() };
+        if !self.entry.any_level {
+            check_attitude(&format!("controller {}", self.entry.name), &site.interface)?;
+        }
         let inner = (self.entry.build)(&given, site)?;
         Ok(match &self.filter {
             Some(belief) => Box::new(FilteredController::new(inner, site, belief)),

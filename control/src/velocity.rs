@@ -50,6 +50,7 @@ pub(super) const ENTRY: Entry = Entry {
     also: None,
     about: "Cascade: position error to velocity (P, limited), velocity error to acceleration (PI), acceleration to angle, closed over the IMU (P)",
     source: "thesis chapter 8, future work 4; the cascade of the Crazyflie's firmware (position_controller_pid.c), by a filtered velocity",
+    any_level: false,
     file: None,
     options: &[
         ("position_ps", "velocity asked for per metre of error, in all three directions"),

@@ -8,6 +8,7 @@ use rand_distr::{Distribution as _, Normal};
 use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
 
+use crate::action::ActionLevel;
 use crate::coupling::Knowledge;
 use crate::effects::{self, Entry, Param};
 use crate::error::{Error, Result, check_range, unknown};
@@ -269,6 +270,9 @@ pub struct Options {
     pub each: Vec<Each>,
     /// Two drones nearer than twice this have collided.
     pub radius_m: f64,
+    /// What an action sets.
+    #[serde(skip_serializing_if = "ActionLevel::is_default")]
+    pub action: ActionLevel,
     /// What an observation holds.
     #[serde(skip_serializing_if = "ObservationChoice::is_default")]
     pub observation: ObservationChoice,
@@ -299,6 +303,7 @@ impl Default for Options {
             each: Vec::new(),
             // motor to motor across 92 mm, propellers of 46 mm (thesis 3.1): tips at 69 mm from the centre
             radius_m: 0.069,
+            action: ActionLevel::default(),
             observation: ObservationChoice::default(),
             history: 1,
         }

@@ -3,6 +3,7 @@
 //! One way for data: [`model`] -> [`effects`] -> [`world`] -> [`task`] -> [`vector`], a batch of environments
 //! with one drone or several that share the air ([`coupling`]). No input or output, no clock, no Python here.
 
+pub mod action;
 mod archive;
 pub mod config;
 pub mod coupling;

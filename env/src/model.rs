@@ -241,6 +241,18 @@ impl VerticalInput {
         }
     }
 
+    /// Every input.
+    pub const ALL: [VerticalInput; 3] = [VerticalInput::Height, VerticalInput::Pwm, VerticalInput::Thrust];
+
+    /// The input of that name.
+    ///
+    /// # Errors
+    /// [`Error::Unknown`] with a proposal.
+    pub fn named(name: &str) -> Result<Self> {
+        let found = Self::ALL.into_iter().find(|input| input.name() == name);
+        found.ok_or_else(|| unknown("vertical form", name, Self::ALL.map(Self::name)))
+    }
+
     /// Whether the command is a thrust PWM (counts) rather than a height (metres).
     pub fn is_pwm(self) -> bool {
         self != VerticalInput::Height

@@ -110,6 +110,7 @@ struct ShardSpec<'a> {
     /// One for each drone.
     models: &'a [&'a Model],
     inputs: &'a [VerticalInput],
+    interfaces: &'a [Interface],
     options: &'a Options,
     envs: usize,
     tick_s: f64,
@@ -154,7 +155,10 @@ impl VectorEnv {
         let drones = entry.drones(options.drones)?;
         options.check_drones(drones, models.len())?;
         let models: Vec<&Model> = (0..drones).map(|j| models.get(j).unwrap_or(&models[0])).collect();
-        let inputs = models.iter().map(|model| input(model, options.vertical)).collect::<Result<Vec<_>>>()?;
+        let inputs = models
+            .iter()
+            .map(|model| options.action.input(model, options.vertical))
+            .collect::<Result<Vec<_>>>()?;
         let tick_s = Schedule::from_model(models[0])?.tick_s();
         for model in &models {
             let other_s = Schedule::from_model(model)?.tick_s();
@@ -164,6 +168,11 @@ impl VectorEnv {
         }
         options.neighbours.check(tick_s)?;
         let level = Level::named(options.isa.as_deref())?;
+        let interfaces: Vec<Interface> = models
+            .iter()
+            .zip(&inputs)
+            .map(|(model, input)| Interface::at_level(model, *input, options.action))
+            .collect::<Result<_>>()?;
         let tiles = envs.div_ceil(LANES);
         let share = tiles.div_ceil(options.threads.clamp(1, tiles)) * LANES;
         let shards = (0..envs)
@@ -173,6 +182,7 @@ impl VectorEnv {
                     models: &models,
                     inputs: &inputs,
                     options,
+                    interfaces: &interfaces,
                     envs: share.min(envs - first),
                     tick_s,
                 };
@@ -185,11 +195,6 @@ impl VectorEnv {
                 }
             })
             .collect::<Result<Vec<_>>>()?;
-        let interfaces = models
-            .iter()
-            .zip(&inputs)
-            .map(|(model, input)| Interface::from_model(model, *input))
-            .collect::<Result<_>>()?;
         let last_s = if options.max_episode_steps == 0 {
             f64::INFINITY
         } else {
@@ -477,11 +482,4 @@ fn fingerprint(models: &[&Model], options: &Options, drones: usize) -> Result<u6
     let alike = Options { threads: 1, isa: None, drones, ..options.clone() };
     let text = serde_json::to_string(&(models, alike)).map_err(bad)?;
     Ok(checksum(text.as_bytes()))
-}
-
-fn input(model: &Model, asked: Option<VerticalInput>) -> Result<VerticalInput> {
-    // a checked model has at least one input
-    asked
-        .or(model.inputs().first().copied())
-        .ok_or_else(|| Error::Config("the model has no vertical form".into()))
 }

@@ -22,8 +22,8 @@ mod _native {
     use crate::picture::{ansi, path, render};
     #[pymodule_export]
     use crate::registry::{
-        check_model, cli, effects, model_text, neighbour_fields, observable_fields, observation_choices,
-        observation_fields, tasks,
+        action_levels, check_model, cli, effects, model_text, neighbour_fields, observable_fields,
+        observation_choices, observation_fields, tasks,
     };
     #[pymodule_export]
     use crate::remote::Remote;

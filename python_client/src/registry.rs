@@ -1,9 +1,9 @@
 //! Effects, tasks and observation fields of the registries, as Python dicts.
 
 use crazyflie_env::coupling::NEIGHBOUR_FIELDS;
-use crazyflie_env::model::{Model, THESIS_TOML};
-use crazyflie_env::observation::{ALL_FIELDS, CHOICES, Field, NamedChoice, ObservationChoice};
-use crazyflie_env::{effects as effect, task};
+use crazyflie_env::model::{Model, THESIS_TOML, VerticalInput};
+use crazyflie_env::observation::{ALL_FIELDS, CHOICES, Field, Interface, NamedChoice, ObservationChoice};
+use crazyflie_env::{action, effects as effect, task};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -94,6 +94,49 @@ pub fn observation_choices(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
         Ok(dict)
     };
     CHOICES.iter().map(choice_dict).collect()
+}
+
+/// Every action level, as dicts: name, about, channels (name, unit, low, high, about, bandwidth_radps),
+/// validity, source. The ranges are those of a model: the built-in one in its default form, unless `model` is
+/// the text of another and `vertical` one of its forms.
+#[pyfunction]
+#[pyo3(signature = (model = None, vertical = None))]
+pub fn action_levels<'py>(
+    py: Python<'py>,
+    model: Option<&str>,
+    vertical: Option<&str>,
+) -> PyResult<Vec<Bound<'py, PyDict>>> {
+    let model = guarded(|| model.map_or_else(|| Ok(Model::thesis()), Model::parse))?;
+    let asked = guarded(|| vertical.map(VerticalInput::named).transpose())?;
+    let level_dict = |entry: &action::Entry| {
+        let interface =
+            guarded(|| Interface::at_level(&model, entry.level.input(&model, asked)?, entry.level))?;
+        let channel_dict = |(i, channel): (usize, &action::Channel)| {
+            let dict = PyDict::new(py);
+            for (key, text) in [("name", channel.name), ("unit", channel.unit), ("about", channel.about)] {
+                dict.set_item(key, text)?;
+            }
+            let [low, high] = interface.ranges()[i];
+            for (key, number) in [("low", low), ("high", high), ("bandwidth_radps", entry.bandwidth_radps[i])]
+            {
+                dict.set_item(key, number)?;
+            }
+            Ok(dict)
+        };
+        let dict = PyDict::new(py);
+        let channels: PyResult<Vec<_>> = entry.channels.iter().enumerate().map(channel_dict).collect();
+        for (key, text) in [
+            ("name", entry.name),
+            ("about", entry.about),
+            ("validity", entry.validity),
+            ("source", entry.source),
+        ] {
+            dict.set_item(key, text)?;
+        }
+        dict.set_item("channels", channels?)?;
+        Ok(dict)
+    };
+    action::registry().iter().map(level_dict).collect()
 }
 
 /// The layout of what follows an observation row for each of the other drones of an environment.

@@ -1,5 +1,6 @@
 //! A batch of environments.
 
+use crazyflie_env::action::{ActionLevel, SetpointRange};
 use crazyflie_env::config::Options;
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::observation::{self, ACTION};
@@ -42,7 +43,7 @@ pub struct Interface {
 impl Interface {
     /// As a server describes it.
     #[new]
-    #[pyo3(signature = (*, tick_s, vertical, tilt_max_rad, yaw_rate_max_radps, lift_max, hover_lift, yaw_sign))]
+    #[pyo3(signature = (*, tick_s, vertical, tilt_max_rad, yaw_rate_max_radps, lift_max, hover_lift, yaw_sign, set_point = None))]
     fn new(
         tick_s: f64,
         vertical: &str,
@@ -51,12 +52,9 @@ impl Interface {
         lift_max: f64,
         hover_lift: f64,
         yaw_sign: f64,
+        set_point: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<Self> {
-        let known = [VerticalInput::Height, VerticalInput::Pwm, VerticalInput::Thrust];
-        let input = known.into_iter().find(|input| input.name() == vertical);
-        let input = input.ok_or_else(|| {
-            PyValueError::new_err(format!("vertical is {vertical:?}, expected height, pwm or thrust"))
-        })?;
+        let input = guarded(|| VerticalInput::named(vertical))?;
         Ok(Interface {
             inner: observation::Interface {
                 input,
@@ -65,11 +63,23 @@ impl Interface {
                 lift_max,
                 hover_lift,
                 yaw_sign,
+                set_point: set_point.map(set_point_range).transpose()?,
             },
             tick_s,
         })
     }
 
+    /// What an action sets: a name of `crazyflie_gym.action_levels()`.
+    #[getter]
+    fn action(&self) -> &'static str {
+        self.inner.level().name()
+    }
+    /// What an action of -1 and of 1 sets, for each of its four numbers, in the units of
+    /// `crazyflie_gym.action_levels()`.
+    #[getter]
+    fn action_ranges(&self) -> Vec<(f64, f64)> {
+        self.inner.ranges().map(|[low, high]| (low, high)).to_vec()
+    }
     /// Which height input is commanded: "height", "pwm" or "thrust".
     #[getter]
     fn vertical(&self) -> &'static str {
@@ -100,6 +110,17 @@ impl Interface {
     fn yaw_sign(&self) -> f64 {
         self.inner.yaw_sign
     }
+}
+
+/// As a server describes it: the level and its ranges.
+fn set_point_range(of: &Bound<'_, PyDict>) -> PyResult<SetpointRange> {
+    let item = |key: &str| {
+        of.get_item(key)?
+            .ok_or_else(|| PyValueError::new_err(format!("set_point: the key {key:?} is missing")))
+    };
+    let level: String = item("level")?.extract()?;
+    let level = guarded(|| ActionLevel::named(&level))?;
+    Ok(SetpointRange { level, ranges: item("ranges")?.extract()? })
 }
 
 /// A batch of `num_envs` environments. `options` is JSON (see `crazyflie_gym.options`), `models` the texts of
@@ -352,11 +373,7 @@ impl Sim {
     /// What was measured in the last step or reset, whose result was `observations`: float32 (num_envs, 24),
     /// or (num_envs, num_drones, 24 and 8 for each of the others). These are the observations themselves
     /// unless something else was asked for.
-    fn measured<'py>(
-        &self,
-        py: Python<'py>,
-        observations: Bound<'py, PyAny>,
-    ) -> PyResult<Bound<'py, PyAny>> {
+    fn measured<'py>(&self, py: Python<'py>, observations: Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
         let kept = self.env.glance(|env| {
             let rows = env.measured(&[]);
             (!rows.is_empty()).then(|| (rows.to_vec(), env.measured_width()))

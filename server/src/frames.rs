@@ -2,6 +2,7 @@
 //! little-endian f32 (`COLUMNS`), for each moment as many as there are drones.
 
 use crazyflie_env::observation::{ACTION, Interface, MARKER_POS, OBSERVATION, SETPOINT, index};
+use crazyflie_env::plant::Command;
 use crazyflie_env::vector::{STATE, state_index};
 use serde::Serialize;
 
@@ -96,7 +97,12 @@ pub(crate) fn row(
     interface: &Interface,
     reward: f32,
 ) -> FrameRow {
-    let u = interface.command(&action.map(f64::from));
+    // what is commanded at another level no column shows
+    let u = if interface.level().is_default() {
+        interface.command(&action.map(f64::from))
+    } else {
+        Command::level(interface.hover_lift)
+    };
     let mut out = [0.0; COLUMNS.len()];
     out[0] = t_s as f32;
     out[1..4].copy_from_slice(&x[state_index::POS..][..3]);

@@ -540,3 +540,20 @@ def test_the_example(server, token):
     command = [sys.executable, str(example), server.url, "hover-aruco", token]
     words = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     assert words.startswith("hover-aruco@") and float(words.split()[-1]) > 10.0, words
+
+
+def test_every_action_level_flies_there_as_here(server, client):
+    for level in crazyflie_gym.action_levels():
+        name = level["name"]
+        here, there = (
+            gym.make("Crazyflie-v0", action=name, **more).unwrapped
+            for more in ({}, {"remote": server.url, "remote_client": client})
+        )
+        assert there.interface.action == name
+        assert there.interface.action_ranges == here.interface.action_ranges
+        for env in (here, there):
+            env.reset(seed=1)
+        for step in range(5):
+            action = np.full(4, 0.1 * step, np.float32)
+            np.testing.assert_array_equal(here.step(action)[0], there.step(action)[0])
+        there.close()

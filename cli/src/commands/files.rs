@@ -51,12 +51,7 @@ pub(crate) fn write_log(path: &Path, log: &FlightLog) -> Outcome {
 
 /// The vertical input of that name.
 pub(crate) fn vertical(name: &str) -> Result<VerticalInput, String> {
-    match name {
-        "height" => Ok(VerticalInput::Height),
-        "pwm" => Ok(VerticalInput::Pwm),
-        "thrust" => Ok(VerticalInput::Thrust),
-        _ => Err("expected height, pwm or thrust".into()),
-    }
+    VerticalInput::named(name).map_err(|error| error.to_string())
 }
 
 /// The form that the model names. Without a name: the controllers command a PWM, so that form, if the model

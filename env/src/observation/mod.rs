@@ -5,6 +5,7 @@ mod choice;
 
 use serde::{Deserialize, Serialize};
 
+use crate::action::SetpointRange;
 use crate::effects::Reading;
 use crate::error::Result;
 use crate::model::{Model, VerticalInput};
@@ -260,10 +261,13 @@ pub struct Interface {
     pub hover_lift: f64,
     /// +1 or -1: the direction in which a positive yaw-rate command turns, right-handed.
     pub yaw_sign: f64,
+    /// What actions set, where they are no attitudes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub set_point: Option<SetpointRange>,
 }
 
 impl Interface {
-    /// Of a model, for one of its height inputs.
+    /// Of a model, for one of its height inputs; actions are attitudes.
     ///
     /// # Errors
     /// [`crate::Error::Unknown`] if the model lacks that input.
@@ -277,6 +281,7 @@ impl Interface {
             lift_max: if input.is_pwm() { c.pwm_max.value } else { c.height_max.value },
             hover_lift: hover.unwrap_or(0.0),
             yaw_sign: model.yaw.sign(),
+            set_point: None,
         })
     }
 

@@ -66,7 +66,7 @@ pub(super) fn row_width(options: &crate::config::Options, drones: usize) -> Resu
 impl<R: BatchScalar> Observer<R> {
     /// None where what is measured is all that was asked for.
     pub(super) fn new(spec: &ShardSpec<'_>, drones: usize) -> Result<Option<Self>> {
-        let ShardSpec { models, inputs, options, envs, tick_s } = *spec;
+        let ShardSpec { models, inputs, options, envs, tick_s, .. } = *spec;
         if !options.observes() {
             return Ok(None);
         }

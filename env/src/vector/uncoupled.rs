@@ -7,6 +7,7 @@ use rand_pcg::Pcg64Mcg;
 use super::buffers::{StepBuffers, TailBuffers, TileBuffers, TileRows};
 use super::observer::{Observer, RowPlace, Sight, row_width};
 use super::{BatchConfig, Shard, ShardSpec};
+use crate::action::Onboard;
 use crate::archive::Archive;
 use crate::config::Autoreset;
 use crate::error::Result;
@@ -45,6 +46,8 @@ struct Bits {
 
 pub(super) struct UncoupledShard<R: BatchScalar, T> {
     world: World<R>,
+    /// Turns actions that are no attitudes into commands.
+    onboard: Option<Onboard<R>>,
     task: T,
     slots: Vec<Slot<R>>,
     bits: Vec<Bits>,
@@ -159,6 +162,9 @@ impl<R: BatchScalar, T: Task> Shard for UncoupledShard<R, T> {
             }
             let key = |lane: usize| episode_key(episodes.seed[lane], episodes.number[lane].wrapping_sub(1));
             self.world.archive(tile, key, archive);
+            if let Some(onboard) = &mut self.onboard {
+                onboard.archive(tile, archive);
+            }
             if let Some(observer) = &mut self.observer {
                 observer.archive(tile, archive);
             }
@@ -175,6 +181,7 @@ impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
         let width = row_width(options, 1)?;
         Ok(UncoupledShard {
             world: World::new(spec.models[0], &options.drone_effects(0), settings, tiles)?,
+            onboard: Onboard::new(spec.models[0], &spec.interfaces[0], spec.tick_s, tiles)?,
             task,
             slots: vec![Slot { last_action: [R::zero(); ACTION], goal: [R::zero(); GOAL] }; tiles],
             bits: (0..tiles).map(|tile| Bits::new(envs - tile * LANES)).collect(),
@@ -222,8 +229,11 @@ impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
         }
         self.bits[tile].ended &= !(bits as u16);
         let mask = R::mask(bits);
-        for (last, new) in slot.last_action.iter_mut().zip(interface.action(&u)) {
+        for (last, new) in slot.last_action.iter_mut().zip(interface.action_before(&x, &u)) {
             *last = R::select(mask, new, *last);
+        }
+        if let Some(onboard) = &mut self.onboard {
+            onboard.start(tile, mask);
         }
         let reading = self.world.start(tile, mask, &x, &u);
         let now_s = self.world.time_s(tile);
@@ -251,7 +261,7 @@ impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
         let mut tail = TailBuffers::new(actions);
         let mut buffers = TileBuffers::new(actions, observed, out, &mut tail);
         let tiles = self.bits.len();
-        if self.world.is_plain() {
+        if self.world.is_plain() && self.onboard.is_none() {
             for tile in 0..tiles {
                 let action = R::read4(buffers.actions(tile));
                 let tick = self.world.step_plain(tile, &params.reach.command(&action));
@@ -265,7 +275,10 @@ impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
                 let n = GROUP.min(tiles - first);
                 for i in 0..n {
                     actions[i] = R::read4(buffers.actions(first + i));
-                    commands[i] = params.reach.command(&actions[i]);
+                    commands[i] = match &mut self.onboard {
+                        None => params.reach.command(&actions[i]),
+                        Some(onboard) => onboard.command(first + i, &actions[i], self.world.state(first + i)),
+                    };
                 }
                 self.world.step_group(first, &commands[..n], None, &mut ticks[..n]);
                 for i in 0..n {

@@ -1,5 +1,6 @@
 //! The simulator from outside, in one program: it links once.
 
+mod actions;
 mod derivatives;
 mod effects;
 mod effects_analytic;

@@ -61,6 +61,27 @@ class FieldEntry(TypedDict):
     high: float
 
 
+class ActionChannelEntry(TypedDict):
+    """One of the four numbers of an action."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    about: str
+    bandwidth_radps: float
+
+
+class ActionLevelEntry(TypedDict):
+    """What an action may set."""
+
+    name: str
+    about: str
+    channels: list[ActionChannelEntry]
+    validity: str
+    source: str
+
+
 class ChoiceEntry(TypedDict):
     """A choice of fields of an observation that has a name."""
 

@@ -56,6 +56,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
             `crazyflie_gym.neighbour_fields()`.
         form: "flat" for a Box of rows, "dict" for a Dict by field.
         history: ticks that an observation holds, 1 to 64: the newest last, at the beginning all alike.
+        action: what an action sets: "attitude", "velocity" or "position" (`crazyflie_gym.action_levels()`).
         true_state: give the true state, float32 (12,), or (drones, 12), as info["true_state"]; its layout is
             STATE_FIELDS.
         clip: cut actions off at -1 and 1. Without it more than round-off is an error.
@@ -88,6 +89,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         observation: Choice = "measured",
         form: str = "flat",
         history: int = 1,
+        action: str = "attitude",
         true_state: bool = False,
         clip: bool = False,
         render_mode: str | None = None,
@@ -119,6 +121,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
             draws=render_mode is not None,
             observation=observation,
             history=history,
+            action=action,
         )
         rows = self.sim.num_drones if self.sim.has_drone_axis else None
         self._layout = RowLayout(observation, history, rows)

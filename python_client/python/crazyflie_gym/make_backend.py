@@ -38,6 +38,7 @@ def make_backend(
     draws: bool = False,
     observation: Choice = "measured",
     history: int = 1,
+    action: str = "attitude",
 ) -> Sim | RemoteBackend:
     """Return the simulation that the arguments of an environment ask for.
 
@@ -72,6 +73,7 @@ def make_backend(
         max_episode_steps=max_episode_steps,
         observation=observation if isinstance(observation, str) else list(observation),
         history=history,
+        action=action,
     )
     if remote is None:
         texts = [model_text() if text is None else text for text, _ in models]

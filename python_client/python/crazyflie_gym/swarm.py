@@ -61,6 +61,7 @@ class CrazyflieSwarm:
         clip: bool = False,
         observation: Choice = "measured",
         history: int = 1,
+        action: str = "attitude",
     ) -> None:
         self.mode = mode_named(autoreset_mode)
         sim = make_backend(
@@ -84,6 +85,7 @@ class CrazyflieSwarm:
             states=False,
             observation=observation,
             history=history,
+            action=action,
         )
         assert isinstance(sim, Sim)
         if not sim.has_drone_axis:

@@ -70,6 +70,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         observation: Choice = "measured",
         form: str = "flat",
         history: int = 1,
+        action: str = "attitude",
         true_state: bool = False,
         clip: bool = False,
         render_mode: str | None = None,
@@ -106,6 +107,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
             draws=render_mode is not None,
             observation=observation,
             history=history,
+            action=action,
         )
         self.num_envs = self.sim.num_envs
         rows = self.sim.num_drones if self.sim.has_drone_axis else None

@@ -200,7 +200,12 @@ fn openenv_error(error: ProtocolError) -> OpenEnvError {
 
 /// An observation by the names of its fields, with reward and flags. Of several ticks a field is a list of
 /// them, the newest last.
-fn observation(layout: &[Field], row: &[f32], reward: Option<f32>, [terminated, truncated]: [bool; 2]) -> Value {
+fn observation(
+    layout: &[Field],
+    row: &[f32],
+    reward: Option<f32>,
+    [terminated, truncated]: [bool; 2],
+) -> Value {
     let width: usize = layout.iter().map(|field| field.length).sum();
     let ticks = |field: &Field| {
         let tick = |row: &[f32]| row[field.range()].iter().map(|v| f64::from(*v)).collect::<Vec<_>>();

@@ -1,5 +1,6 @@
 //! All drones of a part of the batch, with their load, and how they move for a tick.
 
+use crate::action::Onboard;
 use crate::archive::Archive;
 use crate::config::Autoreset;
 use crate::coupling::load::{self, Load, Ropes};
@@ -81,6 +82,8 @@ pub(in crate::vector) struct Scratch<R: BatchScalar> {
 pub(in crate::vector) struct DroneBatch<R: BatchScalar> {
     /// Of each drone, in all tiles.
     pub(in crate::vector) drones: Vec<World<R>>,
+    /// Of each drone: turns actions that are no attitudes into commands.
+    pub(in crate::vector) onboard: Vec<Option<Onboard<R>>>,
     pub(in crate::vector) load: Option<Load>,
     drone_kg: Vec<R>,
     gravity_mps2: f64,
@@ -103,7 +106,7 @@ impl<R: BatchScalar> DroneBatch<R> {
         board: usize,
         drones: usize,
     ) -> Result<Self> {
-        let ShardSpec { models, inputs, options, envs, tick_s } = *spec;
+        let ShardSpec { models, inputs, options, envs, tick_s, .. } = *spec;
         let tiles = envs.div_ceil(LANES);
         let one = |j: usize| {
             let settings = Settings { input: inputs[j], physics_hz: options.physics_hz };
@@ -129,6 +132,9 @@ impl<R: BatchScalar> DroneBatch<R> {
         let kept = if options.autoreset == Autoreset::SameStep { envs } else { 0 };
         Ok(DroneBatch {
             drones: (0..drones).map(one).collect::<Result<_>>()?,
+            onboard: (0..drones)
+                .map(|j| Onboard::new(models[j], &spec.interfaces[j], tick_s, tiles))
+                .collect::<Result<_>>()?,
             load,
             drone_kg: models.iter().map(|m| R::from_f64(m.vehicle.mass.value)).collect(),
             gravity_mps2: models[0].lateral.gravity.value,
@@ -264,8 +270,8 @@ impl<R: BatchScalar> DroneBatch<R> {
     #[inline(always)]
     fn obey(&mut self, config: &BatchConfig, drone: usize, first: usize, n: usize, actions: &[f32]) {
         let all = self.drones.len();
-        let DroneBatch { drones, scratch, slots, envs, load, .. } = self;
-        let world = &mut drones[drone];
+        let DroneBatch { drones, onboard, scratch, slots, envs, load, .. } = self;
+        let (world, onboard) = (&mut drones[drone], &mut onboard[drone]);
         let reach = config.interfaces[drone].reach();
         let mut commands = [Command::level(R::zero()); GROUP];
         let flying = |i: usize| slots[(first + i) * all + drone].flying;
@@ -275,7 +281,10 @@ impl<R: BatchScalar> DroneBatch<R> {
         let row = &mut scratch.actions[drone];
         for i in 0..n {
             row[i] = gather(actions, (first + i) * LANES, *envs, drone, all);
-            commands[i] = reach.command(&row[i]);
+            commands[i] = match onboard {
+                None => reach.command(&row[i]),
+                Some(onboard) => onboard.command(first + i, &row[i], world.state(first + i)),
+            };
         }
         if load.is_none() && world.is_plain() {
             for i in 0..n {

@@ -75,7 +75,7 @@ impl<R: BatchScalar> DroneBatch<R> {
     #[inline(always)]
     fn start_now(&mut self, config: &BatchConfig, tile: usize, bits: u32) {
         let (n, mask) = (self.len(), R::mask(bits));
-        let DroneBatch { drones, scratch, slots, tiles, .. } = self;
+        let DroneBatch { drones, onboard, scratch, slots, tiles, .. } = self;
         let of = &mut tiles[tile];
         for i in 0..3 {
             of.load.pos_m[i] = R::select(mask, scratch.hanging.pos_m[i], of.load.pos_m[i]);
@@ -86,7 +86,10 @@ impl<R: BatchScalar> DroneBatch<R> {
         for drone in 0..n {
             let (slot, u) = (&mut slots[tile * n + drone], scratch.u[drone]);
             slot.flying |= bits as u16;
-            let action = config.interfaces[drone].action(&u);
+            let action = config.interfaces[drone].action_before(&scratch.x[drone], &u);
+            if let Some(onboard) = &mut onboard[drone] {
+                onboard.start(tile, mask);
+            }
             for i in 0..ACTION {
                 slot.last_action[i] = R::select(mask, action[i], slot.last_action[i]);
             }
@@ -106,7 +109,7 @@ impl<R: BatchScalar> DroneBatch<R> {
         for tile in 0..self.tiles() {
             let n = self.drones.len();
             self.board_mut(tile).iter_mut().for_each(|number| archive.number(number));
-            let DroneBatch { drones, slots, tiles, .. } = self;
+            let DroneBatch { drones, onboard, slots, tiles, .. } = self;
             tiles[tile].archive(archive);
             let Tile { seed, number, .. } = &tiles[tile];
             for (drone, (world, slot)) in
@@ -118,6 +121,9 @@ impl<R: BatchScalar> DroneBatch<R> {
                     |lane| drone_key(episode_key(seed[lane], number[lane].wrapping_sub(1)), drone),
                     archive,
                 );
+            }
+            for onboard in onboard.iter_mut().flatten() {
+                onboard.archive(tile, archive);
             }
             if let Some(observer) = &mut self.observer {
                 observer.archive(tile, archive);

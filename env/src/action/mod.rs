@@ -1,0 +1,299 @@
+//! Action levels: what the four numbers of an action set. Attitudes are what was identified; set-points above
+//! them go through the onboard cascade, those below them to the motor-level vehicle.
+
+mod cascade;
+
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+use crate::error::{Error, Result, unknown};
+use crate::model::{Model, VerticalInput};
+use crate::observation::{ACTION, Interface};
+use crate::plant::{Command, State};
+use crate::scalar::{Scalar, tabulate};
+use crate::task::ROOM_M;
+
+pub(crate) use cascade::Onboard;
+
+/// What an action sets.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum ActionLevel {
+    /// Roll, pitch, yaw rate and height or PWM: the input of the identified model.
+    #[default]
+    Attitude,
+    /// Velocity in the room, and a yaw rate.
+    Velocity,
+    /// A place in the room, and a heading.
+    Position,
+}
+
+/// One number of an action.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Channel {
+    /// Key, with the unit as its suffix.
+    pub name: &'static str,
+    /// Symbol of the unit; "1" for a pure number.
+    pub unit: &'static str,
+    /// Description for users, without a full stop.
+    pub about: &'static str,
+}
+
+/// An action level as the rest of the program sees it.
+#[derive(Debug, Clone, Copy)]
+pub struct Entry {
+    /// Value of the option.
+    pub level: ActionLevel,
+    /// Key in configurations.
+    pub name: &'static str,
+    /// Description for users, without a full stop.
+    pub about: &'static str,
+    /// The four numbers of an action, in order.
+    pub channels: [Channel; ACTION],
+    /// How fast the vehicle follows each channel: 1 / (time until 63 % of a small step), on the built-in model
+    /// in its default form. A channel that is obeyed within a tick has the rate of ticks.
+    pub bandwidth_radps: [f64; ACTION],
+    /// How far it may be trusted, against what was identified.
+    pub validity: &'static str,
+    /// Equation, paper or firmware.
+    pub source: &'static str,
+    /// What an action of -1 and of 1 sets, channel by channel.
+    pub(crate) ranges: fn(&Model, &Interface) -> [[f64; 2]; ACTION],
+}
+
+const fn channel(name: &'static str, unit: &'static str, about: &'static str) -> Channel {
+    Channel { name, unit, about }
+}
+
+/// The firmware's limit of a velocity set-point that its position loop gives (`posCtlPid.xVelMax`).
+pub(crate) const SPEED_MAX_MPS: f64 = 1.0;
+
+const ATTITUDE: Entry = Entry {
+    level: ActionLevel::Attitude,
+    name: "attitude",
+    about: "roll, pitch, yaw rate, and height or thrust: what `send_setpoint` takes",
+    channels: [
+        channel("roll_rad", "rad", "positive accelerates to the right"),
+        channel("pitch_rad", "rad", "positive accelerates forward"),
+        channel("yaw_rate_radps", "rad/s", "in the vehicle's own sign: positive turns clockwise (5.2)"),
+        channel("lift", "m or 1", "height, or PWM, as the vertical form says"),
+    ],
+    bandwidth_radps: [2.6, 2.6, 50.0, 1.6],
+    validity: "the level at which the model was identified: fits of 5.1 to 5.5",
+    source: "thesis 5.1 to 5.4",
+    ranges: |_, interface| {
+        let (tilt, yaw) = (interface.tilt_max_rad, interface.yaw_rate_max_radps);
+        [[-tilt, tilt], [-tilt, tilt], [-yaw, yaw], [0.0, interface.lift_max]]
+    },
+};
+
+const VELOCITY: Entry = Entry {
+    level: ActionLevel::Velocity,
+    name: "velocity",
+    about: "velocity along the room's axes, and yaw rate: what `send_velocity_world_setpoint` takes",
+    channels: [
+        channel("x_mps", "m/s", "to the right"),
+        channel("y_mps", "m/s", "forward"),
+        channel("z_mps", "m/s", "up"),
+        channel("yaw_rate_radps", "rad/s", "right-handed: positive turns counter-clockwise"),
+    ],
+    bandwidth_radps: [3.5, 3.5, 50.0, 50.0],
+    validity: "the identified model behind the firmware's velocity loop, which sees the true state 50 times a second (firmware: an estimate, 100 times)",
+    source: "Crazyflie firmware, position_controller_pid.c with the gains of platform_defaults_cf2.h",
+    ranges: |_, interface| {
+        let (v, yaw) = ([-SPEED_MAX_MPS, SPEED_MAX_MPS], interface.yaw_rate_max_radps);
+        [v, v, v, [-yaw, yaw]]
+    },
+};
+
+const POSITION: Entry = Entry {
+    level: ActionLevel::Position,
+    name: "position",
+    about: "a place in the room and a heading: what `send_position_setpoint` takes",
+    channels: [
+        channel("x_m", "m", "place over the marker, to the right"),
+        channel("y_m", "m", "place over the marker, forward"),
+        channel("z_m", "m", "height over the floor"),
+        channel("yaw_rad", "rad", "heading, right-handed"),
+    ],
+    bandwidth_radps: [1.5, 1.5, 1.6, 6.0],
+    validity: "as velocity, behind the firmware's position loop; a height form (5.3) gets its height as it is",
+    source: "Crazyflie firmware, position_controller_pid.c with the gains of platform_defaults_cf2.h",
+    ranges: |model, _| {
+        let (half, pi) = (ROOM_M[0], std::f64::consts::PI);
+        [[-half, half], [-half, half], [0.0, model.command.height_max.value], [-pi, pi]]
+    },
+};
+
+/// Every action level; the first is the one unless another is asked for.
+pub fn registry() -> &'static [Entry] {
+    const REGISTRY: &[Entry] = &[ATTITUDE, VELOCITY, POSITION];
+    REGISTRY
+}
+
+impl ActionLevel {
+    /// The level of that name.
+    ///
+    /// # Errors
+    /// [`Error::Unknown`] with a proposal.
+    pub fn named(name: &str) -> Result<Self> {
+        let found = registry().iter().find(|entry| entry.name == name);
+        let known = registry().iter().map(|entry| entry.name);
+        found.map(|entry| entry.level).ok_or_else(|| unknown("action level", name, known))
+    }
+
+    /// Its line of [`registry`].
+    pub fn entry(self) -> &'static Entry {
+        // the registry has a line for each level, which a test sees to
+        registry().iter().find(|entry| entry.level == self).unwrap_or(&registry()[0])
+    }
+
+    /// The height input that is commanded: what is `asked` for, or the model's first.
+    ///
+    /// # Errors
+    /// [`Error::Config`] if the model has none.
+    pub fn input(self, model: &Model, asked: Option<VerticalInput>) -> Result<VerticalInput> {
+        // a checked model has at least one input
+        asked
+            .or(model.inputs().first().copied())
+            .ok_or_else(|| Error::Config("the model has no vertical form".into()))
+    }
+
+    /// Key in configurations.
+    pub fn name(self) -> &'static str {
+        self.entry().name
+    }
+
+    /// Whether it is the one unless another is asked for: then configurations do not mention it.
+    #[allow(clippy::trivially_copy_pass_by_ref, reason = "serde calls it so")]
+    pub fn is_default(&self) -> bool {
+        *self == ActionLevel::default()
+    }
+}
+
+impl Serialize for ActionLevel {
+    fn serialize<S: Serializer>(&self, to: S) -> std::result::Result<S::Ok, S::Error> {
+        to.serialize_str(self.name())
+    }
+}
+
+impl<'de> Deserialize<'de> for ActionLevel {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> std::result::Result<Self, D::Error> {
+        ActionLevel::named(&String::deserialize(from)?).map_err(serde::de::Error::custom)
+    }
+}
+
+/// What the actions of another level than attitude set.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct SetpointRange {
+    /// Which level.
+    pub level: ActionLevel,
+    /// What an action of -1 and of 1 sets, channel by channel of the level's entry.
+    pub ranges: [[f64; 2]; ACTION],
+}
+
+impl Interface {
+    /// Of a model, for one of its height inputs and an action level.
+    ///
+    /// # Errors
+    /// [`Error::Unknown`] if the model lacks that input.
+    pub fn at_level(model: &Model, input: VerticalInput, level: ActionLevel) -> Result<Self> {
+        let mut interface = Interface::from_model(model, input)?;
+        if !level.is_default() {
+            let ranges = (level.entry().ranges)(model, &interface);
+            interface.set_point = Some(SetpointRange { level, ranges });
+        }
+        Ok(interface)
+    }
+
+    /// What actions set.
+    pub fn level(&self) -> ActionLevel {
+        self.set_point.map_or(ActionLevel::Attitude, |set_point| set_point.level)
+    }
+
+    /// What an action of -1 and of 1 sets, channel by channel of [`ActionLevel::entry`].
+    pub fn ranges(&self) -> [[f64; 2]; ACTION] {
+        let [tilt, yaw] = [self.tilt_max_rad, self.yaw_rate_max_radps];
+        let attitude = [[-tilt, tilt], [-tilt, tilt], [-yaw, yaw], [0.0, self.lift_max]];
+        self.set_point.map_or(attitude, |set_point| set_point.ranges)
+    }
+
+    /// The set-point of an action row: numbers in the units of the level's channels.
+    #[inline(always)]
+    pub fn set_point<R: Scalar>(&self, action: &[R; ACTION]) -> [R; ACTION] {
+        let ranges = self.ranges();
+        tabulate(
+            #[inline(always)]
+            |i| {
+                let [low, high] = ranges[i];
+                R::from_f64(0.5 * (low + high)) + R::from_f64(0.5 * (high - low)) * action[i]
+            },
+        )
+    }
+
+    /// The action row of a set-point, cut off at -1..1.
+    pub fn action_of<R: Scalar>(&self, set_point: &[R; ACTION]) -> [R; ACTION] {
+        let ranges = self.ranges();
+        tabulate(|i| {
+            let [low, high] = ranges[i];
+            let share = (set_point[i] - R::from_f64(0.5 * (low + high))) * R::from_f64(2.0 / (high - low));
+            share.clamp(R::from_f64(-1.0), R::from_f64(1.0))
+        })
+    }
+
+    /// The action in force before an episode that begins at `x`, at rest, with the command `u`.
+    #[inline(always)]
+    pub(crate) fn action_before<R: Scalar>(&self, x: &State<R>, u: &Command<R>) -> [R; ACTION] {
+        let zero = R::zero();
+        match self.level() {
+            ActionLevel::Attitude => self.action(u),
+            ActionLevel::Velocity => self.action_of(&[zero; ACTION]),
+            ActionLevel::Position => {
+                let [x_m, y_m, z_m] = x.pos_m;
+                self.action_of(&[x_m, y_m, z_m, x.att_rad[2]])
+            }
+        }
+    }
+}
+
+/// # Errors
+/// [`Error::Config`] unless actions are attitudes, which `who` commands.
+pub fn check_attitude(who: &str, interface: &Interface) -> Result<()> {
+    match interface.level() {
+        ActionLevel::Attitude => Ok(()),
+        level => Err(Error::Config(format!(
+            "{who} commands attitudes, and the actions of this environment are of the level {:?}: make it with \
+             action=\"attitude\"",
+            level.name()
+        ))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_level_has_a_line_and_is_found_by_its_name() {
+        for entry in registry() {
+            assert_eq!(entry.level.entry().name, entry.name);
+            assert_eq!(ActionLevel::named(entry.name).unwrap(), entry.level);
+        }
+        let error = ActionLevel::named("velocty").unwrap_err().to_string();
+        assert!(error.contains("action level") && error.contains("did you mean \"velocity\""), "{error}");
+    }
+
+    #[test]
+    fn an_action_is_its_set_point_and_back() {
+        for entry in registry() {
+            let interface =
+                Interface::at_level(&Model::thesis(), VerticalInput::Height, entry.level).unwrap();
+            let ranges = interface.ranges();
+            assert_eq!(ranges, (entry.ranges)(&Model::thesis(), &interface), "{}", entry.name);
+            let action = [-1.0, 1.0, 0.25, -0.5];
+            let set_point = interface.set_point(&action);
+            assert!((set_point[0] - ranges[0][0]).abs() < 1e-12, "{}", entry.name);
+            assert!((set_point[1] - ranges[1][1]).abs() < 1e-12, "{}", entry.name);
+            let again = interface.action_of(&set_point);
+            assert!(again.iter().zip(action).all(|(a, b)| (a - b).abs() < 1e-12), "{}", entry.name);
+        }
+    }
+}
