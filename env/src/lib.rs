@@ -19,6 +19,7 @@ mod lanes_avx2;
 #[cfg(target_arch = "x86_64")]
 mod lanes_avx512;
 pub mod model;
+mod motors;
 pub mod noise;
 pub mod observation;
 pub mod plant;

@@ -114,6 +114,27 @@ pub enum Vertical {
         /// Deceleration per climb rate, 1/s.
         heave: Quantity,
     },
+    /// Thrust and torques of four motors (see [`Motors`]).
+    Motors(Motors),
+}
+
+/// A rigid body with four motors on its diagonals, each with a lag, a thrust curve and limits, behind the
+/// firmware's mixer and loops. Numbers of a data sheet, not identified.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Motors {
+    /// PWM of each motor that carries the weight.
+    pub hover: Quantity,
+    /// Share of the thrust at full PWM that grows with the PWM; the rest grows with its square.
+    pub linear_share: Quantity,
+    /// Time constant of a motor, s.
+    pub lag: Quantity,
+    /// Moment of inertia about the roll and the pitch axis, kg m^2.
+    pub tilt_inertia: Quantity,
+    /// Moment of inertia about the yaw axis, kg m^2.
+    pub yaw_inertia: Quantity,
+    /// Torque about the vertical per thrust, m.
+    pub torque_per_thrust: Quantity,
 }
 
 /// The height inputs that the model has; at least one.
@@ -133,6 +154,9 @@ pub struct Verticals {
     /// Form in which the thrust PWM accelerates the vehicle; a flight log can be fitted to it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub thrust: Option<Vertical>,
+    /// The motor-level form: it has attitude loops of its own, besides those of roll, pitch and yaw.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub motors: Option<Vertical>,
 }
 
 /// What the command interface accepts: the range that an action of -1..1 is mapped to.
@@ -229,6 +253,8 @@ pub enum VerticalInput {
     Pwm,
     /// The thrust PWM, on the acceleration form.
     Thrust,
+    /// The thrust PWM, on the motor-level form, whose tilt and yaw are its own too.
+    Motors,
 }
 
 impl VerticalInput {
@@ -238,11 +264,13 @@ impl VerticalInput {
             VerticalInput::Height => "height",
             VerticalInput::Pwm => "pwm",
             VerticalInput::Thrust => "thrust",
+            VerticalInput::Motors => "motors",
         }
     }
 
     /// Every input.
-    pub const ALL: [VerticalInput; 3] = [VerticalInput::Height, VerticalInput::Pwm, VerticalInput::Thrust];
+    pub const ALL: [VerticalInput; 4] =
+        [VerticalInput::Height, VerticalInput::Pwm, VerticalInput::Thrust, VerticalInput::Motors];
 
     /// The input of that name.
     ///
@@ -329,6 +357,10 @@ impl Vertical {
             Vertical::Thrust { hover, heave } => {
                 AxisForm::second_order(gravity / hover.value, heave.value, 0.0, hover.value)
             }
+            // for small changes of the thrust
+            Vertical::Motors(form) => {
+                AxisForm::second_order(gravity * form.slope(), 0.0, 0.0, form.hover.value)
+            }
         }
     }
     /// The PWM that carries the weight; infinite where the command is a height.
@@ -337,7 +369,7 @@ impl Vertical {
             Vertical::FirstOrder { hover, .. } | Vertical::SecondOrder { hover, .. } => {
                 hover.as_ref().map(|q| q.value)
             }
-            Vertical::Thrust { hover, .. } => Some(hover.value),
+            Vertical::Thrust { hover, .. } | Vertical::Motors(Motors { hover, .. }) => Some(hover.value),
         }
     }
 }
@@ -406,6 +438,7 @@ impl Model {
             ("height", &self.vertical.height, "1/s", "1/s^2", "m"),
             ("pwm", &self.vertical.pwm, "m/s", "m/s^2", "1"),
             ("thrust", &self.vertical.thrust, "", "", "1"),
+            ("motors", &self.vertical.motors, "", "", "1"),
         ];
         for (name, vertical, first, second, input) in verticals {
             let path = |field: &str| format!("vertical.{name}.{field}");
@@ -428,6 +461,14 @@ impl Model {
                 Some(Vertical::Thrust { hover, heave }) => {
                     all.push((path("hover"), hover, "1", POSITIVE));
                     all.push((path("heave"), heave, "1/s", NOT_NEGATIVE));
+                }
+                Some(Vertical::Motors(form)) => {
+                    all.push((path("hover"), &form.hover, "1", [1.0, 65_000.0]));
+                    all.push((path("linear_share"), &form.linear_share, "1", [0.0, 1.0]));
+                    all.push((path("lag"), &form.lag, "s", [1e-3, 1.0]));
+                    all.push((path("tilt_inertia"), &form.tilt_inertia, "kg m^2", POSITIVE));
+                    all.push((path("yaw_inertia"), &form.yaw_inertia, "kg m^2", POSITIVE));
+                    all.push((path("torque_per_thrust"), &form.torque_per_thrust, "m", POSITIVE));
                 }
             }
         }
@@ -519,6 +560,20 @@ impl Model {
                     .into(),
             ));
         }
+        let verticals = &self.vertical;
+        for (name, form) in
+            [("height", &verticals.height), ("pwm", &verticals.pwm), ("thrust", &verticals.thrust)]
+        {
+            if matches!(form, Some(Vertical::Motors(_))) {
+                return Err(self.problem(format!(
+                    "vertical.{name} has the form \"motors\", which has attitude loops of its own: name it \
+                     vertical.motors"
+                )));
+            }
+        }
+        if verticals.motors.as_ref().is_some_and(|form| !matches!(form, Vertical::Motors(_))) {
+            return Err(self.problem("vertical.motors has another form than \"motors\"".into()));
+        }
         for (name, vertical) in [("pwm", &self.vertical.pwm), ("thrust", &self.vertical.thrust)] {
             if vertical.as_ref().is_some_and(|v| v.hover_pwm().is_none()) {
                 return Err(
@@ -537,7 +592,8 @@ impl Model {
         crate::config::check_effects(&self.effects)
     }
 
-    /// The height inputs that this model has, the default first.
+    /// The identified height inputs that this model has, the default first; [`VerticalInput::Motors`] is none
+    /// of them.
     pub fn inputs(&self) -> Vec<VerticalInput> {
         let v = &self.vertical;
         let all = [
@@ -561,8 +617,9 @@ impl Model {
             VerticalInput::Height => (&v.height, "height"),
             VerticalInput::Pwm => (&v.pwm, "pwm"),
             VerticalInput::Thrust => (&v.thrust, "thrust"),
+            VerticalInput::Motors => (&v.motors, "motors"),
         };
-        let known = [("height", &v.height), ("pwm", &v.pwm), ("thrust", &v.thrust)];
+        let known = [("height", &v.height), ("pwm", &v.pwm), ("thrust", &v.thrust), ("motors", &v.motors)];
         form.as_ref().ok_or_else(|| {
             unknown("vertical form of this model", name, known.iter().filter(|k| k.1.is_some()).map(|k| k.0))
         })

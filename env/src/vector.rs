@@ -26,6 +26,7 @@ use crate::pool::WorkerPool;
 use crate::schedule::Schedule;
 use crate::sim_scalar::BatchScalar;
 use crate::task::{self, Task, Visitor};
+use crate::world::check_scope;
 
 use coupled::CoupledShard;
 use uncoupled::UncoupledShard;
@@ -159,6 +160,9 @@ impl VectorEnv {
             .iter()
             .map(|model| options.action.input(model, options.vertical))
             .collect::<Result<Vec<_>>>()?;
+        for (drone, (model, input)) in models.iter().zip(&inputs).enumerate() {
+            check_scope(model, &options.drone_effects(drone), *input, options.action)?;
+        }
         let tick_s = Schedule::from_model(models[0])?.tick_s();
         for model in &models {
             let other_s = Schedule::from_model(model)?.tick_s();

@@ -7,12 +7,16 @@ mod fitting;
 mod parts;
 mod setup;
 
+pub(crate) use setup::check_scope;
+
 use std::slice::{from_mut, from_ref};
 
+use crate::action::ActionLevel;
 use crate::config::{BoundedNumber, EffectTable, Number};
 use crate::effects::{self, Frame, HookContext, Neighbour, PoseFix, Reading, Stage, Tiles, VehicleConstants};
 use crate::error::Result;
 use crate::model::{Model, VerticalInput};
+use crate::motors::MotorVehicle;
 use crate::noise::{EpisodeKeys, TickRng};
 use crate::plant::{Accelerations, Command, Plant, State};
 use crate::scalar::{Scalar, Word, tabulate};
@@ -22,6 +26,9 @@ use crate::sim_scalar::SimScalar;
 use camera_clock::CameraClock;
 use parts::{land, merge};
 use setup::{Active, active, body, counts_per_step, with_ranges};
+
+/// Physics steps per second of the motor-level form, which divides them for its loops.
+const MOTOR_HZ: u32 = 100;
 
 /// Tiles that are stepped side by side: while one waits for a result, another computes.
 pub const GROUP: usize = 2;
@@ -115,6 +122,8 @@ pub struct World<R: SimScalar> {
     body: VehicleConstants<R>,
     /// Over one physics step.
     plant: Plant<R>,
+    /// In place of the plant, where the motor-level form is commanded.
+    motors: Option<MotorVehicle<R>>,
     steps_per_tick: u32,
     counts_per_step: u32,
     tick_s: f64,
@@ -164,7 +173,8 @@ impl<R: SimScalar> World<R> {
 
     fn assemble(model: &Model, active: Vec<Active>, settings: Settings, tiles: usize) -> Result<Self> {
         let schedule = Schedule::from_model(model)?;
-        let needed_hz = active.iter().map(|(_, entry, _)| entry.physics_hz).max().unwrap_or(0);
+        let own_hz = if settings.input == VerticalInput::Motors { MOTOR_HZ } else { 0 };
+        let needed_hz = active.iter().map(|(_, entry, _)| entry.physics_hz).max().unwrap_or(0).max(own_hz);
         let counts_per_step = counts_per_step(&schedule, settings.physics_hz, needed_hz)?;
         let mut order = Order::default();
         let (mut stages, mut drawn) = (Vec::new(), Vec::new());
@@ -204,6 +214,7 @@ impl<R: SimScalar> World<R> {
             schedule,
             body: body(model, settings.input)?,
             plant: Plant::new(model, settings.input, schedule.seconds(counts_per_step))?,
+            motors: MotorVehicle::new(model, settings.input, h_s, tiles),
             steps_per_tick,
             counts_per_step,
             tick_s,
@@ -230,6 +241,11 @@ impl<R: SimScalar> World<R> {
     #[must_use]
     pub fn without_floor(self) -> Self {
         World { floor: false, ..self }
+    }
+
+    /// The same world, whose commands are those of another action level.
+    pub(crate) fn at_level(self, level: ActionLevel) -> Self {
+        World { motors: self.motors.map(|motors| motors.at_level(level)), ..self }
     }
 
     /// Seconds per control tick.
@@ -321,6 +337,9 @@ impl<R: SimScalar> World<R> {
         for stage in &mut self.stages {
             stage.start(tile, mask, &cx, &x, u);
         }
+        if let Some(motors) = &mut self.motors {
+            motors.start(tile, mask, &x, u);
+        }
         let mut frame = Frame::from_state(&x, mask, cx.t_s);
         for &i in &self.order.frame {
             self.stages[i].frame(
@@ -355,7 +374,10 @@ impl<R: SimScalar> World<R> {
     /// Nothing is called in a step, and a tick is one step: [`World::step_plain`] will do.
     #[inline(always)]
     pub fn is_plain(&self) -> bool {
-        self.stages.is_empty() && self.steps_per_tick == 1 && self.disturbance.is_none()
+        self.stages.is_empty()
+            && self.steps_per_tick == 1
+            && self.disturbance.is_none()
+            && self.motors.is_none()
     }
 
     /// A step of a plain world: everything stays in registers.
@@ -414,6 +436,7 @@ impl<R: SimScalar> World<R> {
         let World {
             body,
             plant,
+            motors,
             states,
             ages,
             tiles,
@@ -472,7 +495,13 @@ impl<R: SimScalar> World<R> {
                     let of = Tiles { first, cx: &cx[..n], x: &[], u: &[] };
                     stages[stage].rates(&of, &mut group.middle[..n]);
                 }
-                let of = Tiles { first, cx: &cx[..n], x: &group.middle[..n], u: &group.u[..n] };
+                let mut pushed = group.u;
+                if let Some(motors) = motors {
+                    for i in 0..n {
+                        pushed[i] = motors.thrust_command(first + i, &states[i]);
+                    }
+                }
+                let of = Tiles { first, cx: &cx[..n], x: &group.middle[..n], u: &pushed[..n] };
                 for &stage in &order.push {
                     stages[stage].push(&of, &mut group.push[..n]);
                 }
@@ -484,7 +513,16 @@ impl<R: SimScalar> World<R> {
             }
             for i in 0..n {
                 let (x, t, tick) = (&mut states[i], &mut tiles[i], &mut ticks[i]);
-                let (mut next, heading) = plant.advance(x, &group.u[i], &group.push[i]);
+                let (mut next, heading, thrust_mps2) = match motors {
+                    None => {
+                        let (next, heading) = plant.advance(x, &group.u[i], &group.push[i]);
+                        (next, heading, None)
+                    }
+                    Some(motors) => {
+                        let step = motors.advance(first + i, x, &group.u[i], &group.push[i]);
+                        (step.next, step.heading, Some(step.thrust_mps2))
+                    }
+                };
                 if self.floor {
                     land(&mut next, x.pos_m[2], &mut tick.contact);
                 }
@@ -495,7 +533,11 @@ impl<R: SimScalar> World<R> {
                     #[inline(always)]
                     |k| (next.vel_mps[k] - x.vel_mps[k]) * times.per_h,
                 );
-                tick.reading.acc_mps2 = heading.specific(&group.push[i], t.acc_mps2[2] + self.gravity_mps2);
+                let up_mps2 = match thrust_mps2 {
+                    None => t.acc_mps2[2] + self.gravity_mps2,
+                    Some(thrust_mps2) => thrust_mps2 + group.push[i].acc_mps2[2],
+                };
+                tick.reading.acc_mps2 = heading.specific(&group.push[i], up_mps2);
                 *x = next;
                 cx[i].first = false;
                 cx[i].since_tick_s += h_s;
@@ -524,6 +566,9 @@ impl<R: SimScalar> World<R> {
                 PoseFix::ideal(&states[i], cx[i].t_s)
             };
             ticks[i].reading = Reading::from_state(&states[i], ticks[i].reading.acc_mps2, marker);
+            if motors.is_some() {
+                ticks[i].reading.gyro_radps = MotorVehicle::gyro_radps(&states[i]);
+            }
         }
         let of = Tiles { first, cx: &cx[..n], x: states, u: &group.u[..n] };
         for &stage in &order.sense {

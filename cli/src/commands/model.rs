@@ -119,12 +119,27 @@ fn schema() -> Value {
     ]});
     let thrust = form("thrust", vec![("hover", quantity("1")), ("heave", quantity("1/s"))], &[]);
     let pwm = json!({"oneOf": [vertical("1", "m/s", "m/s^2"), thrust]});
+    let motors = form(
+        "motors",
+        [
+            ("hover", "1"),
+            ("linear_share", "1"),
+            ("lag", "s"),
+            ("tilt_inertia", "kg m^2"),
+            ("yaw_inertia", "kg m^2"),
+            ("torque_per_thrust", "m"),
+        ]
+        .map(|(name, unit)| (name, quantity(unit)))
+        .to_vec(),
+        &[],
+    );
     let default = json!({"enum": ["height", "pwm", "thrust"], "description": "the form that is driven unless another is asked for"});
     let verticals = [
         ("default", default),
         ("height", vertical("m", "1/s", "1/s^2")),
         ("pwm", pwm.clone()),
         ("thrust", pwm),
+        ("motors", motors),
     ];
     let quantities = |units: &[(&'static str, &str)]| {
         object(&units.iter().map(|(name, unit)| (*name, quantity(unit))).collect::<Vec<_>>(), &[])

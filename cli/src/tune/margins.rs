@@ -75,6 +75,10 @@ impl Plant {
                 Vertical::SecondOrder { gain, damping, stiffness, .. } => {
                     Plant { numerator: gain.value, denominator: vec![1.0, damping.value, stiffness.value] }
                 }
+                Vertical::Motors(form) => {
+                    let AxisForm { u, .. } = Vertical::Motors(form.clone()).form(g);
+                    Plant { numerator: u[1], denominator: vec![1.0, 0.0, 0.0] }
+                }
                 Vertical::Thrust { hover, heave } => {
                     Plant { numerator: g / hover.value, denominator: vec![1.0, heave.value, 0.0] }
                 }

@@ -67,7 +67,7 @@ fn usage_errors_exit_with_2() {
     );
     assert_fails(2, &["fly", "--controller", "theses"], &["did you mean \"thesis\""]);
     assert_fails(2, &["fly", "--sensors", "labb"], &["did you mean \"lab\""]);
-    assert_fails(2, &["fly", "--vertical", "pmw"], &["expected height, pwm or thrust"]);
+    assert_fails(2, &["fly", "--vertical", "pmw"], &["did you mean \"pwm\""]);
     assert_fails(2, &["fly", "--seconds", "NaN"], &["0.1 to 3600"]);
     assert_fails(2, &["fly", "--seconds", "-3"], &[]);
     assert_fails(2, &["fly", "--runs", "0"], &["1..=100000"]);

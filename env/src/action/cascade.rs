@@ -4,7 +4,7 @@
 use super::{ActionLevel, SPEED_MAX_MPS};
 use crate::archive::Archive;
 use crate::error::Result;
-use crate::model::{AxisForm, Model, Tilt, Vertical, VerticalInput};
+use crate::model::{AxisForm, Model, Motors, Tilt, Vertical, VerticalInput};
 use crate::observation::{ACTION, Interface, wrap};
 use crate::plant::{Command, State};
 use crate::scalar::{Scalar, tabulate};
@@ -84,12 +84,14 @@ impl<R: Scalar> Onboard<R> {
             return Ok(None);
         }
         let tilts = [&model.roll, &model.pitch];
+        // the motor-level form has the firmware's attitude loop
+        let own_loops = interface.input == VerticalInput::Motors;
         Ok(Some(Onboard {
             level,
             interface: *interface,
             tick_s: R::from_f64(tick_s),
-            per_tilt: tilts.map(|tilt| R::from_f64(tilt.stiffness.value / tilt.gain.value)),
-            closing: tilts.map(|tilt| R::from_f64(closing(tilt))),
+            per_tilt: tilts.map(|tilt| R::from_f64(if own_loops { 1.0 } else { per_angle(tilt) })),
+            closing: tilts.map(|tilt| R::from_f64(if own_loops { 0.0 } else { closing(tilt) })),
             lift: Lift::new(model, interface)?,
             takes_height: interface.input == VerticalInput::Height,
             memory: vec![Memory::new(); tiles],
@@ -115,6 +117,10 @@ impl<R: Scalar> Onboard<R> {
                 self.follow(tile, [x_mps, y_mps, z_mps], yaw_rate_radps, x)
             }
             ActionLevel::Position => self.approach(tile, set_point, x),
+            ActionLevel::BodyRates | ActionLevel::Motors => {
+                let [roll_rad, pitch_rad, yaw_rate_radps, lift] = set_point;
+                Command { roll_rad, pitch_rad, yaw_rate_radps, lift }
+            }
         }
     }
 
@@ -186,6 +192,11 @@ impl<R: BatchScalar> Onboard<R> {
     }
 }
 
+/// The command that holds an angle, per angle.
+fn per_angle(tilt: &Tilt) -> f64 {
+    tilt.stiffness.value / tilt.gain.value
+}
+
 /// How much of a missing angle is added to the command. The firmware's gains expect an attitude loop that is
 /// faster than the identified one (5.1: 2.8 1/s), with which the position loop would swing by itself. So the
 /// angle is closed once more, as fast as it goes without overshoot.
@@ -201,7 +212,7 @@ impl<R: Scalar> Lift<R> {
         let vertical = model.vertical(interface.input)?;
         let AxisForm { a, u, offset, .. } = vertical.form(model.lateral.gravity.value);
         Ok(match vertical {
-            Vertical::Thrust { hover, .. } => {
+            Vertical::Thrust { hover, .. } | Vertical::Motors(Motors { hover, .. }) => {
                 let scale = hover.value / THRUST_BASE;
                 Lift::Thrust {
                     hover: R::from_f64(hover.value),

@@ -1,8 +1,9 @@
 //! What a world is made from: the effects that are on, the length of a physics step, the constants of the
 //! vehicle.
 
+use crate::action::ActionLevel;
 use crate::config::{BoundedNumber, EffectTable, Number, numbers};
-use crate::effects::{self, VehicleConstants};
+use crate::effects::{self, Scope, VehicleConstants};
 use crate::error::{Error, Result};
 use crate::model::{Model, Vertical, VerticalInput};
 use crate::scalar::Scalar;
@@ -35,6 +36,32 @@ pub(super) fn active(of_model: &EffectTable, of_config: &EffectTable) -> Result<
     Ok(active)
 }
 
+/// Whether the effects that are on fit the form and the action level.
+///
+/// # Errors
+/// [`Error::Config`] naming the effect that does not; [`Error::Unknown`] for an unknown one.
+pub(crate) fn check_scope(
+    model: &Model,
+    effects: &EffectTable,
+    input: VerticalInput,
+    level: ActionLevel,
+) -> Result<()> {
+    for (_, entry, _) in active(&model.effects, effects)? {
+        let lacks = match entry.scope {
+            Scope::Any => continue,
+            Scope::Angles if level.is_below_attitude() => {
+                format!("acts on commanded angles, and actions of the level {:?} are none", level.name())
+            }
+            Scope::IdentifiedLoops if input == VerticalInput::Motors => {
+                "stands for what the vertical form \"motors\" has or has not by itself".to_owned()
+            }
+            Scope::Angles | Scope::IdentifiedLoops => continue,
+        };
+        return Err(Error::Config(format!("effect {}: it {lacks}", entry.name)));
+    }
+    Ok(())
+}
+
 /// As often as the neediest active effect asks, unless the user says otherwise; the linear model itself is
 /// exact at any rate.
 pub(super) fn counts_per_step(schedule: &Schedule, physics_hz: Option<u32>, needed_hz: u32) -> Result<u32> {
@@ -60,6 +87,8 @@ pub(super) fn body<R: Scalar>(model: &Model, input: VerticalInput) -> Result<Veh
     let hover = model.vertical(input)?.hover_pwm().filter(|_| input.is_pwm());
     let tilts = [&model.roll, &model.pitch];
     let yaw = model.yaw.form();
+    // the motor-level form has loops of its own
+    let loops = if input == VerticalInput::Motors { 0.0 } else { 1.0 };
     let (yaw_gain_ps2, yaw_stiffness_ps2) =
         if yaw.lags_push() { (-yaw.a[1][1] * yaw.u[0], 0.0) } else { (yaw.u[1], -yaw.a[1][0]) };
     Ok(VehicleConstants {
@@ -80,11 +109,11 @@ pub(super) fn body<R: Scalar>(model: &Model, input: VerticalInput) -> Result<Veh
             0.0
         }),
         yaw_sign: R::from_f64(model.yaw.sign()),
-        yaw_gain_ps2: R::from_f64(yaw_gain_ps2),
-        yaw_damping_ps: R::from_f64(-yaw.a[1][1]),
-        yaw_stiffness_ps2: R::from_f64(yaw_stiffness_ps2),
-        tilt_gain_ps2: tilts.map(|t| R::from_f64(t.gain.value)),
-        tilt_damping_ps: tilts.map(|t| R::from_f64(t.damping.value)),
-        tilt_stiffness_ps2: tilts.map(|t| R::from_f64(t.stiffness.value)),
+        yaw_gain_ps2: R::from_f64(loops * yaw_gain_ps2),
+        yaw_damping_ps: R::from_f64(loops * -yaw.a[1][1]),
+        yaw_stiffness_ps2: R::from_f64(loops * yaw_stiffness_ps2),
+        tilt_gain_ps2: tilts.map(|t| R::from_f64(loops * t.gain.value)),
+        tilt_damping_ps: tilts.map(|t| R::from_f64(loops * t.damping.value)),
+        tilt_stiffness_ps2: tilts.map(|t| R::from_f64(loops * t.stiffness.value)),
     })
 }

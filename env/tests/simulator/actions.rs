@@ -1,7 +1,8 @@
 //! What an action sets: levels above the attitude.
 
-use crazyflie_env::action::{ActionLevel, registry};
+use crazyflie_env::action::{ActionLevel, Entry, registry};
 use crazyflie_env::config::Options;
+use crazyflie_env::effects::Scope;
 use crazyflie_env::isa::Level;
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::{ACTION, Interface, index};
@@ -92,7 +93,7 @@ fn alone(level: &str, vertical: &str, more: &str) -> Flight {
     )
 }
 
-const VERTICALS: [&str; 3] = ["height", "pwm", "thrust"];
+const VERTICALS: [&str; 4] = ["height", "pwm", "thrust", "motors"];
 
 #[test]
 fn the_same_bits_for_any_batch_threads_and_instruction_set() {
@@ -191,12 +192,19 @@ fn a_place_and_a_heading_are_reached_without_swinging() {
     }
 }
 
-/// Where the true state shows what a channel sets.
-fn shown(name: &str) -> usize {
-    match name {
+/// The form that a level is tried on.
+fn form_of(entry: &Entry) -> &'static str {
+    if entry.level.is_below_attitude() { "motors" } else { "height" }
+}
+
+/// Where the true state shows what a channel sets; a motor's PWM shows nowhere.
+fn shown(name: &str) -> Option<usize> {
+    Some(match name {
         "roll_rad" => state_index::ROLL,
         "pitch_rad" => state_index::PITCH,
         "yaw_rad" => state_index::YAW,
+        "roll_rate_radps" => STATE - 3,
+        "pitch_rate_radps" => STATE - 2,
         "yaw_rate_radps" => STATE - 1,
         "lift" | "z_m" => 2,
         "x_m" => 0,
@@ -204,43 +212,70 @@ fn shown(name: &str) -> usize {
         "x_mps" => state_index::VEL,
         "y_mps" => state_index::VEL + 1,
         "z_mps" => state_index::VEL + 2,
-        _ => panic!("channel {name}: where does it show?"),
-    }
+        name => {
+            assert!(name.ends_with("_pwm"), "channel {name}: where does it show?");
+            return None;
+        }
+    })
+}
+
+/// Time until 63 % of the way from the first number of a column to its last.
+fn response_s(column: &[f32], tick_s: f64) -> f64 {
+    let (first, last) = (column[0], column[column.len() - 1]);
+    let share = |i: usize| f64::from((column[i] - first) / (last - first));
+    let after = (0..column.len()).find(|i| share(*i) >= 0.632).unwrap();
+    tick_s * (after as f64 - (share(after) - 0.632) / (share(after) - share(after - 1)))
+}
+
+/// A step of one channel, in shares of its range; time to 63 %, and the last number over what was set.
+fn step_response(entry: &Entry, form: &str, axis: usize, share: f64, seconds: f64) -> Option<[f64; 2]> {
+    let at = shown(entry.channels[axis].name)?;
+    let mut flight = alone(entry.name, form, "");
+    let action: [f32; ACTION] = std::array::from_fn(|i| flight.observations[index::LAST_ACTION + i]);
+    let mut set_point = flight.env.interfaces()[0].set_point(&action.map(f64::from));
+    let rest =
+        *flight.hold(set_point, if entry.level.is_below_attitude() { 0.02 } else { 3.0 }).last().unwrap();
+    let [low, high] = flight.env.interfaces()[0].ranges()[axis];
+    set_point[axis] += share * (high - low);
+    let flown = flight.hold(set_point, seconds);
+    let column: Vec<f32> = std::iter::once(&rest).chain(&flown).map(|x| x[at]).collect();
+    let gain = f64::from(column[column.len() - 1] - column[0]) / (share * (high - low));
+    // what is there within a tick has no time
+    let time_s = response_s(&column, flight.env.tick_s()).max(0.02 * 0.632);
+    Some([if (column[1] - column[column.len() - 1]).abs() < 1e-3 { 0.02 } else { time_s }, gain])
 }
 
 #[test]
 fn the_bandwidths_of_the_table_are_those_of_small_steps() {
+    let mut wrong = String::new();
     for entry in registry() {
+        let seconds = if entry.level.is_below_attitude() { 0.4 } else { 3.0 };
         for (axis, channel) in entry.channels.iter().enumerate() {
-            let at = shown(channel.name);
-            let mut flight = alone(entry.name, "height", "");
-            let mut set_point = match entry.level {
-                ActionLevel::Attitude | ActionLevel::Position => [0.0; ACTION],
-                ActionLevel::Velocity => [0.0; ACTION],
+            let told = entry.bandwidth_radps[axis];
+            let found = match step_response(entry, form_of(entry), axis, 0.05, seconds) {
+                Some([time_s, _]) => 1.0 / time_s,
+                None => 1.0 / Model::thesis().parameter("vertical.motors.lag").unwrap(),
             };
-            let height = if entry.level == ActionLevel::Velocity { None } else { Some(0.7) };
-            if let Some(height_m) = height {
-                set_point[if entry.level == ActionLevel::Attitude { 3 } else { 2 }] = height_m;
+            if !(0.9..1.1).contains(&(found / told)) {
+                wrong +=
+                    &format!("{} {}: {found:.2} rad/s, the table says {told}\n", entry.name, channel.name);
             }
-            flight.hold(set_point, 3.0);
-            let mut rest = [0.0; STATE];
-            flight.env.states(&mut rest).unwrap();
-            let [low, high] = flight.env.interfaces()[0].ranges()[axis];
-            set_point[axis] += 0.05 * (high - low);
-            let flown = flight.hold(set_point, 3.0);
-            let last = flown.last().unwrap()[at] - rest[at];
-            let steps = flown.iter().position(|x| (x[at] - rest[at]) / last >= 0.632).unwrap();
-            let (tick_s, before) = (0.02, if steps == 0 { rest[at] } else { flown[steps - 1][at] });
-            let part = (0.632 * last - (before - rest[at])) / (flown[steps][at] - before);
-            let time_s = if steps == 0 { tick_s } else { tick_s * (steps as f64 + f64::from(part)) };
-            let (told, found) = (entry.bandwidth_radps[axis], 1.0 / time_s);
-            assert!(
-                (0.9..1.1).contains(&(found / told)),
-                "{} {}: {found:.2} rad/s, the table says {told}",
-                entry.name,
-                channel.name
-            );
         }
+    }
+    assert!(wrong.is_empty(), "{wrong}");
+}
+
+#[test]
+fn the_attitude_steps_of_both_vehicles_are_those_of_the_page() {
+    let attitude = ActionLevel::Attitude.entry();
+    let row = |form: &str| {
+        let [time_s, gain] = step_response(attitude, form, 1, 0.1, 1.5).unwrap();
+        format!("{:.2} s | {gain:.2}", time_s)
+    };
+    let page = include_str!("../../../docs/actions.md");
+    for (name, form) in [("identified (5.1)", "height"), ("motor-level", "motors")] {
+        let line = format!("| {name} | {} |", row(form));
+        assert!(page.contains(&line), "docs/actions.md should say: {line}");
     }
 }
 
@@ -279,13 +314,13 @@ fn a_flight_goes_on_from_its_snapshot() {
 #[test]
 fn an_episode_begins_with_the_action_that_keeps_it() {
     for entry in registry() {
-        let flight = alone(entry.name, "thrust", "");
+        let flight = alone(entry.name, form_of(entry), "");
         let action: [f32; ACTION] = std::array::from_fn(|i| flight.observations[index::LAST_ACTION + i]);
         let set_point = flight.env.interfaces()[0].set_point(&action.map(f64::from));
-        let mut flight = alone(entry.name, "thrust", "");
+        let mut flight = alone(entry.name, form_of(entry), "");
         let last = *flight.hold(set_point, 1.0).last().unwrap();
         let mut begin = [0.0; STATE];
-        alone(entry.name, "thrust", "").env.states(&mut begin).unwrap();
+        alone(entry.name, form_of(entry), "").env.states(&mut begin).unwrap();
         for i in 0..3 {
             assert!((last[i] - begin[i]).abs() < 0.02, "{}: {last:?}", entry.name);
         }
@@ -350,4 +385,113 @@ fn rounded(number: f64) -> f64 {
 fn the_page_holds_the_table_of_the_registry() {
     let page = include_str!("../../../docs/actions.md");
     assert!(page.contains(&table()), "docs/actions.md is stale: it should hold\n{}", table());
+}
+
+#[test]
+fn four_motors_turn_the_vehicle_the_way_they_stand() {
+    let turned = |pwm: [f64; ACTION]| {
+        let mut flight = alone("motors", "motors", "");
+        let hover = flight.env.interfaces()[0].hover_lift;
+        *flight.hold(pwm.map(|more| hover + more), 0.1).last().unwrap()
+    };
+    let still = turned([0.0; ACTION]);
+    assert!(
+        still[STATE - 3..].iter().all(|rate| rate.abs() < 1e-3) && (still[2] - 0.7).abs() < 1e-3,
+        "{still:?}"
+    );
+    // left: to the right; back: nose down; 2 and 4: counter-clockwise
+    for (axis, pwm) in [(0, [-2e3, -2e3, 2e3, 2e3]), (1, [-2e3, 2e3, 2e3, -2e3]), (2, [-2e3, 2e3, -2e3, 2e3])]
+    {
+        let x = turned(pwm);
+        for i in 0..3 {
+            let rate = x[STATE - 3 + i];
+            assert!(if i == axis { rate > 0.1 } else { rate.abs() < 0.02 }, "axis {axis}: {x:?}");
+        }
+    }
+}
+
+#[test]
+fn full_thrust_climbs_as_the_curve_says_and_none_falls() {
+    let mut flight = alone("motors", "motors", "");
+    let model = Model::thesis();
+    let value = |name: &str| model.parameter(&format!("vertical.motors.{name}")).unwrap();
+    let (share, linear) = (value("hover") / 65535.0, value("linear_share"));
+    let ratio = 1.0 / (share * (linear + (1.0 - linear) * share));
+    let flown = flight.hold([65535.0; ACTION], 0.4);
+    let gained = f64::from(flown[19][5] - flown[18][5]) / 0.02;
+    assert!((gained - 9.81 * (ratio - 1.0)).abs() < 0.2, "{gained} m/s^2, thrust over weight {ratio}");
+    let flown = alone("motors", "motors", "").hold([0.0; ACTION], 0.3);
+    let lost = f64::from(flown[14][5] - flown[13][5]) / 0.02;
+    assert!((-9.81..-8.5).contains(&lost), "{lost} m/s^2");
+}
+
+#[test]
+fn a_vehicle_that_tumbles_loses_no_number() {
+    let mut flight = alone("body_rates", "motors", "");
+    let hover = flight.env.interfaces()[0].hover_lift;
+    for rates in [[6.0, 0.0, 0.0], [0.0, 6.0, 0.0], [4.0, 5.0, 3.0]] {
+        let mut flight = alone("body_rates", "motors", r#", "effects": {"gust": 0.5}"#);
+        let action =
+            flight.env.interfaces()[0].action_of(&[rates[0], rates[1], rates[2], hover]).map(|a| a as f32);
+        for _ in 0..60 {
+            if flight.terminated[0] {
+                break;
+            }
+            flight.step(&action);
+            assert!(flight.observations.iter().all(|number| number.is_finite()), "{rates:?}");
+        }
+    }
+    // asked for and given
+    let x = *flight.hold([2.0, 0.0, 0.0, hover], 0.3).last().unwrap();
+    assert!((x[STATE - 3] - 2.0).abs() < 0.3, "{x:?}");
+}
+
+#[test]
+fn every_effect_fits_the_motor_form_or_is_refused() {
+    for entry in crazyflie_env::effects::registry() {
+        let param = entry.params[0];
+        let toward = if param.high > param.off { param.high } else { param.low };
+        let value = param.off + 0.2 * (toward - param.off);
+        for level in ["attitude", "body_rates", "motors"] {
+            let text = format!(
+                r#"{{"action": {level:?}, "vertical": "motors", "effects": {{{:?}: {value}}}}}"#,
+                entry.name
+            );
+            match VectorEnv::new(&[Model::thesis()], &Options::parse(&text).unwrap(), 2) {
+                Err(error) => {
+                    assert!(entry.scope != Scope::Any, "{}: {error}", entry.name);
+                    assert!(error.to_string().contains(entry.name), "{error}");
+                }
+                Ok(_) => {
+                    assert!(entry.scope != Scope::IdentifiedLoops, "{}", entry.name);
+                    let text = &text[1..text.len() - 1];
+                    let mut flight = Flight::new(2, text);
+                    for step in 0..20 {
+                        flight.wander(step);
+                        assert!(
+                            flight.observations.iter().all(|number| number.is_finite()),
+                            "{}",
+                            entry.name
+                        );
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn levels_below_the_attitude_want_the_motor_form() {
+    let error = |options: &str, model: &Model| {
+        VectorEnv::new(std::slice::from_ref(model), &Options::parse(options).unwrap(), 1)
+            .err()
+            .unwrap()
+            .to_string()
+    };
+    let told = error(r#"{"action": "motors", "vertical": "height"}"#, &Model::thesis());
+    assert!(told.contains("\"motors\"") && told.contains("\"height\""), "{told}");
+    let mut bare = Model::thesis();
+    bare.vertical.motors = None;
+    let told = error(r#"{"action": "body_rates"}"#, &bare);
+    assert!(told.contains("vertical form of this model") && told.contains("motors"), "{told}");
 }

@@ -38,6 +38,7 @@ fn vertical_form(input: VerticalInput) -> (&'static str, &'static str) {
         VerticalInput::Height => ("height", "height command"),
         VerticalInput::Pwm => ("pwm", "thrust command"),
         VerticalInput::Thrust => ("thrust", "thrust command"),
+        VerticalInput::Motors => ("motors", "thrust command"),
     }
 }
 

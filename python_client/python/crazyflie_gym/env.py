@@ -39,7 +39,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         task: which task, such as "hover".
         model: None or "thesis", the path of a model file, its text, or its content as a dict; or a list of one for each
             drone.
-        vertical: the height input that is commanded: "height", "pwm" or "thrust"; by default the model's first.
+        vertical: the height input that is commanded: "height", "pwm", "thrust" or "motors"; by default the model's first.
         effects: what the linear model lacks, by name (`crazyflie_gym.effects()`): a number for the first parameter or
             a dict of parameters, each a number or a distribution such as {"uniform": [0.1, 0.3]}, drawn per episode.
             Between several drones downwash is on as it was measured unless {"downwash": 0}.
@@ -56,7 +56,8 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
             `crazyflie_gym.neighbour_fields()`.
         form: "flat" for a Box of rows, "dict" for a Dict by field.
         history: ticks that an observation holds, 1 to 64: the newest last, at the beginning all alike.
-        action: what an action sets: "attitude", "velocity" or "position" (`crazyflie_gym.action_levels()`).
+        action: what an action sets: "attitude", "velocity", "position", "body_rates" or "motors"
+            (`crazyflie_gym.action_levels()`).
         true_state: give the true state, float32 (12,), or (drones, 12), as info["true_state"]; its layout is
             STATE_FIELDS.
         clip: cut actions off at -1 and 1. Without it more than round-off is an error.
