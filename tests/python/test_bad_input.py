@@ -150,7 +150,7 @@ BAD_KWARGS = [
     ({"task_options": {"start_radius_m": -1}}, "start_radius_m is -1, expected 0 to 2"),
     ({"physics_hz": 77}, "physics_hz is 77, expected one of"),
     ({"isa": "avx9"}, "avx9"),
-    ({"observation": "image"}, 'observation is \'image\', expected "flat" or "dict"'),
+    ({"observation": "image"}, 'unknown observation "image"'),
     ({"render_mode": "depth"}, "render_mode is 'depth', expected None, 'rgb_array', 'human'"),
     ({"model": {"schema": 1}}, "model: "),
     ({"model": "schema = 1\nname = 'x'\n"}, "missing field"),
