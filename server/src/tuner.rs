@@ -99,16 +99,27 @@ mod tests {
         serde_json::from_str(text).unwrap()
     }
 
-    /// The height gains that 5.4 alone judged are unstable on paper and crash in flight.
+    /// On the thrust form the height loop of table 7.1 stands 6 times its Kp, not 10 times. In flight the limits
+    /// of the thrust hold what grows: it goes on swinging where table 7.1 comes to rest.
     #[test]
-    fn what_is_unstable_on_paper_crashes_in_flight() {
+    fn what_is_unstable_on_paper_goes_on_swinging_in_flight() {
         let good = query(r#"{"loop": "z", "flights": 32}"#).answer().unwrap();
-        let bad =
-            query(r#"{"loop": "z", "flights": 32, "kp": 63136, "ki": 5000, "kd": 638}"#).answer().unwrap();
+        let bad = query(r#"{"loop": "z", "flights": 32, "kp": 107819}"#).answer().unwrap();
         assert!(good.report.margins.phase_deg > 0.0 && good.band.crashed == 0, "{:?}", good.report.margins);
         assert!(bad.report.margins.phase_deg < 0.0, "{:?}", bad.report.margins);
-        let spread = |answer: &TunerAnswer| answer.band.quantiles[4].iter().copied().fold(0.0, f32::max);
-        assert!(bad.band.crashed == 32 || spread(&bad) > spread(&good) + 0.3, "{}", bad.band.crashed);
+        // of the median, over the last two seconds
+        let swing_m = |answer: &TunerAnswer| {
+            let median = &answer.band.quantiles[2];
+            let late = &median[median.len() - 100..];
+            let [low, high] = [
+                late.iter().copied().fold(f32::MAX, f32::min),
+                late.iter().copied().fold(f32::MIN, f32::max),
+            ];
+            high - low
+        };
+        let (good_m, bad_m) = (swing_m(&good), swing_m(&bad));
+        println!("swing of the last two seconds: {good_m:.2} m with table 7.1, {bad_m:.2} m");
+        assert!(bad_m > 2.0 * good_m, "{bad_m} {good_m}");
     }
 
     #[test]

@@ -44,7 +44,7 @@ def test_margins_are_those_of_scipys_frequency_response():
     num, den = linear.transfer_function("x", vertical="thrust")
     gains, omega = report["gains"], report["margins"]["crossover_radps"]
     s = 1j * omega
-    controller = np.radians(gains["kp"] + gains["ki"] / s + gains["kd"] * s)
+    controller = np.pi / 180 * (gains["kp"] + gains["ki"] / s + gains["kd"] * s)
     value = controller * np.polyval(num, s) / np.polyval(den, s) * np.exp(-s * report["dead_time_s"])
     assert abs(value) == pytest.approx(1.0, abs=0.02)
     assert 180 + np.degrees(np.angle(value)) == pytest.approx(report["margins"]["phase_deg"], abs=1.0)

@@ -68,7 +68,8 @@ function bode({ report }, part, critical, range) {
     data: [omega_radps, values, level(omega_radps, critical)],
     options: {
       series: [{}, line("--run-a"), line("--bad", 1.25, [5, 4])],
-      scales: { x: { time: false, distr: 3 }, y: { range: () => range } },
+      // to the ends of the data, not to the next power of ten
+      scales: { x: { time: false, distr: 3, range: (/** @type {any} */ _plot, /** @type {number} */ low, /** @type {number} */ high) => [low, high] }, y: { range: () => range } },
     },
   };
 }
