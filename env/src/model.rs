@@ -3,7 +3,6 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::SMatrix;
 use serde::{Deserialize, Serialize};
 
 use crate::config::EffectTable;
@@ -537,6 +536,17 @@ impl Model {
         crate::config::check_effects(&self.effects)
     }
 
+    /// The height input that is commanded: what is `asked` for, or the default.
+    ///
+    /// # Errors
+    /// [`Error::Config`] if the model has none.
+    pub fn input(&self, asked: Option<VerticalInput>) -> Result<VerticalInput> {
+        // a checked model has at least one input
+        asked
+            .or(self.inputs().first().copied())
+            .ok_or_else(|| Error::Config("the model has no vertical form".into()))
+    }
+
     /// The height inputs that this model has, the default first.
     pub fn inputs(&self) -> Vec<VerticalInput> {
         let v = &self.vertical;
@@ -566,46 +576,5 @@ impl Model {
         form.as_ref().ok_or_else(|| {
             unknown("vertical form of this model", name, known.iter().filter(|k| k.1.is_some()).map(|k| k.0))
         })
-    }
-
-    /// The 12-state form (thesis 4.14, 4.15): A, B and C for the states (x y z, roll pitch yaw, their rates),
-    /// the inputs (roll, pitch, yaw rate, height or PWM above its offset), the outputs (z, roll, pitch, yaw,
-    /// vx, vy, vz). The drag terms stand on the diagonal and roll accelerates to -y, as in a right-handed
-    /// frame. A first-order vertical or yaw form has its pole on the position itself.
-    ///
-    /// # Errors
-    /// [`Error::Unknown`] if the model has no such vertical form.
-    pub fn state_space(&self, input: VerticalInput) -> Result<StateSpace> {
-        let mut a = SMatrix::<f64, 12, 12>::zeros();
-        let mut b = SMatrix::<f64, 12, 4>::zeros();
-        let (g, k) = (self.lateral.gravity.value, self.lateral.drag.value);
-        for i in 0..2 {
-            a[(i, 6 + i)] = 1.0;
-            a[(3 + i, 9 + i)] = 1.0;
-            a[(6 + i, 6 + i)] = -k;
-        }
-        a[(6, 4)] = g;
-        a[(7, 3)] = -g;
-        for (i, tilt) in [&self.roll, &self.pitch].into_iter().enumerate() {
-            a[(9 + i, 3 + i)] = -tilt.stiffness.value;
-            a[(9 + i, 9 + i)] = -tilt.damping.value;
-            b[(9 + i, i)] = tilt.gain.value;
-        }
-        for (x, w, u, form) in [(5, 11, 2, self.yaw.form()), (2, 8, 3, self.vertical(input)?.form(g))] {
-            for (row, i) in [(x, 0), (w, 1)] {
-                a[(row, x)] = form.a[i][0];
-                a[(row, w)] = form.a[i][1];
-                b[(row, u)] = form.u[i];
-            }
-        }
-        let mut c = SMatrix::<f64, 7, 12>::zeros();
-        for (row, state) in [2, 3, 4, 5, 6, 7, 8].into_iter().enumerate() {
-            c[(row, state)] = 1.0;
-        }
-        // a first-order form has no state for the velocity: the measured vz is the derivative of z
-        c.set_row(6, &a.row(2));
-        let mut d = SMatrix::<f64, 7, 4>::zeros();
-        d.set_row(6, &b.row(2));
-        Ok(StateSpace { a, b, c, d })
     }
 }

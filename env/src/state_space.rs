@@ -2,6 +2,9 @@
 
 use nalgebra::{SMatrix, SVector};
 
+use crate::error::Result;
+use crate::model::{Model, VerticalInput};
+
 /// x' = A x + B u, y = C x + D u   (thesis 4.14)
 #[derive(Debug, Clone, PartialEq)]
 pub struct StateSpace {
@@ -13,6 +16,49 @@ pub struct StateSpace {
     pub c: SMatrix<f64, 7, 12>,
     /// What a command changes at once: the climb rate of a first-order vertical form, and nothing else.
     pub d: SMatrix<f64, 7, 4>,
+}
+
+impl Model {
+    /// The 12-state form (thesis 4.14, 4.15): A, B and C for the states (x y z, roll pitch yaw, their rates),
+    /// the inputs (roll, pitch, yaw rate, height or PWM above its offset), the outputs (z, roll, pitch, yaw,
+    /// vx, vy, vz). The drag terms stand on the diagonal and roll accelerates to -y, as in a right-handed
+    /// frame. A first-order vertical or yaw form has its pole on the position itself.
+    ///
+    /// # Errors
+    /// [`crate::Error::Unknown`] if the model has no such vertical form.
+    pub fn state_space(&self, input: VerticalInput) -> Result<StateSpace> {
+        let mut a = SMatrix::<f64, 12, 12>::zeros();
+        let mut b = SMatrix::<f64, 12, 4>::zeros();
+        let (g, k) = (self.lateral.gravity.value, self.lateral.drag.value);
+        for i in 0..2 {
+            a[(i, 6 + i)] = 1.0;
+            a[(3 + i, 9 + i)] = 1.0;
+            a[(6 + i, 6 + i)] = -k;
+        }
+        a[(6, 4)] = g;
+        a[(7, 3)] = -g;
+        for (i, tilt) in [&self.roll, &self.pitch].into_iter().enumerate() {
+            a[(9 + i, 3 + i)] = -tilt.stiffness.value;
+            a[(9 + i, 9 + i)] = -tilt.damping.value;
+            b[(9 + i, i)] = tilt.gain.value;
+        }
+        for (x, w, u, form) in [(5, 11, 2, self.yaw.form()), (2, 8, 3, self.vertical(input)?.form(g))] {
+            for (row, i) in [(x, 0), (w, 1)] {
+                a[(row, x)] = form.a[i][0];
+                a[(row, w)] = form.a[i][1];
+                b[(row, u)] = form.u[i];
+            }
+        }
+        let mut c = SMatrix::<f64, 7, 12>::zeros();
+        for (row, state) in [2, 3, 4, 5, 6, 7, 8].into_iter().enumerate() {
+            c[(row, state)] = 1.0;
+        }
+        // a first-order form has no state for the velocity: the measured vz is the derivative of z
+        c.set_row(6, &a.row(2));
+        let mut d = SMatrix::<f64, 7, 4>::zeros();
+        d.set_row(6, &b.row(2));
+        Ok(StateSpace { a, b, c, d })
+    }
 }
 
 impl StateSpace {

@@ -167,10 +167,7 @@ impl VectorEnv {
         let drones = entry.drones(options.drones)?;
         options.check_drones(drones, models.len())?;
         let models: Vec<&Model> = (0..drones).map(|j| models.get(j).unwrap_or(&models[0])).collect();
-        let inputs = models
-            .iter()
-            .map(|model| options.action.input(model, options.vertical))
-            .collect::<Result<Vec<_>>>()?;
+        let inputs = models.iter().map(|model| model.input(options.vertical)).collect::<Result<Vec<_>>>()?;
         let tick_s = Schedule::from_model(models[0])?.tick_s();
         for model in &models {
             let other_s = Schedule::from_model(model)?.tick_s();
@@ -365,9 +362,8 @@ impl VectorEnv {
         let faults = self.shards.iter_mut().map(|shard| shard.take_fault()).enumerate();
         // all are taken, so that none is left for the next step
         let first = faults.fold(None, |first, (i, fault)| first.or(fault.map(|fault| (i, fault))));
-        let Some((i, Fault { is_reward, value, env, drone, step })) = first else { return Ok(()) };
-        let (name, text) =
-            if is_reward { ("reward", &self.texts[0]) } else { ("termination", &self.texts[1]) };
+        let Some((i, Fault { name, value, env, drone, step })) = first else { return Ok(()) };
+        let text = if name == judgement::REWARD { &self.texts[0] } else { &self.texts[1] };
         let text = text.clone().unwrap_or_default();
         Err(Error::NotFinite { name, text, value, env: i * share + env, drone, step })
     }

@@ -130,8 +130,7 @@ pub fn action_levels<'py>(
     let model = guarded(|| model.map_or_else(|| Ok(Model::thesis()), Model::parse))?;
     let asked = guarded(|| vertical.map(VerticalInput::named).transpose())?;
     let level_dict = |entry: &action::Entry| {
-        let interface =
-            guarded(|| Interface::at_level(&model, entry.level.input(&model, asked)?, entry.level))?;
+        let interface = guarded(|| Interface::at_level(&model, model.input(asked)?, entry.level))?;
         let channel_dict = |(i, channel): (usize, &action::Channel)| {
             let dict = PyDict::new(py);
             for (key, text) in [("name", channel.name), ("unit", channel.unit), ("about", channel.about)] {

@@ -4,7 +4,9 @@ use crazyflie_control::loop_analysis::{LoopAxis, Margins};
 use crazyflie_control::pid::Gains;
 use crazyflie_env::Error;
 use crazyflie_env::model::{Model, Vertical, VerticalInput};
-use crazyflie_server::flight::{FlightEnd, FlightScenario, Trace, fly};
+use crazyflie_env::observation::index;
+use crazyflie_env::vector::state_index;
+use crazyflie_server::flight::{FlightEnd, FlightScenario, Trace, TraceRow, fly};
 
 use super::{LoopRequirements, TuningSetup, margins};
 
@@ -126,7 +128,8 @@ fn figures(traces: &[Trace], seconds: f64) -> Takeoff {
         mean_error_m_s: 0.0,
     };
     for trace in traces {
-        let errors: Vec<f64> = trace.rows.iter().map(|r| f64::from(r.state[2] - r.observation[18])).collect();
+        let error_m = |row: &TraceRow| row.state[state_index::HEIGHT] - row.observation[index::SETPOINT_Z];
+        let errors: Vec<f64> = trace.rows.iter().map(|row| f64::from(error_m(row))).collect();
         let last = errors.last().copied().unwrap_or(0.0).abs();
         let flown_s = errors.len() as f64 * trace.tick_s;
         worst.mean_error_m_s += (errors.iter().map(|e| e.abs()).sum::<f64>() * trace.tick_s

@@ -100,11 +100,9 @@ mod tests {
     #[test]
     fn table_7_1_has_the_margin_that_it_should_and_the_stock_gains_have_none() {
         let (new, late) = (with_dead_time(&Gains::THESIS, 0.0), with_dead_time(&Gains::THESIS, 0.077));
-        println!("table 7.1: {new:?}, with 77 ms {late:?}");
         assert!((new.phase_deg - 19.0).abs() < 1.0 && (late.phase_deg - 9.0).abs() < 1.0, "{new:?} {late:?}");
         let (stock, late) =
             (with_dead_time(&Gains::CRAZYFLIE_ROS, 0.0), with_dead_time(&Gains::CRAZYFLIE_ROS, 0.01));
-        println!("stock: {stock:?}, with 10 ms {late:?}");
         assert!((0.0..2.0).contains(&stock.phase_deg) && late.phase_deg < 0.0, "{stock:?} {late:?}");
         assert!(late.gain_db < 0.0);
     }

@@ -1,5 +1,5 @@
 //! Action levels: what the four numbers of an action set. Attitudes are what was identified; set-points above
-//! them go through the onboard cascade, those below them to the motor-level vehicle.
+//! them go through the onboard cascade.
 
 mod cascade;
 
@@ -144,17 +144,6 @@ impl ActionLevel {
     pub fn entry(self) -> &'static Entry {
         // the registry has a line for each level, which a test sees to
         registry().iter().find(|entry| entry.level == self).unwrap_or(&registry()[0])
-    }
-
-    /// The height input that is commanded: what is `asked` for, or the model's first.
-    ///
-    /// # Errors
-    /// [`Error::Config`] if the model has none.
-    pub fn input(self, model: &Model, asked: Option<VerticalInput>) -> Result<VerticalInput> {
-        // a checked model has at least one input
-        asked
-            .or(model.inputs().first().copied())
-            .ok_or_else(|| Error::Config("the model has no vertical form".into()))
     }
 
     /// Key in configurations.

@@ -7,6 +7,10 @@ use crate::lanes::LANES;
 use crate::rows::lanes_of;
 use crate::sim_scalar::BatchScalar;
 
+/// Names of what a user may decide.
+pub(super) const REWARD: &str = "reward";
+pub(super) const TERMINATION: &str = "termination";
+
 /// What a user decides in place of the task.
 pub(super) struct Judgement {
     reward: Option<Program>,
@@ -23,7 +27,8 @@ pub(super) struct Judgement {
 /// The first value of a step that is no number.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Fault {
-    pub(super) is_reward: bool,
+    /// [`REWARD`] or [`TERMINATION`].
+    pub(super) name: &'static str,
     pub(super) value: f32,
     pub(super) env: usize,
     pub(super) drone: usize,
@@ -92,16 +97,17 @@ impl Judgement {
         let mut wrong = None;
         if let Some(reward) = &self.reward {
             verdict.reward = reward.evaluate(moment);
-            wrong = first_not_finite(&verdict.reward, alive).map(|(lane, value)| (true, lane, value));
+            wrong = first_not_finite(&verdict.reward, alive).map(|(lane, value)| (REWARD, lane, value));
         }
         if let Some(termination) = &self.termination {
             let condition = termination.evaluate(moment);
             verdict.ends = holds(condition);
-            wrong = wrong.or(first_not_finite(&condition, alive).map(|(lane, value)| (false, lane, value)));
+            wrong =
+                wrong.or(first_not_finite(&condition, alive).map(|(lane, value)| (TERMINATION, lane, value)));
         }
-        if let (Some((is_reward, lane, value)), None) = (wrong, self.fault) {
+        if let (Some((name, lane, value)), None) = (wrong, self.fault) {
             let step = (moment.now_s.lane(lane) / self.tick_s).round() as u64;
-            self.fault = Some(Fault { is_reward, value, env: tile * LANES + lane, drone, step });
+            self.fault = Some(Fault { name, value, env: tile * LANES + lane, drone, step });
         }
         self.watch(tile, drone, alive, moment);
     }

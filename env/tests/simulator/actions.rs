@@ -1,85 +1,32 @@
 //! What an action sets: levels above the attitude.
 
+use crate::flight::Flight;
 use crazyflie_env::action::{ActionLevel, registry};
 use crazyflie_env::config::Options;
 use crazyflie_env::isa::Level;
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::{ACTION, Interface, index};
 use crazyflie_env::task;
-use crazyflie_env::vector::{STATE, StepBuffers, VectorEnv, state_index};
+use crazyflie_env::vector::{STATE, state_index};
 
-struct Flight {
-    env: VectorEnv,
-    observations: Vec<f32>,
-    rewards: Vec<f32>,
-    terminated: Vec<bool>,
-    truncated: Vec<bool>,
-    flying: Vec<bool>,
-    metrics: Vec<f32>,
+/// A step with actions to all sides.
+fn wander(flight: &mut Flight) {
+    let actions = flight.actions(|_, share| 0.6 * share);
+    flight.step_with(&actions).unwrap();
 }
 
-impl Flight {
-    fn new(envs: usize, options: &str) -> Self {
-        let options = Options::parse(&format!("{{{options}}}")).unwrap();
-        let mut env = VectorEnv::new(&[Model::thesis()], &options, envs).unwrap();
-        let rows = envs * env.num_drones();
-        let mut observations = vec![0.0; rows * env.width()];
-        let seeds: Vec<u64> = (0..envs as u64).collect();
-        env.reset(Some(&seeds), None, &mut observations).unwrap();
-        let (flying, metrics) =
-            if env.num_metrics() == 0 { (0, 0) } else { (rows, envs * env.num_metrics()) };
-        Flight {
-            env,
-            observations,
-            rewards: vec![0.0; rows],
-            terminated: vec![false; rows],
-            truncated: vec![false; rows],
-            flying: vec![true; flying],
-            metrics: vec![0.0; metrics],
-        }
-    }
-
-    fn step(&mut self, actions: &[f32]) {
-        let out = StepBuffers {
-            observations: &mut self.observations,
-            rewards: &mut self.rewards,
-            terminated: &mut self.terminated,
-            truncated: &mut self.truncated,
-            flying: &mut self.flying,
-            metrics: &mut self.metrics,
-        };
-        self.env.step(actions, out).unwrap();
-    }
-
-    /// Actions that depend on the environment and the step alone.
-    fn wander(&mut self, step: u64) {
-        let per_env = self.env.num_drones() * ACTION;
-        let action = |i: usize| {
-            let seed = (i / per_env) as u64 * 7919 + step * 64 + (i % per_env) as u64;
-            0.6 * ((crazyflie_env::noise::scramble(seed) >> 40) as f32 / 8_388_608.0 - 1.0)
-        };
-        let actions: Vec<f32> = (0..self.rewards.len() * ACTION).map(action).collect();
-        self.step(&actions);
-    }
-
-    /// One drone's set-point held for so long; its true state after each step.
-    fn hold(&mut self, set_point: [f64; ACTION], seconds: f64) -> Vec<[f32; STATE]> {
-        let action = self.env.interfaces()[0].action_of(&set_point).map(|number| number as f32);
-        let steps = (seconds / self.env.tick_s()).round() as usize;
-        (0..steps)
-            .map(|_| {
-                self.step(&action);
-                let mut x = [0.0; STATE];
-                self.env.states(&mut x).unwrap();
-                x
-            })
-            .collect()
-    }
-
-    fn bits(&self, envs: usize) -> Vec<u32> {
-        let rows = envs * self.env.num_drones();
-        self.observations[..rows * self.env.width()].iter().map(|number| number.to_bits()).collect()
-    }
+/// One drone's set-point held for so long; its true state after each step.
+fn hold(flight: &mut Flight, set_point: [f64; ACTION], seconds: f64) -> Vec<[f32; STATE]> {
+    let action = flight.env.interfaces()[0].action_of(&set_point).map(|number| number as f32);
+    let steps = (seconds / flight.env.tick_s()).round() as usize;
+    (0..steps)
+        .map(|_| {
+            flight.step_with(&action).unwrap();
+            let mut x = [0.0; STATE];
+            flight.env.states(&mut x).unwrap();
+            x
+        })
+        .collect()
 }
 
 /// A single drone that starts where it is to be, 70 cm over the marker, and flies on.
@@ -109,8 +56,8 @@ fn the_same_bits_for_any_batch_threads_and_instruction_set() {
                     ),
                 );
                 (0..80)
-                    .map(|step| {
-                        flight.wander(step);
+                    .map(|_| {
+                        wander(&mut flight);
                         flight.bits(3)
                     })
                     .collect()
@@ -137,7 +84,7 @@ fn every_level_flies_every_task_and_no_number_is_lost() {
             let mut flight =
                 Flight::new(2, &format!(r#""action": {:?}, "task": {:?}"#, entry.name, task.name));
             for step in 0..100 {
-                flight.wander(step);
+                wander(&mut flight);
                 let numbers = flight.observations.iter().chain(&flight.rewards);
                 assert!(numbers.copied().all(f32::is_finite), "{} {} step {step}", entry.name, task.name);
             }
@@ -152,7 +99,7 @@ fn a_velocity_is_reached_in_every_direction_and_form() {
             let mut set_point = [0.0; ACTION];
             set_point[axis] = speed_mps;
             let seconds = if axis == 2 { 2.0 } else { 3.0 };
-            let flown = alone("velocity", vertical, "").hold(set_point, seconds);
+            let flown = hold(&mut alone("velocity", vertical, ""), set_point, seconds);
             let last = flown.last().unwrap();
             for i in 0..3 {
                 let off = f64::from(last[state_index::VEL + i]) - set_point[i];
@@ -165,10 +112,10 @@ fn a_velocity_is_reached_in_every_direction_and_form() {
 #[test]
 fn a_velocity_is_along_the_room_whatever_the_heading() {
     let mut flight = alone("velocity", "height", "");
-    let turned = flight.hold([0.0, 0.0, 0.0, 1.0], 1.5);
+    let turned = hold(&mut flight, [0.0, 0.0, 0.0, 1.0], 1.5);
     let yaw_rad = turned.last().unwrap()[state_index::YAW];
     assert!((yaw_rad - 1.5).abs() < 0.05, "right-handed, and as fast as asked: {yaw_rad}");
-    let last = *flight.hold([0.4, 0.0, 0.0, 0.0], 3.0).last().unwrap();
+    let last = *hold(&mut flight, [0.4, 0.0, 0.0, 0.0], 3.0).last().unwrap();
     let [vx, vy] = [last[state_index::VEL], last[state_index::VEL + 1]];
     assert!((vx - 0.4).abs() < 0.02 && vy.abs() < 0.02, "{vx} {vy}");
 }
@@ -177,7 +124,7 @@ fn a_velocity_is_along_the_room_whatever_the_heading() {
 fn a_place_and_a_heading_are_reached_without_swinging() {
     for vertical in VERTICALS {
         let mut flight = alone("position", vertical, "");
-        let flown = flight.hold([0.8, -0.6, 1.0, 0.7], 8.0);
+        let flown = hold(&mut flight, [0.8, -0.6, 1.0, 0.7], 8.0);
         let last = flown.last().unwrap();
         for (i, wanted) in [0.8, -0.6, 1.0].into_iter().enumerate() {
             // 5.3 rests 1.4 % above what it is told
@@ -185,7 +132,7 @@ fn a_place_and_a_heading_are_reached_without_swinging() {
         }
         assert!((last[state_index::YAW] - 0.7).abs() < 0.02, "{vertical}: {}", last[state_index::YAW]);
         // braking from full speed takes more tilt than the thesis allows; a small step stays within it
-        let flown = alone("position", vertical, "").hold([0.2, 0.0, 0.7, 0.0], 4.0);
+        let flown = hold(&mut alone("position", vertical, ""), [0.2, 0.0, 0.7, 0.0], 4.0);
         let farthest = flown.iter().map(|x| x[0]).fold(0.0_f32, f32::max);
         assert!(farthest < 0.2 * 1.1, "{vertical}: overshoots to {farthest} m");
     }
@@ -222,12 +169,12 @@ fn the_bandwidths_of_the_table_are_those_of_small_steps() {
             if let Some(height_m) = height {
                 set_point[if entry.level == ActionLevel::Attitude { 3 } else { 2 }] = height_m;
             }
-            flight.hold(set_point, 3.0);
+            hold(&mut flight, set_point, 3.0);
             let mut rest = [0.0; STATE];
             flight.env.states(&mut rest).unwrap();
             let [low, high] = flight.env.interfaces()[0].ranges()[axis];
             set_point[axis] += 0.05 * (high - low);
-            let flown = flight.hold(set_point, 3.0);
+            let flown = hold(&mut flight, set_point, 3.0);
             let last = flown.last().unwrap()[at] - rest[at];
             let steps = flown.iter().position(|x| (x[at] - rest[at]) / last >= 0.632).unwrap();
             let (tick_s, before) = (0.02, if steps == 0 { rest[at] } else { flown[steps - 1][at] });
@@ -248,7 +195,7 @@ fn the_bandwidths_of_the_table_are_those_of_small_steps() {
 fn wind_is_held_against() {
     for vertical in VERTICALS {
         let wind = r#", "effects": {"wind": {"x_mps2": 0.3}, "mass_change": 0.001}"#;
-        let last = *alone("velocity", vertical, wind).hold([0.0; ACTION], 40.0).last().unwrap();
+        let last = *hold(&mut alone("velocity", vertical, wind), [0.0; ACTION], 40.0).last().unwrap();
         for i in 0..3 {
             let speed_mps = last[state_index::VEL + i];
             assert!(speed_mps.abs() < 0.03, "{vertical}: axis {i} drifts at {speed_mps} m/s");
@@ -263,13 +210,13 @@ fn a_flight_goes_on_from_its_snapshot() {
             let options =
                 format!(r#""action": {:?}, "task": {task:?}, "effects": {{"gust": 0.3}}"#, entry.name);
             let mut flown = Flight::new(18, &options);
-            (0..25).for_each(|step| flown.wander(step));
+            (0..25).for_each(|_| wander(&mut flown));
             let bytes = flown.env.snapshot();
             let mut other = Flight::new(18, &options);
             other.env.restore(&bytes).unwrap();
             for step in 25..60 {
-                flown.wander(step);
-                other.wander(step);
+                wander(&mut flown);
+                wander(&mut other);
                 assert!(flown.bits(18) == other.bits(18), "{} {task}: step {step}", entry.name);
             }
         }
@@ -283,7 +230,7 @@ fn an_episode_begins_with_the_action_that_keeps_it() {
         let action: [f32; ACTION] = std::array::from_fn(|i| flight.observations[index::LAST_ACTION + i]);
         let set_point = flight.env.interfaces()[0].set_point(&action.map(f64::from));
         let mut flight = alone(entry.name, "thrust", "");
-        let last = *flight.hold(set_point, 1.0).last().unwrap();
+        let last = *hold(&mut flight, set_point, 1.0).last().unwrap();
         let mut begin = [0.0; STATE];
         alone(entry.name, "thrust", "").env.states(&mut begin).unwrap();
         for i in 0..3 {
@@ -316,7 +263,7 @@ fn table() -> String {
         "| level | number | unit | from | to | bandwidth, rad/s | about |\n|---|---|---|---|---|---|---|\n",
     );
     for entry in registry() {
-        let input = entry.level.input(&model, None).unwrap();
+        let input = model.input(None).unwrap();
         let interface = Interface::at_level(&model, input, entry.level).unwrap();
         for (i, channel) in entry.channels.iter().enumerate() {
             let [low, high] = interface.ranges()[i];

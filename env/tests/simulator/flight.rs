@@ -47,13 +47,23 @@ impl Flight {
 
     /// As [`Flight::step`], with what is wrong.
     pub(crate) fn try_step(&mut self) -> Result<()> {
+        let actions = self.actions(|axis, share| if axis == 3 { -0.3 + 0.1 * share } else { 0.6 * share });
+        self.step_with(&actions)
+    }
+
+    /// Actions of which each number is made by `number` of its axis and a share from -1 to 1, which depends on the
+    /// environment, the step and the axis alone.
+    pub(crate) fn actions(&self, number: impl Fn(usize, f32) -> f32) -> Vec<f32> {
         let per_env = self.env.num_drones() * ACTION;
         let action = |i: usize| {
             let seed = (i / per_env) as u64 * 7919 + self.step * 64 + (i % per_env) as u64;
-            let share = (crazyflie_env::noise::scramble(seed) >> 40) as f32 / 8_388_608.0 - 1.0;
-            if i % ACTION == 3 { -0.3 + 0.1 * share } else { 0.6 * share }
+            number(i % ACTION, (crazyflie_env::noise::scramble(seed) >> 40) as f32 / 8_388_608.0 - 1.0)
         };
-        let actions: Vec<f32> = (0..self.rewards.len() * ACTION).map(action).collect();
+        (0..self.rewards.len() * ACTION).map(action).collect()
+    }
+
+    /// One step with these actions.
+    pub(crate) fn step_with(&mut self, actions: &[f32]) -> Result<()> {
         let out = StepBuffers {
             observations: &mut self.observations,
             rewards: &mut self.rewards,
@@ -63,7 +73,7 @@ impl Flight {
             metrics: &mut self.metrics,
         };
         self.step += 1;
-        self.env.step(&actions, out)
+        self.env.step(actions, out)
     }
 
     pub(crate) fn row(&self, row: usize) -> &[f32] {

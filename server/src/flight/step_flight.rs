@@ -6,8 +6,8 @@ use crazyflie_control::{ControllerSpec, choose};
 use crazyflie_env::Error;
 use crazyflie_env::config::EffectTable;
 use crazyflie_env::model::{Model, VerticalInput};
-use crazyflie_env::observation::{ACTION, OBSERVATION};
-use crazyflie_env::vector::{STATE, StepBuffers};
+use crazyflie_env::observation::{ACTION, OBSERVATION, index};
+use crazyflie_env::vector::{STATE, StepBuffers, state_index};
 use serde::Serialize;
 use serde_json::{Value, json};
 
@@ -38,10 +38,10 @@ pub fn step_options(axis: LoopAxis) -> (Value, f64) {
 /// Indices of an axis in state, observation (set-point) and action.
 pub fn signal_indices(axis: LoopAxis) -> [usize; 3] {
     match axis {
-        LoopAxis::X => [0, 16, 1],
-        LoopAxis::Y => [1, 17, 0],
-        LoopAxis::Z => [2, 18, 3],
-        LoopAxis::Yaw => [8, 19, 2],
+        LoopAxis::X => [state_index::POS, index::SETPOINT_X, 1],
+        LoopAxis::Y => [state_index::POS + 1, index::SETPOINT_Y, 0],
+        LoopAxis::Z => [state_index::HEIGHT, index::SETPOINT_Z, 3],
+        LoopAxis::Yaw => [state_index::YAW, index::SETPOINT_YAW, 2],
     }
 }
 

@@ -124,6 +124,12 @@ pub(super) fn options(request: &Make) -> Result<(Options, &'static task::Entry),
     map.insert("threads".into(), 1.into());
     let has_own_length = map.contains_key("max_episode_steps");
     let mut options = Options::parse(&Value::Object(map).to_string())?;
+    if !options.watch.is_empty() {
+        return Err(ProtocolError::new(
+            Code::BadOptions,
+            "watch: a server keeps no numbers for functions of a client; the observation may hold any field",
+        ));
+    }
     let entry = task::find(&options.task)?;
     if !has_own_length {
         options.max_episode_steps = entry.max_episode_steps;
