@@ -165,6 +165,29 @@ def test_a_task_file_is_an_id(tmp_path):
         crazyflie_gym.register_task({"name": "f", "reward": reward})
 
 
+def test_the_page_has_every_field_and_function_and_its_code_runs(monkeypatch):
+    page = (ROOT / "docs/rewards.md").read_text()
+    rows = [
+        [cell.strip() for cell in line.strip("|").split("|")] for line in page.splitlines() if line.startswith("| `")
+    ]
+    observed = {field["name"] for field in crazyflie_gym.observable_fields()}
+    own = [field for field in crazyflie_gym.expression_fields() if field["name"] not in observed]
+    count = {1: ""}
+    assert rows == [
+        [f"`{f['name']}`" + count.get(f["length"], f" ({f['length']})"), f["unit"], f["about"]] for f in own
+    ]
+    for name in crazyflie_gym.expression_functions():
+        assert f"`{name}`" in page, name
+    assert (ROOT / "examples/tasks/climb.toml").read_text().split("\n", 1)[1] == (
+        page.split("```toml\n")[1].split("```")[0]
+    )
+    monkeypatch.chdir(ROOT)
+    blocks = [block.split("```")[0] for block in page.split("```python\n")[1:]]
+    assert len(blocks) == 3
+    for block in blocks:
+        exec(compile(block, "docs/rewards.md", "exec"), {})
+
+
 def test_the_fields_are_listed_with_their_units():
     fields = {field["name"]: field for field in crazyflie_gym.expression_fields()}
     assert fields["dist"]["unit"] == "m" and fields["rate2"]["unit"] == "rad^2/s^2"

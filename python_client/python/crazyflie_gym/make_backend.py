@@ -13,7 +13,7 @@ from crazyflie_gym._native import Controller, Crowd, Sim, check_model, model_tex
 from crazyflie_gym._types import AnyController
 from crazyflie_gym.backend import RemoteBackend
 from crazyflie_gym.options import Model, model_sources, native_autoreset, to_json
-from crazyflie_gym.own_judgement import JudgedSim, Reward, split_judgement
+from crazyflie_gym.own_judgement import CallbackSim, Reward, split_judgement
 from crazyflie_gym.spaces import Choice
 
 
@@ -83,7 +83,7 @@ def make_backend(
     )
     if remote is None:
         texts = [model_text() if text is None else text for text, _ in models]
-        return JudgedSim(num_envs, options, texts, **functions) if functions else Sim(num_envs, options, texts)
+        return CallbackSim(num_envs, options, texts, **functions) if functions else Sim(num_envs, options, texts)
     if functions:
         raise ValueError(f"{next(iter(functions))}: a server cannot call a function, expected an expression")
     if draws and (observation != "measured" or history != 1):

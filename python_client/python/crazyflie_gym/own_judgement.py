@@ -59,7 +59,7 @@ def _parameters(name: str, function: RewardFunction) -> list[str]:
     return [p.name for p in parameters if p.default is p.empty or p.name in _LENGTHS]
 
 
-class JudgedSim(Sim):
+class CallbackSim(Sim):
     """A simulation whose rewards or ends are those of functions.
 
     A function gets arrays (num_envs,), of a field of several numbers (num_envs, length); of several drones
@@ -68,7 +68,7 @@ class JudgedSim(Sim):
 
     def __new__(
         cls, num_envs: int, options: str = "{}", models: list[str] | None = None, **functions: RewardFunction
-    ) -> JudgedSim:
+    ) -> CallbackSim:
         """Make the simulation; `options` names the fields as `watch`."""
         return super().__new__(cls, num_envs, options, models)
 
@@ -195,5 +195,5 @@ class JudgedSim(Sim):
         self.set_state(state)
 
 
-def _remake(num_envs: int, options: str, models: list[str] | None, functions: dict[str, RewardFunction]) -> JudgedSim:
-    return JudgedSim(num_envs, options, models, **functions)
+def _remake(num_envs: int, options: str, models: list[str] | None, functions: dict[str, RewardFunction]) -> CallbackSim:
+    return CallbackSim(num_envs, options, models, **functions)
