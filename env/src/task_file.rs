@@ -67,7 +67,8 @@ impl TaskFile {
             return Err(unknown("key of a task file", key, KEYS.into_iter().chain(["name", "about"])));
         }
         options.entry("task").or_insert_with(|| Options::default().task.into());
-        let read = Options::parse(&Value::Object(options.clone()).to_string())?;
+        let read = Options::parse(&Value::Object(options.clone()).to_string())
+            .map_err(|error| name_key(&options, error))?;
         let entry = task::find(&read.task)?;
         if options.contains_key("max_episode_steps") && read.max_episode_steps == 0 {
             return Err(bad("max_episode_steps is 0, expected at least 1".into()));
@@ -79,6 +80,19 @@ impl TaskFile {
     /// The Gymnasium id.
     pub fn id(&self) -> String {
         format!("crazyflie/{}-v0", self.name)
+    }
+}
+
+/// What is wrong with options, with the key that is wrong by itself: a value of another type says only what it is.
+fn name_key(options: &Map<String, Value>, error: Error) -> Error {
+    let Error::Config(problem) = &error else { return error };
+    let alone = |key: &str, value: &Value| {
+        Options::parse(&Value::Object(Map::from_iter([(key.into(), value.clone())])).to_string())
+    };
+    let wrong = options.iter().find(|(key, value)| alone(key, value).is_err());
+    match wrong {
+        Some((key, value)) => Error::Config(format!("task file: {key} is {value}: {problem}")),
+        None => error,
     }
 }
 
@@ -121,7 +135,7 @@ gust = { sigma_mps2 = 0.2 }
             ("name = \"x\"\nreward = ", "line 2"),
             ("[1, 2]", "task file"),
             ("name = \"x\"\nmax_episode_steps = 0", "expected at least 1"),
-            ("{\"name\": \"x\", \"history\": \"long\"}", "history"),
+            ("{\"name\": \"x\", \"history\": \"long\"}", "history is \"long\""),
         ] {
             let error = TaskFile::parse(text).unwrap_err().to_string();
             assert!(error.contains(words), "{text:?} gave: {error}");
