@@ -214,6 +214,7 @@ fn a_flight_goes_on_from_its_snapshot() {
             let bytes = flown.env.snapshot();
             let mut other = Flight::new(18, &options);
             other.env.restore(&bytes).unwrap();
+            other.step = flown.step;
             for step in 25..60 {
                 wander(&mut flown);
                 wander(&mut other);
