@@ -15,9 +15,9 @@ import crazyflie_gym
 from crazyflie_gym.sb3 import Sb3VecEnv
 
 
-@pytest.mark.parametrize("observation", ["flat", "dict"])
-def test_the_adapter_is_what_dummy_vec_env_would_be(observation):
-    kwargs = {"observation": observation, "task_options": {"start_radius_m": 2.0}, "true_state": True}
+@pytest.mark.parametrize("form", ["flat", "dict"])
+def test_the_adapter_is_what_dummy_vec_env_would_be(form):
+    kwargs = {"form": form, "task_options": {"start_radius_m": 2.0}, "true_state": True}
     ours = Sb3VecEnv("Crazyflie-v0", num_envs=5, max_episode_steps=30, **kwargs)
     theirs = make_vec_env("Crazyflie-v0", n_envs=5, env_kwargs={**kwargs, "max_episode_steps": 30}, monitor_kwargs={})
     for envs in (ours, theirs):
