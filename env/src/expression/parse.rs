@@ -94,14 +94,16 @@ fn finish(name: &'static str, text: &str, check: impl Fn(&Part) -> Parsed<()>) -
         let Some(pair) = pairs.next() else { return fault(0, "expected an expression, got nothing") };
         let part = choice(pair)?;
         check(&part)?;
-        let program = Program { steps: part.steps };
-        if program.depth() > DEEPEST || program.steps.len() > MOST_STEPS {
-            return fault(
-                0,
-                format!("too long: expected at most {MOST_STEPS} operations, {DEEPEST} of them waiting"),
-            );
-        }
-        Ok(program)
+        let program = Some(part.steps).filter(|steps| steps.len() <= MOST_STEPS).and_then(Program::new);
+        program.map_or_else(
+            || {
+                fault(
+                    0,
+                    format!("too long: expected at most {MOST_STEPS} operations, {DEEPEST} of them waiting"),
+                )
+            },
+            Ok,
+        )
     };
     parse().map_err(|Fault { first, problem }| {
         let column = text.get(..first).map_or(first, |before| before.chars().count()) + 1;

@@ -5,6 +5,8 @@ use crate::scalar::Scalar;
 
 /// Numbers that may wait while an expression is evaluated.
 pub(super) const DEEPEST: usize = 16;
+/// So many wait in most rewards: a stack of that size is cleared in a quarter of the time.
+const SHALLOW: usize = 4;
 
 /// A step. Conditions are numbers: 1 where they hold, 0 elsewhere.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -57,50 +59,62 @@ pub(super) enum Operator {
 /// What an expression comes to, step by step.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Program {
-    pub(super) steps: Vec<Step>,
+    steps: Vec<Step>,
+    /// Numbers that wait at most.
+    depth: usize,
 }
 
 impl Program {
-    /// The numbers that wait at most.
-    pub(super) fn depth(&self) -> usize {
-        let (mut now, mut deepest) = (0_usize, 0);
-        for step in &self.steps {
+    /// Of steps that leave one number; none where too many would wait.
+    pub(super) fn new(steps: Vec<Step>) -> Option<Program> {
+        let (mut now, mut depth) = (0_usize, 0);
+        for step in &steps {
             match step {
                 Step::Number(_) | Step::Load(_) => now += 1,
                 Step::Map(_) | Step::Power(_) => {}
                 Step::Join(_) => now -= 1,
                 Step::Select => now -= 2,
             }
-            deepest = deepest.max(now);
+            depth = depth.max(now);
         }
-        deepest
+        (depth <= DEEPEST).then_some(Program { steps, depth })
     }
 
     /// The value for each lane.
     #[inline(always)]
     pub(crate) fn evaluate<R: Scalar>(&self, moment: &Moment<'_, R>) -> R {
-        let mut stack = [R::zero(); DEEPEST];
+        if self.depth <= SHALLOW {
+            self.evaluate_on::<R, SHALLOW>(moment)
+        } else {
+            self.evaluate_on::<R, DEEPEST>(moment)
+        }
+    }
+
+    /// On a stack for `N` numbers.
+    #[inline(always)]
+    fn evaluate_on<R: Scalar, const N: usize>(&self, moment: &Moment<'_, R>) -> R {
+        let mut stack = [R::zero(); N];
         // the index of the topmost number; parsing sees to it that it stays in the stack, and % costs nothing
-        let mut top = DEEPEST - 1;
+        let mut top = N - 1;
         for step in &self.steps {
             match *step {
                 Step::Number(value) => {
-                    top = (top + 1) % DEEPEST;
+                    top = (top + 1) % N;
                     stack[top] = R::from_f64(value);
                 }
                 Step::Load(place) => {
-                    top = (top + 1) % DEEPEST;
+                    top = (top + 1) % N;
                     stack[top] = moment.number(place);
                 }
                 Step::Map(function) => stack[top] = function.value(stack[top]),
                 Step::Power(exponent) => stack[top] = power(stack[top], exponent),
                 Step::Join(operator) => {
-                    let below = (top + DEEPEST - 1) % DEEPEST;
+                    let below = (top + N - 1) % N;
                     stack[below] = operator.value(stack[below], stack[top]);
                     top = below;
                 }
                 Step::Select => {
-                    let (condition, yes) = ((top + DEEPEST - 1) % DEEPEST, (top + DEEPEST - 2) % DEEPEST);
+                    let (condition, yes) = ((top + N - 1) % N, (top + N - 2) % N);
                     let (condition, chosen) =
                         (stack[condition], R::select(holds(stack[condition]), stack[yes], stack[top]));
                     stack[yes] = R::select(condition.le(condition), chosen, condition);
