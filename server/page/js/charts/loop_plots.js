@@ -21,8 +21,8 @@ const level = (x, y) => x.map(() => y);
 
 /** @type {Plot[]} */
 const PLOTS = [
-  { key: "flights", title: "1000 flights: median, half and nine tenths of them", height: 1.5, make: flights },
-  { key: "step", title: "Step on paper, in steps", height: 1.5, make: step },
+  { key: "flights", title: "1000 flights [UNIT] over s: median, half and nine tenths of them", height: 1.5, make: flights },
+  { key: "step", title: "Step on paper [share of the step] over s", height: 1.5, make: step },
   { key: "magnitude", title: "Bode: magnitude [dB] over rad/s", height: 1, make: (answer) => bode(answer, "magnitude_db", 0, [-60, 40]) },
   { key: "phase", title: "Bode: phase [°] over rad/s", height: 1, make: (answer) => bode(answer, "phase_deg", -180, [-360, 0]) },
 ];
@@ -109,7 +109,7 @@ export class LoopPlots {
 
   /** @param {Plot} each */
   #plot({ key, title, height, make: drawing }) {
-    const box = make("figure", { class: "strip", "data-plot": key }, make("figcaption", {}, make("span", {}, title)));
+    const box = make("figure", { class: "strip", "data-plot": key }, make("figcaption", {}, make("span", {}, title.replace("UNIT", this.#loop === "yaw" ? "rad" : "m"))));
     this.host.append(box);
     const axis = { stroke: colour("--muted"), grid: { stroke: colour("--grid"), width: 1 }, ticks: { show: false }, font: FONT };
     const { data, options } = drawing(this.#answer);
