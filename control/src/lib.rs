@@ -33,6 +33,7 @@ use crazyflie_env::observation::Interface;
 pub use batch::{Batch, ControlLaw};
 pub use crazyflie_env::estimator::{Estimate, Estimator, SensorNoise};
 pub use multi::MultiController;
+pub use policy::{PolicyCode, export_c};
 pub use python::{PythonLoader, PythonSource, set_python_loader};
 pub use spec::{ControllerFactory, ControllerSpec, build_each, choose};
 

@@ -2,6 +2,8 @@
 //! file (safetensors) holds the network, how its inputs are normalised and what it remembers;
 //! `crazyflie_gym.policy` writes it, and says the same in Python.
 
+mod export_c;
+
 use std::sync::Arc;
 
 use safetensors::{Dtype, SafeTensors};
@@ -34,6 +36,8 @@ pub(super) const ENTRY: Entry = Entry {
         Ok(Box::new(Batch::new(site.envs, policy)))
     },
 };
+
+pub use export_c::{PolicyCode, export_c};
 
 const FORMAT: &str = "crazyflie-policy-1";
 /// Signals with moving averages: position error (3), roll, pitch, last action from level (4), set-point (3).

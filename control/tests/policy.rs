@@ -1,8 +1,9 @@
 //! Policies from files: what they answer, and what is said of files that are no policies.
 
 use std::collections::HashMap;
+use std::process::Command;
 
-use crazyflie_control::{ControllerContext, ControllerSpec, Mode, choose};
+use crazyflie_control::{ControllerContext, ControllerSpec, Mode, PolicyCode, choose, export_c};
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::observation::{ACTION, Interface, OBSERVATION};
 use safetensors::tensor::{Dtype, TensorView};
@@ -202,4 +203,96 @@ fn what_is_wrong_with_a_file_is_said() {
     }
     assert!(told(whole, VerticalInput::Height).contains("expected the vertical form pwm or thrust"));
     assert_eq!(chosen(Vec::new()).label, "policy:where");
+}
+
+/// What a C compiler makes of the exported policy, fed with rows of observations that begin with a command:
+/// 0 for nothing, 1 for a new flight, 2 for a landing.
+const HARNESS: &str = r#"
+#include <stdio.h>
+#include "policy.h"
+int main(void) {
+    struct policy policy;
+    float row[1 + POLICY_OBSERVATION], action[POLICY_ACTION];
+    while (fread(row, sizeof row, 1, stdin) == 1) {
+        if (row[0] == 1.0f) policy_reset(&policy);
+        if (row[0] == 2.0f) policy.landing = 1;
+        policy_act(&policy, row + 1, action);
+        fwrite(action, sizeof action, 1, stdout);
+    }
+    return POLICY_MARKER_POS_M + POLICY_LAST_ACTION - 20;
+}
+"#;
+
+/// Compiles an exported policy and returns its answers.
+fn answers_in_c(code: &PolicyCode, rows: &[f32]) -> Vec<f32> {
+    let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("policy_c");
+    std::fs::create_dir_all(&folder).unwrap();
+    for (name, text) in
+        [("policy.c", &code.source[..]), ("policy.h", &code.header[..]), ("main.c", HARNESS), ("rows", "")]
+    {
+        std::fs::write(folder.join(name), text).unwrap();
+    }
+    let flags = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-Wdouble-promotion"];
+    let compiled = Command::new("cc")
+        .current_dir(&folder)
+        .args(flags)
+        .args(["policy.c", "main.c", "-o", "policy", "-lm"])
+        .output()
+        .expect("a C compiler, which the linker of Rust needs as well");
+    assert!(compiled.status.success(), "{}", String::from_utf8_lossy(&compiled.stderr));
+    let bytes: Vec<u8> = rows.iter().flat_map(|v| v.to_le_bytes()).collect();
+    std::fs::write(folder.join("rows"), bytes).unwrap();
+    let input = std::fs::File::open(folder.join("rows")).unwrap();
+    let run = Command::new(folder.join("policy")).stdin(input).output().unwrap();
+    assert!(run.status.success(), "{}", run.status);
+    run.stdout.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect()
+}
+
+#[test]
+fn in_c_it_answers_as_here() {
+    const ROWS: usize = 1000;
+    let model = Model::thesis();
+    let bytes = file(&policy());
+    let code = export_c(&bytes, &model, VerticalInput::Pwm, "policy").unwrap();
+    assert!(!code.source.contains("malloc") && !code.source.contains("double"));
+    assert!(
+        code.header.contains("POLICY_MARKER_POS_M = 0,") && code.header.contains("[0..2] m:"),
+        "{}",
+        code.header
+    );
+    let mut pilot = chosen(bytes).build(&site(&model, 1, VerticalInput::Pwm)).unwrap();
+    let (mut rows, mut want) = (Vec::new(), Vec::new());
+    for tick in 0..ROWS {
+        let mut row: Vec<f32> = (0..OBSERVATION).map(|k| 3.0 * wave(7, tick, k)).collect();
+        // new flights; the last of them lands
+        let command = if tick % 250 == 0 { 1.0 } else { f32::from(u8::from(tick == 900)) * 2.0 };
+        if command == 1.0 {
+            pilot.reset(&|_| true);
+        }
+        if command == 2.0 {
+            pilot.set_mode(Mode::Landing);
+        }
+        row[2] = row[2].abs() + 0.1 - f32::from(u8::from(tick > 950)) * 2.0;
+        let mut action = vec![0.0; ACTION];
+        pilot.act(&row, &mut action).unwrap();
+        rows.push(command);
+        rows.extend(row);
+        want.extend(action);
+    }
+    let got = answers_in_c(&code, &rows);
+    assert_eq!(got.len(), ROWS * ACTION);
+    let worst = got.iter().zip(&want).map(|(got, want)| (got - want).abs()).fold(0.0_f32, f32::max);
+    println!("largest difference of {ROWS} answers: {worst:.1e}");
+    assert!(worst < 1e-5, "{worst}");
+    // the answers are not all cut off, and the landing ends with the motors off
+    assert!(want.iter().filter(|a| a.abs() < 0.99).count() > ROWS);
+    assert_eq!(got[ROWS * ACTION - 1], -1.0);
+}
+
+#[test]
+fn what_is_no_policy_is_not_exported() {
+    let model = Model::thesis();
+    let error = |bytes: &[u8], input| export_c(bytes, &model, input, "policy").unwrap_err().to_string();
+    assert!(error(b"no policy", VerticalInput::Pwm).contains("the file of the policy"));
+    assert!(error(&file(&policy()), VerticalInput::Height).contains("it commands a thrust"));
 }

@@ -10,6 +10,7 @@ mod guarded_cell;
 mod linear;
 mod multi_controller;
 mod picture;
+mod policy;
 mod registry;
 mod remote;
 mod sim;
@@ -27,6 +28,8 @@ mod _native {
     use crate::multi_controller::{Crowd, metrics};
     #[pymodule_export]
     use crate::picture::{ansi, path, render};
+    #[pymodule_export]
+    use crate::policy::policy_c;
     #[pymodule_export]
     use crate::registry::{
         action_levels, check_model, cli, effects, expression_fields, expression_functions, model_text,

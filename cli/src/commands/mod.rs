@@ -25,6 +25,7 @@ mod inspect_table;
 mod leaderboard;
 mod model;
 mod plot;
+mod policy_export_c;
 mod replay;
 mod replay_table;
 mod report_recorded;
@@ -57,6 +58,7 @@ Examples:
   crazyflie diagnose --normal monday/ --suspect friday/
   crazyflie reproduce thesis
   crazyflie effects
+  crazyflie policy export-c hover.safetensors -o policy.c
   crazyflie bench submit --controller thesis-pid
   crazyflie bench leaderboard --scenario hover-aruco
   crazyflie serve";
@@ -89,6 +91,9 @@ enum Command {
     /// Worlds that several clients share
     #[command(subcommand)]
     World(World),
+    /// Trained policies
+    #[command(subcommand)]
+    Policy(Policy),
     /// The benchmark of controllers
     #[command(subcommand)]
     Bench(Bench),
@@ -104,6 +109,11 @@ enum Command {
 enum World {
     Join(world_join::Args),
     Replay(world_replay::Args),
+}
+
+#[derive(Debug, Subcommand)]
+enum Policy {
+    ExportC(policy_export_c::Args),
 }
 
 #[derive(Debug, Subcommand)]
@@ -214,6 +224,7 @@ fn run(command: &Command, out: &mut dyn Write) -> Outcome {
         Command::Serve(args) => serve::run(args, out),
         Command::World(World::Join(args)) => world_join::run(args, out),
         Command::World(World::Replay(args)) => world_replay::run(args, out),
+        Command::Policy(Policy::ExportC(args)) => policy_export_c::run(args, out),
         Command::Bench(Bench::Submit(args)) => submit::run(args, out),
         Command::Bench(Bench::Leaderboard(args)) => leaderboard::run(args, out),
         Command::Bench(Bench::Attempts(args)) => attempts::run(args, out),

@@ -1,0 +1,48 @@
+//! `crazyflie policy export-c`: a trained policy as C for a microcontroller.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use crazyflie_control::export_c;
+use crazyflie_env::model::VerticalInput;
+
+use super::{Failure, Outcome, files};
+
+const EXAMPLES: &str = "\
+Examples:
+  crazyflie policy export-c hover.safetensors -o policy.c
+  crazyflie policy export-c hover.safetensors -o firmware/policy.c --model mine.toml --vertical thrust";
+
+/// Write a policy as C: single precision, constant tables, no allocation. Beside FILE.c there will be FILE.h
+/// with the fields of an observation and their units.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct Args {
+    /// The policy, as `python -m crazyflie_gym.ppo` writes it
+    policy: PathBuf,
+    /// Where to write; the header goes beside it
+    #[arg(long, short, value_name = "FILE.c")]
+    out: PathBuf,
+    /// Model file of the vehicle; the thesis's model unless given
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// Which vertical form of the model is commanded: pwm or thrust [default: pwm, if the model has it]
+    #[arg(long, value_parser = files::vertical, value_name = "FORM")]
+    vertical: Option<VerticalInput>,
+}
+
+pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
+    let bytes = std::fs::read(&args.policy).map_err(|e| Failure::about(args.policy.display(), e))?;
+    let model = files::model(args.model.as_deref())?;
+    let vertical = args.vertical.unwrap_or_else(|| files::default_vertical(&model));
+    let stem = args.out.file_stem().and_then(std::ffi::OsStr::to_str);
+    let is_c = args.out.extension().is_some_and(|ending| ending == "c");
+    let Some(stem) = stem.filter(|_| is_c) else {
+        return Err(Failure::Usage(format!("{}: name a file that ends in .c", args.out.display())));
+    };
+    let code = export_c(&bytes, &model, vertical, stem)?;
+    let header: &Path = &args.out.with_extension("h");
+    files::write(&args.out, code.source.as_bytes())?;
+    files::write(header, code.header.as_bytes())?;
+    Ok(writeln!(out, "wrote {} and {}", args.out.display(), header.display())?)
+}

@@ -1,0 +1,236 @@
+//! A policy as C for a microcontroller: single precision, constant tables, no allocation.
+
+use std::fmt::Write;
+
+use super::{AGE_MAX_S, CLEAR_M, CLIP, Network, PRESENT, SIGNALS};
+use crate::{ControllerConfig, ControllerContext, Mode};
+use crazyflie_env::error::Result;
+use crazyflie_env::model::{Model, VerticalInput};
+use crazyflie_env::observation::{ACTION, FIELDS, Interface, OBSERVATION, index};
+use crazyflie_env::plant::Command;
+
+/// A policy in C: a source file, and the header that goes with it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct PolicyCode {
+    /// Functions and weights; includes `STEM.h`.
+    pub source: String,
+    /// Declarations, the fields of an observation and what an action means.
+    pub header: String,
+}
+
+/// The policy of a safetensors file as C, for the commands of this vehicle; `stem` is the name of the files
+/// without their endings.
+///
+/// # Errors
+/// [`crazyflie_env::Error::Config`] for what is no policy, [`crazyflie_env::Error::Unknown`] for a form that
+/// the model lacks.
+pub fn export_c(file: &[u8], model: &Model, input: VerticalInput, stem: &str) -> Result<PolicyCode> {
+    let given = ControllerConfig {
+        name: super::ENTRY.name,
+        options: &serde_json::Value::Null,
+        file: Some(file),
+        path: "",
+        member: "",
+    };
+    let interface = Interface::from_model(model, input)?;
+    let tick_s = 1.0 / model.rig.control.value;
+    let site = ControllerContext { model, interface, tick_s, envs: 1, mode: Mode::Automatic };
+    let network = Network::read(&given, &site)?;
+    Ok(PolicyCode {
+        source: source(&network, &interface, stem),
+        header: header(&network, &interface, tick_s, &model.name),
+    })
+}
+
+fn header(network: &Network, interface: &Interface, tick_s: f64, model: &str) -> String {
+    let mut fields = String::new();
+    for field in &FIELDS {
+        let last = if field.length > 1 { format!("..{}", field.end() - 1) } else { String::new() };
+        let name = format!("POLICY_{} = {},", field.name.to_uppercase(), field.first);
+        // writing to a string cannot fail
+        let _ =
+            writeln!(fields, "    {name:36} /* [{}{last}] {}: {} */", field.first, field.unit, field.about);
+    }
+    let Interface { tilt_max_rad, yaw_rate_max_radps, lift_max, hover_lift, .. } = *interface;
+    let form = interface.input.name();
+    format!(
+        "/* A policy for the vehicle \"{model}\", commanded by its vertical form {form}. Written by crazyflie policy\n   export-c. Single precision; no allocation; needs sinf, cosf, tanhf and floorf of the C library. */
+#ifndef CRAZYFLIE_POLICY_H
+#define CRAZYFLIE_POLICY_H
+
+#define POLICY_OBSERVATION {OBSERVATION} /* numbers of an observation */
+#define POLICY_ACTION {ACTION}       /* numbers of an action */
+#define POLICY_TICK_S {tick_s:?}f    /* call policy_act once in so many seconds */
+#define POLICY_AVERAGES {averages}  /* moving averages that a policy keeps */
+
+/* What an action of 1 commands: roll, pitch (rad), yaw rate (rad/s, the vehicle's own sign). The fourth number
+   goes from 0 at -1 to POLICY_LIFT_MAX (PWM counts) at 1. */
+#define POLICY_TILT_MAX_RAD {}
+#define POLICY_YAW_RATE_MAX_RADPS {}
+#define POLICY_LIFT_MAX {}
+#define POLICY_HOVER_LIFT {} /* PWM counts that carry the weight */
+
+/* Where the fields of an observation begin: [numbers] unit: meaning. */
+enum policy_field {{
+{fields}}};
+
+/* What a policy remembers of a flight. */
+struct policy {{
+    float averages[POLICY_AVERAGES];
+    int fresh;   /* a flight begins with the next observation */
+    int landing; /* 1: go down to {CLEAR_M} m, then motors off */
+    int idle;    /* landed */
+}};
+
+/* Forget the flight. Call it before the first observation of each. */
+void policy_reset(struct policy *policy);
+
+/* The action, from -1 to 1, for an observation in SI units. */
+void policy_act(struct policy *policy, const float observation[POLICY_OBSERVATION], float action[POLICY_ACTION]);
+
+#endif
+",
+        single(tilt_max_rad),
+        single(yaw_rate_max_radps),
+        single(lift_max),
+        single(hover_lift),
+        averages = SIGNALS * network.gains.len(),
+    )
+}
+
+fn source(network: &Network, interface: &Interface, stem: &str) -> String {
+    let taus = network.gains.len();
+    let widest = network.layers.iter().map(|layer| layer.bias.len()).fold(network.mean.len(), usize::max);
+    let level = |lift: f64| interface.action(&Command::level(lift));
+    let mut tables = String::new();
+    table(&mut tables, "GAINS", network.gains.iter().map(|gain| *gain as f32));
+    table(&mut tables, "MEAN", network.mean.iter().copied());
+    table(&mut tables, "STD", network.std.iter().copied());
+    table(&mut tables, "REST", level(interface.hover_lift).map(|a| a as f32).into_iter());
+    table(&mut tables, "OFF", level(0.0).map(|a| a as f32).into_iter());
+    let mut calls = String::new();
+    let mut inputs = network.mean.len();
+    for (i, layer) in network.layers.iter().enumerate() {
+        let (outputs, last) = (layer.bias.len(), i + 1 == network.layers.len());
+        table(&mut tables, &format!("WEIGHT{i}"), layer.weights.iter().copied());
+        table(&mut tables, &format!("BIAS{i}"), layer.bias.iter().copied());
+        let (from, to) = if i % 2 == 0 { ("x", "y") } else { ("y", "x") };
+        let squash = u8::from(!last);
+        let _ =
+            writeln!(calls, "    layer({from}, {inputs}, WEIGHT{i}, BIAS{i}, {to}, {outputs}, {squash});");
+        inputs = outputs;
+    }
+    let answer = if network.layers.len() % 2 == 0 { "x" } else { "y" };
+    let [mx, my, mz, yaw, age] =
+        [index::MARKER_X, index::MARKER_Y, index::MARKER_Z, index::MARKER_YAW, index::MARKER_AGE];
+    let [roll, pitch, gyro] = [index::ROLL, index::PITCH, index::ROLL_RATE];
+    let [sx, sy, sz, syaw, last] =
+        [index::SETPOINT_X, index::SETPOINT_Y, index::SETPOINT_Z, index::SETPOINT_YAW, index::LAST_ACTION];
+    format!(
+        "#include <math.h>
+
+#include \"{stem}.h\"
+
+#define TAUS {taus}
+#define SIGNALS {SIGNALS}
+#define FEATURES {features}
+#define WIDEST {widest}
+
+{tables}
+static float clamp(float value, float low, float high) {{
+    return value < low ? low : value > high ? high : value;
+}}
+
+/* A world vector in the vehicle's heading. */
+static void rotate(float s, float c, const float v[3], float out[3]) {{
+    out[0] = c * v[0] + s * v[1];
+    out[1] = c * v[1] - s * v[0];
+    out[2] = v[2];
+}}
+
+static void layer(const float *in, int inputs, const float *weight, const float *bias, float *out, int outputs, int squash) {{
+    for (int j = 0; j < outputs; j++) {{
+        float sum = bias[j];
+        for (int i = 0; i < inputs; i++) {{
+            sum += in[i] * weight[i * outputs + j];
+        }}
+        out[j] = squash ? tanhf(sum) : sum;
+    }}
+}}
+
+/* Moving averages go on by a tick; features of an observation that is flown to this height, in standard deviations. */
+static void features(struct policy *p, const float *o, float height, float *x) {{
+    const float s = sinf(o[{yaw}]), c = cosf(o[{yaw}]);
+    const float turn = o[{syaw}] - o[{yaw}];
+    const float signals[SIGNALS] = {{
+        o[{sx}] - o[{mx}], o[{sy}] - o[{my}], height - o[{mz}], o[{roll}], o[{pitch}],
+        o[{last}] - REST[0], o[{last} + 1] - REST[1], o[{last} + 2] - REST[2], o[{last} + 3] - REST[3],
+        o[{sx}], o[{sy}], height,
+    }};
+    rotate(s, c, signals, x);
+    x[3] = turn - 6.28318530718f * floorf(turn * 0.159154943092f + 0.5f);
+    x[4] = o[{roll}];
+    x[5] = o[{pitch}];
+    for (int i = 0; i < 3; i++) {{
+        x[6 + i] = o[{gyro} + i];
+    }}
+    for (int i = 0; i < 4; i++) {{
+        x[9 + i] = signals[5 + i];
+    }}
+    x[13] = o[{age}] < {age_max} ? o[{age}] : {age_max};
+    for (int t = 0; t < TAUS; t++) {{
+        float *average = p->averages + t * SIGNALS, *out = x + {PRESENT} + t * SIGNALS, from[SIGNALS];
+        for (int i = 0; i < SIGNALS; i++) {{
+            average[i] = p->fresh ? signals[i] : average[i] + GAINS[t] * (signals[i] - average[i]);
+            from[i] = signals[i] - average[i];
+        }}
+        rotate(s, c, from, out);
+        for (int i = 3; i < 9; i++) {{
+            out[i] = from[i];
+        }}
+        rotate(s, c, from + 9, out + 9);
+    }}
+    p->fresh = 0;
+    for (int i = 0; i < FEATURES; i++) {{
+        x[i] = clamp((x[i] - MEAN[i]) / STD[i], -{clip}, {clip});
+    }}
+}}
+
+void policy_reset(struct policy *policy) {{
+    policy->fresh = 1;
+    policy->landing = 0;
+    policy->idle = 0;
+}}
+
+void policy_act(struct policy *policy, const float observation[POLICY_OBSERVATION], float action[POLICY_ACTION]) {{
+    float x[WIDEST], y[WIDEST];
+    const float height = policy->landing ? {clear} : observation[{sz}];
+    if (policy->landing && observation[{mz}] <= height) {{
+        policy->idle = 1;
+    }}
+    features(policy, observation, height, x);
+{calls}    for (int i = 0; i < POLICY_ACTION; i++) {{
+        action[i] = policy->idle ? OFF[i] : clamp(REST[i] + {answer}[i], -1.0f, 1.0f);
+    }}
+}}
+",
+        features = network.mean.len(),
+        age_max = single(AGE_MAX_S),
+        clip = single(CLIP),
+        clear = single(CLEAR_M),
+    )
+}
+
+/// A number as C writes it in single precision.
+fn single(value: f64) -> String {
+    format!("{:?}f", value as f32)
+}
+
+/// A constant array, eight numbers a line.
+fn table(out: &mut String, name: &str, values: impl ExactSizeIterator<Item = f32>) {
+    let _ = write!(out, "static const float {name}[{}] = {{", values.len());
+    for (i, value) in values.enumerate() {
+        let _ = write!(out, "{}{value:?}f,", if i % 8 == 0 { "\n    " } else { " " });
+    }
+    out.push_str("\n};\n");
+}
