@@ -5,13 +5,13 @@ use super::Mode;
 use crazyflie_env::scalar::Scalar;
 
 /// Sinking speed per metre of height, and its limits.
-const SINK_PS: f64 = 1.5;
-const SINK_MPS: [f64; 2] = [0.15, 0.7];
+pub(super) const SINK_PS: f64 = 1.5;
+pub(super) const SINK_MPS: [f64; 2] = [0.15, 0.7];
 /// Motors off below this.
-const TOUCH_M: f64 = 0.01;
+pub(super) const TOUCH_M: f64 = 0.01;
 /// The set-point goes on this far below the floor: an estimate that hangs above it has to be brought down as
 /// well.
-const BELOW_M: f64 = 0.1;
+pub(super) const BELOW_M: f64 = 0.1;
 
 /// The landing of one drone, or of lanes.
 #[derive(Debug, Clone)]

@@ -1,6 +1,7 @@
-//! A trained policy from a file: a multi-layer perceptron over features that need no velocity sensor. The
-//! file (safetensors) holds the network, how its inputs are normalised and what it remembers;
-//! `crazyflie_gym.policy` writes it, and says the same in Python.
+//! A trained policy from a file: a multi-layer perceptron, and a linear function beside it, over features of
+//! an estimate by the Kalman filter. The file (safetensors) holds the network, how its inputs are normalised
+//! and what it remembers; `crazyflie_gym.policy` writes it, and says the same in Python. Files of the first
+//! format fly on: their features are of the marker's last fix, without velocities.
 
 mod export_c;
 
@@ -9,8 +10,10 @@ use std::sync::Arc;
 use safetensors::{Dtype, SafeTensors};
 use serde::{Deserialize, Serialize};
 
+use super::landing::Landing;
 use super::{Batch, ControlLaw, ControllerConfig, ControllerContext, Entry, Mode, defaults};
 use crazyflie_env::error::Result;
+use crazyflie_env::estimator::{Estimate, Estimator, SensorNoise};
 use crazyflie_env::observation::{ACTION, Interface, OBSERVATION, index, wrap};
 use crazyflie_env::plant::Command;
 use crazyflie_env::scalar::{Scalar, tabulate};
@@ -39,12 +42,25 @@ pub(super) const ENTRY: Entry = Entry {
 
 pub use export_c::{PolicyCode, export_c};
 
-const FORMAT: &str = "crazyflie-policy-1";
+/// What a policy sees of position and heading.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Sight {
+    /// The marker's last fix.
+    Fix,
+    /// The Kalman filter's estimate, with velocity and unexplained acceleration.
+    Estimate,
+}
+
+/// The formats of files.
+const FORMATS: [(&str, Sight); 2] =
+    [("crazyflie-policy-2", Sight::Estimate), ("crazyflie-policy-1", Sight::Fix)];
 /// Signals with moving averages: position error (3), roll, pitch, last action from level (4), set-point (3).
 const SIGNALS: usize = 12;
-/// What is measured now: position error (3), yaw error, roll, pitch, gyro (3), last action from level (4),
-/// age of the marker.
-const PRESENT: usize = 14;
+/// What is known now: position error (3), velocity (3), push (3), yaw error, roll, pitch, gyro (3), last
+/// action from level (4).
+const PRESENT: usize = 19;
+/// The same of a fix: without velocity and push, with the age of the fix.
+const PRESENT_WITH_FIX: usize = 14;
 /// Normalised features beyond so many standard deviations are cut off.
 const CLIP: f64 = 5.0;
 const AGE_MAX_S: f64 = 0.5;
@@ -64,7 +80,10 @@ struct Layer {
 /// What the file holds.
 #[derive(Debug)]
 struct Network {
+    sight: Sight,
     layers: Vec<Layer>,
+    /// The linear function beside the layers: a row of four for each feature; empty if there is none.
+    skip: Vec<f32>,
     mean: Vec<f32>,
     std: Vec<f32>,
     /// Of the moving averages, per tick.
@@ -81,12 +100,13 @@ impl Network {
         let bad = |what: String| given.problem(format!("the file of the policy: {what}"));
         let (_, header) = SafeTensors::read_metadata(bytes).map_err(|e| bad(e.to_string()))?;
         let about = |key: &str| header.metadata().as_ref().and_then(|all| all.get(key)).map(String::as_str);
-        if about("format") != Some(FORMAT) {
+        let format = about("format").unwrap_or("not said");
+        let Some((_, sight)) = FORMATS.into_iter().find(|(name, _)| *name == format) else {
             return Err(bad(format!(
-                "its format is {:?}, expected {FORMAT:?}",
-                about("format").unwrap_or("not said")
+                "its format is {format:?}, expected {}",
+                FORMATS.map(|(name, _)| format!("{name:?}")).join(" or ")
             )));
-        }
+        };
         let tick_s: f64 = about("tick_s").and_then(|text| text.parse().ok()).unwrap_or(f64::NAN);
         // half a microsecond for the rounding of a decimal
         if tick_s.is_nan() || (tick_s - site.tick_s).abs() > 5e-7 {
@@ -102,7 +122,8 @@ impl Network {
         if !(1..=MOST_AVERAGES).contains(&taus.len()) || taus.iter().any(|tau| *tau < 0.0) {
             return Err(bad(format!("taus_s is {taus:?}, expected 1 to {MOST_AVERAGES} positive times")));
         }
-        let width = PRESENT + SIGNALS * taus.len();
+        let present = if sight == Sight::Estimate { PRESENT } else { PRESENT_WITH_FIX };
+        let width = present + SIGNALS * taus.len();
         let of_features = |name: &str| match tensor(&tensors, name, 1) {
             Ok((values, _)) if values.len() == width => Ok(values),
             Ok((values, _)) => Err(bad(format!("{name} has {} numbers, expected {width}", values.len()))),
@@ -113,8 +134,12 @@ impl Network {
             return Err(bad(format!("feature_std holds {zero}, expected positive numbers")));
         }
         let layers = layers(&tensors, width).map_err(bad)?;
+        let skip = match sight {
+            Sight::Fix => Vec::new(),
+            Sight::Estimate => linear(&tensors, width).map_err(bad)?,
+        };
         let gains = taus.iter().map(|tau| tick_s / (f64::from(*tau) + tick_s)).collect();
-        Ok(Network { layers, mean, std, gains })
+        Ok(Network { sight, layers, skip, mean, std, gains })
     }
 }
 
@@ -138,6 +163,15 @@ fn tensor(
         Some(value) => Err(format!("{name} holds {value}, expected finite numbers")),
         None => Ok((values, view.shape().to_vec())),
     }
+}
+
+/// The weights of the linear function from so many features to the action.
+fn linear(tensors: &SafeTensors<'_>, features: usize) -> std::result::Result<Vec<f32>, String> {
+    let (weights, shape) = tensor(tensors, "skip.weight", 2)?;
+    if shape != [features, ACTION] {
+        return Err(format!("skip.weight has the shape {shape:?}, expected {:?}", [features, ACTION]));
+    }
+    Ok(weights)
 }
 
 /// `layer0`, `layer1`, ... from so many features to the action.
@@ -171,8 +205,12 @@ fn layers(tensors: &SafeTensors<'_>, features: usize) -> std::result::Result<Vec
 #[derive(Debug, Clone)]
 struct Policy<R: Scalar> {
     network: Arc<Network>,
+    /// The filter whose estimate is seen; none for a policy that sees fixes.
+    estimator: Option<Estimator<R>>,
     interface: Interface,
     mode: Mode,
+    /// How a policy that sees an estimate comes down.
+    landing: Landing<R>,
     /// Moving averages, [`SIGNALS`] for each time constant.
     averages: Vec<R>,
     /// What goes into a layer, and what comes out.
@@ -189,9 +227,13 @@ impl<R: Scalar> Policy<R> {
         Policy {
             averages: vec![R::zero(); SIGNALS * network.gains.len()],
             layer: [0, 1].map(|_| Vec::with_capacity(widest)),
+            estimator: (network.sight == Sight::Estimate).then(|| {
+                Estimator::new(site.model, site.interface.input, site.tick_s, &SensorNoise::default())
+            }),
             network: Arc::new(network),
             interface: site.interface,
             mode: site.mode,
+            landing: Landing::new(site.mode, site.tick_s),
             idle: none,
             fresh: !none,
         }
@@ -199,14 +241,11 @@ impl<R: Scalar> Policy<R> {
 
     /// The features of a row go into the first layer.
     #[inline(always)]
-    fn read_signals(&mut self, o: &[R; OBSERVATION], height: R, rest: &[R; ACTION]) {
+    fn read_signals(&mut self, o: &[R; OBSERVATION], sight: &Pose<R>, height: R, rest: &[R; ACTION]) {
         let (fresh, x) = (self.fresh, &mut self.layer[0]);
-        let (sin, cos) = o[index::MARKER_YAW].sin_cos();
-        let error = [
-            o[index::SETPOINT_X] - o[index::MARKER_X],
-            o[index::SETPOINT_Y] - o[index::MARKER_Y],
-            height - o[index::MARKER_Z],
-        ];
+        let (sin, cos) = sight.yaw_rad.sin_cos();
+        let [px, py, pz] = sight.pos_m;
+        let error = [o[index::SETPOINT_X] - px, o[index::SETPOINT_Y] - py, height - pz];
         let off: [R; ACTION] = tabulate(
             #[inline(always)]
             |i| o[index::LAST_ACTION + i] - rest[i],
@@ -226,9 +265,13 @@ impl<R: Scalar> Policy<R> {
             height,
         ];
         x.clear();
-        x.extend(turned(sin, cos, [error[0], error[1], error[2]]));
+        x.extend(turned(sin, cos, error));
+        if let Some((vel_mps, push_mps2)) = sight.motion {
+            x.extend(turned(sin, cos, vel_mps));
+            x.extend(turned(sin, cos, push_mps2));
+        }
         x.extend([
-            wrap(o[index::SETPOINT_YAW] - o[index::MARKER_YAW]),
+            wrap(o[index::SETPOINT_YAW] - sight.yaw_rad),
             o[index::ROLL],
             o[index::PITCH],
             o[index::ROLL_RATE],
@@ -238,8 +281,10 @@ impl<R: Scalar> Policy<R> {
             off[1],
             off[2],
             off[3],
-            o[index::MARKER_AGE].min(R::from_f64(AGE_MAX_S)),
         ]);
+        if sight.motion.is_none() {
+            x.push(o[index::MARKER_AGE].min(R::from_f64(AGE_MAX_S)));
+        }
         for (averages, gain) in self.averages.chunks_exact_mut(SIGNALS).zip(&self.network.gains) {
             let mut from = [R::zero(); SIGNALS];
             for i in 0..SIGNALS {
@@ -257,11 +302,15 @@ impl<R: Scalar> Policy<R> {
     /// Through the network.
     #[inline(always)]
     fn think(&mut self) -> [R; ACTION] {
-        let Network { layers, mean, std, .. } = &*self.network;
+        let Network { layers, skip, mean, std, .. } = &*self.network;
         let [x, y] = &mut self.layer;
         for ((x, mean), std) in x.iter_mut().zip(mean).zip(std) {
             *x = ((*x - R::from_f64((*mean).into())) / R::from_f64((*std).into()))
                 .clamp(R::from_f64(-CLIP), R::from_f64(CLIP));
+        }
+        let mut linear = [R::zero(); ACTION];
+        for (x, weights) in x.iter().zip(skip.as_chunks::<ACTION>().0) {
+            linear.iter_mut().zip(weights).for_each(|(y, weight)| *y += *x * R::from_f64((*weight).into()));
         }
         for (i, layer) in layers.iter().enumerate() {
             y.clear();
@@ -276,8 +325,30 @@ impl<R: Scalar> Policy<R> {
         }
         tabulate(
             #[inline(always)]
-            |i| x[i],
+            |i| x[i] + linear[i],
         )
+    }
+}
+
+/// Where the vehicle is, and how it moves as far as that is known.
+struct Pose<R> {
+    pos_m: [R; 3],
+    yaw_rad: R,
+    /// Velocity and unexplained acceleration, of an estimate.
+    motion: Option<([R; 3], [R; 3])>,
+}
+
+impl<R: Scalar> Pose<R> {
+    #[inline(always)]
+    fn from_estimate(e: &Estimate<R>) -> Self {
+        Pose { pos_m: e.pos_m, yaw_rad: e.yaw_rad, motion: Some((e.vel_mps, e.push_mps2)) }
+    }
+
+    /// The last fix in a row.
+    #[inline(always)]
+    fn from_fix(o: &[R; OBSERVATION]) -> Self {
+        let pos_m = [o[index::MARKER_X], o[index::MARKER_Y], o[index::MARKER_Z]];
+        Pose { pos_m, yaw_rad: o[index::MARKER_YAW], motion: None }
     }
 }
 
@@ -296,22 +367,33 @@ fn tanh<R: Scalar>(x: R) -> R {
 impl<R: Scalar> ControlLaw<R> for Policy<R> {
     fn set_mode(&mut self, mode: Mode) {
         self.mode = mode;
+        self.landing.set_mode(mode);
     }
 
     fn reset(&mut self, mask: R::Mask) {
+        if let Some(estimator) = &mut self.estimator {
+            estimator.reset(mask);
+        }
         self.fresh = self.fresh | mask;
         self.idle = self.idle & !mask;
     }
 
     #[inline(always)]
     fn act(&mut self, o: &[R; OBSERVATION]) -> [R; ACTION] {
+        let sight = match &mut self.estimator {
+            Some(estimator) => Pose::from_estimate(&estimator.update(o)),
+            None => Pose::from_fix(o),
+        };
         let mut height = o[index::SETPOINT_Z];
-        if self.mode == Mode::Landing {
+        if sight.motion.is_some() {
+            height = self.landing.target(self.fresh, height, sight.pos_m[2]);
+            self.idle = self.landing.idle;
+        } else if self.mode == Mode::Landing {
             height = R::from_f64(CLEAR_M);
-            self.idle = self.idle | o[index::MARKER_Z].le(height);
+            self.idle = self.idle | sight.pos_m[2].le(height);
         }
         let rest = self.interface.action(&Command::level(R::from_f64(self.interface.hover_lift)));
-        self.read_signals(o, height, &rest);
+        self.read_signals(o, &sight, height, &rest);
         let thought = self.think();
         let off = self.interface.action(&Command::level(R::zero()));
         let one = R::from_f64(1.0);

@@ -2,11 +2,15 @@
 
 use std::fmt::Write;
 
-use super::{AGE_MAX_S, CLEAR_M, CLIP, Network, PRESENT, SIGNALS};
+use super::{AGE_MAX_S, CLEAR_M, CLIP, Network, SIGNALS, Sight};
+use crate::landing::{BELOW_M, SINK_MPS, SINK_PS, TOUCH_M};
 use crate::{ControllerConfig, ControllerContext, Mode};
 use crazyflie_env::error::Result;
 use crazyflie_env::model::{Model, VerticalInput};
-use crazyflie_env::observation::{ACTION, FIELDS, Interface, OBSERVATION, index};
+use crazyflie_env::observation::{
+    ACTION, ATTITUDE, EST_POS, EST_PUSH, EST_VEL, EST_YAW, FIELDS, Field, GYRO, Interface, LAST_ACTION,
+    MARKER_AGE, MARKER_POS, MARKER_YAW, SETPOINT,
+};
 use crazyflie_env::plant::Command;
 
 /// A policy in C: a source file, and the header that goes with it.
@@ -42,14 +46,32 @@ pub fn export_c(file: &[u8], model: &Model, input: VerticalInput, stem: &str) ->
     })
 }
 
+/// What the estimator of the vehicle says, and what a policy of its estimate reads besides.
+const OF_ESTIMATE: [Field; 8] = [EST_POS, EST_VEL, EST_YAW, EST_PUSH, ATTITUDE, GYRO, SETPOINT, LAST_ACTION];
+
+/// The fields of an observation in C, in order.
+fn fields(sight: Sight) -> &'static [Field] {
+    match sight {
+        Sight::Estimate => &OF_ESTIMATE,
+        Sight::Fix => &FIELDS,
+    }
+}
+
+/// Where a field begins in C.
+fn first(sight: Sight, name: &str) -> usize {
+    fields(sight).iter().take_while(|field| field.name != name).map(|field| field.length).sum()
+}
+
 fn header(network: &Network, interface: &Interface, tick_s: f64, model: &str) -> String {
     let mut fields = String::new();
-    for field in &FIELDS {
-        let last = if field.length > 1 { format!("..{}", field.end() - 1) } else { String::new() };
-        let name = format!("POLICY_{} = {},", field.name.to_uppercase(), field.first);
+    let mut count = 0;
+    for field in self::fields(network.sight) {
+        let first = count;
+        count += field.length;
+        let last = if field.length > 1 { format!("..{}", count - 1) } else { String::new() };
+        let name = format!("POLICY_{} = {first},", field.name.to_uppercase());
         // writing to a string cannot fail
-        let _ =
-            writeln!(fields, "    {name:36} /* [{}{last}] {}: {} */", field.first, field.unit, field.about);
+        let _ = writeln!(fields, "    {name:36} /* [{first}{last}] {}: {} */", field.unit, field.about);
     }
     let Interface { tilt_max_rad, yaw_rate_max_radps, lift_max, hover_lift, .. } = *interface;
     let form = interface.input.name();
@@ -58,7 +80,7 @@ fn header(network: &Network, interface: &Interface, tick_s: f64, model: &str) ->
 #ifndef CRAZYFLIE_POLICY_H
 #define CRAZYFLIE_POLICY_H
 
-#define POLICY_OBSERVATION {OBSERVATION} /* numbers of an observation */
+#define POLICY_OBSERVATION {count} /* numbers of an observation */
 #define POLICY_ACTION {ACTION}       /* numbers of an action */
 #define POLICY_TICK_S {tick_s:?}f    /* call policy_act once in so many seconds */
 #define POLICY_AVERAGES {averages}  /* moving averages that a policy keeps */
@@ -78,8 +100,10 @@ enum policy_field {{
 struct policy {{
     float averages[POLICY_AVERAGES];
     int fresh;   /* a flight begins with the next observation */
-    int landing; /* 1: go down to {CLEAR_M} m, then motors off */
-    int idle;    /* landed */
+    int landing; /* set it to 1 to go down; motors are off on the floor */
+    int sinking;
+    int idle;      /* landed */
+    float sink_m;  /* the height that a landing has come to */
 }};
 
 /* Forget the flight. Call it before the first observation of each. */
@@ -121,11 +145,38 @@ fn source(network: &Network, interface: &Interface, stem: &str) -> String {
         inputs = outputs;
     }
     let answer = if network.layers.len() % 2 == 0 { "x" } else { "y" };
-    let [mx, my, mz, yaw, age] =
-        [index::MARKER_X, index::MARKER_Y, index::MARKER_Z, index::MARKER_YAW, index::MARKER_AGE];
-    let [roll, pitch, gyro] = [index::ROLL, index::PITCH, index::ROLL_RATE];
-    let [sx, sy, sz, syaw, last] =
-        [index::SETPOINT_X, index::SETPOINT_Y, index::SETPOINT_Z, index::SETPOINT_YAW, index::LAST_ACTION];
+    let at = |field: Field| first(network.sight, field.name);
+    let (pos, yaw) = match network.sight {
+        Sight::Estimate => (at(EST_POS), at(EST_YAW)),
+        Sight::Fix => (at(MARKER_POS), at(MARKER_YAW)),
+    };
+    let (roll, gyro, goal, last) = (at(ATTITUDE), at(GYRO), at(SETPOINT), at(LAST_ACTION));
+    let motion = match network.sight {
+        Sight::Estimate => format!(
+            "rotate(s, c, o + {}, x + n);\n    rotate(s, c, o + {}, x + n + 3);\n    n += 6;",
+            at(EST_VEL),
+            at(EST_PUSH)
+        ),
+        Sight::Fix => String::new(),
+    };
+    let age = match network.sight {
+        Sight::Estimate => String::new(),
+        Sight::Fix => {
+            let (age, most) = (at(MARKER_AGE), single(AGE_MAX_S));
+            format!("x[n++] = o[{age}] < {most} ? o[{age}] : {most};")
+        }
+    };
+    let linear = if network.skip.is_empty() {
+        String::new()
+    } else {
+        table(&mut tables, "SKIP", network.skip.iter().copied());
+        "for (int i = 0; i < FEATURES; i++) {
+        for (int j = 0; j < POLICY_ACTION; j++) {
+            linear[j] += x[i] * SKIP[i * POLICY_ACTION + j];
+        }
+    }"
+        .into()
+    };
     format!(
         "#include <math.h>
 
@@ -161,25 +212,27 @@ static void layer(const float *in, int inputs, const float *weight, const float 
 /* Moving averages go on by a tick; features of an observation that is flown to this height, in standard deviations. */
 static void features(struct policy *p, const float *o, float height, float *x) {{
     const float s = sinf(o[{yaw}]), c = cosf(o[{yaw}]);
-    const float turn = o[{syaw}] - o[{yaw}];
+    const float turn = o[{goal} + 3] - o[{yaw}];
     const float signals[SIGNALS] = {{
-        o[{sx}] - o[{mx}], o[{sy}] - o[{my}], height - o[{mz}], o[{roll}], o[{pitch}],
+        o[{goal}] - o[{pos}], o[{goal} + 1] - o[{pos} + 1], height - o[{pos} + 2], o[{roll}], o[{roll} + 1],
         o[{last}] - REST[0], o[{last} + 1] - REST[1], o[{last} + 2] - REST[2], o[{last} + 3] - REST[3],
-        o[{sx}], o[{sy}], height,
+        o[{goal}], o[{goal} + 1], height,
     }};
+    int n = 3;
     rotate(s, c, signals, x);
-    x[3] = turn - 6.28318530718f * floorf(turn * 0.159154943092f + 0.5f);
-    x[4] = o[{roll}];
-    x[5] = o[{pitch}];
+    {motion}
+    x[n++] = turn - 6.28318530718f * floorf(turn * 0.159154943092f + 0.5f);
+    x[n++] = o[{roll}];
+    x[n++] = o[{roll} + 1];
     for (int i = 0; i < 3; i++) {{
-        x[6 + i] = o[{gyro} + i];
+        x[n++] = o[{gyro} + i];
     }}
     for (int i = 0; i < 4; i++) {{
-        x[9 + i] = signals[5 + i];
+        x[n++] = signals[5 + i];
     }}
-    x[13] = o[{age}] < {age_max} ? o[{age}] : {age_max};
+    {age}
     for (int t = 0; t < TAUS; t++) {{
-        float *average = p->averages + t * SIGNALS, *out = x + {PRESENT} + t * SIGNALS, from[SIGNALS];
+        float *average = p->averages + t * SIGNALS, *out = x + n + t * SIGNALS, from[SIGNALS];
         for (int i = 0; i < SIGNALS; i++) {{
             average[i] = p->fresh ? signals[i] : average[i] + GAINS[t] * (signals[i] - average[i]);
             from[i] = signals[i] - average[i];
@@ -199,26 +252,55 @@ static void features(struct policy *p, const float *o, float height, float *x) {
 void policy_reset(struct policy *policy) {{
     policy->fresh = 1;
     policy->landing = 0;
+    policy->sinking = 0;
     policy->idle = 0;
 }}
 
 void policy_act(struct policy *policy, const float observation[POLICY_OBSERVATION], float action[POLICY_ACTION]) {{
-    float x[WIDEST], y[WIDEST];
-    const float height = policy->landing ? {clear} : observation[{sz}];
-    if (policy->landing && observation[{mz}] <= height) {{
-        policy->idle = 1;
-    }}
+    float x[WIDEST], y[WIDEST], linear[POLICY_ACTION] = {{0.0f}};
+    float height = observation[{goal} + 2];
+    {landing}
     features(policy, observation, height, x);
+    {linear}
 {calls}    for (int i = 0; i < POLICY_ACTION; i++) {{
-        action[i] = policy->idle ? OFF[i] : clamp(REST[i] + {answer}[i], -1.0f, 1.0f);
+        action[i] = policy->idle ? OFF[i] : clamp(REST[i] + {answer}[i] + linear[i], -1.0f, 1.0f);
     }}
 }}
 ",
         features = network.mean.len(),
-        age_max = single(AGE_MAX_S),
         clip = single(CLIP),
-        clear = single(CLEAR_M),
+        landing = landing(network.sight, pos),
     )
+}
+
+/// How a policy comes down, which is what `Landing` says where it sees an estimate.
+fn landing(sight: Sight, pos: usize) -> String {
+    let height = format!("observation[{pos} + 2]");
+    match sight {
+        Sight::Estimate => format!(
+            "policy->sinking &= policy->landing;
+    if (policy->landing) {{
+        const float from = policy->sinking ? policy->sink_m : {height};
+        const float sunk = from - clamp({} * from, {}, {}) * POLICY_TICK_S;
+        policy->sink_m = sunk > {below} ? sunk : {below};
+        policy->sinking = 1;
+        height = policy->sink_m;
+        policy->idle |= {height} <= {};
+    }}",
+            single(SINK_PS),
+            single(SINK_MPS[0]),
+            single(SINK_MPS[1]),
+            single(TOUCH_M),
+            below = single(-BELOW_M),
+        ),
+        Sight::Fix => format!(
+            "if (policy->landing) {{
+        height = {};
+        policy->idle |= {height} <= height;
+    }}",
+            single(CLEAR_M)
+        ),
+    }
 }
 
 /// A number as C writes it in single precision.

@@ -14,7 +14,8 @@ use crate::scalar::{Scalar, each};
 
 pub(crate) use choice::YAW_ERROR;
 pub use choice::{
-    ALL_FIELDS, CHOICES, LONGEST_HISTORY, NamedChoice, OBSERVABLE, ObservationChoice, find_field,
+    ALL_FIELDS, CHOICES, EST_POS, EST_PUSH, EST_VEL, EST_YAW, LONGEST_HISTORY, NamedChoice, OBSERVABLE,
+    ObservationChoice, find_field,
 };
 
 /// Numbers per observation.

@@ -1,9 +1,9 @@
 """A policy as JAX sees it: what it makes of observations, its network, and its file, which Rust flies without Python.
 
-The network is a multi-layer perceptron over features that need no velocity sensor. Beside what is measured now there
-is, for a few signals and time constants, how far each signal is from its own moving average. For a position p and its
-acceleration a, averaged with the same time constant tau, (p - average(p)) / tau + tau average(a) is the velocity, so a
-linear layer can be the observer.
+Position, velocity and heading come from the Kalman filter that LQR flies with (`observation="estimate"`); in Rust the
+filter runs inside the policy. Beside them there is, for a few signals and time constants, how far each signal is from
+its own moving average: that tells how fast a set-point moves, and what an error adds up to. The network's output is a
+linear function of the features plus a multi-layer perceptron, so that it can begin as a linear controller.
 """
 
 from __future__ import annotations
@@ -20,12 +20,14 @@ from numpy.typing import NDArray
 from safetensors import safe_open
 from safetensors.numpy import save_file
 
-from crazyflie_gym.spaces import split
+from crazyflie_gym.spaces import RowLayout
+from crazyflie_gym.training import OBSERVED
 
-FORMAT = "crazyflie-policy-1"
+FORMAT = "crazyflie-policy-2"
+LAYOUT = RowLayout(OBSERVED)
+PRESENT = 19  # position error, velocity, push (3 each), yaw error, roll, pitch, gyro (3), last action from level (4)
 SIGNALS = 12  # position error (3), roll, pitch, last action from level (4), set-point (3)
 CLIP = 5.0  # normalised features beyond so many standard deviations are cut off
-AGE_MAX_S = 0.5
 
 Array = jax.Array
 Layers = list[tuple[Any, Any]]
@@ -33,9 +35,11 @@ Layers = list[tuple[Any, Any]]
 
 @dataclass(frozen=True)
 class Policy:
-    """Weights and biases of the layers, mean and standard deviation of the features, time constants in seconds."""
+    """Weights and biases of the layers, the linear function beside them (features, 4), mean and standard deviation of
+    the features, time constants in seconds."""
 
     layers: Layers
+    skip: NDArray[np.float32]
     mean: NDArray[np.float32]
     std: NDArray[np.float32]
     taus_s: tuple[float, ...]
@@ -44,6 +48,7 @@ class Policy:
     def save(self, path: str | Path, note: str = "") -> None:
         """Write a safetensors file; `note` says how it was trained."""
         tensors = {"feature_mean": self.mean, "feature_std": self.std, "taus_s": np.asarray(self.taus_s, np.float32)}
+        tensors["skip.weight"] = self.skip
         for number, (weight, bias) in enumerate(self.layers):
             tensors |= {f"layer{number}.weight": weight, f"layer{number}.bias": bias}
         plain = {name: np.ascontiguousarray(tensor, np.float32) for name, tensor in tensors.items()}
@@ -61,15 +66,16 @@ class Policy:
             if about.get("format") != FORMAT:
                 raise ValueError(f"{path}: expected a policy ({FORMAT}), found {about.get('format')!r}")
             tensor = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  not a mapping
-        count = sum(name.endswith(".weight") for name in tensor)
+        count = sum(name.startswith("layer") and name.endswith(".weight") for name in tensor)
         layers = [(tensor[f"layer{n}.weight"], tensor[f"layer{n}.bias"]) for n in range(count)]
         taus_s = tuple(float(tau) for tau in tensor["taus_s"])
-        return Policy(layers, tensor["feature_mean"], tensor["feature_std"], taus_s, json.loads(about["tick_s"]))
+        mean, std = tensor["feature_mean"], tensor["feature_std"]
+        return Policy(layers, tensor["skip.weight"], mean, std, taus_s, json.loads(about["tick_s"]))
 
 
 def width(taus: int) -> int:
     """Return how many features there are for so many time constants."""
-    return 14 + SIGNALS * taus
+    return PRESENT + SIGNALS * taus
 
 
 def level(interface: Any) -> NDArray[np.float32]:
@@ -85,7 +91,7 @@ def rotated(vectors: Array, yaw: Array) -> Array:
 
 
 def features(o: Array, averages: Array, fresh: Array, gains: Any, rest: Any) -> tuple[Array, Array]:
-    """Return features (n, width) and new averages (n, taus, SIGNALS) of observations (n, 24).
+    """Return features (n, width) and new averages (n, taus, SIGNALS) of observations (n, numbers of OBSERVED).
 
     Args:
         o: observations.
@@ -94,10 +100,10 @@ def features(o: Array, averages: Array, fresh: Array, gains: Any, rest: Any) -> 
         gains: tick / (tau + tick) for each time constant.
         rest: the level action.
     """
-    f: Any = split(cast("Any", o))
-    yaw, setpoint, tilt = f["marker_yaw_rad"][:, 0], f["setpoint"], f["attitude_rad"][:, :2]
+    f: Any = LAYOUT.split(cast("Any", o))
+    yaw, setpoint, tilt = f["est_yaw_rad"][:, 0], f["setpoint"], f["attitude_rad"][:, :2]
     goal = setpoint[:, :3]
-    signals = jnp.concatenate([goal - f["marker_pos_m"], tilt, f["last_action"] - rest, goal], -1)
+    signals = jnp.concatenate([goal - f["est_pos_m"], tilt, f["last_action"] - rest, goal], -1)
     now = signals[:, None]
     averages = jnp.where(fresh[:, None, None], now, averages + gains[:, None] * (now - averages))
     off = now - averages
@@ -105,8 +111,8 @@ def features(o: Array, averages: Array, fresh: Array, gains: Any, rest: Any) -> 
     off = jnp.concatenate([rotated(off[..., 0:3], turned), off[..., 3:9], rotated(off[..., 9:12], turned)], -1)
     turn = setpoint[:, 3] - yaw
     turn = turn - 2 * jnp.pi * jnp.round(turn / (2 * jnp.pi))
-    age = jnp.minimum(f["marker_age_s"], AGE_MAX_S)
-    present = [rotated(signals[:, 0:3], yaw), turn[:, None], tilt, f["gyro_radps"], signals[:, 5:9], age]
+    vectors = [rotated(v, yaw) for v in (signals[:, 0:3], f["est_vel_mps"], f["est_push_mps2"])]
+    present = [*vectors, turn[:, None], tilt, f["gyro_radps"], signals[:, 5:9]]
     return jnp.concatenate([*present, off.reshape(len(o), -1)], -1), averages
 
 
@@ -129,6 +135,11 @@ def mlp(layers: Layers, x: Array) -> Array:
     return jnp.add(x @ weight, bias)
 
 
+def output(layers: Layers, skip: Any, x: Array) -> Array:
+    """Return the action from level: the linear function plus the network."""
+    return jnp.add(x @ skip, mlp(layers, x))
+
+
 class Pilot:
     """A policy that flies `num_envs` environments with the command interface `interface`, in JAX, for its trainer."""
 
@@ -140,12 +151,12 @@ class Pilot:
         @jax.jit
         def act(o: Array, averages: Array, fresh: Array) -> tuple[Array, Array]:
             x, averages = features(o, averages, fresh, pull, rest)
-            return jnp.clip(rest + mlp(policy.layers, normalised(x, policy.mean, policy.std)), -1, 1), averages
+            return jnp.clip(rest + output(policy.layers, policy.skip, normalised(x, policy.mean, policy.std)), -1, 1), averages
 
         self._act = act
 
     def act(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return actions (n, 4) for observations (n, 24)."""
+        """Return actions (n, 4) for observations of `OBSERVED`."""
         actions, self._averages = self._act(observations, self._averages, self._fresh)
         self._fresh = np.zeros_like(self._fresh)
         return np.asarray(actions)

@@ -26,8 +26,10 @@ import optax
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from crazyflie_gym.policy import SIGNALS, Layers, Policy, features, gains, level, mlp, normalised, rotated, width
-from crazyflie_gym.spaces import STATE_FIELDS, split
+from crazyflie_gym.policy import (
+    LAYOUT, SIGNALS, Layers, Policy, features, gains, level, mlp, normalised, output, rotated, width,
+)  # fmt: skip
+from crazyflie_gym.spaces import STATE_FIELDS
 from crazyflie_gym.training import RANDOMISED, TASKS, Batches, Config
 
 
@@ -44,7 +46,7 @@ class Rollout(NamedTuple):
 def critic_view(x: Any, observations: Any, states: Any) -> jax.Array:
     """Return features and the true state: position error and velocity along the heading, attitude, rates."""
     pos, velocity, attitude, rate = (states[..., at] for at in STATE_FIELDS.values())
-    error, yaw = split(observations)["setpoint"][..., :3] - pos, attitude[..., 2]
+    error, yaw = LAYOUT.split(observations)["setpoint"][..., :3] - pos, attitude[..., 2]
     return jnp.concatenate([x, rotated(error, yaw), rotated(velocity, yaw), attitude, rate], -1)
 
 
@@ -79,7 +81,7 @@ def advantages(values: Any, rewards: Any, ends: Any, config: Config) -> jax.Arra
 def losses(params: Any, batch: Any, clip: float) -> jax.Array:
     """Return the clipped surrogate and the squared error of the critic, whose parameters are apart."""
     x, seen, drawn, before, gain, target = batch
-    ratio = jnp.exp(log_density(mlp(params["actor"], x), params["log_std"], drawn) - before)
+    ratio = jnp.exp(log_density(output(params["actor"], params["skip"], x), params["log_std"], drawn) - before)
     gain = (gain - gain.mean()) / (gain.std() + 1e-8)
     surrogate = jnp.minimum(ratio * gain, jnp.clip(ratio, 1 - clip, 1 + clip) * gain).mean()
     error: jax.Array = 0.5 * ((mlp(params["critic"], seen)[:, 0] - target) ** 2).mean() - surrogate
@@ -95,7 +97,7 @@ def learner(config: Config, optimiser: Any) -> Callable[..., Any]:
         seen = normalised(jnp.concatenate([rollout.seen, last[None]]), *scales["critic"])
         values = mlp(params["critic"], seen)[..., 0]
         gain = advantages(values, rollout.rewards, rollout.ends, config)
-        before = log_density(mlp(params["actor"], x), params["log_std"], rollout.drawn)
+        before = log_density(output(params["actor"], params["skip"], x), params["log_std"], rollout.drawn)
         whole = (x, seen[:-1], rollout.drawn, before, gain, gain + values[:-1])
         whole = jax.tree.map(lambda a: a.reshape(count, *a.shape[2:]), whole)
 
@@ -116,7 +118,8 @@ def actor(config: Config, rest: Any, tick_s: float) -> Callable[..., Any]:
 
     def act(params: Any, scales: Any, o: Any, states: Any, averages: Any, fresh: Any, noise: Any) -> Any:
         x, averages = features(o, averages, fresh, pull, rest)
-        drawn = mlp(params["actor"], normalised(x, *scales["actor"])) + jnp.exp(params["log_std"]) * noise
+        mean = output(params["actor"], params["skip"], normalised(x, *scales["actor"]))
+        drawn = mean + jnp.exp(params["log_std"]) * noise
         return jnp.clip(rest + drawn, -1, 1), drawn, x, critic_view(x, o, states), averages
 
     return jax.jit(act)
@@ -143,6 +146,7 @@ class Trainer:
         self.params: Any = {
             "actor": network(self.rng, [inputs, w, w, 4], 0.01),
             "critic": network(self.rng, [inputs + 12, w, w, 1], 0.01),
+            "skip": np.zeros((inputs, 4), np.float32),
             "log_std": np.full(4, np.log(config.exploration), np.float32),
         }
         self.scales: Any = {
@@ -169,13 +173,23 @@ class Trainer:
         """Return what `act` is called with."""
         return self.params, self.scales, self.observations, self.states, self.averages, self.fresh, noise
 
-    def reward(self, rewards: NDArray[np.float32], ends: NDArray[np.bool_]) -> NDArray[np.float32]:
-        """Return what is learned from: the task's reward, less the shaping, as shares of a discounted return."""
-        c, setpoint = self.config, split(self.observations)["setpoint"]
+    def reward(self, actions: NDArray[np.float32], before: Any, ends: NDArray[np.bool_]) -> NDArray[np.float32]:
+        """Return what is learned from, as shares of a discounted return: 1 less the costs of a tick.
+
+        Args:
+            actions: what was flown.
+            before: the observations that it answered.
+            ends: where the flight ended: in training only by a crash or by leaving the room.
+        """
+        c, setpoint = self.config, LAYOUT.split(self.observations)["setpoint"]
         off = self.states[:, STATE_FIELDS["pos_m"]] - setpoint[:, :3]
-        turn = np.abs(self.states[:, STATE_FIELDS["att_rad"]][:, 2] - setpoint[:, 3])
-        shaping = c.per_metre * np.sqrt((off**2).sum(1)) + c.per_radian * turn
-        return (1 - c.discount) * (rewards - np.where(ends, 0, shaping))
+        turn = self.states[:, STATE_FIELDS["att_rad"]][:, 2] - setpoint[:, 3]
+        turn = turn - 2 * np.pi * np.round(turn / (2 * np.pi))
+        travel = np.abs(actions[:, :2] - LAYOUT.split(before)["last_action"][:, :2]).sum(1)
+        square = (off**2).sum(1)
+        # squared near the set-point and in proportion far away, so that a far start does not drown what hovering costs
+        cost = c.per_metre * square / (np.sqrt(square) + c.near_m) + c.per_square_radian * turn**2 + c.per_travel * travel
+        return ((1 - c.discount) * np.where(ends, -c.per_crash, 1 - cost)).astype(np.float32)
 
     def rollout(self) -> tuple[Rollout, Any, float]:
         """Fly; returns the rollout, the critic's view of what came after it, and the mean reward of the task."""
@@ -184,10 +198,10 @@ class Trainer:
         for tick in range(c.ticks):
             with self.timed("network"):
                 actions, drawn, x, seen, self.averages = self.act(*self.view(noise[tick]))
-                actions = np.asarray(actions)
+                actions, before = np.asarray(actions), self.observations
             with self.timed("simulation"):
                 self.observations, self.states, rewards, self.fresh = self.batches.step(actions)
-            ticks.append(Rollout(x, seen, drawn, self.reward(rewards, self.fresh), self.fresh))
+            ticks.append(Rollout(x, seen, drawn, self.reward(actions, before, self.fresh), self.fresh))
             paid += float(rewards.mean()) / c.ticks
         with self.timed("network"):
             last = np.asarray(self.act(*self.view(noise[0]))[3])
@@ -206,12 +220,39 @@ class Trainer:
         epochs = [self.rng.permutation(c.envs * c.ticks).astype(np.int32) for _ in range(c.epochs)]
         return np.stack(epochs).reshape(-1, c.minibatch)
 
+    def imitate(self) -> None:
+        """Begin as the controller that the configuration names: fly it, scale the features by what it saw, and fit the
+        linear function to its actions by least squares, without those that are cut off.
+        """
+        c, seen, view, wanted = self.config, [], [], []
+        for _ in range(c.imitated_ticks):
+            with self.timed("simulation"):
+                actions = self.batches.imitated_actions(self.observations, self.fresh)
+            noise = self.rng.standard_normal(actions.shape, np.float32)
+            with self.timed("network"):
+                _, _, x, critic, self.averages = self.act(*self.view(noise))
+            seen.append(np.asarray(x))
+            view.append(np.asarray(critic))
+            wanted.append(actions)
+            flown = np.clip(actions + c.exploration * noise, -1, 1)
+            with self.timed("simulation"):
+                self.observations, self.states, _, self.fresh = self.batches.step(flown)
+        pairs = {"actor": np.concatenate(seen), "critic": np.concatenate(view)}
+        self.scales = {name: (x.mean(0), np.maximum(x.std(0), 1e-2)) for name, x in pairs.items()}
+        x, want = np.asarray(normalised(pairs["actor"], *self.scales["actor"])), np.concatenate(wanted)
+        for i, layer in enumerate(want.T):
+            inside = np.abs(layer) < 0.98
+            if inside.sum() > 10 * x.shape[1]:
+                rows = np.concatenate([x[inside], np.ones((inside.sum(), 1), np.float32)], 1)
+                fit = np.linalg.lstsq(rows, layer[inside] - self.rest[i], rcond=1e-6)[0]
+                self.params["skip"][:, i] = fit[:-1]
+                self.params["actor"][-1][1][i] = fit[-1]
+
     def train(self, progress: bool = False) -> Trained:
-        """Train from scratch. The first rollout, by a policy that knows nothing, decides how features are scaled."""
+        """Train: imitate, then learn from what is flown."""
         c, rewards = self.config, []
+        self.imitate()
         rollout, last, _ = self.rollout()
-        pairs = {"actor": rollout.features, "critic": rollout.seen}
-        self.scales = {name: (x.mean((0, 1)), np.maximum(x.std((0, 1)), 1e-2)) for name, x in pairs.items()}
         steps = (c.iterations - 1) * c.epochs * (c.envs * c.ticks // c.minibatch)
         optimiser = optax.adam(optax.linear_schedule(c.learning_rate, 0.05 * c.learning_rate, steps), eps=1e-5)
         state = optimiser.init(self.params)
@@ -225,9 +266,13 @@ class Trainer:
             with self.timed("learning"):
                 made = learn(self.params, state, self.scales, rollout, last, self.order())
                 self.params, state = jax.block_until_ready(made)  # type: ignore[no-untyped-call, unused-ignore]
+        return Trained(self.policy(), dict(self.seconds), rewards)
+
+    def policy(self) -> Policy:
+        """Return the policy as it is now."""
         layers = [(np.asarray(w), np.asarray(b)) for w, b in self.params["actor"]]
         mean, std = self.scales["actor"]
-        return Trained(Policy(layers, mean, std, c.taus_s, self.tick_s), dict(self.seconds), rewards)
+        return Policy(layers, np.asarray(self.params["skip"]), mean, std, self.config.taus_s, self.tick_s)
 
 
 def main() -> None:
