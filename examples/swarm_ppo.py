@@ -32,6 +32,7 @@ def main():
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
     try:
+        import torch
         from stable_baselines3 import PPO
         from stable_baselines3.common.vec_env import VecNormalize
     except ImportError:
@@ -40,6 +41,7 @@ def main():
     from crazyflie_gym.sb3 import Sb3SwarmVecEnv
 
     start = time.perf_counter()
+    torch.set_num_threads(1)
     envs = Sb3SwarmVecEnv(args.task, args.worlds, observation=OBSERVATION, max_episode_steps=TICKS)
     envs = VecNormalize(envs, norm_reward=False, gamma=0.98)
     model = PPO(
@@ -50,8 +52,13 @@ def main():
     envs.training = False
     print(f"{model.num_timesteps} steps of drones in {time.perf_counter() - start:.0f} s")
     pid = CrazyflieSwarm(WORLDS, args.task)
-    pilots = {"PPO": lambda rows: model.predict(envs.normalize_obs(rows), deterministic=True)[0]}
-    pilots |= {f"thesis PID, avoidance {avoid}": pid.controller(avoid=avoid).act for avoid in (False, True)}
+
+    def act(rows):
+        flat = envs.normalize_obs(rows.reshape(-1, rows.shape[-1]))
+        return model.predict(flat, deterministic=True)[0].reshape(*rows.shape[:2], -1)
+
+    pilots = {f"thesis PID, avoidance {avoid}": pid.controller(avoid=avoid).act for avoid in (False, True)}
+    pilots["PPO"] = act
     for name, act in pilots.items():
         returns, crashed = fly(args.task, act, OBSERVATION if name == "PPO" else "measured")
         print(f"{name:28s} return per drone {returns:5.0f}, crashed {100 * crashed:.0f} %")

@@ -151,7 +151,9 @@ class Pilot:
         @jax.jit
         def act(o: Array, averages: Array, fresh: Array) -> tuple[Array, Array]:
             x, averages = features(o, averages, fresh, pull, rest)
-            return jnp.clip(rest + output(policy.layers, policy.skip, normalised(x, policy.mean, policy.std)), -1, 1), averages
+            return jnp.clip(
+                rest + output(policy.layers, policy.skip, normalised(x, policy.mean, policy.std)), -1, 1
+            ), averages
 
         self._act = act
 

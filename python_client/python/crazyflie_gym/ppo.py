@@ -188,7 +188,9 @@ class Trainer:
         travel = np.abs(actions[:, :2] - LAYOUT.split(before)["last_action"][:, :2]).sum(1)
         square = (off**2).sum(1)
         # squared near the set-point and in proportion far away, so that a far start does not drown what hovering costs
-        cost = c.per_metre * square / (np.sqrt(square) + c.near_m) + c.per_square_radian * turn**2 + c.per_travel * travel
+        cost = (
+            c.per_metre * square / (np.sqrt(square) + c.near_m) + c.per_square_radian * turn**2 + c.per_travel * travel
+        )
         return ((1 - c.discount) * np.where(ends, -c.per_crash, 1 - cost)).astype(np.float32)
 
     def rollout(self) -> tuple[Rollout, Any, float]:
