@@ -9,6 +9,7 @@ mod buffers;
 mod coupled;
 mod judgement;
 mod observer;
+mod rollout;
 mod uncoupled;
 
 use std::marker::PhantomData;
@@ -27,13 +28,15 @@ use crate::pool::WorkerPool;
 use crate::schedule::Schedule;
 use crate::sim_scalar::BatchScalar;
 use crate::task::{self, Task, Visitor};
+use crate::world::GROUP;
 
 use coupled::CoupledShard;
 use judgement::Fault;
 use uncoupled::UncoupledShard;
 
 pub use crate::rows::{STATE, state_index};
-pub use buffers::StepBuffers;
+pub use buffers::{RolloutBuffers, StepBuffers};
+pub use rollout::BatchController;
 
 /// What is measured of the episode so far in an environment of several drones, in this order.
 pub const METRICS: [(&str, &str, &str); 6] = [
@@ -74,6 +77,10 @@ pub struct VectorEnv {
     metrics: usize,
     /// Environments per shard but the last.
     share: usize,
+    /// Shards per thread, but the last thread's.
+    per_thread: usize,
+    /// Whether a drone's flight has ended in a rollout.
+    over: Vec<bool>,
     team: WorkerPool,
     ready: bool,
     level: Level,
@@ -81,6 +88,10 @@ pub struct VectorEnv {
     /// Of all that decides a flight besides seeds and actions.
     fingerprint: u64,
 }
+
+/// Drones of a shard at most, unless two tiles have more: what a step of them touches stays in the cache of a
+/// core until the next one.
+const SHARD_DRONES: usize = 512;
 
 /// A contiguous part of the batch with worlds of its own, stepped by one thread, whatever its number type and
 /// its task.
@@ -102,7 +113,13 @@ trait Shard: Send {
         measured: &'a mut [f32],
         out: StepBuffers<'a>,
     );
-    fn first_ended(&self) -> Option<usize>;
+    fn tiles(&self) -> usize;
+    /// A bit for each environment of a tile whose episode has ended.
+    fn ended(&self, tile: usize) -> u16;
+    fn first_ended(&self) -> Option<usize> {
+        let tile = (0..self.tiles()).find(|tile| self.ended(*tile) != 0)?;
+        Some(tile * LANES + self.ended(tile).trailing_zeros() as usize)
+    }
     fn first_bad_action(&self, actions: &[f32]) -> Option<usize>;
     fn states(&self, rows: &mut [f32]);
     fn last_of_episode(&self, env: usize) -> Option<(&[f32], &[f32])>;
@@ -182,8 +199,7 @@ impl VectorEnv {
             .zip(&inputs)
             .map(|(model, input)| Interface::at_level(model, *input, options.action))
             .collect::<Result<_>>()?;
-        let tiles = envs.div_ceil(LANES);
-        let share = tiles.div_ceil(options.threads.clamp(1, tiles)) * LANES;
+        let (share, per_thread) = shares(envs.div_ceil(LANES), drones, options.threads);
         let shards = (0..envs)
             .step_by(share)
             .map(|first| {
@@ -216,7 +232,7 @@ impl VectorEnv {
             radius_m: options.radius_m,
             crash_cost: entry.crash_cost,
         };
-        let team = WorkerPool::new(shards.len() - 1)?;
+        let team = WorkerPool::new(shards.len().div_ceil(per_thread) - 1)?;
         let metrics = if entry.drones == 1 { 0 } else { METRICS.len() };
         let fingerprint = fingerprint(&models, options, drones)?;
         let width = observer::row_width(options, drones)?;
@@ -231,6 +247,8 @@ impl VectorEnv {
             texts: [options.reward.clone(), options.termination.clone()],
             metrics,
             share,
+            per_thread,
+            over: vec![false; envs * drones],
             team,
             ready: false,
             level,
@@ -327,33 +345,49 @@ impl VectorEnv {
     /// [`Error::DroneAction`], and [`Error::Ended`] if an environment has ended and automatic resets are
     /// disabled. After the step: [`Error::NotFinite`] where a reward or end of the user's own is no number.
     pub fn step(&mut self, actions: &[f32], mut out: StepBuffers<'_>) -> Result<()> {
+        self.check_step(actions, 1, &out)?;
+        let (drones, width, metrics) = (self.num_drones(), self.width(), self.metrics);
+        let (config, share) = (&self.config, self.share);
+        let (per_thread, per_shard) = (self.per_thread * share, share * drones * measured_width(drones));
+        let mut measured = &mut self.measured[..];
+        let parts = self.shards.chunks_mut(self.per_thread).zip(actions.chunks(per_thread * drones * ACTION));
+        let parts = parts.map(|(shards, actions)| {
+            let measured = buffers::cut(&mut measured, self.per_thread * per_shard);
+            (shards, actions, measured, out.split(per_thread, drones, width, metrics))
+        });
+        self.team.each(parts, |(shards, actions, mut measured, mut out)| {
+            for (shard, actions) in shards.iter_mut().zip(actions.chunks(share * drones * ACTION)) {
+                let measured = buffers::cut(&mut measured, per_shard);
+                shard.run(config, actions, measured, out.split(share, drones, width, metrics));
+            }
+        });
+        self.check_finite()
+    }
+
+    /// What must hold before `steps` steps: shapes, actions that are numbers, episodes that are under way.
+    fn check_step(&mut self, actions: &[f32], steps: usize, out: &StepBuffers<'_>) -> Result<()> {
+        self.check_buffers(out)?;
+        check_length("actions", steps * self.over.len() * ACTION, actions.len())?;
+        self.check_actions(actions)
+    }
+
+    /// That there is something to step, and room for its results.
+    fn check_buffers(&self, out: &StepBuffers<'_>) -> Result<()> {
         if !self.ready {
             return Err(Error::NotReset);
         }
-        let (envs, drones, width, metrics, share) =
-            (self.envs, self.num_drones(), self.width(), self.metrics, self.share);
-        let rows = envs * drones;
-        check_length("actions", rows * ACTION, actions.len())?;
-        check_length("observations", rows * width, out.observations.len())?;
+        let (rows, metrics) = (self.over.len(), self.metrics);
+        check_length("observations", rows * self.width, out.observations.len())?;
         check_length("rewards", rows, out.rewards.len())?;
         check_length("terminated", rows, out.terminated.len())?;
         check_length("truncated", rows, out.truncated.len())?;
         let unasked = metrics == 0 && out.flying.is_empty();
         check_length("flying", if unasked { 0 } else { rows }, out.flying.len())?;
-        check_length("metrics", envs * metrics, out.metrics.len())?;
-        self.check_actions(actions)?;
+        check_length("metrics", self.envs * metrics, out.metrics.len())?;
         if self.config.autoreset == Autoreset::Disabled {
             self.check_running()?;
         }
-        let config = &self.config;
-        let parts = self.shards.iter_mut().zip(actions.chunks(share * drones * ACTION));
-        let (mut measured, per_shard) = (&mut self.measured[..], share * drones * measured_width(drones));
-        let parts = parts.map(|(shard, actions)| {
-            let measured = buffers::cut(&mut measured, per_shard);
-            (shard, actions, measured, out.split(share, drones, width, metrics))
-        });
-        self.team.each(parts, |(shard, actions, measured, out)| shard.run(config, actions, measured, out));
-        self.check_finite()
+        Ok(())
     }
 
     /// Rewards and ends of a user's own were numbers in the last step.
@@ -362,10 +396,13 @@ impl VectorEnv {
         let faults = self.shards.iter_mut().map(|shard| shard.take_fault()).enumerate();
         // all are taken, so that none is left for the next step
         let first = faults.fold(None, |first, (i, fault)| first.or(fault.map(|fault| (i, fault))));
-        let Some((i, Fault { name, value, env, drone, step })) = first else { return Ok(()) };
+        first.map_or(Ok(()), |(i, fault)| Err(self.not_finite(fault.shifted(i * share))))
+    }
+
+    fn not_finite(&self, fault: Fault) -> Error {
+        let Fault { name, value, env, drone, step } = fault;
         let text = if name == judgement::REWARD { &self.texts[0] } else { &self.texts[1] };
-        let text = text.clone().unwrap_or_default();
-        Err(Error::NotFinite { name, text, value, env: i * share + env, drone, step })
+        Error::NotFinite { name, text: text.clone().unwrap_or_default(), value, env, drone, step }
     }
 
     /// Ends flights by a caller's own rule, as a task's own end does: with [`Autoreset::NextStep`] the next
@@ -409,27 +446,30 @@ impl VectorEnv {
         self.watched
     }
 
+    /// Actions of one step, or of several one after the other.
     fn check_actions(&mut self, actions: &[f32]) -> Result<()> {
-        let drones = self.num_drones();
-        let (share, bad) = (self.share * drones * ACTION, AtomicUsize::new(usize::MAX));
-        self.team.each(
-            self.shards.iter_mut().zip(actions.chunks(share)).enumerate(),
-            |(i, (shard, actions))| {
-                if let Some(at) = shard.first_bad_action(actions) {
-                    bad.fetch_min(i * share + at, Ordering::Relaxed);
-                }
-            },
-        );
+        let bad = AtomicUsize::new(usize::MAX);
+        let share = actions.len().div_ceil(self.shards.len().div_ceil(self.per_thread)).max(1);
+        let shards = self.shards.iter_mut().step_by(self.per_thread);
+        self.team.each(shards.zip(actions.chunks(share)).enumerate(), |(i, (shard, actions))| {
+            if let Some(at) = shard.first_bad_action(actions) {
+                bad.fetch_min(i * share + at, Ordering::Relaxed);
+            }
+        });
         let at = bad.into_inner();
         if at == usize::MAX {
             return Ok(());
         }
-        let (row, axis, value) = (at / ACTION, at % ACTION, actions[at]);
-        Err(if self.metrics == 0 {
+        Err(self.bad_action(at / ACTION % self.over.len(), at % ACTION, actions[at]))
+    }
+
+    fn bad_action(&self, row: usize, axis: usize, value: f32) -> Error {
+        let drones = self.num_drones();
+        if self.metrics == 0 {
             Error::Action { env: row, axis, value }
         } else {
             Error::DroneAction { world: row / drones, drone: row % drones, axis, value }
-        })
+        }
     }
 
     fn check_running(&self) -> Result<()> {
@@ -525,6 +565,16 @@ impl VectorEnv {
     pub fn last_of_episode(&self, env: usize) -> Option<(&[f32], &[f32])> {
         self.shards.get(env / self.share)?.last_of_episode(env % self.share)
     }
+}
+
+/// Environments of a shard, and shards of a thread: as few as stay in the cache, and the threads' parts alike.
+fn shares(tiles: usize, drones: usize, threads: usize) -> (usize, usize) {
+    let per_thread = tiles.div_ceil(threads.clamp(1, tiles));
+    let most = (SHARD_DRONES / (LANES * drones)).max(GROUP);
+    let shards = per_thread.div_ceil(most);
+    // groups of tiles are stepped side by side
+    let share = if shards > 1 { per_thread.div_ceil(shards).next_multiple_of(GROUP) } else { per_thread };
+    (share * LANES, shards)
 }
 
 fn measured_width(drones: usize) -> usize {

@@ -183,9 +183,12 @@ impl<R: BatchScalar, T: Task> Shard for CoupledShard<R, T> {
         }
     }
 
-    fn first_ended(&self) -> Option<usize> {
-        let tile = (0..self.batch.tiles()).find(|tile| self.batch.ended(*tile) != 0)?;
-        Some(tile * LANES + self.batch.ended(tile).trailing_zeros() as usize)
+    fn tiles(&self) -> usize {
+        self.batch.tiles()
+    }
+
+    fn ended(&self, tile: usize) -> u16 {
+        self.batch.ended(tile)
     }
 
     fn first_bad_action(&self, actions: &[f32]) -> Option<usize> {

@@ -123,9 +123,12 @@ impl<R: BatchScalar, T: Task> Shard for UncoupledShard<R, T> {
         }
     }
 
-    fn first_ended(&self) -> Option<usize> {
-        let tile = self.bits.iter().position(|bits| bits.ended != 0)?;
-        Some(tile * LANES + self.bits[tile].ended.trailing_zeros() as usize)
+    fn tiles(&self) -> usize {
+        self.bits.len()
+    }
+
+    fn ended(&self, tile: usize) -> u16 {
+        self.bits[tile].ended
     }
 
     fn first_bad_action(&self, actions: &[f32]) -> Option<usize> {
@@ -387,7 +390,7 @@ impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
     #[inline(always)]
     fn turn_over_now(&mut self, config: &BatchConfig, tile: usize, before: u32, out: TileRows<'_>) {
         match config.autoreset {
-            Autoreset::Disabled => {}
+            Autoreset::Disabled => self.stand_still(tile, before, out),
             Autoreset::NextStep => {
                 for lane in lanes_of(before) {
                     (out.rewards[lane], out.terminated[lane], out.truncated[lane]) = (0.0, false, false);
@@ -409,6 +412,21 @@ impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
                     write_lane(&states, lane, &mut self.final_states[env * STATE..(env + 1) * STATE]);
                 }
                 self.begin(&config.interfaces[0], tile, ended, out.observations, out.observed);
+            }
+        }
+    }
+}
+
+impl<R: BatchScalar, T> UncoupledShard<R, T> {
+    /// Ended episodes have no more results, until they are reset.
+    fn stand_still(&mut self, tile: usize, ended: u32, out: TileRows<'_>) {
+        self.bits[tile].ended |= ended as u16;
+        for lane in lanes_of(ended) {
+            (out.rewards[lane], out.terminated[lane], out.truncated[lane]) = (0.0, false, false);
+            out.observations[lane * OBSERVATION..(lane + 1) * OBSERVATION].fill(0.0);
+            if self.observer.is_some() {
+                let env = tile * LANES + lane;
+                out.observed[env * self.width..(env + 1) * self.width].fill(0.0);
             }
         }
     }

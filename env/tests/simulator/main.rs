@@ -9,6 +9,7 @@ mod fleet;
 mod flight;
 mod model;
 mod observations;
+mod rollout;
 mod snapshot;
 mod swarm;
 mod vector;

@@ -125,6 +125,27 @@ class Sim:
         truncated: BoolArray,
     ) -> int: ...
     def step_one(self, action: FloatArray) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]: ...
+    def rollout_into(
+        self,
+        actions: FloatArray,
+        rows: FloatArray,
+        returns: FloatArray,
+        rewards: FloatArray | None,
+        terminated: BoolArray | None,
+        truncated: BoolArray | None,
+        observations: FloatArray | None,
+    ) -> None: ...
+    def fly_into(
+        self,
+        controller: Controller | Crowd,
+        steps: int,
+        rows: FloatArray,
+        returns: FloatArray,
+        rewards: FloatArray | None,
+        terminated: BoolArray | None,
+        truncated: BoolArray | None,
+        observations: FloatArray | None,
+    ) -> FloatArray: ...
     def measured(self, observations: FloatArray) -> FloatArray: ...
     def watched(self) -> FloatArray: ...
     def end_flights(self, ends: BoolArray) -> None: ...

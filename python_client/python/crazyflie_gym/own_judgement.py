@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import json
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -124,6 +124,16 @@ class CallbackSim(Sim):
         rewards, ends = np.array([reward], np.float32), np.array([terminated])
         self._judge(rewards, ends, np.array([truncated]))
         return row, float(rewards[0]), bool(ends[0]), truncated, info
+
+    def rollout_into(self, *_: Any, **__: Any) -> NoReturn:
+        """Refuse: functions want their say in every step."""
+        names = " and ".join(self._functions)
+        raise ValueError(
+            f"{names}: a rollout flies many steps without Python: write an expression in place of the function, or "
+            "call step() for every step"
+        )
+
+    fly_into = rollout_into
 
     def _judge(self, rewards: FloatArray, terminated: BoolArray, truncated: BoolArray) -> int:
         """Put the functions' answers in place of the task's; return the number of flights that ended."""

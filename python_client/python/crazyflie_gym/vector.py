@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -21,6 +21,7 @@ from crazyflie_gym.make_backend import episode_steps, make_backend, make_control
 from crazyflie_gym.options import Model, autoreset_mode
 from crazyflie_gym.own_judgement import Reward
 from crazyflie_gym.rendering import RENDER_MODES, Screen, check_render_mode
+from crazyflie_gym.rollout import KEPT, Rollout, fly_rollout, make_rollout
 from crazyflie_gym.seeding import Seeds, as_seeds, consecutive_seeds, draw_seeds, reset_mask
 from crazyflie_gym.spaces import Choice, RowLayout, action_space, choice_and_form
 from crazyflie_gym.state import EnvState, simulation
@@ -302,6 +303,65 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
             if final_states is not None:
                 infos["final_true_state"] = final_states
         return self._form(rows), rewards, terminated, truncated, infos
+
+    def rollout(
+        self,
+        pilot: FloatArray | str | Controller | Crowd,
+        steps: int | None = None,
+        *,
+        options: Mapping[str, Any] | None = None,
+        keep: Collection[str] = KEPT,
+        out: Rollout | None = None,
+    ) -> Rollout:
+        """Fly several steps at once, to the bit as `step` would, at the rate of a small batch whatever the size.
+
+        Where automatic resets are disabled, environments whose episode ends stand still, with rewards and rows of
+        zeros, until they are reset. Last observations of episodes that end in the same step are not kept.
+
+        Args:
+            pilot: actions, (K, num_envs, 4) numbers from -1 to 1; or a controller of this environment, which goes on
+                from its last step; or the name of one, which is made anew and may have `options`.
+            steps: K, where a controller flies.
+            options: of a controller that is named.
+            keep: what to keep of every step: "rewards", "terminated", "truncated", "observations". Returns are always
+                there.
+            out: arrays to write, of an earlier call with the same K and `keep`.
+
+        Raises:
+            ValueError: for another shape, and for numbers that are not from -1 to 1; nothing has moved then. For a
+                controller of another batch or in Python; for rewards and ends by functions, and by expressions whose
+                value is no number, after the last step.
+            TypeError: for what does not hold numbers.
+            RuntimeError: before the first reset, for environments that have ended, on a server, and with a
+                `render_mode`.
+        """
+        sim = simulation(self.sim)
+        if self._screen:
+            raise RuntimeError("a rollout draws no pictures")
+        if isinstance(pilot, str):
+            pilot = self.controller(pilot, **(options or {}))
+        elif options is not None:
+            raise ValueError("options: they are for a controller that is named")
+        if not isinstance(pilot, Controller | Crowd):
+            pilot = clip_actions(as_array(pilot), self._clip)
+            step_many.check_shape(pilot, self._lead)
+            if steps not in (None, len(pilot)):
+                raise ValueError(f"steps: the actions are those of {len(pilot)} steps, got {steps}")
+            steps = len(pilot)
+        elif steps is None or steps < 1:
+            raise ValueError(f"steps: expected how many the controller flies, at least 1, got {steps}")
+        if out is None:
+            out = make_rollout(sim, steps, self._lead, keep)
+        rows = np.zeros((*self._lead, sim.width), np.float32) if self._rows is None else self._rows.copy()
+        try:
+            out.last_actions = fly_rollout(sim, pilot, steps, rows, out)
+        except ValueError:
+            # a reward that is no number is told after the last step
+            self._rows = None if self._rows is None else rows
+            raise
+        self._keep(rows)
+        out.last_observation = self._form(rows)
+        return out
 
     def _keep(self, rows: FloatArray) -> None:
         """Remember the observations for a reset with a mask; where that is the rule, out of the user's reach."""
