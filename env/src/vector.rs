@@ -10,6 +10,7 @@ mod coupled;
 mod judgement;
 mod observer;
 mod rollout;
+mod snapshot;
 mod uncoupled;
 
 use std::marker::PhantomData;
@@ -22,7 +23,6 @@ use crate::error::{Error, Result, check_length};
 use crate::isa::{Kind, Level};
 use crate::lanes::{LANES, Lanes};
 use crate::model::{Model, VerticalInput};
-use crate::noise::scramble;
 use crate::observation::{ACTION, Interface, OBSERVATION};
 use crate::pool::WorkerPool;
 use crate::schedule::Schedule;
@@ -32,6 +32,7 @@ use crate::world::GROUP;
 
 use coupled::CoupledShard;
 use judgement::Fault;
+use snapshot::checksum;
 use uncoupled::UncoupledShard;
 
 pub use crate::rows::{STATE, state_index};
@@ -130,7 +131,9 @@ trait Shard: Send {
     fn watched(&self) -> &[f32];
     /// The first number of the last step that is none, with its environment counted from the shard's first.
     fn take_fault(&mut self) -> Option<Fault>;
-    fn archive(&mut self, archive: &mut Archive<'_>);
+    fn archive(&mut self, tile: usize, archive: &mut Archive<'_>);
+    /// Rows of three for each drone, or none.
+    fn set_force(&mut self, force_n: Option<&[f32]>);
 }
 
 /// What a shard is made of.
@@ -478,6 +481,33 @@ impl VectorEnv {
         ended.map_or(Ok(()), |env| Err(Error::Ended { env }))
     }
 
+    /// Forces from outside on every drone, rows of three in the world frame, N: they act on its centre of mass in
+    /// all coming steps, until others are set, or `None`. They accelerate by the mass that the drone's model
+    /// declares, and are no part of the state, as actions are none.
+    ///
+    /// # Errors
+    /// [`Error::Shape`]; [`Error::Range`] for what is not finite, with its place.
+    pub fn set_force(&mut self, force_n: Option<&[f32]>) -> Result<()> {
+        let drones = self.num_drones();
+        if let Some(force_n) = force_n {
+            check_length("force_n", self.over.len() * 3, force_n.len())?;
+            if let Some(at) = force_n.iter().position(|n| !n.is_finite()) {
+                let (row, axis) = (at / 3, at % 3);
+                let place = if self.metrics == 0 {
+                    format!("{row}")
+                } else {
+                    format!("{}][{}", row / drones, row % drones)
+                };
+                let name = format!("force_n[{place}][{axis}]");
+                return Err(Error::Range { name, value: force_n[at].into(), want: "a finite number".into() });
+            }
+        }
+        for (i, shard) in self.shards.iter_mut().enumerate() {
+            shard.set_force(force_n.map(|rows| &rows[i * self.share * drones * 3..]));
+        }
+        Ok(())
+    }
+
     /// The true states, a row of [`STATE`] for each drone: position, velocity, roll pitch yaw, their rates.
     ///
     /// # Errors
@@ -510,56 +540,6 @@ impl VectorEnv {
         Ok(rows.fold(true, |all, (shard, rows)| shard.loads(rows) && all))
     }
 
-    /// All that the flights go on from, as bytes for [`VectorEnv::restore`]; the same for every thread count
-    /// and instruction set.
-    pub fn snapshot(&mut self) -> Vec<u8> {
-        let mut archive = Archive::Write(self.snapshot_head().to_vec());
-        self.archive(&mut archive);
-        let Archive::Write(mut bytes) = archive else { return Vec::new() };
-        let sum = checksum(&bytes[SNAPSHOT_HEAD..]);
-        bytes.extend_from_slice(&sum.to_le_bytes());
-        bytes
-    }
-
-    /// Goes on from where another batch of the same models and options was: to the bit as that one does.
-    ///
-    /// # Errors
-    /// [`Error::Config`] for bytes that are none of [`VectorEnv::snapshot`], are damaged, or are of other
-    /// models, options or size; nothing has changed then.
-    pub fn restore(&mut self, bytes: &[u8]) -> Result<()> {
-        let bad = |problem: &str| Err(Error::Config(format!("state: {problem}")));
-        if !bytes.starts_with(SNAPSHOT_MARK) {
-            return bad("these are not the bytes of a batch's state, or they are of another version");
-        }
-        if !bytes.starts_with(&self.snapshot_head()) {
-            return bad("it is of a batch of other models, options or size");
-        }
-        let Some((body, sum)) = bytes[SNAPSHOT_HEAD..].split_last_chunk() else {
-            return bad("it is cut off");
-        };
-        if checksum(body).to_le_bytes() != *sum {
-            return bad("it is cut off or damaged");
-        }
-        self.archive(&mut Archive::Read(body));
-        Ok(())
-    }
-
-    /// Format and version, and what the batch is.
-    fn snapshot_head(&self) -> [u8; SNAPSHOT_HEAD] {
-        let mut head = [0; SNAPSHOT_HEAD];
-        head[..8].copy_from_slice(SNAPSHOT_MARK);
-        head[8..16].copy_from_slice(&self.fingerprint.to_le_bytes());
-        head[16..].copy_from_slice(&(self.envs as u64).to_le_bytes());
-        head
-    }
-
-    fn archive(&mut self, archive: &mut Archive<'_>) {
-        let mut ready = u16::from(self.ready);
-        archive.bits(&mut ready);
-        self.ready = ready != 0;
-        self.shards.iter_mut().for_each(|shard| shard.archive(archive));
-    }
-
     /// With [`Autoreset::SameStep`]: last observations and true states of the episode that ended in the last
     /// step in environment `env`, rows for each drone.
     pub fn last_of_episode(&self, env: usize) -> Option<(&[f32], &[f32])> {
@@ -579,15 +559,6 @@ fn shares(tiles: usize, drones: usize, threads: usize) -> (usize, usize) {
 
 fn measured_width(drones: usize) -> usize {
     OBSERVATION + NEIGHBOUR * (drones - 1)
-}
-
-/// What the bytes of a snapshot begin with: format and version.
-const SNAPSHOT_MARK: &[u8; 8] = b"cfstate1";
-/// With the fingerprint and the number of environments.
-const SNAPSHOT_HEAD: usize = 24;
-
-fn checksum(bytes: &[u8]) -> u64 {
-    bytes.iter().fold(bytes.len() as u64, |sum, byte| scramble(sum ^ u64::from(*byte)))
 }
 
 /// A number that differs where models, options or drones do; threads and instruction set change no flight.

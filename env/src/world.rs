@@ -4,6 +4,7 @@
 mod archive;
 mod camera_clock;
 mod fitting;
+mod force;
 mod parts;
 mod setup;
 
@@ -125,6 +126,9 @@ pub struct World<R: SimScalar> {
     voltage_v: Option<R>,
     /// What a filter pushes with besides the effects.
     disturbance: Option<Accelerations<R>>,
+    /// What forces from outside accelerate each tile by; empty where there are none.
+    forced_mps2: Vec<[R; 3]>,
+    mass_kg: f64,
     /// Active effects, in registry order, with what their parameters are drawn from.
     stages: Vec<Box<dyn Stage<R>>>,
     /// Their names, where a fit asks for them.
@@ -212,6 +216,8 @@ impl<R: SimScalar> World<R> {
             floor: true,
             voltage_v: None,
             disturbance: None,
+            forced_mps2: Vec::new(),
+            mass_kg: model.vehicle.mass.value,
             drawn_now: vec![0.0; drawn.iter().map(|(_, values)| values.len()).max().unwrap_or(0)],
             drawn: drawn.into_iter().map(|(i, values)| (i, with_ranges(entries[i], values))).collect(),
             names: Vec::new(),
@@ -355,7 +361,10 @@ impl<R: SimScalar> World<R> {
     /// Nothing is called in a step, and a tick is one step: [`World::step_plain`] will do.
     #[inline(always)]
     pub fn is_plain(&self) -> bool {
-        self.stages.is_empty() && self.steps_per_tick == 1 && self.disturbance.is_none()
+        self.stages.is_empty()
+            && self.steps_per_tick == 1
+            && self.disturbance.is_none()
+            && self.forced_mps2.is_empty()
     }
 
     /// A step of a plain world: everything stays in registers.
@@ -424,6 +433,7 @@ impl<R: SimScalar> World<R> {
             group,
             voltage_v,
             disturbance,
+            forced_mps2,
             ..
         } = self;
         let (states, tiles, ages) =
@@ -433,13 +443,14 @@ impl<R: SimScalar> World<R> {
         let (commanding, pushing, films) =
             (!order.command.is_empty(), !order.push.is_empty(), !order.frame.is_empty());
         let undisturbed = disturbance.unwrap_or(Accelerations::none());
-        let from_outside = around.is_some() || disturbance.is_some();
+        let forced = |i: usize| forced_mps2.get(first + i);
+        let from_outside = around.is_some() || disturbance.is_some() || !forced_mps2.is_empty();
         for i in 0..n {
             ages[i].count();
             clocks[first + i] += 1;
             ticks[i].contact = Contact::none();
             group.captured[i] = R::nothing();
-            group.push[i] = outside(around, i, undisturbed);
+            group.push[i] = outside(around, i, undisturbed, forced(i));
             group.u[i] = commands[i];
         }
         // of the last tile where there are fewer
@@ -478,7 +489,7 @@ impl<R: SimScalar> World<R> {
                 }
                 if from_outside {
                     for i in 0..n {
-                        group.push[i].add(&outside(around, i, undisturbed));
+                        group.push[i].add(&outside(around, i, undisturbed, forced(i)));
                     }
                 }
             }
@@ -566,15 +577,20 @@ impl<'a, R: Scalar> Now<'a, R> {
     }
 }
 
-/// What pushes a tile besides the effects: what its neighbours do, or a filter's disturbance.
+/// What pushes a tile besides the effects: what its neighbours do, or a filter's disturbance, and forces.
 #[inline(always)]
 fn outside<R: Scalar>(
     around: Option<&[Around<'_, R>; GROUP]>,
     tile: usize,
     undisturbed: Accelerations<R>,
+    forced_mps2: Option<&[R; 3]>,
 ) -> Accelerations<R> {
-    match around {
+    let mut push = match around {
         Some(around) => around[tile].push,
         None => undisturbed,
+    };
+    for (sum, forced_mps2) in push.acc_mps2.iter_mut().zip(forced_mps2.into_iter().flatten()) {
+        *sum += *forced_mps2;
     }
+    push
 }

@@ -476,6 +476,40 @@ impl Sim {
         Ok(())
     }
 
+    /// Every environment goes on from where the one of another `Sim` of the same models and options was, given by
+    /// its `get_state`; with `seeds`, uint64 (num_envs,), each in the noise of its own seed.
+    #[pyo3(signature = (state, seeds = None))]
+    fn set_copies(&mut self, py: Python<'_>, state: &[u8], seeds: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
+        let seeds = seeds.map(|seeds| input::<u64>("seeds", &[self.envs], seeds)).transpose()?;
+        let seeds = seeds.as_ref().map(|seeds| seeds.as_slice()).transpose()?;
+        let (flags, numbers) = (self.last.flying.len() / self.envs, self.last.metrics.len() / self.envs);
+        let Some(at) = state.len().checked_sub(flags + 4 * numbers) else {
+            return Err(PyValueError::new_err(format!("state: {} bytes are too few", state.len())));
+        };
+        let (batch, last) = state.split_at(at);
+        let env = self.env.get()?;
+        py.detach(|| guarded(|| env.restore_copies(batch, seeds)))?;
+        self.last
+            .flying
+            .iter_mut()
+            .zip(last[..flags].iter().cycle())
+            .for_each(|(flies, byte)| *flies = *byte != 0);
+        let metrics = last[flags..].as_chunks().0.iter().cycle();
+        let metrics = self.last.metrics.iter_mut().zip(metrics);
+        metrics.for_each(|(number, bytes)| *number = f32::from_le_bytes(*bytes));
+        Ok(())
+    }
+
+    /// Forces from outside from now on: float32 (num_envs, 3), where a task has several drones (num_envs,
+    /// num_drones, 3), N in the world frame, or `None` for none.
+    #[pyo3(signature = (force_n))]
+    fn set_force(&mut self, force_n: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
+        let force_n = force_n.map(|rows| input::<f32>("force_n", &self.shape(3), rows)).transpose()?;
+        let force_n = force_n.as_ref().map(|rows| rows.as_slice()).transpose()?;
+        let env = self.env.get()?;
+        guarded(|| env.set_force(force_n))
+    }
+
     /// For pickling and copying.
     fn __reduce__<'py>(&mut self, py: Python<'py>) -> PyResult<PickleState<'py>> {
         let class = py.get_type::<Sim>();

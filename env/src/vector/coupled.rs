@@ -218,8 +218,12 @@ impl<R: BatchScalar, T: Task> Shard for CoupledShard<R, T> {
         self.batch.take_fault()
     }
 
-    fn archive(&mut self, archive: &mut Archive<'_>) {
-        self.batch.archive(archive);
+    fn archive(&mut self, tile: usize, archive: &mut Archive<'_>) {
+        self.batch.archive(tile, archive);
+    }
+
+    fn set_force(&mut self, force_n: Option<&[f32]>) {
+        self.batch.set_force(force_n);
     }
 
     fn last_of_episode(&self, env: usize) -> Option<(&[f32], &[f32])> {

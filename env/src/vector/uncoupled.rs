@@ -172,25 +172,25 @@ impl<R: BatchScalar, T: Task> Shard for UncoupledShard<R, T> {
         self.judgement.as_mut()?.take_fault()
     }
 
-    fn archive(&mut self, archive: &mut Archive<'_>) {
-        for tile in 0..self.bits.len() {
-            let (slot, bits, episodes) =
-                (&mut self.slots[tile], &mut self.bits[tile], &mut self.episodes[tile]);
-            archive.numbers(&mut slot.last_action);
-            archive.numbers(&mut slot.goal);
-            archive.bits(&mut bits.ended);
-            for word in episodes.seed.iter_mut().chain(&mut episodes.number) {
-                archive.word(word);
-            }
-            let key = |lane: usize| episode_key(episodes.seed[lane], episodes.number[lane].wrapping_sub(1));
-            self.world.archive(tile, key, archive);
-            if let Some(onboard) = &mut self.onboard {
-                onboard.archive(tile, archive);
-            }
-            if let Some(observer) = &mut self.observer {
-                observer.archive(tile, archive);
-            }
+    fn archive(&mut self, tile: usize, archive: &mut Archive<'_>) {
+        let (slot, bits, episodes) = (&mut self.slots[tile], &mut self.bits[tile], &mut self.episodes[tile]);
+        archive.numbers(&mut slot.last_action);
+        archive.numbers(&mut slot.goal);
+        archive.bits(&mut bits.ended, bits.used);
+        archive.seeds(&mut episodes.seed);
+        archive.words(&mut episodes.number);
+        let key = |lane: usize| episode_key(episodes.seed[lane], episodes.number[lane].wrapping_sub(1));
+        self.world.archive(tile, key, archive);
+        if let Some(onboard) = &mut self.onboard {
+            onboard.archive(tile, archive);
         }
+        if let Some(observer) = &mut self.observer {
+            observer.archive(tile, archive);
+        }
+    }
+
+    fn set_force(&mut self, force_n: Option<&[f32]>) {
+        self.world.set_force(force_n, [0, 1]);
     }
 }
 

@@ -7,6 +7,7 @@ mod effects_analytic;
 mod expressions;
 mod fleet;
 mod flight;
+mod force;
 mod model;
 mod observations;
 mod rollout;

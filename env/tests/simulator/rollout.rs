@@ -177,7 +177,7 @@ fn a_rollout_with_expressions_and_velocities_is_its_steps() {
 
 #[test]
 fn the_first_reward_that_is_no_number_is_told_as_steps_tell_it() {
-    let options = |threads: usize| json!({"task": "hover", "threads": threads, "reward": "sqrt(0.3 - dist)", "autoreset": "same_step"});
+    let options = |threads: usize| json!({"task": "hover", "threads": threads, "reward": "sqrt(0.09 - dist**2)", "autoreset": "same_step"});
     let actions = actions(ENVS);
     let mut single = Batch::new(&options(1), ENVS);
     let told = actions

@@ -196,6 +196,13 @@ class CallbackSim(Sim):
         super().set_state(state[:-size])
         self._alive = np.frombuffer(state[-size:], np.bool_).reshape(self._alive.shape).copy()
 
+    def set_copies(self, state: bytes, seeds: NDArray[np.uint64] | None = None) -> None:
+        """Let every environment go on from where the one of another simulation was."""
+        rows = self._alive.size // self.num_envs
+        super().set_copies(state[:-rows], seeds)
+        lead = self._alive.shape
+        self._alive = np.broadcast_to(np.frombuffer(state[-rows:], np.bool_), (lead[0], rows)).reshape(lead).copy()
+
     def __reduce__(self) -> tuple[Any, ...]:
         """Return what it is made of, for pickling."""
         return _remake, self._made_from, self.get_state()

@@ -17,6 +17,7 @@ from crazyflie_gym._native import Controller, Crowd, Interface, Pid, Sim
 from crazyflie_gym._types import AnyController, BoolArray, FloatArray, Observation
 from crazyflie_gym.actions import as_array, clip_actions, fly_with
 from crazyflie_gym.backend import RemoteBackend
+from crazyflie_gym.env import CrazyflieEnv
 from crazyflie_gym.make_backend import episode_steps, make_backend, make_controller
 from crazyflie_gym.options import Model, autoreset_mode
 from crazyflie_gym.own_judgement import Reward
@@ -24,7 +25,7 @@ from crazyflie_gym.rendering import RENDER_MODES, Screen, check_render_mode
 from crazyflie_gym.rollout import KEPT, Rollout, fly_rollout, make_rollout
 from crazyflie_gym.seeding import Seeds, as_seeds, consecutive_seeds, draw_seeds, reset_mask
 from crazyflie_gym.spaces import Choice, RowLayout, action_space, choice_and_form
-from crazyflie_gym.state import EnvState, simulation
+from crazyflie_gym.state import EnvState, set_force, simulation
 
 _Step = tuple[Observation, FloatArray, BoolArray, BoolArray, dict[str, Any]]
 
@@ -350,6 +351,8 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
             steps = len(pilot)
         elif steps is None or steps < 1:
             raise ValueError(f"steps: expected how many the controller flies, at least 1, got {steps}")
+        elif self._rows is None:
+            raise RuntimeError("a controller reads the last observation first: reset(), or copy_state(observation=...)")
         if out is None:
             out = make_rollout(sim, steps, self._lead, keep)
         rows = np.zeros((*self._lead, sim.width), np.float32) if self._rows is None else self._rows.copy()
@@ -362,6 +365,18 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         self._keep(rows)
         out.last_observation = self._form(rows)
         return out
+
+    def set_force(self, force_n: Any) -> None:
+        """Let forces act on the drones: (3,) or (num_envs, ..., 3) in the world frame, N, from now on; None ends them.
+
+        They act on the centre of mass and accelerate by the mass that the model declares. As actions, they are no part
+        of the state.
+
+        Raises:
+            ValueError: for another shape, and for what is not finite, with its place.
+            RuntimeError: for an environment on a server.
+        """
+        set_force(self.sim, force_n, self._lead)
 
     def _keep(self, rows: FloatArray) -> None:
         """Remember the observations for a reset with a mask; where that is the rule, out of the user's reach."""
@@ -423,6 +438,32 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         self.np_random.bit_generator.state = state["np_random"]
         self._rows = None if state["rows"] is None else state["rows"].copy()
         self._ended = state["ended"].copy()
+
+    def copy_state(
+        self,
+        source: CrazyflieEnv | CrazyflieVectorEnv,
+        observation: FloatArray | None = None,
+        seeds: int | Sequence[int] | None = None,
+    ) -> None:
+        """Let every environment go on from where a single one is, which stays as it is.
+
+        Args:
+            source: an environment that was made alike, or a batch of one. `CrazyflieEnv` has automatic resets disabled
+                and no limit of steps: `autoreset_mode="disabled", max_episode_steps=-1`.
+            observation: the last one of `source`, flat, which a controller reads first in a rollout.
+            seeds: for noise that is not that of the source: one for each environment, or a number s for s, s + 1, ...
+
+        Raises:
+            ValueError: for a source of another task, model, effects or options, or with several environments.
+            RuntimeError: where one of both is on a server.
+        """
+        state = simulation(source.sim).get_state()
+        if isinstance(seeds, int):
+            seeds = consecutive_seeds(seeds, self.num_envs).tolist()
+        simulation(self.sim).set_copies(state, None if seeds is None else as_seeds(list(seeds)))
+        shape = (*self._lead, self.sim.width)
+        self._rows = None if observation is None else np.broadcast_to(np.asarray(observation, np.float32), shape).copy()
+        self._seeded = True
 
     # Any: Gymnasium 1.2 and 1.3 do not agree on its type
     def render(self) -> Any:

@@ -379,17 +379,18 @@ impl<R: BatchScalar> Tile<R> {
         for number in [collisions, crashes, done, nearest2_m2, settled_s, error2_m2, flown] {
             archive.number(number);
         }
-        self.seed.iter_mut().chain(&mut self.number).for_each(|word| archive.word(word));
-        archive.bits(&mut self.ended);
+        archive.seeds(&mut self.seed);
+        archive.words(&mut self.number);
+        archive.bits(&mut self.ended, self.used);
     }
 }
 
 impl<R: BatchScalar> DroneSlot<R> {
-    pub(in crate::vector) fn archive(&mut self, archive: &mut Archive<'_>) {
+    pub(in crate::vector) fn archive(&mut self, used: u16, archive: &mut Archive<'_>) {
         archive.numbers(&mut self.last_action);
         archive.numbers(&mut self.goal);
         archive.numbers(&mut self.pull_mps2);
-        archive.bits(&mut self.flying);
+        archive.bits(&mut self.flying, used);
     }
 }
 
