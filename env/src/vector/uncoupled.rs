@@ -201,8 +201,10 @@ impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
         let settings = Settings { input: spec.inputs[0], physics_hz: options.physics_hz };
         let kept = if options.autoreset == Autoreset::SameStep { envs } else { 0 };
         let width = row_width(options, 1)?;
+        let mut world = World::new(spec.models[0], &options.drone_effects(0), settings, tiles)?;
+        options.wind_field.as_ref().map_or(Ok(()), |field| world.set_wind(field))?;
         Ok(UncoupledShard {
-            world: World::new(spec.models[0], &options.drone_effects(0), settings, tiles)?,
+            world,
             onboard: Onboard::new(spec.models[0], &spec.interfaces[0], spec.tick_s, tiles)?,
             task,
             slots: vec![Slot { last_action: [R::zero(); ACTION], goal: [R::zero(); GOAL] }; tiles],

@@ -1,7 +1,9 @@
 //! Forces from outside, such as a simulation of air or of contacts beside this one computes them.
 
-use super::World;
+use super::{Around, GROUP, World};
 use crate::lanes::LANES;
+use crate::plant::Accelerations;
+use crate::scalar::Scalar;
 use crate::sim_scalar::{BatchScalar, SimScalar};
 
 impl<R: SimScalar> World<R> {
@@ -23,4 +25,22 @@ impl<R: SimScalar> World<R> {
             }
         }
     }
+}
+
+/// What pushes a tile besides the effects: what its neighbours do, or a filter's disturbance, and forces.
+#[inline(always)]
+pub(super) fn outside<R: Scalar>(
+    around: Option<&[Around<'_, R>; GROUP]>,
+    tile: usize,
+    undisturbed: Accelerations<R>,
+    forced_mps2: Option<&[R; 3]>,
+) -> Accelerations<R> {
+    let mut push = match around {
+        Some(around) => around[tile].push,
+        None => undisturbed,
+    };
+    for (sum, forced_mps2) in push.acc_mps2.iter_mut().zip(forced_mps2.into_iter().flatten()) {
+        *sum += *forced_mps2;
+    }
+    push
 }

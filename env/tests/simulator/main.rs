@@ -14,3 +14,4 @@ mod rollout;
 mod snapshot;
 mod swarm;
 mod vector;
+mod wind_field;

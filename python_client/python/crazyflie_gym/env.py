@@ -62,6 +62,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         termination: a condition that ends a flight in place of the task's own, such as "dist > 2", or a function that
             returns bools. A crash, a collision and leaving the room end it anyway.
         action: what an action sets: "attitude", "velocity" or "position" (`crazyflie_gym.action_levels()`).
+        wind_field: wind from place to place, a `crazyflie_gym.WindField`.
         true_state: give the true state, float32 (12,), or (drones, 12), as info["true_state"]; its layout is
             STATE_FIELDS.
         clip: cut actions off at -1 and 1. Without it more than round-off is an error.
@@ -97,6 +98,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         reward: Reward = None,
         termination: Reward = None,
         action: str = "attitude",
+        wind_field: Mapping[str, Any] | None = None,
         true_state: bool = False,
         clip: bool = False,
         render_mode: str | None = None,
@@ -131,6 +133,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
             reward=reward,
             termination=termination,
             action=action,
+            wind_field=wind_field,
         )
         rows = self.sim.num_drones if self.sim.has_drone_axis else None
         self._layout = RowLayout(observation, history, rows)

@@ -65,6 +65,7 @@ class CrazyflieSwarm:
         reward: Reward = None,
         termination: Reward = None,
         action: str = "attitude",
+        wind_field: Mapping[str, Any] | None = None,
     ) -> None:
         self.mode = mode_named(autoreset_mode)
         sim = make_backend(
@@ -91,6 +92,7 @@ class CrazyflieSwarm:
             reward=reward,
             termination=termination,
             action=action,
+            wind_field=wind_field,
         )
         assert isinstance(sim, Sim)
         if not sim.has_drone_axis:

@@ -76,6 +76,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         reward: Reward = None,
         termination: Reward = None,
         action: str = "attitude",
+        wind_field: Mapping[str, Any] | None = None,
         true_state: bool = False,
         clip: bool = False,
         render_mode: str | None = None,
@@ -115,6 +116,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
             reward=reward,
             termination=termination,
             action=action,
+            wind_field=wind_field,
         )
         self.num_envs = self.sim.num_envs
         rows = self.sim.num_drones if self.sim.has_drone_axis else None
@@ -458,9 +460,12 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
             RuntimeError: where one of both is on a server.
         """
         state = simulation(source.sim).get_state()
-        if isinstance(seeds, int):
-            seeds = consecutive_seeds(seeds, self.num_envs).tolist()
-        simulation(self.sim).set_copies(state, None if seeds is None else as_seeds(list(seeds)))
+        numbers: Seeds | None = None
+        if isinstance(seeds, int | np.integer):
+            numbers = consecutive_seeds(int(seeds), self.num_envs)
+        elif seeds is not None:
+            numbers = as_seeds(list(seeds))
+        simulation(self.sim).set_copies(state, numbers)
         shape = (*self._lead, self.sim.width)
         self._rows = None if observation is None else np.broadcast_to(np.asarray(observation, np.float32), shape).copy()
         self._seeded = True

@@ -112,7 +112,9 @@ impl<R: BatchScalar> DroneBatch<R> {
         let tiles = envs.div_ceil(LANES);
         let one = |j: usize| {
             let settings = Settings { input: inputs[j], physics_hz: options.physics_hz };
-            World::new(models[j], &options.drone_effects(j), settings, tiles)
+            let mut world = World::new(models[j], &options.drone_effects(j), settings, tiles)?;
+            options.wind_field.as_ref().map_or(Ok(()), |field| world.set_wind(field))?;
+            Ok(world)
         };
         let zero = R::zero();
         let slot =
