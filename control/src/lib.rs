@@ -114,6 +114,8 @@ pub struct ControllerConfig<'a> {
     path: &'a str,
     /// What of the file was asked for, where its entry has a member.
     member: &'a str,
+    /// Place of its first environment in the whole batch.
+    pub first_env: usize,
 }
 
 impl ControllerConfig<'_> {

@@ -2,6 +2,7 @@
 //! without it.
 
 use super::avoidance::CollisionAvoidance;
+use super::batch::mask;
 use super::{Controller, Mode};
 use crazyflie_env::coupling::NEIGHBOUR;
 use crazyflie_env::error::Result;
@@ -9,12 +10,31 @@ use crazyflie_env::error::check_length;
 use crazyflie_env::lanes::{LANES, LaneMask, Lanes};
 use crazyflie_env::observation::{ACTION, OBSERVATION, SETPOINT};
 use crazyflie_env::scalar::{Scalar, tabulate};
+use crazyflie_env::vector::BatchController;
 
 /// The set-point of a drone in sixteen worlds, where the avoidance has moved it.
 #[derive(Clone)]
 struct ShiftedSetpoint {
     at_m: [Lanes; 3],
     fresh: LaneMask,
+}
+
+impl BatchController for MultiController {
+    fn act(&mut self, measured: &[f32], actions: &mut [f32]) -> Result<()> {
+        MultiController::act(self, measured, actions)
+    }
+    fn reset(&mut self, of: &dyn Fn(usize) -> bool) {
+        MultiController::reset(self, of);
+    }
+}
+
+impl BatchController for Box<dyn Controller> {
+    fn act(&mut self, measured: &[f32], actions: &mut [f32]) -> Result<()> {
+        (**self).act(measured, actions)
+    }
+    fn reset(&mut self, of: &dyn Fn(usize) -> bool) {
+        (**self).reset(of);
+    }
 }
 
 /// A controller for each drone of a batch of worlds.
@@ -88,8 +108,7 @@ impl MultiController {
         self.controllers.iter_mut().for_each(|controller| controller.reset(of));
         for tiles in &mut self.moved {
             for (tile, moved) in tiles.iter_mut().enumerate() {
-                moved.fresh =
-                    moved.fresh | LaneMask::from(std::array::from_fn(|lane| of(tile * LANES + lane)));
+                moved.fresh = moved.fresh | mask(tile, self.worlds, of);
             }
         }
     }

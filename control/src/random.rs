@@ -27,8 +27,9 @@ pub(super) const ENTRY: Entry = Entry {
     defaults: defaults::<Options>,
     build: |given, site| {
         let Options { seed } = given.options()?;
-        let dice = |env| Pcg64Mcg::seed_from_u64(seed.wrapping_add(env));
-        Ok(Box::new(Random((0..site.envs as u64).map(dice).collect())))
+        let dice = |env: u64| Pcg64Mcg::seed_from_u64(seed.wrapping_add(env));
+        let place = |env: usize| (given.first_env + env) as u64;
+        Ok(Box::new(Random((0..site.envs).map(|env| dice(place(env))).collect())))
     },
 };
 

@@ -154,6 +154,22 @@ impl ControllerSpec {
     /// # Errors
     /// As [`Entry::build`] and [`ControllerFactory::build`].
     pub fn build(&self, site: &ControllerContext<'_>) -> Result<Box<dyn Controller>> {
+        self.build_part(site, 0)
+    }
+
+    /// Whether each part of a batch can have a controller of its own: one in Python answers for all rows.
+    pub fn is_divisible(&self) -> bool {
+        match &self.origin {
+            Origin::Factory(_) => false,
+            Origin::Registry { entry, .. } => entry.member.is_none(),
+        }
+    }
+
+    /// Ready to fly the environments of a batch from `first_env` on, as many as the site has.
+    ///
+    /// # Errors
+    /// As [`ControllerSpec::build`].
+    pub fn build_part(&self, site: &ControllerContext<'_>, first_env: usize) -> Result<Box<dyn Controller>> {
         let inner = match &self.origin {
             Origin::Factory(factory) => factory.build(site)?,
             Origin::Registry { entry, options, file } => {
@@ -167,6 +183,7 @@ impl ControllerSpec {
                     file: file.map(|file| &file.content[..]),
                     path: file.map_or("", |file| &file.path),
                     member: file.map_or("", |file| &file.member),
+                    first_env,
                 };
                 (entry.build)(&given, site)?
             }
@@ -179,13 +196,14 @@ impl ControllerSpec {
 }
 
 /// A controller for each drone of a world: `specs` has one for all of them, or one for each; `sites` are the
-/// drones'.
+/// drones', of worlds from `first_env` on.
 ///
 /// # Errors
 /// [`Error::Config`] for another number of them; as [`ControllerSpec::build`].
 pub fn build_each<'a>(
     specs: &[ControllerSpec],
     sites: impl ExactSizeIterator<Item = ControllerContext<'a>>,
+    first_env: usize,
 ) -> Result<Vec<Box<dyn Controller>>> {
     if specs.len() != 1 && specs.len() != sites.len() {
         let (drones, got) = (sites.len(), specs.len());
@@ -193,7 +211,7 @@ pub fn build_each<'a>(
             "controller: expected one, or one for each of the {drones} drones, got {got}"
         )));
     }
-    sites.enumerate().map(|(drone, site)| specs[drone % specs.len()].build(&site)).collect()
+    sites.enumerate().map(|(drone, site)| specs[drone % specs.len()].build_part(&site, first_env)).collect()
 }
 
 #[cfg(test)]

@@ -9,11 +9,14 @@ pub(crate) enum Archive<'a> {
     Write(Vec<u8>),
     /// What is left to read; as long as what would be written, which the caller has seen to.
     Read(&'a [u8]),
+    /// As `Read`, of a tile with one environment, whose numbers every environment of the tile gets; with these
+    /// seeds, where they are given.
+    Spread(&'a [u8], Option<[u64; LANES]>),
 }
 
 impl Archive<'_> {
     pub(crate) fn reads(&self) -> bool {
-        matches!(self, Archive::Read(_))
+        !matches!(self, Archive::Write(_))
     }
 
     fn bytes<const N: usize>(&mut self, value: [u8; N]) -> [u8; N] {
@@ -22,7 +25,7 @@ impl Archive<'_> {
                 bytes.extend_from_slice(&value);
                 value
             }
-            Archive::Read(bytes) => {
+            Archive::Read(bytes) | Archive::Spread(bytes, _) => {
                 let Some((first, rest)) = bytes.split_first_chunk() else { return value };
                 *bytes = rest;
                 *first
@@ -44,16 +47,48 @@ impl Archive<'_> {
         *value = f32::from_le_bytes(self.bytes(value.to_le_bytes()));
     }
 
-    /// A bit per lane.
-    pub(crate) fn bits(&mut self, value: &mut u16) {
+    /// Words of the lanes.
+    pub(crate) fn words(&mut self, values: &mut [u64; LANES]) {
+        values.iter_mut().for_each(|value| self.word(value));
+        if let Archive::Spread(..) = self {
+            *values = [values[0]; LANES];
+        }
+    }
+
+    /// Seeds of the lanes' episodes.
+    pub(crate) fn seeds(&mut self, values: &mut [u64; LANES]) {
+        self.words(values);
+        if let Archive::Spread(_, Some(seeds)) = self {
+            *values = *seeds;
+        }
+    }
+
+    /// Rows of as many lanes as there are.
+    pub(crate) fn rows(&mut self, values: &mut [f32], width: usize) {
+        if !matches!(self, Archive::Spread(..)) {
+            return values.iter_mut().for_each(|value| self.float(value));
+        }
+        let (first, others) = values.split_at_mut(width.min(values.len()));
+        first.iter_mut().for_each(|value| self.float(value));
+        others.chunks_mut(width.max(1)).for_each(|row| row.copy_from_slice(first));
+    }
+
+    /// A bit per lane, of the environments that are `used`.
+    pub(crate) fn bits(&mut self, value: &mut u16, used: u16) {
         *value = u16::from_le_bytes(self.bytes(value.to_le_bytes()));
+        if let Archive::Spread(..) = self {
+            *value = if *value & 1 == 1 { used } else { 0 };
+        }
     }
 
     pub(crate) fn number<R: BatchScalar>(&mut self, value: &mut R) {
+        let spreads = matches!(self, Archive::Spread(..));
+        let mut first = 0.0;
         for lane in 0..LANES {
             let number = f32::from_le_bytes(self.bytes(value.array()[lane].to_le_bytes()));
+            first = if lane == 0 { number } else { first };
             if self.reads() {
-                value.set_lane(lane, f64::from(number));
+                value.set_lane(lane, f64::from(if spreads { first } else { number }));
             }
         }
     }

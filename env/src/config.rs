@@ -16,6 +16,7 @@ use crate::expression::{find_expression_field, parse_reward, parse_termination};
 use crate::model::VerticalInput;
 use crate::observation::ObservationChoice;
 use crate::task;
+use crate::wind_field::WindField;
 
 /// Effects by name, each with its parameters by name.
 pub type EffectTable = BTreeMap<String, EffectParams>;
@@ -271,6 +272,9 @@ pub struct Options {
     pub each: Vec<Each>,
     /// Two drones nearer than twice this have collided.
     pub radius_m: f64,
+    /// Wind from place to place, for all drones.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub wind_field: Option<WindField>,
     /// What an action sets.
     #[serde(skip_serializing_if = "ActionLevel::is_default")]
     pub action: ActionLevel,
@@ -314,6 +318,7 @@ impl Default for Options {
             each: Vec::new(),
             // motor to motor across 92 mm, propellers of 46 mm (thesis 3.1): tips at 69 mm from the centre
             radius_m: 0.069,
+            wind_field: None,
             action: ActionLevel::default(),
             observation: ObservationChoice::default(),
             history: 1,

@@ -33,6 +33,7 @@ pub mod task;
 pub mod task_file;
 pub mod transfer_function;
 pub mod vector;
+pub mod wind_field;
 pub mod world;
 
 pub use error::{Error, Result};

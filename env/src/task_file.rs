@@ -8,7 +8,7 @@ use crate::task;
 
 /// What a file may ask for besides its name: whatever makes a task. Threads, instruction sets and resets are the
 /// business of whoever flies it.
-const KEYS: [&str; 15] = [
+const KEYS: [&str; 16] = [
     "task",
     "task_options",
     "reward",
@@ -24,6 +24,7 @@ const KEYS: [&str; 15] = [
     "neighbours",
     "each",
     "radius_m",
+    "wind_field",
 ];
 
 /// A task of a user's own.

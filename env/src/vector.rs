@@ -9,6 +9,8 @@ mod buffers;
 mod coupled;
 mod judgement;
 mod observer;
+mod rollout;
+mod snapshot;
 mod uncoupled;
 
 use std::marker::PhantomData;
@@ -21,19 +23,21 @@ use crate::error::{Error, Result, check_length};
 use crate::isa::{Kind, Level};
 use crate::lanes::{LANES, Lanes};
 use crate::model::{Model, VerticalInput};
-use crate::noise::scramble;
 use crate::observation::{ACTION, Interface, OBSERVATION};
 use crate::pool::WorkerPool;
 use crate::schedule::Schedule;
 use crate::sim_scalar::BatchScalar;
 use crate::task::{self, Task, Visitor};
+use crate::world::GROUP;
 
 use coupled::CoupledShard;
 use judgement::Fault;
+use snapshot::checksum;
 use uncoupled::UncoupledShard;
 
 pub use crate::rows::{STATE, state_index};
-pub use buffers::StepBuffers;
+pub use buffers::{RolloutBuffers, StepBuffers};
+pub use rollout::BatchController;
 
 /// What is measured of the episode so far in an environment of several drones, in this order.
 pub const METRICS: [(&str, &str, &str); 6] = [
@@ -74,6 +78,10 @@ pub struct VectorEnv {
     metrics: usize,
     /// Environments per shard but the last.
     share: usize,
+    /// Shards per thread, but the last thread's.
+    per_thread: usize,
+    /// Whether a drone's flight has ended in a rollout.
+    over: Vec<bool>,
     team: WorkerPool,
     ready: bool,
     level: Level,
@@ -81,6 +89,10 @@ pub struct VectorEnv {
     /// Of all that decides a flight besides seeds and actions.
     fingerprint: u64,
 }
+
+/// Drones of a shard at most, unless two tiles have more: what a step of them touches stays in the cache of a
+/// core until the next one.
+const SHARD_DRONES: usize = 512;
 
 /// A contiguous part of the batch with worlds of its own, stepped by one thread, whatever its number type and
 /// its task.
@@ -102,7 +114,13 @@ trait Shard: Send {
         measured: &'a mut [f32],
         out: StepBuffers<'a>,
     );
-    fn first_ended(&self) -> Option<usize>;
+    fn tiles(&self) -> usize;
+    /// A bit for each environment of a tile whose episode has ended.
+    fn ended(&self, tile: usize) -> u16;
+    fn first_ended(&self) -> Option<usize> {
+        let tile = (0..self.tiles()).find(|tile| self.ended(*tile) != 0)?;
+        Some(tile * LANES + self.ended(tile).trailing_zeros() as usize)
+    }
     fn first_bad_action(&self, actions: &[f32]) -> Option<usize>;
     fn states(&self, rows: &mut [f32]);
     fn last_of_episode(&self, env: usize) -> Option<(&[f32], &[f32])>;
@@ -113,7 +131,9 @@ trait Shard: Send {
     fn watched(&self) -> &[f32];
     /// The first number of the last step that is none, with its environment counted from the shard's first.
     fn take_fault(&mut self) -> Option<Fault>;
-    fn archive(&mut self, archive: &mut Archive<'_>);
+    fn archive(&mut self, tile: usize, archive: &mut Archive<'_>);
+    /// Rows of three for each drone, or none.
+    fn set_force(&mut self, force_n: Option<&[f32]>);
 }
 
 /// What a shard is made of.
@@ -182,8 +202,7 @@ impl VectorEnv {
             .zip(&inputs)
             .map(|(model, input)| Interface::at_level(model, *input, options.action))
             .collect::<Result<_>>()?;
-        let tiles = envs.div_ceil(LANES);
-        let share = tiles.div_ceil(options.threads.clamp(1, tiles)) * LANES;
+        let (share, per_thread) = shares(envs.div_ceil(LANES), drones, options.threads);
         let shards = (0..envs)
             .step_by(share)
             .map(|first| {
@@ -216,7 +235,7 @@ impl VectorEnv {
             radius_m: options.radius_m,
             crash_cost: entry.crash_cost,
         };
-        let team = WorkerPool::new(shards.len() - 1)?;
+        let team = WorkerPool::new(shards.len().div_ceil(per_thread) - 1)?;
         let metrics = if entry.drones == 1 { 0 } else { METRICS.len() };
         let fingerprint = fingerprint(&models, options, drones)?;
         let width = observer::row_width(options, drones)?;
@@ -231,6 +250,8 @@ impl VectorEnv {
             texts: [options.reward.clone(), options.termination.clone()],
             metrics,
             share,
+            per_thread,
+            over: vec![false; envs * drones],
             team,
             ready: false,
             level,
@@ -327,33 +348,49 @@ impl VectorEnv {
     /// [`Error::DroneAction`], and [`Error::Ended`] if an environment has ended and automatic resets are
     /// disabled. After the step: [`Error::NotFinite`] where a reward or end of the user's own is no number.
     pub fn step(&mut self, actions: &[f32], mut out: StepBuffers<'_>) -> Result<()> {
+        self.check_step(actions, 1, &out)?;
+        let (drones, width, metrics) = (self.num_drones(), self.width(), self.metrics);
+        let (config, share) = (&self.config, self.share);
+        let (per_thread, per_shard) = (self.per_thread * share, share * drones * measured_width(drones));
+        let mut measured = &mut self.measured[..];
+        let parts = self.shards.chunks_mut(self.per_thread).zip(actions.chunks(per_thread * drones * ACTION));
+        let parts = parts.map(|(shards, actions)| {
+            let measured = buffers::cut(&mut measured, self.per_thread * per_shard);
+            (shards, actions, measured, out.split(per_thread, drones, width, metrics))
+        });
+        self.team.each(parts, |(shards, actions, mut measured, mut out)| {
+            for (shard, actions) in shards.iter_mut().zip(actions.chunks(share * drones * ACTION)) {
+                let measured = buffers::cut(&mut measured, per_shard);
+                shard.run(config, actions, measured, out.split(share, drones, width, metrics));
+            }
+        });
+        self.check_finite()
+    }
+
+    /// What must hold before `steps` steps: shapes, actions that are numbers, episodes that are under way.
+    fn check_step(&mut self, actions: &[f32], steps: usize, out: &StepBuffers<'_>) -> Result<()> {
+        self.check_buffers(out)?;
+        check_length("actions", steps * self.over.len() * ACTION, actions.len())?;
+        self.check_actions(actions)
+    }
+
+    /// That there is something to step, and room for its results.
+    fn check_buffers(&self, out: &StepBuffers<'_>) -> Result<()> {
         if !self.ready {
             return Err(Error::NotReset);
         }
-        let (envs, drones, width, metrics, share) =
-            (self.envs, self.num_drones(), self.width(), self.metrics, self.share);
-        let rows = envs * drones;
-        check_length("actions", rows * ACTION, actions.len())?;
-        check_length("observations", rows * width, out.observations.len())?;
+        let (rows, metrics) = (self.over.len(), self.metrics);
+        check_length("observations", rows * self.width, out.observations.len())?;
         check_length("rewards", rows, out.rewards.len())?;
         check_length("terminated", rows, out.terminated.len())?;
         check_length("truncated", rows, out.truncated.len())?;
         let unasked = metrics == 0 && out.flying.is_empty();
         check_length("flying", if unasked { 0 } else { rows }, out.flying.len())?;
-        check_length("metrics", envs * metrics, out.metrics.len())?;
-        self.check_actions(actions)?;
+        check_length("metrics", self.envs * metrics, out.metrics.len())?;
         if self.config.autoreset == Autoreset::Disabled {
             self.check_running()?;
         }
-        let config = &self.config;
-        let parts = self.shards.iter_mut().zip(actions.chunks(share * drones * ACTION));
-        let (mut measured, per_shard) = (&mut self.measured[..], share * drones * measured_width(drones));
-        let parts = parts.map(|(shard, actions)| {
-            let measured = buffers::cut(&mut measured, per_shard);
-            (shard, actions, measured, out.split(share, drones, width, metrics))
-        });
-        self.team.each(parts, |(shard, actions, measured, out)| shard.run(config, actions, measured, out));
-        self.check_finite()
+        Ok(())
     }
 
     /// Rewards and ends of a user's own were numbers in the last step.
@@ -362,10 +399,13 @@ impl VectorEnv {
         let faults = self.shards.iter_mut().map(|shard| shard.take_fault()).enumerate();
         // all are taken, so that none is left for the next step
         let first = faults.fold(None, |first, (i, fault)| first.or(fault.map(|fault| (i, fault))));
-        let Some((i, Fault { name, value, env, drone, step })) = first else { return Ok(()) };
+        first.map_or(Ok(()), |(i, fault)| Err(self.not_finite(fault.shifted(i * share))))
+    }
+
+    fn not_finite(&self, fault: Fault) -> Error {
+        let Fault { name, value, env, drone, step } = fault;
         let text = if name == judgement::REWARD { &self.texts[0] } else { &self.texts[1] };
-        let text = text.clone().unwrap_or_default();
-        Err(Error::NotFinite { name, text, value, env: i * share + env, drone, step })
+        Error::NotFinite { name, text: text.clone().unwrap_or_default(), value, env, drone, step }
     }
 
     /// Ends flights by a caller's own rule, as a task's own end does: with [`Autoreset::NextStep`] the next
@@ -409,33 +449,63 @@ impl VectorEnv {
         self.watched
     }
 
+    /// Actions of one step, or of several one after the other.
     fn check_actions(&mut self, actions: &[f32]) -> Result<()> {
-        let drones = self.num_drones();
-        let (share, bad) = (self.share * drones * ACTION, AtomicUsize::new(usize::MAX));
-        self.team.each(
-            self.shards.iter_mut().zip(actions.chunks(share)).enumerate(),
-            |(i, (shard, actions))| {
-                if let Some(at) = shard.first_bad_action(actions) {
-                    bad.fetch_min(i * share + at, Ordering::Relaxed);
-                }
-            },
-        );
+        let bad = AtomicUsize::new(usize::MAX);
+        let share = actions.len().div_ceil(self.shards.len().div_ceil(self.per_thread)).max(1);
+        let shards = self.shards.iter_mut().step_by(self.per_thread);
+        self.team.each(shards.zip(actions.chunks(share)).enumerate(), |(i, (shard, actions))| {
+            if let Some(at) = shard.first_bad_action(actions) {
+                bad.fetch_min(i * share + at, Ordering::Relaxed);
+            }
+        });
         let at = bad.into_inner();
         if at == usize::MAX {
             return Ok(());
         }
-        let (row, axis, value) = (at / ACTION, at % ACTION, actions[at]);
-        Err(if self.metrics == 0 {
+        Err(self.bad_action(at / ACTION % self.over.len(), at % ACTION, actions[at]))
+    }
+
+    fn bad_action(&self, row: usize, axis: usize, value: f32) -> Error {
+        let drones = self.num_drones();
+        if self.metrics == 0 {
             Error::Action { env: row, axis, value }
         } else {
             Error::DroneAction { world: row / drones, drone: row % drones, axis, value }
-        })
+        }
     }
 
     fn check_running(&self) -> Result<()> {
         let ended =
             self.shards.iter().enumerate().find_map(|(i, shard)| Some(i * self.share + shard.first_ended()?));
         ended.map_or(Ok(()), |env| Err(Error::Ended { env }))
+    }
+
+    /// Forces from outside on every drone, rows of three in the world frame, N: they act on its centre of mass in
+    /// all coming steps, until others are set, or `None`. They accelerate by the mass that the drone's model
+    /// declares, and are no part of the state, as actions are none.
+    ///
+    /// # Errors
+    /// [`Error::Shape`]; [`Error::Range`] for what is not finite, with its place.
+    pub fn set_force(&mut self, force_n: Option<&[f32]>) -> Result<()> {
+        let drones = self.num_drones();
+        if let Some(force_n) = force_n {
+            check_length("force_n", self.over.len() * 3, force_n.len())?;
+            if let Some(at) = force_n.iter().position(|n| !n.is_finite()) {
+                let (row, axis) = (at / 3, at % 3);
+                let place = if self.metrics == 0 {
+                    format!("{row}")
+                } else {
+                    format!("{}][{}", row / drones, row % drones)
+                };
+                let name = format!("force_n[{place}][{axis}]");
+                return Err(Error::Range { name, value: force_n[at].into(), want: "a finite number".into() });
+            }
+        }
+        for (i, shard) in self.shards.iter_mut().enumerate() {
+            shard.set_force(force_n.map(|rows| &rows[i * self.share * drones * 3..]));
+        }
+        Ok(())
     }
 
     /// The true states, a row of [`STATE`] for each drone: position, velocity, roll pitch yaw, their rates.
@@ -470,56 +540,6 @@ impl VectorEnv {
         Ok(rows.fold(true, |all, (shard, rows)| shard.loads(rows) && all))
     }
 
-    /// All that the flights go on from, as bytes for [`VectorEnv::restore`]; the same for every thread count
-    /// and instruction set.
-    pub fn snapshot(&mut self) -> Vec<u8> {
-        let mut archive = Archive::Write(self.snapshot_head().to_vec());
-        self.archive(&mut archive);
-        let Archive::Write(mut bytes) = archive else { return Vec::new() };
-        let sum = checksum(&bytes[SNAPSHOT_HEAD..]);
-        bytes.extend_from_slice(&sum.to_le_bytes());
-        bytes
-    }
-
-    /// Goes on from where another batch of the same models and options was: to the bit as that one does.
-    ///
-    /// # Errors
-    /// [`Error::Config`] for bytes that are none of [`VectorEnv::snapshot`], are damaged, or are of other
-    /// models, options or size; nothing has changed then.
-    pub fn restore(&mut self, bytes: &[u8]) -> Result<()> {
-        let bad = |problem: &str| Err(Error::Config(format!("state: {problem}")));
-        if !bytes.starts_with(SNAPSHOT_MARK) {
-            return bad("these are not the bytes of a batch's state, or they are of another version");
-        }
-        if !bytes.starts_with(&self.snapshot_head()) {
-            return bad("it is of a batch of other models, options or size");
-        }
-        let Some((body, sum)) = bytes[SNAPSHOT_HEAD..].split_last_chunk() else {
-            return bad("it is cut off");
-        };
-        if checksum(body).to_le_bytes() != *sum {
-            return bad("it is cut off or damaged");
-        }
-        self.archive(&mut Archive::Read(body));
-        Ok(())
-    }
-
-    /// Format and version, and what the batch is.
-    fn snapshot_head(&self) -> [u8; SNAPSHOT_HEAD] {
-        let mut head = [0; SNAPSHOT_HEAD];
-        head[..8].copy_from_slice(SNAPSHOT_MARK);
-        head[8..16].copy_from_slice(&self.fingerprint.to_le_bytes());
-        head[16..].copy_from_slice(&(self.envs as u64).to_le_bytes());
-        head
-    }
-
-    fn archive(&mut self, archive: &mut Archive<'_>) {
-        let mut ready = u16::from(self.ready);
-        archive.bits(&mut ready);
-        self.ready = ready != 0;
-        self.shards.iter_mut().for_each(|shard| shard.archive(archive));
-    }
-
     /// With [`Autoreset::SameStep`]: last observations and true states of the episode that ended in the last
     /// step in environment `env`, rows for each drone.
     pub fn last_of_episode(&self, env: usize) -> Option<(&[f32], &[f32])> {
@@ -527,17 +547,18 @@ impl VectorEnv {
     }
 }
 
-fn measured_width(drones: usize) -> usize {
-    OBSERVATION + NEIGHBOUR * (drones - 1)
+/// Environments of a shard, and shards of a thread: as few as stay in the cache, and the threads' parts alike.
+fn shares(tiles: usize, drones: usize, threads: usize) -> (usize, usize) {
+    let per_thread = tiles.div_ceil(threads.clamp(1, tiles));
+    let most = (SHARD_DRONES / (LANES * drones)).max(GROUP);
+    let shards = per_thread.div_ceil(most);
+    // groups of tiles are stepped side by side
+    let share = if shards > 1 { per_thread.div_ceil(shards).next_multiple_of(GROUP) } else { per_thread };
+    (share * LANES, shards)
 }
 
-/// What the bytes of a snapshot begin with: format and version.
-const SNAPSHOT_MARK: &[u8; 8] = b"cfstate1";
-/// With the fingerprint and the number of environments.
-const SNAPSHOT_HEAD: usize = 24;
-
-fn checksum(bytes: &[u8]) -> u64 {
-    bytes.iter().fold(bytes.len() as u64, |sum, byte| scramble(sum ^ u64::from(*byte)))
+fn measured_width(drones: usize) -> usize {
+    OBSERVATION + NEIGHBOUR * (drones - 1)
 }
 
 /// A number that differs where models, options or drones do; threads and instruction set change no flight.

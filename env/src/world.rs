@@ -4,8 +4,10 @@
 mod archive;
 mod camera_clock;
 mod fitting;
+mod force;
 mod parts;
 mod setup;
+mod wind;
 
 use std::slice::{from_mut, from_ref};
 
@@ -20,8 +22,10 @@ use crate::schedule::Schedule;
 use crate::sim_scalar::SimScalar;
 
 use camera_clock::CameraClock;
-use parts::{land, merge};
+use force::outside;
+use parts::{Now, land, merge};
 use setup::{Active, active, body, counts_per_step, with_ranges};
+use wind::Wind;
 
 /// Tiles that are stepped side by side: while one waits for a result, another computes.
 pub const GROUP: usize = 2;
@@ -125,6 +129,13 @@ pub struct World<R: SimScalar> {
     voltage_v: Option<R>,
     /// What a filter pushes with besides the effects.
     disturbance: Option<Accelerations<R>>,
+    /// What forces from outside accelerate each tile by; empty where there are none.
+    forced_mps2: Vec<[R; 3]>,
+    mass_kg: f64,
+    /// Wind from place to place, the drag of the model itself by axis, and which stages see velocities in the air.
+    wind: Option<Wind<R>>,
+    drag_ps: [f64; 3],
+    feels_air: Vec<bool>,
     /// Active effects, in registry order, with what their parameters are drawn from.
     stages: Vec<Box<dyn Stage<R>>>,
     /// Their names, where a fit asks for them.
@@ -200,9 +211,14 @@ impl<R: SimScalar> World<R> {
             per_h: R::from_f64(1.0 / h_s),
         };
         let entries: Vec<_> = stages.iter().map(|(entry, _)| *entry).collect();
+        let body = body::<R>(model, settings.input)?;
+        let drag_ps = model.lateral.drag.value;
         Ok(World {
             schedule,
-            body: body(model, settings.input)?,
+            wind: None,
+            drag_ps: [drag_ps, drag_ps, body.heave_ps.lane(0)],
+            feels_air: entries.iter().map(|entry| entry.feels_air).collect(),
+            body,
             plant: Plant::new(model, settings.input, schedule.seconds(counts_per_step))?,
             steps_per_tick,
             counts_per_step,
@@ -212,6 +228,8 @@ impl<R: SimScalar> World<R> {
             floor: true,
             voltage_v: None,
             disturbance: None,
+            forced_mps2: Vec::new(),
+            mass_kg: model.vehicle.mass.value,
             drawn_now: vec![0.0; drawn.iter().map(|(_, values)| values.len()).max().unwrap_or(0)],
             drawn: drawn.into_iter().map(|(i, values)| (i, with_ranges(entries[i], values))).collect(),
             names: Vec::new(),
@@ -355,7 +373,11 @@ impl<R: SimScalar> World<R> {
     /// Nothing is called in a step, and a tick is one step: [`World::step_plain`] will do.
     #[inline(always)]
     pub fn is_plain(&self) -> bool {
-        self.stages.is_empty() && self.steps_per_tick == 1 && self.disturbance.is_none()
+        self.stages.is_empty()
+            && self.steps_per_tick == 1
+            && self.disturbance.is_none()
+            && self.forced_mps2.is_empty()
+            && self.wind.is_none()
     }
 
     /// A step of a plain world: everything stays in registers.
@@ -424,6 +446,9 @@ impl<R: SimScalar> World<R> {
             group,
             voltage_v,
             disturbance,
+            forced_mps2,
+            wind,
+            feels_air,
             ..
         } = self;
         let (states, tiles, ages) =
@@ -431,15 +456,16 @@ impl<R: SimScalar> World<R> {
         let (tick_s, h_s) = (self.tick_s, self.tick_s / f64::from(self.steps_per_tick));
         let filming = CameraClock { counts_per_step: self.counts_per_step, schedule: self.schedule, h_s };
         let (commanding, pushing, films) =
-            (!order.command.is_empty(), !order.push.is_empty(), !order.frame.is_empty());
+            (!order.command.is_empty(), !order.push.is_empty() || wind.is_some(), !order.frame.is_empty());
         let undisturbed = disturbance.unwrap_or(Accelerations::none());
-        let from_outside = around.is_some() || disturbance.is_some();
+        let forced = |i: usize| forced_mps2.get(first + i);
+        let from_outside = around.is_some() || disturbance.is_some() || !forced_mps2.is_empty();
         for i in 0..n {
             ages[i].count();
             clocks[first + i] += 1;
             ticks[i].contact = Contact::none();
             group.captured[i] = R::nothing();
-            group.push[i] = outside(around, i, undisturbed);
+            group.push[i] = outside(around, i, undisturbed, forced(i));
             group.u[i] = commands[i];
         }
         // of the last tile where there are fewer
@@ -472,14 +498,24 @@ impl<R: SimScalar> World<R> {
                     let of = Tiles { first, cx: &cx[..n], x: &[], u: &[] };
                     stages[stage].rates(&of, &mut group.middle[..n]);
                 }
-                let of = Tiles { first, cx: &cx[..n], x: &group.middle[..n], u: &group.u[..n] };
+                if let Some(wind) = wind {
+                    wind.meet(&group.middle[..n]);
+                }
                 for &stage in &order.push {
+                    let x = match wind {
+                        Some(wind) if feels_air[stage] => &wind.in_air[..n],
+                        _ => &group.middle[..n],
+                    };
+                    let of = Tiles { first, cx: &cx[..n], x, u: &group.u[..n] };
                     stages[stage].push(&of, &mut group.push[..n]);
                 }
                 if from_outside {
                     for i in 0..n {
-                        group.push[i].add(&outside(around, i, undisturbed));
+                        group.push[i].add(&outside(around, i, undisturbed, forced(i)));
                     }
+                }
+                if let Some(wind) = wind {
+                    group.push[..n].iter_mut().enumerate().for_each(|(i, push)| wind.push(i, push));
                 }
             }
             for i in 0..n {
@@ -534,47 +570,5 @@ impl<R: SimScalar> World<R> {
                 tiles[i].fix = ticks[i].reading.marker;
             }
         }
-    }
-}
-
-/// What the hooks of a tick's first step are told about any tile.
-struct Now<'a, R> {
-    body: &'a VehicleConstants<R>,
-    h_s: f64,
-    tick_s: f64,
-    times: &'a Times<R>,
-    voltage_v: Option<&'a R>,
-}
-
-impl<'a, R: Scalar> Now<'a, R> {
-    #[inline(always)]
-    fn cx(&self, age: &Age<R>, draw: &'a TickRng<'a, R>, clock: usize) -> HookContext<'a, R> {
-        let Now { body, h_s, tick_s, times, voltage_v } = *self;
-        HookContext {
-            body,
-            h_s,
-            tick_s,
-            since_tick_s: 0.0,
-            t_s: age.began_s(times),
-            first: true,
-            draw,
-            clock,
-            voltage_v,
-            neighbours: &[],
-            own: 0,
-        }
-    }
-}
-
-/// What pushes a tile besides the effects: what its neighbours do, or a filter's disturbance.
-#[inline(always)]
-fn outside<R: Scalar>(
-    around: Option<&[Around<'_, R>; GROUP]>,
-    tile: usize,
-    undisturbed: Accelerations<R>,
-) -> Accelerations<R> {
-    match around {
-        Some(around) => around[tile].push,
-        None => undisturbed,
     }
 }

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use crazyflie_env::config::Options;
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::{ACTION, OBSERVATION};
-use crazyflie_env::vector::{StepBuffers, VectorEnv};
+use crazyflie_env::vector::{RolloutBuffers, StepBuffers, VectorEnv};
 
 struct Counting;
 
@@ -68,4 +68,17 @@ fn no_allocation(threads: usize, level: &str) {
     }
     assert_eq!(CALLS.load(Ordering::Relaxed) - before, 0);
     assert_eq!(ended, 1000);
+    let (steps, mut returns, mut history) = (40, vec![0.0; n], vec![0.0; 40 * n]);
+    let actions = vec![0.1; steps * n * ACTION];
+    let out = RolloutBuffers {
+        last: StepBuffers::new(&mut observations, &mut rewards, &mut terminated, &mut truncated),
+        returns: &mut returns,
+        observations: &mut [],
+        rewards: &mut history,
+        terminated: &mut [],
+        truncated: &mut [],
+    };
+    before = CALLS.load(Ordering::Relaxed);
+    env.rollout(&actions, steps, out).unwrap();
+    assert_eq!(CALLS.load(Ordering::Relaxed) - before, 0, "in a rollout");
 }

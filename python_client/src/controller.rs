@@ -1,9 +1,9 @@
 //! The controllers of the registry, for a batch.
 
 use crazyflie_control::{self as control, ControllerContext, ControllerSpec, Mode};
-use crazyflie_env::Error;
 use crazyflie_env::model::Model;
 use crazyflie_env::observation::{ACTION, OBSERVATION};
+use crazyflie_env::{Error, Result};
 use numpy::{PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
@@ -14,7 +14,9 @@ use crate::arrays::{empty, input, mask as read_mask, output};
 use crate::custom::spec;
 use crate::errors::guarded;
 use crate::guarded_cell::GuardedCell;
-use crate::sim::{Interface, MAX_ENVS, Sim, detached};
+use crate::interface::Interface;
+use crate::rollout::BatchParts;
+use crate::sim::{MAX_ENVS, Sim, detached};
 
 /// The controller `name` (see `crazyflie_gym.controllers()`), `name:file` or `python:file:name`, for
 /// `num_envs` environments with the command interface of `of` (a `Sim` or its `interface`); or one of one's
@@ -24,8 +26,9 @@ use crate::sim::{Interface, MAX_ENVS, Sim, detached};
 /// "automatic", "takeoff" or "landing".
 #[pyclass(subclass, module = "crazyflie_gym._native")]
 pub struct Controller {
-    inner: GuardedCell<Box<dyn control::Controller>>,
-    envs: usize,
+    /// One for each part of the batch that a thread flies by itself in a rollout.
+    inner: GuardedCell<Vec<Box<dyn control::Controller>>>,
+    batch: BatchParts,
 }
 
 impl Controller {
@@ -46,19 +49,26 @@ impl Controller {
                 of.get_type().name()?
             )));
         };
-        let (interface, tick_s) = (interface.get().inner, interface.get().tick_s);
+        let Interface { inner: interface, tick_s, shard_envs } = *interface.get();
         let envs = num_envs as usize;
+        let divisible = chosen.is_divisible();
+        let share = if divisible { shard_envs.min(envs) } else { envs };
         let inner = guarded(|| {
             let model = model.map_or_else(|| Ok(Model::thesis()), Model::parse)?;
-            chosen.build(&ControllerContext {
-                model: &model,
-                interface,
-                tick_s,
-                envs,
-                mode: Mode::named(mode)?,
-            })
+            let mode = Mode::named(mode)?;
+            let part = |first: usize| {
+                let envs = share.min(envs - first);
+                chosen.build_part(&ControllerContext { model: &model, interface, tick_s, envs, mode }, first)
+            };
+            (0..envs).step_by(share).map(part).collect::<Result<Vec<_>>>()
         })?;
-        Ok(Controller { inner: GuardedCell::new(inner), envs })
+        Ok(Controller { inner: GuardedCell::new(inner), batch: BatchParts { envs, share, divisible } })
+    }
+
+    /// One for each part of a batch of `envs` environments, `share` in each.
+    pub fn parts(&mut self, envs: usize, share: usize) -> PyResult<&mut [Box<dyn control::Controller>]> {
+        self.batch.check(envs, share)?;
+        self.inner.get().map(Vec::as_mut_slice)
     }
 }
 
@@ -84,29 +94,32 @@ impl Controller {
     /// Environments that this controls.
     #[getter]
     fn num_envs(&self) -> usize {
-        self.envs
+        self.batch.envs
     }
 
     /// Go on in another state: "automatic", "takeoff" or "landing".
     fn set_mode(&mut self, mode: &str) -> PyResult<()> {
         let mode = guarded(|| Mode::named(mode))?;
-        self.inner.get()?.set_mode(mode);
+        self.inner.get()?.iter_mut().for_each(|part| part.set_mode(mode));
         Ok(())
     }
 
     /// New actions, float32 (num_envs, 4), for observations, float32 (num_envs, 24); for one environment also
     /// (4,) for (24,).
     fn act<'py>(&mut self, py: Python<'py>, observations: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
-        let flat =
-            self.envs == 1 && observations.cast::<PyUntypedArray>().is_ok_and(|array| array.ndim() == 1);
-        let rows = [self.envs, OBSERVATION];
+        let BatchParts { envs, share, .. } = self.batch;
+        let flat = envs == 1 && observations.cast::<PyUntypedArray>().is_ok_and(|array| array.ndim() == 1);
+        let rows = [envs, OBSERVATION];
         let rows = input::<f32>("observations", &rows[usize::from(flat)..], observations)?;
-        let actions =
-            if flat { empty::<f32>(py, (ACTION,))? } else { empty::<f32>(py, (self.envs, ACTION))? };
-        let shape = [self.envs, ACTION];
+        let actions = if flat { empty::<f32>(py, (ACTION,))? } else { empty::<f32>(py, (envs, ACTION))? };
+        let shape = [envs, ACTION];
         let mut out = output::<f32>("actions", &shape[usize::from(flat)..], &actions)?;
-        let (envs, rows, out, inner) = (self.envs, rows.as_slice()?, out.as_slice_mut()?, self.inner.get()?);
-        detached(py, envs, || inner.act(rows, out))?;
+        let (rows, out) = (rows.as_slice()?, out.as_slice_mut()?);
+        let parts = self.inner.get()?;
+        detached(py, envs, || {
+            let rows = rows.chunks(share * OBSERVATION).zip(out.chunks_mut(share * ACTION));
+            parts.iter_mut().zip(rows).try_for_each(|(part, (rows, out))| part.act(rows, out))
+        })?;
         Ok(actions)
     }
 
@@ -114,9 +127,12 @@ impl Controller {
     /// begins an episode.
     #[pyo3(signature = (mask = None))]
     fn reset(&mut self, mask: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
-        let mask = mask.map(|mask| read_mask("mask", &[self.envs], mask)).transpose()?;
+        let mask = mask.map(|mask| read_mask("mask", &[self.batch.envs], mask)).transpose()?;
         let is_chosen = |env: usize| mask.as_ref().is_none_or(|mask| mask.get(env).copied().unwrap_or(false));
-        self.inner.get()?.reset(&is_chosen);
+        let share = self.batch.share;
+        for (i, part) in self.inner.get()?.iter_mut().enumerate() {
+            part.reset(&|env| is_chosen(i * share + env));
+        }
         Ok(())
     }
 }

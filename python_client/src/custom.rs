@@ -15,7 +15,7 @@ use pyo3::types::PyBytes;
 use serde_json::Value;
 
 use crate::errors::guarded;
-use crate::sim::Interface;
+use crate::interface::Interface;
 
 const MODULE: &str = "crazyflie_gym.custom";
 
@@ -76,7 +76,10 @@ impl ControllerFactory for PythonFactory {
         };
         Python::attach(|py| {
             let made = || -> PyResult<Py<PyAny>> {
-                let interface = Bound::new(py, Interface { inner: site.interface, tick_s: site.tick_s })?;
+                let interface = Bound::new(
+                    py,
+                    Interface { inner: site.interface, tick_s: site.tick_s, shard_envs: usize::MAX },
+                )?;
                 let options = match &self.options {
                     Value::Null => "{}".to_owned(),
                     options => options.to_string(),

@@ -7,12 +7,14 @@ mod controller;
 mod custom;
 mod errors;
 mod guarded_cell;
+mod interface;
 mod linear;
 mod multi_controller;
 mod picture;
 mod policy;
 mod registry;
 mod remote;
+mod rollout;
 mod sim;
 
 /// The simulator in Rust. Use it through the package `crazyflie_gym`.
@@ -22,6 +24,8 @@ mod _native {
     use crate::benchmark::{robustness, submit};
     #[pymodule_export]
     use crate::controller::{Controller, Pid, controllers};
+    #[pymodule_export]
+    use crate::interface::Interface;
     #[pymodule_export]
     use crate::linear::{loop_plots, loop_report, state_space, transfer_function};
     #[pymodule_export]
@@ -38,7 +42,7 @@ mod _native {
     #[pymodule_export]
     use crate::remote::Remote;
     #[pymodule_export]
-    use crate::sim::{Interface, Sim};
+    use crate::sim::Sim;
 
     #[pymodule_init]
     fn init(_module: &pyo3::Bound<'_, pyo3::types::PyModule>) -> pyo3::PyResult<()> {

@@ -1,10 +1,10 @@
 //! Controllers for several drones that share the air.
 
 use crazyflie_control::avoidance::CollisionAvoidance;
-use crazyflie_control::{self as control, ControllerContext, Mode, build_each};
-use crazyflie_env::Error;
+use crazyflie_control::{self as control, ControllerContext, ControllerSpec, Mode, build_each};
 use crazyflie_env::observation::ACTION;
 use crazyflie_env::vector::METRICS;
+use crazyflie_env::{Error, Result};
 use pyo3::prelude::*;
 use serde_json::Value;
 
@@ -12,6 +12,7 @@ use crate::arrays::{empty, input, mask as read_mask, output};
 use crate::custom::spec;
 use crate::errors::guarded;
 use crate::guarded_cell::GuardedCell;
+use crate::rollout::BatchParts;
 use crate::sim::{Sim, detached};
 
 fn bad(what: &'static str) -> impl Fn(serde_json::Error) -> Error {
@@ -22,10 +23,19 @@ fn bad(what: &'static str) -> impl Fn(serde_json::Error) -> Error {
 /// their names or of one's own (see `Controller`). With a layer that avoids collisions (`avoid`: JSON of its parameters) or without it (`None`). `options` is JSON.
 #[pyclass(module = "crazyflie_gym._native")]
 pub struct Crowd {
-    inner: GuardedCell<control::MultiController>,
-    worlds: usize,
+    /// One for each part of the batch that a thread flies by itself in a rollout.
+    inner: GuardedCell<Vec<control::MultiController>>,
+    batch: BatchParts,
     drones: usize,
     width: usize,
+}
+
+impl Crowd {
+    /// One for each part of a batch of `worlds` worlds, `share` in each.
+    pub fn parts(&mut self, worlds: usize, share: usize) -> PyResult<&mut [control::MultiController]> {
+        self.batch.check(worlds, share)?;
+        self.inner.get().map(Vec::as_mut_slice)
+    }
 }
 
 #[pymethods]
@@ -46,29 +56,39 @@ impl Crowd {
             }
             _ => names.iter().map(|name| spec(name, options.clone(), None)).collect::<PyResult<Vec<_>>>(),
         }?;
+        let divisible = chosen.iter().all(ControllerSpec::is_divisible);
+        let share = if divisible { of.shard_envs()? } else { worlds };
         let inner = guarded(|| {
-            let sites = known.iter().map(|(interface, model)| ControllerContext {
-                model,
-                interface: *interface,
-                tick_s,
-                envs: worlds,
-                mode: Mode::Automatic,
-            });
-            control::MultiController::new(build_each(&chosen, sites)?, worlds, avoid, tick_s)
+            let part = |first: usize| {
+                let envs = share.min(worlds - first);
+                let sites = known.iter().map(|(interface, model)| ControllerContext {
+                    model,
+                    interface: *interface,
+                    tick_s,
+                    envs,
+                    mode: Mode::Automatic,
+                });
+                control::MultiController::new(build_each(&chosen, sites, first)?, envs, avoid, tick_s)
+            };
+            (0..worlds).step_by(share).map(part).collect::<Result<Vec<_>>>()
         })?;
-        Ok(Crowd { inner: GuardedCell::new(inner), worlds, drones, width })
+        let batch = BatchParts { envs: worlds, share, divisible };
+        Ok(Crowd { inner: GuardedCell::new(inner), batch, drones, width })
     }
 
     /// New actions, float32 (num_envs, num_drones, 4), for observations, float32 (num_envs, num_drones,
     /// width).
     fn act<'py>(&mut self, py: Python<'py>, observations: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
-        let (w, n) = (self.worlds, self.drones);
+        let (w, n) = (self.batch.envs, self.drones);
         let rows = input::<f32>("observations", &[w, n, self.width], observations)?;
         let actions = empty::<f32>(py, (w, n, ACTION))?;
         let mut out = output::<f32>("actions", &[w, n, ACTION], &actions)?;
         let (rows, out) = (rows.as_slice()?, out.as_slice_mut()?);
-        let inner = self.inner.get()?;
-        detached(py, w * n, || inner.act(rows, out))?;
+        let (share, width, parts) = (self.batch.share * n, self.width, self.inner.get()?);
+        detached(py, w * n, || {
+            let rows = rows.chunks(share * width).zip(out.chunks_mut(share * ACTION));
+            parts.iter_mut().zip(rows).try_for_each(|(part, (rows, out))| part.act(rows, out))
+        })?;
         Ok(actions)
     }
 
@@ -76,10 +96,13 @@ impl Crowd {
     /// that begins an episode.
     #[pyo3(signature = (mask = None))]
     fn reset(&mut self, mask: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
-        let mask = mask.map(|mask| read_mask("mask", &[self.worlds], mask)).transpose()?;
+        let mask = mask.map(|mask| read_mask("mask", &[self.batch.envs], mask)).transpose()?;
         let is_chosen =
             |world: usize| mask.as_ref().is_none_or(|mask| mask.get(world).copied().unwrap_or(false));
-        self.inner.get()?.reset(&is_chosen);
+        let share = self.batch.share;
+        for (i, part) in self.inner.get()?.iter_mut().enumerate() {
+            part.reset(&|world| is_chosen(i * share + world));
+        }
         Ok(())
     }
 }

@@ -1,19 +1,22 @@
 //! A batch of environments.
 
-use crazyflie_env::action::{ActionLevel, SetpointRange};
 use crazyflie_env::config::Options;
-use crazyflie_env::model::{Model, VerticalInput};
+use crazyflie_env::model::Model;
 use crazyflie_env::observation::{self, ACTION};
 use crazyflie_env::vector::{METRICS, STATE, StepBuffers, VectorEnv};
 use crazyflie_env::{Error, Result};
-use numpy::{PyArray1, PyArrayDyn};
-use pyo3::exceptions::PyValueError;
+use numpy::{PyArray1, PyArrayDyn, PyUntypedArray, PyUntypedArrayMethods};
+use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyTuple, PyType};
 
 use crate::arrays::{empty, input, mask as read_mask, output, row};
+use crate::controller::Controller;
 use crate::errors::{Failure, guarded};
 use crate::guarded_cell::GuardedCell;
+use crate::interface::Interface;
+use crate::multi_controller::Crowd;
+use crate::rollout::{LastStep, RolloutArrays};
 
 /// Beyond this the buffers of a step alone take gigabytes.
 pub const MAX_ENVS: i64 = 1 << 22;
@@ -30,100 +33,6 @@ type PickleState<'py> = (Bound<'py, PyType>, (usize, String, Option<Vec<String>>
 /// Observation, reward, terminated, truncated, info.
 pub type StepOne<'py> = (Bound<'py, PyArray1<f32>>, f64, bool, bool, Bound<'py, PyDict>);
 
-/// What an action means: the ranges that -1..1 is mapped to.
-#[pyclass(frozen, module = "crazyflie_gym._native")]
-pub struct Interface {
-    pub inner: observation::Interface,
-    /// Seconds per step.
-    #[pyo3(get)]
-    pub tick_s: f64,
-}
-
-#[pymethods]
-impl Interface {
-    /// As a server describes it.
-    #[new]
-    #[allow(clippy::too_many_arguments, reason = "each is a key of what a server says")]
-    #[pyo3(signature = (*, tick_s, vertical, tilt_max_rad, yaw_rate_max_radps, lift_max, hover_lift, yaw_sign, set_point = None))]
-    fn new(
-        tick_s: f64,
-        vertical: &str,
-        tilt_max_rad: f64,
-        yaw_rate_max_radps: f64,
-        lift_max: f64,
-        hover_lift: f64,
-        yaw_sign: f64,
-        set_point: Option<&Bound<'_, PyDict>>,
-    ) -> PyResult<Self> {
-        let input = guarded(|| VerticalInput::named(vertical))?;
-        Ok(Interface {
-            inner: observation::Interface {
-                input,
-                tilt_max_rad,
-                yaw_rate_max_radps,
-                lift_max,
-                hover_lift,
-                yaw_sign,
-                set_point: set_point.map(set_point_range).transpose()?,
-            },
-            tick_s,
-        })
-    }
-
-    /// What an action sets: a name of `crazyflie_gym.action_levels()`.
-    #[getter]
-    fn action(&self) -> &'static str {
-        self.inner.level().name()
-    }
-    /// What an action of -1 and of 1 sets, for each of its four numbers, in the units of
-    /// `crazyflie_gym.action_levels()`.
-    #[getter]
-    fn action_ranges(&self) -> Vec<(f64, f64)> {
-        self.inner.ranges().map(|[low, high]| (low, high)).to_vec()
-    }
-    /// Which height input is commanded: "height", "pwm" or "thrust".
-    #[getter]
-    fn vertical(&self) -> &'static str {
-        self.inner.input.name()
-    }
-    /// Roll and pitch of an action of 1, in radians.
-    #[getter]
-    fn tilt_max_rad(&self) -> f64 {
-        self.inner.tilt_max_rad
-    }
-    /// Yaw rate of an action of 1, in the vehicle's own sign, in rad/s.
-    #[getter]
-    fn yaw_rate_max_radps(&self) -> f64 {
-        self.inner.yaw_rate_max_radps
-    }
-    /// Height in metres, or PWM, of an action of 1; an action of -1 is zero.
-    #[getter]
-    fn lift_max(&self) -> f64 {
-        self.inner.lift_max
-    }
-    /// The PWM that carries the weight; zero where the command is a height.
-    #[getter]
-    fn hover_lift(&self) -> f64 {
-        self.inner.hover_lift
-    }
-    /// +1 or -1: the direction in which a positive yaw-rate command turns, right-handed.
-    #[getter]
-    fn yaw_sign(&self) -> f64 {
-        self.inner.yaw_sign
-    }
-}
-
-/// As a server describes it: the level and its ranges.
-fn set_point_range(of: &Bound<'_, PyDict>) -> PyResult<SetpointRange> {
-    let item = |key: &str| {
-        of.get_item(key)?
-            .ok_or_else(|| PyValueError::new_err(format!("set_point: the key {key:?} is missing")))
-    };
-    let level: String = item("level")?.extract()?;
-    let level = guarded(|| ActionLevel::named(&level))?;
-    Ok(SetpointRange { level, ranges: item("ranges")?.extract()? })
-}
-
 /// A batch of `num_envs` environments. `options` is JSON (see `crazyflie_gym.options`), `models` the texts of
 /// model files: none for the thesis's, one for all drones, or one for each drone of an environment.
 #[pyclass(subclass, module = "crazyflie_gym._native")]
@@ -135,9 +44,8 @@ pub struct Sim {
     width: usize,
     /// The first axes of all arrays: environments, and where a task has several drones also these.
     lead: Vec<usize>,
-    /// Of the last step, where a task has several drones.
-    flying: Vec<bool>,
-    metrics: Vec<f32>,
+    /// Of the last step.
+    last: LastStep,
     /// The observation of a batch of one.
     row: Vec<f32>,
     /// What it was made from, for pickling.
@@ -153,7 +61,21 @@ pub fn detached<T: Send>(
     if envs <= FEW_ENVS { guarded(call) } else { py.detach(|| guarded(call)) }
 }
 
+fn interface(env: &VectorEnv, inner: observation::Interface) -> Interface {
+    Interface { inner, tick_s: env.tick_s(), shard_envs: first_shard(env) }
+}
+
+/// Environments of each shard but the last.
+fn first_shard(env: &VectorEnv) -> usize {
+    env.shard_envs().next().unwrap_or(1)
+}
+
 impl Sim {
+    /// Environments of each part of the batch but the last, see `VectorEnv::shard_envs`.
+    pub fn shard_envs(&self) -> PyResult<usize> {
+        self.env.glance(first_shard)
+    }
+
     fn rows(&self) -> usize {
         self.envs * self.drones
     }
@@ -161,6 +83,29 @@ impl Sim {
     /// The shape of an array with so many numbers for each drone.
     fn shape(&self, width: usize) -> Vec<usize> {
         [&self.lead[..], &[width]].concat()
+    }
+
+    fn arrays<'py>(
+        &self,
+        steps: usize,
+        [rows, returns]: [&Bound<'py, PyAny>; 2],
+        [rewards, observations]: [Option<&Bound<'py, PyAny>>; 2],
+        [terminated, truncated]: [Option<&Bound<'py, PyAny>>; 2],
+    ) -> PyResult<RolloutArrays<'py>> {
+        let (wide, lead) = (self.shape(self.width), &self.lead);
+        let (all, all_wide) = ([&[steps], &lead[..]].concat(), [&[steps], &wide[..]].concat());
+        let flags = |what, array: Option<&Bound<'py, PyAny>>| {
+            array.map(|array| output::<bool>(what, &all, array)).transpose()
+        };
+        Ok(RolloutArrays {
+            rows: output::<f32>("rows", &wide, rows)?,
+            returns: output::<f32>("returns", lead, returns)?,
+            numbers: [
+                rewards.map(|array| output::<f32>("rewards", &all, array)).transpose()?,
+                observations.map(|array| output::<f32>("observations", &all_wide, array)).transpose()?,
+            ],
+            flags: [flags("terminated", terminated)?, flags("truncated", truncated)?],
+        })
     }
 
     fn several(&self) -> bool {
@@ -217,8 +162,12 @@ impl Sim {
             drones,
             width,
             lead,
-            flying,
-            metrics: vec![0.0; envs * metrics],
+            last: LastStep {
+                flying,
+                metrics: vec![0.0; envs * metrics],
+                rewards: Vec::new(),
+                flags: Default::default(),
+            },
             row: vec![0.0; if envs == 1 { drones * width } else { 0 }],
             made_from,
         })
@@ -263,15 +212,13 @@ impl Sim {
     /// What an action means, of the first drone.
     #[getter]
     fn interface(&self) -> PyResult<Interface> {
-        self.env.glance(|env| Interface { inner: env.interfaces()[0], tick_s: env.tick_s() })
+        self.env.glance(|env| interface(env, env.interfaces()[0]))
     }
 
     /// What an action means, for each drone of an environment.
     #[getter]
     fn interfaces(&self) -> PyResult<Vec<Interface>> {
-        self.env.glance(|env| {
-            env.interfaces().iter().map(|inner| Interface { inner: *inner, tick_s: env.tick_s() }).collect()
-        })
+        self.env.glance(|env| env.interfaces().iter().map(|inner| interface(env, *inner)).collect())
     }
 
     /// Begin episodes: in all environments, or in those of `mask`. With `seeds` the first episode of each
@@ -329,7 +276,7 @@ impl Sim {
         let mut rewards = output::<f32>("rewards", &self.lead, rewards)?;
         let mut terminated = output::<bool>("terminated", &self.lead, terminated)?;
         let mut truncated = output::<bool>("truncated", &self.lead, truncated)?;
-        let Sim { env, flying, metrics, .. } = self;
+        let Sim { env, last: LastStep { flying, metrics, .. }, .. } = self;
         let (env, actions) = (env.get()?, actions.as_slice()?);
         let (observations, rewards) = (observations.as_slice_mut()?, rewards.as_slice_mut()?);
         let (terminated, truncated) = (terminated.as_slice_mut()?, truncated.as_slice_mut()?);
@@ -345,6 +292,73 @@ impl Sim {
             env.step(actions, out)?;
             Ok(terminated.iter().zip(&*truncated).map(|(t, o)| usize::from(t | o)).sum())
         })
+    }
+
+    /// Several steps with known actions, float32 (steps, num_envs, 4), to the bit as `step` would fly them; see
+    /// `crazyflie_gym.vector` for the rest. `rows` are the observations of the last step, float32, which are
+    /// overwritten with those of the new last step; what is not asked for is `None`.
+    #[allow(clippy::too_many_arguments)]
+    #[pyo3(signature = (actions, rows, returns, rewards, terminated, truncated, observations))]
+    fn rollout_into<'py>(
+        &mut self,
+        py: Python<'py>,
+        actions: &Bound<'py, PyAny>,
+        rows: &Bound<'py, PyAny>,
+        returns: &Bound<'py, PyAny>,
+        rewards: Option<&Bound<'py, PyAny>>,
+        terminated: Option<&Bound<'py, PyAny>>,
+        truncated: Option<&Bound<'py, PyAny>>,
+        observations: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<()> {
+        let steps =
+            actions.cast::<PyUntypedArray>().map_or(0, |array| array.shape().first().copied().unwrap_or(0));
+        let actions = input::<f32>("actions", &[&[steps], &self.shape(ACTION)[..]].concat(), actions)?;
+        let mut arrays =
+            self.arrays(steps, [rows, returns], [rewards, observations], [terminated, truncated])?;
+        let out = arrays.buffers(&mut self.last)?;
+        let (env, actions) = (self.env.get()?, actions.as_slice()?);
+        py.detach(|| guarded(|| env.rollout(actions, steps, out)))
+    }
+
+    /// As `rollout_into` with the actions of a controller that was made for this batch. Returns the last actions.
+    #[allow(clippy::too_many_arguments)]
+    #[pyo3(signature = (controller, steps, rows, returns, rewards, terminated, truncated, observations))]
+    fn fly_into<'py>(
+        &mut self,
+        py: Python<'py>,
+        controller: &Bound<'py, PyAny>,
+        steps: usize,
+        rows: &Bound<'py, PyAny>,
+        returns: &Bound<'py, PyAny>,
+        rewards: Option<&Bound<'py, PyAny>>,
+        terminated: Option<&Bound<'py, PyAny>>,
+        truncated: Option<&Bound<'py, PyAny>>,
+        observations: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let shape = self.shape(ACTION);
+        let last_actions = empty::<f32>(py, PyTuple::new(py, &shape)?)?;
+        let mut flown = output::<f32>("actions", &shape, &last_actions)?;
+        let flown = flown.as_slice_mut()?;
+        let mut arrays =
+            self.arrays(steps, [rows, returns], [rewards, observations], [terminated, truncated])?;
+        let (envs, share) = (self.envs, self.shard_envs()?);
+        let out = arrays.buffers(&mut self.last)?;
+        let env = self.env.get()?;
+        if let Ok(controller) = controller.cast::<Controller>() {
+            let mut controller = controller.try_borrow_mut()?;
+            let parts = controller.parts(envs, share)?;
+            py.detach(|| guarded(|| env.rollout_with(parts, steps, flown, out)))?;
+        } else if let Ok(crowd) = controller.cast::<Crowd>() {
+            let mut crowd = crowd.try_borrow_mut()?;
+            let parts = crowd.parts(envs, share)?;
+            py.detach(|| guarded(|| env.rollout_with(parts, steps, flown, out)))?;
+        } else {
+            let got = controller.get_type().name()?;
+            return Err(PyTypeError::new_err(format!(
+                "controller: expected a Controller or a Crowd, got {got}"
+            )));
+        }
+        Ok(last_actions)
     }
 
     /// The step of a batch of one, as `gymnasium.Env.step` returns it: float32 action (4,), observation
@@ -404,7 +418,7 @@ impl Sim {
         let flags = read_mask("ends", &self.lead, ends)?;
         let env = self.env.get()?;
         guarded(|| env.end_flights(&flags))?;
-        for (flying, ends) in self.flying.iter_mut().zip(flags.iter()) {
+        for (flying, ends) in self.last.flying.iter_mut().zip(flags.iter()) {
             *flying &= !ends;
         }
         Ok(())
@@ -416,7 +430,7 @@ impl Sim {
         if !self.several() {
             return Ok(None);
         }
-        PyArray1::from_slice(py, &self.flying)
+        PyArray1::from_slice(py, &self.last.flying)
             .call_method1("reshape", (PyTuple::new(py, &self.lead)?,))
             .map(Some)
     }
@@ -427,7 +441,7 @@ impl Sim {
         if !self.several() {
             return Ok(None);
         }
-        PyArray1::from_slice(py, &self.metrics)
+        PyArray1::from_slice(py, &self.last.metrics)
             .call_method1("reshape", ((self.envs, METRICS.len()),))
             .map(Some)
     }
@@ -437,25 +451,63 @@ impl Sim {
     fn get_state<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         let env = self.env.get()?;
         let mut bytes = py.detach(|| env.snapshot());
-        bytes.extend(self.flying.iter().map(|flies| u8::from(*flies)));
-        bytes.extend(self.metrics.iter().flat_map(|number| number.to_le_bytes()));
+        bytes.extend(self.last.flying.iter().map(|flies| u8::from(*flies)));
+        bytes.extend(self.last.metrics.iter().flat_map(|number| number.to_le_bytes()));
         Ok(PyBytes::new(py, &bytes))
     }
 
     /// Go on from where another `Sim` of the same models and options was, to the bit as that one does.
     /// `ValueError` for the bytes of another batch, and for damaged ones; nothing has changed then.
     fn set_state(&mut self, py: Python<'_>, state: &[u8]) -> PyResult<()> {
-        let (flags, numbers) = (self.flying.len(), 4 * self.metrics.len());
+        let (flags, numbers) = (self.last.flying.len(), 4 * self.last.metrics.len());
         let Some(at) = state.len().checked_sub(flags + numbers) else {
             return Err(PyValueError::new_err(format!("state: {} bytes are too few", state.len())));
         };
         let (batch, last) = state.split_at(at);
         let env = self.env.get()?;
         py.detach(|| guarded(|| env.restore(batch)))?;
-        self.flying.iter_mut().zip(last).for_each(|(flies, byte)| *flies = *byte != 0);
+        self.last.flying.iter_mut().zip(last).for_each(|(flies, byte)| *flies = *byte != 0);
         let metrics = last[flags..].as_chunks().0;
-        self.metrics.iter_mut().zip(metrics).for_each(|(number, bytes)| *number = f32::from_le_bytes(*bytes));
+        self.last
+            .metrics
+            .iter_mut()
+            .zip(metrics)
+            .for_each(|(number, bytes)| *number = f32::from_le_bytes(*bytes));
         Ok(())
+    }
+
+    /// Every environment goes on from where the one of another `Sim` of the same models and options was, given by
+    /// its `get_state`; with `seeds`, uint64 (num_envs,), each in the noise of its own seed.
+    #[pyo3(signature = (state, seeds = None))]
+    fn set_copies(&mut self, py: Python<'_>, state: &[u8], seeds: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
+        let seeds = seeds.map(|seeds| input::<u64>("seeds", &[self.envs], seeds)).transpose()?;
+        let seeds = seeds.as_ref().map(|seeds| seeds.as_slice()).transpose()?;
+        let (flags, numbers) = (self.last.flying.len() / self.envs, self.last.metrics.len() / self.envs);
+        let Some(at) = state.len().checked_sub(flags + 4 * numbers) else {
+            return Err(PyValueError::new_err(format!("state: {} bytes are too few", state.len())));
+        };
+        let (batch, last) = state.split_at(at);
+        let env = self.env.get()?;
+        py.detach(|| guarded(|| env.restore_copies(batch, seeds)))?;
+        self.last
+            .flying
+            .iter_mut()
+            .zip(last[..flags].iter().cycle())
+            .for_each(|(flies, byte)| *flies = *byte != 0);
+        let metrics = last[flags..].as_chunks().0.iter().cycle();
+        let metrics = self.last.metrics.iter_mut().zip(metrics);
+        metrics.for_each(|(number, bytes)| *number = f32::from_le_bytes(*bytes));
+        Ok(())
+    }
+
+    /// Forces from outside from now on: float32 (num_envs, 3), where a task has several drones (num_envs,
+    /// num_drones, 3), N in the world frame, or `None` for none.
+    #[pyo3(signature = (force_n))]
+    fn set_force(&mut self, force_n: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
+        let force_n = force_n.map(|rows| input::<f32>("force_n", &self.shape(3), rows)).transpose()?;
+        let force_n = force_n.as_ref().map(|rows| rows.as_slice()).transpose()?;
+        let env = self.env.get()?;
+        guarded(|| env.set_force(force_n))
     }
 
     /// For pickling and copying.

@@ -14,6 +14,7 @@ impl Effect<1, 0> for DragQuadratic {
     const PARAMS: [Param; 1] =
         [param("coefficient_pm", "1/m", 0.0, [0.0, 3.0], "drag per mass and speed squared")];
     const HOOKS: Hooks = Hooks::PUSH;
+    const FEELS_AIR: bool = true;
 
     #[inline(always)]
     fn push<R: Scalar>(

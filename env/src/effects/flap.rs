@@ -14,6 +14,7 @@ impl Effect<1, 0> for Flap {
         [param("torque_radpms", "rad/(m s)", 0.0, [-20.0, 20.0], "angular acceleration per speed")
             .at_least(0.5)];
     const HOOKS: Hooks = Hooks::PUSH;
+    const FEELS_AIR: bool = true;
     const PHYSICS_HZ: u32 = 300;
 
     #[inline(always)]

@@ -325,6 +325,9 @@ pub trait Effect<const P: usize, const S: usize>: Send + 'static {
     /// The number of the model that says the same as the effect's first parameter, by its path: the two add
     /// up.
     const MODEL_NUMBER: Option<&'static str> = None;
+    /// Whether [`Effect::push`] acts on the motion through the air: in a wind field it then sees the velocity against
+    /// the air in place of that over the ground.
+    const FEELS_AIR: bool = false;
     /// Share of real vehicles that show the effect.
     const UBIQUITY: Ubiquity = Ubiquity::Some;
     /// How many of its numbers of state, the last ones, follow the vehicle's motion: a fit has to estimate
@@ -418,6 +421,8 @@ pub struct Entry {
     pub geometry: Geometry,
     /// See [`Effect::MODEL_NUMBER`].
     pub model_number: Option<&'static str>,
+    /// See [`Effect::FEELS_AIR`].
+    pub feels_air: bool,
     /// See [`Effect::UBIQUITY`].
     pub ubiquity: Ubiquity,
     /// See [`Effect::MOTION_STATES`] and [`Effect::LAG_SD`].

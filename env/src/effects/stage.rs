@@ -246,6 +246,7 @@ pub(super) const fn entry<E: Effect<P, S>, const P: usize, const S: usize>(_effe
         observability: E::OBSERVABILITY,
         geometry: E::MODEL_FORM,
         model_number: E::MODEL_NUMBER,
+        feels_air: E::FEELS_AIR,
         ubiquity: E::UBIQUITY,
         lags: E::MOTION_STATES,
         lag_sd: E::LAG_SD,

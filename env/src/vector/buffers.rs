@@ -53,6 +53,36 @@ impl<'a> StepBuffers<'a> {
     }
 }
 
+impl StepBuffers<'_> {
+    pub(super) fn reborrow(&mut self) -> StepBuffers<'_> {
+        StepBuffers {
+            observations: &mut *self.observations,
+            rewards: &mut *self.rewards,
+            terminated: &mut *self.terminated,
+            truncated: &mut *self.truncated,
+            flying: &mut *self.flying,
+            metrics: &mut *self.metrics,
+        }
+    }
+}
+
+/// The caller's buffers for the results of a rollout of K steps, each row as in [`StepBuffers`].
+#[derive(Debug)]
+pub struct RolloutBuffers<'a> {
+    /// Of the last step. While a part of the batch flies its steps, those of the steps before are here.
+    pub last: StepBuffers<'a>,
+    /// For each drone the sum of its rewards, until its first flight ends.
+    pub returns: &'a mut [f32],
+    /// Of all steps, one after the other. Each of these may be empty, where it is of no interest.
+    pub observations: &'a mut [f32],
+    /// As `observations`.
+    pub rewards: &'a mut [f32],
+    /// As `observations`.
+    pub terminated: &'a mut [bool],
+    /// As `observations`.
+    pub truncated: &'a mut [bool],
+}
+
 /// Takes the first `count` away, or all that are left.
 pub(super) fn cut<'a, T>(rest: &mut &'a mut [T], count: usize) -> &'a mut [T] {
     let count = count.min(rest.len());

@@ -183,9 +183,12 @@ impl<R: BatchScalar, T: Task> Shard for CoupledShard<R, T> {
         }
     }
 
-    fn first_ended(&self) -> Option<usize> {
-        let tile = (0..self.batch.tiles()).find(|tile| self.batch.ended(*tile) != 0)?;
-        Some(tile * LANES + self.batch.ended(tile).trailing_zeros() as usize)
+    fn tiles(&self) -> usize {
+        self.batch.tiles()
+    }
+
+    fn ended(&self, tile: usize) -> u16 {
+        self.batch.ended(tile)
     }
 
     fn first_bad_action(&self, actions: &[f32]) -> Option<usize> {
@@ -215,8 +218,12 @@ impl<R: BatchScalar, T: Task> Shard for CoupledShard<R, T> {
         self.batch.take_fault()
     }
 
-    fn archive(&mut self, archive: &mut Archive<'_>) {
-        self.batch.archive(archive);
+    fn archive(&mut self, tile: usize, archive: &mut Archive<'_>) {
+        self.batch.archive(tile, archive);
+    }
+
+    fn set_force(&mut self, force_n: Option<&[f32]>) {
+        self.batch.set_force(force_n);
     }
 
     fn last_of_episode(&self, env: usize) -> Option<(&[f32], &[f32])> {

@@ -36,6 +36,13 @@ pub(super) struct Fault {
     pub(super) step: u64,
 }
 
+impl Fault {
+    /// Counted from the batch's first environment, where the shard's first is `first_env`.
+    pub(super) fn shifted(self, first_env: usize) -> Self {
+        Fault { env: first_env + self.env, ..self }
+    }
+}
+
 /// What a tick was worth, and where the drone's part is done.
 pub(super) struct Verdict<R: BatchScalar> {
     pub(super) reward: R,

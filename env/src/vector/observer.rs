@@ -194,8 +194,7 @@ impl<R: BatchScalar> Observer<R> {
         }
         let numbers = LANES * self.drones * self.history * self.width;
         let end = self.past.len().min((tile + 1) * numbers);
-        for number in &mut self.past[(tile * numbers).min(end)..end] {
-            archive.float(number);
-        }
+        let width = self.drones * self.history * self.width;
+        archive.rows(&mut self.past[(tile * numbers).min(end)..end], width);
     }
 }

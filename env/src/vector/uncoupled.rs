@@ -123,9 +123,12 @@ impl<R: BatchScalar, T: Task> Shard for UncoupledShard<R, T> {
         }
     }
 
-    fn first_ended(&self) -> Option<usize> {
-        let tile = self.bits.iter().position(|bits| bits.ended != 0)?;
-        Some(tile * LANES + self.bits[tile].ended.trailing_zeros() as usize)
+    fn tiles(&self) -> usize {
+        self.bits.len()
+    }
+
+    fn ended(&self, tile: usize) -> u16 {
+        self.bits[tile].ended
     }
 
     fn first_bad_action(&self, actions: &[f32]) -> Option<usize> {
@@ -169,25 +172,25 @@ impl<R: BatchScalar, T: Task> Shard for UncoupledShard<R, T> {
         self.judgement.as_mut()?.take_fault()
     }
 
-    fn archive(&mut self, archive: &mut Archive<'_>) {
-        for tile in 0..self.bits.len() {
-            let (slot, bits, episodes) =
-                (&mut self.slots[tile], &mut self.bits[tile], &mut self.episodes[tile]);
-            archive.numbers(&mut slot.last_action);
-            archive.numbers(&mut slot.goal);
-            archive.bits(&mut bits.ended);
-            for word in episodes.seed.iter_mut().chain(&mut episodes.number) {
-                archive.word(word);
-            }
-            let key = |lane: usize| episode_key(episodes.seed[lane], episodes.number[lane].wrapping_sub(1));
-            self.world.archive(tile, key, archive);
-            if let Some(onboard) = &mut self.onboard {
-                onboard.archive(tile, archive);
-            }
-            if let Some(observer) = &mut self.observer {
-                observer.archive(tile, archive);
-            }
+    fn archive(&mut self, tile: usize, archive: &mut Archive<'_>) {
+        let (slot, bits, episodes) = (&mut self.slots[tile], &mut self.bits[tile], &mut self.episodes[tile]);
+        archive.numbers(&mut slot.last_action);
+        archive.numbers(&mut slot.goal);
+        archive.bits(&mut bits.ended, bits.used);
+        archive.seeds(&mut episodes.seed);
+        archive.words(&mut episodes.number);
+        let key = |lane: usize| episode_key(episodes.seed[lane], episodes.number[lane].wrapping_sub(1));
+        self.world.archive(tile, key, archive);
+        if let Some(onboard) = &mut self.onboard {
+            onboard.archive(tile, archive);
         }
+        if let Some(observer) = &mut self.observer {
+            observer.archive(tile, archive);
+        }
+    }
+
+    fn set_force(&mut self, force_n: Option<&[f32]>) {
+        self.world.set_force(force_n, [0, 1]);
     }
 }
 
@@ -198,8 +201,10 @@ impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
         let settings = Settings { input: spec.inputs[0], physics_hz: options.physics_hz };
         let kept = if options.autoreset == Autoreset::SameStep { envs } else { 0 };
         let width = row_width(options, 1)?;
+        let mut world = World::new(spec.models[0], &options.drone_effects(0), settings, tiles)?;
+        options.wind_field.as_ref().map_or(Ok(()), |field| world.set_wind(field))?;
         Ok(UncoupledShard {
-            world: World::new(spec.models[0], &options.drone_effects(0), settings, tiles)?,
+            world,
             onboard: Onboard::new(spec.models[0], &spec.interfaces[0], spec.tick_s, tiles)?,
             task,
             slots: vec![Slot { last_action: [R::zero(); ACTION], goal: [R::zero(); GOAL] }; tiles],
@@ -387,7 +392,7 @@ impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
     #[inline(always)]
     fn turn_over_now(&mut self, config: &BatchConfig, tile: usize, before: u32, out: TileRows<'_>) {
         match config.autoreset {
-            Autoreset::Disabled => {}
+            Autoreset::Disabled => self.stand_still(tile, before, out),
             Autoreset::NextStep => {
                 for lane in lanes_of(before) {
                     (out.rewards[lane], out.terminated[lane], out.truncated[lane]) = (0.0, false, false);
@@ -409,6 +414,21 @@ impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
                     write_lane(&states, lane, &mut self.final_states[env * STATE..(env + 1) * STATE]);
                 }
                 self.begin(&config.interfaces[0], tile, ended, out.observations, out.observed);
+            }
+        }
+    }
+}
+
+impl<R: BatchScalar, T> UncoupledShard<R, T> {
+    /// Ended episodes have no more results, until they are reset.
+    fn stand_still(&mut self, tile: usize, ended: u32, out: TileRows<'_>) {
+        self.bits[tile].ended |= ended as u16;
+        for lane in lanes_of(ended) {
+            (out.rewards[lane], out.terminated[lane], out.truncated[lane]) = (0.0, false, false);
+            out.observations[lane * OBSERVATION..(lane + 1) * OBSERVATION].fill(0.0);
+            if self.observer.is_some() {
+                let env = tile * LANES + lane;
+                out.observed[env * self.width..(env + 1) * self.width].fill(0.0);
             }
         }
     }

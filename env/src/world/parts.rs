@@ -1,7 +1,7 @@
 //! States, readings and frames: how they begin, how lanes of them are put together, and the floor.
 
 use super::{Age, Contact, GROUP, Group, Tick, Tile, Times};
-use crate::effects::{Frame, PoseFix, Reading};
+use crate::effects::{Frame, HookContext, PoseFix, Reading, VehicleConstants};
 use crate::noise::TickRng;
 use crate::plant::{Accelerations, Command, State, YawRotation};
 use crate::scalar::{Scalar, Word, each, tabulate};
@@ -204,5 +204,34 @@ impl<R: Scalar> Tile<R> {
         let (zero, none) = (R::zero(), [R::zero(); 3]);
         let fix = PoseFix { pos_m: none, yaw_rad: zero, t_s: zero, valid: zero };
         Tile { acc_mps2: none, until_frame: R::from_f64(1e9), fix }
+    }
+}
+
+/// What the hooks of a tick's first step are told about any tile.
+pub(super) struct Now<'a, R> {
+    pub(super) body: &'a VehicleConstants<R>,
+    pub(super) h_s: f64,
+    pub(super) tick_s: f64,
+    pub(super) times: &'a Times<R>,
+    pub(super) voltage_v: Option<&'a R>,
+}
+
+impl<'a, R: Scalar> Now<'a, R> {
+    #[inline(always)]
+    pub(super) fn cx(&self, age: &Age<R>, draw: &'a TickRng<'a, R>, clock: usize) -> HookContext<'a, R> {
+        let Now { body, h_s, tick_s, times, voltage_v } = *self;
+        HookContext {
+            body,
+            h_s,
+            tick_s,
+            since_tick_s: 0.0,
+            t_s: age.began_s(times),
+            first: true,
+            draw,
+            clock,
+            voltage_v,
+            neighbours: &[],
+            own: 0,
+        }
     }
 }

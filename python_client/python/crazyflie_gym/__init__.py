@@ -44,6 +44,7 @@ from crazyflie_gym.png import save_png
 from crazyflie_gym.spaces import STATE_FIELDS, flatten, split
 from crazyflie_gym.swarm import CrazyflieSwarm
 from crazyflie_gym.vector import CrazyflieVectorEnv
+from crazyflie_gym.wind import WindField
 
 __all__ = [
     "STATE_FIELDS",
@@ -55,6 +56,7 @@ __all__ = [
     "Interface",
     "Pid",
     "Sim",
+    "WindField",
     "action_levels",
     "ansi",
     "check_model",

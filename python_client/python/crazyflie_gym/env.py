@@ -19,7 +19,7 @@ from crazyflie_gym.own_judgement import Reward
 from crazyflie_gym.rendering import RENDER_MODES, Screen, check_render_mode
 from crazyflie_gym.seeding import as_seeds, draw_seeds
 from crazyflie_gym.spaces import Choice, RowLayout, action_space, choice_and_form
-from crazyflie_gym.state import EnvState, simulation
+from crazyflie_gym.state import EnvState, set_force, simulation
 
 METRICS = tuple(name for name, _, _ in metrics())
 """What is measured of an episode of several drones. `crazyflie_gym.metrics()` explains them."""
@@ -62,6 +62,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         termination: a condition that ends a flight in place of the task's own, such as "dist > 2", or a function that
             returns bools. A crash, a collision and leaving the room end it anyway.
         action: what an action sets: "attitude", "velocity" or "position" (`crazyflie_gym.action_levels()`).
+        wind_field: wind from place to place, a `crazyflie_gym.WindField`.
         true_state: give the true state, float32 (12,), or (drones, 12), as info["true_state"]; its layout is
             STATE_FIELDS.
         clip: cut actions off at -1 and 1. Without it more than round-off is an error.
@@ -97,6 +98,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         reward: Reward = None,
         termination: Reward = None,
         action: str = "attitude",
+        wind_field: Mapping[str, Any] | None = None,
         true_state: bool = False,
         clip: bool = False,
         render_mode: str | None = None,
@@ -131,6 +133,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
             reward=reward,
             termination=termination,
             action=action,
+            wind_field=wind_field,
         )
         rows = self.sim.num_drones if self.sim.has_drone_axis else None
         self._layout = RowLayout(observation, history, rows)
@@ -142,6 +145,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         self._true_state = true_state
         self._clip = clip
         self._several = rows is not None
+        self._lead = (1,) if rows is None else (1, rows)
         self._plain = not (self._by_field or true_state or self._screen or self._several)
         self._model = model
         self._seeded = False
@@ -233,6 +237,18 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
             "metrics": dict(zip(METRICS, measured[0].tolist(), strict=True)),
         }
         return rows[0], float(rewards.mean()), not flying.any(), False, info
+
+    def set_force(self, force_n: Any) -> None:
+        """Let forces act on the drones: (3,) or (drones, 3) in the world frame, N, from now on; None ends them.
+
+        They act on the centre of mass and accelerate by the mass that the model declares. As actions, they are no part
+        of the state.
+
+        Raises:
+            ValueError: for another shape, and for what is not finite, with its place.
+            RuntimeError: for an environment on a server.
+        """
+        set_force(self.sim, force_n, self._lead)
 
     def _dress(self, row: FloatArray, info: dict[str, Any]) -> tuple[Observation, dict[str, Any]]:
         if self._true_state:

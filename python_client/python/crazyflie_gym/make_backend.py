@@ -43,6 +43,7 @@ def make_backend(
     reward: Reward = None,
     termination: Reward = None,
     action: str = "attitude",
+    wind_field: Mapping[str, Any] | None = None,
 ) -> Sim | RemoteBackend:
     """Return the simulation that the arguments of an environment ask for.
 
@@ -80,6 +81,7 @@ def make_backend(
         observation=observation if isinstance(observation, str) else list(observation),
         history=history,
         action=action,
+        wind_field=wind_field,
     )
     if remote is None:
         texts = [model_text() if text is None else text for text, _ in models]

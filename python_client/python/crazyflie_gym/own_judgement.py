@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import json
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -125,6 +125,16 @@ class CallbackSim(Sim):
         self._judge(rewards, ends, np.array([truncated]))
         return row, float(rewards[0]), bool(ends[0]), truncated, info
 
+    def rollout_into(self, *_: Any, **__: Any) -> NoReturn:
+        """Refuse: functions want their say in every step."""
+        names = " and ".join(self._functions)
+        raise ValueError(
+            f"{names}: a rollout flies many steps without Python: write an expression in place of the function, or "
+            "call step() for every step"
+        )
+
+    fly_into = rollout_into
+
     def _judge(self, rewards: FloatArray, terminated: BoolArray, truncated: BoolArray) -> int:
         """Put the functions' answers in place of the task's; return the number of flights that ended."""
         fields = self._fields()
@@ -185,6 +195,13 @@ class CallbackSim(Sim):
         size = self._alive.size
         super().set_state(state[:-size])
         self._alive = np.frombuffer(state[-size:], np.bool_).reshape(self._alive.shape).copy()
+
+    def set_copies(self, state: bytes, seeds: NDArray[np.uint64] | None = None) -> None:
+        """Let every environment go on from where the one of another simulation was."""
+        rows = self._alive.size // self.num_envs
+        super().set_copies(state[:-rows], seeds)
+        lead = self._alive.shape
+        self._alive = np.broadcast_to(np.frombuffer(state[-rows:], np.bool_), (lead[0], rows)).reshape(lead).copy()
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return what it is made of, for pickling."""

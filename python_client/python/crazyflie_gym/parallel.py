@@ -114,6 +114,10 @@ class CrazyflieParallelEnv(ParallelEnv[str, Observation, FloatArray]):  # type: 
         observations = {agent: self._form(rows[0, j]) for j, agent in enumerate(self.agents)}
         return observations, {agent: {} for agent in self.agents}
 
+    def set_force(self, force_n: Any) -> None:
+        """Let forces act on the drones: (3,) or (1, num_drones, 3), N, as `CrazyflieVectorEnv.set_force`."""
+        self.swarm.set_force(force_n)
+
     def step(self, actions: Mapping[str, FloatArray]) -> _Results:
         """Fly one control tick with one action, float32 (4,) from -1 to 1, of every agent of `agents`.
 

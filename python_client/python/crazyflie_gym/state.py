@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from crazyflie_gym._native import Sim
 from crazyflie_gym.backend import Backend
 
@@ -20,3 +22,19 @@ def simulation(sim: Backend) -> Sim:
     if not isinstance(sim, Sim):
         raise RuntimeError("an environment on a server stays there: its state cannot be taken or set")
     return sim
+
+
+def set_force(sim: Backend, force_n: Any, lead: tuple[int, ...]) -> None:
+    """Let forces act on the drones of a simulation; `lead` is the shape of its rows. None ends them.
+
+    Raises:
+        ValueError: for another shape than (3,) or (*lead, 3), and for what is not finite, with its place.
+        RuntimeError: for a simulation on a server.
+    """
+    if force_n is None:
+        simulation(sim).set_force(None)
+        return
+    rows = np.asarray(force_n, np.float32)
+    if rows.shape not in ((3,), (*lead, 3)):
+        raise ValueError(f"force_n: expected shape (3,) or {(*lead, 3)}, got {rows.shape}")
+    simulation(sim).set_force(np.ascontiguousarray(np.broadcast_to(rows, (*lead, 3))))

@@ -21,15 +21,24 @@ def check_actions(actions: FloatArray, lead: tuple[int, ...]) -> None:
     Raises:
         ValueError: for another shape, and for numbers that are not from -1 to 1.
     """
-    if actions.shape[1:] != (*lead, 4) or len(actions) == 0:
-        shape = ", ".join(["ticks", *map(str, lead), "4"])
-        raise ValueError(f"actions: expected shape ({shape}) with at least one tick, got {actions.shape}")
+    check_shape(actions, lead)
     bad = ~(np.abs(actions) <= 1.0)
     if bad.any():
         tick, *place = (int(i) for i in np.argwhere(bad)[0])
         where = "".join(f"[{i}]" for i in place)
         value = actions[(tick, *place)]
         raise ValueError(f"step {tick}: actions{where} is {value}, expected a number from -1 to 1")
+
+
+def check_shape(actions: FloatArray, lead: tuple[int, ...]) -> None:
+    """Check the shape of the actions of several ticks.
+
+    Raises:
+        ValueError: for another one than (ticks, *lead, 4).
+    """
+    if actions.shape[1:] != (*lead, 4) or len(actions) == 0:
+        shape = ", ".join(["ticks", *map(str, lead), "4"])
+        raise ValueError(f"actions: expected shape ({shape}) with at least one tick, got {actions.shape}")
 
 
 def fly_steps(sim: Sim | RemoteBackend, actions: FloatArray, with_states: bool) -> Steps:

@@ -19,7 +19,7 @@ from crazyflie_gym.options import autoreset_mode as mode_named
 from crazyflie_gym.own_judgement import Reward
 from crazyflie_gym.seeding import Seeds, consecutive_seeds, draw_seeds, reset_mask
 from crazyflie_gym.spaces import Choice, RowLayout, action_space
-from crazyflie_gym.state import EnvState
+from crazyflie_gym.state import EnvState, set_force
 
 __all__ = ["METRICS", "CrazyflieSwarm"]
 
@@ -65,6 +65,7 @@ class CrazyflieSwarm:
         reward: Reward = None,
         termination: Reward = None,
         action: str = "attitude",
+        wind_field: Mapping[str, Any] | None = None,
     ) -> None:
         self.mode = mode_named(autoreset_mode)
         sim = make_backend(
@@ -91,6 +92,7 @@ class CrazyflieSwarm:
             reward=reward,
             termination=termination,
             action=action,
+            wind_field=wind_field,
         )
         assert isinstance(sim, Sim)
         if not sim.has_drone_axis:
@@ -155,6 +157,10 @@ class CrazyflieSwarm:
         if self._np_random is None:
             self._np_random, _ = seeding.np_random()
         return self._np_random
+
+    def set_force(self, force_n: Any) -> None:
+        """Let forces act on the drones: (3,) or (num_worlds, num_drones, 3), N, as `CrazyflieVectorEnv.set_force`."""
+        set_force(self.sim, force_n, (self.num_worlds, self.num_drones))
 
     def step(self, actions: FloatArray) -> _Step:
         """Fly one control tick: actions, (num_worlds, num_drones, 4) numbers from -1 to 1.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -17,13 +17,15 @@ from crazyflie_gym._native import Controller, Crowd, Interface, Pid, Sim
 from crazyflie_gym._types import AnyController, BoolArray, FloatArray, Observation
 from crazyflie_gym.actions import as_array, clip_actions, fly_with
 from crazyflie_gym.backend import RemoteBackend
+from crazyflie_gym.env import CrazyflieEnv
 from crazyflie_gym.make_backend import episode_steps, make_backend, make_controller
 from crazyflie_gym.options import Model, autoreset_mode
 from crazyflie_gym.own_judgement import Reward
 from crazyflie_gym.rendering import RENDER_MODES, Screen, check_render_mode
+from crazyflie_gym.rollout import KEPT, Rollout, fly_rollout, make_rollout
 from crazyflie_gym.seeding import Seeds, as_seeds, consecutive_seeds, draw_seeds, reset_mask
 from crazyflie_gym.spaces import Choice, RowLayout, action_space, choice_and_form
-from crazyflie_gym.state import EnvState, simulation
+from crazyflie_gym.state import EnvState, set_force, simulation
 
 _Step = tuple[Observation, FloatArray, BoolArray, BoolArray, dict[str, Any]]
 
@@ -74,6 +76,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         reward: Reward = None,
         termination: Reward = None,
         action: str = "attitude",
+        wind_field: Mapping[str, Any] | None = None,
         true_state: bool = False,
         clip: bool = False,
         render_mode: str | None = None,
@@ -113,6 +116,7 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
             reward=reward,
             termination=termination,
             action=action,
+            wind_field=wind_field,
         )
         self.num_envs = self.sim.num_envs
         rows = self.sim.num_drones if self.sim.has_drone_axis else None
@@ -303,6 +307,79 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
                 infos["final_true_state"] = final_states
         return self._form(rows), rewards, terminated, truncated, infos
 
+    def rollout(
+        self,
+        pilot: FloatArray | str | Controller | Crowd,
+        steps: int | None = None,
+        *,
+        options: Mapping[str, Any] | None = None,
+        keep: Collection[str] = KEPT,
+        out: Rollout | None = None,
+    ) -> Rollout:
+        """Fly several steps at once, to the bit as `step` would, at the rate of a small batch whatever the size.
+
+        Where automatic resets are disabled, environments whose episode ends stand still, with rewards and rows of
+        zeros, until they are reset. Last observations of episodes that end in the same step are not kept.
+
+        Args:
+            pilot: actions, (K, num_envs, 4) numbers from -1 to 1; or a controller of this environment, which goes on
+                from its last step; or the name of one, which is made anew and may have `options`.
+            steps: K, where a controller flies.
+            options: of a controller that is named.
+            keep: what to keep of every step: "rewards", "terminated", "truncated", "observations". Returns are always
+                there.
+            out: arrays to write, of an earlier call with the same K and `keep`.
+
+        Raises:
+            ValueError: for another shape, and for numbers that are not from -1 to 1; nothing has moved then. For a
+                controller of another batch or in Python; for rewards and ends by functions, and by expressions whose
+                value is no number, after the last step.
+            TypeError: for what does not hold numbers.
+            RuntimeError: before the first reset, for environments that have ended, on a server, and with a
+                `render_mode`.
+        """
+        sim = simulation(self.sim)
+        if self._screen:
+            raise RuntimeError("a rollout draws no pictures")
+        if isinstance(pilot, str):
+            pilot = self.controller(pilot, **(options or {}))
+        elif options is not None:
+            raise ValueError("options: they are for a controller that is named")
+        if not isinstance(pilot, Controller | Crowd):
+            pilot = clip_actions(as_array(pilot), self._clip)
+            step_many.check_shape(pilot, self._lead)
+            if steps not in (None, len(pilot)):
+                raise ValueError(f"steps: the actions are those of {len(pilot)} steps, got {steps}")
+            steps = len(pilot)
+        elif steps is None or steps < 1:
+            raise ValueError(f"steps: expected how many the controller flies, at least 1, got {steps}")
+        elif self._rows is None:
+            raise RuntimeError("a controller reads the last observation first: reset(), or copy_state(observation=...)")
+        if out is None:
+            out = make_rollout(sim, steps, self._lead, keep)
+        rows = np.zeros((*self._lead, sim.width), np.float32) if self._rows is None else self._rows.copy()
+        try:
+            out.last_actions = fly_rollout(sim, pilot, steps, rows, out)
+        except ValueError:
+            # a reward that is no number is told after the last step
+            self._rows = None if self._rows is None else rows
+            raise
+        self._keep(rows)
+        out.last_observation = self._form(rows)
+        return out
+
+    def set_force(self, force_n: Any) -> None:
+        """Let forces act on the drones: (3,) or (num_envs, ..., 3) in the world frame, N, from now on; None ends them.
+
+        They act on the centre of mass and accelerate by the mass that the model declares. As actions, they are no part
+        of the state.
+
+        Raises:
+            ValueError: for another shape, and for what is not finite, with its place.
+            RuntimeError: for an environment on a server.
+        """
+        set_force(self.sim, force_n, self._lead)
+
     def _keep(self, rows: FloatArray) -> None:
         """Remember the observations for a reset with a mask; where that is the rule, out of the user's reach."""
         self._rows = rows.copy() if self._mode is AutoresetMode.DISABLED else rows
@@ -363,6 +440,35 @@ class CrazyflieVectorEnv(VectorEnv[Observation, FloatArray, NDArray[Any]]):
         self.np_random.bit_generator.state = state["np_random"]
         self._rows = None if state["rows"] is None else state["rows"].copy()
         self._ended = state["ended"].copy()
+
+    def copy_state(
+        self,
+        source: CrazyflieEnv | CrazyflieVectorEnv,
+        observation: FloatArray | None = None,
+        seeds: int | Sequence[int] | None = None,
+    ) -> None:
+        """Let every environment go on from where a single one is, which stays as it is.
+
+        Args:
+            source: an environment that was made alike, or a batch of one. `CrazyflieEnv` has automatic resets disabled
+                and no limit of steps: `autoreset_mode="disabled", max_episode_steps=-1`.
+            observation: the last one of `source`, flat, which a controller reads first in a rollout.
+            seeds: for noise that is not that of the source: one for each environment, or a number s for s, s + 1, ...
+
+        Raises:
+            ValueError: for a source of another task, model, effects or options, or with several environments.
+            RuntimeError: where one of both is on a server.
+        """
+        state = simulation(source.sim).get_state()
+        numbers: Seeds | None = None
+        if isinstance(seeds, int | np.integer):
+            numbers = consecutive_seeds(int(seeds), self.num_envs)
+        elif seeds is not None:
+            numbers = as_seeds(list(seeds))
+        simulation(self.sim).set_copies(state, numbers)
+        shape = (*self._lead, self.sim.width)
+        self._rows = None if observation is None else np.broadcast_to(np.asarray(observation, np.float32), shape).copy()
+        self._seeded = True
 
     # Any: Gymnasium 1.2 and 1.3 do not agree on its type
     def render(self) -> Any:

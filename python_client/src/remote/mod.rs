@@ -20,7 +20,8 @@ use pyo3::types::{PyDict, PyTuple};
 use serde_json::{Map, Value};
 
 use crate::arrays::{empty, input, mask as read_mask, output, row};
-use crate::sim::{Interface, Step, StepOne};
+use crate::interface::Interface;
+use crate::sim::{Step, StepOne};
 use client::Client;
 use client_error::ClientError;
 use session::{Session, StartedSession};
@@ -136,7 +137,11 @@ impl Remote {
     /// What an action means.
     #[getter]
     fn interface(&self) -> PyResult<Interface> {
-        self.started().map(|started| Interface { inner: started.interface, tick_s: started.tick_s })
+        self.started().map(|started| Interface {
+            inner: started.interface,
+            tick_s: started.tick_s,
+            shard_envs: usize::MAX,
+        })
     }
 
     /// The most steps that one request of `step_many` may ask for.

@@ -55,7 +55,7 @@ impl Entrant {
         let AttemptSpec { interface, tick_s, episodes, drones } = spec;
         let model = Model::thesis();
         let site = |_| ControllerContext { model: &model, interface, tick_s, envs: episodes, mode };
-        let controllers = build_each(&self.controllers, (0..drones).map(site))?;
+        let controllers = build_each(&self.controllers, (0..drones).map(site), 0)?;
         let avoid = (self.avoid && drones > 1).then(CollisionAvoidance::default);
         MultiController::new(controllers, episodes, avoid, tick_s)
     }

@@ -66,7 +66,7 @@ pub fn fly_multi_drone(
         [] => std::slice::from_ref(&setup.controller),
         each => each,
     };
-    let controllers = build_each(specs, env.interfaces().iter().map(site))?;
+    let controllers = build_each(specs, env.interfaces().iter().map(site), 0)?;
     let mut crowd = MultiController::new(
         controllers,
         seeds.len(),

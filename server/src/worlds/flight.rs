@@ -42,7 +42,7 @@ impl WorldFlight {
             envs: 1,
             mode: Mode::Automatic,
         };
-        let controllers = build_each(&[controller], env.interfaces().iter().map(site))?;
+        let controllers = build_each(&[controller], env.interfaces().iter().map(site), 0)?;
         let autopilot = MultiController::new(controllers, 1, Some(CollisionAvoidance::default()), tick_s)?;
         let mut flight = WorldFlight {
             autopilot,

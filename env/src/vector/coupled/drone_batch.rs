@@ -112,7 +112,9 @@ impl<R: BatchScalar> DroneBatch<R> {
         let tiles = envs.div_ceil(LANES);
         let one = |j: usize| {
             let settings = Settings { input: inputs[j], physics_hz: options.physics_hz };
-            World::new(models[j], &options.drone_effects(j), settings, tiles)
+            let mut world = World::new(models[j], &options.drone_effects(j), settings, tiles)?;
+            options.wind_field.as_ref().map_or(Ok(()), |field| world.set_wind(field))?;
+            Ok(world)
         };
         let zero = R::zero();
         let slot =
@@ -379,17 +381,18 @@ impl<R: BatchScalar> Tile<R> {
         for number in [collisions, crashes, done, nearest2_m2, settled_s, error2_m2, flown] {
             archive.number(number);
         }
-        self.seed.iter_mut().chain(&mut self.number).for_each(|word| archive.word(word));
-        archive.bits(&mut self.ended);
+        archive.seeds(&mut self.seed);
+        archive.words(&mut self.number);
+        archive.bits(&mut self.ended, self.used);
     }
 }
 
 impl<R: BatchScalar> DroneSlot<R> {
-    pub(in crate::vector) fn archive(&mut self, archive: &mut Archive<'_>) {
+    pub(in crate::vector) fn archive(&mut self, used: u16, archive: &mut Archive<'_>) {
         archive.numbers(&mut self.last_action);
         archive.numbers(&mut self.goal);
         archive.numbers(&mut self.pull_mps2);
-        archive.bits(&mut self.flying);
+        archive.bits(&mut self.flying, used);
     }
 }
 

@@ -104,30 +104,35 @@ impl<R: BatchScalar> DroneBatch<R> {
         }
     }
 
-    /// What all flights go on from, tile by tile.
-    pub(in crate::vector) fn archive(&mut self, archive: &mut Archive<'_>) {
-        for tile in 0..self.tiles() {
-            let n = self.drones.len();
-            self.board_mut(tile).iter_mut().for_each(|number| archive.number(number));
-            let DroneBatch { drones, onboard, slots, tiles, .. } = self;
-            tiles[tile].archive(archive);
-            let Tile { seed, number, .. } = &tiles[tile];
-            for (drone, (world, slot)) in
-                drones.iter_mut().zip(&mut slots[tile * n..(tile + 1) * n]).enumerate()
-            {
-                slot.archive(archive);
-                world.archive(
-                    tile,
-                    |lane| drone_key(episode_key(seed[lane], number[lane].wrapping_sub(1)), drone),
-                    archive,
-                );
-            }
-            for onboard in onboard.iter_mut().flatten() {
-                onboard.archive(tile, archive);
-            }
-            if let Some(observer) = &mut self.observer {
-                observer.archive(tile, archive);
-            }
+    /// What a tile's flights go on from.
+    pub(in crate::vector) fn archive(&mut self, tile: usize, archive: &mut Archive<'_>) {
+        let n = self.drones.len();
+        self.board_mut(tile).iter_mut().for_each(|number| archive.number(number));
+        let DroneBatch { drones, onboard, slots, tiles, .. } = self;
+        tiles[tile].archive(archive);
+        let Tile { seed, number, used, .. } = &tiles[tile];
+        for (drone, (world, slot)) in drones.iter_mut().zip(&mut slots[tile * n..(tile + 1) * n]).enumerate()
+        {
+            slot.archive(*used, archive);
+            world.archive(
+                tile,
+                |lane| drone_key(episode_key(seed[lane], number[lane].wrapping_sub(1)), drone),
+                archive,
+            );
+        }
+        for onboard in onboard.iter_mut().flatten() {
+            onboard.archive(tile, archive);
+        }
+        if let Some(observer) = &mut self.observer {
+            observer.archive(tile, archive);
+        }
+    }
+
+    /// Forces from outside, rows of three for each drone.
+    pub(in crate::vector) fn set_force(&mut self, force_n: Option<&[f32]>) {
+        let n = self.drones.len();
+        for (drone, world) in self.drones.iter_mut().enumerate() {
+            world.set_force(force_n, [drone, n]);
         }
     }
 

@@ -1,0 +1,46 @@
+//! Forces from outside, such as a simulation of air or of contacts beside this one computes them.
+
+use super::{Around, GROUP, World};
+use crate::lanes::LANES;
+use crate::plant::Accelerations;
+use crate::scalar::Scalar;
+use crate::sim_scalar::{BatchScalar, SimScalar};
+
+impl<R: SimScalar> World<R> {
+    /// Forces in the world frame from now on, N, or none. Of rows of three for each drone of each environment
+    /// they are those of one of `drones`.
+    pub(crate) fn set_force(&mut self, force_n: Option<&[f32]>, [drone, drones]: [usize; 2])
+    where
+        R: BatchScalar,
+    {
+        let Some(force_n) = force_n else { return self.forced_mps2.clear() };
+        self.forced_mps2.resize(self.states.len(), [R::zero(); 3]);
+        for (tile, forced_mps2) in self.forced_mps2.iter_mut().enumerate() {
+            for lane in 0..LANES {
+                let row = ((tile * LANES + lane) * drones + drone) * 3;
+                let Some(force_n) = force_n.get(row..row + 3) else { break };
+                for (slot, force_n) in forced_mps2.iter_mut().zip(force_n) {
+                    slot.set_lane(lane, f64::from(*force_n) / self.mass_kg);
+                }
+            }
+        }
+    }
+}
+
+/// What pushes a tile besides the effects: what its neighbours do, or a filter's disturbance, and forces.
+#[inline(always)]
+pub(super) fn outside<R: Scalar>(
+    around: Option<&[Around<'_, R>; GROUP]>,
+    tile: usize,
+    undisturbed: Accelerations<R>,
+    forced_mps2: Option<&[R; 3]>,
+) -> Accelerations<R> {
+    let mut push = match around {
+        Some(around) => around[tile].push,
+        None => undisturbed,
+    };
+    for (sum, forced_mps2) in push.acc_mps2.iter_mut().zip(forced_mps2.into_iter().flatten()) {
+        *sum += *forced_mps2;
+    }
+    push
+}
