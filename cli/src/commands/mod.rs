@@ -1,6 +1,7 @@
 //! Commands, one file each. A command writes to `out` and returns what went wrong; only [`main_from`] talks
 //! to the process.
 
+mod actions;
 mod attempts;
 mod controllers;
 mod diagnose;
@@ -85,6 +86,7 @@ enum Command {
     Plot(plot::Args),
     Effects(effects::Args),
     Tasks(tasks::Args),
+    Actions(actions::Args),
     Controllers(controllers::Args),
     Model(model::Args),
     Serve(serve::Args),
@@ -219,6 +221,7 @@ fn run(command: &Command, out: &mut dyn Write) -> Outcome {
         Command::Plot(args) => plot::run(args, out),
         Command::Effects(args) => effects::run(args, out),
         Command::Tasks(args) => tasks::run(args, out),
+        Command::Actions(args) => actions::run(args, out),
         Command::Controllers(args) => controllers::run(args, out),
         Command::Model(args) => model::run(args, out),
         Command::Serve(args) => serve::run(args, out),

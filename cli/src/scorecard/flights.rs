@@ -2,6 +2,7 @@
 
 use crazyflie_control::ControllerSpec;
 use crazyflie_env::Error;
+use crazyflie_env::action::ActionLevel;
 use crazyflie_env::config::EffectTable;
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::vector::state_index;
@@ -40,6 +41,8 @@ pub(super) fn fly_pair(
         model: model.clone(),
         scenario,
         task_options: None,
+        own: None,
+        action: ActionLevel::Attitude,
         controller: ControllerSpec::named(controller)?,
         effects: EffectTable::new(),
         vertical,
@@ -221,7 +224,8 @@ fn hover(model: &Model) -> Result<Vec<ScorecardRow>, Error> {
         100.0 * (squares.sum::<f64>() / t.rows.len() as f64).sqrt()
     };
     let travel: fn(&Trace) -> f64 = |t| {
-        let pitch: Vec<f64> = (0..t.rows.len()).map(|row| t.command(row).pitch_rad.to_degrees()).collect();
+        let pitch: Vec<f64> =
+            (0..t.rows.len()).filter_map(|row| t.command(row)).map(|u| u.pitch_rad.to_degrees()).collect();
         pitch.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum::<f64>() / (pitch.len() as f64 * t.tick_s)
     };
     let measure = |gains, quantity, unit, quantity_of, claim, why| Measure {

@@ -2,6 +2,7 @@
 
 use crazyflie_control::ControllerSpec;
 use crazyflie_env::Error;
+use crazyflie_env::action::ActionLevel;
 use crazyflie_env::config::{EffectParams, EffectTable, Number};
 use crazyflie_env::model::{Model, Vertical, VerticalInput};
 use crazyflie_env::plant::Command;
@@ -32,6 +33,8 @@ pub(super) fn fly(
         model: model.clone(),
         scenario: FlightScenario::find("hover-70cm")?,
         task_options: None,
+        own: None,
+        action: ActionLevel::Attitude,
         controller: ControllerSpec::named("thesis-pid")?,
         effects,
         vertical,

@@ -3,6 +3,7 @@
 use crazyflie_control::loop_analysis::LoopAxis;
 use crazyflie_control::pid::Gains;
 use crazyflie_env::Error;
+use crazyflie_env::action::ActionLevel;
 use crazyflie_env::config::EffectTable;
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_server::flight::{
@@ -49,6 +50,8 @@ impl TuningSetup<'_> {
             scenario,
             seconds: scenario.seconds,
             task_options: None,
+            own: None,
+            action: ActionLevel::Attitude,
             controller: pid(gains)?,
             effects: self.effects.clone(),
             vertical: self.vertical,

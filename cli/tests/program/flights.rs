@@ -242,3 +242,112 @@ fn a_picture_is_what_its_ending_says() {
         assert_fails(2, &["fly", "--picture", file], &[".svg, .png, .pdf"]);
     }
 }
+
+#[test]
+fn a_task_file_flies() {
+    let folder = folder("own_task");
+    let file = folder.join("climb.toml");
+    let content = r#"
+name = "climb"
+about = "Up from the floor"
+reward = "1"
+termination = "pos_m[2] > 1.2"
+max_episode_steps = 300
+vertical = "thrust"
+[task_options]
+start_m = [0, 0, 0]
+setpoint_m = [0, 0, 1.5]
+[effects]
+gust = { sigma_mps2 = 0.1 }
+"#;
+    std::fs::write(&file, content).unwrap();
+    let fly = |more: &[&str]| json(&[&["fly", "--task", text(&file), "--json"], more].concat());
+    let flown = fly(&[]);
+    let (setup, run) = (&flown["setup"], &flown["runs"][0]);
+    assert!(
+        setup["flight"] == "climb" && setup["vertical"] == "thrust" && setup["seconds"] == 6.0,
+        "{setup}"
+    );
+    assert!(setup["effects"]["gust"]["sigma_mps2"] == 0.1, "{setup}");
+    // a reward of 1 each of the 50 steps of a second, until it is through 1.2 m
+    let end_s = run["end_s"].as_f64().unwrap();
+    assert!(end_s < 5.0 && run["crash"].is_null(), "{run}");
+    assert!((run["reward"].as_f64().unwrap() - 50.0 * end_s).abs() < 1e-6, "{run}");
+    // what is said on the command line comes on top
+    let low =
+        fly(&["--task-options", "{\"setpoint_m\": [0, 0, 0.5]}", "--seconds", "2", "--vertical", "pwm"]);
+    assert!(low["setup"]["vertical"] == "pwm" && low["runs"][0]["end_s"] == 2.0, "{low}");
+    let said = stdout_of(&["fly", "--task", text(&file)]);
+    assert!(said.contains("climb: Up from the floor") && said.contains("ended by the task"), "{said}");
+    std::fs::write(&file, "name = \"x\"\nrewrd = \"1\"").unwrap();
+    assert_fails(1, &["fly", "--task", text(&file)], &["climb.toml", "rewrd", "did you mean \"reward\""]);
+    assert_fails(1, &["fly", "--task", "nowhere.toml"], &["nowhere.toml"]);
+}
+
+#[test]
+fn actions_may_be_set_points() {
+    let folder = folder("action_levels");
+    let svg = folder.join("flight.svg");
+    for (level, word) in [("velocity", "x_mps"), ("position", "x_m")] {
+        let flown = ["fly", "--action", level, "--controller", "random", "--seconds", "2"];
+        let drawn = json(&[&flown[..], &["--picture", text(&svg), "--json"]].concat());
+        assert_eq!(drawn["setup"]["action"], level);
+        let picture = std::fs::read_to_string(&svg).unwrap();
+        assert!(picture.contains(word) && picture.contains("set-points of actions"), "{level}");
+        // what the cascade commands is not known outside
+        assert_fails(2, &[&flown[..], &["--csv", "x.csv"]].concat(), &["--csv", level, "cascade"]);
+        assert!(stdout_of(&flown).contains(&format!("set-point of {level}")));
+        let refused = ["fly", "--action", level];
+        assert_fails(2, &refused, &["thesis-pid commands attitudes", level, "--action attitude"]);
+    }
+    assert_fails(2, &["fly", "--action", "velocty"], &["did you mean \"velocity\""]);
+    let levels = json(&["actions", "--json"]);
+    let names: Vec<_> =
+        levels.as_array().unwrap().iter().map(|level| level["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["attitude", "velocity", "position"]);
+    assert!(stdout_of(&["actions"]).contains(".x_mps [m/s], -1 to 1"));
+    assert_fails(1, &["actions", "--model", "nowhere.toml"], &["nowhere.toml"]);
+}
+
+#[test]
+fn a_track_of_ones_own_flies() {
+    let folder = folder("own_track");
+    let file = folder.join("way.csv");
+    std::fs::write(&file, "t_s,x_m,y_m,z_m\n0,0,0,0.7\n4,0.5,0,0.7\n8,0.5,0.5,1\n").unwrap();
+    let flown = json(&["fly", "--task", "track", "--track", text(&file), "--seconds", "15", "--json"]);
+    let axes = &flown["runs"][0]["phases"][0]["axes"];
+    for axis in ["x", "y", "z"] {
+        assert!(axes[axis]["final_error"].as_f64().unwrap() < 6.0, "{axes}");
+    }
+    assert_fails(2, &["fly", "--track", text(&file)], &["--track is for the task track"]);
+    std::fs::write(&file, "t_s,x_m,y_m,z_m\n0,0,0,far\n").unwrap();
+    let bad = ["fly", "--task", "track", "--track", text(&file)];
+    assert_fails(2, &bad, &["way.csv, line 2", "column z_m is \"far\""]);
+}
+
+#[test]
+fn a_goal_is_drawn_for_every_run() {
+    let goal = |seed: &str| {
+        let options = "{\"setpoint_m\": {\"uniform\": [[-1, -1, 0.5], [1, 1, 1.5]]}}";
+        let folder = folder(&format!("drawn_goal_{seed}"));
+        let csv = folder.join("flight.csv");
+        stdout_of(&[
+            "fly",
+            "--task-options",
+            options,
+            "--seed",
+            seed,
+            "--seconds",
+            "0.1",
+            "--csv",
+            text(&csv),
+        ]);
+        let log = std::fs::read_to_string(&csv).unwrap();
+        let mut lines = log.lines().map(|line| line.split(',').map(str::to_owned).collect::<Vec<_>>());
+        let (header, row) = (lines.next().unwrap(), lines.next().unwrap());
+        let at = |name: &str| row[header.iter().position(|h| h == name).unwrap()].parse::<f64>().unwrap();
+        ["setpoint_x_m", "setpoint_y_m", "setpoint_z_m"].map(at)
+    };
+    assert_eq!(goal("4"), goal("4"));
+    assert!(goal("4").iter().zip(goal("5")).all(|(a, b)| *a != b));
+}

@@ -250,7 +250,7 @@ pub fn check_attitude(who: &str, interface: &Interface) -> Result<()> {
         ActionLevel::Attitude => Ok(()),
         level => Err(Error::Config(format!(
             "{who} commands attitudes, and the actions of this environment are of the level {:?}: make it with \
-             action=\"attitude\"",
+             action=\"attitude\" (--action attitude)",
             level.name()
         ))),
     }

@@ -1,38 +1,28 @@
 //! Carry a load together, on ropes.
 
 use rand_pcg::Pcg64Mcg;
-use serde::Deserialize;
 
 use super::{
-    GOAL, Outcome, Scene, Situation, Start, Task, distance, jerk, jitter, on_circle, room_on_circle, start_at,
+    Chosen, GOAL, Outcome, Scene, Situation, Start, Task, distance, jerk, jitter, on_circle, options,
+    room_on_circle, start_at,
 };
 use crate::coupling::load::Load;
 use crate::error::{Result, check_range};
 use crate::observation::Setpoint;
 use crate::scalar::Scalar;
 
-/// Options of the task.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Options {
-    pub load_kg: f64,
-    pub rope_m: f64,
-    /// Of the circle on which they fly above the load.
-    pub ring_m: f64,
-    /// Height of the load.
-    pub height_m: f64,
-    /// Half the length of the load's oval way.
-    pub size_m: f64,
-    pub period_s: f64,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Options { load_kg: 0.01, rope_m: 0.6, ring_m: 0.3, height_m: 0.5, size_m: 0.8, period_s: 16.0 }
-    }
+options! {
+    fixed load_kg: f64 = 0.01, "kg", [0.001, 1.0], "mass of the load; at most 15 g for each drone";
+    fixed rope_m: f64 = 0.6, "m", [0.1, 1.5], "length of each rope";
+    fixed ring_m: f64 = 0.3, "m", [0.0, 1.5], "radius of the circle on which they fly above the load";
+    drawn height_m: f64 = 0.5, "m", [0.05, 2.5], "height of the load";
+    drawn size_m: f64 = 0.8, "m", [0.0, 1.5], "half the length of the load's oval way";
+    drawn period_s: f64 = 16.0, "s", [4.0, 600.0], "time for one round of it";
 }
 
 pub struct Carry {
+    chosen: Chosen<Options>,
+    /// What is not drawn.
     options: Options,
     drones: usize,
     /// From the load up to the drones.
@@ -48,50 +38,57 @@ impl Task for Carry {
     const DRONES: usize = 3;
     type Options = Options;
 
-    fn new(o: Options, drones: usize) -> Result<Self> {
+    fn new(chosen: Chosen<Options>, drones: usize) -> Result<Self> {
+        let o = chosen.first();
         // what a Crazyflie lifts beside itself: 15 g (Bitcraze's data sheet)
         check_range("load_kg", o.load_kg, 0.001, 0.015 * drones as f64)?;
-        check_range("rope_m", o.rope_m, 0.1, 1.5)?;
         check_range("ring_m", o.ring_m, 0.0, 0.95 * o.rope_m)?;
-        check_range("size_m", o.size_m, 0.0, 1.5)?;
-        check_range("period_s", o.period_s, 4.0, 600.0)?;
         let above_m = libm::sqrt(o.rope_m * o.rope_m - o.ring_m * o.ring_m);
-        check_range("height_m", o.height_m, 0.05, 2.5 - above_m)?;
+        for o in chosen.corners() {
+            check_range("height_m", o.height_m, 0.05, 2.5 - above_m)?;
+        }
         room_on_circle("ring_m", o.ring_m, drones, 0.2)?;
-        Ok(Carry { options: o, drones, above_m })
+        Ok(Carry { chosen, options: o, drones, above_m })
     }
 
     fn load(&self) -> Option<Load> {
         Some(Load { mass_kg: self.options.load_kg, rope_m: self.options.rope_m })
     }
 
-    fn start(&self, rng: &mut Pcg64Mcg, starts: &mut [Start], _: &mut [f64]) {
-        let [x, y] = self.way(0.0);
+    /// The load's way: turns per second as an angle, half the length, height, and the height of the drones.
+    fn board(&self) -> usize {
+        4
+    }
+
+    fn start(&self, rng: &mut Pcg64Mcg, starts: &mut [Start], board: &mut [f64]) {
+        let o = self.chosen.draw(rng);
+        let above_m = o.height_m + self.above_m;
+        board.copy_from_slice(&[std::f64::consts::TAU / o.period_s, o.size_m, o.height_m, above_m]);
+        let [x, y] = way(board, 0.0);
         for (i, start) in starts.iter_mut().enumerate() {
             let [dx, dy] = on_circle(i, self.drones, self.options.ring_m, 0.0);
             let [off_x, off_y] = jitter(rng, 0.02);
-            *start = start_at([x + dx + off_x, y + dy + off_y, self.options.height_m + self.above_m], &[]);
+            *start = start_at([x + dx + off_x, y + dy + off_y, above_m], &[]);
         }
     }
 
     #[inline(always)]
-    fn setpoint<R: Scalar>(&self, own: usize, _: &mut [R; GOAL], _: &[R], scene: &Scene<R>) -> Setpoint<R> {
-        let [x, y] = self.way(scene.t_s);
+    fn setpoint<R: Scalar>(
+        &self,
+        own: usize,
+        _: &mut [R; GOAL],
+        board: &[R],
+        scene: &Scene<R>,
+    ) -> Setpoint<R> {
+        let [x, y] = way(board, scene.t_s);
         let [dx, dy] = on_circle(own, self.drones, self.options.ring_m, 0.0);
-        Setpoint {
-            pos_m: [
-                x + R::from_f64(dx),
-                y + R::from_f64(dy),
-                R::from_f64(self.options.height_m + self.above_m),
-            ],
-            yaw_rad: R::zero(),
-        }
+        Setpoint { pos_m: [x + R::from_f64(dx), y + R::from_f64(dy), board[3]], yaw_rad: R::zero() }
     }
 
     #[inline(always)]
-    fn judge<R: Scalar>(&self, _: usize, s: &Situation<R>, _: &[R], scene: &Scene<R>) -> Outcome<R> {
-        let [x, y] = self.way(scene.t_s);
-        let place = [x, y, R::from_f64(self.options.height_m)];
+    fn judge<R: Scalar>(&self, _: usize, s: &Situation<R>, board: &[R], scene: &Scene<R>) -> Outcome<R> {
+        let [x, y] = way(board, scene.t_s);
+        let place = [x, y, board[2]];
         let error_m = scene.load.map_or(
             R::zero(),
             #[inline(always)]
@@ -106,12 +103,9 @@ impl Task for Carry {
     }
 }
 
-impl Carry {
-    /// Where the load is to be.
-    #[inline(always)]
-    fn way<R: Scalar>(&self, t_s: R) -> [R; 2] {
-        let o = &self.options;
-        let (sin, cos) = (t_s * R::from_f64(std::f64::consts::TAU / o.period_s)).sin_cos();
-        [R::from_f64(o.size_m) * cos, R::from_f64(0.5 * o.size_m) * sin]
-    }
+/// Where the load is to be.
+#[inline(always)]
+fn way<R: Scalar>(board: &[R], t_s: R) -> [R; 2] {
+    let (sin, cos) = (t_s * board[0]).sin_cos();
+    [board[1] * cos, R::from_f64(0.5) * board[1] * sin]
 }

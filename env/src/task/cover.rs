@@ -1,34 +1,24 @@
 //! Look at every marker of a field.
 
 use rand_pcg::Pcg64Mcg;
-use serde::Deserialize;
 
-use super::{GOAL, Outcome, Scene, Situation, Start, Task, distance, is, jerk, jitter, start_at};
+use super::{
+    Chosen, GOAL, Outcome, Scene, Situation, Start, Task, distance, is, jerk, jitter, options, start_at,
+};
 use crate::error::{Error, Result, check_range};
 use crate::observation::Setpoint;
 use crate::scalar::Scalar;
 
-/// Options of the task.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Options {
-    pub columns: usize,
-    pub rows: usize,
-    /// From marker to marker.
-    pub pitch_m: f64,
-    pub height_m: f64,
-    /// A marker has been looked at when a drone was this near to the place above it.
-    pub near_m: f64,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Options { columns: 6, rows: 6, pitch_m: 0.6, height_m: 0.8, near_m: 0.15 }
-    }
+options! {
+    fixed columns: usize = 6, "1", [1.0, 64.0], "markers along x";
+    fixed rows: usize = 6, "1", [1.0, 64.0], "markers along y";
+    fixed pitch_m: f64 = 0.6, "m", [0.1, 2.0], "distance from marker to marker";
+    drawn height_m: f64 = 0.8, "m", [0.2, 2.5], "height to fly at";
+    drawn near_m: f64 = 0.15, "m", [0.02, 1.0], "a marker has been looked at when a drone was this near to the place above it";
 }
 
 pub struct Cover {
-    options: Options,
+    chosen: Chosen<Options>,
     drones: usize,
     /// The places above the markers, strip by strip, there and back.
     places: Vec<[f64; 2]>,
@@ -46,10 +36,8 @@ impl Task for Cover {
     const DRONES: usize = 4;
     type Options = Options;
 
-    fn new(o: Options, drones: usize) -> Result<Self> {
-        check_range("pitch_m", o.pitch_m, 0.1, 2.0)?;
-        check_range("height_m", o.height_m, 0.2, 2.5)?;
-        check_range("near_m", o.near_m, 0.02, 1.0)?;
+    fn new(chosen: Chosen<Options>, drones: usize) -> Result<Self> {
+        let o = chosen.first();
         let markers = o.columns * o.rows;
         if !(drones..=MOST).contains(&markers) {
             return Err(Error::Range {
@@ -65,30 +53,36 @@ impl Task for Cover {
             let column = if row.is_multiple_of(2) { along } else { o.columns - 1 - along };
             [column as f64 * o.pitch_m - half(o.columns), row as f64 * o.pitch_m - half(o.rows)]
         };
-        Ok(Cover { places: (0..markers).map(place).collect(), drones, options: o })
+        Ok(Cover { places: (0..markers).map(place).collect(), drones, chosen })
     }
 
-    /// For each marker 1 when it has been looked at, then for each drone which marker of its share is next.
+    /// For each marker 1 when it has been looked at, then for each drone which marker of its share is next, then
+    /// height and nearness.
     fn board(&self) -> usize {
-        self.places.len() + self.drones
+        self.places.len() + self.drones + 2
     }
 
     fn start(&self, rng: &mut Pcg64Mcg, starts: &mut [Start], board: &mut [f64]) {
+        let o = self.chosen.draw(rng);
         board.fill(0.0);
+        if let [.., height_m, near_m] = board {
+            (*height_m, *near_m) = (o.height_m, o.near_m);
+        }
         for (i, start) in starts.iter_mut().enumerate() {
             let [x, y] = self.places[self.share(i).start];
             let [dx, dy] = jitter(rng, 0.05);
-            *start = start_at([x + dx, y + dy, self.options.height_m], &[]);
+            *start = start_at([x + dx, y + dy, o.height_m], &[]);
         }
     }
 
     #[inline(always)]
     fn turn<R: Scalar>(&self, board: &mut [R], scene: &Scene<R>) {
-        let (looked, next) = board.split_at_mut(self.places.len());
-        let (near, one) = (R::from_f64(self.options.near_m), R::from_f64(1.0));
+        let [height, near] = self.limits(board);
+        let (looked, rest) = board.split_at_mut(self.places.len());
+        let (next, one) = (&mut rest[..self.drones], R::from_f64(1.0));
         for (looked, [x, y]) in looked.iter_mut().zip(&self.places) {
             for drone in scene.drones {
-                let place = [R::from_f64(*x), R::from_f64(*y), R::from_f64(self.options.height_m)];
+                let place = [R::from_f64(*x), R::from_f64(*y), height];
                 let seen = distance(&drone.pos_m, &place).lt(near) & drone.here.gt(R::zero());
                 *looked = R::select(seen, one, *looked);
             }
@@ -108,7 +102,7 @@ impl Task for Cover {
     fn setpoint<R: Scalar>(&self, own: usize, _: &mut [R; GOAL], board: &[R], _: &Scene<R>) -> Setpoint<R> {
         let next = board[self.places.len() + own];
         let share = self.share(own);
-        let mut pos_m = [R::zero(), R::zero(), R::from_f64(self.options.height_m)];
+        let mut pos_m = [R::zero(), R::zero(), self.limits(board)[0]];
         for (i, marker) in share.clone().enumerate() {
             // past the last one it stays there
             let due = if i == 0 { !R::nothing() } else { R::from_f64(i as f64 - 0.5).lt(next) };
@@ -124,11 +118,11 @@ impl Task for Cover {
         let error_m = distance(&s.x.pos_m, &s.setpoint.pos_m);
         let markers = &self.places;
         let (mut left, mut found) = (R::zero(), R::zero());
-        let near = R::from_f64(self.options.near_m);
+        let [height, near] = self.limits(board);
         for (looked, [x, y]) in board.iter().zip(markers) {
             left += R::from_f64(1.0) - *looked;
             // the board is of before this tick: what is near now and not yet on it is new
-            let place = [R::from_f64(*x), R::from_f64(*y), R::from_f64(self.options.height_m)];
+            let place = [R::from_f64(*x), R::from_f64(*y), height];
             let new = distance(&scene.drones[own].pos_m, &place).lt(near) & looked.le(R::zero());
             found += R::select(new, R::from_f64(1.0), R::zero());
         }
@@ -139,6 +133,13 @@ impl Task for Cover {
 }
 
 impl Cover {
+    /// Height to fly at, and how near a marker must be.
+    #[inline(always)]
+    fn limits<R: Scalar>(&self, board: &[R]) -> [R; 2] {
+        let first = self.places.len() + self.drones;
+        [board[first], board[first + 1]]
+    }
+
     /// The markers that a drone is to look at.
     #[inline(always)]
     fn share(&self, drone: usize) -> std::ops::Range<usize> {

@@ -1,32 +1,29 @@
 //! One leads, the others follow.
 
 use rand_pcg::Pcg64Mcg;
-use serde::Deserialize;
 
-use super::{GOAL, Scene, Start, Task, jitter, start_at};
+use super::{Chosen, GOAL, Scene, Start, Task, jitter, options, start_at};
 use crate::error::{Result, check_range};
 use crate::observation::Setpoint;
 use crate::scalar::Scalar;
 
-/// Options of follow the leader.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Options {
-    /// Half the length of the leader's oval.
-    pub size_m: f64,
-    pub period_s: f64,
-    pub height_m: f64,
-    /// Each follower is to be where the one before it will have been this much earlier on the way.
-    pub behind_s: f64,
+options! {
+    drawn size_m: f64 = 1.2, "m", [0.2, 2.0], "half the length of the leader's oval";
+    drawn period_s: f64 = 20.0, "s", [4.0, 600.0], "time for one round of it";
+    drawn height_m: f64 = 0.8, "m", [0.2, 2.5], "height of the oval";
+    drawn behind_s: f64 = 1.2, "s", [0.2, 600.0], "each follower is to be where the one before it will have been this much earlier on the way";
 }
 
-impl Default for Options {
-    fn default() -> Self {
-        Options { size_m: 1.2, period_s: 20.0, height_m: 0.8, behind_s: 1.2 }
-    }
-}
+pub struct Follow(Chosen<Options>);
 
-pub struct Follow(Options);
+/// Goal slots: turns per second as an angle, half the length and half the width of the oval, height, how much
+/// later the own place and that of the drone ahead are passed.
+const RATE: usize = 0;
+const LENGTH: usize = 1;
+const WIDTH: usize = 2;
+const HEIGHT: usize = 3;
+const LATE: usize = 4;
+const AHEAD_LATE: usize = 5;
 
 impl Task for Follow {
     const NAME: &'static str = "follow";
@@ -37,34 +34,53 @@ impl Task for Follow {
     const DRONES: usize = 4;
     type Options = Options;
 
-    fn new(o: Options, drones: usize) -> Result<Self> {
-        check_range("size_m", o.size_m, 0.2, 2.0)?;
-        check_range("period_s", o.period_s, 4.0, 600.0)?;
-        check_range("height_m", o.height_m, 0.2, 2.5)?;
-        // the last must not catch up with the first
-        check_range("behind_s", o.behind_s, 0.2, 0.9 * o.period_s / drones as f64)?;
-        Ok(Follow(o))
+    fn new(chosen: Chosen<Options>, drones: usize) -> Result<Self> {
+        for o in chosen.corners() {
+            // the last must not catch up with the first
+            check_range("behind_s", o.behind_s, 0.2, 0.9 * o.period_s / drones as f64)?;
+        }
+        Ok(Follow(chosen))
     }
 
     fn start(&self, rng: &mut Pcg64Mcg, starts: &mut [Start], _: &mut [f64]) {
+        let o = self.0.draw(rng);
         for (i, start) in starts.iter_mut().enumerate() {
-            let [x, y] = self.oval(-(i as f64) * self.0.behind_s);
+            let late_s = i as f64 * o.behind_s;
+            let mut goal = [
+                std::f64::consts::TAU / o.period_s,
+                o.size_m,
+                0.7 * o.size_m,
+                o.height_m,
+                late_s,
+                0.0,
+                0.0,
+                0.0,
+            ];
+            if i > 0 {
+                goal[AHEAD_LATE] = (i - 1) as f64 * o.behind_s;
+            }
+            let [x, y] = oval(&goal, -late_s);
             let [dx, dy] = jitter(rng, 0.05);
-            *start = start_at([x + dx, y + dy, self.0.height_m], &[]);
+            *start = start_at([x + dx, y + dy, o.height_m], &goal);
         }
     }
 
     #[inline(always)]
-    fn setpoint<R: Scalar>(&self, own: usize, _: &mut [R; GOAL], _: &[R], scene: &Scene<R>) -> Setpoint<R> {
-        let o = &self.0;
-        let [x, y] = self.oval(scene.t_s - R::from_f64(own as f64 * o.behind_s));
-        let z = R::from_f64(o.height_m);
+    fn setpoint<R: Scalar>(
+        &self,
+        own: usize,
+        goal: &mut [R; GOAL],
+        _: &[R],
+        scene: &Scene<R>,
+    ) -> Setpoint<R> {
+        let [x, y] = oval(goal, scene.t_s - goal[LATE]);
+        let z = goal[HEIGHT];
         if own == 0 {
             return Setpoint { pos_m: [x, y, z], yaw_rad: R::zero() };
         }
         // the error of the one ahead is passed on: who is late makes the others wait
         let ahead = &scene.drones[own - 1];
-        let [ax, ay] = self.oval(scene.t_s - R::from_f64((own - 1) as f64 * o.behind_s));
+        let [ax, ay] = oval(goal, scene.t_s - goal[AHEAD_LATE]);
         let late = [ahead.here * (ahead.pos_m[0] - ax), ahead.here * (ahead.pos_m[1] - ay)];
         let limit = R::from_f64(0.3);
         Setpoint {
@@ -74,10 +90,8 @@ impl Task for Follow {
     }
 }
 
-impl Follow {
-    #[inline(always)]
-    fn oval<R: Scalar>(&self, t_s: R) -> [R; 2] {
-        let (sin, cos) = (t_s * R::from_f64(std::f64::consts::TAU / self.0.period_s)).sin_cos();
-        [R::from_f64(self.0.size_m) * cos, R::from_f64(0.7 * self.0.size_m) * sin]
-    }
+#[inline(always)]
+fn oval<R: Scalar>(goal: &[R], t_s: R) -> [R; 2] {
+    let (sin, cos) = (t_s * goal[RATE]).sin_cos();
+    [goal[LENGTH] * cos, goal[WIDTH] * sin]
 }

@@ -1,36 +1,23 @@
 //! Hold a formation that moves and changes its shape.
 
 use rand_pcg::Pcg64Mcg;
-use serde::Deserialize;
 
-use super::{GOAL, Scene, Start, Task, jitter, on_circle, start_at};
-use crate::error::{Error, Result, check_range};
+use super::{Chosen, GOAL, Scene, Start, Task, jitter, on_circle, options, start_at};
+use crate::error::{Error, Result};
 use crate::observation::Setpoint;
 use crate::scalar::{Scalar, tabulate};
 
-/// Options of the task.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Options {
-    /// Between neighbours, at least.
-    pub spacing_m: f64,
-    pub height_m: f64,
-    /// The formation's middle moves on a circle of this radius.
-    pub roam_m: f64,
-    /// Time for one round of it.
-    pub period_s: f64,
-    /// The shape changes this often, between ring and rows; 0 for never.
-    pub change_s: f64,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Options { spacing_m: 0.5, height_m: 0.8, roam_m: 0.4, period_s: 16.0, change_s: 8.0 }
-    }
+options! {
+    fixed spacing_m: f64 = 0.5, "m", [0.1, 2.0], "distance between neighbours, at least";
+    drawn height_m: f64 = 0.8, "m", [0.2, 2.5], "height of the formation";
+    drawn roam_m: f64 = 0.4, "m", [0.0, 1.5], "radius of the circle on which the middle of the formation moves";
+    drawn period_s: f64 = 16.0, "s", [2.0, 600.0], "time for one round of it";
+    fixed change_s: f64 = 8.0, "s", [0.0, 600.0], "the shape changes this often, between ring and rows; 0 for never";
 }
 
 pub struct Formation {
-    options: Options,
+    chosen: Chosen<Options>,
+    change_s: f64,
     /// Each drone's place in the ring and in the rows, about the middle.
     places: Vec<[[f64; 2]; 2]>,
 }
@@ -48,12 +35,11 @@ impl Task for Formation {
     const DRONES: usize = 4;
     type Options = Options;
 
-    fn new(o: Options, drones: usize) -> Result<Self> {
-        check_range("spacing_m", o.spacing_m, 0.1, 2.0)?;
-        check_range("height_m", o.height_m, 0.2, 2.5)?;
-        check_range("roam_m", o.roam_m, 0.0, 1.5)?;
-        check_range("period_s", o.period_s, 2.0, 600.0)?;
-        check_range("change_s", o.change_s, 0.0, 600.0)?;
+    fn new(chosen: Chosen<Options>, drones: usize) -> Result<Self> {
+        // the widest circle decides whether there is room
+        let first = chosen.first();
+        let roam_m = chosen.corners().map(|o| o.roam_m).fold(first.roam_m, f64::max);
+        let o = Options { roam_m, ..first };
         if o.change_s != 0.0 && o.change_s < CHANGE_S {
             return Err(Error::Range {
                 name: "change_s".into(),
@@ -83,28 +69,36 @@ impl Task for Formation {
             let row = [square(i % columns, columns), square(i / columns, rows)];
             [if fits { on_circle(i, drones, radius_m, 0.0) } else { row }, row]
         };
-        Ok(Formation { places: assigned((0..drones).map(place).collect()), options: o })
+        Ok(Formation { places: assigned((0..drones).map(place).collect()), change_s: o.change_s, chosen })
     }
 
     fn start(&self, rng: &mut Pcg64Mcg, starts: &mut [Start], _: &mut [f64]) {
+        let o = self.chosen.draw(rng);
+        let goal = [std::f64::consts::TAU / o.period_s, o.roam_m, o.height_m];
         for (start, [ring, _]) in starts.iter_mut().zip(&self.places) {
             let [dx, dy] = jitter(rng, 0.05);
-            *start = start_at([self.options.roam_m + ring[0] + dx, ring[1] + dy, self.options.height_m], &[]);
+            *start = start_at([o.roam_m + ring[0] + dx, ring[1] + dy, o.height_m], &goal);
         }
     }
 
     #[inline(always)]
-    fn setpoint<R: Scalar>(&self, own: usize, _: &mut [R; GOAL], _: &[R], scene: &Scene<R>) -> Setpoint<R> {
-        let o = &self.options;
-        let (sin, cos) = (scene.t_s * R::from_f64(std::f64::consts::TAU / o.period_s)).sin_cos();
+    fn setpoint<R: Scalar>(
+        &self,
+        own: usize,
+        goal: &mut [R; GOAL],
+        _: &[R],
+        scene: &Scene<R>,
+    ) -> Setpoint<R> {
+        let [rate, roam, height, ..] = *goal;
+        let (sin, cos) = (scene.t_s * rate).sin_cos();
         let shape = self.shape(scene.t_s);
         let [ring, rows] = &self.places[own];
-        let middle = [cos * R::from_f64(o.roam_m), sin * R::from_f64(o.roam_m)];
+        let middle = [cos * roam, sin * roam];
         let [x, y] = tabulate(
             #[inline(always)]
             |i| middle[i] + R::from_f64(ring[i]) + shape * R::from_f64(rows[i] - ring[i]),
         );
-        Setpoint { pos_m: [x, y, R::from_f64(o.height_m)], yaw_rad: R::zero() }
+        Setpoint { pos_m: [x, y, height], yaw_rad: R::zero() }
     }
 }
 
@@ -112,7 +106,7 @@ impl Formation {
     /// 0 for the ring, 1 for the rows, in between during a change.
     #[inline(always)]
     fn shape<R: Scalar>(&self, t_s: R) -> R {
-        let period = self.options.change_s;
+        let period = self.change_s;
         if period == 0.0 {
             return R::zero();
         }

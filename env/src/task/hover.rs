@@ -4,27 +4,22 @@ use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use serde::Deserialize;
 
-use super::{GOAL, HEIGHT_M, Scene, Start, Task, in_disc};
+use super::{Chosen, GOAL, HEIGHT_M, Scene, Start, Task, in_disc, options, options::Rows, start_at};
 use crate::error::{Result, check_range};
 use crate::observation::Setpoint;
 use crate::scalar::Scalar;
 
-/// Options of the hover task.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Options {
-    /// Start within this of the marker, at the set-point's height.
-    pub start_radius_m: f64,
-    /// Start exactly here instead.
-    pub start_m: Option<[f64; 3]>,
-    /// Heading at the start is within this of the set-point's.
-    pub start_yaw_deg: f64,
-    /// Where to hover.
-    pub setpoint_m: [f64; 3],
-    pub setpoint_yaw_deg: f64,
-    /// Where to hover from later times on, in order.
-    pub steps: Vec<Step>,
+options! {
+    drawn start_radius_m: f64 = 0.8, "m", [0.0, 2.0], "radius of the disc about the set-point in which it starts";
+    drawn start_m: Option<[f64; 3]> = None, "m", ROOM, "where it starts, instead of anywhere in the disc";
+    drawn start_yaw_deg: f64 = 0.0, "deg", [0.0, 180.0], "heading at the start is within this of the set-point's";
+    drawn setpoint_m: [f64; 3] = [0.0, 0.0, HEIGHT_M], "m", ROOM, "where to hover";
+    drawn setpoint_yaw_deg: f64 = 0.0, "deg", [-180.0, 180.0], "heading to hover with";
+    fixed steps: Rows = Rows, "", (), "where to hover from later times on, in order: rows of from_s, setpoint_m and setpoint_yaw_deg";
 }
+
+/// Where a start or a set-point may be.
+const ROOM: [[f64; 2]; 3] = [[-2.4, 2.4], [-2.4, 2.4], [0.0, 2.6]];
 
 /// A jump of the set-point.
 #[derive(Debug, Clone, Deserialize)]
@@ -36,20 +31,10 @@ pub struct Step {
     pub setpoint_yaw_deg: f64,
 }
 
-impl Default for Options {
-    fn default() -> Self {
-        Options {
-            start_radius_m: 0.8,
-            start_m: None,
-            start_yaw_deg: 0.0,
-            setpoint_m: [0.0, 0.0, HEIGHT_M],
-            setpoint_yaw_deg: 0.0,
-            steps: Vec::new(),
-        }
-    }
+pub struct Hover {
+    chosen: Chosen<Options>,
+    steps: Vec<Step>,
 }
-
-pub struct Hover(Options);
 
 impl Task for Hover {
     const NAME: &'static str = "hover";
@@ -59,46 +44,33 @@ impl Task for Hover {
     const MAX_EPISODE_STEPS: u32 = 500;
     type Options = Options;
 
-    fn new(o: Options, _: usize) -> Result<Self> {
-        check_range("start_radius_m", o.start_radius_m, 0.0, 2.0)?;
-        check_range("start_yaw_deg", o.start_yaw_deg, 0.0, 180.0)?;
-        let steps = o.steps.iter().map(|step| &step.setpoint_m);
-        for (p, high) in
-            o.start_m.iter().chain([&o.setpoint_m]).chain(steps).flat_map(|p| p.iter().zip([2.4, 2.4, 2.6]))
-        {
-            check_range(
-                "a coordinate of start_m or setpoint_m",
-                *p,
-                if high > 2.5 { 0.0 } else { -high },
-                high,
-            )?;
-        }
-        check_range("setpoint_yaw_deg", o.setpoint_yaw_deg, -180.0, 180.0)?;
+    fn new(chosen: Chosen<Options>, _: usize) -> Result<Self> {
+        let steps: Vec<Step> = chosen.list("steps")?;
         let mut earliest_s = 0.0;
-        for step in &o.steps {
+        for step in &steps {
+            for (p, [low, high]) in step.setpoint_m.iter().zip(ROOM) {
+                check_range("setpoint_m of a step", *p, low, high)?;
+            }
             check_range("setpoint_yaw_deg of a step", step.setpoint_yaw_deg, -180.0, 180.0)?;
             earliest_s = check_range("from_s of a step, in order", step.from_s, earliest_s, 3600.0)?;
         }
-        Ok(Hover(o))
+        Ok(Hover { chosen, steps })
     }
 
     fn start(&self, rng: &mut Pcg64Mcg, starts: &mut [Start], _: &mut [f64]) {
-        let o = &self.0;
+        let o = self.chosen.draw(rng);
         let [x, y] = in_disc(o.start_radius_m, rng);
         let turned = o.start_yaw_deg * (2.0 * rng.random::<f64>() - 1.0);
         let [gx, gy, gz] = o.setpoint_m;
         let yaw_rad = o.setpoint_yaw_deg.to_radians();
         let pos_m = o.start_m.unwrap_or([gx + x, gy + y, gz]);
-        starts.fill(Start {
-            pos_m,
-            yaw_rad: yaw_rad + turned.to_radians(),
-            goal: [gx, gy, gz, yaw_rad, 0.0, 0.0, 0.0, 0.0],
-        });
+        let yaw_start_rad = yaw_rad + turned.to_radians();
+        starts.fill(Start { yaw_rad: yaw_start_rad, ..start_at(pos_m, &[gx, gy, gz, yaw_rad]) });
     }
 
     #[inline(always)]
     fn setpoint<R: Scalar>(&self, _: usize, goal: &mut [R; GOAL], _: &[R], scene: &Scene<R>) -> Setpoint<R> {
-        for step in &self.0.steps {
+        for step in &self.steps {
             // half a millisecond of margin for the clock's rounding
             let due = R::from_f64(step.from_s - 5e-4).le(scene.t_s);
             let [x, y, z] = step.setpoint_m;
@@ -112,7 +84,6 @@ impl Task for Hover {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use crate::task::path;
 
     #[test]
@@ -133,15 +104,16 @@ mod tests {
 
     #[test]
     fn steps_come_in_order_and_within_the_room() {
-        let step = |from_s, x| Step { from_s, setpoint_m: [x, 0.0, 0.7], setpoint_yaw_deg: 0.0 };
-        let made = |steps: Vec<Step>| {
-            Hover::new(Options { steps, ..Options::default() }, 1).map(|_| ()).map_err(|e| e.to_string())
+        let step = |from_s: f64, x: f64| serde_json::json!({"from_s": from_s, "setpoint_m": [x, 0.0, 0.7]});
+        let made = |steps: Vec<serde_json::Value>| {
+            let options = serde_json::json!({ "steps": steps });
+            path("hover", &options, 0.02, 1).map(|_| ()).map_err(|e| e.to_string())
         };
         made(vec![step(1.0, 0.0), step(2.0, 0.1)]).unwrap();
         for (steps, word) in [
             (vec![step(2.0, 0.0), step(1.0, 0.0)], "from_s of a step, in order is 1"),
-            (vec![step(f64::NAN, 0.0)], "from_s of a step, in order is NaN"),
-            (vec![step(1.0, 3.0)], "setpoint_m is 3"),
+            (vec![step(f64::NAN, 0.0)], "steps: invalid type: null"),
+            (vec![step(1.0, 3.0)], "setpoint_m of a step is 3"),
         ] {
             let error = made(steps).unwrap_err();
             assert!(error.contains(word), "{error}");

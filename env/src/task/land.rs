@@ -1,28 +1,21 @@
 //! Land softly on the marker.
 
 use rand_pcg::Pcg64Mcg;
-use serde::Deserialize;
 
-use super::{GOAL, HEIGHT_M, Outcome, Scene, Situation, Start, Task, closeness, in_disc, jerk, keeping};
-use crate::error::{Result, check_range};
+use super::{
+    Chosen, GOAL, HEIGHT_M, Outcome, Scene, Situation, Start, Task, closeness, in_disc, jerk, keeping,
+    options, start_at,
+};
+use crate::error::Result;
 use crate::observation::Setpoint;
 use crate::scalar::Scalar;
 
-/// Options of the landing task.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Options {
-    pub start_radius_m: f64,
-    pub start_height_m: f64,
+options! {
+    drawn start_radius_m: f64 = 0.3, "m", [0.0, 2.0], "radius of the disc about the marker over which it starts";
+    drawn start_height_m: f64 = HEIGHT_M, "m", [0.1, 2.5], "height at the start";
 }
 
-impl Default for Options {
-    fn default() -> Self {
-        Options { start_radius_m: 0.3, start_height_m: HEIGHT_M }
-    }
-}
-
-pub struct Land(Options);
+pub struct Land(Chosen<Options>);
 
 impl Task for Land {
     const NAME: &'static str = "land";
@@ -32,15 +25,14 @@ impl Task for Land {
     const MAX_EPISODE_STEPS: u32 = 500;
     type Options = Options;
 
-    fn new(o: Options, _: usize) -> Result<Self> {
-        check_range("start_radius_m", o.start_radius_m, 0.0, 2.0)?;
-        check_range("start_height_m", o.start_height_m, 0.1, 2.5)?;
-        Ok(Land(o))
+    fn new(chosen: Chosen<Options>, _: usize) -> Result<Self> {
+        Ok(Land(chosen))
     }
 
     fn start(&self, rng: &mut Pcg64Mcg, starts: &mut [Start], _: &mut [f64]) {
-        let [x, y] = in_disc(self.0.start_radius_m, rng);
-        starts.fill(Start { pos_m: [x, y, self.0.start_height_m], yaw_rad: 0.0, goal: [0.0; GOAL] });
+        let o = self.0.draw(rng);
+        let [x, y] = in_disc(o.start_radius_m, rng);
+        starts.fill(start_at([x, y, o.start_height_m], &[]));
     }
 
     #[inline(always)]

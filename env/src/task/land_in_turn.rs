@@ -1,34 +1,30 @@
 //! Land on one marker, one after another.
 
 use rand_pcg::Pcg64Mcg;
-use serde::Deserialize;
 
 use super::{
-    GOAL, Outcome, Scene, Situation, Start, Task, closeness, distance, is, jerk, jitter, on_circle,
-    room_on_circle, start_at,
+    Chosen, GOAL, Outcome, Scene, Situation, Start, Task, closeness, distance, is, jerk, jitter, on_circle,
+    options, room_on_circle, start_at,
 };
-use crate::error::{Result, check_range};
+use crate::error::Result;
 use crate::observation::Setpoint;
 use crate::scalar::{Scalar, tabulate};
 
-/// Options of the landing in turn.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Options {
-    /// Of the circle on which they wait.
-    pub radius_m: f64,
-    pub height_m: f64,
-    /// Speed at which the set-point of the one whose turn it is goes to the place above the marker, and down.
-    pub speed_mps: f64,
+options! {
+    drawn radius_m: f64 = 0.8, "m", [0.2, 2.2], "radius of the circle on which they wait";
+    drawn height_m: f64 = 0.7, "m", [0.2, 2.5], "height of the circle";
+    drawn speed_mps: f64 = 0.3, "m/s", [0.05, 2.0], "speed at which the set-point of the one whose turn it is goes to the place above the marker, and down";
 }
 
-impl Default for Options {
-    fn default() -> Self {
-        Options { radius_m: 0.8, height_m: 0.7, speed_mps: 0.3 }
-    }
-}
+pub struct LandInTurn(Chosen<Options>);
 
-pub struct LandInTurn(Options);
+/// Goal slots behind the own place on the circle: speed, one over the radius, the way to go before it sinks,
+/// height, and how far it sinks.
+const SPEED: usize = 2;
+const PER_RADIUS: usize = 3;
+const BEFORE: usize = 4;
+const HEIGHT: usize = 5;
+const DEPTH: usize = 6;
 
 /// Board: whose turn it is, and since when.
 const TURN: usize = 0;
@@ -46,13 +42,12 @@ impl Task for LandInTurn {
     const DRONES: usize = 4;
     type Options = Options;
 
-    fn new(o: Options, drones: usize) -> Result<Self> {
-        check_range("radius_m", o.radius_m, 0.2, 2.2)?;
-        check_range("height_m", o.height_m, 0.2, 2.5)?;
-        check_range("speed_mps", o.speed_mps, 0.05, 2.0)?;
-        // they start up to 5 cm off their places
-        room_on_circle("radius_m", o.radius_m, drones, 0.25)?;
-        Ok(LandInTurn(o))
+    fn new(chosen: Chosen<Options>, drones: usize) -> Result<Self> {
+        for o in chosen.corners() {
+            // they start up to 5 cm off their places
+            room_on_circle("radius_m", o.radius_m, drones, 0.25)?;
+        }
+        Ok(LandInTurn(chosen))
     }
 
     fn board(&self) -> usize {
@@ -61,11 +56,23 @@ impl Task for LandInTurn {
 
     fn start(&self, rng: &mut Pcg64Mcg, starts: &mut [Start], board: &mut [f64]) {
         board.fill(0.0);
-        let n = starts.len();
+        let (o, n) = (self.0.draw(rng), starts.len());
         for (i, start) in starts.iter_mut().enumerate() {
-            let [x, y] = on_circle(i, n, self.0.radius_m, 0.0);
+            let [x, y] = on_circle(i, n, o.radius_m, 0.0);
             let [dx, dy] = jitter(rng, 0.05);
-            *start = start_at([x + dx, y + dy, self.0.height_m], &[x, y]);
+            *start = start_at(
+                [x + dx, y + dy, o.height_m],
+                // a second's way above the marker, then down into the floor, so that it is reached
+                &[
+                    x,
+                    y,
+                    o.speed_mps,
+                    1.0 / o.radius_m,
+                    o.radius_m + o.speed_mps,
+                    o.height_m,
+                    o.height_m + 0.1,
+                ],
+            );
         }
     }
 
@@ -86,15 +93,12 @@ impl Task for LandInTurn {
         board: &[R],
         scene: &Scene<R>,
     ) -> Setpoint<R> {
-        let o = &self.0;
         let mine = is(board[TURN], own);
-        let gone_m = (scene.t_s - board[SINCE]) * R::from_f64(o.speed_mps);
-        let share = (gone_m * R::from_f64(1.0 / o.radius_m)).clamp(R::zero(), R::from_f64(1.0));
+        let gone_m = (scene.t_s - board[SINCE]) * goal[SPEED];
+        let share = (gone_m * goal[PER_RADIUS]).clamp(R::zero(), R::from_f64(1.0));
         let inwards = R::select(mine, R::from_f64(1.0) - share, R::from_f64(1.0));
-        // a second's way above the marker, then down into the floor, so that it is reached
-        let sunk =
-            (gone_m - R::from_f64(o.radius_m + o.speed_mps)).clamp(R::zero(), R::from_f64(o.height_m + 0.1));
-        let height = R::from_f64(o.height_m) - R::select(mine, sunk, R::zero());
+        let sunk = (gone_m - goal[BEFORE]).clamp(R::zero(), goal[DEPTH]);
+        let height = goal[HEIGHT] - R::select(mine, sunk, R::zero());
         let [x, y] = tabulate(
             #[inline(always)]
             |i| inwards * goal[i],

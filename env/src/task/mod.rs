@@ -8,16 +8,21 @@ mod formation;
 mod hover;
 mod land;
 mod land_in_turn;
+mod options;
 mod path;
 mod swap;
 mod takeoff;
 mod track;
+mod track_table;
 
+pub use options::{OptionKind, TaskOption};
 pub use path::path;
+pub use track_table::{TRACK_COLUMNS, track_rows};
 
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
-use serde::de::DeserializeOwned;
+
+pub(crate) use options::{Chosen, OptionSet, options};
 
 use crate::coupling::{MOST_DRONES, load};
 use crate::effects::Neighbour;
@@ -29,7 +34,7 @@ use crate::scalar::{Scalar, tabulate};
 use crate::world::Contact;
 
 /// Numbers that a task remembers of a drone's episode.
-pub const GOAL: usize = 8;
+pub const GOAL: usize = 12;
 
 /// The thesis's working height.
 pub(crate) const HEIGHT_M: f64 = 0.7;
@@ -98,13 +103,13 @@ pub(crate) trait Task: Send + Sync + Sized + 'static {
     /// Reward that a collision, a crash or leaving the room takes; all three end a drone's flight.
     const CRASH_COST: f64 = if Self::DRONES > 1 { 10.0 } else { 0.0 };
     /// The task's options, as in the `task_options` of a configuration.
-    type Options: DeserializeOwned + Default;
+    type Options: OptionSet;
 
     /// For so many drones.
     ///
     /// # Errors
-    /// [`Error::Range`] for options out of range.
-    fn new(options: Self::Options, drones: usize) -> Result<Self>;
+    /// [`Error::Range`] and [`Error::Config`] for options that do not go together.
+    fn new(chosen: Chosen<Self::Options>, drones: usize) -> Result<Self>;
     /// Numbers that all drones of an environment share.
     fn board(&self) -> usize {
         0
@@ -156,6 +161,7 @@ pub struct Entry {
     pub drones: usize,
     /// See [`Task::CRASH_COST`].
     pub(crate) crash_cost: f64,
+    options: fn() -> Vec<TaskOption>,
 }
 
 const fn entry<T: Task>() -> Entry {
@@ -167,10 +173,16 @@ const fn entry<T: Task>() -> Entry {
         max_episode_steps: T::MAX_EPISODE_STEPS,
         drones: T::DRONES,
         crash_cost: T::CRASH_COST,
+        options: T::Options::list,
     }
 }
 
 impl Entry {
+    /// The options that `task_options` may hold.
+    pub fn options(&self) -> Vec<TaskOption> {
+        (self.options)()
+    }
+
     /// The number of drones where `asked` are asked for; 0 for the task's own number.
     ///
     /// # Errors
@@ -193,12 +205,7 @@ impl Entry {
 }
 
 fn build<T: Task>(options: &serde_json::Value, drones: usize) -> Result<T> {
-    let options = match options {
-        serde_json::Value::Null => T::Options::default(),
-        given => serde_json::from_value(given.clone())
-            .map_err(|e| Error::Config(format!("options of the task {}: {e}", T::NAME)))?,
-    };
-    T::new(options, drones)
+    T::new(Chosen::read(T::NAME, options)?, drones)
 }
 
 macro_rules! registry {
@@ -288,10 +295,11 @@ pub(crate) fn room_on_circle(name: &str, radius_m: f64, n: usize, least_m: f64) 
     if n < 2 || gap_m >= least_m {
         return Ok(());
     }
+    let needed_m = 0.5 * least_m / libm::sin(std::f64::consts::PI / n as f64);
     Err(Error::Range {
         name: name.into(),
         value: radius_m,
-        want: format!("{:.0} cm between {n} drones", 100.0 * least_m),
+        want: format!("{:.0} cm between {n} drones: at least {needed_m:.3}", 100.0 * least_m),
     })
 }
 

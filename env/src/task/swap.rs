@@ -2,33 +2,23 @@
 
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
-use serde::Deserialize;
 
-use super::{GOAL, Scene, Start, Task, jitter, on_circle, room_on_circle, start_at};
-use crate::error::{Result, check_range};
+use super::{Chosen, GOAL, Scene, Start, Task, jitter, on_circle, options, room_on_circle, start_at};
+use crate::error::Result;
 use crate::observation::Setpoint;
 use crate::scalar::Scalar;
 
-/// Options of the swap.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Options {
-    /// Of the circle that they stand on.
-    pub radius_m: f64,
-    pub height_m: f64,
-    /// Wait in place before the swap begins.
-    pub wait_s: f64,
-    /// Each start is off its place by at most this, and the circle is turned at random.
-    pub jitter_m: f64,
+options! {
+    drawn radius_m: f64 = 1.2, "m", [0.2, 2.2], "radius of the circle that they stand on; it grows by itself where many drones need it";
+    drawn height_m: f64 = 0.8, "m", [0.2, 2.5], "height of the circle";
+    drawn wait_s: f64 = 1.0, "s", [0.0, 60.0], "time in place before the swap begins";
+    drawn jitter_m: f64 = 0.05, "m", [0.0, 0.2], "each start is off its place by at most this along each axis; it shrinks by itself where many drones need it";
 }
 
-impl Default for Options {
-    fn default() -> Self {
-        Options { radius_m: 1.2, height_m: 0.8, wait_s: 1.0, jitter_m: 0.05 }
-    }
-}
+pub struct Swap(Chosen<Options>);
 
-pub struct Swap(Options);
+/// Between the starts of neighbours, at least: two propellers' tips.
+const GAP_M: f64 = 0.15;
 
 impl Task for Swap {
     const NAME: &'static str = "swap";
@@ -39,30 +29,46 @@ impl Task for Swap {
     const DRONES: usize = 8;
     type Options = Options;
 
-    fn new(o: Options, drones: usize) -> Result<Self> {
-        check_range("radius_m", o.radius_m, 0.2, 2.2)?;
-        check_range("height_m", o.height_m, 0.2, 2.5)?;
-        check_range("wait_s", o.wait_s, 0.0, 60.0)?;
-        check_range("jitter_m", o.jitter_m, 0.0, 0.2)?;
-        room_on_circle("radius_m", o.radius_m, drones, 0.15 + 2.0 * o.jitter_m)?;
-        Ok(Swap(o))
+    fn new(mut chosen: Chosen<Options>, drones: usize) -> Result<Self> {
+        make_room(&mut chosen, drones);
+        for o in chosen.corners() {
+            room_on_circle("radius_m", o.radius_m, drones, GAP_M + 2.0 * o.jitter_m)?;
+        }
+        Ok(Swap(chosen))
     }
 
     fn start(&self, rng: &mut Pcg64Mcg, starts: &mut [Start], _: &mut [f64]) {
-        let (o, n) = (&self.0, starts.len());
+        let (o, n) = (self.0.draw(rng), starts.len());
         let turned = std::f64::consts::TAU * rng.random::<f64>();
         for (i, start) in starts.iter_mut().enumerate() {
             let [x, y] = on_circle(i, n, o.radius_m, turned);
             let [dx, dy, dz] = jitter(rng, o.jitter_m);
-            *start = start_at([x + dx, y + dy, o.height_m + dz], &[x, y]);
+            *start = start_at(
+                [x + dx, y + dy, o.height_m + dz],
+                // half a millisecond of margin for the clock's rounding
+                &[x, y, o.height_m, o.wait_s - 5e-4],
+            );
         }
     }
 
     #[inline(always)]
     fn setpoint<R: Scalar>(&self, _: usize, goal: &mut [R; GOAL], _: &[R], scene: &Scene<R>) -> Setpoint<R> {
-        // half a millisecond of margin for the clock's rounding
-        let side =
-            R::select(scene.t_s.lt(R::from_f64(self.0.wait_s - 5e-4)), R::from_f64(1.0), R::from_f64(-1.0));
-        Setpoint { pos_m: [side * goal[0], side * goal[1], R::from_f64(self.0.height_m)], yaw_rad: R::zero() }
+        let side = R::select(scene.t_s.lt(goal[3]), R::from_f64(1.0), R::from_f64(-1.0));
+        Setpoint { pos_m: [side * goal[0], side * goal[1], goal[2]], yaw_rad: R::zero() }
+    }
+}
+
+/// Many drones need a larger circle, and less jitter where the room ends, unless the user chose either.
+fn make_room(chosen: &mut Chosen<Options>, drones: usize) {
+    let o = chosen.first();
+    let half_sine = libm::sin(std::f64::consts::PI / drones.max(2) as f64);
+    let needed_m = 0.5 * (GAP_M + 2.0 * o.jitter_m) / half_sine;
+    if !chosen.gives("radius_m") && needed_m > o.radius_m {
+        // a little more, so that rounding leaves room
+        chosen.set("radius_m", (needed_m + 0.001).min(2.2));
+    }
+    let left_m = half_sine * chosen.first().radius_m - 0.5 * GAP_M;
+    if !chosen.gives("jitter_m") && left_m < o.jitter_m {
+        chosen.set("jitter_m", (left_m - 0.001).max(0.0));
     }
 }

@@ -1,27 +1,17 @@
 //! Take off from the marker to 70 cm (7.3, figure 7.9).
 
 use rand_pcg::Pcg64Mcg;
-use serde::Deserialize;
 
-use super::{GOAL, HEIGHT_M, Outcome, Scene, Situation, Start, Task, keeping};
-use crate::error::{Result, check_range};
+use super::{Chosen, GOAL, HEIGHT_M, Outcome, Scene, Situation, Start, Task, keeping, options, start_at};
+use crate::error::Result;
 use crate::observation::Setpoint;
 use crate::scalar::Scalar;
 
-/// Options of the take-off task.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Options {
-    pub height_m: f64,
+options! {
+    drawn height_m: f64 = HEIGHT_M, "m", [0.1, 2.5], "height to hover at";
 }
 
-impl Default for Options {
-    fn default() -> Self {
-        Options { height_m: HEIGHT_M }
-    }
-}
-
-pub struct Takeoff(Options);
+pub struct Takeoff(Chosen<Options>);
 
 impl Task for Takeoff {
     const NAME: &'static str = "takeoff";
@@ -31,17 +21,12 @@ impl Task for Takeoff {
     const MAX_EPISODE_STEPS: u32 = 500;
     type Options = Options;
 
-    fn new(o: Options, _: usize) -> Result<Self> {
-        check_range("height_m", o.height_m, 0.1, 2.5)?;
-        Ok(Takeoff(o))
+    fn new(chosen: Chosen<Options>, _: usize) -> Result<Self> {
+        Ok(Takeoff(chosen))
     }
 
-    fn start(&self, _: &mut Pcg64Mcg, starts: &mut [Start], _: &mut [f64]) {
-        starts.fill(Start {
-            pos_m: [0.0; 3],
-            yaw_rad: 0.0,
-            goal: [0.0, 0.0, self.0.height_m, 0.0, 0.0, 0.0, 0.0, 0.0],
-        });
+    fn start(&self, rng: &mut Pcg64Mcg, starts: &mut [Start], _: &mut [f64]) {
+        starts.fill(start_at([0.0; 3], &[0.0, 0.0, self.0.draw(rng).height_m]));
     }
 
     #[inline(always)]

@@ -1,17 +1,17 @@
 //! Follow a moving set-point: figure eight, circle, square, helix, or straight legs between random waypoints.
 
 use rand_pcg::Pcg64Mcg;
-use serde::Deserialize;
 
-use super::{GOAL, HEIGHT_M, Scene, Start, Task};
-use crate::error::{Error, Result, check_range};
+use super::options::{OptionKind, OptionValue, Rows, options};
+use super::track_table::TrackTable;
+use super::{Chosen, GOAL, HEIGHT_M, Scene, Start, Task, start_at};
+use crate::error::{Error, Result};
 use crate::noise::channel;
 use crate::observation::Setpoint;
 use crate::scalar::{Scalar, tabulate};
 
 /// What to fly.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "snake_case")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Shape {
     FigureEight,
     Circle,
@@ -20,33 +20,48 @@ pub enum Shape {
     Waypoints,
 }
 
-/// Options of the tracking task.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Options {
-    pub shape: Shape,
-    /// Half the width of the shape.
-    pub size_m: f64,
-    /// Time for one round; for waypoints, for one leg.
-    pub period_s: f64,
-    /// Middle height.
-    pub height_m: f64,
-    /// Half the height that a helix or the waypoints span.
-    pub rise_m: f64,
-}
+/// In the order of [`SHAPE_NAMES`].
+const SHAPES: [Shape; 5] = [Shape::FigureEight, Shape::Circle, Shape::Square, Shape::Helix, Shape::Waypoints];
+const SHAPE_NAMES: [&str; 5] = ["figure_eight", "circle", "square", "helix", "waypoints"];
 
-impl Default for Options {
-    fn default() -> Self {
-        Options { shape: Shape::FigureEight, size_m: 0.5, period_s: 8.0, height_m: HEIGHT_M, rise_m: 0.2 }
+impl OptionValue for Shape {
+    type Range = ();
+    const KIND: OptionKind = OptionKind::Name(&SHAPE_NAMES);
+    fn numbers(self) -> [f64; 3] {
+        [self as usize as f64, 0.0, 0.0]
+    }
+    fn from_numbers([place, ..]: [f64; 3]) -> Self {
+        SHAPES[place as usize]
+    }
+    fn bounds((): ()) -> [[f64; 2]; 3] {
+        [[0.0; 2]; 3]
     }
 }
 
-pub struct Track(Options);
+options! {
+    fixed shape: Shape = Shape::FigureEight, "", (), "what to fly";
+    drawn size_m: f64 = 0.5, "m", [0.05, 2.0], "half the width of the shape";
+    drawn period_s: f64 = 8.0, "s", [0.5, 120.0], "time for one round; for waypoints, for one leg";
+    drawn height_m: f64 = HEIGHT_M, "m", [0.2, 2.5], "middle height";
+    drawn rise_m: f64 = 0.2, "m", [0.0, 1.0], "half the height that a helix or the waypoints span";
+    fixed points: Rows = Rows, "", (), "a track of one's own instead of a shape: rows of t_s, x_m, y_m, z_m and, if wanted, yaw_rad; straight between them, and it ends at the last";
+}
+
+pub struct Track {
+    chosen: Chosen<Options>,
+    shape: Shape,
+    table: Option<TrackTable>,
+}
 
 /// Goal slots of the waypoints: leg from, leg to, its start time.
 const FROM: usize = 0;
 const TO: usize = 3;
 const SINCE: usize = 6;
+/// Goal slots of what was drawn: size, rounds per second or for waypoints seconds per leg, height, rise.
+const SIZE: usize = 7;
+const PACE: usize = 8;
+const HEIGHT: usize = 9;
+const RISE: usize = 10;
 
 impl Task for Track {
     const NAME: &'static str = "track";
@@ -57,47 +72,65 @@ impl Task for Track {
     const MAX_EPISODE_STEPS: u32 = 1000;
     type Options = Options;
 
-    fn new(o: Options, _: usize) -> Result<Self> {
-        check_range("size_m", o.size_m, 0.05, 2.0)?;
-        check_range("period_s", o.period_s, 0.5, 120.0)?;
-        check_range("height_m", o.height_m, 0.2, 2.5)?;
-        check_range("rise_m", o.rise_m, 0.0, 1.0)?;
-        if o.height_m - o.rise_m < 0.1 {
-            return Err(Error::Range {
-                name: "height_m - rise_m".into(),
-                value: o.height_m - o.rise_m,
-                want: "at least 0.1".into(),
-            });
+    fn new(chosen: Chosen<Options>, _: usize) -> Result<Self> {
+        for o in chosen.corners() {
+            if o.height_m - o.rise_m < 0.1 {
+                return Err(Error::Range {
+                    name: "height_m - rise_m".into(),
+                    value: o.height_m - o.rise_m,
+                    want: "at least 0.1".into(),
+                });
+            }
         }
-        Ok(Track(o))
+        let table = TrackTable::from_rows(&chosen.list::<Vec<f64>>("points")?)?;
+        if let (Some(_), Some(name)) =
+            (&table, ["shape", "size_m", "period_s", "height_m", "rise_m"].iter().find(|n| chosen.gives(n)))
+        {
+            return Err(Error::Config(format!(
+                "options of the task track: points are given, so {name} must not be"
+            )));
+        }
+        Ok(Track { shape: chosen.first().shape, table, chosen })
     }
 
-    fn start(&self, _: &mut Pcg64Mcg, starts: &mut [Start], _: &mut [f64]) {
+    fn start(&self, rng: &mut Pcg64Mcg, starts: &mut [Start], _: &mut [f64]) {
+        let o = self.chosen.draw(rng);
+        if let Some(table) = &self.table {
+            let [x, y, z, yaw_rad] = table.interpolate(0.0);
+            starts.fill(Start { yaw_rad, ..start_at([x, y, z], &[]) });
+            return;
+        }
         let mut goal = [0.0; GOAL];
-        let pos_m = match self.0.shape {
-            Shape::Waypoints => [0.0, 0.0, self.0.height_m],
-            _ => self.round(0.0),
-        };
+        let waypoints = self.shape == Shape::Waypoints;
+        goal[SIZE] = o.size_m;
+        goal[PACE] = if waypoints { o.period_s } else { 1.0 / o.period_s };
+        goal[HEIGHT] = o.height_m;
+        goal[RISE] = o.rise_m;
+        let pos_m = if waypoints { [0.0, 0.0, o.height_m] } else { self.round(&goal, 0.0) };
         goal[FROM..FROM + 3].copy_from_slice(&pos_m);
         goal[TO..TO + 3].copy_from_slice(&pos_m);
         // the first leg ends at once, and the first waypoint is drawn
-        goal[SINCE] = -self.0.period_s;
-        starts.fill(Start { pos_m, yaw_rad: 0.0, goal });
+        goal[SINCE] = -o.period_s;
+        starts.fill(start_at(pos_m, &goal));
     }
 
     #[inline(always)]
     fn setpoint<R: Scalar>(&self, _: usize, goal: &mut [R; GOAL], _: &[R], scene: &Scene<R>) -> Setpoint<R> {
-        let (o, t_s, draw) = (&self.0, scene.t_s, &scene.draw);
-        if o.shape != Shape::Waypoints {
-            return Setpoint { pos_m: self.round(t_s), yaw_rad: R::zero() };
+        let (t_s, draw) = (scene.t_s, &scene.draw);
+        if let Some(table) = &self.table {
+            return table.setpoint(t_s);
         }
-        let period = R::from_f64(o.period_s);
+        if self.shape != Shape::Waypoints {
+            return Setpoint { pos_m: self.round(goal, t_s), yaw_rad: R::zero() };
+        }
+        let period = goal[PACE];
         let arrived = (goal[SINCE] + period).le(t_s + R::from_f64(1e-3));
-        let spread = [o.size_m, o.size_m, o.rise_m];
+        let spread = [goal[SIZE], goal[SIZE], goal[RISE]];
         for i in 0..3 {
-            let middle = if i == 2 { R::from_f64(o.height_m) } else { R::zero() };
+            let middle = if i == 2 { goal[HEIGHT] } else { R::zero() };
             let drawn = middle
-                + R::from_f64(2.0 * spread[i])
+                + R::from_f64(2.0)
+                    * spread[i]
                     * (draw.uniform(channel("waypoint").wrapping_add(i as u32)) - R::from_f64(0.5));
             goal[FROM + i] = R::select(arrived, goal[TO + i], goal[FROM + i]);
             goal[TO + i] = R::select(arrived, drawn, goal[TO + i]);
@@ -117,12 +150,11 @@ impl Task for Track {
 impl Track {
     /// The closed shapes.
     #[inline(always)]
-    fn round<R: Scalar>(&self, t_s: R) -> [R; 3] {
-        let o = &self.0;
-        let (a, z) = (R::from_f64(o.size_m), R::from_f64(o.height_m));
-        let turns = t_s * R::from_f64(1.0 / o.period_s);
+    fn round<R: Scalar>(&self, goal: &[R; GOAL], t_s: R) -> [R; 3] {
+        let (a, z) = (goal[SIZE], goal[HEIGHT]);
+        let turns = t_s * goal[PACE];
         let (sin, cos) = (R::from_f64(std::f64::consts::TAU) * turns).sin_cos();
-        match o.shape {
+        match self.shape {
             // Gerono's lemniscate, through the marker at the start
             Shape::FigureEight | Shape::Waypoints => [a * sin, a * sin * cos, z],
             Shape::Circle => [a * cos, a * sin, z],
@@ -130,21 +162,20 @@ impl Track {
             Shape::Helix => [
                 a * cos,
                 a * sin,
-                z + R::from_f64(o.rise_m) * (R::from_f64(std::f64::consts::FRAC_PI_2) * turns).sin_cos().0,
+                z + goal[RISE] * (R::from_f64(std::f64::consts::FRAC_PI_2) * turns).sin_cos().0,
             ],
             Shape::Square => {
                 // both coordinates are clipped triangle waves of the same round, a quarter apart
-                [self.edge(turns, 0.125), self.edge(turns, 0.375), z]
+                [edge(a, turns, 0.125), edge(a, turns, 0.375), z]
             }
         }
     }
+}
 
-    /// A triangle wave of twice the size, clipped: a quarter of a round across, a quarter waiting.
-    #[inline(always)]
-    fn edge<R: Scalar>(&self, turns: R, phase: f64) -> R {
-        let a = R::from_f64(self.0.size_m);
-        let p = turns + R::from_f64(phase);
-        let saw = p - p.round();
-        (R::from_f64(8.0 * self.0.size_m) * (saw.abs() - R::from_f64(0.25))).clamp(-a, a)
-    }
+/// A triangle wave of twice the size `a`, clipped: a quarter of a round across, a quarter waiting.
+#[inline(always)]
+fn edge<R: Scalar>(a: R, turns: R, phase: f64) -> R {
+    let p = turns + R::from_f64(phase);
+    let saw = p - p.round();
+    (R::from_f64(8.0) * a * (saw.abs() - R::from_f64(0.25))).clamp(-a, a)
 }

@@ -5,7 +5,7 @@ use crazyflie_env::action::{ActionLevel, registry};
 use crazyflie_env::config::Options;
 use crazyflie_env::isa::Level;
 use crazyflie_env::model::Model;
-use crazyflie_env::observation::{ACTION, Interface, index};
+use crazyflie_env::observation::{ACTION, index};
 use crazyflie_env::task;
 use crazyflie_env::vector::{STATE, state_index};
 
@@ -255,47 +255,4 @@ fn the_default_is_not_written_and_mistakes_are_named() {
         let error = Options::parse(json).unwrap_err().to_string();
         assert!(words.iter().all(|word| error.contains(word)), "{error}");
     }
-}
-
-/// The page of action levels, between its head and its foot.
-fn table() -> String {
-    let model = Model::thesis();
-    let mut text = String::from(
-        "| level | number | unit | from | to | bandwidth, rad/s | about |\n|---|---|---|---|---|---|---|\n",
-    );
-    for entry in registry() {
-        let input = model.input(None).unwrap();
-        let interface = Interface::at_level(&model, input, entry.level).unwrap();
-        for (i, channel) in entry.channels.iter().enumerate() {
-            let [low, high] = interface.ranges()[i];
-            text += &format!(
-                "| `{}` | `{}` | {} | {} | {} | {} | {} |\n",
-                entry.name,
-                channel.name,
-                channel.unit,
-                rounded(low),
-                rounded(high),
-                entry.bandwidth_radps[i],
-                channel.about
-            );
-        }
-    }
-    text += "\n";
-    for entry in registry() {
-        text += &format!(
-            "- `{}`: {}. Validity: {}. Source: {}.\n",
-            entry.name, entry.about, entry.validity, entry.source
-        );
-    }
-    text
-}
-
-fn rounded(number: f64) -> f64 {
-    (number * 1000.0).round() / 1000.0
-}
-
-#[test]
-fn the_page_holds_the_table_of_the_registry() {
-    let page = include_str!("../../../docs/actions.md");
-    assert!(page.contains(&table()), "docs/actions.md is stale: it should hold\n{}", table());
 }

@@ -43,6 +43,7 @@ from crazyflie_gym.own_task import make_task, register_task
 from crazyflie_gym.png import save_png
 from crazyflie_gym.spaces import STATE_FIELDS, flatten, split
 from crazyflie_gym.swarm import CrazyflieSwarm
+from crazyflie_gym.tracks import track
 from crazyflie_gym.vector import CrazyflieVectorEnv
 from crazyflie_gym.wind import WindField
 
@@ -77,6 +78,7 @@ __all__ = [
     "save_png",
     "split",
     "tasks",
+    "track",
 ]
 
 

@@ -39,6 +39,19 @@ class EffectEntry(TypedDict):
     params: list[ParamEntry]
 
 
+class OptionEntry(TypedDict):
+    """An option of a task; `drawn` ones may be a distribution."""
+
+    name: str
+    unit: str
+    default: Any
+    low: list[float]
+    high: list[float]
+    range: str
+    drawn: bool
+    about: str
+
+
 class TaskEntry(TypedDict):
     """A task, for one drone or for several."""
 
@@ -48,6 +61,7 @@ class TaskEntry(TypedDict):
     reward: str
     max_episode_steps: int
     drones: int
+    options: list[OptionEntry]
 
 
 class FieldEntry(TypedDict):

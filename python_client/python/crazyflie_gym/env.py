@@ -44,7 +44,8 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         effects: what the linear model lacks, by name (`crazyflie_gym.effects()`): a number for the first parameter or
             a dict of parameters, each a number or a distribution such as {"uniform": [0.1, 0.3]}, drawn per episode.
             Between several drones downwash is on as it was measured unless {"downwash": 0}.
-        task_options: the task's own options.
+        task_options: the task's own options, which `tasks()` lists. Those that are `drawn` may be a distribution, such
+            as {"uniform": [low, high]}: every episode draws from it.
         physics_hz: physics steps per second while effects push; by default the rate of the IMU.
         drones: of a task of several drones: how many, 1 to 64; by default the task's own number.
         neighbours: what they know of each other: {"by": "ideal"}, {"by": "range", "range_m": ...}, or {"by": "radio",

@@ -68,6 +68,7 @@ impl EpisodeBatch {
             tick_s: env.tick_s(),
             interface: env.interfaces()[0],
             rows: Vec::new(),
+            reward: 0.0,
             end: FlightEnd::Time,
         };
         let path = DronePath { trace, rewards: vec![0.0], over: false };
@@ -192,6 +193,7 @@ impl EpisodeBatch {
             self.terminated[i] = !self.inner.flying[i];
             self.truncated[i] = out_of_time;
             path.rewards.push(self.inner.rewards[i]);
+            path.trace.reward += f64::from(self.inner.rewards[i]);
             path.over = self.terminated[i] || out_of_time;
             if path.over {
                 path.trace.rows.push(flight::row(

@@ -1,6 +1,7 @@
 //! A flight as a log, which the project's CSV is written from.
 
 use crazyflie_env::observation::{MARKER_POS, index};
+use crazyflie_env::plant::Command;
 use crazyflie_logs::{AttitudeSource, Fixes, FlightLog, PositionSource, Provenance, Truth};
 
 use super::Trace;
@@ -9,13 +10,14 @@ use super::Trace;
 const ROUNDING_S: f64 = 1e-5;
 
 /// The log that a recorder beside the controller would have written, and the truth. Marker fixes stand where
-/// a new frame arrived.
+/// a new frame arrived. Where actions are set-points, there are no commands.
 pub fn log(trace: &Trace) -> FlightLog {
     let rows = 0..trace.rows.len();
-    let commands: Vec<_> = rows.clone().map(|row| trace.command(row)).collect();
-    let lift = |pwm: bool| {
-        (trace.interface.input.is_pwm() == pwm).then(|| commands.iter().map(|u| u.lift).collect())
+    let commands: Option<Vec<Command<f64>>> = rows.clone().map(|row| trace.command(row)).collect();
+    let command = |number: fn(&Command<f64>) -> f64| {
+        commands.as_ref().map(|commands| commands.iter().map(number).collect::<Vec<f64>>())
     };
+    let lift = |pwm: bool| command(|u| u.lift).filter(|_| trace.interface.input.is_pwm() == pwm);
     let triple = |first: usize| [0, 1, 2].map(|i| trace.observation_column(first + i));
     let truth = |first: usize| [0, 1, 2].map(|i| trace.state(first + i));
     let [roll_rad, pitch_rad, yaw_rad] = triple(6);
@@ -29,9 +31,9 @@ pub fn log(trace: &Trace) -> FlightLog {
         },
         t_s: rows.clone().map(|row| trace.t_s(row)).collect(),
         airborne: rows,
-        cmd_roll_rad: Some(commands.iter().map(|u| u.roll_rad).collect()),
-        cmd_pitch_rad: Some(commands.iter().map(|u| u.pitch_rad).collect()),
-        cmd_yaw_rate_radps: Some(commands.iter().map(|u| u.yaw_rate_radps).collect()),
+        cmd_roll_rad: command(|u| u.roll_rad),
+        cmd_pitch_rad: command(|u| u.pitch_rad),
+        cmd_yaw_rate_radps: command(|u| u.yaw_rate_radps),
         cmd_thrust_pwm: lift(true),
         cmd_height_m: lift(false),
         setpoint_m: Some(triple(16)),

@@ -4,13 +4,11 @@ use crazyflie_control::Mode;
 use crazyflie_env::vector::state_index;
 use crazyflie_statistics::rms;
 
-use super::{FlightEnd, Phase, Trace, TraceRow, touch_down_mps};
+use super::{AIRBORNE_M, FlightEnd, Phase, Trace, TraceRow, touch_down_mps};
 
 /// Settled within this of the set-point, for positions and for the heading.
 const BAND_M: f64 = 0.05;
 const BAND_RAD: f64 = 5.0 * std::f64::consts::PI / 180.0;
-/// Above this the vehicle has left the floor: time counts from there in flights that begin on it.
-const LIFT_OFF_M: f32 = 0.01;
 /// The final error is the mean of the last second.
 const FINAL_S: f64 = 1.0;
 /// The floor at over 1.5 m/s is a crash, as in the tasks.
@@ -63,7 +61,8 @@ pub struct AxisFigures {
     /// Mean magnitude of the error over the last second.
     pub final_error: f64,
     /// Root mean square of the command that serves the axis: degrees of pitch for x, of roll for y, percent
-    /// of the hover PWM about it (or cm about the set-point) for z, deg/s for yaw.
+    /// of the hover PWM about it (or cm about the set-point) for z, deg/s for yaw. Where actions are
+    /// set-points, of the axis's own.
     pub effort: f64,
     /// Travel of that command per second.
     pub travel_per_s: f64,
@@ -89,6 +88,8 @@ pub struct Figures {
     pub phases: Vec<PhaseFigures>,
     /// Reason that the flight ended.
     pub end: FlightEnd,
+    /// Sum of the rewards.
+    pub reward: f64,
     /// Time of the last row.
     pub end_s: f64,
     /// Number of times that the marker was lost, and the time without it in all.
@@ -140,6 +141,7 @@ pub fn figures(planned: &[Phase], trace: &Trace) -> Figures {
     Figures {
         phases,
         end: trace.end,
+        reward: trace.reward,
         end_s: trace.t_s(rows.len().saturating_sub(1)),
         marker_losses: valid.windows(2).filter(|pair| pair[0] && !pair[1]).count(),
         marker_lost_s: lost as f64 * trace.tick_s,
@@ -155,9 +157,10 @@ fn height_if_not_landed(planned: &[Phase], trace: &Trace) -> Option<f64> {
     height.filter(|z| landing && trace.end == FlightEnd::Time && *z > 0.0)
 }
 
-/// The first row from `start` on in which the vehicle is in the air; `start` if it never is.
+/// The first row from `start` on in which the vehicle is in the air, from where time counts; `start` if it
+/// never is.
 fn lift_off(rows: &[TraceRow], start: usize) -> usize {
-    (start..rows.len()).find(|&i| rows[i].state[state_index::HEIGHT] > LIFT_OFF_M).unwrap_or(start)
+    (start..rows.len()).find(|&i| rows[i].state[state_index::HEIGHT] > AIRBORNE_M).unwrap_or(start)
 }
 
 fn axis_figures(trace: &Trace, axis: &AxisSpec, first: usize, end: usize) -> AxisFigures {
@@ -201,7 +204,11 @@ fn overshoot(errors: &[f64], band: f64) -> f64 {
 
 /// The command that serves an axis, see [`AxisFigures::effort`].
 fn effort(trace: &Trace, axis: &AxisSpec, row: usize) -> f64 {
-    let u = trace.command(row);
+    let Some(u) = trace.command(row) else {
+        // set-points are in the order of the axes
+        let set_point = trace.interface.set_point(&trace.rows[row].action.map(f64::from));
+        return AXES.iter().position(|known| known == axis).map_or(0.0, |i| set_point[i]);
+    };
     let hover = trace.interface.hover_lift;
     match axis.name {
         "x" => u.pitch_rad.to_degrees(),

@@ -10,6 +10,7 @@ mod step_flight;
 
 use crazyflie_control::{Controller, ControllerContext, ControllerSpec};
 use crazyflie_env::Error;
+use crazyflie_env::action::ActionLevel;
 use crazyflie_env::config::{Autoreset, EffectTable, Options};
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::observation::{ACTION, Interface, OBSERVATION, SETPOINT, index};
@@ -22,7 +23,9 @@ pub use multi_drone::{
     MultiDroneSetup, MultiDroneTrace, fly_multi_drone, multi_drone_path, multi_drone_picture,
 };
 pub use picture::{path, picture};
-pub use scenario::{FlightScenario, LAB_LATENCY_S, Phase, SCENARIOS, lab_rig, phase_at, sensor_rig};
+pub use scenario::{
+    EPISODE_HZ, FlightScenario, LAB_LATENCY_S, Phase, SCENARIOS, lab_rig, phase_at, sensor_rig,
+};
 pub use step_flight::{
     QUANTILES, RESPONSE_S, STEP_S, StepBand, fly_band, pid, signal_indices, step_options, step_setup,
 };
@@ -36,6 +39,10 @@ pub struct Setup {
     pub scenario: &'static FlightScenario,
     /// In place of the scenario's own, if given.
     pub task_options: Option<serde_json::Value>,
+    /// A task of a user's own that is flown on the scenario's task.
+    pub own: Option<OwnTask>,
+    /// What an action sets; it must be one that the controller answers in.
+    pub action: ActionLevel,
     /// Controller of the registry, with its options.
     pub controller: ControllerSpec,
     /// Effects that are on, besides those of the model.
@@ -44,6 +51,33 @@ pub struct Setup {
     pub vertical: VerticalInput,
     /// Longest time of a flight.
     pub seconds: f64,
+}
+
+/// What a task file asks for, besides what [`Setup`] has a field for.
+#[derive(Debug, Clone)]
+pub struct OwnTask {
+    /// Name in the file.
+    pub name: String,
+    /// Description in the file; may be empty.
+    pub about: String,
+    /// Reward, end, drones and whatever else makes the task. Controllers see what is measured, whatever
+    /// observations hold.
+    pub options: Options,
+}
+
+impl Setup {
+    /// Name of the flight.
+    pub fn name(&self) -> &str {
+        self.own.as_ref().map_or(self.scenario.name, |own| &own.name)
+    }
+
+    /// Description of the flight.
+    pub fn about(&self) -> &str {
+        match &self.own {
+            Some(own) if !own.about.is_empty() => &own.about,
+            _ => self.scenario.about,
+        }
+    }
 }
 
 /// Observation, state and action of one control tick.
@@ -91,6 +125,8 @@ pub enum FlightEnd {
         /// Sinking speed at the touch.
         impact_mps: f64,
     },
+    /// In the air, by the task's own end.
+    Task,
 }
 
 /// One flight.
@@ -102,6 +138,8 @@ pub struct Trace {
     pub interface: Interface,
     /// Rows from the start until the end, one per control tick.
     pub rows: Vec<TraceRow>,
+    /// Sum of the rewards.
+    pub reward: f64,
     /// Reason that there are no more rows.
     pub end: FlightEnd,
 }
@@ -112,9 +150,11 @@ impl Trace {
         row as f64 * self.tick_s
     }
 
-    /// Returns the command of a row: SI units, and PWM counts or metres.
-    pub fn command(&self, row: usize) -> Command<f64> {
-        self.interface.command(&self.rows[row].action.map(f64::from))
+    /// Returns the command of a row: SI units, and PWM counts or metres. None where actions set something
+    /// else: there the onboard cascade commands.
+    pub fn command(&self, row: usize) -> Option<Command<f64>> {
+        let is_command = self.interface.level() == ActionLevel::Attitude;
+        is_command.then(|| self.interface.command(&self.rows[row].action.map(f64::from)))
     }
 
     /// One number of the true state over the flight.
@@ -127,6 +167,9 @@ impl Trace {
         self.rows.iter().map(|r| f64::from(r.observation[at])).collect()
     }
 }
+
+/// Above this a vehicle is in the air, whatever rounding leaves of the floor.
+const AIRBORNE_M: f32 = 0.01;
 
 /// Half the side of the room and its height, as the tasks have them (thesis 2.1).
 const ROOM_M: [f32; 2] = [2.5, 2.8];
@@ -204,14 +247,20 @@ pub fn fly_with_override(
 
 /// Options of the environments; `drones` is 0 for the task's own number.
 pub fn options(setup: &Setup, drones: usize) -> Result<Options, Error> {
+    let base = setup.own.as_ref().map(|own| own.options.clone()).unwrap_or_default();
     let options = Options {
         task: setup.scenario.task.into(),
         task_options: setup.task_options.clone().unwrap_or_else(|| setup.scenario.task_options()),
         vertical: Some(setup.vertical),
         effects: setup.effects.clone(),
         autoreset: Autoreset::NextStep,
-        drones,
-        ..Options::default()
+        drones: if drones == 0 { base.drones } else { drones },
+        action: setup.action,
+        // the time of the flight ends it, and controllers see what is measured
+        max_episode_steps: 0,
+        observation: Options::default().observation,
+        history: 1,
+        ..base
     };
     // the defaults of several drones are those of options that are read
     Options::parse(&serde_json::to_string(&options).map_err(|e| Error::Config(e.to_string()))?)
@@ -238,7 +287,8 @@ fn fly_by(
     let (mut actions, mut states) = (vec![0.0; envs * ACTION], vec![0.0; envs * STATE]);
     let (mut rewards, mut truncated, mut terminated) =
         (vec![0.0; envs], vec![false; envs], vec![false; envs]);
-    let mut traces = vec![Trace { tick_s, interface, rows: Vec::new(), end: FlightEnd::Time }; envs];
+    let mut traces =
+        vec![Trace { tick_s, interface, rows: Vec::new(), reward: 0.0, end: FlightEnd::Time }; envs];
     let mut over = vec![false; envs];
     env.reset(Some(seeds), None, &mut observations)?;
     let ticks = (seconds / tick_s).round() as usize;
@@ -259,6 +309,9 @@ fn fly_by(
         }
         let out = StepBuffers::new(&mut observations, &mut rewards, &mut terminated, &mut truncated);
         env.step(&actions, out)?;
+        for ((trace, reward), _) in traces.iter_mut().zip(&rewards).zip(&over).filter(|(_, over)| !**over) {
+            trace.reward += f64::from(*reward);
+        }
     }
     Ok(traces)
 }
@@ -278,6 +331,9 @@ pub(crate) fn end(rows: &[TraceRow]) -> FlightEnd {
     let [x, y, z] = [0, 1, 2].map(|i| last.state[i]);
     if x.abs() > ROOM_M[0] || y.abs() > ROOM_M[0] || z > ROOM_M[1] {
         return FlightEnd::LeftRoom;
+    }
+    if last.state[state_index::HEIGHT] > AIRBORNE_M {
+        return FlightEnd::Task;
     }
     FlightEnd::Floor { impact_mps: touch_down_mps(rows, rows.len() - 1) }
 }

@@ -83,6 +83,7 @@ pub fn fly_multi_drone(
         tick_s,
         interface: *interface,
         rows: Vec::new(),
+        reward: 0.0,
         end: FlightEnd::Time,
     };
     let flight = MultiDroneTrace {
@@ -114,6 +115,10 @@ pub fn fly_multi_drone(
             metrics: &mut metrics,
         };
         env.step(&actions, out)?;
+        let traces = flights.iter_mut().flat_map(|flight| &mut flight.drones);
+        for ((trace, reward), _) in traces.zip(&rewards).zip(&over).filter(|(_, over)| !**over) {
+            trace.reward += f64::from(*reward);
+        }
         let rows = metrics.as_chunks::<{ METRICS.len() }>().0;
         for ((flight, row), _) in flights.iter_mut().zip(rows).zip(&aloft).filter(|(_, aloft)| **aloft) {
             flight.metrics = *row;

@@ -1,5 +1,6 @@
 //! Pictures of a flight.
 
+use crazyflie_env::observation::ACTION;
 use crazyflie_logs::FlightLog;
 use crazyflie_picture::{Band, PALETTE, Panel, Path3, PictureError, Series, Style, chart, path3d};
 
@@ -20,6 +21,7 @@ pub fn picture(trace: &Trace, title: &str) -> Result<String, PictureError> {
     let tilts = [degrees(&trace.state(7)), degrees(&trace.state(6))];
     let commanded =
         [&flight.cmd_pitch_rad, &flight.cmd_roll_rad].map(|c| degrees(c.as_deref().unwrap_or_default()));
+    let is_command = flight.cmd_pitch_rad.is_some();
     let lift = flight.cmd_thrust_pwm.as_ref().or(flight.cmd_height_m.as_ref()).cloned().unwrap_or_default();
     let mut panels = Vec::new();
     for (i, label) in ["x (m)", "y (m)", "z (m)"].into_iter().enumerate() {
@@ -44,13 +46,23 @@ pub fn picture(trace: &Trace, title: &str) -> Result<String, PictureError> {
     for (label, (angle, command)) in
         ["pitch (deg)", "roll (deg)"].into_iter().zip(tilts.iter().zip(&commanded))
     {
-        panels.push(panel(
-            label,
-            vec![line("command", t, command, Style::Step, 1), line("vehicle", t, angle, Style::Solid, 0)],
-        ));
+        let mut series = vec![line("vehicle", t, angle, Style::Solid, 0)];
+        if is_command {
+            series.insert(0, line("command", t, command, Style::Step, 1));
+        }
+        panels.push(panel(label, series));
     }
-    let label = if trace.interface.input.is_pwm() { "thrust (PWM counts)" } else { "commanded height (m)" };
-    panels.push(panel(label, vec![line("command", t, &lift, Style::Step, 1)]));
+    let set_points = set_points(trace);
+    if is_command {
+        let is_pwm = trace.interface.input.is_pwm();
+        let label = if is_pwm { "thrust (PWM counts)" } else { "commanded height (m)" };
+        panels.push(panel(label, vec![line("command", t, &lift, Style::Step, 1)]));
+    } else {
+        let channels = trace.interface.level().entry().channels;
+        let lines = channels.iter().zip(&set_points).zip([0, 1, 2, 3]);
+        let lines = lines.map(|((channel, values), color)| line(channel.name, t, values, Style::Step, color));
+        panels.push(panel("set-points of actions", lines.collect()));
+    }
     let speeds = [3, 4, 5].map(|i| trace.state(i));
     let named = ["vx", "vy", "vz"].iter().zip(&speeds).zip([0, 1, 2]);
     panels.push(panel(
@@ -58,6 +70,13 @@ pub fn picture(trace: &Trace, title: &str) -> Result<String, PictureError> {
         named.map(|((name, v), color)| line(name, t, v, Style::Solid, color)).collect(),
     ));
     chart(&panels, 2, title)
+}
+
+/// What the actions set, channel by channel, in its units.
+fn set_points(trace: &Trace) -> [Vec<f64>; ACTION] {
+    let rows = trace.rows.iter().map(|row| trace.interface.set_point(&row.action.map(f64::from)));
+    let rows: Vec<[f64; ACTION]> = rows.collect();
+    std::array::from_fn(|i| rows.iter().map(|row| row[i]).collect())
 }
 
 /// The way through space.

@@ -77,7 +77,7 @@ fn other_tasks() -> &'static [FlightScenario] {
 }
 
 /// Steps per second that the lengths of episodes are meant for: the thesis's rig.
-const EPISODE_HZ: f64 = 50.0;
+pub const EPISODE_HZ: f64 = 50.0;
 
 /// The phase in force; half a millisecond of margin for the clock's rounding.
 pub fn phase_at(phases: &[Phase], t_s: f64) -> &Phase {

@@ -4,6 +4,7 @@ use crazyflie_control::loop_analysis::LoopAxis;
 use crazyflie_control::pid::Gains;
 use crazyflie_control::{ControllerSpec, choose};
 use crazyflie_env::Error;
+use crazyflie_env::action::ActionLevel;
 use crazyflie_env::config::EffectTable;
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::observation::{ACTION, OBSERVATION, index};
@@ -69,6 +70,8 @@ pub fn step_setup(
         model: model.clone(),
         scenario: FlightScenario::find("hover-70cm")?,
         task_options: Some(step_options(axis).0),
+        own: None,
+        action: ActionLevel::Attitude,
         controller: pid(gains)?,
         effects,
         vertical,

@@ -1,0 +1,128 @@
+//! `crazyflie actions`: what the four numbers of an action set.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use crazyflie_env::action::{Channel, Entry, registry};
+use crazyflie_env::model::{Model, VerticalInput};
+use crazyflie_env::observation::Interface;
+use serde_json::{Value, json};
+
+use super::{Outcome, Table, files};
+
+const EXAMPLES: &str = "\
+Examples:
+  crazyflie actions
+  crazyflie actions --model my.toml --vertical pwm
+  crazyflie actions --markdown > docs/actions.md";
+
+/// List the action levels, which `fly --action` and the Python package's `action=` take.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct Args {
+    /// Model file; the thesis's model unless given
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// Vertical form of the model: height, pwm or thrust [default: the model's first]
+    #[arg(long, value_parser = files::vertical, value_name = "FORM")]
+    vertical: Option<VerticalInput>,
+    /// For machines
+    #[arg(long, conflicts_with = "markdown")]
+    json: bool,
+    /// As a page of the documentation
+    #[arg(long)]
+    markdown: bool,
+}
+
+pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
+    let model = files::model(args.model.as_deref())?;
+    let input = model.input(args.vertical)?;
+    let interface = |entry: &Entry| Interface::at_level(&model, input, entry.level);
+    if args.json {
+        let all = registry().iter().map(|entry| Ok(as_json(entry, &interface(entry)?)));
+        let all = all.collect::<Outcome<Vec<Value>>>()?;
+        serde_json::to_writer_pretty(&mut *out, &all)?;
+        return Ok(writeln!(out)?);
+    }
+    if args.markdown {
+        return Ok(write!(out, "{}", page(&model, input)?)?);
+    }
+    for entry in registry() {
+        writeln!(out, "{}\n    {}\n    validity: {}", entry.name, entry.about, entry.validity)?;
+        writeln!(out, "    source: {}", entry.source)?;
+        for (channel, [low, high], bandwidth) in rows(entry, &interface(entry)?) {
+            let Channel { name, unit, about } = channel;
+            let range = format!("{} to {}", rounded(low), rounded(high));
+            writeln!(out, "    .{name} [{unit}], {range}, bandwidth {bandwidth} rad/s: {about}")?;
+        }
+    }
+    Ok(())
+}
+
+/// For each number of an action: what it is, what -1 and 1 stand for, and its bandwidth.
+fn rows(entry: &Entry, interface: &Interface) -> impl Iterator<Item = (Channel, [f64; 2], f64)> {
+    let ranges = interface.ranges();
+    entry.channels.into_iter().zip(ranges).zip(entry.bandwidth_radps).map(|((c, range), b)| (c, range, b))
+}
+
+fn as_json(entry: &Entry, interface: &Interface) -> Value {
+    let channels = rows(entry, interface).map(|(channel, [low, high], bandwidth)| {
+        json!({"name": channel.name, "unit": channel.unit, "low": low, "high": high, "bandwidth_radps": bandwidth, "about": channel.about})
+    });
+    let channels: Vec<Value> = channels.collect();
+    json!({"name": entry.name, "about": entry.about, "validity": entry.validity, "source": entry.source, "channels": channels})
+}
+
+const HEAD: &str = "\
+# Action levels
+
+Written by `crazyflie actions --markdown`. `action=` says what the four numbers of an action set. An action of -1 and of 1 stands for the ends of each range.
+`crazyflie_gym.action_levels()` gives this table in Python, `crazyflie actions` on the command line, for any model. `env.interface.action_ranges` gives the ranges
+of an environment.
+
+";
+
+const FOOT: &str = "
+Bandwidth is 1 / (time until 63 % of a small step), on the built-in model; 50 rad/s is a channel that is obeyed within a tick. A test compares.
+
+**The cascade** of `velocity` and `position` has the loops and gains of the Crazyflie's firmware (`platform_defaults_cf2.h`). It sees the true state, as a
+good motion capture would tell it. Three things differ from the firmware:
+
+- It is called once a tick (50 Hz), the firmware's 100 times a second.
+- The gains expect a faster attitude loop than the identified one (5.1: a pole at 2.8 1/s, firmware: 6). With 5.1 alone the position loop swings by itself.
+  So the angle is closed once more, as fast as it goes without overshoot.
+- Where the height input sets a climb rate (5.3, 5.4), there is no thrust to control: the input is what the form's own equation gives for the wanted rate.
+
+Tilt is limited as the model says (10 degrees), so a large step overshoots: braking takes longer than speeding up. A step of 0.8 m overshoots by a quarter.
+
+Effects on the command (`cmd_delay`, `packet_loss`, ...) act on what the cascade commands, not on the set-point. Built-in controllers command attitudes and
+are refused at other levels; `random`, `policy:FILE` and controllers in Python fly at every level, on the command line with `crazyflie fly --action LEVEL`.
+";
+
+/// The page of the documentation.
+fn page(model: &Model, input: VerticalInput) -> Outcome<String> {
+    let header = ["level", "number", "unit", "from", "to", "bandwidth, rad/s", "about"];
+    let mut table = Table::new(&header).left(&[1, 2, 6]);
+    let mut list = String::new();
+    for entry in registry() {
+        let interface = Interface::at_level(model, input, entry.level)?;
+        for (channel, [low, high], bandwidth) in rows(entry, &interface) {
+            table.row(vec![
+                format!("`{}`", entry.name),
+                format!("`{}`", channel.name),
+                channel.unit.into(),
+                rounded(low).to_string(),
+                rounded(high).to_string(),
+                bandwidth.to_string(),
+                channel.about.into(),
+            ]);
+        }
+        let Entry { name, about, validity, source, .. } = entry;
+        list += &format!("- `{name}`: {about}. Validity: {validity}. Source: {source}.\n");
+    }
+    Ok(format!("{HEAD}{}\n{list}{FOOT}", table.markdown()))
+}
+
+fn rounded(number: f64) -> f64 {
+    (number * 1000.0).round() / 1000.0
+}
