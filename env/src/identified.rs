@@ -77,6 +77,11 @@ impl Model {
         scale(hover, ratio, identified.mass.value);
         scale(heave, 1.0 / ratio, identified.mass.value);
         scale(&mut self.lateral.drag, 1.0 / ratio, identified.mass.value);
+        if let Some(Vertical::Motors(form)) = &mut self.vertical.motors {
+            let grown = form.pwm_of(ratio * form.curve(form.hover.value)) / form.hover.value;
+            scale(&mut form.hover, grown, identified.mass.value);
+            scale(&mut form.heave, 1.0 / ratio, identified.mass.value);
+        }
         let (hover, most) = (hover.value, self.command.pwm_max.value);
         if hover >= most {
             return Err(Error::Model {

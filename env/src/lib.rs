@@ -20,6 +20,7 @@ mod lanes_avx2;
 #[cfg(target_arch = "x86_64")]
 mod lanes_avx512;
 pub mod model;
+mod motors;
 pub mod noise;
 pub mod observation;
 pub mod plant;
@@ -33,6 +34,7 @@ pub mod task;
 pub mod task_file;
 pub mod transfer_function;
 pub mod vector;
+mod vertical;
 pub mod world;
 
 pub use error::{Error, Result};

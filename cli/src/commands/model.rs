@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::PathBuf;
 
-use crazyflie_env::model::{Model, THESIS_TOML};
+use crazyflie_env::model::{Model, THESIS_TOML, VerticalInput};
 use serde_json::{Value, json};
 
 use super::{Failure, Outcome, files};
@@ -59,7 +59,8 @@ fn describe(m: &Model, out: &mut dyn Write) -> Outcome {
     };
     writeln!(out, "model {}: {}", m.name, m.description)?;
     writeln!(out, "  roll   {}\n  pitch  {}", tilt(&m.roll), tilt(&m.pitch))?;
-    let inputs: Vec<&str> = m.inputs().into_iter().map(crazyflie_env::model::VerticalInput::name).collect();
+    let has = |input: &VerticalInput| m.vertical(*input).is_ok();
+    let inputs: Vec<&str> = VerticalInput::ALL.into_iter().filter(has).map(VerticalInput::name).collect();
     writeln!(out, "  vertical inputs: {}", inputs.join(", "))?;
     let (r, effects) = (&m.rig, m.effects.keys().map(String::as_str).collect::<Vec<_>>());
     writeln!(out, "  control {} Hz, IMU {} Hz, camera {} Hz", r.control.value, r.imu.value, r.camera.value)?;
@@ -119,12 +120,28 @@ fn schema() -> Value {
     ]});
     let thrust = form("thrust", vec![("hover", quantity("1")), ("heave", quantity("1/s"))], &[]);
     let pwm = json!({"oneOf": [vertical("1", "m/s", "m/s^2"), thrust]});
-    let default = json!({"enum": ["height", "pwm", "thrust"], "description": "the form that is driven unless another is asked for"});
+    let motors = form(
+        "motors",
+        [
+            ("hover", "1"),
+            ("linear_share", "1"),
+            ("lag", "s"),
+            ("tilt_inertia", "kg m^2"),
+            ("yaw_inertia", "kg m^2"),
+            ("torque_per_thrust", "m"),
+            ("heave", "1/s"),
+        ]
+        .map(|(name, unit)| (name, quantity(unit)))
+        .to_vec(),
+        &[],
+    );
+    let default = json!({"enum": VerticalInput::ALL.map(VerticalInput::name), "description": "the form that is driven unless another is asked for"});
     let verticals = [
         ("default", default),
         ("height", vertical("m", "1/s", "1/s^2")),
         ("pwm", pwm.clone()),
         ("thrust", pwm),
+        ("motors", motors),
     ];
     let quantities = |units: &[(&'static str, &str)]| {
         object(&units.iter().map(|(name, unit)| (*name, quantity(unit))).collect::<Vec<_>>(), &[])

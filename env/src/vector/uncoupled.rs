@@ -199,7 +199,8 @@ impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
         let kept = if options.autoreset == Autoreset::SameStep { envs } else { 0 };
         let width = row_width(options, 1)?;
         Ok(UncoupledShard {
-            world: World::new(spec.models[0], &options.drone_effects(0), settings, tiles)?,
+            world: World::new(spec.models[0], &options.drone_effects(0), settings, tiles)?
+                .at_level(options.action),
             onboard: Onboard::new(spec.models[0], &spec.interfaces[0], spec.tick_s, tiles)?,
             task,
             slots: vec![Slot { last_action: [R::zero(); ACTION], goal: [R::zero(); GOAL] }; tiles],

@@ -8,6 +8,7 @@ mod expressions;
 mod fleet;
 mod flight;
 mod model;
+mod motors;
 mod observations;
 mod snapshot;
 mod swarm;
