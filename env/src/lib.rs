@@ -7,6 +7,7 @@ pub mod action;
 mod archive;
 pub mod config;
 pub mod coupling;
+pub mod datasheet;
 pub mod dual;
 pub mod effects;
 pub mod error;

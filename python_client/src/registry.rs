@@ -185,6 +185,12 @@ pub fn model_text() -> &'static str {
     THESIS_TOML
 }
 
+/// The text (TOML) of the model of a data sheet's text (TOML or JSON); `ValueError` says what is missing or wrong.
+#[pyfunction]
+pub fn datasheet_model(text: &str) -> PyResult<String> {
+    guarded(|| Model::from_datasheet(text)?.to_toml())
+}
+
 /// Read a model (TOML or JSON) and return its name; `ValueError` says what is wrong and where.
 #[pyfunction]
 pub fn check_model(text: &str) -> PyResult<String> {

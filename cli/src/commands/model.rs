@@ -13,7 +13,8 @@ Examples:
   crazyflie model --show > my.toml          the thesis's model, as a start for your own
   crazyflie model my.toml                   check a model file
   crazyflie model my.toml --show --json     the same model as JSON
-  crazyflie model --schema                  what a model file holds, as JSON Schema";
+  crazyflie model --schema                  what a model file holds, as JSON Schema
+  crazyflie model --datasheet examples/crazyflie_datasheet.toml --out my.toml    of a vehicle's data sheet";
 
 /// Show or check a model, or print the schema of model files.
 #[derive(Debug, clap::Args)]
@@ -24,6 +25,12 @@ pub(super) struct Args {
     /// Print the model
     #[arg(long)]
     show: bool,
+    /// Make the model of a data sheet (TOML or JSON; docs/datasheet.md)
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["file", "schema"])]
+    datasheet: Option<PathBuf>,
+    /// Write the model to this file
+    #[arg(long, value_name = "FILE", conflicts_with = "schema")]
+    out: Option<PathBuf>,
     /// Print the JSON Schema of model files
     #[arg(long, conflicts_with = "show")]
     schema: bool,
@@ -37,12 +44,19 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         serde_json::to_writer_pretty(&mut *out, &schema())?;
         return Ok(writeln!(out)?);
     }
-    let model = files::model(args.file.as_deref())?;
+    let model = match &args.datasheet {
+        Some(path) => files::read(path, Model::from_datasheet)?,
+        None => files::model(args.file.as_deref())?,
+    };
+    if let Some(path) = &args.out {
+        let text = model.to_toml().map_err(|e| Failure::about(&model.name, e))?;
+        files::write(path, text.as_bytes())?;
+    }
     if args.json {
         serde_json::to_writer_pretty(&mut *out, &model)?;
         return Ok(writeln!(out)?);
     }
-    if args.show && args.file.is_none() {
+    if args.show && args.file.is_none() && args.datasheet.is_none() {
         // with its comments
         return Ok(write!(out, "{THESIS_TOML}")?);
     }
@@ -154,7 +168,10 @@ fn schema() -> Value {
         ("hover_current", "A"),
     ];
     let vehicle = vehicle.map(|(name, unit)| (name, quantity(unit)));
-    let identified = quantities(&[("mass", "kg"), ("arm", "m")]);
+    let identified = object(
+        &[("mass", quantity("kg")), ("arm", quantity("m"))],
+        &[("battery_capacity", quantity("C")), ("hover_current", quantity("A"))],
+    );
     let mut schema = object(
         &[
             ("schema", json!({"const": 1})),

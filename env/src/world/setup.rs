@@ -38,17 +38,20 @@ pub(super) fn active(of_model: &EffectTable, of_config: &EffectTable) -> Result<
     Ok(active)
 }
 
-/// Whether the effects that are on fit the form and the action level.
+/// Whether the effects that are on fit the form and the action level, and the numbers of the battery act.
 ///
 /// # Errors
-/// [`Error::Config`] naming the effect that does not; [`Error::Unknown`] for an unknown one.
+/// [`Error::Config`] naming the effect that does not fit; [`Error::Unknown`] for an unknown one; as
+/// [`Model::check_battery`].
 pub(crate) fn check_scope(
     model: &Model,
     effects: &EffectTable,
     input: VerticalInput,
     level: ActionLevel,
 ) -> Result<()> {
-    for (_, entry, _) in active(&model.effects, effects)? {
+    let active = active(&model.effects, effects)?;
+    model.check_battery(active.iter().any(|(_, entry, _)| entry.name == "battery_sag"))?;
+    for (_, entry, _) in active {
         let lacks = match entry.scope {
             Scope::Any => continue,
             Scope::Angles if level.is_below_attitude() => {

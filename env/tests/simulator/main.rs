@@ -1,6 +1,7 @@
 //! The simulator from outside, in one program: it links once.
 
 mod actions;
+mod datasheet;
 mod derivatives;
 mod effects;
 mod effects_analytic;
