@@ -3,7 +3,6 @@
 use crazyflie_control::loop_analysis::{FeedbackLoop, LoopAxis, LoopReport, dead_time_s};
 use crazyflie_control::pid::Gains;
 use crazyflie_env::Error;
-use crazyflie_env::error::unknown;
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_picture::{HLine, PALETTE, Panel, PictureError, Scale, Series, Style, chart};
 use crazyflie_server::flight::sensor_rig;
@@ -51,9 +50,7 @@ pub fn loop_reports(
 /// For a name that no form has, and a form that the model lacks.
 pub fn vertical_form(model: &Model, name: Option<&str>) -> Result<VerticalInput, Error> {
     let Some(name) = name else { return Ok(files::default_vertical(model)) };
-    let all = [VerticalInput::Height, VerticalInput::Pwm, VerticalInput::Thrust];
-    let form = all.into_iter().find(|form| form.name() == name);
-    let form = form.ok_or_else(|| unknown("vertical form", name, all.iter().map(|form| form.name())))?;
+    let form = VerticalInput::named(name)?;
     model.vertical(form).map(|_| form)
 }
 

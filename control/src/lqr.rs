@@ -132,14 +132,14 @@ impl<R: Scalar> ControlLaw<R> for Lqr<R> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crazyflie_env::model::Model;
+    use crazyflie_env::model::{Model, VerticalInput};
     use crazyflie_env::observation::Interface;
 
     /// The closed loop of every vertical form is stable on the model that it was made for.
     #[test]
     fn the_gain_stabilises_every_form() {
         let model = Model::thesis();
-        for input in model.inputs() {
+        for input in VerticalInput::ALL {
             let site = ControllerContext {
                 model: &model,
                 interface: Interface::from_model(&model, input).unwrap(),

@@ -69,7 +69,6 @@ impl<R: Scalar> Observer<R> {
     ) -> Result<Self> {
         let ControllerContext { interface, tick_s, mode, .. } = *site;
         let (zero, none) = (R::zero(), R::nothing());
-        let tilts = [&site.model.roll, &site.model.pitch];
         let gravity_mps2 = site.model.lateral.gravity.value;
         Ok(Observer {
             estimator: Estimator::new(site.model, interface.input, tick_s, belief),
@@ -79,9 +78,9 @@ impl<R: Scalar> Observer<R> {
             tilt: [0, 1].map(|i| {
                 [model.a[(9 + i, 3 + i)], model.a[(9 + i, 9 + i)], model.b[(9 + i, i)]].map(R::from_f64)
             }),
-            per_tilt: tilts.map(|t| t.stiffness.value / t.gain.value),
+            per_tilt: site.model.tilt_forms(interface.input).map(|tilt| tilt.input_per_output()),
             vertical: site.model.vertical(interface.input)?.form(gravity_mps2),
-            yaw: site.model.yaw.form(),
+            yaw: site.model.yaw_form(interface.input),
             tick_s,
             trim: [zero; 3],
             last: [zero; 4],

@@ -93,7 +93,7 @@ impl<R: Scalar> Velocity<R> {
             interface,
             landing: Landing::new(mode, tick_s),
             gravity_mps2: model.lateral.gravity.value,
-            per_tilt: [&model.roll, &model.pitch].map(|t| t.stiffness.value / t.gain.value),
+            per_tilt: model.tilt_forms(interface.input).map(|tilt| tilt.input_per_output()),
             tick_s,
             estimator: Estimator::new(model, interface.input, tick_s, &options.belief),
             integral_mps2: [zero; 3],

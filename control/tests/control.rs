@@ -77,7 +77,7 @@ const HOVER: &str = r#""task": "hover", "task_options": {"start_radius_m": 0.5, 
 fn every_controller_comes_to_the_marker_with_every_vertical_form() {
     let flies = |name: &str| !["hover", "random", "stock-pid"].contains(&name);
     for entry in registry().iter().filter(|e| e.file.is_none() && flies(e.name)) {
-        for vertical in ["height", "pwm", "thrust"] {
+        for vertical in ["height", "pwm", "thrust", "motors"] {
             let error = Flight::new(entry.name, vertical, HOVER, CAMERA).error_m(400, 600);
             println!("{} by {vertical}: {:.1} cm after 8 s", entry.name, 100.0 * error);
             // table 7.1 swings with this dead time: its 9 degrees of margin are all it has

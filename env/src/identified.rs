@@ -3,7 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
-use crate::model::{Model, Quantity, Vertical};
+use crate::model::{Airframe, Model, Quantity, Vertical, VerticalInput};
+use crate::vertical::CheckedQuantity;
 
 /// The vehicle with which the numbers of a model were identified, so that a change of the vehicle is noticed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -13,16 +14,26 @@ pub struct IdentifiedVehicle {
     pub mass: Quantity,
     /// Distance from the centre to a motor at which the roll and pitch forms hold, m.
     pub arm: Quantity,
+    /// Charge of the full battery with which it flew, C.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub battery_capacity: Option<Quantity>,
+    /// Battery current of its hover, A.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hover_current: Option<Quantity>,
 }
 
 impl IdentifiedVehicle {
     /// As of the model's numbers: path, unit and interval of each.
-    pub(crate) fn quantities(&self) -> [(String, &Quantity, &'static str, [f64; 2]); 2] {
+    pub(crate) fn quantities(&self) -> impl Iterator<Item = CheckedQuantity<'_>> {
         const POSITIVE: [f64; 2] = [f64::MIN_POSITIVE, 1e6];
-        [
-            ("vehicle.identified.mass".into(), &self.mass, "kg", POSITIVE),
-            ("vehicle.identified.arm".into(), &self.arm, "m", POSITIVE),
-        ]
+        let all = [
+            ("mass", Some(&self.mass), "kg"),
+            ("arm", Some(&self.arm), "m"),
+            ("battery_capacity", self.battery_capacity.as_ref(), "C"),
+            ("hover_current", self.hover_current.as_ref(), "A"),
+        ];
+        all.into_iter()
+            .filter_map(|(name, q, unit)| Some((format!("vehicle.identified.{name}"), q?, unit, POSITIVE)))
     }
 }
 
@@ -32,7 +43,35 @@ impl Model {
         if let Some(identified) = &mut self.vehicle.identified {
             identified.mass.value = self.vehicle.mass.value;
             identified.arm.value = self.vehicle.arm.value;
+            if let Some(capacity) = &mut identified.battery_capacity {
+                capacity.value = self.vehicle.battery_capacity.value;
+            }
+            if let Some(current) = &mut identified.hover_current {
+                current.value = self.vehicle.hover_current.value;
+            }
         }
+    }
+
+    /// Whether the numbers of the battery act, where `sags` says that its effect is on.
+    ///
+    /// # Errors
+    /// [`Error::Model`] for a battery other than the identified one, which changes nothing without the effect.
+    pub(crate) fn check_battery(&self, sags: bool) -> Result<()> {
+        let Some(identified) = self.vehicle.identified.as_ref().filter(|_| !sags) else { return Ok(()) };
+        let Airframe { battery_capacity, hover_current, .. } = &self.vehicle;
+        for (name, now, then) in [
+            ("battery_capacity", battery_capacity, &identified.battery_capacity),
+            ("hover_current", hover_current, &identified.hover_current),
+        ] {
+            if let Some(then) = then.as_ref().filter(|then| then.value != now.value) {
+                return Err(self.problem(format!(
+                    "vehicle.{name} is {} {}, not {} {} as identified, and changes a flight only by the effect \
+                     battery_sag: switch it on, or set vehicle.identified.{name}",
+                    now.value, now.unit, then.value, then.unit
+                )));
+            }
+        }
+        Ok(())
     }
 
     /// The model of the vehicle as it is, out of the forms that hold for the identified one. The thrust of a
@@ -74,9 +113,21 @@ impl Model {
         let Some(Vertical::Thrust { hover, heave }) = &mut self.vertical.thrust else {
             return refuse("the model has no vertical.thrust, the form that is scaled to a mass".into());
         };
-        scale(hover, ratio, identified.mass.value);
+        // a data sheet has a thrust curve; what was identified is in proportion to the PWM
+        let curve =
+            self.vertical.motors.as_ref().filter(|_| self.vertical.default == Some(VerticalInput::Motors));
+        let grown = match curve {
+            Some(Vertical::Motors(form)) => form.pwm_of(ratio * form.curve(hover.value)) / hover.value,
+            _ => ratio,
+        };
+        scale(hover, grown, identified.mass.value);
         scale(heave, 1.0 / ratio, identified.mass.value);
         scale(&mut self.lateral.drag, 1.0 / ratio, identified.mass.value);
+        if let Some(Vertical::Motors(form)) = &mut self.vertical.motors {
+            let grown = form.pwm_of(ratio * form.curve(form.hover.value)) / form.hover.value;
+            scale(&mut form.hover, grown, identified.mass.value);
+            scale(&mut form.heave, 1.0 / ratio, identified.mass.value);
+        }
         let (hover, most) = (hover.value, self.command.pwm_max.value);
         if hover >= most {
             return Err(Error::Model {

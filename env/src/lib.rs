@@ -7,6 +7,7 @@ pub mod action;
 mod archive;
 pub mod config;
 pub mod coupling;
+pub mod datasheet;
 pub mod dual;
 pub mod effects;
 pub mod error;
@@ -20,6 +21,7 @@ mod lanes_avx2;
 #[cfg(target_arch = "x86_64")]
 mod lanes_avx512;
 pub mod model;
+mod motors;
 pub mod noise;
 pub mod observation;
 pub mod plant;
@@ -33,6 +35,7 @@ pub mod task;
 pub mod task_file;
 pub mod transfer_function;
 pub mod vector;
+mod vertical;
 pub mod wind_field;
 pub mod world;
 

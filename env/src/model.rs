@@ -9,6 +9,8 @@ use crate::config::EffectTable;
 use crate::error::{Error, Result, unknown};
 use crate::identified::IdentifiedVehicle;
 pub use crate::state_space::StateSpace;
+use crate::vertical::CheckedQuantity;
+pub use crate::vertical::{Motors, Vertical, VerticalInput, Verticals};
 
 /// The text of the model that the thesis identified.
 pub const THESIS_TOML: &str = include_str!("../models/thesis.toml");
@@ -72,66 +74,6 @@ pub struct Lateral {
     pub gravity: Quantity,
     /// Horizontal deceleration per velocity, 1/s; 0 in the thesis.
     pub drag: Quantity,
-}
-
-/// height / command
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "form", rename_all = "snake_case", deny_unknown_fields)]
-pub enum Vertical {
-    /// z' = gain (u - offset) - pole z + w, w' = push - push_damping w   (thesis 5.3, 5.4). The identified
-    /// form has velocity for its input, so a push (an acceleration) needs a lag of its own, `w`, which is
-    /// zero without effects.
-    FirstOrder {
-        /// Climb rate per input: 1/s for a height command, m/s for PWM counts.
-        gain: Quantity,
-        /// Decay rate of the height, 1/s.
-        pole: Quantity,
-        /// Input at which the height settles at zero, in metres or PWM counts; 0 unless given.
-        offset: Option<Quantity>,
-        /// Input that carries the weight, in PWM counts; needed for a PWM form.
-        hover: Option<Quantity>,
-        /// Decay rate of `w`, 1/s.
-        push_damping: Quantity,
-    },
-    /// z'' = gain (u - offset) - damping z' - stiffness z + push   (thesis 4.15)
-    SecondOrder {
-        /// Upward acceleration per input: 1/s^2 for a height command, m/s^2 for PWM counts.
-        gain: Quantity,
-        /// Deceleration per climb rate, 1/s.
-        damping: Quantity,
-        /// Deceleration per height, 1/s^2.
-        stiffness: Quantity,
-        /// Input at which the height settles at zero, in metres or PWM counts; 0 unless given.
-        offset: Option<Quantity>,
-        /// Input that carries the weight, in PWM counts; needed for a PWM form.
-        hover: Option<Quantity>,
-    },
-    /// z'' = gravity (u / hover - 1) - heave z' + push
-    Thrust {
-        /// Input that carries the weight, in PWM counts.
-        hover: Quantity,
-        /// Deceleration per climb rate, 1/s.
-        heave: Quantity,
-    },
-}
-
-/// The height inputs that the model has; at least one.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Verticals {
-    /// The form that is driven unless another is asked for: where the vehicle was identified. The first that
-    /// the model has, unless given.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub default: Option<VerticalInput>,
-    /// Form with the commanded height in metres for its input (thesis 5.3).
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub height: Option<Vertical>,
-    /// Form of first or second order with the thrust PWM for its input (thesis 5.4).
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub pwm: Option<Vertical>,
-    /// Form in which the thrust PWM accelerates the vehicle; a flight log can be fitted to it.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub thrust: Option<Vertical>,
 }
 
 /// What the command interface accepts: the range that an action of -1..1 is mapped to.
@@ -218,46 +160,6 @@ pub struct Model {
     pub effects: EffectTable,
 }
 
-/// Which of the model's height inputs is commanded.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum VerticalInput {
-    /// The height, in metres (thesis 5.3).
-    Height,
-    /// The thrust PWM, on the first-order form (thesis 5.4).
-    Pwm,
-    /// The thrust PWM, on the acceleration form.
-    Thrust,
-}
-
-impl VerticalInput {
-    /// As model files spell it.
-    pub fn name(self) -> &'static str {
-        match self {
-            VerticalInput::Height => "height",
-            VerticalInput::Pwm => "pwm",
-            VerticalInput::Thrust => "thrust",
-        }
-    }
-
-    /// Every input.
-    pub const ALL: [VerticalInput; 3] = [VerticalInput::Height, VerticalInput::Pwm, VerticalInput::Thrust];
-
-    /// The input of that name.
-    ///
-    /// # Errors
-    /// [`Error::Unknown`] with a proposal.
-    pub fn named(name: &str) -> Result<Self> {
-        let found = Self::ALL.into_iter().find(|input| input.name() == name);
-        found.ok_or_else(|| unknown("vertical form", name, Self::ALL.map(Self::name)))
-    }
-
-    /// Whether the command is a thrust PWM (counts) rather than a height (metres).
-    pub fn is_pwm(self) -> bool {
-        self != VerticalInput::Height
-    }
-}
-
 /// One axis as z'' or z' = ... in the two states (x, w): x' = a_xx x + a_xw w + b_x u + e_x push, likewise w;
 /// rate = x'.
 #[derive(Debug, Clone, Copy)]
@@ -274,12 +176,16 @@ pub struct AxisForm {
 
 impl AxisForm {
     /// x'' = gain (u - offset) - damping x' - stiffness x + push
-    fn second_order(gain: f64, damping: f64, stiffness: f64, offset: f64) -> Self {
+    pub(crate) fn second_order(gain: f64, damping: f64, stiffness: f64, offset: f64) -> Self {
         AxisForm { a: [[0.0, 1.0], [-stiffness, -damping]], u: [0.0, gain], push: [0.0, 1.0], offset }
     }
     /// x' = gain (u - offset) - pole x + w, w' = push - push_damping w
-    fn first_order(gain: f64, pole: f64, offset: f64, push_damping: f64) -> Self {
+    pub(crate) fn first_order(gain: f64, pole: f64, offset: f64, push_damping: f64) -> Self {
         AxisForm { a: [[-pole, 1.0], [0.0, -push_damping]], u: [gain, 0.0], push: [0.0, 1.0], offset }
+    }
+    /// The input above its offset that holds an output, per output.
+    pub fn input_per_output(&self) -> f64 {
+        if self.u[0] == 0.0 { -self.a[1][0] / self.u[1] } else { -self.a[0][0] / self.u[0] }
     }
     pub(crate) fn lags_push(&self) -> bool {
         self.a[0] != [0.0, 1.0] || self.u[0] != 0.0
@@ -291,8 +197,15 @@ impl AxisForm {
 /// simulated flights.
 const YAW_PUSH_DAMPING: f64 = 25.0;
 
-fn or_zero(q: &Option<Quantity>) -> f64 {
+pub(crate) fn or_zero(q: &Option<Quantity>) -> f64 {
     q.as_ref().map_or(0.0, |q| q.value)
+}
+
+impl Tilt {
+    /// Returns the differential equation of the angle; a push is an angular acceleration.
+    pub fn form(&self) -> AxisForm {
+        AxisForm::second_order(self.gain.value, self.damping.value, self.stiffness.value, 0.0)
+    }
 }
 
 impl Yaw {
@@ -312,32 +225,6 @@ impl Yaw {
     pub fn sign(&self) -> f64 {
         let (Yaw::Integrator { gain } | Yaw::Rate { gain, .. } | Yaw::SecondOrder { gain, .. }) = self;
         if gain.value < 0.0 { -1.0 } else { 1.0 }
-    }
-}
-
-impl Vertical {
-    /// Returns the differential equation of the height, with `gravity` in m/s^2.
-    pub fn form(&self, gravity: f64) -> AxisForm {
-        match self {
-            Vertical::FirstOrder { gain, pole, offset, push_damping, .. } => {
-                AxisForm::first_order(gain.value, pole.value, or_zero(offset), push_damping.value)
-            }
-            Vertical::SecondOrder { gain, damping, stiffness, offset, .. } => {
-                AxisForm::second_order(gain.value, damping.value, stiffness.value, or_zero(offset))
-            }
-            Vertical::Thrust { hover, heave } => {
-                AxisForm::second_order(gravity / hover.value, heave.value, 0.0, hover.value)
-            }
-        }
-    }
-    /// The PWM that carries the weight; infinite where the command is a height.
-    pub fn hover_pwm(&self) -> Option<f64> {
-        match self {
-            Vertical::FirstOrder { hover, .. } | Vertical::SecondOrder { hover, .. } => {
-                hover.as_ref().map(|q| q.value)
-            }
-            Vertical::Thrust { hover, .. } => Some(hover.value),
-        }
     }
 }
 
@@ -372,12 +259,12 @@ impl Model {
         toml::to_string_pretty(self).map_err(|e| self.problem(e.to_string()))
     }
 
-    fn problem(&self, problem: String) -> Error {
+    pub(crate) fn problem(&self, problem: String) -> Error {
         Error::Model { name: self.name.clone(), problem }
     }
 
     /// Every quantity with its path, the unit it must have and the interval it must lie in.
-    fn quantities(&self) -> Vec<(String, &Quantity, &'static str, [f64; 2])> {
+    fn quantities(&self) -> Vec<CheckedQuantity<'_>> {
         const POSITIVE: [f64; 2] = [f64::MIN_POSITIVE, 1e6];
         const NOT_NEGATIVE: [f64; 2] = [0.0, 1e6];
         const ANY: [f64; 2] = [-1e6, 1e6];
@@ -401,35 +288,7 @@ impl Model {
         }
         all.push(("lateral.gravity".into(), &self.lateral.gravity, "m/s^2", POSITIVE));
         all.push(("lateral.drag".into(), &self.lateral.drag, "1/s", NOT_NEGATIVE));
-        let verticals = [
-            ("height", &self.vertical.height, "1/s", "1/s^2", "m"),
-            ("pwm", &self.vertical.pwm, "m/s", "m/s^2", "1"),
-            ("thrust", &self.vertical.thrust, "", "", "1"),
-        ];
-        for (name, vertical, first, second, input) in verticals {
-            let path = |field: &str| format!("vertical.{name}.{field}");
-            match vertical {
-                None => {}
-                Some(Vertical::FirstOrder { gain, pole, offset, hover, push_damping }) => {
-                    all.push((path("gain"), gain, first, POSITIVE));
-                    all.push((path("pole"), pole, "1/s", NOT_NEGATIVE));
-                    all.push((path("push_damping"), push_damping, "1/s", POSITIVE));
-                    all.extend(offset.iter().map(|q| (path("offset"), q, input, ANY)));
-                    all.extend(hover.iter().map(|q| (path("hover"), q, input, POSITIVE)));
-                }
-                Some(Vertical::SecondOrder { gain, damping, stiffness, offset, hover }) => {
-                    all.push((path("gain"), gain, second, POSITIVE));
-                    all.push((path("damping"), damping, "1/s", NOT_NEGATIVE));
-                    all.push((path("stiffness"), stiffness, "1/s^2", NOT_NEGATIVE));
-                    all.extend(offset.iter().map(|q| (path("offset"), q, input, ANY)));
-                    all.extend(hover.iter().map(|q| (path("hover"), q, input, POSITIVE)));
-                }
-                Some(Vertical::Thrust { hover, heave }) => {
-                    all.push((path("hover"), hover, "1", POSITIVE));
-                    all.push((path("heave"), heave, "1/s", NOT_NEGATIVE));
-                }
-            }
-        }
+        all.extend(self.vertical.quantities());
         all.push(("command.tilt_max".into(), &self.command.tilt_max, "deg", [0.1, 80.0]));
         all.push(("command.yaw_rate_max".into(), &self.command.yaw_rate_max, "deg/s", [0.1, 2000.0]));
         all.push(("command.height_max".into(), &self.command.height_max, "m", [0.1, 1000.0]));
@@ -460,7 +319,7 @@ impl Model {
     /// [`Error::Unknown`] if the model lacks the vertical input.
     pub fn lags_push(&self, input: VerticalInput) -> Result<[bool; 2]> {
         let form = self.vertical(input)?.form(self.lateral.gravity.value);
-        Ok([form, self.yaw.form()].map(|form| form.lags_push()))
+        Ok([form, self.yaw_form(input)].map(|form| form.lags_push()))
     }
 
     /// The numbers of the model by path ("roll.gain", "vertical.thrust.hover"), each with value and unit.
@@ -512,69 +371,8 @@ impl Model {
                 return Err(self.problem(format!("{path} is {}, expected {low} to {high}", q.value)));
             }
         }
-        if matches!(self.vertical.height, Some(Vertical::Thrust { .. })) {
-            return Err(self.problem(
-                "vertical.height has the form \"thrust\", whose input is a PWM: name it vertical.thrust"
-                    .into(),
-            ));
-        }
-        for (name, vertical) in [("pwm", &self.vertical.pwm), ("thrust", &self.vertical.thrust)] {
-            if vertical.as_ref().is_some_and(|v| v.hover_pwm().is_none()) {
-                return Err(
-                    self.problem(format!("vertical.{name} needs hover, the PWM that carries the weight"))
-                );
-            }
-        }
-        if self.inputs().is_empty() {
-            return Err(self.problem("vertical has no form: give height, pwm or thrust".into()));
-        }
-        if let Some(default) = self.vertical.default.filter(|input| !self.inputs().contains(input)) {
-            return Err(self
-                .problem(format!("vertical.default is {:?}, a form that the model lacks", default.name())));
-        }
+        self.check_verticals()?;
         crate::schedule::Schedule::from_model(self)?;
         crate::config::check_effects(&self.effects)
-    }
-
-    /// The height input that is commanded: what is `asked` for, or the default.
-    ///
-    /// # Errors
-    /// [`Error::Config`] if the model has none.
-    pub fn input(&self, asked: Option<VerticalInput>) -> Result<VerticalInput> {
-        // a checked model has at least one input
-        asked
-            .or(self.inputs().first().copied())
-            .ok_or_else(|| Error::Config("the model has no vertical form".into()))
-    }
-
-    /// The height inputs that this model has, the default first.
-    pub fn inputs(&self) -> Vec<VerticalInput> {
-        let v = &self.vertical;
-        let all = [
-            (VerticalInput::Height, &v.height),
-            (VerticalInput::Pwm, &v.pwm),
-            (VerticalInput::Thrust, &v.thrust),
-        ];
-        let mut inputs: Vec<VerticalInput> =
-            all.into_iter().filter_map(|(input, form)| form.as_ref().map(|_| input)).collect();
-        inputs.sort_by_key(|input| Some(*input) != v.default);
-        inputs
-    }
-
-    /// The vertical form for an input.
-    ///
-    /// # Errors
-    /// [`Error::Unknown`] if the model has no such form.
-    pub fn vertical(&self, input: VerticalInput) -> Result<&Vertical> {
-        let v = &self.vertical;
-        let (form, name) = match input {
-            VerticalInput::Height => (&v.height, "height"),
-            VerticalInput::Pwm => (&v.pwm, "pwm"),
-            VerticalInput::Thrust => (&v.thrust, "thrust"),
-        };
-        let known = [("height", &v.height), ("pwm", &v.pwm), ("thrust", &v.thrust)];
-        form.as_ref().ok_or_else(|| {
-            unknown("vertical form of this model", name, known.iter().filter(|k| k.1.is_some()).map(|k| k.0))
-        })
     }
 }

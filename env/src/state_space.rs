@@ -22,7 +22,8 @@ impl Model {
     /// The 12-state form (thesis 4.14, 4.15): A, B and C for the states (x y z, roll pitch yaw, their rates),
     /// the inputs (roll, pitch, yaw rate, height or PWM above its offset), the outputs (z, roll, pitch, yaw,
     /// vx, vy, vz). The drag terms stand on the diagonal and roll accelerates to -y, as in a right-handed
-    /// frame. A first-order vertical or yaw form has its pole on the position itself.
+    /// frame. A first-order vertical or yaw form has its pole on the position itself. The motor-level form is
+    /// that of small angles near the hover.
     ///
     /// # Errors
     /// [`crate::Error::Unknown`] if the model has no such vertical form.
@@ -37,12 +38,12 @@ impl Model {
         }
         a[(6, 4)] = g;
         a[(7, 3)] = -g;
-        for (i, tilt) in [&self.roll, &self.pitch].into_iter().enumerate() {
-            a[(9 + i, 3 + i)] = -tilt.stiffness.value;
-            a[(9 + i, 9 + i)] = -tilt.damping.value;
-            b[(9 + i, i)] = tilt.gain.value;
+        for (i, tilt) in self.tilt_forms(input).into_iter().enumerate() {
+            a[(9 + i, 3 + i)] = tilt.a[1][0];
+            a[(9 + i, 9 + i)] = tilt.a[1][1];
+            b[(9 + i, i)] = tilt.u[1];
         }
-        for (x, w, u, form) in [(5, 11, 2, self.yaw.form()), (2, 8, 3, self.vertical(input)?.form(g))] {
+        for (x, w, u, form) in [(5, 11, 2, self.yaw_form(input)), (2, 8, 3, self.vertical(input)?.form(g))] {
             for (row, i) in [(x, 0), (w, 1)] {
                 a[(row, x)] = form.a[i][0];
                 a[(row, w)] = form.a[i][1];

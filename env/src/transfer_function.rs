@@ -3,7 +3,7 @@
 use nalgebra::Complex;
 
 use crate::error::{Result, unknown};
-use crate::model::{Model, Tilt, Vertical, VerticalInput, Yaw};
+use crate::model::{AxisForm, Model, VerticalInput};
 
 /// What a command moves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -103,30 +103,24 @@ impl Model {
     /// For a vertical form that the model lacks.
     pub fn transfer_function(&self, channel: Channel, input: VerticalInput) -> Result<TransferFunction> {
         let (g, drag) = (self.lateral.gravity.value, self.lateral.drag.value);
-        let angle = |t: &Tilt| lag(t.gain.value, t.damping.value, t.stiffness.value);
+        let [roll, pitch] = self.tilt_forms(input).map(|form| transfer_function_of(&form));
         // 5.1 times g / (s (s + drag)), 5.5 with the position
-        let sideways = |t: &Tilt, g: f64| angle(t).in_series(&lag(g, drag, 0.0));
+        let sideways = |angle: TransferFunction, g: f64| angle.in_series(&lag(g, drag, 0.0));
         Ok(match channel {
-            Channel::Roll => angle(&self.roll),
-            Channel::Pitch => angle(&self.pitch),
-            Channel::X => sideways(&self.pitch, g),
-            Channel::Y => sideways(&self.roll, -g),
-            Channel::Yaw => match &self.yaw {
-                Yaw::Integrator { gain } => first_order(gain.value, 0.0),
-                Yaw::Rate { gain, bandwidth } => lag(gain.value * bandwidth.value, bandwidth.value, 0.0),
-                Yaw::SecondOrder { gain, damping, stiffness } => {
-                    lag(gain.value, damping.value, stiffness.value)
-                }
-            },
-            Channel::Z => match self.vertical(input)? {
-                Vertical::FirstOrder { gain, pole, .. } => first_order(gain.value, pole.value),
-                Vertical::SecondOrder { gain, damping, stiffness, .. } => {
-                    lag(gain.value, damping.value, stiffness.value)
-                }
-                Vertical::Thrust { hover, heave } => lag(g / hover.value, heave.value, 0.0),
-            },
+            Channel::Roll => roll,
+            Channel::Pitch => pitch,
+            Channel::X => sideways(pitch, g),
+            Channel::Y => sideways(roll, -g),
+            Channel::Yaw => transfer_function_of(&self.yaw_form(input)),
+            Channel::Z => transfer_function_of(&self.vertical(input)?.form(g)),
         })
     }
+}
+
+/// Of a form of first order (where the input sets the rate) or of second.
+fn transfer_function_of(form: &AxisForm) -> TransferFunction {
+    let AxisForm { a, u, .. } = form;
+    if u[0] == 0.0 { lag(u[1], -a[1][1], -a[1][0]) } else { first_order(u[0], -a[0][0]) }
 }
 
 /// gain / (s + pole)
@@ -160,7 +154,7 @@ mod tests {
     #[test]
     fn every_transfer_function_is_that_of_the_state_space() {
         let model = Model::thesis();
-        for input in model.inputs() {
+        for input in VerticalInput::ALL {
             let space = model.state_space(input).unwrap();
             for channel in Channel::ALL {
                 let function = model.transfer_function(channel, input).unwrap();

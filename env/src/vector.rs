@@ -28,7 +28,7 @@ use crate::pool::WorkerPool;
 use crate::schedule::Schedule;
 use crate::sim_scalar::BatchScalar;
 use crate::task::{self, Task, Visitor};
-use crate::world::GROUP;
+use crate::world::{GROUP, check_scope};
 
 use coupled::CoupledShard;
 use judgement::Fault;
@@ -187,7 +187,13 @@ impl VectorEnv {
         let drones = entry.drones(options.drones)?;
         options.check_drones(drones, models.len())?;
         let models: Vec<&Model> = (0..drones).map(|j| models.get(j).unwrap_or(&models[0])).collect();
-        let inputs = models.iter().map(|model| model.input(options.vertical)).collect::<Result<Vec<_>>>()?;
+        let inputs = models
+            .iter()
+            .map(|model| options.action.input(model, options.vertical))
+            .collect::<Result<Vec<_>>>()?;
+        for (drone, (model, input)) in models.iter().zip(&inputs).enumerate() {
+            check_scope(model, &options.drone_effects(drone), *input, options.action)?;
+        }
         let tick_s = Schedule::from_model(models[0])?.tick_s();
         for model in &models {
             let other_s = Schedule::from_model(model)?.tick_s();

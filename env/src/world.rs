@@ -9,12 +9,15 @@ mod parts;
 mod setup;
 mod wind;
 
+pub(crate) use setup::check_scope;
+
 use std::slice::{from_mut, from_ref};
 
 use crate::config::{BoundedNumber, EffectTable, Number};
 use crate::effects::{self, Frame, HookContext, Neighbour, PoseFix, Reading, Stage, Tiles, VehicleConstants};
 use crate::error::Result;
 use crate::model::{Model, VerticalInput};
+use crate::motors::MotorVehicle;
 use crate::noise::{EpisodeKeys, TickRng};
 use crate::plant::{Accelerations, Command, Plant, State};
 use crate::scalar::{Scalar, Word, tabulate};
@@ -23,8 +26,8 @@ use crate::sim_scalar::SimScalar;
 
 use camera_clock::CameraClock;
 use force::outside;
-use parts::{Now, land, merge};
-use setup::{Active, active, body, counts_per_step, with_ranges};
+use parts::{Now, advance, felt, land, merge, thrust_commands};
+use setup::{Active, active, body, counts_per_step, needed_hz, with_ranges};
 use wind::Wind;
 
 /// Tiles that are stepped side by side: while one waits for a result, another computes.
@@ -119,6 +122,8 @@ pub struct World<R: SimScalar> {
     body: VehicleConstants<R>,
     /// Over one physics step.
     plant: Plant<R>,
+    /// In place of the plant, where the motor-level form is commanded.
+    motors: Option<MotorVehicle<R>>,
     steps_per_tick: u32,
     counts_per_step: u32,
     tick_s: f64,
@@ -175,8 +180,8 @@ impl<R: SimScalar> World<R> {
 
     fn assemble(model: &Model, active: Vec<Active>, settings: Settings, tiles: usize) -> Result<Self> {
         let schedule = Schedule::from_model(model)?;
-        let needed_hz = active.iter().map(|(_, entry, _)| entry.physics_hz).max().unwrap_or(0);
-        let counts_per_step = counts_per_step(&schedule, settings.physics_hz, needed_hz)?;
+        let counts_per_step =
+            counts_per_step(&schedule, settings.physics_hz, needed_hz(&active, settings.input))?;
         let mut order = Order::default();
         let (mut stages, mut drawn) = (Vec::new(), Vec::new());
         let tick_s = schedule.seconds(schedule.control);
@@ -220,6 +225,7 @@ impl<R: SimScalar> World<R> {
             feels_air: entries.iter().map(|entry| entry.feels_air).collect(),
             body,
             plant: Plant::new(model, settings.input, schedule.seconds(counts_per_step))?,
+            motors: MotorVehicle::new(model, settings.input, h_s, tiles),
             steps_per_tick,
             counts_per_step,
             tick_s,
@@ -336,6 +342,7 @@ impl<R: SimScalar> World<R> {
             neighbours: &[],
             own: 0,
         };
+        let u = &self.motors.as_mut().map_or(*u, |motors| motors.start(tile, mask, &x, u));
         for stage in &mut self.stages {
             stage.start(tile, mask, &cx, &x, u);
         }
@@ -378,6 +385,7 @@ impl<R: SimScalar> World<R> {
             && self.disturbance.is_none()
             && self.forced_mps2.is_empty()
             && self.wind.is_none()
+            && self.motors.is_none()
     }
 
     /// A step of a plain world: everything stays in registers.
@@ -436,6 +444,7 @@ impl<R: SimScalar> World<R> {
         let World {
             body,
             plant,
+            motors,
             states,
             ages,
             tiles,
@@ -501,12 +510,14 @@ impl<R: SimScalar> World<R> {
                 if let Some(wind) = wind {
                     wind.meet(&group.middle[..n]);
                 }
+                let thrusts = motors.as_ref().map(|motors| thrust_commands(motors, first, states));
+                let u = &thrusts.as_ref().unwrap_or(&group.u)[..n];
                 for &stage in &order.push {
                     let x = match wind {
                         Some(wind) if feels_air[stage] => &wind.in_air[..n],
                         _ => &group.middle[..n],
                     };
-                    let of = Tiles { first, cx: &cx[..n], x, u: &group.u[..n] };
+                    let of = Tiles { first, cx: &cx[..n], x, u };
                     stages[stage].push(&of, &mut group.push[..n]);
                 }
                 if from_outside {
@@ -520,7 +531,8 @@ impl<R: SimScalar> World<R> {
             }
             for i in 0..n {
                 let (x, t, tick) = (&mut states[i], &mut tiles[i], &mut ticks[i]);
-                let (mut next, heading) = plant.advance(x, &group.u[i], &group.push[i]);
+                let (mut next, heading, up_mps2) =
+                    advance(plant, motors.as_mut(), first + i, x, &group.u[i], &group.push[i]);
                 if self.floor {
                     land(&mut next, x.pos_m[2], &mut tick.contact);
                 }
@@ -531,7 +543,8 @@ impl<R: SimScalar> World<R> {
                     #[inline(always)]
                     |k| (next.vel_mps[k] - x.vel_mps[k]) * times.per_h,
                 );
-                tick.reading.acc_mps2 = heading.specific(&group.push[i], t.acc_mps2[2] + self.gravity_mps2);
+                let up_mps2 = felt(up_mps2, t.acc_mps2[2] + self.gravity_mps2, tick.contact.standing);
+                tick.reading.acc_mps2 = heading.specific(&group.push[i], up_mps2);
                 *x = next;
                 cx[i].first = false;
                 cx[i].since_tick_s += h_s;
@@ -560,6 +573,9 @@ impl<R: SimScalar> World<R> {
                 PoseFix::ideal(&states[i], cx[i].t_s)
             };
             ticks[i].reading = Reading::from_state(&states[i], ticks[i].reading.acc_mps2, marker);
+            if motors.is_some() {
+                ticks[i].reading.gyro_radps = MotorVehicle::gyro_radps(&states[i]);
+            }
         }
         let of = Tiles { first, cx: &cx[..n], x: states, u: &group.u[..n] };
         for &stage in &order.sense {

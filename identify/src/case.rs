@@ -113,7 +113,8 @@ impl Case {
         model.lateral.drag = quantity(0.0, "1/s");
         let thrust =
             Vertical::Thrust { hover: quantity(height.hover_pwm, "1"), heave: quantity(height.heave, "1/s") };
-        model.vertical = Verticals { default: None, height: None, pwm: None, thrust: Some(thrust) };
+        model.vertical =
+            Verticals { default: None, height: None, pwm: None, thrust: Some(thrust), motors: None };
         model.vehicle.mass = quantity(self.mass_kg, "kg");
         model.mark_identified();
         model.vehicle.battery_reference = self.vbat_ref.map(|v| quantity(v, "V"));

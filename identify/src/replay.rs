@@ -9,7 +9,7 @@ use std::fmt;
 use std::ops::Range;
 
 use crazyflie_env::config::{EffectParams, EffectTable};
-use crazyflie_env::model::{Model, Vertical, VerticalInput};
+use crazyflie_env::model::{Model, Motors, Vertical, VerticalInput};
 use crazyflie_env::plant::{Command, State};
 use crazyflie_env::world::{Settings, World};
 
@@ -279,7 +279,7 @@ fn model_on_replay_clock(
     let flight = quantile(lift.get(log.airborne.clone()).unwrap_or(lift), 0.5).unwrap_or(0.0);
     if plan.hover == HoverSource::OfModel {
         let hover = match model.vertical(input)? {
-            Vertical::Thrust { hover, .. } => Some(hover.value),
+            Vertical::Thrust { hover, .. } | Vertical::Motors(Motors { hover, .. }) => Some(hover.value),
             Vertical::FirstOrder { hover, .. } | Vertical::SecondOrder { hover, .. } => {
                 hover.as_ref().map(|q| q.value)
             }

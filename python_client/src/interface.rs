@@ -63,7 +63,7 @@ impl Interface {
     fn action_ranges(&self) -> Vec<(f64, f64)> {
         self.inner.ranges().map(|[low, high]| (low, high)).to_vec()
     }
-    /// Which height input is commanded: "height", "pwm" or "thrust".
+    /// Which height input is commanded: "height", "pwm", "thrust" or "motors".
     #[getter]
     fn vertical(&self) -> &'static str {
         self.inner.input.name()

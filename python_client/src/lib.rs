@@ -36,9 +36,9 @@ mod _native {
     use crate::policy::policy_c;
     #[pymodule_export]
     use crate::registry::{
-        action_levels, check_model, cli, effects, expression_fields, expression_functions, model_text,
-        neighbour_fields, observable_fields, observation_choices, observation_fields, read_task, tasks,
-        track_rows,
+        action_levels, check_model, cli, datasheet_model, effects, expression_fields, expression_functions,
+        model_text, neighbour_fields, observable_fields, observation_choices, observation_fields, read_task,
+        tasks, track_rows,
     };
     #[pymodule_export]
     use crate::remote::Remote;

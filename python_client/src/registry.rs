@@ -2,7 +2,7 @@
 
 use crazyflie_env::coupling::NEIGHBOUR_FIELDS;
 use crazyflie_env::model::{Model, THESIS_TOML, VerticalInput};
-use crazyflie_env::observation::{ALL_FIELDS, CHOICES, Field, Interface, NamedChoice, ObservationChoice};
+use crazyflie_env::observation::{ALL_FIELDS, CHOICES, Field, NamedChoice, ObservationChoice};
 use crazyflie_env::task_file::TaskFile;
 use crazyflie_env::{action, effects as effect, task};
 use pyo3::prelude::*;
@@ -144,7 +144,7 @@ pub fn read_task(text: &str) -> PyResult<(String, String, String)> {
 
 /// Every action level, as dicts: name, about, channels (name, unit, low, high, about, bandwidth_radps),
 /// validity, source. The ranges are those of a model: the built-in one in its default form, unless `model` is
-/// the text of another and `vertical` one of its forms.
+/// the text of another and `vertical` one of its forms. Levels of a form that the model lacks are left out.
 #[pyfunction]
 #[pyo3(signature = (model = None, vertical = None))]
 pub fn action_levels<'py>(
@@ -155,7 +155,7 @@ pub fn action_levels<'py>(
     let model = guarded(|| model.map_or_else(|| Ok(Model::thesis()), Model::parse))?;
     let asked = guarded(|| vertical.map(VerticalInput::named).transpose())?;
     let level_dict = |entry: &action::Entry| {
-        let interface = guarded(|| Interface::at_level(&model, model.input(asked)?, entry.level))?;
+        let Some(interface) = guarded(|| entry.interface(&model, asked))? else { return Ok(None) };
         let channel_dict = |(i, channel): (usize, &action::Channel)| {
             let dict = PyDict::new(py);
             for (key, text) in [("name", channel.name), ("unit", channel.unit), ("about", channel.about)] {
@@ -179,9 +179,9 @@ pub fn action_levels<'py>(
             dict.set_item(key, text)?;
         }
         dict.set_item("channels", channels?)?;
-        Ok(dict)
+        Ok(Some(dict))
     };
-    action::registry().iter().map(level_dict).collect()
+    action::registry().iter().filter_map(|entry| level_dict(entry).transpose()).collect()
 }
 
 /// The layout of what follows an observation row for each of the other drones of an environment.
@@ -208,6 +208,12 @@ fn field_dict<'py>(py: Python<'py>, field: &Field) -> PyResult<Bound<'py, PyDict
 #[pyfunction]
 pub fn model_text() -> &'static str {
     THESIS_TOML
+}
+
+/// The text (TOML) of the model of a data sheet's text (TOML or JSON); `ValueError` says what is missing or wrong.
+#[pyfunction]
+pub fn datasheet_model(text: &str) -> PyResult<String> {
+    guarded(|| Model::from_datasheet(text)?.to_toml())
 }
 
 /// Read a model (TOML or JSON) and return its name; `ValueError` says what is wrong and where.

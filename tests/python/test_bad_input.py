@@ -277,7 +277,7 @@ OPTIONS = st.fixed_dictionaries(
             st.sampled_from(["height_m", "size_m", "shape", "start_m", "period_s", "rise_m"]), NUMBER
         ),
         "effects": st.dictionaries(st.sampled_from(NAMES), EFFECT, max_size=4),
-        "vertical": st.sampled_from(["height", "pwm", "thrust"]),
+        "vertical": st.sampled_from(["height", "pwm", "thrust", "motors"]),
         "physics_hz": st.sampled_from([50, 100, 150, 300, 0, 77, -1]),
         "autoreset": st.sampled_from(["next_step", "same_step", "disabled", "never"]),
         "max_episode_steps": st.integers(0, 5),

@@ -17,7 +17,7 @@ CHANNELS = {
 OMEGA_RADPS = np.array([0.3, 1.0, 7.0, 40.0])
 
 
-@pytest.mark.parametrize("vertical", ["height", "pwm", "thrust"])
+@pytest.mark.parametrize("vertical", ["height", "pwm", "thrust", "motors"])
 @pytest.mark.parametrize("channel", sorted(CHANNELS))
 def test_the_transfer_function_is_that_of_the_matrices(channel, vertical):
     command, state = CHANNELS[channel]

@@ -13,8 +13,13 @@ use super::{Failure, Outcome};
 /// The model of a file, or the thesis's.
 pub(crate) fn model(path: Option<&Path>) -> Outcome<Model> {
     let Some(path) = path else { return Ok(Model::thesis()) };
+    read(path, Model::parse)
+}
+
+/// A file as `parse` reads its text.
+pub(crate) fn read<T>(path: &Path, parse: fn(&str) -> crazyflie_env::Result<T>) -> Outcome<T> {
     let text = fs::read_to_string(path).map_err(|e| Failure::about(path.display(), e))?;
-    Model::parse(&text).map_err(|e| Failure::about(path.display(), e))
+    parse(&text).map_err(|e| Failure::about(path.display(), e))
 }
 
 /// Writes a file, and the folder it is in if there is none yet.

@@ -72,8 +72,8 @@ pub(super) struct Args {
     /// Keep several drones out of each other's way
     #[arg(long)]
     collision_avoidance: bool,
-    /// Which vertical form of the model is commanded: height, pwm or thrust [default: pwm, if the model has
-    /// it]
+    /// Which vertical form of the model is commanded: height, pwm, thrust or motors [default: pwm, if
+    /// the model has it]
     #[arg(long, value_parser = files::vertical, value_name = "FORM")]
     vertical: Option<VerticalInput>,
     /// How long to fly [default: as the task says]

@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::PathBuf;
 
-use crazyflie_env::model::{Model, THESIS_TOML};
+use crazyflie_env::model::{Model, THESIS_TOML, VerticalInput};
 use serde_json::{Value, json};
 
 use super::{Failure, Outcome, files};
@@ -13,7 +13,8 @@ Examples:
   crazyflie model --show > my.toml          the thesis's model, as a start for your own
   crazyflie model my.toml                   check a model file
   crazyflie model my.toml --show --json     the same model as JSON
-  crazyflie model --schema                  what a model file holds, as JSON Schema";
+  crazyflie model --schema                  what a model file holds, as JSON Schema
+  crazyflie model --datasheet examples/crazyflie_datasheet.toml --out my.toml    of a vehicle's data sheet";
 
 /// Show or check a model, or print the schema of model files.
 #[derive(Debug, clap::Args)]
@@ -24,6 +25,12 @@ pub(super) struct Args {
     /// Print the model
     #[arg(long)]
     show: bool,
+    /// Make the model of a data sheet (TOML or JSON; docs/datasheet.md)
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["file", "schema"])]
+    datasheet: Option<PathBuf>,
+    /// Write the model to this file
+    #[arg(long, value_name = "FILE", conflicts_with = "schema")]
+    out: Option<PathBuf>,
     /// Print the JSON Schema of model files
     #[arg(long, conflicts_with = "show")]
     schema: bool,
@@ -37,12 +44,19 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         serde_json::to_writer_pretty(&mut *out, &schema())?;
         return Ok(writeln!(out)?);
     }
-    let model = files::model(args.file.as_deref())?;
+    let model = match &args.datasheet {
+        Some(path) => files::read(path, Model::from_datasheet)?,
+        None => files::model(args.file.as_deref())?,
+    };
+    if let Some(path) = &args.out {
+        let text = model.to_toml().map_err(|e| Failure::about(&model.name, e))?;
+        files::write(path, text.as_bytes())?;
+    }
     if args.json {
         serde_json::to_writer_pretty(&mut *out, &model)?;
         return Ok(writeln!(out)?);
     }
-    if args.show && args.file.is_none() {
+    if args.show && args.file.is_none() && args.datasheet.is_none() {
         // with its comments
         return Ok(write!(out, "{THESIS_TOML}")?);
     }
@@ -59,7 +73,8 @@ fn describe(m: &Model, out: &mut dyn Write) -> Outcome {
     };
     writeln!(out, "model {}: {}", m.name, m.description)?;
     writeln!(out, "  roll   {}\n  pitch  {}", tilt(&m.roll), tilt(&m.pitch))?;
-    let inputs: Vec<&str> = m.inputs().into_iter().map(crazyflie_env::model::VerticalInput::name).collect();
+    let has = |input: &VerticalInput| m.vertical(*input).is_ok();
+    let inputs: Vec<&str> = VerticalInput::ALL.into_iter().filter(has).map(VerticalInput::name).collect();
     writeln!(out, "  vertical inputs: {}", inputs.join(", "))?;
     let (r, effects) = (&m.rig, m.effects.keys().map(String::as_str).collect::<Vec<_>>());
     writeln!(out, "  control {} Hz, IMU {} Hz, camera {} Hz", r.control.value, r.imu.value, r.camera.value)?;
@@ -119,12 +134,28 @@ fn schema() -> Value {
     ]});
     let thrust = form("thrust", vec![("hover", quantity("1")), ("heave", quantity("1/s"))], &[]);
     let pwm = json!({"oneOf": [vertical("1", "m/s", "m/s^2"), thrust]});
-    let default = json!({"enum": ["height", "pwm", "thrust"], "description": "the form that is driven unless another is asked for"});
+    let motors = form(
+        "motors",
+        [
+            ("hover", "1"),
+            ("linear_share", "1"),
+            ("lag", "s"),
+            ("tilt_inertia", "kg m^2"),
+            ("yaw_inertia", "kg m^2"),
+            ("torque_per_thrust", "m"),
+            ("heave", "1/s"),
+        ]
+        .map(|(name, unit)| (name, quantity(unit)))
+        .to_vec(),
+        &[],
+    );
+    let default = json!({"enum": VerticalInput::ALL.map(VerticalInput::name), "description": "the form that is driven unless another is asked for"});
     let verticals = [
         ("default", default),
         ("height", vertical("m", "1/s", "1/s^2")),
         ("pwm", pwm.clone()),
         ("thrust", pwm),
+        ("motors", motors),
     ];
     let quantities = |units: &[(&'static str, &str)]| {
         object(&units.iter().map(|(name, unit)| (*name, quantity(unit))).collect::<Vec<_>>(), &[])
@@ -137,7 +168,10 @@ fn schema() -> Value {
         ("hover_current", "A"),
     ];
     let vehicle = vehicle.map(|(name, unit)| (name, quantity(unit)));
-    let identified = quantities(&[("mass", "kg"), ("arm", "m")]);
+    let identified = object(
+        &[("mass", quantity("kg")), ("arm", quantity("m"))],
+        &[("battery_capacity", quantity("C")), ("hover_current", quantity("A"))],
+    );
     let mut schema = object(
         &[
             ("schema", json!({"const": 1})),

@@ -28,8 +28,8 @@ pub(super) struct Args {
     /// Model file; the thesis's model unless given
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
-    /// Which vertical form of the model is commanded: height, pwm or thrust [default: pwm, if the model has
-    /// it]
+    /// Which vertical form of the model is commanded: height, pwm, thrust or motors [default: pwm, if
+    /// the model has it]
     #[arg(long, value_parser = files::vertical, value_name = "FORM")]
     vertical: Option<VerticalInput>,
     /// Gains as `crazyflie tune` writes them; table 7.1's unless given

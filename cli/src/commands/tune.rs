@@ -31,8 +31,8 @@ pub(super) struct Args {
     /// Model file; the thesis's model unless given
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
-    /// Which vertical form of the model is commanded: height, pwm or thrust [default: pwm, if the model has
-    /// it]
+    /// Which vertical form of the model is commanded: height, pwm, thrust or motors [default: pwm, if
+    /// the model has it]
     #[arg(long, value_parser = files::vertical, value_name = "FORM")]
     vertical: Option<VerticalInput>,
     /// Besides steps of 50 cm, 30 cm of height and 30 degrees, the error in this task or flight counts (see

@@ -70,7 +70,11 @@ pub(crate) fn check_forms(
     requirements: &LoopRequirements,
     gains: &Gains,
 ) -> Result<Vec<FormCheck>, Error> {
-    tuning.model.inputs().into_iter().map(|vertical| check(tuning, requirements, vertical, gains)).collect()
+    let mut forms = tuning.model.inputs();
+    if !forms.contains(&tuning.vertical) {
+        forms.push(tuning.vertical);
+    }
+    forms.into_iter().map(|vertical| check(tuning, requirements, vertical, gains)).collect()
 }
 
 fn check(

@@ -216,3 +216,18 @@ fn a_model_survives_being_shown_and_read() {
     let ran = run(&["fly", "--seconds", "1", "--model", text(&file)]);
     assert!(ran.code == 0 && ran.out.contains("model thesis"), "{}", ran.err);
 }
+
+#[test]
+fn a_data_sheet_becomes_a_model_that_flies() {
+    let folder = folder("datasheet");
+    let (sheet, model) = (folder.join("sheet.toml"), folder.join("my.toml"));
+    let example = include_str!("../../../examples/crazyflie_datasheet.toml");
+    std::fs::write(&sheet, example).unwrap();
+    stdout_of(&["model", "--datasheet", text(&sheet), "--out", text(&model)]);
+    assert_eq!(json(&["model", text(&model), "--json"])["vertical"]["default"], "motors");
+    let ran = run(&["fly", "--seconds", "2", "--model", text(&model)]);
+    assert!(ran.code == 0 && ran.out.contains("model my-crazyflie"), "{}{}", ran.out, ran.err);
+    std::fs::write(&sheet, example.replace("lag_s", "# lag_s")).unwrap();
+    let args = ["model", "--datasheet", text(&sheet)];
+    assert_fails(1, &args, &[text(&sheet), "there is no motor.lag_s (time constant of a motor)"]);
+}

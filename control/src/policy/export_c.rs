@@ -35,6 +35,7 @@ pub fn export_c(file: &[u8], model: &Model, input: VerticalInput, stem: &str) ->
         file: Some(file),
         path: "",
         member: "",
+        first_env: 0,
     };
     let interface = Interface::from_model(model, input)?;
     let tick_s = 1.0 / model.rig.control.value;

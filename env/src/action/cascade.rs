@@ -4,7 +4,7 @@
 use super::{ActionLevel, SPEED_MAX_MPS};
 use crate::archive::Archive;
 use crate::error::Result;
-use crate::model::{AxisForm, Model, Tilt, Vertical, VerticalInput};
+use crate::model::{AxisForm, Model, Motors, Vertical, VerticalInput};
 use crate::observation::{ACTION, Interface, wrap};
 use crate::plant::{Command, State};
 use crate::scalar::{Scalar, tabulate};
@@ -83,13 +83,15 @@ impl<R: Scalar> Onboard<R> {
         if level.is_default() {
             return Ok(None);
         }
-        let tilts = [&model.roll, &model.pitch];
+        let tilts = model.tilt_forms(interface.input);
+        // the motor-level form has the firmware's attitude loop, which is fast enough
+        let own_loops = interface.input == VerticalInput::Motors;
         Ok(Some(Onboard {
             level,
             interface: *interface,
             tick_s: R::from_f64(tick_s),
-            per_tilt: tilts.map(|tilt| R::from_f64(tilt.stiffness.value / tilt.gain.value)),
-            closing: tilts.map(|tilt| R::from_f64(closing(tilt))),
+            per_tilt: tilts.map(|tilt| R::from_f64(tilt.input_per_output())),
+            closing: tilts.map(|tilt| R::from_f64(if own_loops { 0.0 } else { closing(&tilt) })),
             lift: Lift::new(model, interface)?,
             takes_height: interface.input == VerticalInput::Height,
             memory: vec![Memory::new(); tiles],
@@ -115,6 +117,10 @@ impl<R: Scalar> Onboard<R> {
                 self.follow(tile, [x_mps, y_mps, z_mps], yaw_rate_radps, x)
             }
             ActionLevel::Position => self.approach(tile, set_point, x),
+            ActionLevel::BodyRates | ActionLevel::Motors => {
+                let [roll_rad, pitch_rad, yaw_rate_radps, lift] = set_point;
+                Command { roll_rad, pitch_rad, yaw_rate_radps, lift }
+            }
         }
     }
 
@@ -189,11 +195,11 @@ impl<R: BatchScalar> Onboard<R> {
 /// How much of a missing angle is added to the command. The firmware's gains expect an attitude loop that is
 /// faster than the identified one (5.1: 2.8 1/s), with which the position loop would swing by itself. So the
 /// angle is closed once more, as fast as it goes without overshoot.
-fn closing(tilt: &Tilt) -> f64 {
-    let damping_ps = tilt.damping.value;
+fn closing(tilt: &AxisForm) -> f64 {
+    let damping_ps = -tilt.a[1][1];
     let pole_ps = (0.5 * damping_ps).min(FASTEST_PS);
     let stiffness_ps2 = pole_ps * (damping_ps - pole_ps);
-    ((stiffness_ps2 - tilt.stiffness.value) / tilt.gain.value).max(0.0)
+    ((stiffness_ps2 + tilt.a[1][0]) / tilt.u[1]).max(0.0)
 }
 
 impl<R: Scalar> Lift<R> {
@@ -201,7 +207,7 @@ impl<R: Scalar> Lift<R> {
         let vertical = model.vertical(interface.input)?;
         let AxisForm { a, u, offset, .. } = vertical.form(model.lateral.gravity.value);
         Ok(match vertical {
-            Vertical::Thrust { hover, .. } => {
+            Vertical::Thrust { hover, .. } | Vertical::Motors(Motors { hover, .. }) => {
                 let scale = hover.value / THRUST_BASE;
                 Lift::Thrust {
                     hover: R::from_f64(hover.value),

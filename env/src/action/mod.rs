@@ -7,6 +7,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::error::{Error, Result, unknown};
 use crate::model::{Model, VerticalInput};
+use crate::motors::FULL_PWM;
 use crate::observation::{ACTION, Interface};
 use crate::plant::{Command, State};
 use crate::scalar::{Scalar, tabulate};
@@ -24,6 +25,10 @@ pub enum ActionLevel {
     Velocity,
     /// A place in the room, and a heading.
     Position,
+    /// Rates about the body axes, and a thrust PWM.
+    BodyRates,
+    /// The PWM of each motor.
+    Motors,
 }
 
 /// One number of an action.
@@ -90,8 +95,8 @@ const VELOCITY: Entry = Entry {
     name: "velocity",
     about: "velocity along the room's axes, and yaw rate: what `send_velocity_world_setpoint` takes",
     channels: [
-        channel("x_mps", "m/s", "to the right"),
-        channel("y_mps", "m/s", "forward"),
+        channel("x_mps", "m/s", "along the x axis of the room"),
+        channel("y_mps", "m/s", "along the y axis of the room"),
         channel("z_mps", "m/s", "up"),
         channel("yaw_rate_radps", "rad/s", "right-handed: positive turns counter-clockwise"),
     ],
@@ -109,8 +114,8 @@ const POSITION: Entry = Entry {
     name: "position",
     about: "a place in the room and a heading: what `send_position_setpoint` takes",
     channels: [
-        channel("x_m", "m", "place over the marker, to the right"),
-        channel("y_m", "m", "place over the marker, forward"),
+        channel("x_m", "m", "place over the marker, along the x axis"),
+        channel("y_m", "m", "place over the marker, along the y axis"),
         channel("z_m", "m", "height over the floor"),
         channel("yaw_rad", "rad", "heading, right-handed"),
     ],
@@ -123,9 +128,66 @@ const POSITION: Entry = Entry {
     },
 };
 
+const MOTOR_VALIDITY: &str =
+    "the motor-level form, a data sheet's and not identified: its attitude step is compared with 5.1 below";
+
+const BODY_RATES: Entry = Entry {
+    level: ActionLevel::BodyRates,
+    name: "body_rates",
+    about: "rates about the body axes and a thrust, on the form `motors`",
+    channels: [
+        channel("roll_rate_radps", "rad/s", "right-handed about the nose"),
+        channel("pitch_rate_radps", "rad/s", "positive lowers the nose"),
+        channel("yaw_rate_radps", "rad/s", "right-handed: positive turns counter-clockwise"),
+        channel("thrust_pwm", "1", "PWM of all motors, before the mixer adds what turns"),
+    ],
+    bandwidth_radps: [35.9, 35.9, 10.7, MOTOR_RADPS],
+    validity: MOTOR_VALIDITY,
+    source: "Crazyflie firmware, attitude_pid_controller.c with the gains of platform_defaults_cf2.h; Foerster 2015",
+    ranges: |_, interface| {
+        let (tilt, yaw) = (std::f64::consts::TAU, interface.yaw_rate_max_radps);
+        [[-tilt, tilt], [-tilt, tilt], [-yaw, yaw], [0.0, interface.lift_max]]
+    },
+};
+
+/// A motor follows with Foerster's pole.
+const MOTOR_RADPS: f64 = 15.5;
+
+const MOTORS: Entry = Entry {
+    level: ActionLevel::Motors,
+    name: "motors",
+    about: "the PWM of each motor, on the form `motors`",
+    channels: [
+        channel("m1_pwm", "1", "front right, turns counter-clockwise"),
+        channel("m2_pwm", "1", "back right, turns clockwise"),
+        channel("m3_pwm", "1", "back left, turns counter-clockwise"),
+        channel("m4_pwm", "1", "front left, turns clockwise"),
+    ],
+    bandwidth_radps: [MOTOR_RADPS; ACTION],
+    validity: MOTOR_VALIDITY,
+    source: "Foerster 2015: thrust curve, motor lag, inertia",
+    ranges: |_, _| [[0.0, FULL_PWM]; ACTION],
+};
+
+impl Entry {
+    /// The interface of a model at this level, in the form that is `asked` for where the level has it; nothing
+    /// where the model lacks the form that the level needs.
+    ///
+    /// # Errors
+    /// [`Error::Unknown`] if the model lacks the form that is asked for.
+    pub fn interface(&self, model: &Model, asked: Option<VerticalInput>) -> Result<Option<Interface>> {
+        let lower = self.level.is_below_attitude();
+        if lower && model.vertical.motors.is_none() {
+            return Ok(None);
+        }
+        let input = self.level.input(model, asked.filter(|_| !lower))?;
+        Interface::at_level(model, input, self.level).map(Some)
+    }
+}
+
 /// Every action level; the first is the one unless another is asked for.
 pub fn registry() -> &'static [Entry] {
-    const REGISTRY: &[Entry] = &[ATTITUDE, VELOCITY, POSITION];
+    const REGISTRY: &[Entry] = &[ATTITUDE, VELOCITY, POSITION, BODY_RATES, MOTORS];
     REGISTRY
 }
 
@@ -144,6 +206,30 @@ impl ActionLevel {
     pub fn entry(self) -> &'static Entry {
         // the registry has a line for each level, which a test sees to
         registry().iter().find(|entry| entry.level == self).unwrap_or(&registry()[0])
+    }
+
+    /// Whether actions set what lies below the attitude, which the motor-level form alone has.
+    pub fn is_below_attitude(self) -> bool {
+        matches!(self, ActionLevel::BodyRates | ActionLevel::Motors)
+    }
+
+    /// The height input that is commanded: what is `asked` for, or the model's first that has this level.
+    ///
+    /// # Errors
+    /// [`Error::Config`] if the model has none, or what is asked for has not.
+    pub fn input(self, model: &Model, asked: Option<VerticalInput>) -> Result<VerticalInput> {
+        if self.is_below_attitude() {
+            return match asked {
+                None | Some(VerticalInput::Motors) => Ok(VerticalInput::Motors),
+                Some(other) => Err(Error::Config(format!(
+                    "actions of the level {:?} are for the vertical form \"motors\", got {:?}, whose attitude \
+                     loops are closed",
+                    self.name(),
+                    other.name()
+                ))),
+            };
+        }
+        model.input(asked)
     }
 
     /// Key in configurations.
@@ -239,6 +325,8 @@ impl Interface {
                 let [x_m, y_m, z_m] = x.pos_m;
                 self.action_of(&[x_m, y_m, z_m, x.att_rad[2]])
             }
+            ActionLevel::BodyRates => self.action_of(&[zero, zero, zero, u.lift]),
+            ActionLevel::Motors => self.action_of(&[u.lift; ACTION]),
         }
     }
 }
@@ -274,7 +362,7 @@ mod tests {
     fn an_action_is_its_set_point_and_back() {
         for entry in registry() {
             let interface =
-                Interface::at_level(&Model::thesis(), VerticalInput::Height, entry.level).unwrap();
+                Interface::at_level(&Model::thesis(), VerticalInput::Motors, entry.level).unwrap();
             let ranges = interface.ranges();
             assert_eq!(ranges, (entry.ranges)(&Model::thesis(), &interface), "{}", entry.name);
             let action = [-1.0, 1.0, 0.25, -0.5];

@@ -1,6 +1,6 @@
 //! Axes turned against each other.
 
-use super::{Effect, HookContext, Hooks, Param, param};
+use super::{Effect, HookContext, Hooks, Param, Scope, param};
 use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;
 
@@ -12,6 +12,7 @@ impl Effect<1, 0> for AllocCross {
     const SOURCE: &'static str = "A flight controller mounted askew: motor allocation in a frame turned about z; torque as in 5.1, feedback included";
     const PARAMS: [Param; 1] = [param("angle_deg", "deg", 0.0, [-45.0, 45.0], "right-handed about z")];
     const HOOKS: Hooks = Hooks::PUSH;
+    const SCOPE: Scope = Scope::IdentifiedLoops;
     const PHYSICS_HZ: u32 = 300;
 
     #[inline(always)]

@@ -1,6 +1,6 @@
 //! Angles that come out smaller or larger than commanded.
 
-use super::{Effect, HookContext, Hooks, Param, param};
+use super::{Effect, HookContext, Hooks, Param, Scope, param};
 use crate::plant::{Command, State};
 use crate::scalar::Scalar;
 
@@ -14,6 +14,7 @@ impl Effect<1, 0> for AttitudeGain {
     const PARAMS: [Param; 1] =
         [param("gain", "1", 1.0, [0.2, 3.0], "angle obeyed over angle commanded").at_least(0.03)];
     const HOOKS: Hooks = Hooks::COMMAND;
+    const SCOPE: Scope = Scope::Angles;
 
     #[inline(always)]
     fn command<R: Scalar>(

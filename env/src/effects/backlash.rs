@@ -1,6 +1,6 @@
 //! Play between the command and what obeys it.
 
-use super::{Effect, HookContext, Hooks, Param, param};
+use super::{Effect, HookContext, Hooks, Param, Scope, param};
 use crate::plant::{Command, State};
 use crate::scalar::Scalar;
 
@@ -14,6 +14,7 @@ impl Effect<1, 2> for Backlash {
     const PARAMS: [Param; 1] =
         [param("play_deg", "deg", 0.0, [0.0, 10.0], "full width of the play").starting_from(&[0.8, 2.0])];
     const HOOKS: Hooks = Hooks::COMMAND;
+    const SCOPE: Scope = Scope::Angles;
 
     #[inline(always)]
     fn start<R: Scalar>(_: &[R; 1], _: &HookContext<R>, _: &State<R>, u: &Command<R>) -> [R; 2] {

@@ -1,6 +1,6 @@
 //! Commands too small to move anything.
 
-use super::{Effect, HookContext, Hooks, Param, param};
+use super::{Effect, HookContext, Hooks, Param, Scope, param};
 use crate::plant::{Command, State};
 use crate::scalar::Scalar;
 
@@ -15,6 +15,7 @@ impl Effect<1, 0> for CmdDeadband {
     const PARAMS: [Param; 1] =
         [param("tilt_deg", "deg", 0.0, [0.0, 10.0], "width of the dead band to each side")];
     const HOOKS: Hooks = Hooks::COMMAND;
+    const SCOPE: Scope = Scope::Angles;
 
     #[inline(always)]
     fn command<R: Scalar>(

@@ -1,6 +1,6 @@
 //! Commands cut off at a limit.
 
-use super::{Effect, HookContext, Hooks, Param, param};
+use super::{Effect, HookContext, Hooks, Param, Scope, param};
 use crate::plant::{Command, State};
 use crate::scalar::Scalar;
 
@@ -18,6 +18,7 @@ impl Effect<4, 0> for CmdLimit {
         param("pwm_max", "1", 65535.0, [0.0, 65535.0], "largest thrust PWM"),
     ];
     const HOOKS: Hooks = Hooks::COMMAND;
+    const SCOPE: Scope = Scope::Angles;
 
     #[inline(always)]
     fn command<R: Scalar>(

@@ -1,6 +1,6 @@
 //! Commands that cannot jump.
 
-use super::{Effect, HookContext, Hooks, Param, param};
+use super::{Effect, HookContext, Hooks, Param, Scope, param};
 use crate::plant::{Command, State};
 use crate::scalar::Scalar;
 
@@ -22,6 +22,7 @@ impl Effect<1, 2> for CmdRateLimit {
         "largest rate of change of roll and pitch commands; 2000 for no limit",
     )];
     const HOOKS: Hooks = Hooks::COMMAND;
+    const SCOPE: Scope = Scope::Angles;
 
     #[inline(always)]
     fn start<R: Scalar>(_: &[R; 1], _: &HookContext<R>, _: &State<R>, u: &Command<R>) -> [R; 2] {

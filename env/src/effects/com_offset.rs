@@ -1,6 +1,6 @@
 //! Centre of mass off centre, or bad trim.
 
-use super::{Effect, HookContext, Hooks, Param, param};
+use super::{Effect, HookContext, Hooks, Param, Scope, param};
 use crate::plant::{Command, State};
 use crate::scalar::Scalar;
 
@@ -29,6 +29,7 @@ impl Effect<2, 0> for ComOffset {
         ),
     ];
     const HOOKS: Hooks = Hooks::COMMAND;
+    const SCOPE: Scope = Scope::Angles;
 
     #[inline(always)]
     fn command<R: Scalar>(

@@ -1,7 +1,7 @@
 //! An on-board estimator that takes drag for tilt.
 
 use super::time::lag_shares;
-use super::{Effect, HookContext, Hooks, Param, Reading, Ubiquity, param};
+use super::{Effect, HookContext, Hooks, Param, Reading, Scope, Ubiquity, param};
 use crate::plant::{Command, State};
 use crate::scalar::Scalar;
 
@@ -29,6 +29,7 @@ impl Effect<2, 4> for EstimatorTilt {
         .companion(&[0.35]),
     ];
     const HOOKS: Hooks = Hooks::COMMAND_AND_SENSE;
+    const SCOPE: Scope = Scope::IdentifiedLoops;
     const UBIQUITY: Ubiquity = Ubiquity::All;
     // of twice 0.35 s, 2 % are left
     const MOTION_MEMORY_S: f64 = 2.0;

@@ -1,6 +1,6 @@
 //! Turning mixes roll and pitch.
 
-use super::{Effect, Geometry, HookContext, Hooks, Param, param};
+use super::{Effect, Geometry, HookContext, Hooks, Param, Scope, param};
 use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;
 
@@ -24,6 +24,7 @@ impl Effect<2, 0> for EulerKinematics {
         .choice(),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
+    const SCOPE: Scope = Scope::IdentifiedLoops;
     const MODEL_FORM: Geometry = Geometry::Part;
     const PHYSICS_HZ: u32 = 150;
 

@@ -1,6 +1,6 @@
 //! Sideways acceleration at large angles.
 
-use super::{Effect, Geometry, HookContext, Hooks, Param, param};
+use super::{Effect, Geometry, HookContext, Hooks, Param, Scope, param};
 use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;
 
@@ -12,6 +12,7 @@ impl Effect<1, 0> for ExactTan {
     const SOURCE: &'static str = "Thesis 4.8";
     const PARAMS: [Param; 1] = [param("amount", "1", 0.0, [0.0, 1.0], "1 for the exact tangent")];
     const HOOKS: Hooks = Hooks::PUSH;
+    const SCOPE: Scope = Scope::IdentifiedLoops;
     const MODEL_FORM: Geometry = Geometry::Part;
 
     #[inline(always)]

@@ -1,6 +1,6 @@
 //! More inertia than thought.
 
-use super::{Effect, HookContext, Hooks, Param, param};
+use super::{Effect, HookContext, Hooks, Param, Scope, param};
 use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;
 
@@ -20,6 +20,7 @@ impl Effect<1, 0> for InertiaScale {
     )
     .at_least(0.1)];
     const HOOKS: Hooks = Hooks::PUSH;
+    const SCOPE: Scope = Scope::IdentifiedLoops;
     const PHYSICS_HZ: u32 = 300;
 
     #[inline(always)]

@@ -1,6 +1,6 @@
 //! What is left when no named effect accounts for it: a small linear term, learned from data.
 
-use super::{Effect, HookContext, Hooks, Observability, Param, param};
+use super::{Effect, HookContext, Hooks, Observability, Param, Scope, param};
 use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;
 
@@ -27,6 +27,7 @@ impl Effect<14, 0> for Learned {
         param("up_sideways_pm", "1/m", 0.0, [-1.0, 1.0], "up, per horizontal speed squared"),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
+    const SCOPE: Scope = Scope::IdentifiedLoops;
     const OBSERVABILITY: Observability = Observability::Surrogate;
 
     #[inline(always)]

@@ -1,7 +1,7 @@
 //! Effects: what the identified linear model lacks. One effect is one small file here plus one line in
 //! [`registry`]; everything else (configuration, command line, Python, docs, fitting) reads the registry.
 
-mod mixer;
+pub(crate) mod mixer;
 mod stage;
 mod time;
 mod vehicle_constants;
@@ -191,6 +191,17 @@ impl Hooks {
     pub(crate) const FRAME_AND_SENSE: Hooks = Hooks { frame: true, ..Hooks::SENSE };
 }
 
+/// What the formula of an effect needs of the vehicle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Scope {
+    /// Nothing: it flies with every form and at every action level.
+    Any,
+    /// Commanded angles and yaw rates: no body rates, no motors.
+    Angles,
+    /// The small-angle forms with their closed attitude loops: the motor-level form has its own.
+    IdentifiedLoops,
+}
+
 /// Where and when a hook is called.
 #[derive(Debug, Clone, Copy)]
 pub struct HookContext<'a, R: Scalar> {
@@ -322,6 +333,8 @@ pub trait Effect<const P: usize, const S: usize>: Send + 'static {
     const OBSERVABILITY: Observability = Observability::Deterministic;
     /// Part of what a small-angle model leaves out by its form: all effects of this kind are one finding.
     const MODEL_FORM: Geometry = Geometry::None;
+    /// What its formula needs of the vehicle.
+    const SCOPE: Scope = Scope::Any;
     /// The number of the model that says the same as the effect's first parameter, by its path: the two add
     /// up.
     const MODEL_NUMBER: Option<&'static str> = None;
@@ -419,6 +432,8 @@ pub struct Entry {
     pub observability: Observability,
     /// See [`Effect::MODEL_FORM`].
     pub geometry: Geometry,
+    /// See [`Effect::SCOPE`].
+    pub scope: Scope,
     /// See [`Effect::MODEL_NUMBER`].
     pub model_number: Option<&'static str>,
     /// See [`Effect::FEELS_AIR`].

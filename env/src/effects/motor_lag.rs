@@ -1,7 +1,7 @@
 //! Motors that take time.
 
 use super::time::lag_shares;
-use super::{Effect, HookContext, Hooks, Param, param};
+use super::{Effect, HookContext, Hooks, Param, Scope, param};
 use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;
 
@@ -25,6 +25,7 @@ impl Effect<2, 3> for MotorLag {
         .starting_from(&[0.03, 0.09]),
     ];
     const HOOKS: Hooks = Hooks::COMMAND_AND_PUSH;
+    const SCOPE: Scope = Scope::IdentifiedLoops;
     const PHYSICS_HZ: u32 = 300;
     const MOTION_STATES: usize = 2;
 

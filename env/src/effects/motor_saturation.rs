@@ -1,7 +1,7 @@
 //! Motors that give no more.
 
 use super::mixer::Demand;
-use super::{Effect, HookContext, Hooks, Observability, Param, param};
+use super::{Effect, HookContext, Hooks, Observability, Param, Scope, param};
 use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;
 
@@ -22,6 +22,7 @@ impl Effect<1, 0> for MotorSaturation {
         "largest thrust of the four motors together over the weight; 8 for no limit",
     )];
     const HOOKS: Hooks = Hooks::PUSH;
+    const SCOPE: Scope = Scope::IdentifiedLoops;
     const PHYSICS_HZ: u32 = 300;
     const OBSERVABILITY: Observability = Observability::Located;
 

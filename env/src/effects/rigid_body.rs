@@ -1,7 +1,7 @@
 //! The rigid body with four motors behind a mixer: what small angles leave out, all at once.
 
 use super::mixer::{Demand, THRUST_TO_WEIGHT, TILT_INERTIA_KGM2, YAW_INERTIA_KGM2};
-use super::{Effect, Geometry, HookContext, Hooks, Param, param};
+use super::{Effect, Geometry, HookContext, Hooks, Param, Scope, param};
 use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;
 
@@ -67,6 +67,7 @@ impl Effect<2, 0> for RigidBody {
         .constant(),
     ];
     const HOOKS: Hooks = Hooks::RATES_AND_PUSH;
+    const SCOPE: Scope = Scope::IdentifiedLoops;
     const PHYSICS_HZ: u32 = 300;
     const MODEL_FORM: Geometry = Geometry::Whole;
 

@@ -245,6 +245,7 @@ pub(super) const fn entry<E: Effect<P, S>, const P: usize, const S: usize>(_effe
         physics_hz: E::PHYSICS_HZ,
         observability: E::OBSERVABILITY,
         geometry: E::MODEL_FORM,
+        scope: E::SCOPE,
         model_number: E::MODEL_NUMBER,
         feels_air: E::FEELS_AIR,
         ubiquity: E::UBIQUITY,

@@ -1,6 +1,6 @@
 //! Thrust lost to tilt.
 
-use super::{Effect, Geometry, HookContext, Hooks, Param, Ubiquity, param};
+use super::{Effect, Geometry, HookContext, Hooks, Param, Scope, Ubiquity, param};
 use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;
 
@@ -22,6 +22,7 @@ impl Effect<2, 0> for TiltLoss {
         .choice(),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
+    const SCOPE: Scope = Scope::IdentifiedLoops;
     const UBIQUITY: Ubiquity = Ubiquity::All;
     const MODEL_FORM: Geometry = Geometry::Part;
 

@@ -1,7 +1,7 @@
 //! One motor that pulls less.
 
 use super::mixer::{Demand, THRUST_TO_WEIGHT, YAW_LEVER_M, weaken};
-use super::{Effect, HookContext, Hooks, Param, param};
+use super::{Effect, HookContext, Hooks, Param, Scope, param};
 use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;
 
@@ -23,6 +23,7 @@ impl Effect<3, 0> for WeakMotor {
         ),
     ];
     const HOOKS: Hooks = Hooks::PUSH;
+    const SCOPE: Scope = Scope::IdentifiedLoops;
     const PHYSICS_HZ: u32 = 300;
 
     #[inline(always)]

@@ -1,7 +1,7 @@
 //! A yaw rate that falls short and comes late.
 
 use super::time::lag_shares;
-use super::{Effect, HookContext, Hooks, Param, param};
+use super::{Effect, HookContext, Hooks, Param, Scope, param};
 use crate::plant::{Command, State};
 use crate::scalar::Scalar;
 
@@ -17,6 +17,7 @@ impl Effect<2, 1> for YawRateLoop {
         param("lag_s", "s", 0.0, [0.0, 0.3], "time constant beyond the declared dynamics").at_least(0.01),
     ];
     const HOOKS: Hooks = Hooks::COMMAND;
+    const SCOPE: Scope = Scope::Angles;
 
     #[inline(always)]
     fn start<R: Scalar>(&[gain, _]: &[R; 2], _: &HookContext<R>, _: &State<R>, u: &Command<R>) -> [R; 1] {

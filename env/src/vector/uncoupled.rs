@@ -204,7 +204,7 @@ impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
         let mut world = World::new(spec.models[0], &options.drone_effects(0), settings, tiles)?;
         options.wind_field.as_ref().map_or(Ok(()), |field| world.set_wind(field))?;
         Ok(UncoupledShard {
-            world,
+            world: world.at_level(options.action),
             onboard: Onboard::new(spec.models[0], &spec.interfaces[0], spec.tick_s, tiles)?,
             task,
             slots: vec![Slot { last_action: [R::zero(); ACTION], goal: [R::zero(); GOAL] }; tiles],

@@ -34,6 +34,9 @@ impl<R: SimScalar> World<R> {
                 age.tick.set_lane(lane, age.ticks.lane(lane) as u32);
             }
         }
+        if let Some(motors) = &mut self.motors {
+            motors.archive(tile, archive);
+        }
         for stage in &mut self.stages {
             stage.visit_tile(tile, &mut |number| archive.number(number));
         }

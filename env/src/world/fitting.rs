@@ -9,7 +9,7 @@ use crate::config::{EffectTable, Number};
 use crate::dual::Dual;
 use crate::effects::{self, Entry, Frame, HookContext, Tiles, VehicleConstants};
 use crate::error::{Error, Result};
-use crate::model::Model;
+use crate::model::{Model, VerticalInput};
 use crate::plant::{Accelerations, Plant};
 use crate::sim_scalar::SimScalar;
 
@@ -23,8 +23,15 @@ impl<R: SimScalar> World<R> {
     /// battery.
     ///
     /// # Errors
-    /// As [`World::new`].
+    /// As [`World::new`]; [`Error::Config`] for the motor-level form, whose motors and loops no log tells.
     pub fn for_fitting(model: &Model, tried: &[&'static Entry], settings: Settings) -> Result<Self> {
+        if settings.input == VerticalInput::Motors {
+            return Err(Error::Config(
+                "the vertical form \"motors\" is a data sheet's and is not fitted to logs: choose height, pwm or \
+                 thrust"
+                    .into(),
+            ));
+        }
         let mut all = active(&model.effects, &EffectTable::new())?;
         for entry in tried {
             let (place, _) = effects::find(entry.name)?;

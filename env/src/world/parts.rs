@@ -2,8 +2,9 @@
 
 use super::{Age, Contact, GROUP, Group, Tick, Tile, Times};
 use crate::effects::{Frame, HookContext, PoseFix, Reading, VehicleConstants};
+use crate::motors::MotorVehicle;
 use crate::noise::TickRng;
-use crate::plant::{Accelerations, Command, State, YawRotation};
+use crate::plant::{Accelerations, Command, Plant, State, YawRotation};
 use crate::scalar::{Scalar, Word, each, tabulate};
 
 /// Nominal cell voltage (thesis 3.1.1): what is read without a battery effect.
@@ -47,6 +48,46 @@ pub(super) fn land<R: Scalar>(x: &mut State<R>, from_m: R, contact: &mut Contact
         |v| at_rest(below, v),
     );
     x.aux = [R::select(below, x.aux[0].max(R::zero()), x.aux[0]), at_rest(below, x.aux[1])];
+}
+
+/// A physics step of the form that is flown. The last number is the specific force along the body's z axis of a
+/// motor-level vehicle.
+#[inline(always)]
+pub(super) fn advance<R: Scalar>(
+    plant: &Plant<R>,
+    motors: Option<&mut MotorVehicle<R>>,
+    tile: usize,
+    x: &State<R>,
+    u: &Command<R>,
+    push: &Accelerations<R>,
+) -> (State<R>, YawRotation<R>, Option<R>) {
+    if let Some(motors) = motors {
+        let step = motors.advance(tile, x, u, push);
+        return (step.next, step.heading, Some(step.up_mps2));
+    }
+    let (next, heading) = plant.advance(x, u, push);
+    (next, heading, None)
+}
+
+/// Specific force upwards that an accelerometer feels: of the motors while they carry, or else what the motion
+/// says.
+#[inline(always)]
+pub(super) fn felt<R: Scalar>(motors_mps2: Option<R>, moved_mps2: R, standing: R::Mask) -> R {
+    motors_mps2.map_or(moved_mps2, |given| R::select(standing, moved_mps2, given))
+}
+
+/// Commands of a group of tiles as effects on the thrust see them.
+#[inline(always)]
+pub(super) fn thrust_commands<R: Scalar>(
+    motors: &MotorVehicle<R>,
+    first: usize,
+    states: &[State<R>],
+) -> [Command<R>; GROUP] {
+    let mut commands = [Command::level(R::zero()); GROUP];
+    for (i, (command, x)) in commands.iter_mut().zip(states).enumerate() {
+        *command = motors.thrust_command(first + i, x);
+    }
+    commands
 }
 
 impl<R: Scalar> Contact<R> {

@@ -1,12 +1,15 @@
 //! What a world is made from: the effects that are on, the length of a physics step, the constants of the
 //! vehicle.
 
+use super::World;
+use crate::action::ActionLevel;
 use crate::config::{BoundedNumber, EffectTable, Number, numbers};
-use crate::effects::{self, VehicleConstants};
+use crate::effects::{self, Scope, VehicleConstants};
 use crate::error::{Error, Result};
-use crate::model::{Model, Vertical, VerticalInput};
+use crate::model::{Model, Motors, Vertical, VerticalInput};
 use crate::scalar::Scalar;
 use crate::schedule::Schedule;
+use crate::sim_scalar::SimScalar;
 
 /// Of a full lithium-polymer cell.
 const FULL_CELL_V: f64 = 4.2;
@@ -35,6 +38,51 @@ pub(super) fn active(of_model: &EffectTable, of_config: &EffectTable) -> Result<
     Ok(active)
 }
 
+/// Whether the effects that are on fit the form and the action level, and the numbers of the battery act.
+///
+/// # Errors
+/// [`Error::Config`] naming the effect that does not fit; [`Error::Unknown`] for an unknown one; as
+/// [`Model::check_battery`].
+pub(crate) fn check_scope(
+    model: &Model,
+    effects: &EffectTable,
+    input: VerticalInput,
+    level: ActionLevel,
+) -> Result<()> {
+    let active = active(&model.effects, effects)?;
+    model.check_battery(active.iter().any(|(_, entry, _)| entry.name == "battery_sag"))?;
+    for (_, entry, _) in active {
+        let lacks = match entry.scope {
+            Scope::Any => continue,
+            Scope::Angles if level.is_below_attitude() => {
+                format!("acts on commanded angles, and actions of the level {:?} are none", level.name())
+            }
+            Scope::IdentifiedLoops if input == VerticalInput::Motors => {
+                "stands for what the vertical form \"motors\" has or has not by itself".to_owned()
+            }
+            Scope::Angles | Scope::IdentifiedLoops => continue,
+        };
+        return Err(Error::Config(format!("effect {}: it {lacks}", entry.name)));
+    }
+    Ok(())
+}
+
+/// Physics steps per second of the motor-level form, which divides them for its loops.
+const MOTOR_HZ: u32 = 100;
+
+impl<R: SimScalar> World<R> {
+    /// The same world, whose commands are those of another action level.
+    pub(crate) fn at_level(self, level: ActionLevel) -> Self {
+        World { motors: self.motors.map(|motors| motors.at_level(level)), ..self }
+    }
+}
+
+/// Physics steps per second that the form and the active effects ask for; 0 for any.
+pub(super) fn needed_hz(active: &[Active], input: VerticalInput) -> u32 {
+    let own_hz = if input == VerticalInput::Motors { MOTOR_HZ } else { 0 };
+    active.iter().map(|(_, entry, _)| entry.physics_hz).max().unwrap_or(0).max(own_hz)
+}
+
 /// As often as the neediest active effect asks, unless the user says otherwise; the linear model itself is
 /// exact at any rate.
 pub(super) fn counts_per_step(schedule: &Schedule, physics_hz: Option<u32>, needed_hz: u32) -> Result<u32> {
@@ -58,8 +106,8 @@ pub(super) fn counts_per_step(schedule: &Schedule, physics_hz: Option<u32>, need
 
 pub(super) fn body<R: Scalar>(model: &Model, input: VerticalInput) -> Result<VehicleConstants<R>> {
     let hover = model.vertical(input)?.hover_pwm().filter(|_| input.is_pwm());
-    let tilts = [&model.roll, &model.pitch];
-    let yaw = model.yaw.form();
+    let tilts = model.tilt_forms(input);
+    let yaw = model.yaw_form(input);
     let (yaw_gain_ps2, yaw_stiffness_ps2) =
         if yaw.lags_push() { (-yaw.a[1][1] * yaw.u[0], 0.0) } else { (yaw.u[1], -yaw.a[1][0]) };
     Ok(VehicleConstants {
@@ -74,17 +122,16 @@ pub(super) fn body<R: Scalar>(model: &Model, input: VerticalInput) -> Result<Veh
         per_hover_pwm: R::from_f64(hover.map_or(0.0, |h| 1.0 / h)),
         height_command: R::from_f64(if hover.is_some() { 0.0 } else { 1.0 }),
         arm_m: R::from_f64(model.vehicle.arm.value),
-        heave_ps: R::from_f64(if let Vertical::Thrust { heave, .. } = model.vertical(input)? {
-            heave.value
-        } else {
-            0.0
+        heave_ps: R::from_f64(match model.vertical(input)? {
+            Vertical::Thrust { heave, .. } | Vertical::Motors(Motors { heave, .. }) => heave.value,
+            Vertical::FirstOrder { .. } | Vertical::SecondOrder { .. } => 0.0,
         }),
         yaw_sign: R::from_f64(model.yaw.sign()),
         yaw_gain_ps2: R::from_f64(yaw_gain_ps2),
         yaw_damping_ps: R::from_f64(-yaw.a[1][1]),
         yaw_stiffness_ps2: R::from_f64(yaw_stiffness_ps2),
-        tilt_gain_ps2: tilts.map(|t| R::from_f64(t.gain.value)),
-        tilt_damping_ps: tilts.map(|t| R::from_f64(t.damping.value)),
-        tilt_stiffness_ps2: tilts.map(|t| R::from_f64(t.stiffness.value)),
+        tilt_gain_ps2: tilts.map(|t| R::from_f64(t.u[1])),
+        tilt_damping_ps: tilts.map(|t| R::from_f64(-t.a[1][1])),
+        tilt_stiffness_ps2: tilts.map(|t| R::from_f64(-t.a[1][0])),
     })
 }

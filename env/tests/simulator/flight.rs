@@ -21,7 +21,12 @@ pub(crate) struct Flight {
 impl Flight {
     pub(crate) fn new(envs: usize, options: &str) -> Self {
         let options = Options::parse(&format!("{{{options}}}")).unwrap();
-        let mut env = VectorEnv::new(&[Model::thesis()], &options, envs).unwrap();
+        Flight::begin(VectorEnv::new(&[Model::thesis()], &options, envs).unwrap())
+    }
+
+    /// Begin the flights of a batch.
+    pub(crate) fn begin(mut env: VectorEnv) -> Self {
+        let envs = env.num_envs();
         let rows = envs * env.num_drones();
         let mut observations = vec![0.0; rows * env.width()];
         let seeds: Vec<u64> = (0..envs as u64).collect();

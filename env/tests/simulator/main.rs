@@ -1,6 +1,7 @@
 //! The simulator from outside, in one program: it links once.
 
 mod actions;
+mod datasheet;
 mod derivatives;
 mod effects;
 mod effects_analytic;
@@ -9,6 +10,7 @@ mod fleet;
 mod flight;
 mod force;
 mod model;
+mod motors;
 mod observations;
 mod rollout;
 mod snapshot;

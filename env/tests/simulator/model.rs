@@ -211,7 +211,7 @@ fn broken_models_are_refused_with_their_place() {
         (good.replace("unit = \"1/s^2\"", "unit = \"1/s\""), "roll.gain has the unit \"1/s\""),
         (good.replace("damping =", "dampening ="), "line 15"),
         (good.replace("form = \"integrator\"", "form = \"integrat0r\""), "integrat0r"),
-        (good[..good.len() / 2].to_owned(), "unclosed inline table"),
+        (good.split_once(", unit").unwrap().0.to_owned(), "unclosed inline table"),
         (
             good.replace("value = 100.0, unit = \"Hz\"", "value = 75.0, unit = \"Hz\""),
             "multiple of rig.control",

@@ -217,7 +217,7 @@ fn fly_pid(
 
 #[test]
 fn the_thesis_pid_settles_over_the_marker_with_every_loop_of_the_right_sign() {
-    for vertical in ["height", "pwm", "thrust"] {
+    for vertical in ["height", "pwm", "thrust", "motors"] {
         let (rewards, flights) = fly_pid("hover", Gains::THESIS, Mode::Automatic, vertical, "{}", 1000);
         for x in flights.last().unwrap().chunks(STATE) {
             let off = (x[0] * x[0] + x[1] * x[1]).sqrt();

@@ -337,7 +337,10 @@ fn resample_commands(
     } else {
         [VerticalInput::Height; 2]
     };
-    let declared = model.vertical.default.filter(|input| input.is_pwm() == log.cmd_thrust_pwm.is_some());
+    let declared = model
+        .vertical
+        .default
+        .filter(|input| *input != VerticalInput::Motors && input.is_pwm() == log.cmd_thrust_pwm.is_some());
     let input = vertical
         .or(declared)
         .or_else(|| wanted.into_iter().find(|input| model.vertical(*input).is_ok()))

@@ -38,6 +38,7 @@ fn vertical_form(input: VerticalInput) -> (&'static str, &'static str) {
         VerticalInput::Height => ("height", "height command"),
         VerticalInput::Pwm => ("pwm", "thrust command"),
         VerticalInput::Thrust => ("thrust", "thrust command"),
+        VerticalInput::Motors => ("motors", "thrust command"),
     }
 }
 
@@ -171,6 +172,8 @@ pub(super) fn model_with_sources(
         model.name.clone_from(name);
     }
     model.vertical.default = Some(input);
+    // a data sheet's, and of the vehicle from which the fit began
+    model.vertical.motors = None;
     let mut tree = serde_json::to_value(&model).map_err(bad)?;
     for estimate in estimates {
         let at_bound = if estimate.at_bound { ", at its bound" } else { "" };

@@ -8,7 +8,7 @@
     worlds = crazyflie_gym.CrazyflieSwarm(64, "swap")         # several drones in each of many worlds
 
 What there is to choose from: `tasks()`, `effects()`, `controllers()`, `observation_fields()`,
-`neighbour_fields()`, `model_text()`.
+`neighbour_fields()`, `model_text()`, `model_from_datasheet()`.
 """
 
 import warnings
@@ -38,6 +38,7 @@ from crazyflie_gym._native import (
     render,
     tasks,
 )
+from crazyflie_gym.datasheet import model_from_datasheet
 from crazyflie_gym.env import CrazyflieEnv
 from crazyflie_gym.own_task import make_task, register_task
 from crazyflie_gym.png import save_png
@@ -68,6 +69,7 @@ __all__ = [
     "flatten",
     "make_task",
     "metrics",
+    "model_from_datasheet",
     "model_text",
     "neighbour_fields",
     "observable_fields",

@@ -40,7 +40,7 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         task: which task, such as "hover".
         model: None or "thesis", the path of a model file, its text, or its content as a dict; or a list of one for each
             drone.
-        vertical: the height input that is commanded: "height", "pwm" or "thrust"; by default the model's first.
+        vertical: the height input that is commanded: "height", "pwm", "thrust" or "motors"; by default the model's first.
         effects: what the linear model lacks, by name (`crazyflie_gym.effects()`): a number for the first parameter or
             a dict of parameters, each a number or a distribution such as {"uniform": [0.1, 0.3]}, drawn per episode.
             Between several drones downwash is on as it was measured unless {"downwash": 0}.
@@ -62,7 +62,8 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
             "exp(-4*dist**2) - 0.01*rate2", or a function of such fields, which gets arrays of all environments.
         termination: a condition that ends a flight in place of the task's own, such as "dist > 2", or a function that
             returns bools. A crash, a collision and leaving the room end it anyway.
-        action: what an action sets: "attitude", "velocity" or "position" (`crazyflie_gym.action_levels()`).
+        action: what an action sets: "attitude", "velocity", "position", "body_rates" or "motors"
+            (`crazyflie_gym.action_levels()`).
         wind_field: wind from place to place, a `crazyflie_gym.WindField`.
         true_state: give the true state, float32 (12,), or (drones, 12), as info["true_state"]; its layout is
             STATE_FIELDS.

@@ -110,11 +110,11 @@ impl<R: BatchScalar> DroneBatch<R> {
     ) -> Result<Self> {
         let ShardSpec { models, inputs, options, envs, tick_s, .. } = *spec;
         let tiles = envs.div_ceil(LANES);
-        let one = |j: usize| {
+        let one = |j: usize| -> Result<World<R>> {
             let settings = Settings { input: inputs[j], physics_hz: options.physics_hz };
             let mut world = World::new(models[j], &options.drone_effects(j), settings, tiles)?;
             options.wind_field.as_ref().map_or(Ok(()), |field| world.set_wind(field))?;
-            Ok(world)
+            Ok(world.at_level(options.action))
         };
         let zero = R::zero();
         let slot =

@@ -1,0 +1,304 @@
+//! The vertical forms of a model: height over command, one form for each input.
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::{Error, Result, unknown};
+use crate::model::{AxisForm, Model, Quantity, or_zero};
+
+/// Which of the model's height inputs is commanded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum VerticalInput {
+    /// The height, in metres (thesis 5.3).
+    Height,
+    /// The thrust PWM, on the first-order form (thesis 5.4).
+    Pwm,
+    /// The thrust PWM, on the acceleration form.
+    Thrust,
+    /// The thrust PWM, on the motor-level form, whose tilt and yaw are its own too.
+    Motors,
+}
+
+impl VerticalInput {
+    /// As model files spell it.
+    pub fn name(self) -> &'static str {
+        match self {
+            VerticalInput::Height => "height",
+            VerticalInput::Pwm => "pwm",
+            VerticalInput::Thrust => "thrust",
+            VerticalInput::Motors => "motors",
+        }
+    }
+
+    /// Every input.
+    pub const ALL: [VerticalInput; 4] =
+        [VerticalInput::Height, VerticalInput::Pwm, VerticalInput::Thrust, VerticalInput::Motors];
+
+    /// The input of that name.
+    ///
+    /// # Errors
+    /// [`Error::Unknown`] with a proposal.
+    pub fn named(name: &str) -> Result<Self> {
+        let found = Self::ALL.into_iter().find(|input| input.name() == name);
+        found.ok_or_else(|| unknown("vertical form", name, Self::ALL.map(Self::name)))
+    }
+
+    /// Whether the command is a thrust PWM (counts) rather than a height (metres).
+    pub fn is_pwm(self) -> bool {
+        self != VerticalInput::Height
+    }
+}
+
+/// height / command
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "form", rename_all = "snake_case", deny_unknown_fields)]
+pub enum Vertical {
+    /// z' = gain (u - offset) - pole z + w, w' = push - push_damping w   (thesis 5.3, 5.4). The identified
+    /// form has velocity for its input, so a push (an acceleration) needs a lag of its own, `w`, which is
+    /// zero without effects.
+    FirstOrder {
+        /// Climb rate per input: 1/s for a height command, m/s for PWM counts.
+        gain: Quantity,
+        /// Decay rate of the height, 1/s.
+        pole: Quantity,
+        /// Input at which the height settles at zero, in metres or PWM counts; 0 unless given.
+        offset: Option<Quantity>,
+        /// Input that carries the weight, in PWM counts; needed for a PWM form.
+        hover: Option<Quantity>,
+        /// Decay rate of `w`, 1/s.
+        push_damping: Quantity,
+    },
+    /// z'' = gain (u - offset) - damping z' - stiffness z + push   (thesis 4.15)
+    SecondOrder {
+        /// Upward acceleration per input: 1/s^2 for a height command, m/s^2 for PWM counts.
+        gain: Quantity,
+        /// Deceleration per climb rate, 1/s.
+        damping: Quantity,
+        /// Deceleration per height, 1/s^2.
+        stiffness: Quantity,
+        /// Input at which the height settles at zero, in metres or PWM counts; 0 unless given.
+        offset: Option<Quantity>,
+        /// Input that carries the weight, in PWM counts; needed for a PWM form.
+        hover: Option<Quantity>,
+    },
+    /// z'' = gravity (u / hover - 1) - heave z' + push
+    Thrust {
+        /// Input that carries the weight, in PWM counts.
+        hover: Quantity,
+        /// Deceleration per climb rate, 1/s.
+        heave: Quantity,
+    },
+    /// Thrust and torques of four motors (see [`Motors`]).
+    Motors(Motors),
+}
+
+/// A rigid body with four motors on its diagonals, each with a lag, a thrust curve and limits, behind the
+/// firmware's mixer and loops. Numbers of a data sheet, not identified.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Motors {
+    /// PWM of each motor that carries the weight.
+    pub hover: Quantity,
+    /// Share of the thrust at full PWM that grows with the PWM; the rest grows with its square.
+    pub linear_share: Quantity,
+    /// Time constant of a motor, s.
+    pub lag: Quantity,
+    /// Moment of inertia about the roll and the pitch axis, kg m^2.
+    pub tilt_inertia: Quantity,
+    /// Moment of inertia about the yaw axis, kg m^2.
+    pub yaw_inertia: Quantity,
+    /// Torque about the vertical per thrust, m.
+    pub torque_per_thrust: Quantity,
+    /// Deceleration per climb rate by the air through the propellers, 1/s.
+    pub heave: Quantity,
+}
+
+/// The height inputs that the model has; at least one.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Verticals {
+    /// The form that is driven unless another is asked for: where the vehicle was identified. The first that
+    /// the model has, unless given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub default: Option<VerticalInput>,
+    /// Form with the commanded height in metres for its input (thesis 5.3).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub height: Option<Vertical>,
+    /// Form of first or second order with the thrust PWM for its input (thesis 5.4).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pwm: Option<Vertical>,
+    /// Form in which the thrust PWM accelerates the vehicle; a flight log can be fitted to it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub thrust: Option<Vertical>,
+    /// The motor-level form: it has attitude loops of its own, besides those of roll, pitch and yaw.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub motors: Option<Vertical>,
+}
+
+impl Vertical {
+    /// Returns the differential equation of the height, with `gravity` in m/s^2.
+    pub fn form(&self, gravity: f64) -> AxisForm {
+        match self {
+            Vertical::FirstOrder { gain, pole, offset, push_damping, .. } => {
+                AxisForm::first_order(gain.value, pole.value, or_zero(offset), push_damping.value)
+            }
+            Vertical::SecondOrder { gain, damping, stiffness, offset, .. } => {
+                AxisForm::second_order(gain.value, damping.value, stiffness.value, or_zero(offset))
+            }
+            Vertical::Thrust { hover, heave } => {
+                AxisForm::second_order(gravity / hover.value, heave.value, 0.0, hover.value)
+            }
+            // for small changes of the thrust
+            Vertical::Motors(form) => {
+                AxisForm::second_order(gravity * form.slope(), form.heave.value, 0.0, form.hover.value)
+            }
+        }
+    }
+    /// The PWM that carries the weight; infinite where the command is a height.
+    pub fn hover_pwm(&self) -> Option<f64> {
+        match self {
+            Vertical::FirstOrder { hover, .. } | Vertical::SecondOrder { hover, .. } => {
+                hover.as_ref().map(|q| q.value)
+            }
+            Vertical::Thrust { hover, .. } | Vertical::Motors(Motors { hover, .. }) => Some(hover.value),
+        }
+    }
+}
+
+/// A number of a model: its path, the quantity, its unit and the interval it must lie in.
+pub(crate) type CheckedQuantity<'a> = (String, &'a Quantity, &'static str, [f64; 2]);
+
+impl Verticals {
+    /// As [`Model::parameters`] lists them.
+    pub(crate) fn quantities(&self) -> Vec<CheckedQuantity<'_>> {
+        const POSITIVE: [f64; 2] = [f64::MIN_POSITIVE, 1e6];
+        const NOT_NEGATIVE: [f64; 2] = [0.0, 1e6];
+        const ANY: [f64; 2] = [-1e6, 1e6];
+        let mut all = Vec::new();
+        let verticals = [
+            ("height", &self.height, "1/s", "1/s^2", "m"),
+            ("pwm", &self.pwm, "m/s", "m/s^2", "1"),
+            ("thrust", &self.thrust, "", "", "1"),
+            ("motors", &self.motors, "", "", "1"),
+        ];
+        for (name, vertical, first, second, input) in verticals {
+            let path = |field: &str| format!("vertical.{name}.{field}");
+            match vertical {
+                None => {}
+                Some(Vertical::FirstOrder { gain, pole, offset, hover, push_damping }) => {
+                    all.push((path("gain"), gain, first, POSITIVE));
+                    all.push((path("pole"), pole, "1/s", NOT_NEGATIVE));
+                    all.push((path("push_damping"), push_damping, "1/s", POSITIVE));
+                    all.extend(offset.iter().map(|q| (path("offset"), q, input, ANY)));
+                    all.extend(hover.iter().map(|q| (path("hover"), q, input, POSITIVE)));
+                }
+                Some(Vertical::SecondOrder { gain, damping, stiffness, offset, hover }) => {
+                    all.push((path("gain"), gain, second, POSITIVE));
+                    all.push((path("damping"), damping, "1/s", NOT_NEGATIVE));
+                    all.push((path("stiffness"), stiffness, "1/s^2", NOT_NEGATIVE));
+                    all.extend(offset.iter().map(|q| (path("offset"), q, input, ANY)));
+                    all.extend(hover.iter().map(|q| (path("hover"), q, input, POSITIVE)));
+                }
+                Some(Vertical::Thrust { hover, heave }) => {
+                    all.push((path("hover"), hover, "1", POSITIVE));
+                    all.push((path("heave"), heave, "1/s", NOT_NEGATIVE));
+                }
+                Some(Vertical::Motors(form)) => {
+                    all.push((path("hover"), &form.hover, "1", [1.0, 65_000.0]));
+                    all.push((path("linear_share"), &form.linear_share, "1", [0.0, 1.0]));
+                    all.push((path("lag"), &form.lag, "s", [1e-3, 1.0]));
+                    all.push((path("tilt_inertia"), &form.tilt_inertia, "kg m^2", POSITIVE));
+                    all.push((path("yaw_inertia"), &form.yaw_inertia, "kg m^2", POSITIVE));
+                    all.push((path("torque_per_thrust"), &form.torque_per_thrust, "m", POSITIVE));
+                    all.push((path("heave"), &form.heave, "1/s", NOT_NEGATIVE));
+                }
+            }
+        }
+        all
+    }
+}
+
+impl Model {
+    pub(crate) fn check_verticals(&self) -> Result<()> {
+        if matches!(self.vertical.height, Some(Vertical::Thrust { .. })) {
+            return Err(self.problem(
+                "vertical.height has the form \"thrust\", whose input is a PWM: name it vertical.thrust"
+                    .into(),
+            ));
+        }
+        let verticals = &self.vertical;
+        for (name, form) in
+            [("height", &verticals.height), ("pwm", &verticals.pwm), ("thrust", &verticals.thrust)]
+        {
+            if matches!(form, Some(Vertical::Motors(_))) {
+                return Err(self.problem(format!(
+                    "vertical.{name} has the form \"motors\", which has attitude loops of its own: name it \
+                     vertical.motors"
+                )));
+            }
+        }
+        if verticals.motors.as_ref().is_some_and(|form| !matches!(form, Vertical::Motors(_))) {
+            return Err(self.problem("vertical.motors has another form than \"motors\"".into()));
+        }
+        for (name, vertical) in [("pwm", &self.vertical.pwm), ("thrust", &self.vertical.thrust)] {
+            if vertical.as_ref().is_some_and(|v| v.hover_pwm().is_none()) {
+                return Err(
+                    self.problem(format!("vertical.{name} needs hover, the PWM that carries the weight"))
+                );
+            }
+        }
+        if self.inputs().is_empty() {
+            return Err(self.problem("vertical has no form: give height, pwm or thrust".into()));
+        }
+        if let Some(default) = self.vertical.default.filter(|input| self.vertical(*input).is_err()) {
+            return Err(self
+                .problem(format!("vertical.default is {:?}, a form that the model lacks", default.name())));
+        }
+        Ok(())
+    }
+
+    /// The height input that is commanded: what is `asked` for, or the default.
+    ///
+    /// # Errors
+    /// [`Error::Config`] if the model has none.
+    pub fn input(&self, asked: Option<VerticalInput>) -> Result<VerticalInput> {
+        // a checked model has at least one input
+        asked
+            .or(self.vertical.default)
+            .or(self.inputs().first().copied())
+            .ok_or_else(|| Error::Config("the model has no vertical form".into()))
+    }
+
+    /// The identified height inputs that this model has, the default first; [`VerticalInput::Motors`] is none
+    /// of them.
+    pub fn inputs(&self) -> Vec<VerticalInput> {
+        let v = &self.vertical;
+        let all = [
+            (VerticalInput::Height, &v.height),
+            (VerticalInput::Pwm, &v.pwm),
+            (VerticalInput::Thrust, &v.thrust),
+        ];
+        let mut inputs: Vec<VerticalInput> =
+            all.into_iter().filter_map(|(input, form)| form.as_ref().map(|_| input)).collect();
+        inputs.sort_by_key(|input| Some(*input) != v.default);
+        inputs
+    }
+
+    /// The vertical form for an input.
+    ///
+    /// # Errors
+    /// [`Error::Unknown`] if the model has no such form.
+    pub fn vertical(&self, input: VerticalInput) -> Result<&Vertical> {
+        let v = &self.vertical;
+        let (form, name) = match input {
+            VerticalInput::Height => (&v.height, "height"),
+            VerticalInput::Pwm => (&v.pwm, "pwm"),
+            VerticalInput::Thrust => (&v.thrust, "thrust"),
+            VerticalInput::Motors => (&v.motors, "motors"),
+        };
+        let known = [("height", &v.height), ("pwm", &v.pwm), ("thrust", &v.thrust), ("motors", &v.motors)];
+        form.as_ref().ok_or_else(|| {
+            unknown("vertical form of this model", name, known.iter().filter(|k| k.1.is_some()).map(|k| k.0))
+        })
+    }
+}

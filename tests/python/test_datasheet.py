@@ -1,0 +1,49 @@
+"""Models from data sheets."""
+
+import tomllib
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import crazyflie_gym as cf
+
+SHEET = Path(__file__).parents[2] / "examples" / "crazyflie_datasheet.toml"
+
+
+def climb_mps(model, steps=15):
+    """Return the speed after full thrust on all motors."""
+    env = gym.make("Crazyflie-v0", model=model, action="motors", true_state=True).unwrapped
+    env.reset(seed=0)
+    for _ in range(steps):
+        *_, info = env.step(np.ones(4, np.float32))
+    return float(info["true_state"][8])
+
+
+def test_a_path_a_text_and_a_dict_say_the_same():
+    text = SHEET.read_text()
+    model = cf.model_from_datasheet(SHEET)
+    assert cf.model_from_datasheet(text) == model == cf.model_from_datasheet(tomllib.loads(text))
+    assert cf.check_model(model) == "my-crazyflie"
+    env = gym.make("Crazyflie-v0", model=model).unwrapped
+    assert env.interface.vertical == "motors"
+    level = {level["name"]: level for level in cf.action_levels(model)}["body_rates"]
+    assert level["channels"][3]["high"] == 60000
+
+
+def test_a_vehicle_of_50_g_flies_otherwise():
+    sheet = tomllib.loads(SHEET.read_text())
+    light, heavy = (cf.model_from_datasheet(sheet | {"mass_kg": mass}) for mass in (0.0368, 0.05))
+    assert climb_mps(light) > 1.5 * climb_mps(heavy)
+
+
+def test_what_is_missing_is_named():
+    sheet = tomllib.loads(SHEET.read_text())
+    del sheet["motor"]["lag_s"], sheet["mass_kg"]
+    with pytest.raises(ValueError, match=r"no mass_kg \(mass as flown\), no motor.lag_s"):
+        cf.model_from_datasheet(sheet)
+    with pytest.raises(ValueError, match=r"there is no .*mass_kg"):
+        cf.model_from_datasheet(SHEET.read_text().replace("mass_kg", "# mass_kg"))
+    with pytest.raises(FileNotFoundError, match="nowhere.toml"):
+        cf.model_from_datasheet("nowhere.toml")
