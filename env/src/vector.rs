@@ -14,6 +14,7 @@ mod snapshot;
 mod uncoupled;
 
 use std::marker::PhantomData;
+use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use crate::archive::Archive;
@@ -78,8 +79,8 @@ pub struct VectorEnv {
     metrics: usize,
     /// Environments per shard but the last.
     share: usize,
-    /// Shards per thread, but the last thread's.
-    per_thread: usize,
+    /// Environments of a block but the last, see [`VectorEnv::shard_envs`].
+    block: usize,
     /// Whether a drone's flight has ended in a rollout.
     over: Vec<bool>,
     team: WorkerPool,
@@ -90,9 +91,9 @@ pub struct VectorEnv {
     fingerprint: u64,
 }
 
-/// Drones of a shard at most, unless two tiles have more: what a step of them touches stays in the cache of a
+/// Drones of a block at most, unless two tiles have more: what a step of them touches stays in the cache of a
 /// core until the next one.
-const SHARD_DRONES: usize = 512;
+const BLOCK_DRONES: usize = 512;
 
 /// A contiguous part of the batch with worlds of its own, stepped by one thread, whatever its number type and
 /// its task.
@@ -106,10 +107,12 @@ trait Shard: Send {
         measured: &mut [f32],
         observations: &mut [f32],
     );
-    /// `measured` is empty where the observations are what is measured.
+    /// Steps the environments of some tiles; the buffers are those of the whole shard. `measured` is empty where
+    /// the observations are what is measured.
     fn run<'a>(
         &mut self,
         config: &BatchConfig,
+        tiles: Range<usize>,
         actions: &[f32],
         measured: &'a mut [f32],
         out: StepBuffers<'a>,
@@ -208,7 +211,8 @@ impl VectorEnv {
             .zip(&inputs)
             .map(|(model, input)| Interface::at_level(model, *input, options.action))
             .collect::<Result<_>>()?;
-        let (share, per_thread) = shares(envs.div_ceil(LANES), drones, options.threads);
+        let (block, blocks) = blocks(envs.div_ceil(LANES), drones, options.threads);
+        let share = block * blocks;
         let shards = (0..envs)
             .step_by(share)
             .map(|first| {
@@ -241,7 +245,7 @@ impl VectorEnv {
             radius_m: options.radius_m,
             crash_cost: entry.crash_cost,
         };
-        let team = WorkerPool::new(shards.len().div_ceil(per_thread) - 1)?;
+        let team = WorkerPool::new(shards.len() - 1)?;
         let metrics = if entry.drones == 1 { 0 } else { METRICS.len() };
         let fingerprint = fingerprint(&models, options, drones)?;
         let width = observer::row_width(options, drones)?;
@@ -256,7 +260,7 @@ impl VectorEnv {
             texts: [options.reward.clone(), options.termination.clone()],
             metrics,
             share,
-            per_thread,
+            block,
             over: vec![false; envs * drones],
             team,
             ready: false,
@@ -357,18 +361,14 @@ impl VectorEnv {
         self.check_step(actions, 1, &out)?;
         let (drones, width, metrics) = (self.num_drones(), self.width(), self.metrics);
         let (config, share) = (&self.config, self.share);
-        let (per_thread, per_shard) = (self.per_thread * share, share * drones * measured_width(drones));
-        let mut measured = &mut self.measured[..];
-        let parts = self.shards.chunks_mut(self.per_thread).zip(actions.chunks(per_thread * drones * ACTION));
-        let parts = parts.map(|(shards, actions)| {
-            let measured = buffers::cut(&mut measured, self.per_thread * per_shard);
-            (shards, actions, measured, out.split(per_thread, drones, width, metrics))
+        let parts = self.shards.iter_mut().zip(actions.chunks(share * drones * ACTION));
+        let (mut measured, per_shard) = (&mut self.measured[..], share * drones * measured_width(drones));
+        let parts = parts.map(|(shard, actions)| {
+            let measured = buffers::cut(&mut measured, per_shard);
+            (shard, actions, measured, out.split(share, drones, width, metrics))
         });
-        self.team.each(parts, |(shards, actions, mut measured, mut out)| {
-            for (shard, actions) in shards.iter_mut().zip(actions.chunks(share * drones * ACTION)) {
-                let measured = buffers::cut(&mut measured, per_shard);
-                shard.run(config, actions, measured, out.split(share, drones, width, metrics));
-            }
+        self.team.each(parts, |(shard, actions, measured, out)| {
+            shard.run(config, 0..shard.tiles(), actions, measured, out);
         });
         self.check_finite()
     }
@@ -458,13 +458,15 @@ impl VectorEnv {
     /// Actions of one step, or of several one after the other.
     fn check_actions(&mut self, actions: &[f32]) -> Result<()> {
         let bad = AtomicUsize::new(usize::MAX);
-        let share = actions.len().div_ceil(self.shards.len().div_ceil(self.per_thread)).max(1);
-        let shards = self.shards.iter_mut().step_by(self.per_thread);
-        self.team.each(shards.zip(actions.chunks(share)).enumerate(), |(i, (shard, actions))| {
-            if let Some(at) = shard.first_bad_action(actions) {
-                bad.fetch_min(i * share + at, Ordering::Relaxed);
-            }
-        });
+        let share = actions.len().div_ceil(self.shards.len()).max(1);
+        self.team.each(
+            self.shards.iter_mut().zip(actions.chunks(share)).enumerate(),
+            |(i, (shard, actions))| {
+                if let Some(at) = shard.first_bad_action(actions) {
+                    bad.fetch_min(i * share + at, Ordering::Relaxed);
+                }
+            },
+        );
         let at = bad.into_inner();
         if at == usize::MAX {
             return Ok(());
@@ -553,14 +555,12 @@ impl VectorEnv {
     }
 }
 
-/// Environments of a shard, and shards of a thread: as few as stay in the cache, and the threads' parts alike.
-fn shares(tiles: usize, drones: usize, threads: usize) -> (usize, usize) {
+/// Environments of a block, and blocks of a shard: as few as stay in the cache, and the threads' parts alike.
+fn blocks(tiles: usize, drones: usize, threads: usize) -> (usize, usize) {
     let per_thread = tiles.div_ceil(threads.clamp(1, tiles));
-    let most = (SHARD_DRONES / (LANES * drones)).max(GROUP);
-    let shards = per_thread.div_ceil(most);
-    // groups of tiles are stepped side by side
-    let share = if shards > 1 { per_thread.div_ceil(shards).next_multiple_of(GROUP) } else { per_thread };
-    (share * LANES, shards)
+    let most = (BLOCK_DRONES / (LANES * drones)).max(GROUP);
+    let blocks = per_thread.div_ceil(most);
+    (per_thread.div_ceil(blocks) * LANES, blocks)
 }
 
 fn measured_width(drones: usize) -> usize {

@@ -61,7 +61,7 @@ impl WindField {
         let points = points.unwrap_or(usize::MAX);
         check_range("wind_field: points", points as f64, 1.0, MOST_POINTS as f64)?;
         crate::error::check_length("velocity_mps", points, velocity_mps.len())?;
-        let fast = |mps: &f32| !(f64::from(mps.abs()) <= FASTEST_MPS);
+        let fast = |mps: &f32| mps.is_nan() || f64::from(mps.abs()) > FASTEST_MPS;
         if let Some(i) = velocity_mps.iter().position(|velocity| velocity.iter().any(fast)) {
             let [_, along_y, along_z] = counts;
             let place = [i / (along_y * along_z), i / along_z % along_y, i % along_z];

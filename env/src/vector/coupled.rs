@@ -4,6 +4,8 @@ mod drone_batch;
 mod judge;
 mod start;
 
+use std::ops::Range;
+
 use super::buffers::StepBuffers;
 use super::judgement::Fault;
 use super::{BatchConfig, Shard, ShardSpec};
@@ -156,13 +158,13 @@ impl<R: BatchScalar, T: Task> Shard for CoupledShard<R, T> {
     fn run<'a>(
         &mut self,
         config: &BatchConfig,
+        tiles: Range<usize>,
         actions: &[f32],
         measured: &'a mut [f32],
         mut out: StepBuffers<'a>,
     ) {
-        let tiles = self.batch.tiles();
-        for first in (0..tiles).step_by(GROUP) {
-            let n = GROUP.min(tiles - first);
+        for first in tiles.clone().step_by(GROUP) {
+            let n = GROUP.min(tiles.end - first);
             self.batch.advance(config, first, n, actions);
             for place in 0..n {
                 let tile = first + place;

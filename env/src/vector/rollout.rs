@@ -1,21 +1,22 @@
-//! Several steps at once. A shard flies all of them while what it touches is in the cache, then the next one
+//! Several steps at once. A block flies all of them while what it touches is in the cache, then the next one
 //! does: a batch of any size flies at the rate of a small one. The results are those of single steps, to the
 //! bit.
 
+use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
 use ndarray::{ArrayViewMut2, Axis};
 
 use super::buffers::{RolloutBuffers, StepBuffers, cut};
 use super::judgement::Fault;
-use super::{BatchConfig, SHARD_DRONES, Shard, VectorEnv, measured_width};
+use super::{BLOCK_DRONES, BatchConfig, Shard, VectorEnv, measured_width};
 use crate::config::Autoreset;
 use crate::error::{Error, Result, check_length};
 use crate::lanes::LANES;
 use crate::observation::ACTION;
 use crate::world::GROUP;
 
-/// Flies the environments of one shard, see [`VectorEnv::shard_envs`].
+/// Flies the environments of one block, see [`VectorEnv::shard_envs`].
 pub trait BatchController: Send {
     /// Actions for rows of [`VectorEnv::measured`].
     ///
@@ -23,7 +24,7 @@ pub trait BatchController: Send {
     /// What the controller refuses.
     fn act(&mut self, measured: &[f32], actions: &mut [f32]) -> Result<()>;
 
-    /// Forgets the flights of the environments that `of` names, counted from the shard's first.
+    /// Forgets the flights of the environments that `of` names, counted from the block's first.
     fn reset(&mut self, of: &dyn Fn(usize) -> bool);
 }
 
@@ -46,11 +47,11 @@ impl VectorEnv {
     /// a user's own reward or end that is no number.
     pub fn rollout(&mut self, actions: &[f32], steps: usize, out: RolloutBuffers<'_>) -> Result<()> {
         self.check_step(actions, steps, &out.last)?;
-        let nobody = &mut vec![(); self.shards.len()];
+        let nobody = &mut vec![(); self.shard_envs().len()];
         self.fly(steps, Pilots { known: actions, flown: &mut [], controllers: nobody }, out)
     }
 
-    /// As [`VectorEnv::rollout`] with the actions of controllers, one for each shard (see
+    /// As [`VectorEnv::rollout`] with the actions of controllers, one for each block (see
     /// [`VectorEnv::shard_envs`]), which are reset where episodes begin. `out.last.observations` holds those of
     /// the last step or reset. The last actions are written to `actions`.
     ///
@@ -66,15 +67,15 @@ impl VectorEnv {
         out: RolloutBuffers<'_>,
     ) -> Result<()> {
         self.check_buffers(&out.last)?;
-        check_length("controllers", self.shards.len(), controllers.len())?;
+        check_length("controllers", self.shard_envs().len(), controllers.len())?;
         check_length("actions", self.over.len() * ACTION, actions.len())?;
         self.fly(steps, Pilots { known: &[], flown: actions, controllers }, out)
     }
 
-    /// Environments of each shard, in their order.
-    pub fn shard_envs(&self) -> impl ExactSizeIterator<Item = usize> {
-        let (share, envs) = (self.share, self.envs);
-        (0..self.shards.len()).map(move |i| share.min(envs - i * share))
+    /// Environments of each block, in their order: of what one thread flies in a rollout before it goes on.
+    pub fn shard_envs(&self) -> impl ExactSizeIterator<Item = usize> + use<> {
+        let (block, envs) = (self.block, self.envs);
+        (0..envs.div_ceil(block)).map(move |i| block.min(envs - i * block))
     }
 
     fn fly<C: BatchController>(
@@ -84,7 +85,7 @@ impl VectorEnv {
         out: RolloutBuffers<'_>,
     ) -> Result<()> {
         let drones = self.num_drones();
-        let (rows, share, per_thread) = (self.over.len(), self.share, self.per_thread);
+        let (rows, share, block) = (self.over.len(), self.share, self.block);
         check_length("returns", rows, out.returns.len())?;
         let size = RowSize { drones, width: self.width, metrics: self.metrics, rows };
         self.over.fill(false);
@@ -104,20 +105,16 @@ impl VectorEnv {
         };
         rest.returns.fill(0.0);
         let (config, results) = (&self.config, Mutex::new((None, None)));
-        let parts = self.shards.chunks_mut(per_thread).enumerate().map(|(i, shards)| {
-            let (count, envs) = (shards.len(), shards.len() * share);
-            (i * per_thread, shards, rest.cut(envs, size), pilots.cut(count, envs * drones))
+        let parts = self.shards.iter_mut().enumerate().map(|(i, shard)| ShardFlight {
+            shard: shard.as_mut(),
+            first_row: i * share * drones,
+            rows: rest.cut(share, size),
+            pilots: pilots.cut(share / block, share * drones),
         });
-        self.team.each(parts, |(first, shards, mut part, mut pilots)| {
-            for (i, shard) in shards.iter_mut().enumerate() {
-                let flight = ShardFlight {
-                    shard: shard.as_mut(),
-                    first_row: (first + i) * share * drones,
-                    rows: part.cut(share, size),
-                    pilots: pilots.cut(1, share * drones),
-                };
-                let first_env = (first + i) * share;
-                let (refusal, fault) = match flight.fly(config, steps, size) {
+        self.team.each(parts, |mut flight| {
+            let first_env = flight.first_row / drones;
+            for block in flight.blocks(block / LANES, drones) {
+                let (refusal, fault) = match flight.fly(config, &block, steps, size) {
                     Ok(fault) => (None, fault.map(|(step, fault)| (step, fault.shifted(first_env)))),
                     Err(refusal) => (Some(refusal), None),
                 };
@@ -177,12 +174,12 @@ struct Pilots<'a, C> {
 }
 
 impl<'a, C> Pilots<'a, C> {
-    /// Takes those of the first shards away.
-    fn cut(&mut self, shards: usize, rows: usize) -> Pilots<'a, C> {
+    /// Takes those of the first blocks away.
+    fn cut(&mut self, blocks: usize, rows: usize) -> Pilots<'a, C> {
         Pilots {
             known: self.known,
             flown: cut(&mut self.flown, rows * ACTION),
-            controllers: cut(&mut self.controllers, shards),
+            controllers: cut(&mut self.controllers, blocks),
         }
     }
 }
@@ -247,11 +244,11 @@ impl<'a> History<'a> {
         }
     }
 
-    fn keep(&mut self, step: usize, last: &StepBuffers<'_>) {
-        write(&mut self.observations, step, last.observations);
-        write(&mut self.rewards, step, last.rewards);
-        write(&mut self.terminated, step, last.terminated);
-        write(&mut self.truncated, step, last.truncated);
+    fn keep(&mut self, step: usize, rows: &Range<usize>, last: &StepBuffers<'_>, width: usize) {
+        write(&mut self.observations, step, rows.start * width..rows.end * width, last.observations);
+        write(&mut self.rewards, step, rows.clone(), last.rewards);
+        write(&mut self.terminated, step, rows.clone(), last.terminated);
+        write(&mut self.truncated, step, rows.clone(), last.truncated);
     }
 }
 
@@ -271,12 +268,21 @@ fn cut_columns<'a, T>(table: &mut Columns<'a, T>, count: usize) -> Columns<'a, T
     first
 }
 
-fn write<T: Copy>(table: &mut Columns<'_, T>, step: usize, row: &[T]) {
+/// Writes some places of a step's row.
+fn write<T: Copy>(table: &mut Columns<'_, T>, step: usize, places: Range<usize>, row: &[T]) {
     if table.ncols() > 0
         && let Some(slots) = table.row_mut(step).as_slice_mut()
     {
-        slots.copy_from_slice(row);
+        slots[places.clone()].copy_from_slice(&row[places]);
     }
+}
+
+/// A part of a shard that stays in the cache, with its place among the shard's blocks.
+struct Block {
+    place: usize,
+    tiles: Range<usize>,
+    /// Of its drones among the shard's.
+    rows: Range<usize>,
 }
 
 /// A shard on its way through all steps.
@@ -289,17 +295,28 @@ struct ShardFlight<'a, C> {
 }
 
 impl<C: BatchController> ShardFlight<'_, C> {
-    /// Flies all steps; returns the first value that is no number, counted from the shard's first environment.
+    fn blocks(&self, tiles: usize, drones: usize) -> impl Iterator<Item = Block> + use<C> {
+        let (all, rows) = (self.shard.tiles(), self.rows.returns.len());
+        (0..all.div_ceil(tiles)).map(move |place| {
+            let tiles = place * tiles..((place + 1) * tiles).min(all);
+            let first = tiles.start * LANES * drones;
+            Block { place, rows: first..(tiles.end * LANES * drones).min(rows), tiles }
+        })
+    }
+
+    /// Flies all steps of a block; returns the first value that is no number, counted from the shard's first
+    /// environment.
     fn fly(
-        mut self,
+        &mut self,
         config: &BatchConfig,
+        block: &Block,
         steps: usize,
         size: RowSize,
     ) -> std::result::Result<Option<TimedFault>, Refusal> {
         let mut first_fault = None;
         for step in 0..steps {
-            self.ask()?;
-            let ended = self.ended();
+            self.ask(block, size)?;
+            let ended = self.ended(block);
             let Part { last, measured, history, returns, .. } = &mut self.rows;
             let actions = if self.pilots.flown.is_empty() {
                 let first = (step * size.rows + self.first_row) * ACTION;
@@ -307,47 +324,47 @@ impl<C: BatchController> ShardFlight<'_, C> {
             } else {
                 &*self.pilots.flown
             };
-            self.shard.run(config, actions, measured, last.reborrow());
-            history.keep(step, last);
+            self.shard.run(config, block.tiles.clone(), actions, measured, last.reborrow());
+            history.keep(step, &block.rows, last, size.width);
             let fault = self.shard.take_fault();
             first_fault = first_fault.or(fault.map(|fault| (step, fault)));
-            self.add_up();
-            self.begin(config, &ended, size);
+            self.add_up(block);
+            self.begin(config, block, &ended, size);
         }
         Ok(first_fault)
     }
 
     /// The controller's next actions.
-    fn ask(&mut self) -> std::result::Result<(), Refusal> {
+    fn ask(&mut self, block: &Block, size: RowSize) -> std::result::Result<(), Refusal> {
         let Pilots { flown, controllers, .. } = &mut self.pilots;
         if flown.is_empty() {
             return Ok(());
         }
         let Part { measured, last, .. } = &self.rows;
         let seen = if measured.is_empty() { &*last.observations } else { &**measured };
-        for controller in controllers.iter_mut() {
-            controller.act(seen, flown).map_err(Refusal::Controller)?;
-        }
+        let (Range { start, end }, wide) = (block.rows.clone(), measured_width(size.drones));
+        let flown = &mut flown[start * ACTION..end * ACTION];
+        controllers[block.place].act(&seen[start * wide..end * wide], flown).map_err(Refusal::Controller)?;
         self.shard.first_bad_action(flown).map_or(Ok(()), |at| {
-            Err(Refusal::Action { row: self.first_row + at / ACTION, axis: at % ACTION, value: flown[at] })
+            let row = self.first_row + start + at / ACTION;
+            Err(Refusal::Action { row, axis: at % ACTION, value: flown[at] })
         })
     }
 
-    fn ended(&self) -> [u16; MOST_TILES] {
+    fn ended(&self, block: &Block) -> [u16; MOST_TILES] {
         let mut ended = [0; MOST_TILES];
-        ended
-            .iter_mut()
-            .take(self.shard.tiles())
-            .enumerate()
-            .for_each(|(i, bits)| *bits = self.shard.ended(i));
+        for (bits, tile) in ended.iter_mut().zip(block.tiles.clone()) {
+            *bits = self.shard.ended(tile);
+        }
         ended
     }
 
-    fn add_up(&mut self) {
+    fn add_up(&mut self, block: &Block) {
         let Part { last, returns, over, .. } = &mut self.rows;
-        let flags = last.terminated.iter().zip(&*last.truncated);
+        let rows = || block.rows.clone();
+        let flags = last.terminated[rows()].iter().zip(&last.truncated[rows()]);
         for (((sum, over), reward), (terminated, truncated)) in
-            returns.iter_mut().zip(over.iter_mut()).zip(&*last.rewards).zip(flags)
+            returns[rows()].iter_mut().zip(&mut over[rows()]).zip(&last.rewards[rows()]).zip(flags)
         {
             *sum += if *over { 0.0 } else { *reward };
             *over |= terminated | truncated;
@@ -355,23 +372,23 @@ impl<C: BatchController> ShardFlight<'_, C> {
     }
 
     /// Tells the controller which episodes have begun in the step; `ended` are those that had ended before.
-    fn begin(&mut self, config: &BatchConfig, ended: &[u16; MOST_TILES], size: RowSize) {
+    fn begin(&mut self, config: &BatchConfig, block: &Block, ended: &[u16; MOST_TILES], size: RowSize) {
         let (StepBuffers { terminated, truncated, flying, .. }, drones) = (&self.rows.last, size.drones);
         let ends = |env: usize| {
-            let rows = env * drones..(env + 1) * drones;
+            let first = block.rows.start + env * drones;
+            let rows = first..first + drones;
             rows.clone().any(|row| terminated[row] | truncated[row])
                 && flying.get(rows).is_none_or(|flying| flying.iter().all(|flies| *flies))
         };
         let was_over = |env: usize| ended[env / LANES] >> (env % LANES) & 1 == 1;
-        for controller in self.pilots.controllers.iter_mut() {
-            match config.autoreset {
-                Autoreset::Disabled => {}
-                Autoreset::NextStep => controller.reset(&was_over),
-                Autoreset::SameStep => controller.reset(&ends),
-            }
+        let controller = &mut self.pilots.controllers[block.place];
+        match config.autoreset {
+            Autoreset::Disabled => {}
+            Autoreset::NextStep => controller.reset(&was_over),
+            Autoreset::SameStep => controller.reset(&ends),
         }
     }
 }
 
-/// Tiles of a shard at most.
-const MOST_TILES: usize = SHARD_DRONES / LANES + GROUP;
+/// Tiles of a block at most.
+const MOST_TILES: usize = BLOCK_DRONES / LANES + GROUP;

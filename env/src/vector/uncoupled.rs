@@ -1,6 +1,8 @@
 //! A part of the batch whose environments have one drone each: nothing couples it, and where nothing is
 //! called in a step, all stays in registers.
 
+use std::ops::Range;
+
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 
@@ -104,6 +106,7 @@ impl<R: BatchScalar, T: Task> Shard for UncoupledShard<R, T> {
     fn run<'a>(
         &mut self,
         config: &BatchConfig,
+        tiles: Range<usize>,
         actions: &[f32],
         measured: &'a mut [f32],
         mut out: StepBuffers<'a>,
@@ -116,9 +119,9 @@ impl<R: BatchScalar, T: Task> Shard for UncoupledShard<R, T> {
         };
         R::run(
             #[inline(always)]
-            || self.run_now(config, actions, observed, out),
+            || self.run_now(config, tiles.clone(), actions, observed, out),
         );
-        for (flags, bits) in flying.chunks_mut(LANES).zip(&self.bits) {
+        for (flags, bits) in flying.chunks_mut(LANES).zip(&self.bits).take(tiles.end).skip(tiles.start) {
             flags.iter_mut().enumerate().for_each(|(lane, flag)| *flag = bits.ended >> lane & 1 == 0);
         }
     }
@@ -281,13 +284,20 @@ impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
 
     /// One step of every tile.
     #[inline(always)]
-    fn run_now(&mut self, config: &BatchConfig, actions: &[f32], observed: &mut [f32], out: StepBuffers<'_>) {
+    fn run_now(
+        &mut self,
+        config: &BatchConfig,
+        tiles: Range<usize>,
+        actions: &[f32],
+        observed: &mut [f32],
+        out: StepBuffers<'_>,
+    ) {
         let params = StepParams { reach: config.interfaces[0].reach(), last_s: R::from_f64(config.last_s) };
         let mut tail = TailBuffers::new(actions);
         let mut buffers = TileBuffers::new(actions, observed, out, &mut tail);
-        let tiles = self.bits.len();
+        let ends = tiles.end == self.bits.len();
         if self.world.is_plain() && self.onboard.is_none() {
-            for tile in 0..tiles {
+            for tile in tiles {
                 let action = R::read4(buffers.actions(tile));
                 let tick = self.world.step_plain(tile, &params.reach.command(&action));
                 self.judge(config, &params, tile, &action, &tick, buffers.rows(tile));
@@ -296,8 +306,8 @@ impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
             let mut actions = [[R::zero(); ACTION]; GROUP];
             let mut commands = [Command::level(R::zero()); GROUP];
             let mut ticks = [Tick::none(); GROUP];
-            for first in (0..tiles).step_by(GROUP) {
-                let n = GROUP.min(tiles - first);
+            for first in tiles.clone().step_by(GROUP) {
+                let n = GROUP.min(tiles.end - first);
                 for i in 0..n {
                     actions[i] = R::read4(buffers.actions(first + i));
                     commands[i] = match &mut self.onboard {
@@ -312,7 +322,10 @@ impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
                 }
             }
         }
-        buffers.finish();
+        // the last tile's results, where it was among these
+        if ends {
+            buffers.finish();
+        }
     }
 
     /// What comes of a tick: observation, reward, end.
