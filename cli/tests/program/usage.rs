@@ -72,7 +72,8 @@ fn usage_errors_exit_with_2() {
     assert_fails(2, &["fly", "--seconds", "-3"], &[]);
     assert_fails(2, &["fly", "--runs", "0"], &["1..=100000"]);
     assert_fails(2, &["fly", "--task-options", "{"], &["--task-options is not JSON"]);
-    assert_fails(2, &["fly", "--task-options", "{\"start\": 1}"], &["options of the task hover", "start"]);
+    let unknown = ["unknown option of this task", "did you mean \"hover.start_m\""];
+    assert_fails(2, &["fly", "--task-options", "{\"start\": 1}"], &unknown);
     assert_fails(2, &["effects", "drag_lineer"], &["did you mean \"drag_linear\""]);
     assert_fails(2, &["replay", text(&model)], &["name at least one log"]);
     assert_fails(2, &["replay", "x.csv", "--hover-pwm", "NaN"], &["expected auto or a PWM"]);

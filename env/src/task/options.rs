@@ -270,7 +270,7 @@ impl<O: OptionSet> Chosen<O> {
             }
         };
         let full = |name: &str| format!("{task}.{name}");
-        for name in map.keys().filter(|name| list.iter().all(|option| option.name != name.as_str())) {
+        if let Some(name) = map.keys().find(|name| list.iter().all(|option| option.name != name.as_str())) {
             let known: Vec<String> = list.iter().map(|option| full(option.name)).collect();
             return Err(unknown("option of this task", &full(name), known.iter().map(String::as_str)));
         }
