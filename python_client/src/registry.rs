@@ -154,7 +154,7 @@ pub fn action_levels<'py>(
 ) -> PyResult<Vec<Bound<'py, PyDict>>> {
     let model = guarded(|| model.map_or_else(|| Ok(Model::thesis()), Model::parse))?;
     let asked = guarded(|| vertical.map(VerticalInput::named).transpose())?;
-    let level_dict = |entry: &action::Entry| {
+    let level_dict = |entry: &action::Entry| -> PyResult<Option<Bound<'py, PyDict>>> {
         let Some(interface) = guarded(|| entry.interface(&model, asked))? else { return Ok(None) };
         let channel_dict = |(i, channel): (usize, &action::Channel)| {
             let dict = PyDict::new(py);

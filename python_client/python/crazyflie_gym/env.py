@@ -40,7 +40,8 @@ class CrazyflieEnv(gym.Env[Observation, FloatArray]):
         task: which task, such as "hover".
         model: None or "thesis", the path of a model file, its text, or its content as a dict; or a list of one for each
             drone.
-        vertical: the height input that is commanded: "height", "pwm", "thrust" or "motors"; by default the model's first.
+        vertical: the height input that is commanded: "height", "pwm", "thrust" or "motors"; by default the model's
+            first.
         effects: what the linear model lacks, by name (`crazyflie_gym.effects()`): a number for the first parameter or
             a dict of parameters, each a number or a distribution such as {"uniform": [0.1, 0.3]}, drawn per episode.
             Between several drones downwash is on as it was measured unless {"downwash": 0}.
