@@ -1,4 +1,4 @@
-"""Train with Stable-Baselines3's PPO, and compare with the thesis's PID on unseen seeds; --steps 8192 for a short look."""
+"""Train with Stable-Baselines3's PPO, and compare with the thesis's PID on unseen seeds."""
 
 import argparse
 import time

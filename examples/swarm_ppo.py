@@ -1,4 +1,4 @@
-"""Drones that share one policy, by Stable-Baselines3's PPO, against the thesis's PID; --steps 20000 for a short look."""
+"""Drones that share one policy, by Stable-Baselines3's PPO, against the thesis's PID."""
 
 import argparse
 import time

@@ -1,4 +1,4 @@
-"""A CleanRL-style loop in one file, with resets in the same step; evolution strategies improve a linear policy, in NumPy."""
+"""A CleanRL-style loop in one file: evolution strategies improve a linear policy, with resets in the same step."""
 
 import argparse
 
@@ -19,7 +19,7 @@ def evaluate(envs, act, seed):
     total = np.zeros(envs.num_envs)
     for _ in range(TICKS):
         # where an episode ends, the observation is already the first of the next one
-        observations, rewards, terminated, truncated, infos = envs.step(act(observations))
+        observations, rewards, *_ = envs.step(act(observations))
         total += rewards
     return total / TICKS
 

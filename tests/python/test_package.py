@@ -104,10 +104,19 @@ SERVED = {"submit_own.py", "swap_places.py"}
 EXAMPLES = sorted(path for path in (ROOT / "examples").glob("*.py") if path.name not in SERVED)
 
 
+# what trains for a minute or more is cut short
+SHORT = {
+    "4_train.py": ["--iterations", "10"],
+    "sb3_ppo.py": ["--steps", "8192"],
+    "swarm_ppo.py": ["--steps", "8192", "--worlds", "8"],
+    "mppi.py": ["--ticks", "40", "--samples", "256"],
+}
+
+
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.name)
 def test_examples_run(example, tmp_path):
-    assert len(example.read_text().splitlines()) < 60
-    done = run(str(example), cwd=tmp_path)
+    assert len(example.read_text().splitlines()) <= 100
+    done = run(str(example), *SHORT.get(example.name, []), cwd=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     if "SKIPPED" in done.stdout:
         pytest.skip(f"{example.name}: {done.stdout.strip()}")

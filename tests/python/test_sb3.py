@@ -12,7 +12,7 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
 import crazyflie_gym
-from crazyflie_gym.sb3 import Sb3VecEnv
+from crazyflie_gym.sb3 import Sb3SwarmVecEnv, Sb3VecEnv
 
 
 @pytest.mark.parametrize("form", ["flat", "dict"])
@@ -52,6 +52,43 @@ def test_ppo_learns():
     model.learn(3 * 32 * 64)
     assert model.num_timesteps == 3 * 32 * 64 and len(model.ep_info_buffer) > 0
     assert model.predict(envs.reset())[0].shape == (32, 4)
+
+
+def test_drones_of_many_worlds_are_environments_that_end_together():
+    worlds, drones = 5, 4
+    envs = Sb3SwarmVecEnv("swap", worlds, drones=drones, max_episode_steps=60, observation=["error_m", "vel_mps"])
+    same = crazyflie_gym.CrazyflieSwarm(
+        worlds,
+        "swap",
+        drones=drones,
+        max_episode_steps=60,
+        observation=["error_m", "vel_mps"],
+        autoreset_mode="disabled",
+    )
+    envs.seed(3)
+    rows, (wanted, _) = envs.reset(), same.reset(seed=3)
+    assert envs.num_envs == worlds * drones and np.array_equal(rows, wanted.reshape(len(rows), -1))
+    rng, crashed, timed_out = np.random.default_rng(0), 0, 0
+    for _ in range(150):
+        actions = rng.uniform(-1, 1, (envs.num_envs, 4)).astype(np.float32)
+        rows, rewards, dones, infos = envs.step(actions)
+        wanted, paid, terminated, truncated, _ = same.step(actions.reshape(worlds, drones, 4))
+        assert np.array_equal(rewards, paid.reshape(-1))
+        ended = (terminated | truncated).any(axis=1)
+        assert np.array_equal(dones, np.repeat(ended, drones))
+        for env in np.flatnonzero(dones):
+            own = bool(terminated.reshape(-1)[env])
+            assert infos[env]["TimeLimit.truncated"] is not own
+            assert np.array_equal(infos[env]["terminal_observation"], wanted.reshape(envs.num_envs, -1)[env])
+            crashed, timed_out = crashed + own, timed_out + (not own)
+        if ended.any():
+            wanted, _ = same.reset(options={"reset_mask": ended})
+        assert np.array_equal(rows, wanted.reshape(len(rows), -1))
+    assert crashed and timed_out
+    model = PPO("MlpPolicy", VecNormalize(VecMonitor(envs)), n_steps=16, batch_size=160, n_epochs=1, device="cpu")
+    model.learn(2 * 16 * envs.num_envs)
+    with pytest.raises(ValueError, match="one drone"):
+        Sb3SwarmVecEnv("hover", 2)
 
 
 def test_attributes_and_methods():

@@ -2,9 +2,10 @@
 
     python -m crazyflie_gym.ppo hover --out hover.safetensors
 
-Written for two processor cores: the simulator hardly costs anything, so batches are large, networks small, and all that
-learns is one compiled function per iteration. The critic is asymmetric (Pinto et al. 2018): it also sees the true
-state, which only the simulator knows. Needs the extra `train`.
+A policy begins as a linear fit of a regulator and learns on from there; the program ends with a comparison on unseen
+flights of the benchmark's scenarios. Written for two processor cores: the simulator hardly costs anything, so batches
+are large, networks small, and all that learns is one compiled function per iteration. The critic is asymmetric (Pinto
+et al. 2018): it also sees the true state, which only the simulator knows. Needs the extra `train`.
 """
 
 from __future__ import annotations
@@ -26,8 +27,20 @@ import optax
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from crazyflie_gym.benchmark import RobustnessRow, robustness
 from crazyflie_gym.policy import (
-    LAYOUT, SIGNALS, Layers, Policy, features, gains, level, mlp, normalised, output, rotated, width,
+    LAYOUT,
+    SIGNALS,
+    Layers,
+    Policy,
+    features,
+    gains,
+    level,
+    mlp,
+    normalised,
+    output,
+    rotated,
+    width,
 )  # fmt: skip
 from crazyflie_gym.spaces import STATE_FIELDS
 from crazyflie_gym.training import RANDOMISED, TASKS, Batches, Config
@@ -277,12 +290,26 @@ class Trainer:
         return Policy(layers, np.asarray(self.params["skip"]), mean, std, self.config.taus_s, self.tick_s)
 
 
+RIVALS = ("thesis-pid", "velocity", "lqr")
+SCENARIOS = {"hover": ("hover-aruco", "fly-80cm", "ground-landing"), "track": ("figure-eight",)}
+
+
+def comparison(task: str, file: str, seeds: int = 128) -> list[RobustnessRow]:
+    """Return what a policy's file and its rivals are worth in scenarios of the benchmark, on unseen seeds.
+
+    Args:
+        task: what the policy was trained for, one of `SCENARIOS`.
+        file: where it is.
+        seeds: flights of each.
+    """
+    flown = robustness([*RIVALS, f"policy:{file}"], SCENARIOS[task], seeds=seeds)
+    return [row for row in flown if row["condition"] == "nominal"]
+
+
 def main() -> None:
-    """Train, and say where the time went."""
+    """Train, say where the time went, and compare."""
     start = time.perf_counter()
-    parser = argparse.ArgumentParser(
-        description="Train a policy from scratch: crazyflie fly --controller policy:FILE flies it."
-    )
+    parser = argparse.ArgumentParser(description="Train a policy: crazyflie fly --controller policy:FILE flies it.")
     parser.add_argument("task", choices=TASKS, help="hover over the marker, or follow moving set-points too")
     parser.add_argument("--out", default="policy.safetensors", metavar="FILE")
     parser.add_argument("--seed", type=int, default=0)
@@ -299,10 +326,17 @@ def main() -> None:
     seconds = trained.seconds | {"rest": whole - sum(trained.seconds.values()), "whole": whole}
     ticks = config.iterations * config.envs * config.ticks
     if args.json:
-        print(json.dumps({"seconds": seconds, "ticks": ticks, "rewards": trained.rewards}))
+        compared = comparison(args.task, args.out)
+        print(json.dumps({"seconds": seconds, "ticks": ticks, "rewards": trained.rewards, "comparison": compared}))
     else:
         print(f"{ticks / 1e6:.1f} M ticks, reward {trained.rewards[0]:.2f} to {trained.rewards[-1]:.2f}: {args.out}")
         print("seconds: " + ", ".join(f"{part} {spent:.1f}" for part, spent in seconds.items()))
+        print(f"{'unseen flights':16s} {'controller':24s} score  RMS error, cm  failed")
+        for row in comparison(args.task, args.out):
+            error_cm = "-" if row["rmse_m"] is None else f"{100 * row['rmse_m']:.1f}"
+            print(
+                f"{row['scenario']:16s} {row['controller']:24s} {row['score']:5.1f} {error_cm:>14s} {row['failed']:7d}"
+            )
 
 
 if __name__ == "__main__":
