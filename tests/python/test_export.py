@@ -16,16 +16,17 @@ PROGRAM = "import sys, crazyflie_cli; sys.exit(crazyflie_cli.main())"
 def policy(tmp_path):
     """A network of one layer with one time constant, that answers zeros."""
     file = tmp_path / "zero.safetensors"
-    width = 14 + 12
+    width = 19 + 12
     tensors = {
         "taus_s": [0.2],
         "feature_mean": [0.0] * width,
         "feature_std": [1.0] * width,
+        "skip.weight": [[0.0] * 4] * width,
         "layer0.weight": [[0.0] * 4] * width,
         "layer0.bias": [0.0] * 4,
     }
     plain = {name: np.array(value, np.float32) for name, value in tensors.items()}
-    save_file(plain, file, {"format": "crazyflie-policy-1", "tick_s": "0.02"})
+    save_file(plain, file, {"format": "crazyflie-policy-2", "tick_s": "0.02"})
     return file
 
 
@@ -36,7 +37,7 @@ def test_python_and_the_program_write_the_same(policy, tmp_path):
     subprocess.run(run, check=True, capture_output=True)
     for path in (source, header):
         assert path.read_bytes() == (other / path.name).read_bytes()
-    assert "POLICY_GYRO_RADPS" in header.read_text() and "malloc" not in source.read_text()
+    assert "POLICY_EST_VEL_MPS" in header.read_text() and "malloc" not in source.read_text()
     assert '#include "policy.h"' in source.read_text()
     subprocess.run(["cc", "-std=c99", "-Wall", "-Werror", "-c", source, "-o", tmp_path / "policy.o"], check=True)
 

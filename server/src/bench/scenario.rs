@@ -226,7 +226,11 @@ impl Scenario {
 /// SHA-256 over the canonical JSON of the file's content, of the model's numbers, and of the commitment to
 /// what is hidden.
 pub(super) fn content_hash(plan: &ScenarioPlan, commitment: Option<&str>) -> Result<String> {
-    let model = sha256_hex(&canonical(&Model::thesis().parameters())?);
+    // the motor-level form is younger than the first scenarios: one that does not fly it does not depend on it
+    let flown = |path: &str| plan.vertical == VerticalInput::Motors || !path.starts_with("vertical.motors.");
+    let parameters: Vec<_> =
+        Model::thesis().parameters().into_iter().filter(|(path, ..)| flown(path)).collect();
+    let model = sha256_hex(&canonical(&parameters)?);
     Ok(sha256_hex(&canonical(&json!({"scenario": plan, "model": model, "commitment": commitment}))?))
 }
 
