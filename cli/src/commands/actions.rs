@@ -23,7 +23,7 @@ pub(super) struct Args {
     /// Model file; the thesis's model unless given
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
-    /// Vertical form of the model: height, pwm or thrust [default: the model's first]
+    /// Vertical form of the model: height, pwm, thrust or motors [default: the model's first]
     #[arg(long, value_parser = files::vertical, value_name = "FORM")]
     vertical: Option<VerticalInput>,
     /// For machines
@@ -36,27 +36,36 @@ pub(super) struct Args {
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let model = files::model(args.model.as_deref())?;
-    let input = model.input(args.vertical)?;
-    let interface = |entry: &Entry| Interface::at_level(&model, input, entry.level);
+    let levels = levels(&model, args.vertical)?;
     if args.json {
-        let all = registry().iter().map(|entry| Ok(as_json(entry, &interface(entry)?)));
-        let all = all.collect::<Outcome<Vec<Value>>>()?;
+        let all: Vec<Value> = levels.iter().map(|(entry, interface)| as_json(entry, interface)).collect();
         serde_json::to_writer_pretty(&mut *out, &all)?;
         return Ok(writeln!(out)?);
     }
     if args.markdown {
-        return Ok(write!(out, "{}", page(&model, input)?)?);
+        return Ok(write!(out, "{}", page(&levels))?);
     }
-    for entry in registry() {
+    for (entry, interface) in &levels {
         writeln!(out, "{}\n    {}\n    validity: {}", entry.name, entry.about, entry.validity)?;
         writeln!(out, "    source: {}", entry.source)?;
-        for (channel, [low, high], bandwidth) in rows(entry, &interface(entry)?) {
+        for (channel, [low, high], bandwidth) in rows(entry, interface) {
             let Channel { name, unit, about } = channel;
             let range = format!("{} to {}", rounded(low), rounded(high));
             writeln!(out, "    .{name} [{unit}], {range}, bandwidth {bandwidth} rad/s: {about}")?;
         }
     }
     Ok(())
+}
+
+/// The levels that the model has a form for, each with what its actions mean.
+fn levels(model: &Model, asked: Option<VerticalInput>) -> Outcome<Vec<(&'static Entry, Interface)>> {
+    let mut levels = Vec::new();
+    for entry in registry() {
+        if let Some(interface) = entry.interface(model, asked)? {
+            levels.push((entry, interface));
+        }
+    }
+    Ok(levels)
 }
 
 /// For each number of an action: what it is, what -1 and 1 stand for, and its bandwidth.
@@ -95,18 +104,19 @@ good motion capture would tell it. Three things differ from the firmware:
 
 Tilt is limited as the model says (10 degrees), so a large step overshoots: braking takes longer than speeding up. A step of 0.8 m overshoots by a quarter.
 
+`body_rates` and `motors` fly [the motor-level vehicle](motors.md).
+
 Effects on the command (`cmd_delay`, `packet_loss`, ...) act on what the cascade commands, not on the set-point. Built-in controllers command attitudes and
 are refused at other levels; `random`, `policy:FILE` and controllers in Python fly at every level, on the command line with `crazyflie fly --action LEVEL`.
 ";
 
 /// The page of the documentation.
-fn page(model: &Model, input: VerticalInput) -> Outcome<String> {
+fn page(levels: &[(&Entry, Interface)]) -> String {
     let header = ["level", "number", "unit", "from", "to", "bandwidth, rad/s", "about"];
     let mut table = Table::new(&header).left(&[1, 2, 6]);
     let mut list = String::new();
-    for entry in registry() {
-        let interface = Interface::at_level(model, input, entry.level)?;
-        for (channel, [low, high], bandwidth) in rows(entry, &interface) {
+    for (entry, interface) in levels {
+        for (channel, [low, high], bandwidth) in rows(entry, interface) {
             table.row(vec![
                 format!("`{}`", entry.name),
                 format!("`{}`", channel.name),
@@ -120,7 +130,7 @@ fn page(model: &Model, input: VerticalInput) -> Outcome<String> {
         let Entry { name, about, validity, source, .. } = entry;
         list += &format!("- `{name}`: {about}. Validity: {validity}. Source: {source}.\n");
     }
-    Ok(format!("{HEAD}{}\n{list}{FOOT}", table.markdown()))
+    format!("{HEAD}{}\n{list}{FOOT}", table.markdown())
 }
 
 fn rounded(number: f64) -> f64 {

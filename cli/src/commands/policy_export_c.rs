@@ -6,6 +6,8 @@ use std::path::{Path, PathBuf};
 use crazyflie_control::export_c;
 use crazyflie_env::model::VerticalInput;
 
+use serde_json::json;
+
 use super::{Failure, Outcome, files};
 
 const EXAMPLES: &str = "\
@@ -29,6 +31,9 @@ pub(super) struct Args {
     /// Which vertical form of the model is commanded: pwm or thrust [default: pwm, if the model has it]
     #[arg(long, value_parser = files::vertical, value_name = "FORM")]
     vertical: Option<VerticalInput>,
+    /// For machines
+    #[arg(long)]
+    json: bool,
 }
 
 pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
@@ -44,5 +49,8 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let header: &Path = &args.out.with_extension("h");
     files::write(&args.out, code.source.as_bytes())?;
     files::write(header, code.header.as_bytes())?;
+    if args.json {
+        return Ok(writeln!(out, "{}", json!({"source": &args.out, "header": header}))?);
+    }
     Ok(writeln!(out, "wrote {} and {}", args.out.display(), header.display())?)
 }

@@ -197,6 +197,5 @@ fn penalised_error_s(
     let over = (f.overshoot - requirements.overshoot).max(0.0);
     let phase = (requirements.phase_deg - margins.phase_deg).clamp(0.0, 180.0);
     let gain = (requirements.gain_db - margins.gain_db).clamp(0.0, 40.0);
-    // a decibel or five degrees too few cost as much as a second: no response is that much quicker
-    f.error_s + 20.0 * over + 0.2 * phase + gain + 0.05 * response.travel_per_s
+    f.error_s + 20.0 * over + 0.1 * phase + 0.2 * gain + 0.05 * response.travel_per_s
 }

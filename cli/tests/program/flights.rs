@@ -304,7 +304,7 @@ fn actions_may_be_set_points() {
     let levels = json(&["actions", "--json"]);
     let names: Vec<_> =
         levels.as_array().unwrap().iter().map(|level| level["name"].as_str().unwrap()).collect();
-    assert_eq!(names, ["attitude", "velocity", "position"]);
+    assert_eq!(names, ["attitude", "velocity", "position", "body_rates", "motors"]);
     assert!(stdout_of(&["actions"]).contains(".x_mps [m/s], -1 to 1"));
     assert_fails(1, &["actions", "--model", "nowhere.toml"], &["nowhere.toml"]);
 }

@@ -221,12 +221,12 @@ fn the_attitude_steps_of_both_vehicles_are_those_of_the_page() {
         let [time_s, gain] = step_response(attitude, form, 1, 0.1, 1.5).unwrap();
         format!("{:.2} s | {gain:.2}", time_s)
     };
-    let page = include_str!("../../../docs/actions.md");
+    let page = include_str!("../../../docs/motors.md");
     let mut lines = Vec::new();
     for (name, form) in [("identified (5.1)", "height"), ("motor-level", "motors")] {
         lines.push(format!("| {name} | {} |", row(form)));
     }
-    assert!(page.contains(&lines.join("\n")), "docs/actions.md should say: {lines:?}");
+    assert!(page.contains(&lines.join("\n")), "docs/motors.md should say: {lines:?}");
 }
 
 #[test]
