@@ -56,13 +56,16 @@ def test_ppo_learns():
 
 def test_drones_of_many_worlds_are_environments_that_end_together():
     worlds, drones = 5, 4
-    envs = Sb3SwarmVecEnv("swap", worlds, drones=drones, max_episode_steps=60, observation=["error_m", "vel_mps"])
+    envs = Sb3SwarmVecEnv(
+        "swap", worlds, drones=drones, max_episode_steps=60, observation=["error_m", "vel_mps"], vertical="pwm"
+    )
     same = crazyflie_gym.CrazyflieSwarm(
         worlds,
         "swap",
         drones=drones,
         max_episode_steps=60,
         observation=["error_m", "vel_mps"],
+        vertical="pwm",
         autoreset_mode="disabled",
     )
     envs.seed(3)
@@ -70,7 +73,10 @@ def test_drones_of_many_worlds_are_environments_that_end_together():
     assert envs.num_envs == worlds * drones and np.array_equal(rows, wanted.reshape(len(rows), -1))
     rng, crashed, timed_out = np.random.default_rng(0), 0, 0
     for _ in range(150):
-        actions = rng.uniform(-1, 1, (envs.num_envs, 4)).astype(np.float32)
+        actions = rng.uniform(-0.2, 0.2, (envs.num_envs, 4)).astype(np.float32)
+        # the motors of one drone are off, until it hits the floor
+        actions[:, 3] = 2 * 35000 / 60000 - 1
+        actions[0, 3] = -1
         rows, rewards, dones, infos = envs.step(actions)
         wanted, paid, terminated, truncated, _ = same.step(actions.reshape(worlds, drones, 4))
         assert np.array_equal(rewards, paid.reshape(-1))

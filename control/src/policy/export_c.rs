@@ -139,13 +139,13 @@ fn source(network: &Network, interface: &Interface, stem: &str) -> String {
         let (outputs, last) = (layer.bias.len(), i + 1 == network.layers.len());
         table(&mut tables, &format!("WEIGHT{i}"), layer.weights.iter().copied());
         table(&mut tables, &format!("BIAS{i}"), layer.bias.iter().copied());
-        let (from, to) = if i % 2 == 0 { ("x", "y") } else { ("y", "x") };
+        let (from, to) = if i.is_multiple_of(2) { ("x", "y") } else { ("y", "x") };
         let squash = u8::from(!last);
         let _ =
             writeln!(calls, "    layer({from}, {inputs}, WEIGHT{i}, BIAS{i}, {to}, {outputs}, {squash});");
         inputs = outputs;
     }
-    let answer = if network.layers.len() % 2 == 0 { "x" } else { "y" };
+    let answer = if network.layers.len().is_multiple_of(2) { "x" } else { "y" };
     let at = |field: Field| first(network.sight, field.name);
     let (pos, yaw) = match network.sight {
         Sight::Estimate => (at(EST_POS), at(EST_YAW)),
@@ -313,7 +313,7 @@ fn single(value: f64) -> String {
 fn table(out: &mut String, name: &str, values: impl ExactSizeIterator<Item = f32>) {
     let _ = write!(out, "static const float {name}[{}] = {{", values.len());
     for (i, value) in values.enumerate() {
-        let _ = write!(out, "{}{value:?}f,", if i % 8 == 0 { "\n    " } else { " " });
+        let _ = write!(out, "{}{value:?}f,", if i.is_multiple_of(8) { "\n    " } else { " " });
     }
     out.push_str("\n};\n");
 }

@@ -254,7 +254,7 @@ class Trainer:
                 self.observations, self.states, _, self.fresh = self.batches.step(flown)
         pairs = {"actor": np.concatenate(seen), "critic": np.concatenate(view)}
         self.scales = {name: (x.mean(0), np.maximum(x.std(0), 1e-2)) for name, x in pairs.items()}
-        x, want = np.asarray(normalised(pairs["actor"], *self.scales["actor"])), np.concatenate(wanted)
+        x, want = np.asarray(normalised(jnp.asarray(pairs["actor"]), *self.scales["actor"])), np.concatenate(wanted)
         for i, layer in enumerate(want.T):
             inside = np.abs(layer) < 0.98
             if inside.sum() > 10 * x.shape[1]:

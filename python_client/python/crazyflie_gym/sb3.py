@@ -30,16 +30,17 @@ class _BatchVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
     """What batches have in common: their environments are not made, asked or wrapped one by one."""
 
     envs: Any
+    _actions: FloatArray | None = None
+    reset_infos: list[dict[str, Any]]
 
     def step_async(self, actions: FloatArray) -> None:
         """Take the actions of the next `step_wait`."""
         self._actions = np.ascontiguousarray(actions, np.float32)
 
     def _taken(self) -> FloatArray:
-        actions: FloatArray | None = getattr(self, "_actions", None)
+        actions, self._actions = self._actions, None
         if actions is None:
             raise RuntimeError("call step_async() before step_wait()")
-        self._actions = None
         return actions
 
     def get_attr(self, attr_name: str, indices: int | Iterable[int] | None = None) -> list[Any]:
