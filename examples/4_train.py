@@ -1,4 +1,4 @@
-"""Train a policy from scratch, in seconds, and fly it against the thesis's PID on unseen seeds: 4_train.png."""
+"""Train a policy, in about a minute, and fly it against the thesis's PID on unseen seeds: 4_train.png."""
 
 import argparse
 import dataclasses
