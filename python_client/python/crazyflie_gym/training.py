@@ -90,8 +90,8 @@ class Config:
         default_factory=lambda: {"position_m": 0.07, "velocity_mps": 0.8, "tilt_deg": 6.0}
     )
     imitated_ticks: int = 100
-    # costs of a tick: the terms of the benchmark's scores. Weights were chosen among ten trainings of one seed, by scores
-    # in hover-aruco and fly-80cm
+    # costs of a tick: the terms of the scores of the benchmark. Weights were chosen among ten trainings of one seed, by
+    # scores in hover-aruco and fly-80cm
     per_metre: float = 4.0
     near_m: float = 0.05
     per_square_radian: float = 12.0
