@@ -32,7 +32,9 @@ def train(task, seed, out):
         "whole": whole,
         "processor": processor,
     }
-    scores = {(row["scenario"], row["controller"].split(":")[0]): row["score"] for row in result["comparison"]}
+    scores = {
+        (row["scenario"].split("@")[0], row["controller"].split(":")[0]): row["score"] for row in result["comparison"]
+    }
     return [parts[part] for part in PARTS], scores
 
 
