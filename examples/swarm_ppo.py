@@ -26,8 +26,8 @@ def fly(task, act, observation="measured"):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--task", default="swap")
-    parser.add_argument("--steps", type=int, default=4_000_000)
+    parser.add_argument("--task", default="formation")
+    parser.add_argument("--steps", type=int, default=3_000_000)
     parser.add_argument("--worlds", type=int, default=64)
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
