@@ -72,8 +72,41 @@ pub const EST_YAW_ERROR: Field = field(
     "set-point minus estimated heading, the short way round",
 );
 
+/// Middle of the next gate.
+pub const GATE_POS: Field = field(
+    "gate_pos_m",
+    EST_YAW_ERROR.end(),
+    3,
+    "m",
+    [-10.0, 10.0],
+    "middle of the next gate in the room, where the task has gates",
+);
+/// Direction of the next gate.
+pub const GATE_YAW: Field =
+    field("gate_yaw_rad", GATE_POS.end(), 1, "rad", [-PI, PI], "direction to fly through it");
+/// Middle of the gate after it.
+pub const NEXT_GATE_POS: Field =
+    field("next_gate_pos_m", GATE_YAW.end(), 3, "m", [-10.0, 10.0], "middle of the gate after that");
+/// Direction of the gate after it.
+pub const NEXT_GATE_YAW: Field =
+    field("next_gate_yaw_rad", NEXT_GATE_POS.end(), 1, "rad", [-PI, PI], "direction to fly through that one");
+/// Way to the nearest obstacle.
+pub const OBSTACLE: Field = field(
+    "obstacle_m",
+    NEXT_GATE_YAW.end(),
+    3,
+    "m",
+    [-10.0, 10.0],
+    "true way to the nearest point of the nearest obstacle, along the room's axes; 10 along each where there is none",
+);
+
+/// Whether it tells of gates or obstacles.
+pub(crate) fn is_of_surroundings(field: &Field) -> bool {
+    field.first >= GATE_POS.first
+}
+
 /// Every field that an observation may hold. `first` is the place among all [`OBSERVABLE`] numbers.
-pub const ALL_FIELDS: [Field; 22] = [
+pub const ALL_FIELDS: [Field; 27] = [
     MARKER_POS,
     MARKER_YAW,
     MARKER_AGE,
@@ -96,10 +129,15 @@ pub const ALL_FIELDS: [Field; 22] = [
     EST_PUSH,
     EST_ERROR,
     EST_YAW_ERROR,
+    GATE_POS,
+    GATE_YAW,
+    NEXT_GATE_POS,
+    NEXT_GATE_YAW,
+    OBSTACLE,
 ];
 
 /// Numbers of all fields together.
-pub const OBSERVABLE: usize = EST_YAW_ERROR.end();
+pub const OBSERVABLE: usize = OBSTACLE.end();
 
 /// A choice that has a name.
 #[derive(Debug, Clone, Copy)]

@@ -12,11 +12,11 @@ use crate::model::{Model, VerticalInput};
 use crate::plant::Command;
 use crate::scalar::{Scalar, each};
 
-pub(crate) use choice::YAW_ERROR;
 pub use choice::{
     ALL_FIELDS, CHOICES, EST_POS, EST_PUSH, EST_VEL, EST_YAW, LONGEST_HISTORY, NamedChoice, OBSERVABLE,
     ObservationChoice, find_field,
 };
+pub(crate) use choice::{YAW_ERROR, is_of_surroundings};
 
 /// Numbers per observation.
 pub const OBSERVATION: usize = 24;

@@ -10,6 +10,7 @@ mod land;
 mod land_in_turn;
 mod options;
 mod path;
+mod race;
 mod swap;
 mod takeoff;
 mod track;
@@ -53,13 +54,44 @@ pub(crate) struct Start {
 /// What a task knows of an environment at a tick.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Scene<'a, R: Scalar> {
-    /// The drones as they truly are; empty for a task of one drone.
+    /// The drones as they truly are.
     pub drones: &'a [Neighbour<R>],
     /// What hangs below them, where something does.
     pub load: Option<&'a load::State<R>>,
     pub t_s: R,
     /// The noise of this tick.
     pub draw: TickRng<'a, R>,
+}
+
+/// Along each axis, where no obstacle is near: beyond any wall.
+pub(crate) const NOTHING_NEAR_M: f64 = 10.0;
+
+/// What stands about a drone: the gates that it has to fly through, and obstacles.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Surroundings<R> {
+    /// Middle of the gate that is next, and the direction to fly through it.
+    pub gate_pos_m: [R; 3],
+    pub gate_yaw_rad: R,
+    /// Of the gate after that.
+    pub next_gate_pos_m: [R; 3],
+    pub next_gate_yaw_rad: R,
+    /// From the drone to the nearest point of an obstacle; [`NOTHING_NEAR_M`] along each axis for none.
+    pub obstacle_m: [R; 3],
+}
+
+impl<R: Scalar> Surroundings<R> {
+    /// An empty room.
+    #[inline(always)]
+    pub(crate) fn none() -> Self {
+        let zero = R::zero();
+        Surroundings {
+            gate_pos_m: [zero; 3],
+            gate_yaw_rad: zero,
+            next_gate_pos_m: [zero; 3],
+            next_gate_yaw_rad: zero,
+            obstacle_m: [R::from_f64(NOTHING_NEAR_M); 3],
+        }
+    }
 }
 
 /// What a drone is judged on, at the end of a control tick.
@@ -69,6 +101,8 @@ pub struct Situation<'a, R: Scalar> {
     pub x: &'a State<R>,
     /// Target of this tick, world frame.
     pub setpoint: Setpoint<R>,
+    /// What the task remembers of its episode.
+    pub goal: &'a [R; GOAL],
     /// Action that the drone obeyed in this tick, each number from -1 to 1.
     pub action: &'a [R; ACTION],
     /// Action of the tick before.
@@ -102,6 +136,8 @@ pub(crate) trait Task: Send + Sync + Sized + 'static {
     const DRONES: usize = 1;
     /// Reward that a collision, a crash or leaving the room takes; all three end a drone's flight.
     const CRASH_COST: f64 = if Self::DRONES > 1 { 10.0 } else { 0.0 };
+    /// Gates or obstacles stand in the room, so that fields of them can be observed.
+    const SURROUNDED: bool = false;
     /// The task's options, as in the `task_options` of a configuration.
     type Options: OptionSet;
 
@@ -110,7 +146,7 @@ pub(crate) trait Task: Send + Sync + Sized + 'static {
     /// # Errors
     /// [`Error::Range`] and [`Error::Config`] for options that do not go together.
     fn new(chosen: Chosen<Self::Options>, drones: usize) -> Result<Self>;
-    /// Numbers that all drones of an environment share.
+    /// Numbers that all drones of an environment share, for an episode.
     fn board(&self) -> usize {
         0
     }
@@ -132,6 +168,11 @@ pub(crate) trait Task: Send + Sync + Sized + 'static {
         board: &[R],
         scene: &Scene<R>,
     ) -> Setpoint<R>;
+    /// What stands about a drone at `pos_m`.
+    #[inline(always)]
+    fn surroundings<R: Scalar>(&self, _pos_m: &[R; 3], _goal: &[R; GOAL], _board: &[R]) -> Surroundings<R> {
+        Surroundings::none()
+    }
     /// What its tick was worth; `s` has the set-point of now.
     #[inline(always)]
     fn judge<R: Scalar>(&self, _own: usize, s: &Situation<R>, _board: &[R], _scene: &Scene<R>) -> Outcome<R> {
@@ -236,6 +277,7 @@ registry![
     takeoff::Takeoff,
     land::Land,
     track::Track,
+    race::Race,
     formation::Formation,
     swap::Swap,
     follow::Follow,

@@ -41,6 +41,7 @@ impl<R: BatchScalar, T: Task> CoupledShard<R, T> {
             let s = Situation {
                 x: batch.state(tile, drone),
                 setpoint: batch.scratch.setpoints[drone],
+                goal: &batch.slot(tile, drone).goal,
                 action: &batch.scratch.actions[drone][place],
                 last_action: &batch.slot(tile, drone).last_action,
                 contact: &batch.scratch.contacts[drone],

@@ -4,14 +4,17 @@
 use super::ShardSpec;
 use crate::archive::Archive;
 use crate::coupling::NEIGHBOUR;
-use crate::error::{Result, check_range};
+use crate::error::{Error, Result, check_range};
 use crate::estimator::{Estimate, Estimator, SensorNoise};
 use crate::lanes::LANES;
-use crate::observation::{Field, LONGEST_HISTORY, OBSERVABLE, OBSERVATION, YAW_ERROR, index, wrap};
+use crate::observation::{
+    EST_POS, Field, LONGEST_HISTORY, OBSERVABLE, OBSERVATION, index, is_of_surroundings, wrap,
+};
 use crate::plant::State;
 use crate::rows::{lanes_of, state_index, state_row};
 use crate::scalar::tabulate;
 use crate::sim_scalar::BatchScalar;
+use crate::task::Surroundings;
 
 /// Which rows are written.
 #[derive(Clone, Copy)]
@@ -32,6 +35,7 @@ pub(super) struct Sight<'a, R> {
     pub(super) x: &'a State<R>,
     /// Rows of what is measured, a row for each lane: behind the drone's own numbers those of the others.
     pub(super) rows: &'a [f32],
+    pub(super) surroundings: Surroundings<R>,
 }
 
 /// What a part of the batch remembers for such observations.
@@ -64,15 +68,24 @@ pub(super) fn row_width(options: &crate::config::Options, drones: usize) -> Resu
 }
 
 impl<R: BatchScalar> Observer<R> {
-    /// None where what is measured is all that was asked for.
-    pub(super) fn new(spec: &ShardSpec<'_>, drones: usize) -> Result<Option<Self>> {
+    /// None where what is measured is all that was asked for. `surrounded`: the task has gates or obstacles.
+    ///
+    /// # Errors
+    /// [`Error::Config`] for fields of such where there are none.
+    pub(super) fn new(spec: &ShardSpec<'_>, drones: usize, surrounded: bool) -> Result<Option<Self>> {
         let ShardSpec { models, inputs, options, envs, tick_s, .. } = *spec;
         if !options.observes() {
             return Ok(None);
         }
         let (fields, tiles) = (options.observation.sources()?, envs.div_ceil(LANES));
+        if let Some(field) = fields.iter().find(|field| !surrounded && is_of_surroundings(field)) {
+            return Err(Error::Config(format!(
+                "observation: the task {} has no gates and no obstacles, hence no field {:?}",
+                options.task, field.name
+            )));
+        }
         let width = own_width(&fields) + NEIGHBOUR * (drones - 1);
-        let estimates = fields.iter().any(|field| field.first > YAW_ERROR.first);
+        let estimates = fields.iter().any(|field| field.first >= EST_POS.first && !is_of_surroundings(field));
         let estimator = |i: usize| {
             Estimator::new(models[i % drones], inputs[i % drones], tick_s, &SensorNoise::default())
         };
@@ -150,17 +163,24 @@ impl<R: BatchScalar> Observer<R> {
         add(&state);
         add(&error(&sight.x.pos_m));
         add(&[turn(sight.x.att_rad[2])]);
-        let Some(estimator) = self.estimators.get_mut(place.tile * self.drones + place.drone) else {
-            return all;
+        let estimator = self.estimators.get_mut(place.tile * self.drones + place.drone);
+        let Estimate { pos_m, vel_mps, yaw_rad, push_mps2 } = match estimator {
+            Some(estimator) if place.begins => estimator.start(R::mask(place.lanes), own),
+            Some(estimator) => estimator.update(own),
+            None => Estimate { pos_m: [zero; 3], vel_mps: [zero; 3], yaw_rad: zero, push_mps2: [zero; 3] },
         };
-        let Estimate { pos_m, vel_mps, yaw_rad, push_mps2 } =
-            if place.begins { estimator.start(R::mask(place.lanes), own) } else { estimator.update(own) };
         add(&pos_m);
         add(&vel_mps);
         add(&[yaw_rad]);
         add(&push_mps2);
         add(&error(&pos_m));
         add(&[turn(yaw_rad)]);
+        let about = &sight.surroundings;
+        add(&about.gate_pos_m);
+        add(&[wrap(about.gate_yaw_rad)]);
+        add(&about.next_gate_pos_m);
+        add(&[wrap(about.next_gate_yaw_rad)]);
+        add(&about.obstacle_m);
         all
     }
 

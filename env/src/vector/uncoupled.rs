@@ -13,6 +13,7 @@ use super::{BatchConfig, Shard, ShardSpec};
 use crate::action::Onboard;
 use crate::archive::Archive;
 use crate::config::Autoreset;
+use crate::effects::Neighbour;
 use crate::error::Result;
 use crate::expression::Moment;
 use crate::lanes::LANES;
@@ -54,6 +55,10 @@ pub(super) struct UncoupledShard<R: BatchScalar, T> {
     onboard: Option<Onboard<R>>,
     task: T,
     slots: Vec<Slot<R>>,
+    /// What the task keeps of an episode besides the goal, tile by tile.
+    boards: Vec<R>,
+    /// The board of an episode that begins.
+    begun: Vec<f64>,
     bits: Vec<Bits>,
     episodes: Vec<Episodes>,
     observer: Option<Observer<R>>,
@@ -179,6 +184,8 @@ impl<R: BatchScalar, T: Task> Shard for UncoupledShard<R, T> {
         let (slot, bits, episodes) = (&mut self.slots[tile], &mut self.bits[tile], &mut self.episodes[tile]);
         archive.numbers(&mut slot.last_action);
         archive.numbers(&mut slot.goal);
+        let size = self.begun.len();
+        archive.numbers(&mut self.boards[tile * size..(tile + 1) * size]);
         archive.bits(&mut bits.ended, bits.used);
         archive.seeds(&mut episodes.seed);
         archive.words(&mut episodes.number);
@@ -209,11 +216,13 @@ impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
         Ok(UncoupledShard {
             world: world.at_level(options.action),
             onboard: Onboard::new(spec.models[0], &spec.interfaces[0], spec.tick_s, tiles)?,
+            boards: vec![R::zero(); tiles * task.board()],
+            begun: vec![0.0; task.board()],
             task,
             slots: vec![Slot { last_action: [R::zero(); ACTION], goal: [R::zero(); GOAL] }; tiles],
             bits: (0..tiles).map(|tile| Bits::new(envs - tile * LANES)).collect(),
             episodes: vec![Episodes { seed: [0; LANES], number: [0; LANES] }; tiles],
-            observer: Observer::new(spec, 1)?,
+            observer: Observer::new(spec, 1, T::SURROUNDED)?,
             judgement: Judgement::new(spec, 1)?,
             width,
             final_observations: vec![0.0; kept * width],
@@ -240,7 +249,11 @@ impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
             let mut rng = Pcg64Mcg::seed_from_u64(key);
             self.world.draw_lane(tile, lane, key, &mut rng);
             let mut start = Start { pos_m: [0.0; 3], yaw_rad: 0.0, goal: [0.0; GOAL] };
-            self.task.start(&mut rng, std::slice::from_mut(&mut start), &mut []);
+            self.task.start(&mut rng, std::slice::from_mut(&mut start), &mut self.begun);
+            let size = self.begun.len();
+            for (slot, value) in self.boards[tile * size..].iter_mut().zip(&self.begun) {
+                slot.set_lane(lane, *value);
+            }
             for i in 0..3 {
                 x.pos_m[i].set_lane(lane, start.pos_m[i]);
             }
@@ -267,8 +280,12 @@ impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
         let now_s = self.world.time_s(tile);
         // the goals of lanes under way must not move on here
         let mut goal = slot.goal;
-        let scene = Scene { drones: &[], load: None, t_s: now_s, draw: self.world.draw(tile) };
-        let setpoint = self.task.setpoint(0, &mut goal, &[], &scene);
+        let x = self.world.state(tile);
+        let drones = [present(x)];
+        let scene = Scene { drones: &drones, load: None, t_s: now_s, draw: self.world.draw(tile) };
+        let size = self.begun.len();
+        let board = &self.boards[tile * size..(tile + 1) * size];
+        let setpoint = self.task.setpoint(0, &mut goal, board, &scene);
         for (kept, new) in slot.goal.iter_mut().zip(goal) {
             *kept = R::select(mask, new, *kept);
         }
@@ -278,7 +295,8 @@ impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
         }
         if let Some(observer) = &mut self.observer {
             let place = RowPlace { tile, drone: 0, lanes: bits, flying: bits, begins: true };
-            observer.write(place, &Sight { own: &row, x: self.world.state(tile), rows: &[] }, observed);
+            let surroundings = self.task.surroundings(&x.pos_m, &slot.goal, board);
+            observer.write(place, &Sight { own: &row, x, rows: &[], surroundings }, observed);
         }
     }
 
@@ -341,12 +359,21 @@ impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
     ) {
         let now_s = self.world.time_s(tile);
         let slot = &mut self.slots[tile];
-        let scene = Scene { drones: &[], load: None, t_s: now_s, draw: self.world.draw(tile) };
-        let setpoint = self.task.setpoint(0, &mut slot.goal, &[], &scene);
         let x = self.world.state(tile);
-        let situation =
-            Situation { x, setpoint, action, last_action: &slot.last_action, contact: &tick.contact };
-        let outcome = self.task.judge(0, &situation, &[], &scene);
+        let drones = [present(x)];
+        let scene = Scene { drones: &drones, load: None, t_s: now_s, draw: self.world.draw(tile) };
+        let size = self.begun.len();
+        let board = &self.boards[tile * size..(tile + 1) * size];
+        let setpoint = self.task.setpoint(0, &mut slot.goal, board, &scene);
+        let situation = Situation {
+            x,
+            setpoint,
+            goal: &slot.goal,
+            action,
+            last_action: &slot.last_action,
+            contact: &tick.contact,
+        };
+        let outcome = self.task.judge(0, &situation, board, &scene);
         let broken = outside(x) | crashed(&tick.contact);
         let mut reward = if T::CRASH_COST == 0.0 {
             outcome.reward
@@ -378,7 +405,8 @@ impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
         if let Some(observer) = &mut self.observer {
             let used = self.bits[tile].used.into();
             let place = RowPlace { tile, drone: 0, lanes: used, flying: used, begins: false };
-            observer.write(place, &Sight { own: &row, x, rows: &[] }, out.observed);
+            let surroundings = self.task.surroundings(&x.pos_m, &slot.goal, board);
+            observer.write(place, &Sight { own: &row, x, rows: &[], surroundings }, out.observed);
         }
         *out.rewards = *reward.array();
         let (terminated, truncated) = (R::bits(ends | broken), R::bits(over));
@@ -445,6 +473,12 @@ impl<R: BatchScalar, T> UncoupledShard<R, T> {
             }
         }
     }
+}
+
+/// The drone as a task sees it; computed only for those that look.
+#[inline(always)]
+fn present<R: BatchScalar>(x: &State<R>) -> Neighbour<R> {
+    Neighbour { pos_m: x.pos_m, vel_mps: x.vel_mps, here: R::from_f64(1.0) }
 }
 
 /// What every tile of a step needs of the configuration, as numbers of the lanes.

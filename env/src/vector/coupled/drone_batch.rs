@@ -147,7 +147,7 @@ impl<R: BatchScalar> DroneBatch<R> {
             slots: vec![slot; tiles * drones],
             boards: vec![zero; tiles * board],
             scratch: Scratch::new(drones, board),
-            observer: Observer::new(spec, drones)?,
+            observer: Observer::new(spec, drones, false)?,
             judgement: Judgement::new(spec, drones)?,
             final_observations: vec![0.0; kept * drones * row_width(options, drones)?],
             final_states: vec![0.0; kept * drones * STATE],

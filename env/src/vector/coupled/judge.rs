@@ -8,7 +8,7 @@ use crate::observation::{OBSERVATION, observe};
 use crate::rows::{lanes_of, write_lane};
 use crate::scalar::Scalar;
 use crate::sim_scalar::BatchScalar;
-use crate::task::{crashed, outside};
+use crate::task::{Surroundings, crashed, outside};
 use crate::vector::judgement::Verdict;
 use crate::vector::observer::{RowPlace, Sight};
 use crate::vector::{BatchConfig, METRICS, StepBuffers};
@@ -255,7 +255,8 @@ impl<R: BatchScalar> DroneBatch<R> {
             at += NEIGHBOUR;
         }
         let rows = if let Some(observer) = &mut self.observer {
-            let sight = Sight { own: &own, x: self.drones[drone].state(tile), rows: near };
+            let x = self.drones[drone].state(tile);
+            let sight = Sight { own: &own, x, rows: near, surroundings: Surroundings::none() };
             observer.write(to, &sight, observations);
             measured
         } else {

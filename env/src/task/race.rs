@@ -1,0 +1,189 @@
+//! Through gates, in order, and past what stands in the way.
+
+mod course;
+
+use rand_pcg::Pcg64Mcg;
+
+use super::options::Rows;
+use super::{
+    Chosen, GOAL, Outcome, Scene, Situation, Start, Surroundings, Task, is, jerk, jitter, keeping, options,
+    start_at,
+};
+use crate::error::{Error, Result};
+use crate::observation::Setpoint;
+use crate::scalar::{Scalar, tabulate};
+use course::{Course, Gate};
+
+options! {
+    fixed level: usize = 1, "1", [1.0, 4.0], "1: four gates on a circle, always the same; 2: each moved and turned anew in every episode; 3: smaller ones, and poles between them; 4: at different heights, and boxes as well";
+    fixed laps: usize = 1, "1", [1.0, 20.0], "rounds to fly";
+    fixed opening_m: f64 = 0.6, "m", [0.3, 2.0], "inner width and height of a gate; 0.45 m from level 3 on";
+    fixed shift_m: f64 = 0.0, "m", [0.0, 0.5], "each gate and obstacle is moved by at most this along each axis, anew in every episode; 0.2 m from level 2 on";
+    fixed turn_rad: f64 = 0.0, "rad", [0.0, 1.0], "each gate is turned by at most this, anew in every episode; 0.35 rad from level 2 on";
+    fixed gates: Rows = Rows, "", (), "gates of one's own: rows of x_m, y_m, z_m of the middle, and yaw_rad of the direction to fly";
+    fixed poles: Rows = Rows, "", (), "poles from the floor to the ceiling: rows of x_m, y_m, radius_m";
+    fixed boxes: Rows = Rows, "", (), "boxes along the room's axes: rows of x_m, y_m, z_m of the middle and the three sizes";
+}
+
+pub struct Race {
+    course: Course,
+    laps: usize,
+    shift_m: f64,
+    turn_rad: f64,
+}
+
+/// Goal slots: where the drone was a tick ago, gates passed since the start, ...
+const LAST: usize = 0;
+const PASSED: usize = 3;
+/// ... 1 from the point before the gate on, 0 on the way there, ...
+const LINED_UP: usize = 4;
+/// ... and of this tick: metres nearer to the gate, gates passed, 1 for a hit.
+const PROGRESS: usize = 5;
+const PASSES: usize = 6;
+const HIT: usize = 7;
+
+/// The set-point is this far before a gate, then this far behind it.
+const LEAD_M: f64 = 0.4;
+/// Near enough to the point before the gate.
+const NEAR_M: f64 = 0.2;
+/// The start lies this far before the first gate.
+const RUN_UP_M: f64 = 0.8;
+
+impl Task for Race {
+    const NAME: &'static str = "race";
+    const ID: &'static str = "CrazyflieRace-v0";
+    const ABOUT: &'static str = "Fly through gates in order, past poles and boxes, as fast as may be";
+    const REWARD: &'static str = "4 for each metre nearer to the next gate, 5 for each gate, - 0.02 jerk per step; ends behind the last gate; -10 for touching a gate or an obstacle, a crash or leaving the room, which end it too";
+    const MAX_EPISODE_STEPS: u32 = 1500;
+    const CRASH_COST: f64 = 10.0;
+    const SURROUNDED: bool = true;
+    type Options = Options;
+
+    fn new(mut chosen: Chosen<Options>, _: usize) -> Result<Self> {
+        let level = chosen.first().level;
+        let own = ["gates", "poles", "boxes"].map(|name| chosen.gives(name));
+        if chosen.gives("level") && own != [false; 3] {
+            return Err(Error::Config(
+                "options of the task race: a level is given, so gates, poles and boxes must not be".into(),
+            ));
+        }
+        for (name, from, value) in [("shift_m", 2, 0.2), ("turn_rad", 2, 0.35), ("opening_m", 3, 0.45)] {
+            if level >= from && !chosen.gives(name) {
+                chosen.set(name, value);
+            }
+        }
+        let o = chosen.first();
+        let course = Course::new(&chosen, own[0], level)?;
+        course.check(o.shift_m, RUN_UP_M)?;
+        Ok(Race { course, laps: o.laps, shift_m: o.shift_m, turn_rad: o.turn_rad })
+    }
+
+    fn board(&self) -> usize {
+        self.course.numbers()
+    }
+
+    fn start(&self, rng: &mut Pcg64Mcg, starts: &mut [Start], board: &mut [f64]) {
+        let gate = self.course.draw(self.shift_m, self.turn_rad, rng, board);
+        let [dx, dy, dz] = jitter(rng, 0.05);
+        let [x, y, z, yaw_rad] = gate;
+        let pos_m = [x - RUN_UP_M * libm::cos(yaw_rad) + dx, y - RUN_UP_M * libm::sin(yaw_rad) + dy, z + dz];
+        starts.fill(start_at(pos_m, &pos_m));
+    }
+
+    #[inline(always)]
+    fn setpoint<R: Scalar>(
+        &self,
+        own: usize,
+        goal: &mut [R; GOAL],
+        board: &[R],
+        scene: &Scene<R>,
+    ) -> Setpoint<R> {
+        let drone = &scene.drones[own];
+        let before_m = [goal[LAST], goal[LAST + 1], goal[LAST + 2]];
+        // where nobody flies, nothing happens
+        let now_m = tabulate(
+            #[inline(always)]
+            |i| R::select(R::zero().lt(drone.here), drone.pos_m[i], before_m[i]),
+        );
+        let gate = self.next_gate(goal, board, 0);
+        let nearer_m = gate.distance(&before_m) - gate.distance(&now_m);
+        let passed = gate.is_passed(&before_m, &now_m, self.course.free_m());
+        let hit = self.course.is_hit(board, &before_m, &now_m);
+        let one = R::from_f64(1.0);
+        goal[PROGRESS] = nearer_m;
+        goal[PASSES] = R::select(passed, one, R::zero());
+        goal[HIT] = R::select(hit, one, R::zero());
+        goal[PASSED] += goal[PASSES];
+        goal[LAST..LAST + 3].copy_from_slice(&now_m);
+        let gate = self.next_gate(goal, board, 0);
+        self.waypoint(goal, &gate, &now_m, passed)
+    }
+
+    #[inline(always)]
+    fn judge<R: Scalar>(&self, _: usize, s: &Situation<R>, _: &[R], _: &Scene<R>) -> Outcome<R> {
+        let all = R::from_f64(self.gates_to_pass() - 0.5);
+        let (done, hit) = (s.goal[PASSED].gt(all), R::from_f64(0.5).lt(s.goal[HIT]));
+        let cost = R::select(hit, R::from_f64(Self::CRASH_COST), R::zero());
+        Outcome {
+            reward: R::from_f64(4.0) * s.goal[PROGRESS] + R::from_f64(5.0) * s.goal[PASSES]
+                - R::from_f64(0.02) * jerk(s)
+                - cost,
+            arrived: done,
+            ends: done | hit,
+            ..keeping(s)
+        }
+    }
+
+    #[inline(always)]
+    fn surroundings<R: Scalar>(&self, pos_m: &[R; 3], goal: &[R; GOAL], board: &[R]) -> Surroundings<R> {
+        let (gate, next) = (self.next_gate(goal, board, 0), self.next_gate(goal, board, 1));
+        Surroundings {
+            gate_pos_m: gate.pos_m,
+            gate_yaw_rad: gate.yaw_rad,
+            next_gate_pos_m: next.pos_m,
+            next_gate_yaw_rad: next.yaw_rad,
+            obstacle_m: self.course.nearest_obstacle(board, pos_m),
+        }
+    }
+}
+
+impl Race {
+    fn gates_to_pass(&self) -> f64 {
+        (self.laps * self.course.gates()) as f64
+    }
+
+    /// The gate that comes `ahead` gates after those that were passed; the last one when there is none left.
+    #[inline(always)]
+    fn next_gate<R: Scalar>(&self, goal: &[R; GOAL], board: &[R], ahead: usize) -> Gate<R> {
+        let n = self.course.gates();
+        let number = (goal[PASSED] + R::from_f64(ahead as f64)).min(R::from_f64(self.gates_to_pass() - 1.0));
+        // half a gate keeps it on the right side of a whole round
+        let rounds = ((number - R::from_f64(0.5 * (n as f64 - 1.0))) / R::from_f64(n as f64)).round();
+        let place = number - R::from_f64(n as f64) * rounds;
+        let mut found = self.course.gate(board, 0);
+        for i in 1..n {
+            found = found.or_where(is(place, i), &self.course.gate(board, i));
+        }
+        found
+    }
+
+    /// Before the gate, and once the drone is there, behind it.
+    #[inline(always)]
+    fn waypoint<R: Scalar>(
+        &self,
+        goal: &mut [R; GOAL],
+        gate: &Gate<R>,
+        pos_m: &[R; 3],
+        passed: R::Mask,
+    ) -> Setpoint<R> {
+        let (one, zero) = (R::from_f64(1.0), R::zero());
+        let near = super::distance(pos_m, &gate.point(R::from_f64(-LEAD_M))).lt(R::from_f64(NEAR_M));
+        // who missed it goes round again
+        let missed = R::from_f64(LEAD_M - NEAR_M).lt(gate.depth(pos_m));
+        goal[LINED_UP] = R::select(near, one, goal[LINED_UP]);
+        goal[LINED_UP] = R::select(passed | missed, zero, goal[LINED_UP]);
+        let lead = R::select(R::from_f64(0.5).lt(goal[LINED_UP]), one, -one) * R::from_f64(LEAD_M);
+        // the direction to fly is the gate's, the heading stays
+        Setpoint { pos_m: gate.point(lead), yaw_rad: zero }
+    }
+}
