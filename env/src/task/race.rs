@@ -6,8 +6,8 @@ use rand_pcg::Pcg64Mcg;
 
 use super::options::Rows;
 use super::{
-    Chosen, GOAL, Outcome, Scene, Situation, Start, Surroundings, Task, is, jerk, jitter, keeping, options,
-    start_at,
+    Chosen, GOAL, Outcome, Scene, Situation, Start, Surroundings, Task, distance, is, jerk, jitter, keeping,
+    options, start_at,
 };
 use crate::error::{Error, Result};
 use crate::observation::Setpoint;
@@ -18,6 +18,7 @@ options! {
     fixed level: usize = 1, "1", [1.0, 4.0], "1: four gates on a circle, always the same; 2: each moved and turned anew in every episode; 3: smaller ones, and poles between them; 4: at different heights, and boxes as well";
     fixed laps: usize = 1, "1", [1.0, 20.0], "rounds to fly";
     fixed opening_m: f64 = 0.6, "m", [0.3, 2.0], "inner width and height of a gate; 0.45 m from level 3 on";
+    fixed pace_mps: f64 = 0.5, "m/s", [0.05, 5.0], "speed of the set-point, which moves to a point before the gate, waits for the drone, and goes through";
     fixed shift_m: f64 = 0.0, "m", [0.0, 0.5], "each gate and obstacle is moved by at most this along each axis, anew in every episode; 0.2 m from level 2 on";
     fixed turn_rad: f64 = 0.0, "rad", [0.0, 1.0], "each gate is turned by at most this, anew in every episode; 0.35 rad from level 2 on";
     fixed gates: Rows = Rows, "", (), "gates of one's own: rows of x_m, y_m, z_m of the middle, and yaw_rad of the direction to fly";
@@ -30,22 +31,26 @@ pub struct Race {
     laps: usize,
     shift_m: f64,
     turn_rad: f64,
+    pace_mps: f64,
 }
 
 /// Goal slots: where the drone was a tick ago, gates passed since the start, ...
 const LAST: usize = 0;
 const PASSED: usize = 3;
-/// ... 1 from the point before the gate on, 0 on the way there, ...
-const LINED_UP: usize = 4;
+/// ... 0 on the way to the point before the gate, 1 from there on, 2 once it is passed, to the point behind, ...
+const LEG: usize = 4;
 /// ... and of this tick: metres nearer to the gate, gates passed, 1 for a hit.
 const PROGRESS: usize = 5;
 const PASSES: usize = 6;
 const HIT: usize = 7;
+/// Where the set-point is, and since when.
+const SETPOINT: usize = 8;
+const SINCE: usize = 11;
 
 /// The set-point is this far before a gate, then this far behind it.
 const LEAD_M: f64 = 0.4;
 /// Near enough to the point before the gate.
-const NEAR_M: f64 = 0.2;
+const NEAR_M: f64 = 0.12;
 /// The start lies this far before the first gate.
 const RUN_UP_M: f64 = 0.8;
 
@@ -75,7 +80,7 @@ impl Task for Race {
         let o = chosen.first();
         let course = Course::new(&chosen, own[0], level)?;
         course.check(o.shift_m, RUN_UP_M)?;
-        Ok(Race { course, laps: o.laps, shift_m: o.shift_m, turn_rad: o.turn_rad })
+        Ok(Race { course, laps: o.laps, shift_m: o.shift_m, turn_rad: o.turn_rad, pace_mps: o.pace_mps })
     }
 
     fn board(&self) -> usize {
@@ -87,7 +92,10 @@ impl Task for Race {
         let [dx, dy, dz] = jitter(rng, 0.05);
         let [x, y, z, yaw_rad] = gate;
         let pos_m = [x - RUN_UP_M * libm::cos(yaw_rad) + dx, y - RUN_UP_M * libm::sin(yaw_rad) + dy, z + dz];
-        starts.fill(start_at(pos_m, &pos_m));
+        let mut goal = [0.0; GOAL];
+        goal[LAST..LAST + 3].copy_from_slice(&pos_m);
+        goal[SETPOINT..SETPOINT + 3].copy_from_slice(&pos_m);
+        starts.fill(start_at(pos_m, &goal));
     }
 
     #[inline(always)]
@@ -105,7 +113,7 @@ impl Task for Race {
             #[inline(always)]
             |i| R::select(R::zero().lt(drone.here), drone.pos_m[i], before_m[i]),
         );
-        let gate = self.next_gate(goal, board, 0);
+        let gate = self.next_gate(goal, board, 0.0);
         let nearer_m = gate.distance(&before_m) - gate.distance(&now_m);
         let passed = gate.is_passed(&before_m, &now_m, self.course.free_m());
         let hit = self.course.is_hit(board, &before_m, &now_m);
@@ -115,8 +123,10 @@ impl Task for Race {
         goal[HIT] = R::select(hit, one, R::zero());
         goal[PASSED] += goal[PASSES];
         goal[LAST..LAST + 3].copy_from_slice(&now_m);
-        let gate = self.next_gate(goal, board, 0);
-        self.waypoint(goal, &gate, &now_m, passed)
+        let (gate, last) = (self.next_gate(goal, board, 0.0), self.next_gate(goal, board, -1.0));
+        let missed = R::from_f64(0.5 * LEAD_M).lt(gate.depth(&now_m)) & goal[LEG].lt(R::from_f64(1.5));
+        goal[LEG] = R::select(missed, R::zero(), R::select(passed, R::from_f64(2.0), goal[LEG]));
+        self.waypoint(goal, [&gate, &last], &now_m, scene.t_s)
     }
 
     #[inline(always)]
@@ -136,7 +146,7 @@ impl Task for Race {
 
     #[inline(always)]
     fn surroundings<R: Scalar>(&self, pos_m: &[R; 3], goal: &[R; GOAL], board: &[R]) -> Surroundings<R> {
-        let (gate, next) = (self.next_gate(goal, board, 0), self.next_gate(goal, board, 1));
+        let (gate, next) = (self.next_gate(goal, board, 0.0), self.next_gate(goal, board, 1.0));
         Surroundings {
             gate_pos_m: gate.pos_m,
             gate_yaw_rad: gate.yaw_rad,
@@ -152,11 +162,12 @@ impl Race {
         (self.laps * self.course.gates()) as f64
     }
 
-    /// The gate that comes `ahead` gates after those that were passed; the last one when there is none left.
+    /// The gate that comes `ahead` gates after those that were passed; the first or the last one beyond them.
     #[inline(always)]
-    fn next_gate<R: Scalar>(&self, goal: &[R; GOAL], board: &[R], ahead: usize) -> Gate<R> {
+    fn next_gate<R: Scalar>(&self, goal: &[R; GOAL], board: &[R], ahead: f64) -> Gate<R> {
         let n = self.course.gates();
-        let number = (goal[PASSED] + R::from_f64(ahead as f64)).min(R::from_f64(self.gates_to_pass() - 1.0));
+        let last = R::from_f64(self.gates_to_pass() - 1.0);
+        let number = (goal[PASSED] + R::from_f64(ahead)).clamp(R::zero(), last);
         // half a gate keeps it on the right side of a whole round
         let rounds = ((number - R::from_f64(0.5 * (n as f64 - 1.0))) / R::from_f64(n as f64)).round();
         let place = number - R::from_f64(n as f64) * rounds;
@@ -167,23 +178,43 @@ impl Race {
         found
     }
 
-    /// Before the gate, and once the drone is there, behind it.
+    /// On to the point before the gate; once the drone is there through the gate; then behind it before the
+    /// next one comes, so as not to cut across its frame.
     #[inline(always)]
     fn waypoint<R: Scalar>(
         &self,
         goal: &mut [R; GOAL],
-        gate: &Gate<R>,
+        [next, last]: [&Gate<R>; 2],
         pos_m: &[R; 3],
-        passed: R::Mask,
+        t_s: R,
     ) -> Setpoint<R> {
-        let (one, zero) = (R::from_f64(1.0), R::zero());
-        let near = super::distance(pos_m, &gate.point(R::from_f64(-LEAD_M))).lt(R::from_f64(NEAR_M));
-        // who missed it goes round again
-        let missed = R::from_f64(LEAD_M - NEAR_M).lt(gate.depth(pos_m));
-        goal[LINED_UP] = R::select(near, one, goal[LINED_UP]);
-        goal[LINED_UP] = R::select(passed | missed, zero, goal[LINED_UP]);
-        let lead = R::select(R::from_f64(0.5).lt(goal[LINED_UP]), one, -one) * R::from_f64(LEAD_M);
+        let (one, zero, half) = (R::from_f64(1.0), R::zero(), R::from_f64(0.5));
+        let from_m = [goal[SETPOINT], goal[SETPOINT + 1], goal[SETPOINT + 2]];
+        let lead = R::from_f64(LEAD_M);
+        let before_m = next.point(-lead);
+        let done = one.lt(goal[LEG]) & distance(&from_m, &last.point(lead)).lt(R::from_f64(0.01));
+        goal[LEG] = R::select(done, zero, goal[LEG]);
+        let waits = goal[LEG].lt(half);
+        let near = waits & distance(pos_m, &before_m).lt(R::from_f64(NEAR_M));
+        goal[LEG] = R::select(near, one, goal[LEG]);
+        let (ahead_m, behind_m) = (next.point(lead), last.point(lead));
+        let to_m = tabulate(
+            #[inline(always)]
+            |i| {
+                let on = R::select(one.lt(goal[LEG]), behind_m[i], ahead_m[i]);
+                R::select(goal[LEG].lt(half), before_m[i], on)
+            },
+        );
+        let stride_m = R::from_f64(self.pace_mps) * (t_s - goal[SINCE]);
+        goal[SINCE] = t_s;
+        // never more than what is left, and no division by nothing
+        let share = stride_m / distance(&to_m, &from_m).max(stride_m).max(R::from_f64(1e-6));
+        let moved_m = tabulate(
+            #[inline(always)]
+            |i| from_m[i] + share * (to_m[i] - from_m[i]),
+        );
+        goal[SETPOINT..SETPOINT + 3].copy_from_slice(&moved_m);
         // the direction to fly is the gate's, the heading stays
-        Setpoint { pos_m: gate.point(lead), yaw_rad: zero }
+        Setpoint { pos_m: moved_m, yaw_rad: zero }
     }
 }

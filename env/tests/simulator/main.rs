@@ -12,6 +12,7 @@ mod force;
 mod model;
 mod motors;
 mod observations;
+mod race;
 mod rollout;
 mod snapshot;
 mod swarm;

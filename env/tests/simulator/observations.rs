@@ -15,19 +15,22 @@ const EFFECTS: &str = r#""effects": {"camera_noise": {"xy_m": 0.004, "z_m": 0.00
     "camera_fov": {"diagonal_deg": 120}, "drag_linear": {"uniform": [0, 0.5]}, "gust": {"sigma_mps2": 0.3}, "packet_loss": 0.05,
     "gyro_bias": {"bias_degps": 1, "rate_noise_degps": 0.5}}"#;
 
-fn all_names() -> String {
-    let names: Vec<String> = ALL_FIELDS.iter().map(|field| format!("{:?}", field.name)).collect();
+/// All that a task has: gates and obstacles stand only in a race.
+fn all_names(task: &str) -> String {
+    let gates = find_field("gate_pos_m").unwrap().first;
+    let fields = ALL_FIELDS.iter().filter(|field| task == "race" || field.first < gates);
+    let names: Vec<String> = fields.map(|field| format!("{:?}", field.name)).collect();
     format!("\"observation\": [{}]", names.join(", "))
 }
 
 #[test]
 fn the_same_bits_for_any_batch_threads_and_instruction_set() {
-    for task in ["hover", "swap"] {
+    for task in ["hover", "race", "swap"] {
         for mode in ["next_step", "same_step"] {
             let options = |threads: usize, isa: &str| {
                 format!(
                     r#"{EFFECTS}, "task": {task:?}, "max_episode_steps": 30, "autoreset": {mode:?}, "threads": {threads}, "isa": {isa:?}, "history": 3, {}"#,
-                    all_names()
+                    all_names(task)
                 )
             };
             let flown = |envs: usize, threads: usize, isa: &str| -> Vec<Vec<u32>> {
@@ -215,8 +218,10 @@ fn the_last_observation_of_an_episode_is_of_the_kind_that_was_asked_for() {
 #[test]
 fn a_batch_goes_on_from_a_snapshot_with_filter_and_history() {
     for task in ["hover", "swap"] {
-        let options =
-            format!(r#"{EFFECTS}, "task": {task:?}, "max_episode_steps": 25, "history": 3, {}"#, all_names());
+        let options = format!(
+            r#"{EFFECTS}, "task": {task:?}, "max_episode_steps": 25, "history": 3, {}"#,
+            all_names(task)
+        );
         let mut first = Flight::new(18, &options);
         for _ in 0..17 {
             first.step();
@@ -236,7 +241,8 @@ fn a_batch_goes_on_from_a_snapshot_with_filter_and_history() {
 
 #[test]
 fn numbers_stay_within_the_bounds_of_their_fields() {
-    let mut flight = Flight::new(33, &format!("{EFFECTS}, {}", all_names()));
+    let race = r#""task": "race", "task_options": {"level": 4}"#;
+    let mut flight = Flight::new(33, &format!("{EFFECTS}, {race}, {}", all_names("race")));
     for _ in 0..300 {
         flight.step();
         for row in flight.observations.chunks(flight.env.width()) {
@@ -260,6 +266,10 @@ fn mistakes_are_named() {
     for (options, words) in [
         (r#""observation": "flat""#, "known: measured, estimate, state"),
         (r#""observation": ["pos"]"#, "did you mean \"pos_m\""),
+        (
+            r#""observation": ["pos_m", "gate_pos_m"]"#,
+            "the task hover has no gates and no obstacles, hence no field \"gate_pos_m\"",
+        ),
         (r#""history": 0"#, "history is 0, expected 1 to 64"),
         (r#""history": 65"#, "history is 65, expected 1 to 64"),
     ] {

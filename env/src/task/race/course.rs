@@ -21,7 +21,7 @@ const POLE: usize = 3;
 const BOX: usize = 6;
 
 /// Gates of the levels stand on a circle of this radius.
-const CIRCLE_M: f64 = 1.4;
+const CIRCLE_M: f64 = 1.1;
 const GATES: usize = 4;
 
 /// The course as it was asked for; what an episode makes of it stands on the board.
@@ -302,7 +302,7 @@ fn level_gates(level: usize) -> Vec<[f64; GATE]> {
 /// Between the gates, where the shortest way leads.
 fn level_poles(level: usize) -> Vec<[f64; POLE]> {
     let pole = |i: usize| {
-        let [x, y] = on_circle(i, GATES, 1.05, std::f64::consts::FRAC_PI_4);
+        let [x, y] = on_circle(i, GATES, 0.8, std::f64::consts::FRAC_PI_4);
         [x, y, 0.05]
     };
     (0..if level < 3 { 0 } else { GATES }).map(pole).collect()
@@ -311,7 +311,7 @@ fn level_poles(level: usize) -> Vec<[f64; POLE]> {
 /// In the corners, where the longest way leads.
 fn level_boxes(level: usize) -> Vec<[f64; BOX]> {
     let block = |i: usize| {
-        let [x, y] = on_circle(i, 2, 1.9, std::f64::consts::FRAC_PI_4);
+        let [x, y] = on_circle(i, 2, 1.6, std::f64::consts::FRAC_PI_4);
         [x, y, 0.7, 0.4, 0.4, 1.4]
     };
     (0..if level < 4 { 0 } else { 2 }).map(block).collect()
