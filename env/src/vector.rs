@@ -20,7 +20,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use crate::archive::Archive;
 use crate::config::{Autoreset, Options};
 use crate::coupling::NEIGHBOUR;
-use crate::error::{Error, Result, check_length};
+use crate::error::{Error, Result, check_length, check_range};
 use crate::isa::{Kind, Level};
 use crate::lanes::{LANES, Lanes};
 use crate::model::{Model, VerticalInput};
@@ -28,7 +28,7 @@ use crate::observation::{ACTION, Interface, OBSERVATION};
 use crate::pool::WorkerPool;
 use crate::schedule::Schedule;
 use crate::sim_scalar::BatchScalar;
-use crate::task::{self, Task, Visitor};
+use crate::task::{self, Outline, Task, Visitor};
 use crate::world::{GROUP, check_scope};
 
 use coupled::CoupledShard;
@@ -126,6 +126,8 @@ trait Shard: Send {
     }
     fn first_bad_action(&self, actions: &[f32]) -> Option<usize>;
     fn states(&self, rows: &mut [f32]);
+    /// What stands about an environment of this shard.
+    fn outlines(&self, env: usize) -> Vec<Outline>;
     fn last_of_episode(&self, env: usize) -> Option<(&[f32], &[f32])>;
     fn loads(&self, rows: &mut [f32]) -> bool;
     /// Ends flights, a flag for each drone.
@@ -523,6 +525,15 @@ impl VectorEnv {
     pub fn states(&self, out: &mut [f32]) -> Result<()> {
         check_length("states", self.envs * self.num_drones() * STATE, out.len())?;
         self.first_states(out)
+    }
+
+    /// Edges of the gates and obstacles that stand in the room in this episode of an environment; for pictures.
+    ///
+    /// # Errors
+    /// [`Error::Range`] for an environment that there is not.
+    pub fn outlines(&self, env: usize) -> Result<Vec<Outline>> {
+        check_range("env", env as f64, 0.0, (self.envs - 1) as f64)?;
+        Ok(self.shards[env / self.share].outlines(env % self.share))
     }
 
     /// The true states of the first drones, as many rows of [`STATE`] as `out` has room for.

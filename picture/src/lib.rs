@@ -31,7 +31,7 @@ pub use chart::chart;
 pub use error::PictureError;
 pub use format::Format;
 pub use panel::{Band, HLine, Panel, Series};
-pub use path3d::{Path3, path3d};
+pub use path3d::{Path3, path3d, scene3d};
 pub use scale::Scale;
 pub use scene::{Drone, Marker, Scene, render};
 pub use sheet::{PALETTE, Style};

@@ -49,6 +49,17 @@ pub struct Path3<'a> {
 /// [`PictureError::Empty`] without paths or for a path without points; with the path's name and the point's
 /// index [`PictureError::NonFinite`] and [`PictureError::OutOfRange`] (beyond 1000 km).
 pub fn path3d(paths: &[Path3], title: &str) -> Result<String, PictureError> {
+    scene3d(paths, &[], title)
+}
+
+/// As [`path3d`], with lines of what stands in the room: gates, obstacles.
+///
+/// # Errors
+/// As [`path3d`]; the coordinates of `outlines` are checked like those of paths.
+pub fn scene3d(paths: &[Path3], outlines: &[Vec<[f64; 3]>], title: &str) -> Result<String, PictureError> {
+    for (index, point) in outlines.iter().flatten().enumerate() {
+        finite("an outline", point, LARGEST_M).map_err(|error| error.at_element(index))?;
+    }
     if paths.is_empty() {
         return Err(PictureError::Empty { what: "the list of paths".to_owned() });
     }
@@ -65,13 +76,17 @@ pub fn path3d(paths: &[Path3], title: &str) -> Result<String, PictureError> {
     let width = f64::from(PAGE_PX.0) - 2.0 * MARGIN_PX;
     let title_row = if title.is_empty() { 0.0 } else { TITLE_ROW_PX };
     let header = MARGIN_PX + title_row + legend::ROW_PX * legend::rows(&entries, width) as f64;
-    let space = Space::new(paths, header);
+    let space = Space::new(paths, outlines, header);
     page(PAGE_PX, |area| {
         let middle = (0.5 * f64::from(PAGE_PX.0), MARGIN_PX + 0.4 * TITLE_PX);
         text(area, title, middle, font(fit(title, TITLE_PX, width), true), HPos::Center)?;
         legend::draw(area, &entries, (MARGIN_PX, MARGIN_PX + title_row), width)?;
         space.draw_box(area)?;
         space.draw_marker(area)?;
+        for outline in outlines {
+            let points: Vec<(f64, f64)> = outline.iter().map(|point| space.project(*point)).collect();
+            line(area, &points, stroke(FRAME, 1.4, false))?;
+        }
         paths.iter().try_for_each(|path| space.draw_path(area, path, true))?;
         paths.iter().try_for_each(|path| space.draw_path(area, path, false))
     })
@@ -90,11 +105,11 @@ struct Space {
 }
 
 impl Space {
-    fn new(paths: &[Path3], header: f64) -> Self {
+    fn new(paths: &[Path3], outlines: &[Vec<[f64; 3]>], header: f64) -> Self {
         let bounds = [0, 1, 2].map(|axis| {
             let reach = if axis < 2 { [-0.2, 0.2] } else { [0.0, 0.2] };
-            let values = paths.iter().flat_map(|path| path.points_m.iter().map(move |point| point[axis]));
-            span(values.chain(reach))
+            let points = paths.iter().flat_map(|path| path.points_m).chain(outlines.iter().flatten());
+            span(points.map(|point| point[axis]).chain(reach))
         });
         let longest = bounds.iter().map(|range| range.end - range.start).fold(0.0, f64::max);
         // All axes have one scale, so a shorter one has room for fewer numbers.

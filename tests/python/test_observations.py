@@ -138,7 +138,7 @@ def test_the_layout_is_what_the_space_holds():
     everything = [field["name"] for field in crazyflie_gym.observable_fields()]
     fields = crazyflie_gym.observation_fields(everything)
     assert fields == crazyflie_gym.observable_fields()
-    env = gym.make("Crazyflie-v0", observation=everything)
+    env = gym.make("CrazyflieRace-v0", observation=everything)  # the task that has them all
     assert env.observation_space.shape == (fields[-1]["first"] + fields[-1]["length"],)
     for choice in crazyflie_gym.observation_choices():
         assert [field["name"] for field in crazyflie_gym.observation_fields(choice["name"])] == choice["fields"]

@@ -166,7 +166,9 @@ fn end_text(figures: &Figures) -> String {
         (_, _, Some((t_s, mps))) => format!(", last touch-down at {t_s:.2} s with {mps:.2} m/s"),
         _ => String::new(),
     };
-    format!("{:.2} s, no crash{landed}", figures.end_s)
+    // the task may have ended it because something was hit
+    let crash = if figures.end == FlightEnd::Task { "" } else { ", no crash" };
+    format!("{:.2} s{crash}{landed}", figures.end_s)
 }
 
 pub(super) fn as_json(figures: &Figures) -> Value {

@@ -94,6 +94,9 @@ impl<R: Scalar> Surroundings<R> {
     }
 }
 
+/// The edges of something that stands in the room: joined points, metres in the world frame.
+pub type Outline = Vec<[f64; 3]>;
+
 /// What a drone is judged on, at the end of a control tick.
 #[derive(Debug, Clone, Copy)]
 pub struct Situation<'a, R: Scalar> {
@@ -157,6 +160,10 @@ pub(crate) trait Task: Send + Sync + Sized + 'static {
     /// Draw the start of an episode: a place for each drone, and what stands on the board. A load begins at
     /// rest below them.
     fn start(&self, rng: &mut Pcg64Mcg, starts: &mut [Start], board: &mut [f64]);
+    /// What stands in the room, as lines to draw.
+    fn outlines(&self, _board: &[f64]) -> Vec<Outline> {
+        Vec::new()
+    }
     /// Move the board on, once per tick.
     #[inline(always)]
     fn turn<R: Scalar>(&self, _board: &mut [R], _scene: &Scene<R>) {}

@@ -6,8 +6,8 @@ use rand_pcg::Pcg64Mcg;
 
 use super::options::Rows;
 use super::{
-    Chosen, GOAL, Outcome, Scene, Situation, Start, Surroundings, Task, distance, is, jerk, jitter, keeping,
-    options, start_at,
+    Chosen, GOAL, Outcome, Outline, Scene, Situation, Start, Surroundings, Task, distance, is, jerk, jitter,
+    keeping, options, start_at,
 };
 use crate::error::{Error, Result};
 use crate::observation::Setpoint;
@@ -66,8 +66,8 @@ impl Task for Race {
 
     fn new(mut chosen: Chosen<Options>, _: usize) -> Result<Self> {
         let level = chosen.first().level;
-        let own = ["gates", "poles", "boxes"].map(|name| chosen.gives(name));
-        if chosen.gives("level") && own != [false; 3] {
+        let course = Course::read(&chosen)?;
+        if chosen.gives("level") && !course.is_empty() {
             return Err(Error::Config(
                 "options of the task race: a level is given, so gates, poles and boxes must not be".into(),
             ));
@@ -78,7 +78,7 @@ impl Task for Race {
             }
         }
         let o = chosen.first();
-        let course = Course::new(&chosen, own[0], level)?;
+        let course = course.complete(level, o.opening_m);
         course.check(o.shift_m, RUN_UP_M)?;
         Ok(Race { course, laps: o.laps, shift_m: o.shift_m, turn_rad: o.turn_rad, pace_mps: o.pace_mps })
     }
@@ -96,6 +96,10 @@ impl Task for Race {
         goal[LAST..LAST + 3].copy_from_slice(&pos_m);
         goal[SETPOINT..SETPOINT + 3].copy_from_slice(&pos_m);
         starts.fill(start_at(pos_m, &goal));
+    }
+
+    fn outlines(&self, board: &[f64]) -> Vec<Outline> {
+        self.course.outlines(board)
     }
 
     #[inline(always)]

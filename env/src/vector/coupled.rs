@@ -15,7 +15,7 @@ use crate::error::Result;
 use crate::lanes::LANES;
 use crate::rows::{first_bad_action, lanes_of};
 use crate::sim_scalar::BatchScalar;
-use crate::task::{Situation, Task};
+use crate::task::{Outline, Situation, Task};
 use crate::world::GROUP;
 use drone_batch::DroneBatch;
 
@@ -203,6 +203,10 @@ impl<R: BatchScalar, T: Task> Shard for CoupledShard<R, T> {
 
     fn states(&self, rows: &mut [f32]) {
         self.batch.states(rows);
+    }
+
+    fn outlines(&self, _: usize) -> Vec<Outline> {
+        Vec::new()
     }
 
     fn loads(&self, rows: &mut [f32]) -> bool {

@@ -22,7 +22,7 @@ use crate::observation::{ACTION, ActionScale, Interface, OBSERVATION, observe};
 use crate::plant::{Command, State};
 use crate::rows::{STATE, first_bad_action, flags, lanes_of, state_row, write, write_lane};
 use crate::sim_scalar::BatchScalar;
-use crate::task::{GOAL, Scene, Situation, Start, Task, crashed, outside};
+use crate::task::{GOAL, Outline, Scene, Situation, Start, Task, crashed, outside};
 use crate::world::{GROUP, Settings, Tick, World};
 
 /// What is remembered of a tile besides its world.
@@ -158,6 +158,13 @@ impl<R: BatchScalar, T: Task> Shard for UncoupledShard<R, T> {
     fn last_of_episode(&self, env: usize) -> Option<(&[f32], &[f32])> {
         let observation = self.final_observations.get(env * self.width..(env + 1) * self.width)?;
         Some((observation, self.final_states.get(env * STATE..(env + 1) * STATE)?))
+    }
+
+    fn outlines(&self, env: usize) -> Vec<Outline> {
+        let size = self.begun.len();
+        let board = &self.boards[env / LANES * size..][..size];
+        let board: Vec<f64> = board.iter().map(|number| number.lane(env % LANES)).collect();
+        self.task.outlines(&board)
     }
 
     fn loads(&self, _: &mut [f32]) -> bool {

@@ -70,6 +70,7 @@ impl EpisodeBatch {
             rows: Vec::new(),
             reward: 0.0,
             end: FlightEnd::Time,
+            outlines: Vec::new(),
         };
         let path = DronePath { trace, rewards: vec![0.0], over: false };
         let world_metrics = (env.num_metrics() > 0).then_some([0.0; METRICS.len()]);

@@ -15,6 +15,7 @@ use crazyflie_env::config::{Autoreset, EffectTable, Options};
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::observation::{ACTION, Interface, OBSERVATION, SETPOINT, index};
 use crazyflie_env::plant::Command;
+use crazyflie_env::task::Outline;
 use crazyflie_env::vector::{STATE, StepBuffers, VectorEnv, state_index};
 
 pub use csv::log;
@@ -142,6 +143,8 @@ pub struct Trace {
     pub reward: f64,
     /// Reason that there are no more rows.
     pub end: FlightEnd,
+    /// Edges of what stands in the room.
+    pub outlines: Vec<Outline>,
 }
 
 impl Trace {
@@ -287,10 +290,22 @@ fn fly_by(
     let (mut actions, mut states) = (vec![0.0; envs * ACTION], vec![0.0; envs * STATE]);
     let (mut rewards, mut truncated, mut terminated) =
         (vec![0.0; envs], vec![false; envs], vec![false; envs]);
-    let mut traces =
-        vec![Trace { tick_s, interface, rows: Vec::new(), reward: 0.0, end: FlightEnd::Time }; envs];
+    let mut traces = vec![
+        Trace {
+            tick_s,
+            interface,
+            rows: Vec::new(),
+            reward: 0.0,
+            end: FlightEnd::Time,
+            outlines: Vec::new()
+        };
+        envs
+    ];
     let mut over = vec![false; envs];
     env.reset(Some(seeds), None, &mut observations)?;
+    for (i, trace) in traces.iter_mut().enumerate() {
+        trace.outlines = env.outlines(i)?;
+    }
     let ticks = (seconds / tick_s).round() as usize;
     for tick in 0..=ticks {
         answer(tick as f64 * tick_s, &mut observations, &mut actions)?;

@@ -85,6 +85,7 @@ pub fn fly_multi_drone(
         rows: Vec::new(),
         reward: 0.0,
         end: FlightEnd::Time,
+        outlines: Vec::new(),
     };
     let flight = MultiDroneTrace {
         drones: env.interfaces().iter().map(trace).collect(),

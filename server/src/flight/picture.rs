@@ -2,7 +2,7 @@
 
 use crazyflie_env::observation::ACTION;
 use crazyflie_logs::FlightLog;
-use crazyflie_picture::{Band, PALETTE, Panel, Path3, PictureError, Series, Style, chart, path3d};
+use crazyflie_picture::{Band, PALETTE, Panel, Path3, PictureError, Series, Style, chart, scene3d};
 
 use super::{Trace, log};
 
@@ -88,7 +88,7 @@ pub fn path(trace: &Trace, title: &str) -> Result<String, PictureError> {
         Path3 { label: "set-point", points_m: &wanted, style: Style::Dashed, color: PALETTE[4] },
         Path3 { label: "vehicle", points_m: &flown, style: Style::Solid, color: PALETTE[0] },
     ];
-    path3d(&paths, title)
+    scene3d(&paths, &trace.outlines, title)
 }
 
 /// Whether fixes come more rarely than control ticks, so that showing them says something.

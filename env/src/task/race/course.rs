@@ -7,7 +7,7 @@ use serde::de::DeserializeOwned;
 use super::Options;
 use crate::error::{Error, Result};
 use crate::scalar::{Scalar, tabulate};
-use crate::task::{Chosen, HEIGHT_M, NOTHING_NEAR_M, ROOM_M, jitter, on_circle};
+use crate::task::{Chosen, HEIGHT_M, NOTHING_NEAR_M, Outline, ROOM_M, jitter, on_circle};
 
 /// Radius of the vehicle, over its propellers' tips: 46 mm to a motor, and a propeller of 23 mm.
 const RADIUS_M: f64 = 0.069;
@@ -33,21 +33,29 @@ pub(super) struct Course {
 }
 
 impl Course {
+    /// What a user placed.
+    ///
     /// # Errors
-    /// [`Error::Config`] for rows of another form and for too many.
-    pub(super) fn new(chosen: &Chosen<Options>, own_gates: bool, level: usize) -> Result<Self> {
-        let (gates, poles, boxes) = (rows(chosen, "gates")?, rows(chosen, "poles")?, rows(chosen, "boxes")?);
-        let opening_m = chosen.first().opening_m;
-        if own_gates && gates.is_empty() {
-            return Err(Error::Config(
-                "options of the task race: gates is empty, expected at least one".into(),
-            ));
-        }
-        let gates = if own_gates { gates } else { level_gates(level) };
-        if chosen.gives("poles") || chosen.gives("boxes") || own_gates {
-            return Ok(Course { gates, poles, boxes, opening_m });
-        }
-        Ok(Course { gates, poles: level_poles(level), boxes: level_boxes(level), opening_m })
+    /// [`Error::Config`] for rows of another form, [`Error::Range`] for too many.
+    pub(super) fn read(chosen: &Chosen<Options>) -> Result<Self> {
+        Ok(Course {
+            gates: rows(chosen, "gates")?,
+            poles: rows(chosen, "poles")?,
+            boxes: rows(chosen, "boxes")?,
+            opening_m: 0.0,
+        })
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.numbers() == 0
+    }
+
+    /// With the gates of the level where there are none, and its obstacles where nothing was placed.
+    pub(super) fn complete(self, level: usize, opening_m: f64) -> Self {
+        let (poles, boxes) =
+            if self.is_empty() { (level_poles(level), level_boxes(level)) } else { (self.poles, self.boxes) };
+        let gates = if self.gates.is_empty() { level_gates(level) } else { self.gates };
+        Course { gates, poles, boxes, opening_m }
     }
 
     /// Every gate stands in the room, and so does the start before the first, `run_up_m` away.
@@ -140,6 +148,14 @@ impl Course {
     pub(super) fn gate<R: Scalar>(&self, board: &[R], i: usize) -> Gate<R> {
         let at = GATE * i;
         Gate::new([board[at], board[at + 1], board[at + 2]], board[at + 3])
+    }
+
+    /// Inner edges of the gates, axes of the poles with a ring at both ends, edges of the boxes.
+    pub(super) fn outlines(&self, board: &[f64]) -> Vec<Outline> {
+        let gates = (0..self.gates.len()).map(|i| self.gate(board, i).square(0.5 * self.opening_m));
+        let poles = board[self.poles_from()..self.boxes_from()].chunks_exact(POLE).flat_map(pole_lines);
+        let boxes = board[self.boxes_from()..].chunks_exact(BOX).flat_map(box_lines);
+        gates.chain(poles).chain(boxes).collect()
     }
 
     /// Whether a drone touched anything on its way.
@@ -270,9 +286,45 @@ impl<R: Scalar> Gate<R> {
         let depths_m = [self.depth(before_m), self.depth(now_m)];
         let pierces = (depths_m[0] * depths_m[1]).le(R::zero());
         let inside = depths_m[1].abs().lt(R::from_f64(0.5 * FRAME_M));
-        let off_m = self.off(&self.piercing(before_m, depths_m, now_m));
-        (pierces | inside) & R::from_f64(ring_m[0]).lt(off_m) & off_m.lt(R::from_f64(ring_m[1]))
+        let is_on_frame = |off_m: R| R::from_f64(ring_m[0]).lt(off_m) & off_m.lt(R::from_f64(ring_m[1]));
+        (pierces & is_on_frame(self.off(&self.piercing(before_m, depths_m, now_m))))
+            | (inside & is_on_frame(self.off(now_m)))
     }
+}
+
+impl Gate<f64> {
+    /// A square about its middle, closed.
+    fn square(&self, half_m: f64) -> Outline {
+        let [x, y, z] = self.pos_m;
+        [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0]]
+            .map(|[side, up]| {
+                let side_m = side * half_m;
+                [x - side_m * self.sin, y + side_m * self.cos, z + up * half_m]
+            })
+            .to_vec()
+    }
+}
+
+fn pole_lines(pole: &[f64]) -> Vec<Outline> {
+    let [x, y, radius_m] = [pole[0], pole[1], pole[2]];
+    let ring = |z: f64| {
+        let point = |i: usize| {
+            let [dx, dy] = on_circle(i, 12, radius_m, 0.0);
+            [x + dx, y + dy, z]
+        };
+        (0..=12).map(point).collect()
+    };
+    vec![ring(0.0), ring(ROOM_M[1]), vec![[x, y, 0.0], [x, y, ROOM_M[1]]]]
+}
+
+/// Floor, top, and the four edges between them.
+fn box_lines(block: &[f64]) -> Vec<Outline> {
+    let corner =
+        |[i, j, k]: [f64; 3]| [block[0] + i * block[3], block[1] + j * block[4], block[2] + k * block[5]];
+    let around = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0]];
+    let level = |k: f64| around.map(|[i, j]| corner([i, j, k])).to_vec();
+    let edges = around[..4].iter().map(|[i, j]| vec![corner([*i, *j, -1.0]), corner([*i, *j, 1.0])]);
+    [level(-1.0), level(1.0)].into_iter().chain(edges).collect()
 }
 
 /// Rows of a list of obstacles.
