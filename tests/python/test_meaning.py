@@ -195,6 +195,7 @@ def test_registries_are_complete():
         "CrazyflieTakeoff-v0",
         "CrazyflieLand-v0",
         "CrazyflieTrack-v0",
+        "CrazyflieRace-v0",
         "CrazyflieFormation-v0",
         "CrazyflieSwap-v0",
         "CrazyflieFollow-v0",

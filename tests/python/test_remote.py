@@ -191,6 +191,24 @@ def test_numbers_of_options_arrive_with_every_digit(server, wind, drag, start):
     there.close()
 
 
+def test_a_wind_from_place_to_place_and_a_race_are_the_same_there(server, client):
+    field = crazyflie_gym.WindField.sample(lambda places: places * [0.5, -0.2, 0.1], [-2, -2, 0], [2, 2, 2], 0.5)
+    options = {"effects": {"drag_linear": 0.4}, "wind_field": field, "task_options": {"level": 4}}
+    options["observation"] = ["gate_pos_m", "obstacle_m", "pos_m"]
+    here = gym.make("CrazyflieRace-v0", **options)
+    there = gym.make("CrazyflieRace-v0", remote=server.url, remote_client=client, **options)
+    same(here.reset(seed=1), there.reset(seed=1))
+    for action in random_actions(40, 1)[:, 0]:
+        blown = here.step(action)
+        same(blown, there.step(action))
+    calm = gym.make("CrazyflieRace-v0", **(options | {"wind_field": None}))
+    calm.reset(seed=1)
+    for action in random_actions(40, 1)[:, 0]:
+        still = calm.step(action)
+    assert not np.array_equal(blown[0], still[0])
+    there.close()
+
+
 def test_a_model_of_ones_own(server, client):
     text = crazyflie_gym.model_text().replace("123.2", "99.9", 1)
     assert text != crazyflie_gym.model_text()

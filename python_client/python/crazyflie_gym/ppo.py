@@ -274,13 +274,19 @@ class Trainer:
         with self.timed("compiling"):
             made = (self.params, state, self.scales, rollout, last, self.order())
             learn = learner(c, optimiser).lower(*made).compile()  # type: ignore[attr-defined]
-        for _ in tqdm(range(c.iterations - 1), unit="rollout", disable=not progress or None):
+        # of the last parameters (Polyak and Juditsky 1992): what a single one scores depends more on the seed
+        mean, averaged = self.params, 0
+        for i in tqdm(range(c.iterations - 1), unit="rollout", disable=not progress or None):
             self.restart()
             rollout, last, paid = self.rollout()
             rewards.append(paid)
             with self.timed("learning"):
                 made = learn(self.params, state, self.scales, rollout, last, self.order())
                 self.params, state = jax.block_until_ready(made)  # type: ignore[no-untyped-call, unused-ignore]
+            if i >= (1 - c.averaged) * (c.iterations - 1):
+                averaged += 1
+                mean = optax.incremental_update(self.params, mean, 1 / averaged)
+        self.params = mean
         return Trained(self.policy(), dict(self.seconds), rewards)
 
     def policy(self) -> Policy:

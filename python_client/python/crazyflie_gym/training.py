@@ -69,6 +69,8 @@ class Config:
     effects: dict[str, Any] = field(default_factory=lambda: LAB)
     seed: int = 0
     iterations: int = 80
+    # share of the iterations, the last ones, whose parameters are averaged
+    averaged: float = 0.3
     envs: int = 2048
     ticks: int = 32
     minibatch: int = 4096
