@@ -138,9 +138,10 @@ fn gates_of_one_s_own_are_flown_and_bad_ones_are_named() {
     };
     for (options, words) in [
         (json!({"level": 5}), "level is 5, expected 1 to 4"),
-        (json!({"gates": [[0.0, 0.0, 1.0]]}), "gates: invalid length 3"),
+        (json!({"gates": [[0.0, 0.0, 1.0]]}), "gates[0] has 3 numbers, expected 4"),
         (json!({"gates": [[0.0, 0.0, 0.3, 0.0]]}), "gates[0][2] is 0.3, expected 0.38 to 2.42"),
         (json!({"gates": [[2.0, 0.0, 1.0, 3.2]]}), "gates[0][0] is 2, expected within 2.5 m of the middle"),
+        (json!({"poles": [[0.0, 0.0, -0.1]]}), "poles[0][2] is -0.1, expected 0.01 to 1"),
         (json!({"level": 2, "poles": [[0.0, 0.0, 0.1]]}), "a level is given"),
         (json!({"gates": vec![[0.0, 0.0, 1.0, 0.0]; 17]}), "the number of gates is 17, expected at most 16"),
     ] {

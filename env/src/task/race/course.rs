@@ -2,10 +2,9 @@
 //! touches any.
 
 use rand_pcg::Pcg64Mcg;
-use serde::de::DeserializeOwned;
 
 use super::Options;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, check_range};
 use crate::scalar::{Scalar, tabulate};
 use crate::task::{Chosen, HEIGHT_M, NOTHING_NEAR_M, Outline, ROOM_M, jitter, on_circle};
 
@@ -36,12 +35,15 @@ impl Course {
     /// What a user placed.
     ///
     /// # Errors
-    /// [`Error::Config`] for rows of another form, [`Error::Range`] for too many.
+    /// [`Error::Config`] for rows of another form, [`Error::Range`] for too many and for numbers out of range.
     pub(super) fn read(chosen: &Chosen<Options>) -> Result<Self> {
+        let [side_m, top_m] = ROOM_M;
+        let (place, height, size) = ([-side_m, side_m], [0.0, top_m], [0.01, 2.0 * side_m]);
+        let turn = [-std::f64::consts::TAU, std::f64::consts::TAU];
         Ok(Course {
-            gates: rows(chosen, "gates")?,
-            poles: rows(chosen, "poles")?,
-            boxes: rows(chosen, "boxes")?,
+            gates: rows(chosen, "gates", [place, place, height, turn])?,
+            poles: rows(chosen, "poles", [place, place, [0.01, 1.0]])?,
+            boxes: rows(chosen, "boxes", [place, place, height, size, size, size])?,
             opening_m: 0.0,
         })
     }
@@ -87,9 +89,6 @@ impl Course {
                     z,
                     format!("{low_m:.2} to {high_m:.2}: its frame stands between floor and ceiling"),
                 );
-            }
-            if !yaw_rad.is_finite() {
-                return bad(3, yaw_rad, "a finite angle".into());
             }
         }
         Ok(())
@@ -327,9 +326,13 @@ fn box_lines(block: &[f64]) -> Vec<Outline> {
     [level(-1.0), level(1.0)].into_iter().chain(edges).collect()
 }
 
-/// Rows of a list of obstacles.
-fn rows<T: DeserializeOwned>(chosen: &Chosen<Options>, name: &str) -> Result<Vec<T>> {
-    let rows = chosen.list::<T>(name)?;
+/// Rows of a list, number by number within `bounds`.
+fn rows<const N: usize>(
+    chosen: &Chosen<Options>,
+    name: &str,
+    bounds: [[f64; 2]; N],
+) -> Result<Vec<[f64; N]>> {
+    let rows = chosen.list::<Vec<f64>>(name)?;
     if rows.len() > MOST {
         return Err(Error::Range {
             name: format!("the number of {name}"),
@@ -337,7 +340,19 @@ fn rows<T: DeserializeOwned>(chosen: &Chosen<Options>, name: &str) -> Result<Vec
             want: format!("at most {MOST}"),
         });
     }
-    Ok(rows)
+    let row = |(i, row): (usize, Vec<f64>)| {
+        let numbers: [f64; N] = row.try_into().map_err(|row: Vec<f64>| {
+            Error::Config(format!(
+                "options of the task race: {name}[{i}] has {} numbers, expected {N}",
+                row.len()
+            ))
+        })?;
+        for (j, (value, [low, high])) in numbers.iter().zip(bounds).enumerate() {
+            check_range(&format!("{name}[{i}][{j}]"), *value, low, high)?;
+        }
+        Ok(numbers)
+    };
+    rows.into_iter().enumerate().map(row).collect()
 }
 
 fn level_gates(level: usize) -> Vec<[f64; GATE]> {
