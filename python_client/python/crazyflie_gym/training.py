@@ -69,8 +69,9 @@ class Config:
     effects: dict[str, Any] = field(default_factory=lambda: LAB)
     seed: int = 0
     iterations: int = 80
+    # chosen with `exploration` among six trainings of seed 0, by the same scores as the costs below;
     # share of the iterations, the last ones, whose parameters are averaged
-    averaged: float = 0.3
+    averaged: float = 0.6
     envs: int = 2048
     ticks: int = 32
     minibatch: int = 4096
@@ -82,7 +83,7 @@ class Config:
     discount: float = 0.97
     trace: float = 0.95
     clip: float = 0.2
-    exploration: float = 0.1
+    exploration: float = 0.16
     # a flight lasts so many rollouts in the mean
     rollouts: float = 8.0
     # what it begins as: a linear fit of this controller's actions over so many ticks; with these options LQR itself
