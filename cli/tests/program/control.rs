@@ -53,9 +53,11 @@ fn a_controller_behind_the_filter_is_submitted_under_its_name() {
         let attempts: Vec<Value> = lines.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
         assert_eq!(attempts.len(), 5);
         assert!(attempts.iter().all(|attempt| attempt["controller"] == name));
-        attempts.iter().map(|attempt| attempt["result"]["score"]["score"].as_f64().unwrap()).sum::<f64>() / 5.0
+        attempts.iter().map(|attempt| attempt["result"]["score"]["score"].as_f64().unwrap()).sum::<f64>()
+            / 5.0
     };
-    let (plain, filtered, lqr) = (mean_score("thesis-pid"), mean_score("kalman+thesis-pid"), mean_score("lqr"));
+    let (plain, filtered, lqr) =
+        (mean_score("thesis-pid"), mean_score("kalman+thesis-pid"), mean_score("lqr"));
     println!("hover-aruco: thesis-pid {plain:.1}, kalman+thesis-pid {filtered:.1}, lqr {lqr:.1}");
     assert!(filtered > plain + 5.0 && lqr > plain + 5.0);
 }
