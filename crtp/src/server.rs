@@ -93,7 +93,7 @@ impl Server {
             };
             let address = SocketAddr::new(settings.host, port(settings.port, drone));
             let failed = |error| Error::Port { address, error };
-            let socket = UdpSocket::bind(address).await.map_err(failed)?;
+            let socket = bind_udp(address).await.map_err(failed)?;
             let mut listens = Address { udp: socket.local_addr().map_err(failed)?, tcp: None };
             let mut listener = None;
             if let Some(first) = settings.tcp_port {
@@ -131,6 +131,15 @@ impl Server {
             tracing::error!("the simulation broke");
         }
     }
+}
+
+/// A socket that loses its client keeps a port that was named, not one that the system chose: so the system is
+/// asked first, and its choice is named.
+async fn bind_udp(mut address: SocketAddr) -> io::Result<UdpSocket> {
+    if address.port() == 0 {
+        address = UdpSocket::bind(address).await?.local_addr()?;
+    }
+    UdpSocket::bind(address).await
 }
 
 /// Of the drone at that place; 0 stays any.

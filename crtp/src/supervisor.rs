@@ -59,6 +59,8 @@ pub(crate) struct Supervisor {
     since_thrust_s: f64,
     low_s: f64,
     empty_s: f64,
+    /// It was empty once: without load the voltage comes back, the charge does not.
+    empty: bool,
     watchdog_s: Option<f64>,
 }
 
@@ -73,6 +75,7 @@ impl Supervisor {
             since_thrust_s: f64::INFINITY,
             low_s: 0.0,
             empty_s: 0.0,
+            empty: false,
             watchdog_s: None,
         }
     }
@@ -110,7 +113,7 @@ impl Supervisor {
 
     /// 0 fine, 3 low, 4 empty, as the firmware numbers the states of its battery.
     pub(crate) fn power_state(&self) -> f64 {
-        if self.empty_s >= EMPTY_S {
+        if self.empty {
             4.0
         } else if self.low_s >= LOW_S {
             3.0
@@ -131,7 +134,8 @@ impl Supervisor {
         let count = |below: bool, sum_s: f64| if below { sum_s + tick_s } else { 0.0 };
         self.low_s = count(now.vbat_v < limits.low_v, self.low_s);
         self.empty_s = count(now.vbat_v < limits.empty_v, self.empty_s);
-        self.locked |= self.empty_s >= EMPTY_S;
+        self.empty |= self.empty_s >= EMPTY_S;
+        self.locked |= self.empty;
         if let Some(since_s) = &mut self.watchdog_s {
             *since_s += tick_s;
             self.locked |= *since_s > EMERGENCY_WATCHDOG_S;

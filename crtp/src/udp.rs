@@ -18,6 +18,8 @@ use crate::packet::{MAX_DATA, Packet};
 
 /// A client that is not heard for so long may be replaced; cflib sends ten packets a second.
 const SILENCE: Duration = Duration::from_secs(3);
+/// A client that is not heard for so long is sent an empty packet: if its socket is closed, its system says so.
+const PROBE: Duration = Duration::from_millis(50);
 /// Packets that wait to be sent: of more than that the newest are lost.
 const OUTBOX: usize = 256;
 
@@ -32,6 +34,7 @@ pub(crate) struct UdpLink {
 struct Client {
     address: SocketAddr,
     heard: Instant,
+    probed: Instant,
     /// The socket is its alone.
     connected: bool,
 }
@@ -46,7 +49,9 @@ impl UdpLink {
         // room for one byte more than a packet has: what is longer is none
         let mut bytes = [0; MAX_DATA + 2];
         loop {
-            let silent = self.client.as_ref().filter(|client| client.connected).map(|c| c.heard + SILENCE);
+            let client = self.client.as_ref().filter(|client| client.connected);
+            let quiet = client.map(|client| client.heard.max(client.probed) + PROBE);
+            let silent = client.map(|client| client.heard + SILENCE);
             tokio::select! {
                 () = stop.cancelled() => return,
                 received = self.socket.recv_from(&mut bytes) => match received {
@@ -56,6 +61,7 @@ impl UdpLink {
                 Some(packet) = self.outbox.recv() => self.line.leave(packet),
                 () = wait_until(self.line.due()) => {}
                 () = wait_until(silent) => self.release(),
+                () = wait_until(quiet) => self.probe().await,
             }
             while let Some(packet) = self.line.next() {
                 self.send(&packet).await;
@@ -99,7 +105,7 @@ impl UdpLink {
             tracing::warn!(%error, "the socket cannot be given to one client");
         }
         tracing::info!(client = %from, "a client has come");
-        self.client = Some(Client { address: from, heard: now, connected: true });
+        self.client = Some(Client { address: from, heard: now, probed: now, connected: true });
         true
     }
 
@@ -112,6 +118,13 @@ impl UdpLink {
             if let Err(error) = free(&self.socket) {
                 tracing::warn!(%error, "the socket stays the last client's");
             }
+        }
+    }
+
+    async fn probe(&mut self) {
+        if let Some(client) = &mut self.client {
+            client.probed = Instant::now();
+            self.send(&Packet::new(15, 3, &[])).await;
         }
     }
 
