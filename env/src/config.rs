@@ -254,6 +254,11 @@ pub enum Autoreset {
 /// share the air feel each other.
 const DOWNWASH_N: f64 = 0.118;
 
+/// Turns the effect `downwash` on as it was measured, unless the table says something about it.
+pub fn add_downwash(effects: &mut EffectTable) {
+    effects.entry("downwash".into()).or_insert(EffectParams::First(Number::Fixed(DOWNWASH_N)));
+}
+
 /// What differs from drone to drone of a world.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -362,10 +367,7 @@ impl Options {
     pub fn parse(text: &str) -> Result<Options> {
         let mut options: Options = serde_json::from_str(text).map_err(|e| Error::Config(e.to_string()))?;
         if task::find(&options.task)?.drones > 1 {
-            options
-                .effects
-                .entry("downwash".into())
-                .or_insert(EffectParams::First(Number::Fixed(DOWNWASH_N)));
+            add_downwash(&mut options.effects);
         }
         check_effects(&options.effects)?;
         options.each.iter().try_for_each(|each| check_effects(&each.effects))?;

@@ -247,7 +247,7 @@ fn task_options(args: &Args, scenario: &FlightScenario, of_file: Option<&Value>)
 }
 
 /// Adds the effects of one `--effects`.
-fn add_effects(table: &mut EffectTable, text: &str) -> Outcome {
+pub(super) fn add_effects(table: &mut EffectTable, text: &str) -> Outcome {
     if text.trim_start().starts_with('{') {
         let more: EffectTable = serde_json::from_str(text)
             .map_err(|e| Failure::Usage(format!("--effects is not a JSON object of effects: {e}")))?;

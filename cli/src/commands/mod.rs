@@ -3,6 +3,8 @@
 
 mod actions;
 mod attempts;
+mod cf2;
+mod cf2_tables;
 mod controllers;
 mod diagnose;
 mod effects;
@@ -52,6 +54,7 @@ use crate::text::{Table, number, with_cause};
 const EXAMPLES: &str = "\
 Examples:
   crazyflie fly --task fly-80cm --picture flight.svg
+  crazyflie cf2 --drones 4
   crazyflie inspect flight.csv
   crazyflie replay flight.csv
   crazyflie identify --fit flight.csv --out my.toml
@@ -75,6 +78,7 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Fly(fly::Args),
+    Cf2(cf2::Args),
     Replay(replay::Args),
     Identify(identify::Args),
     Inspect(inspect::Args),
@@ -210,6 +214,7 @@ pub fn main_from(args: impl IntoIterator<Item = String>) -> i32 {
 fn run(command: &Command, out: &mut dyn Write) -> Outcome {
     match command {
         Command::Fly(args) => fly::run(args, out),
+        Command::Cf2(args) => cf2::run(args, out),
         Command::Replay(args) => replay::run(args, out),
         Command::Identify(args) => identify::run(args, out),
         Command::Inspect(args) => inspect::run(args, out),

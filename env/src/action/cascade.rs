@@ -10,22 +10,54 @@ use crate::plant::{Command, State};
 use crate::scalar::{Scalar, tabulate};
 use crate::sim_scalar::BatchScalar;
 
-// Gains of the Crazyflie's firmware (platform_defaults_cf2.h, 2022).
-/// Velocity asked for per metre of error, in all three directions, and per metre and second upwards.
-const POSITION_PS: f64 = 2.0;
-const HEIGHT_INTEGRAL_PS2: f64 = 0.5;
-/// Tilt per m/s of error, and per metre that the error adds up to.
-const TILT_DEG_PER_MPS: f64 = 25.0;
-const TILT_DEG_PER_M: f64 = 1.0;
-const TILT_MAX_DEG: f64 = 20.0;
-/// Thrust per m/s of error and per metre that it adds up to, and its least, in PWM counts of a vehicle that
-/// hovers at [`THRUST_BASE`].
-const THRUST_PER_MPS: f64 = 25_000.0;
-const THRUST_PER_M: f64 = 15_000.0;
-const THRUST_MIN: f64 = 20_000.0;
-const THRUST_BASE: f64 = 36_000.0;
-/// Yaw rate per radian of error.
-const YAW_PS: f64 = 6.0;
+/// Gains and limits of the onboard cascade. The default is that of the Crazyflie's firmware
+/// (platform_defaults_cf2.h, 2022).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CascadeGains {
+    /// Velocity asked for per metre of error: x, y, z.
+    pub position_ps: [f64; 3],
+    /// Climb rate asked for per metre and second that the height error adds up to.
+    pub height_integral_ps2: f64,
+    /// Most that the position loop asks for: x, y, z.
+    pub speed_max_mps: [f64; 3],
+    /// Tilt per m/s of error: along the nose, to the left.
+    pub tilt_deg_per_mps: [f64; 2],
+    /// Tilt per metre that the velocity error adds up to: along the nose, to the left.
+    pub tilt_deg_per_m: [f64; 2],
+    /// Largest tilt that is asked for; the model's own limit holds as well.
+    pub tilt_max_deg: f64,
+    /// Thrust per m/s of error, in PWM counts of a vehicle that hovers at [`THRUST_BASE`].
+    pub thrust_per_mps: f64,
+    /// Thrust per metre that the error adds up to, in the same counts.
+    pub thrust_per_m: f64,
+    /// Least thrust, in the same counts.
+    pub thrust_min: f64,
+    /// Thrust without error, in the same counts: [`THRUST_BASE`] is the model's own hover.
+    pub thrust_base: f64,
+    /// Yaw rate per radian of error.
+    pub yaw_ps: f64,
+}
+
+impl Default for CascadeGains {
+    fn default() -> Self {
+        CascadeGains {
+            position_ps: [2.0; 3],
+            height_integral_ps2: 0.5,
+            speed_max_mps: [SPEED_MAX_MPS; 3],
+            tilt_deg_per_mps: [25.0; 2],
+            tilt_deg_per_m: [1.0; 2],
+            tilt_max_deg: 20.0,
+            thrust_per_mps: 25_000.0,
+            thrust_per_m: 15_000.0,
+            thrust_min: 20_000.0,
+            thrust_base: THRUST_BASE,
+            yaw_ps: 6.0,
+        }
+    }
+}
+
+/// PWM at which the firmware expects its vehicle to hover (`posCtlPid.thrustBase`).
+pub const THRUST_BASE: f64 = 36_000.0;
 /// The angle loop is not closed faster: a tick is 20 ms.
 const FASTEST_PS: f64 = 15.0;
 
@@ -35,7 +67,7 @@ enum Lift<R> {
     /// The form's input sets the climb rate (5.3, 5.4): what its own equation gives for it.
     Climb { per_mps: R, per_m: R, offset: R },
     /// The input is a thrust: the firmware's PI loop around the hover.
-    Thrust { hover: R, per_mps: R, per_m: R, least: R, most: R },
+    Thrust { hover: R, scale: f64, most: R },
 }
 
 /// What the cascade of a tile remembers.
@@ -58,6 +90,7 @@ impl<R: Scalar> Memory<R> {
 pub(crate) struct Onboard<R> {
     level: ActionLevel,
     interface: Interface,
+    gains: CascadeGains,
     tick_s: R,
     /// Of roll and pitch: command per angle held, and per angle that is still missing.
     per_tilt: [R; 2],
@@ -79,23 +112,28 @@ impl<R: Scalar> Onboard<R> {
         tick_s: f64,
         tiles: usize,
     ) -> Result<Option<Self>> {
-        let level = interface.level();
-        if level.is_default() {
+        if interface.level().is_default() {
             return Ok(None);
         }
+        Onboard::with_any_level(model, interface, tick_s, tiles).map(Some)
+    }
+
+    /// As [`Onboard::new`], for callers that give set-points themselves whatever actions are.
+    fn with_any_level(model: &Model, interface: &Interface, tick_s: f64, tiles: usize) -> Result<Self> {
         let tilts = model.tilt_forms(interface.input);
         // the motor-level form has the firmware's attitude loop, which is fast enough
         let own_loops = interface.input == VerticalInput::Motors;
-        Ok(Some(Onboard {
-            level,
+        Ok(Onboard {
+            level: interface.level(),
             interface: *interface,
+            gains: CascadeGains::default(),
             tick_s: R::from_f64(tick_s),
             per_tilt: tilts.map(|tilt| R::from_f64(tilt.input_per_output())),
             closing: tilts.map(|tilt| R::from_f64(if own_loops { 0.0 } else { closing(&tilt) })),
             lift: Lift::new(model, interface)?,
             takes_height: interface.input == VerticalInput::Height,
             memory: vec![Memory::new(); tiles],
-        }))
+        })
     }
 
     /// Forget the flights in the lanes of `mask`.
@@ -127,30 +165,64 @@ impl<R: Scalar> Onboard<R> {
     /// Position error to velocity, as the firmware's outer loop.
     #[inline(always)]
     fn approach(&mut self, tile: usize, [x_m, y_m, z_m, yaw_rad]: [R; 4], x: &State<R>) -> Command<R> {
-        let (gain, top) = (R::from_f64(POSITION_PS), R::from_f64(SPEED_MAX_MPS));
-        let error_m = [x_m - x.pos_m[0], y_m - x.pos_m[1], z_m - x.pos_m[2]];
-        let memory = &mut self.memory[tile];
-        let sum = memory.height_ms + error_m[2] * self.tick_s;
-        // no more than it takes to ask for the highest speed
-        let most = R::from_f64(SPEED_MAX_MPS / HEIGHT_INTEGRAL_PS2);
-        memory.height_ms = sum.clamp(-most, most);
-        let slow = [R::zero(), R::zero(), R::from_f64(HEIGHT_INTEGRAL_PS2) * memory.height_ms];
-        let wanted_mps = tabulate(
-            #[inline(always)]
-            |i| (gain * error_m[i] + slow[i]).clamp(-top, top),
-        );
-        let fastest = R::from_f64(self.interface.yaw_rate_max_radps);
-        let turn = (R::from_f64(YAW_PS) * wrap(yaw_rad - x.att_rad[2])).clamp(-fastest, fastest);
+        let [x_mps, y_mps] = self.sideways_mps([x_m, y_m], x);
+        let wanted_mps = [x_mps, y_mps, self.climb_mps(tile, z_m, x)];
+        let turn = self.turn_radps(yaw_rad, x);
         let u = self.follow(tile, wanted_mps, turn, x);
         let lift = if self.takes_height { z_m } else { u.lift };
         Command { lift, ..u }
     }
 
+    /// Velocity towards a place, along the axes of the room.
+    #[inline(always)]
+    fn sideways_mps(&self, place_m: [R; 2], x: &State<R>) -> [R; 2] {
+        let CascadeGains { position_ps, speed_max_mps, .. } = self.gains;
+        tabulate(
+            #[inline(always)]
+            |i| {
+                let top = R::from_f64(speed_max_mps[i]);
+                // a sum that begins at nothing, as that of the height does
+                (R::from_f64(position_ps[i]) * (place_m[i] - x.pos_m[i]) + R::zero()).clamp(-top, top)
+            },
+        )
+    }
+
+    /// Climb rate towards a height.
+    #[inline(always)]
+    fn climb_mps(&mut self, tile: usize, z_m: R, x: &State<R>) -> R {
+        let CascadeGains { position_ps, height_integral_ps2, speed_max_mps, .. } = self.gains;
+        let error_m = z_m - x.pos_m[2];
+        let memory = &mut self.memory[tile];
+        let sum = memory.height_ms + error_m * self.tick_s;
+        // no more than it takes to ask for the highest speed
+        let most = R::from_f64(speed_max_mps[2] / height_integral_ps2);
+        memory.height_ms = sum.clamp(-most, most);
+        let slow = R::from_f64(height_integral_ps2) * memory.height_ms;
+        let top = R::from_f64(speed_max_mps[2]);
+        (R::from_f64(position_ps[2]) * error_m + slow).clamp(-top, top)
+    }
+
+    /// Yaw rate towards a heading, right-handed.
+    #[inline(always)]
+    fn turn_radps(&self, yaw_rad: R, x: &State<R>) -> R {
+        let fastest = R::from_f64(self.interface.yaw_rate_max_radps);
+        (R::from_f64(self.gains.yaw_ps) * wrap(yaw_rad - x.att_rad[2])).clamp(-fastest, fastest)
+    }
+
     /// Velocity error to tilt and thrust, as the firmware's inner loop.
     #[inline(always)]
     fn follow(&mut self, tile: usize, wanted_mps: [R; 3], turn_radps: R, x: &State<R>) -> Command<R> {
+        let tilt = self.tilt_rad(tile, [wanted_mps[0], wanted_mps[1]], x);
+        let lift = self.lift(tile, wanted_mps[2], x);
+        self.command_of(tilt, turn_radps, lift, x)
+    }
+
+    /// Roll and pitch that bring the velocity along the axes of the room.
+    #[inline(always)]
+    fn tilt_rad(&mut self, tile: usize, wanted_mps: [R; 2], x: &State<R>) -> [R; 2] {
+        let CascadeGains { tilt_deg_per_mps, tilt_deg_per_m, tilt_max_deg, .. } = self.gains;
         let memory = &mut self.memory[tile];
-        let error: [R; 3] = tabulate(
+        let error: [R; 2] = tabulate(
             #[inline(always)]
             |i| wanted_mps[i] - x.vel_mps[i],
         );
@@ -158,19 +230,30 @@ impl<R: Scalar> Onboard<R> {
         // towards the nose, to the left
         let ahead = [cos * error[0] + sin * error[1], cos * error[1] - sin * error[0]];
         let deg = std::f64::consts::PI / 180.0;
-        let most = R::from_f64((TILT_MAX_DEG * deg).min(self.interface.tilt_max_rad));
-        let most_m = R::from_f64(TILT_MAX_DEG / TILT_DEG_PER_M);
+        let most = R::from_f64((tilt_max_deg * deg).min(self.interface.tilt_max_rad));
         let mut tilt = [R::zero(); 2];
         for i in 0..2 {
+            let most_m = R::from_f64(tilt_max_deg / tilt_deg_per_m[i]);
             let sum = memory.velocity_m[i] + ahead[i] * self.tick_s;
             memory.velocity_m[i] = sum.clamp(-most_m, most_m);
-            let asked = R::from_f64(TILT_DEG_PER_MPS * deg) * ahead[i]
-                + R::from_f64(TILT_DEG_PER_M * deg) * memory.velocity_m[i];
+            let asked = R::from_f64(tilt_deg_per_mps[i] * deg) * ahead[i]
+                + R::from_f64(tilt_deg_per_m[i] * deg) * memory.velocity_m[i];
             tilt[i] = asked.clamp(-most, most);
         }
-        let [pitch, roll] = [tilt[0], -tilt[1]];
-        let lift =
-            self.lift.input(&mut memory.velocity_m[2], [wanted_mps[2], error[2]], x.pos_m[2], self.tick_s);
+        [-tilt[1], tilt[0]]
+    }
+
+    /// Height input that brings the climb rate.
+    #[inline(always)]
+    fn lift(&mut self, tile: usize, wanted_mps: R, x: &State<R>) -> R {
+        let wanted = [wanted_mps, wanted_mps - x.vel_mps[2]];
+        let sum_m = &mut self.memory[tile].velocity_m[2];
+        self.lift.input(sum_m, wanted, x.pos_m[2], self.tick_s, &self.gains)
+    }
+
+    /// The command that brings roll, pitch and a right-handed yaw rate.
+    #[inline(always)]
+    fn command_of(&self, [roll, pitch]: [R; 2], turn_radps: R, lift: R, x: &State<R>) -> Command<R> {
         let limit = R::from_f64(self.interface.tilt_max_rad);
         let angle = |i: usize, wanted: R| {
             (self.per_tilt[i] * wanted + self.closing[i] * (wanted - x.att_rad[i])).clamp(-limit, limit)
@@ -207,16 +290,11 @@ impl<R: Scalar> Lift<R> {
         let vertical = model.vertical(interface.input)?;
         let AxisForm { a, u, offset, .. } = vertical.form(model.lateral.gravity.value);
         Ok(match vertical {
-            Vertical::Thrust { hover, .. } | Vertical::Motors(Motors { hover, .. }) => {
-                let scale = hover.value / THRUST_BASE;
-                Lift::Thrust {
-                    hover: R::from_f64(hover.value),
-                    per_mps: R::from_f64(THRUST_PER_MPS * scale),
-                    per_m: R::from_f64(THRUST_PER_M * scale),
-                    least: R::from_f64(THRUST_MIN * scale),
-                    most: R::from_f64(interface.lift_max),
-                }
-            }
+            Vertical::Thrust { hover, .. } | Vertical::Motors(Motors { hover, .. }) => Lift::Thrust {
+                hover: R::from_f64(hover.value),
+                scale: hover.value / THRUST_BASE,
+                most: R::from_f64(interface.lift_max),
+            },
             // z' = u (input - offset) + a z
             Vertical::FirstOrder { .. } => Lift::Climb {
                 per_mps: R::from_f64(1.0 / u[0]),
@@ -234,21 +312,126 @@ impl<R: Scalar> Lift<R> {
 
     /// The input for a wanted climb rate, which is `error_mps` from being reached at the height `z_m`.
     #[inline(always)]
-    fn input(&self, sum_m: &mut R, [wanted_mps, error_mps]: [R; 2], z_m: R, tick_s: R) -> R {
+    fn input(
+        &self,
+        sum_m: &mut R,
+        [wanted_mps, error_mps]: [R; 2],
+        z_m: R,
+        tick_s: R,
+        gains: &CascadeGains,
+    ) -> R {
+        let CascadeGains { thrust_per_mps, thrust_per_m, .. } = *gains;
         match *self {
             Lift::Climb { per_mps, per_m, offset } => {
                 // against what pushes, with the firmware's ratio of the two gains
-                let slow = R::from_f64(THRUST_PER_M / THRUST_PER_MPS);
-                let limit = R::from_f64(SPEED_MAX_MPS * THRUST_PER_MPS / THRUST_PER_M);
+                let slow = R::from_f64(thrust_per_m / thrust_per_mps);
+                let limit = R::from_f64(gains.speed_max_mps[2] * thrust_per_mps / thrust_per_m);
                 *sum_m = (*sum_m + error_mps * tick_s).clamp(-limit, limit);
                 per_mps * (wanted_mps + slow * *sum_m) + per_m * z_m + offset
             }
-            Lift::Thrust { hover, per_mps, per_m, least, most } => {
+            Lift::Thrust { hover, scale, most } => {
+                let (per_mps, per_m) =
+                    (R::from_f64(thrust_per_mps * scale), R::from_f64(thrust_per_m * scale));
                 // no more than half a hover
                 let limit = R::from_f64(0.5) * hover / per_m;
                 *sum_m = (*sum_m + error_mps * tick_s).clamp(-limit, limit);
-                (hover + per_mps * error_mps + per_m * *sum_m).clamp(least, most)
+                let base = hover * R::from_f64(gains.thrust_base / THRUST_BASE);
+                let least = R::from_f64(gains.thrust_min * scale);
+                (base + per_mps * error_mps + per_m * *sum_m).clamp(least, most)
             }
         }
+    }
+}
+
+/// What a drone is to do sideways.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum LateralSetpoint {
+    /// Be at a place in the room, m.
+    Place([f64; 2]),
+    /// Move along the axes of the room, m/s.
+    Velocity([f64; 2]),
+    /// Hold roll and pitch, rad, as the attitude level commands them.
+    Tilt([f64; 2]),
+}
+
+/// What a drone is to do upwards.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum VerticalSetpoint {
+    /// Be at a height, m.
+    Height(f64),
+    /// Climb, m/s.
+    Climb(f64),
+    /// Apply this input of the model: height or PWM.
+    Lift(f64),
+}
+
+/// What a drone is to do about its heading, right-handed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum YawSetpoint {
+    /// Look there, rad.
+    Heading(f64),
+    /// Turn, rad/s.
+    Rate(f64),
+}
+
+/// The onboard cascade of one drone, for set-points that mix levels, with gains that may change in flight.
+#[derive(Debug)]
+pub struct Cascade {
+    onboard: Onboard<f64>,
+}
+
+impl Cascade {
+    /// For a model whose height input is that of `interface`, called every `tick_s` seconds.
+    ///
+    /// # Errors
+    /// [`crate::Error::Unknown`] if the model lacks the vertical input.
+    pub fn new(model: &Model, interface: &Interface, tick_s: f64) -> Result<Self> {
+        Ok(Cascade { onboard: Onboard::with_any_level(model, interface, tick_s, 1)? })
+    }
+
+    /// Takes other gains.
+    pub fn set_gains(&mut self, gains: CascadeGains) {
+        self.onboard.gains = gains;
+    }
+
+    /// Forgets the flight.
+    pub fn reset(&mut self) {
+        self.onboard.memory[0] = Memory::new();
+    }
+
+    /// The command for a drone that is at `x`.
+    pub fn command(
+        &mut self,
+        lateral: LateralSetpoint,
+        vertical: VerticalSetpoint,
+        yaw: YawSetpoint,
+        x: &State<f64>,
+    ) -> Command<f64> {
+        let onboard = &mut self.onboard;
+        let turn_radps = match yaw {
+            YawSetpoint::Heading(yaw_rad) => onboard.turn_radps(yaw_rad, x),
+            YawSetpoint::Rate(radps) => radps,
+        };
+        let lift = match vertical {
+            VerticalSetpoint::Height(z_m) if onboard.takes_height => z_m,
+            VerticalSetpoint::Height(z_m) => {
+                let climb_mps = onboard.climb_mps(0, z_m, x);
+                onboard.lift(0, climb_mps, x)
+            }
+            VerticalSetpoint::Climb(mps) => onboard.lift(0, mps, x),
+            VerticalSetpoint::Lift(lift) => lift,
+        };
+        let wanted_mps = match lateral {
+            LateralSetpoint::Place(place_m) => onboard.sideways_mps(place_m, x),
+            LateralSetpoint::Velocity(mps) => mps,
+            LateralSetpoint::Tilt(tilt) => {
+                let limit = onboard.interface.tilt_max_rad;
+                let [roll_rad, pitch_rad] = tilt.map(|rad| rad.clamp(-limit, limit));
+                let level = onboard.command_of([0.0; 2], turn_radps, lift, x);
+                return Command { roll_rad, pitch_rad, ..level };
+            }
+        };
+        let tilt = onboard.tilt_rad(0, wanted_mps, x);
+        onboard.command_of(tilt, turn_radps, lift, x)
     }
 }

@@ -14,6 +14,7 @@ use crate::scalar::{Scalar, tabulate};
 use crate::task::ROOM_M;
 
 pub(crate) use cascade::Onboard;
+pub use cascade::{Cascade, CascadeGains, LateralSetpoint, THRUST_BASE, VerticalSetpoint, YawSetpoint};
 
 /// What an action sets.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -1,0 +1,207 @@
+//! `crazyflie cf2`: simulated Crazyflies that stock cflib scripts fly.
+
+use std::io::Write;
+use std::net::{IpAddr, Ipv4Addr};
+use std::path::PathBuf;
+use std::time::Duration;
+
+use crazyflie_crtp::{LinkQuality, PositionSource, Server, Settings};
+use crazyflie_env::config::{EffectTable, add_downwash, check_effects};
+use crazyflie_env::model::{Model, VerticalInput};
+use crazyflie_server::flight::lab_rig;
+use serde_json::json;
+use tokio_util::sync::CancellationToken;
+use tracing_subscriber::Layer as _;
+use tracing_subscriber::filter::Targets;
+use tracing_subscriber::layer::SubscriberExt as _;
+use tracing_subscriber::util::SubscriberInitExt as _;
+
+use super::fly::add_effects;
+use super::serve::stop_signal;
+use super::{Failure, Outcome, cf2_tables, files};
+
+const EXAMPLES: &str = "\
+Examples:
+  crazyflie cf2
+  crazyflie cf2 --drones 8 --effects drag_linear=0.3
+  crazyflie cf2 --model my.toml --position aruco --effects '{\"battery_sag\": {\"exponent\": 1, \"resistance_ohm\": 0.1}}'
+  crazyflie cf2 --speed 4 --loss 0.05 --latency 0.01
+  crazyflie cf2 --tables
+
+A script connects to udp://127.0.0.1:19850, the second drone is at 19851, and so on.";
+
+/// Simulate Crazyflies that stock cflib scripts fly: radio protocol over UDP and TCP, in real time
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct Args {
+    /// How many, a metre apart on the ground; they share the air
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=100), value_name = "N")]
+    drones: u16,
+    /// Model file; the thesis's model unless given
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// Vertical form of the model that takes a PWM: thrust, pwm or motors [default: thrust, if the model has it]
+    #[arg(long, value_parser = files::vertical, value_name = "FORM")]
+    vertical: Option<VerticalInput>,
+    /// An effect as NAME=VALUE or NAME.PARAMETER=VALUE, or several as JSON; may be repeated (see `crazyflie
+    /// effects`)
+    #[arg(long, value_name = "EFFECT")]
+    effects: Vec<String>,
+    /// Where the onboard filter has positions from: lighthouse (it sees them itself), mocap or aruco (they are sent to it, with a camera's
+    /// delay and noise), none (the script has to send them)
+    #[arg(long, default_value = "lighthouse", value_parser = position_source, value_name = "NAME")]
+    position: PositionSource,
+    /// Simulated seconds per second
+    #[arg(long, default_value_t = 1.0, value_parser = |text: &str| between(text, 0.05, 20.0), value_name = "F")]
+    speed: f64,
+    /// Share of set-points, positions and logs that are lost; a radio repeats the rest until it gets through
+    #[arg(long, default_value_t = 0.0, value_parser = |text: &str| between(text, 0.0, 0.95), value_name = "P")]
+    loss: f64,
+    /// Seconds that a packet takes from one end to the other
+    #[arg(long, default_value_t = 0.0, value_parser = |text: &str| files::seconds(text, 0.0, 1.0), value_name = "S")]
+    latency: f64,
+    /// Decides noise, losses and drawn parameters
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Drones wait for an arming request, as a Crazyflie Brushless does
+    #[arg(long)]
+    no_auto_arm: bool,
+    /// Address to listen on. The protocol knows no authentication: beyond this machine anybody can fly
+    #[arg(long, default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST), value_name = "ADDRESS")]
+    host: IpAddr,
+    /// UDP port of the first drone, the others follow; 0 for any. cflib's scan looks at 19850 to 19859
+    #[arg(long, default_value_t = 19850, value_name = "PORT")]
+    port: u16,
+    /// Listen on TCP, too, as an AI deck does (CPX), from this port on
+    #[arg(long, num_args = 0..=1, default_missing_value = "5050", value_name = "PORT")]
+    tcp: Option<u16>,
+    /// Where the drones are, for machines
+    #[arg(long)]
+    json: bool,
+    /// What is logged: error, warn, info, debug or trace
+    #[arg(long, default_value = "warn", value_name = "LEVEL")]
+    log: String,
+    /// List parameters and log variables instead
+    #[arg(long)]
+    tables: bool,
+    /// With --tables: as a page of the documentation
+    #[arg(long, requires = "tables")]
+    markdown: bool,
+}
+
+fn position_source(name: &str) -> Result<PositionSource, String> {
+    match name {
+        "lighthouse" => Ok(PositionSource::Lighthouse),
+        "mocap" => Ok(PositionSource::Mocap),
+        "aruco" => Ok(PositionSource::Aruco),
+        "none" => Ok(PositionSource::Script),
+        other => Err(crazyflie_env::error::unknown(
+            "position source",
+            other,
+            ["lighthouse", "mocap", "aruco", "none"],
+        )
+        .to_string()),
+    }
+}
+
+fn between(text: &str, low: f64, high: f64) -> Result<f64, String> {
+    // NaN is in no range
+    let value = text.parse::<f64>().ok().filter(|value| (low..=high).contains(value));
+    value.ok_or_else(|| format!("expected {low} to {high}"))
+}
+
+pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
+    if args.tables {
+        return cf2_tables::write(args.json, args.markdown, out);
+    }
+    let settings = settings(args)?;
+    let filter: Targets = args.log.parse().map_err(|e| Failure::Usage(format!("--log {}: {e}", args.log)))?;
+    let layer = tracing_subscriber::fmt::layer().with_writer(std::io::stderr);
+    // a second server in one process logs through the first one's subscriber
+    let _ = tracing_subscriber::registry().with(layer.with_filter(filter)).try_init();
+    if !args.host.is_loopback() {
+        tracing::warn!("--host {}: CRTP knows no authentication, anybody who reaches it can fly", args.host);
+    }
+    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
+    runtime.block_on(async {
+        let server = Server::bind(&settings, None).await.map_err(|e| Failure::Failed(e.to_string()))?;
+        announce(&server, args.json, out)?;
+        let stop = CancellationToken::new();
+        let (stopped, signal) = (stop.clone(), stop_signal()?);
+        tokio::spawn(async move {
+            signal.await;
+            stopped.cancel();
+        });
+        server.run(stop).await;
+        Ok(())
+    })
+}
+
+/// For people, and for programs that start this and must know where it is.
+fn announce(server: &Server, json: bool, out: &mut dyn Write) -> Outcome {
+    let drones = server.addresses().iter().map(|address| {
+        let tcp = address.tcp.map(|tcp| format!("tcp://{tcp}"));
+        (format!("udp://{}", address.udp), tcp)
+    });
+    if json {
+        let drones: Vec<_> = drones.map(|(udp, tcp)| json!({"udp": udp, "tcp": tcp})).collect();
+        writeln!(out, "{}", json!({"drones": drones}))?;
+    } else {
+        for (udp, tcp) in drones {
+            writeln!(out, "{udp}{}", tcp.map(|tcp| format!(" {tcp}")).unwrap_or_default())?;
+        }
+    }
+    Ok(out.flush()?)
+}
+
+fn settings(args: &Args) -> Outcome<Settings> {
+    let model = files::model(args.model.as_deref())?;
+    let vertical = vertical(&model, args.vertical)?;
+    let mut effects = EffectTable::new();
+    if args.position == PositionSource::Aruco {
+        effects.extend(lab_rig());
+    }
+    args.effects.iter().try_for_each(|text| add_effects(&mut effects, text))?;
+    if args.drones > 1 {
+        add_downwash(&mut effects);
+    }
+    check_effects(&effects)?;
+    let last = usize::from(args.port) + usize::from(args.drones) - 1;
+    if args.port != 0 && last > usize::from(u16::MAX) {
+        return Err(Failure::Usage(format!("--port {}: the last drone's would be {last}", args.port)));
+    }
+    Ok(Settings {
+        model,
+        vertical,
+        effects,
+        drones: args.drones.into(),
+        speed: args.speed,
+        quality: LinkQuality { loss: args.loss, latency: Duration::from_secs_f64(args.latency) },
+        seed: args.seed,
+        positions: args.position,
+        auto_arms: !args.no_auto_arm,
+        host: args.host,
+        port: args.port,
+        tcp_port: args.tcp,
+    })
+}
+
+/// Scripts command a thrust, and a motor that is off must let the vehicle fall: the form `thrust` before others.
+fn vertical(model: &Model, asked: Option<VerticalInput>) -> Outcome<VerticalInput> {
+    let inputs = model.inputs();
+    if let Some(asked) = asked {
+        if !asked.is_pwm() {
+            return Err(Failure::Usage(format!(
+                "--vertical {}: set-points of cflib are thrusts, expected thrust, pwm or motors",
+                asked.name()
+            )));
+        }
+        return Ok(model.input(Some(asked))?);
+    }
+    let found = [VerticalInput::Thrust, VerticalInput::Motors, VerticalInput::Pwm]
+        .into_iter()
+        .find(|input| inputs.contains(input));
+    found.ok_or_else(|| {
+        Failure::Usage(format!("{} has no vertical form that takes a PWM: thrust, pwm or motors", model.name))
+    })
+}

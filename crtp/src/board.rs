@@ -1,0 +1,463 @@
+//! What packets reach: tables, parameters, log blocks, memory, and the orders that wait for the next tick. A
+//! link locks it for as long as a packet takes; the simulation locks it to take orders and to show a tick,
+//! never while it steps.
+
+use std::collections::VecDeque;
+use std::sync::LazyLock;
+
+use tokio::sync::mpsc::Sender;
+
+use crate::high_level::understand;
+use crate::log_blocks::LogBlocks;
+use crate::logs::LOGS;
+use crate::packet::{Fields, Packet};
+use crate::params::{PARAMS, ParamValues, index};
+use crate::pilot::{Order, PilotSettings};
+use crate::setpoint::{GenericSetpoint, attitude, generic};
+use crate::supervisor::bit;
+use crate::telemetry::Telemetry;
+use crate::toc::{Toc, TocLine};
+use crate::trajectory_memory::TrajectoryMemory;
+
+/// Orders that wait for a tick; of a flood the oldest set-points are forgotten.
+const MAX_ORDERS: usize = 256;
+/// From 12 on the supervisor has a port of its own.
+const PROTOCOL_VERSION: u8 = 12;
+/// The radio chip, as its boot loader is addressed.
+const NRF_TARGET: u8 = 0xfe;
+const ENOENT: u8 = 2;
+
+static PARAM_TOC: LazyLock<Toc> = LazyLock::new(|| {
+    let access = |read_only: bool| if read_only { 0x40 } else { 0 };
+    let line = |p: &crate::Param| TocLine { code: p.kind.param_code() | access(p.read_only), name: p.name };
+    Toc::new(PARAMS.iter().map(line).collect(), &[])
+});
+
+static LOG_TOC: LazyLock<Toc> = LazyLock::new(|| {
+    let line = |log: &crate::LogVariable| TocLine { code: log.kind.log_code(), name: log.name };
+    // the most packets and operations
+    Toc::new(LOGS.iter().map(line).collect(), &[16, 128])
+});
+
+/// One drone as packets see it.
+pub(crate) struct Board {
+    params: ParamValues,
+    blocks: LogBlocks,
+    memory: TrajectoryMemory,
+    group_mask: u8,
+    orders: VecDeque<Order>,
+    /// Of the last tick.
+    shown: Telemetry,
+    /// Where packets that nobody asked for go.
+    sink: Option<Sender<Packet>>,
+    /// A link has a client that is heard.
+    taken: bool,
+    index: usize,
+    lighthouse: bool,
+}
+
+impl Board {
+    pub(crate) fn new(index: usize, lighthouse: bool) -> Self {
+        let mut board = Board {
+            params: ParamValues::new(),
+            blocks: LogBlocks::default(),
+            memory: TrajectoryMemory::new(),
+            group_mask: 0,
+            orders: VecDeque::new(),
+            shown: Telemetry::default(),
+            sink: None,
+            taken: false,
+            index,
+            lighthouse,
+        };
+        board.begin();
+        board
+    }
+
+    /// Parameters of a vehicle that was just switched on.
+    fn begin(&mut self) {
+        self.params = ParamValues::new();
+        self.params.set("cpu.id0", self.index as f64);
+        self.params.set("deck.bcLighthouse4", self.lighthouse.into());
+        (self.blocks, self.memory, self.group_mask) = (LogBlocks::default(), TrajectoryMemory::new(), 0);
+    }
+
+    /// A client comes, whose logs go to `sink`: refused while another one is heard.
+    pub(crate) fn claim(&mut self, sink: &Sender<Packet>) -> bool {
+        let free = !self.taken;
+        if free {
+            (self.taken, self.sink) = (true, Some(sink.clone()));
+        }
+        free
+    }
+
+    /// The client of `sink` is heard no more: another one may come, and until then logs still go to it.
+    pub(crate) fn release(&mut self, sink: &Sender<Packet>) {
+        if self.sink.as_ref().is_some_and(|own| own.same_channel(sink)) {
+            self.taken = false;
+        }
+    }
+
+    /// The client of `sink` is gone.
+    pub(crate) fn disconnect(&mut self, sink: &Sender<Packet>) {
+        if self.sink.as_ref().is_some_and(|own| own.same_channel(sink)) {
+            (self.taken, self.sink) = (false, None);
+        }
+    }
+
+    /// Orders since the last tick, and what the parameters say.
+    pub(crate) fn take_orders(&mut self) -> (VecDeque<Order>, PilotSettings) {
+        (std::mem::take(&mut self.orders), PilotSettings::new(&self.params))
+    }
+
+    /// The newest tick: kept for requests, and sent where blocks are due.
+    pub(crate) fn show(&mut self, telemetry: Telemetry) {
+        self.shown = Telemetry { connected: self.taken, ..telemetry };
+        let Board { blocks, shown, sink, .. } = self;
+        let Some(sink) = sink else { return };
+        // a client that does not read loses logs: nothing waits for it
+        blocks.send_due(shown, |packet| {
+            let _ = sink.try_send(packet);
+        });
+    }
+
+    fn order(&mut self, order: Order) {
+        if self.orders.len() == MAX_ORDERS {
+            let streamed = self.orders.iter().position(Order::is_streamed);
+            self.orders.remove(streamed.unwrap_or(0));
+        }
+        self.orders.push_back(order);
+    }
+
+    /// Carries out a packet; its answer, if it has one. What the firmware does not know is ignored.
+    pub(crate) fn receive(&mut self, packet: &Packet) -> Option<Packet> {
+        let data = packet.data();
+        if packet.is_null() {
+            self.power(data);
+            return Some(*packet);
+        }
+        let answer = match (packet.port, packet.channel) {
+            (2, 0) => PARAM_TOC.answer(data),
+            (2, 1) => self.read_param(data),
+            (2, 2) => self.write_param(data),
+            (2, 3) => self.param_extras(data),
+            (3, 0) => self.commander(data),
+            (4, 0) => self.memory.info(data),
+            (4, 1) => self.memory.read(data),
+            (4, 2) => self.memory.write(data),
+            (5, 0) => LOG_TOC.answer(data),
+            (5, 1) => self.blocks.control(data, self.shown.time_ms),
+            (6, 0) => self.position(data),
+            (6, 1) => self.localization(data),
+            (7, 0) => self.generic(data),
+            (7, 1) => self.meta(data),
+            (8, _) => self.high_level(data),
+            (9, 0) => self.supervisor_info(data),
+            (9, 1) => self.supervise(data),
+            (13, 0) => self.platform(data),
+            (13, 1) => version(data),
+            (15, 0) => Some(data.to_vec()),
+            (15, 1) => Some(b"Bitcraze Crazyflie simulator".to_vec()),
+            _ => None,
+        }?;
+        Some(Packet::new(packet.port, packet.channel, &answer))
+    }
+
+    fn read_param(&self, data: &[u8]) -> Option<Vec<u8>> {
+        let id = Fields(data).u16()?;
+        let mut answer = id.to_le_bytes().to_vec();
+        match PARAMS.get(usize::from(id)) {
+            Some(param) => {
+                answer.push(0);
+                param.kind.write(self.params.at(id.into()), &mut answer);
+            }
+            None => answer.push(ENOENT),
+        }
+        Some(answer)
+    }
+
+    fn write_param(&mut self, data: &[u8]) -> Option<Vec<u8>> {
+        let mut fields = Fields(data);
+        let id = fields.u16()?;
+        let Some(param) = PARAMS.get(usize::from(id)) else {
+            return Some([&id.to_le_bytes()[..], &[ENOENT]].concat());
+        };
+        if param.read_only {
+            return None;
+        }
+        let value = param.kind.read(fields.rest())?;
+        self.set_param(id.into(), value);
+        let mut answer = id.to_le_bytes().to_vec();
+        param.kind.write(self.params.at(id.into()), &mut answer);
+        Some(answer)
+    }
+
+    fn set_param(&mut self, id: usize, value: f64) {
+        self.params.set_at(id, value);
+        match PARAMS[id].name {
+            "kalman.resetEstimation" if value != 0.0 => self.order(Order::ResetEstimator),
+            "stabilizer.stop" if value != 0.0 => self.order(Order::Emergency),
+            _ => {}
+        }
+    }
+
+    /// By name, and what tables do not say. Nothing is stored beyond a restart.
+    fn param_extras(&mut self, data: &[u8]) -> Option<Vec<u8>> {
+        let mut fields = Fields(data);
+        let command = fields.u8()?;
+        if command == 0 {
+            return self.write_by_name(data);
+        }
+        let id = fields.u16()?;
+        let mut answer = [&[command][..], &id.to_le_bytes()].concat();
+        let param = PARAMS.get(usize::from(id));
+        match (command, param) {
+            // extended type: none is persistent
+            (2, Some(_)) => answer.push(0),
+            (7, Some(_)) => answer.extend([0, 0]),
+            (6, Some(param)) => param.kind.write(param.default, &mut answer),
+            (8, Some(param)) => {
+                answer.push(0);
+                param.kind.write(param.default, &mut answer);
+            }
+            (2..=8, _) => answer.push(ENOENT),
+            _ => return None,
+        }
+        Some(answer)
+    }
+
+    /// Group, name, kind, value; group and name end with a zero.
+    fn write_by_name(&mut self, data: &[u8]) -> Option<Vec<u8>> {
+        let mut parts = data[1..].splitn(3, |byte| *byte == 0);
+        let (group, name, rest) = (parts.next()?, parts.next()?, parts.next()?);
+        let named = [group, b".", name].concat();
+        let id = std::str::from_utf8(&named).ok().and_then(index);
+        let (code, value) = rest.split_first()?;
+        let known = id.filter(|id| PARAMS[*id].kind.param_code() == *code && !PARAMS[*id].read_only);
+        let set = known.and_then(|id| Some((id, PARAMS[id].kind.read(value)?)));
+        if let Some((id, value)) = set {
+            self.set_param(id, value);
+        }
+        let status = if set.is_some() { 0 } else { ENOENT };
+        let names = &data[..data.len() - rest.len()];
+        Some([names, &[status]].concat())
+    }
+
+    fn commander(&mut self, data: &[u8]) -> Option<Vec<u8>> {
+        let setpoint = attitude(Fields(data))?;
+        self.order(Order::Attitude(setpoint));
+        None
+    }
+
+    fn generic(&mut self, data: &[u8]) -> Option<Vec<u8>> {
+        let order = match generic(Fields(data))? {
+            GenericSetpoint::Stop => Order::Stop,
+            GenericSetpoint::Fly(setpoint) => Order::Fly(setpoint),
+            GenericSetpoint::Manual(setpoint) => Order::Manual(setpoint),
+        };
+        self.order(order);
+        None
+    }
+
+    fn meta(&mut self, data: &[u8]) -> Option<Vec<u8>> {
+        let mut fields = Fields(data);
+        if fields.u8()? == 0 {
+            let remains_s = f64::from(fields.u32().unwrap_or(0).min(60_000)) * 1e-3;
+            self.order(Order::Relax { remains_s });
+        }
+        None
+    }
+
+    fn position(&mut self, data: &[u8]) -> Option<Vec<u8>> {
+        let pos_m = Fields(data).f32s()?;
+        self.order(Order::Position(pos_m));
+        None
+    }
+
+    fn localization(&mut self, data: &[u8]) -> Option<Vec<u8>> {
+        let mut fields = Fields(data);
+        let order = match fields.u8()? {
+            3 => Order::Emergency,
+            4 => Order::EmergencyWatchdog,
+            8 => {
+                let (pos_m, [x, y, z, w]): (_, [f64; 4]) = (fields.f32s()?, fields.f32s()?);
+                let yaw_rad = (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z));
+                Order::Pose { pos_m, yaw_rad }
+            }
+            _ => return None,
+        };
+        self.order(order);
+        None
+    }
+
+    /// The request with a status in its fourth byte, as the firmware answers.
+    fn high_level(&mut self, data: &[u8]) -> Option<Vec<u8>> {
+        let understood = understand(data, &mut self.group_mask, &mut self.memory)?;
+        if let Some(command) = understood.command {
+            self.order(Order::HighLevel(command));
+        }
+        let mut answer = data[..data.len().min(3)].to_vec();
+        answer.resize(3, 0);
+        answer.push(understood.status);
+        Some(answer)
+    }
+
+    fn supervisor_info(&self, data: &[u8]) -> Option<Vec<u8>> {
+        let info = self.shown.info;
+        let bits = |mask: u16| vec![data[0] | 0x80, u8::from(info & mask != 0)];
+        match data.first()? {
+            0x0c => Some([&[0x8c][..], &info.to_le_bytes()].concat()),
+            // one bit each, in their order
+            kind @ 1..=0x0b => Some(bits(1 << (kind - 1))),
+            _ => None,
+        }
+    }
+
+    fn supervise(&mut self, data: &[u8]) -> Option<Vec<u8>> {
+        let mut fields = Fields(data);
+        let command = fields.u8()?;
+        let (order, done, now) = match command {
+            1 => {
+                let arm = fields.bool()?;
+                let done = !arm || self.shown.info & (bit::CAN_BE_ARMED | bit::IS_ARMED) != 0;
+                (Order::Arm(arm), done, arm && done)
+            }
+            2 => {
+                let locked = self.shown.info & bit::IS_LOCKED != 0;
+                (Order::Recover, !locked, !locked)
+            }
+            3 => (Order::Emergency, true, true),
+            4 => (Order::EmergencyWatchdog, true, true),
+            _ => return None,
+        };
+        self.order(order);
+        Some(vec![command | 0x80, done.into(), now.into()])
+    }
+
+    /// The older way to arm and to recover.
+    fn platform(&mut self, data: &[u8]) -> Option<Vec<u8>> {
+        let mut fields = Fields(data);
+        match fields.u8()? {
+            1 => {
+                let arm = fields.bool()?;
+                self.order(Order::Arm(arm));
+            }
+            2 => self.order(Order::Recover),
+            _ => {}
+        }
+        Some(data.to_vec())
+    }
+
+    /// What the radio chip does with packets of its own: off, on and restart. On again, the drone has its
+    /// parameters as at the start, and no lock.
+    fn power(&mut self, data: &[u8]) {
+        match data {
+            [NRF_TARGET, 0x01 | 0x02, ..] => self.order(Order::Emergency),
+            [NRF_TARGET, 0x03 | 0xf0, ..] => {
+                self.begin();
+                self.orders.clear();
+                self.order(Order::Restart);
+            }
+            _ => {}
+        }
+    }
+}
+
+fn version(data: &[u8]) -> Option<Vec<u8>> {
+    match data.first()? {
+        0 => Some(vec![0, PROTOCOL_VERSION]),
+        1 => Some([&[1][..], env!("CARGO_PKG_VERSION").as_bytes()].concat()),
+        2 => Some([&[2][..], b"CF21"].concat()),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn ask(board: &mut Board, port: u8, channel: u8, data: &[u8]) -> Option<Vec<u8>> {
+        board.receive(&Packet::new(port, channel, data)).map(|answer| answer.data().to_vec())
+    }
+
+    #[test]
+    fn names_fit_into_a_packet_and_are_one_of_a_kind() {
+        for names in [
+            PARAMS.iter().map(|param| param.name).collect::<Vec<_>>(),
+            LOGS.iter().map(|log| log.name).collect::<Vec<_>>(),
+        ] {
+            for (i, name) in names.iter().enumerate() {
+                // command, id, kind, group, name, two zeros
+                assert!(name.len() - 1 + 6 <= crate::packet::MAX_DATA && name.contains('.'), "{name}");
+                assert!(!names[..i].contains(name), "{name}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_client_can_connect() {
+        let mut board = Board::new(0, true);
+        assert_eq!(ask(&mut board, 15, 1, &[0]).unwrap()[..18], *b"Bitcraze Crazyflie");
+        assert_eq!(ask(&mut board, 13, 1, &[0]).unwrap(), [0, 12]);
+        assert_eq!(ask(&mut board, 5, 1, &[5]).unwrap(), [5, 0, 0]);
+        let info = ask(&mut board, 5, 0, &[3]).unwrap();
+        assert_eq!(info[1..3], (LOGS.len() as u16).to_le_bytes());
+        assert_eq!(ask(&mut board, 5, 0, &[2, 0, 0]).unwrap()[3..], *b"\x07stateEstimate\0x\0");
+        assert_eq!(ask(&mut board, 2, 0, &[2, 0xff, 0xff]).unwrap(), [2]);
+        assert_eq!(ask(&mut board, 15, 0, b"echo").unwrap(), b"echo");
+        assert_eq!(ask(&mut board, 4, 0, &[1]).unwrap(), [1, 1]);
+    }
+
+    #[test]
+    fn parameters_are_written_by_id_and_by_name() {
+        let mut board = Board::new(3, true);
+        let id = (index("posCtlPid.xKp").unwrap() as u16).to_le_bytes();
+        let value = 3.5_f32.to_le_bytes();
+        let written = ask(&mut board, 2, 2, &[&id[..], &value].concat()).unwrap();
+        assert_eq!(written, [&id[..], &value].concat());
+        assert_eq!(ask(&mut board, 2, 1, &id).unwrap(), [&id[..], &[0], &value].concat());
+        assert_eq!(board.params.gains().position_ps[0], 3.5);
+        let named = [b"\0posCtlPid\0xKp\0\x06".as_slice(), &1.5_f32.to_le_bytes()].concat();
+        assert_eq!(ask(&mut board, 2, 3, &named).unwrap(), b"\0posCtlPid\0xKp\0\0");
+        assert_eq!(board.params.gains().position_ps[0], 1.5);
+        let default = ask(&mut board, 2, 3, &[&[8][..], &id].concat()).unwrap();
+        assert_eq!(default, [&[8][..], &id, &[0], &2.0_f32.to_le_bytes()].concat());
+        let serial = (index("cpu.id0").unwrap() as u16).to_le_bytes();
+        assert!(ask(&mut board, 2, 2, &[&serial[..], &[1, 0, 0, 0]].concat()).is_none(), "read only");
+        assert_eq!(ask(&mut board, 2, 1, &serial).unwrap()[3], 3);
+        ask(&mut board, 15, 3, &[0xfe, 0xf0, 1]);
+        assert_eq!(board.params.gains().position_ps[0], 2.0);
+    }
+
+    #[test]
+    fn a_flood_of_set_points_does_not_drown_an_emergency_stop() {
+        let mut board = Board::new(0, true);
+        ask(&mut board, 9, 1, &[3]);
+        for _ in 0..100_000 {
+            ask(&mut board, 7, 0, &[0]);
+        }
+        let (orders, _) = board.take_orders();
+        assert_eq!(orders.len(), MAX_ORDERS);
+        assert!(matches!(orders.front(), Some(Order::Emergency)));
+    }
+
+    proptest! {
+        #[test]
+        fn no_datagram_stops_a_board(
+            datagrams in proptest::collection::vec(proptest::collection::vec(any::<u8>(), 0..33), 1..40)
+        ) {
+            let mut board = Board::new(0, true);
+            for datagram in datagrams {
+                if let Some(packet) = Packet::parse(&datagram) {
+                    if let Some(answer) = board.receive(&packet) {
+                        prop_assert_eq!((answer.port, answer.channel), (packet.port, packet.channel));
+                    }
+                }
+            }
+            let _ = board.take_orders();
+            board.show(Telemetry::default());
+        }
+    }
+}

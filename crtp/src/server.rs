@@ -1,0 +1,148 @@
+//! Ports for all drones, and the simulation behind them.
+
+use std::io;
+use std::net::{IpAddr, SocketAddr};
+
+use crazyflie_env::config::EffectTable;
+use crazyflie_env::model::{Model, VerticalInput};
+use crazyflie_env::noise::episode_key;
+use std::sync::Arc;
+use tokio::net::{TcpListener, UdpSocket};
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
+
+use crate::line::{Line, LinkQuality};
+use crate::pilot::PositionSource;
+use crate::simulation::{Simulation, Watcher};
+use crate::tcp;
+use crate::udp::UdpLink;
+
+/// What is flown, and where it listens.
+#[derive(Debug, Clone)]
+pub struct Settings {
+    /// Any identified vehicle.
+    pub model: Model,
+    /// Height input: one that is a PWM, as the set-points of scripts are.
+    pub vertical: VerticalInput,
+    /// Effects that are on.
+    pub effects: EffectTable,
+    /// How many.
+    pub drones: usize,
+    /// Simulated seconds per second.
+    pub speed: f64,
+    /// Of every link.
+    pub quality: LinkQuality,
+    /// Decides noise, losses and drawn parameters.
+    pub seed: u64,
+    /// Where positions come from.
+    pub positions: PositionSource,
+    /// Whether drones arm themselves.
+    pub auto_arms: bool,
+    /// Where to listen.
+    pub host: IpAddr,
+    /// UDP port of the first drone; the others follow. 0 for any.
+    pub port: u16,
+    /// TCP port of the first drone, if wanted.
+    pub tcp_port: Option<u16>,
+}
+
+/// Where a drone is reached.
+#[derive(Debug, Clone, Copy)]
+pub struct Address {
+    /// For `udp://`.
+    pub udp: SocketAddr,
+    /// For `tcp://`.
+    pub tcp: Option<SocketAddr>,
+}
+
+/// Why drones cannot be flown.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The model, its form or the effects.
+    #[error(transparent)]
+    Simulator(#[from] crazyflie_env::Error),
+    /// A port cannot be had.
+    #[error("{address}: {error}")]
+    Port {
+        /// Which one.
+        address: SocketAddr,
+        /// As the system says it.
+        error: io::Error,
+    },
+}
+
+/// Drones that listen and do not fly yet.
+pub struct Server {
+    simulation: Simulation,
+    links: Vec<(UdpLink, Option<(TcpListener, Line)>)>,
+    addresses: Vec<Address>,
+}
+
+impl Server {
+    /// Takes the ports.
+    ///
+    /// # Errors
+    /// For what cannot be flown, and ports that cannot be had.
+    pub async fn bind(settings: &Settings, watcher: Option<Watcher>) -> Result<Server, Error> {
+        let simulation = Simulation::new(settings, watcher)?;
+        let (mut links, mut addresses) = (Vec::new(), Vec::new());
+        for (drone, board) in simulation.boards().iter().enumerate() {
+            let line = |way: u64| {
+                let seed = episode_key(settings.seed, (drone as u64) << 1 | way);
+                Line::new(Arc::clone(board), settings.quality, seed)
+            };
+            let address = SocketAddr::new(settings.host, port(settings.port, drone));
+            let failed = |error| Error::Port { address, error };
+            let socket = bind_udp(address).await.map_err(failed)?;
+            let mut listens = Address { udp: socket.local_addr().map_err(failed)?, tcp: None };
+            let mut listener = None;
+            if let Some(first) = settings.tcp_port {
+                let address = SocketAddr::new(settings.host, port(first, drone));
+                let failed = |error| Error::Port { address, error };
+                let bound = TcpListener::bind(address).await.map_err(failed)?;
+                listens.tcp = Some(bound.local_addr().map_err(failed)?);
+                listener = Some((bound, line(1)));
+            }
+            links.push((UdpLink::new(socket, line(0)), listener));
+            addresses.push(listens);
+        }
+        Ok(Server { simulation, links, addresses })
+    }
+
+    /// Where the drones are reached, in order.
+    pub fn addresses(&self) -> &[Address] {
+        &self.addresses
+    }
+
+    /// Flies until it is told to stop.
+    pub async fn run(self, stop: CancellationToken) {
+        let tasks = TaskTracker::new();
+        for (udp, tcp) in self.links {
+            tasks.spawn(udp.run(stop.clone()));
+            if let Some((listener, line)) = tcp {
+                tasks.spawn(tcp::run(listener, line, stop.clone()));
+            }
+        }
+        tasks.close();
+        let (simulation, ended) = (self.simulation, stop.clone());
+        let thread = tokio::task::spawn_blocking(move || simulation.run(&ended));
+        tasks.wait().await;
+        if thread.await.is_err() {
+            tracing::error!("the simulation broke");
+        }
+    }
+}
+
+/// A socket that loses its client keeps a port that was named, not one that the system chose: so the system is
+/// asked first, and its choice is named.
+async fn bind_udp(mut address: SocketAddr) -> io::Result<UdpSocket> {
+    if address.port() == 0 {
+        address = UdpSocket::bind(address).await?.local_addr()?;
+    }
+    UdpSocket::bind(address).await
+}
+
+/// Of the drone at that place; 0 stays any.
+fn port(first: u16, drone: usize) -> u16 {
+    if first == 0 { 0 } else { first.saturating_add(drone as u16) }
+}

@@ -1,0 +1,201 @@
+//! What may fly: arming, tumbles, crashes, emergency stops, the ageing of set-points, the battery.
+
+/// The firmware's limits of the commander: level after the first, motors off after the second.
+pub(crate) const LEVEL_AFTER_S: f64 = 0.5;
+pub(crate) const STOP_AFTER_S: f64 = 2.0;
+/// The emergency-stop watchdog fires after this, once it was sent.
+const EMERGENCY_WATCHDOG_S: f64 = 1.0;
+/// Motors that turned within this time mean a flight.
+const FLYING_S: f64 = 2.0;
+/// A tilt beyond which a vehicle does not come back.
+const TUMBLE_RAD: f64 = std::f64::consts::FRAC_PI_3;
+/// Sinking speed at which legs break (the simulator's own limit of a landing).
+const CRASH_MPS: f64 = 1.5;
+/// How long the voltage must be low, and empty.
+const LOW_S: f64 = 1.0;
+const EMPTY_S: f64 = 5.0;
+
+/// Bits as clients read them.
+pub(crate) mod bit {
+    pub(crate) const CAN_BE_ARMED: u16 = 1;
+    pub(crate) const IS_ARMED: u16 = 1 << 1;
+    pub(crate) const IS_AUTO_ARMED: u16 = 1 << 2;
+    pub(crate) const CAN_FLY: u16 = 1 << 3;
+    pub(crate) const IS_FLYING: u16 = 1 << 4;
+    pub(crate) const IS_TUMBLED: u16 = 1 << 5;
+    pub(crate) const IS_LOCKED: u16 = 1 << 6;
+    pub(crate) const IS_CRASHED: u16 = 1 << 7;
+    pub(crate) const HL_ACTIVE: u16 = 1 << 8;
+    pub(crate) const HL_FINISHED: u16 = 1 << 9;
+    pub(crate) const HL_DISABLED: u16 = 1 << 10;
+}
+
+/// What a tick brought that the supervisor looks at.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Watched {
+    pub tilt_rad: f64,
+    pub impact_mps: f64,
+    pub collided: bool,
+    pub thrust: bool,
+    pub vbat_v: f64,
+}
+
+/// Voltages below which the battery counts as low and as empty, and whether tumbles count.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct SupervisorLimits {
+    pub low_v: f64,
+    pub empty_v: f64,
+    pub tumble: bool,
+}
+
+/// State of the supervisor of one drone.
+#[derive(Debug, Clone)]
+pub(crate) struct Supervisor {
+    auto_arms: bool,
+    armed: bool,
+    tumbled: bool,
+    crashed: bool,
+    locked: bool,
+    since_thrust_s: f64,
+    low_s: f64,
+    empty_s: f64,
+    /// It was empty once: without load the voltage comes back, the charge does not.
+    empty: bool,
+    watchdog_s: Option<f64>,
+}
+
+impl Supervisor {
+    pub(crate) fn new(auto_arms: bool) -> Self {
+        Supervisor {
+            auto_arms,
+            armed: auto_arms,
+            tumbled: false,
+            crashed: false,
+            locked: false,
+            since_thrust_s: f64::INFINITY,
+            low_s: 0.0,
+            empty_s: 0.0,
+            empty: false,
+            watchdog_s: None,
+        }
+    }
+
+    pub(crate) fn arm(&mut self, arm: bool) {
+        self.armed = arm && (self.armed || self.can_be_armed());
+    }
+
+    /// A vehicle that tumbled or crashed is set upright again; what is locked stays so until a restart.
+    pub(crate) fn recover(&mut self) {
+        (self.tumbled, self.crashed) = (false, false);
+        self.armed = self.auto_arms && !self.locked;
+    }
+
+    pub(crate) fn stop_for_good(&mut self) {
+        self.locked = true;
+    }
+
+    /// From now on the motors stop for good unless this is called again in time.
+    pub(crate) fn feed_watchdog(&mut self) {
+        self.watchdog_s = Some(0.0);
+    }
+
+    pub(crate) fn can_fly(&self) -> bool {
+        self.armed && !self.locked && !self.tumbled && !self.crashed
+    }
+
+    fn can_be_armed(&self) -> bool {
+        !self.locked && !self.tumbled && !self.crashed
+    }
+
+    fn is_flying(&self) -> bool {
+        self.since_thrust_s < FLYING_S
+    }
+
+    /// 0 fine, 3 low, 4 empty, as the firmware numbers the states of its battery.
+    pub(crate) fn power_state(&self) -> f64 {
+        if self.empty {
+            4.0
+        } else if self.low_s >= LOW_S {
+            3.0
+        } else {
+            0.0
+        }
+    }
+
+    pub(crate) fn tick(&mut self, now: &Watched, limits: &SupervisorLimits, tick_s: f64) {
+        self.since_thrust_s = if now.thrust { 0.0 } else { self.since_thrust_s + tick_s };
+        if limits.tumble {
+            self.tumbled |= now.collided || now.tilt_rad > TUMBLE_RAD;
+            self.crashed |= now.collided || now.impact_mps > CRASH_MPS;
+        }
+        if self.tumbled || self.crashed || self.locked {
+            self.armed = false;
+        }
+        let count = |below: bool, sum_s: f64| if below { sum_s + tick_s } else { 0.0 };
+        self.low_s = count(now.vbat_v < limits.low_v, self.low_s);
+        self.empty_s = count(now.vbat_v < limits.empty_v, self.empty_s);
+        self.empty |= self.empty_s >= EMPTY_S;
+        self.locked |= self.empty;
+        if let Some(since_s) = &mut self.watchdog_s {
+            *since_s += tick_s;
+            self.locked |= *since_s > EMERGENCY_WATCHDOG_S;
+        }
+    }
+
+    /// All but the bits of the high-level commander.
+    pub(crate) fn info(&self) -> u16 {
+        let on = |condition: bool, bit: u16| if condition { bit } else { 0 };
+        on(self.can_be_armed(), bit::CAN_BE_ARMED)
+            | on(self.armed, bit::IS_ARMED)
+            | on(self.auto_arms, bit::IS_AUTO_ARMED)
+            | on(self.can_fly(), bit::CAN_FLY)
+            | on(self.is_flying(), bit::IS_FLYING)
+            | on(self.tumbled, bit::IS_TUMBLED)
+            | on(self.locked, bit::IS_LOCKED)
+            | on(self.crashed, bit::IS_CRASHED)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LIMITS: SupervisorLimits = SupervisorLimits { low_v: 3.2, empty_v: 3.0, tumble: true };
+    const FINE: Watched =
+        Watched { tilt_rad: 0.0, impact_mps: 0.0, collided: false, thrust: true, vbat_v: 4.0 };
+
+    #[test]
+    fn a_crash_locks_until_recovery_and_an_emergency_for_good() {
+        let mut supervisor = Supervisor::new(true);
+        supervisor.tick(&FINE, &LIMITS, 0.01);
+        assert!(supervisor.can_fly() && supervisor.info() & bit::IS_FLYING != 0);
+        supervisor.tick(&Watched { impact_mps: 2.0, ..FINE }, &LIMITS, 0.01);
+        assert!(!supervisor.can_fly());
+        supervisor.arm(true);
+        assert!(!supervisor.can_fly(), "arming does not cure a crash");
+        supervisor.recover();
+        assert!(supervisor.can_fly());
+        supervisor.stop_for_good();
+        supervisor.recover();
+        assert!(!supervisor.can_fly() && supervisor.info() & bit::CAN_BE_ARMED == 0);
+    }
+
+    #[test]
+    fn an_empty_battery_and_a_silent_watchdog_lock() {
+        let mut supervisor = Supervisor::new(false);
+        assert!(!supervisor.can_fly());
+        supervisor.arm(true);
+        for _ in 0..499 {
+            supervisor.tick(&Watched { vbat_v: 2.9, ..FINE }, &LIMITS, 0.01);
+        }
+        assert!(supervisor.can_fly() && supervisor.power_state() == 3.0);
+        for _ in 0..3 {
+            supervisor.tick(&Watched { vbat_v: 2.9, ..FINE }, &LIMITS, 0.01);
+        }
+        assert!(!supervisor.can_fly() && supervisor.power_state() == 4.0);
+        let mut watched = Supervisor::new(true);
+        watched.feed_watchdog();
+        (0..110).for_each(|_| watched.tick(&FINE, &LIMITS, 0.01));
+        assert!(!watched.can_fly());
+    }
+}

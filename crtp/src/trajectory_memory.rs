@@ -1,0 +1,185 @@
+//! Memories that clients read and write: the one that holds trajectories.
+
+use crate::packet::Fields;
+use crate::polynomial::{Piece, bezier};
+
+/// Bytes of the trajectory memory, as in the firmware.
+const SIZE: usize = 4096;
+const TYPE_TRAJECTORY: u8 = 0x12;
+/// Most bytes in a packet after memory, address and status.
+const MAX_READ: usize = 24;
+/// Numbers of a piece that is not compressed: four axes of eight coefficients, and the duration.
+const PIECE: usize = 33 * 4;
+
+const EIO: u8 = 5;
+
+/// A trajectory in the memory.
+#[derive(Debug, Clone, Copy)]
+struct Definition {
+    offset: usize,
+    pieces: u8,
+    compressed: bool,
+}
+
+/// The memory, and what was said of it.
+pub(crate) struct TrajectoryMemory {
+    bytes: Box<[u8; SIZE]>,
+    definitions: [Option<Definition>; 256],
+}
+
+impl TrajectoryMemory {
+    pub(crate) fn new() -> Self {
+        TrajectoryMemory { bytes: Box::new([0; SIZE]), definitions: [None; 256] }
+    }
+
+    /// Answers requests about the list of memories: this one alone.
+    pub(crate) fn info(&self, request: &[u8]) -> Option<Vec<u8>> {
+        let mut fields = Fields(request);
+        match fields.u8()? {
+            1 => Some(vec![1, 1]),
+            2 => {
+                let id = fields.u8()?;
+                let mut answer = vec![2, id];
+                if id == 0 {
+                    answer.push(TYPE_TRAJECTORY);
+                    answer.extend((SIZE as u32).to_le_bytes());
+                    answer.extend([0; 8]);
+                }
+                Some(answer)
+            }
+            _ => None,
+        }
+    }
+
+    fn range(id: u8, address: u32, len: usize) -> Option<std::ops::Range<usize>> {
+        let first = usize::try_from(address).ok()?;
+        let last = first.checked_add(len)?;
+        (id == 0 && last <= SIZE).then_some(first..last)
+    }
+
+    /// Answers a request to read.
+    pub(crate) fn read(&self, request: &[u8]) -> Option<Vec<u8>> {
+        let mut fields = Fields(request);
+        let (id, address, len) = (fields.u8()?, fields.u32()?, usize::from(fields.u8()?).min(MAX_READ));
+        let found = Self::range(id, address, len).map(|range| &self.bytes[range]);
+        let status = if found.is_some() { 0 } else { EIO };
+        Some([&[id][..], &address.to_le_bytes(), &[status], found.unwrap_or_default()].concat())
+    }
+
+    /// Carries out a request to write.
+    pub(crate) fn write(&mut self, request: &[u8]) -> Option<Vec<u8>> {
+        let mut fields = Fields(request);
+        let (id, address, data) = (fields.u8()?, fields.u32()?, fields.rest());
+        let range = Self::range(id, address, data.len());
+        let status = if range.is_some() { 0 } else { EIO };
+        if let Some(range) = range {
+            self.bytes[range].copy_from_slice(data);
+        }
+        Some([&[id][..], &address.to_le_bytes(), &[status]].concat())
+    }
+
+    /// Names a trajectory: id, location (1, the memory), type, offset, number of pieces. Whether it can be.
+    pub(crate) fn define(&mut self, mut fields: Fields<'_>) -> Option<bool> {
+        let (id, location, kind) = (fields.u8()?, fields.u8()?, fields.u8()?);
+        let (offset, pieces) = (fields.u32()?, fields.u8()?);
+        let fine = location == 1 && kind <= 1 && (offset as usize) < SIZE;
+        if fine {
+            self.definitions[usize::from(id)] =
+                Some(Definition { offset: offset as usize, pieces, compressed: kind == 1 });
+        }
+        Some(fine)
+    }
+
+    /// The pieces of a trajectory, as the memory holds them now.
+    pub(crate) fn pieces(&self, id: u8) -> Option<Vec<Piece>> {
+        let Definition { offset, pieces, compressed } = self.definitions[usize::from(id)]?;
+        let bytes = &self.bytes[offset..];
+        if compressed {
+            return compressed_pieces(Fields(bytes), pieces);
+        }
+        (0..usize::from(pieces)).map(|i| piece(Fields(bytes.get(i * PIECE..)?))).collect()
+    }
+}
+
+fn piece(mut fields: Fields<'_>) -> Option<Piece> {
+    let axes = [fields.f32s()?, fields.f32s()?, fields.f32s()?, fields.f32s()?];
+    Some(Piece { duration_s: fields.f32()?, axes })
+}
+
+/// Millimetres and tenths of a degree: where it starts, then for each piece the degrees of the axes, two bits
+/// each, its milliseconds, and the control points after the first.
+fn compressed_pieces(mut fields: Fields<'_>, pieces: u8) -> Option<Vec<Piece>> {
+    const UNIT: [f64; 4] = [1e-3, 1e-3, 1e-3, 0.1 * std::f64::consts::PI / 180.0];
+    let start: [f64; 4] = fields.i16s()?;
+    let mut now: [f64; 4] = std::array::from_fn(|i| start[i] * UNIT[i]);
+    let mut all = Vec::new();
+    for _ in 0..pieces {
+        let degrees = fields.u8()?;
+        let duration_s = f64::from(fields.u16()?) * 1e-3;
+        let mut axes = [[0.0; 8]; 4];
+        for (i, axis) in axes.iter_mut().enumerate() {
+            let count = [0, 1, 3, 7][usize::from(degrees >> (2 * i) & 3)];
+            let points: Vec<f64> = (0..count)
+                .map(|_| fields.i16().map(|number| f64::from(number) * UNIT[i]))
+                .collect::<Option<_>>()?;
+            *axis = bezier(now[i], &points, duration_s);
+            now[i] = *points.last().unwrap_or(&now[i]);
+        }
+        all.push(Piece { duration_s, axes });
+    }
+    Some(all)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn defined(kind: u8, pieces: u8, bytes: &[u8]) -> TrajectoryMemory {
+        let mut memory = TrajectoryMemory::new();
+        for (i, chunk) in bytes.chunks(24).enumerate() {
+            let address = (24 * i) as u32;
+            let answer = memory.write(&[&[0][..], &address.to_le_bytes(), chunk].concat()).unwrap();
+            assert_eq!(answer[5], 0);
+        }
+        assert_eq!(memory.define(Fields(&[3, 1, kind, 0, 0, 0, 0, pieces])), Some(true));
+        memory
+    }
+
+    #[test]
+    fn what_was_uploaded_is_flown() {
+        let numbers: Vec<f32> = (0..33).map(|i| i as f32).collect();
+        let bytes: Vec<u8> = numbers.iter().flat_map(|number| number.to_le_bytes()).collect();
+        let pieces = defined(0, 1, &bytes).pieces(3).unwrap();
+        assert_eq!(pieces[0].duration_s, 32.0);
+        assert_eq!(pieces[0].axes[3][7], 31.0);
+        assert!(defined(0, 1, &bytes).pieces(4).is_none());
+    }
+
+    #[test]
+    fn compressed_trajectories_go_on_from_their_last_point() {
+        let mut bytes = Vec::new();
+        for number in [1000_i16, 0, 500, 0] {
+            bytes.extend(number.to_le_bytes());
+        }
+        for end in [2000_i16, 3000] {
+            bytes.extend([0b0000_0001, 0xe8, 0x03]);
+            bytes.extend(end.to_le_bytes());
+        }
+        let pieces = defined(1, 2, &bytes).pieces(3).unwrap();
+        assert!((pieces[0].at(1.0).at[0] - 2.0).abs() < 1e-9 && (pieces[1].at(0.0).at[0] - 2.0).abs() < 1e-9);
+        assert!((pieces[1].at(1.0).at[0] - 3.0).abs() < 1e-9 && (pieces[1].at(1.0).at[2] - 0.5).abs() < 1e-9);
+    }
+
+    proptest! {
+        #[test]
+        fn no_request_leaves_the_memory(request in proptest::collection::vec(any::<u8>(), 0..31)) {
+            let mut memory = TrajectoryMemory::new();
+            let _ = (memory.info(&request), memory.read(&request), memory.write(&request));
+            if memory.define(Fields(&request)) == Some(true) {
+                let _ = memory.pieces(request[0]);
+            }
+        }
+    }
+}

@@ -1,0 +1,586 @@
+"""Stock cflib, unchanged, flies the program `crazyflie cf2` over real sockets.
+
+Simulations run faster than the clock (`--speed`), where scripts would only sleep. Set-points age by the clock then."""
+
+import contextlib
+import json
+import math
+import os
+import socket
+import struct
+import subprocess
+import sys
+import threading
+import time
+import warnings
+from pathlib import Path
+
+import pytest
+
+cflib = pytest.importorskip("cflib")
+
+import cflib.crtp  # noqa: E402
+from cflib.crazyflie import Crazyflie  # noqa: E402
+from cflib.crazyflie.log import LogConfig  # noqa: E402
+from cflib.crazyflie.mem import CompressedSegment, CompressedStart, MemoryElement, Poly4D  # noqa: E402
+from cflib.crazyflie.swarm import CachedCfFactory, Swarm  # noqa: E402
+from cflib.crazyflie.syncCrazyflie import SyncCrazyflie  # noqa: E402
+from cflib.positioning.motion_commander import MotionCommander  # noqa: E402
+from cflib.positioning.position_hl_commander import PositionHlCommander  # noqa: E402
+from cflib.utils.reset_estimator import reset_estimator  # noqa: E402
+
+PROGRAM = os.environ.get("CRAZYFLIE", str(Path(sys.executable).with_name("crazyflie")))
+SPEED = 8
+
+
+@pytest.fixture(scope="module", autouse=True)
+def drivers():
+    cflib.crtp.init_drivers()
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    return str(tmp_path_factory.mktemp("cache"))
+
+
+@contextlib.contextmanager
+def simulated(*options, port=0):
+    """The program; addresses of its drones."""
+    command = [PROGRAM, "cf2", "--json", "--port", str(port), *map(str, options)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    try:
+        yield json.loads(process.stdout.readline())["drones"]
+        assert process.poll() is None, "it flies on, whatever was sent"
+    finally:
+        process.terminate()
+        assert process.wait(timeout=10) == 0
+
+
+class Link:
+    """A connected Crazyflie that keeps what it is told of itself."""
+
+    VARIABLES = (
+        *(f"stateEstimate.{name}" for name in ("x", "y", "z", "vx", "yaw")),
+        "stabilizer.thrust",
+    )
+
+    def __init__(self, scf, speed):
+        self.cf, self.speed, self.now, self.heights = scf.cf, speed, {}, []
+        scf.wait_for_params()
+        config = LogConfig("state", 50)
+        for name in self.VARIABLES:
+            config.add_variable(name)
+        self.cf.log.add_config(config)
+        config.data_received_cb.add_callback(self.take)
+        config.start()
+        self.until(lambda: self.now)
+
+    def take(self, _time, values, _config):
+        self.now = values
+        self.heights.append(values["stateEstimate.z"])
+
+    def until(self, condition, seconds=5):
+        """Waits for something to become true, in real time."""
+        end = time.monotonic() + seconds
+        while not condition():
+            assert time.monotonic() < end, f"still not after {seconds} s: {self.now}"
+            time.sleep(0.01)
+
+    @property
+    def place(self):
+        return tuple(self.now[f"stateEstimate.{axis}"] for axis in "xyz")
+
+    def sleep(self, seconds):
+        """Simulated seconds."""
+        time.sleep(seconds / self.speed)
+
+    def repeat(self, seconds, send, *values):
+        """The same set-point for so many simulated seconds."""
+        end = time.monotonic() + seconds / self.speed
+        while time.monotonic() < end:
+            send(*values)
+            time.sleep(0.02)
+
+    def is_at(self, *place, within=0.1):
+        assert math.dist(self.place, place) < within, f"at {self.place}, not at {place}"
+
+    def take_off(self, height=0.5):
+        self.cf.high_level_commander.takeoff(height, 2.0)
+        self.sleep(3)
+
+
+@contextlib.contextmanager
+def flying(uri, cache, speed=SPEED):
+    with SyncCrazyflie(uri, cf=Crazyflie(rw_cache=cache)) as scf:
+        yield Link(scf, speed)
+
+
+@pytest.fixture
+def drone():
+    """The address of a drone that nobody has flown."""
+    with simulated("--speed", SPEED) as drones:
+        yield drones[0]["udp"]
+
+
+@pytest.fixture
+def link(drone, cache):
+    """A connected one."""
+    with flying(drone, cache) as link:
+        yield link
+
+
+def restart(uri):
+    """As by the power button."""
+    host, port = uri.removeprefix("udp://").split(":")
+    end = time.monotonic() + 5
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as raw:
+        raw.connect((host, int(port)))
+        raw.settimeout(0.2)
+        while time.monotonic() < end:
+            with contextlib.suppress(OSError):
+                raw.send(b"\xff\xfe\xf0\x01")
+                raw.recv(64)
+                break
+            time.sleep(0.05)
+        else:
+            raise AssertionError("the drone stays another client's")
+    # until the drone has noticed that this client is gone
+    time.sleep(0.15)
+
+
+def test_a_scan_finds_every_drone_and_takes_none(cache):
+    with simulated("--drones", 3, port=19850) as drones:
+        found = [uri for uri, _ in cflib.crtp.scan_interfaces() if uri.startswith("udp://")]
+        assert found == [drone["udp"] for drone in drones] == [f"udp://127.0.0.1:{19850 + i}" for i in range(3)]
+        with flying(found[1], cache, speed=1) as link:
+            assert link.cf.param.get_value("cpu.id0") == "1"
+
+
+def test_tables_come_once_and_then_from_the_cache(tmp_path):
+    with simulated() as drones:
+        uri, tables = drones[0]["udp"], []
+        for _ in range(2):
+            sent = []
+            cf = Crazyflie(rw_cache=str(tmp_path))
+            cf.packet_sent.add_callback(sent.append)
+            with SyncCrazyflie(uri, cf=cf) as scf:
+                scf.wait_for_params()
+                items = [packet for packet in sent if packet.channel == 0 and packet.port in (2, 5)]
+                tables.append((cf.param.toc.toc.keys(), cf.log.toc.toc.keys(), len(items)))
+                values = [(group, name) for group, names in cf.param.values.items() for name in names]
+                assert len(values) == sum(map(len, cf.param.toc.toc.values())) > 60
+        assert tables[0][2] > 140 and tables[1][2] == 2, "the second time, two checksums are enough"
+        listed = json.loads(subprocess.run([PROGRAM, "cf2", "--tables", "--json"], capture_output=True).stdout)
+        assert {f"{group}.{name}" for group, name in values} == {param["name"] for param in listed["parameters"]}
+
+
+def test_log_blocks_come_as_often_as_they_should(cache):
+    with simulated() as drones, flying(drones[0]["udp"], cache, speed=1) as link:
+        times = {}
+        for period in (10, 20, 100, 1000):
+            config = LogConfig(str(period), period)
+            config.add_variable("stateEstimate.z", "FP16")
+            config.add_variable("pm.vbat", "float")
+            config.add_variable("supervisor.info")
+            link.cf.log.add_config(config)
+            config.data_received_cb.add_callback(
+                lambda stamp, values, config: times.setdefault(config.period_in_ms, []).append((stamp, values))
+            )
+            config.start()
+        time.sleep(2.5)
+        for block in link.cf.log.log_blocks:
+            block.stop()
+        time.sleep(0.1)
+        for period, got in times.items():
+            assert abs(len(got) - 2500 / period) <= 1 + 0.1 * 2500 / period, (period, len(got))
+            stamps = [stamp for stamp, _ in got]
+            assert all(b - a == period for a, b in zip(stamps[2:], stamps[3:], strict=False)), stamps
+            assert got[0][1]["pm.vbat"] == pytest.approx(4.2)
+        counts = {period: len(got) for period, got in times.items()}
+        time.sleep(0.3)
+        assert counts == {period: len(got) for period, got in times.items()}, "what is stopped is silent"
+
+
+def test_parameters_change_the_flight(link):
+    param = link.cf.param
+    param.set_value("posCtlPid.xVelMax", 0.2)
+    defaults = []
+    param.get_default_value("posCtlPid.xVelMax", lambda _, value: defaults.append(value))
+    link.until(lambda: defaults)
+    assert defaults == [1.0] and float(param.get_value("posCtlPid.xVelMax")) == pytest.approx(0.2)
+    with pytest.raises(AttributeError):
+        param.set_value("deck.bcFlow2", 1)
+    link.take_off()
+    speeds = []
+    for limit in (0.2, 0.6):
+        param.set_value("posCtlPid.xVelMax", limit)
+        start, far = link.place[0], link.place[0] + 3
+        link.repeat(3, link.cf.commander.send_position_setpoint, far, 0, 0.5, 0)
+        speeds.append(link.now["stateEstimate.vx"])
+        assert link.place[0] > start
+    assert speeds == pytest.approx([0.2, 0.6], abs=0.06)
+
+
+def test_an_estimator_reset_is_what_scripts_wait_for(link):
+    spread = []
+    config = LogConfig("spread", 10)
+    config.add_variable("kalman.varX")
+    config.add_variable("stateEstimate.x")
+    link.cf.log.add_config(config)
+    config.data_received_cb.add_callback(lambda _, values, __: spread.append(values["kalman.varX"]))
+    config.start()
+    link.cf.param.set_value("kalman.initialX", 3)
+    link.until(lambda: len(spread) > 20)
+    settled = spread[-1]
+    before = time.monotonic()
+    reset_estimator(link.cf)
+    assert time.monotonic() - before < 20 / SPEED
+    assert max(spread) > 100 > 1e-4 > settled and spread[-1] == pytest.approx(settled, rel=0.2)
+    link.is_at(0, 0, 0, within=0.02)
+
+
+def test_arming(cache):
+    with simulated("--speed", SPEED, "--no-auto-arm") as drones, flying(drones[0]["udp"], cache) as link:
+        supervisor = link.cf.supervisor
+        assert supervisor.read_state_list() == ["Can be armed"]
+        link.take_off()
+        link.is_at(0, 0, 0)
+        supervisor.send_arming_request(True)
+        link.sleep(1)
+        assert {"Is armed", "Can fly"} <= set(supervisor.read_state_list())
+        link.take_off()
+        link.is_at(0, 0, 0.5)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)
+            link.cf.platform.send_arming_request(False)
+        link.until(lambda: link.now["stabilizer.thrust"] == 0)
+
+
+def test_attitude_set_points_need_a_thrust_of_nothing_first(link):
+    send = link.cf.commander.send_setpoint
+    link.repeat(1, send, 0, 0, 0, 45000)
+    link.is_at(0, 0, 0, within=0.02)
+    send(0, 0, 0, 0)
+    link.repeat(1.5, send, 0, 0, 0, 45000)
+    assert link.place[2] > 0.5
+    link.repeat(1, send, 0, 5, 0, 39343)
+    assert link.now["stateEstimate.vx"] > 0.2, "a positive pitch flies forward"
+    link.repeat(1, send, 0, 0, 0, 39343)
+
+
+def test_set_points_of_every_kind(link):
+    commander = link.cf.commander
+    link.repeat(4, commander.send_zdistance_setpoint, 0, 0, 0, 0.6)
+    link.is_at(0, 0, 0.6)
+    x, y, _ = link.place
+    link.repeat(3, commander.send_hover_setpoint, 0.2, 0, 0, 0.6)
+    assert link.place[0] - x == pytest.approx(0.6, abs=0.2)
+    link.repeat(1, commander.send_hover_setpoint, 0, 0, 90, 0.6)
+    link.repeat(2, commander.send_hover_setpoint, 0, 0, 0, 0.6)
+    assert link.now["stateEstimate.yaw"] == pytest.approx(90, abs=25), "counter-clockwise"
+    y = link.place[1]
+    link.repeat(3, commander.send_hover_setpoint, 0.2, 0, 0, 0.6)
+    assert link.place[1] - y == pytest.approx(0.6, abs=0.25), "along the nose"
+    link.repeat(2, commander.send_velocity_world_setpoint, -0.2, 0, 0.1, 0)
+    assert link.now["stateEstimate.vx"] == pytest.approx(-0.2, abs=0.08)
+    link.repeat(6, commander.send_position_setpoint, 0.5, -0.5, 0.8, 0)
+    link.is_at(0.5, -0.5, 0.8)
+    turned = (0, 0, math.sin(math.pi / 8), math.cos(math.pi / 8))
+    zero = (0, 0, 0)
+    link.repeat(6, lambda: commander.send_full_state_setpoint((0, 0, 0.5), zero, zero, turned, 0, 0, 0))
+    link.is_at(0, 0, 0.5)
+    assert link.now["stateEstimate.yaw"] == pytest.approx(45, abs=5)
+    x = link.place[0]
+    hover = 100 * (39343 - 10001) / (60000 - 10001)
+    link.repeat(1.2, commander.send_setpoint_manual, 0, 5, 0, hover, False)
+    assert math.dist(link.place[:2], (0, 0)) > 0.1
+    commander.send_stop_setpoint()
+    link.until(lambda: link.now["stabilizer.thrust"] == 0)
+
+
+def test_motion_commander(cache):
+    # its own thread sends five set-points a second: at this speed one for each 0.3 s
+    with simulated("--speed", 1.5) as drones, flying(drones[0]["udp"], cache, 1.5) as link:
+        with MotionCommander(link.cf, default_height=0.3) as commander:
+            assert link.place[2] == pytest.approx(0.3, abs=0.12)
+            x = link.place[0]
+            commander.forward(0.4, velocity=0.5)
+            commander.stop()
+            time.sleep(1)
+            # by the clock of the script: the simulation is half as fast again
+            assert link.place[0] - x == pytest.approx(0.6, abs=0.2)
+        link.until(lambda: link.now["stabilizer.thrust"] == 0)
+        link.sleep(2)
+        assert link.place[2] < 0.05
+
+
+def test_position_commander(link):
+    with PositionHlCommander(link.cf, default_height=0.5, default_velocity=0.5 * SPEED) as commander:
+        commander.go_to(0.5, 0.2)
+        link.sleep(2)
+        link.is_at(0.5, 0.2, 0.5)
+        commander.back(0.5)
+        link.sleep(2)
+        link.is_at(0, 0.2, 0.5)
+    link.sleep(1)
+    assert link.place[2] < 0.05
+
+
+def upload(link, trajectory, kind):
+    memory = link.cf.mem.get_mems(MemoryElement.TYPE_TRAJ)[0]
+    memory.trajectory = trajectory
+    assert memory.write_data_sync()
+    pieces = len(trajectory) - (1 if kind else 0)
+    link.cf.high_level_commander.define_trajectory(1, 0, pieces, type=kind)
+
+
+def test_the_high_level_commander(link):
+    commander = link.cf.high_level_commander
+    link.take_off(0.5)
+    link.is_at(0, 0, 0.5)
+    commander.go_to(0.6, 0, 0, 0, 3, relative=True)
+    link.sleep(4)
+    link.is_at(0.6, 0, 0.5)
+    commander.go_to(0, 0.3, 0.7, math.pi / 2, 3)
+    link.sleep(4)
+    link.is_at(0, 0.3, 0.7)
+    assert link.now["stateEstimate.yaw"] == pytest.approx(90, abs=5)
+    assert {"HL control is active", "Finished HL trajectory"} <= set(link.cf.supervisor.read_state_list())
+    commander.spiral(math.pi, 0.3, 0.3, 0.1, 4)
+    link.sleep(5)
+    link.is_at(-0.6, 0.3, 0.8, within=0.12)
+    commander.land(0.0, 2.0)
+    link.until(lambda: link.now["stabilizer.thrust"] == 0)
+    link.sleep(1)
+    assert link.place[2] < 0.03 and link.cf.supervisor.can_fly
+
+
+def test_uploaded_trajectories(link):
+    commander = link.cf.high_level_commander
+    link.take_off(0.5)
+    # a straight metre in x with a smooth start and end: 10 s^3 - 15 s^4 + 6 s^5 over 4 s
+    x = Poly4D.Poly([0, 0, 0, 10 / 4**3, -15 / 4**4, 6 / 4**5, 0, 0])
+    upload(link, [Poly4D(4, x=x, z=Poly4D.Poly([0.5] + [0] * 7))], commander.TRAJECTORY_TYPE_POLY4D)
+    commander.start_trajectory(1)
+    link.sleep(2)
+    assert 0.1 < link.place[0] < 0.6
+    link.sleep(3)
+    link.is_at(1, 0, 0.5)
+    commander.start_trajectory(1, reversed=True)
+    link.sleep(5)
+    link.is_at(0, 0, 0.5)
+    segment = CompressedSegment(3, [0, 0.5, 0.5], [], [0.0, 0.2, 0.2], [])
+    upload(link, [CompressedStart(0, 0, 0, 0), segment], commander.TRAJECTORY_TYPE_POLY4D_COMPRESSED)
+    commander.start_trajectory(1, relative_position=True)
+    link.sleep(4.5)
+    link.is_at(0.5, 0, 0.7)
+
+
+def test_a_swarm_flies_a_choreography(cache):
+    with simulated("--drones", 8, "--speed", SPEED) as drones:
+        uris = [drone["udp"] for drone in drones]
+        seen = {}
+
+        def dance(scf, index):
+            link = Link(scf, SPEED)
+            x, y, _ = link.place
+            link.take_off(0.4 + 0.05 * index)
+            commander = scf.cf.high_level_commander
+            # all a place on: half a metre to the right and back, each at its own height
+            for side in (0.5, -0.5):
+                commander.go_to(side, 0, 0, 0, 2, relative=True)
+                link.sleep(3.5)
+                seen.setdefault(index, []).append((link.place[0] - x, link.place[1] - y, link.place[2]))
+            commander.land(0, 2)
+            link.sleep(3)
+            seen[index].append(link.place[2])
+
+        with Swarm(uris, factory=CachedCfFactory(rw_cache=cache)) as swarm:
+            swarm.parallel_safe(dance, {uri: [index] for index, uri in enumerate(uris)})
+        assert len(seen) == 8
+        for index, (there, back, height) in seen.items():
+            assert there == pytest.approx((0.5, 0, 0.4 + 0.05 * index), abs=0.1), index
+            assert back == pytest.approx((0, 0, 0.4 + 0.05 * index), abs=0.1), index
+            assert height < 0.05
+
+
+def test_an_emergency_stop_holds_until_a_restart(drone, cache):
+    with flying(drone, cache) as link:
+        link.take_off()
+        link.cf.supervisor.send_emergency_stop()
+        link.until(lambda: link.now["stabilizer.thrust"] == 0)
+        link.sleep(1.5)
+        states = set(link.cf.supervisor.read_state_list())
+        assert "Is locked" in states and not states & {"Can fly", "Can be armed"}
+        link.cf.supervisor.send_crash_recovery_request()
+        link.take_off()
+        assert link.place[2] < 0.05
+    restart(drone)
+    with flying(drone, cache) as link:
+        link.take_off()
+        link.is_at(0, 0, 0.5)
+
+
+def test_what_falls_too_hard_lies_until_it_is_recovered(link):
+    link.take_off(0.8)
+    link.cf.high_level_commander.stop()
+    link.until(lambda: link.place[2] < 0.05)
+    link.sleep(0.5)
+    states = set(link.cf.supervisor.read_state_list())
+    assert "Is crashed" in states and "Can fly" not in states
+    link.take_off()
+    assert link.place[2] < 0.05
+    link.cf.supervisor.send_crash_recovery_request()
+    link.take_off()
+    link.is_at(0, 0, 0.5)
+
+
+def test_set_points_that_stop_are_levelled_and_then_dropped(cache):
+    with simulated() as drones, flying(drones[0]["udp"], cache, speed=1) as link:
+        link.repeat(2, link.cf.commander.send_zdistance_setpoint, 0, 0, 0, 0.5)
+        link.repeat(0.4, link.cf.commander.send_zdistance_setpoint, 5, 0, 0, 0.5)
+        angles = []
+        config = LogConfig("asked", 10)
+        config.add_variable("controller.roll")
+        config.add_variable("stabilizer.thrust")
+        link.cf.log.add_config(config)
+        start = time.monotonic()
+
+        def take(_, values, __):
+            angles.append((time.monotonic() - start, *values.values()))
+
+        config.data_received_cb.add_callback(take)
+        link.cf.commander.send_zdistance_setpoint(5, 0, 0, 0.5)
+        config.start()
+        time.sleep(2.4)
+        level = min(t for t, roll, thrust in angles if abs(roll) < 2 and thrust > 0)
+        off = min(t for t, _, thrust in angles if thrust == 0)
+        assert level == pytest.approx(0.5, abs=0.15) and off == pytest.approx(2.0, abs=0.15), (level, off)
+        assert "Can fly" not in link.cf.supervisor.read_state_list(), "it fell from half a metre"
+
+
+def test_an_empty_battery_stops_the_motors(cache):
+    battery = '{"battery_sag": {"exponent": 0.5, "charge": 0.05, "resistance_ohm": 0.1}}'
+    with simulated("--speed", 5, "--effects", battery) as drones, flying(drones[0]["udp"], cache, 5) as link:
+        power = []
+        config = LogConfig("power", 50)
+        config.add_variable("pm.vbat", "float")
+        config.add_variable("pm.state", "uint8_t")
+        link.cf.log.add_config(config)
+        config.data_received_cb.add_callback(lambda _, values, __: power.append(tuple(values.values())))
+        config.start()
+        link.take_off(0.4)
+        assert link.place[2] > 0.3
+        link.until(lambda: link.now["stabilizer.thrust"] == 0, seconds=8)
+        link.sleep(1)
+        assert min(volts for volts, _ in power) < 3.0
+        assert {state for _, state in power} >= {0, 3, 4}
+        assert link.cf.supervisor.is_locked
+
+
+def test_a_client_that_was_cut_off_can_come_back(drone, cache):
+    lost = Crazyflie(rw_cache=cache)
+    cut = SyncCrazyflie(drone, cf=lost)
+    cut.open_link()
+    cut.wait_for_params()
+    lost.high_level_commander.takeoff(0.5, 2)
+    # the network is gone: neither a farewell nor a closed socket reaches the drone
+    lost.link_statistics.stop()
+    lost.link._thread.stop()
+    quiet = lost.link.socket
+    lost.link = None
+    start, again = time.monotonic(), None
+    while again is None:
+        assert time.monotonic() - start < 6
+        try:
+            again = SyncCrazyflie(drone, cf=Crazyflie(rw_cache=cache))
+            again.open_link()
+        except Exception:
+            again = None
+            time.sleep(0.1)
+    assert time.monotonic() - start > 2, "who was heard a moment ago is not replaced"
+    with contextlib.closing(quiet), contextlib.closing(again):
+        again.close = again.close_link
+        link = Link(again, SPEED)
+        link.is_at(0, 0, 0.5)
+        link.cf.high_level_commander.land(0, 2)
+        link.until(lambda: link.now["stabilizer.thrust"] == 0)
+
+
+def test_a_second_client_is_refused_at_once(link, drone, cache):
+    failed = []
+    second = Crazyflie(rw_cache=cache)
+    second.connection_failed.add_callback(lambda uri, message: failed.append((uri, message)))
+    start = time.monotonic()
+    second.open_link(drone)
+    link.until(lambda: failed)
+    assert time.monotonic() - start < 2 and "refused" in failed[0][1]
+    second.close_link()
+    link.take_off()
+    link.is_at(0, 0, 0.5)
+
+
+def test_losses_and_latency(cache):
+    with simulated("--loss", 0.3, "--latency", 0.02, "--seed", 3) as drones:
+        with flying(drones[0]["udp"], cache, speed=1) as link:
+            echoes = []
+            link.cf.link_statistics.latency.latency_updated.add_callback(echoes.append)
+            count = len(link.heights)
+            time.sleep(2)
+            got = len(link.heights) - count
+            assert 0.5 * 40 < got < 0.9 * 40, got
+            assert 40 <= echoes[-1] < 70, "there and back"
+            link.repeat(3, link.cf.commander.send_hover_setpoint, 0, 0, 0, 0.5)
+            link.is_at(0, 0, 0.5)
+
+
+def test_over_tcp(cache):
+    with simulated("--speed", SPEED, "--tcp", 0) as drones:
+        uri = drones[0]["tcp"]
+        with flying(uri, cache) as link:
+            link.take_off()
+            link.is_at(0, 0, 0.5)
+
+
+def test_positions_of_the_script_are_believed(cache):
+    with simulated("--speed", SPEED, "--position", "none") as drones, flying(drones[0]["udp"], cache) as link:
+        link.repeat(2, link.cf.extpos.send_extpos, 1.0, 2.0, 0.0)
+        link.is_at(1, 2, 0, within=0.05)
+        link.repeat(2, link.cf.extpos.send_extpose, -1.0, 0.5, 0.0, 0, 0, math.sin(0.5), math.cos(0.5))
+        link.is_at(-1, 0.5, 0, within=0.1)
+        assert math.radians(link.now["stateEstimate.yaw"]) == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.parametrize("source", ["aruco", "mocap"])
+def test_positions_from_outside(cache, source):
+    with simulated("--speed", SPEED, "--position", source) as drones, flying(drones[0]["udp"], cache) as link:
+        link.take_off(0.7)
+        link.cf.high_level_commander.go_to(0.2, 0, 0.7, 0, 2)
+        link.sleep(4)
+        link.is_at(0.2, 0, 0.7, within=0.15)
+
+
+def test_a_flood_and_nonsense_change_nothing(drone, link):
+    link.take_off()
+    host, port = drone.removeprefix("udp://").split(":")
+    stop = threading.Event()
+
+    def flood():
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as raw:
+            for i in range(20000):
+                if stop.is_set():
+                    return
+                with contextlib.suppress(OSError):
+                    raw.sendto(os.urandom(i % 60), (host, int(port)))
+
+    thread = threading.Thread(target=flood)
+    thread.start()
+    # and from the one client that is heard: ports and channels that there are not
+    for header in range(256):
+        if header >> 4 in (1, 10, 11, 12, 14):
+            link.cf.link.socket.send(bytes([header]) + struct.pack("<I", header))
+    link.sleep(3)
+    stop.set()
+    thread.join()
+    link.is_at(0, 0, 0.5)
+    assert link.cf.supervisor.is_flying
