@@ -22,6 +22,7 @@ test:
 	$(BIN)/crazyflie effects --markdown | diff docs/effects.md - || { echo "docs/effects.md is stale: make docs"; exit 1; }
 	$(BIN)/crazyflie actions --markdown | diff docs/actions.md - || { echo "docs/actions.md is stale: make docs"; exit 1; }
 	$(BIN)/crazyflie tasks --markdown | diff docs/tasks.md - || { echo "docs/tasks.md is stale: make docs"; exit 1; }
+	$(BIN)/crazyflie cf2 --tables --markdown | diff docs/cflib.md - || { echo "docs/cflib.md is stale: make docs"; exit 1; }
 	$(BIN)/crazyflie model --schema | diff docs/model.schema.json - || { echo "docs/model.schema.json is stale: make docs"; exit 1; }
 	sh tests/chromium.sh
 	$(BIN)/python -m pytest -q -n 2 --dist loadfile --ignore tests/python/page
@@ -44,6 +45,7 @@ bench: $(VENV)/.bench
 	$(BIN)/python python_client/bench.py
 	$(BIN)/python python_client/bench_training.py
 	$(BIN)/python python_client/bench_remote.py
+	$(BIN)/python python_client/bench_cflib.py
 
 # One of each that CONTRIBUTING.md tells how to add is added to a copy and found everywhere: minutes of compiling.
 .PHONY: doors
@@ -59,6 +61,7 @@ docs: $(VENV)/.demo
 	$(BIN)/crazyflie effects --markdown > docs/effects.md
 	$(BIN)/crazyflie actions --markdown > docs/actions.md
 	$(BIN)/crazyflie tasks --markdown > docs/tasks.md
+	$(BIN)/crazyflie cf2 --tables --markdown > docs/cflib.md
 	$(BIN)/crazyflie model --schema > docs/model.schema.json
 	$(BIN)/python tests/readme.py
 
@@ -77,7 +80,7 @@ docs/page.png: $(VENV)/.test
 	$(BIN)/python tests/python/page/picture.py $@
 
 # Everything that the wheel is made of.
-SOURCES := $(shell git ls-files 'env/src/*' 'env/models/*' 'cli/src/*' 'cli/templates/*' 'control/src/*' 'identify/src/*' 'logs/src/*' 'picture/src/*' 'server/src/*' 'server/page/*' 'server/scenarios/*' 'statistics/src/*' 'server/build.rs' 'python_client/*' '*.toml' Cargo.lock)
+SOURCES := $(shell git ls-files 'env/src/*' 'env/models/*' 'cli/src/*' 'cli/templates/*' 'control/src/*' 'crtp/src/*' 'identify/src/*' 'logs/src/*' 'picture/src/*' 'server/src/*' 'server/page/*' 'server/scenarios/*' 'statistics/src/*' 'server/build.rs' 'python_client/*' '*.toml' Cargo.lock)
 
 # uv downloads side by side and links what it has: torch, which comes with 5 GB of CUDA, takes seconds. Built with the maturin of .venv,
 # because a place of its own for each build would compile the bindings again each time.

@@ -42,6 +42,8 @@ static LOG_TOC: LazyLock<Toc> = LazyLock::new(|| {
 /// One drone as packets see it.
 pub(crate) struct Board {
     params: ParamValues,
+    /// What they say to the pilot: derived when one is written, not in every tick.
+    settings: PilotSettings,
     blocks: LogBlocks,
     memory: TrajectoryMemory,
     group_mask: u8,
@@ -58,8 +60,10 @@ pub(crate) struct Board {
 
 impl Board {
     pub(crate) fn new(index: usize, lighthouse: bool) -> Self {
+        let params = ParamValues::new();
         let mut board = Board {
-            params: ParamValues::new(),
+            settings: PilotSettings::new(&params),
+            params,
             blocks: LogBlocks::default(),
             memory: TrajectoryMemory::new(),
             group_mask: 0,
@@ -79,6 +83,7 @@ impl Board {
         self.params = ParamValues::new();
         self.params.set("cpu.id0", self.index as f64);
         self.params.set("deck.bcLighthouse4", self.lighthouse.into());
+        self.settings = PilotSettings::new(&self.params);
         (self.blocks, self.memory, self.group_mask) = (LogBlocks::default(), TrajectoryMemory::new(), 0);
     }
 
@@ -107,7 +112,7 @@ impl Board {
 
     /// Orders since the last tick, and what the parameters say.
     pub(crate) fn take_orders(&mut self) -> (VecDeque<Order>, PilotSettings) {
-        (std::mem::take(&mut self.orders), PilotSettings::new(&self.params))
+        (std::mem::take(&mut self.orders), self.settings)
     }
 
     /// The newest tick: kept for requests, and sent where blocks are due.
@@ -194,6 +199,7 @@ impl Board {
 
     fn set_param(&mut self, id: usize, value: f64) {
         self.params.set_at(id, value);
+        self.settings = PilotSettings::new(&self.params);
         match PARAMS[id].name {
             "kalman.resetEstimation" if value != 0.0 => self.order(Order::ResetEstimator),
             "stabilizer.stop" if value != 0.0 => self.order(Order::Emergency),
@@ -450,10 +456,10 @@ mod tests {
         ) {
             let mut board = Board::new(0, true);
             for datagram in datagrams {
-                if let Some(packet) = Packet::parse(&datagram) {
-                    if let Some(answer) = board.receive(&packet) {
-                        prop_assert_eq!((answer.port, answer.channel), (packet.port, packet.channel));
-                    }
+                if let Some(packet) = Packet::parse(&datagram)
+                    && let Some(answer) = board.receive(&packet)
+                {
+                    prop_assert_eq!((answer.port, answer.channel), (packet.port, packet.channel));
                 }
             }
             let _ = board.take_orders();

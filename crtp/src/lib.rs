@@ -34,5 +34,5 @@ pub use packet::{MAX_DATA, Packet};
 pub use params::{PARAMS, Param};
 pub use pilot::PositionSource;
 pub use server::{Address, Error, Server, Settings};
-pub use simulation::{Moment, Watcher};
+pub use simulation::{Moment, TICK_HZ, Watcher};
 pub use values::Kind;

@@ -17,7 +17,7 @@ use crate::telemetry::Telemetry;
 use crate::{PositionSource, Settings};
 
 /// Ticks a second: as the firmware's position loop, and a fresh value for each of the fastest logs.
-pub(crate) const TICK_HZ: f64 = 100.0;
+pub const TICK_HZ: f64 = 100.0;
 /// A simulation that is so far behind does not catch up.
 const MAX_BEHIND: Duration = Duration::from_millis(200);
 
@@ -152,4 +152,107 @@ const PILOT_SEED: u64 = 0x5049_4c4f_5453_4545;
 
 fn lock(board: &Mutex<Board>) -> std::sync::MutexGuard<'_, Board> {
     board.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::net::{IpAddr, Ipv4Addr};
+
+    use crazyflie_env::config::EffectTable;
+    use crazyflie_env::model::VerticalInput;
+    use tokio::sync::mpsc;
+
+    use super::*;
+    use crate::LinkQuality;
+    use crate::packet::Packet;
+
+    fn simulation(vertical: VerticalInput, drones: usize) -> Simulation {
+        let settings = Settings {
+            model: Model::thesis(),
+            vertical,
+            effects: EffectTable::new(),
+            drones,
+            speed: 1.0,
+            quality: LinkQuality { loss: 0.0, latency: Duration::ZERO },
+            seed: 7,
+            positions: PositionSource::Lighthouse,
+            auto_arms: true,
+            host: IpAddr::V4(Ipv4Addr::LOCALHOST),
+            port: 0,
+            tcp_port: None,
+        };
+        Simulation::new(&settings, None).unwrap()
+    }
+
+    fn send(simulation: &Simulation, drone: usize, port: u8, channel: u8, data: &[u8]) {
+        lock(&simulation.boards[drone]).receive(&Packet::new(port, channel, data));
+    }
+
+    fn floats(head: &[u8], numbers: &[f32]) -> Vec<u8> {
+        head.iter().copied().chain(numbers.iter().flat_map(|number| number.to_le_bytes())).collect()
+    }
+
+    /// Takes off to half a metre; the true places after as many seconds.
+    fn take_off(simulation: &mut Simulation, seconds: usize) -> Vec<[f64; 3]> {
+        for drone in 0..simulation.boards.len() {
+            send(simulation, drone, 8, 0, &floats(&[1, 0], &[0.5, 2.0]));
+        }
+        (0..100 * seconds).for_each(|_| simulation.tick());
+        simulation.fleet.sensed().iter().map(|sensed| sensed.state.pos_m).collect()
+    }
+
+    #[test]
+    fn every_form_takes_off_and_the_same_seed_flies_the_same_bits() {
+        for vertical in [VerticalInput::Thrust, VerticalInput::Motors, VerticalInput::Pwm] {
+            let at = take_off(&mut simulation(vertical, 2), 6);
+            for [x, y, z] in &at {
+                let right = (x.abs() - 0.5).abs() < 0.05 && y.abs() < 0.05 && (z - 0.5).abs() < 0.1;
+                assert!(right, "{vertical:?}: {at:?}");
+            }
+            assert_eq!(at, take_off(&mut simulation(vertical, 2), 6), "{vertical:?}");
+        }
+    }
+
+    #[test]
+    fn a_thrust_is_obeyed_only_after_a_thrust_of_nothing() {
+        let mut simulation = simulation(VerticalInput::Thrust, 1);
+        let setpoint = |thrust: u16| [floats(&[], &[0.0; 3]), thrust.to_le_bytes().to_vec()].concat();
+        let mut fly = |thrusts: &[u16]| {
+            for thrust in thrusts {
+                send(&simulation, 0, 3, 0, &setpoint(*thrust));
+                simulation.tick();
+            }
+            simulation.fleet.sensed()[0].state.pos_m[2]
+        };
+        assert_eq!(fly(&[50_000; 50]), 0.0);
+        assert!(fly(&[&[0][..], &[50_000; 50]].concat()) > 0.1);
+    }
+
+    #[test]
+    fn motors_stop_two_seconds_after_the_last_set_point() {
+        let mut simulation = simulation(VerticalInput::Thrust, 1);
+        for _ in 0..300 {
+            send(&simulation, 0, 7, 0, &floats(&[9], &[0.0, 0.0, 0.0, 0.5]));
+            simulation.tick();
+        }
+        let height_m = |simulation: &Simulation| simulation.fleet.sensed()[0].state.pos_m[2];
+        (0..198).for_each(|_| simulation.tick());
+        assert!(height_m(&simulation) > 0.4);
+        (0..60).for_each(|_| simulation.tick());
+        assert_eq!(height_m(&simulation), 0.0);
+    }
+
+    #[test]
+    fn logs_go_to_the_client_and_a_slow_one_holds_nothing_up() {
+        let mut simulation = simulation(VerticalInput::Thrust, 1);
+        let (sink, mut outbox) = mpsc::channel(8);
+        assert!(lock(&simulation.boards[0]).claim(&sink));
+        assert!(!lock(&simulation.boards[0]).claim(&sink), "one client at a time");
+        send(&simulation, 0, 5, 1, &[6, 1, 7, 2, 0]);
+        send(&simulation, 0, 5, 1, &[3, 1, 1]);
+        (0..1000).for_each(|_| simulation.tick());
+        let first = outbox.try_recv().unwrap();
+        assert_eq!((first.port, first.channel, first.data()[0]), (5, 2, 1));
+        assert_eq!(std::iter::from_fn(|| outbox.try_recv().ok()).count(), 7);
+    }
 }

@@ -3,6 +3,7 @@
 Simulations run faster than the clock (`--speed`), where scripts would only sleep. Set-points age by the clock then."""
 
 import contextlib
+import itertools
 import json
 import math
 import os
@@ -12,22 +13,21 @@ import subprocess
 import sys
 import threading
 import time
+import urllib.request
 import warnings
 from pathlib import Path
 
+import cflib.crtp
 import pytest
-
-cflib = pytest.importorskip("cflib")
-
-import cflib.crtp  # noqa: E402
-from cflib.crazyflie import Crazyflie  # noqa: E402
-from cflib.crazyflie.log import LogConfig  # noqa: E402
-from cflib.crazyflie.mem import CompressedSegment, CompressedStart, MemoryElement, Poly4D  # noqa: E402
-from cflib.crazyflie.swarm import CachedCfFactory, Swarm  # noqa: E402
-from cflib.crazyflie.syncCrazyflie import SyncCrazyflie  # noqa: E402
-from cflib.positioning.motion_commander import MotionCommander  # noqa: E402
-from cflib.positioning.position_hl_commander import PositionHlCommander  # noqa: E402
-from cflib.utils.reset_estimator import reset_estimator  # noqa: E402
+from cflib.crazyflie import Crazyflie
+from cflib.crazyflie.log import LogConfig
+from cflib.crazyflie.mem import CompressedSegment, CompressedStart, MemoryElement, Poly4D
+from cflib.crazyflie.swarm import CachedCfFactory, Swarm
+from cflib.crazyflie.syncCrazyflie import SyncCrazyflie
+from cflib.positioning.motion_commander import MotionCommander
+from cflib.positioning.position_hl_commander import PositionHlCommander
+from cflib.utils.reset_estimator import reset_estimator
+from websockets.sync.client import connect
 
 PROGRAM = os.environ.get("CRAZYFLIE", str(Path(sys.executable).with_name("crazyflie")))
 SPEED = 8
@@ -46,10 +46,17 @@ def cache(tmp_path_factory):
 @contextlib.contextmanager
 def simulated(*options, port=0):
     """The program; addresses of its drones."""
+    with started(*options, port=port) as told:
+        yield told["drones"]
+
+
+@contextlib.contextmanager
+def started(*options, port=0):
+    """The program; what it tells of itself."""
     command = [PROGRAM, "cf2", "--json", "--port", str(port), *map(str, options)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
-        yield json.loads(process.stdout.readline())["drones"]
+        yield json.loads(process.stdout.readline())
         assert process.poll() is None, "it flies on, whatever was sent"
     finally:
         process.terminate()
@@ -194,7 +201,7 @@ def test_log_blocks_come_as_often_as_they_should(cache):
         for period, got in times.items():
             assert abs(len(got) - 2500 / period) <= 1 + 0.1 * 2500 / period, (period, len(got))
             stamps = [stamp for stamp, _ in got]
-            assert all(b - a == period for a, b in zip(stamps[2:], stamps[3:], strict=False)), stamps
+            assert all(b - a == period for a, b in itertools.pairwise(stamps[2:])), stamps
             assert got[0][1]["pm.vbat"] == pytest.approx(4.2)
         counts = {period: len(got) for period, got in times.items()}
         time.sleep(0.3)
@@ -521,17 +528,17 @@ def test_a_second_client_is_refused_at_once(link, drone, cache):
 
 
 def test_losses_and_latency(cache):
-    with simulated("--loss", 0.3, "--latency", 0.02, "--seed", 3) as drones:
-        with flying(drones[0]["udp"], cache, speed=1) as link:
-            echoes = []
-            link.cf.link_statistics.latency.latency_updated.add_callback(echoes.append)
-            count = len(link.heights)
-            time.sleep(2)
-            got = len(link.heights) - count
-            assert 0.5 * 40 < got < 0.9 * 40, got
-            assert 40 <= echoes[-1] < 70, "there and back"
-            link.repeat(3, link.cf.commander.send_hover_setpoint, 0, 0, 0, 0.5)
-            link.is_at(0, 0, 0.5)
+    options = ("--loss", 0.3, "--latency", 0.02, "--seed", 3)
+    with simulated(*options) as drones, flying(drones[0]["udp"], cache, speed=1) as link:
+        echoes = []
+        link.cf.link_statistics.latency.latency_updated.add_callback(echoes.append)
+        count = len(link.heights)
+        time.sleep(2)
+        got = len(link.heights) - count
+        assert 0.5 * 40 < got < 0.9 * 40, got
+        assert 40 <= echoes[-1] < 70, "there and back"
+        link.repeat(3, link.cf.commander.send_hover_setpoint, 0, 0, 0, 0.5)
+        link.is_at(0, 0, 0.5)
 
 
 def test_over_tcp(cache):
@@ -558,6 +565,33 @@ def test_positions_from_outside(cache, source):
         link.cf.high_level_commander.go_to(0.2, 0, 0.7, 0, 2)
         link.sleep(4)
         link.is_at(0.2, 0, 0.7, within=0.15)
+
+
+def test_the_page_shows_who_flies(cache):
+    with started("--speed", SPEED, "--drones", 2, "--page", "127.0.0.1:0") as told:
+        page = told["page"]
+        sessions, end = [], time.monotonic() + 5
+        while not sessions and time.monotonic() < end:
+            with urllib.request.urlopen(f"{page}/api/v1/sessions") as answer:
+                sessions = json.loads(answer.read())
+        session = sessions[0]
+        assert (session["env"], session["num_envs"]) == ("cf2", 1)
+        with flying(told["drones"][1]["udp"], cache) as link:
+            link.take_off()
+            live = page.replace("http", "ws") + "/live"
+            with connect(live, subprotocols=["crazyflie.live.v1"]) as watcher:
+                watcher.send(json.dumps({"watch": session["session"]}))
+                head = watcher.recv()
+                header = json.loads(head[4 : 4 + int.from_bytes(head[:4], "little")])
+                row = watcher.recv()
+            columns, drones = header["columns"], header["drones"]
+            numbers = struct.unpack(f"<{drones * len(columns)}f", row)
+            first, second = (
+                dict(zip(columns, numbers[i * len(columns) : (i + 1) * len(columns)], strict=True)) for i in range(2)
+            )
+            assert (first["flying"], second["flying"]) == (0, 1) and first["z"] == 0
+            for name in ("z", "setpoint_z", "fix_z"):
+                assert second[name] == pytest.approx(0.5, abs=0.1), name
 
 
 def test_a_flood_and_nonsense_change_nothing(drone, link):

@@ -1,7 +1,7 @@
 //! `crazyflie cf2`: simulated Crazyflies that stock cflib scripts fly.
 
 use std::io::Write;
-use std::net::{IpAddr, Ipv4Addr};
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -18,13 +18,14 @@ use tracing_subscriber::util::SubscriberInitExt as _;
 
 use super::fly::add_effects;
 use super::serve::stop_signal;
-use super::{Failure, Outcome, cf2_tables, files};
+use super::{Failure, Outcome, cf2_page, cf2_tables, files};
 
 const EXAMPLES: &str = "\
 Examples:
   crazyflie cf2
   crazyflie cf2 --drones 8 --effects drag_linear=0.3
   crazyflie cf2 --model my.toml --position aruco --effects '{\"battery_sag\": {\"exponent\": 1, \"resistance_ohm\": 0.1}}'
+  crazyflie cf2 --drones 4 --page
   crazyflie cf2 --speed 4 --loss 0.05 --latency 0.01
   crazyflie cf2 --tables
 
@@ -75,6 +76,9 @@ pub(super) struct Args {
     /// Listen on TCP, too, as an AI deck does (CPX), from this port on
     #[arg(long, num_args = 0..=1, default_missing_value = "5050", value_name = "PORT")]
     tcp: Option<u16>,
+    /// Show the drones on the page of a server, which listens here; port 0 for any
+    #[arg(long, num_args = 0..=1, default_missing_value = "127.0.0.1:8765", value_name = "ADDRESS:PORT")]
+    page: Option<SocketAddr>,
     /// Where the drones are, for machines
     #[arg(long)]
     json: bool,
@@ -124,32 +128,45 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     }
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
     runtime.block_on(async {
-        let server = Server::bind(&settings, None).await.map_err(|e| Failure::Failed(e.to_string()))?;
-        announce(&server, args.json, out)?;
+        let (watcher, page) = match args.page {
+            Some(address) => {
+                let (watcher, page) = cf2_page::Page::bind(address, &settings).await?;
+                (Some(watcher), Some(page))
+            }
+            None => (None, None),
+        };
+        let server = Server::bind(&settings, watcher).await.map_err(|e| Failure::Failed(e.to_string()))?;
+        announce(&server, page.as_ref(), args.json, out)?;
         let stop = CancellationToken::new();
         let (stopped, signal) = (stop.clone(), stop_signal()?);
         tokio::spawn(async move {
             signal.await;
             stopped.cancel();
         });
+        let shown = page.map(|page| tokio::spawn(page.run(stop.clone())));
         server.run(stop).await;
-        Ok(())
+        match shown {
+            Some(shown) => shown.await.map_err(|e| Failure::Failed(e.to_string()))?,
+            None => Ok(()),
+        }
     })
 }
 
 /// For people, and for programs that start this and must know where it is.
-fn announce(server: &Server, json: bool, out: &mut dyn Write) -> Outcome {
+fn announce(server: &Server, page: Option<&cf2_page::Page>, json: bool, out: &mut dyn Write) -> Outcome {
     let drones = server.addresses().iter().map(|address| {
         let tcp = address.tcp.map(|tcp| format!("tcp://{tcp}"));
         (format!("udp://{}", address.udp), tcp)
     });
+    let page = page.map(|page| format!("http://{}", page.address));
     if json {
         let drones: Vec<_> = drones.map(|(udp, tcp)| json!({"udp": udp, "tcp": tcp})).collect();
-        writeln!(out, "{}", json!({"drones": drones}))?;
+        writeln!(out, "{}", json!({"drones": drones, "page": page}))?;
     } else {
         for (udp, tcp) in drones {
             writeln!(out, "{udp}{}", tcp.map(|tcp| format!(" {tcp}")).unwrap_or_default())?;
         }
+        page.map_or(Ok(()), |page| writeln!(out, "{page}"))?;
     }
     Ok(out.flush()?)
 }

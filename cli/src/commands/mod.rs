@@ -4,6 +4,7 @@
 mod actions;
 mod attempts;
 mod cf2;
+mod cf2_page;
 mod cf2_tables;
 mod controllers;
 mod diagnose;

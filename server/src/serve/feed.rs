@@ -101,7 +101,7 @@ impl Feed {
         });
     }
 
-    fn show_all_drones(&self, now: &MultiDroneRows<'_>) {
+    pub(crate) fn show_all_drones(&self, now: &MultiDroneRows<'_>) {
         let separations_m = frames::separations_m(now.states, now.flying);
         let (states, actions) = (now.states.as_chunks::<STATE>().0, now.actions.as_chunks().0);
         let mut rows = lock(&self.rows);
@@ -139,16 +139,16 @@ pub(crate) struct FeedRows<'a> {
 }
 
 /// The drones of one environment at a moment, rows for each.
-struct MultiDroneRows<'a> {
-    t_s: f64,
-    width: usize,
-    observations: &'a [f32],
-    states: &'a [f32],
-    actions: &'a [f32],
-    rewards: Option<&'a [f32]>,
-    flying: &'a [bool],
-    interfaces: &'a [Interface],
-    least_separation_m: f32,
+pub(crate) struct MultiDroneRows<'a> {
+    pub t_s: f64,
+    pub width: usize,
+    pub observations: &'a [f32],
+    pub states: &'a [f32],
+    pub actions: &'a [f32],
+    pub rewards: Option<&'a [f32]>,
+    pub flying: &'a [bool],
+    pub interfaces: &'a [Interface],
+    pub least_separation_m: f32,
 }
 
 /// Steps of the watchable environments within their episodes.

@@ -22,6 +22,7 @@ mod session;
 mod session_registry;
 mod session_requests;
 mod settings;
+mod shown;
 mod socket;
 mod upgrade;
 mod wire;
@@ -30,5 +31,6 @@ mod worlds;
 
 pub use session_registry::SessionEnd;
 
-pub use server::{Report, run};
+pub use server::{Report, run, run_showing};
 pub use settings::{Limits, ServeError, Settings, tls};
+pub use shown::{ShownDrone, ShownFleet};

@@ -30,6 +30,7 @@ use super::quota::{Quota, QuotaSlot, address_group, token_digest};
 use super::session::Session;
 use super::session_registry::{SessionEnd, SessionRegistry, lock};
 use super::settings::{ServeError, Settings};
+use super::shown::{self, ShownFleet};
 use super::socket::Stream;
 use super::worlds::WorldRegistry;
 use crate::bench::Bench;
@@ -87,11 +88,27 @@ pub async fn run(
     settings: Settings,
     stop: impl Future<Output = ()>,
 ) -> Result<Report, ServeError> {
+    run_showing(listener, settings, None, stop).await
+}
+
+/// As [`run`], with drones that somebody else in this program flies among the sessions that the page shows.
+///
+/// # Errors
+/// As [`run`].
+pub async fn run_showing(
+    listener: TcpListener,
+    settings: Settings,
+    fleet: Option<ShownFleet>,
+    stop: impl Future<Output = ()>,
+) -> Result<Report, ServeError> {
     let address = listener.local_addr()?;
     settings.check(address)?;
     let server = Server::new(settings, address)?;
     let router = http::router(&server);
     info!(%address, tls = server.settings.tls.is_some(), "listening");
+    if let Some(fleet) = fleet {
+        server.tasks.spawn(shown::show(Arc::clone(&server), fleet));
+    }
     tokio::pin!(stop);
     loop {
         tokio::select! {

@@ -1,0 +1,107 @@
+//! Drones that somebody else in this program flies, for the page: a session without a client.
+
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+use crazyflie_env::config::Options;
+use crazyflie_env::observation::{ACTION, Interface, OBSERVATION};
+use crazyflie_env::vector::STATE;
+use tokio::sync::watch;
+use tracing::warn;
+
+use super::feed::{Feed, MultiDroneRows};
+use super::server::Server;
+use super::session_registry::SessionEnd;
+
+/// One drone at a moment.
+#[derive(Debug, Clone, Copy)]
+pub struct ShownDrone {
+    /// Since the start.
+    pub time_s: f64,
+    /// As an environment's: set-point, measured place and last action are drawn.
+    pub observation: [f32; OBSERVATION],
+    /// The true state.
+    pub state: [f32; STATE],
+    /// Command in force.
+    pub action: [f32; ACTION],
+    /// Whether its motors turn.
+    pub flying: bool,
+}
+
+/// Drones that are shown as they fly.
+#[derive(Debug, Clone)]
+pub struct ShownFleet {
+    /// Name in the list of sessions.
+    pub name: String,
+    /// Their effects, for markers and camera.
+    pub options: Options,
+    /// Seconds between moments.
+    pub tick_s: f64,
+    /// Ranges of their commands.
+    pub interface: Interface,
+    /// The newest moment, all drones in order; as many of them from the first on.
+    pub drones: watch::Receiver<Vec<ShownDrone>>,
+}
+
+/// Shows them until they end or the server does.
+pub(super) async fn show(server: Arc<Server>, mut fleet: ShownFleet) {
+    let drones = fleet.drones.borrow().len();
+    let feed = Feed::for_multi_drone(&fleet.options, fleet.tick_s, drones);
+    let entered = server
+        .sessions
+        .reserve_envs(drones)
+        .and_then(|reservation| server.sessions.enter(fleet.name.clone(), reservation, feed));
+    let mut slot = match entered {
+        Ok(slot) => slot,
+        Err(error) => return warn!(%error, "the drones cannot be shown"),
+    };
+    let interfaces = vec![fleet.interface; drones];
+    let mut least_separation_m = f32::INFINITY;
+    slot.end = loop {
+        tokio::select! {
+            () = server.stop.cancelled() => break SessionEnd::Stopped,
+            changed = fleet.drones.changed() => if changed.is_err() { break SessionEnd::Closed },
+        }
+        slot.entry.steps.fetch_add(1, Ordering::Relaxed);
+        if slot.entry.feed.watchers() == 0 {
+            continue;
+        }
+        let now = fleet.drones.borrow_and_update().clone();
+        if now.len() != drones {
+            continue;
+        }
+        let rows = Rows::new(&now);
+        let nearest = crate::frames::separations_m(&rows.states, &rows.flying).fold(f32::INFINITY, f32::min);
+        least_separation_m = least_separation_m.min(nearest);
+        slot.entry.feed.show_all_drones(&MultiDroneRows {
+            t_s: now.first().map_or(0.0, |drone| drone.time_s),
+            width: OBSERVATION,
+            observations: &rows.observations,
+            states: &rows.states,
+            actions: &rows.actions,
+            rewards: None,
+            flying: &rows.flying,
+            interfaces: &interfaces,
+            least_separation_m,
+        });
+    };
+}
+
+/// The same, each kind of number for all drones.
+struct Rows {
+    observations: Vec<f32>,
+    states: Vec<f32>,
+    actions: Vec<f32>,
+    flying: Vec<bool>,
+}
+
+impl Rows {
+    fn new(drones: &[ShownDrone]) -> Rows {
+        Rows {
+            observations: drones.iter().flat_map(|drone| drone.observation).collect(),
+            states: drones.iter().flat_map(|drone| drone.state).collect(),
+            actions: drones.iter().flat_map(|drone| drone.action).collect(),
+            flying: drones.iter().map(|drone| drone.flying).collect(),
+        }
+    }
+}
