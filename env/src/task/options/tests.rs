@@ -97,7 +97,7 @@ fn mistakes_are_named() {
 
 #[test]
 fn every_option_of_every_task_is_whole() {
-    let units = [("_mps", "m/s"), ("_kg", "kg"), ("_deg", "deg"), ("_m", "m"), ("_s", "s")];
+    let units = [("_mps", "m/s"), ("_kg", "kg"), ("_deg", "deg"), ("_rad", "rad"), ("_m", "m"), ("_s", "s")];
     for task in registry() {
         let options = task.options();
         assert!(options.len() <= MOST, "{}", task.name);
