@@ -33,7 +33,7 @@ fn a_client_can_connect() {
     assert_eq!(ask(&mut board, 5, 0, &[2, 0, 0]).unwrap()[3..], *b"\x07stateEstimate\0x\0");
     assert_eq!(ask(&mut board, 2, 0, &[2, 0xff, 0xff]).unwrap(), [2]);
     assert_eq!(ask(&mut board, 15, 0, b"echo").unwrap(), b"echo");
-    assert_eq!(ask(&mut board, 4, 0, &[1]).unwrap(), [1, 1]);
+    assert_eq!(ask(&mut board, 4, 0, &[1]).unwrap(), [1, 2]);
 }
 
 #[test]
