@@ -13,6 +13,7 @@ mod high_level;
 mod line;
 mod log_blocks;
 mod logs;
+mod order;
 mod packet;
 mod params;
 mod pilot;

@@ -1,7 +1,7 @@
 //! What runs on board of one drone in a tick: positions into the filter, set-points by their priority, the
 //! supervisor, the cascade. The simulation calls it; packets reach it as orders.
 
-use crazyflie_env::action::{Cascade, CascadeGains, LateralSetpoint, VerticalSetpoint, YawSetpoint};
+use crazyflie_env::action::{Cascade, LateralSetpoint, VerticalSetpoint, YawSetpoint};
 use crazyflie_env::effects::Reading;
 use crazyflie_env::error::Result;
 use crazyflie_env::model::Model;
@@ -11,12 +11,12 @@ use rand::SeedableRng;
 use rand_distr::{Distribution as _, Normal};
 use rand_pcg::Pcg64Mcg;
 
-use crate::estimator::{Estimator, FilterNoise};
+use crate::estimator::Estimator;
 use crate::high_level::{HighLevelCommand, Planner};
-use crate::params::ParamValues;
+use crate::order::{Order, PilotSettings};
 use crate::polynomial::PathPoint;
 use crate::setpoint::{AttitudeSetpoint, Setpoint, place, thrust};
-use crate::supervisor::{LEVEL_AFTER_S, STOP_AFTER_S, Supervisor, SupervisorLimits, Watched, bit};
+use crate::supervisor::{LEVEL_AFTER_S, STOP_AFTER_S, Supervisor, Watched, bit};
 use crate::telemetry::Telemetry;
 
 /// Where the onboard filter has its positions from, besides those that the script sends.
@@ -39,80 +39,6 @@ const MOCAP_RAD: f64 = 0.005;
 /// Voltages of a full and an empty cell.
 const FULL_V: f64 = 4.2;
 const EMPTY_V: f64 = 3.0;
-
-/// Something that a packet asks of the drone.
-#[derive(Debug, Clone)]
-pub(crate) enum Order {
-    Attitude(AttitudeSetpoint),
-    /// As [`Order::Attitude`], with a right-handed yaw rate and no thrust lock.
-    Manual(AttitudeSetpoint),
-    Fly(Setpoint),
-    Stop,
-    /// Set-points end: what the high-level commander plans counts again. The last one holds for so long.
-    Relax {
-        remains_s: f64,
-    },
-    HighLevel(HighLevelCommand),
-    Arm(bool),
-    Recover,
-    Emergency,
-    EmergencyWatchdog,
-    Position([f64; 3]),
-    Pose {
-        pos_m: [f64; 3],
-        yaw_rad: f64,
-    },
-    ResetEstimator,
-    Restart,
-}
-
-impl Order {
-    /// Whether the next one of its kind makes up for its loss.
-    pub(crate) fn is_streamed(&self) -> bool {
-        use Order::{Attitude, Fly, Manual, Pose, Position, Stop};
-        matches!(self, Attitude(_) | Manual(_) | Fly(_) | Stop | Position(_) | Pose { .. })
-    }
-}
-
-/// What the parameters say to the pilot.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct PilotSettings {
-    gains: CascadeGains,
-    high_level: bool,
-    speeds_mps: [f64; 2],
-    limits: SupervisorLimits,
-    noise: FilterNoise,
-    extpos_m: f64,
-    extquat_rad: f64,
-    start_m: [f64; 3],
-    start_yaw_rad: f64,
-}
-
-impl PilotSettings {
-    pub(crate) fn new(params: &ParamValues) -> Self {
-        // what is written may be no number, or none that a filter can take
-        let positive = |name: &str| {
-            let value = params.get(name);
-            if value.is_finite() { value.clamp(1e-4, 1e3) } else { 1.0 }
-        };
-        let finite = |name: &str| Some(params.get(name)).filter(|value| value.is_finite()).unwrap_or(0.0);
-        PilotSettings {
-            gains: params.gains(),
-            high_level: params.get("commander.enHighLevel") != 0.0,
-            speeds_mps: [positive("hlCommander.vtoff"), positive("hlCommander.vland")],
-            limits: SupervisorLimits {
-                low_v: params.get("pm.lowVoltage"),
-                empty_v: params.get("pm.criticalLowVoltage"),
-                tumble: params.get("supervisor.tmblChckEn") != 0.0,
-            },
-            noise: FilterNoise { acc_mps2: [positive("kalman.pNAcc_xy"), positive("kalman.pNAcc_z")] },
-            extpos_m: positive("locSrv.extPosStdDev"),
-            extquat_rad: positive("locSrv.extQuatStdDev"),
-            start_m: ["kalman.initialX", "kalman.initialY", "kalman.initialZ"].map(finite),
-            start_yaw_rad: finite("kalman.initialYaw"),
-        }
-    }
-}
 
 /// What the vehicle feels at the end of a tick.
 #[derive(Debug, Clone, Copy)]

@@ -158,7 +158,7 @@ fn lock(board: &Mutex<Board>) -> std::sync::MutexGuard<'_, Board> {
 mod tests {
     use std::net::{IpAddr, Ipv4Addr};
 
-    use crazyflie_env::config::EffectTable;
+    use crazyflie_env::config::{EffectTable, Options};
     use crazyflie_env::model::VerticalInput;
     use tokio::sync::mpsc;
 
@@ -167,10 +167,14 @@ mod tests {
     use crate::packet::Packet;
 
     fn simulation(vertical: VerticalInput, drones: usize) -> Simulation {
+        with_effects(vertical, drones, EffectTable::new())
+    }
+
+    fn with_effects(vertical: VerticalInput, drones: usize, effects: EffectTable) -> Simulation {
         let settings = Settings {
             model: Model::thesis(),
             vertical,
-            effects: EffectTable::new(),
+            effects,
             drones,
             speed: 1.0,
             quality: LinkQuality { loss: 0.0, latency: Duration::ZERO },
@@ -254,5 +258,22 @@ mod tests {
         let first = outbox.try_recv().unwrap();
         assert_eq!((first.port, first.channel, first.data()[0]), (5, 2, 1));
         assert_eq!(std::iter::from_fn(|| outbox.try_recv().ok()).count(), 7);
+    }
+
+    #[test]
+    fn logs_have_the_errors_of_the_sensors() {
+        let effects = Options::parse(r#"{"effects": {"gyro_bias": {"bias_degps": 5.0}}}"#).unwrap().effects;
+        for (effects, errs) in [(EffectTable::new(), false), (effects, true)] {
+            let mut simulation = with_effects(VerticalInput::Thrust, 1, effects);
+            let (sink, mut outbox) = mpsc::channel(8);
+            assert!(lock(&simulation.boards[0]).claim(&sink));
+            let id = crate::LOGS.iter().position(|log| log.name == "gyro.x").unwrap() as u8;
+            send(&simulation, 0, 5, 1, &[6, 1, 7, id, 0]);
+            send(&simulation, 0, 5, 1, &[3, 1, 1]);
+            (0..3).for_each(|_| simulation.tick());
+            let packet = std::iter::from_fn(|| outbox.try_recv().ok()).last().unwrap();
+            let rate_degps = f32::from_le_bytes(*packet.data()[4..].first_chunk().unwrap());
+            assert_eq!(rate_degps.abs() > 0.01, errs, "{rate_degps}");
+        }
     }
 }

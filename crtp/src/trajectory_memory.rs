@@ -1,11 +1,13 @@
-//! Memories that clients read and write: the one that holds trajectories.
+//! Memories that clients read and write: the one that holds trajectories, and one in which a client finds that
+//! no Lighthouse base station is described.
 
 use crate::packet::Fields;
 use crate::polynomial::{Piece, bezier};
 
 /// Bytes of the trajectory memory, as in the firmware.
 const SIZE: usize = 4096;
-const TYPE_TRAJECTORY: u8 = 0x12;
+/// Type and size of each memory: trajectories, geometry and calibration of base stations.
+const MEMORIES: [(u8, usize); 2] = [(0x12, SIZE), (0x14, 0x2000)];
 /// Most bytes in a packet after memory, address and status.
 const MAX_READ: usize = 24;
 /// Numbers of a piece that is not compressed: four axes of eight coefficients, and the duration.
@@ -32,17 +34,17 @@ impl TrajectoryMemory {
         TrajectoryMemory { bytes: Box::new([0; SIZE]), definitions: [None; 256] }
     }
 
-    /// Answers requests about the list of memories: this one alone.
+    /// Answers requests about the list of memories.
     pub(crate) fn info(&self, request: &[u8]) -> Option<Vec<u8>> {
         let mut fields = Fields(request);
         match fields.u8()? {
-            1 => Some(vec![1, 1]),
+            1 => Some(vec![1, MEMORIES.len() as u8]),
             2 => {
                 let id = fields.u8()?;
                 let mut answer = vec![2, id];
-                if id == 0 {
-                    answer.push(TYPE_TRAJECTORY);
-                    answer.extend((SIZE as u32).to_le_bytes());
+                if let Some((kind, size)) = MEMORIES.get(usize::from(id)) {
+                    answer.push(*kind);
+                    answer.extend((*size as u32).to_le_bytes());
                     answer.extend([0; 8]);
                 }
                 Some(answer)
@@ -54,23 +56,25 @@ impl TrajectoryMemory {
     fn range(id: u8, address: u32, len: usize) -> Option<std::ops::Range<usize>> {
         let first = usize::try_from(address).ok()?;
         let last = first.checked_add(len)?;
-        (id == 0 && last <= SIZE).then_some(first..last)
+        MEMORIES.get(usize::from(id)).filter(|(_, size)| last <= *size).map(|_| first..last)
     }
 
     /// Answers a request to read.
     pub(crate) fn read(&self, request: &[u8]) -> Option<Vec<u8>> {
+        const NOTHING: [u8; MAX_READ] = [0; MAX_READ];
         let mut fields = Fields(request);
         let (id, address, len) = (fields.u8()?, fields.u32()?, usize::from(fields.u8()?).min(MAX_READ));
-        let found = Self::range(id, address, len).map(|range| &self.bytes[range]);
+        let range = Self::range(id, address, len);
+        let found = range.map(|range| if id == 0 { &self.bytes[range] } else { &NOTHING[..len] });
         let status = if found.is_some() { 0 } else { EIO };
         Some([&[id][..], &address.to_le_bytes(), &[status], found.unwrap_or_default()].concat())
     }
 
-    /// Carries out a request to write.
+    /// Carries out a request to write. Base stations cannot be described: the filter gets its positions anyway.
     pub(crate) fn write(&mut self, request: &[u8]) -> Option<Vec<u8>> {
         let mut fields = Fields(request);
         let (id, address, data) = (fields.u8()?, fields.u32()?, fields.rest());
-        let range = Self::range(id, address, data.len());
+        let range = Self::range(id, address, data.len()).filter(|_| id == 0);
         let status = if range.is_some() { 0 } else { EIO };
         if let Some(range) = range {
             self.bytes[range].copy_from_slice(data);
@@ -170,6 +174,16 @@ mod tests {
         let pieces = defined(1, 2, &bytes).pieces(3).unwrap();
         assert!((pieces[0].at(1.0).at[0] - 2.0).abs() < 1e-9 && (pieces[1].at(0.0).at[0] - 2.0).abs() < 1e-9);
         assert!((pieces[1].at(1.0).at[0] - 3.0).abs() < 1e-9 && (pieces[1].at(1.0).at[2] - 0.5).abs() < 1e-9);
+    }
+
+    #[test]
+    fn no_base_station_is_described_and_none_can_be() {
+        let mut memory = TrajectoryMemory::new();
+        assert_eq!(memory.info(&[2, 1]).unwrap()[..3], [2, 1, 0x14]);
+        assert_eq!(memory.read(&[1, 0, 0x10, 0, 0, 3]).unwrap(), [1, 0, 0x10, 0, 0, 0, 0, 0, 0]);
+        assert_eq!(memory.write(&[1, 0, 0, 0, 0, 7]).unwrap()[5], EIO);
+        assert_eq!(memory.read(&[0, 0xff, 0x0f, 0, 0, 2]).unwrap()[5], EIO);
+        assert_eq!(memory.read(&[2, 0, 0, 0, 0, 1]).unwrap()[5], EIO);
     }
 
     proptest! {

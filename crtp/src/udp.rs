@@ -20,6 +20,8 @@ use crate::packet::{MAX_DATA, Packet};
 const SILENCE: Duration = Duration::from_secs(3);
 /// A client that is not heard for so long is sent an empty packet: if its socket is closed, its system says so.
 const PROBE: Duration = Duration::from_millis(50);
+/// As [`PROBE`], after the set-point of nothing with which cflib takes its leave: the next script may come at once.
+const PROBE_AFTER_FAREWELL: Duration = Duration::from_millis(5);
 /// Packets that wait to be sent: of more than that the newest are lost.
 const OUTBOX: usize = 256;
 
@@ -35,8 +37,20 @@ struct Client {
     address: SocketAddr,
     heard: Instant,
     probed: Instant,
+    /// Its last packet but the link's own was a farewell.
+    leaves: bool,
     /// The socket is its alone.
     connected: bool,
+}
+
+/// Ports of the set-points with which clients take their leave, and of the echo that goes on meanwhile.
+const COMMANDER_PORT: u8 = 3;
+const LINK_PORT: u8 = 15;
+
+impl Client {
+    fn next_probe(&self) -> Instant {
+        if self.leaves { self.probed + PROBE_AFTER_FAREWELL } else { self.heard.max(self.probed) + PROBE }
+    }
 }
 
 impl UdpLink {
@@ -50,7 +64,7 @@ impl UdpLink {
         let mut bytes = [0; MAX_DATA + 2];
         loop {
             let client = self.client.as_ref().filter(|client| client.connected);
-            let quiet = client.map(|client| client.heard.max(client.probed) + PROBE);
+            let quiet = client.map(Client::next_probe);
             let silent = client.map(|client| client.heard + SILENCE);
             tokio::select! {
                 () = stop.cancelled() => return,
@@ -78,6 +92,9 @@ impl UdpLink {
             return;
         }
         if self.admits(from).await {
+            if let Some(client) = self.client.as_mut().filter(|_| packet.port != LINK_PORT) {
+                client.leaves = packet.port == COMMANDER_PORT && packet.data().iter().all(|byte| *byte == 0);
+            }
             self.line.arrive(packet);
         }
     }
@@ -105,7 +122,7 @@ impl UdpLink {
             tracing::warn!(%error, "the socket cannot be given to one client");
         }
         tracing::info!(client = %from, "a client has come");
-        self.client = Some(Client { address: from, heard: now, probed: now, connected: true });
+        self.client = Some(Client { address: from, heard: now, probed: now, leaves: false, connected: true });
         true
     }
 
