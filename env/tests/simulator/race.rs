@@ -128,7 +128,7 @@ fn what_stands_in_the_way_is_hit_and_ends_the_flight() {
 
 #[test]
 fn gates_of_one_s_own_are_flown_and_bad_ones_are_named() {
-    let own = json!({"gates": [[-1.0, 1.0, 1.2, 0.0], [1.0, 1.0, 0.8, 0.0], [0.0, -1.0, 1.0, 3.14]], "opening_m": 0.5});
+    let own = json!({"gates": [[-1.0, 1.0, 1.2, 0.0], [1.0, 1.0, 0.8, 0.0], [0.0, -1.0, 1.0, 3.1]], "opening_m": 0.5});
     let race = Race::fly(&own, "lqr");
     assert_eq!(race.finished(), ENVS, "{:?}", race.returns);
     let error = |task_options: &Value| {

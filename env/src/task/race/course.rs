@@ -74,7 +74,7 @@ impl Course {
             let bad = |at: usize, value: f64, want: String| {
                 Err(Error::Range { name: format!("gates[{i}][{at}]"), value, want })
             };
-            if !(far_m + shift_m < side_m) {
+            if far_m + shift_m >= side_m {
                 let at = usize::from(places.iter().any(|p| p[1].abs() == far_m));
                 return bad(
                     at,
