@@ -7,13 +7,13 @@ use std::sync::LazyLock;
 
 use tokio::sync::mpsc::Sender;
 
-use crate::high_level::understand;
+use crate::high_level::read_request;
 use crate::log_blocks::LogBlocks;
 use crate::logs::LOGS;
 use crate::order::{Order, PilotSettings};
 use crate::packet::{Fields, Packet};
 use crate::params::{PARAMS, ParamValues, index};
-use crate::setpoint::{GenericSetpoint, attitude, generic};
+use crate::setpoint::{GenericSetpoint, attitude, generic, heading_rad};
 use crate::supervisor::bit;
 use crate::telemetry::Telemetry;
 use crate::toc::{Toc, TocLine};
@@ -174,7 +174,7 @@ impl Board {
         match PARAMS.get(usize::from(id)) {
             Some(param) => {
                 answer.push(0);
-                param.kind.write(self.params.at(id.into()), &mut answer);
+                param.kind.write(self.params.value(id.into()), &mut answer);
             }
             None => answer.push(ENOENT),
         }
@@ -193,12 +193,12 @@ impl Board {
         let value = param.kind.read(fields.rest())?;
         self.set_param(id.into(), value);
         let mut answer = id.to_le_bytes().to_vec();
-        param.kind.write(self.params.at(id.into()), &mut answer);
+        param.kind.write(self.params.value(id.into()), &mut answer);
         Some(answer)
     }
 
     fn set_param(&mut self, id: usize, value: f64) {
-        self.params.set_at(id, value);
+        self.params.set_value(id, value);
         self.settings = PilotSettings::new(&self.params);
         match PARAMS[id].name {
             "kalman.resetEstimation" if value != 0.0 => self.order(Order::ResetEstimator),
@@ -286,9 +286,8 @@ impl Board {
             3 => Order::Emergency,
             4 => Order::EmergencyWatchdog,
             8 => {
-                let (pos_m, [x, y, z, w]): (_, [f64; 4]) = (fields.f32s()?, fields.f32s()?);
-                let yaw_rad = (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z));
-                Order::Pose { pos_m, yaw_rad }
+                let (pos_m, attitude) = (fields.f32s()?, fields.f32s()?);
+                Order::Pose { pos_m, yaw_rad: heading_rad(attitude) }
             }
             _ => return None,
         };
@@ -298,7 +297,7 @@ impl Board {
 
     /// The request with a status in its fourth byte, as the firmware answers.
     fn high_level(&mut self, data: &[u8]) -> Option<Vec<u8>> {
-        let understood = understand(data, &mut self.group_mask, &mut self.memory)?;
+        let understood = read_request(data, &mut self.group_mask, &mut self.memory)?;
         if let Some(command) = understood.command {
             self.order(Order::HighLevel(command));
         }

@@ -77,8 +77,8 @@ impl Estimator {
         }
     }
 
-    /// A tick under what the IMU shows. The simulator's accelerometer feels no tilt, so the part of gravity that a tilt turns sideways is
-    /// added by the attitude.
+    /// A tick under what the IMU shows. The simulator's accelerometer feels no tilt, so the part of gravity that
+    /// a tilt turns sideways is added by the attitude.
     pub(crate) fn predict(&mut self, y: &Reading<f64>, gravity_mps2: f64, noise: FilterNoise, dt_s: f64) {
         self.imu_yaw_rad = y.att_rad[2];
         let front = y.att_rad[1] * gravity_mps2 + y.acc_mps2[0];

@@ -1,6 +1,6 @@
 //! The drones' physics: a world of the simulator for each, stepped together, so that they feel each other.
 
-use crazyflie_env::config::{EffectTable, numbers};
+use crazyflie_env::config::{EffectTable, VEHICLE_RADIUS_M, numbers};
 use crazyflie_env::effects::{self, Neighbour};
 use crazyflie_env::error::Result;
 use crazyflie_env::model::{Model, VerticalInput};
@@ -10,16 +10,14 @@ use crazyflie_env::world::{Around, Settings, Tick, World};
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 
-use crate::pilot::Sensed;
+use crate::pilot::SensorState;
 
-/// Two drones nearer than twice this have collided: tips of the propellers at 69 mm (thesis 3.1).
-const RADIUS_M: f64 = 0.069;
 /// Between neighbours on the ground before the first flight.
 const SPACING_M: f64 = 1.0;
 
 pub(crate) struct Fleet {
     worlds: Vec<World<f64>>,
-    sensed: Vec<Sensed>,
+    sensed: Vec<SensorState>,
     neighbours: Vec<Neighbour<f64>>,
     has_battery: bool,
 }
@@ -47,13 +45,20 @@ impl Fleet {
             (state.pos_m[0], state.pos_m[1]) = ground_place(drone, drones);
             let reading = world.start(0, true, &state, &none);
             let vbat_v = has_battery.then_some(reading.vbat_v);
-            sensed.push(Sensed { reading, state, impact_mps: 0.0, standing: true, collided: false, vbat_v });
+            sensed.push(SensorState {
+                reading,
+                state,
+                impact_mps: 0.0,
+                standing: true,
+                collided: false,
+                vbat_v,
+            });
             worlds.push(world);
         }
         Ok(Fleet { worlds, sensed, neighbours: vec![Neighbour::gone(); drones], has_battery })
     }
 
-    pub(crate) fn sensed(&self) -> &[Sensed] {
+    pub(crate) fn sensed(&self) -> &[SensorState] {
         &self.sensed
     }
 
@@ -75,7 +80,7 @@ impl Fleet {
             let mut ticks = [Tick::none()];
             world.step_group(0, std::slice::from_ref(command), Some(&[around; 2]), &mut ticks);
             let [Tick { contact, reading }] = ticks;
-            self.sensed[own] = Sensed {
+            self.sensed[own] = SensorState {
                 reading,
                 state: *world.state(0),
                 impact_mps: contact.impact_mps,
@@ -95,7 +100,7 @@ impl Fleet {
                     continue;
                 }
                 let distance2: f64 = (0..3).map(|i| (a.state.pos_m[i] - b.state.pos_m[i]).powi(2)).sum();
-                if distance2 < 4.0 * RADIUS_M * RADIUS_M {
+                if distance2 < 4.0 * VEHICLE_RADIUS_M * VEHICLE_RADIUS_M {
                     self.sensed[one].collided = true;
                     self.sensed[other].collided = true;
                 }

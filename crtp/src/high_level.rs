@@ -56,17 +56,21 @@ const ENOENT: u8 = 2;
 const ENOEXEC: u8 = 8;
 
 /// What is answered, and what is to be done.
-pub(crate) struct Understood {
+pub(crate) struct HighLevelReply {
     pub status: u8,
     pub command: Option<HighLevelCommand>,
 }
 
 /// A request, for a drone of the groups of `mask`. The memory learns of trajectories; nothing for what is too
 /// short.
-pub(crate) fn understand(request: &[u8], mask: &mut u8, memory: &mut TrajectoryMemory) -> Option<Understood> {
+pub(crate) fn read_request(
+    request: &[u8],
+    mask: &mut u8,
+    memory: &mut TrajectoryMemory,
+) -> Option<HighLevelReply> {
     let mut fields = Fields(request);
     let kind = fields.u8()?;
-    let done = |status: u8| Some(Understood { status, command: None });
+    let done = |status: u8| Some(HighLevelReply { status, command: None });
     match kind {
         0 => {
             *mask = fields.u8()?;
@@ -114,7 +118,7 @@ pub(crate) fn understand(request: &[u8], mask: &mut u8, memory: &mut TrajectoryM
     };
     // group 0 is everybody
     let ours = group == 0 || group & *mask != 0;
-    Some(Understood { status: 0, command: ours.then_some(command) })
+    Some(HighLevelReply { status: 0, command: ours.then_some(command) })
 }
 
 fn climb(height_m: f64, yaw_rad: Option<f64>, pace: Pace, lands: bool) -> HighLevelCommand {
@@ -131,10 +135,10 @@ enum Way {
 }
 
 impl Way {
-    fn at(&self, t_s: f64) -> PathPoint {
+    fn point(&self, t_s: f64) -> PathPoint {
         match self {
-            Way::Path(path) => path.at(t_s),
-            Way::Spiral { spiral, from } => spiral.at(from, t_s),
+            Way::Path(path) => path.point(t_s),
+            Way::Spiral { spiral, from } => spiral.point(from, t_s),
         }
     }
 
@@ -149,7 +153,7 @@ impl Way {
 impl Spiral {
     /// Radius and angle grow evenly. The centre lies to the left, or to the right if clockwise; sideways the
     /// nose looks at it, or else along the way.
-    fn at(&self, from: &Point, t_s: f64) -> PathPoint {
+    fn point(&self, from: &Point, t_s: f64) -> PathPoint {
         let share = (t_s / self.duration_s).clamp(0.0, 1.0);
         let [r0, r1] = self.radii_m;
         let (side, yaw0) = (if self.clockwise { -1.0 } else { 1.0 }, from[3]);
@@ -210,7 +214,7 @@ impl Planner {
     /// Makes a plan from where the drone is to be now, or is while nothing is planned. `speeds_mps` are the
     /// parameters of take-off and landing.
     pub(crate) fn obey(&mut self, command: HighLevelCommand, now: &PathPoint, speeds_mps: [f64; 2]) {
-        let from = self.plan.as_ref().map_or(*now, |plan| plan.way.at(plan.since_s));
+        let from = self.plan.as_ref().map_or(*now, |plan| plan.way.point(plan.since_s));
         let (way, lands) = match command {
             HighLevelCommand::Stop => {
                 self.plan = None;
@@ -255,7 +259,7 @@ impl Planner {
     pub(crate) fn tick(&mut self, tick_s: f64) -> Option<PathPoint> {
         let plan = self.plan.as_mut()?;
         plan.since_s += tick_s;
-        let at = plan.way.at(plan.since_s);
+        let at = plan.way.point(plan.since_s);
         if plan.since_s >= plan.way.duration_s() {
             self.finished = true;
             if plan.lands {
@@ -330,23 +334,23 @@ mod tests {
             clockwise: false,
         };
         let from = [0.0, 0.0, 1.0, 0.0];
-        assert!(spiral.at(&from, 0.0).at.iter().zip(from).all(|(a, b)| (a - b).abs() < 1e-12));
-        let end = spiral.at(&from, 2.0).at;
+        assert!(spiral.point(&from, 0.0).at.iter().zip(from).all(|(a, b)| (a - b).abs() < 1e-12));
+        let end = spiral.point(&from, 2.0).at;
         // the centre is a metre to the left, the end two metres beyond it
         assert!(end[0].abs() < 1e-9 && (end[1] - 3.0).abs() < 1e-9 && (end[2] - 1.3).abs() < 1e-9, "{end:?}");
-        assert!(spiral.at(&from, 0.01).rate[0] > 0.0, "the nose leads");
+        assert!(spiral.point(&from, 0.01).rate[0] > 0.0, "the nose leads");
     }
 
     #[test]
     fn groups_that_are_not_ours_are_not_obeyed() {
         let (mut mask, mut memory) = (0, TrajectoryMemory::new());
-        assert_eq!(understand(&[0, 2], &mut mask, &mut memory).unwrap().status, 0);
+        assert_eq!(read_request(&[0, 2], &mut mask, &mut memory).unwrap().status, 0);
         assert_eq!(mask, 2);
         for (group, ours) in [(0, true), (2, true), (3, true), (4, false)] {
-            let understood = understand(&[3, group], &mut mask, &mut memory).unwrap();
+            let understood = read_request(&[3, group], &mut mask, &mut memory).unwrap();
             assert_eq!(understood.command.is_some(), ours);
         }
-        let unknown = understand(&[13, 0, 0, 0, 0, 9, 0, 0, 128, 63], &mut mask, &mut memory).unwrap();
+        let unknown = read_request(&[13, 0, 0, 0, 0, 9, 0, 0, 128, 63], &mut mask, &mut memory).unwrap();
         assert_eq!(unknown.status, ENOENT);
     }
 
@@ -356,7 +360,7 @@ mod tests {
             request in proptest::collection::vec(any::<u8>(), 0..31), ticks in 0_u8..50
         ) {
             let (mut mask, mut memory, mut planner) = (0, TrajectoryMemory::new(), Planner::default());
-            if let Some(Understood { command: Some(command), .. }) = understand(&request, &mut mask, &mut memory) {
+            if let Some(HighLevelReply { command: Some(command), .. }) = read_request(&request, &mut mask, &mut memory) {
                 planner.obey(command, &GROUND, [0.5; 2]);
             }
             for _ in 0..ticks {

@@ -171,11 +171,11 @@ impl ParamValues {
         ParamValues(PARAMS.iter().map(|param| param.default).collect())
     }
 
-    pub(crate) fn at(&self, id: usize) -> f64 {
+    pub(crate) fn value(&self, id: usize) -> f64 {
         self.0[id]
     }
 
-    pub(crate) fn set_at(&mut self, id: usize, value: f64) {
+    pub(crate) fn set_value(&mut self, id: usize, value: f64) {
         self.0[id] = value;
     }
 

@@ -16,7 +16,7 @@ use crate::high_level::{HighLevelCommand, Planner};
 use crate::order::{Order, PilotSettings};
 use crate::polynomial::PathPoint;
 use crate::setpoint::{AttitudeSetpoint, Setpoint, place, thrust};
-use crate::supervisor::{LEVEL_AFTER_S, STOP_AFTER_S, Supervisor, Watched, bit};
+use crate::supervisor::{LEVEL_AFTER_S, STOP_AFTER_S, Supervisor, VehicleCondition, bit};
 use crate::telemetry::Telemetry;
 
 /// Where the onboard filter has its positions from, besides those that the script sends.
@@ -42,7 +42,7 @@ const EMPTY_V: f64 = 3.0;
 
 /// What the vehicle feels at the end of a tick.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Sensed {
+pub(crate) struct SensorState {
     pub reading: Reading<f64>,
     pub state: State<f64>,
     pub impact_mps: f64,
@@ -129,7 +129,7 @@ impl Pilot {
         &mut self,
         orders: impl IntoIterator<Item = Order>,
         settings: &PilotSettings,
-        sensed: &Sensed,
+        sensed: &SensorState,
     ) -> (Command<f64>, Telemetry) {
         self.cascade.set_gains(settings.gains);
         self.estimator.predict(&sensed.reading, self.gravity_mps2, settings.noise, self.tick_s);
@@ -139,7 +139,7 @@ impl Pilot {
         }
         let vbat_v = sensed.vbat_v.unwrap_or(FULL_V);
         let [roll, pitch, _] = sensed.reading.att_rad;
-        let watched = Watched {
+        let watched = VehicleCondition {
             tilt_rad: roll.hypot(pitch),
             impact_mps: sensed.impact_mps,
             collided: sensed.collided,
@@ -154,7 +154,7 @@ impl Pilot {
     }
 
     /// What the drone sees of its place by itself, or is told by what surrounds it.
-    fn see(&mut self, sensed: &Sensed, settings: &PilotSettings) {
+    fn see(&mut self, sensed: &SensorState, settings: &PilotSettings) {
         let State { pos_m, att_rad, .. } = sensed.state;
         match self.positions {
             PositionSource::Lighthouse => {
@@ -188,7 +188,7 @@ impl Pilot {
         numbers.map(|number| number + normal.sample(&mut self.rng))
     }
 
-    fn obey(&mut self, order: Order, settings: &PilotSettings, sensed: &Sensed) {
+    fn obey(&mut self, order: Order, settings: &PilotSettings, sensed: &SensorState) {
         match order {
             Order::Attitude(setpoint) => self.attitude(setpoint),
             Order::Manual(setpoint) => self.force(LowLevel::Attitude { setpoint, right_handed: true }),
@@ -230,7 +230,7 @@ impl Pilot {
         }
     }
 
-    fn reset_estimator(&mut self, settings: &PilotSettings, sensed: &Sensed) {
+    fn reset_estimator(&mut self, settings: &PilotSettings, sensed: &SensorState) {
         let imu_yaw_rad = sensed.reading.att_rad[2];
         self.estimator = Estimator::new(settings.start_m, settings.start_yaw_rad, imu_yaw_rad);
         self.seen_s = f64::NEG_INFINITY;
@@ -250,7 +250,7 @@ impl Pilot {
         self.force(LowLevel::Attitude { setpoint, right_handed: false });
     }
 
-    fn plan(&mut self, command: HighLevelCommand, settings: &PilotSettings, sensed: &Sensed) {
+    fn plan(&mut self, command: HighLevelCommand, settings: &PilotSettings, sensed: &SensorState) {
         // a client takes its leave with a thrust of nothing: on the ground that is not in the way of the next
         if sensed.standing && self.thrust_pwm == 0.0 {
             self.in_force = None;
@@ -316,7 +316,7 @@ impl Pilot {
 
     fn telemetry(
         &self,
-        sensed: &Sensed,
+        sensed: &SensorState,
         settings: &PilotSettings,
         setpoint: Option<LowLevel>,
         command: &Command<f64>,

@@ -31,7 +31,7 @@ fn slope(c: &Coefficients, t: f64) -> f64 {
 }
 
 impl Piece {
-    pub(crate) fn at(&self, t_s: f64) -> PathPoint {
+    pub(crate) fn point(&self, t_s: f64) -> PathPoint {
         PathPoint { at: self.axes.map(|c| value(&c, t_s)), rate: self.axes.map(|c| slope(&c, t_s)) }
     }
 
@@ -107,12 +107,12 @@ impl Path {
 
     /// Begins at the place of `start`; turned to its heading as well, if wanted.
     pub(crate) fn begin_at(&mut self, start: &Point, turned: bool) {
-        let own = self.at(0.0).at;
+        let own = self.point(0.0).at;
         if turned {
             self.turn_rad = start[3] - own[3];
             self.shift[3] = self.turn_rad;
         }
-        let now = self.at(0.0).at;
+        let now = self.point(0.0).at;
         for i in 0..3 {
             self.shift[i] += start[i] - now[i];
         }
@@ -123,7 +123,7 @@ impl Path {
     }
 
     /// Where the path is so long after its start; it rests at its ends.
-    pub(crate) fn at(&self, t_s: f64) -> PathPoint {
+    pub(crate) fn point(&self, t_s: f64) -> PathPoint {
         let (whole_s, beyond) = (self.duration_s(), t_s >= self.duration_s());
         let t_s = t_s.clamp(0.0, whole_s);
         let mut left_s = if self.reversed { whole_s - t_s } else { t_s } / self.time_scale;
@@ -135,7 +135,7 @@ impl Path {
             }
             left_s -= next.duration_s;
         }
-        let PathPoint { at, rate } = piece.at(left_s.min(piece.duration_s));
+        let PathPoint { at, rate } = piece.point(left_s.min(piece.duration_s));
         let pace = if beyond { 0.0 } else { (if self.reversed { -1.0 } else { 1.0 }) / self.time_scale };
         let (sin, cos) = self.turn_rad.sin_cos();
         let turned = |[x, y, z, yaw]: Point| [cos * x - sin * y, sin * x + cos * y, z, yaw];
@@ -153,10 +153,10 @@ mod tests {
         let from = PathPoint { at: [0.0, 1.0, 0.5, 0.1], rate: [0.3, -0.2, 0.0, 0.0] };
         let piece = Piece::smooth(&from, &[1.0, 2.0, 0.7, -0.5], 2.5);
         let close = |a: Point, b: Point| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-9);
-        assert!(close(piece.at(0.0).at, from.at) && close(piece.at(0.0).rate, from.rate));
-        assert!(close(piece.at(2.5).at, [1.0, 2.0, 0.7, -0.5]) && close(piece.at(2.5).rate, [0.0; 4]));
-        let (h, end) = (1e-3, piece.at(2.5).rate[0]);
-        assert!(((end - piece.at(2.5 - h).rate[0]) / h).abs() < 1e-2, "no acceleration at the end");
+        assert!(close(piece.point(0.0).at, from.at) && close(piece.point(0.0).rate, from.rate));
+        assert!(close(piece.point(2.5).at, [1.0, 2.0, 0.7, -0.5]) && close(piece.point(2.5).rate, [0.0; 4]));
+        let (h, end) = (1e-3, piece.point(2.5).rate[0]);
+        assert!(((end - piece.point(2.5 - h).rate[0]) / h).abs() < 1e-2, "no acceleration at the end");
     }
 
     #[test]
@@ -178,12 +178,12 @@ mod tests {
         );
         let mut path = Path::trajectory(vec![line.clone()], 2.0, false).unwrap();
         path.begin_at(&[5.0, 5.0, 1.0, std::f64::consts::FRAC_PI_2], true);
-        let end = path.at(path.duration_s());
+        let end = path.point(path.duration_s());
         assert_eq!(path.duration_s(), 2.0);
         assert!((end.at[0] - 5.0).abs() < 1e-9 && (end.at[1] - 6.0).abs() < 1e-9, "{end:?}");
-        assert!((path.at(1.0).rate[1] - 0.5).abs() < 1e-9 && end.rate == [0.0; 4]);
+        assert!((path.point(1.0).rate[1] - 0.5).abs() < 1e-9 && end.rate == [0.0; 4]);
         let back = Path::trajectory(vec![line], 1.0, true).unwrap();
-        assert_eq!((back.at(0.0).at[0], back.at(1.0).at[0]), (2.0, 1.0));
+        assert_eq!((back.point(0.0).at[0], back.point(1.0).at[0]), (2.0, 1.0));
         assert!(Path::trajectory(Vec::new(), 1.0, false).is_none());
     }
 }

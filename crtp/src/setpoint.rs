@@ -122,9 +122,13 @@ fn manual(mut fields: Fields<'_>) -> Option<GenericSetpoint> {
 fn full_state(mut fields: Fields<'_>) -> Option<Setpoint> {
     let place_mm: [f64; 3] = fields.i16s()?;
     let _velocity_and_acceleration: [f64; 6] = fields.i16s()?;
-    let [x, y, z, w] = quaternion(fields.u32()?);
-    let yaw_rad = (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z));
+    let yaw_rad = heading_rad(quaternion(fields.u32()?));
     Some(place(place_mm.map(|mm| mm * 1e-3), yaw_rad))
+}
+
+/// The heading of an attitude x, y, z, w.
+pub(crate) fn heading_rad([x, y, z, w]: [f64; 4]) -> f64 {
+    (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z))
 }
 
 /// Two bits name the largest part, which is left out; the other three are a sign and nine bits of what is at
@@ -172,10 +176,8 @@ mod tests {
     fn a_packed_heading_is_that_heading() {
         // half a right angle about z: z = sin(pi/8) in nine bits, w left out
         let z = (std::f64::consts::FRAC_PI_8.sin() * std::f64::consts::SQRT_2 * 511.0).round() as u32;
-        let [x, y, z, w] = quaternion(3 << 30 | z);
-        assert!(
-            (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z)) - std::f64::consts::FRAC_PI_4 < 2e-3
-        );
+        let off_rad = heading_rad(quaternion(3 << 30 | z)) - std::f64::consts::FRAC_PI_4;
+        assert!(off_rad.abs() < 2e-3, "{off_rad}");
         let [_, _, z, w] = quaternion(2 << 30);
         assert_eq!((z, w), (1.0, 0.0));
     }

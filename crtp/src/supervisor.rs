@@ -32,7 +32,7 @@ pub(crate) mod bit {
 
 /// What a tick brought that the supervisor looks at.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Watched {
+pub(crate) struct VehicleCondition {
     pub tilt_rad: f64,
     pub impact_mps: f64,
     pub collided: bool,
@@ -122,7 +122,7 @@ impl Supervisor {
         }
     }
 
-    pub(crate) fn tick(&mut self, now: &Watched, limits: &SupervisorLimits, tick_s: f64) {
+    pub(crate) fn tick(&mut self, now: &VehicleCondition, limits: &SupervisorLimits, tick_s: f64) {
         self.since_thrust_s = if now.thrust { 0.0 } else { self.since_thrust_s + tick_s };
         if limits.tumble {
             self.tumbled |= now.collided || now.tilt_rad > TUMBLE_RAD;
@@ -161,15 +161,15 @@ mod tests {
     use super::*;
 
     const LIMITS: SupervisorLimits = SupervisorLimits { low_v: 3.2, empty_v: 3.0, tumble: true };
-    const FINE: Watched =
-        Watched { tilt_rad: 0.0, impact_mps: 0.0, collided: false, thrust: true, vbat_v: 4.0 };
+    const FINE: VehicleCondition =
+        VehicleCondition { tilt_rad: 0.0, impact_mps: 0.0, collided: false, thrust: true, vbat_v: 4.0 };
 
     #[test]
     fn a_crash_locks_until_recovery_and_an_emergency_for_good() {
         let mut supervisor = Supervisor::new(true);
         supervisor.tick(&FINE, &LIMITS, 0.01);
         assert!(supervisor.can_fly() && supervisor.info() & bit::IS_FLYING != 0);
-        supervisor.tick(&Watched { impact_mps: 2.0, ..FINE }, &LIMITS, 0.01);
+        supervisor.tick(&VehicleCondition { impact_mps: 2.0, ..FINE }, &LIMITS, 0.01);
         assert!(!supervisor.can_fly());
         supervisor.arm(true);
         assert!(!supervisor.can_fly(), "arming does not cure a crash");
@@ -186,11 +186,11 @@ mod tests {
         assert!(!supervisor.can_fly());
         supervisor.arm(true);
         for _ in 0..499 {
-            supervisor.tick(&Watched { vbat_v: 2.9, ..FINE }, &LIMITS, 0.01);
+            supervisor.tick(&VehicleCondition { vbat_v: 2.9, ..FINE }, &LIMITS, 0.01);
         }
         assert!(supervisor.can_fly() && supervisor.power_state() == 3.0);
         for _ in 0..3 {
-            supervisor.tick(&Watched { vbat_v: 2.9, ..FINE }, &LIMITS, 0.01);
+            supervisor.tick(&VehicleCondition { vbat_v: 2.9, ..FINE }, &LIMITS, 0.01);
         }
         assert!(!supervisor.can_fly() && supervisor.power_state() == 4.0);
         let mut watched = Supervisor::new(true);

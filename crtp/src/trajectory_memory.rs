@@ -172,8 +172,14 @@ mod tests {
             bytes.extend(end.to_le_bytes());
         }
         let pieces = defined(1, 2, &bytes).pieces(3).unwrap();
-        assert!((pieces[0].at(1.0).at[0] - 2.0).abs() < 1e-9 && (pieces[1].at(0.0).at[0] - 2.0).abs() < 1e-9);
-        assert!((pieces[1].at(1.0).at[0] - 3.0).abs() < 1e-9 && (pieces[1].at(1.0).at[2] - 0.5).abs() < 1e-9);
+        assert!(
+            (pieces[0].point(1.0).at[0] - 2.0).abs() < 1e-9
+                && (pieces[1].point(0.0).at[0] - 2.0).abs() < 1e-9
+        );
+        assert!(
+            (pieces[1].point(1.0).at[0] - 3.0).abs() < 1e-9
+                && (pieces[1].point(1.0).at[2] - 0.5).abs() < 1e-9
+        );
     }
 
     #[test]

@@ -254,6 +254,9 @@ pub enum Autoreset {
 /// share the air feel each other.
 const DOWNWASH_N: f64 = 0.118;
 
+/// Radius of the vehicle over the tips of its propellers: 46 mm to a motor, and a propeller of 23 mm (thesis 3.1).
+pub const VEHICLE_RADIUS_M: f64 = 0.069;
+
 /// Turns the effect `downwash` on as it was measured, unless the table says something about it.
 pub fn add_downwash(effects: &mut EffectTable) {
     effects.entry("downwash".into()).or_insert(EffectParams::First(Number::Fixed(DOWNWASH_N)));
@@ -345,7 +348,7 @@ impl Default for Options {
             neighbours: Knowledge::Ideal,
             each: Vec::new(),
             // motor to motor across 92 mm, propellers of 46 mm (thesis 3.1): tips at 69 mm from the centre
-            radius_m: 0.069,
+            radius_m: VEHICLE_RADIUS_M,
             wind_field: None,
             action: ActionLevel::default(),
             observation: ObservationChoice::default(),

@@ -5,6 +5,9 @@ from hypothesis import settings
 
 from common import IDS
 
+# helpers that assert
+pytest.register_assert_rewrite("crazyflies")
+
 # the same cases in every run, and no folder of past cases
 settings.register_profile("repository", database=None, derandomize=True)
 settings.load_profile("repository")

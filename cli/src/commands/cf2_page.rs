@@ -6,7 +6,7 @@ use crazyflie_crtp::{Moment, Settings, Watcher};
 use crazyflie_env::config::Options;
 use crazyflie_env::observation::{Interface, MARKER_POS, OBSERVATION, SETPOINT, index};
 use crazyflie_env::vector::{STATE, state_index};
-use crazyflie_server::serve::{self, ShownDrone, ShownFleet};
+use crazyflie_server::serve::{self, DroneView, FleetView};
 use tokio::net::TcpListener;
 use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
@@ -17,7 +17,7 @@ use super::{Failure, Outcome};
 pub(super) struct Page {
     listener: TcpListener,
     pub(super) address: SocketAddr,
-    fleet: ShownFleet,
+    fleet: FleetView,
 }
 
 /// Nobody draws more often: the simulation tells every second tick.
@@ -30,7 +30,7 @@ impl Page {
         let listener = TcpListener::bind(address).await.map_err(|e| Failure::about(address, e))?;
         let address = listener.local_addr()?;
         let interface = Interface::from_model(&settings.model, settings.vertical)?;
-        let nowhere = ShownDrone {
+        let nowhere = DroneView {
             time_s: 0.0,
             observation: [0.0; OBSERVATION],
             state: [0.0; STATE],
@@ -38,7 +38,7 @@ impl Page {
             flying: false,
         };
         let (sender, drones) = watch::channel(vec![nowhere; settings.drones]);
-        let fleet = ShownFleet {
+        let fleet = FleetView {
             name: "cf2".to_owned(),
             options: Options { effects: settings.effects.clone(), ..Options::default() },
             tick_s: TICKS as f64 / crazyflie_crtp::TICK_HZ,
@@ -64,7 +64,7 @@ impl Page {
 }
 
 /// The row of a drone: where it is, where it believes it is, where it is to be.
-fn shown(moment: &Moment, interface: &Interface) -> ShownDrone {
+fn shown(moment: &Moment, interface: &Interface) -> DroneView {
     let mut observation = [0.0; OBSERVATION];
     let place = |row: &mut [f32], numbers: &[f64]| {
         row.iter_mut().zip(numbers).for_each(|(slot, number)| *slot = *number as f32);
@@ -79,7 +79,7 @@ fn shown(moment: &Moment, interface: &Interface) -> ShownDrone {
     place(&mut state[state_index::VEL..], &moment.state.vel_mps);
     place(&mut state[state_index::ROLL..], &moment.state.att_rad);
     place(&mut state[state_index::YAW + 1..], &moment.state.rate_radps);
-    ShownDrone {
+    DroneView {
         time_s: moment.time_s,
         observation,
         state,

@@ -1,5 +1,7 @@
 //! A race: gates in order, what is hit, what is seen of them.
 
+use std::ops::Range;
+
 use crazyflie_control::{ControllerContext, ControllerSpec, Mode, MultiController};
 use crazyflie_env::config::Options;
 use crazyflie_env::model::Model;
@@ -12,6 +14,9 @@ const STEPS: usize = 1000;
 const ENVS: usize = 48;
 /// Numbers of the observation asked for: next gate, the one after it, nearest obstacle, true position.
 const WIDTH: usize = 12;
+const GATE: Range<usize> = 0..3;
+const NEXT_GATE: Range<usize> = 3..6;
+const OBSTACLE: Range<usize> = 6..9;
 
 /// Flights of one controller.
 struct Race {
@@ -98,12 +103,12 @@ fn gates_come_in_their_order_and_round_after_round() {
     };
     let mut order = vec![place(race.rows(0).next().unwrap())];
     for row in race.rows(0) {
-        let (gate, next) = (place(&row[..3]), place(&row[3..6]));
+        let (gate, next) = (place(&row[GATE]), place(&row[NEXT_GATE]));
         if *order.last().unwrap() != gate {
             order.push(gate);
         }
         assert_eq!(next, if order.len() == 8 { gate } else { (gate + 1) % 4 });
-        assert_eq!(row[6..9], [10.0; 3], "an empty room");
+        assert_eq!(row[OBSTACLE], [10.0; 3], "an empty room");
     }
     assert_eq!(order, [0, 1, 2, 3, 0, 1, 2, 3]);
 }
@@ -115,7 +120,8 @@ fn what_stands_in_the_way_is_hit_and_ends_the_flight() {
     let finished = race.finished();
     assert!((1..ENVS).contains(&finished), "{finished} of {ENVS}");
     for env in 0..ENVS {
-        let nearest = race.rows(env).map(|row| (row[6] * row[6] + row[7] * row[7] + row[8] * row[8]).sqrt());
+        let nearest =
+            race.rows(env).map(|row| row[OBSTACLE].iter().map(|axis| axis * axis).sum::<f32>().sqrt());
         let nearest = nearest.fold(f32::INFINITY, f32::min);
         assert!(nearest >= 0.069, "{env} flew on at {nearest} m from a pole");
     }

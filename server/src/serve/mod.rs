@@ -33,4 +33,4 @@ pub use session_registry::SessionEnd;
 
 pub use server::{Report, run, run_showing};
 pub use settings::{Limits, ServeError, Settings, tls};
-pub use shown::{ShownDrone, ShownFleet};
+pub use shown::{DroneView, FleetView};

@@ -30,7 +30,7 @@ use super::quota::{Quota, QuotaSlot, address_group, token_digest};
 use super::session::Session;
 use super::session_registry::{SessionEnd, SessionRegistry, lock};
 use super::settings::{ServeError, Settings};
-use super::shown::{self, ShownFleet};
+use super::shown::{self, FleetView};
 use super::socket::Stream;
 use super::worlds::WorldRegistry;
 use crate::bench::Bench;
@@ -98,7 +98,7 @@ pub async fn run(
 pub async fn run_showing(
     listener: TcpListener,
     settings: Settings,
-    fleet: Option<ShownFleet>,
+    fleet: Option<FleetView>,
     stop: impl Future<Output = ()>,
 ) -> Result<Report, ServeError> {
     let address = listener.local_addr()?;

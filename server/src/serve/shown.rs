@@ -15,7 +15,7 @@ use super::session_registry::SessionEnd;
 
 /// One drone at a moment.
 #[derive(Debug, Clone, Copy)]
-pub struct ShownDrone {
+pub struct DroneView {
     /// Since the start.
     pub time_s: f64,
     /// As an environment's: set-point, measured place and last action are drawn.
@@ -30,7 +30,7 @@ pub struct ShownDrone {
 
 /// Drones that are shown as they fly.
 #[derive(Debug, Clone)]
-pub struct ShownFleet {
+pub struct FleetView {
     /// Name in the list of sessions.
     pub name: String,
     /// Their effects, for markers and camera.
@@ -40,11 +40,11 @@ pub struct ShownFleet {
     /// Ranges of their commands.
     pub interface: Interface,
     /// The newest moment, all drones in order; as many of them from the first on.
-    pub drones: watch::Receiver<Vec<ShownDrone>>,
+    pub drones: watch::Receiver<Vec<DroneView>>,
 }
 
 /// Shows them until they end or the server does.
-pub(super) async fn show(server: Arc<Server>, mut fleet: ShownFleet) {
+pub(super) async fn show(server: Arc<Server>, mut fleet: FleetView) {
     let drones = fleet.drones.borrow().len();
     let feed = Feed::for_multi_drone(&fleet.options, fleet.tick_s, drones);
     let entered = server
@@ -96,7 +96,7 @@ struct Rows {
 }
 
 impl Rows {
-    fn new(drones: &[ShownDrone]) -> Rows {
+    fn new(drones: &[DroneView]) -> Rows {
         Rows {
             observations: drones.iter().flat_map(|drone| drone.observation).collect(),
             states: drones.iter().flat_map(|drone| drone.state).collect(),

@@ -4,12 +4,11 @@
 use rand_pcg::Pcg64Mcg;
 
 use super::Options;
+use crate::config::VEHICLE_RADIUS_M;
 use crate::error::{Error, Result, check_range};
 use crate::scalar::{Scalar, tabulate};
 use crate::task::{Chosen, HEIGHT_M, NOTHING_NEAR_M, Outline, ROOM_M, jitter, on_circle};
 
-/// Radius of the vehicle, over its propellers' tips: 46 mm to a motor, and a propeller of 23 mm.
-const RADIUS_M: f64 = 0.069;
 /// Width of a gate's frame.
 const FRAME_M: f64 = 0.08;
 /// Most of each kind.
@@ -100,7 +99,7 @@ impl Course {
 
     /// Half the width that is free for the drone's middle.
     pub(super) fn free_m(&self) -> f64 {
-        0.5 * self.opening_m - RADIUS_M
+        0.5 * self.opening_m - VEHICLE_RADIUS_M
     }
 
     /// Numbers of the board.
@@ -161,13 +160,13 @@ impl Course {
     #[inline(always)]
     pub(super) fn is_hit<R: Scalar>(&self, board: &[R], before_m: &[R; 3], now_m: &[R; 3]) -> R::Mask {
         let mut hit = R::nothing();
-        let (free_m, frame_m) = (self.free_m(), 0.5 * self.opening_m + FRAME_M + RADIUS_M);
+        let (free_m, frame_m) = (self.free_m(), 0.5 * self.opening_m + FRAME_M + VEHICLE_RADIUS_M);
         for i in 0..self.gates.len() {
             hit = hit | self.gate(board, i).is_frame_hit(before_m, now_m, [free_m, frame_m]);
         }
         let way = self.nearest_obstacle(board, now_m);
         let away2 = way[0] * way[0] + way[1] * way[1] + way[2] * way[2];
-        hit | away2.lt(R::from_f64(RADIUS_M * RADIUS_M))
+        hit | away2.lt(R::from_f64(VEHICLE_RADIUS_M * VEHICLE_RADIUS_M))
     }
 
     /// From a place to the nearest point of the nearest pole or box; [`NOTHING_NEAR_M`] along each axis where

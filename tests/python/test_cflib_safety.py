@@ -1,0 +1,230 @@
+"""What the simulated Crazyflie does when things go wrong, as stock cflib sees it."""
+
+import contextlib
+import json
+import math
+import os
+import socket
+import struct
+import threading
+import time
+import urllib.request
+
+import pytest
+from cflib.crazyflie import Crazyflie
+from cflib.crazyflie.log import LogConfig
+from cflib.crazyflie.syncCrazyflie import SyncCrazyflie
+from websockets.sync.client import connect
+
+from crazyflies import SPEED, Link, flying, restart, simulated, started
+
+pytest_plugins = ["crazyflies"]
+
+
+def test_an_emergency_stop_holds_until_a_restart(drone, cache):
+    with flying(drone, cache) as link:
+        link.take_off()
+        link.cf.supervisor.send_emergency_stop()
+        link.until(lambda: link.now["stabilizer.thrust"] == 0)
+        link.sleep(1.5)
+        states = set(link.cf.supervisor.read_state_list())
+        assert "Is locked" in states and not states & {"Can fly", "Can be armed"}
+        link.cf.supervisor.send_crash_recovery_request()
+        link.take_off()
+        assert link.place[2] < 0.05
+    restart(drone)
+    with flying(drone, cache) as link:
+        link.take_off()
+        link.is_at(0, 0, 0.5)
+
+
+def test_what_falls_too_hard_lies_until_it_is_recovered(link):
+    link.take_off(0.8)
+    link.cf.high_level_commander.stop()
+    link.until(lambda: link.place[2] < 0.05)
+    link.sleep(0.5)
+    states = set(link.cf.supervisor.read_state_list())
+    assert "Is crashed" in states and "Can fly" not in states
+    link.take_off()
+    assert link.place[2] < 0.05
+    link.cf.supervisor.send_crash_recovery_request()
+    link.take_off()
+    link.is_at(0, 0, 0.5)
+
+
+def test_set_points_that_stop_are_levelled_and_then_dropped(cache):
+    with simulated() as drones, flying(drones[0]["udp"], cache, speed=1) as link:
+        link.repeat(2, link.cf.commander.send_zdistance_setpoint, 0, 0, 0, 0.5)
+        link.repeat(0.4, link.cf.commander.send_zdistance_setpoint, 5, 0, 0, 0.5)
+        angles = []
+        config = LogConfig("asked", 10)
+        config.add_variable("controller.roll")
+        config.add_variable("stabilizer.thrust")
+        link.cf.log.add_config(config)
+        start = time.monotonic()
+
+        def take(_, values, __):
+            angles.append((time.monotonic() - start, *values.values()))
+
+        config.data_received_cb.add_callback(take)
+        link.cf.commander.send_zdistance_setpoint(5, 0, 0, 0.5)
+        config.start()
+        time.sleep(2.4)
+        level = min(t for t, roll, thrust in angles if abs(roll) < 2 and thrust > 0)
+        off = min(t for t, _, thrust in angles if thrust == 0)
+        assert level == pytest.approx(0.5, abs=0.15) and off == pytest.approx(2.0, abs=0.15), (level, off)
+        assert "Can fly" not in link.cf.supervisor.read_state_list(), "it fell from half a metre"
+
+
+def test_an_empty_battery_stops_the_motors(cache):
+    battery = '{"battery_sag": {"exponent": 0.5, "charge": 0.05, "resistance_ohm": 0.1}}'
+    with simulated("--speed", 5, "--effects", battery) as drones, flying(drones[0]["udp"], cache, 5) as link:
+        power = []
+        config = LogConfig("power", 50)
+        config.add_variable("pm.vbat", "float")
+        config.add_variable("pm.state", "uint8_t")
+        link.cf.log.add_config(config)
+        config.data_received_cb.add_callback(lambda _, values, __: power.append(tuple(values.values())))
+        config.start()
+        link.take_off(0.4)
+        assert link.place[2] > 0.3
+        link.until(lambda: link.now["stabilizer.thrust"] == 0, seconds=8)
+        link.sleep(1)
+        assert min(volts for volts, _ in power) < 3.0
+        assert {state for _, state in power} >= {0, 3, 4}
+        assert link.cf.supervisor.is_locked
+
+
+def test_a_client_that_was_cut_off_can_come_back(drone, cache):
+    lost = Crazyflie(rw_cache=cache)
+    cut = SyncCrazyflie(drone, cf=lost)
+    cut.open_link()
+    cut.wait_for_params()
+    lost.high_level_commander.takeoff(0.5, 2)
+    # the network is gone: neither a farewell nor a closed socket reaches the drone
+    lost.link_statistics.stop()
+    lost.link._thread.stop()
+    quiet = lost.link.socket
+    lost.link = None
+    start, again = time.monotonic(), None
+    while again is None:
+        assert time.monotonic() - start < 6
+        try:
+            again = SyncCrazyflie(drone, cf=Crazyflie(rw_cache=cache))
+            again.open_link()
+        except Exception:
+            again = None
+            time.sleep(0.1)
+    assert time.monotonic() - start > 2, "who was heard a moment ago is not replaced"
+    with contextlib.closing(quiet), contextlib.closing(again):
+        again.close = again.close_link
+        link = Link(again, SPEED)
+        link.is_at(0, 0, 0.5)
+        link.cf.high_level_commander.land(0, 2)
+        link.until(lambda: link.now["stabilizer.thrust"] == 0)
+
+
+def test_a_second_client_is_refused_at_once(link, drone, cache):
+    failed = []
+    second = Crazyflie(rw_cache=cache)
+    second.connection_failed.add_callback(lambda uri, message: failed.append((uri, message)))
+    start = time.monotonic()
+    second.open_link(drone)
+    link.until(lambda: failed)
+    assert time.monotonic() - start < 2 and "refused" in failed[0][1]
+    second.close_link()
+    link.take_off()
+    link.is_at(0, 0, 0.5)
+
+
+def test_losses_and_latency(cache):
+    options = ("--loss", 0.3, "--latency", 0.02, "--seed", 3)
+    with simulated(*options) as drones, flying(drones[0]["udp"], cache, speed=1) as link:
+        echoes = []
+        link.cf.link_statistics.latency.latency_updated.add_callback(echoes.append)
+        count = len(link.heights)
+        time.sleep(2)
+        got = len(link.heights) - count
+        assert 0.5 * 40 < got < 0.9 * 40, got
+        assert 40 <= echoes[-1] < 70, "there and back"
+        link.repeat(3, link.cf.commander.send_hover_setpoint, 0, 0, 0, 0.5)
+        link.is_at(0, 0, 0.5)
+
+
+def test_over_tcp(cache):
+    with simulated("--speed", SPEED, "--tcp", 0) as drones:
+        uri = drones[0]["tcp"]
+        with flying(uri, cache) as link:
+            link.take_off()
+            link.is_at(0, 0, 0.5)
+
+
+def test_positions_of_the_script_are_believed(cache):
+    with simulated("--speed", SPEED, "--position", "none") as drones, flying(drones[0]["udp"], cache) as link:
+        link.repeat(2, link.cf.extpos.send_extpos, 1.0, 2.0, 0.0)
+        link.is_at(1, 2, 0, within=0.05)
+        link.repeat(2, link.cf.extpos.send_extpose, -1.0, 0.5, 0.0, 0, 0, math.sin(0.5), math.cos(0.5))
+        link.is_at(-1, 0.5, 0, within=0.1)
+        assert math.radians(link.now["stateEstimate.yaw"]) == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.parametrize("source", ["aruco", "mocap"])
+def test_positions_from_outside(cache, source):
+    with simulated("--speed", SPEED, "--position", source) as drones, flying(drones[0]["udp"], cache) as link:
+        link.take_off(0.7)
+        link.cf.high_level_commander.go_to(0.2, 0, 0.7, 0, 2)
+        link.sleep(4)
+        link.is_at(0.2, 0, 0.7, within=0.15)
+
+
+def test_the_page_shows_who_flies(cache):
+    with started("--speed", SPEED, "--drones", 2, "--page", "127.0.0.1:0") as told:
+        page = told["page"]
+        sessions, end = [], time.monotonic() + 5
+        while not sessions and time.monotonic() < end:
+            with urllib.request.urlopen(f"{page}/api/v1/sessions") as answer:
+                sessions = json.loads(answer.read())
+        session = sessions[0]
+        assert (session["env"], session["num_envs"]) == ("cf2", 1)
+        with flying(told["drones"][1]["udp"], cache) as link:
+            link.take_off()
+            live = page.replace("http", "ws") + "/live"
+            with connect(live, subprotocols=["crazyflie.live.v1"]) as watcher:
+                watcher.send(json.dumps({"watch": session["session"]}))
+                head = watcher.recv()
+                header = json.loads(head[4 : 4 + int.from_bytes(head[:4], "little")])
+                row = watcher.recv()
+            columns, drones = header["columns"], header["drones"]
+            numbers = struct.unpack(f"<{drones * len(columns)}f", row)
+            first, second = (
+                dict(zip(columns, numbers[i * len(columns) : (i + 1) * len(columns)], strict=True)) for i in range(2)
+            )
+            assert (first["flying"], second["flying"]) == (0, 1) and first["z"] == 0
+            for name in ("z", "setpoint_z", "fix_z"):
+                assert second[name] == pytest.approx(0.5, abs=0.1), name
+
+
+def test_a_flood_and_nonsense_change_nothing(drone, link):
+    link.take_off()
+    host, port = drone.removeprefix("udp://").split(":")
+    stop = threading.Event()
+
+    def flood():
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as raw:
+            for i in range(20000):
+                if stop.is_set():
+                    return
+                with contextlib.suppress(OSError):
+                    raw.sendto(os.urandom(i % 60), (host, int(port)))
+
+    thread = threading.Thread(target=flood)
+    thread.start()
+    # and from the one client that is heard: ports and channels that there are not
+    for header in range(256):
+        if header >> 4 in (1, 10, 11, 12, 14):
+            link.cf.link.socket.send(bytes([header]) + struct.pack("<I", header))
+    link.sleep(3)
+    stop.set()
+    thread.join()
+    link.is_at(0, 0, 0.5)
+    assert link.cf.supervisor.is_flying
