@@ -214,7 +214,7 @@ impl<R: Scalar> Onboard<R> {
     fn follow(&mut self, tile: usize, wanted_mps: [R; 3], turn_radps: R, x: &State<R>) -> Command<R> {
         let tilt = self.tilt_rad(tile, [wanted_mps[0], wanted_mps[1]], x);
         let lift = self.lift(tile, wanted_mps[2], x);
-        self.command_of(tilt, turn_radps, lift, x)
+        self.attitude_command(tilt, turn_radps, lift, x)
     }
 
     /// Roll and pitch that bring the velocity along the axes of the room.
@@ -253,7 +253,7 @@ impl<R: Scalar> Onboard<R> {
 
     /// The command that brings roll, pitch and a right-handed yaw rate.
     #[inline(always)]
-    fn command_of(&self, [roll, pitch]: [R; 2], turn_radps: R, lift: R, x: &State<R>) -> Command<R> {
+    fn attitude_command(&self, [roll, pitch]: [R; 2], turn_radps: R, lift: R, x: &State<R>) -> Command<R> {
         let limit = R::from_f64(self.interface.tilt_max_rad);
         let angle = |i: usize, wanted: R| {
             (self.per_tilt[i] * wanted + self.closing[i] * (wanted - x.att_rad[i])).clamp(-limit, limit)
@@ -427,11 +427,11 @@ impl Cascade {
             LateralSetpoint::Tilt(tilt) => {
                 let limit = onboard.interface.tilt_max_rad;
                 let [roll_rad, pitch_rad] = tilt.map(|rad| rad.clamp(-limit, limit));
-                let level = onboard.command_of([0.0; 2], turn_radps, lift, x);
+                let level = onboard.attitude_command([0.0; 2], turn_radps, lift, x);
                 return Command { roll_rad, pitch_rad, ..level };
             }
         };
         let tilt = onboard.tilt_rad(0, wanted_mps, x);
-        onboard.command_of(tilt, turn_radps, lift, x)
+        onboard.attitude_command(tilt, turn_radps, lift, x)
     }
 }
