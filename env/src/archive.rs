@@ -4,6 +4,17 @@
 use crate::lanes::LANES;
 use crate::sim_scalar::BatchScalar;
 
+/// Sees every number that a flight goes on from, by name, and may replace it.
+pub(crate) trait Ledger<R> {
+    fn numbers(&mut self, name: &str, numbers: &mut [R]);
+}
+
+impl<R: BatchScalar> Ledger<R> for Archive<'_> {
+    fn numbers(&mut self, _: &str, numbers: &mut [R]) {
+        self.numbers(numbers);
+    }
+}
+
 /// Shows every number that flights go on from, to be written or to be overwritten.
 pub(crate) enum Archive<'a> {
     Write(Vec<u8>),

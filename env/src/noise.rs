@@ -51,6 +51,10 @@ impl<R: Scalar> EpisodeKeys<R> {
         self.low.set_lane(lane, key as u32);
         self.high.set_lane(lane, (key >> 32) as u32);
     }
+    /// Keys that are words already: low, then high.
+    pub fn from_words([low, high]: [R::Word; 2]) -> Self {
+        EpisodeKeys { low, high }
+    }
     /// What can be drawn at one tick.
     #[inline(always)]
     pub fn draw<'a>(&'a self, tick: &'a R::Word) -> TickRng<'a, R> {
@@ -95,8 +99,9 @@ impl<R: Scalar> TickRng<'_, R> {
         let c = -sin_a;
         [radius * c, radius * s]
     }
+    /// 32 random bits.
     #[inline(always)]
-    fn word(&self, channel: u32) -> R::Word {
+    pub(crate) fn word(&self, channel: u32) -> R::Word {
         let base = mix(self.tick.mul(R::Word::from_u32(0x9e37_79b9)).add(self.keys.low)) ^ self.keys.high;
         mix(base.add(R::Word::from_u32(channel.wrapping_mul(0x85eb_ca6b))))
     }

@@ -6,6 +6,8 @@
 use std::fmt::Debug;
 use std::ops::{Add, AddAssign, BitAnd, BitOr, BitXor, Div, Mul, Neg, Not, Sub, SubAssign};
 
+use crate::elementary;
+
 /// A real number, or several side by side.
 pub trait Scalar:
     Copy
@@ -97,23 +99,7 @@ pub trait Scalar:
     /// error below 3e-7 in `f32` and 1e-11 in `f64` for |self| < 1e4 rad.
     #[inline(always)]
     fn sin_cos(self) -> (Self, Self) {
-        let quarter = (self * Self::from_f64(std::f64::consts::FRAC_2_PI)).round();
-        // pi/2 in three parts that are exact in f32: the products with a small integer lose nothing.
-        let r = self
-            - quarter * Self::from_f64(1.570_312_5)
-            - quarter * Self::from_f64(4.837_512_969_970_703e-4)
-            - quarter * Self::from_f64(7.549_789_948_768_648e-8);
-        let r2 = r * r;
-        let sin = r + r
-            * r2
-            * poly(r2, 4, &[-1.0 / 6.0, 1.0 / 120.0, -1.0 / 5040.0, 1.0 / 362_880.0, -1.0 / 39_916_800.0]);
-        let cos = Self::from_f64(1.0)
-            + r2 * poly(
-                r2,
-                4,
-                &[-0.5, 1.0 / 24.0, -1.0 / 720.0, 1.0 / 40_320.0, -1.0 / 3_628_800.0, 1.0 / 479_001_600.0],
-            );
-        Self::turned(quarter, sin, cos)
+        elementary::sin_cos(self)
     }
 
     /// Sine and cosine of an angle `quarter` (a whole number) quarter turns beyond the one whose sine and
@@ -133,15 +119,7 @@ pub trait Scalar:
     /// `f32` and 1e-9 in `f64`.
     #[inline(always)]
     fn sin_cos_quarter(self) -> (Self, Self) {
-        let x2 = self * self;
-        let (s3, s5, s7, s9, s11) =
-            (-1.0 / 6.0, 1.0 / 120.0, -1.0 / 5040.0, 1.0 / 362_880.0, -1.0 / 39_916_800.0);
-        let sin = self + self * x2 * poly(x2, 5, &[s3, s5, s7, s9, s11, 1.0 / 6_227_020_800.0]);
-        let (c4, c6, c8, c10, c12) =
-            (1.0 / 24.0, -1.0 / 720.0, 1.0 / 40_320.0, -1.0 / 3_628_800.0, 1.0 / 479_001_600.0);
-        let cos =
-            Self::from_f64(1.0) + x2 * poly(x2, 6, &[-0.5, c4, c6, c8, c10, c12, -1.0 / 87_178_291_200.0]);
-        (sin, cos)
+        elementary::sin_cos_quarter(self)
     }
 
     /// Tangent; the caller keeps away from odd multiples of pi/2.
@@ -155,39 +133,13 @@ pub trait Scalar:
     /// in `f64`.
     #[inline(always)]
     fn exp(self) -> Self {
-        let x = self.clamp(Self::from_f64(-80.0), Self::from_f64(80.0));
-        let n = (x * Self::from_f64(std::f64::consts::LOG2_E)).round();
-        // ln 2 in two parts, the first exact in f32
-        let r = x - n * Self::from_f64(0.693_359_375) - n * Self::from_f64(-2.121_944_400_546_905_8e-4);
-        let e = Self::from_f64(1.0)
-            + r * poly(
-                r,
-                7,
-                &[
-                    1.0,
-                    0.5,
-                    1.0 / 6.0,
-                    1.0 / 24.0,
-                    1.0 / 120.0,
-                    1.0 / 720.0,
-                    1.0 / 5040.0,
-                    1.0 / 40_320.0,
-                    1.0 / 362_880.0,
-                    1.0 / 3_628_800.0,
-                ],
-            );
-        e.scale_exponent(n)
+        elementary::exp(self)
     }
 
     /// Natural logarithm of a positive normal number. Absolute error below 3e-7 in `f32`, 1e-10 in `f64`.
     #[inline(always)]
     fn ln(self) -> Self {
-        let (m, n) = self.split_exponent();
-        // ln m = 2 atanh(t), t = (m-1)/(m+1), |t| < 0.172
-        let t = (m - Self::from_f64(1.0)) / (m + Self::from_f64(1.0));
-        let t2 = t * t;
-        n * Self::from_f64(std::f64::consts::LN_2)
-            + t * poly(t2, 4, &[2.0, 2.0 / 3.0, 2.0 / 5.0, 2.0 / 7.0, 2.0 / 9.0, 2.0 / 11.0])
+        elementary::ln(self)
     }
 
     /// `self^exponent` for positive `self`.
@@ -226,28 +178,6 @@ pub fn tabulate<R: Scalar, const N: usize>(f: impl Fn(usize) -> R) -> [R; N] {
         out[i] = f(i);
     }
     out
-}
-
-/// A polynomial, lowest coefficient first: by Horner's scheme, or in single precision, which cannot tell the
-/// coefficients beyond the first few, by Estrin's, whose chains of dependent operations are half as long.
-#[inline(always)]
-fn poly<R: Scalar, const N: usize>(x: R, single: usize, coefficients: &[f64; N]) -> R {
-    let c = |i: usize| R::from_f64(coefficients[i]);
-    if R::SINGLE && (4..=7).contains(&single) {
-        let x2 = x * x;
-        let low = (c(0) + c(1) * x) + x2 * (c(2) + c(3) * x);
-        return match single {
-            4 => low,
-            5 => low + x2 * x2 * c(4),
-            6 => low + x2 * x2 * (c(4) + c(5) * x),
-            _ => low + x2 * x2 * (c(4) + c(5) * x + x2 * c(6)),
-        };
-    }
-    let mut sum = c(N - 1);
-    for i in (0..N - 1).rev() {
-        sum = sum * x + c(i);
-    }
-    sum
 }
 
 /// Integers modulo 2^32, one per lane.

@@ -4,6 +4,7 @@ use crate::dual::Dual;
 use crate::effects::{Build, Entry, Stage};
 use crate::lanes::{LANES, LaneMask, Lanes};
 use crate::scalar::Scalar;
+use crate::symbol::Symbol;
 
 /// A number type that a world can be made of.
 pub trait SimScalar: Scalar {
@@ -14,6 +15,9 @@ pub trait SimScalar: Scalar {
     fn run<T>(code: impl FnOnce() -> T) -> T {
         code()
     }
+    /// Says that what follows belongs to a part of the simulator, for number types that keep account.
+    #[inline(always)]
+    fn enter(_part: &'static str) {}
 }
 
 /// A number type of sixteen lanes, which a batch of environments can be made of.
@@ -30,6 +34,15 @@ pub(crate) trait BatchScalar: SimScalar {
 impl SimScalar for f64 {
     fn stage(entry: &Entry, build: Build) -> Box<dyn Stage<Self>> {
         (entry.double)(build)
+    }
+}
+
+impl SimScalar for Symbol {
+    fn stage(entry: &Entry, build: Build) -> Box<dyn Stage<Self>> {
+        (entry.symbol)(build)
+    }
+    fn enter(part: &'static str) {
+        crate::symbol::enter(part);
     }
 }
 

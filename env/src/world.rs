@@ -6,9 +6,11 @@ mod camera_clock;
 mod fitting;
 mod force;
 mod parts;
+mod recording;
 mod setup;
 mod wind;
 
+pub use recording::RecordedEffect;
 pub(crate) use setup::check_scope;
 
 use std::slice::{from_mut, from_ref};
@@ -143,7 +145,7 @@ pub struct World<R: SimScalar> {
     feels_air: Vec<bool>,
     /// Active effects, in registry order, with what their parameters are drawn from.
     stages: Vec<Box<dyn Stage<R>>>,
-    /// Their names, where a fit asks for them.
+    /// Their names.
     names: Vec<&'static str>,
     order: Order,
     drawn: Vec<(usize, Vec<BoundedNumber>)>,
@@ -238,7 +240,7 @@ impl<R: SimScalar> World<R> {
             mass_kg: model.vehicle.mass.value,
             drawn_now: vec![0.0; drawn.iter().map(|(_, values)| values.len()).max().unwrap_or(0)],
             drawn: drawn.into_iter().map(|(i, values)| (i, with_ranges(entries[i], values))).collect(),
-            names: Vec::new(),
+            names: entries.iter().map(|entry| entry.name).collect(),
             stages: stages.into_iter().map(|(_, stage)| stage).collect(),
             order,
             states: vec![State::rest(); tiles],
@@ -529,6 +531,7 @@ impl<R: SimScalar> World<R> {
                     group.push[..n].iter_mut().enumerate().for_each(|(i, push)| wind.push(i, push));
                 }
             }
+            R::enter("model");
             for i in 0..n {
                 let (x, t, tick) = (&mut states[i], &mut tiles[i], &mut ticks[i]);
                 let (mut next, heading, up_mps2) =

@@ -8,6 +8,7 @@ mod custom;
 mod errors;
 mod guarded_cell;
 mod interface;
+mod jax;
 mod linear;
 mod multi_controller;
 mod picture;
@@ -26,6 +27,8 @@ mod _native {
     use crate::controller::{Controller, Pid, controllers};
     #[pymodule_export]
     use crate::interface::Interface;
+    #[pymodule_export]
+    use crate::jax::jax_module;
     #[pymodule_export]
     use crate::linear::{loop_plots, loop_report, state_space, transfer_function};
     #[pymodule_export]

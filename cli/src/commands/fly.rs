@@ -208,7 +208,7 @@ fn setup(args: &Args, controllers: &[ControllerSpec]) -> Outcome<Setup> {
 }
 
 /// The task of a file, where `--task` names one.
-fn own_task(task: &str) -> Outcome<Option<OwnTask>> {
+pub(super) fn own_task(task: &str) -> Outcome<Option<OwnTask>> {
     let file = Path::new(task);
     if !file.extension().is_some_and(|ending| ending == "toml" || ending == "json") {
         return Ok(None);

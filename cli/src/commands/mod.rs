@@ -14,6 +14,7 @@ mod explain_bench;
 mod explain_bench_page;
 mod explain_bench_table;
 mod explain_table;
+mod export;
 pub(crate) mod files;
 mod fly;
 mod fly_multi_drone;
@@ -64,6 +65,7 @@ Examples:
   crazyflie reproduce thesis
   crazyflie effects
   crazyflie policy export-c hover.safetensors -o policy.c
+  crazyflie export --jax hover.py
   crazyflie bench submit --controller thesis-pid
   crazyflie bench leaderboard --scenario hover-aruco
   crazyflie serve";
@@ -89,6 +91,7 @@ enum Command {
     ExplainBench(explain_bench::Args),
     Tune(tune::Args),
     Plot(plot::Args),
+    Export(export::Args),
     Effects(effects::Args),
     Tasks(tasks::Args),
     Actions(actions::Args),
@@ -225,6 +228,7 @@ fn run(command: &Command, out: &mut dyn Write) -> Outcome {
         Command::ExplainBench(args) => explain_bench::run(args, out),
         Command::Tune(args) => tune::run(args, out),
         Command::Plot(args) => plot::run(args, out),
+        Command::Export(args) => export::run(args, out),
         Command::Effects(args) => effects::run(args, out),
         Command::Tasks(args) => tasks::run(args, out),
         Command::Actions(args) => actions::run(args, out),

@@ -1,14 +1,15 @@
 //! The onboard cascade: position error to velocity, velocity error to tilt and thrust, in front of the
 //! vehicle's attitude loops. One memory for each tile of drones.
 
+use std::slice::from_mut;
+
 use super::{ActionLevel, SPEED_MAX_MPS};
-use crate::archive::Archive;
+use crate::archive::Ledger;
 use crate::error::Result;
 use crate::model::{AxisForm, Model, Motors, Vertical, VerticalInput};
 use crate::observation::{ACTION, Interface, wrap};
 use crate::plant::{Command, State};
 use crate::scalar::{Scalar, tabulate};
-use crate::sim_scalar::BatchScalar;
 
 /// Gains and limits of the onboard cascade. The default is that of the Crazyflie's firmware
 /// (platform_defaults_cf2.h, 2022).
@@ -268,10 +269,10 @@ impl<R: Scalar> Onboard<R> {
     }
 }
 
-impl<R: BatchScalar> Onboard<R> {
-    pub(crate) fn archive(&mut self, tile: usize, archive: &mut Archive<'_>) {
-        archive.numbers(&mut self.memory[tile].velocity_m);
-        archive.number(&mut self.memory[tile].height_ms);
+impl<R: Scalar> Onboard<R> {
+    pub(crate) fn show_numbers(&mut self, tile: usize, ledger: &mut impl Ledger<R>) {
+        ledger.numbers("cascade_velocity_m", &mut self.memory[tile].velocity_m);
+        ledger.numbers("cascade_height_ms", from_mut(&mut self.memory[tile].height_ms));
     }
 }
 

@@ -12,6 +12,7 @@ use crate::noise::{TickRng, channel};
 use crate::plant::{Accelerations, Command, State};
 use crate::scalar::Scalar;
 use crate::sim_scalar::SimScalar;
+use crate::symbol::Symbol;
 
 pub(crate) use stage::{Build, Stage, Tiles};
 pub use vehicle_constants::VehicleConstants;
@@ -349,6 +350,8 @@ pub trait Effect<const P: usize, const S: usize>: Send + 'static {
     /// How long its numbers of state that are no lags remember the motion, in seconds: a fit runs them up on
     /// what was measured.
     const MOTION_MEMORY_S: f64 = 0.0;
+    /// Where its state is a ring that [`HookContext::clock`] turns: numbers of a place of the ring; otherwise 0.
+    const RING: usize = 0;
     /// The effect with more numbers of state, where `S` do not hold what it remembers at this control rate.
     fn wider<R: SimScalar>(_build: Build) -> Option<Box<dyn Stage<R>>> {
         None
@@ -452,6 +455,7 @@ pub struct Entry {
     #[cfg(target_arch = "x86_64")]
     pub(crate) avx512: fn(Build) -> Box<dyn Stage<crate::lanes_avx512::Lanes>>,
     pub(crate) double: fn(Build) -> Box<dyn Stage<f64>>,
+    pub(crate) symbol: fn(Build) -> Box<dyn Stage<Symbol>>,
     pub(crate) dual: fn(Build) -> Box<dyn Stage<Dual>>,
 }
 

@@ -37,7 +37,9 @@ pub trait Stage<R: Scalar>: Send {
     fn visit(&mut self, only_lags: bool, see: &mut dyn FnMut(&mut R));
     /// Show all that is of one tile: parameters that differ from drone to drone, and what the effect
     /// remembers.
-    fn visit_tile(&mut self, tile: usize, see: &mut dyn FnMut(&mut R));
+    fn visit_tile(&mut self, tile: usize, see: &mut dyn FnMut(&mut [R]));
+    /// See [`Effect::RING`].
+    fn ring(&self) -> usize;
     /// Begin an episode in the lanes of `mask`.
     fn start(&mut self, tile: usize, mask: R::Mask, cx: &HookContext<R>, x: &State<R>, u: &Command<R>);
     fn command(&mut self, of: &Tiles<R>, u: &mut [Command<R>]);
@@ -83,6 +85,7 @@ impl<E: Effect<P, S>, R: SimScalar, const P: usize, const S: usize> StageOf<E, R
     fn each(&mut self, of: &Tiles<R>, mut hook: impl FnMut(usize, &[R; P], &mut [R; S])) {
         let (count, first) = (of.cx.len(), of.first);
         let states = &mut self.states[first..first + count];
+        R::enter(E::NAME);
         let params = if self.stride == 1 { &self.params[first..first + count] } else { &self.params[..1] };
         for i in 0..count {
             hook(i, &params[i * self.stride], &mut states[i]);
@@ -110,11 +113,15 @@ impl<E: Effect<P, S>, R: SimScalar, const P: usize, const S: usize> Stage<R> for
         }
     }
 
-    fn visit_tile(&mut self, tile: usize, see: &mut dyn FnMut(&mut R)) {
+    fn visit_tile(&mut self, tile: usize, see: &mut dyn FnMut(&mut [R])) {
         if self.stride == 1 {
-            self.params[tile].iter_mut().for_each(&mut *see);
+            see(&mut self.params[tile]);
         }
-        self.states[tile].iter_mut().for_each(see);
+        see(&mut self.states[tile]);
+    }
+
+    fn ring(&self) -> usize {
+        E::RING
     }
 
     fn start(&mut self, tile: usize, mask: R::Mask, cx: &HookContext<R>, x: &State<R>, u: &Command<R>) {
@@ -258,6 +265,7 @@ pub(super) const fn entry<E: Effect<P, S>, const P: usize, const S: usize>(_effe
         #[cfg(target_arch = "x86_64")]
         avx512: StageOf::<E, _, P, S>::boxed,
         double: StageOf::<E, _, P, S>::boxed,
+        symbol: StageOf::<E, _, P, S>::boxed,
         dual: StageOf::<E, _, P, S>::boxed,
     }
 }

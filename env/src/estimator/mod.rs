@@ -10,11 +10,12 @@
 mod prediction;
 mod sensor_noise;
 
-use crate::archive::Archive;
+use std::slice::from_mut;
+
+use crate::archive::Ledger;
 use crate::model::{Model, Vertical, VerticalInput};
 use crate::observation::{OBSERVATION, index, wrap};
 use crate::scalar::{Scalar, tabulate};
-use crate::sim_scalar::BatchScalar;
 use prediction::{Axis, Covariance, START, overlap, predict_covariance, predict_mean};
 use sensor_noise::NoiseVariance;
 
@@ -105,6 +106,15 @@ impl<R: Scalar> Estimator<R> {
         self.begin(mask, o);
         self.fresh = self.fresh & !mask;
         self.now(o, self.push(o, o[index::YAW] + self.turned_rad))
+    }
+
+    /// [`Self::start`] in the lanes of `begun`, or else [`Self::update`].
+    #[inline(always)]
+    pub(crate) fn estimate(&mut self, begun: Option<R::Mask>, o: &[R; OBSERVATION]) -> Estimate<R> {
+        match begun {
+            Some(mask) => self.start(mask, o),
+            None => self.update(o),
+        }
     }
 
     /// Where the vehicle is at the time of this observation row, the next one since the last call.
@@ -318,28 +328,23 @@ impl<R: Scalar> Estimator<R> {
         }
     }
 
-    /// What it goes on from; every lane has begun.
-    pub(crate) fn archive(&mut self, archive: &mut Archive<'_>)
-    where
-        R: BatchScalar,
-    {
-        archive.numbers(self.axes.as_flattened_mut());
-        archive.numbers(self.spread.as_flattened_mut());
-        archive.numbers(self.acc_mps2.as_flattened_mut());
-        archive.numbers(&mut self.imu_yaw_rad);
-        archive.numbers(&mut self.last_mps2);
-        for number in [
-            &mut self.age_s,
-            &mut self.outliers,
-            &mut self.turned_rad,
-            &mut self.turned_spread,
-            &mut self.seen_s,
-        ] {
-            archive.number(number);
-        }
-        if archive.reads() {
-            self.fresh = R::nothing();
-        }
+    /// Shows what it goes on from.
+    pub(crate) fn show_numbers(&mut self, ledger: &mut impl Ledger<R>) {
+        ledger.numbers("filter_axes", self.axes.as_flattened_mut());
+        ledger.numbers("filter_spread", self.spread.as_flattened_mut());
+        ledger.numbers("filter_acc_mps2", self.acc_mps2.as_flattened_mut());
+        ledger.numbers("filter_imu_yaw_rad", &mut self.imu_yaw_rad);
+        ledger.numbers("filter_last_mps2", &mut self.last_mps2);
+        ledger.numbers("filter_age_s", from_mut(&mut self.age_s));
+        ledger.numbers("filter_outliers", from_mut(&mut self.outliers));
+        ledger.numbers("filter_turned_rad", from_mut(&mut self.turned_rad));
+        ledger.numbers("filter_turned_spread", from_mut(&mut self.turned_spread));
+        ledger.numbers("filter_seen_s", from_mut(&mut self.seen_s));
+    }
+
+    /// Every lane is under way, with the numbers that it was given.
+    pub(crate) fn resume(&mut self) {
+        self.fresh = R::nothing();
     }
 }
 

@@ -2,12 +2,13 @@
 
 use super::FULL_PWM;
 use crate::action::ActionLevel;
-use crate::archive::Archive;
+use std::slice::from_mut;
+
+use crate::archive::Ledger;
 use crate::effects::mixer::MOTORS;
 use crate::observation::wrap;
 use crate::plant::{Command, State};
 use crate::scalar::Scalar;
-use crate::sim_scalar::BatchScalar;
 
 // Gains of the Crazyflie's firmware (platform_defaults_cf2.h, 2022), in degrees: roll, pitch, yaw.
 /// Rate asked for per degree, per degree second, and per deg/s; how far the sum goes.
@@ -51,12 +52,12 @@ impl<R: Scalar> Memory<R> {
     }
 }
 
-impl<R: BatchScalar> Memory<R> {
-    pub(super) fn archive(&mut self, archive: &mut Archive<'_>) {
-        archive.number(&mut self.yaw_rad);
-        archive.numbers(&mut self.angle_sum);
-        archive.numbers(&mut self.rate_sum);
-        archive.numbers(&mut self.last_radps);
+impl<R: Scalar> Memory<R> {
+    pub(super) fn show_numbers(&mut self, ledger: &mut impl Ledger<R>) {
+        ledger.numbers("loops_yaw_rad", from_mut(&mut self.yaw_rad));
+        ledger.numbers("loops_angle_sum", &mut self.angle_sum);
+        ledger.numbers("loops_rate_sum", &mut self.rate_sum);
+        ledger.numbers("loops_last_radps", &mut self.last_radps);
     }
 }
 

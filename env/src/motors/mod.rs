@@ -5,13 +5,12 @@ mod linear;
 mod loops;
 
 use crate::action::ActionLevel;
-use crate::archive::Archive;
+use crate::archive::Ledger;
 use crate::effects::mixer::{MOTORS, SIDE_PER_ARM};
 use crate::model::{Model, Motors, Vertical, VerticalInput};
 use crate::observation::wrap;
 use crate::plant::{Accelerations, Command, State, YawRotation};
 use crate::scalar::Scalar;
-use crate::sim_scalar::BatchScalar;
 
 use loops::{Loops, Memory};
 
@@ -219,11 +218,11 @@ impl<R: Scalar> MotorVehicle<R> {
     }
 }
 
-impl<R: BatchScalar> MotorVehicle<R> {
-    pub(crate) fn archive(&mut self, tile: usize, archive: &mut Archive<'_>) {
+impl<R: Scalar> MotorVehicle<R> {
+    pub(crate) fn show_numbers(&mut self, tile: usize, ledger: &mut impl Ledger<R>) {
         let state = &mut self.states[tile];
-        archive.numbers(&mut state.pwm);
-        state.memory.archive(archive);
+        ledger.numbers("motor_pwm", &mut state.pwm);
+        state.memory.show_numbers(ledger);
     }
 }
 

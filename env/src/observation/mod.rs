@@ -2,6 +2,7 @@
 //! they give.
 
 mod choice;
+mod sight;
 
 use serde::{Deserialize, Serialize};
 
@@ -17,6 +18,7 @@ pub use choice::{
     ObservationChoice, find_field,
 };
 pub(crate) use choice::{YAW_ERROR, is_of_surroundings};
+pub(crate) use sight::{need_estimate, observable};
 
 /// Numbers per observation.
 pub const OBSERVATION: usize = 24;

@@ -5,14 +5,13 @@ use super::ShardSpec;
 use crate::archive::Archive;
 use crate::coupling::NEIGHBOUR;
 use crate::error::{Error, Result, check_range};
-use crate::estimator::{Estimate, Estimator, SensorNoise};
+use crate::estimator::{Estimator, SensorNoise};
 use crate::lanes::LANES;
 use crate::observation::{
-    EST_POS, Field, LONGEST_HISTORY, OBSERVABLE, OBSERVATION, index, is_of_surroundings, wrap,
+    Field, LONGEST_HISTORY, OBSERVABLE, OBSERVATION, is_of_surroundings, need_estimate, observable,
 };
 use crate::plant::State;
-use crate::rows::{lanes_of, state_index, state_row};
-use crate::scalar::tabulate;
+use crate::rows::lanes_of;
 use crate::sim_scalar::BatchScalar;
 use crate::task::Surroundings;
 
@@ -85,7 +84,7 @@ impl<R: BatchScalar> Observer<R> {
             )));
         }
         let width = own_width(&fields) + NEIGHBOUR * (drones - 1);
-        let estimates = fields.iter().any(|field| field.first >= EST_POS.first && !is_of_surroundings(field));
+        let estimates = need_estimate(&fields);
         let estimator = |i: usize| {
             Estimator::new(models[i % drones], inputs[i % drones], tick_s, &SensorNoise::default())
         };
@@ -142,46 +141,13 @@ impl<R: BatchScalar> Observer<R> {
     /// Every number that an observation may hold, in the order of [`crate::observation::ALL_FIELDS`].
     #[inline(always)]
     fn observable(&mut self, place: RowPlace, sight: &Sight<'_, R>) -> [R; OBSERVABLE] {
-        let (own, zero) = (sight.own, R::zero());
-        let setpoint_m = [own[index::SETPOINT_X], own[index::SETPOINT_Y], own[index::SETPOINT_Z]];
-        let error = |pos_m: &[R; 3]| {
-            tabulate::<R, 3>(
-                #[inline(always)]
-                |i| setpoint_m[i] - pos_m[i],
-            )
-        };
-        let turn = |yaw_rad: R| wrap(own[index::SETPOINT_YAW] - yaw_rad);
-        let mut all = [zero; OBSERVABLE];
-        let mut end = 0;
-        let mut add = |numbers: &[R]| {
-            all[end..end + numbers.len()].copy_from_slice(numbers);
-            end += numbers.len();
-        };
-        add(own);
-        let mut state = state_row(sight.x);
-        state[state_index::YAW] = wrap(sight.x.att_rad[2]);
-        add(&state);
-        add(&error(&sight.x.pos_m));
-        add(&[turn(sight.x.att_rad[2])]);
-        let estimator = self.estimators.get_mut(place.tile * self.drones + place.drone);
-        let Estimate { pos_m, vel_mps, yaw_rad, push_mps2 } = match estimator {
-            Some(estimator) if place.begins => estimator.start(R::mask(place.lanes), own),
-            Some(estimator) => estimator.update(own),
-            None => Estimate { pos_m: [zero; 3], vel_mps: [zero; 3], yaw_rad: zero, push_mps2: [zero; 3] },
-        };
-        add(&pos_m);
-        add(&vel_mps);
-        add(&[yaw_rad]);
-        add(&push_mps2);
-        add(&error(&pos_m));
-        add(&[turn(yaw_rad)]);
-        let about = &sight.surroundings;
-        add(&about.gate_pos_m);
-        add(&[wrap(about.gate_yaw_rad)]);
-        add(&about.next_gate_pos_m);
-        add(&[wrap(about.next_gate_yaw_rad)]);
-        add(&about.obstacle_m);
-        all
+        let begun = place.begins.then(|| R::mask(place.lanes));
+        let estimate = self.estimators.get_mut(place.tile * self.drones + place.drone);
+        let estimate = estimate.map(
+            #[inline(always)]
+            |estimator| estimator.estimate(begun, sight.own),
+        );
+        observable(sight.own, sight.x, estimate, &sight.surroundings)
     }
 
     /// The rows of this tick: what was asked for, within its bounds, and what is known of the others.
@@ -210,7 +176,10 @@ impl<R: BatchScalar> Observer<R> {
     pub(super) fn archive(&mut self, tile: usize, archive: &mut Archive<'_>) {
         let per_tile = tile * self.drones..(tile + 1) * self.drones;
         for estimator in self.estimators.get_mut(per_tile).unwrap_or_default() {
-            estimator.archive(archive);
+            estimator.show_numbers(archive);
+            if archive.reads() {
+                estimator.resume();
+            }
         }
         let numbers = LANES * self.drones * self.history * self.width;
         let end = self.past.len().min((tile + 1) * numbers);

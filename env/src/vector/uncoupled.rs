@@ -13,16 +13,16 @@ use super::{BatchConfig, Shard, ShardSpec};
 use crate::action::Onboard;
 use crate::archive::Archive;
 use crate::config::Autoreset;
-use crate::effects::Neighbour;
+use crate::episode::{Judged, TickResult, first_row, judge_tick, lift_before};
 use crate::error::Result;
 use crate::expression::Moment;
 use crate::lanes::LANES;
 use crate::noise::episode_key;
-use crate::observation::{ACTION, ActionScale, Interface, OBSERVATION, observe};
+use crate::observation::{ACTION, ActionScale, Interface, OBSERVATION};
 use crate::plant::{Command, State};
 use crate::rows::{STATE, first_bad_action, flags, lanes_of, state_row, write, write_lane};
 use crate::sim_scalar::BatchScalar;
-use crate::task::{GOAL, Outline, Scene, Situation, Start, Task, crashed, outside};
+use crate::task::{GOAL, Outline, Start, Task};
 use crate::world::{GROUP, Settings, Tick, World};
 
 /// What is remembered of a tile besides its world.
@@ -199,7 +199,7 @@ impl<R: BatchScalar, T: Task> Shard for UncoupledShard<R, T> {
         let key = |lane: usize| episode_key(episodes.seed[lane], episodes.number[lane].wrapping_sub(1));
         self.world.archive(tile, key, archive);
         if let Some(onboard) = &mut self.onboard {
-            onboard.archive(tile, archive);
+            onboard.show_numbers(tile, archive);
         }
         if let Some(observer) = &mut self.observer {
             observer.archive(tile, archive);
@@ -268,12 +268,7 @@ impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
             for (slot, value) in slot.goal.iter_mut().zip(start.goal) {
                 slot.set_lane(lane, value);
             }
-            // in the air it has been hovering, on the floor the motors stand still
-            let flying = if start.pos_m[2] > 0.0 { 1.0 } else { 0.0 };
-            u.lift.set_lane(
-                lane,
-                if interface.input.is_pwm() { flying * interface.hover_lift } else { start.pos_m[2] },
-            );
+            u.lift.set_lane(lane, lift_before(interface, start.pos_m[2]));
         }
         self.bits[tile].ended &= !(bits as u16);
         let mask = R::mask(bits);
@@ -284,24 +279,21 @@ impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
             onboard.start(tile, mask);
         }
         let reading = self.world.start(tile, mask, &x, &u);
-        let now_s = self.world.time_s(tile);
         // the goals of lanes under way must not move on here
         let mut goal = slot.goal;
-        let x = self.world.state(tile);
-        let drones = [present(x)];
-        let scene = Scene { drones: &drones, load: None, t_s: now_s, draw: self.world.draw(tile) };
         let size = self.begun.len();
         let board = &self.boards[tile * size..(tile + 1) * size];
-        let setpoint = self.task.setpoint(0, &mut goal, board, &scene);
+        let row =
+            first_row(&self.task, &self.world, tile, &mut goal, board, (&reading, &slot.last_action));
         for (kept, new) in slot.goal.iter_mut().zip(goal) {
             *kept = R::select(mask, new, *kept);
         }
-        let row = observe(&reading, now_s, &setpoint, &slot.last_action);
         for lane in lanes_of(bits) {
             write_lane(&row, lane, &mut rows[lane * OBSERVATION..(lane + 1) * OBSERVATION]);
         }
         if let Some(observer) = &mut self.observer {
             let place = RowPlace { tile, drone: 0, lanes: bits, flying: bits, begins: true };
+            let x = self.world.state(tile);
             let surroundings = self.task.surroundings(&x.pos_m, &slot.goal, board);
             observer.write(place, &Sight { own: &row, x, rows: &[], surroundings }, observed);
         }
@@ -364,32 +356,14 @@ impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
         tick: &Tick<R>,
         out: TileRows<'_>,
     ) {
-        let now_s = self.world.time_s(tile);
         let slot = &mut self.slots[tile];
-        let x = self.world.state(tile);
-        let drones = [present(x)];
-        let scene = Scene { drones: &drones, load: None, t_s: now_s, draw: self.world.draw(tile) };
         let size = self.begun.len();
         let board = &self.boards[tile * size..(tile + 1) * size];
-        let setpoint = self.task.setpoint(0, &mut slot.goal, board, &scene);
-        let situation = Situation {
-            x,
-            setpoint,
-            goal: &slot.goal,
-            action,
-            last_action: &slot.last_action,
-            contact: &tick.contact,
-        };
-        let outcome = self.task.judge(0, &situation, board, &scene);
-        let broken = outside(x) | crashed(&tick.contact);
-        let mut reward = if T::CRASH_COST == 0.0 {
-            outcome.reward
-        } else {
-            outcome.reward - R::select(broken, R::from_f64(T::CRASH_COST), R::zero())
-        };
+        let result = TickResult { tile, action, last_action: &slot.last_action, tick };
+        let Judged { setpoint, row, mut reward, arrived, mut ends, broken, now_s } =
+            judge_tick(&self.task, &self.world, &mut slot.goal, board, &result);
+        let x = self.world.state(tile);
         let over = now_s.gt(params.last_s);
-        let row = observe(&tick.reading, now_s, &setpoint, action);
-        let mut ends = outcome.ends;
         if let Some(judgement) = &mut self.judgement {
             let moment = Moment {
                 own: &row,
@@ -399,7 +373,7 @@ impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
                 impact_mps: tick.contact.impact_mps,
                 now_s,
                 broken,
-                arrived: outcome.arrived,
+                arrived,
                 task_reward: reward,
             };
             let bits = self.bits[tile];
@@ -480,12 +454,6 @@ impl<R: BatchScalar, T> UncoupledShard<R, T> {
             }
         }
     }
-}
-
-/// The drone as a task sees it; computed only for those that look.
-#[inline(always)]
-fn present<R: BatchScalar>(x: &State<R>) -> Neighbour<R> {
-    Neighbour { pos_m: x.pos_m, vel_mps: x.vel_mps, here: R::from_f64(1.0) }
 }
 
 /// What every tile of a step needs of the configuration, as numbers of the lanes.

@@ -1,7 +1,9 @@
 //! What the flights of a tile go on from.
 
+use std::slice::from_mut;
+
 use super::World;
-use crate::archive::Archive;
+use crate::archive::{Archive, Ledger};
 use crate::lanes::LANES;
 use crate::scalar::Word;
 use crate::sim_scalar::{BatchScalar, SimScalar};
@@ -12,21 +14,9 @@ impl<R: SimScalar> World<R> {
     where
         R: BatchScalar,
     {
-        let x = &mut self.states[tile];
-        for numbers in [&mut x.pos_m, &mut x.vel_mps, &mut x.att_rad, &mut x.rate_radps] {
-            archive.numbers(numbers);
-        }
-        archive.numbers(&mut x.aux);
-        let t = &mut self.tiles[tile];
-        archive.numbers(&mut t.acc_mps2);
-        archive.number(&mut t.until_frame);
-        archive.numbers(&mut t.fix.pos_m);
-        for number in [&mut t.fix.yaw_rad, &mut t.fix.t_s, &mut t.fix.valid] {
-            archive.number(number);
-        }
+        self.show_numbers(tile, archive);
         archive.count(&mut self.clocks[tile]);
         let age = &mut self.ages[tile];
-        archive.number(&mut age.ticks);
         if archive.reads() {
             for lane in 0..LANES {
                 age.keys.set_lane(lane, key(lane));
@@ -34,11 +24,30 @@ impl<R: SimScalar> World<R> {
                 age.tick.set_lane(lane, age.ticks.lane(lane) as u32);
             }
         }
+    }
+
+    /// Shows the numbers that the flights of a tile go on from. Besides them there are the words of the noise,
+    /// and the clock.
+    pub(crate) fn show_numbers(&mut self, tile: usize, ledger: &mut impl Ledger<R>) {
+        let x = &mut self.states[tile];
+        ledger.numbers("pos_m", &mut x.pos_m);
+        ledger.numbers("vel_mps", &mut x.vel_mps);
+        ledger.numbers("att_rad", &mut x.att_rad);
+        ledger.numbers("rate_radps", &mut x.rate_radps);
+        ledger.numbers("lag", &mut x.aux);
+        let t = &mut self.tiles[tile];
+        ledger.numbers("acc_mps2", &mut t.acc_mps2);
+        ledger.numbers("until_frame", from_mut(&mut t.until_frame));
+        ledger.numbers("fix_pos_m", &mut t.fix.pos_m);
+        ledger.numbers("fix_yaw_rad", from_mut(&mut t.fix.yaw_rad));
+        ledger.numbers("fix_t_s", from_mut(&mut t.fix.t_s));
+        ledger.numbers("fix_valid", from_mut(&mut t.fix.valid));
+        ledger.numbers("ticks", from_mut(&mut self.ages[tile].ticks));
         if let Some(motors) = &mut self.motors {
-            motors.archive(tile, archive);
+            motors.show_numbers(tile, ledger);
         }
-        for stage in &mut self.stages {
-            stage.visit_tile(tile, &mut |number| archive.number(number));
+        for (stage, name) in self.stages.iter_mut().zip(&self.names) {
+            stage.visit_tile(tile, &mut |numbers| ledger.numbers(name, numbers));
         }
     }
 }

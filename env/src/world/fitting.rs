@@ -39,8 +39,7 @@ impl<R: SimScalar> World<R> {
             all.push((place, entry, entry.params.iter().map(|p| Number::Fixed(p.off)).collect()));
         }
         all.sort_by_key(|(place, ..)| *place);
-        let names = all.iter().map(|(_, entry, _)| entry.name).collect();
-        Ok(World { names, ..Self::assemble(model, all, settings, 1)?.without_floor() })
+        Ok(Self::assemble(model, all, settings, 1)?.without_floor())
     }
 
     /// Give an effect its parameters, in the order of its registry entry.

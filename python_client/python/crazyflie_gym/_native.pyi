@@ -261,6 +261,17 @@ def model_text() -> str: ...
 def check_model(text: str) -> str: ...
 def datasheet_model(text: str) -> str: ...
 def cli(argv: list[str]) -> int: ...
+def jax_module(
+    options: str = "{}", models: list[str] | None = None, *, seed: int = 0, starts: int = 256
+) -> tuple[str, list[tuple[list[int], NDArray[np.float64]]]]:
+    """Return the text of a module of JAX functions, and the starts that it picks from.
+
+    Each start has the words of each drone's noise and the numbers of the start.
+
+    Raises:
+        ValueError: naming the option that is wrong, or that cannot be recorded.
+    """
+
 def policy_c(policy: bytes, stem: str, *, model: str | None = None, vertical: str = "pwm") -> tuple[str, str]: ...
 def submit(
     controllers: list[AnyController],

@@ -5,12 +5,12 @@ use rand_pcg::Pcg64Mcg;
 
 use super::drone_batch::{DroneBatch, EpisodeStats, Tile, neighbour};
 use crate::archive::Archive;
+use crate::episode::lift_before;
 use crate::lanes::LANES;
 use crate::noise::{episode_key, scramble};
-use crate::observation::{ACTION, Interface};
+use crate::observation::ACTION;
 use crate::rows::{STATE, lanes_of, state_row, write_lane};
 use crate::sim_scalar::BatchScalar;
-use crate::task::Start;
 use crate::vector::BatchConfig;
 use crate::world::Tick;
 
@@ -50,7 +50,8 @@ impl<R: BatchScalar> DroneBatch<R> {
                 x.pos_m[i].set_lane(lane, start.pos_m[i]);
             }
             x.att_rad[2].set_lane(lane, start.yaw_rad);
-            self.scratch.u[drone].lift.set_lane(lane, lift(&config.interfaces[drone], &start));
+            let lift = lift_before(&config.interfaces[drone], start.pos_m[2]);
+            self.scratch.u[drone].lift.set_lane(lane, lift);
             for (slot, value) in self.slot_mut(tile, drone).goal.iter_mut().zip(start.goal) {
                 slot.set_lane(lane, value);
             }
@@ -121,7 +122,7 @@ impl<R: BatchScalar> DroneBatch<R> {
             );
         }
         for onboard in onboard.iter_mut().flatten() {
-            onboard.archive(tile, archive);
+            onboard.show_numbers(tile, archive);
         }
         if let Some(observer) = &mut self.observer {
             observer.archive(tile, archive);
@@ -153,15 +154,6 @@ impl<R: BatchScalar> DroneBatch<R> {
                 write_lane(&state_row(self.drones[drone].state(tile)), lane, row);
             }
         }
-    }
-}
-
-/// What was commanded before: in the air it has been hovering, on the floor the motors stand still.
-fn lift(interface: &Interface, start: &Start) -> f64 {
-    match (interface.input.is_pwm(), start.pos_m[2] > 0.0) {
-        (true, true) => interface.hover_lift,
-        (true, false) => 0.0,
-        (false, _) => start.pos_m[2],
     }
 }
 

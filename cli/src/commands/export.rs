@@ -1,0 +1,147 @@
+//! `crazyflie export`: an environment as a module for other number crunchers.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use crazyflie_env::action::ActionLevel;
+use crazyflie_env::config::{EffectTable, Options};
+use crazyflie_env::model::VerticalInput;
+use crazyflie_env::observation::ObservationChoice;
+use crazyflie_env::recording::record_environment;
+use crazyflie_env::task;
+use crazyflie_jax::write_module;
+use serde_json::{Value, json};
+
+use super::fly::{add_effects, own_task};
+use super::{Failure, Outcome, files};
+
+const EXAMPLES: &str = "\
+Examples:
+  crazyflie export --jax hover.py
+  crazyflie export --jax windy.py --effects gust.sigma_mps2=0.5 --effects drag_linear=0.3
+  crazyflie export --jax track.py --task track --task-options '{\"shape\": \"circle\"}' --observation state
+  crazyflie export --jax swap.py --task swap --drones 4
+  crazyflie export --jax mine.py --task my.toml --model my-vehicle.toml";
+
+/// Write an environment as a module of pure JAX functions: the simulator's own formulas with the effects, sensors
+/// and task that are chosen. It needs JAX and NumPy alone.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct Args {
+    /// Where to write the module
+    #[arg(long, value_name = "FILE.py")]
+    jax: PathBuf,
+    /// A task (see `crazyflie tasks`), or a task file that ends in .toml or .json
+    #[arg(long, default_value = "hover", value_name = "NAME|FILE")]
+    task: String,
+    /// The task's options, as JSON; they come on top of those of a task file
+    #[arg(long, value_name = "JSON")]
+    task_options: Option<String>,
+    /// An effect as NAME=VALUE or NAME.PARAMETER=VALUE, or several as JSON; may be repeated (see `crazyflie
+    /// effects`). Its parameters can be changed in the module
+    #[arg(long, value_name = "EFFECT")]
+    effects: Vec<String>,
+    /// What an observation holds: measured, estimate, state, or names of fields with commas between
+    #[arg(long, value_name = "NAME")]
+    observation: Option<String>,
+    /// What actions set (see `crazyflie actions`) [default: attitude, or as the task file says]
+    #[arg(long, value_name = "LEVEL")]
+    action: Option<String>,
+    /// Model file; the thesis's model unless given
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// Which vertical form of the model is commanded: height, pwm, thrust or motors [default: pwm, if the
+    /// model has it]
+    #[arg(long, value_parser = files::vertical, value_name = "FORM")]
+    vertical: Option<VerticalInput>,
+    /// How many drones fly a task of several [default: as the task says]
+    #[arg(long, value_name = "N")]
+    drones: Option<usize>,
+    /// Length of an episode in steps, 0 for no end [default: as the task says]
+    #[arg(long, value_name = "N")]
+    max_episode_steps: Option<u32>,
+    /// Starts of episodes that the module picks from
+    #[arg(long, default_value_t = 256, value_name = "N")]
+    starts: usize,
+    /// Seed of the first of these starts
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// For machines
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
+    if args.jax.extension().is_none_or(|ending| ending != "py") {
+        return Err(Failure::Usage(format!("{}: name a file that ends in .py", args.jax.display())));
+    }
+    let model = files::model(args.model.as_deref())?;
+    let mut options = options(args)?;
+    options.vertical = options.vertical.or_else(|| default_vertical(args, &model, &options));
+    let recording = record_environment(&[model], &options, (args.seed, args.starts))?;
+    let text = write_module(&recording)?;
+    files::write(&args.jax, text.as_bytes())?;
+    let numbers: usize = recording.state.iter().map(|field| field.length).sum();
+    let operations = recording.tick.live_nodes().iter().filter(|live| **live).count();
+    if args.json {
+        let summary = json!({
+            "module": &args.jax, "drones": recording.drones, "state": numbers, "operations": operations,
+            "observation": recording.observation.iter().map(|field| field.length).sum::<usize>(),
+        });
+        return Ok(writeln!(out, "{summary}")?);
+    }
+    Ok(writeln!(
+        out,
+        "wrote {}: a tick has {operations} operations, a state {numbers} numbers",
+        args.jax.display()
+    )?)
+}
+
+fn default_vertical(
+    args: &Args,
+    model: &crazyflie_env::model::Model,
+    options: &Options,
+) -> Option<VerticalInput> {
+    args.vertical.or_else(|| (!options.action.is_below_attitude()).then(|| files::default_vertical(model)))
+}
+
+/// The options of a task file, or defaults, with those of the command line on top.
+fn options(args: &Args) -> Outcome<Options> {
+    let own = own_task(&args.task)?;
+    let mut options = match own {
+        Some(own) => own.options,
+        None => Options::parse(&json!({ "task": args.task }).to_string())?,
+    };
+    let mut effects = EffectTable::new();
+    args.effects.iter().try_for_each(|text| add_effects(&mut effects, text))?;
+    options.effects.extend(effects);
+    if let Some(text) = &args.task_options {
+        let given: Value = serde_json::from_str(text).map_err(|e| Failure::about("--task-options", e))?;
+        match (&mut options.task_options, given) {
+            (Value::Object(all), Value::Object(given)) => all.extend(given),
+            (all, given) => *all = given,
+        }
+    }
+    if let Some(names) = &args.observation {
+        let names: Vec<&str> = names.split(',').collect();
+        let named = names.len() == 1 && crazyflie_env::observation::CHOICES.iter().any(|c| c.name == names[0]);
+        options.observation = if named {
+            ObservationChoice::Named(names[0].to_owned())
+        } else {
+            ObservationChoice::Fields(names.into_iter().map(str::to_owned).collect())
+        };
+    }
+    if let Some(name) = &args.action {
+        options.action = ActionLevel::named(name)?;
+    }
+    options.vertical = args.vertical.or(options.vertical);
+    options.drones = args.drones.unwrap_or(options.drones);
+    let length = task::find(&options.task)?.max_episode_steps;
+    options.max_episode_steps = match (args.max_episode_steps, options.max_episode_steps) {
+        (Some(steps), _) => steps,
+        (None, 0) => length,
+        (None, steps) => steps,
+    };
+    // once more, for what was put together
+    Ok(Options::parse(&serde_json::to_string(&options)?)?)
+}

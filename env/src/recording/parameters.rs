@@ -1,0 +1,74 @@
+//! What a recorded environment can be run with other values of.
+
+use crate::config::Number;
+use crate::error::Result;
+use crate::symbol::Symbol;
+use crate::world::{RecordedEffect, World};
+
+use super::Input;
+use super::program::Tape;
+
+/// The parameters of an effect of a drone.
+#[derive(Debug, Clone)]
+pub struct ParameterGroup {
+    /// The effect's name.
+    pub name: &'static str,
+    /// What it does.
+    pub about: &'static str,
+    /// In the order of its registry entry.
+    pub parameters: Vec<Parameter>,
+}
+
+/// A parameter.
+#[derive(Debug, Clone)]
+pub struct Parameter {
+    /// Key, with the unit as its suffix.
+    pub name: &'static str,
+    /// Symbol of the unit; "1" for a pure number.
+    pub unit: &'static str,
+    /// What it means.
+    pub about: &'static str,
+    /// Smallest and largest value.
+    pub range: [f64; 2],
+    /// The value, or what it is drawn from.
+    pub number: Number,
+}
+
+impl Parameter {
+    /// Its value, or the middle of what it is drawn from.
+    pub fn value(&self) -> f64 {
+        let [low, high] = self.number.ends(self.range);
+        0.5 * (low + high)
+    }
+}
+
+impl ParameterGroup {
+    pub(super) fn from_effect(effect: &RecordedEffect) -> Self {
+        let parameters = effect.numbers.iter().map(|bounded| Parameter {
+            name: bounded.param.name,
+            unit: bounded.param.unit,
+            about: bounded.param.about,
+            range: [bounded.param.low, bounded.param.high],
+            number: bounded.number.clone(),
+        });
+        ParameterGroup {
+            name: effect.entry.name,
+            about: effect.entry.about,
+            parameters: parameters.collect(),
+        }
+    }
+}
+
+/// Gives a world's effects the inputs that stand for their parameters. `groups` are all drones'.
+pub(super) fn set_parameters(
+    world: &mut World<Symbol>,
+    groups: &[ParameterGroup],
+    tape: &mut Tape,
+) -> Result<()> {
+    for (i, group) in groups.iter().enumerate() {
+        let params: Vec<Symbol> =
+            (0..group.parameters.len()).map(|j| tape.number(Input::Parameter(i, j))).collect();
+        world.set_params(group.name, &params)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,176 @@
+//! A recorded program: what goes in, what comes out, and what of it matters.
+
+use std::collections::HashMap;
+
+use super::Input;
+use crate::archive::Ledger;
+use crate::symbol::{Graph, Id, Symbol, SymbolWord};
+
+/// A field of the state or of an observation.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct StateField {
+    /// Name, with the unit as its suffix where it has one.
+    pub name: String,
+    /// How many numbers it has.
+    pub length: usize,
+}
+
+/// Operations with their inputs and outputs.
+#[derive(Debug, Clone)]
+pub struct Program {
+    /// What is computed.
+    pub graph: Graph,
+    /// What the graph's inputs stand for.
+    pub inputs: Vec<Input>,
+    /// The numbers of the state afterwards, in the order of [`super::Recording::state`].
+    pub state: Vec<Id>,
+    /// The words of the ticks afterwards, drone by drone; empty where an episode begins, at tick 0.
+    pub ticks: Vec<Id>,
+    /// Observations, drone by drone.
+    pub observations: Vec<Vec<Id>>,
+    /// What comes of a tick, drone by drone; empty where an episode begins.
+    pub verdicts: Vec<Verdict>,
+}
+
+/// What a tick came to for a drone.
+#[derive(Debug, Clone, Copy)]
+pub struct Verdict {
+    /// Number.
+    pub reward: Id,
+    /// Flag: ended by the task, or broken.
+    pub terminated: Id,
+    /// Flag: out of time.
+    pub truncated: Id,
+}
+
+/// Hands out inputs, each once.
+#[derive(Debug, Default)]
+pub(super) struct Tape {
+    pub(super) inputs: Vec<Input>,
+    places: HashMap<Input, usize>,
+}
+
+impl Tape {
+    fn place(&mut self, input: Input) -> usize {
+        let next = self.inputs.len();
+        let place = *self.places.entry(input).or_insert(next);
+        if place == next {
+            self.inputs.push(input);
+        }
+        place
+    }
+    pub(super) fn number(&mut self, input: Input) -> Symbol {
+        Symbol::input(self.place(input))
+    }
+    pub(super) fn word(&mut self, input: Input) -> SymbolWord {
+        SymbolWord::input(self.place(input))
+    }
+}
+
+/// Puts inputs in place of the numbers that a flight goes on from.
+pub(super) struct Loader<'a> {
+    pub(super) tape: &'a mut Tape,
+    pub(super) next: usize,
+}
+
+impl Ledger<Symbol> for Loader<'_> {
+    fn numbers(&mut self, _: &str, numbers: &mut [Symbol]) {
+        for number in numbers {
+            *number = self.tape.number(Input::State(self.next));
+            self.next += 1;
+        }
+    }
+}
+
+/// Notes the numbers that a flight goes on from.
+#[derive(Default)]
+pub(super) struct Notes {
+    pub(super) fields: Vec<StateField>,
+    pub(super) numbers: Vec<Id>,
+    /// Put before every name.
+    pub(super) prefix: String,
+}
+
+impl Ledger<Symbol> for Notes {
+    fn numbers(&mut self, name: &str, numbers: &mut [Symbol]) {
+        if numbers.is_empty() {
+            return;
+        }
+        self.fields.push(StateField { name: format!("{}{name}", self.prefix), length: numbers.len() });
+        self.numbers.extend(numbers.iter().map(|number| number.id()));
+    }
+}
+
+impl Program {
+    /// Marks the nodes that `wanted` are made of.
+    pub fn live(&self, wanted: impl IntoIterator<Item = Id>) -> Vec<bool> {
+        let nodes = self.graph.nodes();
+        let mut live = vec![false; nodes.len()];
+        wanted.into_iter().for_each(|id| live[id as usize] = true);
+        for i in (0..nodes.len()).rev() {
+            if live[i] {
+                nodes[i].operands().for_each(|id| live[id as usize] = true);
+            }
+        }
+        live
+    }
+
+    /// Everything that comes out besides numbers of the state.
+    fn results(&self) -> Vec<Id> {
+        let verdicts = self.verdicts.iter().flat_map(|v| [v.reward, v.terminated, v.truncated]);
+        self.observations.iter().flatten().copied().chain(verdicts).chain(self.ticks.iter().copied()).collect()
+    }
+
+    /// The numbers of the state that anything that comes out depends on, now or later, and those that `shown`
+    /// names; as a flag for each.
+    pub(super) fn needed(&self, mut shown: Vec<bool>) -> Vec<bool> {
+        loop {
+            let kept = self.state.iter().zip(&shown).filter(|(_, on)| **on).map(|(id, _)| *id);
+            let live = self.live(self.results().into_iter().chain(kept));
+            let mut grown = false;
+            for (node, live) in self.graph.nodes().iter().zip(&live) {
+                if let (true, crate::symbol::Node::Input(_, place)) = (*live, node)
+                    && let Input::State(number) = self.inputs[*place]
+                    && !shown[number]
+                {
+                    (shown[number], grown) = (true, true);
+                }
+            }
+            if !grown {
+                return shown;
+            }
+        }
+    }
+
+    /// The same program without the numbers of the state that are not `needed`.
+    pub(super) fn keep(&mut self, needed: &[bool]) {
+        let mut place = Vec::with_capacity(needed.len());
+        let mut next = 0;
+        for on in needed {
+            place.push(next);
+            next += usize::from(*on);
+        }
+        for input in &mut self.inputs {
+            if let Input::State(number) = input {
+                *number = if needed[*number] { place[*number] } else { usize::MAX };
+            }
+        }
+        let mut flags = needed.iter();
+        self.state.retain(|_| flags.next().copied().unwrap_or(false));
+    }
+
+    /// Nodes in order, each with its place, that results and state are made of.
+    pub fn live_nodes(&self) -> Vec<bool> {
+        self.live(self.results().into_iter().chain(self.state.iter().copied()))
+    }
+}
+
+/// The fields with the numbers that are needed.
+pub(super) fn kept_fields(fields: &[StateField], needed: &[bool]) -> Vec<StateField> {
+    let mut flags = needed.iter();
+    let kept = fields.iter().map(|field| {
+        let length = flags.by_ref().take(field.length).filter(|on| **on).count();
+        StateField { name: field.name.clone(), length }
+    });
+    kept.filter(|field| field.length > 0).collect()
+}

@@ -1,0 +1,134 @@
+"""Environments as pure functions of JAX: for GPUs, for gradients, for training without leaving the accelerator.
+
+    import jax
+    import crazyflie_gym.jax
+
+    env = crazyflie_gym.jax.make("Crazyflie-v0", effects={"gust": {"sigma_mps2": 0.5}})
+    observation, state = env.reset(jax.random.key(0), num_envs=4096)
+    step = jax.jit(env.step)
+    observation, state, reward, done, info = step(jax.random.key(1), state, actions)
+
+The functions are written by the simulator itself: it runs its own formulas on symbols and notes what it computes. So
+every effect, sensor, task and action level is here as well, with the same noise. Needs the extra `jax`.
+"""
+
+from __future__ import annotations
+
+import functools
+import linecache
+import types
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from crazyflie_gym._native import jax_module, model_text, tasks
+from crazyflie_gym.make_backend import episode_steps
+from crazyflie_gym.options import Model, model_sources, to_json
+from crazyflie_gym.spaces import Choice
+
+# options of `gymnasium.make` that a recorded environment does not have
+_LACKING = {
+    "autoreset_mode": "`step` begins ended episodes anew, `step_env` does not",
+    "clip": "actions are clipped to -1 to 1",
+    "each": "all drones have the same effects",
+    "history": "keep past observations in your own state",
+    "isa": "XLA chooses the instructions",
+    "num_envs": "give it to `reset`",
+    "physics_hz": "it is as the effects need it",
+    "remote": "there is no server",
+    "render_mode": "draw `env.true_state(state)`",
+    "threads": "XLA chooses the threads",
+    "wind_field": "it is a table that is looked up in flight",
+}
+
+
+def make(
+    id: str = "Crazyflie-v0",
+    *,
+    reward: str | Callable[..., Any] | None = None,
+    termination: str | None = None,
+    observation: Choice | Callable[..., Any] = "measured",
+    model: Model | Sequence[Model] = None,
+    vertical: str | None = None,
+    effects: Mapping[str, Any] | None = None,
+    task_options: Mapping[str, Any] | None = None,
+    drones: int | None = None,
+    neighbours: Mapping[str, Any] | None = None,
+    radius_m: float | None = None,
+    action: str = "attitude",
+    max_episode_steps: int | None = None,
+    seed: int = 0,
+    starts: int = 1024,
+    dtype: Any = "float32",
+    **others: Any,
+) -> Any:
+    """Return an environment in the style of gymnax: `reset(key, params)` and `step(key, state, action, params)`.
+
+    Args:
+        id: of Gymnasium, or the name of a task.
+        reward: an expression, or a function `reward(state, action, params)` of JAX.
+        termination: an expression.
+        observation: as for `gymnasium.make`, or a function `observation(state, params)` of JAX.
+        model, vertical, effects, task_options, drones, neighbours, radius_m, action: as for `gymnasium.make`. The
+            numbers of all effects that are named here are in `env.default_params`, and can be changed there.
+        max_episode_steps: of an episode, -1 for no end; the task's own unless given.
+        seed: of the first start.
+        starts: how many starts of episodes there are, those of the seeds from `seed` on.
+        dtype: "float32" or "float64".
+
+    Raises:
+        ImportError: without JAX.
+        ValueError: naming the option that is wrong, or that a recorded environment lacks.
+    """
+    try:
+        import jax  # noqa: F401
+    except ImportError as error:
+        raise ImportError('crazyflie_gym.jax needs JAX: pip install "crazyflie-gym[jax]"') from error
+    for name in others:
+        if name in _LACKING:
+            raise ValueError(f"{name}: a recorded environment does not have this option; {_LACKING[name]}")
+        raise TypeError(f"make() has no argument {name!r}")
+    task = _task(id)
+    fields = observation if not callable(observation) else "measured"
+    options = to_json(
+        task=task,
+        task_options=task_options,
+        vertical=vertical,
+        effects=effects,
+        drones=drones,
+        neighbours=neighbours,
+        radius_m=radius_m,
+        action=action,
+        observation=fields if isinstance(fields, str) else list(fields),
+        max_episode_steps=episode_steps(task, max_episode_steps),
+        reward=reward if isinstance(reward, str) else None,
+        termination=termination,
+    )
+    models = tuple(model_text() if text is None else text for text, _ in model_sources(model))
+    module = _module(options, models, seed, starts)
+    return module.Environment(
+        reward=reward if callable(reward) else None,
+        observation=observation if callable(observation) else None,
+        dtype=dtype,
+    )
+
+
+def _task(id: str) -> str:
+    """Return the name of the task with that id or name."""
+    names = {entry["id"]: entry["name"] for entry in tasks()}
+    if id not in names and id not in names.values():
+        raise ValueError(f"there is no environment {id!r}; known: {', '.join(names)}")
+    return names.get(id, id)
+
+
+@functools.lru_cache(maxsize=64)
+def _module(options: str, models: tuple[str, ...], seed: int, starts: int) -> types.ModuleType:
+    """Return the module of these options."""
+    text, drawn = jax_module(options, list(models), seed=seed, starts=starts)
+    name = f"<crazyflie_gym.jax {options}>"
+    # so that tracebacks show its lines
+    linecache.cache[name] = (len(text), None, text.splitlines(keepends=True), name)
+    module = types.ModuleType("crazyflie_gym.jax.recorded")
+    module.__dict__["SOURCE"] = text
+    module.__dict__["DRAWN"] = drawn
+    exec(compile(text, name, "exec"), module.__dict__)
+    return module
