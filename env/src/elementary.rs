@@ -34,8 +34,7 @@ pub(crate) fn sin_cos_quarter<R: Scalar>(angle: R) -> (R, R) {
     let sin = angle + angle * x2 * poly(x2, 5, &[s3, s5, s7, s9, s11, 1.0 / 6_227_020_800.0]);
     let (c4, c6, c8, c10, c12) =
         (1.0 / 24.0, -1.0 / 720.0, 1.0 / 40_320.0, -1.0 / 3_628_800.0, 1.0 / 479_001_600.0);
-    let cos =
-        R::from_f64(1.0) + x2 * poly(x2, 6, &[-0.5, c4, c6, c8, c10, c12, -1.0 / 87_178_291_200.0]);
+    let cos = R::from_f64(1.0) + x2 * poly(x2, 6, &[-0.5, c4, c6, c8, c10, c12, -1.0 / 87_178_291_200.0]);
     (sin, cos)
 }
 

@@ -26,6 +26,11 @@ pub fn episode_key(seed: u64, episode: u64) -> u64 {
     scramble(scramble(seed) ^ episode.wrapping_mul(0xd1b5_4a32_d192_ed03))
 }
 
+/// The key of one drone's noise: drones of a world must not shake together.
+pub(crate) fn drone_key(episode: u64, drone: usize) -> u64 {
+    scramble(episode ^ (drone as u64 + 1).wrapping_mul(0x9fb2_1c65_1e98_df25))
+}
+
 /// A name as a channel number (FNV-1a): an effect keeps its noise whatever else is in the registry.
 pub const fn channel(name: &str) -> u32 {
     let (bytes, mut hash, mut i) = (name.as_bytes(), 0x811c_9dc5_u32, 0);

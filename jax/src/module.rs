@@ -80,7 +80,8 @@ fn parameter_classes(recording: &Recording) -> String {
     let mut text = String::new();
     for group in &recording.parameters {
         let class = class_name(group.name);
-        write!(text, "\n\nclass {class}(NamedTuple):\n    \"\"\"{}.\"\"\"\n\n", group.about).unwrap_or_default();
+        write!(text, "\n\nclass {class}(NamedTuple):\n    \"\"\"{}.\"\"\"\n\n", group.about)
+            .unwrap_or_default();
         for p in &group.parameters {
             let [low, high] = p.range;
             writeln!(text, "    # {}; {low} to {high} {}", p.about, p.unit).unwrap_or_default();
@@ -227,7 +228,8 @@ fn outputs(recording: &Recording, program: &Program) -> Outputs {
     wanted.extend(&program.ticks);
     wanted.extend(program.observations.iter().flatten());
     wanted.extend(verdicts(|v| v.reward).chain(verdicts(|v| v.terminated)).chain(verdicts(|v| v.truncated)));
-    let (lines, words) = write_program(program, &wanted, |place| input_name(recording, program.inputs[place]));
+    let (lines, words) =
+        write_program(program, &wanted, |place| input_name(recording, program.inputs[place]));
     let mut rest = words.into_iter();
     let state = rest.by_ref().take(program.state.len()).collect();
     let ticks = rest.by_ref().take(program.ticks.len()).collect();

@@ -181,8 +181,7 @@ def _drones(state, name):
 def _over(state, terminated, truncated):
     if DRONES == 1:
         return terminated | truncated
-    flies = jnp.stack([getattr(state, f"drone{drone}_flies") for drone in range(DRONES)], -1)
-    return jnp.all(flies <= 0, -1)
+    return jnp.all(jnp.stack(state.flies, -1) <= 0, -1)
 
 
 def _choose(done, yes, no):

@@ -2,9 +2,9 @@
 
 use crazyflie_env::config::Options;
 use crazyflie_env::model::Model;
-use crazyflie_env::recording::{EpisodeStart, record_environment};
+use crazyflie_env::recording::{EpisodeStart, fly_double, record_environment};
 use crazyflie_jax::write_module;
-use numpy::PyArray1;
+use numpy::{PyArray1, PyReadonlyArrayDyn};
 use pyo3::prelude::*;
 
 use crate::errors::guarded;
@@ -37,4 +37,41 @@ pub fn jax_module<'py>(
     })?;
     let start = |start: EpisodeStart| (start.keys, PyArray1::from_vec(py, start.numbers));
     Ok((text, starts.into_iter().map(start).collect()))
+}
+
+/// Observations, rewards, terminated, truncated, true states; flat, tick by tick and drone by drone.
+type DoubleRows<'py> = (
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<bool>>,
+    Bound<'py, PyArray1<bool>>,
+    Bound<'py, PyArray1<f64>>,
+);
+
+/// Flies the first episode of `seed` in double precision with these actions (see `Sim` for `options` and `models`);
+/// it is not reset at its end. Observations begin with the first moment.
+#[pyfunction]
+#[pyo3(signature = (options, models, seed, actions))]
+pub fn double_flight<'py>(
+    py: Python<'py>,
+    options: &str,
+    models: Vec<String>,
+    seed: u64,
+    actions: PyReadonlyArrayDyn<'py, f64>,
+) -> PyResult<DoubleRows<'py>> {
+    let actions: Vec<f64> = actions.as_array().iter().copied().collect();
+    let flight = py.detach(|| {
+        guarded(|| {
+            let models =
+                models.iter().map(|text| Model::parse(text)).collect::<crazyflie_env::Result<Vec<_>>>()?;
+            fly_double(&models, &Options::parse(options)?, seed, &actions)
+        })
+    })?;
+    Ok((
+        PyArray1::from_vec(py, flight.observations),
+        PyArray1::from_vec(py, flight.rewards),
+        PyArray1::from_vec(py, flight.terminated),
+        PyArray1::from_vec(py, flight.truncated),
+        PyArray1::from_vec(py, flight.states),
+    ))
 }

@@ -124,7 +124,8 @@ fn options(args: &Args) -> Outcome<Options> {
     }
     if let Some(names) = &args.observation {
         let names: Vec<&str> = names.split(',').collect();
-        let named = names.len() == 1 && crazyflie_env::observation::CHOICES.iter().any(|c| c.name == names[0]);
+        let named =
+            names.len() == 1 && crazyflie_env::observation::CHOICES.iter().any(|c| c.name == names[0]);
         options.observation = if named {
             ObservationChoice::Named(names[0].to_owned())
         } else {

@@ -270,7 +270,7 @@ impl<R: Scalar> Onboard<R> {
 }
 
 impl<R: Scalar> Onboard<R> {
-    pub(crate) fn show_numbers(&mut self, tile: usize, ledger: &mut impl Ledger<R>) {
+    pub(crate) fn show_numbers(&mut self, tile: usize, ledger: &mut dyn Ledger<R>) {
         ledger.numbers("cascade_velocity_m", &mut self.memory[tile].velocity_m);
         ledger.numbers("cascade_height_ms", from_mut(&mut self.memory[tile].height_ms));
     }

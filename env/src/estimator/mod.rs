@@ -329,7 +329,7 @@ impl<R: Scalar> Estimator<R> {
     }
 
     /// Shows what it goes on from.
-    pub(crate) fn show_numbers(&mut self, ledger: &mut impl Ledger<R>) {
+    pub(crate) fn show_numbers(&mut self, ledger: &mut dyn Ledger<R>) {
         ledger.numbers("filter_axes", self.axes.as_flattened_mut());
         ledger.numbers("filter_spread", self.spread.as_flattened_mut());
         ledger.numbers("filter_acc_mps2", self.acc_mps2.as_flattened_mut());

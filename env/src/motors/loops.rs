@@ -53,7 +53,7 @@ impl<R: Scalar> Memory<R> {
 }
 
 impl<R: Scalar> Memory<R> {
-    pub(super) fn show_numbers(&mut self, ledger: &mut impl Ledger<R>) {
+    pub(super) fn show_numbers(&mut self, ledger: &mut dyn Ledger<R>) {
         ledger.numbers("loops_yaw_rad", from_mut(&mut self.yaw_rad));
         ledger.numbers("loops_angle_sum", &mut self.angle_sum);
         ledger.numbers("loops_rate_sum", &mut self.rate_sum);

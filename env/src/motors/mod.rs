@@ -219,7 +219,7 @@ impl<R: Scalar> MotorVehicle<R> {
 }
 
 impl<R: Scalar> MotorVehicle<R> {
-    pub(crate) fn show_numbers(&mut self, tile: usize, ledger: &mut impl Ledger<R>) {
+    pub(crate) fn show_numbers(&mut self, tile: usize, ledger: &mut dyn Ledger<R>) {
         let state = &mut self.states[tile];
         ledger.numbers("motor_pwm", &mut state.pwm);
         state.memory.show_numbers(ledger);

@@ -1,20 +1,23 @@
 //! An environment as programs: one for the first moment of an episode, one for a tick. They are what a world of
 //! symbols wrote down, with every effect, sensor, task and reward in it, and can be written out in any language.
 
+mod flight;
 mod parameters;
 mod program;
+mod record;
 mod several;
 mod single;
 
 pub use parameters::{Parameter, ParameterGroup};
-pub use program::{Program, StateField, Verdict};
 use program::Tape;
+pub use program::{Program, StateField, Verdict};
 
 use crate::config::Options;
-use crate::error::{Error, Result, check_range};
+use crate::coupling::Knowledge;
+use crate::error::{Error, Result, check_length, check_range};
 use crate::model::Model;
 use crate::noise::{EpisodeKeys, channel};
-use crate::observation::{Field, Interface};
+use crate::observation::{ACTION, Field, Interface};
 use crate::symbol::{Symbol, record};
 use crate::task::{self, Start, Task, Visitor};
 use crate::vector::VectorEnv;
@@ -34,9 +37,6 @@ pub enum Input {
     /// A number of how the episode starts.
     Start(usize),
 }
-
-/// Words of a drone, see [`Input::Word`].
-pub const WORDS: usize = 3;
 
 /// An environment, recorded.
 #[derive(Debug, Clone)]
@@ -84,14 +84,28 @@ pub fn record_environment(
     options: &Options,
     (first_seed, starts): (u64, usize),
 ) -> Result<Recording> {
+    check_range("starts", starts as f64, 1.0, 1e6)?;
+    let seeds = (first_seed..first_seed.saturating_add(starts as u64)).collect();
+    recorder(models, options, seeds, |recorder, _| {
+        task::visit(&options.task, options.drones, &options.task_options, recorder)
+    })
+}
+
+/// What to record with, given to `then` with the number of drones.
+fn recorder<V>(
+    models: &[Model],
+    options: &Options,
+    seeds: Vec<u64>,
+    then: impl FnOnce(Recorder<'_>, usize) -> Result<V>,
+) -> Result<V> {
     // everything that a batch refuses is refused here, in the same words
     let batch = VectorEnv::new(models, options, 1)?;
-    check_range("starts", starts as f64, 1.0, 1e6)?;
     for (name, given) in [
         ("wind_field", options.wind_field.is_some()),
         ("history", options.history != 1),
         ("watch", !options.watch.is_empty()),
         ("each", !options.each.is_empty()),
+        ("neighbours by radio", matches!(options.neighbours, Knowledge::Radio { .. })),
     ] {
         if given {
             return Err(Error::Config(format!(
@@ -101,14 +115,49 @@ pub fn record_environment(
     }
     let drones = batch.num_drones();
     let models: Vec<&Model> = (0..drones).map(|j| models.get(j).unwrap_or(&models[0])).collect();
-    let recorder = Recorder {
-        models: &models,
-        interfaces: batch.interfaces(),
-        options,
-        tick_s: batch.tick_s(),
-        seeds: (first_seed..first_seed + starts as u64).collect(),
-    };
-    task::visit(&options.task, options.drones, &options.task_options, recorder)
+    let recorder =
+        Recorder { models: &models, interfaces: batch.interfaces(), options, tick_s: batch.tick_s(), seeds };
+    then(recorder, drones)
+}
+
+/// A flight in double precision: rows of the first moment and of every tick, drone by drone.
+#[derive(Debug, Clone, Default)]
+pub struct DoubleFlight {
+    /// Observations, from the first moment on.
+    pub observations: Vec<f64>,
+    /// Rewards of the ticks.
+    pub rewards: Vec<f64>,
+    /// Ended by the task, or broken.
+    pub terminated: Vec<bool>,
+    /// Out of time.
+    pub truncated: Vec<bool>,
+    /// True states after the ticks, rows of [`crate::vector::STATE`].
+    pub states: Vec<f64>,
+}
+
+/// Flies the first episode of a seed in double precision, tick by tick with rows of `actions`; drawn parameters have
+/// the middle of what they are drawn from. It goes on where an episode would have ended.
+///
+/// # Errors
+/// As [`record_environment`]; [`Error::Shape`] for actions that are no whole rows.
+pub fn fly_double(models: &[Model], options: &Options, seed: u64, actions: &[f64]) -> Result<DoubleFlight> {
+    recorder(models, options, vec![seed], |recorder, drones| {
+        let row = drones * ACTION;
+        check_length("actions", actions.len().next_multiple_of(row), actions.len())?;
+        task::visit(&options.task, options.drones, &options.task_options, DoublePilot { recorder, actions })
+    })
+}
+
+struct DoublePilot<'a> {
+    recorder: Recorder<'a>,
+    actions: &'a [f64],
+}
+
+impl Visitor for DoublePilot<'_> {
+    type Output = DoubleFlight;
+    fn visit<T: Task>(self, task: T, drones: usize) -> Result<DoubleFlight> {
+        self.recorder.fly_double(&task, drones, self.actions)
+    }
 }
 
 /// Records whatever task there is.
@@ -118,16 +167,6 @@ struct Recorder<'a> {
     options: &'a Options,
     tick_s: f64,
     seeds: Vec<u64>,
-}
-
-impl Recorder<'_> {
-    /// Past this an episode is over, as in a batch.
-    fn last_s(&self) -> f64 {
-        match self.options.max_episode_steps {
-            0 => f64::INFINITY,
-            steps => (f64::from(steps) - 0.5) * self.tick_s,
-        }
-    }
 }
 
 /// Derives an episode's words from those of another.
@@ -150,14 +189,15 @@ fn record_fork() -> Result<Program> {
     })
 }
 
-/// The numbers of drones' starts, and of what stands on the board.
-fn start_numbers(starts: &[Start], board: &[f64]) -> Vec<f64> {
+/// The numbers of drones' starts, of the load that hangs below them and of what stands on the board.
+fn start_numbers(starts: &[Start], hanging_m: &[f64], board: &[f64]) -> Vec<f64> {
     let mut numbers = Vec::new();
     for start in starts {
         numbers.extend(start.pos_m);
         numbers.push(start.yaw_rad);
         numbers.extend(start.goal);
     }
+    numbers.extend(hanging_m);
     numbers.extend(board);
     numbers
 }
@@ -165,11 +205,7 @@ fn start_numbers(starts: &[Start], board: &[f64]) -> Vec<f64> {
 impl Visitor for Recorder<'_> {
     type Output = Recording;
     fn visit<T: Task>(self, task: T, drones: usize) -> Result<Recording> {
-        if const { T::DRONES == 1 } {
-            self.record_single(&task)
-        } else {
-            self.record_several(&task, drones)
-        }
+        self.record(&task, drones)
     }
 }
 

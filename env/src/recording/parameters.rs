@@ -1,12 +1,7 @@
 //! What a recorded environment can be run with other values of.
 
 use crate::config::Number;
-use crate::error::Result;
-use crate::symbol::Symbol;
-use crate::world::{RecordedEffect, World};
-
-use super::Input;
-use super::program::Tape;
+use crate::world::RecordedEffect;
 
 /// The parameters of an effect of a drone.
 #[derive(Debug, Clone)]
@@ -57,18 +52,4 @@ impl ParameterGroup {
             parameters: parameters.collect(),
         }
     }
-}
-
-/// Gives a world's effects the inputs that stand for their parameters. `groups` are all drones'.
-pub(super) fn set_parameters(
-    world: &mut World<Symbol>,
-    groups: &[ParameterGroup],
-    tape: &mut Tape,
-) -> Result<()> {
-    for (i, group) in groups.iter().enumerate() {
-        let params: Vec<Symbol> =
-            (0..group.parameters.len()).map(|j| tape.number(Input::Parameter(i, j))).collect();
-        world.set_params(group.name, &params)?;
-    }
-    Ok(())
 }

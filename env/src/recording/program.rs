@@ -118,7 +118,13 @@ impl Program {
     /// Everything that comes out besides numbers of the state.
     fn results(&self) -> Vec<Id> {
         let verdicts = self.verdicts.iter().flat_map(|v| [v.reward, v.terminated, v.truncated]);
-        self.observations.iter().flatten().copied().chain(verdicts).chain(self.ticks.iter().copied()).collect()
+        self.observations
+            .iter()
+            .flatten()
+            .copied()
+            .chain(verdicts)
+            .chain(self.ticks.iter().copied())
+            .collect()
     }
 
     /// The numbers of the state that anything that comes out depends on, now or later, and those that `shown`

@@ -253,7 +253,9 @@ impl Graph {
     ) -> Option<Id> {
         match (operation, known) {
             (Binary::Add, (Some(0.0), _)) | (Binary::Mul, (Some(1.0), _)) => Some(b),
-            (Binary::Add | Binary::Sub, (_, Some(0.0))) | (Binary::Mul | Binary::Div, (_, Some(1.0))) => Some(a),
+            (Binary::Add | Binary::Sub, (_, Some(0.0))) | (Binary::Mul | Binary::Div, (_, Some(1.0))) => {
+                Some(a)
+            }
             (Binary::Mul, (Some(0.0), _) | (_, Some(0.0))) | (Binary::Div, (Some(0.0), _)) => {
                 Some(self.put_number(0.0))
             }

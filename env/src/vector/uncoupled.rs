@@ -283,8 +283,7 @@ impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
         let mut goal = slot.goal;
         let size = self.begun.len();
         let board = &self.boards[tile * size..(tile + 1) * size];
-        let row =
-            first_row(&self.task, &self.world, tile, &mut goal, board, (&reading, &slot.last_action));
+        let row = first_row(&self.task, &self.world, tile, &mut goal, board, (&reading, &slot.last_action));
         for (kept, new) in slot.goal.iter_mut().zip(goal) {
             *kept = R::select(mask, new, *kept);
         }

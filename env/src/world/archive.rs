@@ -28,7 +28,7 @@ impl<R: SimScalar> World<R> {
 
     /// Shows the numbers that the flights of a tile go on from. Besides them there are the words of the noise,
     /// and the clock.
-    pub(crate) fn show_numbers(&mut self, tile: usize, ledger: &mut impl Ledger<R>) {
+    pub(crate) fn show_numbers(&mut self, tile: usize, ledger: &mut dyn Ledger<R>) {
         let x = &mut self.states[tile];
         ledger.numbers("pos_m", &mut x.pos_m);
         ledger.numbers("vel_mps", &mut x.vel_mps);

@@ -8,8 +8,8 @@ use crate::effects::{self, Entry};
 use crate::error::Result;
 use crate::model::Model;
 use crate::noise::EpisodeKeys;
-use crate::scalar::Scalar;
-use crate::symbol::{Symbol, SymbolWord};
+use crate::sim_scalar::SimScalar;
+use crate::symbol::Symbol;
 
 /// An effect of a recorded world, with what it was asked to be.
 #[derive(Debug, Clone)]
@@ -26,7 +26,7 @@ impl std::fmt::Debug for Entry {
     }
 }
 
-impl World<Symbol> {
+impl<R: SimScalar> World<R> {
     /// One drone with the effects of the model that are on and all that `effects` names, whatever the values of
     /// their parameters: those are given by [`World::set_params`].
     ///
@@ -46,10 +46,9 @@ impl World<Symbol> {
             }
         }
         all.sort_by_key(|(place, ..)| *place);
-        let listed = all.iter().map(|(_, entry, values)| RecordedEffect {
-            entry,
-            numbers: with_ranges(entry, values.clone()),
-        });
+        let listed = all
+            .iter()
+            .map(|(_, entry, values)| RecordedEffect { entry, numbers: with_ranges(entry, values.clone()) });
         let listed = listed.collect();
         let off = |entry: &Entry| entry.params.iter().map(|p| Number::Fixed(p.off)).collect();
         let world = all.into_iter().map(|(place, entry, _)| (place, entry, off(entry))).collect();
@@ -57,16 +56,18 @@ impl World<Symbol> {
     }
 
     /// The words that the noise is made of: the episode's key, low and high, and the tick.
-    pub(crate) fn set_words(&mut self, [low, high, tick]: [SymbolWord; 3]) {
+    pub(crate) fn set_words(&mut self, [low, high, tick]: [R::Word; 3]) {
         self.ages[0].keys = EpisodeKeys::from_words([low, high]);
         self.ages[0].tick = tick;
     }
 
     /// See [`World::set_words`]; the tick alone moves on.
-    pub(crate) fn tick_word(&self) -> SymbolWord {
+    pub(crate) fn tick_word(&self) -> R::Word {
         self.ages[0].tick
     }
+}
 
+impl World<Symbol> {
     /// Stops the clock just before a round of every ring is complete, so that the newest place of a ring is
     /// always its first.
     pub(crate) fn stop_clock(&mut self) {
@@ -87,10 +88,5 @@ impl World<Symbol> {
                 stage.visit_tile(0, &mut |numbers| see(ring, numbers));
             }
         }
-    }
-
-    /// Everything is true everywhere.
-    pub(crate) fn everywhere() -> <Symbol as Scalar>::Mask {
-        !Symbol::nothing()
     }
 }

@@ -261,6 +261,18 @@ def model_text() -> str: ...
 def check_model(text: str) -> str: ...
 def datasheet_model(text: str) -> str: ...
 def cli(argv: list[str]) -> int: ...
+def double_flight(
+    options: str, models: list[str], seed: int, actions: NDArray[np.float64]
+) -> tuple[
+    NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], NDArray[np.float64]
+]:
+    """Fly the first episode of a seed in double precision, without a reset at its end.
+
+    Returns:
+        Observations from the first moment on, rewards, terminated, truncated, true states; flat, tick by tick and
+        drone by drone.
+    """
+
 def jax_module(
     options: str = "{}", models: list[str] | None = None, *, seed: int = 0, starts: int = 256
 ) -> tuple[str, list[tuple[list[int], NDArray[np.float64]]]]:

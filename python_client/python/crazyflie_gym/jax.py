@@ -33,7 +33,6 @@ _LACKING = {
     "history": "keep past observations in your own state",
     "isa": "XLA chooses the instructions",
     "num_envs": "give it to `reset`",
-    "physics_hz": "it is as the effects need it",
     "remote": "there is no server",
     "render_mode": "draw `env.true_state(state)`",
     "threads": "XLA chooses the threads",
@@ -55,6 +54,7 @@ def make(
     neighbours: Mapping[str, Any] | None = None,
     radius_m: float | None = None,
     action: str = "attitude",
+    physics_hz: int | None = None,
     max_episode_steps: int | None = None,
     seed: int = 0,
     starts: int = 1024,
@@ -63,13 +63,17 @@ def make(
 ) -> Any:
     """Return an environment in the style of gymnax: `reset(key, params)` and `step(key, state, action, params)`.
 
+    Its text is in `env.source`; `env.drawn` has the starts that it picks from, each as the words of the drones' noise
+    and the numbers that `env.begin` takes.
+
     Args:
         id: of Gymnasium, or the name of a task.
         reward: an expression, or a function `reward(state, action, params)` of JAX.
         termination: an expression.
         observation: as for `gymnasium.make`, or a function `observation(state, params)` of JAX.
-        model, vertical, effects, task_options, drones, neighbours, radius_m, action: as for `gymnasium.make`. The
-            numbers of all effects that are named here are in `env.default_params`, and can be changed there.
+        model, vertical, effects, task_options, drones, neighbours, radius_m, action, physics_hz: as for
+            `gymnasium.make`. The numbers of all effects that are named here are in `env.default_params`, and can be
+            changed there.
         max_episode_steps: of an episode, -1 for no end; the task's own unless given.
         seed: of the first start.
         starts: how many starts of episodes there are, those of the seeds from `seed` on.
@@ -98,6 +102,7 @@ def make(
         neighbours=neighbours,
         radius_m=radius_m,
         action=action,
+        physics_hz=physics_hz,
         observation=fields if isinstance(fields, str) else list(fields),
         max_episode_steps=episode_steps(task, max_episode_steps),
         reward=reward if isinstance(reward, str) else None,
@@ -105,11 +110,15 @@ def make(
     )
     models = tuple(model_text() if text is None else text for text, _ in model_sources(model))
     module = _module(options, models, seed, starts)
-    return module.Environment(
+    env = module.Environment(
         reward=reward if callable(reward) else None,
         observation=observation if callable(observation) else None,
         dtype=dtype,
     )
+    # the words of each drone's noise and the numbers of each start, for `begin`
+    env.drawn = module.__dict__["DRAWN"]
+    env.source = module.__dict__["SOURCE"]
+    return env
 
 
 def _task(id: str) -> str:

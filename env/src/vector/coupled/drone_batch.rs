@@ -12,6 +12,7 @@ use crate::observation::{ACTION, OBSERVATION, Setpoint};
 use crate::plant::{Accelerations, Command, State};
 use crate::rows::{STATE, state_row, write_lane};
 use crate::sim_scalar::BatchScalar;
+use crate::swarm::{self, look_ahead};
 use crate::task::{GOAL, Outcome, Scene, Start};
 use crate::vector::judgement::{Fault, Judgement};
 use crate::vector::observer::{Observer, row_width};
@@ -281,11 +282,7 @@ impl<R: BatchScalar> DroneBatch<R> {
         }
         let half = R::from_f64(0.5 * tick_s);
         for (drone, seen) in drones.iter().zip(scene) {
-            let acc_mps2 = drone.acc_mps2(tile);
-            for i in 0..3 {
-                seen.pos_m[i] += half * seen.vel_mps[i];
-                seen.vel_mps[i] += half * acc_mps2[i];
-            }
+            look_ahead(seen, drone.acc_mps2(tile), half);
         }
     }
 
@@ -398,11 +395,7 @@ impl<R: BatchScalar> DroneSlot<R> {
 
 #[inline(always)]
 pub(in crate::vector) fn neighbour<R: BatchScalar>(x: &State<R>, flying: u16) -> Neighbour<R> {
-    Neighbour {
-        pos_m: x.pos_m,
-        vel_mps: x.vel_mps,
-        here: R::select(R::mask(flying.into()), R::from_f64(1.0), R::zero()),
-    }
+    swarm::neighbour(x, R::mask(flying.into()))
 }
 
 /// A drone's actions in sixteen envs from `first` on; none where there are no more envs.

@@ -8,7 +8,8 @@ use crate::observation::{OBSERVATION, observe};
 use crate::rows::{lanes_of, write_lane};
 use crate::scalar::Scalar;
 use crate::sim_scalar::BatchScalar;
-use crate::task::{Surroundings, crashed, outside};
+use crate::swarm::{Harm, mark_hits};
+use crate::task::Surroundings;
 use crate::vector::judgement::Verdict;
 use crate::vector::observer::{RowPlace, Sight};
 use crate::vector::{BatchConfig, METRICS, StepBuffers};
@@ -34,22 +35,8 @@ impl<R: BatchScalar> DroneBatch<R> {
         for (drone, seen) in scene.iter_mut().enumerate() {
             *seen = neighbour(self.drones[drone].state(tile), self.slots[tile * n + drone].flying);
         }
-        let (near2, stats) =
-            (R::from_f64(4.0 * config.radius_m * config.radius_m), &mut self.tiles[tile].stats);
-        self.scratch.hit.fill(R::nothing());
-        for a in 0..n {
-            for b in a + 1..n {
-                let (p, q) = (&scene[a], &scene[b]);
-                let [dx, dy, dz] =
-                    [p.pos_m[0] - q.pos_m[0], p.pos_m[1] - q.pos_m[1], p.pos_m[2] - q.pos_m[2]];
-                let both = R::zero().lt(p.here * q.here);
-                let far2 = R::select(both, dx * dx + dy * dy + dz * dz, stats.nearest2_m2);
-                stats.nearest2_m2 = stats.nearest2_m2.min(far2);
-                let hit = both & far2.lt(near2);
-                self.scratch.hit[a] = self.scratch.hit[a] | hit;
-                self.scratch.hit[b] = self.scratch.hit[b] | hit;
-            }
-        }
+        let nearest2_m2 = &mut self.tiles[tile].stats.nearest2_m2;
+        mark_hits(scene, config.radius_m, &mut self.scratch.hit, nearest2_m2);
     }
 
     /// Everybody says where it is, and listens.
@@ -148,10 +135,9 @@ impl<R: BatchScalar> DroneBatch<R> {
         let outcome = self.scratch.outcomes[drone];
         let (x, contact) = (self.drones[drone].state(tile), &self.scratch.contacts[drone]);
         let flies = R::mask(self.slot(tile, drone).flying.into());
-        let hit = flies & self.scratch.hit[drone];
-        let crash = flies & (outside(x) | crashed(contact)) & !hit;
-        let cost = R::select(hit | crash, R::from_f64(config.crash_cost), R::zero());
-        let task_reward = R::select(flies, outcome.reward, R::zero()) - cost;
+        let worth = (outcome.reward, config.crash_cost);
+        let Harm { hit, crash, reward: task_reward } =
+            Harm::new([flies, self.scratch.hit[drone]], x, contact, worth);
         let mut verdict = Verdict { reward: task_reward, ends: outcome.ends };
         self.judge_anew(tile, place, drone, hit | crash, &mut verdict);
         let done = flies & verdict.ends & !(hit | crash);

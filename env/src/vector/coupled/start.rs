@@ -7,17 +7,12 @@ use super::drone_batch::{DroneBatch, EpisodeStats, Tile, neighbour};
 use crate::archive::Archive;
 use crate::episode::lift_before;
 use crate::lanes::LANES;
-use crate::noise::{episode_key, scramble};
+use crate::noise::{drone_key, episode_key};
 use crate::observation::ACTION;
 use crate::rows::{STATE, lanes_of, state_row, write_lane};
 use crate::sim_scalar::BatchScalar;
 use crate::vector::BatchConfig;
 use crate::world::Tick;
-
-/// The key of one drone's noise: drones of a world must not shake together.
-fn drone_key(episode: u64, drone: usize) -> u64 {
-    scramble(episode ^ (drone as u64 + 1).wrapping_mul(0x9fb2_1c65_1e98_df25))
-}
 
 impl<R: BatchScalar> DroneBatch<R> {
     pub(in crate::vector) fn seed(&mut self, tile: usize, lane: usize, seed: u64) {

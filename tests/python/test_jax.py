@@ -1,0 +1,317 @@
+"""Recorded environments against the simulator itself, their gradients, and what they say of mistakes."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import crazyflie_gym
+from crazyflie_gym._native import double_flight
+from crazyflie_gym.make_backend import episode_steps
+
+jax = pytest.importorskip("jax", exc_type=ImportError)
+jax.config.update("jax_enable_x64", True)
+jnp = jax.numpy
+jaxenv = pytest.importorskip("crazyflie_gym.jax")
+
+THESIS = crazyflie_gym.model_text()
+EFFECTS = {effect["name"]: effect for effect in crazyflie_gym.effects()}
+TASKS = {task["name"]: task for task in crazyflie_gym.tasks()}
+COUNTS = {"columns", "rows"}
+SEED = 5
+
+
+def lively(effect):
+    """Parameters that are felt, and moderate."""
+
+    def value(p):
+        far = p["high"] if p["high"] > p["off"] else p["low"]
+        return 2.0 if p["name"] in COUNTS else p["off"] + 0.2 * (far - p["off"])
+
+    return {p["name"]: value(p) for p in effect["params"]}
+
+
+def actions(ticks, drones=1):
+    """Lively actions of shape (ticks, 4), or (ticks, drones, 4)."""
+    t = 0.02 * np.arange(ticks)[:, None] + 0.3 * np.arange(drones)
+    rows = np.stack([0.5 * np.sin(3.1 * t), 0.6 * np.sin(2.3 * t), 0.2 * np.sin(0.9 * t), 0.311 + 0.03 * np.sin(t)], -1)
+    return rows[:, 0] if drones == 1 else rows
+
+
+def first_start(env):
+    """The words and numbers of the first start of an environment."""
+    keys, numbers = env.drawn[0]
+    words = np.array([[key & 0xFFFFFFFF, key >> 32] for key in keys], np.uint32)
+    return words, numbers
+
+
+def fly(env, rows, params=None):
+    """Observations from the first moment on, rewards, terminated and true states of a flight without resets."""
+    words, numbers = first_start(env)
+    observation, state = env.begin(words, numbers, params)
+
+    def tick(state, action):
+        observation, state, reward, _, info = env.step_env(None, state, action, params)
+        return state, (observation, reward, info["terminated"], env.true_state(state))
+
+    _, (observations, rewards, terminated, true) = jax.jit(lambda s, a: jax.lax.scan(tick, s, a))(
+        state, jnp.asarray(rows, env.dtype)
+    )
+    states = np.concatenate([true[name] for name in ("pos_m", "vel_mps", "att_rad", "rate_radps")], -1)
+    return np.concatenate([observation[None], observations]), np.asarray(rewards), np.asarray(terminated), states
+
+
+def core(rows, **options):
+    """The same flight by the simulator in double precision."""
+    name = options.pop("id", "hover")
+    text = json.dumps({"task": name, "max_episode_steps": episode_steps(name, None), **options})
+    drones = rows.shape[1] if rows.ndim == 3 else 1
+    observations, rewards, terminated, _, states = double_flight(text, [THESIS], SEED, rows)
+    lead = (len(rows), drones) if drones > 1 else (len(rows),)
+    return (
+        observations.reshape(len(rows) + 1, *lead[1:], -1),
+        rewards.reshape(lead),
+        terminated.reshape(lead),
+        states.reshape(*lead, -1),
+    )
+
+
+def compare(ours, theirs, tolerance):
+    for what, a, b in zip(("observations", "rewards", "terminated", "states"), ours, theirs, strict=True):
+        assert a.shape == b.shape, what
+        worst = np.max(np.abs(np.asarray(a, float) - b) / (1.0 + np.abs(b)))
+        assert worst <= tolerance, f"{what}: {worst}"
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_every_effect_agrees_with_the_core_in_double_precision(name):
+    effects = {name: lively(EFFECTS[name])}
+    env = jaxenv.make("hover", effects=effects, seed=SEED, starts=1, dtype="float64")
+    rows = actions(1000)
+    compare(fly(env, rows), core(rows, effects=effects), 1e-9)
+
+
+def test_all_effects_together_agree_with_the_core():
+    effects = {name: lively(effect) for name, effect in EFFECTS.items()}
+    env = jaxenv.make("hover", effects=effects, seed=SEED, starts=1, dtype="float64")
+    rows = actions(1000)
+    compare(fly(env, rows), core(rows, effects=effects), 1e-9)
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_every_task_agrees_with_the_core(name):
+    drones = min(TASKS[name]["drones"], 3) if TASKS[name]["drones"] > 1 else 1
+    options = {} if drones == 1 else {"drones": drones}
+    env = jaxenv.make(TASKS[name]["id"], seed=SEED, starts=1, dtype="float64", **options)
+    rows = actions(300, drones)
+    compare(fly(env, rows), core(rows, id=name, **options), 1e-9)
+
+
+def test_single_precision_agrees_with_the_lanes():
+    effects = {"gust": {"sigma_mps2": 0.5}, "camera_noise": 0.01, "camera_latency": 0.05, "cmd_delay": 0.03}
+    env = jaxenv.make("Crazyflie-v0", effects=effects, seed=SEED, starts=1)
+    rows = actions(250).astype(np.float32)
+    options = json.dumps({"effects": effects, "autoreset": "disabled"})
+    sim = crazyflie_gym.Sim(1, options, [THESIS])
+    theirs = [sim.reset(np.array([SEED], np.uint64))[0]]
+    rewards = []
+    for row in rows:
+        observation, reward, terminated, _, _ = sim.step(row[None])
+        theirs.append(observation[0].copy())
+        rewards.append(reward[0])
+        if terminated[0]:
+            break
+    observations, ours, _, _ = fly(env, rows)
+    n = len(rewards)
+    assert n > 100
+    assert np.max(np.abs(observations[: n + 1] - np.array(theirs)) / (1 + np.abs(theirs))) < 1e-4
+    assert np.max(np.abs(ours[:n] - rewards)) < 1e-4
+
+
+def test_noise_is_the_same_to_the_last_bit():
+    """Of an effect that is nothing but noise the readings are equal, not near: the words are those of the core."""
+    effects = {"packet_loss": {"probability": 0.5}, "camera_outliers": {"probability": 0.3, "xy_m": 0.5}}
+    env = jaxenv.make("hover", effects=effects, seed=SEED, starts=1, dtype="float64")
+    rows = actions(400)
+    ours, theirs = fly(env, rows), core(rows, effects=effects)
+    outliers = np.abs(np.diff(theirs[0][:, 0])) > 0.1
+    assert outliers.sum() > 20
+    np.testing.assert_array_equal(np.abs(np.diff(ours[0][:, 0])) > 0.1, outliers)
+
+
+def test_gradients_are_those_of_differences():
+    """Of every parameter of every effect, on where the vehicle is at the end of half a second."""
+    smooth = [name for name, effect in EFFECTS.items() if name not in {"markers", "camera_fov", "camera_flip"}]
+    effects = {name: lively(EFFECTS[name]) for name in smooth}
+    env = jaxenv.make("hover", effects=effects, seed=SEED, starts=1, dtype="float64")
+    words, numbers = first_start(env)
+    rows = jnp.asarray(actions(25))
+
+    def end(params):
+        _, state = env.begin(words, numbers, params)
+
+        def tick(state, action):
+            observation, state, reward, _, _ = env.step_env(None, state, action, params)
+            return state, reward
+
+        state, rewards = jax.lax.scan(tick, state, rows)
+        true = env.true_state(state)
+        return true["pos_m"].sum() + 0.3 * true["att_rad"].sum() + rewards.sum()
+
+    params = jax.tree.map(jnp.float64, env.default_params)
+    gradient = jax.jit(jax.grad(end))(params)
+    assert all(np.isfinite(leaf) for leaf in jax.tree.leaves(gradient))
+    leaves, shape = jax.tree.flatten(params)
+    values = jax.jit(jax.vmap(lambda *leaves: end(jax.tree.unflatten(shape, leaves))))
+    steps = np.array([1e-6 * max(abs(float(leaf)), 1e-2) for leaf in leaves])
+    base = np.array([float(leaf) for leaf in leaves])
+    moved = np.concatenate([base + np.diag(steps), base - np.diag(steps)])
+    ends = np.asarray(values(*moved.T))
+    differences = (ends[: len(leaves)] - ends[len(leaves) :]) / (2 * steps)
+    ours = np.array([float(leaf) for leaf in jax.tree.leaves(gradient)])
+    names = [jax.tree_util.keystr(path) for path, _ in jax.tree_util.tree_leaves_with_path(params)]
+    scale = np.abs(differences) + 1e-3 * np.max(np.abs(differences))
+    wrong = {n: (a, b) for n, a, b, s in zip(names, ours, differences, scale, strict=True) if abs(a - b) > 2e-3 * s}
+    # at a kink a difference takes both sides: a command that is a multiple of the step, a count
+    assert len(wrong) <= 3, wrong
+
+
+def test_gradients_through_actions_train():
+    env = jaxenv.make("hover", observation="state")
+    _, start = env.reset(jax.random.key(0))
+
+    def cost(rows):
+        def tick(state, action):
+            _, state, reward, _, _ = env.step_env(None, state, action)
+            return state, reward
+
+        return -jax.lax.scan(tick, start, rows)[1].mean()
+
+    descend = jax.jit(jax.value_and_grad(cost))
+    rows = jnp.zeros((50, 4), jnp.float32).at[:, 3].set(0.311)
+    first, _ = descend(rows)
+    for _ in range(60):
+        _, gradient = descend(rows)
+        rows = jnp.clip(rows - 0.3 * gradient / (jnp.linalg.norm(gradient) + 1e-9), -1, 1)
+    last, _ = descend(rows)
+    assert last < first - 0.05, (first, last)
+
+
+def test_batches_vmap_and_shards_are_the_same():
+    env = jaxenv.make("hover", effects={"gust": {"sigma_mps2": 0.5}}, observation="estimate")
+    observation, state = env.reset(jax.random.key(3), num_envs=8)
+    rows = jnp.asarray(np.random.default_rng(0).uniform(-0.3, 0.3, (8, 4)), jnp.float32)
+    batch = jax.jit(env.step)(jax.random.key(4), state, rows)
+    one = jax.jit(jax.vmap(env.step, in_axes=(None, 0, 0)))(jax.random.key(4), state, rows)
+    for a, b in zip(jax.tree.leaves(batch), jax.tree.leaves(one), strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-6, atol=1e-6)
+    assert observation.shape == (8, env.observation_space().shape[0])
+    assert len({float(x) for x in state.pos_m[0]}) == 8
+
+
+def test_ended_episodes_begin_anew_and_differ():
+    env = jaxenv.make("hover", max_episode_steps=20)
+    _, state = env.reset(jax.random.key(0), num_envs=16)
+    starts = []
+    step = jax.jit(env.step)
+    for tick in range(60):
+        _, state, _, done, info = step(jax.random.key(1), state, jnp.zeros((16, 4)).at[:, 3].set(0.311))
+        assert bool(done.all()) == (tick % 20 == 19)
+        if tick % 20 == 19:
+            assert bool(info["truncated"].all()) and not bool(info["terminated"].any())
+            starts.append(np.asarray(state.pos_m[0]))
+    assert np.all(np.asarray(state.noise[2]) == 0)
+    assert not np.allclose(starts[0], starts[1]) and len(np.unique(starts[0])) > 8
+
+
+def test_parameters_are_drawn_from_their_distributions():
+    effects = {"drag_linear": {"uniform": [0.2, 0.4]}, "gust": {"sigma_mps2": {"choice": [0.1, 0.7]}}}
+    env = jaxenv.make("hover", effects=effects)
+    params = env.sample_params(jax.random.key(0), (500,))
+    drag, gust = np.asarray(params.drag_linear.rate_ps), np.asarray(params.gust.sigma_mps2)
+    assert 0.2 <= drag.min() < 0.21 and 0.39 < drag.max() <= 0.4
+    assert set(np.round(gust, 3)) == {0.1, 0.7}
+    assert env.default_params.drag_linear.rate_ps == pytest.approx(0.3)
+    _, state = env.reset(jax.random.key(0), params, num_envs=500)
+    *_, info = env.step(jax.random.key(0), state, jnp.zeros((500, 4)), params)
+    assert info["terminated"].shape == (500,)
+
+
+def test_own_reward_and_observation():
+    env = jaxenv.make(
+        "hover",
+        reward=lambda state, action, params: -jnp.abs(state.pos_m[0]) + 0 * action[..., 0],
+        observation=lambda state, params: jnp.stack([*state.pos_m, *state.vel_mps], -1),
+    )
+    observation, state = env.reset(jax.random.key(0), num_envs=3)
+    assert observation.shape == (3, 6)
+    observation, state, reward, _, _ = env.step(jax.random.key(0), state, jnp.zeros((3, 4)))
+    np.testing.assert_allclose(reward, -np.abs(observation[:, 0]), rtol=1e-6)
+    written = jaxenv.make("hover", reward="-dist")
+    _, state = written.reset(jax.random.key(0))
+    _, state, reward, _, _ = written.step(jax.random.key(0), state, jnp.zeros(4))
+    goal, pos = np.array(state.goal[:3]), np.array(state.pos_m)
+    assert float(reward) == pytest.approx(-np.linalg.norm(goal - pos), rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "words"),
+    [
+        (lambda: jaxenv.make("hover", history=3), ValueError, ["history", "your own state"]),
+        (lambda: jaxenv.make("hover", remote="ws://x"), ValueError, ["remote"]),
+        (lambda: jaxenv.make("hover", effect={}), TypeError, ["effect"]),
+        (lambda: jaxenv.make("hovr"), ValueError, ["hovr", "Crazyflie-v0"]),
+        (lambda: jaxenv.make("hover", effects={"gusts": 1}), ValueError, ["gusts", "gust"]),
+        (lambda: jaxenv.make("swap", neighbours={"by": "radio"}), ValueError, ["neighbours by radio"]),
+        (lambda: jaxenv.make("hover", dtype="int32"), ValueError, ["float32 or float64", "int32"]),
+        (lambda: _step(jnp.zeros(3)), ValueError, ["action", "(4,)", "(3,)"]),
+        (lambda: _step(jnp.zeros(4, int)), TypeError, ["action", "float32", "int"]),
+        (lambda: _step(jnp.zeros(4), {"gust": 1}), TypeError, ["params", "default_params", "dict"]),
+        (lambda: jaxenv.make("hover").reset(0), TypeError, ["key", "jax.random.key"]),
+    ],
+)
+def test_mistakes_are_named_before_anything_is_traced(call, error, words):
+    with pytest.raises(error) as caught:
+        call()
+    assert all(word in str(caught.value) for word in words), caught.value
+
+
+def _step(action, params=None):
+    env = jaxenv.make("hover")
+    _, state = env.reset(jax.random.key(0))
+    return jax.jit(env.step)(jax.random.key(0), state, action, params)
+
+
+ALONE = """
+import importlib.util, sys
+sys.modules["crazyflie_gym"] = None
+spec = importlib.util.spec_from_file_location("mine", sys.argv[1])
+mine = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(mine)
+import jax, jax.numpy as jnp
+env = mine.Environment()
+observation, state = env.reset(jax.random.key(0), num_envs=5)
+for _ in range(3):
+    observation, state, reward, done, info = jax.jit(env.step)(jax.random.key(1), state, jnp.zeros((5, 4, 4))[:, :3])
+print(observation.shape, reward.shape, done.shape)
+"""
+
+
+def test_an_exported_module_needs_this_package_no_more(tmp_path):
+    target = tmp_path / "swap.py"
+    words = ["export", "--jax", str(target), "--task", "swap", "--drones", "3", "--effects", "gust.sigma_mps2=0.5"]
+    said = subprocess.run([sys.executable, "-m", "crazyflie_cli", *words, "--json"], capture_output=True, text=True)
+    assert said.returncode == 0, said.stderr
+    summary = json.loads(said.stdout)
+    assert summary["drones"] == 3 and summary["operations"] > 500
+    run = subprocess.run([sys.executable, "-c", ALONE, str(target)], capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.strip() == "(5, 3, 40) (5, 3) (5,)"
+
+
+def test_without_jax_the_error_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "jax", None)
+    with pytest.raises(ImportError, match=r"crazyflie-gym\[jax\]"):
+        jaxenv.make("hover")
