@@ -82,7 +82,7 @@ fn parameter_classes(recording: &Recording) -> String {
         let class = class_name(group.name);
         write!(text, "\n\nclass {class}(NamedTuple):\n    \"\"\"{}.\"\"\"\n\n", group.about)
             .unwrap_or_default();
-        for p in &group.parameters {
+        for p in group.parameters.iter().filter(|p| !p.counts) {
             let [low, high] = p.range;
             writeln!(text, "    # {}; {low} to {high} {}", p.about, p.unit).unwrap_or_default();
             writeln!(text, "    {}: float = {:?}", p.name, p.value()).unwrap_or_default();
@@ -134,7 +134,7 @@ fn constants(recording: &Recording) -> Result<String> {
     text.push_str(")\n# effect, parameter, kind, numbers, lowest, highest\nDISTRIBUTIONS = (\n");
     for group in &recording.parameters {
         for p in &group.parameters {
-            if let Number::Distribution(distribution) = &p.number {
+            if let (Number::Distribution(distribution), false) = (&p.number, p.counts) {
                 let (kind, numbers) = distribution_words(distribution);
                 let [low, high] = p.range;
                 let names = format!("{:?}, {:?}, {kind:?}", group.name, p.name);

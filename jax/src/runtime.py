@@ -14,7 +14,7 @@ def default_params():
 
 def sample_params(key, shape=()):
     """Parameters drawn from the distributions that the options gave; `shape` for several environments at once."""
-    params = Params()
+    params = jax.tree.map(lambda number: jnp.full(shape, number), Params())
     for place, (group, name, kind, numbers, low, high) in enumerate(DISTRIBUTIONS):
         one = jax.random.fold_in(key, place)
         if kind == "uniform":

@@ -28,7 +28,7 @@ mod _native {
     #[pymodule_export]
     use crate::interface::Interface;
     #[pymodule_export]
-    use crate::jax::{double_flight, jax_module};
+    use crate::jax::{JaxCore, double_flight, jax_module, jax_step_target};
     #[pymodule_export]
     use crate::linear::{loop_plots, loop_report, state_space, transfer_function};
     #[pymodule_export]

@@ -50,15 +50,18 @@ def first_start(env):
 def fly(env, rows, params=None):
     """Observations from the first moment on, rewards, terminated and true states of a flight without resets."""
     words, numbers = first_start(env)
-    observation, state = env.begin(words, numbers, params)
 
     def tick(state, action):
         observation, state, reward, _, info = env.step_env(None, state, action, params)
         return state, (observation, reward, info["terminated"], env.true_state(state))
 
-    _, (observations, rewards, terminated, true) = jax.jit(lambda s, a: jax.lax.scan(tick, s, a))(
-        state, jnp.asarray(rows, env.dtype)
-    )
+    # one program: to compile the first moment operation by operation takes longer than all the rest
+    @jax.jit
+    def flight(rows):
+        first, state = env.begin(words, numbers, params)
+        return first, jax.lax.scan(tick, state, rows)[1]
+
+    observation, (observations, rewards, terminated, true) = flight(jnp.asarray(rows, env.dtype))
     states = np.concatenate([true[name] for name in ("pos_m", "vel_mps", "att_rad", "rate_radps")], -1)
     return np.concatenate([observation[None], observations]), np.asarray(rewards), np.asarray(terminated), states
 
@@ -315,3 +318,41 @@ def test_without_jax_the_error_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "jax", None)
     with pytest.raises(ImportError, match=r"crazyflie-gym\[jax\]"):
         jaxenv.make("hover")
+
+
+def test_the_core_steps_within_a_compiled_program_as_it_does_alone():
+    effects = {"gust": {"sigma_mps2": 0.5}}
+    core = jaxenv.make_core("hover", num_envs=40, threads=2, effects=effects)
+    rows = np.random.default_rng(1).uniform(-0.4, 0.4, (30, 40, 4)).astype(np.float32)
+    count, observation = core.reset(range(40))
+
+    def tick(carry, action):
+        count, _ = carry
+        count, observation, reward, terminated, truncated = core.step(count, action)
+        return (count, observation), (observation, reward, terminated | truncated)
+
+    (count, _), (observations, rewards, ends) = jax.jit(lambda c, a: jax.lax.scan(tick, c, a))(
+        (count, observation), rows
+    )
+    sim = crazyflie_gym.Sim(40, json.dumps({"effects": effects, "max_episode_steps": 500}), [THESIS])
+    np.testing.assert_array_equal(observation, sim.reset(np.arange(40, dtype=np.uint64)))
+    for tick, row in enumerate(rows):
+        theirs, reward, terminated, truncated, _ = sim.step(row)
+        np.testing.assert_array_equal(observations[tick], theirs)
+        np.testing.assert_array_equal(rewards[tick], reward)
+        np.testing.assert_array_equal(ends[tick], terminated | truncated)
+    assert int(count) == 30
+
+
+def test_the_core_says_what_is_wrong_within_a_program():
+    core = jaxenv.make_core("swap", num_envs=2, drones=3)
+    count, observation = core.reset()
+    assert observation.shape == (2, 3, 40)
+    with pytest.raises(ValueError, match=r"\(2, 3, 4\)"):
+        core.step(count, np.zeros((2, 4)))
+    with pytest.raises(Exception, match="-1 to 1"):
+        jax.block_until_ready(jax.jit(core.step)(count, np.full((2, 3, 4), 2.0, np.float32)))
+    count, *_ = jax.jit(core.step)(count, np.zeros((2, 3, 4), np.float32))
+    assert int(count) == 1
+    with pytest.raises(ValueError, match="effect"):
+        jaxenv.make_core("hover", effects={"gusts": 1})

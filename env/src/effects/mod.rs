@@ -42,6 +42,8 @@ pub struct Param {
     /// below what `hidden_flights.py` hides, on its seed 404 and on rotorpy's 301, 401 and 402; judged on 606
     /// and 707.
     pub least: f64,
+    /// It counts something: a whole number, which decides how much there is to compute.
+    pub counts: bool,
 }
 
 /// What fitting does with a parameter.
@@ -66,7 +68,18 @@ pub(crate) const fn param(
     range: [f64; 2],
     about: &'static str,
 ) -> Param {
-    Param { name, unit, off, low: range[0], high: range[1], about, role: Role::Free, starts: &[], least: 0.0 }
+    Param {
+        name,
+        unit,
+        off,
+        low: range[0],
+        high: range[1],
+        about,
+        role: Role::Free,
+        starts: &[],
+        least: 0.0,
+        counts: false,
+    }
 }
 
 impl Param {
@@ -81,6 +94,9 @@ impl Param {
     }
     const fn choice(self) -> Param {
         Param { role: Role::Choice, ..self }
+    }
+    const fn counting(self) -> Param {
+        Param { counts: true, ..self }
     }
     const fn companion(self, starts: &'static [f64]) -> Param {
         Param { role: Role::Companion, starts, ..self }

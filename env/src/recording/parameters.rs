@@ -27,6 +27,8 @@ pub struct Parameter {
     pub range: [f64; 2],
     /// The value, or what it is drawn from.
     pub number: Number,
+    /// It counts something, and is written into the program as it is.
+    pub counts: bool,
 }
 
 impl Parameter {
@@ -45,6 +47,7 @@ impl ParameterGroup {
             about: bounded.param.about,
             range: [bounded.param.low, bounded.param.high],
             number: bounded.number.clone(),
+            counts: bounded.param.counts,
         });
         ParameterGroup {
             name: effect.entry.name,

@@ -10,7 +10,7 @@ use crate::coupling::NEIGHBOUR_FIELDS;
 use crate::error::Result;
 use crate::observation::{ACTION, Field};
 use crate::rows::state_row;
-use crate::scalar::Word;
+use crate::scalar::{Scalar, Word};
 use crate::sim_scalar::SimScalar;
 use crate::symbol::{Symbol, SymbolWord, enter, record};
 use crate::task::Task;
@@ -69,8 +69,15 @@ fn set_parameters(flight: &mut dyn Flight<Symbol>, tape: &mut Tape) -> Result<Ve
     for drone in flight.drones() {
         groups = drone.effects.iter().map(ParameterGroup::from_effect).collect();
         for (i, group) in groups.iter().enumerate() {
-            let params: Vec<Symbol> =
-                (0..group.parameters.len()).map(|j| tape.number(Input::Parameter(i, j))).collect();
+            let number = |(j, parameter): (usize, &super::Parameter)| {
+                // how much there is to compute must be known before
+                if parameter.counts {
+                    Symbol::from_f64(parameter.value().round())
+                } else {
+                    tape.number(Input::Parameter(i, j))
+                }
+            };
+            let params: Vec<Symbol> = group.parameters.iter().enumerate().map(number).collect();
             drone.world.set_params(group.name, &params)?;
         }
     }

@@ -48,14 +48,19 @@ pub(crate) fn enter(part: &'static str) {
     GRAPH.with_borrow_mut(|graph| graph.enter(part));
 }
 
+// A recording runs once: calls instead of copies keep the program small and its compilation short, here and in all
+// that follows.
+#[inline(never)]
 fn node(node: Node) -> Id {
     GRAPH.with_borrow_mut(|graph| graph.add(node))
 }
 
+#[inline(never)]
 fn unary(operation: Unary, a: Id) -> Id {
     node(Node::Unary(operation, a))
 }
 
+#[inline(never)]
 fn binary(operation: Binary, a: Id, b: Id) -> Id {
     node(Node::Binary(operation, a, b))
 }
@@ -97,6 +102,7 @@ macro_rules! operator {
     ($trait:ident, $method:ident, $type:ident) => {
         impl $trait for $type {
             type Output = $type;
+            #[inline(never)]
             fn $method(self, other: $type) -> $type {
                 $type(binary(Binary::$trait, self.0, other.0))
             }
@@ -160,53 +166,69 @@ impl Scalar for Symbol {
     type Word = SymbolWord;
     const SINGLE: bool = false;
 
+    #[inline(never)]
     fn from_f64(value: f64) -> Self {
         Symbol(node(Node::Number(value.to_bits())))
     }
+    #[inline(never)]
     fn sqrt(self) -> Self {
         Symbol(unary(Unary::Sqrt, self.0))
     }
+    #[inline(never)]
     fn abs(self) -> Self {
         Symbol(unary(Unary::Abs, self.0))
     }
+    #[inline(never)]
     fn min(self, other: Self) -> Self {
         Symbol(binary(Binary::Min, self.0, other.0))
     }
+    #[inline(never)]
     fn max(self, other: Self) -> Self {
         Symbol(binary(Binary::Max, self.0, other.0))
     }
+    #[inline(never)]
     fn round(self) -> Self {
         Symbol(unary(Unary::Round, self.0))
     }
+    #[inline(never)]
     fn lt(self, other: Self) -> Condition {
         Condition(binary(Binary::Less, self.0, other.0))
     }
+    #[inline(never)]
     fn le(self, other: Self) -> Condition {
         Condition(binary(Binary::AtMost, self.0, other.0))
     }
+    #[inline(never)]
     fn select(mask: Condition, yes: Self, no: Self) -> Self {
         Symbol(node(Node::Select(mask.0, yes.0, no.0)))
     }
     /// May be true: where a formula leaves work out because it is false everywhere, the work is recorded.
+    #[inline(never)]
     fn any(mask: Condition) -> bool {
         GRAPH.with_borrow(|graph| graph.flag(mask.0) != Some(false))
     }
     /// Is true whatever comes.
+    #[inline(never)]
     fn all(mask: Condition) -> bool {
         GRAPH.with_borrow(|graph| graph.flag(mask.0) == Some(true))
     }
+    #[inline(never)]
     fn nothing() -> Condition {
         Condition(node(Node::Flag(false)))
     }
+    #[inline(never)]
     fn unit(word: SymbolWord) -> Self {
         Symbol(unary(Unary::Unit, word.0))
     }
+    #[inline(never)]
     fn split_exponent(self) -> (Self, Self) {
         (Symbol(unary(Unary::Mantissa, self.0)), Symbol(unary(Unary::Exponent, self.0)))
     }
+    #[inline(never)]
     fn scale_exponent(self, exponent: Self) -> Self {
         Symbol(binary(Binary::ScaleExponent, self.0, exponent.0))
     }
+    #[inline(never)]
     fn lane(self, _: usize) -> f64 {
         GRAPH.with_borrow_mut(|graph| {
             graph.number(self.0).unwrap_or_else(|| {
@@ -215,21 +237,30 @@ impl Scalar for Symbol {
             })
         })
     }
+    #[inline(never)]
     fn set_lane(&mut self, _: usize, value: f64) {
         *self = Self::from_f64(value);
     }
     // Kept as calls, so that a reader knows them again; what they do is recorded apart, see `elementary_body`.
+    #[inline(never)]
     fn sin_cos(self) -> (Self, Self) {
         (Self::call(Call::Sin, self), Self::call(Call::Cos, self))
     }
+    #[inline(never)]
     fn sin_cos_quarter(self) -> (Self, Self) {
         (Self::call(Call::SinQuarter, self), Self::call(Call::CosQuarter, self))
     }
+    #[inline(never)]
     fn exp(self) -> Self {
         Self::call(Call::Exp, self)
     }
+    #[inline(never)]
     fn ln(self) -> Self {
         Self::call(Call::Ln, self)
+    }
+    #[inline(never)]
+    fn clamp(self, low: Self, high: Self) -> Self {
+        self.max(low).min(high)
     }
 }
 

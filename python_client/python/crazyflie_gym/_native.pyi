@@ -273,6 +273,23 @@ def double_flight(
         drone by drone.
     """
 
+class JaxCore:
+    """A batch of environments that compiled JAX programs step; see `crazyflie_gym.jax.make_core`."""
+
+    handle: int
+    num_envs: int
+    num_drones: int
+    width: int
+    has_drone_axis: bool
+    tick_s: float
+
+    def __init__(self, num_envs: int, options: str, models: list[str]) -> None: ...
+    def reset(self, seeds: list[int]) -> NDArray[np.float32]:
+        """Begin an episode of each seed; the observations, flat."""
+
+def jax_step_target() -> object:
+    """Return the function of a step, for `jax.ffi.register_ffi_target`."""
+
 def jax_module(
     options: str = "{}", models: list[str] | None = None, *, seed: int = 0, starts: int = 256
 ) -> tuple[str, list[tuple[list[int], NDArray[np.float64]]]]:

@@ -20,7 +20,7 @@ import types
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from crazyflie_gym._native import jax_module, model_text, tasks
+from crazyflie_gym._native import JaxCore, jax_module, jax_step_target, model_text, tasks
 from crazyflie_gym.make_backend import episode_steps
 from crazyflie_gym.options import Model, model_sources, to_json
 from crazyflie_gym.spaces import Choice
@@ -141,3 +141,93 @@ def _module(options: str, models: tuple[str, ...], seed: int, starts: int) -> ty
     module.__dict__["DRAWN"] = drawn
     exec(compile(text, name, "exec"), module.__dict__)
     return module
+
+
+_TARGET = "crazyflie_gym_step"
+
+
+class Core:
+    """The core's own batch, stepped within compiled programs: `make_core` makes one.
+
+    It is no pure function: it has the state. `step` takes and returns a count, which keeps steps in order.
+    """
+
+    def __init__(self, batch: JaxCore):
+        self._batch = batch
+        self.num_envs, self.num_drones, self.tick_s = batch.num_envs, batch.num_drones, batch.tick_s
+        self._lead = (batch.num_envs, batch.num_drones) if batch.has_drone_axis else (batch.num_envs,)
+
+    def reset(self, seeds: Sequence[int] | None = None) -> tuple[Any, Any]:
+        """Begin an episode of each seed, 0, 1, 2, ... unless given; the count and the observations.
+
+        Raises:
+            ValueError: unless there is a seed for each environment.
+        """
+        import jax.numpy as jnp
+
+        rows = self._batch.reset(list(range(self.num_envs) if seeds is None else seeds))
+        return jnp.zeros((), jnp.int32), jnp.asarray(rows.reshape(*self._lead, -1))
+
+    def step(self, count: Any, actions: Any) -> tuple[Any, Any, Any, Any, Any]:
+        """Fly one tick: the count, observations, rewards, terminated, truncated.
+
+        Episodes that have ended begin anew in the next step, whose action they ignore.
+
+        Raises:
+            ValueError: for actions of another shape; when the program runs, for actions that are no numbers from -1
+                to 1 (as JAX's own exception).
+        """
+        import jax
+        import jax.numpy as jnp
+        import numpy as np
+
+        actions = jnp.asarray(actions, jnp.float32)
+        if actions.shape != (*self._lead, 4):
+            raise ValueError(f"actions: expected shape {(*self._lead, 4)}, got {actions.shape}")
+        lead = self._lead
+        shapes = [((), jnp.int32), ((*lead, self._batch.width), jnp.float32), (lead, jnp.float32)]
+        shapes += [(lead, jnp.bool_)] * 2
+        call = jax.ffi.ffi_call(_TARGET, [jax.ShapeDtypeStruct(*each) for each in shapes], has_side_effect=True)
+        results = call(count, actions, handle=np.int64(self._batch.handle))
+        return tuple(results)  # type: ignore[return-value]
+
+
+@functools.cache
+def _register_target() -> None:
+    """Tell JAX of the core's step, once."""
+    import jax
+
+    jax.ffi.register_ffi_target(_TARGET, jax_step_target(), platform="cpu")
+
+
+def make_core(
+    id: str = "Crazyflie-v0",
+    num_envs: int = 1,
+    *,
+    threads: int = 1,
+    max_episode_steps: int | None = None,
+    model: Model | Sequence[Model] = None,
+    **options: Any,
+) -> Core:
+    """Return the core itself for programs of JAX on a CPU: at native speed, without gradients.
+
+    Args:
+        id: of Gymnasium, or the name of a task.
+        num_envs: environments.
+        threads: that step them.
+        max_episode_steps, model, options: as for `gymnasium.make_vec`.
+
+    Raises:
+        ImportError: without JAX.
+        ValueError: naming the option that is wrong.
+    """
+    try:
+        _register_target()
+    except ImportError as error:
+        raise ImportError('crazyflie_gym.jax needs JAX: pip install "crazyflie-gym[jax]"') from error
+    task = _task(id)
+    text = to_json(
+        task=task, threads=threads, max_episode_steps=episode_steps(task, max_episode_steps), **options
+    )
+    models = [model_text() if text is None else text for text, _ in model_sources(model)]
+    return Core(JaxCore(num_envs, text, models))

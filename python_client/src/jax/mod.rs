@@ -1,4 +1,9 @@
-//! Environments as modules of JAX functions.
+//! Environments as modules of JAX functions, and the core as a function of XLA.
+
+mod core;
+mod xla;
+
+pub use core::{JaxCore, jax_step_target};
 
 use crazyflie_env::config::Options;
 use crazyflie_env::model::Model;
