@@ -10,6 +10,7 @@ mod setup;
 mod wind;
 
 pub(crate) use setup::check_scope;
+pub use setup::has_battery;
 
 use std::slice::{from_mut, from_ref};
 

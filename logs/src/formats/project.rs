@@ -70,8 +70,11 @@ const TRUTH: [&str; 9] = [
     TRUE_ATTITUDE[1],
     TRUE_ATTITUDE[2],
 ];
+/// Clocks beside `t_s` in logs of `crazyflie deploy`, for people: the vehicle's stamp, and when the sample came
+/// and the command was sent by the host's.
+const CLOCKS: [&str; 3] = ["vehicle_clock_ms", "received_clock_s", "sent_clock_s"];
 const COLUMNS: Columns =
-    Columns { required: &REQUIRED, optional: &[], alternatives: &VERTICAL, together: &TRUTH };
+    Columns { required: &REQUIRED, optional: &CLOCKS, alternatives: &VERTICAL, together: &TRUTH };
 
 pub(crate) struct ProjectCsv;
 

@@ -1,0 +1,328 @@
+"""A flight: check, take-off, the controller's task, landing. Every state ends in a landing or a reason."""
+
+from __future__ import annotations
+
+import math
+import time
+import traceback
+from collections.abc import Callable
+from typing import Any
+
+from crazyflie_gym.deploy.keys import Keys
+from crazyflie_gym.deploy.limits import Ending, Limits
+from crazyflie_gym.deploy.pilot import Pilot, Setpoint
+from crazyflie_gym.deploy.poses import PoseFeed
+from crazyflie_gym.deploy.record import Recorder
+from crazyflie_gym.deploy.settings import DeployError, Settings
+from crazyflie_gym.deploy.state import Command, Fix, Sample
+from crazyflie_gym.deploy.vehicle import CAN_FLY, IS_ARMED, IS_CRASHED, IS_LOCKED, IS_TUMBLED, Vehicle
+
+LATE = 1.5
+"""Ticks after which a sample counts as lost."""
+SETTLE_S = 15.0
+LEVEL_S = 0.5
+"""How long a vehicle whose position is stale is held level before it goes down."""
+TAKEOFF_MPS = 0.4
+REACHED_M = 0.15
+LAND_MPS = 0.35
+BLIND_MPS = 0.3
+GROUND_M = 0.08
+LEAST_POSES = 10
+
+Report = Callable[[str], None]
+
+
+class Flight:
+    """One flight of a controller on a vehicle, from the check to the landing.
+
+    Args:
+        settings: what is flown.
+        pilot: the controller.
+        vehicle: connected.
+        keys: who may want to land.
+        report: told of every state.
+        recorder: writes the log.
+    """
+
+    def __init__(
+        self, settings: Settings, pilot: Pilot, vehicle: Vehicle, keys: Keys, report: Report, recorder: Recorder
+    ) -> None:
+        self._settings, self._pilot, self._vehicle, self._keys = settings, pilot, vehicle, keys
+        self._report, self._recorder = report, recorder
+        self._feed: PoseFeed | None = None
+        self._pose_count, self._captured_s = 0, 0.0
+        self.summary: dict[str, Any] = {"states": {}, "missed": 0, "levelled": 0}
+        self._square_m2, self._worst_m, self._flown = 0.0, 0.0, 0
+
+    def fly(self) -> Ending:
+        """Fly, and return why it ended.
+
+        Raises:
+            DeployError: if the vehicle is not fit to fly: nothing has left the ground then.
+        """
+        try:
+            first = self._check()
+            ending = self._fly_task(first)
+            self._report(f"landing: {ending.reason}: {ending.detail}")
+            self.summary["landed"] = self._land(ending, first.pos_m[2])
+            return ending
+        finally:
+            if self._feed is not None:
+                self._feed.close()
+            self.summary |= self._figures()
+
+    def _fly_task(self, first: Sample) -> Ending:
+        """Take off and let the controller fly. Whatever goes wrong in here, a landing follows."""
+        try:
+            return self._take_off(first) or self._hand_over()
+        except Exception as error:
+            self._report(traceback.format_exc().rstrip())
+            return Ending("error", f"{type(error).__name__}: {error}")
+
+    def _figures(self) -> dict[str, Any]:
+        flown = max(self._flown, 1)
+        return {
+            "flown_s": self._flown * self._pilot.tick_s,
+            "rmse_m": math.sqrt(self._square_m2 / flown),
+            "worst_m": self._worst_m,
+            "rows": self._recorder.rows,
+            "speed": self._vehicle.speed,
+        }
+
+    def _state(self, name: str, sample: Sample) -> None:
+        self.summary["states"][name] = sample.vehicle_ms / 1000
+        x, y, z = sample.pos_m
+        self._report(f"{name}: at {x:.2f} {y:.2f} {z:.2f} m, battery {sample.vbat_v:.2f} V")
+
+    def _check(self) -> Sample:
+        vehicle, settings = self._vehicle, self._settings
+        vehicle.measure_speed()
+        if settings.position != "estimate":
+            self._feed = PoseFeed(settings.poses, vehicle.send_pose)
+            if self._feed.address:
+                self._report(f"poses: waiting at {self._feed.address}")
+            self._wait(lambda: self._feed is not None and self._feed.count >= LEAST_POSES, self._no_poses)
+        vehicle.reset_estimator()
+        self._wait(vehicle.is_settled, lambda: "the vehicle's filter does not settle: has it a position?")
+        sample = self._newest()
+        for bit, word in ((IS_LOCKED, "locked"), (IS_CRASHED, "crashed"), (IS_TUMBLED, "tumbled")):
+            if sample.info & bit:
+                raise DeployError(f"check: the vehicle says that it is {word}")
+        if sample.vbat_v < settings.battery_min_v:
+            raise DeployError(f"check: the battery is at {sample.vbat_v:.2f} V, the limit {settings.battery_min_v:g} V")
+        seen = self._fix(sample).pos_m
+        ending = Limits(settings, sample.vehicle_ms).ending(sample, seen)
+        if ending is not None:
+            raise DeployError(f"check: {ending.reason}: {ending.detail}")
+        if not sample.info & IS_ARMED:
+            vehicle.arm(True)
+        self._wait(lambda: bool(self._newest().info & CAN_FLY), lambda: "the vehicle does not let itself be armed")
+        self._state("check", self._newest())
+        return self._newest()
+
+    def _no_poses(self) -> str:
+        feed = self._feed
+        told = f" ({feed.refused} messages refused, {feed.problem})" if feed is not None and feed.problem else ""
+        return f"no poses come from {self._settings.poses}{told}"
+
+    def _newest(self) -> Sample:
+        sample = self._vehicle.newest
+        if sample is None:
+            raise DeployError("the vehicle sends no logs")
+        return sample
+
+    def _wait(self, condition: Callable[[], bool], problem: Callable[[], str]) -> None:
+        end = time.monotonic() + max(SETTLE_S / self._vehicle.speed, 2.0)
+        while not condition():
+            if self._vehicle.problem:
+                raise DeployError(f"check: {self._vehicle.problem}")
+            if self._keys.presses:
+                raise DeployError(f"check: ended by {self._keys.name}, nothing has left the ground")
+            if time.monotonic() > end:
+                raise DeployError(f"check: {problem()}")
+            time.sleep(0.01)
+
+    def _fix(self, sample: Sample, late_ticks: int = 0) -> Fix:
+        """Return the newest position, `late_ticks` after a sample that is still the newest."""
+        speed, late_s = self._vehicle.speed, late_ticks * self._pilot.tick_s
+        now_s, feed = time.monotonic(), self._feed
+        if feed is None:
+            silence_s = (now_s - sample.received_s) * speed
+            return Fix(sample.pos_m, sample.att_rad[2], late_s, late_ticks == 0, silence_s)
+        pose, count = feed.newest, feed.count
+        if pose is None:
+            raise DeployError("no pose has come")
+        silence_s = max(0.0, now_s - pose.captured_s) * speed
+        is_new = count > self._pose_count
+        if is_new:
+            # from here on it ages by the vehicle's clock, on which controllers tell a new one by its age
+            self._pose_count, self._captured_s = count, sample.vehicle_ms / 1000 + late_s - silence_s
+        age_s = sample.vehicle_ms / 1000 + late_s - self._captured_s
+        yaw_rad = sample.att_rad[2] if pose.yaw_rad is None else pose.yaw_rad
+        return Fix(pose.pos_m, yaw_rad, age_s, is_new, silence_s)
+
+    def _take_off(self, first: Sample) -> Ending | None:
+        settings, vehicle = self._settings, self._vehicle
+        limits = Limits(settings, first.vehicle_ms)
+        self._limits = limits
+        ground_m, height_m = first.pos_m[2], settings.takeoff_height_m
+        seconds = max(1.5, height_m / TAKEOFF_MPS)
+        vehicle.unlock_thrust()
+        vehicle.take_off(ground_m + height_m, seconds)
+        self._state("take-off", first)
+        goal: Setpoint = (first.pos_m[0], first.pos_m[1], ground_m + height_m, first.att_rad[2])
+        sample = first
+        while True:
+            last_ms = sample.vehicle_ms
+            sample = vehicle.next_sample(last_ms, settings.stale_s) or sample
+            time_s = (sample.vehicle_ms - first.vehicle_ms) / 1000
+            if sample.vehicle_ms == last_ms:
+                return Ending("stale", self._silence(), is_blind=True)
+            fix = self._fix(sample)
+            self._record_own(sample, goal, fix)
+            if self._keys.presses:
+                return Ending("key", f"ended by {self._keys.name} in the take-off", is_fine=True)
+            if fix.silence_s > settings.stale_s + LEVEL_S:
+                return Ending("stale", f"the position is {fix.silence_s:.2f} s old", is_blind=True)
+            ending = limits.ending(sample, fix.pos_m)
+            if ending is not None:
+                return ending
+            if time_s > seconds and abs(fix.pos_m[2] - goal[2]) < REACHED_M:
+                return None
+            if time_s > seconds + 4.0:
+                return Ending("takeoff", f"at {fix.pos_m[2]:.2f} m after {time_s:.1f} s, expected {goal[2]:.2f} m")
+
+    def _silence(self) -> str:
+        return self._vehicle.problem or "no logs come from the vehicle"
+
+    def _record_own(self, sample: Sample, goal: Setpoint, fix: Fix) -> None:
+        """Record a tick in which the vehicle's own commander flies: what it asks of its attitude loop."""
+        asked = sample.asked
+        if self._pilot.is_height:
+            asked = Command(asked.roll_rad, asked.pitch_rad, asked.yaw_rate_radps, sample.asked_height_m)
+        self._record(sample, asked, goal, fix)
+
+    def _record(self, sample: Sample, command: Command, setpoint: Setpoint, fix: Fix) -> None:
+        now = time.monotonic()
+        unix_s = time.time() - now
+        clocks = {"received_clock_s": round(unix_s + sample.received_s, 6), "sent_clock_s": round(unix_s + now, 6)}
+        self._recorder.add(sample, command, setpoint, fix, clocks)
+
+    def _send(self, command: Command) -> Command:
+        return (self._vehicle.command_height if self._pilot.is_height else self._vehicle.command_thrust)(command)
+
+    def _hand_over(self) -> Ending:
+        """Let the controller fly its task, and return why it does no longer."""
+        pilot, vehicle = self._pilot, self._vehicle
+        sample = self._newest()
+        height_m = sample.pos_m[2]
+        # a set-point of the first commander is obeyed at once where another is in force
+        vehicle.command_height(Command(0.0, 0.0, 0.0, height_m))
+        pilot.begin(height_m)
+        self._state("controller", sample)
+        start_ms, tick, sample_tick, told_s = sample.vehicle_ms, -1, 0, 0.0
+        while True:
+            fresh = vehicle.next_sample(sample.vehicle_ms, LATE * pilot.tick_s)
+            if fresh is None:
+                # the controller goes on with what it knows; what comes late belongs to this tick
+                tick += 1
+                self.summary["missed"] += 1
+            else:
+                sample = fresh
+                now_tick = round((sample.vehicle_ms - start_ms) / 1000 / pilot.tick_s)
+                if now_tick <= tick:
+                    continue
+                tick = sample_tick = now_tick
+            # a tick without a sample comes so much after the last one that had
+            ending = self._tick(sample, tick, 0 if fresh else tick - sample_tick)
+            if ending is not None:
+                return ending
+            if tick * pilot.tick_s >= told_s + 5.0:
+                told_s = tick * pilot.tick_s
+                self._report(f"controller: {told_s:.0f} s, {self._settings.duration_s - told_s:.0f} s to go")
+
+    def _tick(self, sample: Sample, tick: int, late_ticks: int) -> Ending | None:
+        pilot, settings = self._pilot, self._settings
+        if tick >= pilot.ticks:
+            return Ending("done", f"the task is over after {settings.duration_s:g} s", is_fine=True)
+        if self._keys.presses:
+            return Ending("key", f"ended by {self._keys.name}", is_fine=True)
+        fix = self._fix(sample, late_ticks)
+        ending = self._limits.ending(sample, fix.pos_m)
+        if ending is not None:
+            return ending
+        setpoint = pilot.setpoint(tick)
+        if fix.silence_s > settings.stale_s:
+            self.summary["levelled"] += 1
+            if fix.silence_s > settings.stale_s + LEVEL_S:
+                detail = self._vehicle.problem or f"the position is {fix.silence_s:.2f} s old"
+                return Ending("stale", f"{detail}, the limit is {settings.stale_s:g} s", is_blind=True)
+            self._record(sample, self._send(pilot.level(sample.pos_m[2])), setpoint, fix)
+            return None
+        try:
+            command = pilot.command(sample, fix, setpoint)
+        except ArithmeticError as error:
+            return Ending("controller", str(error))
+        except Exception as error:
+            self._report(traceback.format_exc().rstrip())
+            # what CustomController refuses is a mistake in words, not a place in the code
+            return Ending("controller", f"it raised {type(error).__name__}: {error}")
+        sent = self._send(command)
+        self._record(sample, sent, setpoint, fix)
+        off_m = math.dist(fix.pos_m, setpoint[:3])
+        self._square_m2 += off_m**2
+        self._worst_m = max(self._worst_m, off_m)
+        self._flown += 1
+        return None
+
+    def _land(self, ending: Ending, ground_m: float) -> bool:
+        """Come down, and return whether the vehicle said that it is on the ground."""
+        vehicle, presses = self._vehicle, self._keys.presses
+        sample = self._newest()
+        self._state("landing", sample)
+        height_m = max(sample.pos_m[2] - ground_m, 0.0)
+        on_ground = False
+        if ending.stops:
+            vehicle.stop()
+        elif ending.is_blind:
+            self._sink(sample, ground_m, presses)
+        else:
+            on_ground = self._descend(sample, ground_m, height_m, presses)
+        vehicle.stop()
+        vehicle.arm(False)
+        sample = self._newest()
+        on_ground |= sample.pos_m[2] - ground_m < GROUND_M
+        self._state("end", sample)
+        return on_ground and not vehicle.problem
+
+    def _descend(self, sample: Sample, ground_m: float, height_m: float, presses: int) -> bool:
+        """Let the vehicle's own commander land."""
+        seconds = max(1.5, height_m / LAND_MPS)
+        self._vehicle.land(ground_m, seconds)
+        start = sample
+        goal: Setpoint = (*sample.pos_m[:2], ground_m, sample.att_rad[2])
+        while (sample.vehicle_ms - start.vehicle_ms) / 1000 < seconds + 2.0:
+            fresh = self._vehicle.next_sample(sample.vehicle_ms, self._settings.stale_s)
+            if self._keys.presses > presses:
+                self._report("motors off: a second key")
+                self.summary["stopped"] = True
+                return False
+            if fresh is None:
+                self._report(f"landing blindly: {self._silence()}")
+                self._sink(sample, ground_m, presses)
+                return False
+            sample = fresh
+            self._record_own(sample, goal, self._fix(sample))
+            time_s = (sample.vehicle_ms - start.vehicle_ms) / 1000
+            if time_s > seconds and (sample.asked.lift == 0.0 or sample.pos_m[2] - ground_m < 0.5 * GROUND_M):
+                return True
+        return sample.pos_m[2] - ground_m < GROUND_M
+
+    def _sink(self, sample: Sample, ground_m: float, presses: int) -> None:
+        """Go down level, by the vehicle's own height: the place is not known. Nothing may answer."""
+        tick_s = self._pilot.tick_s
+        height_m = sample.pos_m[2]
+        while height_m > ground_m - GROUND_M and self._keys.presses <= presses:
+            height_m -= BLIND_MPS * tick_s
+            self._vehicle.command_height(Command(0.0, 0.0, 0.0, height_m))
+            time.sleep(tick_s / self._vehicle.speed)
