@@ -20,9 +20,9 @@ import pytest
 
 from crazyflies import PROGRAM
 
-SPEED = 4
+SPEED = 6
 GOAL = (0.3, -0.2, 0.7)
-THERE = ("--setpoint", ",".join(map(str, GOAL)), "--duration", 5)
+THERE = ("--setpoint", ",".join(map(str, GOAL)), "--duration", 4)
 
 
 class Truth:
@@ -204,10 +204,10 @@ def test_controllers_of_every_kind_fly_and_land(vehicle, kind, tmp_path):
     summary = vehicle.fly(*THERE, *options).ended("done", 0)
     assert vehicle.truth.nearest(GOAL) < 0.12 and vehicle.truth.highest() < 1.0
     assert vehicle.truth.place[2] < 0.05, "it is on the ground"
-    last = [row for row in vehicle.rows() if row["setpoint_x_m"] == GOAL[0]][-1]
+    last = [row for row in vehicle.rows() if abs(row["setpoint_x_m"] - GOAL[0]) < 1e-6][-1]
     at = [last[f"marker_{axis}_m"] for axis in "xyz"]
     assert math.dist(at, GOAL) < 0.15, at
-    assert summary["flown_s"] == pytest.approx(5, abs=0.5) and summary["speed"] == pytest.approx(SPEED, rel=0.2)
+    assert summary["flown_s"] == pytest.approx(4, abs=0.5) and summary["speed"] == pytest.approx(SPEED, rel=0.2)
 
 
 def test_a_track_is_followed(vehicle):
@@ -265,7 +265,8 @@ def test_soft_limits_land(tmp_path, reason, options, simulator):
     with simulated(tmp_path, *simulator) as vehicle:
         vehicle.fly(*options).ended(reason, 1)
         x, _, z = vehicle.truth.place
-        assert vehicle.truth.highest() > 0.4 and z < 0.05
+        # under load the voltage is low from the start
+        assert vehicle.truth.highest() > (0.1 if reason == "battery" else 0.4) and z < 0.05
         if "0.2,1,1.5" in options:
             assert 0.15 < x < 0.5
 
@@ -276,7 +277,7 @@ def test_a_controller_that_fails_is_landed(vehicle, tmp_path, name, told):
     flown = vehicle.fly("--controller", f"python:{tmp_path / 'own.py'}:{name}", *THERE)
     summary = flown.ended("controller", 1)
     assert told in flown.told and told in summary["detail"]
-    assert ("own.py" in flown.told) is (name == "Wrong"), "the traceback leads into the file"
+    assert ("raise RuntimeError" in flown.told) is (name == "Wrong"), "the traceback leads into the file"
     assert vehicle.truth.nearest((*GOAL[:2], 0.02)) < 0.3 and vehicle.truth.place[2] < 0.05
 
 

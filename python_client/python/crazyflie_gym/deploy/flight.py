@@ -23,8 +23,9 @@ SETTLE_S = 15.0
 LEVEL_S = 0.5
 """How long a vehicle whose position is stale is held level before it goes down."""
 TAKEOFF_MPS = 0.4
-REACHED_M = 0.15
-LAND_MPS = 0.35
+REACHED_M = 0.08
+LAND_MPS = 0.25
+FALL_S = 1.0
 BLIND_MPS = 0.3
 GROUND_M = 0.08
 LEAST_POSES = 10
@@ -200,13 +201,13 @@ class Flight:
         asked = sample.asked
         if self._pilot.is_height:
             asked = Command(asked.roll_rad, asked.pitch_rad, asked.yaw_rate_radps, sample.asked_height_m)
-        self._record(sample, asked, goal, fix)
+        self._record(sample, sample.vehicle_ms, asked, goal, fix)
 
-    def _record(self, sample: Sample, command: Command, setpoint: Setpoint, fix: Fix) -> None:
+    def _record(self, sample: Sample, clock_ms: int, command: Command, setpoint: Setpoint, fix: Fix) -> None:
         now = time.monotonic()
         unix_s = time.time() - now
         clocks = {"received_clock_s": round(unix_s + sample.received_s, 6), "sent_clock_s": round(unix_s + now, 6)}
-        self._recorder.add(sample, command, setpoint, fix, clocks)
+        self._recorder.add(clock_ms, sample, command, setpoint, fix, clocks)
 
     def _send(self, command: Command) -> Command:
         return (self._vehicle.command_height if self._pilot.is_height else self._vehicle.command_thrust)(command)
@@ -220,7 +221,7 @@ class Flight:
         vehicle.command_height(Command(0.0, 0.0, 0.0, height_m))
         pilot.begin(height_m)
         self._state("controller", sample)
-        start_ms, tick, sample_tick, told_s = sample.vehicle_ms, -1, 0, 0.0
+        start_ms, tick, sample_tick, told_s = sample.vehicle_ms, 0, 0, 0.0
         while True:
             fresh = vehicle.next_sample(sample.vehicle_ms, LATE * pilot.tick_s)
             if fresh is None:
@@ -248,6 +249,7 @@ class Flight:
         if self._keys.presses:
             return Ending("key", f"ended by {self._keys.name}", is_fine=True)
         fix = self._fix(sample, late_ticks)
+        clock_ms = sample.vehicle_ms + round(1000 * late_ticks * pilot.tick_s)
         ending = self._limits.ending(sample, fix.pos_m)
         if ending is not None:
             return ending
@@ -257,7 +259,7 @@ class Flight:
             if fix.silence_s > settings.stale_s + LEVEL_S:
                 detail = self._vehicle.problem or f"the position is {fix.silence_s:.2f} s old"
                 return Ending("stale", f"{detail}, the limit is {settings.stale_s:g} s", is_blind=True)
-            self._record(sample, self._send(pilot.level(sample.pos_m[2])), setpoint, fix)
+            self._record(sample, clock_ms, self._send(pilot.level(sample.pos_m[2])), setpoint, fix)
             return None
         try:
             command = pilot.command(sample, fix, setpoint)
@@ -268,7 +270,7 @@ class Flight:
             # what CustomController refuses is a mistake in words, not a place in the code
             return Ending("controller", f"it raised {type(error).__name__}: {error}")
         sent = self._send(command)
-        self._record(sample, sent, setpoint, fix)
+        self._record(sample, clock_ms, sent, setpoint, fix)
         off_m = math.dist(fix.pos_m, setpoint[:3])
         self._square_m2 += off_m**2
         self._worst_m = max(self._worst_m, off_m)
@@ -276,26 +278,32 @@ class Flight:
         return None
 
     def _land(self, ending: Ending, ground_m: float) -> bool:
-        """Come down, and return whether the vehicle said that it is on the ground."""
+        """Come down, and return whether the vehicle is on the ground as it should be."""
         vehicle, presses = self._vehicle, self._keys.presses
         sample = self._newest()
         self._state("landing", sample)
         height_m = max(sample.pos_m[2] - ground_m, 0.0)
-        on_ground = False
         if ending.stops:
             vehicle.stop()
         elif ending.is_blind:
             self._sink(sample, ground_m, presses)
         else:
-            on_ground = self._descend(sample, ground_m, height_m, presses)
+            self._descend(sample, ground_m, height_m, presses)
         vehicle.stop()
         vehicle.arm(False)
-        sample = self._newest()
-        on_ground |= sample.pos_m[2] - ground_m < GROUND_M
+        sample = self._touch_down(ground_m)
         self._state("end", sample)
-        return on_ground and not vehicle.problem
+        is_down = sample.pos_m[2] - ground_m < GROUND_M
+        return is_down and not vehicle.problem and not ending.stops and "stopped" not in self.summary
 
-    def _descend(self, sample: Sample, ground_m: float, height_m: float, presses: int) -> bool:
+    def _touch_down(self, ground_m: float) -> Sample:
+        """Return the sample in which the vehicle is on the ground, or the last one before patience ends."""
+        end_s = time.monotonic() + FALL_S / self._vehicle.speed
+        while (sample := self._newest()).pos_m[2] - ground_m > 0.5 * GROUND_M and time.monotonic() < end_s:
+            self._vehicle.next_sample(sample.vehicle_ms, 0.1)
+        return sample
+
+    def _descend(self, sample: Sample, ground_m: float, height_m: float, presses: int) -> None:
         """Let the vehicle's own commander land."""
         seconds = max(1.5, height_m / LAND_MPS)
         self._vehicle.land(ground_m, seconds)
@@ -306,17 +314,16 @@ class Flight:
             if self._keys.presses > presses:
                 self._report("motors off: a second key")
                 self.summary["stopped"] = True
-                return False
+                return
             if fresh is None:
                 self._report(f"landing blindly: {self._silence()}")
                 self._sink(sample, ground_m, presses)
-                return False
+                return
             sample = fresh
             self._record_own(sample, goal, self._fix(sample))
             time_s = (sample.vehicle_ms - start.vehicle_ms) / 1000
             if time_s > seconds and (sample.asked.lift == 0.0 or sample.pos_m[2] - ground_m < 0.5 * GROUND_M):
-                return True
-        return sample.pos_m[2] - ground_m < GROUND_M
+                return
 
     def _sink(self, sample: Sample, ground_m: float, presses: int) -> None:
         """Go down level, by the vehicle's own height: the place is not known. Nothing may answer."""

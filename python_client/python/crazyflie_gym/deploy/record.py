@@ -30,19 +30,26 @@ class Recorder:
         self._writer: Any = None
         self.rows = 0
         self._first_ms: int | None = None
+        self._last_ms: int | None = None
 
     def add(
         self,
+        clock_ms: int,
         sample: Sample,
         command: Command,
         setpoint: tuple[float, float, float, float],
         fix: Fix,
         clocks: Mapping[str, float],
     ) -> None:
-        """Write a tick: what was measured, what was sent then, and a fix where a new one came."""
-        if self._first_ms is None:
-            self._first_ms = sample.vehicle_ms
-        t_s = (sample.vehicle_ms - self._first_ms) / 1000
+        """Write a tick: what was measured, what was sent then, and a fix where a new one came.
+
+        `clock_ms` is the vehicle's clock at the tick. A tick that is no later than the last one is left out.
+        """
+        if self._last_ms is not None and clock_ms <= self._last_ms:
+            return
+        self._last_ms = clock_ms
+        self._first_ms = clock_ms if self._first_ms is None else self._first_ms
+        t_s = (clock_ms - self._first_ms) / 1000
         row: dict[str, float | str] = {"t_s": t_s}
         row |= {f"setpoint_{axis}_m": value for axis, value in zip(AXES, setpoint[:3], strict=True)}
         row["setpoint_yaw_deg"] = math.degrees(setpoint[3])
@@ -58,7 +65,7 @@ class Recorder:
         row |= {f"gyro_{axis}_radps": value for axis, value in zip(AXES, sample.gyro_radps, strict=True)}
         row |= {f"acc_{axis}_mps2": value for axis, value in zip(AXES, sample.acc_mps2, strict=True)}
         row["vbat_v"] = sample.vbat_v
-        row["vehicle_clock_ms"] = sample.vehicle_ms
+        row["vehicle_clock_ms"] = clock_ms
         row |= clocks
         if self._writer is None:
             self.path.parent.mkdir(parents=True, exist_ok=True)

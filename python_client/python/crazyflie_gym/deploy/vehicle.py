@@ -8,6 +8,7 @@ command; all others are right-handed.
 from __future__ import annotations
 
 import contextlib
+import logging
 import math
 import os
 import threading
@@ -231,6 +232,8 @@ def _connected(uri: str, lost: Callable[[str, str], None]) -> Any:
         from cflib.crazyflie import Crazyflie
     except ModuleNotFoundError as error:
         raise DeployError(f"{INSTALL} ({error})") from None
+    # what it has to say comes back by its callbacks
+    logging.getLogger("cflib").addHandler(logging.NullHandler())
     cflib.crtp.init_drivers()
     caches = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     cf = Crazyflie(rw_cache=str(caches / "crazyflie-gym" / "cflib"))
@@ -249,7 +252,11 @@ def _connected(uri: str, lost: Callable[[str, str], None]) -> Any:
     if failed or not answered:
         with contextlib.suppress(Exception):
             cf.close_link()
-        # the driver's message holds its own traceback
-        reason = failed[0].strip().splitlines()[0] if failed else f"nothing answers within {CONNECT_S:.0f} s"
+        # the driver's own traceback comes behind an empty line
+        reason = (
+            failed[0].strip().split("\n\n")[0].replace("\n", ": ")
+            if failed
+            else f"nothing answers within {CONNECT_S:.0f} s"
+        )
         raise DeployError(f"{uri}: {reason}")
     return cf
