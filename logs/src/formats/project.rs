@@ -70,11 +70,20 @@ const TRUTH: [&str; 9] = [
     TRUE_ATTITUDE[1],
     TRUE_ATTITUDE[2],
 ];
-/// Clocks beside `t_s` in logs of `crazyflie deploy`, for people: the vehicle's stamp, and when the sample came
-/// and the command was sent by the host's.
-const CLOCKS: [&str; 3] = ["vehicle_clock_ms", "received_clock_s", "sent_clock_s"];
+/// Beside these in logs of `crazyflie deploy`, for people: the vehicle's clock, and what was sent and received
+/// when by the host's.
+const DEPLOYED: [&str; 8] = [
+    "vehicle_clock_ms",
+    "received_clock_s",
+    "sent_clock_s",
+    "sent_roll_deg",
+    "sent_pitch_deg",
+    "sent_yaw_rate_degps",
+    "sent_thrust_pwm",
+    "sent_height_m",
+];
 const COLUMNS: Columns =
-    Columns { required: &REQUIRED, optional: &CLOCKS, alternatives: &VERTICAL, together: &TRUTH };
+    Columns { required: &REQUIRED, optional: &DEPLOYED, alternatives: &VERTICAL, together: &TRUTH };
 
 pub(crate) struct ProjectCsv;
 

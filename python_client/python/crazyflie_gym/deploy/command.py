@@ -31,7 +31,7 @@ def deploy(settings: Settings, report: Any = None) -> dict[str, Any]:
     path = Path(settings.log or time.strftime("deploy-%Y%m%d-%H%M%S.csv"))
     with Keys() as keys:
         report(f"connecting to {settings.uri}")
-        vehicle = Vehicle(settings.uri, pilot.tick_s, pilot.interface.yaw_sign)
+        vehicle = Vehicle(settings.uri, pilot.interface.yaw_sign)
         recorder = Recorder(path, settings.vertical)
         flight = Flight(settings, pilot, vehicle, keys, report, recorder)
         summary: dict[str, Any] = {}

@@ -10,7 +10,8 @@ from typing import Any
 
 from crazyflie_gym.deploy.keys import Keys
 from crazyflie_gym.deploy.limits import Ending, Limits
-from crazyflie_gym.deploy.pilot import Pilot, Setpoint
+from crazyflie_gym.deploy.logbook import Logbook, Positions
+from crazyflie_gym.deploy.pilot import Pilot
 from crazyflie_gym.deploy.poses import PoseFeed
 from crazyflie_gym.deploy.record import Recorder
 from crazyflie_gym.deploy.settings import DeployError, Settings
@@ -23,7 +24,7 @@ SETTLE_S = 15.0
 LEVEL_S = 0.5
 """How long a vehicle whose position is stale is held level before it goes down."""
 TAKEOFF_MPS = 0.4
-REACHED_M = 0.08
+REACHED_M = 0.05
 LAND_MPS = 0.25
 FALL_S = 1.0
 BLIND_MPS = 0.3
@@ -51,7 +52,8 @@ class Flight:
         self._settings, self._pilot, self._vehicle, self._keys = settings, pilot, vehicle, keys
         self._report, self._recorder = report, recorder
         self._feed: PoseFeed | None = None
-        self._pose_count, self._captured_s = 0, 0.0
+        self._positions = Positions(vehicle, None)
+        self._log = Logbook(vehicle, self._positions, recorder, pilot.is_height)
         self.summary: dict[str, Any] = {"states": {}, "missed": 0, "levelled": 0}
         self._square_m2, self._worst_m, self._flown = 0.0, 0.0, 0
 
@@ -100,6 +102,8 @@ class Flight:
         vehicle.measure_speed()
         if settings.position != "estimate":
             self._feed = PoseFeed(settings.poses, vehicle.send_pose)
+            self._positions = Positions(vehicle, self._feed)
+            self._log = Logbook(vehicle, self._positions, self._recorder, self._pilot.is_height)
             if self._feed.address:
                 self._report(f"poses: waiting at {self._feed.address}")
             self._wait(lambda: self._feed is not None and self._feed.count >= LEAST_POSES, self._no_poses)
@@ -111,7 +115,7 @@ class Flight:
                 raise DeployError(f"check: the vehicle says that it is {word}")
         if sample.vbat_v < settings.battery_min_v:
             raise DeployError(f"check: the battery is at {sample.vbat_v:.2f} V, the limit {settings.battery_min_v:g} V")
-        seen = self._fix(sample).pos_m
+        seen = self._positions.fix(sample).pos_m
         ending = Limits(settings, sample.vehicle_ms).ending(sample, seen)
         if ending is not None:
             raise DeployError(f"check: {ending.reason}: {ending.detail}")
@@ -143,25 +147,6 @@ class Flight:
                 raise DeployError(f"check: {problem()}")
             time.sleep(0.01)
 
-    def _fix(self, sample: Sample, late_ticks: int = 0) -> Fix:
-        """Return the newest position, `late_ticks` after a sample that is still the newest."""
-        speed, late_s = self._vehicle.speed, late_ticks * self._pilot.tick_s
-        now_s, feed = time.monotonic(), self._feed
-        if feed is None:
-            silence_s = (now_s - sample.received_s) * speed
-            return Fix(sample.pos_m, sample.att_rad[2], late_s, late_ticks == 0, silence_s)
-        pose, count = feed.newest, feed.count
-        if pose is None:
-            raise DeployError("no pose has come")
-        silence_s = max(0.0, now_s - pose.captured_s) * speed
-        is_new = count > self._pose_count
-        if is_new:
-            # from here on it ages by the vehicle's clock, on which controllers tell a new one by its age
-            self._pose_count, self._captured_s = count, sample.vehicle_ms / 1000 + late_s - silence_s
-        age_s = sample.vehicle_ms / 1000 + late_s - self._captured_s
-        yaw_rad = sample.att_rad[2] if pose.yaw_rad is None else pose.yaw_rad
-        return Fix(pose.pos_m, yaw_rad, age_s, is_new, silence_s)
-
     def _take_off(self, first: Sample) -> Ending | None:
         settings, vehicle = self._settings, self._vehicle
         limits = Limits(settings, first.vehicle_ms)
@@ -171,16 +156,14 @@ class Flight:
         vehicle.unlock_thrust()
         vehicle.take_off(ground_m + height_m, seconds)
         self._state("take-off", first)
-        goal: Setpoint = (first.pos_m[0], first.pos_m[1], ground_m + height_m, first.att_rad[2])
-        sample = first
+        goal = self._log.setpoint = (first.pos_m[0], first.pos_m[1], ground_m + height_m, first.att_rad[2])
+        self._log.begin()
         while True:
-            last_ms = sample.vehicle_ms
-            sample = vehicle.next_sample(last_ms, settings.stale_s) or sample
-            time_s = (sample.vehicle_ms - first.vehicle_ms) / 1000
-            if sample.vehicle_ms == last_ms:
+            sample = self._log.read(settings.stale_s)
+            if sample is None:
                 return Ending("stale", self._silence(), is_blind=True)
-            fix = self._fix(sample)
-            self._record_own(sample, goal, fix)
+            time_s = (sample.vehicle_ms - first.vehicle_ms) / 1000
+            fix = self._positions.fix(sample)
             if self._keys.presses:
                 return Ending("key", f"ended by {self._keys.name} in the take-off", is_fine=True)
             if fix.silence_s > settings.stale_s + LEVEL_S:
@@ -196,85 +179,72 @@ class Flight:
     def _silence(self) -> str:
         return self._vehicle.problem or "no logs come from the vehicle"
 
-    def _record_own(self, sample: Sample, goal: Setpoint, fix: Fix) -> None:
-        """Record a tick in which the vehicle's own commander flies: what it asks of its attitude loop."""
-        asked = sample.asked
-        if self._pilot.is_height:
-            asked = Command(asked.roll_rad, asked.pitch_rad, asked.yaw_rate_radps, sample.asked_height_m)
-        self._record(sample, sample.vehicle_ms, asked, goal, fix)
-
-    def _record(self, sample: Sample, clock_ms: int, command: Command, setpoint: Setpoint, fix: Fix) -> None:
-        now = time.monotonic()
-        unix_s = time.time() - now
-        clocks = {"received_clock_s": round(unix_s + sample.received_s, 6), "sent_clock_s": round(unix_s + now, 6)}
-        self._recorder.add(clock_ms, sample, command, setpoint, fix, clocks)
-
-    def _send(self, command: Command) -> Command:
-        return (self._vehicle.command_height if self._pilot.is_height else self._vehicle.command_thrust)(command)
-
     def _hand_over(self) -> Ending:
         """Let the controller fly its task, and return why it does no longer."""
-        pilot, vehicle = self._pilot, self._vehicle
+        pilot, tick_ms = self._pilot, round(1000 * self._pilot.tick_s)
         sample = self._newest()
-        height_m = sample.pos_m[2]
-        # a set-point of the first commander is obeyed at once where another is in force
-        vehicle.command_height(Command(0.0, 0.0, 0.0, height_m))
-        pilot.begin(height_m)
+        # a thrust is obeyed at once where another set-point is in force
+        self._vehicle.command_height(Command(0.0, 0.0, 0.0, sample.pos_m[2]))
+        pilot.begin(sample.pos_m[2])
         self._state("controller", sample)
-        start_ms, tick, sample_tick, told_s = sample.vehicle_ms, 0, 0, 0.0
+        start_ms, tick, told_s = sample.vehicle_ms, -1, 0.0
+        fresh: Sample | None = sample
         while True:
-            fresh = vehicle.next_sample(sample.vehicle_ms, LATE * pilot.tick_s)
+            late_s = 0.0
             if fresh is None:
                 # the controller goes on with what it knows; what comes late belongs to this tick
                 tick += 1
+                late_s = tick * pilot.tick_s - (sample.vehicle_ms - start_ms) / 1000
                 self.summary["missed"] += 1
             else:
                 sample = fresh
-                now_tick = round((sample.vehicle_ms - start_ms) / 1000 / pilot.tick_s)
-                if now_tick <= tick:
-                    continue
-                tick = sample_tick = now_tick
-            # a tick without a sample comes so much after the last one that had
-            ending = self._tick(sample, tick, 0 if fresh else tick - sample_tick)
-            if ending is not None:
-                return ending
+                now = (sample.vehicle_ms - start_ms) // tick_ms
+                self.summary["missed"] += max(0, now - tick - 1)
+            if fresh is None or now > tick:
+                tick = tick if fresh is None else now
+                ending = self._tick(sample, tick, late_s)
+                if ending is not None:
+                    return ending
             if tick * pilot.tick_s >= told_s + 5.0:
                 told_s = tick * pilot.tick_s
                 self._report(f"controller: {told_s:.0f} s, {self._settings.duration_s - told_s:.0f} s to go")
+            fresh = self._log.read(LATE * pilot.tick_s)
 
-    def _tick(self, sample: Sample, tick: int, late_ticks: int) -> Ending | None:
+    def _tick(self, sample: Sample, tick: int, late_s: float) -> Ending | None:
         pilot, settings = self._pilot, self._settings
         if tick >= pilot.ticks:
             return Ending("done", f"the task is over after {settings.duration_s:g} s", is_fine=True)
         if self._keys.presses:
             return Ending("key", f"ended by {self._keys.name}", is_fine=True)
-        fix = self._fix(sample, late_ticks)
-        clock_ms = sample.vehicle_ms + round(1000 * late_ticks * pilot.tick_s)
+        fix = self._positions.fix(sample, late_s)
         ending = self._limits.ending(sample, fix.pos_m)
         if ending is not None:
             return ending
-        setpoint = pilot.setpoint(tick)
+        setpoint = self._log.setpoint = pilot.setpoint(tick)
         if fix.silence_s > settings.stale_s:
-            self.summary["levelled"] += 1
-            if fix.silence_s > settings.stale_s + LEVEL_S:
-                detail = self._vehicle.problem or f"the position is {fix.silence_s:.2f} s old"
-                return Ending("stale", f"{detail}, the limit is {settings.stale_s:g} s", is_blind=True)
-            self._record(sample, clock_ms, self._send(pilot.level(sample.pos_m[2])), setpoint, fix)
-            return None
+            return self._wait_level(sample, fix)
         try:
             command = pilot.command(sample, fix, setpoint)
         except ArithmeticError as error:
             return Ending("controller", str(error))
         except Exception as error:
             self._report(traceback.format_exc().rstrip())
-            # what CustomController refuses is a mistake in words, not a place in the code
             return Ending("controller", f"it raised {type(error).__name__}: {error}")
-        sent = self._send(command)
-        self._record(sample, clock_ms, sent, setpoint, fix)
+        self._log.send(command)
         off_m = math.dist(fix.pos_m, setpoint[:3])
         self._square_m2 += off_m**2
         self._worst_m = max(self._worst_m, off_m)
         self._flown += 1
+        return None
+
+    def _wait_level(self, sample: Sample, fix: Fix) -> Ending | None:
+        """Hold the vehicle level while its position is stale, but not for long."""
+        limit_s = self._settings.stale_s
+        self.summary["levelled"] += 1
+        if fix.silence_s > limit_s + LEVEL_S:
+            detail = self._vehicle.problem or f"the position is {fix.silence_s:.2f} s old"
+            return Ending("stale", f"{detail}, the limit is {limit_s:g} s", is_blind=True)
+        self._log.send(self._pilot.level(sample.pos_m[2]))
         return None
 
     def _land(self, ending: Ending, ground_m: float) -> bool:
@@ -308,9 +278,9 @@ class Flight:
         seconds = max(1.5, height_m / LAND_MPS)
         self._vehicle.land(ground_m, seconds)
         start = sample
-        goal: Setpoint = (*sample.pos_m[:2], ground_m, sample.att_rad[2])
+        self._log.setpoint = (sample.pos_m[0], sample.pos_m[1], ground_m, sample.att_rad[2])
         while (sample.vehicle_ms - start.vehicle_ms) / 1000 < seconds + 2.0:
-            fresh = self._vehicle.next_sample(sample.vehicle_ms, self._settings.stale_s)
+            fresh = self._log.read(self._settings.stale_s)
             if self._keys.presses > presses:
                 self._report("motors off: a second key")
                 self.summary["stopped"] = True
@@ -320,7 +290,6 @@ class Flight:
                 self._sink(sample, ground_m, presses)
                 return
             sample = fresh
-            self._record_own(sample, goal, self._fix(sample))
             time_s = (sample.vehicle_ms - start.vehicle_ms) / 1000
             if time_s > seconds and (sample.asked.lift == 0.0 or sample.pos_m[2] - ground_m < 0.5 * GROUND_M):
                 return

@@ -10,11 +10,9 @@ import numpy as np
 from crazyflie_gym._native import Controller, Interface, Sim, model_text, setpoints
 from crazyflie_gym._types import FloatArray
 from crazyflie_gym.deploy.settings import Settings
-from crazyflie_gym.deploy.state import Command, Fix, Sample
+from crazyflie_gym.deploy.state import Command, Fix, Sample, Setpoint
 from crazyflie_gym.options import model_sources, to_json
 from crazyflie_gym.spaces import MEASURED
-
-Setpoint = tuple[float, float, float, float]
 
 
 class Pilot:

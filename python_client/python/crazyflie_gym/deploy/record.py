@@ -6,17 +6,27 @@ import csv
 import json
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from crazyflie_gym.deploy.state import Command, Fix, Sample
+from crazyflie_gym.deploy.state import Command, Fix, Sample, Setpoint
 
-FLUSH_ROWS = 25
+FLUSH_ROWS = 50
 AXES = ("x", "y", "z")
+MARKER = ("marker_x_m", "marker_y_m", "marker_z_m", "marker_yaw_deg", "marker_t_s")
+
+
+@dataclass(frozen=True)
+class Sent:
+    """A command as it was sent, and when by the host's clock."""
+
+    command: Command
+    unix_s: float
 
 
 class Recorder:
-    """Writes a row for each tick, so that a log is kept whatever ends the program.
+    """Writes a row for each sample, so that a log is kept whatever ends the program.
 
     Args:
         path: of the CSV; what was set goes beside it, with .json at its end.
@@ -25,48 +35,41 @@ class Recorder:
 
     def __init__(self, path: Path, vertical: str) -> None:
         self.path, self.settings_path = path, path.with_name(path.name + ".json")
-        self._lift = "cmd_height_m" if vertical == "height" else "cmd_thrust_pwm"
+        self._lift = "height_m" if vertical == "height" else "thrust_pwm"
         self._file: Any = None
         self._writer: Any = None
         self.rows = 0
-        self._first_ms: int | None = None
-        self._last_ms: int | None = None
+        self._first_ms = 0
 
     def add(
-        self,
-        clock_ms: int,
-        sample: Sample,
-        command: Command,
-        setpoint: tuple[float, float, float, float],
-        fix: Fix,
-        clocks: Mapping[str, float],
+        self, sample: Sample, command: Command, setpoint: Setpoint, fix: Fix, received_s: float, sent: Sent | None
     ) -> None:
-        """Write a tick: what was measured, what was sent then, and a fix where a new one came.
-
-        `clock_ms` is the vehicle's clock at the tick. A tick that is no later than the last one is left out.
-        """
-        if self._last_ms is not None and clock_ms <= self._last_ms:
-            return
-        self._last_ms = clock_ms
-        self._first_ms = clock_ms if self._first_ms is None else self._first_ms
-        t_s = (clock_ms - self._first_ms) / 1000
+        """Write a sample: the command in force, a fix where a new one came, and what was sent since the last row."""
+        self._first_ms = self._first_ms if self._writer else sample.vehicle_ms
+        t_s = (sample.vehicle_ms - self._first_ms) / 1000
         row: dict[str, float | str] = {"t_s": t_s}
-        row |= {f"setpoint_{axis}_m": value for axis, value in zip(AXES, setpoint[:3], strict=True)}
+        row |= {f"setpoint_{axis}_m": value for axis, value in zip(AXES, setpoint, strict=False)}
         row["setpoint_yaw_deg"] = math.degrees(setpoint[3])
-        row["cmd_roll_deg"], row["cmd_pitch_deg"] = math.degrees(command.roll_rad), math.degrees(command.pitch_rad)
-        row["cmd_yaw_rate_degps"] = math.degrees(command.yaw_rate_radps)
-        row[self._lift] = command.lift
-        seen = (*fix.pos_m, math.degrees(fix.yaw_rad), t_s - fix.age_s) if fix.is_new else None
-        for i, name in enumerate(("marker_x_m", "marker_y_m", "marker_z_m", "marker_yaw_deg", "marker_t_s")):
-            row[name] = "" if seen is None else seen[i]
-        row |= {
-            f"imu_{name}_deg": math.degrees(a) for name, a in zip(("roll", "pitch", "yaw"), sample.att_rad, strict=True)
-        }
+        row |= self._command("cmd", command)
+        seen = (*fix.pos_m, math.degrees(fix.yaw_rad), t_s - fix.age_s) if fix.is_new else ("",) * len(MARKER)
+        row |= dict(zip(MARKER, seen, strict=True))
+        for name, angle_rad in zip(("roll", "pitch", "yaw"), sample.att_rad, strict=True):
+            row[f"imu_{name}_deg"] = math.degrees(angle_rad)
         row |= {f"gyro_{axis}_radps": value for axis, value in zip(AXES, sample.gyro_radps, strict=True)}
         row |= {f"acc_{axis}_mps2": value for axis, value in zip(AXES, sample.acc_mps2, strict=True)}
-        row["vbat_v"] = sample.vbat_v
-        row["vehicle_clock_ms"] = clock_ms
-        row |= clocks
+        row |= {"vbat_v": sample.vbat_v, "vehicle_clock_ms": sample.vehicle_ms}
+        row |= {"received_clock_s": round(received_s, 6), "sent_clock_s": round(sent.unix_s, 6) if sent else ""}
+        told = self._command("sent", sent.command if sent else command)
+        row |= told if sent else dict.fromkeys(told, "")
+        self._write(row)
+
+    def _command(self, name: str, command: Command) -> dict[str, float]:
+        roll, pitch, turn = command.roll_rad, command.pitch_rad, command.yaw_rate_radps
+        angles = {"roll_deg": roll, "pitch_deg": pitch, "yaw_rate_degps": turn}
+        row = {f"{name}_{key}": math.degrees(angle_rad) for key, angle_rad in angles.items()}
+        return row | {f"{name}_{self._lift}": command.lift}
+
+    def _write(self, row: Mapping[str, float | str]) -> None:
         if self._writer is None:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._file = open(self.path, "w", newline="", encoding="utf-8")  # noqa: SIM115

@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass
 
 Vector = tuple[float, float, float]
+Setpoint = tuple[float, float, float, float]
+"""Where to be: x, y, z in metres, and the heading in rad."""
 
 
 @dataclass(frozen=True)

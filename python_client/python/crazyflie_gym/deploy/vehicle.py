@@ -40,6 +40,8 @@ BLOCKS = {
     "motion": ("gyro.x", "gyro.y", "gyro.z", "acc.x", "acc.y", "acc.z"),
     "pose": tuple(f"stateEstimate.{name}" for name in ("x", "y", "z", "roll", "pitch", "yaw")),
 }
+SAMPLE_MS = 10
+"""As often as log blocks come: so a log shows when a command came into force."""
 SLOW_MS = 100
 SLOW_BLOCKS = {
     "health": ("pm.vbat", "supervisor.info"),
@@ -52,24 +54,24 @@ class Vehicle:
 
     Args:
         uri: address as cflib takes it.
-        tick_s: how often samples come.
         yaw_sign: direction in which a positive yaw-rate command turns, right-handed: +1 or -1.
 
     Raises:
         DeployError: if cflib is missing, nothing answers, or a log variable is unknown to the vehicle.
     """
 
-    def __init__(self, uri: str, tick_s: float, yaw_sign: float) -> None:
+    def __init__(self, uri: str, yaw_sign: float) -> None:
         self._yaw_sign = yaw_sign
         self._arrived = threading.Condition()
         self._values: dict[str, dict[str, float]] = {}
         self._spreads: deque[tuple[float, ...]] = deque(maxlen=10)
         self.newest: Sample | None = None
+        self._samples: deque[Sample] = deque(maxlen=1000)
         self.speed = 1.0
         self.problem = ""
         self._cf = _connected(uri, self._lost)
         try:
-            self._start_logs(max(1, round(tick_s * 100)) * 10)
+            self._start_logs()
         except KeyError as error:
             self.close()
             raise DeployError(f"{uri}: the vehicle has no such log variable: {error.args[0]}") from None
@@ -79,10 +81,10 @@ class Vehicle:
         with self._arrived:
             self._arrived.notify_all()
 
-    def _start_logs(self, period_ms: int) -> None:
+    def _start_logs(self) -> None:
         from cflib.crazyflie.log import LogConfig
 
-        blocks = [*((b, SLOW_MS) for b in SLOW_BLOCKS.items()), *((b, period_ms) for b in BLOCKS.items())]
+        blocks = [*((b, SLOW_MS) for b in SLOW_BLOCKS.items()), *((b, SAMPLE_MS) for b in BLOCKS.items())]
         for (name, variables), every_ms in blocks:
             config = LogConfig(name, every_ms)
             for variable in variables:
@@ -98,6 +100,7 @@ class Vehicle:
         if config.name == "pose" and {"asked", "motion", "health"} <= self._values.keys():
             with self._arrived:
                 self.newest = self._sample(stamp_ms)
+                self._samples.append(self.newest)
                 self._arrived.notify_all()
 
     def _sample(self, stamp_ms: int) -> Sample:
@@ -135,7 +138,15 @@ class Vehicle:
             self._arrived.wait_for(is_newer, timeout_s / self.speed)
         return self.newest if is_newer() else None
 
-    def measure_speed(self, samples: int = 50) -> None:
+    def next_samples(self, timeout_s: float) -> list[Sample]:
+        """Return the samples since the last call, once there is one; none if none comes in time."""
+        with self._arrived:
+            self._arrived.wait_for(lambda: bool(self._samples), timeout_s / self.speed)
+            samples = list(self._samples)
+            self._samples.clear()
+        return samples
+
+    def measure_speed(self, samples: int = 100) -> None:
         """Find how fast the vehicle's clock runs on this machine's: 1, or as a simulation was told."""
         first = self.next_sample(-1, 5.0)
         if first is None:
