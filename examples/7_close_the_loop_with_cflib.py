@@ -8,6 +8,7 @@ import csv
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -17,7 +18,6 @@ HIDDEN = '{"drag_linear": 0.6}'
 SPEED = 4  # as fast as the clock allows; a real vehicle flies at 1
 PROGRAM = [sys.executable, "-m", "crazyflie_gym"]
 CONTROLLER = ["--controller", "thesis-pid", "--vertical", "thrust"]
-HEIGHT_M = 0.5
 
 
 def steps(places, every_s):
@@ -25,7 +25,7 @@ def steps(places, every_s):
     rows = [
         {"from_s": every_s * i, "setpoint_m": place[:3], "setpoint_yaw_deg": place[3]} for i, place in enumerate(places)
     ]
-    return json.dumps({"setpoint_m": [0, 0, HEIGHT_M], "start_m": [0, 0, HEIGHT_M], "start_yaw_deg": 0, "steps": rows})
+    return json.dumps({"setpoint_m": [0, 0, 0.5], "steps": rows})
 
 
 FLIGHTS = {
@@ -70,9 +70,11 @@ def main():
             told = json.loads(crazyflie("deploy", "--uri", uri, *CONTROLLER, *task, "--json"))
         print(f"{name}: {told['detail']}, {told['rows']} rows, {told['missed']} samples missed")
     logs = ["--fit", "flight1.csv", "flight2.csv", "--test", "flight3.csv", "--vertical", "thrust"]
-    print(crazyflie("explain", "thesis", *logs, "--out", "found").splitlines()[0])
+    crazyflie("explain", "thesis", *logs, "--out", "found")
+    print(json.loads(Path("found/report.json").read_text())["sentence"])
     options, seconds = FLIGHTS["flight3"]
     at_s, real = path("flight3.csv", flown=True)
+    options = json.dumps(json.loads(options) | {"start_m": real[0].tolist()})
     plt.figure(figsize=(8, 4))
     plt.plot(at_s, real[:, 0], "k", label="flown")
     for name, model in (("declared model", []), ("completed model", ["--model", "found/model.toml"])):

@@ -1,177 +1,19 @@
-"""`crazyflie deploy` flies controllers over stock cflib against the program `crazyflie cf2`, on real sockets.
+"""`crazyflie deploy` flies controllers over stock cflib against the program `crazyflie cf2`, on real sockets."""
 
-Where a vehicle truly is, `cf2 --poses` tells the test: not what the flight itself believes."""
-
-import contextlib
-import csv
 import json
 import math
-import os
-import pty
-import signal
 import socket
 import subprocess
 import sys
-import threading
 import time
 
 import numpy as np
 import pytest
 
 from crazyflies import PROGRAM
+from deployments import GOAL, OWN, SPEED, THERE, Flown, free_port, simulated, wait
 
-SPEED = 6
-GOAL = (0.3, -0.2, 0.7)
-THERE = ("--setpoint", ",".join(map(str, GOAL)), "--duration", 4)
-
-
-class Truth:
-    """True poses of a simulated vehicle, as they come."""
-
-    def __init__(self):
-        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.socket.bind(("127.0.0.1", 0))
-        self.socket.settimeout(0.2)
-        self.address = f"127.0.0.1:{self.socket.getsockname()[1]}"
-        self.seen, self.forward, self._ended = [], None, False
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
-
-    def _run(self):
-        while not self._ended:
-            with contextlib.suppress(TimeoutError, OSError):
-                message = json.loads(self.socket.recv(4096))
-                self.seen.append((message["t_s"], *message["pos_m"]))
-                if self.forward is not None:
-                    self.forward(message)
-
-    def close(self):
-        self._ended = True
-        self._thread.join(timeout=2)
-        self.socket.close()
-
-    @property
-    def place(self):
-        return self.seen[-1][1:]
-
-    def nearest(self, goal):
-        """The least distance to a place over the whole flight."""
-        return min(math.dist(row[1:], goal) for row in self.seen)
-
-    def highest(self):
-        return max(row[3] for row in self.seen)
-
-
-class Vehicle:
-    """A simulated Crazyflie, what is true of it, and flights on it."""
-
-    def __init__(self, told, truth, folder, process):
-        self.uri, self.truth, self.folder, self.process = told["drones"][0]["udp"], truth, folder, process
-        self.log = folder / "flight.csv"
-
-    def command(self, *options):
-        words = ["deploy", "--uri", self.uri, "--log", self.log, "--json", *options]
-        return [sys.executable, "-m", "crazyflie_gym", *map(str, words)]
-
-    def start(self, *options, **kwargs):
-        env = os.environ | {"XDG_CACHE_HOME": str(self.folder / "cache")}
-        kwargs = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE} | kwargs
-        return subprocess.Popen(self.command(*options), text=True, env=env, cwd=self.folder, **kwargs)
-
-    def fly(self, *options):
-        return Flown(self.start(*options))
-
-    def rows(self):
-        with open(self.log, newline="") as file:
-            return [{name: float(cell) for name, cell in row.items() if cell} for row in csv.DictReader(file)]
-
-
-class Flown:
-    """How a flight ended."""
-
-    def __init__(self, process, timeout=60):
-        out, self.told = process.communicate(timeout=timeout)
-        self.code = process.returncode
-        self.summary = json.loads(out) if out.strip() else {}
-
-    def ended(self, reason, code, landed=True):
-        assert self.code == code, self.told
-        assert self.summary["reason"] == reason, self.told
-        assert self.summary["landed"] is landed and self.summary["ok"] is (code == 0), self.told
-        assert reason == "done" or reason in self.told
-        return self.summary
-
-
-@contextlib.contextmanager
-def simulated(folder, *options):
-    truth = Truth()
-    words = ["cf2", "--json", "--port", 0, "--speed", SPEED, "--poses", truth.address, *options]
-    process = subprocess.Popen([PROGRAM, *map(str, words)], stdout=subprocess.PIPE, text=True)
-    try:
-        yield Vehicle(json.loads(process.stdout.readline()), truth, folder, process)
-    finally:
-        process.terminate()
-        process.wait(timeout=10)
-        truth.close()
-
-
-@pytest.fixture
-def vehicle(tmp_path):
-    with simulated(tmp_path) as vehicle:
-        yield vehicle
-
-
-def wait(condition, seconds=20):
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.01)
-
-
-OWN = """
-import numpy as np
-
-
-class Pd:
-    def __init__(self, num_envs, interface, tilt=0.8):
-        self.tilt, self.level = tilt, 2 * interface.hover_lift / interface.lift_max - 1
-        self.before = None
-
-    def reset(self, mask):
-        self.before = None
-
-    def act(self, rows):
-        off = rows[:, 16:19] - rows[:, 0:3]
-        slope = 0 * off if self.before is None else (off - self.before) / 0.02
-        self.before = off
-        asked = self.tilt * off + 0.8 * slope
-        actions = np.zeros((len(rows), 4))
-        actions[:, 0], actions[:, 1] = -asked[:, 1], asked[:, 0]
-        actions[:, 3] = self.level + asked[:, 2]
-        return np.clip(actions, -1, 1)
-
-
-class Wrong(Pd):
-    def act(self, rows):
-        if abs(rows[0, 16] - rows[0, 0]) < 0.15:
-            raise RuntimeError("lost my way")
-        return super().act(rows)
-
-
-class NotANumber(Pd):
-    def act(self, rows):
-        actions = super().act(rows)
-        if abs(rows[0, 16] - rows[0, 0]) < 0.15:
-            actions[:] = np.nan
-        return actions
-
-
-class Backwards(Pd):
-    def act(self, rows):
-        actions = super().act(rows)
-        actions[:, 0:2] *= -1
-        return actions
-"""
+pytest_plugins = ["deployments"]
 
 
 def linear_policy(path):
@@ -224,125 +66,42 @@ def test_a_vehicle_that_waits_for_it_is_armed(tmp_path):
         assert vehicle.truth.highest() > 0.4
 
 
-@pytest.mark.parametrize("how", ["key", "signal"])
-def test_a_key_lands_and_a_second_one_stops(vehicle, how):
-    parent, child = pty.openpty()
-
-    def press(process):
-        if how == "key":
-            os.write(parent, b" ")
-        else:
-            process.send_signal(signal.SIGINT)
-
-    for presses in (1, 2):
-        process = vehicle.start("--duration", 60, stdin=child)
-        wait(lambda: vehicle.truth.seen and vehicle.truth.place[2] > 0.45)
-        time.sleep(3 / SPEED)
-        press(process)
-        if presses == 2:
-            wait(lambda: vehicle.truth.place[2] < 0.42)
-            press(process)
-        summary = Flown(process).ended("key", 0, landed=presses == 1)
-        assert ("stopped" in summary) is (presses == 2)
-        if presses == 1:
-            assert vehicle.truth.place[2] < 0.05
-    wait(lambda: vehicle.truth.place[2] < 0.03)
-    os.close(parent), os.close(child)
-
-
-@pytest.mark.parametrize(
-    "reason, options, simulator",
-    [
-        ("room", ["--room", "0.2,1,1.5", *THERE], []),
-        ("room", ["--room", "1,1,0.55", "--setpoint", "0,0,0.8"], []),
-        ("tilt", ["--tilt-max", 2, *THERE], []),
-        ("time", ["--time-limit", 3.0, "--duration", 30], []),
-        ("battery", ["--battery-min", 3.66, "--duration", 60],
-         ["--effects", '{"battery_sag": {"exponent": 0, "charge": 0.3, "resistance_ohm": 0.1}}']),
-    ],
-)  # fmt: skip
-def test_soft_limits_land(tmp_path, reason, options, simulator):
-    with simulated(tmp_path, *simulator) as vehicle:
-        vehicle.fly(*options).ended(reason, 1)
-        x, _, z = vehicle.truth.place
-        # under load the voltage is low from the start
-        assert vehicle.truth.highest() > (0.1 if reason == "battery" else 0.4) and z < 0.05
-        if "0.2,1,1.5" in options:
-            assert 0.15 < x < 0.5
-
-
-@pytest.mark.parametrize("name, told", [("Wrong", "lost my way"), ("NotANumber", "nan")])
-def test_a_controller_that_fails_is_landed(vehicle, tmp_path, name, told):
-    (tmp_path / "own.py").write_text(OWN)
-    flown = vehicle.fly("--controller", f"python:{tmp_path / 'own.py'}:{name}", *THERE)
-    summary = flown.ended("controller", 1)
-    assert told in flown.told and told in summary["detail"]
-    assert ("raise RuntimeError" in flown.told) is (name == "Wrong"), "the traceback leads into the file"
-    assert vehicle.truth.nearest((*GOAL[:2], 0.02)) < 0.3 and vehicle.truth.place[2] < 0.05
-
-
-def test_a_vehicle_that_is_gone_ends_the_flight_with_an_error(vehicle):
-    process = vehicle.start("--duration", 60)
-    wait(lambda: vehicle.truth.seen and vehicle.truth.place[2] > 0.45)
-    time.sleep(4 / SPEED)
-    vehicle.process.kill()
-    vehicle.process.wait()
-    flown = Flown(process)
-    flown.ended("stale", 1, landed=False)
-    rows = vehicle.rows()
-    assert len(rows) > 100 and rows[-1]["marker_z_m"] > 0.3 if "marker_z_m" in rows[-1] else len(rows) > 100
-    beside = json.loads(vehicle.log.with_name("flight.csv.json").read_text())
-    assert beside["settings"]["uri"] == vehicle.uri and beside["summary"]["reason"] == "stale"
-
-
-def test_nobody_at_the_address_is_an_error(tmp_path):
-    command = [sys.executable, "-m", "crazyflie_gym", "deploy", "--uri", "udp://127.0.0.1:9"]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=60)
-    assert done.returncode == 1 and "udp://127.0.0.1:9" in done.stderr and "Traceback" not in done.stderr
-    assert not list(tmp_path.glob("deploy-*"))
-
-
-def test_a_vehicle_that_is_not_fit_stays_on_the_ground(tmp_path):
-    with simulated(tmp_path) as vehicle:
-        flown = vehicle.fly("--battery-min", 4.5)
-        assert flown.code == 1 and "check: the battery is at 4.20 V" in flown.told
-        assert vehicle.truth.highest() < 0.01
-
-
 def test_the_log_is_read_back_as_the_flight_that_was_flown(vehicle):
     steps = [{"from_s": 2 * i, "setpoint_m": [x, y, 0.6]} for i, (x, y) in enumerate([(0.4, 0), (0, 0.3), (-0.3, 0)])]
     options = ["--duration", 7, "--task-options", json.dumps({"steps": steps}), "--vertical", "thrust"]
     summary = vehicle.fly("--controller", "lqr", *options).ended("done", 0)
     rows = vehicle.rows()
     times = [row["t_s"] for row in rows]
-    assert len(rows) == summary["rows"] and 0.015 < np.median(np.diff(times)) < 0.025
+    assert len(rows) == summary["rows"] and np.median(np.diff(times)) == pytest.approx(0.01)
     # both clocks: the host's runs slower than that of a simulation in fast motion
     vehicle_s = (rows[-1]["vehicle_clock_ms"] - rows[0]["vehicle_clock_ms"]) / 1000
-    host_s = rows[-1]["sent_clock_s"] - rows[0]["sent_clock_s"]
+    host_s = rows[-1]["received_clock_s"] - rows[0]["received_clock_s"]
     assert vehicle_s / host_s == pytest.approx(SPEED, rel=0.1)
-    assert all(row["received_clock_s"] <= row["sent_clock_s"] + 1e-6 for row in rows)
-    # what the log says against what was true at those times, a step of 10 ms off at most
+    # what was sent is in force a few samples later, to the vehicle's own rounding
+    sent = [i for i, row in enumerate(rows) if "sent_clock_s" in row]
+    names = ("roll_deg", "pitch_deg", "yaw_rate_degps", "thrust_pwm")
+    obeyed = [
+        any(all(row["cmd_" + name] == rows[i]["sent_" + name] for name in names) for row in rows[i : i + 4])
+        for i in sent
+    ]
+    assert len(sent) > 0.9 * 50 * 7 and np.mean(obeyed) > 0.9, np.mean(obeyed)
+    # what the log says against what was true at those times
     truth = {round(t_s * 1000): place for t_s, *place in vehicle.truth.seen}
     off = [
         math.dist([row[f"marker_{axis}_m"] for axis in "xyz"], truth[round(row["vehicle_clock_ms"])])
         for row in rows
         if "marker_x_m" in row and round(row["vehicle_clock_ms"]) in truth
     ]
-    assert len(off) > 0.8 * len(rows) and np.percentile(off, 95) < 0.02, np.percentile(off, 95)
-    read = subprocess.run([PROGRAM, "replay", vehicle.log, "--horizon", "1", "--json"], capture_output=True, text=True)
+    assert len(off) > 0.8 * len(rows) and np.percentile(off, 95) < 0.01, np.percentile(off, 95)
+    asked = ["--horizon", "1", "--vertical", "thrust", "--json"]
+    read = subprocess.run([PROGRAM, "replay", vehicle.log, *asked], capture_output=True, text=True)
     assert read.returncode == 0, read.stderr
     log = json.loads(read.stdout)["logs"][0]
     signals = log["runs"][0]["signals"]
-    # the declared model is the vehicle's: its commands foretell the flight, but for the link's delay
-    assert signals["x"]["rmse"] < 0.04 and signals["y"]["rmse"] < 0.04 and signals["z"]["rmse"] < 0.05, signals
-    assert signals["roll"]["rmse"] < 1.0 and signals["pitch"]["rmse"] < 1.0, signals
+    # the declared model is the vehicle's: its commands foretell the flight
+    assert all(signals[axis]["rmse"] < 0.02 for axis in "xyz"), signals
+    assert all(signals[angle]["rmse"] < 0.1 for angle in ("roll", "pitch")), signals
     assert not any("ignored" in note for note in log["notes"]), log["notes"]
-
-
-def free_port():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port:
-        port.bind(("127.0.0.1", 0))
-        return port.getsockname()[1]
 
 
 def test_motion_capture_is_flown_by_and_its_end_is_a_landing(tmp_path):
@@ -398,7 +157,7 @@ def test_a_marker_in_the_camera_is_flown_by(tmp_path):
         assert vehicle.truth.nearest(GOAL) < 0.12 and vehicle.truth.place[2] < 0.05
         fixes = [row for row in vehicle.rows() if "marker_t_s" in row]
         ages = [row["t_s"] - row["marker_t_s"] for row in fixes]
-        assert 0.02 < np.median(ages) < 0.09 and len(fixes) < 0.75 * len(vehicle.rows())
+        assert 0.02 < np.median(ages) < 0.09 and len(fixes) < 0.5 * len(vehicle.rows())
 
 
 def test_from_python_with_a_function_that_yields_poses(tmp_path):
@@ -418,8 +177,8 @@ def poses():
             yield json.loads(port.recv(4096))
 
 
-options = {{"setpoint_m": {list(GOAL)}}}
-settings = Settings("{vehicle.uri}", position="mocap", poses=poses, duration_s=4, task_options=options, log="own.csv")
+options = {{"task_options": {{"setpoint_m": {list(GOAL)}}}, "duration_s": 4, "stale_s": 1.5, "log": "own.csv"}}
+settings = Settings("{vehicle.uri}", position="mocap", poses=poses, **options)
 print(json.dumps(deploy(settings)))
 """
         )

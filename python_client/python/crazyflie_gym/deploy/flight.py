@@ -252,13 +252,12 @@ class Flight:
         vehicle, presses = self._vehicle, self._keys.presses
         sample = self._newest()
         self._state("landing", sample)
-        height_m = max(sample.pos_m[2] - ground_m, 0.0)
         if ending.stops:
             vehicle.stop()
         elif ending.is_blind:
             self._sink(sample, ground_m, presses)
         else:
-            self._descend(sample, ground_m, height_m, presses)
+            self._descend(sample, ground_m, presses)
         vehicle.stop()
         vehicle.arm(False)
         sample = self._touch_down(ground_m)
@@ -273,9 +272,9 @@ class Flight:
             self._vehicle.next_sample(sample.vehicle_ms, 0.1)
         return sample
 
-    def _descend(self, sample: Sample, ground_m: float, height_m: float, presses: int) -> None:
+    def _descend(self, sample: Sample, ground_m: float, presses: int) -> None:
         """Let the vehicle's own commander land."""
-        seconds = max(1.5, height_m / LAND_MPS)
+        seconds = max(1.5, (sample.pos_m[2] - ground_m) / LAND_MPS)
         self._vehicle.land(ground_m, seconds)
         start = sample
         self._log.setpoint = (sample.pos_m[0], sample.pos_m[1], ground_m, sample.att_rad[2])
@@ -295,10 +294,16 @@ class Flight:
                 return
 
     def _sink(self, sample: Sample, ground_m: float, presses: int) -> None:
-        """Go down level, by the vehicle's own height: the place is not known. Nothing may answer."""
-        tick_s = self._pilot.tick_s
-        height_m = sample.pos_m[2]
-        while height_m > ground_m - GROUND_M and self._keys.presses <= presses:
-            height_m -= BLIND_MPS * tick_s
+        """Go down level, by the vehicle's own height, until the place is known again. Nothing may answer."""
+        speed, start_s = self._vehicle.speed, time.monotonic()
+        while self._keys.presses <= presses:
+            height_m = sample.pos_m[2] - BLIND_MPS * (time.monotonic() - start_s) * speed
+            if height_m < ground_m - GROUND_M:
+                return
             self._vehicle.command_height(Command(0.0, 0.0, 0.0, height_m))
-            time.sleep(tick_s / self._vehicle.speed)
+            time.sleep(self._pilot.tick_s / speed)
+            fresh = self._log.read(0.0)
+            if fresh is not None and self._positions.fix(fresh).silence_s < self._settings.stale_s:
+                self._report("the position is known again")
+                self._descend(fresh, ground_m, presses)
+                return
