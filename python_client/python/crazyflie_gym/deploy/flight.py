@@ -24,7 +24,8 @@ SETTLE_S = 15.0
 LEVEL_S = 0.5
 """How long a vehicle whose position is stale is held level before it goes down."""
 TAKEOFF_MPS = 0.4
-REACHED_M = 0.05
+REACHED_M, STILL_S, PATIENCE_S = 0.05, 0.5, 4.0
+"""A take-off is over this near to its height, for so long; and longer than planned by the last, it has failed."""
 LAND_MPS = 0.25
 FALL_S = 1.0
 BLIND_MPS = 0.3
@@ -158,6 +159,7 @@ class Flight:
         self._state("take-off", first)
         goal = self._log.setpoint = (first.pos_m[0], first.pos_m[1], ground_m + height_m, first.att_rad[2])
         self._log.begin()
+        reached_s = math.inf
         while True:
             sample = self._log.read(settings.stale_s)
             if sample is None:
@@ -171,9 +173,10 @@ class Flight:
             ending = limits.ending(sample, fix.pos_m)
             if ending is not None:
                 return ending
-            if time_s > seconds and abs(fix.pos_m[2] - goal[2]) < REACHED_M:
+            reached_s = min(reached_s, time_s) if abs(fix.pos_m[2] - goal[2]) < REACHED_M else math.inf
+            if time_s > max(seconds, reached_s + STILL_S):
                 return None
-            if time_s > seconds + 4.0:
+            if time_s > seconds + PATIENCE_S:
                 return Ending("takeoff", f"at {fix.pos_m[2]:.2f} m after {time_s:.1f} s, expected {goal[2]:.2f} m")
 
     def _silence(self) -> str:
