@@ -172,7 +172,12 @@ fn both(first: Option<Watcher>, second: Option<Watcher>) -> Option<Watcher> {
 }
 
 /// For people, and for programs that start this and must know where it is.
-fn announce(server: &Server, page: Option<&cf2_page::Page>, json: bool, out: &mut dyn Write) -> Outcome {
+pub(super) fn announce(
+    server: &Server,
+    page: Option<&cf2_page::Page>,
+    json: bool,
+    out: &mut dyn Write,
+) -> Outcome {
     let drones = server.addresses().iter().map(|address| {
         let tcp = address.tcp.map(|tcp| format!("tcp://{tcp}"));
         (format!("udp://{}", address.udp), tcp)
@@ -202,10 +207,7 @@ fn settings(args: &Args) -> Outcome<Settings> {
         add_downwash(&mut effects);
     }
     check_effects(&effects)?;
-    let last = usize::from(args.port) + usize::from(args.drones) - 1;
-    if args.port != 0 && last > usize::from(u16::MAX) {
-        return Err(Failure::Usage(format!("--port {}: the last drone's would be {last}", args.port)));
-    }
+    check_ports(args.port, args.drones)?;
     Ok(Settings {
         model,
         vertical,
@@ -220,6 +222,38 @@ fn settings(args: &Args) -> Outcome<Settings> {
         port: args.port,
         tcp_port: args.tcp,
     })
+}
+
+/// So many of the thesis's vehicles on this machine, as this command has them without options, from a port on.
+pub(super) fn plain_settings(drones: u16, port: u16) -> Outcome<Settings> {
+    let model = Model::thesis();
+    let mut effects = EffectTable::new();
+    if drones > 1 {
+        add_downwash(&mut effects);
+    }
+    check_ports(port, drones)?;
+    Ok(Settings {
+        vertical: vertical(&model, None)?,
+        model,
+        effects,
+        drones: drones.into(),
+        speed: 1.0,
+        quality: LinkQuality { loss: 0.0, latency: Duration::ZERO },
+        seed: 0,
+        positions: PositionSource::Lighthouse,
+        auto_arms: true,
+        host: Ipv4Addr::LOCALHOST.into(),
+        port,
+        tcp_port: None,
+    })
+}
+
+fn check_ports(first: u16, drones: u16) -> Outcome {
+    let last = usize::from(first) + usize::from(drones) - 1;
+    if first != 0 && last > usize::from(u16::MAX) {
+        return Err(Failure::Usage(format!("--port {first}: the last drone's would be {last}")));
+    }
+    Ok(())
 }
 
 /// Scripts command a thrust, and a motor that is off must let the vehicle fall: the form `thrust` before others.
