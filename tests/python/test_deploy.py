@@ -38,23 +38,22 @@ def linear_policy(path):
 def test_controllers_of_every_kind_fly_and_land(vehicle, kind, tmp_path):
     options = {
         "height": ["--controller", "thesis-pid", "--vertical", "height"],
-        "policy": ["--controller", f"policy:{linear_policy(tmp_path / 'linear.safetensors')}", "--vertical", "thrust"],
+        "policy": ["--controller", f"policy:{linear_policy(tmp_path / 'linear.safetensors')}"],
         "python": ["--controller", f"python:{tmp_path / 'own.py'}:Pd", "--controller-options", '{"tilt": 0.7}'],
         "thesis-pid": ["--controller", "thesis-pid"],
-    }.get(kind, ["--controller", kind, "--vertical", "thrust"])
+    }.get(kind, ["--controller", kind])
     (tmp_path / "own.py").write_text(OWN)
     summary = vehicle.fly(*THERE, *options).ended("done", 0)
     assert vehicle.truth.nearest(GOAL) < 0.12 and vehicle.truth.highest() < 1.0
     assert vehicle.truth.place[2] < 0.05, "it is on the ground"
-    last = [row for row in vehicle.rows() if abs(row["setpoint_x_m"] - GOAL[0]) < 1e-6][-1]
-    at = [last[f"marker_{axis}_m"] for axis in "xyz"]
-    assert math.dist(at, GOAL) < 0.15, at
+    last = [row for row in vehicle.rows() if abs(row["setpoint_x_m"] - GOAL[0]) < 1e-6][-50:]
+    assert max(math.dist([row[f"marker_{axis}_m"] for axis in "xyz"], GOAL) for row in last) < 0.15, "it stays"
     assert summary["flown_s"] == pytest.approx(4, abs=0.5) and summary["speed"] == pytest.approx(SPEED, rel=0.2)
 
 
 def test_a_track_is_followed(vehicle):
     options = ["--task", "track", "--task-options", '{"size_m": 0.3, "period_s": 8}', "--duration", 8]
-    summary = vehicle.fly("--controller", "lqr", "--vertical", "thrust", *options).ended("done", 0)
+    summary = vehicle.fly("--controller", "lqr", *options).ended("done", 0)
     xs, ys = ([row[i] for row in vehicle.truth.seen] for i in (1, 2))
     assert min(xs) < -0.2 and max(xs) > 0.2 and max(ys) - min(ys) > 0.15
     assert summary["rmse_m"] < 0.15
@@ -68,7 +67,7 @@ def test_a_vehicle_that_waits_for_it_is_armed(tmp_path):
 
 def test_the_log_is_read_back_as_the_flight_that_was_flown(vehicle):
     steps = [{"from_s": 2 * i, "setpoint_m": [x, y, 0.6]} for i, (x, y) in enumerate([(0.4, 0), (0, 0.3), (-0.3, 0)])]
-    options = ["--duration", 7, "--task-options", json.dumps({"steps": steps}), "--vertical", "thrust"]
+    options = ["--duration", 7, "--task-options", json.dumps({"steps": steps})]
     summary = vehicle.fly("--controller", "lqr", *options).ended("done", 0)
     rows = vehicle.rows()
     times = [row["t_s"] for row in rows]
@@ -153,7 +152,7 @@ def test_a_marker_in_the_camera_is_flown_by(tmp_path):
 
         vehicle.truth.forward = forward
         options = ["--position", "aruco", "--poses", f"udp://127.0.0.1:{target[1]}", "--controller", "lqr"]
-        vehicle.fly("--vertical", "thrust", *THERE, *options).ended("done", 0)
+        vehicle.fly(*THERE, *options).ended("done", 0)
         assert vehicle.truth.nearest(GOAL) < 0.12 and vehicle.truth.place[2] < 0.05
         fixes = [row for row in vehicle.rows() if "marker_t_s" in row]
         ages = [row["t_s"] - row["marker_t_s"] for row in fixes]

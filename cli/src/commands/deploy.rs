@@ -4,7 +4,7 @@
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
-use crazyflie_env::model::VerticalInput;
+use crazyflie_env::model::{Model, VerticalInput};
 use serde_json::{Value, json};
 
 use super::{Failure, Outcome, controllers, files, fly};
@@ -38,7 +38,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
     /// Vertical form of the model that is commanded: thrust, pwm or motors (sent as a thrust), or height (sent as
-    /// a height over the floor) [default: pwm, if the model has it]
+    /// a height over the floor) [default: thrust, if the model has it]
     #[arg(long, value_parser = files::vertical, value_name = "FORM")]
     vertical: Option<VerticalInput>,
     /// A task of one drone whose set-point is known beforehand (see `crazyflie tasks`), or a task file
@@ -137,7 +137,7 @@ fn settings(args: &Args) -> Outcome<Value> {
     let model = files::model(args.model.as_deref())?;
     let vertical = match args.vertical {
         Some(asked) => model.input(Some(asked))?,
-        None => files::default_vertical(&model),
+        None => default_vertical(&model),
     };
     let own = fly::own_task(&args.task)?;
     let task = own.as_ref().map_or(&args.task, |own| &own.options.task);
@@ -177,6 +177,14 @@ fn settings(args: &Args) -> Outcome<Value> {
         "seed": args.seed,
         "json": args.json,
     }))
+}
+
+/// The form that the model names. Without a name: a thrust, as real vehicles and those of `cf2` take it.
+fn default_vertical(model: &Model) -> VerticalInput {
+    let inputs = model.inputs();
+    let wanted = [VerticalInput::Thrust, VerticalInput::Motors, VerticalInput::Pwm];
+    let found = wanted.into_iter().find(|input| inputs.contains(input));
+    model.vertical.default.or(found).unwrap_or(VerticalInput::Height)
 }
 
 fn numbers(text: &str) -> Option<Vec<f64>> {
@@ -226,7 +234,7 @@ mod tests {
             asked(&["--setpoint", "-0.5,0.25,0.7,90", "--vertical", "height", "--room", "1,2,3"]).unwrap();
         assert_eq!(told["task_options"], json!({"setpoint_m": [-0.5, 0.25, 0.7], "setpoint_yaw_deg": 90.0}));
         assert_eq!((&told["vertical"], &told["room_m"]), (&json!("height"), &json!([1.0, 2.0, 3.0])));
-        assert_eq!(asked(&[]).unwrap()["vertical"], "pwm");
+        assert_eq!(asked(&[]).unwrap()["vertical"], "thrust");
     }
 
     #[test]

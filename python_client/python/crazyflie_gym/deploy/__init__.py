@@ -4,7 +4,7 @@ The command `crazyflie deploy` does this; in Python::
 
     from crazyflie_gym.deploy import Settings, deploy
 
-    summary = deploy(Settings("radio://0/80/2M/E7E7E7E7E7", controller="lqr", vertical="thrust"))
+    summary = deploy(Settings("radio://0/80/2M/E7E7E7E7E7", controller="lqr"))
     print(summary["reason"], summary["log"])
 
 The vehicle's own commander takes off and lands. In between the controller flies at the rate of its model, on the

@@ -47,7 +47,7 @@ class Settings:
     controller: AnyController = "thesis-pid"
     controller_options: Mapping[str, Any] | None = None
     model: str | None = None
-    vertical: str = "pwm"
+    vertical: str = "thrust"
     task: str = "hover"
     task_options: Mapping[str, Any] = field(default_factory=dict)
     duration_s: float = 10.0
