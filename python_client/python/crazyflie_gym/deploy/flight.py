@@ -56,7 +56,7 @@ class Flight:
         self._positions = Positions(vehicle, None)
         self._log = Logbook(vehicle, self._positions, recorder, pilot.is_height)
         self.summary: dict[str, Any] = {"states": {}, "missed": 0, "levelled": 0}
-        self._square_m2, self._worst_m, self._flown = 0.0, 0.0, 0
+        self._square_m2, self._worst_m, self._flown, self._ticks = 0.0, 0.0, 0, 0
 
     def fly(self) -> Ending:
         """Fly, and return why it ended.
@@ -86,7 +86,7 @@ class Flight:
     def _figures(self) -> dict[str, Any]:
         flown = max(self._flown, 1)
         return {
-            "flown_s": self._flown * self._pilot.tick_s,
+            "flown_s": self._ticks * self._pilot.tick_s,
             "rmse_m": math.sqrt(self._square_m2 / flown),
             "worst_m": self._worst_m,
             "rows": self._recorder.rows,
@@ -234,6 +234,7 @@ class Flight:
             self._report(traceback.format_exc().rstrip())
             return Ending("controller", f"it raised {type(error).__name__}: {error}")
         self._log.send(command)
+        self._ticks = tick + 1
         off_m = math.dist(fix.pos_m, setpoint[:3])
         self._square_m2 += off_m**2
         self._worst_m = max(self._worst_m, off_m)
