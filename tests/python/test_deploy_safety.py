@@ -89,6 +89,15 @@ def test_a_vehicle_that_is_gone_ends_the_flight_with_an_error(vehicle):
     assert beside["settings"]["uri"] == vehicle.uri and beside["summary"]["reason"] == "stale"
 
 
+def test_a_terminal_that_is_gone_is_no_reason_to_fall(vehicle):
+    process = vehicle.start("--duration", 2)
+    process.stderr.close()
+    wait(lambda: process.poll() is not None)
+    summary = json.loads(process.stdout.read())
+    assert summary["reason"] == "done" and summary["landed"]
+    assert vehicle.truth.highest() > 0.4 and vehicle.truth.place[2] < 0.05
+
+
 def test_nobody_at_the_address_is_an_error(tmp_path):
     command = [sys.executable, "-m", "crazyflie_gym", "deploy", "--uri", "udp://127.0.0.1:9"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=60)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import sys
 import time
@@ -26,14 +27,20 @@ def deploy(settings: Settings, report: Any = None) -> dict[str, Any]:
         DeployError: if the vehicle cannot be reached, or is not fit to fly.
         ValueError: for a controller, model, task or option that is wrong.
     """
-    report = report or (lambda _line: None)
+
+    def tell(line: str) -> None:
+        # a terminal that is gone is no reason to fall
+        with contextlib.suppress(Exception):
+            if report is not None:
+                report(line)
+
     pilot = Pilot(settings)
     path = Path(settings.log or time.strftime("deploy-%Y%m%d-%H%M%S.csv"))
     with Keys() as keys:
-        report(f"connecting to {settings.uri}")
+        tell(f"connecting to {settings.uri}")
         vehicle = Vehicle(settings.uri, pilot.interface.yaw_sign)
         recorder = Recorder(path, settings.vertical)
-        flight = Flight(settings, pilot, vehicle, keys, report, recorder)
+        flight = Flight(settings, pilot, vehicle, keys, tell, recorder)
         summary: dict[str, Any] = {}
         try:
             summary = _summary(settings, flight.fly(), flight, recorder)
@@ -52,6 +59,7 @@ def _summary(settings: Settings, ending: Ending, flight: Flight, recorder: Recor
         "ok": ending.is_fine,
         **flight.summary,
         "log": str(recorder.path),
+        "log_problem": recorder.problem or None,
         "settings": str(recorder.settings_path),
     }
 

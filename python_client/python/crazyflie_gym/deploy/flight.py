@@ -16,7 +16,7 @@ from crazyflie_gym.deploy.poses import PoseFeed
 from crazyflie_gym.deploy.record import Recorder
 from crazyflie_gym.deploy.settings import DeployError, Settings
 from crazyflie_gym.deploy.state import Command, Fix, Sample
-from crazyflie_gym.deploy.vehicle import CAN_FLY, IS_ARMED, IS_CRASHED, IS_LOCKED, IS_TUMBLED, Vehicle
+from crazyflie_gym.deploy.vehicle import CAN_FLY, IS_ARMED, Vehicle
 
 LATE = 1.5
 """Ticks after which a sample counts as lost."""
@@ -43,7 +43,7 @@ class Flight:
         pilot: the controller.
         vehicle: connected.
         keys: who may want to land.
-        report: told of every state.
+        report: told of every state; it never raises.
         recorder: writes the log.
     """
 
@@ -93,7 +93,7 @@ class Flight:
             "speed": self._vehicle.speed,
         }
 
-    def _state(self, name: str, sample: Sample) -> None:
+    def _report_state(self, name: str, sample: Sample) -> None:
         self.summary["states"][name] = sample.vehicle_ms / 1000
         x, y, z = sample.pos_m
         self._report(f"{name}: at {x:.2f} {y:.2f} {z:.2f} m, battery {sample.vbat_v:.2f} V")
@@ -111,9 +111,6 @@ class Flight:
         vehicle.reset_estimator()
         self._wait(vehicle.is_settled, lambda: "the vehicle's filter does not settle: has it a position?")
         sample = self._newest()
-        for bit, word in ((IS_LOCKED, "locked"), (IS_CRASHED, "crashed"), (IS_TUMBLED, "tumbled")):
-            if sample.info & bit:
-                raise DeployError(f"check: the vehicle says that it is {word}")
         if sample.vbat_v < settings.battery_min_v:
             raise DeployError(f"check: the battery is at {sample.vbat_v:.2f} V, the limit {settings.battery_min_v:g} V")
         seen = self._positions.fix(sample).pos_m
@@ -123,7 +120,7 @@ class Flight:
         if not sample.info & IS_ARMED:
             vehicle.arm(True)
         self._wait(lambda: bool(self._newest().info & CAN_FLY), lambda: "the vehicle does not let itself be armed")
-        self._state("check", self._newest())
+        self._report_state("check", self._newest())
         return self._newest()
 
     def _no_poses(self) -> str:
@@ -156,7 +153,7 @@ class Flight:
         seconds = max(1.5, height_m / TAKEOFF_MPS)
         vehicle.unlock_thrust()
         vehicle.take_off(ground_m + height_m, seconds)
-        self._state("take-off", first)
+        self._report_state("take-off", first)
         goal = self._log.setpoint = (first.pos_m[0], first.pos_m[1], ground_m + height_m, first.att_rad[2])
         self._log.begin()
         reached_s = math.inf
@@ -189,7 +186,7 @@ class Flight:
         # a thrust is obeyed at once where another set-point is in force
         self._vehicle.command_height(Command(0.0, 0.0, 0.0, sample.pos_m[2]))
         pilot.begin(sample.pos_m[2])
-        self._state("controller", sample)
+        self._report_state("controller", sample)
         start_ms, tick, told_s = sample.vehicle_ms, -1, 0.0
         fresh: Sample | None = sample
         while True:
@@ -255,17 +252,22 @@ class Flight:
         """Come down, and return whether the vehicle is on the ground as it should be."""
         vehicle, presses = self._vehicle, self._keys.presses
         sample = self._newest()
-        self._state("landing", sample)
-        if ending.stops:
-            vehicle.stop()
-        elif ending.is_blind:
-            self._sink(sample, ground_m, presses)
-        else:
-            self._descend(sample, ground_m, presses)
+        self._report_state("landing", sample)
+        try:
+            if ending.is_blind:
+                self._sink(sample, ground_m, presses)
+            elif not ending.stops:
+                self._descend(sample, ground_m, presses)
+        except Exception:
+            self._report(traceback.format_exc().rstrip())
+            # the vehicle's own commander needs nobody here
+            seconds = max(1.5, (sample.pos_m[2] - ground_m) / LAND_MPS)
+            vehicle.land(ground_m, seconds)
+            time.sleep(seconds / vehicle.speed)
         vehicle.stop()
         vehicle.arm(False)
         sample = self._touch_down(ground_m)
-        self._state("end", sample)
+        self._report_state("end", sample)
         is_down = sample.pos_m[2] - ground_m < GROUND_M
         return is_down and not vehicle.problem and not ending.stops and "stopped" not in self.summary
 

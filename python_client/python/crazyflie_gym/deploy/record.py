@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import json
 import math
@@ -39,6 +40,7 @@ class Recorder:
         self._file: Any = None
         self._writer: Any = None
         self.rows = 0
+        self.problem = ""
         self._first_ms = 0
 
     def add(
@@ -70,6 +72,15 @@ class Recorder:
         return row | {f"{name}_{self._lift}": command.lift}
 
     def _write(self, row: Mapping[str, float | str]) -> None:
+        if self.problem:
+            return
+        try:
+            self._append(row)
+        except OSError as error:
+            # a full disk is no reason to fall
+            self.problem = f"the log ends early: {error}"
+
+    def _append(self, row: Mapping[str, float | str]) -> None:
         if self._writer is None:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._file = open(self.path, "w", newline="", encoding="utf-8")  # noqa: SIM115
@@ -84,6 +95,7 @@ class Recorder:
         """End the log, and write what was set and how it ended; nothing if nothing was flown."""
         if self._file is None:
             return
-        self._file.close()
+        with contextlib.suppress(OSError):
+            self._file.close()
         text = json.dumps({"settings": settings, "summary": summary}, indent=2)
         self.settings_path.write_text(text + "\n", encoding="utf-8")
