@@ -39,7 +39,7 @@ def deploy(settings: Settings, report: Any = None) -> dict[str, Any]:
     with Keys() as keys:
         tell(f"connecting to {settings.uri}")
         vehicle = Vehicle(settings.uri, pilot.interface.yaw_sign)
-        recorder = Recorder(path, settings.vertical)
+        recorder = Recorder(path, settings.vertical, vehicle.firmware_revision)
         flight = Flight(settings, pilot, vehicle, keys, tell, recorder)
         summary: dict[str, Any] = {}
         try:

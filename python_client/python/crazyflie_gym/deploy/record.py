@@ -32,11 +32,13 @@ class Recorder:
     Args:
         path: of the CSV; what was set goes beside it, with .json at its end.
         vertical: whether commands are heights ("height") or thrusts.
+        firmware_revision: of the vehicle; 0 tells readers that it is a simulated one.
     """
 
-    def __init__(self, path: Path, vertical: str) -> None:
+    def __init__(self, path: Path, vertical: str, firmware_revision: int) -> None:
         self.path, self.settings_path = path, path.with_name(path.name + ".json")
         self._lift = "height_m" if vertical == "height" else "thrust_pwm"
+        self._firmware_revision = firmware_revision
         self._file: Any = None
         self._writer: Any = None
         self.rows = 0
@@ -63,7 +65,7 @@ class Recorder:
         row |= {"received_clock_s": round(received_s, 6), "sent_clock_s": round(sent.unix_s, 6) if sent else ""}
         told = self._command("sent", sent.command if sent else command)
         row |= told if sent else dict.fromkeys(told, "")
-        self._write(row)
+        self._write(row | {"firmware_revision": self._firmware_revision})
 
     def _command(self, name: str, command: Command) -> dict[str, float]:
         roll, pitch, turn = command.roll_rad, command.pitch_rad, command.yaw_rate_radps

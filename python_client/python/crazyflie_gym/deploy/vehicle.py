@@ -40,6 +40,8 @@ BLOCKS = {
     "motion": ("gyro.x", "gyro.y", "gyro.z", "acc.x", "acc.y", "acc.z"),
     "pose": tuple(f"stateEstimate.{name}" for name in ("x", "y", "z", "roll", "pitch", "yaw")),
 }
+FIRMWARE = "firmware.revision0"
+"""Parameter with the first part of the revision: 0 of a vehicle of `crazyflie cf2`."""
 SAMPLE_MS = 10
 """As often as log blocks come: so a log shows when a command came into force."""
 SLOW_MS = 100
@@ -70,6 +72,7 @@ class Vehicle:
         self.speed = 1.0
         self.problem = ""
         self._cf = _connected(uri, self._lost)
+        self.firmware_revision = int(self._cf.param.get_value(FIRMWARE))
         try:
             self._start_logs()
         except KeyError as error:
