@@ -103,9 +103,9 @@ class Flown:
 
 
 @contextlib.contextmanager
-def simulated(folder, *options):
+def simulated(folder, *options, speed=SPEED):
     truth = Truth()
-    words = ["cf2", "--json", "--port", 0, "--speed", SPEED, "--poses", truth.address, *options]
+    words = ["cf2", "--json", "--port", 0, "--speed", speed, "--poses", truth.address, *options]
     process = subprocess.Popen([PROGRAM, *map(str, words)], stdout=subprocess.PIPE, text=True)
     try:
         yield Vehicle(json.loads(process.stdout.readline()), truth, folder, process)

@@ -99,6 +99,13 @@ def test_a_terminal_that_is_gone_is_no_reason_to_fall(vehicle):
     assert vehicle.truth.highest() > 0.4 and vehicle.truth.place[2] < 0.05
 
 
+def test_losses_and_latency_are_flown_through(tmp_path):
+    with simulated(tmp_path, "--loss", 0.1, "--latency", 0.01, "--seed", 4, speed=2) as vehicle:
+        summary = vehicle.fly(*THERE, "--controller", "lqr").ended("done", 0)
+        assert vehicle.truth.nearest(GOAL) < 0.1 and vehicle.truth.place[2] < 0.05
+        assert summary["rows"] < 0.95 * 100 * (summary["states"]["end"] - summary["states"]["take-off"])
+
+
 def test_nobody_at_the_address_is_an_error(tmp_path):
     command = [sys.executable, "-m", "crazyflie_gym", "deploy", "--uri", "udp://127.0.0.1:9"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=60)

@@ -30,6 +30,8 @@ LAND_MPS = 0.25
 FALL_S = 1.0
 BLIND_MPS = 0.3
 GROUND_M = 0.08
+HOLD_S, DEAF_S = 0.1, 0.2
+"""How long the height is held before the controller begins, and how long a thrust may go unheard."""
 LEAST_POSES = 10
 
 Report = Callable[[str], None]
@@ -57,6 +59,7 @@ class Flight:
         self._log = Logbook(vehicle, self._positions, recorder, pilot.is_height)
         self.summary: dict[str, Any] = {"states": {}, "missed": 0, "levelled": 0}
         self._square_m2, self._worst_m, self._flown, self._ticks = 0.0, 0.0, 0, 0
+        self._heard_ms = 0
 
     def fly(self) -> Ending:
         """Fly, and return why it ended.
@@ -183,9 +186,9 @@ class Flight:
         """Let the controller fly its task, and return why it does no longer."""
         pilot, tick_ms = self._pilot, round(1000 * self._pilot.tick_s)
         sample = self._newest()
-        # a thrust is obeyed at once where another set-point is in force
-        self._vehicle.command_height(Command(0.0, 0.0, 0.0, sample.pos_m[2]))
+        sample = self._hold(sample)
         pilot.begin(sample.pos_m[2])
+        self._heard_ms = sample.vehicle_ms
         self._report_state("controller", sample)
         start_ms, tick, told_s = sample.vehicle_ms, -1, 0.0
         fresh: Sample | None = sample
@@ -210,6 +213,19 @@ class Flight:
                 self._report(f"controller: {told_s:.0f} s, {self._settings.duration_s - told_s:.0f} s to go")
             fresh = self._log.read(LATE * pilot.tick_s)
 
+    def _hold(self, sample: Sample) -> Sample:
+        """Hold the height for a moment: a thrust is obeyed only where another set-point is in force before."""
+        held = Command(0.0, 0.0, 0.0, sample.pos_m[2])
+        end_ms = sample.vehicle_ms + 1000 * HOLD_S
+        while sample.vehicle_ms < end_ms:
+            self._vehicle.command_height(held)
+            fresh = self._log.read(self._settings.stale_s)
+            if fresh is None:
+                # what does not come is dealt with in the ticks that follow
+                break
+            sample = fresh
+        return sample
+
     def _tick(self, sample: Sample, tick: int, late_s: float) -> Ending | None:
         pilot, settings = self._pilot, self._settings
         if tick >= pilot.ticks:
@@ -220,6 +236,8 @@ class Flight:
         ending = self._limits.ending(sample, fix.pos_m)
         if ending is not None:
             return ending
+        if self._is_deaf(sample):
+            return Ending("thrust", f"no thrust is obeyed for {DEAF_S:g} s: is the vehicle's commander locked?")
         setpoint = self._log.setpoint = pilot.setpoint(tick)
         if fix.silence_s > settings.stale_s:
             return self._wait_level(sample, fix)
@@ -237,6 +255,12 @@ class Flight:
         self._worst_m = max(self._worst_m, off_m)
         self._flown += 1
         return None
+
+    def _is_deaf(self, sample: Sample) -> bool:
+        """Whether the motors stand still although they have been commanded for a while."""
+        if sample.asked.lift > 0.0 or not self._log.has_lift:
+            self._heard_ms = sample.vehicle_ms
+        return sample.vehicle_ms - self._heard_ms > 1000 * DEAF_S
 
     def _wait_level(self, sample: Sample, fix: Fix) -> Ending | None:
         """Hold the vehicle level while its position is stale, but not for long."""

@@ -11,6 +11,8 @@ from crazyflie_gym.deploy.settings import DeployError
 from crazyflie_gym.deploy.state import Command, Fix, Sample, Setpoint
 from crazyflie_gym.deploy.vehicle import Vehicle
 
+LAST, LEAST_PWM, LEAST_M = 10, 1000.0, 0.05
+"""So many commands in a row that ask for more than nothing; the firmware takes fewer counts for none."""
 KEPT = 50
 """Commands of the last second, of which the vehicle may still obey one."""
 SAME_RAD, SAME_PWM, SAME_M = 1e-4, 1.0, 1e-3
@@ -65,6 +67,13 @@ class Logbook:
         sent = (self._vehicle.command_height if self._is_height else self._vehicle.command_thrust)(command)
         self._commands.append(sent)
         self._sent = Sent(sent, time.time())
+
+    @property
+    def has_lift(self) -> bool:
+        """Whether the last commands all asked for some lift."""
+        least = LEAST_M if self._is_height else LEAST_PWM
+        last = list(self._commands)[-LAST:]
+        return len(last) == LAST and all(command.lift > least for command in last)
 
     def read(self, timeout_s: float) -> Sample | None:
         """Return the newest sample, if one comes in time. All that came are written."""

@@ -31,6 +31,8 @@ CLOCK_MS = 1 << 24
 MAX_THRUST_PWM = 65535
 IS_ARMED, CAN_FLY, IS_TUMBLED, IS_LOCKED, IS_CRASHED = 1 << 1, 1 << 3, 1 << 5, 1 << 6, 1 << 7
 """Bits of `supervisor.info`."""
+REPEATS, REPEAT_S = 4, 0.005
+"""What must not be lost is sent so often: one of ten packets lost is one of ten thousand then."""
 SETTLED_M2PS2 = 1e-3
 """A filter's velocity variances that change by less over a second have settled, as scripts of cflib ask."""
 
@@ -185,12 +187,16 @@ class Vehicle:
 
     def unlock_thrust(self) -> None:
         """Send the thrust of nothing without which no thrust is obeyed, and give the high-level commander way."""
-        self._send(self._cf.commander.send_setpoint, 0.0, 0.0, 0.0, 0)
+        for _ in range(REPEATS):
+            self._send(self._cf.commander.send_setpoint, 0.0, 0.0, 0.0, 0)
+            time.sleep(REPEAT_S)
         self.give_way()
 
     def give_way(self) -> None:
         """Let the vehicle's own commander follow on set-points."""
-        self._send(self._cf.commander.send_notify_setpoint_stop)
+        for _ in range(REPEATS):
+            self._send(self._cf.commander.send_notify_setpoint_stop)
+            time.sleep(REPEAT_S)
 
     def take_off(self, height_m: float, seconds: float) -> None:
         """Let the vehicle's own commander take off."""
