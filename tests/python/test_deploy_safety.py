@@ -100,7 +100,7 @@ def test_a_terminal_that_is_gone_is_no_reason_to_fall(vehicle):
 
 
 def test_losses_and_latency_are_flown_through(tmp_path):
-    with simulated(tmp_path, "--loss", 0.1, "--latency", 0.01, "--seed", 4, speed=2) as vehicle:
+    with simulated(tmp_path, "--loss", 0.1, "--latency", 0.01, "--seed", 4, speed=3) as vehicle:
         summary = vehicle.fly(*THERE, "--controller", "lqr").ended("done", 0)
         assert vehicle.truth.nearest(GOAL) < 0.1 and vehicle.truth.place[2] < 0.05
         assert summary["rows"] < 0.95 * 100 * (summary["states"]["end"] - summary["states"]["take-off"])
