@@ -17,5 +17,5 @@ mod text;
 mod trims;
 mod tune;
 
-pub use commands::main_from;
+pub use commands::{DeployFailure, Deployer, main_from, set_deployer};
 pub use loop_plots::{loop_picture, loop_reports, vertical_form};

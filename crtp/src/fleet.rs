@@ -1,12 +1,12 @@
 //! The drones' physics: a world of the simulator for each, stepped together, so that they feel each other.
 
-use crazyflie_env::config::{EffectTable, VEHICLE_RADIUS_M, numbers};
-use crazyflie_env::effects::{self, Neighbour};
+use crazyflie_env::config::{EffectTable, VEHICLE_RADIUS_M};
+use crazyflie_env::effects::Neighbour;
 use crazyflie_env::error::Result;
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_env::noise::episode_key;
 use crazyflie_env::plant::{Accelerations, Command, State};
-use crazyflie_env::world::{Around, Settings, Tick, World};
+use crazyflie_env::world::{Around, Settings, Tick, World, has_battery};
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 
@@ -115,19 +115,6 @@ fn ground_place(drone: usize, drones: usize) -> (f64, f64) {
     let rows = drones.div_ceil(columns);
     let along = |place: usize, count: usize| SPACING_M * (place as f64 - 0.5 * (count as f64 - 1.0));
     (along(drone % columns, columns), along(drone / columns, rows))
-}
-
-/// Whether something says what the battery does: a parameter of its effect that is not off.
-fn has_battery(model: &Model, effects: &EffectTable) -> Result<bool> {
-    const NAME: &str = "battery_sag";
-    let (_, entry) = effects::find(NAME)?;
-    let given = effects.get(NAME).or_else(|| model.effects.get(NAME));
-    Ok(given.is_some_and(|params| {
-        numbers(entry, params)
-            .iter()
-            .zip(entry.params)
-            .any(|(number, param)| number.fixed() != Some(param.off))
-    }))
 }
 
 #[cfg(test)]

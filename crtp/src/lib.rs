@@ -9,6 +9,8 @@
 mod board;
 mod estimator;
 mod fleet;
+#[cfg(any(test, fuzzing))]
+pub mod fuzzed;
 mod high_level;
 mod line;
 mod log_blocks;

@@ -13,7 +13,7 @@ use tokio_util::sync::CancellationToken;
 use crate::board::Board;
 use crate::fleet::Fleet;
 use crate::pilot::{Pilot, PilotPlan};
-use crate::telemetry::Telemetry;
+use crate::telemetry::{self, Telemetry};
 use crate::{PositionSource, Settings};
 
 /// Ticks a second: as the firmware's position loop, and a fresh value for each of the fastest logs.
@@ -38,6 +38,13 @@ pub struct Moment {
     pub target_yaw_rad: f64,
     /// Command in force.
     pub command: Command<f64>,
+}
+
+impl Moment {
+    /// The true attitude as x, y, z, w.
+    pub fn quaternion_xyzw(&self) -> [f64; 4] {
+        telemetry::quaternion(self.state.att_rad)
+    }
 }
 
 /// Who watches: called after every tick with all drones.
@@ -103,8 +110,9 @@ impl Simulation {
         }
         let commands: Vec<Command<f64>> = flown.iter().map(|(command, _)| *command).collect();
         self.fleet.step(&commands);
-        self.ticks += 1;
+        // what is told was measured before the step
         let time_ms = (self.ticks as f64 * self.tick_s * 1e3).round() as u64 as u32;
+        self.ticks += 1;
         for (board, (_, telemetry)) in self.boards.iter().zip(&flown) {
             lock(board).show(Telemetry { time_ms, ..*telemetry });
         }
@@ -121,6 +129,16 @@ impl Simulation {
             });
             watcher(&moments.collect::<Vec<_>>());
         }
+    }
+
+    /// Whether every drone is somewhere.
+    #[cfg(any(test, fuzzing))]
+    pub(crate) fn is_finite(&self) -> bool {
+        let numbers = |state: &State<f64>| [state.pos_m, state.vel_mps, state.att_rad, state.rate_radps];
+        self.fleet
+            .sensed()
+            .iter()
+            .all(|drone| numbers(&drone.state).as_flattened().iter().all(|n| n.is_finite()))
     }
 
     /// Ticks in real time, until it is told to stop.
@@ -150,7 +168,7 @@ impl Simulation {
 /// Keeps what pilots draw apart from what the worlds draw.
 const PILOT_SEED: u64 = 0x5049_4c4f_5453_4545;
 
-fn lock(board: &Mutex<Board>) -> std::sync::MutexGuard<'_, Board> {
+pub(crate) fn lock(board: &Mutex<Board>) -> std::sync::MutexGuard<'_, Board> {
     board.lock().unwrap_or_else(PoisonError::into_inner)
 }
 

@@ -30,14 +30,19 @@ pub(crate) struct Telemetry {
 }
 
 impl Telemetry {
-    /// The attitude as x, y, z, w: yaw, then pitch, then roll.
+    /// The attitude as x, y, z, w.
     pub fn quaternion(&self) -> [f64; 4] {
-        let [(sr, cr), (sp, cp), (sy, cy)] = self.att_deg.map(|deg| (0.5 * deg.to_radians()).sin_cos());
-        [
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-            cr * cp * cy + sr * sp * sy,
-        ]
+        quaternion(self.att_deg.map(f64::to_radians))
     }
+}
+
+/// An attitude of yaw, then pitch, then roll as x, y, z, w.
+pub(crate) fn quaternion(att_rad: [f64; 3]) -> [f64; 4] {
+    let [(sr, cr), (sp, cp), (sy, cy)] = att_rad.map(|rad| (0.5 * rad).sin_cos());
+    [
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+        cr * cp * cy + sr * sp * sy,
+    ]
 }

@@ -12,6 +12,7 @@ mod wind;
 
 pub use recording::RecordedEffect;
 pub(crate) use setup::check_scope;
+pub use setup::has_battery;
 
 use std::slice::{from_mut, from_ref};
 

@@ -3,8 +3,8 @@
 #[path = "common/flight.rs"]
 mod flight;
 
-use crazyflie_logs::{FlightLog, LogError, MissingColumn, Note, Truth};
-use flight::{flight, shape, text};
+use crazyflie_logs::{FlightLog, LogError, MissingColumn, Note, PositionSource, Truth};
+use flight::{Shape, flight, shape, text};
 use proptest::prelude::*;
 
 fn read(text: &str) -> Result<FlightLog, LogError> {
@@ -50,6 +50,31 @@ fn same_truth(a: &Truth, b: &Truth) -> bool {
         && close(&a.roll_rad, &b.roll_rad)
         && close(&a.pitch_rad, &b.pitch_rad)
         && close(&a.yaw_rad, &b.yaw_rad)
+}
+
+/// With another column, the same in every row.
+fn with_column(text: &str, name: &str, value: &str) -> String {
+    let added = |(i, line): (usize, &str)| format!("{line},{}\n", if i == 0 { name } else { value });
+    text.lines().enumerate().map(added).collect()
+}
+
+#[test]
+fn a_flight_of_a_real_vehicle_is_a_recording() {
+    let position = |fix_every: usize, age_s: f64, revision: &str| {
+        let values = (0..64).map(|i| 0.01 * f64::from(i)).collect();
+        let mut log = flight(&Shape { rows: 60, values, fix_every, by_height: false, with_truth: false });
+        log.fixes.capture_t_s = log.fixes.row.iter().map(|row| log.t_s[*row] - age_s).collect();
+        let mut bytes = Vec::new();
+        log.write_csv(&mut bytes).unwrap();
+        let text = String::from_utf8(bytes).unwrap();
+        let log = read(&with_column(&text, "firmware_revision", revision)).unwrap();
+        assert!(!log.notes.iter().any(|note| matches!(note, Note::IgnoredColumns { .. })), "{:?}", log.notes);
+        log.provenance.position
+    };
+    assert_eq!(position(1, 0.0, "0"), PositionSource::Camera);
+    assert_eq!(position(1, 0.0, "305419896"), PositionSource::Estimate);
+    assert_eq!(position(1, 0.004, "305419896"), PositionSource::MotionCapture);
+    assert_eq!(position(3, 0.05, "305419896"), PositionSource::Camera);
 }
 
 proptest! {

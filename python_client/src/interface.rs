@@ -52,6 +52,18 @@ impl Interface {
         })
     }
 
+    /// Roll and pitch in rad, yaw rate in rad/s (in the vehicle's own sign) and height in metres or PWM that an
+    /// action of attitudes commands. `ValueError` where actions set something else.
+    fn command(&self, action: [f64; 4]) -> PyResult<(f64, f64, f64, f64)> {
+        if self.inner.set_point.is_some() {
+            return Err(PyValueError::new_err(format!(
+                "an action of the level {} is no command",
+                self.action()
+            )));
+        }
+        let u = self.inner.command(&action);
+        Ok((u.roll_rad, u.pitch_rad, u.yaw_rate_radps, u.lift))
+    }
     /// What an action sets: a name of `crazyflie_gym.action_levels()`.
     #[getter]
     fn action(&self) -> &'static str {

@@ -5,6 +5,7 @@ mod arrays;
 mod benchmark;
 mod controller;
 mod custom;
+mod deploy;
 mod errors;
 mod guarded_cell;
 mod interface;
@@ -34,7 +35,7 @@ mod _native {
     #[pymodule_export]
     use crate::multi_controller::{Crowd, metrics};
     #[pymodule_export]
-    use crate::picture::{ansi, path, render};
+    use crate::picture::{ansi, path, render, setpoints};
     #[pymodule_export]
     use crate::policy::policy_c;
     #[pymodule_export]
@@ -51,6 +52,7 @@ mod _native {
     #[pymodule_init]
     fn init(_module: &pyo3::Bound<'_, pyo3::types::PyModule>) -> pyo3::PyResult<()> {
         crazyflie_control::set_python_loader(crate::custom::load);
+        crazyflie_cli::set_deployer(crate::deploy::deploy);
         Ok(())
     }
 }

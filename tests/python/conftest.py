@@ -6,7 +6,7 @@ from hypothesis import settings
 from common import IDS
 
 # helpers that assert
-pytest.register_assert_rewrite("crazyflies")
+pytest.register_assert_rewrite("crazyflies", "deployments")
 
 # the same cases in every run, and no folder of past cases
 settings.register_profile("repository", database=None, derandomize=True)

@@ -6,6 +6,7 @@ import math
 import os
 import socket
 import struct
+import subprocess
 import threading
 import time
 import urllib.request
@@ -16,7 +17,7 @@ from cflib.crazyflie.log import LogConfig
 from cflib.crazyflie.syncCrazyflie import SyncCrazyflie
 from websockets.sync.client import connect
 
-from crazyflies import SPEED, Link, flying, restart, simulated, started
+from crazyflies import PROGRAM, SPEED, Link, flying, restart, simulated, started
 
 pytest_plugins = ["crazyflies"]
 
@@ -202,6 +203,22 @@ def test_the_page_shows_who_flies(cache):
             assert (first["flying"], second["flying"]) == (0, 1) and first["z"] == 0
             for name in ("z", "setpoint_z", "fix_z"):
                 assert second[name] == pytest.approx(0.5, abs=0.1), name
+
+
+def test_a_server_has_drones_beside_its_environments(cache):
+    command = [PROGRAM, "serve", "--listen", "127.0.0.1:0", "--crtp", "2", "--crtp-port", "0", "--log", "warn"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    try:
+        page = "http://" + process.stdout.readline().split()[-1]
+        uris = [process.stdout.readline().split()[0] for _ in range(2)]
+        with flying(uris[1], cache, speed=1) as link:
+            link.cf.high_level_commander.takeoff(0.4, 1.5)
+            link.until(lambda: link.place[2] > 0.3)
+            with urllib.request.urlopen(f"{page}/api/v1/sessions") as answer:
+                assert [session["env"] for session in json.loads(answer.read())] == ["cf2"]
+    finally:
+        process.terminate()
+        assert process.wait(timeout=10) == 0
 
 
 def test_a_flood_and_nonsense_change_nothing(drone, link):

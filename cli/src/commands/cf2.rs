@@ -5,7 +5,7 @@ use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 use std::time::Duration;
 
-use crazyflie_crtp::{LinkQuality, PositionSource, Server, Settings};
+use crazyflie_crtp::{LinkQuality, PositionSource, Server, Settings, Watcher};
 use crazyflie_env::config::{EffectTable, add_downwash, check_effects};
 use crazyflie_env::model::{Model, VerticalInput};
 use crazyflie_server::flight::lab_rig;
@@ -18,7 +18,7 @@ use tracing_subscriber::util::SubscriberInitExt as _;
 
 use super::fly::add_effects;
 use super::serve::stop_signal;
-use super::{Failure, Outcome, cf2_page, cf2_tables, files};
+use super::{Failure, Outcome, cf2_page, cf2_poses, cf2_tables, files};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -26,6 +26,7 @@ Examples:
   crazyflie cf2 --drones 8 --effects drag_linear=0.3
   crazyflie cf2 --model my.toml --position aruco --effects '{\"battery_sag\": {\"exponent\": 1, \"resistance_ohm\": 0.1}}'
   crazyflie cf2 --drones 4 --page
+  crazyflie cf2 --position none --poses 127.0.0.1:9870
   crazyflie cf2 --speed 4 --loss 0.05 --latency 0.01
   crazyflie cf2 --tables
 
@@ -79,6 +80,10 @@ pub(super) struct Args {
     /// Show the drones on the page of a server, which listens here; port 0 for any
     #[arg(long, num_args = 0..=1, default_missing_value = "127.0.0.1:8765", value_name = "ADDRESS:PORT")]
     page: Option<SocketAddr>,
+    /// Send the true poses there, as the bridge of a motion capture would: JSON in datagrams, as `crazyflie deploy
+    /// --position mocap` takes them; drones are the bodies 0, 1, ...
+    #[arg(long, value_name = "ADDRESS:PORT")]
+    poses: Option<SocketAddr>,
     /// Where the drones are, for machines
     #[arg(long)]
     json: bool,
@@ -135,7 +140,10 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
             }
             None => (None, None),
         };
-        let server = Server::bind(&settings, watcher).await.map_err(|e| Failure::Failed(e.to_string()))?;
+        let poses = args.poses.map(cf2_poses::watcher).transpose()?;
+        let server = Server::bind(&settings, both(watcher, poses))
+            .await
+            .map_err(|e| Failure::Failed(e.to_string()))?;
         announce(&server, page.as_ref(), args.json, out)?;
         let stop = CancellationToken::new();
         let (stopped, signal) = (stop.clone(), stop_signal()?);
@@ -152,8 +160,24 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     })
 }
 
+/// One watcher that tells two.
+fn both(first: Option<Watcher>, second: Option<Watcher>) -> Option<Watcher> {
+    match (first, second) {
+        (Some(mut first), Some(mut second)) => Some(Box::new(move |moments| {
+            first(moments);
+            second(moments);
+        })),
+        (first, second) => first.or(second),
+    }
+}
+
 /// For people, and for programs that start this and must know where it is.
-fn announce(server: &Server, page: Option<&cf2_page::Page>, json: bool, out: &mut dyn Write) -> Outcome {
+pub(super) fn announce(
+    server: &Server,
+    page: Option<&cf2_page::Page>,
+    json: bool,
+    out: &mut dyn Write,
+) -> Outcome {
     let drones = server.addresses().iter().map(|address| {
         let tcp = address.tcp.map(|tcp| format!("tcp://{tcp}"));
         (format!("udp://{}", address.udp), tcp)
@@ -183,10 +207,7 @@ fn settings(args: &Args) -> Outcome<Settings> {
         add_downwash(&mut effects);
     }
     check_effects(&effects)?;
-    let last = usize::from(args.port) + usize::from(args.drones) - 1;
-    if args.port != 0 && last > usize::from(u16::MAX) {
-        return Err(Failure::Usage(format!("--port {}: the last drone's would be {last}", args.port)));
-    }
+    check_ports(args.port, args.drones)?;
     Ok(Settings {
         model,
         vertical,
@@ -201,6 +222,38 @@ fn settings(args: &Args) -> Outcome<Settings> {
         port: args.port,
         tcp_port: args.tcp,
     })
+}
+
+/// So many of the thesis's vehicles on this machine, as this command has them without options, from a port on.
+pub(super) fn plain_settings(drones: u16, port: u16) -> Outcome<Settings> {
+    let model = Model::thesis();
+    let mut effects = EffectTable::new();
+    if drones > 1 {
+        add_downwash(&mut effects);
+    }
+    check_ports(port, drones)?;
+    Ok(Settings {
+        vertical: vertical(&model, None)?,
+        model,
+        effects,
+        drones: drones.into(),
+        speed: 1.0,
+        quality: LinkQuality { loss: 0.0, latency: Duration::ZERO },
+        seed: 0,
+        positions: PositionSource::Lighthouse,
+        auto_arms: true,
+        host: Ipv4Addr::LOCALHOST.into(),
+        port,
+        tcp_port: None,
+    })
+}
+
+fn check_ports(first: u16, drones: u16) -> Outcome {
+    let last = usize::from(first) + usize::from(drones) - 1;
+    if first != 0 && last > usize::from(u16::MAX) {
+        return Err(Failure::Usage(format!("--port {first}: the last drone's would be {last}")));
+    }
+    Ok(())
 }
 
 /// Scripts command a thrust, and a motor that is off must let the vehicle fall: the form `thrust` before others.

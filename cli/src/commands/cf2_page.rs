@@ -29,29 +29,7 @@ impl Page {
         serve::Settings::default().check(address).map_err(|e| Failure::Usage(e.to_string()))?;
         let listener = TcpListener::bind(address).await.map_err(|e| Failure::about(address, e))?;
         let address = listener.local_addr()?;
-        let interface = Interface::from_model(&settings.model, settings.vertical)?;
-        let nowhere = DroneView {
-            time_s: 0.0,
-            observation: [0.0; OBSERVATION],
-            state: [0.0; STATE],
-            action: [0.0; 4],
-            flying: false,
-        };
-        let (sender, drones) = watch::channel(vec![nowhere; settings.drones]);
-        let fleet = FleetView {
-            name: "cf2".to_owned(),
-            options: Options { effects: settings.effects.clone(), ..Options::default() },
-            tick_s: TICKS as f64 / crazyflie_crtp::TICK_HZ,
-            interface,
-            drones,
-        };
-        let mut ticks = 0;
-        let watcher = Box::new(move |moments: &[Moment]| {
-            ticks += 1;
-            if ticks % TICKS == 0 {
-                sender.send_replace(moments.iter().map(|moment| shown(moment, &interface)).collect());
-            }
-        });
+        let (watcher, fleet) = fleet_view(settings)?;
         Ok((watcher, Page { listener, address, fleet }))
     }
 
@@ -61,6 +39,34 @@ impl Page {
         let served = serve::run_showing(self.listener, settings, Some(self.fleet), stop.cancelled());
         served.await.map(drop).map_err(|e| Failure::Failed(e.to_string()))
     }
+}
+
+/// What is to be told of every tick, and what a server shows of it.
+pub(super) fn fleet_view(settings: &Settings) -> Outcome<(Watcher, FleetView)> {
+    let interface = Interface::from_model(&settings.model, settings.vertical)?;
+    let nowhere = DroneView {
+        time_s: 0.0,
+        observation: [0.0; OBSERVATION],
+        state: [0.0; STATE],
+        action: [0.0; 4],
+        flying: false,
+    };
+    let (sender, drones) = watch::channel(vec![nowhere; settings.drones]);
+    let fleet = FleetView {
+        name: "cf2".to_owned(),
+        options: Options { effects: settings.effects.clone(), ..Options::default() },
+        tick_s: TICKS as f64 / crazyflie_crtp::TICK_HZ,
+        interface,
+        drones,
+    };
+    let mut ticks = 0;
+    let watcher = Box::new(move |moments: &[Moment]| {
+        ticks += 1;
+        if ticks % TICKS == 0 {
+            sender.send_replace(moments.iter().map(|moment| shown(moment, &interface)).collect());
+        }
+    });
+    Ok((watcher, fleet))
 }
 
 /// The row of a drone: where it is, where it believes it is, where it is to be.

@@ -194,7 +194,12 @@ fn setup(args: &Args, controllers: &[ControllerSpec]) -> Outcome<Setup> {
     effects.extend(asked.map(|options| options.effects.clone()).unwrap_or_default());
     args.effects.iter().try_for_each(|text| add_effects(&mut effects, text))?;
     check_effects(&effects)?;
-    let task_options = task_options(args, scenario, asked.map(|options| &options.task_options))?;
+    let task_options = task_options(
+        scenario.task,
+        asked.map(|options| &options.task_options),
+        args.task_options.as_deref(),
+        args.track.as_deref(),
+    )?;
     let model = files::model(args.model.as_deref())?;
     let vertical = args.vertical.or(asked.and_then(|options| options.vertical));
     let vertical = vertical.unwrap_or_else(|| files::default_vertical(&model));
@@ -221,9 +226,14 @@ pub(super) fn own_task(task: &str) -> Outcome<Option<OwnTask>> {
 }
 
 /// Options of the task, if any are given: those of the task file, then `--task-options`, then `--track`.
-fn task_options(args: &Args, scenario: &FlightScenario, of_file: Option<&Value>) -> Outcome<Option<Value>> {
+pub(super) fn task_options(
+    task: &str,
+    of_file: Option<&Value>,
+    given: Option<&str>,
+    track: Option<&Path>,
+) -> Outcome<Option<Value>> {
     let mut options = of_file.cloned().unwrap_or_default();
-    if let Some(text) = &args.task_options {
+    if let Some(text) = given {
         let given: Value = serde_json::from_str(text)
             .map_err(|e| Failure::Usage(format!("--task-options is not JSON: {e}")))?;
         match (&mut options, given) {
@@ -231,9 +241,9 @@ fn task_options(args: &Args, scenario: &FlightScenario, of_file: Option<&Value>)
             (options, given) => *options = given,
         }
     }
-    if let Some(file) = &args.track {
-        if scenario.task != "track" {
-            let words = format!("--track is for the task track, --task is {}", args.task);
+    if let Some(file) = track {
+        if task != "track" {
+            let words = format!("--track is for the task track, --task is {task}");
             return Err(Failure::Usage(words));
         }
         let text = std::fs::read_to_string(file).map_err(|e| Failure::about(file.display(), e))?;

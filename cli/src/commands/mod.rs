@@ -5,8 +5,10 @@ mod actions;
 mod attempts;
 mod cf2;
 mod cf2_page;
+mod cf2_poses;
 mod cf2_tables;
 mod controllers;
+mod deploy;
 mod diagnose;
 mod effects;
 mod explain;
@@ -50,6 +52,8 @@ use std::io::{self, Write};
 
 use clap::{Parser, Subcommand};
 
+pub use deploy::{DeployFailure, Deployer, set_deployer};
+
 use crate::failure::{Failure, Outcome};
 use crate::text::{Table, number, with_cause};
 
@@ -57,6 +61,7 @@ const EXAMPLES: &str = "\
 Examples:
   crazyflie fly --task fly-80cm --picture flight.svg
   crazyflie cf2 --drones 4
+  crazyflie deploy --uri radio://0/80/2M/E7E7E7E7E7 --controller lqr
   crazyflie inspect flight.csv
   crazyflie replay flight.csv
   crazyflie identify --fit flight.csv --out my.toml
@@ -82,6 +87,7 @@ struct Cli {
 enum Command {
     Fly(fly::Args),
     Cf2(cf2::Args),
+    Deploy(deploy::Args),
     Replay(replay::Args),
     Identify(identify::Args),
     Inspect(inspect::Args),
@@ -219,6 +225,7 @@ fn run(command: &Command, out: &mut dyn Write) -> Outcome {
     match command {
         Command::Fly(args) => fly::run(args, out),
         Command::Cf2(args) => cf2::run(args, out),
+        Command::Deploy(args) => deploy::run(args),
         Command::Replay(args) => replay::run(args, out),
         Command::Identify(args) => identify::run(args, out),
         Command::Inspect(args) => inspect::run(args, out),

@@ -36,6 +36,7 @@ impl Effect<4, 4> for BatterySag {
         ),
     ];
     const HOOKS: Hooks = Hooks::PUSH_AND_SENSE;
+    const IS_BATTERY: bool = true;
     const UBIQUITY: Ubiquity = Ubiquity::AllWithVoltage;
 
     #[inline(always)]

@@ -358,6 +358,8 @@ pub trait Effect<const P: usize, const S: usize>: Send + 'static {
     /// Whether [`Effect::push`] acts on the motion through the air: in a wind field it then sees the velocity against
     /// the air in place of that over the ground.
     const FEELS_AIR: bool = false;
+    /// Whether it says what the battery's voltage is.
+    const IS_BATTERY: bool = false;
     /// Share of real vehicles that show the effect.
     const UBIQUITY: Ubiquity = Ubiquity::Some;
     /// How many of its numbers of state, the last ones, follow the vehicle's motion: a fit has to estimate
@@ -457,6 +459,8 @@ pub struct Entry {
     pub model_number: Option<&'static str>,
     /// See [`Effect::FEELS_AIR`].
     pub feels_air: bool,
+    /// See [`Effect::IS_BATTERY`].
+    pub is_battery: bool,
     /// See [`Effect::UBIQUITY`].
     pub ubiquity: Ubiquity,
     /// See [`Effect::MOTION_STATES`] and [`Effect::LAG_SD`].

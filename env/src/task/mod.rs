@@ -17,7 +17,7 @@ mod track;
 mod track_table;
 
 pub use options::{OptionKind, TaskOption};
-pub use path::path;
+pub use path::{path, setpoints};
 pub use track_table::{TRACK_COLUMNS, track_rows};
 
 use rand::RngExt;

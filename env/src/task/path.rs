@@ -1,11 +1,11 @@
-//! Where a task leads, for pictures.
+//! Where a task leads: for pictures, and for vehicles that no simulator steps.
 
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 
 use super::{GOAL, Scene, Start, Task, Visitor};
 use crate::effects::Neighbour;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::lanes::Lanes;
 use crate::noise::EpisodeKeys;
 use crate::scalar::{Scalar, Word};
@@ -18,6 +18,43 @@ use crate::scalar::{Scalar, Word};
 /// for its options.
 pub fn path(name: &str, options: &serde_json::Value, tick_s: f64, ticks: u32) -> Result<Vec<[f32; 3]>> {
     super::visit(name, 0, options, Path { tick_s, ticks })
+}
+
+/// Set-points of a task of one drone at the first `ticks` ticks of `tick_s` seconds, of the episode that `key`
+/// draws: x, y, z and yaw.
+///
+/// # Errors
+/// As [`path`]; [`Error::Config`] for tasks of several drones, and where the set-point waits for the drone.
+pub fn setpoints(
+    name: &str,
+    options: &serde_json::Value,
+    tick_s: f64,
+    ticks: u32,
+    key: u64,
+) -> Result<Vec<[f64; 4]>> {
+    super::visit(name, 0, options, Setpoints { path: Path { tick_s, ticks }, name, key })
+}
+
+struct Setpoints<'a> {
+    path: Path,
+    name: &'a str,
+    key: u64,
+}
+
+impl Visitor for Setpoints<'_> {
+    type Output = Vec<[f64; 4]>;
+    fn visit<T: Task>(self, task: T, drones: usize) -> Result<Self::Output> {
+        let refused = |why: &str| Err(Error::Config(format!("task {}: {why}", self.name)));
+        if drones != 1 {
+            return refused("it is for several drones, expected one of one drone");
+        }
+        let (points, followed) =
+            (self.path.rows(&task, 1, self.key, false), self.path.rows(&task, 1, self.key, true));
+        if points != followed {
+            return refused("its set-point waits for the drone, expected one that is known beforehand");
+        }
+        Ok(points)
+    }
 }
 
 struct Path {
@@ -35,8 +72,14 @@ impl Visitor for Path {
 }
 
 impl Path {
-    /// Set-points of the episode that `key` draws.
+    /// Places of the set-point in the episode that `key` draws.
     fn walk(&self, task: &impl Task, drones: usize, key: u64) -> Vec<[f32; 3]> {
+        let rows = self.rows(task, drones, key, false);
+        rows.into_iter().map(|[x, y, z, _]| [x as f32, y as f32, z as f32]).collect()
+    }
+
+    /// Set-points of the episode that `key` draws. `followed`: a drone is always where it was asked to be.
+    fn rows(&self, task: &impl Task, drones: usize, key: u64, followed: bool) -> Vec<[f64; 4]> {
         let mut keys = EpisodeKeys::<Lanes>::new();
         keys.set_lane(0, key);
         let mut starts = vec![Start { pos_m: [0.0; 3], yaw_rad: 0.0, goal: [0.0; GOAL] }; drones];
@@ -44,18 +87,27 @@ impl Path {
         task.start(&mut Pcg64Mcg::seed_from_u64(key), &mut starts, &mut board);
         let mut goal = starts[0].goal.map(Lanes::from_f64);
         let board: Vec<_> = board.into_iter().map(Lanes::from_f64).collect();
-        let gone = vec![Neighbour::gone(); drones];
-        let at = |tick: u32| {
+        let mut seen = vec![Neighbour::gone(); drones];
+        let mut row = |tick: u32| {
             let word = <Lanes as Scalar>::Word::from_u32(tick);
             let scene = Scene {
-                drones: &gone,
+                drones: &seen,
                 load: None,
                 t_s: Lanes::from_f64(f64::from(tick) * self.tick_s),
                 draw: keys.draw(&word),
             };
-            task.setpoint(0, &mut goal, &board, &scene).pos_m.map(|p| p.lane(0) as f32)
+            let setpoint = task.setpoint(0, &mut goal, &board, &scene);
+            if followed {
+                seen[0] = Neighbour {
+                    pos_m: setpoint.pos_m,
+                    vel_mps: [Lanes::zero(); 3],
+                    here: Lanes::from_f64(1.0),
+                };
+            }
+            let [x, y, z] = setpoint.pos_m;
+            [x, y, z, setpoint.yaw_rad].map(|number| number.lane(0))
         };
-        (0..self.ticks).map(at).collect()
+        (0..self.ticks).map(&mut row).collect()
     }
 }
 
@@ -72,5 +124,20 @@ mod tests {
         assert!(eight.iter().any(|p| p[0] > 0.49) && eight.iter().any(|p| p[0] < -0.49));
         assert!(path("track", &options("waypoints"), 0.02, 800).unwrap().is_empty());
         assert!(path("hover", &serde_json::Value::Null, 0.02, 10).unwrap().is_empty());
+    }
+
+    #[test]
+    fn set_points_are_told_where_they_are_known_beforehand() {
+        let steps = serde_json::json!({"steps": [{"from_s": 0.04, "setpoint_m": [0.5, 0, 1], "setpoint_yaw_deg": 90}]});
+        let rows = setpoints("hover", &steps, 0.02, 4, 3).unwrap();
+        assert_eq!(rows[1][..2], [0.0, 0.0]);
+        assert!((rows[2][3] - std::f64::consts::FRAC_PI_2).abs() < 1e-6 && rows[3][2] == 1.0, "{rows:?}");
+        let drawn =
+            |key| setpoints("track", &serde_json::json!({"shape": "waypoints"}), 0.02, 400, key).unwrap();
+        assert!(drawn(1) != drawn(2) && drawn(1) == drawn(1));
+        for (task, words) in [("race", "waits for the drone"), ("swap", "several drones")] {
+            let error = setpoints(task, &serde_json::Value::Null, 0.02, 3000, 0).unwrap_err().to_string();
+            assert!(error.contains(words), "{task}: {error}");
+        }
     }
 }

@@ -38,6 +38,14 @@ pub(super) fn active(of_model: &EffectTable, of_config: &EffectTable) -> Result<
     Ok(active)
 }
 
+/// Whether an effect that is on says what the battery's voltage is.
+///
+/// # Errors
+/// [`Error::Unknown`] for an unknown effect.
+pub fn has_battery(model: &Model, effects: &EffectTable) -> Result<bool> {
+    Ok(active(&model.effects, effects)?.iter().any(|(_, entry, _)| entry.is_battery))
+}
+
 /// Whether the effects that are on fit the form and the action level, and the numbers of the battery act.
 ///
 /// # Errors
@@ -50,7 +58,7 @@ pub(crate) fn check_scope(
     level: ActionLevel,
 ) -> Result<()> {
     let active = active(&model.effects, effects)?;
-    model.check_battery(active.iter().any(|(_, entry, _)| entry.name == "battery_sag"))?;
+    model.check_battery(active.iter().any(|(_, entry, _)| entry.is_battery))?;
     for (_, entry, _) in active {
         let lacks = match entry.scope {
             Scope::Any => continue,

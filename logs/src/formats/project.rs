@@ -1,7 +1,7 @@
 //! The project's own CSV, as `FlightLog::write_csv` writes it.
 
 use crate::columns::Columns;
-use crate::signal::{check_capture, radians, time_gaps, unwrap};
+use crate::signal::{check_capture, radians, time_gaps, unwrap, usual_step};
 use crate::table::{Accept, NUMBER, PWM, Table};
 use crate::{
     AttitudeSource, Content, Fixes, FlightLog, LogError, Note, PositionSource, Provenance, Reader, Truth,
@@ -70,8 +70,25 @@ const TRUTH: [&str; 9] = [
     TRUE_ATTITUDE[1],
     TRUE_ATTITUDE[2],
 ];
+/// Revision of the vehicle's firmware, in every row: 0 for a simulated one.
+const FIRMWARE: &str = "firmware_revision";
+/// Capture times that agree with the rows' times to this are the rows' own.
+const SAME_TIME_S: f64 = 1e-6;
+/// Beside these in logs of `crazyflie deploy`, for people: the vehicle's clock, and what was sent and received
+/// when by the host's.
+const DEPLOYED: [&str; 9] = [
+    FIRMWARE,
+    "vehicle_clock_ms",
+    "received_clock_s",
+    "sent_clock_s",
+    "sent_roll_deg",
+    "sent_pitch_deg",
+    "sent_yaw_rate_degps",
+    "sent_thrust_pwm",
+    "sent_height_m",
+];
 const COLUMNS: Columns =
-    Columns { required: &REQUIRED, optional: &[], alternatives: &VERTICAL, together: &TRUTH };
+    Columns { required: &REQUIRED, optional: &DEPLOYED, alternatives: &VERTICAL, together: &TRUTH };
 
 pub(crate) struct ProjectCsv;
 
@@ -106,7 +123,7 @@ pub(crate) fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, Log
     let mut log = FlightLog {
         provenance: Provenance {
             format: ProjectCsv.name(),
-            position: PositionSource::Camera,
+            position: position_source(table, &t_s, &fixes)?,
             attitude: AttitudeSource::Imu,
             onboard_interpolated: false,
         },
@@ -133,6 +150,21 @@ pub(crate) fn read(table: &Table, mut notes: Vec<Note>) -> Result<FlightLog, Log
     };
     log.find_airborne(AIRBORNE_M);
     Ok(log)
+}
+
+/// Of a simulated flight the position is a camera's. A real vehicle has a firmware: its own estimate comes with
+/// every row, other fixes at steps of their own.
+fn position_source(table: &Table, t_s: &[f64], fixes: &Fixes) -> Result<PositionSource, LogError> {
+    let revision = optional(table, FIRMWARE, NUMBER)?;
+    if revision.is_none_or(|revision| revision.iter().all(|number| *number == 0.0)) {
+        return Ok(PositionSource::Camera);
+    }
+    let is_own = |(row, capture_s): (&usize, &f64)| (t_s[*row] - capture_s).abs() < SAME_TIME_S;
+    Ok(if fixes.row.iter().zip(&fixes.capture_t_s).all(is_own) {
+        PositionSource::Estimate
+    } else {
+        PositionSource::of_step(usual_step(&fixes.capture_t_s))
+    })
 }
 
 fn optional(table: &Table, column: &str, accept: Accept) -> Result<Option<Vec<f64>>, LogError> {

@@ -1,5 +1,6 @@
 """The simulator in Rust. Use it through the package `crazyflie_gym`."""
 
+from collections.abc import Sequence
 from os import PathLike
 from typing import Any, Literal, final
 
@@ -49,6 +50,7 @@ __all__ = [
     "read_task",
     "render",
     "robustness",
+    "setpoints",
     "state_space",
     "submit",
     "tasks",
@@ -72,6 +74,7 @@ class Interface:
         yaw_sign: float,
         set_point: dict[str, Any] | None = None,
     ) -> Interface: ...
+    def command(self, action: Sequence[float]) -> tuple[float, float, float, float]: ...
     @property
     def tick_s(self) -> float: ...
     @property
@@ -349,6 +352,9 @@ def render(
 ) -> NDArray[np.uint8]: ...
 def ansi(picture: NDArray[np.uint8], columns: int = 80) -> str: ...
 def path(task: str, options: str, tick_s: float, ticks: int) -> FloatArray: ...
+def setpoints(
+    task: str, options: str, tick_s: float, ticks: int, seed: int = 0
+) -> list[tuple[float, float, float, float]]: ...
 
 @final
 class Crowd:

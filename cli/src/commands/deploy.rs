@@ -1,0 +1,261 @@
+//! `crazyflie deploy`: a controller flies a real Crazyflie, or one of `crazyflie cf2`. What is asked for is
+//! checked here; the radio library is in Python, so the Python package flies.
+
+use std::path::PathBuf;
+use std::sync::OnceLock;
+
+use crazyflie_env::model::{Model, VerticalInput};
+use serde_json::{Value, json};
+
+use super::{Failure, Outcome, controllers, files, fly};
+
+const EXAMPLES: &str = "\
+Examples:
+  crazyflie deploy --uri radio://0/80/2M/E7E7E7E7E7 --controller lqr
+  crazyflie deploy --uri udp://127.0.0.1:19850 --controller thesis-pid --setpoint 0.3,0,0.7
+  crazyflie deploy --uri radio://0/80/2M/E7E7E7E7E7 --task track --duration 20 --log eight.csv
+  crazyflie deploy --uri radio://0/80/2M/E7E7E7E7E7 --position mocap --poses udp://0.0.0.0:9870/cf1
+  crazyflie deploy --uri udp://127.0.0.1:19850 --position aruco --controller policy:hover.safetensors
+  crazyflie deploy --uri udp://127.0.0.1:19850 --controller python:mine.py:Mine --room 1,1,1.5 --json
+
+Space, Enter, q or Ctrl-C lands; a second one stops the motors. Needs cflib: pip install \"crazyflie-gym[cflib]\".
+`crazyflie cf2` simulates a Crazyflie to try it on.";
+
+/// Fly a real Crazyflie, or one of `crazyflie cf2`, with any controller: take-off, task, landing, and a log
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct Args {
+    /// Address as cflib takes it: radio://..., udp://HOST:PORT or tcp://HOST:PORT
+    #[arg(long, value_name = "URI")]
+    uri: String,
+    /// Which one, as NAME, NAME:FILE or python:FILE:NAME (see `crazyflie controllers`)
+    #[arg(long, default_value = "thesis-pid", value_name = "NAME")]
+    controller: String,
+    /// The controller's options, as JSON
+    #[arg(long, value_name = "JSON")]
+    controller_options: Option<String>,
+    /// Model file of the vehicle, which controllers believe; the thesis's model unless given
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// Vertical form of the model that is commanded: thrust, pwm or motors (sent as a thrust), or height (sent as
+    /// a height over the floor) [default: thrust, if the model has it]
+    #[arg(long, value_parser = files::vertical, value_name = "FORM")]
+    vertical: Option<VerticalInput>,
+    /// A task of one drone whose set-point is known beforehand (see `crazyflie tasks`), or a task file
+    #[arg(long, default_value = "hover", value_name = "NAME|FILE")]
+    task: String,
+    /// The task's options, as JSON
+    #[arg(long, value_name = "JSON")]
+    task_options: Option<String>,
+    /// CSV file with the track that the task `track` is to fly: columns t_s, x_m, y_m, z_m and, if wanted,
+    /// yaw_rad or yaw_deg
+    #[arg(long, value_name = "FILE.csv")]
+    track: Option<PathBuf>,
+    /// Where the task `hover` hovers, in metres, and with which heading, in degrees
+    #[arg(long, allow_hyphen_values = true, value_name = "X,Y,Z[,YAW]", value_parser = setpoint)]
+    setpoint: Option<Numbers>,
+    /// How long the controller flies, between take-off and landing
+    #[arg(long, default_value_t = 10.0, value_parser = |text: &str| files::seconds(text, 0.1, 3600.0), value_name = "S")]
+    duration: f64,
+    /// Height of the take-off, which the vehicle's own commander flies
+    #[arg(long, default_value_t = 0.5, value_parser = |text: &str| number(text, 0.1, 3.0), value_name = "M")]
+    takeoff_height: f64,
+    /// Where positions come from: estimate (the vehicle's own, by Lighthouse or Flow deck), mocap (motion capture),
+    /// aruco (a marker seen by the vehicle's camera)
+    #[arg(long, default_value = "estimate", value_parser = ["estimate", "mocap", "aruco"], value_name = "NAME")]
+    position: String,
+    /// Who sends the poses of mocap and aruco: udp://HOST:PORT[/BODY], JSON in datagrams, or python:FILE:NAME, a
+    /// function that yields them
+    #[arg(long, default_value = "udp://127.0.0.1:9870", value_name = "SOURCE")]
+    poses: String,
+    /// Land when farther from the origin along x or y, or higher
+    #[arg(long, default_value = "1.5,1.5,2", value_parser = room, value_name = "X,Y,Z")]
+    room: Numbers,
+    /// Land when tilted farther
+    #[arg(long, default_value_t = 35.0, value_parser = |text: &str| number(text, 1.0, 90.0), value_name = "DEG")]
+    tilt_max: f64,
+    /// Land when the battery is below this for half a second; 0 for no limit
+    #[arg(long, default_value_t = 3.1, value_parser = |text: &str| number(text, 0.0, 5.0), value_name = "V")]
+    battery_min: f64,
+    /// Level the vehicle when its position is older than this, and land if no new one comes
+    #[arg(long, default_value_t = 0.25, value_parser = |text: &str| files::seconds(text, 0.05, 2.0), value_name = "S")]
+    stale: f64,
+    /// Land when the flight, take-off included, takes longer
+    #[arg(long, default_value_t = 240.0, value_parser = |text: &str| files::seconds(text, 1.0, 3600.0), value_name = "S")]
+    time_limit: f64,
+    /// Write the flight as a log that `replay`, `identify` and `explain` read; what was set goes to FILE.json
+    /// [default: deploy-DATE-TIME.csv]
+    #[arg(long, visible_alias = "csv", value_name = "FILE.csv")]
+    log: Option<PathBuf>,
+    /// Decides what a task draws
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// For machines; progress goes to standard error
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Clone)]
+struct Numbers(Vec<f64>);
+
+/// Why a flight did not take place, or ended otherwise than it should.
+#[derive(Debug)]
+pub enum DeployFailure {
+    /// Something was asked for that cannot be.
+    Usage(String),
+    /// The flight failed.
+    Failed(String),
+}
+
+/// Flies what an object of settings, as JSON, asks for.
+pub type Deployer = fn(&str) -> Result<(), DeployFailure>;
+
+static DEPLOYER: OnceLock<Deployer> = OnceLock::new();
+
+/// Says who flies in this process; the first call counts.
+pub fn set_deployer(deployer: Deployer) {
+    DEPLOYER.get_or_init(|| deployer);
+}
+
+pub(super) fn run(args: &Args) -> Outcome {
+    let settings = settings(args)?;
+    let deploy = DEPLOYER.get().ok_or_else(|| {
+        Failure::Failed(
+            "deploy: the radio library cflib is in Python, and this program has no Python in it: use the one of the Python package (pip install \"crazyflie-gym[cflib]\")".into(),
+        )
+    })?;
+    deploy(&settings.to_string()).map_err(|failure| match failure {
+        DeployFailure::Usage(text) => Failure::Usage(text),
+        DeployFailure::Failed(text) => Failure::Failed(text),
+    })
+}
+
+/// What the Python package is told: names of its own keywords.
+fn settings(args: &Args) -> Outcome<Value> {
+    // mistakes are told before anything is connected
+    controllers::chosen(&args.controller, args.controller_options.as_deref())?;
+    let model = files::model(args.model.as_deref())?;
+    let vertical = match args.vertical {
+        Some(asked) => model.input(Some(asked))?,
+        None => default_vertical(&model),
+    };
+    let own = fly::own_task(&args.task)?;
+    let task = own.as_ref().map_or(&args.task, |own| &own.options.task);
+    let mut task_options = fly::task_options(
+        task,
+        own.as_ref().map(|own| &own.options.task_options),
+        args.task_options.as_deref(),
+        args.track.as_deref(),
+    )?
+    .unwrap_or_else(|| json!({}));
+    if let Some(Numbers(numbers)) = &args.setpoint {
+        if task != "hover" {
+            return Err(Failure::Usage(format!("--setpoint is for the task hover, --task is {task}")));
+        }
+        task_options["setpoint_m"] = json!(numbers[..3]);
+        task_options["setpoint_yaw_deg"] = json!(numbers.get(3).copied().unwrap_or(0.0));
+    }
+    let text = |path: &Option<PathBuf>| path.as_ref().map(|path| path.display().to_string());
+    Ok(json!({
+        "uri": args.uri,
+        "controller": args.controller,
+        "controller_options": args.controller_options.as_deref().and_then(|text| serde_json::from_str::<Value>(text).ok()),
+        "model": text(&args.model),
+        "vertical": vertical.name(),
+        "task": task,
+        "task_options": task_options,
+        "duration_s": args.duration,
+        "takeoff_height_m": args.takeoff_height,
+        "position": args.position,
+        "poses": args.poses,
+        "room_m": args.room.0,
+        "tilt_max_deg": args.tilt_max,
+        "battery_min_v": args.battery_min,
+        "stale_s": args.stale,
+        "time_limit_s": args.time_limit,
+        "log": text(&args.log),
+        "seed": args.seed,
+        "json": args.json,
+    }))
+}
+
+/// The form that the model names. Without a name: a thrust, as real vehicles and those of `cf2` take it.
+fn default_vertical(model: &Model) -> VerticalInput {
+    let inputs = model.inputs();
+    let wanted = [VerticalInput::Thrust, VerticalInput::Motors, VerticalInput::Pwm];
+    let found = wanted.into_iter().find(|input| inputs.contains(input));
+    model.vertical.default.or(found).unwrap_or(VerticalInput::Height)
+}
+
+fn numbers(text: &str) -> Option<Vec<f64>> {
+    let numbers =
+        text.split(',').map(|part| part.trim().parse().ok().filter(|number: &f64| number.is_finite()));
+    numbers.collect()
+}
+
+fn setpoint(text: &str) -> Result<Numbers, String> {
+    let found = numbers(text).filter(|found| (3..=4).contains(&found.len()));
+    found
+        .map(Numbers)
+        .ok_or_else(|| "expected x, y and z in metres, and the heading in degrees if wanted".into())
+}
+
+fn room(text: &str) -> Result<Numbers, String> {
+    let found = numbers(text).filter(|found| found.len() == 3 && found.iter().all(|size| *size > 0.0));
+    found.map(Numbers).ok_or_else(|| "expected three distances in metres, above 0".into())
+}
+
+fn number(text: &str, low: f64, high: f64) -> Result<f64, String> {
+    // NaN is in no range
+    let value = text.parse::<f64>().ok().filter(|value| (low..=high).contains(value));
+    value.ok_or_else(|| format!("expected {low} to {high}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Debug, Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: Args,
+    }
+
+    fn asked(words: &[&str]) -> Outcome<Value> {
+        let all = ["deploy", "--uri", "udp://127.0.0.1:1"].iter().chain(words);
+        settings(&Line::try_parse_from(all).unwrap().args)
+    }
+
+    #[test]
+    fn what_is_asked_for_is_told_in_the_words_of_the_package() {
+        let told =
+            asked(&["--setpoint", "-0.5,0.25,0.7,90", "--vertical", "height", "--room", "1,2,3"]).unwrap();
+        assert_eq!(told["task_options"], json!({"setpoint_m": [-0.5, 0.25, 0.7], "setpoint_yaw_deg": 90.0}));
+        assert_eq!((&told["vertical"], &told["room_m"]), (&json!("height"), &json!([1.0, 2.0, 3.0])));
+        assert_eq!(asked(&[]).unwrap()["vertical"], "thrust");
+    }
+
+    #[test]
+    fn mistakes_are_told_before_anything_is_connected() {
+        for (words, told) in [
+            (&["--controller", "lqt"][..], "did you mean \"lqr\""),
+            (&["--task", "track", "--setpoint", "0,0,1"], "for the task hover"),
+            (&["--model", "gone.toml"], "gone.toml"),
+            (&["--track", "way.csv"], "for the task track"),
+        ] {
+            let error = asked(words).unwrap_err().to_string();
+            assert!(error.contains(told), "{words:?}: {error}");
+        }
+        let all = ["deploy", "--uri", "x", "--room", "1,0,2"];
+        assert!(Line::try_parse_from(all).unwrap_err().to_string().contains("above 0"));
+    }
+
+    #[test]
+    fn without_python_the_error_says_what_to_install() {
+        let line = Line::try_parse_from(["deploy", "--uri", "udp://127.0.0.1:1"]).unwrap();
+        let error = run(&line.args).unwrap_err().to_string();
+        assert!(error.contains("pip install \"crazyflie-gym[cflib]\""), "{error}");
+    }
+}
