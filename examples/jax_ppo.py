@@ -49,7 +49,9 @@ def trainer(env, rest):
     act = actor(c, rest, env.tick_s)
     steps = c.iterations * c.epochs * (c.envs * c.ticks // c.minibatch)
     optimiser = optax.chain(
-        optax.clip_by_global_norm(0.5), optax.adam(optax.linear_schedule(c.learning_rate, 0.05 * c.learning_rate, steps), eps=1e-5))
+        optax.clip_by_global_norm(0.5),
+        optax.adam(optax.linear_schedule(c.learning_rate, 0.05 * c.learning_rate, steps), eps=1e-5),
+    )
 
     def tick(params, scales, carry, key):
         state, observation, averages, fresh = carry
@@ -75,11 +77,15 @@ def trainer(env, rest):
         flights, rollout = jax.lax.scan(
             lambda carry, k: tick(params, scales, carry, k), flights, jax.random.split(key, c.ticks)
         )
-        last = act(params, scales, flights[1], joined(env.true_state(flights[0])), *flights[2:], jnp.zeros((c.envs, 4)))[3]
+        last = act(
+            params, scales, flights[1], joined(env.true_state(flights[0])), *flights[2:], jnp.zeros((c.envs, 4))
+        )[3]
         order = jnp.concatenate([shuffled(k) for k in shuffles])
         params, optimised = learn(params, optimised, scales, rollout, last, order)
         moments = {name: moved(moments[name], x) for name, x in (("actor", rollout.features), ("critic", rollout.seen))}
-        scales = {name: (mean, jnp.maximum(jnp.sqrt(square - mean**2), 1e-2)) for name, (n, mean, square) in moments.items()}
+        scales = {
+            name: (mean, jnp.maximum(jnp.sqrt(square - mean**2), 1e-2)) for name, (n, mean, square) in moments.items()
+        }
         return (params, optimised, scales, moments, flights), rollout.rewards.mean() / (1 - c.discount)
 
     def moved(moment, x):
@@ -126,7 +132,9 @@ def main():
     for controller in ("thesis-pid", f"policy:{args.out}", "lqr"):
         flights = fly(Work.of(Scenario(ticks=500, **OPTIONS), controller, first_seed=10**9, count=128))
         failed = sum(flight["failed"] for flight in flights)
-        print(f"{controller:26s} {median(flights, 'reward'):9.3f} {100 * median(flights, 'rmse_m'):8.1f} cm {failed:8d}")
+        print(
+            f"{controller:26s} {median(flights, 'reward'):9.3f} {100 * median(flights, 'rmse_m'):8.1f} cm {failed:8d}"
+        )
 
 
 if __name__ == "__main__":
