@@ -27,7 +27,7 @@ from crazyflie_gym.spaces import STATE_FIELDS
 from crazyflie_gym.training import LAB, OBSERVED, Config
 
 FLOWN = {"effects": LAB, "task_options": {"start_radius_m": 0.8, "start_yaw_deg": 20.0}}
-CONFIG = Config(iterations=80, epochs=2, learning_rate=3e-3)
+CONFIG = Config(iterations=70, epochs=2, learning_rate=3e-3)
 
 
 class Flights(NamedTuple):

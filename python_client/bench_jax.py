@@ -15,6 +15,7 @@ import json
 import os
 import statistics
 import subprocess
+import tempfile
 import time
 
 import gymnasium as gym
@@ -121,7 +122,7 @@ def compare(label, kwargs, envs, ticks, repeats, bandwidth):
 
 
 # as the attitude part of its `benchmark/main.py` flies it: first principles, 500 Hz, one call for each step
-CROWD = """
+CRAZYFLOW = """
 import json, sys, time
 from importlib.metadata import version
 import jax, jax.numpy as jnp
@@ -149,7 +150,10 @@ def crazyflow(python, envs, steps):
     if python is None:
         print("crazyflow is left out; --crazyflow ENV/bin/python flies it where `pip install crazyflow` was run")
         return
-    done = subprocess.run([python, "-c", CROWD, str(envs), str(steps)], capture_output=True, text=True)
+    # MuJoCo leaves a log where it runs
+    with tempfile.TemporaryDirectory() as folder:
+        command = [os.path.abspath(python), "-c", CRAZYFLOW, str(envs), str(steps)]
+        done = subprocess.run(command, capture_output=True, text=True, cwd=folder)
     if done.returncode:
         print(f"crazyflow did not run: {done.stderr.strip().splitlines()[-1]}")
         return
