@@ -44,6 +44,7 @@ bench: $(VENV)/.bench
 	$(CARGO) bench -p crazyflie-env
 	$(BIN)/python python_client/bench.py
 	$(BIN)/python python_client/bench_training.py
+	$(BIN)/python python_client/bench_jax.py
 	$(BIN)/python python_client/bench_remote.py
 	$(BIN)/python python_client/bench_cflib.py
 
