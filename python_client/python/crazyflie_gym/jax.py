@@ -226,8 +226,6 @@ def make_core(
     except ImportError as error:
         raise ImportError('crazyflie_gym.jax needs JAX: pip install "crazyflie-gym[jax]"') from error
     task = _task(id)
-    text = to_json(
-        task=task, threads=threads, max_episode_steps=episode_steps(task, max_episode_steps), **options
-    )
+    text = to_json(task=task, threads=threads, max_episode_steps=episode_steps(task, max_episode_steps), **options)
     models = [model_text() if text is None else text for text, _ in model_sources(model)]
     return Core(JaxCore(num_envs, text, models))
