@@ -158,7 +158,7 @@ def test_gradients_are_those_of_differences():
         _, state = env.begin(words, numbers, params)
 
         def tick(state, action):
-            observation, state, reward, _, _ = env.step_env(None, state, action, params)
+            _, state, reward, _, _ = env.step_env(None, state, action, params)
             return state, reward
 
         state, rewards = jax.lax.scan(tick, state, rows)

@@ -266,9 +266,7 @@ def datasheet_model(text: str) -> str: ...
 def cli(argv: list[str]) -> int: ...
 def double_flight(
     options: str, models: list[str], seed: int, actions: NDArray[np.float64]
-) -> tuple[
-    NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], NDArray[np.float64]
-]:
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], NDArray[np.float64]]:
     """Fly the first episode of a seed in double precision, without a reset at its end.
 
     Returns:

@@ -187,7 +187,8 @@ class Core:
         lead = self._lead
         shapes = [((), jnp.int32), ((*lead, self._batch.width), jnp.float32), (lead, jnp.float32)]
         shapes += [(lead, jnp.bool_)] * 2
-        call = jax.ffi.ffi_call(_TARGET, [jax.ShapeDtypeStruct(*each) for each in shapes], has_side_effect=True)
+        structure: Any = jax.ShapeDtypeStruct
+        call = jax.ffi.ffi_call(_TARGET, [structure(*each) for each in shapes], has_side_effect=True)
         results = call(count, actions, handle=np.int64(self._batch.handle))
         return tuple(results)  # type: ignore[return-value]
 
