@@ -1,5 +1,6 @@
 """Recorded environments against the simulator itself, their gradients, and what they say of mistakes."""
 
+import functools
 import json
 import subprocess
 import sys
@@ -19,6 +20,8 @@ jaxenv = pytest.importorskip("crazyflie_gym.jax")
 THESIS = crazyflie_gym.model_text()
 EFFECTS = {effect["name"]: effect for effect in crazyflie_gym.effects()}
 TASKS = {task["name"]: task for task in crazyflie_gym.tasks()}
+# most of the time of these tests goes to compiling
+QUICK = {"xla_backend_optimization_level": 0}
 COUNTS = {"columns", "rows"}
 SEED = 5
 
@@ -56,7 +59,7 @@ def fly(env, rows, params=None):
         return state, (observation, reward, info["terminated"], env.true_state(state))
 
     # one program: to compile the first moment operation by operation takes longer than all the rest
-    @jax.jit
+    @functools.partial(jax.jit, compiler_options=QUICK)
     def flight(rows):
         first, state = env.begin(words, numbers, params)
         return first, jax.lax.scan(tick, state, rows)[1]
@@ -136,20 +139,23 @@ def test_single_precision_agrees_with_the_lanes():
 
 
 def test_noise_is_the_same_to_the_last_bit():
-    """Of an effect that is nothing but noise the readings are equal, not near: the words are those of the core."""
-    effects = {"packet_loss": {"probability": 0.5}, "camera_outliers": {"probability": 0.3, "xy_m": 0.5}}
+    """A draw is a word's upper 23 bits: were one of them another, the marker's noise would differ by more than this."""
+    sigma_m = 0.1
+    effects = {"camera_noise": sigma_m}
     env = jaxenv.make("hover", effects=effects, seed=SEED, starts=1, dtype="float64")
     rows = actions(400)
     ours, theirs = fly(env, rows), core(rows, effects=effects)
-    outliers = np.abs(np.diff(theirs[0][:, 0])) > 0.1
-    assert outliers.sum() > 20
-    np.testing.assert_array_equal(np.abs(np.diff(ours[0][:, 0])) > 0.1, outliers)
+    noise_m = theirs[0][1:, 0] - theirs[3][:, 0]
+    assert np.std(noise_m) > 0.5 * sigma_m
+    assert np.max(np.abs(ours[0][:, :2] - theirs[0][:, :2])) < sigma_m * 2.0**-24
 
 
 def test_gradients_are_those_of_differences():
     """Of every parameter of every effect, on where the vehicle is at the end of half a second."""
-    smooth = [name for name, effect in EFFECTS.items() if name not in {"markers", "camera_fov", "camera_flip"}]
-    effects = {name: lively(EFFECTS[name]) for name in smooth}
+    # what is sensed moves nothing here
+    sensed = ("camera", "markers", "lens", "frame", "imu", "gyro")
+    effects = {name: lively(effect) for name, effect in EFFECTS.items() if not name.startswith(sensed)}
+    assert len(effects) > 30
     env = jaxenv.make("hover", effects=effects, seed=SEED, starts=1, dtype="float64", physics_hz=50)
     words, numbers = first_start(env)
     rows = jnp.asarray(actions(25))
@@ -166,10 +172,10 @@ def test_gradients_are_those_of_differences():
         return true["pos_m"].sum() + 0.3 * true["att_rad"].sum() + rewards.sum()
 
     params = jax.tree.map(jnp.float64, env.default_params)
-    gradient = jax.jit(jax.grad(end))(params)
+    gradient = jax.jit(jax.grad(end), compiler_options=QUICK)(params)
     assert all(np.isfinite(leaf) for leaf in jax.tree.leaves(gradient))
     leaves, shape = jax.tree.flatten(params)
-    values = jax.jit(jax.vmap(lambda *leaves: end(jax.tree.unflatten(shape, leaves))))
+    values = jax.jit(jax.vmap(lambda *leaves: end(jax.tree.unflatten(shape, leaves))), compiler_options=QUICK)
     steps = np.array([1e-6 * max(abs(float(leaf)), 1e-2) for leaf in leaves])
     base = np.array([float(leaf) for leaf in leaves])
     moved = np.concatenate([base + np.diag(steps), base - np.diag(steps)])
@@ -297,9 +303,10 @@ mine = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(mine)
 import jax, jax.numpy as jnp
 env = mine.Environment()
-observation, state = env.reset(jax.random.key(0), num_envs=5)
+observation, state = jax.jit(lambda key: env.reset(key, num_envs=5))(jax.random.key(0))
+step = jax.jit(env.step)
 for _ in range(3):
-    observation, state, reward, done, info = jax.jit(env.step)(jax.random.key(1), state, jnp.zeros((5, 4, 4))[:, :3])
+    observation, state, reward, done, info = step(jax.random.key(1), state, jnp.zeros((5, 3, 4)))
 print(observation.shape, reward.shape, done.shape)
 """
 
@@ -307,7 +314,7 @@ print(observation.shape, reward.shape, done.shape)
 def test_an_exported_module_needs_this_package_no_more(tmp_path):
     target = tmp_path / "swap.py"
     words = ["export", "--jax", str(target), "--task", "swap", "--drones", "3", "--effects", "gust.sigma_mps2=0.5"]
-    said = subprocess.run([sys.executable, "-m", "crazyflie_cli", *words, "--json"], capture_output=True, text=True)
+    said = subprocess.run([sys.executable, "-m", "crazyflie_gym", *words, "--json"], capture_output=True, text=True)
     assert said.returncode == 0, said.stderr
     summary = json.loads(said.stdout)
     assert summary["drones"] == 3 and summary["operations"] > 500
