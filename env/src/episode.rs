@@ -11,7 +11,7 @@ use crate::world::{Tick, World};
 
 /// What a task says of a tick.
 #[derive(Clone, Copy)]
-pub(crate) struct Judged<R: Scalar> {
+pub(crate) struct TickVerdict<R: Scalar> {
     pub(crate) setpoint: Setpoint<R>,
     /// What is measured.
     pub(crate) row: [R; OBSERVATION],
@@ -40,7 +40,7 @@ pub(crate) fn judge_tick<R: SimScalar, T: Task>(
     goal: &mut [R; GOAL],
     board: &[R],
     result: &TickResult<'_, R>,
-) -> Judged<R> {
+) -> TickVerdict<R> {
     let TickResult { tile, action, last_action, tick } = *result;
     let now_s = world.time_s(tile);
     let x = world.state(tile);
@@ -56,7 +56,7 @@ pub(crate) fn judge_tick<R: SimScalar, T: Task>(
         outcome.reward - R::select(broken, R::from_f64(T::CRASH_COST), R::zero())
     };
     let row = observe(&tick.reading, now_s, &setpoint, action);
-    Judged { setpoint, row, reward, arrived: outcome.arrived, ends: outcome.ends, broken, now_s }
+    TickVerdict { setpoint, row, reward, arrived: outcome.arrived, ends: outcome.ends, broken, now_s }
 }
 
 /// What is measured as episodes begin; may move the goal on.

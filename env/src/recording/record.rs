@@ -31,7 +31,7 @@ fn flight<'a, R: SimScalar, T: Task>(
 }
 
 /// Shows all numbers: each drone's under its own names, then those of the environment.
-fn show_numbers<R: SimScalar>(flight: &mut dyn Flight<R>, ledger: &mut dyn Prefixed<R>) {
+fn show_numbers<R: SimScalar>(flight: &mut dyn Flight<R>, ledger: &mut dyn DroneLedger<R>) {
     let several = flight.drones().len() > 1;
     for (place, drone) in flight.drones().iter_mut().enumerate() {
         ledger.begin(if several { format!("drone{place}_") } else { String::new() });
@@ -42,19 +42,19 @@ fn show_numbers<R: SimScalar>(flight: &mut dyn Flight<R>, ledger: &mut dyn Prefi
 }
 
 /// A ledger that names drones apart.
-trait Prefixed<R> {
+trait DroneLedger<R> {
     fn begin(&mut self, prefix: String);
     fn ledger(&mut self) -> &mut dyn Ledger<R>;
 }
 
-impl Prefixed<Symbol> for Loader<'_> {
+impl DroneLedger<Symbol> for Loader<'_> {
     fn begin(&mut self, _: String) {}
     fn ledger(&mut self) -> &mut dyn Ledger<Symbol> {
         self
     }
 }
 
-impl Prefixed<Symbol> for Notes {
+impl DroneLedger<Symbol> for Notes {
     fn begin(&mut self, prefix: String) {
         self.prefix = prefix;
     }

@@ -168,10 +168,10 @@ impl<'a, R: SimScalar, T: Task> SwarmFlight<'a, R, T> {
     fn end(
         &mut self,
         own: usize,
-        seen: &Seen<'_, R>,
+        seen: &DroneTickView<'_, R>,
         (setpoint, outcome): &(Setpoint<R>, Outcome<R>),
     ) -> Result<(DroneTick<R>, R)> {
-        let Seen { scene, hits, action, tick } = *seen;
+        let DroneTickView { scene, hits, action, tick } = *seen;
         let flies = self.flies[own].gt(R::zero());
         let (world, last_action) = (&self.drones[own].world, self.drones[own].last_action);
         let (x, now_s) = (world.state(0), world.time_s(0));
@@ -205,7 +205,7 @@ impl<'a, R: SimScalar, T: Task> SwarmFlight<'a, R, T> {
 }
 
 /// What happened in a tick.
-struct Seen<'a, R: Scalar> {
+struct DroneTickView<'a, R: Scalar> {
     scene: &'a [Neighbour<R>],
     hits: &'a [R::Mask],
     action: &'a [R; ACTION],
@@ -271,7 +271,7 @@ impl<R: SimScalar, T: Task> Flight<R> for SwarmFlight<'_, R, T> {
             (0..scene.len()).map(|own| self.judge(own, &scene, &actions[own], &ticks[own])).collect();
         let (mut results, mut flies) = (Vec::new(), Vec::new());
         for (own, outcome) in outcomes.iter().enumerate() {
-            let seen = Seen { scene: &scene, hits: &hits, action: &actions[own], tick: &ticks[own] };
+            let seen = DroneTickView { scene: &scene, hits: &hits, action: &actions[own], tick: &ticks[own] };
             let (result, on) = self.end(own, &seen, outcome)?;
             results.push(result);
             flies.push(on);

@@ -13,7 +13,7 @@ use super::{BatchConfig, Shard, ShardSpec};
 use crate::action::Onboard;
 use crate::archive::Archive;
 use crate::config::Autoreset;
-use crate::episode::{Judged, TickResult, first_row, judge_tick, lift_before};
+use crate::episode::{TickResult, TickVerdict, first_row, judge_tick, lift_before};
 use crate::error::Result;
 use crate::expression::Moment;
 use crate::lanes::LANES;
@@ -359,7 +359,7 @@ impl<R: BatchScalar, T: Task> UncoupledShard<R, T> {
         let size = self.begun.len();
         let board = &self.boards[tile * size..(tile + 1) * size];
         let result = TickResult { tile, action, last_action: &slot.last_action, tick };
-        let Judged { setpoint, row, mut reward, arrived, mut ends, broken, now_s } =
+        let TickVerdict { setpoint, row, mut reward, arrived, mut ends, broken, now_s } =
             judge_tick(&self.task, &self.world, &mut slot.goal, board, &result);
         let x = self.world.state(tile);
         let over = now_s.gt(params.last_s);
