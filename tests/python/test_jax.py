@@ -14,7 +14,6 @@ from crazyflie_gym._native import double_flight
 from crazyflie_gym.make_backend import episode_steps
 
 jax = pytest.importorskip("jax", exc_type=ImportError)
-jax.config.update("jax_enable_x64", True)
 jnp = jax.numpy
 jaxenv = pytest.importorskip("crazyflie_gym.jax")
 
@@ -25,6 +24,14 @@ TASKS = {task["name"]: task for task in crazyflie_gym.tasks()}
 QUICK = {"xla_backend_optimization_level": 0}
 COUNTS = {"columns", "rows"}
 SEED = 5
+
+
+@pytest.fixture(autouse=True)
+def double_precision():
+    """The other tests of the process go on as they were."""
+    jax.config.update("jax_enable_x64", True)
+    yield
+    jax.config.update("jax_enable_x64", False)
 
 
 def lively(effect):

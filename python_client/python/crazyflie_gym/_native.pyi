@@ -25,6 +25,7 @@ __all__ = [
     "Controller",
     "Crowd",
     "Interface",
+    "JaxCore",
     "Pid",
     "Remote",
     "Sim",
@@ -34,9 +35,12 @@ __all__ = [
     "cli",
     "controllers",
     "datasheet_model",
+    "double_flight",
     "effects",
     "expression_fields",
     "expression_functions",
+    "jax_module",
+    "jax_step_target",
     "loop_plots",
     "loop_report",
     "metrics",
@@ -274,17 +278,35 @@ def double_flight(
         drone by drone.
     """
 
+@final
 class JaxCore:
     """A batch of environments that compiled JAX programs step; see `crazyflie_gym.jax.make_core`."""
 
-    handle: int
-    num_envs: int
-    num_drones: int
-    width: int
-    has_drone_axis: bool
-    tick_s: float
+    def __new__(cls, num_envs: int, options: str, models: list[str]) -> JaxCore: ...
+    @property
+    def handle(self) -> int:
+        """What compiled programs know it by."""
 
-    def __init__(self, num_envs: int, options: str, models: list[str]) -> None: ...
+    @property
+    def num_envs(self) -> int:
+        """Environments in the batch."""
+
+    @property
+    def num_drones(self) -> int:
+        """Drones in each environment."""
+
+    @property
+    def width(self) -> int:
+        """Numbers in a drone's observation."""
+
+    @property
+    def has_drone_axis(self) -> bool:
+        """Whether the task has several drones, so that arrays have an axis of drones."""
+
+    @property
+    def tick_s(self) -> float:
+        """Seconds per step."""
+
     def reset(self, seeds: list[int]) -> NDArray[np.float32]:
         """Begin an episode of each seed; the observations, flat."""
 
