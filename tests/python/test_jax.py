@@ -399,3 +399,22 @@ def test_the_core_says_what_is_wrong_within_a_program():
     assert int(count) == 1
     with pytest.raises(ValueError, match="effect"):
         jaxenv.make_core("hover", effects={"gusts": 1})
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_the_flight_in_double_precision_is_that_of_the_batch(name):
+    """What programs are recorded from steps an environment by itself: the batch must do the same, in `float32`."""
+    drones = TASKS[name]["drones"]
+    rows = actions(100, drones)
+    sim = crazyflie_gym.Sim(1, json.dumps({"task": name, "autoreset": "disabled"}), [THESIS])
+    observations, rewards, ends, states = core(rows, id=name)
+    np.testing.assert_allclose(sim.reset(np.array([SEED], np.uint64))[0], observations[0], atol=1e-5)
+    for tick, row in enumerate(rows.astype(np.float32)):
+        observation, reward, terminated, _, _ = sim.step(row[None])
+        np.testing.assert_array_equal(np.ravel(terminated[0]), np.ravel(ends[tick]), err_msg=f"{tick}")
+        np.testing.assert_allclose(sim.states()[0], states[tick], atol=2e-4, err_msg=f"{tick}")
+        np.testing.assert_allclose(observation[0], observations[tick + 1], atol=2e-2, err_msg=f"{tick}")
+        np.testing.assert_allclose(reward[0], rewards[tick], atol=2e-4, err_msg=f"{tick}")
+        if np.any(terminated):
+            break
+    assert tick > 20
