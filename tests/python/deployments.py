@@ -79,14 +79,14 @@ class Vehicle:
         return subprocess.Popen(self.command(*options), text=True, env=env, cwd=self.folder, **kwargs)
 
     def fly(self, *options):
-        return Flown(self.start(*options))
+        return FlightOutcome(self.start(*options))
 
     def rows(self):
         with open(self.log, newline="") as file:
             return [{name: float(cell) for name, cell in row.items() if cell} for row in csv.DictReader(file)]
 
 
-class Flown:
+class FlightOutcome:
     """How a flight ended."""
 
     def __init__(self, process, timeout=60):

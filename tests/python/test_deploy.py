@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from crazyflies import PROGRAM
-from deployments import GOAL, OWN, SPEED, THERE, Flown, free_port, simulated, wait
+from deployments import GOAL, OWN, SPEED, THERE, FlightOutcome, free_port, simulated, wait
 
 pytest_plugins = ["deployments"]
 
@@ -116,7 +116,7 @@ def test_motion_capture_is_flown_by_and_its_end_is_a_landing(tmp_path):
         wait(lambda: max(row[3] for row in vehicle.truth.seen[count:] or [(0, 0, 0, 0)]) > 0.45)
         time.sleep(4 / SPEED)
         vehicle.truth.forward = None
-        summary = Flown(process)
+        summary = FlightOutcome(process)
         assert summary.code == 1 and summary.summary["reason"] == "stale", summary.told
         assert summary.summary["levelled"] >= 3
         time.sleep(2 / SPEED)

@@ -11,7 +11,7 @@ import time
 
 import pytest
 
-from deployments import GOAL, OWN, SPEED, THERE, Flown, simulated, wait
+from deployments import GOAL, OWN, SPEED, THERE, FlightOutcome, simulated, wait
 
 pytest_plugins = ["deployments"]
 
@@ -33,7 +33,7 @@ def test_a_key_lands_and_a_second_one_stops(vehicle, how, presses):
     if presses == 2:
         wait(lambda: vehicle.truth.place[2] < 0.42)
         press(process)
-    summary = Flown(process).ended("key", 0, landed=presses == 1)
+    summary = FlightOutcome(process).ended("key", 0, landed=presses == 1)
     assert ("stopped" in summary) is (presses == 2)
     wait(lambda: vehicle.truth.place[2] < 0.03)
     heights = [row[3] for row in vehicle.truth.seen]
@@ -82,7 +82,7 @@ def test_a_vehicle_that_is_gone_ends_the_flight_with_an_error(vehicle):
     time.sleep(4 / SPEED)
     vehicle.process.kill()
     vehicle.process.wait()
-    flown = Flown(process)
+    flown = FlightOutcome(process)
     flown.ended("stale", 1, landed=False)
     rows = vehicle.rows()
     assert len(rows) > 200 and rows[-1]["marker_z_m"] > 0.3

@@ -22,7 +22,7 @@ def test_a_flight_does_not_depend_on_how_seeds_are_split():
 
 
 def test_figures_are_those_of_a_flight():
-    """Flown once more by Gymnasium's single environment, and counted by hand."""
+    """FlightOutcome once more by Gymnasium's single environment, and counted by hand."""
     flight = fly(Work.of(SCENARIO, "thesis-pid", 5, 1))[0]
     env = gym.make("Crazyflie-v0", vertical="pwm", effects=SCENARIO.effects, true_state=True, max_episode_steps=-1)
     pid = env.unwrapped.pid()

@@ -61,8 +61,6 @@ pub struct Recording {
     pub fork: Program,
     /// The starts that were drawn.
     pub starts: Vec<EpisodeStart>,
-    /// What actions are mapped to, for each drone.
-    pub interfaces: Vec<Interface>,
 }
 
 /// How an episode starts.

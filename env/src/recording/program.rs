@@ -82,11 +82,16 @@ impl Ledger<Symbol> for Loader<'_> {
     }
 }
 
+/// The true state is there whether anything depends on it or not, and who flies.
+const SHOWN: [&str; 5] = ["pos_m", "vel_mps", "att_rad", "rate_radps", "flies"];
+
 /// Notes the numbers that a flight goes on from.
 #[derive(Default)]
 pub(super) struct Notes {
     pub(super) fields: Vec<StateField>,
     pub(super) numbers: Vec<Id>,
+    /// Numbers that are there whether anything depends on them or not, see [`SHOWN`].
+    pub(super) shown: Vec<bool>,
     /// Put before every name.
     pub(super) prefix: String,
 }
@@ -98,6 +103,7 @@ impl Ledger<Symbol> for Notes {
         }
         self.fields.push(StateField { name: format!("{}{name}", self.prefix), length: numbers.len() });
         self.numbers.extend(numbers.iter().map(|number| number.id()));
+        self.shown.extend(numbers.iter().map(|_| SHOWN.contains(&name)));
     }
 }
 
@@ -165,7 +171,7 @@ impl Program {
         self.state.retain(|_| flags.next().copied().unwrap_or(false));
     }
 
-    /// Nodes in order, each with its place, that results and state are made of.
+    /// Marks the nodes that results and state are made of.
     pub fn live_nodes(&self) -> Vec<bool> {
         self.live(self.results().into_iter().chain(self.state.iter().copied()))
     }

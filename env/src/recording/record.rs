@@ -4,7 +4,7 @@ use super::flight::{Flight, Plan};
 use super::program::{Loader, Notes, Tape, Verdict, kept_fields};
 use super::several::{self, SwarmFlight};
 use super::single::{self, SingleFlight};
-use super::{DoubleFlight, EpisodeStart, Input, ParameterGroup, Program, Recorder, Recording, StateField};
+use super::{DoubleFlight, EpisodeStart, Input, ParameterGroup, Program, Recorder, Recording};
 use crate::archive::Ledger;
 use crate::coupling::NEIGHBOUR_FIELDS;
 use crate::error::Result;
@@ -14,9 +14,6 @@ use crate::scalar::{Scalar, Word};
 use crate::sim_scalar::SimScalar;
 use crate::symbol::{Symbol, SymbolWord, enter, record};
 use crate::task::Task;
-
-/// The true state is there whether anything depends on it or not, and who flies.
-const SHOWN: [&str; 5] = ["pos_m", "vel_mps", "att_rad", "rate_radps", "flies"];
 
 fn flight<'a, R: SimScalar, T: Task>(
     plan: Plan<'a>,
@@ -103,9 +100,7 @@ impl Recorder<'_> {
         let numbers = starts.first().map_or(0, |start| start.numbers.len());
         let mut begin = self.record_begin(task, drones, numbers)?;
         let (mut tick, state, parameters) = self.record_tick(task, drones)?;
-        let is_shown = |f: &StateField| SHOWN.iter().any(|name| f.name.ends_with(name));
-        let shown = state.iter().flat_map(|f| vec![is_shown(f); f.length]).collect();
-        let needed = tick.needed(shown);
+        let needed = tick.needed(state.shown);
         tick.keep(&needed);
         begin.keep(&needed);
         Ok(Recording {
@@ -113,13 +108,12 @@ impl Recorder<'_> {
             tick_s: self.tick_s,
             drones,
             parameters,
-            state: kept_fields(&state, &needed),
+            state: kept_fields(&state.fields, &needed),
             observation: self.observation_fields::<T>(drones)?,
             begin,
             tick,
             fork: super::record_fork()?,
             starts,
-            interfaces: self.interfaces.to_vec(),
         })
     }
 
@@ -161,11 +155,7 @@ impl Recorder<'_> {
         })
     }
 
-    fn record_tick<T: Task>(
-        &self,
-        task: &T,
-        drones: usize,
-    ) -> Result<(Program, Vec<StateField>, Vec<ParameterGroup>)> {
+    fn record_tick<T: Task>(&self, task: &T, drones: usize) -> Result<(Program, Notes, Vec<ParameterGroup>)> {
         let mut tape = Tape::default();
         let ((notes, groups, words, results), graph) = record(|| {
             let mut flight = flight::<Symbol, T>(self.plan(), task, drones)?;
@@ -189,7 +179,7 @@ impl Recorder<'_> {
         let program = Program {
             graph,
             inputs: tape.inputs,
-            state: notes.numbers,
+            state: notes.numbers.clone(),
             ticks: words,
             observations: results.iter().map(|result| ids(&result.observation)).collect(),
             verdicts: results
@@ -201,7 +191,7 @@ impl Recorder<'_> {
                 })
                 .collect(),
         };
-        Ok((program, notes.fields, groups))
+        Ok((program, notes, groups))
     }
 
     /// Flies the episode of a seed in double precision, with the effects' own values; it is not reset at its end.

@@ -157,9 +157,9 @@ fn check(options: &Options, ticks: usize) {
 
 /// Parameters that are felt, and moderate.
 fn lively(entry: &crate::effects::Entry) -> String {
-    let value = |p: &crate::effects::Param| match p.name {
-        "columns" | "rows" => 2.0,
-        _ => p.off + 0.2 * if p.high > p.off { p.high - p.off } else { p.low - p.off },
+    let value = |p: &crate::effects::Param| {
+        let far = if p.high > p.off { p.high } else { p.low };
+        if p.counts { 2.0 } else { p.off + 0.2 * (far - p.off) }
     };
     let params: Vec<String> = entry.params.iter().map(|p| format!("\"{}\": {}", p.name, value(p))).collect();
     format!("\"{}\": {{{}}}", entry.name, params.join(", "))
@@ -219,4 +219,17 @@ fn what_cannot_be_recorded_is_named() {
         let error = record_environment(&[Model::thesis()], &parsed(text), (0, 1)).unwrap_err().to_string();
         assert!(error.contains(word), "{text} gave: {error}");
     }
+}
+
+#[test]
+fn a_state_holds_only_what_a_flight_goes_on_from() {
+    let names = |text: &str| -> Vec<String> {
+        let recording = record_environment(&[Model::thesis()], &parsed(text), (0, 1)).unwrap();
+        recording.state.into_iter().map(|field| field.name).collect()
+    };
+    // no camera: no fix of it
+    let plain = ["pos_m", "vel_mps", "att_rad", "rate_radps", "lag", "ticks", "last_action", "goal"];
+    assert_eq!(names("{}"), plain);
+    let fixed = names(r#"{"effects": {"camera": 1}}"#);
+    assert!(fixed.contains(&"fix_pos_m".to_owned()), "{fixed:?}");
 }

@@ -152,10 +152,10 @@ impl Graph {
         if let Some(id) = self.simplify(node) {
             return id;
         }
-        self.put(node)
+        self.intern(node)
     }
 
-    fn put(&mut self, node: Node) -> Id {
+    fn intern(&mut self, node: Node) -> Id {
         if let Some(id) = self.known.get(&node) {
             return *id;
         }
@@ -166,8 +166,8 @@ impl Graph {
         id
     }
 
-    fn put_number(&mut self, value: f64) -> Id {
-        self.put(Node::Number(value.to_bits()))
+    fn intern_number(&mut self, value: f64) -> Id {
+        self.intern(Node::Number(value.to_bits()))
     }
 
     fn simplify(&mut self, node: Node) -> Option<Id> {
@@ -176,7 +176,7 @@ impl Graph {
             Node::Binary(operation, a, b) => self.simplify_binary(operation, a, b),
             Node::Shift(word, bits) => {
                 let word = self.word(word)?;
-                Some(self.put(Node::Word(Word::shr(word, bits))))
+                Some(self.intern(Node::Word(Word::shr(word, bits))))
             }
             Node::Select(mask, yes, no) => match self.flag(mask) {
                 Some(true) => Some(yes),
@@ -185,7 +185,7 @@ impl Graph {
             },
             Node::Call(call, a) => {
                 let a = self.number(a)?;
-                Some(self.put_number(call.value(a)))
+                Some(self.intern_number(call.value(a)))
             }
             _ => None,
         }
@@ -193,7 +193,7 @@ impl Graph {
 
     fn simplify_unary(&mut self, operation: Unary, a: Id) -> Option<Id> {
         if let (Unary::Not, Some(on)) = (operation, self.flag(a)) {
-            return Some(self.put(Node::Flag(!on)));
+            return Some(self.intern(Node::Flag(!on)));
         }
         if let Node::Unary(Unary::Neg | Unary::Not, inner) = self.nodes[a as usize]
             && self.nodes[a as usize] == Node::Unary(operation, inner)
@@ -201,7 +201,7 @@ impl Graph {
             return Some(inner);
         }
         if let (Unary::Unit, Some(word)) = (operation, self.word(a)) {
-            return Some(self.put_number(f64::unit(word)));
+            return Some(self.intern_number(f64::unit(word)));
         }
         let a = self.number(a)?;
         let value = match operation {
@@ -213,7 +213,7 @@ impl Graph {
             Unary::Exponent => a.split_exponent().1,
             Unary::Not | Unary::Unit => return None,
         };
-        Some(self.put_number(value))
+        Some(self.intern_number(value))
     }
 
     fn simplify_binary(&mut self, operation: Binary, a: Id, b: Id) -> Option<Id> {
@@ -221,14 +221,14 @@ impl Graph {
             Binary::BitAnd | Binary::BitOr => self.simplify_logic(operation, a, b),
             Binary::BitXor | Binary::WordAdd | Binary::WordMul => {
                 let (a, b) = (self.word(a)?, self.word(b)?);
-                Some(self.put(Node::Word(match operation {
+                Some(self.intern(Node::Word(match operation {
                     Binary::BitXor => a ^ b,
                     Binary::WordAdd => Word::add(a, b),
                     _ => Word::mul(a, b),
                 })))
             }
             _ => match (self.number(a), self.number(b)) {
-                (Some(x), Some(y)) => Some(self.put_value(operation, x, y)),
+                (Some(x), Some(y)) => Some(self.fold(operation, x, y)),
                 known => self.simplify_neutral(operation, [a, b], known),
             },
         }
@@ -257,24 +257,24 @@ impl Graph {
                 Some(a)
             }
             (Binary::Mul, (Some(0.0), _) | (_, Some(0.0))) | (Binary::Div, (Some(0.0), _)) => {
-                Some(self.put_number(0.0))
+                Some(self.intern_number(0.0))
             }
             (Binary::Sub, (Some(0.0), _)) => Some(self.add(Node::Unary(Unary::Neg, b))),
             (Binary::Mul, (Some(-1.0), _)) => Some(self.add(Node::Unary(Unary::Neg, b))),
             (Binary::Mul, (_, Some(-1.0))) => Some(self.add(Node::Unary(Unary::Neg, a))),
-            (Binary::Sub, _) if a == b => Some(self.put_number(0.0)),
+            (Binary::Sub, _) if a == b => Some(self.intern_number(0.0)),
             (Binary::Min | Binary::Max, _) if a == b => Some(a),
-            (Binary::Less, _) if a == b => Some(self.put(Node::Flag(false))),
-            (Binary::AtMost, _) if a == b => Some(self.put(Node::Flag(true))),
+            (Binary::Less, _) if a == b => Some(self.intern(Node::Flag(false))),
+            (Binary::AtMost, _) if a == b => Some(self.intern(Node::Flag(true))),
             _ => None,
         }
     }
 
     /// An operation on two constants.
-    fn put_value(&mut self, operation: Binary, x: f64, y: f64) -> Id {
+    fn fold(&mut self, operation: Binary, x: f64, y: f64) -> Id {
         let value = match operation {
-            Binary::Less => return self.put(Node::Flag(x < y)),
-            Binary::AtMost => return self.put(Node::Flag(x <= y)),
+            Binary::Less => return self.intern(Node::Flag(x < y)),
+            Binary::AtMost => return self.intern(Node::Flag(x <= y)),
             Binary::Add => x + y,
             Binary::Sub => x - y,
             Binary::Mul => x * y,
@@ -283,7 +283,7 @@ impl Graph {
             Binary::Max => Scalar::max(x, y),
             _ => x.scale_exponent(y),
         };
-        self.put_number(value)
+        self.intern_number(value)
     }
 }
 

@@ -74,7 +74,7 @@ impl Symbol {
     pub fn id(self) -> Id {
         self.0
     }
-    /// Keeps the derivatives of what `name` does, beyond those of its formula.
+    /// An elementary function of a number.
     fn call(call: Call, argument: Self) -> Self {
         Symbol(node(Node::Call(call, argument.0)))
     }

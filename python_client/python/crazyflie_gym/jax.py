@@ -20,9 +20,9 @@ import types
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from crazyflie_gym._native import JaxCore, jax_module, jax_step_target, model_text, tasks
-from crazyflie_gym.make_backend import episode_steps
-from crazyflie_gym.options import Model, model_sources, to_json
+from crazyflie_gym._native import JaxCore, jax_module, jax_step_target, tasks
+from crazyflie_gym.make_backend import checked_sources, episode_steps, native_texts
+from crazyflie_gym.options import Model, to_json
 from crazyflie_gym.spaces import Choice
 
 # options of `gymnasium.make` that a recorded environment does not have
@@ -108,8 +108,7 @@ def make(
         reward=reward if isinstance(reward, str) else None,
         termination=termination,
     )
-    models = tuple(model_text() if text is None else text for text, _ in model_sources(model))
-    module = _module(options, models, seed, starts)
+    module = _module(options, tuple(native_texts(checked_sources(model))), seed, starts)
     env = module.Environment(
         reward=reward if callable(reward) else None,
         observation=observation if callable(observation) else None,
@@ -228,5 +227,4 @@ def make_core(
         raise ImportError('crazyflie_gym.jax needs JAX: pip install "crazyflie-gym[jax]"') from error
     task = _task(id)
     text = to_json(task=task, threads=threads, max_episode_steps=episode_steps(task, max_episode_steps), **options)
-    models = [model_text() if text is None else text for text, _ in model_sources(model)]
-    return Core(JaxCore(num_envs, text, models))
+    return Core(JaxCore(num_envs, text, native_texts(checked_sources(model))))

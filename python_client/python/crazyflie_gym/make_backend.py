@@ -55,13 +55,7 @@ def make_backend(
         TypeError: for a number of environments that is not an integer, and a model of a strange type.
         ConnectionError: if no server answers at `remote`.
     """
-    models = model_sources(model)
-    for text, name in models:
-        if text is not None:
-            try:
-                check_model(text)
-            except ValueError as error:
-                raise ValueError(f"{name}: {error}") from None
+    models = checked_sources(model)
     judgement, functions = split_judgement(reward, termination)
     options = to_json(
         **judgement,
@@ -84,7 +78,7 @@ def make_backend(
         wind_field=wind_field,
     )
     if remote is None:
-        texts = [model_text() if text is None else text for text, _ in models]
+        texts = native_texts(models)
         return CallbackSim(num_envs, options, texts, **functions) if functions else Sim(num_envs, options, texts)
     if functions:
         raise ValueError(f"{next(iter(functions))}: a server cannot call a function, expected an expression")
@@ -96,6 +90,27 @@ def make_backend(
     if len(models) > 1:
         raise ValueError(f"model: expected one for all drones where a server simulates, got {len(models)}")
     return remote_module.make(remote, remote_client, num_envs, options, models[0][0], states)
+
+
+def checked_sources(model: Model | Sequence[Model]) -> list[tuple[str | None, str]]:
+    """Return text and name of each model, as `model_sources`.
+
+    Raises:
+        ValueError: naming the file that is no model, and what is wrong in it.
+    """
+    models = model_sources(model)
+    for text, name in models:
+        if text is not None:
+            try:
+                check_model(text)
+            except ValueError as error:
+                raise ValueError(f"{name}: {error}") from None
+    return models
+
+
+def native_texts(models: Sequence[tuple[str | None, str]]) -> list[str]:
+    """Return the texts of models, the built-in one's among them."""
+    return [model_text() if text is None else text for text, _ in models]
 
 
 def episode_steps(task: str, max_episode_steps: int | None) -> int:
