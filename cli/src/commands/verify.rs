@@ -7,12 +7,15 @@ use indicatif::ProgressBar;
 use serde_json::json;
 
 use super::{Failure, Outcome, Table};
-use crazyflie_server::bench::{Bench, Verdict};
+use crazyflie_server::bench::{Bench, NewestRow, Verdict};
 
 const EXAMPLES: &str = "\
 Examples:
   crazyflie bench verify
-  crazyflie bench verify 0123456789abcdef0123456789abcdef --json";
+  crazyflie bench verify 0123456789abcdef0123456789abcdef --json
+  crazyflie bench verify --newest 412:9f2c...      # as /api/v1/key told earlier: was the end cut off since?
+
+A file without permission to write is opened as an archive: nothing in it changes.";
 
 /// Check signatures and actions of stored attempts, fly them again and compare bit by bit.
 #[derive(Debug, clap::Args)]
@@ -24,6 +27,9 @@ pub(super) struct Args {
     /// The benchmark's database
     #[arg(long, default_value_os_t = crazyflie_server::bench::default_path(), value_name = "FILE")]
     data: PathBuf,
+    /// A row that must be there: its number and SHA-256, from "newest" of /api/v1/key or of this command's --json
+    #[arg(long, value_name = "NUMBER:SHA256")]
+    newest: Option<NewestRow>,
     /// For machines
     #[arg(long)]
     json: bool,
@@ -40,10 +46,14 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         id => (vec![bench.verify(id)?], Vec::new()),
     };
     bar.finish_and_clear();
+    let is_cut = match &args.newest {
+        Some(noted) => !bench.has_row(noted)?,
+        None => false,
+    };
     if args.json {
         serde_json::to_writer_pretty(
             &mut *out,
-            &json!({"attempts": found, "missing": missing, "public_key": bench.public_key()}),
+            &json!({"attempts": found, "missing": missing, "public_key": bench.public_key(), "newest": bench.newest()?}),
         )?;
         writeln!(out)?;
     } else {
@@ -60,6 +70,12 @@ pub(super) fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         }
         write!(out, "{}", table.plain())?;
         missing.iter().try_for_each(|number| writeln!(out, "attempt number {number} is missing"))?;
+    }
+    if let Some(noted) = args.newest.as_ref().filter(|_| is_cut) {
+        return Err(Failure::Failed(format!(
+            "attempt number {} is not here as it was noted: rows were cut off or changed",
+            noted.number
+        )));
     }
     match found.iter().filter(|v| v.verdict == Verdict::Wrong).count() + missing.len() {
         0 => Ok(()),

@@ -1,5 +1,6 @@
 //! The program `crazyflie`, run as a user runs it, in one program: it links once.
 
+mod attacks;
 mod benchmark;
 mod common;
 mod contest;

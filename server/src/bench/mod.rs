@@ -11,6 +11,7 @@ pub(crate) mod fuzzed;
 mod leaderboard;
 mod metrics;
 mod mystery;
+mod names;
 mod record;
 mod replay;
 pub mod robustness;
@@ -32,13 +33,13 @@ use std::time::{SystemTime, UNIX_EPOCH};
 pub(crate) use attempt::Attempt;
 pub use baselines::{AttemptSpec, Entrant};
 pub use error::{Error, Result};
-pub use leaderboard::LeaderboardRow;
+pub use leaderboard::{FormerEntry, LeaderboardRow};
 pub use record::Document;
 pub use scenario::{PlannedPhase, Scenario};
 pub use sqlite::default_path;
 pub(crate) use teams::Submitter;
 pub use teams::TeamLimits;
-pub use verify::Verdict;
+pub use verify::{NewestRow, Verdict};
 
 use record::AttemptRow;
 use secrets::Secrets;
@@ -82,7 +83,9 @@ impl Bench {
         let scenarios = scenario::read_all(&secrets)?;
         let (store, running) = (Mutex::new(Box::new(store) as Box<dyn Store>), Mutex::default());
         let bench = Bench(Arc::new(Inner { store, secrets, scenarios, limits, running }));
-        bench.sweep()?;
+        if !bench.store().is_archive()? {
+            bench.sweep()?;
+        }
         Ok(bench)
     }
 

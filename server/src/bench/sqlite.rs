@@ -5,12 +5,12 @@
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use rusqlite::{Connection, OptionalExtension, Row, TransactionBehavior, params};
+use rusqlite::{Connection, OpenFlags, OptionalExtension, Row, TransactionBehavior, params};
 
 use super::error::{Error, Result};
 use super::record::AttemptRow;
 use super::secrets::{Bytes, Secrets, random};
-use super::store::{AttemptFilter, Store, StoredToken};
+use super::store::{AttemptFilter, Store, StoredToken, TeamAttempt};
 
 /// "crzf" as a number: whose database this is.
 const APPLICATION_ID: i64 = 0x6372_7a66;
@@ -69,9 +69,14 @@ pub(super) struct Sqlite {
 }
 
 impl Sqlite {
-    /// Opens the file, made and migrated as needed.
+    /// Opens the file, made and migrated as needed; one without permission to write as an archive, which does not
+    /// change.
     pub(super) fn open(path: &Path) -> Result<Sqlite> {
-        protect(path)?;
+        let is_archive = is_archive(path);
+        protect(path, is_archive)?;
+        if is_archive {
+            return Sqlite::open_archive(path);
+        }
         let mut db = Connection::open(path)?;
         db.busy_timeout(BUSY)?;
         let foreign = || Error::Foreign { path: path.to_owned() };
@@ -89,9 +94,28 @@ impl Sqlite {
         Ok(Sqlite { db })
     }
 
+    fn open_archive(path: &Path) -> Result<Sqlite> {
+        // "immutable": no lock and no log beside it, which would have to be written
+        let uri = format!("file:{}?immutable=1", path.display().to_string().replace('%', "%25").replace('?', "%3f").replace('#', "%23"));
+        let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_URI | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+        let db = Connection::open_with_flags(uri, flags)?;
+        let pragma = |name: &str| db.pragma_query_value(None, name, |row| row.get::<_, i64>(0));
+        let known = MIGRATIONS.len() as i64;
+        match (pragma("application_id")?, pragma("user_version")?) {
+            (APPLICATION_ID, found) if found > known => Err(Error::Newer { path: path.to_owned(), found, known }),
+            (APPLICATION_ID, _) => Ok(Sqlite { db }),
+            _ => Err(Error::Foreign { path: path.to_owned() }),
+        }
+    }
+
     /// The signing key and the secret, made on first use.
     pub(super) fn secrets(&mut self) -> Result<Secrets> {
-        let tx = self.db.transaction_with_behavior(TransactionBehavior::Immediate)?;
+        let behavior = if self.db.is_readonly(rusqlite::MAIN_DB)? {
+            TransactionBehavior::Deferred
+        } else {
+            TransactionBehavior::Immediate
+        };
+        let tx = self.db.transaction_with_behavior(behavior)?;
         let read = |name: &str| -> Result<Bytes> {
             let found: Option<Vec<u8>> = tx
                 .query_row("SELECT value FROM secrets WHERE name = ?1", [name], |row| row.get(0))
@@ -111,11 +135,16 @@ impl Sqlite {
     }
 }
 
+/// Whether nobody has the permission to write to the file.
+fn is_archive(path: &Path) -> bool {
+    path.metadata().is_ok_and(|file| file.permissions().readonly())
+}
+
 /// Makes the file for its owner alone, or sees to it that it is so.
-fn protect(path: &Path) -> Result<()> {
+fn protect(path: &Path, is_archive: bool) -> Result<()> {
     let failed = |problem| Error::File { path: path.to_owned(), problem };
     let mut options = std::fs::OpenOptions::new();
-    options.read(true).append(true).create(true);
+    options.read(true).append(!is_archive).create(!is_archive);
     #[cfg(unix)]
     std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
     let file = options.open(path).map_err(failed)?;
@@ -182,6 +211,10 @@ fn as_text(document: &[u8]) -> Result<&str> {
 }
 
 impl Store for Sqlite {
+    fn is_archive(&self) -> Result<bool> {
+        Ok(self.db.is_readonly(rusqlite::MAIN_DB)?)
+    }
+
     fn begin(&mut self, make: &dyn Fn(i64) -> Result<AttemptRow>) -> Result<i64> {
         let tx = self.db.transaction_with_behavior(TransactionBehavior::Immediate)?;
         let last = last_number(&tx)?;
@@ -237,6 +270,12 @@ impl Store for Sqlite {
         Ok(found.flatten())
     }
 
+    fn newest_concluded(&self) -> Result<Option<AttemptRow>> {
+        let sql =
+            format!("SELECT {COLUMNS} FROM attempts WHERE status <> 'running' ORDER BY number DESC LIMIT 1");
+        Ok(self.db.query_row(&sql, [], attempt_row).optional()?)
+    }
+
     fn last_number(&self) -> Result<i64> {
         last_number(&self.db)
     }
@@ -246,6 +285,16 @@ impl Store for Sqlite {
             .db
             .prepare("SELECT begun_ms FROM attempts WHERE team = ?1 AND begun_ms > ?2 ORDER BY begun_ms")?;
         let rows = query.query_map(params![team, since_ms], |row| row.get(0))?;
+        Ok(rows.collect::<rusqlite::Result<_>>()?)
+    }
+
+    fn team_attempts(&self, team: &str, scenario: &str) -> Result<Vec<TeamAttempt>> {
+        let mut query = self.db.prepare(
+            "SELECT controller, begun_ms FROM attempts WHERE team = ?1 AND scenario = ?2 ORDER BY number",
+        )?;
+        let rows = query.query_map(params![team, scenario], |row| {
+            Ok(TeamAttempt { controller: row.get(0)?, begun_ms: row.get(1)? })
+        })?;
         Ok(rows.collect::<rusqlite::Result<_>>()?)
     }
 

@@ -34,7 +34,42 @@ pub struct Verification {
     pub findings: Vec<String>,
 }
 
+/// The newest attempt that is over, as anybody may note it.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct NewestRow {
+    /// Its number; numbers have no gaps.
+    pub number: i64,
+    /// SHA-256 of its signed document, in hex. A document of an attempt that is over does not change.
+    pub sha256: String,
+}
+
+impl std::str::FromStr for NewestRow {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        let (number, hash) = text.split_once(':').ok_or("expected NUMBER:SHA256")?;
+        let number = number.parse().map_err(|_| format!("expected a number before the colon, got {number:?}"))?;
+        if hash.len() != 64 || !hash.chars().all(|c| c.is_ascii_hexdigit()) {
+            return Err("expected 64 hexadecimal digits after the colon".into());
+        }
+        Ok(NewestRow { number, sha256: hash.to_ascii_lowercase() })
+    }
+}
+
 impl Bench {
+    /// The newest attempt that is over; none before the first.
+    pub fn newest(&self) -> Result<Option<NewestRow>> {
+        let row = self.store().newest_concluded()?;
+        Ok(row.map(|row| NewestRow { number: row.number, sha256: sha256_hex(&row.document) }))
+    }
+
+    /// Whether a row that somebody has noted is still here as it was.
+    pub fn has_row(&self, noted: &NewestRow) -> Result<bool> {
+        let rows = self.store().attempts(AttemptFilter::default())?;
+        let row = rows.iter().find(|row| row.number == noted.number);
+        Ok(row.is_some_and(|row| sha256_hex(&row.document) == noted.sha256))
+    }
+
     /// # Errors
     /// [`Error::Attempt`] if there is none of this id. That a row is wrong is no error: see [`Verdict`].
     pub fn verify(&self, id: &str) -> Result<Verification> {

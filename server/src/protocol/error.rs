@@ -36,6 +36,7 @@ pub enum Code {
     UnknownWorld,
     WorldTaken,
     WorldOver,
+    NotInvited,
     UnknownDrone,
     NoFreeDrone,
     DroneTaken,

@@ -15,7 +15,7 @@ mod metrics;
 mod openenv;
 mod page;
 mod pilot;
-mod quota;
+mod budget;
 mod replies;
 mod server;
 mod session;
@@ -24,6 +24,7 @@ mod session_requests;
 mod settings;
 mod shown;
 mod socket;
+mod turns;
 mod upgrade;
 mod wire;
 mod world;
@@ -31,6 +32,6 @@ mod worlds;
 
 pub use session_registry::SessionEnd;
 
-pub use server::{Report, run, run_showing};
-pub use settings::{Limits, ServeError, Settings, tls};
+pub use server::{Report, Service};
+pub use settings::{Limits, ServeError, Settings, Shares, tls};
 pub use shown::{DroneView, FleetView};

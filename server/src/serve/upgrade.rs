@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use axum::body::Body;
 use axum::extract::Request;
-use axum::http::header::{ORIGIN, SEC_WEBSOCKET_PROTOCOL};
+use axum::http::header::{HOST, ORIGIN, SEC_WEBSOCKET_PROTOCOL};
 use axum::http::{HeaderMap, HeaderValue, StatusCode};
 use axum::response::Response;
 use hyper_util::rt::TokioIo;
@@ -80,7 +80,7 @@ pub(crate) fn upgrade(
             Socket::new(parts.io.into_inner(), parts.read_buf, &server.settings.limits, leave.clone()).await;
         match dialect {
             Dialect::Crazyflie => connection::serve_socket(server, peer, socket, leave).await,
-            Dialect::OpenEnv => openenv::serve_socket(server, socket, leave).await,
+            Dialect::OpenEnv => openenv::serve_socket(server, peer, socket, leave).await,
             Dialect::Echo => echo::serve_socket(&server, socket).await,
             Dialect::Live => live::serve_socket(server, socket).await,
         }
@@ -113,13 +113,47 @@ fn is_origin_allowed(origin: &HeaderValue, address: SocketAddr, allowed: &[Strin
         return true;
     }
     let host = origin.strip_prefix("http://").or_else(|| origin.strip_prefix("https://"));
+    host.is_some_and(|host| is_own_host(host, address))
+}
+
+/// Whether a host and port name this server on this machine.
+fn is_own_host(host: &str, address: SocketAddr) -> bool {
     let own = [address.to_string(), format!("localhost:{}", address.port())];
-    host.is_some_and(|host| own.iter().any(|own| own.eq_ignore_ascii_case(host)))
+    own.iter().any(|own| own.eq_ignore_ascii_case(host))
+}
+
+/// Whether a request is meant for this server. On this machine alone its `Host` must say so: a page whose name was
+/// made to lead here (DNS rebinding) could read everything otherwise. Elsewhere TLS proves the name to the client.
+pub(crate) fn is_host_allowed(headers: &HeaderMap, address: SocketAddr, allowed: &[String]) -> bool {
+    if !address.ip().is_loopback() {
+        return true;
+    }
+    let Some(host) = headers.get(HOST).and_then(|host| host.to_str().ok()) else { return false };
+    let listed = allowed.iter().filter_map(|origin| origin.split("://").nth(1));
+    is_own_host(host, address) || listed.into_iter().any(|known| known.eq_ignore_ascii_case(host))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_name_that_leads_here_is_not_enough() {
+        let (loopback, public): (SocketAddr, SocketAddr) =
+            ("127.0.0.1:8765".parse().unwrap(), "0.0.0.0:8765".parse().unwrap());
+        let allowed = ["https://lab.example".to_owned()];
+        let is_allowed = |host: Option<&str>, address| {
+            let headers = host.map(|host| (HOST, HeaderValue::from_str(host).unwrap()));
+            is_host_allowed(&headers.into_iter().collect(), address, &allowed)
+        };
+        for good in ["127.0.0.1:8765", "localhost:8765", "LOCALHOST:8765", "lab.example"] {
+            assert!(is_allowed(Some(good), loopback), "{good}");
+        }
+        for bad in ["evil.example", "evil.example:8765", "127.0.0.1", "localhost:80", "", "127.0.0.1:8765.evil"] {
+            assert!(!is_allowed(Some(bad), loopback), "{bad}");
+        }
+        assert!(!is_allowed(None, loopback) && is_allowed(Some("anything"), public));
+    }
 
     #[test]
     fn only_own_and_listed_origins_are_welcome() {

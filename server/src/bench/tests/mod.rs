@@ -2,6 +2,7 @@
 
 mod attempts;
 mod baselines;
+mod gaming;
 mod handed_out;
 mod hidden;
 mod multi_drone;
